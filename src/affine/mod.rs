@@ -1,0 +1,1 @@
+//! Affine cameras in the site frame: views, suns and virtual cameras.

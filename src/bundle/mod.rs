@@ -1,0 +1,1 @@
+//! Bundle adjustment: features, matches, tracks, and the solver that corrects the RPCs.

@@ -1,0 +1,80 @@
+//! Stages of a run: each remembers what it was made from, so that it is skipped, resumed or refused.
+
+use super::Failure;
+use crate::raster::{RasterError, write_atomically};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// What a stage was made from: option or input → its value or hash.
+pub type Fingerprint = BTreeMap<String, String>;
+
+/// A stage of a run folder: `RUN/NAME/stage.json` records a completed one.
+pub struct Stage {
+    record: PathBuf,
+    name: &'static str,
+    fingerprint: Fingerprint,
+}
+
+impl Stage {
+    /// A stage called `name` made from `fingerprint`.
+    pub fn new(run: &Path, name: &'static str, fingerprint: Fingerprint) -> Self {
+        Self { record: run.join(name).join("stage.json"), name, fingerprint }
+    }
+
+    /// Whether the stage is complete and made from the same things.
+    ///
+    /// Made from other things it is an error that names them, unless `overwrite`.
+    pub fn is_done(&self, overwrite: bool) -> Result<bool, Failure> {
+        let Ok(text) = std::fs::read_to_string(&self.record) else { return Ok(false) };
+        let before: Fingerprint = serde_json::from_str(&text).unwrap_or_default();
+        if before == self.fingerprint {
+            return Ok(true);
+        }
+        if overwrite {
+            self.forget()?;
+            return Ok(false);
+        }
+        let keys: std::collections::BTreeSet<&String> =
+            before.keys().chain(self.fingerprint.keys()).collect();
+        let differ: Vec<String> = keys
+            .into_iter()
+            .filter(|k| before.get(*k) != self.fingerprint.get(*k))
+            .map(|k| {
+                let show = |f: &Fingerprint| {
+                    f.get(k).map_or("none".into(), |v| v.chars().take(16).collect::<String>())
+                };
+                format!("{k} was {}, is {}", show(&before), show(&self.fingerprint))
+            })
+            .collect();
+        let folder = self.record.parent().unwrap_or(&self.record);
+        Err(Failure::input(
+            format!("`{}` holds a {} of other input: {}", folder.display(), self.name, differ.join("; ")),
+            "--overwrite makes it anew, another -o keeps both",
+        ))
+    }
+
+    /// Records that the stage is complete.
+    pub fn complete(&self) -> Result<(), Failure> {
+        let text = serde_json::to_string_pretty(&self.fingerprint).unwrap_or_default();
+        write_atomically(&self.record, |t| {
+            std::fs::write(t, &text)
+                .map_err(|e| RasterError::Write { path: self.record.clone(), reason: e.to_string() })
+        })?;
+        Ok(())
+    }
+
+    fn forget(&self) -> Result<(), Failure> {
+        std::fs::remove_file(&self.record)
+            .map_err(|e| RasterError::Write { path: self.record.clone(), reason: e.to_string() }.into())
+    }
+}
+
+/// Short hash of bytes.
+pub fn hash(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex()[..32].to_string()
+}
+
+/// Hash of a file's size and content.
+pub fn hash_file(path: &Path) -> String {
+    std::fs::read(path).map_or_else(|_| "absent".into(), |bytes| hash(&bytes))
+}

@@ -1,0 +1,148 @@
+//! What the user sees: progress bars on a terminal, log lines, the summary, the error.
+
+use super::{Common, Failure};
+use crate::event::Event;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::cell::RefCell;
+use std::io::{IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+/// Without a terminal a long stage still says where it is, this often.
+const LINE_EVERY: Duration = Duration::from_secs(60);
+
+/// The user's side of a command.
+pub struct Ui {
+    common: Common,
+    stage: RefCell<Option<Stage>>,
+}
+
+struct Stage {
+    name: &'static str,
+    started: Instant,
+    last_line: Instant,
+    bar: ProgressBar,
+}
+
+impl Ui {
+    /// From the options every command has.
+    #[must_use]
+    pub fn new(common: &Common) -> Self {
+        Self { common: common.clone(), stage: RefCell::new(None) }
+    }
+
+    /// Starts logging and the thread pool.
+    pub(super) fn set_up(&self) -> Result<(), Failure> {
+        let level = match (self.common.quiet, self.common.verbose) {
+            (true, _) => tracing::Level::ERROR,
+            (_, 0) => tracing::Level::WARN,
+            (_, 1) => tracing::Level::INFO,
+            _ => tracing::Level::DEBUG,
+        };
+        // Fails only if a logger is there already, which is as good.
+        let _ = tracing_subscriber::fmt()
+            .with_max_level(level)
+            .with_writer(std::io::stderr)
+            .with_target(false)
+            .without_time()
+            .try_init();
+        if let Some(n) = self.common.threads {
+            rayon::ThreadPoolBuilder::new().num_threads(n.into()).build_global().map_err(|e| Failure {
+                message: e.to_string(),
+                hint: None,
+                exit_code: 1,
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Whether `-v` asked for more.
+    #[must_use]
+    pub fn is_verbose(&self) -> bool {
+        self.common.verbose > 0
+    }
+
+    /// Shows an event; pass `&|e| ui.show(e)` as the library's sink.
+    pub fn show(&self, event: Event) {
+        match event {
+            Event::Started { stage, total } => self.start(stage, total),
+            Event::Advanced { done, status } => self.advance(done, status),
+            Event::Finished => self.finish(),
+            Event::Note(text) => {
+                if !self.common.quiet {
+                    self.line(&text);
+                }
+            }
+            Event::Warning(text) => {
+                if !self.common.quiet {
+                    self.line(&format!("warning: {text}"));
+                }
+            }
+        }
+    }
+
+    /// Prints a command's result: `json` with `--json`, else `text`.
+    pub fn summary(&self, text: &str, json: &serde_json::Value) {
+        let out = if self.common.json { json.to_string() } else { text.to_owned() };
+        if self.common.quiet && !self.common.json {
+            return;
+        }
+        // A closed pipe (`| head`) is the reader's choice, not an error.
+        let _ = writeln!(std::io::stdout(), "{}", out.trim_end());
+    }
+
+    pub(super) fn report(&self, failure: &Failure) {
+        self.finish();
+        self.line(&format!("error: {}", failure.message));
+        if let Some(hint) = &failure.hint {
+            self.line(&format!("hint: {hint}"));
+        }
+    }
+
+    fn start(&self, name: &'static str, total: u64) {
+        self.finish();
+        let terminal = std::io::stderr().is_terminal() && !self.common.quiet;
+        let target = if terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+        let bar = ProgressBar::with_draw_target((total > 0).then_some(total), target);
+        let template = if total > 0 {
+            "{prefix:>24} [{bar:30}] {pos}/{len} {elapsed}<{eta} {msg}"
+        } else {
+            "{prefix:>24} {spinner} {elapsed} {msg}"
+        };
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        bar.set_prefix(name);
+        let now = Instant::now();
+        *self.stage.borrow_mut() = Some(Stage { name, started: now, last_line: now, bar });
+    }
+
+    fn advance(&self, done: u64, status: String) {
+        let mut stage = self.stage.borrow_mut();
+        let Some(stage) = stage.as_mut() else { return };
+        stage.bar.set_position(done);
+        if stage.bar.is_hidden() && stage.last_line.elapsed() > LINE_EVERY && !self.common.quiet {
+            stage.last_line = Instant::now();
+            let total = stage.bar.length().map_or_else(String::new, |n| format!("/{n}"));
+            let _ = writeln!(std::io::stderr(), "{}: {done}{total} {status}", stage.name);
+        }
+        stage.bar.set_message(status);
+    }
+
+    fn finish(&self) {
+        if let Some(stage) = self.stage.borrow_mut().take() {
+            stage.bar.finish_and_clear();
+            tracing::info!("{}: {:.1} s", stage.name, stage.started.elapsed().as_secs_f64());
+        }
+    }
+
+    fn line(&self, text: &str) {
+        match self.stage.borrow().as_ref() {
+            Some(stage) if !stage.bar.is_hidden() => stage.bar.suspend(|| {
+                let _ = writeln!(std::io::stderr(), "{text}");
+            }),
+            _ => {
+                let _ = writeln!(std::io::stderr(), "{text}");
+            }
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! Coordinate frames that cannot be mixed, and the transforms between them.
+//!
+//! A frame is a zero-sized marker ([`Geodetic`], [`Utm`], [`Site`], [`CenterPx`], [`CornerPx`]). A conversion
+//! that needs a value (a zone, an origin) is a method of that value, named `target_from_source`.
+
+mod crs;
+mod point;
+mod site;
+
+pub use crs::{FrameError, Transform, utm_epsg};
+pub use point::{CenterPx, CornerPx, Frame, Geodetic, Pixel, Point, Site, Utm, Vector};
+pub use site::SiteGrid;

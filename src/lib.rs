@@ -1,0 +1,16 @@
+//! Satellite photogrammetry with Gaussian splats: RPC images in, georeferenced surface models out.
+//!
+//! The modules stand in layers; each imports only from those above it in this list, `cli` from all.
+
+pub mod event;
+pub mod frame;
+pub mod raster;
+pub mod rpc;
+pub mod scene;
+pub mod simulate;
+pub mod bundle;
+pub mod affine;
+pub mod splat;
+pub mod dsm;
+pub mod metrics;
+pub mod cli;

@@ -1,0 +1,1 @@
+//! Scores of surface models against lidar.

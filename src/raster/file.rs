@@ -1,0 +1,158 @@
+//! Reading: any GDAL raster, its bands, its metadata, its place on the map.
+
+use super::{MapGrid, Plane, RasterError};
+use gdal::raster::GdalDataType;
+use gdal::{Dataset, Metadata};
+use std::path::{Path, PathBuf};
+use std::sync::Once;
+
+/// A header that promises more pixels per byte than any codec delivers is not believed.
+const MAX_PIXELS_PER_BYTE: u64 = 20_000;
+/// Files below this size may be anything, as virtual rasters are.
+const SMALL_IS_SUSPECT_PIXELS: u64 = 1 << 24;
+
+/// An opened raster file.
+pub struct ImageFile {
+    path: PathBuf,
+    dataset: Dataset,
+}
+
+/// One band's properties.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Band {
+    /// Pixels are whole numbers up to 255.
+    pub is_byte: bool,
+    /// The value that stands for no data.
+    pub nodata: Option<f64>,
+}
+
+/// GDAL's messages come back in errors; on stderr they would only confuse.
+pub(super) fn quiet_gdal() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        gdal::config::set_error_handler(|class, number, message| {
+            tracing::debug!("GDAL {class:?} {number}: {message}");
+        });
+    });
+}
+
+impl ImageFile {
+    /// Opens a raster.
+    ///
+    /// # Errors
+    /// [`RasterError::Open`] when GDAL cannot, [`RasterError::Size`] for images that cannot be.
+    pub fn open(path: &Path) -> Result<Self, RasterError> {
+        quiet_gdal();
+        let refused = |reason: String| RasterError::Open { path: path.into(), reason };
+        let file = std::fs::metadata(path).map_err(|e| refused(e.to_string()))?;
+        if !file.is_file() {
+            return Err(refused("not a regular file".into()));
+        }
+        let dataset = Dataset::open(path).map_err(|e| refused(e.to_string()))?;
+        let (width, height) = dataset.raster_size();
+        let size = |reason| RasterError::Size { path: path.into(), width, height, bytes: file.len(), reason };
+        let pixels = width as u64 * height as u64;
+        if width < 2 || height < 2 || dataset.raster_count() == 0 {
+            return Err(size("too small for an image"));
+        }
+        if pixels > SMALL_IS_SUSPECT_PIXELS && pixels / MAX_PIXELS_PER_BYTE > file.len() {
+            return Err(size("the file cannot hold that many pixels"));
+        }
+        Ok(Self { path: path.into(), dataset })
+    }
+
+    /// The file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Columns and rows.
+    #[must_use]
+    pub fn size(&self) -> (usize, usize) {
+        self.dataset.raster_size()
+    }
+
+    /// Number of bands.
+    #[must_use]
+    pub fn bands(&self) -> usize {
+        self.dataset.raster_count()
+    }
+
+    /// Properties of a band, counted from 1.
+    ///
+    /// # Errors
+    /// [`RasterError::NoBand`].
+    pub fn band(&self, index: usize) -> Result<Band, RasterError> {
+        let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
+        Ok(Band { is_byte: band.band_type() == GdalDataType::UInt8, nodata: band.no_data_value() })
+    }
+
+    /// Reads one band, counted from 1; its nodata value becomes NaN.
+    ///
+    /// # Errors
+    /// [`RasterError::NoBand`], or [`RasterError::Read`] for a file cut short.
+    pub fn read(&self, index: usize) -> Result<Plane, RasterError> {
+        let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
+        let mut data = band
+            .read_band_as::<f32>()
+            .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })?
+            .into_shape_and_vec()
+            .1;
+        if let Some(nodata) = band.no_data_value() {
+            let nodata = nodata as f32;
+            for v in &mut data {
+                if *v == nodata {
+                    *v = f32::NAN;
+                }
+            }
+        }
+        let (width, height) = self.size();
+        Ok(Plane { width, height, data })
+    }
+
+    /// A metadata item of a domain (`""`: the default one, `"RPC"`, …).
+    #[must_use]
+    pub fn metadata(&self, key: &str, domain: &str) -> Option<String> {
+        self.dataset.metadata_item(key, domain)
+    }
+
+    /// All `KEY=VALUE` pairs of a metadata domain.
+    #[must_use]
+    pub fn metadata_domain(&self, domain: &str) -> Vec<(String, String)> {
+        let lines = self.dataset.metadata_domain(domain).unwrap_or_default();
+        lines.iter().filter_map(|l| l.split_once('=')).map(|(k, v)| (k.into(), v.into())).collect()
+    }
+
+    /// Whether the file has a geotransform, as orthorectified images do.
+    #[must_use]
+    pub fn has_geotransform(&self) -> bool {
+        self.dataset.geo_transform().is_ok() && !self.dataset.projection().is_empty()
+    }
+
+    /// The raster's place on the map.
+    ///
+    /// # Errors
+    /// [`RasterError::NotAMap`] unless it is north-up with square cells in a projected CRS with an EPSG code.
+    pub fn map_grid(&self) -> Result<MapGrid, RasterError> {
+        let not = |reason: &str| RasterError::NotAMap { path: self.path.clone(), reason: reason.into() };
+        let t = self.dataset.geo_transform().map_err(|_| not("the raster has no geotransform"))?;
+        let srs = self.dataset.spatial_ref().map_err(|_| not("the raster has no CRS"))?;
+        if srs.is_geographic() {
+            return Err(not("the raster's CRS is in degrees"));
+        }
+        if t[2] != 0.0 || t[4] != 0.0 || t[1] <= 0.0 || (t[1] + t[5]).abs() > 1e-6 * t[1] {
+            return Err(not("the raster is not north-up with square cells"));
+        }
+        if (srs.linear_units() - 1.0).abs() > 1e-9 {
+            return Err(not("the raster's CRS is not in metres"));
+        }
+        let code = srs.auth_code().map_err(|_| not("the raster's CRS has no EPSG code"))?;
+        let (width, height) = self.size();
+        Ok(MapGrid { epsg: code as u32, west: t[0], north: t[3], cell: t[1], width, height })
+    }
+
+    fn no_band(&self, asked: usize) -> RasterError {
+        RasterError::NoBand { path: self.path.clone(), found: self.bands(), asked }
+    }
+}

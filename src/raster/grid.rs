@@ -1,0 +1,74 @@
+//! Where a raster lies on the map.
+
+use crate::frame::{CornerPx, Pixel, Point, Utm};
+use serde::{Deserialize, Serialize};
+
+/// A north-up grid of square cells on a projected CRS.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MapGrid {
+    /// EPSG code of the CRS.
+    pub epsg: u32,
+    /// Easting of the western edge, metres.
+    pub west: f64,
+    /// Northing of the northern edge, metres.
+    pub north: f64,
+    /// Side of a cell, metres.
+    pub cell: f64,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl MapGrid {
+    /// The smallest grid of whole cells (edges at multiples of `cell`) around a box.
+    #[must_use]
+    pub fn covering(epsg: u32, (w, s, e, n): (f64, f64, f64, f64), cell: f64) -> Self {
+        // A thousandth of a cell of slack, so that a box that lies on the grid keeps its size.
+        let west = (w / cell + 1e-3).floor() * cell;
+        let north = (n / cell - 1e-3).ceil() * cell;
+        let width = ((e - west) / cell - 1e-3).ceil().max(1.0) as usize;
+        let height = ((north - s) / cell - 1e-3).ceil().max(1.0) as usize;
+        Self { epsg, west, north, cell, width, height }
+    }
+
+    /// Map position of a cell's centre at height 0.
+    #[must_use]
+    pub fn cell_center(&self, col: usize, row: usize) -> Point<Utm> {
+        Point::new(
+            self.west + (col as f64 + 0.5) * self.cell,
+            self.north - (row as f64 + 0.5) * self.cell,
+            0.0,
+        )
+    }
+
+    /// Grid position of a map point, cell corners at whole numbers.
+    #[must_use]
+    pub fn corner_px_from_utm(&self, p: Point<Utm>) -> Pixel<CornerPx> {
+        Pixel::new((p.x() - self.west) / self.cell, (self.north - p.y()) / self.cell)
+    }
+
+    /// West, south, east, north edges in metres.
+    #[must_use]
+    pub fn bounds(&self) -> (f64, f64, f64, f64) {
+        (
+            self.west,
+            self.north - self.height as f64 * self.cell,
+            self.west + self.width as f64 * self.cell,
+            self.north,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn covering_snaps_outwards_to_whole_cells() {
+        let g = MapGrid::covering(32617, (10.2, 20.0, 14.9, 23.1), 0.5);
+        assert_eq!((g.west, g.north, g.width, g.height), (10.0, 23.5, 10, 7));
+        let same = MapGrid::covering(32617, g.bounds(), 0.5);
+        assert_eq!(same, g);
+    }
+}

@@ -1,0 +1,81 @@
+//! GDAL in and out: reading bands and metadata, writing Cloud-Optimized GeoTIFFs and PNGs.
+
+mod file;
+mod grid;
+mod plane;
+mod write;
+
+pub use file::{Band, ImageFile};
+pub use grid::MapGrid;
+pub use plane::Plane;
+pub use write::{Cog, SensorImage, write_atomically, write_png_gray, write_png_rgb};
+
+use std::path::PathBuf;
+
+/// Why a raster could not be read or written.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum RasterError {
+    /// GDAL does not open it.
+    #[error("`{path}` cannot be opened as a raster: {reason}")]
+    #[diagnostic(help("`gdalinfo` tells what GDAL makes of the file"))]
+    Open {
+        /// The file.
+        path: PathBuf,
+        /// GDAL's words.
+        reason: String,
+    },
+    /// Too small to be an image, or larger than the file could hold.
+    #[error("`{path}` is {width} x {height} pixels in {bytes} bytes: {reason}")]
+    #[diagnostic(help("is the file complete?"))]
+    Size {
+        /// The file.
+        path: PathBuf,
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Size of the file.
+        bytes: u64,
+        /// What is wrong with it.
+        reason: &'static str,
+    },
+    /// The band asked for does not exist.
+    #[error("`{path}` has {found} bands, band {asked} was asked for")]
+    #[diagnostic(help("`satgs info` lists the bands of every image"))]
+    NoBand {
+        /// The file.
+        path: PathBuf,
+        /// Bands in the file.
+        found: usize,
+        /// Band asked for, from 1.
+        asked: usize,
+    },
+    /// Pixels could not be read, most often because the file is cut short.
+    #[error("`{path}`: reading pixels failed: {reason}")]
+    #[diagnostic(help("is the file complete?"))]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// GDAL's words.
+        reason: String,
+    },
+    /// The file lacks a geotransform satgs understands.
+    #[error("`{path}`: {reason}")]
+    #[diagnostic(help("expected a north-up raster in a projected CRS with an EPSG code, in metres"))]
+    NotAMap {
+        /// The file.
+        path: PathBuf,
+        /// What is missing.
+        reason: String,
+    },
+    /// An output could not be written; nothing is left of it.
+    #[error("writing `{path}` failed: {reason}")]
+    #[diagnostic(code(satgs::failed))]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The system's or GDAL's words.
+        reason: String,
+    },
+}

@@ -1,0 +1,103 @@
+//! One band of numbers in memory.
+
+/// A row-major array of f32; NaN is no data.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plane {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `width * height` values, row by row.
+    pub data: Vec<f32>,
+}
+
+impl Plane {
+    /// A plane of one value.
+    #[must_use]
+    pub fn filled(width: usize, height: usize, value: f32) -> Self {
+        Self { width, height, data: vec![value; width * height] }
+    }
+
+    /// A plane computed cell by cell from (column, row).
+    #[must_use]
+    pub fn from_fn(width: usize, height: usize, mut f: impl FnMut(usize, usize) -> f32) -> Self {
+        let mut data = Vec::with_capacity(width * height);
+        for row in 0..height {
+            data.extend((0..width).map(|col| f(col, row)));
+        }
+        Self { width, height, data }
+    }
+
+    /// Value at a cell; panics outside.
+    #[must_use]
+    pub fn at(&self, col: usize, row: usize) -> f32 {
+        self.data[row * self.width + col]
+    }
+
+    /// One row.
+    #[must_use]
+    pub fn row(&self, row: usize) -> &[f32] {
+        &self.data[row * self.width..(row + 1) * self.width]
+    }
+
+    /// Value at a cell that may lie outside: NaN there.
+    #[must_use]
+    pub fn get(&self, col: i64, row: i64) -> f32 {
+        let inside = (0..self.width as i64).contains(&col) && (0..self.height as i64).contains(&row);
+        if inside { self.at(col as usize, row as usize) } else { f32::NAN }
+    }
+
+    /// Bilinear value at a position (cell centres are whole numbers); NaN outside or next to NaN.
+    #[must_use]
+    pub fn bilinear(&self, col: f64, row: f64) -> f32 {
+        let (c, r) = (col.floor(), row.floor());
+        let (fc, fr) = ((col - c) as f32, (row - r) as f32);
+        let (c, r) = (c as i64, r as i64);
+        // A weight of zero must not let the NaN beyond the border in.
+        let mix = |a: f32, b: f32, t: f32| if t == 0.0 { a } else { a + (b - a) * t };
+        let line = |r: i64| mix(self.get(c, r), if fc == 0.0 { 0.0 } else { self.get(c + 1, r) }, fc);
+        mix(line(r), if fr == 0.0 { 0.0 } else { line(r + 1) }, fr)
+    }
+
+    /// Half the size, each cell the mean of the four below it that are not NaN.
+    #[must_use]
+    pub fn halved(&self) -> Self {
+        Self::from_fn(self.width / 2, self.height / 2, |col, row| {
+            let (mut sum, mut n) = (0.0f32, 0.0f32);
+            for (dc, dr) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                let v = self.at(2 * col + dc, 2 * row + dr);
+                if !v.is_nan() {
+                    sum += v;
+                    n += 1.0;
+                }
+            }
+            sum / n
+        })
+    }
+
+    /// Values that are numbers, in order.
+    pub fn valid(&self) -> impl Iterator<Item = f32> + '_ {
+        self.data.iter().copied().filter(|v| !v.is_nan())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bilinear_is_exact_on_a_ramp_and_nan_outside() {
+        let p = Plane::from_fn(4, 3, |c, r| c as f32 + 10.0 * r as f32);
+        assert_eq!(p.bilinear(1.25, 0.5), 6.25);
+        assert_eq!(p.bilinear(3.0, 2.0), 23.0);
+        assert!(p.bilinear(3.01, 1.0).is_nan());
+        assert!(p.bilinear(-0.01, 1.0).is_nan());
+    }
+
+    #[test]
+    fn halving_skips_nan() {
+        let mut p = Plane::from_fn(2, 2, |c, r| (c + 2 * r) as f32);
+        p.data[3] = f32::NAN;
+        assert_eq!(p.halved().data, vec![1.0]);
+    }
+}

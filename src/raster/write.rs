@@ -1,0 +1,251 @@
+//! Writing: Cloud-Optimized GeoTIFFs, sensor images with an RPC tag, PNGs. A file appears whole or not at all.
+
+use super::file::quiet_gdal;
+use super::{MapGrid, Plane, RasterError};
+use gdal::raster::{Buffer, GdalType, RasterBand, RasterCreationOptions};
+use gdal::spatial_ref::SpatialRef;
+use gdal::{Dataset, DriverManager, Metadata};
+use std::path::Path;
+
+/// Runs `write` on a temporary name beside `path`, then renames: `path` is the old file or the whole new one.
+///
+/// # Errors
+/// What `write` returns, or [`RasterError::Write`] with the system's words.
+pub fn write_atomically<E: From<RasterError>>(
+    path: &Path,
+    write: impl FnOnce(&Path) -> Result<(), E>,
+) -> Result<(), E> {
+    let failed = |e: std::io::Error| RasterError::Write { path: path.into(), reason: e.to_string() };
+    let folder = match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    std::fs::create_dir_all(folder).map_err(failed)?;
+    let suffix = path.file_name().map_or_else(String::new, |n| format!("-{}", n.to_string_lossy()));
+    let temporary =
+        tempfile::Builder::new().prefix(".satgs-").suffix(&suffix).tempfile_in(folder).map_err(failed)?;
+    write(temporary.path())?;
+    // A full disk shows at the latest when the data must reach it.
+    std::fs::File::open(temporary.path()).and_then(|f| f.sync_all()).map_err(failed)?;
+    let file = temporary.persist(path).map_err(|e| failed(e.error))?;
+    let mut permissions = file.metadata().map_err(failed)?.permissions();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        permissions.set_mode(0o644);
+    }
+    Ok(std::fs::set_permissions(path, permissions).map_err(failed)?)
+}
+
+/// A georeferenced raster to be written as a Cloud-Optimized GeoTIFF.
+pub struct Cog<'a> {
+    /// Its place on the map.
+    pub grid: MapGrid,
+    /// Its metadata items of the default domain.
+    pub metadata: &'a [(&'a str, String)],
+}
+
+impl Cog<'_> {
+    /// Writes float32 bands with NaN as nodata; `unit` is the bands' unit, `m` for heights.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`].
+    pub fn write_f32(&self, path: &Path, bands: &[&Plane], unit: &str) -> Result<(), RasterError> {
+        let bands: Vec<_> = bands.iter().map(|b| b.data.clone()).collect();
+        self.write(path, bands, Some(f64::NAN), unit, "FLOAT")
+    }
+
+    /// Writes 8-bit bands.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`].
+    pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>, nodata: Option<f64>) -> Result<(), RasterError> {
+        self.write(path, bands, nodata, "", "INTEGER")
+    }
+
+    fn write<T: GdalType + Copy>(
+        &self,
+        path: &Path,
+        bands: Vec<Vec<T>>,
+        nodata: Option<f64>,
+        unit: &str,
+        kind: &str,
+    ) -> Result<(), RasterError> {
+        let predictor = if kind == "FLOAT" { "FLOATING_POINT" } else { "STANDARD" };
+        let options = [
+            ("COMPRESS", "DEFLATE"),
+            ("PREDICTOR", predictor),
+            ("BLOCKSIZE", "256"),
+            ("OVERVIEWS", "IGNORE_EXISTING"),
+            ("RESAMPLING", "AVERAGE"),
+            ("STATISTICS", "YES"),
+        ];
+        write_atomically(path, |temporary| {
+            let make = || -> gdal::errors::Result<()> {
+                let mut memory = memory_dataset(self.grid.width, self.grid.height, bands, nodata, unit)?;
+                let g = self.grid;
+                memory.set_geo_transform(&[g.west, g.cell, 0.0, g.north, 0.0, -g.cell])?;
+                memory.set_spatial_ref(&SpatialRef::from_epsg(g.epsg)?)?;
+                for (key, value) in self.metadata {
+                    memory.set_metadata_item(key, value, "")?;
+                }
+                copy_as(&memory, "COG", temporary, &options)
+            };
+            make().map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+        })
+    }
+}
+
+/// An image as a satellite takes it: no geotransform, an RPC instead.
+pub struct SensorImage<'a> {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `KEY=VALUE` of the RPC domain, in RPC00B's names.
+    pub rpc: &'a [(String, String)],
+    /// Metadata items of the default domain.
+    pub metadata: &'a [(String, String)],
+}
+
+impl SensorImage<'_> {
+    /// Writes 8-bit bands as a GeoTIFF with an RPC tag.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`].
+    pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>) -> Result<(), RasterError> {
+        write_atomically(path, |temporary| {
+            let make = || -> gdal::errors::Result<()> {
+                let mut memory = memory_dataset(self.width, self.height, bands, None, "")?;
+                for (key, value) in self.rpc {
+                    memory.set_metadata_item(key, value, "RPC")?;
+                }
+                for (key, value) in self.metadata {
+                    memory.set_metadata_item(key, value, "")?;
+                }
+                copy_as(&memory, "GTiff", temporary, &[("COMPRESS", "DEFLATE"), ("PROFILE", "GDALGeoTIFF")])
+            };
+            make().map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+        })
+    }
+}
+
+fn memory_dataset<T: GdalType + Copy>(
+    width: usize,
+    height: usize,
+    bands: Vec<Vec<T>>,
+    nodata: Option<f64>,
+    unit: &str,
+) -> gdal::errors::Result<Dataset> {
+    quiet_gdal();
+    let driver = DriverManager::get_driver_by_name("MEM")?;
+    let dataset = driver.create_with_band_type::<T, _>("", width, height, bands.len())?;
+    for (i, data) in bands.into_iter().enumerate() {
+        let mut band = dataset.rasterband(i + 1)?;
+        band.write((0, 0), (width, height), &mut Buffer::new((width, height), data))?;
+        band.set_no_data_value(nodata)?;
+        if !unit.is_empty() {
+            set_unit(&band, unit)?;
+        }
+    }
+    Ok(dataset)
+}
+
+fn copy_as(
+    memory: &Dataset,
+    driver: &str,
+    path: &Path,
+    options: &[(&str, &str)],
+) -> gdal::errors::Result<()> {
+    let driver = DriverManager::get_driver_by_name(driver)?;
+    let options: RasterCreationOptions = options.iter().map(|(k, v)| format!("{k}={v}")).collect();
+    memory.create_copy(&driver, path, &options)?.close()
+}
+
+/// Sets a band's unit, which the `gdal` crate cannot.
+#[allow(unsafe_code)]
+fn set_unit(band: &RasterBand, unit: &str) -> gdal::errors::Result<()> {
+    let unit = std::ffi::CString::new(unit)?;
+    // SAFETY: the band outlives the call, and GDAL copies the string.
+    unsafe { gdal_sys::GDALSetRasterUnitType(band.c_rasterband(), unit.as_ptr()) };
+    Ok(())
+}
+
+/// Writes an 8-bit RGB picture, three bytes a pixel.
+///
+/// # Errors
+/// [`RasterError::Write`].
+pub fn write_png_rgb(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<(), RasterError> {
+    write_png(path, width, height, rgb, image::ExtendedColorType::Rgb8)
+}
+
+/// Writes an 8-bit grey picture.
+///
+/// # Errors
+/// [`RasterError::Write`].
+pub fn write_png_gray(path: &Path, width: usize, height: usize, gray: &[u8]) -> Result<(), RasterError> {
+    write_png(path, width, height, gray, image::ExtendedColorType::L8)
+}
+
+fn write_png(
+    path: &Path,
+    width: usize,
+    height: usize,
+    data: &[u8],
+    color: image::ExtendedColorType,
+) -> Result<(), RasterError> {
+    write_atomically(path, |temporary| {
+        image::save_buffer_with_format(
+            temporary,
+            data,
+            width as u32,
+            height as u32,
+            color,
+            image::ImageFormat::Png,
+        )
+        .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ImageFile;
+    use super::*;
+
+    fn grid() -> MapGrid {
+        MapGrid { epsg: 32617, west: 436_000.0, north: 3_357_700.0, cell: 0.5, width: 600, height: 300 }
+    }
+
+    #[test]
+    fn a_written_dsm_reads_back_with_its_place_and_nodata() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("dsm.tif");
+        let mut plane = Plane::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
+        plane.data[7] = f32::NAN;
+        let cog = Cog { grid: grid(), metadata: &[("VERTICAL_REFERENCE", "ellipsoid".into())] };
+        cog.write_f32(&path, &[&plane], "m").unwrap();
+        let file = ImageFile::open(&path).unwrap();
+        assert_eq!(file.map_grid().unwrap(), grid());
+        assert_eq!(file.metadata("VERTICAL_REFERENCE", "").unwrap(), "ellipsoid");
+        assert_eq!(file.metadata("LAYOUT", "IMAGE_STRUCTURE").unwrap(), "COG");
+        let back = file.read(1).unwrap();
+        assert!(back.data[7].is_nan());
+        assert_eq!(back.data[8..], plane.data[8..]);
+        let names: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
+        assert_eq!(names.len(), 1, "nothing but the file itself: {names:?}");
+    }
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_no_other() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.txt");
+        std::fs::write(&path, "old").unwrap();
+        let result = write_atomically(&path, |t| {
+            std::fs::write(t, "half").unwrap();
+            Err(RasterError::Write { path: path.clone(), reason: "disk full".into() })
+        });
+        assert!(result.is_err());
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+}

@@ -1,0 +1,1 @@
+//! Files that hold RPCs, one module a vendor format.

@@ -1,0 +1,126 @@
+//! From an image position and a height to longitude and latitude: Newton's method on the exact Jacobian.
+
+use super::Rpc;
+use crate::frame::{CenterPx, Geodetic, Pixel, Point};
+
+/// Residual at which the iteration stops, pixels. The floor of f64 is about 2e-9 px.
+const TOLERANCE_PX: f64 = 1e-8;
+/// A 135,000-row strip needs 4 steps from the model's centre.
+const MAX_STEPS: usize = 20;
+/// Halvings of a step that makes the residual grow.
+const MAX_HALVINGS: usize = 8;
+/// Normalised ground coordinates beyond which cubic polynomials are not followed.
+const FARTHEST: f64 = 3.0;
+
+/// No ground point projects to the position asked for.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "no ground point at height {height_m} m is seen at column {col}, row {row} (best is {residual_px} px off)"
+)]
+pub struct LocalizeError {
+    /// Column asked for.
+    pub col: f64,
+    /// Row asked for.
+    pub row: f64,
+    /// Height asked for.
+    pub height_m: f64,
+    /// Residual of the best point found.
+    pub residual_px: f64,
+}
+
+impl Rpc {
+    /// The ground point at `height_m` that is seen at `px`.
+    ///
+    /// # Errors
+    /// [`LocalizeError`] when Newton's method stalls, as it does far outside the model's volume.
+    pub fn localize(&self, px: Pixel<CenterPx>, height_m: f64) -> Result<Point<Geodetic>, LocalizeError> {
+        self.localize_from(px, self.center().at_height(height_m))
+    }
+
+    /// As [`Rpc::localize`], starting at a ground point known to be near; its height is the one kept.
+    ///
+    /// # Errors
+    /// As [`Rpc::localize`].
+    pub fn localize_from(
+        &self,
+        px: Pixel<CenterPx>,
+        start: Point<Geodetic>,
+    ) -> Result<Point<Geodetic>, LocalizeError> {
+        let c = self.coefficients();
+        let residual = |q: Pixel<CenterPx>| [px.col - q.col, px.row - q.row];
+        let size = |e: [f64; 2]| e[0].abs().max(e[1].abs());
+        let clamp = |value: f64, axis: super::Axis| {
+            let reach = FARTHEST * axis.scale.abs();
+            value.clamp(axis.offset - reach, axis.offset + reach)
+        };
+
+        let mut point = start;
+        let (seen, mut jac) = self.project_with_jacobian(point);
+        let mut error = residual(seen);
+        for _ in 0..MAX_STEPS {
+            if size(error) < TOLERANCE_PX {
+                return Ok(point);
+            }
+            let [[a, b, _], [d, e, _]] = jac;
+            let det = a * e - b * d;
+            if det.abs() < 1e-12 * (a * a + b * b + d * d + e * e) {
+                break;
+            }
+            let step = [(e * error[0] - b * error[1]) / det, (a * error[1] - d * error[0]) / det];
+            let mut length = 1.0;
+            let mut better = None;
+            for _ in 0..MAX_HALVINGS {
+                let q = Point::new(
+                    clamp(point.lon_deg() + length * step[0], c.lon),
+                    clamp(point.lat_deg() + length * step[1], c.lat),
+                    point.height_m(),
+                );
+                let (seen, j) = self.project_with_jacobian(q);
+                let e = residual(seen);
+                if size(e) < size(error) {
+                    better = Some((q, e, j));
+                    break;
+                }
+                length *= 0.5;
+            }
+            let Some((q, e, j)) = better else { break };
+            (point, error, jac) = (q, e, j);
+        }
+        // Near the floor of f64 no step improves any more, and that is an answer.
+        if size(error) < 100.0 * TOLERANCE_PX {
+            return Ok(point);
+        }
+        Err(LocalizeError {
+            col: px.col,
+            row: px.row,
+            height_m: start.height_m(),
+            residual_px: error[0].hypot(error[1]),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::model::tests::synthetic;
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn projecting_what_was_localised_gives_the_pixel_back(
+            col in -100.0..1100.0f64, row in -100.0..1100.0f64, h in 70.0..310.0f64
+        ) {
+            let rpc = synthetic();
+            let px = Pixel::new(col, row);
+            let ground = rpc.localize(px, h).unwrap();
+            prop_assert!(rpc.project(ground).distance(px) < 1e-7);
+            prop_assert_eq!(ground.height_m(), h);
+        }
+    }
+
+    #[test]
+    fn what_no_ground_point_projects_to_is_an_error() {
+        assert!(synthetic().localize(Pixel::new(1e9, 0.0), 190.0).is_err());
+        assert!(synthetic().localize(Pixel::new(f64::NAN, 0.0), 190.0).is_err());
+    }
+}

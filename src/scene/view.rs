@@ -1,0 +1,130 @@
+//! A scene and its views: names, files and geometry; pixels are read when a stage needs them.
+
+use crate::frame::{Geodetic, Point};
+use crate::rpc::Rpc;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Where the sun stood.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sun {
+    /// Clockwise from true north, degrees.
+    pub azimuth_deg: f64,
+    /// Above the horizon, degrees.
+    pub elevation_deg: f64,
+}
+
+/// What a view is used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// Adjusted and trained on.
+    Train,
+    /// Adjusted with the others, never trained on.
+    Test,
+}
+
+/// One acquisition.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct View {
+    /// The image's file name without its extension.
+    pub name: String,
+    /// The image file.
+    pub image: PathBuf,
+    /// Columns of the image.
+    pub width: usize,
+    /// Rows of the image.
+    pub height: usize,
+    /// The camera.
+    pub rpc: Rpc,
+    /// Where the RPC was read from, as a user would name it: `TIFF tag`, or a file.
+    pub rpc_source: String,
+    /// The sun, when known.
+    pub sun: Option<Sun>,
+    /// Acquisition time as ISO 8601 `YYYY-MM-DDThh:mm:ssZ`, when known.
+    pub acquired: Option<String>,
+    /// Training or test.
+    pub role: Role,
+    /// Lowest and highest ellipsoidal height to search, when the view's metadata tells.
+    pub height_range: Option<(f64, f64)>,
+}
+
+/// All views of one place.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scene {
+    /// The views, ordered by name.
+    pub views: Vec<View>,
+}
+
+impl Scene {
+    /// Views that may be trained on.
+    pub fn training(&self) -> impl Iterator<Item = &View> {
+        self.views.iter().filter(|v| v.role == Role::Train)
+    }
+
+    /// Heights between which matching searches: the widest of what the views' metadata tell, else what the
+    /// views' RPCs have in common.
+    #[must_use]
+    pub fn height_range(&self) -> (f64, f64) {
+        let told = self.views.iter().filter_map(|v| v.height_range);
+        let wide = told.fold(None, |acc: Option<(f64, f64)>, (lo, hi)| {
+            Some(acc.map_or((lo, hi), |(a, b)| (a.min(lo), b.max(hi))))
+        });
+        wide.unwrap_or_else(|| {
+            let ranges = self.views.iter().map(|v| v.rpc.height_range());
+            ranges.fold((f64::NEG_INFINITY, f64::INFINITY), |a, b| (a.0.max(b.0), a.1.min(b.1)))
+        })
+    }
+
+    /// Mean of the cameras' views of their image centres at the middle of the height range.
+    #[must_use]
+    pub fn center(&self) -> Option<Point<Geodetic>> {
+        let (lo, hi) = self.height_range();
+        let h = 0.5 * (lo + hi);
+        let seen: Vec<[f64; 3]> =
+            self.views.iter().filter_map(|v| v.ground_center(h)).map(Point::xyz).collect();
+        let n = seen.len() as f64;
+        (!seen.is_empty()).then(|| {
+            Point::new(
+                seen.iter().map(|p| p[0]).sum::<f64>() / n,
+                seen.iter().map(|p| p[1]).sum::<f64>() / n,
+                h,
+            )
+        })
+    }
+}
+
+impl View {
+    /// The ground point seen at the image's centre at a height, if the camera has one.
+    #[must_use]
+    pub fn ground_center(&self, height_m: f64) -> Option<Point<Geodetic>> {
+        use crate::frame::Pixel;
+        let center = Pixel::new(0.5 * (self.width as f64 - 1.0), 0.5 * (self.height as f64 - 1.0));
+        self.rpc.localize(center, height_m).ok()
+    }
+
+    /// The image's four outer corners on the ground at a height, in order around it.
+    #[must_use]
+    pub fn footprint(&self, height_m: f64) -> Option<[Point<Geodetic>; 4]> {
+        use crate::frame::{CornerPx, Pixel};
+        let (w, h) = (self.width as f64, self.height as f64);
+        let mut corners = [self.rpc.center(); 4];
+        for (corner, (col, row)) in corners.iter_mut().zip([(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)]) {
+            *corner = self.rpc.localize(Pixel::<CornerPx>::new(col, row).into(), height_m).ok()?;
+        }
+        Some(corners)
+    }
+
+    /// Direction from the ground to the satellite: (azimuth clockwise from north, off-nadir), degrees.
+    #[must_use]
+    pub fn direction_deg(&self, height_m: f64) -> Option<(f64, f64)> {
+        const RISE_M: f64 = 100.0;
+        let low = self.ground_center(height_m)?;
+        let px = self.rpc.project(low);
+        let high = self.rpc.localize_from(px, low.at_height(height_m + RISE_M)).ok()?;
+        let grid = crate::frame::SiteGrid::at(low).ok()?;
+        let d = grid.site_from_geodetic(high).xyz();
+        let azimuth = d[0].atan2(d[1]).to_degrees() + grid.convergence_deg();
+        Some((azimuth.rem_euclid(360.0), d[0].hypot(d[1]).atan2(d[2]).to_degrees()))
+    }
+}

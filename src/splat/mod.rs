@@ -1,0 +1,1 @@
+//! The Gaussians, their rendering and their training.
