@@ -1,1 +1,11 @@
-//! Affine cameras in the site frame: views, suns and virtual cameras.
+//! Affine cameras in the site frame: fitted to RPCs, and sheared into sun and virtual cameras.
+//!
+//! Every camera of an iteration is a shear of one view camera along the vertical: a point at altitude `z` (metres
+//! above the site's origin) moves by `-shear * z` pixels. The site's origin is the pivot. Third image coordinate
+//! is the altitude itself, whatever the camera.
+
+mod camera;
+mod fit;
+
+pub use camera::{AffineCamera, sun_direction};
+pub use fit::{AffineFit, FitError, fit};

@@ -1,0 +1,86 @@
+//! A band: sixteen pixel rows, their tiles' lists of splats in altitude order, and the pairs' gradient slots.
+
+use super::kernel::SlotGradient;
+use super::project::Chunk;
+use crate::splat::real::Real;
+
+/// A splat in a tile's list.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Entry {
+    pub chunk: u32,
+    pub footprint: u32,
+    /// The pair's slot within the band.
+    pub slot: u32,
+}
+
+/// Tile lists and gradient slots of one band.
+pub(super) struct Band<T, const C: usize> {
+    /// Entries of tile `t` are `entries[tile_starts[t]..tile_starts[t + 1]]`.
+    tile_starts: Vec<u32>,
+    entries: Vec<Entry>,
+    /// Slots of chunk `k` begin at `chunk_slots[k]`, span by span.
+    chunk_slots: Vec<u32>,
+    pub slots: Vec<SlotGradient<T, C>>,
+}
+
+impl<T, const C: usize> Default for Band<T, C> {
+    fn default() -> Self {
+        Self { tile_starts: Vec::new(), entries: Vec::new(), chunk_slots: Vec::new(), slots: Vec::new() }
+    }
+}
+
+impl<T: Real, const C: usize> Band<T, C> {
+    /// Lists the splats of every tile by counting; chunks come in rank order, so lists are in altitude order.
+    pub fn bin(&mut self, chunks: &[Chunk<T>], band: usize, tiles: usize) {
+        self.tile_starts.clear();
+        self.tile_starts.resize(tiles + 1, 0);
+        self.chunk_slots.clear();
+        let mut slot = 0;
+        for chunk in chunks {
+            self.chunk_slots.push(slot);
+            for span in chunk.spans(band) {
+                for tile in span.first..=span.last {
+                    self.tile_starts[usize::from(tile) + 1] += 1;
+                }
+                slot += u32::from(span.last - span.first) + 1;
+            }
+        }
+        self.chunk_slots.push(slot);
+        for t in 0..tiles {
+            self.tile_starts[t + 1] += self.tile_starts[t];
+        }
+        self.entries.clear();
+        self.entries.resize(slot as usize, Entry::default());
+        let mut slot = 0;
+        for (k, chunk) in chunks.iter().enumerate() {
+            for span in chunk.spans(band) {
+                for tile in span.first..=span.last {
+                    let at = &mut self.tile_starts[usize::from(tile)];
+                    self.entries[*at as usize] = Entry { chunk: k as u32, footprint: span.footprint, slot };
+                    *at += 1;
+                    slot += 1;
+                }
+            }
+        }
+        for t in (0..tiles).rev() {
+            self.tile_starts[t + 1] = self.tile_starts[t];
+        }
+        self.tile_starts[0] = 0;
+    }
+
+    /// Splats of a tile, highest first.
+    #[inline(always)]
+    pub fn tile(&self, tile: usize) -> &[Entry] {
+        &self.entries[self.tile_starts[tile] as usize..self.tile_starts[tile + 1] as usize]
+    }
+
+    /// Number of (splat, tile) pairs.
+    pub fn slot_count(&self) -> usize {
+        self.chunk_slots.last().map_or(0, |&n| n as usize)
+    }
+
+    /// The slots of one chunk's spans, in their order.
+    pub fn slots_of_chunk(&self, chunk: usize) -> &[SlotGradient<T, C>] {
+        &self.slots[self.chunk_slots[chunk] as usize..self.chunk_slots[chunk + 1] as usize]
+    }
+}

@@ -1,0 +1,129 @@
+//! Rendering splats through affine cameras, and the gradient of a render.
+//!
+//! Along any parallel ray that climbs, a higher point hides a lower one: the altitude of the centres orders the
+//! splats once for every camera of an iteration ([`Prepared`]). A camera projects them in chunks ([`Projection`])
+//! and each band of sixteen pixel rows is binned into tiles and rendered by one thread ([`Rasterizer`]).
+//! Gradients of a (splat, tile) pair go into that pair's own slot and are summed per splat in a fixed order: no
+//! atomics, and the same bytes for any number of threads.
+
+mod bands;
+mod kernel;
+mod layers;
+mod prepare;
+mod project;
+#[cfg(test)]
+mod tests;
+
+pub use layers::Layers;
+pub use prepare::{Prepared, SplatGradient};
+pub use project::FrameCamera;
+
+pub(crate) use kernel::Kernels;
+
+use super::real::Real;
+use bands::Band;
+use kernel::TILE;
+use project::{CHUNK, Chunk};
+use rayon::prelude::*;
+
+/// Variance of the pixel's own footprint, px², added to every projected covariance (3DGS).
+pub const LOW_PASS_PX2: f64 = 0.3;
+/// Alpha below which a splat does not touch a pixel.
+pub const ALPHA_CUT: f64 = 1.0 / 255.0;
+/// Largest alpha.
+pub const ALPHA_MAX: f64 = 0.99;
+/// Transmittance below which nothing further touches a pixel.
+pub const SATURATED: f64 = 1e-4;
+
+/// Renders `C` features a splat through one camera and gives the gradient; keeps its buffers between calls.
+pub struct Rasterizer<T, const C: usize> {
+    chunks: Vec<Chunk<T>>,
+    bands: Vec<Band<T, C>>,
+    image: Layers<T>,
+}
+
+impl<T: Real, const C: usize> Default for Rasterizer<T, C> {
+    fn default() -> Self {
+        Self { chunks: Vec::new(), bands: Vec::new(), image: Layers::default() }
+    }
+}
+
+impl<T: Real + Kernels<C>, const C: usize> Rasterizer<T, C> {
+    /// Renders. `features` are in `prepared`'s order; the image has the `C` features over `background` and, as
+    /// its last channel, the transmittance left.
+    pub fn render(
+        &mut self,
+        prepared: &Prepared<T>,
+        features: &[[T; C]],
+        camera: &FrameCamera<T>,
+        background: [T; C],
+    ) -> &Layers<T> {
+        let (width, height) = (camera.width, camera.height);
+        let tiles = width.div_ceil(TILE);
+        let ranks = prepared.len();
+        self.chunks.resize_with(ranks.div_ceil(CHUNK), Default::default);
+        self.chunks.par_iter_mut().enumerate().for_each(|(k, chunk)| {
+            chunk.project(prepared, k * CHUNK..ranks.min((k + 1) * CHUNK), camera);
+        });
+        self.image.resize(width, height, C + 1);
+        self.bands.resize_with(height.div_ceil(TILE), Default::default);
+        let chunks = &self.chunks;
+        let rows = self.image.data.par_chunks_mut(TILE * (C + 1) * width);
+        rows.zip(&mut self.bands).enumerate().for_each(|(index, (out, band))| {
+            band.bin(chunks, index, tiles);
+            T::forward(&kernel::View { band, chunks, features, index, width }, background, out);
+        });
+        &self.image
+    }
+
+    /// The image of the last render.
+    #[must_use]
+    pub fn image(&self) -> &Layers<T> {
+        &self.image
+    }
+
+    /// Adds to `gradients` and `by_feature` (both in `prepared`'s order) what the loss's derivatives by the last
+    /// render's pixels (`by_pixel`, `C` channels) mean for the splats. `camera` and `features` are the render's.
+    pub fn backward(
+        &mut self,
+        features: &[[T; C]],
+        camera: &FrameCamera<T>,
+        by_pixel: &Layers<T>,
+        gradients: &mut [SplatGradient<T>],
+        by_feature: &mut [[T; C]],
+    ) {
+        let width = camera.width;
+        let chunks = &self.chunks;
+        let images = self.image.data.par_chunks(TILE * (C + 1) * width);
+        let derivatives = by_pixel.data.par_chunks(TILE * C * width);
+        self.bands.par_iter_mut().zip(images.zip(derivatives)).enumerate().for_each(
+            |(index, (band, (image, by_pixel)))| {
+                let mut slots = std::mem::take(&mut band.slots);
+                slots.clear();
+                slots.resize(band.slot_count(), kernel::SlotGradient::default());
+                let view = kernel::View { band, chunks, features, index, width };
+                T::backward(&view, image, by_pixel, &mut slots);
+                band.slots = slots;
+            },
+        );
+        let bands = &self.bands;
+        let outputs = gradients.par_chunks_mut(CHUNK).zip(by_feature.par_chunks_mut(CHUNK));
+        self.chunks.par_iter_mut().zip(outputs).enumerate().for_each(|(k, (chunk, (gradients, by_feature)))| {
+            chunk.gather(k, bands, camera, gradients, by_feature);
+        });
+    }
+
+    /// Visits, for every splat seen in the last render, its rank and the loss's derivative by its image position
+    /// (pixels), as [`Rasterizer::backward`] left it.
+    pub fn for_each_seen(&self, mut visit: impl FnMut(usize, [T; 2])) {
+        for (k, chunk) in self.chunks.iter().enumerate() {
+            chunk.for_each_seen(|i, g| visit(k * CHUNK + i, g));
+        }
+    }
+
+    /// Number of (splat, tile) pairs of the last render.
+    #[must_use]
+    pub fn pairs(&self) -> usize {
+        self.bands.iter().map(Band::slot_count).sum()
+    }
+}

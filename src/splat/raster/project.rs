@@ -1,0 +1,308 @@
+//! Splats through one affine camera: image ellipses, the tiles they touch, and the gradient's way back.
+
+use super::bands::Band;
+use super::kernel::TILE;
+use super::prepare::{Prepared, PreparedSplat, SplatGradient};
+use super::{ALPHA_CUT, LOW_PASS_PX2};
+use crate::affine::AffineCamera;
+use crate::splat::real::Real;
+use std::ops::Range;
+
+/// Ranks that are projected together; fixed, so that sums do not depend on the number of threads.
+pub(super) const CHUNK: usize = 2048;
+
+/// An affine camera and the size of its image, in the numbers of the rasteriser.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameCamera<T> {
+    /// Rows (col, row), columns (east, north, up), pixels per metre.
+    pub linear: [[T; 3]; 2],
+    /// Image position of the site's origin, pixels.
+    pub offset: [T; 2],
+    /// Columns of the image.
+    pub width: usize,
+    /// Rows of the image.
+    pub height: usize,
+}
+
+impl<T: Real> FrameCamera<T> {
+    /// The camera for an image of this size.
+    #[must_use]
+    pub fn new(camera: &AffineCamera, width: usize, height: usize) -> Self {
+        Self { linear: camera.linear.map(|l| l.map(T::of)), offset: camera.offset.map(T::of), width, height }
+    }
+}
+
+/// A splat's ellipse in the image.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Footprint<T> {
+    /// Centre, pixels.
+    pub mean: [T; 2],
+    /// Inverse covariance: xx, xy, yy; 1/px².
+    pub conic: [T; 3],
+    /// Binary logarithm of the opacity.
+    pub log2_opacity: T,
+    /// Half height of the ellipse at the alpha cut-off, pixels.
+    pub half_rows: T,
+    /// Rank of the splat.
+    pub rank: u32,
+}
+
+/// The tiles `first..=last` of one band that a footprint of a chunk touches.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Span {
+    /// Index of the footprint within its chunk.
+    pub footprint: u32,
+    pub first: u16,
+    pub last: u16,
+}
+
+/// The footprints of a run of ranks, and where they lie.
+pub(super) struct Chunk<T> {
+    start: usize,
+    pub footprints: Vec<Footprint<T>>,
+    /// Spans sorted by band, within a band by rank.
+    spans: Vec<Span>,
+    /// Spans of band `b` are `spans[band_starts[b]..band_starts[b + 1]]`.
+    band_starts: Vec<u32>,
+    unsorted: Vec<(u32, Span)>,
+    sums: Vec<FootprintGradient<T>>,
+}
+
+/// Derivatives of the loss by a footprint.
+#[derive(Clone, Copy, Debug, Default)]
+struct FootprintGradient<T> {
+    /// Sum over pixels of alpha times the derivative by alpha.
+    alpha: T,
+    mean: [T; 2],
+    conic: [T; 3],
+}
+
+impl<T> Default for Chunk<T> {
+    fn default() -> Self {
+        Self {
+            start: 0,
+            footprints: Vec::new(),
+            spans: Vec::new(),
+            band_starts: Vec::new(),
+            unsorted: Vec::new(),
+            sums: Vec::new(),
+        }
+    }
+}
+
+impl<T: Real> Chunk<T> {
+    /// Projects the splats of `ranks`, leaving out those that no pixel sees.
+    pub fn project(&mut self, prepared: &Prepared<T>, ranks: Range<usize>, camera: &FrameCamera<T>) {
+        self.start = ranks.start;
+        self.footprints.clear();
+        self.unsorted.clear();
+        let bands = camera.height.div_ceil(TILE);
+        for rank in ranks {
+            let Some(ellipse) = Ellipse::of(&prepared.splats[rank], camera) else { continue };
+            let before = self.unsorted.len();
+            let footprint = self.footprints.len() as u32;
+            ellipse.for_each_span(camera, |band, first, last| {
+                self.unsorted.push((band, Span { footprint, first, last }));
+            });
+            if self.unsorted.len() > before {
+                self.footprints.push(Footprint {
+                    mean: ellipse.mean,
+                    conic: ellipse.conic,
+                    log2_opacity: prepared.splats[rank].opacity.log2(),
+                    half_rows: ellipse.half_rows,
+                    rank: rank as u32,
+                });
+            }
+        }
+        self.sort_spans(bands);
+    }
+
+    /// A counting sort by band; equal bands keep their order.
+    fn sort_spans(&mut self, bands: usize) {
+        self.band_starts.clear();
+        self.band_starts.resize(bands + 1, 0);
+        for (band, _) in &self.unsorted {
+            self.band_starts[*band as usize + 1] += 1;
+        }
+        for b in 0..bands {
+            self.band_starts[b + 1] += self.band_starts[b];
+        }
+        self.spans.clear();
+        self.spans.resize(self.unsorted.len(), Span { footprint: 0, first: 0, last: 0 });
+        for (band, span) in &self.unsorted {
+            let at = &mut self.band_starts[*band as usize];
+            self.spans[*at as usize] = *span;
+            *at += 1;
+        }
+        // The starts have become ends: shift them back.
+        for b in (0..bands).rev() {
+            self.band_starts[b + 1] = self.band_starts[b];
+        }
+        self.band_starts[0] = 0;
+    }
+
+    /// Spans in one band, by rank.
+    pub fn spans(&self, band: usize) -> &[Span] {
+        &self.spans[self.band_starts[band] as usize..self.band_starts[band + 1] as usize]
+    }
+
+    /// Sums the bands' slots per footprint and adds them, taken back through the camera, to the splats' gradients.
+    pub fn gather<const C: usize>(
+        &mut self,
+        index: usize,
+        bands: &[Band<T, C>],
+        camera: &FrameCamera<T>,
+        gradients: &mut [SplatGradient<T>],
+        by_feature: &mut [[T; C]],
+    ) {
+        let mut sums = std::mem::take(&mut self.sums);
+        sums.clear();
+        sums.resize(self.footprints.len(), FootprintGradient::default());
+        for (b, band) in bands.iter().enumerate() {
+            let mut slots = band.slots_of_chunk(index);
+            for span in self.spans(b) {
+                let (own, rest) = slots.split_at(usize::from(span.last - span.first) + 1);
+                slots = rest;
+                let sum = &mut sums[span.footprint as usize];
+                let rank = self.footprints[span.footprint as usize].rank as usize - self.start;
+                for slot in own {
+                    sum.alpha = sum.alpha + slot.alpha;
+                    add(&mut sum.mean, slot.mean);
+                    add(&mut sum.conic, slot.conic);
+                    add(&mut by_feature[rank], slot.feature);
+                }
+            }
+        }
+        for (footprint, sum) in self.footprints.iter().zip(&sums) {
+            footprint.back_project(camera, sum, &mut gradients[footprint.rank as usize - self.start]);
+        }
+        self.sums = sums;
+    }
+
+    /// Visits the seen splats' ranks (within the chunk) and the derivatives by their image positions.
+    pub fn for_each_seen(&self, mut visit: impl FnMut(usize, [T; 2])) {
+        for (footprint, sum) in self.footprints.iter().zip(&self.sums) {
+            visit(footprint.rank as usize - self.start, sum.mean);
+        }
+    }
+}
+
+fn add<T: Real, const N: usize>(sum: &mut [T; N], value: [T; N]) {
+    for (s, v) in sum.iter_mut().zip(value) {
+        *s = *s + v;
+    }
+}
+
+impl<T: Real> Footprint<T> {
+    /// Adds what the derivatives by the ellipse mean for the splat.
+    fn back_project(&self, camera: &FrameCamera<T>, by: &FootprintGradient<T>, out: &mut SplatGradient<T>) {
+        let m = &camera.linear;
+        for k in 0..3 {
+            out.position[k] = out.position[k] + m[0][k] * by.mean[0] + m[1][k] * by.mean[1];
+        }
+        // alpha = sigmoid(logit) * g, so d alpha / d logit = alpha * (1 - opacity).
+        out.logit = out.logit + by.alpha * (T::one() - self.log2_opacity.exp2());
+        // By the covariance: -conic * G * conic, G symmetric with the off-diagonal's derivative halved.
+        let [a, b, c] = self.conic;
+        let half = T::of(0.5);
+        let (ga, gb, gc) = (by.conic[0], half * by.conic[1], by.conic[2]);
+        let p = [[a * ga + b * gb, a * gb + b * gc], [b * ga + c * gb, b * gb + c * gc]];
+        let xx = -(p[0][0] * a + p[0][1] * b);
+        let xy = -(p[0][0] * b + p[0][1] * c);
+        let yy = -(p[1][0] * b + p[1][1] * c);
+        let element = |i: usize, j: usize| {
+            m[0][i] * (xx * m[0][j] + xy * m[1][j]) + m[1][i] * (xy * m[0][j] + yy * m[1][j])
+        };
+        for (k, (i, j)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
+            out.covariance[k] = out.covariance[k] + element(i, j);
+        }
+    }
+}
+
+/// The ellipse at which a splat's alpha falls to the cut-off.
+struct Ellipse<T> {
+    mean: [T; 2],
+    conic: [T; 3],
+    /// Image covariance: xx, xy, yy; px².
+    covariance: [T; 3],
+    /// Squared Mahalanobis radius of the cut-off.
+    radius2: T,
+    half_rows: T,
+}
+
+impl<T: Real> Ellipse<T> {
+    fn of(splat: &PreparedSplat<T>, camera: &FrameCamera<T>) -> Option<Self> {
+        let radius2 = T::of(2.0) * (splat.opacity / T::of(ALPHA_CUT)).ln();
+        if radius2.is_nan() || radius2 <= T::zero() {
+            return None;
+        }
+        let m = &camera.linear;
+        let p = splat.position;
+        let mean: [T; 2] =
+            std::array::from_fn(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + camera.offset[i]);
+        let [sxx, sxy, sxz, syy, syz, szz] = splat.covariance;
+        let row = |i: usize| {
+            [
+                m[i][0] * sxx + m[i][1] * sxy + m[i][2] * sxz,
+                m[i][0] * sxy + m[i][1] * syy + m[i][2] * syz,
+                m[i][0] * sxz + m[i][1] * syz + m[i][2] * szz,
+            ]
+        };
+        let dot = |a: [T; 3], b: [T; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let low_pass = T::of(LOW_PASS_PX2);
+        let (xx, xy, yy) =
+            (dot(row(0), m[0]) + low_pass, dot(row(0), m[1]), dot(row(1), m[1]) + low_pass);
+        let det = xx * yy - xy * xy;
+        let inverse = T::one() / det;
+        if !(det > T::zero() && inverse.is_finite() && mean[0].is_finite() && mean[1].is_finite()) {
+            return None;
+        }
+        Some(Self {
+            mean,
+            conic: [yy * inverse, -xy * inverse, xx * inverse],
+            covariance: [xx, xy, yy],
+            radius2,
+            half_rows: (radius2 * yy).sqrt(),
+        })
+    }
+
+    /// Visits the bands it touches, each with its first and last tile.
+    fn for_each_span(&self, camera: &FrameCamera<T>, mut visit: impl FnMut(u32, u16, u16)) {
+        let [mx, my] = self.mean;
+        let (first, last) = (my - self.half_rows, my + self.half_rows);
+        let height = T::of(camera.height as f64 - 1.0);
+        let width = T::of(camera.width as f64 - 1.0);
+        if last < T::zero() || first > height {
+            return;
+        }
+        let tile = T::of(TILE as f64);
+        let whole = |v: T| v.floor().wide() as i64;
+        let band_of = |row: T| whole(row / tile);
+        let half_cols = (self.radius2 * self.covariance[0]).sqrt();
+        // Rows (from the centre) of the outermost columns: the regression line of row on column.
+        let lean = self.covariance[1] / self.covariance[0] * half_cols;
+        for band in band_of(first.max(T::zero()).ceil())..=band_of(last.min(height).floor()) {
+            let top = T::of((band * TILE as i64) as f64) - my;
+            let bottom = top + tile - T::one();
+            let right = if lean >= top && lean <= bottom { half_cols } else { self.edge(lean, top, bottom, T::one()) };
+            let left = if -lean >= top && -lean <= bottom {
+                -half_cols
+            } else {
+                self.edge(-lean, top, bottom, -T::one())
+            };
+            let (from, to) = ((mx + left).max(T::zero()).ceil(), (mx + right).min(width).floor());
+            if from <= to {
+                visit(band as u32, (whole(from) / TILE as i64) as u16, (whole(to) / TILE as i64) as u16);
+            }
+        }
+    }
+
+    /// Column (from the centre) of the ellipse's edge on the band's row nearest to `lean`; NaN beyond the ellipse.
+    fn edge(&self, lean: T, top: T, bottom: T, side: T) -> T {
+        let dy = lean.max(top).min(bottom);
+        let [a, b, c] = self.conic;
+        let inside = b * b * dy * dy - a * (c * dy * dy - self.radius2);
+        // A band that the ellipse only grazes can miss it by rounding.
+        (side * inside.max(T::zero()).sqrt() - b * dy) / a
+    }
+}

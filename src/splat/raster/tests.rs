@@ -1,0 +1,223 @@
+//! Gradients against central differences in f64, f32 against f64, closed forms.
+
+use super::*;
+use crate::splat::gaussians::{Gaussians, SH_C0};
+
+/// Uniform numbers in [0, 1), by hashing a counter.
+fn uniform(counter: &mut u64) -> f64 {
+    *counter += 1;
+    let mut z = counter.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+fn scene(n: usize, seed: u64) -> Gaussians<f64> {
+    let mut counter = seed << 32;
+    let mut u = |lo: f64, hi: f64| lo + (hi - lo) * uniform(&mut counter);
+    let mut g = Gaussians::default();
+    for _ in 0..n {
+        g.position.push([u(-6.0, 6.0), u(-5.0, 5.0), u(-3.0, 3.0)]);
+        g.log_scale.push([u(-0.7, 0.7), u(-0.7, 0.7), u(-0.7, 0.7)]);
+        g.rotation.push([u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0)]);
+        g.logit.push(u(-2.0, 1.0));
+        g.f_dc.push([u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0)]);
+    }
+    g
+}
+
+fn camera<T: Real>() -> FrameCamera<T> {
+    let camera = crate::affine::AffineCamera {
+        linear: [[2.9, 0.2, 0.5], [0.3, -2.8, 0.7]],
+        offset: [18.3, 16.8],
+    };
+    FrameCamera::new(&camera, 37, 35)
+}
+
+fn features<T: Real>(g: &Gaussians<T>, prepared: &Prepared<T>) -> Vec<[T; 4]> {
+    let rgb = |v: T| v * T::of(SH_C0) + T::of(0.5);
+    let of = |&i: &u32| {
+        let f = g.f_dc[i as usize];
+        [rgb(f[0]), rgb(f[1]), rgb(f[2]), g.position[i as usize][2]]
+    };
+    prepared.order().iter().map(of).collect()
+}
+
+/// Weights of a linear loss on the image.
+fn weights<T: Real>(camera: &FrameCamera<T>) -> Layers<T> {
+    let mut w = Layers::zeros(camera.width, camera.height, 4);
+    let mut counter = 77 << 32;
+    for v in &mut w.data {
+        *v = T::of(uniform(&mut counter) - 0.4);
+    }
+    w
+}
+
+const BACKGROUND: [f64; 4] = [0.2, 0.9, 0.4, -4.0];
+
+fn loss(g: &Gaussians<f64>) -> f64 {
+    let mut prepared = Prepared::default();
+    prepared.update(g);
+    let camera = camera();
+    let mut raster = Rasterizer::<f64, 4>::default();
+    let image = raster.render(&prepared, &features(g, &prepared), &camera, BACKGROUND);
+    let w = weights(&camera);
+    let mut sum = 0.0;
+    for row in 0..camera.height {
+        for c in 0..4 {
+            sum += image.row(c, row).iter().zip(w.row(c, row)).map(|(a, b)| a * b).sum::<f64>();
+        }
+    }
+    sum
+}
+
+fn gradient<T: Real + Kernels<4>>(g: &Gaussians<T>) -> Gaussians<T> {
+    let mut prepared = Prepared::default();
+    prepared.update(g);
+    let camera = camera();
+    let mut raster = Rasterizer::<T, 4>::default();
+    let f = features(g, &prepared);
+    raster.render(&prepared, &f, &camera, BACKGROUND.map(T::of));
+    let mut shared = vec![SplatGradient::default(); g.len()];
+    let mut by_feature = vec![[T::zero(); 4]; g.len()];
+    raster.backward(&f, &camera, &weights(&camera), &mut shared, &mut by_feature);
+    let mut out = Gaussians::zeros(g.len());
+    prepared.parameter_gradients(g, &shared, &mut out);
+    for i in 0..g.len() {
+        let by = by_feature[prepared.rank(i)];
+        out.f_dc[i] = std::array::from_fn(|k| by[k] * T::of(SH_C0));
+        out.position[i][2] = out.position[i][2] + by[3];
+    }
+    out
+}
+
+fn narrow(g: &Gaussians<f64>) -> Gaussians<f32> {
+    Gaussians {
+        position: g.position.iter().map(|v| v.map(|x| x as f32)).collect(),
+        log_scale: g.log_scale.iter().map(|v| v.map(|x| x as f32)).collect(),
+        rotation: g.rotation.iter().map(|v| v.map(|x| x as f32)).collect(),
+        logit: g.logit.iter().map(|x| *x as f32).collect(),
+        f_dc: g.f_dc.iter().map(|v| v.map(|x| x as f32)).collect(),
+    }
+}
+
+/// Largest difference between analytic and central differences, relative to the group's largest gradient.
+///
+/// The cut-off at 1/255 makes the loss jump; a difference quotient across a jump is dropped by comparing two steps.
+fn worst_disagreement(g: &Gaussians<f64>, analytic: &Gaussians<f64>) -> f64 {
+    let mut worst: f64 = 0.0;
+    let mut compared = 0;
+    for group in 0..5 {
+        let largest = analytic.groups()[group].iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        for k in 0..analytic.groups()[group].len() {
+            let quotient = |e: f64| {
+                let (mut a, mut b) = (g.clone(), g.clone());
+                a.groups_mut()[group][k] += e;
+                b.groups_mut()[group][k] -= e;
+                (loss(&a) - loss(&b)) / (2.0 * e)
+            };
+            let (q, q2) = (quotient(1e-6), quotient(2e-6));
+            if (q - q2).abs() > 1e-6 * largest {
+                continue;
+            }
+            compared += 1;
+            worst = worst.max((q - analytic.groups()[group][k]).abs() / largest);
+        }
+    }
+    assert!(compared * 10 > g.len() * 14 * 9, "too many parameters at cut-offs: {compared}");
+    worst
+}
+
+#[test]
+fn gradients_agree_with_central_differences_in_f64() {
+    for seed in 0..3 {
+        let g = scene(40, seed);
+        let worst = worst_disagreement(&g, &gradient(&g));
+        assert!(worst < 1e-6, "{worst:e}");
+    }
+}
+
+#[test]
+fn a_broken_gradient_is_seen() {
+    let g = scene(40, 0);
+    let mut broken = gradient(&g);
+    for v in broken.groups_mut()[1].iter_mut() {
+        *v *= 1.001;
+    }
+    assert!(worst_disagreement(&g, &broken) > 1e-4);
+}
+
+#[test]
+fn f32_kernels_agree_with_f64() {
+    for seed in 0..10 {
+        let g = scene(200, seed);
+        let (exact, fast) = (gradient(&g), gradient(&narrow(&g)));
+        for (a, b) in exact.groups().iter().zip(fast.groups()) {
+            let largest = a.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+            let worst = a.iter().zip(b).map(|(x, y)| (x - f64::from(*y)).abs()).fold(0.0, f64::max);
+            assert!(worst < 1e-3 * largest, "{worst} of {largest}");
+        }
+    }
+}
+
+#[test]
+fn one_splat_is_its_closed_form() {
+    let mut g = Gaussians::default();
+    g.push([0.5, -0.25, 2.0], 0.8, 0.7, [0.3, 0.6, 0.9]);
+    let mut prepared = Prepared::default();
+    prepared.update(&g);
+    let camera = camera::<f64>();
+    let mut raster = Rasterizer::<f64, 4>::default();
+    let image = raster.render(&prepared, &features(&g, &prepared), &camera, BACKGROUND);
+    let m = camera.linear;
+    let p = g.position[0];
+    let mean: [f64; 2] =
+        std::array::from_fn(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + camera.offset[i]);
+    let cov = |i: usize, j: usize| {
+        0.64 * (0..3).map(|k| m[i][k] * m[j][k]).sum::<f64>() + if i == j { LOW_PASS_PX2 } else { 0.0 }
+    };
+    let det = cov(0, 0) * cov(1, 1) - cov(0, 1) * cov(0, 1);
+    for row in 0..camera.height {
+        for col in 0..camera.width {
+            let (dx, dy) = (col as f64 - mean[0], row as f64 - mean[1]);
+            let q = (cov(1, 1) * dx * dx - 2.0 * cov(0, 1) * dx * dy + cov(0, 0) * dy * dy) / det;
+            let mut alpha = 0.7 * (-0.5 * q).exp();
+            if alpha < ALPHA_CUT {
+                alpha = 0.0;
+            }
+            let expected = [0.3, 0.6, 0.9, 2.0];
+            for c in 0..4 {
+                let value = alpha * expected[c] + (1.0 - alpha) * BACKGROUND[c];
+                assert!((image.at(c, col, row) - value).abs() < 1e-9, "{col} {row} {c}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_pixel_of_every_ellipse_is_reached() {
+    // Long thin splats at all angles, rendered whole and by the closed form's sum of weights.
+    let mut counter = 5 << 32;
+    for _ in 0..200 {
+        let mut g = scene(1, counter);
+        counter += 1 << 32;
+        g.log_scale[0] = [1.6, -3.0, -3.0];
+        g.logit[0] = 3.0;
+        let mut prepared = Prepared::default();
+        prepared.update(&g);
+        let camera = camera::<f64>();
+        let mut raster = Rasterizer::<f64, 1>::default();
+        let image = raster.render(&prepared, &[[1.0]], &camera, [0.0]).clone();
+        let mut wide = camera;
+        // The same camera in a frame moved by a few pixels: other tiles, the same picture.
+        wide.offset = [camera.offset[0] + 5.0, camera.offset[1] + 9.0];
+        wide.width += 16;
+        wide.height += 16;
+        let moved = raster.render(&prepared, &[[1.0]], &wide, [0.0]);
+        for row in 0..camera.height {
+            for col in 0..camera.width {
+                assert!((image.at(0, col, row) - moved.at(0, col + 5, row + 9)).abs() < 1e-9);
+            }
+        }
+    }
+}
