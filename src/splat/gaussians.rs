@@ -46,6 +46,16 @@ impl<T: Real> Gaussians<T> {
         }
     }
 
+    /// Takes this number of splats; new ones are zero.
+    pub fn resize(&mut self, n: usize) {
+        let z = T::zero();
+        self.position.resize(n, [z; 3]);
+        self.log_scale.resize(n, [z; 3]);
+        self.rotation.resize(n, [z; 4]);
+        self.logit.resize(n, z);
+        self.f_dc.resize(n, [z; 3]);
+    }
+
     /// Appends a round splat.
     pub fn push(&mut self, position: [T; 3], scale_m: T, opacity: T, rgb: [T; 3]) {
         let (zero, one) = (T::zero(), T::one());

@@ -1,0 +1,55 @@
+//! How a view sees a colour: its own linear radiometry, and its own dimming in shadow (EOGS).
+//!
+//! `pixel = (s + (1 - s) κ) ⊙ (W rgb + t)` with `s` the share of sunlight; `W`, `t`, `κ` belong to the view.
+
+use super::real::Real;
+
+/// One view's radiometry.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Appearance<T = f32> {
+    /// `W`, row by row, then `t`, then `κ`.
+    pub values: [T; 15],
+}
+
+impl<T: Real> Default for Appearance<T> {
+    /// The colour as it is; a twentieth of it in full shadow (EOGS's start).
+    fn default() -> Self {
+        let (o, z, k) = (T::one(), T::zero(), T::of(0.05));
+        Self { values: [o, z, z, z, o, z, z, z, o, z, z, z, k, k, k] }
+    }
+}
+
+impl<T: Real> Appearance<T> {
+    /// `W rgb + t`.
+    #[inline(always)]
+    pub fn sunlit(&self, rgb: [T; 3]) -> [T; 3] {
+        let v = &self.values;
+        std::array::from_fn(|i| v[3 * i] * rgb[0] + v[3 * i + 1] * rgb[1] + v[3 * i + 2] * rgb[2] + v[9 + i])
+    }
+
+    /// The share of the sunlit colour that is left at sunlight `s`.
+    #[inline(always)]
+    pub fn dimming(&self, s: T) -> [T; 3] {
+        std::array::from_fn(|i| s + (T::one() - s) * self.values[12 + i])
+    }
+
+    /// Derivatives by `rgb` and `s` from those by the pixel; adds those by the radiometry to `by_values`.
+    #[inline(always)]
+    pub fn backward(&self, rgb: [T; 3], s: T, by_pixel: [T; 3], by_values: &mut [T; 15]) -> ([T; 3], T) {
+        let (sunlit, dimming) = (self.sunlit(rgb), self.dimming(s));
+        let mut by_rgb = [T::zero(); 3];
+        let mut by_s = T::zero();
+        for i in 0..3 {
+            let by_sunlit = by_pixel[i] * dimming[i];
+            let by_dimming = by_pixel[i] * sunlit[i];
+            by_s = by_s + by_dimming * (T::one() - self.values[12 + i]);
+            by_values[12 + i] = by_values[12 + i] + by_dimming * (T::one() - s);
+            by_values[9 + i] = by_values[9 + i] + by_sunlit;
+            for k in 0..3 {
+                by_values[3 * i + k] = by_values[3 * i + k] + by_sunlit * rgb[k];
+                by_rgb[k] = by_rgb[k] + by_sunlit * self.values[3 * i + k];
+            }
+        }
+        (by_rgb, by_s)
+    }
+}
