@@ -75,6 +75,14 @@ impl<T: Real> Gaussians<T> {
         self.f_dc.push(from.f_dc[i]);
     }
 
+    /// Splat `i` alone.
+    #[must_use]
+    pub fn clone_one(&self, i: usize) -> Self {
+        let mut one = Self::zeros(0);
+        one.push_copy(self, i);
+        one
+    }
+
     /// Keeps the splats for which `keep` holds, in order.
     pub fn retain(&mut self, keep: &[bool]) {
         fn filter<V>(values: &mut Vec<V>, keep: &[bool]) {

@@ -1,10 +1,18 @@
 //! The Gaussians, their rendering and their training.
 
+pub mod adam;
 pub mod appearance;
+pub mod backend;
+pub mod cpu;
+pub mod density;
 pub mod gaussians;
+pub mod init;
 pub mod lookup;
 pub mod objective;
 pub mod random;
 pub mod raster;
 pub mod real;
+pub mod recipe;
 pub mod ssim;
+pub mod train;
+pub mod views;

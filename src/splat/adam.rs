@@ -1,0 +1,126 @@
+//! Adam (Kingma & Ba 2015), one step size a parameter group.
+
+use super::appearance::Appearance;
+use super::gaussians::Gaussians;
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+const BETA1: f32 = 0.9;
+const BETA2: f32 = 0.999;
+/// 3DGS's, for the splats.
+const EPSILON: f32 = 1e-15;
+
+/// First and second moments of the splats' gradients.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SplatAdam {
+    /// Running means of the gradients.
+    pub first: Gaussians,
+    /// Running means of their squares.
+    pub second: Gaussians,
+    /// Steps taken.
+    pub steps: u32,
+}
+
+impl SplatAdam {
+    /// Moments for `n` splats.
+    #[must_use]
+    pub fn new(n: usize) -> Self {
+        Self { first: Gaussians::zeros(n), second: Gaussians::zeros(n), steps: 0 }
+    }
+
+    /// One step; `rates` are for position, log scale, rotation, logit, colour.
+    pub fn step(&mut self, splats: &mut Gaussians, gradient: &Gaussians, rates: [f64; 5]) {
+        self.steps += 1;
+        let correction = Correction::after(self.steps);
+        let moments = self.first.groups_mut().into_iter().zip(self.second.groups_mut());
+        let groups = splats.groups_mut().into_iter().zip(gradient.groups()).zip(moments).zip(rates);
+        for (((values, gradient), (first, second)), rate) in groups {
+            const PIECE: usize = 1 << 14;
+            let moments = first.par_chunks_mut(PIECE).zip(second.par_chunks_mut(PIECE));
+            let pieces = values.par_chunks_mut(PIECE).zip(gradient.par_chunks(PIECE)).zip(moments);
+            pieces.for_each(|((values, gradient), (first, second))| {
+                update(values, gradient, first, second, rate as f32, EPSILON, correction);
+            });
+        }
+    }
+
+    /// Follows a splat's copy: the new one starts without moments.
+    pub fn push_zero(&mut self) {
+        let n = self.first.len() + 1;
+        self.first.resize(n);
+        self.second.resize(n);
+    }
+
+    /// Follows the splats that are kept.
+    pub fn retain(&mut self, keep: &[bool]) {
+        self.first.retain(keep);
+        self.second.retain(keep);
+    }
+}
+
+/// A view's moments; they advance only when the view is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AppearanceAdam {
+    first: [f32; 15],
+    second: [f32; 15],
+    steps: u32,
+}
+
+impl AppearanceAdam {
+    /// One step.
+    pub fn step(&mut self, appearance: &mut Appearance, gradient: &[f32; 15], rate: f64) {
+        self.steps += 1;
+        let correction = Correction::after(self.steps);
+        // PyTorch's default, which EOGS uses for the cameras.
+        let epsilon = 1e-8;
+        let (first, second) = (&mut self.first, &mut self.second);
+        update(&mut appearance.values, gradient, first, second, rate as f32, epsilon, correction);
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Correction {
+    first: f32,
+    root_second: f32,
+}
+
+impl Correction {
+    fn after(steps: u32) -> Self {
+        let left = |beta: f32| 1.0 - f64::from(beta).powi(steps as i32);
+        Self { first: left(BETA1) as f32, root_second: left(BETA2).sqrt() as f32 }
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn update(
+    values: &mut [f32],
+    gradient: &[f32],
+    first: &mut [f32],
+    second: &mut [f32],
+    rate: f32,
+    epsilon: f32,
+    correction: Correction,
+) {
+    let step = rate / correction.first;
+    for (((v, g), m), s) in values.iter_mut().zip(gradient).zip(first).zip(second) {
+        *m = BETA1 * *m + (1.0 - BETA1) * g;
+        *s = BETA2 * *s + (1.0 - BETA2) * g * g;
+        *v -= step * *m / (s.sqrt() / correction.root_second + epsilon);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn first_step_has_the_rate_as_length() {
+        let mut g = Gaussians::zeros(1);
+        let mut gradient = Gaussians::zeros(1);
+        gradient.position[0] = [3.0, -1e-4, 0.0];
+        SplatAdam::new(1).step(&mut g, &gradient, [0.1, 0.0, 0.0, 0.0, 0.0]);
+        for (a, b) in g.position[0].iter().zip([-0.1, 0.1, 0.0]) {
+            assert!((a - b).abs() < 1e-6, "{:?}", g.position[0]);
+        }
+    }
+}

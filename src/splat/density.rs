@@ -1,0 +1,176 @@
+//! Growth and pruning: which splats are doubled, which are removed (BAEOGS §3.3).
+
+use super::adam::SplatAdam;
+use super::gaussians::{Gaussians, logit, rotation_matrix, sigmoid};
+use super::random::Draw;
+use super::recipe::{Growth, SiteLengths};
+
+/// A split splat's parts are this much smaller (gsplat).
+const SPLIT_SHRINKS: f32 = 1.6;
+/// Standard deviations in a projected radius (3DGS).
+const RADIUS_SIGMAS: f64 = 3.0;
+const DRAW_SPLIT: u64 = 3;
+
+/// What the training views said of each splat since the last check.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Statistics {
+    gradient: Vec<f32>,
+    views: Vec<u32>,
+    /// Largest radius of any view, pixels per metre over the longer side.
+    magnification: f64,
+}
+
+impl Statistics {
+    /// Forgets, for `n` splats.
+    pub fn reset(&mut self, n: usize) {
+        self.gradient.clear();
+        self.gradient.resize(n, 0.0);
+        self.views.clear();
+        self.views.resize(n, 0);
+        self.magnification = 0.0;
+    }
+
+    /// Adds a view's derivative by the splat's image position, in half image sides.
+    pub fn saw(&mut self, splat: usize, gradient: [f32; 2]) {
+        self.gradient[splat] += gradient[0].hypot(gradient[1]);
+        self.views[splat] += 1;
+    }
+
+    /// Notes that a view of so many pixels per metre and so long a side was rendered.
+    pub fn rendered(&mut self, pixels_per_m: f64, longer_side: f64) {
+        self.magnification = self.magnification.max(pixels_per_m / longer_side);
+    }
+}
+
+/// How many splats a check added and removed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Change {
+    /// Doubled splats.
+    pub grown: usize,
+    /// Removed splats.
+    pub pruned: usize,
+}
+
+/// Doubles the splats that ask for it; `draw` is (seed, iteration).
+pub fn grow(
+    splats: &mut Gaussians,
+    adam: &mut SplatAdam,
+    statistics: &Statistics,
+    rule: &Growth,
+    lengths: &SiteLengths,
+    draw: (u64, u64),
+) -> usize {
+    let n = splats.len();
+    let mut keep = vec![true; n];
+    let mut grown = 0;
+    for i in 0..n {
+        if splats.len() >= rule.max_splats as usize {
+            break;
+        }
+        let scale = splats.log_scale[i].iter().fold(f32::MIN, |m, s| m.max(*s)).exp();
+        let mean = statistics.gradient[i] / statistics.views[i].max(1) as f32;
+        let radius = RADIUS_SIGMAS * f64::from(scale) * statistics.magnification;
+        let wants = f64::from(mean) > rule.gradient
+            || f64::from(scale) > lengths.max_scale_m
+            || radius > rule.max_radius;
+        if !wants {
+            continue;
+        }
+        grown += 1;
+        if f64::from(scale) < lengths.copy_below_m {
+            let copy = splats.clone_one(i);
+            splats.push_copy(&copy, 0);
+            adam.push_zero();
+        } else {
+            keep[i] = false;
+            for part in 0..2 {
+                let child = split(splats, i, Draw::new(draw.0, DRAW_SPLIT + part, draw.1, i as u64));
+                splats.push_copy(&child, 0);
+                adam.push_zero();
+            }
+        }
+    }
+    keep.resize(splats.len(), true);
+    splats.retain(&keep);
+    adam.retain(&keep);
+    grown
+}
+
+/// A part of a splat: drawn from it, smaller.
+fn split(splats: &Gaussians, i: usize, mut draw: Draw) -> Gaussians {
+    let mut child = splats.clone_one(i);
+    let (r, _) = rotation_matrix(splats.rotation[i]);
+    let along: [f32; 3] =
+        std::array::from_fn(|k| draw.normal() as f32 * splats.log_scale[i][k].exp());
+    for a in 0..3 {
+        child.position[0][a] += (0..3).map(|k| r[a][k] * along[k]).sum::<f32>();
+        child.log_scale[0][a] -= SPLIT_SHRINKS.ln();
+    }
+    child
+}
+
+/// Removes splats that are fainter than `opacity`, not finite, or outside `altitudes`.
+pub fn prune(splats: &mut Gaussians, adam: &mut SplatAdam, opacity: f64, altitudes: (f64, f64)) -> usize {
+    let n = splats.len();
+    let keep: Vec<bool> = (0..n)
+        .map(|i| {
+            let z = f64::from(splats.position[i][2]);
+            let sound = splats.position[i].iter().chain(&splats.log_scale[i]).all(|v| v.is_finite());
+            sound && z >= altitudes.0 && z <= altitudes.1 && f64::from(sigmoid(splats.logit[i])) >= opacity
+        })
+        .collect();
+    splats.retain(&keep);
+    adam.retain(&keep);
+    n - splats.len()
+}
+
+/// Lowers every opacity to `opacity` and forgets the opacities' moments.
+pub fn reset_opacity(splats: &mut Gaussians, adam: &mut SplatAdam, opacity: f64) {
+    let top = logit(opacity as f32);
+    for l in &mut splats.logit {
+        *l = l.min(top);
+    }
+    adam.first.logit.fill(0.0);
+    adam.second.logit.fill(0.0);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::splat::recipe::Recipe;
+
+    fn set() -> (Gaussians, SplatAdam, Statistics) {
+        let mut g = Gaussians::default();
+        g.push([0.0; 3], 0.3, 0.9, [0.5; 3]);
+        g.push([1.0, 0.0, 0.0], 4.0, 0.9, [0.5; 3]);
+        g.push([2.0, 0.0, 0.0], 0.3, 0.001, [0.5; 3]);
+        let mut s = Statistics::default();
+        s.reset(3);
+        (g, SplatAdam::new(3), s)
+    }
+
+    #[test]
+    fn small_splats_are_copied_large_ones_split_and_faint_ones_removed() {
+        let recipe = Recipe::named("baeogs").unwrap();
+        let lengths = recipe.site_lengths(226.0);
+        let (mut g, mut adam, mut s) = set();
+        s.saw(0, [0.01, 0.0]);
+        s.saw(1, [0.0, 0.01]);
+        assert_eq!(grow(&mut g, &mut adam, &s, &recipe.growth, &lengths, (0, 100)), 2);
+        // The copy and the original, the faint one, and the two halves.
+        assert_eq!(g.len(), 5);
+        assert_eq!(adam.first.len(), 5);
+        let halves = g.log_scale.iter().filter(|l| (l[0].exp() - 4.0 / 1.6).abs() < 1e-4).count();
+        assert_eq!(halves, 2);
+        assert_eq!(prune(&mut g, &mut adam, recipe.prune_below, (-50.0, 50.0)), 1);
+        assert_eq!(g.len(), 4);
+    }
+
+    #[test]
+    fn a_reset_lowers_only_what_is_higher() {
+        let (mut g, mut adam, _) = set();
+        reset_opacity(&mut g, &mut adam, 0.005);
+        let o: Vec<f32> = g.logit.iter().map(|l| sigmoid(*l)).collect();
+        assert!((o[0] - 0.005).abs() < 1e-6 && (o[2] - 0.001).abs() < 1e-6, "{o:?}");
+    }
+}

@@ -1,0 +1,202 @@
+//! A recipe: the complete set of training choices, by name.
+//!
+//! Numbers marked *cube* are given by the papers in their [-1, 1] cube; [`Recipe::site_lengths`] is the one place
+//! where they become metres.
+
+use super::objective::LossWeights;
+use serde::{Deserialize, Serialize};
+
+/// Where the carpet under the sparse points lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Carpet {
+    /// On the level plane below which 2 % of the sparse points lie (BAEOGS §3.1, read literally).
+    Plane,
+    /// On the ground: a low percentile of the sparse points in each cell of 30 m, smoothed.
+    Ground,
+}
+
+/// Step sizes of Adam.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LearningRates {
+    /// Position, *cube* half sides: EOGS's 0.00016 times its radius of 2.2.
+    pub position: f64,
+    /// What the position's rate has fallen to, exponentially, at the end.
+    pub position_decay: f64,
+    /// Natural logarithm of the scale.
+    pub log_scale: f64,
+    /// Quaternion.
+    pub rotation: f64,
+    /// Opacity's logit.
+    pub logit: f64,
+    /// Colour's `f_dc`.
+    pub f_dc: f64,
+    /// The views' radiometry.
+    pub appearance: f64,
+}
+
+/// When and which splats are doubled (BAEOGS §3.3, on gsplat's default strategy).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Growth {
+    /// First iteration.
+    pub from: u32,
+    /// Last iteration.
+    pub until: u32,
+    /// Iterations between checks; faint splats are removed as often, from the start to the end.
+    pub every: u32,
+    /// Largest scale that is left alone, *cube* half sides.
+    pub max_scale: f64,
+    /// Largest projected radius that is left alone, of the longer image side.
+    pub max_radius: f64,
+    /// Mean gradient by the image position, in half image sides, from which a splat is doubled.
+    pub gradient: f64,
+    /// Splats smaller than this are copied, larger ones split in two, *cube* half sides.
+    pub copy_below: f64,
+    /// No more splats than this.
+    pub max_splats: u32,
+}
+
+/// Opacity resets (BAEOGS §3.3).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Reset {
+    /// Iterations between resets.
+    pub every: u32,
+    /// Opacities are lowered to this.
+    pub opacity: f64,
+    /// Iterations for which the opacity loss rests.
+    pub opacity_loss_rests: u32,
+    /// Iterations for which growth and pruning rest.
+    pub growth_rests: u32,
+}
+
+/// A named, complete set of training choices.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Recipe {
+    /// Its name.
+    pub name: String,
+    /// Iterations; the other times are for this many and scale with it.
+    pub iterations: u32,
+    /// Iterations at half the images' resolution before the full one.
+    pub half_resolution_until: u32,
+    /// The carpet.
+    pub carpet: Carpet,
+    /// Step sizes.
+    pub rates: LearningRates,
+    /// What the loss weighs.
+    pub weights: LossWeights,
+    /// Iteration from which shadows and the virtual camera count (EOGS: 1000).
+    pub shadows_from: u32,
+    /// Largest shear of the virtual camera, half image sides per metre of altitude (EOGS: 0.01).
+    pub virtual_shear: f64,
+    /// Doubling.
+    pub growth: Growth,
+    /// Splats fainter than this are removed (BAEOGS: 0.0025).
+    pub prune_below: f64,
+    /// Resets; none if absent.
+    pub reset: Option<Reset>,
+}
+
+/// A recipe's *cube* lengths at a site, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SiteLengths {
+    /// Adam's step in position.
+    pub position_step_m: f64,
+    /// Largest scale that is left alone.
+    pub max_scale_m: f64,
+    /// Splats smaller than this are copied.
+    pub copy_below_m: f64,
+}
+
+impl Recipe {
+    /// Names of the recipes that come with the program, the default first.
+    pub const NAMES: [&'static str; 2] = ["best", "baeogs"];
+
+    /// A recipe by name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        let baeogs = Self {
+            name: "baeogs".into(),
+            iterations: 5000,
+            half_resolution_until: 0,
+            carpet: Carpet::Plane,
+            rates: LearningRates {
+                position: 0.000_16 * 2.22,
+                position_decay: 1.0,
+                log_scale: 0.005,
+                rotation: 0.001,
+                logit: 0.05,
+                f_dc: 0.0025,
+                appearance: 0.01,
+            },
+            weights: LossWeights {
+                opacity: 0.1,
+                consistency_altitude: 0.01,
+                consistency_color: 0.1,
+                shadow_entropy: 0.01,
+            },
+            shadows_from: 1000,
+            virtual_shear: 0.01,
+            growth: Growth {
+                from: 500,
+                until: 4000,
+                every: 100,
+                max_scale: 0.03,
+                max_radius: 0.15,
+                gradient: 0.0006,
+                copy_below: 0.01,
+                max_splats: 2_000_000,
+            },
+            prune_below: 0.0025,
+            reset: Some(Reset { every: 3000, opacity: 0.005, opacity_loss_rests: 200, growth_rests: 500 }),
+        };
+        match name {
+            "baeogs" => Some(baeogs),
+            "best" => Some(Self {
+                name: "best".into(),
+                carpet: Carpet::Ground,
+                half_resolution_until: 2000,
+                rates: LearningRates { position_decay: 0.1, ..baeogs.rates },
+                reset: None,
+                ..baeogs
+            }),
+            _ => None,
+        }
+    }
+
+    /// The same recipe with every time scaled to another number of iterations.
+    #[must_use]
+    pub fn with_iterations(&self, iterations: u32) -> Self {
+        let scale = |t: u32| (u64::from(t) * u64::from(iterations) / u64::from(self.iterations.max(1))) as u32;
+        let at_least_one = |t: u32| scale(t).max(1);
+        let growth = Growth {
+            from: scale(self.growth.from),
+            until: scale(self.growth.until),
+            every: at_least_one(self.growth.every),
+            ..self.growth
+        };
+        let reset = self.reset.map(|r| Reset {
+            every: at_least_one(r.every),
+            opacity_loss_rests: scale(r.opacity_loss_rests),
+            growth_rests: scale(r.growth_rests),
+            ..r
+        });
+        Self {
+            iterations,
+            half_resolution_until: scale(self.half_resolution_until),
+            shadows_from: scale(self.shadows_from),
+            growth,
+            reset,
+            ..self.clone()
+        }
+    }
+
+    /// The recipe's *cube* lengths where half the cube's side is `half_side_m` metres.
+    #[must_use]
+    pub fn site_lengths(&self, half_side_m: f64) -> SiteLengths {
+        SiteLengths {
+            position_step_m: self.rates.position * half_side_m,
+            max_scale_m: self.growth.max_scale * half_side_m,
+            copy_below_m: self.growth.copy_below * half_side_m,
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! Training: plans every iteration by the recipe and lets a backend run it.
+
+use super::backend::{Population, Snapshot, StepPlan, StepReport, TrainingBackend};
+use super::objective::LossWeights;
+use super::random::Draw;
+use super::recipe::Recipe;
+use crate::event::{Event, Sink};
+use serde::Serialize;
+
+const DRAW_ORDER: u64 = 10;
+const DRAW_BACKGROUND: u64 = 11;
+const DRAW_VIRTUAL: u64 = 12;
+
+/// One line of the training's log.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LogLine {
+    /// Iteration, from 1.
+    pub iteration: u32,
+    /// Loss.
+    pub loss: f64,
+    /// Mean absolute difference to the image.
+    pub l1: f64,
+    /// Mean SSIM with the image.
+    pub ssim: f64,
+    /// Mean opacity.
+    pub opacity: f64,
+    /// Altitude difference to the virtual view, metres.
+    pub consistency_altitude_m: f64,
+    /// Colour difference to the virtual view.
+    pub consistency_color: f64,
+    /// Entropy of the sunlight's shares, bits.
+    pub shadow_entropy: f64,
+    /// Splats.
+    pub splats: usize,
+    /// Splats doubled by this iteration's check.
+    pub grown: usize,
+    /// Splats removed by it.
+    pub pruned: usize,
+    /// Seconds since the start.
+    pub seconds: f64,
+}
+
+impl LogLine {
+    fn new(iteration: u32, report: &StepReport, seconds: f64) -> Self {
+        let l = &report.losses;
+        Self {
+            iteration,
+            loss: l.total,
+            l1: l.picture.l1,
+            ssim: l.picture.ssim,
+            opacity: l.opacity,
+            consistency_altitude_m: l.consistency_altitude,
+            consistency_color: l.consistency_color,
+            shadow_entropy: l.shadow_entropy,
+            splats: report.splats,
+            grown: report.change.grown,
+            pruned: report.change.pruned,
+            seconds,
+        }
+    }
+}
+
+/// Trains to the recipe's end.
+///
+/// `views` is the number of training views, `half_side_m` the half diagonal of the area.
+pub fn train(
+    backend: &mut dyn TrainingBackend,
+    recipe: &Recipe,
+    views: usize,
+    half_side_m: f64,
+    seed: u64,
+    events: Sink,
+) -> (Snapshot, Vec<LogLine>) {
+    let started = std::time::Instant::now();
+    let planner = Planner { recipe, views, half_side_m, seed };
+    let mut log = Vec::with_capacity(recipe.iterations as usize);
+    events(Event::Started { stage: "training", total: recipe.iterations.into() });
+    for iteration in 1..=recipe.iterations {
+        let report = backend.step(&planner.plan(iteration));
+        let line = LogLine::new(iteration, &report, started.elapsed().as_secs_f64());
+        log.push(line);
+        if iteration % 10 == 0 {
+            let status = format!("loss {:.4}, {} splats", line.loss, line.splats);
+            events(Event::Advanced { done: iteration.into(), status });
+        }
+    }
+    events(Event::Finished);
+    (backend.snapshot(), log)
+}
+
+struct Planner<'a> {
+    recipe: &'a Recipe,
+    views: usize,
+    half_side_m: f64,
+    seed: u64,
+}
+
+impl Planner<'_> {
+    fn plan(&self, iteration: u32) -> StepPlan {
+        let r = self.recipe;
+        let mut background = Draw::new(self.seed, DRAW_BACKGROUND, iteration.into(), 0);
+        let past_reset = r.reset.and_then(|reset| {
+            let since = iteration % reset.every;
+            (iteration > reset.every).then_some((reset, since))
+        });
+        let rests = |span: fn(&super::recipe::Reset) -> u32| past_reset.is_some_and(|(r, s)| s < span(&r));
+        let weights = LossWeights {
+            opacity: if rests(|r| r.opacity_loss_rests) { 0.0 } else { r.weights.opacity },
+            ..r.weights
+        };
+        let shadows = iteration > r.shadows_from;
+        StepPlan {
+            iteration,
+            view: self.view(iteration),
+            level: usize::from(iteration <= r.half_resolution_until),
+            shadows,
+            virtual_shear: shadows.then(|| self.virtual_shear(iteration)),
+            background: std::array::from_fn(|_| background.uniform() as f32),
+            weights,
+            rates: self.rates(iteration),
+            population: self.population(iteration, rests(|r| r.growth_rests)),
+        }
+    }
+
+    /// Views in random order without replacement, round after round.
+    fn view(&self, iteration: u32) -> usize {
+        let (round, turn) = ((iteration - 1) as usize / self.views, (iteration - 1) as usize % self.views);
+        let mut order: Vec<usize> = (0..self.views).collect();
+        let mut draw = Draw::new(self.seed, DRAW_ORDER, round as u64, 0);
+        for i in (1..self.views).rev() {
+            order.swap(i, draw.below(i + 1));
+        }
+        order[turn]
+    }
+
+    fn virtual_shear(&self, iteration: u32) -> [f64; 2] {
+        let mut draw = Draw::new(self.seed, DRAW_VIRTUAL, iteration.into(), 0);
+        std::array::from_fn(|_| self.recipe.virtual_shear * draw.normal().clamp(-1.0, 1.0))
+    }
+
+    fn rates(&self, iteration: u32) -> [f64; 6] {
+        let r = &self.recipe.rates;
+        let progress = f64::from(iteration) / f64::from(self.recipe.iterations);
+        let position = self.recipe.site_lengths(self.half_side_m).position_step_m;
+        [position * r.position_decay.powf(progress), r.log_scale, r.rotation, r.logit, r.f_dc, r.appearance]
+    }
+
+    fn population(&self, iteration: u32, rests: bool) -> Population {
+        let r = self.recipe;
+        let due = iteration % r.growth.every == 0 && !rests;
+        let grows = due && (r.growth.from..=r.growth.until).contains(&iteration);
+        let resets = r.reset.filter(|reset| iteration % reset.every == 0 && iteration < r.iterations);
+        Population {
+            grow: grows.then(|| (r.growth, r.site_lengths(self.half_side_m))),
+            prune_below: due.then_some(r.prune_below),
+            reset_opacity: resets.map(|reset| reset.opacity),
+            seed: self.seed,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_view_has_its_turn_in_every_round() {
+        let recipe = Recipe::named("baeogs").unwrap();
+        let planner = Planner { recipe: &recipe, views: 7, half_side_m: 100.0, seed: 1 };
+        for round in 0..20 {
+            let mut seen: Vec<usize> = (1..=7).map(|i| planner.plan(round * 7 + i).view).collect();
+            seen.sort_unstable();
+            assert_eq!(seen, [0, 1, 2, 3, 4, 5, 6]);
+        }
+    }
+
+    #[test]
+    fn the_schedule_is_the_papers() {
+        let recipe = Recipe::named("baeogs").unwrap();
+        let planner = Planner { recipe: &recipe, views: 7, half_side_m: 226.0, seed: 1 };
+        let grows = |i| planner.plan(i).population.grow.is_some();
+        assert!(!grows(400) && grows(500) && !grows(550) && grows(3000) && !grows(3100));
+        assert!(grows(3500) && grows(4000) && !grows(4100));
+        assert!(planner.plan(3000).population.reset_opacity.is_some());
+        assert!(planner.plan(3100).weights.opacity == 0.0 && planner.plan(3300).weights.opacity > 0.0);
+        assert!(!planner.plan(1000).shadows && planner.plan(1001).shadows);
+        assert!((planner.plan(1).rates[0] - 0.080).abs() < 1e-3);
+    }
+}
