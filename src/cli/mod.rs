@@ -86,7 +86,10 @@ pub fn main() -> std::process::ExitCode {
         Command::Run(args) => run::run(args, &ui),
     });
     match result {
-        Ok(()) => std::process::ExitCode::SUCCESS,
+        Ok(()) => {
+            ui.finish_json();
+            std::process::ExitCode::SUCCESS
+        }
         Err(failure) => {
             ui.report(&failure);
             std::process::ExitCode::from(failure.exit_code)

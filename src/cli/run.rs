@@ -1,12 +1,36 @@
-//! `satgs run`.
+//! `satgs run`: every stage in a row.
 
-use super::{Failure, Ui};
+use super::{Failure, Ui, ba, dsm, dsm_eval, train};
+use std::path::PathBuf;
 
-/// (to be written)
-#[derive(clap::Args)]
-pub struct Args {}
+/// Everything in a row: adjust, train, render, and score if there is a truth
+///
+/// What RUN already holds of the same input and options is kept, so that an interrupted run goes on where it was.
+#[derive(clap::Args, Clone, Debug)]
+pub struct Args {
+    #[command(flatten)]
+    ba: ba::Args,
+    #[command(flatten)]
+    training: train::Options,
+    #[command(flatten)]
+    surface: dsm::Options,
+    /// Score dsm.tif against this surface model (any GDAL raster, or DFC2019's .tif with its .txt)
+    #[arg(long, value_name = "DSM")]
+    truth: Option<PathBuf>,
+}
 
 /// Runs the command.
-pub fn run(_args: &Args, _ui: &Ui) -> Result<(), Failure> {
-    Err(Failure::input("not there yet", "soon"))
+pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
+    if let Some(truth) = args.truth.as_ref().filter(|t| !t.exists()) {
+        let message = format!("truth `{}` does not exist", truth.display());
+        return Err(Failure::input(message, "--truth takes a raster; without it nothing is scored"));
+    }
+    let (run, overwrite) = (args.ba.output(), args.ba.overwrite());
+    ba::run(&args.ba, ui)?;
+    train::train_run(run, &args.training, overwrite, ui)?;
+    dsm::render_run(run, &args.surface, overwrite, ui)?;
+    if let Some(truth) = &args.truth {
+        dsm_eval::evaluate(&run.join("dsm.tif"), truth, Some(&run.join("eval")), ui)?;
+    }
+    Ok(())
 }

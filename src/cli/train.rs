@@ -1,12 +1,177 @@
-//! `satgs train`.
+//! `satgs train`: affine cameras, splats from the sparse points, training.
 
+use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui};
+use crate::bundle::Adjustment;
+use crate::raster::{RasterError, write_atomically};
+use crate::scene::Scene;
+use crate::splat::appearance::Appearance;
+use crate::splat::cpu::CpuBackend;
+use crate::splat::recipe::Recipe;
+use crate::splat::setup::Setup;
+use crate::splat::train::{LogLine, train};
+use crate::splat::{init, ply};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
 
-/// (to be written)
-#[derive(clap::Args)]
-pub struct Args {}
+/// Train Gaussian splats on an adjusted run: RUN/splats.ply, RUN/cameras.json
+///
+/// Fits affine cameras to the RPCs that `satgs ba` corrected, starts splats at its sparse points with a carpet on
+/// the ground below them, and trains them on the images with cast shadows. Views without a sun train without
+/// shadows.
+#[derive(clap::Args, Clone, Debug)]
+pub struct Args {
+    /// Folder that `satgs ba -o RUN` made
+    run: PathBuf,
+    #[command(flatten)]
+    options: Options,
+    /// Train anew even if RUN holds splats of other input or options
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// How to train.
+#[derive(clap::Args, Clone, Debug)]
+pub struct Options {
+    /// Training choices: `best` (the default), or `baeogs` as the paper has it
+    #[arg(long, default_value = Recipe::NAMES[0], value_parser = Recipe::NAMES, value_name = "NAME")]
+    recipe: String,
+    /// Iterations; the whole schedule scales with them [default: the recipe's 5000]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    iterations: Option<u32>,
+    /// Seed of every random choice; the same seed gives the same bytes
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+}
+
+/// `RUN/cameras.json`.
+#[derive(Serialize, Deserialize)]
+pub struct TrainedCameras {
+    /// Site, area, cameras.
+    #[serde(flatten)]
+    pub setup: Setup,
+    /// Name and radiometry of every training view.
+    pub appearances: Vec<(String, Appearance)>,
+    /// What was trained by.
+    pub recipe: Recipe,
+}
+
+impl TrainedCameras {
+    /// Reads a run's cameras.
+    pub fn read(run: &Path) -> Result<Self, Failure> {
+        read_json(&run.join("cameras.json"), "`satgs train RUN` makes it")
+    }
+}
 
 /// Runs the command.
-pub fn run(_args: &Args, _ui: &Ui) -> Result<(), Failure> {
-    Err(Failure::input("not there yet", "soon"))
+pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
+    train_run(&args.run, &args.options, args.overwrite, ui)
+}
+
+/// Trains a run folder, unless it is trained already.
+pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Result<(), Failure> {
+    let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
+    let unknown = || Failure::input(format!("unknown recipe `{}`", options.recipe), "see `satgs train --help`");
+    let mut recipe = Recipe::named(&options.recipe).ok_or_else(unknown)?;
+    if let Some(iterations) = options.iterations {
+        recipe = recipe.with_iterations(iterations);
+    }
+    let stage = Stage::new(run, "train", fingerprint(run, &recipe, options.seed));
+    if stage.is_done(overwrite)? {
+        ui.note(&format!("`{}` is trained already", run.display()));
+        return Ok(());
+    }
+    let adjustment = Adjustment::read(&run.join("ba"))?;
+    let rpcs: Vec<_> = adjustment.cameras_of(&scene)?;
+    let points: Vec<_> = adjustment.points.iter().map(|p| p.position).collect();
+    let setup = Setup::new(&scene, &rpcs, &points)?;
+    for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
+        tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);
+    }
+    let views = setup.training_views(&scene)?;
+    if views.is_empty() {
+        return Err(crate::splat::setup::SetupError::NoViews.into());
+    }
+    let names: Vec<String> = views.iter().map(|v| v.name.clone()).collect();
+    let start = init::start(&setup.sparse(&points), setup.area, recipe.carpet, options.seed);
+    let at_start = start.len();
+    let mut backend = CpuBackend::new(start, views, setup.altitudes);
+    let half_side = setup.half_side_m();
+    let (made, log) =
+        train(&mut backend, &recipe, names.len(), half_side, options.seed, &|e| ui.show(e));
+
+    ply::write(&run.join("splats.ply"), &made.splats, &setup.site)?;
+    write_log(&run.join("train").join("train.csv"), &log)?;
+    let worst = setup.views.iter().map(|v| v.max_px).fold(0.0, f64::max);
+    let rms = mean(setup.views.iter().map(|v| v.rms_px));
+    let cameras = TrainedCameras {
+        setup,
+        appearances: names.into_iter().zip(made.appearances).collect(),
+        recipe,
+    };
+    write_json(&run.join("cameras.json"), &cameras)?;
+    stage.complete()?;
+
+    let seconds = log.last().map_or(0.0, |l| l.seconds);
+    let tail = &log[log.len().saturating_sub(cameras.appearances.len())..];
+    let (l1, ssim) = (mean(tail.iter().map(|l| l.l1)), mean(tail.iter().map(|l| l.ssim)));
+    let splats = made.splats.len();
+    let text = format!(
+        "trained {} iterations in {seconds:.0} s: {at_start} splats at the start, {splats} at the end\n\
+         affine cameras: {rms:.3} px RMS, {worst:.3} px at most\n\
+         pictures: L1 {l1:.4}, SSIM {ssim:.3}\n\
+         {}",
+        cameras.recipe.iterations,
+        run.join("splats.ply").display()
+    );
+    let json = serde_json::json!({
+        "iterations": cameras.recipe.iterations, "seconds": seconds, "splats_start": at_start, "splats": splats,
+        "affine_rms_px": rms, "affine_max_px": worst, "l1": l1, "ssim": ssim,
+    });
+    ui.summary("train", &text, json);
+    Ok(())
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, n) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+    sum / f64::max(n, 1.0)
+}
+
+fn fingerprint(run: &Path, recipe: &Recipe, seed: u64) -> Fingerprint {
+    let recipe_text = serde_json::to_string(recipe).unwrap_or_default();
+    Fingerprint::from([
+        ("scene".into(), hash_file(&run.join("scene.json"))),
+        ("adjustment".into(), hash_file(&run.join("ba").join("stage.json"))),
+        ("recipe".into(), format!("{} {}", recipe.name, hash(recipe_text.as_bytes()))),
+        ("iterations".into(), recipe.iterations.to_string()),
+        ("seed".into(), seed.to_string()),
+    ])
+}
+
+fn write_log(path: &Path, log: &[LogLine]) -> Result<(), Failure> {
+    let failed = |reason: String| RasterError::Write { path: path.into(), reason };
+    write_atomically(path, |t| {
+        let mut writer = csv::Writer::from_path(t).map_err(|e| failed(e.to_string()))?;
+        for line in log {
+            writer.serialize(line).map_err(|e| failed(e.to_string()))?;
+        }
+        writer.flush().map_err(|e| failed(e.to_string()))
+    })?;
+    Ok(())
+}
+
+/// Reads a JSON file of the run folder; `made_by` is the hint when it is absent.
+pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path, made_by: &str) -> Result<T, Failure> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Failure::input(format!("`{}` cannot be read: {e}", path.display()), made_by))?;
+    serde_json::from_str(&text)
+        .map_err(|e| Failure::input(format!("`{}` is damaged: {e}", path.display()), made_by))
+}
+
+/// Writes a JSON file of the run folder.
+pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), Failure> {
+    let failed = |reason: String| RasterError::Write { path: path.into(), reason };
+    let text = serde_json::to_string_pretty(value).map_err(|e| failed(e.to_string()))?;
+    write_atomically(path, |t| std::fs::write(t, &text).map_err(|e| failed(e.to_string())))?;
+    Ok(())
 }

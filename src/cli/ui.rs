@@ -13,6 +13,7 @@ const LINE_EVERY: Duration = Duration::from_secs(60);
 /// The user's side of a command.
 pub struct Ui {
     common: Common,
+    summaries: RefCell<serde_json::Map<String, serde_json::Value>>,
     stage: RefCell<Option<Stage>>,
 }
 
@@ -27,7 +28,7 @@ impl Ui {
     /// From the options every command has.
     #[must_use]
     pub fn new(common: &Common) -> Self {
-        Self { common: common.clone(), stage: RefCell::new(None) }
+        Self { common: common.clone(), summaries: RefCell::default(), stage: RefCell::new(None) }
     }
 
     /// Starts logging and the thread pool.
@@ -80,14 +81,26 @@ impl Ui {
         }
     }
 
-    /// Prints a command's result: `json` with `--json`, else `text`.
-    pub fn summary(&self, text: &str, json: &serde_json::Value) {
-        let out = if self.common.json { json.to_string() } else { text.to_owned() };
-        if self.common.quiet && !self.common.json {
-            return;
+    /// Says something in passing.
+    pub fn note(&self, text: &str) {
+        self.show(Event::Note(text.into()));
+    }
+
+    /// A stage's result: `text` is printed now; with `--json`, `json` at the end.
+    pub fn summary(&self, stage: &str, text: &str, json: serde_json::Value) {
+        if !self.common.json && !self.common.quiet {
+            print_out(text);
         }
-        // A closed pipe (`| head`) is the reader's choice, not an error.
-        let _ = writeln!(std::io::stdout(), "{}", out.trim_end());
+        self.summaries.borrow_mut().insert(stage.into(), json);
+    }
+
+    /// With `--json`, prints the one stage's summary, or all stages' by name.
+    pub(super) fn finish_json(&self) {
+        let summaries = std::mem::take(&mut *self.summaries.borrow_mut());
+        if self.common.json {
+            let only = (summaries.len() == 1).then(|| summaries.values().next().cloned()).flatten();
+            print_out(&only.unwrap_or(serde_json::Value::Object(summaries)).to_string());
+        }
     }
 
     pub(super) fn report(&self, failure: &Failure) {
@@ -145,4 +158,9 @@ impl Ui {
             }
         }
     }
+}
+
+/// A closed pipe (`| head`) is the reader's choice, not an error.
+fn print_out(text: &str) {
+    let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
 }

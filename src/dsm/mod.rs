@@ -1,1 +1,165 @@
-//! From splats to georeferenced rasters.
+//! From splats to georeferenced rasters: a surface model and an orthophoto on a map grid.
+//!
+//! The camera looks straight down and its pixels are the grid's cells: no point cloud, no resampling. A cell's
+//! height is the weighted mean of the splats' altitudes, weights summing to one; cells through which most light
+//! passes are nodata.
+
+use crate::affine::AffineCamera;
+use crate::frame::SiteGrid;
+use crate::raster::{Cog, MapGrid, Plane, RasterError};
+use crate::splat::appearance::Appearance;
+use crate::splat::gaussians::{Gaussians, SH_C0};
+use crate::splat::raster::{FrameCamera, Prepared, Rasterizer};
+use std::path::Path;
+
+/// Transmittance above which a cell counts as not seen.
+const UNSEEN: f32 = 0.5;
+
+/// What a look straight down gives.
+pub struct Surface {
+    /// The grid.
+    pub grid: MapGrid,
+    /// Ellipsoidal heights in metres; NaN where nothing was seen.
+    pub height: Plane,
+    /// Colours in the reference view's radiometry, sunlit, 0 to 1; NaN where nothing was seen.
+    pub colors: [Plane; 3],
+}
+
+/// The camera that looks straight down on a grid.
+#[must_use]
+pub fn nadir_camera(grid: &MapGrid, site: &SiteGrid) -> AffineCamera {
+    let scale = grid.cell.recip();
+    let [east, north, _] = site.origin.xyz();
+    AffineCamera {
+        linear: [[scale, 0.0, 0.0], [0.0, -scale, 0.0]],
+        offset: [(east - grid.west) * scale - 0.5, (grid.north - north) * scale - 0.5],
+    }
+}
+
+/// Renders splats on a grid.
+#[must_use]
+pub fn render(splats: &Gaussians, site: &SiteGrid, grid: MapGrid, reference: &Appearance) -> Surface {
+    let mut prepared = Prepared::default();
+    prepared.update(splats);
+    let color = |v: f32| v * SH_C0 as f32 + 0.5;
+    let of = |&i: &u32| {
+        let f = splats.f_dc[i as usize];
+        [color(f[0]), color(f[1]), color(f[2]), splats.position[i as usize][2]]
+    };
+    let features: Vec<[f32; 4]> = prepared.order().iter().map(of).collect();
+    let camera = FrameCamera::new(&nadir_camera(&grid, site), grid.width, grid.height);
+    let mut rasterizer = Rasterizer::<f32, 4>::default();
+    let image = rasterizer.render(&prepared, &features, &camera, [0.0; 4]);
+
+    let origin = site.origin.z() as f32;
+    let channel = |c: usize| image.plane(c);
+    let transmittance = channel(4);
+    let seen = |value: f32, t: f32| if t > UNSEEN { f32::NAN } else { value / (1.0 - t) };
+    let normalised = |c: usize| {
+        let mut plane = channel(c);
+        for (v, t) in plane.data.iter_mut().zip(&transmittance.data) {
+            *v = seen(*v, *t);
+        }
+        plane
+    };
+    let mut height = normalised(3);
+    height.data.iter_mut().for_each(|z| *z += origin);
+    let mut colors = [normalised(0), normalised(1), normalised(2)];
+    for i in 0..height.data.len() {
+        let lit = reference.sunlit([colors[0].data[i], colors[1].data[i], colors[2].data[i]]);
+        for (plane, v) in colors.iter_mut().zip(lit) {
+            plane.data[i] = v;
+        }
+    }
+    Surface { grid, height, colors }
+}
+
+impl Surface {
+    /// Writes the heights as a Cloud-Optimized GeoTIFF: float32, metres, NaN nodata.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`].
+    pub fn write_dsm(&self, path: &Path) -> Result<(), RasterError> {
+        self.cog(&[("VERTICAL_REFERENCE", "WGS 84 ellipsoid".into())]).write_f32(path, &[&self.height], "m")
+    }
+
+    /// Writes the colours as an 8-bit Cloud-Optimized GeoTIFF; 0 is nodata.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`].
+    pub fn write_ortho(&self, path: &Path) -> Result<(), RasterError> {
+        let byte = |v: &f32| if v.is_nan() { 0 } else { (v.clamp(0.0, 1.0) * 254.0).round() as u8 + 1 };
+        let bands = self.colors.iter().map(|p| p.data.iter().map(byte).collect()).collect();
+        self.cog(&[]).write_u8(path, bands, Some(0.0))
+    }
+
+    fn cog<'a>(&self, metadata: &'a [(&'a str, String)]) -> Cog<'a> {
+        Cog { grid: self.grid, metadata }
+    }
+}
+
+/// Relief lit from the north-west, 0 to 255; nodata is white.
+#[must_use]
+pub fn hillshade(height: &Plane, cell_m: f64) -> Vec<u8> {
+    // Unit vector towards a light at azimuth 315°, elevation 45°, the cartographers' convention.
+    let light = [-0.5f32, 0.5, std::f32::consts::FRAC_1_SQRT_2];
+    let cell = cell_m as f32;
+    let at = |c: i64, r: i64| {
+        height.get(c.clamp(0, height.width as i64 - 1), r.clamp(0, height.height as i64 - 1))
+    };
+    let mut out = Vec::with_capacity(height.data.len());
+    for row in 0..height.height as i64 {
+        for col in 0..height.width as i64 {
+            let east = (at(col + 1, row) - at(col - 1, row)) / (2.0 * cell);
+            let north = (at(col, row - 1) - at(col, row + 1)) / (2.0 * cell);
+            let shade = (light[2] - light[0] * east - light[1] * north)
+                / (1.0 + east * east + north * north).sqrt();
+            out.push(if shade.is_nan() { 255 } else { (shade.clamp(0.0, 1.0) * 254.0) as u8 });
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Point;
+
+    /// A plane of splats, tilted; heights must come out at the cells' centres.
+    #[test]
+    fn a_tilted_plane_keeps_its_heights_and_its_place() {
+        let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.25, 3_357_600.75, 10.0) };
+        let grid =
+            MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width: 41, height: 37 };
+        let mut g = Gaussians::default();
+        for i in -80..=80 {
+            for j in -80..=80 {
+                let (x, y) = (i as f32 * 0.25, j as f32 * 0.25);
+                g.push([x, y, 0.2 * x - 0.1 * y], 0.15, 0.95, [0.2, 0.4, 0.6]);
+            }
+        }
+        let surface = render(&g, &site, grid, &Appearance::default());
+        for row in 3..34 {
+            for col in 3..38 {
+                let p = site.site_from_utm(grid.cell_center(col, row)).xyz();
+                let expected = 10.0 + 0.2 * p[0] - 0.1 * p[1];
+                let got = f64::from(surface.height.at(col, row));
+                // Higher neighbours hide lower ones, so a slope is seen a little high.
+                assert!((got - expected).abs() < 0.06, "{col} {row}: {got} {expected}");
+            }
+        }
+        assert!((surface.colors[2].at(20, 20) - 0.6).abs() < 1e-3);
+    }
+
+    #[test]
+    fn cells_without_splats_are_nodata() {
+        let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
+        let grid =
+            MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width: 40, height: 40 };
+        let mut g = Gaussians::default();
+        g.push([0.0, 0.0, 5.0], 0.5, 0.9, [0.5; 3]);
+        let surface = render(&g, &site, grid, &Appearance::default());
+        assert!(surface.height.at(0, 0).is_nan());
+        assert!((surface.height.at(20, 20) - 15.0).abs() < 0.1);
+    }
+}

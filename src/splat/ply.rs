@@ -1,0 +1,168 @@
+//! Splat files: the usual 3DGS PLY, which splat viewers open, with its place on Earth beside it.
+
+use super::gaussians::Gaussians;
+use crate::frame::SiteGrid;
+use crate::raster::{RasterError, write_atomically};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Properties of a vertex, all float32, in the order 3DGS writes them (spherical harmonics of degree 0).
+const PROPERTIES: [&str; 17] = [
+    "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
+    "rot_0", "rot_1", "rot_2", "rot_3",
+];
+
+/// Why a splat file could not be read.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum PlyError {
+    /// The system does not give it.
+    #[error("`{path}` cannot be read: {reason}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's words.
+        reason: String,
+    },
+    /// It is no splat file of ours.
+    #[error("`{path}` is no splat file: {reason}")]
+    #[diagnostic(help("expected a binary little-endian PLY of float32 3DGS properties"))]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+/// Writes splats and, as `NAME.georef.json` beside them, where they stand on Earth.
+///
+/// # Errors
+/// [`RasterError::Write`].
+pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), RasterError> {
+    let [east, north, height] = site.origin.xyz();
+    let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
+    let _ = writeln!(
+        header,
+        "comment satgs site frame: metres east, north, up of EPSG:{} {east} {north}, ellipsoidal height {height}",
+        site.epsg
+    );
+    let _ = writeln!(header, "element vertex {}", splats.len());
+    for p in PROPERTIES {
+        let _ = writeln!(header, "property float {p}");
+    }
+    header.push_str("end_header\n");
+    let mut bytes = header.into_bytes();
+    bytes.reserve(splats.len() * PROPERTIES.len() * 4);
+    for i in 0..splats.len() {
+        let normal = [0.0f32; 3];
+        let values = splats.position[i]
+            .iter()
+            .chain(&normal)
+            .chain(&splats.f_dc[i])
+            .chain(std::slice::from_ref(&splats.logit[i]))
+            .chain(&splats.log_scale[i])
+            .chain(&splats.rotation[i]);
+        for v in values {
+            bytes.extend_from_slice(&v.to_le_bytes());
+        }
+    }
+    let save = |path: &Path, bytes: &[u8]| {
+        write_atomically(path, |t| {
+            std::fs::write(t, bytes)
+                .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+        })
+    };
+    save(path, &bytes)?;
+    let georef = serde_json::json!({
+        "epsg": site.epsg,
+        "origin": { "easting_m": east, "northing_m": north, "height_m": height },
+        "axes": ["east", "north", "up"],
+        "unit": "m",
+        "vertical_reference": "WGS 84 ellipsoid",
+        "grid_convergence_deg": site.convergence_deg(),
+    });
+    save(&path.with_extension("georef.json"), format!("{georef:#}\n").as_bytes())
+}
+
+/// Reads splats that [`write()`] or another 3DGS program wrote; properties that satgs does not use are skipped.
+///
+/// # Errors
+/// [`PlyError`].
+pub fn read(path: &Path) -> Result<Gaussians, PlyError> {
+    let bytes =
+        std::fs::read(path).map_err(|e| PlyError::Io { path: path.into(), reason: e.to_string() })?;
+    let refused = |reason: &str| PlyError::Format { path: path.into(), reason: reason.into() };
+    const END: &[u8] = b"end_header\n";
+    let end = bytes.windows(END.len()).position(|w| w == END).ok_or_else(|| refused("it has no header"))?;
+    let header = std::str::from_utf8(&bytes[..end]).map_err(|_| refused("its header is no text"))?;
+    if !header.contains("format binary_little_endian 1.0") {
+        return Err(refused("it is not binary little-endian"));
+    }
+    let mut count = None;
+    let mut properties = Vec::new();
+    for line in header.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words.as_slice() {
+            ["element", "vertex", n] => count = n.parse::<usize>().ok(),
+            ["element", ..] if count.is_some() => break,
+            ["property", "float" | "float32", name] => properties.push((*name).to_owned()),
+            ["property", ..] => return Err(refused("a vertex property is not a float")),
+            _ => {}
+        }
+    }
+    let count = count.ok_or_else(|| refused("it has no vertices"))?;
+    let stride = 4 * properties.len();
+    let body = &bytes[end + END.len()..];
+    if count.checked_mul(stride).is_none_or(|need| need > body.len()) {
+        return Err(refused(&format!("its header promises {count} vertices, the file ends before")));
+    }
+    let at = |name: &str| {
+        let place = properties.iter().position(|p| p == name);
+        place.map(|p| 4 * p).ok_or_else(|| refused(&format!("property `{name}` is missing")))
+    };
+    let offsets = PROPERTIES.iter().map(|p| if p.starts_with('n') { Ok(0) } else { at(p) });
+    let offsets: Vec<usize> = offsets.collect::<Result<_, _>>()?;
+    let mut out = Gaussians::default();
+    for vertex in body.chunks_exact(stride).take(count) {
+        let v = |k: usize| {
+            let o = offsets[k];
+            f32::from_le_bytes([vertex[o], vertex[o + 1], vertex[o + 2], vertex[o + 3]])
+        };
+        out.position.push([v(0), v(1), v(2)]);
+        out.f_dc.push([v(6), v(7), v(8)]);
+        out.logit.push(v(9));
+        out.log_scale.push([v(10), v(11), v(12)]);
+        out.rotation.push([v(13), v(14), v(15), v(16)]);
+    }
+    if out.groups().iter().any(|g| g.iter().any(|v| !v.is_finite())) {
+        return Err(refused("a splat is not finite"));
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Point;
+
+    #[test]
+    fn what_is_written_is_read_back_and_a_cut_file_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("splats.ply");
+        let mut g = Gaussians::default();
+        for i in 0..50 {
+            let v = i as f32;
+            g.push([v, -v, 0.5 * v], 0.1 + v, 0.3, [0.1, 0.2, v / 50.0]);
+        }
+        let site = SiteGrid { epsg: 32617, origin: Point::new(436_211.9, 3_357_611.8, -20.0) };
+        write(&path, &g, &site).unwrap();
+        assert_eq!(read(&path).unwrap(), g);
+        assert!(dir.path().join("splats.georef.json").exists());
+        let bytes = std::fs::read(&path).unwrap();
+        for part in 0..100 {
+            std::fs::write(&path, &bytes[..bytes.len() * part / 100]).unwrap();
+            assert!(matches!(read(&path), Err(PlyError::Format { .. })));
+        }
+    }
+}

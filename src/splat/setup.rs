@@ -1,0 +1,209 @@
+//! From adjusted cameras and sparse points to what training needs: the site, its area and heights, affine cameras.
+
+use super::init::{SiteBox, quantile};
+use super::views::TrainingView;
+use crate::affine::{AffineCamera, FitError, fit, sun_direction};
+use crate::frame::{FrameError, Geodetic, Point, Site, SiteGrid};
+use crate::raster::RasterError;
+use crate::rpc::Rpc;
+use crate::scene::{Role, Scene, default_aoi};
+use serde::{Deserialize, Serialize};
+
+/// Shares of the sparse points below and above the heights that are trained in, and the margins around them.
+const HEIGHT_SHARES: (f64, f64) = (0.005, 0.995);
+const MARGIN_BELOW_M: f64 = 5.0;
+const MARGIN_ABOVE_M: f64 = 15.0;
+/// Views and suns lower than this are refused: their shears have no end.
+const LOWEST_ELEVATION_DEG: f64 = 15.0;
+
+/// Why training cannot be set up.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum SetupError {
+    /// Adjustment left too few points.
+    #[error("{found} sparse points are too few to train from (at least {needed})")]
+    #[diagnostic(help("`satgs ba` reports what was matched"))]
+    FewPoints {
+        /// Points there are.
+        found: usize,
+        /// Points it takes.
+        needed: usize,
+    },
+    /// No ground is seen often enough.
+    #[error("no ground is seen by enough views")]
+    #[diagnostic(help("`satgs info` shows the footprints"))]
+    NoCommonGround,
+    /// No view may be trained on.
+    #[error("no training view is left")]
+    #[diagnostic(help("`test.txt` holds views back, `train.txt` lists those to train on"))]
+    NoViews,
+    /// A view looks too flatly.
+    #[error("view `{view}` looks from {elevation_deg:.1}° above the horizon, at least {LOWEST_ELEVATION_DEG}° are needed")]
+    LowView {
+        /// The view.
+        view: String,
+        /// Its elevation.
+        elevation_deg: f64,
+    },
+    /// A view's RPC has no affine stand-in.
+    #[error("view `{view}`")]
+    Fit {
+        /// The view.
+        view: String,
+        /// Why.
+        #[source]
+        source: FitError,
+    },
+    /// No map zone.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Frame(#[from] FrameError),
+    /// An image cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Raster(#[from] RasterError),
+}
+
+/// A view's camera in the site frame.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct FittedView {
+    /// Its name.
+    pub name: String,
+    /// Training or test.
+    pub role: Role,
+    /// Columns and rows of its image.
+    pub size: (usize, usize),
+    /// The camera.
+    pub camera: AffineCamera,
+    /// Root mean square distance to the RPC, pixels.
+    pub rms_px: f64,
+    /// Largest distance to the RPC, pixels.
+    pub max_px: f64,
+    /// Shear towards the sun, pixels per metre; none without a usable sun.
+    pub sun_shear: Option<[f64; 2]>,
+}
+
+/// Where training takes place.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Setup {
+    /// The site.
+    pub site: SiteGrid,
+    /// The area, site metres: west, south, east, north.
+    pub area: SiteBox,
+    /// Lowest and highest altitude, metres above the site's origin.
+    pub altitudes: (f64, f64),
+    /// All views.
+    pub views: Vec<FittedView>,
+    /// Index of the view whose colours the orthophoto takes.
+    pub reference: usize,
+}
+
+/// Sparse points fewer than this start nothing.
+const FEWEST_POINTS: usize = 50;
+
+impl Setup {
+    /// Lays out the site of a scene whose views have the cameras `rpcs` (in the views' order).
+    ///
+    /// # Errors
+    /// [`SetupError`].
+    pub fn new(scene: &Scene, rpcs: &[Rpc], sparse: &[Point<Geodetic>]) -> Result<Self, SetupError> {
+        let (found, needed) = (sparse.len(), FEWEST_POINTS);
+        if found < needed {
+            return Err(SetupError::FewPoints { found, needed });
+        }
+        let heights = || sparse.iter().map(|p| p.height_m()).collect::<Vec<_>>();
+        let too_few = || SetupError::FewPoints { found, needed };
+        let median = quantile(heights(), 0.5).ok_or_else(too_few)?;
+        let low = quantile(heights(), HEIGHT_SHARES.0).ok_or_else(too_few)? - MARGIN_BELOW_M;
+        let high = quantile(heights(), HEIGHT_SHARES.1).ok_or_else(too_few)? + MARGIN_ABOVE_M;
+
+        let provisional = SiteGrid::at(scene.center().ok_or(SetupError::NoCommonGround)?.at_height(median))?;
+        let footprints: Vec<_> =
+            scene.views.iter().zip(rpcs).map(|(v, rpc)| (rpc, v.width, v.height)).collect();
+        let (west, south, east, north) =
+            default_aoi(&footprints, &provisional, median).ok_or(SetupError::NoCommonGround)?;
+        // A whole-metre origin keeps the site readable.
+        let origin = Point::new((0.5 * (west + east)).round(), (0.5 * (south + north)).round(), median);
+        let site = SiteGrid { epsg: provisional.epsg, origin };
+        let area = (west - origin.x(), south - origin.y(), east - origin.x(), north - origin.y());
+
+        let views = scene
+            .views
+            .iter()
+            .zip(rpcs)
+            .map(|(view, rpc)| {
+                let elevation_deg = view.direction_deg(median).map_or(0.0, |(_, off_nadir)| 90.0 - off_nadir);
+                if elevation_deg < LOWEST_ELEVATION_DEG {
+                    return Err(SetupError::LowView { view: view.name.clone(), elevation_deg });
+                }
+                let f = fit(rpc, (view.width, view.height), (low, high), &site)
+                    .map_err(|source| SetupError::Fit { view: view.name.clone(), source })?;
+                let sun = view.sun.filter(|s| s.elevation_deg >= LOWEST_ELEVATION_DEG);
+                Ok(FittedView {
+                    name: view.name.clone(),
+                    role: view.role,
+                    size: (view.width, view.height),
+                    camera: f.camera,
+                    rms_px: f.rms_px,
+                    max_px: f.max_px,
+                    sun_shear: sun.map(|s| f.camera.shear_towards(sun_direction(s, &site))),
+                })
+            })
+            .collect::<Result<Vec<_>, SetupError>>()?;
+        let reference = reference_view(scene, median).ok_or(SetupError::NoViews)?;
+        Ok(Self { site, area, altitudes: (low - median, high - median), views, reference })
+    }
+
+    /// Sparse points in the site frame, those within the altitudes.
+    #[must_use]
+    pub fn sparse(&self, points: &[Point<Geodetic>]) -> Vec<Point<Site>> {
+        let all = points.iter().map(|p| self.site.site_from_geodetic(*p));
+        let (west, south, east, north) = self.area;
+        all.filter(|p| {
+            (west..=east).contains(&p.x())
+                && (south..=north).contains(&p.y())
+                && (self.altitudes.0..=self.altitudes.1).contains(&p.z())
+        })
+        .collect()
+    }
+
+    /// Reads the training views' pixels.
+    ///
+    /// # Errors
+    /// [`SetupError::Raster`].
+    pub fn training_views(&self, scene: &Scene) -> Result<Vec<TrainingView>, SetupError> {
+        let pairs = self.views.iter().zip(&scene.views).filter(|(f, _)| f.role == Role::Train);
+        pairs
+            .map(|(f, view)| {
+                let planes = view.read_colors()?;
+                Ok(TrainingView::new(f.name.clone(), f.camera, f.sun_shear, &planes, self.area))
+            })
+            .collect()
+    }
+
+    /// Half the diagonal of the area: half the side of the papers' cube, metres.
+    #[must_use]
+    pub fn half_side_m(&self) -> f64 {
+        let (west, south, east, north) = self.area;
+        0.5 * (east - west).hypot(north - south)
+    }
+
+    /// Where the reference view stands among the training views.
+    #[must_use]
+    pub fn reference_among_training(&self) -> usize {
+        self.views[..self.reference].iter().filter(|v| v.role == Role::Train).count()
+    }
+}
+
+/// The training view nearest to nadir with a high sun: one degree off nadir weighs as much as one of the sun.
+fn reference_view(scene: &Scene, height_m: f64) -> Option<usize> {
+    let cost = |i: &usize| {
+        let v = &scene.views[*i];
+        let off_nadir = v.direction_deg(height_m).map_or(90.0, |d| d.1);
+        let sun_from_zenith = 90.0 - v.sun.map_or(45.0, |s| s.elevation_deg);
+        off_nadir + sun_from_zenith
+    };
+    (0..scene.views.len())
+        .filter(|i| scene.views[*i].role == Role::Train)
+        .min_by(|a, b| cost(a).total_cmp(&cost(b)))
+}
