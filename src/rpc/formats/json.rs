@@ -2,7 +2,6 @@
 
 use super::keys::{Fields, RPCM};
 use super::{FormatError, RpcFile, ViewTags};
-use crate::rpc::Rpc;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
