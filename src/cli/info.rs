@@ -1,12 +1,227 @@
 //! `satgs info`.
 
+use super::scene_args::SceneArgs;
 use super::{Failure, Ui};
+use crate::raster::ImageFile;
+use crate::scene::{Overlap, Role, Scene, View, angle_between_deg};
+use serde_json::{Value, json};
+use std::fmt::Write;
 
-/// (to be written)
+/// Pairs listed when there are too many views for a matrix.
+const LISTED_PAIRS: usize = 5;
+/// Views up to which a matrix fits a terminal.
+const MATRIX_VIEWS: usize = 8;
+/// The convergence at which heights are best: enough base, and the views still look alike.
+const GOOD_CONVERGENCE_DEG: f64 = 20.0;
+
+/// Show what a scene holds: views, cameras, suns, dates, convergence angles, common ground
 #[derive(clap::Args)]
-pub struct Args {}
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneArgs,
+}
 
 /// Runs the command.
-pub fn run(_args: &Args, _ui: &Ui) -> Result<(), Failure> {
-    Err(Failure::input("not there yet", "soon"))
+pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
+    let scene = args.scene.read(ui)?;
+    let overlap = scene.overlap()?;
+    let rows = scene.views.iter().map(|v| Row::new(v, overlap.height_m)).collect::<Result<Vec<_>, _>>()?;
+    let pairs = Pairs::new(&rows);
+    let text = [table(&rows), pairs.text(&rows), ground(&scene, &overlap)].join("\n");
+    ui.summary(&text, &summary(&scene, &rows, &pairs, &overlap));
+    Ok(scene.require_shared_ground()?)
+}
+
+/// What the table says about a view.
+struct Row<'a> {
+    view: &'a View,
+    bands: usize,
+    bits: u32,
+    gsd_m: Option<(f64, f64)>,
+    /// Azimuth and off-nadir of the direction to the satellite.
+    direction_deg: Option<(f64, f64)>,
+}
+
+impl<'a> Row<'a> {
+    fn new(view: &'a View, height_m: f64) -> Result<Self, Failure> {
+        let file = ImageFile::open(&view.image)?;
+        Ok(Self {
+            view,
+            bands: file.bands(),
+            bits: file.bit_depth(),
+            gsd_m: view.gsd_m(height_m),
+            direction_deg: view.direction_deg(height_m),
+        })
+    }
+
+    fn cells(&self) -> [String; 9] {
+        let v = self.view;
+        let or_dash = |cell: Option<String>| cell.unwrap_or_else(|| "-".into());
+        let (low, high) = v.rpc.height_range();
+        [
+            format!("{}{}", v.name, if v.role == Role::Test { " (test)" } else { "" }),
+            format!("{}x{}", v.width, v.height),
+            format!("{}x{}", self.bands, self.bits),
+            or_dash(self.gsd_m.map(|(c, r)| format!("{c:.2}x{r:.2}"))),
+            or_dash(self.direction_deg.map(|d| format!("{:.1}", d.1))),
+            or_dash(self.direction_deg.map(|d| format!("{:.0}", d.0))),
+            or_dash(v.sun.map(|s| format!("{:.1}, {:.1}", s.azimuth_deg, s.elevation_deg))),
+            or_dash(v.acquired.as_deref().map(|d| d.replace('T', " ").trim_end_matches('Z').into())),
+            format!("{} ({low:.0} to {high:.0} m)", v.rpc_source),
+        ]
+    }
+}
+
+fn table(rows: &[Row]) -> String {
+    let head =
+        ["view", "pixels", "bands", "GSD m", "off-nadir", "azimuth", "sun az, el", "UTC", "RPC (heights)"];
+    let mut lines = vec![head.map(String::from)];
+    lines.extend(rows.iter().map(Row::cells));
+    let width: [usize; 9] =
+        std::array::from_fn(|k| lines.iter().map(|l| l[k].chars().count()).max().unwrap_or(0));
+    let mut out = String::new();
+    for line in &lines {
+        let mut text = String::new();
+        for (cell, width) in line.iter().zip(width) {
+            let _ = write!(text, "{cell:width$}  ");
+        }
+        let _ = writeln!(out, "{}", text.trim_end());
+    }
+    out
+}
+
+/// Convergence angles of all pairs, smallest first.
+struct Pairs(Vec<(usize, usize, f64)>);
+
+impl Pairs {
+    fn new(rows: &[Row]) -> Self {
+        let mut pairs = Vec::new();
+        for i in 0..rows.len() {
+            for j in i + 1..rows.len() {
+                if let (Some(a), Some(b)) = (rows[i].direction_deg, rows[j].direction_deg) {
+                    pairs.push((i, j, angle_between_deg(a, b)));
+                }
+            }
+        }
+        pairs.sort_by(|a, b| a.2.total_cmp(&b.2));
+        Self(pairs)
+    }
+
+    fn min_median_max(&self) -> Option<[f64; 3]> {
+        let p = &self.0;
+        Some([p.first()?.2, p[p.len() / 2].2, p.last()?.2])
+    }
+
+    /// Those nearest to the angle at which heights are best.
+    fn best(&self) -> Vec<(usize, usize, f64)> {
+        let mut best = self.0.clone();
+        best.sort_by(|a, b| {
+            (a.2 - GOOD_CONVERGENCE_DEG).abs().total_cmp(&(b.2 - GOOD_CONVERGENCE_DEG).abs())
+        });
+        best.truncate(LISTED_PAIRS);
+        best
+    }
+
+    fn text(&self, rows: &[Row]) -> String {
+        let Some([min, median, max]) = self.min_median_max() else {
+            return "convergence: one view has none\n".into();
+        };
+        let mut out = format!(
+            "convergence of {} pairs: min {min:.1}°, median {median:.1}°, max {max:.1}°\n",
+            self.0.len()
+        );
+        if (3..=MATRIX_VIEWS).contains(&rows.len()) {
+            let angle = |i: usize, j: usize| {
+                self.0.iter().find(|p| (p.0, p.1) == (i.min(j), i.max(j))).map_or(f64::NAN, |p| p.2)
+            };
+            let width = rows.iter().map(|r| r.view.name.chars().count()).max().unwrap_or(0);
+            for (i, row) in rows.iter().enumerate() {
+                let _ = write!(out, "  {:width$}", row.view.name);
+                for j in 0..i {
+                    let _ = write!(out, " {:6.1}", angle(i, j));
+                }
+                out.push('\n');
+            }
+        } else if rows.len() > MATRIX_VIEWS {
+            let _ = writeln!(out, "nearest to {GOOD_CONVERGENCE_DEG:.0}°:");
+            for (i, j, angle) in self.best() {
+                let _ = writeln!(out, "  {angle:5.1}°  {}  {}", rows[i].view.name, rows[j].view.name);
+            }
+        }
+        out
+    }
+}
+
+fn ground(scene: &Scene, o: &Overlap) -> String {
+    let smallest = o.footprint_m2.iter().copied().fold(f64::INFINITY, f64::min);
+    let largest = o.footprint_m2.iter().copied().fold(0.0, f64::max);
+    let percent = |area: f64| 100.0 * area / smallest;
+    let mut out = format!(
+        "footprints at {:.0} m: {smallest:.0} to {largest:.0} m² (EPSG:{})\n\
+         seen by at least {} of {} views: {:.0} m², {:.0} % of the smallest footprint\n\
+         seen by all: {:.0} m², {:.0} %\n",
+        o.height_m,
+        o.epsg,
+        o.min_views,
+        scene.views.len(),
+        o.common_m2,
+        percent(o.common_m2),
+        o.all_m2,
+        percent(o.all_m2)
+    );
+    if let Some((w, s, e, n)) = o.common_box {
+        let _ = writeln!(
+            out,
+            "box of the common ground: {w:.1} {s:.1} to {e:.1} {n:.1} ({:.0} x {:.0} m)",
+            e - w,
+            n - s
+        );
+    }
+    let strays: Vec<&View> = scene
+        .views
+        .iter()
+        .zip(&o.nearest)
+        .filter_map(|(v, n)| n.is_some_and(|n| n.1 < 50.0).then_some(v))
+        .collect();
+    for view in strays {
+        let _ = writeln!(out, "  {} looks elsewhere: {}", view.name, view.place(o.height_m));
+    }
+    out
+}
+
+fn summary(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> Value {
+    let views: Vec<Value> = rows
+        .iter()
+        .zip(&o.footprint_m2)
+        .zip(&o.nearest)
+        .map(|((r, area), nearest)| {
+            let v = r.view;
+            let (low, high) = v.rpc.height_range();
+            json!({
+                "name": v.name, "image": v.image, "width": v.width, "height": v.height,
+                "bands": r.bands, "bits": r.bits, "role": v.role,
+                "gsd_col_m": r.gsd_m.map(|g| g.0), "gsd_row_m": r.gsd_m.map(|g| g.1),
+                "off_nadir_deg": r.direction_deg.map(|d| d.1), "azimuth_deg": r.direction_deg.map(|d| d.0),
+                "sun": v.sun, "acquired": v.acquired, "rpc_source": v.rpc_source,
+                "rpc_heights_m": [low, high], "height_range_m": v.height_range,
+                "footprint": v.footprint(o.height_m).map(|c| c.map(|p| [p.lon_deg(), p.lat_deg()])),
+                "footprint_m2": area, "most_shared_percent": nearest.map(|n| n.1),
+            })
+        })
+        .collect();
+    let named =
+        |p: &(usize, usize, f64)| json!({ "a": rows[p.0].view.name, "b": rows[p.1].view.name, "deg": p.2 });
+    let spread = pairs.min_median_max();
+    json!({
+        "views": views,
+        "convergence": {
+            "min_deg": spread.map(|s| s[0]), "median_deg": spread.map(|s| s[1]), "max_deg": spread.map(|s| s[2]),
+            "pairs": pairs.0.iter().map(named).collect::<Vec<_>>(),
+        },
+        "ground": {
+            "epsg": o.epsg, "height_m": o.height_m, "min_views": o.min_views, "common_m2": o.common_m2,
+            "all_views_m2": o.all_m2, "common_box": o.common_box,
+        },
+        "warnings": scene.warnings,
+    })
 }

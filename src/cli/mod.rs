@@ -9,11 +9,13 @@ mod dsm;
 mod dsm_eval;
 mod info;
 mod run;
+mod scene_args;
 mod simulate;
 mod train;
 
 use clap::{Parser, Subcommand};
 pub use failure::Failure;
+pub use scene_args::SceneArgs;
 pub use ui::Ui;
 
 /// From a few satellite images with RPC cameras to a georeferenced surface model, an orthophoto, corrected

@@ -2,7 +2,7 @@
 
 use super::{MapGrid, Plane, RasterError};
 use gdal::raster::GdalDataType;
-use gdal::{Dataset, Metadata};
+use gdal::{Dataset, DatasetOptions, Metadata};
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 
@@ -122,6 +122,43 @@ impl ImageFile {
     pub fn metadata_domain(&self, domain: &str) -> Vec<(String, String)> {
         let lines = self.dataset.metadata_domain(domain).unwrap_or_default();
         lines.iter().filter_map(|l| l.split_once('=')).map(|(k, v)| (k.into(), v.into())).collect()
+    }
+
+    /// As [`ImageFile::metadata_domain`], of the file alone (and its `.aux.xml`): GDAL's other sidecars, which
+    /// it prefers to what the file itself holds, are not looked at.
+    #[must_use]
+    pub fn own_metadata_domain(&self, domain: &str) -> Vec<(String, String)> {
+        let Some(name) = self.path.file_name().and_then(|n| n.to_str()) else {
+            return self.metadata_domain(domain);
+        };
+        let auxiliary = format!("{name}.aux.xml");
+        let siblings = [name, auxiliary.as_str()];
+        let has_auxiliary = self.path.with_file_name(&auxiliary).is_file();
+        let siblings = &siblings[..if has_auxiliary { 2 } else { 1 }];
+        let options = DatasetOptions { sibling_files: Some(siblings), ..DatasetOptions::default() };
+        let Ok(dataset) = Dataset::open_ex(&self.path, options) else { return Vec::new() };
+        Self { path: self.path.clone(), dataset }.metadata_domain(domain)
+    }
+
+    /// Reads the last pixel of the last band, which a file cut short no longer has.
+    ///
+    /// # Errors
+    /// [`RasterError::Read`].
+    pub fn check_complete(&self) -> Result<(), RasterError> {
+        let (width, height) = self.size();
+        let band = self.dataset.rasterband(self.bands()).map_err(|_| self.no_band(self.bands()))?;
+        let last = (width as isize - 1, height as isize - 1);
+        band.read_as::<f32>(last, (1, 1), (1, 1), None)
+            .map(|_| ())
+            .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })
+    }
+
+    /// Bits of a pixel of the first band, as stored.
+    #[must_use]
+    pub fn bit_depth(&self) -> u32 {
+        let told = self.metadata("NBITS", "IMAGE_STRUCTURE").and_then(|b| b.parse().ok());
+        let stored = || self.dataset.rasterband(1).map_or(0, |b| u32::from(b.band_type().bits()));
+        told.unwrap_or_else(stored)
     }
 
     /// Whether the file has a geotransform, as orthorectified images do.

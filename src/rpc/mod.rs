@@ -9,3 +9,9 @@ pub mod formats;
 
 pub use localize::LocalizeError;
 pub use model::{Axis, Jacobian, Rpc, RpcCoefficients, RpcError};
+
+/// A made-up camera for the tests of other modules.
+#[cfg(test)]
+pub(crate) fn test_camera() -> Rpc {
+    model::tests::synthetic()
+}

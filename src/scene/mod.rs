@@ -1,6 +1,18 @@
 //! What a user hands in: views (image, RPC, sun, date), and the readers that find them.
 
+mod checks;
+mod dfc2019;
+mod error;
+mod folder;
+mod footprint;
 mod pixels;
+mod read;
+mod source;
+mod sun;
 mod view;
 
-pub use view::{Role, Scene, Sun, View};
+pub use checks::{FARTHEST_OFF_NADIR_DEG, LOWEST_SUN_DEG};
+pub use error::SceneError;
+pub use footprint::{Overlap, UtmBox, default_aoi, footprint, ground_seen, views_needed};
+pub use read::{ReadOptions, read};
+pub use view::{Role, Scene, Sun, View, angle_between_deg};

@@ -54,6 +54,22 @@ pub struct View {
 pub struct Scene {
     /// The views, ordered by name.
     pub views: Vec<View>,
+    /// What was odd when the scene was read, one sentence a cause.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
+}
+
+/// Angle in degrees between two directions given as (azimuth, angle from the zenith), degrees.
+#[must_use]
+pub fn angle_between_deg(a: (f64, f64), b: (f64, f64)) -> f64 {
+    let unit = |(azimuth, zenith): (f64, f64)| {
+        let (azimuth, zenith) = (azimuth.to_radians(), zenith.to_radians());
+        [zenith.sin() * azimuth.sin(), zenith.sin() * azimuth.cos(), zenith.cos()]
+    };
+    let (a, b) = (unit(a), unit(b));
+    let dot: f64 = a.iter().zip(b).map(|(x, y)| x * y).sum();
+    let cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    cross.iter().map(|c| c * c).sum::<f64>().sqrt().atan2(dot).to_degrees()
 }
 
 impl Scene {
@@ -126,5 +142,20 @@ impl View {
         let d = grid.site_from_geodetic(high).xyz();
         let azimuth = d[0].atan2(d[1]).to_degrees() + grid.convergence_deg();
         Some((azimuth.rem_euclid(360.0), d[0].hypot(d[1]).atan2(d[2]).to_degrees()))
+    }
+
+    /// Size of a pixel on the ground at the image's centre, along a row and along a column, metres.
+    #[must_use]
+    pub fn gsd_m(&self, height_m: f64) -> Option<(f64, f64)> {
+        use crate::frame::Pixel;
+        let center = self.ground_center(height_m)?;
+        let grid = crate::frame::SiteGrid::at(center).ok()?;
+        let px = self.rpc.project(center);
+        let length = |d_col: f64, d_row: f64| {
+            let next = self.rpc.localize_from(Pixel::new(px.col + d_col, px.row + d_row), center).ok()?;
+            let d = grid.site_from_geodetic(next).xyz();
+            Some(d[0].hypot(d[1]))
+        };
+        Some((length(1.0, 0.0)?, length(0.0, 1.0)?))
     }
 }

@@ -1,0 +1,124 @@
+//! The JSON of the rpcm library and the sat-NeRF family: `rpc` with rpcm's names, beside it sun, date, size.
+
+use super::keys::{Fields, RPCM};
+use super::{FormatError, RpcFile, ViewTags};
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// Reads such a JSON; `file` is for messages. A JSON that is the `rpc` object itself is read too.
+///
+/// # Errors
+/// [`FormatError`].
+pub fn from_json(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
+    let top: Map<String, Value> = serde_json::from_str(content)
+        .map_err(|e| FormatError::Json { file: file.into(), reason: e.to_string() })?;
+    let rpc = match top.get("rpc") {
+        Some(Value::Object(rpc)) => rpc,
+        None if top.contains_key(RPCM.polynomials[0]) => &top,
+        _ => return Err(FormatError::Missing { file: file.into(), field: "rpc".into(), found: 0 }),
+    };
+    let mut fields = Fields::new(file, &RPCM);
+    for (name, value) in rpc {
+        fields.take(name, &words(value))?;
+    }
+    Ok(RpcFile { rpc: fields.rpc()?, tags: tags(file, &top)? })
+}
+
+/// The JSON of a view.
+#[must_use]
+pub fn to_json(view: &RpcFile) -> String {
+    let c = view.rpc.coefficients();
+    let mut rpc = Map::new();
+    for (name, value) in RPCM.axes(c).into_iter().chain(RPCM.known_errors(c)) {
+        rpc.insert(name.into(), json!(value));
+    }
+    for (name, terms) in RPCM.terms(c) {
+        rpc.insert(name.into(), json!(terms.as_slice()));
+    }
+    let mut top = Map::new();
+    let tags = &view.tags;
+    if let Some(image) = &tags.image {
+        top.insert("img".into(), json!(image));
+    }
+    if let Some((width, height)) = tags.size {
+        top.insert("width".into(), json!(width));
+        top.insert("height".into(), json!(height));
+    }
+    if let Some((azimuth, elevation)) = tags.sun_deg {
+        // Strings, and the elevation with its sign, as those who read this format expect.
+        top.insert("sun_azimuth".into(), json!(format!("{azimuth}")));
+        top.insert("sun_elevation".into(), json!(format!("{elevation:+}")));
+    }
+    if let Some(acquired) = &tags.acquired {
+        let digits: String = acquired.chars().filter(char::is_ascii_digit).take(14).collect();
+        top.insert("acquisition_date".into(), json!(digits));
+    }
+    if let Some((low, high)) = tags.height_range {
+        top.insert("min_alt".into(), json!(low));
+        top.insert("max_alt".into(), json!(high));
+    }
+    top.insert("rpc".into(), Value::Object(rpc));
+    let mut text = serde_json::to_string_pretty(&Value::Object(top)).unwrap_or_default();
+    text.push('\n');
+    text
+}
+
+fn tags(file: &Path, top: &Map<String, Value>) -> Result<ViewTags, FormatError> {
+    let number = |name: &str| match top.get(name) {
+        None | Some(Value::Null) => Ok(None),
+        Some(value) => {
+            let text = words(value);
+            let finite = super::keys::parse_number(&text).filter(|v| v.is_finite());
+            finite.map(Some).ok_or_else(|| FormatError::NotANumber {
+                file: file.into(),
+                field: name.into(),
+                text: text.chars().take(40).collect(),
+            })
+        }
+    };
+    let both = |a: &str, b: &str| Ok::<_, FormatError>(number(a)?.zip(number(b)?));
+    Ok(ViewTags {
+        image: top.get("img").and_then(Value::as_str).map(str::to_owned),
+        size: both("width", "height")?.map(|(w, h)| (w as usize, h as usize)),
+        sun_deg: both("sun_azimuth", "sun_elevation")?,
+        acquired: top.get("acquisition_date").map(words).and_then(|d| iso_date(&d)),
+        height_range: both("min_alt", "max_alt")?,
+    })
+}
+
+/// A JSON value as the text a number is parsed from: arrays become blank-separated words.
+fn words(value: &Value) -> String {
+    match value {
+        Value::String(s) => s.clone(),
+        Value::Array(items) => items.iter().map(words).collect::<Vec<_>>().join(" "),
+        other => other.to_string(),
+    }
+}
+
+/// `YYYYMMDDHHMMSS` or ISO 8601 as `YYYY-MM-DDThh:mm:ssZ` (as `YYYY-MM-DD` without a time); none if it is
+/// neither.
+#[must_use]
+pub fn iso_date(text: &str) -> Option<String> {
+    let separators = ['-', ':', 'T', 't', 'Z', 'z', ' ', '/'];
+    // Fractions of a second are cut off: no stage needs them.
+    let whole = text.trim().split('.').next().unwrap_or_default();
+    let digits: String = whole.chars().filter(|c| !separators.contains(c)).collect();
+    if !digits.chars().all(|c| c.is_ascii_digit()) {
+        return None;
+    }
+    let part = |from: usize, to: usize, limits: std::ops::RangeInclusive<u32>| {
+        let text = digits.get(from..to)?;
+        limits.contains(&text.parse().ok()?).then_some(text)
+    };
+    let date = format!("{}-{}-{}", part(0, 4, 1900..=2200)?, part(4, 6, 1..=12)?, part(6, 8, 1..=31)?);
+    match digits.len() {
+        8 => Some(date),
+        14 => Some(format!(
+            "{date}T{}:{}:{}Z",
+            part(8, 10, 0..=23)?,
+            part(10, 12, 0..=59)?,
+            part(12, 14, 0..=60)?
+        )),
+        _ => None,
+    }
+}

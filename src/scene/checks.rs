@@ -1,0 +1,128 @@
+//! What is wrong with a scene, and what is only odd: duplicates, blind cameras, suns, dates, slant views.
+
+use super::sun::days_since_2000;
+use super::{Scene, SceneError, Sun, View};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Below this elevation shadows are longer than anything a scene's size could hold.
+pub const LOWEST_SUN_DEG: f64 = 15.0;
+/// Beyond this a view sees walls and haze.
+pub const FARTHEST_OFF_NADIR_DEG: f64 = 75.0;
+/// A delivered sun and the one of date and place agree better than this.
+const SUN_TOLERANCE_DEG: f64 = 5.0;
+/// Views further apart in time show different towns.
+const LONG_TIME_YEARS: f64 = 3.0;
+
+impl Scene {
+    /// Refuses a scene of fewer than `needed` views.
+    ///
+    /// # Errors
+    /// [`SceneError::TooFewViews`].
+    pub fn require_views(&self, needed: usize) -> Result<(), SceneError> {
+        let found = self.views.len();
+        if found < needed { Err(SceneError::TooFewViews { found, needed }) } else { Ok(()) }
+    }
+}
+
+/// Refuses two views of one name, and files of the same content.
+pub(super) fn refuse_duplicates(scene: &Scene) -> Result<(), SceneError> {
+    for pair in scene.views.windows(2) {
+        if pair[0].name == pair[1].name {
+            let (first, second) = (pair[0].image.clone(), pair[1].image.clone());
+            return Err(SceneError::SameName { first, second });
+        }
+    }
+    // Only files of the same size can be the same, so most are never read.
+    let mut by_size: BTreeMap<u64, Vec<&View>> = BTreeMap::new();
+    for view in &scene.views {
+        let size = std::fs::metadata(&view.image).map_or(0, |m| m.len());
+        by_size.entry(size).or_default().push(view);
+    }
+    for group in by_size.values().filter(|g| g.len() > 1) {
+        let mut seen: BTreeMap<[u8; 32], &Path> = BTreeMap::new();
+        for view in group {
+            let Some(hash) = content_hash(&view.image) else { continue };
+            if let Some(first) = seen.insert(hash, &view.image) {
+                return Err(SceneError::SameImage { first: first.into(), second: view.image.clone() });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a camera that does not see the ground under its own image.
+pub(super) fn refuse_blind(scene: &Scene) -> Result<(), SceneError> {
+    for view in &scene.views {
+        let height_m = view.rpc.center().height_m();
+        if view.footprint(height_m).is_none() {
+            let (view, source_file) = (view.name.clone(), view.rpc_source.clone());
+            return Err(SceneError::SeesNoGround { view, source_file, height_m });
+        }
+    }
+    Ok(())
+}
+
+/// Adds warnings, one a cause. A sun too low to be used is taken away: that view trains without shadows.
+pub(super) fn warn(scene: &mut Scene) {
+    let mut warnings = Vec::new();
+    let names = |picked: &dyn Fn(&View) -> bool| {
+        scene.views.iter().filter(|v| picked(v)).map(|v| v.name.as_str()).collect::<Vec<_>>().join(", ")
+    };
+    let without = names(&|v| v.sun.is_none());
+    if !without.is_empty() {
+        warnings.push(format!(
+            "no sun is known, no shadows are modelled (--sun NAME=AZ,EL gives one): {without}"
+        ));
+    }
+    for view in &scene.views {
+        let Some(sun) = view.sun else { continue };
+        let (name, at) = (&view.name, sun.elevation_deg);
+        if at <= 0.0 {
+            warnings
+                .push(format!("{name}: its sun is below the horizon ({at:.1}°), no shadows are modelled"));
+        } else if at < LOWEST_SUN_DEG {
+            warnings
+                .push(format!("{name}: its sun is too low for shadows ({at:.1}°, under {LOWEST_SUN_DEG}°)"));
+        }
+        if let Some((computed, apart)) = contradiction(view, sun) {
+            warnings.push(format!(
+                "{name}: its sun (azimuth {:.1}°, elevation {at:.1}°) is {apart:.0}° off where date and place put it \
+                 ({:.1}°, {:.1}°)",
+                sun.azimuth_deg, computed.azimuth_deg, computed.elevation_deg
+            ));
+        }
+    }
+    for view in &scene.views {
+        let direction = view.direction_deg(view.rpc.center().height_m());
+        if let Some((_, off)) = direction.filter(|d| d.1 > FARTHEST_OFF_NADIR_DEG) {
+            warnings.push(format!("{}: it looks {off:.0}° off nadir, almost along the ground", view.name));
+        }
+    }
+    let days: Vec<f64> = scene.views.iter().filter_map(|v| days_since_2000(v.acquired.as_deref()?)).collect();
+    let span = |f: fn(f64, f64) -> f64| days.iter().copied().reduce(f).unwrap_or_default();
+    let years = (span(f64::max) - span(f64::min)) / 365.25;
+    if years > LONG_TIME_YEARS {
+        warnings
+            .push(format!("the views are {years:.1} years apart: what was built or felled in between blurs"));
+    }
+    scene.warnings.extend(warnings);
+    for view in &mut scene.views {
+        view.sun = view.sun.filter(|s| s.elevation_deg >= LOWEST_SUN_DEG);
+    }
+}
+
+/// Where date and place put the sun, and how far from the one told, if that is too far.
+fn contradiction(view: &View, sun: Sun) -> Option<(Sun, f64)> {
+    let place = view.ground_center(view.rpc.center().height_m())?;
+    let computed = Sun::at(view.acquired.as_deref()?, place)?;
+    let apart = computed.angle_to_deg(sun);
+    (apart > SUN_TOLERANCE_DEG).then_some((computed, apart))
+}
+
+fn content_hash(path: &Path) -> Option<[u8; 32]> {
+    let mut file = std::fs::File::open(path).ok()?;
+    let mut hasher = blake3::Hasher::new();
+    std::io::copy(&mut file, &mut hasher).ok()?;
+    Some(*hasher.finalize().as_bytes())
+}

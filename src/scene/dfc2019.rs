@@ -1,0 +1,122 @@
+//! Layout 2, of sat-NeRF and DFC2019: `images/` and beside it one or more folders of RPC files (JSON, or text).
+//!
+//! `test.txt` in such a folder lists views that are not trained on, one `NAME.json` a line; where there is a
+//! `train.txt`, only views it lists are trained on.
+
+use super::source::{files_in, images_in, sidecar_of, stem, view};
+use super::{Role, SceneError, View};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Where truth lies: its cameras are used only when asked for.
+const TRUTH: &str = "truth";
+
+/// Folders beside `images/` that hold RPC files of its images, by name.
+pub(super) fn rpc_folders(scene: &Path) -> Result<Vec<String>, SceneError> {
+    let images = images_in(&scene.join("images"))?;
+    let mut found = Vec::new();
+    for folder in files_in(scene)?.into_iter().filter(|p| p.is_dir()) {
+        let name = folder.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        if name == "images" || name == TRUTH {
+            continue;
+        }
+        // A folder that may not be read is no candidate; chosen by name, it is an error.
+        let listing = files_in(&folder).unwrap_or_default();
+        if images.iter().any(|i| sidecar_of(&stem(i), &listing).is_some()) {
+            found.push(name);
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// Reads the views whose RPC files are in the folder `rpcs` of the scene.
+pub(super) fn read(scene: &Path, rpcs: &str, warnings: &mut Vec<String>) -> Result<Vec<View>, SceneError> {
+    let folder = scene.join(rpcs);
+    let listing = files_in(&folder)?;
+    let images = images_in(&scene.join("images"))?;
+    check_images_exist(&images, &listing, &scene.join("images"))?;
+    let roles = Roles::read(&folder)?;
+    let (mut views, mut without) = (Vec::new(), Vec::new());
+    for image in &images {
+        let name = stem(image);
+        let Some(file) = sidecar_of(&name, &listing) else {
+            without.push(name);
+            continue;
+        };
+        // The tag of a delivered image differs from a corrected RPC: that is what the folder is for.
+        if let Some(mut view) = view(image, Some(&file), &mut Vec::new())? {
+            view.role = roles.of(&name);
+            view.rpc_source = format!("{rpcs}/{}", view.rpc_source);
+            views.push(view);
+        }
+    }
+    if !without.is_empty() {
+        warnings.push(format!("left out, because `{rpcs}` has no RPC for them: {}", without.join(", ")));
+    }
+    let names: BTreeSet<&str> = images.iter().filter_map(|i| i.file_stem()?.to_str()).collect();
+    let unknown: Vec<&str> = roles.listed().filter(|n| !names.contains(n)).collect();
+    if !unknown.is_empty() {
+        warnings.push(format!("`{rpcs}` lists views that are not there: {}", unknown.join(", ")));
+    }
+    Ok(views)
+}
+
+/// An RPC file without its image shows an incomplete copy.
+fn check_images_exist(images: &[PathBuf], listing: &[PathBuf], folder: &Path) -> Result<(), SceneError> {
+    let names: BTreeSet<String> = images.iter().map(|i| stem(i).to_lowercase()).collect();
+    let is_json = |p: &&PathBuf| p.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    for rpc in listing.iter().filter(is_json) {
+        let name = stem(rpc);
+        let lower = name.to_lowercase();
+        if names.contains(&lower) || names.contains(lower.trim_end_matches("_rpc")) {
+            continue;
+        }
+        // Other JSON files (settings, reports) may lie there too.
+        if let Ok(file) = crate::rpc::formats::read(rpc) {
+            let image = file.tags.image.unwrap_or_else(|| format!("{name}.tif"));
+            return Err(SceneError::NoImageForRpc { rpc: rpc.clone(), image: folder.join(image) });
+        }
+    }
+    Ok(())
+}
+
+/// What `train.txt` and `test.txt` say.
+struct Roles {
+    train: Option<BTreeSet<String>>,
+    test: BTreeSet<String>,
+}
+
+impl Roles {
+    fn read(folder: &Path) -> Result<Self, SceneError> {
+        Ok(Self {
+            train: names_in(&folder.join("train.txt"))?,
+            test: names_in(&folder.join("test.txt"))?.unwrap_or_default(),
+        })
+    }
+
+    fn of(&self, name: &str) -> Role {
+        let trained = self.train.as_ref().is_none_or(|t| t.contains(name));
+        if trained && !self.test.contains(name) { Role::Train } else { Role::Test }
+    }
+
+    fn listed(&self) -> impl Iterator<Item = &str> {
+        self.train.iter().flatten().chain(&self.test).map(String::as_str)
+    }
+}
+
+/// The views a list names, or none without the list.
+fn names_in(list: &Path) -> Result<Option<BTreeSet<String>>, SceneError> {
+    if !list.exists() {
+        return Ok(None);
+    }
+    let text = std::fs::read_to_string(list)
+        .map_err(|e| SceneError::Unreadable { path: list.into(), reason: e.to_string() })?;
+    let lines = text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#'));
+    // Names may hold dots: only what is known to be an extension is cut off.
+    let bare = |l: &str| {
+        let known = [".json", ".tif", ".tiff"];
+        known.iter().find_map(|e| l.strip_suffix(e)).unwrap_or(l).to_owned()
+    };
+    Ok(Some(lines.map(bare).collect()))
+}

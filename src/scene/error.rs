@@ -1,0 +1,180 @@
+//! Why a scene cannot be read or used.
+
+use crate::frame::FrameError;
+use crate::raster::RasterError;
+use crate::rpc::formats::FormatError;
+use std::path::PathBuf;
+
+/// Why a scene cannot be read or used.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum SceneError {
+    /// The path is not there, or may not be read.
+    #[error("scene `{path}` cannot be read: {reason}")]
+    #[diagnostic(help(
+        "SCENE is a folder of images with RPCs, or one with `images/` and a folder of JSON files"
+    ))]
+    Unreadable {
+        /// The path given.
+        path: PathBuf,
+        /// The system's words.
+        reason: String,
+    },
+    /// A file where a folder is expected.
+    #[error("scene `{path}` is a file, a folder is expected")]
+    #[diagnostic(help("give the folder that holds the images"))]
+    NotAFolder {
+        /// The path given.
+        path: PathBuf,
+    },
+    /// A folder without images.
+    #[error("no images found in `{path}`")]
+    #[diagnostic(help(
+        "images end in .tif, .tiff, .ntf, .nitf, .jp2 or .j2k; sub-folders other than `images/` are not searched"
+    ))]
+    NoImages {
+        /// The folder searched.
+        path: PathBuf,
+    },
+    /// An image without a camera.
+    #[error("`{path}` has no RPC, neither inside nor beside it{what}")]
+    #[diagnostic(help(
+        "orthorectified products have lost their camera: take the sensor (basic, primary, level 1) product, or put NAME_RPC.TXT or NAME.json beside it; `satgs info SCENE` lists each image's RPC"
+    ))]
+    NoRpc {
+        /// The image.
+        path: PathBuf,
+        /// What it looks like instead.
+        what: &'static str,
+    },
+    /// Several folders of JSON files and none chosen.
+    #[error("`{path}` has several folders of RPC files: {}", folders.join(", "))]
+    #[diagnostic(help("choose one with --rpcs NAME"))]
+    SeveralRpcFolders {
+        /// The scene.
+        path: PathBuf,
+        /// Their names.
+        folders: Vec<String>,
+    },
+    /// A folder of RPC files that is not there.
+    #[error("`{path}` has no folder `{asked}` of RPC files")]
+    #[diagnostic(help("{}", if folders.is_empty() { "--rpcs is for scenes with `images/` and a folder of JSON files; this has none".to_owned() } else { format!("there is {}", folders.join(", ")) }))]
+    NoSuchRpcFolder {
+        /// The scene.
+        path: PathBuf,
+        /// What was asked for.
+        asked: String,
+        /// What there is.
+        folders: Vec<String>,
+    },
+    /// An RPC file whose image is not there.
+    #[error("`{rpc}` is for the image `{image}`, which is missing")]
+    #[diagnostic(help("put the image there, or remove the RPC file"))]
+    NoImageForRpc {
+        /// The RPC file.
+        rpc: PathBuf,
+        /// The image expected.
+        image: PathBuf,
+    },
+    /// An image of another size than its metadata say.
+    #[error(
+        "`{rpc}` is for an image of {told_width} x {told_height} pixels, `{image}` has {width} x {height}"
+    )]
+    #[diagnostic(help("an image that was cropped or resampled needs an RPC that was changed with it"))]
+    OtherSize {
+        /// The RPC file.
+        rpc: PathBuf,
+        /// The image.
+        image: PathBuf,
+        /// Columns according to the RPC file.
+        told_width: usize,
+        /// Rows according to the RPC file.
+        told_height: usize,
+        /// Columns of the image.
+        width: usize,
+        /// Rows of the image.
+        height: usize,
+    },
+    /// Two files with the same content.
+    #[error("`{first}` and `{second}` are the same image")]
+    #[diagnostic(help("remove one of them: a view without a baseline only pretends to be one more"))]
+    SameImage {
+        /// One file.
+        first: PathBuf,
+        /// The other.
+        second: PathBuf,
+    },
+    /// Two files that would be views of the same name.
+    #[error("`{first}` and `{second}` have the same name")]
+    #[diagnostic(help("views are known by their file names without extension: rename one"))]
+    SameName {
+        /// One file.
+        first: PathBuf,
+        /// The other.
+        second: PathBuf,
+    },
+    /// `--sun` for a view that does not exist.
+    #[error("there is no view `{name}` to give a sun")]
+    #[diagnostic(help("the views are {}", names.join(", ")))]
+    UnknownView {
+        /// The name given.
+        name: String,
+        /// The views there are.
+        names: Vec<String>,
+    },
+    /// Too few views for what is asked.
+    #[error("the scene has {found} view{}, at least {needed} are needed", if *found == 1 { "" } else { "s" })]
+    #[diagnostic(help(
+        "heights come from seeing the same ground from different places; `satgs info` lists the views"
+    ))]
+    TooFewViews {
+        /// Views in the scene.
+        found: usize,
+        /// Views needed.
+        needed: usize,
+    },
+    /// A view that sees ground no other view sees.
+    #[error(
+        "views do not share ground: `{view}` ({footprint}) overlaps its nearest view `{nearest}` ({nearest_footprint}) by {percent:.1} %"
+    )]
+    #[diagnostic(help(
+        "are all images of the same place? a cropped image needs an RPC moved with the crop; `satgs info` lists the footprints"
+    ))]
+    NoSharedGround {
+        /// The view.
+        view: String,
+        /// Where it looks.
+        footprint: String,
+        /// The view it overlaps most.
+        nearest: String,
+        /// Where that looks.
+        nearest_footprint: String,
+        /// Share of the view's footprint.
+        percent: f64,
+    },
+    /// A camera that does not see the ground.
+    #[error("the RPC of `{view}` ({source_file}) sees no ground at a height of {height_m} m")]
+    #[diagnostic(help(
+        "does this RPC belong to this image? a cropped image needs an RPC moved with the crop"
+    ))]
+    SeesNoGround {
+        /// The view.
+        view: String,
+        /// Where its RPC is from.
+        source_file: String,
+        /// Ellipsoidal height tried.
+        height_m: f64,
+    },
+    /// An RPC file cannot be used.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Rpc(#[from] FormatError),
+    /// An image cannot be used.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Image(#[from] RasterError),
+    /// The place cannot be mapped.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Place(#[from] FrameError),
+}

@@ -1,0 +1,216 @@
+//! Footprints on the map, the ground that several views see, and how much of it they share.
+//!
+//! A footprint is the quadrilateral of an image's outer corners at one height; its sides are straight on the map,
+//! which for a full swath of 15 km is right to a few metres.
+
+use super::{Scene, SceneError, View};
+use crate::frame::{CornerPx, Pixel, SiteGrid};
+use crate::rpc::Rpc;
+use geo::{Area, BooleanOps, BoundingRect, LineString, MultiPolygon, Polygon};
+
+/// A view that shares less of its ground with any other, in percent, is a view of another place.
+const LEAST_SHARED_PERCENT: f64 = 1.0;
+
+/// West, south, east, north in metres of a UTM zone.
+pub type UtmBox = (f64, f64, f64, f64);
+
+/// An image's outline on the grid's UTM map at an ellipsoidal height; none where the camera sees no ground.
+#[must_use]
+pub fn footprint(
+    rpc: &Rpc,
+    (width, height): (usize, usize),
+    grid: &SiteGrid,
+    height_m: f64,
+) -> Option<Polygon<f64>> {
+    let (w, h) = (width as f64, height as f64);
+    let mut ring = Vec::with_capacity(5);
+    for (col, row) in [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)] {
+        let ground = rpc.localize(Pixel::<CornerPx>::new(col, row).into(), height_m).ok()?;
+        let p = grid.utm_from_geodetic(ground);
+        if !p.is_finite() {
+            return None;
+        }
+        ring.push((p.x(), p.y()));
+    }
+    Some(Polygon::new(LineString::from(ring), Vec::new()))
+}
+
+/// The ground inside at least `min_views` of the footprints.
+///
+/// `seen[k]` is the ground inside at least `k + 1` of the footprints so far; one more footprint `F` adds
+/// `seen[k - 1] ∩ F` to it.
+#[must_use]
+pub fn ground_seen(footprints: &[Polygon<f64>], min_views: usize) -> MultiPolygon<f64> {
+    let levels = min_views.max(1);
+    let mut seen = vec![MultiPolygon::<f64>(Vec::new()); levels];
+    for footprint in footprints {
+        let footprint = MultiPolygon(vec![footprint.clone()]);
+        for k in (1..levels).rev() {
+            let again = seen[k - 1].intersection(&footprint);
+            seen[k] = seen[k].union(&again);
+        }
+        seen[0] = seen[0].union(&footprint);
+    }
+    seen.swap_remove(levels - 1)
+}
+
+/// How many views must see ground that counts: three, or two when there are fewer than four views.
+#[must_use]
+pub const fn views_needed(views: usize) -> usize {
+    if views < 4 { 2 } else { 3 }
+}
+
+/// The default area of interest: the box around the ground that at least three views see at `height_m`
+/// (two when there are fewer than four); none when there is no such ground.
+///
+/// The box is in metres of the grid's UTM zone and is not snapped to any cell. Its corners may be seen by fewer
+/// views than its middle.
+#[must_use]
+pub fn default_aoi(views: &[(&Rpc, usize, usize)], grid: &SiteGrid, height_m: f64) -> Option<UtmBox> {
+    let footprints: Vec<_> =
+        views.iter().filter_map(|(rpc, w, h)| footprint(rpc, (*w, *h), grid, height_m)).collect();
+    let seen = ground_seen(&footprints, views_needed(views.len()));
+    let r = seen.bounding_rect()?;
+    Some((r.min().x, r.min().y, r.max().x, r.max().y))
+}
+
+/// What the views of a scene see together, at one height.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Overlap {
+    /// EPSG code of the UTM zone.
+    pub epsg: u32,
+    /// Ellipsoidal height of the ground, metres.
+    pub height_m: f64,
+    /// Each view's footprint, square metres.
+    pub footprint_m2: Vec<f64>,
+    /// For each view the one it shares most ground with, and the share of its own footprint in percent.
+    pub nearest: Vec<Option<(usize, f64)>>,
+    /// Views that must see ground for it to count as common.
+    pub min_views: usize,
+    /// Ground that at least `min_views` views see, square metres.
+    pub common_m2: f64,
+    /// Ground that all views see, square metres.
+    pub all_m2: f64,
+    /// Box around the common ground.
+    pub common_box: Option<UtmBox>,
+}
+
+impl Scene {
+    /// Footprints and what they have in common, at the middle of the scene's height range.
+    ///
+    /// # Errors
+    /// [`SceneError`] for a camera that sees no ground there, or a place outside UTM.
+    pub fn overlap(&self) -> Result<Overlap, SceneError> {
+        let (low, high) = self.height_range();
+        let height_m = 0.5 * (low + high);
+        let blind = |v: &View| SceneError::SeesNoGround {
+            view: v.name.clone(),
+            source_file: v.rpc_source.clone(),
+            height_m,
+        };
+        let Some(first) = self.views.first() else {
+            return Err(SceneError::TooFewViews { found: 0, needed: 1 });
+        };
+        let center = self.center().ok_or_else(|| blind(first))?;
+        let grid = SiteGrid::at(center)?;
+        let polygons = self
+            .views
+            .iter()
+            .map(|v| footprint(&v.rpc, (v.width, v.height), &grid, height_m).ok_or_else(|| blind(v)))
+            .collect::<Result<Vec<_>, _>>()?;
+        let footprint_m2: Vec<f64> = polygons.iter().map(Area::unsigned_area).collect();
+        let nearest = (0..polygons.len())
+            .map(|i| {
+                let shares = (0..polygons.len()).filter(|j| *j != i).map(|j| {
+                    let shared = polygons[i].intersection(&polygons[j]).unsigned_area();
+                    (j, 100.0 * shared / footprint_m2[i])
+                });
+                shares.max_by(|a, b| a.1.total_cmp(&b.1))
+            })
+            .collect();
+        let min_views = views_needed(self.views.len()).min(self.views.len());
+        let common = ground_seen(&polygons, min_views);
+        Ok(Overlap {
+            epsg: grid.epsg,
+            height_m,
+            nearest,
+            min_views,
+            common_m2: common.unsigned_area(),
+            all_m2: ground_seen(&polygons, polygons.len()).unsigned_area(),
+            common_box: common.bounding_rect().map(|r| (r.min().x, r.min().y, r.max().x, r.max().y)),
+            footprint_m2,
+        })
+    }
+
+    /// Refuses a scene in which a view shares no ground with any other.
+    ///
+    /// # Errors
+    /// [`SceneError::NoSharedGround`], and those of [`Scene::overlap`].
+    pub fn require_shared_ground(&self) -> Result<(), SceneError> {
+        let overlap = self.overlap()?;
+        for (i, nearest) in overlap.nearest.iter().enumerate() {
+            let Some((j, percent)) = *nearest else { continue };
+            if percent < LEAST_SHARED_PERCENT {
+                let place = |v: &View| v.place(overlap.height_m);
+                return Err(SceneError::NoSharedGround {
+                    view: self.views[i].name.clone(),
+                    footprint: place(&self.views[i]),
+                    nearest: self.views[j].name.clone(),
+                    nearest_footprint: place(&self.views[j]),
+                    percent,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl View {
+    /// The footprint's extent in words: `lon 5.4401 to 5.4523, lat 43.2611 to 43.2688`.
+    #[must_use]
+    pub fn place(&self, height_m: f64) -> String {
+        let Some(corners) = self.footprint(height_m) else { return "nowhere".into() };
+        let span = |k: usize| {
+            let values = corners.map(|p| p.xyz()[k]);
+            let (low, high) = (
+                values.into_iter().fold(f64::INFINITY, f64::min),
+                values.into_iter().fold(f64::NEG_INFINITY, f64::max),
+            );
+            format!("{low:.4} to {high:.4}")
+        };
+        format!("lon {}, lat {}", span(0), span(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geo::Rect;
+
+    fn square(x: f64, y: f64) -> Polygon<f64> {
+        Rect::new((x, y), (x + 10.0, y + 10.0)).to_polygon()
+    }
+
+    #[test]
+    fn ground_seen_counts_views() {
+        let footprints = [square(0.0, 0.0), square(5.0, 0.0), square(0.0, 5.0), square(100.0, 0.0)];
+        let area = |n| ground_seen(&footprints, n).unsigned_area();
+        assert!((area(1) - (75.0 + 50.0 + 50.0 + 25.0 + 100.0 - 25.0)).abs() < 1e-6, "{}", area(1));
+        assert!((area(2) - 75.0).abs() < 1e-6, "{}", area(2));
+        assert!((area(3) - 25.0).abs() < 1e-6);
+        assert_eq!(area(4), 0.0);
+        assert!(ground_seen(&footprints, 4).bounding_rect().is_none());
+    }
+
+    #[test]
+    fn area_of_interest_is_where_the_camera_looks() {
+        let rpc = crate::rpc::test_camera();
+        let grid = SiteGrid::at(rpc.center()).unwrap();
+        let shifted = rpc.shifted(100.0, 0.0);
+        let (w, s, e, n) = default_aoi(&[(&rpc, 1000, 1000), (&shifted, 1000, 1000)], &grid, 190.0).unwrap();
+        let o = grid.origin;
+        assert!(w < o.x() && o.x() < e && s < o.y() && o.y() < n);
+        let area = footprint(&rpc, (1000, 1000), &grid, 190.0).unwrap().unsigned_area();
+        assert!((e - w) * (n - s) < area);
+    }
+}
