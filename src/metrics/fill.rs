@@ -1,0 +1,118 @@
+//! Holes filled by the nearest valid cell: an exact Euclidean distance transform that carries indices
+//! (Felzenszwalb and Huttenlocher 2012, lower envelope of parabolas; columns first, then rows).
+
+use crate::raster::Plane;
+use rayon::prelude::*;
+
+/// The plane with every NaN replaced by the value of the nearest valid cell; all NaN stays all NaN.
+#[must_use]
+pub fn filled_by_nearest(plane: &Plane) -> Plane {
+    let (w, h) = (plane.width, plane.height);
+    let nearest_row = nearest_valid_row(plane);
+    let mut out = plane.clone();
+    out.data.par_chunks_mut(w).enumerate().for_each(|(row, line)| {
+        let rows = &nearest_row[row * w..(row + 1) * w];
+        let sites: Vec<(usize, f64)> = rows
+            .iter()
+            .enumerate()
+            .filter(|(_, r)| **r < h)
+            .map(|(col, r)| (col, (r.abs_diff(row) as f64).powi(2)))
+            .collect();
+        if sites.is_empty() || !line.iter().any(|v| v.is_nan()) {
+            return;
+        }
+        let envelope = lower_envelope(&sites);
+        let mut k = 0;
+        for (col, v) in line.iter_mut().enumerate() {
+            while k + 1 < envelope.len() && envelope[k + 1].1 < col as f64 {
+                k += 1;
+            }
+            if v.is_nan() {
+                let from = envelope[k].0;
+                *v = plane.at(from, rows[from]);
+            }
+        }
+    });
+    out
+}
+
+/// For every cell the row of the nearest valid cell of its column; `height` where the column has none.
+fn nearest_valid_row(plane: &Plane) -> Vec<usize> {
+    let (w, h) = (plane.width, plane.height);
+    let mut nearest = vec![h; w * h];
+    for row in 0..h {
+        for col in 0..w {
+            let i = row * w + col;
+            nearest[i] = if !plane.data[i].is_nan() {
+                row
+            } else if row > 0 {
+                nearest[i - w]
+            } else {
+                h
+            };
+        }
+    }
+    for row in (0..h.saturating_sub(1)).rev() {
+        for col in 0..w {
+            let (i, below) = (row * w + col, nearest[(row + 1) * w + col]);
+            if below < h && (nearest[i] == h || below.abs_diff(row) < nearest[i].abs_diff(row)) {
+                nearest[i] = below;
+            }
+        }
+    }
+    nearest
+}
+
+/// The parabolas `(x - col)² + height` that are lowest somewhere: their column and where each begins to be.
+fn lower_envelope(sites: &[(usize, f64)]) -> Vec<(usize, f64)> {
+    let mut hull: Vec<(usize, f64, f64)> = Vec::with_capacity(sites.len());
+    for &(col, height) in sites {
+        let q = col as f64;
+        let mut begin = f64::NEG_INFINITY;
+        while let Some(&(c, f, b)) = hull.last() {
+            let p = c as f64;
+            begin = ((height + q * q) - (f + p * p)) / (2.0 * (q - p));
+            if begin > b {
+                break;
+            }
+            hull.pop();
+            begin = f64::NEG_INFINITY;
+        }
+        hull.push((col, height, begin));
+    }
+    hull.into_iter().map(|(c, _, b)| (c, b)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers that look random and are the same everywhere.
+    fn noise(i: usize) -> u32 {
+        (i as u32).wrapping_mul(2_654_435_761).rotate_left(13).wrapping_mul(2_246_822_519)
+    }
+
+    #[test]
+    fn every_hole_gets_a_value_at_the_smallest_distance() {
+        for keep in [3, 17, 200] {
+            let p = Plane::from_fn(31, 23, |c, r| {
+                let i = r * 31 + c;
+                if noise(i) % keep == 0 { i as f32 } else { f32::NAN }
+            });
+            let filled = filled_by_nearest(&p);
+            for r in 0..23usize {
+                for c in 0..31usize {
+                    let d2 = |i: usize| (i % 31).abs_diff(c).pow(2) + (i / 31).abs_diff(r).pow(2);
+                    let best = p.valid().map(|v| d2(v as usize)).min().unwrap();
+                    assert_eq!(d2(filled.at(c, r) as usize), best, "cell {c} {r}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_to_fill_from_stays_empty() {
+        let p = Plane::filled(4, 3, f32::NAN);
+        assert_eq!(filled_by_nearest(&p).valid().count(), 0);
+    }
+}

@@ -1,0 +1,105 @@
+//! The whole-cell shift of the highest normalised cross-correlation, coarse to fine.
+//!
+//! Follows EOGS's `dsmr.py`: both planes are halved while the shorter side exceeds 100 cells; at each level the
+//! best of all shifts within 5 cells of the doubled coarser one.
+
+use crate::raster::Plane;
+use rayon::prelude::*;
+
+/// Planes are halved while their shorter side exceeds this many cells.
+const SMALL_SIDE: usize = 100;
+/// Reach of the search at each level, in that level's cells.
+const REACH: i64 = 5;
+/// A shift whose overlap is smaller than this share of the largest tells nothing.
+const LEAST_OVERLAP: f64 = 0.25;
+
+/// (dx, dy) for which `prediction[row + dy, col + dx]` correlates best with `truth[row, col]`.
+pub(super) fn best_whole_shift(prediction: &Plane, truth: &Plane) -> (i64, i64) {
+    let mut center = (0, 0);
+    if truth.width.min(truth.height) > SMALL_SIDE {
+        let (dx, dy) = best_whole_shift(&prediction.halved(), &truth.halved());
+        center = (2 * dx, 2 * dy);
+    }
+    let shifts: Vec<(i64, i64)> = (-REACH..=REACH)
+        .flat_map(|dy| (-REACH..=REACH).map(move |dx| (center.0 + dx, center.1 + dy)))
+        .collect();
+    let moments: Vec<Moments> = shifts.par_iter().map(|s| Moments::of(prediction, truth, *s)).collect();
+    let enough = moments.iter().map(|m| m.n).fold(0.0, f64::max) * LEAST_OVERLAP;
+    // Of equal ones the nearest to no shift, so that a flat scene stays where it is.
+    let rank = |i: usize| {
+        let (dx, dy) = shifts[i];
+        let ncc = if moments[i].n >= enough { moments[i].correlation() } else { f64::NEG_INFINITY };
+        (ncc, -(dx * dx + dy * dy))
+    };
+    (0..shifts.len())
+        .max_by(|&a, &b| rank(a).partial_cmp(&rank(b)).unwrap_or(std::cmp::Ordering::Equal))
+        .map_or(center, |i| shifts[i])
+}
+
+/// Sums over the cells that two planes share.
+#[derive(Clone, Copy, Default)]
+struct Moments {
+    n: f64,
+    a: f64,
+    b: f64,
+    aa: f64,
+    bb: f64,
+    ab: f64,
+}
+
+impl Moments {
+    fn of(prediction: &Plane, truth: &Plane, (dx, dy): (i64, i64)) -> Self {
+        let mut m = Self::default();
+        let (w, h) = (truth.width as i64, truth.height as i64);
+        let cols = (-dx).clamp(0, w) as usize..(w - dx).clamp(0, w) as usize;
+        for row in (-dy).clamp(0, h)..(h - dy).clamp(0, h) {
+            if cols.is_empty() {
+                break;
+            }
+            let t = &truth.row(row as usize)[cols.clone()];
+            let first = (cols.start as i64 + dx) as usize;
+            let p = &prediction.row((row + dy) as usize)[first..first + t.len()];
+            for (a, b) in p.iter().zip(t) {
+                let (a, b) = (f64::from(*a), f64::from(*b));
+                if !(a * b).is_nan() {
+                    m.n += 1.0;
+                    m.a += a;
+                    m.b += b;
+                    m.aa += a * a;
+                    m.bb += b * b;
+                    m.ab += a * b;
+                }
+            }
+        }
+        m
+    }
+
+    /// Minus infinity where a plane is constant.
+    fn correlation(&self) -> f64 {
+        let covariance = self.ab - self.a * self.b / self.n;
+        let spread = (self.aa - self.a * self.a / self.n) * (self.bb - self.b * self.b / self.n);
+        let ncc = covariance / spread.sqrt();
+        if spread > 0.0 && ncc.is_finite() { ncc } else { f64::NEG_INFINITY }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flat_scene_stays_where_it_is() {
+        let flat = Plane::filled(120, 120, 5.0);
+        assert_eq!(best_whole_shift(&flat, &flat), (0, 0));
+    }
+
+    #[test]
+    fn shifts_beyond_one_level_are_found() {
+        let truth = Plane::from_fn(260, 240, |c, r| {
+            let (x, y) = (c as f32, r as f32);
+            (0.05 * x + 0.0004 * x * y).sin() * 8.0 + (0.08 * y).cos() * 5.0
+        });
+        let prediction = Plane::from_fn(260, 240, |c, r| truth.get(c as i64 + 17, r as i64 - 9));
+        assert_eq!(best_whole_shift(&prediction, &truth), (-17, 9));
+    }
+}

@@ -1,0 +1,145 @@
+//! Registrations: what is added to a prediction before it is scored.
+//!
+//! `z` is the BAEOGS paper's MAE_reg (eq. 4), `ncc` the one of EOGS's `dsmr.py`, `xyz` the smallest MAE there is.
+
+use super::ncc::best_whole_shift;
+use super::scores::quantile;
+use super::xyz::best_shift;
+use crate::raster::Plane;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// A way to register a prediction to the truth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// No shift; dz = -median(P - T).
+    Z,
+    /// The whole-cell shift of the highest normalised cross-correlation; dz = -mean(P - T).
+    Ncc,
+    /// The shift and median dz of the smallest MAE.
+    Xyz,
+}
+
+impl Method {
+    /// All of them, in the order of tables.
+    pub const ALL: [Self; 3] = [Self::Z, Self::Ncc, Self::Xyz];
+
+    /// Its name in tables and files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Z => "z",
+            Self::Ncc => "ncc",
+            Self::Xyz => "xyz",
+        }
+    }
+}
+
+/// `registered[row, col] = P[row + dy, col + dx] + dz`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Registration {
+    /// How it was found.
+    pub method: Method,
+    /// Columns added to a cell's position before the prediction is sampled.
+    pub dx_cells: f64,
+    /// Rows added to a cell's position before the prediction is sampled.
+    pub dy_cells: f64,
+    /// Metres added to the prediction.
+    pub dz_m: f64,
+}
+
+impl Registration {
+    /// The registered prediction; NaN where it is sampled outside or beside NaN.
+    #[must_use]
+    pub fn apply(&self, prediction: &Plane) -> Plane {
+        let mut out = shifted(prediction, self.dx_cells, self.dy_cells);
+        for v in &mut out.data {
+            *v = (f64::from(*v) + self.dz_m) as f32;
+        }
+        out
+    }
+
+    /// Metres the prediction is moved east and north, for cells of `cell_m` metres.
+    #[must_use]
+    pub fn moved_m(&self, cell_m: f64) -> (f64, f64) {
+        // Adding zero turns -0 into 0.
+        (-self.dx_cells * cell_m + 0.0, self.dy_cells * cell_m + 0.0)
+    }
+}
+
+/// The registration of `prediction` to `land` (NaN where not scored), both on one grid.
+///
+/// `bounds` are the heights, in metres, to which registered values are clipped before errors are taken.
+#[must_use]
+pub fn register(method: Method, prediction: &Plane, land: &Plane, bounds: (f32, f32)) -> Registration {
+    let (dx_cells, dy_cells, dz_m) = match method {
+        Method::Z => (0.0, 0.0, -quantile(&mut differences(prediction, land), 0.5)),
+        Method::Ncc => {
+            let (dx, dy) = best_whole_shift(prediction, land);
+            let (dx, dy) = (dx as f64, dy as f64);
+            let d = differences(&shifted(prediction, dx, dy), land);
+            (dx, dy, -d.iter().map(|v| f64::from(*v)).sum::<f64>() / d.len() as f64)
+        }
+        Method::Xyz => best_shift(prediction, land, bounds),
+    };
+    Registration { method, dx_cells, dy_cells, dz_m: dz_m + 0.0 }
+}
+
+/// `a - b` where both are numbers.
+fn differences(a: &Plane, b: &Plane) -> Vec<f32> {
+    a.data.iter().zip(&b.data).map(|(a, b)| a - b).filter(|d| !d.is_nan()).collect()
+}
+
+/// `out[row, col] = plane[row + dy, col + dx]`, bilinear.
+fn shifted(plane: &Plane, dx: f64, dy: f64) -> Plane {
+    let mut out = Plane::filled(plane.width, plane.height, f32::NAN);
+    out.data.par_chunks_mut(plane.width).enumerate().for_each(|(row, line)| {
+        for (col, v) in line.iter_mut().enumerate() {
+            *v = plane.bilinear(col as f64 + dx, row as f64 + dy);
+        }
+    });
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A town: blocks of different heights on a slope, nothing periodic.
+    fn town(size: usize) -> Plane {
+        Plane::from_fn(size, size, |c, r| {
+            let (x, y) = (c as f32, r as f32);
+            let block = ((c / 13 * 7 + r / 11 * 5 + (c / 13) * (r / 11)) % 9) as f32;
+            block * 2.5 + 0.02 * x - 0.01 * y + (0.3 * x).sin() * (0.23 * y).cos()
+        })
+    }
+
+    const ALL_HEIGHTS: (f32, f32) = (f32::MIN, f32::MAX);
+
+    #[test]
+    fn a_known_shift_is_found_exactly() {
+        let truth = town(150);
+        // The prediction shows the town 2 cells further east, 3 further south and 3.7 m higher.
+        let prediction = Plane::from_fn(150, 150, |c, r| truth.get(c as i64 - 2, r as i64 - 3) + 3.7);
+        for method in [Method::Ncc, Method::Xyz] {
+            let found = register(method, &prediction, &truth, ALL_HEIGHTS);
+            assert_eq!((found.dx_cells, found.dy_cells), (2.0, 3.0), "{method:?}");
+            assert!((found.dz_m + 3.7).abs() < 1e-4, "{found:?}");
+            assert_eq!(found.moved_m(0.5), (-1.0, 1.5));
+            let left = differences(&found.apply(&prediction), &truth);
+            assert!(left.iter().all(|d| d.abs() < 1e-4));
+        }
+    }
+
+    #[test]
+    fn a_shift_of_a_fraction_of_a_cell_is_refined() {
+        let truth = Plane::from_fn(150, 150, |c, r| {
+            let (x, y) = (c as f32, r as f32);
+            10.0 * (0.05 * x).sin() * (0.06 * y + 0.002 * x).cos()
+        });
+        let prediction = shifted(&truth, -0.6, 1.35);
+        let found = register(Method::Xyz, &prediction, &truth, ALL_HEIGHTS);
+        assert!((found.dx_cells - 0.6).abs() < 0.02 && (found.dy_cells + 1.35).abs() < 0.02, "{found:?}");
+    }
+}

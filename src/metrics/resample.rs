@@ -1,0 +1,115 @@
+//! The prediction on the truth's grid: whole-cell windows are cut, anything else is interpolated bilinearly.
+
+use super::MetricsError;
+use crate::frame::{CenterPx, Pixel, Point, Transform};
+use crate::raster::{MapGrid, Plane};
+use rayon::prelude::*;
+
+/// An origin this near to the other grid, in cells, counts as on it (JAX_068's truth is 0.008 off).
+const WHOLE_CELL: f64 = 0.02;
+/// Relative difference of cell sizes that counts as none: 0.01 cells over 10,000.
+const SAME_CELL: f64 = 1e-6;
+
+/// How the prediction came to the truth's grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sampling {
+    /// Cells were copied.
+    WholeCells,
+    /// Values were interpolated bilinearly between cell centres.
+    Bilinear,
+    /// As `Bilinear`, after a transform between two map projections.
+    Reprojected,
+}
+
+/// `plane`, which lies on grid `from`, on grid `to`; NaN outside and, where interpolated, beside NaN.
+///
+/// # Errors
+/// [`MetricsError::Frame`] when PROJ knows no transform between the two grids' systems.
+pub fn onto_grid(plane: &Plane, from: &MapGrid, to: &MapGrid) -> Result<(Plane, Sampling), MetricsError> {
+    if from.epsg != to.epsg {
+        let transform = Transform::new(to.epsg, from.epsg)?;
+        let at = |p: Point<_>| {
+            let (e, n) = transform.convert(p.x(), p.y());
+            Point::new(e, n, 0.0)
+        };
+        return Ok((interpolated(plane, from, to, at), Sampling::Reprojected));
+    }
+    let (dx, dy) = ((to.west - from.west) / from.cell, (from.north - to.north) / from.cell);
+    let near = |d: f64| (d - d.round()).abs() <= WHOLE_CELL;
+    if (from.cell - to.cell).abs() <= SAME_CELL * to.cell && near(dx) && near(dy) {
+        let (dx, dy) = (dx.round() as i64, dy.round() as i64);
+        let cut = Plane::from_fn(to.width, to.height, |c, r| plane.get(c as i64 + dx, r as i64 + dy));
+        return Ok((cut, Sampling::WholeCells));
+    }
+    Ok((interpolated(plane, from, to, |p| p), Sampling::Bilinear))
+}
+
+fn interpolated(
+    plane: &Plane,
+    from: &MapGrid,
+    to: &MapGrid,
+    map: impl Fn(Point<crate::frame::Utm>) -> Point<crate::frame::Utm> + Sync,
+) -> Plane {
+    let mut out = Plane::filled(to.width, to.height, f32::NAN);
+    out.data.par_chunks_mut(to.width).enumerate().for_each(|(row, line)| {
+        for (col, v) in line.iter_mut().enumerate() {
+            let px: Pixel<CenterPx> = from.corner_px_from_utm(map(to.cell_center(col, row))).into();
+            if px.col.is_finite() && px.row.is_finite() {
+                *v = plane.bilinear(px.col, px.row);
+            }
+        }
+    });
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(west: f64, north: f64, cell: f64, width: usize) -> MapGrid {
+        MapGrid { epsg: 32617, west, north, cell, width, height: width }
+    }
+
+    fn ramp(g: &MapGrid) -> Plane {
+        Plane::from_fn(g.width, g.height, |c, r| {
+            let p = g.cell_center(c, r);
+            ((p.x() - 436_000.0) * 0.1 + (p.y() - 3_357_000.0) * 0.2) as f32
+        })
+    }
+
+    #[test]
+    fn a_window_is_cut_without_touching_the_values() {
+        let from = grid(436_000.0, 3_357_100.0, 0.5, 40);
+        let to = grid(436_002.004, 3_357_098.999, 0.5, 50);
+        let (out, how) = onto_grid(&ramp(&from), &from, &to).unwrap();
+        assert_eq!(how, Sampling::WholeCells);
+        assert_eq!(out.at(0, 0), ramp(&from).at(4, 2));
+        assert!(out.at(49, 0).is_nan());
+    }
+
+    #[test]
+    fn other_grids_are_interpolated_at_cell_centres() {
+        let from = grid(436_000.0, 3_357_100.0, 0.5, 40);
+        let to = grid(436_003.1, 3_357_096.2, 0.3, 20);
+        let (out, how) = onto_grid(&ramp(&from), &from, &to).unwrap();
+        assert_eq!(how, Sampling::Bilinear);
+        let expected = ramp(&to);
+        for (a, b) in out.data.iter().zip(&expected.data) {
+            assert!((a - b).abs() < 1e-4, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn another_zone_is_reprojected() {
+        let from = grid(436_000.0, 3_357_100.0, 0.5, 400);
+        let (e, n) = Transform::new(32617, 32616).unwrap().convert(436_100.0, 3_357_000.0);
+        let to = MapGrid { epsg: 32616, ..grid(e - 5.0, n + 5.0, 0.5, 20) };
+        let (out, how) = onto_grid(&ramp(&from), &from, &to).unwrap();
+        assert_eq!(how, Sampling::Reprojected);
+        let p = to.cell_center(3, 7);
+        let (e, n) = Transform::new(32616, 32617).unwrap().convert(p.x(), p.y());
+        let expected = (e - 436_000.0) * 0.1 + (n - 3_357_000.0) * 0.2;
+        assert!((f64::from(out.at(3, 7)) - expected).abs() < 1e-3);
+    }
+}

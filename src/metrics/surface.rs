@@ -1,0 +1,67 @@
+//! A height raster in memory, with its place on the map.
+
+use super::MetricsError;
+use crate::raster::{ImageFile, MapGrid, Plane};
+use std::path::{Path, PathBuf};
+
+/// Heights at or below this are the nodata value that many lidar products do not declare.
+const UNDECLARED_NODATA_M: f32 = -9999.0;
+
+/// A surface model: heights in metres on a map grid; NaN is no data.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// The file it came from, for messages.
+    pub path: PathBuf,
+    /// Its place on the map.
+    pub grid: MapGrid,
+    /// Heights in metres.
+    pub height: Plane,
+    /// What the file says about its vertical reference, e.g. `ellipsoid`.
+    pub vertical: Option<String>,
+    /// Cells that held a nodata value the file does not declare.
+    pub undeclared_nodata: usize,
+}
+
+impl Surface {
+    /// Reads the first band of a georeferenced raster.
+    ///
+    /// # Errors
+    /// [`MetricsError::Raster`] when it cannot be read or has no north-up grid in metres.
+    pub fn read(path: &Path) -> Result<Self, MetricsError> {
+        let file = ImageFile::open(path)?;
+        let grid = file.map_grid()?;
+        Self::on_grid(&file, grid)
+    }
+
+    /// Reads the first band of `file`, whose place is known from elsewhere.
+    pub(super) fn on_grid(file: &ImageFile, grid: MapGrid) -> Result<Self, MetricsError> {
+        let mut height = file.read(1)?;
+        let undeclared_nodata = drop_undeclared_nodata(&mut height);
+        let vertical = file.metadata("VERTICAL_REFERENCE", "");
+        Ok(Self { path: file.path().into(), grid, height, vertical, undeclared_nodata })
+    }
+}
+
+/// Infinite heights and -9999 or less become NaN; returns how many.
+fn drop_undeclared_nodata(height: &mut Plane) -> usize {
+    let mut dropped = 0;
+    for v in &mut height.data {
+        if v.is_infinite() || *v <= UNDECLARED_NODATA_M {
+            *v = f32::NAN;
+            dropped += 1;
+        }
+    }
+    dropped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn minus_9999_is_no_height() {
+        let mut p = Plane { width: 4, height: 1, data: vec![-9999.0, 3.0, f32::INFINITY, -32767.0] };
+        assert_eq!(drop_undeclared_nodata(&mut p), 3);
+        assert_eq!(p.valid().collect::<Vec<_>>(), [3.0]);
+    }
+}
