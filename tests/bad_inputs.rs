@@ -1,4 +1,5 @@
 //! Bad input gets one clear line naming file and field, a hint, exit code 2, and leaves nothing behind.
+#![allow(clippy::unwrap_used)]
 
 mod common;
 

@@ -1,5 +1,5 @@
 //! What several test files need: the folder of real data, a made-up camera, images, the binary.
-#![allow(dead_code, clippy::print_stdout)]
+#![allow(dead_code, clippy::print_stdout, clippy::unwrap_used)]
 
 use satgs::raster::SensorImage;
 use satgs::rpc::formats::to_gdal;
