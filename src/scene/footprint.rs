@@ -195,7 +195,9 @@ mod tests {
     fn ground_seen_counts_views() {
         let footprints = [square(0.0, 0.0), square(5.0, 0.0), square(0.0, 5.0), square(100.0, 0.0)];
         let area = |n| ground_seen(&footprints, n).unsigned_area();
-        assert!((area(1) - (75.0 + 50.0 + 50.0 + 25.0 + 100.0 - 25.0)).abs() < 1e-6, "{}", area(1));
+        // Inclusion and exclusion: four squares, the pairs that overlap, the triple.
+        let union = 4.0 * 100.0 - (50.0 + 50.0 + 25.0) + 25.0;
+        assert!((area(1) - union).abs() < 1e-6, "{}", area(1));
         assert!((area(2) - 75.0).abs() < 1e-6, "{}", area(2));
         assert!((area(3) - 25.0).abs() < 1e-6);
         assert_eq!(area(4), 0.0);

@@ -136,9 +136,9 @@ fn camera(
         let distance = distance_px(&chosen.file.rpc, &own, file.size());
         if distance > SAME_PX {
             warnings.push(format!(
-                "`{}`: its RPC tag and {} differ by {distance:.1} px; {0} is used",
+                "`{}`: its RPC tag and {from} differ by {distance:.1} px; {from} is used",
                 image.display(),
-                chosen.source
+                from = chosen.source,
             ));
         }
     }

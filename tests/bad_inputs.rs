@@ -1,0 +1,239 @@
+//! Bad input gets one clear line naming file and field, a hint, exit code 2, and leaves nothing behind.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{camera, image, satgs, two_views};
+use satgs::rpc::formats::{RpcFile, ViewTags, to_json, to_text};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+fn listing(folder: &Path) -> BTreeSet<PathBuf> {
+    std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect()
+}
+
+/// Runs `satgs info` on a scene: exit code and standard error; the folder must stay as it was.
+fn info(scene: &Path, more: &[&str]) -> (Option<i32>, String) {
+    let before = scene.is_dir().then(|| listing(scene));
+    let mut args = vec!["info", scene.to_str().unwrap()];
+    args.extend(more);
+    let out = satgs(&args);
+    assert_eq!(before, scene.is_dir().then(|| listing(scene)), "nothing may be left behind");
+    (out.status.code(), String::from_utf8(out.stderr).unwrap())
+}
+
+/// Asserts that the scene is refused with exit code 2 and these words in the error and the hint.
+#[track_caller]
+fn refused(scene: &Path, more: &[&str], error: &str, hint: &str) {
+    let (code, said) = info(scene, more);
+    assert_eq!(code, Some(2), "{said}");
+    let lines: Vec<&str> = said.lines().filter(|l| !l.starts_with("warning: ")).collect();
+    assert_eq!(lines.len(), 2, "one line and a hint: {said}");
+    assert!(lines[0].starts_with("error: ") && lines[0].contains(error), "{said}");
+    assert!(lines[1].starts_with("hint: ") && lines[1].contains(hint), "{said}");
+}
+
+#[test]
+fn n01_no_rpc_at_all() {
+    let folder = tempfile::tempdir().unwrap();
+    image(&folder.path().join("ortho.tif"), 1, None, &[]);
+    refused(folder.path(), &[], "ortho.tif` has no RPC, neither inside nor beside it", "`satgs info SCENE`");
+    let empty = tempfile::tempdir().unwrap();
+    refused(empty.path(), &[], "no images found in", "images end in .tif");
+}
+
+#[test]
+fn n02_one_field_missing() {
+    let folder = two_views();
+    let text = to_text(&camera(5.44, 0.2));
+    let without: Vec<&str> = text.lines().filter(|l| !l.starts_with("LINE_OFF")).collect();
+    std::fs::write(folder.path().join("a_RPC.TXT"), without.join("\n")).unwrap();
+    let error = "a_RPC.TXT`: RPC field `LINE_OFF` is missing (found 89 of 90 fields)";
+    refused(folder.path(), &[], error, "ask for the original metadata");
+}
+
+#[test]
+fn n05_sidecar_that_differs_is_said_and_used() {
+    let folder = two_views();
+    let moved = camera(5.44, 0.2).shifted(3.0, 4.0);
+    std::fs::write(folder.path().join("a_RPC.TXT"), to_text(&moved)).unwrap();
+    let (code, said) = info(folder.path(), &[]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("its RPC tag and a_RPC.TXT differ by 5.0 px; a_RPC.TXT is used"), "{said}");
+}
+
+#[test]
+fn n07_nan_and_zero() {
+    let folder = two_views();
+    let text = to_text(&camera(5.44, 0.2));
+    for (from, to, error, hint) in [
+        ("LAT_OFF: 43.26", "LAT_OFF: NaN", "`LAT_OFF` is not a finite number", "damaged"),
+        ("SAMP_SCALE: 40", "SAMP_SCALE: 0", "`SAMP_SCALE` is zero", "damaged"),
+        ("LAT_OFF: 43.26", "LAT_OFF: 143.26", "`LAT_OFF` is 143.26, outside ±90", "swapped"),
+        ("SAMP_DEN_COEFF_2: 0", "SAMP_DEN_COEFF_2: 2", "RPC's column changes sign", "RPC00B"),
+        ("LAT_OFF: 43.26", "LAT_OFF: 43,26", "`LAT_OFF` is `43,26 degrees`", "decimal point"),
+    ] {
+        let changed = text.replace(from, to);
+        assert_ne!(changed, text);
+        std::fs::write(folder.path().join("a_RPC.TXT"), changed).unwrap();
+        refused(folder.path(), &[], error, hint);
+    }
+}
+
+#[test]
+fn n15_files_that_are_no_whole_images() {
+    let folder = two_views();
+    let bad = folder.path().join("c.tif");
+    let whole = std::fs::read(folder.path().join("a.tif")).unwrap();
+    std::fs::write(&bad, &whole[..whole.len() / 2]).unwrap();
+    refused(folder.path(), &[], "c.tif", "");
+    std::fs::write(&bad, b"not a TIFF at all").unwrap();
+    refused(folder.path(), &[], "c.tif` cannot be opened as a raster", "gdalinfo");
+    std::fs::write(&bad, b"").unwrap();
+    refused(folder.path(), &[], "c.tif` cannot be opened as a raster", "gdalinfo");
+    std::fs::write(&bad, tiff_header(1, 1)).unwrap();
+    refused(folder.path(), &[], "c.tif` is 1 x 1 pixels", "complete");
+    std::fs::write(&bad, tiff_header(65_536, 65_536)).unwrap();
+    refused(folder.path(), &[], "c.tif` is 65536 x 65536 pixels in 1024 bytes", "complete");
+}
+
+/// A TIFF of 1 kB that claims to be one uncompressed 8-bit strip of any size.
+fn tiff_header(width: u32, height: u32) -> Vec<u8> {
+    let entries: [(u16, u32); 8] = [
+        (256, width),
+        (257, height),
+        (258, 8),
+        (259, 1),
+        (262, 1),
+        (273, 256),
+        (278, height),
+        (279, width.saturating_mul(height).max(1)),
+    ];
+    let mut bytes = b"II*\0\x08\0\0\0".to_vec();
+    bytes.extend((entries.len() as u16).to_le_bytes());
+    for (tag, value) in entries {
+        bytes.extend(tag.to_le_bytes());
+        bytes.extend(4u16.to_le_bytes());
+        bytes.extend(1u32.to_le_bytes());
+        bytes.extend(value.to_le_bytes());
+    }
+    bytes.resize(1024, 0);
+    bytes
+}
+
+#[test]
+fn n19_the_same_image_twice() {
+    let folder = two_views();
+    std::fs::copy(folder.path().join("a.tif"), folder.path().join("c.tif")).unwrap();
+    refused(folder.path(), &[], "c.tif` are the same image", "remove one of them");
+    let (_, said) = info(folder.path(), &[]);
+    assert!(said.contains("a.tif` and `"), "{said}");
+}
+
+#[test]
+fn n20_views_of_different_places() {
+    let folder = two_views();
+    image(&folder.path().join("far.tif"), 3, Some(&camera(5.54, 0.0)), &[]);
+    let error = "views do not share ground: `far` (lon 5.53";
+    refused(folder.path(), &[], error, "`satgs info` lists the footprints");
+    let (_, said) = info(folder.path(), &[]);
+    assert!(said.contains("by 0.0 %"), "{said}");
+}
+
+#[test]
+fn n21_suns_and_dates() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, seed, items: &[(&str, &str)]| {
+        image(&folder.path().join(name), seed, Some(&camera(5.44, f64::from(seed) * 0.05)), items);
+    };
+    put("none.tif", 1, &[]);
+    put("night.tif", 2, &[("SUN_AZIMUTH", "10"), ("SUN_ELEVATION", "-3")]);
+    let noon =
+        [("SUN_AZIMUTH", "180"), ("SUN_ELEVATION", "70"), ("ACQUISITION_TIME", "2016-06-21T11:40:00Z")];
+    put("noon.tif", 3, &noon);
+    let wrong =
+        [("SUN_AZIMUTH", "90"), ("SUN_ELEVATION", "70"), ("ACQUISITION_TIME", "2021-06-21T11:40:00Z")];
+    put("wrong.tif", 4, &wrong);
+    let (code, said) = info(folder.path(), &[]);
+    assert_eq!(code, Some(0), "{said}");
+    for words in [
+        "warning: no sun is known, no shadows are modelled (--sun NAME=AZ,EL gives one): none\n",
+        "warning: night: its sun is below the horizon (-3.0°), no shadows are modelled",
+        "warning: wrong: its sun (azimuth 90.0°, elevation 70.0°) is ",
+        "warning: the views are 5.0 years apart",
+    ] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+    assert!(!said.contains("warning: noon"), "{said}");
+    let (_, said) = info(folder.path(), &["--sun", "none=170,60"]);
+    assert!(!said.contains("no sun is known"), "{said}");
+    refused(folder.path(), &["--sun", "nobody=170,60"], "no view `nobody`", "night, none, noon, wrong");
+    let (code, said) = info(folder.path(), &["--sun", "none=170"]);
+    assert!(code == Some(2) && said.contains("NAME=AZ,EL"), "{said}");
+}
+
+#[test]
+fn n34_paths() {
+    let folder = tempfile::tempdir().unwrap();
+    let odd = folder.path().join("a b: é'");
+    std::fs::create_dir(&odd).unwrap();
+    image(&odd.join("vue d'été.tif"), 1, Some(&camera(5.44, 0.1)), &[]);
+    let (code, said) = info(&odd, &[]);
+    assert_eq!(code, Some(0), "{said}");
+
+    refused(
+        &folder.path().join("missing"),
+        &[],
+        "missing` cannot be read: No such file",
+        "SCENE is a folder",
+    );
+    let file = odd.join("vue d'été.tif");
+    refused(&file, &[], "été.tif` is a file, a folder is expected", "the folder that holds the images");
+    #[cfg(unix)]
+    {
+        let around = folder.path().join("loop");
+        std::os::unix::fs::symlink(&around, &around).unwrap();
+        refused(&around, &[], "loop` cannot be read", "SCENE is a folder");
+        let pipe = odd.join("pipe.tif");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        refused(&odd, &[], "pipe.tif` cannot be opened as a raster: not a regular file", "");
+    }
+}
+
+#[test]
+fn one_view_is_enough_to_be_looked_at() {
+    let folder = tempfile::tempdir().unwrap();
+    image(&folder.path().join("a.tif"), 1, Some(&camera(5.44, 0.1)), &[]);
+    assert_eq!(info(folder.path(), &[]).0, Some(0));
+    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
+    let error = scene.require_views(2).unwrap_err();
+    assert_eq!(error.to_string(), "the scene has 1 view, at least 2 are needed");
+}
+
+#[test]
+fn folders_of_rpc_files_are_chosen_by_name() {
+    let scene = tempfile::tempdir().unwrap();
+    let at = |p: &str| scene.path().join(p);
+    for folder in ["images", "rpcs_raw", "rpcs_ba", "truth"] {
+        std::fs::create_dir(at(folder)).unwrap();
+    }
+    for (name, lean) in [("a", 0.2), ("b", -0.2)] {
+        image(&at(&format!("images/{name}.tif")), name.as_bytes()[0].into(), None, &[]);
+        let tags = ViewTags { size: Some((64, 64)), ..ViewTags::default() };
+        let json = to_json(&RpcFile { rpc: camera(5.44, lean), tags });
+        for folder in ["rpcs_raw", "rpcs_ba", "truth"] {
+            std::fs::write(at(&format!("{folder}/{name}.json")), &json).unwrap();
+        }
+    }
+    std::fs::write(at("rpcs_raw/test.txt"), "b.json\r\n").unwrap();
+    refused(scene.path(), &[], "has several folders of RPC files: rpcs_ba, rpcs_raw", "--rpcs NAME");
+    refused(scene.path(), &["--rpcs", "rpcs"], "has no folder `rpcs`", "rpcs_ba, rpcs_raw");
+    let options = satgs::scene::ReadOptions { rpcs: Some("rpcs_raw".into()), suns: Vec::new() };
+    let read = satgs::scene::read(scene.path(), &options).unwrap();
+    let train: Vec<&str> = read.training().map(|v| v.name.as_str()).collect();
+    assert_eq!((read.views.len(), train), (2, vec!["a"]));
+
+    std::fs::remove_file(at("images/b.tif")).unwrap();
+    let error = "rpcs_raw/b.json` is for the image";
+    refused(scene.path(), &["--rpcs", "rpcs_raw"], error, "put the image there");
+}
