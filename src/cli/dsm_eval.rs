@@ -1,7 +1,6 @@
 //! `satgs dsm-eval`: a surface model against the truth, in a table, a JSON file and an error map.
 
 use super::{Failure, Ui};
-use crate::event::Event;
 use crate::metrics::{Evaluation, Method, Surface, Truth, Verdict, class_name, error_picture, evaluate};
 use crate::raster::{Cog, RasterError, write_atomically, write_png_rgb};
 use std::collections::BTreeSet;
@@ -45,19 +44,30 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     if let Some(folder) = &args.output {
         refuse_to_replace(folder, args.overwrite)?;
     }
-    let evaluation = evaluation(&args.dsm, &args.truth, args.classes.as_deref())?;
+    score(&args.dsm, &args.truth, args.classes.as_deref(), args.output.as_deref(), ui)
+}
+
+/// Scores a surface model, shows the table, and writes the files into `output`.
+pub(super) fn score(
+    dsm: &Path,
+    truth: &Path,
+    classes: Option<&Path>,
+    output: Option<&Path>,
+    ui: &Ui,
+) -> Result<(), Failure> {
+    let evaluation = evaluation(dsm, truth, classes)?;
     for note in &evaluation.notes {
-        ui.show(Event::Note(note.clone()));
+        ui.note(note);
     }
-    if let Some(folder) = &args.output {
+    if let Some(folder) = output {
         write_files(&evaluation, folder)?;
     }
-    ui.summary(&table(&evaluation), &json(&evaluation)?);
+    ui.summary("dsm-eval", &table(&evaluation), json(&evaluation)?);
     Ok(())
 }
 
 /// Reads both rasters and scores the first against the second.
-pub(super) fn evaluation(dsm: &Path, truth: &Path, classes: Option<&Path>) -> Result<Evaluation, Failure> {
+fn evaluation(dsm: &Path, truth: &Path, classes: Option<&Path>) -> Result<Evaluation, Failure> {
     let prediction = Surface::read(dsm)?;
     let truth = Truth::read(truth, classes, prediction.grid.epsg)?;
     Ok(evaluate(&prediction, &truth)?)

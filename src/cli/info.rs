@@ -28,7 +28,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let rows = scene.views.iter().map(|v| Row::new(v, overlap.height_m)).collect::<Result<Vec<_>, _>>()?;
     let pairs = Pairs::new(&rows);
     let text = [table(&rows), pairs.text(&rows), ground(&scene, &overlap)].join("\n");
-    ui.summary(&text, &summary(&scene, &rows, &pairs, &overlap));
+    ui.summary("info", &text, summary(&scene, &rows, &pairs, &overlap));
     Ok(scene.require_shared_ground()?)
 }
 

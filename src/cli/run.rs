@@ -30,7 +30,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     train::train_run(run, &args.training, overwrite, ui)?;
     dsm::render_run(run, &args.surface, overwrite, ui)?;
     if let Some(truth) = &args.truth {
-        dsm_eval::evaluate(&run.join("dsm.tif"), truth, Some(&run.join("eval")), ui)?;
+        dsm_eval::score(&run.join("dsm.tif"), truth, None, Some(&run.join("eval")), ui)?;
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use super::{Failure, Ui};
 use crate::event::Event;
 use crate::scene::{self, ReadOptions, Scene, Sun};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A scene and how to read it.
 #[derive(clap::Args, Clone, Debug)]
@@ -21,6 +21,11 @@ pub struct SceneArgs {
 }
 
 impl SceneArgs {
+    /// Where the scene lies.
+    pub fn path(&self) -> &Path {
+        &self.scene
+    }
+
     /// Reads the scene and shows its warnings.
     pub fn read(&self, ui: &Ui) -> Result<Scene, Failure> {
         let options = ReadOptions { rpcs: self.rpcs.clone(), suns: self.suns.clone() };

@@ -47,9 +47,8 @@ impl<T: Real> Place<T> {
     /// Bilinear value of a channel and its slopes by column and row.
     #[inline(always)]
     pub fn value(&self, image: &Layers<T>, channel: usize) -> (T, [T; 2]) {
-        let (top, bottom) = (image.row(channel, self.row), image.row(channel, self.row + 1));
-        let (a, b) = (top[self.col], top[self.col + 1]);
-        let (c, d) = (bottom[self.col], bottom[self.col + 1]);
+        let (a, b) = (image.at(channel, self.col, self.row), image.at(channel, self.col + 1, self.row));
+        let (c, d) = (image.at(channel, self.col, self.row + 1), image.at(channel, self.col + 1, self.row + 1));
         let [x, y] = self.part;
         let (upper, lower) = (a + (b - a) * x, c + (d - c) * x);
         let by_x = (b - a) + ((d - c) - (b - a)) * y;

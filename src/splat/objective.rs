@@ -229,7 +229,7 @@ impl<T: Real + Kernels<4> + Kernels<1> + Rows> Objective<T> {
         let entropies: Vec<f64> = rows
             .enumerate()
             .map(|(row, (picture, sunlight))| {
-                let altitude = view.row(3, row);
+                let [red, green, blue, altitude] = std::array::from_fn(|c| view.row(c, row));
                 let mut sum = T::zero();
                 for col in 0..width {
                     let s = match &sun {
@@ -243,7 +243,7 @@ impl<T: Real + Kernels<4> + Kernels<1> + Rows> Objective<T> {
                         None => T::one(),
                     };
                     sunlight[col] = s;
-                    let rgb = [view.row(0, row)[col], view.row(1, row)[col], view.row(2, row)[col]];
+                    let rgb = [red[col], green[col], blue[col]];
                     let (lit, dim) = (appearance.sunlit(rgb), appearance.dimming(s));
                     let counts = shot.valid.get(row * width + col).copied().unwrap_or(true);
                     for c in 0..3 {
@@ -365,15 +365,16 @@ impl<T: Real + Kernels<4> + Kernels<1> + Rows> Objective<T> {
         gradient.splats.resize(n);
         self.prepared.parameter_gradients(gaussians, &self.by_shared, &mut gradient.splats);
         let opacity_scale = T::of(weights.opacity / n.max(1) as f64);
-        for i in 0..n {
+        let Gaussians { position, logit, f_dc, .. } = &mut gradient.splats;
+        let rows = position.par_iter_mut().zip(logit).zip(f_dc).with_min_len(1024).enumerate();
+        rows.for_each(|(i, ((position, logit), f_dc))| {
             let rank = self.prepared.rank(i);
             let by = self.by_feature[rank];
-            let out = &mut gradient.splats;
-            out.f_dc[i] = std::array::from_fn(|c| by[c] * T::of(SH_C0));
-            out.position[i][2] = out.position[i][2] + by[3] + self.by_altitude[rank][0];
+            *f_dc = std::array::from_fn(|c| by[c] * T::of(SH_C0));
+            position[2] = position[2] + by[3] + self.by_altitude[rank][0];
             let o = sigmoid(gaussians.logit[i]);
-            out.logit[i] = out.logit[i] + opacity_scale * o * (T::one() - o);
-        }
+            *logit = *logit + opacity_scale * o * (T::one() - o);
+        });
     }
 }
 
@@ -412,14 +413,17 @@ struct PixelPass<'a, T> {
 impl<T: Real> PixelPass<'_, T> {
     fn row(&self, row: usize, by_view: &mut [T], stripe: &mut Stripe<T>) {
         let width = self.view.width;
+        let [red, green, blue, altitude] = std::array::from_fn(|c| self.view.row(c, row));
+        let by_picture: [&[T]; 3] = std::array::from_fn(|c| self.by_picture.row(c, row));
+        let sunlight = self.sunlight.row(0, row);
         for col in 0..width {
-            let rgb = std::array::from_fn(|c| self.view.row(c, row)[col]);
-            let z = self.view.row(3, row)[col];
+            let rgb = [red[col], green[col], blue[col]];
+            let z = altitude[col];
             let counts = self.shot.valid.get(row * width + col).copied().unwrap_or(true);
             let (mut by_rgb, mut by_sunlight, mut by_z) = ([T::zero(); 3], T::zero(), T::zero());
-            let s = self.sunlight.row(0, row)[col];
+            let s = sunlight[col];
             if counts {
-                let by_pixel = std::array::from_fn(|c| self.by_picture.row(c, row)[col]);
+                let by_pixel = by_picture.map(|p| p[col]);
                 (by_rgb, by_sunlight) = self.appearance.backward(rgb, s, by_pixel, &mut stripe.appearance);
             }
             if let Some(sun) = &self.shot.sun {

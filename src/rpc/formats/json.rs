@@ -108,7 +108,7 @@ pub fn iso_date(text: &str) -> Option<String> {
     }
     let part = |from: usize, to: usize, limits: std::ops::RangeInclusive<u32>| {
         let text = digits.get(from..to)?;
-        limits.contains(&text.parse().ok()?).then_some(text)
+        limits.contains(&text.parse::<u32>().ok()?).then_some(text)
     };
     let date = format!("{}-{}-{}", part(0, 4, 1900..=2200)?, part(4, 6, 1..=12)?, part(6, 8, 1..=31)?);
     match digits.len() {

@@ -97,12 +97,6 @@ fn backward_f32<const C: usize>(
     }
 }
 
-/// `a * b + c`, in one instruction where there is one.
-#[inline(always)]
-fn madd<T: Real, const FMA: bool>(a: T, b: T, c: T) -> T {
-    if FMA { a.mul_add(b, c) } else { a * b + c }
-}
-
 /// A splat as a tile's pixels see it: the exponent is a quadratic of the row for each column.
 struct Stamp<T> {
     /// Pixel column minus the splat's centre.
@@ -146,9 +140,9 @@ impl<T: Real> Stamp<T> {
         let cut = T::of(ALPHA_CUT.log2());
         let mut alpha = [T::zero(); TILE];
         for i in 0..TILE {
-            let inner = madd::<T, FMA>(self.curvature, dy, self.slope[i]);
-            let exponent = madd::<T, FMA>(inner, dy, self.at_zero[i]);
-            let value = exponent.max(cut).exp2_lane();
+            let inner = self.curvature.madd::<FMA>(dy, self.slope[i]);
+            let exponent = inner.madd::<FMA>(dy, self.at_zero[i]);
+            let value = exponent.max(cut).exp2_lane::<FMA>();
             alpha[i] = if exponent >= cut { value } else { T::zero() };
         }
         alpha
@@ -207,7 +201,7 @@ fn forward_band<T: Real, const C: usize, const FMA: bool>(
                 for c in 0..C {
                     let row = &mut color[c][r & (TILE - 1)];
                     for i in 0..TILE {
-                        row[i] = madd::<T, FMA>(weight[i], feature[c], row[i]);
+                        row[i] = weight[i].madd::<FMA>(feature[c], row[i]);
                     }
                 }
             }
@@ -274,7 +268,7 @@ fn backward_band<T: Real, const C: usize, const FMA: bool>(
                 let mut along = [T::zero(); TILE];
                 for c in 0..C {
                     for i in 0..TILE {
-                        along[i] = madd::<T, FMA>(by_color[c][r][i], feature[c], along[i]);
+                        along[i] = by_color[c][r][i].madd::<FMA>(feature[c], along[i]);
                     }
                 }
                 let mut weight = [T::zero(); TILE];
@@ -290,12 +284,12 @@ fn backward_band<T: Real, const C: usize, const FMA: bool>(
                     let follows = alpha[i] <= alpha_max && t >= saturated;
                     let v = if follows { by_alpha * alpha[i] } else { T::zero() };
                     moments[0][i] = moments[0][i] + v;
-                    moments[1][i] = madd::<T, FMA>(v, dy, moments[1][i]);
-                    moments[2][i] = madd::<T, FMA>(v, dy * dy, moments[2][i]);
+                    moments[1][i] = v.madd::<FMA>(dy, moments[1][i]);
+                    moments[2][i] = v.madd::<FMA>(dy * dy, moments[2][i]);
                 }
                 for c in 0..C {
                     for i in 0..TILE {
-                        by_feature[c][i] = madd::<T, FMA>(weight[i], by_color[c][r][i], by_feature[c][i]);
+                        by_feature[c][i] = weight[i].madd::<FMA>(by_color[c][r][i], by_feature[c][i]);
                     }
                 }
             }

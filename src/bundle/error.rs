@@ -1,0 +1,83 @@
+//! Why a scene could not be adjusted.
+
+use crate::raster::RasterError;
+use crate::rpc::formats::FormatError;
+use crate::scene::SceneError;
+use std::path::PathBuf;
+
+/// Why a scene could not be adjusted.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum BundleError {
+    /// The scene itself is no good.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Scene(#[from] SceneError),
+    /// A file could not be read or written.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Raster(#[from] RasterError),
+    /// A corrected RPC could not be read back.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Format(#[from] FormatError),
+    /// Heights in the wrong order.
+    #[error("the height range {low_m} to {high_m} m is empty")]
+    #[diagnostic(help("--height-range LOW,HIGH in metres above the ellipsoid, LOW below HIGH"))]
+    Heights {
+        /// Lowest.
+        low_m: f64,
+        /// Highest.
+        high_m: f64,
+    },
+    /// Too few views have anything to match.
+    #[error("{usable} of {all} views can be matched, two are needed; left out: {left_out}")]
+    #[diagnostic(help("are the images constant, all nodata, or of different places?"))]
+    TooFewViews {
+        /// Views with keypoints.
+        usable: usize,
+        /// Views in the scene.
+        all: usize,
+        /// The others, by name and reason.
+        left_out: String,
+    },
+    /// Matches do not tie the views together.
+    #[error("the matches do not connect the views: {components}")]
+    #[diagnostic(help("do the views show the same place? a wider --height-range may help"))]
+    NotConnected {
+        /// Groups of views that are connected among themselves.
+        components: String,
+    },
+    /// Views from the same direction.
+    #[error("no two views differ by {needed_deg}° in direction: heights cannot be measured")]
+    #[diagnostic(help("`satgs info` lists the convergence angles"))]
+    NoBaseline {
+        /// Smallest useful angle.
+        needed_deg: f64,
+    },
+    /// The normal equations have no solution.
+    #[error("the adjustment did not converge: {reason}")]
+    #[diagnostic(code(satgs::failed))]
+    Solver {
+        /// The solver's words.
+        reason: String,
+    },
+    /// Sparse points cannot be written or read.
+    #[error("`{path}`: {reason}")]
+    #[diagnostic(help("`satgs ba SCENE -o RUN --overwrite` makes it anew"))]
+    Points {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A view of the scene has no corrected camera.
+    #[error("view `{view}` has no corrected camera in `{folder}`")]
+    #[diagnostic(help("`satgs ba SCENE -o RUN --overwrite` makes it anew"))]
+    NoCamera {
+        /// The view.
+        view: String,
+        /// Where it was looked for.
+        folder: PathBuf,
+    },
+}

@@ -1,0 +1,228 @@
+//! Matching along the epipolar segment that two cameras and a range of heights leave open.
+//!
+//! A keypoint of one view, localised at the lowest and the highest height, projects to the ends of a segment in the
+//! other. RPCs err by a shift that is nearly the same for the whole image, so true matches lie at one distance
+//! across the segments: that distance is found first, and what lies elsewhere is dropped.
+
+use super::features::{Keypoint, VALUES, similarity};
+use crate::frame::{Geodetic, Pixel, Point};
+use crate::rpc::Rpc;
+use rayon::prelude::*;
+
+/// Side of the search grid's cells, pixels.
+const CELL_PX: f64 = 24.0;
+/// The second best must be this much worse (ratio of descriptor distances).
+const RATIO: f32 = 0.8;
+/// Descriptors further apart than this are no match, whatever the ratio.
+const MAX_DISTANCE: f32 = 0.75;
+/// Keypoints nearer than this are the same place seen twice, not a rival, pixels.
+const SAME_PLACE_PX: f64 = 2.0;
+/// Largest ratio of the scales of matching keypoints.
+const MAX_SCALE_RATIO: f32 = 1.8;
+/// Matches that agree on the distance across the segments, pixels from the consensus.
+const CONSENSUS_PX: f64 = 1.5;
+/// Fewest matches that make a consensus.
+const FEWEST: usize = 10;
+
+/// A view ready to be matched.
+pub struct MatchView<'a> {
+    /// Its camera.
+    pub rpc: &'a Rpc,
+    /// Its keypoints.
+    pub keypoints: &'a [Keypoint],
+    /// Each keypoint's ground at the lowest and highest height.
+    ground: Vec<Option<[Point<Geodetic>; 2]>>,
+    columns: usize,
+    rows: usize,
+    /// Keypoints of each cell of the search grid.
+    cells: Vec<Vec<u32>>,
+}
+
+/// A pair of keypoints, by index.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Match {
+    /// In the first view.
+    pub a: u32,
+    /// In the second view.
+    pub b: u32,
+    /// Scalar product of the descriptors.
+    pub similarity: f32,
+}
+
+impl<'a> MatchView<'a> {
+    /// Prepares a view for heights `low..high` metres.
+    #[must_use]
+    pub fn new(
+        rpc: &'a Rpc,
+        keypoints: &'a [Keypoint],
+        (width, height): (usize, usize),
+        (low, high): (f64, f64),
+    ) -> Self {
+        let columns = (width as f64 / CELL_PX).ceil() as usize;
+        let rows = (height as f64 / CELL_PX).ceil() as usize;
+        let mut cells = vec![Vec::new(); columns * rows];
+        for (i, k) in keypoints.iter().enumerate() {
+            let cell = |v: f64, n: usize| ((v / CELL_PX) as usize).min(n - 1);
+            cells[cell(k.px.row, rows) * columns + cell(k.px.col, columns)].push(i as u32);
+        }
+        let ground = keypoints
+            .par_iter()
+            .map(|k| {
+                let lowest = rpc.localize(k.px, low).ok()?;
+                let highest = rpc.localize_from(k.px, lowest.at_height(high)).ok()?;
+                Some([lowest, highest])
+            })
+            .collect();
+        Self { rpc, keypoints, ground, columns, rows, cells }
+    }
+
+    /// Best match in `other` of each keypoint, within `across` pixels of its segment.
+    fn best_in(&self, other: &Self, across: f64) -> Vec<Option<(u32, f32)>> {
+        (0..self.keypoints.len())
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|i| {
+                let segment = Segment::new(self, i, other)?;
+                let own = &self.keypoints[i];
+                let (mut best, mut second) = ((u32::MAX, -1.0f32), -1.0f32);
+                other.for_each_near(&segment, across, |j| {
+                    let k = &other.keypoints[j as usize];
+                    let ratio = k.scale / own.scale;
+                    if !(1.0 / MAX_SCALE_RATIO..=MAX_SCALE_RATIO).contains(&ratio) {
+                        return;
+                    }
+                    let s = similarity(&own.descriptor, &k.descriptor);
+                    if s > best.1 {
+                        if best.0 == u32::MAX
+                            || other.keypoints[best.0 as usize].px.distance(k.px) > SAME_PLACE_PX
+                        {
+                            second = best.1;
+                        }
+                        best = (j, s);
+                    } else if s > second
+                        && other.keypoints[best.0 as usize].px.distance(k.px) > SAME_PLACE_PX
+                    {
+                        second = s;
+                    }
+                });
+                // Descriptors have length one: their squared distance is 2 - 2 similarity.
+                let distance = |s: f32| (2.0 - 2.0 * s).max(0.0).sqrt();
+                let (d1, d2) = (distance(best.1), distance(second));
+                (best.0 != u32::MAX && d1 < RATIO * d2 && d1 < MAX_DISTANCE).then_some(best)
+            })
+            .collect()
+    }
+
+    fn for_each_near(&self, segment: &Segment, across: f64, mut visit: impl FnMut(u32)) {
+        let [(c0, c1), (r0, r1)] = [
+            (segment.ends[0].col, segment.ends[1].col),
+            (segment.ends[0].row, segment.ends[1].row),
+        ];
+        let cell_range = |a: f64, b: f64, n: usize| {
+            let (lo, hi) = ((a.min(b) - across) / CELL_PX, (a.max(b) + across) / CELL_PX);
+            (hi >= 0.0 && lo < n as f64).then(|| (lo.max(0.0) as usize, (hi as usize).min(n - 1)))
+        };
+        let (Some((c0, c1)), Some((r0, r1))) =
+            (cell_range(c0, c1, self.columns), cell_range(r0, r1, self.rows))
+        else {
+            return;
+        };
+        for row in r0..=r1 {
+            for col in c0..=c1 {
+                for &j in &self.cells[row * self.columns + col] {
+                    let (along, off) = segment.measure(self.keypoints[j as usize].px);
+                    if off.abs() <= across && along >= -across && along <= segment.length + across {
+                        visit(j);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Where a keypoint of one view can lie in another.
+struct Segment {
+    ends: [Pixel<crate::frame::CenterPx>; 2],
+    direction: [f64; 2],
+    length: f64,
+}
+
+impl Segment {
+    fn new(from: &MatchView, keypoint: usize, to: &MatchView) -> Option<Self> {
+        let ends = from.ground[keypoint]?.map(|p| to.rpc.project(p));
+        let (dc, dr) = (ends[1].col - ends[0].col, ends[1].row - ends[0].row);
+        let length = dc.hypot(dr);
+        if !length.is_finite() {
+            return None;
+        }
+        // Views from one direction leave a point: any direction will do.
+        let direction = if length > 1e-6 { [dc / length, dr / length] } else { [1.0, 0.0] };
+        Some(Self { ends, direction, length })
+    }
+
+    /// Distance along the segment from its low end, and across it, pixels.
+    fn measure(&self, px: Pixel<crate::frame::CenterPx>) -> (f64, f64) {
+        let (dc, dr) = (px.col - self.ends[0].col, px.row - self.ends[0].row);
+        let [c, r] = self.direction;
+        (dc * c + dr * r, c * dr - r * dc)
+    }
+}
+
+/// Mutual matches of two views within `across` pixels of the epipolar segments that agree on one shift.
+#[must_use]
+pub fn matches(a: &MatchView, b: &MatchView, across: f64) -> Vec<Match> {
+    let (ab, ba) = (a.best_in(b, across), b.best_in(a, across));
+    let mutual: Vec<(Match, f64)> = ab
+        .iter()
+        .enumerate()
+        .filter_map(|(i, best)| {
+            let (j, similarity) = (*best)?;
+            let back = ba[j as usize]?.0;
+            let off = Segment::new(a, i, b)?.measure(b.keypoints[j as usize].px).1;
+            (back as usize == i).then_some((Match { a: i as u32, b: j, similarity }, off))
+        })
+        .collect();
+    let Some(shift) = consensus(mutual.iter().map(|m| m.1).collect()) else { return Vec::new() };
+    mutual.into_iter().filter(|m| (m.1 - shift).abs() <= CONSENSUS_PX).map(|m| m.0).collect()
+}
+
+/// The centre of the window of `2 CONSENSUS_PX` that holds most of the offsets; none if it is no better than
+/// chance would make it.
+fn consensus(mut offsets: Vec<f64>) -> Option<f64> {
+    offsets.sort_by(f64::total_cmp);
+    let mut end = 0;
+    let mut best = (0, 0);
+    for start in 0..offsets.len() {
+        while end < offsets.len() && offsets[end] - offsets[start] <= 2.0 * CONSENSUS_PX {
+            end += 1;
+        }
+        if end - start > best.1 - best.0 {
+            best = (start, end);
+        }
+    }
+    let inside = best.1 - best.0;
+    let span = offsets.last()? - offsets.first()?;
+    // Evenly spread offsets put this many into a window.
+    let by_chance = offsets.len() as f64 * (2.0 * CONSENSUS_PX / span.max(2.0 * CONSENSUS_PX));
+    let enough = inside >= FEWEST && (inside as f64 > 2.0 * by_chance || span < 8.0 * CONSENSUS_PX);
+    enough.then(|| offsets[best.0 + inside / 2])
+}
+
+const _: () = assert!(VALUES % 16 == 0, "similarity sums sixteen values at a time");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn consensus_finds_a_shift_among_outliers() {
+        let mut offsets: Vec<f64> = (0..100).map(|i| 36.2 + 0.01 * f64::from(i)).collect();
+        offsets.extend((0..150).map(|i| -60.0 + 0.8 * f64::from(i)));
+        assert!((consensus(offsets).unwrap() - 36.7).abs() < 0.6);
+    }
+
+    #[test]
+    fn even_offsets_have_no_consensus() {
+        assert!(consensus((0..200).map(|i| -60.0 + 0.6 * f64::from(i)).collect()).is_none());
+    }
+}

@@ -1,0 +1,144 @@
+//! An adjustment on disk: corrected RPCs as JSON and text, sparse points as LAZ, the report as JSON.
+
+use super::error::BundleError;
+use super::report::Report;
+use crate::frame::{Geodetic, Point, SiteGrid};
+use crate::raster::{RasterError, write_atomically};
+use crate::rpc::Rpc;
+use crate::rpc::formats::{self, RpcFile, ViewTags};
+use crate::scene::{Scene, View};
+use las::{Builder, Reader, Transform, Vector, Writer};
+use std::path::Path;
+
+/// Resolution of the points' coordinates on disk, metres.
+const RESOLUTION_M: f64 = 0.001;
+
+/// A point that several views see.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SparsePoint {
+    /// Where.
+    pub position: Point<Geodetic>,
+    /// Number of views that see it.
+    pub views: u8,
+}
+
+/// What an adjustment makes.
+#[derive(Clone, Debug)]
+pub struct Adjustment {
+    /// Name and corrected camera of every view used.
+    pub cameras: Vec<(String, Rpc)>,
+    /// Sparse points.
+    pub points: Vec<SparsePoint>,
+    /// Figures.
+    pub report: Report,
+}
+
+impl Adjustment {
+    /// Writes `rpcs/NAME.json`, `rpcs/NAME_RPC.TXT`, `points.laz` (UTM, ellipsoidal heights; the intensity is the
+    /// number of views) and `report.json`.
+    ///
+    /// # Errors
+    /// [`BundleError`].
+    pub fn write(&self, folder: &Path, scene: &Scene) -> Result<(), BundleError> {
+        for (name, rpc) in &self.cameras {
+            let Some(view) = scene.views.iter().find(|v| v.name == *name) else { continue };
+            let json = formats::to_json(&RpcFile { rpc: rpc.clone(), tags: tags(view) });
+            let rpcs = folder.join("rpcs");
+            write_text(&rpcs.join(format!("{name}.json")), &json)?;
+            write_text(&rpcs.join(format!("{name}_RPC.TXT")), &formats::to_text(rpc))?;
+        }
+        self.write_points(&folder.join("points.laz"))?;
+        let report = serde_json::to_string_pretty(&self.report).unwrap_or_default();
+        write_text(&folder.join("report.json"), &report)
+    }
+
+    /// Reads what [`Adjustment::write`] wrote.
+    ///
+    /// # Errors
+    /// [`BundleError`].
+    pub fn read(folder: &Path) -> Result<Self, BundleError> {
+        let path = folder.join("report.json");
+        let damaged = |reason: String| BundleError::Points { path: path.clone(), reason };
+        let text = std::fs::read_to_string(&path).map_err(|e| damaged(e.to_string()))?;
+        let report: Report = serde_json::from_str(&text).map_err(|e| damaged(e.to_string()))?;
+        let cameras = report
+            .views
+            .iter()
+            .map(|v| {
+                let file = folder.join("rpcs").join(format!("{}.json", v.name));
+                Ok((v.name.clone(), formats::read(&file)?.rpc))
+            })
+            .collect::<Result<Vec<_>, BundleError>>()?;
+        let points = read_points(&folder.join("points.laz"))?;
+        Ok(Self { cameras, points, report })
+    }
+
+    /// The corrected cameras in the order of a scene's views.
+    ///
+    /// # Errors
+    /// [`BundleError::NoCamera`].
+    pub fn cameras_of(&self, scene: &Scene) -> Result<Vec<Rpc>, BundleError> {
+        let camera = |name: &String| {
+            let found = self.cameras.iter().find(|c| c.0 == *name).map(|c| c.1.clone());
+            found.ok_or_else(|| BundleError::NoCamera { view: name.clone(), folder: "ba/rpcs".into() })
+        };
+        scene.views.iter().map(|v| camera(&v.name)).collect()
+    }
+
+    fn write_points(&self, path: &Path) -> Result<(), BundleError> {
+        let refused = |reason: String| BundleError::Points { path: path.into(), reason };
+        let Some(first) = self.points.first() else { return Err(refused("there are no points".into())) };
+        let grid = SiteGrid::at(first.position).map_err(|e| refused(e.to_string()))?;
+        let origin = grid.origin.xyz().map(f64::floor);
+        let axis = |k: usize| Transform { scale: RESOLUTION_M, offset: origin[k] };
+        let mut builder = Builder::from((1, 4));
+        builder.point_format.is_compressed = true;
+        builder.transforms = Vector { x: axis(0), y: axis(1), z: axis(2) };
+        builder.generating_software = concat!("satgs ", env!("CARGO_PKG_VERSION")).into();
+        // The zone's code stands in the system identifier: LAS needs a WKT record to say more.
+        builder.system_identifier = format!("EPSG:{}", grid.epsg);
+        let header = builder.into_header().map_err(|e| refused(e.to_string()))?;
+        write_atomically(path, |t| {
+            let mut writer = Writer::from_path(t, header).map_err(|e| refused(e.to_string()))?;
+            for p in &self.points {
+                let [x, y, z] = grid.utm_from_geodetic(p.position).xyz();
+                let point = las::Point { x, y, z, intensity: p.views.into(), ..las::Point::default() };
+                writer.write_point(point).map_err(|e| refused(e.to_string()))?;
+            }
+            writer.close().map_err(|e| refused(e.to_string()))
+        })
+    }
+}
+
+/// What a view's RPC file says beside the camera.
+fn tags(view: &View) -> ViewTags {
+    ViewTags {
+        image: view.image.file_name().map(|n| n.to_string_lossy().into_owned()),
+        size: Some((view.width, view.height)),
+        sun_deg: view.sun.map(|s| (s.azimuth_deg, s.elevation_deg)),
+        acquired: view.acquired.clone(),
+        height_range: view.height_range,
+    }
+}
+
+fn read_points(path: &Path) -> Result<Vec<SparsePoint>, BundleError> {
+    let refused = |reason: String| BundleError::Points { path: path.into(), reason };
+    let mut reader = Reader::from_path(path).map_err(|e| refused(e.to_string()))?;
+    let epsg = reader.header().system_identifier().strip_prefix("EPSG:").and_then(|c| c.parse().ok());
+    let epsg: u32 = epsg.ok_or_else(|| refused("it does not name its EPSG code".into()))?;
+    let grid = SiteGrid { epsg, origin: Point::new(0.0, 0.0, 0.0) };
+    reader
+        .points()
+        .map(|p| {
+            let p = p.map_err(|e| refused(e.to_string()))?;
+            let position = grid.geodetic_from_utm(Point::new(p.x, p.y, p.z));
+            Ok(SparsePoint { position, views: u8::try_from(p.intensity).unwrap_or(u8::MAX) })
+        })
+        .collect()
+}
+
+fn write_text(path: &Path, text: &str) -> Result<(), BundleError> {
+    Ok(write_atomically(path, |t| {
+        std::fs::write(t, text).map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+    })?)
+}

@@ -1,0 +1,214 @@
+//! The Gaussian scale space of an image and the extrema of its differences (Lowe 2004, §§3 and 4).
+
+use crate::raster::Plane;
+
+/// Scales an octave is divided into.
+pub const SCALES: usize = 3;
+/// Blur of the first level, in the octave's pixels.
+pub const SIGMA: f64 = 1.6;
+/// Blur an image is taken to have.
+const INITIAL_SIGMA: f64 = 0.5;
+/// Octaves; satellite views of a scene differ little in scale.
+const OCTAVES: usize = 4;
+/// Smallest side of an octave.
+const SMALLEST: usize = 32;
+/// Difference of Gaussians below which an extremum is noise, images in [0, 1].
+const CONTRAST: f32 = 0.004;
+/// Largest ratio of principal curvatures (Lowe: 10).
+const EDGE_RATIO: f32 = 10.0;
+/// Pixels at the border of an octave that are not searched.
+const BORDER: usize = 5;
+
+/// Blurred images of one resolution.
+pub struct Octave {
+    /// `SCALES + 3` levels.
+    pub levels: Vec<Plane>,
+    /// Pixels of the image a pixel of the octave is wide.
+    pub step: f64,
+}
+
+/// An extremum of the differences of Gaussians.
+#[derive(Clone, Copy, Debug)]
+pub struct Extremum {
+    /// Which octave.
+    pub octave: usize,
+    /// Column, row, level within the octave, with fractions.
+    pub position: [f32; 3],
+    /// Difference there.
+    pub response: f32,
+}
+
+/// Builds the octaves of an image without NaN.
+pub fn octaves(image: &Plane) -> Vec<Octave> {
+    let mut out: Vec<Octave> = Vec::new();
+    let mut base = blurred(image, (SIGMA * SIGMA - INITIAL_SIGMA * INITIAL_SIGMA).sqrt());
+    for o in 0..OCTAVES {
+        if base.width.min(base.height) < SMALLEST {
+            break;
+        }
+        let mut levels = vec![base];
+        for s in 1..SCALES + 3 {
+            let factor = 2f64.powf(1.0 / SCALES as f64);
+            let before = SIGMA * factor.powi(s as i32 - 1);
+            let added = before * (factor * factor - 1.0).sqrt();
+            let next = blurred(&levels[s - 1], added);
+            levels.push(next);
+        }
+        let twice = &levels[SCALES];
+        base = Plane::from_fn(twice.width / 2, twice.height / 2, |c, r| twice.at(2 * c, 2 * r));
+        out.push(Octave { levels, step: f64::from(1u32 << o) });
+    }
+    out
+}
+
+/// Extrema of all octaves, with subpixel positions.
+pub fn extrema(octaves: &[Octave]) -> Vec<Extremum> {
+    let mut out = Vec::new();
+    for (o, octave) in octaves.iter().enumerate() {
+        let differences: Vec<Plane> = octave.levels.windows(2).map(|w| difference(&w[1], &w[0])).collect();
+        for s in 1..=SCALES {
+            let d = [&differences[s - 1], &differences[s], &differences[s + 1]];
+            for row in BORDER..d[1].height.saturating_sub(BORDER) {
+                for col in BORDER..d[1].width.saturating_sub(BORDER) {
+                    if is_extremum(d, col, row) {
+                        out.extend(refined(&differences, o, [col, row, s]));
+                    }
+                }
+            }
+        }
+    }
+    out
+}
+
+fn difference(a: &Plane, b: &Plane) -> Plane {
+    let data = a.data.iter().zip(&b.data).map(|(a, b)| a - b).collect();
+    Plane { width: a.width, height: a.height, data }
+}
+
+fn is_extremum(d: [&Plane; 3], col: usize, row: usize) -> bool {
+    let v = d[1].at(col, row);
+    if v.abs() < 0.8 * CONTRAST {
+        return false;
+    }
+    let beats = |other: f32| if v > 0.0 { v > other } else { v < other };
+    // The own level first: it settles most cases.
+    for plane in [d[1], d[0], d[2]] {
+        for r in row - 1..=row + 1 {
+            let line = &plane.row(r)[col - 1..=col + 1];
+            for (c, other) in line.iter().enumerate() {
+                let own = std::ptr::eq(plane, d[1]) && r == row && c == 1;
+                if !own && !beats(*other) {
+                    return false;
+                }
+            }
+        }
+    }
+    true
+}
+
+/// The extremum of the parabola through an extremum's neighbours; none if it is faint, an edge, or runs away.
+fn refined(d: &[Plane], octave: usize, mut at: [usize; 3]) -> Option<Extremum> {
+    for _ in 0..5 {
+        let [c, r, s] = at;
+        let v = |dc: i64, dr: i64, ds: i64| {
+            d[(s as i64 + ds) as usize].at((c as i64 + dc) as usize, (r as i64 + dr) as usize)
+        };
+        let center = v(0, 0, 0);
+        let gradient = nalgebra::Vector3::new(
+            0.5 * (v(1, 0, 0) - v(-1, 0, 0)),
+            0.5 * (v(0, 1, 0) - v(0, -1, 0)),
+            0.5 * (v(0, 0, 1) - v(0, 0, -1)),
+        );
+        let xx = v(1, 0, 0) + v(-1, 0, 0) - 2.0 * center;
+        let yy = v(0, 1, 0) + v(0, -1, 0) - 2.0 * center;
+        let ss = v(0, 0, 1) + v(0, 0, -1) - 2.0 * center;
+        let xy = 0.25 * (v(1, 1, 0) - v(1, -1, 0) - v(-1, 1, 0) + v(-1, -1, 0));
+        let xs = 0.25 * (v(1, 0, 1) - v(1, 0, -1) - v(-1, 0, 1) + v(-1, 0, -1));
+        let ys = 0.25 * (v(0, 1, 1) - v(0, 1, -1) - v(0, -1, 1) + v(0, -1, -1));
+        let hessian = nalgebra::Matrix3::new(xx, xy, xs, xy, yy, ys, xs, ys, ss);
+        let offset = -hessian.try_inverse()? * gradient;
+        if offset.amax() > 0.6 {
+            let moved: [i64; 3] = std::array::from_fn(|k| at[k] as i64 + offset[k].round() as i64);
+            let (w, h) = (d[0].width as i64, d[0].height as i64);
+            let border = BORDER as i64;
+            let inside = (border..w - border).contains(&moved[0])
+                && (border..h - border).contains(&moved[1])
+                && (1..=SCALES as i64).contains(&moved[2]);
+            if !inside {
+                return None;
+            }
+            at = moved.map(|m| m as usize);
+            continue;
+        }
+        let response = center + 0.5 * gradient.dot(&offset);
+        let (trace, det) = (xx + yy, xx * yy - xy * xy);
+        let edge = (EDGE_RATIO + 1.0) * (EDGE_RATIO + 1.0) / EDGE_RATIO;
+        if response.abs() < CONTRAST || det <= 0.0 || trace * trace >= edge * det {
+            return None;
+        }
+        let position = [c as f32 + offset[0], r as f32 + offset[1], s as f32 + offset[2]];
+        return Some(Extremum { octave, position, response });
+    }
+    None
+}
+
+/// Gaussian blur, borders repeated.
+pub fn blurred(image: &Plane, sigma: f64) -> Plane {
+    let reach = (3.5 * sigma).ceil() as usize;
+    let taps: Vec<f64> =
+        (0..=2 * reach).map(|i| (-(i as f64 - reach as f64).powi(2) / (2.0 * sigma * sigma)).exp()).collect();
+    let sum: f64 = taps.iter().sum();
+    let taps: Vec<f32> = taps.iter().map(|t| (t / sum) as f32).collect();
+    let (width, height) = (image.width, image.height);
+
+    let mut along = Plane::filled(width, height, 0.0);
+    let mut padded = vec![0.0f32; width + 2 * reach];
+    for row in 0..height {
+        let line = image.row(row);
+        padded[..reach].fill(line[0]);
+        padded[reach..reach + width].copy_from_slice(line);
+        padded[reach + width..].fill(line[width - 1]);
+        let out = &mut along.data[row * width..(row + 1) * width];
+        for (t, w) in taps.iter().enumerate() {
+            for (o, v) in out.iter_mut().zip(&padded[t..t + width]) {
+                *o += w * v;
+            }
+        }
+    }
+    let mut out = Plane::filled(width, height, 0.0);
+    for row in 0..height {
+        let line = &mut out.data[row * width..(row + 1) * width];
+        for (t, w) in taps.iter().enumerate() {
+            let from = (row + t).saturating_sub(reach).min(height - 1);
+            for (o, v) in line.iter_mut().zip(along.row(from)) {
+                *o += w * v;
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_blob_is_found_where_it_is_to_a_twentieth_of_a_pixel() {
+        let (x, y, sigma) = (40.3f64, 33.7f64, 3.0f64);
+        let image = Plane::from_fn(90, 80, |c, r| {
+            let d2 = (c as f64 - x).powi(2) + (r as f64 - y).powi(2);
+            (0.2 + 0.6 * (-d2 / (2.0 * sigma * sigma)).exp()) as f32
+        });
+        let octaves = octaves(&image);
+        let found = extrema(&octaves);
+        let best = found.iter().max_by(|a, b| a.response.abs().total_cmp(&b.response.abs())).unwrap();
+        let step = octaves[best.octave].step;
+        assert!((f64::from(best.position[0]) * step - x).abs() < 0.05, "{best:?}");
+        assert!((f64::from(best.position[1]) * step - y).abs() < 0.05, "{best:?}");
+    }
+
+    #[test]
+    fn a_constant_image_has_no_extrema() {
+        assert!(extrema(&octaves(&Plane::filled(64, 64, 0.5))).is_empty());
+    }
+}

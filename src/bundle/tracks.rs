@@ -1,0 +1,128 @@
+//! Tracks: what matches say is one point on the ground, at most one keypoint a view.
+
+use super::matching::Match;
+
+/// One keypoint of one view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Observation {
+    /// Index of the view.
+    pub view: u32,
+    /// Index of its keypoint.
+    pub keypoint: u32,
+}
+
+/// Joins the matches of all pairs, best first; a match that would give a track two keypoints of a view is dropped.
+///
+/// `keypoints` is the number of keypoints of each view. Tracks are ordered by their first observation.
+#[must_use]
+pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec<Vec<Observation>> {
+    let mut starts = vec![0usize];
+    for n in keypoints {
+        starts.push(starts[starts.len() - 1] + n);
+    }
+    let total = starts[keypoints.len()];
+    let mut links: Vec<(f32, usize, usize)> = pairs
+        .iter()
+        .flat_map(|((i, j), matches)| {
+            let (i, j) = (starts[*i], starts[*j]);
+            matches.iter().map(move |m| (m.similarity, i + m.a as usize, j + m.b as usize))
+        })
+        .collect();
+    links.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+
+    let view_of = |id: usize| starts.partition_point(|s| *s <= id) as u32 - 1;
+    let mut parent: Vec<usize> = (0..total).collect();
+    // Views of each root, sorted.
+    let mut views: Vec<Vec<u32>> = (0..total).map(|id| vec![view_of(id)]).collect();
+    for (_, a, b) in links {
+        let (a, b) = (root(&mut parent, a), root(&mut parent, b));
+        if a == b || views[a].iter().any(|v| views[b].binary_search(v).is_ok()) {
+            continue;
+        }
+        let (keep, drop) = (a.min(b), a.max(b));
+        parent[drop] = keep;
+        let mut joined = std::mem::take(&mut views[drop]);
+        joined.append(&mut views[keep]);
+        joined.sort_unstable();
+        views[keep] = joined;
+    }
+
+    let mut track_of = vec![usize::MAX; total];
+    let mut tracks: Vec<Vec<Observation>> = Vec::new();
+    for id in 0..total {
+        let r = root(&mut parent, id);
+        if views[r].len() < 2 {
+            continue;
+        }
+        if track_of[r] == usize::MAX {
+            track_of[r] = tracks.len();
+            tracks.push(Vec::new());
+        }
+        let view = view_of(id);
+        let keypoint = (id - starts[view as usize]) as u32;
+        tracks[track_of[r]].push(Observation { view, keypoint });
+    }
+    tracks
+}
+
+fn root(parent: &mut [usize], mut id: usize) -> usize {
+    while parent[id] != id {
+        parent[id] = parent[parent[id]];
+        id = parent[id];
+    }
+    id
+}
+
+/// Groups of views that tracks connect, the largest first.
+#[must_use]
+pub fn components(views: usize, tracks: &[Vec<Observation>]) -> Vec<Vec<usize>> {
+    let mut parent: Vec<usize> = (0..views).collect();
+    for track in tracks {
+        for pair in track.windows(2) {
+            let a = root(&mut parent, pair[0].view as usize);
+            let b = root(&mut parent, pair[1].view as usize);
+            parent[a.max(b)] = a.min(b);
+        }
+    }
+    let mut groups = vec![Vec::new(); views];
+    for v in 0..views {
+        groups[root(&mut parent, v)].push(v);
+    }
+    groups.retain(|g| !g.is_empty());
+    groups.sort_by_key(|g| std::cmp::Reverse(g.len()));
+    groups
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn link(a: u32, b: u32, similarity: f32) -> Match {
+        Match { a, b, similarity }
+    }
+
+    #[test]
+    fn matches_join_to_tracks_and_a_conflict_drops_the_weaker_match() {
+        // Keypoint 0 of view 0 matches 1 of view 1, which matches 2 of view 2; a weaker match wants 0 of view 2 too.
+        let pairs = vec![
+            ((0, 1), vec![link(0, 1, 0.95)]),
+            ((1, 2), vec![link(1, 2, 0.9)]),
+            ((0, 2), vec![link(0, 0, 0.7)]),
+        ];
+        let tracks = build(&[3, 3, 3], &pairs);
+        let o = |view, keypoint| Observation { view, keypoint };
+        assert_eq!(tracks, vec![vec![o(0, 0), o(1, 1), o(2, 2)]]);
+    }
+
+    #[test]
+    fn the_first_keypoint_of_the_first_view_is_like_any_other() {
+        let tracks = build(&[1, 1], &[((0, 1), vec![link(0, 0, 0.9)])]);
+        assert_eq!(tracks.len(), 1);
+    }
+
+    #[test]
+    fn views_without_common_tracks_are_components_of_their_own() {
+        let tracks = build(&[2, 2, 2], &[((0, 2), vec![link(1, 1, 0.9)])]);
+        assert_eq!(components(3, &tracks), vec![vec![0, 2], vec![1]]);
+    }
+}
