@@ -1,5 +1,8 @@
 //! `satgs dsm-eval` with wrong input: exit code 2, a message that names the file, a hint, nothing written.
 
+// Helpers of tests are tests.
+#![allow(clippy::unwrap_used)]
+
 use satgs::raster::{Cog, MapGrid, Plane};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,5 +1,8 @@
 //! The modules stand in layers: each imports only from those before it. ARCHITECTURE.md draws them.
 
+// Helpers of tests are tests.
+#![allow(clippy::unwrap_used)]
+
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 

@@ -73,8 +73,8 @@ pub enum MetricsError {
          predicted cells on the truth's grid, {land} cells of land)"
     )]
     #[diagnostic(help(
-        "the prediction covers {prediction_bounds} of EPSG:{prediction_crs}, the truth {truth_bounds} of \
-         EPSG:{truth_crs} (west, south, east, north in metres); is one of them empty, elsewhere or all water?"
+        "the prediction covers {extents} (west, south, east, north in metres); is one of them empty, elsewhere or \
+         all water?"
     ))]
     NoOverlap {
         /// The prediction.
@@ -89,13 +89,7 @@ pub enum MetricsError {
         predicted: usize,
         /// Truth cells that are valid and not water.
         land: usize,
-        /// EPSG code of the prediction.
-        prediction_crs: u32,
-        /// EPSG code of the truth.
-        truth_crs: u32,
-        /// Bounds of the prediction, as text.
-        prediction_bounds: String,
-        /// Bounds of the truth, as text.
-        truth_bounds: String,
+        /// Bounds and CRS of both, as text.
+        extents: String,
     },
 }

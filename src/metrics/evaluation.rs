@@ -84,10 +84,7 @@ pub fn evaluate(prediction: &Surface, truth: &Truth) -> Result<Evaluation, Metri
             needed: LEAST_COMMON_CELLS,
             predicted: plane.valid().count(),
             land: land_cells,
-            prediction_crs: prediction.grid.epsg,
-            truth_crs: grid.epsg,
-            prediction_bounds: bounds_text(&prediction.grid),
-            truth_bounds: bounds_text(&grid),
+            extents: format!("{}, the truth {}", extent(&prediction.grid), extent(&grid)),
         });
     }
     let (low, high) =
@@ -117,9 +114,9 @@ pub fn evaluate(prediction: &Surface, truth: &Truth) -> Result<Evaluation, Metri
     })
 }
 
-fn bounds_text(grid: &MapGrid) -> String {
+fn extent(grid: &MapGrid) -> String {
     let (w, s, e, n) = grid.bounds();
-    format!("{w:.0}, {s:.0}, {e:.0}, {n:.0}")
+    format!("{w:.0}, {s:.0}, {e:.0}, {n:.0} of EPSG:{}", grid.epsg)
 }
 
 fn notes(prediction: &Surface, truth: &Truth, sampling: Sampling, z: Option<&Verdict>) -> Vec<String> {

@@ -97,7 +97,7 @@ mod tests {
         for keep in [3, 17, 200] {
             let p = Plane::from_fn(31, 23, |c, r| {
                 let i = r * 31 + c;
-                if noise(i) % keep == 0 { i as f32 } else { f32::NAN }
+                if noise(i).is_multiple_of(keep) { i as f32 } else { f32::NAN }
             });
             let filled = filled_by_nearest(&p);
             for r in 0..23usize {
