@@ -10,9 +10,10 @@ use super::solver::SchurLevenbergMarquardt;
 use super::tracks::{self, Observation};
 use crate::event::{Event, Sink};
 use crate::frame::{Geodetic, Point, SiteGrid};
+use crate::raster::RasterError;
 use crate::rpc::Rpc;
 use crate::scene::{Scene, angle_between_deg, footprint};
-use argmin::core::{Executor, State};
+use argmin::core::Executor;
 use geo::{Area, BooleanOps};
 use rayon::prelude::*;
 
@@ -36,6 +37,7 @@ const REJECTIONS: usize = 3;
 const REJECT_PX: f64 = 1.0;
 const REJECT_SIGMAS: f64 = 4.0;
 const MAX_ITERATIONS: u64 = 50;
+const VIEWS_AT_ONCE: usize = 4;
 
 /// How to adjust.
 #[derive(Clone, Copy, Debug, Default)]
@@ -110,15 +112,27 @@ impl<'a> Work<'a> {
         events(Event::Started { stage: "finding features", total: scene.views.len() as u64 });
         let mut views = Vec::new();
         let mut left_out = Vec::new();
-        for (done, view) in scene.views.iter().enumerate() {
-            let keypoints = detect(&view.read_gray()?);
+        let mut detected = Vec::with_capacity(scene.views.len());
+        // A few views at a time: the scale space of one takes thirty times its pixels.
+        for some in scene.views.chunks(rayon::current_num_threads().min(VIEWS_AT_ONCE)) {
+            let found: Vec<Result<_, RasterError>> =
+                some.par_iter().map(|v| Ok(detect(&v.read_gray()?))).collect();
+            detected.extend(found);
+            events(Event::Advanced { done: detected.len() as u64, status: String::new() });
+        }
+        for (view, keypoints) in scene.views.iter().zip(detected) {
+            let keypoints: Vec<Keypoint> = keypoints?;
             let found = keypoints.len();
-            events(Event::Advanced { done: done as u64 + 1, status: format!("{}: {found}", view.name) });
             match view.direction_deg(middle) {
                 _ if found < FEWEST_KEYPOINTS => {
-                    left_out.push((view.name.clone(), format!("{found} keypoints: is the image constant or empty?")));
+                    left_out.push((
+                        view.name.clone(),
+                        format!("{found} keypoints: is the image constant or empty?"),
+                    ));
                 }
-                None => left_out.push((view.name.clone(), "its RPC sees no ground at the scene's heights".into())),
+                None => {
+                    left_out.push((view.name.clone(), "its RPC sees no ground at the scene's heights".into()))
+                }
                 Some(direction) => views.push(WorkView {
                     name: &view.name,
                     rpc: &view.rpc,
@@ -198,6 +212,9 @@ impl<'a> Work<'a> {
             (self.events)(Event::Advanced { done: done as u64 + 1, status: String::new() });
         }
         (self.events)(Event::Finished);
+        for ((i, j), m) in &found {
+            tracing::debug!("{} - {}: {} matches", self.views[*i].name, self.views[*j].name, m.len());
+        }
         found
     }
 
@@ -247,7 +264,8 @@ impl<'a> Work<'a> {
         let mut widest: f64 = 0.0;
         for (k, a) in track.iter().enumerate() {
             for b in &track[k + 1..] {
-                widest = widest.max(angle_between_deg(self.views[a.view].direction, self.views[b.view].direction));
+                widest =
+                    widest.max(angle_between_deg(self.views[a.view].direction, self.views[b.view].direction));
             }
         }
         widest
@@ -276,8 +294,12 @@ impl<'a> Work<'a> {
     fn reject(&self, state: &mut Progress, heights: (f64, f64), least: f64) -> usize {
         let block = Block::new(self.rpcs(), Vec::new(), self.center);
         let distance = |m: &Measurement, p: [f64; 3]| block.distance(m, state.shifts[m.view], p);
-        let mut all: Vec<f64> =
-            state.tracks.iter().zip(&state.points).flat_map(|(t, p)| t.iter().map(|m| distance(m, *p))).collect();
+        let mut all: Vec<f64> = state
+            .tracks
+            .iter()
+            .zip(&state.points)
+            .flat_map(|(t, p)| t.iter().map(|m| distance(m, *p)))
+            .collect();
         if all.is_empty() {
             return 0;
         }
@@ -286,7 +308,8 @@ impl<'a> Work<'a> {
         let limit = least.max(REJECT_SIGMAS * 1.4826 * median);
         let slack = HEIGHT_MARGIN_M;
         let before: usize = state.tracks.iter().map(Vec::len).sum();
-        let (tracks, points) = std::mem::take(&mut state.tracks)
+        let count = state.tracks.len();
+        let (tracks, points): (Vec<_>, Vec<_>) = std::mem::take(&mut state.tracks)
             .into_iter()
             .zip(std::mem::take(&mut state.points))
             .filter_map(|(mut track, mut point)| {
@@ -302,6 +325,7 @@ impl<'a> Work<'a> {
                 (h >= heights.0 - slack && h <= heights.1 + slack).then_some((track, point))
             })
             .unzip();
+        tracing::debug!("median {median:.2} px, limit {limit:.2} px: {count} tracks become {}", tracks.len());
         (state.tracks, state.points) = (tracks, points);
         before - state.tracks.iter().map(Vec::len).sum::<usize>()
     }
@@ -340,7 +364,7 @@ impl<'a> Work<'a> {
         let gauge = if fixed {
             "cameras as given"
         } else {
-            "mean of the delivered cameras: robust (Cauchy) priors on the shifts"
+            "mean of the delivered cameras: robust priors on the shifts"
         };
         let report = Report::new(
             gauge,

@@ -254,9 +254,8 @@ mod tests {
             .iter()
             .filter(|k| {
                 let there = Pixel::new(k.px.row, 159.0 - k.px.col);
-                b.iter().any(|q| {
-                    q.px.distance(there) < 0.3 && similarity(&k.descriptor, &q.descriptor) > 0.95
-                })
+                b.iter()
+                    .any(|q| q.px.distance(there) < 0.3 && similarity(&k.descriptor, &q.descriptor) > 0.95)
             })
             .count();
         assert!(matched * 10 > a.len() * 9, "{matched} of {}", a.len());

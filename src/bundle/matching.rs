@@ -99,8 +99,7 @@ impl<'a> MatchView<'a> {
                             second = best.1;
                         }
                         best = (j, s);
-                    } else if s > second
-                        && other.keypoints[best.0 as usize].px.distance(k.px) > SAME_PLACE_PX
+                    } else if s > second && other.keypoints[best.0 as usize].px.distance(k.px) > SAME_PLACE_PX
                     {
                         second = s;
                     }
@@ -114,10 +113,8 @@ impl<'a> MatchView<'a> {
     }
 
     fn for_each_near(&self, segment: &Segment, across: f64, mut visit: impl FnMut(u32)) {
-        let [(c0, c1), (r0, r1)] = [
-            (segment.ends[0].col, segment.ends[1].col),
-            (segment.ends[0].row, segment.ends[1].row),
-        ];
+        let [(c0, c1), (r0, r1)] =
+            [(segment.ends[0].col, segment.ends[1].col), (segment.ends[0].row, segment.ends[1].row)];
         let cell_range = |a: f64, b: f64, n: usize| {
             let (lo, hi) = ((a.min(b) - across) / CELL_PX, (a.max(b) + across) / CELL_PX);
             (hi >= 0.0 && lo < n as f64).then(|| (lo.max(0.0) as usize, (hi as usize).min(n - 1)))

@@ -127,8 +127,8 @@ fn read_points(path: &Path) -> Result<Vec<SparsePoint>, BundleError> {
     let epsg = reader.header().system_identifier().strip_prefix("EPSG:").and_then(|c| c.parse().ok());
     let epsg: u32 = epsg.ok_or_else(|| refused("it does not name its EPSG code".into()))?;
     let grid = SiteGrid { epsg, origin: Point::new(0.0, 0.0, 0.0) };
-    reader
-        .points()
+    let all = reader.read_all().map_err(|e| refused(e.to_string()))?;
+    all.points()
         .map(|p| {
             let p = p.map_err(|e| refused(e.to_string()))?;
             let position = grid.geodetic_from_utm(Point::new(p.x, p.y, p.z));

@@ -100,13 +100,7 @@ impl Report {
             let _ = writeln!(
                 out,
                 "{:width$} {:>7} {:>10.3} {:>9.3} {:>8.3} {:>9.3} {:>9.3}",
-                v.name,
-                v.observations,
-                v.mean_before_px,
-                v.mean_px,
-                v.rms_px,
-                v.shift_px[0],
-                v.shift_px[1]
+                v.name, v.observations, v.mean_before_px, v.mean_px, v.rms_px, v.shift_px[0], v.shift_px[1]
             );
         }
         let _ = writeln!(

@@ -119,7 +119,8 @@ impl Normal {
     /// The damped step from `here` and the decrease of the cost that the linear model predicts.
     fn step(&self, p: &Block, here: &Unknowns, damping: f64) -> Option<(Unknowns, f64)> {
         let views = here.shifts.len();
-        let shift_steps = if p.shifts_free { self.shift_steps(p, here, damping)? } else { vec![[0.0; 2]; views] };
+        let shift_steps =
+            if p.shifts_free { self.shift_steps(p, here, damping)? } else { vec![[0.0; 2]; views] };
         let moved: Vec<Option<([f64; 3], f64)>> = (0..p.tracks.len())
             .into_par_iter()
             .with_min_len(64)

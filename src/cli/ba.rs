@@ -31,7 +31,8 @@ pub struct Args {
 }
 
 fn parse_range(text: &str) -> Result<(f64, f64), String> {
-    let numbers = text.split_once(',').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+    let numbers =
+        text.split_once(',').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
     numbers.ok_or_else(|| format!("`{text}` is not LOW,HIGH"))
 }
 

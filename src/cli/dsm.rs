@@ -54,7 +54,8 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         return Ok(());
     }
     let splats = ply::read(&run.join("splats.ply"))?;
-    let reference = cameras.appearances.get(setup.reference_among_training()).map(|a| a.1).unwrap_or_default();
+    let reference =
+        cameras.appearances.get(setup.reference_among_training()).map(|a| a.1).unwrap_or_default();
     let surface = render(&splats, &setup.site, grid, &reference);
     surface.write_dsm(&run.join("dsm.tif"))?;
     surface.write_ortho(&run.join("ortho.tif"))?;

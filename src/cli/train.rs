@@ -71,7 +71,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
 /// Trains a run folder, unless it is trained already.
 pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Result<(), Failure> {
     let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
-    let unknown = || Failure::input(format!("unknown recipe `{}`", options.recipe), "see `satgs train --help`");
+    let unknown =
+        || Failure::input(format!("unknown recipe `{}`", options.recipe), "see `satgs train --help`");
     let mut recipe = Recipe::named(&options.recipe).ok_or_else(unknown)?;
     if let Some(iterations) = options.iterations {
         recipe = recipe.with_iterations(iterations);
@@ -97,18 +98,14 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     let at_start = start.len();
     let mut backend = CpuBackend::new(start, views, setup.altitudes);
     let half_side = setup.half_side_m();
-    let (made, log) =
-        train(&mut backend, &recipe, names.len(), half_side, options.seed, &|e| ui.show(e));
+    let (made, log) = train(&mut backend, &recipe, names.len(), half_side, options.seed, &|e| ui.show(e));
 
     ply::write(&run.join("splats.ply"), &made.splats, &setup.site)?;
     write_log(&run.join("train").join("train.csv"), &log)?;
     let worst = setup.views.iter().map(|v| v.max_px).fold(0.0, f64::max);
     let rms = mean(setup.views.iter().map(|v| v.rms_px));
-    let cameras = TrainedCameras {
-        setup,
-        appearances: names.into_iter().zip(made.appearances).collect(),
-        recipe,
-    };
+    let cameras =
+        TrainedCameras { setup, appearances: names.into_iter().zip(made.appearances).collect(), recipe };
     write_json(&run.join("cameras.json"), &cameras)?;
     stage.complete()?;
 

@@ -112,8 +112,8 @@ pub fn hillshade(height: &Plane, cell_m: f64) -> Vec<u8> {
         for col in 0..height.width as i64 {
             let east = (at(col + 1, row) - at(col - 1, row)) / (2.0 * cell);
             let north = (at(col, row - 1) - at(col, row + 1)) / (2.0 * cell);
-            let shade = (light[2] - light[0] * east - light[1] * north)
-                / (1.0 + east * east + north * north).sqrt();
+            let shade =
+                (light[2] - light[0] * east - light[1] * north) / (1.0 + east * east + north * north).sqrt();
             out.push(if shade.is_nan() { 255 } else { (shade.clamp(0.0, 1.0) * 254.0) as u8 });
         }
     }

@@ -106,9 +106,6 @@ impl TrainingBackend for CpuBackend {
     }
 
     fn snapshot(&self) -> Snapshot {
-        Snapshot {
-            splats: self.splats.clone(),
-            appearances: self.appearances.iter().map(|a| a.0).collect(),
-        }
+        Snapshot { splats: self.splats.clone(), appearances: self.appearances.iter().map(|a| a.0).collect() }
     }
 }

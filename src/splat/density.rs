@@ -100,8 +100,7 @@ pub fn grow(
 fn split(splats: &Gaussians, i: usize, mut draw: Draw) -> Gaussians {
     let mut child = splats.clone_one(i);
     let (r, _) = rotation_matrix(splats.rotation[i]);
-    let along: [f32; 3] =
-        std::array::from_fn(|k| draw.normal() as f32 * splats.log_scale[i][k].exp());
+    let along: [f32; 3] = std::array::from_fn(|k| draw.normal() as f32 * splats.log_scale[i][k].exp());
     for a in 0..3 {
         child.position[0][a] += (0..3).map(|k| r[a][k] * along[k]).sum::<f32>();
         child.log_scale[0][a] -= SPLIT_SHRINKS.ln();

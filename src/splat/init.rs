@@ -109,7 +109,8 @@ impl Ground {
         let filled: Vec<f64> = (0..columns * rows)
             .map(|i| nearest_mean(&low, columns, rows, i % columns, i / columns).unwrap_or(plane))
             .collect();
-        let altitudes = (0..columns * rows).map(|i| smoothed(&filled, columns, rows, i % columns, i / columns));
+        let altitudes =
+            (0..columns * rows).map(|i| smoothed(&filled, columns, rows, i % columns, i / columns));
         Self { west, south, columns, rows, altitudes: altitudes.collect() }
     }
 

@@ -48,7 +48,8 @@ impl<T: Real> Place<T> {
     #[inline(always)]
     pub fn value(&self, image: &Layers<T>, channel: usize) -> (T, [T; 2]) {
         let (a, b) = (image.at(channel, self.col, self.row), image.at(channel, self.col + 1, self.row));
-        let (c, d) = (image.at(channel, self.col, self.row + 1), image.at(channel, self.col + 1, self.row + 1));
+        let (c, d) =
+            (image.at(channel, self.col, self.row + 1), image.at(channel, self.col + 1, self.row + 1));
         let [x, y] = self.part;
         let (upper, lower) = (a + (b - a) * x, c + (d - c) * x);
         let by_x = (b - a) + ((d - c) - (b - a)) * y;
@@ -60,12 +61,9 @@ impl<T: Real> Place<T> {
     pub fn scatter(&self, by_image: &mut Layers<T>, channel: usize, by_value: T) {
         let [x, y] = self.part;
         let one = T::one();
-        for (dc, dr, weight) in [
-            (0, 0, (one - x) * (one - y)),
-            (1, 0, x * (one - y)),
-            (0, 1, (one - x) * y),
-            (1, 1, x * y),
-        ] {
+        for (dc, dr, weight) in
+            [(0, 0, (one - x) * (one - y)), (1, 0, x * (one - y)), (0, 1, (one - x) * y), (1, 1, x * y)]
+        {
             let v = by_image.at_mut(channel, self.col + dc, self.row + dr);
             *v = *v + weight * by_value;
         }

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 /// Properties of a vertex, all float32, in the order 3DGS writes them (spherical harmonics of degree 0).
 const PROPERTIES: [&str; 17] = [
-    "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
-    "rot_0", "rot_1", "rot_2", "rot_3",
+    "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1",
+    "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
 ];
 
 /// Why a splat file could not be read.
@@ -90,8 +90,7 @@ pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), Ras
 /// # Errors
 /// [`PlyError`].
 pub fn read(path: &Path) -> Result<Gaussians, PlyError> {
-    let bytes =
-        std::fs::read(path).map_err(|e| PlyError::Io { path: path.into(), reason: e.to_string() })?;
+    let bytes = std::fs::read(path).map_err(|e| PlyError::Io { path: path.into(), reason: e.to_string() })?;
     let refused = |reason: &str| PlyError::Format { path: path.into(), reason: reason.into() };
     const END: &[u8] = b"end_header\n";
     let end = bytes.windows(END.len()).position(|w| w == END).ok_or_else(|| refused("it has no header"))?;

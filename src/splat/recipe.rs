@@ -166,7 +166,8 @@ impl Recipe {
     /// The same recipe with every time scaled to another number of iterations.
     #[must_use]
     pub fn with_iterations(&self, iterations: u32) -> Self {
-        let scale = |t: u32| (u64::from(t) * u64::from(iterations) / u64::from(self.iterations.max(1))) as u32;
+        let scale =
+            |t: u32| (u64::from(t) * u64::from(iterations) / u64::from(self.iterations.max(1))) as u32;
         let at_least_one = |t: u32| scale(t).max(1);
         let growth = Growth {
             from: scale(self.growth.from),

@@ -38,7 +38,9 @@ pub enum SetupError {
     #[diagnostic(help("`test.txt` holds views back, `train.txt` lists those to train on"))]
     NoViews,
     /// A view looks too flatly.
-    #[error("view `{view}` looks from {elevation_deg:.1}° above the horizon, at least {LOWEST_ELEVATION_DEG}° are needed")]
+    #[error(
+        "view `{view}` looks from {elevation_deg:.1}° above the horizon, at least {LOWEST_ELEVATION_DEG}° are needed"
+    )]
     LowView {
         /// The view.
         view: String,

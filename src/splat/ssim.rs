@@ -207,7 +207,8 @@ impl<T: Rows> Photometric<T> {
                             let d = x[i] - y[i];
                             sum = sum + d.abs();
                             let sign = if d == T::zero() { T::zero() } else { d.signum() };
-                            out[i] = by_x[i] + T::of(2.0) * x[i] * by_xx[i] + y[i] * by_xy[i] + l1_scale * sign;
+                            out[i] =
+                                by_x[i] + T::of(2.0) * x[i] * by_xx[i] + y[i] * by_xy[i] + l1_scale * sign;
                         }
                     }
                     sum.wide()
@@ -237,8 +238,7 @@ fn ssim_row<T: Real>([mx, my, xx, yy, xy]: [&[T]; 5], scale: T, slopes: &mut [T]
         let inverse = T::one() / (b1 * b2);
         let value = a1 * a2 * inverse;
         sum = sum + value;
-        by_x[i] = scale
-            * (two * uy * (a2 - a1) * inverse - two * ux * value * (b2 - b1) * inverse);
+        by_x[i] = scale * (two * uy * (a2 - a1) * inverse - two * ux * value * (b2 - b1) * inverse);
         by_xx[i] = -scale * value / b2;
         by_xy[i] = scale * two * a1 * inverse;
     }

@@ -60,7 +60,12 @@ impl<const C: usize> Kernels<C> for f64 {
     fn forward(view: &View<Self, C>, background: [Self; C], out: &mut [Self]) {
         forward_band::<f64, C, false>(view, background, out);
     }
-    fn backward(view: &View<Self, C>, image: &[Self], by_pixel: &[Self], slots: &mut [SlotGradient<Self, C>]) {
+    fn backward(
+        view: &View<Self, C>,
+        image: &[Self],
+        by_pixel: &[Self],
+        slots: &mut [SlotGradient<Self, C>],
+    ) {
         backward_band::<f64, C, false>(view, image, by_pixel, slots);
     }
 }
@@ -69,7 +74,12 @@ impl<const C: usize> Kernels<C> for f32 {
     fn forward(view: &View<Self, C>, background: [Self; C], out: &mut [Self]) {
         forward_f32(view, background, out);
     }
-    fn backward(view: &View<Self, C>, image: &[Self], by_pixel: &[Self], slots: &mut [SlotGradient<Self, C>]) {
+    fn backward(
+        view: &View<Self, C>,
+        image: &[Self],
+        by_pixel: &[Self],
+        slots: &mut [SlotGradient<Self, C>],
+    ) {
         backward_f32(view, image, by_pixel, slots);
     }
 }

@@ -108,9 +108,11 @@ impl<T: Real + Kernels<C>, const C: usize> Rasterizer<T, C> {
         );
         let bands = &self.bands;
         let outputs = gradients.par_chunks_mut(CHUNK).zip(by_feature.par_chunks_mut(CHUNK));
-        self.chunks.par_iter_mut().zip(outputs).enumerate().for_each(|(k, (chunk, (gradients, by_feature)))| {
-            chunk.gather(k, bands, camera, gradients, by_feature);
-        });
+        self.chunks.par_iter_mut().zip(outputs).enumerate().for_each(
+            |(k, (chunk, (gradients, by_feature)))| {
+                chunk.gather(k, bands, camera, gradients, by_feature);
+            },
+        );
     }
 
     /// Visits, for every splat seen in the last render, its rank and the loss's derivative by its image position

@@ -99,7 +99,8 @@ impl<T: Real> Prepared<T> {
         out: &mut Gaussians<T>,
     ) {
         let rank = &self.rank;
-        let rows = out.position.par_iter_mut().zip(&mut out.log_scale).zip(&mut out.rotation).zip(&mut out.logit);
+        let rows =
+            out.position.par_iter_mut().zip(&mut out.log_scale).zip(&mut out.rotation).zip(&mut out.logit);
         rows.with_min_len(1024).enumerate().for_each(|(i, (((position, log_scale), rotation), logit))| {
             let g = &gradients[rank[i] as usize];
             *position = g.position;

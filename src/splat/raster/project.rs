@@ -250,8 +250,7 @@ impl<T: Real> Ellipse<T> {
         };
         let dot = |a: [T; 3], b: [T; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         let low_pass = T::of(LOW_PASS_PX2);
-        let (xx, xy, yy) =
-            (dot(row(0), m[0]) + low_pass, dot(row(0), m[1]), dot(row(1), m[1]) + low_pass);
+        let (xx, xy, yy) = (dot(row(0), m[0]) + low_pass, dot(row(0), m[1]), dot(row(1), m[1]) + low_pass);
         let det = xx * yy - xy * xy;
         let inverse = T::one() / det;
         if !(det > T::zero() && inverse.is_finite() && mean[0].is_finite() && mean[1].is_finite()) {
@@ -284,7 +283,11 @@ impl<T: Real> Ellipse<T> {
         for band in band_of(first.max(T::zero()).ceil())..=band_of(last.min(height).floor()) {
             let top = T::of((band * TILE as i64) as f64) - my;
             let bottom = top + tile - T::one();
-            let right = if lean >= top && lean <= bottom { half_cols } else { self.edge(lean, top, bottom, T::one()) };
+            let right = if lean >= top && lean <= bottom {
+                half_cols
+            } else {
+                self.edge(lean, top, bottom, T::one())
+            };
             let left = if -lean >= top && -lean <= bottom {
                 -half_cols
             } else {

@@ -27,10 +27,8 @@ fn scene(n: usize, seed: u64) -> Gaussians<f64> {
 }
 
 fn camera<T: Real>() -> FrameCamera<T> {
-    let camera = crate::affine::AffineCamera {
-        linear: [[2.9, 0.2, 0.5], [0.3, -2.8, 0.7]],
-        offset: [18.3, 16.8],
-    };
+    let camera =
+        crate::affine::AffineCamera { linear: [[2.9, 0.2, 0.5], [0.3, -2.8, 0.7]], offset: [18.3, 16.8] };
     FrameCamera::new(&camera, 37, 35)
 }
 
