@@ -154,7 +154,7 @@ impl Recipe {
             "best" => Some(Self {
                 name: "best".into(),
                 carpet: Carpet::Ground,
-                half_resolution_until: 2000,
+                half_resolution_until: 3500,
                 rates: LearningRates { position_decay: 0.1, ..baeogs.rates },
                 reset: None,
                 ..baeogs

@@ -144,18 +144,26 @@ impl<T: Real> Stamp<T> {
         (Self { dx, dy0, at_zero, slope, curvature: c, rows }, f.rank as usize)
     }
 
-    /// Alphas of a row of pixels before the upper limit, zero below the cut-off.
+    /// Alphas of a row of pixels before the upper limit, zero below the cut-off; none if all are.
     #[inline(always)]
-    fn alpha<const FMA: bool>(&self, dy: T) -> Lane<T> {
+    fn alpha<const FMA: bool>(&self, dy: T) -> Option<Lane<T>> {
         let cut = T::of(ALPHA_CUT.log2());
-        let mut alpha = [T::zero(); TILE];
+        let mut exponent = [T::zero(); TILE];
+        let mut any = false;
         for i in 0..TILE {
             let inner = self.curvature.madd::<FMA>(dy, self.slope[i]);
-            let exponent = inner.madd::<FMA>(dy, self.at_zero[i]);
-            let value = exponent.max(cut).exp2_lane::<FMA>();
-            alpha[i] = if exponent >= cut { value } else { T::zero() };
+            exponent[i] = inner.madd::<FMA>(dy, self.at_zero[i]);
+            any |= exponent[i] >= cut;
         }
-        alpha
+        if !any {
+            return None;
+        }
+        let mut alpha = [T::zero(); TILE];
+        for i in 0..TILE {
+            let value = exponent[i].max(cut).exp2_lane::<FMA>();
+            alpha[i] = if exponent[i] >= cut { value } else { T::zero() };
+        }
+        Some(alpha)
     }
 }
 
@@ -200,7 +208,7 @@ fn forward_band<T: Real, const C: usize, const FMA: bool>(
                 if live >> r & 1 == 0 {
                     continue;
                 }
-                let alpha = stamp.alpha::<FMA>(stamp.dy0 + T::of(r as f64));
+                let Some(alpha) = stamp.alpha::<FMA>(stamp.dy0 + T::of(r as f64)) else { continue };
                 let row = &mut transmittance[r & (TILE - 1)];
                 let mut weight = [T::zero(); TILE];
                 for i in 0..TILE {
@@ -273,7 +281,7 @@ fn backward_band<T: Real, const C: usize, const FMA: bool>(
                     continue;
                 }
                 let dy = stamp.dy0 + T::of(r as f64);
-                let alpha = stamp.alpha::<FMA>(dy);
+                let Some(alpha) = stamp.alpha::<FMA>(dy) else { continue };
                 let r = r & (TILE - 1);
                 let mut along = [T::zero(); TILE];
                 for c in 0..C {
