@@ -109,3 +109,65 @@ impl TrainingBackend for CpuBackend {
         Snapshot { splats: self.splats.clone(), appearances: self.appearances.iter().map(|a| a.0).collect() }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::affine::AffineCamera;
+    use crate::event::ignore;
+    use crate::raster::Plane;
+    use crate::splat::random::Draw;
+    use crate::splat::recipe::{Recipe, Reset};
+    use crate::splat::train::train;
+
+    /// Growth, shadows, consistency and a reset within 200 iterations.
+    fn compressed() -> Recipe {
+        let mut recipe = Recipe::named("baeogs").unwrap();
+        recipe.iterations = 200;
+        recipe.half_resolution_until = 30;
+        recipe.shadows_from = 50;
+        recipe.growth.from = 20;
+        recipe.growth.until = 150;
+        recipe.growth.every = 10;
+        recipe.reset = Some(Reset { every: 100, opacity: 0.005, opacity_loss_rests: 10, growth_rests: 10 });
+        recipe
+    }
+
+    fn trained(threads: usize) -> (Gaussians, Vec<usize>) {
+        let views = (0..3u32).map(|v| {
+            let lean = 0.2 * (f64::from(v) - 1.0);
+            let camera =
+                AffineCamera { linear: [[2.0, 0.0, lean], [0.0, -2.0, 0.3 - lean]], offset: [29.5, 27.5] };
+            let mut draw = Draw::new(7, u64::from(v), 0, 0);
+            let plane = Plane::from_fn(60, 56, |c, r| {
+                (0.5 + 0.3 * (c as f64 * 0.3).sin() * (r as f64 * 0.2).cos() + 0.1 * draw.uniform()) as f32
+            });
+            TrainingView::new(
+                format!("v{v}"),
+                camera,
+                Some([1.1, -0.8]),
+                &[plane],
+                (-14.0, -13.0, 14.0, 13.0),
+            )
+        });
+        let mut start = Gaussians::default();
+        for i in 0..3000 {
+            let mut d = Draw::new(1, 0, 0, i);
+            let p = [28.0 * d.uniform() - 14.0, 26.0 * d.uniform() - 13.0, 3.0 * d.uniform()];
+            start.push(p.map(|v| v as f32), 0.4, 0.9, [0.5; 3]);
+        }
+        let mut backend = CpuBackend::new(start, views.collect(), (-5.0, 10.0));
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let (made, log) = pool.install(|| train(&mut backend, &compressed(), 3, 20.0, 0, &ignore));
+        (made.splats, log.iter().map(|l| l.splats).collect())
+    }
+
+    #[test]
+    fn training_gives_the_same_bytes_for_one_and_two_threads() {
+        let (one, counts) = trained(1);
+        let (two, _) = trained(2);
+        assert_eq!(one, two);
+        let (most, last) = (counts.iter().max().unwrap(), counts.last().unwrap());
+        assert!(most > &3000 && last < most, "the count must have gone up and down: {most}, {last}");
+    }
+}

@@ -164,17 +164,15 @@ impl Recipe {
     }
 
     /// The same recipe with every time scaled to another number of iterations.
+    ///
+    /// The interval between growth checks stays: gradients need that many views to be averaged, and what has not
+    /// settled yet would double with every check.
     #[must_use]
     pub fn with_iterations(&self, iterations: u32) -> Self {
         let scale =
             |t: u32| (u64::from(t) * u64::from(iterations) / u64::from(self.iterations.max(1))) as u32;
         let at_least_one = |t: u32| scale(t).max(1);
-        let growth = Growth {
-            from: scale(self.growth.from),
-            until: scale(self.growth.until),
-            every: at_least_one(self.growth.every),
-            ..self.growth
-        };
+        let growth = Growth { from: scale(self.growth.from), until: scale(self.growth.until), ..self.growth };
         let reset = self.reset.map(|r| Reset {
             every: at_least_one(r.every),
             opacity_loss_rests: scale(r.opacity_loss_rests),
