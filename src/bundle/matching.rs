@@ -205,7 +205,7 @@ fn consensus(mut offsets: Vec<f64>) -> Option<f64> {
     enough.then(|| offsets[best.0 + inside / 2])
 }
 
-const _: () = assert!(VALUES % 16 == 0, "similarity sums sixteen values at a time");
+const _: () = assert!(VALUES.is_multiple_of(16), "similarity sums sixteen values at a time");
 
 #[cfg(test)]
 mod tests {

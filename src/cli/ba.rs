@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 /// Finds keypoints, matches them along the epipolar segments between two heights, joins them to tracks and adjusts
 /// one shift a view. The corrected RPCs are exact (the shift goes into the offsets) and fit any stereo pipeline.
 #[derive(clap::Args, Clone, Debug)]
+#[group(id = "adjustment")]
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,

@@ -26,6 +26,7 @@ pub struct Args {
 
 /// On which grid to render.
 #[derive(clap::Args, Clone, Debug)]
+#[group(id = "surface")]
 pub struct Options {
     /// Side of a cell in metres; the extent is the trained area
     #[arg(long, default_value_t = 0.5, value_name = "M", conflicts_with = "like")]

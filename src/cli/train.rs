@@ -32,6 +32,7 @@ pub struct Args {
 
 /// How to train.
 #[derive(clap::Args, Clone, Debug)]
+#[group(id = "training")]
 pub struct Options {
     /// Training choices: `best` (the default), or `baeogs` as the paper has it
     #[arg(long, default_value = Recipe::NAMES[0], value_parser = Recipe::NAMES, value_name = "NAME")]

@@ -50,8 +50,15 @@ impl Real for f32 {
         // Adding 1.5 * 2^23 rounds to a whole number, which then stands in the low bits.
         const ROUND: f32 = 12_582_912.0;
         // Taylor coefficients of 2^f, f in [-1/2, 1/2]: (ln 2)^k / k!.
-        const C: [f32; 7] =
-            [1.0, 0.693_147_2, 0.240_226_5, 0.055_504_11, 0.009_618_129, 0.001_333_355_8, 0.000_154_035_3];
+        const C: [f32; 7] = [
+            1.0,
+            std::f32::consts::LN_2,
+            0.240_226_5,
+            0.055_504_11,
+            0.009_618_129,
+            0.001_333_355_8,
+            0.000_154_035_3,
+        ];
         let shifted = self + ROUND;
         let f = self - (shifted - ROUND);
         let mut p = C[6];

@@ -79,7 +79,7 @@ pub fn train(
         let report = backend.step(&planner.plan(iteration));
         let line = LogLine::new(iteration, &report, started.elapsed().as_secs_f64());
         log.push(line);
-        if iteration % 10 == 0 {
+        if iteration.is_multiple_of(10) {
             let status = format!("loss {:.4}, {} splats", line.loss, line.splats);
             events(Event::Advanced { done: iteration.into(), status });
         }
@@ -147,9 +147,10 @@ impl Planner<'_> {
 
     fn population(&self, iteration: u32, rests: bool) -> Population {
         let r = self.recipe;
-        let due = iteration % r.growth.every == 0 && !rests;
+        let due = iteration.is_multiple_of(r.growth.every) && !rests;
         let grows = due && (r.growth.from..=r.growth.until).contains(&iteration);
-        let resets = r.reset.filter(|reset| iteration % reset.every == 0 && iteration < r.iterations);
+        let resets =
+            r.reset.filter(|reset| iteration.is_multiple_of(reset.every) && iteration < r.iterations);
         Population {
             grow: grows.then(|| (r.growth, r.site_lengths(self.half_side_m))),
             prune_below: due.then_some(r.prune_below),

@@ -1,0 +1,106 @@
+//! From simulated images to a scored surface model, through the binary: shifts, heights, files, resuming.
+
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::satgs;
+use satgs::frame::{Pixel, Point, SiteGrid};
+use satgs::raster::ImageFile;
+use satgs::rpc::{Rpc, formats};
+use serde_json::Value;
+use std::path::Path;
+
+/// Largest distance of a corrected camera from the true one, once the translation of the whole scene, which tie
+/// points leave open, is taken out.
+const SHIFT_TOLERANCE_PX: f64 = 0.15;
+/// Mean absolute error of the surface after a short training on small images; the full one reaches 0.8 m.
+const MAE_TOLERANCE_M: f64 = 1.6;
+
+fn text(output: &std::process::Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+#[test]
+fn simulated_images_become_a_surface_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, run) = (folder.path().join("scene"), folder.path().join("run"));
+    let (scene, run) = (scene.to_str().unwrap(), run.to_str().unwrap());
+    let made = satgs(&["simulate", scene, "--size", "260", "--views", "8", "-q"]);
+    assert!(made.status.success(), "{}", text(&made));
+
+    let truth = format!("{scene}/truth/TOWN_DSM.tif");
+    let all = ["run", scene, "-o", run, "--truth", &truth, "--iterations", "900", "--json"];
+    let output = satgs(&all);
+    assert!(output.status.success(), "{}", text(&output));
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(summary["ba"]["tracks"].as_u64().unwrap() > 300, "{summary}");
+
+    let worst = worst_shift_px(Path::new(scene), Path::new(run));
+    assert!(worst < SHIFT_TOLERANCE_PX, "corrected cameras are {worst:.3} px off");
+
+    let metrics = json(&Path::new(run).join("eval/metrics.json"));
+    let verdicts = metrics["verdicts"].as_array().unwrap();
+    let xyz = verdicts.iter().find(|v| v["method"] == "xyz").unwrap();
+    let score = |key: &str| xyz[key].as_f64().unwrap();
+    assert!(score("mae_m") < MAE_TOLERANCE_M, "{xyz:#}");
+    assert!(score("completeness") > 0.97, "{xyz:#}");
+
+    for name in ["dsm.tif", "ortho.tif"] {
+        let file = ImageFile::open(&Path::new(run).join(name)).unwrap();
+        assert_eq!(file.map_grid().unwrap().epsg / 100, 326);
+        assert_eq!(file.metadata("LAYOUT", "IMAGE_STRUCTURE").unwrap(), "COG");
+    }
+    for name in
+        ["scene.json", "cameras.json", "splats.ply", "splats.georef.json", "hillshade.png", "ba/points.laz"]
+    {
+        assert!(Path::new(run).join(name).exists(), "{name}");
+    }
+
+    // What is there is kept, what differs is refused by name.
+    let before = std::fs::read(Path::new(run).join("splats.ply")).unwrap();
+    let again = satgs(&all);
+    assert!(again.status.success() && text(&again).contains("is trained already"), "{}", text(&again));
+    assert_eq!(std::fs::read(Path::new(run).join("splats.ply")).unwrap(), before);
+    let other = satgs(&["train", run, "--iterations", "901"]);
+    assert_eq!(other.status.code(), Some(2));
+    assert!(text(&other).contains("iterations was 900, is 901"), "{}", text(&other));
+    assert!(text(&other).contains("hint: --overwrite"), "{}", text(&other));
+}
+
+/// Fits the scene's translation to the differences between corrected and true cameras; the largest rest.
+fn worst_shift_px(scene: &Path, run: &Path) -> f64 {
+    let camera = |folder: &Path, name: &str| -> Rpc {
+        formats::read(&folder.join(format!("{name}.json"))).unwrap().rpc
+    };
+    let report = json(&run.join("ba/report.json"));
+    let names: Vec<String> =
+        report["views"].as_array().unwrap().iter().map(|v| v["name"].as_str().unwrap().to_owned()).collect();
+    let truth = scene.join("truth/rpcs");
+    let mut rows = Vec::new();
+    for name in &names {
+        let (found, exact) = (camera(&run.join("ba/rpcs"), name), camera(&truth, name));
+        let center = exact.localize(Pixel::new(130.0, 130.0), exact.center().height_m()).unwrap();
+        let site = SiteGrid::at(center).unwrap();
+        let px = exact.project(center);
+        let off = found.project(center);
+        // Pixels a metre east, north and up.
+        let by = |d: [f64; 3]| {
+            let p = exact.project(site.geodetic_from_site(Point::new(d[0], d[1], d[2])));
+            [p.col - px.col, p.row - px.row]
+        };
+        let (e, n, u) = (by([1.0, 0.0, 0.0]), by([0.0, 1.0, 0.0]), by([0.0, 0.0, 1.0]));
+        for (k, d) in [off.col - px.col, off.row - px.row].into_iter().enumerate() {
+            rows.push(([e[k], n[k], u[k]], d));
+        }
+    }
+    let a = nalgebra::DMatrix::from_fn(rows.len(), 3, |r, c| rows[r].0[c]);
+    let b = nalgebra::DVector::from_fn(rows.len(), |r, _| rows[r].1);
+    let t = a.clone().svd(true, true).solve(&b, 1e-12).unwrap();
+    let rest = &b - a * t;
+    rest.as_slice().chunks(2).map(|d| d[0].hypot(d[1])).fold(0.0, f64::max)
+}
