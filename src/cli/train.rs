@@ -37,7 +37,7 @@ pub struct Options {
     /// Training choices: `best` (the default), or `baeogs` as the paper has it
     #[arg(long, default_value = Recipe::NAMES[0], value_parser = Recipe::NAMES, value_name = "NAME")]
     recipe: String,
-    /// Iterations; the whole schedule scales with them [default: the recipe's 5000]
+    /// Iterations; the whole schedule scales with them [default: the recipe's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     iterations: Option<u32>,
     /// Seed of every random choice; the same seed gives the same bytes

@@ -6,6 +6,9 @@
 use super::objective::LossWeights;
 use serde::{Deserialize, Serialize};
 
+/// Iterations of the default recipe: what two cores do in a coffee break.
+const BEST_ITERATIONS: u32 = 3000;
+
 /// Where the carpet under the sparse points lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -151,14 +154,17 @@ impl Recipe {
         };
         match name {
             "baeogs" => Some(baeogs),
-            "best" => Some(Self {
-                name: "best".into(),
-                carpet: Carpet::Ground,
-                half_resolution_until: 3500,
-                rates: LearningRates { position_decay: 0.1, ..baeogs.rates },
-                reset: None,
-                ..baeogs
-            }),
+            "best" => {
+                let best = Self {
+                    name: "best".into(),
+                    carpet: Carpet::Ground,
+                    half_resolution_until: 3500,
+                    rates: LearningRates { position_decay: 0.1, ..baeogs.rates },
+                    reset: None,
+                    ..baeogs
+                };
+                Some(best.with_iterations(BEST_ITERATIONS))
+            }
             _ => None,
         }
     }
