@@ -98,7 +98,7 @@ pub(super) fn write_files(evaluation: &Evaluation, folder: &Path) -> Result<(), 
             .map_err(|e| RasterError::Write { path: path.clone(), reason: e.to_string() })
     })?;
     let Some(verdict) = evaluation.verdict(Method::Xyz) else { return Ok(()) };
-    let errors = evaluation.error_map(&verdict.registration);
+    let errors = evaluation.error_map(&verdict.registration)?;
     let r = verdict.registration;
     let moved = format!("{:.3} m east, {:.3} m north, {:.3} m up", verdict.east_m, verdict.north_m, r.dz_m);
     let metadata = [

@@ -45,6 +45,8 @@ pub struct Evaluation {
     #[serde(skip)]
     prediction: Plane,
     #[serde(skip)]
+    prediction_grid: MapGrid,
+    #[serde(skip)]
     land: Plane,
     #[serde(skip)]
     bounds: (f32, f32),
@@ -58,10 +60,13 @@ impl Evaluation {
     }
 
     /// Registered prediction minus truth in metres on the truth's grid, NaN where not scored.
-    #[must_use]
-    pub fn error_map(&self, registration: &Registration) -> Plane {
-        let data = errors(&registration.apply(&self.prediction), &self.land, self.bounds);
-        Plane { width: self.land.width, height: self.land.height, data }
+    ///
+    /// # Errors
+    /// As [`evaluate`].
+    pub fn error_map(&self, registration: &Registration) -> Result<Plane, MetricsError> {
+        let registered = registered(&self.prediction, &self.prediction_grid, &self.grid, registration)?;
+        let data = errors(&registered, &self.land, self.bounds);
+        Ok(Plane { width: self.land.width, height: self.land.height, data })
     }
 }
 
@@ -90,15 +95,16 @@ pub fn evaluate(prediction: &Surface, truth: &Truth) -> Result<Evaluation, Metri
     let (low, high) =
         truth.surface.height.valid().fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(v), h.max(v)));
     let bounds = (low - CLIP_MARGIN_M, high + CLIP_MARGIN_M);
-    let verdicts: Vec<Verdict> = Method::ALL
+    let verdicts = Method::ALL
         .into_iter()
         .map(|method| {
             let registration = register(method, &plane, &land, bounds);
             let (east_m, north_m) = registration.moved_m(grid.cell);
-            let scores = score(&registration.apply(&plane), &land, truth.classes.as_deref(), bounds);
-            Verdict { registration, east_m, north_m, scores }
+            let registered = registered(&prediction.height, &prediction.grid, &grid, &registration)?;
+            let scores = score(&registered, &land, truth.classes.as_deref(), bounds);
+            Ok(Verdict { registration, east_m, north_m, scores })
         })
-        .collect();
+        .collect::<Result<Vec<_>, MetricsError>>()?;
     let notes = notes(prediction, truth, sampling, verdicts.first());
     let water_cells = truth.surface.height.valid().count() - land_cells;
     Ok(Evaluation {
@@ -108,10 +114,31 @@ pub fn evaluate(prediction: &Surface, truth: &Truth) -> Result<Evaluation, Metri
         water_cells,
         verdicts,
         notes,
-        prediction: plane,
+        prediction: prediction.height.clone(),
+        prediction_grid: prediction.grid,
         land,
         bounds,
     })
+}
+
+/// The prediction moved by a registration, on the truth's grid. It is sampled where it is, also beyond the truth's
+/// edges: a shift costs no cells that were predicted.
+fn registered(
+    prediction: &Plane,
+    from: &MapGrid,
+    truth: &MapGrid,
+    r: &Registration,
+) -> Result<Plane, MetricsError> {
+    let moved = MapGrid {
+        west: truth.west + r.dx_cells * truth.cell,
+        north: truth.north - r.dy_cells * truth.cell,
+        ..*truth
+    };
+    let (mut plane, _) = onto_grid(prediction, from, &moved)?;
+    for v in &mut plane.data {
+        *v = (f64::from(*v) + r.dz_m) as f32;
+    }
+    Ok(plane)
 }
 
 fn extent(grid: &MapGrid) -> String {

@@ -68,10 +68,11 @@ impl CpuBackend {
 impl TrainingBackend for CpuBackend {
     fn step(&mut self, plan: &StepPlan) -> StepReport {
         let view = &self.views[plan.view];
-        let level = &view.levels[plan.level];
+        let level = if plan.level > 0 && view.is_large() { plan.level } else { 0 };
+        let scale = 0.5f64.powi(level as i32);
+        let level = &view.levels[level];
         level.load(&mut self.truth);
         let size = (level.width, level.height);
-        let scale = 0.5f64.powi(plan.level as i32);
         let half_sides = [0.5 * level.width as f64, 0.5 * level.height as f64];
         let sun = view.sun_shear.filter(|_| plan.shadows).map(|s| s.map(|s| s * scale));
         let virtual_shear = plan.virtual_shear.map(|s| [s[0] * half_sides[0], s[1] * half_sides[1]]);
