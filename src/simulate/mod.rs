@@ -1,1 +1,338 @@
 //! A deterministic town imaged by satellites with true and disturbed RPCs, and its exact DSM.
+//!
+//! Images are made by casting rays through the RPCs onto a height field, with the sun's direction from geodesy of
+//! the simulator's own: nothing of the product's affine cameras, splats or shadows is used, so that a wrong
+//! convention there shows as an error against the truth.
+
+mod cars;
+mod deliver;
+mod dice;
+mod field;
+mod fit;
+mod geodesy;
+mod paint;
+mod plan;
+mod render;
+mod sensor;
+mod town;
+mod truth;
+
+use crate::event::{Event, Sink};
+use crate::frame::{FrameError, Geodetic, Point, SiteGrid};
+use crate::raster::RasterError;
+use crate::rpc::{Axis, LocalizeError, Rpc, RpcError};
+use dice::Dice;
+use sensor::{Acquisition, LineScanner};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use town::Town;
+
+/// Where the town stands: east of its zone's meridian, so that map north and true north differ by 1.7°.
+const PLACE: Point<Geodetic> = Point::new(5.5, 43.3, 150.0);
+/// Name of the truth's files.
+const TRUTH_NAME: &str = "TOWN";
+/// Half of the heights that an RPC is made for, at least, metres.
+const RPC_HALF_HEIGHT_M: f64 = 80.0;
+
+/// The lie of the land.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Relief {
+    /// Some 15 m between the lowest and the highest ground.
+    Rolling,
+    /// 60 m and more.
+    Hilly,
+}
+
+/// What to simulate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Options {
+    /// Another number is another town.
+    pub seed: u64,
+    /// Number of images.
+    pub views: usize,
+    /// Columns and rows of every image.
+    pub size_px: usize,
+    /// Ground sampling distance at nadir, metres; also the cell of the exact DSM.
+    pub gsd_m: f64,
+    /// The lie of the land.
+    pub relief: Relief,
+    /// Whether files of an earlier simulation are replaced.
+    pub overwrite: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { seed: 0, views: 10, size_px: 400, gsd_m: 0.5, relief: Relief::Rolling, overwrite: false }
+    }
+}
+
+/// Figures of the exact DSM by which a test scene is judged.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneFigures {
+    /// Mean distance of the heights from their mean, metres: what a flat guess would score.
+    pub mean_absolute_deviation_m: f64,
+    /// Share of cells that are roofs.
+    pub roofs_share: f64,
+    /// Share of cells that are trees.
+    pub trees_share: f64,
+    /// Share of cells that are water.
+    pub water_share: f64,
+    /// Height of the tallest building above the ground, metres.
+    pub tallest_building_m: f64,
+    /// Highest minus lowest ground, metres.
+    pub relief_m: f64,
+}
+
+/// One image as it was taken.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewFigures {
+    /// File name without extension.
+    pub name: String,
+    /// Angle between the vertical and the line of sight at the ground, degrees.
+    pub off_nadir_deg: f64,
+    /// True azimuth of the satellite, degrees.
+    pub azimuth_deg: f64,
+    /// True azimuth of the sun, degrees.
+    pub sun_azimuth_deg: f64,
+    /// Elevation of the sun, degrees.
+    pub sun_elevation_deg: f64,
+    /// ISO 8601, UTC.
+    pub acquired: String,
+    /// Added to the columns of the true RPC in the delivered one, pixels.
+    pub d_col: f64,
+    /// Added to the rows of the true RPC in the delivered one, pixels.
+    pub d_row: f64,
+}
+
+/// What was simulated.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// The scene's figures.
+    pub scene: SceneFigures,
+    /// The images, by name.
+    pub views: Vec<ViewFigures>,
+    /// The exact DSM.
+    pub truth: PathBuf,
+}
+
+/// Why a scene could not be simulated.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum SimulateError {
+    /// An option out of its range.
+    #[error("`{option}` is {found}, expected {expected}")]
+    #[diagnostic(help("`satgs simulate --help` tells the defaults"))]
+    Option {
+        /// Name of the option.
+        option: &'static str,
+        /// What was found.
+        found: String,
+        /// What would do.
+        expected: &'static str,
+    },
+    /// The folder holds something.
+    #[error("`{path}` is not empty")]
+    #[diagnostic(help("--overwrite replaces an earlier simulation; another folder keeps both"))]
+    NotEmpty {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The folder cannot be read, made or cleared.
+    #[error("`{path}`: {reason}")]
+    #[diagnostic(code(satgs::failed))]
+    Folder {
+        /// The folder or file.
+        path: PathBuf,
+        /// The system's words.
+        reason: String,
+    },
+    /// An output could not be written.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Raster(#[from] RasterError),
+    /// No map projection.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Frame(#[from] FrameError),
+    /// The fitted camera is no RPC.
+    #[error("the simulated camera of `{view}` is no RPC")]
+    #[diagnostic(code(satgs::failed))]
+    Rpc {
+        /// The view.
+        view: String,
+        /// What is wrong with it.
+        source: RpcError,
+    },
+    /// A ray leaves the RPC's volume.
+    #[error("the simulated camera of `{view}` has no line of sight for every pixel")]
+    #[diagnostic(code(satgs::failed))]
+    Ray {
+        /// The view.
+        view: String,
+        /// Where.
+        source: LocalizeError,
+    },
+}
+
+/// One acquisition and its camera.
+struct Shot {
+    plan: Acquisition,
+    true_rpc: Rpc,
+}
+
+impl Shot {
+    /// The camera with its pointing error, as delivered.
+    fn delivered_rpc(&self) -> Rpc {
+        let (d_col, d_row) = self.plan.pointing_error;
+        self.true_rpc.shifted(d_col, d_row)
+    }
+}
+
+/// Makes a scene in the folder `out`: `VIEW_nn.tif` and, apart from them, `truth/`.
+///
+/// The same options give the same bytes, whatever the number of threads.
+///
+/// # Errors
+/// [`SimulateError`]: an option out of range, a folder in use, a file that cannot be written.
+pub fn simulate(out: &Path, options: &Options, events: Sink) -> Result<Summary, SimulateError> {
+    check(options)?;
+    claim(out, options.overwrite)?;
+    let truth_folder = out.join("truth");
+
+    events(Event::Started { stage: "building the town", total: 0 });
+    let map = SiteGrid::at(PLACE)?;
+    let [e, n, _] = map.origin.xyz();
+    let grid = SiteGrid { epsg: map.epsg, origin: Point::new(e.round(), n.round(), 0.0) };
+    let extent_m = options.size_px as f64 * options.gsd_m;
+    let step_m = 0.5 * options.gsd_m;
+    // The corners of oblique images, the parallax of the highest roofs, shadows from outside.
+    let half_m = ((0.82 * extent_m + 50.0) / step_m).ceil() * step_m;
+    let town = Town::new(options.seed, half_m, step_m, 0.5 * extent_m, options.relief);
+    let shots = take_aim(options, &town, &grid)?;
+    events(Event::Finished);
+
+    events(Event::Started { stage: "taking images", total: shots.len() as u64 });
+    for (i, shot) in shots.iter().enumerate() {
+        let image = expose(shot, i, options, &town, &grid)?;
+        let path = out.join(format!("{}.tif", shot.plan.name));
+        deliver::write_view(&path, shot, options.size_px, image)?;
+        let path = truth_folder.join("rpcs").join(format!("{}.json", shot.plan.name));
+        truth::write_rpc(&path, shot, options.size_px, town.field.height_range())?;
+        events(Event::Advanced { done: i as u64 + 1, status: shot.plan.name.clone() });
+    }
+    events(Event::Finished);
+
+    let truth = truth::Truth::sample(&town.field, &grid, &shots, options.size_px, options.gsd_m);
+    truth.write(&truth_folder, TRUTH_NAME)?;
+    let views: Vec<ViewFigures> = shots.iter().map(view_figures).collect();
+    truth::write_json(&truth_folder.join("shifts.json"), &shifts(&views))?;
+    Ok(Summary {
+        scene: truth.figures(&town.plan, &grid),
+        views,
+        truth: truth_folder.join(format!("{TRUTH_NAME}_DSM.tif")),
+    })
+}
+
+fn check(options: &Options) -> Result<(), SimulateError> {
+    let wrong = |option, found: String, expected| Err(SimulateError::Option { option, found, expected });
+    if !(3..=99).contains(&options.views) {
+        return wrong("--views", options.views.to_string(), "3 to 99");
+    }
+    if !(64..=2048).contains(&options.size_px) {
+        return wrong("--size", options.size_px.to_string(), "64 to 2048 pixels");
+    }
+    if !(0.2..=2.0).contains(&options.gsd_m) {
+        return wrong("--gsd", options.gsd_m.to_string(), "0.2 to 2 metres");
+    }
+    Ok(())
+}
+
+/// Makes the folder, or clears an earlier simulation from it: its own files and no others.
+fn claim(out: &Path, overwrite: bool) -> Result<(), SimulateError> {
+    let failed =
+        |path: &Path, e: std::io::Error| SimulateError::Folder { path: path.into(), reason: e.to_string() };
+    std::fs::create_dir_all(out).map_err(|e| failed(out, e))?;
+    let entries = std::fs::read_dir(out).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    let entries = entries.map_err(|e| failed(out, e))?;
+    if entries.is_empty() {
+        return Ok(());
+    }
+    if !overwrite {
+        return Err(SimulateError::NotEmpty { path: out.into() });
+    }
+    let is_view = |name: &str, extension: &str| name.starts_with("VIEW_") && name.ends_with(extension);
+    for (folder, extension) in [(out.to_path_buf(), ".tif"), (out.join("truth/rpcs"), ".json")] {
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            if is_view(&entry.file_name().to_string_lossy(), extension) {
+                std::fs::remove_file(entry.path()).map_err(|e| failed(&entry.path(), e))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Plans the acquisitions and fits their RPCs.
+fn take_aim(options: &Options, town: &Town, grid: &SiteGrid) -> Result<Vec<Shot>, SimulateError> {
+    let center = grid.geodetic_from_utm(grid.origin);
+    let target = center.at_height(town.plan.ground_m(0.0, 0.0));
+    let (low, high) = town.field.height_range();
+    let height = Axis {
+        offset: (0.5 * (low + high)).round(),
+        scale: (0.5 * (high - low) + 20.0).ceil().max(RPC_HALF_HEIGHT_M),
+    };
+    let plans = sensor::acquisitions(Dice::new(options.seed).on(1000), options.views, target);
+    plans
+        .into_iter()
+        .map(|plan| {
+            let scanner = LineScanner::new(target, &plan, options.size_px, options.gsd_m);
+            let fitted = scanner.rpc(target, height);
+            let true_rpc = fitted.map_err(|source| SimulateError::Rpc { view: plan.name.clone(), source })?;
+            Ok(Shot { plan, true_rpc })
+        })
+        .collect()
+}
+
+fn expose(
+    shot: &Shot,
+    index: usize,
+    options: &Options,
+    town: &Town,
+    grid: &SiteGrid,
+) -> Result<Vec<Vec<u8>>, SimulateError> {
+    let dice = Dice::new(options.seed).on(2000).on(index as i64);
+    let sun = geodesy::sun_on_map(
+        grid,
+        grid.geodetic_from_utm(grid.origin).at_height(PLACE.height_m()),
+        shot.plan.sun,
+    );
+    let look = render::Look::new(dice.on(1), sun, shot.plan.day_of_year);
+    let (low, high) = town.field.height_range();
+    let rays = render::Rays::new(&shot.true_rpc, grid, options.size_px, (low - 1.0, high + 1.0))
+        .map_err(|source| SimulateError::Ray { view: shot.plan.name.clone(), source })?;
+    let cars = cars::Cars::new(&town.plan, dice.on(2), sun);
+    let colors = Dice::new(options.seed).on(7);
+    Ok(render::render(&town.field, &rays, Some(&cars), &look, colors, dice.on(3), options.size_px))
+}
+
+fn view_figures(shot: &Shot) -> ViewFigures {
+    let plan = &shot.plan;
+    ViewFigures {
+        name: plan.name.clone(),
+        off_nadir_deg: plan.off_nadir_deg,
+        azimuth_deg: plan.azimuth_deg,
+        sun_azimuth_deg: plan.sun.azimuth_deg,
+        sun_elevation_deg: plan.sun.elevation_deg,
+        acquired: plan.acquired.clone(),
+        d_col: plan.pointing_error.0,
+        d_row: plan.pointing_error.1,
+    }
+}
+
+/// `shifts.json`: by view, what was added to the true RPC's projections.
+fn shifts(views: &[ViewFigures]) -> std::collections::BTreeMap<&str, [f64; 2]> {
+    views.iter().map(|v| (v.name.as_str(), [v.d_col, v.d_row])).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,70 @@
+//! Cars on the streets: in an image, different from view to view, and never in the exact DSM.
+
+use super::dice::Dice;
+use super::field::{Field, Material};
+use super::paint::car_color;
+use super::plan::Plan;
+
+/// Slots for cars lie so far apart along a lane, metres.
+const SLOT_M: f64 = 11.0;
+/// Share of the slots that are taken.
+const TRAFFIC: f64 = 0.22;
+/// Distance of a lane from its street's axis, metres.
+const LANE_M: f64 = 1.65;
+/// Half length and half width of a car, metres.
+const HALF_M: [f64; 2] = [2.15, 0.9];
+
+/// The cars of one view, painted onto the streets.
+pub(super) struct Cars<'a> {
+    plan: &'a Plan,
+    dice: Dice,
+    /// Where a car's shadow falls from, metres along the town's axes.
+    shadow: [f64; 2],
+}
+
+impl<'a> Cars<'a> {
+    /// Traffic of one view under a sun (a unit vector on the map).
+    pub(super) fn new(plan: &'a Plan, dice: Dice, sun: [f64; 3]) -> Self {
+        const HEIGHT_M: f64 = 1.4;
+        let length = 0.6 * HEIGHT_M / sun[2].max(0.3);
+        Self { plan, dice, shadow: plan.town_from_map(sun[0] * length, sun[1] * length) }
+    }
+
+    /// The colour at a place of the field if a car or its shadow is there: reflectance, and how much of the sun.
+    pub(super) fn at(&self, field: &Field, x: f64, y: f64) -> Option<([f32; 3], f64)> {
+        if field.nearest(x, y).material != Material::Asphalt {
+            return None;
+        }
+        let at = self.plan.town_from_map(x, y);
+        if let Some(color) = self.body(at) {
+            return Some((color, 1.0));
+        }
+        let towards_sun = [at[0] + self.shadow[0], at[1] + self.shadow[1]];
+        self.body(towards_sun).map(|_| (field.nearest(x, y).albedo, 0.0))
+    }
+
+    fn body(&self, at: [f64; 2]) -> Option<[f32; 3]> {
+        let distances = self.plan.street_distances(at);
+        let block = self.plan.block_at(at);
+        let center = self.plan.block_center(block);
+        (0..2).find_map(|across| {
+            let along = 1 - across;
+            let off_axis = distances[across];
+            // On the crossing itself nobody stops.
+            if off_axis > LANE_M + HALF_M[1] || distances[along] < 6.0 {
+                return None;
+            }
+            let slot = (at[along] / SLOT_M).floor();
+            // Both lanes of a street: which side of the axis, and which street.
+            let is_far = at[across] > center[across];
+            let dice = self.dice.on(across as i64).on(block[across]).on(i64::from(is_far)).on(slot as i64);
+            let middle = (slot + 0.5) * SLOT_M + dice.on(1).between(-2.8, 2.8);
+            let (u, v) = (at[along] - middle, off_axis - LANE_M);
+            if dice.unit() > TRAFFIC || u.abs() > HALF_M[0] || v.abs() > HALF_M[1] {
+                return None;
+            }
+            let is_glass = (0.5..1.1).contains(&u) || (-1.7..-1.3).contains(&u);
+            Some(if is_glass { [0.05, 0.06, 0.07] } else { car_color(dice.on(2)) })
+        })
+    }
+}

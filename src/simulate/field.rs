@@ -1,0 +1,242 @@
+//! The scene as a height field: heights between fine nodes are bilinear, everything stands on the ground.
+//!
+//! Positions are metres east and north of the scene's centre along the map grid; heights are ellipsoidal. Rays are
+//! marched through the field itself, so the images and the exact DSM come from one surface.
+
+/// What covers the ground at a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Material {
+    Grass,
+    Paving,
+    Asphalt,
+    Roof,
+    Tree,
+    Water,
+}
+
+/// One node of the field.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Node {
+    /// Ellipsoidal height, metres.
+    pub(super) height_m: f64,
+    pub(super) material: Material,
+    /// Which building it belongs to; 0: none.
+    pub(super) owner: u16,
+    /// Reflectance in red, green, blue.
+    pub(super) albedo: [f32; 3],
+}
+
+/// A square height field centred on the scene.
+pub(super) struct Field {
+    half_m: f64,
+    step_m: f64,
+    side: usize,
+    nodes: Vec<Node>,
+    ceiling: Vec<f32>,
+    ceiling_side: usize,
+    lowest_m: f64,
+    highest_m: f64,
+}
+
+/// A point in the field's space, metres: east, north, ellipsoidal height.
+pub(super) type Place = [f64; 3];
+
+/// Side of the coarse cells over which rays leap, metres.
+const LEAP_M: f64 = 2.0;
+/// A march takes so many steps per node.
+const STEPS_PER_NODE: f64 = 2.0;
+/// Halvings that find the crossing within a step: 0.1 m / 2¹⁴ is 10 µm.
+const HALVINGS: usize = 14;
+
+impl Field {
+    /// A field over ±`half_m` with a node every `step_m`, from its nodes row by row, southern row first.
+    pub(super) fn new(half_m: f64, step_m: f64, nodes: Vec<Node>) -> Self {
+        let side = Self::nodes_per_side(half_m, step_m);
+        assert_eq!(nodes.len(), side * side, "a node for every place");
+        let ceiling_side = (2.0 * half_m / LEAP_M).ceil() as usize + 1;
+        let mut highest = vec![f32::NEG_INFINITY; ceiling_side * ceiling_side];
+        let (mut lowest_m, mut highest_m) = (f64::INFINITY, f64::NEG_INFINITY);
+        for (k, node) in nodes.iter().enumerate() {
+            let cell = |i: usize| (i as f64 * step_m / LEAP_M) as usize;
+            let slot = &mut highest[cell(k / side) * ceiling_side + cell(k % side)];
+            *slot = slot.max(node.height_m as f32 + 0.01);
+            lowest_m = lowest_m.min(node.height_m);
+            highest_m = highest_m.max(node.height_m);
+        }
+        // Whoever stands in a cell may look one cell further in any direction.
+        let around = |i: usize| i.saturating_sub(1)..(i + 2).min(ceiling_side);
+        let ceiling = (0..ceiling_side * ceiling_side)
+            .map(|k| {
+                around(k / ceiling_side)
+                    .flat_map(|r| around(k % ceiling_side).map(move |c| (r, c)))
+                    .map(|(r, c)| highest[r * ceiling_side + c])
+                    .fold(f32::NEG_INFINITY, f32::max)
+            })
+            .collect();
+        Self { half_m, step_m, side, nodes, ceiling, ceiling_side, lowest_m, highest_m }
+    }
+
+    /// Number of nodes along each side.
+    pub(super) fn nodes_per_side(half_m: f64, step_m: f64) -> usize {
+        (2.0 * half_m / step_m).round() as usize + 1
+    }
+
+    /// Lowest and highest height, metres.
+    pub(super) fn height_range(&self) -> (f64, f64) {
+        (self.lowest_m, self.highest_m)
+    }
+
+    /// Half the field's side, metres.
+    pub(super) fn half_m(&self) -> f64 {
+        self.half_m
+    }
+
+    /// Distance between nodes, metres.
+    pub(super) fn step_m(&self) -> f64 {
+        self.step_m
+    }
+
+    /// The node nearest to a place.
+    pub(super) fn nearest(&self, x: f64, y: f64) -> &Node {
+        &self.nodes[self.nearest_index(x, y)]
+    }
+
+    /// Index of the node nearest to a place.
+    pub(super) fn nearest_index(&self, x: f64, y: f64) -> usize {
+        let index = |v: f64| (((v + self.half_m) / self.step_m).round().max(0.0) as usize).min(self.side - 1);
+        index(y) * self.side + index(x)
+    }
+
+    /// The four nodes around a place (south-west, south-east, north-west, north-east) and the place among them.
+    pub(super) fn around(&self, x: f64, y: f64) -> ([&Node; 4], f64, f64) {
+        let last = (self.side - 2) as f64;
+        let (u, v) = ((x + self.half_m) / self.step_m, (y + self.half_m) / self.step_m);
+        let (i, j) = (u.floor().clamp(0.0, last), v.floor().clamp(0.0, last));
+        let k = j as usize * self.side + i as usize;
+        let n = &self.nodes;
+        (
+            [&n[k], &n[k + 1], &n[k + self.side], &n[k + self.side + 1]],
+            (u - i).clamp(0.0, 1.0),
+            (v - j).clamp(0.0, 1.0),
+        )
+    }
+
+    /// Height at a place; beyond the field that of its border.
+    pub(super) fn height_m(&self, x: f64, y: f64) -> f64 {
+        let ([a, b, c, d], u, v) = self.around(x, y);
+        let south = a.height_m + (b.height_m - a.height_m) * u;
+        let north = c.height_m + (d.height_m - c.height_m) * u;
+        south + (north - south) * v
+    }
+
+    /// Slope to the east and to the north at a place.
+    pub(super) fn slope(&self, x: f64, y: f64) -> [f64; 2] {
+        let ([a, b, c, d], u, v) = self.around(x, y);
+        let [a, b, c, d] = [a, b, c, d].map(|n| n.height_m);
+        [((b - a) * (1.0 - v) + (d - c) * v) / self.step_m, ((c - a) * (1.0 - u) + (d - b) * u) / self.step_m]
+    }
+
+    /// Where a descending ray, `path(t)` for t from 0 (above everything) to 1 (below everything), meets the field.
+    pub(super) fn first_hit(&self, path: impl Fn(f64) -> Place) -> Option<Place> {
+        let (from, to) = (path(0.0), path(1.0));
+        let run_m = (to[0] - from[0]).hypot(to[1] - from[1]).max(1e-6);
+        let (leap, fine) = (LEAP_M / run_m, (self.step_m / STEPS_PER_NODE / run_m).min(1.0));
+        let above = |p: Place| p[2] > self.height_m(p[0], p[1]);
+        let mut t = 0.0;
+        let mut here = from;
+        while t < 1.0 {
+            let after = (t + leap).min(1.0);
+            let far = path(after);
+            if far[2] > self.ceiling_m(here) {
+                (t, here) = (after, far);
+                continue;
+            }
+            let after = (t + fine).min(1.0);
+            let far = path(after);
+            if !above(far) {
+                let (mut high, mut low) = (t, after);
+                for _ in 0..HALVINGS {
+                    let middle = 0.5 * (high + low);
+                    if above(path(middle)) { high = middle } else { low = middle }
+                }
+                return Some(path(low));
+            }
+            (t, here) = (after, far);
+        }
+        None
+    }
+
+    /// Whether nothing stands between a place and the sun in direction `sun` (a unit vector).
+    pub(super) fn is_lit(&self, place: Place, sun: [f64; 3]) -> bool {
+        let run = sun[0].hypot(sun[1]).max(1e-6);
+        let along = |m: f64| -> Place { std::array::from_fn(|k| place[k] + sun[k] / run * m) };
+        let fine_m = self.step_m / STEPS_PER_NODE;
+        let mut m = fine_m;
+        loop {
+            let p = along(m);
+            if p[2] > self.highest_m {
+                return true;
+            }
+            if p[2] > self.ceiling_m(p) {
+                m += LEAP_M;
+            } else if p[2] < self.height_m(p[0], p[1]) {
+                return false;
+            } else {
+                m += fine_m;
+            }
+        }
+    }
+
+    fn ceiling_m(&self, p: Place) -> f64 {
+        let last = self.ceiling_side - 1;
+        let cell = |v: f64| (((v + self.half_m) / LEAP_M).max(0.0) as usize).min(last);
+        f64::from(self.ceiling[cell(p[1]) * self.ceiling_side + cell(p[0])])
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// Dark flat ground at 150 m with one bright box: half sides (5, 3) m, 12 m high, centred at (8, -6).
+    pub(in super::super) fn one_box() -> Field {
+        let (half, step) = (70.0, 0.25);
+        let side = Field::nodes_per_side(half, step);
+        let node = |k: usize| {
+            let (x, y) = ((k % side) as f64 * step - half, (k / side) as f64 * step - half);
+            let on_box = (x - 8.0).abs() <= 5.0 && (y + 6.0).abs() <= 3.0;
+            let (height_m, material, albedo) =
+                if on_box { (162.0, Material::Roof, [0.8; 3]) } else { (150.0, Material::Grass, [0.1; 3]) };
+            Node { height_m, material, owner: u16::from(on_box), albedo }
+        };
+        Field::new(half, step, (0..side * side).map(node).collect())
+    }
+
+    #[test]
+    fn a_shadow_is_as_long_as_its_box_is_high() {
+        let field = one_box();
+        let (elevation, azimuth) = (40.0f64.to_radians(), 135.0f64.to_radians());
+        let sun = [azimuth.sin() * elevation.cos(), azimuth.cos() * elevation.cos(), elevation.sin()];
+        // From the box's corner away from the sun: the last dark point lies h / tan(el) away.
+        let corner = [8.0 - 5.0, -6.0 + 3.0];
+        let on_ground = |m: f64| {
+            let place = [corner[0] - azimuth.sin() * m, corner[1] - azimuth.cos() * m, 150.0];
+            field.is_lit(place, sun)
+        };
+        let length = (0..400).map(|i| f64::from(i) * 0.1).filter(|m| !on_ground(*m)).fold(0.0, f64::max);
+        assert!((length - 12.0 / elevation.tan()).abs() < 0.5, "{length}");
+        assert!(on_ground(length + 1.0) && !on_ground(2.0));
+    }
+
+    #[test]
+    fn a_ray_stops_at_the_first_surface() {
+        let field = one_box();
+        let path = |t: f64| [8.0 - 20.0 + 40.0 * t, -6.0, 182.0 - 40.0 * t];
+        // Descends at 45° through (8, -6, 162): the middle of the roof.
+        let hit = field.first_hit(path).unwrap();
+        assert!((hit[0] - 8.0).abs() < 1e-3 && (hit[2] - 162.0).abs() < 1e-3, "{hit:?}");
+        let ground = field.first_hit(|t| [40.0 + 5.0 * t, 20.0, 180.0 - 60.0 * t]).unwrap();
+        assert!((ground[2] - 150.0).abs() < 1e-3 && (ground[0] - 42.5).abs() < 1e-3, "{ground:?}");
+    }
+}

@@ -1,0 +1,315 @@
+//! The town's plan: terrain, streets and blocks, buildings, trees, a pond.
+//!
+//! Streets run along the town's own axes (a, b), turned against the map grid so that no wall lies along a row of
+//! pixels. Everything follows from the seed and from the block's indices.
+
+use super::Relief;
+use super::dice::Dice;
+
+/// Period of the streets along a and b, metres.
+const PERIOD_M: [f64; 2] = [60.0, 45.0];
+/// Half the width of a carriageway, metres.
+pub(super) const STREET_HALF_M: f64 = 3.5;
+/// From a street's axis to the block's edge: the carriageway and a pavement.
+pub(super) const BLOCK_EDGE_M: f64 = 5.2;
+/// Height of the ground at the scene's centre, metres above the ellipsoid.
+const GROUND_M: f64 = 150.0;
+/// Height of the tower, metres.
+const TOWER_M: f64 = 33.0;
+
+/// What a block is used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Block {
+    Houses,
+    Flats,
+    Hall,
+    Park,
+    Tower,
+    Pond,
+}
+
+/// How a building ends above.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Roof {
+    /// With a parapet and machines on it.
+    Flat,
+    /// Two slopes; the ridge runs along a, and rises so many metres above the eaves.
+    Gable(f64),
+    /// Four slopes of the same steepness (metres per metre).
+    Hip(f64),
+}
+
+/// A box with a roof.
+#[derive(Clone, Debug)]
+pub(super) struct Building {
+    /// Centre along the town's axes, metres.
+    pub(super) center: [f64; 2],
+    /// Half sides, metres.
+    pub(super) half: [f64; 2],
+    /// Height of the eaves above the ground at the centre, metres.
+    pub(super) eaves_m: f64,
+    pub(super) roof: Roof,
+    /// Parts of one building share it; never 0.
+    pub(super) owner: u16,
+}
+
+/// A tree with a round crown.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tree {
+    /// Position along the town's axes, metres.
+    pub(super) at: [f64; 2],
+    pub(super) radius_m: f64,
+    pub(super) height_m: f64,
+}
+
+/// The plan of a town.
+pub(super) struct Plan {
+    dice: Dice,
+    relief: Relief,
+    turn: (f64, f64),
+    shift: [f64; 2],
+    tower: [i64; 2],
+    pond: [i64; 2],
+    pond_level_m: f64,
+    pub(super) buildings: Vec<Building>,
+    pub(super) trees: Vec<Tree>,
+}
+
+impl Plan {
+    /// A town that fills ±`half_m`; what makes it a test scene lies within ±`core_half_m`.
+    pub(super) fn new(seed: u64, half_m: f64, core_half_m: f64, relief: Relief) -> Self {
+        let dice = Dice::new(seed);
+        let turn = dice.on(1).between(0.2, 0.5).sin_cos();
+        let shift = [dice.on(2).between(0.0, 8.0), dice.on(3).between(0.0, 8.0)];
+        let mut plan = Self {
+            dice,
+            relief,
+            turn,
+            shift,
+            tower: [0, 0],
+            pond: [0, 0],
+            pond_level_m: 0.0,
+            buildings: Vec::new(),
+            trees: Vec::new(),
+        };
+        plan.tower = plan.block_at(plan.town_from_map(0.3 * core_half_m, 0.1 * core_half_m));
+        plan.pond = plan.block_at(plan.town_from_map(-0.5 * core_half_m, -0.4 * core_half_m));
+        let (x, y) = plan.map_from_town(plan.block_center(plan.pond));
+        plan.pond_level_m = plan.hills_m(x, y) - 0.8;
+        plan.build(half_m);
+        plan
+    }
+
+    /// Town coordinates of a place on the map.
+    pub(super) fn town_from_map(&self, x: f64, y: f64) -> [f64; 2] {
+        let (s, c) = self.turn;
+        [c * x + s * y, c * y - s * x]
+    }
+
+    /// The place on the map of town coordinates.
+    pub(super) fn map_from_town(&self, [a, b]: [f64; 2]) -> (f64, f64) {
+        let (s, c) = self.turn;
+        (c * a - s * b, s * a + c * b)
+    }
+
+    /// The block around a position.
+    pub(super) fn block_at(&self, at: [f64; 2]) -> [i64; 2] {
+        std::array::from_fn(|k| ((at[k] - self.shift[k]) / PERIOD_M[k]).floor() as i64)
+    }
+
+    /// Middle of a block.
+    pub(super) fn block_center(&self, block: [i64; 2]) -> [f64; 2] {
+        std::array::from_fn(|k| (block[k] as f64 + 0.5) * PERIOD_M[k] + self.shift[k])
+    }
+
+    /// What a block is used for.
+    pub(super) fn block(&self, block: [i64; 2]) -> Block {
+        if block == self.tower {
+            return Block::Tower;
+        }
+        if block == self.pond {
+            return Block::Pond;
+        }
+        match self.block_dice(block).on(0).unit() {
+            u if u < 0.50 => Block::Houses,
+            u if u < 0.80 => Block::Flats,
+            u if u < 0.93 => Block::Hall,
+            _ => Block::Park,
+        }
+    }
+
+    /// A block's own chances.
+    pub(super) fn block_dice(&self, block: [i64; 2]) -> Dice {
+        self.dice.on(100).on(block[0]).on(block[1])
+    }
+
+    /// Distances to the axes of the nearest streets along b and along a, metres.
+    pub(super) fn street_distances(&self, at: [f64; 2]) -> [f64; 2] {
+        std::array::from_fn(|k| {
+            let in_period = (at[k] - self.shift[k]).rem_euclid(PERIOD_M[k]);
+            in_period.min(PERIOD_M[k] - in_period)
+        })
+    }
+
+    /// How far a place lies outside the pond's shore: below 1 is water.
+    pub(super) fn pond_distance(&self, at: [f64; 2]) -> f64 {
+        let c = self.block_center(self.pond);
+        let (da, db) = ((at[0] - c[0]) / 18.0, (at[1] - c[1]) / 12.0);
+        let angle = db.atan2(da);
+        da.hypot(db) / (1.0 + 0.12 * (3.0 * angle + 1.0).sin() + 0.06 * (5.0 * angle).cos())
+    }
+
+    /// Ground height at a place, metres above the ellipsoid.
+    pub(super) fn ground_m(&self, x: f64, y: f64) -> f64 {
+        let hills = self.hills_m(x, y);
+        let q = self.pond_distance(self.town_from_map(x, y));
+        let t = ((q - 1.0) / 0.9).clamp(0.0, 1.0);
+        self.pond_level_m + (hills - self.pond_level_m) * t * t * (3.0 - 2.0 * t)
+    }
+
+    fn hills_m(&self, x: f64, y: f64) -> f64 {
+        let phase = self.dice.on(4).between(0.0, std::f64::consts::TAU);
+        let along = x * phase.cos() + y * phase.sin();
+        let across = y * phase.cos() - x * phase.sin();
+        match self.relief {
+            Relief::Rolling => {
+                GROUND_M
+                    + 5.0 * (along / 62.0).sin()
+                    + 3.0 * (across / 45.0 + 1.0).sin()
+                    + 1.2 * self.dice.on(5).octaves(x, y, 70.0, 2)
+            }
+            Relief::Hilly => {
+                GROUND_M
+                    + 20.0
+                    + 36.0 * (along / 85.0).sin()
+                    + 6.0 * (across / 40.0 + 1.0).sin()
+                    + 2.5 * self.dice.on(5).octaves(x, y, 60.0, 2)
+            }
+        }
+    }
+
+    fn build(&mut self, half_m: f64) {
+        let reach = half_m * 1.42;
+        let [from, to] = [self.block_at([-reach; 2]), self.block_at([reach; 2])];
+        for i in from[0]..=to[0] {
+            for j in from[1]..=to[1] {
+                let block = [i, j];
+                let dice = self.block_dice(block);
+                match self.block(block) {
+                    Block::Houses => self.lots(block, [3, 2], |plan, at, dice| plan.house(at, dice)),
+                    Block::Flats => self.lots(block, [2, 1], |plan, at, dice| plan.flats(at, dice)),
+                    Block::Hall => {
+                        let half = [dice.on(1).between(16.0, 19.0), dice.on(2).between(10.5, 13.0)];
+                        let center = self.block_center(block);
+                        let owner = self.next_owner();
+                        let eaves_m = dice.on(3).between(9.0, 12.0);
+                        let roof = if dice.on(4).unit() < 0.5 { Roof::Gable(2.0) } else { Roof::Flat };
+                        self.buildings.push(Building { center, half, eaves_m, roof, owner });
+                    }
+                    Block::Tower => {
+                        let [a, b] = self.block_center(block);
+                        let owner = self.next_owner();
+                        let tall = Building {
+                            center: [a + 6.0, b],
+                            half: [10.0, 9.0],
+                            eaves_m: TOWER_M,
+                            roof: Roof::Flat,
+                            owner,
+                        };
+                        let low = Building {
+                            center: [a - 11.0, b - 2.0],
+                            half: [7.0, 11.0],
+                            eaves_m: 9.0,
+                            ..tall.clone()
+                        };
+                        self.buildings.extend([tall, low]);
+                    }
+                    Block::Park | Block::Pond => {}
+                }
+                self.plant(block);
+            }
+        }
+    }
+
+    fn next_owner(&self) -> u16 {
+        self.buildings.last().map_or(0, |b| b.owner).wrapping_add(1).max(1)
+    }
+
+    /// Calls `build` with the centre of every lot of a block.
+    fn lots(&mut self, block: [i64; 2], count: [i64; 2], build: fn(&mut Self, [f64; 2], Dice)) {
+        let center = self.block_center(block);
+        for i in 0..count[0] {
+            for j in 0..count[1] {
+                let lot = [i, j];
+                let at = std::array::from_fn(|k| {
+                    let size = (PERIOD_M[k] - 2.0 * BLOCK_EDGE_M) / count[k] as f64;
+                    center[k] + (lot[k] as f64 - 0.5 * (count[k] - 1) as f64) * size
+                });
+                build(self, at, self.block_dice(block).on(10 + i).on(j));
+            }
+        }
+    }
+
+    fn house(&mut self, at: [f64; 2], dice: Dice) {
+        let half = [dice.on(1).between(5.0, 6.6), dice.on(2).between(4.6, 6.2)];
+        let center = [at[0] + dice.on(3).between(-1.2, 1.2), at[1] + dice.on(4).between(-1.6, 1.6)];
+        let eaves_m = dice.on(5).between(5.5, 9.5);
+        let roof = match dice.on(6).unit() {
+            u if u < 0.55 => Roof::Gable(0.55 * half[1]),
+            u if u < 0.85 => Roof::Hip(0.5),
+            _ => Roof::Flat,
+        };
+        let owner = self.next_owner();
+        self.buildings.push(Building { center, half, eaves_m, roof, owner });
+        if dice.on(7).unit() < 0.4 {
+            // A lower wing makes the house an L.
+            let side = if dice.on(8).unit() < 0.5 { -1.0 } else { 1.0 };
+            let center = [center[0] + 0.4 * half[0], center[1] + side * (half[1] + 1.2)];
+            let half = [0.55 * half[0], 1.8];
+            self.buildings.push(Building { center, half, eaves_m: 0.6 * eaves_m, roof: Roof::Flat, owner });
+        }
+    }
+
+    fn flats(&mut self, at: [f64; 2], dice: Dice) {
+        let half = [dice.on(1).between(7.5, 9.0), dice.on(2).between(11.0, 13.5)];
+        let roof = if dice.on(3).unit() < 0.7 { Roof::Flat } else { Roof::Hip(0.4) };
+        let owner = self.next_owner();
+        let eaves_m = 3.0 * dice.on(4).between(4.0, 7.5).floor() + 1.0;
+        self.buildings.push(Building { center: at, half, eaves_m, roof, owner });
+    }
+
+    /// Trees of a block, clear of walls and of the carriageway.
+    fn plant(&mut self, block: [i64; 2]) {
+        const SPACING_M: f64 = 6.5;
+        let center = self.block_center(block);
+        let density = match self.block(block) {
+            Block::Houses => 0.42,
+            Block::Park | Block::Pond => 0.55,
+            Block::Flats | Block::Tower => 0.3,
+            Block::Hall => 0.2,
+        };
+        let count = PERIOD_M.map(|p| ((p - 2.0 * BLOCK_EDGE_M + 2.0) / SPACING_M).floor() as i64);
+        for i in 0..count[0] {
+            for j in 0..count[1] {
+                let dice = self.block_dice(block).on(50 + i).on(j);
+                let cell = [i, j];
+                let at = std::array::from_fn(|k| {
+                    center[k]
+                        + SPACING_M * (cell[k] as f64 - 0.5 * (count[k] - 1) as f64)
+                        + dice.on(k as i64).between(-2.0, 2.0)
+                });
+                let radius_m = dice.on(3).between(1.5, 3.6);
+                let clear = self
+                    .buildings
+                    .iter()
+                    .rev()
+                    .take(16)
+                    .all(|b| (0..2).any(|k| (at[k] - b.center[k]).abs() > b.half[k] + 0.75 * radius_m));
+                if dice.on(2).unit() < density && clear && self.pond_distance(at) > 1.35 {
+                    let height_m = radius_m * dice.on(4).between(2.0, 3.0) + 1.5;
+                    self.trees.push(Tree { at, radius_m, height_m });
+                }
+            }
+        }
+    }
+}

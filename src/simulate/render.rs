@@ -1,0 +1,253 @@
+//! Images: every pixel's rays are cast through the RPC onto the height field and lit by the sun.
+
+use super::cars::Cars;
+use super::dice::Dice;
+use super::field::{Field, Material, Place};
+use super::paint;
+use crate::frame::{CenterPx, Pixel, SiteGrid};
+use crate::rpc::{LocalizeError, Rpc};
+use rayon::prelude::*;
+
+/// Rays per pixel along each side.
+const RAYS: usize = 3;
+/// Pixels between exactly localised positions; rays between them are interpolated.
+const LATTICE_PX: usize = 8;
+/// Steeper than this (metres per metre) is a wall.
+const WALL_SLOPE: f64 = 1.7;
+/// What the sky gives a horizontal surface, where the sun at right angles gives 1.
+const SKY: [f64; 3] = [0.20, 0.225, 0.27];
+
+/// The lines of sight of an image, localised on a lattice at three heights.
+pub(super) struct Rays {
+    columns: usize,
+    lattice: Vec<[Place; 3]>,
+}
+
+impl Rays {
+    /// Rays of a `size_px` square image from above `heights_m.1` to below `heights_m.0`.
+    pub(super) fn new(
+        rpc: &Rpc,
+        grid: &SiteGrid,
+        size_px: usize,
+        heights_m: (f64, f64),
+    ) -> Result<Self, LocalizeError> {
+        let columns = size_px.div_ceil(LATTICE_PX) + 3;
+        let (low, high) = heights_m;
+        let lattice = (0..columns * columns)
+            .into_par_iter()
+            .map(|k| {
+                let at = |i: usize| (i as f64 - 1.0) * LATTICE_PX as f64;
+                let px = Pixel::<CenterPx>::new(at(k % columns), at(k / columns));
+                let place = |h| Ok(grid.site_from_geodetic(rpc.localize(px, h)?).xyz());
+                Ok([place(high)?, place(0.5 * (low + high))?, place(low)?])
+            })
+            .collect::<Result<_, LocalizeError>>()?;
+        Ok(Self { columns, lattice })
+    }
+
+    /// The ray of a pixel position: a function of t, 0 at the highest and 1 at the lowest height.
+    pub(super) fn ray(&self, px: Pixel<CenterPx>) -> impl Fn(f64) -> Place + use<> {
+        let at = |v: f64| {
+            let w = v / LATTICE_PX as f64 + 1.0;
+            let i = w.floor().clamp(0.0, (self.columns - 2) as f64);
+            (i as usize, w - i)
+        };
+        let ((i, u), (j, v)) = (at(px.col), at(px.row));
+        let node = |di: usize, dj: usize| &self.lattice[(j + dj) * self.columns + i + di];
+        let [top, middle, bottom]: [Place; 3] = std::array::from_fn(|h| {
+            std::array::from_fn(|k| {
+                let row = |dj| node(0, dj)[h][k] + (node(1, dj)[h][k] - node(0, dj)[h][k]) * u;
+                row(0) + (row(1) - row(0)) * v
+            })
+        });
+        move |t| {
+            // The parabola through the three places.
+            std::array::from_fn(|k| {
+                let bend = 2.0 * (top[k] - 2.0 * middle[k] + bottom[k]);
+                top[k] + t * (bottom[k] - top[k] - bend + t * bend)
+            })
+        }
+    }
+}
+
+/// How a day and a sensor show reflectances.
+#[derive(Clone, Debug)]
+pub(super) struct Look {
+    /// Unit vector to the sun on the map.
+    pub(super) sun: [f64; 3],
+    /// Grey levels per unit of radiance, by band.
+    pub(super) gain: [f64; 3],
+    /// Grey level of black (haze), by band.
+    pub(super) offset: [f64; 3],
+    /// Standard deviation of the noise, grey levels.
+    pub(super) noise: f64,
+    /// What the season makes of green things, by band.
+    pub(super) season: [f64; 3],
+}
+
+impl Look {
+    /// The look of a view taken on a day of the year.
+    pub(super) fn new(dice: Dice, sun: [f64; 3], day_of_year: u32) -> Self {
+        // Exposure follows the light on level ground; band gains and haze differ from day to day.
+        let exposure = 255.0 * 0.95 / (sun[2] + 0.22) * dice.on(1).between(0.85, 1.15);
+        let cast = [dice.on(2).between(0.94, 1.08), 1.0, dice.on(3).between(0.92, 1.08)];
+        let haze = dice.on(4).between(2.0, 16.0);
+        let warmth = [1.0, 0.98, 0.92];
+        let summer = ((f64::from(day_of_year) - 120.0) / 120.0).clamp(0.0, 1.0);
+        Self {
+            sun,
+            gain: std::array::from_fn(|k| exposure * cast[k] * warmth[k]),
+            offset: [0.75 * haze, 0.9 * haze, 1.25 * haze],
+            noise: dice.on(5).between(0.8, 1.8),
+            season: [0.9 + 0.4 * summer, 1.08 - 0.06 * summer, 0.95],
+        }
+    }
+}
+
+/// An image as three bands of bytes, row by row.
+pub(super) fn render(
+    field: &Field,
+    rays: &Rays,
+    cars: Option<&Cars>,
+    look: &Look,
+    colors: Dice,
+    grain: Dice,
+    size_px: usize,
+) -> Vec<Vec<u8>> {
+    let pixels: Vec<[u8; 3]> = (0..size_px * size_px)
+        .into_par_iter()
+        .map(|k| {
+            let (col, row) = (k % size_px, k / size_px);
+            let mut sum = [0.0; 3];
+            for s in 0..RAYS * RAYS {
+                let inside = |i: usize| (i as f64 + 0.5) / RAYS as f64 - 0.5;
+                let px = Pixel::new(col as f64 + inside(s % RAYS), row as f64 + inside(s / RAYS));
+                if let Some(hit) = field.first_hit(rays.ray(px)) {
+                    let light = radiance(field, hit, cars, look, colors, grain);
+                    (0..3).for_each(|b| sum[b] += light[b]);
+                }
+            }
+            let dice = grain.on(col as i64).on(row as i64);
+            std::array::from_fn(|b| {
+                let mean = sum[b] / (RAYS * RAYS) as f64;
+                let level = look.offset[b] + look.gain[b] * mean + look.noise * dice.on(b as i64).gauss();
+                // 0 is left to those for whom it means no data.
+                level.round().clamp(1.0, 255.0) as u8
+            })
+        })
+        .collect();
+    (0..3).map(|b| pixels.iter().map(|p| p[b]).collect()).collect()
+}
+
+/// Light that a place sends to the satellite.
+fn radiance(
+    field: &Field,
+    hit: Place,
+    cars: Option<&Cars>,
+    look: &Look,
+    colors: Dice,
+    waves: Dice,
+) -> [f64; 3] {
+    let [x, y, z] = hit;
+    let (nodes, u, v) = field.around(x, y);
+    let [gx, gy] = field.slope(x, y);
+    let steep = gx.hypot(gy);
+    let length = (1.0 + steep * steep).sqrt();
+    let normal = [-gx / length, -gy / length, 1.0 / length];
+    let mut sunlight = 1.0;
+    let mut material = field.nearest(x, y).material;
+    let mut albedo = [0.0f32; 3];
+    if steep > WALL_SLOPE {
+        // A wall looks like what stands on top of it.
+        let top = nodes.iter().fold(nodes[0], |a, b| if b.height_m > a.height_m { b } else { a });
+        material = top.material;
+        albedo = if material == Material::Roof {
+            paint::wall(colors, top.owner, (x * gy - y * gx) / steep, z)
+        } else {
+            top.albedo
+        };
+    } else {
+        let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+        for (node, w) in nodes.iter().zip(weights) {
+            (0..3).for_each(|b| albedo[b] += w as f32 * node.albedo[b]);
+        }
+        if let Some((color, share)) = cars.and_then(|c| c.at(field, x, y)) {
+            (albedo, sunlight) = (color, share);
+        }
+    }
+    let facing = (0..3).map(|k| normal[k] * look.sun[k]).sum::<f64>();
+    let start = [x, y, z + 0.03];
+    let direct = if sunlight > 0.0 && facing > 0.0 && field.is_lit(start, look.sun) { facing } else { 0.0 };
+    let open_sky = 0.5 + 0.5 * normal[2];
+    std::array::from_fn(|b| {
+        let tint = match material {
+            Material::Grass | Material::Tree => look.season[b],
+            Material::Water => 1.0 + 0.5 * waves.on(9).octaves(x, y, 3.0, 2),
+            _ => 1.0,
+        };
+        f64::from(albedo[b]) * tint * (direct + SKY[b] * open_sky)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::field::tests::one_box;
+    use super::super::sensor::{LineScanner, acquisitions};
+    use super::*;
+    use crate::frame::{Point, Site};
+    use crate::rpc::Axis;
+
+    fn views() -> Vec<(SiteGrid, Rpc)> {
+        let place = Point::new(5.5, 43.3, 150.0);
+        let grid = SiteGrid::at(place.at_height(0.0)).unwrap();
+        acquisitions(Dice::new(0), 5, place)
+            .iter()
+            .map(|shot| {
+                let scanner = LineScanner::new(place, shot, 120, 0.5);
+                (grid, scanner.rpc(place, Axis { offset: 160.0, scale: 80.0 }).unwrap())
+            })
+            .collect()
+    }
+
+    #[test]
+    fn interpolated_rays_are_the_rpc_to_a_ten_thousandth_of_a_pixel() {
+        for (grid, rpc) in views() {
+            let rays = Rays::new(&rpc, &grid, 120, (140.0, 220.0)).unwrap();
+            for k in 0..200 {
+                let dice = Dice::new(1).on(k);
+                let px = Pixel::new(dice.on(1).between(-0.5, 119.5), dice.on(2).between(-0.5, 119.5));
+                let [x, y, z] = rays.ray(px)(dice.on(3).unit());
+                let seen = rpc.project(grid.geodetic_from_site(Point::<Site>::new(x, y, z)));
+                assert!(seen.distance(px) < 1e-4, "{}", seen.distance(px));
+            }
+        }
+    }
+
+    #[test]
+    fn a_bright_roof_appears_where_the_rpc_projects_it() {
+        let field = one_box();
+        for (grid, rpc) in views() {
+            let rays = Rays::new(&rpc, &grid, 120, (149.0, 163.0)).unwrap();
+            let look = Look {
+                sun: [0.3, -0.3, 0.9],
+                gain: [255.0; 3],
+                offset: [0.0; 3],
+                noise: 0.0,
+                season: [1.0; 3],
+            };
+            let image = render(&field, &rays, None, &look, Dice::new(0), Dice::new(1), 120);
+            let (mut sum, mut n) = ([0.0, 0.0], 0.0);
+            for (k, level) in image[0].iter().enumerate() {
+                // Only the sunlit roof is so bright.
+                if *level > 190 {
+                    sum[0] += (k % 120) as f64;
+                    sum[1] += (k / 120) as f64;
+                    n += 1.0;
+                }
+            }
+            let roof = rpc.project(grid.geodetic_from_site(Point::<Site>::new(8.0, -6.0, 162.0)));
+            let seen = Pixel::new(sum[0] / n, sum[1] / n);
+            assert!(n > 100.0 && seen.distance(roof) < 0.4, "{seen:?} {roof:?} {n}");
+        }
+    }
+}

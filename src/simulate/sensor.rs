@@ -1,0 +1,232 @@
+//! The satellites: when and from where each image is taken, and the line scanner that takes it.
+//!
+//! The scanner sweeps the ground line by line while it flies, so the direction of view drifts over the image as it
+//! does for real. Its RPC is fitted, and from then on the RPC is the truth.
+
+use super::dice::Dice;
+use super::fit::{Volume, fit_rpc};
+use super::geodesy::{Ecef, ecef_from_geodetic, local_axes, sun_at};
+use crate::frame::{CenterPx, Geodetic, Pixel, Point};
+use crate::rpc::{Axis, Rpc, RpcError};
+use crate::scene::Sun;
+
+/// Height of the orbit above the ground, metres (WorldView-3).
+const ALTITUDE_M: f64 = 617_000.0;
+/// Speed along the orbit, metres per second.
+const SPEED_M_S: f64 = 7_550.0;
+/// True heading of the descending, sun-synchronous orbit, degrees.
+const HEADING_DEG: f64 = 191.0;
+/// Image lines a second.
+const LINES_PER_S: f64 = 14_000.0;
+/// Standard deviation of the pointing error of a delivered RPC, per axis, pixels.
+const POINTING_SIGMA_PX: f64 = 4.0;
+/// Every so many views the image is turned by 90°.
+const TURNED_EVERY: usize = 5;
+/// The RPC reaches so much further than the image on the ground, on each side, as a share of its half width.
+const VOLUME_MARGIN: f64 = 0.35;
+
+/// Where and when one image is taken.
+#[derive(Clone, Debug)]
+pub(super) struct Acquisition {
+    pub(super) name: String,
+    /// Zenith angle of the satellite seen from the ground, degrees.
+    pub(super) off_nadir_deg: f64,
+    /// True azimuth of the satellite seen from the ground, degrees.
+    pub(super) azimuth_deg: f64,
+    /// True azimuth of the image's right-hand side, degrees.
+    pub(super) right_deg: f64,
+    pub(super) sun: Sun,
+    pub(super) day_of_year: u32,
+    /// ISO 8601, UTC.
+    pub(super) acquired: String,
+    /// (column, row) added to every projection of the true RPC, pixels.
+    pub(super) pointing_error: (f64, f64),
+}
+
+/// Plans `count` acquisitions of a place.
+pub(super) fn acquisitions(dice: Dice, count: usize, place: Point<Geodetic>) -> Vec<Acquisition> {
+    /// Fraction of a turn between consecutive views that spreads any number of them evenly.
+    const GOLDEN: f64 = 0.618_033_988_749_895;
+    (0..count)
+        .map(|i| {
+            let dice = dice.on(i as i64);
+            let spread = (i as f64 * GOLDEN).fract();
+            // Square roots spread the views evenly over the cap of directions.
+            let off_nadir_deg =
+                5.5 + 23.5 * ((i as f64 + 0.5) / count as f64).sqrt() * dice.on(1).between(0.9, 1.0);
+            let azimuth_deg = (360.0 * spread + dice.on(2).between(-12.0, 12.0) + 20.0).rem_euclid(360.0);
+            let turned = if i % TURNED_EVERY == 3 { 90.0 } else { 0.0 };
+            // March to October: in winter the sun is too low for satellites' tasking.
+            let season = ((i as f64 + 0.5) * GOLDEN * 2.0).fract();
+            let day_of_year = 66 + (season * 215.0) as u32;
+            let minute = 9 * 60 + 35 + (dice.on(3).unit() * 75.0) as u32;
+            let second = (dice.on(4).unit() * 60.0) as u32;
+            let utc_h = (f64::from(minute) + f64::from(second) / 60.0) / 60.0;
+            let (month, day) = month_and_day(day_of_year);
+            let (hour, minute) = (minute / 60, minute % 60);
+            Acquisition {
+                name: format!("VIEW_{:02}", i + 1),
+                off_nadir_deg,
+                azimuth_deg,
+                right_deg: 90.0 + dice.on(5).between(-9.0, 9.0) + turned,
+                sun: sun_at(day_of_year, utc_h, place),
+                day_of_year,
+                acquired: format!("2023-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z"),
+                pointing_error: (
+                    POINTING_SIGMA_PX * dice.on(6).gauss(),
+                    POINTING_SIGMA_PX * dice.on(7).gauss(),
+                ),
+            }
+        })
+        .collect()
+}
+
+fn month_and_day(day_of_year: u32) -> (u32, u32) {
+    let mut day = day_of_year;
+    for (month, length) in (1..).zip([31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31]) {
+        if day <= length {
+            return (month, day);
+        }
+        day -= length;
+    }
+    (12, 31)
+}
+
+/// A line scanner in motion.
+pub(super) struct LineScanner {
+    /// Ground point at the image's centre.
+    target: Ecef,
+    /// Satellite when it takes the central line.
+    position: Ecef,
+    /// Satellite's motion per line, metres.
+    advance: Ecef,
+    /// Ground motion of the line of sight per line, metres.
+    sweep: Ecef,
+    /// Direction of the detector's line.
+    detector: Ecef,
+    /// Pixels per unit of tangent.
+    focal_px: f64,
+    /// The image's centre, column and row.
+    center: Pixel<CenterPx>,
+}
+
+impl LineScanner {
+    /// A scanner that takes `size_px` square images centred on `target` with pixels of `gsd_m` at nadir.
+    pub(super) fn new(target: Point<Geodetic>, shot: &Acquisition, size_px: usize, gsd_m: f64) -> Self {
+        let axes = local_axes(target);
+        let ground = ecef_from_geodetic(target);
+        let to_satellite = axes.direction(shot.azimuth_deg, 90.0 - shot.off_nadir_deg);
+        // |ground + range * direction| = |ground| + altitude.
+        let along = ground.dot(&to_satellite);
+        let orbit = ground.norm() + ALTITUDE_M;
+        let range = -along + (along * along + orbit * orbit - ground.norm_squared()).sqrt();
+        let right = axes.direction(shot.right_deg, 0.0);
+        let down = axes.direction(shot.right_deg + 90.0, 0.0);
+        let across = |d: Ecef| (1.0 - d.dot(&to_satellite).powi(2)).sqrt();
+        let half = 0.5 * (size_px as f64 - 1.0);
+        Self {
+            target: ground,
+            position: ground + to_satellite * range,
+            advance: axes.direction(HEADING_DEG, 0.0) * (SPEED_M_S / LINES_PER_S),
+            sweep: down * (gsd_m / across(down)),
+            detector: (right - to_satellite * right.dot(&to_satellite)).normalize(),
+            focal_px: range / gsd_m,
+            center: Pixel::new(half, half),
+        }
+    }
+
+    /// Image position of a ground point.
+    pub(super) fn project(&self, p: Point<Geodetic>) -> Pixel<CenterPx> {
+        let p = ecef_from_geodetic(p);
+        // Tangents along the flight and along the detector when `line` lines past the centre are being taken.
+        let tangents = |line: f64| {
+            let satellite = self.position + self.advance * line;
+            let axis = (self.target + self.sweep * line - satellite).normalize();
+            let detector = (self.detector - axis * self.detector.dot(&axis)).normalize();
+            let ray = p - satellite;
+            let depth = ray.dot(&axis);
+            (ray.dot(&axis.cross(&detector)) / depth, ray.dot(&detector) / depth)
+        };
+        // The instant at which the point crosses the detector: secant steps on a nearly linear function.
+        let (mut a, mut b) = (0.0, 10.0);
+        let (mut fa, mut fb) = (tangents(a).0, tangents(b).0);
+        for _ in 0..8 {
+            if (fb - fa).abs() < 1e-18 {
+                break;
+            }
+            let next = b - fb * (b - a) / (fb - fa);
+            (a, fa) = (b, fb);
+            (b, fb) = (next, tangents(next).0);
+        }
+        Pixel::new(self.center.col + self.focal_px * tangents(b).1, self.center.row + b)
+    }
+
+    /// The scanner's RPC over its image and a range of heights.
+    pub(super) fn rpc(&self, target: Point<Geodetic>, height: Axis) -> Result<Rpc, RpcError> {
+        fit_rpc(&self.volume(target, height), |p| self.project(p))
+    }
+
+    fn volume(&self, target: Point<Geodetic>, height: Axis) -> Volume {
+        let size = 2.0 * self.center.row + 1.0;
+        let ground_px_m = self.sweep.norm();
+        // Half the image's diagonal, and the parallax of the lowest and highest ground.
+        let radius_m = (1.0 + VOLUME_MARGIN) * (0.72 * size * ground_px_m + 0.6 * height.scale);
+        let degree_m = 111_200.0;
+        let image = |offset: f64| Axis { offset, scale: 0.5 * size };
+        Volume {
+            lon: Axis {
+                offset: target.lon_deg(),
+                scale: radius_m / (degree_m * target.lat_deg().to_radians().cos()),
+            },
+            lat: Axis { offset: target.lat_deg(), scale: radius_m / degree_m },
+            height,
+            col: image(self.center.col),
+            row: image(self.center.row),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLACE: Point<Geodetic> = Point::new(5.5, 43.3, 150.0);
+
+    #[test]
+    fn the_fitted_rpc_is_the_scanner_to_a_thousandth_of_a_pixel() {
+        for shot in acquisitions(Dice::new(0), 10, PLACE) {
+            let scanner = LineScanner::new(PLACE, &shot, 400, 0.5);
+            let height = Axis { offset: 160.0, scale: 80.0 };
+            let rpc = scanner.rpc(PLACE, height).unwrap();
+            let volume = scanner.volume(PLACE, height);
+            let node = |i: usize| (i as f64 - 8.0) / 8.0;
+            let worst = (0..17 * 17 * 17)
+                .map(|i| volume.ground([node(i % 17), node(i / 17 % 17), node(i / 289)]))
+                .map(|p| rpc.project(p).distance(scanner.project(p)))
+                .fold(0.0, f64::max);
+            assert!(worst < 1e-3, "{}: {worst}", shot.name);
+        }
+    }
+
+    #[test]
+    fn the_satellite_stands_where_the_plan_says() {
+        let shot = &acquisitions(Dice::new(0), 10, PLACE)[6];
+        let scanner = LineScanner::new(PLACE, shot, 400, 0.5);
+        let rpc = scanner.rpc(PLACE, Axis { offset: 160.0, scale: 80.0 }).unwrap();
+        let px = Pixel::new(199.5, 199.5);
+        let low = ecef_from_geodetic(rpc.localize(px, 150.0).unwrap());
+        let high = ecef_from_geodetic(rpc.localize(px, 200.0).unwrap());
+        let up = (high - low).normalize().dot(&local_axes(PLACE).up);
+        assert!((up.acos().to_degrees() - shot.off_nadir_deg).abs() < 1e-2);
+        assert!((low - ecef_from_geodetic(PLACE)).norm() < 0.01);
+    }
+
+    #[test]
+    fn suns_and_directions_are_as_a_satellite_operator_delivers_them() {
+        for shot in acquisitions(Dice::new(0), 16, PLACE) {
+            assert!((5.0..=30.0).contains(&shot.off_nadir_deg), "{shot:?}");
+            assert!((33.0..=72.0).contains(&shot.sun.elevation_deg), "{shot:?}");
+            assert!((105.0..=168.0).contains(&shot.sun.azimuth_deg), "{shot:?}");
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! What lies apart under `truth/`: the exact DSM, its classes, the true RPCs and the shifts of the delivered ones.
+
+use super::field::{Field, Material};
+use super::plan::Plan;
+use super::{SceneFigures, Shot};
+use crate::frame::{Point, Site, SiteGrid};
+use crate::raster::{Cog, MapGrid, Plane, RasterError, write_atomically};
+use serde::Serialize;
+use std::path::Path;
+
+/// Classes of DFC2019.
+const GROUND: u8 = 2;
+const TREES: u8 = 5;
+const BUILDING: u8 = 6;
+const WATER: u8 = 9;
+/// Views that must see the ground of the exact DSM; all of them if there are fewer.
+const SEEN_BY: usize = 3;
+/// The exact DSM is so much smaller than what these views see.
+const CROP: f64 = 0.97;
+
+/// The exact DSM and its classes on the map.
+pub(super) struct Truth {
+    pub(super) grid: MapGrid,
+    pub(super) heights: Plane,
+    pub(super) classes: Vec<u8>,
+}
+
+impl Truth {
+    /// Samples the field at the cells' centres over the square that at least three views see.
+    pub(super) fn sample(
+        field: &Field,
+        grid: &SiteGrid,
+        shots: &[Shot],
+        size_px: usize,
+        cell_m: f64,
+    ) -> Self {
+        let half = CROP * seen_half_m(field, grid, shots, size_px);
+        let [e, n, _] = grid.origin.xyz();
+        let map = MapGrid::covering(grid.epsg, (e - half, n - half, e + half, n + half), cell_m);
+        let place = |col, row| {
+            let c = map.cell_center(col, row);
+            (c.x() - e, c.y() - n)
+        };
+        let heights = Plane::from_fn(map.width, map.height, |col, row| {
+            let (x, y) = place(col, row);
+            field.height_m(x, y) as f32
+        });
+        let classes = (0..map.width * map.height)
+            .map(|k| {
+                let (x, y) = place(k % map.width, k / map.width);
+                match field.nearest(x, y).material {
+                    Material::Roof => BUILDING,
+                    Material::Tree => TREES,
+                    Material::Water => WATER,
+                    Material::Grass | Material::Paving | Material::Asphalt => GROUND,
+                }
+            })
+            .collect();
+        Self { grid: map, heights, classes }
+    }
+
+    /// The figures by which a test scene is judged.
+    pub(super) fn figures(&self, plan: &Plan, grid: &SiteGrid) -> SceneFigures {
+        let n = self.classes.len() as f64;
+        let share = |class| self.classes.iter().filter(|c| **c == class).count() as f64 / n;
+        let mean = self.heights.data.iter().map(|h| f64::from(*h)).sum::<f64>() / n;
+        let deviation = self.heights.data.iter().map(|h| (f64::from(*h) - mean).abs()).sum::<f64>() / n;
+        let (mut lowest, mut highest, mut tallest) = (f64::INFINITY, f64::NEG_INFINITY, 0.0f64);
+        for (k, class) in self.classes.iter().enumerate() {
+            let c = self.grid.cell_center(k % self.grid.width, k / self.grid.width);
+            let ground = plan.ground_m(c.x() - grid.origin.x(), c.y() - grid.origin.y());
+            lowest = lowest.min(ground);
+            highest = highest.max(ground);
+            if *class == BUILDING {
+                tallest = tallest.max(f64::from(self.heights.data[k]) - ground);
+            }
+        }
+        SceneFigures {
+            mean_absolute_deviation_m: deviation,
+            roofs_share: share(BUILDING),
+            trees_share: share(TREES),
+            water_share: share(WATER),
+            tallest_building_m: tallest,
+            relief_m: highest - lowest,
+        }
+    }
+
+    /// Writes `NAME_DSM.tif` and `NAME_CLS.tif`.
+    pub(super) fn write(&self, folder: &Path, name: &str) -> Result<(), RasterError> {
+        let metadata = [("VERTICAL_REFERENCE", "ellipsoid".to_owned())];
+        let dsm = Cog { grid: self.grid, metadata: &metadata };
+        dsm.write_f32(&folder.join(format!("{name}_DSM.tif")), &[&self.heights], "m")?;
+        let classes = Cog { grid: self.grid, metadata: &[] };
+        classes.write_u8(&folder.join(format!("{name}_CLS.tif")), vec![self.classes.clone()], None)
+    }
+}
+
+/// Half the side of the largest centred square whose border is seen by enough views.
+fn seen_half_m(field: &Field, grid: &SiteGrid, shots: &[Shot], size_px: usize) -> f64 {
+    const STEP_M: f64 = 1.0;
+    let needed = SEEN_BY.min(shots.len());
+    let last = size_px as f64 - 1.0;
+    let is_seen = |x: f64, y: f64| {
+        let ground = grid.geodetic_from_site(Point::<Site>::new(x, y, field.height_m(x, y)));
+        let sees = |shot: &&Shot| {
+            let px = shot.true_rpc.project(ground);
+            (0.0..=last).contains(&px.col) && (0.0..=last).contains(&px.row)
+        };
+        shots.iter().filter(sees).count() >= needed
+    };
+    let mut half = STEP_M;
+    while half < field.half_m() {
+        let steps = (2.0 * half / STEP_M).round() as i64;
+        let along = |i: i64| i as f64 * STEP_M - half;
+        let side = |i| {
+            let v = along(i);
+            is_seen(v, -half) && is_seen(v, half) && is_seen(-half, v) && is_seen(half, v)
+        };
+        if !(0..=steps).all(side) {
+            break;
+        }
+        half += STEP_M;
+    }
+    half - STEP_M
+}
+
+/// An RPC in the JSON layout of rpcm and sat-NeRF.
+#[derive(Serialize)]
+struct RpcFile<'a> {
+    img: String,
+    height: usize,
+    width: usize,
+    sun_elevation: String,
+    sun_azimuth: String,
+    acquisition_date: String,
+    min_alt: f64,
+    max_alt: f64,
+    rpc: RpcFields<'a>,
+}
+
+/// The `rpc` object of that layout; its names are the format's.
+#[derive(Serialize)]
+struct RpcFields<'a> {
+    row_offset: f64,
+    col_offset: f64,
+    lat_offset: f64,
+    lon_offset: f64,
+    alt_offset: f64,
+    row_scale: f64,
+    col_scale: f64,
+    lat_scale: f64,
+    lon_scale: f64,
+    alt_scale: f64,
+    row_num: &'a [f64],
+    row_den: &'a [f64],
+    col_num: &'a [f64],
+    col_den: &'a [f64],
+}
+
+/// Writes the true RPC of a view as JSON.
+pub(super) fn write_rpc(
+    path: &Path,
+    shot: &Shot,
+    size_px: usize,
+    heights_m: (f64, f64),
+) -> Result<(), RasterError> {
+    let c = shot.true_rpc.coefficients();
+    let sun = shot.plan.sun;
+    write_json(
+        path,
+        &RpcFile {
+            img: format!("{}.tif", shot.plan.name),
+            height: size_px,
+            width: size_px,
+            sun_elevation: format!("{:+.4}", sun.elevation_deg),
+            sun_azimuth: format!("{:.4}", sun.azimuth_deg),
+            acquisition_date: shot.plan.acquired.chars().filter(char::is_ascii_digit).collect(),
+            min_alt: heights_m.0.floor(),
+            max_alt: heights_m.1.ceil(),
+            rpc: RpcFields {
+                row_offset: c.row.offset,
+                col_offset: c.col.offset,
+                lat_offset: c.lat.offset,
+                lon_offset: c.lon.offset,
+                alt_offset: c.height.offset,
+                row_scale: c.row.scale,
+                col_scale: c.col.scale,
+                lat_scale: c.lat.scale,
+                lon_scale: c.lon.scale,
+                alt_scale: c.height.scale,
+                row_num: &c.row_num,
+                row_den: &c.row_den,
+                col_num: &c.col_num,
+                col_den: &c.col_den,
+            },
+        },
+    )
+}
+
+/// Writes a value as indented JSON.
+pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), RasterError> {
+    let failed = |reason: String| RasterError::Write { path: path.into(), reason };
+    let text = serde_json::to_string_pretty(value).map_err(|e| failed(e.to_string()))?;
+    write_atomically(path, |temporary| std::fs::write(temporary, &text).map_err(|e| failed(e.to_string())))
+}
