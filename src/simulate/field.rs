@@ -92,11 +92,6 @@ impl Field {
         self.half_m
     }
 
-    /// Distance between nodes, metres.
-    pub(super) fn step_m(&self) -> f64 {
-        self.step_m
-    }
-
     /// The node nearest to a place.
     pub(super) fn nearest(&self, x: f64, y: f64) -> &Node {
         &self.nodes[self.nearest_index(x, y)]
