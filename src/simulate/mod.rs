@@ -7,21 +7,23 @@
 mod cars;
 mod deliver;
 mod dice;
+mod error;
 mod field;
 mod fit;
 mod geodesy;
 mod paint;
 mod plan;
+mod plant;
 mod render;
 mod sensor;
 mod town;
 mod truth;
 
 use crate::event::{Event, Sink};
-use crate::frame::{FrameError, Geodetic, Point, SiteGrid};
-use crate::raster::RasterError;
-use crate::rpc::{Axis, LocalizeError, Rpc, RpcError};
+use crate::frame::{Geodetic, Point, SiteGrid};
+use crate::rpc::{Axis, Rpc};
 use dice::Dice;
+pub use error::SimulateError;
 use sensor::{Acquisition, LineScanner};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -114,65 +116,6 @@ pub struct Summary {
     pub views: Vec<ViewFigures>,
     /// The exact DSM.
     pub truth: PathBuf,
-}
-
-/// Why a scene could not be simulated.
-#[derive(Debug, thiserror::Error, miette::Diagnostic)]
-#[non_exhaustive]
-pub enum SimulateError {
-    /// An option out of its range.
-    #[error("`{option}` is {found}, expected {expected}")]
-    #[diagnostic(help("`satgs simulate --help` tells the defaults"))]
-    Option {
-        /// Name of the option.
-        option: &'static str,
-        /// What was found.
-        found: String,
-        /// What would do.
-        expected: &'static str,
-    },
-    /// The folder holds something.
-    #[error("`{path}` is not empty")]
-    #[diagnostic(help("--overwrite replaces an earlier simulation; another folder keeps both"))]
-    NotEmpty {
-        /// The folder.
-        path: PathBuf,
-    },
-    /// The folder cannot be read, made or cleared.
-    #[error("`{path}`: {reason}")]
-    #[diagnostic(code(satgs::failed))]
-    Folder {
-        /// The folder or file.
-        path: PathBuf,
-        /// The system's words.
-        reason: String,
-    },
-    /// An output could not be written.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Raster(#[from] RasterError),
-    /// No map projection.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Frame(#[from] FrameError),
-    /// The fitted camera is no RPC.
-    #[error("the simulated camera of `{view}` is no RPC")]
-    #[diagnostic(code(satgs::failed))]
-    Rpc {
-        /// The view.
-        view: String,
-        /// What is wrong with it.
-        source: RpcError,
-    },
-    /// A ray leaves the RPC's volume.
-    #[error("the simulated camera of `{view}` has no line of sight for every pixel")]
-    #[diagnostic(code(satgs::failed))]
-    Ray {
-        /// The view.
-        view: String,
-        /// Where.
-        source: LocalizeError,
-    },
 }
 
 /// One acquisition and its camera.

@@ -1,13 +1,14 @@
-//! The town's plan: terrain, streets and blocks, buildings, trees, a pond.
+//! The town's plan: terrain, streets and blocks, buildings, a pond.
 //!
 //! Streets run along the town's own axes (a, b), turned against the map grid so that no wall lies along a row of
 //! pixels. Everything follows from the seed and from the block's indices.
 
 use super::Relief;
 use super::dice::Dice;
+use super::plant;
 
 /// Period of the streets along a and b, metres.
-const PERIOD_M: [f64; 2] = [60.0, 45.0];
+pub(super) const PERIOD_M: [f64; 2] = [60.0, 45.0];
 /// Half the width of a carriageway, metres.
 pub(super) const STREET_HALF_M: f64 = 3.5;
 /// From a street's axis to the block's edge: the carriageway and a pavement.
@@ -226,7 +227,8 @@ impl Plan {
                     }
                     Block::Park | Block::Pond => {}
                 }
-                self.plant(block);
+                let trees = plant::trees(self, block);
+                self.trees.extend(trees);
             }
         }
     }
@@ -276,40 +278,5 @@ impl Plan {
         let owner = self.next_owner();
         let eaves_m = 3.0 * dice.on(4).between(4.0, 7.5).floor() + 1.0;
         self.buildings.push(Building { center: at, half, eaves_m, roof, owner });
-    }
-
-    /// Trees of a block, clear of walls and of the carriageway.
-    fn plant(&mut self, block: [i64; 2]) {
-        const SPACING_M: f64 = 6.5;
-        let center = self.block_center(block);
-        let density = match self.block(block) {
-            Block::Houses => 0.42,
-            Block::Park | Block::Pond => 0.55,
-            Block::Flats | Block::Tower => 0.3,
-            Block::Hall => 0.2,
-        };
-        let count = PERIOD_M.map(|p| ((p - 2.0 * BLOCK_EDGE_M + 2.0) / SPACING_M).floor() as i64);
-        for i in 0..count[0] {
-            for j in 0..count[1] {
-                let dice = self.block_dice(block).on(50 + i).on(j);
-                let cell = [i, j];
-                let at = std::array::from_fn(|k| {
-                    center[k]
-                        + SPACING_M * (cell[k] as f64 - 0.5 * (count[k] - 1) as f64)
-                        + dice.on(k as i64).between(-2.0, 2.0)
-                });
-                let radius_m = dice.on(3).between(1.5, 3.6);
-                let clear = self
-                    .buildings
-                    .iter()
-                    .rev()
-                    .take(16)
-                    .all(|b| (0..2).any(|k| (at[k] - b.center[k]).abs() > b.half[k] + 0.75 * radius_m));
-                if dice.on(2).unit() < density && clear && self.pond_distance(at) > 1.35 {
-                    let height_m = radius_m * dice.on(4).between(2.0, 3.0) + 1.5;
-                    self.trees.push(Tree { at, radius_m, height_m });
-                }
-            }
-        }
     }
 }

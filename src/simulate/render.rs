@@ -15,7 +15,7 @@ const LATTICE_PX: usize = 8;
 /// Steeper than this (metres per metre) is a wall.
 const WALL_SLOPE: f64 = 1.7;
 /// What the sky gives a horizontal surface, where the sun at right angles gives 1.
-const SKY: [f64; 3] = [0.20, 0.225, 0.27];
+const SKY: [f64; 3] = [0.25, 0.275, 0.32];
 
 /// The lines of sight of an image, localised on a lattice at three heights.
 pub(super) struct Rays {
@@ -89,7 +89,7 @@ impl Look {
     /// The look of a view taken on a day of the year.
     pub(super) fn new(dice: Dice, sun: [f64; 3], day_of_year: u32) -> Self {
         // Exposure follows the light on level ground; band gains and haze differ from day to day.
-        let exposure = 255.0 * 0.95 / (sun[2] + 0.22) * dice.on(1).between(0.85, 1.15);
+        let exposure = 255.0 * 1.3 / (sun[2] + 0.27) * dice.on(1).between(0.85, 1.15);
         let cast = [dice.on(2).between(0.94, 1.08), 1.0, dice.on(3).between(0.92, 1.08)];
         let haze = dice.on(4).between(2.0, 16.0);
         let warmth = [1.0, 0.98, 0.92];

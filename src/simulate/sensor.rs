@@ -52,8 +52,8 @@ pub(super) fn acquisitions(dice: Dice, count: usize, place: Point<Geodetic>) -> 
             let dice = dice.on(i as i64);
             let spread = (i as f64 * GOLDEN).fract();
             // Square roots spread the views evenly over the cap of directions.
-            let off_nadir_deg =
-                5.5 + 23.5 * ((i as f64 + 0.5) / count as f64).sqrt() * dice.on(1).between(0.9, 1.0);
+            let outwards = (i as f64 / (count.max(2) - 1) as f64).sqrt();
+            let off_nadir_deg = 5.5 + 23.5 * outwards * dice.on(1).between(0.9, 1.0);
             let azimuth_deg = (360.0 * spread + dice.on(2).between(-12.0, 12.0) + 20.0).rem_euclid(360.0);
             let turned = if i % TURNED_EVERY == 3 { 90.0 } else { 0.0 };
             // March to October: in winter the sun is too low for satellites' tasking.
