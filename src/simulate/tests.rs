@@ -79,7 +79,7 @@ fn scenes_have_what_a_test_scene_must_have() {
         let shots = take_aim(&options, &town, &grid).unwrap();
         let truth = truth::Truth::sample(&town.field, &grid, &shots, options.size_px, 1.0);
         let f = truth.figures(&town.plan, &grid);
-        assert!(truth.grid.width >= 190, "{}", truth.grid.width);
+        assert!(truth.grid.width >= 170, "{}", truth.grid.width);
         assert!(f.mean_absolute_deviation_m >= 5.0, "{f:?}");
         assert!((0.22..0.34).contains(&f.roofs_share), "{f:?}");
         assert!(f.trees_share > 0.03 && f.water_share > 0.005, "{f:?}");
