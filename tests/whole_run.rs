@@ -4,8 +4,8 @@
 
 mod common;
 
-use common::satgs;
-use satgs::frame::{Pixel, Point, SiteGrid};
+use common::{disagreement_px, satgs};
+use satgs::frame::Pixel;
 use satgs::raster::ImageFile;
 use satgs::rpc::{Rpc, formats};
 use serde_json::Value;
@@ -72,35 +72,15 @@ fn simulated_images_become_a_surface_model() {
     assert!(text(&other).contains("hint: --overwrite"), "{}", text(&other));
 }
 
-/// Fits the scene's translation to the differences between corrected and true cameras; the largest rest.
+/// The corrected cameras against the true ones.
 fn worst_shift_px(scene: &Path, run: &Path) -> f64 {
     let camera = |folder: &Path, name: &str| -> Rpc {
         formats::read(&folder.join(format!("{name}.json"))).unwrap().rpc
     };
     let report = json(&run.join("ba/report.json"));
-    let names: Vec<String> =
-        report["views"].as_array().unwrap().iter().map(|v| v["name"].as_str().unwrap().to_owned()).collect();
-    let truth = scene.join("truth/rpcs");
-    let mut rows = Vec::new();
-    for name in &names {
-        let (found, exact) = (camera(&run.join("ba/rpcs"), name), camera(&truth, name));
-        let center = exact.localize(Pixel::new(130.0, 130.0), exact.center().height_m()).unwrap();
-        let site = SiteGrid::at(center).unwrap();
-        let px = exact.project(center);
-        let off = found.project(center);
-        // Pixels a metre east, north and up.
-        let by = |d: [f64; 3]| {
-            let p = exact.project(site.geodetic_from_site(Point::new(d[0], d[1], d[2])));
-            [p.col - px.col, p.row - px.row]
-        };
-        let (e, n, u) = (by([1.0, 0.0, 0.0]), by([0.0, 1.0, 0.0]), by([0.0, 0.0, 1.0]));
-        for (k, d) in [off.col - px.col, off.row - px.row].into_iter().enumerate() {
-            rows.push(([e[k], n[k], u[k]], d));
-        }
-    }
-    let a = nalgebra::DMatrix::from_fn(rows.len(), 3, |r, c| rows[r].0[c]);
-    let b = nalgebra::DVector::from_fn(rows.len(), |r, _| rows[r].1);
-    let t = a.clone().svd(true, true).solve(&b, 1e-12).unwrap();
-    let rest = &b - a * t;
-    rest.as_slice().chunks(2).map(|d| d[0].hypot(d[1])).fold(0.0, f64::max)
+    let names = report["views"].as_array().unwrap().iter().map(|v| v["name"].as_str().unwrap());
+    let pairs: Vec<(Rpc, Rpc)> = names
+        .map(|name| (camera(&run.join("ba/rpcs"), name), camera(&scene.join("truth/rpcs"), name)))
+        .collect();
+    disagreement_px(&pairs, Pixel::new(130.0, 130.0)).into_iter().fold(0.0, f64::max)
 }

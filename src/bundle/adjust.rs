@@ -172,6 +172,22 @@ impl<'a> Work<'a> {
         state.points = block.1;
         (self.events)(Event::Started { stage: "adjusting", total: 0 });
         let scales: &[f64] = if across > NARROW_PX { &LOSS_SCALES_PX } else { &LOSS_SCALES_PX[1..] };
+        self.refine(state, scales, heights, free)?;
+        (self.events)(Event::Finished);
+        if state.tracks.is_empty() {
+            return Err(BundleError::NotConnected { components: "no track survived the adjustment".into() });
+        }
+        Ok(())
+    }
+
+    /// Solves and rejects, with a tighter and tighter loss, until nothing is rejected any more.
+    fn refine(
+        &self,
+        state: &mut Progress,
+        scales: &[f64],
+        heights: (f64, f64),
+        free: bool,
+    ) -> Result<(), BundleError> {
         for scale in scales {
             self.solve(state, *scale, free)?;
             self.reject(state, heights, (4.0 * scale).max(REJECT_PX));
@@ -181,10 +197,6 @@ impl<'a> Work<'a> {
             if self.reject(state, heights, REJECT_PX) == 0 {
                 break;
             }
-        }
-        (self.events)(Event::Finished);
-        if state.tracks.is_empty() {
-            return Err(BundleError::NotConnected { components: "no track survived the adjustment".into() });
         }
         Ok(())
     }
@@ -441,3 +453,7 @@ fn triangulate(block: &Block, track: &[Measurement], shifts: &[[f64; 2]]) -> Opt
     }
     point.iter().all(|v| v.is_finite()).then_some(point)
 }
+
+#[cfg(test)]
+#[path = "adjust_tests.rs"]
+mod tests;

@@ -13,8 +13,6 @@ mod problem;
 mod report;
 mod scale_space;
 mod solver;
-#[cfg(test)]
-mod tests;
 mod tracks;
 
 pub use adjust::{Options, adjust};

@@ -1,6 +1,7 @@
 //! What several test files need: the folder of real data, a made-up camera, images, the binary.
 #![allow(dead_code, clippy::print_stdout, clippy::unwrap_used)]
 
+use satgs::frame::{CenterPx, Pixel, Point, SiteGrid};
 use satgs::raster::SensorImage;
 use satgs::rpc::formats::to_gdal;
 use satgs::rpc::{Axis, Rpc, RpcCoefficients};
@@ -63,4 +64,29 @@ pub fn two_views() -> tempfile::TempDir {
 /// Runs `satgs`.
 pub fn satgs(args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_satgs")).args(args).output().unwrap()
+}
+
+/// Distance of each camera from its counterpart at a pixel, once the one translation of the ground that tie points
+/// leave open is taken out of all.
+pub fn disagreement_px(pairs: &[(Rpc, Rpc)], px: Pixel<CenterPx>) -> Vec<f64> {
+    let mut rows: Vec<([f64; 3], f64)> = Vec::new();
+    for (found, exact) in pairs {
+        let center = exact.localize(px, exact.center().height_m()).unwrap();
+        let site = SiteGrid::at(center).unwrap();
+        let (seen, off) = (exact.project(center), found.project(center));
+        // Pixels a metre east, north and up.
+        let by = |d: [f64; 3]| {
+            let p = exact.project(site.geodetic_from_site(Point::new(d[0], d[1], d[2])));
+            [p.col - seen.col, p.row - seen.row]
+        };
+        let (e, n, u) = (by([1.0, 0.0, 0.0]), by([0.0, 1.0, 0.0]), by([0.0, 0.0, 1.0]));
+        for (k, d) in [off.col - seen.col, off.row - seen.row].into_iter().enumerate() {
+            rows.push(([e[k], n[k], u[k]], d));
+        }
+    }
+    let a = nalgebra::DMatrix::from_fn(rows.len(), 3, |r, c| rows[r].0[c]);
+    let b = nalgebra::DVector::from_fn(rows.len(), |r, _| rows[r].1);
+    let t = a.clone().svd(true, true).solve(&b, 1e-12).unwrap();
+    let rest = &b - a * t;
+    rest.as_slice().chunks(2).map(|d| d[0].hypot(d[1])).collect()
 }

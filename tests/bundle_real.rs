@@ -1,0 +1,55 @@
+//! Bundle adjustment of real images: tracks, residuals, and agreement with an independent adjustment.
+
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
+
+mod common;
+
+use common::{data_dir, disagreement_px};
+use satgs::bundle::{Adjustment, Options, adjust};
+use satgs::event::ignore;
+use satgs::frame::Pixel;
+use satgs::rpc::{Rpc, formats};
+use satgs::scene::{ReadOptions, read};
+use std::path::Path;
+
+/// How far a camera may be from sat-bundleadjust's, pixels, once the common translation is taken out.
+const AGREEMENT_PX: f64 = 0.25;
+
+fn adjusted(folder: &Path, rpcs: Option<&str>) -> Adjustment {
+    let options = ReadOptions { rpcs: rpcs.map(str::to_owned), ..ReadOptions::default() };
+    adjust(&read(folder, &options).unwrap(), &Options::default(), &ignore).unwrap()
+}
+
+#[test]
+fn a_pleiades_triplet_is_adjusted_to_a_fifth_of_a_pixel() {
+    let Some(data) = data_dir() else { return };
+    let report = adjusted(&data.join("s2p/input_triplet"), None).report;
+    println!("{}", report.table());
+    assert!(report.tracks >= 3000 && report.mean_px <= 0.20);
+}
+
+#[test]
+fn nineteen_dates_agree_with_an_independent_adjustment_one_view_36_pixels_off() {
+    let Some(data) = data_dir() else { return };
+    let folder = data.join("jax068");
+    let made = adjusted(&folder, Some("rpcs_raw"));
+    println!("{}", made.report.table());
+    assert_eq!(made.report.views.len(), 19);
+    assert!(made.report.tracks >= 6000 && made.report.mean_px <= 0.6);
+    assert!(made.report.views.iter().all(|v| v.observations >= 250));
+    let pairs: Vec<(Rpc, Rpc)> = made
+        .cameras
+        .iter()
+        .map(|(name, rpc)| {
+            let theirs = formats::read(&folder.join("rpcs_ba_v2").join(format!("{name}.json"))).unwrap().rpc;
+            (rpc.clone(), theirs)
+        })
+        .collect();
+    let mut off = disagreement_px(&pairs, Pixel::new(400.0, 400.0));
+    for ((name, _), d) in made.cameras.iter().zip(&off) {
+        println!("{name}: {d:.3} px");
+    }
+    off.sort_by(f64::total_cmp);
+    println!("median {:.3} px, largest {:.3} px", off[off.len() / 2], off[off.len() - 1]);
+    assert!(off[off.len() - 1] < AGREEMENT_PX);
+}
