@@ -5,16 +5,8 @@ use crate::frame::Pixel;
 use crate::rpc::{Axis, RpcCoefficients};
 
 /// Leans of the cameras: pixels east and south per metre of height.
-const LEANS: [[f64; 2]; 8] = [
-    [0.8, 0.1],
-    [-0.7, 0.3],
-    [0.1, 0.9],
-    [0.2, -0.8],
-    [-0.5, -0.5],
-    [0.6, 0.6],
-    [0.0, 0.0],
-    [-0.9, 0.0],
-];
+const LEANS: [[f64; 2]; 8] =
+    [[0.8, 0.1], [-0.7, 0.3], [0.1, 0.9], [0.2, -0.8], [-0.5, -0.5], [0.6, 0.6], [0.0, 0.0], [-0.9, 0.0]];
 const HEIGHTS: (f64, f64) = (60.0, 140.0);
 
 /// Uniform numbers in [-1, 1).
@@ -149,9 +141,10 @@ fn without_noise_the_shifts_are_exact() {
     let state = adjusted(&delivered, &observe(&exact, 0.0, 0.0).0);
     assert!(worst_shift(&exact, &state.shifts, &truth) < 1e-3);
     let block = Block::new(delivered.iter().collect(), Vec::new(), Point::new(5.44, 43.26, 100.0));
-    let worst = state.tracks.iter().zip(&state.points).flat_map(|(t, p)| {
-        t.iter().map(|m| block.distance(m, state.shifts[m.view], *p)).collect::<Vec<_>>()
-    });
+    let worst =
+        state.tracks.iter().zip(&state.points).flat_map(|(t, p)| {
+            t.iter().map(|m| block.distance(m, state.shifts[m.view], *p)).collect::<Vec<_>>()
+        });
     assert!(worst.fold(0.0, f64::max) < 2e-3);
 }
 

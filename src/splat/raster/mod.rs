@@ -1,7 +1,7 @@
 //! Rendering splats through affine cameras, and the gradient of a render.
 //!
 //! Along any parallel ray that climbs, a higher point hides a lower one: the altitude of the centres orders the
-//! splats once for every camera of an iteration ([`Prepared`]). A camera projects them in chunks ([`Projection`])
+//! splats once for every camera of an iteration ([`Prepared`]). A camera projects them in chunks
 //! and each band of sixteen pixel rows is binned into tiles and rendered by one thread ([`Rasterizer`]).
 //! Gradients of a (splat, tile) pair go into that pair's own slot and are summed per splat in a fixed order: no
 //! atomics, and the same bytes for any number of threads.
