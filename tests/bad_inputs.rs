@@ -237,3 +237,52 @@ fn folders_of_rpc_files_are_chosen_by_name() {
     let error = "rpcs_raw/b.json` is for the image";
     refused(scene.path(), &["--rpcs", "rpcs_raw"], error, "put the image there");
 }
+
+#[test]
+fn one_view_cannot_be_adjusted() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    std::fs::create_dir(&scene).unwrap();
+    image(&scene.join("a.tif"), 1, Some(&camera(5.44, 0.2)), &[]);
+    let run = folder.path().join("run");
+    let output = satgs(&["ba", scene.to_str().unwrap(), "-o", run.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(2));
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(text.contains("error:") && text.contains("hint:"), "{text}");
+    assert!(!run.exists(), "nothing is written");
+}
+
+#[test]
+fn a_height_range_upside_down_is_refused() {
+    let scene = two_views();
+    let run = scene.path().join("../never-made");
+    let (scene, run) = (scene.path().to_str().unwrap(), run.to_str().unwrap());
+    let output = satgs(&["ba", scene, "-o", run, "--height-range", "150,50"]);
+    assert_eq!(output.status.code(), Some(2));
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(text.contains("the height range 150 to 50 m is empty"), "{text}");
+    assert!(!std::path::Path::new(run).exists());
+}
+
+#[test]
+fn views_of_noise_do_not_become_a_wrong_adjustment() {
+    let scene = two_views();
+    let run = tempfile::tempdir().unwrap();
+    let run = run.path().join("run");
+    let output = satgs(&["ba", scene.path().to_str().unwrap(), "-o", run.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(2));
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(text.contains("error:") && text.contains("hint:"), "{text}");
+    assert!(!run.exists(), "nothing is written");
+}
+
+#[test]
+fn a_run_cannot_lie_in_its_own_scene() {
+    let scene = two_views();
+    let path = scene.path().to_str().unwrap();
+    let output = satgs(&["ba", path, "-o", path]);
+    assert_eq!(output.status.code(), Some(2));
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(text.contains("is the scene itself"), "{text}");
+    assert_eq!(std::fs::read_dir(scene.path()).unwrap().count(), 2);
+}
