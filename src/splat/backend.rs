@@ -13,7 +13,7 @@ pub struct StepPlan {
     pub iteration: u32,
     /// Index of the training view.
     pub view: usize,
-    /// Resolution: 0 full, 1 half (small views stay at full).
+    /// Resolution: 0 full, 1 half.
     pub level: usize,
     /// Whether sunlight is modelled, where the view has a sun.
     pub shadows: bool,

@@ -68,9 +68,8 @@ impl CpuBackend {
 impl TrainingBackend for CpuBackend {
     fn step(&mut self, plan: &StepPlan) -> StepReport {
         let view = &self.views[plan.view];
-        let level = if plan.level > 0 && view.is_large() { plan.level } else { 0 };
-        let scale = 0.5f64.powi(level as i32);
-        let level = &view.levels[level];
+        let level = &view.levels[plan.level];
+        let scale = 0.5f64.powi(plan.level as i32);
         level.load(&mut self.truth);
         let size = (level.width, level.height);
         let half_sides = [0.5 * level.width as f64, 0.5 * level.height as f64];

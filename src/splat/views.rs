@@ -5,9 +5,6 @@ use super::raster::Layers;
 use crate::affine::AffineCamera;
 use crate::raster::Plane;
 
-/// Views of fewer pixels are always seen at full resolution.
-const LARGE_PIXELS: usize = 300_000;
-
 /// A view at one resolution.
 #[derive(Clone, Debug)]
 pub struct Level {
@@ -35,12 +32,6 @@ pub struct TrainingView {
 }
 
 impl TrainingView {
-    /// Whether the view has pixels enough for half of its resolution to show the scene.
-    #[must_use]
-    pub fn is_large(&self) -> bool {
-        self.levels[0].width * self.levels[0].height >= LARGE_PIXELS
-    }
-
     /// A view from its colours (three planes, or one for all), in [0, 1] with NaN where there is no pixel.
     ///
     /// Only pixels whose ground at the site's altitude lies in `area` count.
