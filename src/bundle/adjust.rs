@@ -31,11 +31,11 @@ const FEWEST_KEYPOINTS: usize = 50;
 /// Margin around the heights of the first round's points for the second, metres.
 const HEIGHT_MARGIN_M: f64 = 15.0;
 /// Scales of the robust loss, round by round, pixels.
-const LOSS_SCALES_PX: [f64; 3] = [8.0, 1.0, 0.5];
+const LOSS_SCALES_PX: [f64; 3] = [8.0, 1.0, 0.3];
 /// Rejections after the last scale, and what they allow at least: pixels, robust standard deviations.
 const REJECTIONS: usize = 3;
-const REJECT_PX: f64 = 1.0;
-const REJECT_SIGMAS: f64 = 4.0;
+const REJECT_PX: f64 = 0.6;
+const REJECT_SIGMAS: f64 = 2.5;
 const MAX_ITERATIONS: u64 = 50;
 const VIEWS_AT_ONCE: usize = 4;
 
