@@ -7,6 +7,7 @@ pub mod cpu;
 pub mod density;
 pub mod gaussians;
 pub mod init;
+pub mod lanes;
 pub mod lookup;
 pub mod objective;
 pub mod ply;

@@ -7,8 +7,9 @@
 
 use super::appearance::Appearance;
 use super::gaussians::{Gaussians, SH_C0, sigmoid};
+use super::lanes::Lanewise;
 use super::lookup::Lookup;
-use super::raster::{FrameCamera, Kernels, Layers, Prepared, Rasterizer, SplatGradient};
+use super::raster::{FrameCamera, Layers, Prepared, Rasterizer, SplatGradient};
 use super::real::Real;
 use super::ssim::{Photometric, Rows, Similarity};
 use crate::affine::AffineCamera;
@@ -148,7 +149,7 @@ struct Agreement {
     color: f64,
 }
 
-impl<T: Real + Kernels<4> + Kernels<1> + Rows> Objective<T> {
+impl<T: Lanewise + Rows> Objective<T> {
     /// The loss of one shot; its gradient goes to `gradient`.
     pub fn evaluate(
         &mut self,
@@ -354,13 +355,13 @@ impl<T: Real + Kernels<4> + Kernels<1> + Rows> Objective<T> {
         let stripe = &self.stripes[0];
         gradient.appearance = stripe.appearance;
         let shared = &mut self.by_shared;
-        self.view.backward(&self.features, &shot.camera, &self.by_view, shared, &mut self.by_feature);
+        self.view.backward(&shot.camera, &self.by_view, shared, &mut self.by_feature);
         if let Some(v) = &shot.virtual_view {
             let by_feature = &mut self.by_feature;
-            self.virtual_view.backward(&self.features, &v.camera, &stripe.by_virtual, shared, by_feature);
+            self.virtual_view.backward(&v.camera, &stripe.by_virtual, shared, by_feature);
         }
         if let Some(sun) = &shot.sun {
-            self.sun.backward(&self.altitudes, &sun.camera, &stripe.by_sun, shared, &mut self.by_altitude);
+            self.sun.backward(&sun.camera, &stripe.by_sun, shared, &mut self.by_altitude);
         }
         gradient.splats.resize(n);
         self.prepared.parameter_gradients(gaussians, &self.by_shared, &mut gradient.splats);

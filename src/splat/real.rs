@@ -9,6 +9,8 @@ pub trait Real: Float + Default + Sum + Send + Sync + std::fmt::Debug + 'static 
     fn of(value: f64) -> Self;
     /// As f64.
     fn wide(self) -> f64;
+    /// The whole part of a number between 0 and 2^31.
+    fn small(self) -> u32;
     /// Two to a power between -126 and 126; vectorises. `FMA`: the code around is compiled for fused
     /// multiplication and addition.
     fn exp2_lane<const FMA: bool>(self) -> Self;
@@ -30,6 +32,9 @@ impl Real for f64 {
     fn wide(self) -> f64 {
         self
     }
+    fn small(self) -> u32 {
+        self as i32 as u32
+    }
     fn exp2_lane<const FMA: bool>(self) -> Self {
         self.exp2()
     }
@@ -43,6 +48,10 @@ impl Real for f32 {
     #[inline(always)]
     fn wide(self) -> f64 {
         f64::from(self)
+    }
+    #[inline(always)]
+    fn small(self) -> u32 {
+        self as i32 as u32
     }
     /// Relative error below 3e-7 (tested): the nearest whole power by the exponent bits, the rest by a polynomial.
     #[inline(always)]

@@ -1,14 +1,14 @@
 //! A band: sixteen pixel rows, their tiles' lists of splats in altitude order, and the pairs' gradient slots.
 
 use super::kernel::SlotGradient;
-use super::project::Chunk;
+use super::project::{Chunk, Footprint};
 use crate::splat::real::Real;
 
-/// A splat in a tile's list.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Entry {
-    pub chunk: u32,
-    pub footprint: u32,
+/// A splat in a tile's list, with all that drawing it takes: the list is read from first to last.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Entry<T, const C: usize> {
+    pub footprint: Footprint<T>,
+    pub feature: [T; C],
     /// The pair's slot within the band.
     pub slot: u32,
 }
@@ -17,7 +17,7 @@ pub(super) struct Entry {
 pub(super) struct Band<T, const C: usize> {
     /// Entries of tile `t` are `entries[tile_starts[t]..tile_starts[t + 1]]`.
     tile_starts: Vec<u32>,
-    entries: Vec<Entry>,
+    entries: Vec<Entry<T, C>>,
     /// Slots of chunk `k` begin at `chunk_slots[k]`, span by span.
     chunk_slots: Vec<u32>,
     pub slots: Vec<SlotGradient<T, C>>,
@@ -31,7 +31,7 @@ impl<T, const C: usize> Default for Band<T, C> {
 
 impl<T: Real, const C: usize> Band<T, C> {
     /// Lists the splats of every tile by counting; chunks come in rank order, so lists are in altitude order.
-    pub fn bin(&mut self, chunks: &[Chunk<T>], band: usize, tiles: usize) {
+    pub fn bin(&mut self, chunks: &[Chunk<T>], features: &[[T; C]], band: usize, tiles: usize) {
         self.tile_starts.clear();
         self.tile_starts.resize(tiles + 1, 0);
         self.chunk_slots.clear();
@@ -49,14 +49,16 @@ impl<T: Real, const C: usize> Band<T, C> {
         for t in 0..tiles {
             self.tile_starts[t + 1] += self.tile_starts[t];
         }
-        self.entries.clear();
-        self.entries.resize(slot as usize, Entry::default());
+        let empty = Entry { footprint: Footprint::default(), feature: [T::zero(); C], slot: 0 };
+        self.entries.resize(slot as usize, empty);
         let mut slot = 0;
-        for (k, chunk) in chunks.iter().enumerate() {
+        for chunk in chunks {
             for span in chunk.spans(band) {
+                let footprint = chunk.footprints[span.footprint as usize];
+                let feature = features[footprint.rank as usize];
                 for tile in span.first..=span.last {
                     let at = &mut self.tile_starts[usize::from(tile)];
-                    self.entries[*at as usize] = Entry { chunk: k as u32, footprint: span.footprint, slot };
+                    self.entries[*at as usize] = Entry { footprint, feature, slot };
                     *at += 1;
                     slot += 1;
                 }
@@ -70,7 +72,7 @@ impl<T: Real, const C: usize> Band<T, C> {
 
     /// Splats of a tile, highest first.
     #[inline(always)]
-    pub fn tile(&self, tile: usize) -> &[Entry] {
+    pub fn tile(&self, tile: usize) -> &[Entry<T, C>] {
         &self.entries[self.tile_starts[tile] as usize..self.tile_starts[tile + 1] as usize]
     }
 

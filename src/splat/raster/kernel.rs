@@ -1,34 +1,35 @@
-//! The inner loops: sixteen pixels at a time, front to back, forward and backward.
+//! The inner loops: blocks of 4 × 4 pixels, a vector register each, front to back, forward and backward.
+//!
+//! A block is as often missed by a small ellipse as a row of sixteen pixels is hit in vain.
 //!
 //! With `g` the loss's derivatives by a pixel's channels and `s_k = f_k . g`, the derivative by the alpha of splat
 //! `k` is `T_k s_k - R_k / (1 - alpha_k)`, where `R_k` is the part of `pixel . g` that lies behind it. `R` starts as
 //! `pixel . g` and loses `w_k s_k` at each splat, so the backward pass runs front to back as well, stops where the
 //! forward pass stopped, and divides by no vanishing transmittance.
 
-use super::bands::{Band, Entry};
-use super::project::Chunk;
+use super::bands::Band;
+use super::project::Footprint;
 use super::{ALPHA_CUT, ALPHA_MAX, SATURATED};
+use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Row, splat_each, sum_each};
 use crate::splat::real::Real;
-use multiversion::multiversion;
-use multiversion::target::target_cfg_f;
+use num_traits::Float;
+use std::ops::Range;
 
-/// Side of a tile, pixels: one AVX-512 register of f32.
+/// Side of a tile, pixels.
 pub(super) const TILE: usize = 16;
-/// Splats after which a tile looks which of its rows are saturated.
-const LOOK_EVERY: usize = 8;
-
-type Lane<T> = [T; TILE];
-type Square<T> = [Lane<T>; TILE];
+/// Side of a block, pixels.
+const SIDE: usize = 4;
+/// Blocks along a tile.
+const ACROSS: usize = TILE / SIDE;
+const BLOCKS: usize = ACROSS * ACROSS;
 
 /// What both passes read.
-pub struct View<'a, T, const C: usize> {
-    pub(super) band: &'a Band<T, C>,
-    pub(super) chunks: &'a [Chunk<T>],
-    pub(super) features: &'a [[T; C]],
+pub(super) struct View<'a, T, const C: usize> {
+    pub band: &'a Band<T, C>,
     /// Which band of the image it is.
-    pub(super) index: usize,
+    pub index: usize,
     /// Columns of the image.
-    pub(super) width: usize,
+    pub width: usize,
 }
 
 /// Derivatives of the loss by one splat as one tile sees it.
@@ -48,315 +49,329 @@ impl<T: Real, const C: usize> Default for SlotGradient<T, C> {
     }
 }
 
-/// The passes over one band, compiled for the numbers and the processor at hand.
-pub trait Kernels<const C: usize>: Real {
-    /// Renders the band into `out`: rows of `C` features and the transmittance.
-    fn forward(view: &View<Self, C>, background: [Self; C], out: &mut [Self]);
-    /// Fills the band's slots.
-    fn backward(view: &View<Self, C>, image: &[Self], by_pixel: &[Self], slots: &mut [SlotGradient<Self, C>]);
+/// The columns and rows of a tile that lie in the image.
+#[derive(Clone, Copy)]
+struct Frame {
+    tile: usize,
+    width: usize,
+    height: usize,
 }
 
-impl<const C: usize> Kernels<C> for f64 {
-    fn forward(view: &View<Self, C>, background: [Self; C], out: &mut [Self]) {
-        forward_band::<f64, C, false>(view, background, out);
-    }
-    fn backward(
-        view: &View<Self, C>,
-        image: &[Self],
-        by_pixel: &[Self],
-        slots: &mut [SlotGradient<Self, C>],
-    ) {
-        backward_band::<f64, C, false>(view, image, by_pixel, slots);
-    }
-}
-
-impl<const C: usize> Kernels<C> for f32 {
-    fn forward(view: &View<Self, C>, background: [Self; C], out: &mut [Self]) {
-        forward_f32(view, background, out);
-    }
-    fn backward(
-        view: &View<Self, C>,
-        image: &[Self],
-        by_pixel: &[Self],
-        slots: &mut [SlotGradient<Self, C>],
-    ) {
-        backward_f32(view, image, by_pixel, slots);
-    }
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn forward_f32<const C: usize>(view: &View<'_, f32, C>, background: [f32; C], out: &mut [f32]) {
-    if target_cfg_f!(target_feature = "fma") {
-        forward_band::<f32, C, true>(view, background, out);
-    } else {
-        forward_band::<f32, C, false>(view, background, out);
-    }
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn backward_f32<const C: usize>(
-    view: &View<'_, f32, C>,
-    image: &[f32],
-    by_pixel: &[f32],
-    slots: &mut [SlotGradient<f32, C>],
-) {
-    if target_cfg_f!(target_feature = "fma") {
-        backward_band::<f32, C, true>(view, image, by_pixel, slots);
-    } else {
-        backward_band::<f32, C, false>(view, image, by_pixel, slots);
-    }
-}
-
-/// A splat as a tile's pixels see it: the exponent is a quadratic of the row for each column.
-struct Stamp<T> {
-    /// Pixel column minus the splat's centre.
-    dx: Lane<T>,
-    /// Row 0 of the tile minus the splat's centre.
-    dy0: T,
-    /// Binary exponent at dy = 0, its slope, its curvature.
-    at_zero: Lane<T>,
-    slope: Lane<T>,
-    curvature: T,
-    rows: std::ops::Range<usize>,
-}
-
-impl<T: Real> Stamp<T> {
+impl Frame {
+    /// Pixels of block `b` in one channel of a band's rows of `channels`; zero outside the image.
     #[inline(always)]
-    fn new<const C: usize>(view: &View<'_, T, C>, entry: Entry, tile: usize, height: usize) -> (Self, usize) {
-        let f = &view.chunks[entry.chunk as usize].footprints[entry.footprint as usize];
-        let log2_e = T::of(std::f64::consts::LOG2_E);
-        let half = T::of(-0.5);
-        let dx0 = T::of((tile * TILE) as f64) - f.mean[0];
-        let dy0 = T::of((view.index * TILE) as f64) - f.mean[1];
-        let (a, b, c) = (half * log2_e * f.conic[0], -log2_e * f.conic[1], half * log2_e * f.conic[2]);
-        let mut dx = [T::zero(); TILE];
-        let mut at_zero = dx;
-        let mut slope = dx;
-        for i in 0..TILE {
-            dx[i] = dx0 + T::of(i as f64);
-            at_zero[i] = f.log2_opacity + a * dx[i] * dx[i];
-            slope[i] = b * dx[i];
-        }
-        let last = T::of(height as f64 - 1.0);
-        let first = (-dy0 - f.half_rows).ceil().max(T::zero()).min(last + T::one());
-        let end = (-dy0 + f.half_rows).floor().min(last) + T::one();
-        let rows = first.wide() as usize..end.wide().max(0.0) as usize;
-        (Self { dx, dy0, at_zero, slope, curvature: c, rows }, f.rank as usize)
+    fn gather<T: Real>(self, band: &[T], channels: usize, channel: usize, b: usize) -> [T; LANES] {
+        let mut out = [T::zero(); LANES];
+        self.each_row(channels, channel, b, |lanes, place| out[lanes].copy_from_slice(&band[place]));
+        out
     }
 
-    /// Alphas of a row of pixels before the upper limit, zero below the cut-off; none if all are.
+    /// Writes a block's pixels.
     #[inline(always)]
-    fn alpha<const FMA: bool>(&self, dy: T) -> Option<Lane<T>> {
-        let cut = T::of(ALPHA_CUT.log2());
-        let mut exponent = [T::zero(); TILE];
-        let mut any = false;
-        for i in 0..TILE {
-            let inner = self.curvature.madd::<FMA>(dy, self.slope[i]);
-            exponent[i] = inner.madd::<FMA>(dy, self.at_zero[i]);
-            any |= exponent[i] >= cut;
+    fn scatter<T: Real>(self, band: &mut [T], channels: usize, channel: usize, b: usize, values: [T; LANES]) {
+        self.each_row(channels, channel, b, |lanes, place| band[place].copy_from_slice(&values[lanes]));
+    }
+
+    /// Visits the rows of a block: their lanes, and their place in the band.
+    #[inline(always)]
+    fn each_row(
+        self,
+        channels: usize,
+        channel: usize,
+        b: usize,
+        mut visit: impl FnMut(Range<usize>, Range<usize>),
+    ) {
+        let col = self.tile * TILE + b % ACROSS * SIDE;
+        let row = b / ACROSS * SIDE;
+        let place = |r: usize| ((row + r) * channels + channel) * self.width + col;
+        if col + SIDE <= self.width && row + SIDE <= self.height {
+            for r in 0..SIDE {
+                visit(r * SIDE..(r + 1) * SIDE, place(r)..place(r) + SIDE);
+            }
+        } else if col < self.width {
+            let columns = SIDE.min(self.width - col);
+            for r in 0..SIDE.min(self.height.saturating_sub(row)) {
+                visit(r * SIDE..r * SIDE + columns, place(r)..place(r) + columns);
+            }
         }
-        if !any {
-            return None;
-        }
-        let mut alpha = [T::zero(); TILE];
-        for i in 0..TILE {
-            let value = exponent[i].max(cut).exp2_lane::<FMA>();
-            alpha[i] = if exponent[i] >= cut { value } else { T::zero() };
-        }
-        Some(alpha)
+    }
+
+    /// The blocks that have pixels, as bits.
+    #[inline(always)]
+    fn blocks(self) -> u32 {
+        let columns = (self.width - self.tile * TILE).min(TILE).div_ceil(SIDE);
+        let row = (1u32 << columns) - 1;
+        (0..self.height.div_ceil(SIDE)).fold(0, |bits, r| bits | row << (r * ACROSS))
     }
 }
 
-/// Rows of which some pixel still lets light through.
-#[inline(always)]
-fn live_rows<T: Real>(transmittance: &Square<T>, height: usize) -> u32 {
-    let saturated = T::of(SATURATED);
-    let mut live = 0;
-    for (r, row) in transmittance.iter().enumerate().take(height) {
-        let mut any = false;
-        for t in row {
-            any |= *t >= saturated;
-        }
-        live |= u32::from(any) << r;
-    }
-    live
+/// A splat as a tile's pixels see it.
+struct Stamp<L: Lanes> {
+    /// Offsets of the tile's first block's pixels from the splat's centre.
+    dx: Row<L>,
+    dy: Row<L>,
+    /// The binary exponent is `log2_opacity + a dx² + b dx dy + c dy²`.
+    quadratic: [Row<L>; 3],
+    log2_opacity: Row<L>,
+    /// Blocks that the ellipse's bounding box touches, as bits.
+    blocks: u32,
 }
 
+impl<L: Lanes> Stamp<L> {
+    #[inline(always)]
+    fn new(lanes: L, [x, y]: [Row<L>; 2], f: &Footprint<L::Number>, tile: usize, band: usize) -> Self {
+        let of = L::Number::of;
+        let origin = [of((tile * TILE) as f64) - f.mean[0], of((band * TILE) as f64) - f.mean[1]];
+        let log2_e = of(std::f64::consts::LOG2_E);
+        let half = of(-0.5) * log2_e;
+        // Blocks from the one that holds the first pixel to the one that holds the last.
+        let touched = |k: usize| {
+            let (zero, last, inverse) = (of(0.0), of((ACROSS - 1) as f64), of(1.0 / SIDE as f64));
+            let first = ((-origin[k] - f.half_size[k]).ceil() * inverse).max(zero).min(last);
+            let end = ((-origin[k] + f.half_size[k]).floor() * inverse).max(zero).min(last);
+            (first.small(), end.small())
+        };
+        let ((left, right), (top, bottom)) = (touched(0), touched(1));
+        let row = (2u32 << right) - (1 << left);
+        let rows = (0x1111 << (4 * top)) & (0xFFFF >> (4 * (3 - bottom)));
+        Self {
+            dx: x + Row::splat(lanes, origin[0]),
+            dy: y + Row::splat(lanes, origin[1]),
+            quadratic: splat_each(lanes, [half * f.conic[0], -log2_e * f.conic[1], half * f.conic[2]]),
+            log2_opacity: Row::splat(lanes, f.log2_opacity),
+            blocks: row * rows,
+        }
+    }
+
+    /// Binary logarithm of a block's alphas, and the offsets of its pixels from the centre.
+    #[inline(always)]
+    fn exponent(&self, shift: [Row<L>; 2]) -> (Row<L>, Row<L>, Row<L>) {
+        let (dx, dy) = (self.dx + shift[0], self.dy + shift[1]);
+        let [a, b, c] = self.quadratic;
+        let along = a.mul_add(dx, b * dy);
+        (along.mul_add(dx, (c * dy).mul_add(dy, self.log2_opacity)), dx, dy)
+    }
+}
+
+/// What the kernels compute with: constants in registers.
+struct Constants<L: Lanes> {
+    /// Columns and rows of a block's pixels.
+    offsets: [Row<L>; 2],
+    /// Columns (rows) of blocks.
+    shifts: [Row<L>; ACROSS],
+    cut: Row<L>,
+    saturated: Row<L>,
+    alpha_max: Row<L>,
+    zero: Row<L>,
+    one: Row<L>,
+}
+
+impl<L: Lanes> Constants<L> {
+    #[inline(always)]
+    fn new(lanes: L) -> Self {
+        let splat = |v: f64| Row::splat(lanes, L::Number::of(v));
+        let offset =
+            |f: fn(usize) -> usize| Row::load(lanes, &std::array::from_fn(|i| L::Number::of(f(i) as f64)));
+        Self {
+            offsets: [offset(|i| i % SIDE), offset(|i| i / SIDE)],
+            shifts: std::array::from_fn(|k| splat((k * SIDE) as f64)),
+            cut: splat(ALPHA_CUT.log2()),
+            saturated: splat(SATURATED),
+            alpha_max: splat(ALPHA_MAX),
+            zero: splat(0.0),
+            one: splat(1.0),
+        }
+    }
+
+    #[inline(always)]
+    fn shift(&self, block: usize) -> [Row<L>; 2] {
+        [self.shifts[block % ACROSS], self.shifts[block / ACROSS % ACROSS]]
+    }
+}
+
+/// The blocks of a set, lowest first.
 #[inline(always)]
-fn forward_band<T: Real, const C: usize, const FMA: bool>(
-    view: &View<'_, T, C>,
-    background: [T; C],
-    out: &mut [T],
-) {
-    let width = view.width;
-    let height = out.len() / ((C + 1) * width);
-    let (saturated, alpha_max) = (T::of(SATURATED), T::of(ALPHA_MAX));
-    for tile in 0..width.div_ceil(TILE) {
-        let mut transmittance = [[T::one(); TILE]; TILE];
-        let mut color = [[[T::zero(); TILE]; TILE]; C];
-        let mut live = (1u32 << height) - 1;
-        for (n, &entry) in view.band.tile(tile).iter().enumerate() {
-            if n % LOOK_EVERY == LOOK_EVERY - 1 {
-                live = live_rows(&transmittance, height);
+fn each(mut blocks: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        (blocks != 0).then(|| {
+            let block = blocks.trailing_zeros() as usize % BLOCKS;
+            blocks &= blocks - 1;
+            block
+        })
+    })
+}
+
+impl<T: Real, const C: usize> View<'_, T, C> {
+    fn frames(&self, height: usize) -> impl Iterator<Item = Frame> {
+        let width = self.width;
+        (0..width.div_ceil(TILE)).map(move |tile| Frame { tile, width, height })
+    }
+}
+
+/// Renders a band into `out`: rows of `C` features and the transmittance.
+pub(super) struct Forward<'a, T, const C: usize> {
+    pub view: View<'a, T, C>,
+    pub background: [T; C],
+    pub out: &'a mut [T],
+}
+
+impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        let Self { view, background, out } = self;
+        let k = Constants::new(lanes);
+        let background = splat_each(lanes, background);
+        for frame in view.frames(out.len() / ((C + 1) * view.width)) {
+            let mut transmittance = [k.one; BLOCKS];
+            let mut color = [[k.zero; C]; BLOCKS];
+            let mut live = frame.blocks();
+            for entry in view.band.tile(frame.tile) {
+                let stamp = Stamp::new(lanes, k.offsets, &entry.footprint, frame.tile, view.index);
+                let feature = splat_each(lanes, entry.feature);
+                for b in each(live & stamp.blocks) {
+                    let t = transmittance[b];
+                    let open = t.at_least(k.saturated);
+                    if !open.any() {
+                        live &= !(1 << b);
+                        continue;
+                    }
+                    let (exponent, ..) = stamp.exponent(k.shift(b));
+                    let visible = exponent.at_least(k.cut).and(open);
+                    if !visible.any() {
+                        continue;
+                    }
+                    let alpha = exponent.exp2().min(k.alpha_max).keep(visible);
+                    let weight = t * alpha;
+                    transmittance[b] = t - weight;
+                    for c in 0..C {
+                        color[b][c] = weight.mul_add(feature[c], color[b][c]);
+                    }
+                }
                 if live == 0 {
                     break;
                 }
             }
-            let (stamp, rank) = Stamp::new(view, entry, tile, height);
-            let feature = view.features[rank];
-            for r in stamp.rows.clone() {
-                if live >> r & 1 == 0 {
-                    continue;
-                }
-                let Some(alpha) = stamp.alpha::<FMA>(stamp.dy0 + T::of(r as f64)) else { continue };
-                let row = &mut transmittance[r & (TILE - 1)];
-                let mut weight = [T::zero(); TILE];
-                for i in 0..TILE {
-                    let open = if row[i] >= saturated { row[i] } else { T::zero() };
-                    weight[i] = open * alpha[i].min(alpha_max);
-                    row[i] = row[i] - weight[i];
-                }
+            for b in each(frame.blocks()) {
                 for c in 0..C {
-                    let row = &mut color[c][r & (TILE - 1)];
-                    for i in 0..TILE {
-                        row[i] = weight[i].madd::<FMA>(feature[c], row[i]);
-                    }
+                    let value = transmittance[b].mul_add(background[c], color[b][c]);
+                    frame.scatter(out, C + 1, c, b, value.store());
                 }
+                frame.scatter(out, C + 1, C, b, transmittance[b].store());
             }
-        }
-        let columns = TILE.min(width - tile * TILE);
-        for r in 0..height {
-            for c in 0..C {
-                let start = (r * (C + 1) + c) * width + tile * TILE;
-                for (i, v) in out[start..start + columns].iter_mut().enumerate() {
-                    *v = color[c][r][i] + transmittance[r][i] * background[c];
-                }
-            }
-            let start = (r * (C + 1) + C) * width + tile * TILE;
-            out[start..start + columns].copy_from_slice(&transmittance[r][..columns]);
         }
     }
 }
 
-#[inline(always)]
-fn backward_band<T: Real, const C: usize, const FMA: bool>(
-    view: &View<'_, T, C>,
-    image: &[T],
-    by_pixel: &[T],
-    slots: &mut [SlotGradient<T, C>],
-) {
-    let width = view.width;
-    let height = by_pixel.len() / (C * width);
-    let (saturated, alpha_max, one) = (T::of(SATURATED), T::of(ALPHA_MAX), T::one());
-    for tile in 0..width.div_ceil(TILE) {
-        let mut transmittance = [[one; TILE]; TILE];
-        let mut behind = [[T::zero(); TILE]; TILE];
-        let mut by_color = [[[T::zero(); TILE]; TILE]; C];
-        let columns = TILE.min(width - tile * TILE);
-        for r in 0..height {
-            for c in 0..C {
-                let start = (r * C + c) * width + tile * TILE;
-                by_color[c][r][..columns].copy_from_slice(&by_pixel[start..start + columns]);
-                let start = (r * (C + 1) + c) * width + tile * TILE;
-                for (i, v) in image[start..start + columns].iter().enumerate() {
-                    behind[r][i] = behind[r][i] + *v * by_color[c][r][i];
+/// Fills a band's slots from the derivatives by its pixels.
+pub(super) struct Backward<'a, T, const C: usize> {
+    pub view: View<'a, T, C>,
+    /// The band as it was rendered.
+    pub image: &'a [T],
+    pub by_pixel: &'a [T],
+    pub slots: &'a mut [SlotGradient<T, C>],
+}
+
+impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        let Self { view, image, by_pixel, slots } = self;
+        let k = Constants::new(lanes);
+        for frame in view.frames(by_pixel.len() / (C * view.width)) {
+            let mut transmittance = [k.one; BLOCKS];
+            let mut behind = [k.zero; BLOCKS];
+            let mut by_color = [[k.zero; C]; BLOCKS];
+            for b in each(frame.blocks()) {
+                for c in 0..C {
+                    by_color[b][c] = Row::load(lanes, &frame.gather(by_pixel, C, c, b));
+                    let value = Row::load(lanes, &frame.gather(image, C + 1, c, b));
+                    behind[b] = value.mul_add(by_color[b][c], behind[b]);
                 }
             }
-        }
-        let mut live = (1u32 << height) - 1;
-        for (n, &entry) in view.band.tile(tile).iter().enumerate() {
-            if n % LOOK_EVERY == LOOK_EVERY - 1 {
-                live = live_rows(&transmittance, height);
+            let mut live = frame.blocks();
+            let mut entries = view.band.tile(frame.tile).iter();
+            for entry in entries.by_ref() {
+                let stamp = Stamp::new(lanes, k.offsets, &entry.footprint, frame.tile, view.index);
+                let feature = splat_each(lanes, entry.feature);
+                let mut moments = Moments::new(k.zero);
+                let mut by_feature = [k.zero; C];
+                for b in each(live & stamp.blocks) {
+                    let t = transmittance[b];
+                    let open = t.at_least(k.saturated);
+                    if !open.any() {
+                        live &= !(1 << b);
+                        continue;
+                    }
+                    let (exponent, dx, dy) = stamp.exponent(k.shift(b));
+                    let visible = exponent.at_least(k.cut).and(open);
+                    if !visible.any() {
+                        continue;
+                    }
+                    let unlimited = exponent.exp2().keep(visible);
+                    let alpha = unlimited.min(k.alpha_max);
+                    let weight = t * alpha;
+                    transmittance[b] = t - weight;
+                    let mut along = k.zero;
+                    for c in 0..C {
+                        along = by_color[b][c].mul_add(feature[c], along);
+                        by_feature[c] = by_color[b][c].mul_add(weight, by_feature[c]);
+                    }
+                    behind[b] = behind[b] - weight * along;
+                    let by_alpha = t * along - behind[b].over(k.one - alpha);
+                    // At the upper limit alpha no longer follows the splat.
+                    moments.add((by_alpha * alpha).keep(k.alpha_max.at_least(unlimited)), dx, dy);
+                }
+                slots[entry.slot as usize] = moments.slot(entry.footprint.conic, by_feature);
                 if live == 0 {
                     break;
                 }
             }
-            let (stamp, rank) = Stamp::new(view, entry, tile, height);
-            let feature = view.features[rank];
-            // Moments of v = alpha * (derivative by alpha) in dy, and of the weights times the derivatives by color.
-            let mut moments = [[T::zero(); TILE]; 3];
-            let mut by_feature = [[T::zero(); TILE]; C];
-            for r in stamp.rows.clone() {
-                if live >> r & 1 == 0 {
-                    continue;
-                }
-                let dy = stamp.dy0 + T::of(r as f64);
-                let Some(alpha) = stamp.alpha::<FMA>(dy) else { continue };
-                let r = r & (TILE - 1);
-                let mut along = [T::zero(); TILE];
-                for c in 0..C {
-                    for i in 0..TILE {
-                        along[i] = by_color[c][r][i].madd::<FMA>(feature[c], along[i]);
-                    }
-                }
-                let mut weight = [T::zero(); TILE];
-                for i in 0..TILE {
-                    let t = transmittance[r][i];
-                    let open = if t >= saturated { t } else { T::zero() };
-                    let a = alpha[i].min(alpha_max);
-                    weight[i] = open * a;
-                    transmittance[r][i] = t - weight[i];
-                    behind[r][i] = behind[r][i] - weight[i] * along[i];
-                    let by_alpha = open * along[i] - behind[r][i] / (one - a);
-                    // At the upper limit alpha no longer follows the splat; a saturated pixel sees nothing.
-                    let follows = alpha[i] <= alpha_max && t >= saturated;
-                    let v = if follows { by_alpha * alpha[i] } else { T::zero() };
-                    moments[0][i] = moments[0][i] + v;
-                    moments[1][i] = v.madd::<FMA>(dy, moments[1][i]);
-                    moments[2][i] = v.madd::<FMA>(dy * dy, moments[2][i]);
-                }
-                for c in 0..C {
-                    for i in 0..TILE {
-                        by_feature[c][i] = weight[i].madd::<FMA>(by_color[c][r][i], by_feature[c][i]);
-                    }
-                }
+            for hidden in entries {
+                slots[hidden.slot as usize] = SlotGradient::default();
             }
-            let f = &view.chunks[entry.chunk as usize].footprints[entry.footprint as usize];
-            slots[entry.slot as usize] = slot(f.conic, &stamp.dx, &moments, &by_feature);
         }
     }
 }
 
-/// Sums the lanes: derivatives by the ellipse's centre and conic from moments of `v` in (dx, dy).
-#[inline(always)]
-fn slot<T: Real, const C: usize>(
-    [a, b, c]: [T; 3],
-    dx: &Lane<T>,
-    moments: &[Lane<T>; 3],
-    by_feature: &[Lane<T>; C],
-) -> SlotGradient<T, C> {
-    let mut first = [T::zero(); TILE];
-    let mut second = first;
-    let mut mixed = first;
-    for i in 0..TILE {
-        first[i] = dx[i] * moments[0][i];
-        second[i] = dx[i] * first[i];
-        mixed[i] = dx[i] * moments[1][i];
-    }
-    let (sx, sy) = (lane_sum(&first), lane_sum(&moments[1]));
-    let half = T::of(0.5);
-    let mut feature = [T::zero(); C];
-    for k in 0..C {
-        feature[k] = lane_sum(&by_feature[k]);
-    }
-    SlotGradient {
-        alpha: lane_sum(&moments[0]),
-        mean: [a * sx + b * sy, b * sx + c * sy],
-        conic: [-half * lane_sum(&second), -lane_sum(&mixed), -half * lane_sum(&moments[2])],
-        feature,
-    }
+/// Moments, by the offset from the splat's centre, of alpha times the derivative by alpha.
+struct Moments<L: Lanes> {
+    sum: Row<L>,
+    first: [Row<L>; 2],
+    /// xx, xy, yy.
+    second: [Row<L>; 3],
 }
 
-/// Sum by halves: vectorises, and the order is fixed.
-#[inline(always)]
-fn lane_sum<T: Real>(v: &Lane<T>) -> T {
-    let mut s = *v;
-    let mut n = TILE / 2;
-    while n > 0 {
-        for i in 0..n {
-            s[i] = s[i] + s[i + n];
-        }
-        n /= 2;
+impl<L: Lanes> Moments<L> {
+    #[inline(always)]
+    fn new(zero: Row<L>) -> Self {
+        Self { sum: zero, first: [zero; 2], second: [zero; 3] }
     }
-    s[0]
+
+    #[inline(always)]
+    fn add(&mut self, v: Row<L>, dx: Row<L>, dy: Row<L>) {
+        let (x, y) = (v * dx, v * dy);
+        self.sum += v;
+        self.first[0] += x;
+        self.first[1] += y;
+        self.second[0] = x.mul_add(dx, self.second[0]);
+        self.second[1] = x.mul_add(dy, self.second[1]);
+        self.second[2] = y.mul_add(dy, self.second[2]);
+    }
+
+    /// Derivatives by the ellipse's centre and conic.
+    #[inline(always)]
+    fn slot<const C: usize>(
+        self,
+        [a, b, c]: [L::Number; 3],
+        by_feature: [Row<L>; C],
+    ) -> SlotGradient<L::Number, C> {
+        let [x, y] = sum_each(self.first);
+        let [xx, xy, yy] = sum_each(self.second);
+        let half = L::Number::of(0.5);
+        SlotGradient {
+            alpha: self.sum.sum(),
+            mean: [a * x + b * y, b * x + c * y],
+            conic: [-half * xx, -xy, -half * yy],
+            feature: sum_each(by_feature),
+        }
+    }
 }

@@ -18,8 +18,7 @@ pub use layers::Layers;
 pub use prepare::{Prepared, SplatGradient};
 pub use project::FrameCamera;
 
-pub(crate) use kernel::Kernels;
-
+use super::lanes::Lanewise;
 use super::real::Real;
 use bands::Band;
 use kernel::TILE;
@@ -48,7 +47,7 @@ impl<T: Real, const C: usize> Default for Rasterizer<T, C> {
     }
 }
 
-impl<T: Real + Kernels<C>, const C: usize> Rasterizer<T, C> {
+impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
     /// Renders. `features` are in `prepared`'s order; the image has the `C` features over `background` and, as
     /// its last channel, the transmittance left.
     pub fn render(
@@ -70,8 +69,9 @@ impl<T: Real + Kernels<C>, const C: usize> Rasterizer<T, C> {
         let chunks = &self.chunks;
         let rows = self.image.data.par_chunks_mut(TILE * (C + 1) * width);
         rows.zip(&mut self.bands).enumerate().for_each(|(index, (out, band))| {
-            band.bin(chunks, index, tiles);
-            T::forward(&kernel::View { band, chunks, features, index, width }, background, out);
+            band.bin(chunks, features, index, tiles);
+            let view = kernel::View { band, index, width };
+            T::dispatch(kernel::Forward { view, background, out });
         });
         &self.image
     }
@@ -83,26 +83,23 @@ impl<T: Real + Kernels<C>, const C: usize> Rasterizer<T, C> {
     }
 
     /// Adds to `gradients` and `by_feature` (both in `prepared`'s order) what the loss's derivatives by the last
-    /// render's pixels (`by_pixel`, `C` channels) mean for the splats. `camera` and `features` are the render's.
+    /// render's pixels (`by_pixel`, `C` channels) mean for the splats. `camera` is the render's.
     pub fn backward(
         &mut self,
-        features: &[[T; C]],
         camera: &FrameCamera<T>,
         by_pixel: &Layers<T>,
         gradients: &mut [SplatGradient<T>],
         by_feature: &mut [[T; C]],
     ) {
         let width = camera.width;
-        let chunks = &self.chunks;
         let images = self.image.data.par_chunks(TILE * (C + 1) * width);
         let derivatives = by_pixel.data.par_chunks(TILE * C * width);
         self.bands.par_iter_mut().zip(images.zip(derivatives)).enumerate().for_each(
             |(index, (band, (image, by_pixel)))| {
                 let mut slots = std::mem::take(&mut band.slots);
-                slots.clear();
                 slots.resize(band.slot_count(), kernel::SlotGradient::default());
-                let view = kernel::View { band, chunks, features, index, width };
-                T::backward(&view, image, by_pixel, &mut slots);
+                let view = kernel::View { band, index, width };
+                T::dispatch(kernel::Backward { view, image, by_pixel, slots: &mut slots });
                 band.slots = slots;
             },
         );

@@ -33,7 +33,7 @@ impl<T: Real> FrameCamera<T> {
 }
 
 /// A splat's ellipse in the image.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Footprint<T> {
     /// Centre, pixels.
     pub mean: [T; 2],
@@ -41,8 +41,8 @@ pub(super) struct Footprint<T> {
     pub conic: [T; 3],
     /// Binary logarithm of the opacity.
     pub log2_opacity: T,
-    /// Half height of the ellipse at the alpha cut-off, pixels.
-    pub half_rows: T,
+    /// Half width and height of the ellipse at the alpha cut-off, pixels.
+    pub half_size: [T; 2],
     /// Rank of the splat.
     pub rank: u32,
 }
@@ -109,7 +109,7 @@ impl<T: Real> Chunk<T> {
                     mean: ellipse.mean,
                     conic: ellipse.conic,
                     log2_opacity: prepared.splats[rank].opacity.log2(),
-                    half_rows: ellipse.half_rows,
+                    half_size: ellipse.half_size,
                     rank: rank as u32,
                 });
             }
@@ -227,7 +227,8 @@ struct Ellipse<T> {
     covariance: [T; 3],
     /// Squared Mahalanobis radius of the cut-off.
     radius2: T,
-    half_rows: T,
+    /// Half width and height, pixels.
+    half_size: [T; 2],
 }
 
 impl<T: Real> Ellipse<T> {
@@ -261,14 +262,15 @@ impl<T: Real> Ellipse<T> {
             conic: [yy * inverse, -xy * inverse, xx * inverse],
             covariance: [xx, xy, yy],
             radius2,
-            half_rows: (radius2 * yy).sqrt(),
+            half_size: [(radius2 * xx).sqrt(), (radius2 * yy).sqrt()],
         })
     }
 
     /// Visits the bands it touches, each with its first and last tile.
     fn for_each_span(&self, camera: &FrameCamera<T>, mut visit: impl FnMut(u32, u16, u16)) {
         let [mx, my] = self.mean;
-        let (first, last) = (my - self.half_rows, my + self.half_rows);
+        let [half_cols, half_rows] = self.half_size;
+        let (first, last) = (my - half_rows, my + half_rows);
         let height = T::of(camera.height as f64 - 1.0);
         let width = T::of(camera.width as f64 - 1.0);
         if last < T::zero() || first > height {
@@ -277,7 +279,6 @@ impl<T: Real> Ellipse<T> {
         let tile = T::of(TILE as f64);
         let whole = |v: T| v.floor().wide() as i64;
         let band_of = |row: T| whole(row / tile);
-        let half_cols = (self.radius2 * self.covariance[0]).sqrt();
         // Rows (from the centre) of the outermost columns: the regression line of row on column.
         let lean = self.covariance[1] / self.covariance[0] * half_cols;
         for band in band_of(first.max(T::zero()).ceil())..=band_of(last.min(height).floor()) {

@@ -69,7 +69,7 @@ fn loss(g: &Gaussians<f64>) -> f64 {
     sum
 }
 
-fn gradient<T: Real + Kernels<4>>(g: &Gaussians<T>) -> Gaussians<T> {
+fn gradient<T: Lanewise>(g: &Gaussians<T>) -> Gaussians<T> {
     let mut prepared = Prepared::default();
     prepared.update(g);
     let camera = camera();
@@ -78,7 +78,7 @@ fn gradient<T: Real + Kernels<4>>(g: &Gaussians<T>) -> Gaussians<T> {
     raster.render(&prepared, &f, &camera, BACKGROUND.map(T::of));
     let mut shared = vec![SplatGradient::default(); g.len()];
     let mut by_feature = vec![[T::zero(); 4]; g.len()];
-    raster.backward(&f, &camera, &weights(&camera), &mut shared, &mut by_feature);
+    raster.backward(&camera, &weights(&camera), &mut shared, &mut by_feature);
     let mut out = Gaussians::zeros(g.len());
     prepared.parameter_gradients(g, &shared, &mut out);
     for i in 0..g.len() {
