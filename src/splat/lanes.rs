@@ -47,6 +47,8 @@ pub trait Lanes: Copy {
     fn mul_add(self, a: Self::Numbers, b: Self::Numbers, c: Self::Numbers) -> Self::Numbers;
     /// The lesser.
     fn min(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    /// The greater.
+    fn max(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
     /// Two to a power between -126 and 126; anything, but no trap, beyond.
     fn exp2(self, a: Self::Numbers) -> Self::Numbers;
     /// Sum of the lanes, in an order that only depends on the processor.
@@ -105,6 +107,12 @@ impl<L: Lanes> Row<L> {
     #[inline(always)]
     pub fn min(self, b: Self) -> Self {
         Self { numbers: self.lanes.min(self.numbers, b.numbers), ..self }
+    }
+
+    /// The greater, lane by lane.
+    #[inline(always)]
+    pub fn max(self, b: Self) -> Self {
+        Self { numbers: self.lanes.max(self.numbers, b.numbers), ..self }
     }
 
     /// `self / b`.
@@ -290,6 +298,10 @@ impl<S: Simd, const N: usize> Lanes for Registers<S, N> {
         each!(k: self.0.min_f32s(a[k], b[k]))
     }
     #[inline(always)]
+    fn max(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers {
+        each!(k: self.0.max_f32s(a[k], b[k]))
+    }
+    #[inline(always)]
     fn exp2(self, a: Self::Numbers) -> Self::Numbers {
         each!(k: exp2(self.0, a[k]))
     }
@@ -389,6 +401,9 @@ impl Lanes for Exact {
     }
     fn min(self, a: [f64; LANES], b: [f64; LANES]) -> [f64; LANES] {
         std::array::from_fn(|i| a[i].min(b[i]))
+    }
+    fn max(self, a: [f64; LANES], b: [f64; LANES]) -> [f64; LANES] {
+        std::array::from_fn(|i| a[i].max(b[i]))
     }
     fn exp2(self, a: [f64; LANES]) -> [f64; LANES] {
         a.map(f64::exp2)

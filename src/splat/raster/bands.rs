@@ -11,6 +11,8 @@ pub(super) struct Entry<T, const C: usize> {
     pub feature: [T; C],
     /// The pair's slot within the band.
     pub slot: u32,
+    /// The tile's blocks that the ellipse touches, as bits; set by the forward pass.
+    pub blocks: u32,
 }
 
 /// Tile lists and gradient slots of one band.
@@ -49,7 +51,7 @@ impl<T: Real, const C: usize> Band<T, C> {
         for t in 0..tiles {
             self.tile_starts[t + 1] += self.tile_starts[t];
         }
-        let empty = Entry { footprint: Footprint::default(), feature: [T::zero(); C], slot: 0 };
+        let empty = Entry { footprint: Footprint::default(), feature: [T::zero(); C], slot: 0, blocks: 0 };
         self.entries.resize(slot as usize, empty);
         let mut slot = 0;
         for chunk in chunks {
@@ -58,7 +60,7 @@ impl<T: Real, const C: usize> Band<T, C> {
                 let feature = features[footprint.rank as usize];
                 for tile in span.first..=span.last {
                     let at = &mut self.tile_starts[usize::from(tile)];
-                    self.entries[*at as usize] = Entry { footprint, feature, slot };
+                    self.entries[*at as usize] = Entry { footprint, feature, slot, blocks: 0 };
                     *at += 1;
                     slot += 1;
                 }
@@ -74,6 +76,12 @@ impl<T: Real, const C: usize> Band<T, C> {
     #[inline(always)]
     pub fn tile(&self, tile: usize) -> &[Entry<T, C>] {
         &self.entries[self.tile_starts[tile] as usize..self.tile_starts[tile + 1] as usize]
+    }
+
+    /// As [`Band::tile`], to be changed.
+    #[inline(always)]
+    pub fn tile_mut(&mut self, tile: usize) -> &mut [Entry<T, C>] {
+        &mut self.entries[self.tile_starts[tile] as usize..self.tile_starts[tile + 1] as usize]
     }
 
     /// Number of (splat, tile) pairs.

@@ -12,7 +12,6 @@ use super::project::Footprint;
 use super::{ALPHA_CUT, ALPHA_MAX, SATURATED};
 use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Row, splat_each, sum_each};
 use crate::splat::real::Real;
-use num_traits::Float;
 use std::ops::Range;
 
 /// Side of a tile, pixels.
@@ -22,15 +21,6 @@ const SIDE: usize = 4;
 /// Blocks along a tile.
 const ACROSS: usize = TILE / SIDE;
 const BLOCKS: usize = ACROSS * ACROSS;
-
-/// What both passes read.
-pub(super) struct View<'a, T, const C: usize> {
-    pub band: &'a Band<T, C>,
-    /// Which band of the image it is.
-    pub index: usize,
-    /// Columns of the image.
-    pub width: usize,
-}
 
 /// Derivatives of the loss by one splat as one tile sees it.
 #[derive(Clone, Copy, Debug)]
@@ -105,61 +95,69 @@ impl Frame {
     }
 }
 
-/// A splat as a tile's pixels see it.
+/// A splat's binary exponent of alpha, `log2_opacity + a dx² + b dx dy + c dy²`.
 struct Stamp<L: Lanes> {
-    /// Offsets of the tile's first block's pixels from the splat's centre.
-    dx: Row<L>,
-    dy: Row<L>,
-    /// The binary exponent is `log2_opacity + a dx² + b dx dy + c dy²`.
+    /// Offset of the tile's first pixel from the splat's centre.
+    origin: [Row<L>; 2],
     quadratic: [Row<L>; 3],
     log2_opacity: Row<L>,
-    /// Blocks that the ellipse's bounding box touches, as bits.
-    blocks: u32,
 }
 
 impl<L: Lanes> Stamp<L> {
     #[inline(always)]
-    fn new(lanes: L, [x, y]: [Row<L>; 2], f: &Footprint<L::Number>, tile: usize, band: usize) -> Self {
+    fn new(lanes: L, f: &Footprint<L::Number>, tile: usize, band: usize) -> Self {
         let of = L::Number::of;
-        let origin = [of((tile * TILE) as f64) - f.mean[0], of((band * TILE) as f64) - f.mean[1]];
         let log2_e = of(std::f64::consts::LOG2_E);
         let half = of(-0.5) * log2_e;
-        // Blocks from the one that holds the first pixel to the one that holds the last.
-        let touched = |k: usize| {
-            let (zero, last, inverse) = (of(0.0), of((ACROSS - 1) as f64), of(1.0 / SIDE as f64));
-            let first = ((-origin[k] - f.half_size[k]).ceil() * inverse).max(zero).min(last);
-            let end = ((-origin[k] + f.half_size[k]).floor() * inverse).max(zero).min(last);
-            (first.small(), end.small())
-        };
-        let ((left, right), (top, bottom)) = (touched(0), touched(1));
-        let row = (2u32 << right) - (1 << left);
-        let rows = (0x1111 << (4 * top)) & (0xFFFF >> (4 * (3 - bottom)));
         Self {
-            dx: x + Row::splat(lanes, origin[0]),
-            dy: y + Row::splat(lanes, origin[1]),
+            origin: splat_each(
+                lanes,
+                [of((tile * TILE) as f64) - f.mean[0], of((band * TILE) as f64) - f.mean[1]],
+            ),
             quadratic: splat_each(lanes, [half * f.conic[0], -log2_e * f.conic[1], half * f.conic[2]]),
             log2_opacity: Row::splat(lanes, f.log2_opacity),
-            blocks: row * rows,
         }
     }
 
-    /// Binary logarithm of a block's alphas, and the offsets of its pixels from the centre.
     #[inline(always)]
-    fn exponent(&self, shift: [Row<L>; 2]) -> (Row<L>, Row<L>, Row<L>) {
-        let (dx, dy) = (self.dx + shift[0], self.dy + shift[1]);
+    fn exponent(&self, dx: Row<L>, dy: Row<L>) -> Row<L> {
         let [a, b, c] = self.quadratic;
-        let along = a.mul_add(dx, b * dy);
-        (along.mul_add(dx, (c * dy).mul_add(dy, self.log2_opacity)), dx, dy)
+        a.mul_add(dx, b * dy).mul_add(dx, (c * dy).mul_add(dy, self.log2_opacity))
+    }
+
+    /// The blocks that the ellipse touches, as bits: each lane looks at a block.
+    ///
+    /// The exponent's maximum over a block lies where it is greatest on one of the lines through the column, or the
+    /// row, that is nearest to the centre.
+    #[inline(always)]
+    fn blocks(&self, k: &Constants<L>) -> u32 {
+        let [a, b, c] = self.quadratic;
+        let (left, top) = (self.origin[0] + k.blocks[0], self.origin[1] + k.blocks[1]);
+        let (right, bottom) = (left + k.last, top + k.last);
+        let (x, y) = (left.max(k.zero).min(right), top.max(k.zero).min(bottom));
+        let (down, along) = (k.minus_half * b.over(c), k.minus_half * b.over(a));
+        let in_column = self.exponent(x, (down * x).max(top).min(bottom));
+        let in_row = self.exponent((along * y).max(left).min(right), y);
+        k.bits.keep(in_column.max(in_row).at_least(k.cut_with_margin)).sum().small()
     }
 }
 
 /// What the kernels compute with: constants in registers.
 struct Constants<L: Lanes> {
     /// Columns and rows of a block's pixels.
-    offsets: [Row<L>; 2],
+    pixels: [Row<L>; 2],
+    /// First column and row of every block, in a lane each.
+    blocks: [Row<L>; 2],
+    /// Last column and row of a block.
+    last: Row<L>,
+    /// Powers of two.
+    bits: Row<L>,
     /// Columns (rows) of blocks.
     shifts: [Row<L>; ACROSS],
     cut: Row<L>,
+    /// As `cut`, but rounding must not lose a block.
+    cut_with_margin: Row<L>,
+    minus_half: Row<L>,
     saturated: Row<L>,
     alpha_max: Row<L>,
     zero: Row<L>,
@@ -173,9 +171,14 @@ impl<L: Lanes> Constants<L> {
         let offset =
             |f: fn(usize) -> usize| Row::load(lanes, &std::array::from_fn(|i| L::Number::of(f(i) as f64)));
         Self {
-            offsets: [offset(|i| i % SIDE), offset(|i| i / SIDE)],
+            pixels: [offset(|i| i % SIDE), offset(|i| i / SIDE)],
+            blocks: [offset(|i| i % ACROSS * SIDE), offset(|i| i / ACROSS * SIDE)],
+            last: splat((SIDE - 1) as f64),
+            bits: offset(|i| 1 << i),
             shifts: std::array::from_fn(|k| splat((k * SIDE) as f64)),
             cut: splat(ALPHA_CUT.log2()),
+            cut_with_margin: splat(ALPHA_CUT.log2() - 0.01),
+            minus_half: splat(-0.5),
             saturated: splat(SATURATED),
             alpha_max: splat(ALPHA_MAX),
             zero: splat(0.0),
@@ -183,9 +186,11 @@ impl<L: Lanes> Constants<L> {
         }
     }
 
+    /// Offsets of a block's pixels from the splat's centre.
     #[inline(always)]
-    fn shift(&self, block: usize) -> [Row<L>; 2] {
-        [self.shifts[block % ACROSS], self.shifts[block / ACROSS % ACROSS]]
+    fn offsets(&self, stamp: &Stamp<L>, block: usize) -> (Row<L>, Row<L>) {
+        let shift = |axis: usize, k: usize| self.pixels[axis] + self.shifts[k % ACROSS];
+        (stamp.origin[0] + shift(0, block), stamp.origin[1] + shift(1, block / ACROSS))
     }
 }
 
@@ -201,16 +206,18 @@ fn each(mut blocks: u32) -> impl Iterator<Item = usize> {
     })
 }
 
-impl<T: Real, const C: usize> View<'_, T, C> {
-    fn frames(&self, height: usize) -> impl Iterator<Item = Frame> {
-        let width = self.width;
-        (0..width.div_ceil(TILE)).map(move |tile| Frame { tile, width, height })
-    }
+/// The tiles of a band.
+fn frames(width: usize, height: usize) -> impl Iterator<Item = Frame> {
+    (0..width.div_ceil(TILE)).map(move |tile| Frame { tile, width, height })
 }
 
 /// Renders a band into `out`: rows of `C` features and the transmittance.
 pub(super) struct Forward<'a, T, const C: usize> {
-    pub view: View<'a, T, C>,
+    pub band: &'a mut Band<T, C>,
+    /// Which band of the image it is.
+    pub index: usize,
+    /// Columns of the image.
+    pub width: usize,
     pub background: [T; C],
     pub out: &'a mut [T],
 }
@@ -218,28 +225,29 @@ pub(super) struct Forward<'a, T, const C: usize> {
 impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        let Self { view, background, out } = self;
+        let Self { band, index, width, background, out } = self;
         let k = Constants::new(lanes);
         let background = splat_each(lanes, background);
-        for frame in view.frames(out.len() / ((C + 1) * view.width)) {
+        for frame in frames(width, out.len() / ((C + 1) * width)) {
             let mut transmittance = [k.one; BLOCKS];
             let mut color = [[k.zero; C]; BLOCKS];
+            for entry in band.tile_mut(frame.tile) {
+                entry.blocks = Stamp::new(lanes, &entry.footprint, frame.tile, index).blocks(&k);
+            }
             let mut live = frame.blocks();
-            for entry in view.band.tile(frame.tile) {
-                let stamp = Stamp::new(lanes, k.offsets, &entry.footprint, frame.tile, view.index);
+            for entry in band.tile(frame.tile) {
+                let stamp = Stamp::new(lanes, &entry.footprint, frame.tile, index);
                 let feature = splat_each(lanes, entry.feature);
-                for b in each(live & stamp.blocks) {
+                for b in each(live & entry.blocks) {
                     let t = transmittance[b];
                     let open = t.at_least(k.saturated);
                     if !open.any() {
                         live &= !(1 << b);
                         continue;
                     }
-                    let (exponent, ..) = stamp.exponent(k.shift(b));
+                    let (dx, dy) = k.offsets(&stamp, b);
+                    let exponent = stamp.exponent(dx, dy);
                     let visible = exponent.at_least(k.cut).and(open);
-                    if !visible.any() {
-                        continue;
-                    }
                     let alpha = exponent.exp2().min(k.alpha_max).keep(visible);
                     let weight = t * alpha;
                     transmittance[b] = t - weight;
@@ -264,7 +272,11 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
 
 /// Fills a band's slots from the derivatives by its pixels.
 pub(super) struct Backward<'a, T, const C: usize> {
-    pub view: View<'a, T, C>,
+    pub band: &'a Band<T, C>,
+    /// Which band of the image it is.
+    pub index: usize,
+    /// Columns of the image.
+    pub width: usize,
     /// The band as it was rendered.
     pub image: &'a [T],
     pub by_pixel: &'a [T],
@@ -274,9 +286,9 @@ pub(super) struct Backward<'a, T, const C: usize> {
 impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        let Self { view, image, by_pixel, slots } = self;
+        let Self { band, index, width, image, by_pixel, slots } = self;
         let k = Constants::new(lanes);
-        for frame in view.frames(by_pixel.len() / (C * view.width)) {
+        for frame in frames(width, by_pixel.len() / (C * width)) {
             let mut transmittance = [k.one; BLOCKS];
             let mut behind = [k.zero; BLOCKS];
             let mut by_color = [[k.zero; C]; BLOCKS];
@@ -288,24 +300,22 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
                 }
             }
             let mut live = frame.blocks();
-            let mut entries = view.band.tile(frame.tile).iter();
+            let mut entries = band.tile(frame.tile).iter();
             for entry in entries.by_ref() {
-                let stamp = Stamp::new(lanes, k.offsets, &entry.footprint, frame.tile, view.index);
+                let stamp = Stamp::new(lanes, &entry.footprint, frame.tile, index);
                 let feature = splat_each(lanes, entry.feature);
                 let mut moments = Moments::new(k.zero);
                 let mut by_feature = [k.zero; C];
-                for b in each(live & stamp.blocks) {
+                for b in each(live & entry.blocks) {
                     let t = transmittance[b];
                     let open = t.at_least(k.saturated);
                     if !open.any() {
                         live &= !(1 << b);
                         continue;
                     }
-                    let (exponent, dx, dy) = stamp.exponent(k.shift(b));
+                    let (dx, dy) = k.offsets(&stamp, b);
+                    let exponent = stamp.exponent(dx, dy);
                     let visible = exponent.at_least(k.cut).and(open);
-                    if !visible.any() {
-                        continue;
-                    }
                     let unlimited = exponent.exp2().keep(visible);
                     let alpha = unlimited.min(k.alpha_max);
                     let weight = t * alpha;

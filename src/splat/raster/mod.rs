@@ -70,8 +70,7 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
         let rows = self.image.data.par_chunks_mut(TILE * (C + 1) * width);
         rows.zip(&mut self.bands).enumerate().for_each(|(index, (out, band))| {
             band.bin(chunks, features, index, tiles);
-            let view = kernel::View { band, index, width };
-            T::dispatch(kernel::Forward { view, background, out });
+            T::dispatch(kernel::Forward { band, index, width, background, out });
         });
         &self.image
     }
@@ -98,8 +97,7 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
             |(index, (band, (image, by_pixel)))| {
                 let mut slots = std::mem::take(&mut band.slots);
                 slots.resize(band.slot_count(), kernel::SlotGradient::default());
-                let view = kernel::View { band, index, width };
-                T::dispatch(kernel::Backward { view, image, by_pixel, slots: &mut slots });
+                T::dispatch(kernel::Backward { band, index, width, image, by_pixel, slots: &mut slots });
                 band.slots = slots;
             },
         );

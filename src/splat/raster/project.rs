@@ -41,8 +41,6 @@ pub(super) struct Footprint<T> {
     pub conic: [T; 3],
     /// Binary logarithm of the opacity.
     pub log2_opacity: T,
-    /// Half width and height of the ellipse at the alpha cut-off, pixels.
-    pub half_size: [T; 2],
     /// Rank of the splat.
     pub rank: u32,
 }
@@ -109,7 +107,6 @@ impl<T: Real> Chunk<T> {
                     mean: ellipse.mean,
                     conic: ellipse.conic,
                     log2_opacity: prepared.splats[rank].opacity.log2(),
-                    half_size: ellipse.half_size,
                     rank: rank as u32,
                 });
             }
