@@ -3,6 +3,7 @@
 //! `pixel = (s + (1 - s) κ) ⊙ (W rgb + t)` with `s` the share of sunlight; `W`, `t`, `κ` belong to the view.
 
 use super::real::Real;
+use std::ops::{Add, Mul, Sub};
 
 /// One view's radiometry.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -19,31 +20,41 @@ impl<T: Real> Default for Appearance<T> {
     }
 }
 
-impl<T: Real> Appearance<T> {
+/// For a pixel, or for sixteen with a row of lanes as the number.
+impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<Output = T>> Appearance<T> {
     /// `W rgb + t`.
     #[inline(always)]
     pub fn sunlit(&self, rgb: [T; 3]) -> [T; 3] {
         let v = &self.values;
-        std::array::from_fn(|i| v[3 * i] * rgb[0] + v[3 * i + 1] * rgb[1] + v[3 * i + 2] * rgb[2] + v[9 + i])
+        let mut out = rgb;
+        for i in 0..3 {
+            out[i] = v[3 * i] * rgb[0] + v[3 * i + 1] * rgb[1] + v[3 * i + 2] * rgb[2] + v[9 + i];
+        }
+        out
     }
 
     /// The share of the sunlit colour that is left at sunlight `s`.
     #[inline(always)]
     pub fn dimming(&self, s: T) -> [T; 3] {
-        std::array::from_fn(|i| s + (T::one() - s) * self.values[12 + i])
+        let mut out = [s; 3];
+        for i in 0..3 {
+            out[i] = s + self.values[12 + i] - s * self.values[12 + i];
+        }
+        out
     }
 
     /// Derivatives by `rgb` and `s` from those by the pixel; adds those by the radiometry to `by_values`.
     #[inline(always)]
     pub fn backward(&self, rgb: [T; 3], s: T, by_pixel: [T; 3], by_values: &mut [T; 15]) -> ([T; 3], T) {
         let (sunlit, dimming) = (self.sunlit(rgb), self.dimming(s));
-        let mut by_rgb = [T::zero(); 3];
-        let mut by_s = T::zero();
+        let zero = s - s;
+        let mut by_rgb = [zero; 3];
+        let mut by_s = zero;
         for i in 0..3 {
             let by_sunlit = by_pixel[i] * dimming[i];
             let by_dimming = by_pixel[i] * sunlit[i];
-            by_s = by_s + by_dimming * (T::one() - self.values[12 + i]);
-            by_values[12 + i] = by_values[12 + i] + by_dimming * (T::one() - s);
+            by_s = by_s + by_dimming - by_dimming * self.values[12 + i];
+            by_values[12 + i] = by_values[12 + i] + by_dimming - by_dimming * s;
             by_values[9 + i] = by_values[9 + i] + by_sunlit;
             for k in 0..3 {
                 by_values[3 * i + k] = by_values[3 * i + k] + by_sunlit * rgb[k];

@@ -43,6 +43,8 @@ pub trait Lanes: Copy {
     fn mul(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
     /// `a / b`.
     fn div(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    /// `1 / a` to the last bit or two.
+    fn reciprocal(self, a: Self::Numbers) -> Self::Numbers;
     /// `a b + c`, fused where that is fast.
     fn mul_add(self, a: Self::Numbers, b: Self::Numbers, c: Self::Numbers) -> Self::Numbers;
     /// The lesser.
@@ -51,6 +53,8 @@ pub trait Lanes: Copy {
     fn max(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
     /// Two to a power between -126 and 126; anything, but no trap, beyond.
     fn exp2(self, a: Self::Numbers) -> Self::Numbers;
+    /// Binary logarithm of positive numbers.
+    fn log2(self, a: Self::Numbers) -> Self::Numbers;
     /// Sum of the lanes, in an order that only depends on the processor.
     fn sum(self, a: Self::Numbers) -> Self::Number;
     /// `a >= b`.
@@ -91,10 +95,28 @@ impl<L: Lanes> Row<L> {
         Self { lanes, numbers: lanes.load(values) }
     }
 
+    /// From a slice's place on; zero beyond its end.
+    #[inline(always)]
+    pub fn load_from(lanes: L, slice: &[L::Number], start: usize) -> Self {
+        match slice[start..].first_chunk() {
+            Some(values) => Self::load(lanes, values),
+            None => Self::load(lanes, &load_end(&slice[start..])),
+        }
+    }
+
     /// To memory.
     #[inline(always)]
     pub fn store(self) -> [L::Number; LANES] {
         self.lanes.store(self.numbers)
+    }
+
+    /// Into a slice, as far as it goes.
+    #[inline(always)]
+    pub fn store_to(self, slice: &mut [L::Number], start: usize) {
+        match slice[start..].first_chunk_mut() {
+            Some(values) => *values = self.store(),
+            None => store_end(&mut slice[start..], &self.store()),
+        }
     }
 
     /// `self * b + c`.
@@ -121,10 +143,22 @@ impl<L: Lanes> Row<L> {
         Self { numbers: self.lanes.div(self.numbers, b.numbers), ..self }
     }
 
+    /// One over this, to the last bit or two: faster than to divide.
+    #[inline(always)]
+    pub fn reciprocal(self) -> Self {
+        Self { numbers: self.lanes.reciprocal(self.numbers), ..self }
+    }
+
     /// Two to this power.
     #[inline(always)]
     pub fn exp2(self) -> Self {
         Self { numbers: self.lanes.exp2(self.numbers), ..self }
+    }
+
+    /// Binary logarithm.
+    #[inline(always)]
+    pub fn log2(self) -> Self {
+        Self { numbers: self.lanes.log2(self.numbers), ..self }
     }
 
     /// Sum of the lanes.
@@ -144,6 +178,21 @@ impl<L: Lanes> Row<L> {
     pub fn keep(self, mask: Mask<L>) -> Self {
         Self { numbers: self.lanes.keep(mask.truths, self.numbers), ..self }
     }
+}
+
+/// Not inlined, so that loops over whole rows keep their registers.
+#[cold]
+#[inline(never)]
+fn load_end<T: Real>(end: &[T]) -> [T; LANES] {
+    let mut values = [T::zero(); LANES];
+    values[..end.len()].copy_from_slice(end);
+    values
+}
+
+#[cold]
+#[inline(never)]
+fn store_end<T: Real>(end: &mut [T], values: &[T; LANES]) {
+    end.copy_from_slice(&values[..end.len()]);
 }
 
 /// Each of some numbers in every lane.
@@ -220,24 +269,60 @@ impl Lanewise for f32 {
     fn dispatch(kernel: impl Kernel<f32>) {
         match pulp::Arch::new() {
             #[cfg(target_arch = "x86_64")]
-            pulp::Arch::V4(s) => Simd::vectorize(s, Compiled::<_, 1>(kernel)),
+            pulp::Arch::V4(s) => s.vectorize(Compiled::<_, _, 1>(s, kernel)),
             #[cfg(target_arch = "x86_64")]
-            pulp::Arch::V3(s) => Simd::vectorize(s, Compiled::<_, 2>(kernel)),
+            pulp::Arch::V3(s) => s.vectorize(Compiled::<_, _, 2>(s, kernel)),
             #[cfg(target_arch = "aarch64")]
-            pulp::Arch::Neon(s) => Simd::vectorize(s, Compiled::<_, 4>(kernel)),
+            pulp::Arch::Neon(s) => s.vectorize(Compiled::<_, _, 4>(s, kernel)),
             _ => kernel.run(Registers::<_, LANES>(pulp::Scalar::new())),
         }
     }
 }
 
 /// A kernel within the instructions' reach.
-struct Compiled<K, const N: usize>(K);
+struct Compiled<S, K, const N: usize>(S, K);
 
-impl<K: Kernel<f32>, const N: usize> pulp::WithSimd for Compiled<K, N> {
+impl<S: Processor, K: Kernel<f32>, const N: usize> pulp::NullaryFnOnce for Compiled<S, K, N> {
     type Output = ();
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        self.0.run(Registers::<S, N>(simd));
+    fn call(self) {
+        self.1.run(Registers::<S, N>(self.0));
+    }
+}
+
+/// What `pulp` has no common name for.
+trait Processor: Simd {
+    /// `1 / a`, from the processor's estimate where it has one, by a step of Newton's.
+    #[inline(always)]
+    fn reciprocal(self, a: Self::f32s) -> Self::f32s {
+        self.div_f32s(self.splat_f32s(1.0), a)
+    }
+
+    #[inline(always)]
+    fn refine(self, estimate: Self::f32s, a: Self::f32s) -> Self::f32s {
+        let error = self.negate_mul_add_e_f32s(estimate, a, self.splat_f32s(1.0));
+        self.mul_add_e_f32s(estimate, error, estimate)
+    }
+}
+
+impl Processor for pulp::Scalar {}
+
+#[cfg(target_arch = "aarch64")]
+impl Processor for pulp::aarch64::Neon {}
+
+#[cfg(target_arch = "x86_64")]
+impl Processor for pulp::x86::V3 {
+    #[inline(always)]
+    fn reciprocal(self, a: Self::f32s) -> Self::f32s {
+        self.refine(pulp::cast(self.avx._mm256_rcp_ps(pulp::cast(a))), a)
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Processor for pulp::x86::V4 {
+    #[inline(always)]
+    fn reciprocal(self, a: Self::f32s) -> Self::f32s {
+        self.refine(pulp::cast(self.avx512f._mm512_rcp14_ps(pulp::cast(a))), a)
     }
 }
 
@@ -253,7 +338,7 @@ macro_rules! each {
     }};
 }
 
-impl<S: Simd, const N: usize> Lanes for Registers<S, N> {
+impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
     type Number = f32;
     type Numbers = [S::f32s; N];
     type Truths = [S::m32s; N];
@@ -290,6 +375,10 @@ impl<S: Simd, const N: usize> Lanes for Registers<S, N> {
         each!(k: self.0.div_f32s(a[k], b[k]))
     }
     #[inline(always)]
+    fn reciprocal(self, a: Self::Numbers) -> Self::Numbers {
+        each!(k: self.0.reciprocal(a[k]))
+    }
+    #[inline(always)]
     fn mul_add(self, a: Self::Numbers, b: Self::Numbers, c: Self::Numbers) -> Self::Numbers {
         each!(k: self.0.mul_add_e_f32s(a[k], b[k], c[k]))
     }
@@ -304,6 +393,10 @@ impl<S: Simd, const N: usize> Lanes for Registers<S, N> {
     #[inline(always)]
     fn exp2(self, a: Self::Numbers) -> Self::Numbers {
         each!(k: exp2(self.0, a[k]))
+    }
+    #[inline(always)]
+    fn log2(self, a: Self::Numbers) -> Self::Numbers {
+        each!(k: log2(self.0, a[k]))
     }
     #[inline(always)]
     fn sum(self, a: Self::Numbers) -> f32 {
@@ -360,6 +453,31 @@ fn exp2<S: Simd>(s: S, a: S::f32s) -> S::f32s {
     s.transmute_f32s_u32s(s.add_u32s(s.transmute_u32s_f32s(p), power))
 }
 
+/// Binary logarithm of positive normal numbers, error below 3e-7 or 3e-7 of it: the power by the exponent bits, the
+/// mantissa `m` in [√½, √2] by the series of the inverse hyperbolic tangent of `(m - 1) / (m + 1)`.
+#[inline(always)]
+fn log2<S: Simd>(s: S, a: S::f32s) -> S::f32s {
+    const ROOT_HALF: u32 = std::f32::consts::FRAC_1_SQRT_2.to_bits();
+    // Bits of 2^23, whose last place is one.
+    const ONES: u32 = 0x4B00_0000;
+    let bits = s.add_u32s(s.transmute_u32s_f32s(a), s.splat_u32s(1f32.to_bits() - ROOT_HALF));
+    let power = s.wrapping_dyn_shr_u32s(bits, s.splat_u32s(23));
+    let mantissa = s.add_u32s(s.and_u32s(bits, s.splat_u32s(0x007F_FFFF)), s.splat_u32s(ROOT_HALF));
+    let m = s.transmute_f32s_u32s(mantissa);
+    let whole = s.sub_f32s(
+        s.transmute_f32s_u32s(s.or_u32s(power, s.splat_u32s(ONES))),
+        s.splat_f32s(8_388_608.0 + 127.0),
+    );
+    let one = s.splat_f32s(1.0);
+    let t = s.div_f32s(s.sub_f32s(m, one), s.add_f32s(m, one));
+    let t2 = s.mul_f32s(t, t);
+    let mut p = s.splat_f32s(1.0 / 9.0);
+    for k in [7.0, 5.0, 3.0, 1.0] {
+        p = s.mul_add_e_f32s(p, t2, s.splat_f32s(1.0 / k));
+    }
+    s.mul_add_e_f32s(s.mul_f32s(p, t), s.splat_f32s(2.0 * std::f32::consts::LOG2_E), whole)
+}
+
 /// f64 in an array: gradients are checked with it.
 #[derive(Clone, Copy)]
 struct Exact;
@@ -396,6 +514,9 @@ impl Lanes for Exact {
     fn div(self, a: [f64; LANES], b: [f64; LANES]) -> [f64; LANES] {
         std::array::from_fn(|i| a[i] / b[i])
     }
+    fn reciprocal(self, a: [f64; LANES]) -> [f64; LANES] {
+        a.map(f64::recip)
+    }
     fn mul_add(self, a: [f64; LANES], b: [f64; LANES], c: [f64; LANES]) -> [f64; LANES] {
         std::array::from_fn(|i| a[i] * b[i] + c[i])
     }
@@ -407,6 +528,9 @@ impl Lanes for Exact {
     }
     fn exp2(self, a: [f64; LANES]) -> [f64; LANES] {
         a.map(f64::exp2)
+    }
+    fn log2(self, a: [f64; LANES]) -> [f64; LANES] {
+        a.map(f64::log2)
     }
     fn sum(self, a: [f64; LANES]) -> f64 {
         a.iter().sum()
@@ -422,5 +546,42 @@ impl Lanes for Exact {
     }
     fn keep(self, truths: [bool; LANES], a: [f64; LANES]) -> [f64; LANES] {
         std::array::from_fn(|i| if truths[i] { a[i] } else { 0.0 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Compare;
+
+    impl Kernel<f32> for Compare {
+        fn run<L: Lanes<Number = f32>>(self, lanes: L) {
+            for i in -1200..1200 {
+                let x = i as f32 * 0.01;
+                let exact = f64::from(x).exp2();
+                let power = Row::splat(lanes, x).exp2();
+                assert!((f64::from(power.store()[3]) - exact).abs() < 3e-7 * exact, "{x}");
+                let y = power.store()[5];
+                let error = (f64::from(power.log2().store()[7]) - f64::from(y).log2()).abs();
+                assert!(error < 3e-7 * f64::from(x.abs().max(1.0)), "{x}: {error:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn exponentials_and_logarithms_are_within_3e7() {
+        f32::dispatch(Compare);
+        Compare.run(Registers::<_, LANES>(pulp::Scalar::new()));
+    }
+
+    #[test]
+    fn slices_are_read_and_written_to_their_end() {
+        let values: Vec<f64> = (0..20).map(f64::from).collect();
+        let tail = Row::load_from(Exact, &values, 17);
+        assert_eq!(tail.store()[..4], [17.0, 18.0, 19.0, 0.0]);
+        let mut out = [0.0; 18];
+        tail.store_to(&mut out, 16);
+        assert_eq!(out[15..], [0.0, 17.0, 18.0]);
     }
 }

@@ -3,6 +3,7 @@
 
 use super::raster::Layers;
 use super::real::Real;
+use std::ops::Range;
 
 /// How a view's pixels reach another image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,7 +23,26 @@ pub struct Place<T> {
     part: [T; 2],
 }
 
+/// Some rows of an image.
+#[derive(Debug, Default)]
+pub struct Window<T> {
+    /// Row of the image that is the first.
+    pub first_row: usize,
+    /// The rows.
+    pub layers: Layers<T>,
+}
+
 impl<T: Real> Lookup<T> {
+    /// Rows of an image `height` high that pixels of `rows` at altitudes `low..=high` are looked up in.
+    pub fn rows(&self, rows: Range<usize>, (low, high): (T, T), height: usize) -> Range<usize> {
+        let [a, b] = [low, high].map(|z| self.shear[1] * z + self.origin[1]);
+        // A row more on either side, for rounding.
+        let first = T::of(rows.start as f64 - 1.0) - a.max(b);
+        let end = T::of(rows.end as f64 + 2.0) - a.min(b);
+        let inside = |row: T| row.max(T::zero()).min(T::of(height as f64)).small() as usize;
+        inside(first)..inside(end).max(inside(first))
+    }
+
     /// Where a pixel at an altitude lies in `image`, unless outside.
     #[inline(always)]
     pub fn place(&self, col: usize, row: usize, altitude: T, image: &Layers<T>) -> Option<Place<T>> {
@@ -33,7 +53,7 @@ impl<T: Real> Lookup<T> {
             return None;
         }
         let (c, r) = (x.floor(), y.floor());
-        Some(Place { col: c.to_usize()?, row: r.to_usize()?, part: [x - c, y - r] })
+        Some(Place { col: c.small() as usize, row: r.small() as usize, part: [x - c, y - r] })
     }
 
     /// Derivative of a looked-up value by the altitude, from its slopes by column and row.
@@ -58,13 +78,14 @@ impl<T: Real> Place<T> {
 
     /// Adds a derivative by the value to those by the four pixels.
     #[inline(always)]
-    pub fn scatter(&self, by_image: &mut Layers<T>, channel: usize, by_value: T) {
+    pub fn scatter(&self, by: &mut Window<T>, channel: usize, by_value: T) {
         let [x, y] = self.part;
         let one = T::one();
+        let row = self.row - by.first_row;
         for (dc, dr, weight) in
             [(0, 0, (one - x) * (one - y)), (1, 0, x * (one - y)), (0, 1, (one - x) * y), (1, 1, x * y)]
         {
-            let v = by_image.at_mut(channel, self.col + dc, self.row + dr);
+            let v = by.layers.at_mut(channel, self.col + dc, row + dr);
             *v = *v + weight * by_value;
         }
     }

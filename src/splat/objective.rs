@@ -7,13 +7,14 @@
 
 use super::appearance::Appearance;
 use super::gaussians::{Gaussians, SH_C0, sigmoid};
-use super::lanes::Lanewise;
-use super::lookup::Lookup;
+use super::lanes::{Kernel, LANES, Lanes, Lanewise, Row, splat_each, sum_each};
+use super::lookup::{Lookup, Window};
 use super::raster::{FrameCamera, Layers, Prepared, Rasterizer, SplatGradient};
 use super::real::Real;
-use super::ssim::{Photometric, Rows, Similarity};
+use super::ssim::{Photometric, Similarity};
 use crate::affine::AffineCamera;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Extinction of sunlight per metre that the sun sees something higher (EOGS: fixed).
 const SHADOW_RATE_PER_M: f64 = 0.4;
@@ -21,8 +22,8 @@ const SHADOW_RATE_PER_M: f64 = 0.4;
 const SAME_SURFACE_M: f64 = 0.30;
 /// Shares of sunlight nearer to 0 or 1 have no entropy (EOGS).
 const ENTROPY_CLIP: f64 = 0.05;
-/// Runs of rows that scatter into buffers of their own; fixed, so that sums do not depend on the threads.
-const STRIPES: usize = 4;
+/// Runs of rows that scatter into windows of their own; fixed, so that sums do not depend on the threads.
+const STRIPES: usize = 8;
 
 /// What the loss weighs (EOGS's names in brackets).
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -126,19 +127,24 @@ pub struct Objective<T: Real> {
     by_feature: Vec<[T; 4]>,
     by_altitude: Vec<[T; 1]>,
     by_shared: Vec<SplatGradient<T>>,
+    /// Share of sunlight, and the derivative of its entropy.
     sunlight: Layers<T>,
     picture: Layers<T>,
     photometric: Photometric<T>,
     by_view: Layers<T>,
+    by_sun: Layers<T>,
+    by_virtual: Layers<T>,
     stripes: Vec<Stripe<T>>,
 }
 
 /// What a run of rows scatters, and sums.
 #[derive(Default)]
 struct Stripe<T> {
-    by_sun: Layers<T>,
-    by_virtual: Layers<T>,
+    by_sun: Window<T>,
+    by_virtual: Window<T>,
     appearance: [T; 15],
+    entropy: f64,
+    agreement: Agreement,
 }
 
 /// Sums over pixels that see the same surface in the virtual view.
@@ -149,7 +155,7 @@ struct Agreement {
     color: f64,
 }
 
-impl<T: Lanewise + Rows> Objective<T> {
+impl<T: Lanewise> Objective<T> {
     /// The loss of one shot; its gradient goes to `gradient`.
     pub fn evaluate(
         &mut self,
@@ -170,22 +176,22 @@ impl<T: Lanewise + Rows> Objective<T> {
             self.virtual_view.render(&self.prepared, &self.features, &virtual_view.camera, background);
         }
 
-        let entropy = self.compose(appearance, shot);
-        let agreement = self.agreement(shot);
+        self.compose(appearance, shot);
         let (similarity, _) = self.photometric.compare(&self.picture, shot.truth);
-        self.pixels_backward(appearance, shot, weights, agreement);
+        self.pixels_backward(appearance, shot, weights, gradient);
         self.splats_backward(gaussians, shot, weights, gradient);
 
         let pixels = (shot.camera.width * shot.camera.height) as f64;
-        let n = agreement.pixels.max(1.0);
+        let sum = |of: fn(&Stripe<T>) -> f64| self.stripes.iter().map(of).sum::<f64>();
+        let agreeing = sum(|s| s.agreement.pixels).max(1.0);
         let mut losses = Losses {
             total: 0.0,
             picture: similarity,
             opacity: gaussians.logit.iter().map(|l| sigmoid(*l).wide()).sum::<f64>()
                 / gaussians.len().max(1) as f64,
-            consistency_altitude: agreement.altitude / n,
-            consistency_color: agreement.color / n,
-            shadow_entropy: entropy / pixels,
+            consistency_altitude: sum(|s| s.agreement.altitude) / agreeing,
+            consistency_color: sum(|s| s.agreement.color) / agreeing,
+            shadow_entropy: sum(|s| s.entropy) / pixels,
         };
         losses.total = similarity.loss()
             + weights.opacity * losses.opacity
@@ -219,71 +225,30 @@ impl<T: Lanewise + Rows> Objective<T> {
         self.altitudes.extend(self.features.iter().map(|f| [f[3]]));
     }
 
-    /// Makes the picture from the renders; returns the sum of the sunlight's entropy.
-    fn compose(&mut self, appearance: &Appearance<T>, shot: &Shot<T>) -> f64 {
+    /// Makes the picture from the renders, and counts the pixels that agree with the virtual view.
+    fn compose(&mut self, appearance: &Appearance<T>, shot: &Shot<T>) {
         let (width, height) = (shot.camera.width, shot.camera.height);
+        let rows = height.div_ceil(STRIPES);
         self.picture.resize(width, height, 3);
-        self.sunlight.resize(width, height, 1);
-        let view = self.view.image();
-        let sun = shot.sun.map(|s| (s.lookup, self.sun.image()));
-        let rows = self.picture.data.par_chunks_mut(3 * width).zip(self.sunlight.data.par_chunks_mut(width));
-        let entropies: Vec<f64> = rows
-            .enumerate()
-            .map(|(row, (picture, sunlight))| {
-                let [red, green, blue, altitude] = std::array::from_fn(|c| view.row(c, row));
-                let mut sum = T::zero();
-                for col in 0..width {
-                    let s = match &sun {
-                        Some((lookup, image)) => {
-                            let place = lookup.place(col, row, altitude[col], image);
-                            let delta = place.map_or(T::zero(), |p| altitude[col] - p.value(image, 0).0);
-                            let s = (T::of(SHADOW_RATE_PER_M) * delta.min(T::zero())).exp_lane();
-                            sum = sum + entropy(s).0;
-                            s
-                        }
-                        None => T::one(),
-                    };
-                    sunlight[col] = s;
-                    let rgb = [red[col], green[col], blue[col]];
-                    let (lit, dim) = (appearance.sunlit(rgb), appearance.dimming(s));
-                    let counts = shot.valid.get(row * width + col).copied().unwrap_or(true);
-                    for c in 0..3 {
-                        picture[c * width + col] = if counts { lit[c] * dim[c] } else { T::zero() };
-                    }
-                }
-                sum.wide()
-            })
-            .collect();
-        entropies.iter().sum()
-    }
-
-    /// Compares the view with the virtual one where both see the same surface.
-    fn agreement(&self, shot: &Shot<T>) -> Agreement {
-        let Some(virtual_view) = &shot.virtual_view else { return Agreement::default() };
-        let (view, image) = (self.view.image(), self.virtual_view.image());
-        let rows: Vec<Agreement> = (0..view.height)
-            .into_par_iter()
-            .map(|row| {
-                let mut sum = Agreement::default();
-                for (col, z) in view.row(3, row).iter().enumerate() {
-                    let Some(place) = virtual_view.lookup.place(col, row, *z, image) else { continue };
-                    let dz = (*z - place.value(image, 3).0).abs();
-                    if dz < T::of(SAME_SURFACE_M) {
-                        sum.pixels += 1.0;
-                        sum.altitude += dz.wide();
-                        for c in 0..3 {
-                            sum.color += (view.at(c, col, row) - place.value(image, c).0).abs().wide();
-                        }
-                    }
-                }
-                sum
-            })
-            .collect();
-        rows.iter().fold(Agreement::default(), |a, b| Agreement {
-            pixels: a.pixels + b.pixels,
-            altitude: a.altitude + b.altitude,
-            color: a.color + b.color,
-        })
+        self.sunlight.resize(width, height, 2);
+        self.stripes.resize_with(height.div_ceil(rows), Stripe::default);
+        let (view, sun, virtual_view) = (self.view.image(), self.sun.image(), self.virtual_view.image());
+        let outputs = self.picture.data.par_chunks_mut(rows * 3 * width);
+        let outputs = outputs.zip(self.sunlight.data.par_chunks_mut(rows * 2 * width));
+        outputs.zip(&mut self.stripes).enumerate().for_each(|(k, ((picture, sunlight), stripe))| {
+            let first_row = k * rows;
+            T::dispatch(Compose {
+                appearance,
+                shot,
+                view,
+                sun,
+                virtual_view,
+                first_row,
+                picture,
+                sunlight,
+                stripe,
+            });
+        });
     }
 
     /// From the picture's derivatives to those by the three renders.
@@ -292,12 +257,12 @@ impl<T: Lanewise + Rows> Objective<T> {
         appearance: &Appearance<T>,
         shot: &Shot<T>,
         weights: &LossWeights,
-        agreement: Agreement,
+        gradient: &mut Gradient<T>,
     ) {
         let (width, height) = (shot.camera.width, shot.camera.height);
-        let rows_per_stripe = height.div_ceil(STRIPES);
+        let rows = height.div_ceil(STRIPES);
+        let agreeing = self.stripes.iter().map(|s| s.agreement.pixels).sum::<f64>().max(1.0);
         self.by_view.resize(width, height, 4);
-        self.stripes.resize_with(STRIPES, Stripe::default);
         let pass = PixelPass {
             appearance,
             shot,
@@ -307,33 +272,28 @@ impl<T: Lanewise + Rows> Objective<T> {
             sunlight: &self.sunlight,
             by_picture: self.photometric.by_picture(),
             entropy_scale: T::of(weights.shadow_entropy / (width * height) as f64),
-            altitude_scale: T::of(weights.consistency_altitude / agreement.pixels.max(1.0)),
-            color_scale: T::of(weights.consistency_color / agreement.pixels.max(1.0)),
+            altitude_scale: T::of(weights.consistency_altitude / agreeing),
+            color_scale: T::of(weights.consistency_color / agreeing),
         };
-        let outputs = self.by_view.data.par_chunks_mut(rows_per_stripe * 4 * width);
+        let outputs = self.by_view.data.par_chunks_mut(rows * 4 * width);
         outputs.zip(&mut self.stripes).enumerate().for_each(|(k, (by_view, stripe))| {
-            stripe.appearance = [T::zero(); 15];
-            if let Some(sun) = &shot.sun {
-                stripe.by_sun.clear(sun.camera.width, sun.camera.height, 1);
-            }
-            if shot.virtual_view.is_some() {
-                stripe.by_virtual.clear(width, height, 4);
-            }
-            for (r, by_view) in by_view.chunks_mut(4 * width).enumerate() {
-                pass.row(k * rows_per_stripe + r, by_view, stripe);
-            }
+            T::dispatch(PixelsBackward { pass: &pass, first_row: k * rows, by_view, stripe });
         });
-        // A small image may leave the last stripes without a row.
-        for stripe in self.stripes.iter_mut().skip(height.div_ceil(rows_per_stripe)) {
-            *stripe = Stripe::default();
-        }
-        let (first, rest) = self.stripes.split_at_mut(1);
-        for other in rest {
-            sum_into(&mut first[0].by_sun.data, &other.by_sun.data);
-            sum_into(&mut first[0].by_virtual.data, &other.by_virtual.data);
-            for (a, b) in first[0].appearance.iter_mut().zip(other.appearance) {
-                *a = *a + b;
+        gradient.appearance = [T::zero(); 15];
+        for stripe in &self.stripes {
+            for (sum, by) in gradient.appearance.iter_mut().zip(stripe.appearance) {
+                *sum = *sum + by;
             }
+        }
+        if let Some(sun) = &shot.sun {
+            self.by_sun.resize(sun.camera.width, sun.camera.height, 1);
+            let stripes = &self.stripes;
+            sum_windows(&mut self.by_sun, |k| stripes.get(k).map(|s| &s.by_sun));
+        }
+        if shot.virtual_view.is_some() {
+            self.by_virtual.resize(width, height, 4);
+            let stripes = &self.stripes;
+            sum_windows(&mut self.by_virtual, |k| stripes.get(k).map(|s| &s.by_virtual));
         }
     }
 
@@ -352,16 +312,14 @@ impl<T: Lanewise + Rows> Objective<T> {
         self.by_feature.resize(n, [T::zero(); 4]);
         self.by_altitude.clear();
         self.by_altitude.resize(n, [T::zero(); 1]);
-        let stripe = &self.stripes[0];
-        gradient.appearance = stripe.appearance;
         let shared = &mut self.by_shared;
         self.view.backward(&shot.camera, &self.by_view, shared, &mut self.by_feature);
         if let Some(v) = &shot.virtual_view {
             let by_feature = &mut self.by_feature;
-            self.virtual_view.backward(&v.camera, &stripe.by_virtual, shared, by_feature);
+            self.virtual_view.backward(&v.camera, &self.by_virtual, shared, by_feature);
         }
         if let Some(sun) = &shot.sun {
-            self.sun.backward(&sun.camera, &stripe.by_sun, shared, &mut self.by_altitude);
+            self.sun.backward(&sun.camera, &self.by_sun, shared, &mut self.by_altitude);
         }
         gradient.splats.resize(n);
         self.prepared.parameter_gradients(gaussians, &self.by_shared, &mut gradient.splats);
@@ -379,25 +337,111 @@ impl<T: Lanewise + Rows> Objective<T> {
     }
 }
 
-fn sum_into<T: Real>(sum: &mut [T], other: &[T]) {
-    sum.par_chunks_mut(1 << 14).zip(other.par_chunks(1 << 14)).for_each(|(a, b)| {
-        for (a, b) in a.iter_mut().zip(b) {
-            *a = *a + *b;
+/// Sums the windows of the stripes.
+fn sum_windows<'a, T: Real>(sum: &mut Layers<T>, window: impl Fn(usize) -> Option<&'a Window<T>> + Sync) {
+    let stride = sum.width * sum.channels;
+    sum.data.par_chunks_mut(stride).enumerate().for_each(|(row, sum)| {
+        sum.fill(T::zero());
+        for window in (0..STRIPES).filter_map(&window) {
+            let Some(row) = row.checked_sub(window.first_row) else { continue };
+            if row < window.layers.height {
+                for (sum, by) in sum.iter_mut().zip(&window.layers.data[row * stride..]) {
+                    *sum = *sum + *by;
+                }
+            }
         }
     });
 }
 
-/// Binary entropy of a share of sunlight with the logarithms' arguments clipped, and its derivative.
-fn entropy<T: Real>(s: T) -> (T, T) {
-    let (one, low) = (T::one(), T::of(ENTROPY_CLIP));
-    let c = s.max(low).min(one - low);
-    let (a, b) = (c.log2(), (one - c).log2());
-    let inside = if c == s { one } else { T::zero() };
-    let by_log = inside * T::of(std::f64::consts::LOG2_E) * (s / c - (one - s) / (one - c));
-    (-(s * a + (one - s) * b), -(a - b + by_log))
+/// One where a pixel counts, else zero.
+#[inline(always)]
+fn counts<L: Lanes>(lanes: L, valid: &[bool], start: usize) -> Row<L> {
+    let (zero, one) = (L::Number::of(0.0), L::Number::of(1.0));
+    if valid.is_empty() {
+        return Row::splat(lanes, one);
+    }
+    let mut out = [zero; LANES];
+    for (o, v) in out.iter_mut().zip(&valid[start..]) {
+        *o = if *v { one } else { zero };
+    }
+    Row::load(lanes, &out)
 }
 
-/// The backward pass over pixels: what a row reads.
+/// The forward pass over a stripe's pixels.
+struct Compose<'a, T> {
+    appearance: &'a Appearance<T>,
+    shot: &'a Shot<'a, T>,
+    view: &'a Layers<T>,
+    sun: &'a Layers<T>,
+    virtual_view: &'a Layers<T>,
+    first_row: usize,
+    picture: &'a mut [T],
+    sunlight: &'a mut [T],
+    stripe: &'a mut Stripe<T>,
+}
+
+impl<T: Lanewise> Kernel<T> for Compose<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        let Self { shot, view, sun, virtual_view, stripe, .. } = self;
+        (stripe.entropy, stripe.agreement) = Default::default();
+        let width = view.width;
+        let appearance = Appearance { values: splat_each(lanes, self.appearance.values) };
+        let rate = SHADOW_RATE_PER_M * std::f64::consts::LOG2_E;
+        let [zero, one, rate, low, high] =
+            splat_each(lanes, [0.0, 1.0, rate, ENTROPY_CLIP, 1.0 - ENTROPY_CLIP].map(T::of));
+        let lane = Row::load(lanes, &std::array::from_fn(|i| T::of(i as f64)));
+        let rows = self.picture.chunks_mut(3 * width).zip(self.sunlight.chunks_mut(2 * width));
+        for (k, (picture, sunlight)) in rows.enumerate() {
+            let row = self.first_row + k;
+            let altitude = view.row(3, row);
+            let (sunlight, slope) = sunlight.split_at_mut(width);
+            // For now how much higher the sun sees something, negative.
+            sunlight.fill(T::zero());
+            if let Some(s) = &shot.sun {
+                for (col, (delta, z)) in sunlight.iter_mut().zip(altitude).enumerate() {
+                    if let Some(place) = s.lookup.place(col, row, *z, sun) {
+                        *delta = (*z - place.value(sun, 0).0).min(T::zero());
+                    }
+                }
+            }
+            if let Some(v) = &shot.virtual_view {
+                for (col, z) in altitude.iter().enumerate() {
+                    if let Some(place) = v.lookup.place(col, row, *z, virtual_view)
+                        && (*z - place.value(virtual_view, 3).0).abs() < T::of(SAME_SURFACE_M)
+                    {
+                        stripe.agreement.pixels += 1.0;
+                    }
+                }
+            }
+            let mut entropy = zero;
+            for start in (0..width).step_by(LANES) {
+                let s = (rate * Row::load_from(lanes, sunlight, start)).exp2();
+                // Binary entropy, its logarithms' arguments clipped; only these follow the clip.
+                let clipped = s.max(low).min(high);
+                let (a, b) = (clipped.log2(), (one - clipped).log2());
+                let inside = Row::splat(lanes, T::of((width - start) as f64 - 1.0)).at_least(lane);
+                entropy += (s * a + (one - s) * b).keep(inside);
+                (b - a).store_to(slope, start);
+                s.store_to(sunlight, start);
+                let mut rgb = [zero; 3];
+                for c in 0..3 {
+                    rgb[c] = Row::load_from(lanes, view.row(c, row), start);
+                }
+                let (lit, dim) = (appearance.sunlit(rgb), appearance.dimming(s));
+                let counts = counts(lanes, shot.valid, row * width + start);
+                for c in 0..3 {
+                    (counts * lit[c] * dim[c]).store_to(&mut picture[c * width..(c + 1) * width], start);
+                }
+            }
+            if shot.sun.is_some() {
+                stripe.entropy -= entropy.sum().wide();
+            }
+        }
+    }
+}
+
+/// The backward pass over pixels: what every stripe reads.
 struct PixelPass<'a, T> {
     appearance: &'a Appearance<T>,
     shot: &'a Shot<'a, T>,
@@ -411,40 +455,92 @@ struct PixelPass<'a, T> {
     color_scale: T,
 }
 
+/// The backward pass over a stripe's pixels.
+struct PixelsBackward<'a, T> {
+    pass: &'a PixelPass<'a, T>,
+    first_row: usize,
+    by_view: &'a mut [T],
+    stripe: &'a mut Stripe<T>,
+}
+
+impl<T: Lanewise> Kernel<T> for PixelsBackward<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        let Self { pass, first_row, by_view, stripe } = self;
+        let PixelPass { shot, view, sunlight, .. } = *pass;
+        let width = view.width;
+        pass.open_windows(first_row..first_row + by_view.len() / (4 * width), stripe);
+        let appearance = Appearance { values: splat_each(lanes, pass.appearance.values) };
+        let [zero, entropy_scale] = splat_each(lanes, [T::zero(), pass.entropy_scale]);
+        let mut by_values = [zero; 15];
+        for (k, by_view) in by_view.chunks_mut(4 * width).enumerate() {
+            let row = first_row + k;
+            let (by_rgb, by_z) = by_view.split_at_mut(3 * width);
+            for start in (0..width).step_by(LANES) {
+                let counts = counts(lanes, shot.valid, row * width + start);
+                let (mut rgb, mut by_pixel) = ([zero; 3], [zero; 3]);
+                for c in 0..3 {
+                    rgb[c] = Row::load_from(lanes, view.row(c, row), start);
+                    by_pixel[c] = counts * Row::load_from(lanes, pass.by_picture.row(c, row), start);
+                }
+                let s = Row::load_from(lanes, sunlight.row(0, row), start);
+                let (by, by_s) = appearance.backward(rgb, s, by_pixel, &mut by_values);
+                for c in 0..3 {
+                    by[c].store_to(&mut by_rgb[c * width..(c + 1) * width], start);
+                }
+                // For now the derivative by the share of sunlight.
+                let by_entropy = Row::load_from(lanes, sunlight.row(1, row), start);
+                entropy_scale.mul_add(by_entropy, by_s).store_to(by_z, start);
+            }
+            pass.scatter(row, by_rgb, by_z, stripe);
+        }
+        stripe.appearance = sum_each(by_values);
+    }
+}
+
 impl<T: Real> PixelPass<'_, T> {
-    fn row(&self, row: usize, by_view: &mut [T], stripe: &mut Stripe<T>) {
+    /// Clears the rows that the stripe's pixels can scatter into.
+    fn open_windows(&self, rows: Range<usize>, stripe: &mut Stripe<T>) {
+        let altitudes = rows.clone().flat_map(|r| self.view.row(3, r));
+        let range = altitudes.fold((T::infinity(), T::neg_infinity()), |(l, h), z| (l.min(*z), h.max(*z)));
+        let open = |window: &mut Window<T>, lookup: &Lookup<T>, image: &Layers<T>, channels: usize| {
+            let rows = lookup.rows(rows.clone(), range, image.height);
+            window.first_row = rows.start;
+            window.layers.clear(image.width, rows.len(), channels);
+        };
+        if let Some(sun) = &self.shot.sun {
+            open(&mut stripe.by_sun, &sun.lookup, self.sun, 1);
+        }
+        if let Some(v) = &self.shot.virtual_view {
+            open(&mut stripe.by_virtual, &v.lookup, self.virtual_view, 4);
+        }
+    }
+
+    /// A row's derivatives through the sun's image and the virtual view; `by_z` holds those by the sunlight at first.
+    #[inline(always)]
+    fn scatter(&self, row: usize, by_rgb: &mut [T], by_z: &mut [T], stripe: &mut Stripe<T>) {
         let width = self.view.width;
         let [red, green, blue, altitude] = std::array::from_fn(|c| self.view.row(c, row));
-        let by_picture: [&[T]; 3] = std::array::from_fn(|c| self.by_picture.row(c, row));
         let sunlight = self.sunlight.row(0, row);
         for col in 0..width {
-            let rgb = [red[col], green[col], blue[col]];
-            let z = altitude[col];
-            let counts = self.shot.valid.get(row * width + col).copied().unwrap_or(true);
-            let (mut by_rgb, mut by_sunlight, mut by_z) = ([T::zero(); 3], T::zero(), T::zero());
-            let s = sunlight[col];
-            if counts {
-                let by_pixel = by_picture.map(|p| p[col]);
-                (by_rgb, by_sunlight) = self.appearance.backward(rgb, s, by_pixel, &mut stripe.appearance);
-            }
+            let (z, by_s) = (altitude[col], by_z[col]);
+            by_z[col] = T::zero();
             if let Some(sun) = &self.shot.sun {
-                let by_s = by_sunlight + self.entropy_scale * entropy(s).1;
-                by_z = by_z + self.shade(&sun.lookup, (col, row), z, s, by_s, &mut stripe.by_sun);
+                by_z[col] = self.shade(&sun.lookup, (col, row), z, sunlight[col], by_s, &mut stripe.by_sun);
             }
             if let Some(v) = &self.shot.virtual_view {
-                let by = self.agree(&v.lookup, (col, row), rgb, z, &mut stripe.by_virtual);
+                let rgb = [red[col], green[col], blue[col]];
+                let by = self.agree(&v.lookup, (col, row), rgb, z, stripe);
                 for c in 0..3 {
-                    by_rgb[c] = by_rgb[c] + by[c];
+                    by_rgb[c * width + col] = by_rgb[c * width + col] + by[c];
                 }
-                by_z = by_z + by[3];
-            }
-            for (c, by) in [by_rgb[0], by_rgb[1], by_rgb[2], by_z].into_iter().enumerate() {
-                by_view[c * width + col] = by;
+                by_z[col] = by_z[col] + by[3];
             }
         }
     }
 
     /// Derivative by the altitude through the share of sunlight; scatters that by the sun's image.
+    #[inline(always)]
     fn shade(
         &self,
         lookup: &Lookup<T>,
@@ -452,7 +548,7 @@ impl<T: Real> PixelPass<'_, T> {
         z: T,
         s: T,
         by_s: T,
-        by_sun: &mut Layers<T>,
+        by_sun: &mut Window<T>,
     ) -> T {
         let Some(place) = lookup.place(col, row, z, self.sun) else { return T::zero() };
         let (above, slope) = place.value(self.sun, 0);
@@ -465,13 +561,14 @@ impl<T: Real> PixelPass<'_, T> {
     }
 
     /// Derivatives by colour and altitude through the virtual view; scatters those by its image.
+    #[inline(always)]
     fn agree(
         &self,
         lookup: &Lookup<T>,
         (col, row): (usize, usize),
         rgb: [T; 3],
         z: T,
-        by_virtual: &mut Layers<T>,
+        stripe: &mut Stripe<T>,
     ) -> [T; 4] {
         let zero = [T::zero(); 4];
         let Some(place) = lookup.place(col, row, z, self.virtual_view) else { return zero };
@@ -479,6 +576,8 @@ impl<T: Real> PixelPass<'_, T> {
         if (z - other).abs() >= T::of(SAME_SURFACE_M) {
             return zero;
         }
+        let Stripe { by_virtual, agreement, .. } = stripe;
+        agreement.altitude += (z - other).abs().wide();
         let sign = |d: T| if d == T::zero() { d } else { d.signum() };
         let by_z = self.altitude_scale * sign(z - other);
         place.scatter(by_virtual, 3, -by_z);
@@ -486,6 +585,7 @@ impl<T: Real> PixelPass<'_, T> {
         by[3] = by_z * (T::one() - lookup.by_altitude(slope));
         for c in 0..3 {
             let (other, slope) = place.value(self.virtual_view, c);
+            agreement.color += (rgb[c] - other).abs().wide();
             by[c] = self.color_scale * sign(rgb[c] - other);
             place.scatter(by_virtual, c, -by[c]);
             by[3] = by[3] - by[c] * lookup.by_altitude(slope);

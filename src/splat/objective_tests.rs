@@ -26,7 +26,7 @@ struct Setup<T: Real> {
     objective: Objective<T>,
 }
 
-impl<T: Lanewise + Rows> Setup<T> {
+impl<T: Lanewise> Setup<T> {
     fn new() -> Self {
         let mut draw = Draw::new(9, 0, 0, 0);
         let mut truth = Layers::zeros(27, 25, 3);

@@ -2,9 +2,9 @@
 //!
 //! SSIM after Wang et al. 2004 with an 11 × 11 Gaussian window of σ 1.5, zeros beyond the border, as 3DGS uses it.
 
+use super::lanes::{Kernel, LANES, Lanes, Lanewise, Row, splat_each};
 use super::raster::Layers;
 use super::real::Real;
-use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// Taps of the window.
@@ -15,12 +15,26 @@ const C2: f64 = 9e-4;
 /// Weight of SSIM against L1 (3DGS, EOGS).
 pub const SSIM_WEIGHT: f64 = 0.2;
 
+/// Taps on either side of the middle.
+const REACH: usize = TAPS / 2;
+/// Rows that are worked on together.
+const ROWS: usize = 16;
+
 /// Compares a picture with the truth; keeps its buffers.
 #[derive(Default)]
 pub struct Photometric<T> {
-    blurred: Layers<T>,
-    statistics: Layers<T>,
+    /// Derivatives of the loss by the blurred x, xx and xy of each color.
+    slopes: Layers<T>,
     by_picture: Layers<T>,
+    strips: Vec<Strip<T>>,
+}
+
+/// What a strip of rows needs besides.
+#[derive(Default)]
+struct Strip<T> {
+    /// Rows blurred down the columns, with zeros on either side.
+    columns: [Vec<T>; 5],
+    sum: f64,
 }
 
 /// Mean absolute difference and mean SSIM.
@@ -40,79 +54,33 @@ impl Similarity {
     }
 }
 
-fn window<T: Real>() -> [T; TAPS] {
-    let g = |i: usize| (-((i as f64 - 5.0) / SIGMA).powi(2) / 2.0).exp();
+/// The window's first half and middle; it is symmetric.
+fn window<T: Real>() -> [T; REACH + 1] {
+    let g = |i: usize| (-((i as f64 - REACH as f64) / SIGMA).powi(2) / 2.0).exp();
     let sum: f64 = (0..TAPS).map(g).sum();
     std::array::from_fn(|i| T::of(g(i) / sum))
 }
 
-/// `out[i] += factor * input[i + shift]`, where that exists.
+/// Blurs along a row that has zeros on either side; from column `start` on.
 #[inline(always)]
-fn accumulate<T: Real>(out: &mut [T], input: &[T], factor: T) {
-    for (o, v) in out.iter_mut().zip(input) {
-        *o = *o + factor * *v;
+fn blur_along<L: Lanes>(lanes: L, window: &[Row<L>; REACH + 1], row: &[L::Number], start: usize) -> Row<L> {
+    let first = start + LANES - REACH;
+    let mut sum = window[REACH] * Row::load_from(lanes, row, first + REACH);
+    for t in 0..REACH {
+        let pair = Row::load_from(lanes, row, first + t) + Row::load_from(lanes, row, first + TAPS - 1 - t);
+        sum = window[t].mul_add(pair, sum);
     }
+    sum
 }
 
+/// The image's rows under the window around `row`, each with its tap.
 #[inline(always)]
-fn blur_row_generic<T: Real>(out: &mut [T], input: &[T], window: &[T; TAPS]) {
-    let n = out.len();
-    out.fill(T::zero());
-    for (t, w) in window.iter().enumerate() {
-        // Output i takes input i + t - 5.
-        let (from_out, from_in) = (5usize.saturating_sub(t), t.saturating_sub(5));
-        let count = n.saturating_sub(from_out.max(from_in));
-        accumulate(&mut out[from_out..from_out + count], &input[from_in..from_in + count], *w);
-    }
+fn taps(row: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
+    let rows = row.saturating_sub(REACH)..(row + REACH + 1).min(height);
+    rows.map(move |r| (r, REACH - r.abs_diff(row)))
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn blur_row_f32(out: &mut [f32], input: &[f32], window: &[f32; TAPS]) {
-    blur_row_generic(out, input, window);
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn accumulate_f32(out: &mut [f32], input: &[f32], factor: f32) {
-    accumulate(out, input, factor);
-}
-
-/// Row operations compiled for the processor at hand.
-pub trait Rows: Real {
-    /// Blurs along a row.
-    fn blur_row(out: &mut [Self], input: &[Self], window: &[Self; TAPS]);
-    /// Adds a multiple of a row.
-    fn add_row(out: &mut [Self], input: &[Self], factor: Self);
-}
-
-impl Rows for f32 {
-    fn blur_row(out: &mut [Self], input: &[Self], window: &[Self; TAPS]) {
-        blur_row_f32(out, input, window);
-    }
-    fn add_row(out: &mut [Self], input: &[Self], factor: Self) {
-        accumulate_f32(out, input, factor);
-    }
-}
-
-impl Rows for f64 {
-    fn blur_row(out: &mut [Self], input: &[Self], window: &[Self; TAPS]) {
-        blur_row_generic(out, input, window);
-    }
-    fn add_row(out: &mut [Self], input: &[Self], factor: Self) {
-        accumulate(out, input, factor);
-    }
-}
-
-/// Blurs column-wise into one row of all channels.
-fn blur_column<T: Rows>(image: &Layers<T>, row: usize, window: &[T; TAPS], out: &mut [T]) {
-    out.fill(T::zero());
-    let stride = image.width * image.channels;
-    for (t, w) in window.iter().enumerate() {
-        let Some(r) = (row + t).checked_sub(5).filter(|r| *r < image.height) else { continue };
-        T::add_row(out, &image.data[r * stride..(r + 1) * stride], *w);
-    }
-}
-
-impl<T: Rows> Photometric<T> {
+impl<T: Lanewise> Photometric<T> {
     /// Derivatives of the last comparison's loss by the picture.
     #[must_use]
     pub fn by_picture(&self) -> &Layers<T> {
@@ -124,125 +92,148 @@ impl<T: Rows> Photometric<T> {
     /// Returns the figures and the loss's derivatives by the picture.
     pub fn compare(&mut self, picture: &Layers<T>, truth: &Layers<T>) -> (Similarity, &Layers<T>) {
         let (width, height) = (picture.width, picture.height);
-        let window = window::<T>();
-        let stride = 3 * width;
-
-        // Rows of x, y, xx, yy, xy for each color, blurred along the row.
-        self.blurred.resize(width, height, 15);
-        self.blurred.data.par_chunks_mut(15 * width).enumerate().for_each_init(
-            || vec![T::zero(); width],
-            |product, (row, out)| {
-                for c in 0..3 {
-                    let (x, y) = (picture.row(c, row), truth.row(c, row));
-                    let mut planes = out[5 * c * width..5 * (c + 1) * width].chunks_exact_mut(width);
-                    let mut blur = |product: &mut [T], a: &[T], b: Option<&[T]>| {
-                        if let Some(plane) = planes.next() {
-                            match b {
-                                None => T::blur_row(plane, a, &window),
-                                Some(b) => {
-                                    for ((p, a), b) in product.iter_mut().zip(a).zip(b) {
-                                        *p = *a * *b;
-                                    }
-                                    T::blur_row(plane, product, &window);
-                                }
-                            }
-                        }
-                    };
-                    blur(product, x, None);
-                    blur(product, y, None);
-                    blur(product, x, Some(x));
-                    blur(product, y, Some(y));
-                    blur(product, x, Some(y));
-                }
-            },
-        );
-
-        // Down the columns; SSIM and its derivatives by the blurred x, xx and xy, blurred along the row again.
-        let scale = T::of(-SSIM_WEIGHT / (3 * width * height) as f64);
-        let blurred = &self.blurred;
-        self.statistics.resize(width, height, 9);
-        let ssim: Vec<f64> = self
-            .statistics
-            .data
-            .par_chunks_mut(9 * width)
-            .enumerate()
-            .map_init(
-                || (vec![T::zero(); 15 * width], vec![T::zero(); 3 * width]),
-                |(column, slopes), (row, out)| {
-                    blur_column(blurred, row, &window, column);
-                    let mut sum = 0.0;
-                    for c in 0..3 {
-                        let plane = |k: usize| &column[(5 * c + k) * width..(5 * c + k + 1) * width];
-                        sum += ssim_row([plane(0), plane(1), plane(2), plane(3), plane(4)], scale, slopes);
-                        for k in 0..3 {
-                            let target = &mut out[(3 * c + k) * width..(3 * c + k + 1) * width];
-                            T::blur_row(target, &slopes[k * width..(k + 1) * width], &window);
-                        }
-                    }
-                    sum
-                },
-            )
-            .collect();
-
-        // Down the columns once more: derivatives by the picture.
-        let statistics = &self.statistics;
-        let l1_scale = T::of((1.0 - SSIM_WEIGHT) / (3 * width * height) as f64);
-        self.by_picture.resize(width, height, 3);
-        let l1: Vec<f64> = self
-            .by_picture
-            .data
-            .par_chunks_mut(stride)
-            .enumerate()
-            .map_init(
-                || vec![T::zero(); 9 * width],
-                |column, (row, out)| {
-                    blur_column(statistics, row, &window, column);
-                    let mut sum = T::zero();
-                    for c in 0..3 {
-                        let (x, y) = (picture.row(c, row), truth.row(c, row));
-                        let plane = |k: usize| &column[(3 * c + k) * width..(3 * c + k + 1) * width];
-                        let (by_x, by_xx, by_xy) = (plane(0), plane(1), plane(2));
-                        let out = &mut out[c * width..(c + 1) * width];
-                        for i in 0..width {
-                            let d = x[i] - y[i];
-                            sum = sum + d.abs();
-                            let sign = if d == T::zero() { T::zero() } else { d.signum() };
-                            out[i] =
-                                by_x[i] + T::of(2.0) * x[i] * by_xx[i] + y[i] * by_xy[i] + l1_scale * sign;
-                        }
-                    }
-                    sum.wide()
-                },
-            )
-            .collect();
         let count = (3 * width * height) as f64;
-        let similarity =
-            Similarity { l1: l1.iter().sum::<f64>() / count, ssim: ssim.iter().sum::<f64>() / count };
-        (similarity, &self.by_picture)
+        self.strips.resize_with(height.div_ceil(ROWS), Strip::default);
+        for column in self.strips.iter_mut().flat_map(|s| &mut s.columns) {
+            column.clear();
+            column.resize(width.next_multiple_of(LANES) + 2 * LANES, T::zero());
+        }
+
+        self.slopes.resize(width, height, 9);
+        let strips = self.slopes.data.par_chunks_mut(ROWS * 9 * width).zip(&mut self.strips);
+        strips.enumerate().for_each(|(k, (slopes, strip))| {
+            let scale = T::of(-SSIM_WEIGHT / count);
+            T::dispatch(Structure { picture, truth, first_row: k * ROWS, scale, slopes, strip });
+        });
+        let ssim = self.strips.iter().map(|s| s.sum).sum::<f64>() / count;
+
+        let slopes = &self.slopes;
+        self.by_picture.resize(width, height, 3);
+        let strips = self.by_picture.data.par_chunks_mut(ROWS * 3 * width).zip(&mut self.strips);
+        strips.enumerate().for_each(|(k, (by_picture, strip))| {
+            let scale = T::of((1.0 - SSIM_WEIGHT) / count);
+            T::dispatch(Slope { picture, truth, slopes, first_row: k * ROWS, scale, by_picture, strip });
+        });
+        let l1 = self.strips.iter().map(|s| s.sum).sum::<f64>() / count;
+        (Similarity { l1, ssim }, &self.by_picture)
     }
 }
 
-/// Sum of SSIM over a row; writes `scale` times its derivatives by the means of x, xx and xy.
-fn ssim_row<T: Real>([mx, my, xx, yy, xy]: [&[T]; 5], scale: T, slopes: &mut [T]) -> f64 {
-    let n = mx.len();
-    let (c1, c2, two) = (T::of(C1), T::of(C2), T::of(2.0));
-    let (by_x, rest) = slopes.split_at_mut(n);
-    let (by_xx, by_xy) = rest.split_at_mut(n);
-    let mut sum = T::zero();
-    for i in 0..n {
-        let (ux, uy) = (mx[i], my[i]);
-        let a1 = two * ux * uy + c1;
-        let a2 = two * (xy[i] - ux * uy) + c2;
-        let b1 = ux * ux + uy * uy + c1;
-        let b2 = (xx[i] - ux * ux) + (yy[i] - uy * uy) + c2;
-        let inverse = T::one() / (b1 * b2);
-        let value = a1 * a2 * inverse;
-        sum = sum + value;
-        by_x[i] = scale * (two * uy * (a2 - a1) * inverse - two * ux * value * (b2 - b1) * inverse);
-        by_xx[i] = -scale * value / b2;
-        by_xy[i] = scale * two * a1 * inverse;
+/// SSIM of a strip, and `scale` times its derivatives by the blurred x, xx and xy.
+struct Structure<'a, T> {
+    picture: &'a Layers<T>,
+    truth: &'a Layers<T>,
+    first_row: usize,
+    scale: T,
+    slopes: &'a mut [T],
+    strip: &'a mut Strip<T>,
+}
+
+impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        let Self { picture, truth, first_row, scale, slopes, strip } = self;
+        let (width, height) = (picture.width, picture.height);
+        let window = splat_each(lanes, window());
+        let [zero, one, two, c1, c2, scale] =
+            splat_each(lanes, [T::zero(), T::one(), T::of(2.0), T::of(C1), T::of(C2), scale]);
+        let lane = Row::load(lanes, &std::array::from_fn(|i| T::of(i as f64)));
+        strip.sum = 0.0;
+        for (k, slopes) in slopes.chunks_mut(3 * width).enumerate() {
+            let (row, c) = (first_row + k / 3, k % 3);
+            for start in (0..width).step_by(LANES) {
+                let mut sums = [zero; 5];
+                for (r, t) in taps(row, height) {
+                    let x = Row::load_from(lanes, picture.row(c, r), start);
+                    let y = Row::load_from(lanes, truth.row(c, r), start);
+                    let (wx, wy) = (window[t] * x, window[t] * y);
+                    sums[0] += wx;
+                    sums[1] += wy;
+                    sums[2] = wx.mul_add(x, sums[2]);
+                    sums[3] = wy.mul_add(y, sums[3]);
+                    sums[4] = wx.mul_add(y, sums[4]);
+                }
+                for n in 0..5 {
+                    sums[n].store_to(&mut strip.columns[n], LANES + start);
+                }
+            }
+            let (by_x, rest) = slopes.split_at_mut(width);
+            let (by_xx, by_xy) = rest.split_at_mut(width);
+            let mut sum = zero;
+            for start in (0..width).step_by(LANES) {
+                let mut blurred = [zero; 5];
+                for n in 0..5 {
+                    blurred[n] = blur_along(lanes, &window, &strip.columns[n], start);
+                }
+                let [ux, uy, xx, yy, xy] = blurred;
+                let a1 = two * ux * uy + c1;
+                let a2 = two * (xy - ux * uy) + c2;
+                let b1 = ux * ux + uy * uy + c1;
+                let b2 = (xx - ux * ux) + (yy - uy * uy) + c2;
+                let inverse = one.over(b1 * b2);
+                let value = a1 * a2 * inverse;
+                let inside = Row::splat(lanes, T::of((width - start) as f64 - 1.0)).at_least(lane);
+                sum += value.keep(inside);
+                let by_mean = uy * (a2 - a1) - ux * value * (b2 - b1);
+                (scale * two * by_mean * inverse).store_to(by_x, start);
+                (zero - scale * value * b1 * inverse).store_to(by_xx, start);
+                (scale * two * a1 * inverse).store_to(by_xy, start);
+            }
+            strip.sum += sum.sum().wide();
+        }
     }
-    sum.wide()
+}
+
+/// The loss's derivatives by a strip of the picture, and its sum of absolute differences.
+struct Slope<'a, T> {
+    picture: &'a Layers<T>,
+    truth: &'a Layers<T>,
+    slopes: &'a Layers<T>,
+    first_row: usize,
+    /// Weight of one absolute difference.
+    scale: T,
+    by_picture: &'a mut [T],
+    strip: &'a mut Strip<T>,
+}
+
+impl<T: Lanewise> Kernel<T> for Slope<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        let Self { picture, truth, slopes, first_row, scale, by_picture, strip } = self;
+        let (width, height) = (picture.width, picture.height);
+        let window = splat_each(lanes, window());
+        let [zero, two, scale] = splat_each(lanes, [T::zero(), T::of(2.0), scale]);
+        strip.sum = 0.0;
+        for (k, by_picture) in by_picture.chunks_mut(width).enumerate() {
+            let (row, c) = (first_row + k / 3, k % 3);
+            for start in (0..width).step_by(LANES) {
+                let mut sums = [zero; 3];
+                for (r, t) in taps(row, height) {
+                    for n in 0..3 {
+                        let slope = Row::load_from(lanes, slopes.row(3 * c + n, r), start);
+                        sums[n] = window[t].mul_add(slope, sums[n]);
+                    }
+                }
+                for n in 0..3 {
+                    sums[n].store_to(&mut strip.columns[n], LANES + start);
+                }
+            }
+            let (x, y) = (picture.row(c, row), truth.row(c, row));
+            let mut sum = zero;
+            for start in (0..width).step_by(LANES) {
+                let mut by = [zero; 3];
+                for n in 0..3 {
+                    by[n] = blur_along(lanes, &window, &strip.columns[n], start);
+                }
+                let (x, y) = (Row::load_from(lanes, x, start), Row::load_from(lanes, y, start));
+                let d = x - y;
+                sum += d.max(zero - d);
+                let sign = scale.keep(d.at_least(zero)) - scale.keep(zero.at_least(d));
+                (by[0] + two * x * by[1] + y * by[2] + sign).store_to(by_picture, start);
+            }
+            strip.sum += sum.sum().wide();
+        }
+    }
 }
 
 #[cfg(test)]

@@ -326,7 +326,7 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
                         by_feature[c] = by_color[b][c].mul_add(weight, by_feature[c]);
                     }
                     behind[b] = behind[b] - weight * along;
-                    let by_alpha = t * along - behind[b].over(k.one - alpha);
+                    let by_alpha = t * along - behind[b] * (k.one - alpha).reciprocal();
                     // At the upper limit alpha no longer follows the splat.
                     moments.add((by_alpha * alpha).keep(k.alpha_max.at_least(unlimited)), dx, dy);
                 }
