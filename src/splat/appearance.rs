@@ -2,8 +2,8 @@
 //!
 //! `pixel = (s + (1 - s) κ) ⊙ (W rgb + t)` with `s` the share of sunlight; `W`, `t`, `κ` belong to the view.
 
+use super::lanes::Ring;
 use super::real::Real;
-use std::ops::{Add, Mul, Sub};
 
 /// One view's radiometry.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -21,7 +21,7 @@ impl<T: Real> Default for Appearance<T> {
 }
 
 /// For a pixel, or for sixteen with a row of lanes as the number.
-impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<Output = T>> Appearance<T> {
+impl<T: Ring> Appearance<T> {
     /// `W rgb + t`.
     #[inline(always)]
     pub fn sunlit(&self, rgb: [T; 3]) -> [T; 3] {

@@ -8,6 +8,11 @@ use std::ops::{Add, AddAssign, Mul, Sub};
 /// Numbers in a [`Row`].
 pub const LANES: usize = 16;
 
+/// What adds, subtracts and multiplies: a number, or sixteen.
+pub trait Ring: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
+
+impl<N: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>> Ring for N {}
+
 /// A kernel that is compiled for every kind of lanes.
 pub trait Kernel<T> {
     /// Runs with these lanes.
@@ -153,6 +158,13 @@ impl<L: Lanes> Row<L> {
     #[inline(always)]
     pub fn exp2(self) -> Self {
         Self { numbers: self.lanes.exp2(self.numbers), ..self }
+    }
+
+    /// e to this power, no less than 2^-126 and no more than 2^126.
+    #[inline(always)]
+    pub fn exp(self) -> Self {
+        let splat = |v: f64| Self::splat(self.lanes, L::Number::of(v));
+        (self * splat(std::f64::consts::LOG2_E)).max(splat(-126.0)).min(splat(126.0)).exp2()
     }
 
     /// Binary logarithm.

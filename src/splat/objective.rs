@@ -6,7 +6,7 @@
 //! must show the same altitude and colour where it sees the same surface.
 
 use super::appearance::Appearance;
-use super::gaussians::{Gaussians, SH_C0, sigmoid};
+use super::gaussians::{Gaussians, SH_C0};
 use super::lanes::{Kernel, LANES, Lanes, Lanewise, Row, splat_each, sum_each};
 use super::lookup::{Lookup, Window};
 use super::raster::{FrameCamera, Layers, Prepared, Rasterizer, SplatGradient};
@@ -187,7 +187,7 @@ impl<T: Lanewise> Objective<T> {
         let mut losses = Losses {
             total: 0.0,
             picture: similarity,
-            opacity: gaussians.logit.iter().map(|l| sigmoid(*l).wide()).sum::<f64>()
+            opacity: (0..gaussians.len()).map(|rank| self.prepared.opacity(rank).wide()).sum::<f64>()
                 / gaussians.len().max(1) as f64,
             consistency_altitude: sum(|s| s.agreement.altitude) / agreeing,
             consistency_color: sum(|s| s.agreement.color) / agreeing,
@@ -331,7 +331,7 @@ impl<T: Lanewise> Objective<T> {
             let by = self.by_feature[rank];
             *f_dc = std::array::from_fn(|c| by[c] * T::of(SH_C0));
             position[2] = position[2] + by[3] + self.by_altitude[rank][0];
-            let o = sigmoid(gaussians.logit[i]);
+            let o = self.prepared.opacity(rank);
             *logit = *logit + opacity_scale * o * (T::one() - o);
         });
     }

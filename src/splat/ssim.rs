@@ -34,6 +34,7 @@ pub struct Photometric<T> {
 struct Strip<T> {
     /// Rows blurred down the columns, with zeros on either side.
     columns: [Vec<T>; 5],
+    zeros: Vec<T>,
     sum: f64,
 }
 
@@ -73,11 +74,13 @@ fn blur_along<L: Lanes>(lanes: L, window: &[Row<L>; REACH + 1], row: &[L::Number
     sum
 }
 
-/// The image's rows under the window around `row`, each with its tap.
+/// The rows of a channel that the window around `row` covers; `zeros` beyond the border.
 #[inline(always)]
-fn taps(row: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
-    let rows = row.saturating_sub(REACH)..(row + REACH + 1).min(height);
-    rows.map(move |r| (r, REACH - r.abs_diff(row)))
+fn covered<'a, T: Real>(image: &'a Layers<T>, channel: usize, row: usize, zeros: &'a [T]) -> [&'a [T]; TAPS] {
+    std::array::from_fn(|t| match (row + t).checked_sub(REACH) {
+        Some(r) if r < image.height => image.row(channel, r),
+        _ => &zeros[..image.width],
+    })
 }
 
 impl<T: Lanewise> Photometric<T> {
@@ -94,9 +97,11 @@ impl<T: Lanewise> Photometric<T> {
         let (width, height) = (picture.width, picture.height);
         let count = (3 * width * height) as f64;
         self.strips.resize_with(height.div_ceil(ROWS), Strip::default);
-        for column in self.strips.iter_mut().flat_map(|s| &mut s.columns) {
-            column.clear();
-            column.resize(width.next_multiple_of(LANES) + 2 * LANES, T::zero());
+        for strip in &mut self.strips {
+            for row in strip.columns.iter_mut().chain([&mut strip.zeros]) {
+                row.clear();
+                row.resize(width.next_multiple_of(LANES) + 2 * LANES, T::zero());
+            }
         }
 
         self.slopes.resize(width, height, 9);
@@ -133,7 +138,7 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
         let Self { picture, truth, first_row, scale, slopes, strip } = self;
-        let (width, height) = (picture.width, picture.height);
+        let width = picture.width;
         let window = splat_each(lanes, window());
         let [zero, one, two, c1, c2, scale] =
             splat_each(lanes, [T::zero(), T::one(), T::of(2.0), T::of(C1), T::of(C2), scale]);
@@ -141,12 +146,14 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
         strip.sum = 0.0;
         for (k, slopes) in slopes.chunks_mut(3 * width).enumerate() {
             let (row, c) = (first_row + k / 3, k % 3);
+            let (xs, ys) = (covered(picture, c, row, &strip.zeros), covered(truth, c, row, &strip.zeros));
             for start in (0..width).step_by(LANES) {
                 let mut sums = [zero; 5];
-                for (r, t) in taps(row, height) {
-                    let x = Row::load_from(lanes, picture.row(c, r), start);
-                    let y = Row::load_from(lanes, truth.row(c, r), start);
-                    let (wx, wy) = (window[t] * x, window[t] * y);
+                for t in 0..TAPS {
+                    let x = Row::load_from(lanes, xs[t], start);
+                    let y = Row::load_from(lanes, ys[t], start);
+                    let w = window[REACH - REACH.abs_diff(t)];
+                    let (wx, wy) = (w * x, w * y);
                     sums[0] += wx;
                     sums[1] += wy;
                     sums[2] = wx.mul_add(x, sums[2]);
@@ -200,22 +207,21 @@ impl<T: Lanewise> Kernel<T> for Slope<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
         let Self { picture, truth, slopes, first_row, scale, by_picture, strip } = self;
-        let (width, height) = (picture.width, picture.height);
+        let width = picture.width;
         let window = splat_each(lanes, window());
         let [zero, two, scale] = splat_each(lanes, [T::zero(), T::of(2.0), scale]);
         strip.sum = 0.0;
         for (k, by_picture) in by_picture.chunks_mut(width).enumerate() {
             let (row, c) = (first_row + k / 3, k % 3);
-            for start in (0..width).step_by(LANES) {
-                let mut sums = [zero; 3];
-                for (r, t) in taps(row, height) {
-                    for n in 0..3 {
-                        let slope = Row::load_from(lanes, slopes.row(3 * c + n, r), start);
-                        sums[n] = window[t].mul_add(slope, sums[n]);
+            for n in 0..3 {
+                let by = covered(slopes, 3 * c + n, row, &strip.zeros);
+                for start in (0..width).step_by(LANES) {
+                    let mut sum = zero;
+                    for t in 0..TAPS {
+                        let w = window[REACH - REACH.abs_diff(t)];
+                        sum = w.mul_add(Row::load_from(lanes, by[t], start), sum);
                     }
-                }
-                for n in 0..3 {
-                    sums[n].store_to(&mut strip.columns[n], LANES + start);
+                    sum.store_to(&mut strip.columns[n], LANES + start);
                 }
             }
             let (x, y) = (picture.row(c, row), truth.row(c, row));

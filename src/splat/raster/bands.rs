@@ -55,8 +55,7 @@ impl<T: Real, const C: usize> Band<T, C> {
         self.entries.resize(slot as usize, empty);
         let mut slot = 0;
         for chunk in chunks {
-            for span in chunk.spans(band) {
-                let footprint = chunk.footprints[span.footprint as usize];
+            for (span, &footprint) in chunk.spans(band).iter().zip(chunk.drawn(band)) {
                 let feature = features[footprint.rank as usize];
                 for tile in span.first..=span.last {
                     let at = &mut self.tile_starts[usize::from(tile)];

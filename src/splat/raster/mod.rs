@@ -22,7 +22,7 @@ use super::lanes::Lanewise;
 use super::real::Real;
 use bands::Band;
 use kernel::TILE;
-use project::{CHUNK, Chunk};
+use project::{CHUNK, Chunk, Projection};
 use rayon::prelude::*;
 
 /// Variance of the pixel's own footprint, px², added to every projected covariance (3DGS).
@@ -62,7 +62,8 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
         let ranks = prepared.len();
         self.chunks.resize_with(ranks.div_ceil(CHUNK), Default::default);
         self.chunks.par_iter_mut().enumerate().for_each(|(k, chunk)| {
-            chunk.project(prepared, k * CHUNK..ranks.min((k + 1) * CHUNK), camera);
+            let ranks = k * CHUNK..ranks.min((k + 1) * CHUNK);
+            T::dispatch(Projection { chunk, prepared, ranks, camera });
         });
         self.image.resize(width, height, C + 1);
         self.bands.resize_with(height.div_ceil(TILE), Default::default);

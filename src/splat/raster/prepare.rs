@@ -1,9 +1,13 @@
 //! What all cameras of an iteration share: the altitude order, covariances, opacities; and the way back from
 //! their gradients to the parameters.
 
-use crate::splat::gaussians::{Gaussians, rotation_matrix, sigmoid};
+use crate::splat::gaussians::Gaussians;
+use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Ring, Row, splat_each};
 use crate::splat::real::Real;
 use rayon::prelude::*;
+
+/// Splats that one task works on.
+const PIECE: usize = 1024;
 
 /// Splats in order of altitude, highest first, ready to be projected.
 #[derive(Default)]
@@ -17,7 +21,7 @@ pub struct Prepared<T> {
 }
 
 /// One splat as every camera needs it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PreparedSplat<T> {
     pub position: [T; 3],
     /// xx, xy, xz, yy, yz, zz; m².
@@ -43,7 +47,7 @@ fn descending_key(altitude: f32) -> u32 {
     !ascending
 }
 
-impl<T: Real> Prepared<T> {
+impl<T: Lanewise> Prepared<T> {
     /// Number of splats.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -80,15 +84,15 @@ impl<T: Real> Prepared<T> {
             self.rank[i as usize] = rank as u32;
         }
         let order = &self.order;
-        self.splats.clear();
-        self.splats.par_extend((0..n).into_par_iter().with_min_len(1024).map(|r| {
-            let i = order[r] as usize;
-            PreparedSplat {
-                position: gaussians.position[i],
-                covariance: covariance(gaussians.log_scale[i], gaussians.rotation[i]),
-                opacity: sigmoid(gaussians.logit[i]),
-            }
-        }));
+        self.splats.resize(n, PreparedSplat::default());
+        let pieces = self.splats.par_chunks_mut(PIECE).zip(order.par_chunks(PIECE));
+        pieces.for_each(|(splats, order)| T::dispatch(Share { gaussians, order, splats }));
+    }
+
+    /// Opacity of the splat at a rank.
+    #[must_use]
+    pub fn opacity(&self, rank: usize) -> T {
+        self.splats[rank].opacity
     }
 
     /// Writes into `out` the derivatives by the parameters (colour excepted), from those by what cameras share.
@@ -98,16 +102,18 @@ impl<T: Real> Prepared<T> {
         gradients: &[SplatGradient<T>],
         out: &mut Gaussians<T>,
     ) {
-        let rank = &self.rank;
-        let rows =
-            out.position.par_iter_mut().zip(&mut out.log_scale).zip(&mut out.rotation).zip(&mut out.logit);
-        rows.with_min_len(1024).enumerate().for_each(|(i, (((position, log_scale), rotation), logit))| {
-            let g = &gradients[rank[i] as usize];
-            *position = g.position;
-            *logit = g.logit;
-            (*log_scale, *rotation) =
-                covariance_gradient(gaussians.log_scale[i], gaussians.rotation[i], g.covariance);
-        });
+        let scales = out.log_scale.par_chunks_mut(PIECE).zip(out.rotation.par_chunks_mut(PIECE));
+        let others = out.position.par_chunks_mut(PIECE).zip(out.logit.par_chunks_mut(PIECE));
+        scales.zip(others).zip(self.rank.par_chunks(PIECE)).enumerate().for_each(
+            |(k, (((log_scale, rotation), (position, logit)), rank))| {
+                for ((position, logit), rank) in position.iter_mut().zip(logit).zip(rank) {
+                    let g = &gradients[*rank as usize];
+                    (*position, *logit) = (g.position, g.logit);
+                }
+                let first = k * PIECE;
+                T::dispatch(Unshare { gaussians, gradients, first, rank, log_scale, rotation });
+            },
+        );
     }
 
     /// Rank of a splat.
@@ -117,41 +123,189 @@ impl<T: Real> Prepared<T> {
     }
 }
 
-/// `R S² Rᵀ`.
-fn covariance<T: Real>(log_scale: [T; 3], rotation: [T; 4]) -> [T; 6] {
-    let (r, _) = rotation_matrix(rotation);
-    let variance = log_scale.map(|s| (s + s).exp());
-    let element = |i: usize, j: usize| (0..3).map(|k| r[i][k] * r[j][k] * variance[k]).sum();
-    [element(0, 0), element(0, 1), element(0, 2), element(1, 1), element(1, 2), element(2, 2)]
+/// One lane a splat: number `k` of the arrays that `of` finds.
+#[inline(always)]
+fn gather<L: Lanes, const K: usize>(
+    lanes: L,
+    count: usize,
+    of: impl Fn(usize) -> [L::Number; K],
+) -> [Row<L>; K] {
+    let mut values = [[L::Number::of(1.0); LANES]; K];
+    for i in 0..count.min(LANES) {
+        let found = of(i);
+        for k in 0..K {
+            values[k][i] = found[k];
+        }
+    }
+    let mut out = [Row::load(lanes, &values[0]); K];
+    for k in 1..K {
+        out[k] = Row::load(lanes, &values[k]);
+    }
+    out
 }
 
-/// Derivatives by log scale and quaternion from those by the covariance (`g`).
-fn covariance_gradient<T: Real>(log_scale: [T; 3], rotation: [T; 4], g: [T; 6]) -> ([T; 3], [T; 4]) {
-    let (r, norm) = rotation_matrix(rotation);
-    let scale = log_scale.map(|s| s.exp());
-    let two = T::of(2.0);
-    let full = [[g[0], g[1], g[2]], [g[1], g[3], g[4]], [g[2], g[4], g[5]]];
-    // With L = R S: dL/dL = 2 G L.
-    let by_l: [[T; 3]; 3] = std::array::from_fn(|i| {
-        std::array::from_fn(|j| two * (0..3).map(|k| full[i][k] * r[k][j] * scale[j]).sum::<T>())
-    });
-    let by_log_scale: [T; 3] =
-        std::array::from_fn(|j| scale[j] * (0..3).map(|i| r[i][j] * by_l[i][j]).sum::<T>());
-    let m: [[T; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| by_l[i][j] * scale[j]));
-    let [w, x, y, z] = rotation.map(|v| v / norm);
-    let by_unit = [
-        two * (x * (m[2][1] - m[1][2]) + y * (m[0][2] - m[2][0]) + z * (m[1][0] - m[0][1])),
-        two * (w * (m[2][1] - m[1][2]) + y * (m[0][1] + m[1][0]) + z * (m[0][2] + m[2][0])
-            - two * x * (m[1][1] + m[2][2])),
-        two * (w * (m[0][2] - m[2][0]) + x * (m[0][1] + m[1][0]) + z * (m[1][2] + m[2][1])
-            - two * y * (m[0][0] + m[2][2])),
-        two * (w * (m[1][0] - m[0][1]) + x * (m[0][2] + m[2][0]) + y * (m[1][2] + m[2][1])
-            - two * z * (m[0][0] + m[1][1])),
-    ];
-    let unit = [w, x, y, z];
-    let along: T = (0..4).map(|k| unit[k] * by_unit[k]).sum();
-    (by_log_scale, std::array::from_fn(|k| (by_unit[k] - unit[k] * along) / norm))
+/// The arrays of each splat from rows with one lane a splat.
+#[inline(always)]
+fn scatter<L: Lanes, const K: usize>(
+    rows: [Row<L>; K],
+    count: usize,
+    mut to: impl FnMut(usize, [L::Number; K]),
+) {
+    let mut values = [[L::Number::of(0.0); LANES]; K];
+    for k in 0..K {
+        values[k] = rows[k].store();
+    }
+    for i in 0..count.min(LANES) {
+        let mut of = [L::Number::of(0.0); K];
+        for k in 0..K {
+            of[k] = values[k][i];
+        }
+        to(i, of);
+    }
 }
+
+/// Computes what cameras share of some splats.
+struct Share<'a, T> {
+    gaussians: &'a Gaussians<T>,
+    order: &'a [u32],
+    splats: &'a mut [PreparedSplat<T>],
+}
+
+impl<T: Lanewise> Kernel<T> for Share<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        let g = self.gaussians;
+        let [zero, one] = splat_each(lanes, [T::zero(), T::one()]);
+        for (splats, order) in self.splats.chunks_mut(LANES).zip(self.order.chunks(LANES)) {
+            let n = order.len();
+            let log_scale = gather(lanes, n, |i| g.log_scale[order[i] as usize]);
+            let rotation = gather(lanes, n, |i| g.rotation[order[i] as usize]);
+            let [logit] = gather(lanes, n, |i| [g.logit[order[i] as usize]]);
+            let turn = Turn::new(lanes, rotation);
+            let mut variance = log_scale;
+            for k in 0..3 {
+                variance[k] = (log_scale[k] + log_scale[k]).exp();
+            }
+            scatter(turn.covariance(variance), n, |i, v| splats[i].covariance = v);
+            let opacity = (one + (zero - logit).exp()).reciprocal();
+            scatter([opacity], n, |i, [v]| splats[i].opacity = v);
+            for (splat, i) in splats.iter_mut().zip(order) {
+                splat.position = g.position[*i as usize];
+            }
+        }
+    }
+}
+
+/// Turns derivatives by covariances into those by scales and rotations, for some splats.
+struct Unshare<'a, T> {
+    gaussians: &'a Gaussians<T>,
+    gradients: &'a [SplatGradient<T>],
+    first: usize,
+    rank: &'a [u32],
+    log_scale: &'a mut [[T; 3]],
+    rotation: &'a mut [[T; 4]],
+}
+
+impl<T: Lanewise> Kernel<T> for Unshare<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        let Self { gaussians, gradients, .. } = self;
+        let outputs = self.log_scale.chunks_mut(LANES).zip(self.rotation.chunks_mut(LANES));
+        for (k, ((by_log_scale, by_rotation), rank)) in outputs.zip(self.rank.chunks(LANES)).enumerate() {
+            let (n, first) = (rank.len(), self.first + k * LANES);
+            let log_scale = gather(lanes, n, |i| gaussians.log_scale[first + i]);
+            let rotation = gather(lanes, n, |i| gaussians.rotation[first + i]);
+            let by_covariance = gather(lanes, n, |i| gradients[rank[i] as usize].covariance);
+            let mut scale = log_scale;
+            for k in 0..3 {
+                scale[k] = log_scale[k].exp();
+            }
+            let (by_scale, by_turn) = Turn::new(lanes, rotation).gradient(scale, by_covariance);
+            scatter(by_scale, n, |i, v| by_log_scale[i] = v);
+            scatter(by_turn, n, |i, v| by_rotation[i] = v);
+        }
+    }
+}
+
+/// A rotation by a quaternion of any length.
+struct Turn<N> {
+    quaternion: [N; 4],
+    /// One over its squared length.
+    inverse: N,
+    matrix: [[N; 3]; 3],
+}
+
+impl<L: Lanes> Turn<Row<L>> {
+    #[inline(always)]
+    fn new(lanes: L, [w, x, y, z]: [Row<L>; 4]) -> Self {
+        let [least, one] = splat_each(lanes, [1e-24, 1.0].map(L::Number::of));
+        Self::of([w, x, y, z], (w * w + x * x + y * y + z * z).max(least).reciprocal(), one)
+    }
+}
+
+impl<N: Ring> Turn<N> {
+    #[inline(always)]
+    fn of(quaternion: [N; 4], inverse: N, one: N) -> Self {
+        let [w, x, y, z] = quaternion;
+        let two = inverse + inverse;
+        let matrix = [
+            [one - two * (y * y + z * z), two * (x * y - w * z), two * (x * z + w * y)],
+            [two * (x * y + w * z), one - two * (x * x + z * z), two * (y * z - w * x)],
+            [two * (x * z - w * y), two * (y * z + w * x), one - two * (x * x + y * y)],
+        ];
+        Self { quaternion, inverse, matrix }
+    }
+
+    /// `R S² Rᵀ`.
+    #[inline(always)]
+    fn covariance(&self, variance: [N; 3]) -> [N; 6] {
+        let r = &self.matrix;
+        let mut out = [variance[0]; 6];
+        for (e, (i, j)) in ELEMENTS.into_iter().enumerate() {
+            out[e] = r[i][0] * r[j][0] * variance[0]
+                + r[i][1] * r[j][1] * variance[1]
+                + r[i][2] * r[j][2] * variance[2];
+        }
+        out
+    }
+
+    /// Derivatives by log scale and quaternion from those by the covariance (`g`).
+    #[inline(always)]
+    fn gradient(&self, scale: [N; 3], g: [N; 6]) -> ([N; 3], [N; 4]) {
+        let r = &self.matrix;
+        let full = [[g[0], g[1], g[2]], [g[1], g[3], g[4]], [g[2], g[4], g[5]]];
+        // With L = R S: dL/dL = 2 G L; here times the scale.
+        let mut m = *r;
+        let mut by_log_scale = scale;
+        for j in 0..3 {
+            let twice = (scale[j] + scale[j]) * scale[j];
+            for i in 0..3 {
+                m[i][j] = twice * (full[i][0] * r[0][j] + full[i][1] * r[1][j] + full[i][2] * r[2][j]);
+            }
+            by_log_scale[j] = r[0][j] * m[0][j] + r[1][j] * m[1][j] + r[2][j] * m[2][j];
+        }
+        let [w, x, y, z] = self.quaternion;
+        // By the unit quaternion, times half the length.
+        let by = [
+            x * (m[2][1] - m[1][2]) + y * (m[0][2] - m[2][0]) + z * (m[1][0] - m[0][1]),
+            w * (m[2][1] - m[1][2]) + y * (m[0][1] + m[1][0]) + z * (m[0][2] + m[2][0])
+                - (x + x) * (m[1][1] + m[2][2]),
+            w * (m[0][2] - m[2][0]) + x * (m[0][1] + m[1][0]) + z * (m[1][2] + m[2][1])
+                - (y + y) * (m[0][0] + m[2][2]),
+            w * (m[1][0] - m[0][1]) + x * (m[0][2] + m[2][0]) + y * (m[1][2] + m[2][1])
+                - (z + z) * (m[0][0] + m[1][1]),
+        ];
+        let along = (w * by[0] + x * by[1] + y * by[2] + z * by[3]) * self.inverse;
+        let mut by_quaternion = by;
+        for k in 0..4 {
+            by_quaternion[k] = (self.inverse + self.inverse) * (by[k] - self.quaternion[k] * along);
+        }
+        (by_log_scale, by_quaternion)
+    }
+}
+
+/// Rows and columns of a symmetric matrix's elements.
+pub(super) const ELEMENTS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
 #[cfg(test)]
 mod tests {
@@ -170,8 +324,12 @@ mod tests {
         let g = [0.3, -0.2, 0.5, 0.7, 0.1, -0.4];
         // Off-diagonal elements count twice, once for each place in the matrix.
         let weight = [1.0, 2.0, 2.0, 1.0, 2.0, 1.0];
-        let loss = |s, q| -> f64 { (0..6).map(|k| weight[k] * g[k] * covariance(s, q)[k]).sum() };
-        let (by_s, by_q) = covariance_gradient(s, q, g);
+        let turn = |q: [f64; 4]| Turn::of(q, 1.0 / q.iter().map(|v| v * v).sum::<f64>(), 1.0);
+        let loss = |s: [f64; 3], q| -> f64 {
+            let covariance = turn(q).covariance(s.map(|s| (2.0 * s).exp()));
+            (0..6).map(|k| weight[k] * g[k] * covariance[k]).sum()
+        };
+        let (by_s, by_q) = turn(q).gradient(s.map(f64::exp), g);
         let e = 1e-6;
         for k in 0..3 {
             let (mut a, mut b) = (s, s);

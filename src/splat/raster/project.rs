@@ -2,9 +2,10 @@
 
 use super::bands::Band;
 use super::kernel::TILE;
-use super::prepare::{Prepared, PreparedSplat, SplatGradient};
+use super::prepare::{ELEMENTS, Prepared, PreparedSplat, SplatGradient};
 use super::{ALPHA_CUT, LOW_PASS_PX2};
 use crate::affine::AffineCamera;
+use crate::splat::lanes::{Kernel, Lanes, Lanewise};
 use crate::splat::real::Real;
 use std::ops::Range;
 
@@ -60,10 +61,27 @@ pub(super) struct Chunk<T> {
     pub footprints: Vec<Footprint<T>>,
     /// Spans sorted by band, within a band by rank.
     spans: Vec<Span>,
+    /// Each span's footprint: a band reads its own from first to last.
+    drawn: Vec<Footprint<T>>,
     /// Spans of band `b` are `spans[band_starts[b]..band_starts[b + 1]]`.
     band_starts: Vec<u32>,
     unsorted: Vec<(u32, Span)>,
     sums: Vec<FootprintGradient<T>>,
+}
+
+/// Projects a chunk; a kernel to be compiled with the processor's own rounding and fused instructions.
+pub(super) struct Projection<'a, T> {
+    pub chunk: &'a mut Chunk<T>,
+    pub prepared: &'a Prepared<T>,
+    pub ranks: Range<usize>,
+    pub camera: &'a FrameCamera<T>,
+}
+
+impl<T: Lanewise> Kernel<T> for Projection<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, _: L) {
+        self.chunk.project(self.prepared, self.ranks, self.camera);
+    }
 }
 
 /// Derivatives of the loss by a footprint.
@@ -81,6 +99,7 @@ impl<T> Default for Chunk<T> {
             start: 0,
             footprints: Vec::new(),
             spans: Vec::new(),
+            drawn: Vec::new(),
             band_starts: Vec::new(),
             unsorted: Vec::new(),
             sums: Vec::new(),
@@ -90,7 +109,8 @@ impl<T> Default for Chunk<T> {
 
 impl<T: Real> Chunk<T> {
     /// Projects the splats of `ranks`, leaving out those that no pixel sees.
-    pub fn project(&mut self, prepared: &Prepared<T>, ranks: Range<usize>, camera: &FrameCamera<T>) {
+    #[inline(always)]
+    fn project(&mut self, prepared: &Prepared<T>, ranks: Range<usize>, camera: &FrameCamera<T>) {
         self.start = ranks.start;
         self.footprints.clear();
         self.unsorted.clear();
@@ -124,11 +144,12 @@ impl<T: Real> Chunk<T> {
         for b in 0..bands {
             self.band_starts[b + 1] += self.band_starts[b];
         }
-        self.spans.clear();
         self.spans.resize(self.unsorted.len(), Span { footprint: 0, first: 0, last: 0 });
+        self.drawn.resize(self.unsorted.len(), Footprint::default());
         for (band, span) in &self.unsorted {
             let at = &mut self.band_starts[*band as usize];
             self.spans[*at as usize] = *span;
+            self.drawn[*at as usize] = self.footprints[span.footprint as usize];
             *at += 1;
         }
         // The starts have become ends: shift them back.
@@ -140,7 +161,16 @@ impl<T: Real> Chunk<T> {
 
     /// Spans in one band, by rank.
     pub fn spans(&self, band: usize) -> &[Span] {
-        &self.spans[self.band_starts[band] as usize..self.band_starts[band + 1] as usize]
+        &self.spans[self.places(band)]
+    }
+
+    /// The footprints of [`Chunk::spans`].
+    pub fn drawn(&self, band: usize) -> &[Footprint<T>] {
+        &self.drawn[self.places(band)]
+    }
+
+    fn places(&self, band: usize) -> Range<usize> {
+        self.band_starts[band] as usize..self.band_starts[band + 1] as usize
     }
 
     /// Sums the bands' slots per footprint and adds them, taken back through the camera, to the splats' gradients.
@@ -210,7 +240,7 @@ impl<T: Real> Footprint<T> {
         let element = |i: usize, j: usize| {
             m[0][i] * (xx * m[0][j] + xy * m[1][j]) + m[1][i] * (xy * m[0][j] + yy * m[1][j])
         };
-        for (k, (i, j)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
+        for (k, (i, j)) in ELEMENTS.into_iter().enumerate() {
             out.covariance[k] = out.covariance[k] + element(i, j);
         }
     }
@@ -229,6 +259,7 @@ struct Ellipse<T> {
 }
 
 impl<T: Real> Ellipse<T> {
+    #[inline(always)]
     fn of(splat: &PreparedSplat<T>, camera: &FrameCamera<T>) -> Option<Self> {
         let radius2 = T::of(2.0) * (splat.opacity / T::of(ALPHA_CUT)).ln();
         if radius2.is_nan() || radius2 <= T::zero() {
@@ -264,6 +295,7 @@ impl<T: Real> Ellipse<T> {
     }
 
     /// Visits the bands it touches, each with its first and last tile.
+    #[inline(always)]
     fn for_each_span(&self, camera: &FrameCamera<T>, mut visit: impl FnMut(u32, u16, u16)) {
         let [mx, my] = self.mean;
         let [half_cols, half_rows] = self.half_size;
@@ -299,6 +331,7 @@ impl<T: Real> Ellipse<T> {
     }
 
     /// Column (from the centre) of the ellipse's edge on the band's row nearest to `lean`; NaN beyond the ellipse.
+    #[inline(always)]
     fn edge(&self, lean: T, top: T, bottom: T, side: T) -> T {
         let dy = lean.max(top).min(bottom);
         let [a, b, c] = self.conic;

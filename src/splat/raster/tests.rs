@@ -32,7 +32,7 @@ fn camera<T: Real>() -> FrameCamera<T> {
     FrameCamera::new(&camera, 37, 35)
 }
 
-fn features<T: Real>(g: &Gaussians<T>, prepared: &Prepared<T>) -> Vec<[T; 4]> {
+fn features<T: Lanewise>(g: &Gaussians<T>, prepared: &Prepared<T>) -> Vec<[T; 4]> {
     let rgb = |v: T| v * T::of(SH_C0) + T::of(0.5);
     let of = |&i: &u32| {
         let f = g.f_dc[i as usize];
