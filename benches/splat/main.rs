@@ -1,4 +1,6 @@
-//! Times of one iteration's stages: `cargo bench --bench splat [-- THREADS [all]]`.
+//! Times of an iteration's stages, fastest of several runs, as a table: `cargo bench --bench splat [-- THREADS]`.
+
+#![allow(clippy::print_stdout)]
 
 mod scene;
 
@@ -68,7 +70,8 @@ fn report(splats: usize, pixels: f64) {
         })
         .collect();
     let mut raster = Rasterizer::<f32, 4>::default();
-    let forward = fastest_ms(|| {
+    let bin = fastest_ms(|| raster.bin(&prepared, &features, &camera));
+    let render = fastest_ms(|| {
         raster.render(&prepared, &features, &camera, [0.0; 4]);
     });
     let by_pixel = noise(side, side, 4);
@@ -118,45 +121,31 @@ fn report(splats: usize, pixels: f64) {
     shot.virtual_view = Some(Sheared::virtual_view(&affine, size, [0.4, 0.3]));
     let three = iteration(&shot);
 
+    let rate = |ms: f64| pairs / ms * 1e-6;
     println!(
-        "| {:.0} k | {:.2} | {:.1} | {:.1} | {:.2} | {:.1} | {:.2} | {:.1} | {:.2} | {:.1} | {:.1} | {:.1} |",
+        "| {:.0} k | {:.2} | {:.1} | {prepare:.1} | {bin:.1} | {:.1} | {:.2} | {backward:.1} | {:.2} | {ssim:.1} \
+         | {adam_ms:.1} | {one:.0} | {three:.0} |",
         splats as f64 * 1e-3,
         pixels * 1e-6,
         pairs * 1e-6,
-        raster.pairs() as f64 / splats as f64,
-        prepare,
-        forward,
-        pairs / forward * 1e-6,
-        backward,
-        pairs / backward * 1e-6,
-        ssim,
-        adam_ms,
-        one,
+        render - bin,
+        rate(render - bin),
+        rate(backward),
     );
-    println!("three renders {three:.1}");
 }
 
 fn main() {
-    let words: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
-    let threads = words.first().and_then(|w| w.parse().ok()).unwrap_or(2);
-    let sizes: &[(usize, f64)] = if words.len() > 1 {
-        &[
-            (50_000, 0.64e6),
-            (100_000, 0.64e6),
-            (250_000, 0.64e6),
-            (1_000_000, 0.64e6),
-            (100_000, 0.25e6),
-            (100_000, 2.5e6),
-        ]
-    } else {
-        &[(100_000, 0.64e6)]
-    };
+    let threads = std::env::args().filter_map(|a| a.parse().ok()).next().unwrap_or(2);
     ThreadPoolBuilder::new().num_threads(threads).build_global().expect("the first pool");
     println!(
-        "| splats | MP | M pairs | tiles a splat | prepare | forward ms | G pairs/s | backward ms | G pairs/s | SSIM | Adam | one view |"
+        "| splats | MP | M pairs | prepare | project, bin | forward | G pairs/s | backward | G pairs/s | SSIM | Adam \
+         | one render | three |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
-    for &(splats, pixels) in sizes {
-        report(splats, pixels);
+    println!("|{}", "---|".repeat(13));
+    for splats in [50_000, 100_000, 250_000, 1_000_000] {
+        report(splats, 0.64e6);
+    }
+    for pixels in [0.25e6, 2.5e6] {
+        report(100_000, pixels);
     }
 }

@@ -47,20 +47,22 @@ impl<T: Ring> Appearance<T> {
     #[inline(always)]
     pub fn backward(&self, rgb: [T; 3], s: T, by_pixel: [T; 3], by_values: &mut [T; 15]) -> ([T; 3], T) {
         let (sunlit, dimming) = (self.sunlit(rgb), self.dimming(s));
-        let zero = s - s;
-        let mut by_rgb = [zero; 3];
-        let mut by_s = zero;
+        let v = &self.values;
+        let (mut by_sunlit, mut by_lit_share) = (by_pixel, by_pixel);
         for i in 0..3 {
-            let by_sunlit = by_pixel[i] * dimming[i];
+            by_sunlit[i] = by_pixel[i] * dimming[i];
             let by_dimming = by_pixel[i] * sunlit[i];
-            by_s = by_s + by_dimming - by_dimming * self.values[12 + i];
+            by_lit_share[i] = by_dimming - by_dimming * v[12 + i];
             by_values[12 + i] = by_values[12 + i] + by_dimming - by_dimming * s;
-            by_values[9 + i] = by_values[9 + i] + by_sunlit;
+            by_values[9 + i] = by_values[9 + i] + by_sunlit[i];
             for k in 0..3 {
-                by_values[3 * i + k] = by_values[3 * i + k] + by_sunlit * rgb[k];
-                by_rgb[k] = by_rgb[k] + by_sunlit * self.values[3 * i + k];
+                by_values[3 * i + k] = by_values[3 * i + k] + by_sunlit[i] * rgb[k];
             }
         }
-        (by_rgb, by_s)
+        let mut by_rgb = rgb;
+        for k in 0..3 {
+            by_rgb[k] = by_sunlit[0] * v[k] + by_sunlit[1] * v[3 + k] + by_sunlit[2] * v[6 + k];
+        }
+        (by_rgb, by_lit_share[0] + by_lit_share[1] + by_lit_share[2])
     }
 }

@@ -584,6 +584,10 @@ mod tests {
     #[test]
     fn exponentials_and_logarithms_are_within_3e7() {
         f32::dispatch(Compare);
+        #[cfg(target_arch = "x86_64")]
+        if let Some(s) = pulp::x86::V3::try_new() {
+            s.vectorize(Compiled::<_, _, 2>(s, Compare));
+        }
         Compare.run(Registers::<_, LANES>(pulp::Scalar::new()));
     }
 

@@ -57,23 +57,35 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
         camera: &FrameCamera<T>,
         background: [T; C],
     ) -> &Layers<T> {
-        let (width, height) = (camera.width, camera.height);
-        let tiles = width.div_ceil(TILE);
+        self.project(prepared, camera);
+        let width = camera.width;
+        self.image.resize(width, camera.height, C + 1);
+        let chunks = &self.chunks;
+        let rows = self.image.data.par_chunks_mut(TILE * (C + 1) * width);
+        rows.zip(&mut self.bands).enumerate().for_each(|(index, (out, band))| {
+            band.bin(chunks, features, index, width.div_ceil(TILE));
+            T::dispatch(kernel::Forward { band, index, width, background, out });
+        });
+        &self.image
+    }
+
+    /// Projects and lists the splats of every tile, as [`Rasterizer::render`] begins: to be timed.
+    pub fn bin(&mut self, prepared: &Prepared<T>, features: &[[T; C]], camera: &FrameCamera<T>) {
+        self.project(prepared, camera);
+        let chunks = &self.chunks;
+        self.bands.par_iter_mut().enumerate().for_each(|(index, band)| {
+            band.bin(chunks, features, index, camera.width.div_ceil(TILE));
+        });
+    }
+
+    fn project(&mut self, prepared: &Prepared<T>, camera: &FrameCamera<T>) {
         let ranks = prepared.len();
+        self.bands.resize_with(camera.height.div_ceil(TILE), Default::default);
         self.chunks.resize_with(ranks.div_ceil(CHUNK), Default::default);
         self.chunks.par_iter_mut().enumerate().for_each(|(k, chunk)| {
             let ranks = k * CHUNK..ranks.min((k + 1) * CHUNK);
             T::dispatch(Projection { chunk, prepared, ranks, camera });
         });
-        self.image.resize(width, height, C + 1);
-        self.bands.resize_with(height.div_ceil(TILE), Default::default);
-        let chunks = &self.chunks;
-        let rows = self.image.data.par_chunks_mut(TILE * (C + 1) * width);
-        rows.zip(&mut self.bands).enumerate().for_each(|(index, (out, band))| {
-            band.bin(chunks, features, index, tiles);
-            T::dispatch(kernel::Forward { band, index, width, background, out });
-        });
-        &self.image
     }
 
     /// The image of the last render.
