@@ -387,9 +387,8 @@ impl<T: Lanewise> Kernel<T> for Compose<'_, T> {
         (stripe.entropy, stripe.agreement) = Default::default();
         let width = view.width;
         let appearance = Appearance { values: splat_each(lanes, self.appearance.values) };
-        let rate = SHADOW_RATE_PER_M * std::f64::consts::LOG2_E;
         let [zero, one, rate, low, high] =
-            splat_each(lanes, [0.0, 1.0, rate, ENTROPY_CLIP, 1.0 - ENTROPY_CLIP].map(T::of));
+            splat_each(lanes, [0.0, 1.0, SHADOW_RATE_PER_M, ENTROPY_CLIP, 1.0 - ENTROPY_CLIP].map(T::of));
         let lane = Row::load(lanes, &std::array::from_fn(|i| T::of(i as f64)));
         let rows = self.picture.chunks_mut(3 * width).zip(self.sunlight.chunks_mut(2 * width));
         for (k, (picture, sunlight)) in rows.enumerate() {
@@ -416,7 +415,7 @@ impl<T: Lanewise> Kernel<T> for Compose<'_, T> {
             }
             let mut entropy = zero;
             for start in (0..width).step_by(LANES) {
-                let s = (rate * Row::load_from(lanes, sunlight, start)).exp2();
+                let s = (rate * Row::load_from(lanes, sunlight, start)).exp();
                 // Binary entropy, its logarithms' arguments clipped; only these follow the clip.
                 let clipped = s.max(low).min(high);
                 let (a, b) = (clipped.log2(), (one - clipped).log2());
