@@ -1,11 +1,16 @@
 //! `satgs dsm`: splats to a surface model and an orthophoto.
 
 use super::stage::{Fingerprint, Stage, hash_file};
-use super::train::TrainedCameras;
+use super::train::{TrainedCameras, read_json};
 use super::{Failure, Ui};
-use crate::dsm::{hillshade, render};
+use crate::bundle::Adjustment;
+use crate::dsm::{Surface, altitudes, hillshade, render};
 use crate::raster::{ImageFile, MapGrid, write_png_gray};
+use crate::scene::Scene;
+use crate::splat::gaussians::Gaussians;
 use crate::splat::ply;
+use crate::splat::setup::Setup;
+use crate::splat::sweep::Sweep;
 use std::path::{Path, PathBuf};
 
 /// Render a trained run on the UTM grid: RUN/dsm.tif, RUN/ortho.tif
@@ -57,7 +62,10 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let splats = ply::read(&run.join("splats.ply"))?;
     let reference =
         cameras.appearances.get(setup.reference_among_training()).map(|a| a.1).unwrap_or_default();
-    let surface = render(&splats, &setup.site, grid, &reference);
+    let mut surface = render(&splats, &setup.site, grid, &reference);
+    if cameras.recipe.sweep {
+        sharpen(&mut surface, &splats, run, setup, ui)?;
+    }
     surface.write_dsm(&run.join("dsm.tif"))?;
     surface.write_ortho(&run.join("ortho.tif"))?;
     let shade = hillshade(&surface.height, grid.cell);
@@ -77,6 +85,24 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     );
     let json = serde_json::json!({ "grid": grid, "seen_percent": share });
     ui.summary("dsm", &text, json);
+    Ok(())
+}
+
+/// Matches the views once more, near the splats' surface: its edges become as sharp as the images are.
+fn sharpen(
+    surface: &mut Surface,
+    splats: &Gaussians,
+    run: &Path,
+    setup: &Setup,
+    ui: &Ui,
+) -> Result<(), Failure> {
+    let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
+    let points = Adjustment::read(&run.join("ba"))?.points;
+    let points: Vec<_> = points.iter().map(|p| p.position).collect();
+    let views = setup.training_views(&scene)?;
+    let Some(sweep) = Sweep::new(setup, &views, &setup.sparse(&points)) else { return Ok(()) };
+    let prior = altitudes(splats, &setup.site, &sweep.grid());
+    surface.take(&sweep.near(&prior).run(&|e| ui.show(e)));
     Ok(())
 }
 

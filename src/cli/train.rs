@@ -4,21 +4,25 @@ use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui};
 use crate::bundle::Adjustment;
 use crate::raster::{RasterError, write_atomically};
+use crate::frame::{Point, Site};
 use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
 use crate::splat::cpu::CpuBackend;
+use crate::splat::gaussians::Gaussians;
 use crate::splat::recipe::Recipe;
 use crate::splat::setup::Setup;
+use crate::splat::sweep::Sweep;
 use crate::splat::train::{LogLine, train};
+use crate::splat::views::TrainingView;
 use crate::splat::{init, ply};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Train Gaussian splats on an adjusted run: RUN/splats.ply, RUN/cameras.json
 ///
-/// Fits affine cameras to the RPCs that `satgs ba` corrected, starts splats at its sparse points with a carpet on
-/// the ground below them, and trains them on the images with cast shadows. Views without a sun train without
-/// shadows.
+/// Fits affine cameras to the RPCs that `satgs ba` corrected, matches the views to find the surface that splats start
+/// on (recipe `best`; `baeogs` starts at the sparse points), and trains the splats on the images with cast shadows.
+/// Views without a sun train without shadows.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Folder that `satgs ba -o RUN` made
@@ -95,7 +99,7 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         return Err(crate::splat::setup::SetupError::NoViews.into());
     }
     let names: Vec<String> = views.iter().map(|v| v.name.clone()).collect();
-    let start = init::start(&setup.sparse(&points), setup.area, recipe.carpet, options.seed);
+    let start = start(&setup, &views, &setup.sparse(&points), &recipe, options.seed, ui);
     let at_start = start.len();
     let mut backend = CpuBackend::new(start, views, setup.altitudes);
     let half_side = setup.half_side_m();
@@ -128,6 +132,22 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     });
     ui.summary("train", &text, json);
     Ok(())
+}
+
+/// The splats that training starts from: on the matched surface if the recipe says so and views can be matched.
+fn start(
+    setup: &Setup,
+    views: &[TrainingView],
+    sparse: &[Point<Site>],
+    recipe: &Recipe,
+    seed: u64,
+    ui: &Ui,
+) -> Gaussians {
+    let sweep = recipe.sweep.then(|| Sweep::new(setup, views, sparse)).flatten();
+    match sweep {
+        Some(sweep) => init::on_surface(&sweep.run(&|e| ui.show(e)), views),
+        None => init::on_points(sparse, setup.area, seed),
+    }
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {

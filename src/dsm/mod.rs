@@ -1,8 +1,10 @@
 //! From splats to georeferenced rasters: a surface model and an orthophoto on a map grid.
 //!
 //! The camera looks straight down and its pixels are the grid's cells: no point cloud, no resampling. A cell's
-//! height is the weighted mean of the splats' altitudes, weights summing to one; cells through which most light
-//! passes are nodata.
+//! height is the median of its samples', each the altitude at which half of the light is gone; cells through which
+//! most light passes are nodata.
+
+mod altitude;
 
 use crate::affine::AffineCamera;
 use crate::frame::SiteGrid;
@@ -10,10 +12,13 @@ use crate::raster::{Cog, MapGrid, Plane, RasterError};
 use crate::splat::appearance::Appearance;
 use crate::splat::gaussians::{Gaussians, SH_C0};
 use crate::splat::raster::{FrameCamera, Prepared, Rasterizer};
+use crate::splat::sweep::SweptSurface;
+use rayon::prelude::*;
 use std::path::Path;
 
-/// Transmittance above which a cell counts as not seen.
-const UNSEEN: f32 = 0.5;
+pub use altitude::altitudes;
+use altitude::{median, sampled};
+
 
 /// What a look straight down gives.
 pub struct Surface {
@@ -41,40 +46,47 @@ pub fn nadir_camera(grid: &MapGrid, site: &SiteGrid) -> AffineCamera {
 pub fn render(splats: &Gaussians, site: &SiteGrid, grid: MapGrid, reference: &Appearance) -> Surface {
     let mut prepared = Prepared::default();
     prepared.update(splats);
+    let mut height = altitudes(splats, site, &grid);
+    height.data.iter_mut().for_each(|z| *z += site.origin.z() as f32);
     let color = |v: f32| v * SH_C0 as f32 + 0.5;
-    let of = |&i: &u32| {
-        let f = splats.f_dc[i as usize];
-        [color(f[0]), color(f[1]), color(f[2]), splats.position[i as usize][2]]
-    };
-    let features: Vec<[f32; 4]> = prepared.order().iter().map(of).collect();
+    let features: Vec<[f32; 3]> =
+        prepared.order().iter().map(|&i| splats.f_dc[i as usize].map(color)).collect();
     let camera = FrameCamera::new(&nadir_camera(&grid, site), grid.width, grid.height);
-    let mut rasterizer = Rasterizer::<f32, 4>::default();
-    let image = rasterizer.render(&prepared, &features, &camera, [0.0; 4]);
-
-    let origin = site.origin.z() as f32;
-    let channel = |c: usize| image.plane(c);
-    let transmittance = channel(4);
-    let seen = |value: f32, t: f32| if t > UNSEEN { f32::NAN } else { value / (1.0 - t) };
-    let normalised = |c: usize| {
-        let mut plane = channel(c);
-        for (v, t) in plane.data.iter_mut().zip(&transmittance.data) {
-            *v = seen(*v, *t);
-        }
-        plane
-    };
-    let mut height = normalised(3);
-    height.data.iter_mut().for_each(|z| *z += origin);
-    let mut colors = [normalised(0), normalised(1), normalised(2)];
+    let mut rasterizer = Rasterizer::<f32, 3>::default();
+    let image = rasterizer.render(&prepared, &features, &camera, [0.0; 3]);
+    let mut colors: [Plane; 3] = std::array::from_fn(|c| image.plane(c));
+    let transmittance = image.plane(3);
     for i in 0..height.data.len() {
-        let lit = reference.sunlit([colors[0].data[i], colors[1].data[i], colors[2].data[i]]);
+        let opaque = 1.0 - transmittance.data[i];
+        let lit = reference.sunlit(std::array::from_fn(|c| colors[c].data[i] / opaque));
         for (plane, v) in colors.iter_mut().zip(lit) {
-            plane.data[i] = v;
+            plane.data[i] = if height.data[i].is_nan() { f32::NAN } else { v };
         }
     }
     Surface { grid, height, colors }
 }
 
 impl Surface {
+    /// Takes the heights of a swept surface where it has any.
+    pub fn take(&mut self, swept: &SweptSurface) {
+        let fine = sampled(&self.grid);
+        let origin = swept.site.origin.z() as f32;
+        let height_at = |col: usize, row: usize| {
+            let p = swept.grid.corner_px_from_utm(fine.cell_center(col, row));
+            swept.altitude.get(p.col.floor() as i64, p.row.floor() as i64) + origin
+        };
+        let (width, side) = (self.grid.width, fine.width / self.grid.width);
+        self.height.data.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
+            let mut values = Vec::new();
+            for (col, own) in line.iter_mut().enumerate() {
+                let height = median(&mut values, |c, r| height_at(col * side + c, row * side + r));
+                if !height.is_nan() {
+                    *own = height;
+                }
+            }
+        });
+    }
+
     /// Writes the heights as a Cloud-Optimized GeoTIFF: float32, metres, NaN nodata.
     ///
     /// # Errors

@@ -1,10 +1,13 @@
-//! The start: a splat at and around every sparse point, and a carpet for shadows to fall on (BAEOGS §3.1).
+//! The start: splats on a swept surface, or at and around every sparse point with a carpet for shadows to fall on
+//! (BAEOGS §3.1).
 
 use super::gaussians::Gaussians;
 use super::random::Draw;
-use super::recipe::Carpet;
+use super::sweep::SweptSurface;
+use super::views::TrainingView;
 use crate::frame::{Point, Site};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
 use std::num::NonZero;
 
 /// Copies of each sparse point, and their distance from it in metres.
@@ -16,6 +19,16 @@ const OPACITY: f64 = 0.99;
 const SCALE_M: (f64, f64) = (0.05, 2.0);
 /// Share of the sparse points below the carpet's plane.
 const PLANE_SHARE: f64 = 0.02;
+/// Spacing of the splats on a swept surface, metres, and their opacity.
+const SPACING_M: f64 = 1.0;
+const SURFACE_OPACITY: f32 = 0.9;
+/// Four neighbours that are this flat become one splat of twice the size, metres.
+const FLAT_M: f64 = 0.25;
+/// Shares of the sparse points below and above the heights that are swept and trained in, and the margins around
+/// them.
+const HEIGHT_SHARES: (f64, f64) = (0.005, 0.995);
+const MARGIN_BELOW_M: f64 = 5.0;
+const MARGIN_ABOVE_M: f64 = 15.0;
 /// Side of the cells in which the ground is looked for, metres, and the share of a cell's points below it.
 const GROUND_CELL_M: f64 = 30.0;
 const GROUND_SHARE: f64 = 0.1;
@@ -26,9 +39,10 @@ const DRAW_CARPET: u64 = 2;
 /// A box on the map grid, site metres: west, south, east, north.
 pub type SiteBox = (f64, f64, f64, f64);
 
-/// The splats that training starts from.
+/// The splats that training starts from without a swept surface; the carpet lies on the level plane below which
+/// 2 % of the sparse points lie.
 #[must_use]
-pub fn start(sparse: &[Point<Site>], area: SiteBox, carpet: Carpet, seed: u64) -> Gaussians {
+pub fn on_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Gaussians {
     let mut points = Vec::with_capacity(sparse.len() * (COPIES + 1));
     for (i, p) in sparse.iter().enumerate() {
         points.push(p.xyz());
@@ -38,7 +52,7 @@ pub fn start(sparse: &[Point<Site>], area: SiteBox, carpet: Carpet, seed: u64) -
             points.push(std::array::from_fn(|a| p[a] + COPY_DISTANCE_M * d[a]));
         }
     }
-    let ground = Ground::new(sparse, area, carpet);
+    let plane = quantile(sparse.iter().map(|p| p.z()).collect(), PLANE_SHARE).unwrap_or(0.0);
     let (west, south, east, north) = area;
     let count = ((east - west) * (north - south)).max(0.0) as usize;
     let carpet: Vec<[f64; 3]> = (0..count)
@@ -46,7 +60,7 @@ pub fn start(sparse: &[Point<Site>], area: SiteBox, carpet: Carpet, seed: u64) -
             let mut draw = Draw::new(seed, DRAW_CARPET, 0, i as u64);
             let x = west + (east - west) * draw.uniform();
             let y = south + (north - south) * draw.uniform();
-            [x, y, ground.altitude(x, y)]
+            [x, y, plane]
         })
         .collect();
     let mut out = Gaussians::default();
@@ -57,6 +71,52 @@ pub fn start(sparse: &[Point<Site>], area: SiteBox, carpet: Carpet, seed: u64) -
         }
     }
     out
+}
+
+/// Splats on a swept surface in the views' median colours: larger ones where it is flat, and curtains down its steps.
+#[must_use]
+pub fn on_surface(surface: &SweptSurface, views: &[TrainingView]) -> Gaussians {
+    let cells = ((SPACING_M / surface.grid.cell).round() as usize).max(1);
+    let (columns, rows) = (surface.grid.width / cells, surface.grid.height / cells);
+    let at = |col: usize, row: usize| {
+        let (col, row) = (col.min(columns - 1), row.min(rows - 1));
+        surface.point(col * cells + cells / 2, row * cells + cells / 2).xyz()
+    };
+    let spacing = cells as f64 * surface.grid.cell;
+    let quads: Vec<(usize, usize)> =
+        (0..rows / 2).flat_map(|r| (0..columns / 2).map(move |c| (2 * c, 2 * r))).collect();
+    let splats_of_quad = |&(col, row): &(usize, usize)| {
+        let places = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(c, r)| (col + c, row + r));
+        let points = places.map(|(c, r)| at(c, r));
+        let mean: [f64; 3] = std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / 4.0);
+        if points.iter().all(|p| (p[2] - mean[2]).abs() < FLAT_M) {
+            return vec![(mean, 2.0 * spacing)];
+        }
+        let mut splats = Vec::new();
+        for ((c, r), p) in places.into_iter().zip(points).filter(|(_, p)| !p[2].is_nan()) {
+            let around = [(c + 1, r), (c, r + 1), (c.saturating_sub(1), r), (c, r.saturating_sub(1))];
+            let lowest = around.map(|(c, r)| at(c, r)[2]).into_iter().fold(p[2], f64::min);
+            let steps = ((p[2] - lowest) / spacing - 0.5).ceil().max(1.0) as usize;
+            splats.extend((0..steps).map(|k| ([p[0], p[1], p[2] - spacing * k as f64], spacing)));
+        }
+        splats
+    };
+    let splats: Vec<_> = quads.par_iter().flat_map_iter(splats_of_quad).collect();
+    let colors: Vec<[f32; 3]> = splats.par_iter().map(|(p, _)| median_color(*p, views)).collect();
+    let mut out = Gaussians::default();
+    for ((p, size), rgb) in splats.into_iter().zip(colors) {
+        out.push(p.map(|v| v as f32), 0.5 * size as f32, SURFACE_OPACITY, rgb);
+    }
+    out
+}
+
+fn median_color([x, y, z]: [f64; 3], views: &[TrainingView]) -> [f32; 3] {
+    let seen = |v: &TrainingView| v.levels[0].color(v.levels[0].camera.project(Point::new(x, y, z)));
+    let colors: Vec<[f32; 3]> = views.iter().filter_map(seen).collect();
+    std::array::from_fn(|k| {
+        let values = colors.iter().map(|c| f64::from(c[k])).collect();
+        quantile(values, 0.5).map_or(0.5, |v| v as f32)
+    })
 }
 
 /// Root mean square distance to the three nearest others, clamped (3DGS).
@@ -76,8 +136,8 @@ fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
         .collect()
 }
 
-/// The altitude of the ground, from sparse points.
-struct Ground {
+/// The altitude of the ground, from sparse points: a low percentile in each cell of 30 m, smoothed.
+pub struct Ground {
     west: f64,
     south: f64,
     columns: usize,
@@ -87,12 +147,10 @@ struct Ground {
 }
 
 impl Ground {
-    fn new(sparse: &[Point<Site>], (west, south, east, north): SiteBox, carpet: Carpet) -> Self {
-        let all: Vec<f64> = sparse.iter().map(|p| p.z()).collect();
-        let plane = quantile(all, PLANE_SHARE).unwrap_or(0.0);
-        if carpet == Carpet::Plane {
-            return Self { west, south, columns: 1, rows: 1, altitudes: vec![plane] };
-        }
+    /// The ground of an area.
+    #[must_use]
+    pub fn new(sparse: &[Point<Site>], (west, south, east, north): SiteBox) -> Self {
+        let plane = quantile(sparse.iter().map(|p| p.z()).collect(), PLANE_SHARE).unwrap_or(0.0);
         let columns = (((east - west) / GROUND_CELL_M).ceil() as usize).max(1);
         let rows = (((north - south) / GROUND_CELL_M).ceil() as usize).max(1);
         let mut cells = vec![Vec::new(); columns * rows];
@@ -114,8 +172,15 @@ impl Ground {
         Self { west, south, columns, rows, altitudes: altitudes.collect() }
     }
 
+    /// Lowest and highest height above the ground at which a surface is to be looked for, metres; none without points.
+    #[must_use]
+    pub fn heights_above(&self, sparse: &[Point<Site>]) -> Option<(f64, f64)> {
+        height_range(sparse.iter().map(|p| p.z() - self.altitude(p.x(), p.y())).collect())
+    }
+
     /// Bilinear between cell centres, constant beyond them.
-    fn altitude(&self, x: f64, y: f64) -> f64 {
+    #[must_use]
+    pub fn altitude(&self, x: f64, y: f64) -> f64 {
         let axis = |v: f64, start: f64, n: usize| {
             let t = ((v - start) / GROUND_CELL_M - 0.5).clamp(0.0, n as f64 - 1.0);
             let i = (t.floor() as usize).min(n.saturating_sub(2));
@@ -156,6 +221,14 @@ fn window<V: Copy>(
     (r0..=r1).flat_map(move |r| (c0..=c1).map(move |c| cells[r * columns + c]))
 }
 
+/// From the heights of sparse points to those in which a surface is looked for, metres.
+#[must_use]
+pub fn height_range(heights: Vec<f64>) -> Option<(f64, f64)> {
+    let low = quantile(heights.clone(), HEIGHT_SHARES.0)?;
+    let high = quantile(heights, HEIGHT_SHARES.1)?;
+    Some((low - MARGIN_BELOW_M, high + MARGIN_ABOVE_M))
+}
+
 /// The value below which a share of the values lies.
 #[must_use]
 pub fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
@@ -179,19 +252,27 @@ mod tests {
     }
 
     #[test]
-    fn the_carpet_has_one_splat_a_square_metre_and_follows_a_slope() {
+    fn the_carpet_has_one_splat_a_square_metre() {
         let sparse = slope();
-        let g = start(&sparse, (-100.0, -80.0, 100.0, 80.0), Carpet::Ground, 0);
+        let g = on_points(&sparse, (-100.0, -80.0, 100.0, 80.0), 0);
         assert_eq!(g.len(), 5 * sparse.len() + 200 * 160);
-        let carpet = &g.position[5 * sparse.len()..];
-        let off = carpet.iter().filter(|p| p[0].abs() < 70.0).map(|p| (p[2] - 0.3 * p[0]).abs());
-        assert!(off.fold(0.0, f32::max) < 5.0);
+    }
+
+    #[test]
+    fn the_ground_follows_a_slope_and_is_swept_around_all_heights() {
+        let sparse = slope();
+        let ground = Ground::new(&sparse, (-100.0, -80.0, 100.0, 80.0));
+        for x in [-70.0, -20.0, 35.0, 70.0] {
+            assert!((ground.altitude(x, 10.0) - 0.3 * x).abs() < 5.0, "{x}");
+        }
+        let (low, high) = ground.heights_above(&sparse).unwrap();
+        assert!(low < 0.0 && high > MARGIN_ABOVE_M, "{low} {high}");
     }
 
     #[test]
     fn the_plane_lies_below_all_but_two_percent() {
         let sparse = slope();
-        let g = start(&sparse, (-10.0, -10.0, 10.0, 10.0), Carpet::Plane, 0);
+        let g = on_points(&sparse, (-10.0, -10.0, 10.0, 10.0), 0);
         let z = f64::from(g.position[5 * sparse.len()][2]);
         let below = sparse.iter().filter(|p| p.z() < z - 1e-3).count();
         assert!((60..=90).contains(&below), "{below}");
@@ -199,7 +280,7 @@ mod tests {
 
     #[test]
     fn scales_stay_within_their_bounds() {
-        let g = start(&slope(), (-100.0, -80.0, 100.0, 80.0), Carpet::Ground, 0);
+        let g = on_points(&slope(), (-100.0, -80.0, 100.0, 80.0), 0);
         let (lo, hi) = ((SCALE_M.0 * 0.999) as f32, (SCALE_M.1 * 1.001) as f32);
         assert!(g.log_scale.iter().all(|s| (lo..=hi).contains(&s[0].exp())));
     }

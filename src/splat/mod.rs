@@ -17,5 +17,6 @@ pub mod real;
 pub mod recipe;
 pub mod setup;
 pub mod ssim;
+pub mod sweep;
 pub mod train;
 pub mod views;

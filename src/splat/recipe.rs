@@ -9,16 +9,6 @@ use serde::{Deserialize, Serialize};
 /// Iterations of the default recipe, instead of the papers' 5000: JAX_068 takes two cores half an hour.
 const BEST_ITERATIONS: u32 = 3000;
 
-/// Where the carpet under the sparse points lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Carpet {
-    /// On the level plane below which 2 % of the sparse points lie (BAEOGS §3.1, read literally).
-    Plane,
-    /// On the ground: a low percentile of the sparse points in each cell of 30 m, smoothed.
-    Ground,
-}
-
 /// Step sizes of Adam.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearningRates {
@@ -81,8 +71,9 @@ pub struct Recipe {
     pub iterations: u32,
     /// Iterations at half the images' resolution before the full one.
     pub half_resolution_until: u32,
-    /// The carpet.
-    pub carpet: Carpet,
+    /// Whether matching finds the surface that splats start on, and sharpens the DSM afterwards. Otherwise splats
+    /// start at the sparse points with a level carpet, and the DSM is theirs alone.
+    pub sweep: bool,
     /// Step sizes.
     pub rates: LearningRates,
     /// What the loss weighs.
@@ -121,7 +112,7 @@ impl Recipe {
             name: "baeogs".into(),
             iterations: 5000,
             half_resolution_until: 0,
-            carpet: Carpet::Plane,
+            sweep: false,
             rates: LearningRates {
                 position: 0.000_16 * 2.22,
                 position_decay: 1.0,
@@ -157,9 +148,10 @@ impl Recipe {
             "best" => {
                 let best = Self {
                     name: "best".into(),
-                    carpet: Carpet::Ground,
+                    sweep: true,
                     half_resolution_until: 3500,
-                    rates: LearningRates { position_decay: 0.1, ..baeogs.rates },
+                    // The swept surface is near the truth: small steps keep it there.
+                    rates: LearningRates { position: 0.000_1, position_decay: 0.1, ..baeogs.rates },
                     reset: None,
                     ..baeogs
                 };

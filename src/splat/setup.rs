@@ -1,6 +1,6 @@
 //! From adjusted cameras and sparse points to what training needs: the site, its area and heights, affine cameras.
 
-use super::init::{SiteBox, quantile};
+use super::init::{SiteBox, height_range, quantile};
 use super::views::TrainingView;
 use crate::affine::{AffineCamera, FitError, fit, sun_direction};
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteGrid};
@@ -9,10 +9,6 @@ use crate::rpc::Rpc;
 use crate::scene::{Role, Scene, default_aoi};
 use serde::{Deserialize, Serialize};
 
-/// Shares of the sparse points below and above the heights that are trained in, and the margins around them.
-const HEIGHT_SHARES: (f64, f64) = (0.005, 0.995);
-const MARGIN_BELOW_M: f64 = 5.0;
-const MARGIN_ABOVE_M: f64 = 15.0;
 /// Views and suns lower than this are refused: their shears have no end.
 const LOWEST_ELEVATION_DEG: f64 = 15.0;
 
@@ -113,11 +109,10 @@ impl Setup {
         if found < needed {
             return Err(SetupError::FewPoints { found, needed });
         }
-        let heights = || sparse.iter().map(|p| p.height_m()).collect::<Vec<_>>();
+        let heights: Vec<f64> = sparse.iter().map(|p| p.height_m()).collect();
         let too_few = || SetupError::FewPoints { found, needed };
-        let median = quantile(heights(), 0.5).ok_or_else(too_few)?;
-        let low = quantile(heights(), HEIGHT_SHARES.0).ok_or_else(too_few)? - MARGIN_BELOW_M;
-        let high = quantile(heights(), HEIGHT_SHARES.1).ok_or_else(too_few)? + MARGIN_ABOVE_M;
+        let median = quantile(heights.clone(), 0.5).ok_or_else(too_few)?;
+        let (low, high) = height_range(heights).ok_or_else(too_few)?;
 
         let provisional = SiteGrid::at(scene.center().ok_or(SetupError::NoCommonGround)?.at_height(median))?;
         let footprints: Vec<_> =

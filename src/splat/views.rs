@@ -3,6 +3,7 @@
 use super::init::SiteBox;
 use super::raster::Layers;
 use crate::affine::AffineCamera;
+use crate::frame::{CenterPx, Pixel};
 use crate::raster::Plane;
 
 /// A view at one resolution.
@@ -73,6 +74,27 @@ impl Level {
             }
         }
         Self { camera, width, height, colors, valid }
+    }
+
+    /// Brightness in [0, 1], NaN where masked.
+    #[must_use]
+    pub fn gray(&self) -> Plane {
+        Plane::from_fn(self.width, self.height, |col, row| {
+            self.color_at(col, row).map_or(f32::NAN, |c| (c[0] + c[1] + c[2]) / 3.0)
+        })
+    }
+
+    /// Colour of the pixel nearest to a position, in [0, 1]; none outside and where masked.
+    #[must_use]
+    pub fn color(&self, p: Pixel<CenterPx>) -> Option<[f32; 3]> {
+        let (col, row) = (p.col.round(), p.row.round());
+        let inside = col >= 0.0 && row >= 0.0 && col < self.width as f64 && row < self.height as f64;
+        if inside { self.color_at(col as usize, row as usize) } else { None }
+    }
+
+    fn color_at(&self, col: usize, row: usize) -> Option<[f32; 3]> {
+        let value = |k: usize| f32::from(self.colors[(row * 3 + k) * self.width + col]) / 255.0;
+        self.valid[row * self.width + col].then(|| std::array::from_fn(value))
     }
 
     /// Colours in [0, 1], zero where masked.

@@ -1,0 +1,134 @@
+//! Median altitudes: of each sample, the splat at which half of the light from straight above is gone.
+//!
+//! A mean over the splats along a ray would put a roof's rim and the street below it halfway up the wall, and pull
+//! a roof towards whatever shines through; the median is one or the other.
+
+use super::nadir_camera;
+use crate::affine::AffineCamera;
+use crate::frame::SiteGrid;
+use crate::raster::{MapGrid, Plane};
+use crate::splat::gaussians::{Gaussians, rotation_matrix, sigmoid};
+use crate::splat::raster::{ALPHA_CUT, LOW_PASS_PX2};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Share of the light that is left at the median.
+const HALF: f32 = 0.5;
+/// Samples along each side of a cell.
+const SAMPLES: usize = 3;
+/// Rows of cells that one thread draws at a time.
+const BAND_ROWS: usize = 16;
+
+/// A splat as it looks from straight above, in samples.
+struct Ellipse {
+    center: [f32; 2],
+    conic: [f32; 3],
+    half_size: [f32; 2],
+    opacity: f32,
+    altitude: f32,
+}
+
+impl Ellipse {
+    /// None if it is too faint to be seen, or not finite.
+    fn new(splats: &Gaussians, i: usize, camera: &AffineCamera) -> Option<Self> {
+        let position = splats.position[i];
+        let opacity = sigmoid(splats.logit[i]);
+        let radius2 = 2.0 * (f64::from(opacity) / ALPHA_CUT).ln();
+        let (turn, _) = rotation_matrix(splats.rotation[i].map(f64::from));
+        let scale = splats.log_scale[i].map(|s| f64::from(s).exp());
+        // The camera's plane is level: only the upper left of the covariance counts.
+        let axes: [[f64; 3]; 2] = std::array::from_fn(|r| {
+            let pixels_per_metre = camera.linear[r][r];
+            std::array::from_fn(|c| pixels_per_metre * turn[r][c] * scale[c])
+        });
+        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let (xx, xy, yy) =
+            (dot(axes[0], axes[0]) + LOW_PASS_PX2, dot(axes[0], axes[1]), dot(axes[1], axes[1]) + LOW_PASS_PX2);
+        let det = xx * yy - xy * xy;
+        let [dc, dr] = camera.displace(position.map(f64::from));
+        let center = [dc + camera.offset[0], dr + camera.offset[1]];
+        let seen = radius2 > 0.0 && det > 0.0 && center.iter().all(|v| v.is_finite());
+        seen.then(|| Self {
+            center: center.map(|v| v as f32),
+            conic: [yy / det, -xy / det, xx / det].map(|v| v as f32),
+            half_size: [(radius2 * xx).sqrt(), (radius2 * yy).sqrt()].map(|v| v as f32),
+            opacity,
+            altitude: position[2],
+        })
+    }
+
+    /// Samples of an axis that the ellipse can touch.
+    fn range(&self, axis: usize, within: Range<usize>) -> Range<usize> {
+        let (c, h) = (self.center[axis], self.half_size[axis]);
+        let (first, end) = ((c - h).ceil().max(0.0) as usize, (c + h + 1.0).floor().max(0.0) as usize);
+        first.max(within.start)..end.min(within.end)
+    }
+
+    fn alpha(&self, col: usize, row: usize) -> f32 {
+        let (dx, dy) = (col as f32 - self.center[0], row as f32 - self.center[1]);
+        let [a, b, c] = self.conic;
+        self.opacity * (-0.5 * (a * dx * dx + 2.0 * b * dx * dy + c * dy * dy)).exp()
+    }
+}
+
+/// Altitudes of the splats above the site's origin, in the cells of a grid; NaN where most of the light reaches the
+/// ground.
+#[must_use]
+pub fn altitudes(splats: &Gaussians, site: &SiteGrid, grid: &MapGrid) -> Plane {
+    let fine = sampled(grid);
+    let camera = nadir_camera(&fine, site);
+    let mut ellipses: Vec<Ellipse> =
+        (0..splats.len()).into_par_iter().filter_map(|i| Ellipse::new(splats, i, &camera)).collect();
+    // Stable: splats of the same altitude stay in their own order.
+    ellipses.par_sort_by(|a, b| b.altitude.total_cmp(&a.altitude));
+    let mut out = Plane::filled(grid.width, grid.height, f32::NAN);
+    out.data.par_chunks_mut(BAND_ROWS * grid.width).enumerate().for_each(|(k, band)| {
+        let rows = band.len() / grid.width * SAMPLES;
+        let samples = draw(&ellipses, k * BAND_ROWS * SAMPLES, rows, fine.width);
+        let mut values = Vec::with_capacity(SAMPLES * SAMPLES);
+        for (i, cell) in band.iter_mut().enumerate() {
+            let (col, row) = (i % grid.width * SAMPLES, i / grid.width * SAMPLES);
+            *cell = median(&mut values, |c, r| samples[(row + r) * fine.width + col + c]);
+        }
+    });
+    out
+}
+
+/// The grid of the samples of a grid's cells.
+pub(super) fn sampled(grid: &MapGrid) -> MapGrid {
+    let (width, height) = (grid.width * SAMPLES, grid.height * SAMPLES);
+    MapGrid { cell: grid.cell / SAMPLES as f64, width, height, ..*grid }
+}
+
+/// The median of a cell's samples, asked for by (column, row) within the cell; NaN if most are.
+pub(super) fn median(values: &mut Vec<f32>, sample: impl Fn(usize, usize) -> f32) -> f32 {
+    values.clear();
+    for row in 0..SAMPLES {
+        values.extend((0..SAMPLES).map(|col| sample(col, row)).filter(|v| !v.is_nan()));
+    }
+    if 2 * values.len() < SAMPLES * SAMPLES {
+        return f32::NAN;
+    }
+    values.sort_unstable_by(f32::total_cmp);
+    0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2])
+}
+
+/// Altitudes of some rows of samples.
+fn draw(ellipses: &[Ellipse], first_row: usize, rows: usize, width: usize) -> Vec<f32> {
+    let mut altitudes = vec![f32::NAN; rows * width];
+    let mut light = vec![1.0f32; rows * width];
+    for e in ellipses {
+        for row in e.range(1, first_row..first_row + rows) {
+            for col in e.range(0, 0..width) {
+                let i = (row - first_row) * width + col;
+                if light[i] > HALF {
+                    light[i] *= 1.0 - e.alpha(col, row);
+                    if light[i] <= HALF {
+                        altitudes[i] = e.altitude;
+                    }
+                }
+            }
+        }
+    }
+    altitudes
+}

@@ -1,0 +1,52 @@
+//! What hides a cell from a view.
+
+use crate::raster::Plane;
+use rayon::prelude::*;
+
+/// Cells nearest to a point, which a coarse edge may have raised together with it, hide it never.
+const NEAREST: usize = 2;
+
+/// Altitude from which on a cell sees the sky in the direction that leans `lean` cells (right, down) a metre of
+/// height. NaN cells of `surface` hide nothing.
+pub(super) fn horizon(surface: &Plane, lean: [f64; 2]) -> Plane {
+    let top = surface.valid().fold(f32::NEG_INFINITY, f32::max);
+    let length = lean[0].hypot(lean[1]).max(1e-6);
+    let (right, down) = (lean[0] / length, lean[1] / length);
+    let rise = (1.0 / length) as f32;
+    let across = surface.width.max(surface.height);
+    let mut out = Plane::filled(surface.width, surface.height, f32::NEG_INFINITY);
+    out.data.par_chunks_mut(surface.width).enumerate().for_each(|(row, line)| {
+        for (col, highest) in line.iter_mut().enumerate() {
+            for n in NEAREST..across {
+                let up = rise * n as f32;
+                if top - up <= *highest {
+                    break;
+                }
+                let c = (col as f64 + right * n as f64).round() as i64;
+                let r = (row as f64 + down * n as f64).round() as i64;
+                // NaN never is the greater.
+                *highest = highest.max(surface.get(c, r) - up);
+            }
+        }
+    });
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wall_hides_the_cells_behind_it_up_to_the_line_of_sight() {
+        let wall = Plane::from_fn(40, 3, |col, _| if col == 20 { 10.0 } else { 0.0 });
+        let h = horizon(&wall, [0.5, 0.0]);
+        assert_eq!((h.at(10, 1), h.at(17, 1)), (10.0 - 20.0, 10.0 - 6.0));
+        assert!(h.at(30, 1) <= -4.0, "nothing but the ground lies to the right");
+    }
+
+    #[test]
+    fn nadir_views_are_hidden_by_nothing() {
+        let h = horizon(&Plane::filled(20, 20, 30.0), [0.0, 0.0]);
+        assert!(h.data.iter().all(|h| *h < -1e3));
+    }
+}

@@ -1,0 +1,206 @@
+//! The surface by matching: a plane sweep through the training views, on a map grid.
+//!
+//! Every cell tries the altitudes of a stack of surfaces parallel to the ground. At each, the views are sampled
+//! where they would see the cell and compared pair by pair (`correlation`); semi-global matching picks altitudes
+//! that agree with their neighbours' (`semiglobal`). A second pass knows from the first what hides a cell from a
+//! view (`horizon`), which brings streets between high walls to light. It starts training near the surface, and sharpens
+//! what training found.
+
+mod correlation;
+mod horizon;
+mod semiglobal;
+
+use super::init::Ground;
+use super::setup::Setup;
+use super::views::TrainingView;
+use crate::event::{Event, Sink};
+use crate::frame::{Point, Site, SiteGrid};
+use crate::raster::{MapGrid, Plane};
+use correlation::{Image, Volume};
+use rayon::prelude::*;
+
+/// Passes; from the second on, what is hidden counts no more.
+const PASSES: u64 = 2;
+/// Side of the cells, metres, where the views' pixels are not coarser.
+const FINEST_CELL_M: f64 = 0.5;
+/// Cells times altitudes that are held in memory, three bytes each; beyond, cells are coarser.
+const MAX_VOLUME: f64 = 600e6;
+/// Ground displacement per metre of height between the views of a pair: less is blind, more sees other walls.
+const PARALLAX: std::ops::Range<f64> = 0.08..0.9;
+/// The parallax that is preferred, and what a deviation weighs against suns that differ.
+const BEST_PARALLAX: f64 = 0.35;
+const PARALLAX_WEIGHT: f64 = 0.1;
+/// Pairs a view, on average.
+const PAIRS_A_VIEW: usize = 4;
+/// Score from which a cell is believed to hide what lies behind it.
+const BELIEVED: f32 = 0.3;
+/// Cost, of the 255 for no correlation, that a prior adds far from it.
+const PRIOR_COST: f32 = 60.0;
+/// Distance from the prior at which half of that is added, metres.
+const PRIOR_REACH_M: f32 = 1.0;
+
+/// What is swept.
+pub struct Sweep<'a> {
+    site: SiteGrid,
+    grid: MapGrid,
+    images: Vec<Image>,
+    pairs: Vec<(usize, usize)>,
+    stack: Stack,
+    prior: Option<&'a Plane>,
+}
+
+/// Surfaces parallel to the ground: plane `k` lies `low + k * step` metres above it.
+struct Stack {
+    /// Altitude of the ground in every cell, site metres.
+    ground: Plane,
+    low: f32,
+    step: f32,
+    planes: usize,
+}
+
+impl Stack {
+    fn altitude(&self, cell: usize, plane: f32) -> f32 {
+        self.ground.data[cell] + self.low + self.step * plane
+    }
+}
+
+/// Altitudes on a map grid.
+#[derive(Clone, Debug)]
+pub struct SweptSurface {
+    /// The site its altitudes are of.
+    pub site: SiteGrid,
+    /// The grid.
+    pub grid: MapGrid,
+    /// Altitudes in metres above the site's origin; NaN where no pair of views sees the cell.
+    pub altitude: Plane,
+    /// How well the views agree there, 0 to 1: the mean cube of the pairs' correlations.
+    pub score: Plane,
+}
+
+impl SweptSurface {
+    /// Centre of a cell on the surface; its altitude is NaN where there is none.
+    #[must_use]
+    pub fn point(&self, col: usize, row: usize) -> Point<Site> {
+        let p = self.site.site_from_utm(self.grid.cell_center(col, row));
+        Point::new(p.x(), p.y(), f64::from(self.altitude.at(col, row)))
+    }
+}
+
+impl<'a> Sweep<'a> {
+    /// A sweep of a set-up's area at the heights of its sparse points; none if no two views make a pair.
+    #[must_use]
+    pub fn new(setup: &Setup, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Self> {
+        let images: Vec<Image> = views.iter().map(|v| Image::new(&v.levels[0])).collect();
+        let pairs = pairs(views, &images);
+        let ground = Ground::new(sparse, setup.area);
+        let (low, high) = ground.heights_above(sparse)?;
+        let (west, south, east, north) = setup.area;
+        let [x, y, _] = setup.site.origin.xyz();
+        let gsd = views.iter().map(|v| v.levels[0].camera.gsd_m()).fold(FINEST_CELL_M, f64::max);
+        let volume = |cell: f64| (east - west) * (north - south) * (high - low) / cell.powi(3);
+        let cell = gsd.max(gsd * (volume(gsd) / MAX_VOLUME).cbrt());
+        let grid = MapGrid::covering(setup.site.epsg, (x + west, y + south, x + east, y + north), cell);
+        let ground = Plane::from_fn(grid.width, grid.height, |col, row| {
+            let p = setup.site.site_from_utm(grid.cell_center(col, row));
+            ground.altitude(p.x(), p.y()) as f32
+        });
+        let planes = ((high - low) / cell).ceil() as usize + 2;
+        let stack = Stack { ground, low: low as f32, step: cell as f32, planes };
+        (!pairs.is_empty()).then_some(Self { site: setup.site, grid, images, pairs, stack, prior: None })
+    }
+
+    /// The grid that is swept.
+    #[must_use]
+    pub fn grid(&self) -> MapGrid {
+        self.grid
+    }
+
+    /// The same sweep, drawn to altitudes on its grid (site metres, NaN where unknown).
+    #[must_use]
+    pub fn near(self, prior: &'a Plane) -> Self {
+        Self { prior: Some(prior), ..self }
+    }
+
+    /// Sweeps.
+    #[must_use]
+    pub fn run(&self, events: Sink) -> SweptSurface {
+        events(Event::Started { stage: "matching the surface", total: PASSES });
+        let mut hiding = self.prior.cloned();
+        let mut pass = 0;
+        let surface = loop {
+            let mut volume = Volume::correlate(self, hiding.as_ref());
+            if let Some(prior) = self.prior {
+                volume.draw_to(prior, &self.stack);
+            }
+            let surface = self.pick(&volume);
+            pass += 1;
+            events(Event::Advanced { done: pass, status: String::new() });
+            if pass == PASSES {
+                break surface;
+            }
+            hiding = Some(surface.believed());
+        };
+        events(Event::Finished);
+        surface
+    }
+
+    /// The cheapest altitude of every cell, between planes by a parabola.
+    fn pick(&self, volume: &Volume) -> SweptSurface {
+        let sums = semiglobal::aggregate(volume, self.grid.width);
+        let planes = self.stack.planes;
+        let best = |cell: usize| {
+            let costs = volume.cell(cell);
+            let sums = &sums[cell * planes..(cell + 1) * planes];
+            let k = (0..planes).min_by_key(|k| sums[*k]).unwrap_or(0);
+            if costs[k] == Volume::UNSEEN {
+                return (f32::NAN, 0.0);
+            }
+            let mut between = 0.0;
+            if k > 0 && k + 1 < planes {
+                let [a, b, c] = [sums[k - 1], sums[k], sums[k + 1]].map(f32::from);
+                between = 0.5 * (a - c) / (a - 2.0 * b + c).max(1.0);
+            }
+            (self.stack.altitude(cell, k as f32 + between), 1.0 - f32::from(costs[k]) / 255.0)
+        };
+        let (width, height) = (self.grid.width, self.grid.height);
+        let picked: Vec<(f32, f32)> = (0..width * height).into_par_iter().map(best).collect();
+        let (altitude, score) = picked.into_iter().unzip();
+        let plane = |data: Vec<f32>| Plane { width, height, data };
+        SweptSurface { site: self.site, grid: self.grid, altitude: plane(altitude), score: plane(score) }
+    }
+}
+
+impl SweptSurface {
+    /// The altitudes, NaN where they are not believed.
+    fn believed(&self) -> Plane {
+        let mut out = self.altitude.clone();
+        for (z, score) in out.data.iter_mut().zip(&self.score.data) {
+            if *score < BELIEVED {
+                *z = f32::NAN;
+            }
+        }
+        out
+    }
+}
+
+/// Pairs of views with enough parallax, those under the most similar suns first: shadows lie alike.
+fn pairs(views: &[TrainingView], images: &[Image]) -> Vec<(usize, usize)> {
+    let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+    let shadow = |i: usize| views[i].sun_shear.map(|s| images[i].lean(s));
+    let mut rated = Vec::new();
+    for i in 0..images.len() {
+        for j in i + 1..images.len() {
+            let parallax = distance(images[i].lean([0.0; 2]), images[j].lean([0.0; 2]));
+            if PARALLAX.contains(&parallax) {
+                let suns = shadow(i).zip(shadow(j)).map_or(0.0, |(a, b)| distance(a, b));
+                rated.push((suns + PARALLAX_WEIGHT * (parallax - BEST_PARALLAX).abs(), i, j));
+            }
+        }
+    }
+    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+    rated.truncate(PAIRS_A_VIEW * images.len());
+    rated.into_iter().map(|(_, i, j)| (i, j)).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,3 @@
+//! A block on a plane, seen by textured views.
+
+use super::*;
