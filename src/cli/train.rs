@@ -3,8 +3,8 @@
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui};
 use crate::bundle::Adjustment;
-use crate::raster::{RasterError, write_atomically};
 use crate::frame::{Point, Site};
+use crate::raster::{RasterError, write_atomically};
 use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
 use crate::splat::cpu::CpuBackend;

@@ -42,8 +42,11 @@ impl Ellipse {
             std::array::from_fn(|c| pixels_per_metre * turn[r][c] * scale[c])
         });
         let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        let (xx, xy, yy) =
-            (dot(axes[0], axes[0]) + LOW_PASS_PX2, dot(axes[0], axes[1]), dot(axes[1], axes[1]) + LOW_PASS_PX2);
+        let (xx, xy, yy) = (
+            dot(axes[0], axes[0]) + LOW_PASS_PX2,
+            dot(axes[0], axes[1]),
+            dot(axes[1], axes[1]) + LOW_PASS_PX2,
+        );
         let det = xx * yy - xy * xy;
         let [dc, dr] = camera.displace(position.map(f64::from));
         let center = [dc + camera.offset[0], dr + camera.offset[1]];

@@ -19,7 +19,6 @@ use std::path::Path;
 pub use altitude::altitudes;
 use altitude::{median, sampled};
 
-
 /// What a look straight down gives.
 pub struct Surface {
     /// The grid.

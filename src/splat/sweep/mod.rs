@@ -37,7 +37,7 @@ const BELIEVED: f32 = 0.3;
 /// Cost, of the 255 for no correlation, that a prior adds far from it.
 const PRIOR_COST: f32 = 60.0;
 /// Distance from the prior at which half of that is added, metres.
-const PRIOR_REACH_M: f32 = 1.0;
+const PRIOR_REACH_M: f32 = 3.0;
 
 /// What is swept.
 pub struct Sweep<'a> {

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 /// Cost of a step of one plane between neighbours, and of any larger one.
 const STEP: u16 = 30;
-const JUMP: u16 = 160;
+const JUMP: u16 = 100;
 /// Cells that one thread takes of a row.
 const RUN: usize = 64;
 
@@ -25,7 +25,14 @@ pub(super) fn aggregate(volume: &Volume, width: usize) -> Vec<u16> {
             let mut now = vec![0u16; length];
             for i in 0..rows.len() {
                 let row = if upwards { rows.len() - 1 - i } else { i };
-                across(&mut sums[row * length..(row + 1) * length], rows[row], planes, lean, &before, &mut now);
+                across(
+                    &mut sums[row * length..(row + 1) * length],
+                    rows[row],
+                    planes,
+                    lean,
+                    &before,
+                    &mut now,
+                );
                 std::mem::swap(&mut before, &mut now);
             }
         }

@@ -1,3 +1,105 @@
-//! A block on a plane, seen by textured views.
+//! A block on level ground, seen by five views of a textured world.
 
 use super::*;
+use crate::affine::AffineCamera;
+use crate::event::ignore;
+use crate::frame::SiteGrid;
+use crate::splat::random::Draw;
+
+const BLOCK_M: f64 = 12.0;
+
+fn height(x: f64, y: f64) -> f64 {
+    if x.abs() < 8.0 && y.abs() < 6.0 { BLOCK_M } else { 0.0 }
+}
+
+/// Smooth noise from 0 to 1.
+fn texture(x: f64, y: f64, z: f64) -> f64 {
+    let knot = |i: f64, j: f64| Draw::new(3, i as i64 as u64, j as i64 as u64, (z > 0.1).into()).uniform();
+    let (i, j) = (x.floor(), y.floor());
+    let (fx, fy) = (x - i, y - j);
+    let line = |j: f64| knot(i, j) * (1.0 - fx) + knot(i + 1.0, j) * fx;
+    line(j) * (1.0 - fy) + line(j + 1.0) * fy
+}
+
+fn view(lean: [f64; 2], textured: bool) -> TrainingView {
+    let camera = AffineCamera {
+        linear: [[2.0, 0.0, -2.0 * lean[0]], [0.0, -2.0, 2.0 * lean[1]]],
+        offset: [79.5, 69.5],
+    };
+    // A ray climbs towards the camera: its highest point on the surface is what the pixel shows.
+    let color = |col: usize, row: usize| {
+        let ground = [(col as f64 - 79.5) / 2.0, (69.5 - row as f64) / 2.0];
+        let at = |z: f64| (ground[0] + lean[0] * z, ground[1] + lean[1] * z);
+        let steps = (0..=120).rev().map(|k| f64::from(k) * BLOCK_M / 120.0);
+        let z = steps.into_iter().find(|z| height(at(*z).0, at(*z).1) >= *z).unwrap_or(0.0);
+        if textured { texture(at(z).0, at(z).1, z) as f32 } else { 0.5 }
+    };
+    let plane = Plane::from_fn(160, 140, color);
+    TrainingView::new("v".into(), camera, None, &[plane], (-30.0, -25.0, 30.0, 25.0))
+}
+
+fn setup() -> Setup {
+    let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
+    let area = (-25.0, -20.0, 25.0, 20.0);
+    Setup { site, area, altitudes: (-5.0, 20.0), views: Vec::new(), reference: 0 }
+}
+
+fn views(textured: bool) -> Vec<TrainingView> {
+    let leans = [[0.0, 0.0], [0.3, 0.05], [-0.3, 0.0], [0.05, 0.3], [0.0, -0.3]];
+    leans.into_iter().map(|lean| view(lean, textured)).collect()
+}
+
+fn sparse() -> Vec<Point<Site>> {
+    let grid = |i: i32| (f64::from(i % 25) * 2.0 - 24.0, f64::from(i / 25) * 2.0 - 19.0);
+    (0..500).map(|i| Point::new(grid(i).0, grid(i).1, height(grid(i).0, grid(i).1))).collect()
+}
+
+/// Share of the cells that lie within half a metre of the truth.
+fn right(surface: &SweptSurface) -> f64 {
+    let (width, height_) = (surface.grid.width, surface.grid.height);
+    let cells = (0..width * height_).map(|i| surface.point(i % width, i / width));
+    let right = cells.filter(|p| (p.z() - height(p.x(), p.y())).abs() < 0.5).count();
+    right as f64 / (width * height_) as f64
+}
+
+#[test]
+fn a_block_and_the_ground_around_it_are_found() {
+    let views = views(true);
+    let sweep = Sweep::new(&setup(), &views, &sparse()).unwrap();
+    let surface = sweep.run(&ignore);
+    assert!(right(&surface) > 0.95, "{}", right(&surface));
+    assert!(surface.score.data.iter().filter(|s| **s > BELIEVED).count() * 2 > surface.score.data.len());
+}
+
+#[test]
+fn a_prior_decides_where_views_show_nothing() {
+    let views = views(false);
+    let sweep = Sweep::new(&setup(), &views, &sparse()).unwrap();
+    let grid = sweep.grid();
+    let prior = Plane::from_fn(grid.width, grid.height, |col, row| {
+        let p = setup().site.site_from_utm(grid.cell_center(col, row));
+        height(p.x(), p.y()) as f32
+    });
+    let surface = sweep.near(&prior).run(&ignore);
+    assert!(right(&surface) > 0.95, "{}", right(&surface));
+}
+
+#[test]
+fn views_of_one_direction_make_no_pair() {
+    let same = [view([0.1, 0.0], true), view([0.1, 0.0], true)];
+    assert!(Sweep::new(&setup(), &same, &sparse()).is_none());
+}
+
+#[test]
+fn splats_start_on_the_surface_with_curtains_down_its_walls() {
+    let views = views(true);
+    let surface = Sweep::new(&setup(), &views, &sparse()).unwrap().run(&ignore);
+    let splats = crate::splat::init::on_surface(&surface, &views);
+    let near =
+        |p: &&[f32; 3], z: f64| p[0].abs() < 5.0 && p[1].abs() < 3.0 && (f64::from(p[2]) - z).abs() < 0.5;
+    assert!(splats.position.iter().filter(|p| near(p, BLOCK_M)).count() >= 10);
+    assert_eq!(splats.position.iter().filter(|p| near(p, 0.0)).count(), 0, "nothing under the roof");
+    let on_wall = |p: &&[f32; 3]| (2.0..10.0).contains(&p[2]);
+    let curtain = splats.position.iter().filter(on_wall).count();
+    assert!(curtain >= 150, "{curtain}");
+}
