@@ -13,9 +13,7 @@ use std::path::Path;
 
 /// Largest distance of a corrected camera from the true one, once the translation of the whole scene, which tie
 /// points leave open, is taken out.
-///
-/// 0.22 px is what was seen here; the aim is 0.1 px, and shadows that move between the dates are in its way.
-const SHIFT_TOLERANCE_PX: f64 = 0.25;
+const SHIFT_TOLERANCE_PX: f64 = 0.1;
 /// Mean absolute error of the surface after a short training on small images: 2.3 m was seen; the town's own mean
 /// absolute deviation is over 5 m.
 const MAE_TOLERANCE_M: f64 = 3.0;

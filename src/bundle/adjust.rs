@@ -1,16 +1,18 @@
-//! The stages in a row: features, pairs, matches, tracks, the solve with rejection, all but the features twice.
+//! The stages in a row: features, pairs, matches, tracks, the solve with rejection, all but the features twice;
+//! then patches in the place of keypoints, and the last solve.
 
 use super::error::BundleError;
 use super::features::{Keypoint, detect};
 use super::matching::{Match, MatchView, matches};
 use super::output::{Adjustment, SparsePoint};
+use super::patches::{self, Seeker};
 use super::problem::{Block, Measurement, Unknowns};
 use super::report::Report;
 use super::solver::SchurLevenbergMarquardt;
 use super::tracks::{self, Observation};
 use crate::event::{Event, Sink};
 use crate::frame::{Geodetic, Point, SiteGrid};
-use crate::raster::RasterError;
+use crate::raster::{Plane, RasterError};
 use crate::rpc::Rpc;
 use crate::scene::{Scene, angle_between_deg, footprint};
 use argmin::core::Executor;
@@ -36,6 +38,10 @@ const LOSS_SCALES_PX: [f64; 3] = [8.0, 1.0, 0.3];
 const REJECTIONS: usize = 3;
 const REJECT_PX: f64 = 0.6;
 const REJECT_SIGMAS: f64 = 2.5;
+/// Views that must show a patch, or half of all if these are fewer, and the weight of keypoints that no patch
+/// confirms: they place a view that no patch reaches, and nothing else.
+const FEWEST_VIEWS: usize = 4;
+const UNCONFIRMED: f64 = 0.01;
 const MAX_ITERATIONS: u64 = 50;
 const VIEWS_AT_ONCE: usize = 4;
 
@@ -70,6 +76,7 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
         work.round(&mut state, WIDE_PX, heights, true)?;
         let narrowed = work.narrowed_heights(&state, heights);
         work.round(&mut state, NARROW_PX, narrowed, true)?;
+        work.settle(&mut state, narrowed)?;
     }
     Ok(work.result(&state, options.fixed))
 }
@@ -80,6 +87,8 @@ struct WorkView<'a> {
     rpc: &'a Rpc,
     size: (usize, usize),
     keypoints: Vec<Keypoint>,
+    /// Blurred a little, for patches.
+    image: Plane,
     /// Azimuth and off-nadir, degrees.
     direction: (f64, f64),
 }
@@ -115,13 +124,18 @@ impl<'a> Work<'a> {
         let mut detected = Vec::with_capacity(scene.views.len());
         // A few views at a time: the scale space of one takes thirty times its pixels.
         for some in scene.views.chunks(rayon::current_num_threads().min(VIEWS_AT_ONCE)) {
-            let found: Vec<Result<_, RasterError>> =
-                some.par_iter().map(|v| Ok(detect(&v.read_gray()?))).collect();
+            let found: Vec<Result<_, RasterError>> = some
+                .par_iter()
+                .map(|v| {
+                    let image = v.read_gray()?;
+                    Ok((detect(&image), patches::prepared(&image)))
+                })
+                .collect();
             detected.extend(found);
             events(Event::Advanced { done: detected.len() as u64, status: String::new() });
         }
         for (view, keypoints) in scene.views.iter().zip(detected) {
-            let keypoints: Vec<Keypoint> = keypoints?;
+            let (keypoints, image): (Vec<Keypoint>, Plane) = keypoints?;
             let found = keypoints.len();
             match view.direction_deg(middle) {
                 _ if found < FEWEST_KEYPOINTS => {
@@ -138,6 +152,7 @@ impl<'a> Work<'a> {
                     rpc: &view.rpc,
                     size: (view.width, view.height),
                     keypoints,
+                    image,
                     direction,
                 }),
             }
@@ -201,6 +216,34 @@ impl<'a> Work<'a> {
         Ok(())
     }
 
+    /// Measures the tracks anew by patches in all views, and solves with these; keypoints count little from now on.
+    fn settle(&self, state: &mut Progress, heights: (f64, f64)) -> Result<(), BundleError> {
+        (self.events)(Event::Started { stage: "measuring patches", total: 0 });
+        let block = Block::new(self.rpcs(), Vec::new(), self.center);
+        let images = self.views.iter().map(|v| &v.image).collect();
+        let seeker = Seeker::new(&block, &state.shifts, images);
+        let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2));
+        state.tracks = state
+            .tracks
+            .par_iter()
+            .zip(&state.points)
+            .with_min_len(16)
+            .map(|(track, point)| {
+                let found = seeker.track(&track[0], *point);
+                if found.len() >= fewest {
+                    found
+                } else {
+                    track.iter().map(|m| Measurement { weight: UNCONFIRMED, ..*m }).collect()
+                }
+            })
+            .collect();
+        let confirmed = state.tracks.iter().filter(|t| t[0].weight > UNCONFIRMED).count();
+        tracing::debug!("patches confirm {confirmed} of {} tracks", state.tracks.len());
+        self.refine(state, &LOSS_SCALES_PX[1..], heights, true)?;
+        (self.events)(Event::Finished);
+        Ok(())
+    }
+
     fn corrected(&self, shifts: &[[f64; 2]]) -> Vec<Rpc> {
         self.views.iter().zip(shifts).map(|(v, s)| v.rpc.shifted(s[0], s[1])).collect()
     }
@@ -255,6 +298,7 @@ impl<'a> Work<'a> {
                 let measure = |o: &Observation| Measurement {
                     view: o.view as usize,
                     px: self.views[o.view as usize].keypoints[o.keypoint as usize].px,
+                    weight: 1.0,
                 };
                 track.iter().map(measure).collect()
             })

@@ -56,6 +56,7 @@ fn work(delivered: &[Rpc]) -> Work<'_> {
             rpc,
             size: (512, 512),
             keypoints: Vec::new(),
+            image: Plane::filled(1, 1, 0.0),
             direction: (
                 lean[0].atan2(-lean[1]).to_degrees(),
                 (0.5 * lean[0].hypot(lean[1])).atan().to_degrees(),
@@ -83,7 +84,7 @@ fn observe(exact: &[Rpc], noise_px: f64, outliers: f64) -> (Vec<Vec<Measurement>
                     let seen = exact[view].project(p);
                     let reach = if noise.next() * 0.5 + 0.5 < outliers { 20.0 } else { noise_px * 1.732 };
                     let px = Pixel::new(seen.col + reach * noise.next(), seen.row + reach * noise.next());
-                    Measurement { view, px }
+                    Measurement { view, px, weight: 1.0 }
                 })
                 .collect();
             (track, p)
@@ -116,7 +117,7 @@ fn worst_shift(exact: &[Rpc], found: &[[f64; 2]], truth: &[[f64; 2]]) -> f64 {
     let mut a = nalgebra::DMatrix::zeros(2 * found.len(), 3);
     let mut b = nalgebra::DVector::zeros(2 * found.len());
     for (v, (f, t)) in found.iter().zip(truth).enumerate() {
-        let m = Measurement { view: v, px: Pixel::new(0.0, 0.0) };
+        let m = Measurement { view: v, px: Pixel::new(0.0, 0.0), weight: 1.0 };
         let by_point = block.linearise(&m, [0.0; 2], [0.0; 3]).by_point;
         for k in 0..2 {
             for c in 0..3 {
@@ -203,7 +204,7 @@ fn derivatives_agree_with_central_differences() {
     let block = Block::new(exact.iter().collect(), Vec::new(), Point::new(5.44, 43.26, 100.0));
     let p = [40.0, -25.0, 12.0];
     for view in 0..exact.len() {
-        let m = Measurement { view, px: Pixel::new(200.0, 300.0) };
+        let m = Measurement { view, px: Pixel::new(200.0, 300.0), weight: 1.0 };
         let o = block.linearise(&m, [0.3, -0.7], p);
         for c in 0..3 {
             let at = |d: f64| {

@@ -26,6 +26,8 @@ pub struct Measurement {
     pub view: usize,
     /// Where the point was seen.
     pub px: Pixel<CenterPx>,
+    /// How much it counts: 1 for a good observation.
+    pub weight: f64,
 }
 
 /// Shifts and points.
@@ -98,7 +100,8 @@ impl<'a> Block<'a> {
         let by_point = jacobian.map(|row| std::array::from_fn(|k| row[k] * self.per_metre[k]));
         let square = residual[0] * residual[0] + residual[1] * residual[1];
         let scale2 = self.loss_scale_px * self.loss_scale_px;
-        Linearised { residual, by_point, weight: 1.0 / (1.0 + square / scale2) / (SIGMA_PX * SIGMA_PX) }
+        let weight = m.weight / (1.0 + square / scale2) / (SIGMA_PX * SIGMA_PX);
+        Linearised { residual, by_point, weight }
     }
 
     /// Distance of the prediction from an observation, pixels.
@@ -120,7 +123,7 @@ impl<'a> Block<'a> {
             .map(|(track, p)| {
                 let loss = |m: &Measurement| {
                     let d = self.distance(m, u.shifts[m.view], *p);
-                    (d * d / scale2).ln_1p()
+                    m.weight * (d * d / scale2).ln_1p()
                 };
                 track.iter().map(loss).sum::<f64>()
             })

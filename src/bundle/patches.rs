@@ -1,0 +1,269 @@
+//! Least-squares matching: where a patch of one view lies in the others, to a few hundredths of a pixel.
+//!
+//! Keypoints are found in two or three views each, and many sit on corners that move with the sun and the line of
+//! sight: of shadows, of what hides something. A patch is sought in every view. What moves is unlike itself on
+//! another date, and a place that many views show alike is rarely a wrong one (Grün 1985).
+
+use super::problem::{Block, Measurement};
+use super::scale_space::blurred;
+use crate::frame::{CenterPx, Pixel};
+use crate::raster::Plane;
+use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
+
+/// Half the side of a patch, and its side, samples; they lie a pixel of the reference apart.
+const HALF: usize = 7;
+const SIDE: usize = 2 * HALF + 1;
+/// Standard deviation of the patch's window, pixels.
+const WINDOW_PX: f64 = 4.0;
+/// Blur that keeps bilinear interpolation from favouring whole pixels, pixels.
+const BLUR_PX: f64 = 0.7;
+/// How far from its predicted place a patch is sought, samples.
+const REACH: usize = 2;
+/// Correlation at whole samples from which the search goes on between them, and that a patch needs in the end.
+const PROMISING: f64 = 0.6;
+const LEAST_CORRELATION: f64 = 0.85;
+/// Standard deviation of a position beyond which the patch is plain, or an edge that slides along itself, pixels.
+const WORST_SIGMA_PX: f64 = 0.12;
+const MAX_ITERATIONS: usize = 8;
+/// Steps below this end the search, pixels.
+const SMALLEST_STEP_PX: f64 = 0.01;
+
+/// The image in which patches are sought.
+#[must_use]
+pub fn prepared(image: &Plane) -> Plane {
+    blurred(image, BLUR_PX)
+}
+
+/// Seeks patches in views whose cameras are right to a pixel.
+pub struct Seeker<'a> {
+    block: &'a Block<'a>,
+    shifts: &'a [[f64; 2]],
+    images: Vec<&'a Plane>,
+    window: Window,
+}
+
+impl<'a> Seeker<'a> {
+    /// A seeker in the views of a block with these shifts; `images` are [`prepared`].
+    #[must_use]
+    pub fn new(block: &'a Block<'a>, shifts: &'a [[f64; 2]], images: Vec<&'a Plane>) -> Self {
+        Self { block, shifts, images, window: Window::new() }
+    }
+
+    /// Where the views show the patch around an observation of a point, itself included.
+    #[must_use]
+    pub fn track(&self, reference: &Measurement, point: [f64; 3]) -> Vec<Measurement> {
+        let mut found = vec![*reference];
+        let at = Vector2::new(reference.px.col, reference.px.row);
+        let template = Samples::<SIDE>::new(self.images[reference.view], at, Matrix2::identity())
+            .and_then(|s| self.window.template(&s));
+        let inverse = self.place(reference.view, point).1.try_inverse();
+        let (Some(template), Some(inverse)) = (template, inverse) else { return found };
+        for (view, image) in self.images.iter().enumerate().filter(|(v, _)| *v != reference.view) {
+            let (start, by_ground) = self.place(view, point);
+            // The patch is taken to be level.
+            if let Some(px) = self.window.locate(&template, image, start, by_ground * inverse) {
+                found.push(Measurement { view, px: Pixel::<CenterPx>::new(px[0], px[1]), weight: 1.0 });
+            }
+        }
+        found.sort_by_key(|m| m.view);
+        found
+    }
+
+    /// Where a view shows a point, and how that moves by metres east and north.
+    fn place(&self, view: usize, point: [f64; 3]) -> (Vector2<f64>, Matrix2<f64>) {
+        let origin = Measurement { view, px: Pixel::new(0.0, 0.0), weight: 1.0 };
+        let o = self.block.linearise(&origin, self.shifts[view], point);
+        let [a, b] = o.by_point;
+        (-Vector2::from(o.residual), Matrix2::new(a[0], a[1], b[0], b[1]))
+    }
+}
+
+/// `N` by `N` samples of an image around a position.
+struct Samples<const N: usize>([[f64; N]; N]);
+
+impl<const N: usize> Samples<N> {
+    /// None where some are missing.
+    fn new(image: &Plane, at: Vector2<f64>, warp: Matrix2<f64>) -> Option<Self> {
+        let middle = (N / 2) as f64;
+        let mut sum = 0.0;
+        let samples = std::array::from_fn(|r| {
+            std::array::from_fn(|c| {
+                let p = at + warp * Vector2::new(c as f64 - middle, r as f64 - middle);
+                let value = f64::from(image.bilinear(p[0], p[1]));
+                sum += value;
+                value
+            })
+        });
+        f64::is_finite(sum).then_some(Self(samples))
+    }
+}
+
+/// A patch less its mean, of length one under the window.
+type Template = [[f64; SIDE]; SIDE];
+
+/// The weights of a patch's samples: their sum is one.
+struct Window([[f64; SIDE]; SIDE]);
+
+impl Window {
+    fn new() -> Self {
+        let offset = |i: usize| i as f64 - HALF as f64;
+        let bell = |r: usize, c: usize| {
+            (-(offset(r).powi(2) + offset(c).powi(2)) / (2.0 * WINDOW_PX * WINDOW_PX)).exp()
+        };
+        let sum: f64 = (0..SIDE * SIDE).map(|k| bell(k / SIDE, k % SIDE)).sum();
+        Self(std::array::from_fn(|r| std::array::from_fn(|c| bell(r, c) / sum)))
+    }
+
+    fn template(&self, patch: &Samples<SIDE>) -> Option<Template> {
+        let (_, mean, deviation) = self.compare(&[[0.0; SIDE]; SIDE], patch, [0, 0]);
+        let unit = patch.0.map(|row| row.map(|v| (v - mean) / deviation));
+        (deviation > 0.0).then_some(unit)
+    }
+
+    /// Covariance with the template of the samples that start at (row, column), their mean, standard deviation.
+    fn compare<const N: usize>(
+        &self,
+        template: &Template,
+        there: &Samples<N>,
+        [row, col]: [usize; 2],
+    ) -> (f64, f64, f64) {
+        let (mut product, mut sum, mut square) = (0.0, 0.0, 0.0);
+        for r in 0..SIDE {
+            for (c, v) in there.0[row + r][col..col + SIDE].iter().enumerate() {
+                let weighted = self.0[r][c] * v;
+                product += weighted * template[r][c];
+                sum += weighted;
+                square += weighted * v;
+            }
+        }
+        (product, sum, (square - sum * sum).max(0.0).sqrt())
+    }
+
+    /// Where the template lies in an image; `warp` leads from its samples to the image's pixels.
+    fn locate(
+        &self,
+        template: &Template,
+        image: &Plane,
+        start: Vector2<f64>,
+        warp: Matrix2<f64>,
+    ) -> Option<Vector2<f64>> {
+        let around = Samples::<{ SIDE + 2 * REACH }>::new(image, start, warp)?;
+        let mut best = (PROMISING, None);
+        for row in 0..=2 * REACH {
+            for col in 0..=2 * REACH {
+                let (product, _, deviation) = self.compare(template, &around, [row, col]);
+                if product > best.0 * deviation {
+                    best = (product / deviation, Some([col, row]));
+                }
+            }
+        }
+        let mut at = start + warp * Vector2::from(best.1?.map(|k| k as f64 - REACH as f64));
+        for _ in 0..MAX_ITERATIONS {
+            let there = Samples::<{ SIDE + 2 }>::new(image, at, warp)?;
+            let (inverse, right) = self.normal(template, &there)?;
+            let step = inverse * right;
+            let moved = warp * Vector2::new(step[0], step[1]);
+            at += moved;
+            // NaN is too far as well.
+            let near = (at - start).norm() < 2.0 * REACH as f64;
+            if !near {
+                return None;
+            }
+            if moved.norm() < SMALLEST_STEP_PX {
+                let (product, _, deviation) = self.compare(template, &there, [1, 1]);
+                let left = (deviation * deviation - product * product).max(0.0);
+                // The weights sum to one: so many samples count in full.
+                let samples = std::f64::consts::TAU * WINDOW_PX * WINDOW_PX;
+                let sigma = (inverse[(0, 0)].max(inverse[(1, 1)]) * left / samples).sqrt();
+                return (product >= LEAST_CORRELATION * deviation && sigma <= WORST_SIGMA_PX).then_some(at);
+            }
+        }
+        None
+    }
+
+    /// Inverse normal matrix and right side of `there + gradient · step = gain · template + offset`.
+    fn normal(
+        &self,
+        template: &Template,
+        Samples(v): &Samples<{ SIDE + 2 }>,
+    ) -> Option<(Matrix4<f64>, Vector4<f64>)> {
+        let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
+        for r in 0..SIDE {
+            for c in 0..SIDE {
+                let row = Vector4::new(
+                    0.5 * (v[r + 1][c + 2] - v[r + 1][c]),
+                    0.5 * (v[r + 2][c + 1] - v[r][c + 1]),
+                    -template[r][c],
+                    -1.0,
+                );
+                let weighted = row * self.0[r][c];
+                normal += weighted * row.transpose();
+                right -= weighted * v[r + 1][c + 1];
+            }
+        }
+        Some((normal.try_inverse()?, right))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A smooth scene without a period that fits into a patch.
+    fn scene(x: f64, y: f64) -> f64 {
+        let waves = [(0.31, 0.17, 0.4), (-0.23, 0.41, 1.3), (0.52, -0.29, 2.1), (0.11, 0.63, 0.2)];
+        waves.iter().map(|(u, v, phase)| 0.1 * (u * x + v * y + phase).sin()).sum::<f64>() + 0.5
+    }
+
+    fn image(f: impl Fn(f64, f64) -> f64) -> Plane {
+        Plane::from_fn(64, 64, |c, r| f(c as f64, r as f64) as f32)
+    }
+
+    /// Where the patch at (30.3, 31.6) of `a` is found in `b`, sought from `start` on.
+    fn found(a: &Plane, b: &Plane, start: [f64; 2], warp: Matrix2<f64>) -> Option<Vector2<f64>> {
+        let window = Window::new();
+        let patch = Samples::new(a, Vector2::new(30.3, 31.6), Matrix2::identity()).unwrap();
+        window.locate(&window.template(&patch)?, b, start.into(), warp)
+    }
+
+    #[test]
+    fn a_patch_is_found_in_a_warped_image_of_other_brightness() {
+        // A pixel (c, r) of the second view shows what the first shows at warp⁻¹ ((c, r) - offset).
+        let warp = Matrix2::new(0.95, 0.1, -0.06, 1.04);
+        let offset = Vector2::new(1.7, -2.4);
+        let back = warp.try_inverse().unwrap();
+        let other = image(|c, r| {
+            let p = back * (Vector2::new(c, r) - offset);
+            0.2 + 0.6 * scene(p[0], p[1])
+        });
+        let exact = warp * Vector2::new(30.3, 31.6) + offset;
+        for off in [[0.0, 0.0], [1.4, -1.2], [-0.6, 1.9]] {
+            let at = found(&image(scene), &other, [exact[0] + off[0], exact[1] + off[1]], warp).unwrap();
+            assert!((at - exact).norm() < 0.02, "{at} {exact}");
+        }
+    }
+
+    #[test]
+    fn what_is_plain_an_edge_or_something_else_is_not_found() {
+        let here = [30.3, 31.6];
+        let same = |a: &Plane, b: &Plane| found(a, b, here, Matrix2::identity());
+        assert!(same(&image(scene), &image(scene)).is_some());
+        let plain = image(|_, _| 0.5);
+        assert!(same(&plain, &plain).is_none());
+        let mut seed = 1u32;
+        let mut grain = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            0.05 * ((seed >> 8) as f32 / (1u32 << 24) as f32 - 0.5)
+        };
+        let mut edge = || {
+            let exact = image(|c, r| (0.5 * (c + 0.4 * r - 43.0)).tanh());
+            Plane { data: exact.data.iter().map(|v| v + grain()).collect(), ..exact }
+        };
+        let (a, b) = (edge(), edge());
+        assert!(same(&a, &b).is_none());
+        assert!(same(&image(scene), &image(|c, r| scene(r + 7.0, -c))).is_none());
+        let mut hole = image(scene);
+        hole.data[33 * 64 + 28] = f32::NAN;
+        assert!(same(&image(scene), &hole).is_none());
+    }
+}
