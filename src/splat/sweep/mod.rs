@@ -125,7 +125,7 @@ impl<'a> Sweep<'a> {
     #[must_use]
     pub fn run(&self, events: Sink) -> SweptSurface {
         events(Event::Started { stage: "matching the surface", total: PASSES });
-        let mut hiding = self.prior.cloned();
+        let mut hiding = None;
         let mut pass = 0;
         let surface = loop {
             let mut volume = Volume::correlate(self, hiding.as_ref());

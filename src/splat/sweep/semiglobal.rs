@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 /// Cost of a step of one plane between neighbours, and of any larger one.
 const STEP: u16 = 30;
-const JUMP: u16 = 100;
+const JUMP: u16 = 160;
 /// Cells that one thread takes of a row.
 const RUN: usize = 64;
 
