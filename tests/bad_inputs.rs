@@ -286,3 +286,35 @@ fn a_run_cannot_lie_in_its_own_scene() {
     assert!(text.contains("is the scene itself"), "{text}");
     assert_eq!(std::fs::read_dir(scene.path()).unwrap().count(), 2);
 }
+
+/// A limit on the size of files stands for the disk: a write beyond it fails as on a full one.
+#[cfg(unix)]
+#[test]
+fn n35_a_full_disk_is_an_error_and_leaves_no_torn_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("scene");
+    let program = env!("CARGO_BIN_EXE_satgs");
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 8; exec {program} simulate {} --size 100 --views 3 -q",
+        out.display()
+    );
+    let output = std::process::Command::new("sh").args(["-c", &script]).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("VIEW_01.tif") && text.contains("too large"), "{text}");
+    assert!(!out.join("VIEW_01.tif").exists(), "a torn image is left");
+    assert!(listing(&out).iter().all(|p| p.is_dir()), "{:?}", listing(&out));
+}
+
+#[test]
+fn n35_what_exists_is_not_replaced_unasked() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("scene");
+    std::fs::create_dir(&out).unwrap();
+    std::fs::write(out.join("VIEW_01.tif"), "mine").unwrap();
+    let output = satgs(&["simulate", out.to_str().unwrap(), "--size", "100", "--views", "3", "-q"]);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("hint: ") && text.contains("--overwrite"), "{text}");
+    assert_eq!(std::fs::read(out.join("VIEW_01.tif")).unwrap(), b"mine");
+}

@@ -66,7 +66,12 @@ impl Args {
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let scene = args.scene.read(ui)?;
     refuse_output_inside(&args.output, args.scene.path())?;
-    let stage = Stage::new(&args.output, "ba", args.fingerprint(&scene));
+    let stage = Stage::new(
+        &args.output,
+        "ba",
+        &["scene.json", "ba/report.json", "ba/points.laz"],
+        args.fingerprint(&scene),
+    );
     if stage.is_done(args.overwrite)? {
         ui.note(&format!("`{}` is adjusted already", args.output.display()));
         return Ok(());

@@ -54,7 +54,7 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let cameras = TrainedCameras::read(run)?;
     let setup = &cameras.setup;
     let grid = grid(options, &cameras)?;
-    let stage = Stage::new(run, "dsm", fingerprint(run, &grid));
+    let stage = Stage::new(run, "dsm", &["dsm.tif", "ortho.tif"], fingerprint(run, &grid));
     if stage.is_done(overwrite)? {
         ui.note(&format!("`{}` has its surface already", run.display()));
         return Ok(());

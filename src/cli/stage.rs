@@ -13,22 +13,24 @@ pub struct Stage {
     record: PathBuf,
     name: &'static str,
     fingerprint: Fingerprint,
+    outputs: Vec<PathBuf>,
 }
 
 impl Stage {
-    /// A stage called `name` made from `fingerprint`.
-    pub fn new(run: &Path, name: &'static str, fingerprint: Fingerprint) -> Self {
-        Self { record: run.join(name).join("stage.json"), name, fingerprint }
+    /// A stage called `name` that makes `outputs` (in the run's folder) from `fingerprint`.
+    pub fn new(run: &Path, name: &'static str, outputs: &[&str], fingerprint: Fingerprint) -> Self {
+        let outputs = outputs.iter().map(|o| run.join(o)).collect();
+        Self { record: run.join(name).join("stage.json"), name, fingerprint, outputs }
     }
 
-    /// Whether the stage is complete and made from the same things.
+    /// Whether the stage is complete, made from the same things, and what it made is still there.
     ///
     /// Made from other things it is an error that names them, unless `overwrite`.
     pub fn is_done(&self, overwrite: bool) -> Result<bool, Failure> {
         let Ok(text) = std::fs::read_to_string(&self.record) else { return Ok(false) };
         let before: Fingerprint = serde_json::from_str(&text).unwrap_or_default();
         if before == self.fingerprint {
-            return Ok(true);
+            return Ok(self.outputs.iter().all(|o| o.exists()));
         }
         if overwrite {
             self.forget()?;

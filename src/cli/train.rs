@@ -82,7 +82,8 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     if let Some(iterations) = options.iterations {
         recipe = recipe.with_iterations(iterations);
     }
-    let stage = Stage::new(run, "train", fingerprint(run, &recipe, options.seed));
+    let stage =
+        Stage::new(run, "train", &["splats.ply", "cameras.json"], fingerprint(run, &recipe, options.seed));
     if stage.is_done(overwrite)? {
         ui.note(&format!("`{}` is trained already", run.display()));
         return Ok(());

@@ -4,6 +4,7 @@ use super::file::quiet_gdal;
 use super::{MapGrid, Plane, RasterError};
 use gdal::raster::{Buffer, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
+use gdal::vsi::get_vsi_mem_file_bytes_owned;
 use gdal::{Dataset, DriverManager, Metadata};
 use std::path::Path;
 
@@ -81,7 +82,7 @@ impl Cog<'_> {
             ("STATISTICS", "YES"),
         ];
         write_atomically(path, |temporary| {
-            let make = || -> gdal::errors::Result<()> {
+            let make = || -> Result<(), Box<dyn std::error::Error>> {
                 let mut memory = memory_dataset(self.grid.width, self.grid.height, bands, nodata, unit)?;
                 let g = self.grid;
                 memory.set_geo_transform(&[g.west, g.cell, 0.0, g.north, 0.0, -g.cell])?;
@@ -115,7 +116,7 @@ impl SensorImage<'_> {
     /// [`RasterError::Write`].
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>) -> Result<(), RasterError> {
         write_atomically(path, |temporary| {
-            let make = || -> gdal::errors::Result<()> {
+            let make = || -> Result<(), Box<dyn std::error::Error>> {
                 let mut memory = memory_dataset(self.width, self.height, bands, None, "")?;
                 for (key, value) in self.rpc {
                     memory.set_metadata_item(key, value, "RPC")?;
@@ -151,15 +152,19 @@ fn memory_dataset<T: GdalType + Copy>(
     Ok(dataset)
 }
 
+/// Encodes in memory and writes the bytes: GDAL's own writing does not tell of a disk that is full.
 fn copy_as(
     memory: &Dataset,
     driver: &str,
     path: &Path,
     options: &[(&str, &str)],
-) -> gdal::errors::Result<()> {
+) -> Result<(), Box<dyn std::error::Error>> {
     let driver = DriverManager::get_driver_by_name(driver)?;
     let options: RasterCreationOptions = options.iter().map(|(k, v)| format!("{k}={v}")).collect();
-    memory.create_copy(&driver, path, &options)?.close()
+    // Temporary names are unique, so this one is too.
+    let encoded = Path::new("/vsimem").join(path.strip_prefix("/").unwrap_or(path));
+    memory.create_copy(&driver, &encoded, &options)?.close()?;
+    Ok(std::fs::write(path, get_vsi_mem_file_bytes_owned(&encoded)?)?)
 }
 
 /// Sets a band's unit, which the `gdal` crate cannot.

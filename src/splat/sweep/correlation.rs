@@ -6,12 +6,9 @@ use crate::raster::Plane;
 use crate::splat::views::Level;
 use rayon::prelude::*;
 
-/// Cells from a window's centre to its border.
-const REACH: usize = 2;
+/// Cells from the window's centre to its border.
+const REACH: usize = 1;
 const SIDE: usize = 2 * REACH + 1;
-/// Weights of two windows along each axis: the small one keeps trees and edges, the large one errs less often.
-const WINDOWS: [[f32; SIDE]; 2] = [[0.0, THIRD, THIRD, THIRD, 0.0], [0.0625, 0.25, 0.375, 0.25, 0.0625]];
-const THIRD: f32 = 1.0 / 3.0;
 /// Rows of cells that one thread sweeps at a time.
 const BAND_ROWS: usize = 32;
 /// Variance of brightness in a window below which it has no texture.
@@ -136,8 +133,9 @@ struct Samples<'a> {
     positions: Vec<[f32; 2]>,
     brightness: Vec<f32>,
     seen: Vec<bool>,
-    /// In each window: mean, and one over the standard deviation, zero where not seen or without texture.
-    windows: [(Vec<f32>, Vec<f32>); WINDOWS.len()],
+    mean: Vec<f32>,
+    /// One over the standard deviation; zero where not seen or without texture.
+    sharpness: Vec<f32>,
 }
 
 impl<'a> Band<'a> {
@@ -160,7 +158,8 @@ impl<'a> Band<'a> {
                 .collect(),
             brightness: vec![0.0; n],
             seen: vec![false; n],
-            windows: std::array::from_fn(|_| (vec![0.0; n], vec![0.0; n])),
+            mean: vec![0.0; n],
+            sharpness: vec![0.0; n],
         });
         Self { sweep, rows, columns, cells, views: views.collect() }
     }
@@ -168,7 +167,7 @@ impl<'a> Band<'a> {
     fn correlate(mut self, costs: &mut [u8]) {
         let n = self.rows * self.columns;
         let planes = self.sweep.stack.planes;
-        let [mut altitudes, mut products, mut scratch, mut means] = std::array::from_fn(|_| vec![0.0; n]);
+        let (mut altitudes, mut products, mut scratch) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
         let (mut score, mut pairs) = (vec![0.0f32; n], vec![0.0f32; n]);
         for plane in 0..planes {
             for (z, cell) in altitudes.iter_mut().zip(&self.cells) {
@@ -176,7 +175,7 @@ impl<'a> Band<'a> {
             }
             for view in &mut self.views {
                 view.sample(&altitudes, &self.cells);
-                view.summarise(self.columns, &mut products, &mut scratch, &mut means);
+                view.summarise(self.columns, &mut products, &mut scratch);
             }
             score.fill(0.0);
             pairs.fill(0.0);
@@ -184,24 +183,21 @@ impl<'a> Band<'a> {
                 let (a, b) = (&self.views[i], &self.views[j]);
                 for k in 0..n {
                     products[k] = a.brightness[k] * b.brightness[k];
-                    pairs[k] += if a.seen[k] && b.seen[k] { 1.0 } else { 0.0 };
                 }
-                for (w, weights) in WINDOWS.iter().enumerate() {
-                    window_means(weights, &products, self.columns, &mut scratch, &mut means);
-                    let ((mean_a, sharp_a), (mean_b, sharp_b)) = (&a.windows[w], &b.windows[w]);
-                    for k in 0..n {
-                        let covariance = means[k] - mean_a[k] * mean_b[k];
-                        let correlation = (covariance * sharp_a[k] * sharp_b[k]).clamp(0.0, 1.0);
-                        // Cubed: one good pair says more than three fair ones.
-                        score[k] += correlation * correlation * correlation;
-                    }
+                window_means(&mut products, self.columns, &mut scratch);
+                for k in 0..n {
+                    let covariance = products[k] - a.mean[k] * b.mean[k];
+                    let correlation = (covariance * a.sharpness[k] * b.sharpness[k]).clamp(0.0, 1.0);
+                    // Cubed: one good pair says more than three fair ones.
+                    score[k] += correlation * correlation * correlation;
+                    pairs[k] += if a.seen[k] && b.seen[k] { 1.0 } else { 0.0 };
                 }
             }
             let width = self.sweep.grid.width;
             for (cell, costs) in costs.chunks_exact_mut(planes).enumerate() {
                 let k = (cell / width + REACH) * self.columns + cell % width + REACH;
                 if pairs[k] > 0.0 {
-                    let mean = score[k] / (WINDOWS.len() as f32 * (pairs[k] + DOUBT));
+                    let mean = score[k] / (pairs[k] + DOUBT);
                     costs[plane] = (255.0 * (1.0 - mean)).round().min(254.0) as u8;
                 }
             }
@@ -222,29 +218,30 @@ impl Samples<'_> {
         }
     }
 
-    fn summarise(&mut self, columns: usize, squares: &mut [f32], scratch: &mut [f32], means: &mut [f32]) {
+    fn summarise(&mut self, columns: usize, squares: &mut [f32], scratch: &mut [f32]) {
         for (square, v) in squares.iter_mut().zip(&self.brightness) {
             *square = v * v;
         }
-        for (weights, (mean, sharpness)) in WINDOWS.iter().zip(&mut self.windows) {
-            window_means(weights, &self.brightness, columns, scratch, mean);
-            window_means(weights, squares, columns, scratch, means);
-            for k in 0..means.len() {
-                let variance = means[k] - mean[k] * mean[k];
-                let usable = self.seen[k] && variance > FLAT;
-                sharpness[k] = if usable { variance.sqrt().recip() } else { 0.0 };
-            }
+        self.mean.copy_from_slice(&self.brightness);
+        window_means(&mut self.mean, columns, scratch);
+        window_means(squares, columns, scratch);
+        for k in 0..squares.len() {
+            let variance = squares[k] - self.mean[k] * self.mean[k];
+            let usable = self.seen[k] && variance > FLAT;
+            self.sharpness[k] = if usable { variance.sqrt().recip() } else { 0.0 };
         }
     }
 }
 
-/// Weighted means over the window around every cell; the margin is left without meaning.
-fn window_means(weights: &[f32; SIDE], values: &[f32], columns: usize, scratch: &mut [f32], means: &mut [f32]) {
+/// Means over the window around every cell, in place; the margin is left without meaning.
+fn window_means(values: &mut [f32], columns: usize, scratch: &mut [f32]) {
+    const SHARE: f32 = 1.0 / (SIDE * SIDE) as f32;
     let n = values.len();
     for k in 0..n - 2 * REACH {
-        scratch[k + REACH] = (0..SIDE).map(|d| weights[d] * values[k + d]).sum();
+        scratch[k + REACH] = values[k..k + SIDE].iter().sum();
     }
     for k in 0..n - 2 * REACH * columns {
-        means[k + REACH * columns] = (0..SIDE).map(|row| weights[row] * scratch[k + row * columns]).sum();
+        let sum: f32 = (0..SIDE).map(|row| scratch[k + row * columns]).sum();
+        values[k + REACH * columns] = SHARE * sum;
     }
 }

@@ -34,6 +34,10 @@ const PARALLAX_WEIGHT: f64 = 0.1;
 const PAIRS_A_VIEW: usize = 4;
 /// Score from which a cell is believed to hide what lies behind it.
 const BELIEVED: f32 = 0.3;
+/// Cost of a jump between neighbours, of the 255 for no correlation: high, so that plain roofs and streets hold
+/// together; lower near a prior, which does that, so that trees stand out.
+const JUMP: u16 = 200;
+const JUMP_NEAR: u16 = 100;
 /// Cost, of the 255 for no correlation, that a prior adds far from it.
 const PRIOR_COST: f32 = 60.0;
 /// Distance from the prior at which half of that is added, metres.
@@ -146,7 +150,8 @@ impl<'a> Sweep<'a> {
 
     /// The cheapest altitude of every cell, between planes by a parabola.
     fn pick(&self, volume: &Volume) -> SweptSurface {
-        let sums = semiglobal::aggregate(volume, self.grid.width);
+        let jump = if self.prior.is_some() { JUMP_NEAR } else { JUMP };
+        let sums = semiglobal::aggregate(volume, self.grid.width, jump);
         let planes = self.stack.planes;
         let best = |cell: usize| {
             let costs = volume.cell(cell);
