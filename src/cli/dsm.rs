@@ -15,9 +15,9 @@ use std::path::{Path, PathBuf};
 
 /// Render a trained run on the UTM grid: RUN/dsm.tif, RUN/ortho.tif
 ///
-/// dsm.tif holds ellipsoidal heights in metres (float32, NaN nodata), ortho.tif the colours without shadows as the
-/// reference view would see them. Both are Cloud-Optimized GeoTIFFs that open in QGIS. hillshade.png is a picture
-/// of the surface.
+/// dsm.tif holds ellipsoidal heights in metres (float32, NaN nodata): the splats' surface, which recipe `best` matches
+/// with the images once more. ortho.tif holds the colours without shadows as the reference view would see them. Both
+/// are Cloud-Optimized GeoTIFFs that open in QGIS. hillshade.png is a picture of the surface.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Folder that `satgs train RUN` filled
