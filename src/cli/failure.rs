@@ -7,7 +7,7 @@ const FAILED: u8 = 1;
 /// Exit code of wrong input or usage.
 const WRONG_INPUT: u8 = 2;
 /// Exit code of work that was interrupted and can be resumed.
-const INTERRUPTED: u8 = 130;
+pub(super) const INTERRUPTED: u8 = 130;
 
 /// Why a command did not complete.
 #[derive(Debug)]
@@ -21,6 +21,12 @@ pub struct Failure {
 }
 
 impl Failure {
+    /// Work that was asked to stop, and how it goes on.
+    #[must_use]
+    pub fn interrupted(message: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self { message: message.into(), hint: Some(hint.into()), exit_code: INTERRUPTED }
+    }
+
     /// Wrong input or usage.
     #[must_use]
     pub fn input(message: impl Into<String>, hint: impl Into<String>) -> Self {

@@ -1,6 +1,7 @@
 //! The command line: arguments in, a library call, a summary out. It holds no algorithm.
 
 mod failure;
+mod interrupt;
 mod stage;
 mod ui;
 

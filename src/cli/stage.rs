@@ -29,12 +29,19 @@ impl Stage {
     pub fn is_done(&self, overwrite: bool) -> Result<bool, Failure> {
         let Ok(text) = std::fs::read_to_string(&self.record) else { return Ok(false) };
         let before: Fingerprint = serde_json::from_str(&text).unwrap_or_default();
-        if before == self.fingerprint {
+        if self.is_made_from(&before, overwrite)? {
             return Ok(self.outputs.iter().all(|o| o.exists()));
         }
-        if overwrite {
-            self.forget()?;
-            return Ok(false);
+        self.forget()?;
+        Ok(false)
+    }
+
+    /// Whether something was made from what this stage is to be made from.
+    ///
+    /// Made from other things it is an error that names them, unless `overwrite`.
+    pub fn is_made_from(&self, before: &Fingerprint, overwrite: bool) -> Result<bool, Failure> {
+        if *before == self.fingerprint || overwrite {
+            return Ok(*before == self.fingerprint);
         }
         let keys: std::collections::BTreeSet<&String> =
             before.keys().chain(self.fingerprint.keys()).collect();
@@ -45,7 +52,7 @@ impl Stage {
                 let show = |f: &Fingerprint| {
                     f.get(k).map_or("none".into(), |v| v.chars().take(16).collect::<String>())
                 };
-                format!("{k} was {}, is {}", show(&before), show(&self.fingerprint))
+                format!("{k} was {}, is {}", show(before), show(&self.fingerprint))
             })
             .collect();
         let folder = self.record.parent().unwrap_or(&self.record);
@@ -53,6 +60,11 @@ impl Stage {
             format!("`{}` holds a {} of other input: {}", folder.display(), self.name, differ.join("; ")),
             "--overwrite makes it anew, another -o keeps both",
         ))
+    }
+
+    /// What the stage is made from.
+    pub fn fingerprint(&self) -> &Fingerprint {
+        &self.fingerprint
     }
 
     /// Records that the stage is complete.

@@ -1,18 +1,22 @@
 //! `satgs train`: affine cameras, splats from the sparse points, training.
 
+use super::interrupt::Interruptible;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui};
 use crate::bundle::Adjustment;
+use crate::event::Event;
 use crate::frame::{Point, Site};
 use crate::raster::{RasterError, write_atomically};
 use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
+use crate::splat::backend::{Snapshot, TrainingBackend};
+use crate::splat::checkpoint::{Checkpoint, CheckpointView};
 use crate::splat::cpu::CpuBackend;
 use crate::splat::gaussians::Gaussians;
 use crate::splat::recipe::Recipe;
 use crate::splat::setup::Setup;
 use crate::splat::sweep::Sweep;
-use crate::splat::train::{LogLine, train};
+use crate::splat::train::{LogLine, Schedule, train};
 use crate::splat::views::TrainingView;
 use crate::splat::{init, ply};
 use serde::{Deserialize, Serialize};
@@ -47,6 +51,12 @@ pub struct Options {
     /// Seed of every random choice; the same seed gives the same bytes
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
+    /// Iterations between checkpoints, from which a training that was interrupted goes on
+    #[arg(long, default_value_t = 500, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    checkpoint_every: u32,
+    /// Go on from the checkpoint, or fail; without this option a training goes on if it can, else begins
+    #[arg(long)]
+    resume: bool,
 }
 
 /// `RUN/cameras.json`.
@@ -73,7 +83,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     train_run(&args.run, &args.options, args.overwrite, ui)
 }
 
-/// Trains a run folder, unless it is trained already.
+/// Trains a run folder, unless it is trained already; goes on from a checkpoint of the same input and options.
 pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Result<(), Failure> {
     let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
     let unknown =
@@ -99,26 +109,43 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     if views.is_empty() {
         return Err(crate::splat::setup::SetupError::NoViews.into());
     }
+    let checkpoints = Checkpoints { path: run.join("train").join("checkpoint.bin"), stage: &stage, options };
+    let (at_start, mut log, state) = match checkpoints.take_up(views.len(), overwrite, ui)? {
+        Some(c) => (c.splats_at_start, c.log, c.state),
+        None => {
+            let splats = start(&setup, &views, &setup.sparse(&points), &recipe, options.seed, ui);
+            (splats.len(), Vec::new(), Snapshot::start(splats, views.len()))
+        }
+    };
     let names: Vec<String> = views.iter().map(|v| v.name.clone()).collect();
-    let start = start(&setup, &views, &setup.sparse(&points), &recipe, options.seed, ui);
-    let at_start = start.len();
-    let mut backend = CpuBackend::new(start, views, setup.altitudes);
-    let half_side = setup.half_side_m();
-    let (made, log) = train(&mut backend, &recipe, names.len(), half_side, options.seed, &|e| ui.show(e));
+    let mut backend = CpuBackend::new(state, views, setup.altitudes);
+    let schedule = Schedule {
+        recipe: &recipe,
+        views: names.len(),
+        half_side_m: setup.half_side_m(),
+        seed: options.seed,
+    };
+    let interruptible = Interruptible::new();
+    train(&mut backend, &schedule, &mut log, &|e| ui.show(e), |backend, log| {
+        checkpoints.keep(at_start, log, backend, &interruptible)
+    })?;
+    drop(interruptible);
 
+    let made = backend.snapshot();
     ply::write(&run.join("splats.ply"), &made.splats, &setup.site)?;
     write_log(&run.join("train").join("train.csv"), &log)?;
     let worst = setup.views.iter().map(|v| v.max_px).fold(0.0, f64::max);
     let rms = mean(setup.views.iter().map(|v| v.rms_px));
-    let cameras =
-        TrainedCameras { setup, appearances: names.into_iter().zip(made.appearances).collect(), recipe };
+    let splats = made.splats.len();
+    let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
+    let cameras = TrainedCameras { setup, appearances, recipe };
     write_json(&run.join("cameras.json"), &cameras)?;
     stage.complete()?;
+    checkpoints.remove();
 
     let seconds = log.last().map_or(0.0, |l| l.seconds);
     let tail = &log[log.len().saturating_sub(cameras.appearances.len())..];
     let (l1, ssim) = (mean(tail.iter().map(|l| l.l1)), mean(tail.iter().map(|l| l.ssim)));
-    let splats = made.splats.len();
     let text = format!(
         "trained {} iterations in {seconds:.0} s: {at_start} splats at the start, {splats} at the end\n\
          affine cameras: {rms:.3} px RMS, {worst:.3} px at most\n\
@@ -133,6 +160,69 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     });
     ui.summary("train", &text, json);
     Ok(())
+}
+
+/// The checkpoint of a stage that trains.
+struct Checkpoints<'a> {
+    path: PathBuf,
+    stage: &'a Stage,
+    options: &'a Options,
+}
+
+impl Checkpoints<'_> {
+    /// The checkpoint to go on from: of the same input and options, and for so many views.
+    ///
+    /// One of others is an error that names them, unless `overwrite`. A damaged one is passed over with a warning;
+    /// with `--resume` it is an error, as is none.
+    fn take_up(&self, views: usize, overwrite: bool, ui: &Ui) -> Result<Option<Checkpoint>, Failure> {
+        if !self.path.exists() {
+            if self.options.resume {
+                let message = format!("`{}` does not exist", self.path.display());
+                return Err(Failure::input(message, "without --resume training begins at the start"));
+            }
+            return Ok(None);
+        }
+        let checkpoint = match Checkpoint::read(&self.path) {
+            Ok(checkpoint) => checkpoint,
+            Err(e) if self.options.resume => return Err(e.into()),
+            Err(e) => {
+                ui.show(Event::Warning(format!("{e}; training begins at the start")));
+                return Ok(None);
+            }
+        };
+        if !self.stage.is_made_from(&checkpoint.origin, overwrite)? || !checkpoint.state.fits(views) {
+            return Ok(None);
+        }
+        let done = checkpoint.log.len();
+        ui.note(&format!("going on from `{}` after {done} iterations", self.path.display()));
+        Ok(Some(checkpoint))
+    }
+
+    /// Writes a checkpoint where one is due; when asked to stop, writes one and stops.
+    fn keep(
+        &self,
+        splats_at_start: usize,
+        log: &[LogLine],
+        backend: &mut CpuBackend,
+        interruptible: &Interruptible,
+    ) -> Result<(), Failure> {
+        let interrupted = interruptible.is_requested();
+        if interrupted || log.len().is_multiple_of(self.options.checkpoint_every as usize) {
+            let (origin, state) = (self.stage.fingerprint(), backend.snapshot());
+            CheckpointView { origin, splats_at_start, log, state }.write(&self.path)?;
+        }
+        if interrupted {
+            let message = format!("interrupted after {} iterations", log.len());
+            let hint = format!("the same command goes on from `{}`", self.path.display());
+            return Err(Failure::interrupted(message, hint));
+        }
+        Ok(())
+    }
+
+    /// A complete training needs none; one that is left behind does no harm.
+    fn remove(&self) {
+        let _ = std::fs::remove_file(&self.path);
+    }
 }
 
 /// The splats that training starts from: on the matched surface if the recipe says so and views can be matched.

@@ -31,7 +31,7 @@ impl Ui {
         Self { common: common.clone(), summaries: RefCell::default(), stage: RefCell::new(None) }
     }
 
-    /// Starts logging and the thread pool.
+    /// Starts logging and the thread pool, and takes Ctrl-C over.
     pub(super) fn set_up(&self) -> Result<(), Failure> {
         let level = match (self.common.quiet, self.common.verbose) {
             (true, _) => tracing::Level::ERROR,
@@ -46,6 +46,7 @@ impl Ui {
             .with_target(false)
             .without_time()
             .try_init();
+        super::interrupt::install();
         if let Some(n) = self.common.threads {
             rayon::ThreadPoolBuilder::new().num_threads(n.into()).build_global().map_err(|e| Failure {
                 message: e.to_string(),

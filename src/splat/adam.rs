@@ -4,6 +4,7 @@ use super::appearance::Appearance;
 use super::gaussians::Gaussians;
 use multiversion::multiversion;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.999;
@@ -11,7 +12,7 @@ const BETA2: f32 = 0.999;
 const EPSILON: f32 = 1e-15;
 
 /// First and second moments of the splats' gradients.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SplatAdam {
     /// Running means of the gradients.
     pub first: Gaussians,
@@ -59,7 +60,7 @@ impl SplatAdam {
 }
 
 /// A view's moments; they advance only when the view is drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AppearanceAdam {
     first: [f32; 15],
     second: [f32; 15],

@@ -1,10 +1,12 @@
 //! Where iterations run. `train` plans and decides; a backend owns the splats between steps.
 
+use super::adam::{AppearanceAdam, SplatAdam};
 use super::appearance::Appearance;
-use super::density::Change;
+use super::density::{Change, Statistics};
 use super::gaussians::Gaussians;
 use super::objective::{LossWeights, Losses};
 use super::recipe::{Growth, SiteLengths};
+use serde::{Deserialize, Serialize};
 
 /// Everything one iteration does.
 #[derive(Clone, Debug)]
@@ -53,13 +55,41 @@ pub struct StepReport {
     pub change: Change,
 }
 
-/// What training has made.
-#[derive(Clone, Debug)]
+/// What training has made, with all that it takes to go on.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
     /// The splats.
     pub splats: Gaussians,
-    /// Radiometry of every view.
-    pub appearances: Vec<Appearance>,
+    /// Their moments.
+    pub adam: SplatAdam,
+    /// Radiometry of every view, and its moments.
+    pub appearances: Vec<(Appearance, AppearanceAdam)>,
+    /// What views said of the splats since the last check of their number.
+    pub statistics: Statistics,
+}
+
+impl Snapshot {
+    /// Training's start from these splats, for a number of views.
+    #[must_use]
+    pub fn start(splats: Gaussians, views: usize) -> Self {
+        let mut statistics = Statistics::default();
+        statistics.reset(splats.len());
+        let adam = SplatAdam::new(splats.len());
+        Self { splats, adam, appearances: vec![Default::default(); views], statistics }
+    }
+
+    /// Whether its parts are of as many splats, and of so many views.
+    #[must_use]
+    pub fn fits(&self, views: usize) -> bool {
+        let n = self.splats.len();
+        let full = |g: &Gaussians| {
+            [g.position.len(), g.log_scale.len(), g.rotation.len(), g.f_dc.len()].iter().all(|l| *l == n)
+        };
+        let parts = [&self.splats, &self.adam.first, &self.adam.second];
+        parts.into_iter().all(|g| g.len() == n && full(g))
+            && self.statistics.splats() == n
+            && self.appearances.len() == views
+    }
 }
 
 /// Runs whole iterations on some hardware.
@@ -67,5 +97,5 @@ pub trait TrainingBackend {
     /// Runs one iteration.
     fn step(&mut self, plan: &StepPlan) -> StepReport;
     /// What training has made so far.
-    fn snapshot(&self) -> Snapshot;
+    fn snapshot(&mut self) -> &Snapshot;
 }

@@ -4,6 +4,7 @@ use super::adam::SplatAdam;
 use super::gaussians::{Gaussians, logit, rotation_matrix, sigmoid};
 use super::random::Draw;
 use super::recipe::{Growth, SiteLengths};
+use serde::{Deserialize, Serialize};
 
 /// A split splat's parts are this much smaller (gsplat).
 const SPLIT_SHRINKS: f32 = 1.6;
@@ -12,7 +13,7 @@ const RADIUS_SIGMAS: f64 = 3.0;
 const DRAW_SPLIT: u64 = 3;
 
 /// What the training views said of each splat since the last check.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
     gradient: Vec<f32>,
     views: Vec<u32>,
@@ -21,6 +22,12 @@ pub struct Statistics {
 }
 
 impl Statistics {
+    /// Number of splats that it is about.
+    #[must_use]
+    pub fn splats(&self) -> usize {
+        self.views.len().min(self.gradient.len())
+    }
+
     /// Forgets, for `n` splats.
     pub fn reset(&mut self, n: usize) {
         self.gradient.clear();
@@ -43,7 +50,7 @@ impl Statistics {
 }
 
 /// How many splats a check added and removed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Change {
     /// Doubled splats.
     pub grown: usize,

@@ -1,12 +1,13 @@
 //! The splats: what is trained, as plain arrays.
 
 use super::real::Real;
+use serde::{Deserialize, Serialize};
 
 /// Zeroth spherical harmonic: `rgb = SH_C0 * f_dc + 0.5`, as every 3DGS file means it.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
 /// 3-D Gaussians in the site frame, structure of arrays, in the parametrisation that is optimised.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Gaussians<T = f32> {
     /// Centre: metres east, north, up from the site's origin.
     pub position: Vec<[T; 3]>,

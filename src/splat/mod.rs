@@ -3,6 +3,7 @@
 pub mod adam;
 pub mod appearance;
 pub mod backend;
+pub mod checkpoint;
 pub mod cpu;
 pub mod density;
 pub mod gaussians;

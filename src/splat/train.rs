@@ -1,18 +1,18 @@
 //! Training: plans every iteration by the recipe and lets a backend run it.
 
-use super::backend::{Population, Snapshot, StepPlan, StepReport, TrainingBackend};
+use super::backend::{Population, StepPlan, StepReport, TrainingBackend};
 use super::objective::LossWeights;
 use super::random::Draw;
 use super::recipe::Recipe;
 use crate::event::{Event, Sink};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 const DRAW_ORDER: u64 = 10;
 const DRAW_BACKGROUND: u64 = 11;
 const DRAW_VIRTUAL: u64 = 12;
 
 /// One line of the training's log.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LogLine {
     /// Iteration, from 1.
     pub iteration: u32,
@@ -36,7 +36,7 @@ pub struct LogLine {
     pub grown: usize,
     /// Splats removed by it.
     pub pruned: usize,
-    /// Seconds since the start.
+    /// Seconds since the start, interruptions excepted.
     pub seconds: f64,
 }
 
@@ -60,42 +60,54 @@ impl LogLine {
     }
 }
 
-/// Trains to the recipe's end.
+/// What is done at which iteration: a recipe at a site.
+#[derive(Clone, Copy, Debug)]
+pub struct Schedule<'a> {
+    /// The training choices.
+    pub recipe: &'a Recipe,
+    /// Training views.
+    pub views: usize,
+    /// Half the diagonal of the area, metres.
+    pub half_side_m: f64,
+    /// Seed of every draw.
+    pub seed: u64,
+}
+
+/// Trains to the recipe's end, from the iteration after the last of `log`.
 ///
-/// `views` is the number of training views, `half_side_m` the half diagonal of the area.
-pub fn train(
-    backend: &mut dyn TrainingBackend,
-    recipe: &Recipe,
-    views: usize,
-    half_side_m: f64,
-    seed: u64,
+/// `after` is called after every iteration with the backend and the log so far.
+///
+/// # Errors
+/// The first that `after` returns: training stops there.
+pub fn train<B: TrainingBackend, E>(
+    backend: &mut B,
+    schedule: &Schedule,
+    log: &mut Vec<LogLine>,
     events: Sink,
-) -> (Snapshot, Vec<LogLine>) {
+    mut after: impl FnMut(&mut B, &[LogLine]) -> Result<(), E>,
+) -> Result<(), E> {
+    let total = schedule.recipe.iterations;
+    let (done, before) = log.last().map_or((0, 0.0), |l| (l.iteration, l.seconds));
     let started = std::time::Instant::now();
-    let planner = Planner { recipe, views, half_side_m, seed };
-    let mut log = Vec::with_capacity(recipe.iterations as usize);
-    events(Event::Started { stage: "training", total: recipe.iterations.into() });
-    for iteration in 1..=recipe.iterations {
-        let report = backend.step(&planner.plan(iteration));
-        let line = LogLine::new(iteration, &report, started.elapsed().as_secs_f64());
+    log.reserve_exact((total - done.min(total)) as usize);
+    events(Event::Started { stage: "training", total: total.into() });
+    for iteration in done + 1..=total {
+        let report = backend.step(&schedule.plan(iteration));
+        let seconds = started.elapsed().as_secs_f64();
+        let line = LogLine::new(iteration, &report, before + seconds);
         log.push(line);
         if iteration.is_multiple_of(10) {
-            let status = format!("loss {:.4}, {} splats", line.loss, line.splats);
+            let rate = f64::from(iteration - done) / seconds;
+            let status = format!("loss {:.4}, {} splats, {rate:.1} iterations/s", line.loss, line.splats);
             events(Event::Advanced { done: iteration.into(), status });
         }
+        after(backend, log)?;
     }
     events(Event::Finished);
-    (backend.snapshot(), log)
+    Ok(())
 }
 
-struct Planner<'a> {
-    recipe: &'a Recipe,
-    views: usize,
-    half_side_m: f64,
-    seed: u64,
-}
-
-impl Planner<'_> {
+impl Schedule<'_> {
     fn plan(&self, iteration: u32) -> StepPlan {
         let r = self.recipe;
         let mut background = Draw::new(self.seed, DRAW_BACKGROUND, iteration.into(), 0);
@@ -167,9 +179,9 @@ mod tests {
     #[test]
     fn every_view_has_its_turn_in_every_round() {
         let recipe = Recipe::named("baeogs").unwrap();
-        let planner = Planner { recipe: &recipe, views: 7, half_side_m: 100.0, seed: 1 };
+        let schedule = Schedule { recipe: &recipe, views: 7, half_side_m: 100.0, seed: 1 };
         for round in 0..20 {
-            let mut seen: Vec<usize> = (1..=7).map(|i| planner.plan(round * 7 + i).view).collect();
+            let mut seen: Vec<usize> = (1..=7).map(|i| schedule.plan(round * 7 + i).view).collect();
             seen.sort_unstable();
             assert_eq!(seen, [0, 1, 2, 3, 4, 5, 6]);
         }
@@ -178,13 +190,13 @@ mod tests {
     #[test]
     fn the_schedule_is_the_papers() {
         let recipe = Recipe::named("baeogs").unwrap();
-        let planner = Planner { recipe: &recipe, views: 7, half_side_m: 226.0, seed: 1 };
-        let grows = |i| planner.plan(i).population.grow.is_some();
+        let schedule = Schedule { recipe: &recipe, views: 7, half_side_m: 226.0, seed: 1 };
+        let grows = |i| schedule.plan(i).population.grow.is_some();
         assert!(!grows(400) && grows(500) && !grows(550) && grows(3000) && !grows(3100));
         assert!(grows(3500) && grows(4000) && !grows(4100));
-        assert!(planner.plan(3000).population.reset_opacity.is_some());
-        assert!(planner.plan(3100).weights.opacity == 0.0 && planner.plan(3300).weights.opacity > 0.0);
-        assert!(!planner.plan(1000).shadows && planner.plan(1001).shadows);
-        assert!((planner.plan(1).rates[0] - 0.080).abs() < 1e-3);
+        assert!(schedule.plan(3000).population.reset_opacity.is_some());
+        assert!(schedule.plan(3100).weights.opacity == 0.0 && schedule.plan(3300).weights.opacity > 0.0);
+        assert!(!schedule.plan(1000).shadows && schedule.plan(1001).shadows);
+        assert!((schedule.plan(1).rates[0] - 0.080).abs() < 1e-3);
     }
 }

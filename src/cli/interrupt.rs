@@ -1,0 +1,52 @@
+//! Ctrl-C: work that can leave a checkpoint is asked to stop, anything else stops at once.
+
+use super::failure::INTERRUPTED;
+use std::io::Write;
+use std::sync::atomic::{AtomicU8, Ordering::SeqCst};
+
+/// Nothing would be saved by waiting.
+const AT_ONCE: u8 = 0;
+/// Work is going on that looks at [`Interruptible::is_requested`].
+const POLITE: u8 = 1;
+/// It has been asked to stop.
+const REQUESTED: u8 = 2;
+
+/// The signal's handler and the work share this; there is one signal a process.
+static STATE: AtomicU8 = AtomicU8::new(AT_ONCE);
+
+/// Takes Ctrl-C over for the process.
+pub(super) fn install() {
+    // Fails only if there is a handler already, which is this one.
+    let _ = ctrlc::set_handler(|| {
+        if STATE.compare_exchange(POLITE, REQUESTED, SeqCst, SeqCst).is_ok() {
+            let _ = writeln!(
+                std::io::stderr(),
+                "\ninterrupted: writing a checkpoint (Ctrl-C again stops at once)"
+            );
+        } else {
+            let _ = writeln!(std::io::stderr(), "\ninterrupted");
+            std::process::exit(INTERRUPTED.into());
+        }
+    });
+}
+
+/// While it lives, a first Ctrl-C only asks the work to stop.
+pub(super) struct Interruptible(());
+
+impl Interruptible {
+    pub(super) fn new() -> Self {
+        STATE.store(POLITE, SeqCst);
+        Self(())
+    }
+
+    /// Whether the work should stop.
+    pub(super) fn is_requested(&self) -> bool {
+        STATE.load(SeqCst) == REQUESTED
+    }
+}
+
+impl Drop for Interruptible {
+    fn drop(&mut self) {
+        STATE.store(AT_ONCE, SeqCst);
+    }
+}
