@@ -11,6 +11,7 @@ use satgs::splat::gaussians::Gaussians;
 use satgs::splat::objective::{Gradient, LossWeights, Objective, Sheared, Shot};
 use satgs::splat::raster::{FrameCamera, LOW_PASS_PX2, Layers, Prepared, Rasterizer, SplatGradient};
 use satgs::splat::ssim::Photometric;
+use satgs::splat::stopwatch::Stopwatch;
 use std::time::Instant;
 
 /// Runs of which the fastest counts.
@@ -70,14 +71,17 @@ fn report(splats: usize, pixels: f64) {
         })
         .collect();
     let mut raster = Rasterizer::<f32, 4>::default();
-    let bin = fastest_ms(|| raster.bin(&prepared, &features, &camera));
+    let bin = fastest_ms(|| {
+        raster.project(&prepared, &camera);
+        raster.bin(&features);
+    });
     let render = fastest_ms(|| {
         raster.render(&prepared, &features, &camera, [0.0; 4]);
     });
     let by_pixel = noise(side, side, 4);
     let mut shared = vec![SplatGradient::default(); splats];
     let mut by_feature = vec![[0.0; 4]; splats];
-    let backward = fastest_ms(|| raster.backward(&camera, &by_pixel, &mut shared, &mut by_feature));
+    let backward = fastest_ms(|| raster.backward(&by_pixel, &mut shared, &mut by_feature));
 
     let truth = noise(side, side, 3);
     let mut picture = truth.clone();
@@ -110,9 +114,10 @@ fn report(splats: usize, pixels: f64) {
         shadow_entropy: 0.01,
     };
     let mut objective = Objective::<f32>::default();
+    let mut watch = Stopwatch::default();
     let mut iteration = |shot: &Shot<f32>| {
         fastest_ms(|| {
-            objective.evaluate(&trained, &Appearance::default(), shot, &weights, &mut gradient);
+            objective.evaluate(&trained, &Appearance::default(), shot, &weights, &mut gradient, &mut watch);
             adam.step(&mut trained, &gradient.splats, rates);
         })
     };

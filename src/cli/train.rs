@@ -131,6 +131,9 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     })?;
     drop(interruptible);
 
+    if ui.is_verbose() {
+        ui.note(&backend.times().table());
+    }
     let made = backend.snapshot();
     ply::write(&run.join("splats.ply"), &made.splats, &setup.site)?;
     write_log(&run.join("train").join("train.csv"), &log)?;

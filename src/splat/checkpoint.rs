@@ -145,7 +145,7 @@ mod tests {
         }
         let mut state = Snapshot::start(splats, 3);
         state.adam.steps = 70_000;
-        state.statistics.saw(7, [0.1, 0.2]);
+        state.statistics.rendered(|i| (i == 7).then_some([0.1, 0.2]), 3.0, 100.0);
         let log = vec![LogLine { iteration: 1, seconds: 0.1, ..LogLine::default() }];
         Checkpoint { origin: [("seed".into(), "0".into())].into(), splats_at_start: 39, log, state }
     }

@@ -4,7 +4,8 @@ use super::backend::{Snapshot, StepPlan, StepReport, TrainingBackend};
 use super::density::{grow, prune, reset_opacity};
 use super::objective::{Gradient, Objective, Sheared, Shot};
 use super::raster::{FrameCamera, Layers};
-use super::views::TrainingView;
+use super::stopwatch::Stopwatch;
+use super::views::{TrainingView, Truth};
 
 /// Splats, radiometry and their moments in memory.
 pub struct CpuBackend {
@@ -14,7 +15,8 @@ pub struct CpuBackend {
     state: Snapshot,
     objective: Objective<f32>,
     gradient: Gradient<f32>,
-    truth: Layers<f32>,
+    truth: Truth,
+    watch: Stopwatch,
 }
 
 impl CpuBackend {
@@ -27,7 +29,8 @@ impl CpuBackend {
             state,
             objective: Objective::default(),
             gradient: Gradient::default(),
-            truth: Layers::default(),
+            truth: Truth::default(),
+            watch: Stopwatch::default(),
         }
     }
 
@@ -35,6 +38,12 @@ impl CpuBackend {
     #[must_use]
     pub fn picture(&self) -> &Layers<f32> {
         self.objective.picture()
+    }
+
+    /// Where the time of the steps went.
+    #[must_use]
+    pub fn times(&self) -> &Stopwatch {
+        &self.watch
     }
 
     fn change_population(&mut self, plan: &StepPlan, report: &mut StepReport) {
@@ -56,39 +65,46 @@ impl CpuBackend {
 
 impl TrainingBackend for CpuBackend {
     fn step(&mut self, plan: &StepPlan) -> StepReport {
+        let watch = &mut self.watch;
+        watch.begin();
         let view = &self.views[plan.view];
-        let level = &view.levels[plan.level];
         let scale = 0.5f64.powi(plan.level as i32);
-        level.load(&mut self.truth);
-        let size = (level.width, level.height);
-        let half_sides = [0.5 * level.width as f64, 0.5 * level.height as f64];
+        let camera = view.load(plan.level, &mut self.truth);
+        let Truth { colors: truth, valid } = &self.truth;
+        watch.lap("view", "image");
+        let size = (truth.width, truth.height);
+        let half_sides = [0.5 * size.0 as f64, 0.5 * size.1 as f64];
         let sun = view.sun_shear.filter(|_| plan.shadows).map(|s| s.map(|s| s * scale));
         let virtual_shear = plan.virtual_shear.map(|s| [s[0] * half_sides[0], s[1] * half_sides[1]]);
         let shot = Shot {
-            camera: FrameCamera::new(&level.camera, size.0, size.1),
-            truth: &self.truth,
-            valid: &level.valid,
-            sun: sun.map(|s| Sheared::sun(&level.camera, size, s, self.altitudes)),
-            virtual_view: virtual_shear.map(|s| Sheared::virtual_view(&level.camera, size, s)),
+            camera: FrameCamera::new(&camera, size.0, size.1),
+            truth,
+            valid,
+            sun: sun.map(|s| Sheared::sun(&camera, size, s, self.altitudes)),
+            virtual_view: virtual_shear.map(|s| Sheared::virtual_view(&camera, size, s)),
             background: plan.background,
             floor: self.altitudes.0 as f32,
         };
         let Snapshot { splats, adam, appearances, statistics } = &mut self.state;
         let (appearance, appearance_adam) = &mut appearances[plan.view];
-        let losses = self.objective.evaluate(splats, appearance, &shot, &plan.weights, &mut self.gradient);
+        let gradient = &mut self.gradient;
+        let losses = self.objective.evaluate(splats, appearance, &shot, &plan.weights, gradient, watch);
 
         let to_half_sides = half_sides.map(|h| h as f32);
-        self.objective
-            .for_each_seen(|i, g| statistics.saw(i, [g[0] * to_half_sides[0], g[1] * to_half_sides[1]]));
-        statistics.rendered(1.0 / level.camera.gsd_m(), level.width.max(level.height) as f64);
+        let seen =
+            |i: usize| self.objective.seen(i).map(|g| [g[0] * to_half_sides[0], g[1] * to_half_sides[1]]);
+        statistics.rendered(seen, 1.0 / camera.gsd_m(), size.0.max(size.1) as f64);
+        watch.lap("splats", "statistics");
 
         let [position, log_scale, rotation, logit, f_dc, radiometry] = plan.rates;
-        appearance_adam.step(appearance, &self.gradient.appearance, radiometry);
+        appearance_adam.step(appearance, &gradient.appearance, radiometry);
         let rates = [position, log_scale, rotation, logit, f_dc];
-        adam.step(splats, &self.gradient.splats, rates);
+        adam.step(splats, &gradient.splats, rates);
+        watch.lap("splats", "Adam");
 
         let mut report = StepReport { losses, ..StepReport::default() };
         self.change_population(plan, &mut report);
+        self.watch.lap("splats", "growth and pruning");
         report.splats = self.state.splats.len();
         report
     }

@@ -4,6 +4,7 @@ use super::adam::SplatAdam;
 use super::gaussians::{Gaussians, logit, rotation_matrix, sigmoid};
 use super::random::Draw;
 use super::recipe::{Growth, SiteLengths};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// A split splat's parts are this much smaller (gsplat).
@@ -37,15 +38,22 @@ impl Statistics {
         self.magnification = 0.0;
     }
 
-    /// Adds a view's derivative by the splat's image position, in half image sides.
-    pub fn saw(&mut self, splat: usize, gradient: [f32; 2]) {
-        self.gradient[splat] += gradient[0].hypot(gradient[1]);
-        self.views[splat] += 1;
-    }
-
-    /// Notes that a view of so many pixels per metre and so long a side was rendered.
-    pub fn rendered(&mut self, pixels_per_m: f64, longer_side: f64) {
+    /// Adds a view of so many pixels per metre and so long a side; `seen` gives, of a splat that it saw, the
+    /// derivative by the image position, in half image sides.
+    pub fn rendered(
+        &mut self,
+        seen: impl Fn(usize) -> Option<[f32; 2]> + Sync,
+        pixels_per_m: f64,
+        longer_side: f64,
+    ) {
         self.magnification = self.magnification.max(pixels_per_m / longer_side);
+        let sums = self.gradient.par_iter_mut().zip(&mut self.views).with_min_len(1024).enumerate();
+        sums.for_each(|(splat, (gradient, views))| {
+            if let Some([x, y]) = seen(splat) {
+                *gradient += x.hypot(y);
+                *views += 1;
+            }
+        });
     }
 }
 
@@ -160,8 +168,7 @@ mod tests {
         let recipe = Recipe::named("baeogs").unwrap();
         let lengths = recipe.site_lengths(226.0);
         let (mut g, mut adam, mut s) = set();
-        s.saw(0, [0.01, 0.0]);
-        s.saw(1, [0.0, 0.01]);
+        s.rendered(|i| [Some([0.01, 0.0]), Some([0.0, 0.01]), None][i], 0.0, 1.0);
         assert_eq!(grow(&mut g, &mut adam, &s, &recipe.growth, &lengths, (0, 100)), 2);
         // The copy and the original, the faint one, and the two halves.
         assert_eq!(g.len(), 5);

@@ -62,6 +62,15 @@ pub trait Lanes: Copy {
     fn log2(self, a: Self::Numbers) -> Self::Numbers;
     /// Sum of the lanes, in an order that only depends on the processor.
     fn sum(self, a: Self::Numbers) -> Self::Number;
+    /// Sums of the lanes of sixteen, faster than one by one where lanes can be shuffled.
+    #[inline(always)]
+    fn sums(self, rows: [Self::Numbers; LANES]) -> [Self::Number; LANES] {
+        let mut out = [Self::Number::zero(); LANES];
+        for k in 0..LANES {
+            out[k] = self.sum(rows[k]);
+        }
+        out
+    }
     /// `a >= b`.
     fn at_least(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths;
     /// Both.
@@ -217,13 +226,16 @@ pub fn splat_each<L: Lanes, const C: usize>(lanes: L, values: [L::Number; C]) ->
     out
 }
 
-/// The sum of each row's lanes.
+/// The sum of each row's lanes, of sixteen rows at most.
 #[inline(always)]
-pub fn sum_each<L: Lanes, const C: usize>(rows: [Row<L>; C]) -> [L::Number; C] {
-    let mut out = [L::Number::zero(); C];
+pub fn sum_each<L: Lanes, const C: usize>(lanes: L, rows: [Row<L>; C]) -> [L::Number; C] {
+    let mut all = [lanes.splat(L::Number::zero()); LANES];
     for c in 0..C {
-        out[c] = rows[c].sum();
+        all[c] = rows[c].numbers;
     }
+    let sums = lanes.sums(all);
+    let mut out = [L::Number::zero(); C];
+    out.copy_from_slice(&sums[..C]);
     out
 }
 
@@ -310,6 +322,16 @@ trait Processor: Simd {
         self.div_f32s(self.splat_f32s(1.0), a)
     }
 
+    /// Sum of each of sixteen registers.
+    #[inline(always)]
+    fn sums(self, rows: [Self::f32s; LANES]) -> [f32; LANES] {
+        let mut out = [0.0; LANES];
+        for k in 0..LANES {
+            out[k] = self.reduce_sum_f32s(rows[k]);
+        }
+        out
+    }
+
     #[inline(always)]
     fn refine(self, estimate: Self::f32s, a: Self::f32s) -> Self::f32s {
         let error = self.negate_mul_add_e_f32s(estimate, a, self.splat_f32s(1.0));
@@ -335,6 +357,44 @@ impl Processor for pulp::x86::V4 {
     #[inline(always)]
     fn reciprocal(self, a: Self::f32s) -> Self::f32s {
         self.refine(pulp::cast(self.avx512f._mm512_rcp14_ps(pulp::cast(a))), a)
+    }
+
+    /// Pairs of registers are halved and joined, four times over: 45 instructions instead of some 140.
+    #[inline(always)]
+    fn sums(self, rows: [Self::f32s; LANES]) -> [f32; LANES] {
+        let s = self.avx512f;
+        // Quarters of registers first, then numbers within quarters.
+        macro_rules! join {
+            ($shuffle:ident, $even:literal, $odd:literal, $a:expr, $b:expr) => {{
+                let (a, b) = ($a, $b);
+                s._mm512_add_ps(s.$shuffle::<$even>(a, b), s.$shuffle::<$odd>(a, b))
+            }};
+        }
+        macro_rules! row {
+            ($k:expr) => {
+                pulp::cast(rows[$k])
+            };
+        }
+        macro_rules! four {
+            ($k:expr) => {
+                join!(
+                    _mm512_shuffle_f32x4,
+                    0x88,
+                    0xDD,
+                    join!(_mm512_shuffle_f32x4, 0x44, 0xEE, row!($k), row!($k + 1)),
+                    join!(_mm512_shuffle_f32x4, 0x44, 0xEE, row!($k + 2), row!($k + 3))
+                )
+            };
+        }
+        let low = join!(_mm512_shuffle_ps, 0x44, 0xEE, four!(0), four!(4));
+        let high = join!(_mm512_shuffle_ps, 0x44, 0xEE, four!(8), four!(12));
+        let all: [f32; LANES] = pulp::cast(join!(_mm512_shuffle_ps, 0x88, 0xDD, low, high));
+        // Number 4 j + g is the sum of register 4 g + j.
+        let mut out = [0.0; LANES];
+        for k in 0..LANES {
+            out[k] = all[k % 4 * 4 + k / 4];
+        }
+        out
     }
 }
 
@@ -417,6 +477,17 @@ impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
             sum = self.0.add_f32s(sum, a[k]);
         }
         self.0.reduce_sum_f32s(sum)
+    }
+    #[inline(always)]
+    fn sums(self, rows: [Self::Numbers; LANES]) -> [f32; LANES] {
+        let mut one = [self.0.splat_f32s(0.0); LANES];
+        for r in 0..LANES {
+            one[r] = rows[r][0];
+            for k in 1..N {
+                one[r] = self.0.add_f32s(one[r], rows[r][k]);
+            }
+        }
+        self.0.sums(one)
     }
     #[inline(always)]
     fn at_least(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths {
@@ -578,11 +649,15 @@ mod tests {
                 let error = (f64::from(power.log2().store()[7]) - f64::from(y).log2()).abs();
                 assert!(error < 3e-7 * f64::from(x.abs().max(1.0)), "{x}: {error:e}");
             }
+            // Whole numbers, so that no order of summing rounds.
+            let rows =
+                std::array::from_fn(|r| Row::load(lanes, &std::array::from_fn(|i| (r * i * i) as f32)));
+            assert_eq!(sum_each::<L, 15>(lanes, rows), std::array::from_fn(|r| (r * 1240) as f32));
         }
     }
 
     #[test]
-    fn exponentials_and_logarithms_are_within_3e7() {
+    fn exponentials_and_logarithms_are_within_3e7_and_sums_are_of_their_rows() {
         f32::dispatch(Compare);
         #[cfg(target_arch = "x86_64")]
         if let Some(s) = pulp::x86::V3::try_new() {

@@ -18,6 +18,7 @@ pub mod real;
 pub mod recipe;
 pub mod setup;
 pub mod ssim;
+pub mod stopwatch;
 pub mod sweep;
 pub mod train;
 pub mod views;

@@ -12,6 +12,7 @@ use super::lookup::{Lookup, Window};
 use super::raster::{FrameCamera, Layers, Prepared, Rasterizer, SplatGradient};
 use super::real::Real;
 use super::ssim::{Photometric, Similarity};
+use super::stopwatch::Stopwatch;
 use crate::affine::AffineCamera;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -24,6 +25,11 @@ const SAME_SURFACE_M: f64 = 0.30;
 const ENTROPY_CLIP: f64 = 0.05;
 /// Runs of rows that scatter into windows of their own; fixed, so that sums do not depend on the threads.
 const STRIPES: usize = 8;
+
+/// The renders, as the stopwatch calls them.
+const VIEW: &str = "view";
+const SUN: &str = "sun image";
+const VIRTUAL: &str = "virtual view";
 
 /// What the loss weighs (EOGS's names in brackets).
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -156,7 +162,7 @@ struct Agreement {
 }
 
 impl<T: Lanewise> Objective<T> {
-    /// The loss of one shot; its gradient goes to `gradient`.
+    /// The loss of one shot; its gradient goes to `gradient`, the time that stages took to `watch`.
     pub fn evaluate(
         &mut self,
         gaussians: &Gaussians<T>,
@@ -164,22 +170,28 @@ impl<T: Lanewise> Objective<T> {
         shot: &Shot<T>,
         weights: &LossWeights,
         gradient: &mut Gradient<T>,
+        watch: &mut Stopwatch,
     ) -> Losses {
         self.prepare(gaussians);
+        watch.lap("splats", "order and covariances");
         let [r, g, b] = shot.background;
         let background = [r, g, b, shot.floor];
-        self.view.render(&self.prepared, &self.features, &shot.camera, background);
+        let prepared = &self.prepared;
+        draw(&mut self.view, VIEW, prepared, &self.features, &shot.camera, background, watch);
         if let Some(sun) = &shot.sun {
-            self.sun.render(&self.prepared, &self.altitudes, &sun.camera, [shot.floor]);
+            draw(&mut self.sun, SUN, prepared, &self.altitudes, &sun.camera, [shot.floor], watch);
         }
-        if let Some(virtual_view) = &shot.virtual_view {
-            self.virtual_view.render(&self.prepared, &self.features, &virtual_view.camera, background);
+        if let Some(v) = &shot.virtual_view {
+            draw(&mut self.virtual_view, VIRTUAL, prepared, &self.features, &v.camera, background, watch);
         }
 
         self.compose(appearance, shot);
+        watch.lap("pixels", "picture");
         let (similarity, _) = self.photometric.compare(&self.picture, shot.truth);
+        watch.lap("pixels", "SSIM and L1");
         self.pixels_backward(appearance, shot, weights, gradient);
-        self.splats_backward(gaussians, shot, weights, gradient);
+        watch.lap("pixels", "picture backward");
+        self.splats_backward(gaussians, shot, weights, gradient, watch);
 
         let pixels = (shot.camera.width * shot.camera.height) as f64;
         let sum = |of: fn(&Stripe<T>) -> f64| self.stripes.iter().map(of).sum::<f64>();
@@ -198,6 +210,7 @@ impl<T: Lanewise> Objective<T> {
             + weights.consistency_altitude * losses.consistency_altitude
             + weights.consistency_color * losses.consistency_color
             + weights.shadow_entropy * losses.shadow_entropy;
+        watch.lap("splats", "parameters backward");
         losses
     }
 
@@ -207,22 +220,24 @@ impl<T: Lanewise> Objective<T> {
         &self.picture
     }
 
-    /// Visits, for every splat the last evaluation's view saw, its index and the derivative by its image position.
-    pub fn for_each_seen(&self, mut visit: impl FnMut(usize, [T; 2])) {
-        self.view.for_each_seen(|rank, g| visit(self.prepared.order()[rank] as usize, g));
+    /// The derivative by a splat's image position, if the last evaluation's view saw it.
+    #[must_use]
+    pub fn seen(&self, splat: usize) -> Option<[T; 2]> {
+        self.view.seen(self.prepared.rank(splat))
     }
 
     fn prepare(&mut self, gaussians: &Gaussians<T>) {
         self.prepared.update(gaussians);
         let order = self.prepared.order();
         let color = |v: T| v * T::of(SH_C0) + T::of(0.5);
-        self.features.clear();
-        self.features.par_extend(order.par_iter().with_min_len(1024).map(|&i| {
-            let f = gaussians.f_dc[i as usize];
-            [color(f[0]), color(f[1]), color(f[2]), gaussians.position[i as usize][2]]
-        }));
-        self.altitudes.clear();
-        self.altitudes.extend(self.features.iter().map(|f| [f[3]]));
+        self.features.resize(order.len(), [T::zero(); 4]);
+        self.altitudes.resize(order.len(), [T::zero(); 1]);
+        let features = self.features.par_iter_mut().zip(&mut self.altitudes).zip(order);
+        features.with_min_len(1024).for_each(|((feature, altitude), &i)| {
+            let (f, z) = (gaussians.f_dc[i as usize], gaussians.position[i as usize][2]);
+            *feature = [color(f[0]), color(f[1]), color(f[2]), z];
+            *altitude = [z];
+        });
     }
 
     /// Makes the picture from the renders, and counts the pixels that agree with the virtual view.
@@ -304,6 +319,7 @@ impl<T: Lanewise> Objective<T> {
         shot: &Shot<T>,
         weights: &LossWeights,
         gradient: &mut Gradient<T>,
+        watch: &mut Stopwatch,
     ) {
         let n = gaussians.len();
         self.by_shared.clear();
@@ -313,13 +329,13 @@ impl<T: Lanewise> Objective<T> {
         self.by_altitude.clear();
         self.by_altitude.resize(n, [T::zero(); 1]);
         let shared = &mut self.by_shared;
-        self.view.backward(&shot.camera, &self.by_view, shared, &mut self.by_feature);
-        if let Some(v) = &shot.virtual_view {
-            let by_feature = &mut self.by_feature;
-            self.virtual_view.backward(&v.camera, &self.by_virtual, shared, by_feature);
+        let by_feature = &mut self.by_feature;
+        pull_back(&mut self.view, VIEW, &self.by_view, shared, by_feature, watch);
+        if shot.virtual_view.is_some() {
+            pull_back(&mut self.virtual_view, VIRTUAL, &self.by_virtual, shared, by_feature, watch);
         }
-        if let Some(sun) = &shot.sun {
-            self.sun.backward(&sun.camera, &self.by_sun, shared, &mut self.by_altitude);
+        if shot.sun.is_some() {
+            pull_back(&mut self.sun, SUN, &self.by_sun, shared, &mut self.by_altitude, watch);
         }
         gradient.splats.resize(n);
         self.prepared.parameter_gradients(gaussians, &self.by_shared, &mut gradient.splats);
@@ -335,6 +351,39 @@ impl<T: Lanewise> Objective<T> {
             *logit = *logit + opacity_scale * o * (T::one() - o);
         });
     }
+}
+
+/// Renders, timed.
+fn draw<T: Lanewise, const C: usize>(
+    raster: &mut Rasterizer<T, C>,
+    part: &'static str,
+    prepared: &Prepared<T>,
+    features: &[[T; C]],
+    camera: &FrameCamera<T>,
+    background: [T; C],
+    watch: &mut Stopwatch,
+) {
+    raster.project(prepared, camera);
+    watch.lap(part, "projection");
+    raster.bin(features);
+    watch.lap(part, "binning");
+    raster.draw(background);
+    watch.lap(part, "forward");
+}
+
+/// Takes the derivatives by an image's pixels back to the splats, timed.
+fn pull_back<T: Lanewise, const C: usize>(
+    raster: &mut Rasterizer<T, C>,
+    part: &'static str,
+    by_pixel: &Layers<T>,
+    shared: &mut [SplatGradient<T>],
+    by_feature: &mut [[T; C]],
+    watch: &mut Stopwatch,
+) {
+    raster.pull_back(by_pixel);
+    watch.lap(part, "backward");
+    raster.gather(shared, by_feature);
+    watch.lap(part, "gathering");
 }
 
 /// Sums the windows of the stripes.
@@ -493,7 +542,7 @@ impl<T: Lanewise> Kernel<T> for PixelsBackward<'_, T> {
             }
             pass.scatter(row, by_rgb, by_z, stripe);
         }
-        stripe.appearance = sum_each(by_values);
+        stripe.appearance = sum_each(lanes, by_values);
     }
 }
 

@@ -54,7 +54,7 @@ impl<T: Lanewise> Setup<T> {
             floor: T::of(-5.0),
         };
         let mut gradient = Gradient::default();
-        let losses = self.objective.evaluate(g, a, &shot, &WEIGHTS, &mut gradient);
+        let losses = self.objective.evaluate(g, a, &shot, &WEIGHTS, &mut gradient, &mut Stopwatch::default());
         (losses.total, gradient)
     }
 }
@@ -158,7 +158,7 @@ fn a_box_darkens_what_lies_behind_it_from_the_sun() {
     };
     let mut objective = Objective::default();
     let appearance = Appearance::default();
-    objective.evaluate(&g, &appearance, &shot, &WEIGHTS, &mut Gradient::default());
+    objective.evaluate(&g, &appearance, &shot, &WEIGHTS, &mut Gradient::default(), &mut Stopwatch::default());
     let brightness = |x: f64| objective.picture().at(0, (23.5 + 4.0 * x).round() as usize, 23);
     assert!(brightness(-4.0) < 0.2, "in the shadow: {}", brightness(-4.0));
     assert!(brightness(-5.5) > 0.4, "beyond it: {}", brightness(-5.5));

@@ -23,7 +23,7 @@ const ROWS: usize = 16;
 /// Compares a picture with the truth; keeps its buffers.
 #[derive(Default)]
 pub struct Photometric<T> {
-    /// Derivatives of the loss by the blurred x, xx and xy of each color.
+    /// Derivatives of the loss by the blurred x, xx + yy and xy of each color.
     slopes: Layers<T>,
     by_picture: Layers<T>,
     strips: Vec<Strip<T>>,
@@ -33,7 +33,7 @@ pub struct Photometric<T> {
 #[derive(Default)]
 struct Strip<T> {
     /// Rows blurred down the columns, with zeros on either side.
-    columns: [Vec<T>; 5],
+    columns: [Vec<T>; 4],
     zeros: Vec<T>,
     sum: f64,
 }
@@ -65,10 +65,12 @@ fn window<T: Real>() -> [T; REACH + 1] {
 /// Blurs along a row that has zeros on either side; from column `start` on.
 #[inline(always)]
 fn blur_along<L: Lanes>(lanes: L, window: &[Row<L>; REACH + 1], row: &[L::Number], start: usize) -> Row<L> {
-    let first = start + LANES - REACH;
-    let mut sum = window[REACH] * Row::load_from(lanes, row, first + REACH);
+    // Rows have sixteen zeros and more on either side: one check of the bounds is enough for all taps.
+    let Some(near) = row[start..].first_chunk::<{ 3 * LANES }>() else { return window[0] };
+    let first = LANES - REACH;
+    let mut sum = window[REACH] * Row::load_from(lanes, near, first + REACH);
     for t in 0..REACH {
-        let pair = Row::load_from(lanes, row, first + t) + Row::load_from(lanes, row, first + TAPS - 1 - t);
+        let pair = Row::load_from(lanes, near, first + t) + Row::load_from(lanes, near, first + TAPS - 1 - t);
         sum = window[t].mul_add(pair, sum);
     }
     sum
@@ -124,7 +126,7 @@ impl<T: Lanewise> Photometric<T> {
     }
 }
 
-/// SSIM of a strip, and `scale` times its derivatives by the blurred x, xx and xy.
+/// SSIM of a strip, and `scale` times its derivatives by the blurred x, xx + yy and xy.
 struct Structure<'a, T> {
     picture: &'a Layers<T>,
     truth: &'a Layers<T>,
@@ -148,7 +150,7 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
             let (row, c) = (first_row + k / 3, k % 3);
             let (xs, ys) = (covered(picture, c, row, &strip.zeros), covered(truth, c, row, &strip.zeros));
             for start in (0..width).step_by(LANES) {
-                let mut sums = [zero; 5];
+                let mut sums = [zero; 4];
                 for t in 0..TAPS {
                     let x = Row::load_from(lanes, xs[t], start);
                     let y = Row::load_from(lanes, ys[t], start);
@@ -156,11 +158,10 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
                     let (wx, wy) = (w * x, w * y);
                     sums[0] += wx;
                     sums[1] += wy;
-                    sums[2] = wx.mul_add(x, sums[2]);
-                    sums[3] = wy.mul_add(y, sums[3]);
-                    sums[4] = wx.mul_add(y, sums[4]);
+                    sums[2] = wy.mul_add(y, wx.mul_add(x, sums[2]));
+                    sums[3] = wx.mul_add(y, sums[3]);
                 }
-                for n in 0..5 {
+                for n in 0..4 {
                     sums[n].store_to(&mut strip.columns[n], LANES + start);
                 }
             }
@@ -168,15 +169,16 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
             let (by_xx, by_xy) = rest.split_at_mut(width);
             let mut sum = zero;
             for start in (0..width).step_by(LANES) {
-                let mut blurred = [zero; 5];
-                for n in 0..5 {
+                let mut blurred = [zero; 4];
+                for n in 0..4 {
                     blurred[n] = blur_along(lanes, &window, &strip.columns[n], start);
                 }
-                let [ux, uy, xx, yy, xy] = blurred;
+                let [ux, uy, squares, xy] = blurred;
+                let means = ux * ux + uy * uy;
                 let a1 = two * ux * uy + c1;
                 let a2 = two * (xy - ux * uy) + c2;
-                let b1 = ux * ux + uy * uy + c1;
-                let b2 = (xx - ux * ux) + (yy - uy * uy) + c2;
+                let b1 = means + c1;
+                let b2 = squares - means + c2;
                 let inverse = one.over(b1 * b2);
                 let value = a1 * a2 * inverse;
                 let inside = Row::splat(lanes, T::of((width - start) as f64 - 1.0)).at_least(lane);

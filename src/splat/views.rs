@@ -1,35 +1,40 @@
-//! The training views: cameras, pixels at full and half resolution, which pixels count.
+//! The training views: cameras, pixels, which of them count.
 
 use super::init::SiteBox;
 use super::raster::Layers;
 use crate::affine::AffineCamera;
 use crate::frame::{CenterPx, Pixel};
 use crate::raster::Plane;
+use rayon::prelude::*;
 
-/// A view at one resolution.
-#[derive(Clone, Debug)]
-pub struct Level {
-    /// The camera of this resolution.
-    pub camera: AffineCamera,
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// Colours, 0 to 255, laid out as [`Layers`] with three channels.
-    colors: Vec<u8>,
-    /// Pixels that count, row by row.
-    pub valid: Vec<bool>,
-}
+/// Stored where no pixel counts. A black one that does is stored as the darkest blue.
+const MASKED: [u8; 3] = [0; 3];
+const BLACK: [u8; 3] = [0, 0, 1];
 
 /// A view that is trained on.
 #[derive(Clone, Debug)]
 pub struct TrainingView {
     /// Its name.
     pub name: String,
-    /// Full resolution, then half.
-    pub levels: Vec<Level>,
-    /// Shear of the full-resolution camera towards the sun, pixels per metre; none without a sun.
+    /// The camera.
+    pub camera: AffineCamera,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Colours, 0 to 255, or [`MASKED`], row by row: all that is kept of an image, three bytes a pixel.
+    colors: Vec<[u8; 3]>,
+    /// Shear of the camera towards the sun, pixels per metre; none without a sun.
     pub sun_shear: Option<[f64; 2]>,
+}
+
+/// A view's pixels at one resolution, as an iteration needs them.
+#[derive(Clone, Debug, Default)]
+pub struct Truth {
+    /// Colours in [0, 1], zero where masked.
+    pub colors: Layers<f32>,
+    /// Pixels that count, row by row.
+    pub valid: Vec<bool>,
 }
 
 impl TrainingView {
@@ -44,36 +49,24 @@ impl TrainingView {
         planes: &[Plane],
         area: SiteBox,
     ) -> Self {
-        let halved: Vec<Plane> = planes.iter().map(Plane::halved).collect();
-        let levels = vec![Level::new(camera, planes, area), Level::new(camera.rescaled(0.5), &halved, area)];
-        Self { name, levels, sun_shear }
-    }
-}
-
-impl Level {
-    fn new(camera: AffineCamera, planes: &[Plane], area: SiteBox) -> Self {
         let (width, height) = (planes[0].width, planes[0].height);
-        let plane = |c: usize| &planes[c.min(planes.len() - 1)];
         let (west, south, east, north) = area;
         let [[a, b, _], [c, d, _]] = camera.linear;
         let det = a * d - b * c;
-        let mut valid = Vec::with_capacity(width * height);
-        let mut colors = vec![0; 3 * width * height];
-        for row in 0..height {
-            for col in 0..width {
-                let (u, v) = (col as f64 - camera.offset[0], row as f64 - camera.offset[1]);
-                let (x, y) = ((d * u - b * v) / det, (a * v - c * u) / det);
-                let inside = x >= west && x <= east && y >= south && y <= north;
-                let known = (0..3).all(|k| !plane(k).at(col, row).is_nan());
-                valid.push(inside && known);
-                if inside && known {
-                    for k in 0..3 {
-                        colors[(row * 3 + k) * width + col] = (plane(k).at(col, row) * 255.0).round() as u8;
-                    }
-                }
+        let color = |i: usize| {
+            let (col, row) = (i % width, i / width);
+            let (u, v) = (col as f64 - camera.offset[0], row as f64 - camera.offset[1]);
+            let (x, y) = ((d * u - b * v) / det, (a * v - c * u) / det);
+            let inside = x >= west && x <= east && y >= south && y <= north;
+            let rgb: [f32; 3] = std::array::from_fn(|k| planes[k.min(planes.len() - 1)].at(col, row));
+            if !inside || rgb.iter().any(|v| v.is_nan()) {
+                return MASKED;
             }
-        }
-        Self { camera, width, height, colors, valid }
+            let stored = rgb.map(|v| (v * 255.0).round() as u8);
+            if stored == MASKED { BLACK } else { stored }
+        };
+        let colors = (0..width * height).into_par_iter().map(color).collect();
+        Self { name, camera, width, height, colors, sun_shear }
     }
 
     /// Brightness in [0, 1], NaN where masked.
@@ -93,15 +86,64 @@ impl Level {
     }
 
     fn color_at(&self, col: usize, row: usize) -> Option<[f32; 3]> {
-        let value = |k: usize| f32::from(self.colors[(row * 3 + k) * self.width + col]) / 255.0;
-        self.valid[row * self.width + col].then(|| std::array::from_fn(value))
+        let stored = self.colors[row * self.width + col];
+        (stored != MASKED).then(|| stored.map(|v| f32::from(v) / 255.0))
     }
 
-    /// Colours in [0, 1], zero where masked.
-    pub fn load(&self, out: &mut Layers<f32>) {
-        out.resize(self.width, self.height, 3);
-        for (o, c) in out.data.iter_mut().zip(&self.colors) {
-            *o = f32::from(*c) / 255.0;
-        }
+    /// The camera and, into `out`, the pixels at a resolution: 0 full, 1 half.
+    pub fn load(&self, level: usize, out: &mut Truth) -> AffineCamera {
+        let step = 1 << level;
+        let (width, height) = (self.width / step, self.height / step);
+        out.colors.resize(width, height, 3);
+        out.valid.resize(width * height, false);
+        let rows = out.colors.data.par_chunks_mut(3 * width).zip(out.valid.par_chunks_mut(width));
+        rows.enumerate().for_each(|(row, (colors, valid))| {
+            let (red, rest) = colors.split_at_mut(width);
+            let (green, blue) = rest.split_at_mut(width);
+            for col in 0..width {
+                // The mean of the pixels that count.
+                let (mut sum, mut n) = ([0u16; 3], 0u16);
+                for r in row * step..(row + 1) * step {
+                    for stored in &self.colors[r * self.width + col * step..][..step] {
+                        n += u16::from(*stored != MASKED);
+                        for k in 0..3 {
+                            sum[k] += u16::from(stored[k]);
+                        }
+                    }
+                }
+                valid[col] = n > 0;
+                let scale = 1.0 / (255.0 * f32::from(n.max(1)));
+                [red[col], green[col], blue[col]] = sum.map(|s| f32::from(s) * scale);
+            }
+        });
+        if level == 0 { self.camera } else { self.camera.rescaled(1.0 / step as f64) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn black_counts_and_what_is_unknown_or_outside_does_not() {
+        let plane = Plane::from_fn(4, 2, |col, row| match (col, row) {
+            (0, 0) => 0.0,
+            (1, 0) => f32::NAN,
+            (_, row) => 0.2 + 0.4 * row as f32,
+        });
+        // One pixel a metre; the last column lies outside.
+        let camera = AffineCamera { linear: [[1.0, 0.0, 0.3], [0.0, -1.0, 0.1]], offset: [0.0; 2] };
+        let view = TrainingView::new("v".into(), camera, None, &[plane], (-0.5, -5.0, 2.5, 5.0));
+        let mut truth = Truth::default();
+        assert_eq!(view.load(0, &mut truth), camera);
+        assert_eq!(truth.valid, [true, false, true, false, true, true, true, false]);
+        let near = |row: &[f32], expected: &[f32]| {
+            row.len() == expected.len() && row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6)
+        };
+        assert!(near(truth.colors.row(0, 0), &[0.0, 0.0, 0.2, 0.0]));
+        assert_eq!(view.load(1, &mut truth), camera.rescaled(0.5));
+        assert_eq!((truth.colors.width, truth.colors.height, truth.valid.len()), (2, 1, 2));
+        // Of three and of two pixels that count.
+        assert!(near(truth.colors.row(0, 0), &[0.4, 0.4]));
     }
 }

@@ -39,17 +39,26 @@ pub struct Rasterizer<T, const C: usize> {
     chunks: Vec<Chunk<T>>,
     bands: Vec<Band<T, C>>,
     image: Layers<T>,
+    /// The last render's.
+    camera: FrameCamera<T>,
 }
 
 impl<T: Real, const C: usize> Default for Rasterizer<T, C> {
     fn default() -> Self {
-        Self { chunks: Vec::new(), bands: Vec::new(), image: Layers::default() }
+        Self {
+            chunks: Vec::new(),
+            bands: Vec::new(),
+            image: Layers::default(),
+            camera: FrameCamera::default(),
+        }
     }
 }
 
 impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
     /// Renders. `features` are in `prepared`'s order; the image has the `C` features over `background` and, as
     /// its last channel, the transmittance left.
+    ///
+    /// The same as [`Rasterizer::project`], [`Rasterizer::bin`] and [`Rasterizer::draw`] in a row.
     pub fn render(
         &mut self,
         prepared: &Prepared<T>,
@@ -58,33 +67,38 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
         background: [T; C],
     ) -> &Layers<T> {
         self.project(prepared, camera);
-        let width = camera.width;
-        self.image.resize(width, camera.height, C + 1);
-        let chunks = &self.chunks;
-        let rows = self.image.data.par_chunks_mut(TILE * (C + 1) * width);
-        rows.zip(&mut self.bands).enumerate().for_each(|(index, (out, band))| {
-            band.bin(chunks, features, index, width.div_ceil(TILE));
-            T::dispatch(kernel::Forward { band, index, width, background, out });
-        });
+        self.bin(features);
+        self.draw(background);
         &self.image
     }
 
-    /// Projects and lists the splats of every tile, as [`Rasterizer::render`] begins: to be timed.
-    pub fn bin(&mut self, prepared: &Prepared<T>, features: &[[T; C]], camera: &FrameCamera<T>) {
-        self.project(prepared, camera);
-        let chunks = &self.chunks;
-        self.bands.par_iter_mut().enumerate().for_each(|(index, band)| {
-            band.bin(chunks, features, index, camera.width.div_ceil(TILE));
-        });
-    }
-
-    fn project(&mut self, prepared: &Prepared<T>, camera: &FrameCamera<T>) {
+    /// Projects the splats.
+    pub fn project(&mut self, prepared: &Prepared<T>, camera: &FrameCamera<T>) {
+        self.camera = *camera;
         let ranks = prepared.len();
-        self.bands.resize_with(camera.height.div_ceil(TILE), Default::default);
         self.chunks.resize_with(ranks.div_ceil(CHUNK), Default::default);
         self.chunks.par_iter_mut().enumerate().for_each(|(k, chunk)| {
             let ranks = k * CHUNK..ranks.min((k + 1) * CHUNK);
             T::dispatch(Projection { chunk, prepared, ranks, camera });
+        });
+    }
+
+    /// Lists the projected splats of every tile.
+    pub fn bin(&mut self, features: &[[T; C]]) {
+        self.bands.resize_with(self.camera.height.div_ceil(TILE), Default::default);
+        let (chunks, tiles) = (&self.chunks, self.camera.width.div_ceil(TILE));
+        self.bands.par_iter_mut().enumerate().for_each(|(index, band)| {
+            band.bin(chunks, features, index, tiles);
+        });
+    }
+
+    /// Draws what is listed.
+    pub fn draw(&mut self, background: [T; C]) {
+        let FrameCamera { width, height, .. } = self.camera;
+        self.image.resize(width, height, C + 1);
+        let rows = self.image.data.par_chunks_mut(TILE * (C + 1) * width);
+        rows.zip(&mut self.bands).enumerate().for_each(|(index, (out, band))| {
+            T::dispatch(kernel::Forward { band, index, width, background, out });
         });
     }
 
@@ -94,16 +108,23 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
         &self.image
     }
 
-    /// Adds to `gradients` and `by_feature` (both in `prepared`'s order) what the loss's derivatives by the last
-    /// render's pixels (`by_pixel`, `C` channels) mean for the splats. `camera` is the render's.
+    /// Adds to `gradients` and `by_feature` (both in the order of the render's [`Prepared`]) what the loss's
+    /// derivatives by the last render's pixels (`by_pixel`, `C` channels) mean for the splats.
+    ///
+    /// The same as [`Rasterizer::pull_back`] and [`Rasterizer::gather`] in a row.
     pub fn backward(
         &mut self,
-        camera: &FrameCamera<T>,
         by_pixel: &Layers<T>,
         gradients: &mut [SplatGradient<T>],
         by_feature: &mut [[T; C]],
     ) {
-        let width = camera.width;
+        self.pull_back(by_pixel);
+        self.gather(gradients, by_feature);
+    }
+
+    /// Takes derivatives by pixels back to each tile's splats.
+    pub fn pull_back(&mut self, by_pixel: &Layers<T>) {
+        let width = self.camera.width;
         let images = self.image.data.par_chunks(TILE * (C + 1) * width);
         let derivatives = by_pixel.data.par_chunks(TILE * C * width);
         self.bands.par_iter_mut().zip(images.zip(derivatives)).enumerate().for_each(
@@ -114,7 +135,11 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
                 band.slots = slots;
             },
         );
-        let bands = &self.bands;
+    }
+
+    /// Adds up what [`Rasterizer::pull_back`] found for each splat.
+    pub fn gather(&mut self, gradients: &mut [SplatGradient<T>], by_feature: &mut [[T; C]]) {
+        let (bands, camera) = (&self.bands, &self.camera);
         let outputs = gradients.par_chunks_mut(CHUNK).zip(by_feature.par_chunks_mut(CHUNK));
         self.chunks.par_iter_mut().zip(outputs).enumerate().for_each(
             |(k, (chunk, (gradients, by_feature)))| {
@@ -123,12 +148,11 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
         );
     }
 
-    /// Visits, for every splat seen in the last render, its rank and the loss's derivative by its image position
-    /// (pixels), as [`Rasterizer::backward`] left it.
-    pub fn for_each_seen(&self, mut visit: impl FnMut(usize, [T; 2])) {
-        for (k, chunk) in self.chunks.iter().enumerate() {
-            chunk.for_each_seen(|i, g| visit(k * CHUNK + i, g));
-        }
+    /// The loss's derivative by the image position (pixels) of the splat at a rank, as [`Rasterizer::gather`] found
+    /// it; none of a splat that the last render did not see.
+    #[must_use]
+    pub fn seen(&self, rank: usize) -> Option<[T; 2]> {
+        self.chunks[rank / CHUNK].seen(rank % CHUNK)
     }
 
     /// Number of (splat, tile) pairs of the last render.

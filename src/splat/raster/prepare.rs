@@ -16,7 +16,9 @@ pub struct Prepared<T> {
     order: Vec<u32>,
     /// Rank of each splat.
     rank: Vec<u32>,
+    /// Altitudes and splats to be sorted, and room to sort.
     keys: Vec<(u32, u32)>,
+    spare: Vec<(u32, u32)>,
     pub(super) splats: Vec<PreparedSplat<T>>,
 }
 
@@ -47,6 +49,33 @@ fn descending_key(altitude: f32) -> u32 {
     !ascending
 }
 
+/// Sorts by the first number, ties left as they come: digit by digit from the lowest, counting each.
+///
+/// Its time does not depend on the order. Merging the runs of the last iteration's order takes longer: as steps are
+/// wider than the distance of splats in altitude, the runs are short.
+fn radix_sort(keys: &mut Vec<(u32, u32)>, spare: &mut Vec<(u32, u32)>) {
+    const BITS: u32 = 11;
+    const VALUES: usize = 1 << BITS;
+    let digit = |key: u32, d: u32| (key >> (d * BITS)) as usize % VALUES;
+    spare.resize(keys.len(), (0, 0));
+    for d in 0..u32::BITS.div_ceil(BITS) {
+        let mut starts = [0u32; VALUES];
+        for (key, _) in keys.iter() {
+            starts[digit(*key, d)] += 1;
+        }
+        let mut start = 0;
+        for count in &mut starts {
+            start += std::mem::replace(count, start);
+        }
+        for entry in keys.iter() {
+            let place = &mut starts[digit(entry.0, d)];
+            spare[*place as usize] = *entry;
+            *place += 1;
+        }
+        std::mem::swap(keys, spare);
+    }
+}
+
 impl<T: Lanewise> Prepared<T> {
     /// Number of splats.
     #[must_use]
@@ -69,14 +98,12 @@ impl<T: Lanewise> Prepared<T> {
     /// Orders the splats and computes what cameras share.
     pub fn update(&mut self, gaussians: &Gaussians<T>) {
         let n = gaussians.len();
-        if self.order.len() != n {
-            self.order = (0..n as u32).collect();
-        }
-        self.keys.clear();
-        let key = |i: u32| (descending_key(gaussians.position[i as usize][2].wide() as f32), i);
-        // Last iteration's order is nearly this one's: the sort finds long runs and merges them.
-        self.keys.extend(self.order.iter().map(|&i| key(i)));
-        self.keys.par_sort();
+        self.keys.resize(n, (0, 0));
+        let positions = gaussians.position.par_iter().with_min_len(PIECE);
+        self.keys.par_iter_mut().zip(positions).enumerate().for_each(|(i, (key, p))| {
+            *key = (descending_key(p[2].wide() as f32), i as u32);
+        });
+        radix_sort(&mut self.keys, &mut self.spare);
         self.order.clear();
         self.order.extend(self.keys.iter().map(|k| k.1));
         self.rank.resize(n, 0);
@@ -316,6 +343,16 @@ mod tests {
         let mut heights = vec![3.0f32, -2.0, 0.0, -7.5, 100.0];
         heights.sort_by_key(|h| descending_key(*h));
         assert_eq!(heights, [100.0, 3.0, 0.0, -2.0, -7.5]);
+    }
+
+    #[test]
+    fn radix_sort_puts_keys_in_order_and_leaves_ties_as_they_come() {
+        let mut keys: Vec<(u32, u32)> =
+            (0..5000u32).map(|i| (i.wrapping_mul(2_654_435_761) & 0xF000_F00F, i)).collect();
+        let mut sorted = keys.clone();
+        sorted.sort();
+        radix_sort(&mut keys, &mut Vec::new());
+        assert_eq!(keys, sorted);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use std::ops::Range;
 pub(super) const CHUNK: usize = 2048;
 
 /// An affine camera and the size of its image, in the numbers of the rasteriser.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameCamera<T> {
     /// Rows (col, row), columns (east, north, up), pixels per metre.
     pub linear: [[T; 3]; 2],
@@ -206,11 +206,10 @@ impl<T: Real> Chunk<T> {
         self.sums = sums;
     }
 
-    /// Visits the seen splats' ranks (within the chunk) and the derivatives by their image positions.
-    pub fn for_each_seen(&self, mut visit: impl FnMut(usize, [T; 2])) {
-        for (footprint, sum) in self.footprints.iter().zip(&self.sums) {
-            visit(footprint.rank as usize - self.start, sum.mean);
-        }
+    /// The derivative by the image position of a splat, by its rank within the chunk; none if no pixel sees it.
+    pub fn seen(&self, rank: usize) -> Option<[T; 2]> {
+        let rank = (self.start + rank) as u32;
+        self.footprints.binary_search_by_key(&rank, |f| f.rank).ok().map(|k| self.sums[k].mean)
     }
 }
 

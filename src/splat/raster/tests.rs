@@ -78,7 +78,7 @@ fn gradient<T: Lanewise>(g: &Gaussians<T>) -> Gaussians<T> {
     raster.render(&prepared, &f, &camera, BACKGROUND.map(T::of));
     let mut shared = vec![SplatGradient::default(); g.len()];
     let mut by_feature = vec![[T::zero(); 4]; g.len()];
-    raster.backward(&camera, &weights(&camera), &mut shared, &mut by_feature);
+    raster.backward(&weights(&camera), &mut shared, &mut by_feature);
     let mut out = Gaussians::zeros(g.len());
     prepared.parameter_gradients(g, &shared, &mut out);
     for i in 0..g.len() {

@@ -3,7 +3,7 @@
 use super::horizon::horizon;
 use super::{PRIOR_COST, PRIOR_REACH_M, Stack, Sweep};
 use crate::raster::Plane;
-use crate::splat::views::Level;
+use crate::splat::views::TrainingView;
 use rayon::prelude::*;
 
 /// Cells from the window's centre to its border.
@@ -26,8 +26,8 @@ pub(super) struct Image {
 }
 
 impl Image {
-    pub fn new(level: &Level) -> Self {
-        Self { gray: level.gray(), linear: level.camera.linear, offset: level.camera.offset }
+    pub fn new(view: &TrainingView) -> Self {
+        Self { gray: view.gray(), linear: view.camera.linear, offset: view.camera.offset }
     }
 
     /// Ground displacement (east, north) per metre of height along the rays of this camera sheared by `shear`.

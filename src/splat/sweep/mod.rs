@@ -94,13 +94,13 @@ impl<'a> Sweep<'a> {
     /// A sweep of a set-up's area at the heights of its sparse points; none if no two views make a pair.
     #[must_use]
     pub fn new(setup: &Setup, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Self> {
-        let images: Vec<Image> = views.iter().map(|v| Image::new(&v.levels[0])).collect();
+        let images: Vec<Image> = views.iter().map(Image::new).collect();
         let pairs = pairs(views, &images);
         let ground = Ground::new(sparse, setup.area);
         let (low, high) = ground.heights_above(sparse)?;
         let (west, south, east, north) = setup.area;
         let [x, y, _] = setup.site.origin.xyz();
-        let gsd = views.iter().map(|v| v.levels[0].camera.gsd_m()).fold(FINEST_CELL_M, f64::max);
+        let gsd = views.iter().map(|v| v.camera.gsd_m()).fold(FINEST_CELL_M, f64::max);
         let volume = |cell: f64| (east - west) * (north - south) * (high - low) / cell.powi(3);
         let cell = gsd.max(gsd * (volume(gsd) / MAX_VOLUME).cbrt());
         let grid = MapGrid::covering(setup.site.epsg, (x + west, y + south, x + east, y + north), cell);

@@ -1,0 +1,122 @@
+//! What a training iteration allocates, and what training needs in memory, by an allocator that counts.
+
+#![allow(clippy::unwrap_used, unsafe_code)]
+
+#[path = "../benches/splat/scene.rs"]
+mod scene;
+
+use satgs::raster::Plane;
+use satgs::splat::backend::{Population, Snapshot, StepPlan, TrainingBackend};
+use satgs::splat::cpu::CpuBackend;
+use satgs::splat::objective::LossWeights;
+use satgs::splat::views::TrainingView;
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
+
+/// Bytes that training may take: for each splat, each pixel of the largest view, each pixel of every view.
+const BYTES_A_SPLAT: usize = 1500;
+const BYTES_A_PIXEL_DRAWN: usize = 400;
+const BYTES_A_PIXEL_KEPT: usize = 3;
+
+const SPLATS: usize = 100_000;
+const PIXELS: f64 = 0.64e6;
+const VIEWS: usize = 3;
+
+struct Counting;
+
+static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
+static HELD: AtomicUsize = AtomicUsize::new(0);
+static PEAK: AtomicUsize = AtomicUsize::new(0);
+
+impl Counting {
+    fn grew(bytes: usize) {
+        ALLOCATIONS.fetch_add(1, SeqCst);
+        PEAK.fetch_max(HELD.fetch_add(bytes, SeqCst) + bytes, SeqCst);
+    }
+}
+
+// SAFETY: every call goes to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        Self::grew(layout.size());
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        HELD.fetch_sub(layout.size(), SeqCst);
+        unsafe { System.dealloc(memory, layout) }
+    }
+
+    // While memory grows, the old and the new may both be held.
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        Self::grew(size);
+        HELD.fetch_sub(layout.size(), SeqCst);
+        unsafe { System.realloc(memory, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn backend() -> CpuBackend {
+    let side = scene::side(PIXELS);
+    let half_m = side as f64;
+    let views: Vec<TrainingView> = (0..VIEWS)
+        .map(|v| {
+            let plane = Plane::from_fn(side, side, |c, r| {
+                0.5 + 0.4 * ((c * (v + 1)) as f32 * 0.1).sin() * (r as f32 * 0.2).cos()
+            });
+            let area = (-half_m, -half_m, half_m, half_m);
+            TrainingView::new(format!("v{v}"), scene::camera(PIXELS), Some([1.7, -2.1]), &[plane], area)
+        })
+        .collect();
+    CpuBackend::new(Snapshot::start(scene::town(SPLATS, PIXELS, 1), VIEWS), views, (-3.0, 30.0))
+}
+
+/// An iteration of three renders that leaves the splats where they are: each does the same work.
+fn plan(iteration: u32) -> StepPlan {
+    StepPlan {
+        iteration,
+        view: iteration as usize % VIEWS,
+        level: 0,
+        shadows: true,
+        virtual_shear: Some([0.001, 0.001]),
+        background: [0.3; 3],
+        weights: LossWeights {
+            opacity: 0.01,
+            consistency_altitude: 0.1,
+            consistency_color: 0.1,
+            shadow_entropy: 0.01,
+        },
+        rates: [0.0; 6],
+        population: Population::default(),
+    }
+}
+
+/// One test, for what is counted is counted for the whole process.
+#[test]
+fn an_iteration_allocates_nothing_and_training_stays_within_its_memory() {
+    // In the pool, as work that is handed to it from outside is put into a list.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    pool.install(|| {
+        let before = HELD.load(SeqCst);
+        let mut backend = backend();
+        PEAK.store(HELD.load(SeqCst), SeqCst);
+        for i in 1..=3 {
+            backend.step(&plan(i));
+        }
+
+        let peak = PEAK.load(SeqCst) - before;
+        let pixels = scene::side(PIXELS).pow(2);
+        let limit =
+            BYTES_A_SPLAT * SPLATS + BYTES_A_PIXEL_DRAWN * pixels + BYTES_A_PIXEL_KEPT * pixels * VIEWS;
+        let pixels_part = (BYTES_A_PIXEL_DRAWN + BYTES_A_PIXEL_KEPT * VIEWS) * pixels;
+        assert!(peak < limit, "{peak} bytes at most, {limit} are allowed ({pixels_part} of them for pixels)");
+
+        let allocations = ALLOCATIONS.load(SeqCst);
+        for i in 4..=9 {
+            backend.step(&plan(i));
+        }
+        assert_eq!(ALLOCATIONS.load(SeqCst) - allocations, 0, "allocations in six iterations");
+    });
+}
