@@ -7,6 +7,7 @@ mod scene;
 use rayon::ThreadPoolBuilder;
 use satgs::splat::adam::SplatAdam;
 use satgs::splat::appearance::Appearance;
+use satgs::splat::backend::Snapshot;
 use satgs::splat::gaussians::Gaussians;
 use satgs::splat::objective::{Gradient, LossWeights, Objective, Sheared, Shot};
 use satgs::splat::raster::{FrameCamera, LOW_PASS_PX2, Layers, Prepared, Rasterizer, SplatGradient};
@@ -54,7 +55,8 @@ fn noise(width: usize, height: usize, channels: usize) -> Layers<f32> {
 }
 
 fn report(splats: usize, pixels: f64) {
-    let gaussians = scene::town(splats, pixels, 1);
+    // In the order in which training stores splats.
+    let gaussians = Snapshot::start(scene::town(splats, pixels, 1), 1).splats;
     let side = scene::side(pixels);
     let affine = scene::camera(pixels);
     let camera = FrameCamera::<f32>::new(&affine, side, side);

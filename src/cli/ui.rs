@@ -2,7 +2,7 @@
 
 use super::{Common, Failure};
 use crate::event::Event;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
@@ -133,10 +133,16 @@ impl Ui {
     fn advance(&self, done: u64, status: String) {
         let mut stage = self.stage.borrow_mut();
         let Some(stage) = stage.as_mut() else { return };
+        let first = stage.bar.position() == 0;
         stage.bar.set_position(done);
+        if first {
+            // Resumed work has done its first steps in no time.
+            stage.bar.reset_eta();
+        }
         if stage.bar.is_hidden() && stage.last_line.elapsed() > LINE_EVERY && !self.common.quiet {
             stage.last_line = Instant::now();
-            let total = stage.bar.length().map_or_else(String::new, |n| format!("/{n}"));
+            let left = |total| format!("/{total}, {} left,", HumanDuration(stage.bar.eta()));
+            let total = stage.bar.length().map_or_else(String::new, left);
             let _ = writeln!(std::io::stderr(), "{}: {done}{total} {status}", stage.name);
         }
         stage.bar.set_message(status);

@@ -75,7 +75,21 @@ impl Snapshot {
         let mut statistics = Statistics::default();
         statistics.reset(splats.len());
         let adam = SplatAdam::new(splats.len());
-        Self { splats, adam, appearances: vec![Default::default(); views], statistics }
+        let mut start = Self { splats, adam, appearances: vec![Default::default(); views], statistics };
+        start.sort_by_altitude();
+        start
+    }
+
+    /// Stores splats from the highest to the lowest: memory is then read about in the order that cameras draw in.
+    ///
+    /// The statistics must have been reset.
+    pub fn sort_by_altitude(&mut self) {
+        let mut order: Vec<u32> = (0..self.splats.len() as u32).collect();
+        let altitude = |i: u32| self.splats.position[i as usize][2];
+        order.sort_by(|a, b| altitude(*b).total_cmp(&altitude(*a)));
+        for part in [&mut self.splats, &mut self.adam.first, &mut self.adam.second] {
+            part.permute(&order);
+        }
     }
 
     /// Whether its parts are of as many splats, and of so many views.

@@ -60,6 +60,9 @@ impl CpuBackend {
         if let Some(opacity) = p.reset_opacity {
             reset_opacity(splats, adam, opacity);
         }
+        if p.prune_below.is_some() {
+            self.state.sort_by_altitude();
+        }
     }
 }
 

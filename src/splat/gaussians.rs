@@ -97,6 +97,18 @@ impl<T: Real> Gaussians<T> {
         filter(&mut self.f_dc, keep);
     }
 
+    /// Puts splat `order[k]` at place `k`.
+    pub fn permute(&mut self, order: &[u32]) {
+        fn reorder<V: Copy>(values: &mut Vec<V>, order: &[u32]) {
+            *values = order.iter().map(|i| values[*i as usize]).collect();
+        }
+        reorder(&mut self.position, order);
+        reorder(&mut self.log_scale, order);
+        reorder(&mut self.rotation, order);
+        reorder(&mut self.logit, order);
+        reorder(&mut self.f_dc, order);
+    }
+
     /// Every parameter group as one flat slice: position, log scale, rotation, logit, colour.
     pub fn groups_mut(&mut self) -> [&mut [T]; 5] {
         [

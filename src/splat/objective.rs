@@ -322,12 +322,9 @@ impl<T: Lanewise> Objective<T> {
         watch: &mut Stopwatch,
     ) {
         let n = gaussians.len();
-        self.by_shared.clear();
-        self.by_shared.resize(n, SplatGradient::default());
-        self.by_feature.clear();
-        self.by_feature.resize(n, [T::zero(); 4]);
-        self.by_altitude.clear();
-        self.by_altitude.resize(n, [T::zero(); 1]);
+        zeros(&mut self.by_shared, n);
+        zeros(&mut self.by_feature, n);
+        zeros(&mut self.by_altitude, n);
         let shared = &mut self.by_shared;
         let by_feature = &mut self.by_feature;
         pull_back(&mut self.view, VIEW, &self.by_view, shared, by_feature, watch);
@@ -351,6 +348,12 @@ impl<T: Lanewise> Objective<T> {
             *logit = *logit + opacity_scale * o * (T::one() - o);
         });
     }
+}
+
+/// Makes a list of `n` zeros.
+fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
+    values.resize(n, V::default());
+    values.par_chunks_mut(1 << 14).for_each(|v| v.fill(V::default()));
 }
 
 /// Renders, timed.

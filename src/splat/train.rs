@@ -91,6 +91,9 @@ pub fn train<B: TrainingBackend, E>(
     let started = std::time::Instant::now();
     log.reserve_exact((total - done.min(total)) as usize);
     events(Event::Started { stage: "training", total: total.into() });
+    if done > 0 {
+        events(Event::Advanced { done: done.into(), status: String::new() });
+    }
     for iteration in done + 1..=total {
         let report = backend.step(&schedule.plan(iteration));
         let seconds = started.elapsed().as_secs_f64();

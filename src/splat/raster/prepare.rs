@@ -152,7 +152,7 @@ impl<T: Lanewise> Prepared<T> {
 
 /// One lane a splat: number `k` of the arrays that `of` finds.
 #[inline(always)]
-fn gather<L: Lanes, const K: usize>(
+pub(super) fn gather<L: Lanes, const K: usize>(
     lanes: L,
     count: usize,
     of: impl Fn(usize) -> [L::Number; K],
@@ -173,7 +173,7 @@ fn gather<L: Lanes, const K: usize>(
 
 /// The arrays of each splat from rows with one lane a splat.
 #[inline(always)]
-fn scatter<L: Lanes, const K: usize>(
+pub(super) fn scatter<L: Lanes, const K: usize>(
     rows: [Row<L>; K],
     count: usize,
     mut to: impl FnMut(usize, [L::Number; K]),

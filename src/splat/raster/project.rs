@@ -2,10 +2,10 @@
 
 use super::bands::Band;
 use super::kernel::TILE;
-use super::prepare::{ELEMENTS, Prepared, PreparedSplat, SplatGradient};
+use super::prepare::{ELEMENTS, Prepared, PreparedSplat, SplatGradient, gather, scatter};
 use super::{ALPHA_CUT, LOW_PASS_PX2};
 use crate::affine::AffineCamera;
-use crate::splat::lanes::{Kernel, Lanes, Lanewise};
+use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, splat_each};
 use crate::splat::real::Real;
 use std::ops::Range;
 
@@ -79,8 +79,8 @@ pub(super) struct Projection<'a, T> {
 
 impl<T: Lanewise> Kernel<T> for Projection<'_, T> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, _: L) {
-        self.chunk.project(self.prepared, self.ranks, self.camera);
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        self.chunk.project(lanes, self.prepared, self.ranks, self.camera);
     }
 }
 
@@ -110,25 +110,33 @@ impl<T> Default for Chunk<T> {
 impl<T: Real> Chunk<T> {
     /// Projects the splats of `ranks`, leaving out those that no pixel sees.
     #[inline(always)]
-    fn project(&mut self, prepared: &Prepared<T>, ranks: Range<usize>, camera: &FrameCamera<T>) {
+    fn project<L: Lanes<Number = T>>(
+        &mut self,
+        lanes: L,
+        prepared: &Prepared<T>,
+        ranks: Range<usize>,
+        camera: &FrameCamera<T>,
+    ) {
         self.start = ranks.start;
         self.footprints.clear();
         self.unsorted.clear();
         let bands = camera.height.div_ceil(TILE);
-        for rank in ranks {
-            let Some(ellipse) = Ellipse::of(&prepared.splats[rank], camera) else { continue };
-            let before = self.unsorted.len();
-            let footprint = self.footprints.len() as u32;
-            ellipse.for_each_span(camera, |band, first, last| {
-                self.unsorted.push((band, Span { footprint, first, last }));
-            });
-            if self.unsorted.len() > before {
-                self.footprints.push(Footprint {
-                    mean: ellipse.mean,
-                    conic: ellipse.conic,
-                    log2_opacity: prepared.splats[rank].opacity.log2(),
-                    rank: rank as u32,
+        for (first, splats) in ranks.clone().step_by(LANES).zip(prepared.splats[ranks].chunks(LANES)) {
+            let mut ellipses = [Ellipse::default(); LANES];
+            Ellipse::of(lanes, splats, camera, &mut ellipses);
+            for (k, (ellipse, splat)) in ellipses.iter().zip(splats).enumerate() {
+                if !ellipse.is_seen(splat.opacity) {
+                    continue;
+                }
+                let before = self.unsorted.len();
+                let footprint = self.footprints.len() as u32;
+                ellipse.for_each_span(camera, |band, first, last| {
+                    self.unsorted.push((band, Span { footprint, first, last }));
                 });
+                if self.unsorted.len() > before {
+                    let Ellipse { mean, conic, log2_opacity, .. } = *ellipse;
+                    self.footprints.push(Footprint { mean, conic, log2_opacity, rank: (first + k) as u32 });
+                }
             }
         }
         self.sort_spans(bands);
@@ -246,51 +254,71 @@ impl<T: Real> Footprint<T> {
 }
 
 /// The ellipse at which a splat's alpha falls to the cut-off.
+#[derive(Clone, Copy, Default)]
 struct Ellipse<T> {
     mean: [T; 2],
     conic: [T; 3],
-    /// Image covariance: xx, xy, yy; px².
-    covariance: [T; 3],
     /// Squared Mahalanobis radius of the cut-off.
     radius2: T,
     /// Half width and height, pixels.
     half_size: [T; 2],
+    /// Row (from the centre) of the rightmost column.
+    lean: T,
+    log2_opacity: T,
 }
 
 impl<T: Real> Ellipse<T> {
+    /// The ellipses of up to sixteen splats, a lane each.
     #[inline(always)]
-    fn of(splat: &PreparedSplat<T>, camera: &FrameCamera<T>) -> Option<Self> {
-        let radius2 = T::of(2.0) * (splat.opacity / T::of(ALPHA_CUT)).ln();
-        if radius2.is_nan() || radius2 <= T::zero() {
-            return None;
+    fn of<L: Lanes<Number = T>>(
+        lanes: L,
+        splats: &[PreparedSplat<T>],
+        camera: &FrameCamera<T>,
+        out: &mut [Self; LANES],
+    ) {
+        let n = splats.len();
+        let [x, y, z] = gather(lanes, n, |i| splats[i].position);
+        let [sxx, sxy, sxz, syy, syz, szz] = gather(lanes, n, |i| splats[i].covariance);
+        let [opacity] = gather(lanes, n, |i| [splats[i].opacity]);
+        let (m, offset) = (camera.linear.map(|row| splat_each(lanes, row)), splat_each(lanes, camera.offset));
+        let constants = [-ALPHA_CUT.log2(), 2.0 * std::f64::consts::LN_2, LOW_PASS_PX2, 0.0].map(T::of);
+        let [above_cut, twice_ln_2, low_pass, zero] = splat_each(lanes, constants);
+        let (mut mean, mut rows) = ([zero; 2], [[zero; 3]; 2]);
+        for i in 0..2 {
+            let [a, b, c] = m[i];
+            mean[i] = a.mul_add(x, b.mul_add(y, c.mul_add(z, offset[i])));
+            rows[i] = [a * sxx + b * sxy + c * sxz, a * sxy + b * syy + c * syz, a * sxz + b * syz + c * szz];
         }
-        let m = &camera.linear;
-        let p = splat.position;
-        let mean: [T; 2] =
-            std::array::from_fn(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + camera.offset[i]);
-        let [sxx, sxy, sxz, syy, syz, szz] = splat.covariance;
-        let row = |i: usize| {
-            [
-                m[i][0] * sxx + m[i][1] * sxy + m[i][2] * sxz,
-                m[i][0] * sxy + m[i][1] * syy + m[i][2] * syz,
-                m[i][0] * sxz + m[i][1] * syz + m[i][2] * szz,
-            ]
-        };
-        let dot = |a: [T; 3], b: [T; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        let low_pass = T::of(LOW_PASS_PX2);
-        let (xx, xy, yy) = (dot(row(0), m[0]) + low_pass, dot(row(0), m[1]), dot(row(1), m[1]) + low_pass);
-        let det = xx * yy - xy * xy;
-        let inverse = T::one() / det;
-        if !(det > T::zero() && inverse.is_finite() && mean[0].is_finite() && mean[1].is_finite()) {
-            return None;
-        }
-        Some(Self {
-            mean,
-            conic: [yy * inverse, -xy * inverse, xx * inverse],
-            covariance: [xx, xy, yy],
-            radius2,
-            half_size: [(radius2 * xx).sqrt(), (radius2 * yy).sqrt()],
-        })
+        let [r, s] = rows;
+        let xx = r[0] * m[0][0] + r[1] * m[0][1] + r[2] * m[0][2] + low_pass;
+        let xy = r[0] * m[1][0] + r[1] * m[1][1] + r[2] * m[1][2];
+        let yy = s[0] * m[1][0] + s[1] * m[1][1] + s[2] * m[1][2] + low_pass;
+        let inverse = (xx * yy - xy * xy).reciprocal();
+        let log2_opacity = opacity.log2();
+        let radius2 = twice_ln_2 * (log2_opacity + above_cut);
+        let half_size = [(radius2 * xx).sqrt(), (radius2 * yy).sqrt()];
+        // The regression line of row on column.
+        let lean = xy * xx.reciprocal() * half_size[0];
+        let conic = [yy * inverse, zero - xy * inverse, xx * inverse];
+        scatter([mean[0], mean[1], conic[0], conic[1], conic[2]], n, |i, [u, v, a, b, c]| {
+            (out[i].mean, out[i].conic) = ([u, v], [a, b, c]);
+        });
+        scatter([radius2, half_size[0], half_size[1], lean, log2_opacity], n, |i, [r, w, h, l, o]| {
+            (out[i].radius2, out[i].half_size, out[i].lean, out[i].log2_opacity) = (r, [w, h], l, o);
+        });
+    }
+
+    /// Whether a splat of this opacity can be seen, and its numbers are sound.
+    #[inline(always)]
+    fn is_seen(&self, opacity: T) -> bool {
+        let [a, _, c] = self.conic;
+        let sound = |v: T| v > T::zero() && v.is_finite();
+        opacity > T::of(ALPHA_CUT)
+            && sound(self.radius2)
+            && sound(a)
+            && sound(c)
+            && self.mean[0].is_finite()
+            && self.mean[1].is_finite()
     }
 
     /// Visits the bands it touches, each with its first and last tile.
@@ -307,8 +335,7 @@ impl<T: Real> Ellipse<T> {
         let tile = T::of(TILE as f64);
         let whole = |v: T| v.floor().wide() as i64;
         let band_of = |row: T| whole(row / tile);
-        // Rows (from the centre) of the outermost columns: the regression line of row on column.
-        let lean = self.covariance[1] / self.covariance[0] * half_cols;
+        let lean = self.lean;
         for band in band_of(first.max(T::zero()).ceil())..=band_of(last.min(height).floor()) {
             let top = T::of((band * TILE as i64) as f64) - my;
             let bottom = top + tile - T::one();
