@@ -1,6 +1,6 @@
 //! What a training iteration allocates, and what training needs in memory, by an allocator that counts.
 
-#![allow(clippy::unwrap_used, unsafe_code)]
+#![allow(clippy::print_stdout, clippy::unwrap_used, unsafe_code)]
 
 #[path = "../benches/splat/scene.rs"]
 mod scene;
@@ -111,12 +111,13 @@ fn an_iteration_allocates_nothing_and_training_stays_within_its_memory() {
         let limit =
             BYTES_A_SPLAT * SPLATS + BYTES_A_PIXEL_DRAWN * pixels + BYTES_A_PIXEL_KEPT * pixels * VIEWS;
         let pixels_part = (BYTES_A_PIXEL_DRAWN + BYTES_A_PIXEL_KEPT * VIEWS) * pixels;
+        println!("{} bytes at most for {SPLATS} splats, of {limit} allowed", peak);
         assert!(peak < limit, "{peak} bytes at most, {limit} are allowed ({pixels_part} of them for pixels)");
 
         let allocations = ALLOCATIONS.load(SeqCst);
-        for i in 4..=9 {
+        for i in 4..=6 {
             backend.step(&plan(i));
         }
-        assert_eq!(ALLOCATIONS.load(SeqCst) - allocations, 0, "allocations in six iterations");
+        assert_eq!(ALLOCATIONS.load(SeqCst) - allocations, 0, "allocations in three iterations");
     });
 }

@@ -1,4 +1,5 @@
-//! Times of an iteration's stages, fastest of several runs, as a table: `cargo bench --bench splat [-- THREADS]`.
+//! Times of an iteration's stages, fastest of several runs, as tables for `docs/performance.md`:
+//! `cargo bench --bench splat [-- THREADS...]`, one and two threads if none are given.
 
 #![allow(clippy::print_stdout)]
 
@@ -18,6 +19,27 @@ use std::time::Instant;
 /// Runs of which the fastest counts.
 const RUNS: usize = 7;
 const ALTITUDES: (f64, f64) = (-3.0, 30.0);
+/// What plain AVX-512 kernels reach with one thread, forward and backward, G pairs/s.
+const KERNEL_RATES: [f64; 2] = [3.6, 1.65];
+
+/// A line of the table.
+struct Line {
+    splats: usize,
+    pixels: f64,
+    pairs: f64,
+    /// Milliseconds by column.
+    prepare: f64,
+    project: f64,
+    bin: f64,
+    forward: f64,
+    backward: f64,
+    ssim: f64,
+    adam: f64,
+    one: f64,
+    three: f64,
+    /// Stages of the iteration with three renders.
+    stages: String,
+}
 
 fn fastest_ms(mut run: impl FnMut()) -> f64 {
     let mut once = || {
@@ -54,7 +76,7 @@ fn noise(width: usize, height: usize, channels: usize) -> Layers<f32> {
     out
 }
 
-fn report(splats: usize, pixels: f64) {
+fn measure(splats: usize, pixels: f64) -> Line {
     // In the order in which training stores splats.
     let gaussians = Snapshot::start(scene::town(splats, pixels, 1), 1).splats;
     let side = scene::side(pixels);
@@ -73,13 +95,9 @@ fn report(splats: usize, pixels: f64) {
         })
         .collect();
     let mut raster = Rasterizer::<f32, 4>::default();
-    let bin = fastest_ms(|| {
-        raster.project(&prepared, &camera);
-        raster.bin(&features);
-    });
-    let render = fastest_ms(|| {
-        raster.render(&prepared, &features, &camera, [0.0; 4]);
-    });
+    let project = fastest_ms(|| raster.project(&prepared, &camera));
+    let bin = fastest_ms(|| raster.bin(&features));
+    let forward = fastest_ms(|| raster.draw([0.0; 4]));
     let by_pixel = noise(side, side, 4);
     let mut shared = vec![SplatGradient::default(); splats];
     let mut by_feature = vec![[0.0; 4]; splats];
@@ -97,7 +115,7 @@ fn report(splats: usize, pixels: f64) {
     let mut adam = SplatAdam::new(splats);
     let mut trained = gaussians.clone();
     let mut gradient = Gradient { splats: gaussians.clone(), ..Gradient::default() };
-    let adam_ms = fastest_ms(|| adam.step(&mut trained, &gradient.splats, rates));
+    let adam_time = fastest_ms(|| adam.step(&mut trained, &gradient.splats, rates));
 
     let size = (side, side);
     let mut shot = Shot {
@@ -116,43 +134,98 @@ fn report(splats: usize, pixels: f64) {
         shadow_entropy: 0.01,
     };
     let mut objective = Objective::<f32>::default();
-    let mut watch = Stopwatch::default();
     let mut iteration = |shot: &Shot<f32>| {
-        fastest_ms(|| {
+        let mut watch = Stopwatch::default();
+        let ms = fastest_ms(|| {
+            watch.begin();
             objective.evaluate(&trained, &Appearance::default(), shot, &weights, &mut gradient, &mut watch);
             adam.step(&mut trained, &gradient.splats, rates);
-        })
+            watch.lap("splats", "Adam");
+        });
+        (ms, watch.table())
     };
-    let one = iteration(&shot);
+    let (one, _) = iteration(&shot);
     shot.sun = Some(Sheared::sun(&affine, size, [1.7, -2.1], ALTITUDES));
     shot.virtual_view = Some(Sheared::virtual_view(&affine, size, [0.4, 0.3]));
-    let three = iteration(&shot);
+    let (three, stages) = iteration(&shot);
+    let adam = adam_time;
+    Line { splats, pixels, pairs, prepare, project, bin, forward, backward, ssim, adam, one, three, stages }
+}
 
-    let rate = |ms: f64| pairs / ms * 1e-6;
+impl Line {
+    /// G pairs/s, forward and backward.
+    fn rates(&self) -> [f64; 2] {
+        [self.forward, self.backward].map(|ms| self.pairs / ms * 1e-6)
+    }
+
+    fn head(&self) -> String {
+        format!("| {:.0} k | {:.2} |", self.splats as f64 * 1e-3, self.pixels * 1e-6)
+    }
+
+    fn print(&self) {
+        let [forward_rate, backward_rate] = self.rates();
+        println!(
+            "{} {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {forward_rate:.2} | {:.1} | {backward_rate:.2} | {:.1} \
+             | {:.1} | {:.0} | {:.0} |",
+            self.head(),
+            self.pairs * 1e-6,
+            self.prepare,
+            self.project,
+            self.bin,
+            self.forward,
+            self.backward,
+            self.ssim,
+            self.adam,
+            self.one,
+            self.three,
+        );
+    }
+}
+
+fn table(threads: usize) -> Vec<Line> {
+    println!("\n{threads} thread(s), milliseconds:\n");
     println!(
-        "| {:.0} k | {:.2} | {:.1} | {prepare:.1} | {bin:.1} | {:.1} | {:.2} | {backward:.1} | {:.2} | {ssim:.1} \
-         | {adam_ms:.1} | {one:.0} | {three:.0} |",
-        splats as f64 * 1e-3,
-        pixels * 1e-6,
-        pairs * 1e-6,
-        render - bin,
-        rate(render - bin),
-        rate(backward),
+        "| splats | MP | M pairs | prepare | project | bin | forward | G pairs/s | backward | G pairs/s | SSIM \
+         | Adam | one render | three |\n|{}",
+        "---|".repeat(14)
     );
+    let scenes = [(50, 0.64), (100, 0.64), (250, 0.64), (1000, 0.64), (100, 0.25), (100, 2.5)];
+    scenes
+        .map(|(thousands, megapixels)| {
+            let line = measure(thousands * 1000, megapixels * 1e6);
+            line.print();
+            line
+        })
+        .into()
 }
 
 fn main() {
-    let threads = std::env::args().filter_map(|a| a.parse().ok()).next().unwrap_or(2);
-    ThreadPoolBuilder::new().num_threads(threads).build_global().expect("the first pool");
-    println!(
-        "| splats | MP | M pairs | prepare | project, bin | forward | G pairs/s | backward | G pairs/s | SSIM | Adam \
-         | one render | three |"
-    );
-    println!("|{}", "---|".repeat(13));
-    for splats in [50_000, 100_000, 250_000, 1_000_000] {
-        report(splats, 0.64e6);
+    let asked: Vec<usize> = std::env::args().filter_map(|a| a.parse().ok()).collect();
+    let counts = if asked.is_empty() { vec![1, 2] } else { asked };
+    let mut tables = Vec::new();
+    for &threads in &counts {
+        let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
+        tables.push(pool.install(|| table(threads)));
     }
-    for pixels in [0.25e6, 2.5e6] {
-        report(100_000, pixels);
+    println!("\nSpeed-up by threads, and G pairs/s as a share of plain AVX-512 kernels' rate:\n");
+    println!("| splats | MP | threads | one render | three | forward | backward |\n|{}", "---|".repeat(7));
+    for (threads, table) in counts.iter().zip(&tables) {
+        for (line, base) in table.iter().zip(&tables[0]) {
+            let [forward, backward] =
+                [0, 1].map(|k| 100.0 * line.rates()[k] / (KERNEL_RATES[k] * *threads as f64));
+            println!(
+                "{} {threads} | {:.2} | {:.2} | {forward:.0} % | {backward:.0} % |",
+                line.head(),
+                base.one / line.one,
+                base.three / line.three
+            );
+        }
+    }
+    for (threads, table) in counts.iter().zip(&tables) {
+        println!(
+            "\nThree renders, {} {threads} thread(s), all runs on average:\n\n{}",
+            table[1].head(),
+            table[1].stages
+        );
     }
 }

@@ -194,6 +194,7 @@ impl Checkpoints<'_> {
             }
         };
         if !self.stage.is_made_from(&checkpoint.origin, overwrite)? || !checkpoint.state.fits(views) {
+            self.remove();
             return Ok(None);
         }
         let done = checkpoint.log.len();

@@ -64,15 +64,6 @@ pub trait Lanes: Copy {
     fn log2(self, a: Self::Numbers) -> Self::Numbers;
     /// Sum of the lanes, in an order that only depends on the processor.
     fn sum(self, a: Self::Numbers) -> Self::Number;
-    /// Sums of the lanes of sixteen, faster than one by one where lanes can be shuffled.
-    #[inline(always)]
-    fn sums(self, rows: [Self::Numbers; LANES]) -> [Self::Number; LANES] {
-        let mut out = [Self::Number::zero(); LANES];
-        for k in 0..LANES {
-            out[k] = self.sum(rows[k]);
-        }
-        out
-    }
     /// `a >= b`.
     fn at_least(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths;
     /// Both.
@@ -234,16 +225,13 @@ pub fn splat_each<L: Lanes, const C: usize>(lanes: L, values: [L::Number; C]) ->
     out
 }
 
-/// The sum of each row's lanes, of sixteen rows at most.
+/// The sum of each row's lanes.
 #[inline(always)]
-pub fn sum_each<L: Lanes, const C: usize>(lanes: L, rows: [Row<L>; C]) -> [L::Number; C] {
-    let mut all = [lanes.splat(L::Number::zero()); LANES];
-    for c in 0..C {
-        all[c] = rows[c].numbers;
-    }
-    let sums = lanes.sums(all);
+pub fn sum_each<L: Lanes, const C: usize>(rows: [Row<L>; C]) -> [L::Number; C] {
     let mut out = [L::Number::zero(); C];
-    out.copy_from_slice(&sums[..C]);
+    for c in 0..C {
+        out[c] = rows[c].sum();
+    }
     out
 }
 
@@ -322,32 +310,12 @@ impl<S: Processor, K: Kernel<f32>, const N: usize> pulp::NullaryFnOnce for Compi
     }
 }
 
-/// Halves two registers and joins them, adding the halves: so often that sums are left, three instructions a pair
-/// instead of some nine to sum up a register alone.
-#[cfg(target_arch = "x86_64")]
-macro_rules! join {
-    ($s:expr, $add:ident, $shuffle:ident, $even:literal, $odd:literal, $a:expr, $b:expr) => {{
-        let (a, b) = (pulp::cast($a), pulp::cast($b));
-        $s.$add($s.$shuffle::<$even>(a, b), $s.$shuffle::<$odd>(a, b))
-    }};
-}
-
 /// What `pulp` has no common name for.
 trait Processor: Simd {
     /// `1 / a`, from the processor's estimate where it has one, by a step of Newton's.
     #[inline(always)]
     fn reciprocal(self, a: Self::f32s) -> Self::f32s {
         self.div_f32s(self.splat_f32s(1.0), a)
-    }
-
-    /// Sum of each of sixteen registers.
-    #[inline(always)]
-    fn sums(self, rows: [Self::f32s; LANES]) -> [f32; LANES] {
-        let mut out = [0.0; LANES];
-        for k in 0..LANES {
-            out[k] = self.reduce_sum_f32s(rows[k]);
-        }
-        out
     }
 
     #[inline(always)]
@@ -368,29 +336,6 @@ impl Processor for pulp::x86::V3 {
     fn reciprocal(self, a: Self::f32s) -> Self::f32s {
         self.refine(pulp::cast(self.avx._mm256_rcp_ps(pulp::cast(a))), a)
     }
-
-    #[inline(always)]
-    fn sums(self, rows: [Self::f32s; LANES]) -> [f32; LANES] {
-        let s = self.avx;
-        macro_rules! four {
-            ($k:expr) => {{
-                let a = join!(s, _mm256_add_ps, _mm256_permute2f128_ps, 0x20, 0x31, rows[$k], rows[$k + 1]);
-                let b =
-                    join!(s, _mm256_add_ps, _mm256_permute2f128_ps, 0x20, 0x31, rows[$k + 2], rows[$k + 3]);
-                join!(s, _mm256_add_ps, _mm256_shuffle_ps, 0x44, 0xEE, a, b)
-            }};
-        }
-        let all: [[f32; 8]; 2] = [
-            pulp::cast(join!(s, _mm256_add_ps, _mm256_shuffle_ps, 0x88, 0xDD, four!(0), four!(4))),
-            pulp::cast(join!(s, _mm256_add_ps, _mm256_shuffle_ps, 0x88, 0xDD, four!(8), four!(12))),
-        ];
-        // Number 4 j + g of either half is the sum of its register 2 g + j.
-        let mut out = [0.0; LANES];
-        for k in 0..LANES {
-            out[k] = all[k / 8][k % 2 * 4 + k % 8 / 2];
-        }
-        out
-    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -398,27 +343,6 @@ impl Processor for pulp::x86::V4 {
     #[inline(always)]
     fn reciprocal(self, a: Self::f32s) -> Self::f32s {
         self.refine(pulp::cast(self.avx512f._mm512_rcp14_ps(pulp::cast(a))), a)
-    }
-
-    #[inline(always)]
-    fn sums(self, rows: [Self::f32s; LANES]) -> [f32; LANES] {
-        let s = self.avx512f;
-        macro_rules! four {
-            ($k:expr) => {{
-                let a = join!(s, _mm512_add_ps, _mm512_shuffle_f32x4, 0x44, 0xEE, rows[$k], rows[$k + 1]);
-                let b = join!(s, _mm512_add_ps, _mm512_shuffle_f32x4, 0x44, 0xEE, rows[$k + 2], rows[$k + 3]);
-                join!(s, _mm512_add_ps, _mm512_shuffle_f32x4, 0x88, 0xDD, a, b)
-            }};
-        }
-        let low = join!(s, _mm512_add_ps, _mm512_shuffle_ps, 0x44, 0xEE, four!(0), four!(4));
-        let high = join!(s, _mm512_add_ps, _mm512_shuffle_ps, 0x44, 0xEE, four!(8), four!(12));
-        let all: [f32; LANES] = pulp::cast(join!(s, _mm512_add_ps, _mm512_shuffle_ps, 0x88, 0xDD, low, high));
-        // Number 4 j + g is the sum of register 4 g + j.
-        let mut out = [0.0; LANES];
-        for k in 0..LANES {
-            out[k] = all[k % 4 * 4 + k / 4];
-        }
-        out
     }
 }
 
@@ -505,17 +429,6 @@ impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
             sum = self.0.add_f32s(sum, a[k]);
         }
         self.0.reduce_sum_f32s(sum)
-    }
-    #[inline(always)]
-    fn sums(self, rows: [Self::Numbers; LANES]) -> [f32; LANES] {
-        let mut one = [self.0.splat_f32s(0.0); LANES];
-        for r in 0..LANES {
-            one[r] = rows[r][0];
-            for k in 1..N {
-                one[r] = self.0.add_f32s(one[r], rows[r][k]);
-            }
-        }
-        self.0.sums(one)
     }
     #[inline(always)]
     fn at_least(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths {
@@ -680,15 +593,11 @@ mod tests {
                 let error = (f64::from(power.log2().store()[7]) - f64::from(y).log2()).abs();
                 assert!(error < 3e-7 * f64::from(x.abs().max(1.0)), "{x}: {error:e}");
             }
-            // Whole numbers, so that no order of summing rounds.
-            let rows =
-                std::array::from_fn(|r| Row::load(lanes, &std::array::from_fn(|i| (r * i * i) as f32)));
-            assert_eq!(sum_each::<L, 15>(lanes, rows), std::array::from_fn(|r| (r * 1240) as f32));
         }
     }
 
     #[test]
-    fn exponentials_and_logarithms_are_within_3e7_and_sums_are_of_their_rows() {
+    fn exponentials_and_logarithms_are_within_3e7() {
         f32::dispatch(Compare);
         #[cfg(target_arch = "x86_64")]
         if let Some(s) = pulp::x86::V3::try_new() {

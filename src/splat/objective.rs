@@ -545,7 +545,7 @@ impl<T: Lanewise> Kernel<T> for PixelsBackward<'_, T> {
             }
             pass.scatter(row, by_rgb, by_z, stripe);
         }
-        stripe.appearance = sum_each(lanes, by_values);
+        stripe.appearance = sum_each(by_values);
     }
 }
 

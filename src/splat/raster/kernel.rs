@@ -135,8 +135,7 @@ impl<L: Lanes> Stamp<L> {
         let (left, top) = (self.origin[0] + k.blocks[0], self.origin[1] + k.blocks[1]);
         let (right, bottom) = (left + k.last, top + k.last);
         let (x, y) = (left.max(k.zero).min(right), top.max(k.zero).min(bottom));
-        let lean = k.minus_half * b;
-        let (down, along) = (lean * c.reciprocal(), lean * a.reciprocal());
+        let (down, along) = (k.minus_half * b.over(c), k.minus_half * b.over(a));
         let in_column = self.exponent(x, (down * x).max(top).min(bottom));
         let in_row = self.exponent((along * y).max(left).min(right), y);
         k.bits.keep(in_column.max(in_row).at_least(k.cut_with_margin)).sum().small()
@@ -331,7 +330,7 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
                     // At the upper limit alpha no longer follows the splat.
                     moments.add((by_alpha * alpha).keep(k.alpha_max.at_least(unlimited)), dx, dy);
                 }
-                slots[entry.slot as usize] = moments.slot(lanes, entry.footprint.conic, by_feature);
+                slots[entry.slot as usize] = moments.slot(entry.footprint.conic, by_feature);
                 if live == 0 {
                     break;
                 }
@@ -372,20 +371,17 @@ impl<L: Lanes> Moments<L> {
     #[inline(always)]
     fn slot<const C: usize>(
         self,
-        lanes: L,
         [a, b, c]: [L::Number; 3],
         by_feature: [Row<L>; C],
     ) -> SlotGradient<L::Number, C> {
-        let (first, second) = (self.first, self.second);
-        let mut rows = [self.sum; LANES];
-        [rows[1], rows[2], rows[3], rows[4], rows[5]] = [first[0], first[1], second[0], second[1], second[2]];
-        rows[6..6 + C].copy_from_slice(&by_feature);
-        let sums = sum_each(lanes, rows);
-        let [alpha, x, y, xx, xy, yy, ..] = sums;
-        let mut feature = [alpha; C];
-        feature.copy_from_slice(&sums[6..6 + C]);
+        let [x, y] = sum_each(self.first);
+        let [xx, xy, yy] = sum_each(self.second);
         let half = L::Number::of(0.5);
-        let mean = [a * x + b * y, b * x + c * y];
-        SlotGradient { alpha, mean, conic: [-half * xx, -xy, -half * yy], feature }
+        SlotGradient {
+            alpha: self.sum.sum(),
+            mean: [a * x + b * y, b * x + c * y],
+            conic: [-half * xx, -xy, -half * yy],
+            feature: sum_each(by_feature),
+        }
     }
 }
