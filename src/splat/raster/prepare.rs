@@ -51,8 +51,8 @@ fn descending_key(altitude: f32) -> u32 {
 
 /// Sorts by the first number, ties left as they come: digit by digit from the lowest, counting each.
 ///
-/// Its time does not depend on the order. Merging the runs of the last iteration's order takes longer: as steps are
-/// wider than the distance of splats in altitude, the runs are short.
+/// It needs no memory of its own, and its time does not depend on how much is left of the last iteration's order: as
+/// steps are wider than the distance of splats in altitude, that is little.
 fn radix_sort(keys: &mut Vec<(u32, u32)>, spare: &mut Vec<(u32, u32)>) {
     const BITS: u32 = 11;
     const VALUES: usize = 1 << BITS;
