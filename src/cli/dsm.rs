@@ -102,7 +102,7 @@ fn sharpen(
     let views = setup.training_views(&scene)?;
     let Some(sweep) = Sweep::new(setup, &views, &setup.sparse(&points)) else { return Ok(()) };
     let prior = altitudes(splats, &setup.site, &sweep.grid());
-    surface.take(&sweep.near(&prior).run(&|e| ui.show(e)));
+    surface.take(&sweep.sharpen(&prior, &sweep.run(&|e| ui.show(e))));
     Ok(())
 }
 

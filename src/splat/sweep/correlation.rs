@@ -1,7 +1,7 @@
 //! How well the views agree on every cell at every altitude.
 
 use super::horizon::horizon;
-use super::{PRIOR_COST, PRIOR_REACH_M, Stack, Sweep};
+use super::{PRIOR_COST, PRIOR_REACH_M, RETURN_COST, Stack, Sweep};
 use crate::raster::Plane;
 use crate::splat::views::TrainingView;
 use multiversion::multiversion;
@@ -83,13 +83,13 @@ impl Volume {
         Self { planes, costs }
     }
 
-    /// Adds the distance to a prior.
-    pub fn draw_to(&mut self, prior: &Plane, stack: &Stack) {
+    /// Adds the distance to a prior, or to the first surface if that is nearer.
+    pub fn draw_to(&mut self, prior: &Plane, first: &Plane, stack: &Stack) {
         let share = 1.0 - PRIOR_COST / 255.0;
         self.costs.par_chunks_mut(self.planes).enumerate().for_each(|(cell, costs)| {
             for (k, cost) in costs.iter_mut().enumerate().filter(|(_, c)| **c != Self::UNSEEN) {
-                let d = (stack.altitude(cell, k as f32) - prior.data[cell]) / PRIOR_REACH_M;
-                let far = if d.is_nan() { 1.0 } else { d * d / (d * d + 1.0) };
+                let z = stack.altitude(cell, k as f32);
+                let far = farness(z - prior.data[cell]).min(RETURN_COST + farness(z - first.data[cell]));
                 *cost = (share * f32::from(*cost) + PRIOR_COST * far).min(254.0) as u8;
             }
         });
@@ -111,9 +111,15 @@ impl Volume {
     }
 }
 
+/// From 0 at a prior to 1 far from it (Geman and McClure); 1 without a prior.
+fn farness(distance_m: f32) -> f32 {
+    let d = distance_m / PRIOR_REACH_M;
+    if d.is_nan() { 1.0 } else { d * d / (d * d + 1.0) }
+}
+
 /// A few rows and columns of cells, with a margin as wide as a window reaches.
 struct Tile<'a> {
-    sweep: &'a Sweep<'a>,
+    sweep: &'a Sweep,
     first_column: usize,
     /// Which cell of the grid each is; margins beyond the grid repeat its border.
     cells: [Line<u32>; ROWS],

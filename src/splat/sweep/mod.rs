@@ -33,24 +33,25 @@ const PARALLAX_WEIGHT: f64 = 0.1;
 /// Pairs a view, on average.
 const PAIRS_A_VIEW: usize = 4;
 /// Score from which a cell is believed to hide what lies behind it.
-const BELIEVED: f32 = 0.3;
+const BELIEVED: f32 = 0.4;
 /// Cost of a jump between neighbours, of the 255 for no correlation: high, so that plain roofs and streets hold
 /// together; lower near a prior, which does that, so that trees stand out.
 const JUMP: u16 = 200;
-const JUMP_NEAR: u16 = 100;
+const JUMP_NEAR: u16 = 60;
 /// Cost, of the 255 for no correlation, that a prior adds far from it.
-const PRIOR_COST: f32 = 60.0;
+const PRIOR_COST: f32 = 90.0;
 /// Distance from the prior at which half of that is added, metres.
 const PRIOR_REACH_M: f32 = 3.0;
+/// Share of that cost at the first surface, where it differs from the prior.
+const RETURN_COST: f32 = 0.3;
 
 /// What is swept.
-pub struct Sweep<'a> {
+pub struct Sweep {
     site: SiteGrid,
     grid: MapGrid,
     images: Vec<Image>,
     pairs: Vec<(usize, usize)>,
     stack: Stack,
-    prior: Option<&'a Plane>,
 }
 
 /// Surfaces parallel to the ground: plane `k` lies `low + k * step` metres above it.
@@ -90,7 +91,7 @@ impl SweptSurface {
     }
 }
 
-impl<'a> Sweep<'a> {
+impl Sweep {
     /// A sweep of a set-up's area at the heights of its sparse points; none if no two views make a pair.
     #[must_use]
     pub fn new(setup: &Setup, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Self> {
@@ -110,7 +111,7 @@ impl<'a> Sweep<'a> {
         });
         let planes = ((high - low) / cell).ceil() as usize + 2;
         let stack = Stack { ground, low: low as f32, step: cell as f32, planes };
-        (!pairs.is_empty()).then_some(Self { site: setup.site, grid, images, pairs, stack, prior: None })
+        (!pairs.is_empty()).then_some(Self { site: setup.site, grid, images, pairs, stack })
     }
 
     /// The grid that is swept.
@@ -119,38 +120,32 @@ impl<'a> Sweep<'a> {
         self.grid
     }
 
-    /// The same sweep, drawn to altitudes on its grid (site metres, NaN where unknown).
-    #[must_use]
-    pub fn near(self, prior: &'a Plane) -> Self {
-        Self { prior: Some(prior), ..self }
-    }
-
-    /// Sweeps.
+    /// Sweeps, the second time knowing what hides what.
     #[must_use]
     pub fn run(&self, events: Sink) -> SweptSurface {
         events(Event::Started { stage: "matching the surface", total: PASSES });
-        let mut hiding = None;
-        let mut pass = 0;
-        let surface = loop {
-            let mut volume = Volume::correlate(self, hiding.as_ref());
-            if let Some(prior) = self.prior {
-                volume.draw_to(prior, &self.stack);
-            }
-            let surface = self.pick(&volume);
-            pass += 1;
+        let mut surface = self.pick(&Volume::correlate(self, None), JUMP);
+        for pass in 1..PASSES {
             events(Event::Advanced { done: pass, status: String::new() });
-            if pass == PASSES {
-                break surface;
-            }
-            hiding = Some(surface.believed());
-        };
+            surface = self.pick(&Volume::correlate(self, Some(&surface.believed())), JUMP);
+        }
         events(Event::Finished);
         surface
     }
 
+    /// Sweeps once more, drawn to `prior`: altitudes on its grid, site metres, NaN where unknown.
+    ///
+    /// Where views agree better there it returns to the `first` surface: training closes narrow gaps that were
+    /// open, and finds trees that were lost.
+    #[must_use]
+    pub fn sharpen(&self, prior: &Plane, first: &SweptSurface) -> SweptSurface {
+        let mut volume = Volume::correlate(self, Some(&first.believed()));
+        volume.draw_to(prior, &first.altitude, &self.stack);
+        self.pick(&volume, JUMP_NEAR)
+    }
+
     /// The cheapest altitude of every cell, between planes by a parabola.
-    fn pick(&self, volume: &Volume) -> SweptSurface {
-        let jump = if self.prior.is_some() { JUMP_NEAR } else { JUMP };
+    fn pick(&self, volume: &Volume, jump: u16) -> SweptSurface {
         let sums = semiglobal::aggregate(volume, self.grid.width, jump);
         let planes = self.stack.planes;
         let best = |cell: usize| {

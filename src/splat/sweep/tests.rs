@@ -80,7 +80,7 @@ fn a_prior_decides_where_views_show_nothing() {
         let p = setup().site.site_from_utm(grid.cell_center(col, row));
         height(p.x(), p.y()) as f32
     });
-    let surface = sweep.near(&prior).run(&ignore);
+    let surface = sweep.sharpen(&prior, &sweep.run(&ignore));
     assert!(right(&surface) > 0.95, "{}", right(&surface));
 }
 
