@@ -4,7 +4,7 @@
 mod common;
 
 use common::{camera, image, satgs, two_views};
-use satgs::rpc::formats::{RpcFile, ViewTags, to_json, to_text};
+use satgs::rpc::formats::{ViewTags, to_json, to_text};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -220,7 +220,7 @@ fn folders_of_rpc_files_are_chosen_by_name() {
     for (name, lean) in [("a", 0.2), ("b", -0.2)] {
         image(&at(&format!("images/{name}.tif")), name.as_bytes()[0].into(), None, &[]);
         let tags = ViewTags { size: Some((64, 64)), ..ViewTags::default() };
-        let json = to_json(&RpcFile { rpc: camera(5.44, lean), tags });
+        let json = to_json(&camera(5.44, lean), &tags);
         for folder in ["rpcs_raw", "rpcs_ba", "truth"] {
             std::fs::write(at(&format!("{folder}/{name}.json")), &json).unwrap();
         }

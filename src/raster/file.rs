@@ -1,8 +1,10 @@
 //! Reading: any GDAL raster, its bands, its metadata, its place on the map.
 
 use super::{MapGrid, Plane, RasterError};
+use crate::frame::{CornerPx, Pixel};
 use gdal::raster::GdalDataType;
-use gdal::{Dataset, DatasetOptions, Metadata};
+use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
+use gdal::{Dataset, Metadata};
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 
@@ -124,22 +126,6 @@ impl ImageFile {
         lines.iter().filter_map(|l| l.split_once('=')).map(|(k, v)| (k.into(), v.into())).collect()
     }
 
-    /// As [`ImageFile::metadata_domain`], of the file alone (and its `.aux.xml`): GDAL's other sidecars, which
-    /// it prefers to what the file itself holds, are not looked at.
-    #[must_use]
-    pub fn own_metadata_domain(&self, domain: &str) -> Vec<(String, String)> {
-        let Some(name) = self.path.file_name().and_then(|n| n.to_str()) else {
-            return self.metadata_domain(domain);
-        };
-        let auxiliary = format!("{name}.aux.xml");
-        let siblings = [name, auxiliary.as_str()];
-        let has_auxiliary = self.path.with_file_name(&auxiliary).is_file();
-        let siblings = &siblings[..if has_auxiliary { 2 } else { 1 }];
-        let options = DatasetOptions { sibling_files: Some(siblings), ..DatasetOptions::default() };
-        let Ok(dataset) = Dataset::open_ex(&self.path, options) else { return Vec::new() };
-        Self { path: self.path.clone(), dataset }.metadata_domain(domain)
-    }
-
     /// Reads the last pixel of the last band, which a file cut short no longer has.
     ///
     /// # Errors
@@ -161,10 +147,36 @@ impl ImageFile {
         told.unwrap_or_else(stored)
     }
 
-    /// Whether the file has a geotransform, as orthorectified images do.
+    /// Whether the file has a geotransform and a CRS.
     #[must_use]
     pub fn has_geotransform(&self) -> bool {
         self.dataset.geo_transform().is_ok() && !self.dataset.projection().is_empty()
+    }
+
+    /// Whether the raster is a map, as orthorectified images are: north-up in a CRS.
+    ///
+    /// A rough place of a sensor image, as the corners in a NITF's header give, is turned and no map.
+    #[must_use]
+    pub fn is_map(&self) -> bool {
+        let north_up = self.dataset.geo_transform().is_ok_and(|t| t[2] == 0.0 && t[4] == 0.0);
+        north_up && self.has_geotransform()
+    }
+
+    /// Longitude and latitude of an image position, in degrees; none for an image without a map projection.
+    #[must_use]
+    pub fn lon_lat(&self, px: Pixel<CornerPx>) -> Option<(f64, f64)> {
+        if !self.is_map() {
+            return None;
+        }
+        let t = self.dataset.geo_transform().ok()?;
+        let mut from = self.dataset.spatial_ref().ok()?;
+        let mut to = SpatialRef::from_epsg(4326).ok()?;
+        from.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+        to.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+        let mut x = [t[0] + t[1] * px.col + t[2] * px.row];
+        let mut y = [t[3] + t[4] * px.col + t[5] * px.row];
+        CoordTransform::new(&from, &to).ok()?.transform_coords(&mut x, &mut y, &mut []).ok()?;
+        Some((x[0], y[0]))
     }
 
     /// The raster's place on the map.

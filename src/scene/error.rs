@@ -47,6 +47,32 @@ pub enum SceneError {
         /// What it looks like instead.
         what: &'static str,
     },
+    /// A map-projected image with the RPC of the image it was made from.
+    #[error(
+        "`{path}` is orthorectified: it has a map projection, and its RPC sees that place {distance_px:.0} px away"
+    )]
+    #[diagnostic(help(
+        "an RPC belongs to the sensor image: take the sensor (basic, primary, level 1) or ortho-ready product"
+    ))]
+    Ortho {
+        /// The image.
+        path: PathBuf,
+        /// Distance between the image's centre and where its RPC sees it, pixels.
+        distance_px: f64,
+    },
+    /// A part of a product, without the file that says which.
+    #[error("`{path}` is tile R{row}C{col} of a mosaic, and nothing beside it tells the tiles' size")]
+    #[diagnostic(help(
+        "put the product's DIM_*.XML beside it, or make one image of the tiles with `gdalbuildvrt`"
+    ))]
+    TileOfMosaic {
+        /// The image.
+        path: PathBuf,
+        /// Row of the tile, from 1.
+        row: usize,
+        /// Column of the tile, from 1.
+        col: usize,
+    },
     /// Several folders of JSON files and none chosen.
     #[error("`{path}` has several folders of RPC files: {}", folders.join(", "))]
     #[diagnostic(help("choose one with --rpcs NAME"))]
