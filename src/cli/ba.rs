@@ -64,7 +64,7 @@ impl Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    let scene = args.scene.read(ui)?;
+    let scene = args.scene.read(args.height_range, ui)?;
     refuse_output_inside(&args.output, args.scene.path())?;
     let stage = Stage::new(
         &args.output,

@@ -5,6 +5,7 @@ use crate::frame::{CornerPx, Pixel};
 use gdal::raster::GdalDataType;
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
 use gdal::{Dataset, Metadata};
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 
@@ -16,7 +17,7 @@ const SMALL_IS_SUSPECT_PIXELS: u64 = 1 << 24;
 /// An opened raster file.
 pub struct ImageFile {
     path: PathBuf,
-    dataset: Dataset,
+    pub(super) dataset: Dataset,
 }
 
 /// One band's properties.
@@ -26,6 +27,19 @@ pub struct Band {
     pub is_byte: bool,
     /// The value that stands for no data.
     pub nodata: Option<f64>,
+}
+
+/// A rectangle of an image's pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Window {
+    /// First column.
+    pub col: usize,
+    /// First row.
+    pub row: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
 }
 
 /// GDAL's messages come back in errors; on stderr they would only confuse.
@@ -95,9 +109,19 @@ impl ImageFile {
     /// # Errors
     /// [`RasterError::NoBand`], or [`RasterError::Read`] for a file cut short.
     pub fn read(&self, index: usize) -> Result<Plane, RasterError> {
+        let (width, height) = self.size();
+        self.read_window(index, Window { col: 0, row: 0, width, height })
+    }
+
+    /// As [`ImageFile::read`], of a window only.
+    ///
+    /// # Errors
+    /// As [`ImageFile::read`].
+    pub fn read_window(&self, index: usize, window: Window) -> Result<Plane, RasterError> {
+        let Window { col, row, width, height } = window;
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
         let mut data = band
-            .read_band_as::<f32>()
+            .read_as::<f32>((col as isize, row as isize), (width, height), (width, height), None)
             .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })?
             .into_shape_and_vec()
             .1;
@@ -109,7 +133,6 @@ impl ImageFile {
                 }
             }
         }
-        let (width, height) = self.size();
         Ok(Plane { width, height, data })
     }
 

@@ -3,12 +3,14 @@
 mod file;
 mod grid;
 mod plane;
+mod vector;
 mod write;
 
-pub use file::{Band, ImageFile};
+pub use file::{Band, ImageFile, Window};
 pub use grid::MapGrid;
 pub use plane::Plane;
-pub use write::{Cog, SensorImage, write_atomically, write_png_gray, write_png_rgb};
+pub use vector::{Outline, write_outlines};
+pub use write::{Cog, SensorImage, write_atomically, write_png_gray, write_png_rgb, write_with_rpc};
 
 use std::path::PathBuf;
 

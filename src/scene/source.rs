@@ -105,6 +105,10 @@ pub(super) fn view(
         image: image.into(),
         width: size.0,
         height: size.1,
+        window: None,
+        bands: if file.bands() >= 3 { vec![1, 2, 3] } else { vec![1] },
+        stretch_percent: None,
+        mask: None,
         rpc,
         rpc_source: chosen.source,
         sun: tags.sun_deg.map(|(azimuth_deg, elevation_deg)| Sun { azimuth_deg, elevation_deg }),
@@ -114,6 +118,37 @@ pub(super) fn view(
     };
     warnings.extend(other_resolution(&view, tags.gsd_m));
     Ok(Some(view))
+}
+
+/// The camera of an RPC file, or of an image with what lies beside it.
+///
+/// # Errors
+/// [`SceneError`], naming the file.
+pub fn read_camera(path: &Path) -> Result<RpcFile, SceneError> {
+    if !is_image(path) {
+        return Ok(formats::read(path)?);
+    }
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut warnings = Vec::new();
+    let sidecars = Sidecars::of(path, &files_in(folder)?);
+    let view = view(path, &sidecars, &mut warnings)?.ok_or_else(|| no_rpc(path))?;
+    let tags = ViewTags {
+        image: path.file_name().map(|n| n.to_string_lossy().into_owned()),
+        size: Some((view.width, view.height)),
+        sun_deg: view.sun.map(|s| (s.azimuth_deg, s.elevation_deg)),
+        acquired: view.acquired,
+        height_range: view.height_range,
+        ..ViewTags::default()
+    };
+    Ok(RpcFile { rpc: view.rpc, tags, format: "image", warnings })
+}
+
+/// Whether a file is no text: RPC files are, images are not, but for the head of a NITF.
+pub(super) fn is_image(path: &Path) -> bool {
+    use std::io::Read;
+    let mut head = Vec::new();
+    let read = std::fs::File::open(path).and_then(|f| f.take(512).read_to_end(&mut head));
+    read.is_ok() && (head.contains(&0) || head.starts_with(b"NITF") || head.starts_with(b"NSIF"))
 }
 
 /// The error for an image without a camera.

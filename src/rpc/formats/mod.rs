@@ -21,7 +21,7 @@ pub use gdal::{from_gdal, to_gdal};
 pub use json::to_json;
 pub use maxar::to_rpb;
 pub use text::to_text;
-pub use tiff::from_tiff;
+pub use tiff::{from_tiff, parse_tiff};
 
 use super::{Rpc, RpcError};
 use std::path::{Path, PathBuf};

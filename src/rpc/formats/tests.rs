@@ -228,3 +228,27 @@ fn dates_become_iso() {
     assert_eq!(iso_date("05OCT14"), None);
     assert_eq!(iso_date("20141305160138"), None);
 }
+
+/// The seeds of `scripts/fuzz` are whole cameras, and what it found stays harmless.
+#[test]
+fn seeds_are_read_and_what_fuzzing_found_does_no_harm() {
+    let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz");
+    let files = |folder: &Path| -> Vec<PathBuf> {
+        std::fs::read_dir(folder).into_iter().flatten().map(|e| e.unwrap().path()).collect()
+    };
+    let read = |path: &Path| {
+        let bytes = std::fs::read(path).unwrap();
+        match path.to_string_lossy().contains("tif") {
+            true => parse_tiff(path, std::io::Cursor::new(bytes)).map(|rpc| rpc.is_some()),
+            false => parse(path, &String::from_utf8_lossy(&bytes)).map(|_| true),
+        }
+    };
+    let seeds: Vec<PathBuf> = files(&fuzz.join("seeds")).iter().flat_map(|f| files(f)).collect();
+    assert_eq!(seeds.len(), 11);
+    for seed in seeds {
+        assert!(read(&seed).unwrap(), "{}", seed.display());
+    }
+    for case in files(&fuzz.join("cases")) {
+        let _ = read(&case);
+    }
+}

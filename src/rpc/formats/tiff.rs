@@ -24,12 +24,20 @@ const MAX_ENTRIES: u64 = 4096;
 /// [`FormatError::Invalid`] when the numbers are no camera. What cannot be read is no tag: opening the image tells
 /// why.
 pub fn from_tiff(file: &Path) -> Result<Option<Rpc>, FormatError> {
-    let Some(values) = File::open(file).ok().and_then(read_tag) else { return Ok(None) };
+    File::open(file).map_or(Ok(None), |content| parse_tiff(file, content))
+}
+
+/// As [`from_tiff`], of any content; `file` is for messages.
+///
+/// # Errors
+/// As [`from_tiff`].
+pub fn parse_tiff(file: &Path, content: impl Read + Seek) -> Result<Option<Rpc>, FormatError> {
+    let Some(values) = read_tag(content) else { return Ok(None) };
     camera(&values).map(Some).map_err(|e| FormatError::invalid(file, e))
 }
 
 /// The tag's values, if there are 92 doubles.
-pub(super) fn read_tag(mut file: impl Read + Seek) -> Option<[f64; COUNT]> {
+fn read_tag(mut file: impl Read + Seek) -> Option<[f64; COUNT]> {
     let mut head = [0; 8];
     file.read_exact(&mut head).ok()?;
     let little = match &head[..2] {
