@@ -417,6 +417,33 @@ fn n21_suns_and_dates() {
 }
 
 #[test]
+fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
+    let folder = two_views();
+    let dem = tempfile::tempdir().unwrap();
+    let path = dem.path().join("dem.tif");
+    let grid = satgs::raster::MapGrid { epsg: 32631, west: 697_900.0, north: 4_793_000.0, cell: 10.0, width: 60, height: 300 };
+    let plane = satgs::raster::Plane::from_fn(60, 300, |_, row| 80.0 + row as f32 * 0.1);
+    satgs::raster::Cog { grid, metadata: &[] }.write_f32(&path, &[&plane], "m").unwrap();
+    let (scene, run) = (folder.path().to_str().unwrap(), dem.path().join("run"));
+    let ba = |more: &[&str]| {
+        let args = [&["ba", scene, "-o", run.to_str().unwrap(), "--dem", path.to_str().unwrap()], more].concat();
+        let out = satgs(&args);
+        (out.status.code(), String::from_utf8(out.stderr).unwrap())
+    };
+    let (code, said) = ba(&[]);
+    assert!(code == Some(2) && said.contains("dem.tif` does not say what its heights count from"), "{said}");
+    assert!(said.contains("hint: --dem-vertical ellipsoid"), "{said}");
+    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
+    let vertical = satgs::scene::Vertical::Ellipsoid;
+    let (low, high) = scene.heights_from_dem(&path, Some(&vertical)).unwrap();
+    assert!(60.0 < low && low < high && high < 190.0, "{low} {high}");
+    let far = satgs::raster::MapGrid { west: 600_000.0, ..grid };
+    satgs::raster::Cog { grid: far, metadata: &[] }.write_f32(&path, &[&plane], "m").unwrap();
+    let error = scene.heights_from_dem(&path, Some(&vertical)).unwrap_err().to_string();
+    assert!(error.contains("has no heights where the views look"), "{error}");
+}
+
+#[test]
 fn n34_paths() {
     let folder = tempfile::tempdir().unwrap();
     let odd = folder.path().join("a b: é'");

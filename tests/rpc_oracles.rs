@@ -213,3 +213,16 @@ fn gdal_reads_what_is_written() {
     common::image(&tagged, 1, Some(&camera), &[]);
     assert_eq!(formats::from_tiff(&tagged).unwrap(), Some(camera));
 }
+
+/// EGM96 between its nodes (spec 1.5), and around the Earth.
+#[test]
+fn egm96_is_interpolated() {
+    let Some(data) = common::data_dir() else { return };
+    let geoid = satgs::raster::Geoid::read(&data.join("rpc/geoid/egm96_15.gtx")).unwrap();
+    let marseille = geoid.undulation_m(5.44, 43.26);
+    assert!((marseille - 49.344).abs() < 2e-3, "{marseille}");
+    assert!((geoid.undulation_m(365.44, 43.26) - marseille).abs() < 1e-9);
+    let (east, west) = (geoid.undulation_m(179.9999, 10.0), geoid.undulation_m(-179.9999, 10.0));
+    assert!((east - west).abs() < 0.01, "{east} {west}");
+    assert!(geoid.undulation_m(0.0, 91.0).is_nan());
+}

@@ -185,21 +185,30 @@ impl ImageFile {
         north_up && self.has_geotransform()
     }
 
-    /// Longitude and latitude of an image position, in degrees; none for an image without a map projection.
+    /// Longitude and latitude of an image position, in degrees; none for an image that is no map.
     #[must_use]
     pub fn lon_lat(&self, px: Pixel<CornerPx>) -> Option<(f64, f64)> {
-        if !self.is_map() {
-            return None;
-        }
-        let t = self.dataset.geo_transform().ok()?;
-        let mut from = self.dataset.spatial_ref().ok()?;
-        let mut to = SpatialRef::from_epsg(4326).ok()?;
-        from.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
-        to.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
-        let mut x = [t[0] + t[1] * px.col + t[2] * px.row];
-        let mut y = [t[3] + t[4] * px.col + t[5] * px.row];
-        CoordTransform::new(&from, &to).ok()?.transform_coords(&mut x, &mut y, &mut []).ok()?;
+        let t = self.is_map().then(|| self.dataset.geo_transform().ok())??;
+        let (mut x, mut y) = ([t[0] + t[1] * px.col], [t[3] + t[5] * px.row]);
+        let (from, to) = (self.dataset.spatial_ref().ok()?, SpatialRef::from_epsg(4326).ok()?);
+        transform(from, to, &mut x, &mut y)?;
         Some((x[0], y[0]))
+    }
+
+    /// The image position of a longitude and latitude in degrees; none for an image that is no map.
+    #[must_use]
+    pub fn px_of_lon_lat(&self, lon_deg: f64, lat_deg: f64) -> Option<Pixel<CornerPx>> {
+        let t = self.is_map().then(|| self.dataset.geo_transform().ok())??;
+        let (mut x, mut y) = ([lon_deg], [lat_deg]);
+        let (from, to) = (SpatialRef::from_epsg(4326).ok()?, self.dataset.spatial_ref().ok()?);
+        transform(from, to, &mut x, &mut y)?;
+        Some(Pixel::new((x[0] - t[0]) / t[1], (y[0] - t[3]) / t[5]))
+    }
+
+    /// The geotransform of a north-up raster in degrees.
+    pub(super) fn degrees_grid(&self) -> Option<[f64; 6]> {
+        let is_geographic = self.dataset.spatial_ref().is_ok_and(|s| s.is_geographic());
+        (self.is_map() && is_geographic).then(|| self.dataset.geo_transform().ok())?
     }
 
     /// The raster's place on the map.
@@ -227,4 +236,11 @@ impl ImageFile {
     fn no_band(&self, asked: usize) -> RasterError {
         RasterError::NoBand { path: self.path.clone(), found: self.bands(), asked }
     }
+}
+
+/// Transforms coordinates in place, x east and y north whatever the authority's order.
+fn transform(mut from: SpatialRef, mut to: SpatialRef, x: &mut [f64], y: &mut [f64]) -> Option<()> {
+    from.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+    to.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+    CoordTransform::new(&from, &to).ok()?.transform_coords(x, y, &mut []).ok()
 }

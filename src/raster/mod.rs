@@ -1,12 +1,14 @@
 //! GDAL in and out: reading bands and metadata, writing Cloud-Optimized GeoTIFFs and PNGs.
 
 mod file;
+mod geoid;
 mod grid;
 mod plane;
 mod vector;
 mod write;
 
 pub use file::{Band, ImageFile, Window};
+pub use geoid::Geoid;
 pub use grid::MapGrid;
 pub use plane::Plane;
 pub use vector::{Outline, write_outlines};

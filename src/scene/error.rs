@@ -213,6 +213,22 @@ pub enum SceneError {
         /// Where the first view looks.
         footprint: String,
     },
+    /// An elevation model of unknown vertical reference.
+    #[error("`{path}` does not say what its heights count from")]
+    #[diagnostic(help(
+        "--dem-vertical ellipsoid, or the geoid grid it belongs to (SRTM and Copernicus: EGM96, EGM2008), as PROJ ships them: --dem-vertical egm96_15.gtx"
+    ))]
+    Vertical {
+        /// The elevation model.
+        path: PathBuf,
+    },
+    /// An elevation model of another place.
+    #[error("`{path}` has no heights where the views look")]
+    #[diagnostic(help("`satgs info` lists the footprints; the model must be a north-up map"))]
+    DemElsewhere {
+        /// The elevation model.
+        path: PathBuf,
+    },
     /// A list of views that cannot be read.
     #[error("`{path}`: {reason}")]
     #[diagnostic(help(
