@@ -421,12 +421,20 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     let folder = two_views();
     let dem = tempfile::tempdir().unwrap();
     let path = dem.path().join("dem.tif");
-    let grid = satgs::raster::MapGrid { epsg: 32631, west: 697_900.0, north: 4_793_000.0, cell: 10.0, width: 60, height: 300 };
+    let grid = satgs::raster::MapGrid {
+        epsg: 32631,
+        west: 697_900.0,
+        north: 4_793_000.0,
+        cell: 10.0,
+        width: 60,
+        height: 300,
+    };
     let plane = satgs::raster::Plane::from_fn(60, 300, |_, row| 80.0 + row as f32 * 0.1);
     satgs::raster::Cog { grid, metadata: &[] }.write_f32(&path, &[&plane], "m").unwrap();
     let (scene, run) = (folder.path().to_str().unwrap(), dem.path().join("run"));
     let ba = |more: &[&str]| {
-        let args = [&["ba", scene, "-o", run.to_str().unwrap(), "--dem", path.to_str().unwrap()], more].concat();
+        let args =
+            [&["ba", scene, "-o", run.to_str().unwrap(), "--dem", path.to_str().unwrap()], more].concat();
         let out = satgs(&args);
         (out.status.code(), String::from_utf8(out.stderr).unwrap())
     };

@@ -80,7 +80,7 @@ fn lines_that_are_no_points_are_refused() {
         assert_eq!((code, out.as_str()), (Some(2), ""), "{bad}");
         assert!(err.contains(&format!("point 1 is `{bad}`, three numbers are expected")), "{err}");
     }
-    let (code, _, err) = said(&satgs(&["rpc", "project", &rpc, "5.5,43.26,100"]));
+    let (code, _, err) = said(&satgs(&["rpc", "project", &rpc, "--", "-5.5,43.26,100"]));
     assert!(code == Some(0) && err.contains("1 of 1 points are outside the volume"), "{err}");
 }
 

@@ -3,6 +3,7 @@
 
 mod common;
 
+use satgs::affine::{GroundBox, Order, residual};
 use satgs::frame::{Pixel, Point};
 use satgs::raster::ImageFile;
 use satgs::rpc::{Rpc, formats};
@@ -83,7 +84,7 @@ fn files_agree_with_the_oracles() {
 fn pleiades_agrees_with_shareloc_in_every_format() {
     let Some(data) = common::data_dir() else { return };
     let name = |ending: &str| data.join("rpc/shareloc").join(ending);
-    let (lon, lat) = (7.048_662_660_737_769_6, 43.727_748_394_435_46);
+    let (lon, lat) = (7.048_662_660_737_77, 43.727_748_394_435_46);
     for file in [
         "RPC_PHR1B_P_201709281038393_SEN_PRG_FC_178609-001.XML",
         "PHR1B_P_201709281038393_SEN_PRG_FC_178609-001.geom",
@@ -225,4 +226,59 @@ fn egm96_is_interpolated() {
     let (east, west) = (geoid.undulation_m(179.9999, 10.0), geoid.undulation_m(-179.9999, 10.0));
     assert!((east - west).abs() < 0.01, "{east} {west}");
     assert!(geoid.undulation_m(0.0, 91.0).is_nan());
+}
+
+/// What affine and quadratic cameras cost: RMS and maximum in pixels over a square and ± heights in metres (spec 4).
+/// The table's last digits are rounded: half a unit of them is added to a tenth of the value.
+#[test]
+fn approximations_cost_what_the_table_says() {
+    let Some(data) = common::data_dir() else { return };
+    let jax = "rpc/rpcm/JAX_068_001_RGB_adjusted.json";
+    let (wv3_20, wv3_30) = ("rpc/shareloc/wv3_20.NTF", "rpc/shareloc/wv3_30.NTF");
+    let phr = "rpc/shareloc/RPC_PHR1B_P_201709281038045_SEN_PRG_FC_178608-001.XML";
+    let cases: [(&str, f64, f64, f64, f64); 12] = [
+        (jax, 256.0, 20.0, 0.023, 0.085),
+        (jax, 256.0, 60.0, 0.032, 0.132),
+        (jax, 580.0, 30.0, 0.116, 0.394),
+        (jax, 580.0, 100.0, 0.144, 0.584),
+        (wv3_20, 256.0, 20.0, 0.014, 0.040),
+        (wv3_20, 580.0, 30.0, 0.069, 0.185),
+        (wv3_20, 580.0, 100.0, 0.085, 0.275),
+        (wv3_30, 256.0, 60.0, 0.016, 0.052),
+        (wv3_30, 580.0, 30.0, 0.040, 0.128),
+        (wv3_30, 580.0, 100.0, 0.064, 0.222),
+        (phr, 256.0, 60.0, 0.010, 0.031),
+        (phr, 580.0, 100.0, 0.038, 0.123),
+    ];
+    let mut wrong = Vec::new();
+    for (file, side_m, half_height_m, rms, max) in cases {
+        let rpc = read(&data.join(file));
+        let ground = GroundBox { center: rpc.center(), side_m, half_height_m };
+        let found = residual(&rpc, &ground, Order::Affine).unwrap();
+        println!(
+            "{file} {side_m} ±{half_height_m}: {:.4} / {:.4}, table {rms} / {max}",
+            found.rms_px, found.max_px
+        );
+        if (found.rms_px - rms).abs() > 0.1 * rms + 5e-4 || (found.max_px - max).abs() > 0.1 * max + 5e-4 {
+            wrong.push(file);
+        }
+    }
+    for (file, side_m, half_height_m, rms) in [
+        (jax, 256.0, 60.0, 2e-5),
+        (jax, 580.0, 100.0, 2.7e-4),
+        (wv3_20, 580.0, 100.0, 1.9e-4),
+        (phr, 580.0, 100.0, 1.6e-4),
+    ] {
+        let rpc = read(&data.join(file));
+        let ground = GroundBox { center: rpc.center(), side_m, half_height_m };
+        let found = residual(&rpc, &ground, Order::Quadratic).unwrap();
+        println!(
+            "{file} {side_m} ±{half_height_m}: {:.2e} / {:.2e}, table {rms:.1e}",
+            found.rms_px, found.max_px
+        );
+        if (found.rms_px - rms).abs() > 0.1 * rms + 5e-6 {
+            wrong.push(file);
+        }
+    }
+    assert_eq!(wrong, Vec::<&str>::new());
 }

@@ -76,7 +76,7 @@ fn a_stac_item_collection_is_a_scene() {
 #[test]
 fn an_area_crops_images_and_their_cameras_alike() {
     let folder = tempfile::tempdir().unwrap();
-    let rpc = camera(5.44, 0.0);
+    let rpc = camera(5.44, 0.0).rescaled(5.0);
     // A large image whose pixel values tell their place.
     let path = folder.path().join("a.tif");
     let driver = gdal::DriverManager::get_driver_by_name("GTiff").unwrap();

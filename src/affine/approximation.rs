@@ -6,7 +6,7 @@ use crate::rpc::Rpc;
 use nalgebra::{DMatrix, DVector};
 
 /// Nodes along east, north and up.
-const NODES: [usize; 3] = [13, 13, 9];
+const NODES: [usize; 3] = [9, 9, 7];
 
 /// The degree of the polynomial of (east, north, up).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -33,6 +33,7 @@ enum Task {
     #[command(after_help = "\
 Example, a point given and points from standard input:
   satgs rpc project img_RPC.TXT 5.4401,43.2603,120
+  satgs rpc project img_RPC.TXT -- -81.6637,30.3487,-20
   echo '5.4401 43.2603 120' | satgs rpc project img_RPC.TXT")]
     Project(Points),
     /// From the image to the ground: lines `col row h` become `lon lat`
@@ -56,8 +57,8 @@ Example:
 struct Points {
     /// RPC file or image
     file: PathBuf,
-    /// Points, three numbers each with commas or blanks between; read from standard input without any
-    #[arg(allow_hyphen_values = true)]
+    /// Points, three numbers each with commas or blanks between, after `--` if one begins with a minus; read from
+    /// standard input without any
     points: Vec<String>,
 }
 

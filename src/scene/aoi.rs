@@ -29,6 +29,11 @@ impl Aoi {
     /// # Errors
     /// [`SceneError::Area`] for a box that is empty, huge or nowhere on Earth.
     pub fn from_box([west, south, east, north]: [f64; 4]) -> Result<Self, SceneError> {
+        if south > north {
+            return Err(SceneError::Area {
+                reason: format!("the area is empty, its south {south} is beyond its north {north}"),
+            });
+        }
         let east = if west > east { east + 360.0 } else { east };
         Self::checked(vec![[west, south], [east, south], [east, north], [west, north]])
     }

@@ -237,7 +237,7 @@ fn other_resolution(view: &View, told_gsd_m: Option<f64>) -> Option<String> {
         ));
     }
     // The offsets of a whole image's model are its middle, its scales half its sides.
-    let is_whole = |axis: crate::rpc::Axis| (axis.offset / axis.scale - 1.0).abs() < 0.2;
+    let is_whole = |axis: crate::rpc::Axis| (axis.offset / axis.scale - 1.0).abs() < 0.25;
     let larger = |axis: crate::rpc::Axis, size: usize| 2.0 * axis.scale > 1.5 * size as f64;
     let is_other =
         is_whole(c.col) && is_whole(c.row) && larger(c.col, view.width) && larger(c.row, view.height);
