@@ -4,19 +4,27 @@ use super::horizon::horizon;
 use super::{PRIOR_COST, PRIOR_REACH_M, Stack, Sweep};
 use crate::raster::Plane;
 use crate::splat::views::Level;
+use multiversion::multiversion;
 use rayon::prelude::*;
 
-/// Cells from the window's centre to its border.
-const REACH: usize = 1;
-const SIDE: usize = 2 * REACH + 1;
-/// Rows of cells that one thread sweeps at a time.
-const BAND_ROWS: usize = 32;
+/// Brightness is compared in windows of 3 x 3 cells.
+const WINDOW: usize = 3;
+/// Rows and columns of a tile, which overlaps its neighbours by the windows' margins: as much as stays in a core's
+/// cache.
+const ROWS: usize = 18;
+const COLUMNS: usize = 64;
+const INNER_ROWS: usize = ROWS - (WINDOW - 1);
+const INNER_COLUMNS: usize = COLUMNS - (WINDOW - 1);
 /// Variance of brightness in a window below which it has no texture.
 const FLAT: f32 = 1e-5;
 /// A cell may lie this much below its horizon and still count as seen, metres.
 const HORIZON_SLACK_M: f32 = 0.5;
 /// Pairs without correlation that every cell is given, so that few pairs convince less than many.
 const DOUBT: f32 = 1.0;
+
+/// A value for every cell of a tile's row, and of a tile.
+type Line<T = f32> = [T; COLUMNS];
+type Lines = [Line; ROWS];
 
 /// A view's brightness and camera.
 pub(super) struct Image {
@@ -40,21 +48,6 @@ impl Image {
 
     fn position(&self, x: f64, y: f64) -> [f32; 2] {
         std::array::from_fn(|k| (self.linear[k][0] * x + self.linear[k][1] * y + self.offset[k]) as f32)
-    }
-
-    /// Bilinear brightness, NaN outside.
-    #[inline(always)]
-    fn sample(&self, [u, v]: [f32; 2]) -> f32 {
-        let Plane { width, height, data } = &self.gray;
-        if !(u >= 0.0 && v >= 0.0 && u < (*width - 1) as f32 && v < (*height - 1) as f32) {
-            return f32::NAN;
-        }
-        let (col, row) = (u as usize, v as usize);
-        let (fc, fr) = (u - col as f32, v - row as f32);
-        let i = row * width + col;
-        let top = data[i] + (data[i + 1] - data[i]) * fc;
-        let low = data[i + width] + (data[i + width + 1] - data[i + width]) * fc;
-        top + (low - top) * fr
     }
 }
 
@@ -80,8 +73,12 @@ impl Volume {
             .collect();
         let (planes, width) = (sweep.stack.planes, sweep.grid.width);
         let mut costs = vec![Self::UNSEEN; width * sweep.grid.height * planes];
-        costs.par_chunks_mut(BAND_ROWS * width * planes).enumerate().for_each(|(k, costs)| {
-            Band::new(sweep, &horizons, k * BAND_ROWS, costs.len() / (width * planes)).correlate(costs);
+        costs.par_chunks_mut(INNER_ROWS * width * planes).enumerate().for_each(|(k, costs)| {
+            let mut tile = Tile::new(sweep);
+            for first_column in (0..width).step_by(INNER_COLUMNS) {
+                tile.place(first_column, k * INNER_ROWS, &horizons);
+                tile.correlate(costs);
+            }
         });
         Self { planes, costs }
     }
@@ -114,134 +111,217 @@ impl Volume {
     }
 }
 
-/// Rows of cells, with a margin as wide as the window reaches.
-struct Band<'a> {
+/// A few rows and columns of cells, with a margin as wide as a window reaches.
+struct Tile<'a> {
     sweep: &'a Sweep<'a>,
-    /// Rows and columns with the margin.
-    rows: usize,
-    columns: usize,
+    first_column: usize,
     /// Which cell of the grid each is; margins beyond the grid repeat its border.
-    cells: Vec<u32>,
+    cells: [Line<u32>; ROWS],
     views: Vec<Samples<'a>>,
+    score: Box<Lines>,
+    pairs: Box<Lines>,
 }
 
 /// A view's samples of one plane.
 struct Samples<'a> {
     image: &'a Image,
-    horizon: Option<&'a Plane>,
     /// Image positions at the site's altitude.
-    positions: Vec<[f32; 2]>,
-    brightness: Vec<f32>,
-    seen: Vec<bool>,
-    mean: Vec<f32>,
+    column: Lines,
+    row: Lines,
+    /// Altitude below which something hides a cell.
+    hidden_below: Lines,
+    brightness: Lines,
+    /// 1 where the view sees the cell, else 0.
+    seen: Lines,
+    mean: Lines,
     /// One over the standard deviation; zero where not seen or without texture.
-    sharpness: Vec<f32>,
+    sharpness: Lines,
 }
 
-impl<'a> Band<'a> {
-    fn new(sweep: &'a Sweep, horizons: &'a [Option<Plane>], first_row: usize, inner_rows: usize) -> Self {
-        let (rows, columns) = (inner_rows + 2 * REACH, sweep.grid.width + 2 * REACH);
-        let n = rows * columns;
-        let inside = |i: usize, n: usize| i.saturating_sub(REACH).min(n - 1);
-        let place = |i: usize| {
-            (inside(i % columns, sweep.grid.width), inside(first_row + i / columns, sweep.grid.height))
-        };
-        let cells = (0..n).map(|i| (place(i).1 * sweep.grid.width + place(i).0) as u32).collect();
-        let views = sweep.images.iter().zip(horizons).map(|(image, horizon)| Samples {
+const ZEROS: Lines = [[0.0; COLUMNS]; ROWS];
+
+impl<'a> Tile<'a> {
+    fn new(sweep: &'a Sweep) -> Self {
+        let samples = |image| Samples {
             image,
-            horizon: horizon.as_ref(),
-            positions: (0..n)
-                .map(|i| {
-                    let p = sweep.site.site_from_utm(sweep.grid.cell_center(place(i).0, place(i).1));
-                    image.position(p.x(), p.y())
-                })
-                .collect(),
-            brightness: vec![0.0; n],
-            seen: vec![false; n],
-            mean: vec![0.0; n],
-            sharpness: vec![0.0; n],
-        });
-        Self { sweep, rows, columns, cells, views: views.collect() }
+            column: ZEROS,
+            row: ZEROS,
+            hidden_below: ZEROS,
+            brightness: ZEROS,
+            seen: ZEROS,
+            mean: ZEROS,
+            sharpness: ZEROS,
+        };
+        Self {
+            sweep,
+            first_column: 0,
+            cells: [[0; COLUMNS]; ROWS],
+            views: sweep.images.iter().map(samples).collect(),
+            score: Box::new(ZEROS),
+            pairs: Box::new(ZEROS),
+        }
     }
 
-    fn correlate(mut self, costs: &mut [u8]) {
-        let n = self.rows * self.columns;
-        let planes = self.sweep.stack.planes;
-        let (mut altitudes, mut products, mut scratch) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-        let (mut score, mut pairs) = (vec![0.0f32; n], vec![0.0f32; n]);
+    /// Moves to where the first cell inside the margins is the one at `first_column`, `first_row`.
+    fn place(&mut self, first_column: usize, first_row: usize, horizons: &[Option<Plane>]) {
+        let grid = &self.sweep.grid;
+        let inside = |i: usize, n: usize| i.saturating_sub(WINDOW / 2).min(n - 1);
+        self.first_column = first_column;
+        for r in 0..ROWS {
+            for c in 0..COLUMNS {
+                let (col, row) = (inside(first_column + c, grid.width), inside(first_row + r, grid.height));
+                let cell = row * grid.width + col;
+                let p = self.sweep.site.site_from_utm(grid.cell_center(col, row));
+                self.cells[r][c] = cell as u32;
+                for (view, horizon) in self.views.iter_mut().zip(horizons) {
+                    [view.column[r][c], view.row[r][c]] = view.image.position(p.x(), p.y());
+                    view.hidden_below[r][c] =
+                        horizon.as_ref().map_or(f32::NEG_INFINITY, |h| h.data[cell] - HORIZON_SLACK_M);
+                }
+            }
+        }
+    }
+
+    /// Fills the costs of its cells in `costs`, those of the grid's rows that it stands on.
+    fn correlate(&mut self, costs: &mut [u8]) {
+        let (planes, width) = (self.sweep.stack.planes, self.sweep.grid.width);
+        let columns = INNER_COLUMNS.min(width - self.first_column);
+        let rows = costs.len() / (planes * width);
+        let mut altitudes = ZEROS;
         for plane in 0..planes {
-            for (z, cell) in altitudes.iter_mut().zip(&self.cells) {
+            for (z, cell) in altitudes.as_flattened_mut().iter_mut().zip(self.cells.as_flattened()) {
                 *z = self.sweep.stack.altitude(*cell as usize, plane as f32);
             }
             for view in &mut self.views {
-                view.sample(&altitudes, &self.cells);
-                view.summarise(self.columns, &mut products, &mut scratch);
+                sample(view, &altitudes);
+                summarise(view);
             }
-            score.fill(0.0);
-            pairs.fill(0.0);
+            *self.score = ZEROS;
+            *self.pairs = ZEROS;
             for &(i, j) in &self.sweep.pairs {
-                let (a, b) = (&self.views[i], &self.views[j]);
-                for k in 0..n {
-                    products[k] = a.brightness[k] * b.brightness[k];
-                }
-                window_means(&mut products, self.columns, &mut scratch);
-                for k in 0..n {
-                    let covariance = products[k] - a.mean[k] * b.mean[k];
-                    let correlation = (covariance * a.sharpness[k] * b.sharpness[k]).clamp(0.0, 1.0);
-                    // Cubed: one good pair says more than three fair ones.
-                    score[k] += correlation * correlation * correlation;
-                    pairs[k] += if a.seen[k] && b.seen[k] { 1.0 } else { 0.0 };
-                }
+                add_pair(&self.views[i], &self.views[j], &mut self.score, &mut self.pairs);
             }
-            let width = self.sweep.grid.width;
-            for (cell, costs) in costs.chunks_exact_mut(planes).enumerate() {
-                let k = (cell / width + REACH) * self.columns + cell % width + REACH;
-                if pairs[k] > 0.0 {
-                    let mean = score[k] / (pairs[k] + DOUBT);
-                    costs[plane] = (255.0 * (1.0 - mean)).round().min(254.0) as u8;
+            for row in 0..rows {
+                let (score, pairs) = (&self.score[row + WINDOW / 2], &self.pairs[row + WINDOW / 2]);
+                let first = (row * width + self.first_column) * planes + plane;
+                for (column, cost) in costs[first..].iter_mut().step_by(planes).take(columns).enumerate() {
+                    let k = column + WINDOW / 2;
+                    if pairs[k] > 0.0 {
+                        let mean = score[k] / (pairs[k] + DOUBT);
+                        *cost = (255.5 - 255.0 * mean).min(254.0) as u8;
+                    }
                 }
             }
         }
     }
 }
 
-impl Samples<'_> {
-    fn sample(&mut self, altitudes: &[f32], cells: &[u32]) {
-        let up = [self.image.linear[0][2] as f32, self.image.linear[1][2] as f32];
-        for (k, z) in altitudes.iter().enumerate() {
-            let [u, v] = self.positions[k];
-            let value = self.image.sample([u + up[0] * z, v + up[1] * z]);
-            let known = !value.is_nan();
-            let hidden = self.horizon.is_some_and(|h| *z < h.data[cells[k] as usize] - HORIZON_SLACK_M);
-            self.brightness[k] = if known { value } else { 0.0 };
-            self.seen[k] = known && !hidden;
+/// Brightness, bilinear, of every cell at an altitude; zero where it is not seen.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn sample(view: &mut Samples, altitudes: &Lines) {
+    let Image { gray, linear, .. } = view.image;
+    let up = [linear[0][2] as f32, linear[1][2] as f32];
+    let (last_column, last_row) = ((gray.width - 1) as f32, (gray.height - 1) as f32);
+    for line in 0..ROWS {
+        let (mut index, mut right, mut down, mut known) =
+            ([0u32; COLUMNS], [0.0; COLUMNS], [0.0; COLUMNS], [false; COLUMNS]);
+        for k in 0..COLUMNS {
+            let z = altitudes[line][k];
+            let (u, v) = (view.column[line][k] + up[0] * z, view.row[line][k] + up[1] * z);
+            known[k] = u >= 0.0 && v >= 0.0 && u < last_column && v < last_row;
+            let (u, v) = if known[k] { (u, v) } else { (0.0, 0.0) };
+            let (column, row) = (u as i32, v as i32);
+            index[k] = row as u32 * gray.width as u32 + column as u32;
+            (right[k], down[k]) = (u - column as f32, v - row as f32);
         }
-    }
-
-    fn summarise(&mut self, columns: usize, squares: &mut [f32], scratch: &mut [f32]) {
-        for (square, v) in squares.iter_mut().zip(&self.brightness) {
-            *square = v * v;
+        let mut corners = [[0.0f32; COLUMNS]; 4];
+        for k in 0..COLUMNS {
+            let i = index[k] as usize;
+            let (top, low) = (&gray.data[i..i + 2], &gray.data[i + gray.width..i + gray.width + 2]);
+            [corners[0][k], corners[1][k], corners[2][k], corners[3][k]] = [top[0], top[1], low[0], low[1]];
         }
-        self.mean.copy_from_slice(&self.brightness);
-        window_means(&mut self.mean, columns, scratch);
-        window_means(squares, columns, scratch);
-        for k in 0..squares.len() {
-            let variance = squares[k] - self.mean[k] * self.mean[k];
-            let usable = self.seen[k] && variance > FLAT;
-            self.sharpness[k] = if usable { variance.sqrt().recip() } else { 0.0 };
+        for k in 0..COLUMNS {
+            let top = corners[0][k] + (corners[1][k] - corners[0][k]) * right[k];
+            let low = corners[2][k] + (corners[3][k] - corners[2][k]) * right[k];
+            let value = top + (low - top) * down[k];
+            let known = known[k] && !value.is_nan();
+            view.brightness[line][k] = if known { value } else { 0.0 };
+            let seen = known && altitudes[line][k] >= view.hidden_below[line][k];
+            view.seen[line][k] = if seen { 1.0 } else { 0.0 };
         }
     }
 }
 
-/// Means over the window around every cell, in place; the margin is left without meaning.
-fn window_means(values: &mut [f32], columns: usize, scratch: &mut [f32]) {
-    const SHARE: f32 = 1.0 / (SIDE * SIDE) as f32;
-    let n = values.len();
-    for k in 0..n - 2 * REACH {
-        scratch[k + REACH] = values[k..k + SIDE].iter().sum();
+/// Means and sharpness of the windows around every cell.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn summarise(view: &mut Samples) {
+    let mut values = Windows::EMPTY;
+    let mut squares = Windows::EMPTY;
+    for line in 0..ROWS {
+        let v = &view.brightness[line];
+        values.push(v);
+        squares.push(&times(v, v));
+        let Some(center) = line.checked_sub(WINDOW - 1).map(|first| first + WINDOW / 2) else { continue };
+        let (mean, square) = (values.means(), squares.means());
+        for k in 0..COLUMNS {
+            let variance = square[k] - mean[k] * mean[k];
+            let usable = view.seen[center][k] > 0.0 && variance > FLAT;
+            view.sharpness[center][k] = if usable { variance.sqrt().recip() } else { 0.0 };
+        }
+        view.mean[center] = mean;
     }
-    for k in 0..n - 2 * REACH * columns {
-        let sum: f32 = (0..SIDE).map(|row| scratch[k + row * columns]).sum();
-        values[k + REACH * columns] = SHARE * sum;
+}
+
+/// Adds the cubes of two views' correlations, and where both see the cell. Cubed: one good pair says more than three
+/// fair ones.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn add_pair(a: &Samples, b: &Samples, score: &mut Lines, pairs: &mut Lines) {
+    let mut products = Windows::EMPTY;
+    for line in 0..ROWS {
+        products.push(&times(&a.brightness[line], &b.brightness[line]));
+        let Some(center) = line.checked_sub(WINDOW - 1).map(|first| first + WINDOW / 2) else { continue };
+        let mean = products.means();
+        for k in 0..COLUMNS {
+            let covariance = mean[k] - a.mean[center][k] * b.mean[center][k];
+            let sharpness = a.sharpness[center][k] * b.sharpness[center][k];
+            let correlation = (covariance * sharpness).clamp(0.0, 1.0);
+            score[center][k] += correlation * correlation * correlation;
+            pairs[center][k] += a.seen[center][k] * b.seen[center][k];
+        }
+    }
+}
+
+#[inline(always)]
+fn times(a: &Line, b: &Line) -> Line {
+    let mut out = [0.0; COLUMNS];
+    for k in 0..COLUMNS {
+        out[k] = a[k] * b[k];
+    }
+    out
+}
+
+/// The last lines of a tile, each summed along the rows of windows.
+struct Windows([Line; WINDOW]);
+
+impl Windows {
+    const EMPTY: Self = Self([[0.0; COLUMNS]; WINDOW]);
+
+    #[inline(always)]
+    fn push(&mut self, line: &Line) {
+        self.0.rotate_left(1);
+        for k in 1..COLUMNS - 1 {
+            self.0[WINDOW - 1][k] = line[k - 1] + line[k] + line[k + 1];
+        }
+    }
+
+    /// Means of the windows whose last row is the last line; the margins are without meaning.
+    #[inline(always)]
+    fn means(&self) -> Line {
+        const SHARE: f32 = 1.0 / (WINDOW * WINDOW) as f32;
+        let mut out = [0.0; COLUMNS];
+        for k in 0..COLUMNS {
+            out[k] = (self.0[0][k] + self.0[1][k] + self.0[2][k]) * SHARE;
+        }
+        out
     }
 }

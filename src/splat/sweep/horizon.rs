@@ -1,6 +1,7 @@
 //! What hides a cell from a view.
 
 use crate::raster::Plane;
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// Cells nearest to a point, which a coarse edge may have raised together with it, hide it never.
@@ -10,26 +11,31 @@ const NEAREST: usize = 2;
 /// height. NaN cells of `surface` hide nothing.
 pub(super) fn horizon(surface: &Plane, lean: [f64; 2]) -> Plane {
     let top = surface.valid().fold(f32::NEG_INFINITY, f32::max);
+    let mut out = Plane::filled(surface.width, surface.height, f32::NEG_INFINITY);
+    out.data.par_chunks_mut(surface.width).enumerate().for_each(|(row, line)| {
+        horizon_of_row(surface, lean, top, row, line);
+    });
+    out
+}
+
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn horizon_of_row(surface: &Plane, lean: [f64; 2], top: f32, row: usize, line: &mut [f32]) {
     let length = lean[0].hypot(lean[1]).max(1e-6);
     let (right, down) = (lean[0] / length, lean[1] / length);
     let rise = (1.0 / length) as f32;
     let across = surface.width.max(surface.height);
-    let mut out = Plane::filled(surface.width, surface.height, f32::NEG_INFINITY);
-    out.data.par_chunks_mut(surface.width).enumerate().for_each(|(row, line)| {
-        for (col, highest) in line.iter_mut().enumerate() {
-            for n in NEAREST..across {
-                let up = rise * n as f32;
-                if top - up <= *highest {
-                    break;
-                }
-                let c = (col as f64 + right * n as f64).round() as i64;
-                let r = (row as f64 + down * n as f64).round() as i64;
-                // NaN never is the greater.
-                *highest = highest.max(surface.get(c, r) - up);
+    for (col, highest) in line.iter_mut().enumerate() {
+        for n in NEAREST..across {
+            let up = rise * n as f32;
+            if top - up <= *highest {
+                break;
             }
+            let c = (col as f64 + right * n as f64).round_ties_even() as i64;
+            let r = (row as f64 + down * n as f64).round_ties_even() as i64;
+            // NaN never is the greater.
+            *highest = highest.max(surface.get(c, r) - up);
         }
-    });
-    out
+    }
 }
 
 #[cfg(test)]

@@ -1,12 +1,15 @@
 //! Semi-global matching (Hirschmüller 2008, eqs. 13 and 14): costs summed along eight paths into every cell.
 
 use super::correlation::Volume;
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// Cost of a step of one plane between neighbours.
 const STEP: u16 = 30;
 /// Cells that one thread takes of a row.
 const RUN: usize = 64;
+/// Cost of a plane that does not exist.
+const BEYOND: u16 = u16::MAX / 2;
 
 /// Costs summed over the eight paths, cell by cell as in `volume`, whose rows are `width` cells long. A step of more
 /// than one plane between neighbours costs `jump`.
@@ -16,13 +19,12 @@ pub(super) fn aggregate(volume: &Volume, width: usize, jump: u16) -> Vec<u16> {
     let length = width * paths.planes;
     let mut sums = vec![0u16; rows.len() * length];
     sums.par_chunks_mut(length).zip(&rows).for_each(|(sums, costs)| {
-        paths.along(sums, costs, false);
-        paths.along(sums, costs, true);
+        along(&paths, sums, costs, false);
+        along(&paths, sums, costs, true);
     });
     for upwards in [false, true] {
         for lean in [-1, 0, 1] {
-            let mut before = vec![0u16; length];
-            let mut now = vec![0u16; length];
+            let (mut before, mut now) = (paths.start(width), paths.start(width));
             for i in 0..rows.len() {
                 let row = if upwards { rows.len() - 1 - i } else { i };
                 let sums = &mut sums[row * length..(row + 1) * length];
@@ -40,48 +42,75 @@ struct Paths {
 }
 
 impl Paths {
-    /// The path along a row.
-    fn along(&self, sums: &mut [u16], costs: &[u8], backwards: bool) {
-        let planes = self.planes;
-        let cells = costs.len() / planes;
-        let (mut before, mut now) = (vec![0u16; planes], vec![0u16; planes]);
-        for i in 0..cells {
-            let cell = if backwards { cells - 1 - i } else { i };
-            let at = cell * planes..(cell + 1) * planes;
-            self.step(&costs[at.clone()], &before, &mut now, &mut sums[at]);
-            std::mem::swap(&mut before, &mut now);
-        }
+    /// A border that costs nothing, or the state of `cells` cells before a path has begun.
+    fn start(&self, cells: usize) -> Vec<u16> {
+        let mut state = vec![BEYOND; self.stride() * cells];
+        state.chunks_mut(self.stride()).for_each(|s| s[1..=self.planes].fill(0));
+        state
+    }
+
+    /// A cell's state has one impossible plane below and one above.
+    fn stride(&self) -> usize {
+        self.planes + 2
     }
 
     /// The paths from one row to the next, from the cell `lean` columns to the right.
     fn across(&self, sums: &mut [u16], costs: &[u8], lean: i64, before: &[u16], now: &mut [u16]) {
-        let planes = self.planes;
-        let border = vec![0u16; planes];
-        let runs = sums.par_chunks_mut(RUN * planes).zip(costs.par_chunks(RUN * planes));
-        runs.zip(now.par_chunks_mut(RUN * planes)).enumerate().for_each(|(run, ((sums, costs), now))| {
-            let cells = sums.chunks_mut(planes).zip(costs.chunks(planes)).zip(now.chunks_mut(planes));
-            for (i, ((sums, costs), now)) in cells.enumerate() {
-                let from = usize::try_from((run * RUN + i) as i64 + lean).ok();
-                let before = from.and_then(|cell| before.get(cell * planes..(cell + 1) * planes));
-                self.step(costs, before.unwrap_or(&border), now, sums);
-            }
-        });
+        let border = self.start(1);
+        let runs = sums.par_chunks_mut(RUN * self.planes).zip(costs.par_chunks(RUN * self.planes));
+        runs.zip(now.par_chunks_mut(RUN * self.stride())).enumerate().for_each(
+            |(run, ((sums, costs), now))| {
+                across(self, sums, costs, now, (before, &border), (run * RUN) as i64 + lean);
+            },
+        );
     }
+}
 
-    /// One cell of a path, added to its sums.
-    fn step(&self, costs: &[u8], before: &[u16], now: &mut [u16], sums: &mut [u16]) {
-        let least = before.iter().copied().min().unwrap_or(0);
-        let n = now.len();
-        for k in 0..n {
-            now[k] = before[k].min(least + self.jump);
-        }
-        for k in 1..n {
-            now[k] = now[k].min(before[k - 1] + STEP);
-            now[k - 1] = now[k - 1].min(before[k] + STEP);
-        }
-        for k in 0..n {
-            now[k] = now[k] - least + u16::from(costs[k]);
-            sums[k] += now[k];
-        }
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx2", "x86_64+avx2"))]
+fn along(paths: &Paths, sums: &mut [u16], costs: &[u8], backwards: bool) {
+    let planes = paths.planes;
+    let cells = costs.len() / planes;
+    let (mut before, mut now) = (paths.start(1), paths.start(1));
+    for i in 0..cells {
+        let cell = if backwards { cells - 1 - i } else { i };
+        let at = cell * planes..(cell + 1) * planes;
+        step(paths.jump, &costs[at.clone()], &before, &mut now, &mut sums[at]);
+        std::mem::swap(&mut before, &mut now);
+    }
+}
+
+/// A run of cells whose paths come from the row `before`, the first from its cell `from`, those beyond from the border.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx2", "x86_64+avx2"))]
+fn across(
+    paths: &Paths,
+    sums: &mut [u16],
+    costs: &[u8],
+    now: &mut [u16],
+    (before, border): (&[u16], &[u16]),
+    from: i64,
+) {
+    let (planes, stride) = (paths.planes, paths.stride());
+    let cells = sums.chunks_mut(planes).zip(costs.chunks(planes)).zip(now.chunks_mut(stride));
+    for (i, ((sums, costs), now)) in cells.enumerate() {
+        let from = usize::try_from(from + i as i64).ok();
+        let before = from.and_then(|cell| before.get(cell * stride..(cell + 1) * stride));
+        step(paths.jump, costs, before.unwrap_or(border), now, sums);
+    }
+}
+
+/// One cell of a path, added to its sums.
+#[inline(always)]
+fn step(jump: u16, costs: &[u8], before: &[u16], now: &mut [u16], sums: &mut [u16]) {
+    let mut least = BEYOND;
+    for b in before {
+        least = least.min(*b);
+    }
+    let n = costs.len();
+    let (below, same, above) = (&before[..n], &before[1..=n], &before[2..n + 2]);
+    let (now, sums) = (&mut now[1..=n], &mut sums[..n]);
+    for k in 0..n {
+        let neighbour = below[k].min(above[k]) + STEP;
+        now[k] = same[k].min(neighbour).min(least + jump) - least + u16::from(costs[k]);
+        sums[k] += now[k];
     }
 }
