@@ -4,7 +4,7 @@
 mod common;
 
 use common::{camera, image, satgs, two_views};
-use satgs::rpc::formats::{RpcFile, ViewTags, to_json, to_text};
+use satgs::rpc::formats::{ViewTags, to_json, to_rpb, to_text};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -53,6 +53,32 @@ fn n02_one_field_missing() {
 }
 
 #[test]
+fn n03_n04_n06_spellings_that_are_read_and_those_that_are_not() {
+    let folder = two_views();
+    let text = to_text(&camera(5.44, 0.2));
+    let put = |changed: String| std::fs::write(folder.path().join("a_RPC.TXT"), changed).unwrap();
+    for good in [
+        text.clone(),
+        text.replace("LINE_OFF: ", "LINE_OFF: +0000").replace('\n', "\r\n"),
+        format!("\u{feff}{}", text.to_lowercase()),
+        text.replace("SAMP_SCALE: 40 pixels", "SAMP_SCALE: 4.0D+01"),
+    ] {
+        put(good);
+        let (code, said) = info(folder.path(), &[]);
+        assert!(code == Some(0) && !said.contains("differ by"), "{said}");
+    }
+    for (from, to, error) in [
+        ("LINE_NUM_COEFF_20: 0\n", "", "`LINE_NUM_COEFF_20` is missing (found 89 of 90"),
+        ("LINE_NUM_COEFF_20:", "LINE_NUM_COEFF_21:", "`LINE_NUM_COEFF` has 21 coefficients"),
+        ("SAMP_SCALE: 40", "SAMP_SCALE: 40,5", "`SAMP_SCALE` is `40,5 pixels`"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        put(text.replacen(from, to, 1));
+        refused(folder.path(), &[], error, "");
+    }
+}
+
+#[test]
 fn n05_sidecar_that_differs_is_said_and_used() {
     let folder = two_views();
     let moved = camera(5.44, 0.2).shifted(3.0, 4.0);
@@ -78,6 +104,110 @@ fn n07_nan_and_zero() {
         std::fs::write(folder.path().join("a_RPC.TXT"), changed).unwrap();
         refused(folder.path(), &[], error, hint);
     }
+}
+
+#[test]
+fn n08_latitude_and_longitude_swapped() {
+    let folder = two_views();
+    let swapped =
+        to_text(&camera(105.44, 0.2)).replace("LAT_", "XX_").replace("LONG_", "LAT_").replace("XX_", "LONG_");
+    std::fs::write(folder.path().join("a_RPC.TXT"), swapped).unwrap();
+    refused(folder.path(), &[], "`LAT_OFF` is 105.44, outside ±90", "are latitude and longitude swapped?");
+}
+
+#[test]
+fn n10_rpc00a_is_refused_by_name() {
+    let folder = two_views();
+    let rpb = to_rpb(&camera(5.44, 0.2)).replace("RPC00B", "RPC00A");
+    std::fs::write(folder.path().join("a.RPB"), rpb).unwrap();
+    refused(
+        folder.path(),
+        &[],
+        "a.RPB` holds an RPC00A, satgs reads RPC00B",
+        "order their terms differently",
+    );
+}
+
+#[test]
+fn n11_an_area_that_no_view_sees() {
+    let folder = two_views();
+    let error =
+        "no view sees the area (lon 5.5000 to 5.5100, lat 43.2600 to 43.2700); the first sees lon 5.43";
+    refused(folder.path(), &["--aoi", "5.5,43.26,5.51,43.27"], error, "a cropped image needs an RPC moved");
+}
+
+#[test]
+fn n12_an_image_resampled_without_its_rpc() {
+    let folder = two_views();
+    std::fs::write(folder.path().join("a_RPC.TXT"), to_text(&camera(5.44, 0.2).rescaled(2.0))).unwrap();
+    let (code, said) = info(folder.path(), &[]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(
+        said.contains("a: its RPC is for an image of about 160 x 160 pixels, this one has 64 x 64"),
+        "{said}"
+    );
+    std::fs::write(folder.path().join("b.IMD"), "BEGIN_GROUP = IMAGE_1\n\tmeanProductGSD = 0.25;\nEND;")
+        .unwrap();
+    let (_, said) = info(folder.path(), &[]);
+    assert!(said.contains("b: its metadata tell of pixels of 0.25 m, its camera makes them 0.5"), "{said}");
+}
+
+#[test]
+fn n14_a_tile_alone_is_named_a_tile() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    image(&at("IMG_PHR1A_X_R2C1.TIF"), 1, None, &[]);
+    let whole = camera(5.44, 0.2);
+    std::fs::write(at("RPC_PHR1A_X.XML"), dimap(&whole)).unwrap();
+    let error = "IMG_PHR1A_X_R2C1.TIF` is tile R2C1 of a mosaic, and nothing beside it tells the tiles' size";
+    refused(folder.path(), &[], error, "DIM_*.XML");
+    let product = "<Dimap_Document><Raster_Dimensions><NROWS>128</NROWS><NCOLS>64</NCOLS><Regular_Tiling>\
+                   <NTILES_SIZE nrows=\"64\" ncols=\"64\"/><NTILES_COUNT ntiles_R=\"2\" ntiles_C=\"1\"/>\
+                   </Regular_Tiling></Raster_Dimensions></Dimap_Document>";
+    std::fs::write(at("DIM_PHR1A_X.XML"), product).unwrap();
+    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
+    assert_eq!(scene.views[0].rpc, whole.cropped(0, 64));
+    assert!(scene.warnings.iter().any(|w| w.contains("is one of 2 tiles")), "{:?}", scene.warnings);
+}
+
+/// The camera as a Pléiades RPC file, whose pixels count from 1.
+fn dimap(rpc: &satgs::rpc::Rpc) -> String {
+    let fields = satgs::rpc::formats::to_gdal(&rpc.shifted(1.0, 1.0));
+    let (mut validity, mut model) = (String::new(), String::new());
+    for (name, value) in fields.iter().filter(|(name, _)| !name.starts_with("ERR")) {
+        if name.ends_with("COEFF") {
+            for (i, term) in value.split(' ').enumerate() {
+                model += &format!("<{name}_{0}>{term}</{name}_{0}>", i + 1);
+            }
+        } else {
+            validity += &format!("<{name}>{value}</{name}>");
+        }
+    }
+    format!(
+        "<Dimap_Document><METADATA_PROFILE>PHR_SENSOR</METADATA_PROFILE><Global_RFM><Inverse_Model>{model}\
+         </Inverse_Model><RFM_Validity>{validity}</RFM_Validity></Global_RFM></Dimap_Document>"
+    )
+}
+
+#[test]
+fn orthorectified_images_are_told_apart() {
+    let folder = two_views();
+    let grid = |west: f64| satgs::raster::MapGrid {
+        epsg: 32631,
+        west,
+        north: 4_792_000.0,
+        cell: 0.5,
+        width: 64,
+        height: 64,
+    };
+    let ortho = satgs::raster::Cog { grid: grid(700_000.0), metadata: &[] };
+    let path = folder.path().join("ortho.tif");
+    ortho.write_u8(&path, vec![(0..64 * 64).map(|i| (i % 251) as u8).collect()], None).unwrap();
+    let (code, said) = info(folder.path(), &[]);
+    assert!(code == Some(0) && said.contains("ortho.tif` is a map without an RPC, it is left out"), "{said}");
+    std::fs::write(folder.path().join("ortho_RPC.TXT"), to_text(&camera(5.44, 0.2))).unwrap();
+    let error = "ortho.tif` is orthorectified: it has a map projection, and its RPC sees that place";
+    refused(folder.path(), &[], error, "take the sensor");
 }
 
 #[test]
@@ -119,6 +249,120 @@ fn tiff_header(width: u32, height: u32) -> Vec<u8> {
     }
     bytes.resize(1024, 0);
     bytes
+}
+
+/// A raster of any type with a camera beside it.
+fn raster<T: gdal::raster::GdalType + Copy>(
+    path: &Path,
+    bands: usize,
+    rpc: &satgs::rpc::Rpc,
+    value: impl Fn(usize) -> T,
+) {
+    let driver = gdal::DriverManager::get_driver_by_name("GTiff").unwrap();
+    let dataset = driver.create_with_band_type::<T, _>(path, 64, 64, bands).unwrap();
+    for band in 1..=bands {
+        let data = (0..64 * 64).map(|i| value(i * band)).collect();
+        let mut buffer = gdal::raster::Buffer::new((64, 64), data);
+        dataset.rasterband(band).unwrap().write((0, 0), (64, 64), &mut buffer).unwrap();
+    }
+    dataset.close().unwrap();
+    std::fs::write(path.with_extension("rpb"), to_rpb(rpc)).unwrap();
+}
+
+#[test]
+fn n17_pixels_of_every_type_become_colours() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let rpc = |lean| camera(5.44, lean);
+    raster(&at("float.tif"), 1, &rpc(0.1), |i| if i == 7 { f32::NAN } else { (i % 1000) as f32 / 1000.0 });
+    raster(&at("bits11.tif"), 1, &rpc(0.2), |i| (i % 2047) as u16);
+    raster(&at("signed.tif"), 1, &rpc(0.3), |i| (i % 500) as i16 - 250);
+    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
+    for view in &scene.views {
+        let plane = view.read_gray().unwrap();
+        let valid: Vec<f32> = plane.data.iter().copied().filter(|v| v.is_finite()).collect();
+        assert_eq!(valid.len(), 64 * 64 - usize::from(view.name == "float"), "{}", view.name);
+        let (low, high) = valid.iter().fold((1.0f32, 0.0f32), |(l, h), v| (l.min(*v), h.max(*v)));
+        assert!(low == 0.0 && high == 1.0, "{}: {low} {high}", view.name);
+    }
+}
+
+#[test]
+fn n18_images_of_many_bands() {
+    let folder = tempfile::tempdir().unwrap();
+    raster(&folder.path().join("msi.tif"), 8, &camera(5.44, 0.1), |i| (i % 999) as u16);
+    raster(&folder.path().join("pan.tif"), 1, &camera(5.44, 0.3), |i| (i % 999) as u16);
+    let (code, said) = info(folder.path(), &[]);
+    assert!(
+        code == Some(0) && said.contains("--bands R,G,B chooses (WorldView-3's eight: 5,3,2): msi (8)"),
+        "{said}"
+    );
+    let (_, said) = info(folder.path(), &["--bands", "5,3,2"]);
+    assert!(!said.contains("first bands"), "{said}");
+    refused(
+        folder.path(),
+        &["--bands", "5,3,9"],
+        "msi.tif` has 8 bands, band 9 was asked for",
+        "counts from 1",
+    );
+    let (code, said) = info(folder.path(), &["--bands", "5,3"]);
+    assert!(code == Some(2) && said.contains("neither one band nor three"), "{said}");
+    let options =
+        satgs::scene::ReadOptions { bands: vec![5, 3, 2], stretch_percent: Some(2.0), ..Default::default() };
+    let scene = satgs::scene::read(folder.path(), &options).unwrap();
+    let colors = scene.views[0].read_colors().unwrap();
+    assert_eq!((colors.len(), scene.views[1].read_colors().unwrap().len()), (3, 1));
+    let saturated = colors.iter().flat_map(|p| &p.data).filter(|v| **v == 0.0).count() as f64;
+    assert!((saturated / (3.0 * 4096.0) - 0.02).abs() < 0.005, "{saturated}");
+}
+
+#[test]
+fn n22_areas_that_cannot_be() {
+    let folder = two_views();
+    for (area, error) in [
+        ("5.44,43.26,5.44,43.27", "the area is empty (0 x 1112 m)"),
+        ("5,43,7,43.1", "is too large, at most 100 km a side"),
+        ("43.26,105.44,43.27,105.45", "is no place on Earth; are the axes swapped?"),
+        ("5.44,43.26,5.45", "cannot be read"),
+    ] {
+        refused(folder.path(), &["--aoi", area], error, "");
+    }
+}
+
+#[test]
+fn n23_scenes_across_the_antimeridian_and_beyond_utm() {
+    let folder = tempfile::tempdir().unwrap();
+    let put =
+        |name: &str, seed, lon, lean| image(&folder.path().join(name), seed, Some(&camera(lon, lean)), &[]);
+    put("a.tif", 1, 179.9999, 0.2);
+    put("b.tif", 2, -179.9999, -0.2);
+    let (code, said) = info(folder.path(), &[]);
+    assert_eq!(code, Some(0), "{said}");
+    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
+    let overlap = scene.overlap().unwrap();
+    assert!(overlap.common_m2 > 500.0, "{overlap:?}");
+    let mut c = satgs::rpc::RpcCoefficients::from(camera(5.44, 0.2));
+    c.lat.offset = 86.0;
+    let polar = satgs::rpc::Rpc::new(c).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    image(&folder.path().join("polar.tif"), 1, Some(&polar), &[]);
+    refused(folder.path(), &[], "86", "");
+}
+
+#[test]
+fn n24_heights_below_the_sea_and_on_everest_are_heights() {
+    for height in [-430.0, 8849.0] {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, seed, lean) in [("a.tif", 1, 0.2), ("b.tif", 2, -0.2)] {
+            let mut c = satgs::rpc::RpcCoefficients::from(camera(5.44, lean));
+            c.height.offset = height;
+            let rpc = satgs::rpc::Rpc::new(c).unwrap();
+            image(&folder.path().join(name), seed, Some(&rpc), &[]);
+        }
+        let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
+        assert_eq!(scene.height_range(), (height - 50.0, height + 50.0));
+        assert_eq!(info(folder.path(), &[]).0, Some(0));
+    }
 }
 
 #[test]
@@ -173,6 +417,41 @@ fn n21_suns_and_dates() {
 }
 
 #[test]
+fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
+    let folder = two_views();
+    let dem = tempfile::tempdir().unwrap();
+    let path = dem.path().join("dem.tif");
+    let grid = satgs::raster::MapGrid {
+        epsg: 32631,
+        west: 697_900.0,
+        north: 4_793_000.0,
+        cell: 10.0,
+        width: 60,
+        height: 300,
+    };
+    let plane = satgs::raster::Plane::from_fn(60, 300, |_, row| 80.0 + row as f32 * 0.1);
+    satgs::raster::Cog { grid, metadata: &[] }.write_f32(&path, &[&plane], "m").unwrap();
+    let (scene, run) = (folder.path().to_str().unwrap(), dem.path().join("run"));
+    let ba = |more: &[&str]| {
+        let args =
+            [&["ba", scene, "-o", run.to_str().unwrap(), "--dem", path.to_str().unwrap()], more].concat();
+        let out = satgs(&args);
+        (out.status.code(), String::from_utf8(out.stderr).unwrap())
+    };
+    let (code, said) = ba(&[]);
+    assert!(code == Some(2) && said.contains("dem.tif` does not say what its heights count from"), "{said}");
+    assert!(said.contains("hint: --dem-vertical ellipsoid"), "{said}");
+    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
+    let vertical = satgs::scene::Vertical::Ellipsoid;
+    let (low, high) = scene.heights_from_dem(&path, Some(&vertical)).unwrap();
+    assert!(60.0 < low && low < high && high < 190.0, "{low} {high}");
+    let far = satgs::raster::MapGrid { west: 600_000.0, ..grid };
+    satgs::raster::Cog { grid: far, metadata: &[] }.write_f32(&path, &[&plane], "m").unwrap();
+    let error = scene.heights_from_dem(&path, Some(&vertical)).unwrap_err().to_string();
+    assert!(error.contains("has no heights where the views look"), "{error}");
+}
+
+#[test]
 fn n34_paths() {
     let folder = tempfile::tempdir().unwrap();
     let odd = folder.path().join("a b: é'");
@@ -220,7 +499,7 @@ fn folders_of_rpc_files_are_chosen_by_name() {
     for (name, lean) in [("a", 0.2), ("b", -0.2)] {
         image(&at(&format!("images/{name}.tif")), name.as_bytes()[0].into(), None, &[]);
         let tags = ViewTags { size: Some((64, 64)), ..ViewTags::default() };
-        let json = to_json(&RpcFile { rpc: camera(5.44, lean), tags });
+        let json = to_json(&camera(5.44, lean), &tags);
         for folder in ["rpcs_raw", "rpcs_ba", "truth"] {
             std::fs::write(at(&format!("{folder}/{name}.json")), &json).unwrap();
         }
@@ -228,7 +507,7 @@ fn folders_of_rpc_files_are_chosen_by_name() {
     std::fs::write(at("rpcs_raw/test.txt"), "b.json\r\n").unwrap();
     refused(scene.path(), &[], "has several folders of RPC files: rpcs_ba, rpcs_raw", "--rpcs NAME");
     refused(scene.path(), &["--rpcs", "rpcs"], "has no folder `rpcs`", "rpcs_ba, rpcs_raw");
-    let options = satgs::scene::ReadOptions { rpcs: Some("rpcs_raw".into()), suns: Vec::new() };
+    let options = satgs::scene::ReadOptions { rpcs: Some("rpcs_raw".into()), ..Default::default() };
     let read = satgs::scene::read(scene.path(), &options).unwrap();
     let train: Vec<&str> = read.training().map(|v| v.name.as_str()).collect();
     assert_eq!((read.views.len(), train), (2, vec!["a"]));

@@ -10,7 +10,7 @@ use satgs::scene::{ReadOptions, default_aoi, read};
 #[test]
 fn jax_068_has_17_training_views_and_its_three_view_ground_holds_the_truth() {
     let Some(data) = common::data_dir() else { return };
-    let options = ReadOptions { rpcs: Some("rpcs_raw".into()), suns: Vec::new() };
+    let options = ReadOptions { rpcs: Some("rpcs_raw".into()), ..Default::default() };
     let scene = read(&data.join("jax068"), &options).unwrap();
     assert_eq!((scene.views.len(), scene.training().count()), (19, 17));
     assert_eq!(scene.warnings, Vec::<String>::new());

@@ -27,6 +27,10 @@ pub enum FitError {
     #[error("the RPC cannot be inverted over the image")]
     #[diagnostic(help("does the RPC belong to this image?"))]
     Localize(#[from] LocalizeError),
+    /// A place outside UTM.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Place(#[from] crate::frame::FrameError),
     /// No heights, or a camera that looks along the ground.
     #[error("the image's volume is degenerate: heights {low_m} to {high_m} m")]
     Degenerate {

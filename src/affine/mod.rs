@@ -4,8 +4,10 @@
 //! above the site's origin) moves by `-shear * z` pixels. The site's origin is the pivot. Third image coordinate
 //! is the altitude itself, whatever the camera.
 
+mod approximation;
 mod camera;
 mod fit;
 
+pub use approximation::{GroundBox, Order, Residual, residual};
 pub use camera::{AffineCamera, sun_direction};
 pub use fit::{AffineFit, FitError, fit};

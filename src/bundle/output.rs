@@ -5,7 +5,7 @@ use super::report::Report;
 use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::raster::{RasterError, write_atomically};
 use crate::rpc::Rpc;
-use crate::rpc::formats::{self, RpcFile, ViewTags};
+use crate::rpc::formats::{self, ViewTags};
 use crate::scene::{Scene, View};
 use las::{Builder, Reader, Transform, Vector, Writer};
 use std::path::Path;
@@ -42,7 +42,7 @@ impl Adjustment {
     pub fn write(&self, folder: &Path, scene: &Scene) -> Result<(), BundleError> {
         for (name, rpc) in &self.cameras {
             let Some(view) = scene.views.iter().find(|v| v.name == *name) else { continue };
-            let json = formats::to_json(&RpcFile { rpc: rpc.clone(), tags: tags(view) });
+            let json = formats::to_json(rpc, &tags(view));
             let rpcs = folder.join("rpcs");
             write_text(&rpcs.join(format!("{name}.json")), &json)?;
             write_text(&rpcs.join(format!("{name}_RPC.TXT")), &formats::to_text(rpc))?;
@@ -118,6 +118,7 @@ fn tags(view: &View) -> ViewTags {
         sun_deg: view.sun.map(|s| (s.azimuth_deg, s.elevation_deg)),
         acquired: view.acquired.clone(),
         height_range: view.height_range,
+        ..ViewTags::default()
     }
 }
 

@@ -5,7 +5,7 @@ use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::train::write_json;
 use super::{Failure, Ui};
 use crate::bundle::{Options, adjust};
-use crate::scene::Scene;
+use crate::scene::{Scene, Vertical};
 use std::path::{Path, PathBuf};
 
 /// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, RUN/ba/points.laz, RUN/ba/report.json
@@ -23,6 +23,12 @@ pub struct Args {
     /// Lowest and highest height to search, metres above the ellipsoid [default: what the images' metadata tell]
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_range, allow_hyphen_values = true)]
     height_range: Option<(f64, f64)>,
+    /// Elevation model that tells the heights to search, from 20 m below its lowest to 80 m above its highest
+    #[arg(long, value_name = "FILE", conflicts_with = "height_range")]
+    dem: Option<PathBuf>,
+    /// What the model's heights count from: `ellipsoid`, or a geoid grid (.gtx, .tif of PROJ) [default: what it says]
+    #[arg(long, value_name = "ellipsoid|GRID", requires = "dem")]
+    dem_vertical: Option<String>,
     /// Leave the RPCs as they are: only tracks, points and the report
     #[arg(long)]
     fixed: bool,
@@ -48,7 +54,14 @@ impl Args {
         self.overwrite
     }
 
-    fn fingerprint(&self, scene: &Scene) -> Fingerprint {
+    /// The heights to search: the user's, else the elevation model's.
+    fn heights(&self, scene: &Scene) -> Result<Option<(f64, f64)>, Failure> {
+        let Some(dem) = &self.dem else { return Ok(self.height_range) };
+        let vertical = self.dem_vertical.as_deref().map(Vertical::read).transpose()?;
+        Ok(Some(scene.heights_from_dem(dem, vertical.as_ref())?))
+    }
+
+    fn fingerprint(&self, scene: &Scene, heights: Option<(f64, f64)>) -> Fingerprint {
         let images = scene.views.iter().map(|v| (format!("image {}", v.name), hash_file(&v.image)));
         let mut out: Fingerprint = images.collect();
         // Paths may move; what is in the files may not.
@@ -56,7 +69,7 @@ impl Args {
         content.views.iter_mut().for_each(|v| v.image = PathBuf::new());
         let text = serde_json::to_string(&content).unwrap_or_default();
         out.insert("cameras, suns, roles".into(), hash(text.as_bytes()));
-        out.insert("--height-range".into(), format!("{:?}", self.height_range));
+        out.insert("--height-range".into(), format!("{heights:?}"));
         out.insert("--fixed".into(), self.fixed.to_string());
         out
     }
@@ -64,20 +77,21 @@ impl Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    let scene = args.scene.read(ui)?;
+    let scene = args.scene.read(args.height_range, ui)?;
+    let heights = args.heights(&scene)?;
     refuse_output_inside(&args.output, args.scene.path())?;
     let stage = Stage::new(
         &args.output,
         "ba",
         &["scene.json", "ba/report.json", "ba/points.laz"],
-        args.fingerprint(&scene),
+        args.fingerprint(&scene, heights),
     );
     if stage.is_done(args.overwrite)? {
         ui.note(&format!("`{}` is adjusted already", args.output.display()));
         return Ok(());
     }
     let started = std::time::Instant::now();
-    let options = Options { fixed: args.fixed, height_range: args.height_range };
+    let options = Options { fixed: args.fixed, height_range: heights };
     let adjustment = adjust(&scene, &options, &|e| ui.show(e))?;
     let used = Scene {
         views: scene.views.into_iter().filter(|v| adjustment.cameras.iter().any(|c| c.0 == v.name)).collect(),

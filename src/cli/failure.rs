@@ -6,6 +6,8 @@ use miette::Diagnostic;
 const FAILED: u8 = 1;
 /// Exit code of wrong input or usage.
 const WRONG_INPUT: u8 = 2;
+/// Exit code of work of which a part is done.
+const PARTIAL: u8 = 3;
 /// Exit code of work that was interrupted and can be resumed.
 pub(super) const INTERRUPTED: u8 = 130;
 
@@ -31,6 +33,18 @@ impl Failure {
     #[must_use]
     pub fn input(message: impl Into<String>, hint: impl Into<String>) -> Self {
         Self { message: message.into(), hint: Some(hint.into()), exit_code: WRONG_INPUT }
+    }
+
+    /// Work that is done but for a part.
+    #[must_use]
+    pub fn partial(message: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self { message: message.into(), hint: Some(hint.into()), exit_code: PARTIAL }
+    }
+
+    /// Whether the rest of the work is done.
+    #[must_use]
+    pub fn is_partial(&self) -> bool {
+        self.exit_code == PARTIAL
     }
 }
 

@@ -2,10 +2,11 @@
 
 use super::scene_args::SceneArgs;
 use super::{Failure, Ui};
-use crate::raster::ImageFile;
-use crate::scene::{Overlap, Role, Scene, View, angle_between_deg};
+use crate::raster::{ImageFile, Outline, write_outlines};
+use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, View, angle_between_deg};
 use serde_json::{Value, json};
 use std::fmt::Write;
+use std::path::PathBuf;
 
 /// Pairs listed when there are too many views for a matrix.
 const LISTED_PAIRS: usize = 5;
@@ -19,15 +20,36 @@ const GOOD_CONVERGENCE_DEG: f64 = 20.0;
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
+    /// Write the footprints at the middle height: GeoJSON, or a GeoPackage if FILE ends in .gpkg
+    #[arg(long, value_name = "FILE")]
+    footprints: Option<PathBuf>,
+    /// Write a picture: footprints, and satellites (blue) and suns (orange) on the sky, north up, zenith in the middle
+    #[arg(long, value_name = "FILE.png")]
+    skyplot: Option<PathBuf>,
+    /// Replace files that exist
+    #[arg(long)]
+    overwrite: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    let scene = args.scene.read(ui)?;
+    for file in [&args.footprints, &args.skyplot].into_iter().flatten() {
+        if file.exists() && !args.overwrite {
+            return Err(Failure::input(format!("`{}` exists", file.display()), "--overwrite replaces it"));
+        }
+    }
+    let scene = args.scene.read(None, ui)?;
     let overlap = scene.overlap()?;
     let rows = scene.views.iter().map(|v| Row::new(v, overlap.height_m)).collect::<Result<Vec<_>, _>>()?;
     let pairs = Pairs::new(&rows);
-    let text = [table(&rows), pairs.text(&rows), ground(&scene, &overlap)].join("\n");
+    let order = format!("of several RPCs the first counts: {RPC_ORDER}\n");
+    let text = [table(&rows) + &order, pairs.text(&rows), ground(&scene, &overlap)].join("\n");
+    if let Some(file) = &args.footprints {
+        write_outlines(file, "footprints", &outlines(&rows, overlap.height_m))?;
+    }
+    if let Some(file) = &args.skyplot {
+        scene.write_skyplot(file)?;
+    }
     ui.summary("info", &text, summary(&scene, &rows, &pairs, &overlap));
     Ok(scene.require_shared_ground()?)
 }
@@ -70,6 +92,27 @@ impl<'a> Row<'a> {
             format!("{} ({low:.0} to {high:.0} m)", v.rpc_source),
         ]
     }
+}
+
+/// Footprints with what the table says in numbers.
+fn outlines(rows: &[Row], height_m: f64) -> Vec<Outline> {
+    let outline = |r: &Row| {
+        let sun = |angle: fn(Sun) -> f64| r.view.sun.map_or(f64::NAN, angle);
+        let direction = |k: fn((f64, f64)) -> f64| r.direction_deg.map_or(f64::NAN, k);
+        Some(Outline {
+            name: r.view.name.clone(),
+            ring: r.view.footprint(height_m)?.map(|p| (p.lon_deg(), p.lat_deg())).to_vec(),
+            numbers: vec![
+                ("height_m", height_m),
+                ("off_nadir_deg", direction(|d| d.1)),
+                ("azimuth_deg", direction(|d| d.0)),
+                ("sun_azimuth_deg", sun(|s| s.azimuth_deg)),
+                ("sun_elevation_deg", sun(|s| s.elevation_deg)),
+                ("gsd_m", r.gsd_m.map_or(f64::NAN, |(c, r)| (c * r).sqrt())),
+            ],
+        })
+    };
+    rows.iter().filter_map(outline).collect()
 }
 
 fn table(rows: &[Row]) -> String {

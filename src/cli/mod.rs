@@ -9,6 +9,7 @@ mod ba;
 mod dsm;
 mod dsm_eval;
 mod info;
+mod rpc;
 mod run;
 mod scene_args;
 mod simulate;
@@ -59,6 +60,7 @@ pub struct Common {
 enum Command {
     Simulate(simulate::Args),
     Info(info::Args),
+    Rpc(rpc::Args),
     Ba(ba::Args),
     Train(train::Args),
     Dsm(dsm::Args),
@@ -82,6 +84,7 @@ pub fn main() -> std::process::ExitCode {
     let result = ui.set_up().and_then(|()| match &cli.command {
         Command::Simulate(args) => simulate::run(args, &ui),
         Command::Info(args) => info::run(args, &ui),
+        Command::Rpc(args) => rpc::run(args, &ui),
         Command::Ba(args) => ba::run(args, &ui),
         Command::Train(args) => train::run(args, &ui),
         Command::Dsm(args) => dsm::run(args, &ui),
@@ -94,6 +97,9 @@ pub fn main() -> std::process::ExitCode {
             std::process::ExitCode::SUCCESS
         }
         Err(failure) => {
+            if failure.is_partial() {
+                ui.finish_json();
+            }
             ui.report(&failure);
             std::process::ExitCode::from(failure.exit_code)
         }

@@ -2,14 +2,14 @@
 
 use super::{Failure, Ui};
 use crate::event::Event;
-use crate::scene::{self, ReadOptions, Scene, Sun};
+use crate::scene::{self, Aoi, ReadOptions, Scene, SceneError, Sun};
 use std::path::{Path, PathBuf};
 
 /// A scene and how to read it.
 #[derive(clap::Args, Clone, Debug)]
 pub struct SceneArgs {
-    /// Folder of images with RPCs (in the file, or NAME_RPC.TXT or NAME.json beside it), or a folder with
-    /// `images/` and folders of RPC files
+    /// Folder of images with RPCs (in the file, or beside it as their vendor ships them), a folder with `images/` and
+    /// folders of RPC files, or a list: TOML with `[[view]]` tables, a STAC Item or ItemCollection
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
     /// Folder of RPC files beside `images/`, when there are several
@@ -18,7 +18,21 @@ pub struct SceneArgs {
     /// Sun of a view, azimuth clockwise from north and elevation in degrees; repeatable
     #[arg(long = "sun", value_name = "NAME=AZ,EL", value_parser = parse_sun)]
     pub suns: Vec<(String, Sun)>,
+    /// Area of interest in degrees, or a GeoJSON file with a polygon; images are read only where they may show it
+    /// [default: what at least three views see]
+    #[arg(long, value_name = "W,S,E,N|FILE", allow_hyphen_values = true)]
+    pub aoi: Option<String>,
+    /// Bands to use, counted from 1: three as red, green, blue, or one [default: the first three]
+    #[arg(long, value_name = "R,G,B", value_parser = parse_bands)]
+    pub bands: Option<Bands>,
+    /// Percent of pixels cut off at each end of the values [default: 0.5, none for 8-bit images]
+    #[arg(long, value_name = "PERCENT", value_parser = parse_percent)]
+    pub stretch: Option<f64>,
 }
+
+/// Bands of `--bands`.
+#[derive(Clone, Debug, Default)]
+pub struct Bands(Vec<usize>);
 
 impl SceneArgs {
     /// Where the scene lies.
@@ -27,14 +41,40 @@ impl SceneArgs {
     }
 
     /// Reads the scene and shows its warnings.
-    pub fn read(&self, ui: &Ui) -> Result<Scene, Failure> {
-        let options = ReadOptions { rpcs: self.rpcs.clone(), suns: self.suns.clone() };
+    pub fn read(&self, height_range: Option<(f64, f64)>, ui: &Ui) -> Result<Scene, Failure> {
+        let options = ReadOptions {
+            rpcs: self.rpcs.clone(),
+            suns: self.suns.clone(),
+            aoi: self.aoi.as_deref().map(read_aoi).transpose()?,
+            height_range,
+            bands: self.bands.clone().unwrap_or_default().0,
+            stretch_percent: self.stretch,
+        };
         let scene = scene::read(&self.scene, &options)?;
         for warning in &scene.warnings {
             ui.show(Event::Warning(warning.clone()));
         }
         Ok(scene)
     }
+}
+
+fn read_aoi(text: &str) -> Result<Aoi, SceneError> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|w| w.trim().parse().ok()).collect();
+    match numbers.and_then(|n| n.try_into().ok()) {
+        Some(area) => Aoi::from_box(area),
+        None => Aoi::from_geojson(Path::new(text)),
+    }
+}
+
+fn parse_bands(text: &str) -> Result<Bands, String> {
+    let bands: Option<Vec<usize>> = text.split(',').map(|w| w.trim().parse().ok()).collect();
+    let wrong = || format!("`{text}` is neither one band nor three, counted from 1");
+    bands.filter(|b| [1, 3].contains(&b.len()) && !b.contains(&0)).map(Bands).ok_or_else(wrong)
+}
+
+fn parse_percent(text: &str) -> Result<f64, String> {
+    let percent = text.parse().ok().filter(|p| (0.0..50.0).contains(p));
+    percent.ok_or_else(|| format!("`{text}` is no percentage from 0 to 50"))
 }
 
 fn parse_sun(text: &str) -> Result<(String, Sun), String> {

@@ -1,8 +1,11 @@
 //! Reading: any GDAL raster, its bands, its metadata, its place on the map.
 
 use super::{MapGrid, Plane, RasterError};
+use crate::frame::{CornerPx, Pixel};
 use gdal::raster::GdalDataType;
-use gdal::{Dataset, DatasetOptions, Metadata};
+use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
+use gdal::{Dataset, Metadata};
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 
@@ -14,7 +17,7 @@ const SMALL_IS_SUSPECT_PIXELS: u64 = 1 << 24;
 /// An opened raster file.
 pub struct ImageFile {
     path: PathBuf,
-    dataset: Dataset,
+    pub(super) dataset: Dataset,
 }
 
 /// One band's properties.
@@ -24,6 +27,19 @@ pub struct Band {
     pub is_byte: bool,
     /// The value that stands for no data.
     pub nodata: Option<f64>,
+}
+
+/// A rectangle of an image's pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Window {
+    /// First column.
+    pub col: usize,
+    /// First row.
+    pub row: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
 }
 
 /// GDAL's messages come back in errors; on stderr they would only confuse.
@@ -93,9 +109,19 @@ impl ImageFile {
     /// # Errors
     /// [`RasterError::NoBand`], or [`RasterError::Read`] for a file cut short.
     pub fn read(&self, index: usize) -> Result<Plane, RasterError> {
+        let (width, height) = self.size();
+        self.read_window(index, Window { col: 0, row: 0, width, height })
+    }
+
+    /// As [`ImageFile::read`], of a window only.
+    ///
+    /// # Errors
+    /// As [`ImageFile::read`].
+    pub fn read_window(&self, index: usize, window: Window) -> Result<Plane, RasterError> {
+        let Window { col, row, width, height } = window;
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
         let mut data = band
-            .read_band_as::<f32>()
+            .read_as::<f32>((col as isize, row as isize), (width, height), (width, height), None)
             .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })?
             .into_shape_and_vec()
             .1;
@@ -107,7 +133,6 @@ impl ImageFile {
                 }
             }
         }
-        let (width, height) = self.size();
         Ok(Plane { width, height, data })
     }
 
@@ -122,22 +147,6 @@ impl ImageFile {
     pub fn metadata_domain(&self, domain: &str) -> Vec<(String, String)> {
         let lines = self.dataset.metadata_domain(domain).unwrap_or_default();
         lines.iter().filter_map(|l| l.split_once('=')).map(|(k, v)| (k.into(), v.into())).collect()
-    }
-
-    /// As [`ImageFile::metadata_domain`], of the file alone (and its `.aux.xml`): GDAL's other sidecars, which
-    /// it prefers to what the file itself holds, are not looked at.
-    #[must_use]
-    pub fn own_metadata_domain(&self, domain: &str) -> Vec<(String, String)> {
-        let Some(name) = self.path.file_name().and_then(|n| n.to_str()) else {
-            return self.metadata_domain(domain);
-        };
-        let auxiliary = format!("{name}.aux.xml");
-        let siblings = [name, auxiliary.as_str()];
-        let has_auxiliary = self.path.with_file_name(&auxiliary).is_file();
-        let siblings = &siblings[..if has_auxiliary { 2 } else { 1 }];
-        let options = DatasetOptions { sibling_files: Some(siblings), ..DatasetOptions::default() };
-        let Ok(dataset) = Dataset::open_ex(&self.path, options) else { return Vec::new() };
-        Self { path: self.path.clone(), dataset }.metadata_domain(domain)
     }
 
     /// Reads the last pixel of the last band, which a file cut short no longer has.
@@ -161,10 +170,45 @@ impl ImageFile {
         told.unwrap_or_else(stored)
     }
 
-    /// Whether the file has a geotransform, as orthorectified images do.
+    /// Whether the file has a geotransform and a CRS.
     #[must_use]
     pub fn has_geotransform(&self) -> bool {
         self.dataset.geo_transform().is_ok() && !self.dataset.projection().is_empty()
+    }
+
+    /// Whether the raster is a map, as orthorectified images are: north-up in a CRS.
+    ///
+    /// A rough place of a sensor image, as the corners in a NITF's header give, is turned and no map.
+    #[must_use]
+    pub fn is_map(&self) -> bool {
+        let north_up = self.dataset.geo_transform().is_ok_and(|t| t[2] == 0.0 && t[4] == 0.0);
+        north_up && self.has_geotransform()
+    }
+
+    /// Longitude and latitude of an image position, in degrees; none for an image that is no map.
+    #[must_use]
+    pub fn lon_lat(&self, px: Pixel<CornerPx>) -> Option<(f64, f64)> {
+        let t = self.is_map().then(|| self.dataset.geo_transform().ok())??;
+        let (mut x, mut y) = ([t[0] + t[1] * px.col], [t[3] + t[5] * px.row]);
+        let (from, to) = (self.dataset.spatial_ref().ok()?, SpatialRef::from_epsg(4326).ok()?);
+        transform(from, to, &mut x, &mut y)?;
+        Some((x[0], y[0]))
+    }
+
+    /// The image position of a longitude and latitude in degrees; none for an image that is no map.
+    #[must_use]
+    pub fn px_of_lon_lat(&self, lon_deg: f64, lat_deg: f64) -> Option<Pixel<CornerPx>> {
+        let t = self.is_map().then(|| self.dataset.geo_transform().ok())??;
+        let (mut x, mut y) = ([lon_deg], [lat_deg]);
+        let (from, to) = (SpatialRef::from_epsg(4326).ok()?, self.dataset.spatial_ref().ok()?);
+        transform(from, to, &mut x, &mut y)?;
+        Some(Pixel::new((x[0] - t[0]) / t[1], (y[0] - t[3]) / t[5]))
+    }
+
+    /// The geotransform of a north-up raster in degrees.
+    pub(super) fn degrees_grid(&self) -> Option<[f64; 6]> {
+        let is_geographic = self.dataset.spatial_ref().is_ok_and(|s| s.is_geographic());
+        (self.is_map() && is_geographic).then(|| self.dataset.geo_transform().ok())?
     }
 
     /// The raster's place on the map.
@@ -192,4 +236,11 @@ impl ImageFile {
     fn no_band(&self, asked: usize) -> RasterError {
         RasterError::NoBand { path: self.path.clone(), found: self.bands(), asked }
     }
+}
+
+/// Transforms coordinates in place, x east and y north whatever the authority's order.
+fn transform(mut from: SpatialRef, mut to: SpatialRef, x: &mut [f64], y: &mut [f64]) -> Option<()> {
+    from.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+    to.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+    CoordTransform::new(&from, &to).ok()?.transform_coords(x, y, &mut []).ok()
 }

@@ -1,14 +1,18 @@
 //! GDAL in and out: reading bands and metadata, writing Cloud-Optimized GeoTIFFs and PNGs.
 
 mod file;
+mod geoid;
 mod grid;
 mod plane;
+mod vector;
 mod write;
 
-pub use file::{Band, ImageFile};
+pub use file::{Band, ImageFile, Window};
+pub use geoid::Geoid;
 pub use grid::MapGrid;
 pub use plane::Plane;
-pub use write::{Cog, SensorImage, write_atomically, write_png_gray, write_png_rgb};
+pub use vector::{Outline, write_outlines};
+pub use write::{Cog, SensorImage, write_atomically, write_png_gray, write_png_rgb, write_with_rpc};
 
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! Writing: Cloud-Optimized GeoTIFFs, sensor images with an RPC tag, PNGs. A file appears whole or not at all.
 
 use super::file::quiet_gdal;
-use super::{MapGrid, Plane, RasterError};
+use super::{ImageFile, MapGrid, Plane, RasterError};
 use gdal::raster::{Buffer, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
 use gdal::vsi::get_vsi_mem_file_bytes_owned;
@@ -129,6 +129,26 @@ impl SensorImage<'_> {
             make().map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
         })
     }
+}
+
+/// Copies an image as a GeoTIFF with another RPC tag; the copy is made in memory.
+///
+/// # Errors
+/// [`RasterError`].
+pub fn write_with_rpc(image: &Path, out: &Path, rpc: &[(String, String)]) -> Result<(), RasterError> {
+    let source = ImageFile::open(image)?;
+    write_atomically(out, |temporary| {
+        let make = || -> Result<(), Box<dyn std::error::Error>> {
+            // Metadata set on the image itself would be stored beside it.
+            let vrt = DriverManager::get_driver_by_name("VRT")?;
+            let mut copy = source.dataset.create_copy(&vrt, "", &RasterCreationOptions::default())?;
+            for (key, value) in rpc {
+                copy.set_metadata_item(key, value, "RPC")?;
+            }
+            copy_as(&copy, "GTiff", temporary, &[("COMPRESS", "DEFLATE"), ("PROFILE", "GDALGeoTIFF")])
+        };
+        make().map_err(|e| RasterError::Write { path: out.into(), reason: e.to_string() })
+    })
 }
 
 fn memory_dataset<T: GdalType + Copy>(

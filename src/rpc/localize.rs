@@ -46,6 +46,15 @@ impl Rpc {
         px: Pixel<CenterPx>,
         start: Point<Geodetic>,
     ) -> Result<Point<Geodetic>, LocalizeError> {
+        self.newton(px, start, MAX_STEPS)
+    }
+
+    fn newton(
+        &self,
+        px: Pixel<CenterPx>,
+        start: Point<Geodetic>,
+        max_steps: usize,
+    ) -> Result<Point<Geodetic>, LocalizeError> {
         let c = self.coefficients();
         let residual = |q: Pixel<CenterPx>| [px.col - q.col, px.row - q.row];
         let size = |e: [f64; 2]| e[0].abs().max(e[1].abs());
@@ -57,7 +66,7 @@ impl Rpc {
         let mut point = start;
         let (seen, mut jac) = self.project_with_jacobian(point);
         let mut error = residual(seen);
-        for _ in 0..MAX_STEPS {
+        for _ in 0..max_steps {
             if size(error) < TOLERANCE_PX {
                 return Ok(point);
             }
@@ -115,6 +124,25 @@ mod tests {
             let ground = rpc.localize(px, h).unwrap();
             prop_assert!(rpc.project(ground).distance(px) < 1e-7);
             prop_assert_eq!(ground.height_m(), h);
+        }
+    }
+
+    /// The skewed frame on which the rpcm library does not converge.
+    #[test]
+    #[allow(clippy::print_stdout)]
+    fn five_steps_are_enough_for_skysat() {
+        let here = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+        let data = std::env::var_os("SATGS_DATA").map_or(here, std::path::PathBuf::from);
+        let file = data.join("rpc/rpcm/20191015_073816_ssc1d3_0011_basic_l1a_panchromatic_dn_RPC.TXT");
+        if !file.is_file() {
+            println!("skipped: no real data at {}", data.display());
+            return;
+        }
+        let rpc = crate::rpc::formats::read(&file).unwrap().rpc;
+        for height in [70.0, 90.0] {
+            let start = rpc.center().at_height(height);
+            let steps = (1..).find(|n| rpc.newton(Pixel::new(0.0, 0.0), start, *n).is_ok()).unwrap();
+            assert!(steps <= 5, "{steps} steps at {height} m");
         }
     }
 

@@ -2,12 +2,18 @@
 //!
 //! Pixel (0, 0) is the centre of the first pixel; heights are metres above the WGS 84 ellipsoid.
 
+mod batch;
+mod fit;
+mod kernel;
 mod localize;
 mod model;
 
 pub mod formats;
 
+pub use batch::{GroundBatch, PixelBatch};
+pub use fit::{Volume, fit};
 pub use localize::LocalizeError;
+pub(crate) use model::polynomial;
 pub use model::{Axis, Jacobian, Rpc, RpcCoefficients, RpcError};
 
 /// A made-up camera for the tests of other modules.

@@ -8,10 +8,16 @@ use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use serde::{Deserialize, Serialize};
 
 /// Number of terms of a cubic polynomial in three variables.
-const TERMS: usize = 20;
+pub(super) const TERMS: usize = 20;
 
 /// Beyond these normalised coordinates a cubic model means nothing; denominators are checked inside.
 const CHECKED_CUBE: f64 = 1.0;
+
+/// Normalised coordinates up to which a vendor vouches for the model; the files round them.
+const VALID_CUBE: f64 = 1.01;
+
+/// Normalised coordinates up to which neighbouring ground is likely to be asked for.
+const WIDE_CUBE: f64 = 1.2;
 
 /// A coordinate's normalisation: `normalised = (value - offset) / scale`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -214,6 +220,30 @@ impl Rpc {
         Self(c)
     }
 
+    /// The camera of the part of the image whose first pixel is this image's pixel `(col, row)`: exact.
+    #[must_use]
+    pub fn cropped(&self, col: usize, row: usize) -> Self {
+        self.shifted(-(col as f64), -(row as f64))
+    }
+
+    /// Whether a ground point is in the volume for which the model was made, give or take a hundredth.
+    #[must_use]
+    pub fn is_valid_at(&self, p: Point<Geodetic>) -> bool {
+        self.normalised(p).iter().all(|v| v.abs() <= VALID_CUBE)
+    }
+
+    /// The smallest denominator in a volume a fifth wider than the model's, as a share of that at its centre.
+    ///
+    /// Near zero the model has a pole there.
+    #[must_use]
+    pub fn smallest_denominator(&self) -> f64 {
+        let least = |den| {
+            let at_center = polynomial(den, [0.0; 3]);
+            grid_9(WIDE_CUBE).map(|p| polynomial(den, p) / at_center).fold(f64::INFINITY, f64::min)
+        };
+        least(&self.0.col_den).min(least(&self.0.row_den))
+    }
+
     /// The camera of an image resampled by `factor` (new size / old size), half pixel included.
     #[must_use]
     pub fn rescaled(&self, factor: f64) -> Self {
@@ -242,12 +272,14 @@ impl Rpc {
 
 /// Whether a denominator changes sign on a 9³ grid over the model's volume.
 fn has_pole(den: &[f64; TERMS]) -> bool {
-    let node = |i: i32| CHECKED_CUBE * f64::from(i - 4) / 4.0;
-    let at_center = dot(den, &monomials([0.0; 3]));
-    (0..9 * 9 * 9).any(|i| {
-        let value = dot(den, &monomials([node(i % 9), node(i / 9 % 9), node(i / 81)]));
-        value * at_center <= 0.0
-    })
+    let at_center = polynomial(den, [0.0; 3]);
+    grid_9(CHECKED_CUBE).any(|p| polynomial(den, p) * at_center <= 0.0)
+}
+
+/// The nodes of a 9³ grid over the cube of this half side.
+fn grid_9(half: f64) -> impl Iterator<Item = [f64; 3]> {
+    let node = move |i: i32| half * f64::from(i - 4) / 4.0;
+    (0..9 * 9 * 9).map(move |i| [node(i % 9), node(i / 9 % 9), node(i / 81)])
 }
 
 fn dot(c: &[f64; TERMS], m: &[f64; TERMS]) -> f64 {
@@ -261,7 +293,12 @@ fn dot(c: &[f64; TERMS], m: &[f64; TERMS]) -> f64 {
     (sum[0] + sum[1]) + (sum[2] + sum[3])
 }
 
-fn monomials([l, p, h]: [f64; 3]) -> [f64; TERMS] {
+/// A polynomial's value at normalised coordinates, its terms in RPC00B's order.
+pub(crate) fn polynomial(terms: &[f64; TERMS], place: [f64; 3]) -> f64 {
+    dot(terms, &monomials(place))
+}
+
+pub(super) fn monomials([l, p, h]: [f64; 3]) -> [f64; TERMS] {
     let (ll, pp, hh, lp, lh, ph) = (l * l, p * p, h * h, l * p, l * h, p * h);
     [
         1.0,
@@ -380,6 +417,24 @@ pub(crate) mod tests {
         assert_eq!(broken(|c| c.lat.scale = 0.0), RpcError::ZeroScale { field: "LAT_SCALE" });
         assert!(matches!(broken(|c| c.lat.offset = 145.0), RpcError::OutOfRange { field: "LAT_OFF", .. }));
         assert_eq!(broken(|c| c.col_den[1] = 3.0), RpcError::Pole { axis: "column" });
+    }
+
+    #[test]
+    fn a_crop_moves_pixels_by_its_origin() {
+        let rpc = synthetic();
+        let p = Point::new(5.4391, 43.2604, 150.0);
+        let (a, b) = (rpc.project(p), rpc.cropped(100, 7).project(p));
+        assert!((a.col - b.col - 100.0).abs() < 1e-9 && (a.row - b.row - 7.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_volume_and_its_weak_denominators_are_known() {
+        let rpc = synthetic();
+        assert!(rpc.is_valid_at(rpc.center()) && !rpc.is_valid_at(rpc.center().at_height(400.0)));
+        assert!(rpc.smallest_denominator() > 0.98);
+        let mut c = rpc.coefficients().clone();
+        c.col_den[1] = 0.9;
+        assert!(Rpc::new(c).unwrap().smallest_denominator() < 0.0);
     }
 
     #[test]

@@ -11,6 +11,8 @@ pub const LOWEST_SUN_DEG: f64 = 15.0;
 pub const FARTHEST_OFF_NADIR_DEG: f64 = 75.0;
 /// A delivered sun and the one of date and place agree better than this.
 const SUN_TOLERANCE_DEG: f64 = 5.0;
+/// A denominator below this share of its middle is on its way to a pole; whole images stay above 0.9.
+const WEAK_DENOMINATOR: f64 = 0.1;
 /// Views further apart in time show different towns.
 const LONG_TIME_YEARS: f64 = 3.0;
 
@@ -94,6 +96,14 @@ pub(super) fn warn(scene: &mut Scene) {
         }
     }
     for view in &scene.views {
+        let least = view.rpc.smallest_denominator();
+        if least < WEAK_DENOMINATOR {
+            warnings.push(format!(
+                "{}: its RPC has a pole near its volume (a denominator falls to {least:.2}): heights far from its own \
+                 are not to be trusted",
+                view.name
+            ));
+        }
         let direction = view.direction_deg(view.rpc.center().height_m());
         if let Some((_, off)) = direction.filter(|d| d.1 > FARTHEST_OFF_NADIR_DEG) {
             warnings.push(format!("{}: it looks {off:.0}° off nadir, almost along the ground", view.name));

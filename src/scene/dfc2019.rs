@@ -3,7 +3,8 @@
 //! `test.txt` in such a folder lists views that are not trained on, one `NAME.json` a line; where there is a
 //! `train.txt`, only views it lists are trained on.
 
-use super::source::{files_in, images_in, sidecar_of, stem, view};
+use super::sidecar::{Sidecars, camera_of};
+use super::source::{files_in, images_in, stem, view};
 use super::{Role, SceneError, View};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -22,7 +23,7 @@ pub(super) fn rpc_folders(scene: &Path) -> Result<Vec<String>, SceneError> {
         }
         // A folder that may not be read is no candidate; chosen by name, it is an error.
         let listing = files_in(&folder).unwrap_or_default();
-        if images.iter().any(|i| sidecar_of(&stem(i), &listing).is_some()) {
+        if images.iter().any(|i| camera_of(&stem(i), &listing).is_some()) {
             found.push(name);
         }
     }
@@ -40,12 +41,12 @@ pub(super) fn read(scene: &Path, rpcs: &str, warnings: &mut Vec<String>) -> Resu
     let (mut views, mut without) = (Vec::new(), Vec::new());
     for image in &images {
         let name = stem(image);
-        let Some(file) = sidecar_of(&name, &listing) else {
+        let Some(file) = camera_of(&name, &listing) else {
             without.push(name);
             continue;
         };
         // The tag of a delivered image differs from a corrected RPC: that is what the folder is for.
-        if let Some(mut view) = view(image, Some(&file), &mut Vec::new())? {
+        if let Some(mut view) = view(image, &Sidecars::only(file), &mut Vec::new())? {
             view.role = roles.of(&name);
             view.rpc_source = format!("{rpcs}/{}", view.rpc_source);
             views.push(view);

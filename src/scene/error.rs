@@ -22,7 +22,9 @@ pub enum SceneError {
     },
     /// A file where a folder is expected.
     #[error("scene `{path}` is a file, a folder is expected")]
-    #[diagnostic(help("give the folder that holds the images"))]
+    #[diagnostic(help(
+        "give the folder that holds the images, or a list of views: TOML, STAC JSON (`satgs info --help`)"
+    ))]
     NotAFolder {
         /// The path given.
         path: PathBuf,
@@ -46,6 +48,32 @@ pub enum SceneError {
         path: PathBuf,
         /// What it looks like instead.
         what: &'static str,
+    },
+    /// A map-projected image with the RPC of the image it was made from.
+    #[error(
+        "`{path}` is orthorectified: it has a map projection, and its RPC sees that place {distance_px:.0} px away"
+    )]
+    #[diagnostic(help(
+        "an RPC belongs to the sensor image: take the sensor (basic, primary, level 1) or ortho-ready product"
+    ))]
+    Ortho {
+        /// The image.
+        path: PathBuf,
+        /// Distance between the image's centre and where its RPC sees it, pixels.
+        distance_px: f64,
+    },
+    /// A part of a product, without the file that says which.
+    #[error("`{path}` is tile R{row}C{col} of a mosaic, and nothing beside it tells the tiles' size")]
+    #[diagnostic(help(
+        "put the product's DIM_*.XML beside it, or make one image of the tiles with `gdalbuildvrt`"
+    ))]
+    TileOfMosaic {
+        /// The image.
+        path: PathBuf,
+        /// Row of the tile, from 1.
+        row: usize,
+        /// Column of the tile, from 1.
+        col: usize,
     },
     /// Several folders of JSON files and none chosen.
     #[error("`{path}` has several folders of RPC files: {}", folders.join(", "))]
@@ -164,6 +192,83 @@ pub enum SceneError {
         source_file: String,
         /// Ellipsoidal height tried.
         height_m: f64,
+    },
+    /// An area of interest that cannot be.
+    #[error("area of interest: {reason}")]
+    #[diagnostic(help(
+        "an area is WEST,SOUTH,EAST,NORTH in degrees, or a GeoJSON file with a polygon in lon/lat"
+    ))]
+    Area {
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// An area that no view sees.
+    #[error("no view sees the area ({area}); the first sees {footprint}")]
+    #[diagnostic(help(
+        "`satgs info` without the area lists the footprints; a cropped image needs an RPC moved with the crop"
+    ))]
+    AreaNotSeen {
+        /// The area.
+        area: String,
+        /// Where the first view looks.
+        footprint: String,
+    },
+    /// An elevation model of unknown vertical reference.
+    #[error("`{path}` does not say what its heights count from")]
+    #[diagnostic(help(
+        "--dem-vertical ellipsoid, or the geoid grid it belongs to (SRTM and Copernicus: EGM96, EGM2008), as PROJ ships them: --dem-vertical egm96_15.gtx"
+    ))]
+    Vertical {
+        /// The elevation model.
+        path: PathBuf,
+    },
+    /// An elevation model of another place.
+    #[error("`{path}` has no heights where the views look")]
+    #[diagnostic(help("`satgs info` lists the footprints; the model must be a north-up map"))]
+    DemElsewhere {
+        /// The elevation model.
+        path: PathBuf,
+    },
+    /// A list of views that cannot be read.
+    #[error("`{path}`: {reason}")]
+    #[diagnostic(help(
+        "a scene file is TOML with `[[view]]` tables (image, rpc, name, sun = [azimuth, elevation], acquired, mask, test) and `aoi`, or a STAC Item or ItemCollection in JSON"
+    ))]
+    List {
+        /// The list.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A mask of another size than its image.
+    #[error("mask `{mask}` is {width} x {height} pixels, its image `{image}` is {of_width} x {of_height}")]
+    #[diagnostic(help("a mask has the size of its image; 0 is where there is none"))]
+    OtherMask {
+        /// The mask.
+        mask: PathBuf,
+        /// Its columns.
+        width: usize,
+        /// Its rows.
+        height: usize,
+        /// The image.
+        image: PathBuf,
+        /// The image's columns.
+        of_width: usize,
+        /// The image's rows.
+        of_height: usize,
+    },
+    /// A band that an image does not have.
+    #[error("`{image}` has {found} band{}, band {asked} was asked for", if *found == 1 { "" } else { "s" })]
+    #[diagnostic(help(
+        "--bands counts from 1: three for red, green and blue, or one; `satgs info` lists the bands"
+    ))]
+    NoBand {
+        /// The image.
+        image: PathBuf,
+        /// Bands it has.
+        found: usize,
+        /// The band asked for.
+        asked: usize,
     },
     /// An RPC file cannot be used.
     #[error(transparent)]

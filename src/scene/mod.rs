@@ -1,18 +1,27 @@
 //! What a user hands in: views (image, RPC, sun, date), and the readers that find them.
 
+mod aoi;
 mod checks;
+mod dem;
 mod dfc2019;
 mod error;
 mod folder;
 mod footprint;
+mod manifest;
 mod pixels;
 mod read;
+mod sidecar;
+mod skyplot;
 mod source;
 mod sun;
 mod view;
 
+pub use aoi::Aoi;
 pub use checks::{FARTHEST_OFF_NADIR_DEG, LOWEST_SUN_DEG};
+pub use dem::Vertical;
 pub use error::SceneError;
 pub use footprint::{Overlap, UtmBox, default_aoi, footprint, ground_seen, views_needed};
 pub use read::{ReadOptions, read};
+pub use sidecar::ORDER as RPC_ORDER;
+pub use source::read_camera;
 pub use view::{Role, Scene, Sun, View, angle_between_deg};

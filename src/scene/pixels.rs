@@ -1,30 +1,68 @@
 //! Pixels of a view as the stages want them: numbers in [0, 1], NaN where there is none.
 
-use super::View;
-use crate::raster::{ImageFile, Plane, RasterError};
+use super::{SceneError, View};
+use crate::raster::{ImageFile, Plane, RasterError, Window};
+use std::path::PathBuf;
 
 /// Share of pixels left out at each end when images of more than 8 bits are stretched.
 const STRETCH_TAIL: f64 = 0.005;
 
 impl View {
-    /// The view's colours: three planes in [0, 1], or one for a panchromatic image.
+    /// The view's colours: three planes in [0, 1], or one for a panchromatic image; NaN where the mask is 0.
     ///
-    /// 8-bit images are divided by 255; others are stretched linearly between their 0.5 % and 99.5 % values,
-    /// the same for every band, so that colours keep their hue.
+    /// 8-bit images are divided by 255; others, or all when a stretch is asked for, are stretched linearly between the
+    /// values below and above which the tails lie, the same for every band, so that colours keep their hue.
     ///
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
     pub fn read_colors(&self) -> Result<Vec<Plane>, RasterError> {
         let file = ImageFile::open(&self.image)?;
-        let count = if file.bands() >= 3 { 3 } else { 1 };
-        let mut planes = (1..=count).map(|b| file.read(b)).collect::<Result<Vec<_>, _>>()?;
-        let (lo, hi) = if file.band(1)?.is_byte { (0.0, 255.0) } else { stretch(&planes) };
+        let window = self.window.unwrap_or(Window { col: 0, row: 0, width: self.width, height: self.height });
+        let mut planes =
+            self.bands.iter().map(|b| file.read_window(*b, window)).collect::<Result<Vec<_>, _>>()?;
+        if let Some(mask) = &self.mask {
+            let mask = ImageFile::open(mask)?.read_window(1, window)?;
+            for plane in &mut planes {
+                for (v, m) in plane.data.iter_mut().zip(&mask.data) {
+                    // The mask's own nodata is no image either.
+                    if *m == 0.0 || m.is_nan() {
+                        *v = f32::NAN;
+                    }
+                }
+            }
+        }
+        let is_byte = file.band(self.bands[0])?.is_byte;
+        let (lo, hi) = match self.stretch_percent {
+            None if is_byte => (0.0, 255.0),
+            percent => stretch(&planes, percent.map_or(STRETCH_TAIL, |p| 0.01 * p)),
+        };
         let scale = 1.0 / (hi - lo).max(f32::MIN_POSITIVE);
         for v in planes.iter_mut().flat_map(|p| &mut p.data) {
             // NaN stays NaN through the clamp.
             *v = ((*v - lo) * scale).clamp(0.0, 1.0);
         }
         Ok(planes)
+    }
+
+    /// Takes a mask.
+    ///
+    /// # Errors
+    /// [`SceneError::OtherMask`] when it is of another size than the image, [`SceneError::Image`].
+    pub(super) fn set_mask(&mut self, mask: PathBuf) -> Result<(), SceneError> {
+        let (width, height) = ImageFile::open(&mask)?.size();
+        if (width, height) != (self.width, self.height) {
+            let (image, of) = (self.image.clone(), (self.width, self.height));
+            return Err(SceneError::OtherMask {
+                mask,
+                width,
+                height,
+                image,
+                of_width: of.0,
+                of_height: of.1,
+            });
+        }
+        self.mask = Some(mask);
+        Ok(())
     }
 
     /// The view's brightness: the mean of its colours.
@@ -41,7 +79,7 @@ impl View {
 }
 
 /// Values below and above which the tails lie.
-fn stretch(planes: &[Plane]) -> (f32, f32) {
+fn stretch(planes: &[Plane], tail: f64) -> (f32, f32) {
     let mut values: Vec<f32> = planes.iter().flat_map(Plane::valid).filter(|v| v.is_finite()).collect();
     if values.is_empty() {
         return (0.0, 1.0);
@@ -49,5 +87,5 @@ fn stretch(planes: &[Plane]) -> (f32, f32) {
     let last = values.len() - 1;
     let mut rank =
         |share: f64| *values.select_nth_unstable_by((share * last as f64) as usize, f32::total_cmp).1;
-    (rank(STRETCH_TAIL), rank(1.0 - STRETCH_TAIL))
+    (rank(tail), rank(1.0 - tail))
 }

@@ -1,7 +1,8 @@
 //! Reads a scene from disk, in either layout, and says what is odd about it.
 
-use super::source::{files_in, images_in};
-use super::{Scene, SceneError, Sun, checks, dfc2019, folder};
+use super::source::{files_in, images_in, is_image};
+use super::{Aoi, Scene, SceneError, Sun, View, checks, dfc2019, folder, manifest};
+use crate::raster::ImageFile;
 use std::path::Path;
 
 /// What a user can choose when a scene is read.
@@ -11,45 +12,95 @@ pub struct ReadOptions {
     pub rpcs: Option<String>,
     /// Suns by view name; they win over what files tell.
     pub suns: Vec<(String, Sun)>,
+    /// The area to which images are cropped.
+    pub aoi: Option<Aoi>,
+    /// Lowest and highest ellipsoidal height in the area; without it what [`Scene::height_range`] tells.
+    pub height_range: Option<(f64, f64)>,
+    /// Bands to use, from 1, of images that have more than one: three or one; without any the first three.
+    pub bands: Vec<usize>,
+    /// Percent of pixels cut off at each end when values are stretched.
+    pub stretch_percent: Option<f64>,
 }
 
 /// Reads the scene at `path`.
 ///
 /// A folder with `images/` and a folder of RPC files for them is read as sat-NeRF and DFC2019 lay it out;
-/// `images/` alone, or a folder of images, as images with RPCs inside or beside them. Views are ordered by name.
+/// `images/` alone, or a folder of images, as images with RPCs inside or beside them; a TOML or STAC file lists its
+/// views. Views are ordered by name.
 ///
 /// # Errors
 /// [`SceneError`], naming the file.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
     let about = std::fs::metadata(path)
         .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
-    if !about.is_dir() {
-        return Err(SceneError::NotAFolder { path: path.into() });
-    }
-    files_in(path)?;
     let mut warnings = Vec::new();
-    let images = path.join("images");
-    let views = if images.is_dir() && !images_in(&images)?.is_empty() {
-        match choose(path, options.rpcs.as_deref())? {
-            Some(rpcs) => dfc2019::read(path, &rpcs, &mut warnings)?,
-            None => folder::read(&images, &mut warnings)?,
-        }
-    } else if let Some(asked) = &options.rpcs {
-        let (path, asked) = (path.into(), asked.clone());
-        return Err(SceneError::NoSuchRpcFolder { path, asked, folders: Vec::new() });
+    let (views, listed_aoi) = if about.is_file() && !is_image(path) {
+        manifest::read(path, &mut warnings)?
+    } else if about.is_dir() {
+        (in_folder(path, options, &mut warnings)?, None)
     } else {
-        folder::read(path, &mut warnings)?
+        return Err(SceneError::NotAFolder { path: path.into() });
     };
     if views.is_empty() {
         return Err(SceneError::NoImages { path: path.into() });
     }
-    let mut scene = Scene { views, warnings };
+    let mut scene = Scene { views, aoi: None, warnings };
     scene.views.sort_by(|a, b| a.name.cmp(&b.name));
     checks::refuse_duplicates(&scene)?;
     give_suns(&mut scene, &options.suns)?;
     checks::refuse_blind(&scene)?;
+    choose_bands(&mut scene, options)?;
     checks::warn(&mut scene);
+    if let Some(aoi) = options.aoi.clone().or(listed_aoi) {
+        let heights = options.height_range.unwrap_or_else(|| scene.height_range());
+        scene.crop(aoi, heights)?;
+    }
     Ok(scene)
+}
+
+/// The views of a folder, in either layout.
+fn in_folder(
+    path: &Path,
+    options: &ReadOptions,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<View>, SceneError> {
+    files_in(path)?;
+    let images = path.join("images");
+    if images.is_dir() && !images_in(&images)?.is_empty() {
+        match choose(path, options.rpcs.as_deref())? {
+            Some(rpcs) => dfc2019::read(path, &rpcs, warnings),
+            None => folder::read(&images, warnings),
+        }
+    } else if let Some(asked) = &options.rpcs {
+        let (path, asked) = (path.into(), asked.clone());
+        Err(SceneError::NoSuchRpcFolder { path, asked, folders: Vec::new() })
+    } else {
+        folder::read(path, warnings)
+    }
+}
+
+/// Gives every image its bands; one with a single band keeps it.
+fn choose_bands(scene: &mut Scene, options: &ReadOptions) -> Result<(), SceneError> {
+    let mut first_of = Vec::new();
+    for view in &mut scene.views {
+        view.stretch_percent = options.stretch_percent;
+        let found = ImageFile::open(&view.image)?.bands();
+        if found > 1 && !options.bands.is_empty() {
+            if let Some(asked) = options.bands.iter().copied().find(|b| !(1..=found).contains(b)) {
+                return Err(SceneError::NoBand { image: view.image.clone(), found, asked });
+            }
+            view.bands.clone_from(&options.bands);
+        } else if found > view.bands.len() {
+            first_of.push(format!("{} ({found})", view.name));
+        }
+    }
+    if !first_of.is_empty() {
+        scene.warnings.push(format!(
+            "only the first bands are used, --bands R,G,B chooses (WorldView-3's eight: 5,3,2): {}",
+            first_of.join(", ")
+        ));
+    }
+    Ok(())
 }
 
 /// The folder of RPC files: the one asked for, or the only one there is.

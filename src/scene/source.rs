@@ -1,18 +1,19 @@
 //! One image of a scene: the file, the cameras found in and beside it, its sun and date.
 
+use super::sidecar::Sidecars;
 use super::{Role, SceneError, Sun, View};
 use crate::frame::{CornerPx, Pixel};
 use crate::raster::ImageFile;
 use crate::rpc::Rpc;
-use crate::rpc::formats::{self, RpcFile, ViewTags};
+use crate::rpc::formats::{self, FormatError, RpcFile, SAME_PX, ViewTags};
 use std::path::{Path, PathBuf};
 
 /// Extensions of images, in lower case.
-const IMAGES: [&str; 6] = ["tif", "tiff", "ntf", "nitf", "jp2", "j2k"];
-/// Endings of RPC files beside NAME, in the order in which they are preferred.
-const SIDECARS: [&str; 6] = ["_rpc.txt", ".rpc.txt", ".rpc", "_rpc.json", ".json", ".txt"];
-/// Two RPCs of one image that differ by less are the same, rounded differently.
-const SAME_PX: f64 = 0.1;
+const IMAGES: [&str; 8] = ["tif", "tiff", "ntf", "nitf", "nsf", "jp2", "j2k", "vrt"];
+/// The GSD told and the camera's at mid height agree better than this factor, whatever the relief.
+const GSD_FACTOR: f64 = 1.35;
+/// A map-projected image's RPC sees its own centre closer than this share of its size.
+const OWN_GRID: f64 = 0.05;
 
 /// Where a camera was found.
 struct Camera {
@@ -51,32 +52,46 @@ pub(super) fn stem(path: &Path) -> String {
     path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }
 
-/// The RPC file of `name` in a listing, the most preferred first.
-pub(super) fn sidecar_of(name: &str, listing: &[PathBuf]) -> Option<PathBuf> {
-    let wanted = name.to_lowercase();
-    let ending = |p: &Path| {
-        let file = p.file_name()?.to_string_lossy().to_lowercase();
-        let ending = file.strip_prefix(&wanted)?.to_owned();
-        SIDECARS.iter().position(|s| *s == ending)
-    };
-    listing.iter().filter_map(|p| Some((ending(p)?, p))).min().map(|(_, p)| p.clone())
-}
-
-/// Reads an image's view with the cameras in and beside it; the RPC file, if one is given, wins.
+/// Reads an image's view with the cameras beside and in it, the first of them; warnings are added to `warnings`.
 ///
-/// None when there is no camera; warnings are added to `warnings`.
+/// None when there is no camera.
 pub(super) fn view(
     image: &Path,
-    sidecar: Option<&Path>,
+    sidecars: &Sidecars,
     warnings: &mut Vec<String>,
 ) -> Result<Option<View>, SceneError> {
     let file = ImageFile::open(image)?;
     file.check_complete()?;
     let size = file.size();
-    let Some(camera) = camera(&file, sidecar, warnings)? else { return Ok(None) };
-    if let Some(told) = camera.file.tags.size.filter(|told| *told != size) {
+    let mut cameras = cameras(&file, sidecars)?;
+    if cameras.is_empty() {
+        return Ok(None);
+    }
+    let mut chosen = cameras.remove(0);
+    for other in &cameras {
+        let distance = distance_px(&chosen.file.rpc, &other.file.rpc, size);
+        if distance > SAME_PX {
+            warnings.push(format!(
+                "`{}`: its {} and {from} differ by {distance:.1} px; {from} is used",
+                image.display(),
+                other.source,
+                from = chosen.source,
+            ));
+        }
+    }
+    warnings.append(&mut chosen.file.warnings);
+    let mut tags = chosen.file.tags;
+    for metadata in &sidecars.metadata {
+        tags = tags.or(formats::read_tags(metadata)?);
+    }
+    let tags = tags.or(image_tags(&file));
+    let rpc = match sidecars.tile {
+        Some(tile) => tile.camera(image, chosen.file.rpc, &tags, warnings)?,
+        None => chosen.file.rpc,
+    };
+    if let Some(told) = tags.size.filter(|told| *told != size && sidecars.tile.is_none()) {
         return Err(SceneError::OtherSize {
-            rpc: sidecar.unwrap_or(image).into(),
+            rpc: sidecars.cameras.first().map_or(image, PathBuf::as_path).into(),
             image: image.into(),
             told_width: told.0,
             told_height: told.1,
@@ -84,65 +99,99 @@ pub(super) fn view(
             height: size.1,
         });
     }
-    let tags = camera.file.tags;
-    let own = image_tags(&file);
-    let sun = tags.sun_deg.or(own.sun_deg);
-    Ok(Some(View {
+    refuse_ortho(&file, &rpc)?;
+    let view = View {
         name: stem(image),
         image: image.into(),
         width: size.0,
         height: size.1,
-        rpc: camera.file.rpc,
-        rpc_source: camera.source,
-        sun: sun.map(|(azimuth_deg, elevation_deg)| Sun { azimuth_deg, elevation_deg }),
-        acquired: tags.acquired.or(own.acquired),
+        window: None,
+        bands: if file.bands() >= 3 { vec![1, 2, 3] } else { vec![1] },
+        stretch_percent: None,
+        mask: None,
+        rpc,
+        rpc_source: chosen.source,
+        sun: tags.sun_deg.map(|(azimuth_deg, elevation_deg)| Sun { azimuth_deg, elevation_deg }),
+        acquired: tags.acquired,
         role: Role::Train,
         height_range: tags.height_range,
-    }))
+    };
+    warnings.extend(other_resolution(&view, tags.gsd_m));
+    Ok(Some(view))
+}
+
+/// The camera of an RPC file, or of an image with what lies beside it.
+///
+/// # Errors
+/// [`SceneError`], naming the file.
+pub fn read_camera(path: &Path) -> Result<RpcFile, SceneError> {
+    if !is_image(path) {
+        return Ok(formats::read(path)?);
+    }
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut warnings = Vec::new();
+    let sidecars = Sidecars::of(path, &files_in(folder)?);
+    let view = view(path, &sidecars, &mut warnings)?.ok_or_else(|| no_rpc(path))?;
+    let tags = ViewTags {
+        image: path.file_name().map(|n| n.to_string_lossy().into_owned()),
+        size: Some((view.width, view.height)),
+        sun_deg: view.sun.map(|s| (s.azimuth_deg, s.elevation_deg)),
+        acquired: view.acquired,
+        height_range: view.height_range,
+        ..ViewTags::default()
+    };
+    Ok(RpcFile { rpc: view.rpc, tags, format: "image", warnings })
+}
+
+/// Whether a file is no text: RPC files are, images are not, but for the head of a NITF.
+pub(super) fn is_image(path: &Path) -> bool {
+    use std::io::Read;
+    let mut head = Vec::new();
+    let read = std::fs::File::open(path).and_then(|f| f.take(512).read_to_end(&mut head));
+    read.is_ok() && (head.contains(&0) || head.starts_with(b"NITF") || head.starts_with(b"NSIF"))
 }
 
 /// The error for an image without a camera.
 pub(super) fn no_rpc(image: &Path) -> SceneError {
-    let is_map = ImageFile::open(image).is_ok_and(|f| f.has_geotransform());
+    let is_map = ImageFile::open(image).is_ok_and(|f| f.is_map());
     let what = if is_map { "; it has a map projection, as an ortho product" } else { "" };
     SceneError::NoRpc { path: image.into(), what }
 }
 
-fn camera(
-    file: &ImageFile,
-    sidecar: Option<&Path>,
-    warnings: &mut Vec<String>,
-) -> Result<Option<Camera>, SceneError> {
-    let image = file.path();
-    let untagged = |rpc| RpcFile { rpc, tags: ViewTags::default() };
-    let chosen = match sidecar {
-        Some(path) => {
-            let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-            Some(Camera { file: formats::read(path)?, source: name })
-        }
-        None => {
-            let domain = file.metadata_domain("RPC");
-            let source =
-                if domain == file.own_metadata_domain("RPC") { "RPC tag" } else { "sidecar read by GDAL" };
-            formats::from_gdal(image, &domain)?
-                .map(|rpc| Camera { file: untagged(rpc), source: source.into() })
-        }
-    };
-    let Some(chosen) = chosen else { return Ok(None) };
-    // A broken tag under a good sidecar is nobody's problem.
-    if chosen.source != "RPC tag"
-        && let Ok(Some(own)) = formats::from_gdal(image, &file.own_metadata_domain("RPC"))
-    {
-        let distance = distance_px(&chosen.file.rpc, &own, file.size());
-        if distance > SAME_PX {
-            warnings.push(format!(
-                "`{}`: its RPC tag and {from} differ by {distance:.1} px; {from} is used",
-                image.display(),
-                from = chosen.source,
-            ));
+/// The cameras of an image, the most preferred first: sidecars in their order, then what the file itself holds.
+///
+/// The first must be whole; a broken one below a good one is nobody's problem.
+fn cameras(file: &ImageFile, sidecars: &Sidecars) -> Result<Vec<Camera>, FormatError> {
+    let mut found = Vec::new();
+    for path in &sidecars.cameras {
+        let source = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        match formats::read(path) {
+            Ok(file) => found.push(Camera { file, source }),
+            Err(e) if found.is_empty() => return Err(e),
+            Err(_) => {}
         }
     }
-    Ok(Some(chosen))
+    match own_camera(file) {
+        Ok(own) => found.extend(own),
+        Err(e) if found.is_empty() => return Err(e),
+        Err(_) => {}
+    }
+    Ok(found)
+}
+
+/// The camera in the file: a TIFF's tag to the last bit, else what GDAL shows.
+fn own_camera(file: &ImageFile) -> Result<Option<Camera>, FormatError> {
+    let path = file.path();
+    let camera = |rpc, source: &str| Camera { file: RpcFile::new(rpc, "GDAL"), source: source.into() };
+    if let Some(rpc) = formats::from_tiff(path)? {
+        return Ok(Some(camera(rpc, "RPC tag")));
+    }
+    // GDAL reads an RPC00A too; which order its own readers make of it nobody can check here.
+    if file.metadata("RPC00A", "TRE").is_some() {
+        return Err(FormatError::Rpc00a { file: path.into() });
+    }
+    let source = if file.metadata("RPC00B", "TRE").is_some() { "RPC00B segment" } else { "RPC read by GDAL" };
+    Ok(formats::from_gdal(path, &file.metadata_domain("RPC"))?.map(|rpc| camera(rpc, source)))
 }
 
 /// How far apart two cameras see the ground under an image's corners and centre, at most.
@@ -156,14 +205,69 @@ pub(super) fn distance_px(a: &Rpc, b: &Rpc, (width, height): (usize, usize)) -> 
     apart.into_iter().fold(0.0, f64::max)
 }
 
+/// Refuses a map whose RPC is that of the image it was made from.
+///
+/// An ortho-ready product (Maxar's OR2A) is a map at one height whose RPC is its own: at some height the camera sees
+/// the place of a pixel at that pixel.
+fn refuse_ortho(file: &ImageFile, rpc: &Rpc) -> Result<(), SceneError> {
+    let (width, height) = file.size();
+    let center = Pixel::<CornerPx>::new(0.5 * width as f64, 0.5 * height as f64);
+    let Some((lon, lat)) = file.lon_lat(center) else { return Ok(()) };
+    let (low, high) = rpc.height_range();
+    let nearest = (0..=20)
+        .map(|i| low + (high - low) * f64::from(i) / 20.0)
+        .map(|h| rpc.project(crate::frame::Point::new(lon, lat, h)).distance(center.into()))
+        .fold(f64::INFINITY, f64::min);
+    if nearest <= OWN_GRID * width.max(height) as f64 {
+        return Ok(());
+    }
+    Err(SceneError::Ortho { path: file.path().into(), distance_px: nearest })
+}
+
+/// A warning for a camera of another resolution than the metadata tell, or for a much larger image.
+fn other_resolution(view: &View, told_gsd_m: Option<f64>) -> Option<String> {
+    let c = view.rpc.coefficients();
+    let (col, row) = view.gsd_m(c.height.offset)?;
+    let gsd = (col * row).sqrt();
+    if let Some(told) = told_gsd_m.filter(|t| gsd / t > GSD_FACTOR || t / gsd > GSD_FACTOR) {
+        return Some(format!(
+            "{}: its metadata tell of pixels of {told:.2} m, its camera makes them {gsd:.2} m; was the image \
+             resampled without its RPC?",
+            view.name
+        ));
+    }
+    // The offsets of a whole image's model are its middle, its scales half its sides.
+    let is_whole = |axis: crate::rpc::Axis| (axis.offset / axis.scale - 1.0).abs() < 0.25;
+    let larger = |axis: crate::rpc::Axis, size: usize| 2.0 * axis.scale > 1.5 * size as f64;
+    let is_other =
+        is_whole(c.col) && is_whole(c.row) && larger(c.col, view.width) && larger(c.row, view.height);
+    is_other.then(|| {
+        format!(
+            "{}: its RPC is for an image of about {:.0} x {:.0} pixels, this one has {} x {}; was it cropped or \
+             resampled without its RPC?",
+            view.name,
+            2.0 * c.col.scale,
+            2.0 * c.row.scale,
+            view.width,
+            view.height
+        )
+    })
+}
+
 /// Sun and date that the image file itself tells.
 fn image_tags(file: &ImageFile) -> ViewTags {
     let number = |keys: &[&str]| {
         let text = keys.iter().find_map(|k| file.metadata(k, ""))?;
         text.trim().parse::<f64>().ok().filter(|v| v.is_finite())
     };
-    let azimuth = number(&["SUN_AZIMUTH", "SATGS_SUN_AZIMUTH_DEG", "NITF_USE00A_SUN_AZ"]);
-    let elevation = number(&["SUN_ELEVATION", "SATGS_SUN_ELEVATION_DEG", "NITF_USE00A_SUN_EL"]);
+    let azimuth =
+        number(&["SUN_AZIMUTH", "SATGS_SUN_AZIMUTH_DEG", "NITF_USE00A_SUN_AZ", "NITF_CSEXRA_SUN_AZIMUTH"]);
+    let elevation = number(&[
+        "SUN_ELEVATION",
+        "SATGS_SUN_ELEVATION_DEG",
+        "NITF_USE00A_SUN_EL",
+        "NITF_CSEXRA_SUN_ELEVATION",
+    ]);
     let dates = [("ACQUISITION_TIME", ""), ("ACQUISITIONDATETIME", "IMAGERY"), ("NITF_IDATIM", "")];
     ViewTags {
         sun_deg: azimuth.zip(elevation),

@@ -1,6 +1,8 @@
 //! A scene and its views: names, files and geometry; pixels are read when a stage needs them.
 
+use super::Aoi;
 use crate::frame::{Geodetic, Point};
+use crate::raster::Window;
 use crate::rpc::Rpc;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -31,10 +33,22 @@ pub struct View {
     pub name: String,
     /// The image file.
     pub image: PathBuf,
-    /// Columns of the image.
+    /// Columns of the image, or of the window of it that is used.
     pub width: usize,
-    /// Rows of the image.
+    /// Rows of the image, or of the window.
     pub height: usize,
+    /// The part of the image that is used, if not all of it is; the camera is that part's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub window: Option<Window>,
+    /// Bands used, from 1: three for red, green and blue, or one.
+    pub bands: Vec<usize>,
+    /// Percent of pixels cut off at each end when values are stretched; without it 8 bits are taken as they are and
+    /// others lose half a percent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stretch_percent: Option<f64>,
+    /// A raster of the image's size: where it is 0 there is no image.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mask: Option<PathBuf>,
     /// The camera.
     pub rpc: Rpc,
     /// Where the RPC was read from, as a user would name it: `TIFF tag`, or a file.
@@ -54,6 +68,9 @@ pub struct View {
 pub struct Scene {
     /// The views, ordered by name.
     pub views: Vec<View>,
+    /// The area of interest, when one was given; images are cropped to it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub aoi: Option<Aoi>,
     /// What was odd when the scene was read, one sentence a cause.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,

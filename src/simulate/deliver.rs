@@ -2,7 +2,7 @@
 
 use super::Shot;
 use crate::raster::{RasterError, SensorImage};
-use crate::rpc::Rpc;
+use crate::rpc::formats::to_gdal;
 use std::path::Path;
 
 /// Writes a view's image with its delivered RPC, sun and date.
@@ -17,28 +17,6 @@ pub(super) fn write_view(
         ("SUN_ELEVATION".to_owned(), format!("{:.4}", shot.plan.sun.elevation_deg)),
         ("ACQUISITION_TIME".to_owned(), shot.plan.acquired.clone()),
     ];
-    let rpc = rpc_domain(&shot.delivered_rpc());
+    let rpc = to_gdal(&shot.delivered_rpc());
     SensorImage { width: size_px, height: size_px, rpc: &rpc, metadata: &metadata }.write_u8(path, bands)
-}
-
-/// GDAL's RPC metadata domain.
-fn rpc_domain(rpc: &Rpc) -> Vec<(String, String)> {
-    let c = rpc.coefficients();
-    let mut items = Vec::new();
-    for (name, axis) in
-        [("LINE", c.row), ("SAMP", c.col), ("LAT", c.lat), ("LONG", c.lon), ("HEIGHT", c.height)]
-    {
-        items.push((format!("{name}_OFF"), format!("{:.16e}", axis.offset)));
-        items.push((format!("{name}_SCALE"), format!("{:.16e}", axis.scale)));
-    }
-    for (name, terms) in [
-        ("LINE_NUM", &c.row_num),
-        ("LINE_DEN", &c.row_den),
-        ("SAMP_NUM", &c.col_num),
-        ("SAMP_DEN", &c.col_den),
-    ] {
-        let values: Vec<String> = terms.iter().map(|t| format!("{t:.16e}")).collect();
-        items.push((format!("{name}_COEFF"), values.join(" ")));
-    }
-    items
 }

@@ -9,7 +9,6 @@ mod deliver;
 mod dice;
 mod error;
 mod field;
-mod fit;
 mod geodesy;
 mod paint;
 mod plan;

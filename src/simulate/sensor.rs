@@ -4,10 +4,9 @@
 //! does for real. Its RPC is fitted, and from then on the RPC is the truth.
 
 use super::dice::Dice;
-use super::fit::{Volume, fit_rpc};
 use super::geodesy::{Ecef, ecef_from_geodetic, local_axes, sun_at};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
-use crate::rpc::{Axis, Rpc, RpcError};
+use crate::rpc::{Axis, Rpc, RpcError, Volume, fit};
 use crate::scene::Sun;
 
 /// Height of the orbit above the ground, metres (WorldView-3).
@@ -163,7 +162,7 @@ impl LineScanner {
 
     /// The scanner's RPC over its image and a range of heights.
     pub(super) fn rpc(&self, target: Point<Geodetic>, height: Axis) -> Result<Rpc, RpcError> {
-        fit_rpc(&self.volume(target, height), |p| self.project(p))
+        fit(&self.volume(target, height), |p| self.project(p))
     }
 
     fn volume(&self, target: Point<Geodetic>, height: Axis) -> Volume {

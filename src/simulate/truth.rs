@@ -5,6 +5,7 @@ use super::plan::Plan;
 use super::{SceneFigures, Shot};
 use crate::frame::{Point, Site, SiteGrid};
 use crate::raster::{Cog, MapGrid, Plane, RasterError, write_atomically};
+use crate::rpc::formats::{ViewTags, to_json};
 use serde::Serialize;
 use std::path::Path;
 
@@ -124,39 +125,6 @@ fn seen_half_m(field: &Field, grid: &SiteGrid, shots: &[Shot], size_px: usize) -
     half - STEP_M
 }
 
-/// An RPC in the JSON layout of rpcm and sat-NeRF.
-#[derive(Serialize)]
-struct RpcFile<'a> {
-    img: String,
-    height: usize,
-    width: usize,
-    sun_elevation: String,
-    sun_azimuth: String,
-    acquisition_date: String,
-    min_alt: f64,
-    max_alt: f64,
-    rpc: RpcFields<'a>,
-}
-
-/// The `rpc` object of that layout; its names are the format's.
-#[derive(Serialize)]
-struct RpcFields<'a> {
-    row_offset: f64,
-    col_offset: f64,
-    lat_offset: f64,
-    lon_offset: f64,
-    alt_offset: f64,
-    row_scale: f64,
-    col_scale: f64,
-    lat_scale: f64,
-    lon_scale: f64,
-    alt_scale: f64,
-    row_num: &'a [f64],
-    row_den: &'a [f64],
-    col_num: &'a [f64],
-    col_den: &'a [f64],
-}
-
 /// Writes the true RPC of a view as JSON.
 pub(super) fn write_rpc(
     path: &Path,
@@ -164,42 +132,26 @@ pub(super) fn write_rpc(
     size_px: usize,
     heights_m: (f64, f64),
 ) -> Result<(), RasterError> {
-    let c = shot.true_rpc.coefficients();
     let sun = shot.plan.sun;
-    write_json(
-        path,
-        &RpcFile {
-            img: format!("{}.tif", shot.plan.name),
-            height: size_px,
-            width: size_px,
-            sun_elevation: format!("{:+.4}", sun.elevation_deg),
-            sun_azimuth: format!("{:.4}", sun.azimuth_deg),
-            acquisition_date: shot.plan.acquired.chars().filter(char::is_ascii_digit).collect(),
-            min_alt: heights_m.0.floor(),
-            max_alt: heights_m.1.ceil(),
-            rpc: RpcFields {
-                row_offset: c.row.offset,
-                col_offset: c.col.offset,
-                lat_offset: c.lat.offset,
-                lon_offset: c.lon.offset,
-                alt_offset: c.height.offset,
-                row_scale: c.row.scale,
-                col_scale: c.col.scale,
-                lat_scale: c.lat.scale,
-                lon_scale: c.lon.scale,
-                alt_scale: c.height.scale,
-                row_num: &c.row_num,
-                row_den: &c.row_den,
-                col_num: &c.col_num,
-                col_den: &c.col_den,
-            },
-        },
-    )
+    let tags = ViewTags {
+        image: Some(format!("{}.tif", shot.plan.name)),
+        size: Some((size_px, size_px)),
+        sun_deg: Some((sun.azimuth_deg, sun.elevation_deg)),
+        acquired: Some(shot.plan.acquired.clone()),
+        height_range: Some((heights_m.0.floor(), heights_m.1.ceil())),
+        ..ViewTags::default()
+    };
+    write_text(path, &to_json(&shot.true_rpc, &tags))
 }
 
 /// Writes a value as indented JSON.
 pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), RasterError> {
-    let failed = |reason: String| RasterError::Write { path: path.into(), reason };
-    let text = serde_json::to_string_pretty(value).map_err(|e| failed(e.to_string()))?;
-    write_atomically(path, |temporary| std::fs::write(temporary, &text).map_err(|e| failed(e.to_string())))
+    let text = serde_json::to_string_pretty(value)
+        .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })?;
+    write_text(path, &text)
+}
+
+fn write_text(path: &Path, text: &str) -> Result<(), RasterError> {
+    let failed = |e: std::io::Error| RasterError::Write { path: path.into(), reason: e.to_string() };
+    write_atomically(path, |temporary| std::fs::write(temporary, text).map_err(failed))
 }

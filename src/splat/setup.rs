@@ -117,8 +117,10 @@ impl Setup {
         let provisional = SiteGrid::at(scene.center().ok_or(SetupError::NoCommonGround)?.at_height(median))?;
         let footprints: Vec<_> =
             scene.views.iter().zip(rpcs).map(|(v, rpc)| (rpc, v.width, v.height)).collect();
-        let (west, south, east, north) =
-            default_aoi(&footprints, &provisional, median).ok_or(SetupError::NoCommonGround)?;
+        let (west, south, east, north) = match &scene.aoi {
+            Some(aoi) => aoi.utm_box(&provisional),
+            None => default_aoi(&footprints, &provisional, median).ok_or(SetupError::NoCommonGround)?,
+        };
         // A whole-metre origin keeps the site readable.
         let origin = Point::new((0.5 * (west + east)).round(), (0.5 * (south + north)).round(), median);
         let site = SiteGrid { epsg: provisional.epsg, origin };

@@ -1,7 +1,8 @@
 //! The JSON of the rpcm library and the sat-NeRF family: `rpc` with rpcm's names, beside it sun, date, size.
 
 use super::keys::{Fields, RPCM};
-use super::{FormatError, RpcFile, ViewTags};
+use super::{FormatError, RpcFile, ViewTags, iso_date};
+use crate::rpc::Rpc;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
@@ -9,7 +10,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`FormatError`].
-pub fn from_json(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
+pub(super) fn from_json(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
     let top: Map<String, Value> = serde_json::from_str(content)
         .map_err(|e| FormatError::Json { file: file.into(), reason: e.to_string() })?;
     let rpc = match top.get("rpc") {
@@ -21,13 +22,14 @@ pub fn from_json(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
     for (name, value) in rpc {
         fields.take(name, &words(value))?;
     }
-    Ok(RpcFile { rpc: fields.rpc()?, tags: tags(file, &top)? })
+    let tags = tags(file, &top)?;
+    Ok(RpcFile { tags, ..RpcFile::new(fields.rpc()?, "rpcm JSON") })
 }
 
 /// The JSON of a view.
 #[must_use]
-pub fn to_json(view: &RpcFile) -> String {
-    let c = view.rpc.coefficients();
+pub fn to_json(camera: &Rpc, tags: &ViewTags) -> String {
+    let c = camera.coefficients();
     let mut rpc = Map::new();
     for (name, value) in RPCM.axes(c).into_iter().chain(RPCM.known_errors(c)) {
         rpc.insert(name.into(), json!(value));
@@ -36,7 +38,6 @@ pub fn to_json(view: &RpcFile) -> String {
         rpc.insert(name.into(), json!(terms.as_slice()));
     }
     let mut top = Map::new();
-    let tags = &view.tags;
     if let Some(image) = &tags.image {
         top.insert("img".into(), json!(image));
     }
@@ -83,6 +84,7 @@ fn tags(file: &Path, top: &Map<String, Value>) -> Result<ViewTags, FormatError> 
         sun_deg: both("sun_azimuth", "sun_elevation")?,
         acquired: top.get("acquisition_date").map(words).and_then(|d| iso_date(&d)),
         height_range: both("min_alt", "max_alt")?,
+        ..ViewTags::default()
     })
 }
 
@@ -92,33 +94,5 @@ fn words(value: &Value) -> String {
         Value::String(s) => s.clone(),
         Value::Array(items) => items.iter().map(words).collect::<Vec<_>>().join(" "),
         other => other.to_string(),
-    }
-}
-
-/// `YYYYMMDDHHMMSS` or ISO 8601 as `YYYY-MM-DDThh:mm:ssZ` (as `YYYY-MM-DD` without a time); none if it is
-/// neither.
-#[must_use]
-pub fn iso_date(text: &str) -> Option<String> {
-    let separators = ['-', ':', 'T', 't', 'Z', 'z', ' ', '/'];
-    // Fractions of a second are cut off: no stage needs them.
-    let whole = text.trim().split('.').next().unwrap_or_default();
-    let digits: String = whole.chars().filter(|c| !separators.contains(c)).collect();
-    if !digits.chars().all(|c| c.is_ascii_digit()) {
-        return None;
-    }
-    let part = |from: usize, to: usize, limits: std::ops::RangeInclusive<u32>| {
-        let text = digits.get(from..to)?;
-        limits.contains(&text.parse::<u32>().ok()?).then_some(text)
-    };
-    let date = format!("{}-{}-{}", part(0, 4, 1900..=2200)?, part(4, 6, 1..=12)?, part(6, 8, 1..=31)?);
-    match digits.len() {
-        8 => Some(date),
-        14 => Some(format!(
-            "{date}T{}:{}:{}Z",
-            part(8, 10, 0..=23)?,
-            part(10, 12, 0..=59)?,
-            part(12, 14, 0..=60)?
-        )),
-        _ => None,
     }
 }

@@ -151,7 +151,7 @@ impl<'a> Fields<'a> {
         if found == TERMS {
             return Ok(());
         }
-        Err(FormatError::Count { file: self.file.into(), field: field.into(), found })
+        Err(FormatError::Count { file: self.file.into(), field: field.into(), found, expected: TERMS })
     }
 
     fn number(&self, field: &str, text: &str) -> Result<f64, FormatError> {

@@ -1,22 +1,36 @@
-//! RPC files: GDAL's metadata domain, `_RPC.TXT` text and rpcm JSON, read and written.
+//! RPC files of every vendor: what a file is shows in its content, not in its name.
 //!
-//! Every one of them counts pixels from the centre of the first, as satgs does. What a sidecar is shows in its
-//! content, not in its name. Writing and reading back gives the same bits.
+//! Read are `_RPC.TXT` text (IKONOS, GeoEye, Planet, SkySat), Maxar's `.XML` and `.RPB`, DIMAP 1, 2 and 3, OSSIM
+//! `.geom`, rpcm JSON, the TIFF tag 50844, GDAL's `.aux.xml` and VRT, and whatever else GDAL shows in its RPC
+//! domain. Written are text, RPB, JSON and, through GDAL, the tag; writing and reading back gives the same bits.
+//! Pixels count from the centre of the first, as in RPC00B; a reader of another convention converts.
 
+mod date;
+mod dimap;
 mod gdal;
+mod geom;
 mod json;
 mod keys;
+mod maxar;
 mod text;
+mod tiff;
+mod xml;
 
+pub use date::iso_date;
 pub use gdal::{from_gdal, to_gdal};
-pub use json::{from_json, iso_date, to_json};
-pub use text::{from_text, to_text};
+pub use json::to_json;
+pub use maxar::to_rpb;
+pub use text::to_text;
+pub use tiff::{from_tiff, parse_tiff};
 
 use super::{Rpc, RpcError};
 use std::path::{Path, PathBuf};
 
 /// A sidecar larger than this is no RPC.
 const MAX_BYTES: u64 = 64 << 20;
+
+/// Two models of one image that differ by less, in pixels, are the same, rounded differently.
+pub const SAME_PX: f64 = 0.1;
 
 /// Why a file gives no RPC.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
@@ -35,8 +49,8 @@ pub enum FormatError {
         /// Numbers found.
         found: usize,
     },
-    /// A polynomial with more or fewer than twenty terms.
-    #[error("`{file}`: RPC field `{field}` has {found} coefficients, 20 are expected")]
+    /// A polynomial with more or fewer terms than it must have.
+    #[error("`{file}`: RPC field `{field}` has {found} coefficients, {expected} are expected")]
     #[diagnostic(help("RPC00B has 20 coefficients in each of its four polynomials"))]
     Count {
         /// The file.
@@ -45,6 +59,8 @@ pub enum FormatError {
         field: String,
         /// Coefficients found.
         found: usize,
+        /// Coefficients expected.
+        expected: usize,
     },
     /// Text where a number should be.
     #[error("`{file}`: `{field}` is `{text}`, a number is expected")]
@@ -79,10 +95,28 @@ pub enum FormatError {
         /// Where and why.
         reason: String,
     },
+    /// Broken XML.
+    #[error("`{file}` is no valid XML: {reason}")]
+    #[diagnostic(help("is the file complete?"))]
+    Xml {
+        /// The file.
+        file: PathBuf,
+        /// Where and why.
+        reason: String,
+    },
+    /// The older form, whose terms come in another order.
+    #[error("`{file}` holds an RPC00A, satgs reads RPC00B")]
+    #[diagnostic(help(
+        "the two order their terms differently; ask for RPC00B, or convert the image with a tool that reads RPC00A"
+    ))]
+    Rpc00a {
+        /// The file.
+        file: PathBuf,
+    },
     /// None of the formats.
     #[error("`{file}` is no RPC file that satgs reads{what}")]
     #[diagnostic(help(
-        "read are `_RPC.TXT` text, rpcm JSON, and whatever GDAL shows in its RPC metadata domain"
+        "read are `_RPC.TXT` text, Maxar .RPB and .XML, DIMAP, OSSIM .geom, rpcm JSON, and what GDAL shows as RPC"
     ))]
     Unrecognised {
         /// The file.
@@ -112,12 +146,12 @@ impl FormatError {
     }
 }
 
-/// A view's metadata that some RPC files hold beside the camera.
+/// A view's metadata that some files hold beside the camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ViewTags {
     /// File name of the image.
     pub image: Option<String>,
-    /// Columns and rows of the image.
+    /// Columns and rows of the image, of all its tiles together.
     pub size: Option<(usize, usize)>,
     /// Sun's azimuth clockwise from north and elevation, degrees.
     pub sun_deg: Option<(f64, f64)>,
@@ -125,6 +159,42 @@ pub struct ViewTags {
     pub acquired: Option<String>,
     /// Lowest and highest ellipsoidal height on the ground, metres.
     pub height_range: Option<(f64, f64)>,
+    /// Mean ground sampling distance, metres.
+    pub gsd_m: Option<f64>,
+    /// Angle between nadir and the line of sight at the satellite, degrees.
+    pub off_nadir_deg: Option<f64>,
+    /// How the image is cut into files, if it is.
+    pub tiles: Option<Tiles>,
+}
+
+/// A product that is cut into files `…_R1C1`, `…_R1C2`, ….
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tiles {
+    /// Columns from one tile to the next.
+    pub width: usize,
+    /// Rows from one tile to the next.
+    pub height: usize,
+    /// Tiles side by side.
+    pub across: usize,
+    /// Tiles one below the other.
+    pub down: usize,
+}
+
+impl ViewTags {
+    /// Takes from `other` what these tags do not tell.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            image: self.image.or(other.image),
+            size: self.size.or(other.size),
+            sun_deg: self.sun_deg.or(other.sun_deg),
+            acquired: self.acquired.or(other.acquired),
+            height_range: self.height_range.or(other.height_range),
+            gsd_m: self.gsd_m.or(other.gsd_m),
+            off_nadir_deg: self.off_nadir_deg.or(other.off_nadir_deg),
+            tiles: self.tiles.or(other.tiles),
+        }
+    }
 }
 
 /// What an RPC file holds.
@@ -134,6 +204,18 @@ pub struct RpcFile {
     pub rpc: Rpc,
     /// What else the file says.
     pub tags: ViewTags,
+    /// The format, as a user would name it.
+    pub format: &'static str,
+    /// What is odd about it, one sentence a cause.
+    pub warnings: Vec<String>,
+}
+
+impl RpcFile {
+    /// A camera of which nothing else is known.
+    #[must_use]
+    pub fn new(rpc: Rpc, format: &'static str) -> Self {
+        Self { rpc, tags: ViewTags::default(), format, warnings: Vec::new() }
+    }
 }
 
 /// Reads a sidecar in any format, recognised by its content.
@@ -150,13 +232,28 @@ pub fn read(file: &Path) -> Result<RpcFile, FormatError> {
 /// As [`read`].
 pub fn parse(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
     let content = content.trim_start_matches('\u{feff}').trim_start();
-    let unrecognised = |what| FormatError::Unrecognised { file: file.into(), what };
     match content.as_bytes().first() {
-        Some(b'{') => from_json(file, content),
-        Some(b'<') => Err(unrecognised(" (it is XML)")),
-        None => Err(unrecognised(" (it is empty)")),
-        _ => Ok(RpcFile { rpc: from_text(file, content)?, tags: ViewTags::default() }),
+        Some(b'{') => json::from_json(file, content),
+        Some(b'<') => xml::from_xml(file, content),
+        None => Err(FormatError::Unrecognised { file: file.into(), what: " (it is empty)" }),
+        _ if maxar::is_pvl(content) => maxar::from_rpb(file, content),
+        _ if geom::is_geom(content) => geom::from_geom(file, content),
+        _ => text::from_text(file, content),
     }
+}
+
+/// Reads what a metadata file (`.IMD`, `.XML`, `DIM_*.XML`) says about an image, camera or not.
+///
+/// # Errors
+/// [`FormatError`] when the file cannot be read or is broken XML.
+pub fn read_tags(file: &Path) -> Result<ViewTags, FormatError> {
+    let content = read_text(file)?;
+    let content = content.trim_start_matches('\u{feff}').trim_start();
+    Ok(match content.as_bytes().first() {
+        Some(b'<') => xml::tags_of_xml(file, content)?,
+        _ if maxar::is_pvl(content) => maxar::imd_tags(content),
+        _ => ViewTags::default(),
+    })
 }
 
 /// Text of a regular file of reasonable size; bytes that are no UTF-8 do not matter, they are comments.

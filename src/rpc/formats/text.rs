@@ -1,7 +1,7 @@
 //! `_RPC.TXT`: one `KEY: value unit` a line, as IKONOS, GeoEye, Planet and GDAL write it.
 
-use super::FormatError;
 use super::keys::{Fields, RPC00B, format_number};
+use super::{FormatError, RpcFile};
 use crate::rpc::Rpc;
 use std::fmt::Write;
 use std::path::Path;
@@ -13,18 +13,19 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`FormatError`].
-pub fn from_text(file: &Path, content: &str) -> Result<Rpc, FormatError> {
+pub(super) fn from_text(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
     let mut fields = Fields::new(file, &RPC00B);
     for line in content.trim_start_matches('\u{feff}').lines() {
         let Some((key, value)) = line.split_once([':', '=']) else { continue };
+        if value.trim().eq_ignore_ascii_case("RPC00A") {
+            return Err(FormatError::Rpc00a { file: file.into() });
+        }
         fields.take(&key.trim().to_ascii_uppercase(), value)?;
     }
     if fields.is_empty() {
-        let is_rpb = content.to_ascii_lowercase().contains("lineoffset");
-        let what = if is_rpb { " (it looks like an RPB)" } else { "" };
-        return Err(FormatError::Unrecognised { file: file.into(), what });
+        return Err(FormatError::Unrecognised { file: file.into(), what: "" });
     }
-    fields.rpc()
+    Ok(RpcFile::new(fields.rpc()?, "RPC text"))
 }
 
 /// The text of an `_RPC.TXT` with units, as GDAL reads it too.

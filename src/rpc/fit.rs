@@ -3,12 +3,11 @@
 //! Per axis the weighted linear problem `min Σ w² (num - t den)²`, den's constant 1, is solved by QR with a small
 //! ridge stacked below, and repeated with `w = 1 / den` until the weights stand still.
 
+use super::model::{TERMS, monomials};
+use super::{Axis, Rpc, RpcCoefficients, RpcError};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
-use crate::rpc::{Axis, Rpc, RpcCoefficients, RpcError};
 use nalgebra::{DMatrix, DVector};
 
-/// Terms of a cubic polynomial in three variables.
-const TERMS: usize = 20;
 /// Free coefficients per axis: 20 above, 19 below the line.
 const UNKNOWNS: usize = 2 * TERMS - 1;
 /// Weight of the pull towards zero; keeps the nearly dependent terms small at no cost in precision.
@@ -20,19 +19,24 @@ const ROUNDS: usize = 3;
 
 /// The ground volume and image for which a model is fitted.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Volume {
-    pub(super) lon: Axis,
-    pub(super) lat: Axis,
-    pub(super) height: Axis,
-    pub(super) col: Axis,
-    pub(super) row: Axis,
+pub struct Volume {
+    /// Longitude, degrees.
+    pub lon: Axis,
+    /// Latitude, degrees.
+    pub lat: Axis,
+    /// Ellipsoidal height, metres.
+    pub height: Axis,
+    /// Column, pixels.
+    pub col: Axis,
+    /// Row, pixels.
+    pub row: Axis,
 }
 
-/// Fits an RPC to `camera` over a volume.
-pub(super) fn fit_rpc(
-    volume: &Volume,
-    camera: impl Fn(Point<Geodetic>) -> Pixel<CenterPx>,
-) -> Result<Rpc, RpcError> {
+/// The RPC nearest to `camera` over a volume; it agrees with another RPC there to 1e-6 px.
+///
+/// # Errors
+/// [`RpcError`] when no model without poles is found.
+pub fn fit(volume: &Volume, camera: impl Fn(Point<Geodetic>) -> Pixel<CenterPx>) -> Result<Rpc, RpcError> {
     let chebyshev = |i: usize| (std::f64::consts::PI * (i as f64 + 0.5) / NODES as f64).cos();
     let mut terms = Vec::with_capacity(NODES * NODES * NODES);
     let (mut cols, mut rows) = (Vec::new(), Vec::new());
@@ -62,7 +66,8 @@ pub(super) fn fit_rpc(
 
 impl Volume {
     /// The ground point of normalised coordinates (longitude, latitude, height).
-    pub(super) fn ground(&self, [l, p, h]: [f64; 3]) -> Point<Geodetic> {
+    #[must_use]
+    pub fn ground(&self, [l, p, h]: [f64; 3]) -> Point<Geodetic> {
         Point::new(
             self.lon.offset + self.lon.scale * l,
             self.lat.offset + self.lat.scale * p,
@@ -102,29 +107,25 @@ fn fit_axis(terms: &[[f64; TERMS]], targets: &[f64]) -> ([f64; TERMS], [f64; TER
     (num, den)
 }
 
-/// The twenty terms in RPC00B's order, written out a second time so that a permuted term shows.
-fn monomials([l, p, h]: [f64; 3]) -> [f64; TERMS] {
-    let powers: [[i32; 3]; TERMS] = [
-        [0, 0, 0],
-        [1, 0, 0],
-        [0, 1, 0],
-        [0, 0, 1],
-        [1, 1, 0],
-        [1, 0, 1],
-        [0, 1, 1],
-        [2, 0, 0],
-        [0, 2, 0],
-        [0, 0, 2],
-        [1, 1, 1],
-        [3, 0, 0],
-        [1, 2, 0],
-        [1, 0, 2],
-        [2, 1, 0],
-        [0, 3, 0],
-        [0, 1, 2],
-        [2, 0, 1],
-        [0, 2, 1],
-        [0, 0, 3],
-    ];
-    powers.map(|[i, j, k]| l.powi(i) * p.powi(j) * h.powi(k))
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rpc::test_camera;
+
+    #[test]
+    fn a_refit_over_half_the_heights_is_the_same_camera_there() {
+        let rpc = test_camera();
+        let c = rpc.coefficients();
+        let height = Axis { offset: c.height.offset + 20.0, scale: 0.5 * c.height.scale };
+        let volume = Volume { lon: c.lon, lat: c.lat, height, col: c.col, row: c.row };
+        let refitted = fit(&volume, |p| rpc.project(p)).unwrap();
+        assert_ne!(refitted, rpc);
+        let node = |i: i32| f64::from(i % 17) / 8.0 - 1.0;
+        let apart = (0..17i32.pow(3)).map(|i| {
+            let p = volume.ground([node(i), node(i / 17), node(i / 289)]);
+            refitted.project(p).distance(rpc.project(p))
+        });
+        let worst = apart.fold(0.0, f64::max);
+        assert!(worst < 1e-6, "{worst} px");
+    }
 }

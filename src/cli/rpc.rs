@@ -1,0 +1,327 @@
+//! `satgs rpc`: points through a camera, cameras between formats, two cameras against each other.
+
+use super::{Failure, Ui};
+use crate::affine::{GroundBox, Order, residual};
+use crate::event::Event;
+use crate::frame::{Pixel, Point};
+use crate::raster::{RasterError, write_atomically, write_with_rpc};
+use crate::rpc::formats::{RpcFile, to_gdal, to_json, to_rpb, to_text};
+use crate::rpc::{GroundBatch, PixelBatch, Rpc};
+use crate::scene::read_camera;
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Nodes along columns, rows and heights at which two cameras are compared.
+const NODES: usize = 21;
+
+/// Project and localise points, convert RPC files, compare two cameras, see what an affine camera would cost
+///
+/// FILE is an RPC file of any format satgs reads (`_RPC.TXT`, Maxar .RPB and .XML, DIMAP, OSSIM .geom, rpcm JSON,
+/// GDAL .aux.xml) or an image with its RPC inside or beside it. Pixel 0 0 is the centre of the first pixel, heights
+/// are metres above the WGS 84 ellipsoid, longitudes and latitudes degrees.
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(clap::Subcommand)]
+enum Task {
+    /// From the ground to the image: lines `lon lat h` become `col row`
+    #[command(after_help = "\
+Example, a point given and points from standard input:
+  satgs rpc project img_RPC.TXT 5.4401,43.2603,120
+  satgs rpc project img_RPC.TXT -- -81.6637,30.3487,-20
+  echo '5.4401 43.2603 120' | satgs rpc project img_RPC.TXT")]
+    Project(Points),
+    /// From the image to the ground: lines `col row h` become `lon lat`
+    #[command(after_help = "\
+Example, the ground under an image's first pixel at 120 m:
+  satgs rpc localize img.tif 0,0,120")]
+    Localize(Points),
+    /// Write a camera in another format, with 17 digits
+    #[command(after_help = "\
+The ending of OUT says the format: .txt (_RPC.TXT), .rpb, .json (rpcm), .tif (a copy of --image with the RPC tag).
+Example:
+  satgs rpc convert RPC_PHR1A.XML img_RPC.TXT")]
+    Convert(Convert),
+    /// How far two cameras differ over the first one's volume: RMS and maximum, pixels
+    Compare(Compare),
+    /// How far the best affine and quadratic cameras are from this one over a box of ground
+    Fit(Fit),
+}
+
+#[derive(clap::Args)]
+struct Points {
+    /// RPC file or image
+    file: PathBuf,
+    /// Points, three numbers each with commas or blanks between, after `--` if one begins with a minus; read from
+    /// standard input without any
+    points: Vec<String>,
+}
+
+#[derive(clap::Args)]
+struct Convert {
+    /// RPC file or image
+    file: PathBuf,
+    /// The file to write
+    out: PathBuf,
+    /// Image to copy when OUT is a .tif
+    #[arg(long)]
+    image: Option<PathBuf>,
+    /// Replace OUT if it exists
+    #[arg(long)]
+    overwrite: bool,
+}
+
+#[derive(clap::Args)]
+struct Compare {
+    /// RPC file or image: its volume counts
+    first: PathBuf,
+    /// RPC file or image
+    second: PathBuf,
+}
+
+#[derive(clap::Args)]
+struct Fit {
+    /// RPC file or image
+    file: PathBuf,
+    /// Side of the square of ground, metres
+    #[arg(long, default_value_t = 256.0, value_name = "METRES")]
+    size: f64,
+    /// Heights above and below the middle one, metres
+    #[arg(long, default_value_t = 20.0, value_name = "METRES")]
+    heights: f64,
+    /// Middle of the square and its height [default: the middle of the RPC's volume]
+    #[arg(long, value_name = "LON,LAT,H", allow_hyphen_values = true)]
+    at: Option<String>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
+    match &args.task {
+        Task::Project(points) => project(points, ui),
+        Task::Localize(points) => localize(points, ui),
+        Task::Convert(convert) => write(convert, ui),
+        Task::Compare(two) => compare(two, ui),
+        Task::Fit(fit) => approximate(fit, ui),
+    }
+}
+
+fn load(path: &Path, ui: &Ui) -> Result<RpcFile, Failure> {
+    let file = read_camera(path)?;
+    for warning in &file.warnings {
+        ui.show(Event::Warning(warning.clone()));
+    }
+    Ok(file)
+}
+
+fn project(args: &Points, ui: &Ui) -> Result<(), Failure> {
+    let rpc = load(&args.file, ui)?.rpc;
+    let [lon_deg, lat_deg, height_m] = args.read()?;
+    let ground = GroundBatch { lon_deg, lat_deg, height_m };
+    let mut seen = PixelBatch::default();
+    rpc.project_batch(&ground, &mut seen);
+    let place = |i: usize| Point::new(ground.lon_deg[i], ground.lat_deg[i], ground.height_m[i]);
+    let beyond = (0..seen.col.len()).filter(|i| !rpc.is_valid_at(place(*i))).count();
+    if beyond > 0 {
+        ui.show(Event::Warning(format!(
+            "{beyond} of {} points are outside the volume for which the RPC was made",
+            seen.col.len()
+        )));
+    }
+    let mut text = String::new();
+    for (col, row) in seen.col.iter().zip(&seen.row) {
+        let _ = writeln!(text, "{col:.9} {row:.9}");
+    }
+    ui.summary("rpc project", &text, json!({ "col": seen.col, "row": seen.row, "outside_volume": beyond }));
+    Ok(())
+}
+
+fn localize(args: &Points, ui: &Ui) -> Result<(), Failure> {
+    let rpc = load(&args.file, ui)?.rpc;
+    let [col, row, height] = args.read()?;
+    let pixels = PixelBatch { col, row };
+    let mut ground = GroundBatch::default();
+    rpc.localize_batch(&pixels, &height, &mut ground);
+    let mut text = String::new();
+    for (lon, lat) in ground.lon_deg.iter().zip(&ground.lat_deg) {
+        let _ = writeln!(text, "{lon:.13} {lat:.13}");
+    }
+    let lost: Vec<usize> = (0..height.len()).filter(|i| ground.lon_deg[*i].is_nan()).collect();
+    let summary = json!({ "lon": ground.lon_deg, "lat": ground.lat_deg, "not_seen": lost.len() });
+    ui.summary("rpc localize", &text, summary);
+    let Some(first) = lost.first() else { return Ok(()) };
+    let why = rpc.localize(Pixel::new(pixels.col[*first], pixels.row[*first]), height[*first]);
+    let why = why.err().map_or_else(String::new, |e| e.to_string());
+    Err(Failure::partial(
+        format!(
+            "{} of {} points are not on the ground; point {}: {why}",
+            lost.len(),
+            height.len(),
+            first + 1
+        ),
+        "their lines say NaN; pixels far outside the image and heights far outside the RPC's range have no ground",
+    ))
+}
+
+impl Points {
+    /// The three columns of the points.
+    fn read(&self) -> Result<[Vec<f64>; 3], Failure> {
+        let mut input = String::new();
+        let lines: Vec<&str> = if self.points.is_empty() {
+            std::io::stdin()
+                .read_to_string(&mut input)
+                .map_err(|e| Failure::input(format!("standard input: {e}"), "points are text"))?;
+            input.lines().collect()
+        } else {
+            self.points.iter().map(String::as_str).collect()
+        };
+        let mut columns: [Vec<f64>; 3] = Default::default();
+        for (i, line) in lines.iter().enumerate() {
+            let line = line.split('#').next().unwrap_or_default();
+            if line.trim().is_empty() {
+                continue;
+            }
+            for (column, value) in columns.iter_mut().zip(three(line, &format!("point {}", i + 1))?) {
+                column.push(value);
+            }
+        }
+        Ok(columns)
+    }
+}
+
+/// Three finite numbers with commas or blanks between.
+fn three(text: &str, what: &str) -> Result<[f64; 3], Failure> {
+    let words = text.split([',', ' ', '\t', ';', '\r']).filter(|w| !w.is_empty());
+    let numbers: Option<Vec<f64>> = words.map(|w| w.parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    numbers.and_then(|n| n.try_into().ok()).ok_or_else(|| {
+        let shown: String = text.trim().chars().take(60).collect();
+        Failure::input(
+            format!("{what} is `{shown}`, three numbers are expected"),
+            "longitude, latitude and height, or column, row and height, as in `5.44 43.26 120`",
+        )
+    })
+}
+
+fn write(args: &Convert, ui: &Ui) -> Result<(), Failure> {
+    let file = load(&args.file, ui)?;
+    let out = &args.out;
+    if out.exists() && !args.overwrite {
+        return Err(Failure::input(format!("`{}` exists", out.display()), "--overwrite replaces it"));
+    }
+    let ending = out.extension().map_or_else(String::new, |e| e.to_string_lossy().to_lowercase());
+    let text = match (ending.as_str(), &args.image) {
+        ("txt", None) => to_text(&file.rpc),
+        ("rpb", None) => to_rpb(&file.rpc),
+        ("json", None) => to_json(&file.rpc, &file.tags),
+        ("tif" | "tiff", Some(image)) => {
+            write_with_rpc(image, out, &to_gdal(&file.rpc))?;
+            String::new()
+        }
+        ("tif" | "tiff", None) => {
+            return Err(Failure::input(
+                format!("`{}` needs an image to copy", out.display()),
+                "--image IN.tif names it",
+            ));
+        }
+        _ => {
+            return Err(Failure::input(
+                format!("`{}` has no ending that tells a format", out.display()),
+                "OUT ends in .txt, .rpb or .json, or in .tif with --image",
+            ));
+        }
+    };
+    if !text.is_empty() {
+        write_atomically(out, |temporary| {
+            std::fs::write(temporary, &text)
+                .map_err(|e| RasterError::Write { path: out.clone(), reason: e.to_string() })
+        })?;
+    }
+    let line = format!("{}: {} as {}", out.display(), file.format, ending);
+    ui.summary("rpc convert", &line, json!({ "out": out, "from": file.format, "to": ending }));
+    Ok(())
+}
+
+fn compare(args: &Compare, ui: &Ui) -> Result<(), Failure> {
+    let (a, b) = (load(&args.first, ui)?.rpc, load(&args.second, ui)?.rpc);
+    let (pixels, ground) = volume(&a);
+    let mut seen = PixelBatch::default();
+    b.project_batch(&ground, &mut seen);
+    let apart: Vec<f64> = (0..seen.col.len())
+        .map(|i| (seen.col[i] - pixels.col[i]).hypot(seen.row[i] - pixels.row[i]))
+        .filter(|d| d.is_finite())
+        .collect();
+    if apart.is_empty() {
+        return Err(Failure::input(
+            format!("`{}` sees no ground in its own volume", args.first.display()),
+            "is the RPC damaged?",
+        ));
+    }
+    let n = apart.len() as f64;
+    let rms = (apart.iter().map(|d| d * d).sum::<f64>() / n).sqrt();
+    let max = apart.iter().copied().fold(0.0, f64::max);
+    let mean = |seen: &[f64], own: &[f64]| {
+        seen.iter().zip(own).map(|(s, o)| s - o).filter(|d| d.is_finite()).sum::<f64>() / n
+    };
+    let (d_col, d_row) = (mean(&seen.col, &pixels.col), mean(&seen.row, &pixels.row));
+    let text = format!(
+        "over the volume of {}: RMS {rms:.6} px, maximum {max:.6} px\nmean of second minus first: col {d_col:+.6}, \
+         row {d_row:+.6} px\n",
+        args.first.display()
+    );
+    let summary = json!({ "rms_px": rms, "max_px": max, "mean_col_px": d_col, "mean_row_px": d_row, "points": apart.len() });
+    ui.summary("rpc compare", &text, summary);
+    Ok(())
+}
+
+/// Pixels over a camera's image and heights, and the ground it sees there.
+fn volume(rpc: &Rpc) -> (PixelBatch, GroundBatch) {
+    let c = rpc.coefficients();
+    let node = |i: usize| 2.0 * (i % NODES) as f64 / (NODES - 1) as f64 - 1.0;
+    let all = 0..NODES.pow(3);
+    let axis = |a: crate::rpc::Axis, every: usize| -> Vec<f64> {
+        all.clone().map(|i| a.offset + a.scale * node(i / every)).collect()
+    };
+    let pixels = PixelBatch { col: axis(c.col, 1), row: axis(c.row, NODES) };
+    let mut ground = GroundBatch::default();
+    rpc.localize_batch(&pixels, &axis(c.height, NODES * NODES), &mut ground);
+    (pixels, ground)
+}
+
+fn approximate(args: &Fit, ui: &Ui) -> Result<(), Failure> {
+    let rpc = load(&args.file, ui)?.rpc;
+    let center = match &args.at {
+        Some(text) => {
+            let [lon, lat, h] = three(text, "--at")?;
+            Point::new(lon, lat, h)
+        }
+        None => rpc.center(),
+    };
+    let ground = GroundBox { center, side_m: args.size, half_height_m: args.heights };
+    let affine = residual(&rpc, &ground, Order::Affine)?;
+    let quadratic = residual(&rpc, &ground, Order::Quadratic)?;
+    let text = format!(
+        "{:.0} m square, ±{:.0} m, around lon {:.6}, lat {:.6}, {:.1} m\n\
+         affine:    RMS {:.2e} px, maximum {:.2e} px\n\
+         quadratic: RMS {:.2e} px, maximum {:.2e} px\n",
+        args.size,
+        args.heights,
+        center.lon_deg(),
+        center.lat_deg(),
+        center.height_m(),
+        affine.rms_px,
+        affine.max_px,
+        quadratic.rms_px,
+        quadratic.max_px
+    );
+    let both = |r: crate::affine::Residual| -> Value { json!({ "rms_px": r.rms_px, "max_px": r.max_px }) };
+    let summary = json!({
+        "center": [center.lon_deg(), center.lat_deg(), center.height_m()], "size_m": args.size,
+        "heights_m": args.heights, "affine": both(affine), "quadratic": both(quadratic),
+    });
+    ui.summary("rpc fit", &text, summary);
+    Ok(())
+}

@@ -1,0 +1,29 @@
+//! Acquisition times as vendors write them.
+
+/// `YYYYMMDDHHMMSS` or ISO 8601 as `YYYY-MM-DDThh:mm:ssZ` (as `YYYY-MM-DD` without a time); none if it is
+/// neither.
+#[must_use]
+pub fn iso_date(text: &str) -> Option<String> {
+    let separators = ['-', ':', 'T', 't', 'Z', 'z', ' ', '/'];
+    // Fractions of a second are cut off: no stage needs them.
+    let whole = text.trim().split('.').next().unwrap_or_default();
+    let digits: String = whole.chars().filter(|c| !separators.contains(c)).collect();
+    if !digits.chars().all(|c| c.is_ascii_digit()) {
+        return None;
+    }
+    let part = |from: usize, to: usize, limits: std::ops::RangeInclusive<u32>| {
+        let text = digits.get(from..to)?;
+        limits.contains(&text.parse::<u32>().ok()?).then_some(text)
+    };
+    let date = format!("{}-{}-{}", part(0, 4, 1900..=2200)?, part(4, 6, 1..=12)?, part(6, 8, 1..=31)?);
+    match digits.len() {
+        8 => Some(date),
+        14 => Some(format!(
+            "{date}T{}:{}:{}Z",
+            part(8, 10, 0..=23)?,
+            part(10, 12, 0..=59)?,
+            part(12, 14, 0..=60)?
+        )),
+        _ => None,
+    }
+}

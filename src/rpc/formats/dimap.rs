@@ -1,0 +1,171 @@
+//! Airbus DIMAP: version 1 (`DIMAP_PHR`), 2 (Pléiades, SPOT 6 and 7) and 3 (Pléiades Neo).
+//!
+//! The inverse model (ground to image) is the RPC. The direct model is only compared with it: satgs inverts the
+//! inverse model itself. Versions 1 and 2 count pixels from 1, version 3 from 0 (GDAL issue 5716); the validity
+//! domain's `FIRST_ROW` and `FIRST_COL` say nothing about that (GDAL pull request 7653).
+
+use super::keys::{Fields, RPC00B, TERMS, parse_number};
+use super::xml::{find, items, number, text};
+use super::{FormatError, RpcFile, SAME_PX, Tiles, ViewTags, iso_date};
+use crate::frame::{Pixel, Point};
+use crate::rpc::{Rpc, polynomial};
+use roxmltree::Node;
+use std::path::Path;
+
+/// Nodes along each axis of the volume in which the two models are compared.
+const NODES: i32 = 11;
+
+/// The names of a direct model in version 3; version 2 calls longitude SAMP and latitude LINE.
+const DIRECT_V3: [&str; 4] = ["LAT_NUM_COEFF", "LAT_DEN_COEFF", "LON_NUM_COEFF", "LON_DEN_COEFF"];
+
+/// Reads the `Global_RFM` element of any version.
+pub(super) fn from_xml(file: &Path, root: Node, model: Node) -> Result<RpcFile, FormatError> {
+    let missing = |field: &str| FormatError::Missing { file: file.into(), field: field.into(), found: 0 };
+    let profile = text(root, "METADATA_PROFILE").unwrap_or_default();
+    let inverse_v3 = find(model, "GroundtoImage_Values");
+    let validity = find(model, "RFM_Validity").ok_or_else(|| missing("RFM_Validity"))?;
+    let mut fields = Fields::new(file, &RPC00B);
+    let (format, direct) = if find(model, "F_COL").is_some() {
+        take_v1(file, &mut fields, model, validity)?;
+        ("DIMAP v1", direct_v1(model))
+    } else {
+        let inverse = inverse_v3.or_else(|| find(model, "Inverse_Model"));
+        let inverse = inverse.ok_or_else(|| missing("Inverse_Model"))?;
+        // The errors are named by axis here (ERR_BIAS_X, ERR_BIAS_ROW), and mean the fit's: they are not taken.
+        for (name, value) in items(validity).chain(items(inverse)) {
+            fields.take(name, value)?;
+        }
+        let (format, direct, names) = match inverse_v3 {
+            Some(_) => ("DIMAP v3", "ImagetoGround_Values", DIRECT_V3),
+            None => ("DIMAP v2", "Direct_Model", RPC00B.polynomials),
+        };
+        (format, find(model, direct).and_then(|d| direct_terms(d, names)))
+    };
+    let first_pixel = match profile {
+        "PNEO_SENSOR" => 0.0,
+        "PHR_SENSOR" | "S6_SENSOR" | "S7_SENSOR" => 1.0,
+        _ if inverse_v3.is_some() => 0.0,
+        _ => 1.0,
+    };
+    let rpc = fields.rpc()?.shifted(-first_pixel, -first_pixel);
+    let gap = direct.and_then(|direct| direct_gap_px(&rpc, &direct));
+    let warnings = gap.filter(|gap| *gap > SAME_PX).map(|gap| {
+        format!(
+            "`{}`: its direct and inverse models differ by up to {gap:.1} px; the inverse one is used",
+            file.display()
+        )
+    });
+    let tags = tags(root);
+    Ok(RpcFile { rpc, tags, format, warnings: warnings.into_iter().collect() })
+}
+
+/// Version 1: forty numbers a function, numerator before denominator; scales are A, offsets B.
+fn take_v1(file: &Path, fields: &mut Fields, model: Node, validity: Node) -> Result<(), FormatError> {
+    for (function, [num, den]) in
+        [("F_ROW", ["LINE_NUM_COEFF", "LINE_DEN_COEFF"]), ("F_COL", ["SAMP_NUM_COEFF", "SAMP_DEN_COEFF"])]
+    {
+        let words: Vec<&str> = text(model, function).unwrap_or_default().split_whitespace().collect();
+        if words.len() != 2 * TERMS {
+            let (file, field) = (file.into(), function.into());
+            return Err(FormatError::Count { file, field, found: words.len(), expected: 2 * TERMS });
+        }
+        fields.take(num, &words[..TERMS].join(" "))?;
+        fields.take(den, &words[TERMS..].join(" "))?;
+    }
+    for (axis, scale, offset) in [
+        ("Lon", "LONG_SCALE", "LONG_OFF"),
+        ("Lat", "LAT_SCALE", "LAT_OFF"),
+        ("Alt", "HEIGHT_SCALE", "HEIGHT_OFF"),
+        ("Col", "SAMP_SCALE", "SAMP_OFF"),
+        ("Row", "LINE_SCALE", "LINE_OFF"),
+    ] {
+        let Some(node) = find(validity, axis) else { continue };
+        for (name, field) in [("A", scale), ("B", offset)] {
+            if let Some(value) = text(node, name) {
+                fields.take(field, value)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A direct model: latitude's numerator and denominator, longitude's, of (column, row, height).
+type Direct = [[f64; TERMS]; 4];
+
+fn direct_terms(node: Node, names: [&str; 4]) -> Option<Direct> {
+    let mut terms = [[f64::NAN; TERMS]; 4];
+    for (name, value) in items(node) {
+        let Some(k) = names.iter().position(|n| name.starts_with(n)) else { continue };
+        let index: usize = name[names[k].len()..].strip_prefix('_')?.parse().ok()?;
+        *terms[k].get_mut(index.checked_sub(1)?)? = parse_number(value)?;
+    }
+    terms.as_flattened().iter().all(|t| t.is_finite()).then_some(terms)
+}
+
+fn direct_v1(model: Node) -> Option<Direct> {
+    let both = |function| {
+        let words = text(model, function)?.split_whitespace().map(parse_number);
+        words.collect::<Option<Vec<f64>>>().filter(|v| v.len() == 2 * TERMS)
+    };
+    let (lat, lon) = (both("F_LAT")?, both("F_LON")?);
+    let half = |v: &[f64], from: usize| std::array::from_fn(|i| v[from + i]);
+    Some([half(&lat, 0), half(&lat, TERMS), half(&lon, 0), half(&lon, TERMS)])
+}
+
+/// How far a pixel is from where the inverse model sees the ground that the direct one says it shows: the most over
+/// the volume, pixels.
+fn direct_gap_px(rpc: &Rpc, [lat_num, lat_den, lon_num, lon_den]: &Direct) -> Option<f64> {
+    let c = rpc.coefficients();
+    let node = |i: i32| 2.0 * f64::from(i) / f64::from(NODES - 1) - 1.0;
+    let mut gap = 0.0f64;
+    for i in 0..NODES.pow(3) {
+        let place = [node(i % NODES), node(i / NODES % NODES), node(i / NODES.pow(2))];
+        let ratio = |num, den| polynomial(num, place) / polynomial(den, place);
+        let ground = Point::new(
+            c.lon.offset + c.lon.scale * ratio(lon_num, lon_den),
+            c.lat.offset + c.lat.scale * ratio(lat_num, lat_den),
+            c.height.offset + c.height.scale * place[2],
+        );
+        let px = Pixel::new(c.col.offset + c.col.scale * place[0], c.row.offset + c.row.scale * place[1]);
+        gap = gap.max(rpc.project(ground).distance(px));
+    }
+    gap.is_finite().then_some(gap)
+}
+
+/// What a product file (`DIM_*.XML`) says about the image, or a version 1 file.
+pub(super) fn tags(root: Node) -> ViewTags {
+    let is_center = |n: &Node| {
+        n.tag_name().name() == "Located_Geometric_Values" && text(*n, "LOCATION_TYPE") == Some("Center")
+    };
+    let center = root.descendants().find(is_center).unwrap_or(root);
+    let raster = find(root, "Raster_Dimensions");
+    let count = |name| raster.and_then(|r| number(r, name)).filter(|v| *v >= 1.0).map(|v| v as usize);
+    let imaged = || {
+        let date = text(root, "IMAGING_DATE")?;
+        iso_date(&format!("{date}T{}", text(root, "IMAGING_TIME")?)).or_else(|| iso_date(date))
+    };
+    let gsd = number(center, "GSD_ACROSS_TRACK").zip(number(center, "GSD_ALONG_TRACK"));
+    ViewTags {
+        size: count("NCOLS").zip(count("NROWS")),
+        sun_deg: number(center, "SUN_AZIMUTH").zip(number(center, "SUN_ELEVATION")),
+        acquired: text(center, "TIME").and_then(iso_date).or_else(imaged),
+        gsd_m: gsd.map(|(across, along)| (across * along).sqrt()),
+        off_nadir_deg: number(center, "VIEWING_ANGLE"),
+        tiles: raster.and_then(tiles),
+        ..ViewTags::default()
+    }
+}
+
+/// How a product is cut into files.
+fn tiles(raster: Node) -> Option<Tiles> {
+    let tiling = find(raster, "Regular_Tiling")?;
+    let (size, count) = (find(tiling, "NTILES_SIZE")?, find(tiling, "NTILES_COUNT")?);
+    let value = |node: Node, name: &str| node.attribute(name)?.trim().parse::<usize>().ok();
+    let overlap = |name| number(tiling, name).unwrap_or(0.0) as usize;
+    Some(Tiles {
+        width: value(size, "ncols")?.checked_sub(overlap("OVERLAP_COL"))?,
+        height: value(size, "nrows")?.checked_sub(overlap("OVERLAP_ROW"))?,
+        across: value(count, "ntiles_C")?,
+        down: value(count, "ntiles_R")?,
+    })
+}

@@ -1,0 +1,132 @@
+//! Maxar (DigitalGlobe): the `.XML` with `RPB` and `IMD` elements, and the same as PVL text in `.RPB` and `.IMD`.
+
+use super::keys::{Fields, Names, format_number, parse_number};
+use super::xml::{find, items, text};
+use super::{FormatError, RpcFile, ViewTags, iso_date};
+use crate::rpc::Rpc;
+use roxmltree::Node;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::Path;
+
+/// The names in an `.RPB`.
+const RPB: Names = Names {
+    offsets: ["lineOffset", "sampOffset", "latOffset", "longOffset", "heightOffset"],
+    scales: ["lineScale", "sampScale", "latScale", "longScale", "heightScale"],
+    polynomials: ["lineNumCoef", "lineDenCoef", "sampNumCoef", "sampDenCoef"],
+    errors: ["errBias", "errRand"],
+};
+
+/// The names in the XML.
+const XML: Names = Names {
+    offsets: ["LINEOFFSET", "SAMPOFFSET", "LATOFFSET", "LONGOFFSET", "HEIGHTOFFSET"],
+    scales: ["LINESCALE", "SAMPSCALE", "LATSCALE", "LONGSCALE", "HEIGHTSCALE"],
+    polynomials: ["LINENUMCOEF", "LINEDENCOEF", "SAMPNUMCOEF", "SAMPDENCOEF"],
+    errors: ["ERRBIAS", "ERRRAND"],
+};
+
+/// Reads the `RPB` element; sun, date and size come from `IMD` beside it.
+pub(super) fn from_xml(file: &Path, root: Node, rpb: Node) -> Result<RpcFile, FormatError> {
+    refuse_rpc00a(file, text(rpb, "SPECID"))?;
+    let mut fields = Fields::new(file, &XML);
+    for (name, value) in find(rpb, "IMAGE").into_iter().flat_map(items) {
+        fields.take(name, value)?;
+    }
+    for name in XML.polynomials {
+        if let Some(terms) = text(rpb, name) {
+            fields.take(name, terms)?;
+        }
+    }
+    Ok(RpcFile { tags: tags(root), ..RpcFile::new(fields.rpc()?, "Maxar XML") })
+}
+
+/// What `IMD` says about the image.
+pub(super) fn tags(root: Node) -> ViewTags {
+    let Some(imd) = find(root, "IMD") else { return ViewTags::default() };
+    view_tags(|name| text(imd, &name.to_ascii_uppercase()).map(str::to_owned))
+}
+
+/// Whether text is an `.RPB` or an `.IMD`: both end their lines with a semicolon.
+pub(super) fn is_pvl(content: &str) -> bool {
+    let known = ["lineOffset", "lineNumCoef", "BEGIN_GROUP", "specId"];
+    known.iter().any(|word| content.contains(word)) && content.contains(';')
+}
+
+/// Reads an `.RPB`.
+///
+/// # Errors
+/// [`FormatError`].
+pub(super) fn from_rpb(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
+    let items = pvl(content);
+    refuse_rpc00a(file, items.get("specId").map(String::as_str))?;
+    let mut fields = Fields::new(file, &RPB);
+    for (key, value) in &items {
+        fields.take(key, value)?;
+    }
+    if fields.is_empty() {
+        let what = " (it is Maxar metadata without an RPC; that is in the .RPB beside it)";
+        return Err(FormatError::Unrecognised { file: file.into(), what });
+    }
+    Ok(RpcFile { tags: imd_tags(content), ..RpcFile::new(fields.rpc()?, "RPB") })
+}
+
+/// What an `.IMD` says about the image.
+pub(super) fn imd_tags(content: &str) -> ViewTags {
+    let items = pvl(content);
+    view_tags(|name| items.get(name).cloned())
+}
+
+/// The text of an `.RPB`.
+#[must_use]
+pub fn to_rpb(rpc: &Rpc) -> String {
+    let c = rpc.coefficients();
+    // The format's readers expect both errors; -1 says that they are not known.
+    let errors = RPB.errors.into_iter().zip([c.err_bias_m, c.err_rand_m].map(|e| e.unwrap_or(-1.0)));
+    let mut out = String::from("satId = \"\";\nbandId = \"\";\nSpecId = \"RPC00B\";\nBEGIN_GROUP = IMAGE\n");
+    for (name, value) in errors.chain(RPB.axes(c)) {
+        let _ = writeln!(out, "\t{name} = {};", format_number(value));
+    }
+    for (name, terms) in RPB.terms(c) {
+        let terms: Vec<String> = terms.iter().map(|t| format!("\t\t\t{}", format_number(*t))).collect();
+        let _ = writeln!(out, "\t{name} = (\n{});", terms.join(",\n"));
+    }
+    out.push_str("END_GROUP = IMAGE\nEND;\n");
+    out
+}
+
+/// The statements `key = value;` of a PVL text, lists as blank-separated words, quotes taken off.
+fn pvl(content: &str) -> BTreeMap<String, String> {
+    let mut items = BTreeMap::new();
+    for statement in content.split(';') {
+        // Lines such as `BEGIN_GROUP = IMAGE` end without a semicolon: what counts is the statement's last key.
+        let groups = statement.lines().filter(|l| !l.contains("_GROUP")).collect::<Vec<_>>().join(" ");
+        let Some((key, value)) = groups.split_once('=') else { continue };
+        let key = if key.trim() == "SpecId" { "specId" } else { key.trim() };
+        let value = value.replace(['(', ')', ',', '"'], " ");
+        items.insert(key.to_owned(), value.trim().to_owned());
+    }
+    items
+}
+
+/// Tags by the names of an `.IMD`; the XML has the same in capitals.
+fn view_tags(item: impl Fn(&str) -> Option<String>) -> ViewTags {
+    let number = |name: &str| parse_number(&item(name)?).filter(|v| v.is_finite());
+    let count = |name: &str| number(name).filter(|v| *v >= 1.0).map(|v| v as usize);
+    // Products that were mosaicked or orthorectified tell of the strip's times instead of a line's.
+    let time = ["firstLineTime", "TLCTime", "earliestAcqTime"].iter().find_map(|n| iso_date(&item(n)?));
+    ViewTags {
+        size: count("numColumns").zip(count("numRows")),
+        sun_deg: number("meanSunAz").zip(number("meanSunEl")),
+        acquired: time,
+        gsd_m: number("meanProductGSD").or_else(|| number("meanCollectedGSD")),
+        off_nadir_deg: number("meanOffNadirViewAngle"),
+        ..ViewTags::default()
+    }
+}
+
+fn refuse_rpc00a(file: &Path, spec: Option<&str>) -> Result<(), FormatError> {
+    match spec {
+        Some(spec) if spec.eq_ignore_ascii_case("RPC00A") => Err(FormatError::Rpc00a { file: file.into() }),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,119 @@
+//! The TIFF tag 50844 (`RPCCoefficientTag`): 92 doubles.
+//!
+//! GDAL shows the tag as text of 15 digits; here it is read to the last bit. The layout is in "RPCs in GeoTIFF"
+//! (<http://geotiff.maptools.org/rpc_prop.html>).
+
+use super::FormatError;
+use crate::rpc::{Axis, Rpc, RpcCoefficients};
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+
+/// The tag.
+const RPC_COEFFICIENTS: u16 = 50844;
+/// Its type, IEEE double.
+const DOUBLE: u16 = 12;
+/// Its length.
+const COUNT: usize = 92;
+/// More entries than any image's first directory has.
+const MAX_ENTRIES: u64 = 4096;
+
+/// The camera in a TIFF's tag; none when the file is no TIFF or has no such tag.
+///
+/// # Errors
+/// [`FormatError::Invalid`] when the numbers are no camera. What cannot be read is no tag: opening the image tells
+/// why.
+pub fn from_tiff(file: &Path) -> Result<Option<Rpc>, FormatError> {
+    File::open(file).map_or(Ok(None), |content| parse_tiff(file, content))
+}
+
+/// As [`from_tiff`], of any content; `file` is for messages.
+///
+/// # Errors
+/// As [`from_tiff`].
+pub fn parse_tiff(file: &Path, content: impl Read + Seek) -> Result<Option<Rpc>, FormatError> {
+    let Some(values) = read_tag(content) else { return Ok(None) };
+    camera(&values).map(Some).map_err(|e| FormatError::invalid(file, e))
+}
+
+/// The tag's values, if there are 92 doubles.
+fn read_tag(mut file: impl Read + Seek) -> Option<[f64; COUNT]> {
+    let mut head = [0; 8];
+    file.read_exact(&mut head).ok()?;
+    let little = match &head[..2] {
+        b"II" => true,
+        b"MM" => false,
+        _ => return None,
+    };
+    let mut tiff = Tiff { file, little };
+    // A BigTIFF (43) has 64-bit offsets and counts.
+    let big = match tiff.number(&head[2..4]) {
+        42 => false,
+        43 => true,
+        _ => return None,
+    };
+    let (entry, count_bytes) = if big { (20, 8) } else { (12, 2) };
+    let directory = if big { tiff.number_at(8, 8)? } else { tiff.number(&head[4..8]) };
+    let entries = tiff.number_at(directory, count_bytes)?.min(MAX_ENTRIES);
+    let first = directory.checked_add(count_bytes as u64)?;
+    let mut bytes = vec![0; entry];
+    for i in 0..entries {
+        tiff.read_at(first.checked_add(i * entry as u64)?, &mut bytes)?;
+        let field = |tiff: &Tiff<_>, from: usize, to: usize| tiff.number(&bytes[from..to]);
+        if field(&tiff, 0, 2) != u64::from(RPC_COEFFICIENTS) {
+            continue;
+        }
+        let value = if big { 12 } else { 8 };
+        if field(&tiff, 2, 4) != u64::from(DOUBLE) || field(&tiff, 4, value) != COUNT as u64 {
+            return None;
+        }
+        let offset = field(&tiff, value, entry);
+        let mut doubles = [0; 8 * COUNT];
+        tiff.read_at(offset, &mut doubles)?;
+        return Some(std::array::from_fn(|k| f64::from_bits(tiff.number(&doubles[8 * k..8 * k + 8]))));
+    }
+    None
+}
+
+/// A TIFF file and the order of its bytes.
+struct Tiff<F> {
+    file: F,
+    little: bool,
+}
+
+impl<F: Read + Seek> Tiff<F> {
+    fn read_at(&mut self, offset: u64, bytes: &mut [u8]) -> Option<()> {
+        self.file.seek(SeekFrom::Start(offset)).ok()?;
+        self.file.read_exact(bytes).ok()
+    }
+
+    fn number_at(&mut self, offset: u64, size: usize) -> Option<u64> {
+        let mut bytes = [0; 8];
+        self.read_at(offset, &mut bytes[..size])?;
+        Some(self.number(&bytes[..size]))
+    }
+
+    fn number(&self, bytes: &[u8]) -> u64 {
+        let append = |value: u64, byte: &u8| value << 8 | u64::from(*byte);
+        if self.little { bytes.iter().rev().fold(0, append) } else { bytes.iter().fold(0, append) }
+    }
+}
+
+fn camera(v: &[f64; COUNT]) -> Result<Rpc, crate::rpc::RpcError> {
+    let axis = |k: usize| Axis { offset: v[2 + k], scale: v[7 + k] };
+    let terms = |k: usize| std::array::from_fn(|i| v[12 + 20 * k + i]);
+    let error = |e: f64| (e >= 0.0).then_some(e);
+    Rpc::new(RpcCoefficients {
+        row: axis(0),
+        col: axis(1),
+        lat: axis(2),
+        lon: axis(3),
+        height: axis(4),
+        row_num: terms(0),
+        row_den: terms(1),
+        col_num: terms(2),
+        col_den: terms(3),
+        err_bias_m: error(v[0]),
+        err_rand_m: error(v[1]),
+    })
+}

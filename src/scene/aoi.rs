@@ -1,0 +1,230 @@
+//! The area of interest: a polygon in longitude and latitude, and the part of each image that shows it.
+
+use super::{Scene, SceneError, UtmBox, View};
+use crate::frame::{Geodetic, Pixel, Point, SiteGrid};
+use crate::raster::Window;
+use geo::{LineString, Polygon, Validation};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::Path;
+
+/// Pixels read around what an area covers: keypoints and windows of its rim reach beyond it.
+const MARGIN_PX: f64 = 48.0;
+/// Places along each side of the polygon; sides are straight on the map, not in the image.
+const PLACES_A_SIDE: usize = 8;
+/// A side of an area beyond this is a mistake, or a task for tiles.
+const LARGEST_M: f64 = 100_000.0;
+/// A side of an area below this shows nothing.
+const SMALLEST_M: f64 = 1.0;
+/// Metres in a degree of latitude, near enough to measure with.
+const DEGREE_M: f64 = 111_200.0;
+
+/// A closed ring of (longitude, latitude) in degrees. Across the antimeridian longitudes go on beyond 180.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Aoi(Vec<[f64; 2]>);
+
+impl Aoi {
+    /// A box; `west > east` means across the antimeridian.
+    ///
+    /// # Errors
+    /// [`SceneError::Area`] for a box that is empty, huge or nowhere on Earth.
+    pub fn from_box([west, south, east, north]: [f64; 4]) -> Result<Self, SceneError> {
+        if south > north {
+            return Err(SceneError::Area {
+                reason: format!("the area is empty, its south {south} is beyond its north {north}"),
+            });
+        }
+        let east = if west > east { east + 360.0 } else { east };
+        Self::checked(vec![[west, south], [east, south], [east, north], [west, north]])
+    }
+
+    /// The first polygon of a GeoJSON file, its outer ring.
+    ///
+    /// # Errors
+    /// [`SceneError::Area`], [`SceneError::Unreadable`].
+    pub fn from_geojson(path: &Path) -> Result<Self, SceneError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+        let wrong = |reason: String| SceneError::Area { reason: format!("`{}`: {reason}", path.display()) };
+        let json: Value = serde_json::from_str(&text).map_err(|e| wrong(format!("no valid JSON: {e}")))?;
+        let ring = ring_of(&json).ok_or_else(|| wrong("it holds no polygon".into()))?;
+        let points: Option<Vec<[f64; 2]>> =
+            ring.iter().map(|p| Some([p.get(0)?.as_f64()?, p.get(1)?.as_f64()?])).collect();
+        Self::checked(points.ok_or_else(|| wrong("its polygon is not made of numbers".into()))?)
+    }
+
+    fn checked(ring: Vec<[f64; 2]>) -> Result<Self, SceneError> {
+        let wrong = |reason: String| Err(SceneError::Area { reason });
+        if let Some([lon, lat]) = ring.iter().find(|[lon, lat]| !(lon.abs() <= 540.0 && lat.abs() <= 90.0)) {
+            let hint = if lat.abs() <= 180.0 && lon.abs() <= 90.0 { "; are the axes swapped?" } else { "" };
+            return wrong(format!("longitude {lon}, latitude {lat} is no place on Earth{hint}"));
+        }
+        let (low, high) = extent(&ring);
+        let width = (high[0] - low[0]) * DEGREE_M * (0.5 * (low[1] + high[1])).to_radians().cos();
+        let height = (high[1] - low[1]) * DEGREE_M;
+        let size = format!("{width:.0} x {height:.0} m");
+        if ring.len() < 3 || !(width >= SMALLEST_M && height >= SMALLEST_M) {
+            return wrong(format!("the area is empty ({size})"));
+        }
+        if width > LARGEST_M || height > LARGEST_M {
+            return wrong(format!("the area of {size} is too large, at most 100 km a side"));
+        }
+        let polygon = Polygon::new(LineString::from(ring.clone()), Vec::new());
+        if !polygon.is_valid() {
+            return wrong("the area's outline crosses itself".into());
+        }
+        Ok(Self(ring))
+    }
+
+    /// The box around the area in metres of the grid's UTM zone.
+    #[must_use]
+    pub fn utm_box(&self, grid: &SiteGrid) -> UtmBox {
+        let points = self.outline().map(|p| grid.utm_from_geodetic(p.at_height(0.0)).xyz());
+        let (low, high) = extent(&points.map(|p| [p[0], p[1]]).collect::<Vec<_>>());
+        (low[0], low[1], high[0], high[1])
+    }
+
+    /// In words: `lon 5.4401 to 5.4523, lat 43.2611 to 43.2688`.
+    #[must_use]
+    pub fn place(&self) -> String {
+        let (low, high) = extent(&self.0);
+        format!("lon {:.4} to {:.4}, lat {:.4} to {:.4}", low[0], high[0], low[1], high[1])
+    }
+
+    /// Places along the outline, at height 0.
+    fn outline(&self) -> impl Iterator<Item = Point<Geodetic>> {
+        let n = self.0.len();
+        (0..n * PLACES_A_SIDE).map(move |i| {
+            let (a, b) = (self.0[i / PLACES_A_SIDE], self.0[(i / PLACES_A_SIDE + 1) % n]);
+            let t = (i % PLACES_A_SIDE) as f64 / PLACES_A_SIDE as f64;
+            Point::new(a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), 0.0)
+        })
+    }
+
+    /// The part of a view's image that may show the area between two heights; none if it cannot.
+    fn window(&self, view: &View, (low, high): (f64, f64)) -> Option<Window> {
+        let seen = self.outline().flat_map(|p| [low, high].map(|h| view.rpc.project(p.at_height(h))));
+        let seen: Vec<Pixel<_>> = seen.filter(|px| px.col.is_finite() && px.row.is_finite()).collect();
+        let (a, b) = extent(&seen.iter().map(|px| [px.col, px.row]).collect::<Vec<_>>());
+        let span = |k: usize, size: usize| {
+            // An image that only the margin reaches shows nothing of the area.
+            if !(a[k] <= size as f64 && b[k] >= 0.0) {
+                return None;
+            }
+            let from = (a[k] - MARGIN_PX).floor().max(0.0) as usize;
+            let to = ((b[k] + MARGIN_PX).ceil() as usize).min(size);
+            (to > from + 1).then_some((from, to - from))
+        };
+        let ((col, width), (row, height)) = (span(0, view.width)?, span(1, view.height)?);
+        Some(Window { col, row, width, height })
+    }
+}
+
+impl Scene {
+    /// Keeps of every image what may show the area between two heights; views that see nothing of it are left out.
+    ///
+    /// # Errors
+    /// [`SceneError::AreaNotSeen`] when no view sees it.
+    pub(super) fn crop(&mut self, aoi: Aoi, heights: (f64, f64)) -> Result<(), SceneError> {
+        let (mut kept, mut without) = (Vec::new(), Vec::new());
+        for view in &self.views {
+            match aoi.window(view, heights) {
+                Some(window) => kept.push(view.cropped(window)),
+                None => without.push(view.name.clone()),
+            }
+        }
+        if kept.is_empty() {
+            let height = 0.5 * (heights.0 + heights.1);
+            let footprint = self.views.first().map_or_else(String::new, |v| v.place(height));
+            return Err(SceneError::AreaNotSeen { area: aoi.place(), footprint });
+        }
+        if !without.is_empty() {
+            self.warnings
+                .push(format!("left out, because they see nothing of the area: {}", without.join(", ")));
+        }
+        self.views = kept;
+        self.aoi = Some(aoi);
+        Ok(())
+    }
+}
+
+impl View {
+    /// The view of a part of its image.
+    fn cropped(&self, window: Window) -> Self {
+        let mut view = self.clone();
+        view.rpc = self.rpc.cropped(window.col, window.row);
+        (view.width, view.height) = (window.width, window.height);
+        view.window = Some(window);
+        view
+    }
+}
+
+/// Least and greatest of each coordinate.
+fn extent(points: &[[f64; 2]]) -> ([f64; 2], [f64; 2]) {
+    points.iter().fold(([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]), |(low, high), p| {
+        ([low[0].min(p[0]), low[1].min(p[1])], [high[0].max(p[0]), high[1].max(p[1])])
+    })
+}
+
+/// The outer ring of the first polygon in a GeoJSON value.
+fn ring_of(json: &Value) -> Option<&Vec<Value>> {
+    let coordinates = || json.get("coordinates");
+    match json.get("type")?.as_str()? {
+        "Polygon" => coordinates()?.get(0)?.as_array(),
+        "MultiPolygon" => coordinates()?.get(0)?.get(0)?.as_array(),
+        "Feature" => ring_of(json.get("geometry")?),
+        "FeatureCollection" => json.get("features")?.as_array()?.iter().find_map(ring_of),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wrong(area: [f64; 4]) -> String {
+        Aoi::from_box(area).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn areas_that_cannot_be_are_refused_with_their_size() {
+        assert!(wrong([43.2, 105.4, 43.3, 105.5]).contains("no place on Earth"));
+        assert!(wrong([5.4, 43.2, 5.4, 43.3]).contains("is empty (0 x 11120 m)"));
+        assert!(wrong([5.4, 43.3, 5.5, 43.2]).contains("is empty"));
+        assert!(wrong([5.0, 43.0, 7.0, 43.1]).contains("too large"));
+        let bow = Aoi::checked(vec![[5.0, 43.0], [5.1, 43.1], [5.1, 43.0], [5.0, 43.1]]);
+        assert!(bow.unwrap_err().to_string().contains("crosses itself"));
+    }
+
+    #[test]
+    fn a_box_across_the_antimeridian_is_one_box() {
+        let aoi = Aoi::from_box([179.999, -17.001, -179.999, -17.0]).unwrap();
+        let grid = SiteGrid::at(Point::new(180.0, -17.0, 0.0)).unwrap();
+        let (w, s, e, n) = aoi.utm_box(&grid);
+        assert!((e - w - 213.0).abs() < 10.0 && (n - s - 111.0).abs() < 10.0, "{w} {s} {e} {n}");
+    }
+
+    #[test]
+    fn geojson_of_every_kind_holds_a_polygon() {
+        let ring = "[[5.4,43.2],[5.41,43.2],[5.41,43.21],[5.4,43.2]]";
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.geojson");
+        let polygon = format!(r#"{{"type":"Polygon","coordinates":[{ring}]}}"#);
+        for text in [
+            polygon.clone(),
+            format!(r#"{{"type":"Feature","geometry":{polygon}}}"#),
+            format!(
+                r#"{{"type":"FeatureCollection","features":[{{"type":"Feature","geometry":{polygon}}}]}}"#
+            ),
+            format!(r#"{{"type":"MultiPolygon","coordinates":[[{ring}]]}}"#),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            assert_eq!(
+                Aoi::from_geojson(&path).unwrap().place(),
+                "lon 5.4000 to 5.4100, lat 43.2000 to 43.2100"
+            );
+        }
+        std::fs::write(&path, r#"{"type":"Point","coordinates":[5,43]}"#).unwrap();
+        assert!(Aoi::from_geojson(&path).unwrap_err().to_string().contains("holds no polygon"));
+    }
+}

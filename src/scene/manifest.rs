@@ -1,0 +1,135 @@
+//! Scenes that are listed instead of found: a TOML file, or a STAC Item or ItemCollection.
+//!
+//! Paths are relative to the file that names them.
+
+use super::sidecar::Sidecars;
+use super::source::{files_in, no_rpc, view};
+use super::{Aoi, Role, SceneError, Sun, View};
+use serde::Deserialize;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// A scene in TOML.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Listed {
+    /// West, south, east, north in degrees, or a GeoJSON file.
+    aoi: Option<ListedAoi>,
+    #[serde(default, rename = "view")]
+    views: Vec<Entry>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum ListedAoi {
+    Box([f64; 4]),
+    File(PathBuf),
+}
+
+/// One view of a list.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    image: PathBuf,
+    /// An RPC file; without it the camera is looked for beside and in the image.
+    rpc: Option<PathBuf>,
+    name: Option<String>,
+    /// Azimuth and elevation, degrees.
+    sun: Option<[f64; 2]>,
+    /// ISO 8601.
+    acquired: Option<String>,
+    /// A raster of the image's size: where it is 0 there is no image.
+    mask: Option<PathBuf>,
+    #[serde(default)]
+    test: bool,
+}
+
+/// Reads a list's views, and its area if it tells one.
+pub(super) fn read(path: &Path, warnings: &mut Vec<String>) -> Result<(Vec<View>, Option<Aoi>), SceneError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let wrong = |reason: String| SceneError::List { path: path.into(), reason };
+    let (entries, aoi) = if text.trim_start().starts_with('{') {
+        let json: Value = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;
+        (stac_entries(&json).map_err(wrong)?, None)
+    } else {
+        let listed: Listed =
+            toml::from_str(&text).map_err(|e| wrong(e.to_string().trim().replace('\n', " ")))?;
+        let aoi = match listed.aoi {
+            Some(ListedAoi::Box(area)) => Some(Aoi::from_box(area)?),
+            Some(ListedAoi::File(file)) => Some(Aoi::from_geojson(&folder.join(file))?),
+            None => None,
+        };
+        (listed.views, aoi)
+    };
+    let views = entries.into_iter().map(|e| e.view(folder, warnings)).collect::<Result<_, _>>()?;
+    Ok((views, aoi))
+}
+
+impl Entry {
+    fn view(self, folder: &Path, warnings: &mut Vec<String>) -> Result<View, SceneError> {
+        let image = folder.join(&self.image);
+        let beside = image.parent().unwrap_or(folder);
+        let sidecars = match &self.rpc {
+            Some(rpc) => Sidecars::only(folder.join(rpc)),
+            None => Sidecars::of(&image, &files_in(beside)?),
+        };
+        let mut view = view(&image, &sidecars, warnings)?.ok_or_else(|| no_rpc(&image))?;
+        if let Some([azimuth_deg, elevation_deg]) = self.sun {
+            view.sun = Some(Sun { azimuth_deg, elevation_deg });
+        }
+        view.name = self.name.unwrap_or(view.name);
+        view.acquired = self.acquired.and_then(|t| crate::rpc::formats::iso_date(&t)).or(view.acquired);
+        view.role = if self.test { Role::Test } else { Role::Train };
+        if let Some(mask) = self.mask {
+            view.set_mask(folder.join(mask))?;
+        }
+        Ok(view)
+    }
+}
+
+/// The views of an Item, or of the Items of an ItemCollection.
+fn stac_entries(json: &Value) -> Result<Vec<Entry>, String> {
+    match json.get("type").and_then(Value::as_str) {
+        Some("Feature") => Ok(vec![stac_entry(json)?]),
+        Some("FeatureCollection") => {
+            let items = json.get("features").and_then(Value::as_array).ok_or("it has no `features`")?;
+            items.iter().map(stac_entry).collect()
+        }
+        _ => Err("it is neither a STAC Item nor an ItemCollection".into()),
+    }
+}
+
+fn stac_entry(item: &Value) -> Result<Entry, String> {
+    let id = item.get("id").and_then(Value::as_str).unwrap_or("?");
+    let assets =
+        item.get("assets").and_then(Value::as_object).ok_or(format!("item `{id}` has no `assets`"))?;
+    let href = |name: &str| {
+        let asset = assets.iter().find(|(key, asset)| {
+            let roles = asset.get("roles").and_then(Value::as_array);
+            key.as_str() == name || roles.is_some_and(|r| r.iter().any(|role| role.as_str() == Some(name)))
+        });
+        asset.and_then(|(_, asset)| asset.get("href")?.as_str())
+    };
+    let image = ["image", "data", "visual"].iter().find_map(|n| href(n));
+    let image = image.ok_or(format!("item `{id}` has no asset with the role `data`"))?;
+    for file in [Some(image), href("rpc"), href("data-mask")].into_iter().flatten() {
+        if file.contains("://") {
+            return Err(format!(
+                "item `{id}`: `{file}` is not a file; satgs fetches nothing, download it first"
+            ));
+        }
+    }
+    let property = |name: &str| item.get("properties")?.get(name);
+    let angle = |name| property(name).and_then(Value::as_f64);
+    Ok(Entry {
+        image: image.into(),
+        rpc: href("rpc").map(Into::into),
+        name: Some(id.into()),
+        sun: angle("view:sun_azimuth").zip(angle("view:sun_elevation")).map(|(a, e)| [a, e]),
+        acquired: property("datetime").and_then(Value::as_str).map(str::to_owned),
+        mask: href("data-mask").map(Into::into),
+        test: false,
+    })
+}

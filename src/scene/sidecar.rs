@@ -1,0 +1,197 @@
+//! Files beside an image that belong to it, by the names that vendors and GDAL give them.
+
+use super::SceneError;
+use super::source::stem;
+use crate::rpc::Rpc;
+use crate::rpc::formats::ViewTags;
+use std::path::{Path, PathBuf};
+
+/// Endings of RPC files beside NAME, in the order in which they are preferred.
+const CAMERAS: [&str; 10] =
+    ["_rpc.txt", ".rpc.txt", ".rpc", ".rpb", "_rpc.xml", ".xml", ".geom", "_rpc.json", ".json", ".txt"];
+/// Endings of files beside NAME that tell sun and date.
+const METADATA: [&str; 2] = [".imd", ".xml"];
+/// What Airbus adds to the image's name for the bands it holds.
+const AIRBUS_BANDS: [&str; 8] = ["_p", "_ms", "_pms", "_rgb", "_ned", "_ms-fs", "_pms-fs", "_ms-n"];
+
+/// In words, for `satgs info`.
+pub const ORDER: &str = "NAME_RPC.TXT, NAME.RPB, NAME.XML or RPC_*.XML (Maxar, DIMAP), NAME.geom, NAME.json, \
+                         NAME.txt, .aux.xml, then the RPC inside the image";
+
+/// The files of one image.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Sidecars {
+    /// RPC files, the most preferred first.
+    pub cameras: Vec<PathBuf>,
+    /// Files that tell sun, date and size.
+    pub metadata: Vec<PathBuf>,
+    /// Which part of a product the image is, when its files are the whole product's.
+    pub tile: Option<Tile>,
+}
+
+/// Row and column of a tile, counted from 1, as in `…_R1C2`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Tile {
+    row: usize,
+    col: usize,
+}
+
+impl Sidecars {
+    /// Those of `image` in a listing of its folder.
+    pub(super) fn of(image: &Path, listing: &[PathBuf]) -> Self {
+        let name = stem(image).to_lowercase();
+        let file = image.file_name().map_or_else(String::new, |n| n.to_string_lossy().to_lowercase());
+        let (product, tile) = split_tile(&name);
+        let mut own = by_name(&name, &CAMERAS, listing);
+        own.retain(|p| is_about_rpc(p));
+        let mut of_product = Vec::new();
+        let mut metadata = by_name(&name, &METADATA, listing);
+        if tile.is_some() {
+            of_product = by_name(&product, &CAMERAS, listing);
+            metadata.extend(by_name(&product, &METADATA, listing));
+        }
+        if let Some(base) = product.strip_prefix("img") {
+            let base = base.trim_start_matches('_');
+            let short = AIRBUS_BANDS.iter().find_map(|b| base.strip_suffix(b));
+            for base in std::iter::once(base).chain(short) {
+                of_product.extend(exactly(&format!("rpc_{base}.xml"), listing));
+                metadata.extend(exactly(&format!("dim_{base}.xml"), listing));
+            }
+            if base.is_empty() {
+                // DIMAP 1 calls every image IMG_R1C1; its one metadata file holds the model too.
+                of_product.extend(
+                    listing.iter().filter(|p| stem(p).to_lowercase().starts_with("phrdimap")).cloned(),
+                );
+            }
+        }
+        of_product.retain(|p| is_about_rpc(p) && !own.contains(p));
+        let tile = if own.is_empty() && !of_product.is_empty() { tile } else { None };
+        let auxiliary = exactly(&format!("{file}.aux.xml"), listing).into_iter().filter(|p| is_about_rpc(p));
+        let cameras = own.into_iter().chain(of_product).chain(auxiliary).collect();
+        Self { cameras, metadata, tile }
+    }
+
+    /// One RPC file and nothing else.
+    pub(super) fn only(camera: PathBuf) -> Self {
+        Self { cameras: vec![camera], ..Self::default() }
+    }
+}
+
+impl Tile {
+    /// The camera of this tile, from that of the whole product.
+    pub(super) fn camera(
+        self,
+        image: &Path,
+        whole: Rpc,
+        tags: &ViewTags,
+        warnings: &mut Vec<String>,
+    ) -> Result<Rpc, SceneError> {
+        let Self { row, col } = self;
+        let Some(tiles) = tags.tiles else {
+            let first = (row, col) == (1, 1);
+            return if first {
+                Ok(whole)
+            } else {
+                Err(SceneError::TileOfMosaic { path: image.into(), row, col })
+            };
+        };
+        let count = tiles.across.saturating_mul(tiles.down);
+        if count > 1 {
+            warnings.push(format!(
+                "`{}` is one of {count} tiles of its product; `gdalbuildvrt` on the product's DIM_*.XML makes one image",
+                image.display()
+            ));
+        }
+        Ok(whole.shifted(-(((col - 1) * tiles.width) as f64), -(((row - 1) * tiles.height) as f64)))
+    }
+}
+
+/// A name without its `_R1C2`, and the tile that says; `name` is in lower case.
+fn split_tile(name: &str) -> (String, Option<Tile>) {
+    for (at, _) in name.match_indices("_r") {
+        let rest = &name[at + 2..];
+        let Some((row, after)) = digits(rest) else { continue };
+        let Some((col, after)) = after.strip_prefix('c').and_then(digits) else { continue };
+        if row > 0 && col > 0 {
+            return (format!("{}{after}", &name[..at]), Some(Tile { row, col }));
+        }
+    }
+    (name.to_owned(), None)
+}
+
+/// The number that a text begins with, and the rest.
+fn digits(text: &str) -> Option<(usize, &str)> {
+    let end = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
+    Some((text[..end].parse().ok()?, &text[end..]))
+}
+
+/// The files of a listing called `name` and one of the endings, in the order of the endings; `name` is in lower case.
+pub(super) fn by_name(name: &str, endings: &[&str], listing: &[PathBuf]) -> Vec<PathBuf> {
+    endings.iter().flat_map(|ending| exactly(&format!("{name}{ending}"), listing)).collect()
+}
+
+/// The RPC file of `name` in a folder of nothing but RPC files.
+pub(super) fn camera_of(name: &str, listing: &[PathBuf]) -> Option<PathBuf> {
+    by_name(&name.to_lowercase(), &CAMERAS, listing).into_iter().next()
+}
+
+fn exactly(wanted: &str, listing: &[PathBuf]) -> Vec<PathBuf> {
+    let named = |p: &&PathBuf| p.file_name().is_some_and(|n| n.to_string_lossy().to_lowercase() == wanted);
+    listing.iter().filter(named).cloned().collect()
+}
+
+/// Whether a file that might be about anything (`NAME.txt`, `NAME.xml`) is about an RPC.
+fn is_about_rpc(path: &Path) -> bool {
+    let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().to_lowercase());
+    if ["rpc", "rpb", "geom"].iter().any(|word| name.contains(word)) {
+        return true;
+    }
+    let Ok(bytes) = std::fs::read(path) else { return true };
+    let text = String::from_utf8_lossy(&bytes);
+    let words = ["line_", "LINE_", "samp_", "SAMP_", "\"rpc\"", "row_num", "<RPB", "Global_RFM"];
+    words.iter().any(|word| text.contains(word))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(image: &str, listing: &[&str]) -> (Vec<String>, Vec<String>, Option<Tile>) {
+        let folder = tempfile::tempdir().unwrap();
+        let paths: Vec<PathBuf> = listing.iter().map(|n| folder.path().join(n)).collect();
+        paths.iter().for_each(|p| std::fs::write(p, "<RPB/>").unwrap());
+        let s = Sidecars::of(&folder.path().join(image), &paths);
+        let names = |v: Vec<PathBuf>| -> Vec<String> {
+            v.iter().map(|p| p.file_name().unwrap().to_string_lossy().into_owned()).collect()
+        };
+        (names(s.cameras), names(s.metadata), s.tile)
+    }
+
+    #[test]
+    fn files_of_every_vendor_are_found_in_one_order() {
+        let maxar = ["a.tif", "A.XML", "A.IMD", "a.rpb", "a_RPC.TXT", "ab.rpb", "a.tif.aux.xml"];
+        let (cameras, metadata, tile) = found("a.tif", &maxar);
+        assert_eq!(cameras, ["a_RPC.TXT", "a.rpb", "A.XML", "a.tif.aux.xml"]);
+        assert_eq!(metadata, ["A.IMD", "A.XML"]);
+        assert_eq!(tile, None);
+        let airbus = ["RPC_PHR1B_X-001.XML", "DIM_PHR1B_X-001.XML", "RPC_PHR1B_Y-001.XML"];
+        let (cameras, metadata, tile) = found("IMG_PHR1B_X-001_R2C1.JP2", &airbus);
+        assert_eq!((cameras, metadata), (vec![airbus[0].to_owned()], vec![airbus[1].to_owned()]));
+        assert_eq!(tile, Some(Tile { row: 2, col: 1 }));
+        let neo = ["RPC_PNEO3_X_F_1.XML", "DIM_PNEO3_X_F_1.XML"];
+        let (cameras, metadata, _) = found("IMG_PNEO3_X_F_1_P_R1C1.JP2", &neo);
+        assert_eq!((cameras, metadata), (vec![neo[0].to_owned()], vec![neo[1].to_owned()]));
+        let old = found("IMG_R1C1.JP2", &["PHRDIMAP_P1BP--2018.XML"]);
+        assert_eq!(old.0, ["PHRDIMAP_P1BP--2018.XML"]);
+        let strip = found("10NOV-M1BS_R1C2-0523.TIF", &["10NOV-M1BS-0523.XML"]);
+        assert_eq!((strip.0.len(), strip.2), (1, Some(Tile { row: 1, col: 2 })));
+    }
+
+    #[test]
+    fn names_that_only_look_like_tiles_are_no_tiles() {
+        assert_eq!(split_tile("img_r0c1").1, None);
+        assert_eq!(split_tile("a_rc1").1, None);
+        assert_eq!(split_tile("a_r1").1, None);
+        assert_eq!(split_tile("x_r99999999999999999999c1").1, None);
+    }
+}

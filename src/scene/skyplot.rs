@@ -1,0 +1,124 @@
+//! One picture of a scene: left the footprints, north up, right the sky over it.
+//!
+//! On the sky the middle is the zenith, the rim the horizon, rings stand every 30°; north is up, east right. Blue dots
+//! are satellites, hollow ones of test views; orange dots are suns.
+
+use super::{Role, Scene, SceneError};
+use crate::frame::SiteGrid;
+use crate::raster::write_png_rgb;
+use std::path::Path;
+
+/// Side of each half, pixels.
+const SIDE: usize = 480;
+const MARGIN: f64 = 24.0;
+const PAPER: [u8; 3] = [255, 255, 255];
+const GRID: [u8; 3] = [200, 200, 200];
+const VIEW: [u8; 3] = [31, 119, 180];
+const SUN: [u8; 3] = [255, 127, 14];
+const AREA: [u8; 3] = [44, 160, 44];
+
+impl Scene {
+    /// Writes the picture as a PNG.
+    ///
+    /// # Errors
+    /// [`SceneError`].
+    pub fn write_skyplot(&self, path: &Path) -> Result<(), SceneError> {
+        let mut canvas = Canvas { pixels: vec![PAPER; 2 * SIDE * SIDE] };
+        self.draw_footprints(&mut canvas)?;
+        self.draw_sky(&mut canvas);
+        Ok(write_png_rgb(path, 2 * SIDE, SIDE, canvas.pixels.as_flattened())?)
+    }
+
+    fn draw_footprints(&self, canvas: &mut Canvas) -> Result<(), SceneError> {
+        let overlap = self.overlap()?;
+        let Some(center) = self.center() else { return Ok(()) };
+        let grid = SiteGrid::at(center)?;
+        let rings: Vec<Vec<[f64; 2]>> = self
+            .views
+            .iter()
+            .filter_map(|v| v.footprint(overlap.height_m))
+            .map(|ring| ring.map(|p| grid.site_from_geodetic(p).xyz()).map(|p| [p[0], p[1]]).to_vec())
+            .collect();
+        let reach = rings.iter().flatten().flatten().fold(1.0f64, |a, b| a.max(b.abs()));
+        let middle = 0.5 * SIDE as f64;
+        let scale = (middle - MARGIN) / reach;
+        let place = |[x, y]: [f64; 2]| [middle + scale * x, middle - scale * y];
+        for ring in rings {
+            canvas.outline(&ring.into_iter().map(place).collect::<Vec<_>>(), VIEW);
+        }
+        if let Some((w, s, e, n)) = self.aoi.as_ref().map(|aoi| aoi.utm_box(&grid)).or(overlap.common_box) {
+            let [x, y, _] = grid.origin.xyz();
+            let ring = [[w - x, s - y], [e - x, s - y], [e - x, n - y], [w - x, n - y]];
+            canvas.outline(&ring.map(place), AREA);
+        }
+        Ok(())
+    }
+
+    fn draw_sky(&self, canvas: &mut Canvas) {
+        let middle = [1.5 * SIDE as f64, 0.5 * SIDE as f64];
+        let radius = 0.5 * SIDE as f64 - MARGIN;
+        let place = |azimuth_deg: f64, zenith_deg: f64| {
+            let (sin, cos) = azimuth_deg.to_radians().sin_cos();
+            let r = radius * zenith_deg / 90.0;
+            [middle[0] + r * sin, middle[1] - r * cos]
+        };
+        for ring in [30.0, 60.0, 90.0] {
+            canvas.outline(&(0..120).map(|i| place(3.0 * f64::from(i), ring)).collect::<Vec<_>>(), GRID);
+        }
+        for azimuth in [0.0, 90.0] {
+            canvas.line(place(azimuth, 90.0), place(azimuth + 180.0, 90.0), GRID);
+        }
+        let (low, high) = self.height_range();
+        for view in &self.views {
+            if let Some(sun) = view.sun {
+                canvas.disc(place(sun.azimuth_deg, 90.0 - sun.elevation_deg), 5.0, SUN);
+            }
+            if let Some((azimuth, off_nadir)) = view.direction_deg(0.5 * (low + high)) {
+                canvas.disc(place(azimuth, off_nadir), 5.0, VIEW);
+                if view.role == Role::Test {
+                    canvas.disc(place(azimuth, off_nadir), 3.0, PAPER);
+                }
+            }
+        }
+    }
+}
+
+/// Both halves side by side.
+struct Canvas {
+    pixels: Vec<[u8; 3]>,
+}
+
+impl Canvas {
+    fn dot(&mut self, [x, y]: [f64; 2], color: [u8; 3]) {
+        let (col, row) = (x.round(), y.round());
+        if (0.0..2.0 * SIDE as f64).contains(&col) && (0.0..SIDE as f64).contains(&row) {
+            self.pixels[row as usize * 2 * SIDE + col as usize] = color;
+        }
+    }
+
+    fn line(&mut self, a: [f64; 2], b: [f64; 2], color: [u8; 3]) {
+        let steps = (b[0] - a[0]).abs().max((b[1] - a[1]).abs()).ceil().max(1.0) as usize;
+        for i in 0..=steps {
+            let t = i as f64 / steps as f64;
+            self.dot([a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])], color);
+        }
+    }
+
+    fn outline(&mut self, ring: &[[f64; 2]], color: [u8; 3]) {
+        for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
+            self.line(*a, *b, color);
+        }
+    }
+
+    fn disc(&mut self, [x, y]: [f64; 2], radius: f64, color: [u8; 3]) {
+        let reach = radius.ceil() as i32;
+        for dy in -reach..=reach {
+            for dx in -reach..=reach {
+                let (dx, dy) = (f64::from(dx), f64::from(dy));
+                if dx.hypot(dy) <= radius {
+                    self.dot([x + dx, y + dy], color);
+                }
+            }
+        }
+    }
+}
