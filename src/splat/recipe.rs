@@ -7,7 +7,7 @@ use super::objective::LossWeights;
 use serde::{Deserialize, Serialize};
 
 /// Iterations of the default recipe, instead of the papers' 5000: it starts near the surface.
-const BEST_ITERATIONS: u32 = 2000;
+const BEST_ITERATIONS: u32 = 4000;
 
 /// Step sizes of Adam.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -43,7 +43,7 @@ const PRIOR_COST: f32 = 90.0;
 /// Distance from the prior at which half of that is added, metres.
 const PRIOR_REACH_M: f32 = 3.0;
 /// Share of that cost at the first surface, where it differs from the prior.
-const RETURN_COST: f32 = 0.3;
+const RETURN_COST: f32 = 0.5;
 
 /// What is swept.
 pub struct Sweep {
