@@ -168,6 +168,8 @@ fn n14_a_tile_alone_is_named_a_tile() {
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
     assert_eq!(scene.views[0].rpc, whole.cropped(0, 64));
     assert!(scene.warnings.iter().any(|w| w.contains("is one of 2 tiles")), "{:?}", scene.warnings);
+    std::fs::rename(at("IMG_PHR1A_X_R2C1.TIF"), at("IMG_PHR1A_X_R9999999C9999999.TIF")).unwrap();
+    refused(folder.path(), &[], "of a mosaic, and its product has 2 x 1 tiles", "DIM_*.XML");
 }
 
 /// The camera as a Pléiades RPC file, whose pixels count from 1.

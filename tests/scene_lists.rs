@@ -136,3 +136,29 @@ fn footprints_and_a_picture_are_written() {
     let picture = satgs::raster::ImageFile::open(&out.path().join("f.gpkg.png")).unwrap();
     assert_eq!((picture.size(), picture.bands()), ((960, 480), 3));
 }
+
+/// Each view's image is read in part, and its corrected camera is one of the whole image all the same.
+#[test]
+fn corrected_cameras_fit_whole_images_whatever_the_area() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let run = |args: &[&str]| {
+        let out = satgs(args);
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    };
+    run(&["simulate", &at("scene"), "--size", "300", "--views", "5", "-q"]);
+    let center = scene(&folder.path().join("scene")).unwrap().center().unwrap();
+    let (lon, lat) = (center.lon_deg(), center.lat_deg());
+    // 80 m by 90 m, of images of about 150 m.
+    let area = format!("{},{},{},{}", lon - 5e-4, lat - 4e-4, lon + 5e-4, lat + 4e-4);
+    run(&["ba", &at("scene"), "-o", &at("whole"), "-q"]);
+    run(&["ba", &at("scene"), "-o", &at("part"), "--aoi", &area, "-q"]);
+    let file = |run: &str, view: usize| folder.path().join(run).join(format!("ba/rpcs/VIEW_{view:02}.json"));
+    let camera = |path: &Path| satgs::rpc::formats::read(path).unwrap();
+    for view in 1..=5 {
+        let (whole, part) = (camera(&file("whole", view)), camera(&file("part", view)));
+        let apart = whole.rpc.difference(&part.rpc).unwrap();
+        assert!(apart.max_px < 1.0, "view {view}: {apart:?}");
+        assert_eq!((whole.tags.size, part.tags.size), (Some((300, 300)), None));
+    }
+}

@@ -68,7 +68,9 @@ pub fn residual(rpc: &Rpc, ground: &GroundBox, order: Order) -> Result<Residual,
     }
     let qr = design.clone().qr();
     let rest = |b: &DVector<f64>| {
-        let x = qr.r().solve_upper_triangular(&(qr.q().transpose() * b))?;
+        let mut projected = b.clone();
+        qr.q_tr_mul(&mut projected);
+        let x = qr.r().solve_upper_triangular(&projected.rows(0, unknowns))?;
         Some(b - &design * x)
     };
     let (col, row) = rest(&cols).zip(rest(&rows)).ok_or_else(degenerate)?;

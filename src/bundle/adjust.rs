@@ -78,7 +78,13 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
         work.round(&mut state, NARROW_PX, narrowed, true)?;
         work.settle(&mut state, narrowed)?;
     }
-    Ok(work.result(&state, options.fixed))
+    let mut adjustment = work.result(&state, options.fixed);
+    for (name, rpc) in &mut adjustment.cameras {
+        if let Some(view) = scene.views.iter().find(|v| v.name == *name) {
+            *rpc = view.camera_of_whole(rpc);
+        }
+    }
+    Ok(adjustment)
 }
 
 /// A usable view.

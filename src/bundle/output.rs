@@ -3,9 +3,9 @@
 use super::error::BundleError;
 use super::report::Report;
 use crate::frame::{Geodetic, Point, SiteGrid};
-use crate::raster::{RasterError, write_atomically};
+use crate::raster::{write_atomically, write_file};
 use crate::rpc::Rpc;
-use crate::rpc::formats::{self, ViewTags};
+use crate::rpc::formats;
 use crate::scene::{Scene, View};
 use las::{Builder, Reader, Transform, Vector, Writer};
 use std::path::Path;
@@ -25,7 +25,7 @@ pub struct SparsePoint {
 /// What an adjustment makes.
 #[derive(Clone, Debug)]
 pub struct Adjustment {
-    /// Name and corrected camera of every view used.
+    /// Name and corrected camera of every view used: of the whole image, whatever window of it is used.
     pub cameras: Vec<(String, Rpc)>,
     /// Sparse points.
     pub points: Vec<SparsePoint>,
@@ -42,14 +42,14 @@ impl Adjustment {
     pub fn write(&self, folder: &Path, scene: &Scene) -> Result<(), BundleError> {
         for (name, rpc) in &self.cameras {
             let Some(view) = scene.views.iter().find(|v| v.name == *name) else { continue };
-            let json = formats::to_json(rpc, &tags(view));
+            let json = formats::to_json(rpc, &view.tags());
             let rpcs = folder.join("rpcs");
-            write_text(&rpcs.join(format!("{name}.json")), &json)?;
-            write_text(&rpcs.join(format!("{name}_RPC.TXT")), &formats::to_text(rpc))?;
+            write_file(&rpcs.join(format!("{name}.json")), &json)?;
+            write_file(&rpcs.join(format!("{name}_RPC.TXT")), formats::to_text(rpc))?;
         }
         self.write_points(&folder.join("points.laz"))?;
         let report = serde_json::to_string_pretty(&self.report).unwrap_or_default();
-        write_text(&folder.join("report.json"), &report)
+        Ok(write_file(&folder.join("report.json"), report)?)
     }
 
     /// Reads what [`Adjustment::write`] wrote.
@@ -73,16 +73,22 @@ impl Adjustment {
         Ok(Self { cameras, points, report })
     }
 
-    /// The corrected cameras in the order of a scene's views.
+    /// The corrected cameras in the order of a scene's views, each of the view's window.
     ///
     /// # Errors
     /// [`BundleError::NoCamera`].
     pub fn cameras_of(&self, scene: &Scene) -> Result<Vec<Rpc>, BundleError> {
-        let camera = |name: &String| {
-            let found = self.cameras.iter().find(|c| c.0 == *name).map(|c| c.1.clone());
-            found.ok_or_else(|| BundleError::NoCamera { view: name.clone(), folder: "ba/rpcs".into() })
+        let camera = |view: &View| {
+            let found = self.cameras.iter().find(|c| c.0 == view.name).map(|c| view.camera_of_window(&c.1));
+            found.ok_or_else(|| BundleError::NoCamera { view: view.name.clone(), folder: "ba/rpcs".into() })
         };
-        scene.views.iter().map(|v| camera(&v.name)).collect()
+        scene.views.iter().map(camera).collect()
+    }
+
+    /// Where the sparse points are.
+    #[must_use]
+    pub fn positions(&self) -> Vec<Point<Geodetic>> {
+        self.points.iter().map(|p| p.position).collect()
     }
 
     fn write_points(&self, path: &Path) -> Result<(), BundleError> {
@@ -110,18 +116,6 @@ impl Adjustment {
     }
 }
 
-/// What a view's RPC file says beside the camera.
-fn tags(view: &View) -> ViewTags {
-    ViewTags {
-        image: view.image.file_name().map(|n| n.to_string_lossy().into_owned()),
-        size: Some((view.width, view.height)),
-        sun_deg: view.sun.map(|s| (s.azimuth_deg, s.elevation_deg)),
-        acquired: view.acquired.clone(),
-        height_range: view.height_range,
-        ..ViewTags::default()
-    }
-}
-
 fn read_points(path: &Path) -> Result<Vec<SparsePoint>, BundleError> {
     let refused = |reason: String| BundleError::Points { path: path.into(), reason };
     let mut reader = Reader::from_path(path).map_err(|e| refused(e.to_string()))?;
@@ -136,10 +130,4 @@ fn read_points(path: &Path) -> Result<Vec<SparsePoint>, BundleError> {
             Ok(SparsePoint { position, views: u8::try_from(p.intensity).unwrap_or(u8::MAX) })
         })
         .collect()
-}
-
-fn write_text(path: &Path, text: &str) -> Result<(), BundleError> {
-    Ok(write_atomically(path, |t| {
-        std::fs::write(t, text).map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
-    })?)
 }

@@ -62,11 +62,16 @@ impl Args {
     }
 
     fn fingerprint(&self, scene: &Scene, heights: Option<(f64, f64)>) -> Fingerprint {
-        let images = scene.views.iter().map(|v| (format!("image {}", v.name), hash_file(&v.image)));
-        let mut out: Fingerprint = images.collect();
+        let mut out = Fingerprint::new();
         // Paths may move; what is in the files may not.
         let mut content = scene.clone();
-        content.views.iter_mut().for_each(|v| v.image = PathBuf::new());
+        content.warnings.clear();
+        for view in &mut content.views {
+            out.insert(format!("image {}", view.name), hash_file(&std::mem::take(&mut view.image)));
+            if let Some(mask) = view.mask.take() {
+                out.insert(format!("mask {}", view.name), hash_file(&mask));
+            }
+        }
         let text = serde_json::to_string(&content).unwrap_or_default();
         out.insert("cameras, suns, roles".into(), hash(text.as_bytes()));
         out.insert("--height-range".into(), format!("{heights:?}"));

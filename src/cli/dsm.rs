@@ -4,10 +4,9 @@ use super::stage::{Fingerprint, Stage, hash_file};
 use super::train::{TrainedCameras, read_json};
 use super::{Failure, Ui};
 use crate::bundle::Adjustment;
-use crate::dsm::{Surface, altitudes, hillshade, render};
+use crate::dsm::{hillshade, render};
 use crate::raster::{ImageFile, MapGrid, write_png_gray};
 use crate::scene::Scene;
-use crate::splat::gaussians::Gaussians;
 use crate::splat::ply;
 use crate::splat::setup::Setup;
 use crate::splat::sweep::Sweep;
@@ -63,8 +62,10 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let reference =
         cameras.appearances.get(setup.reference_among_training()).map(|a| a.1).unwrap_or_default();
     let mut surface = render(&splats, &setup.site, grid, &reference);
-    if cameras.recipe.sweep {
-        sharpen(&mut surface, &splats, run, setup, ui)?;
+    if cameras.recipe.sweep
+        && let Some(sweep) = sweep(run, setup)?
+    {
+        surface.sharpen(&splats, &setup.site, &sweep, &|e| ui.show(e));
     }
     surface.write_dsm(&run.join("dsm.tif"))?;
     surface.write_ortho(&run.join("ortho.tif"))?;
@@ -88,22 +89,11 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     Ok(())
 }
 
-/// Matches the views once more, near the splats' surface: its edges become as sharp as the images are.
-fn sharpen(
-    surface: &mut Surface,
-    splats: &Gaussians,
-    run: &Path,
-    setup: &Setup,
-    ui: &Ui,
-) -> Result<(), Failure> {
+/// The sweep by which a surface is sharpened; none if no two views can be matched.
+fn sweep(run: &Path, setup: &Setup) -> Result<Option<Sweep>, Failure> {
     let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
-    let points = Adjustment::read(&run.join("ba"))?.points;
-    let points: Vec<_> = points.iter().map(|p| p.position).collect();
-    let views = setup.training_views(&scene)?;
-    let Some(sweep) = Sweep::new(setup, &views, &setup.sparse(&points)) else { return Ok(()) };
-    let prior = altitudes(splats, &setup.site, &sweep.grid());
-    surface.take(&sweep.sharpen(&prior, &sweep.run(&|e| ui.show(e))));
-    Ok(())
+    let points = Adjustment::read(&run.join("ba"))?.positions();
+    Ok(Sweep::new(setup, &setup.training_views(&scene)?, &setup.sparse(&points)))
 }
 
 fn grid(options: &Options, cameras: &TrainedCameras) -> Result<MapGrid, Failure> {

@@ -2,7 +2,7 @@
 
 use super::{Failure, Ui};
 use crate::metrics::{Evaluation, Method, Surface, Truth, Verdict, class_name, error_picture, evaluate};
-use crate::raster::{Cog, RasterError, write_atomically, write_png_rgb};
+use crate::raster::{Cog, write_file, write_png_rgb};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -92,11 +92,7 @@ fn refuse_to_replace(folder: &Path, overwrite: bool) -> Result<(), Failure> {
 /// Writes metrics.json, error.tif and error.png, the errors after `xyz`.
 pub(super) fn write_files(evaluation: &Evaluation, folder: &Path) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(&json(evaluation)?).map_err(not_json)?;
-    let path = folder.join(METRICS);
-    write_atomically(&path, |t| {
-        std::fs::write(t, text + "\n")
-            .map_err(|e| RasterError::Write { path: path.clone(), reason: e.to_string() })
-    })?;
+    write_file(&folder.join(METRICS), text + "\n")?;
     let Some(verdict) = evaluation.verdict(Method::Xyz) else { return Ok(()) };
     let errors = evaluation.error_map(&verdict.registration)?;
     let r = verdict.registration;

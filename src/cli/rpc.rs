@@ -4,17 +4,14 @@ use super::{Failure, Ui};
 use crate::affine::{GroundBox, Order, residual};
 use crate::event::Event;
 use crate::frame::{Pixel, Point};
-use crate::raster::{RasterError, write_atomically, write_with_rpc};
+use crate::raster::{write_file, write_with_rpc};
 use crate::rpc::formats::{RpcFile, to_gdal, to_json, to_rpb, to_text};
-use crate::rpc::{GroundBatch, PixelBatch, Rpc};
+use crate::rpc::{Difference, GroundBatch, PixelBatch};
 use crate::scene::read_camera;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-
-/// Nodes along columns, rows and heights at which two cameras are compared.
-const NODES: usize = 21;
 
 /// Project and localise points, convert RPC files, compare two cameras, see what an affine camera would cost
 ///
@@ -180,12 +177,13 @@ impl Points {
             self.points.iter().map(String::as_str).collect()
         };
         let mut columns: [Vec<f64>; 3] = Default::default();
-        for (i, line) in lines.iter().enumerate() {
+        for line in lines {
             let line = line.split('#').next().unwrap_or_default();
             if line.trim().is_empty() {
                 continue;
             }
-            for (column, value) in columns.iter_mut().zip(three(line, &format!("point {}", i + 1))?) {
+            let what = format!("point {}", columns[0].len() + 1);
+            for (column, value) in columns.iter_mut().zip(three(line, &what)?) {
                 column.push(value);
             }
         }
@@ -235,10 +233,7 @@ fn write(args: &Convert, ui: &Ui) -> Result<(), Failure> {
         }
     };
     if !text.is_empty() {
-        write_atomically(out, |temporary| {
-            std::fs::write(temporary, &text)
-                .map_err(|e| RasterError::Write { path: out.clone(), reason: e.to_string() })
-        })?;
+        write_file(out, text)?;
     }
     let line = format!("{}: {} as {}", out.display(), file.format, ending);
     ui.summary("rpc convert", &line, json!({ "out": out, "from": file.format, "to": ending }));
@@ -247,48 +242,20 @@ fn write(args: &Convert, ui: &Ui) -> Result<(), Failure> {
 
 fn compare(args: &Compare, ui: &Ui) -> Result<(), Failure> {
     let (a, b) = (load(&args.first, ui)?.rpc, load(&args.second, ui)?.rpc);
-    let (pixels, ground) = volume(&a);
-    let mut seen = PixelBatch::default();
-    b.project_batch(&ground, &mut seen);
-    let apart: Vec<f64> = (0..seen.col.len())
-        .map(|i| (seen.col[i] - pixels.col[i]).hypot(seen.row[i] - pixels.row[i]))
-        .filter(|d| d.is_finite())
-        .collect();
-    if apart.is_empty() {
-        return Err(Failure::input(
-            format!("`{}` sees no ground in its own volume", args.first.display()),
-            "is the RPC damaged?",
-        ));
-    }
-    let n = apart.len() as f64;
-    let rms = (apart.iter().map(|d| d * d).sum::<f64>() / n).sqrt();
-    let max = apart.iter().copied().fold(0.0, f64::max);
-    let mean = |seen: &[f64], own: &[f64]| {
-        seen.iter().zip(own).map(|(s, o)| s - o).filter(|d| d.is_finite()).sum::<f64>() / n
-    };
-    let (d_col, d_row) = (mean(&seen.col, &pixels.col), mean(&seen.row, &pixels.row));
+    let difference = a.difference(&b).ok_or_else(|| {
+        let (first, second) = (args.first.display(), args.second.display());
+        Failure::input(format!("`{first}` and `{second}` see no common ground"), "is one of them damaged?")
+    })?;
+    let Difference { rms_px: rms, max_px: max, mean_px: [d_col, d_row], places } = difference;
     let text = format!(
         "over the volume of {}: RMS {rms:.6} px, maximum {max:.6} px\nmean of second minus first: col {d_col:+.6}, \
          row {d_row:+.6} px\n",
         args.first.display()
     );
-    let summary = json!({ "rms_px": rms, "max_px": max, "mean_col_px": d_col, "mean_row_px": d_row, "points": apart.len() });
+    let summary =
+        json!({ "rms_px": rms, "max_px": max, "mean_col_px": d_col, "mean_row_px": d_row, "points": places });
     ui.summary("rpc compare", &text, summary);
     Ok(())
-}
-
-/// Pixels over a camera's image and heights, and the ground it sees there.
-fn volume(rpc: &Rpc) -> (PixelBatch, GroundBatch) {
-    let c = rpc.coefficients();
-    let node = |i: usize| 2.0 * (i % NODES) as f64 / (NODES - 1) as f64 - 1.0;
-    let all = 0..NODES.pow(3);
-    let axis = |a: crate::rpc::Axis, every: usize| -> Vec<f64> {
-        all.clone().map(|i| a.offset + a.scale * node(i / every)).collect()
-    };
-    let pixels = PixelBatch { col: axis(c.col, 1), row: axis(c.row, NODES) };
-    let mut ground = GroundBatch::default();
-    rpc.localize_batch(&pixels, &axis(c.height, NODES * NODES), &mut ground);
-    (pixels, ground)
 }
 
 fn approximate(args: &Fit, ui: &Ui) -> Result<(), Failure> {

@@ -82,9 +82,6 @@ fn parse_sun(text: &str) -> Result<(String, Sun), String> {
     let (name, angles) = text.rsplit_once('=').ok_or_else(wrong)?;
     let (azimuth, elevation) = angles.split_once(',').ok_or_else(wrong)?;
     let degrees = |s: &str| s.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(wrong);
-    let sun = Sun { azimuth_deg: degrees(azimuth)?, elevation_deg: degrees(elevation)? };
-    if !(-360.0..=360.0).contains(&sun.azimuth_deg) || !(-90.0..=90.0).contains(&sun.elevation_deg) {
-        return Err("azimuth is within ±360°, elevation within ±90°".to_owned());
-    }
-    Ok((name.into(), sun))
+    let sun = Sun::new(degrees(azimuth)?, degrees(elevation)?);
+    Ok((name.into(), sun.ok_or("azimuth is within ±360°, elevation within ±90°")?))
 }

@@ -1,7 +1,7 @@
 //! Stages of a run: each remembers what it was made from, so that it is skipped, resumed or refused.
 
 use super::Failure;
-use crate::raster::{RasterError, write_atomically};
+use crate::raster::{RasterError, write_file};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -70,11 +70,7 @@ impl Stage {
     /// Records that the stage is complete.
     pub fn complete(&self) -> Result<(), Failure> {
         let text = serde_json::to_string_pretty(&self.fingerprint).unwrap_or_default();
-        write_atomically(&self.record, |t| {
-            std::fs::write(t, &text)
-                .map_err(|e| RasterError::Write { path: self.record.clone(), reason: e.to_string() })
-        })?;
-        Ok(())
+        Ok(write_file(&self.record, text)?)
     }
 
     fn forget(&self) -> Result<(), Failure> {
@@ -85,10 +81,16 @@ impl Stage {
 
 /// Short hash of bytes.
 pub fn hash(bytes: &[u8]) -> String {
-    blake3::hash(bytes).to_hex()[..32].to_string()
+    short(blake3::hash(bytes))
 }
 
-/// Hash of a file's size and content.
+/// Hash of a file's content.
 pub fn hash_file(path: &Path) -> String {
-    std::fs::read(path).map_or_else(|_| "absent".into(), |bytes| hash(&bytes))
+    let mut hasher = blake3::Hasher::new();
+    let read = std::fs::File::open(path).and_then(|mut file| std::io::copy(&mut file, &mut hasher));
+    read.map_or_else(|_| "absent".into(), |_| short(hasher.finalize()))
+}
+
+fn short(hash: blake3::Hash) -> String {
+    hash.to_hex()[..32].to_string()
 }

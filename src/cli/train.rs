@@ -5,21 +5,18 @@ use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui};
 use crate::bundle::Adjustment;
 use crate::event::Event;
-use crate::frame::{Point, Site};
-use crate::raster::{RasterError, write_atomically};
+use crate::raster::{RasterError, write_atomically, write_file};
 use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
 use crate::splat::backend::{Snapshot, TrainingBackend};
-use crate::splat::checkpoint::{Checkpoint, CheckpointView};
+use crate::splat::checkpoint::Checkpoint;
 use crate::splat::cpu::CpuBackend;
-use crate::splat::gaussians::Gaussians;
 use crate::splat::recipe::Recipe;
 use crate::splat::setup::Setup;
-use crate::splat::sweep::Sweep;
 use crate::splat::train::{LogLine, Schedule, train};
-use crate::splat::views::TrainingView;
 use crate::splat::{init, ply};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 /// Train Gaussian splats on an adjusted run: RUN/splats.ply, RUN/cameras.json
@@ -100,7 +97,7 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     }
     let adjustment = Adjustment::read(&run.join("ba"))?;
     let rpcs: Vec<_> = adjustment.cameras_of(&scene)?;
-    let points: Vec<_> = adjustment.points.iter().map(|p| p.position).collect();
+    let points = adjustment.positions();
     let setup = Setup::new(&scene, &rpcs, &points)?;
     for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
         tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);
@@ -111,9 +108,10 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     }
     let checkpoints = Checkpoints { path: run.join("train").join("checkpoint.bin"), stage: &stage, options };
     let (at_start, mut log, state) = match checkpoints.take_up(views.len(), overwrite, ui)? {
-        Some(c) => (c.splats_at_start, c.log, c.state),
+        Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
-            let splats = start(&setup, &views, &setup.sparse(&points), &recipe, options.seed, ui);
+            let sparse = setup.sparse(&points);
+            let splats = init::start(&setup, &views, &sparse, &recipe, options.seed, &|e| ui.show(e));
             (splats.len(), Vec::new(), Snapshot::start(splats, views.len()))
         }
     };
@@ -137,20 +135,27 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     let made = backend.snapshot();
     ply::write(&run.join("splats.ply"), &made.splats, &setup.site)?;
     write_log(&run.join("train").join("train.csv"), &log)?;
-    let worst = setup.views.iter().map(|v| v.max_px).fold(0.0, f64::max);
-    let rms = mean(setup.views.iter().map(|v| v.rms_px));
-    let splats = made.splats.len();
+    let splats = (at_start, made.splats.len());
     let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
     let cameras = TrainedCameras { setup, appearances, recipe };
     write_json(&run.join("cameras.json"), &cameras)?;
     stage.complete()?;
     checkpoints.remove();
+    summarise(run, &cameras, &log, splats, ui);
+    Ok(())
+}
 
+/// Says what training made; `splats` are their numbers at the start and at the end.
+fn summarise(run: &Path, cameras: &TrainedCameras, log: &[LogLine], splats: (usize, usize), ui: &Ui) {
+    let fits = &cameras.setup.views;
+    let worst = fits.iter().map(|v| v.max_px).fold(0.0, f64::max);
+    let rms = mean(fits.iter().map(|v| v.rms_px));
     let seconds = log.last().map_or(0.0, |l| l.seconds);
     let tail = &log[log.len().saturating_sub(cameras.appearances.len())..];
     let (l1, ssim) = (mean(tail.iter().map(|l| l.l1)), mean(tail.iter().map(|l| l.ssim)));
+    let (at_start, at_end) = splats;
     let text = format!(
-        "trained {} iterations in {seconds:.0} s: {at_start} splats at the start, {splats} at the end\n\
+        "trained {} iterations in {seconds:.0} s: {at_start} splats at the start, {at_end} at the end\n\
          affine cameras: {rms:.3} px RMS, {worst:.3} px at most\n\
          pictures: L1 {l1:.4}, SSIM {ssim:.3}\n\
          {}",
@@ -158,11 +163,10 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         run.join("splats.ply").display()
     );
     let json = serde_json::json!({
-        "iterations": cameras.recipe.iterations, "seconds": seconds, "splats_start": at_start, "splats": splats,
+        "iterations": cameras.recipe.iterations, "seconds": seconds, "splats_start": at_start, "splats": at_end,
         "affine_rms_px": rms, "affine_max_px": worst, "l1": l1, "ssim": ssim,
     });
     ui.summary("train", &text, json);
-    Ok(())
 }
 
 /// The checkpoint of a stage that trains.
@@ -177,7 +181,12 @@ impl Checkpoints<'_> {
     ///
     /// One of others is an error that names them, unless `overwrite`. A damaged one is passed over with a warning;
     /// with `--resume` it is an error, as is none.
-    fn take_up(&self, views: usize, overwrite: bool, ui: &Ui) -> Result<Option<Checkpoint>, Failure> {
+    fn take_up(
+        &self,
+        views: usize,
+        overwrite: bool,
+        ui: &Ui,
+    ) -> Result<Option<Checkpoint<'static>>, Failure> {
         if !self.path.exists() {
             if self.options.resume {
                 let message = format!("`{}` does not exist", self.path.display());
@@ -212,8 +221,9 @@ impl Checkpoints<'_> {
     ) -> Result<(), Failure> {
         let interrupted = interruptible.is_requested();
         if interrupted || log.len().is_multiple_of(self.options.checkpoint_every as usize) {
-            let (origin, state) = (self.stage.fingerprint(), backend.snapshot());
-            CheckpointView { origin, splats_at_start, log, state }.write(&self.path)?;
+            let origin = Cow::Borrowed(self.stage.fingerprint());
+            let state = Cow::Borrowed(backend.snapshot());
+            Checkpoint { origin, splats_at_start, log: log.into(), state }.write(&self.path)?;
         }
         if interrupted {
             let message = format!("interrupted after {} iterations", log.len());
@@ -226,22 +236,6 @@ impl Checkpoints<'_> {
     /// A complete training needs none; one that is left behind does no harm.
     fn remove(&self) {
         let _ = std::fs::remove_file(&self.path);
-    }
-}
-
-/// The splats that training starts from: on the matched surface if the recipe says so and views can be matched.
-fn start(
-    setup: &Setup,
-    views: &[TrainingView],
-    sparse: &[Point<Site>],
-    recipe: &Recipe,
-    seed: u64,
-    ui: &Ui,
-) -> Gaussians {
-    let sweep = recipe.sweep.then(|| Sweep::new(setup, views, sparse)).flatten();
-    match sweep {
-        Some(sweep) => init::on_surface(&sweep.run(&|e| ui.show(e)), views),
-        None => init::on_points(sparse, setup.area, seed),
     }
 }
 
@@ -285,6 +279,5 @@ pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path, made_by: &str) -> 
 pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), Failure> {
     let failed = |reason: String| RasterError::Write { path: path.into(), reason };
     let text = serde_json::to_string_pretty(value).map_err(|e| failed(e.to_string()))?;
-    write_atomically(path, |t| std::fs::write(t, &text).map_err(|e| failed(e.to_string())))?;
-    Ok(())
+    Ok(write_file(path, text)?)
 }

@@ -7,17 +7,17 @@
 mod altitude;
 
 use crate::affine::AffineCamera;
+use crate::event::Sink;
 use crate::frame::SiteGrid;
 use crate::raster::{Cog, MapGrid, Plane, RasterError};
 use crate::splat::appearance::Appearance;
 use crate::splat::gaussians::{Gaussians, SH_C0};
 use crate::splat::raster::{FrameCamera, Prepared, Rasterizer};
-use crate::splat::sweep::SweptSurface;
+use crate::splat::sweep::{Sweep, SweptSurface};
 use rayon::prelude::*;
 use std::path::Path;
 
-pub use altitude::altitudes;
-use altitude::{median, sampled};
+use altitude::{altitudes, median, sampled};
 
 /// What a look straight down gives.
 pub struct Surface {
@@ -66,8 +66,15 @@ pub fn render(splats: &Gaussians, site: &SiteGrid, grid: MapGrid, reference: &Ap
 }
 
 impl Surface {
+    /// Matches the views once more, near the surface of the splats it was rendered from: its edges become as sharp as
+    /// the images are.
+    pub fn sharpen(&mut self, splats: &Gaussians, site: &SiteGrid, sweep: &Sweep, events: Sink) {
+        let prior = altitudes(splats, site, &sweep.grid());
+        self.take(&sweep.sharpen(&prior, &sweep.run(events)));
+    }
+
     /// Takes the heights of a swept surface where it has any.
-    pub fn take(&mut self, swept: &SweptSurface) {
+    fn take(&mut self, swept: &SweptSurface) {
         let fine = sampled(&self.grid);
         let origin = swept.site.origin.z() as f32;
         let height_at = |col: usize, row: usize| {

@@ -25,7 +25,14 @@ impl Geoid {
         };
         let t = file.degrees_grid().ok_or_else(not)?;
         let origin = (t[0] + 0.5 * t[1], t[3] + 0.5 * t[5]);
-        Ok(Self { origin, step: (t[1], t[5]), undulation: file.read(1)? })
+        let mut undulation = file.read(1)?;
+        let width = undulation.width;
+        if (width as f64 * t[1] - 360.0).abs() < 0.5 * t[1] {
+            // All around the Earth: the first column follows the last.
+            undulation =
+                Plane::from_fn(width + 1, undulation.height, |col, row| undulation.at(col % width, row));
+        }
+        Ok(Self { origin, step: (t[1], t[5]), undulation })
     }
 
     /// Undulation at a place in degrees, metres, bilinear; NaN outside of the grid.
@@ -33,22 +40,9 @@ impl Geoid {
     /// `ellipsoidal height = orthometric height + undulation`.
     #[must_use]
     pub fn undulation_m(&self, lon_deg: f64, lat_deg: f64) -> f64 {
-        let (width, height) = (self.undulation.width, self.undulation.height);
         // Grids may begin at -180 or at 0.
         let east = (lon_deg - self.origin.0).rem_euclid(360.0);
-        let (x, y) = (east / self.step.0, (lat_deg - self.origin.1) / self.step.1);
-        let around = (width as f64 * self.step.0 - 360.0).abs() < 0.5 * self.step.0;
-        let last = if around { width as f64 } else { width as f64 - 1.0 };
-        if !(x >= 0.0 && x <= last && y >= 0.0 && y <= height as f64 - 1.0) {
-            return f64::NAN;
-        }
-        let (col, row) = (x.floor() as usize, (y.floor() as usize).min(height.saturating_sub(2)));
-        let (fx, fy) = (x - col as f64, y - row as f64);
-        let at = |c: usize, r: usize| {
-            let c = if around { c % width } else { c.min(width - 1) };
-            f64::from(self.undulation.data[r.min(height - 1) * width + c])
-        };
-        let along = |r: usize| at(col, r) * (1.0 - fx) + at(col + 1, r) * fx;
-        along(row) * (1.0 - fy) + along(row + 1) * fy
+        let (col, row) = (east / self.step.0, (lat_deg - self.origin.1) / self.step.1);
+        f64::from(self.undulation.bilinear(col, row))
     }
 }

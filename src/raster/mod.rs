@@ -12,7 +12,9 @@ pub use geoid::Geoid;
 pub use grid::MapGrid;
 pub use plane::Plane;
 pub use vector::{Outline, write_outlines};
-pub use write::{Cog, SensorImage, write_atomically, write_png_gray, write_png_rgb, write_with_rpc};
+pub use write::{
+    Cog, SensorImage, write_atomically, write_file, write_png_gray, write_png_rgb, write_with_rpc,
+};
 
 use std::path::PathBuf;
 

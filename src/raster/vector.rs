@@ -1,11 +1,11 @@
 //! Polygons on the map as GeoJSON or GeoPackage.
 
 use super::file::quiet_gdal;
+use super::write::encode;
 use super::{RasterError, write_atomically};
 use gdal::DriverManager;
 use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
 use gdal::vector::{Feature, Geometry, LayerAccess, LayerOptions, OGRFieldType, OGRwkbGeometryType};
-use gdal::vsi::get_vsi_mem_file_bytes_owned;
 use std::path::Path;
 
 /// A named polygon in longitude and latitude.
@@ -27,9 +27,8 @@ pub fn write_outlines(path: &Path, layer: &str, outlines: &[Outline]) -> Result<
     let is_package = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gpkg"));
     let driver = if is_package { "GPKG" } else { "GeoJSON" };
     write_atomically(path, |temporary| {
-        let make = || -> Result<(), Box<dyn std::error::Error>> {
-            let encoded = Path::new("/vsimem").join(temporary.strip_prefix("/").unwrap_or(temporary));
-            let mut dataset = DriverManager::get_driver_by_name(driver)?.create_vector_only(&encoded)?;
+        let make = |encoded: &Path| -> Result<(), Box<dyn std::error::Error>> {
+            let mut dataset = DriverManager::get_driver_by_name(driver)?.create_vector_only(encoded)?;
             let mut srs = SpatialRef::from_epsg(4326)?;
             srs.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
             let options = LayerOptions {
@@ -55,9 +54,8 @@ pub fn write_outlines(path: &Path, layer: &str, outlines: &[Outline]) -> Result<
                 }
                 feature.create(&layer)?;
             }
-            dataset.close()?;
-            Ok(std::fs::write(temporary, get_vsi_mem_file_bytes_owned(&encoded)?)?)
+            Ok(dataset.close()?)
         };
-        make().map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+        encode(temporary, make).map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
     })
 }

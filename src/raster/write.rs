@@ -38,6 +38,17 @@ pub fn write_atomically<E: From<RasterError>>(
     Ok(std::fs::set_permissions(path, permissions).map_err(failed)?)
 }
 
+/// Writes a file as a whole or not at all.
+///
+/// # Errors
+/// [`RasterError::Write`].
+pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), RasterError> {
+    write_atomically(path, |temporary| {
+        std::fs::write(temporary, content)
+            .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+    })
+}
+
 /// A georeferenced raster to be written as a Cloud-Optimized GeoTIFF.
 pub struct Cog<'a> {
     /// Its place on the map.
@@ -145,7 +156,8 @@ pub fn write_with_rpc(image: &Path, out: &Path, rpc: &[(String, String)]) -> Res
             for (key, value) in rpc {
                 copy.set_metadata_item(key, value, "RPC")?;
             }
-            copy_as(&copy, "GTiff", temporary, &[("COMPRESS", "DEFLATE"), ("PROFILE", "GDALGeoTIFF")])
+            let options = [("COMPRESS", "DEFLATE"), ("PROFILE", "GDALGeoTIFF"), ("BIGTIFF", "IF_SAFER")];
+            copy_as(&copy, "GTiff", temporary, &options)
         };
         make().map_err(|e| RasterError::Write { path: out.into(), reason: e.to_string() })
     })
@@ -172,7 +184,18 @@ fn memory_dataset<T: GdalType + Copy>(
     Ok(dataset)
 }
 
-/// Encodes in memory and writes the bytes: GDAL's own writing does not tell of a disk that is full.
+/// Lets GDAL encode a file in memory and writes the bytes: its own writing does not tell of a disk that is full.
+///
+/// `path` must be unique, as temporary names are.
+pub(super) fn encode(
+    path: &Path,
+    write: impl FnOnce(&Path) -> Result<(), Box<dyn std::error::Error>>,
+) -> Result<(), Box<dyn std::error::Error>> {
+    let encoded = Path::new("/vsimem").join(path.strip_prefix("/").unwrap_or(path));
+    write(&encoded)?;
+    Ok(std::fs::write(path, get_vsi_mem_file_bytes_owned(&encoded)?)?)
+}
+
 fn copy_as(
     memory: &Dataset,
     driver: &str,
@@ -181,10 +204,7 @@ fn copy_as(
 ) -> Result<(), Box<dyn std::error::Error>> {
     let driver = DriverManager::get_driver_by_name(driver)?;
     let options: RasterCreationOptions = options.iter().map(|(k, v)| format!("{k}={v}")).collect();
-    // Temporary names are unique, so this one is too.
-    let encoded = Path::new("/vsimem").join(path.strip_prefix("/").unwrap_or(path));
-    memory.create_copy(&driver, &encoded, &options)?.close()?;
-    Ok(std::fs::write(path, get_vsi_mem_file_bytes_owned(&encoded)?)?)
+    encode(path, |encoded| Ok(memory.create_copy(&driver, encoded, &options)?.close()?))
 }
 
 /// Sets a band's unit, which the `gdal` crate cannot.

@@ -46,7 +46,7 @@ impl Rpc {
         out.col.resize(n, 0.0);
         out.row.resize(n, 0.0);
         pulp::Arch::new().dispatch(Project {
-            model: &self.numbers(),
+            model: &self.numbers(half_turn(self.center().lon_deg())),
             lon: &ground.lon_deg,
             lat: &ground.lat_deg,
             height: &ground.height_m,
@@ -56,7 +56,7 @@ impl Rpc {
     }
 
     /// Ground points seen at image positions and heights, written to `out`: each projects to within 1e-8 px of its
-    /// position. What no ground point projects to becomes NaN.
+    /// position, or to within 1e-6 px where rounding allows no better. What no ground point projects to becomes NaN.
     ///
     /// # Panics
     /// When the columns differ in length.
@@ -72,7 +72,7 @@ impl Rpc {
         let guess = (n >= WORTH_A_GUESS).then(|| self.guess(pixels, height_m)).flatten();
         if let Some(guess) = guess {
             pulp::Arch::new().dispatch(Localize {
-                model: &self.numbers(),
+                model: &self.numbers(self.center().lon_deg()),
                 guess: &guess,
                 col: &pixels.col,
                 row: &pixels.row,
@@ -90,11 +90,9 @@ impl Rpc {
         }
     }
 
-    fn numbers(&self) -> Numbers {
+    /// The model with its middle at this longitude, its own or turns away from it.
+    fn numbers(&self, lon: f64) -> Numbers {
         let c = self.coefficients();
-        // Within half a turn, so that one turn more or less is enough for every longitude.
-        let lon = (c.lon.offset + 180.0).rem_euclid(360.0) - 180.0;
-        let lon = if c.lon.offset.abs() <= 180.0 { c.lon.offset } else { lon };
         Numbers {
             terms: [c.col_num, c.col_den, c.row_num, c.row_den],
             ground_offset: [lon, c.lat.offset, c.height.offset],
@@ -134,7 +132,8 @@ impl Rpc {
             }
         }
         let qr = design.qr();
-        let terms = qr.r().solve_upper_triangular(&(qr.q().transpose() * ground))?;
+        qr.q_tr_mul(&mut ground);
+        let terms = qr.r().solve_upper_triangular(&ground.rows(0, TERMS))?;
         let column = |j: usize| std::array::from_fn(|k| terms[(k, j)]);
         let middle = Point::new(
             c.lon.offset + c.lon.scale * terms[(0, 0)],
@@ -151,6 +150,11 @@ impl Rpc {
             inverse: [[inverse[(0, 0)], inverse[(0, 1)]], [inverse[(1, 0)], inverse[(1, 1)]]],
         })
     }
+}
+
+/// A longitude within half a turn, so that one turn more or less is enough for every other.
+fn half_turn(lon_deg: f64) -> f64 {
+    if lon_deg.abs() <= 180.0 { lon_deg } else { (lon_deg + 180.0).rem_euclid(360.0) - 180.0 }
 }
 
 #[cfg(test)]

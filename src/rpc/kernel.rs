@@ -1,9 +1,8 @@
 //! The RPC model for several points an instruction: f64 in vector registers, chosen at run time.
 
+use super::model::TERMS;
 use pulp::{Simd, WithSimd};
 
-/// Terms of a cubic polynomial in three variables.
-const TERMS: usize = 20;
 /// Residual at which a point counts as found, pixels.
 const TOLERANCE_PX: f64 = 0.5e-8;
 /// Steps with one and the same Jacobian; where that does not do, Newton's method follows.

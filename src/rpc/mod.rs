@@ -3,6 +3,7 @@
 //! Pixel (0, 0) is the centre of the first pixel; heights are metres above the WGS 84 ellipsoid.
 
 mod batch;
+mod compare;
 mod fit;
 mod kernel;
 mod localize;
@@ -11,6 +12,7 @@ mod model;
 pub mod formats;
 
 pub use batch::{GroundBatch, PixelBatch};
+pub use compare::Difference;
 pub use fit::{Volume, fit};
 pub use localize::LocalizeError;
 pub(crate) use model::polynomial;

@@ -273,7 +273,8 @@ impl Rpc {
 /// Whether a denominator changes sign on a 9³ grid over the model's volume.
 fn has_pole(den: &[f64; TERMS]) -> bool {
     let at_center = polynomial(den, [0.0; 3]);
-    grid_9(CHECKED_CUBE).any(|p| polynomial(den, p) * at_center <= 0.0)
+    // NaN, of coefficients whose sum overflows, is no better.
+    !grid_9(CHECKED_CUBE).all(|p| polynomial(den, p) * at_center > 0.0)
 }
 
 /// The nodes of a 9³ grid over the cube of this half side.

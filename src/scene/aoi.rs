@@ -21,7 +21,16 @@ const DEGREE_M: f64 = 111_200.0;
 
 /// A closed ring of (longitude, latitude) in degrees. Across the antimeridian longitudes go on beyond 180.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<[f64; 2]>")]
 pub struct Aoi(Vec<[f64; 2]>);
+
+impl TryFrom<Vec<[f64; 2]>> for Aoi {
+    type Error = SceneError;
+
+    fn try_from(ring: Vec<[f64; 2]>) -> Result<Self, SceneError> {
+        Self::checked(ring)
+    }
+}
 
 impl Aoi {
     /// A box; `west > east` means across the antimeridian.

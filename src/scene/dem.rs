@@ -27,7 +27,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError::Vertical`] when what its heights count from is not known, [`SceneError::DemElsewhere`] when it does
-    /// not cover the scene.
+    /// not cover the scene, [`SceneError::GeoidElsewhere`] when the geoid's grid does not.
     pub fn heights_from_dem(
         &self,
         path: &Path,
@@ -67,6 +67,9 @@ impl Scene {
             Some(Vertical::Geoid(geoid)) => geoid.undulation_m(center.lon_deg(), center.lat_deg()),
             _ => 0.0,
         };
+        if up.is_nan() {
+            return Err(SceneError::GeoidElsewhere);
+        }
         range(low + up - BELOW_M, high + up + ABOVE_M)
     }
 }

@@ -46,7 +46,7 @@ pub(super) fn read(scene: &Path, rpcs: &str, warnings: &mut Vec<String>) -> Resu
             continue;
         };
         // The tag of a delivered image differs from a corrected RPC: that is what the folder is for.
-        if let Some(mut view) = view(image, &Sidecars::only(file), &mut Vec::new())? {
+        if let Some(mut view) = view(image, &Sidecars::with_camera(file, image, &[]), warnings)? {
             view.role = roles.of(&name);
             view.rpc_source = format!("{rpcs}/{}", view.rpc_source);
             views.push(view);

@@ -32,7 +32,7 @@ pub enum SceneError {
     /// A folder without images.
     #[error("no images found in `{path}`")]
     #[diagnostic(help(
-        "images end in .tif, .tiff, .ntf, .nitf, .jp2 or .j2k; sub-folders other than `images/` are not searched"
+        "images end in .tif, .tiff, .ntf, .nitf, .nsf, .jp2, .j2k or .vrt; sub-folders other than `images/` are not searched"
     ))]
     NoImages {
         /// The folder searched.
@@ -63,10 +63,8 @@ pub enum SceneError {
         distance_px: f64,
     },
     /// A part of a product, without the file that says which.
-    #[error("`{path}` is tile R{row}C{col} of a mosaic, and nothing beside it tells the tiles' size")]
-    #[diagnostic(help(
-        "put the product's DIM_*.XML beside it, or make one image of the tiles with `gdalbuildvrt`"
-    ))]
+    #[error("`{path}` is tile R{row}C{col} of a mosaic, and {reason}")]
+    #[diagnostic(help("put the product's own DIM_*.XML beside it: it tells how the product is cut"))]
     TileOfMosaic {
         /// The image.
         path: PathBuf,
@@ -74,6 +72,8 @@ pub enum SceneError {
         row: usize,
         /// Column of the tile, from 1.
         col: usize,
+        /// What is not known of it.
+        reason: String,
     },
     /// Several folders of JSON files and none chosen.
     #[error("`{path}` has several folders of RPC files: {}", folders.join(", "))]
@@ -229,6 +229,10 @@ pub enum SceneError {
         /// The elevation model.
         path: PathBuf,
     },
+    /// A geoid grid of another place.
+    #[error("the geoid grid has no undulation where the views look")]
+    #[diagnostic(help("EGM96 and EGM2008 grids of the whole Earth come with PROJ's data"))]
+    GeoidElsewhere,
     /// A list of views that cannot be read.
     #[error("`{path}`: {reason}")]
     #[diagnostic(help(

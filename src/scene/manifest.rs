@@ -5,6 +5,7 @@
 use super::sidecar::Sidecars;
 use super::source::{files_in, no_rpc, view};
 use super::{Aoi, Role, SceneError, Sun, View};
+use crate::rpc::formats::iso_date;
 use serde::Deserialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -63,24 +64,30 @@ pub(super) fn read(path: &Path, warnings: &mut Vec<String>) -> Result<(Vec<View>
         };
         (listed.views, aoi)
     };
-    let views = entries.into_iter().map(|e| e.view(folder, warnings)).collect::<Result<_, _>>()?;
+    let views = entries.into_iter().map(|e| e.view(path, folder, warnings)).collect::<Result<_, _>>()?;
     Ok((views, aoi))
 }
 
 impl Entry {
-    fn view(self, folder: &Path, warnings: &mut Vec<String>) -> Result<View, SceneError> {
+    /// The view; `list` is the file that names it, paths are relative to `folder`.
+    fn view(self, list: &Path, folder: &Path, warnings: &mut Vec<String>) -> Result<View, SceneError> {
         let image = folder.join(&self.image);
         let beside = image.parent().unwrap_or(folder);
         let sidecars = match &self.rpc {
-            Some(rpc) => Sidecars::only(folder.join(rpc)),
+            Some(rpc) => Sidecars::with_camera(folder.join(rpc), &image, &files_in(beside)?),
             None => Sidecars::of(&image, &files_in(beside)?),
         };
         let mut view = view(&image, &sidecars, warnings)?.ok_or_else(|| no_rpc(&image))?;
-        if let Some([azimuth_deg, elevation_deg]) = self.sun {
-            view.sun = Some(Sun { azimuth_deg, elevation_deg });
+        let wrong = |reason: String| SceneError::List { path: list.into(), reason };
+        if let Some([azimuth, elevation]) = self.sun {
+            let sun = Sun::new(azimuth, elevation);
+            view.sun = Some(sun.ok_or_else(|| wrong(format!("sun {azimuth}, {elevation} is no direction")))?);
         }
         view.name = self.name.unwrap_or(view.name);
-        view.acquired = self.acquired.and_then(|t| crate::rpc::formats::iso_date(&t)).or(view.acquired);
+        if let Some(time) = self.acquired {
+            let date = iso_date(&time).ok_or_else(|| wrong(format!("`{time}` is no ISO 8601 date")));
+            view.acquired = Some(date?);
+        }
         view.role = if self.test { Role::Test } else { Role::Train };
         if let Some(mask) = self.mask {
             view.set_mask(folder.join(mask))?;

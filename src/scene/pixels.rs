@@ -31,7 +31,7 @@ impl View {
                 }
             }
         }
-        let is_byte = file.band(self.bands[0])?.is_byte;
+        let is_byte = file.band(self.bands.first().copied().unwrap_or_default())?.is_byte;
         let (lo, hi) = match self.stretch_percent {
             None if is_byte => (0.0, 255.0),
             percent => stretch(&planes, percent.map_or(STRETCH_TAIL, |p| 0.01 * p)),

@@ -4,6 +4,8 @@ use super::SceneError;
 use super::source::stem;
 use crate::rpc::Rpc;
 use crate::rpc::formats::ViewTags;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Endings of RPC files beside NAME, in the order in which they are preferred.
@@ -13,6 +15,9 @@ const CAMERAS: [&str; 10] =
 const METADATA: [&str; 2] = [".imd", ".xml"];
 /// What Airbus adds to the image's name for the bands it holds.
 const AIRBUS_BANDS: [&str; 8] = ["_p", "_ms", "_pms", "_rgb", "_ned", "_ms-fs", "_pms-fs", "_ms-n"];
+
+/// Text in which words of an RPC are looked for.
+const SEARCHED_BYTES: u64 = 16 << 20;
 
 /// In words, for `satgs info`.
 pub const ORDER: &str = "NAME_RPC.TXT, NAME.RPB, NAME.XML or RPC_*.XML (Maxar, DIMAP), NAME.geom, NAME.json, \
@@ -27,6 +32,8 @@ pub(super) struct Sidecars {
     pub metadata: Vec<PathBuf>,
     /// Which part of a product the image is, when its files are the whole product's.
     pub tile: Option<Tile>,
+    /// Whether the user chose the camera: the image's own does not count.
+    pub is_chosen: bool,
 }
 
 /// Row and column of a tile, counted from 1, as in `…_R1C2`.
@@ -68,12 +75,12 @@ impl Sidecars {
         let tile = if own.is_empty() && !of_product.is_empty() { tile } else { None };
         let auxiliary = exactly(&format!("{file}.aux.xml"), listing).into_iter().filter(|p| is_about_rpc(p));
         let cameras = own.into_iter().chain(of_product).chain(auxiliary).collect();
-        Self { cameras, metadata, tile }
+        Self { cameras, metadata, tile, is_chosen: false }
     }
 
-    /// One RPC file and nothing else.
-    pub(super) fn only(camera: PathBuf) -> Self {
-        Self { cameras: vec![camera], ..Self::default() }
+    /// Those of `image`, with a camera of the user's choice.
+    pub(super) fn with_camera(camera: PathBuf, image: &Path, listing: &[PathBuf]) -> Self {
+        Self { cameras: vec![camera], tile: None, is_chosen: true, ..Self::of(image, listing) }
     }
 }
 
@@ -87,22 +94,23 @@ impl Tile {
         warnings: &mut Vec<String>,
     ) -> Result<Rpc, SceneError> {
         let Self { row, col } = self;
+        let refused = |reason| Err(SceneError::TileOfMosaic { path: image.into(), row, col, reason });
         let Some(tiles) = tags.tiles else {
-            let first = (row, col) == (1, 1);
-            return if first {
-                Ok(whole)
-            } else {
-                Err(SceneError::TileOfMosaic { path: image.into(), row, col })
-            };
+            let alone = (row, col) == (1, 1);
+            return if alone { Ok(whole) } else { refused("nothing beside it tells the tiles' size".into()) };
         };
+        if col > tiles.across || row > tiles.down {
+            return refused(format!("its product has {} x {} tiles", tiles.down, tiles.across));
+        }
         let count = tiles.across.saturating_mul(tiles.down);
         if count > 1 {
             warnings.push(format!(
-                "`{}` is one of {count} tiles of its product; `gdalbuildvrt` on the product's DIM_*.XML makes one image",
+                "`{}` is one of {count} tiles of its product; GDAL opens the product's DIM_*.XML as one image",
                 image.display()
             ));
         }
-        Ok(whole.shifted(-(((col - 1) * tiles.width) as f64), -(((row - 1) * tiles.height) as f64)))
+        let before = |tile: usize, step: usize| (tile - 1) as f64 * step as f64;
+        Ok(whole.shifted(-before(col, tiles.width), -before(row, tiles.height)))
     }
 }
 
@@ -140,15 +148,19 @@ fn exactly(wanted: &str, listing: &[PathBuf]) -> Vec<PathBuf> {
     listing.iter().filter(named).cloned().collect()
 }
 
-/// Whether a file that might be about anything (`NAME.txt`, `NAME.xml`) is about an RPC.
+/// Whether a file is about an RPC: endings of any text (`NAME.txt`, `NAME.xml`) only if words of one stand in it.
 fn is_about_rpc(path: &Path) -> bool {
     let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().to_lowercase());
-    if ["rpc", "rpb", "geom"].iter().any(|word| name.contains(word)) {
+    let says_so = |ending: &&&str| ending.contains("rp") || ending.contains("geom");
+    if name.starts_with("rpc_") || CAMERAS.iter().filter(says_so).any(|ending| name.ends_with(ending)) {
         return true;
     }
-    let Ok(bytes) = std::fs::read(path) else { return true };
+    let mut bytes = Vec::new();
+    let Ok(_) = File::open(path).and_then(|f| f.take(SEARCHED_BYTES).read_to_end(&mut bytes)) else {
+        return true;
+    };
     let text = String::from_utf8_lossy(&bytes);
-    let words = ["line_", "LINE_", "samp_", "SAMP_", "\"rpc\"", "row_num", "<RPB", "Global_RFM"];
+    let words = ["line_", "LINE_", "samp_", "SAMP_", "row_num", "<RPB", "Global_RFM"];
     words.iter().any(|word| text.contains(word))
 }
 

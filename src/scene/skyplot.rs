@@ -3,7 +3,7 @@
 //! On the sky the middle is the zenith, the rim the horizon, rings stand every 30°; north is up, east right. Blue dots
 //! are satellites, hollow ones of test views; orange dots are suns.
 
-use super::{Role, Scene, SceneError};
+use super::{Overlap, Role, Scene, SceneError};
 use crate::frame::SiteGrid;
 use crate::raster::write_png_rgb;
 use std::path::Path;
@@ -22,15 +22,14 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError`].
-    pub fn write_skyplot(&self, path: &Path) -> Result<(), SceneError> {
+    pub fn write_skyplot(&self, overlap: &Overlap, path: &Path) -> Result<(), SceneError> {
         let mut canvas = Canvas { pixels: vec![PAPER; 2 * SIDE * SIDE] };
-        self.draw_footprints(&mut canvas)?;
+        self.draw_footprints(overlap, &mut canvas)?;
         self.draw_sky(&mut canvas);
         Ok(write_png_rgb(path, 2 * SIDE, SIDE, canvas.pixels.as_flattened())?)
     }
 
-    fn draw_footprints(&self, canvas: &mut Canvas) -> Result<(), SceneError> {
-        let overlap = self.overlap()?;
+    fn draw_footprints(&self, overlap: &Overlap, canvas: &mut Canvas) -> Result<(), SceneError> {
         let Some(center) = self.center() else { return Ok(()) };
         let grid = SiteGrid::at(center)?;
         let rings: Vec<Vec<[f64; 2]>> = self
@@ -39,17 +38,20 @@ impl Scene {
             .filter_map(|v| v.footprint(overlap.height_m))
             .map(|ring| ring.map(|p| grid.site_from_geodetic(p).xyz()).map(|p| [p[0], p[1]]).to_vec())
             .collect();
-        let reach = rings.iter().flatten().flatten().fold(1.0f64, |a, b| a.max(b.abs()));
+        let area =
+            self.aoi.as_ref().map(|aoi| aoi.utm_box(&grid)).or(overlap.common_box).map(|(w, s, e, n)| {
+                let [x, y, _] = grid.origin.xyz();
+                [[w - x, s - y], [e - x, s - y], [e - x, n - y], [w - x, n - y]].to_vec()
+            });
+        let reach = rings.iter().chain(&area).flatten().flatten().fold(1.0f64, |a, b| a.max(b.abs()));
         let middle = 0.5 * SIDE as f64;
         let scale = (middle - MARGIN) / reach;
         let place = |[x, y]: [f64; 2]| [middle + scale * x, middle - scale * y];
         for ring in rings {
             canvas.outline(&ring.into_iter().map(place).collect::<Vec<_>>(), VIEW);
         }
-        if let Some((w, s, e, n)) = self.aoi.as_ref().map(|aoi| aoi.utm_box(&grid)).or(overlap.common_box) {
-            let [x, y, _] = grid.origin.xyz();
-            let ring = [[w - x, s - y], [e - x, s - y], [e - x, n - y], [w - x, n - y]];
-            canvas.outline(&ring.map(place), AREA);
+        if let Some(ring) = area {
+            canvas.outline(&ring.into_iter().map(place).collect::<Vec<_>>(), AREA);
         }
         Ok(())
     }

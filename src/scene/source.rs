@@ -82,14 +82,19 @@ pub(super) fn view(
     warnings.append(&mut chosen.file.warnings);
     let mut tags = chosen.file.tags;
     for metadata in &sidecars.metadata {
-        tags = tags.or(formats::read_tags(metadata)?);
+        match formats::read_tags(metadata) {
+            Ok(more) => tags = tags.or(more),
+            // The camera is whole without it.
+            Err(e) => warnings.push(e.to_string()),
+        }
     }
     let tags = tags.or(image_tags(&file));
     let rpc = match sidecars.tile {
         Some(tile) => tile.camera(image, chosen.file.rpc, &tags, warnings)?,
         None => chosen.file.rpc,
     };
-    if let Some(told) = tags.size.filter(|told| *told != size && sidecars.tile.is_none()) {
+    let is_part = sidecars.tile.is_some() && tags.tiles.is_none_or(|t| t.across.saturating_mul(t.down) > 1);
+    if let Some(told) = tags.size.filter(|told| *told != size && !is_part) {
         return Err(SceneError::OtherSize {
             rpc: sidecars.cameras.first().map_or(image, PathBuf::as_path).into(),
             image: image.into(),
@@ -111,7 +116,7 @@ pub(super) fn view(
         mask: None,
         rpc,
         rpc_source: chosen.source,
-        sun: tags.sun_deg.map(|(azimuth_deg, elevation_deg)| Sun { azimuth_deg, elevation_deg }),
+        sun: tags.sun_deg.and_then(|(azimuth, elevation)| Sun::new(azimuth, elevation)),
         acquired: tags.acquired,
         role: Role::Train,
         height_range: tags.height_range,
@@ -132,15 +137,7 @@ pub fn read_camera(path: &Path) -> Result<RpcFile, SceneError> {
     let mut warnings = Vec::new();
     let sidecars = Sidecars::of(path, &files_in(folder)?);
     let view = view(path, &sidecars, &mut warnings)?.ok_or_else(|| no_rpc(path))?;
-    let tags = ViewTags {
-        image: path.file_name().map(|n| n.to_string_lossy().into_owned()),
-        size: Some((view.width, view.height)),
-        sun_deg: view.sun.map(|s| (s.azimuth_deg, s.elevation_deg)),
-        acquired: view.acquired,
-        height_range: view.height_range,
-        ..ViewTags::default()
-    };
-    Ok(RpcFile { rpc: view.rpc, tags, format: "image", warnings })
+    Ok(RpcFile { tags: view.tags(), rpc: view.rpc, format: "image", warnings })
 }
 
 /// Whether a file is no text: RPC files are, images are not, but for the head of a NITF.
@@ -170,6 +167,9 @@ fn cameras(file: &ImageFile, sidecars: &Sidecars) -> Result<Vec<Camera>, FormatE
             Err(e) if found.is_empty() => return Err(e),
             Err(_) => {}
         }
+    }
+    if sidecars.is_chosen {
+        return Ok(found);
     }
     match own_camera(file) {
         Ok(own) => found.extend(own),
@@ -202,7 +202,8 @@ pub(super) fn distance_px(a: &Rpc, b: &Rpc, (width, height): (usize, usize)) -> 
         let px = Pixel::<CornerPx>::new(col, row).into();
         a.localize(px, a.center().height_m()).map_or(f64::INFINITY, |p| b.project(p).distance(px))
     });
-    apart.into_iter().fold(0.0, f64::max)
+    // `f64::max` passes NaN over.
+    apart.into_iter().map(|d| if d.is_nan() { f64::INFINITY } else { d }).fold(0.0, f64::max)
 }
 
 /// Refuses a map whose RPC is that of the image it was made from.

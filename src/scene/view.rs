@@ -4,6 +4,7 @@ use super::Aoi;
 use crate::frame::{Geodetic, Point};
 use crate::raster::Window;
 use crate::rpc::Rpc;
+use crate::rpc::formats::ViewTags;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -14,6 +15,15 @@ pub struct Sun {
     pub azimuth_deg: f64,
     /// Above the horizon, degrees.
     pub elevation_deg: f64,
+}
+
+impl Sun {
+    /// A sun at these angles in degrees; none if they are no direction.
+    #[must_use]
+    pub fn new(azimuth_deg: f64, elevation_deg: f64) -> Option<Self> {
+        let sound = (-360.0..=360.0).contains(&azimuth_deg) && (-90.0..=90.0).contains(&elevation_deg);
+        sound.then_some(Self { azimuth_deg, elevation_deg })
+    }
 }
 
 /// What a view is used for.
@@ -51,7 +61,7 @@ pub struct View {
     pub mask: Option<PathBuf>,
     /// The camera.
     pub rpc: Rpc,
-    /// Where the RPC was read from, as a user would name it: `TIFF tag`, or a file.
+    /// Where the RPC was read from, as a user would name it: `RPC tag`, or a file.
     pub rpc_source: String,
     /// The sun, when known.
     pub sun: Option<Sun>,
@@ -128,6 +138,31 @@ impl Scene {
 }
 
 impl View {
+    /// The camera of the whole image, from one of the window that is used.
+    #[must_use]
+    pub fn camera_of_whole(&self, of_window: &Rpc) -> Rpc {
+        self.window.map_or_else(|| of_window.clone(), |w| of_window.shifted(w.col as f64, w.row as f64))
+    }
+
+    /// The camera of the window that is used, from one of the whole image.
+    #[must_use]
+    pub fn camera_of_window(&self, of_whole: &Rpc) -> Rpc {
+        self.window.map_or_else(|| of_whole.clone(), |w| of_whole.cropped(w.col, w.row))
+    }
+
+    /// What a file with the whole image's camera says beside it.
+    #[must_use]
+    pub fn tags(&self) -> ViewTags {
+        ViewTags {
+            image: self.image.file_name().map(|n| n.to_string_lossy().into_owned()),
+            size: self.window.is_none().then_some((self.width, self.height)),
+            sun_deg: self.sun.map(|s| (s.azimuth_deg, s.elevation_deg)),
+            acquired: self.acquired.clone(),
+            height_range: self.height_range,
+            ..ViewTags::default()
+        }
+    }
+
     /// The ground point seen at the image's centre at a height, if the camera has one.
     #[must_use]
     pub fn ground_center(&self, height_m: f64) -> Option<Point<Geodetic>> {

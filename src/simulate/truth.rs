@@ -4,7 +4,7 @@ use super::field::{Field, Material};
 use super::plan::Plan;
 use super::{SceneFigures, Shot};
 use crate::frame::{Point, Site, SiteGrid};
-use crate::raster::{Cog, MapGrid, Plane, RasterError, write_atomically};
+use crate::raster::{Cog, MapGrid, Plane, RasterError, write_file};
 use crate::rpc::formats::{ViewTags, to_json};
 use serde::Serialize;
 use std::path::Path;
@@ -141,17 +141,12 @@ pub(super) fn write_rpc(
         height_range: Some((heights_m.0.floor(), heights_m.1.ceil())),
         ..ViewTags::default()
     };
-    write_text(path, &to_json(&shot.true_rpc, &tags))
+    write_file(path, to_json(&shot.true_rpc, &tags))
 }
 
 /// Writes a value as indented JSON.
 pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), RasterError> {
     let text = serde_json::to_string_pretty(value)
         .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })?;
-    write_text(path, &text)
-}
-
-fn write_text(path: &Path, text: &str) -> Result<(), RasterError> {
-    let failed = |e: std::io::Error| RasterError::Write { path: path.into(), reason: e.to_string() };
-    write_atomically(path, |temporary| std::fs::write(temporary, text).map_err(failed))
+    write_file(path, &text)
 }

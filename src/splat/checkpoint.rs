@@ -7,6 +7,7 @@ use super::backend::Snapshot;
 use super::train::LogLine;
 use crate::raster::{RasterError, write_atomically};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -38,33 +39,20 @@ pub enum CheckpointError {
     },
 }
 
-/// A training between two iterations.
+/// A training between two iterations: borrowed from one that is running, owned when read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Checkpoint {
+pub struct Checkpoint<'a> {
     /// What is trained by and from, so that only the same training goes on from it.
-    pub origin: BTreeMap<String, String>,
+    pub origin: Cow<'a, BTreeMap<String, String>>,
     /// Splats that training started from.
     pub splats_at_start: usize,
     /// The log, up to the last iteration done.
-    pub log: Vec<LogLine>,
+    pub log: Cow<'a, [LogLine]>,
     /// Splats, moments, radiometry.
-    pub state: Snapshot,
+    pub state: Cow<'a, Snapshot>,
 }
 
-/// As [`Checkpoint`], of a training that is running.
-#[derive(Clone, Copy, Serialize)]
-pub struct CheckpointView<'a> {
-    /// What is trained by and from.
-    pub origin: &'a BTreeMap<String, String>,
-    /// Splats that training started from.
-    pub splats_at_start: usize,
-    /// The log so far.
-    pub log: &'a [LogLine],
-    /// Splats, moments, radiometry.
-    pub state: &'a Snapshot,
-}
-
-impl CheckpointView<'_> {
+impl Checkpoint<'_> {
     /// Writes the file; an older one is replaced as a whole.
     ///
     /// # Errors
@@ -84,21 +72,19 @@ impl CheckpointView<'_> {
         file.file.write_all(hash.as_bytes())?;
         Ok(file.file.flush()?)
     }
-}
 
-impl Checkpoint {
     /// Reads a checkpoint.
     ///
     /// # Errors
     /// [`CheckpointError`].
-    pub fn read(path: &Path) -> Result<Self, CheckpointError> {
+    pub fn read(path: &Path) -> Result<Checkpoint<'static>, CheckpointError> {
         let bytes = std::fs::read(path)
             .map_err(|e| CheckpointError::Io { path: path.into(), reason: e.to_string() })?;
         decode(&bytes).map_err(|reason| CheckpointError::Damaged { path: path.into(), reason })
     }
 }
 
-fn decode(bytes: &[u8]) -> Result<Checkpoint, &'static str> {
+fn decode(bytes: &[u8]) -> Result<Checkpoint<'static>, &'static str> {
     if !bytes.starts_with(HEADER) {
         return Err("it is of another program or version");
     }
@@ -107,7 +93,7 @@ fn decode(bytes: &[u8]) -> Result<Checkpoint, &'static str> {
         return Err("it is cut short or changed");
     }
     let body = content.get(HEADER.len()..).ok_or("it is cut short")?;
-    let checkpoint: Checkpoint =
+    let checkpoint: Checkpoint<'static> =
         postcard::from_bytes(body).map_err(|_| "its content is of another version")?;
     if !checkpoint.state.fits(checkpoint.state.appearances.len()) {
         return Err("its parts do not belong together");
@@ -138,7 +124,7 @@ mod tests {
     use super::*;
     use crate::splat::gaussians::Gaussians;
 
-    fn checkpoint() -> Checkpoint {
+    fn checkpoint() -> Checkpoint<'static> {
         let mut splats = Gaussians::default();
         for i in 0..40 {
             splats.push([i as f32, f32::MIN_POSITIVE, -0.0], 0.3, 0.2, [0.1, 0.2, 0.3]);
@@ -147,19 +133,20 @@ mod tests {
         state.adam.steps = 70_000;
         state.statistics.rendered(|i| (i == 7).then_some([0.1, 0.2]), 3.0, 100.0);
         let log = vec![LogLine { iteration: 1, seconds: 0.1, ..LogLine::default() }];
-        Checkpoint { origin: [("seed".into(), "0".into())].into(), splats_at_start: 39, log, state }
-    }
-
-    fn write(checkpoint: &Checkpoint, path: &Path) {
-        let Checkpoint { origin, splats_at_start, log, state } = checkpoint;
-        CheckpointView { origin, splats_at_start: *splats_at_start, log, state }.write(path).unwrap();
+        let origin = BTreeMap::from([("seed".into(), "0".into())]);
+        Checkpoint {
+            origin: Cow::Owned(origin),
+            splats_at_start: 39,
+            log: log.into(),
+            state: Cow::Owned(state),
+        }
     }
 
     #[test]
     fn what_is_written_is_read_back() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("checkpoint.bin");
-        write(&checkpoint(), &path);
+        checkpoint().write(&path).unwrap();
         assert_eq!(Checkpoint::read(&path).unwrap(), checkpoint());
     }
 
@@ -168,7 +155,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("checkpoint.bin");
         assert!(matches!(Checkpoint::read(&path), Err(CheckpointError::Io { .. })));
-        write(&checkpoint(), &path);
+        checkpoint().write(&path).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         for part in 0..100 {
             assert!(decode(&bytes[..bytes.len() * part / 100]).is_err(), "{part} % of it");
@@ -184,8 +171,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("checkpoint.bin");
         let mut odd = checkpoint();
-        odd.state.adam.second.logit.pop();
-        write(&odd, &path);
+        odd.state.to_mut().adam.second.logit.pop();
+        odd.write(&path).unwrap();
         assert!(matches!(Checkpoint::read(&path), Err(CheckpointError::Damaged { .. })));
     }
 }

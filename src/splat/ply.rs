@@ -2,7 +2,7 @@
 
 use super::gaussians::Gaussians;
 use crate::frame::SiteGrid;
-use crate::raster::{RasterError, write_atomically};
+use crate::raster::{RasterError, write_file};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -67,13 +67,7 @@ pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), Ras
             bytes.extend_from_slice(&v.to_le_bytes());
         }
     }
-    let save = |path: &Path, bytes: &[u8]| {
-        write_atomically(path, |t| {
-            std::fs::write(t, bytes)
-                .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
-        })
-    };
-    save(path, &bytes)?;
+    write_file(path, bytes)?;
     let georef = serde_json::json!({
         "epsg": site.epsg,
         "origin": { "easting_m": east, "northing_m": north, "height_m": height },
@@ -82,7 +76,7 @@ pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), Ras
         "vertical_reference": "WGS 84 ellipsoid",
         "grid_convergence_deg": site.convergence_deg(),
     });
-    save(&path.with_extension("georef.json"), format!("{georef:#}\n").as_bytes())
+    write_file(&path.with_extension("georef.json"), format!("{georef:#}\n"))
 }
 
 /// Reads splats that [`write()`] or another 3DGS program wrote; properties that satgs does not use are skipped.

@@ -5,8 +5,17 @@
 #[must_use]
 pub fn iso_date(text: &str) -> Option<String> {
     let separators = ['-', ':', 'T', 't', 'Z', 'z', ' ', '/'];
+    // An offset of zero is UTC; of another, the hour is not known here.
+    let text = text.trim();
+    let text = text.strip_suffix("+00:00").or(text.strip_suffix("-00:00")).unwrap_or(text);
+    if text.contains('+') {
+        return None;
+    }
     // Fractions of a second are cut off: no stage needs them.
-    let whole = text.trim().split('.').next().unwrap_or_default();
+    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
+    if !fraction.chars().all(|c| c.is_ascii_digit() || c.eq_ignore_ascii_case(&'z')) {
+        return None;
+    }
     let digits: String = whole.chars().filter(|c| !separators.contains(c)).collect();
     if !digits.chars().all(|c| c.is_ascii_digit()) {
         return None;

@@ -4,10 +4,11 @@
 //! inverse model itself. Versions 1 and 2 count pixels from 1, version 3 from 0 (GDAL issue 5716); the validity
 //! domain's `FIRST_ROW` and `FIRST_COL` say nothing about that (GDAL pull request 7653).
 
-use super::keys::{Fields, RPC00B, TERMS, parse_number};
+use super::keys::{Fields, RPC00B, parse_number};
 use super::xml::{find, items, number, text};
 use super::{FormatError, RpcFile, SAME_PX, Tiles, ViewTags, iso_date};
 use crate::frame::{Pixel, Point};
+use crate::rpc::model::TERMS;
 use crate::rpc::{Rpc, polynomial};
 use roxmltree::Node;
 use std::path::Path;
@@ -127,9 +128,13 @@ fn direct_gap_px(rpc: &Rpc, [lat_num, lat_den, lon_num, lon_den]: &Direct) -> Op
             c.height.offset + c.height.scale * place[2],
         );
         let px = Pixel::new(c.col.offset + c.col.scale * place[0], c.row.offset + c.row.scale * place[1]);
-        gap = gap.max(rpc.project(ground).distance(px));
+        let apart = rpc.project(ground).distance(px);
+        if !apart.is_finite() {
+            return None;
+        }
+        gap = gap.max(apart);
     }
-    gap.is_finite().then_some(gap)
+    Some(gap)
 }
 
 /// What a product file (`DIM_*.XML`) says about the image, or a version 1 file.
@@ -150,7 +155,6 @@ pub(super) fn tags(root: Node) -> ViewTags {
         sun_deg: number(center, "SUN_AZIMUTH").zip(number(center, "SUN_ELEVATION")),
         acquired: text(center, "TIME").and_then(iso_date).or_else(imaged),
         gsd_m: gsd.map(|(across, along)| (across * along).sqrt()),
-        off_nadir_deg: number(center, "VIEWING_ANGLE"),
         tiles: raster.and_then(tiles),
         ..ViewTags::default()
     }

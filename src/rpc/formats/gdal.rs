@@ -20,7 +20,7 @@ pub fn from_gdal(file: &Path, domain: &[(String, String)]) -> Result<Option<Rpc>
     fields.rpc().map(Some)
 }
 
-/// The metadata domain of a camera. GDAL keeps 15 digits of it in a GeoTIFF's tag.
+/// The metadata domain of a camera, to the last bit; GDAL's own text of a tag has 15 digits.
 #[must_use]
 pub fn to_gdal(rpc: &Rpc) -> Vec<(String, String)> {
     let c = rpc.coefficients();

@@ -48,7 +48,6 @@ fn tags(items: &BTreeMap<&str, &str>) -> ViewTags {
         size: count("number_samples").zip(count("number_lines")),
         sun_deg: middle(azimuth).zip(middle(elevation)),
         acquired: items.get("support_data.image_date").and_then(|d| iso_date(d)),
-        off_nadir_deg: middle("support_data.viewing_angle"),
         ..ViewTags::default()
     }
 }

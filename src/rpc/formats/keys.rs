@@ -3,12 +3,12 @@
 //! A format's reader fills [`Fields`] with numbers by name; [`Fields::rpc`] says which of the 90 is missing.
 
 use super::FormatError;
-use crate::rpc::{Axis, Rpc, RpcCoefficients};
+use crate::rpc::model::TERMS;
+use crate::rpc::{Axis, Rpc, RpcCoefficients, RpcError};
+use std::array::from_fn;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Terms of each polynomial.
-pub(super) const TERMS: usize = 20;
 /// Numbers an RPC cannot do without: five offsets, five scales, four polynomials.
 pub(super) const REQUIRED: usize = 90;
 
@@ -110,23 +110,10 @@ impl<'a> Fields<'a> {
         let n = self.names;
         let value = |name: &str| self.values.get(name).copied().unwrap_or(f64::NAN);
         let axis = |i: usize| Axis { offset: value(n.offsets[i]), scale: value(n.scales[i]) };
-        let terms = |i: usize| std::array::from_fn(|k| value(&format!("{}_{}", n.polynomials[i], k + 1)));
-        // Files write -1 where the error is not known.
-        let error = |i: usize| self.values.get(n.errors[i]).copied().filter(|e| *e >= 0.0);
-        Rpc::new(RpcCoefficients {
-            row: axis(0),
-            col: axis(1),
-            lat: axis(2),
-            lon: axis(3),
-            height: axis(4),
-            row_num: terms(0),
-            row_den: terms(1),
-            col_num: terms(2),
-            col_den: terms(3),
-            err_bias_m: error(0),
-            err_rand_m: error(1),
-        })
-        .map_err(|e| FormatError::invalid(self.file, e))
+        let terms = |i: usize| from_fn(|k| value(&format!("{}_{}", n.polynomials[i], k + 1)));
+        let error = |i: usize| self.values.get(n.errors[i]).copied().unwrap_or(-1.0);
+        in_file_order(from_fn(axis), from_fn(terms), from_fn(error))
+            .map_err(|e| FormatError::invalid(self.file, e))
     }
 
     fn require_all(&self) -> Result<(), FormatError> {
@@ -187,6 +174,29 @@ pub(super) fn parse_number(text: &str) -> Option<f64> {
 pub(super) fn format_number(v: f64) -> String {
     let size = v.abs();
     if size == 0.0 || (1e-4..1e16).contains(&size) { format!("{v}") } else { format!("{v:e}") }
+}
+
+/// The model of numbers in the order of every format: axes of row, column, latitude, longitude, height; numerator and
+/// denominator of the row, then the column; bias and random error, negative where they are not known.
+pub(super) fn in_file_order(
+    [row, col, lat, lon, height]: [Axis; 5],
+    [row_num, row_den, col_num, col_den]: [[f64; TERMS]; 4],
+    errors: [f64; 2],
+) -> Result<Rpc, RpcError> {
+    let [err_bias_m, err_rand_m] = errors.map(|e| (e >= 0.0).then_some(e));
+    Rpc::new(RpcCoefficients {
+        col,
+        row,
+        lon,
+        lat,
+        height,
+        col_num,
+        col_den,
+        row_num,
+        row_den,
+        err_bias_m,
+        err_rand_m,
+    })
 }
 
 #[cfg(test)]

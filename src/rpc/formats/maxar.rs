@@ -98,7 +98,7 @@ pub fn to_rpb(rpc: &Rpc) -> String {
 fn pvl(content: &str) -> BTreeMap<String, String> {
     let mut items = BTreeMap::new();
     for statement in content.split(';') {
-        // Lines such as `BEGIN_GROUP = IMAGE` end without a semicolon: what counts is the statement's last key.
+        // Lines such as `BEGIN_GROUP = IMAGE` end without a semicolon: they are left out of the statement.
         let groups = statement.lines().filter(|l| !l.contains("_GROUP")).collect::<Vec<_>>().join(" ");
         let Some((key, value)) = groups.split_once('=') else { continue };
         let key = if key.trim() == "SpecId" { "specId" } else { key.trim() };
@@ -119,7 +119,6 @@ fn view_tags(item: impl Fn(&str) -> Option<String>) -> ViewTags {
         sun_deg: number("meanSunAz").zip(number("meanSunEl")),
         acquired: time,
         gsd_m: number("meanProductGSD").or_else(|| number("meanCollectedGSD")),
-        off_nadir_deg: number("meanOffNadirViewAngle"),
         ..ViewTags::default()
     }
 }

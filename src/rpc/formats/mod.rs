@@ -161,8 +161,6 @@ pub struct ViewTags {
     pub height_range: Option<(f64, f64)>,
     /// Mean ground sampling distance, metres.
     pub gsd_m: Option<f64>,
-    /// Angle between nadir and the line of sight at the satellite, degrees.
-    pub off_nadir_deg: Option<f64>,
     /// How the image is cut into files, if it is.
     pub tiles: Option<Tiles>,
 }
@@ -191,7 +189,6 @@ impl ViewTags {
             acquired: self.acquired.or(other.acquired),
             height_range: self.height_range.or(other.height_range),
             gsd_m: self.gsd_m.or(other.gsd_m),
-            off_nadir_deg: self.off_nadir_deg.or(other.off_nadir_deg),
             tiles: self.tiles.or(other.tiles),
         }
     }

@@ -15,7 +15,7 @@ use std::path::Path;
 /// [`FormatError`].
 pub(super) fn from_text(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
     let mut fields = Fields::new(file, &RPC00B);
-    for line in content.trim_start_matches('\u{feff}').lines() {
+    for line in content.lines() {
         let Some((key, value)) = line.split_once([':', '=']) else { continue };
         if value.trim().eq_ignore_ascii_case("RPC00A") {
             return Err(FormatError::Rpc00a { file: file.into() });

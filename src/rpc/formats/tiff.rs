@@ -4,7 +4,10 @@
 //! (<http://geotiff.maptools.org/rpc_prop.html>).
 
 use super::FormatError;
-use crate::rpc::{Axis, Rpc, RpcCoefficients};
+use super::keys::in_file_order;
+use crate::rpc::model::TERMS;
+use crate::rpc::{Axis, Rpc, RpcError};
+use std::array::from_fn;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -70,7 +73,7 @@ fn read_tag(mut file: impl Read + Seek) -> Option<[f64; COUNT]> {
         let offset = field(&tiff, value, entry);
         let mut doubles = [0; 8 * COUNT];
         tiff.read_at(offset, &mut doubles)?;
-        return Some(std::array::from_fn(|k| f64::from_bits(tiff.number(&doubles[8 * k..8 * k + 8]))));
+        return Some(from_fn(|k| f64::from_bits(tiff.number(&doubles[8 * k..8 * k + 8]))));
     }
     None
 }
@@ -99,21 +102,8 @@ impl<F: Read + Seek> Tiff<F> {
     }
 }
 
-fn camera(v: &[f64; COUNT]) -> Result<Rpc, crate::rpc::RpcError> {
+fn camera(v: &[f64; COUNT]) -> Result<Rpc, RpcError> {
     let axis = |k: usize| Axis { offset: v[2 + k], scale: v[7 + k] };
-    let terms = |k: usize| std::array::from_fn(|i| v[12 + 20 * k + i]);
-    let error = |e: f64| (e >= 0.0).then_some(e);
-    Rpc::new(RpcCoefficients {
-        row: axis(0),
-        col: axis(1),
-        lat: axis(2),
-        lon: axis(3),
-        height: axis(4),
-        row_num: terms(0),
-        row_den: terms(1),
-        col_num: terms(2),
-        col_den: terms(3),
-        err_bias_m: error(v[0]),
-        err_rand_m: error(v[1]),
-    })
+    let terms = |k: usize| from_fn(|i| v[12 + TERMS * k + i]);
+    in_file_order(from_fn(axis), from_fn(terms), [v[0], v[1]])
 }

@@ -17,6 +17,7 @@ pub(super) fn aggregate(volume: &Volume, width: usize, jump: u16) -> Vec<u16> {
     let paths = Paths { planes: volume.planes(), jump };
     let rows: Vec<&[u8]> = volume.rows(width).collect();
     let length = width * paths.planes;
+    let border = paths.start(1);
     let mut sums = vec![0u16; rows.len() * length];
     sums.par_chunks_mut(length).zip(&rows).for_each(|(sums, costs)| {
         along(&paths, sums, costs, false);
@@ -28,7 +29,12 @@ pub(super) fn aggregate(volume: &Volume, width: usize, jump: u16) -> Vec<u16> {
             for i in 0..rows.len() {
                 let row = if upwards { rows.len() - 1 - i } else { i };
                 let sums = &mut sums[row * length..(row + 1) * length];
-                paths.across(sums, rows[row], lean, &before, &mut now);
+                let runs =
+                    sums.par_chunks_mut(RUN * paths.planes).zip(rows[row].par_chunks(RUN * paths.planes));
+                let runs = runs.zip(now.par_chunks_mut(RUN * paths.stride())).enumerate();
+                runs.for_each(|(run, ((sums, costs), now))| {
+                    across(&paths, sums, costs, now, (&before, &border), (run * RUN) as i64 + lean);
+                });
                 std::mem::swap(&mut before, &mut now);
             }
         }
@@ -53,19 +59,9 @@ impl Paths {
     fn stride(&self) -> usize {
         self.planes + 2
     }
-
-    /// The paths from one row to the next, from the cell `lean` columns to the right.
-    fn across(&self, sums: &mut [u16], costs: &[u8], lean: i64, before: &[u16], now: &mut [u16]) {
-        let border = self.start(1);
-        let runs = sums.par_chunks_mut(RUN * self.planes).zip(costs.par_chunks(RUN * self.planes));
-        runs.zip(now.par_chunks_mut(RUN * self.stride())).enumerate().for_each(
-            |(run, ((sums, costs), now))| {
-                across(self, sums, costs, now, (before, &border), (run * RUN) as i64 + lean);
-            },
-        );
-    }
 }
 
+/// The path along a row.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx2", "x86_64+avx2"))]
 fn along(paths: &Paths, sums: &mut [u16], costs: &[u8], backwards: bool) {
     let planes = paths.planes;
