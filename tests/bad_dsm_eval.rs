@@ -31,10 +31,13 @@ impl Desk {
         self.folder.path().join(name)
     }
     fn height(&self, name: &str, grid: MapGrid, plane: &Plane) {
-        Cog { grid, metadata: &[] }.write_f32(&self.path(name), &[plane], "m").unwrap();
+        let cog = Cog { grid, metadata: &[], heights_from: None };
+        cog.write_f32(&self.path(name), &[("height", "m", plane)]).unwrap();
     }
     fn classes(&self, name: &str, grid: MapGrid, codes: Vec<u8>) {
-        Cog { grid, metadata: &[] }.write_u8(&self.path(name), vec![codes], None).unwrap();
+        Cog { grid, metadata: &[], heights_from: None }
+            .write_u8(&self.path(name), vec![codes], None)
+            .unwrap();
     }
     /// A truth as DFC2019 ships it: pixels without a place, and a text file.
     fn truth_with_txt(&self, text: Option<&str>) {

@@ -202,7 +202,7 @@ fn orthorectified_images_are_told_apart() {
         width: 64,
         height: 64,
     };
-    let ortho = satgs::raster::Cog { grid: grid(700_000.0), metadata: &[] };
+    let ortho = satgs::raster::Cog { grid: grid(700_000.0), metadata: &[], heights_from: None };
     let path = folder.path().join("ortho.tif");
     ortho.write_u8(&path, vec![(0..64 * 64).map(|i| (i % 251) as u8).collect()], None).unwrap();
     let (code, said) = info(folder.path(), &[]);
@@ -432,7 +432,11 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
         height: 300,
     };
     let plane = satgs::raster::Plane::from_fn(60, 300, |_, row| 80.0 + row as f32 * 0.1);
-    satgs::raster::Cog { grid, metadata: &[] }.write_f32(&path, &[&plane], "m").unwrap();
+    let write = |grid| {
+        let cog = satgs::raster::Cog { grid, metadata: &[], heights_from: None };
+        cog.write_f32(&path, &[("height", "m", &plane)]).unwrap();
+    };
+    write(grid);
     let (scene, run) = (folder.path().to_str().unwrap(), dem.path().join("run"));
     let ba = |more: &[&str]| {
         let args =
@@ -444,11 +448,11 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     assert!(code == Some(2) && said.contains("dem.tif` does not say what its heights count from"), "{said}");
     assert!(said.contains("hint: --dem-vertical ellipsoid"), "{said}");
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
-    let vertical = satgs::scene::Vertical::Ellipsoid;
+    let vertical = satgs::raster::Vertical::Ellipsoid;
     let (low, high) = scene.heights_from_dem(&path, Some(&vertical)).unwrap();
     assert!(60.0 < low && low < high && high < 190.0, "{low} {high}");
     let far = satgs::raster::MapGrid { west: 600_000.0, ..grid };
-    satgs::raster::Cog { grid: far, metadata: &[] }.write_f32(&path, &[&plane], "m").unwrap();
+    write(far);
     let error = scene.heights_from_dem(&path, Some(&vertical)).unwrap_err().to_string();
     assert!(error.contains("has no heights where the views look"), "{error}");
 }

@@ -45,6 +45,14 @@ impl AffineCamera {
         self.displace([d[0] / d[2], d[1] / d[2], 1.0])
     }
 
+    /// Ground displacement (east, north) per metre of height along the rays, which climb towards the camera.
+    #[must_use]
+    pub fn lean(&self) -> [f64; 2] {
+        let [[a, b, p], [c, d, q]] = self.linear;
+        let det = a * d - b * c;
+        [(b * q - d * p) / det, (c * p - a * q) / det]
+    }
+
     /// The camera of the image whose pixel (0, 0) is this one's pixel `(col, row)`.
     #[must_use]
     pub fn cropped(&self, col: f64, row: f64) -> Self {

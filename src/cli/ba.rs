@@ -5,7 +5,8 @@ use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::train::write_json;
 use super::{Failure, Ui};
 use crate::bundle::{Options, adjust};
-use crate::scene::{Scene, Vertical};
+use crate::raster::Vertical;
+use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 
 /// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, RUN/ba/points.laz, RUN/ba/report.json
@@ -26,8 +27,8 @@ pub struct Args {
     /// Elevation model that tells the heights to search, from 20 m below its lowest to 80 m above its highest
     #[arg(long, value_name = "FILE", conflicts_with = "height_range")]
     dem: Option<PathBuf>,
-    /// What the model's heights count from: `ellipsoid`, or a geoid grid (.gtx, .tif of PROJ) [default: what it says]
-    #[arg(long, value_name = "ellipsoid|GRID", requires = "dem")]
+    /// What the model's heights count from: `ellipsoid`, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ) [default: what it says]
+    #[arg(long, value_name = "REFERENCE", requires = "dem")]
     dem_vertical: Option<String>,
     /// Leave the RPCs as they are: only tracks, points and the report
     #[arg(long)]

@@ -1,22 +1,22 @@
 //! `satgs dsm`: splats to a surface model and an orthophoto.
 
 use super::stage::{Fingerprint, Stage, hash_file};
-use super::train::{TrainedCameras, read_json};
+use super::train::{SURFACE, TrainedCameras};
 use super::{Failure, Ui};
-use crate::bundle::Adjustment;
 use crate::dsm::{hillshade, render};
-use crate::raster::{ImageFile, MapGrid, write_png_gray};
-use crate::scene::Scene;
+use crate::raster::{ImageFile, MapGrid, Vertical, write_png_gray};
+use crate::scene::Role;
 use crate::splat::ply;
-use crate::splat::setup::Setup;
-use crate::splat::sweep::Sweep;
+use crate::splat::sweep::SweptSurface;
 use std::path::{Path, PathBuf};
 
-/// Render a trained run on the UTM grid: RUN/dsm.tif, RUN/ortho.tif
+/// Render a trained run on the UTM grid: RUN/dsm.tif, RUN/ortho.tif, RUN/confidence.tif
 ///
-/// dsm.tif holds ellipsoidal heights in metres (float32, NaN nodata): the splats' surface, which recipe `best` matches
-/// with the images once more. ortho.tif holds the colours without shadows as the reference view would see them. Both
-/// are Cloud-Optimized GeoTIFFs that open in QGIS. hillshade.png is a picture of the surface.
+/// dsm.tif holds heights in metres (float32, NaN nodata): the splats' surface, which recipe `best` has matched with the
+/// images once more. ortho.tif holds the colours without shadows as the reference view would see them. confidence.tif
+/// holds for each cell the splats' opacity, the spread of their altitudes (m) and the number of views that see it; cells
+/// that fewer than two images cover are nodata. All are Cloud-Optimized GeoTIFFs that open in QGIS. hillshade.png is a
+/// picture of the surface.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Folder that `satgs train RUN` filled
@@ -38,6 +38,32 @@ pub struct Options {
     /// Take grid and extent from this raster
     #[arg(long, value_name = "RASTER")]
     like: Option<PathBuf>,
+    /// What heights count from: `ellipsoid`, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    #[arg(long, default_value = "ellipsoid", value_name = "REFERENCE")]
+    vertical: String,
+    /// Fill holes that reach no further than this between cells with heights, metres; confidence.tif says 0 views there
+    #[arg(long, value_name = "M")]
+    fill: Option<f64>,
+    /// Write the cells as a point cloud with colours as well (.laz or .las)
+    #[arg(long, value_name = "FILE", value_parser = ending(&["laz", "las"]))]
+    points: Option<PathBuf>,
+    /// Write a mesh textured with the orthophoto as well (.glb)
+    #[arg(long, value_name = "FILE", value_parser = ending(&["glb"]))]
+    mesh: Option<PathBuf>,
+}
+
+/// Accepts paths with one of these endings.
+fn ending(
+    allowed: &'static [&'static str],
+) -> impl Fn(&str) -> Result<PathBuf, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let path = std::path::absolute(text).map_err(|e| e.to_string())?;
+        let found = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+        match found {
+            Some(e) if allowed.contains(&e.as_str()) => Ok(path),
+            _ => Err(format!("expected a file that ends in .{}", allowed.join(" or ."))),
+        }
+    }
 }
 
 /// No more cells than this: 40,000 squared.
@@ -53,7 +79,10 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let cameras = TrainedCameras::read(run)?;
     let setup = &cameras.setup;
     let grid = grid(options, &cameras)?;
-    let stage = Stage::new(run, "dsm", &["dsm.tif", "ortho.tif"], fingerprint(run, &grid));
+    let vertical = Vertical::read(&options.vertical)?;
+    let mut outputs = vec![Path::new("dsm.tif"), Path::new("ortho.tif"), Path::new("confidence.tif")];
+    outputs.extend(options.points.as_deref().into_iter().chain(options.mesh.as_deref()));
+    let stage = Stage::new(run, "dsm", &outputs, fingerprint(run, &grid, options));
     if stage.is_done(overwrite)? {
         ui.note(&format!("`{}` has its surface already", run.display()));
         return Ok(());
@@ -62,13 +91,30 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let reference =
         cameras.appearances.get(setup.reference_among_training()).map(|a| a.1).unwrap_or_default();
     let mut surface = render(&splats, &setup.site, grid, &reference);
-    if cameras.recipe.sweep
-        && let Some(sweep) = sweep(run, setup)?
-    {
-        surface.sharpen(&splats, &setup.site, &sweep, &|e| ui.show(e));
+    if cameras.is_matched {
+        surface.take(&SweptSurface::read(&run.join(SURFACE), &setup.site)?);
     }
-    surface.write_dsm(&run.join("dsm.tif"))?;
+    let views = setup.views.iter().filter(|v| v.role == Role::Train);
+    surface.count_views(&setup.site, &views.map(|v| (v.camera, v.size)).collect::<Vec<_>>());
+    if let Some(reach_m) = options.fill {
+        surface.fill(reach_m);
+    }
+    if surface.heights_above(&vertical).valid().next().is_none() && surface.height.valid().next().is_some() {
+        let message = format!("the grid of `{}` has no undulation here", vertical.name());
+        return Err(Failure::input(
+            message,
+            "EGM96 and EGM2008 grids of the whole Earth come with PROJ's data",
+        ));
+    }
+    surface.write_dsm(&run.join("dsm.tif"), &vertical)?;
     surface.write_ortho(&run.join("ortho.tif"))?;
+    surface.write_confidence(&run.join("confidence.tif"))?;
+    if let Some(path) = &options.points {
+        surface.write_points(path, &vertical)?;
+    }
+    if let Some(path) = &options.mesh {
+        surface.write_mesh(path, &vertical)?;
+    }
     let shade = hillshade(&surface.height, grid.cell);
     write_png_gray(&run.join("hillshade.png"), grid.width, grid.height, &shade)?;
     stage.complete()?;
@@ -76,24 +122,18 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let seen = surface.height.valid().count();
     let share = 100.0 * seen as f64 / surface.height.data.len() as f64;
     let text = format!(
-        "{} x {} cells of {} m, EPSG:{}, {share:.1} % seen\n{}\n{}",
+        "{} x {} cells of {} m, EPSG:{}, heights above {}, {share:.1} % seen\n{}\n{}",
         grid.width,
         grid.height,
         grid.cell,
         grid.epsg,
+        vertical.name(),
         run.join("dsm.tif").display(),
         run.join("ortho.tif").display()
     );
-    let json = serde_json::json!({ "grid": grid, "seen_percent": share });
+    let json = serde_json::json!({ "grid": grid, "vertical": vertical.name(), "seen_percent": share });
     ui.summary("dsm", &text, json);
     Ok(())
-}
-
-/// The sweep by which a surface is sharpened; none if no two views can be matched.
-fn sweep(run: &Path, setup: &Setup) -> Result<Option<Sweep>, Failure> {
-    let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
-    let points = Adjustment::read(&run.join("ba"))?.positions();
-    Ok(Sweep::new(setup, &setup.training_views(&scene)?, &setup.sparse(&points)))
 }
 
 fn grid(options: &Options, cameras: &TrainedCameras) -> Result<MapGrid, Failure> {
@@ -121,8 +161,13 @@ fn grid(options: &Options, cameras: &TrainedCameras) -> Result<MapGrid, Failure>
     Ok(grid)
 }
 
-fn fingerprint(run: &Path, grid: &MapGrid) -> Fingerprint {
+fn fingerprint(run: &Path, grid: &MapGrid, options: &Options) -> Fingerprint {
     Fingerprint::from([
+        ("--vertical".into(), options.vertical.clone()),
+        ("--fill".into(), format!("{:?}", options.fill)),
+        ("--points".into(), format!("{:?}", options.points)),
+        ("--mesh".into(), format!("{:?}", options.mesh)),
+        ("surface".into(), hash_file(&run.join(SURFACE))),
         ("splats".into(), hash_file(&run.join("splats.ply"))),
         ("cameras".into(), hash_file(&run.join("cameras.json"))),
         ("grid".into(), serde_json::to_string(grid).unwrap_or_default()),

@@ -102,7 +102,8 @@ pub(super) fn write_files(evaluation: &Evaluation, folder: &Path) -> Result<(), 
         ("TIFFTAG_IMAGEDESCRIPTION", "registered prediction minus truth".to_owned()),
         ("PREDICTION_MOVED", moved),
     ];
-    Cog { grid: evaluation.grid, metadata: &metadata }.write_f32(&folder.join(ERROR_MAP), &[&errors], "m")?;
+    let cog = Cog { grid: evaluation.grid, metadata: &metadata, heights_from: None };
+    cog.write_f32(&folder.join(ERROR_MAP), &[("error", "m", &errors)])?;
     write_png_rgb(&folder.join(ERROR_PICTURE), errors.width, errors.height, &error_picture(&errors))?;
     Ok(())
 }

@@ -17,8 +17,13 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// A stage called `name` that makes `outputs` (in the run's folder) from `fingerprint`.
-    pub fn new(run: &Path, name: &'static str, outputs: &[&str], fingerprint: Fingerprint) -> Self {
+    /// A stage called `name` that makes `outputs` (in the run's folder, unless absolute) from `fingerprint`.
+    pub fn new(
+        run: &Path,
+        name: &'static str,
+        outputs: &[impl AsRef<Path>],
+        fingerprint: Fingerprint,
+    ) -> Self {
         let outputs = outputs.iter().map(|o| run.join(o)).collect();
         Self { record: run.join(name).join("stage.json"), name, fingerprint, outputs }
     }

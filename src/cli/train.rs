@@ -4,7 +4,9 @@ use super::interrupt::Interruptible;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui};
 use crate::bundle::Adjustment;
+use crate::dsm::altitudes;
 use crate::event::Event;
+use crate::frame::{Point, Site};
 use crate::raster::{RasterError, write_atomically, write_file};
 use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
@@ -13,7 +15,9 @@ use crate::splat::checkpoint::Checkpoint;
 use crate::splat::cpu::CpuBackend;
 use crate::splat::recipe::Recipe;
 use crate::splat::setup::Setup;
+use crate::splat::sweep::{Sweep, SweptSurface};
 use crate::splat::train::{LogLine, Schedule, train};
+use crate::splat::views::TrainingView;
 use crate::splat::{init, ply};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -56,6 +60,10 @@ pub struct Options {
     resume: bool,
 }
 
+/// The trained surface, matched with the views, in a run's folder; and the one that training started on.
+pub const SURFACE: &str = "train/surface.tif";
+const FIRST_SURFACE: &str = "train/first_surface.tif";
+
 /// `RUN/cameras.json`.
 #[derive(Serialize, Deserialize)]
 pub struct TrainedCameras {
@@ -66,6 +74,8 @@ pub struct TrainedCameras {
     pub appearances: Vec<(String, Appearance)>,
     /// What was trained by.
     pub recipe: Recipe,
+    /// Whether `surface.tif` holds the trained surface matched with the views.
+    pub is_matched: bool,
 }
 
 impl TrainedCameras {
@@ -89,8 +99,8 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     if let Some(iterations) = options.iterations {
         recipe = recipe.with_iterations(iterations);
     }
-    let stage =
-        Stage::new(run, "train", &["splats.ply", "cameras.json"], fingerprint(run, &recipe, options.seed));
+    let outputs = ["splats.ply", "cameras.json"];
+    let stage = Stage::new(run, "train", &outputs, fingerprint(run, &recipe, options.seed));
     if stage.is_done(overwrite)? {
         ui.note(&format!("`{}` is trained already", run.display()));
         return Ok(());
@@ -106,12 +116,19 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     if views.is_empty() {
         return Err(crate::splat::setup::SetupError::NoViews.into());
     }
+    let sparse = setup.sparse(&points);
     let checkpoints = Checkpoints { path: run.join("train").join("checkpoint.bin"), stage: &stage, options };
     let (at_start, mut log, state) = match checkpoints.take_up(views.len(), overwrite, ui)? {
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
-            let sparse = setup.sparse(&points);
-            let splats = init::start(&setup, &views, &sparse, &recipe, options.seed, &|e| ui.show(e));
+            let splats = match sweep(&recipe, &setup, &views, &sparse) {
+                Some(sweep) => {
+                    let first = sweep.run(&|e| ui.show(e));
+                    first.write(&run.join(FIRST_SURFACE))?;
+                    init::on_surface(&first, &views)
+                }
+                None => init::on_points(&sparse, setup.area, options.seed),
+            };
             (splats.len(), Vec::new(), Snapshot::start(splats, views.len()))
         }
     };
@@ -132,17 +149,29 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     if ui.is_verbose() {
         ui.note(&backend.times().table());
     }
+    let sweep = sweep(&recipe, &setup, backend.views(), &sparse);
     let made = backend.snapshot();
+    if let Some(sweep) = &sweep {
+        // From the file whether or not training was interrupted: the same bytes.
+        let first = SweptSurface::read(&run.join(FIRST_SURFACE), &setup.site)?;
+        let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
+        sweep.sharpen(&trained, &first).write(&run.join(SURFACE))?;
+    }
     ply::write(&run.join("splats.ply"), &made.splats, &setup.site)?;
     write_log(&run.join("train").join("train.csv"), &log)?;
     let splats = (at_start, made.splats.len());
     let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
-    let cameras = TrainedCameras { setup, appearances, recipe };
+    let cameras = TrainedCameras { setup, appearances, recipe, is_matched: sweep.is_some() };
     write_json(&run.join("cameras.json"), &cameras)?;
     stage.complete()?;
     checkpoints.remove();
     summarise(run, &cameras, &log, splats, ui);
     Ok(())
+}
+
+/// The sweep that finds the surface, if the recipe has one and two views can be matched.
+fn sweep(recipe: &Recipe, setup: &Setup, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Sweep> {
+    recipe.sweep.then(|| Sweep::new(setup, views, sparse)).flatten()
 }
 
 /// Says what training made; `splats` are their numbers at the start and at the end.

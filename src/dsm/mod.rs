@@ -1,23 +1,32 @@
-//! From splats to georeferenced rasters: a surface model and an orthophoto on a map grid.
+//! From splats to georeferenced products: a surface model, an orthophoto and their confidence on a map grid; points and
+//! a mesh of them.
 //!
 //! The camera looks straight down and its pixels are the grid's cells: no point cloud, no resampling. A cell's
 //! height is the median of its samples', each the altitude at which half of the light is gone; cells through which
 //! most light passes are nodata.
 
 mod altitude;
+mod confidence;
+mod mesh;
+mod points;
+
+pub use altitude::altitudes;
+pub use confidence::Confidence;
 
 use crate::affine::AffineCamera;
-use crate::event::Sink;
-use crate::frame::SiteGrid;
-use crate::raster::{Cog, MapGrid, Plane, RasterError};
+use crate::frame::{Point, SiteGrid};
+use crate::raster::{Cog, MapGrid, Plane, RasterError, Vertical};
 use crate::splat::appearance::Appearance;
 use crate::splat::gaussians::{Gaussians, SH_C0};
 use crate::splat::raster::{FrameCamera, Prepared, Rasterizer};
-use crate::splat::sweep::{Sweep, SweptSurface};
+use crate::splat::sweep::SweptSurface;
 use rayon::prelude::*;
 use std::path::Path;
 
-use altitude::{altitudes, median, sampled};
+use altitude::{median, sampled};
+
+/// Cells from one node to the next of the lattice on which geoids are looked up: they are smooth.
+const GEOID_STEP: usize = 64;
 
 /// What a look straight down gives.
 pub struct Surface {
@@ -27,6 +36,8 @@ pub struct Surface {
     pub height: Plane,
     /// Colours in the reference view's radiometry, sunlit, 0 to 1; NaN where nothing was seen.
     pub colors: [Plane; 3],
+    /// How far the heights can be trusted.
+    pub confidence: Confidence,
 }
 
 /// The camera that looks straight down on a grid.
@@ -40,7 +51,7 @@ pub fn nadir_camera(grid: &MapGrid, site: &SiteGrid) -> AffineCamera {
     }
 }
 
-/// Renders splats on a grid.
+/// Renders splats on a grid. The views that see a cell are not counted yet.
 #[must_use]
 pub fn render(splats: &Gaussians, site: &SiteGrid, grid: MapGrid, reference: &Appearance) -> Surface {
     let mut prepared = Prepared::default();
@@ -48,33 +59,33 @@ pub fn render(splats: &Gaussians, site: &SiteGrid, grid: MapGrid, reference: &Ap
     let mut height = altitudes(splats, site, &grid);
     height.data.iter_mut().for_each(|z| *z += site.origin.z() as f32);
     let color = |v: f32| v * SH_C0 as f32 + 0.5;
-    let features: Vec<[f32; 3]> =
-        prepared.order().iter().map(|&i| splats.f_dc[i as usize].map(color)).collect();
+    let feature = |&i: &u32| {
+        let ([r, g, b], z) = (splats.f_dc[i as usize].map(color), splats.position[i as usize][2]);
+        [r, g, b, z, z * z]
+    };
+    let features: Vec<[f32; 5]> = prepared.order().iter().map(feature).collect();
     let camera = FrameCamera::new(&nadir_camera(&grid, site), grid.width, grid.height);
-    let mut rasterizer = Rasterizer::<f32, 3>::default();
-    let image = rasterizer.render(&prepared, &features, &camera, [0.0; 3]);
+    let mut rasterizer = Rasterizer::<f32, 5>::default();
+    let image = rasterizer.render(&prepared, &features, &camera, [0.0; 5]);
     let mut colors: [Plane; 3] = std::array::from_fn(|c| image.plane(c));
-    let transmittance = image.plane(3);
+    let (mut spread, square, mut opacity) = (image.plane(3), image.plane(4), image.plane(5));
     for i in 0..height.data.len() {
-        let opaque = 1.0 - transmittance.data[i];
+        let opaque = 1.0 - opacity.data[i];
+        let mean = spread.data[i] / opaque;
+        spread.data[i] = (square.data[i] / opaque - mean * mean).max(0.0).sqrt();
+        opacity.data[i] = opaque;
         let lit = reference.sunlit(std::array::from_fn(|c| colors[c].data[i] / opaque));
         for (plane, v) in colors.iter_mut().zip(lit) {
             plane.data[i] = if height.data[i].is_nan() { f32::NAN } else { v };
         }
     }
-    Surface { grid, height, colors }
+    let views = Plane::filled(grid.width, grid.height, f32::NAN);
+    Surface { grid, height, colors, confidence: Confidence { opacity, spread, views } }
 }
 
 impl Surface {
-    /// Matches the views once more, near the surface of the splats it was rendered from: its edges become as sharp as
-    /// the images are.
-    pub fn sharpen(&mut self, splats: &Gaussians, site: &SiteGrid, sweep: &Sweep, events: Sink) {
-        let prior = altitudes(splats, site, &sweep.grid());
-        self.take(&sweep.sharpen(&prior, &sweep.run(events)));
-    }
-
     /// Takes the heights of a swept surface where it has any.
-    fn take(&mut self, swept: &SweptSurface) {
+    pub fn take(&mut self, swept: &SweptSurface) {
         let fine = sampled(&self.grid);
         let origin = swept.site.origin.z() as f32;
         let height_at = |col: usize, row: usize| {
@@ -93,12 +104,29 @@ impl Surface {
         });
     }
 
-    /// Writes the heights as a Cloud-Optimized GeoTIFF: float32, metres, NaN nodata.
+    /// The heights in metres above what they are to count from; NaN where that is not known.
+    #[must_use]
+    pub fn heights_above(&self, vertical: &Vertical) -> Plane {
+        let Vertical::Geoid { .. } = vertical else { return self.height.clone() };
+        let place = SiteGrid { epsg: self.grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
+        let nodes = [self.grid.width, self.grid.height].map(|n| n.div_ceil(GEOID_STEP) + 1);
+        let undulation = Plane::from_fn(nodes[0], nodes[1], |col, row| {
+            let p = place.geodetic_from_utm(self.grid.cell_center(col * GEOID_STEP, row * GEOID_STEP));
+            vertical.undulation_m(p.lon_deg(), p.lat_deg()) as f32
+        });
+        let step = GEOID_STEP as f64;
+        Plane::from_fn(self.grid.width, self.grid.height, |col, row| {
+            self.height.at(col, row) - undulation.bilinear(col as f64 / step, row as f64 / step)
+        })
+    }
+
+    /// Writes heights as a Cloud-Optimized GeoTIFF: float32, metres above `vertical`, NaN nodata.
     ///
     /// # Errors
     /// [`RasterError::Write`].
-    pub fn write_dsm(&self, path: &Path) -> Result<(), RasterError> {
-        self.cog(&[("VERTICAL_REFERENCE", "WGS 84 ellipsoid".into())]).write_f32(path, &[&self.height], "m")
+    pub fn write_dsm(&self, path: &Path, vertical: &Vertical) -> Result<(), RasterError> {
+        let cog = Cog { heights_from: Some(vertical), ..self.cog() };
+        cog.write_f32(path, &[("height", "m", &self.heights_above(vertical))])
     }
 
     /// Writes the colours as an 8-bit Cloud-Optimized GeoTIFF; 0 is nodata.
@@ -108,11 +136,21 @@ impl Surface {
     pub fn write_ortho(&self, path: &Path) -> Result<(), RasterError> {
         let byte = |v: &f32| if v.is_nan() { 0 } else { (v.clamp(0.0, 1.0) * 254.0).round() as u8 + 1 };
         let bands = self.colors.iter().map(|p| p.data.iter().map(byte).collect()).collect();
-        self.cog(&[]).write_u8(path, bands, Some(0.0))
+        self.cog().write_u8(path, bands, Some(0.0))
     }
 
-    fn cog<'a>(&self, metadata: &'a [(&'a str, String)]) -> Cog<'a> {
-        Cog { grid: self.grid, metadata }
+    /// Writes the confidence: opacity, spread of the altitudes in metres, number of views.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`].
+    pub fn write_confidence(&self, path: &Path) -> Result<(), RasterError> {
+        let Confidence { opacity, spread, views } = &self.confidence;
+        let bands = [("opacity", "", opacity), ("altitude spread", "m", spread), ("views", "", views)];
+        self.cog().write_f32(path, &bands)
+    }
+
+    fn cog(&self) -> Cog<'_> {
+        Cog { grid: self.grid, metadata: &[], heights_from: None }
     }
 }
 
@@ -141,7 +179,18 @@ pub fn hillshade(height: &Plane, cell_m: f64) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::Point;
+
+    /// Level ground 10 m high, cells of half a metre.
+    pub(super) fn flat_surface(width: usize, height: usize) -> (Surface, SiteGrid) {
+        let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
+        let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
+        let plane = |value| Plane::filled(width, height, value);
+        let confidence = Confidence { opacity: plane(1.0), spread: plane(0.0), views: plane(f32::NAN) };
+        (
+            Surface { grid, height: plane(10.0), colors: [plane(0.1), plane(0.5), plane(1.0)], confidence },
+            site,
+        )
+    }
 
     /// A plane of splats, tilted one way and the other. Higher neighbours hide lower ones, so that a slope is seen a
     /// little high whichever way it falls; half the difference is free of that and must be exact at cell centres.

@@ -228,9 +228,12 @@ impl ImageFile {
         if (srs.linear_units() - 1.0).abs() > 1e-9 {
             return Err(not("the raster's CRS is not in metres"));
         }
-        let code = srs.auth_code().map_err(|_| not("the raster's CRS has no EPSG code"))?;
+        // Of a compound CRS only the map's part; the heights' is not the grid's.
+        let code =
+            srs.get_attr_value("PROJCS|AUTHORITY", 1).ok().flatten().and_then(|code| code.parse().ok());
+        let code: u32 = code.ok_or_else(|| not("the raster's CRS has no EPSG code"))?;
         let (width, height) = self.size();
-        Ok(MapGrid { epsg: code as u32, west: t[0], north: t[3], cell: t[1], width, height })
+        Ok(MapGrid { epsg: code, west: t[0], north: t[3], cell: t[1], width, height })
     }
 
     fn no_band(&self, asked: usize) -> RasterError {

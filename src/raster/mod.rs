@@ -1,19 +1,24 @@
 //! GDAL in and out: reading bands and metadata, writing Cloud-Optimized GeoTIFFs and PNGs.
 
+mod cloud;
 mod file;
 mod geoid;
 mod grid;
 mod plane;
 mod vector;
+mod vertical;
 mod write;
 
+pub use cloud::PointCloud;
 pub use file::{Band, ImageFile, Window};
 pub use geoid::Geoid;
 pub use grid::MapGrid;
 pub use plane::Plane;
 pub use vector::{Outline, write_outlines};
+pub use vertical::Vertical;
 pub use write::{
-    Cog, SensorImage, write_atomically, write_file, write_png_gray, write_png_rgb, write_with_rpc,
+    Cog, SensorImage, encode_png_rgb, write_atomically, write_file, write_png_gray, write_png_rgb,
+    write_with_rpc,
 };
 
 use std::path::PathBuf;
@@ -74,6 +79,15 @@ pub enum RasterError {
         path: PathBuf,
         /// What is missing.
         reason: String,
+    },
+    /// No grid of a geoid model.
+    #[error("PROJ's folders hold no grid of `{name}`")]
+    #[diagnostic(help(
+        "install Debian's proj-data, or give the path of the model's grid (.gtx, .tif from cdn.proj.org)"
+    ))]
+    NoGeoid {
+        /// The model.
+        name: String,
     },
     /// An output could not be written; nothing is left of it.
     #[error("writing `{path}` failed: {reason}")]

@@ -1,11 +1,13 @@
 //! Writing: Cloud-Optimized GeoTIFFs, sensor images with an RPC tag, PNGs. A file appears whole or not at all.
 
 use super::file::quiet_gdal;
-use super::{ImageFile, MapGrid, Plane, RasterError};
+use super::{ImageFile, MapGrid, Plane, RasterError, Vertical};
 use gdal::raster::{Buffer, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
 use gdal::vsi::get_vsi_mem_file_bytes_owned;
 use gdal::{Dataset, DriverManager, Metadata};
+use image::ImageEncoder;
+use image::codecs::png::PngEncoder;
 use std::path::Path;
 
 /// Runs `write` on a temporary name beside `path`, then renames: `path` is the old file or the whole new one.
@@ -50,21 +52,25 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), RasterEr
 }
 
 /// A georeferenced raster to be written as a Cloud-Optimized GeoTIFF.
+#[derive(Clone, Copy)]
 pub struct Cog<'a> {
     /// Its place on the map.
     pub grid: MapGrid,
     /// Its metadata items of the default domain.
     pub metadata: &'a [(&'a str, String)],
+    /// What its heights count from, if it holds heights.
+    pub heights_from: Option<&'a Vertical>,
 }
 
 impl Cog<'_> {
-    /// Writes float32 bands with NaN as nodata; `unit` is the bands' unit, `m` for heights.
+    /// Writes float32 bands, each with its description and unit, with NaN as nodata.
     ///
     /// # Errors
     /// [`RasterError::Write`].
-    pub fn write_f32(&self, path: &Path, bands: &[&Plane], unit: &str) -> Result<(), RasterError> {
-        let bands: Vec<_> = bands.iter().map(|b| b.data.clone()).collect();
-        self.write(path, bands, Some(f64::NAN), unit, "FLOAT")
+    pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Plane)]) -> Result<(), RasterError> {
+        let data = bands.iter().map(|b| b.2.data.clone()).collect();
+        let labels: Vec<_> = bands.iter().map(|b| (b.0, b.1)).collect();
+        self.write(path, data, Some(f64::NAN), &labels, "FLOATING_POINT")
     }
 
     /// Writes 8-bit bands.
@@ -72,7 +78,7 @@ impl Cog<'_> {
     /// # Errors
     /// [`RasterError::Write`].
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>, nodata: Option<f64>) -> Result<(), RasterError> {
-        self.write(path, bands, nodata, "", "INTEGER")
+        self.write(path, bands, nodata, &[], "STANDARD")
     }
 
     fn write<T: GdalType + Copy>(
@@ -80,26 +86,43 @@ impl Cog<'_> {
         path: &Path,
         bands: Vec<Vec<T>>,
         nodata: Option<f64>,
-        unit: &str,
-        kind: &str,
+        labels: &[(&str, &str)],
+        predictor: &str,
     ) -> Result<(), RasterError> {
-        let predictor = if kind == "FLOAT" { "FLOATING_POINT" } else { "STANDARD" };
         let options = [
             ("COMPRESS", "DEFLATE"),
             ("PREDICTOR", predictor),
             ("BLOCKSIZE", "256"),
             ("OVERVIEWS", "IGNORE_EXISTING"),
             ("RESAMPLING", "AVERAGE"),
-            ("STATISTICS", "YES"),
         ];
         write_atomically(path, |temporary| {
             let make = || -> Result<(), Box<dyn std::error::Error>> {
-                let mut memory = memory_dataset(self.grid.width, self.grid.height, bands, nodata, unit)?;
+                let mut memory = memory_dataset(self.grid.width, self.grid.height, bands, nodata)?;
                 let g = self.grid;
                 memory.set_geo_transform(&[g.west, g.cell, 0.0, g.north, 0.0, -g.cell])?;
-                memory.set_spatial_ref(&SpatialRef::from_epsg(g.epsg)?)?;
+                let vertical = self.heights_from.and_then(Vertical::epsg).map(|code| format!("+{code}"));
+                let crs = format!("EPSG:{}{}", g.epsg, vertical.unwrap_or_default());
+                memory.set_spatial_ref(&SpatialRef::from_definition(&crs)?)?;
+                memory.set_metadata_item(
+                    "TIFFTAG_SOFTWARE",
+                    concat!("satgs ", env!("CARGO_PKG_VERSION")),
+                    "",
+                )?;
                 for (key, value) in self.metadata {
                     memory.set_metadata_item(key, value, "")?;
+                }
+                if let Some(vertical) = self.heights_from {
+                    memory.set_metadata_item(Vertical::ITEM, vertical.name(), "")?;
+                }
+                for (i, (description, unit)) in labels.iter().enumerate() {
+                    let mut band = memory.rasterband(i + 1)?;
+                    band.set_description(description)?;
+                    set_unit(&band, unit)?;
+                }
+                for i in 1..=memory.raster_count() {
+                    // What GDAL computes stays in the band's metadata.
+                    let _ = memory.rasterband(i)?.get_statistics(true, false);
                 }
                 copy_as(&memory, "COG", temporary, &options)
             };
@@ -128,7 +151,7 @@ impl SensorImage<'_> {
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>) -> Result<(), RasterError> {
         write_atomically(path, |temporary| {
             let make = || -> Result<(), Box<dyn std::error::Error>> {
-                let mut memory = memory_dataset(self.width, self.height, bands, None, "")?;
+                let mut memory = memory_dataset(self.width, self.height, bands, None)?;
                 for (key, value) in self.rpc {
                     memory.set_metadata_item(key, value, "RPC")?;
                 }
@@ -168,7 +191,6 @@ fn memory_dataset<T: GdalType + Copy>(
     height: usize,
     bands: Vec<Vec<T>>,
     nodata: Option<f64>,
-    unit: &str,
 ) -> gdal::errors::Result<Dataset> {
     quiet_gdal();
     let driver = DriverManager::get_driver_by_name("MEM")?;
@@ -177,9 +199,6 @@ fn memory_dataset<T: GdalType + Copy>(
         let mut band = dataset.rasterband(i + 1)?;
         band.write((0, 0), (width, height), &mut Buffer::new((width, height), data))?;
         band.set_no_data_value(nodata)?;
-        if !unit.is_empty() {
-            set_unit(&band, unit)?;
-        }
     }
     Ok(dataset)
 }
@@ -214,6 +233,15 @@ fn set_unit(band: &RasterBand, unit: &str) -> gdal::errors::Result<()> {
     // SAFETY: the band outlives the call, and GDAL copies the string.
     unsafe { gdal_sys::GDALSetRasterUnitType(band.c_rasterband(), unit.as_ptr()) };
     Ok(())
+}
+
+/// An 8-bit RGB picture, three bytes a pixel, as the bytes of a PNG; none if it is too large for one.
+#[must_use]
+pub fn encode_png_rgb(width: usize, height: usize, rgb: &[u8]) -> Option<Vec<u8>> {
+    let (width, height) = (u32::try_from(width).ok()?, u32::try_from(height).ok()?);
+    let mut out = Vec::new();
+    PngEncoder::new(&mut out).write_image(rgb, width, height, image::ExtendedColorType::Rgb8).ok()?;
+    Some(out)
 }
 
 /// Writes an 8-bit RGB picture, three bytes a pixel.
@@ -267,11 +295,11 @@ mod tests {
         let path = dir.path().join("dsm.tif");
         let mut plane = Plane::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
         plane.data[7] = f32::NAN;
-        let cog = Cog { grid: grid(), metadata: &[("VERTICAL_REFERENCE", "ellipsoid".into())] };
-        cog.write_f32(&path, &[&plane], "m").unwrap();
+        let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+        cog.write_f32(&path, &[("height", "m", &plane)]).unwrap();
         let file = ImageFile::open(&path).unwrap();
         assert_eq!(file.map_grid().unwrap(), grid());
-        assert_eq!(file.metadata("VERTICAL_REFERENCE", "").unwrap(), "ellipsoid");
+        assert_eq!(file.metadata(Vertical::ITEM, "").unwrap(), "WGS 84 ellipsoid");
         assert_eq!(file.metadata("LAYOUT", "IMAGE_STRUCTURE").unwrap(), "COG");
         let back = file.read(1).unwrap();
         assert!(back.data[7].is_nan());

@@ -2,7 +2,7 @@
 
 use super::{Scene, SceneError, footprint};
 use crate::frame::{CornerPx, Pixel, SiteGrid};
-use crate::raster::{Geoid, ImageFile, RasterError, Window};
+use crate::raster::{ImageFile, Vertical, Window};
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
 
@@ -10,14 +10,6 @@ use std::path::Path;
 const BELOW_M: f64 = 20.0;
 /// Most lack buildings and trees.
 const ABOVE_M: f64 = 80.0;
-
-/// What the heights of an elevation model count from.
-pub enum Vertical {
-    /// The WGS 84 ellipsoid.
-    Ellipsoid,
-    /// A geoid.
-    Geoid(Geoid),
-}
 
 impl Scene {
     /// Lowest and highest ellipsoidal height in the scene's area (or its footprints) after an elevation model,
@@ -35,8 +27,8 @@ impl Scene {
     ) -> Result<(f64, f64), SceneError> {
         let elsewhere = || SceneError::DemElsewhere { path: path.into() };
         let file = ImageFile::open(path)?;
-        let told = file.metadata("VERTICAL_REFERENCE", "");
-        if vertical.is_none() && told.as_deref() != Some("ellipsoid") {
+        let told = file.metadata(Vertical::ITEM, "");
+        if vertical.is_none() && !told.is_some_and(|item| Vertical::is_ellipsoid(&item)) {
             return Err(SceneError::Vertical { path: path.into() });
         }
         let center = self.center().ok_or_else(elsewhere)?;
@@ -63,24 +55,11 @@ impl Scene {
             .map(f64::from)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         let (low, high) = range(low, high)?;
-        let up = match vertical {
-            Some(Vertical::Geoid(geoid)) => geoid.undulation_m(center.lon_deg(), center.lat_deg()),
-            _ => 0.0,
-        };
+        let up = vertical.map_or(0.0, |v| v.undulation_m(center.lon_deg(), center.lat_deg()));
         if up.is_nan() {
             return Err(SceneError::GeoidElsewhere);
         }
         range(low + up - BELOW_M, high + up + ABOVE_M)
-    }
-}
-
-impl Vertical {
-    /// `ellipsoid`, or the path of a geoid grid.
-    ///
-    /// # Errors
-    /// [`RasterError`] when the grid cannot be read.
-    pub fn read(text: &str) -> Result<Self, RasterError> {
-        Ok(if text == "ellipsoid" { Self::Ellipsoid } else { Self::Geoid(Geoid::read(Path::new(text))?) })
     }
 }
 

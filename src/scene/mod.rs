@@ -18,7 +18,6 @@ mod view;
 
 pub use aoi::Aoi;
 pub use checks::{FARTHEST_OFF_NADIR_DEG, LOWEST_SUN_DEG};
-pub use dem::Vertical;
 pub use error::SceneError;
 pub use footprint::{Overlap, UtmBox, default_aoi, footprint, ground_seen, views_needed};
 pub use read::{ReadOptions, read};

@@ -4,7 +4,7 @@ use super::field::{Field, Material};
 use super::plan::Plan;
 use super::{SceneFigures, Shot};
 use crate::frame::{Point, Site, SiteGrid};
-use crate::raster::{Cog, MapGrid, Plane, RasterError, write_file};
+use crate::raster::{Cog, MapGrid, Plane, RasterError, Vertical, write_file};
 use crate::rpc::formats::{ViewTags, to_json};
 use serde::Serialize;
 use std::path::Path;
@@ -88,10 +88,9 @@ impl Truth {
 
     /// Writes `NAME_DSM.tif` and `NAME_CLS.tif`.
     pub(super) fn write(&self, folder: &Path, name: &str) -> Result<(), RasterError> {
-        let metadata = [("VERTICAL_REFERENCE", "ellipsoid".to_owned())];
-        let dsm = Cog { grid: self.grid, metadata: &metadata };
-        dsm.write_f32(&folder.join(format!("{name}_DSM.tif")), &[&self.heights], "m")?;
-        let classes = Cog { grid: self.grid, metadata: &[] };
+        let classes = Cog { grid: self.grid, metadata: &[], heights_from: None };
+        let dsm = Cog { heights_from: Some(&Vertical::Ellipsoid), ..classes };
+        dsm.write_f32(&folder.join(format!("{name}_DSM.tif")), &[("height", "m", &self.heights)])?;
         classes.write_u8(&folder.join(format!("{name}_CLS.tif")), vec![self.classes.clone()], None)
     }
 }

@@ -34,6 +34,12 @@ impl CpuBackend {
         }
     }
 
+    /// The views it trains on.
+    #[must_use]
+    pub fn views(&self) -> &[TrainingView] {
+        &self.views
+    }
+
     /// The picture of the last step, as the view sees it.
     #[must_use]
     pub fn picture(&self) -> &Layers<f32> {

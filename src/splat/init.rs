@@ -3,11 +3,8 @@
 
 use super::gaussians::Gaussians;
 use super::random::Draw;
-use super::recipe::Recipe;
-use super::setup::Setup;
-use super::sweep::{Sweep, SweptSurface};
+use super::sweep::SweptSurface;
 use super::views::TrainingView;
-use crate::event::Sink;
 use crate::frame::{Point, Site};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
@@ -41,23 +38,6 @@ const DRAW_CARPET: u64 = 2;
 
 /// A box on the map grid, site metres: west, south, east, north.
 pub type SiteBox = (f64, f64, f64, f64);
-
-/// The splats that training starts from: on the matched surface if the recipe says so and views can be matched.
-#[must_use]
-pub fn start(
-    setup: &Setup,
-    views: &[TrainingView],
-    sparse: &[Point<Site>],
-    recipe: &Recipe,
-    seed: u64,
-    events: Sink,
-) -> Gaussians {
-    let sweep = recipe.sweep.then(|| Sweep::new(setup, views, sparse)).flatten();
-    match sweep {
-        Some(sweep) => on_surface(&sweep.run(events), views),
-        None => on_points(sparse, setup.area, seed),
-    }
-}
 
 /// The splats that training starts from without a swept surface; the carpet lies on the level plane below which
 /// 2 % of the sparse points lie.

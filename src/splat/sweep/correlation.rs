@@ -1,7 +1,9 @@
 //! How well the views agree on every cell at every altitude.
 
-use super::horizon::horizon;
+use super::horizon::{SLACK_M, horizon};
 use super::{PRIOR_COST, PRIOR_REACH_M, RETURN_COST, Stack, Sweep};
+use crate::affine::AffineCamera;
+use crate::frame::Point;
 use crate::raster::Plane;
 use crate::splat::views::TrainingView;
 use multiversion::multiversion;
@@ -17,8 +19,6 @@ const INNER_ROWS: usize = ROWS - (WINDOW - 1);
 const INNER_COLUMNS: usize = COLUMNS - (WINDOW - 1);
 /// Variance of brightness in a window below which it has no texture.
 const FLAT: f32 = 1e-5;
-/// A cell may lie this much below its horizon and still count as seen, metres.
-const HORIZON_SLACK_M: f32 = 0.5;
 /// Pairs without correlation that every cell is given, so that few pairs convince less than many.
 const DOUBT: f32 = 1.0;
 
@@ -29,25 +29,12 @@ type Lines = [Line; ROWS];
 /// A view's brightness and camera.
 pub(super) struct Image {
     gray: Plane,
-    linear: [[f64; 3]; 2],
-    offset: [f64; 2],
+    camera: AffineCamera,
 }
 
 impl Image {
     pub fn new(view: &TrainingView) -> Self {
-        Self { gray: view.gray(), linear: view.camera.linear, offset: view.camera.offset }
-    }
-
-    /// Ground displacement (east, north) per metre of height along the rays of this camera sheared by `shear`.
-    pub fn lean(&self, shear: [f64; 2]) -> [f64; 2] {
-        let [[a, b, p], [c, d, q]] = self.linear;
-        let det = a * d - b * c;
-        let (u, v) = (shear[0] - p, shear[1] - q);
-        [(d * u - b * v) / det, (a * v - c * u) / det]
-    }
-
-    fn position(&self, x: f64, y: f64) -> [f32; 2] {
-        std::array::from_fn(|k| (self.linear[k][0] * x + self.linear[k][1] * y + self.offset[k]) as f32)
+        Self { gray: view.gray(), camera: view.camera }
     }
 }
 
@@ -67,8 +54,8 @@ impl Volume {
             .images
             .iter()
             .map(|image| {
-                let [east, north] = image.lean([0.0; 2]).map(|v| v / sweep.grid.cell);
-                hiding.map(|surface| horizon(surface, [east, -north]))
+                let lean = image.camera.lean();
+                hiding.map(|surface| horizon(surface, lean, sweep.grid.cell))
             })
             .collect();
         let (planes, width) = (sweep.stack.planes, sweep.grid.width);
@@ -180,9 +167,10 @@ impl<'a> Tile<'a> {
                 let p = self.sweep.site.site_from_utm(grid.cell_center(col, row));
                 self.cells[r][c] = cell as u32;
                 for (view, horizon) in self.views.iter_mut().zip(horizons) {
-                    [view.column[r][c], view.row[r][c]] = view.image.position(p.x(), p.y());
+                    let px = view.image.camera.project(Point::new(p.x(), p.y(), 0.0));
+                    (view.column[r][c], view.row[r][c]) = (px.col as f32, px.row as f32);
                     view.hidden_below[r][c] =
-                        horizon.as_ref().map_or(f32::NEG_INFINITY, |h| h.data[cell] - HORIZON_SLACK_M);
+                        horizon.as_ref().map_or(f32::NEG_INFINITY, |h| h.data[cell] - SLACK_M);
                 }
             }
         }
@@ -225,8 +213,8 @@ impl<'a> Tile<'a> {
 /// Brightness, bilinear, of every cell at an altitude; zero where it is not seen.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn sample(view: &mut Samples, altitudes: &Lines) {
-    let Image { gray, linear, .. } = view.image;
-    let up = [linear[0][2] as f32, linear[1][2] as f32];
+    let Image { gray, camera } = view.image;
+    let up = camera.linear.map(|l| l[2] as f32);
     let (last_column, last_row) = ((gray.width - 1) as f32, (gray.height - 1) as f32);
     for line in 0..ROWS {
         let (mut index, mut right, mut down, mut known) =

@@ -7,8 +7,11 @@
 //! what training found.
 
 mod correlation;
+mod file;
 mod horizon;
 mod semiglobal;
+
+pub use horizon::{SLACK_M, horizon};
 
 use super::init::Ground;
 use super::setup::Setup;
@@ -96,7 +99,7 @@ impl Sweep {
     #[must_use]
     pub fn new(setup: &Setup, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Self> {
         let images: Vec<Image> = views.iter().map(Image::new).collect();
-        let pairs = pairs(views, &images);
+        let pairs = pairs(views);
         let ground = Ground::new(sparse, setup.area);
         let (low, high) = ground.heights_above(sparse)?;
         let (west, south, east, north) = setup.area;
@@ -184,13 +187,14 @@ impl SweptSurface {
 }
 
 /// Pairs of views with enough parallax, those under the most similar suns first: shadows lie alike.
-fn pairs(views: &[TrainingView], images: &[Image]) -> Vec<(usize, usize)> {
+fn pairs(views: &[TrainingView]) -> Vec<(usize, usize)> {
     let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
-    let shadow = |i: usize| views[i].sun_shear.map(|s| images[i].lean(s));
+    let lean = |i: usize| views[i].camera.lean();
+    let shadow = |i: usize| views[i].sun_shear.map(|s| views[i].camera.sheared(s).lean());
     let mut rated = Vec::new();
-    for i in 0..images.len() {
-        for j in i + 1..images.len() {
-            let parallax = distance(images[i].lean([0.0; 2]), images[j].lean([0.0; 2]));
+    for i in 0..views.len() {
+        for j in i + 1..views.len() {
+            let parallax = distance(lean(i), lean(j));
             if PARALLAX.contains(&parallax) {
                 let suns = shadow(i).zip(shadow(j)).map_or(0.0, |(a, b)| distance(a, b));
                 rated.push((suns + PARALLAX_WEIGHT * (parallax - BEST_PARALLAX).abs(), i, j));
@@ -198,7 +202,7 @@ fn pairs(views: &[TrainingView], images: &[Image]) -> Vec<(usize, usize)> {
         }
     }
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-    rated.truncate(PAIRS_A_VIEW * images.len());
+    rated.truncate(PAIRS_A_VIEW * views.len());
     rated.into_iter().map(|(_, i, j)| (i, j)).collect()
 }
 

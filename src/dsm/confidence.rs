@@ -1,0 +1,119 @@
+//! How far a surface can be trusted, cell by cell, and what becomes of cells that cannot be.
+
+use super::Surface;
+use crate::affine::AffineCamera;
+use crate::frame::SiteGrid;
+use crate::raster::Plane;
+use crate::splat::sweep::{SLACK_M, horizon};
+
+/// A height is measured where at least so many views see it.
+const FEWEST_VIEWS: f32 = 2.0;
+
+/// How far a surface can be trusted.
+pub struct Confidence {
+    /// Share of the light that the splats of the cell hold back from straight above, 0 to 1.
+    pub opacity: Plane,
+    /// Standard deviation of the altitudes that a look straight down mixes, metres.
+    pub spread: Plane,
+    /// Number of views that see the cell: it lies in their image and nothing hides it. 0 where it was filled.
+    pub views: Plane,
+}
+
+impl Surface {
+    /// Counts the views, cameras with columns and rows, that see each cell; what too few images cover becomes nodata.
+    ///
+    /// A cell that is covered but hidden keeps its height, which its neighbours gave it.
+    pub fn count_views(&mut self, site: &SiteGrid, views: &[(AffineCamera, (usize, usize))]) {
+        let Self { grid, height, colors, confidence } = self;
+        let origin_m = site.origin.z() as f32;
+        let mut covering = Plane::filled(grid.width, grid.height, 0.0);
+        let mut seeing = covering.clone();
+        for (camera, size) in views {
+            let hidden_below = horizon(height, camera.lean(), grid.cell);
+            for i in 0..height.data.len() {
+                let z = height.data[i];
+                if z.is_nan() {
+                    continue;
+                }
+                let p = site.site_from_utm(grid.cell_center(i % grid.width, i / grid.width));
+                let px = camera.project(p.at_height(f64::from(z - origin_m)));
+                let inside = |v: f64, n: usize| v >= 0.0 && v <= n as f64 - 1.0;
+                if inside(px.col, size.0) && inside(px.row, size.1) {
+                    covering.data[i] += 1.0;
+                    seeing.data[i] += f32::from(u8::from(z >= hidden_below.data[i] - SLACK_M));
+                }
+            }
+        }
+        for i in 0..height.data.len() {
+            if covering.data[i] < FEWEST_VIEWS {
+                height.data[i] = f32::NAN;
+                colors.iter_mut().for_each(|c| c.data[i] = f32::NAN);
+            }
+        }
+        confidence.views = seeing;
+    }
+
+    /// Fills cells without a height that lie between others, no more than `reach_m` away along a row or column, with
+    /// the lowest of those: what is hidden lies below what hides it.
+    pub fn fill(&mut self, reach_m: f64) {
+        let known = self.height.clone();
+        let reach = (reach_m / self.grid.cell).floor() as i64;
+        for i in 0..known.data.len() {
+            if !known.data[i].is_nan() {
+                continue;
+            }
+            let (col, row) = ((i % known.width) as i64, (i / known.width) as i64);
+            let nearest = |dc: i64, dr: i64| {
+                let mut along = (1..=reach).map(|n| known.get(col + dc * n, row + dr * n));
+                along.find(|z| !z.is_nan())
+            };
+            let between = |dc, dr| nearest(dc, dr).zip(nearest(-dc, -dr)).map(|(a, b)| a.min(b));
+            if let Some(z) = [between(1, 0), between(0, 1)].into_iter().flatten().reduce(f32::min) {
+                self.height.data[i] = z;
+                self.confidence.views.data[i] = 0.0;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::flat_surface;
+    use super::*;
+
+    #[test]
+    fn a_wall_hides_a_cell_from_the_view_that_leans_over_it_and_what_one_image_covers_is_nodata() {
+        let (mut surface, site) = flat_surface(20, 10);
+        for row in 0..10 {
+            surface.height.data[row * 20 + 10] = 30.0;
+        }
+        // The second camera looks from the east; the last two see columns from 2 on, the first those up to 15.
+        let camera = |lean: f64, first_col: f64| {
+            let straight = super::super::nadir_camera(&surface.grid, &site);
+            straight.sheared([2.0 * lean, 0.0]).cropped(first_col, 0.0)
+        };
+        let views =
+            [(camera(0.0, 0.0), (16, 10)), (camera(0.5, 2.0), (40, 10)), (camera(0.0, 2.0), (40, 10))];
+        surface.count_views(&site, &views);
+        let views = &surface.confidence.views;
+        assert_eq!([views.at(4, 5), views.at(8, 5), views.at(14, 5), views.at(18, 5)], [2.0, 2.0, 3.0, 2.0]);
+        assert_eq!((surface.height.at(4, 5), surface.height.at(18, 5)), (10.0, 10.0));
+        assert!(surface.height.at(1, 5).is_nan());
+    }
+
+    #[test]
+    fn small_holes_are_filled_with_the_lower_side_and_large_ones_are_left() {
+        let (mut surface, _) = flat_surface(30, 3);
+        surface.confidence.views = Plane::filled(30, 3, 4.0);
+        for col in [3, 4, 10, 11, 12, 13, 14, 15, 16] {
+            for row in 0..3 {
+                surface.height.data[row * 30 + col] = f32::NAN;
+            }
+        }
+        surface.height.data[35] = 12.0;
+        surface.fill(1.5);
+        assert_eq!([surface.height.at(3, 1), surface.height.at(4, 1)], [10.0; 2]);
+        assert_eq!((surface.confidence.views.at(4, 1), surface.confidence.views.at(5, 1)), (0.0, 4.0));
+        assert!(surface.height.at(13, 1).is_nan());
+    }
+}

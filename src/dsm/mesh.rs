@@ -1,0 +1,146 @@
+//! The surface as a textured mesh: binary glTF 2.0, which browsers, Blender and game engines open.
+//!
+//! glTF's axes are metres right, up and towards the viewer: here east, up and south of the grid's centre at height 0.
+//! Where that lies on Earth stands in the scene's `extras`.
+
+use super::Surface;
+use crate::raster::{RasterError, Vertical, encode_png_rgb, write_file};
+use serde_json::json;
+use std::path::Path;
+
+/// glTF's numbers for component types, buffers' uses and texture wrapping.
+const FLOAT: u32 = 5126;
+const UNSIGNED_INT: u32 = 5125;
+const VERTICES: u32 = 34962;
+const INDICES: u32 = 34963;
+const CLAMP_TO_EDGE: u32 = 33071;
+/// No index.
+const NONE: u32 = u32::MAX;
+
+impl Surface {
+    /// Writes the mesh of all cells with heights, coloured by the orthophoto, as `.glb`.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`], also for more than the 4 GiB that the format can hold.
+    pub fn write_mesh(&self, path: &Path, vertical: &Vertical) -> Result<(), RasterError> {
+        let failed = |reason: &str| RasterError::Write { path: path.into(), reason: reason.into() };
+        let glb = self.glb(vertical).ok_or_else(|| failed("the grid is too large for a mesh"))?;
+        write_file(path, glb)
+    }
+
+    fn glb(&self, vertical: &Vertical) -> Option<Vec<u8>> {
+        let (grid, heights) = (&self.grid, self.heights_above(vertical));
+        let (west, south, east, north) = grid.bounds();
+        let center = [0.5 * (west + east), 0.5 * (south + north)];
+
+        let mut vertex = vec![NONE; heights.data.len()];
+        let (mut positions, mut places) = (Vec::<[f32; 3]>::new(), Vec::<[f32; 2]>::new());
+        for (i, z) in heights.data.iter().enumerate().filter(|(_, z)| !z.is_nan()) {
+            let (col, row) = (i % grid.width, i / grid.width);
+            let p = grid.cell_center(col, row);
+            vertex[i] = u32::try_from(positions.len()).ok()?;
+            positions.push([(p.x() - center[0]) as f32, *z, (center[1] - p.y()) as f32]);
+            places.push([(col as f32 + 0.5) / grid.width as f32, (row as f32 + 0.5) / grid.height as f32]);
+        }
+        let mut triangles = Vec::<[u32; 3]>::new();
+        for row in 1..grid.height {
+            for col in 1..grid.width {
+                let i = row * grid.width + col;
+                let [a, b, c, d] = [i - grid.width - 1, i - grid.width, i - 1, i].map(|k| vertex[k]);
+                let faces = [[a, c, b], [b, c, d]];
+                triangles.extend(faces.into_iter().filter(|f| !f.contains(&NONE)));
+            }
+        }
+        let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
+        let pixels = (0..heights.data.len()).flat_map(|i| self.colors.each_ref().map(|c| byte(c.data[i])));
+        let texture = encode_png_rgb(grid.width, grid.height, &pixels.collect::<Vec<u8>>())?;
+
+        let bound = |pick: fn(f32, f32) -> f32, start: f32| {
+            positions.iter().fold([start; 3], |m, p| std::array::from_fn(|k| pick(m[k], p[k])))
+        };
+        let (low, high) = (bound(f32::min, f32::INFINITY), bound(f32::max, f32::NEG_INFINITY));
+        let mut binary = Vec::new();
+        let mut append = |bytes: &mut dyn Iterator<Item = [u8; 4]>| {
+            let start = binary.len();
+            bytes.for_each(|b| binary.extend(b));
+            (start, binary.len() - start)
+        };
+        let parts = [
+            append(&mut positions.as_flattened().iter().map(|v| v.to_le_bytes())),
+            append(&mut places.as_flattened().iter().map(|v| v.to_le_bytes())),
+            append(&mut triangles.as_flattened().iter().map(|v| v.to_le_bytes())),
+            append(&mut texture.chunks(4).map(|c| std::array::from_fn(|k| c.get(k).copied().unwrap_or(0)))),
+        ];
+        let view = |k: usize, target: Option<u32>| {
+            let length = if k == 3 { texture.len() } else { parts[k].1 };
+            let mut view = json!({ "buffer": 0, "byteOffset": parts[k].0, "byteLength": length });
+            if let Some(target) = target {
+                view["target"] = json!(target);
+            }
+            view
+        };
+        let document = json!({
+            "asset": { "version": "2.0", "generator": concat!("satgs ", env!("CARGO_PKG_VERSION")) },
+            "extensionsUsed": ["KHR_materials_unlit"],
+            "scene": 0,
+            "scenes": [{ "nodes": [0], "extras": {
+                "epsg": grid.epsg, "east_m": center[0], "north_m": center[1], "vertical": vertical.name(),
+            } }],
+            "nodes": [{ "mesh": 0, "name": "surface" }],
+            "meshes": [{ "primitives": [{
+                "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "indices": 2, "material": 0,
+            }] }],
+            "materials": [{
+                "pbrMetallicRoughness": {
+                    "baseColorTexture": { "index": 0 }, "metallicFactor": 0.0, "roughnessFactor": 1.0,
+                },
+                "extensions": { "KHR_materials_unlit": {} },
+            }],
+            "textures": [{ "source": 0, "sampler": 0 }],
+            "samplers": [{ "wrapS": CLAMP_TO_EDGE, "wrapT": CLAMP_TO_EDGE }],
+            "images": [{ "bufferView": 3, "mimeType": "image/png" }],
+            "accessors": [
+                {
+                    "bufferView": 0, "componentType": FLOAT, "count": positions.len(), "type": "VEC3",
+                    "min": low, "max": high,
+                },
+                { "bufferView": 1, "componentType": FLOAT, "count": places.len(), "type": "VEC2" },
+                {
+                    "bufferView": 2, "componentType": UNSIGNED_INT, "count": 3 * triangles.len(),
+                    "type": "SCALAR",
+                },
+            ],
+            "bufferViews": [view(0, Some(VERTICES)), view(1, Some(VERTICES)), view(2, Some(INDICES)), view(3, None)],
+            "buffers": [{ "byteLength": binary.len() }],
+        });
+        let mut text = document.to_string().into_bytes();
+        text.resize(text.len().next_multiple_of(4), b' ');
+        let total = u32::try_from(12 + 8 + text.len() + 8 + binary.len()).ok()?;
+        let words = |a: u32, b: &[u8; 4]| [a.to_le_bytes(), *b].concat();
+        let header = [b"glTF".to_vec(), 2u32.to_le_bytes().to_vec(), total.to_le_bytes().to_vec()].concat();
+        let (text_length, binary_length) = (text.len() as u32, binary.len() as u32);
+        Some([header, words(text_length, b"JSON"), text, words(binary_length, b"BIN\0"), binary].concat())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::flat_surface;
+    use super::*;
+
+    #[test]
+    fn a_mesh_is_whole_where_heights_are() {
+        let (mut surface, _) = flat_surface(5, 4);
+        surface.height.data[7] = f32::NAN;
+        let glb = surface.glb(&Vertical::Ellipsoid).unwrap();
+        let word = |at: usize| u32::from_le_bytes(glb[at..at + 4].try_into().unwrap()) as usize;
+        assert_eq!((&glb[..4], word(4), word(8)), (&b"glTF"[..], 2, glb.len()));
+        let text = word(12);
+        let json: serde_json::Value = serde_json::from_slice(&glb[20..20 + text]).unwrap();
+        let count = |k: usize| json["accessors"][k]["count"].as_u64().unwrap();
+        // Of 4 x 3 quads of two triangles, the hole takes six triangles with it.
+        assert_eq!((count(0), count(2)), (19, 3 * (24 - 6)));
+        assert_eq!(word(20 + text) + 28 + text, glb.len());
+        assert_eq!(json["accessors"][0]["max"][0], 1.0);
+    }
+}

@@ -1,0 +1,48 @@
+//! The surface as a point cloud.
+
+use super::Surface;
+use crate::raster::{PointCloud, RasterError, Vertical};
+use std::path::Path;
+
+impl Surface {
+    /// Writes a point with its colour for every cell that has a height, as LAS or LAZ.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`].
+    pub fn write_points(&self, path: &Path, vertical: &Vertical) -> Result<(), RasterError> {
+        let heights = self.heights_above(vertical);
+        let (west, _, _, north) = self.grid.bounds();
+        let origin = crate::frame::Point::new(west.floor(), north.floor(), 0.0);
+        let seen = (0..heights.data.len()).filter(|&i| !heights.data[i].is_nan());
+        let points = seen.map(|i| {
+            let place = self.grid.cell_center(i % self.grid.width, i / self.grid.width);
+            (place.at_height(heights.data[i].into()), self.colors.each_ref().map(|c| c.data[i]))
+        });
+        PointCloud { epsg: self.grid.epsg, vertical, origin }.write(path, points)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::flat_surface;
+    use super::*;
+
+    #[test]
+    fn every_cell_with_a_height_is_a_point_in_its_place_and_colour() {
+        let dir = tempfile::tempdir().unwrap();
+        let (mut surface, _) = flat_surface(4, 3);
+        surface.height.data[5] = f32::NAN;
+        for name in ["dsm.laz", "dsm.las"] {
+            let path = dir.path().join(name);
+            surface.write_points(&path, &Vertical::Ellipsoid).unwrap();
+            let mut reader = las::Reader::from_path(&path).unwrap();
+            let crs = String::from_utf8_lossy(reader.header().get_wkt_crs_bytes().unwrap()).into_owned();
+            assert!(crs.contains("32617"), "{crs}");
+            let all = reader.read_all().unwrap();
+            let points: Vec<las::Point> = all.points().map(Result::unwrap).collect();
+            assert_eq!(points.len(), 11);
+            assert!((points[5].x - 436_191.25).abs() < 1e-6 && (points[5].z - 10.0).abs() < 1e-6);
+            assert_eq!(points[5].color.unwrap().blue, u16::MAX);
+        }
+    }
+}
