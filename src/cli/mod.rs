@@ -9,6 +9,8 @@ mod ba;
 mod dsm;
 mod dsm_eval;
 mod info;
+mod nvs_eval;
+mod render;
 mod rpc;
 mod run;
 mod scene_args;
@@ -65,6 +67,8 @@ enum Command {
     Train(train::Args),
     Dsm(dsm::Args),
     DsmEval(dsm_eval::Args),
+    Render(render::Args),
+    NvsEval(nvs_eval::Args),
     Run(run::Args),
 }
 
@@ -89,6 +93,8 @@ pub fn main() -> std::process::ExitCode {
         Command::Train(args) => train::run(args, &ui),
         Command::Dsm(args) => dsm::run(args, &ui),
         Command::DsmEval(args) => dsm_eval::run(args, &ui),
+        Command::Render(args) => render::run(args, &ui),
+        Command::NvsEval(args) => nvs_eval::run(args, &ui),
         Command::Run(args) => run::run(args, &ui),
     });
     match result {

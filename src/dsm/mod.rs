@@ -84,7 +84,7 @@ pub fn render(splats: &Gaussians, site: &SiteGrid, grid: MapGrid, reference: &Ap
 }
 
 impl Surface {
-    /// Takes the heights of a swept surface where it has any.
+    /// Takes the heights of a swept surface; where it has none no two views see the ground, and splats float.
     pub fn take(&mut self, swept: &SweptSurface) {
         let fine = sampled(&self.grid);
         let origin = swept.site.origin.z() as f32;
@@ -96,10 +96,7 @@ impl Surface {
         self.height.data.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
             let mut values = Vec::new();
             for (col, own) in line.iter_mut().enumerate() {
-                let height = median(&mut values, |c, r| height_at(col * side + c, row * side + r));
-                if !height.is_nan() {
-                    *own = height;
-                }
+                *own = median(&mut values, |c, r| height_at(col * side + c, row * side + r));
             }
         });
     }

@@ -1,4 +1,5 @@
-//! Scores of surface models against lidar: three registrations, errors after each, completeness.
+//! Scores of surface models against lidar: three registrations, errors after each, completeness. Scores of pictures
+//! against images: [`score_picture`].
 //!
 //! The order of work: [`Surface::read`] and [`Truth::read`], [`evaluate`], then [`Evaluation::error_map`] and
 //! [`error_picture`]. Signs: `dz` is metres added to the prediction, `(dx, dy)` is where the prediction is
@@ -10,6 +11,7 @@ mod evaluation;
 mod figure;
 mod fill;
 mod ncc;
+mod pictures;
 mod registration;
 mod resample;
 mod scores;
@@ -21,6 +23,7 @@ pub use error::MetricsError;
 pub use evaluation::{Evaluation, Verdict, evaluate};
 pub use figure::error_picture;
 pub use fill::filled_by_nearest;
+pub use pictures::{PictureScore, score_picture};
 pub use registration::{Method, Registration, register};
 pub use resample::{Sampling, onto_grid};
 pub use scores::{ClassScore, Scores, nmad, quantile, score};

@@ -10,6 +10,7 @@ pub mod gaussians;
 pub mod init;
 pub mod lanes;
 pub mod lookup;
+pub mod novel;
 pub mod objective;
 pub mod ply;
 pub mod random;

@@ -172,21 +172,7 @@ impl<T: Lanewise> Objective<T> {
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
     ) -> Losses {
-        self.prepare(gaussians);
-        watch.lap("splats", "order and covariances");
-        let [r, g, b] = shot.background;
-        let background = [r, g, b, shot.floor];
-        let prepared = &self.prepared;
-        draw(&mut self.view, VIEW, prepared, &self.features, &shot.camera, background, watch);
-        if let Some(sun) = &shot.sun {
-            draw(&mut self.sun, SUN, prepared, &self.altitudes, &sun.camera, [shot.floor], watch);
-        }
-        if let Some(v) = &shot.virtual_view {
-            draw(&mut self.virtual_view, VIRTUAL, prepared, &self.features, &v.camera, background, watch);
-        }
-
-        self.compose(appearance, shot);
-        watch.lap("pixels", "picture");
+        self.show(gaussians, appearance, shot, watch);
         let (similarity, _) = self.photometric.compare(&self.picture, shot.truth);
         watch.lap("pixels", "SSIM and L1");
         self.pixels_backward(appearance, shot, weights, gradient);
@@ -212,6 +198,37 @@ impl<T: Lanewise> Objective<T> {
             + weights.shadow_entropy * losses.shadow_entropy;
         watch.lap("splats", "parameters backward");
         losses
+    }
+
+    /// Makes the picture of one shot; its `truth` and `valid` do not matter.
+    pub fn show(
+        &mut self,
+        gaussians: &Gaussians<T>,
+        appearance: &Appearance<T>,
+        shot: &Shot<T>,
+        watch: &mut Stopwatch,
+    ) {
+        self.prepare(gaussians);
+        watch.lap("splats", "order and covariances");
+        let [r, g, b] = shot.background;
+        let background = [r, g, b, shot.floor];
+        let prepared = &self.prepared;
+        draw(&mut self.view, VIEW, prepared, &self.features, &shot.camera, background, watch);
+        if let Some(sun) = &shot.sun {
+            draw(&mut self.sun, SUN, prepared, &self.altitudes, &sun.camera, [shot.floor], watch);
+        }
+        if let Some(v) = &shot.virtual_view {
+            draw(&mut self.virtual_view, VIRTUAL, prepared, &self.features, &v.camera, background, watch);
+        }
+
+        self.compose(appearance, shot);
+        watch.lap("pixels", "picture");
+    }
+
+    /// The view's render of the last evaluation: colours, altitude, transmittance.
+    #[must_use]
+    pub fn view(&self) -> &Layers<T> {
+        self.view.image()
     }
 
     /// The picture of the last evaluation, three channels.

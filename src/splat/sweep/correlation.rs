@@ -3,7 +3,7 @@
 use super::horizon::{SLACK_M, horizon};
 use super::{PRIOR_COST, PRIOR_REACH_M, RETURN_COST, Stack, Sweep};
 use crate::affine::AffineCamera;
-use crate::frame::Point;
+use crate::frame::{Point, Site};
 use crate::raster::Plane;
 use crate::splat::views::TrainingView;
 use multiversion::multiversion;
@@ -35,6 +35,13 @@ pub(super) struct Image {
 impl Image {
     pub fn new(view: &TrainingView) -> Self {
         Self { gray: view.gray(), camera: view.camera }
+    }
+
+    /// Whether a point lies in the image.
+    pub fn has(&self, p: Point<Site>) -> bool {
+        let px = self.camera.project(p);
+        let within = |v: f64, n: usize| v >= 0.0 && v <= n as f64 - 1.0;
+        within(px.col, self.gray.width) && within(px.row, self.gray.height)
     }
 }
 

@@ -19,6 +19,7 @@ use super::views::TrainingView;
 use crate::event::{Event, Sink};
 use crate::frame::{Point, Site, SiteGrid};
 use crate::raster::{MapGrid, Plane};
+use crate::scene::views_needed;
 use correlation::{Image, Volume};
 use rayon::prelude::*;
 
@@ -35,6 +36,9 @@ const BEST_PARALLAX: f64 = 0.35;
 const PARALLAX_WEIGHT: f64 = 0.1;
 /// Pairs a view, on average.
 const PAIRS_A_VIEW: usize = 4;
+/// Of the views that see a cell at some altitude, the share that must see its ground; and altitudes that are tried.
+const GROUNDED_SHARE: f64 = 0.6;
+const COVER_PLANES: usize = 8;
 /// Score from which a cell is believed to hide what lies behind it.
 const BELIEVED: f32 = 0.4;
 /// Cost of a jump between neighbours, of the 255 for no correlation: high, so that plain roofs and streets hold
@@ -55,6 +59,8 @@ pub struct Sweep {
     images: Vec<Image>,
     pairs: Vec<(usize, usize)>,
     stack: Stack,
+    /// Cells whose ground enough views see, row by row.
+    grounded: Vec<bool>,
 }
 
 /// Surfaces parallel to the ground: plane `k` lies `low + k * step` metres above it.
@@ -114,7 +120,27 @@ impl Sweep {
         });
         let planes = ((high - low) / cell).ceil() as usize + 2;
         let stack = Stack { ground, low: low as f32, step: cell as f32, planes };
-        (!pairs.is_empty()).then_some(Self { site: setup.site, grid, images, pairs, stack })
+        let mut sweep = Self { site: setup.site, grid, images, pairs, stack, grounded: Vec::new() };
+        sweep.grounded =
+            (0..grid.width * grid.height).into_par_iter().map(|i| sweep.is_grounded(i)).collect();
+        (!sweep.pairs.is_empty()).then_some(sweep)
+    }
+
+    /// Whether a cell's ground is seen by most of the views that would see something high above it.
+    ///
+    /// Around the area views look in under things that are not there: only those would be matched.
+    fn is_grounded(&self, cell: usize) -> bool {
+        let p =
+            self.site.site_from_utm(self.grid.cell_center(cell % self.grid.width, cell / self.grid.width));
+        let seen_from = |plane: usize| {
+            let at = p.at_height(f64::from(self.stack.altitude(cell, plane as f32)));
+            self.images.iter().filter(|i| i.has(at)).count()
+        };
+        let above = (0..COVER_PLANES).map(|k| seen_from(k * (self.stack.planes - 1) / (COVER_PLANES - 1)));
+        let at_ground = p.at_height(f64::from(self.stack.ground.data[cell]));
+        let seen = self.images.iter().filter(|i| i.has(at_ground)).count();
+        seen >= views_needed(self.images.len())
+            && seen as f64 >= GROUNDED_SHARE * above.max().unwrap_or(0) as f64
     }
 
     /// The grid that is swept.
@@ -155,7 +181,7 @@ impl Sweep {
             let costs = volume.cell(cell);
             let sums = &sums[cell * planes..(cell + 1) * planes];
             let k = (0..planes).min_by_key(|k| sums[*k]).unwrap_or(0);
-            if costs[k] == Volume::UNSEEN {
+            if costs[k] == Volume::UNSEEN || !self.grounded[cell] {
                 return (f32::NAN, 0.0);
             }
             let mut between = 0.0;
