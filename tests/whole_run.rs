@@ -62,6 +62,8 @@ fn simulated_images_become_a_surface_model() {
         assert!(Path::new(run).join(name).exists(), "{name}");
     }
 
+    other_products(run, folder.path());
+
     // What is there is kept, what differs is refused by name.
     let before = std::fs::read(Path::new(run).join("splats.ply")).unwrap();
     let again = satgs(&all);
@@ -71,6 +73,55 @@ fn simulated_images_become_a_surface_model() {
     assert_eq!(other.status.code(), Some(2));
     assert!(text(&other).contains("iterations was 900, is 901"), "{}", text(&other));
     assert!(text(&other).contains("hint: --overwrite"), "{}", text(&other));
+}
+
+/// Heights above a geoid, points, a mesh, pictures and their scores of a trained run.
+fn other_products(run: &str, folder: &Path) {
+    let file = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let succeeds = |args: &[&str]| {
+        let output = satgs(args);
+        assert!(output.status.success(), "{args:?}: {}", text(&output));
+        output
+    };
+    let (points, mesh) = (file("dsm.laz"), file("dsm.glb"));
+    let ellipsoidal = ImageFile::open(&Path::new(run).join("dsm.tif")).unwrap().read(1).unwrap();
+    let above = ["dsm", run, "--overwrite", "--vertical", "EGM96", "--fill", "2", "--points", &points];
+    succeeds(&[&above[..], &["--mesh", &mesh, "-q"]].concat());
+    let dsm = ImageFile::open(&Path::new(run).join("dsm.tif")).unwrap();
+    assert_eq!(dsm.metadata("VERTICAL_REFERENCE", "").unwrap(), "EGM96");
+    assert_eq!(dsm.map_grid().unwrap().epsg / 100, 326, "the heights' CRS is not the map's");
+    let geoid = dsm.read(1).unwrap();
+    let middle = ellipsoidal.width / 2;
+    let undulation_m = ellipsoidal.at(middle, middle) - geoid.at(middle, middle);
+    // EGM96 near Marseille, where the town is simulated, lies 48 to 50 m above the ellipsoid.
+    assert!((48.0..50.0).contains(&undulation_m), "{undulation_m}");
+    let confidence = ImageFile::open(&Path::new(run).join("confidence.tif")).unwrap();
+    let views = confidence.read(3).unwrap();
+    assert!(views.valid().all(|v| (0.0..=8.0).contains(&v)) && views.at(middle, middle) >= 2.0);
+    assert!(Path::new(&points).metadata().unwrap().len() > 10_000);
+    assert!(std::fs::read(&mesh).unwrap().starts_with(b"glTF"));
+
+    let (like, map) = (file("like.png"), file("map.tif"));
+    succeeds(&["render", run, "--like", "VIEW_03", "-o", &like]);
+    succeeds(&["render", run, "--view", "90,20", "--sun", "200,40", "--size", "200,150", "-o", &map]);
+    assert_eq!(ImageFile::open(Path::new(&map)).unwrap().size(), (200, 150));
+    succeeds(&["dsm", run, "--overwrite", "-q"]);
+    let scored = succeeds(&["nvs-eval", run, "--view", "VIEW_03", "--json", "-q"]);
+    let summary: Value = serde_json::from_slice(&scored.stdout).unwrap();
+    let psnr_db = summary["views"][0]["score"]["psnr_db"].as_f64().unwrap();
+    assert!(psnr_db > 17.0, "{summary}");
+    for (args, says) in [
+        (&["render", run, "--like", "VIEW_99", "-o", &like][..], "no view `VIEW_99`"),
+        (&["render", run, "--view", "0,89", "-o", &like], "1° above the horizon"),
+        (&["render", run, "--view", "0,0", "-o", "x.jpg"], "`x.jpg` is no picture"),
+        (&["nvs-eval", run], "no test view"),
+        (&["dsm", run, "--overwrite", "--vertical", "EGM1066"], "EGM1066"),
+        (&["dsm", run, "--points", "x.txt"], "ends in .laz or .las"),
+    ] {
+        let refused = satgs(args);
+        assert_eq!(refused.status.code(), Some(2), "{args:?}");
+        assert!(text(&refused).contains(says), "{args:?}: {}", text(&refused));
+    }
 }
 
 /// The corrected cameras against the true ones.
