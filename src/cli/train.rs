@@ -31,7 +31,11 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Folder that `satgs ba -o RUN` made
-    run: PathBuf,
+    #[arg(required_unless_present = "print_recipe")]
+    run: Option<PathBuf>,
+    /// Print a recipe as TOML, to start one's own from
+    #[arg(long, value_name = "NAME", value_parser = Recipe::NAMES, exclusive = true)]
+    print_recipe: Option<String>,
     #[command(flatten)]
     options: Options,
     /// Train anew even if RUN holds splats of other input or options
@@ -43,8 +47,8 @@ pub struct Args {
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "training")]
 pub struct Options {
-    /// Training choices: `best` (the default), or `baeogs` as the paper has it
-    #[arg(long, default_value = Recipe::NAMES[0], value_parser = Recipe::NAMES, value_name = "NAME")]
+    /// Training choices: `best`, `baeogs` as the paper has it, or a TOML file
+    #[arg(long, default_value = Recipe::NAMES[0], value_name = "NAME|FILE")]
     recipe: String,
     /// Iterations; the whole schedule scales with them [default: the recipe's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
@@ -87,15 +91,22 @@ impl TrainedCameras {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    train_run(&args.run, &args.options, args.overwrite, ui)
+    if let Some(recipe) = args.print_recipe.as_deref().and_then(Recipe::named) {
+        ui.summary("recipe", &recipe.to_toml(), serde_json::json!(recipe));
+    }
+    match &args.run {
+        Some(run) => train_run(run, &args.options, args.overwrite, ui),
+        None => Ok(()),
+    }
 }
 
 /// Trains a run folder, unless it is trained already; goes on from a checkpoint of the same input and options.
 pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Result<(), Failure> {
     let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
-    let unknown =
-        || Failure::input(format!("unknown recipe `{}`", options.recipe), "see `satgs train --help`");
-    let mut recipe = Recipe::named(&options.recipe).ok_or_else(unknown)?;
+    let mut recipe = match Recipe::named(&options.recipe) {
+        Some(recipe) => recipe,
+        None => Recipe::read(Path::new(&options.recipe))?,
+    };
     if let Some(iterations) = options.iterations {
         recipe = recipe.with_iterations(iterations);
     }

@@ -33,6 +33,7 @@ const VIRTUAL: &str = "virtual view";
 
 /// What the loss weighs (EOGS's names in brackets).
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct LossWeights {
     /// Mean opacity over the splats (`L_opacity`).
     pub opacity: f64,

@@ -5,12 +5,38 @@
 
 use super::objective::LossWeights;
 use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
 
 /// Iterations of the default recipe, instead of the papers' 5000: it starts near the surface.
 const BEST_ITERATIONS: u32 = 4000;
 
+/// Why a recipe could not be read.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum RecipeError {
+    /// The system does not give it.
+    #[error("recipe `{path}` cannot be read: {reason}")]
+    #[diagnostic(help("--recipe takes the name of a recipe or a TOML file"))]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's words.
+        reason: String,
+    },
+    /// It is no recipe.
+    #[error("recipe `{path}`: {reason}")]
+    #[diagnostic(help("`satgs train --print-recipe best` prints one to start from"))]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
 /// Step sizes of Adam.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct LearningRates {
     /// Position, *cube* half sides: EOGS's 0.00016 times its radius of 2.2.
     pub position: f64,
@@ -30,6 +56,7 @@ pub struct LearningRates {
 
 /// When and which splats are doubled (BAEOGS §3.3, on gsplat's default strategy).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Growth {
     /// First iteration.
     pub from: u32,
@@ -51,6 +78,7 @@ pub struct Growth {
 
 /// Opacity resets (BAEOGS §3.3).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Reset {
     /// Iterations between resets.
     pub every: u32,
@@ -64,6 +92,7 @@ pub struct Reset {
 
 /// A named, complete set of training choices.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Recipe {
     /// Its name.
     pub name: String,
@@ -161,6 +190,67 @@ impl Recipe {
         }
     }
 
+    /// Reads a recipe that [`Recipe::to_toml`] wrote, or a user after it.
+    ///
+    /// # Errors
+    /// [`RecipeError`] names the file and the line or the value.
+    pub fn read(path: &Path) -> Result<Self, RecipeError> {
+        let refused = |reason: String| RecipeError::Format { path: path.into(), reason };
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| RecipeError::Io { path: path.into(), reason: e.to_string() })?;
+        let recipe: Self = toml::from_str(&text).map_err(|e| refused(e.to_string().trim_end().into()))?;
+        recipe.check().map_err(refused)?;
+        Ok(recipe)
+    }
+
+    /// The recipe as TOML.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).unwrap_or_default()
+    }
+
+    /// What is wrong with it, if anything.
+    fn check(&self) -> Result<(), String> {
+        let (r, w, g) = (&self.rates, &self.weights, &self.growth);
+        let numbers = [
+            ("rates.position", r.position),
+            ("rates.position_decay", r.position_decay),
+            ("rates.log_scale", r.log_scale),
+            ("rates.rotation", r.rotation),
+            ("rates.logit", r.logit),
+            ("rates.f_dc", r.f_dc),
+            ("rates.appearance", r.appearance),
+            ("weights.opacity", w.opacity),
+            ("weights.consistency_altitude", w.consistency_altitude),
+            ("weights.consistency_color", w.consistency_color),
+            ("weights.shadow_entropy", w.shadow_entropy),
+            ("virtual_shear", self.virtual_shear),
+            ("growth.max_scale", g.max_scale),
+            ("growth.max_radius", g.max_radius),
+            ("growth.gradient", g.gradient),
+            ("growth.copy_below", g.copy_below),
+        ];
+        if let Some((name, value)) = numbers.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
+            return Err(format!("{name} = {value} is not a number from 0 on"));
+        }
+        let opacities =
+            [("prune_below", Some(self.prune_below)), ("reset.opacity", self.reset.map(|r| r.opacity))];
+        for (name, value) in opacities {
+            if value.is_some_and(|v| !(v > 0.0 && v < 1.0)) {
+                return Err(format!("{name} = {} is no opacity between 0 and 1", value.unwrap_or_default()));
+            }
+        }
+        let counts = [
+            ("iterations", self.iterations),
+            ("growth.every", g.every),
+            ("reset.every", self.reset.map_or(1, |r| r.every)),
+        ];
+        match counts.into_iter().find(|(_, v)| *v == 0) {
+            Some((name, _)) => Err(format!("{name} = 0 never comes to an end")),
+            None => Ok(()),
+        }
+    }
+
     /// The same recipe with every time scaled to another number of iterations.
     ///
     /// The interval between growth checks stays: gradients need that many views to be averaged, and what has not
@@ -195,5 +285,46 @@ impl Recipe {
             max_scale_m: self.growth.max_scale * half_side_m,
             copy_below_m: self.growth.copy_below * half_side_m,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_printed_is_read_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        for name in Recipe::NAMES {
+            let recipe = Recipe::named(name).unwrap();
+            std::fs::write(&path, recipe.to_toml()).unwrap();
+            assert_eq!(Recipe::read(&path).unwrap(), recipe);
+        }
+    }
+
+    #[test]
+    fn recipes_that_cannot_be_cooked_are_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bad.toml");
+        let text = Recipe::named("baeogs").unwrap().to_toml();
+        for (from, to, says) in [
+            ("logit = 0.05", "logit = nan", "rates.logit = NaN"),
+            ("gradient = 0.0006", "gradient = -1.0", "growth.gradient = -1"),
+            ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0 "),
+            ("every = 100", "every = 0", "growth.every = 0"),
+            ("iterations = 5000", "iterations = 0", "iterations = 0"),
+            ("sweep = false", "swept = false", "unknown field `swept`"),
+            ("sweep = false", "sweep = 3", "line"),
+        ] {
+            let changed = text.replacen(from, to, 1);
+            assert_ne!(changed, text, "{from}");
+            std::fs::write(&path, changed).unwrap();
+            let error = Recipe::read(&path).unwrap_err().to_string();
+            assert!(error.contains(says) && error.contains("bad.toml"), "{error}");
+        }
+        assert!(
+            Recipe::read(&folder.path().join("none.toml")).unwrap_err().to_string().contains("none.toml")
+        );
     }
 }
