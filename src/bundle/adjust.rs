@@ -15,7 +15,7 @@ use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::raster::{Plane, RasterError};
 use crate::rpc::Rpc;
 use crate::scene::{Scene, angle_between_deg, footprint};
-use argmin::core::Executor;
+use argmin::core::{Executor, State};
 use geo::{Area, BooleanOps};
 use rayon::prelude::*;
 
@@ -344,6 +344,7 @@ impl<'a> Work<'a> {
             .run()
             .map_err(|e| failed(e.to_string()))?;
         let mut search = run.state;
+        tracing::debug!("{} iterations, cost {:.6e}", search.get_iter(), search.get_cost());
         let end = search.take_param().or_else(|| search.take_best_param());
         let end = end.ok_or_else(|| failed("no solution".into()))?;
         let block = run.problem.get_problem().ok_or_else(|| failed("no problem".into()))?;
