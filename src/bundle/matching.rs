@@ -197,6 +197,9 @@ impl Default for Rivals {
 
 impl Rivals {
     fn enter(&mut self, candidate: u32, similarity: f32, keypoints: &[Keypoint]) {
+        if similarity <= self.second {
+            return;
+        }
         let place = |i: u32| keypoints[i as usize].px;
         let elsewhere = self.best != u32::MAX && place(self.best).distance(place(candidate)) > SAME_PLACE_PX;
         if similarity > self.similarity {

@@ -4,6 +4,7 @@
 //! sight: of shadows, of what hides something. A patch is sought in every view. What moves is unlike itself on
 //! another date, and a place that many views show alike is rarely a wrong one (Grün 1985).
 
+use super::correction::Parameters;
 use super::problem::{Block, Measurement};
 use super::scale_space::blurred;
 use crate::frame::{CenterPx, Pixel};
@@ -37,16 +38,16 @@ pub fn prepared(image: &Plane) -> Plane {
 /// Seeks patches in views whose cameras are right to a pixel.
 pub struct Seeker<'a> {
     block: &'a Block<'a>,
-    shifts: &'a [[f64; 2]],
+    corrections: &'a [Parameters],
     images: Vec<&'a Plane>,
     window: Window,
 }
 
 impl<'a> Seeker<'a> {
-    /// A seeker in the views of a block with these shifts; `images` are [`prepared`].
+    /// A seeker in the views of a block with these corrections; `images` are [`prepared`].
     #[must_use]
-    pub fn new(block: &'a Block<'a>, shifts: &'a [[f64; 2]], images: Vec<&'a Plane>) -> Self {
-        Self { block, shifts, images, window: Window::new() }
+    pub fn new(block: &'a Block<'a>, corrections: &'a [Parameters], images: Vec<&'a Plane>) -> Self {
+        Self { block, corrections, images, window: Window::new() }
     }
 
     /// Where the views show the patch around an observation of a point, itself included.
@@ -72,7 +73,7 @@ impl<'a> Seeker<'a> {
     /// Where a view shows a point, and how that moves by metres east and north.
     fn place(&self, view: usize, point: [f64; 3]) -> (Vector2<f64>, Matrix2<f64>) {
         let origin = Measurement { view, px: Pixel::new(0.0, 0.0), weight: 1.0 };
-        let o = self.block.linearise(&origin, self.shifts[view], point);
+        let o = self.block.linearise(&origin, &self.corrections[view], point);
         let [a, b] = o.by_point;
         (-Vector2::from(o.residual), Matrix2::new(a[0], a[1], b[0], b[1]))
     }

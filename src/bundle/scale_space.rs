@@ -7,7 +7,10 @@ use rayon::prelude::*;
 /// Scales an octave is divided into.
 pub const SCALES: usize = 3;
 /// Blur of the first level, in the octave's pixels.
-pub const SIGMA: f64 = 1.6;
+///
+/// Lowe takes 1.6 and images doubled in size. Finer and not doubled there are half again as many keypoints at a quarter
+/// of the cost; that they are less exact is made good by patches.
+pub const SIGMA: f64 = 1.25;
 /// Blur an image is taken to have.
 const INITIAL_SIGMA: f64 = 0.5;
 /// Octaves; satellite views of a scene differ little in scale.

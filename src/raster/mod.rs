@@ -1,5 +1,6 @@
 //! GDAL in and out: reading bands and metadata, writing Cloud-Optimized GeoTIFFs and PNGs.
 
+mod canvas;
 mod file;
 mod geoid;
 mod grid;
@@ -7,11 +8,12 @@ mod plane;
 mod vector;
 mod write;
 
+pub use canvas::Canvas;
 pub use file::{Band, ImageFile, Window};
 pub use geoid::Geoid;
 pub use grid::MapGrid;
 pub use plane::Plane;
-pub use vector::{Outline, write_outlines};
+pub use vector::{Marker, Outline, write_markers, write_outlines};
 pub use write::{
     Cog, SensorImage, write_atomically, write_file, write_png_gray, write_png_rgb, write_with_rpc,
 };
