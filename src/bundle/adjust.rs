@@ -1,57 +1,56 @@
 //! The stages in a row: features, pairs, matches, tracks, the solve with rejection, all but the features twice;
 //! then patches in the place of keypoints, and the last solve.
 
+use super::control::{ControlPoint, tracks_of};
+use super::correction::{ImageFrame, Model, Parameters};
 use super::error::BundleError;
 use super::features::{Keypoint, detect};
 use super::matching::{Match, MatchView, matches};
-use super::output::{Adjustment, SparsePoint};
+use super::network::{Estimate, HEIGHT_MARGIN_M, LEAST_ANGLE_DEG, LOSS_SCALES_PX, Network};
+use super::output::{Adjustment, SparsePoint, TiePoint};
 use super::patches::{self, Seeker};
-use super::problem::{Block, Measurement, Unknowns};
-use super::report::Report;
-use super::solver::SchurLevenbergMarquardt;
+use super::problem::{Measurement, Track};
+use super::report::{ControlReport, Report, ViewReport};
 use super::tracks::{self, Observation};
 use crate::event::{Event, Sink};
 use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::raster::{Plane, RasterError};
 use crate::rpc::Rpc;
-use crate::scene::{Scene, angle_between_deg, footprint};
-use argmin::core::Executor;
+use crate::scene::{Scene, View, angle_between_deg, footprint};
 use geo::{Area, BooleanOps};
 use rayon::prelude::*;
 
 /// Distance across the epipolar segments that is searched first, pixels: a delivered RPC may be tens of pixels off.
 const WIDE_PX: f64 = 60.0;
+/// Keypoints of a view that take part then: they cover it, and shifts need no more.
+const WIDE_KEYPOINTS: usize = 2500;
 /// The same with corrected cameras.
 const NARROW_PX: f64 = 4.0;
+/// Heights below and above the scene's for which corrected cameras are good where they must be refitted, metres.
+const REFIT_MARGIN_M: f64 = 500.0;
 /// Share of the smaller footprint that two views must share to be matched.
 const LEAST_OVERLAP: f64 = 0.2;
-/// Angles between views that are matched, and from which heights can be measured, degrees.
+/// Widest angle between views that are matched, degrees.
 const WIDEST_DEG: f64 = 60.0;
-const LEAST_ANGLE_DEG: f64 = 3.0;
 /// Views with fewer keypoints are left out.
 const FEWEST_KEYPOINTS: usize = 50;
-/// Margin around the heights of the first round's points for the second, metres.
-const HEIGHT_MARGIN_M: f64 = 15.0;
-/// Scales of the robust loss, round by round, pixels.
-const LOSS_SCALES_PX: [f64; 3] = [8.0, 1.0, 0.3];
-/// Rejections after the last scale, and what they allow at least: pixels, robust standard deviations.
-const REJECTIONS: usize = 3;
-const REJECT_PX: f64 = 0.6;
-const REJECT_SIGMAS: f64 = 2.5;
 /// Views that must show a patch, or half of all if these are fewer, and the weight of keypoints that no patch
 /// confirms: they place a view that no patch reaches, and nothing else.
 const FEWEST_VIEWS: usize = 4;
 const UNCONFIRMED: f64 = 0.01;
-const MAX_ITERATIONS: u64 = 50;
 const VIEWS_AT_ONCE: usize = 4;
 
 /// How to adjust.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Leave the cameras as they are: only tracks and points.
+    /// Leave the cameras as they are: tracks, the points nearest to their rays, and what it would take to correct.
     pub fixed: bool,
+    /// What is corrected.
+    pub model: Model,
     /// Lowest and highest ellipsoidal height to search, metres, if not what the scene tells.
     pub height_range: Option<(f64, f64)>,
+    /// Surveyed points: with them the datum is theirs.
+    pub control: Vec<ControlPoint>,
 }
 
 /// Adjusts a scene's cameras.
@@ -59,7 +58,8 @@ pub struct Options {
 /// Views without enough keypoints or without matches are left out, with a warning each.
 ///
 /// # Errors
-/// [`BundleError`]: too few views, no common ground, matches that do not connect the views.
+/// [`BundleError`]: too few views, no common ground, matches that do not connect the views, ground control of
+/// images that are not there.
 pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustment, BundleError> {
     scene.require_views(2)?;
     scene.require_shared_ground()?;
@@ -69,20 +69,22 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
         return Err(BundleError::Heights { low_m: heights.0, high_m: heights.1 });
     }
     let mut work = Work::new(scene, heights, events)?;
-    let mut state = Progress::start(work.views.len());
-    if options.fixed {
-        work.round(&mut state, NARROW_PX, heights, false)?;
-    } else {
-        work.round(&mut state, WIDE_PX, heights, true)?;
-        let narrowed = work.narrowed_heights(&state, heights);
-        work.round(&mut state, NARROW_PX, narrowed, true)?;
-        work.settle(&mut state, narrowed)?;
+    let names: Vec<&str> = work.views.iter().map(|v| v.name).collect();
+    work.control = tracks_of(&options.control, scene, &names, &work.network.block())?;
+    let mut estimate = Estimate::start(work.views.len());
+    work.round(&mut estimate, WIDE_PX, Model::Shift)?;
+    work.narrow_heights(&estimate);
+    work.round(&mut estimate, NARROW_PX, Model::Shift)?;
+    work.settle(&mut estimate, options.model)?;
+    let mut adjustment = work.result(&estimate, options)?;
+    // Windows are a matter of this run; what is written is of whole images.
+    let windows: Vec<&View> =
+        work.views.iter().filter_map(|w| scene.views.iter().find(|v| v.name == w.name)).collect();
+    for ((_, rpc), view) in adjustment.cameras.iter_mut().zip(&windows) {
+        *rpc = view.camera_of_whole(rpc);
     }
-    let mut adjustment = work.result(&state, options.fixed);
-    for (name, rpc) in &mut adjustment.cameras {
-        if let Some(view) = scene.views.iter().find(|v| v.name == *name) {
-            *rpc = view.camera_of_whole(rpc);
-        }
+    for tie in &mut adjustment.tie_points {
+        tie.px = windows[tie.view].px_of_whole(tie.px);
     }
     Ok(adjustment)
 }
@@ -90,34 +92,19 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
 /// A usable view.
 struct WorkView<'a> {
     name: &'a str,
-    rpc: &'a Rpc,
     size: (usize, usize),
     keypoints: Vec<Keypoint>,
     /// Blurred a little, for patches.
     image: Plane,
-    /// Azimuth and off-nadir, degrees.
-    direction: (f64, f64),
 }
 
 struct Work<'a> {
     views: Vec<WorkView<'a>>,
+    network: Network<'a>,
     pairs: Vec<(usize, usize)>,
+    control: Vec<Track>,
     left_out: Vec<(String, String)>,
-    center: Point<Geodetic>,
     events: Sink<'a>,
-}
-
-/// Where the adjustment stands.
-struct Progress {
-    shifts: Vec<[f64; 2]>,
-    tracks: Vec<Vec<Measurement>>,
-    points: Vec<[f64; 3]>,
-}
-
-impl Progress {
-    fn start(views: usize) -> Self {
-        Self { shifts: vec![[0.0; 2]; views], tracks: Vec::new(), points: Vec::new() }
-    }
 }
 
 impl<'a> Work<'a> {
@@ -126,6 +113,8 @@ impl<'a> Work<'a> {
         let center = scene.center().unwrap_or_else(|| scene.views[0].rpc.center()).at_height(middle);
         events(Event::Started { stage: "finding features", total: scene.views.len() as u64 });
         let mut views = Vec::new();
+        let mut network =
+            Network { rpcs: Vec::new(), frames: Vec::new(), directions: Vec::new(), center, heights };
         let mut left_out = Vec::new();
         let mut detected = Vec::with_capacity(scene.views.len());
         // A few views at a time: the scale space of one takes thirty times its pixels.
@@ -153,14 +142,14 @@ impl<'a> Work<'a> {
                 None => {
                     left_out.push((view.name.clone(), "its RPC sees no ground at the scene's heights".into()))
                 }
-                Some(direction) => views.push(WorkView {
-                    name: &view.name,
-                    rpc: &view.rpc,
-                    size: (view.width, view.height),
-                    keypoints,
-                    image,
-                    direction,
-                }),
+                Some(direction) => {
+                    let size = (view.width, view.height);
+                    tracing::debug!("{}: {found} keypoints", view.name);
+                    network.rpcs.push(&view.rpc);
+                    network.frames.push(ImageFrame::new(size));
+                    network.directions.push(direction);
+                    views.push(WorkView { name: &view.name, size, keypoints, image });
+                }
             }
         }
         events(Event::Finished);
@@ -170,101 +159,85 @@ impl<'a> Work<'a> {
         if views.len() < 2 {
             return Err(too_few(views.len(), scene.views.len(), &left_out));
         }
-        let pairs = pairs(&views, center)?;
-        Ok(Self { views, pairs, left_out, center, events })
+        let pairs = pairs(&views, &network)?;
+        Ok(Self { views, network, pairs, control: Vec::new(), left_out, events })
     }
 
     /// Matches within `across` pixels, makes tracks, solves and rejects.
-    fn round(
-        &mut self,
-        state: &mut Progress,
-        across: f64,
-        heights: (f64, f64),
-        free: bool,
-    ) -> Result<(), BundleError> {
-        let cameras = self.corrected(&state.shifts);
-        let found = self.match_pairs(&cameras, across, heights);
+    fn round(&self, estimate: &mut Estimate, across: f64, model: Model) -> Result<(), BundleError> {
+        let cameras = self.corrected(&estimate.corrections)?;
+        let found = self.match_pairs(&cameras, across);
         let counts: Vec<usize> = self.views.iter().map(|v| v.keypoints.len()).collect();
         let tracks = tracks::build(&counts, &found);
         self.require_connection(&tracks)?;
 
-        let block = self.block(&tracks, &state.shifts);
-        state.tracks = block.0;
-        state.points = block.1;
+        let measured = tracks.iter().map(|t| self.measured(t)).chain(self.control.iter().cloned());
+        self.network.place(estimate, measured.collect());
         (self.events)(Event::Started { stage: "adjusting", total: 0 });
         let scales: &[f64] = if across > NARROW_PX { &LOSS_SCALES_PX } else { &LOSS_SCALES_PX[1..] };
-        self.refine(state, scales, heights, free)?;
+        self.network.refine(estimate, scales, model)?;
         (self.events)(Event::Finished);
-        if state.tracks.is_empty() {
+        if estimate.tracks.iter().all(|t| t.known.is_some()) {
             return Err(BundleError::NotConnected { components: "no track survived the adjustment".into() });
         }
         Ok(())
     }
 
-    /// Solves and rejects, with a tighter and tighter loss, until nothing is rejected any more.
-    fn refine(
-        &self,
-        state: &mut Progress,
-        scales: &[f64],
-        heights: (f64, f64),
-        free: bool,
-    ) -> Result<(), BundleError> {
-        for scale in scales {
-            self.solve(state, *scale, free)?;
-            self.reject(state, heights, (4.0 * scale).max(REJECT_PX));
-        }
-        for _ in 0..REJECTIONS {
-            self.solve(state, LOSS_SCALES_PX[2], free)?;
-            if self.reject(state, heights, REJECT_PX) == 0 {
-                break;
-            }
-        }
-        Ok(())
+    fn measured(&self, track: &[Observation]) -> Track {
+        let measure = |o: &Observation| Measurement {
+            view: o.view as usize,
+            px: self.views[o.view as usize].keypoints[o.keypoint as usize].px,
+            weight: 1.0,
+        };
+        Track { seen: track.iter().map(measure).collect(), known: None }
     }
 
     /// Measures the tracks anew by patches in all views, and solves with these; keypoints count little from now on.
-    fn settle(&self, state: &mut Progress, heights: (f64, f64)) -> Result<(), BundleError> {
+    fn settle(&self, estimate: &mut Estimate, model: Model) -> Result<(), BundleError> {
         (self.events)(Event::Started { stage: "measuring patches", total: 0 });
-        let block = Block::new(self.rpcs(), Vec::new(), self.center);
+        let block = self.network.block();
         let images = self.views.iter().map(|v| &v.image).collect();
-        let seeker = Seeker::new(&block, &state.shifts, images);
+        let seeker = Seeker::new(&block, &estimate.corrections, images);
         let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2));
-        state.tracks = state
-            .tracks
-            .par_iter()
-            .zip(&state.points)
-            .with_min_len(16)
-            .map(|(track, point)| {
-                let found = seeker.track(&track[0], *point);
-                if found.len() >= fewest {
-                    found
-                } else {
-                    track.iter().map(|m| Measurement { weight: UNCONFIRMED, ..*m }).collect()
-                }
-            })
-            .collect();
-        let confirmed = state.tracks.iter().filter(|t| t[0].weight > UNCONFIRMED).count();
-        tracing::debug!("patches confirm {confirmed} of {} tracks", state.tracks.len());
-        self.refine(state, &LOSS_SCALES_PX[1..], heights, true)?;
+        let confirmed = std::sync::atomic::AtomicUsize::new(0);
+        estimate.tracks.par_iter_mut().zip(&estimate.points).with_min_len(16).for_each(|(track, point)| {
+            if track.known.is_some() {
+                return;
+            }
+            let found = seeker.track(&track.seen[0], *point);
+            if found.len() >= fewest {
+                confirmed.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                track.seen = found;
+            } else {
+                track.seen.iter_mut().for_each(|m| m.weight = UNCONFIRMED);
+            }
+        });
+        tracing::debug!("patches confirm {} of {} tracks", confirmed.into_inner(), estimate.tracks.len());
+        self.network.refine(estimate, &LOSS_SCALES_PX[1..], model)?;
         (self.events)(Event::Finished);
         Ok(())
     }
 
-    fn corrected(&self, shifts: &[[f64; 2]]) -> Vec<Rpc> {
-        self.views.iter().zip(shifts).map(|(v, s)| v.rpc.shifted(s[0], s[1])).collect()
+    fn corrected(&self, corrections: &[Parameters]) -> Result<Vec<Rpc>, BundleError> {
+        let (network, views) = (&self.network, &self.views);
+        let heights = (network.heights.0 - REFIT_MARGIN_M, network.heights.1 + REFIT_MARGIN_M);
+        let camera = |(v, p): (usize, &Parameters)| {
+            let corrected = network.frames[v].corrected(network.rpcs[v], p, heights);
+            corrected.map_err(|reason| BundleError::Refit { view: views[v].name.into(), reason })
+        };
+        corrections.par_iter().enumerate().map(camera).collect()
     }
 
-    fn match_pairs(
-        &self,
-        cameras: &[Rpc],
-        across: f64,
-        heights: (f64, f64),
-    ) -> Vec<((usize, usize), Vec<Match>)> {
+    fn match_pairs(&self, cameras: &[Rpc], across: f64) -> Vec<((usize, usize), Vec<Match>)> {
         let prepared: Vec<MatchView> = self
             .views
             .iter()
             .zip(cameras)
-            .map(|(v, rpc)| MatchView::new(rpc, &v.keypoints, v.size, heights))
+            .map(|(v, rpc)| {
+                let some = if across > NARROW_PX { WIDE_KEYPOINTS } else { v.keypoints.len() };
+                let keypoints = &v.keypoints[..some.min(v.keypoints.len())];
+                MatchView::new(rpc, keypoints, v.size, self.network.heights)
+            })
             .collect();
         (self.events)(Event::Started { stage: "matching", total: self.pairs.len() as u64 });
         let mut found = Vec::with_capacity(self.pairs.len());
@@ -292,158 +265,68 @@ impl<'a> Work<'a> {
         Err(BundleError::NotConnected { components })
     }
 
-    /// Measurements and first places of the tracks that some pair of views sees at a useful angle.
-    fn block(
-        &self,
-        found: &[Vec<Observation>],
-        shifts: &[[f64; 2]],
-    ) -> (Vec<Vec<Measurement>>, Vec<[f64; 3]>) {
-        let measured: Vec<Vec<Measurement>> = found
-            .iter()
-            .map(|track| {
-                let measure = |o: &Observation| Measurement {
-                    view: o.view as usize,
-                    px: self.views[o.view as usize].keypoints[o.keypoint as usize].px,
-                    weight: 1.0,
-                };
-                track.iter().map(measure).collect()
-            })
-            .filter(|track: &Vec<Measurement>| self.angle_deg(track) >= LEAST_ANGLE_DEG)
-            .collect();
-        let block = Block::new(self.rpcs(), Vec::new(), self.center);
-        let places: Vec<Option<[f64; 3]>> =
-            measured.par_iter().with_min_len(64).map(|t| triangulate(&block, t, shifts)).collect();
-        let pairs = measured.into_iter().zip(places);
-        pairs.filter_map(|(t, p)| Some((t, p?))).unzip()
-    }
-
-    fn rpcs(&self) -> Vec<&'a Rpc> {
-        self.views.iter().map(|v| v.rpc).collect()
-    }
-
-    /// Widest angle between two of a track's views.
-    fn angle_deg(&self, track: &[Measurement]) -> f64 {
-        let mut widest: f64 = 0.0;
-        for (k, a) in track.iter().enumerate() {
-            for b in &track[k + 1..] {
-                widest =
-                    widest.max(angle_between_deg(self.views[a.view].direction, self.views[b.view].direction));
-            }
-        }
-        widest
-    }
-
-    fn solve(&self, state: &mut Progress, loss_scale_px: f64, free: bool) -> Result<(), BundleError> {
-        let mut block = Block::new(self.rpcs(), std::mem::take(&mut state.tracks), self.center);
-        block.loss_scale_px = loss_scale_px;
-        block.shifts_free = free;
-        let start = Unknowns { shifts: state.shifts.clone(), points: std::mem::take(&mut state.points) };
-        let failed = |reason: String| BundleError::Solver { reason };
-        let run = Executor::new(block, SchurLevenbergMarquardt::default())
-            .configure(|s| s.param(start).max_iters(MAX_ITERATIONS))
-            .run()
-            .map_err(|e| failed(e.to_string()))?;
-        let mut search = run.state;
-        let end = search.take_param().or_else(|| search.take_best_param());
-        let end = end.ok_or_else(|| failed("no solution".into()))?;
-        let block = run.problem.get_problem().ok_or_else(|| failed("no problem".into()))?;
-        state.tracks = block.tracks;
-        (state.shifts, state.points) = (end.shifts, end.points);
-        Ok(())
-    }
-
-    /// Drops observations further off than `least` pixels and the robust limit, and what is left without support.
-    fn reject(&self, state: &mut Progress, heights: (f64, f64), least: f64) -> usize {
-        let block = Block::new(self.rpcs(), Vec::new(), self.center);
-        let distance = |m: &Measurement, p: [f64; 3]| block.distance(m, state.shifts[m.view], p);
-        let mut all: Vec<f64> = state
-            .tracks
-            .iter()
-            .zip(&state.points)
-            .flat_map(|(t, p)| t.iter().map(|m| distance(m, *p)))
-            .collect();
-        if all.is_empty() {
-            return 0;
-        }
-        let middle = all.len() / 2;
-        let median = *all.select_nth_unstable_by(middle, f64::total_cmp).1;
-        let limit = least.max(REJECT_SIGMAS * 1.4826 * median);
-        let slack = HEIGHT_MARGIN_M;
-        let before: usize = state.tracks.iter().map(Vec::len).sum();
-        let count = state.tracks.len();
-        let (tracks, points): (Vec<_>, Vec<_>) = std::mem::take(&mut state.tracks)
-            .into_iter()
-            .zip(std::mem::take(&mut state.points))
-            .filter_map(|(mut track, mut point)| {
-                let n = track.len();
-                track.retain(|m| distance(m, point) <= limit);
-                if track.len() < 2 || self.angle_deg(&track) < LEAST_ANGLE_DEG {
-                    return None;
-                }
-                if track.len() < n {
-                    point = triangulate(&block, &track, &state.shifts)?;
-                }
-                let h = block.geodetic(point).height_m();
-                (h >= heights.0 - slack && h <= heights.1 + slack).then_some((track, point))
-            })
-            .unzip();
-        tracing::debug!("median {median:.2} px, limit {limit:.2} px: {count} tracks become {}", tracks.len());
-        (state.tracks, state.points) = (tracks, points);
-        before - state.tracks.iter().map(Vec::len).sum::<usize>()
-    }
-
-    /// The heights of nearly all points, and a margin.
-    fn narrowed_heights(&self, state: &Progress, heights: (f64, f64)) -> (f64, f64) {
-        let mut z: Vec<f64> = state.points.iter().map(|p| p[2] + self.center.height_m()).collect();
+    /// Takes the heights of nearly all points, and a margin.
+    fn narrow_heights(&mut self, estimate: &Estimate) {
+        let mut z: Vec<f64> = estimate.points.iter().map(|p| p[2] + self.network.center.height_m()).collect();
         z.sort_by(f64::total_cmp);
         let at = |share: f64| z[(share * (z.len() - 1) as f64) as usize];
-        (
-            (at(0.005) - HEIGHT_MARGIN_M).max(heights.0 - HEIGHT_MARGIN_M),
-            (at(0.995) + HEIGHT_MARGIN_M).min(heights.1 + HEIGHT_MARGIN_M),
-        )
+        let (low, high) = self.network.heights;
+        self.network.heights = (
+            (at(0.005) - HEIGHT_MARGIN_M).max(low - HEIGHT_MARGIN_M),
+            (at(0.995) + HEIGHT_MARGIN_M).min(high + HEIGHT_MARGIN_M),
+        );
     }
 
-    fn result(&self, state: &Progress, fixed: bool) -> Adjustment {
-        let block = Block::new(self.rpcs(), Vec::new(), self.center);
-        let none = vec![[0.0; 2]; self.views.len()];
-        // The same observations with the cameras as delivered, points placed as well as these allow.
-        let before: Vec<Vec<(usize, f64)>> = state
-            .tracks
-            .par_iter()
-            .with_min_len(64)
-            .map(|t| {
-                let Some(p) = triangulate(&block, t, &none) else { return Vec::new() };
-                t.iter().map(|m| (m.view, block.distance(m, none[m.view], p))).collect()
-            })
-            .collect();
-        let after: Vec<(usize, f64)> = state
-            .tracks
-            .iter()
-            .zip(&state.points)
-            .flat_map(|(t, p)| t.iter().map(|m| (m.view, block.distance(m, state.shifts[m.view], *p))))
-            .collect();
-        let names: Vec<String> = self.views.iter().map(|v| v.name.to_owned()).collect();
-        let gauge = if fixed {
-            "cameras as given"
-        } else {
-            "mean of the delivered cameras: robust priors on the shifts"
+    fn result(&self, estimate: &Estimate, options: &Options) -> Result<Adjustment, BundleError> {
+        let block = self.network.block();
+        let given = self.network.as_delivered(&estimate.tracks);
+        let Estimate { corrections, tracks, points } = if options.fixed { &given } else { estimate };
+        let before = self.network.distances(&given);
+        let after = if options.fixed { before.clone() } else { self.network.distances(estimate) };
+        let of = |all: &[(usize, f64)], view: usize| -> Vec<f64> {
+            all.iter().filter(|d| d.0 == view).map(|d| d.1).collect()
         };
-        let report = Report::new(
-            gauge,
-            &names,
-            &state.shifts,
-            state.tracks.len(),
-            &before.concat(),
-            &after,
-            self.left_out.clone(),
-        );
-        let points = state
-            .tracks
-            .iter()
-            .zip(&state.points)
-            .map(|(t, p)| SparsePoint { position: block.geodetic(*p), views: t.len() as u8 })
-            .collect();
-        Adjustment { cameras: names.into_iter().zip(self.corrected(&state.shifts)).collect(), points, report }
+        let views = self.views.iter().enumerate().map(|(v, view)| {
+            ViewReport::new(view.name, estimate.corrections[v], &of(&before, v), &of(&after, v))
+        });
+        let control = tracks.iter().zip(points).filter_map(|(t, p)| Some((t, t.known?, p)));
+        let control =
+            control.flat_map(|(t, known, p)| t.seen.iter().map(move |m| (m, known, *p)).collect::<Vec<_>>());
+        let report = Report {
+            gauge: match (options.fixed, self.control.is_empty()) {
+                (true, _) => "cameras as given",
+                (false, true) => "mean of the delivered cameras: robust priors on the shifts",
+                (false, false) => "ground control",
+            }
+            .into(),
+            model: options.model,
+            tracks: tracks.iter().filter(|t| t.known.is_none()).count(),
+            control: control
+                .map(|(m, known, p)| ControlReport {
+                    view: self.views[m.view].name.into(),
+                    residual_px: block.distance(m, &corrections[m.view], p),
+                    moved_m: std::array::from_fn(|k| p[k] - known.place[k]),
+                })
+                .collect(),
+            views: views.collect(),
+            left_out: self.left_out.clone(),
+            ..Report::of(&before, &after)
+        };
+        let names = self.views.iter().map(|v| v.name.to_owned());
+        let tied = tracks.iter().zip(points).filter(|(t, _)| t.known.is_none()).enumerate();
+        let (points, tie_points): (Vec<_>, Vec<_>) = tied
+            .map(|(id, (track, p))| {
+                let seen = track.seen.iter().map(|m| {
+                    let predicted = block.project(m.view, &corrections[m.view], *p);
+                    let residual_px = [m.px.col - predicted.col, m.px.row - predicted.row];
+                    TiePoint { point: id, view: m.view, px: m.px, residual_px }
+                });
+                let position = block.geodetic(*p);
+                (SparsePoint { position, views: track.seen.len() as u8 }, seen.collect::<Vec<_>>())
+            })
+            .unzip();
+        let cameras = names.zip(self.corrected(corrections)?).collect();
+        Ok(Adjustment { cameras, points, tie_points: tie_points.concat(), report })
     }
 }
 
@@ -453,16 +336,21 @@ fn too_few(usable: usize, all: usize, left_out: &[(String, String)]) -> BundleEr
 }
 
 /// Pairs of views that share ground and whose directions differ enough, but not too much.
-fn pairs(views: &[WorkView], center: Point<Geodetic>) -> Result<Vec<(usize, usize)>, BundleError> {
+fn pairs(views: &[WorkView], network: &Network) -> Result<Vec<(usize, usize)>, BundleError> {
+    let center: Point<Geodetic> = network.center;
     let grid = SiteGrid::at(center).map_err(crate::scene::SceneError::from)?;
-    let outlines: Vec<_> = views.iter().map(|v| footprint(v.rpc, v.size, &grid, center.height_m())).collect();
+    let outlines: Vec<_> = views
+        .iter()
+        .zip(&network.rpcs)
+        .map(|(v, rpc)| footprint(rpc, v.size, &grid, center.height_m()))
+        .collect();
     let mut out = Vec::new();
     let mut widest: f64 = 0.0;
     for i in 0..views.len() {
         for j in i + 1..views.len() {
             let (Some(a), Some(b)) = (&outlines[i], &outlines[j]) else { continue };
             let shared = a.intersection(b).unsigned_area() / a.unsigned_area().min(b.unsigned_area());
-            let angle = angle_between_deg(views[i].direction, views[j].direction);
+            let angle = angle_between_deg(network.directions[i], network.directions[j]);
             if shared >= LEAST_OVERLAP && angle <= WIDEST_DEG {
                 widest = widest.max(angle);
                 out.push((i, j));
@@ -474,36 +362,3 @@ fn pairs(views: &[WorkView], center: Point<Geodetic>) -> Result<Vec<(usize, usiz
     }
     Ok(out)
 }
-
-/// The point nearest to a track's rays, by Gauss and Newton; none if its rays do not fix one.
-fn triangulate(block: &Block, track: &[Measurement], shifts: &[[f64; 2]]) -> Option<[f64; 3]> {
-    let first = track.first()?;
-    let shift = shifts[first.view];
-    let px = crate::frame::Pixel::new(first.px.col - shift[0], first.px.row - shift[1]);
-    let start = block.rpcs[first.view].localize(px, block.geodetic([0.0; 3]).height_m()).ok()?;
-    let mut point = block.local(start);
-    for _ in 0..10 {
-        let mut normal = nalgebra::Matrix3::<f64>::zeros();
-        let mut right = nalgebra::Vector3::<f64>::zeros();
-        for m in track {
-            let o = block.linearise(m, shifts[m.view], point);
-            for (row, r) in o.by_point.iter().zip(o.residual) {
-                let j = nalgebra::Vector3::from(*row);
-                normal += j * j.transpose();
-                right += j * r;
-            }
-        }
-        let step = normal.cholesky()?.solve(&right);
-        for k in 0..3 {
-            point[k] += step[k];
-        }
-        if step.norm() < 1e-6 {
-            break;
-        }
-    }
-    point.iter().all(|v| v.is_finite()).then_some(point)
-}
-
-#[cfg(test)]
-#[path = "adjust_tests.rs"]
-mod tests;

@@ -62,6 +62,33 @@ pub enum BundleError {
         /// The solver's words.
         reason: String,
     },
+    /// A corrected camera is no RPC.
+    #[error("view `{view}`: no RPC stands for its correction: {reason}")]
+    #[diagnostic(code(satgs::failed), help("--model shift needs no refit"))]
+    Refit {
+        /// The view.
+        view: String,
+        /// The fit's words.
+        reason: String,
+    },
+    /// Ground control that cannot be read.
+    #[error("`{path}`: {reason}")]
+    #[diagnostic(help(
+        "columns: lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px; a line for each image of a point"
+    ))]
+    Control {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and where.
+        reason: String,
+    },
+    /// Ground control of an image that the scene does not have.
+    #[error("ground control names the image `{image}`, which is not in the scene")]
+    #[diagnostic(help("`satgs info SCENE` lists its views"))]
+    ControlImage {
+        /// The image.
+        image: String,
+    },
     /// Sparse points cannot be written or read.
     #[error("`{path}`: {reason}")]
     #[diagnostic(help("`satgs ba SCENE -o RUN --overwrite` makes it anew"))]

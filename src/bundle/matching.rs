@@ -7,6 +7,7 @@
 use super::features::{Keypoint, VALUES, similarity};
 use crate::frame::{Geodetic, Pixel, Point};
 use crate::rpc::Rpc;
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// Side of the search grid's cells, pixels.
@@ -23,6 +24,8 @@ const MAX_SCALE_RATIO: f32 = 1.8;
 const CONSENSUS_PX: f64 = 1.5;
 /// Fewest matches that make a consensus.
 const FEWEST: usize = 10;
+/// Keypoints searched for together.
+const CHUNK: usize = 512;
 
 /// A view ready to be matched.
 pub struct MatchView<'a> {
@@ -76,40 +79,45 @@ impl<'a> MatchView<'a> {
         Self { rpc, keypoints, ground, columns, rows, cells }
     }
 
-    /// Best match in `other` of each keypoint, within `across` pixels of its segment.
-    fn best_in(&self, other: &Self, across: f64) -> Vec<Option<(u32, f32)>> {
-        (0..self.keypoints.len())
+    /// Best and second best in each other of the keypoints of both views, `across` pixels from the segments of this
+    /// view's; a keypoint of the other is weighed only where a segment passes, so that one search serves both.
+    fn rivals(&self, other: &Self, across: f64) -> [Vec<Rivals>; 2] {
+        let chunks: Vec<_> = (0..self.keypoints.len().div_ceil(CHUNK))
             .into_par_iter()
-            .with_min_len(64)
-            .map(|i| {
-                let segment = Segment::new(self, i, other)?;
-                let own = &self.keypoints[i];
-                let (mut best, mut second) = ((u32::MAX, -1.0f32), -1.0f32);
-                other.for_each_near(&segment, across, |j| {
-                    let k = &other.keypoints[j as usize];
-                    let ratio = k.scale / own.scale;
-                    if !(1.0 / MAX_SCALE_RATIO..=MAX_SCALE_RATIO).contains(&ratio) {
-                        return;
-                    }
-                    let s = similarity(&own.descriptor, &k.descriptor);
-                    if s > best.1 {
-                        if best.0 == u32::MAX
-                            || other.keypoints[best.0 as usize].px.distance(k.px) > SAME_PLACE_PX
-                        {
-                            second = best.1;
+            .map(|chunk| {
+                let own = chunk * CHUNK..((chunk + 1) * CHUNK).min(self.keypoints.len());
+                let mut there = vec![Rivals::default(); other.keypoints.len()];
+                let mut near = Vec::new();
+                let here = own.map(|i| {
+                    let mut rivals = Rivals::default();
+                    let Some(segment) = Segment::new(self, i, other) else { return rivals };
+                    let own = &self.keypoints[i];
+                    near.clear();
+                    other.for_each_near(&segment, across, |j| {
+                        let ratio = other.keypoints[j as usize].scale / own.scale;
+                        if (1.0 / MAX_SCALE_RATIO..=MAX_SCALE_RATIO).contains(&ratio) {
+                            near.push((j, 0.0));
                         }
-                        best = (j, s);
-                    } else if s > second && other.keypoints[best.0 as usize].px.distance(k.px) > SAME_PLACE_PX
-                    {
-                        second = s;
+                    });
+                    compare(own, other.keypoints, &mut near);
+                    for (j, similarity) in &near {
+                        rivals.enter(*j, *similarity, other.keypoints);
+                        there[*j as usize].enter(i as u32, *similarity, self.keypoints);
                     }
+                    rivals
                 });
-                // Descriptors have length one: their squared distance is 2 - 2 similarity.
-                let distance = |s: f32| (2.0 - 2.0 * s).max(0.0).sqrt();
-                let (d1, d2) = (distance(best.1), distance(second));
-                (best.0 != u32::MAX && d1 < RATIO * d2 && d1 < MAX_DISTANCE).then_some(best)
+                (here.collect::<Vec<_>>(), there)
             })
-            .collect()
+            .collect();
+        let mut out =
+            [Vec::with_capacity(self.keypoints.len()), vec![Rivals::default(); other.keypoints.len()]];
+        for (here, there) in chunks {
+            out[0].extend(here);
+            for (all, part) in out[1].iter_mut().zip(there) {
+                all.join(part, self.keypoints);
+            }
+        }
+        out
     }
 
     fn for_each_near(&self, segment: &Segment, across: f64, mut visit: impl FnMut(u32)) {
@@ -165,18 +173,74 @@ impl Segment {
     }
 }
 
+/// Fills in the similarities of a keypoint to others.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn compare(own: &Keypoint, others: &[Keypoint], near: &mut [(u32, f32)]) {
+    for (j, s) in near {
+        *s = similarity(&own.descriptor, &others[*j as usize].descriptor);
+    }
+}
+
+/// The keypoint most like another, and how like it is the next that is elsewhere.
+#[derive(Clone, Copy)]
+struct Rivals {
+    best: u32,
+    similarity: f32,
+    second: f32,
+}
+
+impl Default for Rivals {
+    fn default() -> Self {
+        Self { best: u32::MAX, similarity: -1.0, second: -1.0 }
+    }
+}
+
+impl Rivals {
+    fn enter(&mut self, candidate: u32, similarity: f32, keypoints: &[Keypoint]) {
+        if similarity <= self.second {
+            return;
+        }
+        let place = |i: u32| keypoints[i as usize].px;
+        let elsewhere = self.best != u32::MAX && place(self.best).distance(place(candidate)) > SAME_PLACE_PX;
+        if similarity > self.similarity {
+            if elsewhere {
+                self.second = self.similarity;
+            }
+            (self.best, self.similarity) = (candidate, similarity);
+        } else if elsewhere {
+            self.second = self.second.max(similarity);
+        }
+    }
+
+    fn join(&mut self, other: Self, keypoints: &[Keypoint]) {
+        if other.best != u32::MAX {
+            self.enter(other.best, other.similarity, keypoints);
+            self.second = self.second.max(other.second);
+        }
+    }
+
+    /// The best, if it is good and better than its rivals.
+    fn winner(&self) -> Option<u32> {
+        // Descriptors have length one: their squared distance is 2 - 2 similarity.
+        let distance = |s: f32| (2.0 - 2.0 * s).max(0.0).sqrt();
+        let (d1, d2) = (distance(self.similarity), distance(self.second));
+        (self.best != u32::MAX && d1 < RATIO * d2 && d1 < MAX_DISTANCE).then_some(self.best)
+    }
+}
+
 /// Mutual matches of two views within `across` pixels of the epipolar segments that agree on one shift.
 #[must_use]
 pub fn matches(a: &MatchView, b: &MatchView, across: f64) -> Vec<Match> {
-    let (ab, ba) = (a.best_in(b, across), b.best_in(a, across));
+    let [ab, ba] = a.rivals(b, across);
     let mutual: Vec<(Match, f64)> = ab
         .iter()
         .enumerate()
-        .filter_map(|(i, best)| {
-            let (j, similarity) = (*best)?;
-            let back = ba[j as usize]?.0;
+        .filter_map(|(i, rivals)| {
+            let j = rivals.winner()?;
+            let back = ba[j as usize].winner()?;
             let off = Segment::new(a, i, b)?.measure(b.keypoints[j as usize].px).1;
-            (back as usize == i).then_some((Match { a: i as u32, b: j, similarity }, off))
+            let found = Match { a: i as u32, b: j, similarity: rivals.similarity };
+            (back as usize == i).then_some((found, off))
         })
         .collect();
     let Some(shift) = consensus(mutual.iter().map(|m| m.1).collect()) else { return Vec::new() };

@@ -1,14 +1,19 @@
 //! Bundle adjustment: features, matches, tracks, and the solver that corrects the RPCs.
 //!
 //! A correction is a shift in the image (`corrected = rpc + shift`), which on crops stands for every small error of
-//! attitude and is written exactly into the RPC's offsets. Matching runs twice: first with the delivered cameras
-//! and a wide margin, then with the corrected ones and a narrow one. In the end patches around the points, sought in
-//! all views, take the place of keypoints.
+//! attitude and is written exactly into the RPC's offsets; larger images may scale and shear. Matching runs twice:
+//! first with the delivered cameras and a wide margin, then with the corrected ones and a narrow one. In the end
+//! patches around the points, sought in all views, take the place of keypoints. Surveyed points, if there are any,
+//! fix the datum; else the mean of the delivered cameras does.
 
 mod adjust;
+mod control;
+mod correction;
 mod error;
 mod features;
+mod figures;
 mod matching;
+mod network;
 mod output;
 mod patches;
 mod problem;
@@ -18,7 +23,9 @@ mod solver;
 mod tracks;
 
 pub use adjust::{Options, adjust};
+pub use control::{ControlPoint, read_control};
+pub use correction::{Model, Parameters};
 pub use error::BundleError;
 pub use features::{Keypoint, detect};
-pub use output::{Adjustment, SparsePoint};
-pub use report::{Report, ViewReport};
+pub use output::{Adjustment, SparsePoint, TiePoint};
+pub use report::{ControlReport, Report, ViewReport};

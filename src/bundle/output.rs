@@ -1,9 +1,10 @@
-//! An adjustment on disk: corrected RPCs as JSON and text, sparse points as LAZ, the report as JSON.
+//! An adjustment on disk: corrected RPCs as JSON and text, sparse points as LAZ, tie points as CSV and GeoPackage, the
+//! report as JSON and pictures.
 
 use super::error::BundleError;
 use super::report::Report;
-use crate::frame::{Geodetic, Point, SiteGrid};
-use crate::raster::{write_atomically, write_file};
+use crate::frame::{CenterPx, Geodetic, Pixel, Point, SiteGrid};
+use crate::raster::{Marker, write_atomically, write_file, write_markers};
 use crate::rpc::Rpc;
 use crate::rpc::formats;
 use crate::scene::{Scene, View};
@@ -22,6 +23,19 @@ pub struct SparsePoint {
     pub views: u8,
 }
 
+/// A point as one view shows it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TiePoint {
+    /// Index of the sparse point.
+    pub point: usize,
+    /// Index of the view among the cameras.
+    pub view: usize,
+    /// Where the whole image shows it.
+    pub px: Pixel<CenterPx>,
+    /// Observed minus predicted, columns and rows, pixels.
+    pub residual_px: [f64; 2],
+}
+
 /// What an adjustment makes.
 #[derive(Clone, Debug)]
 pub struct Adjustment {
@@ -29,13 +43,15 @@ pub struct Adjustment {
     pub cameras: Vec<(String, Rpc)>,
     /// Sparse points.
     pub points: Vec<SparsePoint>,
+    /// Their observations, point by point; not read back.
+    pub tie_points: Vec<TiePoint>,
     /// Figures.
     pub report: Report,
 }
 
 impl Adjustment {
     /// Writes `rpcs/NAME.json`, `rpcs/NAME_RPC.TXT`, `points.laz` (UTM, ellipsoidal heights; the intensity is the
-    /// number of views) and `report.json`.
+    /// number of views), `tie_points.csv` and `.gpkg`, `report.json` and its pictures.
     ///
     /// # Errors
     /// [`BundleError`].
@@ -48,6 +64,8 @@ impl Adjustment {
             write_file(&rpcs.join(format!("{name}_RPC.TXT")), formats::to_text(rpc))?;
         }
         self.write_points(&folder.join("points.laz"))?;
+        self.write_tie_points(folder)?;
+        self.write_figures(folder, scene)?;
         let report = serde_json::to_string_pretty(&self.report).unwrap_or_default();
         Ok(write_file(&folder.join("report.json"), report)?)
     }
@@ -70,7 +88,7 @@ impl Adjustment {
             })
             .collect::<Result<Vec<_>, BundleError>>()?;
         let points = read_points(&folder.join("points.laz"))?;
-        Ok(Self { cameras, points, report })
+        Ok(Self { cameras, points, tie_points: Vec::new(), report })
     }
 
     /// The corrected cameras in the order of a scene's views, each of the view's window.
@@ -89,6 +107,34 @@ impl Adjustment {
     #[must_use]
     pub fn positions(&self) -> Vec<Point<Geodetic>> {
         self.points.iter().map(|p| p.position).collect()
+    }
+
+    /// `tie_points.csv`, a line an observation, and `tie_points.gpkg`, a point each.
+    fn write_tie_points(&self, folder: &Path) -> Result<(), BundleError> {
+        use std::fmt::Write;
+        let mut csv = String::from("point,lon,lat,h,view,col,row,residual_col,residual_row\n");
+        let mut residual_px = vec![0.0f64; self.points.len()];
+        for t in &self.tie_points {
+            let [lon, lat, h] = self.points[t.point].position.xyz();
+            let [d_col, d_row] = t.residual_px;
+            let _ = writeln!(
+                csv,
+                "{},{lon:.8},{lat:.8},{h:.3},{},{:.3},{:.3},{d_col:.3},{d_row:.3}",
+                t.point, self.cameras[t.view].0, t.px.col, t.px.row
+            );
+            residual_px[t.point] = residual_px[t.point].max(d_col.hypot(d_row));
+        }
+        write_file(&folder.join("tie_points.csv"), csv)?;
+        let markers: Vec<Marker> = self
+            .points
+            .iter()
+            .zip(residual_px)
+            .map(|(p, worst)| Marker {
+                place: p.position.xyz(),
+                numbers: vec![("views", f64::from(p.views)), ("worst_residual_px", worst)],
+            })
+            .collect();
+        Ok(write_markers(&folder.join("tie_points.gpkg"), "tie_points", &markers)?)
     }
 
     fn write_points(&self, path: &Path) -> Result<(), BundleError> {

@@ -4,6 +4,7 @@
 //! sight: of shadows, of what hides something. A patch is sought in every view. What moves is unlike itself on
 //! another date, and a place that many views show alike is rarely a wrong one (Grün 1985).
 
+use super::correction::Parameters;
 use super::problem::{Block, Measurement};
 use super::scale_space::blurred;
 use crate::frame::{CenterPx, Pixel};
@@ -37,16 +38,16 @@ pub fn prepared(image: &Plane) -> Plane {
 /// Seeks patches in views whose cameras are right to a pixel.
 pub struct Seeker<'a> {
     block: &'a Block<'a>,
-    shifts: &'a [[f64; 2]],
+    corrections: &'a [Parameters],
     images: Vec<&'a Plane>,
     window: Window,
 }
 
 impl<'a> Seeker<'a> {
-    /// A seeker in the views of a block with these shifts; `images` are [`prepared`].
+    /// A seeker in the views of a block with these corrections; `images` are [`prepared`].
     #[must_use]
-    pub fn new(block: &'a Block<'a>, shifts: &'a [[f64; 2]], images: Vec<&'a Plane>) -> Self {
-        Self { block, shifts, images, window: Window::new() }
+    pub fn new(block: &'a Block<'a>, corrections: &'a [Parameters], images: Vec<&'a Plane>) -> Self {
+        Self { block, corrections, images, window: Window::new() }
     }
 
     /// Where the views show the patch around an observation of a point, itself included.
@@ -72,7 +73,7 @@ impl<'a> Seeker<'a> {
     /// Where a view shows a point, and how that moves by metres east and north.
     fn place(&self, view: usize, point: [f64; 3]) -> (Vector2<f64>, Matrix2<f64>) {
         let origin = Measurement { view, px: Pixel::new(0.0, 0.0), weight: 1.0 };
-        let o = self.block.linearise(&origin, self.shifts[view], point);
+        let o = self.block.linearise(&origin, &self.corrections[view], point);
         let [a, b] = o.by_point;
         (-Vector2::from(o.residual), Matrix2::new(a[0], a[1], b[0], b[1]))
     }
@@ -82,14 +83,30 @@ impl<'a> Seeker<'a> {
 struct Samples<const N: usize>([[f64; N]; N]);
 
 impl<const N: usize> Samples<N> {
-    /// None where some are missing.
+    /// None where some are missing or outside.
     fn new(image: &Plane, at: Vector2<f64>, warp: Matrix2<f64>) -> Option<Self> {
-        let middle = (N / 2) as f64;
+        let half = (N / 2) as f64;
+        let reach = half * Vector2::new(warp.row(0).abs().sum(), warp.row(1).abs().sum());
+        let (last_col, last_row) = (image.width as f64 - 1.0, image.height as f64 - 1.0);
+        let (least, most) = (at - reach, at + reach);
+        // A comparison that NaN fails too.
+        let inside = least.min() >= 0.0 && most[0] < last_col && most[1] < last_row;
+        if !inside {
+            return None;
+        }
         let mut sum = 0.0;
         let samples = std::array::from_fn(|r| {
             std::array::from_fn(|c| {
-                let p = at + warp * Vector2::new(c as f64 - middle, r as f64 - middle);
-                let value = f64::from(image.bilinear(p[0], p[1]));
+                let p = at + warp * Vector2::new(c as f64 - half, r as f64 - half);
+                let (col, row) = (p[0] as usize, p[1] as usize);
+                let (right, down) = (p[0] - col as f64, p[1] - row as f64);
+                let here = row * image.width + col;
+                let line = |i: usize| {
+                    let (a, b) = (f64::from(image.data[i]), f64::from(image.data[i + 1]));
+                    a + right * (b - a)
+                };
+                let (above, below) = (line(here), line(here + image.width));
+                let value = above + down * (below - above);
                 sum += value;
                 value
             })
@@ -127,15 +144,18 @@ impl Window {
         there: &Samples<N>,
         [row, col]: [usize; 2],
     ) -> (f64, f64, f64) {
-        let (mut product, mut sum, mut square) = (0.0, 0.0, 0.0);
+        // A sum a column: one sum would wait for itself.
+        let mut sums = [[0.0; SIDE]; 3];
         for r in 0..SIDE {
-            for (c, v) in there.0[row + r][col..col + SIDE].iter().enumerate() {
-                let weighted = self.0[r][c] * v;
-                product += weighted * template[r][c];
-                sum += weighted;
-                square += weighted * v;
+            let values = &there.0[row + r][col..col + SIDE];
+            for c in 0..SIDE {
+                let weighted = self.0[r][c] * values[c];
+                sums[0][c] += weighted * template[r][c];
+                sums[1][c] += weighted;
+                sums[2][c] += weighted * values[c];
             }
         }
+        let [product, sum, square] = sums.map(|s| s.iter().sum::<f64>());
         (product, sum, (square - sum * sum).max(0.0).sqrt())
     }
 
@@ -187,21 +207,26 @@ impl Window {
         template: &Template,
         Samples(v): &Samples<{ SIDE + 2 }>,
     ) -> Option<(Matrix4<f64>, Vector4<f64>)> {
-        let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
+        let mut sums = [[0.0; SIDE]; 11];
         for r in 0..SIDE {
             for c in 0..SIDE {
-                let row = Vector4::new(
-                    0.5 * (v[r + 1][c + 2] - v[r + 1][c]),
-                    0.5 * (v[r + 2][c + 1] - v[r][c + 1]),
-                    -template[r][c],
-                    -1.0,
-                );
-                let weighted = row * self.0[r][c];
-                normal += weighted * row.transpose();
-                right -= weighted * v[r + 1][c + 1];
+                let (here, t) = (v[r + 1][c + 1], template[r][c]);
+                let (x, y) = (0.5 * (v[r + 1][c + 2] - v[r + 1][c]), 0.5 * (v[r + 2][c + 1] - v[r][c + 1]));
+                let terms = [x * x, x * y, y * y, x * t, y * t, x, y, x * here, y * here, t * here, here];
+                for (sum, term) in sums.iter_mut().zip(terms) {
+                    sum[c] += self.0[r][c] * term;
+                }
             }
         }
-        Some((normal.try_inverse()?, right))
+        let [xx, xy, yy, xt, yt, x, y, xv, yv, tv, sum] = sums.map(|s| s.iter().sum::<f64>());
+        // The template has no mean and length one.
+        let normal = Matrix4::new(
+            xx, xy, -xt, -x, //
+            xy, yy, -yt, -y, //
+            -xt, -yt, 1.0, 0.0, //
+            -x, -y, 0.0, 1.0,
+        );
+        Some((normal.try_inverse()?, Vector4::new(-xv, -yv, tv, sum)))
     }
 }
 

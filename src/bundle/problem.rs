@@ -1,23 +1,29 @@
 //! The adjustment as a least-squares problem: what is unknown, what was observed, residuals and derivatives.
 //!
-//! Unknown are a shift of each view (`corrected = rpc + shift`, pixels) and each point's place, in metres east,
-//! north and up of the scene's centre: a rescaling of geodetic coordinates, so that the chain rule is a diagonal
-//! matrix. The shifts' priors fix the datum; beyond a pixel they are linear, so that one bad view
-//! cannot move it.
+//! Unknown are each view's correction and each point's place, in metres east, north and up of the scene's centre: a
+//! rescaling of geodetic coordinates, so that the chain rule is a diagonal matrix. The corrections' priors fix the
+//! datum; those of shifts are linear beyond a pixel, so that one bad view cannot move it.
 
+use super::correction::{ImageFrame, MOST, Model, Parameters};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use crate::rpc::Rpc;
 use rayon::prelude::*;
 
 /// Standard deviation of a keypoint, pixels.
 pub const SIGMA_PX: f64 = 0.3;
-/// Standard deviation of a view's shift, and the shift from which its prior is linear, pixels.
+/// Standard deviation of a view's shift, from which its prior is linear, pixels.
 ///
 /// Tighter than vendors' pointing: along the datum's three free directions, thousands of observations with their
 /// small systematic errors would otherwise outweigh the priors and carry the scene off. Across them the priors'
 /// pull is below 0.001 px.
 const PRIOR_SIGMA_PX: f64 = 1.0;
-const PRIOR_SCALE_PX: f64 = 1.0;
+/// The same where ground control fixes the datum: vendors' pointing.
+const PRIOR_SIGMA_WITH_CONTROL_PX: f64 = 10.0;
+/// Standard deviation of the other parameters for images up to the side below, beyond it in proportion, pixels.
+///
+/// Near-affine cameras that may stretch freely leave heights free to tilt and scale.
+const EDGE_SIGMA_PX: f64 = 0.05;
+const EDGE_SIDE_PX: f64 = 4096.0;
 
 /// An observed image position.
 #[derive(Clone, Copy, Debug)]
@@ -30,11 +36,29 @@ pub struct Measurement {
     pub weight: f64,
 }
 
-/// Shifts and points.
+/// What is known of a point beforehand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// (east, north, up) of the centre, metres.
+    pub place: [f64; 3],
+    /// Standard deviations, metres.
+    pub sigma_m: [f64; 3],
+}
+
+/// A point on the ground as views see it.
+#[derive(Clone, Debug, Default)]
+pub struct Track {
+    /// At most one a view.
+    pub seen: Vec<Measurement>,
+    /// What a survey tells, for ground control.
+    pub known: Option<Known>,
+}
+
+/// Corrections and points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unknowns {
-    /// (column, row) of each view, pixels.
-    pub shifts: Vec<[f64; 2]>,
+    /// Of each view.
+    pub corrections: Vec<Parameters>,
     /// (east, north, up) of each track, metres from the centre.
     pub points: Vec<[f64; 3]>,
 }
@@ -43,30 +67,33 @@ pub struct Unknowns {
 pub struct Block<'a> {
     /// Cameras as delivered.
     pub rpcs: Vec<&'a Rpc>,
-    /// Observations of each track.
-    pub tracks: Vec<Vec<Measurement>>,
+    /// Their images.
+    pub frames: Vec<ImageFrame>,
+    /// The points.
+    pub tracks: Vec<Track>,
     /// Scale of Cauchy's loss, pixels.
     pub loss_scale_px: f64,
-    /// Whether the shifts are unknown.
-    pub shifts_free: bool,
+    /// Which parameters are unknown.
+    pub model: Model,
     center: Point<Geodetic>,
     /// Degrees of longitude, degrees of latitude and metres of height a metre is.
     per_metre: [f64; 3],
 }
 
 /// Residual of an observation (observed minus predicted, pixels), its derivative by the point (of the prediction,
-/// pixels per metre), and the weight of the robust loss.
+/// pixels per metre), where in the image it is (normalised), and the weight of the robust loss.
 #[derive(Clone, Copy, Debug)]
 pub struct Linearised {
     pub residual: [f64; 2],
     pub by_point: [[f64; 3]; 2],
+    pub at: [f64; 2],
     pub weight: f64,
 }
 
 impl<'a> Block<'a> {
     /// A problem around `center`.
     #[must_use]
-    pub fn new(rpcs: Vec<&'a Rpc>, tracks: Vec<Vec<Measurement>>, center: Point<Geodetic>) -> Self {
+    pub fn new(rpcs: Vec<&'a Rpc>, frames: Vec<ImageFrame>, center: Point<Geodetic>) -> Self {
         // Radii of curvature of WGS 84.
         let (a, e2) = (6_378_137.0, 0.006_694_379_990_14);
         let latitude = center.lat_deg().to_radians();
@@ -74,7 +101,7 @@ impl<'a> Block<'a> {
         let across = a / w2.sqrt() + center.height_m();
         let along = a * (1.0 - e2) / w2.powf(1.5) + center.height_m();
         let per_metre = [(1.0 / (across * latitude.cos())).to_degrees(), (1.0 / along).to_degrees(), 1.0];
-        Self { rpcs, tracks, loss_scale_px: 1.0, shifts_free: true, center, per_metre }
+        Self { rpcs, frames, tracks: Vec::new(), loss_scale_px: 1.0, model: Model::Shift, center, per_metre }
     }
 
     /// Geodetic coordinates of a point.
@@ -92,23 +119,34 @@ impl<'a> Block<'a> {
         std::array::from_fn(|k| (p[k] - c[k]) / self.per_metre[k])
     }
 
+    /// Where a view sees a point.
+    #[must_use]
+    pub fn project(&self, view: usize, correction: &Parameters, point: [f64; 3]) -> Pixel<CenterPx> {
+        self.frames[view].moved(correction, self.rpcs[view].project(self.geodetic(point)))
+    }
+
     /// Residual, derivative and weight of one observation.
     #[must_use]
-    pub fn linearise(&self, m: &Measurement, shift: [f64; 2], point: [f64; 3]) -> Linearised {
-        let (seen, jacobian) = self.rpcs[m.view].project_with_jacobian(self.geodetic(point));
-        let residual = [m.px.col - seen.col - shift[0], m.px.row - seen.row - shift[1]];
-        let by_point = jacobian.map(|row| std::array::from_fn(|k| row[k] * self.per_metre[k]));
+    pub fn linearise(&self, m: &Measurement, correction: &Parameters, point: [f64; 3]) -> Linearised {
+        let (given, jacobian) = self.rpcs[m.view].project_with_jacobian(self.geodetic(point));
+        let frame = &self.frames[m.view];
+        let predicted = frame.moved(correction, given);
+        let residual = [m.px.col - predicted.col, m.px.row - predicted.row];
+        let by_point = frame.by_px(correction).map(|by_px| {
+            std::array::from_fn(|k| {
+                (by_px[0] * jacobian[0][k] + by_px[1] * jacobian[1][k]) * self.per_metre[k]
+            })
+        });
         let square = residual[0] * residual[0] + residual[1] * residual[1];
         let scale2 = self.loss_scale_px * self.loss_scale_px;
         let weight = m.weight / (1.0 + square / scale2) / (SIGMA_PX * SIGMA_PX);
-        Linearised { residual, by_point, weight }
+        Linearised { residual, by_point, at: frame.normalised(given), weight }
     }
 
     /// Distance of the prediction from an observation, pixels.
     #[must_use]
-    pub fn distance(&self, m: &Measurement, shift: [f64; 2], point: [f64; 3]) -> f64 {
-        let seen = self.rpcs[m.view].project(self.geodetic(point));
-        Pixel::<CenterPx>::new(seen.col + shift[0], seen.row + shift[1]).distance(m.px)
+    pub fn distance(&self, m: &Measurement, correction: &Parameters, point: [f64; 3]) -> f64 {
+        self.project(m.view, correction, point).distance(m.px)
     }
 
     /// The robust cost: half Cauchy's loss over the observations, plus the priors'.
@@ -122,27 +160,48 @@ impl<'a> Block<'a> {
             .with_min_len(64)
             .map(|(track, p)| {
                 let loss = |m: &Measurement| {
-                    let d = self.distance(m, u.shifts[m.view], *p);
+                    let d = self.distance(m, &u.corrections[m.view], *p);
                     m.weight * (d * d / scale2).ln_1p()
                 };
-                track.iter().map(loss).sum::<f64>()
+                let observed = scale2 / (SIGMA_PX * SIGMA_PX) * track.seen.iter().map(loss).sum::<f64>();
+                0.5 * (observed + track.known.map_or(0.0, |k| k.square(*p)))
             })
             .collect();
-        let observed = 0.5 * scale2 / (SIGMA_PX * SIGMA_PX) * per_track.iter().sum::<f64>();
-        observed + u.shifts.iter().map(|s| prior_cost(*s)).sum::<f64>()
+        let priors: f64 = (0..u.corrections.len()).map(|v| self.prior_cost(v, &u.corrections[v])).sum();
+        per_track.iter().sum::<f64>() + priors
+    }
+
+    /// Quadratic near zero; a shift's then linear, so that one view's large shift pulls no harder than any other's.
+    fn prior_cost(&self, view: usize, p: &Parameters) -> f64 {
+        let sigma2 = self.prior_sigma_px().powi(2);
+        let edges: f64 = p[2..].iter().map(|e| (e / self.edge_sigma_px(view)).powi(2)).sum();
+        (1.0 + (p[0] * p[0] + p[1] * p[1]) / sigma2).sqrt() - 1.0 + 0.5 * edges
+    }
+
+    /// Weights of the parameters' priors.
+    #[must_use]
+    pub fn prior_weights(&self, view: usize, p: &Parameters) -> Parameters {
+        let sigma2 = self.prior_sigma_px().powi(2);
+        let shift = 1.0 / (1.0 + (p[0] * p[0] + p[1] * p[1]) / sigma2).sqrt() / sigma2;
+        let edge = self.edge_sigma_px(view).powi(-2);
+        let mut weights = [edge; MOST];
+        weights[..2].fill(shift);
+        weights
+    }
+
+    fn prior_sigma_px(&self) -> f64 {
+        let controlled = self.tracks.iter().any(|t| t.known.is_some());
+        if controlled { PRIOR_SIGMA_WITH_CONTROL_PX } else { PRIOR_SIGMA_PX }
+    }
+
+    fn edge_sigma_px(&self, view: usize) -> f64 {
+        EDGE_SIGMA_PX * (self.frames[view].side_px() / EDGE_SIDE_PX).max(1.0)
     }
 }
 
-/// A shift's prior: quadratic near zero, then linear, so that one view's large shift pulls no harder than any other's.
-fn prior_cost(s: [f64; 2]) -> f64 {
-    let scale2 = PRIOR_SCALE_PX * PRIOR_SCALE_PX;
-    let square = (s[0] * s[0] + s[1] * s[1]) / scale2;
-    scale2 / (PRIOR_SIGMA_PX * PRIOR_SIGMA_PX) * ((1.0 + square).sqrt() - 1.0)
-}
-
-/// Weight of a shift's prior.
-#[must_use]
-pub fn prior_weight(s: [f64; 2]) -> f64 {
-    let square = (s[0] * s[0] + s[1] * s[1]) / (PRIOR_SCALE_PX * PRIOR_SCALE_PX);
-    1.0 / (1.0 + square).sqrt() / (PRIOR_SIGMA_PX * PRIOR_SIGMA_PX)
+impl Known {
+    /// Squared distance in standard deviations.
+    fn square(&self, p: [f64; 3]) -> f64 {
+        (0..3).map(|k| ((p[k] - self.place[k]) / self.sigma_m[k]).powi(2)).sum()
+    }
 }

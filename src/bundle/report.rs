@@ -1,6 +1,11 @@
 //! What an adjustment did, in figures.
 
+use super::correction::{Model, Parameters};
 use serde::{Deserialize, Serialize};
+
+/// Bins of the histogram, and their width, pixels.
+pub const HISTOGRAM_BINS: usize = 40;
+const BIN_PX: f64 = 0.05;
 
 /// One view's figures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -11,77 +16,96 @@ pub struct ViewReport {
     pub observations: usize,
     /// Mean reprojection error with the cameras as delivered, pixels.
     pub mean_before_px: f64,
-    /// Mean reprojection error after the adjustment, pixels.
+    /// Mean reprojection error with the cameras as written, pixels.
     pub mean_px: f64,
-    /// Root mean square reprojection error after the adjustment, pixels.
+    /// Root mean square reprojection error with the cameras as written, pixels.
     pub rms_px: f64,
-    /// `corrected = delivered + shift`: column and row, pixels.
+    /// `corrected = delivered + shift`: column and row, pixels; of fixed cameras what it would take.
     pub shift_px: [f64; 2],
+    /// What is added at the image's edge: columns by columns, rows by rows, columns by rows, rows by columns, pixels.
+    pub edge_px: [f64; 4],
+}
+
+impl ViewReport {
+    /// Gathers the figures from distances of the same observations, pixels.
+    #[must_use]
+    pub fn new(name: &str, [col, row, edge @ ..]: Parameters, before: &[f64], after: &[f64]) -> Self {
+        Self {
+            name: name.into(),
+            observations: after.len(),
+            mean_before_px: mean(before),
+            mean_px: mean(after),
+            rms_px: rms(after),
+            shift_px: [col, row],
+            edge_px: edge,
+        }
+    }
+}
+
+/// How well an observation of a surveyed point agrees.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ControlReport {
+    /// The view.
+    pub view: String,
+    /// Reprojection error, pixels.
+    pub residual_px: f64,
+    /// Adjusted minus surveyed place: east, north, up, metres.
+    pub moved_m: [f64; 3],
 }
 
 /// An adjustment's figures.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// What fixes the datum.
     pub gauge: String,
+    /// What was corrected.
+    pub model: Model,
     /// Tracks used.
     pub tracks: usize,
     /// Observations used.
     pub observations: usize,
     /// Mean reprojection error with the cameras as delivered, pixels.
     pub mean_before_px: f64,
-    /// Mean reprojection error after the adjustment, pixels.
+    /// Mean reprojection error with the cameras as written, pixels.
     pub mean_px: f64,
-    /// Root mean square reprojection error after the adjustment, pixels.
+    /// Root mean square reprojection error with the cameras as written, pixels.
     pub rms_px: f64,
+    /// Observations by reprojection error, before and after, in bins of 0.05 px; the last holds all beyond.
+    pub histogram: Vec<[usize; 2]>,
     /// Each view.
     pub views: Vec<ViewReport>,
+    /// Each observation of a surveyed point.
+    pub control: Vec<ControlReport>,
     /// Views that were left out, and why.
     pub left_out: Vec<(String, String)>,
 }
 
+fn mean(d: &[f64]) -> f64 {
+    d.iter().sum::<f64>() / d.len().max(1) as f64
+}
+
+fn rms(d: &[f64]) -> f64 {
+    mean(&d.iter().map(|d| d * d).collect::<Vec<_>>()).sqrt()
+}
+
 impl Report {
-    /// Gathers the figures; `before` and `after` are (view, distance in pixels) of the same observations.
+    /// The figures of all observations; `before` and `after` are (view, distance in pixels) of the same ones.
     #[must_use]
-    pub fn new(
-        gauge: &str,
-        names: &[String],
-        shifts: &[[f64; 2]],
-        tracks: usize,
-        before: &[(usize, f64)],
-        after: &[(usize, f64)],
-        left_out: Vec<(String, String)>,
-    ) -> Self {
-        let of = |all: &[(usize, f64)], view: Option<usize>| -> Vec<f64> {
-            all.iter().filter(|(v, _)| view.is_none_or(|w| w == *v)).map(|(_, d)| *d).collect()
-        };
-        let mean = |d: &[f64]| d.iter().sum::<f64>() / d.len().max(1) as f64;
-        let rms = |d: &[f64]| (d.iter().map(|d| d * d).sum::<f64>() / d.len().max(1) as f64).sqrt();
-        let views = names
-            .iter()
-            .enumerate()
-            .map(|(v, name)| {
-                let own = of(after, Some(v));
-                ViewReport {
-                    name: name.clone(),
-                    observations: own.len(),
-                    mean_before_px: mean(&of(before, Some(v))),
-                    mean_px: mean(&own),
-                    rms_px: rms(&own),
-                    shift_px: shifts[v],
-                }
-            })
-            .collect();
-        let all = of(after, None);
+    pub fn of(before: &[(usize, f64)], after: &[(usize, f64)]) -> Self {
+        let [before, after] = [before, after].map(|all| all.iter().map(|d| d.1).collect::<Vec<_>>());
+        let mut histogram = vec![[0; 2]; HISTOGRAM_BINS];
+        for (column, distances) in [&before, &after].into_iter().enumerate() {
+            for d in distances {
+                histogram[((d / BIN_PX) as usize).min(HISTOGRAM_BINS - 1)][column] += 1;
+            }
+        }
         Self {
-            gauge: gauge.into(),
-            tracks,
-            observations: all.len(),
-            mean_before_px: mean(&of(before, None)),
-            mean_px: mean(&all),
-            rms_px: rms(&all),
-            views,
-            left_out,
+            histogram,
+            observations: after.len(),
+            mean_before_px: mean(&before),
+            mean_px: mean(&after),
+            rms_px: rms(&after),
+            ..Self::default()
         }
     }
 
@@ -108,6 +132,14 @@ impl Report {
             "{} tracks, {} observations, mean reprojection {:.3} -> {:.3} px",
             self.tracks, self.observations, self.mean_before_px, self.mean_px
         );
+        if !self.control.is_empty() {
+            let worst = self.control.iter().map(|c| c.residual_px).fold(0.0, f64::max);
+            let _ = writeln!(
+                out,
+                "{} observations of ground control, at most {worst:.3} px off",
+                self.control.len()
+            );
+        }
         out
     }
 }

@@ -1,11 +1,16 @@
 //! The Gaussian scale space of an image and the extrema of its differences (Lowe 2004, §§3 and 4).
 
 use crate::raster::Plane;
+use multiversion::multiversion;
+use rayon::prelude::*;
 
 /// Scales an octave is divided into.
 pub const SCALES: usize = 3;
 /// Blur of the first level, in the octave's pixels.
-pub const SIGMA: f64 = 1.6;
+///
+/// Lowe takes 1.6 and images doubled in size. Finer and not doubled there are half again as many keypoints at a quarter
+/// of the cost; that they are less exact is made good by patches.
+pub const SIGMA: f64 = 1.25;
 /// Blur an image is taken to have.
 const INITIAL_SIGMA: f64 = 0.5;
 /// Octaves; satellite views of a scene differ little in scale.
@@ -18,6 +23,8 @@ const CONTRAST: f32 = 0.004;
 const EDGE_RATIO: f32 = 10.0;
 /// Pixels at the border of an octave that are not searched.
 const BORDER: usize = 5;
+/// Rows a thread takes at a time.
+const ROWS_AT_ONCE: usize = 16;
 
 /// Blurred images of one resolution.
 pub struct Octave {
@@ -65,16 +72,18 @@ pub fn octaves(image: &Plane) -> Vec<Octave> {
 pub fn extrema(octaves: &[Octave]) -> Vec<Extremum> {
     let mut out = Vec::new();
     for (o, octave) in octaves.iter().enumerate() {
-        let differences: Vec<Plane> = octave.levels.windows(2).map(|w| difference(&w[1], &w[0])).collect();
+        let differences: Vec<Plane> =
+            octave.levels.par_windows(2).map(|w| difference(&w[1], &w[0])).collect();
         for s in 1..=SCALES {
             let d = [&differences[s - 1], &differences[s], &differences[s + 1]];
-            for row in BORDER..d[1].height.saturating_sub(BORDER) {
-                for col in BORDER..d[1].width.saturating_sub(BORDER) {
-                    if is_extremum(d, col, row) {
-                        out.extend(refined(&differences, o, [col, row, s]));
-                    }
-                }
-            }
+            let rows =
+                (BORDER..d[1].height.saturating_sub(BORDER)).into_par_iter().with_min_len(ROWS_AT_ONCE);
+            let of_row = |row: usize| {
+                let cols = BORDER..d[1].width.saturating_sub(BORDER);
+                let found = cols.filter(|col| is_extremum(d, *col, row));
+                found.filter_map(|col| refined(&differences, o, [col, row, s])).collect::<Vec<_>>()
+            };
+            out.par_extend(rows.flat_map_iter(of_row));
         }
     }
     out
@@ -162,30 +171,32 @@ pub fn blurred(image: &Plane, sigma: f64) -> Plane {
     let (width, height) = (image.width, image.height);
 
     let mut along = Plane::filled(width, height, 0.0);
-    let mut padded = vec![0.0f32; width + 2 * reach];
-    for row in 0..height {
-        let line = image.row(row);
-        padded[..reach].fill(line[0]);
-        padded[reach..reach + width].copy_from_slice(line);
-        padded[reach + width..].fill(line[width - 1]);
-        let out = &mut along.data[row * width..(row + 1) * width];
-        for (t, w) in taps.iter().enumerate() {
-            for (o, v) in out.iter_mut().zip(&padded[t..t + width]) {
-                *o += w * v;
+    along.data.par_chunks_mut(width * ROWS_AT_ONCE).enumerate().for_each(|(k, lines)| {
+        let mut padded = vec![0.0f32; width + 2 * reach];
+        for (line, out) in image.data[k * ROWS_AT_ONCE * width..].chunks(width).zip(lines.chunks_mut(width)) {
+            padded[..reach].fill(line[0]);
+            padded[reach..reach + width].copy_from_slice(line);
+            padded[reach + width..].fill(line[width - 1]);
+            for (t, w) in taps.iter().enumerate() {
+                add_times(out, &padded[t..t + width], *w);
             }
         }
-    }
+    });
     let mut out = Plane::filled(width, height, 0.0);
-    for row in 0..height {
-        let line = &mut out.data[row * width..(row + 1) * width];
+    out.data.par_chunks_mut(width).enumerate().with_min_len(ROWS_AT_ONCE).for_each(|(row, line)| {
         for (t, w) in taps.iter().enumerate() {
             let from = (row + t).saturating_sub(reach).min(height - 1);
-            for (o, v) in line.iter_mut().zip(along.row(from)) {
-                *o += w * v;
-            }
+            add_times(line, along.row(from), *w);
         }
-    }
+    });
     out
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn add_times(out: &mut [f32], line: &[f32], weight: f32) {
+    for (o, v) in out.iter_mut().zip(line) {
+        *o += weight * v;
+    }
 }
 
 #[cfg(test)]

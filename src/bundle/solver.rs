@@ -1,17 +1,19 @@
 //! Levenberg–Marquardt with the Schur complement, as a solver of `argmin`.
 //!
-//! Points are eliminated track by track; what remains is a dense system of two unknowns a view. Tracks are summed
+//! Points are eliminated track by track; what remains is a dense system of the views' parameters. Tracks are summed
 //! in fixed groups, so that the result does not depend on the number of threads. Damping after Nielsen (1999).
 
-use super::problem::{Block, Linearised, Unknowns, prior_weight};
+use super::correction::{Model, Parameters, by_parameters};
+use super::problem::{Block, Linearised, Unknowns};
 use argmin::core::{Error, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2x3, Matrix3, Vector2, Vector3};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 use rayon::prelude::*;
 
 /// Tracks summed together.
 const GROUP: usize = 256;
-/// Steps that change the cost by less than this share end the search.
-const COST_TOLERANCE: f64 = 1e-9;
+/// Steps that change the cost by less than this share end the search: shifts stand still to 0.01 px then, and most
+/// searches are followed by another.
+const COST_TOLERANCE: f64 = 1e-4;
 /// Damping at the start, relative to the diagonal.
 const FIRST_DAMPING: f64 = 1e-6;
 /// Damping at which no step is to be expected any more.
@@ -111,127 +113,168 @@ impl Normal {
             .par_iter()
             .zip(&at.points)
             .with_min_len(64)
-            .map(|(track, point)| track.iter().map(|m| p.linearise(m, at.shifts[m.view], *point)).collect())
+            .map(|(track, point)| {
+                track.seen.iter().map(|m| p.linearise(m, &at.corrections[m.view], *point)).collect()
+            })
             .collect();
         Self { observations }
     }
 
     /// The damped step from `here` and the decrease of the cost that the linear model predicts.
     fn step(&self, p: &Block, here: &Unknowns, damping: f64) -> Option<(Unknowns, f64)> {
-        let views = here.shifts.len();
-        let shift_steps =
-            if p.shifts_free { self.shift_steps(p, here, damping)? } else { vec![[0.0; 2]; views] };
-        let moved: Vec<Option<([f64; 3], f64)>> = (0..p.tracks.len())
+        match p.model {
+            Model::Shift => self.step_of::<2>(p, here, damping),
+            Model::ShiftScale => self.step_of::<4>(p, here, damping),
+            Model::Affine => self.step_of::<6>(p, here, damping),
+        }
+    }
+
+    /// The same with `P` parameters a view.
+    fn step_of<const P: usize>(&self, p: &Block, here: &Unknowns, damping: f64) -> Option<(Unknowns, f64)> {
+        let points: Vec<Option<Eliminated>> = (0..p.tracks.len())
             .into_par_iter()
             .with_min_len(64)
-            .map(|t| {
-                let e = self.eliminate(t, damping)?;
+            .map(|t| self.eliminate(p, t, here.points[t], damping))
+            .collect();
+        let points: Vec<Eliminated> = points.into_iter().collect::<Option<_>>()?;
+        let steps = self.correction_steps::<P>(p, here, &points, damping)?;
+        let moved: Vec<([f64; 3], f64)> = points
+            .par_iter()
+            .enumerate()
+            .with_min_len(64)
+            .map(|(t, e)| {
+                let point = here.points[t];
                 let mut right = e.right;
-                for (m, o) in p.tracks[t].iter().zip(&self.observations[t]) {
-                    let (j, w) = (jacobian(o), o.weight);
-                    right -= j.transpose() * Vector2::from(shift_steps[m.view]) * w;
+                for (m, o) in p.tracks[t].seen.iter().zip(&self.observations[t]) {
+                    right -= jacobian(o).transpose() * (by_parameters::<P>(o.at) * steps[m.view]) * o.weight;
                 }
                 let step = e.inverse.solve(&right);
-                let decrease = self.predicted(p, t, &shift_steps, step);
-                let point = here.points[t];
-                Some((std::array::from_fn(|k| point[k] + step[k]), decrease))
+                let decrease = self.predicted(p, t, point, &steps, step);
+                (std::array::from_fn(|k| point[k] + step[k]), decrease)
             })
             .collect();
         let mut there = here.clone();
         let mut predicted = 0.0;
-        for (point, moved) in there.points.iter_mut().zip(moved) {
-            let (place, decrease) = moved?;
+        for (point, (place, decrease)) in there.points.iter_mut().zip(moved) {
             *point = place;
             predicted += decrease;
         }
-        for (shift, step) in there.shifts.iter_mut().zip(&shift_steps) {
-            let w = prior_weight(*shift);
-            for k in 0..2 {
-                predicted -= w * step[k] * (shift[k] + 0.5 * step[k]);
-                shift[k] += step[k];
+        for (v, (correction, step)) in there.corrections.iter_mut().zip(&steps).enumerate() {
+            let w = p.prior_weights(v, correction);
+            for k in 0..P {
+                predicted -= w[k] * step[k] * (correction[k] + 0.5 * step[k]);
+                correction[k] += step[k];
             }
         }
         Some((there, predicted))
     }
 
     /// Decrease of a track's cost that the linear model predicts.
-    fn predicted(&self, p: &Block, t: usize, shifts: &[[f64; 2]], step: Vector3<f64>) -> f64 {
-        let terms = p.tracks[t].iter().zip(&self.observations[t]).map(|(m, o)| {
-            let moves = jacobian(o) * step + Vector2::from(shifts[m.view]);
+    fn predicted<const P: usize>(
+        &self,
+        p: &Block,
+        t: usize,
+        point: [f64; 3],
+        steps: &[SMatrix<f64, P, 1>],
+        step: Vector3<f64>,
+    ) -> f64 {
+        let track = &p.tracks[t];
+        let terms = track.seen.iter().zip(&self.observations[t]).map(|(m, o)| {
+            let moves = jacobian(o) * step + by_parameters::<P>(o.at) * steps[m.view];
             o.weight * moves.dot(&(Vector2::from(o.residual) - 0.5 * moves))
         });
-        terms.sum()
+        let known = track.known.map_or(0.0, |known| {
+            let to_survey = |k: usize| known.place[k] - point[k] - 0.5 * step[k];
+            (0..3).map(|k| step[k] * to_survey(k) / known.sigma_m[k].powi(2)).sum()
+        });
+        terms.sum::<f64>() + known
     }
 
-    /// Solves the reduced system for the shifts.
-    fn shift_steps(&self, p: &Block, here: &Unknowns, damping: f64) -> Option<Vec<[f64; 2]>> {
-        let n = 2 * here.shifts.len();
-        let groups: Vec<Option<Reduced>> = (0..p.tracks.len().div_ceil(GROUP))
+    /// Solves the reduced system for the corrections.
+    fn correction_steps<const P: usize>(
+        &self,
+        p: &Block,
+        here: &Unknowns,
+        points: &[Eliminated],
+        damping: f64,
+    ) -> Option<Vec<SMatrix<f64, P, 1>>> {
+        let views = here.corrections.len();
+        let mut total = self.reduced::<P>(p, points);
+        for (v, correction) in here.corrections.iter().enumerate() {
+            let w: Parameters = p.prior_weights(v, correction);
+            for k in 0..P {
+                let i = P * v + k;
+                total.matrix[(i, i)] = total.matrix[(i, i)] * (1.0 + damping) + w[k];
+                total.right[i] -= w[k] * correction[k];
+            }
+        }
+        let solution = Cholesky::<f64, Dyn>::new(total.matrix)?.solve(&total.right);
+        Some((0..views).map(|v| SMatrix::from_fn(|k, _| solution[P * v + k])).collect())
+    }
+
+    /// The normal equations without the points: `U - W V⁻¹ Wᵀ` and its right side, priors not in it.
+    fn reduced<const P: usize>(&self, p: &Block, points: &[Eliminated]) -> Reduced {
+        let n = P * p.rpcs.len();
+        let groups: Vec<Reduced> = (0..p.tracks.len().div_ceil(GROUP))
             .into_par_iter()
             .map(|g| {
                 let mut sum = Reduced { matrix: DMatrix::zeros(n, n), right: DVector::zeros(n) };
                 for t in g * GROUP..((g + 1) * GROUP).min(p.tracks.len()) {
-                    self.reduce(p, t, damping, &mut sum)?;
+                    self.reduce::<P>(p, t, &points[t], &mut sum);
                 }
-                Some(sum)
+                sum
             })
             .collect();
         let mut total = Reduced { matrix: DMatrix::zeros(n, n), right: DVector::zeros(n) };
         for group in groups {
-            let group = group?;
             total.matrix += group.matrix;
             total.right += group.right;
         }
-        for (v, shift) in here.shifts.iter().enumerate() {
-            let w = prior_weight(*shift);
-            for k in 0..2 {
-                let i = 2 * v + k;
-                total.matrix[(i, i)] = total.matrix[(i, i)] * (1.0 + damping) + w;
-                total.right[i] -= w * shift[k];
-            }
-        }
-        let solution = Cholesky::<f64, Dyn>::new(total.matrix)?.solve(&total.right);
-        Some((0..here.shifts.len()).map(|v| [solution[2 * v], solution[2 * v + 1]]).collect())
+        total
     }
 
-    /// Adds a track's share of the reduced system: `U - W V⁻¹ Wᵀ` and its right side.
-    fn reduce(&self, p: &Block, t: usize, damping: f64, sum: &mut Reduced) -> Option<()> {
-        let e = self.eliminate(t, damping)?;
-        let track = &p.tracks[t];
+    /// Adds a track's share of the reduced system.
+    fn reduce<const P: usize>(&self, p: &Block, t: usize, e: &Eliminated, sum: &mut Reduced) {
         let carried = e.inverse.solve(&e.right);
-        // W V⁻¹ of each observation.
-        let solved: Vec<Matrix2x3<f64>> = self.observations[t]
+        // Of each observation: where its view's parameters begin, W, and W V⁻¹.
+        let parts: Vec<(usize, SMatrix<f64, P, 3>, SMatrix<f64, P, 3>)> = p.tracks[t]
+            .seen
             .iter()
-            .map(|o| e.inverse.solve(&(jacobian(o) * o.weight).transpose()).transpose())
+            .zip(&self.observations[t])
+            .map(|(m, o)| {
+                let w = by_parameters::<P>(o.at).transpose() * jacobian(o) * o.weight;
+                (P * m.view, w, e.inverse.solve(&w.transpose()).transpose())
+            })
             .collect();
-        for (a, (m, o)) in track.iter().zip(&self.observations[t]).enumerate() {
-            let i = 2 * m.view;
-            let right = (Vector2::from(o.residual) - jacobian(o) * carried) * o.weight;
-            sum.right[i] += right[0];
-            sum.right[i + 1] += right[1];
-            sum.matrix[(i, i)] += o.weight;
-            sum.matrix[(i + 1, i + 1)] += o.weight;
-            for (other, q) in track.iter().zip(&self.observations[t]) {
-                let block = solved[a] * (jacobian(q) * q.weight).transpose();
-                let j = 2 * other.view;
-                for r in 0..2 {
-                    for c in 0..2 {
-                        sum.matrix[(i + r, j + c)] -= block[(r, c)];
-                    }
-                }
+        for ((i, _, solved), o) in parts.iter().zip(&self.observations[t]) {
+            let own = by_parameters::<P>(o.at);
+            let right = own.transpose() * (Vector2::from(o.residual) - jacobian(o) * carried) * o.weight;
+            let mut rows = sum.right.fixed_rows_mut::<P>(*i);
+            rows += right;
+            let mut block = sum.matrix.fixed_view_mut::<P, P>(*i, *i);
+            block += own.transpose() * own * o.weight;
+            for (j, w, _) in &parts {
+                let mut block = sum.matrix.fixed_view_mut::<P, P>(*i, *j);
+                block -= solved * w.transpose();
             }
         }
-        Some(())
     }
 
     /// The damped normal equations of a track's point.
-    fn eliminate(&self, t: usize, damping: f64) -> Option<Eliminated> {
+    fn eliminate(&self, p: &Block, t: usize, point: [f64; 3], damping: f64) -> Option<Eliminated> {
         let mut normal = Matrix3::zeros();
         let mut right = Vector3::zeros();
         for o in &self.observations[t] {
             let j = jacobian(o);
             normal += j.transpose() * j * o.weight;
             right += j.transpose() * Vector2::from(o.residual) * o.weight;
+        }
+        if let Some(known) = p.tracks[t].known {
+            for k in 0..3 {
+                let weight = known.sigma_m[k].powi(-2);
+                normal[(k, k)] += weight;
+                right[k] += weight * (known.place[k] - point[k]);
+            }
         }
         for k in 0..3 {
             normal[(k, k)] *= 1.0 + damping;

@@ -4,12 +4,12 @@ use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::train::write_json;
 use super::{Failure, Ui};
-use crate::bundle::{Options, adjust};
+use crate::bundle::{Model, Options, adjust, read_control};
 use crate::raster::Vertical;
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 
-/// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, RUN/ba/points.laz, RUN/ba/report.json
+/// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, points.laz, tie_points.csv and .gpkg, report.json, pictures
 ///
 /// Finds keypoints, matches them along the epipolar segments between two heights, joins them to tracks and adjusts
 /// one shift a view. The corrected RPCs are exact (the shift goes into the offsets) and fit any stereo pipeline.
@@ -27,10 +27,16 @@ pub struct Args {
     /// Elevation model that tells the heights to search, from 20 m below its lowest to 80 m above its highest
     #[arg(long, value_name = "FILE", conflicts_with = "height_range")]
     dem: Option<PathBuf>,
-    /// What the model's heights count from: `ellipsoid`, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ) [default: what it says]
+    /// What its heights count from: `ellipsoid`, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ) [default: as it says]
     #[arg(long, value_name = "REFERENCE", requires = "dem")]
     dem_vertical: Option<String>,
-    /// Leave the RPCs as they are: only tracks, points and the report
+    /// What is corrected: `shift` (images up to 8,000 pixels a side), `shift-scale`, or `affine` (whole scenes)
+    #[arg(long, value_name = "MODEL", default_value = "shift", value_parser = parse_model)]
+    model: Model,
+    /// Surveyed points, which then fix the datum: CSV with the columns lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px
+    #[arg(long, value_name = "FILE")]
+    gcps: Option<PathBuf>,
+    /// Leave the RPCs as they are: tracks, points, and a report of how well they agree
     #[arg(long)]
     fixed: bool,
     /// Redo what RUN holds of other input or options
@@ -42,6 +48,15 @@ fn parse_range(text: &str) -> Result<(f64, f64), String> {
     let numbers =
         text.split_once(',').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
     numbers.ok_or_else(|| format!("`{text}` is not LOW,HIGH"))
+}
+
+fn parse_model(text: &str) -> Result<Model, String> {
+    match text {
+        "shift" => Ok(Model::Shift),
+        "shift-scale" => Ok(Model::ShiftScale),
+        "affine" => Ok(Model::Affine),
+        _ => Err("expected `shift`, `shift-scale` or `affine`".into()),
+    }
 }
 
 impl Args {
@@ -77,6 +92,10 @@ impl Args {
         out.insert("cameras, suns, roles".into(), hash(text.as_bytes()));
         out.insert("--height-range".into(), format!("{heights:?}"));
         out.insert("--fixed".into(), self.fixed.to_string());
+        out.insert("--model".into(), format!("{:?}", self.model));
+        if let Some(gcps) = &self.gcps {
+            out.insert("--gcps".into(), hash_file(gcps));
+        }
         out
     }
 }
@@ -97,7 +116,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         return Ok(());
     }
     let started = std::time::Instant::now();
-    let options = Options { fixed: args.fixed, height_range: heights };
+    let control = args.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();
+    let options = Options { fixed: args.fixed, model: args.model, height_range: heights, control };
     let adjustment = adjust(&scene, &options, &|e| ui.show(e))?;
     let used = Scene {
         views: scene.views.into_iter().filter(|v| adjustment.cameras.iter().any(|c| c.0 == v.name)).collect(),

@@ -1,5 +1,6 @@
 //! GDAL in and out: reading bands and metadata, writing Cloud-Optimized GeoTIFFs and PNGs.
 
+mod canvas;
 mod cloud;
 mod file;
 mod geoid;
@@ -9,12 +10,13 @@ mod vector;
 mod vertical;
 mod write;
 
+pub use canvas::Canvas;
 pub use cloud::PointCloud;
 pub use file::{Band, ImageFile, Window};
 pub use geoid::Geoid;
 pub use grid::MapGrid;
 pub use plane::Plane;
-pub use vector::{Outline, write_outlines};
+pub use vector::{Marker, Outline, write_markers, write_outlines};
 pub use vertical::Vertical;
 pub use write::{
     Cog, SensorImage, encode_png_rgb, write_atomically, write_file, write_png_gray, write_png_rgb,

@@ -1,4 +1,4 @@
-//! Polygons on the map as GeoJSON or GeoPackage.
+//! Points and polygons on the map as GeoJSON or GeoPackage.
 
 use super::file::quiet_gdal;
 use super::write::encode;
@@ -8,14 +8,25 @@ use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
 use gdal::vector::{Feature, Geometry, LayerAccess, LayerOptions, OGRFieldType, OGRwkbGeometryType};
 use std::path::Path;
 
+/// What is known of a feature, NaN what is not; every feature of a layer has the same keys.
+pub type Numbers = Vec<(&'static str, f64)>;
+
 /// A named polygon in longitude and latitude.
 pub struct Outline {
     /// Its name.
     pub name: String,
     /// Its corners in order, (longitude, latitude) in degrees; the first is not repeated.
     pub ring: Vec<(f64, f64)>,
-    /// What else is known of it, NaN what is not; every outline has the same keys.
-    pub numbers: Vec<(&'static str, f64)>,
+    /// What else is known of it.
+    pub numbers: Numbers,
+}
+
+/// A point in longitude, latitude (degrees) and height (metres above the ellipsoid).
+pub struct Marker {
+    /// Where.
+    pub place: [f64; 3],
+    /// What else is known of it.
+    pub numbers: Numbers,
 }
 
 /// Writes polygons as one layer: a GeoPackage if `path` ends in `.gpkg`, else GeoJSON.
@@ -23,6 +34,33 @@ pub struct Outline {
 /// # Errors
 /// [`RasterError::Write`].
 pub fn write_outlines(path: &Path, layer: &str, outlines: &[Outline]) -> Result<(), RasterError> {
+    let features = outlines.iter().map(|o| {
+        let corners = o.ring.iter().chain(o.ring.first());
+        let corners: Vec<String> = corners.map(|(lon, lat)| format!("{lon} {lat}")).collect();
+        (Some(o.name.as_str()), format!("POLYGON (({}))", corners.join(", ")), &o.numbers)
+    });
+    write_features(path, layer, OGRwkbGeometryType::wkbPolygon, &features.collect::<Vec<_>>())
+}
+
+/// Writes points as one layer: a GeoPackage if `path` ends in `.gpkg`, else GeoJSON.
+///
+/// # Errors
+/// [`RasterError::Write`].
+pub fn write_markers(path: &Path, layer: &str, markers: &[Marker]) -> Result<(), RasterError> {
+    let features = markers.iter().map(|m| {
+        let [lon, lat, h] = m.place;
+        (None, format!("POINT Z ({lon} {lat} {h})"), &m.numbers)
+    });
+    write_features(path, layer, OGRwkbGeometryType::wkbPoint25D, &features.collect::<Vec<_>>())
+}
+
+/// Writes features (name, geometry as WKT, numbers).
+fn write_features(
+    path: &Path,
+    layer: &str,
+    ty: OGRwkbGeometryType::Type,
+    features: &[(Option<&str>, String, &Numbers)],
+) -> Result<(), RasterError> {
     quiet_gdal();
     let is_package = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gpkg"));
     let driver = if is_package { "GPKG" } else { "GeoJSON" };
@@ -31,26 +69,21 @@ pub fn write_outlines(path: &Path, layer: &str, outlines: &[Outline]) -> Result<
             let mut dataset = DriverManager::get_driver_by_name(driver)?.create_vector_only(encoded)?;
             let mut srs = SpatialRef::from_epsg(4326)?;
             srs.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
-            let options = LayerOptions {
-                name: layer,
-                srs: Some(&srs),
-                ty: OGRwkbGeometryType::wkbPolygon,
-                options: None,
-            };
-            let layer = dataset.create_layer(options)?;
-            let mut fields = vec![("name", OGRFieldType::OFTString)];
-            let numbers = outlines.first().map_or(&[][..], |o| &o.numbers);
-            fields.extend(numbers.iter().map(|(name, _)| (*name, OGRFieldType::OFTReal)));
-            layer.create_defn_fields(&fields)?;
-            for outline in outlines {
-                let corners = outline.ring.iter().chain(outline.ring.first());
-                let corners: Vec<String> = corners.map(|(lon, lat)| format!("{lon} {lat}")).collect();
-                let polygon = Geometry::from_wkt(&format!("POLYGON (({}))", corners.join(", ")))?;
+            let layer =
+                dataset.create_layer(LayerOptions { name: layer, srs: Some(&srs), ty, options: None })?;
+            let first = features.first();
+            let names = first.and_then(|f| f.0).map(|_| ("name", OGRFieldType::OFTString));
+            let numbers = first.into_iter().flat_map(|f| f.2).map(|(key, _)| (*key, OGRFieldType::OFTReal));
+            let offset = usize::from(names.is_some());
+            layer.create_defn_fields(&names.into_iter().chain(numbers).collect::<Vec<_>>())?;
+            for (name, geometry, numbers) in features {
                 let mut feature = Feature::new(layer.defn())?;
-                feature.set_geometry(polygon)?;
-                feature.set_field_string(0, &outline.name)?;
-                for (i, (_, value)) in outline.numbers.iter().enumerate().filter(|(_, n)| n.1.is_finite()) {
-                    feature.set_field_double(i + 1, *value)?;
+                feature.set_geometry(Geometry::from_wkt(geometry)?)?;
+                if let Some(name) = name {
+                    feature.set_field_string(0, name)?;
+                }
+                for (i, (_, value)) in numbers.iter().enumerate().filter(|(_, n)| n.1.is_finite()) {
+                    feature.set_field_double(i + offset, *value)?;
                 }
                 feature.create(&layer)?;
             }

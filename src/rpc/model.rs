@@ -257,11 +257,10 @@ impl Rpc {
 
     fn normalised(&self, p: Point<Geodetic>) -> [f64; 3] {
         let c = &self.0;
-        // Longitudes on either side of the antimeridian are neighbours.
-        let d_lon = (p.lon_deg() - c.lon.offset + 540.0).rem_euclid(360.0) - 180.0;
-        // The wrap rounds; where there is nothing to wrap the plain difference is exact.
         let plain = p.lon_deg() - c.lon.offset;
-        let d_lon = if plain.abs() <= 180.0 { plain } else { d_lon };
+        // Longitudes on either side of the antimeridian are neighbours; the wrap rounds and takes its time, so that it
+        // is left out where there is nothing to wrap.
+        let d_lon = if plain.abs() <= 180.0 { plain } else { (plain + 540.0).rem_euclid(360.0) - 180.0 };
         [
             d_lon / c.lon.scale,
             (p.lat_deg() - c.lat.offset) / c.lat.scale,

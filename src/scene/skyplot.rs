@@ -5,7 +5,7 @@
 
 use super::{Overlap, Role, Scene, SceneError};
 use crate::frame::SiteGrid;
-use crate::raster::write_png_rgb;
+use crate::raster::Canvas;
 use std::path::Path;
 
 /// Side of each half, pixels.
@@ -23,10 +23,10 @@ impl Scene {
     /// # Errors
     /// [`SceneError`].
     pub fn write_skyplot(&self, overlap: &Overlap, path: &Path) -> Result<(), SceneError> {
-        let mut canvas = Canvas { pixels: vec![PAPER; 2 * SIDE * SIDE] };
+        let mut canvas = Canvas::new(2 * SIDE, SIDE);
         self.draw_footprints(overlap, &mut canvas)?;
         self.draw_sky(&mut canvas);
-        Ok(write_png_rgb(path, 2 * SIDE, SIDE, canvas.pixels.as_flattened())?)
+        Ok(canvas.write(path)?)
     }
 
     fn draw_footprints(&self, overlap: &Overlap, canvas: &mut Canvas) -> Result<(), SceneError> {
@@ -79,46 +79,6 @@ impl Scene {
                 canvas.disc(place(azimuth, off_nadir), 5.0, VIEW);
                 if view.role == Role::Test {
                     canvas.disc(place(azimuth, off_nadir), 3.0, PAPER);
-                }
-            }
-        }
-    }
-}
-
-/// Both halves side by side.
-struct Canvas {
-    pixels: Vec<[u8; 3]>,
-}
-
-impl Canvas {
-    fn dot(&mut self, [x, y]: [f64; 2], color: [u8; 3]) {
-        let (col, row) = (x.round(), y.round());
-        if (0.0..2.0 * SIDE as f64).contains(&col) && (0.0..SIDE as f64).contains(&row) {
-            self.pixels[row as usize * 2 * SIDE + col as usize] = color;
-        }
-    }
-
-    fn line(&mut self, a: [f64; 2], b: [f64; 2], color: [u8; 3]) {
-        let steps = (b[0] - a[0]).abs().max((b[1] - a[1]).abs()).ceil().max(1.0) as usize;
-        for i in 0..=steps {
-            let t = i as f64 / steps as f64;
-            self.dot([a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])], color);
-        }
-    }
-
-    fn outline(&mut self, ring: &[[f64; 2]], color: [u8; 3]) {
-        for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
-            self.line(*a, *b, color);
-        }
-    }
-
-    fn disc(&mut self, [x, y]: [f64; 2], radius: f64, color: [u8; 3]) {
-        let reach = radius.ceil() as i32;
-        for dy in -reach..=reach {
-            for dx in -reach..=reach {
-                let (dx, dy) = (f64::from(dx), f64::from(dy));
-                if dx.hypot(dy) <= radius {
-                    self.dot([x + dx, y + dy], color);
                 }
             }
         }

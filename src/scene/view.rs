@@ -1,7 +1,7 @@
 //! A scene and its views: names, files and geometry; pixels are read when a stage needs them.
 
 use super::Aoi;
-use crate::frame::{Geodetic, Point};
+use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use crate::raster::Window;
 use crate::rpc::Rpc;
 use crate::rpc::formats::ViewTags;
@@ -150,6 +150,18 @@ impl View {
         self.window.map_or_else(|| of_whole.clone(), |w| of_whole.cropped(w.col, w.row))
     }
 
+    /// Where the whole image has a pixel of the window that is used.
+    #[must_use]
+    pub fn px_of_whole(&self, px: Pixel<CenterPx>) -> Pixel<CenterPx> {
+        self.window.map_or(px, |w| Pixel::new(px.col + w.col as f64, px.row + w.row as f64))
+    }
+
+    /// Where the window that is used has a pixel of the whole image.
+    #[must_use]
+    pub fn px_of_window(&self, px: Pixel<CenterPx>) -> Pixel<CenterPx> {
+        self.window.map_or(px, |w| Pixel::new(px.col - w.col as f64, px.row - w.row as f64))
+    }
+
     /// What a file with the whole image's camera says beside it.
     #[must_use]
     pub fn tags(&self) -> ViewTags {
@@ -166,7 +178,6 @@ impl View {
     /// The ground point seen at the image's centre at a height, if the camera has one.
     #[must_use]
     pub fn ground_center(&self, height_m: f64) -> Option<Point<Geodetic>> {
-        use crate::frame::Pixel;
         let center = Pixel::new(0.5 * (self.width as f64 - 1.0), 0.5 * (self.height as f64 - 1.0));
         self.rpc.localize(center, height_m).ok()
     }
@@ -174,7 +185,7 @@ impl View {
     /// The image's four outer corners on the ground at a height, in order around it.
     #[must_use]
     pub fn footprint(&self, height_m: f64) -> Option<[Point<Geodetic>; 4]> {
-        use crate::frame::{CornerPx, Pixel};
+        use crate::frame::CornerPx;
         let (w, h) = (self.width as f64, self.height as f64);
         let mut corners = [self.rpc.center(); 4];
         for (corner, (col, row)) in corners.iter_mut().zip([(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)]) {
@@ -199,7 +210,6 @@ impl View {
     /// Size of a pixel on the ground at the image's centre, along a row and along a column, metres.
     #[must_use]
     pub fn gsd_m(&self, height_m: f64) -> Option<(f64, f64)> {
-        use crate::frame::Pixel;
         let center = self.ground_center(height_m)?;
         let grid = crate::frame::SiteGrid::at(center).ok()?;
         let px = self.rpc.project(center);

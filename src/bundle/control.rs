@@ -1,0 +1,115 @@
+//! Ground control: surveyed points, where images show them, and how sure either is.
+
+use super::error::BundleError;
+use super::problem::{Block, Known, Measurement, SIGMA_PX, Track};
+use crate::frame::{CenterPx, Geodetic, Pixel, Point};
+use crate::scene::{Scene, View};
+use serde::Deserialize;
+use std::path::Path;
+
+/// An observation of a surveyed point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ControlPoint {
+    /// Where it is.
+    pub place: Point<Geodetic>,
+    /// The image, by its file's name or without the ending.
+    pub image: String,
+    /// Where the whole image shows it.
+    pub px: Pixel<CenterPx>,
+    /// Standard deviation east and north, and up, metres.
+    pub sigma_m: [f64; 2],
+    /// Standard deviation in the image, pixels.
+    pub sigma_px: f64,
+}
+
+/// A line of the file.
+#[derive(Deserialize)]
+struct Line {
+    lon: f64,
+    lat: f64,
+    h: f64,
+    image: String,
+    col: f64,
+    row: f64,
+    sigma_xy_m: f64,
+    sigma_h_m: f64,
+    sigma_px: f64,
+}
+
+/// Reads a CSV file with the columns `lon, lat` (degrees, WGS 84), `h` (metres above the ellipsoid), `image`,
+/// `col, row` ((0, 0) is the centre of the first pixel), `sigma_xy_m, sigma_h_m` and `sigma_px` (standard deviations).
+///
+/// A point that several images show has a line for each.
+///
+/// # Errors
+/// [`BundleError::Control`] names the file, the line and what is wrong with it.
+pub fn read_control(path: &Path) -> Result<Vec<ControlPoint>, BundleError> {
+    let refused = |reason: String| BundleError::Control { path: path.into(), reason };
+    let mut reader =
+        csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(path).map_err(|e| refused(e.to_string()))?;
+    let mut out = Vec::new();
+    for (i, line) in reader.deserialize::<Line>().enumerate() {
+        let l = line.map_err(|e| refused(e.to_string()))?;
+        let number = i + 2;
+        let wrong = |field: &str, value: f64| refused(format!("line {number}: `{field}` is {value}"));
+        for (field, value, limit) in [
+            ("lon", l.lon, 360.0),
+            ("lat", l.lat, 90.0),
+            ("h", l.h, 10_000.0),
+            ("col", l.col, 1e7),
+            ("row", l.row, 1e7),
+        ] {
+            // A comparison that NaN fails too.
+            let possible = value.abs() <= limit;
+            if !possible {
+                return Err(wrong(field, value));
+            }
+        }
+        for (field, value) in
+            [("sigma_xy_m", l.sigma_xy_m), ("sigma_h_m", l.sigma_h_m), ("sigma_px", l.sigma_px)]
+        {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(wrong(field, value));
+            }
+        }
+        out.push(ControlPoint {
+            place: Point::new(l.lon, l.lat, l.h),
+            image: l.image,
+            px: Pixel::new(l.col, l.row),
+            sigma_m: [l.sigma_xy_m, l.sigma_h_m],
+            sigma_px: l.sigma_px,
+        });
+    }
+    if out.is_empty() {
+        return Err(refused("it holds no point".into()));
+    }
+    Ok(out)
+}
+
+/// Control points as tracks of the views named; views left out of the adjustment see none.
+///
+/// # Errors
+/// [`BundleError::ControlImage`] for an image that is not in the scene.
+pub fn tracks_of(
+    control: &[ControlPoint],
+    scene: &Scene,
+    names: &[&str],
+    block: &Block,
+) -> Result<Vec<Track>, BundleError> {
+    let mut tracks: Vec<Track> = Vec::new();
+    for c in control {
+        let is_named = |v: &&View| v.name == c.image || v.image.file_name().is_some_and(|f| f == &*c.image);
+        let view = scene.views.iter().find(is_named);
+        let view = view.ok_or_else(|| BundleError::ControlImage { image: c.image.clone() })?;
+        let Some(index) = names.iter().position(|n| *n == view.name) else { continue };
+        let known =
+            Known { place: block.local(c.place), sigma_m: [c.sigma_m[0], c.sigma_m[0], c.sigma_m[1]] };
+        let px = view.px_of_window(c.px);
+        let seen = Measurement { view: index, px, weight: (SIGMA_PX / c.sigma_px).powi(2) };
+        match tracks.iter_mut().find(|t| t.known == Some(known)) {
+            Some(track) => track.seen.push(seen),
+            None => tracks.push(Track { seen: vec![seen], known: Some(known) }),
+        }
+    }
+    Ok(tracks)
+}

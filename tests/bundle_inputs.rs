@@ -1,0 +1,197 @@
+//! Bundle adjustment of inputs that are wrong: a clear error or a right answer, never a wrong one in silence. What it
+//! leaves on disk, and what ground control does.
+
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{disagreement_px, satgs};
+use gdal::vector::LayerAccess;
+use satgs::bundle::{Adjustment, BundleError, ControlPoint, Options, adjust, read_control};
+use satgs::event::ignore;
+use satgs::frame::{Pixel, Point, SiteGrid};
+use satgs::raster::SensorImage;
+use satgs::rpc::Rpc;
+use satgs::rpc::formats::{self, to_gdal};
+use satgs::scene::{ReadOptions, Scene, read};
+use satgs::simulate::{self, simulate};
+use std::path::Path;
+
+const SIZE: usize = 300;
+/// Heights of the simulated town and its surroundings, metres.
+const HEIGHTS: (f64, f64) = (120.0, 220.0);
+
+/// A simulated scene of five views, its folder beside it.
+fn town() -> (tempfile::TempDir, Scene) {
+    let folder = tempfile::tempdir().unwrap();
+    let options = simulate::Options { views: 5, size_px: SIZE, ..simulate::Options::default() };
+    simulate(folder.path(), &options, &ignore).unwrap();
+    let scene = read(folder.path(), &ReadOptions::default()).unwrap();
+    (folder, scene)
+}
+
+fn adjusted(scene: &Scene) -> Result<Adjustment, BundleError> {
+    let options = Options { height_range: Some(HEIGHTS), ..Options::default() };
+    adjust(scene, &options, &ignore)
+}
+
+/// Writes a grey image with a view's RPC.
+fn write(scene: &Scene, view: usize, path: &Path, pixels: Vec<u8>) {
+    let rpc = to_gdal(&scene.views[view].rpc);
+    let image = SensorImage { width: SIZE, height: SIZE, rpc: &rpc, metadata: &[] };
+    image.write_u8(path, vec![pixels]).unwrap();
+}
+
+fn true_cameras(folder: &Path, made: &Adjustment) -> Vec<(Rpc, Rpc)> {
+    let truth = |name: &str| formats::read(&folder.join(format!("truth/rpcs/{name}.json"))).unwrap().rpc;
+    made.cameras.iter().map(|(name, rpc)| (rpc.clone(), truth(name))).collect()
+}
+
+#[test]
+fn images_exchanged_among_cameras_are_refused() {
+    let (_folder, mut scene) = town();
+    let images: Vec<_> = scene.views.iter().map(|v| v.image.clone()).collect();
+    for (i, view) in scene.views.iter_mut().enumerate() {
+        view.image.clone_from(&images[(i + 1) % images.len()]);
+    }
+    let error = adjusted(&scene).unwrap_err();
+    assert!(matches!(error, BundleError::NotConnected { .. }), "{error}");
+}
+
+#[test]
+fn an_image_upside_down_is_named() {
+    let (folder, mut scene) = town();
+    let gray = scene.views[2].read_gray().unwrap();
+    let turned = folder.path().join("turned.tif");
+    write(&scene, 2, &turned, gray.data.iter().rev().map(|v| (255.0 * v) as u8).collect());
+    scene.views[2].image = turned;
+    scene.views[2].bands = vec![1];
+    let error = adjusted(&scene).unwrap_err().to_string();
+    assert!(error.contains(&format!("| {{{}}}", scene.views[2].name)), "{error}");
+}
+
+#[test]
+fn a_constant_image_is_left_out_and_constant_images_are_refused() {
+    let (folder, mut scene) = town();
+    let plain = folder.path().join("plain.tif");
+    write(&scene, 1, &plain, vec![90; SIZE * SIZE]);
+    scene.views[1].image.clone_from(&plain);
+    scene.views[1].bands = vec![1];
+    let made = adjusted(&scene).unwrap();
+    assert_eq!(made.cameras.len(), 4);
+    assert_eq!(made.report.left_out[0].0, scene.views[1].name);
+    assert!(made.report.left_out[0].1.contains("constant"));
+    for view in &mut scene.views {
+        view.image.clone_from(&plain);
+        view.bands = vec![1];
+    }
+    assert!(matches!(adjusted(&scene), Err(BundleError::TooFewViews { usable: 0, all: 5, .. })));
+}
+
+#[test]
+fn heights_wrong_by_a_kilometre_are_refused() {
+    let (_folder, scene) = town();
+    for off in [-1000.0, 1000.0] {
+        let options =
+            Options { height_range: Some((HEIGHTS.0 + off, HEIGHTS.1 + off)), ..Options::default() };
+        let made = adjust(&scene, &options, &ignore);
+        assert!(made.is_err(), "{off}: {:?}", made.map(|m| m.report.table()));
+    }
+}
+
+#[test]
+fn fixed_cameras_stay_and_the_report_tells_which_points_badly() {
+    let (folder, mut scene) = town();
+    for view in &mut scene.views {
+        view.rpc = formats::read(&folder.path().join(format!("truth/rpcs/{}.json", view.name))).unwrap().rpc;
+    }
+    let fixed = Options { fixed: true, height_range: Some(HEIGHTS), ..Options::default() };
+    let good = adjust(&scene, &fixed, &ignore).unwrap();
+    assert!(good.report.mean_px < 0.2, "{}", good.report.table());
+    scene.views[3].rpc = scene.views[3].rpc.shifted(-1.0, -36.0);
+    let bad = adjust(&scene, &fixed, &ignore).unwrap();
+    for (view, (_, rpc)) in scene.views.iter().zip(&bad.cameras) {
+        assert_eq!(&view.rpc, rpc);
+    }
+    let report = &bad.report;
+    assert!(report.mean_px > 1.0 && report.mean_px == report.mean_before_px, "{}", report.table());
+    let [col, row] = report.views[3].shift_px;
+    assert!((col - 1.0).abs() < 1.0 && (row - 36.0).abs() < 1.5, "{}", report.table());
+    assert!(report.views.iter().enumerate().all(|(v, r)| v == 3 || r.shift_px[1].abs() < 1.5));
+}
+
+#[test]
+fn ground_control_puts_the_scene_where_the_survey_says() {
+    let (folder, scene) = town();
+    let file = folder.path().join("gcps.csv");
+    let mut text = String::from("lon, lat, h, image, col, row, sigma_xy_m, sigma_h_m, sigma_px\n");
+    let center = scene.center().unwrap();
+    let site = SiteGrid::at(center).unwrap();
+    for (i, [e, n]) in [[-40.0, -40.0], [40.0, -40.0], [0.0, 45.0], [-40.0, 30.0]].into_iter().enumerate() {
+        let p = site.geodetic_from_site(Point::new(e, n, 4.0 * i as f64));
+        for view in &scene.views[i % 2..4] {
+            let truth = formats::read(&folder.path().join(format!("truth/rpcs/{}.json", view.name)));
+            let px = truth.unwrap().rpc.project(p);
+            let [lon, lat, h] = p.xyz();
+            text +=
+                &format!("{lon:.9},{lat:.9},{h:.3},{},{:.3},{:.3},0.1,0.1,0.3\n", view.name, px.col, px.row);
+        }
+    }
+    std::fs::write(&file, &text).unwrap();
+    let control = read_control(&file).unwrap();
+    assert_eq!(control.len(), 14);
+    let options = Options { height_range: Some(HEIGHTS), control, ..Options::default() };
+    let made = adjust(&scene, &options, &ignore).unwrap();
+    assert_eq!(made.report.control.len(), 14);
+    assert_eq!(made.report.gauge, "ground control");
+    // Not a common translation apart, as without control, but where they are.
+    for (found, exact) in true_cameras(folder.path(), &made) {
+        let off = found.project(center).distance(exact.project(center));
+        assert!(off < 0.15, "{off} px");
+    }
+
+    let stray = vec![ControlPoint { image: "elsewhere".into(), ..read_control(&file).unwrap()[0].clone() }];
+    let error = adjust(&scene, &Options { control: stray, ..options }, &ignore).unwrap_err();
+    assert!(error.to_string().contains("`elsewhere`"), "{error}");
+}
+
+#[test]
+fn ground_control_that_cannot_be_is_refused_by_line_and_field() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("gcps.csv");
+    let header = "lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px\n";
+    for (text, said) in [
+        ("lon,lat,h,image,col,row\n5.4,43.2,100,a,1,2\n", "sigma_xy_m"),
+        (&*format!("{header}5.4,43.2,100,a,1,2,0.1,0.1,0\n"), "line 2: `sigma_px` is 0"),
+        (&*format!("{header}5.4,143.2,100,a,1,2,0.1,0.1,1\n"), "line 2: `lat` is 143.2"),
+        (&*format!("{header}5.4,43.2,NaN,a,1,2,0.1,0.1,1\n"), "line 2: `h` is NaN"),
+        (header, "no point"),
+    ] {
+        std::fs::write(&file, text).unwrap();
+        let error = read_control(&file).unwrap_err().to_string();
+        assert!(error.contains("gcps.csv") && error.contains(said), "{error}");
+    }
+}
+
+#[test]
+fn the_command_leaves_cameras_tie_points_and_pictures() {
+    let (folder, _) = town();
+    let run = tempfile::tempdir().unwrap();
+    let (input, output) = (folder.path().to_str().unwrap(), run.path().to_str().unwrap());
+    let done = satgs(&["ba", input, "-o", output, "--model", "affine"]);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let ba = run.path().join("ba");
+    let made = Adjustment::read(&ba).unwrap();
+    let csv = std::fs::read_to_string(ba.join("tie_points.csv")).unwrap();
+    assert_eq!(csv.lines().count(), made.report.observations + 1);
+    let package = gdal::Dataset::open(ba.join("tie_points.gpkg")).unwrap();
+    assert_eq!(package.layer(0).unwrap().feature_count() as usize, made.report.tracks);
+    for picture in ["residuals.png", "histogram.png", "graph.png"] {
+        assert!(std::fs::metadata(ba.join(picture)).unwrap().len() > 1000, "{picture}");
+    }
+    let counted: usize = made.report.histogram.iter().map(|bin| bin[1]).sum();
+    assert_eq!(counted, made.report.observations);
+    let middle = Pixel::new(SIZE as f64 / 2.0, SIZE as f64 / 2.0);
+    let off = disagreement_px(&true_cameras(folder.path(), &made), middle);
+    assert!(off.iter().all(|d| *d < 0.15), "{off:?}");
+}
