@@ -5,7 +5,8 @@ use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::train::write_json;
 use super::{Failure, Ui};
 use crate::bundle::{Options, adjust};
-use crate::scene::{Scene, Vertical};
+use crate::raster::Vertical;
+use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 
 /// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, RUN/ba/points.laz, RUN/ba/report.json

@@ -9,6 +9,7 @@ mod ba;
 mod dsm;
 mod dsm_eval;
 mod info;
+mod report;
 mod rpc;
 mod run;
 mod scene_args;
@@ -66,6 +67,7 @@ enum Command {
     Dsm(dsm::Args),
     DsmEval(dsm_eval::Args),
     Run(run::Args),
+    Report(report::Args),
 }
 
 /// Parses the command line, runs one command, reports its failure.
@@ -90,6 +92,7 @@ pub fn main() -> std::process::ExitCode {
         Command::Dsm(args) => dsm::run(args, &ui),
         Command::DsmEval(args) => dsm_eval::run(args, &ui),
         Command::Run(args) => run::run(args, &ui),
+        Command::Report(args) => report::run(args, &ui),
     });
     match result {
         Ok(()) => {

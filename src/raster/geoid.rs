@@ -3,6 +3,24 @@
 use super::{ImageFile, Plane, RasterError};
 use std::path::Path;
 
+/// What heights count from.
+pub enum Vertical {
+    /// The WGS 84 ellipsoid.
+    Ellipsoid,
+    /// A geoid.
+    Geoid(Geoid),
+}
+
+impl Vertical {
+    /// `ellipsoid`, or the path of a geoid grid.
+    ///
+    /// # Errors
+    /// [`RasterError`] when the grid cannot be read.
+    pub fn read(text: &str) -> Result<Self, RasterError> {
+        Ok(if text == "ellipsoid" { Self::Ellipsoid } else { Self::Geoid(Geoid::read(Path::new(text))?) })
+    }
+}
+
 /// The height of a geoid above the ellipsoid, on a grid.
 pub struct Geoid {
     /// Longitude and latitude of the first cell's centre, degrees.

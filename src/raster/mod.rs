@@ -1,5 +1,6 @@
 //! GDAL in and out: reading bands and metadata, writing Cloud-Optimized GeoTIFFs and PNGs.
 
+mod crs;
 mod file;
 mod geoid;
 mod grid;
@@ -7,13 +8,14 @@ mod plane;
 mod vector;
 mod write;
 
+pub use crs::{egm96_undulation_m, epsg_of_wkt, is_metric_map};
 pub use file::{Band, ImageFile, Window};
-pub use geoid::Geoid;
+pub use geoid::{Geoid, Vertical};
 pub use grid::MapGrid;
 pub use plane::Plane;
-pub use vector::{Outline, write_outlines};
+pub use vector::{Outline, inside_polygons, write_outlines};
 pub use write::{
-    Cog, SensorImage, write_atomically, write_file, write_png_gray, write_png_rgb, write_with_rpc,
+    Cog, SensorImage, png_rgb, write_atomically, write_file, write_png_gray, write_png_rgb, write_with_rpc,
 };
 
 use std::path::PathBuf;
@@ -73,6 +75,26 @@ pub enum RasterError {
         /// The file.
         path: PathBuf,
         /// What is missing.
+        reason: String,
+    },
+    /// A vector file holds nothing that a raster can be masked with.
+    #[error("`{path}` cannot be used as a mask: {reason}")]
+    #[diagnostic(help("a mask is a vector file of polygons with a CRS, or a raster that is not 0 inside"))]
+    Mask {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A picture could not be encoded.
+    #[error("a picture of {width} x {height} pixels cannot be encoded: {reason}")]
+    #[diagnostic(code(satgs::failed))]
+    Picture {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// The encoder's words.
         reason: String,
     },
     /// An output could not be written; nothing is left of it.

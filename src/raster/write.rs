@@ -6,6 +6,7 @@ use gdal::raster::{Buffer, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
 use gdal::vsi::get_vsi_mem_file_bytes_owned;
 use gdal::{Dataset, DriverManager, Metadata};
+use image::ImageEncoder;
 use std::path::Path;
 
 /// Runs `write` on a temporary name beside `path`, then renames: `path` is the old file or the whole new one.
@@ -95,9 +96,8 @@ impl Cog<'_> {
         write_atomically(path, |temporary| {
             let make = || -> Result<(), Box<dyn std::error::Error>> {
                 let mut memory = memory_dataset(self.grid.width, self.grid.height, bands, nodata, unit)?;
-                let g = self.grid;
-                memory.set_geo_transform(&[g.west, g.cell, 0.0, g.north, 0.0, -g.cell])?;
-                memory.set_spatial_ref(&SpatialRef::from_epsg(g.epsg)?)?;
+                memory.set_geo_transform(&self.grid.geo_transform())?;
+                memory.set_spatial_ref(&SpatialRef::from_epsg(self.grid.epsg)?)?;
                 for (key, value) in self.metadata {
                     memory.set_metadata_item(key, value, "")?;
                 }
@@ -163,7 +163,7 @@ pub fn write_with_rpc(image: &Path, out: &Path, rpc: &[(String, String)]) -> Res
     })
 }
 
-fn memory_dataset<T: GdalType + Copy>(
+pub(super) fn memory_dataset<T: GdalType + Copy>(
     width: usize,
     height: usize,
     bands: Vec<Vec<T>>,
@@ -239,17 +239,33 @@ fn write_png(
     data: &[u8],
     color: image::ExtendedColorType,
 ) -> Result<(), RasterError> {
-    write_atomically(path, |temporary| {
-        image::save_buffer_with_format(
-            temporary,
-            data,
-            width as u32,
-            height as u32,
-            color,
-            image::ImageFormat::Png,
-        )
-        .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+    write_file(
+        path,
+        png(width, height, data, color).map_err(|reason| RasterError::Write { path: path.into(), reason })?,
+    )
+}
+
+/// An 8-bit RGB picture as the bytes of a PNG file, from three bytes a pixel.
+///
+/// # Errors
+/// [`RasterError::Picture`] when there are not three bytes a pixel.
+pub fn png_rgb(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>, RasterError> {
+    png(width, height, rgb, image::ExtendedColorType::Rgb8).map_err(|reason| RasterError::Picture {
+        width,
+        height,
+        reason,
     })
+}
+
+fn png(width: usize, height: usize, data: &[u8], color: image::ExtendedColorType) -> Result<Vec<u8>, String> {
+    // The encoder would panic.
+    if data.len() * 8 != width * height * usize::from(color.bits_per_pixel()) {
+        return Err(format!("{} bytes for {width} x {height} pixels", data.len()));
+    }
+    let mut bytes = Vec::new();
+    let encoder = image::codecs::png::PngEncoder::new(&mut bytes);
+    encoder.write_image(data, width as u32, height as u32, color).map_err(|e| e.to_string())?;
+    Ok(bytes)
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::{Scene, SceneError, footprint};
 use crate::frame::{CornerPx, Pixel, SiteGrid};
-use crate::raster::{Geoid, ImageFile, RasterError, Window};
+use crate::raster::{ImageFile, Vertical, Window};
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
 
@@ -10,14 +10,6 @@ use std::path::Path;
 const BELOW_M: f64 = 20.0;
 /// Most lack buildings and trees.
 const ABOVE_M: f64 = 80.0;
-
-/// What the heights of an elevation model count from.
-pub enum Vertical {
-    /// The WGS 84 ellipsoid.
-    Ellipsoid,
-    /// A geoid.
-    Geoid(Geoid),
-}
 
 impl Scene {
     /// Lowest and highest ellipsoidal height in the scene's area (or its footprints) after an elevation model,
@@ -71,16 +63,6 @@ impl Scene {
             return Err(SceneError::GeoidElsewhere);
         }
         range(low + up - BELOW_M, high + up + ABOVE_M)
-    }
-}
-
-impl Vertical {
-    /// `ellipsoid`, or the path of a geoid grid.
-    ///
-    /// # Errors
-    /// [`RasterError`] when the grid cannot be read.
-    pub fn read(text: &str) -> Result<Self, RasterError> {
-        Ok(if text == "ellipsoid" { Self::Ellipsoid } else { Self::Geoid(Geoid::read(Path::new(text))?) })
     }
 }
 

@@ -18,10 +18,10 @@ mod view;
 
 pub use aoi::Aoi;
 pub use checks::{FARTHEST_OFF_NADIR_DEG, LOWEST_SUN_DEG};
-pub use dem::Vertical;
 pub use error::SceneError;
 pub use footprint::{Overlap, UtmBox, default_aoi, footprint, ground_seen, views_needed};
 pub use read::{ReadOptions, read};
 pub use sidecar::ORDER as RPC_ORDER;
+pub use skyplot::Skyplot;
 pub use source::read_camera;
 pub use view::{Role, Scene, Sun, View, angle_between_deg};

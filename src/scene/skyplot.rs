@@ -17,16 +17,35 @@ const VIEW: [u8; 3] = [31, 119, 180];
 const SUN: [u8; 3] = [255, 127, 14];
 const AREA: [u8; 3] = [44, 160, 44];
 
+/// The picture.
+pub struct Skyplot {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Red, green and blue of every pixel, row by row.
+    pub rgb: Vec<[u8; 3]>,
+}
+
 impl Scene {
+    /// Draws the picture.
+    ///
+    /// # Errors
+    /// [`SceneError`] for a place outside UTM.
+    pub fn skyplot(&self, overlap: &Overlap) -> Result<Skyplot, SceneError> {
+        let mut canvas = Canvas { pixels: vec![PAPER; 2 * SIDE * SIDE] };
+        self.draw_footprints(overlap, &mut canvas)?;
+        self.draw_sky(&mut canvas);
+        Ok(Skyplot { width: 2 * SIDE, height: SIDE, rgb: canvas.pixels })
+    }
+
     /// Writes the picture as a PNG.
     ///
     /// # Errors
     /// [`SceneError`].
     pub fn write_skyplot(&self, overlap: &Overlap, path: &Path) -> Result<(), SceneError> {
-        let mut canvas = Canvas { pixels: vec![PAPER; 2 * SIDE * SIDE] };
-        self.draw_footprints(overlap, &mut canvas)?;
-        self.draw_sky(&mut canvas);
-        Ok(write_png_rgb(path, 2 * SIDE, SIDE, canvas.pixels.as_flattened())?)
+        let sky = self.skyplot(overlap)?;
+        Ok(write_png_rgb(path, sky.width, sky.height, sky.rgb.as_flattened())?)
     }
 
     fn draw_footprints(&self, overlap: &Overlap, canvas: &mut Canvas) -> Result<(), SceneError> {
