@@ -140,6 +140,22 @@ fn good_input_is_scored() {
 }
 
 #[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let desk = Desk::new();
+    let shaken = Plane::from_fn(60, 60, |c, r| {
+        if (c * 7 + r * 11) % 23 == 0 { f32::NAN } else { relief().at(c, r) + ((c * r) % 17) as f32 * 0.1 }
+    });
+    desk.height("dsm.tif", GRID, &shaken);
+    let made = |threads| {
+        let (_, scores) = desk.scored("TOWN_DSM.tif", &["--threads", threads]);
+        (scores, std::fs::read(desk.path("eval/error.tif")).unwrap())
+    };
+    let one = made("1");
+    assert_eq!(one.0["verdicts"][2]["strata"].as_array().unwrap().len(), 4, "{:#}", one.0);
+    assert!(one == made("2") && one == made("5"));
+}
+
+#[test]
 fn truth_elsewhere_does_not_overlap() {
     let desk = Desk::new();
     desk.height("far.tif", MapGrid { west: 440_000.0, ..GRID }, &relief());
@@ -231,7 +247,8 @@ fn a_mask_is_scored_inside_and_outside() {
         assert!((mae("inside mask") - 1.0).abs() < 1e-5 && mae("outside mask") < 1e-5, "{name}");
     }
     let corners: Vec<String> = ring.iter().chain(ring.first()).map(|(x, y)| format!("{x} {y}")).collect();
-    std::fs::write(desk.path("mask.csv"), format!("WKT\n\"POLYGON (({}))\"\n", corners.join(", "))).unwrap();
+    std::fs::write(desk.path("mask.csv"), format!("name,WKT\na,\"POLYGON (({}))\"\n", corners.join(", ")))
+        .unwrap();
     std::fs::remove_dir_all(desk.path("eval")).unwrap();
     let mask = desk.path("mask.csv");
     desk.refused("TOWN_DSM.tif", &["--mask", mask.to_str().unwrap()], &["mask.csv", "CRS is not stated"]);

@@ -74,7 +74,7 @@ fn scores_of_the_peer_dsm_are_those_of_the_peer() {
         }
     }
     let part = |name: &str| xyz.strata.iter().find(|s| s.name.contains(name)).unwrap();
-    assert!(part("within 1 m").scores.mae_m > 2.0 * part("farther").scores.mae_m, "edges are hard");
+    assert!(part("within 1 m").scores.mae_m > 1.5 * part("farther").scores.mae_m, "edges are hard");
 }
 
 #[test]

@@ -6,6 +6,7 @@ use super::strata::Labels;
 use super::{MetricsError, Scores, Stratum, Surface, Truth, filled_by_nearest};
 use crate::frame::{Point, SiteGrid};
 use crate::raster::{MapGrid, Plane, egm96_undulation_m};
+use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -120,10 +121,13 @@ impl Evaluation {
         let mut filled = filled_by_nearest(&errors);
         self.subtract_land(&mut errors);
         self.subtract_land(&mut filled);
-        let all = errors.data.iter().zip(&filled.data).zip(&self.land.data);
-        let scores = Scores::of(all.filter(|(_, t)| !t.is_nan()).map(|((e, f), _)| (*e, *f)));
-        let strata =
-            divisions.iter().flat_map(|d| d.scores(&self.land, &errors.data, &filled.data)).collect();
+        let parts: Vec<_> = divisions.iter().flat_map(Labels::parts).collect();
+        let all = || {
+            let cells = errors.data.iter().zip(&filled.data).zip(&self.land.data);
+            Scores::of(cells.filter(|(_, t)| !t.is_nan()).map(|((e, f), _)| (*e, *f)))
+        };
+        let each = || parts.par_iter().filter_map(|p| p.scores(&self.land, &errors, &filled)).collect();
+        let (scores, strata) = rayon::join(all, each);
         let (east_m, north_m) = registration.moved_m(self.grid.cell);
         Ok(Verdict { registration, east_m, north_m, scores, strata })
     }

@@ -47,7 +47,7 @@ pub fn error_style() -> String {
         .iter()
         .enumerate()
         .map(|(i, [r, g, b])| {
-            let value = FULL_COLOUR_M * (2.0 * i as f32 / last - 1.0);
+            let value = FULL_COLOUR_M * (2.0 * i as f32 - last) / last;
             let color = format!("#{:02x}{:02x}{:02x}", *r as u8, *g as u8, *b as u8);
             format!(
                 "          <item value=\"{value}\" label=\"{value:+} m\" color=\"{color}\" alpha=\"255\"/>\n"

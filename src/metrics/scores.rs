@@ -36,39 +36,45 @@ pub struct Scores {
     pub predicted: usize,
 }
 
+/// Sizes of errors whose share is told, in metres.
+const WITHIN_M: [f64; 3] = [0.5, 1.0, 2.0];
+
 impl Scores {
     /// Scores of cells of land; each gives its error, NaN where it is not predicted, and the error once holes are
     /// filled.
     #[must_use]
     pub fn of(cells: impl Iterator<Item = (f32, f32)>) -> Self {
-        let (mut e, mut count, mut filled, mut filled_count) = (Vec::new(), 0, 0.0, 0.0);
+        let (mut errors, mut count, mut filled, mut filled_count) = (Vec::new(), 0, 0.0, 0.0);
+        let (mut sum, mut absolute, mut squares, mut within) = (0.0, 0.0, 0.0, [0usize; 3]);
         for (error, filled_error) in cells {
             count += 1;
             if !error.is_nan() {
-                e.push(error);
+                errors.push(error);
+                let e = f64::from(error);
+                sum += e;
+                absolute += e.abs();
+                squares += e * e;
+                for (n, limit) in within.iter_mut().zip(WITHIN_M) {
+                    *n += usize::from(e.abs() <= limit);
+                }
             }
             if !filled_error.is_nan() {
                 filled += f64::from(filled_error.abs());
                 filled_count += 1.0;
             }
         }
-        let predicted = e.len();
+        let predicted = errors.len();
         let n = predicted as f64;
-        let mean = |f: fn(f64) -> f64| e.iter().map(|v| f(f64::from(*v))).sum::<f64>() / n;
-        let (mae_m, bias_m, rmse_m) = (mean(f64::abs), mean(|v| v), mean(|v| v * v).sqrt());
-        let nmad_m = nmad(&e);
-        e.iter_mut().for_each(|v| *v = v.abs());
-        let within =
-            [0.5, 1.0, 2.0].map(|limit| e.iter().filter(|v| f64::from(**v) <= limit).count() as f64 / n);
+        let [median_m, le90_m, le95_m] = quantiles(&errors, f32::abs, [0.5, 0.9, 0.95]);
         Self {
-            mae_m,
-            rmse_m,
-            bias_m,
-            median_m: quantile(&e, 0.5),
-            nmad_m,
-            le90_m: quantile(&e, 0.9),
-            le95_m: quantile(&e, 0.95),
-            within,
+            mae_m: absolute / n,
+            rmse_m: (squares / n).sqrt(),
+            bias_m: sum / n,
+            median_m,
+            nmad_m: nmad(&errors),
+            le90_m,
+            le95_m,
+            within: within.map(|cells| cells as f64 / n),
             completeness: n / count as f64,
             filled_mae_m: filled / filled_count,
             cells: count,
@@ -77,37 +83,53 @@ impl Scores {
     }
 }
 
-/// The `q` quantile, linear between neighbours (numpy's default); NaN of nothing.
-///
-/// `values` must hold no NaN. They are counted by their leading bits, then sorted where the quantile lies: two passes
-/// and no copy of them all.
+/// The `q` quantile, linear between neighbours (numpy's default); NaN of nothing. `values` must hold no NaN.
 #[must_use]
 pub fn quantile(values: &[f32], q: f64) -> f64 {
+    let [found] = quantiles(values, |v| v, [q]);
+    found
+}
+
+/// 1.4826 times the median absolute deviation from the median.
+#[must_use]
+pub fn nmad(values: &[f32]) -> f64 {
+    let median = quantile(values, 0.5);
+    let [deviation] = quantiles(values, |v| (f64::from(v) - median).abs() as f32, [0.5]);
+    MAD_TO_SIGMA * deviation
+}
+
+/// Quantiles of `of(value)`.
+///
+/// Values are counted by their leading bits, then sorted where a quantile lies: few passes, and no copy of them all.
+fn quantiles<const N: usize>(values: &[f32], of: impl Fn(f32) -> f32, q: [f64; N]) -> [f64; N] {
     if values.is_empty() {
-        return f64::NAN;
+        return [f64::NAN; N];
     }
-    let position = q * (values.len() - 1) as f64;
-    let index = position.floor() as usize;
     let mut counts = vec![0usize; 1 << BUCKET_BITS];
     for v in values {
-        counts[bucket(*v)] += 1;
+        counts[bucket(of(*v))] += 1;
     }
-    let (mut first, mut before) = (0, 0);
-    while before + counts[first] <= index {
-        before += counts[first];
-        first += 1;
-    }
-    // The next value may lie in a later bucket.
-    let mut last = first;
-    while before + counts[first..=last].iter().sum::<usize>() < (index + 2).min(values.len()) {
-        last += 1;
-    }
-    let mut near: Vec<f32> =
-        values.iter().copied().filter(|v| (first..=last).contains(&bucket(*v))).collect();
-    let (_, &mut low, above) = near.select_nth_unstable_by(index - before, f32::total_cmp);
-    let next = above.iter().copied().min_by(f32::total_cmp).unwrap_or(low);
-    let (low, next) = (f64::from(low), f64::from(next));
-    low + (next - low) * (position - index as f64)
+    q.map(|q| {
+        let position = q * (values.len() - 1) as f64;
+        let index = position.floor() as usize;
+        let (mut first, mut before) = (0, 0);
+        while before + counts[first] <= index {
+            before += counts[first];
+            first += 1;
+        }
+        // The next value may lie in a later bucket.
+        let (mut last, mut through) = (first, before + counts[first]);
+        while through < (index + 2).min(values.len()) {
+            last += 1;
+            through += counts[last];
+        }
+        let near = values.iter().map(|v| of(*v)).filter(|v| (first..=last).contains(&bucket(*v)));
+        let mut near: Vec<f32> = near.collect();
+        let (_, &mut low, above) = near.select_nth_unstable_by(index - before, f32::total_cmp);
+        let next = above.iter().copied().min_by(f32::total_cmp).unwrap_or(low);
+        let (low, next) = (f64::from(low), f64::from(next));
+        low + (next - low) * (position - index as f64)
+    })
 }
 
 /// Leading bits by which values are counted: 128 steps between powers of two.
@@ -118,14 +140,6 @@ fn bucket(v: f32) -> usize {
     let bits = v.to_bits();
     let ordered = if bits >> 31 == 0 { bits | 1 << 31 } else { !bits };
     (ordered >> (32 - BUCKET_BITS)) as usize
-}
-
-/// 1.4826 times the median absolute deviation from the median.
-#[must_use]
-pub fn nmad(values: &[f32]) -> f64 {
-    let median = quantile(values, 0.5);
-    let deviations: Vec<f32> = values.iter().map(|v| (f64::from(*v) - median).abs() as f32).collect();
-    MAD_TO_SIGMA * quantile(&deviations, 0.5)
 }
 
 #[cfg(test)]

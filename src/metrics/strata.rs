@@ -126,16 +126,27 @@ impl Labels {
         Self { by: Division::Slope, names, label }
     }
 
-    /// Scores of every part that has cells; errors are NaN where not scored.
-    pub(super) fn scores(&self, land: &Plane, errors: &[f32], filled: &[f32]) -> Vec<Stratum> {
-        let part = |(i, name): (usize, &String)| {
-            let cells = (0..self.label.len())
-                .filter(|k| usize::from(self.label[*k]) == i && !land.data[*k].is_nan())
-                .map(|k| (errors[k], filled[k]));
-            let scores = Scores::of(cells);
-            (scores.cells > 0).then(|| Stratum { by: self.by, name: name.clone(), scores })
-        };
-        self.names.par_iter().enumerate().filter_map(part).collect()
+    /// The division's parts.
+    pub(super) fn parts(&self) -> impl Iterator<Item = Part<'_>> {
+        (0..self.names.len()).map(|index| Part { labels: self, index })
+    }
+}
+
+/// One part of a division.
+#[derive(Clone, Copy)]
+pub(super) struct Part<'a> {
+    labels: &'a Labels,
+    index: usize,
+}
+
+impl Part<'_> {
+    /// Its scores, if it has land; errors are NaN where not scored.
+    pub(super) fn scores(&self, land: &Plane, errors: &Plane, filled: &Plane) -> Option<Stratum> {
+        let Labels { by, names, label } = self.labels;
+        let cells = label.iter().zip(&land.data).zip(errors.data.iter().zip(&filled.data));
+        let own = cells.filter(|((l, t), _)| usize::from(**l) == self.index && !t.is_nan());
+        let scores = Scores::of(own.map(|(_, (e, f))| (*e, *f)));
+        (scores.cells > 0).then(|| Stratum { by: *by, name: names[self.index].clone(), scores })
     }
 }
 
@@ -188,8 +199,9 @@ mod tests {
     fn parts_are_scored_apart_and_nothing_is_lost() {
         let land = Plane::from_fn(20, 10, |c, _| if c == 0 { f32::NAN } else { 1.0 });
         let inside: Vec<bool> = (0..200).map(|i| i % 20 < 5).collect();
-        let errors: Vec<f32> = (0..200).map(|i| if i % 20 < 5 { 2.0 } else { -0.5 }).collect();
-        let parts = Labels::mask(&inside).scores(&land, &errors, &errors);
+        let errors = Plane::from_fn(20, 10, |c, _| if c < 5 { 2.0 } else { -0.5 });
+        let labels = Labels::mask(&inside);
+        let parts: Vec<Stratum> = labels.parts().filter_map(|p| p.scores(&land, &errors, &errors)).collect();
         assert_eq!(parts.iter().map(|p| p.scores.cells).collect::<Vec<_>>(), [40, 150]);
         assert_eq!(parts.iter().map(|p| p.scores.bias_m).collect::<Vec<_>>(), [2.0, -0.5]);
     }

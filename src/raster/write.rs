@@ -85,7 +85,9 @@ impl Cog<'_> {
         kind: &str,
     ) -> Result<(), RasterError> {
         let predictor = if kind == "FLOAT" { "FLOATING_POINT" } else { "STANDARD" };
+        let threads = rayon::current_num_threads().to_string();
         let options = [
+            ("NUM_THREADS", threads.as_str()),
             ("COMPRESS", "DEFLATE"),
             ("PREDICTOR", predictor),
             ("BLOCKSIZE", "256"),
