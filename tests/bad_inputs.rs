@@ -444,7 +444,7 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     assert!(code == Some(2) && said.contains("dem.tif` does not say what its heights count from"), "{said}");
     assert!(said.contains("hint: --dem-vertical ellipsoid"), "{said}");
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
-    let vertical = satgs::scene::Vertical::Ellipsoid;
+    let vertical = satgs::raster::Vertical::Ellipsoid;
     let (low, high) = scene.heights_from_dem(&path, Some(&vertical)).unwrap();
     assert!(60.0 < low && low < high && high < 190.0, "{low} {high}");
     let far = satgs::raster::MapGrid { west: 600_000.0, ..grid };
