@@ -47,18 +47,18 @@ impl Chart {
                 let text = axis.text(tick);
                 let _ = if is_x {
                     let (x, low) = (px(tick), height - bottom);
-                    write!(
+                    writeln!(
                         out,
                         "<path d=\"M{x:.1} {top}V{low}\" stroke=\"currentColor\" opacity=\"0.15\"/>\
-                         <text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{text}</text>\n",
+                         <text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{text}</text>",
                         low + 16.0
                     )
                 } else {
                     let y = py(tick);
-                    write!(
+                    writeln!(
                         out,
                         "<path d=\"M{left} {y:.1}H{}\" stroke=\"currentColor\" opacity=\"0.15\"/>\
-                         <text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{text}</text>\n",
+                         <text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{text}</text>",
                         width - right,
                         left - 6.0,
                         y + 4.5

@@ -258,7 +258,7 @@ pub(super) fn commands(run: &Path) -> Result<String, ReportError> {
             "<h3>{stage}</h3>\n<p>satgs {}: <code>{}</code></p>\n<details><summary>Made from</summary>\n{}</details>",
             text("satgs"),
             text("command"),
-            table("Made from", &["input or option", "value or hash"], rows)
+            table(&format!("What {stage} was made from"), &["input or option", "value or hash"], rows)
         );
     }
     Ok(out)
@@ -297,8 +297,8 @@ fn table(name: &str, head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> 
     let head = cells("th scope=\"col\"", &mut head.iter().map(|h| (*h).to_owned()));
     let rows: String = rows.map(|r| format!("<tr>{}</tr>\n", cells("td", &mut r.into_iter()))).collect();
     format!(
-        "<div class=\"table\" role=\"region\" aria-label=\"{name}\" tabindex=\"0\"><table>\n<thead><tr>{head}</tr></thead>\n\
-         <tbody>\n{rows}</tbody>\n</table></div>\n"
+        "<section class=\"table\" aria-label=\"{name}\" tabindex=\"0\"><table>\n<thead><tr>{head}</tr></thead>\n\
+         <tbody>\n{rows}</tbody>\n</table></section>\n"
     )
 }
 
