@@ -13,4 +13,5 @@ pub mod affine;
 pub mod splat;
 pub mod dsm;
 pub mod metrics;
+pub mod report;
 pub mod cli;

@@ -3,7 +3,9 @@
 // Helpers of tests are tests.
 #![allow(clippy::unwrap_used)]
 
-use satgs::raster::{Cog, MapGrid, Plane};
+use satgs::frame::{Point, SiteGrid};
+use satgs::raster::{Cog, MapGrid, Outline, Plane, egm96_undulation_m, write_outlines};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -58,6 +60,57 @@ impl Desk {
             .output()
             .unwrap()
     }
+    /// What is said, and the scores.
+    fn scored(&self, truth: &str, more: &[&str]) -> (String, Value) {
+        let output = self.eval(truth, &[more, &["--json", "--overwrite"]].concat());
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{stderr}");
+        (stderr, serde_json::from_slice(&output.stdout).unwrap())
+    }
+    /// A point cloud: three points in every cell of the relief, of which the middle one is the highest.
+    fn points(&self, name: &str, system: &str) {
+        let mut builder = las::Builder::from((1, 2));
+        builder.point_format.is_compressed = name.ends_with("laz");
+        builder.system_identifier = system.into();
+        let axis = |offset| las::Transform { scale: 0.001, offset };
+        builder.transforms = las::Vector { x: axis(436_000.0), y: axis(3_357_000.0), z: axis(0.0) };
+        let mut writer = las::Writer::from_path(self.path(name), builder.into_header().unwrap()).unwrap();
+        let relief = relief();
+        for i in 0..3600 {
+            let (col, row) = (i % 60, i / 60);
+            let p = GRID.cell_center(col, row);
+            let z = f64::from(relief.at(col, row));
+            for (dx, down) in [(-0.1, 3.0), (0.0, 0.0), (0.1, 1.0)] {
+                let class = if row < 10 { 9 } else { 2 };
+                writer
+                    .write_point(las::Point {
+                        x: p.x() + dx,
+                        y: p.y(),
+                        z: z - down,
+                        classification: las::point::Classification::new(class).unwrap(),
+                        ..las::Point::default()
+                    })
+                    .unwrap();
+            }
+            // A bird.
+            writer
+                .write_point(las::Point {
+                    x: p.x(),
+                    y: p.y(),
+                    z: z + 50.0,
+                    classification: las::point::Classification::HighNoise,
+                    ..las::Point::default()
+                })
+                .unwrap();
+        }
+        writer.close().unwrap();
+    }
+    /// Longitude and latitude of a place on the grid, metres from its north-western corner.
+    fn lon_lat(east: f64, south: f64) -> (f64, f64) {
+        let map = SiteGrid { epsg: GRID.epsg, origin: Point::new(0.0, 0.0, 0.0) };
+        let p = map.geodetic_from_utm(Point::new(GRID.west + east, GRID.north - south, 0.0));
+        (p.lon_deg(), p.lat_deg())
+    }
     fn refused(&self, truth: &str, more: &[&str], words: &[&str]) {
         let output = self.eval(truth, more);
         let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -82,8 +135,27 @@ fn good_input_is_scored() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let scores: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(scores["verdicts"][2]["mae_m"], 0.0);
-    assert_eq!(scores["verdicts"][0]["by_class"]["2"]["cells"], 3600);
-    assert_eq!(files(&desk.path("eval")), 3);
+    assert_eq!(scores["verdicts"][0]["strata"][0]["name"], "2 ground");
+    assert_eq!(scores["verdicts"][0]["strata"][0]["cells"], 3600);
+    let names = ["metrics.json", "error.tif", "error.qml", "error.png", "histogram.svg", "cumulative.svg"];
+    assert_eq!(files(&desk.path("eval")), names.len());
+    assert!(names.iter().all(|name| desk.path("eval").join(name).exists()));
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let desk = Desk::new();
+    let shaken = Plane::from_fn(60, 60, |c, r| {
+        if (c * 7 + r * 11) % 23 == 0 { f32::NAN } else { relief().at(c, r) + ((c * r) % 17) as f32 * 0.1 }
+    });
+    desk.height("dsm.tif", GRID, &shaken);
+    let made = |threads| {
+        let (_, scores) = desk.scored("TOWN_DSM.tif", &["--threads", threads]);
+        (scores, std::fs::read(desk.path("eval/error.tif")).unwrap())
+    };
+    let one = made("1");
+    assert_eq!(one.0["verdicts"][2]["strata"].as_array().unwrap().len(), 3, "{:#}", one.0);
+    assert!(one == made("2") && one == made("5"));
 }
 
 #[test]
@@ -134,6 +206,167 @@ fn classes_of_another_size_are_refused_with_both_sizes() {
 }
 
 #[test]
+fn classes_and_masks_elsewhere_are_refused() {
+    let desk = Desk::new();
+    desk.classes("TOWN_CLS.tif", MapGrid { west: GRID.west + 20.0, ..GRID }, vec![2; 3600]);
+    desk.refused("TOWN_DSM.tif", &[], &["TOWN_CLS.tif", "does not lie on the grid"]);
+    let desk = Desk::new();
+    desk.classes("mask.tif", MapGrid { epsg: 32618, ..GRID }, vec![1; 3600]);
+    let mask = desk.path("mask.tif");
+    let mask = ["--mask", mask.to_str().unwrap()];
+    desk.refused("TOWN_DSM.tif", &mask, &["mask.tif", "does not lie on the grid"]);
+    desk.classes("mask.tif", MapGrid { width: 30, ..GRID }, vec![1; 1800]);
+    desk.refused("TOWN_DSM.tif", &mask, &["mask.tif", "30 x 60", "60 x 60"]);
+    desk.classes("mask.tif", GRID, vec![0; 3600]);
+    desk.refused("TOWN_DSM.tif", &mask, &["mask.tif", "no cell", "not 0 inside"]);
+}
+
+#[test]
+fn unknown_classes_are_told() {
+    let desk = Desk::new();
+    desk.classes("TOWN_CLS.tif", GRID, (0..3600).map(|i| if i % 2 == 0 { 2 } else { 113 }).collect());
+    assert!(desk.scored("TOWN_DSM.tif", &[]).0.contains("class codes 113 are none of DFC2019's"));
+}
+
+#[test]
+fn a_mask_is_scored_inside_and_outside() {
+    let desk = Desk::new();
+    // The prediction is 1 m too high in its western third.
+    let wrong = Plane::from_fn(60, 60, |c, r| relief().at(c, r) + if c < 20 { 1.0 } else { 0.0 });
+    desk.height("dsm.tif", GRID, &wrong);
+    desk.classes("mask.tif", GRID, (0..3600).map(|i| u8::from(i % 60 < 20)).collect());
+    let corners = [(0.0, 0.0), (10.0, 0.0), (10.0, 30.0), (0.0, 30.0)];
+    let ring = corners.map(|(e, s)| Desk::lon_lat(e, s)).to_vec();
+    let outline = Outline { name: "third".into(), ring: ring.clone(), numbers: Vec::new() };
+    write_outlines(&desk.path("mask.geojson"), "mask", &[outline]).unwrap();
+    for name in ["mask.tif", "mask.geojson"] {
+        let mask = desk.path(name);
+        let (_, scores) = desk.scored("TOWN_DSM.tif", &["--mask", mask.to_str().unwrap()]);
+        let strata = scores["verdicts"][0]["strata"].as_array().unwrap();
+        let part = |name: &str| strata.iter().find(|s| s["name"] == name).unwrap();
+        assert_eq!(part("inside mask")["cells"], 1200, "{name}");
+        assert_eq!(part("outside mask")["cells"], 2400, "{name}");
+        let mae = |name: &str| part(name)["mae_m"].as_f64().unwrap();
+        assert!((mae("inside mask") - 1.0).abs() < 1e-5 && mae("outside mask") < 1e-5, "{name}");
+    }
+    let corners: Vec<String> = ring.iter().chain(ring.first()).map(|(x, y)| format!("{x} {y}")).collect();
+    std::fs::write(desk.path("mask.csv"), format!("name,WKT\na,\"POLYGON (({}))\"\n", corners.join(", ")))
+        .unwrap();
+    std::fs::remove_dir_all(desk.path("eval")).unwrap();
+    let mask = desk.path("mask.csv");
+    desk.refused("TOWN_DSM.tif", &["--mask", mask.to_str().unwrap()], &["mask.csv", "CRS is not stated"]);
+}
+
+#[test]
+fn heights_in_feet_are_converted_and_other_units_refused() {
+    let desk = Desk::new();
+    for (unit, metres) in [("US survey foot", 1200.0 / 3937.0), ("ft", 0.3048)] {
+        let mut feet = relief();
+        feet.data.iter_mut().for_each(|v| *v /= metres);
+        Cog { grid: GRID, metadata: &[], heights_from: None }
+            .write_f32(&desk.path("feet.tif"), &[("height", unit, &feet)])
+            .unwrap();
+        let (said, scores) = desk.scored("feet.tif", &[]);
+        assert!(said.contains(unit) && said.contains("converted to metres"), "{said}");
+        assert!(scores["verdicts"][0]["mae_m"].as_f64().unwrap() < 1e-4);
+    }
+    std::fs::remove_dir_all(desk.path("eval")).unwrap();
+    Cog { grid: GRID, metadata: &[], heights_from: None }
+        .write_f32(&desk.path("odd.tif"), &[("height", "fathom", &relief())])
+        .unwrap();
+    desk.refused("odd.tif", &[], &["odd.tif", "fathom", "feet"]);
+}
+
+#[test]
+fn a_map_in_feet_is_refused_by_name() {
+    let desk = Desk::new();
+    desk.height("florida.tif", MapGrid { epsg: 2236, ..GRID }, &relief());
+    desk.refused("florida.tif", &[], &["florida.tif", "not in metres", "gdalwarp -t_srs EPSG:32617"]);
+}
+
+#[test]
+fn values_at_points_and_values_of_areas_lie_in_the_same_place() {
+    let desk = Desk::new();
+    let metadata = [("AREA_OR_POINT", "Point".to_owned())];
+    let point = Cog { grid: GRID, metadata: &metadata, heights_from: None };
+    point.write_f32(&desk.path("point.tif"), &[("height", "m", &relief())]).unwrap();
+    assert_eq!(desk.scored("point.tif", &[]).1["verdicts"][0]["mae_m"], 0.0);
+}
+
+#[test]
+fn undeclared_nodata_is_left_out_and_told() {
+    let desk = Desk::new();
+    let mut holes = relief();
+    holes.data[..600].fill(-9999.0);
+    desk.height("dsm.tif", GRID, &holes);
+    let (said, scores) = desk.scored("TOWN_DSM.tif", &[]);
+    assert!(said.contains("600 cells of -9999"), "{said}");
+    assert_eq!(scores["verdicts"][0]["mae_m"], 0.0);
+    assert_eq!(scores["verdicts"][0]["predicted"], 3000);
+}
+
+#[test]
+fn heights_above_a_geoid_are_guessed_and_converted_when_told() {
+    let desk = Desk::new();
+    let mut orthometric = relief();
+    orthometric.data.iter_mut().for_each(|v| *v += 29.0);
+    desk.height("above_geoid.tif", GRID, &orthometric);
+    let (said, _) = desk.scored("above_geoid.tif", &[]);
+    assert!(said.contains("vertical reference") && said.contains("-29.00 m"), "{said}");
+    let (lon, lat) = Desk::lon_lat(0.0, 0.0);
+    if egm96_undulation_m(lon, lat).is_some() {
+        assert!(said.contains("--truth-vertical tells"), "{said}");
+    }
+    let degrees = MapGrid { epsg: 4326, west: -84.0, north: 32.0, cell: 0.5, width: 8, height: 8 };
+    desk.height("geoid.tif", degrees, &Plane::filled(8, 8, -29.0));
+    let geoid = desk.path("geoid.tif");
+    let (said, scores) = desk.scored("above_geoid.tif", &["--truth-vertical", geoid.to_str().unwrap()]);
+    assert!(said.contains("lifted from the geoid to the ellipsoid"), "{said}");
+    assert!(scores["verdicts"][0]["dz_m"].as_f64().unwrap().abs() < 1e-5);
+    std::fs::remove_dir_all(desk.path("eval")).unwrap();
+    desk.height("geoid.tif", MapGrid { west: 10.0, ..degrees }, &Plane::filled(8, 8, 45.0));
+    desk.refused(
+        "above_geoid.tif",
+        &["--truth-vertical", geoid.to_str().unwrap()],
+        &["above_geoid.tif", "does not cover"],
+    );
+    let none = ["--truth-vertical", "NAVD88"];
+    desk.refused("above_geoid.tif", &none, &["NAVD88"]);
+}
+
+#[test]
+fn points_are_rasterised_to_the_highest_of_every_cell() {
+    let desk = Desk::new();
+    for name in ["lidar.las", "lidar.laz"] {
+        desk.points(name, "EPSG:32617");
+        let (said, scores) = desk.scored(name, &[]);
+        assert!(said.contains("highest"), "{said}");
+        assert_eq!((&scores["land_cells"], &scores["water_cells"]), (&3000.into(), &600.into()));
+        assert!(scores["verdicts"][0]["mae_m"].as_f64().unwrap() < 1e-3, "{scores:#}");
+    }
+}
+
+#[test]
+fn points_that_cannot_be_used_are_refused() {
+    let desk = Desk::new();
+    desk.points("lidar.las", "");
+    desk.refused("lidar.las", &[], &["lidar.las", "CRS is not stated", "--truth-crs"]);
+    desk.refused("lidar.las", &["--truth-crs", "2236"], &["EPSG:2236", "in metres"]);
+    // 3600 cells hold four points each; the header promises more.
+    let mut bytes = std::fs::read(desk.path("lidar.las")).unwrap();
+    bytes[107..111].copy_from_slice(&20_000u32.to_le_bytes());
+    std::fs::write(desk.path("short.las"), &bytes).unwrap();
+    desk.refused("short.las", &["--truth-crs", "32617"], &["short.las", "complete"]);
+    bytes[107..111].copy_from_slice(&0u32.to_le_bytes());
+    std::fs::write(desk.path("none.las"), &bytes).unwrap();
+    desk.refused("none.las", &["--truth-crs", "32617"], &["none.las", "no points"]);
+    std::fs::write(desk.path("noise.laz"), b"LASF and nothing else").unwrap();
+    desk.refused("noise.laz", &[], &["noise.laz"]);
+    let scores = desk.scored("lidar.las", &["--truth-crs", "32617"]).1;
+    assert_eq!(scores["land_cells"], 3000);
+}
+
+#[test]
 fn a_wrong_text_file_is_named() {
     for (text, words) in [
         ("436000 3357070 60", "holds 3 numbers"),
@@ -173,5 +406,5 @@ fn existing_output_stays_unless_told_otherwise() {
     assert_eq!(std::fs::read_to_string(desk.path("eval/error.tif")).unwrap(), "mine");
     assert_eq!(files(&desk.path("eval")), 1);
     assert!(desk.eval("TOWN_DSM.tif", &["--overwrite"]).status.success());
-    assert_eq!(files(&desk.path("eval")), 3);
+    assert_eq!(files(&desk.path("eval")), 6);
 }

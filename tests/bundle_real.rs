@@ -8,7 +8,8 @@ use common::{data_dir, disagreement_px};
 use satgs::bundle::{Adjustment, Options, adjust};
 use satgs::event::ignore;
 use satgs::frame::{Pixel, SiteGrid};
-use satgs::metrics::{Truth, nmad};
+use satgs::metrics::{Truth, TruthOptions, nmad};
+use satgs::raster::MapGrid;
 use satgs::rpc::{Rpc, formats};
 use satgs::scene::{ReadOptions, read};
 use std::path::Path;
@@ -24,7 +25,10 @@ fn adjusted(folder: &Path, rpcs: Option<&str>) -> Adjustment {
 /// Spread of the points' heights over the lidar's below them, not registered.
 fn nmad_to_lidar_m(folder: &Path, made: &Adjustment) -> f64 {
     let site = SiteGrid::at(made.points[0].position).unwrap();
-    let truth = Truth::read(&folder.join("truth/JAX_068_DSM.tif"), None, site.epsg).unwrap().surface;
+    // The truth's text file names no CRS: only that of this grid counts.
+    let grid = MapGrid { epsg: site.epsg, west: 0.0, north: 0.0, cell: 1.0, width: 1, height: 1 };
+    let path = folder.join("truth/JAX_068_DSM.tif");
+    let truth = Truth::read(&path, &TruthOptions::default(), &grid).unwrap().surface;
     let mut off: Vec<f32> = made
         .points
         .iter()

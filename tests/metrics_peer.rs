@@ -3,9 +3,9 @@
 // Helpers of tests are tests.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
-use satgs::metrics::{Evaluation, Method, Surface, Truth, Verdict, WATER, evaluate};
-use satgs::raster::Plane;
-use std::path::PathBuf;
+use satgs::metrics::{Division, Evaluation, Method, Surface, Truth, TruthOptions, Verdict, WATER, evaluate};
+use satgs::raster::{MapGrid, Plane};
+use std::path::{Path, PathBuf};
 
 /// The oracle's figures are rounded to a millimetre and computed in another order.
 const TOLERANCE_M: f64 = 0.002;
@@ -22,6 +22,13 @@ fn jax_068() -> Option<PathBuf> {
     None
 }
 
+/// A grid in the truth's zone, which its text file does not name.
+const ZONE: MapGrid = MapGrid { epsg: 32617, west: 0.0, north: 0.0, cell: 0.5, width: 1, height: 1 };
+
+fn lidar(scene: &Path) -> Truth {
+    Truth::read(&scene.join("truth/JAX_068_DSM.tif"), &TruthOptions::default(), &ZONE).unwrap()
+}
+
 fn verdict(evaluation: &Evaluation, method: Method) -> &Verdict {
     evaluation.verdict(method).unwrap()
 }
@@ -34,9 +41,9 @@ fn assert_near(what: &str, found: f64, expected: f64) {
 fn scores_of_the_peer_dsm_are_those_of_the_peer() {
     let Some(scene) = jax_068() else { return };
     let prediction = Surface::read(&scene.join("peer_s2p_dsm.tif")).unwrap();
-    let truth = Truth::read(&scene.join("truth/JAX_068_DSM.tif"), None, prediction.grid.epsg).unwrap();
+    let truth = lidar(&scene);
     assert!(truth.classes.is_some(), "JAX_068_CLS.tif is found by its name");
-    let evaluation = evaluate(&prediction, &truth).unwrap();
+    let evaluation = evaluate(prediction, truth).unwrap();
 
     let z = verdict(&evaluation, Method::Z);
     assert_near("z MAE", z.scores.mae_m, 1.213);
@@ -55,17 +62,30 @@ fn scores_of_the_peer_dsm_are_those_of_the_peer() {
     assert!(xyz.scores.mae_m <= 1.113 + TOLERANCE_M, "xyz MAE {}", xyz.scores.mae_m);
     assert!((xyz.registration.dx_cells + 0.29).abs() < 0.1, "{:?}", xyz.registration);
     assert!((xyz.registration.dy_cells + 1.38).abs() < 0.1, "{:?}", xyz.registration);
+
+    // Every division shares the same land out, and its parts' errors make the whole's.
+    for v in &evaluation.verdicts {
+        for by in [Division::Class, Division::RoofEdge, Division::Slope] {
+            let parts: Vec<_> = v.strata.iter().filter(|s| s.by == by).map(|s| &s.scores).collect();
+            assert_eq!(parts.iter().map(|s| s.cells).sum::<usize>(), 512 * 512, "{by:?}");
+            assert_eq!(parts.iter().map(|s| s.predicted).sum::<usize>(), v.scores.predicted, "{by:?}");
+            let sum: f64 = parts.iter().map(|s| s.mae_m * s.predicted as f64).sum();
+            assert!((sum / v.scores.predicted as f64 - v.scores.mae_m).abs() < 1e-9, "{by:?}");
+        }
+    }
+    let part = |name: &str| xyz.strata.iter().find(|s| s.name.contains(name)).unwrap();
+    assert!(part("within 1 m").scores.mae_m > 1.5 * part("farther").scores.mae_m, "edges are hard");
 }
 
 #[test]
 fn lidar_moved_by_whole_cells_is_brought_back_exactly() {
     let Some(scene) = jax_068() else { return };
-    let truth = Truth::read(&scene.join("truth/JAX_068_DSM.tif"), None, 32617).unwrap();
+    let truth = lidar(&scene);
     let mut prediction = truth.surface.clone();
-    let lidar = &truth.surface.height;
+    let heights = &truth.surface.height;
     prediction.height =
-        Plane::from_fn(lidar.width, lidar.height, |c, r| lidar.get(c as i64 - 2, r as i64 - 3) + 3.7);
-    let evaluation = evaluate(&prediction, &truth).unwrap();
+        Plane::from_fn(heights.width, heights.height, |c, r| heights.get(c as i64 - 2, r as i64 - 3) + 3.7);
+    let evaluation = evaluate(prediction, truth).unwrap();
     for method in [Method::Ncc, Method::Xyz] {
         let v = verdict(&evaluation, method);
         assert_eq!((v.registration.dx_cells, v.registration.dy_cells), (2.0, 3.0), "{method:?}");
@@ -78,20 +98,21 @@ fn lidar_moved_by_whole_cells_is_brought_back_exactly() {
 #[test]
 fn water_is_not_scored() {
     let Some(scene) = jax_068() else { return };
-    let mut truth = Truth::read(&scene.join("truth/JAX_068_DSM.tif"), None, 32617).unwrap();
+    let mut truth = lidar(&scene);
     let mut prediction = truth.surface.clone();
     let classes = truth.classes.as_mut().unwrap();
     classes[..200 * 512].fill(WATER);
     for (i, height) in prediction.height.data[..200 * 512].iter_mut().enumerate() {
         *height += if i % 2 == 0 { 5.0 } else { -7.0 };
     }
-    let evaluation = evaluate(&prediction, &truth).unwrap();
+    let mut unmasked = truth.clone();
+    unmasked.classes = None;
+    let evaluation = evaluate(prediction.clone(), truth).unwrap();
     assert_eq!(evaluation.water_cells, 200 * 512);
     for v in &evaluation.verdicts {
         assert_eq!((v.scores.mae_m, v.scores.completeness), (0.0, 1.0), "{:?}", v.registration);
-        assert!(!v.scores.by_class.contains_key(&WATER));
+        assert!(!v.strata.iter().any(|s| s.name.starts_with('9')));
     }
-    truth.classes = None;
-    let unmasked = evaluate(&prediction, &truth).unwrap();
+    let unmasked = evaluate(prediction, unmasked).unwrap();
     assert!(verdict(&unmasked, Method::Z).scores.mae_m > 2.0);
 }

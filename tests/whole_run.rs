@@ -62,6 +62,15 @@ fn simulated_images_become_a_surface_model() {
         assert!(Path::new(run).join(name).exists(), "{name}");
     }
 
+    assert_page(&Path::new(run).join("report.html"), 0);
+    let begun = folder.path().join("begun");
+    std::fs::create_dir(&begun).unwrap();
+    std::fs::copy(Path::new(run).join("scene.json"), begun.join("scene.json")).unwrap();
+    assert!(satgs(&["report", begun.to_str().unwrap()]).status.success());
+    assert_page(&begun.join("report.html"), 4);
+    let nothing = satgs(&["report", folder.path().to_str().unwrap()]);
+    assert_eq!(nothing.status.code(), Some(2));
+    assert!(text(&nothing).contains("holds no run"), "{}", text(&nothing));
     other_products(run, folder.path());
 
     // What is there is kept, what differs is refused by name.
@@ -135,4 +144,47 @@ fn worst_shift_px(scene: &Path, run: &Path) -> f64 {
         .map(|name| (camera(&run.join("ba/rpcs"), name), camera(&scene.join("truth/rpcs"), name)))
         .collect();
     disagreement_px(&pairs, Pixel::new(130.0, 130.0)).into_iter().fold(0.0, f64::max)
+}
+
+/// The page has every section, asks for nothing outside of itself, and its pictures can be decoded; so many stages are
+/// said to be missing.
+fn assert_page(path: &Path, missing: usize) {
+    let page = std::fs::read_to_string(path).unwrap();
+    for id in ["inputs", "adjustment", "training", "surface", "scores", "commands"] {
+        assert!(page.contains(&format!("<section id=\"{id}\">")), "{id}");
+        assert!(page.contains(&format!("href=\"#{id}\"")), "{id}");
+    }
+    assert_eq!(page.matches("Not there yet").count(), missing);
+    for (i, _) in page.match_indices("src=\"").chain(page.match_indices("href=\"")) {
+        let target = page[i..].split('"').nth(1).unwrap();
+        assert!(target.starts_with("data:") || target.starts_with('#'), "{target:.40}");
+    }
+    for outside in ["url(", "@import", "fetch(", "<link rel=\"stylesheet", "<iframe"] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    let pictures: Vec<&str> = page.split("data:image/png;base64,").skip(1).collect();
+    // Eight views and the sky; surface, orthophoto, and the pair with its colours.
+    assert_eq!(pictures.len(), if missing == 0 { 14 } else { 9 });
+    for picture in pictures {
+        let (data, rest) = picture.split_once('"').unwrap();
+        image::load_from_memory_with_format(&from_base64(data), image::ImageFormat::Png).unwrap();
+        let alt = rest.split_once("alt=\"").unwrap().1;
+        assert!(!alt.starts_with('"'), "a picture without words");
+    }
+    for svg in page.split("<svg ").skip(1) {
+        let svg = format!("<svg {}</svg>", svg.split_once("</svg>").unwrap().0);
+        let xml = roxmltree::Document::parse(&svg).unwrap();
+        assert!(xml.root_element().attribute("aria-label").is_some());
+    }
+    assert_eq!(page.matches("<svg ").count(), if missing == 0 { 7 } else { 0 });
+}
+
+fn from_base64(text: &str) -> Vec<u8> {
+    let letters = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let four = |four: &[u8]| {
+        let bits = four.iter().fold(0u32, |b, c| b << 6 | letters.find(*c as char).unwrap_or(0) as u32);
+        let padding = four.iter().filter(|c| **c == b'=').count();
+        bits.to_be_bytes()[1..4 - padding].to_vec()
+    };
+    text.as_bytes().chunks(4).flat_map(four).collect()
 }

@@ -1,18 +1,21 @@
-//! `satgs dsm-eval`: a surface model against the truth, in a table, a JSON file and an error map.
+//! `satgs dsm-eval`: a surface model against the truth, in a table, a JSON file, an error map and figures.
 
 use super::{Failure, Ui};
-use crate::metrics::{Evaluation, Method, Surface, Truth, Verdict, class_name, error_picture, evaluate};
-use crate::raster::{Cog, write_file, write_png_rgb};
-use std::collections::BTreeSet;
+use crate::metrics::{
+    Evaluation, Method, Scores, Surface, Truth, TruthOptions, error_picture, error_style, evaluate,
+};
+use crate::raster::{Cog, Vertical, write_file, write_png_rgb};
+use crate::report::{FIGURES, figures};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// What `-o` receives.
+/// What `-o` receives, beside the figures.
 const METRICS: &str = "metrics.json";
 const ERROR_MAP: &str = "error.tif";
+const ERROR_STYLE: &str = "error.qml";
 const ERROR_PICTURE: &str = "error.png";
 
-/// Score a surface model against lidar: errors after three registrations, completeness, error map
+/// Score a surface model against lidar: errors after three registrations, by class, at edges, on slopes; error map
 #[derive(clap::Args)]
 #[command(after_help = "\
 Registrations: z adds the median height offset (MAE_reg of the BAEOGS paper), ncc shifts by whole cells to the
@@ -22,21 +25,38 @@ Without classes water is scored like land. No MAE counts below a completeness of
 
 Examples:
   satgs dsm-eval run/dsm.tif JAX_068_DSM.tif         finds JAX_068_DSM.txt and JAX_068_CLS.tif by name
-  satgs dsm-eval dsm.tif lidar.tif -o eval --json    writes metrics.json, error.tif, error.png")]
+  satgs dsm-eval dsm.tif lidar.laz -o eval           the highest point of every cell; writes map and figures
+  satgs dsm-eval dsm.tif lidar.tif --mask roofs.gpkg --truth-vertical us_nga_egm96_15.tif")]
 pub struct Args {
     /// The surface model: a raster with a map grid in metres
     dsm: PathBuf,
-    /// The truth: a raster with a map grid, or DFC2019's X_DSM.tif with X_DSM.txt beside it
-    truth: PathBuf,
-    /// Folder for metrics.json, error.tif and error.png (errors after xyz)
+    #[command(flatten)]
+    truth: TruthArgs,
+    /// Folder for metrics.json, error.tif with its QGIS style, error.png and figures (errors after xyz)
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Class raster on the truth's grid, class 9 is water [default: X_CLS.tif beside X_DSM.tif]
-    #[arg(long, value_name = "CLS.tif")]
-    classes: Option<PathBuf>,
     /// Replace files that are in the output folder
     #[arg(long)]
     overwrite: bool,
+}
+
+/// The truth and what it is divided by.
+#[derive(clap::Args)]
+struct TruthArgs {
+    /// The truth: a raster with a map grid, DFC2019's X_DSM.tif with X_DSM.txt beside it, or points (.las, .laz)
+    truth: PathBuf,
+    /// Class raster on the truth's grid, class 9 is water [default: X_CLS.tif beside X_DSM.tif, or the points' classes]
+    #[arg(long, value_name = "CLS.tif")]
+    classes: Option<PathBuf>,
+    /// Score inside and outside of this apart: polygons (any vector file), or a raster on the truth's grid, not 0 inside
+    #[arg(long, value_name = "FILE")]
+    mask: Option<PathBuf>,
+    /// What the truth's heights count from: `ellipsoid`, or a geoid grid (.gtx, .tif of PROJ) that is added to them
+    #[arg(long, value_name = "ellipsoid|GRID")]
+    truth_vertical: Option<String>,
+    /// EPSG code of the truth's points, where their file does not tell
+    #[arg(long, value_name = "EPSG")]
+    truth_crs: Option<u32>,
 }
 
 /// Runs the command.
@@ -44,18 +64,26 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     if let Some(folder) = &args.output {
         refuse_to_replace(folder, args.overwrite)?;
     }
-    score(&args.dsm, &args.truth, args.classes.as_deref(), args.output.as_deref(), ui)
+    let options = TruthOptions {
+        classes: args.truth.classes.as_deref(),
+        mask: args.truth.mask.as_deref(),
+        vertical: args.truth.truth_vertical.as_deref().map(Vertical::read).transpose()?,
+        epsg: args.truth.truth_crs,
+    };
+    score(&args.dsm, &args.truth.truth, &options, args.output.as_deref(), ui)
 }
 
 /// Scores a surface model, shows the table, and writes the files into `output`.
 pub(super) fn score(
     dsm: &Path,
     truth: &Path,
-    classes: Option<&Path>,
+    options: &TruthOptions,
     output: Option<&Path>,
     ui: &Ui,
 ) -> Result<(), Failure> {
-    let evaluation = evaluation(dsm, truth, classes)?;
+    let prediction = Surface::read(dsm)?;
+    let truth = Truth::read(truth, options, &prediction.grid)?;
+    let evaluation = evaluate(prediction, truth)?;
     for note in &evaluation.notes {
         ui.note(note);
     }
@@ -66,18 +94,11 @@ pub(super) fn score(
     Ok(())
 }
 
-/// Reads both rasters and scores the first against the second.
-fn evaluation(dsm: &Path, truth: &Path, classes: Option<&Path>) -> Result<Evaluation, Failure> {
-    let prediction = Surface::read(dsm)?;
-    let truth = Truth::read(truth, classes, prediction.grid.epsg)?;
-    Ok(evaluate(&prediction, &truth)?)
-}
-
 fn refuse_to_replace(folder: &Path, overwrite: bool) -> Result<(), Failure> {
     if overwrite {
         return Ok(());
     }
-    for name in [METRICS, ERROR_MAP, ERROR_PICTURE] {
+    for name in [METRICS, ERROR_MAP, ERROR_STYLE, ERROR_PICTURE].into_iter().chain(FIGURES) {
         let path = folder.join(name);
         if path.exists() {
             return Err(Failure::input(
@@ -89,8 +110,8 @@ fn refuse_to_replace(folder: &Path, overwrite: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Writes metrics.json, error.tif and error.png, the errors after `xyz`.
-pub(super) fn write_files(evaluation: &Evaluation, folder: &Path) -> Result<(), Failure> {
+/// Writes the scores, and the errors after `xyz` as a map and figures.
+fn write_files(evaluation: &Evaluation, folder: &Path) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(&json(evaluation)?).map_err(not_json)?;
     write_file(&folder.join(METRICS), text + "\n")?;
     let Some(verdict) = evaluation.verdict(Method::Xyz) else { return Ok(()) };
@@ -104,12 +125,21 @@ pub(super) fn write_files(evaluation: &Evaluation, folder: &Path) -> Result<(), 
     ];
     let cog = Cog { grid: evaluation.grid, metadata: &metadata, heights_from: None };
     cog.write_f32(&folder.join(ERROR_MAP), &[("error", "m", &errors)])?;
-    write_png_rgb(&folder.join(ERROR_PICTURE), errors.width, errors.height, &error_picture(&errors))?;
+    write_file(&folder.join(ERROR_STYLE), error_style())?;
+    let picture = error_picture(&errors);
+    write_png_rgb(&folder.join(ERROR_PICTURE), picture.width, picture.height, &picture.rgb)?;
+    for name in FIGURES {
+        // Figures of an earlier truth that had classes would stay.
+        let _ = std::fs::remove_file(folder.join(name));
+    }
+    for (name, svg) in figures(evaluation, &errors) {
+        write_file(&folder.join(name), svg)?;
+    }
     Ok(())
 }
 
 /// The evaluation as the JSON object of `--json` and metrics.json.
-pub(super) fn json(evaluation: &Evaluation) -> Result<serde_json::Value, Failure> {
+fn json(evaluation: &Evaluation) -> Result<serde_json::Value, Failure> {
     serde_json::to_value(evaluation).map_err(not_json)
 }
 
@@ -117,40 +147,18 @@ fn not_json(e: serde_json::Error) -> Failure {
     Failure { message: format!("the scores do not fit JSON: {e}"), hint: None, exit_code: 1 }
 }
 
-/// The table a user sees: one row a registration, then MAE by class.
-pub(super) fn table(evaluation: &Evaluation) -> String {
-    let mut out = String::new();
-    let _ = writeln!(
-        out,
-        "{:>8} {:>7} {:>7} {:>7} {:>7} {:>7} {:>9} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7}",
-        "metres",
-        "MAE",
-        "RMSE",
-        "NMAD",
-        "median",
-        "LE90",
-        "complete",
-        "filled",
-        "dx",
-        "dy",
-        "east",
-        "north",
-        "dz"
+/// The table a user sees: the registrations, the scores after each, and after the last those of parts of the land.
+fn table(evaluation: &Evaluation) -> String {
+    let mut out = format!(
+        "{:>12} {:>8} {:>8} {:>8} {:>8} {:>8}\n",
+        "registration", "dx cells", "dy cells", "east m", "north m", "dz m"
     );
     for v in &evaluation.verdicts {
-        let (r, s) = (&v.registration, &v.scores);
+        let r = &v.registration;
         let _ = writeln!(
             out,
-            "{:>8} {:>7.3} {:>7.3} {:>7.3} {:>7.3} {:>7.3} {:>9.4} {:>7.3} {:>7.2} {:>7.2} {:>+7.2} {:>+7.2} \
-             {:>+7.3}",
+            "{:>12} {:>8.2} {:>8.2} {:>+8.2} {:>+8.2} {:>+8.3}",
             r.method.name(),
-            s.mae_m,
-            s.rmse_m,
-            s.nmad_m,
-            s.median_m,
-            s.le90_m,
-            s.completeness,
-            s.filled_mae_m,
             r.dx_cells,
             r.dy_cells,
             v.east_m,
@@ -160,31 +168,53 @@ pub(super) fn table(evaluation: &Evaluation) -> String {
     }
     let _ = writeln!(
         out,
-        "median: of |error|; filled: MAE with holes filled by the nearest cell; dx, dy in cells\n\
+        "\n{:>27} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>5} {:>5} {:>8} {:>9}",
+        "metres",
+        "MAE",
+        "filled",
+        "RMSE",
+        "bias",
+        "median",
+        "NMAD",
+        "LE90",
+        "LE95",
+        "<0.5m",
+        "<1m",
+        "<2m",
+        "complete",
+        "cells"
+    );
+    for v in &evaluation.verdicts {
+        row(&mut out, &format!("all, {}", v.registration.method.name()), &v.scores);
+    }
+    let last = evaluation.verdicts.last();
+    for stratum in last.into_iter().flat_map(|v| &v.strata) {
+        row(&mut out, &stratum.name, &stratum.scores);
+    }
+    let _ = writeln!(
+        out,
+        "filled: MAE with holes filled by the nearest cell; median: of |error|; <: % of cells; parts: after xyz\n\
          {} cells of land, {} of water left out",
         evaluation.land_cells, evaluation.water_cells
     );
-    class_table(&mut out, &evaluation.verdicts);
     out
 }
 
-fn class_table(out: &mut String, verdicts: &[Verdict]) {
-    let classes: BTreeSet<u8> = verdicts.iter().flat_map(|v| v.scores.by_class.keys().copied()).collect();
-    if classes.is_empty() {
-        return;
-    }
-    let _ = write!(out, "\n{:>14} {:>9}", "MAE by class", "cells");
-    for v in verdicts {
-        let _ = write!(out, " {:>7}", v.registration.method.name());
-    }
-    out.push('\n');
-    for class in classes {
-        let cells = verdicts[0].scores.by_class.get(&class).map_or(0, |c| c.cells);
-        let _ = write!(out, "{:>14} {cells:>9}", format!("{class} {}", class_name(class)));
-        for v in verdicts {
-            let mae = v.scores.by_class.get(&class).map_or(f64::NAN, |c| c.mae_m);
-            let _ = write!(out, " {mae:>7.3}");
-        }
-        out.push('\n');
-    }
+fn row(out: &mut String, name: &str, s: &Scores) {
+    let [half, one, two] = s.within.map(|share| 100.0 * share);
+    let _ = writeln!(
+        out,
+        "{name:>27} {:>6.3} {:>6.3} {:>6.3} {:>+6.2} {:>6.3} {:>6.3} {:>6.3} {:>6.3} {half:>5.1} {one:>5.1} {two:>5.1} \
+         {:>8.4} {:>9}",
+        s.mae_m,
+        s.filled_mae_m,
+        s.rmse_m,
+        s.bias_m,
+        s.median_m,
+        s.nmad_m,
+        s.le90_m,
+        s.le95_m,
+        s.completeness,
+        s.cells
+    );
 }

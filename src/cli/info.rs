@@ -48,7 +48,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         write_outlines(file, "footprints", &outlines(&rows, overlap.height_m))?;
     }
     if let Some(file) = &args.skyplot {
-        scene.write_skyplot(&overlap, file)?;
+        scene.skyplot(&overlap)?.write(file)?;
     }
     ui.summary("info", &text, summary(&scene, &rows, &pairs, &overlap));
     Ok(scene.require_shared_ground()?)

@@ -11,6 +11,7 @@ mod dsm_eval;
 mod info;
 mod nvs_eval;
 mod render;
+mod report;
 mod rpc;
 mod run;
 mod scene_args;
@@ -70,6 +71,7 @@ enum Command {
     Render(render::Args),
     NvsEval(nvs_eval::Args),
     Run(run::Args),
+    Report(report::Args),
 }
 
 /// Parses the command line, runs one command, reports its failure.
@@ -96,6 +98,7 @@ pub fn main() -> std::process::ExitCode {
         Command::Render(args) => render::run(args, &ui),
         Command::NvsEval(args) => nvs_eval::run(args, &ui),
         Command::Run(args) => run::run(args, &ui),
+        Command::Report(args) => report::run(args, &ui),
     });
     match result {
         Ok(()) => {

@@ -1,9 +1,10 @@
 //! `satgs run`: every stage in a row.
 
-use super::{Failure, Ui, ba, dsm, dsm_eval, train};
+use super::{Failure, Ui, ba, dsm, dsm_eval, report, train};
+use crate::metrics::TruthOptions;
 use std::path::PathBuf;
 
-/// Everything in a row: adjust, train, render, and score if there is a truth
+/// Everything in a row: adjust, train, render, score if there is a truth, and a page that shows it all
 ///
 /// What RUN already holds of the same input and options is kept, so that an interrupted run goes on where it was.
 #[derive(clap::Args, Clone, Debug)]
@@ -14,7 +15,7 @@ pub struct Args {
     training: train::Options,
     #[command(flatten)]
     surface: dsm::Options,
-    /// Score dsm.tif against this surface model (any GDAL raster, or DFC2019's .tif with its .txt)
+    /// Score dsm.tif against this surface model (any GDAL raster, DFC2019's .tif with its .txt, or .las, .laz)
     #[arg(long, value_name = "DSM")]
     truth: Option<PathBuf>,
 }
@@ -30,7 +31,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     train::train_run(run, &args.training, overwrite, ui)?;
     dsm::render_run(run, &args.surface, overwrite, ui)?;
     if let Some(truth) = &args.truth {
-        dsm_eval::score(&run.join("dsm.tif"), truth, None, Some(&run.join("eval")), ui)?;
+        let options = TruthOptions::default();
+        dsm_eval::score(&run.join("dsm.tif"), truth, &options, Some(&run.join("eval")), ui)?;
     }
-    Ok(())
+    report::write(run, ui)
 }

@@ -2,11 +2,22 @@
 
 use super::Failure;
 use crate::raster::{RasterError, write_file};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What a stage was made from: option or input → its value or hash.
 pub type Fingerprint = BTreeMap<String, String>;
+
+/// What `stage.json` holds.
+#[derive(Default, Serialize, Deserialize)]
+struct Record {
+    /// Version that made the stage.
+    satgs: String,
+    /// Command line that made it.
+    command: String,
+    made_from: Fingerprint,
+}
 
 /// A stage of a run folder: `RUN/NAME/stage.json` records a completed one.
 pub struct Stage {
@@ -33,8 +44,8 @@ impl Stage {
     /// Made from other things it is an error that names them, unless `overwrite`.
     pub fn is_done(&self, overwrite: bool) -> Result<bool, Failure> {
         let Ok(text) = std::fs::read_to_string(&self.record) else { return Ok(false) };
-        let before: Fingerprint = serde_json::from_str(&text).unwrap_or_default();
-        if self.is_made_from(&before, overwrite)? {
+        let before: Record = serde_json::from_str(&text).unwrap_or_default();
+        if self.is_made_from(&before.made_from, overwrite)? {
             return Ok(self.outputs.iter().all(|o| o.exists()));
         }
         self.forget()?;
@@ -74,7 +85,13 @@ impl Stage {
 
     /// Records that the stage is complete.
     pub fn complete(&self) -> Result<(), Failure> {
-        let text = serde_json::to_string_pretty(&self.fingerprint).unwrap_or_default();
+        let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+        let record = Record {
+            satgs: env!("CARGO_PKG_VERSION").into(),
+            command: words.collect::<Vec<_>>().join(" "),
+            made_from: self.fingerprint.clone(),
+        };
+        let text = serde_json::to_string_pretty(&record).unwrap_or_default();
         Ok(write_file(&self.record, text)?)
     }
 

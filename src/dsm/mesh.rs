@@ -4,7 +4,7 @@
 //! Where that lies on Earth stands in the scene's `extras`.
 
 use super::Surface;
-use crate::raster::{RasterError, Vertical, encode_png_rgb, write_file};
+use crate::raster::{RasterError, Vertical, png_rgb, write_file};
 use serde_json::json;
 use std::path::Path;
 
@@ -53,7 +53,7 @@ impl Surface {
         }
         let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
         let pixels = (0..heights.data.len()).flat_map(|i| self.colors.each_ref().map(|c| byte(c.data[i])));
-        let texture = encode_png_rgb(grid.width, grid.height, &pixels.collect::<Vec<u8>>())?;
+        let texture = png_rgb(grid.width, grid.height, &pixels.collect::<Vec<u8>>()).ok()?;
 
         let bound = |pick: fn(f32, f32) -> f32, start: f32| {
             positions.iter().fold([start; 3], |m, p| std::array::from_fn(|k| pick(m[k], p[k])))

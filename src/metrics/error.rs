@@ -51,18 +51,68 @@ pub enum MetricsError {
         /// What is wrong with it.
         reason: String,
     },
-    /// The class raster is not on the truth's grid.
-    #[error(
-        "`{classes}` is {} x {} cells, the truth `{truth}` is {} x {}",
-        found.0, found.1, expected.0, expected.1
-    )]
-    #[diagnostic(help("the class raster must lie on the truth's grid; --classes names another one"))]
-    ClassSize {
-        /// The class raster.
-        classes: PathBuf,
+    /// The heights' unit is none that is known.
+    #[error("`{path}`: heights in `{unit}` cannot be compared")]
+    #[diagnostic(help("metres, feet and US survey feet are understood"))]
+    Unit {
+        /// The raster.
+        path: PathBuf,
+        /// Unit of its band.
+        unit: String,
+    },
+    /// A point cloud is empty or damaged.
+    #[error("`{path}`: {reason}")]
+    #[diagnostic(help("a complete LAS or LAZ file is needed; `pdal info` or `lasinfo` tells what is in it"))]
+    Cloud {
+        /// The point cloud.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// It is not known where a point cloud lies.
+    #[error("`{path}`: {reason}")]
+    #[diagnostic(help(
+        "--truth-crs EPSG says which map projection in metres its coordinates are in; `pdal translate` with \
+         filters.reprojection makes others one"
+    ))]
+    CloudCrs {
+        /// The point cloud.
+        path: PathBuf,
+        /// What is wrong with its CRS.
+        reason: String,
+    },
+    /// The geoid's grid does not cover the truth.
+    #[error("the geoid's grid does not cover the truth `{truth}`")]
+    #[diagnostic(help("--truth-vertical takes a grid of the place, as those of PROJ's data are"))]
+    GeoidElsewhere {
         /// The truth.
         truth: PathBuf,
-        /// Columns and rows of the class raster.
+    },
+    /// The mask covers nothing of the truth.
+    #[error("no cell of the truth `{truth}` is inside of the mask `{mask}`")]
+    #[diagnostic(help("do both lie in the same place? a raster mask is not 0 inside"))]
+    EmptyMask {
+        /// The mask.
+        mask: PathBuf,
+        /// The truth.
+        truth: PathBuf,
+    },
+    /// Classes or mask are not on the truth's grid.
+    #[error(
+        "`{path}` ({what}, {} x {} cells) does not lie on the grid of the truth `{truth}`, {} x {} cells",
+        found.0, found.1, expected.0, expected.1
+    )]
+    #[diagnostic(help(
+        "`gdalwarp -te -tr -r near` puts a raster on another's grid; --classes and --mask name other ones"
+    ))]
+    OtherGrid {
+        /// The raster.
+        path: PathBuf,
+        /// What it is for.
+        what: &'static str,
+        /// The truth.
+        truth: PathBuf,
+        /// Its columns and rows.
         found: (usize, usize),
         /// Columns and rows of the truth.
         expected: (usize, usize),

@@ -2,15 +2,20 @@
 
 use super::registration::{Method, Registration, register};
 use super::resample::{Sampling, onto_grid};
-use super::scores::{Scores, errors, score};
-use super::{MetricsError, Surface, Truth};
-use crate::raster::{MapGrid, Plane};
+use super::strata::Labels;
+use super::{MetricsError, Scores, Stratum, Surface, Truth, filled_by_nearest};
+use crate::frame::{Point, SiteGrid};
+use crate::raster::{MapGrid, Plane, egm96_undulation_m};
+use rayon::prelude::*;
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// Fewer common cells than this tell nothing.
 const LEAST_COMMON_CELLS: usize = 100;
 /// Registered heights are clipped to the truth's range widened by this, in metres (EOGS).
 const CLIP_MARGIN_M: f32 = 10.0;
+/// Heights that differ by a geoid's height to within this, in metres, most likely count from different references.
+const NEAR_GEOID_M: f64 = 5.0;
 
 /// One registration and its scores.
 #[derive(Clone, Debug, Serialize)]
@@ -22,14 +27,20 @@ pub struct Verdict {
     pub east_m: f64,
     /// Metres the prediction is moved north.
     pub north_m: f64,
-    /// What is left.
+    /// What is left over all land.
     #[serde(flatten)]
     pub scores: Scores,
+    /// What is left over parts of it.
+    pub strata: Vec<Stratum>,
 }
 
 /// A prediction scored against the truth.
 #[derive(Clone, Debug, Serialize)]
 pub struct Evaluation {
+    /// What was scored.
+    pub prediction: PathBuf,
+    /// What it was compared with.
+    pub truth: PathBuf,
     /// The truth's grid, on which cells are counted.
     pub grid: MapGrid,
     /// How the prediction came to that grid.
@@ -43,11 +54,13 @@ pub struct Evaluation {
     /// What a reader of the figures should know.
     pub notes: Vec<String>,
     #[serde(skip)]
-    prediction: Plane,
+    predicted: Plane,
     #[serde(skip)]
-    prediction_grid: MapGrid,
+    predicted_grid: MapGrid,
     #[serde(skip)]
     land: Plane,
+    #[serde(skip)]
+    classes: Option<Vec<u8>>,
     #[serde(skip)]
     bounds: (f32, f32),
 }
@@ -59,14 +72,64 @@ impl Evaluation {
         self.verdicts.iter().find(|v| v.registration.method == method)
     }
 
+    /// Heights of the truth on its grid, NaN where not scored.
+    #[must_use]
+    pub fn land(&self) -> &Plane {
+        &self.land
+    }
+
+    /// Class of every cell of the truth, if they are known.
+    #[must_use]
+    pub fn classes(&self) -> Option<&[u8]> {
+        self.classes.as_deref()
+    }
+
     /// Registered prediction minus truth in metres on the truth's grid, NaN where not scored.
     ///
     /// # Errors
     /// As [`evaluate`].
     pub fn error_map(&self, registration: &Registration) -> Result<Plane, MetricsError> {
-        let registered = registered(&self.prediction, &self.prediction_grid, &self.grid, registration)?;
-        let data = errors(&registered, &self.land, self.bounds);
-        Ok(Plane { width: self.land.width, height: self.land.height, data })
+        let mut map = self.registered(registration)?;
+        self.subtract_land(&mut map);
+        Ok(map)
+    }
+
+    /// The prediction moved by a registration, on the truth's grid. It is sampled where it is, also beyond the
+    /// truth's edges: a shift costs no cells that were predicted.
+    fn registered(&self, r: &Registration) -> Result<Plane, MetricsError> {
+        let moved = MapGrid {
+            west: self.grid.west + r.dx_cells * self.grid.cell,
+            north: self.grid.north - r.dy_cells * self.grid.cell,
+            ..self.grid
+        };
+        let (mut plane, _) = onto_grid(&self.predicted, &self.predicted_grid, &moved)?;
+        for v in &mut plane.data {
+            *v = (f64::from(*v) + r.dz_m) as f32;
+        }
+        Ok(plane)
+    }
+
+    /// Heights become errors, `clip(height) - land`.
+    fn subtract_land(&self, heights: &mut Plane) {
+        for (v, t) in heights.data.iter_mut().zip(&self.land.data) {
+            *v = v.clamp(self.bounds.0, self.bounds.1) - t;
+        }
+    }
+
+    fn verdict_of(&self, registration: Registration, divisions: &[Labels]) -> Result<Verdict, MetricsError> {
+        let mut errors = self.registered(&registration)?;
+        let mut filled = filled_by_nearest(&errors);
+        self.subtract_land(&mut errors);
+        self.subtract_land(&mut filled);
+        let parts: Vec<_> = divisions.iter().flat_map(Labels::parts).collect();
+        let all = || {
+            let cells = errors.data.iter().zip(&filled.data).zip(&self.land.data);
+            Scores::of(cells.filter(|(_, t)| !t.is_nan()).map(|((e, f), _)| (*e, *f)))
+        };
+        let each = || parts.par_iter().filter_map(|p| p.scores(&self.land, &errors, &filled)).collect();
+        let (scores, strata) = rayon::join(all, each);
+        let (east_m, north_m) = registration.moved_m(self.grid.cell);
+        Ok(Verdict { registration, east_m, north_m, scores, strata })
     }
 }
 
@@ -75,70 +138,49 @@ impl Evaluation {
 /// # Errors
 /// [`MetricsError::NoOverlap`] with fewer than 100 common cells, [`MetricsError::Frame`] when the two systems
 /// cannot be brought together.
-pub fn evaluate(prediction: &Surface, truth: &Truth) -> Result<Evaluation, MetricsError> {
+pub fn evaluate(prediction: Surface, mut truth: Truth) -> Result<Evaluation, MetricsError> {
     let grid = truth.surface.grid;
-    let (plane, sampling) = onto_grid(&prediction.height, &prediction.grid, &grid)?;
-    let land = truth.land();
+    let heights = truth.surface.height.valid();
+    let (low, high) = heights.fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(v), h.max(v)));
+    let bounds = (low - CLIP_MARGIN_M, high + CLIP_MARGIN_M);
+    let water_cells = truth.drop_water();
+    let land = &truth.surface.height;
     let land_cells = land.valid().count();
+    let (plane, sampling) = onto_grid(&prediction.height, &prediction.grid, &grid)?;
     let common = plane.data.iter().zip(&land.data).filter(|(p, t)| !(**p - **t).is_nan()).count();
     if common < LEAST_COMMON_CELLS {
         return Err(MetricsError::NoOverlap {
-            prediction: prediction.path.clone(),
-            truth: truth.surface.path.clone(),
             common,
             needed: LEAST_COMMON_CELLS,
             predicted: plane.valid().count(),
             land: land_cells,
             extents: format!("{}, the truth {}", extent(&prediction.grid), extent(&grid)),
+            prediction: prediction.path,
+            truth: truth.surface.path,
         });
     }
-    let (low, high) =
-        truth.surface.height.valid().fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(v), h.max(v)));
-    let bounds = (low - CLIP_MARGIN_M, high + CLIP_MARGIN_M);
-    let verdicts = Method::ALL
-        .into_iter()
-        .map(|method| {
-            let registration = register(method, &plane, &land, bounds);
-            let (east_m, north_m) = registration.moved_m(grid.cell);
-            let registered = registered(&prediction.height, &prediction.grid, &grid, &registration)?;
-            let scores = score(&registered, &land, truth.classes.as_deref(), bounds);
-            Ok(Verdict { registration, east_m, north_m, scores })
-        })
-        .collect::<Result<Vec<_>, MetricsError>>()?;
-    let notes = notes(prediction, truth, sampling, verdicts.first());
-    let water_cells = truth.surface.height.valid().count() - land_cells;
-    Ok(Evaluation {
+    let registrations = Method::ALL.map(|method| register(method, &plane, land, bounds));
+    drop(plane);
+    let notes = notes(&prediction, &truth, sampling, -registrations[0].dz_m);
+    let divisions = Labels::all(&truth);
+    let mut evaluation = Evaluation {
+        prediction: prediction.path,
+        truth: truth.surface.path,
         grid,
         sampling,
         land_cells,
         water_cells,
-        verdicts,
+        verdicts: Vec::new(),
         notes,
-        prediction: prediction.height.clone(),
-        prediction_grid: prediction.grid,
-        land,
+        predicted: prediction.height,
+        predicted_grid: prediction.grid,
+        land: truth.surface.height,
+        classes: truth.classes,
         bounds,
-    })
-}
-
-/// The prediction moved by a registration, on the truth's grid. It is sampled where it is, also beyond the truth's
-/// edges: a shift costs no cells that were predicted.
-fn registered(
-    prediction: &Plane,
-    from: &MapGrid,
-    truth: &MapGrid,
-    r: &Registration,
-) -> Result<Plane, MetricsError> {
-    let moved = MapGrid {
-        west: truth.west + r.dx_cells * truth.cell,
-        north: truth.north - r.dy_cells * truth.cell,
-        ..*truth
     };
-    let (mut plane, _) = onto_grid(prediction, from, &moved)?;
-    for v in &mut plane.data {
-        *v = (f64::from(*v) + r.dz_m) as f32;
-    }
-    Ok(plane)
+    let verdicts = registrations.into_iter().map(|r| evaluation.verdict_of(r, &divisions));
+    evaluation.verdicts = verdicts.collect::<Result<_, _>>()?;
+    Ok(evaluation)
 }
 
 fn extent(grid: &MapGrid) -> String {
@@ -146,14 +188,19 @@ fn extent(grid: &MapGrid) -> String {
     format!("{w:.0}, {s:.0}, {e:.0}, {n:.0} of EPSG:{}", grid.epsg)
 }
 
-fn notes(prediction: &Surface, truth: &Truth, sampling: Sampling, z: Option<&Verdict>) -> Vec<String> {
-    let mut notes = Vec::new();
+/// What a reader should know; `difference_m` is the median of prediction minus truth.
+fn notes(prediction: &Surface, truth: &Truth, sampling: Sampling, difference_m: f64) -> Vec<String> {
+    let mut notes = truth.notes.clone();
     for s in [prediction, &truth.surface] {
+        let path = s.path.display();
         if s.undeclared_nodata > 0 {
-            let (n, path) = (s.undeclared_nodata, s.path.display());
+            let n = s.undeclared_nodata;
             notes.push(format!(
                 "`{path}`: {n} cells of -9999 or infinity, not declared as nodata, are left out"
             ));
+        }
+        if let Some(unit) = &s.converted_from {
+            notes.push(format!("`{path}`: heights in `{unit}` are converted to metres"));
         }
     }
     match sampling {
@@ -169,14 +216,23 @@ fn notes(prediction: &Surface, truth: &Truth, sampling: Sampling, z: Option<&Ver
     }
     if prediction.vertical != truth.surface.vertical || truth.surface.vertical.is_none() {
         let of = |s: &Surface| s.vertical.clone().unwrap_or_else(|| "not stated".into());
-        let dz = z.map_or(f64::NAN, |z| z.registration.dz_m);
         notes.push(format!(
             "vertical reference: prediction {}, truth {}; heights are compared as they are \
-             (median of prediction minus truth {:+.2} m)",
+             (median of prediction minus truth {difference_m:+.2} m{})",
             of(prediction),
             of(&truth.surface),
-            -dz
+            geoid_clue(&truth.surface.grid, difference_m)
         ));
     }
     notes
+}
+
+/// What a median difference near the geoid's height tells.
+fn geoid_clue(grid: &MapGrid, difference_m: f64) -> String {
+    let map = SiteGrid { epsg: grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
+    let middle = map.geodetic_from_utm(grid.cell_center(grid.width / 2, grid.height / 2));
+    let Some(geoid_m) = egm96_undulation_m(middle.lon_deg(), middle.lat_deg()) else { return String::new() };
+    let is_near = (difference_m.abs() - geoid_m.abs()).abs() < NEAR_GEOID_M && geoid_m.abs() > NEAR_GEOID_M;
+    let clue = "; as much: does one of them count from a geoid? --truth-vertical tells";
+    format!("; the geoid lies {geoid_m:+.2} m from the ellipsoid here{}", if is_near { clue } else { "" })
 }

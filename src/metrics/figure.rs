@@ -1,9 +1,11 @@
-//! The error map as a picture: red where the prediction is too high, blue where it is too low.
+//! The error map as a picture and as a QGIS style: red where the prediction is too high, blue where it is too low.
 
 use crate::raster::Plane;
 
 /// Errors of this size and more get the strongest colour, in metres.
 const FULL_COLOUR_M: f32 = 3.0;
+/// No side of the picture is longer, in pixels.
+const LARGEST_SIDE: usize = 2048;
 /// Colour of cells that are not scored.
 const NOT_SCORED: [f32; 3] = [90.0, 90.0, 90.0];
 /// ColorBrewer's RdBu from too low to too high.
@@ -17,10 +19,57 @@ const DIVERGING: [[f32; 3]; 7] = [
     [178.0, 24.0, 43.0],
 ];
 
-/// Three bytes a cell: a diverging map of errors from -3 m (blue) over 0 (white) to 3 m (red), NaN grey.
+/// The error map as a picture.
+pub struct ErrorPicture {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Three bytes a pixel.
+    pub rgb: Vec<u8>,
+}
+
+/// A diverging map of errors from -3 m (blue) over 0 (white) to 3 m (red), NaN grey; of large maps every so many cells.
 #[must_use]
-pub fn error_picture(errors: &Plane) -> Vec<u8> {
-    errors.data.iter().flat_map(|e| color(*e).map(|c| c.round() as u8)).collect()
+pub fn error_picture(errors: &Plane) -> ErrorPicture {
+    let step = errors.width.max(errors.height).div_ceil(LARGEST_SIDE).max(1);
+    let (width, height) = (errors.width.div_ceil(step), errors.height.div_ceil(step));
+    let at = |i: usize| errors.at(i % width * step, i / width * step);
+    let rgb = (0..width * height).flat_map(|i| color(at(i)).map(|c| c.round() as u8)).collect();
+    ErrorPicture { width, height, rgb }
+}
+
+/// A QGIS style for an error map, in the picture's colours, symmetric about 0.
+#[must_use]
+pub fn error_style() -> String {
+    let last = (DIVERGING.len() - 1) as f32;
+    let items: String = DIVERGING
+        .iter()
+        .enumerate()
+        .map(|(i, [r, g, b])| {
+            let value = FULL_COLOUR_M * (2.0 * i as f32 - last) / last;
+            let color = format!("#{:02x}{:02x}{:02x}", *r as u8, *g as u8, *b as u8);
+            format!(
+                "          <item value=\"{value}\" label=\"{value:+} m\" color=\"{color}\" alpha=\"255\"/>\n"
+            )
+        })
+        .collect();
+    format!(
+        r#"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>
+<qgis version="3.22" styleCategories="Symbology">
+  <pipe>
+    <rasterrenderer type="singlebandpseudocolor" band="1" opacity="1" alphaBand="-1"
+      classificationMin="-{FULL_COLOUR_M}" classificationMax="{FULL_COLOUR_M}">
+      <rastershader>
+        <colorrampshader colorRampType="INTERPOLATED" classificationMode="1" clip="0"
+          minimumValue="-{FULL_COLOUR_M}" maximumValue="{FULL_COLOUR_M}">
+{items}        </colorrampshader>
+      </rastershader>
+    </rasterrenderer>
+  </pipe>
+</qgis>
+"#
+    )
 }
 
 fn color(error_m: f32) -> [f32; 3] {
@@ -41,6 +90,25 @@ mod tests {
     #[test]
     fn colours_say_too_high_and_too_low() {
         let p = Plane { width: 4, height: 1, data: vec![0.0, 99.0, -3.0, f32::NAN] };
-        assert_eq!(error_picture(&p), [247, 247, 247, 178, 24, 43, 33, 102, 172, 90, 90, 90]);
+        assert_eq!(error_picture(&p).rgb, [247, 247, 247, 178, 24, 43, 33, 102, 172, 90, 90, 90]);
+    }
+
+    #[test]
+    fn a_large_map_makes_a_picture_of_bounded_size() {
+        let picture = error_picture(&Plane::filled(5000, 20, 0.0));
+        assert_eq!((picture.width, picture.height, picture.rgb.len()), (1667, 7, 3 * 1667 * 7));
+    }
+
+    #[test]
+    fn the_style_is_symmetric_xml() {
+        let text = error_style();
+        let options = roxmltree::ParsingOptions { allow_dtd: true, ..Default::default() };
+        let xml = roxmltree::Document::parse_with_options(&text, options).unwrap();
+        let values: Vec<f32> = xml
+            .descendants()
+            .filter(|n| n.has_tag_name("item"))
+            .map(|n| n.attribute("value").unwrap().parse().unwrap())
+            .collect();
+        assert_eq!(values, [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]);
     }
 }

@@ -8,14 +8,18 @@ use rayon::prelude::*;
 #[must_use]
 pub fn filled_by_nearest(plane: &Plane) -> Plane {
     let (w, h) = (plane.width, plane.height);
-    let nearest_row = nearest_valid_row(plane);
     let mut out = plane.clone();
+    if !plane.data.iter().any(|v| v.is_nan()) {
+        return out;
+    }
+    let nearest_row = nearest_valid_row(plane);
     out.data.par_chunks_mut(w).enumerate().for_each(|(row, line)| {
         let rows = &nearest_row[row * w..(row + 1) * w];
         let sites: Vec<(usize, f64)> = rows
             .iter()
             .enumerate()
-            .filter(|(_, r)| **r < h)
+            .map(|(col, r)| (col, *r as usize))
+            .filter(|(_, r)| *r < h)
             .map(|(col, r)| (col, (r.abs_diff(row) as f64).powi(2)))
             .collect();
         if sites.is_empty() || !line.iter().any(|v| v.is_nan()) {
@@ -29,7 +33,7 @@ pub fn filled_by_nearest(plane: &Plane) -> Plane {
             }
             if v.is_nan() {
                 let from = envelope[k].0;
-                *v = plane.at(from, rows[from]);
+                *v = plane.at(from, rows[from] as usize);
             }
         }
     });
@@ -37,14 +41,15 @@ pub fn filled_by_nearest(plane: &Plane) -> Plane {
 }
 
 /// For every cell the row of the nearest valid cell of its column; `height` where the column has none.
-fn nearest_valid_row(plane: &Plane) -> Vec<usize> {
-    let (w, h) = (plane.width, plane.height);
-    let mut nearest = vec![h; w * h];
-    for row in 0..h {
+fn nearest_valid_row(plane: &Plane) -> Vec<u32> {
+    let (w, rows) = (plane.width, plane.height);
+    let h = rows as u32;
+    let mut nearest = vec![h; w * rows];
+    for row in 0..rows {
         for col in 0..w {
             let i = row * w + col;
             nearest[i] = if !plane.data[i].is_nan() {
-                row
+                row as u32
             } else if row > 0 {
                 nearest[i - w]
             } else {
@@ -52,10 +57,11 @@ fn nearest_valid_row(plane: &Plane) -> Vec<usize> {
             };
         }
     }
-    for row in (0..h.saturating_sub(1)).rev() {
+    for row in (0..rows.saturating_sub(1)).rev() {
         for col in 0..w {
             let (i, below) = (row * w + col, nearest[(row + 1) * w + col]);
-            if below < h && (nearest[i] == h || below.abs_diff(row) < nearest[i].abs_diff(row)) {
+            let away = |r: u32| r.abs_diff(row as u32);
+            if below < h && (nearest[i] == h || away(below) < away(nearest[i])) {
                 nearest[i] = below;
             }
         }

@@ -4,6 +4,7 @@
 //! best of all shifts within 5 cells of the doubled coarser one.
 
 use crate::raster::Plane;
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// Planes are halved while their shorter side exceeds this many cells.
@@ -47,6 +48,9 @@ struct Moments {
     ab: f64,
 }
 
+/// Cells summed side by side, in vector registers.
+const LANES: usize = 8;
+
 impl Moments {
     fn of(prediction: &Plane, truth: &Plane, (dx, dy): (i64, i64)) -> Self {
         let mut m = Self::default();
@@ -58,20 +62,16 @@ impl Moments {
             }
             let t = &truth.row(row as usize)[cols.clone()];
             let first = (cols.start as i64 + dx) as usize;
-            let p = &prediction.row((row + dy) as usize)[first..first + t.len()];
-            for (a, b) in p.iter().zip(t) {
-                let (a, b) = (f64::from(*a), f64::from(*b));
-                if !(a * b).is_nan() {
-                    m.n += 1.0;
-                    m.a += a;
-                    m.b += b;
-                    m.aa += a * a;
-                    m.bb += b * b;
-                    m.ab += a * b;
-                }
-            }
+            m.add(&prediction.row((row + dy) as usize)[first..first + t.len()], t);
         }
         m
+    }
+
+    /// Adds the cells of a row that are numbers in both planes.
+    fn add(&mut self, a: &[f32], b: &[f32]) {
+        let sums = row_sums(a, b).map(|lanes| lanes.iter().sum::<f64>());
+        let own = [&mut self.n, &mut self.a, &mut self.b, &mut self.aa, &mut self.bb, &mut self.ab];
+        own.into_iter().zip(sums).for_each(|(own, sum)| *own += sum);
     }
 
     /// Minus infinity where a plane is constant.
@@ -81,6 +81,28 @@ impl Moments {
         let ncc = covariance / spread.sqrt();
         if spread > 0.0 && ncc.is_finite() { ncc } else { f64::NEG_INFINITY }
     }
+}
+
+/// Of a row: how many cells, and the sums of a, b, aa, bb, ab, each in lanes.
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn row_sums(a: &[f32], b: &[f32]) -> [[f64; LANES]; 6] {
+    let mut sums = [[0.0; LANES]; 6];
+    let (a, a_rest) = a.as_chunks::<LANES>();
+    let (b, b_rest) = b.as_chunks::<LANES>();
+    // What does not fill the lanes is made up with cells that do not count.
+    let filled_up = |rest: &[f32]| std::array::from_fn(|i| rest.get(i).copied().unwrap_or(f32::NAN));
+    let last = [(filled_up(a_rest), filled_up(b_rest))];
+    for (a, b) in a.iter().copied().zip(b.iter().copied()).chain(last) {
+        for i in 0..LANES {
+            let both = !(a[i] * b[i]).is_nan();
+            let (a, b) = if both { (f64::from(a[i]), f64::from(b[i])) } else { (0.0, 0.0) };
+            let terms = [f64::from(u8::from(both)), a, b, a * a, b * b, a * b];
+            for (sum, term) in sums.iter_mut().zip(terms) {
+                sum[i] += term;
+            }
+        }
+    }
+    sums
 }
 
 #[cfg(test)]

@@ -64,7 +64,7 @@ impl Registration {
 #[must_use]
 pub fn register(method: Method, prediction: &Plane, land: &Plane, bounds: (f32, f32)) -> Registration {
     let (dx_cells, dy_cells, dz_m) = match method {
-        Method::Z => (0.0, 0.0, -quantile(&mut differences(prediction, land), 0.5)),
+        Method::Z => (0.0, 0.0, -quantile(&differences(prediction, land), 0.5)),
         Method::Ncc => {
             let (dx, dy) = best_whole_shift(prediction, land);
             let (dx, dy) = (dx as f64, dy as f64);

@@ -39,7 +39,12 @@ pub fn onto_grid(plane: &Plane, from: &MapGrid, to: &MapGrid) -> Result<(Plane, 
     let near = |d: f64| (d - d.round()).abs() <= WHOLE_CELL;
     if (from.cell - to.cell).abs() <= SAME_CELL * to.cell && near(dx) && near(dy) {
         let (dx, dy) = (dx.round() as i64, dy.round() as i64);
-        let cut = Plane::from_fn(to.width, to.height, |c, r| plane.get(c as i64 + dx, r as i64 + dy));
+        let mut cut = Plane::filled(to.width, to.height, f32::NAN);
+        cut.data.par_chunks_mut(to.width).enumerate().for_each(|(row, line)| {
+            for (col, v) in line.iter_mut().enumerate() {
+                *v = plane.get(col as i64 + dx, row as i64 + dy);
+            }
+        });
         return Ok((cut, Sampling::WholeCells));
     }
     Ok((interpolated(plane, from, to, |p| p), Sampling::Bilinear))

@@ -20,13 +20,15 @@ pub struct Surface {
     pub vertical: Option<String>,
     /// Cells that held a nodata value the file does not declare.
     pub undeclared_nodata: usize,
+    /// The unit that heights were converted from, if they were not in metres.
+    pub converted_from: Option<String>,
 }
 
 impl Surface {
     /// Reads the first band of a georeferenced raster.
     ///
     /// # Errors
-    /// [`MetricsError::Raster`] when it cannot be read or has no north-up grid in metres.
+    /// [`MetricsError::Raster`] when it cannot be read or has no north-up grid in metres, [`MetricsError::Unit`].
     pub fn read(path: &Path) -> Result<Self, MetricsError> {
         let file = ImageFile::open(path)?;
         let grid = file.map_grid()?;
@@ -37,8 +39,27 @@ impl Surface {
     pub(super) fn on_grid(file: &ImageFile, grid: MapGrid) -> Result<Self, MetricsError> {
         let mut height = file.read(1)?;
         let undeclared_nodata = drop_undeclared_nodata(&mut height);
-        let vertical = file.metadata("VERTICAL_REFERENCE", "");
-        Ok(Self { path: file.path().into(), grid, height, vertical, undeclared_nodata })
+        let unit = file.unit(1)?;
+        let Some(metres) = metres_of(&unit) else {
+            return Err(MetricsError::Unit { path: file.path().into(), unit });
+        };
+        let converted_from = (metres != 1.0).then_some(unit);
+        if converted_from.is_some() {
+            height.data.iter_mut().for_each(|v| *v *= metres);
+        }
+        let told = file.metadata("VERTICAL_REFERENCE", "");
+        let vertical = told.map(|v| if v.ends_with("ellipsoid") { "ellipsoid".into() } else { v });
+        Ok(Self { path: file.path().into(), grid, height, vertical, undeclared_nodata, converted_from })
+    }
+}
+
+/// Metres in a unit that GDAL names; an unnamed one is taken for metres.
+fn metres_of(unit: &str) -> Option<f32> {
+    match unit.to_ascii_lowercase().as_str() {
+        "" | "m" | "metre" | "meter" | "metres" | "meters" => Some(1.0),
+        "ft" | "foot" | "feet" | "international foot" => Some(0.3048),
+        "us survey foot" | "us_survey_foot" | "us survey feet" | "us-ft" | "ftus" => Some(1200.0 / 3937.0),
+        _ => None,
     }
 }
 

@@ -1,20 +1,30 @@
-//! The truth: any georeferenced raster, or DFC2019's `X_DSM.tif` with `X_DSM.txt`, and its classes `X_CLS.tif`.
+//! The truth: any georeferenced raster, DFC2019's `X_DSM.tif` with `X_DSM.txt`, or lidar points (LAS, LAZ); its
+//! classes `X_CLS.tif`, and the part of it that a user asks about.
 //!
 //! `X_DSM.txt` holds four numbers: easting and northing of the lower-left corner in metres, size in cells (the
 //! raster is square), resolution in metres; the UTM zone is the prediction's.
 
-use super::{MetricsError, Surface};
-use crate::raster::{ImageFile, MapGrid, Plane};
+use super::{MetricsError, Surface, cloud};
+use crate::frame::{Point, SiteGrid};
+use crate::raster::{Geoid, ImageFile, MapGrid, Plane, Vertical, inside_polygons};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// DFC2019's class of water (2 ground, 5 trees, 6 building, 65 unlabelled).
+/// DFC2019's and LAS's class of water.
 pub const WATER: u8 = 9;
+/// A raster that must lie on the truth's grid may be off by this, in cells.
+const SAME_GRID: f64 = 0.02;
+/// Geoids are smooth: they are looked up every so many cells.
+const GEOID_STEP: usize = 64;
 
-/// Name of a DFC2019 class.
+/// Name of a class of DFC2019 or LAS.
 #[must_use]
 pub fn class_name(class: u8) -> &'static str {
     match class {
+        0 | 1 => "unclassified",
         2 => "ground",
+        3 => "low vegetation",
+        4 => "medium vegetation",
         5 => "trees",
         6 => "building",
         WATER => "water",
@@ -29,49 +39,123 @@ pub fn class_name(class: u8) -> &'static str {
 pub struct Truth {
     /// Heights and their place.
     pub surface: Surface,
-    /// Class of every cell, if there is a class raster.
+    /// Class of every cell, if they are known.
     pub classes: Option<Vec<u8>>,
-    /// The class raster.
-    pub classes_path: Option<PathBuf>,
+    /// Which cells are inside of the user's mask, if there is one.
+    pub mask: Option<Vec<bool>>,
+    /// What was done to bring the truth here, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// How to read a truth.
+#[derive(Default)]
+pub struct TruthOptions<'a> {
+    /// Class raster on the truth's grid; without it `X_CLS.tif` beside `X_DSM.tif`.
+    pub classes: Option<&'a Path>,
+    /// Polygons, or a raster on the truth's grid that is not 0 inside.
+    pub mask: Option<&'a Path>,
+    /// What its heights count from, when the user knows.
+    pub vertical: Option<Vertical>,
+    /// EPSG code of lidar points that do not tell.
+    pub epsg: Option<u32>,
 }
 
 impl Truth {
-    /// Reads the truth and its classes: those of `classes`, or of `X_CLS.tif` beside `X_DSM.tif`.
+    /// Reads the truth, its classes and the mask.
     ///
-    /// `epsg` is the prediction's CRS, in which DFC2019's text file counts.
+    /// DFC2019's text file counts in the CRS of `grid`, which is the prediction's; points are put on its cells.
     ///
     /// # Errors
-    /// [`MetricsError`] when a file cannot be read, has no place on the map, or the class raster has another size.
-    pub fn read(path: &Path, classes: Option<&Path>, epsg: u32) -> Result<Self, MetricsError> {
-        let file = ImageFile::open(path)?;
-        let grid = if file.has_geotransform() {
-            file.map_grid().map_err(|e| MetricsError::TruthGrid {
-                path: path.into(),
-                reason: e.to_string().rsplit("`: ").next().unwrap_or_default().to_owned(),
-                epsg,
-            })?
+    /// [`MetricsError`] when a file cannot be read, has no place on the map, or lies on another grid than the truth.
+    pub fn read(path: &Path, options: &TruthOptions, grid: &MapGrid) -> Result<Self, MetricsError> {
+        let (mut surface, mut classes) = if cloud::is_cloud(path) {
+            cloud::read(path, options.epsg, *grid)?
         } else {
-            grid_of_txt(&file, epsg)?
+            (read_raster(path, grid.epsg)?, None)
         };
-        let surface = Surface::on_grid(&file, grid)?;
-        let classes_path = classes.map(Path::to_path_buf).or_else(|| classes_beside(path));
-        let classes = classes_path.as_deref().map(|c| read_classes(c, &surface)).transpose()?;
-        Ok(Self { surface, classes, classes_path })
-    }
-
-    /// Heights where the truth is valid and not water, NaN elsewhere: the cells that are scored.
-    #[must_use]
-    pub fn land(&self) -> Plane {
-        let mut land = self.surface.height.clone();
-        if let Some(classes) = &self.classes {
-            for (v, c) in land.data.iter_mut().zip(classes) {
-                if *c == WATER {
-                    *v = f32::NAN;
-                }
+        let mut notes = Vec::new();
+        if cloud::is_cloud(path) {
+            let n = surface.height.valid().count();
+            notes.push(format!(
+                "the highest of the truth's points is taken in every cell of the prediction's grid, {n} cells have one"
+            ));
+        }
+        match &options.vertical {
+            Some(Vertical::Geoid { name, grid, .. }) => {
+                let (low, high) = lift(&mut surface, grid)?;
+                notes.push(format!(
+                    "the truth is lifted from the geoid ({name}) to the ellipsoid, by {low:+.2} to {high:+.2} m"
+                ));
+            }
+            Some(Vertical::Ellipsoid) => surface.vertical = Some(Vertical::Ellipsoid.name().into()),
+            None => {}
+        }
+        if let Some(path) = options.classes.map(Path::to_path_buf).or_else(|| classes_beside(path)) {
+            let codes = read_on_grid(&path, &surface, "classes")?;
+            // A declared nodata value is NaN, which the cast turns into class 0.
+            classes = Some(codes.into_iter().map(|v| v as u8).collect());
+        }
+        if let Some(classes) = &classes {
+            let codes: BTreeSet<u8> = classes.iter().copied().collect();
+            let unknown: Vec<String> =
+                codes.iter().filter(|c| class_name(**c) == "other").map(u8::to_string).collect();
+            if !unknown.is_empty() {
+                notes.push(format!(
+                    "class codes {} are none of DFC2019's; only {WATER} is taken for water",
+                    unknown.join(", ")
+                ));
             }
         }
-        land
+        let mask = options.mask.map(|m| read_mask(m, &surface)).transpose()?;
+        Ok(Self { surface, classes, mask, notes })
     }
+
+    /// Makes the truth NaN where it is water, which is not scored; says how many cells that are.
+    pub(super) fn drop_water(&mut self) -> usize {
+        let mut dropped = 0;
+        for (v, class) in self.surface.height.data.iter_mut().zip(self.classes.iter().flatten()) {
+            if *class == WATER && !v.is_nan() {
+                *v = f32::NAN;
+                dropped += 1;
+            }
+        }
+        dropped
+    }
+}
+
+fn read_raster(path: &Path, epsg: u32) -> Result<Surface, MetricsError> {
+    let file = ImageFile::open(path)?;
+    let grid = if file.has_geotransform() {
+        file.map_grid().map_err(|e| MetricsError::TruthGrid {
+            path: path.into(),
+            reason: e.to_string().rsplit("`: ").next().unwrap_or_default().to_owned(),
+            epsg,
+        })?
+    } else {
+        grid_of_txt(&file, epsg)?
+    };
+    Surface::on_grid(&file, grid)
+}
+
+/// Adds the geoid's undulation to heights above it; returns the least and the most that was added.
+fn lift(surface: &mut Surface, geoid: &Geoid) -> Result<(f32, f32), MetricsError> {
+    let grid = surface.grid;
+    let map = SiteGrid { epsg: grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
+    let nodes = |cells: usize| cells.div_ceil(GEOID_STEP) + 1;
+    let undulation = Plane::from_fn(nodes(grid.width), nodes(grid.height), |col, row| {
+        let p = map.geodetic_from_utm(grid.cell_center(col * GEOID_STEP, row * GEOID_STEP));
+        geoid.undulation_m(p.lon_deg(), p.lat_deg()) as f32
+    });
+    if undulation.data.iter().any(|v| v.is_nan()) {
+        return Err(MetricsError::GeoidElsewhere { truth: surface.path.clone() });
+    }
+    let step = GEOID_STEP as f64;
+    for (i, v) in surface.height.data.iter_mut().enumerate() {
+        let (col, row) = (i % grid.width, i / grid.width);
+        *v += undulation.bilinear(col as f64 / step, row as f64 / step);
+    }
+    surface.vertical = Some("ellipsoid".into());
+    Ok(undulation.valid().fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(v), h.max(v))))
 }
 
 /// `X_CLS.tif` beside `X_DSM.tif`, if it exists.
@@ -81,19 +165,32 @@ fn classes_beside(path: &Path) -> Option<PathBuf> {
     found.exists().then_some(found)
 }
 
-fn read_classes(path: &Path, truth: &Surface) -> Result<Vec<u8>, MetricsError> {
+/// Values of a raster that must lie on the truth's grid, or have its size and no place.
+fn read_on_grid(path: &Path, truth: &Surface, what: &'static str) -> Result<Vec<f32>, MetricsError> {
     let file = ImageFile::open(path)?;
-    let expected = (truth.height.width, truth.height.height);
-    if file.size() != expected {
-        return Err(MetricsError::ClassSize {
-            classes: path.into(),
+    let expected = (truth.grid.width, truth.grid.height);
+    let is_elsewhere = file.has_geotransform() && !file.map_grid()?.is_same(&truth.grid, SAME_GRID);
+    if file.size() != expected || is_elsewhere {
+        return Err(MetricsError::OtherGrid {
+            path: path.into(),
+            what,
             truth: truth.path.clone(),
             found: file.size(),
             expected,
         });
     }
-    // A declared nodata value comes back as NaN, which the cast turns into class 0.
-    Ok(file.read(1)?.data.into_iter().map(|v| v as u8).collect())
+    Ok(file.read(1)?.data)
+}
+
+fn read_mask(path: &Path, truth: &Surface) -> Result<Vec<bool>, MetricsError> {
+    let inside = match inside_polygons(path, &truth.grid)? {
+        Some(inside) => inside,
+        None => read_on_grid(path, truth, "mask")?.into_iter().map(|v| v != 0.0 && !v.is_nan()).collect(),
+    };
+    if !inside.iter().any(|i| *i) {
+        return Err(MetricsError::EmptyMask { mask: path.into(), truth: truth.path.clone() });
+    }
+    Ok(inside)
 }
 
 fn grid_of_txt(file: &ImageFile, epsg: u32) -> Result<MapGrid, MetricsError> {

@@ -16,7 +16,7 @@ const FINEST: f64 = 1.0 / 256.0;
 /// Cells looked at for every shift of the grid.
 const SCREENED_CELLS: usize = 1 << 16;
 /// Cells looked at for the best of them and for the refinement.
-const REFINED_CELLS: usize = 1 << 22;
+const REFINED_CELLS: usize = 1 << 20;
 /// Shifts of the grid that are looked at again with more cells.
 const SHORTLIST: usize = 32;
 /// Starts of the refinement: the error has a small minimum in every cell.
@@ -139,8 +139,8 @@ impl Search {
                 pairs.push((v, t));
             }
         }
-        let mut differences: Vec<f32> = pairs.iter().map(|(v, t)| v - t).collect();
-        let dz_m = -quantile(&mut differences, 0.5);
+        let differences: Vec<f32> = pairs.iter().map(|(v, t)| v - t).collect();
+        let dz_m = -quantile(&differences, 0.5);
         let (low, high) = self.bounds;
         let dz = dz_m as f32;
         let sum: f64 = pairs.iter().map(|(v, t)| f64::from(((v + dz).clamp(low, high) - t).abs())).sum();

@@ -62,12 +62,18 @@ impl Canvas {
         }
     }
 
+    /// Its columns, its rows, and red, green and blue of every pixel, row by row.
+    #[must_use]
+    pub fn picture(&self) -> (usize, usize, &[u8]) {
+        (self.width, self.pixels.len() / self.width.max(1), self.pixels.as_flattened())
+    }
+
     /// Writes it as a PNG.
     ///
     /// # Errors
     /// [`RasterError::Write`].
     pub fn write(&self, path: &Path) -> Result<(), RasterError> {
-        let height = self.pixels.len() / self.width.max(1);
-        write_png_rgb(path, self.width, height, self.pixels.as_flattened())
+        let (width, height, rgb) = self.picture();
+        write_png_rgb(path, width, height, rgb)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{MapGrid, Plane, RasterError};
 use crate::frame::{CornerPx, Pixel};
-use gdal::raster::GdalDataType;
+use gdal::raster::{GdalDataType, ResampleAlg};
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
 use gdal::{Dataset, Metadata};
 use serde::{Deserialize, Serialize};
@@ -104,6 +104,14 @@ impl ImageFile {
         Ok(Band { is_byte: band.band_type() == GdalDataType::UInt8, nodata: band.no_data_value() })
     }
 
+    /// Unit of a band's values, as the file names it; empty if it does not.
+    ///
+    /// # Errors
+    /// [`RasterError::NoBand`].
+    pub fn unit(&self, index: usize) -> Result<String, RasterError> {
+        Ok(self.dataset.rasterband(index).map_err(|_| self.no_band(index))?.unit())
+    }
+
     /// Reads one band, counted from 1; its nodata value becomes NaN.
     ///
     /// # Errors
@@ -118,10 +126,23 @@ impl ImageFile {
     /// # Errors
     /// As [`ImageFile::read`].
     pub fn read_window(&self, index: usize, window: Window) -> Result<Plane, RasterError> {
-        let Window { col, row, width, height } = window;
+        self.read_scaled(index, window, (window.width, window.height))
+    }
+
+    /// As [`ImageFile::read_window`], averaged down to another size.
+    ///
+    /// # Errors
+    /// As [`ImageFile::read`].
+    pub fn read_scaled(
+        &self,
+        index: usize,
+        window: Window,
+        (width, height): (usize, usize),
+    ) -> Result<Plane, RasterError> {
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
+        let (from, size) = ((window.col as isize, window.row as isize), (window.width, window.height));
         let mut data = band
-            .read_as::<f32>((col as isize, row as isize), (width, height), (width, height), None)
+            .read_as::<f32>(from, size, (width, height), Some(ResampleAlg::Average))
             .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })?
             .into_shape_and_vec()
             .1;
@@ -191,7 +212,7 @@ impl ImageFile {
         let t = self.is_map().then(|| self.dataset.geo_transform().ok())??;
         let (mut x, mut y) = ([t[0] + t[1] * px.col], [t[3] + t[5] * px.row]);
         let (from, to) = (self.dataset.spatial_ref().ok()?, SpatialRef::from_epsg(4326).ok()?);
-        transform(from, to, &mut x, &mut y)?;
+        transform(from, to, &mut x, &mut y, &mut [])?;
         Some((x[0], y[0]))
     }
 
@@ -201,7 +222,7 @@ impl ImageFile {
         let t = self.is_map().then(|| self.dataset.geo_transform().ok())??;
         let (mut x, mut y) = ([lon_deg], [lat_deg]);
         let (from, to) = (SpatialRef::from_epsg(4326).ok()?, self.dataset.spatial_ref().ok()?);
-        transform(from, to, &mut x, &mut y)?;
+        transform(from, to, &mut x, &mut y, &mut [])?;
         Some(Pixel::new((x[0] - t[0]) / t[1], (y[0] - t[3]) / t[5]))
     }
 
@@ -242,8 +263,14 @@ impl ImageFile {
 }
 
 /// Transforms coordinates in place, x east and y north whatever the authority's order.
-fn transform(mut from: SpatialRef, mut to: SpatialRef, x: &mut [f64], y: &mut [f64]) -> Option<()> {
+pub(super) fn transform(
+    mut from: SpatialRef,
+    mut to: SpatialRef,
+    x: &mut [f64],
+    y: &mut [f64],
+    z: &mut [f64],
+) -> Option<()> {
     from.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
     to.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
-    CoordTransform::new(&from, &to).ok()?.transform_coords(x, y, &mut []).ok()
+    CoordTransform::new(&from, &to).ok()?.transform_coords(x, y, z).ok()
 }

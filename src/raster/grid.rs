@@ -48,6 +48,20 @@ impl MapGrid {
         Pixel::new((p.x() - self.west) / self.cell, (self.north - p.y()) / self.cell)
     }
 
+    /// GDAL's six numbers.
+    pub(super) fn geo_transform(&self) -> [f64; 6] {
+        [self.west, self.cell, 0.0, self.north, 0.0, -self.cell]
+    }
+
+    /// Whether another grid has the same cells, to within `slack` of a cell.
+    #[must_use]
+    pub fn is_same(&self, other: &Self, slack: f64) -> bool {
+        let near = |a: f64, b: f64| (a - b).abs() <= slack * self.cell;
+        let size = |g: &Self| (g.epsg, g.width, g.height);
+        let (a, b) = (self.bounds(), other.bounds());
+        size(self) == size(other) && near(a.0, b.0) && near(a.1, b.1) && near(a.2, b.2) && near(a.3, b.3)
+    }
+
     /// West, south, east, north edges in metres.
     #[must_use]
     pub fn bounds(&self) -> (f64, f64, f64, f64) {

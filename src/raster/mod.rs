@@ -2,6 +2,7 @@
 
 mod canvas;
 mod cloud;
+mod crs;
 mod file;
 mod geoid;
 mod grid;
@@ -12,15 +13,15 @@ mod write;
 
 pub use canvas::Canvas;
 pub use cloud::PointCloud;
+pub use crs::{egm96_undulation_m, epsg_of_wkt, is_metric_map};
 pub use file::{Band, ImageFile, Window};
 pub use geoid::Geoid;
 pub use grid::MapGrid;
 pub use plane::Plane;
-pub use vector::{Marker, Outline, write_markers, write_outlines};
+pub use vector::{Marker, Outline, inside_polygons, write_markers, write_outlines};
 pub use vertical::Vertical;
 pub use write::{
-    Cog, SensorImage, encode_png_rgb, write_atomically, write_file, write_png_gray, write_png_rgb,
-    write_with_rpc,
+    Cog, SensorImage, png_rgb, write_atomically, write_file, write_png_gray, write_png_rgb, write_with_rpc,
 };
 
 use std::path::PathBuf;
@@ -90,6 +91,26 @@ pub enum RasterError {
     NoGeoid {
         /// The model.
         name: String,
+    },
+    /// A vector file holds nothing that a raster can be masked with.
+    #[error("`{path}` cannot be used as a mask: {reason}")]
+    #[diagnostic(help("a mask is a vector file of polygons with a CRS, or a raster that is not 0 inside"))]
+    Mask {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A picture could not be encoded.
+    #[error("a picture of {width} x {height} pixels cannot be encoded: {reason}")]
+    #[diagnostic(code(satgs::failed))]
+    Picture {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// The encoder's words.
+        reason: String,
     },
     /// An output could not be written; nothing is left of it.
     #[error("writing `{path}` failed: {reason}")]

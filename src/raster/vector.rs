@@ -1,11 +1,12 @@
-//! Points and polygons on the map as GeoJSON or GeoPackage.
+//! Points and polygons on the map: written as GeoJSON or GeoPackage, polygons read from any vector file as a mask.
 
 use super::file::quiet_gdal;
-use super::write::encode;
-use super::{RasterError, write_atomically};
-use gdal::DriverManager;
-use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
+use super::write::{encode, memory_dataset};
+use super::{MapGrid, RasterError, write_atomically};
+use gdal::raster::rasterize;
+use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
 use gdal::vector::{Feature, Geometry, LayerAccess, LayerOptions, OGRFieldType, OGRwkbGeometryType};
+use gdal::{Dataset, DatasetOptions, DriverManager, GdalOpenFlags};
 use std::path::Path;
 
 /// What is known of a feature, NaN what is not; every feature of a layer has the same keys.
@@ -91,4 +92,43 @@ fn write_features(
         };
         encode(temporary, make).map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
     })
+}
+
+/// Which cells of a grid have their centre inside of a vector file's polygons; none if it is no vector file.
+///
+/// # Errors
+/// [`RasterError::Mask`] when it has no CRS or no polygon.
+pub fn inside_polygons(path: &Path, grid: &MapGrid) -> Result<Option<Vec<bool>>, RasterError> {
+    quiet_gdal();
+    let wrong = |reason: String| RasterError::Mask { path: path.into(), reason };
+    let flags = GdalOpenFlags::GDAL_OF_VECTOR;
+    let options = DatasetOptions { open_flags: flags, ..DatasetOptions::default() };
+    let Ok(vector) = Dataset::open_ex(path, options) else { return Ok(None) };
+    let burn = || -> Result<Option<Vec<bool>>, Box<dyn std::error::Error>> {
+        let mut to = SpatialRef::from_epsg(grid.epsg)?;
+        to.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+        let mut polygons = Vec::new();
+        for mut layer in vector.layers() {
+            let mut from = layer.spatial_ref().ok_or("its CRS is not stated")?;
+            from.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+            let to_grid = CoordTransform::new(&from, &to)?;
+            for feature in layer.features() {
+                let Some(geometry) = feature.geometry() else { continue };
+                if geometry.area() > 0.0 {
+                    polygons.push(geometry.transform(&to_grid)?);
+                }
+            }
+        }
+        if polygons.is_empty() {
+            return Err("it holds no polygon".into());
+        }
+        let cells = vec![0u8; grid.width * grid.height];
+        let mut burnt = memory_dataset(grid.width, grid.height, vec![cells], None)?;
+        burnt.set_geo_transform(&grid.geo_transform())?;
+        rasterize(&mut burnt, &[1], &polygons, &vec![1.0; polygons.len()], None)?;
+        let size = (grid.width, grid.height);
+        let cells = burnt.rasterband(1)?.read_as::<u8>((0, 0), size, size, None)?.into_shape_and_vec().1;
+        Ok(Some(cells.into_iter().map(|c| c != 0).collect()))
+    };
+    burn().map_err(|e| wrong(e.to_string()))
 }

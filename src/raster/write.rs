@@ -7,7 +7,6 @@ use gdal::spatial_ref::SpatialRef;
 use gdal::vsi::get_vsi_mem_file_bytes_owned;
 use gdal::{Dataset, DriverManager, Metadata};
 use image::ImageEncoder;
-use image::codecs::png::PngEncoder;
 use std::path::Path;
 
 /// Runs `write` on a temporary name beside `path`, then renames: `path` is the old file or the whole new one.
@@ -89,7 +88,9 @@ impl Cog<'_> {
         labels: &[(&str, &str)],
         predictor: &str,
     ) -> Result<(), RasterError> {
+        let threads = rayon::current_num_threads().to_string();
         let options = [
+            ("NUM_THREADS", threads.as_str()),
             ("COMPRESS", "DEFLATE"),
             ("PREDICTOR", predictor),
             ("BLOCKSIZE", "256"),
@@ -99,10 +100,9 @@ impl Cog<'_> {
         write_atomically(path, |temporary| {
             let make = || -> Result<(), Box<dyn std::error::Error>> {
                 let mut memory = memory_dataset(self.grid.width, self.grid.height, bands, nodata)?;
-                let g = self.grid;
-                memory.set_geo_transform(&[g.west, g.cell, 0.0, g.north, 0.0, -g.cell])?;
+                memory.set_geo_transform(&self.grid.geo_transform())?;
                 let vertical = self.heights_from.and_then(Vertical::epsg).map(|code| format!("+{code}"));
-                let crs = format!("EPSG:{}{}", g.epsg, vertical.unwrap_or_default());
+                let crs = format!("EPSG:{}{}", self.grid.epsg, vertical.unwrap_or_default());
                 memory.set_spatial_ref(&SpatialRef::from_definition(&crs)?)?;
                 memory.set_metadata_item(
                     "TIFFTAG_SOFTWARE",
@@ -186,7 +186,7 @@ pub fn write_with_rpc(image: &Path, out: &Path, rpc: &[(String, String)]) -> Res
     })
 }
 
-fn memory_dataset<T: GdalType + Copy>(
+pub(super) fn memory_dataset<T: GdalType + Copy>(
     width: usize,
     height: usize,
     bands: Vec<Vec<T>>,
@@ -235,15 +235,6 @@ fn set_unit(band: &RasterBand, unit: &str) -> gdal::errors::Result<()> {
     Ok(())
 }
 
-/// An 8-bit RGB picture, three bytes a pixel, as the bytes of a PNG; none if it is too large for one.
-#[must_use]
-pub fn encode_png_rgb(width: usize, height: usize, rgb: &[u8]) -> Option<Vec<u8>> {
-    let (width, height) = (u32::try_from(width).ok()?, u32::try_from(height).ok()?);
-    let mut out = Vec::new();
-    PngEncoder::new(&mut out).write_image(rgb, width, height, image::ExtendedColorType::Rgb8).ok()?;
-    Some(out)
-}
-
 /// Writes an 8-bit RGB picture, three bytes a pixel.
 ///
 /// # Errors
@@ -267,17 +258,33 @@ fn write_png(
     data: &[u8],
     color: image::ExtendedColorType,
 ) -> Result<(), RasterError> {
-    write_atomically(path, |temporary| {
-        image::save_buffer_with_format(
-            temporary,
-            data,
-            width as u32,
-            height as u32,
-            color,
-            image::ImageFormat::Png,
-        )
-        .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+    write_file(
+        path,
+        png(width, height, data, color).map_err(|reason| RasterError::Write { path: path.into(), reason })?,
+    )
+}
+
+/// An 8-bit RGB picture as the bytes of a PNG file, from three bytes a pixel.
+///
+/// # Errors
+/// [`RasterError::Picture`] when there are not three bytes a pixel.
+pub fn png_rgb(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>, RasterError> {
+    png(width, height, rgb, image::ExtendedColorType::Rgb8).map_err(|reason| RasterError::Picture {
+        width,
+        height,
+        reason,
     })
+}
+
+fn png(width: usize, height: usize, data: &[u8], color: image::ExtendedColorType) -> Result<Vec<u8>, String> {
+    // The encoder would panic.
+    if data.len() * 8 != width * height * usize::from(color.bits_per_pixel()) {
+        return Err(format!("{} bytes for {width} x {height} pixels", data.len()));
+    }
+    let mut bytes = Vec::new();
+    let encoder = image::codecs::png::PngEncoder::new(&mut bytes);
+    encoder.write_image(data, width as u32, height as u32, color).map_err(|e| e.to_string())?;
+    Ok(bytes)
 }
 
 #[cfg(test)]

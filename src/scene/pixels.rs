@@ -16,12 +16,26 @@ impl View {
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
     pub fn read_colors(&self) -> Result<Vec<Plane>, RasterError> {
+        self.colors_at((self.width, self.height))
+    }
+
+    /// As [`View::read_colors`], averaged down until no side is longer than `side` pixels.
+    ///
+    /// # Errors
+    /// As [`View::read_colors`].
+    pub fn thumbnail(&self, side: usize) -> Result<Vec<Plane>, RasterError> {
+        let step = (self.width.max(self.height) as f64 / side as f64).max(1.0);
+        let scaled = |pixels: usize| ((pixels as f64 / step).round() as usize).max(1);
+        self.colors_at((scaled(self.width), scaled(self.height)))
+    }
+
+    fn colors_at(&self, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
         let file = ImageFile::open(&self.image)?;
         let window = self.window.unwrap_or(Window { col: 0, row: 0, width: self.width, height: self.height });
-        let mut planes =
-            self.bands.iter().map(|b| file.read_window(*b, window)).collect::<Result<Vec<_>, _>>()?;
+        let planes = self.bands.iter().map(|b| file.read_scaled(*b, window, size));
+        let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
         if let Some(mask) = &self.mask {
-            let mask = ImageFile::open(mask)?.read_window(1, window)?;
+            let mask = ImageFile::open(mask)?.read_scaled(1, window, size)?;
             for plane in &mut planes {
                 for (v, m) in plane.data.iter_mut().zip(&mask.data) {
                     // The mask's own nodata is no image either.

@@ -6,27 +6,26 @@
 use super::{Overlap, Role, Scene, SceneError};
 use crate::frame::SiteGrid;
 use crate::raster::Canvas;
-use std::path::Path;
 
 /// Side of each half, pixels.
 const SIDE: usize = 480;
 const MARGIN: f64 = 24.0;
-const PAPER: [u8; 3] = [255, 255, 255];
+const PAPER: [u8; 3] = [255; 3];
 const GRID: [u8; 3] = [200, 200, 200];
 const VIEW: [u8; 3] = [31, 119, 180];
 const SUN: [u8; 3] = [255, 127, 14];
 const AREA: [u8; 3] = [44, 160, 44];
 
 impl Scene {
-    /// Writes the picture as a PNG.
+    /// Draws the picture.
     ///
     /// # Errors
-    /// [`SceneError`].
-    pub fn write_skyplot(&self, overlap: &Overlap, path: &Path) -> Result<(), SceneError> {
+    /// [`SceneError`] for a place outside UTM.
+    pub fn skyplot(&self, overlap: &Overlap) -> Result<Canvas, SceneError> {
         let mut canvas = Canvas::new(2 * SIDE, SIDE);
         self.draw_footprints(overlap, &mut canvas)?;
         self.draw_sky(&mut canvas);
-        Ok(canvas.write(path)?)
+        Ok(canvas)
     }
 
     fn draw_footprints(&self, overlap: &Overlap, canvas: &mut Canvas) -> Result<(), SceneError> {

@@ -1,0 +1,208 @@
+//! Parts of the land that are scored apart: classes, the user's mask, roof edges, slopes of the truth.
+
+use super::{Scores, Truth, class_name};
+use crate::raster::Plane;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeSet;
+
+/// DFC2019's and LAS's class of buildings.
+pub(super) const BUILDING: u8 = 6;
+/// How far from the outline of a building a roof edge reaches, in metres.
+const EDGE_M: f64 = 1.0;
+/// Slopes of the truth that are told apart, in degrees.
+const SLOPES_DEG: [f64; 5] = [0.0, 5.0, 20.0, 45.0, 90.0];
+/// Label of cells that are in no group.
+const NONE: u8 = u8::MAX;
+
+/// By what the land is divided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Division {
+    /// The truth's classes.
+    Class,
+    /// Inside and outside of the user's mask.
+    Mask,
+    /// Within 1 m of where building meets another class, and elsewhere.
+    RoofEdge,
+    /// Slope of the truth.
+    Slope,
+}
+
+/// Scores of a part of the land.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Stratum {
+    /// By what the land is divided.
+    pub by: Division,
+    /// The part, e.g. `6 building`.
+    pub name: String,
+    /// Its scores.
+    #[serde(flatten)]
+    pub scores: Scores,
+}
+
+/// One division of the cells: the parts' names, and to which of them each cell belongs.
+#[derive(Clone, Debug)]
+pub(super) struct Labels {
+    by: Division,
+    names: Vec<String>,
+    label: Vec<u8>,
+}
+
+impl Labels {
+    /// Every division that the truth, whose water is dropped, allows.
+    pub(super) fn all(truth: &Truth) -> Vec<Self> {
+        let (land, cell) = (&truth.surface.height, truth.surface.grid.cell);
+        let classes = truth.classes.as_ref();
+        let edges = classes.filter(|c| c.contains(&BUILDING)).map(|c| Self::roof_edges(c, land, cell));
+        [classes.map(|c| Self::classes(c)), truth.mask.as_ref().map(|m| Self::mask(m)), edges]
+            .into_iter()
+            .flatten()
+            .chain([Self::slopes(land, cell)])
+            .collect()
+    }
+
+    fn classes(classes: &[u8]) -> Self {
+        let found: Vec<u8> = classes.iter().copied().collect::<BTreeSet<u8>>().into_iter().collect();
+        let mut place = [NONE; 256];
+        for (i, class) in found.iter().enumerate().take(NONE.into()) {
+            place[usize::from(*class)] = i as u8;
+        }
+        let names = found.iter().map(|c| format!("{c} {}", class_name(*c))).collect();
+        Self { by: Division::Class, names, label: classes.iter().map(|c| place[usize::from(*c)]).collect() }
+    }
+
+    fn mask(inside: &[bool]) -> Self {
+        let names = vec!["inside mask".into(), "outside mask".into()];
+        Self { by: Division::Mask, names, label: inside.iter().map(|i| u8::from(!i)).collect() }
+    }
+
+    /// Around every change between building and another class, the cells whose centre is within [`EDGE_M`] of it.
+    fn roof_edges(classes: &[u8], land: &Plane, cell: f64) -> Self {
+        let (w, h) = (land.width, land.height);
+        let is_building = |i: usize| classes[i] == BUILDING;
+        // The change lies half a cell from the centres on its two sides.
+        let reach = (EDGE_M / cell - 0.5).max(0.0);
+        let span = reach.floor() as i64;
+        let disc: Vec<(i64, i64)> = (-span..=span)
+            .flat_map(|dy| (-span..=span).map(move |dx| (dx, dy)))
+            .filter(|(dx, dy)| ((dx * dx + dy * dy) as f64) <= reach * reach)
+            .collect();
+        let mut label = vec![1; w * h];
+        for row in 0..h {
+            for col in 0..w {
+                let i = row * w + col;
+                let changes = |there: bool, j: usize| there && is_building(i) != is_building(j);
+                let is_rim = changes(col + 1 < w, i + 1)
+                    || changes(row + 1 < h, i + w)
+                    || changes(col > 0, i.wrapping_sub(1))
+                    || changes(row > 0, i.wrapping_sub(w));
+                if is_rim {
+                    for (dx, dy) in &disc {
+                        let (c, r) = (col as i64 + dx, row as i64 + dy);
+                        if (0..w as i64).contains(&c) && (0..h as i64).contains(&r) {
+                            label[r as usize * w + c as usize] = 0;
+                        }
+                    }
+                }
+            }
+        }
+        let names = vec![format!("within {EDGE_M} m of a roof's edge"), "farther from roofs' edges".into()];
+        Self { by: Division::RoofEdge, names, label }
+    }
+
+    fn slopes(land: &Plane, cell: f64) -> Self {
+        let mut label = vec![NONE; land.data.len()];
+        label.par_chunks_mut(land.width).enumerate().for_each(|(row, line)| {
+            for (col, label) in line.iter_mut().enumerate() {
+                let slope = slope_deg(land, col, row, cell);
+                if !slope.is_nan() {
+                    *label =
+                        SLOPES_DEG[1..SLOPES_DEG.len() - 1].iter().filter(|s| slope >= **s).count() as u8;
+                }
+            }
+        });
+        let names = SLOPES_DEG.windows(2).map(|s| format!("slope {} to {}°", s[0], s[1])).collect();
+        Self { by: Division::Slope, names, label }
+    }
+
+    /// The division's parts.
+    pub(super) fn parts(&self) -> impl Iterator<Item = Part<'_>> {
+        (0..self.names.len()).map(|index| Part { labels: self, index })
+    }
+}
+
+/// One part of a division.
+#[derive(Clone, Copy)]
+pub(super) struct Part<'a> {
+    labels: &'a Labels,
+    index: usize,
+}
+
+impl Part<'_> {
+    /// Its scores, if it has land; errors are NaN where not scored.
+    pub(super) fn scores(&self, land: &Plane, errors: &Plane, filled: &Plane) -> Option<Stratum> {
+        let Labels { by, names, label } = self.labels;
+        let cells = label.iter().zip(&land.data).zip(errors.data.iter().zip(&filled.data));
+        let own = cells.filter(|((l, t), _)| usize::from(**l) == self.index && !t.is_nan());
+        let scores = Scores::of(own.map(|(_, (e, f))| (*e, *f)));
+        (scores.cells > 0).then(|| Stratum { by: *by, name: names[self.index].clone(), scores })
+    }
+}
+
+/// Slope at a cell in degrees from its neighbours, of one side where the other is missing; NaN without any.
+fn slope_deg(land: &Plane, col: usize, row: usize, cell: f64) -> f64 {
+    let (c, r) = (col as i64, row as i64);
+    let middle = land.at(col, row);
+    let along = |before: f32, after: f32| {
+        let (a, b) =
+            (if before.is_nan() { middle } else { before }, if after.is_nan() { middle } else { after });
+        let steps = 2 - u8::from(before.is_nan()) - u8::from(after.is_nan());
+        f64::from(b - a) / (f64::from(steps) * cell)
+    };
+    let (x, y) =
+        (along(land.get(c - 1, r), land.get(c + 1, r)), along(land.get(c, r - 1), land.get(c, r + 1)));
+    x.hypot(y).atan().to_degrees()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slopes_are_those_of_a_plane_also_at_the_rim() {
+        let ramp = Plane::from_fn(6, 5, |c, r| 0.5 * (c as f32 + r as f32));
+        for (col, row) in [(0, 0), (5, 4), (3, 2)] {
+            let slope = slope_deg(&ramp, col, row, 0.5);
+            assert!((slope - 2f64.sqrt().atan().to_degrees()).abs() < 1e-6, "{slope}");
+        }
+        let labels = Labels::slopes(&ramp, 0.5);
+        assert!(labels.label.iter().all(|l| labels.names[usize::from(*l)] == "slope 45 to 90°"));
+    }
+
+    #[test]
+    fn a_roof_edge_reaches_a_metre_to_either_side() {
+        // A roof of 10 x 10 cells of 0.5 m: two cells inside and two outside of its outline are within 1 m.
+        let land = Plane::filled(30, 30, 0.0);
+        let is_roof = |i: usize| (10..20).contains(&(i % 30)) && (10..20).contains(&(i / 30));
+        let classes: Vec<u8> = (0..900).map(|i| if is_roof(i) { BUILDING } else { 2 }).collect();
+        let labels = Labels::roof_edges(&classes, &land, 0.5);
+        let row: Vec<usize> = (0..30).filter(|c| labels.label[15 * 30 + c] == 0).collect();
+        assert_eq!(row, [8, 9, 10, 11, 18, 19, 20, 21]);
+        // Cells of 3 m: the cells on the two sides of the change.
+        let coarse = Labels::roof_edges(&classes, &land, 3.0);
+        let row: Vec<usize> = (0..30).filter(|c| coarse.label[15 * 30 + c] == 0).collect();
+        assert_eq!(row, [9, 10, 19, 20]);
+    }
+
+    #[test]
+    fn parts_are_scored_apart_and_nothing_is_lost() {
+        let land = Plane::from_fn(20, 10, |c, _| if c == 0 { f32::NAN } else { 1.0 });
+        let inside: Vec<bool> = (0..200).map(|i| i % 20 < 5).collect();
+        let errors = Plane::from_fn(20, 10, |c, _| if c < 5 { 2.0 } else { -0.5 });
+        let labels = Labels::mask(&inside);
+        let parts: Vec<Stratum> = labels.parts().filter_map(|p| p.scores(&land, &errors, &errors)).collect();
+        assert_eq!(parts.iter().map(|p| p.scores.cells).collect::<Vec<_>>(), [40, 150]);
+        assert_eq!(parts.iter().map(|p| p.scores.bias_m).collect::<Vec<_>>(), [2.0, -0.5]);
+    }
+}

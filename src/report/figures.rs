@@ -1,0 +1,104 @@
+//! Figures of an evaluation: how errors are spread, and profiles through buildings.
+
+use super::chart::Chart;
+use crate::metrics::{Evaluation, Profile};
+use crate::raster::Plane;
+
+/// Errors beyond this are not drawn, in metres.
+const LARGEST_M: f64 = 5.0;
+/// Steps of the histogram and the curve, in metres.
+const STEP_M: f64 = 0.1;
+
+/// Names of the figures in a folder of scores.
+pub const FIGURES: [&str; 4] =
+    ["histogram.svg", "cumulative.svg", "profile_worst.svg", "profile_typical.svg"];
+
+/// The figures of an evaluation by file name; profiles only where classes tell buildings.
+///
+/// `errors` is an [`Evaluation::error_map`].
+#[must_use]
+pub fn figures(evaluation: &Evaluation, errors: &Plane) -> Vec<(&'static str, String)> {
+    let mut charts = vec![(FIGURES[0], histogram(errors)), (FIGURES[1], cumulative(errors))];
+    if let Some([worst, typical]) = evaluation.profiles(errors) {
+        charts.push((FIGURES[2], profile(&worst, "Building of the largest MAE")));
+        charts.push((FIGURES[3], profile(&typical, "Building of the median MAE")));
+    }
+    charts.into_iter().filter_map(|(name, chart)| Some((name, chart.svg()?))).collect()
+}
+
+/// Share of the cells in every step of error.
+fn histogram(errors: &Plane) -> Chart {
+    let bins = (2.0 * LARGEST_M / STEP_M).round() as usize;
+    let mut counts = vec![0u64; bins];
+    let mut n = 0u64;
+    for e in errors.valid() {
+        n += 1;
+        let bin = ((f64::from(e) + LARGEST_M) / STEP_M).floor();
+        if (0.0..bins as f64).contains(&bin) {
+            counts[bin as usize] += 1;
+        }
+    }
+    let share = |count: u64| 100.0 * count as f64 / n.max(1) as f64;
+    let edge = |i: usize| i as f64 * STEP_M - LARGEST_M;
+    let points =
+        counts.iter().enumerate().flat_map(|(i, c)| [(edge(i), share(*c)), (edge(i + 1), share(*c))]);
+    Chart {
+        title: "Errors after xyz".into(),
+        x: "predicted minus true height, m".into(),
+        y: format!("% of cells a {STEP_M} m"),
+        lines: vec![("cells".into(), points.collect())],
+    }
+}
+
+/// Share of the cells whose error is at most so large.
+fn cumulative(errors: &Plane) -> Chart {
+    let bins = (LARGEST_M / STEP_M).round() as usize;
+    let mut counts = vec![0u64; bins + 1];
+    let mut n = 0u64;
+    for e in errors.valid() {
+        n += 1;
+        let first = (f64::from(e.abs()) / STEP_M).ceil();
+        if first <= bins as f64 {
+            counts[first as usize] += 1;
+        }
+    }
+    let mut sum = 0;
+    let points = counts.iter().enumerate().map(|(i, c)| {
+        sum += c;
+        (i as f64 * STEP_M, 100.0 * sum as f64 / n.max(1) as f64)
+    });
+    Chart {
+        title: "Cells within an error".into(),
+        x: "error at most, m".into(),
+        y: "% of cells".into(),
+        lines: vec![("cells".into(), points.collect())],
+    }
+}
+
+fn profile(profile: &Profile, title: &str) -> Chart {
+    let line =
+        |of: fn(&(f64, f32, f32)) -> f32| profile.heights.iter().map(|h| (h.0, f64::from(of(h)))).collect();
+    let (east, north) = profile.start;
+    Chart {
+        title: format!("{title}, {:.2} m", profile.mae_m),
+        x: format!("m east of {east:.0}, {north:.0}"),
+        y: "height, m".into(),
+        lines: vec![("truth".into(), line(|h| h.1)), ("predicted".into(), line(|h| h.2))],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_curves_count_every_cell_once() {
+        let errors = Plane { width: 5, height: 1, data: vec![0.25, -0.25, 4.95, 99.0, f32::NAN] };
+        let points = &cumulative(&errors).lines[0].1;
+        let at = |x: f64| points.iter().find(|p| (p.0 - x).abs() < 1e-9).unwrap().1;
+        assert_eq!((at(0.2), at(0.3), at(5.0)), (0.0, 50.0, 75.0));
+        let shares: f64 = histogram(&errors).lines[0].1.iter().map(|p| p.1).sum();
+        // Every step has two corners.
+        assert!((shares - 2.0 * 75.0).abs() < 1e-9, "{shares}");
+    }
+}

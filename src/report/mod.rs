@@ -1,0 +1,85 @@
+//! One self-contained page for a whole run: inputs, residuals, curves, surface, scores, commands.
+//!
+//! It is made of what lies in the run's folder; a stage that is not there yet is said to be missing.
+
+mod chart;
+mod figures;
+mod pictures;
+mod sections;
+
+pub use chart::{Chart, escape};
+pub use figures::{FIGURES, figures};
+
+use crate::raster::{RasterError, write_file};
+use std::path::{Path, PathBuf};
+
+/// Name of the page in the run's folder.
+pub const PAGE: &str = "report.html";
+
+/// Why a report could not be made.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum ReportError {
+    /// The folder holds no run.
+    #[error("`{run}` holds no run: `{run}/scene.json` does not exist")]
+    #[diagnostic(help("`satgs run SCENE -o RUN` makes one"))]
+    NoRun {
+        /// The folder.
+        run: PathBuf,
+    },
+    /// A file of the run cannot be understood.
+    #[error("`{path}` is damaged: {reason}")]
+    #[diagnostic(help("the command that made it makes it anew with --overwrite"))]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A raster of the run could not be read, or the page not be written.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Raster(#[from] RasterError),
+}
+
+/// Writes `report.html` into a run's folder and returns its path.
+///
+/// # Errors
+/// [`ReportError`].
+pub fn write(run: &Path) -> Result<PathBuf, ReportError> {
+    if !run.join("scene.json").exists() {
+        return Err(ReportError::NoRun { run: run.into() });
+    }
+    let name = run.canonicalize().ok().and_then(|r| Some(r.file_name()?.to_string_lossy().into_owned()));
+    let name = escape(&name.unwrap_or_else(|| "run".into()));
+    let sections = [
+        ("inputs", "Inputs", sections::inputs(run)?),
+        ("adjustment", "Adjustment", sections::adjustment(run)?),
+        ("training", "Training", sections::training(run)?),
+        ("surface", "Surface", sections::surface(run)?),
+        ("scores", "Scores", sections::scores(run)?),
+        ("commands", "Versions and commands", sections::commands(run)?),
+    ];
+    let links: String =
+        sections.iter().map(|(id, title, _)| format!("<a href=\"#{id}\">{title}</a>\n")).collect();
+    let body: String = sections
+        .iter()
+        .map(|(id, title, html)| format!("<section id=\"{id}\">\n<h2>{title}</h2>\n{html}</section>\n"))
+        .collect();
+    let page = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
+         style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n\
+         <link rel=\"icon\" href=\"data:,\">\n<title>{name}: satgs</title>\n<style>\n{}</style>\n</head>\n<body>\n\
+         <header>\n<h1>{name}</h1>\n<p>Satellite photogrammetry by satgs {}</p>\n\
+         <nav aria-label=\"Sections\">\n{links}</nav>\n</header>\n<main>\n{body}</main>\n\
+         <script>\n{}</script>\n</body>\n</html>\n",
+        include_str!("page.css"),
+        env!("CARGO_PKG_VERSION"),
+        include_str!("page.js"),
+    );
+    let path = run.join(PAGE);
+    write_file(&path, page)?;
+    Ok(path)
+}

@@ -1,0 +1,76 @@
+//! Pictures inside of the page.
+
+use super::escape;
+use crate::raster::{ImageFile, MapGrid, Plane, RasterError, Window, png_rgb};
+use std::path::Path;
+
+/// No side of a picture is longer, in pixels.
+const LARGEST_SIDE: usize = 900;
+
+/// An `<img>` that holds its picture; three bytes a pixel.
+pub(super) fn img(
+    width: usize,
+    height: usize,
+    rgb: &[u8],
+    alt: &str,
+    class: &str,
+) -> Result<String, RasterError> {
+    let data = base64(&png_rgb(width, height, rgb)?);
+    let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
+    Ok(format!(
+        "<img{class} src=\"data:image/png;base64,{data}\" width=\"{width}\" height=\"{height}\" alt=\"{}\">",
+        escape(alt)
+    ))
+}
+
+/// Colours in [0, 1] as bytes, one plane or three; NaN is black.
+pub(super) fn rgb_of(planes: &[Plane]) -> Vec<u8> {
+    let band = |i: usize| &planes[i.min(planes.len() - 1)].data;
+    let byte = |v: f32| (255.0 * v).round() as u8;
+    (0..band(0).len()).flat_map(|i| [byte(band(0)[i]), byte(band(1)[i]), byte(band(2)[i])]).collect()
+}
+
+/// A map's bands, no larger than the page needs, and their grid.
+pub(super) fn map(path: &Path) -> Result<(Vec<Plane>, MapGrid), RasterError> {
+    let file = ImageFile::open(path)?;
+    let grid = file.map_grid()?;
+    let step = grid.width.max(grid.height).div_ceil(LARGEST_SIDE);
+    let (width, height) = ((grid.width / step).max(1), (grid.height / step).max(1));
+    // Whole steps only, so that cells stay square.
+    let window = Window {
+        col: 0,
+        row: 0,
+        width: (width * step).min(grid.width),
+        height: (height * step).min(grid.height),
+    };
+    let planes = (1..=file.bands()).map(|b| file.read_scaled(b, window, (width, height)));
+    let planes = planes.collect::<Result<Vec<_>, _>>()?;
+    Ok((planes, MapGrid { width, height, cell: grid.cell * step as f64, ..grid }))
+}
+
+/// RFC 4648.
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let bits = three.iter().fold(0u32, |b, byte| b << 8 | u32::from(*byte)) << (8 * (3 - three.len()));
+        for i in 0..4 {
+            let letter = LETTERS[(bits >> (18 - 6 * i) & 63) as usize];
+            out.push(if i <= three.len() { char::from(letter) } else { '=' });
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_is_the_standard_s() {
+        let expected = ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy"];
+        for (n, text) in expected.into_iter().enumerate() {
+            assert_eq!(base64(&b"foobar"[..n]), text);
+        }
+    }
+}

@@ -1,0 +1,319 @@
+//! The sections of the page, each from the files of one stage.
+
+use super::chart::Chart;
+use super::figures::FIGURES;
+use super::pictures::{img, map, rgb_of};
+use super::{ReportError, escape};
+use crate::bundle::Report;
+use crate::dsm::hillshade;
+use crate::metrics::{error_picture, onto_grid};
+use crate::raster::{MapGrid, Plane, RasterError};
+use crate::scene::{Role, Scene};
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Sides of a thumbnail are at most this long, in pixels.
+const THUMBNAIL: usize = 240;
+/// Points of a curve; more are averaged.
+const CURVE_POINTS: usize = 240;
+/// Stages that leave a record.
+const STAGES: [&str; 3] = ["ba", "train", "dsm"];
+
+/// The views: pictures, angles, sky.
+pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
+    let Some(scene) = read_json::<Scene>(&run.join("scene.json"))? else {
+        return Ok(missing("ba SCENE -o RUN"));
+    };
+    let (low, high) = scene.height_range();
+    let mut out =
+        format!("<p>{} views, heights searched from {low:.0} to {high:.0} m.</p>\n", scene.views.len());
+    for warning in &scene.warnings {
+        let _ = writeln!(out, "<p class=\"note\">{}</p>", escape(warning));
+    }
+    out.push_str("<div class=\"thumbnails\">\n");
+    for view in &scene.views {
+        let name = escape(&view.name);
+        // Images may have been moved since.
+        let picture = match view.thumbnail(THUMBNAIL) {
+            Ok(colors) => {
+                let (w, h) = (colors[0].width, colors[0].height);
+                img(w, h, &rgb_of(&colors), &format!("Image {}", view.name), "")?
+            }
+            Err(_) => format!(
+                "<p class=\"note\">`{}` cannot be read</p>",
+                escape(&view.image.display().to_string())
+            ),
+        };
+        let _ = writeln!(out, "<figure>{picture}<figcaption>{name}</figcaption></figure>");
+    }
+    out.push_str("</div>\n");
+    let rows = scene.views.iter().map(|view| {
+        let sun = view.sun.map(|s| (degrees(s.azimuth_deg), degrees(s.elevation_deg))).unwrap_or_default();
+        let seen =
+            view.direction_deg(0.5 * (low + high)).map(|(a, z)| (degrees(a), degrees(z))).unwrap_or_default();
+        let role = if view.role == Role::Test { "test" } else { "training" };
+        let size = format!("{} x {}", view.width, view.height);
+        let acquired = view.acquired.clone().unwrap_or_default();
+        vec![view.name.clone(), acquired, size, seen.0, seen.1, sun.0, sun.1, role.into()]
+    });
+    let head =
+        ["view", "acquired", "pixels", "azimuth", "off-nadir", "sun azimuth", "sun elevation", "used for"];
+    out.push_str(&table("Views", &head, rows));
+    if let Ok(sky) = scene.overlap().and_then(|overlap| scene.skyplot(&overlap)) {
+        let alt = "Left the footprints of the views on the ground, right satellites and suns on the sky";
+        let (width, height, rgb) = sky.picture();
+        let picture = img(width, height, rgb, alt, "")?;
+        let _ = writeln!(
+            out,
+            "<figure>{picture}<figcaption>Left footprints (blue) and area (green), north up. Right the sky: zenith in the \
+             middle, rings every 30°; satellites blue, hollow where the view is for tests; suns orange.</figcaption>\
+             </figure>"
+        );
+    }
+    Ok(out)
+}
+
+/// Residuals of the bundle adjustment.
+pub(super) fn adjustment(run: &Path) -> Result<String, ReportError> {
+    let Some(report) = read_json::<Report>(&run.join("ba/report.json"))? else {
+        return Ok(missing("ba SCENE -o RUN"));
+    };
+    let mut out = format!(
+        "<p>{} tracks, {} observations; mean reprojection error {:.3} px before, {:.3} px after. What fixes the place: \
+         {}.</p>\n",
+        report.tracks,
+        report.observations,
+        report.mean_before_px,
+        report.mean_px,
+        escape(&report.gauge)
+    );
+    let rows = report.views.iter().map(|v| {
+        let px = [v.mean_before_px, v.mean_px, v.rms_px, v.shift_px[0], v.shift_px[1]];
+        let numbers = px.iter().map(|n| format!("{n:.3}"));
+        [v.name.clone(), v.observations.to_string()].into_iter().chain(numbers).collect()
+    });
+    let head = ["view", "points", "before px", "after px", "RMS px", "shift col px", "shift row px"];
+    out.push_str(&table("Residuals", &head, rows));
+    for (view, reason) in &report.left_out {
+        let _ = writeln!(out, "<p class=\"note\">Left out: {}, {}</p>", escape(view), escape(reason));
+    }
+    Ok(out)
+}
+
+/// Curves of the training.
+pub(super) fn training(run: &Path) -> Result<String, ReportError> {
+    let path = run.join("train/train.csv");
+    if !path.exists() {
+        return Ok(missing("train RUN"));
+    }
+    let damaged = |e: csv::Error| ReportError::Damaged { path: path.clone(), reason: e.to_string() };
+    let mut reader = csv::Reader::from_path(&path).map_err(damaged)?;
+    let names: Vec<String> = reader.headers().map_err(damaged)?.iter().map(str::to_owned).collect();
+    let lines = reader.records().collect::<Result<Vec<_>, _>>().map_err(damaged)?;
+    let numbers = |name: &str| -> Vec<f64> {
+        let column = names.iter().position(|n| n == name);
+        let number = |line: &csv::StringRecord| line.get(column?)?.parse().ok();
+        lines.iter().map(|l| number(l).unwrap_or(f64::NAN)).collect()
+    };
+    let iterations = numbers("iteration");
+    let curve = |name: &str| -> Vec<(f64, f64)> {
+        let block = lines.len().div_ceil(CURVE_POINTS).max(1);
+        let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+        iterations.chunks(block).zip(numbers(name).chunks(block)).map(|(i, v)| (mean(i), mean(v))).collect()
+    };
+    let chart = |title: &str, y: &str, lines: &[(&str, &str)]| Chart {
+        title: title.into(),
+        x: "iteration".into(),
+        y: y.into(),
+        lines: lines.iter().map(|(name, column)| ((*name).to_owned(), curve(column))).collect(),
+    };
+    let charts = [
+        chart("Difference from the images", "loss, mean |colour|", &[("loss", "loss"), ("L1", "l1")]),
+        chart("Likeness to the images", "SSIM", &[("SSIM", "ssim")]),
+        chart("Splats", "number", &[("splats", "splats")]),
+    ];
+    let (seconds, splats) = (numbers("seconds"), numbers("splats"));
+    let last = |v: &[f64]| v.last().copied().unwrap_or(f64::NAN);
+    Ok(format!(
+        "<p>{} iterations in {:.0} s, {:.0} splats.</p>\n{}",
+        lines.len(),
+        last(&seconds),
+        last(&splats),
+        figures(charts.iter().filter_map(Chart::svg))
+    ))
+}
+
+/// Hillshade and orthophoto.
+pub(super) fn surface(run: &Path) -> Result<String, ReportError> {
+    let path = run.join("dsm.tif");
+    if !path.exists() {
+        return Ok(missing("dsm RUN"));
+    }
+    let (planes, grid) = map(&path)?;
+    let height = &planes[0];
+    let (low, high) =
+        height.valid().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    let seen = 100.0 * height.valid().count() as f64 / height.data.len() as f64;
+    let (west, south, east, north) = grid.bounds();
+    let mut out = format!(
+        "<p>EPSG:{}, {west:.1} to {east:.1} m east, {south:.1} to {north:.1} m north; heights from {low:.1} to {high:.1} m; \
+         {seen:.1} % of the cells are seen.</p>\n<div class=\"maps\">\n<figure>{}<figcaption>Surface, lit from the \
+         north-west</figcaption></figure>\n",
+        grid.epsg,
+        shaded(height, &grid, "Hillshade of the surface model")?
+    );
+    let ortho = run.join("ortho.tif");
+    if ortho.exists() {
+        let (mut bands, grid) = map(&ortho)?;
+        bands.truncate(3);
+        for v in bands.iter_mut().flat_map(|b| &mut b.data) {
+            *v /= 255.0;
+        }
+        let picture = img(grid.width, grid.height, &rgb_of(&bands), "Orthophoto without shadows", "")?;
+        let _ =
+            writeln!(out, "<figure>{picture}<figcaption>Orthophoto without shadows</figcaption></figure>");
+    }
+    out.push_str("</div>\n");
+    Ok(out)
+}
+
+/// The verdict: error map beside the surface, tables, figures.
+pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
+    let folder = run.join("eval");
+    let Some(scores) = read_json::<Value>(&folder.join("metrics.json"))? else {
+        return Ok(missing("run SCENE -o RUN --truth DSM"));
+    };
+    let mut out = String::new();
+    let (dsm, errors) = (run.join("dsm.tif"), folder.join("error.tif"));
+    if dsm.exists() && errors.exists() {
+        let ((surface, from), (errors, grid)) = (map(&dsm)?, map(&errors)?);
+        if let Ok((surface, _)) = onto_grid(&surface[0], &from, &grid) {
+            out.push_str(&slider(&surface, &errors[0], &grid)?);
+        }
+    }
+    let verdicts = scores["verdicts"].as_array().map_or(&[][..], Vec::as_slice);
+    let text = |v: &Value, key: &str| v[key].as_str().unwrap_or_default().to_owned();
+    let number =
+        |v: &Value, digits: usize| v.as_f64().map_or_else(|| "–".to_owned(), |n| format!("{n:.digits$}"));
+    let shifts = verdicts.iter().map(|v| {
+        let numbers = ["dx_cells", "dy_cells", "east_m", "north_m", "dz_m"].map(|key| number(&v[key], 3));
+        [text(v, "method")].into_iter().chain(numbers).collect()
+    });
+    let head = ["registration", "dx cells", "dy cells", "east m", "north m", "dz m"];
+    out.push_str(&table("Registrations", &head, shifts));
+    let row = |name: String, v: &Value| -> Vec<String> {
+        let metres = ["mae_m", "filled_mae_m", "rmse_m", "bias_m", "median_m", "nmad_m", "le90_m", "le95_m"];
+        let shares = (0..3)
+            .map(|i| v["within"][i].as_f64().map_or_else(|| "–".into(), |s| format!("{:.1}", 100.0 * s)));
+        [name]
+            .into_iter()
+            .chain(metres.iter().map(|key| number(&v[*key], 3)))
+            .chain(shares)
+            .chain([number(&v["completeness"], 4), number(&v["cells"], 0)])
+            .collect()
+    };
+    let strata = verdicts.last().and_then(|v| v["strata"].as_array()).map_or(&[][..], Vec::as_slice);
+    let all = verdicts.iter().map(|v| row(format!("all, {}", text(v, "method")), v));
+    let parts = strata.iter().map(|s| row(text(s, "name"), s));
+    let head = [
+        "metres",
+        "MAE",
+        "filled",
+        "RMSE",
+        "bias",
+        "median",
+        "NMAD",
+        "LE90",
+        "LE95",
+        "% < 0.5 m",
+        "% < 1 m",
+        "% < 2 m",
+        "complete",
+        "cells",
+    ];
+    out.push_str(&table("Scores", &head, all.chain(parts)));
+    let _ = writeln!(
+        out,
+        "<p class=\"note\">filled: MAE with holes filled by the nearest cell; median: of |error|; complete: predicted \
+         cells / cells of land; parts of the land: after xyz.</p>"
+    );
+    for note in scores["notes"].as_array().into_iter().flatten().filter_map(Value::as_str) {
+        let _ = writeln!(out, "<p class=\"note\">{}</p>", escape(note));
+    }
+    out.push_str(&figures(FIGURES.iter().filter_map(|name| std::fs::read_to_string(folder.join(name)).ok())));
+    Ok(out)
+}
+
+/// What every stage was made by and from.
+pub(super) fn commands(run: &Path) -> Result<String, ReportError> {
+    let mut out = String::new();
+    for stage in STAGES {
+        let Some(record) = read_json::<Value>(&run.join(stage).join("stage.json"))? else { continue };
+        let text = |key: &str| escape(record[key].as_str().unwrap_or("not recorded"));
+        let made_from = record["made_from"].as_object().into_iter().flatten();
+        let rows = made_from.map(|(k, v)| vec![k.clone(), v.as_str().unwrap_or_default().to_owned()]);
+        let _ = writeln!(
+            out,
+            "<h3>{stage}</h3>\n<p>satgs {}: <code>{}</code></p>\n<details><summary>Made from</summary>\n{}</details>",
+            text("satgs"),
+            text("command"),
+            table(&format!("What {stage} was made from"), &["input or option", "value or hash"], rows)
+        );
+    }
+    Ok(out)
+}
+
+fn slider(surface: &Plane, errors: &Plane, grid: &MapGrid) -> Result<String, ReportError> {
+    let picture = error_picture(errors);
+    let alt = "Errors after xyz: red where the prediction is too high, blue where it is too low";
+    let scale = error_picture(&Plane::from_fn(61, 2, |col, _| 0.1 * (col as f32 - 30.0)));
+    Ok(format!(
+        "<figure class=\"compare\" style=\"--at:50%\">\n<div class=\"pair\">{}{}<span class=\"edge\"></span></div>\n\
+         <input type=\"range\" min=\"0\" max=\"100\" value=\"50\" aria-label=\"Where the surface ends and the error map \
+         begins\">\n<div class=\"scale\"><span>-3 m</span>{}<span>+3 m</span></div>\n<figcaption>Left the surface, right \
+         its errors; grey is not scored.</figcaption>\n</figure>\n",
+        shaded(surface, grid, "Hillshade of the surface model on the truth's grid")?,
+        img(picture.width, picture.height, &picture.rgb, alt, "over")?,
+        img(scale.width, scale.height, &scale.rgb, "Colours of errors from -3 m, blue, to +3 m, red", "")?
+    ))
+}
+
+fn shaded(height: &Plane, grid: &MapGrid, alt: &str) -> Result<String, RasterError> {
+    let rgb: Vec<u8> = hillshade(height, grid.cell).into_iter().flat_map(|v| [v; 3]).collect();
+    img(grid.width, grid.height, &rgb, alt, "")
+}
+
+fn figures(svgs: impl Iterator<Item = String>) -> String {
+    let all: String = svgs.map(|svg| format!("<figure>{svg}</figure>\n")).collect();
+    format!("<div class=\"charts\">\n{all}</div>\n")
+}
+
+fn table(name: &str, head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
+    let cells = |tag: &str, texts: &mut dyn Iterator<Item = String>| -> String {
+        let end = tag.split(' ').next().unwrap_or(tag);
+        texts.map(|t| format!("<{tag}>{}</{end}>", escape(&t))).collect()
+    };
+    let head = cells("th scope=\"col\"", &mut head.iter().map(|h| (*h).to_owned()));
+    let rows: String = rows.map(|r| format!("<tr>{}</tr>\n", cells("td", &mut r.into_iter()))).collect();
+    format!(
+        "<section class=\"table\" aria-label=\"{name}\" tabindex=\"0\"><table>\n<thead><tr>{head}</tr></thead>\n\
+         <tbody>\n{rows}</tbody>\n</table></section>\n"
+    )
+}
+
+fn degrees(angle: f64) -> String {
+    format!("{angle:.1}°")
+}
+
+fn missing(command: &str) -> String {
+    format!("<p class=\"note\">Not there yet: <code>satgs {command}</code> makes it.</p>\n")
+}
+
+/// A JSON file of the run; none if it is not there.
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
+    let Ok(text) = std::fs::read_to_string(path) else { return Ok(None) };
+    let damaged = |e: serde_json::Error| ReportError::Damaged { path: path.into(), reason: e.to_string() };
+    serde_json::from_str(&text).map(Some).map_err(damaged)
+}
