@@ -29,7 +29,7 @@ fn nmad_to_lidar_m(folder: &Path, made: &Adjustment) -> f64 {
     let grid = MapGrid { epsg: site.epsg, west: 0.0, north: 0.0, cell: 1.0, width: 1, height: 1 };
     let path = folder.join("truth/JAX_068_DSM.tif");
     let truth = Truth::read(&path, &TruthOptions::default(), &grid).unwrap().surface;
-    let mut off: Vec<f32> = made
+    let off: Vec<f32> = made
         .points
         .iter()
         .map(|p| {
@@ -40,7 +40,7 @@ fn nmad_to_lidar_m(folder: &Path, made: &Adjustment) -> f64 {
         })
         .filter(|d| d.is_finite())
         .collect();
-    nmad(&mut off)
+    nmad(&off)
 }
 
 #[test]
