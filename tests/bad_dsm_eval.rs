@@ -321,7 +321,7 @@ fn heights_above_a_geoid_are_guessed_and_converted_when_told() {
     desk.height("geoid.tif", degrees, &Plane::filled(8, 8, -29.0));
     let geoid = desk.path("geoid.tif");
     let (said, scores) = desk.scored("above_geoid.tif", &["--truth-vertical", geoid.to_str().unwrap()]);
-    assert!(said.contains("lifted from the geoid to the ellipsoid"), "{said}");
+    assert!(said.contains("lifted from the geoid (geoid.tif) to the ellipsoid"), "{said}");
     assert!(scores["verdicts"][0]["dz_m"].as_f64().unwrap().abs() < 1e-5);
     std::fs::remove_dir_all(desk.path("eval")).unwrap();
     desk.height("geoid.tif", MapGrid { west: 10.0, ..degrees }, &Plane::filled(8, 8, 45.0));

@@ -3,9 +3,9 @@
 use super::render::find;
 use super::train::{TrainedCameras, read_json};
 use super::{Failure, Ui};
-use crate::metrics::score_picture;
 use crate::scene::{Role, Scene};
 use crate::splat::novel::NovelView;
+use crate::splat::picture_score::score_picture;
 use crate::splat::ply;
 use crate::splat::views::{TrainingView, Truth};
 use std::fmt::Write;

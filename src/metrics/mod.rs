@@ -1,10 +1,9 @@
-//! Scores of surface models against lidar: three registrations, errors after each, completeness. Scores of pictures
-//! against images: [`score_picture`].
+//! Scores of surface models against lidar: three registrations, errors after each, completeness.
 //!
 //! The order of work: [`Surface::read`] and [`Truth::read`], [`evaluate`], then [`Evaluation::error_map`],
-//! [`Evaluation::profiles`] and [`error_picture`]. Signs: `dz` is metres added to the prediction, `(dx, dy)` is where the prediction is
-//! sampled, `registered[row, col] = P[row + dy, col + dx]`, so the prediction moves by `-dx` cells east and `dy`
-//! cells north.
+//! [`Evaluation::profiles`] and [`error_picture`]. Signs: `dz` is metres added to the prediction, `(dx, dy)` is where
+//! the prediction is sampled, `registered[row, col] = P[row + dy, col + dx]`, so the prediction moves by `-dx` cells east
+//! and `dy` cells north.
 
 mod cloud;
 mod error;
@@ -12,7 +11,6 @@ mod evaluation;
 mod figure;
 mod fill;
 mod ncc;
-mod pictures;
 mod profile;
 mod registration;
 mod resample;
@@ -26,7 +24,6 @@ pub use error::MetricsError;
 pub use evaluation::{Evaluation, Verdict, evaluate};
 pub use figure::{ErrorPicture, error_picture, error_style};
 pub use fill::filled_by_nearest;
-pub use pictures::{PictureScore, score_picture};
 pub use profile::Profile;
 pub use registration::{Method, Registration, register};
 pub use resample::{Sampling, onto_grid};

@@ -12,6 +12,7 @@ pub mod lanes;
 pub mod lookup;
 pub mod novel;
 pub mod objective;
+pub mod picture_score;
 pub mod ply;
 pub mod random;
 pub mod raster;

@@ -3,10 +3,10 @@
 //! A view that was not trained on has its own radiometry: a linear change of colours is fitted on the left half of the
 //! image, and the right half is scored, as the papers do.
 
+use super::raster::Layers;
+use super::ssim::Photometric;
+use super::views::Truth;
 use crate::raster::Plane;
-use crate::splat::raster::Layers;
-use crate::splat::ssim::Photometric;
-use crate::splat::views::Truth;
 use nalgebra::{Matrix4, Vector4};
 use serde::Serialize;
 
