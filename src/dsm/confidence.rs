@@ -5,6 +5,7 @@ use crate::affine::AffineCamera;
 use crate::frame::SiteGrid;
 use crate::raster::Plane;
 use crate::splat::sweep::{SLACK_M, horizon};
+use rayon::prelude::*;
 
 /// A height is measured where at least so many views see it.
 const FEWEST_VIEWS: f32 = 2.0;
@@ -30,19 +31,20 @@ impl Surface {
         let mut seeing = covering.clone();
         for (camera, size) in views {
             let hidden_below = horizon(height, camera.lean(), grid.cell);
-            for i in 0..height.data.len() {
-                let z = height.data[i];
-                if z.is_nan() {
-                    continue;
+            let counts = covering.data.par_chunks_mut(grid.width).zip(seeing.data.par_chunks_mut(grid.width));
+            counts.enumerate().for_each(|(row, (covering, seeing))| {
+                for (col, (covering, seeing)) in covering.iter_mut().zip(seeing).enumerate() {
+                    let z = height.at(col, row);
+                    let p = site.site_from_utm(grid.cell_center(col, row));
+                    let px = camera.project(p.at_height(f64::from(z - origin_m)));
+                    // Not where there is no height: NaN lies in no image.
+                    let inside = |v: f64, n: usize| v >= 0.0 && v <= n as f64 - 1.0;
+                    if inside(px.col, size.0) && inside(px.row, size.1) {
+                        *covering += 1.0;
+                        *seeing += f32::from(u8::from(z >= hidden_below.at(col, row) - SLACK_M));
+                    }
                 }
-                let p = site.site_from_utm(grid.cell_center(i % grid.width, i / grid.width));
-                let px = camera.project(p.at_height(f64::from(z - origin_m)));
-                let inside = |v: f64, n: usize| v >= 0.0 && v <= n as f64 - 1.0;
-                if inside(px.col, size.0) && inside(px.row, size.1) {
-                    covering.data[i] += 1.0;
-                    seeing.data[i] += f32::from(u8::from(z >= hidden_below.data[i] - SLACK_M));
-                }
-            }
+            });
         }
         for i in 0..height.data.len() {
             if covering.data[i] < FEWEST_VIEWS {
