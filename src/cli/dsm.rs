@@ -90,10 +90,9 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let splats = ply::read(&run.join("splats.ply"))?;
     let reference =
         cameras.appearances.get(setup.reference_among_training()).map(|a| a.1).unwrap_or_default();
-    let mut surface = render(&splats, &setup.site, grid, &reference);
-    if cameras.is_matched {
-        surface.take(&SweptSurface::read(&run.join(SURFACE), &setup.site)?);
-    }
+    let read = || SweptSurface::read(&run.join(SURFACE), &setup.site);
+    let matched = cameras.is_matched.then(read).transpose()?;
+    let mut surface = render(&splats, &setup.site, grid, &reference, matched.as_ref());
     let views = setup.views.iter().filter(|v| v.role == Role::Train);
     surface.count_views(&setup.site, &views.map(|v| (v.camera, v.size)).collect::<Vec<_>>());
     if let Some(reach_m) = options.fill {

@@ -51,12 +51,22 @@ pub fn nadir_camera(grid: &MapGrid, site: &SiteGrid) -> AffineCamera {
     }
 }
 
-/// Renders splats on a grid. The views that see a cell are not counted yet.
+/// Renders splats on a grid. Heights are those of the surface `matched` with the views, if there is one, else the
+/// splats' own. The views that see a cell are not counted yet.
 #[must_use]
-pub fn render(splats: &Gaussians, site: &SiteGrid, grid: MapGrid, reference: &Appearance) -> Surface {
+pub fn render(
+    splats: &Gaussians,
+    site: &SiteGrid,
+    grid: MapGrid,
+    reference: &Appearance,
+    matched: Option<&SweptSurface>,
+) -> Surface {
     let mut prepared = Prepared::default();
     prepared.update(splats);
-    let mut height = altitudes(splats, site, &grid);
+    let mut height = match matched {
+        Some(surface) => resampled(surface, &grid),
+        None => altitudes(splats, site, &grid),
+    };
     height.data.iter_mut().for_each(|z| *z += site.origin.z() as f32);
     let color = |v: f32| v * SH_C0 as f32 + 0.5;
     let feature = |&i: &u32| {
@@ -83,24 +93,25 @@ pub fn render(splats: &Gaussians, site: &SiteGrid, grid: MapGrid, reference: &Ap
     Surface { grid, height, colors, confidence: Confidence { opacity, spread, views } }
 }
 
-impl Surface {
-    /// Takes the heights of a swept surface; where it has none no two views see the ground, and splats float.
-    pub fn take(&mut self, swept: &SweptSurface) {
-        let fine = sampled(&self.grid);
-        let origin = swept.site.origin.z() as f32;
-        let height_at = |col: usize, row: usize| {
-            let p = swept.grid.corner_px_from_utm(fine.cell_center(col, row));
-            swept.altitude.get(p.col.floor() as i64, p.row.floor() as i64) + origin
-        };
-        let (width, side) = (self.grid.width, fine.width / self.grid.width);
-        self.height.data.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
-            let mut values = Vec::new();
-            for (col, own) in line.iter_mut().enumerate() {
-                *own = median(&mut values, |c, r| height_at(col * side + c, row * side + r));
-            }
-        });
-    }
+/// Altitudes of a swept surface in the cells of a grid: medians of samples, NaN where most have none.
+fn resampled(surface: &SweptSurface, grid: &MapGrid) -> Plane {
+    let fine = sampled(grid);
+    let altitude_at = |col: usize, row: usize| {
+        let p = surface.grid.corner_px_from_utm(fine.cell_center(col, row));
+        surface.altitude.get(p.col.floor() as i64, p.row.floor() as i64)
+    };
+    let (width, side) = (grid.width, fine.width / grid.width);
+    let mut out = Plane::filled(width, grid.height, f32::NAN);
+    out.data.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
+        let mut values = Vec::new();
+        for (col, altitude) in line.iter_mut().enumerate() {
+            *altitude = median(&mut values, |c, r| altitude_at(col * side + c, row * side + r));
+        }
+    });
+    out
+}
 
+impl Surface {
     /// The heights in metres above what they are to count from; NaN where that is not known.
     #[must_use]
     pub fn heights_above(&self, vertical: &Vertical) -> Plane {
@@ -204,7 +215,7 @@ mod tests {
                     g.push([x, y, sign * (0.2 * x - 0.1 * y)], 0.15, 0.95, [0.2, 0.4, 0.6]);
                 }
             }
-            render(&g, &site, grid, &Appearance::default())
+            render(&g, &site, grid, &Appearance::default(), None)
         };
         let (up, down) = (tilted(1.0), tilted(-1.0));
         for row in 3..34 {
@@ -226,7 +237,7 @@ mod tests {
             MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width: 40, height: 40 };
         let mut g = Gaussians::default();
         g.push([0.0, 0.0, 5.0], 0.5, 0.9, [0.5; 3]);
-        let surface = render(&g, &site, grid, &Appearance::default());
+        let surface = render(&g, &site, grid, &Appearance::default(), None);
         assert!(surface.height.at(0, 0).is_nan());
         assert!((surface.height.at(20, 20) - 15.0).abs() < 0.1);
     }
