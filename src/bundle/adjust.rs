@@ -199,20 +199,20 @@ impl<'a> Work<'a> {
         let images = self.views.iter().map(|v| &v.image).collect();
         let seeker = Seeker::new(&block, &estimate.corrections, images);
         let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2));
-        let confirmed = std::sync::atomic::AtomicUsize::new(0);
         estimate.tracks.par_iter_mut().zip(&estimate.points).with_min_len(16).for_each(|(track, point)| {
             if track.known.is_some() {
                 return;
             }
             let found = seeker.track(&track.seen[0], *point);
             if found.len() >= fewest {
-                confirmed.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
                 track.seen = found;
             } else {
                 track.seen.iter_mut().for_each(|m| m.weight = UNCONFIRMED);
             }
         });
-        tracing::debug!("patches confirm {} of {} tracks", confirmed.into_inner(), estimate.tracks.len());
+        let confirmed =
+            estimate.tracks.iter().filter(|t| t.known.is_none() && t.seen[0].weight > UNCONFIRMED);
+        tracing::debug!("patches confirm {} of {} tracks", confirmed.count(), estimate.tracks.len());
         self.network.refine(estimate, &LOSS_SCALES_PX[1..], model)?;
         (self.events)(Event::Finished);
         Ok(())

@@ -121,7 +121,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
             write_png_rgb(&path, view.size.0, view.size.1, &rgb)?;
         }
     }
-    let text = format!("{} ({frames} pictures)", args.output.display());
+    let text = format!("{}, pictures: {frames}", args.output.display());
     ui.summary("render", &text, serde_json::json!({ "output": args.output, "frames": frames }));
     Ok(())
 }

@@ -2,9 +2,10 @@
 
 use super::appearance::Appearance;
 use super::gaussians::Gaussians;
-use super::objective::{Objective, Shot};
+use super::objective::{Objective, Sheared, Shot};
 use super::raster::{FrameCamera, Layers};
 use super::setup::Setup;
+use super::stopwatch::Stopwatch;
 use crate::affine::{AffineCamera, sun_direction};
 use crate::raster::Plane;
 use crate::scene::Sun;
@@ -62,15 +63,13 @@ impl NovelView {
             camera: FrameCamera::new(&self.camera, self.size.0, self.size.1),
             truth: &nothing,
             valid: &[],
-            sun: self
-                .sun_shear
-                .map(|s| super::objective::Sheared::sun(&self.camera, self.size, s, altitudes)),
+            sun: self.sun_shear.map(|s| Sheared::sun(&self.camera, self.size, s, altitudes)),
             virtual_view: None,
             background: [0.0; 3],
             floor: 0.0,
         };
         let mut objective = Objective::default();
-        objective.show(splats, appearance, &shot, &mut super::stopwatch::Stopwatch::default());
+        objective.show(splats, appearance, &shot, &mut Stopwatch::default());
         let (picture, view) = (objective.picture(), objective.view());
         let (mut altitude, transmittance) = (view.plane(3), view.plane(4));
         for (z, t) in altitude.data.iter_mut().zip(&transmittance.data) {
