@@ -150,6 +150,12 @@ fn n12_an_image_resampled_without_its_rpc() {
         .unwrap();
     let (_, said) = info(folder.path(), &[]);
     assert!(said.contains("b: its metadata tell of pixels of 0.25 m, its camera makes them 0.5"), "{said}");
+    std::fs::write(folder.path().join("b.IMD"), "BEGIN_GROUP = IMAGE_1\n\tmeanSatEl = 60.0;\nEND;").unwrap();
+    let (_, said) = info(folder.path(), &[]);
+    assert!(
+        said.contains("b: its metadata tell of a view 30.0° off nadir, its camera looks 5.7° off"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -286,6 +292,14 @@ fn n17_pixels_of_every_type_become_colours() {
         assert_eq!(valid.len(), 64 * 64 - usize::from(view.name == "float"), "{}", view.name);
         let (low, high) = valid.iter().fold((1.0f32, 0.0f32), |(l, h), v| (l.min(*v), h.max(*v)));
         assert!(low == 0.0 && high == 1.0, "{}: {low} {high}", view.name);
+    }
+    let out = satgs(&["info", folder.path().to_str().unwrap()]);
+    let table = String::from_utf8(out.stdout).unwrap();
+    for (view, bands, values) in
+        [("float", "1x32", "0 to 0.999"), ("bits11", "1x16", "0 to 2046"), ("signed", "1x16", "-250 to 249")]
+    {
+        let row = table.lines().find(|l| l.starts_with(view)).unwrap();
+        assert!(row.contains(&format!("  {bands}   {values}  ")), "{row}");
     }
 }
 

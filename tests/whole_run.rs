@@ -4,6 +4,7 @@
 
 mod common;
 
+use base64::prelude::{BASE64_STANDARD, Engine};
 use common::{disagreement_px, satgs};
 use satgs::frame::Pixel;
 use satgs::raster::ImageFile;
@@ -82,6 +83,11 @@ fn simulated_images_become_a_surface_model() {
     assert_eq!(other.status.code(), Some(2));
     assert!(text(&other).contains("iterations was 900, is 901"), "{}", text(&other));
     assert!(text(&other).contains("hint: --overwrite"), "{}", text(&other));
+
+    // Asked to, a stage is made anew of the same things too.
+    let command = || json(&Path::new(run).join("dsm/stage.json"))["command"].as_str().unwrap().to_owned();
+    assert!(satgs(&["dsm", run]).status.success() && !command().ends_with("-v"), "{}", command());
+    assert!(satgs(&["dsm", run, "--overwrite", "-v"]).status.success() && command().ends_with("-v"));
 }
 
 /// Heights above a geoid, points, a mesh, pictures and their scores of a trained run.
@@ -95,15 +101,29 @@ fn other_products(run: &str, folder: &Path) {
     let (points, mesh) = (file("dsm.laz"), file("dsm.glb"));
     let ellipsoidal = ImageFile::open(&Path::new(run).join("dsm.tif")).unwrap().read(1).unwrap();
     let above = ["dsm", run, "--overwrite", "--vertical", "EGM96", "--fill", "2", "--points", &points];
-    succeeds(&[&above[..], &["--mesh", &mesh, "-q"]].concat());
+    succeeds(&[&above[..], &["--mesh", &mesh, "--hillshade", "-q"]].concat());
     let dsm = ImageFile::open(&Path::new(run).join("dsm.tif")).unwrap();
     assert_eq!(dsm.metadata("VERTICAL_REFERENCE", "").unwrap(), "EGM96");
     assert_eq!(dsm.map_grid().unwrap().epsg / 100, 326, "the heights' CRS is not the map's");
+    let tag = |key: &str| dsm.metadata(key, "").unwrap();
+    assert!(
+        tag("TIFFTAG_SOFTWARE").starts_with("satgs 0.") && tag("INPUTS").starts_with("VIEW_01, VIEW_02, ")
+    );
     let geoid = dsm.read(1).unwrap();
     let middle = ellipsoidal.width / 2;
     let undulation_m = ellipsoidal.at(middle, middle) - geoid.at(middle, middle);
     // EGM96 near Marseille, where the town is simulated, lies 48 to 50 m above the ellipsoid.
     assert!((48.0..50.0).contains(&undulation_m), "{undulation_m}");
+    let shade = ImageFile::open(&Path::new(run).join("hillshade.tif")).unwrap();
+    assert_eq!(shade.map_grid().unwrap(), dsm.map_grid().unwrap());
+    assert!(
+        shade.band(1).unwrap().is_byte && shade.read(1).unwrap().valid().count() == geoid.valid().count()
+    );
+    let style = std::fs::read_to_string(Path::new(run).join("dsm.qml")).unwrap();
+    let items = style.split("<item value=\"").skip(1).map(|i| i.split('"').next().unwrap());
+    let stops: Vec<f32> = items.map(|value| value.parse().unwrap()).collect();
+    let (low, high) = geoid.valid().fold((f32::MAX, f32::MIN), |(l, h), z| (l.min(z), h.max(z)));
+    assert!(stops.is_sorted() && stops.len() == 5 && low < stops[0] && stops[4] < high, "{stops:?}");
     let confidence = ImageFile::open(&Path::new(run).join("confidence.tif")).unwrap();
     let views = confidence.read(3).unwrap();
     assert!(views.valid().all(|v| (0.0..=8.0).contains(&v)) && views.at(middle, middle) >= 2.0);
@@ -167,7 +187,8 @@ fn assert_page(path: &Path, missing: usize) {
     assert_eq!(pictures.len(), if missing == 0 { 14 } else { 9 });
     for picture in pictures {
         let (data, rest) = picture.split_once('"').unwrap();
-        image::load_from_memory_with_format(&from_base64(data), image::ImageFormat::Png).unwrap();
+        image::load_from_memory_with_format(&BASE64_STANDARD.decode(data).unwrap(), image::ImageFormat::Png)
+            .unwrap();
         let alt = rest.split_once("alt=\"").unwrap().1;
         assert!(!alt.starts_with('"'), "a picture without words");
     }
@@ -177,14 +198,4 @@ fn assert_page(path: &Path, missing: usize) {
         assert!(xml.root_element().attribute("aria-label").is_some());
     }
     assert_eq!(page.matches("<svg ").count(), if missing == 0 { 7 } else { 0 });
-}
-
-fn from_base64(text: &str) -> Vec<u8> {
-    let letters = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let four = |four: &[u8]| {
-        let bits = four.iter().fold(0u32, |b, c| b << 6 | letters.find(*c as char).unwrap_or(0) as u32);
-        let padding = four.iter().filter(|c| **c == b'=').count();
-        bits.to_be_bytes()[1..4 - padding].to_vec()
-    };
-    text.as_bytes().chunks(4).flat_map(four).collect()
 }

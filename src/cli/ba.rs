@@ -39,7 +39,7 @@ pub struct Args {
     /// Leave the RPCs as they are: tracks, points, and a report of how well they agree
     #[arg(long)]
     fixed: bool,
-    /// Redo what RUN holds of other input or options
+    /// Redo what RUN holds, of the same or of other input and options
     #[arg(long)]
     overwrite: bool,
 }

@@ -15,15 +15,15 @@ use std::path::{Path, PathBuf};
 /// dsm.tif holds heights in metres (float32, NaN nodata): the splats' surface, which recipe `best` has matched with the
 /// images once more. ortho.tif holds the colours without shadows as the reference view would see them. confidence.tif
 /// holds for each cell the splats' opacity, the spread of their altitudes (m) and the number of views that see it; cells
-/// that fewer than two images cover are nodata. All are Cloud-Optimized GeoTIFFs that open in QGIS. hillshade.png is a
-/// picture of the surface.
+/// that fewer than two images cover are nodata. All are Cloud-Optimized GeoTIFFs that open in QGIS, with dsm.qml to colour
+/// the heights there. hillshade.png is a picture of the surface.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Folder that `satgs train RUN` filled
     run: PathBuf,
     #[command(flatten)]
     options: Options,
-    /// Render anew even if RUN holds a surface of other input or options
+    /// Render anew though RUN holds a surface, of the same or of other input and options
     #[arg(long)]
     overwrite: bool,
 }
@@ -44,6 +44,9 @@ pub struct Options {
     /// Fill holes that reach no further than this between cells with heights, metres; confidence.tif says 0 views there
     #[arg(long, value_name = "M")]
     fill: Option<f64>,
+    /// Write the relief as a raster as well: RUN/hillshade.tif
+    #[arg(long)]
+    hillshade: bool,
     /// Write the cells as a point cloud with colours as well (.laz or .las)
     #[arg(long, value_name = "FILE", value_parser = ending(&["laz", "las"]))]
     points: Option<PathBuf>,
@@ -80,7 +83,8 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let setup = &cameras.setup;
     let grid = grid(options, &cameras)?;
     let vertical = Vertical::read(&options.vertical)?;
-    let mut outputs = vec![Path::new("dsm.tif"), Path::new("ortho.tif"), Path::new("confidence.tif")];
+    let mut outputs = ["dsm.tif", "dsm.qml", "ortho.tif", "confidence.tif"].map(Path::new).to_vec();
+    outputs.extend(options.hillshade.then_some(Path::new("hillshade.tif")));
     outputs.extend(options.points.as_deref().into_iter().chain(options.mesh.as_deref()));
     let stage = Stage::new(run, "dsm", &outputs, fingerprint(run, &grid, options));
     if stage.is_done(overwrite)? {
@@ -93,26 +97,32 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let read = || SweptSurface::read(&run.join(SURFACE), &setup.site);
     let matched = cameras.is_matched.then(read).transpose()?;
     let mut surface = render(&splats, &setup.site, grid, &reference, matched.as_ref());
-    let views = setup.views.iter().filter(|v| v.role == Role::Train);
-    surface.count_views(&setup.site, &views.map(|v| (v.camera, v.size)).collect::<Vec<_>>());
+    let views: Vec<_> = setup.views.iter().filter(|v| v.role == Role::Train).collect();
+    let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
+    surface.metadata = vec![("INPUTS", names.join(", "))];
+    surface.count_views(&setup.site, &views.iter().map(|v| (v.camera, v.size)).collect::<Vec<_>>());
     if let Some(reach_m) = options.fill {
         surface.fill(reach_m);
     }
-    if surface.heights_above(&vertical).valid().next().is_none() && surface.height.valid().next().is_some() {
+    let heights = surface.heights_above(&vertical);
+    if heights.plane.valid().next().is_none() && surface.height.valid().next().is_some() {
         let message = format!("the grid of `{}` has no undulation here", vertical.name());
         return Err(Failure::input(
             message,
             "EGM96 and EGM2008 grids of the whole Earth come with PROJ's data",
         ));
     }
-    surface.write_dsm(&run.join("dsm.tif"), &vertical)?;
+    surface.write_dsm(&run.join("dsm.tif"), &heights)?;
     surface.write_ortho(&run.join("ortho.tif"))?;
     surface.write_confidence(&run.join("confidence.tif"))?;
     if let Some(path) = &options.points {
-        surface.write_points(path, &vertical)?;
+        surface.write_points(path, &heights)?;
     }
     if let Some(path) = &options.mesh {
-        surface.write_mesh(path, &vertical)?;
+        surface.write_mesh(path, &heights)?;
+    }
+    if options.hillshade {
+        surface.write_hillshade(&run.join("hillshade.tif"))?;
     }
     let shade = hillshade(&surface.height, grid.cell);
     write_png_gray(&run.join("hillshade.png"), grid.width, grid.height, &shade)?;
@@ -164,6 +174,7 @@ fn fingerprint(run: &Path, grid: &MapGrid, options: &Options) -> Fingerprint {
     Fingerprint::from([
         ("--vertical".into(), options.vertical.clone()),
         ("--fill".into(), format!("{:?}", options.fill)),
+        ("--hillshade".into(), options.hillshade.to_string()),
         ("--points".into(), format!("{:?}", options.points)),
         ("--mesh".into(), format!("{:?}", options.mesh)),
         ("surface".into(), hash_file(&run.join(SURFACE))),

@@ -2,10 +2,10 @@
 
 use super::{Failure, Ui};
 use crate::metrics::{
-    Evaluation, Method, Scores, Surface, Truth, TruthOptions, error_picture, error_style, evaluate,
+    Evaluation, Method, Surface, Truth, TruthOptions, error_picture, error_style, evaluate,
 };
 use crate::raster::{Cog, Vertical, write_file, write_png_rgb};
-use crate::report::{FIGURES, figures};
+use crate::report::{FIGURES, SCORE_NOTE, ScoreTable, figures, score_tables};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -81,6 +81,7 @@ pub(super) fn score(
     output: Option<&Path>,
     ui: &Ui,
 ) -> Result<(), Failure> {
+    let inputs = format!("{}, {}", dsm.display(), truth.display());
     let prediction = Surface::read(dsm)?;
     let truth = Truth::read(truth, options, &prediction.grid)?;
     let evaluation = evaluate(prediction, truth)?;
@@ -88,9 +89,10 @@ pub(super) fn score(
         ui.note(note);
     }
     if let Some(folder) = output {
-        write_files(&evaluation, folder)?;
+        write_files(&evaluation, &inputs, folder)?;
     }
-    ui.summary("dsm-eval", &table(&evaluation), json(&evaluation)?);
+    let scores = json(&evaluation)?;
+    ui.summary("dsm-eval", &tables(&scores), scores);
     Ok(())
 }
 
@@ -111,7 +113,7 @@ fn refuse_to_replace(folder: &Path, overwrite: bool) -> Result<(), Failure> {
 }
 
 /// Writes the scores, and the errors after `xyz` as a map and figures.
-fn write_files(evaluation: &Evaluation, folder: &Path) -> Result<(), Failure> {
+fn write_files(evaluation: &Evaluation, inputs: &str, folder: &Path) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(&json(evaluation)?).map_err(not_json)?;
     write_file(&folder.join(METRICS), text + "\n")?;
     let Some(verdict) = evaluation.verdict(Method::Xyz) else { return Ok(()) };
@@ -119,7 +121,7 @@ fn write_files(evaluation: &Evaluation, folder: &Path) -> Result<(), Failure> {
     let r = verdict.registration;
     let moved = format!("{:.3} m east, {:.3} m north, {:.3} m up", verdict.east_m, verdict.north_m, r.dz_m);
     let metadata = [
-        ("TIFFTAG_SOFTWARE", format!("satgs {}", env!("CARGO_PKG_VERSION"))),
+        ("INPUTS", inputs.to_owned()),
         ("TIFFTAG_IMAGEDESCRIPTION", "registered prediction minus truth".to_owned()),
         ("PREDICTION_MOVED", moved),
     ];
@@ -147,74 +149,24 @@ fn not_json(e: serde_json::Error) -> Failure {
     Failure { message: format!("the scores do not fit JSON: {e}"), hint: None, exit_code: 1 }
 }
 
-/// The table a user sees: the registrations, the scores after each, and after the last those of parts of the land.
-fn table(evaluation: &Evaluation) -> String {
-    let mut out = format!(
-        "{:>12} {:>8} {:>8} {:>8} {:>8} {:>8}\n",
-        "registration", "dx cells", "dy cells", "east m", "north m", "dz m"
-    );
-    for v in &evaluation.verdicts {
-        let r = &v.registration;
-        let _ = writeln!(
-            out,
-            "{:>12} {:>8.2} {:>8.2} {:>+8.2} {:>+8.2} {:>+8.3}",
-            r.method.name(),
-            r.dx_cells,
-            r.dy_cells,
-            v.east_m,
-            v.north_m,
-            r.dz_m
-        );
+/// The tables a user sees, their columns aligned.
+fn tables(scores: &serde_json::Value) -> String {
+    let mut out = String::new();
+    for ScoreTable { head, rows, .. } in score_tables(scores) {
+        let head = head.iter().map(|h| (*h).to_owned()).collect();
+        let lines: Vec<Vec<String>> = std::iter::once(head).chain(rows).collect();
+        let width = |k: usize| lines.iter().map(|l| l[k].chars().count()).max().unwrap_or(0);
+        for line in &lines {
+            let cells: Vec<String> =
+                line.iter().enumerate().map(|(k, cell)| format!("{cell:>0$}", width(k))).collect();
+            let _ = writeln!(out, "{}", cells.join("  "));
+        }
+        out.push('\n');
     }
     let _ = writeln!(
         out,
-        "\n{:>27} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>5} {:>5} {:>8} {:>9}",
-        "metres",
-        "MAE",
-        "filled",
-        "RMSE",
-        "bias",
-        "median",
-        "NMAD",
-        "LE90",
-        "LE95",
-        "<0.5m",
-        "<1m",
-        "<2m",
-        "complete",
-        "cells"
-    );
-    for v in &evaluation.verdicts {
-        row(&mut out, &format!("all, {}", v.registration.method.name()), &v.scores);
-    }
-    let last = evaluation.verdicts.last();
-    for stratum in last.into_iter().flat_map(|v| &v.strata) {
-        row(&mut out, &stratum.name, &stratum.scores);
-    }
-    let _ = writeln!(
-        out,
-        "filled: MAE with holes filled by the nearest cell; median: of |error|; <: % of cells; parts: after xyz\n\
-         {} cells of land, {} of water left out",
-        evaluation.land_cells, evaluation.water_cells
+        "{SCORE_NOTE}\n{} cells of land, {} of water left out",
+        scores["land_cells"], scores["water_cells"]
     );
     out
-}
-
-fn row(out: &mut String, name: &str, s: &Scores) {
-    let [half, one, two] = s.within.map(|share| 100.0 * share);
-    let _ = writeln!(
-        out,
-        "{name:>27} {:>6.3} {:>6.3} {:>6.3} {:>+6.2} {:>6.3} {:>6.3} {:>6.3} {:>6.3} {half:>5.1} {one:>5.1} {two:>5.1} \
-         {:>8.4} {:>9}",
-        s.mae_m,
-        s.filled_mae_m,
-        s.rmse_m,
-        s.bias_m,
-        s.median_m,
-        s.nmad_m,
-        s.le90_m,
-        s.le95_m,
-        s.completeness,
-        s.cells
-    );
 }

@@ -59,6 +59,8 @@ struct Row<'a> {
     view: &'a View,
     bands: usize,
     bits: u32,
+    /// Least and greatest value seen.
+    values: Option<(f32, f32)>,
     gsd_m: Option<(f64, f64)>,
     /// Azimuth and off-nadir of the direction to the satellite.
     direction_deg: Option<(f64, f64)>,
@@ -71,12 +73,13 @@ impl<'a> Row<'a> {
             view,
             bands: file.bands(),
             bits: file.bit_depth(),
+            values: view.value_range()?,
             gsd_m: view.gsd_m(height_m),
             direction_deg: view.direction_deg(height_m),
         })
     }
 
-    fn cells(&self) -> [String; 9] {
+    fn cells(&self) -> [String; 10] {
         let v = self.view;
         let or_dash = |cell: Option<String>| cell.unwrap_or_else(|| "-".into());
         let (low, high) = v.rpc.height_range();
@@ -84,6 +87,7 @@ impl<'a> Row<'a> {
             format!("{}{}", v.name, if v.role == Role::Test { " (test)" } else { "" }),
             format!("{}x{}", v.width, v.height),
             format!("{}x{}", self.bands, self.bits),
+            or_dash(self.values.map(|(low, high)| format!("{low} to {high}"))),
             or_dash(self.gsd_m.map(|(c, r)| format!("{c:.2}x{r:.2}"))),
             or_dash(self.direction_deg.map(|d| format!("{:.1}", d.1))),
             or_dash(self.direction_deg.map(|d| format!("{:.0}", d.0))),
@@ -116,11 +120,21 @@ fn outlines(rows: &[Row], height_m: f64) -> Vec<Outline> {
 }
 
 fn table(rows: &[Row]) -> String {
-    let head =
-        ["view", "pixels", "bands", "GSD m", "off-nadir", "azimuth", "sun az, el", "UTC", "RPC (heights)"];
+    let head = [
+        "view",
+        "pixels",
+        "bands",
+        "values",
+        "GSD m",
+        "off-nadir",
+        "azimuth",
+        "sun az, el",
+        "UTC",
+        "RPC (heights)",
+    ];
     let mut lines = vec![head.map(String::from)];
     lines.extend(rows.iter().map(Row::cells));
-    let width: [usize; 9] =
+    let width: [usize; 10] =
         std::array::from_fn(|k| lines.iter().map(|l| l[k].chars().count()).max().unwrap_or(0));
     let mut out = String::new();
     for line in &lines {
@@ -242,7 +256,7 @@ fn summary(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> Value {
             let (low, high) = v.rpc.height_range();
             json!({
                 "name": v.name, "image": v.image, "width": v.width, "height": v.height,
-                "bands": r.bands, "bits": r.bits, "role": v.role,
+                "bands": r.bands, "bits": r.bits, "values": r.values, "role": v.role,
                 "gsd_col_m": r.gsd_m.map(|g| g.0), "gsd_row_m": r.gsd_m.map(|g| g.1),
                 "off_nadir_deg": r.direction_deg.map(|d| d.1), "azimuth_deg": r.direction_deg.map(|d| d.0),
                 "sun": v.sun, "acquired": v.acquired, "rpc_source": v.rpc_source,

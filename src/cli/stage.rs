@@ -41,15 +41,15 @@ impl Stage {
 
     /// Whether the stage is complete, made from the same things, and what it made is still there.
     ///
-    /// Made from other things it is an error that names them, unless `overwrite`.
+    /// Made from other things it is an error that names them. With `overwrite` no stage is complete.
     pub fn is_done(&self, overwrite: bool) -> Result<bool, Failure> {
         let Ok(text) = std::fs::read_to_string(&self.record) else { return Ok(false) };
-        let before: Record = serde_json::from_str(&text).unwrap_or_default();
-        if self.is_made_from(&before.made_from, overwrite)? {
-            return Ok(self.outputs.iter().all(|o| o.exists()));
+        if overwrite {
+            self.forget()?;
+            return Ok(false);
         }
-        self.forget()?;
-        Ok(false)
+        let before: Record = serde_json::from_str(&text).unwrap_or_default();
+        Ok(self.is_made_from(&before.made_from, overwrite)? && self.outputs.iter().all(|o| o.exists()))
     }
 
     /// Whether something was made from what this stage is to be made from.

@@ -38,7 +38,7 @@ pub struct Args {
     print_recipe: Option<String>,
     #[command(flatten)]
     options: Options,
-    /// Train anew even if RUN holds splats of other input or options
+    /// Train anew though RUN holds splats, of the same or of other input and options
     #[arg(long)]
     overwrite: bool,
 }

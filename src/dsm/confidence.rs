@@ -25,7 +25,7 @@ impl Surface {
     ///
     /// A cell that is covered but hidden keeps its height, which its neighbours gave it.
     pub fn count_views(&mut self, site: &SiteGrid, views: &[(AffineCamera, (usize, usize))]) {
-        let Self { grid, height, colors, confidence } = self;
+        let Self { grid, height, colors, confidence, .. } = self;
         let origin_m = site.origin.z() as f32;
         let mut covering = Plane::filled(grid.width, grid.height, 0.0);
         let mut seeing = covering.clone();

@@ -3,8 +3,8 @@
 //! glTF's axes are metres right, up and towards the viewer: here east, up and south of the grid's centre at height 0.
 //! Where that lies on Earth stands in the scene's `extras`.
 
-use super::Surface;
-use crate::raster::{RasterError, Vertical, png_rgb, write_file};
+use super::{Heights, Surface};
+use crate::raster::{RasterError, png_rgb, write_file};
 use serde_json::json;
 use std::path::Path;
 
@@ -22,20 +22,20 @@ impl Surface {
     ///
     /// # Errors
     /// [`RasterError::Write`], also for more than the 4 GiB that the format can hold.
-    pub fn write_mesh(&self, path: &Path, vertical: &Vertical) -> Result<(), RasterError> {
+    pub fn write_mesh(&self, path: &Path, heights: &Heights) -> Result<(), RasterError> {
         let failed = |reason: &str| RasterError::Write { path: path.into(), reason: reason.into() };
-        let glb = self.glb(vertical).ok_or_else(|| failed("the grid is too large for a mesh"))?;
+        let glb = self.glb(heights).ok_or_else(|| failed("the grid is too large for a mesh"))?;
         write_file(path, glb)
     }
 
-    fn glb(&self, vertical: &Vertical) -> Option<Vec<u8>> {
-        let (grid, heights) = (&self.grid, self.heights_above(vertical));
+    fn glb(&self, heights: &Heights) -> Option<Vec<u8>> {
+        let (grid, z) = (&self.grid, &heights.plane.data);
         let (west, south, east, north) = grid.bounds();
         let center = [0.5 * (west + east), 0.5 * (south + north)];
 
-        let mut vertex = vec![NONE; heights.data.len()];
+        let mut vertex = vec![NONE; z.len()];
         let (mut positions, mut places) = (Vec::<[f32; 3]>::new(), Vec::<[f32; 2]>::new());
-        for (i, z) in heights.data.iter().enumerate().filter(|(_, z)| !z.is_nan()) {
+        for (i, z) in z.iter().enumerate().filter(|(_, z)| !z.is_nan()) {
             let (col, row) = (i % grid.width, i / grid.width);
             let p = grid.cell_center(col, row);
             vertex[i] = u32::try_from(positions.len()).ok()?;
@@ -52,7 +52,7 @@ impl Surface {
             }
         }
         let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
-        let pixels = (0..heights.data.len()).flat_map(|i| self.colors.each_ref().map(|c| byte(c.data[i])));
+        let pixels = (0..z.len()).flat_map(|i| self.colors.each_ref().map(|c| byte(c.data[i])));
         let texture = png_rgb(grid.width, grid.height, &pixels.collect::<Vec<u8>>()).ok()?;
 
         let bound = |pick: fn(f32, f32) -> f32, start: f32| {
@@ -84,7 +84,7 @@ impl Surface {
             "extensionsUsed": ["KHR_materials_unlit"],
             "scene": 0,
             "scenes": [{ "nodes": [0], "extras": {
-                "epsg": grid.epsg, "east_m": center[0], "north_m": center[1], "vertical": vertical.name(),
+                "epsg": grid.epsg, "east_m": center[0], "north_m": center[1], "vertical": heights.above.name(),
             } }],
             "nodes": [{ "mesh": 0, "name": "surface" }],
             "meshes": [{ "primitives": [{
@@ -126,13 +126,13 @@ impl Surface {
 #[cfg(test)]
 mod tests {
     use super::super::tests::flat_surface;
-    use super::*;
+    use crate::raster::Vertical;
 
     #[test]
     fn a_mesh_is_whole_where_heights_are() {
         let (mut surface, _) = flat_surface(5, 4);
         surface.height.data[7] = f32::NAN;
-        let glb = surface.glb(&Vertical::Ellipsoid).unwrap();
+        let glb = surface.glb(&surface.heights_above(&Vertical::Ellipsoid)).unwrap();
         let word = |at: usize| u32::from_le_bytes(glb[at..at + 4].try_into().unwrap()) as usize;
         assert_eq!((&glb[..4], word(4), word(8)), (&b"glTF"[..], 2, glb.len()));
         let text = word(12);

@@ -15,7 +15,7 @@ pub use confidence::Confidence;
 
 use crate::affine::AffineCamera;
 use crate::frame::{Point, SiteGrid};
-use crate::raster::{Cog, MapGrid, Plane, RasterError, Vertical};
+use crate::raster::{Cog, MapGrid, Plane, RasterError, Vertical, color_style, write_file};
 use crate::splat::appearance::Appearance;
 use crate::splat::gaussians::{Gaussians, SH_C0};
 use crate::splat::raster::{FrameCamera, Prepared, Rasterizer};
@@ -27,6 +27,10 @@ use altitude::{median, sampled};
 
 /// Cells from one node to the next of the lattice on which geoids are looked up: they are smooth.
 const GEOID_STEP: usize = 64;
+/// Matplotlib's viridis from low to high, and the share of the cells that is left beyond each end.
+const HEIGHT_COLORS: [[u8; 3]; 5] =
+    [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
+const STYLE_TAIL: f64 = 0.02;
 
 /// What a look straight down gives.
 pub struct Surface {
@@ -38,6 +42,16 @@ pub struct Surface {
     pub colors: [Plane; 3],
     /// How far the heights can be trusted.
     pub confidence: Confidence,
+    /// Metadata items that all rasters of it carry.
+    pub metadata: Vec<(&'static str, String)>,
+}
+
+/// Heights of a surface's cells in metres above something; NaN where they are not known.
+pub struct Heights<'a> {
+    /// The heights.
+    pub plane: Plane,
+    /// What they count from.
+    pub above: &'a Vertical,
 }
 
 /// The camera that looks straight down on a grid.
@@ -90,7 +104,8 @@ pub fn render(
         }
     }
     let views = Plane::filled(grid.width, grid.height, f32::NAN);
-    Surface { grid, height, colors, confidence: Confidence { opacity, spread, views } }
+    let confidence = Confidence { opacity, spread, views };
+    Surface { grid, height, colors, confidence, metadata: Vec::new() }
 }
 
 /// Altitudes of a swept surface in the cells of a grid: medians of samples, NaN where most have none.
@@ -112,29 +127,39 @@ fn resampled(surface: &SweptSurface, grid: &MapGrid) -> Plane {
 }
 
 impl Surface {
-    /// The heights in metres above what they are to count from; NaN where that is not known.
+    /// The heights above what they are to count from; NaN also where that is not known.
     #[must_use]
-    pub fn heights_above(&self, vertical: &Vertical) -> Plane {
-        let Vertical::Geoid { .. } = vertical else { return self.height.clone() };
+    pub fn heights_above<'a>(&self, above: &'a Vertical) -> Heights<'a> {
+        let Vertical::Geoid { .. } = above else { return Heights { plane: self.height.clone(), above } };
         let place = SiteGrid { epsg: self.grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
         let nodes = [self.grid.width, self.grid.height].map(|n| n.div_ceil(GEOID_STEP) + 1);
         let undulation = Plane::from_fn(nodes[0], nodes[1], |col, row| {
             let p = place.geodetic_from_utm(self.grid.cell_center(col * GEOID_STEP, row * GEOID_STEP));
-            vertical.undulation_m(p.lon_deg(), p.lat_deg()) as f32
+            above.undulation_m(p.lon_deg(), p.lat_deg()) as f32
         });
         let step = GEOID_STEP as f64;
-        Plane::from_fn(self.grid.width, self.grid.height, |col, row| {
+        let plane = Plane::from_fn(self.grid.width, self.grid.height, |col, row| {
             self.height.at(col, row) - undulation.bilinear(col as f64 / step, row as f64 / step)
-        })
+        });
+        Heights { plane, above }
     }
 
-    /// Writes heights as a Cloud-Optimized GeoTIFF: float32, metres above `vertical`, NaN nodata.
+    /// Writes heights as a Cloud-Optimized GeoTIFF, float32 with NaN nodata, and its QGIS style.
     ///
     /// # Errors
     /// [`RasterError::Write`].
-    pub fn write_dsm(&self, path: &Path, vertical: &Vertical) -> Result<(), RasterError> {
-        let cog = Cog { heights_from: Some(vertical), ..self.cog() };
-        cog.write_f32(path, &[("height", "m", &self.heights_above(vertical))])
+    pub fn write_dsm(&self, path: &Path, heights: &Heights) -> Result<(), RasterError> {
+        let cog = Cog { heights_from: Some(heights.above), ..self.cog() };
+        cog.write_f32(path, &[("height", "m", &heights.plane)])?;
+        write_file(&path.with_extension("qml"), heights.style())
+    }
+
+    /// Writes a relief lit from the north-west as an 8-bit Cloud-Optimized GeoTIFF; 255 is nodata.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`].
+    pub fn write_hillshade(&self, path: &Path) -> Result<(), RasterError> {
+        self.cog().write_u8(path, vec![hillshade(&self.height, self.grid.cell)], Some(255.0))
     }
 
     /// Writes the colours as an 8-bit Cloud-Optimized GeoTIFF; 0 is nodata.
@@ -158,7 +183,21 @@ impl Surface {
     }
 
     fn cog(&self) -> Cog<'_> {
-        Cog { grid: self.grid, metadata: &[], heights_from: None }
+        Cog { grid: self.grid, metadata: &self.metadata, heights_from: None }
+    }
+}
+
+impl Heights<'_> {
+    /// A QGIS style that colours them from low to high.
+    fn style(&self) -> String {
+        let mut sorted: Vec<f32> = self.plane.valid().collect();
+        sorted.sort_unstable_by(f32::total_cmp);
+        let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
+        let (low, high) = (at(STYLE_TAIL), at(1.0 - STYLE_TAIL));
+        let step = (high - low) / (HEIGHT_COLORS.len() - 1) as f32;
+        let value = |i: usize| (10.0 * (low + step * i as f32)).round() / 10.0;
+        let stops = HEIGHT_COLORS.iter().enumerate().map(|(i, color)| (value(i), *color));
+        color_style(&stops.collect::<Vec<_>>())
     }
 }
 
@@ -195,7 +234,13 @@ mod tests {
         let plane = |value| Plane::filled(width, height, value);
         let confidence = Confidence { opacity: plane(1.0), spread: plane(0.0), views: plane(f32::NAN) };
         (
-            Surface { grid, height: plane(10.0), colors: [plane(0.1), plane(0.5), plane(1.0)], confidence },
+            Surface {
+                grid,
+                height: plane(10.0),
+                colors: [plane(0.1), plane(0.5), plane(1.0)],
+                confidence,
+                metadata: Vec::new(),
+            },
             site,
         )
     }

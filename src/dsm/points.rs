@@ -1,7 +1,7 @@
 //! The surface as a point cloud.
 
-use super::Surface;
-use crate::raster::{PointCloud, RasterError, Vertical};
+use super::{Heights, Surface};
+use crate::raster::{PointCloud, RasterError};
 use std::path::Path;
 
 impl Surface {
@@ -9,23 +9,23 @@ impl Surface {
     ///
     /// # Errors
     /// [`RasterError::Write`].
-    pub fn write_points(&self, path: &Path, vertical: &Vertical) -> Result<(), RasterError> {
-        let heights = self.heights_above(vertical);
+    pub fn write_points(&self, path: &Path, heights: &Heights) -> Result<(), RasterError> {
+        let z = &heights.plane.data;
         let (west, _, _, north) = self.grid.bounds();
         let origin = crate::frame::Point::new(west.floor(), north.floor(), 0.0);
-        let seen = (0..heights.data.len()).filter(|&i| !heights.data[i].is_nan());
+        let seen = (0..z.len()).filter(|&i| !z[i].is_nan());
         let points = seen.map(|i| {
             let place = self.grid.cell_center(i % self.grid.width, i / self.grid.width);
-            (place.at_height(heights.data[i].into()), self.colors.each_ref().map(|c| c.data[i]))
+            (place.at_height(z[i].into()), self.colors.each_ref().map(|c| c.data[i]))
         });
-        PointCloud { epsg: self.grid.epsg, vertical, origin }.write(path, points)
+        PointCloud { epsg: self.grid.epsg, vertical: heights.above, origin }.write(path, points)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::tests::flat_surface;
-    use super::*;
+    use crate::raster::Vertical;
 
     #[test]
     fn every_cell_with_a_height_is_a_point_in_its_place_and_colour() {
@@ -34,7 +34,7 @@ mod tests {
         surface.height.data[5] = f32::NAN;
         for name in ["dsm.laz", "dsm.las"] {
             let path = dir.path().join(name);
-            surface.write_points(&path, &Vertical::Ellipsoid).unwrap();
+            surface.write_points(&path, &surface.heights_above(&Vertical::Ellipsoid)).unwrap();
             let mut reader = las::Reader::from_path(&path).unwrap();
             let crs = String::from_utf8_lossy(reader.header().get_wkt_crs_bytes().unwrap()).into_owned();
             assert!(crs.contains("32617"), "{crs}");

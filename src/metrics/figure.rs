@@ -1,6 +1,6 @@
 //! The error map as a picture and as a QGIS style: red where the prediction is too high, blue where it is too low.
 
-use crate::raster::Plane;
+use crate::raster::{Plane, color_style};
 
 /// Errors of this size and more get the strongest colour, in metres.
 const FULL_COLOUR_M: f32 = 3.0;
@@ -43,33 +43,9 @@ pub fn error_picture(errors: &Plane) -> ErrorPicture {
 #[must_use]
 pub fn error_style() -> String {
     let last = (DIVERGING.len() - 1) as f32;
-    let items: String = DIVERGING
-        .iter()
-        .enumerate()
-        .map(|(i, [r, g, b])| {
-            let value = FULL_COLOUR_M * (2.0 * i as f32 - last) / last;
-            let color = format!("#{:02x}{:02x}{:02x}", *r as u8, *g as u8, *b as u8);
-            format!(
-                "          <item value=\"{value}\" label=\"{value:+} m\" color=\"{color}\" alpha=\"255\"/>\n"
-            )
-        })
-        .collect();
-    format!(
-        r#"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>
-<qgis version="3.22" styleCategories="Symbology">
-  <pipe>
-    <rasterrenderer type="singlebandpseudocolor" band="1" opacity="1" alphaBand="-1"
-      classificationMin="-{FULL_COLOUR_M}" classificationMax="{FULL_COLOUR_M}">
-      <rastershader>
-        <colorrampshader colorRampType="INTERPOLATED" classificationMode="1" clip="0"
-          minimumValue="-{FULL_COLOUR_M}" maximumValue="{FULL_COLOUR_M}">
-{items}        </colorrampshader>
-      </rastershader>
-    </rasterrenderer>
-  </pipe>
-</qgis>
-"#
-    )
+    let value = |i: usize| FULL_COLOUR_M * (2.0 * i as f32 - last) / last;
+    let stops = DIVERGING.iter().enumerate().map(|(i, color)| (value(i), color.map(|c| c as u8)));
+    color_style(&stops.collect::<Vec<_>>())
 }
 
 fn color(error_m: f32) -> [f32; 3] {

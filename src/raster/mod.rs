@@ -7,6 +7,7 @@ mod file;
 mod geoid;
 mod grid;
 mod plane;
+mod style;
 mod vector;
 mod vertical;
 mod write;
@@ -18,6 +19,7 @@ pub use file::{Band, ImageFile, Window};
 pub use geoid::Geoid;
 pub use grid::MapGrid;
 pub use plane::Plane;
+pub use style::color_style;
 pub use vector::{Marker, Outline, inside_polygons, write_markers, write_outlines};
 pub use vertical::Vertical;
 pub use write::{

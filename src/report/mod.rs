@@ -5,10 +5,12 @@
 mod chart;
 mod figures;
 mod pictures;
+mod score_table;
 mod sections;
 
 pub use chart::{Chart, escape};
 pub use figures::{FIGURES, figures};
+pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
 
 use crate::raster::{RasterError, write_file};
 use std::path::{Path, PathBuf};

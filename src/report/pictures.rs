@@ -2,6 +2,7 @@
 
 use super::escape;
 use crate::raster::{ImageFile, MapGrid, Plane, RasterError, Window, png_rgb};
+use base64::prelude::{BASE64_STANDARD, Engine};
 use std::path::Path;
 
 /// No side of a picture is longer, in pixels.
@@ -15,7 +16,7 @@ pub(super) fn img(
     alt: &str,
     class: &str,
 ) -> Result<String, RasterError> {
-    let data = base64(&png_rgb(width, height, rgb)?);
+    let data = BASE64_STANDARD.encode(png_rgb(width, height, rgb)?);
     let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
     Ok(format!(
         "<img{class} src=\"data:image/png;base64,{data}\" width=\"{width}\" height=\"{height}\" alt=\"{}\">",
@@ -46,31 +47,4 @@ pub(super) fn map(path: &Path) -> Result<(Vec<Plane>, MapGrid), RasterError> {
     let planes = (1..=file.bands()).map(|b| file.read_scaled(b, window, (width, height)));
     let planes = planes.collect::<Result<Vec<_>, _>>()?;
     Ok((planes, MapGrid { width, height, cell: grid.cell * step as f64, ..grid }))
-}
-
-/// RFC 4648.
-fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for three in bytes.chunks(3) {
-        let bits = three.iter().fold(0u32, |b, byte| b << 8 | u32::from(*byte)) << (8 * (3 - three.len()));
-        for i in 0..4 {
-            let letter = LETTERS[(bits >> (18 - 6 * i) & 63) as usize];
-            out.push(if i <= three.len() { char::from(letter) } else { '=' });
-        }
-    }
-    out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn base64_is_the_standard_s() {
-        let expected = ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy"];
-        for (n, text) in expected.into_iter().enumerate() {
-            assert_eq!(base64(&b"foobar"[..n]), text);
-        }
-    }
 }

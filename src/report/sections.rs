@@ -3,7 +3,7 @@
 use super::chart::Chart;
 use super::figures::FIGURES;
 use super::pictures::{img, map, rgb_of};
-use super::{ReportError, escape};
+use super::{ReportError, SCORE_NOTE, ScoreTable, escape, score_tables};
 use crate::bundle::Report;
 use crate::dsm::hillshade;
 use crate::metrics::{error_picture, onto_grid};
@@ -193,52 +193,10 @@ pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
             out.push_str(&slider(&surface, &errors[0], &grid)?);
         }
     }
-    let verdicts = scores["verdicts"].as_array().map_or(&[][..], Vec::as_slice);
-    let text = |v: &Value, key: &str| v[key].as_str().unwrap_or_default().to_owned();
-    let number =
-        |v: &Value, digits: usize| v.as_f64().map_or_else(|| "–".to_owned(), |n| format!("{n:.digits$}"));
-    let shifts = verdicts.iter().map(|v| {
-        let numbers = ["dx_cells", "dy_cells", "east_m", "north_m", "dz_m"].map(|key| number(&v[key], 3));
-        [text(v, "method")].into_iter().chain(numbers).collect()
-    });
-    let head = ["registration", "dx cells", "dy cells", "east m", "north m", "dz m"];
-    out.push_str(&table("Registrations", &head, shifts));
-    let row = |name: String, v: &Value| -> Vec<String> {
-        let metres = ["mae_m", "filled_mae_m", "rmse_m", "bias_m", "median_m", "nmad_m", "le90_m", "le95_m"];
-        let shares = (0..3)
-            .map(|i| v["within"][i].as_f64().map_or_else(|| "–".into(), |s| format!("{:.1}", 100.0 * s)));
-        [name]
-            .into_iter()
-            .chain(metres.iter().map(|key| number(&v[*key], 3)))
-            .chain(shares)
-            .chain([number(&v["completeness"], 4), number(&v["cells"], 0)])
-            .collect()
-    };
-    let strata = verdicts.last().and_then(|v| v["strata"].as_array()).map_or(&[][..], Vec::as_slice);
-    let all = verdicts.iter().map(|v| row(format!("all, {}", text(v, "method")), v));
-    let parts = strata.iter().map(|s| row(text(s, "name"), s));
-    let head = [
-        "metres",
-        "MAE",
-        "filled",
-        "RMSE",
-        "bias",
-        "median",
-        "NMAD",
-        "LE90",
-        "LE95",
-        "% < 0.5 m",
-        "% < 1 m",
-        "% < 2 m",
-        "complete",
-        "cells",
-    ];
-    out.push_str(&table("Scores", &head, all.chain(parts)));
-    let _ = writeln!(
-        out,
-        "<p class=\"note\">filled: MAE with holes filled by the nearest cell; median: of |error|; complete: predicted \
-         cells / cells of land; parts of the land: after xyz.</p>"
-    );
+    for ScoreTable { name, head, rows } in score_tables(&scores) {
+        out.push_str(&table(name, head, rows.into_iter()));
+    }
+    let _ = writeln!(out, "<p class=\"note\">{}.</p>", escape(SCORE_NOTE));
     for note in scores["notes"].as_array().into_iter().flatten().filter_map(Value::as_str) {
         let _ = writeln!(out, "<p class=\"note\">{}</p>", escape(note));
     }

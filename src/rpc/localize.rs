@@ -129,15 +129,9 @@ mod tests {
 
     /// The skewed frame on which the rpcm library does not converge.
     #[test]
-    #[allow(clippy::print_stdout)]
     fn five_steps_are_enough_for_skysat() {
-        let here = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-        let data = std::env::var_os("SATGS_DATA").map_or(here, std::path::PathBuf::from);
-        let file = data.join("rpc/rpcm/20191015_073816_ssc1d3_0011_basic_l1a_panchromatic_dn_RPC.TXT");
-        if !file.is_file() {
-            println!("skipped: no real data at {}", data.display());
-            return;
-        }
+        let name = "rpcm/20191015_073816_ssc1d3_0011_basic_l1a_panchromatic_dn_RPC.TXT";
+        let Some(file) = crate::rpc::formats::tests::real_file(name) else { return };
         let rpc = crate::rpc::formats::read(&file).unwrap().rpc;
         for height in [70.0, 90.0] {
             let start = rpc.center().at_height(height);

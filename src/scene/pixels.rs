@@ -7,7 +7,42 @@ use std::path::PathBuf;
 /// Share of pixels left out at each end when images of more than 8 bits are stretched.
 const STRETCH_TAIL: f64 = 0.005;
 
+/// Windows along each side of an image in which its values are looked at, and the longest side of one.
+const SAMPLES: usize = 4;
+const SAMPLE_PX: usize = 128;
+
 impl View {
+    /// Least and greatest value of the bands used, as stored, in windows spread over the image; none without valid ones.
+    ///
+    /// # Errors
+    /// [`RasterError`] when the file cannot be read.
+    pub fn value_range(&self) -> Result<Option<(f32, f32)>, RasterError> {
+        let file = ImageFile::open(&self.image)?;
+        let whole = self.used_window();
+        let step = (whole.width.div_ceil(SAMPLES), whole.height.div_ceil(SAMPLES));
+        let mut range = None;
+        for (col, row) in (0..SAMPLES * SAMPLES).map(|i| (i % SAMPLES * step.0, i / SAMPLES * step.1)) {
+            if col >= whole.width || row >= whole.height {
+                continue;
+            }
+            let width = step.0.min(whole.width - col).min(SAMPLE_PX);
+            let height = step.1.min(whole.height - row).min(SAMPLE_PX);
+            let window = Window { col: whole.col + col, row: whole.row + row, width, height };
+            for band in &self.bands {
+                for v in file.read_window(*band, window)?.valid().filter(|v| v.is_finite()) {
+                    let (low, high) = range.get_or_insert((v, v));
+                    (*low, *high) = (low.min(v), high.max(v));
+                }
+            }
+        }
+        Ok(range)
+    }
+
+    /// The part of the image that is used.
+    fn used_window(&self) -> Window {
+        self.window.unwrap_or(Window { col: 0, row: 0, width: self.width, height: self.height })
+    }
+
     /// The view's colours: three planes in [0, 1], or one for a panchromatic image; NaN where the mask is 0.
     ///
     /// 8-bit images are divided by 255; others, or all when a stretch is asked for, are stretched linearly between the
@@ -31,7 +66,7 @@ impl View {
 
     fn colors_at(&self, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
         let file = ImageFile::open(&self.image)?;
-        let window = self.window.unwrap_or(Window { col: 0, row: 0, width: self.width, height: self.height });
+        let window = self.used_window();
         let planes = self.bands.iter().map(|b| file.read_scaled(*b, window, size));
         let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
         if let Some(mask) = &self.mask {

@@ -12,6 +12,8 @@ use std::path::{Path, PathBuf};
 const IMAGES: [&str; 8] = ["tif", "tiff", "ntf", "nitf", "nsf", "jp2", "j2k", "vrt"];
 /// The GSD told and the camera's at mid height agree better than this factor, whatever the relief.
 const GSD_FACTOR: f64 = 1.35;
+/// The off-nadir angle told and the camera's agree better, wherever in the image the telling is meant.
+const OFF_NADIR_DEG: f64 = 5.0;
 /// A map-projected image's RPC sees its own centre closer than this share of its size.
 const OWN_GRID: f64 = 0.05;
 
@@ -122,6 +124,7 @@ pub(super) fn view(
         height_range: tags.height_range,
     };
     warnings.extend(other_resolution(&view, tags.gsd_m));
+    warnings.extend(other_direction(&view, tags.off_nadir_deg));
     Ok(Some(view))
 }
 
@@ -253,6 +256,17 @@ fn other_resolution(view: &View, told_gsd_m: Option<f64>) -> Option<String> {
             view.height
         )
     })
+}
+
+/// A warning for a camera that looks from elsewhere than the metadata tell.
+fn other_direction(view: &View, told_deg: Option<f64>) -> Option<String> {
+    let (_, off_nadir) = view.direction_deg(view.rpc.center().height_m())?;
+    let told = told_deg.filter(|told| (told - off_nadir).abs() > OFF_NADIR_DEG)?;
+    Some(format!(
+        "{}: its metadata tell of a view {told:.1}° off nadir, its camera looks {off_nadir:.1}° off; are they the same \
+         image's?",
+        view.name
+    ))
 }
 
 /// Sun and date that the image file itself tells.

@@ -7,7 +7,7 @@
 use super::keys::{Fields, RPC00B, parse_number};
 use super::xml::{find, items, number, text};
 use super::{FormatError, RpcFile, SAME_PX, Tiles, ViewTags, iso_date};
-use crate::frame::{Pixel, Point};
+use crate::frame::{Geodetic, Pixel, Point};
 use crate::rpc::model::TERMS;
 use crate::rpc::{Rpc, polynomial};
 use roxmltree::Node;
@@ -113,22 +113,31 @@ fn direct_v1(model: Node) -> Option<Direct> {
     Some([half(&lat, 0), half(&lat, TERMS), half(&lon, 0), half(&lon, TERMS)])
 }
 
+/// Where a direct model puts a pixel at a height, both normalised by the inverse model's offsets and scales.
+fn direct_ground(
+    [lat_num, lat_den, lon_num, lon_den]: &Direct,
+    rpc: &Rpc,
+    place: [f64; 3],
+) -> Point<Geodetic> {
+    let c = rpc.coefficients();
+    let ratio = |num, den| polynomial(num, place) / polynomial(den, place);
+    Point::new(
+        c.lon.offset + c.lon.scale * ratio(lon_num, lon_den),
+        c.lat.offset + c.lat.scale * ratio(lat_num, lat_den),
+        c.height.offset + c.height.scale * place[2],
+    )
+}
+
 /// How far a pixel is from where the inverse model sees the ground that the direct one says it shows: the most over
 /// the volume, pixels.
-fn direct_gap_px(rpc: &Rpc, [lat_num, lat_den, lon_num, lon_den]: &Direct) -> Option<f64> {
+fn direct_gap_px(rpc: &Rpc, direct: &Direct) -> Option<f64> {
     let c = rpc.coefficients();
     let node = |i: i32| 2.0 * f64::from(i) / f64::from(NODES - 1) - 1.0;
     let mut gap = 0.0f64;
     for i in 0..NODES.pow(3) {
         let place = [node(i % NODES), node(i / NODES % NODES), node(i / NODES.pow(2))];
-        let ratio = |num, den| polynomial(num, place) / polynomial(den, place);
-        let ground = Point::new(
-            c.lon.offset + c.lon.scale * ratio(lon_num, lon_den),
-            c.lat.offset + c.lat.scale * ratio(lat_num, lat_den),
-            c.height.offset + c.height.scale * place[2],
-        );
         let px = Pixel::new(c.col.offset + c.col.scale * place[0], c.row.offset + c.row.scale * place[1]);
-        let apart = rpc.project(ground).distance(px);
+        let apart = rpc.project(direct_ground(direct, rpc, place)).distance(px);
         if !apart.is_finite() {
             return None;
         }
@@ -155,6 +164,7 @@ pub(super) fn tags(root: Node) -> ViewTags {
         sun_deg: number(center, "SUN_AZIMUTH").zip(number(center, "SUN_ELEVATION")),
         acquired: text(center, "TIME").and_then(iso_date).or_else(imaged),
         gsd_m: gsd.map(|(across, along)| (across * along).sqrt()),
+        off_nadir_deg: number(center, "INCIDENCE_ANGLE"),
         tiles: raster.and_then(tiles),
         ..ViewTags::default()
     }
@@ -172,4 +182,52 @@ fn tiles(raster: Node) -> Option<Tiles> {
         across: value(count, "ntiles_C")?,
         down: value(count, "ntiles_R")?,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rpc::formats::tests::real_file;
+
+    /// Both models of a file of version 1 or 2.
+    fn models(file: &Path) -> (Rpc, Direct) {
+        let text = std::fs::read_to_string(file).unwrap();
+        let document = roxmltree::Document::parse(&text).unwrap();
+        let root = document.root_element();
+        let model = find(root, "Global_RFM").unwrap();
+        let terms = || direct_terms(find(model, "Direct_Model")?, RPC00B.polynomials);
+        let direct = direct_v1(model).or_else(terms).unwrap();
+        (from_xml(file, root, model).unwrap().rpc, direct)
+    }
+
+    /// Largest gaps in pixels (spec 5.1); the table's last digit is rounded.
+    #[test]
+    fn direct_and_inverse_models_differ_by_what_the_table_says() {
+        for (name, gap) in [
+            ("rpcm/rpc_PLEIADES.xml", 0.0020),
+            ("rpcm/rpc_SPOT6.xml", 0.0221),
+            ("shareloc/RPC_PHR1B_P_201709281038045_SEN_PRG_FC_178608-001.XML", 0.0024),
+            ("shareloc/RPC_PHR1B_P_201709281038393_SEN_PRG_FC_178609-001.XML", 0.0045),
+            ("shareloc/RPC_P1BP--2017092838284574CP.XML", 0.0018),
+            ("shareloc/phr_oise/RPC_PHR1A_P_202503191043438_SEN_7342362101-1.XML", 135.0),
+        ] {
+            let Some(file) = real_file(name) else { return };
+            let (rpc, direct) = models(&file);
+            let found = direct_gap_px(&rpc, &direct).unwrap();
+            assert!((found - gap).abs() < 6e-5 + 5e-3 * gap, "{name}: {found} px");
+        }
+    }
+
+    /// shareloc's test of version 1: the direct model and Newton's method on the inverse one agree to 9e-8 degrees.
+    #[test]
+    fn version_1_is_localised_where_its_direct_model_says() {
+        let Some(file) = real_file("shareloc/PHRDIMAP_P1BP--2018122638935449CP.XML") else { return };
+        let (rpc, direct) = models(&file);
+        let (c, px, height_m) = (rpc.coefficients(), Pixel::new(199.5, 599.5), 125.0);
+        let of = |value: f64, axis: crate::rpc::Axis| (value - axis.offset) / axis.scale;
+        let place = [of(px.col, c.col), of(px.row, c.row), of(height_m, c.height)];
+        let (told, found) = (direct_ground(&direct, &rpc, place), rpc.localize(px, height_m).unwrap());
+        let apart = (told.lon_deg() - found.lon_deg()).abs().max((told.lat_deg() - found.lat_deg()).abs());
+        assert!(apart < 9e-8, "{apart}°");
+    }
 }

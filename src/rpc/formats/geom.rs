@@ -47,6 +47,7 @@ fn tags(items: &BTreeMap<&str, &str>) -> ViewTags {
     ViewTags {
         size: count("number_samples").zip(count("number_lines")),
         sun_deg: middle(azimuth).zip(middle(elevation)),
+        off_nadir_deg: middle("support_data.incident_angle"),
         acquired: items.get("support_data.image_date").and_then(|d| iso_date(d)),
         ..ViewTags::default()
     }

@@ -119,6 +119,8 @@ fn view_tags(item: impl Fn(&str) -> Option<String>) -> ViewTags {
         sun_deg: number("meanSunAz").zip(number("meanSunEl")),
         acquired: time,
         gsd_m: number("meanProductGSD").or_else(|| number("meanCollectedGSD")),
+        // `meanOffNadirViewAngle` is the angle at the satellite.
+        off_nadir_deg: number("meanSatEl").map(|elevation| 90.0 - elevation),
         ..ViewTags::default()
     }
 }

@@ -161,6 +161,8 @@ pub struct ViewTags {
     pub height_range: Option<(f64, f64)>,
     /// Mean ground sampling distance, metres.
     pub gsd_m: Option<f64>,
+    /// Angle of the view from the vertical at the ground (incidence), degrees.
+    pub off_nadir_deg: Option<f64>,
     /// How the image is cut into files, if it is.
     pub tiles: Option<Tiles>,
 }
@@ -189,6 +191,7 @@ impl ViewTags {
             acquired: self.acquired.or(other.acquired),
             height_range: self.height_range.or(other.height_range),
             gsd_m: self.gsd_m.or(other.gsd_m),
+            off_nadir_deg: self.off_nadir_deg.or(other.off_nadir_deg),
             tiles: self.tiles.or(other.tiles),
         }
     }
@@ -268,4 +271,4 @@ fn read_text(file: &Path) -> Result<String, FormatError> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

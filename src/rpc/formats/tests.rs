@@ -9,6 +9,18 @@ fn here() -> &'static Path {
     Path::new("a_RPC.TXT")
 }
 
+/// A file of the real data under `rpc/`; none, and said, when that is absent.
+#[allow(clippy::print_stdout)]
+pub fn real_file(name: &str) -> Option<PathBuf> {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let file = std::env::var_os("SATGS_DATA").map_or(here, PathBuf::from).join("rpc").join(name);
+    if !file.is_file() {
+        println!("skipped: no real data at {}", file.display());
+        return None;
+    }
+    Some(file)
+}
+
 /// Any number a camera may hold, down to the last bit.
 fn value() -> impl Strategy<Value = f64> {
     (-1.0..1.0f64, -12..6i32).prop_map(|(m, e)| m * 10f64.powi(e))
