@@ -153,7 +153,7 @@ fn n12_an_image_resampled_without_its_rpc() {
     std::fs::write(folder.path().join("b.IMD"), "BEGIN_GROUP = IMAGE_1\n\tmeanSatEl = 60.0;\nEND;").unwrap();
     let (_, said) = info(folder.path(), &[]);
     assert!(
-        said.contains("b: its metadata tell of a view 30.0° off nadir, its camera looks 5.7° off"),
+        said.contains("b: its metadata tell of a view 30.0° off nadir, its camera looks 5.8° off"),
         "{said}"
     );
 }

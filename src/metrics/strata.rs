@@ -113,12 +113,14 @@ impl Labels {
 
     fn slopes(land: &Plane, cell: f64) -> Self {
         let mut label = vec![NONE; land.data.len()];
+        // Of a hundred million cells arc tangents would be felt.
+        let steeper = SLOPES_DEG[1..SLOPES_DEG.len() - 1].iter().map(|s| s.to_radians().tan());
+        let steeper: Vec<f64> = steeper.collect();
         label.par_chunks_mut(land.width).enumerate().for_each(|(row, line)| {
             for (col, label) in line.iter_mut().enumerate() {
-                let slope = slope_deg(land, col, row, cell);
+                let slope = slope(land, col, row, cell);
                 if !slope.is_nan() {
-                    *label =
-                        SLOPES_DEG[1..SLOPES_DEG.len() - 1].iter().filter(|s| slope >= **s).count() as u8;
+                    *label = steeper.iter().filter(|s| slope >= **s).count() as u8;
                 }
             }
         });
@@ -150,8 +152,8 @@ impl Part<'_> {
     }
 }
 
-/// Slope at a cell in degrees from its neighbours, of one side where the other is missing; NaN without any.
-fn slope_deg(land: &Plane, col: usize, row: usize, cell: f64) -> f64 {
+/// Slope at a cell, metres a metre, from its neighbours, of one side where the other is missing; NaN without any.
+fn slope(land: &Plane, col: usize, row: usize, cell: f64) -> f64 {
     let (c, r) = (col as i64, row as i64);
     let middle = land.at(col, row);
     let along = |before: f32, after: f32| {
@@ -162,7 +164,7 @@ fn slope_deg(land: &Plane, col: usize, row: usize, cell: f64) -> f64 {
     };
     let (x, y) =
         (along(land.get(c - 1, r), land.get(c + 1, r)), along(land.get(c, r - 1), land.get(c, r + 1)));
-    x.hypot(y).atan().to_degrees()
+    (x * x + y * y).sqrt()
 }
 
 #[cfg(test)]
@@ -173,8 +175,8 @@ mod tests {
     fn slopes_are_those_of_a_plane_also_at_the_rim() {
         let ramp = Plane::from_fn(6, 5, |c, r| 0.5 * (c as f32 + r as f32));
         for (col, row) in [(0, 0), (5, 4), (3, 2)] {
-            let slope = slope_deg(&ramp, col, row, 0.5);
-            assert!((slope - 2f64.sqrt().atan().to_degrees()).abs() < 1e-6, "{slope}");
+            let slope = slope(&ramp, col, row, 0.5);
+            assert!((slope - 2f64.sqrt()).abs() < 1e-6, "{slope}");
         }
         let labels = Labels::slopes(&ramp, 0.5);
         assert!(labels.label.iter().all(|l| labels.names[usize::from(*l)] == "slope 45 to 90°"));
