@@ -1,10 +1,11 @@
 //! `satgs render`: pictures of a trained run from anywhere, under any sun.
 
-use super::train::TrainedCameras;
+use super::train::{TrainedCameras, read_json};
 use super::{Failure, Ui};
 use crate::affine::sun_direction;
-use crate::raster::{Cog, MapGrid, Vertical, write_png_rgb};
-use crate::scene::Sun;
+use crate::raster::{Cog, MapGrid, SensorImage, Vertical, write_png_rgb};
+use crate::rpc::{Rpc, formats};
+use crate::scene::{Scene, Sun};
 use crate::splat::novel::{NovelView, Picture};
 use crate::splat::ply;
 use crate::splat::setup::{FittedView, Setup};
@@ -15,8 +16,9 @@ const LOWEST_ELEVATION_DEG: f64 = 5.0;
 
 /// Pictures of a trained run from anywhere, under any sun
 ///
-/// A .png holds the colours. A .tif holds red, green, blue (0 to 1) and the height of what is seen (m) as float32; it lies
-/// on the map where ground is as high as the site's origin. Directions are degrees, azimuths clockwise from north.
+/// A .png holds the colours. A .tif holds red, green, blue (0 to 1) and the height of what is seen (m) as float32; with
+/// --view it lies on the map where ground is as high as the site's origin, with --like it has the view's corrected RPC.
+/// Directions are degrees, azimuths clockwise from north.
 /// With --frames the view goes to --view-to and the sun to --sun-to, a numbered file each:
 ///
 ///   satgs render RUN --view 0,30 --view-to 360,30 --frames 90 -o orbit.png
@@ -70,18 +72,19 @@ fn size(text: &str) -> Result<(usize, usize), String> {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    let is_map = match args.output.extension().map(|e| e.to_string_lossy().to_lowercase()).as_deref() {
+    let is_raster = match args.output.extension().map(|e| e.to_string_lossy().to_lowercase()).as_deref() {
         Some("png") => false,
-        Some("tif") if args.like.is_none() => true,
+        Some("tif") => true,
         _ => {
             let message = format!("`{}` is no picture that can be written", args.output.display());
-            return Err(Failure::input(message, "-o FILE.png, or FILE.tif with --view"));
+            return Err(Failure::input(message, "-o FILE.png or FILE.tif"));
         }
     };
     let cameras = TrainedCameras::read(&args.run)?;
     let setup = &cameras.setup;
     let splats = ply::read(&args.run.join("splats.ply"))?;
     let like = args.like.as_ref().map(|name| find(setup, name)).transpose()?;
+    let rpc = like.map(|view| corrected_camera(&args.run, &view.name)).transpose()?;
     let appearance = like
         .and_then(|v| cameras.appearances.iter().find(|a| a.0 == v.name))
         .or(cameras.appearances.get(setup.reference_among_training()))
@@ -111,8 +114,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         let picture = view.picture(&splats, &appearance, setup.altitudes);
         let path =
             if args.frames.is_some() { numbered(&args.output, frame + 1) } else { args.output.clone() };
-        if is_map {
-            write_map(&path, &picture, &view, setup)?;
+        if is_raster {
+            write_raster(&path, &picture, &view, rpc.as_ref(), setup)?;
         } else {
             let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
             let pixels = 0..view.size.0 * view.size.1;
@@ -149,24 +152,35 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
     path.with_file_name(format!("{}_{number:04}.{}", part(path.file_stem()), part(path.extension())))
 }
 
-fn write_map(path: &Path, picture: &Picture, view: &NovelView, setup: &Setup) -> Result<(), Failure> {
-    let cell = view.camera.gsd_m();
-    let [east, north, up] = setup.site.origin.xyz();
-    let [col, row] = view.camera.offset;
-    let grid = MapGrid {
-        epsg: setup.site.epsg,
-        west: east - (col + 0.5) * cell,
-        north: north + (row + 0.5) * cell,
-        cell,
-        width: view.size.0,
-        height: view.size.1,
-    };
-    let mut height = picture.altitude.clone();
-    height.data.iter_mut().for_each(|z| *z += up as f32);
+/// The camera of the part of a view's image that the run uses, as adjusted.
+fn corrected_camera(run: &Path, name: &str) -> Result<Rpc, Failure> {
+    let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
+    let rpc = formats::read(&run.join("ba/rpcs").join(format!("{name}.json")))?.rpc;
+    let view = scene.views.iter().find(|v| v.name == name);
+    Ok(view.map_or_else(|| rpc.clone(), |v| v.camera_of_window(&rpc)))
+}
+
+/// Writes colours and heights with the view's RPC, if it has one, else on the map.
+fn write_raster(
+    path: &Path,
+    picture: &Picture,
+    view: &NovelView,
+    rpc: Option<&Rpc>,
+    setup: &Setup,
+) -> Result<(), Failure> {
+    let ([east, north, up], (width, height)) = (setup.site.origin.xyz(), view.size);
+    let mut altitude = picture.altitude.clone();
+    altitude.data.iter_mut().for_each(|z| *z += up as f32);
     let [red, green, blue] = &picture.colors;
+    let bands = [("red", "", red), ("green", "", green), ("blue", "", blue), ("height", "m", &altitude)];
+    if let Some(rpc) = rpc {
+        let image = SensorImage { width, height, rpc: &formats::to_gdal(rpc), metadata: &[] };
+        return Ok(image.write_f32(path, &bands)?);
+    }
+    let cell = view.camera.gsd_m();
+    let [col, row] = view.camera.offset;
+    let (west, north) = (east - (col + 0.5) * cell, north + (row + 0.5) * cell);
+    let grid = MapGrid { epsg: setup.site.epsg, west, north, cell, width, height };
     let cog = Cog { grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
-    Ok(cog.write_f32(
-        path,
-        &[("red", "", red), ("green", "", green), ("blue", "", blue), ("height", "m", &height)],
-    )?)
+    Ok(cog.write_f32(path, &bands)?)
 }

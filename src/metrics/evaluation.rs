@@ -103,17 +103,14 @@ impl Evaluation {
             ..self.grid
         };
         let (mut plane, _) = onto_grid(&self.predicted, &self.predicted_grid, &moved)?;
-        for v in &mut plane.data {
-            *v = (f64::from(*v) + r.dz_m) as f32;
-        }
+        plane.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) + r.dz_m) as f32);
         Ok(plane)
     }
 
     /// Heights become errors, `clip(height) - land`.
     fn subtract_land(&self, heights: &mut Plane) {
-        for (v, t) in heights.data.iter_mut().zip(&self.land.data) {
-            *v = v.clamp(self.bounds.0, self.bounds.1) - t;
-        }
+        let (low, high) = self.bounds;
+        heights.data.par_iter_mut().zip(&self.land.data).for_each(|(v, t)| *v = v.clamp(low, high) - t);
     }
 
     fn verdict_of(&self, registration: Registration, divisions: &[Labels]) -> Result<Verdict, MetricsError> {

@@ -115,11 +115,7 @@ impl Cog<'_> {
                 if let Some(vertical) = self.heights_from {
                     memory.set_metadata_item(Vertical::ITEM, vertical.name(), "")?;
                 }
-                for (i, (description, unit)) in labels.iter().enumerate() {
-                    let mut band = memory.rasterband(i + 1)?;
-                    band.set_description(description)?;
-                    set_unit(&band, unit)?;
-                }
+                label(&memory, labels)?;
                 for i in 1..=memory.raster_count() {
                     // What GDAL computes stays in the band's metadata.
                     let _ = memory.rasterband(i)?.get_statistics(true, false);
@@ -149,9 +145,29 @@ impl SensorImage<'_> {
     /// # Errors
     /// [`RasterError::Write`].
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>) -> Result<(), RasterError> {
+        self.write(path, bands, None, &[])
+    }
+
+    /// Writes float32 bands, each with its description and unit, with NaN as nodata, as a GeoTIFF with an RPC tag.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`].
+    pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Plane)]) -> Result<(), RasterError> {
+        let data = bands.iter().map(|b| b.2.data.clone()).collect();
+        self.write(path, data, Some(f64::NAN), &bands.iter().map(|b| (b.0, b.1)).collect::<Vec<_>>())
+    }
+
+    fn write<T: GdalType + Copy>(
+        &self,
+        path: &Path,
+        bands: Vec<Vec<T>>,
+        nodata: Option<f64>,
+        labels: &[(&str, &str)],
+    ) -> Result<(), RasterError> {
         write_atomically(path, |temporary| {
             let make = || -> Result<(), Box<dyn std::error::Error>> {
-                let mut memory = memory_dataset(self.width, self.height, bands, None)?;
+                let mut memory = memory_dataset(self.width, self.height, bands, nodata)?;
+                label(&memory, labels)?;
                 for (key, value) in self.rpc {
                     memory.set_metadata_item(key, value, "RPC")?;
                 }
@@ -224,6 +240,16 @@ fn copy_as(
     let driver = DriverManager::get_driver_by_name(driver)?;
     let options: RasterCreationOptions = options.iter().map(|(k, v)| format!("{k}={v}")).collect();
     encode(path, |encoded| Ok(memory.create_copy(&driver, encoded, &options)?.close()?))
+}
+
+/// Gives bands their descriptions and units.
+fn label(dataset: &Dataset, labels: &[(&str, &str)]) -> gdal::errors::Result<()> {
+    for (i, (description, unit)) in labels.iter().enumerate() {
+        let mut band = dataset.rasterband(i + 1)?;
+        band.set_description(description)?;
+        set_unit(&band, unit)?;
+    }
+    Ok(())
 }
 
 /// Sets a band's unit, which the `gdal` crate cannot.
