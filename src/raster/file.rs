@@ -42,16 +42,13 @@ pub struct Window {
     pub height: usize,
 }
 
-/// GDAL's messages come back in errors; on stderr they would only confuse. It decodes with as many threads as we use.
-pub(super) fn set_up_gdal() {
+/// GDAL's messages come back in errors; on stderr they would only confuse.
+pub(super) fn quiet_gdal() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         gdal::config::set_error_handler(|class, number, message| {
             tracing::debug!("GDAL {class:?} {number}: {message}");
         });
-        // Without it decoding takes one thread: slower, and nothing else.
-        let _ =
-            gdal::config::set_config_option("GDAL_NUM_THREADS", &rayon::current_num_threads().to_string());
     });
 }
 
@@ -61,7 +58,7 @@ impl ImageFile {
     /// # Errors
     /// [`RasterError::Open`] when GDAL cannot, [`RasterError::Size`] for images that cannot be.
     pub fn open(path: &Path) -> Result<Self, RasterError> {
-        set_up_gdal();
+        quiet_gdal();
         let refused = |reason: String| RasterError::Open { path: path.into(), reason };
         let file = std::fs::metadata(path).map_err(|e| refused(e.to_string()))?;
         if !file.is_file() {

@@ -1,6 +1,6 @@
 //! Writing: Cloud-Optimized GeoTIFFs, sensor images with an RPC tag, PNGs. A file appears whole or not at all.
 
-use super::file::set_up_gdal;
+use super::file::quiet_gdal;
 use super::{ImageFile, MapGrid, Plane, RasterError, Vertical};
 use gdal::raster::{Buffer, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
@@ -208,7 +208,7 @@ pub(super) fn memory_dataset<T: GdalType + Copy>(
     bands: Vec<Vec<T>>,
     nodata: Option<f64>,
 ) -> gdal::errors::Result<Dataset> {
-    set_up_gdal();
+    quiet_gdal();
     let driver = DriverManager::get_driver_by_name("MEM")?;
     let dataset = driver.create_with_band_type::<T, _>("", width, height, bands.len())?;
     for (i, data) in bands.into_iter().enumerate() {

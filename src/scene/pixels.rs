@@ -9,7 +9,7 @@ const STRETCH_TAIL: f64 = 0.005;
 
 /// Windows along each side of an image in which its values are looked at, and the longest side of one.
 const SAMPLES: usize = 4;
-const SAMPLE_PX: usize = 128;
+const SAMPLE_PX: usize = 64;
 
 impl View {
     /// Least and greatest value of the bands used, as stored, in windows spread over the image; none without valid ones.
