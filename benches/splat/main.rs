@@ -1,5 +1,6 @@
 //! Times of an iteration's stages, fastest of several runs, as tables for `docs/performance.md`:
-//! `cargo bench --bench splat [-- THREADS...]`, one and two threads if none are given.
+//! `cargo bench --bench splat [-- THREADS... RUN/splats.ply]`, one and two threads if none are given; trained splats
+//! instead of the town where a file is given.
 
 #![allow(clippy::print_stdout)]
 
@@ -76,9 +77,10 @@ fn noise(width: usize, height: usize, channels: usize) -> Layers<f32> {
     out
 }
 
-fn measure(splats: usize, pixels: f64) -> Line {
+fn measure(gaussians: Gaussians, pixels: f64) -> Line {
     // In the order in which training stores splats.
-    let gaussians = Snapshot::start(scene::town(splats, pixels, 1), 1).splats;
+    let gaussians = Snapshot::start(gaussians, 1).splats;
+    let splats = gaussians.len();
     let side = scene::side(pixels);
     let affine = scene::camera(pixels);
     let camera = FrameCamera::<f32>::new(&affine, side, side);
@@ -182,30 +184,39 @@ impl Line {
     }
 }
 
-fn table(threads: usize) -> Vec<Line> {
+fn table(threads: usize, trained: Option<&Gaussians>) -> Vec<Line> {
     println!("\n{threads} thread(s), milliseconds:\n");
     println!(
         "| splats | MP | M pairs | prepare | project | bin | forward | G pairs/s | backward | G pairs/s | SSIM \
          | Adam | one render | three |\n|{}",
         "---|".repeat(14)
     );
-    let scenes = [(50, 0.64), (100, 0.64), (250, 0.64), (1000, 0.64), (100, 0.25), (100, 2.5)];
-    scenes
-        .map(|(thousands, megapixels)| {
-            let line = measure(thousands * 1000, megapixels * 1e6);
-            line.print();
-            line
-        })
-        .into()
+    let towns = [(50, 0.64), (100, 0.64), (250, 0.64), (1000, 0.64), (100, 0.25), (100, 2.5)];
+    let print = |line: Line| {
+        line.print();
+        line
+    };
+    match trained {
+        Some(splats) => vec![print(measure(splats.clone(), 0.64e6))],
+        None => towns
+            .map(|(thousands, megapixels)| {
+                let pixels = megapixels * 1e6;
+                print(measure(scene::town(thousands * 1000, pixels, 1), pixels))
+            })
+            .into(),
+    }
 }
 
 fn main() {
     let asked: Vec<usize> = std::env::args().filter_map(|a| a.parse().ok()).collect();
+    let trained = std::env::args()
+        .find(|a| a.ends_with(".ply"))
+        .map(|path| satgs::splat::ply::read(path.as_ref()).expect("splats are read"));
     let counts = if asked.is_empty() { vec![1, 2] } else { asked };
     let mut tables = Vec::new();
     for &threads in &counts {
         let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
-        tables.push(pool.install(|| table(threads)));
+        tables.push(pool.install(|| table(threads, trained.as_ref())));
     }
     println!("\nSpeed-up by threads, and G pairs/s as a share of plain AVX-512 kernels' rate:\n");
     println!("| splats | MP | threads | one render | three | forward | backward |\n|{}", "---|".repeat(7));
@@ -224,8 +235,8 @@ fn main() {
     for (threads, table) in counts.iter().zip(&tables) {
         println!(
             "\nThree renders, {} {threads} thread(s), all runs on average:\n\n{}",
-            table[1].head(),
-            table[1].stages
+            table[table.len().min(2) - 1].head(),
+            table[table.len().min(2) - 1].stages
         );
     }
 }

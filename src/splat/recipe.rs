@@ -115,6 +115,8 @@ pub struct Recipe {
     pub growth: Growth,
     /// Splats fainter than this are removed (BAEOGS: 0.0025).
     pub prune_below: f64,
+    /// Scale beyond which no splat grows, *cube* half sides; unlimited if absent.
+    pub largest_scale: Option<f64>,
     /// Resets; none if absent.
     pub reset: Option<Reset>,
 }
@@ -128,6 +130,8 @@ pub struct SiteLengths {
     pub max_scale_m: f64,
     /// Splats smaller than this are copied.
     pub copy_below_m: f64,
+    /// Scale beyond which no splat grows.
+    pub largest_scale_m: Option<f64>,
 }
 
 impl Recipe {
@@ -170,6 +174,7 @@ impl Recipe {
                 max_splats: 2_000_000,
             },
             prune_below: 0.0025,
+            largest_scale: None,
             reset: Some(Reset { every: 3000, opacity: 0.005, opacity_loss_rests: 200, growth_rests: 500 }),
         };
         match name {
@@ -182,6 +187,9 @@ impl Recipe {
                     // The swept surface is near the truth: small steps keep it there.
                     rates: LearningRates { position: 0.000_1, position_decay: 0.1, ..baeogs.rates },
                     reset: None,
+                    // What growth would split. Once it has ended, a hundredth of the splats would become wider than
+                    // buildings and take three quarters of the time.
+                    largest_scale: Some(baeogs.growth.max_scale),
                     ..baeogs
                 };
                 Some(best.with_iterations(BEST_ITERATIONS))
@@ -229,6 +237,7 @@ impl Recipe {
             ("growth.max_radius", g.max_radius),
             ("growth.gradient", g.gradient),
             ("growth.copy_below", g.copy_below),
+            ("largest_scale", self.largest_scale.unwrap_or_default()),
         ];
         if let Some((name, value)) = numbers.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
             return Err(format!("{name} = {value} is not a number from 0 on"));
@@ -284,6 +293,7 @@ impl Recipe {
             position_step_m: self.rates.position * half_side_m,
             max_scale_m: self.growth.max_scale * half_side_m,
             copy_below_m: self.growth.copy_below * half_side_m,
+            largest_scale_m: self.largest_scale.map(|s| s * half_side_m),
         }
     }
 }

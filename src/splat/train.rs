@@ -133,6 +133,7 @@ impl Schedule<'_> {
             background: std::array::from_fn(|_| background.uniform() as f32),
             weights,
             rates: self.rates(iteration),
+            largest_scale_m: r.site_lengths(self.half_side_m).largest_scale_m,
             population: self.population(iteration, rests(|r| r.growth_rests)),
         }
     }

@@ -1,6 +1,6 @@
 //! How well the views agree on every cell at every altitude.
 
-use super::horizon::{SLACK_M, horizon};
+use super::look::Look;
 use super::{PRIOR_COST, PRIOR_REACH_M, RETURN_COST, Stack, Sweep};
 use crate::affine::AffineCamera;
 use crate::frame::{Point, Site};
@@ -8,6 +8,7 @@ use crate::raster::Plane;
 use crate::splat::views::TrainingView;
 use multiversion::multiversion;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Brightness is compared in windows of 3 x 3 cells.
 const WINDOW: usize = 3;
@@ -22,19 +23,47 @@ const FLAT: f32 = 1e-5;
 /// Pairs without correlation that every cell is given, so that few pairs convince less than many.
 const DOUBT: f32 = 1.0;
 
+/// Difference in brightness, standard deviations of the images, at which a cell of a window counts for 1/e.
+const ALIKE: f32 = 0.2;
+/// Scores at a cell's best altitude between which it becomes one that views agree on.
+const AGREEMENT: Range<f32> = 0.1..0.25;
+
 /// A value for every cell of a tile's row, and of a tile.
 type Line<T = f32> = [T; COLUMNS];
 type Lines = [Line; ROWS];
+/// What each cell of a window counts, together 1, row by row; by the window's central cell.
+type Weights = [Lines; WINDOW * WINDOW];
 
 /// A view's brightness and camera.
 pub(super) struct Image {
     gray: Plane,
     camera: AffineCamera,
+    /// Mean and standard deviation of the brightness.
+    level: f64,
+    contrast: f64,
 }
 
 impl Image {
     pub fn new(view: &TrainingView) -> Self {
-        Self { gray: view.gray(), camera: view.camera }
+        let gray = view.gray();
+        let mean = |values: &mut dyn Iterator<Item = f64>| {
+            let (sum, n) = values.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
+            sum / f64::max(n, 1.0)
+        };
+        let level = mean(&mut gray.valid().map(f64::from));
+        let variance = mean(&mut gray.valid().map(|v| (f64::from(v) - level).powi(2)));
+        Self { camera: view.camera, level, contrast: variance.sqrt(), gray }
+    }
+
+    /// How far a point lies sideways, metres (east, north), of what stands a metre below it on the same ray.
+    pub fn lean(&self) -> [f64; 2] {
+        self.camera.lean()
+    }
+
+    /// Brightness where a point is seen, in standard deviations above the image's mean; NaN outside.
+    pub fn relative_brightness(&self, p: Point<Site>) -> f32 {
+        let px = self.camera.project(p);
+        ((f64::from(self.gray.bilinear(px.col, px.row)) - self.level) / self.contrast) as f32
     }
 
     /// Whether a point lies in the image.
@@ -55,22 +84,15 @@ impl Volume {
     /// Cost where no pair sees the cell; 254 is no correlation, 0 a perfect one.
     pub const UNSEEN: u8 = 255;
 
-    /// Correlates; what lies behind the surface `hiding` is not seen.
-    pub fn correlate(sweep: &Sweep, hiding: Option<&Plane>) -> Self {
-        let horizons: Vec<Option<Plane>> = sweep
-            .images
-            .iter()
-            .map(|image| {
-                let lean = image.camera.lean();
-                hiding.map(|surface| horizon(surface, lean, sweep.grid.cell))
-            })
-            .collect();
+    /// Correlates; in the light of an earlier pass, windows keep to what looks alike, and what is hidden is not seen.
+    pub fn correlate(sweep: &Sweep, look: Option<&Look>) -> Self {
         let (planes, width) = (sweep.stack.planes, sweep.grid.width);
         let mut costs = vec![Self::UNSEEN; width * sweep.grid.height * planes];
         costs.par_chunks_mut(INNER_ROWS * width * planes).enumerate().for_each(|(k, costs)| {
             let mut tile = Tile::new(sweep);
             for first_column in (0..width).step_by(INNER_COLUMNS) {
-                tile.place(first_column, k * INNER_ROWS, &horizons);
+                tile.place(first_column, k * INNER_ROWS, look);
+                tile.weigh(look);
                 tile.correlate(costs);
             }
         });
@@ -78,12 +100,15 @@ impl Volume {
     }
 
     /// Adds the distance to a prior, or to the first surface if that is nearer.
-    pub fn draw_to(&mut self, prior: &Plane, first: &Plane, stack: &Stack) {
+    ///
+    /// Where the views agree on nothing, or what they show is plain, the prior knows no better than the first surface.
+    pub fn draw_to(&mut self, prior: &Plane, first: &Plane, stack: &Stack, look: &Look) {
         let share = 1.0 - PRIOR_COST / 255.0;
         self.costs.par_chunks_mut(self.planes).enumerate().for_each(|(cell, costs)| {
+            let return_cost = RETURN_COST * agreement(costs).min(look.texture(cell));
             for (k, cost) in costs.iter_mut().enumerate().filter(|(_, c)| **c != Self::UNSEEN) {
                 let z = stack.altitude(cell, k as f32);
-                let far = farness(z - prior.data[cell]).min(RETURN_COST + farness(z - first.data[cell]));
+                let far = farness(z - prior.data[cell]).min(return_cost + farness(z - first.data[cell]));
                 *cost = (share * f32::from(*cost) + PRIOR_COST * far).min(254.0) as u8;
             }
         });
@@ -105,6 +130,12 @@ impl Volume {
     }
 }
 
+/// From 0 where the views agree on no altitude to 1 where they agree on one.
+fn agreement(costs: &[u8]) -> f32 {
+    let best = 1.0 - f32::from(costs.iter().copied().min().unwrap_or(Volume::UNSEEN)) / 255.0;
+    ((best - AGREEMENT.start) / (AGREEMENT.end - AGREEMENT.start)).clamp(0.0, 1.0)
+}
+
 /// From 0 at a prior to 1 far from it (Geman and McClure); 1 without a prior.
 fn farness(distance_m: f32) -> f32 {
     let d = distance_m / PRIOR_REACH_M;
@@ -118,6 +149,7 @@ struct Tile<'a> {
     /// Which cell of the grid each is; margins beyond the grid repeat its border.
     cells: [Line<u32>; ROWS],
     views: Vec<Samples<'a>>,
+    weights: Box<Weights>,
     score: Box<Lines>,
     pairs: Box<Lines>,
 }
@@ -157,13 +189,14 @@ impl<'a> Tile<'a> {
             first_column: 0,
             cells: [[0; COLUMNS]; ROWS],
             views: sweep.images.iter().map(samples).collect(),
+            weights: Box::new([ZEROS; WINDOW * WINDOW]),
             score: Box::new(ZEROS),
             pairs: Box::new(ZEROS),
         }
     }
 
     /// Moves to where the first cell inside the margins is the one at `first_column`, `first_row`.
-    fn place(&mut self, first_column: usize, first_row: usize, horizons: &[Option<Plane>]) {
+    fn place(&mut self, first_column: usize, first_row: usize, look: Option<&Look>) {
         let grid = &self.sweep.grid;
         let inside = |i: usize, n: usize| i.saturating_sub(WINDOW / 2).min(n - 1);
         self.first_column = first_column;
@@ -173,11 +206,30 @@ impl<'a> Tile<'a> {
                 let cell = row * grid.width + col;
                 let p = self.sweep.site.site_from_utm(grid.cell_center(col, row));
                 self.cells[r][c] = cell as u32;
-                for (view, horizon) in self.views.iter_mut().zip(horizons) {
+                for (index, view) in self.views.iter_mut().enumerate() {
                     let px = view.image.camera.project(Point::new(p.x(), p.y(), 0.0));
                     (view.column[r][c], view.row[r][c]) = (px.col as f32, px.row as f32);
                     view.hidden_below[r][c] =
-                        horizon.as_ref().map_or(f32::NEG_INFINITY, |h| h.data[cell] - SLACK_M);
+                        look.map_or(f32::NEG_INFINITY, |look| look.seen_from(index, cell));
+                }
+            }
+        }
+    }
+
+    /// Weighs the cells of every window: those that look like the central one count most, without a look all alike.
+    fn weigh(&mut self, look: Option<&Look>) {
+        for r in 1..ROWS - 1 {
+            for c in 1..COLUMNS - 1 {
+                let center = self.cells[r][c] as usize;
+                let weight = |n: usize| {
+                    let other = self.cells[r + n / WINDOW - 1][c + n % WINDOW - 1] as usize;
+                    let difference = look.map_or(0.0, |look| look.difference(center, other));
+                    if difference.is_nan() { 1.0 } else { (-difference / ALIKE).exp() }
+                };
+                let weights: [f32; WINDOW * WINDOW] = std::array::from_fn(weight);
+                let total: f32 = weights.iter().sum();
+                for (lines, weight) in self.weights.iter_mut().zip(weights) {
+                    lines[r][c] = weight / total;
                 }
             }
         }
@@ -195,12 +247,13 @@ impl<'a> Tile<'a> {
             }
             for view in &mut self.views {
                 sample(view, &altitudes);
-                summarise(view);
+                summarise(view, &self.weights);
             }
             *self.score = ZEROS;
             *self.pairs = ZEROS;
             for &(i, j) in &self.sweep.pairs {
-                add_pair(&self.views[i], &self.views[j], &mut self.score, &mut self.pairs);
+                let (a, b) = (&self.views[i], &self.views[j]);
+                add_pair(a, b, &self.weights, &mut self.score, &mut self.pairs);
             }
             for row in 0..rows {
                 let (score, pairs) = (&self.score[row + WINDOW / 2], &self.pairs[row + WINDOW / 2]);
@@ -220,7 +273,7 @@ impl<'a> Tile<'a> {
 /// Brightness, bilinear, of every cell at an altitude; zero where it is not seen.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn sample(view: &mut Samples, altitudes: &Lines) {
-    let Image { gray, camera } = view.image;
+    let Image { gray, camera, .. } = view.image;
     let up = camera.linear.map(|l| l[2] as f32);
     let (last_column, last_row) = ((gray.width - 1) as f32, (gray.height - 1) as f32);
     for line in 0..ROWS {
@@ -255,7 +308,7 @@ fn sample(view: &mut Samples, altitudes: &Lines) {
 
 /// Means and sharpness of the windows around every cell.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn summarise(view: &mut Samples) {
+fn summarise(view: &mut Samples, weights: &Weights) {
     let mut values = Windows::EMPTY;
     let mut squares = Windows::EMPTY;
     for line in 0..ROWS {
@@ -263,7 +316,7 @@ fn summarise(view: &mut Samples) {
         values.push(v);
         squares.push(&times(v, v));
         let Some(center) = line.checked_sub(WINDOW - 1).map(|first| first + WINDOW / 2) else { continue };
-        let (mean, square) = (values.means(), squares.means());
+        let (mean, square) = (values.means(weights, center), squares.means(weights, center));
         for k in 0..COLUMNS {
             let variance = square[k] - mean[k] * mean[k];
             let usable = view.seen[center][k] > 0.0 && variance > FLAT;
@@ -276,12 +329,12 @@ fn summarise(view: &mut Samples) {
 /// Adds the cubes of two views' correlations, and where both see the cell. Cubed: one good pair says more than three
 /// fair ones.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn add_pair(a: &Samples, b: &Samples, score: &mut Lines, pairs: &mut Lines) {
+fn add_pair(a: &Samples, b: &Samples, weights: &Weights, score: &mut Lines, pairs: &mut Lines) {
     let mut products = Windows::EMPTY;
     for line in 0..ROWS {
         products.push(&times(&a.brightness[line], &b.brightness[line]));
         let Some(center) = line.checked_sub(WINDOW - 1).map(|first| first + WINDOW / 2) else { continue };
-        let mean = products.means();
+        let mean = products.means(weights, center);
         for k in 0..COLUMNS {
             let covariance = mean[k] - a.mean[center][k] * b.mean[center][k];
             let sharpness = a.sharpness[center][k] * b.sharpness[center][k];
@@ -301,7 +354,7 @@ fn times(a: &Line, b: &Line) -> Line {
     out
 }
 
-/// The last lines of a tile, each summed along the rows of windows.
+/// The last lines of a tile.
 struct Windows([Line; WINDOW]);
 
 impl Windows {
@@ -310,18 +363,19 @@ impl Windows {
     #[inline(always)]
     fn push(&mut self, line: &Line) {
         self.0.rotate_left(1);
-        for k in 1..COLUMNS - 1 {
-            self.0[WINDOW - 1][k] = line[k - 1] + line[k] + line[k + 1];
-        }
+        self.0[WINDOW - 1] = *line;
     }
 
-    /// Means of the windows whose last row is the last line; the margins are without meaning.
+    /// Means of the windows whose last row is the last line and whose central row `center`; the margins are without
+    /// meaning.
     #[inline(always)]
-    fn means(&self) -> Line {
-        const SHARE: f32 = 1.0 / (WINDOW * WINDOW) as f32;
+    fn means(&self, weights: &Weights, center: usize) -> Line {
         let mut out = [0.0; COLUMNS];
-        for k in 0..COLUMNS {
-            out[k] = (self.0[0][k] + self.0[1][k] + self.0[2][k]) * SHARE;
+        for (n, weights) in weights.iter().enumerate() {
+            let (line, weights) = (&self.0[n / WINDOW], &weights[center]);
+            for k in 1..COLUMNS - 1 {
+                out[k] += weights[k] * line[k + n % WINDOW - 1];
+            }
         }
         out
     }

@@ -3,12 +3,13 @@
 //! Every cell tries the altitudes of a stack of surfaces parallel to the ground. At each, the views are sampled
 //! where they would see the cell and compared pair by pair (`correlation`); semi-global matching picks altitudes
 //! that agree with their neighbours' (`semiglobal`). A second pass knows from the first what hides a cell from a
-//! view (`horizon`), which brings streets between high walls to light. It starts training near the surface, and sharpens
+//! view, which brings streets between high walls to light, and what the cells look like (`look`). It starts training near the surface, and sharpens
 //! what training found.
 
 mod correlation;
 mod file;
 mod horizon;
+mod look;
 mod semiglobal;
 
 pub use horizon::{SLACK_M, horizon};
@@ -21,6 +22,7 @@ use crate::frame::{Point, Site, SiteGrid};
 use crate::raster::{MapGrid, Plane};
 use crate::scene::views_needed;
 use correlation::{Image, Volume};
+use look::Look;
 use rayon::prelude::*;
 
 /// Passes; from the second on, what is hidden counts no more.
@@ -156,21 +158,28 @@ impl Sweep {
         let mut surface = self.pick(&Volume::correlate(self, None), JUMP);
         for pass in 1..PASSES {
             events(Event::Advanced { done: pass, status: String::new() });
-            surface = self.pick(&Volume::correlate(self, Some(&surface.believed())), JUMP);
+            let look = Look::new(self, &surface.altitude, &surface.believed());
+            surface = self.pick(&Volume::correlate(self, Some(&look)), JUMP);
         }
         events(Event::Finished);
         surface
     }
 
-    /// Sweeps once more, drawn to `prior`: altitudes on its grid, site metres, NaN where unknown.
+    /// Sweeps again, drawn to `prior`: altitudes on its grid, site metres, NaN where unknown.
     ///
     /// Where views agree better there it returns to the `first` surface: training closes narrow gaps that were
     /// open, and finds trees that were lost.
     #[must_use]
     pub fn sharpen(&self, prior: &Plane, first: &SweptSurface) -> SweptSurface {
-        let mut volume = Volume::correlate(self, Some(&first.believed()));
-        volume.draw_to(prior, &first.altitude, &self.stack);
-        self.pick(&volume, JUMP_NEAR)
+        let hiding = first.believed();
+        let sharper = |surface: &Plane| {
+            let look = Look::new(self, surface, &hiding);
+            let mut volume = Volume::correlate(self, Some(&look));
+            volume.draw_to(prior, &first.altitude, &self.stack, &look);
+            self.pick(&volume, JUMP_NEAR)
+        };
+        // The second time what the views show of the cells lies where it belongs.
+        sharper(&sharper(prior).altitude)
     }
 
     /// The cheapest altitude of every cell, between planes by a parabola.

@@ -1,0 +1,81 @@
+//! What an earlier pass tells the next one: what hides a cell, and what the views show there.
+
+use super::Sweep;
+use super::horizon::{SLACK_M, horizon};
+use crate::raster::Plane;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Cells around a cell, each way, that tell whether it lies on something plain.
+const AROUND: i64 = 2;
+/// Contrast around a cell, standard deviations of the images, between which it ceases to be plain.
+const PLAIN: Range<f32> = 0.02..0.12;
+
+/// A surface as the views see it.
+pub(super) struct Look {
+    /// Of every view, the altitude below which something hides a cell.
+    horizons: Vec<Plane>,
+    /// Brightness of every cell, in standard deviations above the mean of an image; NaN where no view sees it.
+    brightness: Plane,
+}
+
+impl Look {
+    /// The look of `surface`, where the surface `hiding` hides what lies behind it.
+    pub fn new(sweep: &Sweep, surface: &Plane, hiding: &Plane) -> Self {
+        let horizons: Vec<Plane> =
+            sweep.images.iter().map(|i| horizon(hiding, i.lean(), sweep.grid.cell)).collect();
+        let mut brightness = Plane::filled(surface.width, surface.height, f32::NAN);
+        brightness.data.par_chunks_mut(surface.width).enumerate().for_each_init(
+            Vec::new,
+            |seen, (row, line)| {
+                for (col, out) in line.iter_mut().enumerate() {
+                    let (cell, z) = (row * surface.width + col, surface.at(col, row));
+                    let p =
+                        sweep.site.site_from_utm(sweep.grid.cell_center(col, row)).at_height(f64::from(z));
+                    let views = sweep.images.iter().zip(&horizons);
+                    let unhidden = views.filter(|(_, horizon)| z >= seen_from(horizon, cell));
+                    seen.clear();
+                    seen.extend(
+                        unhidden.map(|(image, _)| image.relative_brightness(p)).filter(|v| !v.is_nan()),
+                    );
+                    if !seen.is_empty() {
+                        let middle = seen.len() / 2;
+                        *out = *seen.select_nth_unstable_by(middle, f32::total_cmp).1;
+                    }
+                }
+            },
+        );
+        Self { horizons, brightness }
+    }
+
+    /// Altitude from which on a view sees a cell.
+    pub fn seen_from(&self, view: usize, cell: usize) -> f32 {
+        seen_from(&self.horizons[view], cell)
+    }
+
+    /// How much two cells differ in brightness; NaN if one is not seen.
+    pub fn difference(&self, a: usize, b: usize) -> f32 {
+        (self.brightness.data[a] - self.brightness.data[b]).abs()
+    }
+
+    /// From 0 on plain surfaces, which views cannot tell from a higher or a lower one, to 1.
+    pub fn texture(&self, cell: usize) -> f32 {
+        let (col, row) = ((cell % self.brightness.width) as i64, (cell / self.brightness.width) as i64);
+        let (mut n, mut sum, mut squares) = (0.0f32, 0.0, 0.0);
+        for r in row - AROUND..=row + AROUND {
+            for c in col - AROUND..=col + AROUND {
+                let v = self.brightness.get(c, r);
+                if !v.is_nan() {
+                    (n, sum, squares) = (n + 1.0, sum + v, squares + v * v);
+                }
+            }
+        }
+        let mean = sum / n.max(1.0);
+        let contrast = (squares / n.max(1.0) - mean * mean).max(0.0).sqrt();
+        ((contrast - PLAIN.start) / (PLAIN.end - PLAIN.start)).clamp(0.0, 1.0)
+    }
+}
+
+fn seen_from(horizon: &Plane, cell: usize) -> f32 {
+    horizon.data[cell] - SLACK_M
+}
