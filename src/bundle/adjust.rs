@@ -34,10 +34,13 @@ const LEAST_OVERLAP: f64 = 0.2;
 const WIDEST_DEG: f64 = 60.0;
 /// Views with fewer keypoints are left out.
 const FEWEST_KEYPOINTS: usize = 50;
-/// Views that must show a patch, or half of all if these are fewer, and the weight of keypoints that no patch
-/// confirms: they place a view that no patch reaches, and nothing else.
+/// Views that must show a patch, or half of all if these are fewer, but two at least; and the weight of keypoints that
+/// no patch confirms: they place a view that no patch reaches, and nothing else.
 const FEWEST_VIEWS: usize = 4;
 const UNCONFIRMED: f64 = 0.01;
+/// Distances that are never rejected: of keypoints, which patches are to replace, and of patches, pixels.
+const KEYPOINT_PX: f64 = 0.6;
+const PATCH_PX: f64 = 0.4;
 const VIEWS_AT_ONCE: usize = 4;
 
 /// How to adjust.
@@ -175,7 +178,7 @@ impl<'a> Work<'a> {
         self.network.place(estimate, measured.collect());
         (self.events)(Event::Started { stage: "adjusting", total: 0 });
         let scales: &[f64] = if across > NARROW_PX { &LOSS_SCALES_PX } else { &LOSS_SCALES_PX[1..] };
-        self.network.refine(estimate, scales, model)?;
+        self.network.refine(estimate, scales, model, KEYPOINT_PX)?;
         (self.events)(Event::Finished);
         if estimate.tracks.iter().all(|t| t.known.is_some()) {
             return Err(BundleError::NotConnected { components: "no track survived the adjustment".into() });
@@ -198,7 +201,7 @@ impl<'a> Work<'a> {
         let block = self.network.block();
         let images = self.views.iter().map(|v| &v.image).collect();
         let seeker = Seeker::new(&block, &estimate.corrections, images);
-        let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2));
+        let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2)).max(2);
         estimate.tracks.par_iter_mut().zip(&estimate.points).with_min_len(16).for_each(|(track, point)| {
             if track.known.is_some() {
                 return;
@@ -213,7 +216,7 @@ impl<'a> Work<'a> {
         let confirmed =
             estimate.tracks.iter().filter(|t| t.known.is_none() && t.seen[0].weight > UNCONFIRMED);
         tracing::debug!("patches confirm {} of {} tracks", confirmed.count(), estimate.tracks.len());
-        self.network.refine(estimate, &LOSS_SCALES_PX[1..], model)?;
+        self.network.refine(estimate, &LOSS_SCALES_PX[1..], model, PATCH_PX)?;
         (self.events)(Event::Finished);
         Ok(())
     }

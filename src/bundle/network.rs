@@ -16,9 +16,8 @@ pub const LEAST_ANGLE_DEG: f64 = 3.0;
 pub const HEIGHT_MARGIN_M: f64 = 15.0;
 /// Scales of the robust loss, round by round, pixels.
 pub const LOSS_SCALES_PX: [f64; 3] = [8.0, 1.0, 0.3];
-/// Rejections after the last scale, and what they allow at least: pixels, robust standard deviations.
+/// Rejections after the last scale, and what they allow: robust standard deviations, and the caller's pixels at least.
 const REJECTIONS: usize = 3;
-const REJECT_PX: f64 = 0.4;
 const REJECT_SIGMAS: f64 = 2.0;
 const MAX_ITERATIONS: u64 = 50;
 
@@ -89,18 +88,25 @@ impl<'a> Network<'a> {
         widest
     }
 
-    /// Solves and rejects, with a tighter and tighter loss, until nothing is rejected any more.
+    /// Solves and rejects, with a tighter and tighter loss, until nothing is rejected any more; what is within
+    /// `allowed_px` is never rejected.
     ///
     /// # Errors
     /// [`BundleError::Solver`].
-    pub fn refine(&self, estimate: &mut Estimate, scales: &[f64], model: Model) -> Result<(), BundleError> {
+    pub fn refine(
+        &self,
+        estimate: &mut Estimate,
+        scales: &[f64],
+        model: Model,
+        allowed_px: f64,
+    ) -> Result<(), BundleError> {
         for scale in scales {
             self.solve(estimate, *scale, model)?;
-            self.reject(estimate, (4.0 * scale).max(REJECT_PX));
+            self.reject(estimate, (4.0 * scale).max(allowed_px));
         }
         for _ in 0..REJECTIONS {
             self.solve(estimate, LOSS_SCALES_PX[2], model)?;
-            if self.reject(estimate, REJECT_PX) == 0 {
+            if self.reject(estimate, allowed_px) == 0 {
                 break;
             }
         }

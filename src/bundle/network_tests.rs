@@ -8,6 +8,8 @@ use crate::rpc::{Axis, RpcCoefficients};
 const LEANS: [[f64; 2]; 8] =
     [[0.8, 0.1], [-0.7, 0.3], [0.1, 0.9], [0.2, -0.8], [-0.5, -0.5], [0.6, 0.6], [0.0, 0.0], [-0.9, 0.0]];
 const HEIGHTS: (f64, f64) = (60.0, 140.0);
+/// Distances that are not rejected, pixels.
+const ALLOWED_PX: f64 = 0.4;
 
 /// Uniform numbers in [-1, 1).
 struct Noise(u64);
@@ -93,7 +95,7 @@ fn adjusted(delivered: &[Rpc], tracks: &[Track]) -> Estimate {
     let network = network(delivered);
     let mut estimate = Estimate::start(delivered.len());
     network.place(&mut estimate, tracks.to_vec());
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift).unwrap();
+    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift, ALLOWED_PX).unwrap();
     estimate
 }
 
@@ -188,7 +190,7 @@ fn an_affine_model_finds_what_stretches_and_turns_the_image() {
     let network = network(&bent);
     let mut estimate = Estimate::start(bent.len());
     network.place(&mut estimate, observe(&exact, 0.05, 0.0).0);
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Affine).unwrap();
+    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Affine, ALLOWED_PX).unwrap();
     // The whole scene may bend a little with it: priors share it out.
     for k in 0..4 {
         let found = estimate.corrections[2][2 + k];
@@ -359,7 +361,7 @@ mod omaha {
         let start = std::time::Instant::now();
         let mut estimate = Estimate::start(network.rpcs.len());
         network.place(&mut estimate, tracks.to_vec());
-        network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift).unwrap();
+        network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift, ALLOWED_PX).unwrap();
         (estimate, start.elapsed().as_secs_f64())
     }
 
