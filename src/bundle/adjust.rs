@@ -7,7 +7,7 @@ use super::error::BundleError;
 use super::features::{Keypoint, detect};
 use super::matching::{Match, MatchView, matches};
 use super::network::{Estimate, HEIGHT_MARGIN_M, LEAST_ANGLE_DEG, LOSS_SCALES_PX, Network};
-use super::output::{Adjustment, SparsePoint, TiePoint};
+use super::output::{Adjustment, PointQuality, SparsePoint, TiePoint};
 use super::patches::{self, Seeker};
 use super::problem::{Measurement, Track};
 use super::report::{ControlReport, Report, ViewReport};
@@ -54,6 +54,8 @@ pub struct Options {
     pub height_range: Option<(f64, f64)>,
     /// Surveyed points: with them the datum is theirs.
     pub control: Vec<ControlPoint>,
+    /// Names of reference views: their cameras stay as delivered, and the datum is theirs.
+    pub reference: Vec<String>,
 }
 
 /// Adjusts a scene's cameras.
@@ -72,6 +74,7 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
         return Err(BundleError::Heights { low_m: heights.0, high_m: heights.1 });
     }
     let mut work = Work::new(scene, heights, events)?;
+    work.hold(&options.reference)?;
     let names: Vec<&str> = work.views.iter().map(|v| v.name).collect();
     work.control = tracks_of(&options.control, scene, &names, &work.network.block())?;
     let mut estimate = Estimate::start(work.views.len());
@@ -116,8 +119,14 @@ impl<'a> Work<'a> {
         let center = scene.center().unwrap_or_else(|| scene.views[0].rpc.center()).at_height(middle);
         events(Event::Started { stage: "finding features", total: scene.views.len() as u64 });
         let mut views = Vec::new();
-        let mut network =
-            Network { rpcs: Vec::new(), frames: Vec::new(), directions: Vec::new(), center, heights };
+        let mut network = Network {
+            rpcs: Vec::new(),
+            frames: Vec::new(),
+            held: Vec::new(),
+            directions: Vec::new(),
+            center,
+            heights,
+        };
         let mut left_out = Vec::new();
         let mut detected = Vec::with_capacity(scene.views.len());
         // A few views at a time: the scale space of one takes thirty times its pixels.
@@ -150,6 +159,7 @@ impl<'a> Work<'a> {
                     tracing::debug!("{}: {found} keypoints", view.name);
                     network.rpcs.push(&view.rpc);
                     network.frames.push(ImageFrame::new(size));
+                    network.held.push(false);
                     network.directions.push(direction);
                     views.push(WorkView { name: &view.name, size, keypoints, image });
                 }
@@ -164,6 +174,19 @@ impl<'a> Work<'a> {
         }
         let pairs = pairs(&views, &network)?;
         Ok(Self { views, network, pairs, control: Vec::new(), left_out, events })
+    }
+
+    /// Makes views references.
+    fn hold(&mut self, reference: &[String]) -> Result<(), BundleError> {
+        for name in reference {
+            let refused = |reason: String| BundleError::Reference { view: name.clone(), reason };
+            if let Some((_, why)) = self.left_out.iter().find(|l| l.0 == *name) {
+                return Err(refused(format!("is left out: {why}")));
+            }
+            let view = self.views.iter().position(|v| v.name == name);
+            self.network.held[view.ok_or_else(|| refused("is not in the scene".into()))?] = true;
+        }
+        Ok(())
     }
 
     /// Matches within `across` pixels, makes tracks, solves and rejects.
@@ -219,6 +242,12 @@ impl<'a> Work<'a> {
         self.network.refine(estimate, &LOSS_SCALES_PX[1..], model, PATCH_PX)?;
         (self.events)(Event::Finished);
         Ok(())
+    }
+
+    /// What an observation looks like.
+    fn gray(&self, m: &Measurement) -> u8 {
+        let value = self.views[m.view].image.get(m.px.col.round() as i64, m.px.row.round() as i64);
+        (255.0 * value).round() as u8
     }
 
     fn corrected(&self, corrections: &[Parameters]) -> Result<Vec<Rpc>, BundleError> {
@@ -280,6 +309,17 @@ impl<'a> Work<'a> {
         );
     }
 
+    /// What fixes the datum.
+    fn gauge(&self, options: &Options) -> String {
+        match (options.fixed, self.control.is_empty(), options.reference.as_slice()) {
+            (true, ..) => "cameras as given".into(),
+            (false, true, []) => "mean of the delivered cameras: robust priors on the shifts".into(),
+            (false, false, []) => "ground control".into(),
+            (false, true, names) => format!("reference views {}", names.join(", ")),
+            (false, false, names) => format!("ground control and reference views {}", names.join(", ")),
+        }
+    }
+
     fn result(&self, estimate: &Estimate, options: &Options) -> Result<Adjustment, BundleError> {
         let block = self.network.block();
         let given = self.network.as_delivered(&estimate.tracks);
@@ -289,19 +329,23 @@ impl<'a> Work<'a> {
         let of = |all: &[(usize, f64)], view: usize| -> Vec<f64> {
             all.iter().filter(|d| d.0 == view).map(|d| d.1).collect()
         };
+        let precision = |of: &Estimate, fixed: bool| {
+            let unsure = || BundleError::Solver { reason: "a point is not fixed by its rays".into() };
+            self.network.precision(of, options.model, fixed).ok_or_else(unsure)
+        };
+        let of_shifts = precision(estimate, false)?;
+        let of_points = if options.fixed { precision(&given, true)?.points } else { of_shifts.points };
         let views = self.views.iter().enumerate().map(|(v, view)| {
-            ViewReport::new(view.name, estimate.corrections[v], &of(&before, v), &of(&after, v))
+            let sigma = of_shifts.corrections[v];
+            ViewReport::new(view.name, estimate.corrections[v], sigma, &of(&before, v), &of(&after, v))
         });
         let control = tracks.iter().zip(points).filter_map(|(t, p)| Some((t, t.known?, p)));
         let control =
             control.flat_map(|(t, known, p)| t.seen.iter().map(move |m| (m, known, *p)).collect::<Vec<_>>());
         let report = Report {
-            gauge: match (options.fixed, self.control.is_empty()) {
-                (true, _) => "cameras as given",
-                (false, true) => "mean of the delivered cameras: robust priors on the shifts",
-                (false, false) => "ground control",
-            }
-            .into(),
+            gauge: self.gauge(options),
+            open_directions: of_shifts.open,
+            sigma_px: of_shifts.sigma_px,
             model: options.model,
             tracks: tracks.iter().filter(|t| t.known.is_none()).count(),
             control: control
@@ -315,6 +359,13 @@ impl<'a> Work<'a> {
             left_out: self.left_out.clone(),
             ..Report::of(&before, &after)
         };
+        let measured = tracks.iter().zip(&of_points).filter(|(t, _)| t.known.is_none());
+        let quality = measured
+            .map(|(track, sigma_m)| PointQuality {
+                sigma_m: *sigma_m,
+                angle_deg: self.network.angle_deg(track),
+            })
+            .collect();
         let names = self.views.iter().map(|v| v.name.to_owned());
         let tied = tracks.iter().zip(points).filter(|(t, _)| t.known.is_none()).enumerate();
         let (points, tie_points): (Vec<_>, Vec<_>) = tied
@@ -325,11 +376,12 @@ impl<'a> Work<'a> {
                     TiePoint { point: id, view: m.view, px: m.px, residual_px }
                 });
                 let position = block.geodetic(*p);
-                (SparsePoint { position, views: track.seen.len() as u8 }, seen.collect::<Vec<_>>())
+                let gray = self.gray(&track.seen[0]);
+                (SparsePoint { position, views: track.seen.len() as u8, gray }, seen.collect::<Vec<_>>())
             })
             .unzip();
         let cameras = names.zip(self.corrected(corrections)?).collect();
-        Ok(Adjustment { cameras, points, tie_points: tie_points.concat(), report })
+        Ok(Adjustment { cameras, points, tie_points: tie_points.concat(), quality, report })
     }
 }
 
