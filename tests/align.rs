@@ -168,7 +168,7 @@ fn a_bad_reference_changes_nothing() {
     std::fs::write(file("gcps.csv"), "lon,lat\n1,2\n").unwrap();
     for (name, words) in [
         ("away.tif", "lie on heights of"),
-        ("degrees.tif", "EPSG:4326"),
+        ("degrees.tif", "CRS is in degrees"),
         ("nothing.tif", "lie on heights of"),
         ("text.tif", "text.tif"),
         ("absent.laz", "absent.laz"),
