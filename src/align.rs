@@ -318,7 +318,7 @@ mod tests {
         for shift in [[0.0, 0.0, 0.0], [3.3, -7.1, 12.4], [-14.2, 9.6, -48.0]] {
             let found = to_surface(&points(shift), EPSG, &reference()).unwrap();
             for (f, s) in found.shift.enu().iter().zip(shift) {
-                assert!((f - s).abs() < 0.05, "{found:?} {shift:?}");
+                assert!((f - s).abs() < 0.1, "{found:?} {shift:?}");
             }
         }
     }
@@ -336,7 +336,7 @@ mod tests {
             .collect();
         let found = to_surface(&moved, EPSG + 1, &reference()).unwrap();
         for (f, s) in found.shift.enu().iter().zip(shift) {
-            assert!((f - s).abs() < 0.05, "{found:?}");
+            assert!((f - s).abs() < 0.1, "{found:?}");
         }
     }
 

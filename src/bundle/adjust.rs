@@ -16,7 +16,7 @@ use crate::event::{Event, Sink};
 use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::raster::{Plane, RasterError};
 use crate::rpc::Rpc;
-use crate::scene::{Scene, View, angle_between_deg, footprint};
+use crate::scene::{Scene, Sun, View, angle_between_deg, footprint};
 use geo::{Area, BooleanOps};
 use rayon::prelude::*;
 
@@ -32,6 +32,10 @@ const REFIT_MARGIN_M: f64 = 500.0;
 const LEAST_OVERLAP: f64 = 0.2;
 /// Widest angle between views that are matched, degrees.
 const WIDEST_DEG: f64 = 60.0;
+/// Widest angle between the suns of views that are matched, degrees, but so many views with the nearest suns always are:
+/// shadows of other shapes make wrong matches, and seasons go with the sun.
+const SUNS_DEG: f64 = 20.0;
+const NEAREST_SUNS: usize = 4;
 /// Views with fewer keypoints are left out.
 const FEWEST_KEYPOINTS: usize = 50;
 /// Views that must show a patch, or half of all if these are fewer, but two at least; and the weight of keypoints that
@@ -78,7 +82,17 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
     let names: Vec<&str> = work.views.iter().map(|v| v.name).collect();
     work.control = tracks_of(&options.control, scene, &names, &work.network.block())?;
     let mut estimate = Estimate::start(work.views.len());
-    work.round(&mut estimate, WIDE_PX, Model::Shift)?;
+    let of_like_suns = work.pairs_of_like_suns();
+    let all = std::mem::replace(&mut work.pairs, of_like_suns);
+    match work.round(&mut estimate, WIDE_PX, Model::Shift) {
+        // Pairs of unlike suns may be what holds the views together.
+        Err(BundleError::NotConnected { .. }) if work.pairs.len() < all.len() => {
+            work.pairs = all;
+            estimate = Estimate::start(work.views.len());
+            work.round(&mut estimate, WIDE_PX, Model::Shift)?;
+        }
+        done => done?,
+    }
     work.narrow_heights(&estimate);
     work.round(&mut estimate, NARROW_PX, Model::Shift)?;
     work.settle(&mut estimate, options.model)?;
@@ -99,6 +113,7 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
 struct WorkView<'a> {
     name: &'a str,
     size: (usize, usize),
+    sun: Option<Sun>,
     keypoints: Vec<Keypoint>,
     /// Blurred a little, for patches.
     image: Plane,
@@ -161,7 +176,7 @@ impl<'a> Work<'a> {
                     network.frames.push(ImageFrame::new(size));
                     network.held.push(false);
                     network.directions.push(direction);
-                    views.push(WorkView { name: &view.name, size, keypoints, image });
+                    views.push(WorkView { name: &view.name, size, sun: view.sun, keypoints, image });
                 }
             }
         }
@@ -174,6 +189,27 @@ impl<'a> Work<'a> {
         }
         let pairs = pairs(&views, &network)?;
         Ok(Self { views, network, pairs, control: Vec::new(), left_out, events })
+    }
+
+    /// Pairs whose suns stand near each other; a sun that is not known is near to all.
+    fn pairs_of_like_suns(&self) -> Vec<(usize, usize)> {
+        let direction = |v: usize| self.views[v].sun.map(|s| (s.azimuth_deg, 90.0 - s.elevation_deg));
+        let apart_deg = |(i, j): (usize, usize)| {
+            direction(i).zip(direction(j)).map_or(0.0, |(a, b)| angle_between_deg(a, b))
+        };
+        let mut by_sun = self.pairs.clone();
+        by_sun.sort_by(|a, b| apart_deg(*a).total_cmp(&apart_deg(*b)));
+        let mut taken = vec![0; self.views.len()];
+        by_sun.retain(|(i, j)| {
+            let is_among_nearest = taken[*i].min(taken[*j]) < NEAREST_SUNS;
+            let is_kept = apart_deg((*i, *j)) <= SUNS_DEG || is_among_nearest;
+            for v in [i, j] {
+                taken[*v] += usize::from(is_kept);
+            }
+            is_kept
+        });
+        by_sun.sort_unstable();
+        by_sun
     }
 
     /// Makes views references.

@@ -191,6 +191,12 @@ pub fn write_moved(map: &Path, out: &Path, [east, north, up]: [f64; 3]) -> Resul
             let memory = DriverManager::get_driver_by_name("MEM")?;
             let mut copy = source.dataset.create_copy(&memory, "", &RasterCreationOptions::default())?;
             copy.set_geo_transform(&moved.geo_transform())?;
+            for i in 1..=copy.raster_count() {
+                // Not copied.
+                let mut band = copy.rasterband(i)?;
+                band.set_description(&source.dataset.rasterband(i)?.description()?)?;
+                set_unit(&band, &source.unit(i)?)?;
+            }
             let mut band = copy.rasterband(1)?;
             if up != 0.0 {
                 let size = copy.raster_size();
@@ -366,6 +372,7 @@ mod tests {
         assert_eq!(file.metadata(Vertical::ITEM, "").unwrap(), "WGS 84 ellipsoid");
         assert_eq!(file.metadata("LAYOUT", "IMAGE_STRUCTURE").unwrap(), "COG");
         assert_eq!(file.unit(1).unwrap(), "m");
+        assert_eq!(file.dataset.rasterband(2).unwrap().description().unwrap(), "score");
         let (heights, scores) = (file.read(1).unwrap(), file.read(2).unwrap());
         assert!(heights.data[7].is_nan());
         assert_eq!(heights.data[8], plane.data[8] + 3.5);
