@@ -20,8 +20,10 @@ const FINEST_M: f64 = 1e-3;
 /// Points looked at for every shift of the grid, and for the best of them.
 const SCREENED: usize = 4_000;
 const REFINED: usize = 60_000;
-/// Shifts of the grid that the search goes on from: heights have several minima.
+/// Shifts of the grid that the search goes on from: heights have several minima. And grids that are tried, each around
+/// the best shift so far.
 const STARTS: usize = 6;
+const ROUNDS: usize = 5;
 /// Distances between heights count up to this, metres.
 const CLIP_M: f32 = 3.0;
 /// Points that must lie on the reference, and the share of the most that lie there under any shift.
@@ -127,18 +129,15 @@ pub struct Alignment {
 /// [`AlignError::NoOverlap`], [`AlignError::TooFar`], [`AlignError::Frame`].
 pub fn to_surface(points: &[Point<Utm>], epsg: u32, reference: &Surface) -> Result<Alignment, AlignError> {
     let search = Search::new(points, epsg, reference)?;
-    let steps = (REACH_M / STEP_M) as i32;
-    let axis = || (-steps..=steps).map(|i| f64::from(i) * STEP_M);
-    let grid: Vec<[f64; 2]> = axis().flat_map(|n| axis().map(move |e| [e, n])).collect();
-    let (starts, most) = search.ranked(&grid, SCREENED);
     let no_overlap = |common| AlignError::NoOverlap { reference: reference.path.clone(), common };
-    if most * points.len().div_ceil(SCREENED).max(1) < FEWEST {
-        return Err(no_overlap(most));
-    }
-    let refined = starts.into_par_iter().take(STARTS).filter_map(|s| search.refined(s.at));
-    let best = refined.min_by(Candidate::order).ok_or_else(|| no_overlap(most))?;
-    if best.common < FEWEST {
-        return Err(no_overlap(best.common));
+    let mut best = search.best_around([0.0; 2]).map_err(no_overlap)?;
+    // Until nothing around it is better, so that an aligned scene is found to be aligned.
+    for _ in 0..ROUNDS {
+        let next = search.best_around(best.at).map_err(no_overlap)?;
+        if next.mean_m >= best.mean_m {
+            break;
+        }
+        best = next;
     }
     if best.at.iter().any(|v| v.abs() >= REACH_M) {
         return Err(AlignError::TooFar { reference: reference.path.clone() });
@@ -237,6 +236,20 @@ impl<'a> Search<'a> {
         Candidate { at, up_m, mean_m: sum / off.len() as f64, common: off.len() }
     }
 
+    /// The best shift from a grid around one; else the number of points that lie on the reference.
+    fn best_around(&self, middle: [f64; 2]) -> Result<Candidate, usize> {
+        let steps = (REACH_M / STEP_M) as i32;
+        let axis = |k: usize| (-steps..=steps).map(move |i| middle[k] + f64::from(i) * STEP_M);
+        let grid: Vec<[f64; 2]> = axis(1).flat_map(|north| axis(0).map(move |east| [east, north])).collect();
+        let (ranked, most) = self.ranked(&grid, SCREENED);
+        if most * self.cells.len().div_ceil(SCREENED) < FEWEST {
+            return Err(most);
+        }
+        let starts: Vec<[f64; 2]> = ranked.iter().take(STARTS).map(|c| c.at).chain([middle]).collect();
+        let refined = starts.into_par_iter().filter_map(|s| self.refined(s));
+        refined.min_by(Candidate::order).ok_or(most)
+    }
+
     /// Candidates, the best first, without those that lose points; and the most points that any has.
     fn ranked(&self, shifts: &[[f64; 2]], at_most: usize) -> (Vec<Candidate>, usize) {
         let mut all: Vec<Candidate> = shifts.par_iter().map(|s| self.candidate(*s, at_most)).collect();
@@ -249,6 +262,9 @@ impl<'a> Search<'a> {
     /// Pattern search: to the best of eight neighbours while one is better, then with half the step.
     fn refined(&self, start: [f64; 2]) -> Option<Candidate> {
         let mut best = self.candidate(start, REFINED);
+        if best.common < FEWEST {
+            return None;
+        }
         let least = LEAST_SHARE * best.common as f64;
         let mut step = 0.5 * STEP_M;
         while step >= FINEST_M {
@@ -262,7 +278,7 @@ impl<'a> Search<'a> {
                 None => step *= 0.5,
             }
         }
-        (best.common > 0).then_some(best)
+        Some(best)
     }
 }
 

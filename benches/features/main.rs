@@ -6,7 +6,7 @@
 
 use satgs::bundle::{Keypoint, detect};
 use satgs::raster::{ImageFile, Plane, Window};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 const SIDE: usize = 1000;
@@ -24,7 +24,7 @@ const NEAR_PX: f64 = 1.5;
 const SAME_SCALE: f64 = std::f64::consts::SQRT_2;
 
 /// The top-left part of an image, in [0, 1].
-fn image(path: &PathBuf) -> Result<Plane, Box<dyn std::error::Error>> {
+fn image(path: &Path) -> Result<Plane, Box<dyn std::error::Error>> {
     let mut plane =
         ImageFile::open(path)?.read_window(1, Window { col: 0, row: 0, width: SIDE, height: SIDE })?;
     let mut values: Vec<f32> = plane.valid().collect();

@@ -43,7 +43,7 @@ const PENDING: &str = "align.pending";
 const HEIGHTS: [&str; 3] = ["dsm.tif", SURFACE, FIRST_SURFACE];
 const MAPS: [&str; 2] = ["ortho.tif", "confidence.tif"];
 /// Smaller shifts are none, metres.
-const NO_SHIFT_M: f64 = 0.005;
+const NO_SHIFT_M: f64 = 0.01;
 /// Cell of the grid that lidar points are put on, and how far it reaches beyond the run's, metres.
 const LIDAR_CELL_M: f64 = 0.5;
 const MARGIN_M: f64 = 40.0;
