@@ -13,5 +13,6 @@ pub mod affine;
 pub mod splat;
 pub mod dsm;
 pub mod metrics;
+pub mod align;
 pub mod report;
 pub mod cli;

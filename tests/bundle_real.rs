@@ -44,6 +44,14 @@ fn nmad_to_lidar_m(folder: &Path, made: &Adjustment) -> f64 {
 }
 
 #[test]
+fn a_pleiades_pair_is_adjusted_to_a_tenth_of_a_pixel() {
+    let Some(data) = data_dir() else { return };
+    let report = adjusted(&data.join("s2p/input_pair"), None).report;
+    println!("{}", report.table());
+    assert!(report.tracks >= 2000 && report.mean_px <= 0.10);
+}
+
+#[test]
 fn a_pleiades_triplet_is_adjusted_to_a_tenth_of_a_pixel() {
     let Some(data) = data_dir() else { return };
     let report = adjusted(&data.join("s2p/input_triplet"), None).report;

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 13] = [
+const LAYERS: [(&str, Option<&[&str]>); 14] = [
     ("event", None),
     ("frame", None),
     ("raster", None),
@@ -20,6 +20,7 @@ const LAYERS: [(&str, Option<&[&str]>); 13] = [
     ("splat", Some(&["event", "frame", "raster", "rpc", "scene", "bundle", "affine"])),
     ("dsm", Some(&["event", "frame", "raster", "rpc", "scene", "bundle", "affine", "splat"])),
     ("metrics", Some(&["event", "frame", "raster"])),
+    ("align", Some(&["frame", "raster", "metrics"])),
     ("report", Some(&["event", "frame", "raster", "scene", "bundle", "dsm", "metrics"])),
     ("cli", None),
 ];

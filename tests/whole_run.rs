@@ -88,6 +88,43 @@ fn simulated_images_become_a_surface_model() {
     let command = || json(&Path::new(run).join("dsm/stage.json"))["command"].as_str().unwrap().to_owned();
     assert!(satgs(&["dsm", run]).status.success() && !command().ends_with("-v"), "{}", command());
     assert!(satgs(&["dsm", run, "--overwrite", "-v"]).status.success() && command().ends_with("-v"));
+    aligned_to(&truth, run);
+}
+
+/// Cameras, splats and surfaces move together, and later stages go on from there.
+fn aligned_to(truth: &str, run: &str) {
+    let file = |name: &str| Path::new(run).join(name);
+    let origin = || {
+        let georef = json(&file("splats.georef.json"));
+        ["easting_m", "northing_m", "height_m"].map(|k| georef["origin"][k].as_f64().unwrap())
+    };
+    let rasters = ["dsm.tif", "train/surface.tif", "train/first_surface.tif", "ortho.tif", "confidence.tif"];
+    let corner = |name: &str| {
+        let grid = ImageFile::open(&file(name)).unwrap().map_grid().unwrap();
+        [grid.west, grid.north]
+    };
+    let height = || ImageFile::open(&file("dsm.tif")).unwrap().read(1).unwrap().valid().next().unwrap();
+    let (origin_before, corners, height_before) = (origin(), rasters.map(corner), height());
+    let moved = satgs(&["align", run, "--to", truth, "-q"]);
+    assert!(moved.status.success(), "{}", text(&moved));
+    let shift = &json(&file("align.json"))["shift"];
+    let [east, north, up] = ["east_m", "north_m", "up_m"].map(|k| shift[k].as_f64().unwrap());
+    assert!(east.hypot(north).hypot(up) > 0.01, "{shift}");
+    for ((now, before), by) in origin().iter().zip(origin_before).zip([east, north, up]) {
+        assert!((now - before - by).abs() < 1e-6, "{shift}");
+    }
+    for (name, before) in rasters.iter().zip(corners) {
+        let now = corner(name);
+        assert!((now[0] - before[0] - east).hypot(now[1] - before[1] - north) < 1e-6, "{name} {shift}");
+    }
+    assert!((f64::from(height() - height_before) - up).abs() < 1e-3, "{shift}");
+    for (args, says) in
+        [(&["dsm", run][..], "dsm.tif"), (&["train", run, "--iterations", "900"], "is trained already")]
+    {
+        let output = satgs(args);
+        let all = [text(&output), String::from_utf8_lossy(&output.stdout).into_owned()].concat();
+        assert!(output.status.success() && all.contains(says), "{args:?}: {all}");
+    }
 }
 
 /// Heights above a geoid, points, a mesh, pictures and their scores of a trained run.

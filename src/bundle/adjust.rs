@@ -7,7 +7,7 @@ use super::error::BundleError;
 use super::features::{Keypoint, detect};
 use super::matching::{Match, MatchView, matches};
 use super::network::{Estimate, HEIGHT_MARGIN_M, LEAST_ANGLE_DEG, LOSS_SCALES_PX, Network};
-use super::output::{Adjustment, SparsePoint, TiePoint};
+use super::output::{Adjustment, PointQuality, SparsePoint, TiePoint};
 use super::patches::{self, Seeker};
 use super::problem::{Measurement, Track};
 use super::report::{ControlReport, Report, ViewReport};
@@ -16,7 +16,7 @@ use crate::event::{Event, Sink};
 use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::raster::{Plane, RasterError};
 use crate::rpc::Rpc;
-use crate::scene::{Scene, View, angle_between_deg, footprint};
+use crate::scene::{Scene, Sun, View, angle_between_deg, footprint};
 use geo::{Area, BooleanOps};
 use rayon::prelude::*;
 
@@ -32,12 +32,19 @@ const REFIT_MARGIN_M: f64 = 500.0;
 const LEAST_OVERLAP: f64 = 0.2;
 /// Widest angle between views that are matched, degrees.
 const WIDEST_DEG: f64 = 60.0;
+/// Widest angle between the suns of views that are matched, degrees, but so many views with the nearest suns always are:
+/// shadows of other shapes make wrong matches, and seasons go with the sun.
+const SUNS_DEG: f64 = 20.0;
+const NEAREST_SUNS: usize = 4;
 /// Views with fewer keypoints are left out.
 const FEWEST_KEYPOINTS: usize = 50;
-/// Views that must show a patch, or half of all if these are fewer, and the weight of keypoints that no patch
-/// confirms: they place a view that no patch reaches, and nothing else.
+/// Views that must show a patch, or half of all if these are fewer, but two at least; and the weight of keypoints that
+/// no patch confirms: they place a view that no patch reaches, and nothing else.
 const FEWEST_VIEWS: usize = 4;
 const UNCONFIRMED: f64 = 0.01;
+/// Distances that are never rejected: of keypoints, which patches are to replace, and of patches, pixels.
+const KEYPOINT_PX: f64 = 0.6;
+const PATCH_PX: f64 = 0.4;
 const VIEWS_AT_ONCE: usize = 4;
 
 /// How to adjust.
@@ -51,6 +58,8 @@ pub struct Options {
     pub height_range: Option<(f64, f64)>,
     /// Surveyed points: with them the datum is theirs.
     pub control: Vec<ControlPoint>,
+    /// Names of reference views: their cameras stay as delivered, and the datum is theirs.
+    pub reference: Vec<String>,
 }
 
 /// Adjusts a scene's cameras.
@@ -69,10 +78,21 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
         return Err(BundleError::Heights { low_m: heights.0, high_m: heights.1 });
     }
     let mut work = Work::new(scene, heights, events)?;
+    work.hold(&options.reference)?;
     let names: Vec<&str> = work.views.iter().map(|v| v.name).collect();
     work.control = tracks_of(&options.control, scene, &names, &work.network.block())?;
     let mut estimate = Estimate::start(work.views.len());
-    work.round(&mut estimate, WIDE_PX, Model::Shift)?;
+    let of_like_suns = work.pairs_of_like_suns();
+    let all = std::mem::replace(&mut work.pairs, of_like_suns);
+    match work.round(&mut estimate, WIDE_PX, Model::Shift) {
+        // Pairs of unlike suns may be what holds the views together.
+        Err(BundleError::NotConnected { .. }) if work.pairs.len() < all.len() => {
+            work.pairs = all;
+            estimate = Estimate::start(work.views.len());
+            work.round(&mut estimate, WIDE_PX, Model::Shift)?;
+        }
+        done => done?,
+    }
     work.narrow_heights(&estimate);
     work.round(&mut estimate, NARROW_PX, Model::Shift)?;
     work.settle(&mut estimate, options.model)?;
@@ -93,6 +113,7 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
 struct WorkView<'a> {
     name: &'a str,
     size: (usize, usize),
+    sun: Option<Sun>,
     keypoints: Vec<Keypoint>,
     /// Blurred a little, for patches.
     image: Plane,
@@ -113,8 +134,14 @@ impl<'a> Work<'a> {
         let center = scene.center().unwrap_or_else(|| scene.views[0].rpc.center()).at_height(middle);
         events(Event::Started { stage: "finding features", total: scene.views.len() as u64 });
         let mut views = Vec::new();
-        let mut network =
-            Network { rpcs: Vec::new(), frames: Vec::new(), directions: Vec::new(), center, heights };
+        let mut network = Network {
+            rpcs: Vec::new(),
+            frames: Vec::new(),
+            held: Vec::new(),
+            directions: Vec::new(),
+            center,
+            heights,
+        };
         let mut left_out = Vec::new();
         let mut detected = Vec::with_capacity(scene.views.len());
         // A few views at a time: the scale space of one takes thirty times its pixels.
@@ -147,8 +174,9 @@ impl<'a> Work<'a> {
                     tracing::debug!("{}: {found} keypoints", view.name);
                     network.rpcs.push(&view.rpc);
                     network.frames.push(ImageFrame::new(size));
+                    network.held.push(false);
                     network.directions.push(direction);
-                    views.push(WorkView { name: &view.name, size, keypoints, image });
+                    views.push(WorkView { name: &view.name, size, sun: view.sun, keypoints, image });
                 }
             }
         }
@@ -163,6 +191,40 @@ impl<'a> Work<'a> {
         Ok(Self { views, network, pairs, control: Vec::new(), left_out, events })
     }
 
+    /// Pairs whose suns stand near each other; a sun that is not known is near to all.
+    fn pairs_of_like_suns(&self) -> Vec<(usize, usize)> {
+        let direction = |v: usize| self.views[v].sun.map(|s| (s.azimuth_deg, 90.0 - s.elevation_deg));
+        let apart_deg = |(i, j): (usize, usize)| {
+            direction(i).zip(direction(j)).map_or(0.0, |(a, b)| angle_between_deg(a, b))
+        };
+        let mut by_sun = self.pairs.clone();
+        by_sun.sort_by(|a, b| apart_deg(*a).total_cmp(&apart_deg(*b)));
+        let mut taken = vec![0; self.views.len()];
+        by_sun.retain(|(i, j)| {
+            let is_among_nearest = taken[*i].min(taken[*j]) < NEAREST_SUNS;
+            let is_kept = apart_deg((*i, *j)) <= SUNS_DEG || is_among_nearest;
+            for v in [i, j] {
+                taken[*v] += usize::from(is_kept);
+            }
+            is_kept
+        });
+        by_sun.sort_unstable();
+        by_sun
+    }
+
+    /// Makes views references.
+    fn hold(&mut self, reference: &[String]) -> Result<(), BundleError> {
+        for name in reference {
+            let refused = |reason: String| BundleError::Reference { view: name.clone(), reason };
+            if let Some((_, why)) = self.left_out.iter().find(|l| l.0 == *name) {
+                return Err(refused(format!("is left out: {why}")));
+            }
+            let view = self.views.iter().position(|v| v.name == name);
+            self.network.held[view.ok_or_else(|| refused("is not in the scene".into()))?] = true;
+        }
+        Ok(())
+    }
+
     /// Matches within `across` pixels, makes tracks, solves and rejects.
     fn round(&self, estimate: &mut Estimate, across: f64, model: Model) -> Result<(), BundleError> {
         let cameras = self.corrected(&estimate.corrections)?;
@@ -175,7 +237,7 @@ impl<'a> Work<'a> {
         self.network.place(estimate, measured.collect());
         (self.events)(Event::Started { stage: "adjusting", total: 0 });
         let scales: &[f64] = if across > NARROW_PX { &LOSS_SCALES_PX } else { &LOSS_SCALES_PX[1..] };
-        self.network.refine(estimate, scales, model)?;
+        self.network.refine(estimate, scales, model, KEYPOINT_PX)?;
         (self.events)(Event::Finished);
         if estimate.tracks.iter().all(|t| t.known.is_some()) {
             return Err(BundleError::NotConnected { components: "no track survived the adjustment".into() });
@@ -198,7 +260,7 @@ impl<'a> Work<'a> {
         let block = self.network.block();
         let images = self.views.iter().map(|v| &v.image).collect();
         let seeker = Seeker::new(&block, &estimate.corrections, images);
-        let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2));
+        let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2)).max(2);
         estimate.tracks.par_iter_mut().zip(&estimate.points).with_min_len(16).for_each(|(track, point)| {
             if track.known.is_some() {
                 return;
@@ -213,9 +275,15 @@ impl<'a> Work<'a> {
         let confirmed =
             estimate.tracks.iter().filter(|t| t.known.is_none() && t.seen[0].weight > UNCONFIRMED);
         tracing::debug!("patches confirm {} of {} tracks", confirmed.count(), estimate.tracks.len());
-        self.network.refine(estimate, &LOSS_SCALES_PX[1..], model)?;
+        self.network.refine(estimate, &LOSS_SCALES_PX[1..], model, PATCH_PX)?;
         (self.events)(Event::Finished);
         Ok(())
+    }
+
+    /// What an observation looks like.
+    fn gray(&self, m: &Measurement) -> u8 {
+        let value = self.views[m.view].image.get(m.px.col.round() as i64, m.px.row.round() as i64);
+        (255.0 * value).round() as u8
     }
 
     fn corrected(&self, corrections: &[Parameters]) -> Result<Vec<Rpc>, BundleError> {
@@ -277,6 +345,17 @@ impl<'a> Work<'a> {
         );
     }
 
+    /// What fixes the datum.
+    fn gauge(&self, options: &Options) -> String {
+        match (options.fixed, self.control.is_empty(), options.reference.as_slice()) {
+            (true, ..) => "cameras as given".into(),
+            (false, true, []) => "mean of the delivered cameras: robust priors on the shifts".into(),
+            (false, false, []) => "ground control".into(),
+            (false, true, names) => format!("reference views {}", names.join(", ")),
+            (false, false, names) => format!("ground control and reference views {}", names.join(", ")),
+        }
+    }
+
     fn result(&self, estimate: &Estimate, options: &Options) -> Result<Adjustment, BundleError> {
         let block = self.network.block();
         let given = self.network.as_delivered(&estimate.tracks);
@@ -286,19 +365,23 @@ impl<'a> Work<'a> {
         let of = |all: &[(usize, f64)], view: usize| -> Vec<f64> {
             all.iter().filter(|d| d.0 == view).map(|d| d.1).collect()
         };
+        let precision = |of: &Estimate, fixed: bool| {
+            let unsure = || BundleError::Solver { reason: "a point is not fixed by its rays".into() };
+            self.network.precision(of, options.model, fixed).ok_or_else(unsure)
+        };
+        let of_shifts = precision(estimate, false)?;
+        let of_points = if options.fixed { precision(&given, true)?.points } else { of_shifts.points };
         let views = self.views.iter().enumerate().map(|(v, view)| {
-            ViewReport::new(view.name, estimate.corrections[v], &of(&before, v), &of(&after, v))
+            let sigma = of_shifts.corrections[v];
+            ViewReport::new(view.name, estimate.corrections[v], sigma, &of(&before, v), &of(&after, v))
         });
         let control = tracks.iter().zip(points).filter_map(|(t, p)| Some((t, t.known?, p)));
         let control =
             control.flat_map(|(t, known, p)| t.seen.iter().map(move |m| (m, known, *p)).collect::<Vec<_>>());
         let report = Report {
-            gauge: match (options.fixed, self.control.is_empty()) {
-                (true, _) => "cameras as given",
-                (false, true) => "mean of the delivered cameras: robust priors on the shifts",
-                (false, false) => "ground control",
-            }
-            .into(),
+            gauge: self.gauge(options),
+            open_directions: of_shifts.open,
+            sigma_px: of_shifts.sigma_px,
             model: options.model,
             tracks: tracks.iter().filter(|t| t.known.is_none()).count(),
             control: control
@@ -312,6 +395,13 @@ impl<'a> Work<'a> {
             left_out: self.left_out.clone(),
             ..Report::of(&before, &after)
         };
+        let measured = tracks.iter().zip(&of_points).filter(|(t, _)| t.known.is_none());
+        let quality = measured
+            .map(|(track, sigma_m)| PointQuality {
+                sigma_m: *sigma_m,
+                angle_deg: self.network.angle_deg(track),
+            })
+            .collect();
         let names = self.views.iter().map(|v| v.name.to_owned());
         let tied = tracks.iter().zip(points).filter(|(t, _)| t.known.is_none()).enumerate();
         let (points, tie_points): (Vec<_>, Vec<_>) = tied
@@ -322,11 +412,12 @@ impl<'a> Work<'a> {
                     TiePoint { point: id, view: m.view, px: m.px, residual_px }
                 });
                 let position = block.geodetic(*p);
-                (SparsePoint { position, views: track.seen.len() as u8 }, seen.collect::<Vec<_>>())
+                let gray = self.gray(&track.seen[0]);
+                (SparsePoint { position, views: track.seen.len() as u8, gray }, seen.collect::<Vec<_>>())
             })
             .unzip();
         let cameras = names.zip(self.corrected(corrections)?).collect();
-        Ok(Adjustment { cameras, points, tie_points: tie_points.concat(), report })
+        Ok(Adjustment { cameras, points, tie_points: tie_points.concat(), quality, report })
     }
 }
 

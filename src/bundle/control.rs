@@ -1,6 +1,9 @@
 //! Ground control: surveyed points, where images show them, and how sure either is.
 
+use super::correction::{ImageFrame, MOST};
 use super::error::BundleError;
+use super::network::triangulate;
+use super::output::Adjustment;
 use super::problem::{Block, Known, Measurement, SIGMA_PX, Track};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use crate::scene::{Scene, View};
@@ -112,4 +115,27 @@ pub fn tracks_of(
         }
     }
     Ok(tracks)
+}
+
+/// Where the adjusted cameras see each surveyed point, and where it is; of points that two views or more show.
+///
+/// # Errors
+/// [`BundleError::ControlImage`], [`BundleError::NoCamera`].
+pub fn control_pairs(
+    control: &[ControlPoint],
+    scene: &Scene,
+    adjustment: &Adjustment,
+) -> Result<Vec<[Point<Geodetic>; 2]>, BundleError> {
+    let Some(first) = control.first() else { return Ok(Vec::new()) };
+    let rpcs = adjustment.cameras_of(scene)?;
+    let frames = scene.views.iter().map(|v| ImageFrame::new((v.width, v.height))).collect();
+    let block = Block::new(rpcs.iter().collect(), frames, first.place);
+    let names: Vec<&str> = scene.views.iter().map(|v| v.name.as_str()).collect();
+    let tracks = tracks_of(control, scene, &names, &block)?;
+    let as_they_are = vec![[0.0; MOST]; rpcs.len()];
+    let pair = |t: &Track| {
+        let place = (t.seen.len() >= 2).then(|| triangulate(&block, t, &as_they_are))??;
+        Some([block.geodetic(place), block.geodetic(t.known?.place)])
+    };
+    Ok(tracks.iter().filter_map(pair).collect())
 }

@@ -89,6 +89,15 @@ pub enum BundleError {
         /// The image.
         image: String,
     },
+    /// A reference view that is not there to refer to.
+    #[error("reference view `{view}` {reason}")]
+    #[diagnostic(help("`satgs info SCENE` lists the views"))]
+    Reference {
+        /// The view.
+        view: String,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// Sparse points cannot be written or read.
     #[error("`{path}`: {reason}")]
     #[diagnostic(help("`satgs ba SCENE -o RUN --overwrite` makes it anew"))]

@@ -16,6 +16,11 @@ const CELL_PX: usize = 64;
 const PER_CELL: usize = 35;
 /// Distance to missing pixels within which there are no keypoints.
 const MASK_REACH_PX: i64 = 10;
+/// Side of the tiles that a large image is searched in, one after the other, and what a tile sees beyond its own, pixels:
+/// whole cells, and whole pixels of every octave, so that tiles find what the whole image would; beyond lies more than
+/// a descriptor of the coarsest octave reaches.
+const TILE_PX: usize = 2048;
+const BEYOND_PX: usize = 256;
 const DIRECTIONS: usize = 36;
 /// Peaks of the direction histogram this near to the highest are keypoints of their own.
 const SECOND_PEAK: f32 = 0.8;
@@ -35,6 +40,37 @@ pub struct Keypoint {
 /// image as all of them do.
 #[must_use]
 pub fn detect(image: &Plane) -> Vec<Keypoint> {
+    // The scale space takes thirty times the pixels that it is made of.
+    let starts = |size: usize| (0..size).step_by(TILE_PX);
+    let mut found: Vec<(usize, Keypoint)> = Vec::new();
+    for row in starts(image.height) {
+        for col in starts(image.width) {
+            found.extend(detect_in(image, [col, row]));
+        }
+    }
+    // Stable: tiles stay in their order.
+    found.sort_by_key(|(rank, _)| *rank);
+    found.into_iter().map(|(_, keypoint)| keypoint).collect()
+}
+
+/// The keypoints of the tile that starts at (column, row), each with its rank in its cell.
+fn detect_in(image: &Plane, own: [usize; 2]) -> Vec<(usize, Keypoint)> {
+    let size = [image.width, image.height];
+    let first = own.map(|o| o.saturating_sub(BEYOND_PX));
+    let last: [usize; 2] = std::array::from_fn(|k| (own[k] + TILE_PX + BEYOND_PX).min(size[k]));
+    let seen =
+        Plane::from_fn(last[0] - first[0], last[1] - first[1], |c, r| image.at(first[0] + c, first[1] + r));
+    let inside =
+        |k: usize, px: f64| (own[k]..own[k] + TILE_PX).contains(&((px.max(0.0) as usize) + first[k]));
+    let found = keypoints(&seen, |px| inside(0, px.col) && inside(1, px.row));
+    let [dx, dy] = first.map(|f| f as f64);
+    let placed =
+        |(rank, k): (usize, Keypoint)| (rank, Keypoint { px: Pixel::new(k.px.col + dx, k.px.row + dy), ..k });
+    found.into_iter().map(placed).collect()
+}
+
+/// The keypoints that are wanted, each with its rank in its cell.
+fn keypoints(image: &Plane, is_wanted: impl Fn(Pixel<CenterPx>) -> bool) -> Vec<(usize, Keypoint)> {
     let known: Vec<f32> = image.valid().collect();
     if known.is_empty() {
         return Vec::new();
@@ -47,31 +83,36 @@ pub fn detect(image: &Plane) -> Vec<Keypoint> {
     };
     let octaves = octaves(&filled);
     let mut found = extrema(&octaves);
+    found.retain(|e| is_wanted(place(e, &octaves)));
     if masked {
         found.retain(|e| !near_missing(image, e.position, octaves[e.octave].step));
     }
     let strongest = spread(found, &octaves, image);
     let gradients: Vec<Vec<Gradients>> =
         octaves.iter().map(|o| o.levels[1..=SCALES].par_iter().map(Gradients::new).collect()).collect();
-    let described: Vec<Vec<Keypoint>> = strongest
+    let described: Vec<Vec<(usize, Keypoint)>> = strongest
         .par_iter()
         .with_min_len(64)
-        .map(|e| {
+        .map(|(rank, e)| {
             let step = octaves[e.octave].step;
             let level = (e.position[2].round() as usize).clamp(1, SCALES);
             let scale = SIGMA as f32 * 2f32.powf(e.position[2] / SCALES as f32);
             let around = &gradients[e.octave][level - 1];
             let keypoint = |direction| {
-                Some(Keypoint {
-                    px: Pixel::new(f64::from(e.position[0]) * step, f64::from(e.position[1]) * step),
-                    scale: scale * step as f32,
-                    descriptor: describe(around, e.position, scale, direction)?,
-                })
+                let px = place(e, &octaves);
+                let descriptor = describe(around, e.position, scale, direction)?;
+                Some((*rank, Keypoint { px, scale: scale * step as f32, descriptor }))
             };
             directions(around, e.position, scale).into_iter().filter_map(keypoint).collect()
         })
         .collect();
     described.into_iter().flatten().collect()
+}
+
+/// Where in the image an extremum is.
+fn place(e: &Extremum, octaves: &[Octave]) -> Pixel<CenterPx> {
+    let step = octaves[e.octave].step;
+    Pixel::new(f64::from(e.position[0]) * step, f64::from(e.position[1]) * step)
 }
 
 fn near_missing(image: &Plane, position: [f32; 3], step: f64) -> bool {
@@ -81,9 +122,9 @@ fn near_missing(image: &Plane, position: [f32; 3], step: f64) -> bool {
     reach.iter().any(|dr| reach.iter().any(|dc| image.get(col + dc, row + dr).is_nan()))
 }
 
-/// The strongest extrema of each cell; the first of all cells come first, then the second, and so on: any number of
-/// them from the beginning covers the image.
-fn spread(mut found: Vec<Extremum>, octaves: &[Octave], image: &Plane) -> Vec<Extremum> {
+/// The strongest extrema of each cell with their ranks; the first of all cells come first, then the second, and so on:
+/// any number of them from the beginning covers the image.
+fn spread(mut found: Vec<Extremum>, octaves: &[Octave], image: &Plane) -> Vec<(usize, Extremum)> {
     let columns = image.width.div_ceil(CELL_PX);
     let mut taken = vec![0; columns * image.height.div_ceil(CELL_PX)];
     // Stable sorts: equal ones keep the order in which they were found.
@@ -100,7 +141,7 @@ fn spread(mut found: Vec<Extremum>, octaves: &[Octave], image: &Plane) -> Vec<Ex
         .filter(|(rank, _)| *rank <= PER_CELL)
         .collect();
     ranked.sort_by_key(|(rank, _)| *rank);
-    ranked.into_iter().map(|(_, e)| e).collect()
+    ranked
 }
 
 /// Gradients of a blurred image: of many keypoints that see a pixel none computes them again.
@@ -285,6 +326,20 @@ mod tests {
             })
             .count();
         assert!(matched * 20 > a.len() * 17, "{matched} of {}", a.len());
+    }
+
+    #[test]
+    fn tiles_find_what_the_whole_image_would() {
+        let (width, height) = (TILE_PX + 500, 400);
+        let image = texture(width, height);
+        let whole: Vec<Keypoint> = keypoints(&image, |_| true).into_iter().map(|(_, k)| k).collect();
+        let tiled = detect(&image);
+        assert!(whole.len().abs_diff(tiled.len()) * 1000 <= whole.len(), "{} {}", whole.len(), tiled.len());
+        // Coordinates are single precision and count from the tile's corner.
+        let near = whole.iter().filter(|k| tiled.iter().any(|q| q.px.distance(k.px) < 2e-3)).count();
+        assert!(near * 1000 > whole.len() * 998, "{near} of {}", whole.len());
+        let early = tiled.iter().take(tiled.len() / 10).filter(|k| k.px.col > TILE_PX as f64).count();
+        assert!(early * 200 > tiled.len(), "{early} of {}", tiled.len());
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use super::error::BundleError;
 use super::output::Adjustment;
-use super::report::HISTOGRAM_BINS;
 use crate::raster::Canvas;
 use crate::scene::Scene;
 use std::collections::BTreeMap;
@@ -20,17 +19,23 @@ const GRID: [u8; 3] = [200, 200, 200];
 const BEFORE: [u8; 3] = [255, 127, 14];
 const AFTER: [u8; 3] = [31, 119, 180];
 
+/// Bins of the convergence angles, and their width, degrees.
+const ANGLE_BINS: usize = 35;
+const ANGLE_BIN_DEG: f64 = 2.0;
+
 impl Adjustment {
     /// Writes `residuals.png` (a panel a view, row by row in the report's order; arrows are 40 times the residuals),
     /// `histogram.png` (errors before in orange, after in blue, a line every half pixel) and `graph.png` (views on a
-    /// circle, clockwise from the top; the darker a line, the more points two views share).
+    /// circle, clockwise from the top; the darker a line, the more points two views share) and `angles.png` (points by
+    /// the widest angle between their rays, in bins of 2°, a line every 10°).
     ///
     /// # Errors
     /// [`BundleError::Raster`].
     pub fn write_figures(&self, folder: &Path, scene: &Scene) -> Result<(), BundleError> {
         self.residuals(scene).write(&folder.join("residuals.png"))?;
         self.histogram().write(&folder.join("histogram.png"))?;
-        Ok(self.graph().write(&folder.join("graph.png"))?)
+        self.graph().write(&folder.join("graph.png"))?;
+        Ok(self.angles().write(&folder.join("angles.png"))?)
     }
 
     fn residuals(&self, scene: &Scene) -> Canvas {
@@ -62,24 +67,15 @@ impl Adjustment {
     }
 
     fn histogram(&self) -> Canvas {
-        let mut canvas = Canvas::new(SIDE as usize, SIDE as usize / 2);
-        let bins = &self.report.histogram;
-        let highest = bins.iter().flatten().copied().max().unwrap_or(1).max(1) as f64;
-        let (floor, width) = (0.5 * SIDE - GAP, (SIDE - 2.0 * GAP) / HISTOGRAM_BINS as f64);
-        let left = |bin: f64| GAP + width * bin;
-        for half_pixels in 0..=HISTOGRAM_BINS / 10 {
-            let x = left(10.0 * half_pixels as f64);
-            canvas.line([x, GAP], [x, floor], GRID);
+        bars(&self.report.histogram, [BEFORE, AFTER], 10)
+    }
+
+    fn angles(&self) -> Canvas {
+        let mut bins = vec![[0]; ANGLE_BINS];
+        for q in &self.quality {
+            bins[((q.angle_deg / ANGLE_BIN_DEG) as usize).min(ANGLE_BINS - 1)][0] += 1;
         }
-        for (i, counts) in bins.iter().enumerate() {
-            let bars = [(counts[0], BEFORE, 0.0), (counts[1], AFTER, 0.5)];
-            for (count, color, side) in bars {
-                let top = floor - (floor - GAP) * count as f64 / highest;
-                let x = i as f64 + side;
-                canvas.bar([left(x), top], [left(x + 0.5), floor], color);
-            }
-        }
-        canvas
+        bars(&bins, [AFTER], 5)
     }
 
     fn graph(&self) -> Canvas {
@@ -109,4 +105,24 @@ impl Adjustment {
         }
         canvas
     }
+}
+
+/// A histogram of `N` bars a bin, each of its own colour, with a line every `grid` bins.
+fn bars<const N: usize>(bins: &[[usize; N]], colors: [[u8; 3]; N], grid: usize) -> Canvas {
+    let mut canvas = Canvas::new(SIDE as usize, SIDE as usize / 2);
+    let highest = bins.iter().flatten().copied().max().unwrap_or(1).max(1) as f64;
+    let (floor, width) = (0.5 * SIDE - GAP, (SIDE - 2.0 * GAP) / bins.len() as f64);
+    let left = |bin: f64| GAP + width * bin;
+    for bin in (0..=bins.len()).step_by(grid) {
+        let x = left(bin as f64);
+        canvas.line([x, GAP], [x, floor], GRID);
+    }
+    for (i, counts) in bins.iter().enumerate() {
+        for (k, (count, color)) in counts.iter().zip(colors).enumerate() {
+            let top = floor - (floor - GAP) * *count as f64 / highest;
+            let side = |k: usize| left(i as f64 + k as f64 / N as f64);
+            canvas.bar([side(k), top], [side(k + 1), floor], color);
+        }
+    }
+    canvas
 }

@@ -2,6 +2,7 @@
 
 use super::correction::{ImageFrame, MOST, Model, Parameters};
 use super::error::BundleError;
+use super::precision::Precision;
 use super::problem::{Block, Measurement, Track, Unknowns};
 use super::solver::SchurLevenbergMarquardt;
 use crate::frame::{Geodetic, Pixel, Point};
@@ -16,9 +17,8 @@ pub const LEAST_ANGLE_DEG: f64 = 3.0;
 pub const HEIGHT_MARGIN_M: f64 = 15.0;
 /// Scales of the robust loss, round by round, pixels.
 pub const LOSS_SCALES_PX: [f64; 3] = [8.0, 1.0, 0.3];
-/// Rejections after the last scale, and what they allow at least: pixels, robust standard deviations.
+/// Rejections after the last scale, and what they allow: robust standard deviations, and the caller's pixels at least.
 const REJECTIONS: usize = 3;
-const REJECT_PX: f64 = 0.4;
 const REJECT_SIGMAS: f64 = 2.0;
 const MAX_ITERATIONS: u64 = 50;
 
@@ -28,6 +28,8 @@ pub struct Network<'a> {
     pub rpcs: Vec<&'a Rpc>,
     /// Their images.
     pub frames: Vec<ImageFrame>,
+    /// Which of them are reference views, that stay as delivered.
+    pub held: Vec<bool>,
     /// Where they look from: azimuth and off-nadir, degrees.
     pub directions: Vec<(f64, f64)>,
     /// The origin of points' coordinates.
@@ -58,7 +60,9 @@ impl<'a> Network<'a> {
     /// The network as a problem without tracks.
     #[must_use]
     pub fn block(&self) -> Block<'a> {
-        Block::new(self.rpcs.clone(), self.frames.clone(), self.center)
+        let mut block = Block::new(self.rpcs.clone(), self.frames.clone(), self.center);
+        block.held.clone_from(&self.held);
+        block
     }
 
     /// Takes tracks that some pair of views sees at a useful angle, at the places nearest to their rays, and ground
@@ -79,7 +83,8 @@ impl<'a> Network<'a> {
     }
 
     /// Widest angle between two of a track's views.
-    fn angle_deg(&self, track: &Track) -> f64 {
+    #[must_use]
+    pub fn angle_deg(&self, track: &Track) -> f64 {
         let mut widest: f64 = 0.0;
         for (k, a) in track.seen.iter().enumerate() {
             for b in &track.seen[k + 1..] {
@@ -89,18 +94,25 @@ impl<'a> Network<'a> {
         widest
     }
 
-    /// Solves and rejects, with a tighter and tighter loss, until nothing is rejected any more.
+    /// Solves and rejects, with a tighter and tighter loss, until nothing is rejected any more; what is within
+    /// `allowed_px` is never rejected.
     ///
     /// # Errors
     /// [`BundleError::Solver`].
-    pub fn refine(&self, estimate: &mut Estimate, scales: &[f64], model: Model) -> Result<(), BundleError> {
+    pub fn refine(
+        &self,
+        estimate: &mut Estimate,
+        scales: &[f64],
+        model: Model,
+        allowed_px: f64,
+    ) -> Result<(), BundleError> {
         for scale in scales {
             self.solve(estimate, *scale, model)?;
-            self.reject(estimate, (4.0 * scale).max(REJECT_PX));
+            self.reject(estimate, (4.0 * scale).max(allowed_px));
         }
         for _ in 0..REJECTIONS {
             self.solve(estimate, LOSS_SCALES_PX[2], model)?;
-            if self.reject(estimate, REJECT_PX) == 0 {
+            if self.reject(estimate, allowed_px) == 0 {
                 break;
             }
         }
@@ -127,6 +139,19 @@ impl<'a> Network<'a> {
         estimate.tracks = block.tracks;
         (estimate.corrections, estimate.points) = (end.corrections, end.points);
         Ok(())
+    }
+
+    /// How sure an estimate is of itself, with the cameras of all views taken as given if `fixed`.
+    #[must_use]
+    pub fn precision(&self, estimate: &Estimate, model: Model, fixed: bool) -> Option<Precision> {
+        let mut block = self.block();
+        block.held.iter_mut().for_each(|h| *h |= fixed);
+        block.tracks = estimate.tracks.clone();
+        // What a loss would weigh down is rejected by now.
+        block.loss_scale_px = f64::INFINITY;
+        block.model = model;
+        let at = Unknowns { corrections: estimate.corrections.clone(), points: estimate.points.clone() };
+        Precision::of(&block, &at)
     }
 
     /// Drops observations further off than `least` pixels and the robust limit, and what is left without support;

@@ -8,6 +8,8 @@ use crate::rpc::{Axis, RpcCoefficients};
 const LEANS: [[f64; 2]; 8] =
     [[0.8, 0.1], [-0.7, 0.3], [0.1, 0.9], [0.2, -0.8], [-0.5, -0.5], [0.6, 0.6], [0.0, 0.0], [-0.9, 0.0]];
 const HEIGHTS: (f64, f64) = (60.0, 140.0);
+/// Distances that are not rejected, pixels.
+const ALLOWED_PX: f64 = 0.4;
 
 /// Uniform numbers in [-1, 1).
 struct Noise(u64);
@@ -51,6 +53,7 @@ fn network(delivered: &[Rpc]) -> Network<'_> {
     Network {
         rpcs: delivered.iter().collect(),
         frames: vec![ImageFrame::new((512, 512)); delivered.len()],
+        held: vec![false; delivered.len()],
         directions: LEANS
             .iter()
             .map(|lean| {
@@ -93,7 +96,7 @@ fn adjusted(delivered: &[Rpc], tracks: &[Track]) -> Estimate {
     let network = network(delivered);
     let mut estimate = Estimate::start(delivered.len());
     network.place(&mut estimate, tracks.to_vec());
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift).unwrap();
+    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift, ALLOWED_PX).unwrap();
     estimate
 }
 
@@ -155,6 +158,63 @@ fn shifts_are_found_among_noise_and_outliers_and_these_are_rejected() {
     assert!(left > all * 8 / 10 && left < all * 93 / 100, "{left} of {all}");
 }
 
+/// Root mean square of errors in units of their standard deviations: one, if these are right.
+fn normalised_rms(errors_and_sigmas: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let (sum, n) =
+        errors_and_sigmas.fold((0.0, 0.0), |(s, n), (e, sigma)| (s + (e / sigma).powi(2), n + 1.0));
+    f64::sqrt(sum / n)
+}
+
+#[test]
+fn errors_are_as_large_as_their_standard_deviations_say_and_the_translation_is_open() {
+    let exact = cameras();
+    let (delivered, truth) = disturbed(&exact);
+    let (tracks, points) = observe(&exact, 0.1, 0.0);
+    let network = network(&delivered);
+    let block = network.block();
+    let estimate = adjusted(&delivered, &tracks);
+    assert_eq!(estimate.tracks.len(), tracks.len());
+    let precision = network.precision(&estimate, Model::Shift, false).unwrap();
+    assert_eq!(precision.open, 3);
+    assert!((precision.sigma_px - 0.1).abs() < 0.01, "{}", precision.sigma_px);
+
+    // Both are compared with the mean over the scene taken out, as its translation is open.
+    let off = |k: usize| move |(p, exact): (&[f64; 3], &[f64; 3])| p[k] - exact[k];
+    let exact_places: Vec<[f64; 3]> = points.iter().map(|p| block.local(*p)).collect();
+    for k in 0..3 {
+        let errors: Vec<f64> = estimate.points.iter().zip(&exact_places).map(off(k)).collect();
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        let sigmas = precision.points.iter().map(|s| s[k]);
+        let rms = normalised_rms(errors.iter().map(|e| e - mean).zip(sigmas));
+        assert!((0.85..1.15).contains(&rms), "{k}: {rms}");
+    }
+    // The shifts of eight views are few: their largest error is within four standard deviations.
+    let largest = precision.corrections.iter().flat_map(|c| &c[..2]).fold(0.0, |m: f64, s| m.max(*s));
+    let worst = worst_shift(&block, &estimate.corrections, &truth);
+    assert!((0.25..4.0).contains(&(worst / largest)), "{worst} {largest}");
+}
+
+#[test]
+fn reference_views_stay_as_they_are_and_fix_the_datum() {
+    let exact = cameras();
+    let (mut delivered, truth) = disturbed(&exact);
+    delivered[..2].clone_from_slice(&exact[..2]);
+    let mut network = network(&delivered);
+    network.held[..2].fill(true);
+    let mut estimate = Estimate::start(delivered.len());
+    network.place(&mut estimate, observe(&exact, 0.1, 0.0).0);
+    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift, ALLOWED_PX).unwrap();
+    assert_eq!(estimate.corrections[..2], [[0.0; MOST]; 2]);
+    for (found, exact) in estimate.corrections.iter().zip(&truth).skip(2) {
+        for k in 0..2 {
+            assert!((found[k] - exact[k]).abs() < 0.05, "{found:?} {exact:?}");
+        }
+    }
+    let precision = network.precision(&estimate, Model::Shift, false).unwrap();
+    assert_eq!((precision.open, precision.corrections[0]), (0, [0.0; MOST]));
+    assert_eq!(network.precision(&estimate, Model::Shift, true).unwrap().open, 0);
+}
+
 #[test]
 fn ground_control_fixes_the_datum_and_one_wrong_pixel_does_not_move_it() {
     let exact = cameras();
@@ -188,7 +248,7 @@ fn an_affine_model_finds_what_stretches_and_turns_the_image() {
     let network = network(&bent);
     let mut estimate = Estimate::start(bent.len());
     network.place(&mut estimate, observe(&exact, 0.05, 0.0).0);
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Affine).unwrap();
+    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Affine, ALLOWED_PX).unwrap();
     // The whole scene may bend a little with it: priors share it out.
     for k in 0..4 {
         let found = estimate.corrections[2][2 + k];
@@ -349,6 +409,7 @@ mod omaha {
         Network {
             rpcs: delivered.iter().collect(),
             frames: vec![ImageFrame::new((2048, 2048)); delivered.len()],
+            held: vec![false; delivered.len()],
             directions: exact.iter().map(direction).collect(),
             center,
             heights: (270.0, 330.0),
@@ -359,7 +420,7 @@ mod omaha {
         let start = std::time::Instant::now();
         let mut estimate = Estimate::start(network.rpcs.len());
         network.place(&mut estimate, tracks.to_vec());
-        network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift).unwrap();
+        network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift, ALLOWED_PX).unwrap();
         (estimate, start.elapsed().as_secs_f64())
     }
 

@@ -1,4 +1,4 @@
-//! An adjustment on disk: corrected RPCs as JSON and text, sparse points as LAZ, tie points as CSV and GeoPackage, the
+//! An adjustment on disk: corrected RPCs as JSON and text, sparse points as LAZ and PLY, tie points as CSV and GeoPackage, the
 //! report as JSON and pictures.
 
 use super::error::BundleError;
@@ -9,6 +9,7 @@ use crate::rpc::Rpc;
 use crate::rpc::formats;
 use crate::scene::{Scene, View};
 use las::{Builder, Reader, Transform, Vector, Writer};
+use serde::Deserialize;
 use std::path::Path;
 
 /// Resolution of the points' coordinates on disk, metres.
@@ -21,6 +22,17 @@ pub struct SparsePoint {
     pub position: Point<Geodetic>,
     /// Number of views that see it.
     pub views: u8,
+    /// What the first of them shows, stretched.
+    pub gray: u8,
+}
+
+/// How well a point is measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointQuality {
+    /// Standard deviations within the scene, its datum taken as given: metres east, north and up.
+    pub sigma_m: [f64; 3],
+    /// Widest angle between two of its rays, degrees.
+    pub angle_deg: f64,
 }
 
 /// A point as one view shows it.
@@ -36,6 +48,21 @@ pub struct TiePoint {
     pub residual_px: [f64; 2],
 }
 
+/// A line of `tie_points.csv`; where its point is `points.laz` knows better.
+#[derive(Deserialize)]
+struct TieLine {
+    point: usize,
+    sigma_east_m: f64,
+    sigma_north_m: f64,
+    sigma_up_m: f64,
+    angle_deg: f64,
+    view: String,
+    col: f64,
+    row: f64,
+    residual_col: f64,
+    residual_row: f64,
+}
+
 /// What an adjustment makes.
 #[derive(Clone, Debug)]
 pub struct Adjustment {
@@ -45,13 +72,15 @@ pub struct Adjustment {
     pub points: Vec<SparsePoint>,
     /// Their observations, point by point; not read back.
     pub tie_points: Vec<TiePoint>,
+    /// How well each sparse point is measured; not read back.
+    pub quality: Vec<PointQuality>,
     /// Figures.
     pub report: Report,
 }
 
 impl Adjustment {
     /// Writes `rpcs/NAME.json`, `rpcs/NAME_RPC.TXT`, `points.laz` (UTM, ellipsoidal heights; the intensity is the
-    /// number of views), `tie_points.csv` and `.gpkg`, `report.json` and its pictures.
+    /// number of views), `points.ply`, `tie_points.csv` and `.gpkg`, `report.json` and its pictures.
     ///
     /// # Errors
     /// [`BundleError`].
@@ -63,7 +92,7 @@ impl Adjustment {
             write_file(&rpcs.join(format!("{name}.json")), &json)?;
             write_file(&rpcs.join(format!("{name}_RPC.TXT")), formats::to_text(rpc))?;
         }
-        self.write_points(&folder.join("points.laz"))?;
+        self.write_points(folder)?;
         self.write_tie_points(folder)?;
         self.write_figures(folder, scene)?;
         let report = serde_json::to_string_pretty(&self.report).unwrap_or_default();
@@ -88,7 +117,7 @@ impl Adjustment {
             })
             .collect::<Result<Vec<_>, BundleError>>()?;
         let points = read_points(&folder.join("points.laz"))?;
-        Ok(Self { cameras, points, tie_points: Vec::new(), report })
+        Ok(Self { cameras, points, tie_points: Vec::new(), quality: Vec::new(), report })
     }
 
     /// The corrected cameras in the order of a scene's views, each of the view's window.
@@ -103,6 +132,51 @@ impl Adjustment {
         scene.views.iter().map(camera).collect()
     }
 
+    /// Reads the tie points and the points' quality too, which [`Adjustment::read`] passes over.
+    ///
+    /// # Errors
+    /// [`BundleError`].
+    pub fn read_all(folder: &Path) -> Result<Self, BundleError> {
+        let mut all = Self::read(folder)?;
+        let path = folder.join("tie_points.csv");
+        let damaged = |reason: String| BundleError::Points { path: path.clone(), reason };
+        let mut reader = csv::Reader::from_path(&path).map_err(|e| damaged(e.to_string()))?;
+        for line in reader.deserialize::<TieLine>() {
+            let l = line.map_err(|e| damaged(e.to_string()))?;
+            let view = all.cameras.iter().position(|c| c.0 == l.view);
+            let view = view.ok_or_else(|| damaged(format!("view `{}` is not in report.json", l.view)))?;
+            all.tie_points.push(TiePoint {
+                point: l.point,
+                view,
+                px: Pixel::new(l.col, l.row),
+                residual_px: [l.residual_col, l.residual_row],
+            });
+            let sigma_m = [l.sigma_east_m, l.sigma_north_m, l.sigma_up_m];
+            if l.point == all.quality.len() {
+                all.quality.push(PointQuality { sigma_m, angle_deg: l.angle_deg });
+            }
+        }
+        if all.quality.len() != all.points.len() || all.tie_points.iter().any(|t| t.point >= all.points.len())
+        {
+            return Err(damaged("its points are not those of points.laz".into()));
+        }
+        Ok(all)
+    }
+
+    /// The adjustment with everything moved by a step on the ground: degrees of longitude and latitude, metres of
+    /// height. No residual changes.
+    #[must_use]
+    pub fn moved_on_ground(mut self, step: [f64; 3]) -> Self {
+        for (_, rpc) in &mut self.cameras {
+            *rpc = rpc.moved_on_ground(step);
+        }
+        for p in &mut self.points {
+            let [lon, lat, h] = p.position.xyz();
+            p.position = Point::new(lon + step[0], lat + step[1], h + step[2]);
+        }
+        self
+    }
+
     /// Where the sparse points are.
     #[must_use]
     pub fn positions(&self) -> Vec<Point<Geodetic>> {
@@ -112,14 +186,17 @@ impl Adjustment {
     /// `tie_points.csv`, a line an observation, and `tie_points.gpkg`, a point each.
     fn write_tie_points(&self, folder: &Path) -> Result<(), BundleError> {
         use std::fmt::Write;
-        let mut csv = String::from("point,lon,lat,h,view,col,row,residual_col,residual_row\n");
+        let mut csv = String::from(
+            "point,lon,lat,h,sigma_east_m,sigma_north_m,sigma_up_m,angle_deg,view,col,row,residual_col,residual_row\n",
+        );
         let mut residual_px = vec![0.0f64; self.points.len()];
         for t in &self.tie_points {
             let [lon, lat, h] = self.points[t.point].position.xyz();
+            let PointQuality { sigma_m: [east, north, up], angle_deg } = self.quality[t.point];
             let [d_col, d_row] = t.residual_px;
             let _ = writeln!(
                 csv,
-                "{},{lon:.8},{lat:.8},{h:.3},{},{:.3},{:.3},{d_col:.3},{d_row:.3}",
+                "{},{lon:.8},{lat:.8},{h:.3},{east:.3},{north:.3},{up:.3},{angle_deg:.1},{},{:.3},{:.3},{d_col:.3},{d_row:.3}",
                 t.point, self.cameras[t.view].0, t.px.col, t.px.row
             );
             residual_px[t.point] = residual_px[t.point].max(d_col.hypot(d_row));
@@ -128,23 +205,34 @@ impl Adjustment {
         let markers: Vec<Marker> = self
             .points
             .iter()
-            .zip(residual_px)
-            .map(|(p, worst)| Marker {
+            .zip(residual_px.iter().zip(&self.quality))
+            .map(|(p, (worst, q))| Marker {
                 place: p.position.xyz(),
-                numbers: vec![("views", f64::from(p.views)), ("worst_residual_px", worst)],
+                numbers: vec![
+                    ("views", f64::from(p.views)),
+                    ("worst_residual_px", *worst),
+                    ("angle_deg", q.angle_deg),
+                    ("sigma_east_m", q.sigma_m[0]),
+                    ("sigma_north_m", q.sigma_m[1]),
+                    ("sigma_up_m", q.sigma_m[2]),
+                ],
             })
             .collect();
         Ok(write_markers(&folder.join("tie_points.gpkg"), "tie_points", &markers)?)
     }
 
-    fn write_points(&self, path: &Path) -> Result<(), BundleError> {
-        let refused = |reason: String| BundleError::Points { path: path.into(), reason };
+    /// `points.laz`, and the same as `points.ply`.
+    pub(super) fn write_points(&self, folder: &Path) -> Result<(), BundleError> {
+        let path = &folder.join("points.laz");
+        let refused = |reason: String| BundleError::Points { path: path.clone(), reason };
         let Some(first) = self.points.first() else { return Err(refused("there are no points".into())) };
         let grid = SiteGrid::at(first.position).map_err(|e| refused(e.to_string()))?;
         let origin = grid.origin.xyz().map(f64::floor);
+        self.write_ply(&folder.join("points.ply"), &grid, origin)?;
         let axis = |k: usize| Transform { scale: RESOLUTION_M, offset: origin[k] };
         let mut builder = Builder::from((1, 4));
         builder.point_format.is_compressed = true;
+        builder.point_format.has_color = true;
         builder.transforms = Vector { x: axis(0), y: axis(1), z: axis(2) };
         builder.generating_software = concat!("satgs ", env!("CARGO_PKG_VERSION")).into();
         // The zone's code stands in the system identifier: LAS needs a WKT record to say more.
@@ -154,11 +242,36 @@ impl Adjustment {
             let mut writer = Writer::from_path(t, header).map_err(|e| refused(e.to_string()))?;
             for p in &self.points {
                 let [x, y, z] = grid.utm_from_geodetic(p.position).xyz();
-                let point = las::Point { x, y, z, intensity: p.views.into(), ..las::Point::default() };
+                // 16 bits of the 8.
+                let level = u16::from(p.gray) * 257;
+                let color = Some(las::Color::new(level, level, level));
+                let point = las::Point { x, y, z, intensity: p.views.into(), color, ..las::Point::default() };
                 writer.write_point(point).map_err(|e| refused(e.to_string()))?;
             }
             writer.close().map_err(|e| refused(e.to_string()))
         })
+    }
+
+    /// Single precision holds metres from `origin`, not map coordinates.
+    fn write_ply(&self, path: &Path, grid: &SiteGrid, origin: [f64; 3]) -> Result<(), BundleError> {
+        let [east, north, height] = origin;
+        let mut bytes = format!(
+            "ply\nformat binary_little_endian 1.0\n\
+             comment metres east, north, up of EPSG:{} {east} {north}, ellipsoidal height {height}\n\
+             element vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+            grid.epsg,
+            self.points.len()
+        )
+        .into_bytes();
+        for p in &self.points {
+            let place = grid.utm_from_geodetic(p.position).xyz();
+            for k in 0..3 {
+                bytes.extend_from_slice(&((place[k] - origin[k]) as f32).to_le_bytes());
+            }
+            bytes.extend_from_slice(&[p.gray; 3]);
+        }
+        Ok(write_file(path, bytes)?)
     }
 }
 
@@ -173,7 +286,8 @@ fn read_points(path: &Path) -> Result<Vec<SparsePoint>, BundleError> {
         .map(|p| {
             let p = p.map_err(|e| refused(e.to_string()))?;
             let position = grid.geodetic_from_utm(Point::new(p.x, p.y, p.z));
-            Ok(SparsePoint { position, views: u8::try_from(p.intensity).unwrap_or(u8::MAX) })
+            let gray = p.color.map_or(0, |c| (c.red / 257) as u8);
+            Ok(SparsePoint { position, views: u8::try_from(p.intensity).unwrap_or(u8::MAX), gray })
         })
         .collect()
 }

@@ -75,6 +75,8 @@ pub struct Block<'a> {
     pub loss_scale_px: f64,
     /// Which parameters are unknown.
     pub model: Model,
+    /// Views whose corrections stay as they are.
+    pub held: Vec<bool>,
     center: Point<Geodetic>,
     /// Degrees of longitude, degrees of latitude and metres of height a metre is.
     per_metre: [f64; 3],
@@ -101,7 +103,17 @@ impl<'a> Block<'a> {
         let across = a / w2.sqrt() + center.height_m();
         let along = a * (1.0 - e2) / w2.powf(1.5) + center.height_m();
         let per_metre = [(1.0 / (across * latitude.cos())).to_degrees(), (1.0 / along).to_degrees(), 1.0];
-        Self { rpcs, frames, tracks: Vec::new(), loss_scale_px: 1.0, model: Model::Shift, center, per_metre }
+        let held = vec![false; rpcs.len()];
+        Self {
+            rpcs,
+            frames,
+            tracks: Vec::new(),
+            loss_scale_px: 1.0,
+            model: Model::Shift,
+            held,
+            center,
+            per_metre,
+        }
     }
 
     /// Geodetic coordinates of a point.
@@ -160,8 +172,9 @@ impl<'a> Block<'a> {
             .with_min_len(64)
             .map(|(track, p)| {
                 let loss = |m: &Measurement| {
-                    let d = self.distance(m, &u.corrections[m.view], *p);
-                    m.weight * (d * d / scale2).ln_1p()
+                    let seen = self.project(m.view, &u.corrections[m.view], *p);
+                    let (d_col, d_row) = (m.px.col - seen.col, m.px.row - seen.row);
+                    m.weight * ((d_col * d_col + d_row * d_row) / scale2).ln_1p()
                 };
                 let observed = scale2 / (SIGMA_PX * SIGMA_PX) * track.seen.iter().map(loss).sum::<f64>();
                 0.5 * (observed + track.known.map_or(0.0, |k| k.square(*p)))

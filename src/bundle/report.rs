@@ -22,6 +22,8 @@ pub struct ViewReport {
     pub rms_px: f64,
     /// `corrected = delivered + shift`: column and row, pixels; of fixed cameras what it would take.
     pub shift_px: [f64; 2],
+    /// Standard deviations of the shift within the scene, its datum taken as given, pixels.
+    pub shift_sigma_px: [f64; 2],
     /// What is added at the image's edge: columns by columns, rows by rows, columns by rows, rows by columns, pixels.
     pub edge_px: [f64; 4],
 }
@@ -29,7 +31,13 @@ pub struct ViewReport {
 impl ViewReport {
     /// Gathers the figures from distances of the same observations, pixels.
     #[must_use]
-    pub fn new(name: &str, [col, row, edge @ ..]: Parameters, before: &[f64], after: &[f64]) -> Self {
+    pub fn new(
+        name: &str,
+        [col, row, edge @ ..]: Parameters,
+        [col_sigma, row_sigma, ..]: Parameters,
+        before: &[f64],
+        after: &[f64],
+    ) -> Self {
         Self {
             name: name.into(),
             observations: after.len(),
@@ -37,6 +45,7 @@ impl ViewReport {
             mean_px: mean(after),
             rms_px: rms(after),
             shift_px: [col, row],
+            shift_sigma_px: [col_sigma, row_sigma],
             edge_px: edge,
         }
     }
@@ -58,6 +67,11 @@ pub struct ControlReport {
 pub struct Report {
     /// What fixes the datum.
     pub gauge: String,
+    /// Independent combinations of the corrections that tie points and control leave open, so that the priors hold
+    /// them; three are the translation of the whole scene: points by t, shifts by -J t, J a camera's Jacobian.
+    pub open_directions: usize,
+    /// Standard deviation of an observation, after the residuals, pixels.
+    pub sigma_px: f64,
     /// What was corrected.
     pub model: Model,
     /// Tracks used.
@@ -131,6 +145,11 @@ impl Report {
             out,
             "{} tracks, {} observations, mean reprojection {:.3} -> {:.3} px",
             self.tracks, self.observations, self.mean_before_px, self.mean_px
+        );
+        let _ = writeln!(
+            out,
+            "datum: {}; {} combinations of corrections are open without it",
+            self.gauge, self.open_directions
         );
         if !self.control.is_empty() {
             let worst = self.control.iter().map(|c| c.residual_px).fold(0.0, f64::max);

@@ -89,25 +89,29 @@ impl<'a> Solver<Block<'a>, SearchState> for SchurLevenbergMarquardt {
 }
 
 /// The linearised problem, not yet damped.
-struct Normal {
+pub struct Normal {
     /// Every observation, track by track.
-    observations: Vec<Vec<Linearised>>,
+    pub observations: Vec<Vec<Linearised>>,
 }
 
-/// Sums over a group of tracks.
-struct Reduced {
-    matrix: DMatrix<f64>,
+/// The normal equations without the points.
+pub struct Reduced {
+    /// `U - W V⁻¹ Wᵀ`.
+    pub matrix: DMatrix<f64>,
     right: DVector<f64>,
 }
 
 /// A track's point, eliminated.
-struct Eliminated {
-    inverse: Cholesky<f64, nalgebra::Const<3>>,
+pub struct Eliminated {
+    /// `V⁻¹`.
+    pub inverse: Cholesky<f64, nalgebra::Const<3>>,
     right: Vector3<f64>,
 }
 
 impl Normal {
-    fn new(p: &Block, at: &Unknowns) -> Self {
+    /// Linearises at a place.
+    #[must_use]
+    pub fn new(p: &Block, at: &Unknowns) -> Self {
         let observations = p
             .tracks
             .par_iter()
@@ -131,12 +135,7 @@ impl Normal {
 
     /// The same with `P` parameters a view.
     fn step_of<const P: usize>(&self, p: &Block, here: &Unknowns, damping: f64) -> Option<(Unknowns, f64)> {
-        let points: Vec<Option<Eliminated>> = (0..p.tracks.len())
-            .into_par_iter()
-            .with_min_len(64)
-            .map(|t| self.eliminate(p, t, here.points[t], damping))
-            .collect();
-        let points: Vec<Eliminated> = points.into_iter().collect::<Option<_>>()?;
+        let points = self.eliminated(p, here, damping)?;
         let steps = self.correction_steps::<P>(p, here, &points, damping)?;
         let moved: Vec<([f64; 3], f64)> = points
             .par_iter()
@@ -206,14 +205,21 @@ impl Normal {
                 let i = P * v + k;
                 total.matrix[(i, i)] = total.matrix[(i, i)] * (1.0 + damping) + w[k];
                 total.right[i] -= w[k] * correction[k];
+                if p.held[v] {
+                    total.matrix.row_mut(i).fill(0.0);
+                    total.matrix.column_mut(i).fill(0.0);
+                    total.matrix[(i, i)] = 1.0;
+                    total.right[i] = 0.0;
+                }
             }
         }
         let solution = Cholesky::<f64, Dyn>::new(total.matrix)?.solve(&total.right);
         Some((0..views).map(|v| SMatrix::from_fn(|k, _| solution[P * v + k])).collect())
     }
 
-    /// The normal equations without the points: `U - W V⁻¹ Wᵀ` and its right side, priors not in it.
-    fn reduced<const P: usize>(&self, p: &Block, points: &[Eliminated]) -> Reduced {
+    /// The normal equations without the points, priors not in them.
+    #[must_use]
+    pub fn reduced<const P: usize>(&self, p: &Block, points: &[Eliminated]) -> Reduced {
         let n = P * p.rpcs.len();
         let groups: Vec<Reduced> = (0..p.tracks.len().div_ceil(GROUP))
             .into_par_iter()
@@ -260,6 +266,17 @@ impl Normal {
         }
     }
 
+    /// Every track's point; none if the rays of one leave it open.
+    #[must_use]
+    pub fn eliminated(&self, p: &Block, here: &Unknowns, damping: f64) -> Option<Vec<Eliminated>> {
+        let points: Vec<Option<Eliminated>> = (0..p.tracks.len())
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|t| self.eliminate(p, t, here.points[t], damping))
+            .collect();
+        points.into_iter().collect()
+    }
+
     /// The damped normal equations of a track's point.
     fn eliminate(&self, p: &Block, t: usize, point: [f64; 3], damping: f64) -> Option<Eliminated> {
         let mut normal = Matrix3::zeros();
@@ -283,7 +300,9 @@ impl Normal {
     }
 }
 
-fn jacobian(o: &Linearised) -> Matrix2x3<f64> {
+/// Derivatives of an observation by its point.
+#[must_use]
+pub fn jacobian(o: &Linearised) -> Matrix2x3<f64> {
     let [a, b] = o.by_point;
     Matrix2x3::new(a[0], a[1], a[2], b[0], b[1], b[2])
 }

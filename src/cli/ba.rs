@@ -3,13 +3,14 @@
 use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::train::write_json;
-use super::{Failure, Ui};
+use super::{Failure, Ui, align};
 use crate::bundle::{Model, Options, adjust, read_control};
 use crate::raster::Vertical;
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 
-/// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, points.laz, tie_points.csv and .gpkg, report.json, pictures
+/// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, points.laz and .ply, tie_points.csv and .gpkg, report.json,
+/// pictures
 ///
 /// Finds keypoints, matches them along the epipolar segments between two heights, joins them to tracks and adjusts
 /// one shift a view. The corrected RPCs are exact (the shift goes into the offsets) and fit any stereo pipeline.
@@ -30,12 +31,16 @@ pub struct Args {
     /// What its heights count from: `ellipsoid`, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ) [default: as it says]
     #[arg(long, value_name = "REFERENCE", requires = "dem")]
     dem_vertical: Option<String>,
-    /// What is corrected: `shift` (images up to 8,000 pixels a side), `shift-scale`, or `affine` (whole scenes)
+    /// What is corrected: `shift` (images up to 8,000 pixels a side, and any small --aoi), `shift-scale`, or `affine`;
+    /// the latter two are for whole scenes: a crop of one is too small to tell a drift from noise
     #[arg(long, value_name = "MODEL", default_value = "shift", value_parser = parse_model)]
     model: Model,
     /// Surveyed points, which then fix the datum: CSV with the columns lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px
     #[arg(long, value_name = "FILE")]
     gcps: Option<PathBuf>,
+    /// View whose RPC is trusted and not corrected: the datum is its own; may be given several times
+    #[arg(long, value_name = "VIEW", conflicts_with = "fixed")]
+    reference: Vec<String>,
     /// Leave the RPCs as they are: tracks, points, and a report of how well they agree
     #[arg(long)]
     fixed: bool,
@@ -93,6 +98,9 @@ impl Args {
         out.insert("--height-range".into(), format!("{heights:?}"));
         out.insert("--fixed".into(), self.fixed.to_string());
         out.insert("--model".into(), format!("{:?}", self.model));
+        if !self.reference.is_empty() {
+            out.insert("--reference".into(), self.reference.join(", "));
+        }
         if let Some(gcps) = &self.gcps {
             out.insert("--gcps".into(), hash_file(gcps));
         }
@@ -117,13 +125,20 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     }
     let started = std::time::Instant::now();
     let control = args.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();
-    let options = Options { fixed: args.fixed, model: args.model, height_range: heights, control };
+    let options = Options {
+        fixed: args.fixed,
+        model: args.model,
+        height_range: heights,
+        control,
+        reference: args.reference.clone(),
+    };
     let adjustment = adjust(&scene, &options, &|e| ui.show(e))?;
     let used = Scene {
         views: scene.views.into_iter().filter(|v| adjustment.cameras.iter().any(|c| c.0 == v.name)).collect(),
         ..scene
     };
     adjustment.write(&args.output.join("ba"), &used)?;
+    align::forget(&args.output)?;
     write_json(&args.output.join("scene.json"), &used)?;
     stage.complete()?;
     let seconds = started.elapsed().as_secs_f64();

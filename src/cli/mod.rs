@@ -5,6 +5,7 @@ mod interrupt;
 mod stage;
 mod ui;
 
+mod align;
 mod ba;
 mod dsm;
 mod dsm_eval;
@@ -65,6 +66,7 @@ enum Command {
     Info(info::Args),
     Rpc(rpc::Args),
     Ba(ba::Args),
+    Align(align::Args),
     Train(train::Args),
     Dsm(dsm::Args),
     DsmEval(dsm_eval::Args),
@@ -92,6 +94,7 @@ pub fn main() -> std::process::ExitCode {
         Command::Info(args) => info::run(args, &ui),
         Command::Rpc(args) => rpc::run(args, &ui),
         Command::Ba(args) => ba::run(args, &ui),
+        Command::Align(args) => align::run(args, &ui),
         Command::Train(args) => train::run(args, &ui),
         Command::Dsm(args) => dsm::run(args, &ui),
         Command::DsmEval(args) => dsm_eval::run(args, &ui),

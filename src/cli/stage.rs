@@ -95,9 +95,14 @@ impl Stage {
         Ok(write_file(&self.record, text)?)
     }
 
-    fn forget(&self) -> Result<(), Failure> {
-        std::fs::remove_file(&self.record)
-            .map_err(|e| RasterError::Write { path: self.record.clone(), reason: e.to_string() }.into())
+    /// Forgets that the stage is complete, if it is.
+    pub fn forget(&self) -> Result<(), Failure> {
+        match std::fs::remove_file(&self.record) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+                Err(RasterError::Write { path: self.record.clone(), reason: e.to_string() }.into())
+            }
+            _ => Ok(()),
+        }
     }
 }
 

@@ -66,7 +66,7 @@ pub struct Options {
 
 /// The trained surface, matched with the views, in a run's folder; and the one that training started on.
 pub const SURFACE: &str = "train/surface.tif";
-const FIRST_SURFACE: &str = "train/first_surface.tif";
+pub const FIRST_SURFACE: &str = "train/first_surface.tif";
 
 /// `RUN/cameras.json`.
 #[derive(Serialize, Deserialize)]

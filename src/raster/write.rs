@@ -88,15 +88,6 @@ impl Cog<'_> {
         labels: &[(&str, &str)],
         predictor: &str,
     ) -> Result<(), RasterError> {
-        let threads = rayon::current_num_threads().to_string();
-        let options = [
-            ("NUM_THREADS", threads.as_str()),
-            ("COMPRESS", "DEFLATE"),
-            ("PREDICTOR", predictor),
-            ("BLOCKSIZE", "256"),
-            ("OVERVIEWS", "IGNORE_EXISTING"),
-            ("RESAMPLING", "AVERAGE"),
-        ];
         write_atomically(path, |temporary| {
             let make = || -> Result<(), Box<dyn std::error::Error>> {
                 let mut memory = memory_dataset(self.grid.width, self.grid.height, bands, nodata)?;
@@ -120,7 +111,7 @@ impl Cog<'_> {
                     // What GDAL computes stays in the band's metadata.
                     let _ = memory.rasterband(i)?.get_statistics(true, false);
                 }
-                copy_as(&memory, "COG", temporary, &options)
+                copy_as(&memory, "COG", temporary, &cog_options(predictor))
             };
             make().map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
         })
@@ -202,6 +193,57 @@ pub fn write_with_rpc(image: &Path, out: &Path, rpc: &[(String, String)]) -> Res
     })
 }
 
+/// Copies a map as a Cloud-Optimized GeoTIFF that lies elsewhere: metres east and north, and `up` metres added to its
+/// first band, which are heights if this is not zero.
+///
+/// # Errors
+/// [`RasterError`].
+pub fn write_moved(map: &Path, out: &Path, [east, north, up]: [f64; 3]) -> Result<(), RasterError> {
+    let source = ImageFile::open(map)?;
+    let grid = source.map_grid()?;
+    let moved = MapGrid { west: grid.west + east, north: grid.north + north, ..grid };
+    write_atomically(out, |temporary| {
+        let make = || -> Result<(), Box<dyn std::error::Error>> {
+            let memory = DriverManager::get_driver_by_name("MEM")?;
+            let mut copy = source.dataset.create_copy(&memory, "", &RasterCreationOptions::default())?;
+            copy.set_geo_transform(&moved.geo_transform())?;
+            for i in 1..=copy.raster_count() {
+                // Not copied.
+                let mut band = copy.rasterband(i)?;
+                band.set_description(&source.dataset.rasterband(i)?.description()?)?;
+                set_unit(&band, &source.unit(i)?)?;
+            }
+            let mut band = copy.rasterband(1)?;
+            if up != 0.0 {
+                let size = copy.raster_size();
+                let mut heights = band.read_as::<f32>((0, 0), size, size, None)?;
+                heights.data_mut().iter_mut().for_each(|v| *v = (f64::from(*v) + up) as f32);
+                band.write((0, 0), size, &mut heights)?;
+                for item in ["STATISTICS_MINIMUM", "STATISTICS_MAXIMUM", "STATISTICS_MEAN"] {
+                    if let Some(v) = band.metadata_item(item, "").and_then(|v| v.parse::<f64>().ok()) {
+                        band.set_metadata_item(item, &(v + up).to_string(), "")?;
+                    }
+                }
+            }
+            let predictor = if band.band_type().is_floating() { "FLOATING_POINT" } else { "STANDARD" };
+            copy_as(&copy, "COG", temporary, &cog_options(predictor))
+        };
+        make().map_err(|e| RasterError::Write { path: out.into(), reason: e.to_string() })
+    })
+}
+
+/// How Cloud-Optimized GeoTIFFs are encoded.
+fn cog_options(predictor: &str) -> [(&'static str, String); 6] {
+    [
+        ("NUM_THREADS", rayon::current_num_threads().to_string()),
+        ("COMPRESS", "DEFLATE".into()),
+        ("PREDICTOR", predictor.into()),
+        ("BLOCKSIZE", "256".into()),
+        ("OVERVIEWS", "IGNORE_EXISTING".into()),
+        ("RESAMPLING", "AVERAGE".into()),
+    ]
+}
+
 pub(super) fn memory_dataset<T: GdalType + Copy>(
     width: usize,
     height: usize,
@@ -235,7 +277,7 @@ fn copy_as(
     memory: &Dataset,
     driver: &str,
     path: &Path,
-    options: &[(&str, &str)],
+    options: &[(&str, impl std::fmt::Display)],
 ) -> Result<(), Box<dyn std::error::Error>> {
     let driver = DriverManager::get_driver_by_name(driver)?;
     let options: RasterCreationOptions = options.iter().map(|(k, v)| format!("{k}={v}")).collect();
@@ -339,6 +381,37 @@ mod tests {
         assert_eq!(back.data[8..], plane.data[8..]);
         let names: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
         assert_eq!(names.len(), 1, "nothing but the file itself: {names:?}");
+    }
+
+    #[test]
+    fn a_moved_map_keeps_all_but_its_place_and_its_heights() {
+        let dir = tempfile::tempdir().unwrap();
+        let (path, out) = (dir.path().join("dsm.tif"), dir.path().join("moved.tif"));
+        let mut plane = Plane::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
+        plane.data[7] = f32::NAN;
+        let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+        cog.write_f32(&path, &[("height", "m", &plane), ("score", "", &plane)]).unwrap();
+        write_moved(&path, &out, [1.25, -0.5, 3.5]).unwrap();
+        let file = ImageFile::open(&out).unwrap();
+        let expected = MapGrid { west: grid().west + 1.25, north: grid().north - 0.5, ..grid() };
+        assert_eq!(file.map_grid().unwrap(), expected);
+        assert_eq!(file.metadata(Vertical::ITEM, "").unwrap(), "WGS 84 ellipsoid");
+        assert_eq!(file.metadata("LAYOUT", "IMAGE_STRUCTURE").unwrap(), "COG");
+        assert_eq!(file.unit(1).unwrap(), "m");
+        assert_eq!(file.dataset.rasterband(2).unwrap().description().unwrap(), "score");
+        let (heights, scores) = (file.read(1).unwrap(), file.read(2).unwrap());
+        assert!(heights.data[7].is_nan());
+        assert_eq!(heights.data[8], plane.data[8] + 3.5);
+        assert_eq!(scores.data[8..], plane.data[8..]);
+        let highest: f64 = file
+            .dataset
+            .rasterband(1)
+            .unwrap()
+            .metadata_item("STATISTICS_MAXIMUM", "")
+            .unwrap()
+            .parse()
+            .unwrap();
+        assert!((highest - 59.9 - 3.5).abs() < 1e-3, "{highest}");
     }
 
     #[test]

@@ -220,6 +220,18 @@ impl Rpc {
         Self(c)
     }
 
+    /// The camera that sees at `p` plus a step on the ground what this one sees at `p`: exact, by the offsets alone.
+    ///
+    /// The step is in degrees of longitude and latitude and in metres of height.
+    #[must_use]
+    pub fn moved_on_ground(&self, [lon_deg, lat_deg, height_m]: [f64; 3]) -> Self {
+        let mut c = self.0.clone();
+        c.lon.offset += lon_deg;
+        c.lat.offset += lat_deg;
+        c.height.offset += height_m;
+        Self(c)
+    }
+
     /// The camera of the part of the image whose first pixel is this image's pixel `(col, row)`: exact.
     #[must_use]
     pub fn cropped(&self, col: usize, row: usize) -> Self {
@@ -389,6 +401,14 @@ pub(crate) mod tests {
         let p = Point::new(5.4391, 43.2604, 150.0);
         let (a, b) = (rpc.project(p), rpc.shifted(1.5, -36.0).project(p));
         assert!((b.col - a.col - 1.5).abs() < 1e-9 && (b.row - a.row + 36.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_camera_moved_on_the_ground_sees_there_what_it_saw_before() {
+        let rpc = synthetic();
+        let (p, step) = (Point::new(5.4391, 43.2604, 150.0), [3e-5, -2e-5, 7.0]);
+        let q = Point::new(p.lon_deg() + step[0], p.lat_deg() + step[1], p.height_m() + step[2]);
+        assert!(rpc.moved_on_ground(step).project(q).distance(rpc.project(p)) < 1e-6);
     }
 
     #[test]

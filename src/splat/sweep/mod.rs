@@ -2,9 +2,9 @@
 //!
 //! Every cell tries the altitudes of a stack of surfaces parallel to the ground. At each, the views are sampled
 //! where they would see the cell and compared pair by pair (`correlation`); semi-global matching picks altitudes
-//! that agree with their neighbours' (`semiglobal`). A second pass knows from the first what hides a cell from a
-//! view, which brings streets between high walls to light, and what the cells look like (`look`). It starts training near the surface, and sharpens
-//! what training found.
+//! that agree with their neighbours' (`semiglobal`). A second pass knows from the first what hides a cell from a view,
+//! which brings streets between high walls to light, and what the cells look like (`look`). It starts training near the
+//! surface, and sharpens what training found.
 
 mod correlation;
 mod file;
