@@ -185,3 +185,16 @@ fn a_bad_reference_changes_nothing() {
     let nowhere = satgs(&["align", r.scene.to_str().unwrap(), "--to", r.truth.to_str().unwrap()]);
     assert_eq!(nowhere.status.code(), Some(2));
 }
+
+#[test]
+fn later_stages_finish_an_interrupted_alignment() {
+    let folder = tempfile::tempdir().unwrap();
+    let waiting = folder.path().join("align.pending/ba");
+    for command in ["train", "dsm"] {
+        std::fs::create_dir_all(&waiting).unwrap();
+        std::fs::write(waiting.join("report.json"), command).unwrap();
+        assert!(!satgs(&[command, folder.path().to_str().unwrap()]).status.success(), "there are no images");
+        assert_eq!(std::fs::read_to_string(folder.path().join("ba/report.json")).unwrap(), command);
+        assert!(!folder.path().join("align.pending").exists());
+    }
+}

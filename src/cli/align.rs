@@ -182,7 +182,7 @@ pub(super) fn forget(run: &Path) -> Result<(), Failure> {
 }
 
 /// Puts what waits in its place, also what an interrupted command left.
-fn finish(run: &Path) -> Result<(), Failure> {
+pub(super) fn finish(run: &Path) -> Result<(), Failure> {
     let pending = run.join(PENDING);
     if !pending.exists() {
         return Ok(());

@@ -2,7 +2,7 @@
 
 use super::interrupt::Interruptible;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
-use super::{Failure, Ui};
+use super::{Failure, Ui, align};
 use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
 use crate::event::Event;
@@ -13,7 +13,7 @@ use crate::splat::appearance::Appearance;
 use crate::splat::backend::{Snapshot, TrainingBackend};
 use crate::splat::checkpoint::Checkpoint;
 use crate::splat::cpu::CpuBackend;
-use crate::splat::recipe::Recipe;
+use crate::splat::recipe::{Recipe, Start};
 use crate::splat::setup::Setup;
 use crate::splat::sweep::{Sweep, SweptSurface};
 use crate::splat::train::{LogLine, Schedule, train};
@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 /// Train Gaussian splats on an adjusted run: RUN/splats.ply, RUN/cameras.json
 ///
 /// Fits affine cameras to the RPCs that `satgs ba` corrected, matches the views to find the surface that splats start
-/// on (recipe `best`; `baeogs` starts at the sparse points), and trains the splats on the images with cast shadows.
+/// on (recipe `best`; `baeogs` starts at the sparse points, `eogs` all over the air), and trains the splats on the images with cast shadows.
 /// Views without a sun train without shadows.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -47,7 +47,7 @@ pub struct Args {
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "training")]
 pub struct Options {
-    /// Training choices: `best`, `baeogs` as the paper has it, or a TOML file
+    /// Training choices: `best`, `baeogs` or `eogs` as the papers have them, or a TOML file
     #[arg(long, default_value = Recipe::NAMES[0], value_name = "NAME|FILE")]
     recipe: String,
     /// Iterations; the whole schedule scales with them [default: the recipe's]
@@ -83,8 +83,9 @@ pub struct TrainedCameras {
 }
 
 impl TrainedCameras {
-    /// Reads a run's cameras.
+    /// Reads a run's cameras, aligned if an alignment was interrupted.
     pub fn read(run: &Path) -> Result<Self, Failure> {
+        align::finish(run)?;
         read_json(&run.join("cameras.json"), "`satgs train RUN` makes it")
     }
 }
@@ -102,6 +103,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
 
 /// Trains a run folder, unless it is trained already; goes on from a checkpoint of the same input and options.
 pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Result<(), Failure> {
+    align::finish(run)?;
     let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
     let mut recipe = match Recipe::named(&options.recipe) {
         Some(recipe) => recipe,
@@ -132,13 +134,14 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     let (at_start, mut log, state) = match checkpoints.take_up(views.len(), overwrite, ui)? {
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
-            let splats = match sweep(&recipe, &setup, &views, &sparse) {
-                Some(sweep) => {
+            let splats = match (sweep(&recipe, &setup, &views, &sparse), recipe.start) {
+                (Some(sweep), _) => {
                     let first = sweep.run(&|e| ui.show(e));
                     first.write(&run.join(FIRST_SURFACE))?;
                     init::on_surface(&first, &views)
                 }
-                None => init::on_points(&sparse, setup.area, options.seed),
+                (None, Start::Surface | Start::Points) => init::on_points(&sparse, setup.area, options.seed),
+                (None, Start::Box) => init::in_box(setup.area, setup.altitudes, options.seed),
             };
             (splats.len(), Vec::new(), Snapshot::start(splats, views.len()))
         }
@@ -149,6 +152,7 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         recipe: &recipe,
         views: names.len(),
         half_side_m: setup.half_side_m(),
+        splats_at_start: at_start,
         seed: options.seed,
     };
     let interruptible = Interruptible::new();
@@ -182,7 +186,7 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
 
 /// The sweep that finds the surface, if the recipe has one and two views can be matched.
 fn sweep(recipe: &Recipe, setup: &Setup, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Sweep> {
-    recipe.sweep.then(|| Sweep::new(setup, views, sparse)).flatten()
+    (recipe.start == Start::Surface).then(|| Sweep::new(setup, views, sparse)).flatten()
 }
 
 /// Says what training made; `splats` are their numbers at the start and at the end.

@@ -5,7 +5,7 @@ use super::appearance::Appearance;
 use super::density::{Change, Statistics};
 use super::gaussians::Gaussians;
 use super::objective::{LossWeights, Losses};
-use super::recipe::{Growth, SiteLengths};
+use super::recipe::Growth;
 use serde::{Deserialize, Serialize};
 
 /// Everything one iteration does.
@@ -36,8 +36,8 @@ pub struct StepPlan {
 /// Changes to the splats' number and opacity after a step.
 #[derive(Clone, Debug, Default)]
 pub struct Population {
-    /// Double the splats that ask for it.
-    pub grow: Option<(Growth, SiteLengths)>,
+    /// Double the splats that ask for it, in a cube of this half side, metres.
+    pub grow: Option<(Growth, f64)>,
     /// Remove splats fainter than this.
     pub prune_below: Option<f64>,
     /// Lower opacities to this.

@@ -55,9 +55,9 @@ impl CpuBackend {
     fn change_population(&mut self, plan: &StepPlan, report: &mut StepReport) {
         let p = &plan.population;
         let Snapshot { splats, adam, statistics, .. } = &mut self.state;
-        if let Some((rule, lengths)) = &p.grow {
+        if let Some((rule, half_side_m)) = &p.grow {
             let draw = (p.seed, u64::from(plan.iteration));
-            report.change.grown = grow(splats, adam, statistics, rule, lengths, draw);
+            report.change.grown = grow(splats, adam, statistics, rule, *half_side_m, draw);
         }
         if let Some(opacity) = p.prune_below {
             report.change.pruned = prune(splats, adam, opacity, self.altitudes);
@@ -136,7 +136,7 @@ mod tests {
     use crate::splat::gaussians::Gaussians;
     use crate::splat::ply;
     use crate::splat::random::Draw;
-    use crate::splat::recipe::{Recipe, Reset};
+    use crate::splat::recipe::{Growth, Recipe, Reset};
     use crate::splat::train::{Schedule, train};
     use std::convert::Infallible;
 
@@ -146,9 +146,8 @@ mod tests {
         recipe.iterations = 200;
         recipe.half_resolution_until = 30;
         recipe.shadows_from = 50;
-        recipe.growth.from = 20;
-        recipe.growth.until = 150;
-        recipe.growth.every = 10;
+        recipe.check_every = 10;
+        recipe.growth = recipe.growth.map(|g| Growth { from: 20, until: 150, ..g });
         recipe.reset = Some(Reset { every: 100, opacity: 0.005, opacity_loss_rests: 10, growth_rests: 10 });
         recipe
     }
@@ -180,7 +179,8 @@ mod tests {
     fn trained(threads: usize) -> (Snapshot, Vec<usize>) {
         let (mut backend, mut log) = (backend(), Vec::new());
         let recipe = compressed();
-        let schedule = Schedule { recipe: &recipe, views: 3, half_side_m: 20.0, seed: 0 };
+        let schedule =
+            Schedule { recipe: &recipe, views: 3, half_side_m: 20.0, splats_at_start: 3000, seed: 0 };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| train(&mut backend, &schedule, &mut log, &ignore, |_, _| Ok::<_, Infallible>(())))
             .unwrap();

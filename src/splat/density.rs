@@ -3,7 +3,7 @@
 use super::adam::SplatAdam;
 use super::gaussians::{Gaussians, logit, rotation_matrix, sigmoid};
 use super::random::Draw;
-use super::recipe::{Growth, SiteLengths};
+use super::recipe::Growth;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -66,13 +66,13 @@ pub struct Change {
     pub pruned: usize,
 }
 
-/// Doubles the splats that ask for it; `draw` is (seed, iteration).
+/// Doubles the splats that ask for it, in a cube of this half side; `draw` is (seed, iteration).
 pub fn grow(
     splats: &mut Gaussians,
     adam: &mut SplatAdam,
     statistics: &Statistics,
     rule: &Growth,
-    lengths: &SiteLengths,
+    half_side_m: f64,
     draw: (u64, u64),
 ) -> usize {
     let n = splats.len();
@@ -86,13 +86,13 @@ pub fn grow(
         let mean = statistics.gradient[i] / statistics.views[i].max(1) as f32;
         let radius = RADIUS_SIGMAS * f64::from(scale) * statistics.magnification;
         let wants = f64::from(mean) > rule.gradient
-            || f64::from(scale) > lengths.max_scale_m
+            || f64::from(scale) > rule.max_scale * half_side_m
             || radius > rule.max_radius;
         if !wants {
             continue;
         }
         grown += 1;
-        if f64::from(scale) < lengths.copy_below_m {
+        if f64::from(scale) < rule.copy_below * half_side_m {
             let copy = splats.clone_one(i);
             splats.push_copy(&copy, 0);
             adam.push_zero();
@@ -166,10 +166,9 @@ mod tests {
     #[test]
     fn small_splats_are_copied_large_ones_split_and_faint_ones_removed() {
         let recipe = Recipe::named("baeogs").unwrap();
-        let lengths = recipe.site_lengths(226.0);
         let (mut g, mut adam, mut s) = set();
         s.rendered(|i| [Some([0.01, 0.0]), Some([0.0, 0.01]), None][i], 0.0, 1.0);
-        assert_eq!(grow(&mut g, &mut adam, &s, &recipe.growth, &lengths, (0, 100)), 2);
+        assert_eq!(grow(&mut g, &mut adam, &s, &recipe.growth.unwrap(), 226.0, (0, 100)), 2);
         // The copy and the original, the faint one, and the two halves.
         assert_eq!(g.len(), 5);
         assert_eq!(adam.first.len(), 5);

@@ -1,7 +1,6 @@
 //! A recipe: the complete set of training choices, by name.
 //!
-//! Numbers marked *cube* are given by the papers in their [-1, 1] cube; [`Recipe::site_lengths`] is the one place
-//! where they become metres.
+//! Numbers marked *cube* are lengths in the papers' [-1, 1] cube: times half its side, they are metres.
 
 use super::objective::LossWeights;
 use serde::{Deserialize, Serialize};
@@ -9,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 /// Iterations of the default recipe, instead of the papers' 5000: it starts near the surface.
 const BEST_ITERATIONS: u32 = 4000;
+/// Opacity whose logit is -6.
+const EOGS_PRUNES_BELOW: f64 = 0.002_472_6;
 
 /// Why a recipe could not be read.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
@@ -54,6 +55,18 @@ pub struct LearningRates {
     pub appearance: f64,
 }
 
+/// What splats start on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Start {
+    /// The surface that matching finds; it also sharpens the DSM afterwards. Otherwise the DSM is the splats' alone.
+    Surface,
+    /// The sparse points, with a level carpet (BAEOGS §3.1).
+    Points,
+    /// Everywhere in the area's box of air (EOGS).
+    Box,
+}
+
 /// When and which splats are doubled (BAEOGS §3.3, on gsplat's default strategy).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -62,8 +75,6 @@ pub struct Growth {
     pub from: u32,
     /// Last iteration.
     pub until: u32,
-    /// Iterations between checks; faint splats are removed as often, from the start to the end.
-    pub every: u32,
     /// Largest scale that is left alone, *cube* half sides.
     pub max_scale: f64,
     /// Largest projected radius that is left alone, of the longer image side.
@@ -100,19 +111,23 @@ pub struct Recipe {
     pub iterations: u32,
     /// Iterations at half the images' resolution before the full one.
     pub half_resolution_until: u32,
-    /// Whether matching finds the surface that splats start on, and sharpens the DSM afterwards. Otherwise splats
-    /// start at the sparse points with a level carpet, and the DSM is theirs alone.
-    pub sweep: bool,
+    /// What splats start on.
+    pub start: Start,
     /// Step sizes.
     pub rates: LearningRates,
     /// What the loss weighs.
     pub weights: LossWeights,
+    /// Whether the sum of opacities is divided by the number of splats at the start (EOGS) instead of the present one
+    /// (BAEOGS).
+    pub opacity_by_start: bool,
     /// Iteration from which shadows and the virtual camera count (EOGS: 1000).
     pub shadows_from: u32,
     /// Largest shear of the virtual camera, half image sides per metre of altitude (EOGS: 0.01).
     pub virtual_shear: f64,
-    /// Doubling.
-    pub growth: Growth,
+    /// Iterations between checks, at which faint splats are removed and others doubled.
+    pub check_every: u32,
+    /// Doubling; none if absent.
+    pub growth: Option<Growth>,
     /// Splats fainter than this are removed (BAEOGS: 0.0025).
     pub prune_below: f64,
     /// Scale beyond which no splat grows, *cube* half sides; unlimited if absent.
@@ -121,31 +136,27 @@ pub struct Recipe {
     pub reset: Option<Reset>,
 }
 
-/// A recipe's *cube* lengths at a site, metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SiteLengths {
-    /// Adam's step in position.
-    pub position_step_m: f64,
-    /// Largest scale that is left alone.
-    pub max_scale_m: f64,
-    /// Splats smaller than this are copied.
-    pub copy_below_m: f64,
-    /// Scale beyond which no splat grows.
-    pub largest_scale_m: Option<f64>,
-}
-
 impl Recipe {
     /// Names of the recipes that come with the program, the default first.
-    pub const NAMES: [&'static str; 2] = ["best", "baeogs"];
+    pub const NAMES: [&'static str; 3] = ["best", "baeogs", "eogs"];
 
     /// A recipe by name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
+        let growth = Growth {
+            from: 500,
+            until: 4000,
+            max_scale: 0.03,
+            max_radius: 0.15,
+            gradient: 0.0006,
+            copy_below: 0.01,
+            max_splats: 2_000_000,
+        };
         let baeogs = Self {
             name: "baeogs".into(),
             iterations: 5000,
             half_resolution_until: 0,
-            sweep: false,
+            start: Start::Points,
             rates: LearningRates {
                 position: 0.000_16 * 2.22,
                 position_decay: 1.0,
@@ -161,35 +172,39 @@ impl Recipe {
                 consistency_color: 0.1,
                 shadow_entropy: 0.01,
             },
+            opacity_by_start: false,
             shadows_from: 1000,
             virtual_shear: 0.01,
-            growth: Growth {
-                from: 500,
-                until: 4000,
-                every: 100,
-                max_scale: 0.03,
-                max_radius: 0.15,
-                gradient: 0.0006,
-                copy_below: 0.01,
-                max_splats: 2_000_000,
-            },
+            check_every: 100,
+            growth: Some(growth),
             prune_below: 0.0025,
             largest_scale: None,
             reset: Some(Reset { every: 3000, opacity: 0.005, opacity_loss_rests: 200, growth_rests: 500 }),
         };
         match name {
             "baeogs" => Some(baeogs),
+            // EOGS looks for faint splats in every iteration. Between 1/255 and this opacity no pixel sees them, so that
+            // to wait a little changes nothing.
+            "eogs" => Some(Self {
+                name: "eogs".into(),
+                start: Start::Box,
+                opacity_by_start: true,
+                growth: None,
+                prune_below: EOGS_PRUNES_BELOW,
+                reset: None,
+                ..baeogs
+            }),
             "best" => {
                 let best = Self {
                     name: "best".into(),
-                    sweep: true,
+                    start: Start::Surface,
                     half_resolution_until: 3500,
                     // The swept surface is near the truth: small steps keep it there.
                     rates: LearningRates { position: 0.000_1, position_decay: 0.1, ..baeogs.rates },
                     reset: None,
                     // What growth would split. Once it has ended, a hundredth of the splats would become wider than
                     // buildings and take three quarters of the time.
-                    largest_scale: Some(baeogs.growth.max_scale),
+                    largest_scale: Some(growth.max_scale),
                     ..baeogs
                 };
                 Some(best.with_iterations(BEST_ITERATIONS))
@@ -219,7 +234,8 @@ impl Recipe {
 
     /// What is wrong with it, if anything.
     fn check(&self) -> Result<(), String> {
-        let (r, w, g) = (&self.rates, &self.weights, &self.growth);
+        let (r, w) = (&self.rates, &self.weights);
+        let of_growth = |value: fn(&Growth) -> f64| self.growth.as_ref().map_or(0.0, value);
         let numbers = [
             ("rates.position", r.position),
             ("rates.position_decay", r.position_decay),
@@ -233,10 +249,10 @@ impl Recipe {
             ("weights.consistency_color", w.consistency_color),
             ("weights.shadow_entropy", w.shadow_entropy),
             ("virtual_shear", self.virtual_shear),
-            ("growth.max_scale", g.max_scale),
-            ("growth.max_radius", g.max_radius),
-            ("growth.gradient", g.gradient),
-            ("growth.copy_below", g.copy_below),
+            ("growth.max_scale", of_growth(|g| g.max_scale)),
+            ("growth.max_radius", of_growth(|g| g.max_radius)),
+            ("growth.gradient", of_growth(|g| g.gradient)),
+            ("growth.copy_below", of_growth(|g| g.copy_below)),
             ("largest_scale", self.largest_scale.unwrap_or_default()),
         ];
         if let Some((name, value)) = numbers.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
@@ -251,7 +267,7 @@ impl Recipe {
         }
         let counts = [
             ("iterations", self.iterations),
-            ("growth.every", g.every),
+            ("check_every", self.check_every),
             ("reset.every", self.reset.map_or(1, |r| r.every)),
         ];
         match counts.into_iter().find(|(_, v)| *v == 0) {
@@ -262,14 +278,14 @@ impl Recipe {
 
     /// The same recipe with every time scaled to another number of iterations.
     ///
-    /// The interval between growth checks stays: gradients need that many views to be averaged, and what has not
+    /// The interval between checks stays: gradients need that many views to be averaged, and what has not
     /// settled yet would double with every check.
     #[must_use]
     pub fn with_iterations(&self, iterations: u32) -> Self {
         let scale =
             |t: u32| (u64::from(t) * u64::from(iterations) / u64::from(self.iterations.max(1))) as u32;
         let at_least_one = |t: u32| scale(t).max(1);
-        let growth = Growth { from: scale(self.growth.from), until: scale(self.growth.until), ..self.growth };
+        let growth = self.growth.map(|g| Growth { from: scale(g.from), until: scale(g.until), ..g });
         let reset = self.reset.map(|r| Reset {
             every: at_least_one(r.every),
             opacity_loss_rests: scale(r.opacity_loss_rests),
@@ -283,17 +299,6 @@ impl Recipe {
             growth,
             reset,
             ..self.clone()
-        }
-    }
-
-    /// The recipe's *cube* lengths where half the cube's side is `half_side_m` metres.
-    #[must_use]
-    pub fn site_lengths(&self, half_side_m: f64) -> SiteLengths {
-        SiteLengths {
-            position_step_m: self.rates.position * half_side_m,
-            max_scale_m: self.growth.max_scale * half_side_m,
-            copy_below_m: self.growth.copy_below * half_side_m,
-            largest_scale_m: self.largest_scale.map(|s| s * half_side_m),
         }
     }
 }
@@ -322,10 +327,10 @@ mod tests {
             ("logit = 0.05", "logit = nan", "rates.logit = NaN"),
             ("gradient = 0.0006", "gradient = -1.0", "growth.gradient = -1"),
             ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0 "),
-            ("every = 100", "every = 0", "growth.every = 0"),
+            ("check_every = 100", "check_every = 0", "check_every = 0"),
             ("iterations = 5000", "iterations = 0", "iterations = 0"),
-            ("sweep = false", "swept = false", "unknown field `swept`"),
-            ("sweep = false", "sweep = 3", "line"),
+            ("start = \"points\"", "begin = \"points\"", "unknown field `begin`"),
+            ("start = \"points\"", "start = \"sky\"", "line"),
         ] {
             let changed = text.replacen(from, to, 1);
             assert_ne!(changed, text, "{from}");

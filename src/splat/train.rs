@@ -69,6 +69,8 @@ pub struct Schedule<'a> {
     pub views: usize,
     /// Half the diagonal of the area, metres.
     pub half_side_m: f64,
+    /// Splats that training starts with.
+    pub splats_at_start: usize,
     /// Seed of every draw.
     pub seed: u64,
 }
@@ -95,7 +97,8 @@ pub fn train<B: TrainingBackend, E>(
         events(Event::Advanced { done: done.into(), status: String::new() });
     }
     for iteration in done + 1..=total {
-        let report = backend.step(&schedule.plan(iteration));
+        let splats = log.last().map_or(schedule.splats_at_start, |l| l.splats);
+        let report = backend.step(&schedule.plan(iteration, splats));
         let seconds = started.elapsed().as_secs_f64();
         let line = LogLine::new(iteration, &report, before + seconds);
         log.push(line);
@@ -111,7 +114,8 @@ pub fn train<B: TrainingBackend, E>(
 }
 
 impl Schedule<'_> {
-    fn plan(&self, iteration: u32) -> StepPlan {
+    /// What an iteration does that begins with so many splats.
+    fn plan(&self, iteration: u32, splats: usize) -> StepPlan {
         let r = self.recipe;
         let mut background = Draw::new(self.seed, DRAW_BACKGROUND, iteration.into(), 0);
         let past_reset = r.reset.and_then(|reset| {
@@ -119,8 +123,9 @@ impl Schedule<'_> {
             (iteration > reset.every).then_some((reset, since))
         });
         let rests = |span: fn(&super::recipe::Reset) -> u32| past_reset.is_some_and(|(r, s)| s < span(&r));
+        let left = if r.opacity_by_start { splats as f64 / self.splats_at_start as f64 } else { 1.0 };
         let weights = LossWeights {
-            opacity: if rests(|r| r.opacity_loss_rests) { 0.0 } else { r.weights.opacity },
+            opacity: if rests(|r| r.opacity_loss_rests) { 0.0 } else { r.weights.opacity * left },
             ..r.weights
         };
         let shadows = iteration > r.shadows_from;
@@ -133,7 +138,7 @@ impl Schedule<'_> {
             background: std::array::from_fn(|_| background.uniform() as f32),
             weights,
             rates: self.rates(iteration),
-            largest_scale_m: r.site_lengths(self.half_side_m).largest_scale_m,
+            largest_scale_m: r.largest_scale.map(|s| s * self.half_side_m),
             population: self.population(iteration, rests(|r| r.growth_rests)),
         }
     }
@@ -157,18 +162,18 @@ impl Schedule<'_> {
     fn rates(&self, iteration: u32) -> [f64; 6] {
         let r = &self.recipe.rates;
         let progress = f64::from(iteration) / f64::from(self.recipe.iterations);
-        let position = self.recipe.site_lengths(self.half_side_m).position_step_m;
+        let position = r.position * self.half_side_m;
         [position * r.position_decay.powf(progress), r.log_scale, r.rotation, r.logit, r.f_dc, r.appearance]
     }
 
     fn population(&self, iteration: u32, rests: bool) -> Population {
         let r = self.recipe;
-        let due = iteration.is_multiple_of(r.growth.every) && !rests;
-        let grows = due && (r.growth.from..=r.growth.until).contains(&iteration);
+        let due = iteration.is_multiple_of(r.check_every) && !rests;
+        let growth = r.growth.filter(|g| due && (g.from..=g.until).contains(&iteration));
         let resets =
             r.reset.filter(|reset| iteration.is_multiple_of(reset.every) && iteration < r.iterations);
         Population {
-            grow: grows.then(|| (r.growth, r.site_lengths(self.half_side_m))),
+            grow: growth.map(|g| (g, self.half_side_m)),
             prune_below: due.then_some(r.prune_below),
             reset_opacity: resets.map(|reset| reset.opacity),
             seed: self.seed,
@@ -183,9 +188,10 @@ mod tests {
     #[test]
     fn every_view_has_its_turn_in_every_round() {
         let recipe = Recipe::named("baeogs").unwrap();
-        let schedule = Schedule { recipe: &recipe, views: 7, half_side_m: 100.0, seed: 1 };
+        let schedule =
+            Schedule { recipe: &recipe, views: 7, half_side_m: 100.0, splats_at_start: 10, seed: 1 };
         for round in 0..20 {
-            let mut seen: Vec<usize> = (1..=7).map(|i| schedule.plan(round * 7 + i).view).collect();
+            let mut seen: Vec<usize> = (1..=7).map(|i| schedule.plan(round * 7 + i, 10).view).collect();
             seen.sort_unstable();
             assert_eq!(seen, [0, 1, 2, 3, 4, 5, 6]);
         }
@@ -194,13 +200,26 @@ mod tests {
     #[test]
     fn the_schedule_is_the_papers() {
         let recipe = Recipe::named("baeogs").unwrap();
-        let schedule = Schedule { recipe: &recipe, views: 7, half_side_m: 226.0, seed: 1 };
-        let grows = |i| schedule.plan(i).population.grow.is_some();
+        let schedule =
+            Schedule { recipe: &recipe, views: 7, half_side_m: 226.0, splats_at_start: 10, seed: 1 };
+        let grows = |i| schedule.plan(i, 10).population.grow.is_some();
         assert!(!grows(400) && grows(500) && !grows(550) && grows(3000) && !grows(3100));
         assert!(grows(3500) && grows(4000) && !grows(4100));
-        assert!(schedule.plan(3000).population.reset_opacity.is_some());
-        assert!(schedule.plan(3100).weights.opacity == 0.0 && schedule.plan(3300).weights.opacity > 0.0);
-        assert!(!schedule.plan(1000).shadows && schedule.plan(1001).shadows);
-        assert!((schedule.plan(1).rates[0] - 0.080).abs() < 1e-3);
+        assert!(schedule.plan(3000, 10).population.reset_opacity.is_some());
+        assert!(
+            schedule.plan(3100, 10).weights.opacity == 0.0 && schedule.plan(3300, 10).weights.opacity > 0.0
+        );
+        assert!(!schedule.plan(1000, 10).shadows && schedule.plan(1001, 10).shadows);
+        assert!((schedule.plan(1, 10).rates[0] - 0.080).abs() < 1e-3);
+    }
+
+    #[test]
+    fn opacities_of_eogs_count_by_the_splats_at_the_start() {
+        let recipe = Recipe::named("eogs").unwrap();
+        let schedule =
+            Schedule { recipe: &recipe, views: 7, half_side_m: 226.0, splats_at_start: 1000, seed: 1 };
+        let plan = schedule.plan(700, 250);
+        assert_eq!(plan.weights.opacity, 0.1 * 0.25);
+        assert!(plan.population.grow.is_none() && plan.population.prune_below.is_some());
     }
 }
