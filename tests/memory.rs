@@ -89,7 +89,6 @@ fn plan(iteration: u32) -> StepPlan {
             shadow_entropy: 0.01,
         },
         rates: [0.0; 6],
-        largest_scale_m: None,
         population: Population::default(),
     }
 }

@@ -27,8 +27,6 @@ pub struct StepPlan {
     pub weights: LossWeights,
     /// Adam's rates: position (metres), log scale, rotation, logit, colour, radiometry.
     pub rates: [f64; 6],
-    /// Scale beyond which no splat grows, metres.
-    pub largest_scale_m: Option<f64>,
     /// What is done to the population after the step.
     pub population: Population,
 }

@@ -109,9 +109,6 @@ impl TrainingBackend for CpuBackend {
         appearance_adam.step(appearance, &gradient.appearance, radiometry);
         let rates = [position, log_scale, rotation, logit, f_dc];
         adam.step(splats, &gradient.splats, rates);
-        if let Some(largest) = plan.largest_scale_m {
-            splats.limit_scale(largest as f32);
-        }
         watch.lap("splats", "Adam");
 
         let mut report = StepReport { losses, ..StepReport::default() };

@@ -57,14 +57,6 @@ impl<T: Real> Gaussians<T> {
         self.f_dc.resize(n, [z; 3]);
     }
 
-    /// Shrinks what is longer than a standard deviation of `largest` metres.
-    pub fn limit_scale(&mut self, largest: T) {
-        let largest = largest.ln();
-        for axis in self.log_scale.as_flattened_mut() {
-            *axis = axis.min(largest);
-        }
-    }
-
     /// Appends a round splat.
     pub fn push(&mut self, position: [T; 3], scale_m: T, opacity: T, rgb: [T; 3]) {
         let (zero, one) = (T::zero(), T::one());

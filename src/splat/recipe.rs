@@ -130,8 +130,6 @@ pub struct Recipe {
     pub growth: Option<Growth>,
     /// Splats fainter than this are removed (BAEOGS: 0.0025).
     pub prune_below: f64,
-    /// Scale beyond which no splat grows, *cube* half sides; unlimited if absent.
-    pub largest_scale: Option<f64>,
     /// Resets; none if absent.
     pub reset: Option<Reset>,
 }
@@ -178,7 +176,6 @@ impl Recipe {
             check_every: 100,
             growth: Some(growth),
             prune_below: 0.0025,
-            largest_scale: None,
             reset: Some(Reset { every: 3000, opacity: 0.005, opacity_loss_rests: 200, growth_rests: 500 }),
         };
         match name {
@@ -202,9 +199,6 @@ impl Recipe {
                     // The swept surface is near the truth: small steps keep it there.
                     rates: LearningRates { position: 0.000_1, position_decay: 0.1, ..baeogs.rates },
                     reset: None,
-                    // What growth would split. Once it has ended, a hundredth of the splats would become wider than
-                    // buildings and take three quarters of the time.
-                    largest_scale: Some(growth.max_scale),
                     ..baeogs
                 };
                 Some(best.with_iterations(BEST_ITERATIONS))
@@ -253,7 +247,6 @@ impl Recipe {
             ("growth.max_radius", of_growth(|g| g.max_radius)),
             ("growth.gradient", of_growth(|g| g.gradient)),
             ("growth.copy_below", of_growth(|g| g.copy_below)),
-            ("largest_scale", self.largest_scale.unwrap_or_default()),
         ];
         if let Some((name, value)) = numbers.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
             return Err(format!("{name} = {value} is not a number from 0 on"));

@@ -138,7 +138,6 @@ impl Schedule<'_> {
             background: std::array::from_fn(|_| background.uniform() as f32),
             weights,
             rates: self.rates(iteration),
-            largest_scale_m: r.largest_scale.map(|s| s * self.half_side_m),
             population: self.population(iteration, rests(|r| r.growth_rests)),
         }
     }

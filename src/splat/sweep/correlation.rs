@@ -1,7 +1,7 @@
 //! How well the views agree on every cell at every altitude.
 
 use super::look::Look;
-use super::{PRIOR_COST, PRIOR_REACH_M, RETURN_COST, Stack, Sweep};
+use super::{DRIFT_COST, PRIOR_COST, PRIOR_REACH_M, RETURN_COST, Stack, Sweep};
 use crate::affine::AffineCamera;
 use crate::frame::{Point, Site};
 use crate::raster::Plane;
@@ -101,14 +101,17 @@ impl Volume {
 
     /// Adds the distance to a prior, or to the first surface if that is nearer.
     ///
-    /// Where the views agree on nothing, or what they show is plain, the prior knows no better than the first surface.
+    /// Where the views agree on nothing, or what they show is plain, training drifts: there the first surface is the
+    /// one to trust.
     pub fn draw_to(&mut self, prior: &Plane, first: &Plane, stack: &Stack, look: &Look) {
         let share = 1.0 - PRIOR_COST / 255.0;
         self.costs.par_chunks_mut(self.planes).enumerate().for_each(|(cell, costs)| {
-            let return_cost = RETURN_COST * agreement(costs).min(look.texture(cell));
+            let trusted = agreement(costs).min(look.texture(cell));
             for (k, cost) in costs.iter_mut().enumerate().filter(|(_, c)| **c != Self::UNSEEN) {
                 let z = stack.altitude(cell, k as f32);
-                let far = farness(z - prior.data[cell]).min(return_cost + farness(z - first.data[cell]));
+                let drift = DRIFT_COST * (1.0 - trusted) + farness(z - prior.data[cell]);
+                let back = RETURN_COST * trusted + farness(z - first.data[cell]);
+                let far = drift.min(back);
                 *cost = (share * f32::from(*cost) + PRIOR_COST * far).min(254.0) as u8;
             }
         });

@@ -53,6 +53,8 @@ const PRIOR_COST: f32 = 90.0;
 const PRIOR_REACH_M: f32 = 3.0;
 /// Share of that cost at the first surface, where it differs from the prior.
 const RETURN_COST: f32 = 0.5;
+/// Share of it at the prior where training had nothing to hold on to.
+const DRIFT_COST: f32 = 0.25;
 
 /// What is swept.
 pub struct Sweep {
