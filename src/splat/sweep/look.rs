@@ -24,27 +24,20 @@ impl Look {
     pub fn new(sweep: &Sweep, surface: &Plane, hiding: &Plane) -> Self {
         let horizons: Vec<Plane> =
             sweep.images.iter().map(|i| horizon(hiding, i.lean(), sweep.grid.cell)).collect();
+        let median = |seen: &mut Vec<f32>, cell: usize| {
+            let (col, row) = (cell % surface.width, cell / surface.width);
+            let z = surface.data[cell];
+            let p = sweep.site.site_from_utm(sweep.grid.cell_center(col, row)).at_height(f64::from(z));
+            let views = sweep.images.iter().zip(&horizons);
+            let unhidden = views.filter(|(_, horizon)| z >= seen_from(horizon, cell));
+            seen.clear();
+            seen.extend(unhidden.map(|(image, _)| image.relative_brightness(p)).filter(|v| !v.is_nan()));
+            let middle = seen.len() / 2;
+            if seen.is_empty() { f32::NAN } else { *seen.select_nth_unstable_by(middle, f32::total_cmp).1 }
+        };
         let mut brightness = Plane::filled(surface.width, surface.height, f32::NAN);
-        brightness.data.par_chunks_mut(surface.width).enumerate().for_each_init(
-            Vec::new,
-            |seen, (row, line)| {
-                for (col, out) in line.iter_mut().enumerate() {
-                    let (cell, z) = (row * surface.width + col, surface.at(col, row));
-                    let p =
-                        sweep.site.site_from_utm(sweep.grid.cell_center(col, row)).at_height(f64::from(z));
-                    let views = sweep.images.iter().zip(&horizons);
-                    let unhidden = views.filter(|(_, horizon)| z >= seen_from(horizon, cell));
-                    seen.clear();
-                    seen.extend(
-                        unhidden.map(|(image, _)| image.relative_brightness(p)).filter(|v| !v.is_nan()),
-                    );
-                    if !seen.is_empty() {
-                        let middle = seen.len() / 2;
-                        *out = *seen.select_nth_unstable_by(middle, f32::total_cmp).1;
-                    }
-                }
-            },
-        );
+        let cells = brightness.data.par_iter_mut().enumerate();
+        cells.for_each_init(Vec::new, |seen, (cell, out)| *out = median(seen, cell));
         Self { horizons, brightness }
     }
 
