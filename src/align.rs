@@ -163,11 +163,7 @@ pub fn to_control(
         .iter()
         .map(|[ours, exact]| (map.utm_from_geodetic(*exact) - map.utm_from_geodetic(*ours)).xyz())
         .collect();
-    let median = |k: usize| {
-        let mut values: Vec<f64> = off.iter().map(|d| d[k]).collect();
-        values.sort_by(f64::total_cmp);
-        0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2])
-    };
+    let median = |k: usize| quantile(&off.iter().map(|d| d[k] as f32).collect::<Vec<_>>(), 0.5);
     let shift = Shift { east_m: median(0), north_m: median(1), up_m: median(2) };
     let left: Vec<f32> = off
         .iter()

@@ -233,10 +233,11 @@ fn main() {
         }
     }
     for (threads, table) in counts.iter().zip(&tables) {
+        let line = table.get(1).unwrap_or(&table[0]);
         println!(
             "\nThree renders, {} {threads} thread(s), all runs on average:\n\n{}",
-            table[table.len().min(2) - 1].head(),
-            table[table.len().min(2) - 1].stages
+            line.head(),
+            line.stages
         );
     }
 }

@@ -1,19 +1,16 @@
-//! An adjustment on disk: corrected RPCs as JSON and text, sparse points as LAZ and PLY, tie points as CSV and GeoPackage, the
-//! report as JSON and pictures.
+//! An adjustment on disk: corrected RPCs as JSON and text, sparse points as LAZ and PLY, tie points as CSV and
+//! GeoPackage, the report as JSON and pictures.
 
 use super::error::BundleError;
 use super::report::Report;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, SiteGrid};
-use crate::raster::{Marker, write_atomically, write_file, write_markers};
+use crate::raster::{CloudPoint, Marker, PointCloud, Vertical, epsg_of_cloud, write_file, write_markers};
 use crate::rpc::Rpc;
 use crate::rpc::formats;
 use crate::scene::{Scene, View};
-use las::{Builder, Reader, Transform, Vector, Writer};
+use las::Reader;
 use serde::Deserialize;
 use std::path::Path;
-
-/// Resolution of the points' coordinates on disk, metres.
-const RESOLUTION_M: f64 = 0.001;
 
 /// A point that several views see.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -229,27 +226,15 @@ impl Adjustment {
         let grid = SiteGrid::at(first.position).map_err(|e| refused(e.to_string()))?;
         let origin = grid.origin.xyz().map(f64::floor);
         self.write_ply(&folder.join("points.ply"), &grid, origin)?;
-        let axis = |k: usize| Transform { scale: RESOLUTION_M, offset: origin[k] };
-        let mut builder = Builder::from((1, 4));
-        builder.point_format.is_compressed = true;
-        builder.point_format.has_color = true;
-        builder.transforms = Vector { x: axis(0), y: axis(1), z: axis(2) };
-        builder.generating_software = concat!("satgs ", env!("CARGO_PKG_VERSION")).into();
-        // The zone's code stands in the system identifier: LAS needs a WKT record to say more.
-        builder.system_identifier = format!("EPSG:{}", grid.epsg);
-        let header = builder.into_header().map_err(|e| refused(e.to_string()))?;
-        write_atomically(path, |t| {
-            let mut writer = Writer::from_path(t, header).map_err(|e| refused(e.to_string()))?;
-            for p in &self.points {
-                let [x, y, z] = grid.utm_from_geodetic(p.position).xyz();
-                // 16 bits of the 8.
-                let level = u16::from(p.gray) * 257;
-                let color = Some(las::Color::new(level, level, level));
-                let point = las::Point { x, y, z, intensity: p.views.into(), color, ..las::Point::default() };
-                writer.write_point(point).map_err(|e| refused(e.to_string()))?;
-            }
-            writer.close().map_err(|e| refused(e.to_string()))
-        })
+        let points = self.points.iter().map(|p| CloudPoint {
+            place: grid.utm_from_geodetic(p.position),
+            color: [f32::from(p.gray) / 255.0; 3],
+            intensity: p.views.into(),
+        });
+        let [x, y, z] = origin;
+        let cloud =
+            PointCloud { epsg: grid.epsg, vertical: &Vertical::Ellipsoid, origin: Point::new(x, y, z) };
+        Ok(cloud.write(path, points)?)
     }
 
     /// Single precision holds metres from `origin`, not map coordinates.
@@ -278,8 +263,7 @@ impl Adjustment {
 fn read_points(path: &Path) -> Result<Vec<SparsePoint>, BundleError> {
     let refused = |reason: String| BundleError::Points { path: path.into(), reason };
     let mut reader = Reader::from_path(path).map_err(|e| refused(e.to_string()))?;
-    let epsg = reader.header().system_identifier().strip_prefix("EPSG:").and_then(|c| c.parse().ok());
-    let epsg: u32 = epsg.ok_or_else(|| refused("it does not name its EPSG code".into()))?;
+    let epsg = epsg_of_cloud(reader.header()).ok_or_else(|| refused("its CRS is not stated".into()))?;
     let grid = SiteGrid { epsg, origin: Point::new(0.0, 0.0, 0.0) };
     let all = reader.read_all().map_err(|e| refused(e.to_string()))?;
     all.points()

@@ -16,8 +16,8 @@ use std::path::{Path, PathBuf};
 /// Move a run to where a reference says it is: one shift east, north and up for everything it holds
 ///
 /// Finds the shift from RUN/dsm.tif, or from the sparse points of a run that has none, and applies it to the corrected
-/// RPCs, points and tie points of RUN/ba, to cameras.json, the splats, the surfaces of RUN/train, dsm.tif, ortho.tif and
-/// confidence.tif: all of them or none. RUN/align.json says how far. Scores in RUN/eval and files made elsewhere
+/// RPCs, points and tie points of RUN/ba, to cameras.json, the splats, the surfaces of RUN/train, dsm.tif, ortho.tif,
+/// confidence.tif and hillshade.tif: all of them or none. RUN/align.json says how far. Scores in RUN/eval and files made elsewhere
 /// (--points, --mesh, pictures) stay as they are; `satgs dsm RUN` makes the surface anew on whole cells.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -41,7 +41,7 @@ const RECORD: &str = "align.json";
 const PENDING: &str = "align.pending";
 /// Rasters that move, those whose first band holds heights, and the others.
 const HEIGHTS: [&str; 3] = ["dsm.tif", SURFACE, FIRST_SURFACE];
-const MAPS: [&str; 2] = ["ortho.tif", "confidence.tif"];
+const MAPS: [&str; 3] = ["ortho.tif", "confidence.tif", "hillshade.tif"];
 /// Smaller shifts are none, metres.
 const NO_SHIFT_M: f64 = 0.01;
 /// Cell of the grid that lidar points are put on, and how far it reaches beyond the run's, metres.

@@ -3,6 +3,7 @@
 use super::train::{TrainedCameras, read_json};
 use super::{Failure, Ui};
 use crate::affine::sun_direction;
+use crate::bundle::Adjustment;
 use crate::raster::{Cog, MapGrid, SensorImage, Vertical, write_png_rgb};
 use crate::rpc::{Rpc, formats};
 use crate::scene::{Scene, Sun};
@@ -152,12 +153,14 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
     path.with_file_name(format!("{}_{number:04}.{}", part(path.file_stem()), part(path.extension())))
 }
 
-/// The camera of the part of a view's image that the run uses, as adjusted.
+/// A view's camera as adjusted.
 fn corrected_camera(run: &Path, name: &str) -> Result<Rpc, Failure> {
     let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
-    let rpc = formats::read(&run.join("ba/rpcs").join(format!("{name}.json")))?.rpc;
-    let view = scene.views.iter().find(|v| v.name == name);
-    Ok(view.map_or_else(|| rpc.clone(), |v| v.camera_of_window(&rpc)))
+    let cameras = Adjustment::read(&run.join("ba"))?.cameras_of(&scene)?;
+    let camera = scene.views.iter().zip(cameras).find(|(view, _)| view.name == name);
+    camera.map(|(_, rpc)| rpc).ok_or_else(|| {
+        Failure::input(format!("scene.json has no view `{name}`"), "`satgs ba SCENE -o RUN` makes it")
+    })
 }
 
 /// Writes colours and heights with the view's RPC, if it has one, else on the map.

@@ -49,7 +49,7 @@ impl Stage {
             return Ok(false);
         }
         let before: Record = serde_json::from_str(&text).unwrap_or_default();
-        Ok(self.is_made_from(&before.made_from, overwrite)? && self.outputs.iter().all(|o| o.exists()))
+        Ok(self.is_made_from(&before.made_from, false)? && self.outputs.iter().all(|o| o.exists()))
     }
 
     /// Whether something was made from what this stage is to be made from.

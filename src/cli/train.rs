@@ -26,8 +26,8 @@ use std::path::{Path, PathBuf};
 /// Train Gaussian splats on an adjusted run: RUN/splats.ply, RUN/cameras.json
 ///
 /// Fits affine cameras to the RPCs that `satgs ba` corrected, matches the views to find the surface that splats start
-/// on (recipe `best`; `baeogs` starts at the sparse points, `eogs` all over the air), and trains the splats on the images with cast shadows.
-/// Views without a sun train without shadows.
+/// on (recipe `best`; `baeogs` starts at the sparse points, `eogs` all over the air), and trains the splats on the
+/// images with cast shadows. Views without a sun train without shadows.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Folder that `satgs ba -o RUN` made

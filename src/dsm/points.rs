@@ -1,7 +1,7 @@
 //! The surface as a point cloud.
 
 use super::{Heights, Surface};
-use crate::raster::{PointCloud, RasterError};
+use crate::raster::{CloudPoint, PointCloud, RasterError};
 use std::path::Path;
 
 impl Surface {
@@ -16,7 +16,8 @@ impl Surface {
         let seen = (0..z.len()).filter(|&i| !z[i].is_nan());
         let points = seen.map(|i| {
             let place = self.grid.cell_center(i % self.grid.width, i / self.grid.width);
-            (place.at_height(z[i].into()), self.colors.each_ref().map(|c| c.data[i]))
+            let color = self.colors.each_ref().map(|c| c.data[i]);
+            CloudPoint { place: place.at_height(z[i].into()), color, intensity: 0 }
         });
         PointCloud { epsg: self.grid.epsg, vertical: heights.above, origin }.write(path, points)
     }

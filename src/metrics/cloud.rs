@@ -2,7 +2,7 @@
 
 use super::{MetricsError, Surface};
 use crate::frame::Transform;
-use crate::raster::{MapGrid, Plane, epsg_of_wkt, is_metric_map};
+use crate::raster::{MapGrid, Plane, epsg_of_cloud, is_metric_map};
 use las::{Reader, point::Classification};
 use std::path::Path;
 
@@ -34,7 +34,7 @@ pub(super) fn read(
         return Err(damaged("it holds no points".into()));
     }
     let crs = |reason: &str| MetricsError::CloudCrs { path: path.into(), reason: reason.into() };
-    let epsg = epsg.or_else(|| epsg_of(&header)).ok_or_else(|| crs("its CRS is not stated"))?;
+    let epsg = epsg.or_else(|| epsg_of_cloud(&header)).ok_or_else(|| crs("its CRS is not stated"))?;
     if !is_metric_map(epsg) {
         return Err(crs(&format!("EPSG:{epsg} is no map projection in metres")));
     }
@@ -83,16 +83,4 @@ pub(super) fn read(
         converted_from: None,
     };
     Ok((surface, classes))
-}
-
-/// EPSG code of the horizontal CRS, from WKT, GeoTIFF keys, or the system identifier of satgs' own files.
-fn epsg_of(header: &las::Header) -> Option<u32> {
-    let wkt = header.get_wkt_crs_bytes().map(String::from_utf8_lossy);
-    wkt.and_then(|w| epsg_of_wkt(w.trim_end_matches('\0')))
-        .or_else(|| {
-            let keys = header.get_geotiff_crs().ok().flatten()?;
-            // 32767 stands for a projection without a code.
-            keys.get_projected_crs_geo_key_value().filter(|c| *c != 32767).map(u32::from)
-        })
-        .or_else(|| header.system_identifier().strip_prefix("EPSG:")?.parse().ok())
 }

@@ -1,6 +1,7 @@
 //! Point clouds as LAS or LAZ 1.4, with their CRS.
 
-use super::{RasterError, Vertical, write_atomically};
+use super::write::write_by;
+use super::{RasterError, Vertical, epsg_of_wkt};
 use crate::frame::{Point, Utm};
 use gdal::spatial_ref::SpatialRef;
 use las::{Builder, Color, Transform, Vector, Writer, point::Format};
@@ -8,6 +9,30 @@ use std::path::Path;
 
 /// Resolution of the coordinates, metres.
 const RESOLUTION_M: f64 = 0.001;
+
+/// EPSG code of the horizontal CRS of a LAS or LAZ file: from WKT, GeoTIFF keys, or a system identifier `EPSG:CODE`.
+#[must_use]
+pub fn epsg_of_cloud(header: &las::Header) -> Option<u32> {
+    let wkt = header.get_wkt_crs_bytes().map(String::from_utf8_lossy);
+    wkt.and_then(|w| epsg_of_wkt(w.trim_end_matches('\0')))
+        .or_else(|| {
+            let keys = header.get_geotiff_crs().ok().flatten()?;
+            // 32767 stands for a projection without a code.
+            keys.get_projected_crs_geo_key_value().filter(|c| *c != 32767).map(u32::from)
+        })
+        .or_else(|| header.system_identifier().strip_prefix("EPSG:")?.parse().ok())
+}
+
+/// A point of a cloud.
+#[derive(Clone, Copy, Debug)]
+pub struct CloudPoint {
+    /// Where.
+    pub place: Point<Utm>,
+    /// Red, green, blue, 0 to 1.
+    pub color: [f32; 3],
+    /// Whatever is to be told of it.
+    pub intensity: u16,
+}
 
 /// Points with colours, on a map.
 pub struct PointCloud<'a> {
@@ -20,17 +45,12 @@ pub struct PointCloud<'a> {
 }
 
 impl PointCloud<'_> {
-    /// Writes points with colours in 0 to 1; compressed if the path ends in `.laz`.
+    /// Writes points; compressed if the path ends in `.laz`.
     ///
     /// # Errors
     /// [`RasterError::Write`].
-    pub fn write(
-        &self,
-        path: &Path,
-        points: impl Iterator<Item = (Point<Utm>, [f32; 3])>,
-    ) -> Result<(), RasterError> {
-        let failed = |reason: String| RasterError::Write { path: path.into(), reason };
-        let make = |temporary: &Path| -> Result<(), Box<dyn std::error::Error>> {
+    pub fn write(&self, path: &Path, points: impl Iterator<Item = CloudPoint>) -> Result<(), RasterError> {
+        write_by(path, |temporary| {
             let mut builder = Builder::from((1, 4));
             builder.point_format = Format::new(7)?;
             builder.point_format.is_compressed =
@@ -43,14 +63,21 @@ impl PointCloud<'_> {
             let crs = SpatialRef::from_definition(&format!("EPSG:{}{vertical}", self.epsg))?;
             header.set_wkt_crs(crs.to_wkt()?.into_bytes())?;
             let mut writer = Writer::from_path(temporary, header)?;
-            for (p, color) in points {
-                let [red, green, blue] = color.map(|v| (v.clamp(0.0, 1.0) * f32::from(u16::MAX)) as u16);
-                let color = Some(Color { red, green, blue });
-                let ([x, y, z], gps_time) = (p.xyz(), Some(0.0));
-                writer.write_point(las::Point { x, y, z, color, gps_time, ..las::Point::default() })?;
+            for CloudPoint { place, color, intensity } in points {
+                let level = |v: f32| (v.clamp(0.0, 1.0) * f32::from(u16::MAX)).round() as u16;
+                let color = Some(Color::new(level(color[0]), level(color[1]), level(color[2])));
+                let ([x, y, z], gps_time) = (place.xyz(), Some(0.0));
+                writer.write_point(las::Point {
+                    x,
+                    y,
+                    z,
+                    color,
+                    intensity,
+                    gps_time,
+                    ..Default::default()
+                })?;
             }
             Ok(writer.close()?)
-        };
-        write_atomically(path, |temporary| make(temporary).map_err(|e| failed(e.to_string())))
+        })
     }
 }

@@ -13,7 +13,7 @@ mod vertical;
 mod write;
 
 pub use canvas::Canvas;
-pub use cloud::PointCloud;
+pub use cloud::{CloudPoint, PointCloud, epsg_of_cloud};
 pub use crs::{egm96_undulation_m, epsg_of_wkt, is_metric_map};
 pub use file::{Band, ImageFile, Window};
 pub use geoid::Geoid;

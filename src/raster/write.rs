@@ -88,32 +88,25 @@ impl Cog<'_> {
         labels: &[(&str, &str)],
         predictor: &str,
     ) -> Result<(), RasterError> {
-        write_atomically(path, |temporary| {
-            let make = || -> Result<(), Box<dyn std::error::Error>> {
-                let mut memory = memory_dataset(self.grid.width, self.grid.height, bands, nodata)?;
-                memory.set_geo_transform(&self.grid.geo_transform())?;
-                let vertical = self.heights_from.and_then(Vertical::epsg).map(|code| format!("+{code}"));
-                let crs = format!("EPSG:{}{}", self.grid.epsg, vertical.unwrap_or_default());
-                memory.set_spatial_ref(&SpatialRef::from_definition(&crs)?)?;
-                memory.set_metadata_item(
-                    "TIFFTAG_SOFTWARE",
-                    concat!("satgs ", env!("CARGO_PKG_VERSION")),
-                    "",
-                )?;
-                for (key, value) in self.metadata {
-                    memory.set_metadata_item(key, value, "")?;
-                }
-                if let Some(vertical) = self.heights_from {
-                    memory.set_metadata_item(Vertical::ITEM, vertical.name(), "")?;
-                }
-                label(&memory, labels)?;
-                for i in 1..=memory.raster_count() {
-                    // What GDAL computes stays in the band's metadata.
-                    let _ = memory.rasterband(i)?.get_statistics(true, false);
-                }
-                copy_as(&memory, "COG", temporary, &cog_options(predictor))
-            };
-            make().map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+        write_by(path, |temporary| {
+            let mut memory = memory_dataset(self.grid.width, self.grid.height, bands, nodata)?;
+            memory.set_geo_transform(&self.grid.geo_transform())?;
+            let vertical = self.heights_from.and_then(Vertical::epsg).map(|code| format!("+{code}"));
+            let crs = format!("EPSG:{}{}", self.grid.epsg, vertical.unwrap_or_default());
+            memory.set_spatial_ref(&SpatialRef::from_definition(&crs)?)?;
+            memory.set_metadata_item("TIFFTAG_SOFTWARE", concat!("satgs ", env!("CARGO_PKG_VERSION")), "")?;
+            for (key, value) in self.metadata {
+                memory.set_metadata_item(key, value, "")?;
+            }
+            if let Some(vertical) = self.heights_from {
+                memory.set_metadata_item(Vertical::ITEM, vertical.name(), "")?;
+            }
+            label(&memory, labels)?;
+            for i in 1..=memory.raster_count() {
+                // What GDAL computes stays in the band's metadata.
+                let _ = memory.rasterband(i)?.get_statistics(true, false);
+            }
+            copy_as(&memory, "COG", temporary, &cog_options(predictor))
         })
     }
 }
@@ -155,19 +148,16 @@ impl SensorImage<'_> {
         nodata: Option<f64>,
         labels: &[(&str, &str)],
     ) -> Result<(), RasterError> {
-        write_atomically(path, |temporary| {
-            let make = || -> Result<(), Box<dyn std::error::Error>> {
-                let mut memory = memory_dataset(self.width, self.height, bands, nodata)?;
-                label(&memory, labels)?;
-                for (key, value) in self.rpc {
-                    memory.set_metadata_item(key, value, "RPC")?;
-                }
-                for (key, value) in self.metadata {
-                    memory.set_metadata_item(key, value, "")?;
-                }
-                copy_as(&memory, "GTiff", temporary, &[("COMPRESS", "DEFLATE"), ("PROFILE", "GDALGeoTIFF")])
-            };
-            make().map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+        write_by(path, |temporary| {
+            let mut memory = memory_dataset(self.width, self.height, bands, nodata)?;
+            label(&memory, labels)?;
+            for (key, value) in self.rpc {
+                memory.set_metadata_item(key, value, "RPC")?;
+            }
+            for (key, value) in self.metadata {
+                memory.set_metadata_item(key, value, "")?;
+            }
+            copy_as(&memory, "GTiff", temporary, &[("COMPRESS", "DEFLATE"), ("PROFILE", "GDALGeoTIFF")])
         })
     }
 }
@@ -178,18 +168,15 @@ impl SensorImage<'_> {
 /// [`RasterError`].
 pub fn write_with_rpc(image: &Path, out: &Path, rpc: &[(String, String)]) -> Result<(), RasterError> {
     let source = ImageFile::open(image)?;
-    write_atomically(out, |temporary| {
-        let make = || -> Result<(), Box<dyn std::error::Error>> {
-            // Metadata set on the image itself would be stored beside it.
-            let vrt = DriverManager::get_driver_by_name("VRT")?;
-            let mut copy = source.dataset.create_copy(&vrt, "", &RasterCreationOptions::default())?;
-            for (key, value) in rpc {
-                copy.set_metadata_item(key, value, "RPC")?;
-            }
-            let options = [("COMPRESS", "DEFLATE"), ("PROFILE", "GDALGeoTIFF"), ("BIGTIFF", "IF_SAFER")];
-            copy_as(&copy, "GTiff", temporary, &options)
-        };
-        make().map_err(|e| RasterError::Write { path: out.into(), reason: e.to_string() })
+    write_by(out, |temporary| {
+        // Metadata set on the image itself would be stored beside it.
+        let vrt = DriverManager::get_driver_by_name("VRT")?;
+        let mut copy = source.dataset.create_copy(&vrt, "", &RasterCreationOptions::default())?;
+        for (key, value) in rpc {
+            copy.set_metadata_item(key, value, "RPC")?;
+        }
+        let options = [("COMPRESS", "DEFLATE"), ("PROFILE", "GDALGeoTIFF"), ("BIGTIFF", "IF_SAFER")];
+        copy_as(&copy, "GTiff", temporary, &options)
     })
 }
 
@@ -202,33 +189,30 @@ pub fn write_moved(map: &Path, out: &Path, [east, north, up]: [f64; 3]) -> Resul
     let source = ImageFile::open(map)?;
     let grid = source.map_grid()?;
     let moved = MapGrid { west: grid.west + east, north: grid.north + north, ..grid };
-    write_atomically(out, |temporary| {
-        let make = || -> Result<(), Box<dyn std::error::Error>> {
-            let memory = DriverManager::get_driver_by_name("MEM")?;
-            let mut copy = source.dataset.create_copy(&memory, "", &RasterCreationOptions::default())?;
-            copy.set_geo_transform(&moved.geo_transform())?;
-            for i in 1..=copy.raster_count() {
-                // Not copied.
-                let mut band = copy.rasterband(i)?;
-                band.set_description(&source.dataset.rasterband(i)?.description()?)?;
-                set_unit(&band, &source.unit(i)?)?;
-            }
-            let mut band = copy.rasterband(1)?;
-            if up != 0.0 {
-                let size = copy.raster_size();
-                let mut heights = band.read_as::<f32>((0, 0), size, size, None)?;
-                heights.data_mut().iter_mut().for_each(|v| *v = (f64::from(*v) + up) as f32);
-                band.write((0, 0), size, &mut heights)?;
-                for item in ["STATISTICS_MINIMUM", "STATISTICS_MAXIMUM", "STATISTICS_MEAN"] {
-                    if let Some(v) = band.metadata_item(item, "").and_then(|v| v.parse::<f64>().ok()) {
-                        band.set_metadata_item(item, &(v + up).to_string(), "")?;
-                    }
+    write_by(out, |temporary| {
+        let memory = DriverManager::get_driver_by_name("MEM")?;
+        let mut copy = source.dataset.create_copy(&memory, "", &RasterCreationOptions::default())?;
+        copy.set_geo_transform(&moved.geo_transform())?;
+        for i in 1..=copy.raster_count() {
+            // Not copied.
+            let mut band = copy.rasterband(i)?;
+            band.set_description(&source.dataset.rasterband(i)?.description()?)?;
+            set_unit(&band, &source.unit(i)?)?;
+        }
+        let mut band = copy.rasterband(1)?;
+        if up != 0.0 {
+            let size = copy.raster_size();
+            let mut heights = band.read_as::<f32>((0, 0), size, size, None)?;
+            heights.data_mut().iter_mut().for_each(|v| *v = (f64::from(*v) + up) as f32);
+            band.write((0, 0), size, &mut heights)?;
+            for item in ["STATISTICS_MINIMUM", "STATISTICS_MAXIMUM", "STATISTICS_MEAN"] {
+                if let Some(v) = band.metadata_item(item, "").and_then(|v| v.parse::<f64>().ok()) {
+                    band.set_metadata_item(item, &(v + up).to_string(), "")?;
                 }
             }
-            let predictor = if band.band_type().is_floating() { "FLOATING_POINT" } else { "STANDARD" };
-            copy_as(&copy, "COG", temporary, &cog_options(predictor))
-        };
-        make().map_err(|e| RasterError::Write { path: out.into(), reason: e.to_string() })
+        }
+        let predictor = if band.band_type().is_floating() { "FLOATING_POINT" } else { "STANDARD" };
+        copy_as(&copy, "COG", temporary, &cog_options(predictor))
     })
 }
 
@@ -259,6 +243,16 @@ pub(super) fn memory_dataset<T: GdalType + Copy>(
         band.set_no_data_value(nodata)?;
     }
     Ok(dataset)
+}
+
+/// Writes a file atomically by what may fail for many reasons.
+pub(super) fn write_by(
+    path: &Path,
+    make: impl FnOnce(&Path) -> Result<(), Box<dyn std::error::Error>>,
+) -> Result<(), RasterError> {
+    write_atomically(path, |temporary| {
+        make(temporary).map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+    })
 }
 
 /// Lets GDAL encode a file in memory and writes the bytes: its own writing does not tell of a disk that is full.

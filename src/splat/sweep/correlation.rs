@@ -37,7 +37,7 @@ type Weights = [Lines; WINDOW * WINDOW];
 /// A view's brightness and camera.
 pub(super) struct Image {
     gray: Plane,
-    camera: AffineCamera,
+    pub camera: AffineCamera,
     /// Mean and standard deviation of the brightness.
     level: f64,
     contrast: f64,
@@ -53,11 +53,6 @@ impl Image {
         let level = mean(&mut gray.valid().map(f64::from));
         let variance = mean(&mut gray.valid().map(|v| (f64::from(v) - level).powi(2)));
         Self { camera: view.camera, level, contrast: variance.sqrt(), gray }
-    }
-
-    /// How far a point lies sideways, metres (east, north), of what stands a metre below it on the same ray.
-    pub fn lean(&self) -> [f64; 2] {
-        self.camera.lean()
     }
 
     /// Brightness where a point is seen, in standard deviations above the image's mean; NaN outside.

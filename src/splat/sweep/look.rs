@@ -13,8 +13,8 @@ const PLAIN: Range<f32> = 0.02..0.12;
 
 /// A surface as the views see it.
 pub(super) struct Look {
-    /// Of every view, the altitude below which something hides a cell.
-    horizons: Vec<Plane>,
+    /// Of every view, the altitude from which on it sees a cell.
+    seen_from: Vec<Plane>,
     /// Brightness of every cell, in standard deviations above the mean of an image; NaN where no view sees it.
     brightness: Plane,
 }
@@ -22,14 +22,18 @@ pub(super) struct Look {
 impl Look {
     /// The look of `surface`, where the surface `hiding` hides what lies behind it.
     pub fn new(sweep: &Sweep, surface: &Plane, hiding: &Plane) -> Self {
-        let horizons: Vec<Plane> =
-            sweep.images.iter().map(|i| horizon(hiding, i.lean(), sweep.grid.cell)).collect();
+        let with_slack = |mut horizon: Plane| {
+            horizon.data.iter_mut().for_each(|z| *z -= SLACK_M);
+            horizon
+        };
+        let horizons = sweep.images.iter().map(|i| horizon(hiding, i.camera.lean(), sweep.grid.cell));
+        let seen_from: Vec<Plane> = horizons.map(with_slack).collect();
         let median = |seen: &mut Vec<f32>, cell: usize| {
             let (col, row) = (cell % surface.width, cell / surface.width);
             let z = surface.data[cell];
             let p = sweep.site.site_from_utm(sweep.grid.cell_center(col, row)).at_height(f64::from(z));
-            let views = sweep.images.iter().zip(&horizons);
-            let unhidden = views.filter(|(_, horizon)| z >= seen_from(horizon, cell));
+            let views = sweep.images.iter().zip(&seen_from);
+            let unhidden = views.filter(|(_, lowest)| z >= lowest.data[cell]);
             seen.clear();
             seen.extend(unhidden.map(|(image, _)| image.relative_brightness(p)).filter(|v| !v.is_nan()));
             let middle = seen.len() / 2;
@@ -38,12 +42,12 @@ impl Look {
         let mut brightness = Plane::filled(surface.width, surface.height, f32::NAN);
         let cells = brightness.data.par_iter_mut().enumerate();
         cells.for_each_init(Vec::new, |seen, (cell, out)| *out = median(seen, cell));
-        Self { horizons, brightness }
+        Self { seen_from, brightness }
     }
 
     /// Altitude from which on a view sees a cell.
     pub fn seen_from(&self, view: usize, cell: usize) -> f32 {
-        seen_from(&self.horizons[view], cell)
+        self.seen_from[view].data[cell]
     }
 
     /// How much two cells differ in brightness; NaN if one is not seen.
@@ -67,8 +71,4 @@ impl Look {
         let contrast = (squares / n.max(1.0) - mean * mean).max(0.0).sqrt();
         ((contrast - PLAIN.start) / (PLAIN.end - PLAIN.start)).clamp(0.0, 1.0)
     }
-}
-
-fn seen_from(horizon: &Plane, cell: usize) -> f32 {
-    horizon.data[cell] - SLACK_M
 }
