@@ -459,7 +459,7 @@ impl<T: Lanewise> Kernel<T> for Compose<'_, T> {
         let appearance = Appearance { values: splat_each(lanes, self.appearance.values) };
         let [zero, one, rate, low, high] =
             splat_each(lanes, [0.0, 1.0, SHADOW_RATE_PER_M, ENTROPY_CLIP, 1.0 - ENTROPY_CLIP].map(T::of));
-        let lane = Row::load(lanes, &std::array::from_fn(|i| T::of(i as f64)));
+        let lane = Row::load(lanes, &std::array::from_fn::<_, LANES, _>(|i| T::of(i as f64)));
         let rows = self.picture.chunks_mut(3 * width).zip(self.sunlight.chunks_mut(2 * width));
         for (k, (picture, sunlight)) in rows.enumerate() {
             let row = self.first_row + k;
@@ -484,7 +484,7 @@ impl<T: Lanewise> Kernel<T> for Compose<'_, T> {
                 }
             }
             let mut entropy = zero;
-            for start in (0..width).step_by(LANES) {
+            for start in (0..width).step_by(L::WIDTH) {
                 let s = (rate * Row::load_from(lanes, sunlight, start)).exp();
                 // Binary entropy, its logarithms' arguments clipped; only these follow the clip.
                 let clipped = s.max(low).min(high);
@@ -545,7 +545,7 @@ impl<T: Lanewise> Kernel<T> for PixelsBackward<'_, T> {
         for (k, by_view) in by_view.chunks_mut(4 * width).enumerate() {
             let row = first_row + k;
             let (by_rgb, by_z) = by_view.split_at_mut(3 * width);
-            for start in (0..width).step_by(LANES) {
+            for start in (0..width).step_by(L::WIDTH) {
                 let counts = counts(lanes, shot.valid, row * width + start);
                 let (mut rgb, mut by_pixel) = ([zero; 3], [zero; 3]);
                 for c in 0..3 {

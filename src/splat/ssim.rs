@@ -102,7 +102,7 @@ impl<T: Lanewise> Photometric<T> {
         for strip in &mut self.strips {
             for row in strip.columns.iter_mut().chain([&mut strip.zeros]) {
                 row.clear();
-                row.resize(width.next_multiple_of(LANES) + 2 * LANES, T::zero());
+                row.resize(width.next_multiple_of(LANES) + 3 * LANES, T::zero());
             }
         }
 
@@ -144,12 +144,12 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
         let window = splat_each(lanes, window());
         let [zero, one, two, c1, c2, scale] =
             splat_each(lanes, [T::zero(), T::one(), T::of(2.0), T::of(C1), T::of(C2), scale]);
-        let lane = Row::load(lanes, &std::array::from_fn(|i| T::of(i as f64)));
+        let lane = Row::load(lanes, &std::array::from_fn::<_, LANES, _>(|i| T::of(i as f64)));
         strip.sum = 0.0;
         for (k, slopes) in slopes.chunks_mut(3 * width).enumerate() {
             let (row, c) = (first_row + k / 3, k % 3);
             let (xs, ys) = (covered(picture, c, row, &strip.zeros), covered(truth, c, row, &strip.zeros));
-            for start in (0..width).step_by(LANES) {
+            for start in (0..width).step_by(L::WIDTH) {
                 let mut sums = [zero; 4];
                 for t in 0..TAPS {
                     let x = Row::load_from(lanes, xs[t], start);
@@ -168,7 +168,7 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
             let (by_x, rest) = slopes.split_at_mut(width);
             let (by_xx, by_xy) = rest.split_at_mut(width);
             let mut sum = zero;
-            for start in (0..width).step_by(LANES) {
+            for start in (0..width).step_by(L::WIDTH) {
                 let mut blurred = [zero; 4];
                 for n in 0..4 {
                     blurred[n] = blur_along(lanes, &window, &strip.columns[n], start);
@@ -217,7 +217,7 @@ impl<T: Lanewise> Kernel<T> for Slope<'_, T> {
             let (row, c) = (first_row + k / 3, k % 3);
             for n in 0..3 {
                 let by = covered(slopes, 3 * c + n, row, &strip.zeros);
-                for start in (0..width).step_by(LANES) {
+                for start in (0..width).step_by(L::WIDTH) {
                     let mut sum = zero;
                     for t in 0..TAPS {
                         let w = window[REACH - REACH.abs_diff(t)];
@@ -228,7 +228,7 @@ impl<T: Lanewise> Kernel<T> for Slope<'_, T> {
             }
             let (x, y) = (picture.row(c, row), truth.row(c, row));
             let mut sum = zero;
-            for start in (0..width).step_by(LANES) {
+            for start in (0..width).step_by(L::WIDTH) {
                 let mut by = [zero; 3];
                 for n in 0..3 {
                     by[n] = blur_along(lanes, &window, &strip.columns[n], start);

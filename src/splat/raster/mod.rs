@@ -7,6 +7,7 @@
 //! atomics, and the same bytes for any number of threads.
 
 mod bands;
+mod block;
 mod kernel;
 mod layers;
 mod prepare;
@@ -21,7 +22,7 @@ pub use project::FrameCamera;
 use super::lanes::Lanewise;
 use super::real::Real;
 use bands::Band;
-use kernel::TILE;
+use block::TILE;
 use project::{CHUNK, Chunk, Projection};
 use rayon::prelude::*;
 

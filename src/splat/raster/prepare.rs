@@ -158,7 +158,7 @@ pub(super) fn gather<L: Lanes, const K: usize>(
     of: impl Fn(usize) -> [L::Number; K],
 ) -> [Row<L>; K] {
     let mut values = [[L::Number::of(1.0); LANES]; K];
-    for i in 0..count.min(LANES) {
+    for i in 0..count.min(L::WIDTH) {
         let found = of(i);
         for k in 0..K {
             values[k][i] = found[k];
@@ -180,9 +180,9 @@ pub(super) fn scatter<L: Lanes, const K: usize>(
 ) {
     let mut values = [[L::Number::of(0.0); LANES]; K];
     for k in 0..K {
-        values[k] = rows[k].store();
+        rows[k].store_to(&mut values[k], 0);
     }
-    for i in 0..count.min(LANES) {
+    for i in 0..count.min(L::WIDTH) {
         let mut of = [L::Number::of(0.0); K];
         for k in 0..K {
             of[k] = values[k][i];
@@ -203,7 +203,7 @@ impl<T: Lanewise> Kernel<T> for Share<'_, T> {
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
         let g = self.gaussians;
         let [zero, one] = splat_each(lanes, [T::zero(), T::one()]);
-        for (splats, order) in self.splats.chunks_mut(LANES).zip(self.order.chunks(LANES)) {
+        for (splats, order) in self.splats.chunks_mut(L::WIDTH).zip(self.order.chunks(L::WIDTH)) {
             let n = order.len();
             let log_scale = gather(lanes, n, |i| g.log_scale[order[i] as usize]);
             let rotation = gather(lanes, n, |i| g.rotation[order[i] as usize]);
@@ -237,9 +237,9 @@ impl<T: Lanewise> Kernel<T> for Unshare<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
         let Self { gaussians, gradients, .. } = self;
-        let outputs = self.log_scale.chunks_mut(LANES).zip(self.rotation.chunks_mut(LANES));
-        for (k, ((by_log_scale, by_rotation), rank)) in outputs.zip(self.rank.chunks(LANES)).enumerate() {
-            let (n, first) = (rank.len(), self.first + k * LANES);
+        let outputs = self.log_scale.chunks_mut(L::WIDTH).zip(self.rotation.chunks_mut(L::WIDTH));
+        for (k, ((by_log_scale, by_rotation), rank)) in outputs.zip(self.rank.chunks(L::WIDTH)).enumerate() {
+            let (n, first) = (rank.len(), self.first + k * L::WIDTH);
             let log_scale = gather(lanes, n, |i| gaussians.log_scale[first + i]);
             let rotation = gather(lanes, n, |i| gaussians.rotation[first + i]);
             let by_covariance = gather(lanes, n, |i| gradients[rank[i] as usize].covariance);

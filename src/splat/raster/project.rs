@@ -1,7 +1,7 @@
 //! Splats through one affine camera: image ellipses, the tiles they touch, and the gradient's way back.
 
 use super::bands::Band;
-use super::kernel::TILE;
+use super::block::TILE;
 use super::prepare::{ELEMENTS, Prepared, PreparedSplat, SplatGradient, gather, scatter};
 use super::{ALPHA_CUT, LOW_PASS_PX2};
 use crate::affine::AffineCamera;
@@ -42,6 +42,10 @@ pub(super) struct Footprint<T> {
     pub conic: [T; 3],
     /// Binary logarithm of the opacity.
     pub log2_opacity: T,
+    /// Squared Mahalanobis radius of the cut-off.
+    pub radius2: T,
+    /// Row (from the centre) of the rightmost column at the cut-off.
+    pub lean: T,
     /// Rank of the splat.
     pub rank: u32,
 }
@@ -121,7 +125,7 @@ impl<T: Real> Chunk<T> {
         self.footprints.clear();
         self.unsorted.clear();
         let bands = camera.height.div_ceil(TILE);
-        for (first, splats) in ranks.clone().step_by(LANES).zip(prepared.splats[ranks].chunks(LANES)) {
+        for (first, splats) in ranks.clone().step_by(L::WIDTH).zip(prepared.splats[ranks].chunks(L::WIDTH)) {
             let mut ellipses = [Ellipse::default(); LANES];
             Ellipse::of(lanes, splats, camera, &mut ellipses);
             for (k, (ellipse, splat)) in ellipses.iter().zip(splats).enumerate() {
@@ -134,8 +138,9 @@ impl<T: Real> Chunk<T> {
                     self.unsorted.push((band, Span { footprint, first, last }));
                 });
                 if self.unsorted.len() > before {
-                    let Ellipse { mean, conic, log2_opacity, .. } = *ellipse;
-                    self.footprints.push(Footprint { mean, conic, log2_opacity, rank: (first + k) as u32 });
+                    let Ellipse { mean, conic, log2_opacity, radius2, lean, .. } = *ellipse;
+                    let rank = (first + k) as u32;
+                    self.footprints.push(Footprint { mean, conic, log2_opacity, radius2, lean, rank });
                 }
             }
         }
@@ -268,7 +273,7 @@ struct Ellipse<T> {
 }
 
 impl<T: Real> Ellipse<T> {
-    /// The ellipses of up to sixteen splats, a lane each.
+    /// The ellipses of up to a row of splats, a lane each.
     #[inline(always)]
     fn of<L: Lanes<Number = T>>(
         lanes: L,
