@@ -2,7 +2,7 @@
 
 use super::registration::{Method, Registration, register};
 use super::resample::{Sampling, onto_grid};
-use super::strata::Labels;
+use super::strata::Groups;
 use super::{MetricsError, Scores, Stratum, Surface, Truth, filled_by_nearest};
 use crate::frame::{Point, SiteGrid};
 use crate::raster::{MapGrid, Plane, egm96_undulation_m};
@@ -113,18 +113,12 @@ impl Evaluation {
         heights.data.par_iter_mut().zip(&self.land.data).for_each(|(v, t)| *v = v.clamp(low, high) - t);
     }
 
-    fn verdict_of(&self, registration: Registration, divisions: &[Labels]) -> Result<Verdict, MetricsError> {
+    fn verdict_of(&self, registration: Registration, groups: &Groups) -> Result<Verdict, MetricsError> {
         let mut errors = self.registered(&registration)?;
         let mut filled = filled_by_nearest(&errors);
         self.subtract_land(&mut errors);
         self.subtract_land(&mut filled);
-        let parts: Vec<_> = divisions.iter().flat_map(Labels::parts).collect();
-        let all = || {
-            let cells = errors.data.iter().zip(&filled.data).zip(&self.land.data);
-            Scores::of(cells.filter(|(_, t)| !t.is_nan()).map(|((e, f), _)| (*e, *f)))
-        };
-        let each = || parts.par_iter().filter_map(|p| p.scores(&self.land, &errors, &filled)).collect();
-        let (scores, strata) = rayon::join(all, each);
+        let (scores, strata) = groups.scores(&self.land, &errors, &filled);
         let (east_m, north_m) = registration.moved_m(self.grid.cell);
         Ok(Verdict { registration, east_m, north_m, scores, strata })
     }
@@ -137,14 +131,17 @@ impl Evaluation {
 /// cannot be brought together.
 pub fn evaluate(prediction: Surface, mut truth: Truth) -> Result<Evaluation, MetricsError> {
     let grid = truth.surface.grid;
-    let heights = truth.surface.height.valid();
-    let (low, high) = heights.fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(v), h.max(v)));
+    let heights = truth.surface.height.data.par_iter();
+    // The comparisons pass over NaN.
+    let range =
+        heights.map(|v| (*v, *v)).reduce(|| (f32::MAX, f32::MIN), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+    let (low, high) = range;
     let bounds = (low - CLIP_MARGIN_M, high + CLIP_MARGIN_M);
     let water_cells = truth.drop_water();
     let land = &truth.surface.height;
-    let land_cells = land.valid().count();
+    let land_cells = land.data.par_iter().filter(|v| !v.is_nan()).count();
     let (plane, sampling) = onto_grid(&prediction.height, &prediction.grid, &grid)?;
-    let common = plane.data.iter().zip(&land.data).filter(|(p, t)| !(**p - **t).is_nan()).count();
+    let common = plane.data.par_iter().zip(&land.data).filter(|(p, t)| !(**p - **t).is_nan()).count();
     if common < LEAST_COMMON_CELLS {
         return Err(MetricsError::NoOverlap {
             common,
@@ -159,7 +156,7 @@ pub fn evaluate(prediction: Surface, mut truth: Truth) -> Result<Evaluation, Met
     let registrations = Method::ALL.map(|method| register(method, &plane, land, bounds));
     drop(plane);
     let notes = notes(&prediction, &truth, sampling, -registrations[0].dz_m);
-    let divisions = Labels::all(&truth);
+    let groups = Groups::of(&truth);
     let mut evaluation = Evaluation {
         prediction: prediction.path,
         truth: truth.surface.path,
@@ -175,7 +172,7 @@ pub fn evaluate(prediction: Surface, mut truth: Truth) -> Result<Evaluation, Met
         classes: truth.classes,
         bounds,
     };
-    let verdicts = registrations.into_iter().map(|r| evaluation.verdict_of(r, &divisions));
+    let verdicts = registrations.into_iter().map(|r| evaluation.verdict_of(r, &groups));
     evaluation.verdicts = verdicts.collect::<Result<_, _>>()?;
     Ok(evaluation)
 }

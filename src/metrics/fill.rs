@@ -3,18 +3,24 @@
 
 use crate::raster::Plane;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// The plane with every NaN replaced by the value of the nearest valid cell; all NaN stays all NaN.
 #[must_use]
 pub fn filled_by_nearest(plane: &Plane) -> Plane {
     let (w, h) = (plane.width, plane.height);
-    let mut out = plane.clone();
-    if !plane.data.iter().any(|v| v.is_nan()) {
-        return out;
-    }
     let nearest_row = nearest_valid_row(plane);
-    out.data.par_chunks_mut(w).enumerate().for_each(|(row, line)| {
-        let rows = &nearest_row[row * w..(row + 1) * w];
+    Plane::from_rows(w, h, |row, line| {
+        line.copy_from_slice(plane.row(row));
+        if !line.iter().any(|v| v.is_nan()) {
+            return;
+        }
+        let rows: Vec<u32> = nearest_row
+            .iter()
+            .flat_map(|strip| strip.chunks_exact(strip.len() / h).nth(row))
+            .flatten()
+            .copied()
+            .collect();
         let sites: Vec<(usize, f64)> = rows
             .iter()
             .enumerate()
@@ -22,7 +28,7 @@ pub fn filled_by_nearest(plane: &Plane) -> Plane {
             .filter(|(_, r)| *r < h)
             .map(|(col, r)| (col, (r.abs_diff(row) as f64).powi(2)))
             .collect();
-        if sites.is_empty() || !line.iter().any(|v| v.is_nan()) {
+        if sites.is_empty() {
             return;
         }
         let envelope = lower_envelope(&sites);
@@ -36,19 +42,28 @@ pub fn filled_by_nearest(plane: &Plane) -> Plane {
                 *v = plane.at(from, rows[from] as usize);
             }
         }
-    });
-    out
+    })
 }
 
+/// Columns that one thread looks along at a time.
+const STRIP: usize = 64;
+
 /// For every cell the row of the nearest valid cell of its column; `height` where the column has none.
-fn nearest_valid_row(plane: &Plane) -> Vec<u32> {
-    let (w, rows) = (plane.width, plane.height);
+///
+/// In strips of [`STRIP`] columns, each row by row.
+fn nearest_valid_row(plane: &Plane) -> Vec<Vec<u32>> {
+    let strips = (0..plane.width).into_par_iter().step_by(STRIP);
+    strips.map(|first| nearest_in_strip(plane, first..(first + STRIP).min(plane.width))).collect()
+}
+
+fn nearest_in_strip(plane: &Plane, cols: Range<usize>) -> Vec<u32> {
+    let (w, rows) = (cols.len(), plane.height);
     let h = rows as u32;
     let mut nearest = vec![h; w * rows];
     for row in 0..rows {
-        for col in 0..w {
+        for (col, v) in plane.row(row)[cols.clone()].iter().enumerate() {
             let i = row * w + col;
-            nearest[i] = if !plane.data[i].is_nan() {
+            nearest[i] = if !v.is_nan() {
                 row as u32
             } else if row > 0 {
                 nearest[i - w]

@@ -3,7 +3,7 @@
 //! `z` is the BAEOGS paper's MAE_reg (eq. 4), `ncc` the one of EOGS's `dsmr.py`, `xyz` the smallest MAE there is.
 
 use super::ncc::best_whole_shift;
-use super::scores::quantile;
+use super::scores::quantile_in_place;
 use super::xyz::best_shift;
 use crate::raster::Plane;
 use rayon::prelude::*;
@@ -64,32 +64,38 @@ impl Registration {
 #[must_use]
 pub fn register(method: Method, prediction: &Plane, land: &Plane, bounds: (f32, f32)) -> Registration {
     let (dx_cells, dy_cells, dz_m) = match method {
-        Method::Z => (0.0, 0.0, -quantile(&differences(prediction, land), 0.5)),
+        Method::Z => {
+            let cells = prediction.data.par_iter().zip(&land.data);
+            let mut differences: Vec<f32> = cells.map(|(p, t)| p - t).collect();
+            differences.retain(|d| !d.is_nan());
+            (0.0, 0.0, -quantile_in_place(&mut differences, 0.5))
+        }
         Method::Ncc => {
             let (dx, dy) = best_whole_shift(prediction, land);
-            let (dx, dy) = (dx as f64, dy as f64);
-            let d = differences(&shifted(prediction, dx, dy), land);
-            (dx, dy, -d.iter().map(|v| f64::from(*v)).sum::<f64>() / d.len() as f64)
+            (dx as f64, dy as f64, -mean_difference(prediction, land, (dx, dy)))
         }
         Method::Xyz => best_shift(prediction, land, bounds),
     };
     Registration { method, dx_cells, dy_cells, dz_m: dz_m + 0.0 }
 }
 
-/// `a - b` where both are numbers.
-fn differences(a: &Plane, b: &Plane) -> Vec<f32> {
-    a.data.iter().zip(&b.data).map(|(a, b)| a - b).filter(|d| !d.is_nan()).collect()
-}
-
-/// `out[row, col] = plane[row + dy, col + dx]`, bilinear.
-fn shifted(plane: &Plane, dx: f64, dy: f64) -> Plane {
-    let mut out = Plane::filled(plane.width, plane.height, f32::NAN);
-    out.data.par_chunks_mut(plane.width).enumerate().for_each(|(row, line)| {
-        for (col, v) in line.iter_mut().enumerate() {
-            *v = plane.bilinear(col as f64 + dx, row as f64 + dy);
+/// Mean of `prediction[row + dy, col + dx] - land[row, col]` where both are numbers.
+fn mean_difference(prediction: &Plane, land: &Plane, (dx, dy): (i64, i64)) -> f64 {
+    let of_row = |row: usize| {
+        let (mut sum, mut cells) = (0.0, 0usize);
+        for (col, t) in land.row(row).iter().enumerate() {
+            let d = prediction.get(col as i64 + dx, row as i64 + dy) - t;
+            if !d.is_nan() {
+                sum += f64::from(d);
+                cells += 1;
+            }
         }
-    });
-    out
+        (sum, cells)
+    };
+    // Rows are added up in their order, whatever thread had them.
+    let rows: Vec<_> = (0..land.height).into_par_iter().map(of_row).collect();
+    let (sum, cells) = rows.iter().fold((0.0, 0), |(s, n), row| (s + row.0, n + row.1));
+    sum / cells as f64
 }
 
 #[cfg(test)]
@@ -117,9 +123,8 @@ mod tests {
             assert_eq!((found.dx_cells, found.dy_cells), (2.0, 3.0), "{method:?}");
             assert!((found.dz_m + 3.7).abs() < 1e-4, "{found:?}");
             assert_eq!(found.moved_m(0.5), (-1.0, 1.5));
-            let left = differences(&shifted(&prediction, found.dx_cells, found.dy_cells), &truth);
-            assert!(left.iter().all(|d| (f64::from(*d) + found.dz_m).abs() < 1e-4));
         }
+        assert!((mean_difference(&prediction, &truth, (2, 3)) - 3.7).abs() < 1e-4);
     }
 
     #[test]
@@ -128,7 +133,7 @@ mod tests {
             let (x, y) = (c as f32, r as f32);
             10.0 * (0.05 * x).sin() * (0.06 * y + 0.002 * x).cos()
         });
-        let prediction = shifted(&truth, -0.6, 1.35);
+        let prediction = Plane::from_fn(150, 150, |c, r| truth.bilinear(c as f64 - 0.6, r as f64 + 1.35));
         let found = register(Method::Xyz, &prediction, &truth, ALL_HEIGHTS);
         assert!((found.dx_cells - 0.6).abs() < 0.02 && (found.dy_cells + 1.35).abs() < 0.02, "{found:?}");
     }

@@ -3,7 +3,6 @@
 use super::MetricsError;
 use crate::frame::{CenterPx, Pixel, Point, Transform};
 use crate::raster::{MapGrid, Plane};
-use rayon::prelude::*;
 
 /// An origin this near to the other grid, in cells, counts as on it (JAX_068's truth is 0.008 off).
 const WHOLE_CELL: f64 = 0.02;
@@ -39,8 +38,7 @@ pub fn onto_grid(plane: &Plane, from: &MapGrid, to: &MapGrid) -> Result<(Plane, 
     let near = |d: f64| (d - d.round()).abs() <= WHOLE_CELL;
     if (from.cell - to.cell).abs() <= SAME_CELL * to.cell && near(dx) && near(dy) {
         let (dx, dy) = (dx.round() as i64, dy.round() as i64);
-        let mut cut = Plane::filled(to.width, to.height, f32::NAN);
-        cut.data.par_chunks_mut(to.width).enumerate().for_each(|(row, line)| {
+        let cut = Plane::from_rows(to.width, to.height, |row, line| {
             for (col, v) in line.iter_mut().enumerate() {
                 *v = plane.get(col as i64 + dx, row as i64 + dy);
             }
@@ -56,16 +54,13 @@ fn interpolated(
     to: &MapGrid,
     map: impl Fn(Point<crate::frame::Utm>) -> Point<crate::frame::Utm> + Sync,
 ) -> Plane {
-    let mut out = Plane::filled(to.width, to.height, f32::NAN);
-    out.data.par_chunks_mut(to.width).enumerate().for_each(|(row, line)| {
+    Plane::from_rows(to.width, to.height, |row, line| {
         for (col, v) in line.iter_mut().enumerate() {
             let px: Pixel<CenterPx> = from.corner_px_from_utm(map(to.cell_center(col, row))).into();
-            if px.col.is_finite() && px.row.is_finite() {
-                *v = plane.bilinear(px.col, px.row);
-            }
+            let is_place = px.col.is_finite() && px.row.is_finite();
+            *v = if is_place { plane.bilinear(px.col, px.row) } else { f32::NAN };
         }
-    });
-    out
+    })
 }
 
 #[cfg(test)]

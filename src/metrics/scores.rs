@@ -37,109 +37,127 @@ pub struct Scores {
 }
 
 /// Sizes of errors whose share is told, in metres.
-const WITHIN_M: [f64; 3] = [0.5, 1.0, 2.0];
+const WITHIN_M: [f32; 3] = [0.5, 1.0, 2.0];
 
 impl Scores {
-    /// Scores of cells of land; each gives its error, NaN where it is not predicted, and the error once holes are
-    /// filled.
-    #[must_use]
-    pub fn of(cells: impl Iterator<Item = (f32, f32)>) -> Self {
-        let (mut errors, mut count, mut filled, mut filled_count) = (Vec::new(), 0, 0.0, 0.0);
-        let (mut sum, mut absolute, mut squares, mut within) = (0.0, 0.0, 0.0, [0usize; 3]);
-        for (error, filled_error) in cells {
-            count += 1;
-            if !error.is_nan() {
-                errors.push(error);
-                let e = f64::from(error);
-                sum += e;
-                absolute += e.abs();
-                squares += e * e;
-                for (n, limit) in within.iter_mut().zip(WITHIN_M) {
-                    *n += usize::from(e.abs() <= limit);
-                }
-            }
-            if !filled_error.is_nan() {
-                filled += f64::from(filled_error.abs());
-                filled_count += 1.0;
-            }
-        }
-        let predicted = errors.len();
+    /// Scores of all cells of some samples.
+    pub(super) fn of(samples: &[&Sample]) -> Self {
+        let total = |of: fn(&Sample) -> f64| samples.iter().map(|s| of(s)).sum::<f64>();
+        let count = |of: fn(&Sample) -> usize| samples.iter().map(|s| of(s)).sum::<usize>();
+        let predicted = count(|s| s.errors.len());
         let n = predicted as f64;
-        let [median_m, le90_m, le95_m] = quantiles(&errors, f32::abs, [0.5, 0.9, 0.95]);
+        let up_to = |limit: f32| samples.iter().map(|s| s.errors.partition_point(|e| *e <= limit)).sum();
+        let median = quantile_of(0.5, predicted, up_to);
+        let deviation = |centre: f64, q: f64| {
+            let within = |limit: f32| samples.iter().map(|s| s.within(centre, limit)).sum();
+            quantile_of(q, predicted, within)
+        };
         Self {
-            mae_m: absolute / n,
-            rmse_m: (squares / n).sqrt(),
-            bias_m: sum / n,
-            median_m,
-            nmad_m: nmad(&errors),
-            le90_m,
-            le95_m,
-            within: within.map(|cells| cells as f64 / n),
-            completeness: n / count as f64,
-            filled_mae_m: filled / filled_count,
-            cells: count,
+            mae_m: total(|s| s.absolute) / n,
+            rmse_m: (total(|s| s.squares) / n).sqrt(),
+            bias_m: total(|s| s.sum) / n,
+            median_m: deviation(0.0, 0.5),
+            nmad_m: MAD_TO_SIGMA * deviation(median, 0.5),
+            le90_m: deviation(0.0, 0.9),
+            le95_m: deviation(0.0, 0.95),
+            within: WITHIN_M.map(|m| samples.iter().map(|s| s.within(0.0, m)).sum::<usize>() as f64 / n),
+            completeness: n / count(|s| s.cells) as f64,
+            filled_mae_m: total(|s| s.filled) / count(|s| s.filled_cells) as f64,
+            cells: count(|s| s.cells),
             predicted,
         }
     }
 }
 
+/// Some cells of land: their errors sorted, so that quantiles of any number of samples together are found by bisection.
+#[derive(Clone, Default)]
+pub(super) struct Sample {
+    cells: usize,
+    errors: Vec<f32>,
+    sum: f64,
+    absolute: f64,
+    squares: f64,
+    filled: f64,
+    filled_cells: usize,
+}
+
+impl Sample {
+    /// Adds a cell by its error, NaN where it is not predicted, and its error once holes are filled.
+    pub(super) fn add(&mut self, error: f32, filled: f32) {
+        self.cells += 1;
+        if !error.is_nan() {
+            self.errors.push(error);
+            let e = f64::from(error);
+            self.sum += e;
+            self.absolute += e.abs();
+            self.squares += e * e;
+        }
+        if !filled.is_nan() {
+            self.filled += f64::from(filled.abs());
+            self.filled_cells += 1;
+        }
+    }
+
+    /// To be called once all cells are added.
+    pub(super) fn sort(&mut self) {
+        self.errors.sort_unstable_by(f32::total_cmp);
+    }
+
+    /// How many errors differ from `centre` by at most `limit`.
+    fn within(&self, centre: f64, limit: f32) -> usize {
+        let distance = |e: f32| (f64::from(e) - centre).abs() as f32;
+        let is_below = |e: f32| f64::from(e) < centre;
+        let end = self.errors.partition_point(|e| is_below(*e) || distance(*e) <= limit);
+        end - self.errors.partition_point(|e| is_below(*e) && distance(*e) > limit)
+    }
+}
+
+/// The `q` quantile, linear between neighbours, of `n` numbers of which `up_to` tells how many do not exceed a limit.
+fn quantile_of(q: f64, n: usize, up_to: impl Fn(f32) -> usize) -> f64 {
+    let nth = |index: usize| {
+        // The smallest number, in the order of all numbers, that enough others do not exceed.
+        let (mut low, mut high) = (0, u32::MAX);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            if up_to(number(middle)) > index { high = middle } else { low = middle + 1 }
+        }
+        f64::from(number(low))
+    };
+    let Some(last) = n.checked_sub(1) else { return f64::NAN };
+    let position = q * last as f64;
+    let index = position.floor() as usize;
+    let (low, next) = (nth(index), nth((index + 1).min(last)));
+    low + (next - low) * (position - index as f64)
+}
+
+/// The f32 at a place in the order of all of them.
+fn number(place: u32) -> f32 {
+    f32::from_bits(if place >> 31 == 1 { place ^ 1 << 31 } else { !place })
+}
+
 /// The `q` quantile, linear between neighbours (numpy's default); NaN of nothing. `values` must hold no NaN.
 #[must_use]
 pub fn quantile(values: &[f32], q: f64) -> f64 {
-    let [found] = quantiles(values, |v| v, [q]);
-    found
+    quantile_in_place(&mut values.to_vec(), q)
 }
 
-/// 1.4826 times the median absolute deviation from the median.
+/// As [`quantile`], changing the order of the values.
+pub(super) fn quantile_in_place(values: &mut [f32], q: f64) -> f64 {
+    let Some(last) = values.len().checked_sub(1) else { return f64::NAN };
+    let position = q * last as f64;
+    let index = position.floor() as usize;
+    let (_, &mut low, above) = values.select_nth_unstable_by(index, f32::total_cmp);
+    let next = above.iter().copied().min_by(f32::total_cmp).unwrap_or(low);
+    let (low, next) = (f64::from(low), f64::from(next));
+    low + (next - low) * (position - index as f64)
+}
+
+/// 1.4826 times the median absolute deviation from the median. `values` must hold no NaN.
 #[must_use]
 pub fn nmad(values: &[f32]) -> f64 {
     let median = quantile(values, 0.5);
-    let [deviation] = quantiles(values, |v| (f64::from(v) - median).abs() as f32, [0.5]);
-    MAD_TO_SIGMA * deviation
-}
-
-/// Quantiles of `of(value)`.
-///
-/// Values are counted by their leading bits, then sorted where a quantile lies: few passes, and no copy of them all.
-fn quantiles<const N: usize>(values: &[f32], of: impl Fn(f32) -> f32, q: [f64; N]) -> [f64; N] {
-    if values.is_empty() {
-        return [f64::NAN; N];
-    }
-    let mut counts = vec![0usize; 1 << BUCKET_BITS];
-    for v in values {
-        counts[bucket(of(*v))] += 1;
-    }
-    q.map(|q| {
-        let position = q * (values.len() - 1) as f64;
-        let index = position.floor() as usize;
-        let (mut first, mut before) = (0, 0);
-        while before + counts[first] <= index {
-            before += counts[first];
-            first += 1;
-        }
-        // The next value may lie in a later bucket.
-        let (mut last, mut through) = (first, before + counts[first]);
-        while through < (index + 2).min(values.len()) {
-            last += 1;
-            through += counts[last];
-        }
-        let near = values.iter().map(|v| of(*v)).filter(|v| (first..=last).contains(&bucket(*v)));
-        let mut near: Vec<f32> = near.collect();
-        let (_, &mut low, above) = near.select_nth_unstable_by(index - before, f32::total_cmp);
-        let next = above.iter().copied().min_by(f32::total_cmp).unwrap_or(low);
-        let (low, next) = (f64::from(low), f64::from(next));
-        low + (next - low) * (position - index as f64)
-    })
-}
-
-/// Leading bits by which values are counted: 128 steps between powers of two.
-const BUCKET_BITS: u32 = 16;
-
-/// Leading bits of a number, in the order of the numbers.
-fn bucket(v: f32) -> usize {
-    let bits = v.to_bits();
-    let ordered = if bits >> 31 == 0 { bits | 1 << 31 } else { !bits };
-    (ordered >> (32 - BUCKET_BITS)) as usize
+    let mut deviations: Vec<f32> = values.iter().map(|v| (f64::from(*v) - median).abs() as f32).collect();
+    MAD_TO_SIGMA * quantile_in_place(&mut deviations, 0.5)
 }
 
 #[cfg(test)]
@@ -160,10 +178,18 @@ mod tests {
         (0..n as u64).map(|i| (sigma * pair(i)) as f32).collect()
     }
 
+    fn sample(cells: impl Iterator<Item = (f32, f32)>) -> Sample {
+        let mut sample = Sample::default();
+        cells.for_each(|(error, filled)| sample.add(error, filled));
+        sample.sort();
+        sample
+    }
+
     #[test]
     fn scores_of_normal_noise_are_those_of_the_distribution() {
         let sigma = 0.7;
-        let s = Scores::of(normal(400 * 400, sigma).into_iter().map(|e| (e, e)));
+        let errors = normal(400 * 400, sigma);
+        let s = Scores::of(&[&sample(errors.iter().map(|e| (*e, *e)))]);
         let near =
             |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 0.01, "{found} {expected}");
         near(s.nmad_m, sigma);
@@ -203,8 +229,22 @@ mod tests {
     }
 
     #[test]
+    fn several_samples_are_scored_as_one() {
+        let values = normal(4001, 2.0);
+        let (left, right) = values.split_at(1234);
+        let of = |values: &[f32]| sample(values.iter().map(|e| (*e, *e)));
+        let (parts, whole) = (Scores::of(&[&of(left), &of(right)]), Scores::of(&[&of(&values)]));
+        assert_eq!(parts.nmad_m, nmad(&values));
+        assert_eq!((parts.le95_m, parts.within, parts.cells), (whole.le95_m, whole.within, whole.cells));
+        assert!((parts.rmse_m - whole.rmse_m).abs() < 1e-12);
+        let mut sizes: Vec<f32> = values.iter().map(|e| e.abs()).collect();
+        sizes.sort_by(f32::total_cmp);
+        assert_eq!((parts.median_m, parts.le90_m), (f64::from(sizes[2000]), f64::from(sizes[3600])));
+    }
+
+    #[test]
     fn holes_count_against_completeness_and_are_filled_from_beside() {
-        let s = Scores::of((0..10).map(|i| if i == 9 { (f32::NAN, -1.0) } else { (0.0, 0.0) }));
+        let s = Scores::of(&[&sample((0..10).map(|i| if i == 9 { (f32::NAN, -1.0) } else { (0.0, 0.0) }))]);
         assert_eq!((s.mae_m, s.completeness, s.cells, s.predicted), (0.0, 0.9, 10, 9));
         assert!((s.filled_mae_m - 0.1).abs() < 1e-9);
     }

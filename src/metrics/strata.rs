@@ -1,10 +1,11 @@
 //! Parts of the land that are scored apart: classes, the user's mask, roof edges, slopes of the truth.
 
+use super::scores::Sample;
+use super::truth::class_codes;
 use super::{Scores, Truth, class_name};
 use crate::raster::Plane;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::collections::BTreeSet;
 
 /// DFC2019's and LAS's class of buildings.
 pub(super) const BUILDING: u8 = 6;
@@ -42,8 +43,7 @@ pub struct Stratum {
 }
 
 /// One division of the cells: the parts' names, and to which of them each cell belongs.
-#[derive(Clone, Debug)]
-pub(super) struct Labels {
+struct Labels {
     by: Division,
     names: Vec<String>,
     label: Vec<u8>,
@@ -51,7 +51,7 @@ pub(super) struct Labels {
 
 impl Labels {
     /// Every division that the truth, whose water is dropped, allows.
-    pub(super) fn all(truth: &Truth) -> Vec<Self> {
+    fn all(truth: &Truth) -> Vec<Self> {
         let (land, cell) = (&truth.surface.height, truth.surface.grid.cell);
         let classes = truth.classes.as_ref();
         let edges = classes.filter(|c| c.contains(&BUILDING)).map(|c| Self::roof_edges(c, land, cell));
@@ -63,13 +63,14 @@ impl Labels {
     }
 
     fn classes(classes: &[u8]) -> Self {
-        let found: Vec<u8> = classes.iter().copied().collect::<BTreeSet<u8>>().into_iter().collect();
+        let found = class_codes(classes);
         let mut place = [NONE; 256];
         for (i, class) in found.iter().enumerate().take(NONE.into()) {
             place[usize::from(*class)] = i as u8;
         }
         let names = found.iter().map(|c| format!("{c} {}", class_name(*c))).collect();
-        Self { by: Division::Class, names, label: classes.iter().map(|c| place[usize::from(*c)]).collect() }
+        let label = classes.par_iter().map(|c| place[usize::from(*c)]).collect();
+        Self { by: Division::Class, names, label }
     }
 
     fn mask(inside: &[bool]) -> Self {
@@ -83,30 +84,36 @@ impl Labels {
         let is_building = |i: usize| classes[i] == BUILDING;
         // The change lies half a cell from the centres on its two sides.
         let reach = (EDGE_M / cell - 0.5).max(0.0);
-        let span = reach.floor() as i64;
-        let disc: Vec<(i64, i64)> = (-span..=span)
+        let span = reach.floor() as isize;
+        let disc: Vec<(isize, isize)> = (-span..=span)
             .flat_map(|dy| (-span..=span).map(move |dx| (dx, dy)))
             .filter(|(dx, dy)| ((dx * dx + dy * dy) as f64) <= reach * reach)
             .collect();
-        let mut label = vec![1; w * h];
-        for row in 0..h {
-            for col in 0..w {
+        let mut is_rim = vec![false; w * h];
+        is_rim.par_chunks_mut(w).enumerate().for_each(|(row, line)| {
+            for (col, is_rim) in line.iter_mut().enumerate() {
                 let i = row * w + col;
                 let changes = |there: bool, j: usize| there && is_building(i) != is_building(j);
-                let is_rim = changes(col + 1 < w, i + 1)
+                *is_rim = changes(col + 1 < w, i + 1)
                     || changes(row + 1 < h, i + w)
                     || changes(col > 0, i.wrapping_sub(1))
                     || changes(row > 0, i.wrapping_sub(w));
-                if is_rim {
-                    for (dx, dy) in &disc {
-                        let (c, r) = (col as i64 + dx, row as i64 + dy);
-                        if (0..w as i64).contains(&c) && (0..h as i64).contains(&r) {
-                            label[r as usize * w + c as usize] = 0;
-                        }
+            }
+        });
+        let mut label = vec![1; w * h];
+        label.par_chunks_mut(w).enumerate().for_each(|(row, line)| {
+            for (dx, dy) in &disc {
+                let Some(rim) = row.checked_add_signed(*dy).filter(|r| *r < h).map(|r| &is_rim[r * w..][..w])
+                else {
+                    continue;
+                };
+                for (col, _) in rim.iter().enumerate().filter(|(_, is_rim)| **is_rim) {
+                    if let Some(label) = col.checked_add_signed(*dx).and_then(|c| line.get_mut(c)) {
+                        *label = 0;
                     }
                 }
             }
-        }
+        });
         let names = vec![format!("within {EDGE_M} m of a roof's edge"), "farther from roofs' edges".into()];
         Self { by: Division::RoofEdge, names, label }
     }
@@ -127,28 +134,69 @@ impl Labels {
         let names = SLOPES_DEG.windows(2).map(|s| format!("slope {} to {}°", s[0], s[1])).collect();
         Self { by: Division::Slope, names, label }
     }
+}
 
-    /// The division's parts.
-    pub(super) fn parts(&self) -> impl Iterator<Item = Part<'_>> {
-        (0..self.names.len()).map(|index| Part { labels: self, index })
+/// The land divided in every way at once: each cell belongs to one group, each part of a division is some groups.
+pub(super) struct Groups {
+    divisions: Vec<(Division, Vec<String>)>,
+    /// Labels of all divisions as the digits of a number.
+    group: Vec<u16>,
+    groups: usize,
+}
+
+/// Cells that are gathered and sorted at a time, which must not depend on the number of threads.
+const PIECE: usize = 1 << 20;
+
+impl Groups {
+    /// Of every division that the truth, whose water is dropped, allows.
+    pub(super) fn of(truth: &Truth) -> Self {
+        Self::by(Labels::all(truth), truth.surface.height.data.len())
     }
-}
 
-/// One part of a division.
-#[derive(Clone, Copy)]
-pub(super) struct Part<'a> {
-    labels: &'a Labels,
-    index: usize,
-}
+    fn by(divisions: Vec<Labels>, cells: usize) -> Self {
+        let mut all = Self { divisions: Vec::new(), group: vec![0; cells], groups: 1 };
+        for Labels { by, names, label } in divisions {
+            // The last digit is for cells of no part.
+            let digits = names.len() + 1;
+            let add = |(group, label): (&mut u16, &u8)| {
+                *group = *group * digits as u16 + u16::from(*label).min(names.len() as u16);
+            };
+            all.group.par_iter_mut().zip(&label).for_each(add);
+            all.groups *= digits;
+            all.divisions.push((by, names));
+        }
+        all
+    }
 
-impl Part<'_> {
-    /// Its scores, if it has land; errors are NaN where not scored.
-    pub(super) fn scores(&self, land: &Plane, errors: &Plane, filled: &Plane) -> Option<Stratum> {
-        let Labels { by, names, label } = self.labels;
-        let cells = label.iter().zip(&land.data).zip(errors.data.iter().zip(&filled.data));
-        let own = cells.filter(|((l, t), _)| usize::from(**l) == self.index && !t.is_nan());
-        let scores = Scores::of(own.map(|(_, (e, f))| (*e, *f)));
-        (scores.cells > 0).then(|| Stratum { by: *by, name: names[self.index].clone(), scores })
+    /// Scores of all land, and of the parts that have land; errors are NaN where not scored.
+    pub(super) fn scores(&self, land: &Plane, errors: &Plane, filled: &Plane) -> (Scores, Vec<Stratum>) {
+        let of_piece = |first: usize| {
+            let mut samples = vec![Sample::default(); self.groups];
+            for i in (first..(first + PIECE).min(self.group.len())).filter(|i| !land.data[*i].is_nan()) {
+                samples[usize::from(self.group[i])].add(errors.data[i], filled.data[i]);
+            }
+            samples.iter_mut().for_each(Sample::sort);
+            samples
+        };
+        let pieces: Vec<_> = (0..self.group.len()).into_par_iter().step_by(PIECE).map(of_piece).collect();
+        let scores_of = |is_part: &dyn Fn(usize) -> bool| {
+            let own = pieces.iter().flat_map(|samples| samples.iter().enumerate());
+            Scores::of(
+                &own.filter(|(group, _)| is_part(*group)).map(|(_, sample)| sample).collect::<Vec<_>>(),
+            )
+        };
+        let mut place = self.groups;
+        let mut parts = Vec::new();
+        for (by, names) in &self.divisions {
+            let digits = names.len() + 1;
+            place /= digits;
+            parts.extend(names.iter().enumerate().map(|(digit, name)| (by, name, place, digits, digit)));
+        }
+        let score = |(by, name, place, digits, digit): (&Division, &String, usize, usize, usize)| {
+            let scores = scores_of(&|group| group / place % digits == digit);
+            (scores.cells > 0).then(|| Stratum { by: *by, name: name.clone(), scores })
+        };
+        (scores_of(&|_| true), parts.into_par_iter().filter_map(score).collect())
     }
 }
 
@@ -203,8 +251,9 @@ mod tests {
         let inside: Vec<bool> = (0..200).map(|i| i % 20 < 5).collect();
         let errors = Plane::from_fn(20, 10, |c, _| if c < 5 { 2.0 } else { -0.5 });
         let labels = Labels::mask(&inside);
-        let parts: Vec<Stratum> = labels.parts().filter_map(|p| p.scores(&land, &errors, &errors)).collect();
+        let (all, parts) = Groups::by(vec![labels], 200).scores(&land, &errors, &errors);
         assert_eq!(parts.iter().map(|p| p.scores.cells).collect::<Vec<_>>(), [40, 150]);
         assert_eq!(parts.iter().map(|p| p.scores.bias_m).collect::<Vec<_>>(), [2.0, -0.5]);
+        assert_eq!(all.cells, 190);
     }
 }

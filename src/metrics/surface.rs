@@ -2,6 +2,7 @@
 
 use super::MetricsError;
 use crate::raster::{ImageFile, MapGrid, Plane};
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Heights at or below this are the nodata value that many lidar products do not declare.
@@ -65,14 +66,8 @@ fn metres_of(unit: &str) -> Option<f32> {
 
 /// Infinite heights and -9999 or less become NaN; returns how many.
 fn drop_undeclared_nodata(height: &mut Plane) -> usize {
-    let mut dropped = 0;
-    for v in &mut height.data {
-        if v.is_infinite() || *v <= UNDECLARED_NODATA_M {
-            *v = f32::NAN;
-            dropped += 1;
-        }
-    }
-    dropped
+    let nodata = height.data.par_iter_mut().filter(|v| v.is_infinite() || **v <= UNDECLARED_NODATA_M);
+    nodata.map(|v| *v = f32::NAN).count()
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 use super::{MetricsError, Surface, cloud};
 use crate::frame::{Point, SiteGrid};
 use crate::raster::{Geoid, ImageFile, MapGrid, Plane, Vertical, inside_polygons};
-use std::collections::BTreeSet;
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// DFC2019's and LAS's class of water.
@@ -32,6 +32,13 @@ pub fn class_name(class: u8) -> &'static str {
         65 => "unlabelled",
         _ => "other",
     }
+}
+
+/// The codes that occur, in order.
+pub(super) fn class_codes(classes: &[u8]) -> Vec<u8> {
+    let mut occurs = [false; 256];
+    classes.iter().for_each(|code| occurs[usize::from(*code)] = true);
+    (0..=u8::MAX).filter(|code| occurs[usize::from(*code)]).collect()
 }
 
 /// What a surface model is compared with.
@@ -93,10 +100,10 @@ impl Truth {
         if let Some(path) = options.classes.map(Path::to_path_buf).or_else(|| classes_beside(path)) {
             let codes = read_on_grid(&path, &surface, "classes")?;
             // A declared nodata value is NaN, which the cast turns into class 0.
-            classes = Some(codes.into_iter().map(|v| v as u8).collect());
+            classes = Some(codes.into_par_iter().map(|v| v as u8).collect());
         }
         if let Some(classes) = &classes {
-            let codes: BTreeSet<u8> = classes.iter().copied().collect();
+            let codes = class_codes(classes);
             let unknown: Vec<String> =
                 codes.iter().filter(|c| class_name(**c) == "other").map(u8::to_string).collect();
             if !unknown.is_empty() {
@@ -112,14 +119,10 @@ impl Truth {
 
     /// Makes the truth NaN where it is water, which is not scored; says how many cells that are.
     pub(super) fn drop_water(&mut self) -> usize {
-        let mut dropped = 0;
-        for (v, class) in self.surface.height.data.iter_mut().zip(self.classes.iter().flatten()) {
-            if *class == WATER && !v.is_nan() {
-                *v = f32::NAN;
-                dropped += 1;
-            }
-        }
-        dropped
+        let Some(classes) = &self.classes else { return 0 };
+        let cells = self.surface.height.data.par_iter_mut().zip(classes);
+        let water = cells.filter(|(v, class)| **class == WATER && !v.is_nan());
+        water.map(|(v, _)| *v = f32::NAN).count()
     }
 }
 

@@ -3,7 +3,7 @@
 //! Every bilinear shift on a grid of ±4 cells by 0.25 is looked at on a sample of the cells, the best of them on
 //! all (up to a bound), and from the best of these a pattern search goes down to 1/256 of a cell.
 
-use super::scores::quantile;
+use super::scores::quantile_in_place;
 use crate::raster::Plane;
 use rayon::prelude::*;
 
@@ -28,13 +28,14 @@ const BORDER: usize = REACH as usize + 3;
 
 /// (dx, dy) in cells and dz in metres that minimise the MAE after clipping to `bounds`.
 pub(super) fn best_shift(prediction: &Plane, truth: &Plane, bounds: (f32, f32)) -> (f64, f64, f64) {
-    let screen = Search::new(prediction, truth, bounds, SCREENED_CELLS);
+    let padded = padded(prediction);
+    let screen = Search::new(&padded, truth, bounds, SCREENED_CELLS);
     let steps = (REACH / STEP) as i32;
     let axis = || (-steps..=steps).map(|i| f64::from(i) * STEP);
     let grid: Vec<(f64, f64)> = axis().flat_map(|dy| axis().map(move |dx| (dx, dy))).collect();
     let shortlist: Vec<(f64, f64)> =
         screen.ranked(&grid).into_iter().take(SHORTLIST).map(|c| c.shift).collect();
-    let search = Search::new(prediction, truth, bounds, REFINED_CELLS);
+    let search = Search::new(&padded, truth, bounds, REFINED_CELLS);
     let mut starts = search.ranked(&shortlist);
     starts.truncate(STARTS);
     let least = starts.iter().map(|c| c.cells).max().unwrap_or(0) as f64 * LEAST_CELLS;
@@ -61,21 +62,27 @@ impl Candidate {
 }
 
 /// The prediction with a border of NaN, and the cells of the truth that are looked at.
-struct Search {
-    padded: Plane,
+struct Search<'a> {
+    padded: &'a Plane,
     /// Index into `padded` at no shift, and the truth's height.
     cells: Vec<(usize, f32)>,
     bounds: (f32, f32),
 }
 
-impl Search {
-    fn new(prediction: &Plane, truth: &Plane, bounds: (f32, f32), at_most: usize) -> Self {
-        let (w, h) = (prediction.width, prediction.height);
-        let mut padded = Plane::filled(w + 2 * BORDER, h + 2 * BORDER, f32::NAN);
-        for row in 0..h {
-            let start = (row + BORDER) * padded.width + BORDER;
-            padded.data[start..start + w].copy_from_slice(prediction.row(row));
+/// The plane within a border of NaN.
+fn padded(plane: &Plane) -> Plane {
+    let (width, height) = (plane.width + 2 * BORDER, plane.height + 2 * BORDER);
+    Plane::from_rows(width, height, |row, line| {
+        line.fill(f32::NAN);
+        if let Some(row) = row.checked_sub(BORDER).filter(|row| *row < plane.height) {
+            line[BORDER..BORDER + plane.width].copy_from_slice(plane.row(row));
         }
+    })
+}
+
+impl<'a> Search<'a> {
+    fn new(padded: &'a Plane, truth: &Plane, bounds: (f32, f32), at_most: usize) -> Self {
+        let (w, h) = (truth.width, truth.height);
         let mut stride = 1;
         while w.div_ceil(stride) * h.div_ceil(stride) > at_most {
             stride += 1;
@@ -139,8 +146,8 @@ impl Search {
                 pairs.push((v, t));
             }
         }
-        let differences: Vec<f32> = pairs.iter().map(|(v, t)| v - t).collect();
-        let dz_m = -quantile(&differences, 0.5);
+        let mut differences: Vec<f32> = pairs.iter().map(|(v, t)| v - t).collect();
+        let dz_m = -quantile_in_place(&mut differences, 0.5);
         let (low, high) = self.bounds;
         let dz = dz_m as f32;
         let sum: f64 = pairs.iter().map(|(v, t)| f64::from(((v + dz).clamp(low, high) - t).abs())).sum();

@@ -1,12 +1,12 @@
 //! What GDAL knows of coordinate systems.
 
-use super::file::{quiet_gdal, transform};
+use super::file::{set_up_gdal, transform};
 use gdal::spatial_ref::SpatialRef;
 
 /// EPSG code of the horizontal CRS that a WKT text describes.
 #[must_use]
 pub fn epsg_of_wkt(wkt: &str) -> Option<u32> {
-    quiet_gdal();
+    set_up_gdal();
     let mut srs = SpatialRef::from_wkt(wkt).ok()?;
     let of_part = srs.get_attr_value("PROJCS|AUTHORITY", 1).ok().flatten().and_then(|code| code.parse().ok());
     of_part.or_else(|| {
@@ -19,14 +19,14 @@ pub fn epsg_of_wkt(wkt: &str) -> Option<u32> {
 /// Whether an EPSG code is a map projection in metres.
 #[must_use]
 pub fn is_metric_map(epsg: u32) -> bool {
-    quiet_gdal();
+    set_up_gdal();
     SpatialRef::from_epsg(epsg).is_ok_and(|s| s.is_projected() && (s.linear_units() - 1.0).abs() < 1e-9)
 }
 
 /// Height of the EGM96 geoid above the ellipsoid in metres; none without PROJ's grid of it.
 #[must_use]
 pub fn egm96_undulation_m(lon_deg: f64, lat_deg: f64) -> Option<f64> {
-    quiet_gdal();
+    set_up_gdal();
     let from = SpatialRef::from_definition("EPSG:4326+5773").ok()?;
     let to = SpatialRef::from_definition("EPSG:4979").ok()?;
     let (mut x, mut y, mut z) = ([lon_deg], [lat_deg], [0.0]);

@@ -5,6 +5,7 @@ use crate::frame::{CornerPx, Pixel};
 use gdal::raster::{GdalDataType, ResampleAlg};
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
 use gdal::{Dataset, Metadata};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Once;
@@ -42,10 +43,13 @@ pub struct Window {
     pub height: usize,
 }
 
-/// GDAL's messages come back in errors; on stderr they would only confuse.
-pub(super) fn quiet_gdal() {
+/// Sets GDAL up: its messages come back in errors, on stderr they would only confuse.
+pub(super) fn set_up_gdal() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
+        // Tiles of large rasters are decoded side by side.
+        let _ =
+            gdal::config::set_config_option("GDAL_NUM_THREADS", &rayon::current_num_threads().to_string());
         gdal::config::set_error_handler(|class, number, message| {
             tracing::debug!("GDAL {class:?} {number}: {message}");
         });
@@ -58,7 +62,7 @@ impl ImageFile {
     /// # Errors
     /// [`RasterError::Open`] when GDAL cannot, [`RasterError::Size`] for images that cannot be.
     pub fn open(path: &Path) -> Result<Self, RasterError> {
-        quiet_gdal();
+        set_up_gdal();
         let refused = |reason: String| RasterError::Open { path: path.into(), reason };
         let file = std::fs::metadata(path).map_err(|e| refused(e.to_string()))?;
         if !file.is_file() {
@@ -146,13 +150,9 @@ impl ImageFile {
             .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })?
             .into_shape_and_vec()
             .1;
-        if let Some(nodata) = band.no_data_value() {
+        if let Some(nodata) = band.no_data_value().filter(|v| !v.is_nan()) {
             let nodata = nodata as f32;
-            for v in &mut data {
-                if *v == nodata {
-                    *v = f32::NAN;
-                }
-            }
+            data.par_iter_mut().filter(|v| **v == nodata).for_each(|v| *v = f32::NAN);
         }
         Ok(Plane { width, height, data })
     }

@@ -1,5 +1,7 @@
 //! One band of numbers in memory.
 
+use rayon::prelude::*;
+
 /// A row-major array of f32; NaN is no data.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plane {
@@ -25,6 +27,15 @@ impl Plane {
         for row in 0..height {
             data.extend((0..width).map(|col| f(col, row)));
         }
+        Self { width, height, data }
+    }
+
+    /// A plane whose rows are computed side by side; `fill` gets a row's number and its cells, which are 0.
+    #[must_use]
+    pub fn from_rows(width: usize, height: usize, fill: impl Fn(usize, &mut [f32]) + Sync) -> Self {
+        // Zeros of the system's are first touched by the threads that fill them.
+        let mut data = vec![0.0; width * height];
+        data.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| fill(row, line));
         Self { width, height, data }
     }
 
@@ -62,16 +73,18 @@ impl Plane {
     /// Half the size, each cell the mean of the four below it that are not NaN.
     #[must_use]
     pub fn halved(&self) -> Self {
-        Self::from_fn(self.width / 2, self.height / 2, |col, row| {
-            let (mut sum, mut n) = (0.0f32, 0.0f32);
-            for (dc, dr) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                let v = self.at(2 * col + dc, 2 * row + dr);
-                if !v.is_nan() {
-                    sum += v;
-                    n += 1.0;
+        Self::from_rows(self.width / 2, self.height / 2, |row, line| {
+            for (col, mean) in line.iter_mut().enumerate() {
+                let (mut sum, mut n) = (0.0f32, 0.0f32);
+                for (dc, dr) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                    let v = self.at(2 * col + dc, 2 * row + dr);
+                    if !v.is_nan() {
+                        sum += v;
+                        n += 1.0;
+                    }
                 }
+                *mean = sum / n;
             }
-            sum / n
         })
     }
 

@@ -1,6 +1,6 @@
 //! Points and polygons on the map: written as GeoJSON or GeoPackage, polygons read from any vector file as a mask.
 
-use super::file::quiet_gdal;
+use super::file::set_up_gdal;
 use super::write::{encode, memory_dataset};
 use super::{MapGrid, RasterError, write_atomically};
 use gdal::raster::rasterize;
@@ -62,7 +62,7 @@ fn write_features(
     ty: OGRwkbGeometryType::Type,
     features: &[(Option<&str>, String, &Numbers)],
 ) -> Result<(), RasterError> {
-    quiet_gdal();
+    set_up_gdal();
     let is_package = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gpkg"));
     let driver = if is_package { "GPKG" } else { "GeoJSON" };
     write_atomically(path, |temporary| {
@@ -99,7 +99,7 @@ fn write_features(
 /// # Errors
 /// [`RasterError::Mask`] when it has no CRS or no polygon.
 pub fn inside_polygons(path: &Path, grid: &MapGrid) -> Result<Option<Vec<bool>>, RasterError> {
-    quiet_gdal();
+    set_up_gdal();
     let wrong = |reason: String| RasterError::Mask { path: path.into(), reason };
     let flags = GdalOpenFlags::GDAL_OF_VECTOR;
     let options = DatasetOptions { open_flags: flags, ..DatasetOptions::default() };
@@ -123,7 +123,7 @@ pub fn inside_polygons(path: &Path, grid: &MapGrid) -> Result<Option<Vec<bool>>,
             return Err("it holds no polygon".into());
         }
         let cells = vec![0u8; grid.width * grid.height];
-        let mut burnt = memory_dataset(grid.width, grid.height, vec![cells], None)?;
+        let mut burnt = memory_dataset(grid.width, grid.height, &[&cells], None)?;
         burnt.set_geo_transform(&grid.geo_transform())?;
         rasterize(&mut burnt, &[1], &polygons, &vec![1.0; polygons.len()], None)?;
         let size = (grid.width, grid.height);

@@ -1,6 +1,6 @@
 //! Writing: Cloud-Optimized GeoTIFFs, sensor images with an RPC tag, PNGs. A file appears whole or not at all.
 
-use super::file::quiet_gdal;
+use super::file::set_up_gdal;
 use super::{ImageFile, MapGrid, Plane, RasterError, Vertical};
 use gdal::raster::{Buffer, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
@@ -8,6 +8,9 @@ use gdal::vsi::get_vsi_mem_file_bytes_owned;
 use gdal::{Dataset, DriverManager, Metadata};
 use image::ImageEncoder;
 use std::path::Path;
+
+/// Rows handed to GDAL at a time.
+const ROWS_AT_ONCE: usize = 256;
 
 /// Runs `write` on a temporary name beside `path`, then renames: `path` is the old file or the whole new one.
 ///
@@ -67,9 +70,9 @@ impl Cog<'_> {
     /// # Errors
     /// [`RasterError::Write`].
     pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Plane)]) -> Result<(), RasterError> {
-        let data = bands.iter().map(|b| b.2.data.clone()).collect();
+        let data: Vec<_> = bands.iter().map(|b| b.2.data.as_slice()).collect();
         let labels: Vec<_> = bands.iter().map(|b| (b.0, b.1)).collect();
-        self.write(path, data, Some(f64::NAN), &labels, "FLOATING_POINT")
+        self.write(path, &data, Some(f64::NAN), &labels, "FLOATING_POINT")
     }
 
     /// Writes 8-bit bands.
@@ -77,13 +80,14 @@ impl Cog<'_> {
     /// # Errors
     /// [`RasterError::Write`].
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>, nodata: Option<f64>) -> Result<(), RasterError> {
-        self.write(path, bands, nodata, &[], "STANDARD")
+        let data: Vec<_> = bands.iter().map(Vec::as_slice).collect();
+        self.write(path, &data, nodata, &[], "STANDARD")
     }
 
     fn write<T: GdalType + Copy>(
         &self,
         path: &Path,
-        bands: Vec<Vec<T>>,
+        bands: &[&[T]],
         nodata: Option<f64>,
         labels: &[(&str, &str)],
         predictor: &str,
@@ -129,7 +133,8 @@ impl SensorImage<'_> {
     /// # Errors
     /// [`RasterError::Write`].
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>) -> Result<(), RasterError> {
-        self.write(path, bands, None, &[])
+        let data: Vec<_> = bands.iter().map(Vec::as_slice).collect();
+        self.write(path, &data, None, &[])
     }
 
     /// Writes float32 bands, each with its description and unit, with NaN as nodata, as a GeoTIFF with an RPC tag.
@@ -137,14 +142,14 @@ impl SensorImage<'_> {
     /// # Errors
     /// [`RasterError::Write`].
     pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Plane)]) -> Result<(), RasterError> {
-        let data = bands.iter().map(|b| b.2.data.clone()).collect();
-        self.write(path, data, Some(f64::NAN), &bands.iter().map(|b| (b.0, b.1)).collect::<Vec<_>>())
+        let data: Vec<_> = bands.iter().map(|b| b.2.data.as_slice()).collect();
+        self.write(path, &data, Some(f64::NAN), &bands.iter().map(|b| (b.0, b.1)).collect::<Vec<_>>())
     }
 
     fn write<T: GdalType + Copy>(
         &self,
         path: &Path,
-        bands: Vec<Vec<T>>,
+        bands: &[&[T]],
         nodata: Option<f64>,
         labels: &[(&str, &str)],
     ) -> Result<(), RasterError> {
@@ -231,15 +236,19 @@ fn cog_options(predictor: &str) -> [(&'static str, String); 6] {
 pub(super) fn memory_dataset<T: GdalType + Copy>(
     width: usize,
     height: usize,
-    bands: Vec<Vec<T>>,
+    bands: &[&[T]],
     nodata: Option<f64>,
 ) -> gdal::errors::Result<Dataset> {
-    quiet_gdal();
+    set_up_gdal();
     let driver = DriverManager::get_driver_by_name("MEM")?;
     let dataset = driver.create_with_band_type::<T, _>("", width, height, bands.len())?;
-    for (i, data) in bands.into_iter().enumerate() {
+    for (i, data) in bands.iter().enumerate() {
         let mut band = dataset.rasterband(i + 1)?;
-        band.write((0, 0), (width, height), &mut Buffer::new((width, height), data))?;
+        // The buffer is a copy, which is kept small.
+        for (k, rows) in data.chunks(width * ROWS_AT_ONCE).enumerate() {
+            let size = (width, rows.len() / width);
+            band.write((0, (k * ROWS_AT_ONCE) as isize), size, &mut Buffer::new(size, rows.to_vec()))?;
+        }
         band.set_no_data_value(nodata)?;
     }
     Ok(dataset)

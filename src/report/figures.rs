@@ -3,6 +3,7 @@
 use super::chart::Chart;
 use crate::metrics::{Evaluation, Profile};
 use crate::raster::Plane;
+use rayon::prelude::*;
 
 /// Errors beyond this are not drawn, in metres.
 const LARGEST_M: f64 = 5.0;
@@ -26,18 +27,30 @@ pub fn figures(evaluation: &Evaluation, errors: &Plane) -> Vec<(&'static str, St
     charts.into_iter().filter_map(|(name, chart)| Some((name, chart.svg()?))).collect()
 }
 
+/// How many errors lie in each of so many bins, and how many errors there are.
+fn counted(errors: &Plane, bins: usize, bin: impl Fn(f64) -> f64 + Sync) -> (Vec<u64>, u64) {
+    let none = || (vec![0; bins], 0);
+    let count = |(mut counts, mut n): (Vec<u64>, u64), row: &[f32]| {
+        for e in row.iter().filter(|e| !e.is_nan()) {
+            n += 1;
+            let bin = bin(f64::from(*e));
+            if (0.0..bins as f64).contains(&bin) {
+                counts[bin as usize] += 1;
+            }
+        }
+        (counts, n)
+    };
+    let both = |(mut counts, n): (Vec<u64>, u64), (more, m): (Vec<u64>, u64)| {
+        counts.iter_mut().zip(more).for_each(|(count, more)| *count += more);
+        (counts, n + m)
+    };
+    errors.data.par_chunks(errors.width).fold(none, count).reduce(none, both)
+}
+
 /// Share of the cells in every step of error.
 fn histogram(errors: &Plane) -> Chart {
     let bins = (2.0 * LARGEST_M / STEP_M).round() as usize;
-    let mut counts = vec![0u64; bins];
-    let mut n = 0u64;
-    for e in errors.valid() {
-        n += 1;
-        let bin = ((f64::from(e) + LARGEST_M) / STEP_M).floor();
-        if (0.0..bins as f64).contains(&bin) {
-            counts[bin as usize] += 1;
-        }
-    }
+    let (counts, n) = counted(errors, bins, |e| ((e + LARGEST_M) / STEP_M).floor());
     let share = |count: u64| 100.0 * count as f64 / n.max(1) as f64;
     let edge = |i: usize| i as f64 * STEP_M - LARGEST_M;
     let points =
@@ -53,15 +66,7 @@ fn histogram(errors: &Plane) -> Chart {
 /// Share of the cells whose error is at most so large.
 fn cumulative(errors: &Plane) -> Chart {
     let bins = (LARGEST_M / STEP_M).round() as usize;
-    let mut counts = vec![0u64; bins + 1];
-    let mut n = 0u64;
-    for e in errors.valid() {
-        n += 1;
-        let first = (f64::from(e.abs()) / STEP_M).ceil();
-        if first <= bins as f64 {
-            counts[first as usize] += 1;
-        }
-    }
+    let (counts, n) = counted(errors, bins + 1, |e| (e.abs() / STEP_M).ceil());
     let mut sum = 0;
     let points = counts.iter().enumerate().map(|(i, c)| {
         sum += c;
