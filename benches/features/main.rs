@@ -89,8 +89,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         println!("skipped: no real data at {}", path.display());
         return Ok(());
     }
-    let image = image(&path)?;
     rayon::ThreadPoolBuilder::new().num_threads(2).build_global()?;
+    let image = image(&path)?;
     let (mut fastest, mut found) = (f64::INFINITY, Vec::new());
     for _ in 0..RUNS {
         let start = Instant::now();
