@@ -463,11 +463,11 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     assert!(said.contains("hint: --dem-vertical ellipsoid"), "{said}");
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
     let vertical = satgs::raster::Vertical::Ellipsoid;
-    let (low, high) = scene.heights_from_dem(&path, Some(&vertical)).unwrap();
+    let (low, high) = scene.dem(&path, Some(&vertical)).unwrap().heights_to_search();
     assert!(60.0 < low && low < high && high < 190.0, "{low} {high}");
     let far = satgs::raster::MapGrid { west: 600_000.0, ..grid };
     write(far);
-    let error = scene.heights_from_dem(&path, Some(&vertical)).unwrap_err().to_string();
+    let error = scene.dem(&path, Some(&vertical)).unwrap_err().to_string();
     assert!(error.contains("has no heights where the views look"), "{error}");
 }
 

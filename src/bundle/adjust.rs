@@ -5,6 +5,7 @@ use super::control::{ControlPoint, tracks_of};
 use super::correction::{ImageFrame, Model, Parameters};
 use super::error::BundleError;
 use super::features::{Keypoint, detect};
+use super::height_prior::HeightPrior;
 use super::matching::{Match, MatchView, matches};
 use super::network::{Estimate, HEIGHT_MARGIN_M, LEAST_ANGLE_DEG, LOSS_SCALES_PX, Network};
 use super::output::{Adjustment, PointQuality, SparsePoint, TiePoint};
@@ -60,6 +61,8 @@ pub struct Options {
     pub control: Vec<ControlPoint>,
     /// Names of reference views: their cameras stay as delivered, and the datum is theirs.
     pub reference: Vec<String>,
+    /// An elevation model that holds the height of the whole scene.
+    pub height_prior: Option<HeightPrior>,
 }
 
 /// Adjusts a scene's cameras.
@@ -79,6 +82,7 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
     }
     let mut work = Work::new(scene, heights, events)?;
     work.hold(&options.reference)?;
+    work.network.height_prior = options.height_prior.as_ref();
     let names: Vec<&str> = work.views.iter().map(|v| v.name).collect();
     work.control = tracks_of(&options.control, scene, &names, &work.network.block())?;
     let mut estimate = Estimate::start(work.views.len());
@@ -141,6 +145,7 @@ impl<'a> Work<'a> {
             directions: Vec::new(),
             center,
             heights,
+            height_prior: None,
         };
         let mut left_out = Vec::new();
         let mut detected = Vec::with_capacity(scene.views.len());
@@ -347,6 +352,16 @@ impl<'a> Work<'a> {
 
     /// What fixes the datum.
     fn gauge(&self, options: &Options) -> String {
+        let plan = self.gauge_of_cameras(options);
+        match &options.height_prior {
+            Some(prior) if !options.fixed => {
+                format!("{plan}; heights of the elevation model to {} m", prior.sigma_m)
+            }
+            _ => plan,
+        }
+    }
+
+    fn gauge_of_cameras(&self, options: &Options) -> String {
         match (options.fixed, self.control.is_empty(), options.reference.as_slice()) {
             (true, ..) => "cameras as given".into(),
             (false, true, []) => "mean of the delivered cameras: robust priors on the shifts".into(),

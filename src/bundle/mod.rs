@@ -4,7 +4,7 @@
 //! attitude and is written exactly into the RPC's offsets; larger images may scale and shear. Matching runs twice:
 //! first with the delivered cameras and a wide margin, then with the corrected ones and a narrow one. In the end
 //! patches around the points, sought in all views, take the place of keypoints. Surveyed points, if there are any,
-//! fix the datum; else the mean of the delivered cameras does.
+//! fix the datum; else the mean of the delivered cameras does, its height that of an elevation model if one is given.
 
 mod adjust;
 mod control;
@@ -12,6 +12,7 @@ mod correction;
 mod error;
 mod features;
 mod figures;
+mod height_prior;
 mod matching;
 mod network;
 mod output;
@@ -28,5 +29,6 @@ pub use control::{ControlPoint, control_pairs, read_control};
 pub use correction::{Model, Parameters};
 pub use error::BundleError;
 pub use features::{Keypoint, detect};
+pub use height_prior::HeightPrior;
 pub use output::{Adjustment, PointQuality, SparsePoint, TiePoint};
 pub use report::{ControlReport, Report, ViewReport};

@@ -2,6 +2,7 @@
 
 use super::correction::{ImageFrame, MOST, Model, Parameters};
 use super::error::BundleError;
+use super::height_prior::HeightPrior;
 use super::precision::Precision;
 use super::problem::{Block, Measurement, Track, Unknowns};
 use super::solver::SchurLevenbergMarquardt;
@@ -36,6 +37,8 @@ pub struct Network<'a> {
     pub center: Point<Geodetic>,
     /// Lowest and highest height of points, metres.
     pub heights: (f64, f64),
+    /// An elevation model that holds the height of the whole, if there is one.
+    pub height_prior: Option<&'a HeightPrior>,
 }
 
 /// Where an adjustment stands.
@@ -125,6 +128,7 @@ impl<'a> Network<'a> {
         block.loss_scale_px = loss_scale_px;
         block.model = model;
         let points = std::mem::take(&mut estimate.points);
+        block.heights = self.height_prior.map(|prior| prior.at(&block, &points));
         let start = Unknowns { corrections: estimate.corrections.clone(), points };
         let failed = |reason: String| BundleError::Solver { reason };
         let run = Executor::new(block, SchurLevenbergMarquardt::default())

@@ -63,6 +63,7 @@ fn network(delivered: &[Rpc]) -> Network<'_> {
             .collect(),
         center: Point::new(5.44, 43.26, 100.0),
         heights: HEIGHTS,
+        height_prior: None,
     }
 }
 
@@ -413,6 +414,7 @@ mod omaha {
             directions: exact.iter().map(direction).collect(),
             center,
             heights: (270.0, 330.0),
+            height_prior: None,
         }
     }
 

@@ -5,6 +5,7 @@
 //! datum; those of shifts are linear beyond a pixel, so that one bad view cannot move it.
 
 use super::correction::{ImageFrame, MOST, Model, Parameters};
+use super::height_prior::PointHeights;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use crate::rpc::Rpc;
 use rayon::prelude::*;
@@ -77,6 +78,8 @@ pub struct Block<'a> {
     pub model: Model,
     /// Views whose corrections stay as they are.
     pub held: Vec<bool>,
+    /// What an elevation model tells of the points.
+    pub heights: Option<PointHeights>,
     center: Point<Geodetic>,
     /// Degrees of longitude, degrees of latitude and metres of height a metre is.
     per_metre: [f64; 3],
@@ -111,6 +114,7 @@ impl<'a> Block<'a> {
             loss_scale_px: 1.0,
             model: Model::Shift,
             held,
+            heights: None,
             center,
             per_metre,
         }
@@ -169,15 +173,17 @@ impl<'a> Block<'a> {
             .tracks
             .par_iter()
             .zip(&u.points)
+            .enumerate()
             .with_min_len(64)
-            .map(|(track, p)| {
+            .map(|(t, (track, p))| {
                 let loss = |m: &Measurement| {
                     let seen = self.project(m.view, &u.corrections[m.view], *p);
                     let (d_col, d_row) = (m.px.col - seen.col, m.px.row - seen.row);
                     m.weight * ((d_col * d_col + d_row * d_row) / scale2).ln_1p()
                 };
                 let observed = scale2 / (SIGMA_PX * SIGMA_PX) * track.seen.iter().map(loss).sum::<f64>();
-                0.5 * (observed + track.known.map_or(0.0, |k| k.square(*p)))
+                let height = self.heights.as_ref().map_or(0.0, |h| h.cost(t, *p));
+                0.5 * (observed + track.known.map_or(0.0, |k| k.square(*p))) + height
             })
             .collect();
         let priors: f64 = (0..u.corrections.len()).map(|v| self.prior_cost(v, &u.corrections[v])).sum();

@@ -186,7 +186,9 @@ impl Normal {
             let to_survey = |k: usize| known.place[k] - point[k] - 0.5 * step[k];
             (0..3).map(|k| step[k] * to_survey(k) / known.sigma_m[k].powi(2)).sum()
         });
-        terms.sum::<f64>() + known
+        let height = p.heights.as_ref().and_then(|h| h.pull(t, point));
+        let height = height.map_or(0.0, |(residual, weight)| weight * step[2] * (residual - 0.5 * step[2]));
+        terms.sum::<f64>() + known + height
     }
 
     /// Solves the reduced system for the corrections.
@@ -292,6 +294,10 @@ impl Normal {
                 normal[(k, k)] += weight;
                 right[k] += weight * (known.place[k] - point[k]);
             }
+        }
+        if let Some((residual, weight)) = p.heights.as_ref().and_then(|h| h.pull(t, point)) {
+            normal[(2, 2)] += weight;
+            right[2] += weight * residual;
         }
         for k in 0..3 {
             normal[(k, k)] *= 1.0 + damping;

@@ -4,9 +4,9 @@ use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::train::write_json;
 use super::{Failure, Ui, align};
-use crate::bundle::{Model, Options, adjust, read_control};
+use crate::bundle::{HeightPrior, Model, Options, adjust, read_control};
 use crate::raster::Vertical;
-use crate::scene::Scene;
+use crate::scene::{Dem, Scene};
 use std::path::{Path, PathBuf};
 
 /// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, points.laz and .ply, tie_points.csv and .gpkg, report.json,
@@ -31,6 +31,10 @@ pub struct Args {
     /// What its heights count from: `ellipsoid`, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ) [default: as it says]
     #[arg(long, value_name = "REFERENCE", requires = "dem")]
     dem_vertical: Option<String>,
+    /// Hold the height of the scene by the elevation model, to so many metres (SRTM 10, Copernicus 5); what stands above it
+    /// counts little [default: heights are those of the delivered cameras]
+    #[arg(long, value_name = "METRES", requires = "dem", conflicts_with = "fixed", value_parser = parse_sigma)]
+    dem_sigma: Option<f64>,
     /// What is corrected: `shift` (images up to 8,000 pixels a side, and any small --aoi), `shift-scale`, or `affine`;
     /// the latter two are for whole scenes: a crop of one is too small to tell a drift from noise
     #[arg(long, value_name = "MODEL", default_value = "shift", value_parser = parse_model)]
@@ -55,6 +59,11 @@ fn parse_range(text: &str) -> Result<(f64, f64), String> {
     numbers.ok_or_else(|| format!("`{text}` is not LOW,HIGH"))
 }
 
+fn parse_sigma(text: &str) -> Result<f64, String> {
+    let metres = text.parse().ok().filter(|m: &f64| m.is_finite() && *m > 0.0);
+    metres.ok_or_else(|| format!("`{text}` is no number of metres above 0"))
+}
+
 fn parse_model(text: &str) -> Result<Model, String> {
     match text {
         "shift" => Ok(Model::Shift),
@@ -75,11 +84,11 @@ impl Args {
         self.overwrite
     }
 
-    /// The heights to search: the user's, else the elevation model's.
-    fn heights(&self, scene: &Scene) -> Result<Option<(f64, f64)>, Failure> {
-        let Some(dem) = &self.dem else { return Ok(self.height_range) };
+    /// The elevation model, if there is one.
+    fn dem(&self, scene: &Scene) -> Result<Option<Dem>, Failure> {
+        let Some(dem) = &self.dem else { return Ok(None) };
         let vertical = self.dem_vertical.as_deref().map(Vertical::read).transpose()?;
-        Ok(Some(scene.heights_from_dem(dem, vertical.as_ref())?))
+        Ok(Some(scene.dem(dem, vertical.as_ref())?))
     }
 
     fn fingerprint(&self, scene: &Scene, heights: Option<(f64, f64)>) -> Fingerprint {
@@ -101,6 +110,11 @@ impl Args {
         if !self.reference.is_empty() {
             out.insert("--reference".into(), self.reference.join(", "));
         }
+        if let (Some(dem), Some(sigma_m)) = (&self.dem, self.dem_sigma) {
+            out.insert("--dem".into(), hash_file(dem));
+            out.insert("--dem-sigma".into(), sigma_m.to_string());
+            out.insert("--dem-vertical".into(), format!("{:?}", self.dem_vertical));
+        }
         if let Some(gcps) = &self.gcps {
             out.insert("--gcps".into(), hash_file(gcps));
         }
@@ -111,7 +125,8 @@ impl Args {
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let scene = args.scene.read(args.height_range, ui)?;
-    let heights = args.heights(&scene)?;
+    let dem = args.dem(&scene)?;
+    let heights = dem.as_ref().map(Dem::heights_to_search).or(args.height_range);
     refuse_output_inside(&args.output, args.scene.path())?;
     let stage = Stage::new(
         &args.output,
@@ -131,6 +146,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         height_range: heights,
         control,
         reference: args.reference.clone(),
+        height_prior: dem.zip(args.dem_sigma).map(|(dem, sigma_m)| HeightPrior { dem, sigma_m }),
     };
     let adjustment = adjust(&scene, &options, &|e| ui.show(e))?;
     let used = Scene {

@@ -216,14 +216,14 @@ impl ImageFile {
         Some((x[0], y[0]))
     }
 
-    /// The image position of a longitude and latitude in degrees; none for an image that is no map.
+    /// The image positions of longitudes and latitudes in degrees; none for an image that is no map.
     #[must_use]
-    pub fn px_of_lon_lat(&self, lon_deg: f64, lat_deg: f64) -> Option<Pixel<CornerPx>> {
+    pub fn px_of_lon_lats(&self, places_deg: &[(f64, f64)]) -> Option<Vec<Pixel<CornerPx>>> {
         let t = self.is_map().then(|| self.dataset.geo_transform().ok())??;
-        let (mut x, mut y) = ([lon_deg], [lat_deg]);
+        let (mut x, mut y): (Vec<f64>, Vec<f64>) = places_deg.iter().copied().unzip();
         let (from, to) = (SpatialRef::from_epsg(4326).ok()?, self.dataset.spatial_ref().ok()?);
         transform(from, to, &mut x, &mut y, &mut [])?;
-        Some(Pixel::new((x[0] - t[0]) / t[1], (y[0] - t[3]) / t[5]))
+        Some(x.iter().zip(&y).map(|(x, y)| Pixel::new((x - t[0]) / t[1], (y - t[3]) / t[5])).collect())
     }
 
     /// The geotransform of a north-up raster in degrees.

@@ -1,8 +1,8 @@
 //! The heights of a scene from a digital elevation model.
 
 use super::{Scene, SceneError, footprint};
-use crate::frame::{CornerPx, Pixel, SiteGrid};
-use crate::raster::{ImageFile, Vertical, Window};
+use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid};
+use crate::raster::{ImageFile, Plane, Vertical, Window};
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
 
@@ -10,28 +10,98 @@ use std::path::Path;
 const BELOW_M: f64 = 20.0;
 /// Most lack buildings and trees.
 const ABOVE_M: f64 = 80.0;
+/// No side of the grid of heights has more nodes.
+const MOST_NODES: usize = 2048;
+
+/// Heights of an elevation model above the ellipsoid, on a grid in longitude and latitude.
+#[derive(Clone, Debug)]
+pub struct Dem {
+    /// Longitude and latitude of the first node, and from one node to the next, degrees.
+    origin: [f64; 2],
+    step: [f64; 2],
+    heights: Plane,
+    range: (f64, f64),
+}
+
+impl Dem {
+    /// The lowest and the highest ellipsoidal height to search in metres: 20 m below the model's, 80 m above.
+    #[must_use]
+    pub fn heights_to_search(&self) -> (f64, f64) {
+        (self.range.0 - BELOW_M, self.range.1 + ABOVE_M)
+    }
+
+    /// Ellipsoidal height of the model at a point's longitude and latitude, metres, bilinear; NaN where it has none.
+    #[must_use]
+    pub fn height_m(&self, p: Point<Geodetic>) -> f64 {
+        let at = |k: usize| (p.xyz()[k] - self.origin[k]) / self.step[k];
+        f64::from(self.heights.bilinear(at(0), at(1)))
+    }
+}
 
 impl Scene {
-    /// Lowest and highest ellipsoidal height in the scene's area (or its footprints) after an elevation model,
-    /// 20 m lower and 80 m higher.
+    /// An elevation model of the scene's area, or of its footprints.
     ///
     /// Without `vertical` the model itself must say that its heights are ellipsoidal (`VERTICAL_REFERENCE`).
     ///
     /// # Errors
     /// [`SceneError::Vertical`] when what its heights count from is not known, [`SceneError::DemElsewhere`] when it does
     /// not cover the scene, [`SceneError::GeoidElsewhere`] when the geoid's grid does not.
-    pub fn heights_from_dem(
-        &self,
-        path: &Path,
-        vertical: Option<&Vertical>,
-    ) -> Result<(f64, f64), SceneError> {
+    pub fn dem(&self, path: &Path, vertical: Option<&Vertical>) -> Result<Dem, SceneError> {
         let elsewhere = || SceneError::DemElsewhere { path: path.into() };
         let file = ImageFile::open(path)?;
         let told = file.metadata(Vertical::ITEM, "");
         if vertical.is_none() && !told.is_some_and(|item| Vertical::is_ellipsoid(&item)) {
             return Err(SceneError::Vertical { path: path.into() });
         }
-        let center = self.center().ok_or_else(elsewhere)?;
+        let corners = self.corners()?.ok_or_else(elsewhere)?;
+        let places = file.px_of_lon_lats(&corners).ok_or_else(elsewhere)?;
+        let window = window(&places, file.size()).ok_or_else(elsewhere)?;
+        let size = (window.width.min(MOST_NODES), window.height.min(MOST_NODES));
+        let plane = file.read_scaled(1, window, size)?;
+
+        let span = |k: usize| {
+            let of = corners.iter().map(|c| [c.0, c.1][k]);
+            of.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)))
+        };
+        let (lon, lat) = (span(0), span(1));
+        // A node more than there are cells, so that the last one is reached.
+        let step = [(lon.1 - lon.0) / size.0 as f64, (lat.1 - lat.0) / size.1 as f64];
+        let (columns, rows) = (size.0 + 1, size.1 + 1);
+        let node =
+            |i: usize| (lon.0 + (i % columns) as f64 * step[0], lat.0 + (i / columns) as f64 * step[1]);
+        let nodes: Vec<(f64, f64)> = (0..columns * rows).map(node).collect();
+        let places = file.px_of_lon_lats(&nodes).ok_or_else(elsewhere)?;
+        let height = |(px, (lon_deg, lat_deg)): (&Pixel<CornerPx>, &(f64, f64))| {
+            let col = (px.col - window.col as f64) * size.0 as f64 / window.width as f64 - 0.5;
+            let row = (px.row - window.row as f64) * size.1 as f64 / window.height as f64 - 0.5;
+            let up = vertical.map_or(0.0, |v| v.undulation_m(*lon_deg, *lat_deg));
+            (f64::from(plane.bilinear(col, row)), up)
+        };
+        let both: Vec<(f64, f64)> = places.iter().zip(&nodes).map(height).collect();
+        if both.iter().any(|(_, up)| up.is_nan()) {
+            return Err(SceneError::GeoidElsewhere);
+        }
+        let data = both.iter().map(|(h, up)| (h + up) as f32).collect();
+        let (low, high) = plane
+            .valid()
+            .map(f64::from)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        if low > high {
+            return Err(elsewhere());
+        }
+        // Over a scene a geoid is as good as level.
+        let up = both[both.len() / 2].1;
+        Ok(Dem {
+            origin: [lon.0, lat.0],
+            step,
+            heights: Plane { width: columns, height: rows, data },
+            range: (low + up, high + up),
+        })
+    }
+
+    /// Longitudes and latitudes in degrees of the corners of the scene's area, or of its footprints; none without views.
+    fn corners(&self) -> Result<Option<[(f64, f64); 4]>, SceneError> {
+        let Some(center) = self.center() else { return Ok(None) };
         let grid = SiteGrid::at(center)?;
         let (w, s, e, n) = match &self.aoi {
             Some(aoi) => aoi.utm_box(&grid),
@@ -39,33 +109,19 @@ impl Scene {
                 let all = self.views.iter();
                 let outlines =
                     all.filter_map(|v| footprint(&v.rpc, (v.width, v.height), &grid, center.height_m()));
-                let r = MultiPolygon(outlines.collect()).bounding_rect().ok_or_else(elsewhere)?;
+                let Some(r) = MultiPolygon(outlines.collect()).bounding_rect() else { return Ok(None) };
                 (r.min().x, r.min().y, r.max().x, r.max().y)
             }
         };
-        let corners = [(w, s), (e, s), (e, n), (w, n)].map(|(x, y)| {
-            let p = grid.geodetic_from_utm(crate::frame::Point::new(x, y, 0.0));
-            file.px_of_lon_lat(p.lon_deg(), p.lat_deg())
-        });
-        let window = window(&corners, file.size()).ok_or_else(elsewhere)?;
-        let plane = file.read_window(1, window)?;
-        let range = |low: f64, high: f64| (low <= high).then_some((low, high)).ok_or_else(elsewhere);
-        let (low, high) = plane
-            .valid()
-            .map(f64::from)
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-        let (low, high) = range(low, high)?;
-        let up = vertical.map_or(0.0, |v| v.undulation_m(center.lon_deg(), center.lat_deg()));
-        if up.is_nan() {
-            return Err(SceneError::GeoidElsewhere);
-        }
-        range(low + up - BELOW_M, high + up + ABOVE_M)
+        Ok(Some([(w, s), (e, s), (e, n), (w, n)].map(|(x, y)| {
+            let p = grid.geodetic_from_utm(Point::new(x, y, 0.0));
+            (p.lon_deg(), p.lat_deg())
+        })))
     }
 }
 
 /// The cells around some places, one more on each side.
-fn window(places: &[Option<Pixel<CornerPx>>; 4], (width, height): (usize, usize)) -> Option<Window> {
-    let places: Vec<Pixel<CornerPx>> = places.iter().copied().collect::<Option<_>>()?;
+fn window(places: &[Pixel<CornerPx>], (width, height): (usize, usize)) -> Option<Window> {
     let span = |of: fn(&Pixel<CornerPx>) -> f64, size: usize| {
         let low = places.iter().map(of).fold(f64::INFINITY, f64::min) - 1.0;
         let high = places.iter().map(of).fold(f64::NEG_INFINITY, f64::max) + 1.0;

@@ -18,6 +18,7 @@ mod view;
 
 pub use aoi::Aoi;
 pub use checks::{FARTHEST_OFF_NADIR_DEG, LOWEST_SUN_DEG};
+pub use dem::Dem;
 pub use error::SceneError;
 pub use footprint::{Overlap, UtmBox, default_aoi, footprint, ground_seen, views_needed};
 pub use read::{ReadOptions, read};
