@@ -22,12 +22,7 @@ fn adjusted(folder: &Path, rpcs: Option<&str>) -> Adjustment {
     adjust(&read(folder, &options).unwrap(), &Options::default(), &ignore).unwrap()
 }
 
-/// Lidar is compared where it varies by less than this, metres, in so many cells to each side: elsewhere the spread tells
-/// how many points lie at edges and in trees.
-const LEVEL_M: f32 = 1.0;
-const LEVEL_CELLS: i64 = 3;
-
-/// Spread of the points' heights over level lidar below them, not registered.
+/// Spread of the points' heights over the lidar's below them, not registered.
 fn nmad_to_lidar_m(folder: &Path, made: &Adjustment) -> f64 {
     let site = SiteGrid::at(made.points[0].position).unwrap();
     // The truth's text file names no CRS: only that of this grid counts.
@@ -40,13 +35,8 @@ fn nmad_to_lidar_m(folder: &Path, made: &Adjustment) -> f64 {
         .map(|p| {
             let place = site.utm_from_geodetic(p.position);
             let px = truth.grid.corner_px_from_utm(place);
-            let (col, row) = (px.col.floor() as i64, px.row.floor() as i64);
-            let around = (-LEVEL_CELLS..=LEVEL_CELLS)
-                .flat_map(|r| (-LEVEL_CELLS..=LEVEL_CELLS).map(move |c| (col + c, row + r)))
-                .map(|(c, r)| truth.height.get(c, r));
-            let (low, high) = around.fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(v), h.max(v)));
-            let is_level = high - low < LEVEL_M;
-            if is_level { p.position.height_m() as f32 - truth.height.get(col, row) } else { f32::NAN }
+            let lidar = truth.height.get(px.col.floor() as i64, px.row.floor() as i64);
+            p.position.height_m() as f32 - lidar
         })
         .filter(|d| d.is_finite())
         .collect();
@@ -94,6 +84,6 @@ fn nineteen_dates_agree_with_an_independent_adjustment_one_view_36_pixels_off() 
     println!("median {:.3} px, largest {:.3} px", off[off.len() / 2], off[off.len() - 1]);
     assert!(off[off.len() - 1] < AGREEMENT_PX);
     let nmad = nmad_to_lidar_m(&folder, &made);
-    println!("NMAD of the points' heights against level lidar: {nmad:.3} m");
-    assert!(nmad < 0.6);
+    println!("NMAD of the points' heights against lidar: {nmad:.3} m");
+    assert!(nmad < 1.0);
 }

@@ -8,21 +8,17 @@ use crate::raster::Plane;
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
-use std::ops::Range;
 
 /// Values of a descriptor: 4 x 4 cells of 8 directions.
 pub const VALUES: usize = 128;
-/// Keypoints kept of a megapixel, the strongest: a limit for every cell would take others where the image is turned or
-/// shifted.
-const PER_MEGAPIXEL: usize = 6500;
-/// Side of the cells that keep some however faint, so that all of the image is covered, pixels, and how many these are.
+/// Side of the cells in which keypoints compete, pixels, and how many each keeps: at most 8,500 per megapixel.
 const CELL_PX: usize = 64;
-const PER_CELL: usize = 8;
+const PER_CELL: usize = 35;
 /// Distance to missing pixels within which there are no keypoints.
 const MASK_REACH_PX: i64 = 10;
 /// Side of the tiles that a large image is searched in, one after the other, and what a tile sees beyond its own, pixels:
-/// whole cells, and whole pixels of every octave, so that tiles find what the whole image would, though each keeps its
-/// own strongest; beyond lies more than a descriptor of the coarsest octave reaches.
+/// whole cells, and whole pixels of every octave, so that tiles find what the whole image would; beyond lies more than
+/// a descriptor of the coarsest octave reaches.
 const TILE_PX: usize = 2048;
 const BEYOND_PX: usize = 256;
 const DIRECTIONS: usize = 36;
@@ -64,18 +60,17 @@ fn detect_in(image: &Plane, own: [usize; 2]) -> Vec<(usize, Keypoint)> {
     let last: [usize; 2] = std::array::from_fn(|k| (own[k] + TILE_PX + BEYOND_PX).min(size[k]));
     let seen =
         Plane::from_fn(last[0] - first[0], last[1] - first[1], |c, r| image.at(first[0] + c, first[1] + r));
-    let found = keypoints(
-        &seen,
-        std::array::from_fn(|k| own[k] - first[k]..(own[k] + TILE_PX).min(last[k]) - first[k]),
-    );
+    let inside =
+        |k: usize, px: f64| (own[k]..own[k] + TILE_PX).contains(&((px.max(0.0) as usize) + first[k]));
+    let found = keypoints(&seen, |px| inside(0, px.col) && inside(1, px.row));
     let [dx, dy] = first.map(|f| f as f64);
     let placed =
         |(rank, k): (usize, Keypoint)| (rank, Keypoint { px: Pixel::new(k.px.col + dx, k.px.row + dy), ..k });
     found.into_iter().map(placed).collect()
 }
 
-/// The keypoints of some columns and rows, each with its rank in its cell.
-fn keypoints(image: &Plane, [cols, rows]: [Range<usize>; 2]) -> Vec<(usize, Keypoint)> {
+/// The keypoints that are wanted, each with its rank in its cell.
+fn keypoints(image: &Plane, is_wanted: impl Fn(Pixel<CenterPx>) -> bool) -> Vec<(usize, Keypoint)> {
     let known: Vec<f32> = image.valid().collect();
     if known.is_empty() {
         return Vec::new();
@@ -88,15 +83,11 @@ fn keypoints(image: &Plane, [cols, rows]: [Range<usize>; 2]) -> Vec<(usize, Keyp
     };
     let octaves = octaves(&filled);
     let mut found = extrema(&octaves);
-    found.retain(|e| {
-        let px = place(e, &octaves);
-        cols.contains(&(px.col as usize)) && rows.contains(&(px.row as usize))
-    });
+    found.retain(|e| is_wanted(place(e, &octaves)));
     if masked {
         found.retain(|e| !near_missing(image, e.position, octaves[e.octave].step));
     }
-    let known = rows.map(|r| image.row(r)[cols.clone()].iter().filter(|v| !v.is_nan()).count());
-    let strongest = spread(found, &octaves, image, known.sum::<usize>() * PER_MEGAPIXEL / 1_000_000);
+    let strongest = spread(found, &octaves, image);
     let gradients: Vec<Vec<Gradients>> =
         octaves.iter().map(|o| o.levels[1..=SCALES].par_iter().map(Gradients::new).collect()).collect();
     let described: Vec<Vec<(usize, Keypoint)>> = strongest
@@ -131,28 +122,23 @@ fn near_missing(image: &Plane, position: [f32; 3], step: f64) -> bool {
     reach.iter().any(|dr| reach.iter().any(|dc| image.get(col + dc, row + dr).is_nan()))
 }
 
-/// So many of the strongest extrema, and the strongest of each cell, with their ranks in their cells; the first of all
-/// cells come first, then the second, and so on: any number of them from the beginning covers the image.
-fn spread(
-    mut found: Vec<Extremum>,
-    octaves: &[Octave],
-    image: &Plane,
-    strongest: usize,
-) -> Vec<(usize, Extremum)> {
+/// The strongest extrema of each cell with their ranks; the first of all cells come first, then the second, and so on:
+/// any number of them from the beginning covers the image.
+fn spread(mut found: Vec<Extremum>, octaves: &[Octave], image: &Plane) -> Vec<(usize, Extremum)> {
     let columns = image.width.div_ceil(CELL_PX);
     let mut taken = vec![0; columns * image.height.div_ceil(CELL_PX)];
     // Stable sorts: equal ones keep the order in which they were found.
     found.sort_by(|a, b| b.response.abs().total_cmp(&a.response.abs()));
     let mut ranked: Vec<(usize, Extremum)> = found
         .into_iter()
-        .enumerate()
-        .filter_map(|(stronger, e)| {
+        .map(|e| {
             let step = octaves[e.octave].step as f32;
             let cell = |p: f32| ((p * step) as usize) / CELL_PX;
             let rank = &mut taken[cell(e.position[1]) * columns + cell(e.position[0])];
             *rank += 1;
-            (stronger < strongest || *rank <= PER_CELL).then_some((*rank, e))
+            (*rank, e)
         })
+        .filter(|(rank, _)| *rank <= PER_CELL)
         .collect();
     ranked.sort_by_key(|(rank, _)| *rank);
     ranked
@@ -178,7 +164,7 @@ impl Gradients {
     }
 
     /// Rows and columns within `reach` of a position.
-    fn around(&self, at: [f32; 3], reach: usize) -> [Range<usize>; 2] {
+    fn around(&self, at: [f32; 3], reach: usize) -> [std::ops::Range<usize>; 2] {
         let range = |p: f32, n: usize| {
             let middle = p.round() as usize;
             middle.saturating_sub(reach)..(middle + reach + 1).min(n)
@@ -209,7 +195,7 @@ fn direction(dx: f32, dy: f32) -> f32 {
 }
 
 /// Gaussian window along one axis: its value at each index of a range.
-fn window(range: Range<usize>, middle: f32, sigma: f32) -> Vec<f32> {
+fn window(range: std::ops::Range<usize>, middle: f32, sigma: f32) -> Vec<f32> {
     range.map(|i| (-(i as f32 - middle).powi(2) / (2.0 * sigma * sigma)).exp()).collect()
 }
 
@@ -339,51 +325,21 @@ mod tests {
                     .any(|q| q.px.distance(there) < 0.3 && similarity(&k.descriptor, &q.descriptor) > 0.95)
             })
             .count();
-        // Pixels of coarser octaves begin elsewhere when turned.
-        assert!(matched * 5 > a.len() * 4, "{matched} of {}", a.len());
+        assert!(matched * 20 > a.len() * 17, "{matched} of {}", a.len());
     }
 
     #[test]
     fn tiles_find_what_the_whole_image_would() {
         let (width, height) = (TILE_PX + 500, 400);
         let image = texture(width, height);
-        let whole: Vec<Keypoint> =
-            keypoints(&image, [0..width, 0..height]).into_iter().map(|(_, k)| k).collect();
+        let whole: Vec<Keypoint> = keypoints(&image, |_| true).into_iter().map(|(_, k)| k).collect();
         let tiled = detect(&image);
-        // The strongest of a tile are not quite those of the whole image.
-        assert!(whole.len().abs_diff(tiled.len()) * 50 <= whole.len(), "{} {}", whole.len(), tiled.len());
+        assert!(whole.len().abs_diff(tiled.len()) * 1000 <= whole.len(), "{} {}", whole.len(), tiled.len());
         // Coordinates are single precision and count from the tile's corner.
         let near = whole.iter().filter(|k| tiled.iter().any(|q| q.px.distance(k.px) < 2e-3)).count();
-        assert!(near * 50 > whole.len() * 49, "{near} of {}", whole.len());
+        assert!(near * 1000 > whole.len() * 998, "{near} of {}", whole.len());
         let early = tiled.iter().take(tiled.len() / 10).filter(|k| k.px.col > TILE_PX as f64).count();
         assert!(early * 200 > tiled.len(), "{early} of {}", tiled.len());
-    }
-
-    #[test]
-    fn the_strongest_are_kept_and_some_of_every_cell() {
-        // Texture on the left; on the right other, fainter.
-        let (image, side) = (texture(1024, 512), 512);
-        let image = Plane::from_fn(1024, 512, |c, r| {
-            if c < side { image.at(c, r) } else { 0.5 + 0.2 * (image.at(c, r) - 0.5) }
-        });
-        let octaves = octaves(&image);
-        let found = extrema(&octaves);
-        let kept = spread(found.clone(), &octaves, &image, 1500);
-        let weakest = |all: &mut Vec<f32>| *all.select_nth_unstable_by(1499, |a, b| b.total_cmp(a)).1;
-        let limit = weakest(&mut found.iter().map(|e| e.response.abs()).collect());
-        assert!(kept.len() > 1900 && kept.len() < 1500 + PER_CELL * 128, "{}", kept.len());
-        assert_eq!(kept.iter().filter(|(_, e)| e.response.abs() >= limit).count(), 1500);
-        let by_cell = |all: &[Extremum]| {
-            let mut cells = vec![0; 128];
-            for px in all.iter().map(|e| place(e, &octaves)) {
-                cells[px.row as usize / CELL_PX * 16 + px.col as usize / CELL_PX] += 1;
-            }
-            cells
-        };
-        let kept: Vec<Extremum> = kept.into_iter().map(|(_, e)| e).collect();
-        for (all, kept) in by_cell(&found).into_iter().zip(by_cell(&kept)) {
-            assert!(kept >= PER_CELL.min(all), "{kept} of {all}");
-        }
     }
 
     #[test]
