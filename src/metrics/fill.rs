@@ -115,15 +115,17 @@ mod tests {
 
     #[test]
     fn every_hole_gets_a_value_at_the_smallest_distance() {
+        // More than two strips.
+        const W: usize = 2 * STRIP + 31;
         for keep in [3, 17, 200] {
-            let p = Plane::from_fn(31, 23, |c, r| {
-                let i = r * 31 + c;
+            let p = Plane::from_fn(W, 23, |c, r| {
+                let i = r * W + c;
                 if noise(i).is_multiple_of(keep) { i as f32 } else { f32::NAN }
             });
             let filled = filled_by_nearest(&p);
             for r in 0..23usize {
-                for c in 0..31usize {
-                    let d2 = |i: usize| (i % 31).abs_diff(c).pow(2) + (i / 31).abs_diff(r).pow(2);
+                for c in 0..W {
+                    let d2 = |i: usize| (i % W).abs_diff(c).pow(2) + (i / W).abs_diff(r).pow(2);
                     let best = p.valid().map(|v| d2(v as usize)).min().unwrap();
                     assert_eq!(d2(filled.at(c, r) as usize), best, "cell {c} {r}");
                 }

@@ -251,9 +251,13 @@ mod tests {
         let inside: Vec<bool> = (0..200).map(|i| i % 20 < 5).collect();
         let errors = Plane::from_fn(20, 10, |c, _| if c < 5 { 2.0 } else { -0.5 });
         let labels = Labels::mask(&inside);
-        let (all, parts) = Groups::by(vec![labels], 200).scores(&land, &errors, &errors);
-        assert_eq!(parts.iter().map(|p| p.scores.cells).collect::<Vec<_>>(), [40, 150]);
-        assert_eq!(parts.iter().map(|p| p.scores.bias_m).collect::<Vec<_>>(), [2.0, -0.5]);
+        // Rows of the north, of the south, and the last of neither.
+        let label =
+            (0..200).map(|i| [0, 1, NONE][usize::from(i / 20 >= 5) + usize::from(i / 20 == 9)]).collect();
+        let rows = Labels { by: Division::Slope, names: vec!["north".into(), "south".into()], label };
+        let (all, parts) = Groups::by(vec![labels, rows], 200).scores(&land, &errors, &errors);
+        assert_eq!(parts.iter().map(|p| p.scores.cells).collect::<Vec<_>>(), [40, 150, 95, 76]);
+        assert_eq!((parts[0].scores.bias_m, parts[1].scores.bias_m), (2.0, -0.5));
         assert_eq!(all.cells, 190);
     }
 }
