@@ -70,7 +70,7 @@ fn backend() -> CpuBackend {
             TrainingView::new(format!("v{v}"), scene::camera(PIXELS), Some([1.7, -2.1]), &[plane], area)
         })
         .collect();
-    CpuBackend::new(Snapshot::start(scene::town(SPLATS, PIXELS, 1), VIEWS), views, (-3.0, 30.0))
+    CpuBackend::new(Snapshot::start(scene::town(SPLATS, PIXELS, 1), VIEWS), views, (-3.0, 30.0), None)
 }
 
 /// An iteration of three renders that leaves the splats where they are: each does the same work.
@@ -87,6 +87,7 @@ fn plan(iteration: u32) -> StepPlan {
             consistency_altitude: 0.1,
             consistency_color: 0.1,
             shadow_entropy: 0.01,
+            first_surface: None,
         },
         rates: [0.0; 6],
         population: Population::default(),

@@ -13,6 +13,7 @@ use crate::splat::appearance::Appearance;
 use crate::splat::backend::{Snapshot, TrainingBackend};
 use crate::splat::checkpoint::Checkpoint;
 use crate::splat::cpu::CpuBackend;
+use crate::splat::hold::Hold;
 use crate::splat::recipe::{Recipe, Start};
 use crate::splat::setup::Setup;
 use crate::splat::sweep::{Sweep, SweptSurface};
@@ -134,6 +135,8 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     let (at_start, mut log, state) = match checkpoints.take_up(views.len(), overwrite, ui)? {
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
+            // Another training's.
+            let _ = std::fs::remove_file(run.join(FIRST_SURFACE));
             let splats = match (sweep(&recipe, &setup, &views, &sparse), recipe.start) {
                 (Some(sweep), _) => {
                     let first = sweep.run(&|e| ui.show(e));
@@ -147,7 +150,9 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         }
     };
     let names: Vec<String> = views.iter().map(|v| v.name.clone()).collect();
-    let mut backend = CpuBackend::new(state, views, setup.altitudes);
+    // From the file whether or not training was interrupted: the same bytes.
+    let first = first_surface(run, &recipe, &setup)?;
+    let mut backend = CpuBackend::new(state, views, setup.altitudes, first.as_ref().map(Hold::new));
     let schedule = Schedule {
         recipe: &recipe,
         views: names.len(),
@@ -166,17 +171,16 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     }
     let sweep = sweep(&recipe, &setup, backend.views(), &sparse);
     let made = backend.snapshot();
-    if let Some(sweep) = &sweep {
-        // From the file whether or not training was interrupted: the same bytes.
-        let first = SweptSurface::read(&run.join(FIRST_SURFACE), &setup.site)?;
+    let swept = sweep.zip(first);
+    if let Some((sweep, first)) = &swept {
         let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
-        sweep.sharpen(&trained, &first).write(&run.join(SURFACE))?;
+        sweep.sharpen(&trained, first).write(&run.join(SURFACE))?;
     }
     ply::write(&run.join("splats.ply"), &made.splats, &setup.site)?;
     write_log(&run.join("train").join("train.csv"), &log)?;
     let splats = (at_start, made.splats.len());
     let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
-    let cameras = TrainedCameras { setup, appearances, recipe, is_matched: sweep.is_some() };
+    let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
     write_json(&run.join("cameras.json"), &cameras)?;
     stage.complete()?;
     checkpoints.remove();
@@ -187,6 +191,13 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
 /// The sweep that finds the surface, if the recipe has one and two views can be matched.
 fn sweep(recipe: &Recipe, setup: &Setup, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Sweep> {
     (recipe.start == Start::Surface).then(|| Sweep::new(setup, views, sparse)).flatten()
+}
+
+/// The surface that training starts on, if there is one.
+fn first_surface(run: &Path, recipe: &Recipe, setup: &Setup) -> Result<Option<SweptSurface>, Failure> {
+    let path = run.join(FIRST_SURFACE);
+    let is_used = recipe.start == Start::Surface && path.exists();
+    Ok(is_used.then(|| SweptSurface::read(&path, &setup.site)).transpose()?)
 }
 
 /// Says what training made; `splats` are their numbers at the start and at the end.

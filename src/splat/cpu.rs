@@ -2,6 +2,7 @@
 
 use super::backend::{Snapshot, StepPlan, StepReport, TrainingBackend};
 use super::density::{grow, prune, reset_opacity};
+use super::hold::Hold;
 use super::objective::{Gradient, Objective, Sheared, Shot};
 use super::raster::{FrameCamera, Layers};
 use super::stopwatch::Stopwatch;
@@ -12,6 +13,7 @@ pub struct CpuBackend {
     views: Vec<TrainingView>,
     /// Lowest and highest altitude of the scene, metres above the site's origin.
     altitudes: (f64, f64),
+    hold: Option<Hold>,
     state: Snapshot,
     objective: Objective<f32>,
     gradient: Gradient<f32>,
@@ -22,10 +24,11 @@ pub struct CpuBackend {
 impl CpuBackend {
     /// A backend that goes on from `state` with as many `views`; the scene lies between `altitudes`.
     #[must_use]
-    pub fn new(state: Snapshot, views: Vec<TrainingView>, altitudes: (f64, f64)) -> Self {
+    pub fn new(state: Snapshot, views: Vec<TrainingView>, altitudes: (f64, f64), hold: Option<Hold>) -> Self {
         Self {
             views,
             altitudes,
+            hold,
             state,
             objective: Objective::default(),
             gradient: Gradient::default(),
@@ -99,6 +102,10 @@ impl TrainingBackend for CpuBackend {
         let gradient = &mut self.gradient;
         let losses = self.objective.evaluate(splats, appearance, &shot, &plan.weights, gradient, watch);
 
+        if let (Some(hold), Some(weight)) = (&self.hold, plan.weights.first_surface) {
+            hold.pull(splats, weight, &mut gradient.splats);
+        }
+
         let to_half_sides = half_sides.map(|h| h as f32);
         let seen =
             |i: usize| self.objective.seen(i).map(|g| [g[0] * to_half_sides[0], g[1] * to_half_sides[1]]);
@@ -170,7 +177,7 @@ mod tests {
             let p = [28.0 * d.uniform() - 14.0, 26.0 * d.uniform() - 13.0, 3.0 * d.uniform()];
             start.push(p.map(|v| v as f32), 0.4, 0.9, [0.5; 3]);
         }
-        CpuBackend::new(Snapshot::start(start, views.len()), views, (-5.0, 10.0))
+        CpuBackend::new(Snapshot::start(start, views.len()), views, (-5.0, 10.0), None)
     }
 
     fn trained(threads: usize) -> (Snapshot, Vec<usize>) {

@@ -67,9 +67,8 @@ impl<T: Real> Place<T> {
     /// Bilinear value of a channel and its slopes by column and row.
     #[inline(always)]
     pub fn value(&self, image: &Layers<T>, channel: usize) -> (T, [T; 2]) {
-        let (a, b) = (image.at(channel, self.col, self.row), image.at(channel, self.col + 1, self.row));
-        let (c, d) =
-            (image.at(channel, self.col, self.row + 1), image.at(channel, self.col + 1, self.row + 1));
+        let [a, b] = *image.pair(channel, self.col, self.row);
+        let [c, d] = *image.pair(channel, self.col, self.row + 1);
         let [x, y] = self.part;
         let (upper, lower) = (a + (b - a) * x, c + (d - c) * x);
         let by_x = (b - a) + ((d - c) - (b - a)) * y;
@@ -82,11 +81,10 @@ impl<T: Real> Place<T> {
         let [x, y] = self.part;
         let one = T::one();
         let row = self.row - by.first_row;
-        for (dc, dr, weight) in
-            [(0, 0, (one - x) * (one - y)), (1, 0, x * (one - y)), (0, 1, (one - x) * y), (1, 1, x * y)]
-        {
-            let v = by.layers.at_mut(channel, self.col + dc, row + dr);
-            *v = *v + weight * by_value;
+        for (down, share) in [(0, one - y), (1, y)] {
+            let [left, right] = by.layers.pair_mut(channel, self.col, row + down);
+            *left = *left + (one - x) * share * by_value;
+            *right = *right + x * share * by_value;
         }
     }
 }

@@ -7,6 +7,7 @@ pub mod checkpoint;
 pub mod cpu;
 pub mod density;
 pub mod gaussians;
+pub mod hold;
 pub mod init;
 pub mod lanes;
 pub mod lookup;

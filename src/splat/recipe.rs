@@ -169,6 +169,7 @@ impl Recipe {
                 consistency_altitude: 0.01,
                 consistency_color: 0.1,
                 shadow_entropy: 0.01,
+                first_surface: None,
             },
             opacity_by_start: false,
             shadows_from: 1000,
@@ -198,6 +199,8 @@ impl Recipe {
                     half_resolution_until: 3500,
                     // The swept surface is near the truth: small steps keep it there.
                     rates: LearningRates { position: 0.000_1, position_decay: 0.1, ..baeogs.rates },
+                    // Roofs without texture would drift.
+                    weights: LossWeights { first_surface: Some(0.1), ..baeogs.weights },
                     reset: None,
                     ..baeogs
                 };
@@ -242,6 +245,7 @@ impl Recipe {
             ("weights.consistency_altitude", w.consistency_altitude),
             ("weights.consistency_color", w.consistency_color),
             ("weights.shadow_entropy", w.shadow_entropy),
+            ("weights.first_surface", w.first_surface.unwrap_or(0.0)),
             ("virtual_shear", self.virtual_shear),
             ("growth.max_scale", of_growth(|g| g.max_scale)),
             ("growth.max_radius", of_growth(|g| g.max_radius)),

@@ -63,6 +63,20 @@ impl<T: Real> Layers<T> {
         &mut self.data[(row * self.channels + channel) * self.width + col]
     }
 
+    /// A value and the one to its right.
+    #[inline(always)]
+    pub fn pair(&self, channel: usize, col: usize, row: usize) -> &[T; 2] {
+        let start = (row * self.channels + channel) * self.width + col;
+        self.data[start..].first_chunk().expect("the next column exists")
+    }
+
+    /// As [`Layers::pair`], to be changed.
+    #[inline(always)]
+    pub fn pair_mut(&mut self, channel: usize, col: usize, row: usize) -> &mut [T; 2] {
+        let start = (row * self.channels + channel) * self.width + col;
+        self.data[start..].first_chunk_mut().expect("the next column exists")
+    }
+
     /// One channel as a plane.
     #[must_use]
     pub fn plane(&self, channel: usize) -> crate::raster::Plane {

@@ -14,7 +14,7 @@ impl SweptSurface {
         let mut height = self.altitude.clone();
         height.data.iter_mut().for_each(|z| *z += self.site.origin.z() as f32);
         let cog = Cog { grid: self.grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
-        cog.write_f32(path, &[("height", "m", &height), ("score", "", &self.score)])
+        cog.write_f32(path, &[("height", "m", &height), ("score", "", &self.score), ("hold", "", &self.hold)])
     }
 
     /// Reads what [`SweptSurface::write`] wrote, into the frame of `site`.
@@ -25,6 +25,6 @@ impl SweptSurface {
         let file = ImageFile::open(path)?;
         let mut altitude = file.read(1)?;
         altitude.data.iter_mut().for_each(|z| *z -= site.origin.z() as f32);
-        Ok(Self { site: *site, grid: file.map_grid()?, altitude, score: file.read(2)? })
+        Ok(Self { site: *site, grid: file.map_grid()?, altitude, score: file.read(2)?, hold: file.read(3)? })
     }
 }

@@ -43,6 +43,11 @@ const GROUNDED_SHARE: f64 = 0.6;
 const COVER_PLANES: usize = 8;
 /// Score from which a cell is believed to hide what lies behind it.
 const BELIEVED: f32 = 0.4;
+/// A plain cell bridges what views agree on if of the cells within this distance, metres, this share is believed and no
+/// further up or down, metres.
+const SUPPORT_REACH_M: f64 = 10.0;
+const SUPPORT: f32 = 0.05;
+const SAME_ROOF_M: f32 = 1.0;
 /// Cost of a jump between neighbours, of the 255 for no correlation: high, so that plain roofs and streets hold
 /// together; lower near a prior, which does that, so that trees stand out.
 const JUMP: u16 = 200;
@@ -93,6 +98,8 @@ pub struct SweptSurface {
     pub altitude: Plane,
     /// How well the views agree there, 0 to 1: the mean cube of the pairs' correlations.
     pub score: Plane,
+    /// How far training is to be held to it: 1 where it bridges something plain from what views agree on, else down to 0.
+    pub hold: Plane,
 }
 
 impl SweptSurface {
@@ -163,8 +170,31 @@ impl Sweep {
             let look = Look::new(self, &surface.altitude, &surface.believed());
             surface = self.pick(&Volume::correlate(self, Some(&look)), JUMP);
         }
+        surface.hold = self.hold(&surface);
         events(Event::Finished);
         surface
+    }
+
+    /// [`SweptSurface::hold`] of a surface.
+    fn hold(&self, surface: &SweptSurface) -> Plane {
+        let believed = surface.believed();
+        let look = Look::new(self, &surface.altitude, &believed);
+        let around = (SUPPORT_REACH_M / self.grid.cell) as i64;
+        let of = |col: usize, row: usize| {
+            let plain = 1.0 - look.texture(row * self.grid.width + col);
+            if plain == 0.0 {
+                return 0.0;
+            }
+            let z = surface.altitude.at(col, row);
+            let near = |center: usize| (center as i64 - around..=center as i64 + around).step_by(2);
+            let cells = near(row).flat_map(|r| near(col).map(move |c| (c, r)));
+            let like = cells.filter(|(c, r)| (believed.get(*c, *r) - z).abs() < SAME_ROOF_M).count();
+            let share = like as f32 / near(0).count().pow(2) as f32;
+            plain * (share / SUPPORT).min(1.0)
+        };
+        Plane::from_rows(self.grid.width, self.grid.height, |row, line| {
+            line.iter_mut().enumerate().for_each(|(col, hold)| *hold = of(col, row));
+        })
     }
 
     /// Sweeps again, drawn to `prior`: altitudes on its grid, site metres, NaN where unknown.
@@ -206,7 +236,14 @@ impl Sweep {
         let picked: Vec<(f32, f32)> = (0..width * height).into_par_iter().map(best).collect();
         let (altitude, score) = picked.into_iter().unzip();
         let plane = |data: Vec<f32>| Plane { width, height, data };
-        SweptSurface { site: self.site, grid: self.grid, altitude: plane(altitude), score: plane(score) }
+        let hold = Plane::filled(width, height, 0.0);
+        SweptSurface {
+            site: self.site,
+            grid: self.grid,
+            altitude: plane(altitude),
+            score: plane(score),
+            hold,
+        }
     }
 }
 

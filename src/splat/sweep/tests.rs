@@ -21,7 +21,19 @@ fn texture(x: f64, y: f64, z: f64) -> f64 {
     line(j) * (1.0 - fy) + line(j + 1.0) * fy
 }
 
-fn view(lean: [f64; 2], textured: bool) -> TrainingView {
+/// What a place looks like.
+type Paint = fn(f64, f64, f64) -> f64;
+
+fn plain(_: f64, _: f64, _: f64) -> f64 {
+    0.5
+}
+
+/// Texture but in the middle of the block's roof.
+fn white_roof(x: f64, y: f64, z: f64) -> f64 {
+    if z > 0.1 && x.abs() < 5.0 && y.abs() < 3.5 { 0.9 } else { texture(x, y, z) }
+}
+
+fn view(lean: [f64; 2], paint: Paint) -> TrainingView {
     let camera = AffineCamera {
         linear: [[2.0, 0.0, -2.0 * lean[0]], [0.0, -2.0, 2.0 * lean[1]]],
         offset: [79.5, 69.5],
@@ -32,7 +44,7 @@ fn view(lean: [f64; 2], textured: bool) -> TrainingView {
         let at = |z: f64| (ground[0] + lean[0] * z, ground[1] + lean[1] * z);
         let steps = (0..=120).rev().map(|k| f64::from(k) * BLOCK_M / 120.0);
         let z = steps.into_iter().find(|z| height(at(*z).0, at(*z).1) >= *z).unwrap_or(0.0);
-        if textured { texture(at(z).0, at(z).1, z) as f32 } else { 0.5 }
+        paint(at(z).0, at(z).1, z) as f32
     };
     let plane = Plane::from_fn(160, 140, color);
     TrainingView::new("v".into(), camera, None, &[plane], (-30.0, -25.0, 30.0, 25.0))
@@ -44,9 +56,9 @@ fn setup() -> Setup {
     Setup { site, area, altitudes: (-5.0, 20.0), views: Vec::new(), reference: 0 }
 }
 
-fn views(textured: bool) -> Vec<TrainingView> {
+fn views(paint: Paint) -> Vec<TrainingView> {
     let leans = [[0.0, 0.0], [0.3, 0.05], [-0.3, 0.0], [0.05, 0.3], [0.0, -0.3]];
-    leans.into_iter().map(|lean| view(lean, textured)).collect()
+    leans.into_iter().map(|lean| view(lean, paint)).collect()
 }
 
 fn sparse() -> Vec<Point<Site>> {
@@ -64,7 +76,7 @@ fn right(surface: &SweptSurface) -> f64 {
 
 #[test]
 fn a_block_and_the_ground_around_it_are_found() {
-    let views = views(true);
+    let views = views(texture);
     let sweep = Sweep::new(&setup(), &views, &sparse()).unwrap();
     let surface = sweep.run(&ignore);
     assert!(right(&surface) > 0.95, "{}", right(&surface));
@@ -81,7 +93,7 @@ fn raised(sweep: &Sweep, up: f64) -> Plane {
 
 #[test]
 fn a_prior_decides_where_views_show_nothing_and_no_first_surface_does() {
-    let views = views(false);
+    let views = views(plain);
     let sweep = Sweep::new(&setup(), &views, &sparse()).unwrap();
     let mut first = sweep.run(&ignore);
     first.altitude.data.fill(f32::NAN);
@@ -91,7 +103,7 @@ fn a_prior_decides_where_views_show_nothing_and_no_first_surface_does() {
 
 #[test]
 fn what_is_plain_stays_on_the_first_surface_where_training_drifted() {
-    let views = views(false);
+    let views = views(plain);
     let sweep = Sweep::new(&setup(), &views, &sparse()).unwrap();
     let mut first = sweep.run(&ignore);
     first.altitude = raised(&sweep, 0.0);
@@ -100,14 +112,34 @@ fn what_is_plain_stays_on_the_first_surface_where_training_drifted() {
 }
 
 #[test]
+fn training_is_held_where_a_plain_roof_is_bridged_from_its_edges_and_nowhere_else() {
+    let of = |paint: Paint| {
+        let views = views(paint);
+        Sweep::new(&setup(), &views, &sparse()).unwrap().run(&ignore)
+    };
+    let mean = |surface: &SweptSurface, is_meant: fn(Point<Site>) -> bool| {
+        let (width, cells) = (surface.grid.width, surface.hold.data.iter().enumerate());
+        let meant: Vec<f32> =
+            cells.filter(|(i, _)| is_meant(surface.point(i % width, i / width))).map(|(_, h)| *h).collect();
+        meant.iter().sum::<f32>() / meant.len() as f32
+    };
+    let white = of(white_roof);
+    let middle = |p: Point<Site>| p.x().abs() < 3.5 && p.y().abs() < 2.0;
+    assert!(mean(&white, middle) > 0.9, "{}", mean(&white, middle));
+    let ground = |p: Point<Site>| p.x().abs() > 12.0;
+    assert!(mean(&white, ground) < 0.1, "{}", mean(&white, ground));
+    assert!(mean(&of(plain), |_| true) < 0.01, "nothing is believed that it could be bridged from");
+}
+
+#[test]
 fn views_of_one_direction_make_no_pair() {
-    let same = [view([0.1, 0.0], true), view([0.1, 0.0], true)];
+    let same = [view([0.1, 0.0], texture), view([0.1, 0.0], texture)];
     assert!(Sweep::new(&setup(), &same, &sparse()).is_none());
 }
 
 #[test]
 fn splats_start_on_the_surface_with_curtains_down_its_walls() {
-    let views = views(true);
+    let views = views(texture);
     let surface = Sweep::new(&setup(), &views, &sparse()).unwrap().run(&ignore);
     let splats = crate::splat::init::on_surface(&surface, &views);
     let near =
