@@ -87,7 +87,6 @@ fn plan(iteration: u32) -> StepPlan {
             consistency_altitude: 0.1,
             consistency_color: 0.1,
             shadow_entropy: 0.01,
-            first_surface: None,
         },
         rates: [0.0; 6],
         population: Population::default(),

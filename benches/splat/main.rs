@@ -134,7 +134,6 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
         consistency_altitude: 0.1,
         consistency_color: 0.1,
         shadow_entropy: 0.01,
-        first_surface: None,
     };
     let mut objective = Objective::<f32>::default();
     let mut iteration = |shot: &Shot<f32>| {

@@ -152,7 +152,8 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     let names: Vec<String> = views.iter().map(|v| v.name.clone()).collect();
     // From the file whether or not training was interrupted: the same bytes.
     let first = first_surface(run, &recipe, &setup)?;
-    let mut backend = CpuBackend::new(state, views, setup.altitudes, first.as_ref().map(Hold::new));
+    let hold = first.as_ref().zip(recipe.hold).map(|(first, weight)| Hold::new(first, weight));
+    let mut backend = CpuBackend::new(state, views, setup.altitudes, hold);
     let schedule = Schedule {
         recipe: &recipe,
         views: names.len(),

@@ -22,7 +22,8 @@ pub struct CpuBackend {
 }
 
 impl CpuBackend {
-    /// A backend that goes on from `state` with as many `views`; the scene lies between `altitudes`.
+    /// A backend that goes on from `state` with as many `views`; the scene lies between `altitudes`. Splats are pulled
+    /// to what `hold` says.
     #[must_use]
     pub fn new(state: Snapshot, views: Vec<TrainingView>, altitudes: (f64, f64), hold: Option<Hold>) -> Self {
         Self {
@@ -102,8 +103,8 @@ impl TrainingBackend for CpuBackend {
         let gradient = &mut self.gradient;
         let losses = self.objective.evaluate(splats, appearance, &shot, &plan.weights, gradient, watch);
 
-        if let (Some(hold), Some(weight)) = (&self.hold, plan.weights.first_surface) {
-            hold.pull(splats, weight, &mut gradient.splats);
+        if let Some(hold) = &self.hold {
+            hold.pull(splats, &mut gradient.splats);
         }
 
         let to_half_sides = half_sides.map(|h| h as f32);

@@ -6,7 +6,8 @@
 
 use super::gaussians::Gaussians;
 use super::sweep::SweptSurface;
-use crate::raster::Plane;
+use crate::frame::{Point, SiteGrid};
+use crate::raster::{MapGrid, Plane};
 use rayon::prelude::*;
 
 /// Distance beyond which the pull weakens, metres.
@@ -14,38 +15,35 @@ const REACH_M: f32 = 1.0;
 
 /// The surface, on its grid in the site frame.
 pub struct Hold {
-    /// Site position of the grid's north-west corner, metres.
-    corner: [f64; 2],
-    cell: f64,
+    site: SiteGrid,
+    grid: MapGrid,
     altitude: Plane,
     /// What the pull counts, 0 to 1.
     share: Plane,
+    /// What the loss weighs the splats' mean distance.
+    weight: f64,
 }
 
 impl Hold {
-    /// Holds to `first` where it says so.
+    /// Holds to `first` where it says so; the loss weighs the splats' mean distance by `weight`.
     #[must_use]
-    pub fn new(first: &SweptSurface) -> Self {
-        let (half, center) = (0.5 * first.grid.cell, first.point(0, 0));
-        Self {
-            corner: [center.x() - half, center.y() + half],
-            cell: first.grid.cell,
-            altitude: first.altitude.clone(),
-            share: first.hold.clone(),
-        }
+    pub fn new(first: &SweptSurface, weight: f64) -> Self {
+        let (altitude, share) = (first.altitude.clone(), first.hold.clone());
+        Self { site: first.site, grid: first.grid, altitude, share, weight }
     }
 
-    /// Adds to `gradient` the derivative by the altitudes of `weight` times the splats' mean distance from the
-    /// surface, `r² / (r² + 1)` at `r` metres.
-    pub fn pull(&self, splats: &Gaussians, weight: f64, gradient: &mut Gaussians) {
-        let scale = (weight / splats.len().max(1) as f64) as f32;
+    /// Adds to `gradient` the derivative by the altitudes of the splats' weighted mean distance from the surface,
+    /// `r² / (r² + 1)` at `r` metres.
+    pub fn pull(&self, splats: &Gaussians, gradient: &mut Gaussians) {
+        let scale = (self.weight / splats.len().max(1) as f64) as f32;
         let rows = splats.position.par_iter().zip(&mut gradient.position).with_min_len(1024);
         rows.for_each(|(position, by)| by[2] += scale * self.slope(*position));
     }
 
     fn slope(&self, [x, y, z]: [f32; 3]) -> f32 {
-        let col = ((f64::from(x) - self.corner[0]) / self.cell).floor() as i64;
-        let row = ((self.corner[1] - f64::from(y)) / self.cell).floor() as i64;
+        let place = self.site.utm_from_site(Point::new(f64::from(x), f64::from(y), 0.0));
+        let px = self.grid.corner_px_from_utm(place);
+        let (col, row) = (px.col.floor() as i64, px.row.floor() as i64);
         let r = (z - self.altitude.get(col, row)) / REACH_M;
         let slope = 2.0 * r / (REACH_M * (r * r + 1.0).powi(2));
         let pull = self.share.get(col, row) * slope;
@@ -56,8 +54,6 @@ impl Hold {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{Point, SiteGrid};
-    use crate::raster::MapGrid;
 
     /// Two cells of 2 m at an altitude of 5 m, of which the western one holds.
     fn hold() -> Hold {
@@ -65,7 +61,7 @@ mod tests {
         let grid = MapGrid { epsg: 32617, west: 998.0, north: 2001.0, cell: 2.0, width: 2, height: 1 };
         let plane = |data: [f32; 2]| Plane { width: 2, height: 1, data: data.into() };
         let (altitude, score) = (plane([5.0; 2]), plane([1.0; 2]));
-        Hold::new(&SweptSurface { site, grid, altitude, score, hold: plane([1.0, 0.0]) })
+        Hold::new(&SweptSurface { site, grid, altitude, score, hold: plane([1.0, 0.0]) }, 0.4)
     }
 
     #[test]
@@ -90,7 +86,7 @@ mod tests {
         let mut splats = Gaussians::zeros(2);
         splats.position = vec![[-1.0, 0.0, 5.5], [1.0, 0.0, 5.5]];
         let mut gradient = Gaussians::zeros(2);
-        hold().pull(&splats, 0.4, &mut gradient);
+        hold().pull(&splats, &mut gradient);
         assert!((gradient.position[0][2] - 0.2 * 1.0 / 1.5625).abs() < 1e-6);
         assert_eq!(gradient.position[1][2], 0.0);
     }

@@ -43,9 +43,6 @@ pub struct LossWeights {
     pub consistency_color: f64,
     /// Entropy of the shares of sunlight (`L_translucentshadows`).
     pub shadow_entropy: f64,
-    /// Distance from the surface that training starts on, where that is plain.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub first_surface: Option<f64>,
 }
 
 /// Another camera of the view's family, as the view's pixels reach it.

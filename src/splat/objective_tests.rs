@@ -17,13 +17,8 @@ fn splats(n: usize, seed: u64) -> Gaussians<f64> {
     g
 }
 
-const WEIGHTS: LossWeights = LossWeights {
-    opacity: 0.1,
-    consistency_altitude: 0.7,
-    consistency_color: 0.9,
-    shadow_entropy: 0.5,
-    first_surface: None,
-};
+const WEIGHTS: LossWeights =
+    LossWeights { opacity: 0.1, consistency_altitude: 0.7, consistency_color: 0.9, shadow_entropy: 0.5 };
 
 struct Setup<T: Real> {
     truth: Layers<T>,

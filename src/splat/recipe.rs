@@ -117,6 +117,9 @@ pub struct Recipe {
     pub rates: LearningRates,
     /// What the loss weighs.
     pub weights: LossWeights,
+    /// What the loss weighs the distance from the surface that splats start on, where that is plain; nothing if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hold: Option<f64>,
     /// Whether the sum of opacities is divided by the number of splats at the start (EOGS) instead of the present one
     /// (BAEOGS).
     pub opacity_by_start: bool,
@@ -169,8 +172,8 @@ impl Recipe {
                 consistency_altitude: 0.01,
                 consistency_color: 0.1,
                 shadow_entropy: 0.01,
-                first_surface: None,
             },
+            hold: None,
             opacity_by_start: false,
             shadows_from: 1000,
             virtual_shear: 0.01,
@@ -200,7 +203,7 @@ impl Recipe {
                     // The swept surface is near the truth: small steps keep it there.
                     rates: LearningRates { position: 0.000_1, position_decay: 0.1, ..baeogs.rates },
                     // Roofs without texture would drift.
-                    weights: LossWeights { first_surface: Some(0.1), ..baeogs.weights },
+                    hold: Some(0.1),
                     reset: None,
                     ..baeogs
                 };
@@ -245,7 +248,7 @@ impl Recipe {
             ("weights.consistency_altitude", w.consistency_altitude),
             ("weights.consistency_color", w.consistency_color),
             ("weights.shadow_entropy", w.shadow_entropy),
-            ("weights.first_surface", w.first_surface.unwrap_or(0.0)),
+            ("hold", self.hold.unwrap_or(0.0)),
             ("virtual_shear", self.virtual_shear),
             ("growth.max_scale", of_growth(|g| g.max_scale)),
             ("growth.max_radius", of_growth(|g| g.max_radius)),

@@ -16,6 +16,8 @@ const DOWN: usize = TILE / HIGH;
 const ACROSS: usize = 4;
 /// Most blocks of a tile. They are counted downwards, column by column.
 pub(super) const BLOCKS: usize = DOWN * ACROSS;
+/// What is added to the squared Mahalanobis radius of the cut-off: rounding must not lose a block.
+const SLACK: f64 = 0.02;
 /// Offset of a tile's middle from its first pixel.
 const MIDDLE: f64 = 0.5 * (TILE - 1) as f64;
 
@@ -238,8 +240,7 @@ impl<L: Lanes> BlockTest<L> {
     #[inline(always)]
     pub fn touched(&self, f: &Footprint<L::Number>, tile: usize, band: usize) -> u32 {
         let [a, b, c] = f.conic;
-        // Rounding must not lose a block.
-        let radius2 = f.radius2 + L::Number::of(0.02);
+        let radius2 = f.radius2 + L::Number::of(SLACK);
         let [u, v] = splat_each(self.lanes, f.offset_in(tile, band));
         let [slope, square, drop, lean] =
             splat_each(self.lanes, [-b / a, radius2 / a, (a * c - b * b) / (a * a), f.lean]);

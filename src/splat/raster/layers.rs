@@ -63,7 +63,7 @@ impl<T: Real> Layers<T> {
         &mut self.data[(row * self.channels + channel) * self.width + col]
     }
 
-    /// A value and the one to its right.
+    /// A value and the one to its right: `col` is not the last column.
     #[inline(always)]
     pub fn pair(&self, channel: usize, col: usize, row: usize) -> &[T; 2] {
         let start = (row * self.channels + channel) * self.width + col;

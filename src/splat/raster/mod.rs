@@ -32,7 +32,7 @@ pub const LOW_PASS_PX2: f64 = 0.3;
 pub const ALPHA_CUT: f64 = 1.0 / 255.0;
 /// Largest alpha.
 pub const ALPHA_MAX: f64 = 0.99;
-/// Transmittance below which nothing further touches a pixel.
+/// Transmittance that a pixel must fall below, with all others of its block, for nothing further to touch it.
 pub const SATURATED: f64 = 1e-4;
 
 /// Renders `C` features a splat through one camera and gives the gradient; keeps its buffers between calls.
