@@ -4,6 +4,7 @@
 mod common;
 
 use common::{camera, image, satgs, two_views};
+use satgs::raster::Window;
 use satgs::rpc::formats::{ViewTags, to_json, to_rpb, to_text};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -287,7 +288,8 @@ fn n17_pixels_of_every_type_become_colours() {
     raster(&at("signed.tif"), 1, &rpc(0.3), |i| (i % 500) as i16 - 250);
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
     for view in &scene.views {
-        let plane = view.read_gray().unwrap();
+        let window = Window { col: 0, row: 0, width: view.width, height: view.height };
+        let plane = view.brightness().unwrap().read(window).unwrap();
         let valid: Vec<f32> = plane.data.iter().copied().filter(|v| v.is_finite()).collect();
         assert_eq!(valid.len(), 64 * 64 - usize::from(view.name == "float"), "{}", view.name);
         let (low, high) = valid.iter().fold((1.0f32, 0.0f32), |(l, h), v| (l.min(*v), h.max(*v)));

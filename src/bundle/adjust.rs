@@ -9,15 +9,15 @@ use super::height_prior::HeightPrior;
 use super::matching::{Match, MatchView, matches};
 use super::network::{Estimate, HEIGHT_MARGIN_M, LEAST_ANGLE_DEG, LOSS_SCALES_PX, Network};
 use super::output::{Adjustment, PointQuality, SparsePoint, TiePoint};
-use super::patches::{self, Seeker};
+use super::patches::{Part, Seeker};
 use super::problem::{Measurement, Track};
 use super::report::{ControlReport, Report, ViewReport};
 use super::tracks::{self, Observation};
 use crate::event::{Event, Sink};
 use crate::frame::{Geodetic, Point, SiteGrid};
-use crate::raster::{Plane, RasterError};
+use crate::raster::RasterError;
 use crate::rpc::Rpc;
-use crate::scene::{Scene, Sun, View, angle_between_deg, footprint};
+use crate::scene::{Scene, View, angle_between_deg, footprint};
 use geo::{Area, BooleanOps};
 use rayon::prelude::*;
 
@@ -46,7 +46,12 @@ const UNCONFIRMED: f64 = 0.01;
 /// Distances that are never rejected: of keypoints, which patches are to replace, and of patches, pixels.
 const KEYPOINT_PX: f64 = 0.6;
 const PATCH_PX: f64 = 0.4;
-const VIEWS_AT_ONCE: usize = 4;
+/// Standard deviation of a height, pixels on the ground, beyond which a point is not worth having.
+const VAGUE_PX: f64 = 10.0;
+/// Pixels of views that are searched side by side.
+const PIXELS_AT_ONCE: usize = 8_000_000;
+/// Side of the squares of ground whose patches are sought together, pixels.
+const PIECE_PX: f64 = 2048.0;
 
 /// How to adjust.
 #[derive(Clone, Debug, Default)]
@@ -83,7 +88,7 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
     let mut work = Work::new(scene, heights, events)?;
     work.hold(&options.reference)?;
     work.network.height_prior = options.height_prior.as_ref();
-    let names: Vec<&str> = work.views.iter().map(|v| v.name).collect();
+    let names: Vec<&str> = work.views.iter().map(|v| v.view.name.as_str()).collect();
     work.control = tracks_of(&options.control, scene, &names, &work.network.block())?;
     let mut estimate = Estimate::start(work.views.len());
     let of_like_suns = work.pairs_of_like_suns();
@@ -102,25 +107,25 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
     work.settle(&mut estimate, options.model)?;
     let mut adjustment = work.result(&estimate, options)?;
     // Windows are a matter of this run; what is written is of whole images.
-    let windows: Vec<&View> =
-        work.views.iter().filter_map(|w| scene.views.iter().find(|v| v.name == w.name)).collect();
-    for ((_, rpc), view) in adjustment.cameras.iter_mut().zip(&windows) {
-        *rpc = view.camera_of_whole(rpc);
+    for ((_, rpc), used) in adjustment.cameras.iter_mut().zip(&work.views) {
+        *rpc = used.view.camera_of_whole(rpc);
     }
     for tie in &mut adjustment.tie_points {
-        tie.px = windows[tie.view].px_of_whole(tie.px);
+        tie.px = work.views[tie.view].view.px_of_whole(tie.px);
     }
     Ok(adjustment)
 }
 
 /// A usable view.
 struct WorkView<'a> {
-    name: &'a str,
-    size: (usize, usize),
-    sun: Option<Sun>,
+    view: &'a View,
     keypoints: Vec<Keypoint>,
-    /// Blurred a little, for patches.
-    image: Plane,
+}
+
+impl WorkView<'_> {
+    fn size(&self) -> (usize, usize) {
+        (self.view.width, self.view.height)
+    }
 }
 
 struct Work<'a> {
@@ -150,19 +155,21 @@ impl<'a> Work<'a> {
         let mut left_out = Vec::new();
         let mut detected = Vec::with_capacity(scene.views.len());
         // A few views at a time: the scale space of one takes thirty times its pixels.
-        for some in scene.views.chunks(rayon::current_num_threads().min(VIEWS_AT_ONCE)) {
+        let largest = scene.views.iter().map(|v| v.width * v.height).max().unwrap_or(1);
+        let at_once = (PIXELS_AT_ONCE / largest).clamp(1, rayon::current_num_threads());
+        for some in scene.views.chunks(at_once) {
             let found: Vec<Result<_, RasterError>> = some
                 .par_iter()
                 .map(|v| {
-                    let image = v.read_gray()?;
-                    Ok((detect(&image), patches::prepared(&image)))
+                    let image = v.brightness()?;
+                    detect((v.width, v.height), |window| image.read(window))
                 })
                 .collect();
             detected.extend(found);
             events(Event::Advanced { done: detected.len() as u64, status: String::new() });
         }
         for (view, keypoints) in scene.views.iter().zip(detected) {
-            let (keypoints, image): (Vec<Keypoint>, Plane) = keypoints?;
+            let keypoints: Vec<Keypoint> = keypoints?;
             let found = keypoints.len();
             match view.direction_deg(middle) {
                 _ if found < FEWEST_KEYPOINTS => {
@@ -175,13 +182,12 @@ impl<'a> Work<'a> {
                     left_out.push((view.name.clone(), "its RPC sees no ground at the scene's heights".into()))
                 }
                 Some(direction) => {
-                    let size = (view.width, view.height);
                     tracing::debug!("{}: {found} keypoints", view.name);
                     network.rpcs.push(&view.rpc);
-                    network.frames.push(ImageFrame::new(size));
+                    network.frames.push(ImageFrame::new((view.width, view.height)));
                     network.held.push(false);
                     network.directions.push(direction);
-                    views.push(WorkView { name: &view.name, size, sun: view.sun, keypoints, image });
+                    views.push(WorkView { view, keypoints });
                 }
             }
         }
@@ -198,7 +204,7 @@ impl<'a> Work<'a> {
 
     /// Pairs whose suns stand near each other; a sun that is not known is near to all.
     fn pairs_of_like_suns(&self) -> Vec<(usize, usize)> {
-        let direction = |v: usize| self.views[v].sun.map(|s| (s.azimuth_deg, 90.0 - s.elevation_deg));
+        let direction = |v: usize| self.views[v].view.sun.map(|s| (s.azimuth_deg, 90.0 - s.elevation_deg));
         let apart_deg = |(i, j): (usize, usize)| {
             direction(i).zip(direction(j)).map_or(0.0, |(a, b)| angle_between_deg(a, b))
         };
@@ -224,7 +230,7 @@ impl<'a> Work<'a> {
             if let Some((_, why)) = self.left_out.iter().find(|l| l.0 == *name) {
                 return Err(refused(format!("is left out: {why}")));
             }
-            let view = self.views.iter().position(|v| v.name == name);
+            let view = self.views.iter().position(|v| v.view.name == *name);
             self.network.held[view.ok_or_else(|| refused("is not in the scene".into()))?] = true;
         }
         Ok(())
@@ -256,39 +262,78 @@ impl<'a> Work<'a> {
             px: self.views[o.view as usize].keypoints[o.keypoint as usize].px,
             weight: 1.0,
         };
-        Track { seen: track.iter().map(measure).collect(), known: None }
+        let first = track.first().map(|o| &self.views[o.view as usize].keypoints[o.keypoint as usize]);
+        let gray = first.map_or(0, |k| k.gray);
+        Track { seen: track.iter().map(measure).collect(), gray, known: None }
     }
 
     /// Measures the tracks anew by patches in all views, and solves with these; keypoints count little from now on.
     fn settle(&self, estimate: &mut Estimate, model: Model) -> Result<(), BundleError> {
-        (self.events)(Event::Started { stage: "measuring patches", total: 0 });
+        let pieces = self.pieces(estimate);
+        (self.events)(Event::Started { stage: "measuring patches", total: pieces.len() as u64 });
         let block = self.network.block();
-        let images = self.views.iter().map(|v| &v.image).collect();
-        let seeker = Seeker::new(&block, &estimate.corrections, images);
         let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2)).max(2);
-        estimate.tracks.par_iter_mut().zip(&estimate.points).with_min_len(16).for_each(|(track, point)| {
-            if track.known.is_some() {
-                return;
+        let images = self.views.par_iter().map(|v| Ok((v.view.brightness()?, v.size())));
+        let mut images = images.collect::<Result<Vec<_>, RasterError>>()?;
+        for (done, piece) in pieces.iter().enumerate() {
+            let at = |i: &usize| estimate.points[*i];
+            let parts = images.par_iter_mut().enumerate().map(|(v, (image, size))| {
+                let shown = piece.iter().map(|i| block.project(v, &estimate.corrections[v], at(i)));
+                Part::around(shown, *size, |window| image.read(window))
+            });
+            let parts = parts.collect::<Result<Vec<Part>, RasterError>>()?;
+            let seeker = Seeker::new(&block, &estimate.corrections, parts);
+            let seek = |i: &usize| seeker.track(&estimate.tracks[*i].seen[0], at(i));
+            let found: Vec<Vec<Measurement>> = piece.par_iter().with_min_len(16).map(seek).collect();
+            for (i, found) in piece.iter().zip(found) {
+                let track = &mut estimate.tracks[*i];
+                if found.len() >= fewest {
+                    track.seen = found;
+                } else {
+                    track.seen.iter_mut().for_each(|m| m.weight = UNCONFIRMED);
+                }
             }
-            let found = seeker.track(&track.seen[0], *point);
-            if found.len() >= fewest {
-                track.seen = found;
-            } else {
-                track.seen.iter_mut().for_each(|m| m.weight = UNCONFIRMED);
-            }
-        });
+            (self.events)(Event::Advanced { done: done as u64 + 1, status: String::new() });
+        }
         let confirmed =
             estimate.tracks.iter().filter(|t| t.known.is_none() && t.seen[0].weight > UNCONFIRMED);
         tracing::debug!("patches confirm {} of {} tracks", confirmed.count(), estimate.tracks.len());
         self.network.refine(estimate, &LOSS_SCALES_PX[1..], model, PATCH_PX)?;
+        self.drop_vague(estimate, model);
         (self.events)(Event::Finished);
         Ok(())
     }
 
-    /// What an observation looks like.
-    fn gray(&self, m: &Measurement) -> u8 {
-        let value = self.views[m.view].image.get(m.px.col.round() as i64, m.px.row.round() as i64);
-        (255.0 * value).round() as u8
+    /// The tracks without ground control, by squares of ground that each take little of an image: only these parts of the
+    /// images are in memory at once.
+    fn pieces(&self, estimate: &Estimate) -> Vec<Vec<usize>> {
+        let tied: Vec<usize> =
+            (0..estimate.tracks.len()).filter(|i| estimate.tracks[*i].known.is_none()).collect();
+        let side = PIECE_PX * self.network.gsd_m();
+        let extents: [(f64, f64); 2] = std::array::from_fn(|k| {
+            let along = tied.iter().map(|i| estimate.points[*i][k]);
+            along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+        });
+        let place = |i: usize, k: usize| {
+            let (low, high) = extents[k];
+            let count = ((high - low) / side).ceil();
+            ((estimate.points[i][k] - low) / (high - low) * count).min(count - 1.0) as usize
+        };
+        let mut pieces = std::collections::BTreeMap::<[usize; 2], Vec<usize>>::new();
+        for i in tied {
+            pieces.entry([place(i, 1), place(i, 0)]).or_default().push(i);
+        }
+        pieces.into_values().collect()
+    }
+
+    /// Drops what its rays leave far up or down: keypoints at narrow angles that no patch confirms.
+    fn drop_vague(&self, estimate: &mut Estimate, model: Model) {
+        let Some(precision) = self.network.precision(estimate, model, true) else { return };
+        let most_m = VAGUE_PX * self.network.gsd_m();
+        let all = std::mem::take(&mut estimate.tracks).into_iter().zip(std::mem::take(&mut estimate.points));
+        let clear =
+            all.zip(precision.points).filter(|((t, _), sigma)| t.known.is_some() || sigma[2] <= most_m);
+        (estimate.tracks, estimate.points) = clear.map(|(track, _)| track).unzip();
     }
 
     fn corrected(&self, corrections: &[Parameters]) -> Result<Vec<Rpc>, BundleError> {
@@ -296,7 +341,7 @@ impl<'a> Work<'a> {
         let heights = (network.heights.0 - REFIT_MARGIN_M, network.heights.1 + REFIT_MARGIN_M);
         let camera = |(v, p): (usize, &Parameters)| {
             let corrected = network.frames[v].corrected(network.rpcs[v], p, heights);
-            corrected.map_err(|reason| BundleError::Refit { view: views[v].name.into(), reason })
+            corrected.map_err(|reason| BundleError::Refit { view: views[v].view.name.clone(), reason })
         };
         corrections.par_iter().enumerate().map(camera).collect()
     }
@@ -309,7 +354,7 @@ impl<'a> Work<'a> {
             .map(|(v, rpc)| {
                 let some = if across > NARROW_PX { WIDE_KEYPOINTS } else { v.keypoints.len() };
                 let keypoints = &v.keypoints[..some.min(v.keypoints.len())];
-                MatchView::new(rpc, keypoints, v.size, self.network.heights)
+                MatchView::new(rpc, keypoints, v.size(), self.network.heights)
             })
             .collect();
         (self.events)(Event::Started { stage: "matching", total: self.pairs.len() as u64 });
@@ -320,7 +365,8 @@ impl<'a> Work<'a> {
         }
         (self.events)(Event::Finished);
         for ((i, j), m) in &found {
-            tracing::debug!("{} - {}: {} matches", self.views[*i].name, self.views[*j].name, m.len());
+            let [a, b] = [i, j].map(|v| &self.views[*v].view.name);
+            tracing::debug!("{a} - {b}: {} matches", m.len());
         }
         found
     }
@@ -331,7 +377,7 @@ impl<'a> Work<'a> {
             return Ok(());
         }
         let list = |g: &Vec<usize>| {
-            let names: Vec<&str> = g.iter().map(|v| self.views[*v].name).collect();
+            let names: Vec<&str> = g.iter().map(|v| self.views[*v].view.name.as_str()).collect();
             format!("{{{}}}", names.join(", "))
         };
         let components = groups.iter().map(list).collect::<Vec<_>>().join(" | ");
@@ -388,7 +434,7 @@ impl<'a> Work<'a> {
         let of_points = if options.fixed { precision(&given, true)?.points } else { of_shifts.points };
         let views = self.views.iter().enumerate().map(|(v, view)| {
             let sigma = of_shifts.corrections[v];
-            ViewReport::new(view.name, estimate.corrections[v], sigma, &of(&before, v), &of(&after, v))
+            ViewReport::new(&view.view.name, estimate.corrections[v], sigma, &of(&before, v), &of(&after, v))
         });
         let control = tracks.iter().zip(points).filter_map(|(t, p)| Some((t, t.known?, p)));
         let control =
@@ -401,7 +447,7 @@ impl<'a> Work<'a> {
             tracks: tracks.iter().filter(|t| t.known.is_none()).count(),
             control: control
                 .map(|(m, known, p)| ControlReport {
-                    view: self.views[m.view].name.into(),
+                    view: self.views[m.view].view.name.clone(),
                     residual_px: block.distance(m, &corrections[m.view], p),
                     moved_m: std::array::from_fn(|k| p[k] - known.place[k]),
                 })
@@ -417,7 +463,7 @@ impl<'a> Work<'a> {
                 angle_deg: self.network.angle_deg(track),
             })
             .collect();
-        let names = self.views.iter().map(|v| v.name.to_owned());
+        let names = self.views.iter().map(|v| v.view.name.clone());
         let tied = tracks.iter().zip(points).filter(|(t, _)| t.known.is_none()).enumerate();
         let (points, tie_points): (Vec<_>, Vec<_>) = tied
             .map(|(id, (track, p))| {
@@ -427,8 +473,8 @@ impl<'a> Work<'a> {
                     TiePoint { point: id, view: m.view, px: m.px, residual_px }
                 });
                 let position = block.geodetic(*p);
-                let gray = self.gray(&track.seen[0]);
-                (SparsePoint { position, views: track.seen.len() as u8, gray }, seen.collect::<Vec<_>>())
+                let views = track.seen.len() as u8;
+                (SparsePoint { position, views, gray: track.gray }, seen.collect::<Vec<_>>())
             })
             .unzip();
         let cameras = names.zip(self.corrected(corrections)?).collect();
@@ -448,7 +494,7 @@ fn pairs(views: &[WorkView], network: &Network) -> Result<Vec<(usize, usize)>, B
     let outlines: Vec<_> = views
         .iter()
         .zip(&network.rpcs)
-        .map(|(v, rpc)| footprint(rpc, v.size, &grid, center.height_m()))
+        .map(|(v, rpc)| footprint(rpc, v.size(), &grid, center.height_m()))
         .collect();
     let mut out = Vec::new();
     let mut widest: f64 = 0.0;

@@ -111,7 +111,7 @@ pub fn tracks_of(
         let seen = Measurement { view: index, px, weight: (SIGMA_PX / c.sigma_px).powi(2) };
         match tracks.iter_mut().find(|t| t.known == Some(known)) {
             Some(track) => track.seen.push(seen),
-            None => tracks.push(Track { seen: vec![seen], known: Some(known) }),
+            None => tracks.push(Track { seen: vec![seen], known: Some(known), ..Track::default() }),
         }
     }
     Ok(tracks)

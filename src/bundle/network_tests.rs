@@ -87,7 +87,7 @@ fn observe(exact: &[Rpc], noise_px: f64, outliers: f64) -> (Vec<Track>, Vec<Poin
                     Measurement { view, px, weight: 1.0 }
                 })
                 .collect();
-            (Track { seen, known: None }, p)
+            (Track { seen, ..Track::default() }, p)
         })
         .unzip()
 }
@@ -393,7 +393,7 @@ mod omaha {
                         Measurement { view, px: Pixel::new(px.col + off[0], px.row + off[1]), weight: 1.0 }
                     })
                     .collect();
-                Track { seen, known: None }
+                Track { seen, ..Track::default() }
             })
             .collect();
         Some(Truth { exact, delivered, shifts, tracks, outliers })

@@ -8,7 +8,7 @@ use super::correction::Parameters;
 use super::problem::{Block, Measurement};
 use super::scale_space::blurred;
 use crate::frame::{CenterPx, Pixel};
-use crate::raster::Plane;
+use crate::raster::{Plane, Window};
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
 /// Half the side of a patch, and its side, samples; they lie a pixel of the reference apart.
@@ -29,40 +29,79 @@ const MAX_ITERATIONS: usize = 8;
 /// Steps below this end the search, pixels.
 const SMALLEST_STEP_PX: f64 = 0.01;
 
-/// The image in which patches are sought.
-#[must_use]
-pub fn prepared(image: &Plane) -> Plane {
-    blurred(image, BLUR_PX)
+/// What is read of an image beyond the places where patches are to be sought: as far as a patch and its search reach in
+/// a view of twice the scale, pixels.
+const MARGIN_PX: f64 = 40.0;
+
+/// A part of an image, ready for patches to be sought in it.
+pub struct Part {
+    /// Its first column and row.
+    first: Vector2<f64>,
+    plane: Plane,
+}
+
+impl Part {
+    /// The part of an image of (columns, rows) that holds the patches at some places.
+    ///
+    /// # Errors
+    /// Those of `read`.
+    pub fn around<E>(
+        places: impl Iterator<Item = Pixel<CenterPx>>,
+        size: (usize, usize),
+        read: impl FnOnce(Window) -> Result<Plane, E>,
+    ) -> Result<Self, E> {
+        let inside = |p: &Pixel<CenterPx>| {
+            let within = |v: f64, n: usize| (0.0..n as f64).contains(&v);
+            within(p.col, size.0) && within(p.row, size.1)
+        };
+        let (mut cols, mut rows) = ((f64::INFINITY, 0.0f64), (f64::INFINITY, 0.0f64));
+        for p in places.filter(inside) {
+            cols = (cols.0.min(p.col), cols.1.max(p.col));
+            rows = (rows.0.min(p.row), rows.1.max(p.row));
+        }
+        let reach = |(low, high): (f64, f64), n: usize| {
+            let first = (low - MARGIN_PX).max(0.0) as usize;
+            (first, ((high + MARGIN_PX) as usize + 1).min(n).saturating_sub(first))
+        };
+        let ((col, width), (row, height)) = (reach(cols, size.0), reach(rows, size.1));
+        let plane = match width.min(height) {
+            0 => Plane::filled(0, 0, f32::NAN),
+            _ => blurred(&read(Window { col, row, width, height })?, BLUR_PX),
+        };
+        Ok(Self { first: Vector2::new(col as f64, row as f64), plane })
+    }
 }
 
 /// Seeks patches in views whose cameras are right to a pixel.
 pub struct Seeker<'a> {
     block: &'a Block<'a>,
     corrections: &'a [Parameters],
-    images: Vec<&'a Plane>,
-    window: Window,
+    images: Vec<Part>,
+    window: Bell,
 }
 
 impl<'a> Seeker<'a> {
-    /// A seeker in the views of a block with these corrections; `images` are [`prepared`].
+    /// A seeker in the views of a block with these corrections.
     #[must_use]
-    pub fn new(block: &'a Block<'a>, corrections: &'a [Parameters], images: Vec<&'a Plane>) -> Self {
-        Self { block, corrections, images, window: Window::new() }
+    pub fn new(block: &'a Block<'a>, corrections: &'a [Parameters], images: Vec<Part>) -> Self {
+        Self { block, corrections, images, window: Bell::new() }
     }
 
     /// Where the views show the patch around an observation of a point, itself included.
     #[must_use]
     pub fn track(&self, reference: &Measurement, point: [f64; 3]) -> Vec<Measurement> {
         let mut found = vec![*reference];
-        let at = Vector2::new(reference.px.col, reference.px.row);
-        let template = Samples::<SIDE>::new(self.images[reference.view], at, Matrix2::identity())
-            .and_then(|s| self.window.template(&s));
+        let own = &self.images[reference.view];
+        let at = Vector2::new(reference.px.col, reference.px.row) - own.first;
+        let template =
+            Samples::<SIDE>::new(&own.plane, at, Matrix2::identity()).and_then(|s| self.window.template(&s));
         let inverse = self.place(reference.view, point).1.try_inverse();
         let (Some(template), Some(inverse)) = (template, inverse) else { return found };
         for (view, image) in self.images.iter().enumerate().filter(|(v, _)| *v != reference.view) {
             let (start, by_ground) = self.place(view, point);
             // The patch is taken to be level.
-            if let Some(px) = self.window.locate(&template, image, start, by_ground * inverse) {
+            let place = self.window.locate(&template, &image.plane, start - image.first, by_ground * inverse);
+            if let Some(px) = place.map(|p| p + image.first) {
                 found.push(Measurement { view, px: Pixel::<CenterPx>::new(px[0], px[1]), weight: 1.0 });
             }
         }
@@ -119,9 +158,9 @@ impl<const N: usize> Samples<N> {
 type Template = [[f64; SIDE]; SIDE];
 
 /// The weights of a patch's samples: their sum is one.
-struct Window([[f64; SIDE]; SIDE]);
+struct Bell([[f64; SIDE]; SIDE]);
 
-impl Window {
+impl Bell {
     fn new() -> Self {
         let offset = |i: usize| i as f64 - HALF as f64;
         let bell = |r: usize, c: usize| {
@@ -246,7 +285,7 @@ mod tests {
 
     /// Where the patch at (30.3, 31.6) of `a` is found in `b`, sought from `start` on.
     fn found(a: &Plane, b: &Plane, start: [f64; 2], warp: Matrix2<f64>) -> Option<Vector2<f64>> {
-        let window = Window::new();
+        let window = Bell::new();
         let patch = Samples::new(a, Vector2::new(30.3, 31.6), Matrix2::identity()).unwrap();
         window.locate(&window.template(&patch)?, b, start.into(), warp)
     }

@@ -51,6 +51,8 @@ pub struct Known {
 pub struct Track {
     /// At most one a view.
     pub seen: Vec<Measurement>,
+    /// What it looks like, of 255.
+    pub gray: u8,
     /// What a survey tells, for ground control.
     pub known: Option<Known>,
 }

@@ -1,5 +1,6 @@
 //! One band of numbers in memory.
 
+use super::Window;
 use rayon::prelude::*;
 
 /// A row-major array of f32; NaN is no data.
@@ -68,6 +69,13 @@ impl Plane {
         let mix = |a: f32, b: f32, t: f32| if t == 0.0 { a } else { a + (b - a) * t };
         let line = |r: i64| mix(self.get(c, r), if fc == 0.0 { 0.0 } else { self.get(c + 1, r) }, fc);
         mix(line(r), if fr == 0.0 { 0.0 } else { line(r + 1) }, fr)
+    }
+
+    /// A part; panics if it is not inside.
+    #[must_use]
+    pub fn window(&self, w: Window) -> Self {
+        let rows = (w.row..w.row + w.height).flat_map(|row| &self.row(row)[w.col..w.col + w.width]);
+        Self { width: w.width, height: w.height, data: rows.copied().collect() }
     }
 
     /// Half the size, each cell the mean of the four below it that are not NaN.

@@ -6,10 +6,13 @@ use std::path::PathBuf;
 
 /// Share of pixels left out at each end when images of more than 8 bits are stretched.
 const STRETCH_TAIL: f64 = 0.005;
+/// The range of 8 bits that are taken as they are.
+const BYTES: (f32, f32) = (0.0, 255.0);
 
-/// Windows along each side of an image in which its values are looked at, and the longest side of one.
-const SAMPLES: usize = 4;
-const SAMPLE_PX: usize = 64;
+/// Windows along each side of an image in which its values are looked at, and the longest side of one: for their range,
+/// and for the stretch of an image that is read in parts.
+const FEW: (usize, usize) = (4, 64);
+const MANY: (usize, usize) = (8, 256);
 
 impl View {
     /// Least and greatest value of the bands used, as stored, in windows spread over the image; none without valid ones.
@@ -18,16 +21,8 @@ impl View {
     /// [`RasterError`] when the file cannot be read.
     pub fn value_range(&self) -> Result<Option<(f32, f32)>, RasterError> {
         let file = ImageFile::open(&self.image)?;
-        let whole = self.used_window();
-        let step = (whole.width.div_ceil(SAMPLES), whole.height.div_ceil(SAMPLES));
         let mut range = None;
-        for (col, row) in (0..SAMPLES * SAMPLES).map(|i| (i % SAMPLES * step.0, i / SAMPLES * step.1)) {
-            if col >= whole.width || row >= whole.height {
-                continue;
-            }
-            let width = step.0.min(whole.width - col).min(SAMPLE_PX);
-            let height = step.1.min(whole.height - row).min(SAMPLE_PX);
-            let window = Window { col: whole.col + col, row: whole.row + row, width, height };
+        for window in self.samples(FEW) {
             for band in &self.bands {
                 for v in file.read_window(*band, window)?.valid().filter(|v| v.is_finite()) {
                     let (low, high) = range.get_or_insert((v, v));
@@ -41,6 +36,18 @@ impl View {
     /// The part of the image that is used.
     fn used_window(&self) -> Window {
         self.window.unwrap_or(Window { col: 0, row: 0, width: self.width, height: self.height })
+    }
+
+    /// Windows spread over what is used of the image, so many along each side: all of it if they are wide enough.
+    fn samples(&self, (count, side): (usize, usize)) -> impl Iterator<Item = Window> {
+        let whole = self.used_window();
+        let step = (whole.width.div_ceil(count), whole.height.div_ceil(count));
+        let corners = (0..count * count).map(move |i| (i % count * step.0, i / count * step.1));
+        corners.filter(move |(col, row)| *col < whole.width && *row < whole.height).map(move |(col, row)| {
+            let width = step.0.min(whole.width - col).min(side);
+            let height = step.1.min(whole.height - row).min(side);
+            Window { col: whole.col + col, row: whole.row + row, width, height }
+        })
     }
 
     /// The view's colours: three planes in [0, 1], or one for a panchromatic image; NaN where the mask is 0.
@@ -65,32 +72,19 @@ impl View {
     }
 
     fn colors_at(&self, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
-        let file = ImageFile::open(&self.image)?;
-        let window = self.used_window();
-        let planes = self.bands.iter().map(|b| file.read_scaled(*b, window, size));
-        let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
-        if let Some(mask) = &self.mask {
-            let mask = ImageFile::open(mask)?.read_scaled(1, window, size)?;
-            for plane in &mut planes {
-                for (v, m) in plane.data.iter_mut().zip(&mask.data) {
-                    // The mask's own nodata is no image either.
-                    if *m == 0.0 || m.is_nan() {
-                        *v = f32::NAN;
-                    }
-                }
-            }
-        }
-        let is_byte = file.band(self.bands.first().copied().unwrap_or_default())?.is_byte;
-        let (lo, hi) = match self.stretch_percent {
-            None if is_byte => (0.0, 255.0),
-            percent => stretch(&planes, percent.map_or(STRETCH_TAIL, |p| 0.01 * p)),
+        let files = self.open()?;
+        let mut planes = files.stored(self.used_window(), size)?;
+        let range = match files.tail()? {
+            Some(tail) => stretch(planes.iter().flat_map(Plane::valid), tail),
+            None => BYTES,
         };
-        let scale = 1.0 / (hi - lo).max(f32::MIN_POSITIVE);
-        for v in planes.iter_mut().flat_map(|p| &mut p.data) {
-            // NaN stays NaN through the clamp.
-            *v = ((*v - lo) * scale).clamp(0.0, 1.0);
-        }
+        planes.iter_mut().for_each(|plane| scale(plane, range));
         Ok(planes)
+    }
+
+    fn open(&self) -> Result<Files<'_>, RasterError> {
+        let mask = self.mask.as_deref().map(ImageFile::open).transpose()?;
+        Ok(Files { view: self, image: ImageFile::open(&self.image)?, mask })
     }
 
     /// Takes a mask.
@@ -114,22 +108,93 @@ impl View {
         Ok(())
     }
 
-    /// The view's brightness: the mean of its colours.
+    /// The view's brightness, to be read in parts.
     ///
     /// # Errors
     /// As [`View::read_colors`].
-    pub fn read_gray(&self) -> Result<Plane, RasterError> {
-        let planes = self.read_colors()?;
-        let n = planes.len() as f32;
-        let (width, height) = (planes[0].width, planes[0].height);
-        let data = (0..width * height).map(|i| planes.iter().map(|p| p.data[i]).sum::<f32>() / n).collect();
-        Ok(Plane { width, height, data })
+    pub fn brightness(&self) -> Result<Brightness<'_>, RasterError> {
+        let files = self.open()?;
+        let Some(tail) = files.tail()? else { return Ok(Brightness { files, range: BYTES }) };
+        let mut values = Vec::new();
+        for window in self.samples(MANY) {
+            let planes = files.stored(window, (window.width, window.height))?;
+            values.extend(planes.iter().flat_map(Plane::valid));
+        }
+        Ok(Brightness { files, range: stretch(values.into_iter(), tail) })
     }
 }
 
+/// A view's brightness, the mean of its colours: numbers in [0, 1], NaN where there is no image. Only what is asked for is
+/// in memory.
+pub struct Brightness<'a> {
+    files: Files<'a>,
+    /// What becomes 0, and what 1.
+    range: (f32, f32),
+}
+
+impl Brightness<'_> {
+    /// Reads a window of what is used of the image.
+    ///
+    /// # Errors
+    /// [`RasterError`] when the file cannot be read.
+    pub fn read(&self, window: Window) -> Result<Plane, RasterError> {
+        let used = self.files.view.used_window();
+        let place = Window { col: used.col + window.col, row: used.row + window.row, ..window };
+        let mut planes = self.files.stored(place, (window.width, window.height))?;
+        planes.iter_mut().for_each(|plane| scale(plane, self.range));
+        let n = planes.len() as f32;
+        let pixels = 0..window.width * window.height;
+        let data = pixels.map(|i| planes.iter().map(|p| p.data[i]).sum::<f32>() / n).collect();
+        Ok(Plane { width: window.width, height: window.height, data })
+    }
+}
+
+/// A view's opened files.
+struct Files<'a> {
+    view: &'a View,
+    image: ImageFile,
+    mask: Option<ImageFile>,
+}
+
+impl Files<'_> {
+    /// The bands used as they are stored, of a window of the whole image at another size; NaN where the mask is 0.
+    fn stored(&self, window: Window, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
+        let planes = self.view.bands.iter().map(|b| self.image.read_scaled(*b, window, size));
+        let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
+        if let Some(mask) = &self.mask {
+            let mask = mask.read_scaled(1, window, size)?;
+            for plane in &mut planes {
+                for (v, m) in plane.data.iter_mut().zip(&mask.data) {
+                    // The mask's own nodata is no image either.
+                    if *m == 0.0 || m.is_nan() {
+                        *v = f32::NAN;
+                    }
+                }
+            }
+        }
+        Ok(planes)
+    }
+
+    /// Share of the values that a stretch leaves out at each end; none for 8 bits that are taken as they are.
+    fn tail(&self) -> Result<Option<f64>, RasterError> {
+        let first = self.view.bands.first().copied().unwrap_or_default();
+        Ok(match self.view.stretch_percent {
+            None if self.image.band(first)?.is_byte => None,
+            percent => Some(percent.map_or(STRETCH_TAIL, |p| 0.01 * p)),
+        })
+    }
+}
+
+/// Makes the lower end of a range 0 and the upper 1.
+fn scale(plane: &mut Plane, (low, high): (f32, f32)) {
+    let scale = 1.0 / (high - low).max(f32::MIN_POSITIVE);
+    // NaN stays NaN through the clamp.
+    plane.data.iter_mut().for_each(|v| *v = ((*v - low) * scale).clamp(0.0, 1.0));
+}
+
 /// Values below and above which the tails lie.
-fn stretch(planes: &[Plane], tail: f64) -> (f32, f32) {
-    let mut values: Vec<f32> = planes.iter().flat_map(Plane::valid).filter(|v| v.is_finite()).collect();
+fn stretch(values: impl Iterator<Item = f32>, tail: f64) -> (f32, f32) {
+    let mut values: Vec<f32> = values.filter(|v| v.is_finite()).collect();
     if values.is_empty() {
         return (0.0, 1.0);
     }
