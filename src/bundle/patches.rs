@@ -308,6 +308,24 @@ mod tests {
     }
 
     #[test]
+    fn a_part_of_an_image_holds_what_is_sought_and_nothing_of_places_outside() {
+        let whole = Plane::from_fn(400, 300, |c, r| scene(c as f64, r as f64) as f32);
+        let read = |w: Window| Ok::<_, std::convert::Infallible>(whole.window(w));
+        let places = [[210.0, 170.5], [230.25, 160.0], [-50.0, 20.0]].map(|[c, r]| Pixel::new(c, r));
+        let Ok(part) = Part::around(places.into_iter(), (400, 300), read);
+        assert_eq!([part.first[0], part.first[1]], [170.0, 120.0]);
+        assert_eq!((part.plane.width, part.plane.height), (101, 91));
+        let (bell, blurred) = (Bell::new(), blurred(&whole, BLUR_PX));
+        let at = Vector2::new(228.3, 161.6);
+        let template = bell.template(&Samples::new(&blurred, at, Matrix2::identity()).unwrap()).unwrap();
+        let start = at + Vector2::new(0.8, -1.1);
+        let there = bell.locate(&template, &part.plane, start - part.first, Matrix2::identity()).unwrap();
+        assert!((there + part.first - at).norm() < 1e-3, "{there}");
+        let Ok(nothing) = Part::around(places[2..].iter().copied(), (400, 300), read);
+        assert_eq!(nothing.plane.data.len(), 0);
+    }
+
+    #[test]
     fn what_is_plain_an_edge_or_something_else_is_not_found() {
         let here = [30.3, 31.6];
         let same = |a: &Plane, b: &Plane| found(a, b, here, Matrix2::identity());

@@ -134,7 +134,7 @@ pub struct Objective<T: Real> {
     by_feature: Vec<[T; 4]>,
     by_altitude: Vec<[T; 1]>,
     by_shared: Vec<SplatGradient<T>>,
-    /// Share of sunlight, and the derivative of its entropy.
+    /// Share of sunlight and, if there is a sun, the derivative of its entropy.
     sunlight: Layers<T>,
     picture: Layers<T>,
     photometric: Photometric<T>,
@@ -486,12 +486,14 @@ impl<T: Lanewise> Kernel<T> for Compose<'_, T> {
             let mut entropy = zero;
             for start in (0..width).step_by(L::WIDTH) {
                 let s = (rate * Row::load_from(lanes, sunlight, start)).exp();
-                // Binary entropy, its logarithms' arguments clipped; only these follow the clip.
-                let clipped = s.max(low).min(high);
-                let (a, b) = (clipped.log2(), (one - clipped).log2());
-                let inside = Row::splat(lanes, T::of((width - start) as f64 - 1.0)).at_least(lane);
-                entropy += (s * a + (one - s) * b).keep(inside);
-                (b - a).store_to(slope, start);
+                if shot.sun.is_some() {
+                    // Binary entropy, its logarithms' arguments clipped; only these follow the clip.
+                    let clipped = s.max(low).min(high);
+                    let (a, b) = (clipped.log2(), (one - clipped).log2());
+                    let inside = Row::splat(lanes, T::of((width - start) as f64 - 1.0)).at_least(lane);
+                    entropy += (s * a + (one - s) * b).keep(inside);
+                    (b - a).store_to(slope, start);
+                }
                 s.store_to(sunlight, start);
                 let mut rgb = [zero; 3];
                 for c in 0..3 {
@@ -503,9 +505,7 @@ impl<T: Lanewise> Kernel<T> for Compose<'_, T> {
                     (counts * lit[c] * dim[c]).store_to(&mut picture[c * width..(c + 1) * width], start);
                 }
             }
-            if shot.sun.is_some() {
-                stripe.entropy -= entropy.sum().wide();
-            }
+            stripe.entropy -= entropy.sum().wide();
         }
     }
 }

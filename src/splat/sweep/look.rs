@@ -55,7 +55,8 @@ impl Look {
         (self.brightness.data[a] - self.brightness.data[b]).abs()
     }
 
-    /// From 0 on plain surfaces, which views cannot tell from a higher or a lower one, to 1.
+    /// From 0 on plain surfaces, which views cannot tell from a higher or a lower one, to 1; NaN where views see less
+    /// than half of the cells around.
     pub fn texture(&self, cell: usize) -> f32 {
         let (col, row) = ((cell % self.brightness.width) as i64, (cell / self.brightness.width) as i64);
         let (mut n, mut sum, mut squares) = (0.0f32, 0.0, 0.0);
@@ -67,8 +68,11 @@ impl Look {
                 }
             }
         }
-        let mean = sum / n.max(1.0);
-        let contrast = (squares / n.max(1.0) - mean * mean).max(0.0).sqrt();
+        if 2.0 * n < ((2 * AROUND + 1) * (2 * AROUND + 1)) as f32 {
+            return f32::NAN;
+        }
+        let mean = sum / n;
+        let contrast = (squares / n - mean * mean).max(0.0).sqrt();
         ((contrast - PLAIN.start) / (PLAIN.end - PLAIN.start)).clamp(0.0, 1.0)
     }
 }

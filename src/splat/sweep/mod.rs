@@ -39,14 +39,18 @@ const PARALLAX_WEIGHT: f64 = 0.1;
 /// Pairs a view, on average.
 const PAIRS_A_VIEW: usize = 4;
 /// Of the views that see a cell at some altitude, the share that must see its ground; and altitudes that are tried.
-const GROUNDED_SHARE: f64 = 0.6;
+const GROUNDED_SHARE: f64 = 0.55;
 const COVER_PLANES: usize = 8;
+/// How far from a cell, and how far above or below the first surface there, a prior may lie, metres; and of the views
+/// that see the first surface of a cell the share that must see the prior.
+const NEARBY_M: f64 = 5.0;
+const IN_SIGHT: f64 = 0.8;
 /// Score from which a cell is believed to hide what lies behind it.
 const BELIEVED: f32 = 0.4;
 /// A plain cell bridges what views agree on if of the cells within this distance, metres, this share is believed and no
 /// further up or down, metres.
 const SUPPORT_REACH_M: f64 = 10.0;
-const SUPPORT: f32 = 0.05;
+const SUPPORT: f32 = 0.01;
 const SAME_ROOF_M: f32 = 1.0;
 /// Cost of a jump between neighbours, of the 255 for no correlation: high, so that plain roofs and streets hold
 /// together; lower near a prior, which does that, so that trees stand out.
@@ -182,7 +186,7 @@ impl Sweep {
         let around = (SUPPORT_REACH_M / self.grid.cell) as i64;
         let of = |col: usize, row: usize| {
             let plain = 1.0 - look.texture(row * self.grid.width + col);
-            if plain == 0.0 {
+            if plain.is_nan() || plain == 0.0 {
                 return 0.0;
             }
             let z = surface.altitude.at(col, row);
@@ -203,7 +207,7 @@ impl Sweep {
     /// open, and finds trees that were lost.
     #[must_use]
     pub fn sharpen(&self, prior: &Plane, first: &SweptSurface) -> SweptSurface {
-        let hiding = first.believed();
+        let (hiding, prior) = (first.believed(), &self.borne_out(prior, &first.altitude));
         let sharper = |surface: &Plane| {
             let look = Look::new(self, surface, &hiding);
             let mut volume = Volume::correlate(self, Some(&look));
@@ -212,6 +216,27 @@ impl Sweep {
         };
         // The second time what the views show of the cells lies where it belongs.
         sharper(&sharper(prior).altitude)
+    }
+
+    /// `prior` where it lies among the altitudes of the `first` surface nearby and is as much in sight: over margins and
+    /// what is plain, splats may float where no view objects.
+    fn borne_out(&self, prior: &Plane, first: &Plane) -> Plane {
+        let around = (NEARBY_M / self.grid.cell).ceil() as i64;
+        let of = |col: usize, row: usize| {
+            let (z, below) = (prior.at(col, row), first.at(col, row));
+            let p = self.site.site_from_utm(self.grid.cell_center(col, row));
+            let views =
+                |z: f32| self.images.iter().filter(|i| i.has(p.at_height(f64::from(z)))).count() as f64;
+            let near = |center: usize| center as i64 - around..=center as i64 + around;
+            let cells = near(row).flat_map(|r| near(col).map(move |c| first.get(c, r)));
+            let (low, high) =
+                cells.fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
+            let is_among = (low - NEARBY_M as f32..=high + NEARBY_M as f32).contains(&z);
+            if below.is_nan() || is_among && views(z) >= IN_SIGHT * views(below) { z } else { f32::NAN }
+        };
+        Plane::from_rows(prior.width, prior.height, |row, line| {
+            line.iter_mut().enumerate().for_each(|(col, z)| *z = of(col, row));
+        })
     }
 
     /// The cheapest altitude of every cell, between planes by a parabola.

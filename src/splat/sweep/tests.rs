@@ -112,6 +112,24 @@ fn what_is_plain_stays_on_the_first_surface_where_training_drifted() {
 }
 
 #[test]
+fn a_prior_counts_near_the_first_surface_and_where_views_see_it() {
+    let views = views(texture);
+    let sweep = Sweep::new(&setup(), &views, &sparse()).unwrap();
+    let first = raised(&sweep, 0.0);
+    let kept = |up: f64| {
+        let prior = sweep.borne_out(&raised(&sweep, up), &first);
+        prior.valid().count() as f64 / prior.data.len() as f64
+    };
+    assert_eq!(kept(0.0), 1.0);
+    assert!(kept(4.0) > 0.9, "{}", kept(4.0));
+    // Only beside the block is this no more than it is high.
+    assert!(kept(BLOCK_M) < 0.6, "{}", kept(BLOCK_M));
+    assert_eq!(kept(BLOCK_M + 6.0), 0.0);
+    let unknown = Plane::filled(first.width, first.height, f32::NAN);
+    assert_eq!(sweep.borne_out(&first, &unknown), first);
+}
+
+#[test]
 fn training_is_held_where_a_plain_roof_is_bridged_from_its_edges_and_nowhere_else() {
     let of = |paint: Paint| {
         let views = views(paint);
