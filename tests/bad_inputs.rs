@@ -279,6 +279,38 @@ fn raster<T: gdal::raster::GdalType + Copy>(
 }
 
 #[test]
+fn nodata_is_what_reaches_the_border_and_black_pixels_within_are_black() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.tif");
+    // A margin ten columns wide with a bay, and a shadow of three by three pixels within.
+    let is_black = |col: usize, row: usize| {
+        col < 10 || (col < 20 && row == 40) || ((30..33).contains(&col) && (30..33).contains(&row))
+    };
+    raster(&path, 3, &camera(5.44, 0.1), |_| 0u8);
+    let dataset = gdal::Dataset::open_ex(
+        &path,
+        gdal::DatasetOptions { open_flags: gdal::GdalOpenFlags::GDAL_OF_UPDATE, ..Default::default() },
+    );
+    let dataset = dataset.unwrap();
+    let pixels: Vec<u8> = (0..64 * 64).map(|i| if is_black(i % 64, i / 64) { 0 } else { 100 }).collect();
+    for band in 1..=3 {
+        let mut band = dataset.rasterband(band).unwrap();
+        band.set_no_data_value(Some(0.0)).unwrap();
+        band.write((0, 0), (64, 64), &mut gdal::raster::Buffer::new((64, 64), pixels.clone())).unwrap();
+    }
+    dataset.close().unwrap();
+    image(&folder.path().join("b.tif"), 2, Some(&camera(5.44, -0.1)), &[]);
+    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
+    let view = scene.views.iter().find(|v| v.name == "a").unwrap();
+    let whole = Window { col: 0, row: 0, width: 64, height: 64 };
+    let plane = view.brightness().unwrap().read(whole).unwrap();
+    assert_eq!(plane.at(31, 31), 0.0);
+    assert!(plane.at(5, 5).is_nan() && plane.at(19, 40).is_nan());
+    assert_eq!(plane.data.iter().filter(|v| v.is_nan()).count(), 64 * 10 + 10);
+    assert_eq!(view.read_colors().unwrap()[0].at(31, 31), 0.0);
+}
+
+#[test]
 fn n17_pixels_of_every_type_become_colours() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
@@ -288,8 +320,7 @@ fn n17_pixels_of_every_type_become_colours() {
     raster(&at("signed.tif"), 1, &rpc(0.3), |i| (i % 500) as i16 - 250);
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
     for view in &scene.views {
-        let window = Window { col: 0, row: 0, width: view.width, height: view.height };
-        let plane = view.brightness().unwrap().read(window).unwrap();
+        let plane = &view.read_colors().unwrap()[0];
         let valid: Vec<f32> = plane.data.iter().copied().filter(|v| v.is_finite()).collect();
         assert_eq!(valid.len(), 64 * 64 - usize::from(view.name == "float"), "{}", view.name);
         let (low, high) = valid.iter().fold((1.0f32, 0.0f32), |(l, h), v| (l.min(*v), h.max(*v)));

@@ -10,7 +10,7 @@ use gdal::vector::LayerAccess;
 use satgs::bundle::{Adjustment, BundleError, ControlPoint, Options, adjust, read_control};
 use satgs::event::ignore;
 use satgs::frame::{Pixel, Point, SiteGrid};
-use satgs::raster::SensorImage;
+use satgs::raster::{SensorImage, Window};
 use satgs::rpc::Rpc;
 use satgs::rpc::formats::{self, to_gdal};
 use satgs::scene::{ReadOptions, Scene, read};
@@ -61,7 +61,9 @@ fn images_exchanged_among_cameras_are_refused() {
 #[test]
 fn an_image_upside_down_is_named() {
     let (folder, mut scene) = town();
-    let gray = scene.views[2].read_gray().unwrap();
+    let view = &scene.views[2];
+    let whole = Window { col: 0, row: 0, width: view.width, height: view.height };
+    let gray = view.brightness().unwrap().read(whole).unwrap();
     let turned = folder.path().join("turned.tif");
     write(&scene, 2, &turned, gray.data.iter().rev().map(|v| (255.0 * v) as u8).collect());
     scene.views[2].image = turned;

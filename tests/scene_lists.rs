@@ -31,7 +31,7 @@ fn a_toml_list_names_images_cameras_suns_and_masks() {
     );
     assert_eq!((first.sun.unwrap().elevation_deg, b.role), (50.8, Role::Test));
     assert!(read.aoi.is_some() && b.window.is_some());
-    let masked = first.read_gray().unwrap();
+    let masked = &first.read_colors().unwrap()[0];
     assert!(masked.data.iter().any(|v| v.is_nan()) && masked.data.iter().any(|v| v.is_finite()));
 
     std::fs::write(&list, toml.replace("sun =", "sum =")).unwrap();
@@ -102,7 +102,7 @@ fn an_area_crops_images_and_their_cameras_alike() {
     assert_eq!((view.width, view.height), (window.width, window.height));
     let moved = view.rpc.project(place(210.0, 160.0));
     assert!((moved.col - (210.0 - 152.0)).abs() < 1e-6 && (moved.row - (160.0 - 102.0)).abs() < 1e-6);
-    let plane = view.read_gray().unwrap();
+    let plane = &view.read_colors().unwrap()[0];
     assert_eq!((plane.width, plane.height), (window.width, window.height));
 }
 

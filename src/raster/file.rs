@@ -26,6 +26,8 @@ pub struct ImageFile {
 pub struct Band {
     /// Pixels are whole numbers up to 255.
     pub is_byte: bool,
+    /// Pixels are whole numbers.
+    pub is_integer: bool,
     /// The value that stands for no data.
     pub nodata: Option<f64>,
 }
@@ -105,7 +107,12 @@ impl ImageFile {
     /// [`RasterError::NoBand`].
     pub fn band(&self, index: usize) -> Result<Band, RasterError> {
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
-        Ok(Band { is_byte: band.band_type() == GdalDataType::UInt8, nodata: band.no_data_value() })
+        let stored = band.band_type();
+        Ok(Band {
+            is_byte: stored == GdalDataType::UInt8,
+            is_integer: stored.is_integer(),
+            nodata: band.no_data_value(),
+        })
     }
 
     /// Unit of a band's values, as the file names it; empty if it does not.
@@ -141,20 +148,32 @@ impl ImageFile {
         &self,
         index: usize,
         window: Window,
+        size: (usize, usize),
+    ) -> Result<Plane, RasterError> {
+        let mut plane = self.read_stored(index, window, size)?;
+        if let Some(nodata) = self.band(index)?.nodata.filter(|v| !v.is_nan()) {
+            let nodata = nodata as f32;
+            plane.data.par_iter_mut().filter(|v| **v == nodata).for_each(|v| *v = f32::NAN);
+        }
+        Ok(plane)
+    }
+
+    /// As [`ImageFile::read_scaled`], but the nodata value stays what it is.
+    ///
+    /// # Errors
+    /// As [`ImageFile::read`].
+    pub fn read_stored(
+        &self,
+        index: usize,
+        window: Window,
         (width, height): (usize, usize),
     ) -> Result<Plane, RasterError> {
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
         let (from, size) = ((window.col as isize, window.row as isize), (window.width, window.height));
-        let mut data = band
+        let pixels = band
             .read_as::<f32>(from, size, (width, height), Some(ResampleAlg::Average))
-            .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })?
-            .into_shape_and_vec()
-            .1;
-        if let Some(nodata) = band.no_data_value().filter(|v| !v.is_nan()) {
-            let nodata = nodata as f32;
-            data.par_iter_mut().filter(|v| **v == nodata).for_each(|v| *v = f32::NAN);
-        }
-        Ok(Plane { width, height, data })
+            .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })?;
+        Ok(Plane { width, height, data: pixels.into_shape_and_vec().1 })
     }
 
     /// A metadata item of a domain (`""`: the default one, `"RPC"`, …).

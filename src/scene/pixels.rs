@@ -157,10 +157,24 @@ struct Files<'a> {
 }
 
 impl Files<'_> {
-    /// The bands used as they are stored, of a window of the whole image at another size; NaN where the mask is 0.
+    /// The bands used as they are stored, of a window of the whole image at another size; NaN where there is no image or
+    /// the mask is 0.
     fn stored(&self, window: Window, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
-        let planes = self.view.bands.iter().map(|b| self.image.read_scaled(*b, window, size));
-        let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
+        let bands = &self.view.bands;
+        let first = self.image.band(bands.first().copied().unwrap_or_default())?;
+        let mut planes = match first.nodata {
+            // Of whole numbers nodata may be a colour too: black shadows are no holes.
+            Some(nodata) if first.is_integer => {
+                let planes = bands.iter().map(|b| self.image.read_stored(*b, window, size));
+                let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
+                clear_margins(&mut planes, nodata as f32);
+                planes
+            }
+            _ => {
+                let planes = bands.iter().map(|b| self.image.read_scaled(*b, window, size));
+                planes.collect::<Result<Vec<_>, _>>()?
+            }
+        };
         if let Some(mask) = &self.mask {
             let mask = mask.read_scaled(1, window, size)?;
             for plane in &mut planes {
@@ -182,6 +196,24 @@ impl Files<'_> {
             None if self.image.band(first)?.is_byte => None,
             percent => Some(percent.map_or(STRETCH_TAIL, |p| 0.01 * p)),
         })
+    }
+}
+
+/// Makes NaN what is nodata in all planes and reaches their border over others that are.
+fn clear_margins(planes: &mut [Plane], nodata: f32) {
+    let Some((width, height)) = planes.first().map(|p| (p.width, p.height)) else { return };
+    let sides = (0..height).flat_map(|row| [row * width, (row + 1) * width - 1]);
+    let mut open: Vec<usize> = (0..width).chain((height - 1) * width..height * width).chain(sides).collect();
+    while let Some(i) = open.pop() {
+        // Once it is NaN it is not nodata any more.
+        if planes.iter().any(|p| p.data[i] != nodata) {
+            continue;
+        }
+        planes.iter_mut().for_each(|p| p.data[i] = f32::NAN);
+        let (col, row) = (i % width, i / width);
+        let beside = [(col > 0, 1), (row > 0, width)].into_iter().filter(|b| b.0).map(|b| i - b.1);
+        let beyond = [(col + 1 < width, 1), (row + 1 < height, width)].into_iter().filter(|b| b.0);
+        open.extend(beside.chain(beyond.map(|b| i + b.1)));
     }
 }
 
