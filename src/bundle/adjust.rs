@@ -9,7 +9,7 @@ use super::height_prior::HeightPrior;
 use super::matching::{Match, MatchView, matches};
 use super::network::{Estimate, HEIGHT_MARGIN_M, LEAST_ANGLE_DEG, LOSS_SCALES_PX, Network};
 use super::output::{Adjustment, PointQuality, SparsePoint, TiePoint};
-use super::patches::{Part, Seeker};
+use super::patches::{Part, Seeker, squares};
 use super::problem::{Measurement, Track};
 use super::report::{ControlReport, Report, ViewReport};
 use super::tracks::{self, Observation};
@@ -256,20 +256,21 @@ impl<'a> Work<'a> {
         Ok(())
     }
 
+    fn keypoint(&self, o: &Observation) -> &Keypoint {
+        &self.views[o.view as usize].keypoints[o.keypoint as usize]
+    }
+
     fn measured(&self, track: &[Observation]) -> Track {
-        let measure = |o: &Observation| Measurement {
-            view: o.view as usize,
-            px: self.views[o.view as usize].keypoints[o.keypoint as usize].px,
-            weight: 1.0,
-        };
-        let first = track.first().map(|o| &self.views[o.view as usize].keypoints[o.keypoint as usize]);
-        let gray = first.map_or(0, |k| k.gray);
+        let measure =
+            |o: &Observation| Measurement { view: o.view as usize, px: self.keypoint(o).px, weight: 1.0 };
+        let gray = self.keypoint(&track[0]).gray;
         Track { seen: track.iter().map(measure).collect(), gray, known: None }
     }
 
     /// Measures the tracks anew by patches in all views, and solves with these; keypoints count little from now on.
     fn settle(&self, estimate: &mut Estimate, model: Model) -> Result<(), BundleError> {
-        let pieces = self.pieces(estimate);
+        let tied = (0..estimate.tracks.len()).filter(|i| estimate.tracks[*i].known.is_none()).collect();
+        let pieces = squares(&estimate.points, tied, PIECE_PX * self.gsd_m());
         (self.events)(Event::Started { stage: "measuring patches", total: pieces.len() as u64 });
         let block = self.network.block();
         let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2)).max(2);
@@ -304,32 +305,18 @@ impl<'a> Work<'a> {
         Ok(())
     }
 
-    /// The tracks without ground control, by squares of ground that each take little of an image: only these parts of the
-    /// images are in memory at once.
-    fn pieces(&self, estimate: &Estimate) -> Vec<Vec<usize>> {
-        let tied: Vec<usize> =
-            (0..estimate.tracks.len()).filter(|i| estimate.tracks[*i].known.is_none()).collect();
-        let side = PIECE_PX * self.network.gsd_m();
-        let extents: [(f64, f64); 2] = std::array::from_fn(|k| {
-            let along = tied.iter().map(|i| estimate.points[*i][k]);
-            along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
-        });
-        let place = |i: usize, k: usize| {
-            let (low, high) = extents[k];
-            let count = ((high - low) / side).ceil();
-            ((estimate.points[i][k] - low) / (high - low) * count).min(count - 1.0) as usize
-        };
-        let mut pieces = std::collections::BTreeMap::<[usize; 2], Vec<usize>>::new();
-        for i in tied {
-            pieces.entry([place(i, 1), place(i, 0)]).or_default().push(i);
-        }
-        pieces.into_values().collect()
+    /// Size of a pixel on the ground, the mean of all views, metres.
+    fn gsd_m(&self) -> f64 {
+        let height_m = self.network.center.height_m();
+        let of_views = self.views.iter().filter_map(|v| v.view.gsd_m(height_m));
+        let (sum, n) = of_views.fold((0.0, 0.0), |(sum, n), (a, b)| (sum + (a * b).sqrt(), n + 1.0));
+        sum / n
     }
 
     /// Drops what its rays leave far up or down: keypoints at narrow angles that no patch confirms.
     fn drop_vague(&self, estimate: &mut Estimate, model: Model) {
         let Some(precision) = self.network.precision(estimate, model, true) else { return };
-        let most_m = VAGUE_PX * self.network.gsd_m();
+        let most_m = VAGUE_PX * self.gsd_m();
         let all = std::mem::take(&mut estimate.tracks).into_iter().zip(std::mem::take(&mut estimate.points));
         let clear =
             all.zip(precision.points).filter(|((t, _), sigma)| t.known.is_some() || sigma[2] <= most_m);

@@ -85,18 +85,6 @@ impl<'a> Network<'a> {
         (estimate.tracks, estimate.points) = placed.unzip();
     }
 
-    /// Size of a pixel on level ground, the mean of all views, metres.
-    #[must_use]
-    pub fn gsd_m(&self) -> f64 {
-        let block = self.block();
-        let of_view = |view: usize| {
-            let origin = Measurement { view, px: Pixel::new(0.0, 0.0), weight: 1.0 };
-            let [col, row] = block.linearise(&origin, &[0.0; MOST], [0.0; 3]).by_point;
-            (col[0] * row[1] - col[1] * row[0]).abs().sqrt().recip()
-        };
-        (0..self.rpcs.len()).map(of_view).sum::<f64>() / self.rpcs.len() as f64
-    }
-
     /// Widest angle between two of a track's views.
     #[must_use]
     pub fn angle_deg(&self, track: &Track) -> f64 {

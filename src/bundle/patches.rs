@@ -10,6 +10,7 @@ use super::scale_space::blurred;
 use crate::frame::{CenterPx, Pixel};
 use crate::raster::{Plane, Window};
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
+use std::collections::BTreeMap;
 
 /// Half the side of a patch, and its side, samples; they lie a pixel of the reference apart.
 const HALF: usize = 7;
@@ -32,6 +33,27 @@ const SMALLEST_STEP_PX: f64 = 0.01;
 /// What is read of an image beyond the places where patches are to be sought: as far as a patch and its search reach in
 /// a view of twice the scale, pixels.
 const MARGIN_PX: f64 = 40.0;
+
+/// Some of the points (metres east, north and up), by index, in squares of ground of about `side_m`, row by row: only what
+/// images show of one square needs to be in memory at once.
+#[must_use]
+pub fn squares(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<Vec<usize>> {
+    let extents: [(f64, f64); 2] = std::array::from_fn(|k| {
+        let along = some.iter().map(|i| points[*i][k]);
+        along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+    });
+    let place = |i: usize, k: usize| {
+        let (low, high) = extents[k];
+        let count = ((high - low) / side_m).ceil().max(1.0);
+        // The last point lies on the border of the last square.
+        ((points[i][k] - low) / (high - low).max(f64::MIN_POSITIVE) * count).min(count - 1.0) as usize
+    };
+    let mut squares = BTreeMap::<[usize; 2], Vec<usize>>::new();
+    for i in some {
+        squares.entry([place(i, 1), place(i, 0)]).or_default().push(i);
+    }
+    squares.into_values().collect()
+}
 
 /// A part of an image, ready for patches to be sought in it.
 pub struct Part {
@@ -305,6 +327,18 @@ mod tests {
             let at = found(&image(scene), &other, [exact[0] + off[0], exact[1] + off[1]], warp).unwrap();
             assert!((at - exact).norm() < 0.02, "{at} {exact}");
         }
+    }
+
+    #[test]
+    fn points_are_taken_by_squares_of_the_ground_they_cover() {
+        let points: Vec<[f64; 3]> =
+            (0..60).map(|i| [f64::from(i % 10) * 10.0 - 30.0, f64::from(i / 10) * 10.0, 5.0]).collect();
+        // 90 by 50 metres, without the first point.
+        let made = squares(&points, (1..60).collect(), 50.0);
+        assert_eq!(made.iter().map(Vec::len).collect::<Vec<_>>(), [29, 30]);
+        assert!(made[0].iter().all(|i| points[*i][0] < 15.0), "{made:?}");
+        assert_eq!(squares(&points, vec![7], 50.0), [[7]]);
+        assert!(squares(&points, Vec::new(), 50.0).is_empty());
     }
 
     #[test]

@@ -162,19 +162,14 @@ impl Files<'_> {
     fn stored(&self, window: Window, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
         let bands = &self.view.bands;
         let first = self.image.band(bands.first().copied().unwrap_or_default())?;
-        let mut planes = match first.nodata {
-            // Of whole numbers nodata may be a colour too: black shadows are no holes.
-            Some(nodata) if first.is_integer => {
-                let planes = bands.iter().map(|b| self.image.read_stored(*b, window, size));
-                let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
-                clear_margins(&mut planes, nodata as f32);
-                planes
-            }
-            _ => {
-                let planes = bands.iter().map(|b| self.image.read_scaled(*b, window, size));
-                planes.collect::<Result<Vec<_>, _>>()?
-            }
-        };
+        // Of whole numbers nodata may be a colour too: black shadows are no holes.
+        let is_color = first.is_integer && first.nodata.is_some();
+        let read = if is_color { ImageFile::read_stored } else { ImageFile::read_scaled };
+        let planes = bands.iter().map(|b| read(&self.image, *b, window, size));
+        let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
+        if let Some(nodata) = first.nodata.filter(|_| is_color) {
+            clear_margins(&mut planes, nodata as f32);
+        }
         if let Some(mask) = &self.mask {
             let mask = mask.read_scaled(1, window, size)?;
             for plane in &mut planes {
@@ -199,21 +194,21 @@ impl Files<'_> {
     }
 }
 
-/// Makes NaN what is nodata in all planes and reaches their border over others that are.
+/// Makes NaN what is nodata in all planes and connected with their border; a window's border stands for the image's.
 fn clear_margins(planes: &mut [Plane], nodata: f32) {
     let Some((width, height)) = planes.first().map(|p| (p.width, p.height)) else { return };
-    let sides = (0..height).flat_map(|row| [row * width, (row + 1) * width - 1]);
-    let mut open: Vec<usize> = (0..width).chain((height - 1) * width..height * width).chain(sides).collect();
-    while let Some(i) = open.pop() {
+    let sides = (0..height).flat_map(|row| [(0, row), (width - 1, row)]);
+    let mut open: Vec<(usize, usize)> =
+        (0..width).flat_map(|col| [(col, 0), (col, height - 1)]).chain(sides).collect();
+    while let Some((col, row)) = open.pop() {
+        let i = row * width + col;
         // Once it is NaN it is not nodata any more.
         if planes.iter().any(|p| p.data[i] != nodata) {
             continue;
         }
         planes.iter_mut().for_each(|p| p.data[i] = f32::NAN);
-        let (col, row) = (i % width, i / width);
-        let beside = [(col > 0, 1), (row > 0, width)].into_iter().filter(|b| b.0).map(|b| i - b.1);
-        let beyond = [(col + 1 < width, 1), (row + 1 < height, width)].into_iter().filter(|b| b.0);
-        open.extend(beside.chain(beyond.map(|b| i + b.1)));
+        let beside = [(col.wrapping_sub(1), row), (col + 1, row), (col, row.wrapping_sub(1)), (col, row + 1)];
+        open.extend(beside.into_iter().filter(|(c, r)| *c < width && *r < height));
     }
 }
 
