@@ -1,9 +1,21 @@
 //! Looking up, from a view's pixel and its altitude, another camera of the same family: the sun's image, or a
 //! virtual view's. A shear carries pixel (col, row) at altitude z to `(col, row) - shear * z - origin`.
 
-use super::raster::Layers;
 use super::real::Real;
 use std::ops::Range;
+
+/// An image, all channels of a pixel side by side: what is looked up there is used together.
+#[derive(Clone, Copy, Debug)]
+pub struct Pixels<'a, T, const C: usize> {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// From one row to the next, pixels.
+    pub stride: usize,
+    /// The pixels, row by row.
+    pub data: &'a [[T; C]],
+}
 
 /// How a view's pixels reach another image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,13 +35,18 @@ pub struct Place<T> {
     part: [T; 2],
 }
 
-/// Some rows of an image.
-#[derive(Debug, Default)]
-pub struct Window<T> {
-    /// Row of the image that is the first.
-    pub first_row: usize,
-    /// The rows.
-    pub layers: Layers<T>,
+/// Some rows of an image that derivatives are added to.
+#[derive(Debug)]
+pub struct Window<T, const C: usize> {
+    width: usize,
+    first_row: usize,
+    data: Vec<[T; C]>,
+}
+
+impl<T, const C: usize> Default for Window<T, C> {
+    fn default() -> Self {
+        Self { width: 0, first_row: 0, data: Vec::new() }
+    }
 }
 
 impl<T: Real> Lookup<T> {
@@ -45,7 +62,13 @@ impl<T: Real> Lookup<T> {
 
     /// Where a pixel at an altitude lies in `image`, unless outside.
     #[inline(always)]
-    pub fn place(&self, col: usize, row: usize, altitude: T, image: &Layers<T>) -> Option<Place<T>> {
+    pub fn place<const C: usize>(
+        &self,
+        col: usize,
+        row: usize,
+        altitude: T,
+        image: Pixels<T, C>,
+    ) -> Option<Place<T>> {
         let x = T::of(col as f64) - self.shear[0] * altitude - self.origin[0];
         let y = T::of(row as f64) - self.shear[1] * altitude - self.origin[1];
         let (right, bottom) = (T::of(image.width as f64 - 1.0), T::of(image.height as f64 - 1.0));
@@ -64,27 +87,55 @@ impl<T: Real> Lookup<T> {
 }
 
 impl<T: Real> Place<T> {
-    /// Bilinear value of a channel and its slopes by column and row.
+    /// Bilinear values of all channels and their slopes by column and row.
     #[inline(always)]
-    pub fn value(&self, image: &Layers<T>, channel: usize) -> (T, [T; 2]) {
-        let [a, b] = *image.pair(channel, self.col, self.row);
-        let [c, d] = *image.pair(channel, self.col, self.row + 1);
+    pub fn values<const C: usize>(&self, image: Pixels<T, C>) -> ([T; C], [[T; 2]; C]) {
+        let start = self.row * image.stride + self.col;
+        let [a, b] = *pair(&image.data[start..]);
+        let [c, d] = *pair(&image.data[start + image.stride..]);
         let [x, y] = self.part;
-        let (upper, lower) = (a + (b - a) * x, c + (d - c) * x);
-        let by_x = (b - a) + ((d - c) - (b - a)) * y;
-        (upper + (lower - upper) * y, [by_x, lower - upper])
+        let (mut values, mut slopes) = ([T::zero(); C], [[T::zero(); 2]; C]);
+        for k in 0..C {
+            let (upper, lower) = (a[k] + (b[k] - a[k]) * x, c[k] + (d[k] - c[k]) * x);
+            values[k] = upper + (lower - upper) * y;
+            slopes[k] = [(b[k] - a[k]) + ((d[k] - c[k]) - (b[k] - a[k])) * y, lower - upper];
+        }
+        (values, slopes)
     }
 
-    /// Adds a derivative by the value to those by the four pixels.
+    /// Adds derivatives by the values to those by the four pixels.
     #[inline(always)]
-    pub fn scatter(&self, by: &mut Window<T>, channel: usize, by_value: T) {
+    pub fn scatter<const C: usize>(&self, by: &mut Window<T, C>, by_values: [T; C]) {
         let [x, y] = self.part;
         let one = T::one();
-        let row = self.row - by.first_row;
-        for (down, share) in [(0, one - y), (1, y)] {
-            let [left, right] = by.layers.pair_mut(channel, self.col, row + down);
-            *left = *left + (one - x) * share * by_value;
-            *right = *right + x * share * by_value;
+        for (row, share) in [(self.row, one - y), (self.row + 1, y)] {
+            let start = (row - by.first_row) * by.width + self.col;
+            let pair: &mut [[T; C]; 2] = by.data[start..].first_chunk_mut().expect("the next column exists");
+            for (pixel, share) in pair.iter_mut().zip([(one - x) * share, x * share]) {
+                for (sum, by) in pixel.iter_mut().zip(by_values) {
+                    *sum = *sum + share * by;
+                }
+            }
         }
+    }
+}
+
+/// The first two pixels.
+#[inline(always)]
+fn pair<P>(pixels: &[P]) -> &[P; 2] {
+    pixels.first_chunk().expect("the next column exists")
+}
+
+impl<T: Real, const C: usize> Window<T, C> {
+    /// Becomes zeros at these rows of an image.
+    pub fn open(&mut self, width: usize, rows: Range<usize>) {
+        (self.width, self.first_row) = (width, rows.start);
+        self.data.clear();
+        self.data.resize(width * rows.len(), [T::zero(); C]);
+    }
+
+    /// A row of the image, if it is one of the window's.
+    pub fn row(&self, row: usize) -> Option<&[[T; C]]> {
+        self.data.chunks_exact(self.width.max(1)).nth(row.checked_sub(self.first_row)?)
     }
 }

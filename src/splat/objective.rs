@@ -8,7 +8,7 @@
 use super::appearance::Appearance;
 use super::gaussians::{Gaussians, SH_C0};
 use super::lanes::{Kernel, LANES, Lanes, Lanewise, Row, splat_each, sum_each};
-use super::lookup::{Lookup, Window};
+use super::lookup::{Lookup, Pixels, Window};
 use super::raster::{FrameCamera, Layers, Prepared, Rasterizer, SplatGradient};
 use super::real::Real;
 use super::ssim::{Photometric, Similarity};
@@ -129,6 +129,8 @@ pub struct Objective<T: Real> {
     view: Rasterizer<T, 4>,
     sun: Rasterizer<T, 1>,
     virtual_view: Rasterizer<T, 4>,
+    /// The virtual view, to be looked up.
+    virtual_pixels: Vec<[T; 4]>,
     features: Vec<[T; 4]>,
     altitudes: Vec<[T; 1]>,
     by_feature: Vec<[T; 4]>,
@@ -147,8 +149,8 @@ pub struct Objective<T: Real> {
 /// What a run of rows scatters, and sums.
 #[derive(Default)]
 struct Stripe<T> {
-    by_sun: Window<T>,
-    by_virtual: Window<T>,
+    by_sun: Window<T, 1>,
+    by_virtual: Window<T, 4>,
     appearance: [T; 15],
     entropy: f64,
     agreement: Agreement,
@@ -220,6 +222,7 @@ impl<T: Lanewise> Objective<T> {
         }
         if let Some(v) = &shot.virtual_view {
             draw(&mut self.virtual_view, VIRTUAL, prepared, &self.features, &v.camera, background, watch);
+            side_by_side(self.virtual_view.image(), &mut self.virtual_pixels);
         }
 
         self.compose(appearance, shot);
@@ -265,7 +268,8 @@ impl<T: Lanewise> Objective<T> {
         self.picture.resize(width, height, 3);
         self.sunlight.resize(width, height, 2);
         self.stripes.resize_with(height.div_ceil(rows), Stripe::default);
-        let (view, sun, virtual_view) = (self.view.image(), self.sun.image(), self.virtual_view.image());
+        let (view, sun) = (self.view.image(), sun_pixels(self.sun.image()));
+        let virtual_view = virtual_pixels(self.virtual_view.image(), &self.virtual_pixels);
         let outputs = self.picture.data.par_chunks_mut(rows * 3 * width);
         let outputs = outputs.zip(self.sunlight.data.par_chunks_mut(rows * 2 * width));
         outputs.zip(&mut self.stripes).enumerate().for_each(|(k, ((picture, sunlight), stripe))| {
@@ -300,8 +304,8 @@ impl<T: Lanewise> Objective<T> {
             appearance,
             shot,
             view: self.view.image(),
-            sun: self.sun.image(),
-            virtual_view: self.virtual_view.image(),
+            sun: sun_pixels(self.sun.image()),
+            virtual_view: virtual_pixels(self.virtual_view.image(), &self.virtual_pixels),
             sunlight: &self.sunlight,
             by_picture: self.photometric.by_picture(),
             entropy_scale: T::of(weights.shadow_entropy / (width * height) as f64),
@@ -407,16 +411,41 @@ fn pull_back<T: Lanewise, const C: usize>(
     watch.lap(part, "gathering");
 }
 
-/// Sums the windows of the stripes.
-fn sum_windows<'a, T: Real>(sum: &mut Layers<T>, window: impl Fn(usize) -> Option<&'a Window<T>> + Sync) {
-    let stride = sum.width * sum.channels;
-    sum.data.par_chunks_mut(stride).enumerate().for_each(|(row, sum)| {
+/// The sun's altitudes, the first channel of its image, to be looked up.
+fn sun_pixels<T>(image: &Layers<T>) -> Pixels<'_, T, 1> {
+    let Layers { width, height, channels, .. } = *image;
+    Pixels { width, height, stride: channels * width, data: image.data.as_chunks().0 }
+}
+
+/// A render whose features lie side by side in `data`, to be looked up.
+fn virtual_pixels<'a, T>(image: &Layers<T>, data: &'a [[T; 4]]) -> Pixels<'a, T, 4> {
+    let Layers { width, height, .. } = *image;
+    Pixels { width, height, stride: width, data }
+}
+
+/// Puts the four features of every pixel of a render side by side.
+fn side_by_side<T: Real>(image: &Layers<T>, pixels: &mut Vec<[T; 4]>) {
+    pixels.resize(image.width * image.height, [T::zero(); 4]);
+    pixels.par_chunks_mut(image.width).enumerate().for_each(|(row, pixels)| {
+        let [r, g, b, z] = std::array::from_fn(|c| image.row(c, row));
+        for (pixel, (((r, g), b), z)) in pixels.iter_mut().zip(r.iter().zip(g).zip(b).zip(z)) {
+            *pixel = [*r, *g, *b, *z];
+        }
+    });
+}
+
+/// Sums the windows of the stripes; channels are apart again.
+fn sum_windows<'a, T: Real, const C: usize>(
+    sum: &mut Layers<T>,
+    window: impl Fn(usize) -> Option<&'a Window<T, C>> + Sync,
+) {
+    let width = sum.width;
+    sum.data.par_chunks_mut(width * C).enumerate().for_each(|(row, sum)| {
         sum.fill(T::zero());
-        for window in (0..STRIPES).filter_map(&window) {
-            let Some(row) = row.checked_sub(window.first_row) else { continue };
-            if row < window.layers.height {
-                for (sum, by) in sum.iter_mut().zip(&window.layers.data[row * stride..]) {
-                    *sum = *sum + *by;
+        for pixels in (0..STRIPES).filter_map(|k| window(k)?.row(row)) {
+            for (c, sum) in sum.chunks_exact_mut(width).enumerate() {
+                for (sum, by) in sum.iter_mut().zip(pixels) {
+                    *sum = *sum + by[c];
                 }
             }
         }
@@ -442,8 +471,8 @@ struct Compose<'a, T> {
     appearance: &'a Appearance<T>,
     shot: &'a Shot<'a, T>,
     view: &'a Layers<T>,
-    sun: &'a Layers<T>,
-    virtual_view: &'a Layers<T>,
+    sun: Pixels<'a, T, 1>,
+    virtual_view: Pixels<'a, T, 4>,
     first_row: usize,
     picture: &'a mut [T],
     sunlight: &'a mut [T],
@@ -470,16 +499,18 @@ impl<T: Lanewise> Kernel<T> for Compose<'_, T> {
             if let Some(s) = &shot.sun {
                 for (col, (delta, z)) in sunlight.iter_mut().zip(altitude).enumerate() {
                     if let Some(place) = s.lookup.place(col, row, *z, sun) {
-                        *delta = (*z - place.value(sun, 0).0).min(T::zero());
+                        let ([above], _) = place.values(sun);
+                        *delta = (*z - above).min(T::zero());
                     }
                 }
             }
             if let Some(v) = &shot.virtual_view {
                 for (col, z) in altitude.iter().enumerate() {
-                    if let Some(place) = v.lookup.place(col, row, *z, virtual_view)
-                        && (*z - place.value(virtual_view, 3).0).abs() < T::of(SAME_SURFACE_M)
-                    {
-                        stripe.agreement.pixels += 1.0;
+                    if let Some(place) = v.lookup.place(col, row, *z, virtual_view) {
+                        let ([.., other], _) = place.values(virtual_view);
+                        if (*z - other).abs() < T::of(SAME_SURFACE_M) {
+                            stripe.agreement.pixels += 1.0;
+                        }
                     }
                 }
             }
@@ -515,8 +546,8 @@ struct PixelPass<'a, T> {
     appearance: &'a Appearance<T>,
     shot: &'a Shot<'a, T>,
     view: &'a Layers<T>,
-    sun: &'a Layers<T>,
-    virtual_view: &'a Layers<T>,
+    sun: Pixels<'a, T, 1>,
+    virtual_view: Pixels<'a, T, 4>,
     sunlight: &'a Layers<T>,
     by_picture: &'a Layers<T>,
     entropy_scale: T,
@@ -572,16 +603,13 @@ impl<T: Real> PixelPass<'_, T> {
     fn open_windows(&self, rows: Range<usize>, stripe: &mut Stripe<T>) {
         let altitudes = rows.clone().flat_map(|r| self.view.row(3, r));
         let range = altitudes.fold((T::infinity(), T::neg_infinity()), |(l, h), z| (l.min(*z), h.max(*z)));
-        let open = |window: &mut Window<T>, lookup: &Lookup<T>, image: &Layers<T>, channels: usize| {
-            let rows = lookup.rows(rows.clone(), range, image.height);
-            window.first_row = rows.start;
-            window.layers.clear(image.width, rows.len(), channels);
-        };
-        if let Some(sun) = &self.shot.sun {
-            open(&mut stripe.by_sun, &sun.lookup, self.sun, 1);
+        if let Some(s) = &self.shot.sun {
+            let Pixels { width, height, .. } = self.sun;
+            stripe.by_sun.open(width, s.lookup.rows(rows.clone(), range, height));
         }
         if let Some(v) = &self.shot.virtual_view {
-            open(&mut stripe.by_virtual, &v.lookup, self.virtual_view, 4);
+            let Pixels { width, height, .. } = self.virtual_view;
+            stripe.by_virtual.open(width, v.lookup.rows(rows, range, height));
         }
     }
 
@@ -589,17 +617,17 @@ impl<T: Real> PixelPass<'_, T> {
     #[inline(always)]
     fn scatter(&self, row: usize, by_rgb: &mut [T], by_z: &mut [T], stripe: &mut Stripe<T>) {
         let width = self.view.width;
-        let [red, green, blue, altitude] = std::array::from_fn(|c| self.view.row(c, row));
+        let features: [_; 4] = std::array::from_fn(|c| self.view.row(c, row));
         let sunlight = self.sunlight.row(0, row);
         for col in 0..width {
-            let (z, by_s) = (altitude[col], by_z[col]);
+            let own = features.map(|f| f[col]);
+            let (z, by_s) = (own[3], by_z[col]);
             by_z[col] = T::zero();
             if let Some(sun) = &self.shot.sun {
                 by_z[col] = self.shade(&sun.lookup, (col, row), z, sunlight[col], by_s, &mut stripe.by_sun);
             }
             if let Some(v) = &self.shot.virtual_view {
-                let rgb = [red[col], green[col], blue[col]];
-                let by = self.agree(&v.lookup, (col, row), rgb, z, stripe);
+                let by = self.agree(&v.lookup, (col, row), own, stripe);
                 for c in 0..3 {
                     by_rgb[c * width + col] = by_rgb[c * width + col] + by[c];
                 }
@@ -617,48 +645,43 @@ impl<T: Real> PixelPass<'_, T> {
         z: T,
         s: T,
         by_s: T,
-        by_sun: &mut Window<T>,
+        by_sun: &mut Window<T, 1>,
     ) -> T {
         let Some(place) = lookup.place(col, row, z, self.sun) else { return T::zero() };
-        let (above, slope) = place.value(self.sun, 0);
+        let ([above], [slope]) = place.values(self.sun);
         if z >= above {
             return T::zero();
         }
         let by_delta = T::of(SHADOW_RATE_PER_M) * s * by_s;
-        place.scatter(by_sun, 0, -by_delta);
+        place.scatter(by_sun, [-by_delta]);
         by_delta * (T::one() - lookup.by_altitude(slope))
     }
 
-    /// Derivatives by colour and altitude through the virtual view; scatters those by its image.
+    /// Derivatives by a pixel's own features through the virtual view; scatters those by its image.
     #[inline(always)]
     fn agree(
         &self,
         lookup: &Lookup<T>,
         (col, row): (usize, usize),
-        rgb: [T; 3],
-        z: T,
+        own: [T; 4],
         stripe: &mut Stripe<T>,
     ) -> [T; 4] {
         let zero = [T::zero(); 4];
-        let Some(place) = lookup.place(col, row, z, self.virtual_view) else { return zero };
-        let (other, slope) = place.value(self.virtual_view, 3);
-        if (z - other).abs() >= T::of(SAME_SURFACE_M) {
+        let Some(place) = lookup.place(col, row, own[3], self.virtual_view) else { return zero };
+        let (others, slopes) = place.values(self.virtual_view);
+        let difference: [T; 4] = std::array::from_fn(|c| own[c] - others[c]);
+        let [r, g, b, z] = difference.map(T::abs);
+        if z >= T::of(SAME_SURFACE_M) {
             return zero;
         }
-        let Stripe { by_virtual, agreement, .. } = stripe;
-        agreement.altitude += (z - other).abs().wide();
+        stripe.agreement.altitude += z.wide();
+        stripe.agreement.color += (r + g + b).wide();
+        let scales = [self.color_scale, self.color_scale, self.color_scale, self.altitude_scale];
         let sign = |d: T| if d == T::zero() { d } else { d.signum() };
-        let by_z = self.altitude_scale * sign(z - other);
-        place.scatter(by_virtual, 3, -by_z);
-        let mut by = zero;
-        by[3] = by_z * (T::one() - lookup.by_altitude(slope));
-        for c in 0..3 {
-            let (other, slope) = place.value(self.virtual_view, c);
-            agreement.color += (rgb[c] - other).abs().wide();
-            by[c] = self.color_scale * sign(rgb[c] - other);
-            place.scatter(by_virtual, c, -by[c]);
-            by[3] = by[3] - by[c] * lookup.by_altitude(slope);
-        }
+        let mut by: [T; 4] = std::array::from_fn(|c| scales[c] * sign(difference[c]));
+        place.scatter(&mut stripe.by_virtual, by.map(|by| -by));
+        let by_slopes = (0..4).fold(T::zero(), |sum, c| sum + by[c] * lookup.by_altitude(slopes[c]));
+        by[3] = by[3] - by_slopes;
         by
     }
 }

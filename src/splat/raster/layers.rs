@@ -28,12 +28,6 @@ impl<T: Real> Layers<T> {
         self.data.resize(width * height * channels, T::zero());
     }
 
-    /// Sets every value to zero, at this size.
-    pub fn clear(&mut self, width: usize, height: usize, channels: usize) {
-        self.resize(width, height, channels);
-        self.data.fill(T::zero());
-    }
-
     /// Values of a row of pixels, channel after channel.
     pub fn rows(&self) -> std::slice::ChunksExact<'_, T> {
         self.data.chunks_exact(self.width * self.channels)
@@ -61,20 +55,6 @@ impl<T: Real> Layers<T> {
     /// One value, to be changed.
     pub fn at_mut(&mut self, channel: usize, col: usize, row: usize) -> &mut T {
         &mut self.data[(row * self.channels + channel) * self.width + col]
-    }
-
-    /// A value and the one to its right: `col` is not the last column.
-    #[inline(always)]
-    pub fn pair(&self, channel: usize, col: usize, row: usize) -> &[T; 2] {
-        let start = (row * self.channels + channel) * self.width + col;
-        self.data[start..].first_chunk().expect("the next column exists")
-    }
-
-    /// As [`Layers::pair`], to be changed.
-    #[inline(always)]
-    pub fn pair_mut(&mut self, channel: usize, col: usize, row: usize) -> &mut [T; 2] {
-        let start = (row * self.channels + channel) * self.width + col;
-        self.data[start..].first_chunk_mut().expect("the next column exists")
     }
 
     /// One channel as a plane.
