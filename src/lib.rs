@@ -5,6 +5,7 @@
 pub mod event;
 pub mod frame;
 pub mod raster;
+pub mod checkpoint;
 pub mod rpc;
 pub mod scene;
 pub mod simulate;

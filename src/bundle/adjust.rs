@@ -4,8 +4,9 @@
 use super::control::{ControlPoint, tracks_of};
 use super::correction::{ImageFrame, Model, Parameters};
 use super::error::BundleError;
-use super::features::{Keypoint, detect};
+use super::features::Keypoint;
 use super::height_prior::HeightPrior;
+use super::keypoint_file::keypoints;
 use super::matching::{Match, MatchView, matches};
 use super::network::{Estimate, HEIGHT_MARGIN_M, LEAST_ANGLE_DEG, LOSS_SCALES_PX, Network};
 use super::output::{Adjustment, PointQuality, SparsePoint, TiePoint};
@@ -20,6 +21,7 @@ use crate::rpc::Rpc;
 use crate::scene::{Scene, View, angle_between_deg, footprint};
 use geo::{Area, BooleanOps};
 use rayon::prelude::*;
+use std::path::{Path, PathBuf};
 
 /// Distance across the epipolar segments that is searched first, pixels: a delivered RPC may be tens of pixels off.
 const WIDE_PX: f64 = 60.0;
@@ -68,6 +70,8 @@ pub struct Options {
     pub reference: Vec<String>,
     /// An elevation model that holds the height of the whole scene.
     pub height_prior: Option<HeightPrior>,
+    /// Folder that keeps the keypoints of large images, for an adjustment that is interrupted; of this very scene.
+    pub keypoints: Option<PathBuf>,
 }
 
 /// Adjusts a scene's cameras.
@@ -85,7 +89,7 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
     if !matches!(heights.0.partial_cmp(&heights.1), Some(std::cmp::Ordering::Less)) {
         return Err(BundleError::Heights { low_m: heights.0, high_m: heights.1 });
     }
-    let mut work = Work::new(scene, heights, events)?;
+    let mut work = Work::new(scene, heights, options.keypoints.as_deref(), events)?;
     work.hold(&options.reference)?;
     work.network.height_prior = options.height_prior.as_ref();
     let names: Vec<&str> = work.views.iter().map(|v| v.view.name.as_str()).collect();
@@ -138,7 +142,13 @@ struct Work<'a> {
 }
 
 impl<'a> Work<'a> {
-    fn new(scene: &'a Scene, heights: (f64, f64), events: Sink<'a>) -> Result<Self, BundleError> {
+    /// Finds the keypoints of every view, or takes them from the folder that keeps them.
+    fn new(
+        scene: &'a Scene,
+        heights: (f64, f64),
+        kept: Option<&Path>,
+        events: Sink<'a>,
+    ) -> Result<Self, BundleError> {
         let middle = 0.5 * (heights.0 + heights.1);
         let center = scene.center().unwrap_or_else(|| scene.views[0].rpc.center()).at_height(middle);
         events(Event::Started { stage: "finding features", total: scene.views.len() as u64 });
@@ -160,10 +170,7 @@ impl<'a> Work<'a> {
         for some in scene.views.chunks(at_once) {
             let found: Vec<Result<_, RasterError>> = some
                 .par_iter()
-                .map(|v| {
-                    let image = v.brightness()?;
-                    detect((v.width, v.height), |window| image.read(window))
-                })
+                .map(|v| keypoints(v, kept))
                 .collect();
             detected.extend(found);
             events(Event::Advanced { done: detected.len() as u64, status: String::new() });

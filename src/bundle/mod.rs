@@ -13,6 +13,7 @@ mod error;
 mod features;
 mod figures;
 mod height_prior;
+mod keypoint_file;
 mod matching;
 mod network;
 mod output;

@@ -5,11 +5,12 @@ use super::error::BundleError;
 use super::height_prior::HeightPrior;
 use super::precision::Precision;
 use super::problem::{Block, Measurement, Track, Unknowns};
-use super::solver::SchurLevenbergMarquardt;
+use super::solver::{Log, SchurLevenbergMarquardt};
 use crate::frame::{Geodetic, Pixel, Point};
 use crate::rpc::Rpc;
 use crate::scene::angle_between_deg;
-use argmin::core::{Executor, State};
+use argmin::core::observers::ObserverMode;
+use argmin::core::Executor;
 use rayon::prelude::*;
 
 /// Least angle between two views of a track, degrees: heights of others are not worth having.
@@ -133,10 +134,10 @@ impl<'a> Network<'a> {
         let failed = |reason: String| BundleError::Solver { reason };
         let run = Executor::new(block, SchurLevenbergMarquardt::default())
             .configure(|s| s.param(start).max_iters(MAX_ITERATIONS))
+            .add_observer(Log, ObserverMode::Always)
             .run()
             .map_err(|e| failed(e.to_string()))?;
         let mut search = run.state;
-        tracing::debug!("{} iterations, cost {:.3e}", search.get_iter(), search.get_cost());
         let end = search.take_param().or_else(|| search.take_best_param());
         let end = end.ok_or_else(|| failed("no solution".into()))?;
         let block = run.problem.get_problem().ok_or_else(|| failed("no problem".into()))?;

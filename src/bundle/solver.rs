@@ -5,6 +5,7 @@
 
 use super::correction::{Model, Parameters, by_parameters};
 use super::problem::{Block, Linearised, Unknowns};
+use argmin::core::observers::Observe;
 use argmin::core::{Error, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 use rayon::prelude::*;
@@ -85,6 +86,16 @@ impl<'a> Solver<Block<'a>, SearchState> for SchurLevenbergMarquardt {
         } else {
             TerminationStatus::NotTerminated
         }
+    }
+}
+
+/// Tells the log of every iteration.
+pub struct Log;
+
+impl Observe<SearchState> for Log {
+    fn observe_iter(&mut self, search: &SearchState, _: &KV) -> Result<(), Error> {
+        tracing::debug!("iteration {}: cost {:.6e}", search.get_iter(), search.get_cost());
+        Ok(())
     }
 }
 

@@ -140,6 +140,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     }
     let started = std::time::Instant::now();
     let control = args.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();
+    let all_kept = args.output.join("ba/keypoints");
     let options = Options {
         fixed: args.fixed,
         model: args.model,
@@ -147,6 +148,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         control,
         reference: args.reference.clone(),
         height_prior: dem.zip(args.dem_sigma).map(|(dem, sigma_m)| HeightPrior { dem, sigma_m }),
+        keypoints: Some(all_kept.join(stage.hash())),
     };
     let adjustment = adjust(&scene, &options, &|e| ui.show(e))?;
     let used = Scene {
@@ -157,6 +159,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     align::forget(&args.output)?;
     write_json(&args.output.join("scene.json"), &used)?;
     stage.complete()?;
+    // Of this adjustment, and of others that were begun here.
+    let _ = std::fs::remove_dir_all(all_kept);
     let seconds = started.elapsed().as_secs_f64();
     let text = format!("{}adjusted in {seconds:.1} s", adjustment.report.table());
     let mut json = serde_json::to_value(&adjustment.report).unwrap_or_default();
