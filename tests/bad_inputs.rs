@@ -650,3 +650,83 @@ fn n35_what_exists_is_not_replaced_unasked() {
     assert!(text.contains("hint: ") && text.contains("--overwrite"), "{text}");
     assert_eq!(std::fs::read(out.join("VIEW_01.tif")).unwrap(), b"mine");
 }
+
+/// One zone, of the scene's own place.
+#[test]
+fn n23_scenes_across_zones_the_equator_and_the_antimeridian_have_one_zone() {
+    for (lons, lat, zones) in [
+        ([5.9999, 6.0001], 43.26, [32631, 32632]),
+        ([5.44, 5.44], 0.0, [32631, 32731]),
+        ([179.9999, -179.9999], 43.26, [32660, 32601]),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, seed, lon, lean) in [("a.tif", 1, lons[0], 0.2), ("b.tif", 2, lons[1], -0.2)] {
+            let mut c = satgs::rpc::RpcCoefficients::from(camera(lon, lean));
+            c.lat.offset = lat;
+            image(&folder.path().join(name), seed, Some(&satgs::rpc::Rpc::new(c).unwrap()), &[]);
+        }
+        let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
+        let overlap = scene.overlap().unwrap();
+        assert!(zones.contains(&overlap.epsg) && overlap.common_m2 > 300.0, "{overlap:?}");
+    }
+}
+
+/// Height above the ellipsoid = height above the geoid + undulation.
+#[test]
+fn n25_heights_above_a_geoid_are_lifted_by_its_undulation() {
+    let folder = two_views();
+    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
+    let made = tempfile::tempdir().unwrap();
+    let write = |name: &str, grid: satgs::raster::MapGrid, value: f32| {
+        let plane = satgs::raster::Plane::filled(grid.width, grid.height, value);
+        let path = made.path().join(name);
+        let cog = satgs::raster::Cog { grid, metadata: &[], heights_from: None };
+        cog.write_f32(&path, &[("height", "m", &plane)]).unwrap();
+        path
+    };
+    let grid = satgs::raster::MapGrid {
+        epsg: 32631,
+        west: 697_900.0,
+        north: 4_793_000.0,
+        cell: 10.0,
+        width: 60,
+        height: 300,
+    };
+    let degrees =
+        satgs::raster::MapGrid { epsg: 4326, west: 4.0, north: 45.0, cell: 0.5, width: 8, height: 8 };
+    let (dem, geoid) = (write("dem.tif", grid, 50.0), write("geoid.tif", degrees, 49.3));
+    let vertical = satgs::raster::Vertical::read(geoid.to_str().unwrap()).unwrap();
+    let dem = scene.dem(&dem, Some(&vertical)).unwrap();
+    let (low, high) = dem.heights_to_search();
+    assert!((low - 79.3).abs() < 1e-3 && (high - 179.3).abs() < 1e-3, "{low} {high}");
+    assert!((dem.height_m(scene.center().unwrap()) - 99.3).abs() < 1e-3);
+}
+
+/// A map whose camera is its own (Maxar's OR2A) is an image like any other.
+#[test]
+fn an_ortho_ready_image_keeps_its_camera() {
+    let folder = two_views();
+    let rpc = camera(5.44, 0.2);
+    let origin = satgs::frame::SiteGrid::at(rpc.center()).unwrap().origin;
+    let (west, north) = (origin.x() - 16.0, origin.y() + 16.0);
+    let grid = satgs::raster::MapGrid { epsg: 32631, west, north, cell: 0.5, width: 64, height: 64 };
+    let ready = satgs::raster::Cog { grid, metadata: &[], heights_from: None };
+    let pixels = (0..64 * 64).map(|i| (i % 251) as u8).collect();
+    ready.write_u8(&folder.path().join("ready.tif"), vec![pixels], None).unwrap();
+    std::fs::write(folder.path().join("ready_RPC.TXT"), to_text(&rpc)).unwrap();
+    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
+    assert!(scene.views.iter().any(|v| v.name == "ready" && v.rpc == rpc), "{:?}", scene.warnings);
+}
+
+#[test]
+fn views_of_different_places_are_not_adjusted() {
+    let scene = two_views();
+    image(&scene.path().join("far.tif"), 3, Some(&camera(5.54, 0.0)), &[]);
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let output = satgs(&["ba", scene.path().to_str().unwrap(), "-o", run.to_str().unwrap()]);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("views do not share ground: `far`") && text.contains("hint:"), "{text}");
+    assert!(!run.exists(), "nothing is written");
+}

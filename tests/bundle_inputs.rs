@@ -10,10 +10,10 @@ use gdal::vector::LayerAccess;
 use satgs::bundle::{Adjustment, BundleError, ControlPoint, Options, adjust, read_control};
 use satgs::event::ignore;
 use satgs::frame::{Pixel, Point, SiteGrid};
-use satgs::raster::{SensorImage, Window};
+use satgs::raster::{Cog, MapGrid, Plane, SensorImage, Vertical, Window};
 use satgs::rpc::Rpc;
 use satgs::rpc::formats::{self, to_gdal};
-use satgs::scene::{ReadOptions, Scene, read};
+use satgs::scene::{ReadOptions, Scene, View, read};
 use satgs::simulate::{self, simulate};
 use std::path::Path;
 
@@ -196,4 +196,108 @@ fn the_command_leaves_cameras_tie_points_and_pictures() {
     let middle = Pixel::new(SIZE as f64 / 2.0, SIZE as f64 / 2.0);
     let off = disagreement_px(&true_cameras(folder.path(), &made), middle);
     assert!(off.iter().all(|d| *d < 0.15), "{off:?}");
+}
+
+/// Its only neighbour looks from the same direction: their tracks have no heights, and none is left.
+#[test]
+fn a_view_that_keeps_no_track_is_left_out() {
+    let (_folder, mut scene) = town();
+    let part = |view: usize, name: &str, col: usize, width: usize| {
+        let whole = &scene.views[view];
+        let window = Some(Window { col, row: 0, width, height: SIZE });
+        View { name: name.into(), width, window, rpc: whole.rpc.cropped(col, 0), ..whole.clone() }
+    };
+    let views = vec![scene.views[0].clone(), part(1, "left", 0, 112), part(0, "right", 220, 80)];
+    scene.views = views;
+    let report = adjusted(&scene).unwrap().report;
+    assert!(report.left_out.iter().any(|l| l.0 == "right"), "{}", report.table());
+}
+
+/// Its camera stays as it was; whatever the angle it must not pass for adjusted.
+#[test]
+fn a_turned_image_is_left_out_or_named() {
+    let (folder, scene) = town();
+    let view = &scene.views[2];
+    let whole = Window { col: 0, row: 0, width: view.width, height: view.height };
+    let gray = view.brightness().unwrap().read(whole).unwrap();
+    let middle = 0.5 * (SIZE as f64 - 1.0);
+    for degrees in [2.0f64, 10.0, 90.0] {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let pixel = |i: usize| {
+            let (x, y) = ((i % SIZE) as f64 - middle, (i / SIZE) as f64 - middle);
+            (255.0 * gray.bilinear(middle + cos * x + sin * y, middle + cos * y - sin * x)) as u8
+        };
+        let turned = folder.path().join(format!("turned{degrees}.tif"));
+        write(&scene, 2, &turned, (0..SIZE * SIZE).map(pixel).collect());
+        let mut scene = scene.clone();
+        scene.views[2].image = turned;
+        scene.views[2].bands = vec![1];
+        let name = &scene.views[2].name;
+        match adjusted(&scene) {
+            Err(e) => assert!(e.to_string().contains(&format!("{{{name}}}")), "{degrees}°: {e}"),
+            Ok(made) => {
+                let is_left_out = made.report.left_out.iter().any(|l| l.0 == *name);
+                assert!(is_left_out, "{degrees}°:\n{}", made.report.table());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_camera_a_kilometre_too_high_is_named() {
+    let (_folder, mut scene) = town();
+    scene.views[4].rpc = scene.views[4].rpc.moved_on_ground([0.0, 0.0, 1000.0]);
+    let error = adjusted(&scene).unwrap_err().to_string();
+    assert!(error.contains(&scene.views[4].name), "{error}");
+}
+
+#[test]
+fn views_of_one_direction_are_refused() {
+    let (_folder, mut scene) = town();
+    scene.views.truncate(2);
+    scene.views[1].rpc = scene.views[0].rpc.clone();
+    assert!(matches!(adjusted(&scene), Err(BundleError::NoBaseline { .. })));
+}
+
+/// A view before it is left out: the reference is known by its name, not by its number.
+#[test]
+fn a_reference_view_stays_as_it_is_and_must_be_there() {
+    let (folder, mut scene) = town();
+    let plain = folder.path().join("plain.tif");
+    write(&scene, 0, &plain, vec![90; SIZE * SIZE]);
+    scene.views[0].image = plain;
+    scene.views[0].bands = vec![1];
+    let with = |name: &str| {
+        let options =
+            Options { reference: vec![name.into()], height_range: Some(HEIGHTS), ..Options::default() };
+        adjust(&scene, &options, &ignore)
+    };
+    let made = with(&scene.views[3].name).unwrap();
+    assert_eq!(made.cameras.len(), 4);
+    for (view, (name, rpc)) in scene.views[1..].iter().zip(&made.cameras) {
+        assert_eq!(&view.name, name);
+        assert_eq!(view.rpc == *rpc, *name == scene.views[3].name, "{name}");
+    }
+    for (name, said) in [("elsewhere", "is not in the scene"), (&*scene.views[0].name, "is left out")] {
+        let error = with(name).unwrap_err().to_string();
+        assert!(error.contains(name) && error.contains(said), "{error}");
+    }
+}
+
+/// What the elevation model tells is what is searched.
+#[test]
+fn an_elevation_model_a_kilometre_off_is_refused() {
+    let (folder, scene) = town();
+    let work = tempfile::tempdir().unwrap();
+    let site = SiteGrid::at(scene.center().unwrap()).unwrap();
+    let (west, north) = (site.origin.x().round() - 500.0, site.origin.y().round() + 500.0);
+    let grid = MapGrid { epsg: site.epsg, west, north, cell: 10.0, width: 100, height: 100 };
+    for (off, code) in [(0.0, 0), (1000.0, 2)] {
+        let (dem, run) = (work.path().join("dem.tif"), work.path().join(format!("run{off}")));
+        let cog = Cog { grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+        cog.write_f32(&dem, &[("height", "m", &Plane::filled(100, 100, 150.0 + off))]).unwrap();
+        let [scene, run, dem] = [folder.path(), &run, &dem].map(|p| p.to_str().unwrap());
+        let done = satgs(&["ba", scene, "-o", run, "--dem", dem, "-q"]);
+        assert_eq!(done.status.code(), Some(code), "{}", String::from_utf8_lossy(&done.stderr));
+    }
 }

@@ -125,3 +125,10 @@ fn help_teaches_with_an_example() {
     assert_eq!(code, Some(0));
     assert!(out.contains("satgs rpc project img_RPC.TXT 5.4401,43.2603,120"), "{out}");
 }
+
+#[test]
+fn a_height_outside_the_cameras_own_is_said() {
+    let (_folder, rpc) = text_camera();
+    let (code, _, err) = said(&satgs(&["rpc", "localize", &rpc, "10,20,300"]));
+    assert!(code == Some(0) && err.contains("1 of 1 points are outside the volume"), "{err}");
+}

@@ -111,3 +111,20 @@ fn gdal_reads_vendors_files_as_the_same_camera() {
         }
     }
 }
+
+/// GDAL reads the older form too; in which order nobody can check here.
+#[test]
+fn an_rpc00a_in_a_nitf_is_refused() {
+    let Some(data) = common::data_dir() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let mut bytes = std::fs::read(data.join("rpc/shareloc/wv3_20.NTF")).unwrap();
+    let read = |bytes: &[u8]| {
+        std::fs::write(folder.path().join("a.ntf"), bytes).unwrap();
+        satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default())
+    };
+    assert_eq!(read(&bytes).unwrap().views[0].rpc_source, "RPC00B segment");
+    let at = bytes.windows(11).position(|w| w == b"RPC00B01041").unwrap();
+    bytes[at + 5] = b'A';
+    let error = read(&bytes).unwrap_err().to_string();
+    assert!(error.contains("a.ntf` holds an RPC00A"), "{error}");
+}

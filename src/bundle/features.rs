@@ -153,8 +153,8 @@ fn place(e: &Extremum, octaves: &[Octave]) -> Pixel<CenterPx> {
 fn near_missing(image: &Plane, position: [f32; 3], step: f64) -> bool {
     let at = |p: f32| (f64::from(p) * step).round() as i64;
     let (col, row) = (at(position[0]), at(position[1]));
-    let reach = [-MASK_REACH_PX, 0, MASK_REACH_PX];
-    reach.iter().any(|dr| reach.iter().any(|dc| image.get(col + dc, row + dr).is_nan()))
+    let around = -MASK_REACH_PX..=MASK_REACH_PX;
+    around.clone().any(|dr| around.clone().any(|dc| image.get(col + dc, row + dr).is_nan()))
 }
 
 /// So many of the strongest extrema, and the strongest of each cell, with their ranks in their cells; the first of all
@@ -440,5 +440,16 @@ mod tests {
         }
         let found = all(&image);
         assert!(!found.is_empty() && found.iter().all(|k| k.px.col > 49.0));
+    }
+
+    #[test]
+    fn there_are_no_keypoints_around_a_small_hole() {
+        let mut image = texture(128, 128);
+        for row in 60..63 {
+            image.data[row * 128 + 60..row * 128 + 63].fill(f32::NAN);
+        }
+        let found = all(&image);
+        let reach = |k: &Keypoint| (k.px.col - 61.0).abs().max((k.px.row - 61.0).abs());
+        assert!(!found.is_empty() && found.iter().all(|k| reach(k) > MASK_REACH_PX as f64));
     }
 }

@@ -9,8 +9,8 @@ use super::solver::{Log, SchurLevenbergMarquardt};
 use crate::frame::{Geodetic, Pixel, Point};
 use crate::rpc::Rpc;
 use crate::scene::angle_between_deg;
-use argmin::core::observers::ObserverMode;
 use argmin::core::Executor;
+use argmin::core::observers::ObserverMode;
 use rayon::prelude::*;
 
 /// Least angle between two views of a track, degrees: heights of others are not worth having.

@@ -466,3 +466,75 @@ mod omaha {
         }
     }
 }
+
+/// Single precision would round this to 0.002 px.
+#[test]
+fn residuals_far_out_in_a_large_image_are_not_rounded() {
+    let far: Vec<Rpc> = cameras().iter().map(|r| r.shifted(30_000.0, 20_000.0)).collect();
+    let block = network(&far).block();
+    let p = [40.0, -25.0, 12.0];
+    let seen = far[0].project(block.geodetic(p));
+    let m = Measurement { view: 0, px: Pixel::new(seen.col + 1e-4, seen.row - 2e-4), weight: 1.0 };
+    let [col, row] = block.linearise(&m, &[0.0; MOST], p).residual;
+    assert!((col - 1e-4).abs() < 1e-9 && (row + 2e-4).abs() < 1e-9, "{col} {row}");
+}
+
+#[test]
+fn tracks_of_nearly_one_direction_are_not_placed() {
+    let exact = cameras();
+    let (tracks, _) = observe(&exact, 0.1, 0.0);
+    let mut network = network(&exact);
+    let mut estimate = Estimate::start(exact.len());
+    network.directions.fill((90.0, 20.0));
+    network.directions[7] = (90.0, 20.0 + 0.9 * LEAST_ANGLE_DEG);
+    network.place(&mut estimate, tracks.clone());
+    assert!(estimate.tracks.is_empty());
+    network.directions[7] = (90.0, 20.0 + 1.1 * LEAST_ANGLE_DEG);
+    network.place(&mut estimate, tracks);
+    assert!(!estimate.tracks.is_empty());
+    assert!(estimate.tracks.iter().all(|t| t.seen.iter().any(|m| m.view == 7)));
+}
+
+#[test]
+fn a_view_of_which_half_is_wrong_keeps_the_good_half() {
+    let exact = cameras();
+    let (delivered, truth) = disturbed(&exact);
+    let (mut tracks, _) = observe(&exact, 0.1, 0.0);
+    let mut noise = Noise(23);
+    for m in tracks.iter_mut().flat_map(|t| &mut t.seen).filter(|m| m.view == 3) {
+        if noise.next() > 0.0 {
+            m.px = Pixel::new(m.px.col + 20.0 * noise.next(), m.px.row + 20.0 * noise.next());
+        }
+    }
+    let estimate = adjusted(&delivered, &tracks);
+    let network = network(&delivered);
+    let worst = worst_shift(&network.block(), &estimate.corrections, &truth);
+    assert!(worst < 0.05, "{worst}");
+    let left: Vec<f64> = network.distances(&estimate).iter().filter(|d| d.0 == 3).map(|d| d.1).collect();
+    assert!(left.len() > 400 && left.iter().all(|d| *d < 1.0), "{} left", left.len());
+}
+
+/// Near-affine cameras that stretch freely would leave the scene free to tilt.
+#[test]
+fn an_affine_model_does_not_tilt_the_scene() {
+    let exact = cameras();
+    let (delivered, _) = disturbed(&exact);
+    let (tracks, points) = observe(&exact, 0.1, 0.0);
+    let network = network(&delivered);
+    let block = network.block();
+    let mut estimate = Estimate::start(delivered.len());
+    network.place(&mut estimate, tracks.clone());
+    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Affine, ALLOWED_PX).unwrap();
+    assert_eq!(estimate.tracks.len(), tracks.len());
+    for axis in 0..2 {
+        let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);
+        for (found, exact) in estimate.points.iter().zip(&points) {
+            let exact = block.local(*exact);
+            let side = usize::from(exact[axis] > 0.0);
+            sums[side] += found[2] - exact[2];
+            counts[side] += 1.0;
+        }
+        let tilt_m = sums[1] / counts[1] - sums[0] / counts[0];
+        assert!(tilt_m.abs() < 0.1, "{axis}: {tilt_m} m");
+    }
+}

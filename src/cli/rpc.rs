@@ -6,7 +6,7 @@ use crate::event::Event;
 use crate::frame::{Pixel, Point};
 use crate::raster::{write_file, write_with_rpc};
 use crate::rpc::formats::{RpcFile, to_gdal, to_json, to_rpb, to_text};
-use crate::rpc::{Difference, GroundBatch, PixelBatch};
+use crate::rpc::{Difference, GroundBatch, PixelBatch, Rpc};
 use crate::scene::read_camera;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -121,14 +121,7 @@ fn project(args: &Points, ui: &Ui) -> Result<(), Failure> {
     let ground = GroundBatch { lon_deg, lat_deg, height_m };
     let mut seen = PixelBatch::default();
     rpc.project_batch(&ground, &mut seen);
-    let place = |i: usize| Point::new(ground.lon_deg[i], ground.lat_deg[i], ground.height_m[i]);
-    let beyond = (0..seen.col.len()).filter(|i| !rpc.is_valid_at(place(*i))).count();
-    if beyond > 0 {
-        ui.show(Event::Warning(format!(
-            "{beyond} of {} points are outside the volume for which the RPC was made",
-            seen.col.len()
-        )));
-    }
+    let beyond = outside_volume(&rpc, &ground, ui);
     let mut text = String::new();
     for (col, row) in seen.col.iter().zip(&seen.row) {
         let _ = writeln!(text, "{col:.9} {row:.9}");
@@ -137,18 +130,36 @@ fn project(args: &Points, ui: &Ui) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Number of points outside the volume for which the RPC was made, and a warning if there are any.
+fn outside_volume(rpc: &Rpc, ground: &GroundBatch, ui: &Ui) -> usize {
+    let all = ground.lon_deg.len();
+    let is_outside = |i: &usize| {
+        let place = Point::new(ground.lon_deg[*i], ground.lat_deg[*i], ground.height_m[*i]);
+        place.is_finite() && !rpc.is_valid_at(place)
+    };
+    let beyond = (0..all).filter(is_outside).count();
+    if beyond > 0 {
+        let text = format!("{beyond} of {all} points are outside the volume for which the RPC was made");
+        ui.show(Event::Warning(text));
+    }
+    beyond
+}
+
 fn localize(args: &Points, ui: &Ui) -> Result<(), Failure> {
     let rpc = load(&args.file, ui)?.rpc;
     let [col, row, height] = args.read()?;
     let pixels = PixelBatch { col, row };
     let mut ground = GroundBatch::default();
     rpc.localize_batch(&pixels, &height, &mut ground);
+    ground.height_m.clone_from(&height);
+    let beyond = outside_volume(&rpc, &ground, ui);
     let mut text = String::new();
     for (lon, lat) in ground.lon_deg.iter().zip(&ground.lat_deg) {
         let _ = writeln!(text, "{lon:.13} {lat:.13}");
     }
     let lost: Vec<usize> = (0..height.len()).filter(|i| ground.lon_deg[*i].is_nan()).collect();
-    let summary = json!({ "lon": ground.lon_deg, "lat": ground.lat_deg, "not_seen": lost.len() });
+    let (lon, lat) = (&ground.lon_deg, &ground.lat_deg);
+    let summary = json!({ "lon": lon, "lat": lat, "outside_volume": beyond, "not_seen": lost.len() });
     ui.summary("rpc localize", &text, summary);
     let Some(first) = lost.first() else { return Ok(()) };
     let why = rpc.localize(Pixel::new(pixels.col[*first], pixels.row[*first]), height[*first]);

@@ -41,6 +41,12 @@ pub fn utm_epsg(lon_deg: f64, lat_deg: f64) -> Result<u32, FrameError> {
     Ok(if lat_deg >= 0.0 { 32600 } else { 32700 } + zone)
 }
 
+/// A longitude, or a difference of two, within half a turn of zero, degrees.
+#[must_use]
+pub fn half_turn(lon_deg: f64) -> f64 {
+    if lon_deg.abs() <= 180.0 { lon_deg } else { (lon_deg + 180.0).rem_euclid(360.0) - 180.0 }
+}
+
 /// EPSG code of WGS 84 longitude and latitude.
 pub(super) const WGS84: u32 = 4326;
 

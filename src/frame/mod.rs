@@ -7,6 +7,6 @@ mod crs;
 mod point;
 mod site;
 
-pub use crs::{FrameError, Transform, utm_epsg};
+pub use crs::{FrameError, Transform, half_turn, utm_epsg};
 pub use point::{CenterPx, CornerPx, Frame, Geodetic, Pixel, Point, Site, Utm, Vector};
 pub use site::SiteGrid;

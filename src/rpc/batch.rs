@@ -7,7 +7,7 @@
 use super::Rpc;
 use super::kernel::{Guess, Localize, Numbers, Project};
 use super::model::{TERMS, monomials};
-use crate::frame::{Pixel, Point};
+use crate::frame::{Pixel, Point, half_turn};
 use nalgebra::{DMatrix, Matrix2};
 
 /// Nodes of the guess along each axis of the batch's box; one more than a cubic needs.
@@ -150,11 +150,6 @@ impl Rpc {
             inverse: [[inverse[(0, 0)], inverse[(0, 1)]], [inverse[(1, 0)], inverse[(1, 1)]]],
         })
     }
-}
-
-/// A longitude within half a turn, so that one turn more or less is enough for every other.
-fn half_turn(lon_deg: f64) -> f64 {
-    if lon_deg.abs() <= 180.0 { lon_deg } else { (lon_deg + 180.0).rem_euclid(360.0) - 180.0 }
 }
 
 #[cfg(test)]

@@ -25,6 +25,22 @@ impl Scene {
         let found = self.views.len();
         if found < needed { Err(SceneError::TooFewViews { found, needed }) } else { Ok(()) }
     }
+
+    /// Refuses RPCs made for heights that they do not share, unless other heights are known.
+    pub(super) fn require_shared_heights(&self) -> Result<(), SceneError> {
+        let (low, high) = self.height_range();
+        if low < high || self.views.iter().any(|v| v.height_range.is_some()) {
+            return Ok(());
+        }
+        let middle = |v: &View| 0.5 * (v.rpc.height_range().0 + v.rpc.height_range().1);
+        let mut middles: Vec<f64> = self.views.iter().map(middle).collect();
+        middles.sort_by(f64::total_cmp);
+        let usual = middles[middles.len() / 2];
+        let off = |v: &&View| (middle(v) - usual).abs();
+        let Some(odd) = self.views.iter().max_by(|a, b| off(a).total_cmp(&off(b))) else { return Ok(()) };
+        let (low_m, high_m) = odd.rpc.height_range();
+        Err(SceneError::NoSharedHeights { view: odd.name.clone(), low_m, high_m, usual_m: usual })
+    }
 }
 
 /// Refuses two views of one name, and files of the same content.

@@ -1,7 +1,7 @@
 //! The heights of a scene from a digital elevation model.
 
 use super::{Scene, SceneError, footprint};
-use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid};
+use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid, half_turn};
 use crate::raster::{ImageFile, Plane, Vertical, Window};
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
@@ -33,8 +33,9 @@ impl Dem {
     /// Ellipsoidal height of the model at a point's longitude and latitude, metres, bilinear; NaN where it has none.
     #[must_use]
     pub fn height_m(&self, p: Point<Geodetic>) -> f64 {
-        let at = |k: usize| (p.xyz()[k] - self.origin[k]) / self.step[k];
-        f64::from(self.heights.bilinear(at(0), at(1)))
+        let east = half_turn(p.lon_deg() - self.origin[0]);
+        let north = p.lat_deg() - self.origin[1];
+        f64::from(self.heights.bilinear(east / self.step[0], north / self.step[1]))
     }
 }
 
@@ -115,7 +116,8 @@ impl Scene {
         };
         Ok(Some([(w, s), (e, s), (e, n), (w, n)].map(|(x, y)| {
             let p = grid.geodetic_from_utm(Point::new(x, y, 0.0));
-            (p.lon_deg(), p.lat_deg())
+            // On the same side of the antimeridian.
+            (center.lon_deg() + half_turn(p.lon_deg() - center.lon_deg()), p.lat_deg())
         })))
     }
 }

@@ -180,6 +180,23 @@ pub enum SceneError {
         /// Share of the view's footprint.
         percent: f64,
     },
+    /// RPCs of different heights.
+    #[error(
+        "the RPC of `{view}` is made for heights of {low_m:.0} to {high_m:.0} m, those of others for {usual_m:.0} m or so"
+    )]
+    #[diagnostic(help(
+        "does this RPC belong to this scene? --height-range LOW,HIGH says which heights to search"
+    ))]
+    NoSharedHeights {
+        /// The view that differs most.
+        view: String,
+        /// Its lowest height.
+        low_m: f64,
+        /// Its highest height.
+        high_m: f64,
+        /// The middle of the others'.
+        usual_m: f64,
+    },
     /// A camera that does not see the ground.
     #[error("the RPC of `{view}` ({source_file}) sees no ground at a height of {height_m} m")]
     #[diagnostic(help(

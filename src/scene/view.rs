@@ -1,7 +1,7 @@
 //! A scene and its views: names, files and geometry; pixels are read when a stage needs them.
 
 use super::Aoi;
-use crate::frame::{CenterPx, Geodetic, Pixel, Point};
+use crate::frame::{CenterPx, Geodetic, Pixel, Point, half_turn};
 use crate::raster::Window;
 use crate::rpc::Rpc;
 use crate::rpc::formats::ViewTags;
@@ -126,14 +126,11 @@ impl Scene {
         let h = 0.5 * (lo + hi);
         let seen: Vec<[f64; 3]> =
             self.views.iter().filter_map(|v| v.ground_center(h)).map(Point::xyz).collect();
+        let [first_lon, ..] = *seen.first()?;
         let n = seen.len() as f64;
-        (!seen.is_empty()).then(|| {
-            Point::new(
-                seen.iter().map(|p| p[0]).sum::<f64>() / n,
-                seen.iter().map(|p| p[1]).sum::<f64>() / n,
-                h,
-            )
-        })
+        // Longitudes count from the first one: on either side of the antimeridian they are nearly a turn apart.
+        let east = seen.iter().map(|p| half_turn(p[0] - first_lon)).sum::<f64>() / n;
+        Some(Point::new(first_lon + east, seen.iter().map(|p| p[1]).sum::<f64>() / n, h))
     }
 }
 
