@@ -7,17 +7,18 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 14] = [
+const LAYERS: [(&str, Option<&[&str]>); 15] = [
     ("event", None),
     ("frame", None),
     ("raster", None),
+    ("checkpoint", Some(&["raster"])),
     ("rpc", None),
     ("scene", None),
     // The simulator makes the truth: it must share nothing with what is tested against it.
     ("simulate", Some(&["event", "frame", "raster", "rpc", "scene"])),
-    ("bundle", Some(&["event", "frame", "raster", "rpc", "scene"])),
+    ("bundle", Some(&["event", "frame", "raster", "checkpoint", "rpc", "scene"])),
     ("affine", Some(&["event", "frame", "raster", "rpc", "scene", "bundle"])),
-    ("splat", Some(&["event", "frame", "raster", "rpc", "scene", "bundle", "affine"])),
+    ("splat", Some(&["event", "frame", "raster", "checkpoint", "rpc", "scene", "bundle", "affine"])),
     ("dsm", Some(&["event", "frame", "raster", "rpc", "scene", "bundle", "affine", "splat"])),
     ("metrics", Some(&["event", "frame", "raster"])),
     ("align", Some(&["frame", "raster", "metrics"])),

@@ -19,7 +19,7 @@ use crate::splat::setup::Setup;
 use crate::splat::sweep::{Sweep, SweptSurface};
 use crate::splat::train::{LogLine, Schedule, train};
 use crate::splat::views::TrainingView;
-use crate::splat::{init, ply};
+use crate::splat::{init, ply, progress};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -63,6 +63,9 @@ pub struct Options {
     /// Go on from the checkpoint, or fail; without this option a training goes on if it can, else begins
     #[arg(long)]
     resume: bool,
+    /// Pictures of the training as it goes on, RUN/train/snapshots: a view's image, its picture, shadows, altitudes, errors
+    #[arg(long, default_value_t = 0, value_name = "N", hide_default_value = true)]
+    snapshots: u32,
 }
 
 /// The trained surface, matched with the views, in a run's folder; and the one that training started on.
@@ -161,8 +164,16 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         splats_at_start: at_start,
         seed: options.seed,
     };
+    let watched = setup.reference_among_training();
+    let view = (options.snapshots > 0).then(|| backend.views()[watched].clone());
     let interruptible = Interruptible::new();
     train(&mut backend, &schedule, &mut log, &|e| ui.show(e), |backend, log| {
+        if let Some(view) = view.as_ref().filter(|_| is_snapshot_due(options.snapshots, &recipe, log.len())) {
+            let state = backend.snapshot();
+            let panels =
+                progress::panels(view, &state.splats, &state.appearances[watched].0, setup.altitudes);
+            panels.write(&run.join(format!("train/snapshots/{:06}.png", log.len())))?;
+        }
         checkpoints.keep(at_start, log, backend, &interruptible)
     })?;
     drop(interruptible);
@@ -178,7 +189,8 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         sweep.sharpen(&trained, first).write(&run.join(SURFACE))?;
     }
     ply::write(&run.join("splats.ply"), &made.splats, &setup.site)?;
-    write_log(&run.join("train").join("train.csv"), &log)?;
+    write_log(&run.join("train/train.csv"), &log)?;
+    progress::curves(&log).write(&run.join("train/curves.png"))?;
     let splats = (at_start, made.splats.len());
     let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
     let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
@@ -199,6 +211,12 @@ fn first_surface(run: &Path, recipe: &Recipe, setup: &Setup) -> Result<Option<Sw
     let path = run.join(FIRST_SURFACE);
     let is_used = recipe.start == Start::Surface && path.exists();
     Ok(is_used.then(|| SweptSurface::read(&path, &setup.site)).transpose()?)
+}
+
+/// Whether so many iterations end one of `snapshots` equal parts of the training.
+fn is_snapshot_due(snapshots: u32, recipe: &Recipe, iterations: usize) -> bool {
+    let part = |done: u64| done * u64::from(snapshots) / u64::from(recipe.iterations);
+    part(iterations as u64) > part(iterations as u64 - 1)
 }
 
 /// Says what training made; `splats` are their numbers at the start and at the end.

@@ -15,6 +15,7 @@ pub mod novel;
 pub mod objective;
 pub mod picture_score;
 pub mod ply;
+pub mod progress;
 pub mod random;
 pub mod raster;
 pub mod real;

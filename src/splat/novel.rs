@@ -27,6 +27,8 @@ pub struct Picture {
     pub colors: [Plane; 3],
     /// Altitudes in metres above the site's origin, the mean of the splats' by their light; NaN where most light passes.
     pub altitude: Plane,
+    /// Share of sunlight, 1 without a sun.
+    pub sunlight: Plane,
 }
 
 impl Setup {
@@ -75,7 +77,8 @@ impl NovelView {
         for (z, t) in altitude.data.iter_mut().zip(&transmittance.data) {
             *z = if *t > 0.5 { f32::NAN } else { *z / (1.0 - t) };
         }
-        Picture { colors: std::array::from_fn(|c| picture.plane(c)), altitude }
+        let sunlight = objective.sunlight().plane(0);
+        Picture { colors: std::array::from_fn(|c| picture.plane(c)), altitude, sunlight }
     }
 }
 

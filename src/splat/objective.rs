@@ -241,6 +241,12 @@ impl<T: Lanewise> Objective<T> {
         &self.picture
     }
 
+    /// The share of sunlight in the last evaluation's picture, the first channel.
+    #[must_use]
+    pub fn sunlight(&self) -> &Layers<T> {
+        &self.sunlight
+    }
+
     /// The derivative by a splat's image position, if the last evaluation's view saw it.
     #[must_use]
     pub fn seen(&self, splat: usize) -> Option<[T; 2]> {
