@@ -8,12 +8,12 @@ mod common;
 use common::{disagreement_px, satgs};
 use gdal::vector::LayerAccess;
 use satgs::bundle::{Adjustment, BundleError, ControlPoint, Options, adjust, read_control};
-use satgs::event::ignore;
+use satgs::event::{Event, ignore};
 use satgs::frame::{Pixel, Point, SiteGrid};
 use satgs::raster::{Cog, MapGrid, Plane, SensorImage, Vertical, Window};
 use satgs::rpc::Rpc;
 use satgs::rpc::formats::{self, to_gdal};
-use satgs::scene::{ReadOptions, Scene, View, read};
+use satgs::scene::{ReadOptions, Scene, SceneError, View, read};
 use satgs::simulate::{self, simulate};
 use std::path::Path;
 
@@ -209,29 +209,40 @@ fn a_view_that_keeps_no_track_is_left_out() {
     };
     let views = vec![scene.views[0].clone(), part(1, "left", 0, 112), part(0, "right", 220, 80)];
     scene.views = views;
-    let report = adjusted(&scene).unwrap().report;
+    let warnings = std::cell::RefCell::new(Vec::new());
+    let hear = |e: Event| {
+        if let Event::Warning(text) = e {
+            warnings.borrow_mut().push(text);
+        }
+    };
+    let options = Options { height_range: Some(HEIGHTS), ..Options::default() };
+    let report = adjust(&scene, &options, &hear).unwrap().report;
     assert!(report.left_out.iter().any(|l| l.0 == "right"), "{}", report.table());
+    assert_eq!(warnings.take(), ["view `right` is left out: 0 tie points are left, too few"]);
 }
 
-/// Its camera stays as it was; whatever the angle it must not pass for adjusted.
-#[test]
-fn a_turned_image_is_left_out_or_named() {
-    let (folder, scene) = town();
-    let view = &scene.views[2];
-    let whole = Window { col: 0, row: 0, width: view.width, height: view.height };
-    let gray = view.brightness().unwrap().read(whole).unwrap();
+/// Turns a view's image and leaves its camera as it was.
+fn turn(folder: &Path, scene: &mut Scene, view: usize, degrees: f64) {
+    let whole = Window { col: 0, row: 0, width: SIZE, height: SIZE };
+    let gray = scene.views[view].brightness().unwrap().read(whole).unwrap();
     let middle = 0.5 * (SIZE as f64 - 1.0);
-    for degrees in [2.0f64, 10.0, 90.0] {
-        let (sin, cos) = degrees.to_radians().sin_cos();
-        let pixel = |i: usize| {
-            let (x, y) = ((i % SIZE) as f64 - middle, (i / SIZE) as f64 - middle);
-            (255.0 * gray.bilinear(middle + cos * x + sin * y, middle + cos * y - sin * x)) as u8
-        };
-        let turned = folder.path().join(format!("turned{degrees}.tif"));
-        write(&scene, 2, &turned, (0..SIZE * SIZE).map(pixel).collect());
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    let pixel = |i: usize| {
+        let (x, y) = ((i % SIZE) as f64 - middle, (i / SIZE) as f64 - middle);
+        (255.0 * gray.bilinear(middle + cos * x + sin * y, middle + cos * y - sin * x)) as u8
+    };
+    let turned = folder.join(format!("turned{degrees}.tif"));
+    write(scene, view, &turned, (0..SIZE * SIZE).map(pixel).collect());
+    scene.views[view].image = turned;
+    scene.views[view].bands = vec![1];
+}
+
+#[test]
+fn a_turned_image_is_left_out_or_named_whatever_the_angle() {
+    let (folder, scene) = town();
+    for degrees in [2.0, 10.0, 90.0] {
         let mut scene = scene.clone();
-        scene.views[2].image = turned;
-        scene.views[2].bands = vec![1];
+        turn(folder.path(), &mut scene, 2, degrees);
         let name = &scene.views[2].name;
         match adjusted(&scene) {
             Err(e) => assert!(e.to_string().contains(&format!("{{{name}}}")), "{degrees}°: {e}"),
@@ -247,8 +258,9 @@ fn a_turned_image_is_left_out_or_named() {
 fn a_camera_a_kilometre_too_high_is_named() {
     let (_folder, mut scene) = town();
     scene.views[4].rpc = scene.views[4].rpc.moved_on_ground([0.0, 0.0, 1000.0]);
-    let error = adjusted(&scene).unwrap_err().to_string();
-    assert!(error.contains(&scene.views[4].name), "{error}");
+    let error = adjust(&scene, &Options::default(), &ignore).unwrap_err();
+    let BundleError::Scene(SceneError::NoSharedHeights { view, .. }) = error else { panic!("{error}") };
+    assert_eq!(view, scene.views[4].name);
 }
 
 #[test]

@@ -41,8 +41,9 @@ const SUNS_DEG: f64 = 20.0;
 const NEAREST_SUNS: usize = 4;
 /// Views with fewer keypoints are left out.
 const FEWEST_KEYPOINTS: usize = 50;
-/// So are views that keep fewer observations, or less than this part of the share that the middle one of all views
-/// keeps: sound views keep 0.87 of it or more on JAX_068 and simulated towns, an image turned by 2 degrees 0.33.
+/// So are views with fewer tie points, and those that keep less than this part of the share of their matches that the
+/// middle one of all views keeps: sound views keep 0.87 of it or more on JAX_068 and simulated towns, an image turned by
+/// 2 degrees 0.33.
 const FEWEST_OBSERVATIONS: usize = 20;
 const LEAST_KEPT: f64 = 0.5;
 /// Views that must show a patch, or half of all if these are fewer, but two at least; and the weight of keypoints that
@@ -74,19 +75,23 @@ pub struct Options {
     pub reference: Vec<String>,
     /// An elevation model that holds the height of the whole scene.
     pub height_prior: Option<HeightPrior>,
-    /// Folder that keeps the keypoints of large images, for an adjustment that is interrupted; of this very scene.
+    /// Folder that keeps the keypoints of large images, for an adjustment that is interrupted.
     pub keypoints: Option<PathBuf>,
 }
 
 /// Adjusts a scene's cameras.
 ///
-/// Views without enough keypoints or without matches are left out, with a warning each.
+/// Views without enough keypoints, and those that do not fit the others, are left out, with a warning each; the others
+/// are matched and adjusted anew then.
 ///
 /// # Errors
 /// [`BundleError`]: too few views, no common ground, matches that do not connect the views, ground control of
 /// images that are not there.
 pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustment, BundleError> {
     scene.require_views(2)?;
+    if options.height_range.is_none() {
+        scene.require_shared_heights()?;
+    }
     scene.require_shared_ground()?;
     let heights = options.height_range.unwrap_or_else(|| scene.height_range());
     // A comparison that NaN fails too.
@@ -98,9 +103,10 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
     loop {
         let mut work = Work::new(scene, &keypoints, heights, left_out, events)?;
         match work.adjust(scene, options)? {
-            Ok(adjustment) => return Ok(adjustment),
-            Err(misfit) => {
+            Outcome::Adjusted(adjustment) => return Ok(*adjustment),
+            Outcome::Misfit(misfit) => {
                 left_out = work.left_out;
+                warn(events, &misfit);
                 left_out.push(misfit);
             }
         }
@@ -129,6 +135,17 @@ fn find_keypoints(
 
 /// A view that is left out, and why.
 type LeftOut = (String, String);
+
+fn warn(events: Sink, (view, reason): &LeftOut) {
+    events(Event::Warning(format!("view `{view}` is left out: {reason}")));
+}
+
+/// How an attempt ends.
+enum Outcome {
+    Adjusted(Box<Adjustment>),
+    /// Without this view another attempt may do.
+    Misfit(LeftOut),
+}
 
 /// A usable view.
 struct WorkView<'a> {
@@ -162,6 +179,7 @@ impl<'a> Work<'a> {
     ) -> Result<Self, BundleError> {
         let middle = 0.5 * (heights.0 + heights.1);
         let center = scene.center().unwrap_or_else(|| scene.views[0].rpc.center()).at_height(middle);
+        let known = left_out.len();
         let mut views = Vec::new();
         let mut network = Network {
             rpcs: Vec::new(),
@@ -197,6 +215,7 @@ impl<'a> Work<'a> {
                 }
             }
         }
+        left_out[known..].iter().for_each(|view| warn(events, view));
         if views.len() < 2 {
             return Err(too_few(views.len(), scene.views.len(), &left_out));
         }
@@ -204,12 +223,9 @@ impl<'a> Work<'a> {
         Ok(Self { views, network, pairs, control: Vec::new(), left_out, events })
     }
 
-    /// Adjusts the cameras, unless a view turns out not to fit the others.
-    fn adjust(
-        &mut self,
-        scene: &Scene,
-        options: &'a Options,
-    ) -> Result<Result<Adjustment, LeftOut>, BundleError> {
+    /// Adjusts the cameras, unless a view turns out not to fit the others. Cameras that are only looked at all stay.
+    fn adjust(&mut self, scene: &Scene, options: &'a Options) -> Result<Outcome, BundleError> {
+        let leaves_out = !options.fixed;
         self.hold(&options.reference)?;
         self.network.height_prior = options.height_prior.as_ref();
         let names: Vec<&str> = self.views.iter().map(|v| v.view.name.as_str()).collect();
@@ -226,17 +242,19 @@ impl<'a> Work<'a> {
             }
             done => done,
         };
-        if let Some(misfit) = first? {
-            return Ok(Err(misfit));
+        match first? {
+            Some(misfit) if leaves_out => return Ok(Outcome::Misfit(misfit)),
+            Some((view, reason)) => (self.events)(Event::Warning(format!("view `{view}`: {reason}"))),
+            None => {}
         }
         self.narrow_heights(&estimate);
-        if let Some(misfit) = self.round(&mut estimate, NARROW_PX, Model::Shift)? {
-            return Ok(Err(misfit));
+        let second = self.round(&mut estimate, NARROW_PX, Model::Shift)?;
+        if let Some(misfit) = second.filter(|_| leaves_out) {
+            return Ok(Outcome::Misfit(misfit));
         }
         self.settle(&mut estimate, options.model)?;
-        let observations = self.observations(&estimate.tracks);
-        if let Some(misfit) = self.misfit(&observations, &observations) {
-            return Ok(Err(misfit));
+        if let Some(misfit) = self.loose(&estimate.tracks).filter(|_| leaves_out) {
+            return Ok(Outcome::Misfit(misfit));
         }
         let mut adjustment = self.result(&estimate, options)?;
         // Windows are a matter of this run; what is written is of whole images.
@@ -246,10 +264,7 @@ impl<'a> Work<'a> {
         for tie in &mut adjustment.tie_points {
             tie.px = self.views[tie.view].view.px_of_whole(tie.px);
         }
-        for (name, reason) in &self.left_out {
-            (self.events)(Event::Warning(format!("view `{name}` is left out: {reason}")));
-        }
-        Ok(Ok(adjustment))
+        Ok(Outcome::Adjusted(Box::new(adjustment)))
     }
 
     /// Pairs whose suns stand near each other; a sun that is not known is near to all.
@@ -309,36 +324,52 @@ impl<'a> Work<'a> {
         if estimate.tracks.iter().all(|t| t.known.is_some()) {
             return Err(BundleError::NotConnected { components: "no track survived the adjustment".into() });
         }
-        Ok(self.misfit(&placed, &self.observations(&estimate.tracks)))
+        let is_first = across > NARROW_PX;
+        let misfit = is_first.then(|| self.misfit(&placed, &self.observations(&estimate.tracks)));
+        Ok(misfit.unwrap_or_else(|| self.loose(&estimate.tracks)))
     }
 
-    /// Observations of each view.
+    /// Tie points of each view.
     fn observations(&self, tracks: &[Track]) -> Vec<usize> {
         let mut counts = vec![0; self.views.len()];
-        for seen in tracks.iter().flat_map(|t| &t.seen) {
+        for seen in tracks.iter().filter(|t| t.known.is_none()).flat_map(|t| &t.seen) {
             counts[seen.view] += 1;
         }
         counts
     }
 
-    /// The view that fits the others least, if it does not fit them: it has too few observations left, or far fewer of
-    /// those that were `placed` than most views. An image that is turned a little, or another's, agrees in a strip.
+    /// The view that keeps the smallest share of what was `placed`, if that is far less than most views keep: an image
+    /// that is turned a little, or another's, agrees in a strip. Two views keep the same share: nobody can tell there.
     fn misfit(&self, placed: &[usize], kept: &[usize]) -> Option<LeftOut> {
-        let shares: Vec<f64> = kept.iter().zip(placed).map(|(k, p)| *k as f64 / (*p).max(1) as f64).collect();
-        let mut ordered = shares.clone();
-        ordered.sort_by(f64::total_cmp);
-        let usual = ordered[ordered.len() / 2];
-        tracing::debug!("of their observations views keep {ordered:.2?}");
-        let fits = |v: usize| {
-            self.network.held[v] || kept[v] >= FEWEST_OBSERVATIONS && shares[v] >= LEAST_KEPT * usual
-        };
-        let views = (0..self.views.len()).filter(|v| !fits(*v));
-        let view = views.min_by(|a, b| shares[*a].total_cmp(&shares[*b]))?;
-        let reason = format!(
-            "{} of {} matches agree with the others: is the image turned, or another camera's?",
-            kept[view], placed[view]
+        let share = |v: &usize| kept[*v] as f64 / placed[*v] as f64;
+        let mut views: Vec<usize> = (0..self.views.len()).filter(|v| placed[*v] > 0).collect();
+        views.sort_by(|a, b| share(a).total_cmp(&share(b)));
+        let usual = share(views.get(views.len() / 2)?);
+        tracing::debug!(
+            "views keep {:.2} of their matches or more, half of them {usual:.2}",
+            share(&views[0])
         );
-        Some((self.views[view].view.name.clone(), reason))
+        let worst = views.into_iter().find(|v| !self.network.held[*v])?;
+        let reason = || {
+            let (kept, placed) = (kept[worst], placed[worst]);
+            format!(
+                "{kept} of {placed} matches agree with the others: is the image turned, or another camera's?"
+            )
+        };
+        (share(&worst) < LEAST_KEPT * usual).then(|| (self.views[worst].view.name.clone(), reason()))
+    }
+
+    /// The view with the fewest tie points, if these are too few to place it, and far fewer than those of most views.
+    fn loose(&self, tracks: &[Track]) -> Option<LeftOut> {
+        let kept = self.observations(tracks);
+        let mut views: Vec<usize> = (0..self.views.len()).collect();
+        views.sort_by_key(|v| kept[*v]);
+        let needed = FEWEST_OBSERVATIONS.min(kept[views[views.len() / 2]] / 2);
+        let surveyed =
+            |v: usize| tracks.iter().any(|t| t.known.is_some() && t.seen.iter().any(|m| m.view == v));
+        let fewest = views.into_iter().find(|v| !self.network.held[*v] && !surveyed(*v))?;
+        let reason = || format!("{} tie points are left, too few", kept[fewest]);
+        (kept[fewest] < needed).then(|| (self.views[fewest].view.name.clone(), reason()))
     }
 
     fn keypoint(&self, o: &Observation) -> &Keypoint {

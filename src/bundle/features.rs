@@ -21,7 +21,7 @@ const PER_CELL: usize = 8;
 /// Strongest keypoints of an image, however large: cameras have few unknowns.
 const MOST: usize = 60_000;
 /// Distance to missing pixels within which there are no keypoints.
-const MASK_REACH_PX: i64 = 10;
+const MASK_REACH_PX: usize = 10;
 /// Side of the tiles that a large image is searched in, one after the other, and what a tile sees beyond its own, pixels:
 /// whole cells, and whole pixels of every octave, so that tiles find what the whole image would, though each keeps its
 /// own strongest; beyond lies more than a descriptor of the coarsest octave reaches.
@@ -151,10 +151,12 @@ fn place(e: &Extremum, octaves: &[Octave]) -> Pixel<CenterPx> {
 }
 
 fn near_missing(image: &Plane, position: [f32; 3], step: f64) -> bool {
-    let at = |p: f32| (f64::from(p) * step).round() as i64;
-    let (col, row) = (at(position[0]), at(position[1]));
-    let around = -MASK_REACH_PX..=MASK_REACH_PX;
-    around.clone().any(|dr| around.clone().any(|dc| image.get(col + dc, row + dr).is_nan()))
+    let around = |p: f32, size: usize| {
+        let p = (f64::from(p) * step).round() as usize;
+        p.saturating_sub(MASK_REACH_PX)..(p + MASK_REACH_PX + 1).min(size)
+    };
+    let cols = around(position[0], image.width);
+    around(position[1], image.height).any(|row| image.row(row)[cols.clone()].iter().any(|v| v.is_nan()))
 }
 
 /// So many of the strongest extrema, and the strongest of each cell, with their ranks in their cells; the first of all

@@ -7,12 +7,15 @@ use crate::frame::Pixel;
 use crate::raster::RasterError;
 use crate::scene::View;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
-/// First line of the files; another content, or another way to find keypoints, is another version.
-const KIND: &str = "satgs keypoints 1";
+/// First line of the files; another content is another version, and so is another satgs, which may find others.
+const KIND: &str = concat!("satgs keypoints 1 of ", env!("CARGO_PKG_VERSION"));
 /// Pixels of an image whose keypoints are worth a file: some ten seconds' work.
 const WORTH_A_FILE_PX: usize = 50_000_000;
+/// What serde takes as an array.
+const PART: usize = 32;
 
 /// A keypoint as it is stored.
 #[derive(Serialize, Deserialize)]
@@ -20,31 +23,42 @@ struct Stored {
     px: [f64; 2],
     scale: f32,
     gray: u8,
-    descriptor: Vec<f32>,
+    descriptor: [[f32; PART]; VALUES / PART],
 }
 
 /// Keypoints of a view: from its file in `folder` if there is a sound one, else found, and kept there if the image is
 /// large.
 pub fn keypoints(view: &View, folder: Option<&Path>) -> Result<Vec<Keypoint>, RasterError> {
     let is_large = view.width * view.height >= WORTH_A_FILE_PX;
-    let file = folder.filter(|_| is_large).map(|f| f.join(format!("{}.bin", view.name)));
+    let file = folder.filter(|_| is_large).map(|f| f.join(file_name(view)));
     if let Some(kept) = file.as_deref().and_then(read) {
         return Ok(kept);
     }
     let image = view.brightness()?;
     let found = detect((view.width, view.height), |window| image.read(window))?;
-    if let Some(file) = file {
-        write(&file, &found)?;
+    if let Some(Err(e)) = file.map(|file| write(&file, &found)) {
+        tracing::warn!("keypoints are not kept: {e}");
     }
     Ok(found)
 }
 
+/// Another image, mask or window has another.
+fn file_name(view: &View) -> PathBuf {
+    let identity = |path: &Path| {
+        let file = std::fs::metadata(path).ok()?;
+        let age = file.modified().ok()?.duration_since(SystemTime::UNIX_EPOCH).ok()?;
+        Some((path.canonicalize().ok()?, file.len(), age.as_nanos()))
+    };
+    let mask = view.mask.as_deref().and_then(identity);
+    let pixels = (identity(&view.image), mask, view.window, &view.bands, view.stretch_percent);
+    format!("{}.bin", &blake3::hash(format!("{pixels:?}").as_bytes()).to_hex()[..32]).into()
+}
+
 fn write(file: &Path, keypoints: &[Keypoint]) -> Result<(), RasterError> {
-    let store = |k: &Keypoint| Stored {
-        px: [k.px.col, k.px.row],
-        scale: k.scale,
-        gray: k.gray,
-        descriptor: k.descriptor.to_vec(),
+    let store = |k: &Keypoint| {
+        let mut descriptor = [[0.0; PART]; VALUES / PART];
+        descriptor.as_flattened_mut().copy_from_slice(&k.descriptor);
+        Stored { px: [k.px.col, k.px.row], scale: k.scale, gray: k.gray, descriptor }
     };
     let stored: Vec<Stored> = keypoints.iter().map(store).collect();
     checkpoint::write(file, KIND, &stored)
@@ -53,10 +67,11 @@ fn write(file: &Path, keypoints: &[Keypoint]) -> Result<(), RasterError> {
 fn read(file: &Path) -> Option<Vec<Keypoint>> {
     let stored: Vec<Stored> = checkpoint::read(file, KIND).ok()?;
     let keypoint = |s: Stored| {
-        let descriptor: [f32; VALUES] = s.descriptor.try_into().ok()?;
-        Some(Keypoint { px: Pixel::new(s.px[0], s.px[1]), scale: s.scale, gray: s.gray, descriptor })
+        let mut descriptor = [0.0; VALUES];
+        descriptor.copy_from_slice(s.descriptor.as_flattened());
+        Keypoint { px: Pixel::new(s.px[0], s.px[1]), scale: s.scale, gray: s.gray, descriptor }
     };
-    stored.into_iter().map(keypoint).collect()
+    Some(stored.into_iter().map(keypoint).collect())
 }
 
 #[cfg(test)]

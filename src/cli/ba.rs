@@ -134,13 +134,14 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         &["scene.json", "ba/report.json", "ba/points.laz"],
         args.fingerprint(&scene, heights),
     );
+    let keypoints = args.output.join("ba/keypoints");
     if stage.is_done(args.overwrite)? {
+        forget(&keypoints);
         ui.note(&format!("`{}` is adjusted already", args.output.display()));
         return Ok(());
     }
     let started = std::time::Instant::now();
     let control = args.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();
-    let all_kept = args.output.join("ba/keypoints");
     let options = Options {
         fixed: args.fixed,
         model: args.model,
@@ -148,7 +149,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         control,
         reference: args.reference.clone(),
         height_prior: dem.zip(args.dem_sigma).map(|(dem, sigma_m)| HeightPrior { dem, sigma_m }),
-        keypoints: Some(all_kept.join(stage.hash())),
+        keypoints: Some(keypoints.clone()),
     };
     let adjustment = adjust(&scene, &options, &|e| ui.show(e))?;
     let used = Scene {
@@ -159,14 +160,18 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     align::forget(&args.output)?;
     write_json(&args.output.join("scene.json"), &used)?;
     stage.complete()?;
-    // Of this adjustment, and of others that were begun here.
-    let _ = std::fs::remove_dir_all(all_kept);
+    forget(&keypoints);
     let seconds = started.elapsed().as_secs_f64();
     let text = format!("{}adjusted in {seconds:.1} s", adjustment.report.table());
     let mut json = serde_json::to_value(&adjustment.report).unwrap_or_default();
     json["seconds"] = seconds.into();
     ui.summary("ba", &text, json);
     Ok(())
+}
+
+/// Removes keypoints that an adjustment kept; what is left behind does no harm.
+fn forget(keypoints: &Path) {
+    let _ = std::fs::remove_dir_all(keypoints);
 }
 
 /// A run folder among the images would be read as part of the scene the next time.

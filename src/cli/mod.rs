@@ -60,6 +60,8 @@ pub struct Common {
     threads: Option<u16>,
 }
 
+// There is one of them.
+#[allow(clippy::large_enum_variant)]
 #[derive(Subcommand)]
 enum Command {
     Simulate(simulate::Args),

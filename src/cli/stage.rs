@@ -83,11 +83,6 @@ impl Stage {
         &self.fingerprint
     }
 
-    /// Short hash of what the stage is made from.
-    pub fn hash(&self) -> String {
-        hash(serde_json::to_string(&self.fingerprint).unwrap_or_default().as_bytes())
-    }
-
     /// Records that the stage is complete.
     pub fn complete(&self) -> Result<(), Failure> {
         let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());

@@ -71,6 +71,8 @@ pub struct Options {
 /// The trained surface, matched with the views, in a run's folder; and the one that training started on.
 pub const SURFACE: &str = "train/surface.tif";
 pub const FIRST_SURFACE: &str = "train/first_surface.tif";
+/// Folder of the pictures of a training's progress, in a run's.
+const SNAPSHOTS: &str = "train/snapshots";
 
 /// `RUN/cameras.json`.
 #[derive(Serialize, Deserialize)]
@@ -140,6 +142,7 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         None => {
             // Another training's.
             let _ = std::fs::remove_file(run.join(FIRST_SURFACE));
+            let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
             let splats = match (sweep(&recipe, &setup, &views, &sparse), recipe.start) {
                 (Some(sweep), _) => {
                     let first = sweep.run(&|e| ui.show(e));
@@ -168,11 +171,16 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     let view = (options.snapshots > 0).then(|| backend.views()[watched].clone());
     let interruptible = Interruptible::new();
     train(&mut backend, &schedule, &mut log, &|e| ui.show(e), |backend, log| {
-        if let Some(view) = view.as_ref().filter(|_| is_snapshot_due(options.snapshots, &recipe, log.len())) {
-            let state = backend.snapshot();
-            let panels =
-                progress::panels(view, &state.splats, &state.appearances[watched].0, setup.altitudes);
-            panels.write(&run.join(format!("train/snapshots/{:06}.png", log.len())))?;
+        let done = log.len() as u32;
+        let is_due = progress::is_snapshot_due(options.snapshots, done, recipe.iterations);
+        if let Some(view) = view.as_ref().filter(|_| is_due) {
+            let (state, shadows) = (backend.snapshot(), done > recipe.shadows_from);
+            let appearance = &state.appearances[watched].0;
+            let panels = progress::panels(view, &state.splats, appearance, setup.altitudes, shadows);
+            // A picture less is no reason to stop.
+            if let Err(e) = panels.write(&run.join(format!("{SNAPSHOTS}/{done:06}.png"))) {
+                ui.show(Event::Warning(e.to_string()));
+            }
         }
         checkpoints.keep(at_start, log, backend, &interruptible)
     })?;
@@ -211,12 +219,6 @@ fn first_surface(run: &Path, recipe: &Recipe, setup: &Setup) -> Result<Option<Sw
     let path = run.join(FIRST_SURFACE);
     let is_used = recipe.start == Start::Surface && path.exists();
     Ok(is_used.then(|| SweptSurface::read(&path, &setup.site)).transpose()?)
-}
-
-/// Whether so many iterations end one of `snapshots` equal parts of the training.
-fn is_snapshot_due(snapshots: u32, recipe: &Recipe, iterations: usize) -> bool {
-    let part = |done: u64| done * u64::from(snapshots) / u64::from(recipe.iterations);
-    part(iterations as u64) > part(iterations as u64 - 1)
 }
 
 /// Says what training made; `splats` are their numbers at the start and at the end.

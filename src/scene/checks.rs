@@ -26,8 +26,11 @@ impl Scene {
         if found < needed { Err(SceneError::TooFewViews { found, needed }) } else { Ok(()) }
     }
 
-    /// Refuses RPCs made for heights that they do not share, unless other heights are known.
-    pub(super) fn require_shared_heights(&self) -> Result<(), SceneError> {
+    /// Refuses RPCs made for heights that they do not share, unless views' metadata tell others.
+    ///
+    /// # Errors
+    /// [`SceneError::NoSharedHeights`].
+    pub fn require_shared_heights(&self) -> Result<(), SceneError> {
         let (low, high) = self.height_range();
         if low < high || self.views.iter().any(|v| v.height_range.is_some()) {
             return Ok(());

@@ -145,9 +145,8 @@ impl Scene {
     /// Refuses a scene in which a view shares no ground with any other.
     ///
     /// # Errors
-    /// [`SceneError::NoSharedHeights`], [`SceneError::NoSharedGround`], and those of [`Scene::overlap`].
+    /// [`SceneError::NoSharedGround`], and those of [`Scene::overlap`].
     pub fn require_shared_ground(&self) -> Result<(), SceneError> {
-        self.require_shared_heights()?;
         let overlap = self.overlap()?;
         for (i, nearest) in overlap.nearest.iter().enumerate() {
             let Some((j, percent)) = *nearest else { continue };

@@ -84,6 +84,9 @@ impl Entry {
             view.sun = Some(sun.ok_or_else(|| wrong(format!("sun {azimuth}, {elevation} is no direction")))?);
         }
         view.name = self.name.unwrap_or(view.name);
+        if view.name.is_empty() || view.name.contains(['/', '\\']) {
+            return Err(wrong(format!("the name `{}` cannot name files", view.name)));
+        }
         if let Some(time) = self.acquired {
             let date = iso_date(&time).ok_or_else(|| wrong(format!("`{time}` is no ISO 8601 date")));
             view.acquired = Some(date?);

@@ -24,36 +24,47 @@ const SPLATS: [u8; 3] = [31, 119, 180];
 /// Where there is no image or no surface.
 const NOTHING: [u8; 3] = [160, 160, 160];
 
-/// Five panels: the view's image, its picture, the share of sunlight, altitudes (black at the lowest of `altitudes`, white
-/// at the highest), and the difference of picture and image (white none, red large).
+/// Whether the last of `done` iterations ends one of `snapshots` equal parts of `all`.
+#[must_use]
+pub fn is_snapshot_due(snapshots: u32, done: u32, all: u32) -> bool {
+    let part = |done: u32| u64::from(done) * u64::from(snapshots) / u64::from(all);
+    part(done) > part(done - 1)
+}
+
+/// Five panels: the view's image, its picture, the share of sunlight (1 without `shadows`), altitudes (black at the lowest
+/// of `altitudes`, white at the highest), and the difference of picture and image (white none, red large).
 #[must_use]
 pub fn panels(
     view: &TrainingView,
     splats: &Gaussians,
     appearance: &Appearance,
     altitudes: (f64, f64),
+    shadows: bool,
 ) -> Canvas {
-    let size = (view.width, view.height);
-    let novel = NovelView { camera: view.camera, size, sun_shear: view.sun_shear };
+    let step = view.width.max(view.height).div_ceil(PANEL).max(1);
+    let (width, height) = (view.width / step, view.height / step);
+    let scale = 1.0 / step as f64;
+    let novel = NovelView {
+        camera: view.camera.rescaled(scale),
+        size: (width, height),
+        sun_shear: view.sun_shear.filter(|_| shadows).map(|s| s.map(|s| s * scale)),
+    };
     let picture = novel.picture(splats, appearance, altitudes);
-    let step = size.0.max(size.1).div_ceil(PANEL).max(1);
-    let (width, height) = (size.0.div_ceil(step), size.1.div_ceil(step));
     let mut canvas = Canvas::new(5 * (width + GAP) - GAP, height);
     let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
     let (low, high) = (altitudes.0 as f32, altitudes.1 as f32);
     for row in 0..height {
         for col in 0..width {
-            let (x, y) = (col * step, row * step);
-            let image = view.color(Pixel::new(x as f64, y as f64));
-            let made = picture.colors.each_ref().map(|c| c.at(x, y));
-            let altitude = picture.altitude.at(x, y);
+            let image = mean_color(view, [col * step, row * step], step);
+            let made = picture.colors.each_ref().map(|c| c.at(col, row));
+            let altitude = picture.altitude.at(col, row);
             let error =
                 image.map(|image| image.iter().zip(made).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0);
             let white = error.map(|e| byte(1.0 - e / LARGEST_ERROR));
             let colors = [
                 image.map_or(NOTHING, |c| c.map(byte)),
                 made.map(byte),
-                [byte(picture.sunlight.at(x, y)); 3],
+                [byte(picture.sunlight.at(col, row)); 3],
                 if altitude.is_nan() { NOTHING } else { [byte((altitude - low) / (high - low)); 3] },
                 white.map_or(NOTHING, |w| [255, w, w]),
             ];
@@ -63,6 +74,17 @@ pub fn panels(
         }
     }
     canvas
+}
+
+/// Mean of the colours of a square of pixels; none where none counts.
+fn mean_color(view: &TrainingView, [col, row]: [usize; 2], side: usize) -> Option<[f32; 3]> {
+    let pixels = (0..side * side).map(|i| Pixel::new((col + i % side) as f64, (row + i / side) as f64));
+    let (mut sum, mut n) = ([0.0; 3], 0.0);
+    for color in pixels.filter_map(|px| view.color(px)) {
+        sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += c);
+        n += 1.0;
+    }
+    (n > 0.0).then(|| sum.map(|s| s / n))
 }
 
 /// Loss (orange, the mean of the iterations of a column) and splats (blue), each from zero to its largest, with a line
@@ -113,7 +135,7 @@ mod tests {
                 splats.push([i as f32, j as f32, 10.0], 1.0, 0.99, [0.0; 3]);
             }
         }
-        let canvas = panels(&view, &splats, &Appearance::default(), (-10.0, 10.0));
+        let canvas = panels(&view, &splats, &Appearance::default(), (-10.0, 10.0), true);
         let (width, height, rgb) = canvas.picture();
         assert_eq!((width, height), (5 * 48 - 8, 40));
         let at = |panel: usize, col: usize, row: usize| {
@@ -126,6 +148,15 @@ mod tests {
         let light: Vec<u8> = (0..40).map(|col| at(2, col, 20)[0]).collect();
         assert!(light.iter().any(|l| *l < 100) && light[2] > 240, "{light:?}");
         assert_eq!((at(4, 5, 30), at(4, 38, 30)), ([255, 0, 0], NOTHING));
+    }
+
+    #[test]
+    fn snapshots_end_equal_parts_of_the_training() {
+        let due = |snapshots: u32| -> Vec<u32> {
+            (1..=100).filter(|done| is_snapshot_due(snapshots, *done, 100)).collect()
+        };
+        assert_eq!(due(4), [25, 50, 75, 100]);
+        assert_eq!((due(0).len(), due(3).len(), due(1000).len()), (0, 3, 100));
     }
 
     #[test]
