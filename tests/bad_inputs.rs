@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{camera, image, satgs, two_views};
+use common::{camera, dem_grid, image, satgs, two_views};
 use satgs::raster::Window;
 use satgs::rpc::formats::{ViewTags, to_json, to_rpb, to_text};
 use std::collections::BTreeSet;
@@ -379,17 +379,7 @@ fn n22_areas_that_cannot_be() {
 }
 
 #[test]
-fn n23_scenes_across_the_antimeridian_and_beyond_utm() {
-    let folder = tempfile::tempdir().unwrap();
-    let put =
-        |name: &str, seed, lon, lean| image(&folder.path().join(name), seed, Some(&camera(lon, lean)), &[]);
-    put("a.tif", 1, 179.9999, 0.2);
-    put("b.tif", 2, -179.9999, -0.2);
-    let (code, said) = info(folder.path(), &[]);
-    assert_eq!(code, Some(0), "{said}");
-    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
-    let overlap = scene.overlap().unwrap();
-    assert!(overlap.common_m2 > 500.0, "{overlap:?}");
+fn n23_scenes_beyond_utm() {
     let mut c = satgs::rpc::RpcCoefficients::from(camera(5.44, 0.2));
     c.lat.offset = 86.0;
     let polar = satgs::rpc::Rpc::new(c).unwrap();
@@ -470,14 +460,7 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     let folder = two_views();
     let dem = tempfile::tempdir().unwrap();
     let path = dem.path().join("dem.tif");
-    let grid = satgs::raster::MapGrid {
-        epsg: 32631,
-        west: 697_900.0,
-        north: 4_793_000.0,
-        cell: 10.0,
-        width: 60,
-        height: 300,
-    };
+    let grid = dem_grid();
     let plane = satgs::raster::Plane::from_fn(60, 300, |_, row| 80.0 + row as f32 * 0.1);
     let write = |grid| {
         let cog = satgs::raster::Cog { grid, metadata: &[], heights_from: None };
@@ -649,73 +632,6 @@ fn n35_what_exists_is_not_replaced_unasked() {
     assert_eq!(output.status.code(), Some(2), "{text}");
     assert!(text.contains("hint: ") && text.contains("--overwrite"), "{text}");
     assert_eq!(std::fs::read(out.join("VIEW_01.tif")).unwrap(), b"mine");
-}
-
-/// One zone, of the scene's own place.
-#[test]
-fn n23_scenes_across_zones_the_equator_and_the_antimeridian_have_one_zone() {
-    for (lons, lat, zones) in [
-        ([5.9999, 6.0001], 43.26, [32631, 32632]),
-        ([5.44, 5.44], 0.0, [32631, 32731]),
-        ([179.9999, -179.9999], 43.26, [32660, 32601]),
-    ] {
-        let folder = tempfile::tempdir().unwrap();
-        for (name, seed, lon, lean) in [("a.tif", 1, lons[0], 0.2), ("b.tif", 2, lons[1], -0.2)] {
-            let mut c = satgs::rpc::RpcCoefficients::from(camera(lon, lean));
-            c.lat.offset = lat;
-            image(&folder.path().join(name), seed, Some(&satgs::rpc::Rpc::new(c).unwrap()), &[]);
-        }
-        let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
-        let overlap = scene.overlap().unwrap();
-        assert!(zones.contains(&overlap.epsg) && overlap.common_m2 > 300.0, "{overlap:?}");
-    }
-}
-
-/// Height above the ellipsoid = height above the geoid + undulation.
-#[test]
-fn n25_heights_above_a_geoid_are_lifted_by_its_undulation() {
-    let folder = two_views();
-    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
-    let made = tempfile::tempdir().unwrap();
-    let write = |name: &str, grid: satgs::raster::MapGrid, value: f32| {
-        let plane = satgs::raster::Plane::filled(grid.width, grid.height, value);
-        let path = made.path().join(name);
-        let cog = satgs::raster::Cog { grid, metadata: &[], heights_from: None };
-        cog.write_f32(&path, &[("height", "m", &plane)]).unwrap();
-        path
-    };
-    let grid = satgs::raster::MapGrid {
-        epsg: 32631,
-        west: 697_900.0,
-        north: 4_793_000.0,
-        cell: 10.0,
-        width: 60,
-        height: 300,
-    };
-    let degrees =
-        satgs::raster::MapGrid { epsg: 4326, west: 4.0, north: 45.0, cell: 0.5, width: 8, height: 8 };
-    let (dem, geoid) = (write("dem.tif", grid, 50.0), write("geoid.tif", degrees, 49.3));
-    let vertical = satgs::raster::Vertical::read(geoid.to_str().unwrap()).unwrap();
-    let dem = scene.dem(&dem, Some(&vertical)).unwrap();
-    let (low, high) = dem.heights_to_search();
-    assert!((low - 79.3).abs() < 1e-3 && (high - 179.3).abs() < 1e-3, "{low} {high}");
-    assert!((dem.height_m(scene.center().unwrap()) - 99.3).abs() < 1e-3);
-}
-
-/// A map whose camera is its own (Maxar's OR2A) is an image like any other.
-#[test]
-fn an_ortho_ready_image_keeps_its_camera() {
-    let folder = two_views();
-    let rpc = camera(5.44, 0.2);
-    let origin = satgs::frame::SiteGrid::at(rpc.center()).unwrap().origin;
-    let (west, north) = (origin.x() - 16.0, origin.y() + 16.0);
-    let grid = satgs::raster::MapGrid { epsg: 32631, west, north, cell: 0.5, width: 64, height: 64 };
-    let ready = satgs::raster::Cog { grid, metadata: &[], heights_from: None };
-    let pixels = (0..64 * 64).map(|i| (i % 251) as u8).collect();
-    ready.write_u8(&folder.path().join("ready.tif"), vec![pixels], None).unwrap();
-    std::fs::write(folder.path().join("ready_RPC.TXT"), to_text(&rpc)).unwrap();
-    let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
-    assert!(scene.views.iter().any(|v| v.name == "ready" && v.rpc == rpc), "{:?}", scene.warnings);
 }
 
 #[test]

@@ -324,9 +324,11 @@ impl<'a> Work<'a> {
         if estimate.tracks.iter().all(|t| t.known.is_some()) {
             return Err(BundleError::NotConnected { components: "no track survived the adjustment".into() });
         }
-        let is_first = across > NARROW_PX;
-        let misfit = is_first.then(|| self.misfit(&placed, &self.observations(&estimate.tracks)));
-        Ok(misfit.unwrap_or_else(|| self.loose(&estimate.tracks)))
+        Ok(if across > NARROW_PX {
+            self.misfit(&placed, &self.observations(&estimate.tracks))
+        } else {
+            self.loose(&estimate.tracks)
+        })
     }
 
     /// Tie points of each view.

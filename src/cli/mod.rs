@@ -60,8 +60,6 @@ pub struct Common {
     threads: Option<u16>,
 }
 
-// There is one of them.
-#[allow(clippy::large_enum_variant)]
 #[derive(Subcommand)]
 enum Command {
     Simulate(simulate::Args),
@@ -74,7 +72,7 @@ enum Command {
     DsmEval(dsm_eval::Args),
     Render(render::Args),
     NvsEval(nvs_eval::Args),
-    Run(run::Args),
+    Run(Box<run::Args>),
     Report(report::Args),
 }
 

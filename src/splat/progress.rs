@@ -24,7 +24,7 @@ const SPLATS: [u8; 3] = [31, 119, 180];
 /// Where there is no image or no surface.
 const NOTHING: [u8; 3] = [160, 160, 160];
 
-/// Whether the last of `done` iterations ends one of `snapshots` equal parts of `all`.
+/// Whether the last of `done` iterations, one at least, ends one of `snapshots` equal parts of `all`.
 #[must_use]
 pub fn is_snapshot_due(snapshots: u32, done: u32, all: u32) -> bool {
     let part = |done: u32| u64::from(done) * u64::from(snapshots) / u64::from(all);

@@ -90,3 +90,15 @@ pub fn disagreement_px(pairs: &[(Rpc, Rpc)], px: Pixel<CenterPx>) -> Vec<f64> {
     let rest = &b - a * t;
     rest.as_slice().chunks(2).map(|d| d[0].hypot(d[1])).collect()
 }
+
+/// A map around the ground of [`two_views`].
+pub fn dem_grid() -> satgs::raster::MapGrid {
+    satgs::raster::MapGrid {
+        epsg: 32631,
+        west: 697_900.0,
+        north: 4_793_000.0,
+        cell: 10.0,
+        width: 60,
+        height: 300,
+    }
+}
