@@ -2,7 +2,7 @@
 
 use super::error::BundleError;
 use super::output::Adjustment;
-use crate::raster::Canvas;
+use crate::raster::{BLUE as AFTER, Canvas, GRID, ORANGE as BEFORE};
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -15,9 +15,6 @@ const GAP: f64 = 16.0;
 const ARROW: f64 = 40.0;
 /// Size of the other pictures, pixels.
 const SIDE: f64 = 640.0;
-const GRID: [u8; 3] = [200, 200, 200];
-const BEFORE: [u8; 3] = [255, 127, 14];
-const AFTER: [u8; 3] = [31, 119, 180];
 
 /// Bins of the convergence angles, and their width, degrees.
 const ANGLE_BINS: usize = 35;

@@ -3,6 +3,13 @@
 use super::{RasterError, write_png_rgb};
 use std::path::Path;
 
+/// Lines behind curves and bars.
+pub const GRID: [u8; 3] = [200, 200, 200];
+/// One of two colours that everybody can tell apart.
+pub const ORANGE: [u8; 3] = [255, 127, 14];
+/// The other one.
+pub const BLUE: [u8; 3] = [31, 119, 180];
+
 /// A white picture to draw on; x counts right and y down from the middle of the first pixel.
 pub struct Canvas {
     width: usize,

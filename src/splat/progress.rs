@@ -4,11 +4,10 @@ use super::appearance::Appearance;
 use super::gaussians::Gaussians;
 use super::novel::NovelView;
 use super::train::LogLine;
-use super::views::TrainingView;
-use crate::frame::Pixel;
-use crate::raster::Canvas;
+use super::views::{COARSEST_LEVEL, TrainingView, Truth};
+use crate::raster::{BLUE, Canvas, GRID, ORANGE};
 
-/// Longest side of a panel, and between panels, pixels.
+/// Longest side of a panel (of views of up to 16 times that), and between panels, pixels.
 const PANEL: usize = 400;
 const GAP: usize = 8;
 /// Mean colour difference that is drawn in full red.
@@ -18,9 +17,6 @@ const CURVES: [f64; 2] = [800.0, 400.0];
 const MARGIN: f64 = 16.0;
 /// Iterations between the lines of the grid.
 const GRID_ITERATIONS: usize = 500;
-const GRID: [u8; 3] = [200, 200, 200];
-const LOSS: [u8; 3] = [255, 127, 14];
-const SPLATS: [u8; 3] = [31, 119, 180];
 /// Where there is no image or no surface.
 const NOTHING: [u8; 3] = [160, 160, 160];
 
@@ -41,25 +37,26 @@ pub fn panels(
     altitudes: (f64, f64),
     shadows: bool,
 ) -> Canvas {
-    let step = view.width.max(view.height).div_ceil(PANEL).max(1);
-    let (width, height) = (view.width / step, view.height / step);
-    let scale = 1.0 / step as f64;
-    let novel = NovelView {
-        camera: view.camera.rescaled(scale),
-        size: (width, height),
-        sun_shear: view.sun_shear.filter(|_| shadows).map(|s| s.map(|s| s * scale)),
-    };
+    let times = view.width.max(view.height).div_ceil(PANEL);
+    let level = (times.next_power_of_two().ilog2() as usize).min(COARSEST_LEVEL);
+    let mut truth = Truth::default();
+    let camera = view.load(level, &mut truth);
+    let (width, height) = (truth.colors.width, truth.colors.height);
+    let scale = 0.5f64.powi(level as i32);
+    let sun_shear = view.sun_shear.filter(|_| shadows).map(|s| s.map(|s| s * scale));
+    let novel = NovelView { camera, size: (width, height), sun_shear };
     let picture = novel.picture(splats, appearance, altitudes);
     let mut canvas = Canvas::new(5 * (width + GAP) - GAP, height);
     let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
     let (low, high) = (altitudes.0 as f32, altitudes.1 as f32);
     for row in 0..height {
         for col in 0..width {
-            let image = mean_color(view, [col * step, row * step], step);
+            let counts = truth.valid[row * width + col];
+            let image = counts.then(|| std::array::from_fn(|c| truth.colors.at(c, col, row)));
             let made = picture.colors.each_ref().map(|c| c.at(col, row));
             let altitude = picture.altitude.at(col, row);
-            let error =
-                image.map(|image| image.iter().zip(made).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0);
+            let error = image
+                .map(|image: [f32; 3]| image.iter().zip(made).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0);
             let white = error.map(|e| byte(1.0 - e / LARGEST_ERROR));
             let colors = [
                 image.map_or(NOTHING, |c| c.map(byte)),
@@ -76,17 +73,6 @@ pub fn panels(
     canvas
 }
 
-/// Mean of the colours of a square of pixels; none where none counts.
-fn mean_color(view: &TrainingView, [col, row]: [usize; 2], side: usize) -> Option<[f32; 3]> {
-    let pixels = (0..side * side).map(|i| Pixel::new((col + i % side) as f64, (row + i / side) as f64));
-    let (mut sum, mut n) = ([0.0; 3], 0.0);
-    for color in pixels.filter_map(|px| view.color(px)) {
-        sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += c);
-        n += 1.0;
-    }
-    (n > 0.0).then(|| sum.map(|s| s / n))
-}
-
 /// Loss (orange, the mean of the iterations of a column) and splats (blue), each from zero to its largest, with a line
 /// every 500 iterations.
 #[must_use]
@@ -101,7 +87,7 @@ pub fn curves(log: &[LogLine]) -> Canvas {
     let curve = |of: fn(&LogLine) -> f64| -> Vec<f64> {
         log.chunks(column).map(|lines| lines.iter().map(of).sum::<f64>() / lines.len() as f64).collect()
     };
-    for (values, color) in [(curve(|l| l.loss), LOSS), (curve(|l| l.splats as f64), SPLATS)] {
+    for (values, color) in [(curve(|l| l.loss), ORANGE), (curve(|l| l.splats as f64), BLUE)] {
         let largest = values.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         let at = |k: usize| [x(k * column), MARGIN + height * (1.0 - values[k] / largest)];
         for k in 1..values.len() {
@@ -166,7 +152,7 @@ mod tests {
                 |i: u32| LogLine { iteration: i, loss: 1.0 / f64::from(i), splats: 9, ..LogLine::default() };
             let log: Vec<LogLine> = (1..=iterations).map(line).collect();
             let canvas = curves(&log);
-            let drawn = canvas.picture().2.chunks(3).filter(|p| *p == SPLATS).count();
+            let drawn = canvas.picture().2.chunks(3).filter(|p| *p == BLUE).count();
             assert!(drawn >= if iterations > 1 { 350 } else { 0 }, "{iterations}: {drawn}");
         }
     }

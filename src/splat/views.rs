@@ -10,6 +10,8 @@ use rayon::prelude::*;
 /// Stored where no pixel counts. A black one that does is stored as the darkest blue.
 const MASKED: [u8; 3] = [0; 3];
 const BLACK: [u8; 3] = [0, 0, 1];
+/// Coarsest level of resolution: sums of 256 pixels still fit into sixteen bits.
+pub const COARSEST_LEVEL: usize = 4;
 
 /// A view that is trained on.
 #[derive(Clone, Debug)]
@@ -90,7 +92,7 @@ impl TrainingView {
         (stored != MASKED).then(|| stored.map(|v| f32::from(v) / 255.0))
     }
 
-    /// The camera and, into `out`, the pixels at a resolution: 0 full, 1 half.
+    /// The camera and, into `out`, the pixels at a resolution: 0 full, 1 half, and so on to [`COARSEST_LEVEL`].
     pub fn load(&self, level: usize, out: &mut Truth) -> AffineCamera {
         let step = 1 << level;
         let (width, height) = (self.width / step, self.height / step);
