@@ -91,6 +91,21 @@ fn a_constant_image_is_left_out_and_constant_images_are_refused() {
 }
 
 #[test]
+fn an_adjustment_without_a_view_is_partial_and_says_so_again() {
+    let (folder, scene) = town();
+    let image = &scene.views[1].image;
+    write(&scene, 1, image, vec![90; SIZE * SIZE]);
+    let (scene_path, run) = (folder.path().to_str().unwrap(), folder.path().join("run"));
+    for _ in 0..2 {
+        let output = satgs(&["ba", scene_path, "-o", run.to_str().unwrap()]);
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{told}");
+        assert!(told.contains(&format!("adjusted without `{}`", scene.views[1].name)), "{told}");
+    }
+    assert!(run.join("ba/points.laz").exists());
+}
+
+#[test]
 fn heights_wrong_by_a_kilometre_are_refused() {
     let (_folder, scene) = town();
     for off in [-1000.0, 1000.0] {

@@ -12,7 +12,7 @@ use super::network::{Estimate, HEIGHT_MARGIN_M, LEAST_ANGLE_DEG, LOSS_SCALES_PX,
 use super::output::{Adjustment, PointQuality, SparsePoint, TiePoint};
 use super::patches::{Part, Seeker, squares};
 use super::problem::{Measurement, Track};
-use super::report::{ControlReport, Report, ViewReport};
+use super::report::{ControlReport, LeftOut, Report, ViewReport};
 use super::tracks::{self, Observation};
 use crate::event::{Event, Sink};
 use crate::frame::{Geodetic, Point, SiteGrid};
@@ -132,9 +132,6 @@ fn find_keypoints(
     events(Event::Finished);
     Ok(found)
 }
-
-/// A view that is left out, and why.
-type LeftOut = (String, String);
 
 fn warn(events: Sink, (view, reason): &LeftOut) {
     events(Event::Warning(format!("view `{view}` is left out: {reason}")));
@@ -587,7 +584,7 @@ impl<'a> Work<'a> {
     }
 }
 
-fn too_few(usable: usize, all: usize, left_out: &[(String, String)]) -> BundleError {
+fn too_few(usable: usize, all: usize, left_out: &[LeftOut]) -> BundleError {
     let list: Vec<String> = left_out.iter().map(|(n, r)| format!("{n} ({r})")).collect();
     BundleError::TooFewViews { usable, all, left_out: list.join(", ") }
 }

@@ -32,4 +32,4 @@ pub use error::BundleError;
 pub use features::{Keypoint, detect};
 pub use height_prior::HeightPrior;
 pub use output::{Adjustment, PointQuality, SparsePoint, TiePoint};
-pub use report::{ControlReport, Report, ViewReport};
+pub use report::{ControlReport, LeftOut, Report, ViewReport};

@@ -90,9 +90,12 @@ pub struct Report {
     pub views: Vec<ViewReport>,
     /// Each observation of a surveyed point.
     pub control: Vec<ControlReport>,
-    /// Views that were left out, and why.
-    pub left_out: Vec<(String, String)>,
+    /// Views that were left out.
+    pub left_out: Vec<LeftOut>,
 }
+
+/// The name of a view that is left out, and why.
+pub type LeftOut = (String, String);
 
 fn mean(d: &[f64]) -> f64 {
     d.iter().sum::<f64>() / d.len().max(1) as f64

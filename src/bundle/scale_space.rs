@@ -3,6 +3,7 @@
 use crate::raster::Plane;
 use multiversion::multiversion;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Scales an octave is divided into.
 pub const SCALES: usize = 3;
@@ -72,55 +73,74 @@ pub fn octaves(image: &Plane) -> Vec<Octave> {
 pub fn extrema(octaves: &[Octave]) -> Vec<Extremum> {
     let mut out = Vec::new();
     for (o, octave) in octaves.iter().enumerate() {
-        let differences: Vec<Plane> =
-            octave.levels.par_windows(2).map(|w| difference(&w[1], &w[0])).collect();
-        for s in 1..=SCALES {
-            let d = [&differences[s - 1], &differences[s], &differences[s + 1]];
-            let rows =
-                (BORDER..d[1].height.saturating_sub(BORDER)).into_par_iter().with_min_len(ROWS_AT_ONCE);
-            let of_row = |row: usize| {
-                let cols = BORDER..d[1].width.saturating_sub(BORDER);
-                let found = cols.filter(|col| is_extremum(d, *col, row));
-                found.filter_map(|col| refined(&differences, o, [col, row, s])).collect::<Vec<_>>()
-            };
-            out.par_extend(rows.flat_map_iter(of_row));
-        }
+        let height = octave.levels[0].height;
+        let strips = (BORDER..height.saturating_sub(BORDER)).into_par_iter().step_by(ROWS_AT_ONCE);
+        let of_strip = |first: usize| {
+            let rows = first..(first + ROWS_AT_ONCE).min(height - BORDER);
+            let differences = Differences::new(&octave.levels, rows.start - 1..rows.end + 1);
+            let mut found = Vec::new();
+            for s in 1..=SCALES {
+                for row in rows.clone() {
+                    let cols = BORDER..differences.width.saturating_sub(BORDER);
+                    let peaks = cols.filter(|col| differences.is_extremum([*col, row, s]));
+                    found.extend(peaks.filter_map(|col| refined(&octave.levels, o, [col, row, s])));
+                }
+            }
+            found
+        };
+        out.par_extend(strips.flat_map_iter(of_strip));
     }
     out
 }
 
-fn difference(a: &Plane, b: &Plane) -> Plane {
-    let data = a.data.iter().zip(&b.data).map(|(a, b)| a - b).collect();
-    Plane { width: a.width, height: a.height, data }
+/// Some rows of the differences of an octave's levels.
+struct Differences {
+    width: usize,
+    rows: Range<usize>,
+    /// Difference after difference, row by row.
+    data: Vec<f32>,
 }
 
-fn is_extremum(d: [&Plane; 3], col: usize, row: usize) -> bool {
-    let v = d[1].at(col, row);
-    if v.abs() < 0.8 * CONTRAST {
-        return false;
+impl Differences {
+    fn new(levels: &[Plane], rows: Range<usize>) -> Self {
+        let width = levels[0].width;
+        let pixels = rows.start * width..rows.end * width;
+        let pairs = levels.windows(2).map(|w| (&w[0].data[pixels.clone()], &w[1].data[pixels.clone()]));
+        let data = pairs.flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| b - a)).collect();
+        Self { width, rows, data }
     }
-    let beats = |other: f32| if v > 0.0 { v > other } else { v < other };
-    // The own level first: it settles most cases.
-    for plane in [d[1], d[0], d[2]] {
-        for r in row - 1..=row + 1 {
-            let line = &plane.row(r)[col - 1..=col + 1];
-            for (c, other) in line.iter().enumerate() {
-                let own = std::ptr::eq(plane, d[1]) && r == row && c == 1;
-                if !own && !beats(*other) {
-                    return false;
-                }
-            }
+
+    /// Three pixels around a column of a row of a difference.
+    fn around(&self, [col, row, s]: [usize; 3]) -> &[f32] {
+        let start = (s * self.rows.len() + row - self.rows.start) * self.width + col;
+        &self.data[start - 1..start + 2]
+    }
+
+    fn is_extremum(&self, [col, row, s]: [usize; 3]) -> bool {
+        let v = self.around([col, row, s])[1];
+        if v.abs() < 0.8 * CONTRAST {
+            return false;
         }
+        let beats = |other: f32| if v > 0.0 { v > other } else { v < other };
+        // The own level first: it settles most cases.
+        [s, s - 1, s + 1].into_iter().all(|level| {
+            (row - 1..=row + 1).all(|r| {
+                let own = level == s && r == row;
+                let line = self.around([col, r, level]);
+                beats(line[0]) && (own || beats(line[1])) && beats(line[2])
+            })
+        })
     }
-    true
 }
 
 /// The extremum of the parabola through an extremum's neighbours; none if it is faint, an edge, or runs away.
-fn refined(d: &[Plane], octave: usize, mut at: [usize; 3]) -> Option<Extremum> {
+fn refined(levels: &[Plane], octave: usize, mut at: [usize; 3]) -> Option<Extremum> {
     for _ in 0..5 {
         let [c, r, s] = at;
         let v = |dc: i64, dr: i64, ds: i64| {
-            d[(s as i64 + ds) as usize].at((c as i64 + dc) as usize, (r as i64 + dr) as usize)
+            let (col, row) = ((c as i64 + dc) as usize, (r as i64 + dr) as usize);
+            let level = (s as i64 + ds) as usize;
+            levels[level + 1].at(col, row) - levels[level].at(col, row)
         };
         let center = v(0, 0, 0);
         let gradient = nalgebra::Vector3::new(
@@ -138,7 +158,7 @@ fn refined(d: &[Plane], octave: usize, mut at: [usize; 3]) -> Option<Extremum> {
         let offset = -hessian.try_inverse()? * gradient;
         if offset.amax() > 0.6 {
             let moved: [i64; 3] = std::array::from_fn(|k| at[k] as i64 + offset[k].round() as i64);
-            let (w, h) = (d[0].width as i64, d[0].height as i64);
+            let (w, h) = (levels[0].width as i64, levels[0].height as i64);
             let border = BORDER as i64;
             let inside = (border..w - border).contains(&moved[0])
                 && (border..h - border).contains(&moved[1])
@@ -169,33 +189,48 @@ pub fn blurred(image: &Plane, sigma: f64) -> Plane {
     let sum: f64 = taps.iter().sum();
     let taps: Vec<f32> = taps.iter().map(|t| (t / sum) as f32).collect();
     let (width, height) = (image.width, image.height);
-
-    let mut along = Plane::filled(width, height, 0.0);
-    along.data.par_chunks_mut(width * ROWS_AT_ONCE).enumerate().for_each(|(k, lines)| {
+    let mut out = Plane::filled(width, height, 0.0);
+    out.data.par_chunks_mut(width * ROWS_AT_ONCE).enumerate().for_each(|(k, lines)| {
+        let first = k * ROWS_AT_ONCE;
+        let rows = first.saturating_sub(reach)..(first + ROWS_AT_ONCE + reach).min(height);
+        // The rows that the strip needs, blurred along.
+        let mut along = vec![0.0f32; rows.len() * width];
         let mut padded = vec![0.0f32; width + 2 * reach];
-        for (line, out) in image.data[k * ROWS_AT_ONCE * width..].chunks(width).zip(lines.chunks_mut(width)) {
+        for (line, out) in image.data[rows.start * width..].chunks(width).zip(along.chunks_mut(width)) {
             padded[..reach].fill(line[0]);
             padded[reach..reach + width].copy_from_slice(line);
             padded[reach + width..].fill(line[width - 1]);
-            for (t, w) in taps.iter().enumerate() {
-                add_times(out, &padded[t..t + width], *w);
-            }
+            let lines: Vec<&[f32]> = padded.windows(width).collect();
+            weighted_sum(&taps, &lines, out);
         }
-    });
-    let mut out = Plane::filled(width, height, 0.0);
-    out.data.par_chunks_mut(width).enumerate().with_min_len(ROWS_AT_ONCE).for_each(|(row, line)| {
-        for (t, w) in taps.iter().enumerate() {
-            let from = (row + t).saturating_sub(reach).min(height - 1);
-            add_times(line, along.row(from), *w);
+        for (row, line) in (first..).zip(lines.chunks_mut(width)) {
+            let from = |t: usize| (row + t).saturating_sub(reach).min(height - 1) - rows.start;
+            let covered = (0..taps.len()).map(|t| &along[from(t) * width..(from(t) + 1) * width]);
+            weighted_sum(&taps, &covered.collect::<Vec<_>>(), line);
         }
     });
     out
 }
 
+/// Sums lines times weights.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn add_times(out: &mut [f32], line: &[f32], weight: f32) {
-    for (o, v) in out.iter_mut().zip(line) {
-        *o += weight * v;
+fn weighted_sum(weights: &[f32], lines: &[&[f32]], out: &mut [f32]) {
+    /// So many columns stay in registers.
+    const AT_ONCE: usize = 64;
+    let (blocks, rest) = out.as_chunks_mut::<AT_ONCE>();
+    let mut start = 0;
+    for out in blocks {
+        let mut sums = [0.0; AT_ONCE];
+        for (weight, line) in weights.iter().zip(lines) {
+            for (sum, v) in sums.iter_mut().zip(&line[start..start + AT_ONCE]) {
+                *sum += weight * v;
+            }
+        }
+        *out = sums;
+        start += AT_ONCE;
+    }
+    for (col, out) in (start..).zip(rest) {
+        *out = weights.iter().zip(lines).map(|(weight, line)| weight * line[col]).sum();
     }
 }
 

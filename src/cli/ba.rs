@@ -2,9 +2,9 @@
 
 use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
-use super::train::write_json;
+use super::train::{read_json, write_json};
 use super::{Failure, Ui, align};
-use crate::bundle::{HeightPrior, Model, Options, adjust, read_control};
+use crate::bundle::{HeightPrior, LeftOut, Model, Options, Report, adjust, read_control};
 use crate::raster::Vertical;
 use crate::scene::{Dem, Scene};
 use std::path::{Path, PathBuf};
@@ -124,6 +124,21 @@ impl Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
+    require_all(&adjust_run(args, ui)?)
+}
+
+/// Views that were left out make an adjustment partial.
+pub fn require_all(left_out: &[LeftOut]) -> Result<(), Failure> {
+    if left_out.is_empty() {
+        return Ok(());
+    }
+    let names: Vec<String> = left_out.iter().map(|(name, _)| format!("`{name}`")).collect();
+    let message = format!("adjusted without {}", names.join(", "));
+    Err(Failure::partial(message, "ba/report.json says why; all else is complete"))
+}
+
+/// Adjusts a run folder, unless that is done already. Gives the views that were left out.
+pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     let scene = args.scene.read(args.height_range, ui)?;
     let dem = args.dem(&scene)?;
     let heights = dem.as_ref().map(Dem::heights_to_search).or(args.height_range);
@@ -138,7 +153,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     if stage.is_done(args.overwrite)? {
         forget(&keypoints);
         ui.note(&format!("`{}` is adjusted already", args.output.display()));
-        return Ok(());
+        let report: Report = read_json(&args.output.join("ba/report.json"), "--overwrite adjusts anew")?;
+        return Ok(report.left_out);
     }
     let started = std::time::Instant::now();
     let control = args.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();
@@ -166,7 +182,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let mut json = serde_json::to_value(&adjustment.report).unwrap_or_default();
     json["seconds"] = seconds.into();
     ui.summary("ba", &text, json);
-    Ok(())
+    Ok(adjustment.report.left_out)
 }
 
 /// Removes keypoints that an adjustment kept; what is left behind does no harm.

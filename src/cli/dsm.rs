@@ -3,10 +3,11 @@
 use super::stage::{Fingerprint, Stage, hash_file};
 use super::train::{SURFACE, TrainedCameras};
 use super::{Failure, Ui};
-use crate::dsm::{hillshade, render};
+use crate::dsm::{HeightsFrom, hillshade, render};
 use crate::raster::{ImageFile, MapGrid, Vertical, write_png_gray};
 use crate::scene::Role;
 use crate::splat::ply;
+use crate::splat::recipe::RayHeight;
 use crate::splat::sweep::SweptSurface;
 use std::path::{Path, PathBuf};
 
@@ -96,7 +97,12 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         cameras.appearances.get(setup.reference_among_training()).map(|a| a.1).unwrap_or_default();
     let read = || SweptSurface::read(&run.join(SURFACE), &setup.site);
     let matched = cameras.is_matched.then(read).transpose()?;
-    let mut surface = render(&splats, &setup.site, grid, &reference, matched.as_ref());
+    let heights = match (&matched, cameras.recipe.heights) {
+        (Some(surface), _) => HeightsFrom::Matched(surface),
+        (None, RayHeight::Median) => HeightsFrom::Median,
+        (None, RayHeight::Mean) => HeightsFrom::Mean { floor: setup.altitudes.0 as f32 },
+    };
+    let mut surface = render(&splats, &setup.site, grid, &reference, heights);
     let views: Vec<_> = setup.views.iter().filter(|v| v.role == Role::Train).collect();
     let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
     surface.metadata = vec![("INPUTS", names.join(", "))];

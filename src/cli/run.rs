@@ -27,12 +27,13 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         return Err(Failure::input(message, "--truth takes a raster; without it nothing is scored"));
     }
     let (run, overwrite) = (args.ba.output(), args.ba.overwrite());
-    ba::run(&args.ba, ui)?;
+    let left_out = ba::adjust_run(&args.ba, ui)?;
     train::train_run(run, &args.training, overwrite, ui)?;
     dsm::render_run(run, &args.surface, overwrite, ui)?;
     if let Some(truth) = &args.truth {
         let options = TruthOptions::default();
         dsm_eval::score(&run.join("dsm.tif"), truth, &options, Some(&run.join("eval")), ui)?;
     }
-    report::write(run, ui)
+    report::write(run, ui)?;
+    ba::require_all(&left_out)
 }

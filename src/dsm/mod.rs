@@ -18,7 +18,7 @@ use crate::frame::{Point, SiteGrid};
 use crate::raster::{Cog, MapGrid, Plane, RasterError, Vertical, color_style, write_file};
 use crate::splat::appearance::Appearance;
 use crate::splat::gaussians::{Gaussians, SH_C0};
-use crate::splat::raster::{FrameCamera, Prepared, Rasterizer};
+use crate::splat::raster::{FrameCamera, Layers, Prepared, Rasterizer};
 use crate::splat::sweep::SweptSurface;
 use rayon::prelude::*;
 use std::path::Path;
@@ -65,23 +65,31 @@ pub fn nadir_camera(grid: &MapGrid, site: &SiteGrid) -> AffineCamera {
     }
 }
 
-/// Renders splats on a grid. Heights are those of the surface `matched` with the views, if there is one, else the
-/// splats' own. The views that see a cell are not counted yet.
+/// Where a DSM's heights come from.
+#[derive(Clone, Copy, Debug)]
+pub enum HeightsFrom<'a> {
+    /// A surface that was matched with the views.
+    Matched(&'a SweptSurface),
+    /// The splats: where half of the light from above is gone.
+    Median,
+    /// The splats: the mean of where light is lost, and of this altitude above the site's origin for what comes through.
+    Mean {
+        /// The altitude, metres.
+        floor: f32,
+    },
+}
+
+/// Renders splats on a grid. The views that see a cell are not counted yet.
 #[must_use]
 pub fn render(
     splats: &Gaussians,
     site: &SiteGrid,
     grid: MapGrid,
     reference: &Appearance,
-    matched: Option<&SweptSurface>,
+    heights: HeightsFrom,
 ) -> Surface {
     let mut prepared = Prepared::default();
     prepared.update(splats);
-    let mut height = match matched {
-        Some(surface) => resampled(surface, &grid),
-        None => altitudes(splats, site, &grid),
-    };
-    height.data.iter_mut().for_each(|z| *z += site.origin.z() as f32);
     let color = |v: f32| v * SH_C0 as f32 + 0.5;
     let feature = |&i: &u32| {
         let ([r, g, b], z) = (splats.f_dc[i as usize].map(color), splats.position[i as usize][2]);
@@ -91,6 +99,12 @@ pub fn render(
     let camera = FrameCamera::new(&nadir_camera(&grid, site), grid.width, grid.height);
     let mut rasterizer = Rasterizer::<f32, 5>::default();
     let image = rasterizer.render(&prepared, &features, &camera, [0.0; 5]);
+    let mut height = match heights {
+        HeightsFrom::Matched(surface) => resampled(surface, &grid),
+        HeightsFrom::Median => altitudes(splats, site, &grid),
+        HeightsFrom::Mean { floor } => with_floor(image, floor),
+    };
+    height.data.iter_mut().for_each(|z| *z += site.origin.z() as f32);
     let mut colors: [Plane; 3] = std::array::from_fn(|c| image.plane(c));
     let (mut spread, square, mut opacity) = (image.plane(3), image.plane(4), image.plane(5));
     for i in 0..height.data.len() {
@@ -106,6 +120,13 @@ pub fn render(
     let views = Plane::filled(grid.width, grid.height, f32::NAN);
     let confidence = Confidence { opacity, spread, views };
     Surface { grid, height, colors, confidence, metadata: Vec::new() }
+}
+
+/// The mean altitudes of a render, over a floor where light comes through.
+fn with_floor(image: &Layers<f32>, floor: f32) -> Plane {
+    let (mut altitude, through) = (image.plane(3), image.plane(5));
+    altitude.data.iter_mut().zip(&through.data).for_each(|(z, t)| *z += t * floor);
+    altitude
 }
 
 /// Altitudes of a swept surface in the cells of a grid: medians of samples, NaN where most have none.
@@ -260,7 +281,7 @@ mod tests {
                     g.push([x, y, sign * (0.2 * x - 0.1 * y)], 0.15, 0.95, [0.2, 0.4, 0.6]);
                 }
             }
-            render(&g, &site, grid, &Appearance::default(), None)
+            render(&g, &site, grid, &Appearance::default(), HeightsFrom::Median)
         };
         let (up, down) = (tilted(1.0), tilted(-1.0));
         for row in 3..34 {
@@ -282,7 +303,7 @@ mod tests {
             MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width: 40, height: 40 };
         let mut g = Gaussians::default();
         g.push([0.0, 0.0, 5.0], 0.5, 0.9, [0.5; 3]);
-        let surface = render(&g, &site, grid, &Appearance::default(), None);
+        let surface = render(&g, &site, grid, &Appearance::default(), HeightsFrom::Median);
         assert!(surface.height.at(0, 0).is_nan());
         assert!((surface.height.at(20, 20) - 15.0).abs() < 0.1);
     }

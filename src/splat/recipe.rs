@@ -67,6 +67,16 @@ pub enum Start {
     Box,
 }
 
+/// What the DSM's height is of the splats that lie above each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RayHeight {
+    /// The altitude at which half of the light from above is gone.
+    Median,
+    /// The mean altitude at which light is lost; what comes through counts as the lowest altitude (EOGS).
+    Mean,
+}
+
 /// When and which splats are doubled (BAEOGS §3.3, on gsplat's default strategy).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -133,6 +143,8 @@ pub struct Recipe {
     pub growth: Option<Growth>,
     /// Splats fainter than this are removed (BAEOGS: 0.0025).
     pub prune_below: f64,
+    /// The DSM's heights, where it is the splats' alone.
+    pub heights: RayHeight,
     /// Resets; none if absent.
     pub reset: Option<Reset>,
 }
@@ -180,6 +192,7 @@ impl Recipe {
             check_every: 100,
             growth: Some(growth),
             prune_below: 0.0025,
+            heights: RayHeight::Mean,
             reset: Some(Reset { every: 3000, opacity: 0.005, opacity_loss_rests: 200, growth_rests: 500 }),
         };
         match name {
@@ -204,6 +217,7 @@ impl Recipe {
                     rates: LearningRates { position: 0.000_1, position_decay: 0.1, ..baeogs.rates },
                     // Roofs without texture would drift.
                     hold: Some(0.1),
+                    heights: RayHeight::Median,
                     reset: None,
                     ..baeogs
                 };
