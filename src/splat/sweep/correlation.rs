@@ -240,6 +240,7 @@ impl<'a> Tile<'a> {
         let rows = costs.len() / (planes * width);
         let mut altitudes = ZEROS;
         for plane in 0..planes {
+            let up = plane as f32 / (planes - 1) as f32;
             for (z, cell) in altitudes.as_flattened_mut().iter_mut().zip(self.cells.as_flattened()) {
                 *z = self.sweep.stack.altitude(*cell as usize, plane as f32);
             }
@@ -254,12 +255,15 @@ impl<'a> Tile<'a> {
                 add_pair(a, b, &self.weights, &mut self.score, &mut self.pairs);
             }
             for row in 0..rows {
-                let (score, pairs) = (&self.score[row + WINDOW / 2], &self.pairs[row + WINDOW / 2]);
+                let line = row + WINDOW / 2;
+                let (cells, score, pairs) = (&self.cells[line], &self.score[line], &self.pairs[line]);
                 let first = (row * width + self.first_column) * planes + plane;
                 for (column, cost) in costs[first..].iter_mut().step_by(planes).take(columns).enumerate() {
                     let k = column + WINDOW / 2;
                     if pairs[k] > 0.0 {
-                        let mean = score[k] / (pairs[k] + DOUBT);
+                        // The few views that reach beyond the others' images agree by chance.
+                        let share = self.sweep.covers[cells[k] as usize].share(up);
+                        let mean = share * score[k] / (pairs[k] + DOUBT);
                         *cost = (255.5 - 255.0 * mean).min(254.0) as u8;
                     }
                 }

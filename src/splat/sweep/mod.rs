@@ -72,8 +72,39 @@ pub struct Sweep {
     images: Vec<Image>,
     pairs: Vec<(usize, usize)>,
     stack: Stack,
-    /// Cells whose ground enough views see, row by row.
-    grounded: Vec<bool>,
+    /// Of every cell, row by row.
+    covers: Vec<Cover>,
+}
+
+/// How many views have a cell within their images.
+#[derive(Clone, Copy)]
+struct Cover {
+    /// At the ground.
+    ground: u8,
+    /// At altitudes from the stack's lowest to its highest.
+    planes: [u8; COVER_PLANES],
+}
+
+impl Cover {
+    fn most(&self) -> u8 {
+        self.planes.into_iter().fold(self.ground, u8::max)
+    }
+
+    /// Share of the views at the best altitude that have the cell `part` of the way up the stack.
+    fn share(&self, part: f32) -> f32 {
+        let at = part * (COVER_PLANES - 1) as f32;
+        let below = (at as usize).min(COVER_PLANES - 2);
+        let [low, high] = [below, below + 1].map(|k| f32::from(self.planes[k]));
+        (low + (high - low) * (at - below as f32)) / f32::from(self.most().max(1))
+    }
+
+    /// Whether the ground is seen by most of the views that would see something high above it.
+    ///
+    /// Around the area views look in under things that are not there: only those would be matched.
+    fn is_grounded(&self, needed: usize) -> bool {
+        usize::from(self.ground) >= needed
+            && f64::from(self.ground) >= GROUNDED_SHARE * f64::from(self.most())
+    }
 }
 
 /// Surfaces parallel to the ground: plane `k` lies `low + k * step` metres above it.
@@ -135,27 +166,21 @@ impl Sweep {
         });
         let planes = ((high - low) / cell).ceil() as usize + 2;
         let stack = Stack { ground, low: low as f32, step: cell as f32, planes };
-        let mut sweep = Self { site: setup.site, grid, images, pairs, stack, grounded: Vec::new() };
-        sweep.grounded =
-            (0..grid.width * grid.height).into_par_iter().map(|i| sweep.is_grounded(i)).collect();
+        let mut sweep = Self { site: setup.site, grid, images, pairs, stack, covers: Vec::new() };
+        sweep.covers = (0..grid.width * grid.height).into_par_iter().map(|i| sweep.cover(i)).collect();
         (!sweep.pairs.is_empty()).then_some(sweep)
     }
 
-    /// Whether a cell's ground is seen by most of the views that would see something high above it.
-    ///
-    /// Around the area views look in under things that are not there: only those would be matched.
-    fn is_grounded(&self, cell: usize) -> bool {
-        let p =
-            self.site.site_from_utm(self.grid.cell_center(cell % self.grid.width, cell / self.grid.width));
-        let seen_from = |plane: usize| {
-            let at = p.at_height(f64::from(self.stack.altitude(cell, plane as f32)));
-            self.images.iter().filter(|i| i.has(at)).count()
+    fn cover(&self, cell: usize) -> Cover {
+        let (col, row) = (cell % self.grid.width, cell / self.grid.width);
+        let p = self.site.site_from_utm(self.grid.cell_center(col, row));
+        let views = |z: f32| {
+            let seen = self.images.iter().filter(|i| i.has(p.at_height(f64::from(z)))).count();
+            u8::try_from(seen).unwrap_or(u8::MAX)
         };
-        let above = (0..COVER_PLANES).map(|k| seen_from(k * (self.stack.planes - 1) / (COVER_PLANES - 1)));
-        let at_ground = p.at_height(f64::from(self.stack.ground.data[cell]));
-        let seen = self.images.iter().filter(|i| i.has(at_ground)).count();
-        seen >= views_needed(self.images.len())
-            && seen as f64 >= GROUNDED_SHARE * above.max().unwrap_or(0) as f64
+        let step = (self.stack.planes - 1) as f32 / (COVER_PLANES - 1) as f32;
+        let planes = std::array::from_fn(|k| views(self.stack.altitude(cell, k as f32 * step)));
+        Cover { ground: views(self.stack.ground.data[cell]), planes }
     }
 
     /// The grid that is swept.
@@ -243,11 +268,12 @@ impl Sweep {
     fn pick(&self, volume: &Volume, jump: u16) -> SweptSurface {
         let sums = semiglobal::aggregate(volume, self.grid.width, jump);
         let planes = self.stack.planes;
+        let needed = views_needed(self.images.len());
         let best = |cell: usize| {
             let costs = volume.cell(cell);
             let sums = &sums[cell * planes..(cell + 1) * planes];
             let k = (0..planes).min_by_key(|k| sums[*k]).unwrap_or(0);
-            if costs[k] == Volume::UNSEEN || !self.grounded[cell] {
+            if costs[k] == Volume::UNSEEN || !self.covers[cell].is_grounded(needed) {
                 return (f32::NAN, 0.0);
             }
             let mut between = 0.0;
