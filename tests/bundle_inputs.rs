@@ -96,11 +96,14 @@ fn an_adjustment_without_a_view_is_partial_and_says_so_again() {
     let image = &scene.views[1].image;
     write(&scene, 1, image, vec![90; SIZE * SIZE]);
     let (scene_path, run) = (folder.path().to_str().unwrap(), folder.path().join("run"));
-    for _ in 0..2 {
-        let output = satgs(&["ba", scene_path, "-o", run.to_str().unwrap()]);
-        let told = String::from_utf8_lossy(&output.stderr);
+    let name = &scene.views[1].name;
+    for again in [false, true] {
+        let output = satgs(&["ba", scene_path, "-o", run.to_str().unwrap(), "--json"]);
+        let (told, json) = (String::from_utf8_lossy(&output.stderr), String::from_utf8_lossy(&output.stdout));
         assert_eq!(output.status.code(), Some(3), "{told}");
-        assert!(told.contains(&format!("adjusted without `{}`", scene.views[1].name)), "{told}");
+        assert!(told.contains(&format!("adjusted without `{name}`")), "{told}");
+        assert_eq!(told.contains("is adjusted already"), again, "{told}");
+        assert!(again || json.contains(&format!("[\"{name}\",")), "{json}");
     }
     assert!(run.join("ba/points.laz").exists());
 }

@@ -2,7 +2,7 @@
 
 use super::error::BundleError;
 use super::output::Adjustment;
-use crate::raster::{BLUE as AFTER, Canvas, GRID, ORANGE as BEFORE};
+use crate::raster::Canvas;
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -15,6 +15,8 @@ const GAP: f64 = 16.0;
 const ARROW: f64 = 40.0;
 /// Size of the other pictures, pixels.
 const SIDE: f64 = 640.0;
+const BEFORE: [u8; 3] = Canvas::ORANGE;
+const AFTER: [u8; 3] = Canvas::BLUE;
 
 /// Bins of the convergence angles, and their width, degrees.
 const ANGLE_BINS: usize = 35;
@@ -49,7 +51,7 @@ impl Adjustment {
             let first = view.window.map_or([0.0; 2], |w| [w.col as f64, w.row as f64]);
             let [w, h] = size.map(|s| s * scale);
             let ring = [[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]];
-            canvas.outline(&ring.map(|p| [corner[0] + p[0], corner[1] + p[1]]), GRID);
+            canvas.outline(&ring.map(|p| [corner[0] + p[0], corner[1] + p[1]]), Canvas::GRID);
             for tie in observed(i) {
                 let at = [
                     corner[0] + scale * (tie.px.col - first[0]),
@@ -112,7 +114,7 @@ fn bars<const N: usize>(bins: &[[usize; N]], colors: [[u8; 3]; N], grid: usize) 
     let left = |bin: f64| GAP + width * bin;
     for bin in (0..=bins.len()).step_by(grid) {
         let x = left(bin as f64);
-        canvas.line([x, GAP], [x, floor], GRID);
+        canvas.line([x, GAP], [x, floor], Canvas::GRID);
     }
     for (i, counts) in bins.iter().enumerate() {
         for (k, (count, color)) in counts.iter().zip(colors).enumerate() {

@@ -69,7 +69,7 @@ pub fn octaves(image: &Plane) -> Vec<Octave> {
     out
 }
 
-/// Extrema of all octaves, with subpixel positions.
+/// Extrema of all octaves, with subpixel positions; octave by octave, strip by strip of rows, level by level.
 pub fn extrema(octaves: &[Octave]) -> Vec<Extremum> {
     let mut out = Vec::new();
     for (o, octave) in octaves.iter().enumerate() {
@@ -200,8 +200,8 @@ pub fn blurred(image: &Plane, sigma: f64) -> Plane {
             padded[..reach].fill(line[0]);
             padded[reach..reach + width].copy_from_slice(line);
             padded[reach + width..].fill(line[width - 1]);
-            let lines: Vec<&[f32]> = padded.windows(width).collect();
-            weighted_sum(&taps, &lines, out);
+            let shifted: Vec<&[f32]> = padded.windows(width).collect();
+            weighted_sum(&taps, &shifted, out);
         }
         for (row, line) in (first..).zip(lines.chunks_mut(width)) {
             let from = |t: usize| (row + t).saturating_sub(reach).min(height - 1) - rows.start;
@@ -238,19 +238,47 @@ fn weighted_sum(weights: &[f32], lines: &[&[f32]], out: &mut [f32]) {
 mod tests {
     use super::*;
 
+    /// Across the strips that are searched at a time, too.
     #[test]
     fn a_blob_is_found_where_it_is_to_a_twentieth_of_a_pixel() {
-        let (x, y, sigma) = (40.3f64, 33.7f64, 3.0f64);
-        let image = Plane::from_fn(90, 80, |c, r| {
-            let d2 = (c as f64 - x).powi(2) + (r as f64 - y).powi(2);
-            (0.2 + 0.6 * (-d2 / (2.0 * sigma * sigma)).exp()) as f32
-        });
-        let octaves = octaves(&image);
-        let found = extrema(&octaves);
-        let best = found.iter().max_by(|a, b| a.response.abs().total_cmp(&b.response.abs())).unwrap();
-        let step = octaves[best.octave].step;
-        assert!((f64::from(best.position[0]) * step - x).abs() < 0.05, "{best:?}");
-        assert!((f64::from(best.position[1]) * step - y).abs() < 0.05, "{best:?}");
+        let sigma = 3.0f64;
+        for i in 0..ROWS_AT_ONCE {
+            let (x, y) = (40.3, 19.7 + 2.0 * i as f64);
+            let image = Plane::from_fn(90, 80, |c, r| {
+                let d2 = (c as f64 - x).powi(2) + (r as f64 - y).powi(2);
+                (0.2 + 0.6 * (-d2 / (2.0 * sigma * sigma)).exp()) as f32
+            });
+            let octaves = octaves(&image);
+            let found = extrema(&octaves);
+            let best = found.iter().max_by(|a, b| a.response.abs().total_cmp(&b.response.abs())).unwrap();
+            let step = octaves[best.octave].step;
+            assert!((f64::from(best.position[0]) * step - x).abs() < 0.05, "{y}: {best:?}");
+            assert!((f64::from(best.position[1]) * step - y).abs() < 0.05, "{y}: {best:?}");
+        }
+    }
+
+    #[test]
+    fn images_of_any_size_are_blurred_as_the_definition_says() {
+        for (width, height) in [(1, 1), (5, 1), (1, 40), (63, 5), (64, 16), (65, 17), (130, 33)] {
+            let image = Plane::from_fn(width, height, |c, r| ((c * 7 + r * 13) % 11) as f32);
+            for sigma in [0.56f64, 1.45] {
+                let reach = (3.5 * sigma).ceil() as i64;
+                let bell = |d: i64| (-0.5 * (d as f64 / sigma).powi(2)).exp();
+                let total = (-reach..=reach).map(bell).sum::<f64>().powi(2);
+                let at = |c: i64, r: i64| {
+                    let (c, r) = (c.clamp(0, width as i64 - 1), r.clamp(0, height as i64 - 1));
+                    f64::from(image.at(c as usize, r as usize))
+                };
+                let made = blurred(&image, sigma);
+                for (i, v) in made.data.iter().enumerate() {
+                    let (col, row) = ((i % width) as i64, (i / width) as i64);
+                    let around = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (x, y)));
+                    let sum: f64 = around.map(|(x, y)| bell(x) * bell(y) * at(col + x, row + y)).sum();
+                    let off = (f64::from(*v) - sum / total).abs();
+                    assert!(off < 1e-4, "{width} x {height}, {sigma}: {off} at {col} {row}");
+                }
+            }
+        }
     }
 
     #[test]

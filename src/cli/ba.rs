@@ -9,6 +9,9 @@ use crate::raster::Vertical;
 use crate::scene::{Dem, Scene};
 use std::path::{Path, PathBuf};
 
+/// What adjustment found, in a run's folder.
+const REPORT: &str = "ba/report.json";
+
 /// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, points.laz and .ply, tie_points.csv and .gpkg, report.json,
 /// pictures
 ///
@@ -124,17 +127,18 @@ impl Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    require_all(&adjust_run(args, ui)?)
+    require_all(&args.output, &adjust_run(args, ui)?)
 }
 
 /// Views that were left out make an adjustment partial.
-pub fn require_all(left_out: &[LeftOut]) -> Result<(), Failure> {
+pub fn require_all(run: &Path, left_out: &[LeftOut]) -> Result<(), Failure> {
     if left_out.is_empty() {
         return Ok(());
     }
     let names: Vec<String> = left_out.iter().map(|(name, _)| format!("`{name}`")).collect();
     let message = format!("adjusted without {}", names.join(", "));
-    Err(Failure::partial(message, "ba/report.json says why; all else is complete"))
+    let report = run.join(REPORT);
+    Err(Failure::partial(message, format!("`{}` says why; all else is complete", report.display())))
 }
 
 /// Adjusts a run folder, unless that is done already. Gives the views that were left out.
@@ -146,14 +150,14 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     let stage = Stage::new(
         &args.output,
         "ba",
-        &["scene.json", "ba/report.json", "ba/points.laz"],
+        &["scene.json", REPORT, "ba/points.laz"],
         args.fingerprint(&scene, heights),
     );
     let keypoints = args.output.join("ba/keypoints");
     if stage.is_done(args.overwrite)? {
         forget(&keypoints);
         ui.note(&format!("`{}` is adjusted already", args.output.display()));
-        let report: Report = read_json(&args.output.join("ba/report.json"), "--overwrite adjusts anew")?;
+        let report: Report = read_json(&args.output.join(REPORT), "--overwrite adjusts anew")?;
         return Ok(report.left_out);
     }
     let started = std::time::Instant::now();

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// Render a trained run on the UTM grid: RUN/dsm.tif, RUN/ortho.tif, RUN/confidence.tif
 ///
 /// dsm.tif holds heights in metres (float32, NaN nodata): the splats' surface, which recipe `best` has matched with the
-/// images once more. ortho.tif holds the colours without shadows as the reference view would see them. confidence.tif
+/// images once more; `baeogs` and `eogs` take the mean of the splats' altitudes. ortho.tif holds the colours without shadows as the reference view would see them. confidence.tif
 /// holds for each cell the splats' opacity, the spread of their altitudes (m) and the number of views that see it; cells
 /// that fewer than two images cover are nodata. All are Cloud-Optimized GeoTIFFs that open in QGIS, with dsm.qml to colour
 /// the heights there. hillshade.png is a picture of the surface.
@@ -97,12 +97,12 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         cameras.appearances.get(setup.reference_among_training()).map(|a| a.1).unwrap_or_default();
     let read = || SweptSurface::read(&run.join(SURFACE), &setup.site);
     let matched = cameras.is_matched.then(read).transpose()?;
-    let heights = match (&matched, cameras.recipe.heights) {
+    let source = match (&matched, cameras.recipe.heights) {
         (Some(surface), _) => HeightsFrom::Matched(surface),
         (None, RayHeight::Median) => HeightsFrom::Median,
         (None, RayHeight::Mean) => HeightsFrom::Mean { floor: setup.altitudes.0 as f32 },
     };
-    let mut surface = render(&splats, &setup.site, grid, &reference, heights);
+    let mut surface = render(&splats, &setup.site, grid, &reference, source);
     let views: Vec<_> = setup.views.iter().filter(|v| v.role == Role::Train).collect();
     let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
     surface.metadata = vec![("INPUTS", names.join(", "))];

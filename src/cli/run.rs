@@ -35,5 +35,5 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         dsm_eval::score(&run.join("dsm.tif"), truth, &options, Some(&run.join("eval")), ui)?;
     }
     report::write(run, ui)?;
-    ba::require_all(&left_out)
+    ba::require_all(run, &left_out)
 }

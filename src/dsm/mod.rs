@@ -1,9 +1,8 @@
 //! From splats to georeferenced products: a surface model, an orthophoto and their confidence on a map grid; points and
 //! a mesh of them.
 //!
-//! The camera looks straight down and its pixels are the grid's cells: no point cloud, no resampling. A cell's
-//! height is the median of its samples', each the altitude at which half of the light is gone; cells through which
-//! most light passes are nodata.
+//! The camera looks straight down and its pixels are the grid's cells: no point cloud, no resampling. Heights are those
+//! of a matched surface, or the splats' medians or means ([`HeightsFrom`]).
 
 mod altitude;
 mod confidence;
@@ -70,11 +69,11 @@ pub fn nadir_camera(grid: &MapGrid, site: &SiteGrid) -> AffineCamera {
 pub enum HeightsFrom<'a> {
     /// A surface that was matched with the views.
     Matched(&'a SweptSurface),
-    /// The splats: where half of the light from above is gone.
+    /// The splats, by [`RayHeight::Median`](crate::splat::recipe::RayHeight::Median) of three by three samples a cell; nodata where most light comes through.
     Median,
-    /// The splats: the mean of where light is lost, and of this altitude above the site's origin for what comes through.
+    /// The splats, by [`RayHeight::Mean`](crate::splat::recipe::RayHeight::Mean); nodata where no splat is.
     Mean {
-        /// The altitude, metres.
+        /// Altitude for what comes through, metres above the site's origin.
         floor: f32,
     },
 }
@@ -122,10 +121,12 @@ pub fn render(
     Surface { grid, height, colors, confidence, metadata: Vec::new() }
 }
 
-/// The mean altitudes of a render, over a floor where light comes through.
+/// The mean altitudes of a render, over a floor where light comes through; NaN where nothing was drawn.
 fn with_floor(image: &Layers<f32>, floor: f32) -> Plane {
     let (mut altitude, through) = (image.plane(3), image.plane(5));
-    altitude.data.iter_mut().zip(&through.data).for_each(|(z, t)| *z += t * floor);
+    for (z, through) in altitude.data.iter_mut().zip(&through.data) {
+        *z = if *through < 1.0 { *z + through * floor } else { f32::NAN };
+    }
     altitude
 }
 
@@ -306,5 +307,18 @@ mod tests {
         let surface = render(&g, &site, grid, &Appearance::default(), HeightsFrom::Median);
         assert!(surface.height.at(0, 0).is_nan());
         assert!((surface.height.at(20, 20) - 15.0).abs() < 0.1);
+    }
+
+    #[test]
+    fn the_mean_counts_what_comes_through_as_the_floor() {
+        let (Surface { grid, .. }, site) = flat_surface(40, 40);
+        let mut g = Gaussians::default();
+        g.push([0.0, 0.0, 5.0], 0.5, 0.5, [0.5; 3]);
+        let surface = render(&g, &site, grid, &Appearance::default(), HeightsFrom::Mean { floor: -3.0 });
+        let opacity = surface.confidence.opacity.at(20, 20);
+        assert!(opacity > 0.2 && opacity < 0.5, "{opacity}");
+        let expected = 10.0 + 5.0 * opacity - 3.0 * (1.0 - opacity);
+        assert!((surface.height.at(20, 20) - expected).abs() < 1e-4, "{}", surface.height.at(20, 20));
+        assert!(surface.height.at(0, 0).is_nan());
     }
 }

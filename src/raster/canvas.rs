@@ -3,13 +3,6 @@
 use super::{RasterError, write_png_rgb};
 use std::path::Path;
 
-/// Lines behind curves and bars.
-pub const GRID: [u8; 3] = [200, 200, 200];
-/// One of two colours that everybody can tell apart.
-pub const ORANGE: [u8; 3] = [255, 127, 14];
-/// The other one.
-pub const BLUE: [u8; 3] = [31, 119, 180];
-
 /// A white picture to draw on; x counts right and y down from the middle of the first pixel.
 pub struct Canvas {
     width: usize,
@@ -17,6 +10,13 @@ pub struct Canvas {
 }
 
 impl Canvas {
+    /// Lines behind curves and bars: light gray.
+    pub const GRID: [u8; 3] = [200, 200, 200];
+    /// With [`Self::BLUE`] two colours that everybody can tell apart.
+    pub const ORANGE: [u8; 3] = [255, 127, 14];
+    /// With [`Self::ORANGE`] two colours that everybody can tell apart.
+    pub const BLUE: [u8; 3] = [31, 119, 180];
+
     /// An empty one.
     #[must_use]
     pub fn new(width: usize, height: usize) -> Self {

@@ -12,7 +12,7 @@ mod vector;
 mod vertical;
 mod write;
 
-pub use canvas::{BLUE, Canvas, GRID, ORANGE};
+pub use canvas::Canvas;
 pub use cloud::{CloudPoint, PointCloud, epsg_of_cloud};
 pub use crs::{egm96_undulation_m, epsg_of_wkt, is_metric_map};
 pub use file::{Band, ImageFile, Window};

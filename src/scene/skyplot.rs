@@ -11,9 +11,8 @@ use crate::raster::Canvas;
 const SIDE: usize = 480;
 const MARGIN: f64 = 24.0;
 const PAPER: [u8; 3] = [255; 3];
-const GRID: [u8; 3] = [200, 200, 200];
-const VIEW: [u8; 3] = [31, 119, 180];
-const SUN: [u8; 3] = [255, 127, 14];
+const VIEW: [u8; 3] = Canvas::BLUE;
+const SUN: [u8; 3] = Canvas::ORANGE;
 const AREA: [u8; 3] = [44, 160, 44];
 
 impl Scene {
@@ -64,10 +63,13 @@ impl Scene {
             [middle[0] + r * sin, middle[1] - r * cos]
         };
         for ring in [30.0, 60.0, 90.0] {
-            canvas.outline(&(0..120).map(|i| place(3.0 * f64::from(i), ring)).collect::<Vec<_>>(), GRID);
+            canvas.outline(
+                &(0..120).map(|i| place(3.0 * f64::from(i), ring)).collect::<Vec<_>>(),
+                Canvas::GRID,
+            );
         }
         for azimuth in [0.0, 90.0] {
-            canvas.line(place(azimuth, 90.0), place(azimuth + 180.0, 90.0), GRID);
+            canvas.line(place(azimuth, 90.0), place(azimuth + 180.0, 90.0), Canvas::GRID);
         }
         let (low, high) = self.height_range();
         for view in &self.views {

@@ -5,7 +5,7 @@ use super::gaussians::Gaussians;
 use super::novel::NovelView;
 use super::train::LogLine;
 use super::views::{COARSEST_LEVEL, TrainingView, Truth};
-use crate::raster::{BLUE, Canvas, GRID, ORANGE};
+use crate::raster::Canvas;
 
 /// Longest side of a panel (of views of up to 16 times that), and between panels, pixels.
 const PANEL: usize = 400;
@@ -38,7 +38,8 @@ pub fn panels(
     shadows: bool,
 ) -> Canvas {
     let times = view.width.max(view.height).div_ceil(PANEL);
-    let level = (times.next_power_of_two().ilog2() as usize).min(COARSEST_LEVEL);
+    let thin = view.width.min(view.height).ilog2() as usize;
+    let level = (times.next_power_of_two().ilog2() as usize).min(COARSEST_LEVEL).min(thin);
     let mut truth = Truth::default();
     let camera = view.load(level, &mut truth);
     let (width, height) = (truth.colors.width, truth.colors.height);
@@ -81,13 +82,13 @@ pub fn curves(log: &[LogLine]) -> Canvas {
     let [width, height] = CURVES.map(|side| side - 2.0 * MARGIN);
     let x = |iteration: usize| MARGIN + width * iteration as f64 / log.len() as f64;
     for iteration in (0..=log.len()).step_by(GRID_ITERATIONS) {
-        canvas.line([x(iteration), MARGIN], [x(iteration), MARGIN + height], GRID);
+        canvas.line([x(iteration), MARGIN], [x(iteration), MARGIN + height], Canvas::GRID);
     }
     let column = log.len().div_ceil(width as usize).max(1);
     let curve = |of: fn(&LogLine) -> f64| -> Vec<f64> {
         log.chunks(column).map(|lines| lines.iter().map(of).sum::<f64>() / lines.len() as f64).collect()
     };
-    for (values, color) in [(curve(|l| l.loss), ORANGE), (curve(|l| l.splats as f64), BLUE)] {
+    for (values, color) in [(curve(|l| l.loss), Canvas::ORANGE), (curve(|l| l.splats as f64), Canvas::BLUE)] {
         let largest = values.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         let at = |k: usize| [x(k * column), MARGIN + height * (1.0 - values[k] / largest)];
         for k in 1..values.len() {
@@ -152,7 +153,7 @@ mod tests {
                 |i: u32| LogLine { iteration: i, loss: 1.0 / f64::from(i), splats: 9, ..LogLine::default() };
             let log: Vec<LogLine> = (1..=iterations).map(line).collect();
             let canvas = curves(&log);
-            let drawn = canvas.picture().2.chunks(3).filter(|p| *p == BLUE).count();
+            let drawn = canvas.picture().2.chunks(3).filter(|p| *p == Canvas::BLUE).count();
             assert!(drawn >= if iterations > 1 { 350 } else { 0 }, "{iterations}: {drawn}");
         }
     }

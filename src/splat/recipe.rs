@@ -68,10 +68,11 @@ pub enum Start {
 }
 
 /// What the DSM's height is of the splats that lie above each other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RayHeight {
     /// The altitude at which half of the light from above is gone.
+    #[default]
     Median,
     /// The mean altitude at which light is lost; what comes through counts as the lowest altitude (EOGS).
     Mean,
@@ -144,6 +145,7 @@ pub struct Recipe {
     /// Splats fainter than this are removed (BAEOGS: 0.0025).
     pub prune_below: f64,
     /// The DSM's heights, where it is the splats' alone.
+    #[serde(default)]
     pub heights: RayHeight,
     /// Resets; none if absent.
     pub reset: Option<Reset>,

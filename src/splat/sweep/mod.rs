@@ -76,18 +76,18 @@ pub struct Sweep {
     covers: Vec<Cover>,
 }
 
-/// How many views have a cell within their images.
+/// How many views have a cell within their images, of which pixels may be masked.
 #[derive(Clone, Copy)]
 struct Cover {
     /// At the ground.
-    ground: u8,
+    ground: u16,
     /// At altitudes from the stack's lowest to its highest.
-    planes: [u8; COVER_PLANES],
+    planes: [u16; COVER_PLANES],
 }
 
 impl Cover {
-    fn most(&self) -> u8 {
-        self.planes.into_iter().fold(self.ground, u8::max)
+    fn most(&self) -> u16 {
+        self.planes.into_iter().fold(self.ground, u16::max)
     }
 
     /// Share of the views at the best altitude that have the cell `part` of the way up the stack.
@@ -131,7 +131,7 @@ pub struct SweptSurface {
     pub grid: MapGrid,
     /// Altitudes in metres above the site's origin; NaN where no pair of views sees the cell.
     pub altitude: Plane,
-    /// How well the views agree there, 0 to 1: the mean cube of the pairs' correlations.
+    /// How well the views agree there, 0 to 1: the mean cube of the pairs' correlations, less where few images reach.
     pub score: Plane,
     /// How far training is to be held to it: 1 where it bridges something plain from what views agree on, else down to 0.
     pub hold: Plane,
@@ -176,7 +176,7 @@ impl Sweep {
         let p = self.site.site_from_utm(self.grid.cell_center(col, row));
         let views = |z: f32| {
             let seen = self.images.iter().filter(|i| i.has(p.at_height(f64::from(z)))).count();
-            u8::try_from(seen).unwrap_or(u8::MAX)
+            u16::try_from(seen).unwrap_or(u16::MAX)
         };
         let step = (self.stack.planes - 1) as f32 / (COVER_PLANES - 1) as f32;
         let planes = std::array::from_fn(|k| views(self.stack.altitude(cell, k as f32 * step)));
