@@ -105,8 +105,11 @@ impl Differences {
     fn new(levels: &[Plane], rows: Range<usize>) -> Self {
         let width = levels[0].width;
         let pixels = rows.start * width..rows.end * width;
-        let pairs = levels.windows(2).map(|w| (&w[0].data[pixels.clone()], &w[1].data[pixels.clone()]));
-        let data = pairs.flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| b - a)).collect();
+        let mut data = Vec::with_capacity((levels.len() - 1) * pixels.len());
+        for pair in levels.windows(2) {
+            let [a, b] = [&pair[0], &pair[1]].map(|level| &level.data[pixels.clone()]);
+            data.extend(a.iter().zip(b).map(|(a, b)| b - a));
+        }
         Self { width, rows, data }
     }
 

@@ -2,9 +2,9 @@
 
 use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
-use super::train::{read_json, write_json};
+use super::train::write_json;
 use super::{Failure, Ui, align};
-use crate::bundle::{HeightPrior, LeftOut, Model, Options, Report, adjust, read_control};
+use crate::bundle::{Adjustment, HeightPrior, LeftOut, Model, Options, adjust, read_control};
 use crate::raster::Vertical;
 use crate::scene::{Dem, Scene};
 use std::path::{Path, PathBuf};
@@ -157,8 +157,7 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     if stage.is_done(args.overwrite)? {
         forget(&keypoints);
         ui.note(&format!("`{}` is adjusted already", args.output.display()));
-        let report: Report = read_json(&args.output.join(REPORT), "--overwrite adjusts anew")?;
-        return Ok(report.left_out);
+        return Ok(Adjustment::read(&args.output.join("ba"))?.report.left_out);
     }
     let started = std::time::Instant::now();
     let control = args.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();

@@ -79,31 +79,30 @@ pub struct Sweep {
 /// How many views have a cell within their images, of which pixels may be masked.
 #[derive(Clone, Copy)]
 struct Cover {
-    /// At the ground.
-    ground: u16,
     /// At altitudes from the stack's lowest to its highest.
-    planes: [u16; COVER_PLANES],
+    planes: [f32; COVER_PLANES],
+    /// At the best of them and of the ground, at least one.
+    most: f32,
+    /// Whether the ground is seen by most of the views that would see something high above it.
+    ///
+    /// Around the area views look in under things that are not there: only those would be matched.
+    is_grounded: bool,
 }
 
 impl Cover {
-    fn most(&self) -> u16 {
-        self.planes.into_iter().fold(self.ground, u16::max)
+    /// From the numbers of views; `needed` is how many must see the ground.
+    fn new(ground: usize, planes: [usize; COVER_PLANES], needed: usize) -> Self {
+        let most = planes.into_iter().fold(ground, usize::max);
+        let is_grounded = ground >= needed && ground as f64 >= GROUNDED_SHARE * most as f64;
+        Self { planes: planes.map(|n| n as f32), most: most.max(1) as f32, is_grounded }
     }
 
     /// Share of the views at the best altitude that have the cell `part` of the way up the stack.
     fn share(&self, part: f32) -> f32 {
         let at = part * (COVER_PLANES - 1) as f32;
         let below = (at as usize).min(COVER_PLANES - 2);
-        let [low, high] = [below, below + 1].map(|k| f32::from(self.planes[k]));
-        (low + (high - low) * (at - below as f32)) / f32::from(self.most().max(1))
-    }
-
-    /// Whether the ground is seen by most of the views that would see something high above it.
-    ///
-    /// Around the area views look in under things that are not there: only those would be matched.
-    fn is_grounded(&self, needed: usize) -> bool {
-        usize::from(self.ground) >= needed
-            && f64::from(self.ground) >= GROUNDED_SHARE * f64::from(self.most())
+        let [low, high] = [self.planes[below], self.planes[below + 1]];
+        (low + (high - low) * (at - below as f32)) / self.most
     }
 }
 
@@ -174,13 +173,10 @@ impl Sweep {
     fn cover(&self, cell: usize) -> Cover {
         let (col, row) = (cell % self.grid.width, cell / self.grid.width);
         let p = self.site.site_from_utm(self.grid.cell_center(col, row));
-        let views = |z: f32| {
-            let seen = self.images.iter().filter(|i| i.has(p.at_height(f64::from(z)))).count();
-            u16::try_from(seen).unwrap_or(u16::MAX)
-        };
+        let views = |z: f32| self.images.iter().filter(|i| i.has(p.at_height(f64::from(z)))).count();
         let step = (self.stack.planes - 1) as f32 / (COVER_PLANES - 1) as f32;
         let planes = std::array::from_fn(|k| views(self.stack.altitude(cell, k as f32 * step)));
-        Cover { ground: views(self.stack.ground.data[cell]), planes }
+        Cover::new(views(self.stack.ground.data[cell]), planes, views_needed(self.images.len()))
     }
 
     /// The grid that is swept.
@@ -268,12 +264,11 @@ impl Sweep {
     fn pick(&self, volume: &Volume, jump: u16) -> SweptSurface {
         let sums = semiglobal::aggregate(volume, self.grid.width, jump);
         let planes = self.stack.planes;
-        let needed = views_needed(self.images.len());
         let best = |cell: usize| {
             let costs = volume.cell(cell);
             let sums = &sums[cell * planes..(cell + 1) * planes];
             let k = (0..planes).min_by_key(|k| sums[*k]).unwrap_or(0);
-            if costs[k] == Volume::UNSEEN || !self.covers[cell].is_grounded(needed) {
+            if costs[k] == Volume::UNSEEN || !self.covers[cell].is_grounded {
                 return (f32::NAN, 0.0);
             }
             let mut between = 0.0;

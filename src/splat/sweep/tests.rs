@@ -171,10 +171,11 @@ fn splats_start_on_the_surface_with_curtains_down_its_walls() {
 
 #[test]
 fn altitudes_that_fewer_images_reach_count_less() {
-    let cover = Cover { ground: 8, planes: [10, 10, 8, 8, 5, 5, 5, 0] };
+    let of = |ground: usize, needed: usize| Cover::new(ground, [10, 10, 8, 8, 5, 5, 5, 0], needed);
+    let cover = of(8, 8);
     assert_eq!(cover.share(0.0), 1.0);
     assert!((cover.share(1.5 / 7.0) - 0.9).abs() < 1e-6);
     assert_eq!((cover.share(5.0 / 7.0), cover.share(1.0)), (0.5, 0.0));
-    assert!(cover.is_grounded(8) && !cover.is_grounded(9));
-    assert!(!Cover { ground: 5, ..cover }.is_grounded(3), "5 of 10 views are too few");
+    assert!(cover.is_grounded && !of(8, 9).is_grounded);
+    assert!(!of(5, 3).is_grounded, "5 of 10 views are too few");
 }
