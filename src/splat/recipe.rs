@@ -41,8 +41,6 @@ pub enum RecipeError {
 pub struct LearningRates {
     /// Position, *cube* half sides: EOGS's 0.00016 times its radius of 2.2.
     pub position: f64,
-    /// What the position's rate has fallen to, exponentially, at the end.
-    pub position_decay: f64,
     /// Natural logarithm of the scale.
     pub log_scale: f64,
     /// Quaternion.
@@ -174,7 +172,6 @@ impl Recipe {
             start: Start::Points,
             rates: LearningRates {
                 position: 0.000_16 * 2.22,
-                position_decay: 1.0,
                 log_scale: 0.005,
                 rotation: 0.001,
                 logit: 0.05,
@@ -215,8 +212,6 @@ impl Recipe {
                     name: "best".into(),
                     start: Start::Surface,
                     half_resolution_until: 3500,
-                    // The swept surface is near the truth: small steps keep it there.
-                    rates: LearningRates { position: 0.000_1, position_decay: 0.1, ..baeogs.rates },
                     // Roofs without texture would drift.
                     hold: Some(0.1),
                     heights: RayHeight::Median,
@@ -254,7 +249,6 @@ impl Recipe {
         let of_growth = |value: fn(&Growth) -> f64| self.growth.as_ref().map_or(0.0, value);
         let numbers = [
             ("rates.position", r.position),
-            ("rates.position_decay", r.position_decay),
             ("rates.log_scale", r.log_scale),
             ("rates.rotation", r.rotation),
             ("rates.logit", r.logit),

@@ -137,7 +137,7 @@ impl Schedule<'_> {
             virtual_shear: shadows.then(|| self.virtual_shear(iteration)),
             background: std::array::from_fn(|_| background.uniform() as f32),
             weights,
-            rates: self.rates(iteration),
+            rates: self.rates(),
             population: self.population(iteration, rests(|r| r.growth_rests)),
         }
     }
@@ -158,11 +158,9 @@ impl Schedule<'_> {
         std::array::from_fn(|_| self.recipe.virtual_shear * draw.normal().clamp(-1.0, 1.0))
     }
 
-    fn rates(&self, iteration: u32) -> [f64; 6] {
+    fn rates(&self) -> [f64; 6] {
         let r = &self.recipe.rates;
-        let progress = f64::from(iteration) / f64::from(self.recipe.iterations);
-        let position = r.position * self.half_side_m;
-        [position * r.position_decay.powf(progress), r.log_scale, r.rotation, r.logit, r.f_dc, r.appearance]
+        [r.position * self.half_side_m, r.log_scale, r.rotation, r.logit, r.f_dc, r.appearance]
     }
 
     fn population(&self, iteration: u32, rests: bool) -> Population {

@@ -71,6 +71,8 @@ pub(super) struct Chunk<T> {
     band_starts: Vec<u32>,
     unsorted: Vec<(u32, Span)>,
     sums: Vec<FootprintGradient<T>>,
+    /// The derivative by each rank's image position; none where no pixel sees it.
+    by_mean: Vec<Option<[T; 2]>>,
 }
 
 /// Projects a chunk; a kernel to be compiled with the processor's own rounding and fused instructions.
@@ -107,6 +109,7 @@ impl<T> Default for Chunk<T> {
             band_starts: Vec::new(),
             unsorted: Vec::new(),
             sums: Vec::new(),
+            by_mean: Vec::new(),
         }
     }
 }
@@ -213,16 +216,19 @@ impl<T: Real> Chunk<T> {
                 }
             }
         }
+        self.by_mean.clear();
+        self.by_mean.resize(gradients.len(), None);
         for (footprint, sum) in self.footprints.iter().zip(&sums) {
-            footprint.back_project(camera, sum, &mut gradients[footprint.rank as usize - self.start]);
+            let place = footprint.rank as usize - self.start;
+            footprint.back_project(camera, sum, &mut gradients[place]);
+            self.by_mean[place] = Some(sum.mean);
         }
         self.sums = sums;
     }
 
     /// The derivative by the image position of a splat, by its rank within the chunk; none if no pixel sees it.
     pub fn seen(&self, rank: usize) -> Option<[T; 2]> {
-        let rank = (self.start + rank) as u32;
-        self.footprints.binary_search_by_key(&rank, |f| f.rank).ok().map(|k| self.sums[k].mean)
+        self.by_mean[rank]
     }
 }
 
