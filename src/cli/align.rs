@@ -1,7 +1,9 @@
 //! `satgs align`: one shift that brings everything a run holds to a reference.
 
 use super::stage::Stage;
-use super::train::{FIRST_SURFACE, SURFACE, TrainedCameras, read_json, write_json};
+use super::run_folder::{
+    CAMERAS, CHECKPOINT, FIRST_SURFACE, SPLATS, SURFACE, TrainedCameras, read_json, read_scene, write_json,
+};
 use super::{Failure, Ui};
 use crate::align::{Alignment, Shift, to_control, to_surface};
 use crate::bundle::{Adjustment, control_pairs, read_control};
@@ -64,8 +66,8 @@ struct Record {
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let run = &args.run;
     finish(run)?;
-    let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
-    if run.join("train/checkpoint.bin").exists() {
+    let scene = read_scene(run)?;
+    if run.join(CHECKPOINT).exists() {
         let message = format!("`{}` holds a training that is not complete", run.display());
         return Err(Failure::input(message, "`satgs train RUN` completes it"));
     }
@@ -157,14 +159,14 @@ fn stage(
         c.moved_m = std::array::from_fn(|k| c.moved_m[k] + shift.enu()[k]);
     }
     adjustment.write(&to.join("ba"), scene)?;
-    if run.join("cameras.json").exists() {
+    if run.join(CAMERAS).exists() {
         let mut cameras = TrainedCameras::read(run)?;
         let origin = cameras.setup.site.origin;
         let [x, y, z] = origin.xyz();
         cameras.setup.site.origin = Point::new(x + shift.east_m, y + shift.north_m, z + shift.up_m);
-        write_json(&to.join("cameras.json"), &cameras)?;
-        let splats = ply::read(&run.join("splats.ply"))?;
-        ply::write(&to.join("splats.ply"), &splats, &cameras.setup.site)?;
+        write_json(&to.join(CAMERAS), &cameras)?;
+        let splats = ply::read(&run.join(SPLATS))?;
+        ply::write(&to.join(SPLATS), &splats, &cameras.setup.site)?;
     }
     let heights = HEIGHTS.iter().map(|name| (name, shift.enu()));
     let maps = MAPS.iter().map(|name| (name, [shift.east_m, shift.north_m, 0.0]));

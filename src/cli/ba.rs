@@ -2,7 +2,7 @@
 
 use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
-use super::train::write_json;
+use super::run_folder::{SCENE, write_json};
 use super::{Failure, Ui, align};
 use crate::bundle::{Adjustment, HeightPrior, LeftOut, Model, Options, adjust, read_control};
 use crate::raster::Vertical;
@@ -150,7 +150,7 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     let stage = Stage::new(
         &args.output,
         "ba",
-        &["scene.json", REPORT, "ba/points.laz"],
+        &[SCENE, REPORT, "ba/points.laz"],
         args.fingerprint(&scene, heights),
     );
     let keypoints = args.output.join("ba/keypoints");
@@ -177,7 +177,7 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     };
     adjustment.write(&args.output.join("ba"), &used)?;
     align::forget(&args.output)?;
-    write_json(&args.output.join("scene.json"), &used)?;
+    write_json(&args.output.join(SCENE), &used)?;
     stage.complete()?;
     forget(&keypoints);
     let seconds = started.elapsed().as_secs_f64();

@@ -1,7 +1,7 @@
 //! `satgs dsm`: splats to a surface model and an orthophoto.
 
 use super::stage::{Fingerprint, Stage, hash_file};
-use super::train::{SURFACE, TrainedCameras};
+use super::run_folder::{CAMERAS, SPLATS, SURFACE, TrainedCameras};
 use super::{Failure, Ui};
 use crate::dsm::{HeightsFrom, hillshade, render};
 use crate::raster::{ImageFile, MapGrid, Vertical, write_png_gray};
@@ -93,9 +93,8 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         ui.note(&format!("`{}` has its surface already", run.display()));
         return Ok(());
     }
-    let splats = ply::read(&run.join("splats.ply"))?;
-    let reference =
-        cameras.appearances.get(setup.reference_among_training()).map(|a| a.1).unwrap_or_default();
+    let splats = ply::read(&run.join(SPLATS))?;
+    let reference = cameras.reference_appearance();
     let read = || SweptSurface::read(&run.join(SURFACE), &setup.site);
     let matched = cameras.is_matched.then(read).transpose()?;
     let source = match (&matched, cameras.recipe.heights) {
@@ -185,8 +184,8 @@ fn fingerprint(run: &Path, grid: &MapGrid, options: &Options) -> Fingerprint {
         ("--points".into(), format!("{:?}", options.points)),
         ("--mesh".into(), format!("{:?}", options.mesh)),
         ("surface".into(), hash_file(&run.join(SURFACE))),
-        ("splats".into(), hash_file(&run.join("splats.ply"))),
-        ("cameras".into(), hash_file(&run.join("cameras.json"))),
+        ("splats".into(), hash_file(&run.join(SPLATS))),
+        ("cameras".into(), hash_file(&run.join(CAMERAS))),
         ("grid".into(), serde_json::to_string(grid).unwrap_or_default()),
     ])
 }

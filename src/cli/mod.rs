@@ -1,7 +1,9 @@
 //! The command line: arguments in, a library call, a summary out. It holds no algorithm.
 
+mod checkpoints;
 mod failure;
 mod interrupt;
+mod run_folder;
 mod stage;
 mod ui;
 

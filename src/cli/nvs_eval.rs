@@ -1,9 +1,9 @@
 //! `satgs nvs-eval`: how well a trained run predicts images that it was not trained on.
 
 use super::render::find;
-use super::train::{TrainedCameras, read_json};
+use super::run_folder::{SPLATS, TrainedCameras, read_scene};
 use super::{Failure, Ui};
-use crate::scene::{Role, Scene};
+use crate::scene::Role;
 use crate::splat::novel::NovelView;
 use crate::splat::picture_score::score_picture;
 use crate::splat::ply;
@@ -26,7 +26,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    let scene: Scene = read_json(&args.run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
+    let scene = read_scene(&args.run)?;
     let cameras = TrainedCameras::read(&args.run)?;
     let setup = &cameras.setup;
     let fitted = if args.view.is_empty() {
@@ -39,9 +39,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
             "`test.txt` beside the images holds views back; --view NAME scores one that was trained on";
         return Err(Failure::input("the run has no test view", hint));
     }
-    let splats = ply::read(&args.run.join("splats.ply"))?;
-    let reference =
-        cameras.appearances.get(setup.reference_among_training()).map(|a| a.1).unwrap_or_default();
+    let splats = ply::read(&args.run.join(SPLATS))?;
+    let reference = cameras.reference_appearance();
     let mut text = format!("{:24} {:>9} {:>7} {:>10}\n", "view", "PSNR dB", "SSIM", "pixels");
     let mut scores = Vec::new();
     for view in fitted {

@@ -1,12 +1,12 @@
 //! `satgs render`: pictures of a trained run from anywhere, under any sun.
 
-use super::train::{TrainedCameras, read_json};
+use super::run_folder::{SPLATS, TrainedCameras, read_scene};
 use super::{Failure, Ui};
 use crate::affine::sun_direction;
 use crate::bundle::Adjustment;
 use crate::raster::{Cog, MapGrid, SensorImage, Vertical, write_png_rgb};
 use crate::rpc::{Rpc, formats};
-use crate::scene::{Scene, Sun};
+use crate::scene::Sun;
 use crate::splat::novel::{NovelView, Picture};
 use crate::splat::ply;
 use crate::splat::setup::{FittedView, Setup};
@@ -83,14 +83,12 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     };
     let cameras = TrainedCameras::read(&args.run)?;
     let setup = &cameras.setup;
-    let splats = ply::read(&args.run.join("splats.ply"))?;
+    let splats = ply::read(&args.run.join(SPLATS))?;
     let like = args.like.as_ref().map(|name| find(setup, name)).transpose()?;
     let rpc = like.map(|view| corrected_camera(&args.run, &view.name)).transpose()?;
     let appearance = like
         .and_then(|v| cameras.appearances.iter().find(|a| a.0 == v.name))
-        .or(cameras.appearances.get(setup.reference_among_training()))
-        .map(|a| a.1)
-        .unwrap_or_default();
+        .map_or_else(|| cameras.reference_appearance(), |a| a.1);
     let frames = args.frames.unwrap_or(1);
     for frame in 0..frames {
         let part = f64::from(frame) / f64::from(frames.max(2) - 1);
@@ -155,7 +153,7 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
 
 /// A view's camera as adjusted.
 fn corrected_camera(run: &Path, name: &str) -> Result<Rpc, Failure> {
-    let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
+    let scene = read_scene(run)?;
     let cameras = Adjustment::read(&run.join("ba"))?.cameras_of(&scene)?;
     let camera = scene.views.iter().zip(cameras).find(|(view, _)| view.name == name);
     camera.map(|(_, rpc)| rpc).ok_or_else(|| {

@@ -1,27 +1,28 @@
 //! `satgs train`: affine cameras, splats from the sparse points, training.
 
+use super::checkpoints::Checkpoints;
 use super::interrupt::Interruptible;
+use super::run_folder::{
+    CAMERAS, CHECKPOINT, FIRST_SURFACE, SCENE, SPLATS, SURFACE, TrainedCameras, read_scene, write_json,
+};
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui, align};
 use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
 use crate::event::Event;
 use crate::frame::{Point, Site};
-use crate::raster::{RasterError, write_atomically, write_file};
+use crate::raster::{RasterError, write_atomically};
 use crate::scene::Scene;
-use crate::splat::appearance::Appearance;
 use crate::splat::backend::{Snapshot, TrainingBackend};
-use crate::splat::checkpoint::Checkpoint;
 use crate::splat::cpu::CpuBackend;
+use crate::splat::gaussians::Gaussians;
 use crate::splat::hold::Hold;
 use crate::splat::recipe::{Recipe, Start};
-use crate::splat::setup::Setup;
+use crate::splat::setup::{Setup, SetupError};
 use crate::splat::sweep::{Sweep, SweptSurface};
 use crate::splat::train::{LogLine, Schedule, train};
 use crate::splat::views::TrainingView;
 use crate::splat::{init, ply, progress};
-use serde::{Deserialize, Serialize};
-use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 /// Train Gaussian splats on an adjusted run: RUN/splats.ply, RUN/cameras.json
@@ -68,33 +69,22 @@ pub struct Options {
     snapshots: u32,
 }
 
-/// The trained surface, matched with the views, in a run's folder; and the one that training started on.
-pub const SURFACE: &str = "train/surface.tif";
-pub const FIRST_SURFACE: &str = "train/first_surface.tif";
-/// Folder of the pictures of a training's progress, in a run's.
-const SNAPSHOTS: &str = "train/snapshots";
-
-/// `RUN/cameras.json`.
-#[derive(Serialize, Deserialize)]
-pub struct TrainedCameras {
-    /// Site, area, cameras.
-    #[serde(flatten)]
-    pub setup: Setup,
-    /// Name and radiometry of every training view.
-    pub appearances: Vec<(String, Appearance)>,
-    /// What was trained by.
-    pub recipe: Recipe,
-    /// Whether `surface.tif` holds the trained surface matched with the views.
-    pub is_matched: bool,
-}
-
-impl TrainedCameras {
-    /// Reads a run's cameras, aligned if an alignment was interrupted.
-    pub fn read(run: &Path) -> Result<Self, Failure> {
-        align::finish(run)?;
-        read_json(&run.join("cameras.json"), "`satgs train RUN` makes it")
+impl Options {
+    /// The recipe that is asked for.
+    fn recipe(&self) -> Result<Recipe, Failure> {
+        let recipe = match Recipe::named(&self.recipe) {
+            Some(recipe) => recipe,
+            None => Recipe::read(Path::new(&self.recipe))?,
+        };
+        Ok(match self.iterations {
+            Some(iterations) => recipe.with_iterations(iterations),
+            None => recipe,
+        })
     }
 }
+
+/// Folder of the pictures of a training's progress, in a run's.
+const SNAPSHOTS: &str = "train/snapshots";
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
@@ -110,78 +100,41 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
 /// Trains a run folder, unless it is trained already; goes on from a checkpoint of the same input and options.
 pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Result<(), Failure> {
     align::finish(run)?;
-    let scene: Scene = read_json(&run.join("scene.json"), "`satgs ba SCENE -o RUN` makes it")?;
-    let mut recipe = match Recipe::named(&options.recipe) {
-        Some(recipe) => recipe,
-        None => Recipe::read(Path::new(&options.recipe))?,
-    };
-    if let Some(iterations) = options.iterations {
-        recipe = recipe.with_iterations(iterations);
-    }
-    let outputs = ["splats.ply", "cameras.json"];
-    let stage = Stage::new(run, "train", &outputs, fingerprint(run, &recipe, options.seed));
+    let scene = read_scene(run)?;
+    let recipe = options.recipe()?;
+    let stage = Stage::new(run, "train", &[SPLATS, CAMERAS], fingerprint(run, &recipe, options.seed));
     if stage.is_done(overwrite)? {
         ui.note(&format!("`{}` is trained already", run.display()));
         return Ok(());
     }
-    let adjustment = Adjustment::read(&run.join("ba"))?;
-    let rpcs: Vec<_> = adjustment.cameras_of(&scene)?;
-    let points = adjustment.positions();
-    let setup = Setup::new(&scene, &rpcs, &points)?;
-    for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
-        tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);
-    }
-    let views = setup.training_views(&scene)?;
+    let job = Job::new(run, options, recipe, &scene)?;
+    let views = job.setup.training_views(&scene)?;
     if views.is_empty() {
-        return Err(crate::splat::setup::SetupError::NoViews.into());
+        return Err(SetupError::NoViews.into());
     }
-    let sparse = setup.sparse(&points);
-    let checkpoints = Checkpoints { path: run.join("train").join("checkpoint.bin"), stage: &stage, options };
+    let (every, is_required) = (options.checkpoint_every, options.resume);
+    let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
     let (at_start, mut log, state) = match checkpoints.take_up(views.len(), overwrite, ui)? {
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
-            // Another training's.
-            let _ = std::fs::remove_file(run.join(FIRST_SURFACE));
-            let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
-            let splats = match (sweep(&recipe, &setup, &views, &sparse), recipe.start) {
-                (Some(sweep), _) => {
-                    let first = sweep.run(&|e| ui.show(e));
-                    first.write(&run.join(FIRST_SURFACE))?;
-                    init::on_surface(&first, &views)
-                }
-                (None, Start::Surface | Start::Points) => init::on_points(&sparse, setup.area, options.seed),
-                (None, Start::Box) => init::in_box(setup.area, setup.altitudes, options.seed),
-            };
+            let splats = job.splats_at_start(&views, ui)?;
             (splats.len(), Vec::new(), Snapshot::start(splats, views.len()))
         }
     };
-    let names: Vec<String> = views.iter().map(|v| v.name.clone()).collect();
     // From the file whether or not training was interrupted: the same bytes.
-    let first = first_surface(run, &recipe, &setup)?;
-    let hold = first.as_ref().zip(recipe.hold).map(|(first, weight)| Hold::new(first, weight));
-    let mut backend = CpuBackend::new(state, views, setup.altitudes, hold);
+    let first = job.first_surface()?;
+    let hold = first.as_ref().zip(job.recipe.hold).map(|(first, weight)| Hold::new(first, weight));
     let schedule = Schedule {
-        recipe: &recipe,
-        views: names.len(),
-        half_side_m: setup.half_side_m(),
+        recipe: &job.recipe,
+        views: views.len(),
+        half_side_m: job.setup.half_side_m(),
         splats_at_start: at_start,
         seed: options.seed,
     };
-    let watched = setup.reference_among_training();
-    let view = (options.snapshots > 0).then(|| backend.views()[watched].clone());
+    let mut backend = CpuBackend::new(state, views, job.setup.altitudes, hold);
     let interruptible = Interruptible::new();
     train(&mut backend, &schedule, &mut log, &|e| ui.show(e), |backend, log| {
-        let done = log.len() as u32;
-        let is_due = progress::is_snapshot_due(options.snapshots, done, recipe.iterations);
-        if let Some(view) = view.as_ref().filter(|_| is_due) {
-            let (state, shadows) = (backend.snapshot(), done > recipe.shadows_from);
-            let appearance = &state.appearances[watched].0;
-            let panels = progress::panels(view, &state.splats, appearance, setup.altitudes, shadows);
-            // A picture less is no reason to stop.
-            if let Err(e) = panels.write(&run.join(format!("{SNAPSHOTS}/{done:06}.png"))) {
-                ui.show(Event::Warning(e.to_string()));
-            }
-        }
+        job.take_picture(backend, log.len() as u32, ui);
         checkpoints.keep(at_start, log, backend, &interruptible)
     })?;
     drop(interruptible);
@@ -189,36 +142,104 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     if ui.is_verbose() {
         ui.note(&backend.times().table());
     }
-    let sweep = sweep(&recipe, &setup, backend.views(), &sparse);
-    let made = backend.snapshot();
-    let swept = sweep.zip(first);
-    if let Some((sweep, first)) = &swept {
-        let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
-        sweep.sharpen(&trained, first).write(&run.join(SURFACE))?;
-    }
-    ply::write(&run.join("splats.ply"), &made.splats, &setup.site)?;
-    write_log(&run.join("train/train.csv"), &log)?;
-    progress::curves(&log).write(&run.join("train/curves.png"))?;
-    let splats = (at_start, made.splats.len());
-    let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
-    let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
-    write_json(&run.join("cameras.json"), &cameras)?;
+    let cameras = job.write(&mut backend, first.as_ref(), &log)?;
     stage.complete()?;
     checkpoints.remove();
-    summarise(run, &cameras, &log, splats, ui);
+    summarise(run, &cameras, &log, (at_start, backend.snapshot().splats.len()), ui);
     Ok(())
 }
 
-/// The sweep that finds the surface, if the recipe has one and two views can be matched.
-fn sweep(recipe: &Recipe, setup: &Setup, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Sweep> {
-    (recipe.start == Start::Surface).then(|| Sweep::new(setup, views, sparse)).flatten()
+/// A training: what it is of, and how it is done.
+struct Job<'a> {
+    run: &'a Path,
+    options: &'a Options,
+    recipe: Recipe,
+    setup: Setup,
+    /// The sparse points in the area.
+    sparse: Vec<Point<Site>>,
 }
 
-/// The surface that training starts on, if there is one.
-fn first_surface(run: &Path, recipe: &Recipe, setup: &Setup) -> Result<Option<SweptSurface>, Failure> {
-    let path = run.join(FIRST_SURFACE);
-    let is_used = recipe.start == Start::Surface && path.exists();
-    Ok(is_used.then(|| SweptSurface::read(&path, &setup.site)).transpose()?)
+impl<'a> Job<'a> {
+    /// The training of a run's scene as it was adjusted.
+    fn new(run: &'a Path, options: &'a Options, recipe: Recipe, scene: &Scene) -> Result<Self, Failure> {
+        let adjustment = Adjustment::read(&run.join("ba"))?;
+        let points = adjustment.positions();
+        let setup = Setup::new(scene, &adjustment.cameras_of(scene)?, &points)?;
+        for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
+            tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);
+        }
+        let sparse = setup.sparse(&points);
+        Ok(Self { run, options, recipe, setup, sparse })
+    }
+
+    /// The splats that training begins with. Nothing is left of a training before.
+    fn splats_at_start(&self, views: &[TrainingView], ui: &Ui) -> Result<Gaussians, Failure> {
+        let _ = std::fs::remove_file(self.run.join(FIRST_SURFACE));
+        let _ = std::fs::remove_dir_all(self.run.join(SNAPSHOTS));
+        let (setup, seed) = (&self.setup, self.options.seed);
+        Ok(match (self.sweep(views), self.recipe.start) {
+            (Some(sweep), _) => {
+                let first = sweep.run(&|e| ui.show(e));
+                first.write(&self.run.join(FIRST_SURFACE))?;
+                init::on_surface(&first, views)
+            }
+            (None, Start::Surface | Start::Points) => init::on_points(&self.sparse, setup.area, seed),
+            (None, Start::Box) => init::in_box(setup.area, setup.altitudes, seed),
+        })
+    }
+
+    /// The sweep that finds the surface, if the recipe has one and two views can be matched.
+    fn sweep(&self, views: &[TrainingView]) -> Option<Sweep> {
+        let is_swept = self.recipe.start == Start::Surface;
+        is_swept.then(|| Sweep::new(&self.setup, views, &self.sparse)).flatten()
+    }
+
+    /// The surface that training starts on, if there is one.
+    fn first_surface(&self) -> Result<Option<SweptSurface>, Failure> {
+        let path = self.run.join(FIRST_SURFACE);
+        let is_used = self.recipe.start == Start::Surface && path.exists();
+        Ok(is_used.then(|| SweptSurface::read(&path, &self.setup.site)).transpose()?)
+    }
+
+    /// Writes a picture of the training after so many iterations, if one is due.
+    fn take_picture(&self, backend: &mut CpuBackend, done: u32, ui: &Ui) {
+        if !progress::is_snapshot_due(self.options.snapshots, done, self.recipe.iterations) {
+            return;
+        }
+        let watched = self.setup.reference_among_training();
+        let view = backend.views()[watched].clone();
+        let (state, shadows) = (backend.snapshot(), done > self.recipe.shadows_from);
+        let appearance = &state.appearances[watched].0;
+        let panels = progress::panels(&view, &state.splats, appearance, self.setup.altitudes, shadows);
+        // A picture less is no reason to stop.
+        if let Err(e) = panels.write(&self.run.join(format!("{SNAPSHOTS}/{done:06}.png"))) {
+            ui.show(Event::Warning(e.to_string()));
+        }
+    }
+
+    /// Writes what training made; the surface is matched once more if there is one to start `from`.
+    fn write(
+        self,
+        backend: &mut CpuBackend,
+        from: Option<&SweptSurface>,
+        log: &[LogLine],
+    ) -> Result<TrainedCameras, Failure> {
+        let swept = self.sweep(backend.views()).zip(from);
+        let names: Vec<String> = backend.views().iter().map(|v| v.name.clone()).collect();
+        let Self { run, recipe, setup, .. } = self;
+        let made = backend.snapshot();
+        if let Some((sweep, first)) = &swept {
+            let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
+            sweep.sharpen(&trained, first).write(&run.join(SURFACE))?;
+        }
+        ply::write(&run.join(SPLATS), &made.splats, &setup.site)?;
+        write_log(&run.join("train/train.csv"), log)?;
+        progress::curves(log).write(&run.join("train/curves.png"))?;
+        let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
+        let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
+        write_json(&run.join(CAMERAS), &cameras)?;
+        Ok(cameras)
+    }
 }
 
 /// Says what training made; `splats` are their numbers at the start and at the end.
@@ -236,83 +257,13 @@ fn summarise(run: &Path, cameras: &TrainedCameras, log: &[LogLine], splats: (usi
          pictures: L1 {l1:.4}, SSIM {ssim:.3}\n\
          {}",
         cameras.recipe.iterations,
-        run.join("splats.ply").display()
+        run.join(SPLATS).display()
     );
     let json = serde_json::json!({
         "iterations": cameras.recipe.iterations, "seconds": seconds, "splats_start": at_start, "splats": at_end,
         "affine_rms_px": rms, "affine_max_px": worst, "l1": l1, "ssim": ssim,
     });
     ui.summary("train", &text, json);
-}
-
-/// The checkpoint of a stage that trains.
-struct Checkpoints<'a> {
-    path: PathBuf,
-    stage: &'a Stage,
-    options: &'a Options,
-}
-
-impl Checkpoints<'_> {
-    /// The checkpoint to go on from: of the same input and options, and for so many views.
-    ///
-    /// One of others is an error that names them, unless `overwrite`. A damaged one is passed over with a warning;
-    /// with `--resume` it is an error, as is none.
-    fn take_up(
-        &self,
-        views: usize,
-        overwrite: bool,
-        ui: &Ui,
-    ) -> Result<Option<Checkpoint<'static>>, Failure> {
-        if !self.path.exists() {
-            if self.options.resume {
-                let message = format!("`{}` does not exist", self.path.display());
-                return Err(Failure::input(message, "without --resume training begins at the start"));
-            }
-            return Ok(None);
-        }
-        let checkpoint = match Checkpoint::read(&self.path) {
-            Ok(checkpoint) => checkpoint,
-            Err(e) if self.options.resume => return Err(e.into()),
-            Err(e) => {
-                ui.show(Event::Warning(format!("{e}; training begins at the start")));
-                return Ok(None);
-            }
-        };
-        if !self.stage.is_made_from(&checkpoint.origin, overwrite)? || !checkpoint.state.fits(views) {
-            self.remove();
-            return Ok(None);
-        }
-        let done = checkpoint.log.len();
-        ui.note(&format!("going on from `{}` after {done} iterations", self.path.display()));
-        Ok(Some(checkpoint))
-    }
-
-    /// Writes a checkpoint where one is due; when asked to stop, writes one and stops.
-    fn keep(
-        &self,
-        splats_at_start: usize,
-        log: &[LogLine],
-        backend: &mut CpuBackend,
-        interruptible: &Interruptible,
-    ) -> Result<(), Failure> {
-        let interrupted = interruptible.is_requested();
-        if interrupted || log.len().is_multiple_of(self.options.checkpoint_every as usize) {
-            let origin = Cow::Borrowed(self.stage.fingerprint());
-            let state = Cow::Borrowed(backend.snapshot());
-            Checkpoint { origin, splats_at_start, log: log.into(), state }.write(&self.path)?;
-        }
-        if interrupted {
-            let message = format!("interrupted after {} iterations", log.len());
-            let hint = format!("the same command goes on from `{}`", self.path.display());
-            return Err(Failure::interrupted(message, hint));
-        }
-        Ok(())
-    }
-
-    /// A complete training needs none; one that is left behind does no harm.
-    fn remove(&self) {
-        let _ = std::fs::remove_file(&self.path);
-    }
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
@@ -323,7 +274,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 fn fingerprint(run: &Path, recipe: &Recipe, seed: u64) -> Fingerprint {
     let recipe_text = serde_json::to_string(recipe).unwrap_or_default();
     Fingerprint::from([
-        ("scene".into(), hash_file(&run.join("scene.json"))),
+        ("scene".into(), hash_file(&run.join(SCENE))),
         ("adjustment".into(), hash_file(&run.join("ba").join("stage.json"))),
         ("recipe".into(), format!("{} {}", recipe.name, hash(recipe_text.as_bytes()))),
         ("iterations".into(), recipe.iterations.to_string()),
@@ -341,19 +292,4 @@ fn write_log(path: &Path, log: &[LogLine]) -> Result<(), Failure> {
         writer.flush().map_err(|e| failed(e.to_string()))
     })?;
     Ok(())
-}
-
-/// Reads a JSON file of the run folder; `made_by` is the hint when it is absent.
-pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path, made_by: &str) -> Result<T, Failure> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Failure::input(format!("`{}` cannot be read: {e}", path.display()), made_by))?;
-    serde_json::from_str(&text)
-        .map_err(|e| Failure::input(format!("`{}` is damaged: {e}", path.display()), made_by))
-}
-
-/// Writes a JSON file of the run folder.
-pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), Failure> {
-    let failed = |reason: String| RasterError::Write { path: path.into(), reason };
-    let text = serde_json::to_string_pretty(value).map_err(|e| failed(e.to_string()))?;
-    Ok(write_file(path, text)?)
 }
