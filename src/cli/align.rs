@@ -1,9 +1,9 @@
 //! `satgs align`: one shift that brings everything a run holds to a reference.
 
-use super::stage::Stage;
 use super::run_folder::{
     CAMERAS, CHECKPOINT, FIRST_SURFACE, SPLATS, SURFACE, TrainedCameras, read_json, read_scene, write_json,
 };
+use super::stage::Stage;
 use super::{Failure, Ui};
 use crate::align::{Alignment, Shift, to_control, to_surface};
 use crate::bundle::{Adjustment, control_pairs, read_control};

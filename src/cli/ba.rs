@@ -1,8 +1,8 @@
 //! `satgs ba`: bundle adjustment.
 
+use super::run_folder::{SCENE, write_json};
 use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
-use super::run_folder::{SCENE, write_json};
 use super::{Failure, Ui, align};
 use crate::bundle::{Adjustment, HeightPrior, LeftOut, Model, Options, adjust, read_control};
 use crate::raster::Vertical;
@@ -147,12 +147,8 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     let dem = args.dem(&scene)?;
     let heights = dem.as_ref().map(Dem::heights_to_search).or(args.height_range);
     refuse_output_inside(&args.output, args.scene.path())?;
-    let stage = Stage::new(
-        &args.output,
-        "ba",
-        &[SCENE, REPORT, "ba/points.laz"],
-        args.fingerprint(&scene, heights),
-    );
+    let stage =
+        Stage::new(&args.output, "ba", &[SCENE, REPORT, "ba/points.laz"], args.fingerprint(&scene, heights));
     let keypoints = args.output.join("ba/keypoints");
     if stage.is_done(args.overwrite)? {
         forget(&keypoints);

@@ -1,7 +1,7 @@
 //! `satgs dsm`: splats to a surface model and an orthophoto.
 
-use super::stage::{Fingerprint, Stage, hash_file};
 use super::run_folder::{CAMERAS, SPLATS, SURFACE, TrainedCameras};
+use super::stage::{Fingerprint, Stage, hash_file};
 use super::{Failure, Ui};
 use crate::dsm::{HeightsFrom, hillshade, render};
 use crate::raster::{ImageFile, MapGrid, Vertical, write_png_gray};

@@ -45,6 +45,14 @@ pub struct LossWeights {
     pub shadow_entropy: f64,
 }
 
+impl LossWeights {
+    /// Whether a virtual view weighs anything.
+    #[must_use]
+    pub fn has_consistency(&self) -> bool {
+        self.consistency_altitude > 0.0 || self.consistency_color > 0.0
+    }
+}
+
 /// Another camera of the view's family, as the view's pixels reach it.
 #[derive(Clone, Copy, Debug)]
 pub struct Sheared<T> {

@@ -134,7 +134,8 @@ pub struct Recipe {
     pub opacity_by_start: bool,
     /// Iteration from which shadows and the virtual camera count (EOGS: 1000).
     pub shadows_from: u32,
-    /// Largest shear of the virtual camera, half image sides per metre of altitude (EOGS: 0.01).
+    /// Largest shear of the virtual camera, half image sides per metre of altitude (EOGS: 0.01); there is none unless
+    /// consistency weighs something.
     pub virtual_shear: f64,
     /// Iterations between checks, at which faint splats are removed and others doubled.
     pub check_every: u32,
@@ -212,6 +213,12 @@ impl Recipe {
                     name: "best".into(),
                     start: Start::Surface,
                     half_resolution_until: 3500,
+                    // On a surface that was matched a virtual view finds nothing to object to.
+                    weights: LossWeights {
+                        consistency_altitude: 0.0,
+                        consistency_color: 0.0,
+                        ..baeogs.weights
+                    },
                     // Roofs without texture would drift.
                     hold: Some(0.1),
                     heights: RayHeight::Median,

@@ -134,7 +134,7 @@ impl Schedule<'_> {
             view: self.view(iteration),
             level: usize::from(iteration <= r.half_resolution_until),
             shadows,
-            virtual_shear: shadows.then(|| self.virtual_shear(iteration)),
+            virtual_shear: (shadows && weights.has_consistency()).then(|| self.virtual_shear(iteration)),
             background: std::array::from_fn(|_| background.uniform() as f32),
             weights,
             rates: self.rates(),
@@ -208,6 +208,16 @@ mod tests {
         );
         assert!(!schedule.plan(1000, 10).shadows && schedule.plan(1001, 10).shadows);
         assert!((schedule.plan(1, 10).rates[0] - 0.080).abs() < 1e-3);
+        assert!(schedule.plan(1001, 10).virtual_shear.is_some());
+    }
+
+    #[test]
+    fn no_virtual_view_is_drawn_where_consistency_weighs_nothing() {
+        let best = Recipe::named("best").unwrap();
+        let last = best.iterations;
+        let schedule = Schedule { recipe: &best, views: 7, half_side_m: 226.0, splats_at_start: 10, seed: 1 };
+        let plan = schedule.plan(last, 10);
+        assert!(plan.shadows && plan.virtual_shear.is_none());
     }
 
     #[test]
