@@ -213,12 +213,6 @@ impl Recipe {
                     name: "best".into(),
                     start: Start::Surface,
                     half_resolution_until: 3500,
-                    // On a surface that was matched a virtual view finds nothing to object to.
-                    weights: LossWeights {
-                        consistency_altitude: 0.0,
-                        consistency_color: 0.0,
-                        ..baeogs.weights
-                    },
                     // Roofs without texture would drift.
                     hold: Some(0.1),
                     heights: RayHeight::Median,

@@ -213,10 +213,11 @@ mod tests {
 
     #[test]
     fn no_virtual_view_is_drawn_where_consistency_weighs_nothing() {
-        let best = Recipe::named("best").unwrap();
-        let last = best.iterations;
-        let schedule = Schedule { recipe: &best, views: 7, half_side_m: 226.0, splats_at_start: 10, seed: 1 };
-        let plan = schedule.plan(last, 10);
+        let mut recipe = Recipe::named("best").unwrap();
+        (recipe.weights.consistency_altitude, recipe.weights.consistency_color) = (0.0, 0.0);
+        let schedule =
+            Schedule { recipe: &recipe, views: 7, half_side_m: 226.0, splats_at_start: 10, seed: 1 };
+        let plan = schedule.plan(recipe.iterations, 10);
         assert!(plan.shadows && plan.virtual_shear.is_none());
     }
 

@@ -4,13 +4,14 @@
 //! where they would see the cell and compared pair by pair (`correlation`); semi-global matching picks altitudes
 //! that agree with their neighbours' (`semiglobal`). A second pass knows from the first what hides a cell from a view,
 //! which brings streets between high walls to light, and what the cells look like (`look`). It starts training near the
-//! surface, and sharpens what training found.
+//! surface, and sharpens what training found (`settle` has the last word).
 
 mod correlation;
 mod file;
 mod horizon;
 mod look;
 mod semiglobal;
+mod settle;
 
 pub use horizon::{SLACK_M, horizon};
 
@@ -236,7 +237,7 @@ impl Sweep {
             self.pick(&volume, JUMP_NEAR)
         };
         // The second time what the views show of the cells lies where it belongs.
-        sharper(&sharper(prior).altitude)
+        sharper(&sharper(prior).altitude).settled()
     }
 
     /// `prior` where it lies among the altitudes of the `first` surface nearby and is as much in sight: over margins and
