@@ -1,5 +1,5 @@
 //! The last word on a sharpened surface: where views agree on little the cells around decide, and noise of single cells
-//! goes. Planes, straight edges and right corners stay as they are.
+//! goes. Where they agree, planes, straight edges and right corners stay as they are.
 
 use super::{BELIEVED, SweptSurface};
 use crate::raster::Plane;
