@@ -66,8 +66,14 @@ pub trait Lanes: Copy {
     fn log2(self, a: Self::Numbers) -> Self::Numbers;
     /// Sum of the lanes, in an order that only depends on the processor.
     fn sum(self, a: Self::Numbers) -> Self::Number;
+    /// The whole part of numbers between 0 and 2^22.
+    fn floor(self, a: Self::Numbers) -> Self::Numbers;
+    /// Whole numbers between 0 and 2^22, to the first of these places.
+    fn store_whole(self, a: Self::Numbers, places: &mut [u32; LANES]);
     /// `a >= b`.
     fn at_least(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths;
+    /// `a > b`.
+    fn above(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths;
     /// Both.
     fn and(self, a: Self::Truths, b: Self::Truths) -> Self::Truths;
     /// As bits, the first lane lowest.
@@ -102,6 +108,16 @@ impl<L: Lanes> Row<L> {
     #[inline(always)]
     pub fn load(lanes: L, values: &[L::Number]) -> Self {
         Self { lanes, numbers: lanes.load(values) }
+    }
+
+    /// 0, 1, 2, ...
+    #[inline(always)]
+    pub fn numbers(lanes: L) -> Self {
+        let mut values = [L::Number::zero(); LANES];
+        for (i, v) in values.iter_mut().enumerate() {
+            *v = L::Number::of(i as f64);
+        }
+        Self::load(lanes, &values)
     }
 
     /// From a slice's place on; zero beyond its end.
@@ -156,6 +172,21 @@ impl<L: Lanes> Row<L> {
         Self { numbers: self.lanes.reciprocal(self.numbers), ..self }
     }
 
+    /// Without its sign.
+    #[inline(always)]
+    pub fn abs(self) -> Self {
+        let negative = Self::splat(self.lanes, L::Number::zero()) - self;
+        self.max(negative)
+    }
+
+    /// -1, 0 or 1.
+    #[inline(always)]
+    pub fn sign(self) -> Self {
+        let (zero, one) =
+            (Self::splat(self.lanes, L::Number::zero()), Self::splat(self.lanes, L::Number::of(1.0)));
+        one.keep(self.above(zero)) - one.keep(zero.above(self))
+    }
+
     /// Square root.
     #[inline(always)]
     pub fn sqrt(self) -> Self {
@@ -193,10 +224,28 @@ impl<L: Lanes> Row<L> {
         self.lanes.sum(self.numbers)
     }
 
+    /// The whole part of numbers between 0 and 2^22.
+    #[inline(always)]
+    pub fn floor(self) -> Self {
+        Self { numbers: self.lanes.floor(self.numbers), ..self }
+    }
+
+    /// Whole numbers between 0 and 2^22, to the first of these places.
+    #[inline(always)]
+    pub fn store_whole(self, places: &mut [u32; LANES]) {
+        self.lanes.store_whole(self.numbers, places);
+    }
+
     /// Where it is `b` or more.
     #[inline(always)]
     pub fn at_least(self, b: Self) -> Mask<L> {
         Mask { lanes: self.lanes, truths: self.lanes.at_least(self.numbers, b.numbers) }
+    }
+
+    /// Where it is more than `b`.
+    #[inline(always)]
+    pub fn above(self, b: Self) -> Mask<L> {
+        Mask { lanes: self.lanes, truths: self.lanes.above(self.numbers, b.numbers) }
     }
 
     /// Zero where the mask does not hold.
@@ -468,8 +517,23 @@ impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
         self.0.reduce_sum_f32s(sum)
     }
     #[inline(always)]
+    fn floor(self, a: Self::Numbers) -> Self::Numbers {
+        each!(k: floor(self.0, a[k]))
+    }
+    #[inline(always)]
+    fn store_whole(self, a: Self::Numbers, places: &mut [u32; LANES]) {
+        let places = S::as_mut_simd_u32s(&mut places[..Self::WIDTH]).0;
+        for k in 0..N {
+            places[k] = whole(self.0, a[k]);
+        }
+    }
+    #[inline(always)]
     fn at_least(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths {
         each!(k: self.0.greater_than_or_equal_f32s(a[k], b[k]))
+    }
+    #[inline(always)]
+    fn above(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths {
+        each!(k: self.0.greater_than_f32s(a[k], b[k]))
     }
     #[inline(always)]
     fn and(self, a: Self::Truths, b: Self::Truths) -> Self::Truths {
@@ -537,15 +601,13 @@ fn exp2<S: Simd>(s: S, a: S::f32s, [round, c0, c1, c2, c3, c4, c5]: [S::f32s; 7]
 #[inline(always)]
 fn log2<S: Simd>(s: S, a: S::f32s) -> S::f32s {
     const ROOT_HALF: u32 = std::f32::consts::FRAC_1_SQRT_2.to_bits();
-    // Bits of 2^23, whose last place is one.
-    const ONES: u32 = 0x4B00_0000;
     let bits = s.add_u32s(s.transmute_u32s_f32s(a), s.splat_u32s(1f32.to_bits() - ROOT_HALF));
     let power = s.wrapping_dyn_shr_u32s(bits, s.splat_u32s(23));
     let mantissa = s.add_u32s(s.and_u32s(bits, s.splat_u32s(0x007F_FFFF)), s.splat_u32s(ROOT_HALF));
     let m = s.transmute_f32s_u32s(mantissa);
     let whole = s.sub_f32s(
-        s.transmute_f32s_u32s(s.or_u32s(power, s.splat_u32s(ONES))),
-        s.splat_f32s(8_388_608.0 + 127.0),
+        s.transmute_f32s_u32s(s.or_u32s(power, s.splat_u32s(ONES.to_bits()))),
+        s.splat_f32s(ONES + 127.0),
     );
     let one = s.splat_f32s(1.0);
     let t = s.div_f32s(s.sub_f32s(m, one), s.add_f32s(m, one));
@@ -555,6 +617,24 @@ fn log2<S: Simd>(s: S, a: S::f32s) -> S::f32s {
         p = s.mul_add_e_f32s(p, t2, s.splat_f32s(1.0 / k));
     }
     s.mul_add_e_f32s(s.mul_f32s(p, t), s.splat_f32s(2.0 * std::f32::consts::LOG2_E), whole)
+}
+
+/// 2^23, whose last place is one.
+const ONES: f32 = 8_388_608.0;
+
+/// The whole part of numbers between 0 and 2^22: rounded to the nearest whole number, one less where that is more.
+#[inline(always)]
+fn floor<S: Processor>(s: S, a: S::f32s) -> S::f32s {
+    let ones = s.splat_f32s(ONES);
+    let nearest = s.sub_f32s(s.add_f32s(a, ones), ones);
+    s.sub_f32s(nearest, s.keep(s.greater_than_f32s(nearest, a), s.splat_f32s(1.0)))
+}
+
+/// Whole numbers between 0 and 2^22, as such.
+#[inline(always)]
+fn whole<S: Simd>(s: S, a: S::f32s) -> S::u32s {
+    let bits = s.transmute_u32s_f32s(s.add_f32s(a, s.splat_f32s(ONES)));
+    s.and_u32s(bits, s.splat_u32s(0x007F_FFFF))
 }
 
 /// f64 in an array: gradients are checked with it.
@@ -618,8 +698,17 @@ impl Lanes for Exact {
     fn sum(self, a: [f64; 8]) -> f64 {
         a.iter().sum()
     }
+    fn floor(self, a: [f64; 8]) -> [f64; 8] {
+        a.map(f64::floor)
+    }
+    fn store_whole(self, a: [f64; 8], places: &mut [u32; LANES]) {
+        places[..8].copy_from_slice(&a.map(|v| v as u32));
+    }
     fn at_least(self, a: [f64; 8], b: [f64; 8]) -> [bool; 8] {
         std::array::from_fn(|i| a[i] >= b[i])
+    }
+    fn above(self, a: [f64; 8], b: [f64; 8]) -> [bool; 8] {
+        std::array::from_fn(|i| a[i] > b[i])
     }
     fn and(self, a: [bool; 8], b: [bool; 8]) -> [bool; 8] {
         std::array::from_fn(|i| a[i] && b[i])
@@ -655,11 +744,18 @@ mod tests {
                 let error = (f64::from(lane(power.log2(), 7)) - f64::from(y).log2()).abs();
                 assert!(error < 3e-7 * f64::from(x.abs().max(1.0)), "{x}: {error:e}");
             }
+            for x in [0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 7.999_999, 1e6 + 0.5, 4_194_303.5] {
+                let whole = Row::splat(lanes, x).floor();
+                assert_eq!(lane(whole, 2), x.floor());
+                let mut places = [0; LANES];
+                whole.store_whole(&mut places);
+                assert_eq!(places[6], x as u32);
+            }
         }
     }
 
     #[test]
-    fn exponentials_and_logarithms_are_within_3e7() {
+    fn exponentials_and_logarithms_are_within_3e7_and_whole_parts_exact() {
         f32::dispatch(Compare);
         #[cfg(target_arch = "x86_64")]
         if let Some(s) = pulp::x86::V3::try_new() {

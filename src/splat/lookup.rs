@@ -1,20 +1,19 @@
-//! Looking up, from a view's pixel and its altitude, another camera of the same family: the sun's image, or a
+//! Looking up, from a view's pixels and their altitudes, another camera of the same family: the sun's image, or a
 //! virtual view's. A shear carries pixel (col, row) at altitude z to `(col, row) - shear * z - origin`.
 
+use super::lanes::{LANES, Lanes, Mask, Row, splat_each};
+use super::raster::Layers;
 use super::real::Real;
+use rayon::prelude::*;
 use std::ops::Range;
 
-/// An image, all channels of a pixel side by side: what is looked up there is used together.
-#[derive(Clone, Copy, Debug)]
-pub struct Pixels<'a, T, const C: usize> {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// From one row to the next, pixels.
-    pub stride: usize,
-    /// The pixels, row by row.
-    pub data: &'a [[T; C]],
+/// Runs of rows that scatter into windows of their own; fixed, so that sums do not depend on the threads.
+const STRIPES: usize = 8;
+
+/// Rows of a stripe of an image this high.
+#[must_use]
+pub fn stripe_rows(height: usize) -> usize {
+    height.div_ceil(STRIPES)
 }
 
 /// How a view's pixels reach another image.
@@ -26,16 +25,19 @@ pub struct Lookup<T> {
     pub origin: [T; 2],
 }
 
-/// A place between four pixels of an image.
-#[derive(Clone, Copy, Debug)]
-pub struct Place<T> {
-    col: usize,
-    row: usize,
+/// Where neighbouring pixels of a view lie in another image: each between four pixels of it.
+pub struct Places<L: Lanes> {
+    /// Which of them lie inside; the others' places say nothing.
+    pub inside: Mask<L>,
+    col: [u32; LANES],
+    row: [u32; LANES],
+    /// The pixel at (col, row) in the image's first channel.
+    start: [usize; LANES],
     /// Distance to the pixel at (col, row), in [0, 1].
-    part: [T; 2],
+    part: [Row<L>; 2],
 }
 
-/// Some rows of an image that derivatives are added to.
+/// Some rows of an image that derivatives are added to, all channels of a pixel side by side.
 #[derive(Debug)]
 pub struct Window<T, const C: usize> {
     width: usize,
@@ -50,8 +52,49 @@ impl<T, const C: usize> Default for Window<T, C> {
 }
 
 impl<T: Real> Lookup<T> {
-    /// Rows of an image `height` high that pixels of `rows` at altitudes `low..=high` are looked up in.
-    pub fn rows(&self, rows: Range<usize>, (low, high): (T, T), height: usize) -> Range<usize> {
+    /// Where the pixels at `columns` of a row, as many as there are lanes, lie in `image`.
+    #[inline(always)]
+    pub fn places<L: Lanes<Number = T>>(
+        &self,
+        lanes: L,
+        columns: Range<usize>,
+        row: usize,
+        altitude: Row<L>,
+        image: &Layers<T>,
+    ) -> Places<L> {
+        let number = |n: usize| T::of(n as f64);
+        let last = [image.width, image.height].map(|n| number(n) - T::one());
+        let [shear_x, shear_y, right, bottom, zero, count] = splat_each(
+            lanes,
+            [self.shear[0], self.shear[1], last[0], last[1], T::zero(), number(columns.len())],
+        );
+        let lane = Row::numbers(lanes);
+        let x = Row::splat(lanes, number(columns.start) - self.origin[0]) + lane - shear_x * altitude;
+        let y = Row::splat(lanes, number(row) - self.origin[1]) - shear_y * altitude;
+        let inside = x.at_least(zero).and(y.at_least(zero)).and(right.above(x)).and(bottom.above(y));
+        let inside = inside.and(count.above(lane));
+        // Also where it is not a number: every place can be read.
+        let (x, y) = (x.keep(inside), y.keep(inside));
+        let (left, top) = (x.floor(), y.floor());
+        let (mut col, mut row) = ([0; LANES], [0; LANES]);
+        left.store_whole(&mut col);
+        top.store_whole(&mut row);
+        let mut start = [0; LANES];
+        for lane in 0..L::WIDTH {
+            start[lane] = row[lane] as usize * image.channels * image.width + col[lane] as usize;
+        }
+        Places { inside, col, row, start, part: [x - left, y - top] }
+    }
+
+    /// Rows of an image `height` high that pixels of `rows` are looked up in, of which `altitudes` are all.
+    pub fn rows<'a>(
+        &self,
+        rows: Range<usize>,
+        altitudes: impl Iterator<Item = &'a T>,
+        height: usize,
+    ) -> Range<usize> {
+        let (low, high) =
+            altitudes.fold((T::infinity(), T::neg_infinity()), |(l, h), z| (l.min(*z), h.max(*z)));
         let [a, b] = [low, high].map(|z| self.shear[1] * z + self.origin[1]);
         // A row more on either side, for rounding.
         let first = T::of(rows.start as f64 - 1.0) - a.max(b);
@@ -60,60 +103,79 @@ impl<T: Real> Lookup<T> {
         inside(first)..inside(end).max(inside(first))
     }
 
-    /// Where a pixel at an altitude lies in `image`, unless outside.
+    /// Derivative of looked-up values by the altitude, from their slopes by column and row.
     #[inline(always)]
-    pub fn place<const C: usize>(
-        &self,
-        col: usize,
-        row: usize,
-        altitude: T,
-        image: Pixels<T, C>,
-    ) -> Option<Place<T>> {
-        let x = T::of(col as f64) - self.shear[0] * altitude - self.origin[0];
-        let y = T::of(row as f64) - self.shear[1] * altitude - self.origin[1];
-        let (right, bottom) = (T::of(image.width as f64 - 1.0), T::of(image.height as f64 - 1.0));
-        if !(x >= T::zero() && y >= T::zero() && x < right && y < bottom) {
-            return None;
-        }
-        let (c, r) = (x.floor(), y.floor());
-        Some(Place { col: c.small() as usize, row: r.small() as usize, part: [x - c, y - r] })
-    }
-
-    /// Derivative of a looked-up value by the altitude, from its slopes by column and row.
-    #[inline(always)]
-    pub fn by_altitude(&self, slope: [T; 2]) -> T {
-        -(self.shear[0] * slope[0] + self.shear[1] * slope[1])
+    pub fn by_altitude<L: Lanes<Number = T>>(&self, lanes: L, slopes: [Row<L>; 2]) -> Row<L> {
+        let [x, y] = splat_each(lanes, self.shear.map(|s| -s));
+        x * slopes[0] + y * slopes[1]
     }
 }
 
-impl<T: Real> Place<T> {
-    /// Bilinear values of all channels and their slopes by column and row.
+impl<T: Real, L: Lanes<Number = T>> Places<L> {
+    /// Bilinear values of a channel and their slopes by column and row; zero where outside.
     #[inline(always)]
-    pub fn values<const C: usize>(&self, image: Pixels<T, C>) -> ([T; C], [[T; 2]; C]) {
-        let start = self.row * image.stride + self.col;
-        let [a, b] = *pair(&image.data[start..]);
-        let [c, d] = *pair(&image.data[start + image.stride..]);
-        let [x, y] = self.part;
-        let (mut values, mut slopes) = ([T::zero(); C], [[T::zero(); 2]; C]);
-        for k in 0..C {
-            let (upper, lower) = (a[k] + (b[k] - a[k]) * x, c[k] + (d[k] - c[k]) * x);
-            values[k] = upper + (lower - upper) * y;
-            slopes[k] = [(b[k] - a[k]) + ((d[k] - c[k]) - (b[k] - a[k])) * y, lower - upper];
+    pub fn values(&self, lanes: L, image: &Layers<T>, channel: usize) -> (Row<L>, [Row<L>; 2]) {
+        let zero = Row::splat(lanes, T::zero());
+        if !self.inside.any() {
+            return (zero, [zero; 2]);
         }
-        (values, slopes)
+        let mut corners = [[T::zero(); LANES]; 4];
+        let upper = &image.data[channel * image.width..];
+        let lower = &upper[image.channels * image.width..];
+        for lane in 0..L::WIDTH {
+            let [a, b] = *pair(&upper[self.start[lane]..]);
+            let [c, d] = *pair(&lower[self.start[lane]..]);
+            (corners[0][lane], corners[1][lane]) = (a, b);
+            (corners[2][lane], corners[3][lane]) = (c, d);
+        }
+        let mut rows = [zero; 4];
+        for k in 0..4 {
+            rows[k] = Row::load(lanes, &corners[k]);
+        }
+        let ([a, b, c, d], [x, y]) = (rows, self.part);
+        let (along_upper, along_lower) = (b - a, d - c);
+        let (upper, lower) = (along_upper.mul_add(x, a), along_lower.mul_add(x, c));
+        let (down, along) = (lower - upper, (along_lower - along_upper).mul_add(y, along_upper));
+        let value = down.mul_add(y, upper);
+        (value.keep(self.inside), [along.keep(self.inside), down.keep(self.inside)])
     }
 
-    /// Adds derivatives by the values to those by the four pixels.
+    /// Adds derivatives by the values to those by the four pixels around, where `mask` and inside.
     #[inline(always)]
-    pub fn scatter<const C: usize>(&self, by: &mut Window<T, C>, by_values: [T; C]) {
-        let [x, y] = self.part;
-        let one = T::one();
-        for (row, share) in [(self.row, one - y), (self.row + 1, y)] {
-            let start = (row - by.first_row) * by.width + self.col;
-            let pair: &mut [[T; C]; 2] = by.data[start..].first_chunk_mut().expect("the next column exists");
-            for (pixel, share) in pair.iter_mut().zip([(one - x) * share, x * share]) {
-                for (sum, by) in pixel.iter_mut().zip(by_values) {
-                    *sum = *sum + share * by;
+    pub fn scatter<const C: usize>(
+        &self,
+        lanes: L,
+        mask: Mask<L>,
+        by_values: [Row<L>; C],
+        window: &mut Window<T, C>,
+    ) {
+        let mut pending = self.inside.and(mask).bits();
+        if pending == 0 {
+            return;
+        }
+        let ([x, y], one) = (self.part, Row::splat(lanes, T::one()));
+        let mut shares = [[T::zero(); LANES]; 4];
+        ((one - x) * (one - y)).store_to(&mut shares[0], 0);
+        (x * (one - y)).store_to(&mut shares[1], 0);
+        ((one - x) * y).store_to(&mut shares[2], 0);
+        (x * y).store_to(&mut shares[3], 0);
+        let mut by = [[T::zero(); LANES]; C];
+        for c in 0..C {
+            by_values[c].store_to(&mut by[c], 0);
+        }
+        while pending != 0 {
+            let lane = pending.trailing_zeros() as usize;
+            pending &= pending - 1;
+            let mut values = [T::zero(); C];
+            for c in 0..C {
+                values[c] = by[c][lane];
+            }
+            let first = (self.row[lane] as usize - window.first_row) * window.width + self.col[lane] as usize;
+            for (start, k) in [(first, 0), (first + window.width, 2)] {
+                let [left, right] = window.data[start..].first_chunk_mut().expect("the next column exists");
+                for c in 0..C {
+                    left[c] = left[c] + shares[k][lane] * values[c];
+                    right[c] = right[c] + shares[k + 1][lane] * values[c];
                 }
             }
         }
@@ -135,7 +197,26 @@ impl<T: Real, const C: usize> Window<T, C> {
     }
 
     /// A row of the image, if it is one of the window's.
-    pub fn row(&self, row: usize) -> Option<&[[T; C]]> {
+    fn row(&self, row: usize) -> Option<&[[T; C]]> {
         self.data.chunks_exact(self.width.max(1)).nth(row.checked_sub(self.first_row)?)
     }
+}
+
+/// `scale` times the sum of the stripes' windows, channels apart again.
+pub fn sum_windows<'a, T: Real, const C: usize>(
+    sum: &mut Layers<T>,
+    scale: T,
+    window: impl Fn(usize) -> Option<&'a Window<T, C>> + Sync,
+) {
+    let width = sum.width;
+    sum.data.par_chunks_mut(width * C).enumerate().for_each(|(row, sum)| {
+        sum.fill(T::zero());
+        for pixels in (0..STRIPES).filter_map(|k| window(k)?.row(row)) {
+            for (c, sum) in sum.chunks_exact_mut(width).enumerate() {
+                for (sum, by) in sum.iter_mut().zip(pixels) {
+                    *sum = *sum + scale * by[c];
+                }
+            }
+        }
+    });
 }

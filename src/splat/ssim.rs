@@ -144,7 +144,7 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
         let window = splat_each(lanes, window());
         let [zero, one, two, c1, c2, scale] =
             splat_each(lanes, [T::zero(), T::one(), T::of(2.0), T::of(C1), T::of(C2), scale]);
-        let lane = Row::load(lanes, &std::array::from_fn::<_, LANES, _>(|i| T::of(i as f64)));
+        let lane = Row::numbers(lanes);
         strip.sum = 0.0;
         for (k, slopes) in slopes.chunks_mut(3 * width).enumerate() {
             let (row, c) = (first_row + k / 3, k % 3);
@@ -235,9 +235,8 @@ impl<T: Lanewise> Kernel<T> for Slope<'_, T> {
                 }
                 let (x, y) = (Row::load_from(lanes, x, start), Row::load_from(lanes, y, start));
                 let d = x - y;
-                sum += d.max(zero - d);
-                let sign = scale.keep(d.at_least(zero)) - scale.keep(zero.at_least(d));
-                (by[0] + two * x * by[1] + y * by[2] + sign).store_to(by_picture, start);
+                sum += d.abs();
+                (by[0] + two * x * by[1] + y * by[2] + scale * d.sign()).store_to(by_picture, start);
             }
             strip.sum += sum.sum().wide();
         }
