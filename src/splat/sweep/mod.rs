@@ -237,7 +237,7 @@ impl Sweep {
             self.pick(&volume, JUMP_NEAR)
         };
         // The second time what the views show of the cells lies where it belongs.
-        sharper(&sharper(prior).altitude).settled()
+        sharper(&sharper(prior).altitude).settled(prior)
     }
 
     /// `prior` where it lies among the altitudes of the `first` surface nearby and is as much in sight: over margins and

@@ -1,5 +1,6 @@
-//! The last word on a sharpened surface: where views agree on little the cells around decide, and noise of single cells
-//! goes. Where they agree, planes, straight edges and right corners stay as they are.
+//! The last word on a sharpened surface: where views agree on little the cells around decide, noise of single cells
+//! goes, and at steps the trained splats tell which side a cell belongs to. Where views agree, planes, straight edges and
+//! right corners stay as they are.
 
 use super::{BELIEVED, SweptSurface};
 use crate::raster::Plane;
@@ -10,19 +11,68 @@ struct Around {
     lower: (usize, usize),
 }
 
+impl Around {
+    /// Number of cells.
+    const fn cells(&self) -> usize {
+        let side = 2 * self.reach + 1;
+        let (mut n, mut k) = (0, 0);
+        while k < side * side {
+            n += self.contains(k % side - self.reach, k / side - self.reach) as usize;
+            k += 1;
+        }
+        n
+    }
+
+    /// Whether the cell so far to the right and down is one of them.
+    const fn contains(&self, right: i64, down: i64) -> bool {
+        right * right + down * down <= self.reach * self.reach
+    }
+}
+
 /// For cells that are not believed: thirteen, a little less than half lower, for windows fatten what stands out.
 const DOUBTFUL: Around = Around { reach: 2, lower: (5, 12) };
 /// For all cells: the median of a cell and its four neighbours.
 const ALL: Around = Around { reach: 1, lower: (1, 2) };
+/// A step between a cell and its four neighbours, metres; and the score below which splats know better where it is:
+/// a window matches whole, splats are as wide as they need to be.
+const STEP_M: f32 = 2.0;
+const SHARP: f32 = 0.5;
+/// A cell's four neighbours.
+const BESIDE: [(i64, i64); 4] = [(1, 0), (0, -1), (-1, 0), (0, 1)];
 
 impl SweptSurface {
-    /// The surface once it is settled.
+    /// The surface once it is settled; `trained` are the splats' altitudes.
     #[must_use]
-    pub(super) fn settled(mut self) -> Self {
+    pub(super) fn settled(mut self, trained: &Plane) -> Self {
         let decided = DOUBTFUL.decide(&self.altitude, |col, row| self.score.at(col, row) < BELIEVED);
-        self.altitude = ALL.decide(&decided, |_, _| true);
+        let smooth = ALL.decide(&decided, |_, _| true);
+        self.altitude = Plane::from_rows(smooth.width, smooth.height, |row, line| {
+            for (col, z) in line.iter_mut().enumerate() {
+                let is_sharp = self.score.at(col, row) >= SHARP;
+                *z = if is_sharp {
+                    smooth.at(col, row)
+                } else {
+                    side(&smooth, col, row, trained.at(col, row))
+                };
+            }
+        });
         self
     }
+}
+
+/// A cell's altitude; at a step, of its own and its neighbours' the one that is nearest to `trained`.
+fn side(altitudes: &Plane, col: usize, row: usize, trained: f32) -> f32 {
+    let own = altitudes.at(col, row);
+    if own.is_nan() || trained.is_nan() {
+        return own;
+    }
+    let beside = BESIDE.map(|(right, down)| altitudes.get(col as i64 + right, row as i64 + down));
+    let (low, high) = beside.iter().fold((own, own), |(low, high), z| (low.min(*z), high.max(*z)));
+    if high - low <= STEP_M {
+        return own;
+    }
+    let nearer = |best: f32, z: f32| if (z - trained).abs() < (best - trained).abs() { z } else { best };
+    beside.into_iter().fold(own, nearer)
 }
 
 impl Around {
@@ -40,11 +90,11 @@ impl Around {
         if altitudes.at(col, row).is_nan() {
             return f32::NAN;
         }
-        let (mut known, mut n) = ([0.0; 13], 0);
+        let (mut known, mut n) = ([0.0; DOUBTFUL.cells()], 0);
         for down in -self.reach..=self.reach {
             for right in -self.reach..=self.reach {
                 let z = altitudes.get(col as i64 + right, row as i64 + down);
-                if right * right + down * down <= self.reach * self.reach && !z.is_nan() {
+                if self.contains(right, down) && !z.is_nan() {
                     known[n] = z;
                     n += 1;
                 }
@@ -63,11 +113,16 @@ mod tests {
     use crate::raster::MapGrid;
 
     fn settled(altitude: Plane, score: impl Fn(usize, usize) -> f32) -> Plane {
+        let unknown = Plane::filled(altitude.width, altitude.height, f32::NAN);
+        settled_by(altitude, score, &unknown)
+    }
+
+    fn settled_by(altitude: Plane, score: impl Fn(usize, usize) -> f32, trained: &Plane) -> Plane {
         let (width, height) = (altitude.width, altitude.height);
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
         let (score, hold) = (Plane::from_fn(width, height, score), Plane::filled(width, height, 0.0));
-        SweptSurface { site, grid, altitude, score, hold }.settled().altitude
+        SweptSurface { site, grid, altitude, score, hold }.settled(trained).altitude
     }
 
     #[test]
@@ -92,6 +147,19 @@ mod tests {
         assert_eq!(settled(surface(), |_, _| 0.9), surface());
         let out = settled(surface(), |col, row| if clump(col, row) { 0.2 } else { 0.9 });
         assert_eq!(out, Plane::filled(20, 16, 0.0));
+    }
+
+    #[test]
+    fn splats_say_where_a_step_is_unless_views_agree_or_the_step_is_small() {
+        let step = |at: usize, height: f32| {
+            Plane::from_fn(20, 16, move |col, _| if col < at { height } else { 0.1 })
+        };
+        let trained = step(11, 7.0);
+        assert_eq!(settled_by(step(10, 8.0), |_, _| 0.45, &trained), step(11, 8.0));
+        assert_eq!(settled_by(step(10, 8.0), |_, _| 0.55, &trained), step(10, 8.0));
+        assert_eq!(settled_by(step(10, 1.5), |_, _| 0.45, &trained), step(10, 1.5));
+        // A cell further than the next is not theirs to move.
+        assert_eq!(settled_by(step(9, 8.0), |_, _| 0.45, &trained), step(10, 8.0));
     }
 
     #[test]
