@@ -337,32 +337,35 @@ impl<T: Real> Ellipse<T> {
     fn for_each_span(&self, camera: &FrameCamera<T>, mut visit: impl FnMut(u32, u16, u16)) {
         let [mx, my] = self.mean;
         let [half_cols, half_rows] = self.half_size;
-        let (first, last) = (my - half_rows, my + half_rows);
-        let height = T::of(camera.height as f64 - 1.0);
-        let width = T::of(camera.width as f64 - 1.0);
-        if last < T::zero() || first > height {
+        let within = |low: T, high: T, pixels: usize| {
+            (low.max(T::zero()).ceil(), high.min(T::of(pixels as f64 - 1.0)).floor())
+        };
+        let (top, bottom) = within(my - half_rows, my + half_rows, camera.height);
+        let (left, right) = within(mx - half_cols, mx + half_cols, camera.width);
+        if top > bottom || left > right {
             return;
         }
-        let tile = T::of(TILE as f64);
-        let whole = |v: T| v.floor().wide() as i64;
-        let band_of = |row: T| whole(row / tile);
-        let lean = self.lean;
-        for band in band_of(first.max(T::zero()).ceil())..=band_of(last.min(height).floor()) {
-            let top = T::of((band * TILE as i64) as f64) - my;
-            let bottom = top + tile - T::one();
-            let right = if lean >= top && lean <= bottom {
-                half_cols
-            } else {
-                self.edge(lean, top, bottom, T::one())
+        let tile_of = |pixel: T| pixel.small() / TILE as u32;
+        let (first, last) = (tile_of(left) as u16, tile_of(right) as u16);
+        for band in tile_of(top)..=tile_of(bottom) {
+            // Most splats are narrower than a tile: nothing is to be told apart.
+            if first == last {
+                visit(band, first, last);
+                continue;
+            }
+            let top = T::of(f64::from(band * TILE as u32)) - my;
+            let bottom = top + T::of(TILE as f64 - 1.0);
+            let furthest = |lean: T, side: T| {
+                if lean >= top && lean <= bottom {
+                    side * half_cols
+                } else {
+                    self.edge(lean, top, bottom, side)
+                }
             };
-            let left = if -lean >= top && -lean <= bottom {
-                -half_cols
-            } else {
-                self.edge(-lean, top, bottom, -T::one())
-            };
-            let (from, to) = ((mx + left).max(T::zero()).ceil(), (mx + right).min(width).floor());
-            if from <= to {
-                visit(band as u32, (whole(from) / TILE as i64) as u16, (whole(to) / TILE as i64) as u16);
+            let (left, right) = (furthest(-self.lean, -T::one()), furthest(self.lean, T::one()));
+            let (left, right) = within(mx + left, mx + right, camera.width);
+            if left <= right {
+                visit(band, tile_of(left) as u16, tile_of(right) as u16);
             }
         }
     }
