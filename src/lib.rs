@@ -3,6 +3,7 @@
 //! The modules stand in layers; each imports only from those above it in this list, `cli` from all.
 
 pub mod event;
+pub mod run_files;
 pub mod frame;
 pub mod raster;
 pub mod checkpoint;

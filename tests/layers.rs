@@ -7,8 +7,9 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 15] = [
+const LAYERS: [(&str, Option<&[&str]>); 16] = [
     ("event", None),
+    ("run_files", Some(&[])),
     ("frame", None),
     ("raster", None),
     ("checkpoint", Some(&["raster"])),
@@ -22,7 +23,7 @@ const LAYERS: [(&str, Option<&[&str]>); 15] = [
     ("dsm", Some(&["event", "frame", "raster", "rpc", "scene", "bundle", "affine", "splat"])),
     ("metrics", Some(&["event", "frame", "raster"])),
     ("align", Some(&["frame", "raster", "metrics"])),
-    ("report", Some(&["event", "frame", "raster", "scene", "bundle", "dsm", "metrics"])),
+    ("report", Some(&["event", "run_files", "frame", "raster", "scene", "bundle", "dsm", "metrics"])),
     ("cli", None),
 ];
 

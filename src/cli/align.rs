@@ -1,8 +1,6 @@
 //! `satgs align`: one shift that brings everything a run holds to a reference.
 
-use super::run_folder::{
-    CAMERAS, CHECKPOINT, FIRST_SURFACE, SPLATS, SURFACE, TrainedCameras, read_json, read_scene, write_json,
-};
+use super::run_folder::{TrainedCameras, read_json, read_scene, write_json};
 use super::stage::Stage;
 use super::{Failure, Ui};
 use crate::align::{Alignment, Shift, to_control, to_surface};
@@ -10,6 +8,9 @@ use crate::bundle::{Adjustment, control_pairs, read_control};
 use crate::frame::{Geodetic, Point, SiteGrid, Utm};
 use crate::metrics::{Surface, Truth, TruthOptions};
 use crate::raster::{MapGrid, RasterError, Vertical, write_moved};
+use crate::run_files::{
+    CAMERAS, CHECKPOINT, CONFIDENCE, DSM, FIRST_SURFACE, HILLSHADE, ORTHO, SPLATS, SURFACE,
+};
 use crate::scene::Scene;
 use crate::splat::ply;
 use serde::{Deserialize, Serialize};
@@ -42,8 +43,8 @@ pub struct Args {
 const RECORD: &str = "align.json";
 const PENDING: &str = "align.pending";
 /// Rasters that move, those whose first band holds heights, and the others.
-const HEIGHTS: [&str; 3] = ["dsm.tif", SURFACE, FIRST_SURFACE];
-const MAPS: [&str; 3] = ["ortho.tif", "confidence.tif", "hillshade.tif"];
+const HEIGHTS: [&str; 3] = [DSM, SURFACE, FIRST_SURFACE];
+const MAPS: [&str; 3] = [ORTHO, CONFIDENCE, HILLSHADE];
 /// Smaller shifts are none, metres.
 const NO_SHIFT_M: f64 = 0.01;
 /// Cell of the grid that lidar points are put on, and how far it reaches beyond the run's, metres.
@@ -126,7 +127,7 @@ fn alignment(args: &Args, scene: &Scene, ours: &Adjustment, map: &SiteGrid) -> R
 
 /// The run's surface: the cells of dsm.tif, else the sparse points; above the ellipsoid, with their map's EPSG code.
 fn points(run: &Path, sparse: &[Point<Geodetic>], map: &SiteGrid) -> Result<(Vec<Point<Utm>>, u32), Failure> {
-    let path = run.join("dsm.tif");
+    let path = run.join(DSM);
     if !path.exists() {
         return Ok((sparse.iter().map(|p| map.utm_from_geodetic(*p)).collect(), map.epsg));
     }

@@ -1,16 +1,16 @@
 //! `satgs ba`: bundle adjustment.
 
-use super::run_folder::{SCENE, write_json};
+use super::run_folder::write_json;
 use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui, align};
 use crate::bundle::{Adjustment, HeightPrior, LeftOut, Model, Options, adjust, read_control};
 use crate::raster::Vertical;
+use crate::run_files::{ADJUSTMENT, SCENE};
 use crate::scene::{Dem, Scene};
 use std::path::{Path, PathBuf};
 
 /// What adjustment found, in a run's folder.
-const REPORT: &str = "ba/report.json";
 
 /// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, points.laz and .ply, tie_points.csv and .gpkg, report.json,
 /// pictures
@@ -137,7 +137,7 @@ pub fn require_all(run: &Path, left_out: &[LeftOut]) -> Result<(), Failure> {
     }
     let names: Vec<String> = left_out.iter().map(|(name, _)| format!("`{name}`")).collect();
     let message = format!("adjusted without {}", names.join(", "));
-    let report = run.join(REPORT);
+    let report = run.join(ADJUSTMENT);
     Err(Failure::partial(message, format!("`{}` says why; all else is complete", report.display())))
 }
 
@@ -147,8 +147,12 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     let dem = args.dem(&scene)?;
     let heights = dem.as_ref().map(Dem::heights_to_search).or(args.height_range);
     refuse_output_inside(&args.output, args.scene.path())?;
-    let stage =
-        Stage::new(&args.output, "ba", &[SCENE, REPORT, "ba/points.laz"], args.fingerprint(&scene, heights));
+    let stage = Stage::new(
+        &args.output,
+        "ba",
+        &[SCENE, ADJUSTMENT, "ba/points.laz"],
+        args.fingerprint(&scene, heights),
+    );
     let keypoints = args.output.join("ba/keypoints");
     if stage.is_done(args.overwrite)? {
         forget(&keypoints);

@@ -1,10 +1,11 @@
 //! `satgs dsm`: splats to a surface model and an orthophoto.
 
-use super::run_folder::{CAMERAS, SPLATS, SURFACE, TrainedCameras};
+use super::run_folder::TrainedCameras;
 use super::stage::{Fingerprint, Stage, hash_file};
 use super::{Failure, Ui};
 use crate::dsm::{HeightsFrom, hillshade, render};
 use crate::raster::{ImageFile, MapGrid, Vertical, write_png_gray};
+use crate::run_files::{CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPLATS, SURFACE};
 use crate::scene::Role;
 use crate::splat::ply;
 use crate::splat::recipe::RayHeight;
@@ -85,8 +86,8 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let setup = &cameras.setup;
     let grid = grid(options, &cameras)?;
     let vertical = Vertical::read(&options.vertical)?;
-    let mut outputs = ["dsm.tif", "dsm.qml", "ortho.tif", "confidence.tif"].map(Path::new).to_vec();
-    outputs.extend(options.hillshade.then_some(Path::new("hillshade.tif")));
+    let mut outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(Path::new).to_vec();
+    outputs.extend(options.hillshade.then_some(Path::new(HILLSHADE)));
     outputs.extend(options.points.as_deref().into_iter().chain(options.mesh.as_deref()));
     let stage = Stage::new(run, "dsm", &outputs, fingerprint(run, &grid, options));
     if stage.is_done(overwrite)? {
@@ -118,9 +119,9 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
             "EGM96 and EGM2008 grids of the whole Earth come with PROJ's data",
         ));
     }
-    surface.write_dsm(&run.join("dsm.tif"), &heights)?;
-    surface.write_ortho(&run.join("ortho.tif"))?;
-    surface.write_confidence(&run.join("confidence.tif"))?;
+    surface.write_dsm(&run.join(DSM), &heights)?;
+    surface.write_ortho(&run.join(ORTHO))?;
+    surface.write_confidence(&run.join(CONFIDENCE))?;
     if let Some(path) = &options.points {
         surface.write_points(path, &heights)?;
     }
@@ -128,7 +129,7 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         surface.write_mesh(path, &heights)?;
     }
     if options.hillshade {
-        surface.write_hillshade(&run.join("hillshade.tif"))?;
+        surface.write_hillshade(&run.join(HILLSHADE))?;
     }
     let shade = hillshade(&surface.height, grid.cell);
     write_png_gray(&run.join("hillshade.png"), grid.width, grid.height, &shade)?;
@@ -143,8 +144,8 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         grid.cell,
         grid.epsg,
         vertical.name(),
-        run.join("dsm.tif").display(),
-        run.join("ortho.tif").display()
+        run.join(DSM).display(),
+        run.join(ORTHO).display()
     );
     let json = serde_json::json!({ "grid": grid, "vertical": vertical.name(), "seen_percent": share });
     ui.summary("dsm", &text, json);

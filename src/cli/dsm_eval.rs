@@ -6,11 +6,11 @@ use crate::metrics::{
 };
 use crate::raster::{Cog, Vertical, write_file, write_png_rgb};
 use crate::report::{FIGURES, SCORE_NOTE, ScoreTable, figures, score_tables};
+use crate::run_files::METRICS;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// What `-o` receives, beside the figures.
-const METRICS: &str = "metrics.json";
 const ERROR_MAP: &str = "error.tif";
 const ERROR_STYLE: &str = "error.qml";
 const ERROR_PICTURE: &str = "error.png";

@@ -1,8 +1,9 @@
 //! `satgs nvs-eval`: how well a trained run predicts images that it was not trained on.
 
 use super::render::find;
-use super::run_folder::{SPLATS, TrainedCameras, read_scene};
+use super::run_folder::{TrainedCameras, read_scene};
 use super::{Failure, Ui};
+use crate::run_files::SPLATS;
 use crate::scene::Role;
 use crate::splat::novel::NovelView;
 use crate::splat::picture_score::score_picture;

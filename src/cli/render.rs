@@ -1,11 +1,12 @@
 //! `satgs render`: pictures of a trained run from anywhere, under any sun.
 
-use super::run_folder::{SPLATS, TrainedCameras, read_scene};
+use super::run_folder::{TrainedCameras, read_scene};
 use super::{Failure, Ui};
 use crate::affine::sun_direction;
 use crate::bundle::Adjustment;
 use crate::raster::{Cog, MapGrid, SensorImage, Vertical, write_png_rgb};
 use crate::rpc::{Rpc, formats};
+use crate::run_files::SPLATS;
 use crate::scene::Sun;
 use crate::splat::novel::{NovelView, Picture};
 use crate::splat::ply;

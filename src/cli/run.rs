@@ -2,6 +2,7 @@
 
 use super::{Failure, Ui, ba, dsm, dsm_eval, report, train};
 use crate::metrics::TruthOptions;
+use crate::run_files::{DSM, EVALUATION};
 use std::path::PathBuf;
 
 /// Everything in a row: adjust, train, render, score if there is a truth, and a page that shows it all
@@ -32,7 +33,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     dsm::render_run(run, &args.surface, overwrite, ui)?;
     if let Some(truth) = &args.truth {
         let options = TruthOptions::default();
-        dsm_eval::score(&run.join("dsm.tif"), truth, &options, Some(&run.join("eval")), ui)?;
+        dsm_eval::score(&run.join(DSM), truth, &options, Some(&run.join(EVALUATION)), ui)?;
     }
     report::write(run, ui)?;
     ba::require_all(run, &left_out)

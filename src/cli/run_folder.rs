@@ -1,25 +1,14 @@
-//! What stages leave in a run's folder for each other: its files' names, and how they are read and written.
+//! What stages leave in a run's folder for each other: how it is read and written.
 
 use super::{Failure, align};
 use crate::raster::{RasterError, write_file};
+use crate::run_files::{CAMERAS, SCENE};
 use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
 use crate::splat::recipe::Recipe;
 use crate::splat::setup::Setup;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
-
-/// The scene as read.
-pub const SCENE: &str = "scene.json";
-/// Cameras in the site frame, see [`TrainedCameras`].
-pub const CAMERAS: &str = "cameras.json";
-/// The trained splats.
-pub const SPLATS: &str = "splats.ply";
-/// The trained surface, matched with the views; and the one that training started on.
-pub const SURFACE: &str = "train/surface.tif";
-pub const FIRST_SURFACE: &str = "train/first_surface.tif";
-/// What an interrupted training goes on from.
-pub const CHECKPOINT: &str = "train/checkpoint.bin";
 
 /// What [`CAMERAS`] holds.
 #[derive(Serialize, Deserialize)]
@@ -31,7 +20,7 @@ pub struct TrainedCameras {
     pub appearances: Vec<(String, Appearance)>,
     /// What was trained by.
     pub recipe: Recipe,
-    /// Whether [`SURFACE`] holds the trained surface matched with the views.
+    /// Whether [`SURFACE`](crate::run_files::SURFACE) holds the trained surface matched with the views.
     pub is_matched: bool,
 }
 

@@ -2,9 +2,7 @@
 
 use super::checkpoints::Checkpoints;
 use super::interrupt::Interruptible;
-use super::run_folder::{
-    CAMERAS, CHECKPOINT, FIRST_SURFACE, SCENE, SPLATS, SURFACE, TrainedCameras, read_scene, write_json,
-};
+use super::run_folder::{TrainedCameras, read_scene, write_json};
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui, align};
 use crate::bundle::Adjustment;
@@ -12,6 +10,7 @@ use crate::dsm::altitudes;
 use crate::event::Event;
 use crate::frame::{Point, Site};
 use crate::raster::{RasterError, write_atomically};
+use crate::run_files::{CAMERAS, CHECKPOINT, FIRST_SURFACE, SCENE, SPLATS, SURFACE, TRAINING};
 use crate::scene::Scene;
 use crate::splat::backend::{Snapshot, TrainingBackend};
 use crate::splat::cpu::CpuBackend;
@@ -233,7 +232,7 @@ impl<'a> Job<'a> {
             sweep.sharpen(&trained, first).write(&run.join(SURFACE))?;
         }
         ply::write(&run.join(SPLATS), &made.splats, &setup.site)?;
-        write_log(&run.join("train/train.csv"), log)?;
+        write_log(&run.join(TRAINING), log)?;
         progress::curves(log).write(&run.join("train/curves.png"))?;
         let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
         let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };

@@ -13,10 +13,8 @@ pub use figures::{FIGURES, figures};
 pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
 
 use crate::raster::{RasterError, write_file};
+use crate::run_files::PAGE;
 use std::path::{Path, PathBuf};
-
-/// Name of the page in the run's folder.
-pub const PAGE: &str = "report.html";
 
 /// Why a report could not be made.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]

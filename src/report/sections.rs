@@ -8,6 +8,7 @@ use crate::bundle::Report;
 use crate::dsm::hillshade;
 use crate::metrics::{error_picture, onto_grid};
 use crate::raster::{MapGrid, Plane, RasterError};
+use crate::run_files::{ADJUSTMENT, DSM, EVALUATION, METRICS, ORTHO, TRAINING};
 use crate::scene::{Role, Scene};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -77,7 +78,7 @@ pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
 
 /// Residuals of the bundle adjustment.
 pub(super) fn adjustment(run: &Path) -> Result<String, ReportError> {
-    let Some(report) = read_json::<Report>(&run.join("ba/report.json"))? else {
+    let Some(report) = read_json::<Report>(&run.join(ADJUSTMENT))? else {
         return Ok(missing("ba SCENE -o RUN"));
     };
     let mut out = format!(
@@ -104,7 +105,7 @@ pub(super) fn adjustment(run: &Path) -> Result<String, ReportError> {
 
 /// Curves of the training.
 pub(super) fn training(run: &Path) -> Result<String, ReportError> {
-    let path = run.join("train/train.csv");
+    let path = run.join(TRAINING);
     if !path.exists() {
         return Ok(missing("train RUN"));
     }
@@ -147,7 +148,7 @@ pub(super) fn training(run: &Path) -> Result<String, ReportError> {
 
 /// Hillshade and orthophoto.
 pub(super) fn surface(run: &Path) -> Result<String, ReportError> {
-    let path = run.join("dsm.tif");
+    let path = run.join(DSM);
     if !path.exists() {
         return Ok(missing("dsm RUN"));
     }
@@ -164,7 +165,7 @@ pub(super) fn surface(run: &Path) -> Result<String, ReportError> {
         grid.epsg,
         shaded(height, &grid, "Hillshade of the surface model")?
     );
-    let ortho = run.join("ortho.tif");
+    let ortho = run.join(ORTHO);
     if ortho.exists() {
         let (mut bands, grid) = map(&ortho)?;
         bands.truncate(3);
@@ -181,12 +182,12 @@ pub(super) fn surface(run: &Path) -> Result<String, ReportError> {
 
 /// The verdict: error map beside the surface, tables, figures.
 pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
-    let folder = run.join("eval");
-    let Some(scores) = read_json::<Value>(&folder.join("metrics.json"))? else {
+    let folder = run.join(EVALUATION);
+    let Some(scores) = read_json::<Value>(&folder.join(METRICS))? else {
         return Ok(missing("run SCENE -o RUN --truth DSM"));
     };
     let mut out = String::new();
-    let (dsm, errors) = (run.join("dsm.tif"), folder.join("error.tif"));
+    let (dsm, errors) = (run.join(DSM), folder.join("error.tif"));
     if dsm.exists() && errors.exists() {
         let ((surface, from), (errors, grid)) = (map(&dsm)?, map(&errors)?);
         if let Ok((surface, _)) = onto_grid(&surface[0], &from, &grid) {

@@ -1,0 +1,32 @@
+//! Names of the files in a run's folder, which one stage writes and others read.
+
+/// The scene as read.
+pub const SCENE: &str = "scene.json";
+/// Figures of the adjustment.
+pub const ADJUSTMENT: &str = "ba/report.json";
+/// Site and cameras in its frame, with each view's radiometry.
+pub const CAMERAS: &str = "cameras.json";
+/// What an interrupted training goes on from.
+pub const CHECKPOINT: &str = "train/checkpoint.bin";
+/// A line an iteration of training.
+pub const TRAINING: &str = "train/train.csv";
+/// The trained splats.
+pub const SPLATS: &str = "splats.ply";
+/// The trained surface, matched with the views.
+pub const SURFACE: &str = "train/surface.tif";
+/// The surface that training started on.
+pub const FIRST_SURFACE: &str = "train/first_surface.tif";
+/// The surface model.
+pub const DSM: &str = "dsm.tif";
+/// The orthophoto.
+pub const ORTHO: &str = "ortho.tif";
+/// Opacity, spread of altitudes and number of views of every cell.
+pub const CONFIDENCE: &str = "confidence.tif";
+/// The surface model in relief.
+pub const HILLSHADE: &str = "hillshade.tif";
+/// Folder of the scores.
+pub const EVALUATION: &str = "eval";
+/// The scores in such a folder.
+pub const METRICS: &str = "metrics.json";
+/// The page that shows all of it.
+pub const PAGE: &str = "report.html";
