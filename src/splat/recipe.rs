@@ -137,6 +137,9 @@ pub struct Recipe {
     /// Largest shear of the virtual camera, half image sides per metre of altitude (EOGS: 0.01); there is none unless
     /// consistency weighs something.
     pub virtual_shear: f64,
+    /// Every so many iterations there is a virtual view, and consistency weighs that much more.
+    #[serde(default = "always")]
+    pub virtual_every: u32,
     /// Iterations between checks, at which faint splats are removed and others doubled.
     pub check_every: u32,
     /// Doubling; none if absent.
@@ -148,6 +151,11 @@ pub struct Recipe {
     pub heights: RayHeight,
     /// Resets; none if absent.
     pub reset: Option<Reset>,
+}
+
+/// In every iteration.
+fn always() -> u32 {
+    1
 }
 
 impl Recipe {
@@ -189,6 +197,7 @@ impl Recipe {
             opacity_by_start: false,
             shadows_from: 1000,
             virtual_shear: 0.01,
+            virtual_every: always(),
             check_every: 100,
             growth: Some(growth),
             prune_below: 0.0025,
@@ -215,6 +224,7 @@ impl Recipe {
                     half_resolution_until: 3500,
                     // Roofs without texture would drift.
                     hold: Some(0.1),
+                    virtual_every: 2,
                     heights: RayHeight::Median,
                     reset: None,
                     ..baeogs
@@ -278,6 +288,7 @@ impl Recipe {
         }
         let counts = [
             ("iterations", self.iterations),
+            ("virtual_every", self.virtual_every),
             ("check_every", self.check_every),
             ("reset.every", self.reset.map_or(1, |r| r.every)),
         ];
@@ -338,6 +349,7 @@ mod tests {
             ("logit = 0.05", "logit = nan", "rates.logit = NaN"),
             ("gradient = 0.0006", "gradient = -1.0", "growth.gradient = -1"),
             ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0 "),
+            ("virtual_every = 1", "virtual_every = 0", "virtual_every = 0"),
             ("check_every = 100", "check_every = 0", "check_every = 0"),
             ("iterations = 5000", "iterations = 0", "iterations = 0"),
             ("start = \"points\"", "begin = \"points\"", "unknown field `begin`"),

@@ -124,17 +124,21 @@ impl Schedule<'_> {
         });
         let rests = |span: fn(&super::recipe::Reset) -> u32| past_reset.is_some_and(|(r, s)| s < span(&r));
         let left = if r.opacity_by_start { splats as f64 / self.splats_at_start as f64 } else { 1.0 };
+        let times = f64::from(r.virtual_every);
         let weights = LossWeights {
             opacity: if rests(|r| r.opacity_loss_rests) { 0.0 } else { r.weights.opacity * left },
+            consistency_altitude: r.weights.consistency_altitude * times,
+            consistency_color: r.weights.consistency_color * times,
             ..r.weights
         };
         let shadows = iteration > r.shadows_from;
+        let is_consistent = shadows && iteration.is_multiple_of(r.virtual_every) && weights.has_consistency();
         StepPlan {
             iteration,
             view: self.view(iteration),
             level: usize::from(iteration <= r.half_resolution_until),
             shadows,
-            virtual_shear: (shadows && weights.has_consistency()).then(|| self.virtual_shear(iteration)),
+            virtual_shear: is_consistent.then(|| self.virtual_shear(iteration)),
             background: std::array::from_fn(|_| background.uniform() as f32),
             weights,
             rates: self.rates(),
@@ -219,6 +223,17 @@ mod tests {
             Schedule { recipe: &recipe, views: 7, half_side_m: 226.0, splats_at_start: 10, seed: 1 };
         let plan = schedule.plan(recipe.iterations, 10);
         assert!(plan.shadows && plan.virtual_shear.is_none());
+    }
+
+    #[test]
+    fn fewer_virtual_views_weigh_more() {
+        let recipe = Recipe { virtual_every: 3, ..Recipe::named("baeogs").unwrap() };
+        let schedule =
+            Schedule { recipe: &recipe, views: 7, half_side_m: 226.0, splats_at_start: 10, seed: 1 };
+        let plans: Vec<_> = (1200..1206).map(|i| schedule.plan(i, 10)).collect();
+        let drawn: Vec<bool> = plans.iter().map(|p| p.virtual_shear.is_some()).collect();
+        assert_eq!(drawn, [true, false, false, true, false, false]);
+        assert_eq!(plans[0].weights.consistency_color, 3.0 * recipe.weights.consistency_color);
     }
 
     #[test]
