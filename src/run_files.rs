@@ -2,8 +2,12 @@
 
 /// The scene as read.
 pub const SCENE: &str = "scene.json";
-/// Figures of the adjustment.
-pub const ADJUSTMENT: &str = "ba/report.json";
+/// Folder of the adjustment.
+pub const ADJUSTMENT: &str = "ba";
+/// The adjustment's figures, in its folder.
+pub const ADJUSTMENT_REPORT: &str = "report.json";
+/// The adjusted tie points, in its folder.
+pub const SPARSE_POINTS: &str = "points.laz";
 /// Site and cameras in its frame, with each view's radiometry.
 pub const CAMERAS: &str = "cameras.json";
 /// What an interrupted training goes on from.
@@ -26,7 +30,11 @@ pub const CONFIDENCE: &str = "confidence.tif";
 pub const HILLSHADE: &str = "hillshade.tif";
 /// Folder of the scores.
 pub const EVALUATION: &str = "eval";
-/// The scores in such a folder.
+/// The scores, in such a folder.
 pub const METRICS: &str = "metrics.json";
+/// The map of errors, in such a folder.
+pub const ERROR_MAP: &str = "error.tif";
+/// What a stage was made from, in its folder.
+pub const STAGE: &str = "stage.json";
 /// The page that shows all of it.
 pub const PAGE: &str = "report.html";

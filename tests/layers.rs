@@ -17,7 +17,7 @@ const LAYERS: [(&str, Option<&[&str]>); 16] = [
     ("scene", None),
     // The simulator makes the truth: it must share nothing with what is tested against it.
     ("simulate", Some(&["event", "frame", "raster", "rpc", "scene"])),
-    ("bundle", Some(&["event", "frame", "raster", "checkpoint", "rpc", "scene"])),
+    ("bundle", Some(&["event", "run_files", "frame", "raster", "checkpoint", "rpc", "scene"])),
     ("affine", Some(&["event", "frame", "raster", "rpc", "scene", "bundle"])),
     ("splat", Some(&["event", "frame", "raster", "checkpoint", "rpc", "scene", "bundle", "affine"])),
     ("dsm", Some(&["event", "frame", "raster", "rpc", "scene", "bundle", "affine", "splat"])),

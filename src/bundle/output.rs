@@ -7,6 +7,7 @@ use crate::frame::{CenterPx, Geodetic, Pixel, Point, SiteGrid};
 use crate::raster::{CloudPoint, Marker, PointCloud, Vertical, epsg_of_cloud, write_file, write_markers};
 use crate::rpc::Rpc;
 use crate::rpc::formats;
+use crate::run_files::{ADJUSTMENT_REPORT, SPARSE_POINTS};
 use crate::scene::{Scene, View};
 use las::Reader;
 use serde::Deserialize;
@@ -93,7 +94,7 @@ impl Adjustment {
         self.write_tie_points(folder)?;
         self.write_figures(folder, scene)?;
         let report = serde_json::to_string_pretty(&self.report).unwrap_or_default();
-        Ok(write_file(&folder.join("report.json"), report)?)
+        Ok(write_file(&folder.join(ADJUSTMENT_REPORT), report)?)
     }
 
     /// Reads what [`Adjustment::write`] wrote.
@@ -101,7 +102,7 @@ impl Adjustment {
     /// # Errors
     /// [`BundleError`].
     pub fn read(folder: &Path) -> Result<Self, BundleError> {
-        let path = folder.join("report.json");
+        let path = folder.join(ADJUSTMENT_REPORT);
         let damaged = |reason: String| BundleError::Points { path: path.clone(), reason };
         let text = std::fs::read_to_string(&path).map_err(|e| damaged(e.to_string()))?;
         let report: Report = serde_json::from_str(&text).map_err(|e| damaged(e.to_string()))?;
@@ -113,7 +114,7 @@ impl Adjustment {
                 Ok((v.name.clone(), formats::read(&file)?.rpc))
             })
             .collect::<Result<Vec<_>, BundleError>>()?;
-        let points = read_points(&folder.join("points.laz"))?;
+        let points = read_points(&folder.join(SPARSE_POINTS))?;
         Ok(Self { cameras, points, tie_points: Vec::new(), quality: Vec::new(), report })
     }
 
@@ -220,7 +221,7 @@ impl Adjustment {
 
     /// `points.laz`, and the same as `points.ply`.
     pub(super) fn write_points(&self, folder: &Path) -> Result<(), BundleError> {
-        let path = &folder.join("points.laz");
+        let path = &folder.join(SPARSE_POINTS);
         let refused = |reason: String| BundleError::Points { path: path.clone(), reason };
         let Some(first) = self.points.first() else { return Err(refused("there are no points".into())) };
         let grid = SiteGrid::at(first.position).map_err(|e| refused(e.to_string()))?;

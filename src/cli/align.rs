@@ -9,7 +9,7 @@ use crate::frame::{Geodetic, Point, SiteGrid, Utm};
 use crate::metrics::{Surface, Truth, TruthOptions};
 use crate::raster::{MapGrid, RasterError, Vertical, write_moved};
 use crate::run_files::{
-    CAMERAS, CHECKPOINT, CONFIDENCE, DSM, FIRST_SURFACE, HILLSHADE, ORTHO, SPLATS, SURFACE,
+    ADJUSTMENT, CAMERAS, CHECKPOINT, CONFIDENCE, DSM, FIRST_SURFACE, HILLSHADE, ORTHO, SPLATS, SURFACE,
 };
 use crate::scene::Scene;
 use crate::splat::ply;
@@ -72,7 +72,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         let message = format!("`{}` holds a training that is not complete", run.display());
         return Err(Failure::input(message, "`satgs train RUN` completes it"));
     }
-    let adjustment = Adjustment::read_all(&run.join("ba"))?;
+    let adjustment = Adjustment::read_all(&run.join(ADJUSTMENT))?;
     let at = adjustment.points.first().map(|p| p.position);
     let at = at.ok_or_else(|| Failure::input("the run has no sparse points", "`satgs ba` makes them"))?;
     let map = SiteGrid::at(at)?;
@@ -159,7 +159,7 @@ fn stage(
     for c in &mut adjustment.report.control {
         c.moved_m = std::array::from_fn(|k| c.moved_m[k] + shift.enu()[k]);
     }
-    adjustment.write(&to.join("ba"), scene)?;
+    adjustment.write(&to.join(ADJUSTMENT), scene)?;
     if run.join(CAMERAS).exists() {
         let mut cameras = TrainedCameras::read(run)?;
         let origin = cameras.setup.site.origin;

@@ -6,11 +6,9 @@ use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui, align};
 use crate::bundle::{Adjustment, HeightPrior, LeftOut, Model, Options, adjust, read_control};
 use crate::raster::Vertical;
-use crate::run_files::{ADJUSTMENT, SCENE};
+use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
 use crate::scene::{Dem, Scene};
 use std::path::{Path, PathBuf};
-
-/// What adjustment found, in a run's folder.
 
 /// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, points.laz and .ply, tie_points.csv and .gpkg, report.json,
 /// pictures
@@ -137,7 +135,7 @@ pub fn require_all(run: &Path, left_out: &[LeftOut]) -> Result<(), Failure> {
     }
     let names: Vec<String> = left_out.iter().map(|(name, _)| format!("`{name}`")).collect();
     let message = format!("adjusted without {}", names.join(", "));
-    let report = run.join(ADJUSTMENT);
+    let report = run.join(ADJUSTMENT).join(ADJUSTMENT_REPORT);
     Err(Failure::partial(message, format!("`{}` says why; all else is complete", report.display())))
 }
 
@@ -147,17 +145,14 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     let dem = args.dem(&scene)?;
     let heights = dem.as_ref().map(Dem::heights_to_search).or(args.height_range);
     refuse_output_inside(&args.output, args.scene.path())?;
-    let stage = Stage::new(
-        &args.output,
-        "ba",
-        &[SCENE, ADJUSTMENT, "ba/points.laz"],
-        args.fingerprint(&scene, heights),
-    );
-    let keypoints = args.output.join("ba/keypoints");
+    let folder = args.output.join(ADJUSTMENT);
+    let outputs = [args.output.join(SCENE), folder.join(ADJUSTMENT_REPORT), folder.join(SPARSE_POINTS)];
+    let stage = Stage::new(&args.output, ADJUSTMENT, &outputs, args.fingerprint(&scene, heights));
+    let keypoints = folder.join("keypoints");
     if stage.is_done(args.overwrite)? {
         forget(&keypoints);
         ui.note(&format!("`{}` is adjusted already", args.output.display()));
-        return Ok(Adjustment::read(&args.output.join("ba"))?.report.left_out);
+        return Ok(Adjustment::read(&folder)?.report.left_out);
     }
     let started = std::time::Instant::now();
     let control = args.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();
@@ -175,7 +170,7 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
         views: scene.views.into_iter().filter(|v| adjustment.cameras.iter().any(|c| c.0 == v.name)).collect(),
         ..scene
     };
-    adjustment.write(&args.output.join("ba"), &used)?;
+    adjustment.write(&folder, &used)?;
     align::forget(&args.output)?;
     write_json(&args.output.join(SCENE), &used)?;
     stage.complete()?;

@@ -6,12 +6,11 @@ use crate::metrics::{
 };
 use crate::raster::{Cog, Vertical, write_file, write_png_rgb};
 use crate::report::{FIGURES, SCORE_NOTE, ScoreTable, figures, score_tables};
-use crate::run_files::METRICS;
+use crate::run_files::{ERROR_MAP, METRICS};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// What `-o` receives, beside the figures.
-const ERROR_MAP: &str = "error.tif";
 const ERROR_STYLE: &str = "error.qml";
 const ERROR_PICTURE: &str = "error.png";
 

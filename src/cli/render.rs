@@ -6,7 +6,7 @@ use crate::affine::sun_direction;
 use crate::bundle::Adjustment;
 use crate::raster::{Cog, MapGrid, SensorImage, Vertical, write_png_rgb};
 use crate::rpc::{Rpc, formats};
-use crate::run_files::SPLATS;
+use crate::run_files::{ADJUSTMENT, SPLATS};
 use crate::scene::Sun;
 use crate::splat::novel::{NovelView, Picture};
 use crate::splat::ply;
@@ -155,7 +155,7 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
 /// A view's camera as adjusted.
 fn corrected_camera(run: &Path, name: &str) -> Result<Rpc, Failure> {
     let scene = read_scene(run)?;
-    let cameras = Adjustment::read(&run.join("ba"))?.cameras_of(&scene)?;
+    let cameras = Adjustment::read(&run.join(ADJUSTMENT))?.cameras_of(&scene)?;
     let camera = scene.views.iter().zip(cameras).find(|(view, _)| view.name == name);
     camera.map(|(_, rpc)| rpc).ok_or_else(|| {
         Failure::input(format!("scene.json has no view `{name}`"), "`satgs ba SCENE -o RUN` makes it")

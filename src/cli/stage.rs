@@ -2,6 +2,7 @@
 
 use super::Failure;
 use crate::raster::{RasterError, write_file};
+use crate::run_files::STAGE;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -36,7 +37,7 @@ impl Stage {
         fingerprint: Fingerprint,
     ) -> Self {
         let outputs = outputs.iter().map(|o| run.join(o)).collect();
-        Self { record: run.join(name).join("stage.json"), name, fingerprint, outputs }
+        Self { record: run.join(name).join(STAGE), name, fingerprint, outputs }
     }
 
     /// Whether the stage is complete, made from the same things, and what it made is still there.

@@ -10,7 +10,9 @@ use crate::dsm::altitudes;
 use crate::event::Event;
 use crate::frame::{Point, Site};
 use crate::raster::{RasterError, write_atomically};
-use crate::run_files::{CAMERAS, CHECKPOINT, FIRST_SURFACE, SCENE, SPLATS, SURFACE, TRAINING};
+use crate::run_files::{
+    ADJUSTMENT, CAMERAS, CHECKPOINT, FIRST_SURFACE, SCENE, SPLATS, STAGE, SURFACE, TRAINING,
+};
 use crate::scene::Scene;
 use crate::splat::backend::{Snapshot, TrainingBackend};
 use crate::splat::cpu::CpuBackend;
@@ -161,7 +163,7 @@ struct Job<'a> {
 impl<'a> Job<'a> {
     /// The training of a run's scene as it was adjusted.
     fn new(run: &'a Path, options: &'a Options, recipe: Recipe, scene: &Scene) -> Result<Self, Failure> {
-        let adjustment = Adjustment::read(&run.join("ba"))?;
+        let adjustment = Adjustment::read(&run.join(ADJUSTMENT))?;
         let points = adjustment.positions();
         let setup = Setup::new(scene, &adjustment.cameras_of(scene)?, &points)?;
         for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
@@ -274,7 +276,7 @@ fn fingerprint(run: &Path, recipe: &Recipe, seed: u64) -> Fingerprint {
     let recipe_text = serde_json::to_string(recipe).unwrap_or_default();
     Fingerprint::from([
         ("scene".into(), hash_file(&run.join(SCENE))),
-        ("adjustment".into(), hash_file(&run.join("ba").join("stage.json"))),
+        ("adjustment".into(), hash_file(&run.join(ADJUSTMENT).join(STAGE))),
         ("recipe".into(), format!("{} {}", recipe.name, hash(recipe_text.as_bytes()))),
         ("iterations".into(), recipe.iterations.to_string()),
         ("seed".into(), seed.to_string()),

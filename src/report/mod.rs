@@ -13,7 +13,7 @@ pub use figures::{FIGURES, figures};
 pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
 
 use crate::raster::{RasterError, write_file};
-use crate::run_files::PAGE;
+use crate::run_files::{PAGE, SCENE};
 use std::path::{Path, PathBuf};
 
 /// Why a report could not be made.
@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 #[non_exhaustive]
 pub enum ReportError {
     /// The folder holds no run.
-    #[error("`{run}` holds no run: `{run}/scene.json` does not exist")]
+    #[error("`{run}` holds no run: `{run}/{SCENE}` does not exist")]
     #[diagnostic(help("`satgs run SCENE -o RUN` makes one"))]
     NoRun {
         /// The folder.
@@ -47,7 +47,7 @@ pub enum ReportError {
 /// # Errors
 /// [`ReportError`].
 pub fn write(run: &Path) -> Result<PathBuf, ReportError> {
-    if !run.join("scene.json").exists() {
+    if !run.join(SCENE).exists() {
         return Err(ReportError::NoRun { run: run.into() });
     }
     let name = run.canonicalize().ok().and_then(|r| Some(r.file_name()?.to_string_lossy().into_owned()));

@@ -8,7 +8,9 @@ use crate::bundle::Report;
 use crate::dsm::hillshade;
 use crate::metrics::{error_picture, onto_grid};
 use crate::raster::{MapGrid, Plane, RasterError};
-use crate::run_files::{ADJUSTMENT, DSM, EVALUATION, METRICS, ORTHO, TRAINING};
+use crate::run_files::{
+    ADJUSTMENT, ADJUSTMENT_REPORT, DSM, ERROR_MAP, EVALUATION, METRICS, ORTHO, SCENE, STAGE, TRAINING,
+};
 use crate::scene::{Role, Scene};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -20,11 +22,11 @@ const THUMBNAIL: usize = 240;
 /// Points of a curve; more are averaged.
 const CURVE_POINTS: usize = 240;
 /// Stages that leave a record.
-const STAGES: [&str; 3] = ["ba", "train", "dsm"];
+const STAGES: [&str; 3] = [ADJUSTMENT, "train", "dsm"];
 
 /// The views: pictures, angles, sky.
 pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
-    let Some(scene) = read_json::<Scene>(&run.join("scene.json"))? else {
+    let Some(scene) = read_json::<Scene>(&run.join(SCENE))? else {
         return Ok(missing("ba SCENE -o RUN"));
     };
     let (low, high) = scene.height_range();
@@ -78,7 +80,7 @@ pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
 
 /// Residuals of the bundle adjustment.
 pub(super) fn adjustment(run: &Path) -> Result<String, ReportError> {
-    let Some(report) = read_json::<Report>(&run.join(ADJUSTMENT))? else {
+    let Some(report) = read_json::<Report>(&run.join(ADJUSTMENT).join(ADJUSTMENT_REPORT))? else {
         return Ok(missing("ba SCENE -o RUN"));
     };
     let mut out = format!(
@@ -187,7 +189,7 @@ pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
         return Ok(missing("run SCENE -o RUN --truth DSM"));
     };
     let mut out = String::new();
-    let (dsm, errors) = (run.join(DSM), folder.join("error.tif"));
+    let (dsm, errors) = (run.join(DSM), folder.join(ERROR_MAP));
     if dsm.exists() && errors.exists() {
         let ((surface, from), (errors, grid)) = (map(&dsm)?, map(&errors)?);
         if let Ok((surface, _)) = onto_grid(&surface[0], &from, &grid) {
@@ -209,7 +211,7 @@ pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
 pub(super) fn commands(run: &Path) -> Result<String, ReportError> {
     let mut out = String::new();
     for stage in STAGES {
-        let Some(record) = read_json::<Value>(&run.join(stage).join("stage.json"))? else { continue };
+        let Some(record) = read_json::<Value>(&run.join(stage).join(STAGE))? else { continue };
         let text = |key: &str| escape(record[key].as_str().unwrap_or("not recorded"));
         let made_from = record["made_from"].as_object().into_iter().flatten();
         let rows = made_from.map(|(k, v)| vec![k.clone(), v.as_str().unwrap_or_default().to_owned()]);

@@ -20,7 +20,7 @@ impl<T: Real> Default for Appearance<T> {
     }
 }
 
-/// For a pixel, or for sixteen with a row of lanes as the number.
+/// For a pixel, or for several with a row of lanes as the number.
 impl<T: Ring> Appearance<T> {
     /// `W rgb + t`.
     #[inline(always)]

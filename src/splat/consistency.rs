@@ -33,6 +33,24 @@ struct Sums {
     color: f64,
 }
 
+/// What the differences weigh in the loss.
+#[derive(Clone, Copy, Debug)]
+pub struct Weights {
+    /// A metre of altitude.
+    pub altitude: f64,
+    /// A colour.
+    pub color: f64,
+}
+
+/// Values that are still to be multiplied: by what is only known once all of them are.
+#[derive(Clone, Copy)]
+pub struct Scaled<'a, T> {
+    /// The values.
+    pub layers: &'a Layers<T>,
+    /// The factor.
+    pub factor: T,
+}
+
 /// Mean differences over the pixels that see the same surface.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Difference {
@@ -45,13 +63,13 @@ pub struct Difference {
 impl<T: Lanewise> Consistency<T> {
     /// Compares colours and altitudes of a view with those of a virtual view, whose pixels `lookup` finds.
     ///
-    /// Derivatives are of `weight.altitude` times the altitudes' difference plus `weight.color` times the colours'.
+    /// Derivatives are of `weights.altitude` times the altitudes' difference plus `weights.color` times the colours'.
     pub fn compare(
         &mut self,
         view: &Layers<T>,
         virtual_view: &Layers<T>,
         lookup: &Lookup<T>,
-        weight: Difference,
+        weights: Weights,
     ) -> Difference {
         let Layers { width, height, .. } = *view;
         let rows = stripe_rows(height);
@@ -61,7 +79,7 @@ impl<T: Lanewise> Consistency<T> {
         let by_view = self.by_view.data.par_chunks_mut(rows * 4 * width);
         by_view.zip(&mut self.stripes).enumerate().for_each(|(k, (by_view, stripe))| {
             let first_row = k * rows;
-            T::dispatch(Compare { view, virtual_view, lookup, weight, first_row, by_view, stripe });
+            T::dispatch(Compare { view, virtual_view, lookup, weights, first_row, by_view, stripe });
         });
         let sum = |of: fn(&Sums) -> f64| self.stripes.iter().map(|s| of(&s.sums)).sum::<f64>();
         let pixels = sum(|s| s.pixels).max(1.0);
@@ -72,13 +90,15 @@ impl<T: Lanewise> Consistency<T> {
     }
 
     /// Derivatives by the virtual view's colours and altitudes.
+    #[must_use]
     pub fn by_virtual(&self) -> &Layers<T> {
         &self.by_virtual
     }
 
-    /// Derivatives by the view's colours and altitudes, all to be multiplied by the second value.
-    pub fn by_view(&self) -> (&Layers<T>, T) {
-        (&self.by_view, self.share)
+    /// Derivatives by the view's colours and altitudes.
+    #[must_use]
+    pub fn by_view(&self) -> Scaled<'_, T> {
+        Scaled { layers: &self.by_view, factor: self.share }
     }
 }
 
@@ -87,7 +107,7 @@ struct Compare<'a, T> {
     view: &'a Layers<T>,
     virtual_view: &'a Layers<T>,
     lookup: &'a Lookup<T>,
-    weight: Difference,
+    weights: Weights,
     first_row: usize,
     by_view: &'a mut [T],
     stripe: &'a mut Stripe<T>,
@@ -96,15 +116,15 @@ struct Compare<'a, T> {
 impl<T: Lanewise> Kernel<T> for Compare<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        let Self { view, virtual_view, lookup, weight, first_row, by_view, stripe } = self;
+        let Self { view, virtual_view, lookup, weights, first_row, by_view, stripe } = self;
         let width = view.width;
         let rows = first_row..first_row + by_view.len() / (4 * width);
         let altitudes = rows.clone().flat_map(|r| view.row(3, r));
         stripe.by_virtual.open(virtual_view.width, lookup.rows(rows, altitudes, virtual_view.height));
         stripe.sums = Sums::default();
         let [zero, one, nearness] = splat_each(lanes, [0.0, 1.0, SAME_SURFACE_M].map(T::of));
-        let weights =
-            splat_each(lanes, [weight.color, weight.color, weight.color, weight.altitude].map(T::of));
+        let Weights { altitude, color } = weights;
+        let weights = splat_each(lanes, [color, color, color, altitude].map(T::of));
         for (k, by_view) in by_view.chunks_mut(4 * width).enumerate() {
             let row = first_row + k;
             let (mut pixels, mut altitude, mut color) = (zero, zero, zero);

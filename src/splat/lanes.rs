@@ -744,6 +744,13 @@ mod tests {
                 let error = (f64::from(lane(power.log2(), 7)) - f64::from(y).log2()).abs();
                 assert!(error < 3e-7 * f64::from(x.abs().max(1.0)), "{x}: {error:e}");
             }
+            for (x, sign) in [(1.5, 1.0), (0.0, 0.0), (-0.25, -1.0), (f32::NAN, 0.0)] {
+                let row = Row::splat(lanes, x);
+                assert_eq!(lane(row.sign(), 1), sign);
+                assert!(x.is_nan() || lane(row.abs(), 4) == x.abs());
+                let positive = row.above(Row::splat(lanes, 0.0));
+                assert_eq!((lane(row.keep(positive), 3), positive.any()), (x.max(0.0), x > 0.0));
+            }
             for x in [0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 7.999_999, 1e6 + 0.5, 4_194_303.5] {
                 let whole = Row::splat(lanes, x).floor();
                 assert_eq!(lane(whole, 2), x.floor());
@@ -755,7 +762,7 @@ mod tests {
     }
 
     #[test]
-    fn exponentials_and_logarithms_are_within_3e7_and_whole_parts_exact() {
+    fn exponentials_and_logarithms_are_within_3e7_and_all_else_is_exact() {
         f32::dispatch(Compare);
         #[cfg(target_arch = "x86_64")]
         if let Some(s) = pulp::x86::V3::try_new() {

@@ -62,15 +62,14 @@ impl<T: Real> Lookup<T> {
         altitude: Row<L>,
         image: &Layers<T>,
     ) -> Places<L> {
-        let number = |n: usize| T::of(n as f64);
-        let last = [image.width, image.height].map(|n| number(n) - T::one());
-        let [shear_x, shear_y, right, bottom, zero, count] = splat_each(
-            lanes,
-            [self.shear[0], self.shear[1], last[0], last[1], T::zero(), number(columns.len())],
-        );
+        let [shear_x, shear_y] = splat_each(lanes, self.shear);
+        let (last_col, last_row) = (T::of(image.width as f64 - 1.0), T::of(image.height as f64 - 1.0));
+        let [zero, right, bottom, count] =
+            splat_each(lanes, [T::zero(), last_col, last_row, T::of(columns.len() as f64)]);
+        let (col, row) = (T::of(columns.start as f64), T::of(row as f64));
         let lane = Row::numbers(lanes);
-        let x = Row::splat(lanes, number(columns.start) - self.origin[0]) + lane - shear_x * altitude;
-        let y = Row::splat(lanes, number(row) - self.origin[1]) - shear_y * altitude;
+        let x = Row::splat(lanes, col - self.origin[0]) + lane - shear_x * altitude;
+        let y = Row::splat(lanes, row - self.origin[1]) - shear_y * altitude;
         let inside = x.at_least(zero).and(y.at_least(zero)).and(right.above(x)).and(bottom.above(y));
         let inside = inside.and(count.above(lane));
         // Also where it is not a number: every place can be read.
@@ -106,8 +105,8 @@ impl<T: Real> Lookup<T> {
     /// Derivative of looked-up values by the altitude, from their slopes by column and row.
     #[inline(always)]
     pub fn by_altitude<L: Lanes<Number = T>>(&self, lanes: L, slopes: [Row<L>; 2]) -> Row<L> {
-        let [x, y] = splat_each(lanes, self.shear.map(|s| -s));
-        x * slopes[0] + y * slopes[1]
+        let [zero, x, y] = splat_each(lanes, [T::zero(), self.shear[0], self.shear[1]]);
+        zero - x * slopes[0] - y * slopes[1]
     }
 }
 

@@ -5,7 +5,7 @@
 //! sheared camera must show the same ([`Consistency`]).
 
 use super::appearance::Appearance;
-use super::consistency::{Consistency, Difference};
+use super::consistency::{Consistency, Difference, Weights};
 use super::gaussians::{Gaussians, SH_C0};
 use super::lanes::Lanewise;
 use super::lookup::Lookup;
@@ -157,10 +157,11 @@ impl<T: Lanewise> Objective<T> {
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
     ) -> Losses {
-        let shadow_entropy = self.show(gaussians, appearance, shot, watch);
+        self.show(gaussians, appearance, shot, watch);
         let (picture, _) = self.photometric.compare(self.shading.picture(), shot.truth);
         watch.lap("pixels", "SSIM and L1");
-        let weight = Difference { altitude: weights.consistency_altitude, color: weights.consistency_color };
+        let consistency =
+            Weights { altitude: weights.consistency_altitude, color: weights.consistency_color };
         let difference = match &shot.virtual_view {
             Some(v) => {
                 draw(
@@ -173,7 +174,7 @@ impl<T: Lanewise> Objective<T> {
                     watch,
                 );
                 let others = self.virtual_view.image();
-                let difference = self.consistency.compare(self.view.image(), others, &v.lookup, weight);
+                let difference = self.consistency.compare(self.view.image(), others, &v.lookup, consistency);
                 watch.lap(VIRTUAL, "consistency");
                 difference
             }
@@ -196,7 +197,7 @@ impl<T: Lanewise> Objective<T> {
             opacity: (0..n).map(|rank| self.prepared.opacity(rank).wide()).sum::<f64>() / n.max(1) as f64,
             consistency_altitude: difference.altitude,
             consistency_color: difference.color,
-            shadow_entropy,
+            shadow_entropy: self.shading.entropy(),
         };
         losses.total = picture.loss()
             + weights.opacity * losses.opacity
@@ -207,15 +208,14 @@ impl<T: Lanewise> Objective<T> {
         losses
     }
 
-    /// Makes the picture of one shot, whose `truth` and `virtual_view` do not matter; returns the mean entropy of the
-    /// shares of sunlight.
+    /// Makes the picture of one shot, whose `truth` and `virtual_view` do not matter.
     pub fn show(
         &mut self,
         gaussians: &Gaussians<T>,
         appearance: &Appearance<T>,
         shot: &Shot<T>,
         watch: &mut Stopwatch,
-    ) -> f64 {
+    ) {
         self.prepare(gaussians);
         watch.lap("splats", "order and covariances");
         let prepared = &self.prepared;
@@ -223,9 +223,8 @@ impl<T: Lanewise> Objective<T> {
         if let Some(sun) = &shot.sun {
             draw(&mut self.sun, SUN, prepared, &self.altitudes, &sun.camera, [shot.floor], watch);
         }
-        let entropy = self.shading.show(scene(&self.view, &self.sun, appearance, shot));
+        self.shading.show(scene(&self.view, &self.sun, appearance, shot));
         watch.lap("pixels", "picture");
-        entropy
     }
 
     /// The view's render of the last evaluation: colours, altitude, transmittance.

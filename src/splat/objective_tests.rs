@@ -24,38 +24,53 @@ struct Setup<T: Real> {
     truth: Layers<T>,
     valid: Vec<bool>,
     objective: Objective<T>,
+    has_sun: bool,
+    has_virtual_view: bool,
 }
 
 impl<T: Lanewise> Setup<T> {
     fn new() -> Self {
-        let mut draw = Draw::new(9, 0, 0, 0);
-        let mut truth = Layers::zeros(27, 25, 3);
-        truth.data.iter_mut().for_each(|v| *v = T::of(draw.uniform()));
-        let mut valid = vec![true; 27 * 25];
+        let mut setup = Self {
+            truth: Layers::default(),
+            valid: Vec::new(),
+            objective: Objective::default(),
+            has_sun: true,
+            has_virtual_view: true,
+        };
+        setup.resize(27, 25);
         for masked in [40, 41, 300] {
-            valid[masked] = false;
+            setup.valid[masked] = false;
             for c in 0..3 {
-                *truth.at_mut(c, masked % 27, masked / 27) = T::zero();
+                *setup.truth.at_mut(c, masked % 27, masked / 27) = T::zero();
             }
         }
-        Self { truth, valid, objective: Objective::default() }
+        setup
     }
 
-    fn evaluate(&mut self, g: &Gaussians<T>, a: &Appearance<T>) -> (f64, Gradient<T>) {
-        let camera = AffineCamera { linear: [[2.3, 0.2, 0.5], [0.3, -2.2, 0.7]], offset: [13.3, 11.8] };
-        let size = (27, 25);
+    /// Looks at an image of another size; all of its pixels count.
+    fn resize(&mut self, width: usize, height: usize) {
+        let mut draw = Draw::new(9, 0, 0, 0);
+        self.truth = Layers::zeros(width, height, 3);
+        self.truth.data.iter_mut().for_each(|v| *v = T::of(draw.uniform()));
+        self.valid = vec![true; width * height];
+    }
+
+    fn evaluate(&mut self, g: &Gaussians<T>, a: &Appearance<T>) -> (Losses, Gradient<T>) {
+        let size @ (width, height) = (self.truth.width, self.truth.height);
+        let offset = [width as f64 / 2.0 - 0.2, height as f64 / 2.0 - 0.7];
+        let camera = AffineCamera { linear: [[2.3, 0.2, 0.5], [0.3, -2.2, 0.7]], offset };
         let shot = Shot {
-            camera: FrameCamera::new(&camera, 27, 25),
+            camera: FrameCamera::new(&camera, width, height),
             truth: &self.truth,
             valid: &self.valid,
-            sun: Some(Sheared::sun(&camera, size, [1.7, -1.1], (-5.0, 4.0))),
-            virtual_view: Some(Sheared::virtual_view(&camera, size, [-0.4, 0.3])),
+            sun: self.has_sun.then(|| Sheared::sun(&camera, size, [1.7, -1.1], (-5.0, 4.0))),
+            virtual_view: self.has_virtual_view.then(|| Sheared::virtual_view(&camera, size, [-0.4, 0.3])),
             background: [0.3, 0.8, 0.1].map(T::of),
             floor: T::of(-5.0),
         };
         let mut gradient = Gradient::default();
         let losses = self.objective.evaluate(g, a, &shot, &WEIGHTS, &mut gradient, &mut Stopwatch::default());
-        (losses.total, gradient)
+        (losses, gradient)
     }
 }
 
@@ -92,20 +107,22 @@ fn largest(values: &[f64]) -> f64 {
 fn every_gradient_agrees_with_central_differences_in_f64() {
     let mut setup = Setup::new();
     let (g, a) = (splats(45, 1), appearance());
-    let (_, gradient) = setup.evaluate(&g, &a);
+    let (losses, gradient) = setup.evaluate(&g, &a);
+    let Losses { consistency_altitude, consistency_color, shadow_entropy, .. } = losses;
+    assert!(consistency_altitude > 0.0 && consistency_color > 0.0 && shadow_entropy > 0.0);
     for group in 0..5 {
         let analytic = gradient.splats.groups()[group].to_vec();
         let w = worst(&analytic, largest(&analytic), |k, e| {
             let mut moved = g.clone();
             moved.groups_mut()[group][k] += e;
-            setup.evaluate(&moved, &a).0
+            setup.evaluate(&moved, &a).0.total
         });
         assert!(w < 1e-6, "group {group}: {w:e}");
     }
     let w = worst(&gradient.appearance, largest(&gradient.appearance), |k, e| {
         let mut moved = a;
         moved.values[k] += e;
-        setup.evaluate(&g, &moved).0
+        setup.evaluate(&g, &moved).0.total
     });
     assert!(w < 1e-6, "appearance: {w:e}");
 }
@@ -115,21 +132,49 @@ fn f32_agrees_with_f64() {
     for seed in 0..5 {
         let (g, a) = (splats(60, seed), appearance());
         let (_, exact) = Setup::new().evaluate(&g, &a);
-        let narrow = Gaussians {
-            position: g.position.iter().map(|v| v.map(|x| x as f32)).collect(),
-            log_scale: g.log_scale.iter().map(|v| v.map(|x| x as f32)).collect(),
-            rotation: g.rotation.iter().map(|v| v.map(|x| x as f32)).collect(),
-            logit: g.logit.iter().map(|x| *x as f32).collect(),
-            f_dc: g.f_dc.iter().map(|v| v.map(|x| x as f32)).collect(),
-        };
-        let (_, fast) = Setup::new().evaluate(&narrow, &Appearance { values: a.values.map(|v| v as f32) });
-        for (k, (x, y)) in exact.splats.groups().iter().zip(fast.splats.groups()).enumerate() {
-            let worst = x.iter().zip(y).map(|(x, y)| (x - f64::from(*y)).abs()).fold(0.0, f64::max);
-            assert!(worst < 1e-3 * largest(x), "seed {seed} group {k}: {worst:e} of {:e}", largest(x));
+        let (_, fast) =
+            Setup::new().evaluate(&narrow(&g), &Appearance { values: a.values.map(|v| v as f32) });
+        assert_agree(&exact, &fast, &format!("seed {seed}"));
+    }
+}
+
+fn narrow(g: &Gaussians<f64>) -> Gaussians<f32> {
+    Gaussians {
+        position: g.position.iter().map(|v| v.map(|x| x as f32)).collect(),
+        log_scale: g.log_scale.iter().map(|v| v.map(|x| x as f32)).collect(),
+        rotation: g.rotation.iter().map(|v| v.map(|x| x as f32)).collect(),
+        logit: g.logit.iter().map(|x| *x as f32).collect(),
+        f_dc: g.f_dc.iter().map(|v| v.map(|x| x as f32)).collect(),
+    }
+}
+
+fn assert_agree(exact: &Gradient<f64>, fast: &Gradient<f32>, case: &str) {
+    let pairs = exact.splats.groups().into_iter().zip(fast.splats.groups());
+    for (group, (x, y)) in pairs.chain([(&exact.appearance[..], &fast.appearance[..])]).enumerate() {
+        let worst = x.iter().zip(y).map(|(x, y)| (x - f64::from(*y)).abs()).fold(0.0, f64::max);
+        assert!(worst <= 1e-3 * largest(x), "{case} group {group}: {worst:e} of {:e}", largest(x));
+    }
+}
+
+#[test]
+fn images_of_any_size_agree_whatever_was_looked_at_before() {
+    let (g, a) = (splats(60, 3), appearance());
+    let (few, radiometry) = (narrow(&g), Appearance { values: a.values.map(|v| v as f32) });
+    let mut used = Setup::<f32>::new();
+    let mut case = 0;
+    for width in [17, 1, 2, 7, 8, 9, 15, 16, 20] {
+        for height in [20, 1, 3] {
+            let mut fresh = Setup::<f64>::new();
+            used.resize(width, height);
+            fresh.resize(width, height);
+            case += 1;
+            (used.has_sun, used.has_virtual_view) = (case % 2 == 0, case % 3 == 0);
+            (fresh.has_sun, fresh.has_virtual_view) = (used.has_sun, used.has_virtual_view);
+            let (exact, fast) = (fresh.evaluate(&g, &a), used.evaluate(&few, &radiometry));
+            let name = format!("{width} x {height}, {} {}", used.has_sun, used.has_virtual_view);
+            assert!((exact.0.total - fast.0.total).abs() < 1e-4, "{name}");
+            assert_agree(&exact.1, &fast.1, &name);
         }
-        let pairs = exact.appearance.iter().zip(fast.appearance);
-        let worst = pairs.map(|(x, y)| (x - f64::from(y)).abs()).fold(0.0, f64::max);
-        assert!(worst < 1e-3 * largest(&exact.appearance), "appearance {worst:e}");
     }
 }
 

@@ -4,7 +4,8 @@
 //! sunlight is `exp(ρ min(-Δ, 0))`. The view's radiometry and that share make the picture.
 
 use super::appearance::Appearance;
-use super::lanes::{Kernel, Lanes, Lanewise, Row, splat_each, sum_each};
+use super::consistency::Scaled;
+use super::lanes::{Kernel, LANES, Lanes, Lanewise, Row, splat_each, sum_each};
 use super::lookup::{Lookup, Window, stripe_rows, sum_windows};
 use super::raster::Layers;
 use super::real::Real;
@@ -35,8 +36,8 @@ pub struct ByPicture<'a, T> {
     pub picture: &'a Layers<T>,
     /// By the mean entropy.
     pub entropy: f64,
-    /// By the view besides, with a factor.
-    pub view: Option<(&'a Layers<T>, T)>,
+    /// By the view besides.
+    pub view: Option<Scaled<'a, T>>,
 }
 
 /// Makes pictures; keeps its buffers.
@@ -59,8 +60,8 @@ struct Stripe<T> {
 }
 
 impl<T: Lanewise> Shading<T> {
-    /// Makes the picture; returns the mean entropy of the shares of sunlight, bits.
-    pub fn show(&mut self, scene: Scene<T>) -> f64 {
+    /// Makes the picture.
+    pub fn show(&mut self, scene: Scene<T>) {
         let Layers { width, height, .. } = *scene.view;
         let rows = stripe_rows(height);
         self.picture.resize(width, height, 3);
@@ -72,7 +73,13 @@ impl<T: Lanewise> Shading<T> {
             let entropy = &mut stripe.entropy;
             T::dispatch(Show { scene, first_row: k * rows, picture, sunlight, entropy });
         });
-        self.stripes.iter().map(|s| s.entropy).sum::<f64>() / (width * height) as f64
+    }
+
+    /// Mean entropy of the last picture's shares of sunlight, bits.
+    #[must_use]
+    pub fn entropy(&self) -> f64 {
+        let pixels = self.sunlight.width * self.sunlight.height;
+        self.stripes.iter().map(|s| s.entropy).sum::<f64>() / pixels as f64
     }
 
     /// From derivatives by the last picture to those by view and sun's image; returns those by the radiometry.
@@ -100,21 +107,25 @@ impl<T: Lanewise> Shading<T> {
     }
 
     /// The picture, three channels.
+    #[must_use]
     pub fn picture(&self) -> &Layers<T> {
         &self.picture
     }
 
     /// The share of sunlight in the picture, the first channel.
+    #[must_use]
     pub fn sunlight(&self) -> &Layers<T> {
         &self.sunlight
     }
 
     /// Derivatives by the view's colours and altitudes.
+    #[must_use]
     pub fn by_view(&self) -> &Layers<T> {
         &self.by_view
     }
 
     /// Derivatives by the altitudes in the sun's image.
+    #[must_use]
     pub fn by_sun(&self) -> &Layers<T> {
         &self.by_sun
     }
@@ -127,7 +138,7 @@ fn counts<L: Lanes>(lanes: L, valid: &[bool], start: usize) -> Row<L> {
     if valid.is_empty() {
         return Row::splat(lanes, one);
     }
-    let mut out = [zero; super::lanes::LANES];
+    let mut out = [zero; LANES];
     for (o, v) in out.iter_mut().zip(&valid[start..]) {
         *o = if *v { one } else { zero };
     }
@@ -163,8 +174,8 @@ impl<T: Lanewise> Kernel<T> for Show<'_, T> {
                 if let Some((lookup, image)) = &sun {
                     let z = Row::load_from(lanes, view.row(3, row), start);
                     let places = lookup.places(lanes, start..width, row, z, image);
-                    let (above, _) = places.values(lanes, image, 0);
-                    s = (rate * (z - above).keep(places.inside).min(zero)).exp();
+                    let (higher, _) = places.values(lanes, image, 0);
+                    s = (rate * (z - higher).keep(places.inside).min(zero)).exp();
                     // Binary entropy, its logarithms' arguments clipped; only these follow the clip.
                     let clipped = s.max(low).min(high);
                     let (a, b) = (clipped.log2(), (one - clipped).log2());
@@ -231,16 +242,17 @@ impl<T: Lanewise> Kernel<T> for PullBack<'_, T> {
                     let by_s = entropy_scale.mul_add(by_entropy, by_s);
                     let z = Row::load_from(lanes, view.row(3, row), start);
                     let places = lookup.places(lanes, start..width, row, z, image);
-                    let (above, slopes) = places.values(lanes, image, 0);
-                    let shaded = above.above(z).and(places.inside);
+                    let (higher, slopes) = places.values(lanes, image, 0);
+                    let shaded = higher.above(z).and(places.inside);
                     let by_delta = (rate * s * by_s).keep(shaded);
                     places.scatter(lanes, shaded, [zero - by_delta], &mut stripe.by_sun);
                     sums[3] = by_delta * (one - lookup.by_altitude(lanes, slopes));
                 }
-                if let Some((besides, factor)) = by.view {
-                    let factor = Row::splat(lanes, factor);
+                if let Some(besides) = by.view {
+                    let factor = Row::splat(lanes, besides.factor);
                     for c in 0..4 {
-                        sums[c] = factor.mul_add(Row::load_from(lanes, besides.row(c, row), start), sums[c]);
+                        sums[c] =
+                            factor.mul_add(Row::load_from(lanes, besides.layers.row(c, row), start), sums[c]);
                     }
                 }
                 for c in 0..4 {

@@ -337,46 +337,52 @@ impl<T: Real> Ellipse<T> {
     fn for_each_span(&self, camera: &FrameCamera<T>, mut visit: impl FnMut(u32, u16, u16)) {
         let [mx, my] = self.mean;
         let [half_cols, half_rows] = self.half_size;
-        let within = |low: T, high: T, pixels: usize| {
-            (low.max(T::zero()).ceil(), high.min(T::of(pixels as f64 - 1.0)).floor())
-        };
-        let (top, bottom) = within(my - half_rows, my + half_rows, camera.height);
-        let (left, right) = within(mx - half_cols, mx + half_cols, camera.width);
+        let (top, bottom) = pixels_within(my - half_rows, my + half_rows, camera.height);
+        let (left, right) = pixels_within(mx - half_cols, mx + half_cols, camera.width);
         if top > bottom || left > right {
             return;
         }
-        let tile_of = |pixel: T| pixel.small() / TILE as u32;
-        let (first, last) = (tile_of(left) as u16, tile_of(right) as u16);
+        let (first, last) = (tile_of(left), tile_of(right));
         for band in tile_of(top)..=tile_of(bottom) {
             // Most splats are narrower than a tile: nothing is to be told apart.
             if first == last {
-                visit(band, first, last);
+                visit(band.into(), first, last);
                 continue;
             }
-            let top = T::of(f64::from(band * TILE as u32)) - my;
-            let bottom = top + T::of(TILE as f64 - 1.0);
-            let furthest = |lean: T, side: T| {
-                if lean >= top && lean <= bottom {
-                    side * half_cols
-                } else {
-                    self.edge(lean, top, bottom, side)
-                }
-            };
-            let (left, right) = (furthest(-self.lean, -T::one()), furthest(self.lean, T::one()));
-            let (left, right) = within(mx + left, mx + right, camera.width);
+            let band_top = T::of(f64::from(band) * TILE as f64) - my;
+            let band_bottom = band_top + T::of(TILE as f64 - 1.0);
+            let from = mx + self.furthest(-T::one(), band_top, band_bottom);
+            let to = mx + self.furthest(T::one(), band_top, band_bottom);
+            let (left, right) = pixels_within(from, to, camera.width);
             if left <= right {
-                visit(band, tile_of(left) as u16, tile_of(right) as u16);
+                visit(band.into(), tile_of(left), tile_of(right));
             }
         }
     }
 
-    /// Column (from the centre) of the ellipse's edge on the band's row nearest to `lean`; NaN beyond the ellipse.
+    /// Column (from the centre) of the ellipse's edge on one `side` (-1 or 1) within a band's rows.
     #[inline(always)]
-    fn edge(&self, lean: T, top: T, bottom: T, side: T) -> T {
+    fn furthest(&self, side: T, top: T, bottom: T) -> T {
+        let lean = side * self.lean;
+        if lean >= top && lean <= bottom {
+            return side * self.half_size[0];
+        }
         let dy = lean.max(top).min(bottom);
         let [a, b, c] = self.conic;
         let inside = b * b * dy * dy - a * (c * dy * dy - self.radius2);
         // A band that the ellipse only grazes can miss it by rounding.
         (side * inside.max(T::zero()).sqrt() - b * dy) / a
     }
+}
+
+/// First and last pixel from `low` to `high` of `count` in a line; none if the first lies beyond the last.
+#[inline(always)]
+fn pixels_within<T: Real>(low: T, high: T, count: usize) -> (T, T) {
+    (low.max(T::zero()).ceil(), high.min(T::of(count as f64 - 1.0)).floor())
+}
+
+/// The tile that a pixel's column or row lies in.
+#[inline(always)]
+fn tile_of<T: Real>(pixel: T) -> u16 {
+    (pixel.small() / TILE as u32) as u16
 }

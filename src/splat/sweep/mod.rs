@@ -226,7 +226,7 @@ impl Sweep {
     /// Sweeps again, drawn to `prior`: altitudes on its grid, site metres, NaN where unknown.
     ///
     /// Where views agree better there it returns to the `first` surface: training closes narrow gaps that were
-    /// open, and finds trees that were lost.
+    /// open, and finds trees that were lost. What is found is settled (`settle`), with the prior once more.
     #[must_use]
     pub fn sharpen(&self, prior: &Plane, first: &SweptSurface) -> SweptSurface {
         let (hiding, prior) = (first.believed(), &self.borne_out(prior, &first.altitude));

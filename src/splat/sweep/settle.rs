@@ -33,23 +33,24 @@ impl Around {
 const DOUBTFUL: Around = Around { reach: 2, lower: (5, 12) };
 /// For all cells: the median of a cell and its four neighbours.
 const ALL: Around = Around { reach: 1, lower: (1, 2) };
-/// A step between a cell and its four neighbours, metres; and the score below which splats know better where it is:
-/// a window matches whole, splats are as wide as they need to be.
+/// A step between a cell and its four neighbours, metres.
 const STEP_M: f32 = 2.0;
-const SHARP: f32 = 0.5;
+/// Score below which splats know better where it is: a window matches whole, splats are as wide as they need to be.
+const EXACT: f32 = 0.5;
 /// A cell's four neighbours.
 const BESIDE: [(i64, i64); 4] = [(1, 0), (0, -1), (-1, 0), (0, 1)];
 
 impl SweptSurface {
-    /// The surface once it is settled; `trained` are the splats' altitudes.
+    /// The surface once it is settled; `trained` are the splats' altitudes, NaN where they are not to be
+    /// believed.
     #[must_use]
     pub(super) fn settled(mut self, trained: &Plane) -> Self {
         let decided = DOUBTFUL.decide(&self.altitude, |col, row| self.score.at(col, row) < BELIEVED);
         let smooth = ALL.decide(&decided, |_, _| true);
         self.altitude = Plane::from_rows(smooth.width, smooth.height, |row, line| {
             for (col, z) in line.iter_mut().enumerate() {
-                let is_sharp = self.score.at(col, row) >= SHARP;
-                *z = if is_sharp {
+                let is_exact = self.score.at(col, row) >= EXACT;
+                *z = if is_exact {
                     smooth.at(col, row)
                 } else {
                     side(&smooth, col, row, trained.at(col, row))
