@@ -24,9 +24,9 @@ pub struct LogLine {
     pub ssim: f64,
     /// Mean opacity.
     pub opacity: f64,
-    /// Altitude difference to the virtual view, metres.
+    /// Altitude difference to the virtual view, metres; 0 without one.
     pub consistency_altitude_m: f64,
-    /// Colour difference to the virtual view.
+    /// Colour difference to the virtual view; 0 without one.
     pub consistency_color: f64,
     /// Entropy of the sunlight's shares, bits.
     pub shadow_entropy: f64,
