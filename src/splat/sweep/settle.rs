@@ -11,24 +11,6 @@ struct Around {
     lower: (usize, usize),
 }
 
-impl Around {
-    /// Number of cells.
-    const fn cells(&self) -> usize {
-        let side = 2 * self.reach + 1;
-        let (mut n, mut k) = (0, 0);
-        while k < side * side {
-            n += self.contains(k % side - self.reach, k / side - self.reach) as usize;
-            k += 1;
-        }
-        n
-    }
-
-    /// Whether the cell so far to the right and down is one of them.
-    const fn contains(&self, right: i64, down: i64) -> bool {
-        right * right + down * down <= self.reach * self.reach
-    }
-}
-
 /// For cells that are not believed: thirteen, a little less than half lower, for windows fatten what stands out.
 const DOUBTFUL: Around = Around { reach: 2, lower: (5, 12) };
 /// For all cells: the median of a cell and its four neighbours.
@@ -77,6 +59,22 @@ fn side(altitudes: &Plane, col: usize, row: usize, trained: f32) -> f32 {
 }
 
 impl Around {
+    /// Number of cells.
+    const fn cells(&self) -> usize {
+        let side = 2 * self.reach + 1;
+        let (mut n, mut k) = (0, 0);
+        while k < side * side {
+            n += self.contains(k % side - self.reach, k / side - self.reach) as usize;
+            k += 1;
+        }
+        n
+    }
+
+    /// Whether the cell so far to the right and down is one of them.
+    const fn contains(&self, right: i64, down: i64) -> bool {
+        right * right + down * down <= self.reach * self.reach
+    }
+
     /// The altitudes, those of the cells that it is `asked` about taken from around them.
     fn decide(&self, altitudes: &Plane, asked: impl Fn(usize, usize) -> bool + Sync) -> Plane {
         Plane::from_rows(altitudes.width, altitudes.height, |row, line| {
