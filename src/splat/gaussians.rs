@@ -133,6 +133,20 @@ impl<T: Real> Gaussians<T> {
     }
 }
 
+#[cfg(test)]
+impl Gaussians<f64> {
+    /// As f32.
+    pub fn narrow(&self) -> Gaussians {
+        Gaussians {
+            position: self.position.iter().map(|v| v.map(|x| x as f32)).collect(),
+            log_scale: self.log_scale.iter().map(|v| v.map(|x| x as f32)).collect(),
+            rotation: self.rotation.iter().map(|v| v.map(|x| x as f32)).collect(),
+            logit: self.logit.iter().map(|x| *x as f32).collect(),
+            f_dc: self.f_dc.iter().map(|v| v.map(|x| x as f32)).collect(),
+        }
+    }
+}
+
 /// The logistic function.
 pub fn sigmoid<T: Real>(x: T) -> T {
     T::one() / (T::one() + (-x).exp())

@@ -64,14 +64,15 @@ impl<T: Real> Lookup<T> {
     ) -> Places<L> {
         let [shear_x, shear_y] = splat_each(lanes, self.shear);
         let (last_col, last_row) = (T::of(image.width as f64 - 1.0), T::of(image.height as f64 - 1.0));
-        let [zero, right, bottom, count] =
-            splat_each(lanes, [T::zero(), last_col, last_row, T::of(columns.len() as f64)]);
+        let [zero, right, bottom] = splat_each(lanes, [T::zero(), last_col, last_row]);
         let (col, row) = (T::of(columns.start as f64), T::of(row as f64));
-        let lane = Row::numbers(lanes);
-        let x = Row::splat(lanes, col - self.origin[0]) + lane - shear_x * altitude;
+        let x = Row::splat(lanes, col - self.origin[0]) + Row::numbers(lanes) - shear_x * altitude;
         let y = Row::splat(lanes, row - self.origin[1]) - shear_y * altitude;
-        let inside = x.at_least(zero).and(y.at_least(zero)).and(right.above(x)).and(bottom.above(y));
-        let inside = inside.and(count.above(lane));
+        let inside = Mask::first(lanes, columns.len())
+            .and(x.at_least(zero))
+            .and(y.at_least(zero))
+            .and(right.above(x))
+            .and(bottom.above(y));
         // Also where it is not a number: every place can be read.
         let (x, y) = (x.keep(inside), y.keep(inside));
         let (left, top) = (x.floor(), y.floor());

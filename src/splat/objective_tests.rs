@@ -133,18 +133,8 @@ fn f32_agrees_with_f64() {
         let (g, a) = (splats(60, seed), appearance());
         let (_, exact) = Setup::new().evaluate(&g, &a);
         let (_, fast) =
-            Setup::new().evaluate(&narrow(&g), &Appearance { values: a.values.map(|v| v as f32) });
+            Setup::new().evaluate(&g.narrow(), &Appearance { values: a.values.map(|v| v as f32) });
         assert_agree(&exact, &fast, &format!("seed {seed}"));
-    }
-}
-
-fn narrow(g: &Gaussians<f64>) -> Gaussians<f32> {
-    Gaussians {
-        position: g.position.iter().map(|v| v.map(|x| x as f32)).collect(),
-        log_scale: g.log_scale.iter().map(|v| v.map(|x| x as f32)).collect(),
-        rotation: g.rotation.iter().map(|v| v.map(|x| x as f32)).collect(),
-        logit: g.logit.iter().map(|x| *x as f32).collect(),
-        f_dc: g.f_dc.iter().map(|v| v.map(|x| x as f32)).collect(),
     }
 }
 
@@ -159,7 +149,7 @@ fn assert_agree(exact: &Gradient<f64>, fast: &Gradient<f32>, case: &str) {
 #[test]
 fn images_of_any_size_agree_whatever_was_looked_at_before() {
     let (g, a) = (splats(60, 3), appearance());
-    let (few, radiometry) = (narrow(&g), Appearance { values: a.values.map(|v| v as f32) });
+    let (few, radiometry) = (g.narrow(), Appearance { values: a.values.map(|v| v as f32) });
     let mut used = Setup::<f32>::new();
     let mut case = 0;
     for width in [17, 1, 2, 7, 8, 9, 15, 16, 20] {

@@ -5,7 +5,7 @@
 
 use super::appearance::Appearance;
 use super::consistency::Scaled;
-use super::lanes::{Kernel, LANES, Lanes, Lanewise, Row, splat_each, sum_each};
+use super::lanes::{Kernel, LANES, Lanes, Lanewise, Mask, Row, splat_each, sum_each};
 use super::lookup::{Lookup, Window, stripe_rows, sum_windows};
 use super::raster::Layers;
 use super::real::Real;
@@ -162,7 +162,6 @@ impl<T: Lanewise> Kernel<T> for Show<'_, T> {
         let appearance = Appearance { values: splat_each(lanes, appearance.values) };
         let [zero, one, rate, low, high] =
             splat_each(lanes, [0.0, 1.0, SHADOW_RATE_PER_M, ENTROPY_CLIP, 1.0 - ENTROPY_CLIP].map(T::of));
-        let lane = Row::numbers(lanes);
         *self.entropy = 0.0;
         let rows = self.picture.chunks_mut(3 * width).zip(self.sunlight.chunks_mut(2 * width));
         for (k, (picture, sunlight)) in rows.enumerate() {
@@ -179,8 +178,7 @@ impl<T: Lanewise> Kernel<T> for Show<'_, T> {
                     // Binary entropy, its logarithms' arguments clipped; only these follow the clip.
                     let clipped = s.max(low).min(high);
                     let (a, b) = (clipped.log2(), (one - clipped).log2());
-                    let inside = Row::splat(lanes, T::of((width - start) as f64)).above(lane);
-                    entropy += (s * a + (one - s) * b).keep(inside);
+                    entropy += (s * a + (one - s) * b).keep(Mask::first(lanes, width - start));
                     (b - a).store_to(slope, start);
                 }
                 s.store_to(sunlight, start);

@@ -2,7 +2,7 @@
 //!
 //! SSIM after Wang et al. 2004 with an 11 × 11 Gaussian window of σ 1.5, zeros beyond the border, as 3DGS uses it.
 
-use super::lanes::{Kernel, LANES, Lanes, Lanewise, Row, splat_each};
+use super::lanes::{Kernel, LANES, Lanes, Lanewise, Mask, Row, splat_each};
 use super::raster::Layers;
 use super::real::Real;
 use rayon::prelude::*;
@@ -144,7 +144,6 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
         let window = splat_each(lanes, window());
         let [zero, one, two, c1, c2, scale] =
             splat_each(lanes, [T::zero(), T::one(), T::of(2.0), T::of(C1), T::of(C2), scale]);
-        let lane = Row::numbers(lanes);
         strip.sum = 0.0;
         for (k, slopes) in slopes.chunks_mut(3 * width).enumerate() {
             let (row, c) = (first_row + k / 3, k % 3);
@@ -181,8 +180,7 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
                 let b2 = squares - means + c2;
                 let inverse = one.over(b1 * b2);
                 let value = a1 * a2 * inverse;
-                let inside = Row::splat(lanes, T::of((width - start) as f64 - 1.0)).at_least(lane);
-                sum += value.keep(inside);
+                sum += value.keep(Mask::first(lanes, width - start));
                 let by_mean = uy * (a2 - a1) - ux * value * (b2 - b1);
                 (scale * two * by_mean * inverse).store_to(by_x, start);
                 (zero - scale * value * b1 * inverse).store_to(by_xx, start);

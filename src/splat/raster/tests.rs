@@ -89,16 +89,6 @@ fn gradient<T: Lanewise>(g: &Gaussians<T>) -> Gaussians<T> {
     out
 }
 
-fn narrow(g: &Gaussians<f64>) -> Gaussians<f32> {
-    Gaussians {
-        position: g.position.iter().map(|v| v.map(|x| x as f32)).collect(),
-        log_scale: g.log_scale.iter().map(|v| v.map(|x| x as f32)).collect(),
-        rotation: g.rotation.iter().map(|v| v.map(|x| x as f32)).collect(),
-        logit: g.logit.iter().map(|x| *x as f32).collect(),
-        f_dc: g.f_dc.iter().map(|v| v.map(|x| x as f32)).collect(),
-    }
-}
-
 /// Largest difference between analytic and central differences, relative to the group's largest gradient.
 ///
 /// The cut-off at 1/255 makes the loss jump; a difference quotient across a jump is dropped by comparing two steps.
@@ -149,7 +139,7 @@ fn a_broken_gradient_is_seen() {
 fn f32_kernels_agree_with_f64() {
     for seed in 0..10 {
         let g = scene(200, seed);
-        let (exact, fast) = (gradient(&g), gradient(&narrow(&g)));
+        let (exact, fast) = (gradient(&g), gradient(&g.narrow()));
         for (a, b) in exact.groups().iter().zip(fast.groups()) {
             let largest = a.iter().fold(0.0f64, |m, v| m.max(v.abs()));
             let worst = a.iter().zip(b).map(|(x, y)| (x - f64::from(*y)).abs()).fold(0.0, f64::max);

@@ -1,0 +1,382 @@
+//! Eight or sixteen numbers at once, as the kernels compute: in a vector register, or in an array where there is none.
+
+mod exact;
+mod registers;
+
+use super::real::Real;
+use num_traits::Zero;
+use std::ops::{Add, AddAssign, Mul, Sub};
+
+/// Most numbers in a [`Row`].
+pub const LANES: usize = 16;
+
+/// What adds, subtracts and multiplies: a number, or a row of them.
+pub trait Ring: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
+
+impl<N: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>> Ring for N {}
+
+/// A kernel that is compiled for every kind of lanes.
+pub trait Kernel<T> {
+    /// Runs with these lanes.
+    fn run<L: Lanes<Number = T>>(self, lanes: L);
+}
+
+/// A number that has lanes.
+pub trait Lanewise: Real {
+    /// Runs the kernel with the best lanes of the processor at hand.
+    fn dispatch(kernel: impl Kernel<Self>);
+}
+
+/// Instructions for a row of numbers.
+pub trait Lanes: Copy {
+    /// Lanes in a row: eight or [`LANES`].
+    const WIDTH: usize;
+    /// What a lane holds.
+    type Number: Real;
+    /// A row of them.
+    type Numbers: Copy;
+    /// A row of truths.
+    type Truths: Copy;
+
+    /// The same number in every lane.
+    fn splat(self, value: Self::Number) -> Self::Numbers;
+    /// The first of these values.
+    fn load(self, values: &[Self::Number]) -> Self::Numbers;
+    /// To the first of these places.
+    fn store(self, a: Self::Numbers, places: &mut [Self::Number]);
+    /// `a + b`.
+    fn add(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    /// `a - b`.
+    fn sub(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    /// `a b`.
+    fn mul(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    /// `a / b`.
+    fn div(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    /// `1 / a` to the last bit or two.
+    fn reciprocal(self, a: Self::Numbers) -> Self::Numbers;
+    /// `a b + c`, fused where that is fast.
+    fn mul_add(self, a: Self::Numbers, b: Self::Numbers, c: Self::Numbers) -> Self::Numbers;
+    /// The lesser.
+    fn min(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    /// The greater.
+    fn max(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    /// Square root.
+    fn sqrt(self, a: Self::Numbers) -> Self::Numbers;
+    /// Two to a power between -126 and 126; anything, but no trap, beyond. `constants` are [`EXP2`]'s.
+    fn exp2(self, a: Self::Numbers, constants: &[Self::Numbers; 7]) -> Self::Numbers;
+    /// Binary logarithm of positive numbers.
+    fn log2(self, a: Self::Numbers) -> Self::Numbers;
+    /// Sum of the lanes, in an order that only depends on the processor.
+    fn sum(self, a: Self::Numbers) -> Self::Number;
+    /// The whole part of numbers between 0 and 2^22.
+    fn floor(self, a: Self::Numbers) -> Self::Numbers;
+    /// Whole numbers between 0 and 2^22, to the first of these places.
+    fn store_whole(self, a: Self::Numbers, places: &mut [u32; LANES]);
+    /// `a >= b`.
+    fn at_least(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths;
+    /// `a > b`.
+    fn above(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths;
+    /// Both.
+    fn and(self, a: Self::Truths, b: Self::Truths) -> Self::Truths;
+    /// As bits, the first lane lowest.
+    fn bits(self, a: Self::Truths) -> u32;
+    /// `a` where it holds, else zero.
+    fn keep(self, truths: Self::Truths, a: Self::Numbers) -> Self::Numbers;
+}
+
+/// A number for every lane and the instructions to compute with them. Aligned: a register is loaded at once.
+#[derive(Clone, Copy)]
+#[repr(align(32))]
+pub struct Row<L: Lanes> {
+    lanes: L,
+    numbers: L::Numbers,
+}
+
+/// What is true of the lanes of a [`Row`].
+#[derive(Clone, Copy)]
+pub struct Mask<L: Lanes> {
+    lanes: L,
+    truths: L::Truths,
+}
+
+impl<L: Lanes> Row<L> {
+    /// The same number in every lane.
+    #[inline(always)]
+    pub fn splat(lanes: L, value: L::Number) -> Self {
+        Self { lanes, numbers: lanes.splat(value) }
+    }
+
+    /// The first of a slice that is long enough.
+    #[inline(always)]
+    pub fn load(lanes: L, values: &[L::Number]) -> Self {
+        Self { lanes, numbers: lanes.load(values) }
+    }
+
+    /// 0, 1, 2, ...
+    #[inline(always)]
+    pub fn numbers(lanes: L) -> Self {
+        let mut values = [L::Number::zero(); LANES];
+        for (i, v) in values.iter_mut().enumerate() {
+            *v = L::Number::of(i as f64);
+        }
+        Self::load(lanes, &values)
+    }
+
+    /// From a slice's place on; zero beyond its end.
+    #[inline(always)]
+    pub fn load_from(lanes: L, slice: &[L::Number], start: usize) -> Self {
+        match slice[start..].get(..L::WIDTH) {
+            Some(values) => Self::load(lanes, values),
+            None => Self::load(lanes, &load_end(&slice[start..])),
+        }
+    }
+
+    /// Into a slice, as far as it goes.
+    #[inline(always)]
+    pub fn store_to(self, slice: &mut [L::Number], start: usize) {
+        match slice[start..].get_mut(..L::WIDTH) {
+            Some(places) => self.lanes.store(self.numbers, places),
+            None => {
+                let mut values = [L::Number::zero(); LANES];
+                self.lanes.store(self.numbers, &mut values);
+                store_end(&mut slice[start..], &values);
+            }
+        }
+    }
+
+    /// `self * b + c`.
+    #[inline(always)]
+    pub fn mul_add(self, b: Self, c: Self) -> Self {
+        Self { numbers: self.lanes.mul_add(self.numbers, b.numbers, c.numbers), ..self }
+    }
+
+    /// The lesser, lane by lane.
+    #[inline(always)]
+    pub fn min(self, b: Self) -> Self {
+        Self { numbers: self.lanes.min(self.numbers, b.numbers), ..self }
+    }
+
+    /// The greater, lane by lane.
+    #[inline(always)]
+    pub fn max(self, b: Self) -> Self {
+        Self { numbers: self.lanes.max(self.numbers, b.numbers), ..self }
+    }
+
+    /// `self / b`.
+    #[inline(always)]
+    pub fn over(self, b: Self) -> Self {
+        Self { numbers: self.lanes.div(self.numbers, b.numbers), ..self }
+    }
+
+    /// One over this, to the last bit or two: faster than to divide.
+    #[inline(always)]
+    pub fn reciprocal(self) -> Self {
+        Self { numbers: self.lanes.reciprocal(self.numbers), ..self }
+    }
+
+    /// Without its sign.
+    #[inline(always)]
+    pub fn abs(self) -> Self {
+        let negative = Self::splat(self.lanes, L::Number::zero()) - self;
+        self.max(negative)
+    }
+
+    /// -1, 0 or 1.
+    #[inline(always)]
+    pub fn sign(self) -> Self {
+        let (zero, one) =
+            (Self::splat(self.lanes, L::Number::zero()), Self::splat(self.lanes, L::Number::of(1.0)));
+        one.keep(self.above(zero)) - one.keep(zero.above(self))
+    }
+
+    /// Square root.
+    #[inline(always)]
+    pub fn sqrt(self) -> Self {
+        Self { numbers: self.lanes.sqrt(self.numbers), ..self }
+    }
+
+    /// Two to this power.
+    #[inline(always)]
+    pub fn exp2(self) -> Self {
+        self.exp2_with(&Exp2::new(self.lanes))
+    }
+
+    /// Two to this power.
+    #[inline(always)]
+    pub fn exp2_with(self, constants: &Exp2<L>) -> Self {
+        Self { numbers: self.lanes.exp2(self.numbers, &constants.numbers), ..self }
+    }
+
+    /// e to this power, no less than 2^-126 and no more than 2^126.
+    #[inline(always)]
+    pub fn exp(self) -> Self {
+        let splat = |v: f64| Self::splat(self.lanes, L::Number::of(v));
+        (self * splat(std::f64::consts::LOG2_E)).max(splat(-126.0)).min(splat(126.0)).exp2()
+    }
+
+    /// Binary logarithm.
+    #[inline(always)]
+    pub fn log2(self) -> Self {
+        Self { numbers: self.lanes.log2(self.numbers), ..self }
+    }
+
+    /// Sum of the lanes.
+    #[inline(always)]
+    pub fn sum(self) -> L::Number {
+        self.lanes.sum(self.numbers)
+    }
+
+    /// The whole part of numbers between 0 and 2^22.
+    #[inline(always)]
+    pub fn floor(self) -> Self {
+        Self { numbers: self.lanes.floor(self.numbers), ..self }
+    }
+
+    /// Whole numbers between 0 and 2^22, to the first of these places.
+    #[inline(always)]
+    pub fn store_whole(self, places: &mut [u32; LANES]) {
+        self.lanes.store_whole(self.numbers, places);
+    }
+
+    /// Where it is `b` or more.
+    #[inline(always)]
+    pub fn at_least(self, b: Self) -> Mask<L> {
+        Mask { lanes: self.lanes, truths: self.lanes.at_least(self.numbers, b.numbers) }
+    }
+
+    /// Where it is more than `b`.
+    #[inline(always)]
+    pub fn above(self, b: Self) -> Mask<L> {
+        Mask { lanes: self.lanes, truths: self.lanes.above(self.numbers, b.numbers) }
+    }
+
+    /// Zero where the mask does not hold.
+    #[inline(always)]
+    pub fn keep(self, mask: Mask<L>) -> Self {
+        Self { numbers: self.lanes.keep(mask.truths, self.numbers), ..self }
+    }
+}
+
+/// Not inlined, so that loops over whole rows keep their registers.
+#[cold]
+#[inline(never)]
+fn load_end<T: Real>(end: &[T]) -> [T; LANES] {
+    let mut values = [T::zero(); LANES];
+    values[..end.len()].copy_from_slice(end);
+    values
+}
+
+#[cold]
+#[inline(never)]
+fn store_end<T: Real>(end: &mut [T], values: &[T; LANES]) {
+    end.copy_from_slice(&values[..end.len()]);
+}
+
+/// Each of some numbers in every lane.
+#[inline(always)]
+pub fn splat_each<L: Lanes, const C: usize>(lanes: L, values: [L::Number; C]) -> [Row<L>; C] {
+    let mut out = [Row::splat(lanes, L::Number::zero()); C];
+    for c in 0..C {
+        out[c] = Row::splat(lanes, values[c]);
+    }
+    out
+}
+
+/// The sum of each row's lanes.
+#[inline(always)]
+pub fn sum_each<L: Lanes, const C: usize>(rows: [Row<L>; C]) -> [L::Number; C] {
+    let mut out = [L::Number::zero(); C];
+    for c in 0..C {
+        out[c] = rows[c].sum();
+    }
+    out
+}
+
+impl<L: Lanes> Mask<L> {
+    /// The first `count` lanes: those that a line of pixels still reaches.
+    #[inline(always)]
+    pub fn first(lanes: L, count: usize) -> Self {
+        Row::splat(lanes, L::Number::of(count as f64)).above(Row::numbers(lanes))
+    }
+
+    /// Where both hold.
+    #[inline(always)]
+    pub fn and(self, b: Self) -> Self {
+        Self { truths: self.lanes.and(self.truths, b.truths), ..self }
+    }
+
+    /// As bits, the first lane lowest.
+    #[inline(always)]
+    pub fn bits(self) -> u32 {
+        self.lanes.bits(self.truths)
+    }
+
+    /// Whether it holds anywhere.
+    #[inline(always)]
+    pub fn any(self) -> bool {
+        self.bits() != 0
+    }
+}
+
+impl<L: Lanes> Add for Row<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self { numbers: self.lanes.add(self.numbers, b.numbers), ..self }
+    }
+}
+
+impl<L: Lanes> AddAssign for Row<L> {
+    #[inline(always)]
+    fn add_assign(&mut self, b: Self) {
+        *self = *self + b;
+    }
+}
+
+impl<L: Lanes> Sub for Row<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self { numbers: self.lanes.sub(self.numbers, b.numbers), ..self }
+    }
+}
+
+impl<L: Lanes> Mul for Row<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self { numbers: self.lanes.mul(self.numbers, b.numbers), ..self }
+    }
+}
+
+/// What [`Lanes::exp2`] takes: 1.5 * 2^23, the coefficients of a polynomial that interpolates 2^f in the Chebyshev
+/// nodes of [-1/2, 1/2].
+const EXP2: [f32; 7] = [
+    12_582_912.0,
+    1.000_000_1,
+    std::f32::consts::LN_2,
+    0.240_221_07,
+    0.055_503_57,
+    0.009_676_032,
+    0.001_339_086_3,
+];
+
+/// Constants of powers of two, in rows.
+pub struct Exp2<L: Lanes> {
+    numbers: [L::Numbers; 7],
+}
+
+impl<L: Lanes> Exp2<L> {
+    /// In every lane.
+    #[inline(always)]
+    pub fn new(lanes: L) -> Self {
+        let mut numbers = [lanes.splat(L::Number::zero()); 7];
+        for k in 0..7 {
+            numbers[k] = lanes.splat(L::Number::of(f64::from(EXP2[k])));
+        }
+        Self { numbers }
+    }
+}
+
+#[cfg(test)]
+mod tests;

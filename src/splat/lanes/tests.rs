@@ -1,0 +1,59 @@
+use super::exact::Exact;
+use super::registers::{Compiled, Registers};
+use super::*;
+
+struct Compare;
+
+fn lane<L: Lanes>(row: Row<L>, k: usize) -> L::Number {
+    let mut values = [L::Number::zero(); LANES];
+    row.store_to(&mut values, 0);
+    values[k]
+}
+
+impl Kernel<f32> for Compare {
+    fn run<L: Lanes<Number = f32>>(self, lanes: L) {
+        for i in -1200..1200 {
+            let x = i as f32 * 0.01;
+            let exact = f64::from(x).exp2();
+            let power = Row::splat(lanes, x).exp2();
+            assert!((f64::from(lane(power, 3)) - exact).abs() < 3e-7 * exact, "{x}");
+            let y = lane(power, 5);
+            let error = (f64::from(lane(power.log2(), 7)) - f64::from(y).log2()).abs();
+            assert!(error < 3e-7 * f64::from(x.abs().max(1.0)), "{x}: {error:e}");
+        }
+        for (x, sign) in [(1.5, 1.0), (0.0, 0.0), (-0.25, -1.0), (f32::NAN, 0.0)] {
+            let row = Row::splat(lanes, x);
+            assert_eq!(lane(row.sign(), 1), sign);
+            assert!(x.is_nan() || lane(row.abs(), 4) == x.abs());
+            let positive = row.above(Row::splat(lanes, 0.0));
+            assert_eq!((lane(row.keep(positive), 3), positive.any()), (x.max(0.0), x > 0.0));
+        }
+        for x in [0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 7.999_999, 1e6 + 0.5, 4_194_303.5] {
+            let whole = Row::splat(lanes, x).floor();
+            assert_eq!(lane(whole, 2), x.floor());
+            let mut places = [0; LANES];
+            whole.store_whole(&mut places);
+            assert_eq!(places[6], x as u32);
+        }
+    }
+}
+
+#[test]
+fn exponentials_and_logarithms_are_within_3e7_and_all_else_is_exact() {
+    f32::dispatch(Compare);
+    #[cfg(target_arch = "x86_64")]
+    if let Some(s) = pulp::x86::V3::try_new() {
+        s.vectorize(Compiled::<_, _, 1>(s, Compare));
+    }
+    Compare.run(Registers::<_, 8>(pulp::Scalar::new()));
+}
+
+#[test]
+fn slices_are_read_and_written_to_their_end() {
+    let values: Vec<f64> = (0..20).map(f64::from).collect();
+    let tail = Row::load_from(Exact, &values, 17);
+    assert_eq!([0, 1, 2, 3].map(|k| lane(tail, k)), [17.0, 18.0, 19.0, 0.0]);
+    let mut out = [0.0; 18];
+    tail.store_to(&mut out, 16);
+    assert_eq!(out[15..], [0.0, 17.0, 18.0]);
+}
