@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 const DRAW_ORDER: u64 = 10;
 const DRAW_BACKGROUND: u64 = 11;
 const DRAW_VIRTUAL: u64 = 12;
+/// Widest pixels at half resolution, metres: narrow trees and roofs' rims, once lost, do not come back at the full one.
+const COARSEST_PX_M: f64 = 0.8;
 
 /// One line of the training's log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -69,6 +71,8 @@ pub struct Schedule<'a> {
     pub views: usize,
     /// Half the diagonal of the area, metres.
     pub half_side_m: f64,
+    /// Widest pixel of a training view, metres.
+    pub gsd_m: f64,
     /// Splats that training starts with.
     pub splats_at_start: usize,
     /// Seed of every draw.
@@ -136,7 +140,7 @@ impl Schedule<'_> {
         StepPlan {
             iteration,
             view: self.view(iteration),
-            level: usize::from(iteration <= r.half_resolution_until),
+            level: usize::from(iteration <= r.half_resolution_until && 2.0 * self.gsd_m <= COARSEST_PX_M),
             shadows,
             virtual_shear: is_consistent.then(|| self.virtual_shear(iteration)),
             background: std::array::from_fn(|_| background.uniform() as f32),
@@ -186,11 +190,15 @@ impl Schedule<'_> {
 mod tests {
     use super::*;
 
+    /// A recipe at a site of 452 m.
+    fn of(recipe: &Recipe) -> Schedule<'_> {
+        Schedule { recipe, views: 7, half_side_m: 226.0, gsd_m: 0.3, splats_at_start: 10, seed: 1 }
+    }
+
     #[test]
     fn every_view_has_its_turn_in_every_round() {
         let recipe = Recipe::named("baeogs").unwrap();
-        let schedule =
-            Schedule { recipe: &recipe, views: 7, half_side_m: 100.0, splats_at_start: 10, seed: 1 };
+        let schedule = of(&recipe);
         for round in 0..20 {
             let mut seen: Vec<usize> = (1..=7).map(|i| schedule.plan(round * 7 + i, 10).view).collect();
             seen.sort_unstable();
@@ -199,10 +207,20 @@ mod tests {
     }
 
     #[test]
+    fn half_resolution_comes_first_unless_its_pixels_are_too_wide() {
+        let recipe = Recipe::named("best").unwrap();
+        let levels = |gsd_m: f64| {
+            let schedule = Schedule { gsd_m, ..of(&recipe) };
+            let last = recipe.half_resolution_until;
+            [1, last, last + 1].map(|i| schedule.plan(i, 10).level)
+        };
+        assert_eq!((levels(0.31), levels(0.4), levels(0.5)), ([1, 1, 0], [1, 1, 0], [0, 0, 0]));
+    }
+
+    #[test]
     fn the_schedule_is_the_papers() {
         let recipe = Recipe::named("baeogs").unwrap();
-        let schedule =
-            Schedule { recipe: &recipe, views: 7, half_side_m: 226.0, splats_at_start: 10, seed: 1 };
+        let schedule = of(&recipe);
         let grows = |i| schedule.plan(i, 10).population.grow.is_some();
         assert!(!grows(400) && grows(500) && !grows(550) && grows(3000) && !grows(3100));
         assert!(grows(3500) && grows(4000) && !grows(4100));
@@ -219,8 +237,7 @@ mod tests {
     fn no_virtual_view_is_drawn_where_consistency_weighs_nothing() {
         let mut recipe = Recipe::named("best").unwrap();
         (recipe.weights.consistency_altitude, recipe.weights.consistency_color) = (0.0, 0.0);
-        let schedule =
-            Schedule { recipe: &recipe, views: 7, half_side_m: 226.0, splats_at_start: 10, seed: 1 };
+        let schedule = of(&recipe);
         let plan = schedule.plan(recipe.iterations, 10);
         assert!(plan.shadows && plan.virtual_shear.is_none());
     }
@@ -228,8 +245,7 @@ mod tests {
     #[test]
     fn fewer_virtual_views_weigh_more() {
         let recipe = Recipe { virtual_every: 3, ..Recipe::named("baeogs").unwrap() };
-        let schedule =
-            Schedule { recipe: &recipe, views: 7, half_side_m: 226.0, splats_at_start: 10, seed: 1 };
+        let schedule = of(&recipe);
         let plans: Vec<_> = (1200..1206).map(|i| schedule.plan(i, 10)).collect();
         let drawn: Vec<bool> = plans.iter().map(|p| p.virtual_shear.is_some()).collect();
         assert_eq!(drawn, [true, false, false, true, false, false]);
@@ -239,8 +255,7 @@ mod tests {
     #[test]
     fn opacities_of_eogs_count_by_the_splats_at_the_start() {
         let recipe = Recipe::named("eogs").unwrap();
-        let schedule =
-            Schedule { recipe: &recipe, views: 7, half_side_m: 226.0, splats_at_start: 1000, seed: 1 };
+        let schedule = Schedule { splats_at_start: 1000, ..of(&recipe) };
         let plan = schedule.plan(700, 250);
         assert_eq!(plan.weights.opacity, 0.1 * 0.25);
         assert!(plan.population.grow.is_none() && plan.population.prune_below.is_some());
