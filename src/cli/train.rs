@@ -129,7 +129,6 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         recipe: &job.recipe,
         views: views.len(),
         half_side_m: job.setup.half_side_m(),
-        gsd_m: views.iter().map(|v| v.camera.gsd_m()).fold(0.0, f64::max),
         splats_at_start: at_start,
         seed: options.seed,
     };

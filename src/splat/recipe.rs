@@ -118,8 +118,7 @@ pub struct Recipe {
     pub name: String,
     /// Iterations; the other times are for this many and scale with it.
     pub iterations: u32,
-    /// Iterations at half the images' resolution before the full one; none where half the resolution is too coarse
-    /// (pixels of more than 0.8 m).
+    /// Iterations at half the images' resolution before the full one.
     pub half_resolution_until: u32,
     /// What splats start on.
     pub start: Start,

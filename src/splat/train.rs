@@ -10,8 +10,6 @@ use serde::{Deserialize, Serialize};
 const DRAW_ORDER: u64 = 10;
 const DRAW_BACKGROUND: u64 = 11;
 const DRAW_VIRTUAL: u64 = 12;
-/// Widest pixels at half resolution, metres: narrow trees and roofs' rims, once lost, do not come back at the full one.
-const COARSEST_PX_M: f64 = 0.8;
 
 /// One line of the training's log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -71,8 +69,6 @@ pub struct Schedule<'a> {
     pub views: usize,
     /// Half the diagonal of the area, metres.
     pub half_side_m: f64,
-    /// Widest pixel of a training view, metres.
-    pub gsd_m: f64,
     /// Splats that training starts with.
     pub splats_at_start: usize,
     /// Seed of every draw.
@@ -140,7 +136,7 @@ impl Schedule<'_> {
         StepPlan {
             iteration,
             view: self.view(iteration),
-            level: usize::from(iteration <= r.half_resolution_until && 2.0 * self.gsd_m <= COARSEST_PX_M),
+            level: usize::from(iteration <= r.half_resolution_until),
             shadows,
             virtual_shear: is_consistent.then(|| self.virtual_shear(iteration)),
             background: std::array::from_fn(|_| background.uniform() as f32),
@@ -192,7 +188,7 @@ mod tests {
 
     /// A recipe at a site of 452 m.
     fn of(recipe: &Recipe) -> Schedule<'_> {
-        Schedule { recipe, views: 7, half_side_m: 226.0, gsd_m: 0.3, splats_at_start: 10, seed: 1 }
+        Schedule { recipe, views: 7, half_side_m: 226.0, splats_at_start: 10, seed: 1 }
     }
 
     #[test]
@@ -204,17 +200,6 @@ mod tests {
             seen.sort_unstable();
             assert_eq!(seen, [0, 1, 2, 3, 4, 5, 6]);
         }
-    }
-
-    #[test]
-    fn half_resolution_comes_first_unless_its_pixels_are_too_wide() {
-        let recipe = Recipe::named("best").unwrap();
-        let levels = |gsd_m: f64| {
-            let schedule = Schedule { gsd_m, ..of(&recipe) };
-            let last = recipe.half_resolution_until;
-            [1, last, last + 1].map(|i| schedule.plan(i, 10).level)
-        };
-        assert_eq!((levels(0.31), levels(0.4), levels(0.5)), ([1, 1, 0], [1, 1, 0], [0, 0, 0]));
     }
 
     #[test]
