@@ -28,8 +28,8 @@ use rayon::prelude::*;
 
 /// Passes; from the second on, what is hidden counts no more.
 const PASSES: u64 = 2;
-/// Side of the cells, metres, where the views' pixels are not coarser.
-const FINEST_CELL_M: f64 = 0.5;
+/// Side of the cells, metres, where the views' pixels are not coarser; the DSM's cells, too, unless asked otherwise.
+pub const FINEST_CELL_M: f64 = 0.5;
 /// Cells times altitudes that are held in memory, three bytes each; beyond, cells are coarser.
 const MAX_VOLUME: f64 = 600e6;
 /// Ground displacement per metre of height between the views of a pair: less is blind, more sees other walls.
@@ -152,13 +152,16 @@ impl Sweep {
     pub fn new(setup: &Setup, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Self> {
         let images: Vec<Image> = views.iter().map(Image::new).collect();
         let pairs = pairs(views);
+        if pairs.is_empty() {
+            return None;
+        }
         let ground = Ground::new(sparse, setup.area);
         let (low, high) = ground.heights_above(sparse)?;
         let (west, south, east, north) = setup.area;
         let [x, y, _] = setup.site.origin.xyz();
-        let gsd = views.iter().map(|v| v.camera.gsd_m()).fold(FINEST_CELL_M, f64::max);
-        let volume = |cell: f64| (east - west) * (north - south) * (high - low) / cell.powi(3);
-        let cell = gsd.max(gsd * (volume(gsd) / MAX_VOLUME).cbrt());
+        let cell = cell_m(views.iter().map(|v| v.camera.gsd_m()));
+        let volume = (east - west) * (north - south) * (high - low) / cell.powi(3);
+        let cell = cell * (volume / MAX_VOLUME).cbrt().max(1.0);
         let grid = MapGrid::covering(setup.site.epsg, (x + west, y + south, x + east, y + north), cell);
         let ground = Plane::from_fn(grid.width, grid.height, |col, row| {
             let p = setup.site.site_from_utm(grid.cell_center(col, row));
@@ -168,7 +171,7 @@ impl Sweep {
         let stack = Stack { ground, low: low as f32, step: cell as f32, planes };
         let mut sweep = Self { site: setup.site, grid, images, pairs, stack, covers: Vec::new() };
         sweep.covers = (0..grid.width * grid.height).into_par_iter().map(|i| sweep.cover(i)).collect();
-        (!sweep.pairs.is_empty()).then_some(sweep)
+        Some(sweep)
     }
 
     fn cover(&self, cell: usize) -> Cover {
@@ -305,6 +308,13 @@ impl SweptSurface {
         }
         out
     }
+}
+
+/// Side of the cells for views with pixels of so many metres: the finest ones', to a tenth, so that half a metre makes
+/// the DSM's own cells and none of them is taken twice or left out.
+fn cell_m(pixels_m: impl Iterator<Item = f64>) -> f64 {
+    let finest = pixels_m.fold(f64::INFINITY, f64::min);
+    ((10.0 * finest).round() / 10.0).max(FINEST_CELL_M)
 }
 
 /// Pairs of views with enough parallax, those under the most similar suns first: shadows lie alike.
