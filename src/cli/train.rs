@@ -22,7 +22,7 @@ use crate::splat::recipe::{Recipe, Start};
 use crate::splat::setup::{Setup, SetupError};
 use crate::splat::sweep::{Sweep, SweptSurface};
 use crate::splat::train::{LogLine, Schedule, train};
-use crate::splat::views::TrainingView;
+use crate::splat::views::{TrainingView, finest_pixel_m};
 use crate::splat::{init, ply, progress};
 use std::path::{Path, PathBuf};
 
@@ -129,6 +129,7 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         recipe: &job.recipe,
         views: views.len(),
         half_side_m: job.setup.half_side_m(),
+        finest_pixel_m: finest_pixel_m(&views),
         splats_at_start: at_start,
         seed: options.seed,
     };

@@ -184,8 +184,14 @@ mod tests {
     fn trained(threads: usize) -> (Snapshot, Vec<usize>) {
         let (mut backend, mut log) = (backend(), Vec::new());
         let recipe = compressed();
-        let schedule =
-            Schedule { recipe: &recipe, views: 3, half_side_m: 20.0, splats_at_start: 3000, seed: 0 };
+        let schedule = Schedule {
+            recipe: &recipe,
+            views: 3,
+            half_side_m: 20.0,
+            finest_pixel_m: 0.3,
+            splats_at_start: 3000,
+            seed: 0,
+        };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| train(&mut backend, &schedule, &mut log, &ignore, |_, _| Ok::<_, Infallible>(())))
             .unwrap();

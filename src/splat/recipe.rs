@@ -118,7 +118,8 @@ pub struct Recipe {
     pub name: String,
     /// Iterations; the other times are for this many and scale with it.
     pub iterations: u32,
-    /// Iterations at half the images' resolution before the full one.
+    /// Iterations at half the images' resolution before the full one; none where half the resolution is too coarse
+    /// (pixels of more than 0.8 m).
     pub half_resolution_until: u32,
     /// What splats start on.
     pub start: Start,
@@ -177,7 +178,8 @@ impl Recipe {
         let baeogs = Self {
             name: "baeogs".into(),
             iterations: 5000,
-            half_resolution_until: 0,
+            // Ours, for time: the paper trains at full resolution throughout.
+            half_resolution_until: 3000,
             start: Start::Points,
             rates: LearningRates {
                 position: 0.000_16 * 2.22,
@@ -202,7 +204,9 @@ impl Recipe {
             growth: Some(growth),
             prune_below: 0.0025,
             heights: RayHeight::Mean,
-            reset: Some(Reset { every: 3000, opacity: 0.005, opacity_loss_rests: 200, growth_rests: 500 }),
+            // How long things rest is ours: a loss on opacities that comes back before the pictures are restored
+            // removes what they need.
+            reset: Some(Reset { every: 3000, opacity: 0.005, opacity_loss_rests: 1000, growth_rests: 500 }),
         };
         match name {
             "baeogs" => Some(baeogs),
@@ -210,6 +214,7 @@ impl Recipe {
             // to wait a little changes nothing.
             "eogs" => Some(Self {
                 name: "eogs".into(),
+                half_resolution_until: 0,
                 start: Start::Box,
                 opacity_by_start: true,
                 growth: None,

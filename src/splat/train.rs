@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 const DRAW_ORDER: u64 = 10;
 const DRAW_BACKGROUND: u64 = 11;
 const DRAW_VIRTUAL: u64 = 12;
+/// Widest pixels at half resolution, metres: narrow trees and roofs' rims, once lost, do not come back at the full one.
+const COARSEST_PX_M: f64 = 0.8;
 
 /// One line of the training's log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -69,6 +71,8 @@ pub struct Schedule<'a> {
     pub views: usize,
     /// Half the diagonal of the area, metres.
     pub half_side_m: f64,
+    /// Finest pixel of the training views, metres.
+    pub finest_pixel_m: f64,
     /// Splats that training starts with.
     pub splats_at_start: usize,
     /// Seed of every draw.
@@ -132,11 +136,12 @@ impl Schedule<'_> {
             ..r.weights
         };
         let shadows = iteration > r.shadows_from;
+        let is_half = iteration <= r.half_resolution_until && 2.0 * self.finest_pixel_m <= COARSEST_PX_M;
         let is_consistent = shadows && iteration.is_multiple_of(r.virtual_every) && weights.has_consistency();
         StepPlan {
             iteration,
             view: self.view(iteration),
-            level: usize::from(iteration <= r.half_resolution_until),
+            level: usize::from(is_half),
             shadows,
             virtual_shear: is_consistent.then(|| self.virtual_shear(iteration)),
             background: std::array::from_fn(|_| background.uniform() as f32),
@@ -188,7 +193,7 @@ mod tests {
 
     /// A recipe at a site of 452 m.
     fn of(recipe: &Recipe) -> Schedule<'_> {
-        Schedule { recipe, views: 7, half_side_m: 226.0, splats_at_start: 10, seed: 1 }
+        Schedule { recipe, views: 7, half_side_m: 226.0, finest_pixel_m: 0.3, splats_at_start: 10, seed: 1 }
     }
 
     #[test]
@@ -203,6 +208,17 @@ mod tests {
     }
 
     #[test]
+    fn half_resolution_comes_first_unless_its_pixels_are_too_wide() {
+        let recipe = Recipe::named("best").unwrap();
+        let levels = |finest_pixel_m: f64| {
+            let schedule = Schedule { finest_pixel_m, ..of(&recipe) };
+            let last = recipe.half_resolution_until;
+            [1, last, last + 1].map(|i| schedule.plan(i, 10).level)
+        };
+        assert_eq!((levels(0.31), levels(0.4), levels(0.5)), ([1, 1, 0], [1, 1, 0], [0, 0, 0]));
+    }
+
+    #[test]
     fn the_schedule_is_the_papers() {
         let recipe = Recipe::named("baeogs").unwrap();
         let schedule = of(&recipe);
@@ -211,7 +227,7 @@ mod tests {
         assert!(grows(3500) && grows(4000) && !grows(4100));
         assert!(schedule.plan(3000, 10).population.reset_opacity.is_some());
         assert!(
-            schedule.plan(3100, 10).weights.opacity == 0.0 && schedule.plan(3300, 10).weights.opacity > 0.0
+            schedule.plan(3900, 10).weights.opacity == 0.0 && schedule.plan(4001, 10).weights.opacity > 0.0
         );
         assert!(!schedule.plan(1000, 10).shadows && schedule.plan(1001, 10).shadows);
         assert!((schedule.plan(1, 10).rates[0] - 0.080).abs() < 1e-3);

@@ -122,6 +122,12 @@ impl TrainingView {
     }
 }
 
+/// Metres on level ground that the finest of the views' pixels covers; infinity without views.
+#[must_use]
+pub fn finest_pixel_m(views: &[TrainingView]) -> f64 {
+    views.iter().map(|v| v.camera.gsd_m()).fold(f64::INFINITY, f64::min)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

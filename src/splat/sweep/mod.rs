@@ -17,7 +17,7 @@ pub use horizon::{SLACK_M, horizon};
 
 use super::init::Ground;
 use super::setup::Setup;
-use super::views::TrainingView;
+use super::views::{TrainingView, finest_pixel_m};
 use crate::event::{Event, Sink};
 use crate::frame::{Point, Site, SiteGrid};
 use crate::raster::{MapGrid, Plane};
@@ -159,7 +159,7 @@ impl Sweep {
         let (low, high) = ground.heights_above(sparse)?;
         let (west, south, east, north) = setup.area;
         let [x, y, _] = setup.site.origin.xyz();
-        let cell = cell_m(views.iter().map(|v| v.camera.gsd_m()));
+        let cell = cell_m(finest_pixel_m(views));
         let volume = (east - west) * (north - south) * (high - low) / cell.powi(3);
         let cell = cell * (volume / MAX_VOLUME).cbrt().max(1.0);
         let grid = MapGrid::covering(setup.site.epsg, (x + west, y + south, x + east, y + north), cell);
@@ -310,11 +310,10 @@ impl SweptSurface {
     }
 }
 
-/// Side of the cells for views with pixels of so many metres: the finest ones', to a tenth, so that half a metre makes
-/// the DSM's own cells and none of them is taken twice or left out.
-fn cell_m(pixels_m: impl Iterator<Item = f64>) -> f64 {
-    let finest = pixels_m.fold(f64::INFINITY, f64::min);
-    ((10.0 * finest).round() / 10.0).max(FINEST_CELL_M)
+/// Side of the cells for views whose finest pixel is so wide: as wide, to a tenth, so that half a metre makes the DSM's own
+/// cells and none of them is taken twice or left out.
+fn cell_m(finest_pixel_m: f64) -> f64 {
+    ((10.0 * finest_pixel_m).round() / 10.0).max(FINEST_CELL_M)
 }
 
 /// Pairs of views with enough parallax, those under the most similar suns first: shadows lie alike.
