@@ -9,7 +9,7 @@ use crate::run_files::{CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPLATS, SURFA
 use crate::scene::Role;
 use crate::splat::ply;
 use crate::splat::recipe::RayHeight;
-use crate::splat::sweep::{FINEST_CELL_M, SweptSurface};
+use crate::splat::sweep::{DSM_CELL_M, SweptSurface};
 use std::path::{Path, PathBuf};
 
 /// Render a trained run on the UTM grid: RUN/dsm.tif, RUN/ortho.tif, RUN/confidence.tif
@@ -36,7 +36,7 @@ pub struct Args {
 #[group(id = "surface")]
 pub struct Options {
     /// Side of a cell in metres; the extent is the trained area
-    #[arg(long, default_value_t = FINEST_CELL_M, value_name = "M", conflicts_with = "like")]
+    #[arg(long, default_value_t = DSM_CELL_M, value_name = "M", conflicts_with = "like")]
     resolution: f64,
     /// Take grid and extent from this raster
     #[arg(long, value_name = "RASTER")]

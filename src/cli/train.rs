@@ -22,7 +22,7 @@ use crate::splat::recipe::{Recipe, Start};
 use crate::splat::setup::{Setup, SetupError};
 use crate::splat::sweep::{Sweep, SweptSurface};
 use crate::splat::train::{LogLine, Schedule, train};
-use crate::splat::views::{TrainingView, finest_pixel_m};
+use crate::splat::views::{TrainingView, median_pixel_m};
 use crate::splat::{init, ply, progress};
 use std::path::{Path, PathBuf};
 
@@ -50,7 +50,7 @@ pub struct Args {
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "training")]
 pub struct Options {
-    /// Training choices: `best`, `baeogs` or `eogs` as the papers have them, or a TOML file
+    /// Training choices: `best`, `baeogs` or `eogs` after the papers, or a TOML file
     #[arg(long, default_value = Recipe::NAMES[0], value_name = "NAME|FILE")]
     recipe: String,
     /// Iterations; the whole schedule scales with them [default: the recipe's]
@@ -129,7 +129,7 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         recipe: &job.recipe,
         views: views.len(),
         half_side_m: job.setup.half_side_m(),
-        finest_pixel_m: finest_pixel_m(&views),
+        pixel_m: median_pixel_m(&views),
         splats_at_start: at_start,
         seed: options.seed,
     };

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// First line of the file; another content is another version.
-const KIND: &str = "satgs checkpoint 1";
+const KIND: &str = "satgs checkpoint 2";
 
 /// A training between two iterations: borrowed from one that is running, owned when read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

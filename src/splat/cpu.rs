@@ -188,7 +188,7 @@ mod tests {
             recipe: &recipe,
             views: 3,
             half_side_m: 20.0,
-            finest_pixel_m: 0.3,
+            pixel_m: 0.3,
             splats_at_start: 3000,
             seed: 0,
         };

@@ -10,8 +10,6 @@ use serde::{Deserialize, Serialize};
 const DRAW_ORDER: u64 = 10;
 const DRAW_BACKGROUND: u64 = 11;
 const DRAW_VIRTUAL: u64 = 12;
-/// Widest pixels at half resolution, metres: narrow trees and roofs' rims, once lost, do not come back at the full one.
-const COARSEST_PX_M: f64 = 0.8;
 
 /// One line of the training's log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -71,8 +69,8 @@ pub struct Schedule<'a> {
     pub views: usize,
     /// Half the diagonal of the area, metres.
     pub half_side_m: f64,
-    /// Finest pixel of the training views, metres.
-    pub finest_pixel_m: f64,
+    /// Pixel of the training views, metres: [`median_pixel_m`](super::views::median_pixel_m).
+    pub pixel_m: f64,
     /// Splats that training starts with.
     pub splats_at_start: usize,
     /// Seed of every draw.
@@ -123,7 +121,7 @@ impl Schedule<'_> {
         let r = self.recipe;
         let mut background = Draw::new(self.seed, DRAW_BACKGROUND, iteration.into(), 0);
         let past_reset = r.reset.and_then(|reset| {
-            let since = iteration % reset.every;
+            let since = (iteration - 1) % reset.every + 1;
             (iteration > reset.every).then_some((reset, since))
         });
         let rests = |span: fn(&super::recipe::Reset) -> u32| past_reset.is_some_and(|(r, s)| s < span(&r));
@@ -136,7 +134,7 @@ impl Schedule<'_> {
             ..r.weights
         };
         let shadows = iteration > r.shadows_from;
-        let is_half = iteration <= r.half_resolution_until && 2.0 * self.finest_pixel_m <= COARSEST_PX_M;
+        let is_half = iteration <= r.half_resolution_until && 2.0 * self.pixel_m <= r.half_resolution_px_m;
         let is_consistent = shadows && iteration.is_multiple_of(r.virtual_every) && weights.has_consistency();
         StepPlan {
             iteration,
@@ -193,7 +191,7 @@ mod tests {
 
     /// A recipe at a site of 452 m.
     fn of(recipe: &Recipe) -> Schedule<'_> {
-        Schedule { recipe, views: 7, half_side_m: 226.0, finest_pixel_m: 0.3, splats_at_start: 10, seed: 1 }
+        Schedule { recipe, views: 7, half_side_m: 226.0, pixel_m: 0.3, splats_at_start: 10, seed: 1 }
     }
 
     #[test]
@@ -210,12 +208,29 @@ mod tests {
     #[test]
     fn half_resolution_comes_first_unless_its_pixels_are_too_wide() {
         let recipe = Recipe::named("best").unwrap();
-        let levels = |finest_pixel_m: f64| {
-            let schedule = Schedule { finest_pixel_m, ..of(&recipe) };
+        let levels = |pixel_m: f64| {
+            let schedule = Schedule { pixel_m, ..of(&recipe) };
             let last = recipe.half_resolution_until;
             [1, last, last + 1].map(|i| schedule.plan(i, 10).level)
         };
-        assert_eq!((levels(0.31), levels(0.4), levels(0.5)), ([1, 1, 0], [1, 1, 0], [0, 0, 0]));
+        assert_eq!((levels(0.31), levels(0.41), levels(0.5)), ([1, 1, 0], [1, 1, 0], [0, 0, 0]));
+        assert_eq!(of(&Recipe::named("eogs").unwrap()).plan(1, 10).level, 0);
+    }
+
+    #[test]
+    fn after_a_reset_the_loss_on_opacities_rests_until_growth_ends() {
+        let recipe = Recipe::named("baeogs").unwrap();
+        let weight = |i| of(&recipe).plan(i, 10).weights.opacity;
+        assert!(weight(3000) > 0.0 && weight(3001) == 0.0 && weight(3999) == 0.0 && weight(4000) > 0.0);
+        assert_eq!(recipe.growth.unwrap().until, 4000);
+    }
+
+    #[test]
+    fn every_reset_is_followed_by_its_own_rest() {
+        let recipe = Recipe { iterations: 9000, ..Recipe::named("baeogs").unwrap() };
+        let plan = |i| of(&recipe).plan(i, 10);
+        assert!(plan(6000).weights.opacity > 0.0 && plan(6000).population.prune_below.is_some());
+        assert!(plan(6001).weights.opacity == 0.0 && plan(6100).population.prune_below.is_none());
     }
 
     #[test]
@@ -226,9 +241,6 @@ mod tests {
         assert!(!grows(400) && grows(500) && !grows(550) && grows(3000) && !grows(3100));
         assert!(grows(3500) && grows(4000) && !grows(4100));
         assert!(schedule.plan(3000, 10).population.reset_opacity.is_some());
-        assert!(
-            schedule.plan(3900, 10).weights.opacity == 0.0 && schedule.plan(4001, 10).weights.opacity > 0.0
-        );
         assert!(!schedule.plan(1000, 10).shadows && schedule.plan(1001, 10).shadows);
         assert!((schedule.plan(1, 10).rates[0] - 0.080).abs() < 1e-3);
         assert!(schedule.plan(1001, 10).virtual_shear.is_some());

@@ -1,6 +1,6 @@
 //! The training views: cameras, pixels, which of them count.
 
-use super::init::SiteBox;
+use super::init::{SiteBox, quantile};
 use super::raster::Layers;
 use crate::affine::AffineCamera;
 use crate::frame::{CenterPx, Pixel};
@@ -122,10 +122,10 @@ impl TrainingView {
     }
 }
 
-/// Metres on level ground that the finest of the views' pixels covers; infinity without views.
+/// Metres on level ground that a pixel of the views covers, the median of them; NaN without views.
 #[must_use]
-pub fn finest_pixel_m(views: &[TrainingView]) -> f64 {
-    views.iter().map(|v| v.camera.gsd_m()).fold(f64::INFINITY, f64::min)
+pub fn median_pixel_m(views: &[TrainingView]) -> f64 {
+    quantile(views.iter().map(|v| v.camera.gsd_m()).collect(), 0.5).unwrap_or(f64::NAN)
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ pub use horizon::{SLACK_M, horizon};
 
 use super::init::Ground;
 use super::setup::Setup;
-use super::views::{TrainingView, finest_pixel_m};
+use super::views::{TrainingView, median_pixel_m};
 use crate::event::{Event, Sink};
 use crate::frame::{Point, Site, SiteGrid};
 use crate::raster::{MapGrid, Plane};
@@ -28,8 +28,8 @@ use rayon::prelude::*;
 
 /// Passes; from the second on, what is hidden counts no more.
 const PASSES: u64 = 2;
-/// Side of the cells, metres, where the views' pixels are not coarser; the DSM's cells, too, unless asked otherwise.
-pub const FINEST_CELL_M: f64 = 0.5;
+/// Side of a DSM's cells, metres, unless asked otherwise; no finer ones are matched.
+pub const DSM_CELL_M: f64 = 0.5;
 /// Cells times altitudes that are held in memory, three bytes each; beyond, cells are coarser.
 const MAX_VOLUME: f64 = 600e6;
 /// Ground displacement per metre of height between the views of a pair: less is blind, more sees other walls.
@@ -147,19 +147,20 @@ impl SweptSurface {
 }
 
 impl Sweep {
-    /// A sweep of a set-up's area at the heights of its sparse points; none if no two views make a pair.
+    /// A sweep of a set-up's area at the heights of its sparse points; none without these or if no two views make a
+    /// pair.
     #[must_use]
     pub fn new(setup: &Setup, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Self> {
-        let images: Vec<Image> = views.iter().map(Image::new).collect();
         let pairs = pairs(views);
         if pairs.is_empty() {
             return None;
         }
+        let images: Vec<Image> = views.iter().map(Image::new).collect();
         let ground = Ground::new(sparse, setup.area);
         let (low, high) = ground.heights_above(sparse)?;
         let (west, south, east, north) = setup.area;
         let [x, y, _] = setup.site.origin.xyz();
-        let cell = cell_m(finest_pixel_m(views));
+        let cell = cell_m(median_pixel_m(views));
         let volume = (east - west) * (north - south) * (high - low) / cell.powi(3);
         let cell = cell * (volume / MAX_VOLUME).cbrt().max(1.0);
         let grid = MapGrid::covering(setup.site.epsg, (x + west, y + south, x + east, y + north), cell);
@@ -310,10 +311,10 @@ impl SweptSurface {
     }
 }
 
-/// Side of the cells for views whose finest pixel is so wide: as wide, to a tenth, so that half a metre makes the DSM's own
-/// cells and none of them is taken twice or left out.
-fn cell_m(finest_pixel_m: f64) -> f64 {
-    ((10.0 * finest_pixel_m).round() / 10.0).max(FINEST_CELL_M)
+/// Side of the cells for pixels so wide: the same, to a tenth of a metre, so that pixels of about half a metre make the
+/// DSM's own cells and none of them is taken twice.
+fn cell_m(pixel_m: f64) -> f64 {
+    ((10.0 * pixel_m).round() / 10.0).max(DSM_CELL_M)
 }
 
 /// Pairs of views with enough parallax, those under the most similar suns first: shadows lie alike.

@@ -75,8 +75,8 @@ fn right(surface: &SweptSurface) -> f64 {
 }
 
 #[test]
-fn cells_are_as_wide_as_the_finest_pixels_but_never_finer_than_the_dsm_s() {
-    assert_eq!([0.31, 0.501, 0.702].map(cell_m), [0.5, 0.5, 0.7]);
+fn cells_are_as_wide_as_pixels_but_never_finer_than_the_dsm_s() {
+    assert_eq!([0.31, 0.515, 0.702].map(cell_m), [0.5, 0.5, 0.7]);
 }
 
 #[test]
