@@ -186,7 +186,7 @@ impl Recipe {
         let baeogs = Self {
             name: "baeogs".into(),
             iterations: 5000,
-            // Ours, faster and no worse: the paper trains at full resolution throughout.
+            // Ours, for time: the paper trains at full resolution throughout.
             half_resolution_until: 3000,
             half_resolution_px_m: widest_half_resolution_px_m(),
             start: Start::Points,
