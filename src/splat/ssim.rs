@@ -19,6 +19,10 @@ pub const SSIM_WEIGHT: f64 = 0.2;
 const REACH: usize = TAPS / 2;
 /// Rows that are worked on together.
 const ROWS: usize = 16;
+/// Rows that are blurred down the columns at once: most of what one reads the next needs, too.
+const PAIR: usize = 2;
+/// Rows that the windows of a pair cover.
+const COVERED: usize = TAPS + PAIR - 1;
 
 /// Compares a picture with the truth; keeps its buffers.
 #[derive(Default)]
@@ -32,8 +36,8 @@ pub struct Photometric<T> {
 /// What a strip of rows needs besides.
 #[derive(Default)]
 struct Strip<T> {
-    /// Rows blurred down the columns, with zeros on either side.
-    columns: [Vec<T>; 4],
+    /// A pair of rows blurred down the columns, with zeros on either side.
+    columns: [[Vec<T>; 4]; PAIR],
     zeros: Vec<T>,
     sum: f64,
 }
@@ -76,9 +80,27 @@ fn blur_along<L: Lanes>(lanes: L, window: &[Row<L>; REACH + 1], row: &[L::Number
     sum
 }
 
-/// The rows of a channel that the window around `row` covers; `zeros` beyond the border.
+/// The weights with which a pair of rows takes what it covers.
 #[inline(always)]
-fn covered<'a, T: Real>(image: &'a Layers<T>, channel: usize, row: usize, zeros: &'a [T]) -> [&'a [T]; TAPS] {
+fn windows_of_pair<L: Lanes>(lanes: L) -> [[Row<L>; COVERED]; PAIR] {
+    let window = window();
+    let mut out = [[Row::splat(lanes, L::Number::of(0.0)); COVERED]; PAIR];
+    for j in 0..PAIR {
+        for t in 0..TAPS {
+            out[j][j + t] = Row::splat(lanes, window[REACH - REACH.abs_diff(t)]);
+        }
+    }
+    out
+}
+
+/// The rows of a channel that the windows around `row` and the next one cover; `zeros` beyond the border.
+#[inline(always)]
+fn covered<'a, T: Real>(
+    image: &'a Layers<T>,
+    channel: usize,
+    row: usize,
+    zeros: &'a [T],
+) -> [&'a [T]; COVERED] {
     std::array::from_fn(|t| match (row + t).checked_sub(REACH) {
         Some(r) if r < image.height => image.row(channel, r),
         _ => &zeros[..image.width],
@@ -100,7 +122,7 @@ impl<T: Lanewise> Photometric<T> {
         let count = (3 * width * height) as f64;
         self.strips.resize_with(height.div_ceil(ROWS), Strip::default);
         for strip in &mut self.strips {
-            for row in strip.columns.iter_mut().chain([&mut strip.zeros]) {
+            for row in strip.columns.iter_mut().flatten().chain([&mut strip.zeros]) {
                 row.clear();
                 row.resize(width.next_multiple_of(LANES) + 3 * LANES, T::zero());
             }
@@ -141,52 +163,60 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
         let Self { picture, truth, first_row, scale, slopes, strip } = self;
         let width = picture.width;
-        let window = splat_each(lanes, window());
+        let (window, down) = (splat_each(lanes, window()), windows_of_pair(lanes));
         let [zero, one, two, c1, c2, scale] =
             splat_each(lanes, [T::zero(), T::one(), T::of(2.0), T::of(C1), T::of(C2), scale]);
         strip.sum = 0.0;
-        for (k, slopes) in slopes.chunks_mut(3 * width).enumerate() {
-            let (row, c) = (first_row + k / 3, k % 3);
-            let (xs, ys) = (covered(picture, c, row, &strip.zeros), covered(truth, c, row, &strip.zeros));
-            for start in (0..width).step_by(L::WIDTH) {
-                let mut sums = [zero; 4];
-                for t in 0..TAPS {
-                    let x = Row::load_from(lanes, xs[t], start);
-                    let y = Row::load_from(lanes, ys[t], start);
-                    let w = window[REACH - REACH.abs_diff(t)];
-                    let (wx, wy) = (w * x, w * y);
-                    sums[0] += wx;
-                    sums[1] += wy;
-                    sums[2] = wy.mul_add(y, wx.mul_add(x, sums[2]));
-                    sums[3] = wx.mul_add(y, sums[3]);
+        for (k, slopes) in slopes.chunks_mut(PAIR * 9 * width).enumerate() {
+            for c in 0..3 {
+                let row = first_row + PAIR * k;
+                let (xs, ys) = (covered(picture, c, row, &strip.zeros), covered(truth, c, row, &strip.zeros));
+                for start in (0..width).step_by(L::WIDTH) {
+                    let mut sums = [[zero; 4]; PAIR];
+                    for t in 0..COVERED {
+                        let x = Row::load_from(lanes, xs[t], start);
+                        let y = Row::load_from(lanes, ys[t], start);
+                        let (squares, xy) = (x.mul_add(x, y * y), x * y);
+                        for j in 0..PAIR {
+                            let w = down[j][t];
+                            sums[j][0] = w.mul_add(x, sums[j][0]);
+                            sums[j][1] = w.mul_add(y, sums[j][1]);
+                            sums[j][2] = w.mul_add(squares, sums[j][2]);
+                            sums[j][3] = w.mul_add(xy, sums[j][3]);
+                        }
+                    }
+                    for j in 0..PAIR {
+                        for n in 0..4 {
+                            sums[j][n].store_to(&mut strip.columns[j][n], LANES + start);
+                        }
+                    }
                 }
-                for n in 0..4 {
-                    sums[n].store_to(&mut strip.columns[n], LANES + start);
+                for (slopes, columns) in slopes.chunks_mut(9 * width).zip(&strip.columns) {
+                    let (by_x, rest) = slopes[3 * c * width..][..3 * width].split_at_mut(width);
+                    let (by_xx, by_xy) = rest.split_at_mut(width);
+                    let mut sum = zero;
+                    for start in (0..width).step_by(L::WIDTH) {
+                        let mut blurred = [zero; 4];
+                        for n in 0..4 {
+                            blurred[n] = blur_along(lanes, &window, &columns[n], start);
+                        }
+                        let [ux, uy, squares, xy] = blurred;
+                        let means = ux * ux + uy * uy;
+                        let a1 = two * ux * uy + c1;
+                        let a2 = two * (xy - ux * uy) + c2;
+                        let b1 = means + c1;
+                        let b2 = squares - means + c2;
+                        let inverse = one.over(b1 * b2);
+                        let value = a1 * a2 * inverse;
+                        sum += value.keep(Mask::first(lanes, width - start));
+                        let by_mean = uy * (a2 - a1) - ux * value * (b2 - b1);
+                        (scale * two * by_mean * inverse).store_to(by_x, start);
+                        (zero - scale * value * b1 * inverse).store_to(by_xx, start);
+                        (scale * two * a1 * inverse).store_to(by_xy, start);
+                    }
+                    strip.sum += sum.sum().wide();
                 }
             }
-            let (by_x, rest) = slopes.split_at_mut(width);
-            let (by_xx, by_xy) = rest.split_at_mut(width);
-            let mut sum = zero;
-            for start in (0..width).step_by(L::WIDTH) {
-                let mut blurred = [zero; 4];
-                for n in 0..4 {
-                    blurred[n] = blur_along(lanes, &window, &strip.columns[n], start);
-                }
-                let [ux, uy, squares, xy] = blurred;
-                let means = ux * ux + uy * uy;
-                let a1 = two * ux * uy + c1;
-                let a2 = two * (xy - ux * uy) + c2;
-                let b1 = means + c1;
-                let b2 = squares - means + c2;
-                let inverse = one.over(b1 * b2);
-                let value = a1 * a2 * inverse;
-                sum += value.keep(Mask::first(lanes, width - start));
-                let by_mean = uy * (a2 - a1) - ux * value * (b2 - b1);
-                (scale * two * by_mean * inverse).store_to(by_x, start);
-                (zero - scale * value * b1 * inverse).store_to(by_xx, start);
-                (scale * two * a1 * inverse).store_to(by_xy, start);
-            }
-            strip.sum += sum.sum().wide();
         }
     }
 }
@@ -208,35 +238,44 @@ impl<T: Lanewise> Kernel<T> for Slope<'_, T> {
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
         let Self { picture, truth, slopes, first_row, scale, by_picture, strip } = self;
         let width = picture.width;
-        let window = splat_each(lanes, window());
+        let (window, down) = (splat_each(lanes, window()), windows_of_pair(lanes));
         let [zero, two, scale] = splat_each(lanes, [T::zero(), T::of(2.0), scale]);
         strip.sum = 0.0;
-        for (k, by_picture) in by_picture.chunks_mut(width).enumerate() {
-            let (row, c) = (first_row + k / 3, k % 3);
-            for n in 0..3 {
-                let by = covered(slopes, 3 * c + n, row, &strip.zeros);
-                for start in (0..width).step_by(L::WIDTH) {
-                    let mut sum = zero;
-                    for t in 0..TAPS {
-                        let w = window[REACH - REACH.abs_diff(t)];
-                        sum = w.mul_add(Row::load_from(lanes, by[t], start), sum);
-                    }
-                    sum.store_to(&mut strip.columns[n], LANES + start);
-                }
-            }
-            let (x, y) = (picture.row(c, row), truth.row(c, row));
-            let mut sum = zero;
-            for start in (0..width).step_by(L::WIDTH) {
-                let mut by = [zero; 3];
+        for (k, by_picture) in by_picture.chunks_mut(PAIR * 3 * width).enumerate() {
+            for c in 0..3 {
+                let row = first_row + PAIR * k;
                 for n in 0..3 {
-                    by[n] = blur_along(lanes, &window, &strip.columns[n], start);
+                    let by = covered(slopes, 3 * c + n, row, &strip.zeros);
+                    for start in (0..width).step_by(L::WIDTH) {
+                        let mut sums = [zero; PAIR];
+                        for t in 0..COVERED {
+                            let slope = Row::load_from(lanes, by[t], start);
+                            for j in 0..PAIR {
+                                sums[j] = down[j][t].mul_add(slope, sums[j]);
+                            }
+                        }
+                        for j in 0..PAIR {
+                            sums[j].store_to(&mut strip.columns[j][n], LANES + start);
+                        }
+                    }
                 }
-                let (x, y) = (Row::load_from(lanes, x, start), Row::load_from(lanes, y, start));
-                let d = x - y;
-                sum += d.abs();
-                (by[0] + two * x * by[1] + y * by[2] + scale * d.sign()).store_to(by_picture, start);
+                for (j, by_picture) in by_picture.chunks_mut(3 * width).enumerate() {
+                    let by_picture = &mut by_picture[c * width..][..width];
+                    let (x, y) = (picture.row(c, row + j), truth.row(c, row + j));
+                    let mut sum = zero;
+                    for start in (0..width).step_by(L::WIDTH) {
+                        let mut by = [zero; 3];
+                        for n in 0..3 {
+                            by[n] = blur_along(lanes, &window, &strip.columns[j][n], start);
+                        }
+                        let (x, y) = (Row::load_from(lanes, x, start), Row::load_from(lanes, y, start));
+                        let d = x - y;
+                        sum += d.abs();
+                        (by[0] + two * x * by[1] + y * by[2] + scale * d.sign()).store_to(by_picture, start);
+                    }
+                    strip.sum += sum.sum().wide();
+                }
             }
-            strip.sum += sum.sum().wide();
         }
     }
 }

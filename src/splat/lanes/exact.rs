@@ -27,6 +27,13 @@ impl Lanes for Exact {
     fn store(self, a: [f64; 8], places: &mut [f64]) {
         places[..8].copy_from_slice(&a);
     }
+    fn load_halves(self, low: &[f64], high: &[f64]) -> [f64; 8] {
+        std::array::from_fn(|i| if i < 4 { low[i] } else { high[i - 4] })
+    }
+    fn store_halves(self, a: [f64; 8], low: &mut [f64], high: &mut [f64]) {
+        low[..4].copy_from_slice(&a[..4]);
+        high[..4].copy_from_slice(&a[4..]);
+    }
     fn add(self, a: [f64; 8], b: [f64; 8]) -> [f64; 8] {
         std::array::from_fn(|i| a[i] + b[i])
     }
@@ -54,6 +61,9 @@ impl Lanes for Exact {
     fn sqrt(self, a: [f64; 8]) -> [f64; 8] {
         a.map(f64::sqrt)
     }
+    fn rough_sqrt(self, a: [f64; 8]) -> [f64; 8] {
+        self.sqrt(a)
+    }
     fn exp2(self, a: [f64; 8], _: &[[f64; 8]; 7]) -> [f64; 8] {
         a.map(f64::exp2)
     }
@@ -62,6 +72,9 @@ impl Lanes for Exact {
     }
     fn sum(self, a: [f64; 8]) -> f64 {
         a.iter().sum()
+    }
+    fn sums<const C: usize>(self, rows: [[f64; 8]; C]) -> [f64; C] {
+        rows.map(|row| self.sum(row))
     }
     fn floor(self, a: [f64; 8]) -> [f64; 8] {
         a.map(f64::floor)

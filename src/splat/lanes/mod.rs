@@ -44,6 +44,10 @@ pub trait Lanes: Copy {
     fn load(self, values: &[Self::Number]) -> Self::Numbers;
     /// To the first of these places.
     fn store(self, a: Self::Numbers, places: &mut [Self::Number]);
+    /// Half of the lanes from the first of `low`, half from the first of `high`.
+    fn load_halves(self, low: &[Self::Number], high: &[Self::Number]) -> Self::Numbers;
+    /// What [`Lanes::load_halves`] reads.
+    fn store_halves(self, a: Self::Numbers, low: &mut [Self::Number], high: &mut [Self::Number]);
     /// `a + b`.
     fn add(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
     /// `a - b`.
@@ -62,12 +66,16 @@ pub trait Lanes: Copy {
     fn max(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
     /// Square root.
     fn sqrt(self, a: Self::Numbers) -> Self::Numbers;
+    /// Square root of positive numbers, relative error below 4e-4.
+    fn rough_sqrt(self, a: Self::Numbers) -> Self::Numbers;
     /// Two to a power between -126 and 126; anything, but no trap, beyond. `constants` are [`EXP2`]'s.
     fn exp2(self, a: Self::Numbers, constants: &[Self::Numbers; 7]) -> Self::Numbers;
     /// Binary logarithm of positive numbers.
     fn log2(self, a: Self::Numbers) -> Self::Numbers;
     /// Sum of the lanes, in an order that only depends on the processor.
     fn sum(self, a: Self::Numbers) -> Self::Number;
+    /// The sum of each row's lanes; not in the order of [`Lanes::sum`].
+    fn sums<const C: usize>(self, rows: [Self::Numbers; C]) -> [Self::Number; C];
     /// The whole part of numbers between 0 and 2^22.
     fn floor(self, a: Self::Numbers) -> Self::Numbers;
     /// Whole numbers between 0 and 2^22, to the first of these places.
@@ -110,6 +118,18 @@ impl<L: Lanes> Row<L> {
     #[inline(always)]
     pub fn load(lanes: L, values: &[L::Number]) -> Self {
         Self { lanes, numbers: lanes.load(values) }
+    }
+
+    /// Half of the lanes from the first of one slice, half from the first of another.
+    #[inline(always)]
+    pub fn load_halves(lanes: L, low: &[L::Number], high: &[L::Number]) -> Self {
+        Self { lanes, numbers: lanes.load_halves(low, high) }
+    }
+
+    /// Half of the lanes to the first of one slice, half to the first of another.
+    #[inline(always)]
+    pub fn store_halves(self, low: &mut [L::Number], high: &mut [L::Number]) {
+        self.lanes.store_halves(self.numbers, low, high);
     }
 
     /// 0, 1, 2, ...
@@ -193,6 +213,12 @@ impl<L: Lanes> Row<L> {
     #[inline(always)]
     pub fn sqrt(self) -> Self {
         Self { numbers: self.lanes.sqrt(self.numbers), ..self }
+    }
+
+    /// Square root of positive numbers, relative error below 4e-4; faster.
+    #[inline(always)]
+    pub fn rough_sqrt(self) -> Self {
+        Self { numbers: self.lanes.rough_sqrt(self.numbers), ..self }
     }
 
     /// Two to this power.
@@ -285,11 +311,12 @@ pub fn splat_each<L: Lanes, const C: usize>(lanes: L, values: [L::Number; C]) ->
 /// The sum of each row's lanes.
 #[inline(always)]
 pub fn sum_each<L: Lanes, const C: usize>(rows: [Row<L>; C]) -> [L::Number; C] {
-    let mut out = [L::Number::zero(); C];
-    for c in 0..C {
-        out[c] = rows[c].sum();
+    let Some(first) = rows.first() else { return [L::Number::zero(); C] };
+    let mut numbers = [first.numbers; C];
+    for c in 1..C {
+        numbers[c] = rows[c].numbers;
     }
-    out
+    first.lanes.sums(numbers)
 }
 
 impl<L: Lanes> Mask<L> {

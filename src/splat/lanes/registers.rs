@@ -55,6 +55,42 @@ pub(super) trait Processor: Simd {
         self.select_f32s(truths, a, self.splat_f32s(0.0))
     }
 
+    /// Half of the lanes from the first of `low`, half from the first of `high`.
+    #[inline(always)]
+    fn load_halves(self, low: &[f32], high: &[f32]) -> Self::f32s {
+        let half = Self::F32_LANES / 2;
+        let mut values = [0.0; LANES];
+        values[..half].copy_from_slice(&low[..half]);
+        values[half..2 * half].copy_from_slice(&high[..half]);
+        Self::as_simd_f32s(&values[..Self::F32_LANES]).0[0]
+    }
+
+    /// What [`Processor::load_halves`] reads.
+    #[inline(always)]
+    fn store_halves(self, a: Self::f32s, low: &mut [f32], high: &mut [f32]) {
+        let half = Self::F32_LANES / 2;
+        let values = [a];
+        let values: &[f32] = pulp::bytemuck::cast_slice(&values);
+        low[..half].copy_from_slice(&values[..half]);
+        high[..half].copy_from_slice(&values[half..]);
+    }
+
+    /// Square root of positive numbers, relative error below 4e-4.
+    #[inline(always)]
+    fn rough_sqrt(self, a: Self::f32s) -> Self::f32s {
+        self.sqrt_f32s(a)
+    }
+
+    /// The sum of each row's lanes.
+    #[inline(always)]
+    fn sums<const C: usize>(self, rows: [Self::f32s; C]) -> [f32; C] {
+        let mut out = [0.0; C];
+        for c in 0..C {
+            out[c] = self.reduce_sum_f32s(rows[c]);
+        }
+        out
+    }
+
     #[inline(always)]
     fn refine(self, estimate: Self::f32s, a: Self::f32s) -> Self::f32s {
         let error = self.negate_mul_add_e_f32s(estimate, a, self.splat_f32s(1.0));
@@ -77,6 +113,16 @@ impl Processor for pulp::x86::V3 {
     fn bits(self, a: Self::m32s) -> u32 {
         self.avx._mm256_movemask_ps(pulp::cast(a)) as u32
     }
+    // A register that is written in two parts and read at once would wait for both to reach the cache.
+    #[inline(always)]
+    fn load_halves(self, low: &[f32], high: &[f32]) -> Self::f32s {
+        let low = self.avx._mm256_castps128_ps256(pulp::cast(first_of::<pulp::f32x4>(low)));
+        pulp::cast(self.avx._mm256_insertf128_ps::<1>(low, pulp::cast(first_of::<pulp::f32x4>(high))))
+    }
+    #[inline(always)]
+    fn rough_sqrt(self, a: Self::f32s) -> Self::f32s {
+        self.mul_f32s(a, pulp::cast(self.avx._mm256_rsqrt_ps(pulp::cast(a))))
+    }
     #[inline(always)]
     fn keep(self, truths: Self::m32s, a: Self::f32s) -> Self::f32s {
         pulp::cast(self.avx._mm256_and_ps(pulp::cast(truths), pulp::cast(a)))
@@ -93,6 +139,60 @@ impl Processor for pulp::x86::V4 {
     fn bits(self, a: Self::m32s) -> u32 {
         u32::from(a.0)
     }
+    #[inline(always)]
+    fn load_halves(self, low: &[f32], high: &[f32]) -> Self::f32s {
+        let low = self.avx512f._mm512_castpd256_pd512(pulp::cast(first_of::<pulp::f32x8>(low)));
+        pulp::cast(self.avx512f._mm512_insertf64x4::<1>(low, pulp::cast(first_of::<pulp::f32x8>(high))))
+    }
+    #[inline(always)]
+    fn rough_sqrt(self, a: Self::f32s) -> Self::f32s {
+        self.mul_f32s(a, pulp::cast(self.avx512f._mm512_rsqrt14_ps(pulp::cast(a))))
+    }
+    /// Rows are folded two by two, so that half as many shuffles do.
+    #[inline(always)]
+    fn sums<const C: usize>(self, rows: [Self::f32s; C]) -> [f32; C] {
+        const { assert!(C <= LANES) };
+        let s = self.avx512f;
+        let mut parts = [self.splat_f32s(0.0); LANES];
+        parts[..C].copy_from_slice(&rows);
+        // Row 2i in the lower half, row 2i + 1 in the upper one; what stands beyond the last row does not matter.
+        for i in 0..C.div_ceil(2) {
+            let (x, y) = (pulp::cast(parts[2 * i]), pulp::cast(parts[2 * i + 1]));
+            let low = s._mm512_insertf64x4::<1>(x, s._mm512_castpd512_pd256(y));
+            let high = s._mm512_shuffle_f64x2::<0b11_10_11_10>(x, y);
+            parts[i] = self.add_f32s(pulp::cast(low), pulp::cast(high));
+        }
+        // Rows 4i to 4i + 3 in a quarter each.
+        for i in 0..C.div_ceil(4) {
+            let (x, y) = (pulp::cast(parts[2 * i]), pulp::cast(parts[2 * i + 1]));
+            let even = s._mm512_shuffle_f32x4::<0b10_00_10_00>(x, y);
+            let odd = s._mm512_shuffle_f32x4::<0b11_01_11_01>(x, y);
+            parts[i] = self.add_f32s(pulp::cast(even), pulp::cast(odd));
+        }
+        // Within quarter q rows q, q + 4, ...: two numbers of each, then one.
+        for rows in [8, 16] {
+            for i in 0..C.div_ceil(rows) {
+                let (x, y) = (pulp::cast(parts[2 * i]), pulp::cast(parts[2 * i + 1]));
+                let even = s._mm512_shuffle_ps::<0b10_00_10_00>(x, y);
+                let odd = s._mm512_shuffle_ps::<0b11_01_11_01>(x, y);
+                parts[i] = self.add_f32s(pulp::cast(even), pulp::cast(odd));
+            }
+        }
+        let sums = [parts[0]];
+        let sums: &[f32] = pulp::bytemuck::cast_slice(&sums);
+        let mut out = [0.0; C];
+        for c in 0..C {
+            out[c] = sums[c % 4 * 4 + c / 4];
+        }
+        out
+    }
+}
+
+/// The first numbers of a slice.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn first_of<R: pulp::bytemuck::Pod>(slice: &[f32]) -> R {
+    pulp::bytemuck::cast_slice(&slice[..size_of::<R>() / size_of::<f32>()])[0]
 }
 
 /// An array of a value for every register `k`. Closures would stand outside the instructions' reach.
@@ -125,6 +225,22 @@ impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
     #[inline(always)]
     fn store(self, a: Self::Numbers, places: &mut [f32]) {
         S::as_mut_simd_f32s(&mut places[..Self::WIDTH]).0.copy_from_slice(&a);
+    }
+    #[inline(always)]
+    fn load_halves(self, low: &[f32], high: &[f32]) -> Self::Numbers {
+        if N == 1 {
+            return [self.0.load_halves(low, high); N];
+        }
+        let (low, high) = (S::as_simd_f32s(low).0, S::as_simd_f32s(high).0);
+        each!(k: if k < N / 2 { low[k] } else { high[k - N / 2] })
+    }
+    #[inline(always)]
+    fn store_halves(self, a: Self::Numbers, low: &mut [f32], high: &mut [f32]) {
+        if N == 1 {
+            return self.0.store_halves(a[0], low, high);
+        }
+        S::as_mut_simd_f32s(low).0[..N / 2].copy_from_slice(&a[..N / 2]);
+        S::as_mut_simd_f32s(high).0[..N / 2].copy_from_slice(&a[N / 2..]);
     }
     #[inline(always)]
     fn add(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers {
@@ -163,6 +279,10 @@ impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
         each!(k: self.0.sqrt_f32s(a[k]))
     }
     #[inline(always)]
+    fn rough_sqrt(self, a: Self::Numbers) -> Self::Numbers {
+        each!(k: self.0.rough_sqrt(a[k]))
+    }
+    #[inline(always)]
     fn exp2(self, a: Self::Numbers, constants: &[Self::Numbers; 7]) -> Self::Numbers {
         each!(k: exp2(self.0, a[k], std::array::from_fn(|c| constants[c][k])))
     }
@@ -177,6 +297,17 @@ impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
             sum = self.0.add_f32s(sum, a[k]);
         }
         self.0.reduce_sum_f32s(sum)
+    }
+    #[inline(always)]
+    fn sums<const C: usize>(self, rows: [Self::Numbers; C]) -> [f32; C] {
+        let mut folded = [self.0.splat_f32s(0.0); C];
+        for c in 0..C {
+            folded[c] = rows[c][0];
+            for k in 1..N {
+                folded[c] = self.0.add_f32s(folded[c], rows[c][k]);
+            }
+        }
+        self.0.sums(folded)
     }
     #[inline(always)]
     fn floor(self, a: Self::Numbers) -> Self::Numbers {

@@ -4,7 +4,6 @@ use super::project::Footprint;
 use crate::splat::lanes::{LANES, Lanes, Row, splat_each};
 use crate::splat::real::Real;
 use std::hint::black_box;
-use std::ops::Range;
 
 /// Side of a tile, pixels.
 pub(super) const TILE: usize = 16;
@@ -13,7 +12,7 @@ const HIGH: usize = 2;
 /// Blocks on top of each other in a tile.
 const DOWN: usize = TILE / HIGH;
 /// Most blocks side by side in a tile.
-const ACROSS: usize = 4;
+pub(super) const ACROSS: usize = 4;
 /// Most blocks of a tile. They are counted downwards, column by column.
 pub(super) const BLOCKS: usize = DOWN * ACROSS;
 /// What is added to the squared Mahalanobis radius of the cut-off: rounding must not lose a block.
@@ -30,7 +29,13 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// Pixels of block `b` in one channel of a band's rows of `channels`; zero outside the image.
+    /// Rows of blocks.
+    #[inline(always)]
+    pub fn down(self) -> usize {
+        self.height.div_ceil(HIGH)
+    }
+
+    /// One channel of a row of blocks, from a band's rows of `channels`; zero outside the image.
     #[inline(always)]
     pub fn gather<L: Lanes>(
         self,
@@ -38,59 +43,130 @@ impl Frame {
         band: &[L::Number],
         channels: usize,
         channel: usize,
-        b: usize,
-    ) -> Row<L> {
-        let mut out = [L::Number::of(0.0); LANES];
-        self.each_row::<L>(channels, channel, b, |lanes, place| out[lanes].copy_from_slice(&band[place]));
-        Row::load(lanes, &out)
+        down: usize,
+    ) -> [Row<L>; ACROSS] {
+        let place = |r| self.place(channels, channel, down * HIGH + r);
+        if self.is_whole(down) {
+            join_lines(lanes, [&band[place(0)..][..TILE], &band[place(1)..][..TILE]])
+        } else {
+            let lines = self.lines_at_edge(band, channels, channel, down);
+            join_lines(lanes, [&lines[0], &lines[1]])
+        }
     }
 
-    /// Writes a block's pixels.
+    /// Writes what [`Frame::gather`] reads.
     #[inline(always)]
     pub fn scatter<L: Lanes>(
         self,
         band: &mut [L::Number],
         channels: usize,
         channel: usize,
-        b: usize,
-        row: Row<L>,
+        down: usize,
+        blocks: [Row<L>; ACROSS],
     ) {
-        let mut values = [L::Number::of(0.0); LANES];
-        row.store_to(&mut values, 0);
-        self.each_row::<L>(channels, channel, b, |lanes, place| band[place].copy_from_slice(&values[lanes]));
+        let place = |r| self.place(channels, channel, down * HIGH + r);
+        if self.is_whole(down) {
+            let (above, below) = band.split_at_mut(place(1));
+            split_to_lines(blocks, [&mut above[place(0)..][..TILE], &mut below[..TILE]]);
+        } else {
+            let [mut top, mut bottom] = [[L::Number::of(0.0); TILE]; HIGH];
+            split_to_lines(blocks, [&mut top, &mut bottom]);
+            self.write_at_edge(band, channels, channel, down, [top, bottom]);
+        }
     }
 
-    /// Visits the rows of a block: their lanes, and their place in the band.
+    /// Where the tile's part of a row begins in a band's rows of `channels`.
     #[inline(always)]
-    fn each_row<L: Lanes>(
+    fn place(self, channels: usize, channel: usize, row: usize) -> usize {
+        (row * channels + channel) * self.width + self.tile * TILE
+    }
+
+    /// Columns of the tile.
+    #[inline(always)]
+    fn columns(self) -> usize {
+        (self.width - self.tile * TILE).min(TILE)
+    }
+
+    /// Whether all pixels of a row of blocks lie in the image.
+    #[inline(always)]
+    fn is_whole(self, down: usize) -> bool {
+        self.columns() == TILE && (down + 1) * HIGH <= self.height
+    }
+
+    /// The rows of pixels of a row of blocks that is not whole.
+    #[cold]
+    #[inline(never)]
+    fn lines_at_edge<T: Real>(
         self,
+        band: &[T],
         channels: usize,
         channel: usize,
-        b: usize,
-        mut visit: impl FnMut(Range<usize>, Range<usize>),
+        down: usize,
+    ) -> [[T; TILE]; HIGH] {
+        let mut lines = [[T::zero(); TILE]; HIGH];
+        for (row, line) in (down * HIGH..self.height).zip(&mut lines) {
+            let pixels = &band[self.place(channels, channel, row)..][..self.columns()];
+            line[..pixels.len()].copy_from_slice(pixels);
+        }
+        lines
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn write_at_edge<T: Real>(
+        self,
+        band: &mut [T],
+        channels: usize,
+        channel: usize,
+        down: usize,
+        lines: [[T; TILE]; HIGH],
     ) {
-        let wide = wide::<L>();
-        let (col, row) = (self.tile * TILE + b / DOWN * wide, b % DOWN * HIGH);
-        let place = |r: usize| ((row + r) * channels + channel) * self.width + col;
-        if col + wide <= self.width && row + HIGH <= self.height {
-            for r in 0..HIGH {
-                visit(r * wide..(r + 1) * wide, place(r)..place(r) + wide);
-            }
-        } else if col < self.width {
-            let columns = wide.min(self.width - col);
-            for r in 0..HIGH.min(self.height.saturating_sub(row)) {
-                visit(r * wide..r * wide + columns, place(r)..place(r) + columns);
-            }
+        for (row, line) in (down * HIGH..self.height).zip(&lines) {
+            let pixels = &mut band[self.place(channels, channel, row)..][..self.columns()];
+            pixels.copy_from_slice(&line[..pixels.len()]);
         }
     }
 
     /// The blocks that have pixels, as bits.
     #[inline(always)]
     pub fn blocks<L: Lanes>(self) -> u32 {
-        let columns = (self.width - self.tile * TILE).min(TILE).div_ceil(wide::<L>());
-        let column = (1u32 << self.height.div_ceil(HIGH)) - 1;
-        (0..columns).fold(0, |bits, c| bits | column << (c * DOWN))
+        let column = (1u32 << self.down()) - 1;
+        (0..self.columns().div_ceil(wide::<L>())).fold(0, |bits, c| bits | column << (c * DOWN))
     }
+}
+
+/// Blocks from their pixels' rows.
+#[inline(always)]
+fn join_lines<L: Lanes>(lanes: L, [top, bottom]: [&[L::Number]; HIGH]) -> [Row<L>; ACROSS] {
+    let wide = wide::<L>();
+    let mut blocks = [Row::splat(lanes, L::Number::of(0.0)); ACROSS];
+    for across in 0..across::<L>() {
+        let part = across * wide..(across + 1) * wide;
+        blocks[across] = Row::load_halves(lanes, &top[part.clone()], &bottom[part]);
+    }
+    blocks
+}
+
+/// Blocks to their pixels' rows.
+#[inline(always)]
+fn split_to_lines<L: Lanes>(blocks: [Row<L>; ACROSS], [top, bottom]: [&mut [L::Number]; HIGH]) {
+    let wide = wide::<L>();
+    for across in 0..across::<L>() {
+        let part = across * wide..(across + 1) * wide;
+        blocks[across].store_halves(&mut top[part.clone()], &mut bottom[part]);
+    }
+}
+
+/// Blocks side by side in a tile.
+#[inline(always)]
+pub(super) const fn across<L: Lanes>() -> usize {
+    TILE / wide::<L>()
+}
+
+/// Number of a block in its tile.
+#[inline(always)]
+pub(super) const fn block(across: usize, down: usize) -> usize {
+    across * DOWN + down
 }
 
 /// Columns of a block.
@@ -242,17 +318,18 @@ impl<L: Lanes> BlockTest<L> {
         let [a, b, c] = f.conic;
         let radius2 = f.radius2 + L::Number::of(SLACK);
         let [u, v] = splat_each(self.lanes, f.offset_in(tile, band));
+        let by_a = L::Number::of(1.0) / a;
         let [slope, square, drop, lean] =
-            splat_each(self.lanes, [-b / a, radius2 / a, (a * c - b * b) / (a * a), f.lean]);
+            splat_each(self.lanes, [-b * by_a, radius2 * by_a, (a * c - b * b) * by_a * by_a, f.lean]);
         let top = self.first_row - v;
         let bottom = top + self.last;
         // Half the ellipse's width on a row; not a number beyond the ellipse.
-        let half = |row: Row<L>| (square - drop * row * row).sqrt();
+        let half = |row: Row<L>| (square - drop * row * row).rough_sqrt();
         let (right, left) = (lean.max(top).min(bottom), (self.zero - lean).max(top).min(bottom));
         let right = slope.mul_add(right, half(right)) + u;
         let left = slope.mul_add(left, u - half(left));
         let mut bits = 0;
-        for across in 0..TILE / wide::<L>() {
+        for across in 0..across::<L>() {
             let [first, last] = self.columns[across];
             let touched = right.at_least(first).and(last.at_least(left)).bits() & ((1 << DOWN) - 1);
             bits |= touched << (across * DOWN);

@@ -6,7 +6,7 @@
 //! forward pass stopped, and divides by no vanishing transmittance.
 
 use super::bands::Band;
-use super::block::{BLOCKS, BlockTest, Pixels, Stamp, each, frames};
+use super::block::{ACROSS, BLOCKS, BlockTest, Pixels, Stamp, across, block, each, frames};
 use super::{ALPHA_CUT, ALPHA_MAX, SATURATED};
 use crate::splat::lanes::{Exp2, Kernel, Lanes, Lanewise, Row, splat_each, sum_each};
 use crate::splat::real::Real;
@@ -101,12 +101,19 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
                     break;
                 }
             }
-            for b in each(frame.blocks::<L>()) {
+            for down in 0..frame.down() {
+                let mut row = [k.zero; ACROSS];
                 for c in 0..C {
-                    let value = transmittance[b].mul_add(background[c], color[b][c]);
-                    frame.scatter(out, C + 1, c, b, value);
+                    for a in 0..across::<L>() {
+                        let b = block(a, down);
+                        row[a] = transmittance[b].mul_add(background[c], color[b][c]);
+                    }
+                    frame.scatter(out, C + 1, c, down, row);
                 }
-                frame.scatter(out, C + 1, C, b, transmittance[b]);
+                for a in 0..across::<L>() {
+                    row[a] = transmittance[block(a, down)];
+                }
+                frame.scatter(out, C + 1, C, down, row);
             }
         }
     }
@@ -135,11 +142,15 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
             let mut behind = [k.zero; BLOCKS];
             let mut unlimited = [k.zero; BLOCKS];
             let mut by_color = [[k.zero; C]; BLOCKS];
-            for b in each(frame.blocks::<L>()) {
+            for down in 0..frame.down() {
                 for c in 0..C {
-                    by_color[b][c] = frame.gather(lanes, by_pixel, C, c, b);
-                    let value = frame.gather(lanes, image, C + 1, c, b);
-                    behind[b] = value.mul_add(by_color[b][c], behind[b]);
+                    let by = frame.gather(lanes, by_pixel, C, c, down);
+                    let value = frame.gather(lanes, image, C + 1, c, down);
+                    for a in 0..across::<L>() {
+                        let b = block(a, down);
+                        by_color[b][c] = by[a];
+                        behind[b] = value[a].mul_add(by[a], behind[b]);
+                    }
                 }
             }
             let mut live = frame.blocks::<L>();
