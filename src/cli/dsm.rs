@@ -7,7 +7,6 @@ use crate::dsm::{HeightsFrom, hillshade, render};
 use crate::raster::{ImageFile, MapGrid, Vertical, write_png_gray};
 use crate::run_files::{CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPLATS, SURFACE};
 use crate::scene::Role;
-use crate::splat::ply;
 use crate::splat::recipe::RayHeight;
 use crate::splat::sweep::{DSM_CELL_M, SweptSurface};
 use std::path::{Path, PathBuf};
@@ -94,7 +93,7 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         ui.note(&format!("`{}` has its surface already", run.display()));
         return Ok(());
     }
-    let splats = ply::read(&run.join(SPLATS))?;
+    let splats = cameras.read_splats(run)?;
     let reference = cameras.reference_appearance();
     let read = || SweptSurface::read(&run.join(SURFACE), &setup.site);
     let matched = cameras.is_matched.then(read).transpose()?;
@@ -104,6 +103,7 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         (None, RayHeight::Mean) => HeightsFrom::Mean { floor: setup.altitudes.0 as f32 },
     };
     let mut surface = render(&splats, &setup.site, grid, &reference, source);
+    setup.tone.show(&mut surface.colors);
     let views: Vec<_> = setup.views.iter().filter(|v| v.role == Role::Train).collect();
     let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
     surface.metadata = vec![("INPUTS", names.join(", "))];

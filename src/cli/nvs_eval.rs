@@ -3,11 +3,9 @@
 use super::render::find;
 use super::run_folder::{TrainedCameras, read_scene};
 use super::{Failure, Ui};
-use crate::run_files::SPLATS;
 use crate::scene::Role;
 use crate::splat::novel::NovelView;
 use crate::splat::picture_score::score_picture;
-use crate::splat::ply;
 use crate::splat::views::{TrainingView, Truth};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -40,7 +38,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
             "`test.txt` beside the images holds views back; --view NAME scores one that was trained on";
         return Err(Failure::input("the run has no test view", hint));
     }
-    let splats = ply::read(&args.run.join(SPLATS))?;
+    let splats = cameras.read_splats(&args.run)?;
     let reference = cameras.reference_appearance();
     let mut text = format!("{:24} {:>9} {:>7} {:>10}\n", "view", "PSNR dB", "SSIM", "pixels");
     let mut scores = Vec::new();
@@ -54,7 +52,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         let mut truth = Truth::default();
         TrainingView::new(view.name.clone(), view.camera, None, &planes, setup.area).load(0, &mut truth);
         let novel = NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear };
-        let picture = novel.picture(&splats, &reference, setup.altitudes);
+        let mut picture = novel.picture(&splats, &reference, setup.altitudes);
+        // Scored as the images show it.
+        setup.tone.show(&mut picture.colors);
         let score = score_picture(&picture.colors, &truth).ok_or_else(|| {
             Failure::input(format!("view `{}` has no pixels to score", view.name), "see `satgs info`")
         })?;

@@ -6,10 +6,9 @@ use crate::affine::sun_direction;
 use crate::bundle::Adjustment;
 use crate::raster::{Cog, MapGrid, SensorImage, Vertical, write_png_rgb};
 use crate::rpc::{Rpc, formats};
-use crate::run_files::{ADJUSTMENT, SPLATS};
+use crate::run_files::ADJUSTMENT;
 use crate::scene::Sun;
 use crate::splat::novel::{NovelView, Picture};
-use crate::splat::ply;
 use crate::splat::setup::{FittedView, Setup};
 use std::path::{Path, PathBuf};
 
@@ -84,7 +83,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     };
     let cameras = TrainedCameras::read(&args.run)?;
     let setup = &cameras.setup;
-    let splats = ply::read(&args.run.join(SPLATS))?;
+    let splats = cameras.read_splats(&args.run)?;
     let like = args.like.as_ref().map(|name| find(setup, name)).transpose()?;
     let rpc = like.map(|view| corrected_camera(&args.run, &view.name)).transpose()?;
     let appearance = like
@@ -111,7 +110,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
             let towards = sun_direction(Sun { azimuth_deg, elevation_deg }, &setup.site);
             view.sun_shear = Some(view.camera.shear_towards(towards));
         }
-        let picture = view.picture(&splats, &appearance, setup.altitudes);
+        let mut picture = view.picture(&splats, &appearance, setup.altitudes);
+        setup.tone.show(&mut picture.colors);
         let path =
             if args.frames.is_some() { numbered(&args.output, frame + 1) } else { args.output.clone() };
         if is_raster {

@@ -2,9 +2,11 @@
 
 use super::{Failure, align};
 use crate::raster::{RasterError, write_file};
-use crate::run_files::{CAMERAS, SCENE};
+use crate::run_files::{CAMERAS, SCENE, SPLATS};
 use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
+use crate::splat::gaussians::Gaussians;
+use crate::splat::ply;
 use crate::splat::recipe::Recipe;
 use crate::splat::setup::Setup;
 use serde::{Deserialize, Serialize};
@@ -29,6 +31,26 @@ impl TrainedCameras {
     pub fn read(run: &Path) -> Result<Self, Failure> {
         align::finish(run)?;
         read_json(&run.join(CAMERAS), "`satgs train RUN` makes it")
+    }
+
+    /// Reads a run's splats, coloured in light.
+    pub fn read_splats(&self, run: &Path) -> Result<Gaussians, Failure> {
+        let mut splats = ply::read(&run.join(SPLATS))?;
+        if !self.setup.tone.is_linear() {
+            splats.recolor(|v| self.setup.tone.light(v));
+        }
+        Ok(splats)
+    }
+
+    /// Writes a run's splats, coloured in light, as viewers show them.
+    pub fn write_splats(&self, run: &Path, splats: &Gaussians) -> Result<(), Failure> {
+        let path = run.join(SPLATS);
+        if self.setup.tone.is_linear() {
+            return Ok(ply::write(&path, splats, &self.setup.site)?);
+        }
+        let mut shown = splats.clone();
+        shown.recolor(|v| self.setup.tone.brightness(v));
+        Ok(ply::write(&path, &shown, &self.setup.site)?)
     }
 
     /// The radiometry of the view whose colours the orthophoto takes.
@@ -56,4 +78,42 @@ pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), Failure> {
     let failed = |reason: String| RasterError::Write { path: path.into(), reason };
     let text = serde_json::to_string_pretty(value).map_err(|e| failed(e.to_string()))?;
     Ok(write_file(path, text)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::{Point, SiteGrid};
+    use crate::scene::Tone;
+
+    #[test]
+    fn splats_are_light_in_memory_and_brightness_in_their_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let site = SiteGrid { epsg: 32617, origin: Point::new(436_211.0, 3_357_611.0, -20.0) };
+        let tone = Tone::new(2.2).unwrap();
+        let setup = Setup {
+            site,
+            area: (0.0, 0.0, 1.0, 1.0),
+            altitudes: (0.0, 1.0),
+            views: vec![],
+            reference: 0,
+            tone,
+        };
+        let recipe = Recipe::named("best").unwrap();
+        let cameras = TrainedCameras { setup, appearances: vec![], recipe, is_matched: false };
+        let mut splats = Gaussians::default();
+        splats.push([0.5; 3], 0.3, 0.9, [0.1, 0.3, -0.02]);
+        cameras.write_splats(folder.path(), &splats).unwrap();
+        let mut shown = ply::read(&folder.path().join(SPLATS)).unwrap();
+        let mut red = 0.0;
+        shown.recolor(|v| {
+            red = f32::max(red, v);
+            v
+        });
+        assert!((red - tone.brightness(0.3)).abs() < 1e-5, "{red}");
+        let read = cameras.read_splats(folder.path()).unwrap();
+        for (a, b) in read.f_dc[0].iter().zip(splats.f_dc[0]) {
+            assert!((a - b).abs() < 1e-4, "{a} {b}");
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::{Failure, Ui};
 use crate::event::Event;
-use crate::scene::{self, Aoi, ReadOptions, Scene, SceneError, Sun};
+use crate::scene::{self, Aoi, ReadOptions, Scene, SceneError, Sun, Tone};
 use std::path::{Path, PathBuf};
 
 /// A scene and how to read it.
@@ -28,6 +28,10 @@ pub struct SceneArgs {
     /// Percent of pixels cut off at each end of the values [default: 0.5, none for 8-bit images]
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent)]
     pub stretch: Option<f64>,
+    /// Power of brightness that is proportional to light: 2.2 for images made for looking at, as DFC2019's and most
+    /// 8-bit products are; training compares light [default: 1]
+    #[arg(long, value_name = "EXPONENT", value_parser = parse_gamma)]
+    pub gamma: Option<Tone>,
 }
 
 /// Bands of `--bands`.
@@ -49,6 +53,7 @@ impl SceneArgs {
             height_range,
             bands: self.bands.clone().unwrap_or_default().0,
             stretch_percent: self.stretch,
+            tone: self.gamma.unwrap_or_default(),
         };
         let scene = scene::read(&self.scene, &options)?;
         for warning in &scene.warnings {
@@ -75,6 +80,11 @@ fn parse_bands(text: &str) -> Result<Bands, String> {
 fn parse_percent(text: &str) -> Result<f64, String> {
     let percent = text.parse().ok().filter(|p| (0.0..50.0).contains(p));
     percent.ok_or_else(|| format!("`{text}` is no percentage from 0 to 50"))
+}
+
+fn parse_gamma(text: &str) -> Result<Tone, String> {
+    let tone = text.parse().ok().and_then(Tone::new);
+    tone.ok_or_else(|| format!("`{text}` is no exponent from 1 to 4"))
 }
 
 fn parse_sun(text: &str) -> Result<(String, Sun), String> {

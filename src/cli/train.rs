@@ -23,7 +23,7 @@ use crate::splat::setup::{Setup, SetupError};
 use crate::splat::sweep::{Sweep, SweptSurface};
 use crate::splat::train::{LogLine, Schedule, train};
 use crate::splat::views::{TrainingView, median_pixel_m};
-use crate::splat::{init, ply, progress};
+use crate::splat::{init, progress};
 use std::path::{Path, PathBuf};
 
 /// Train Gaussian splats on an adjusted run: RUN/splats.ply, RUN/cameras.json
@@ -234,11 +234,11 @@ impl<'a> Job<'a> {
             let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
             sweep.sharpen(&trained, first).write(&run.join(SURFACE))?;
         }
-        ply::write(&run.join(SPLATS), &made.splats, &setup.site)?;
         write_log(&run.join(TRAINING), log)?;
         progress::curves(log).write(&run.join("train/curves.png"))?;
         let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
         let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
+        cameras.write_splats(run, &made.splats)?;
         write_json(&run.join(CAMERAS), &cameras)?;
         Ok(cameras)
     }

@@ -14,6 +14,7 @@ mod sidecar;
 mod skyplot;
 mod source;
 mod sun;
+mod tone;
 mod view;
 
 pub use aoi::Aoi;
@@ -25,4 +26,5 @@ pub use pixels::Brightness;
 pub use read::{ReadOptions, read};
 pub use sidecar::ORDER as RPC_ORDER;
 pub use source::read_camera;
+pub use tone::Tone;
 pub use view::{Role, Scene, Sun, View, angle_between_deg};

@@ -1,7 +1,7 @@
 //! Reads a scene from disk, in either layout, and says what is odd about it.
 
 use super::source::{files_in, images_in, is_image};
-use super::{Aoi, Scene, SceneError, Sun, View, checks, dfc2019, folder, manifest};
+use super::{Aoi, Scene, SceneError, Sun, Tone, View, checks, dfc2019, folder, manifest};
 use crate::raster::ImageFile;
 use std::path::Path;
 
@@ -20,6 +20,8 @@ pub struct ReadOptions {
     pub bands: Vec<usize>,
     /// Percent of pixels cut off at each end when values are stretched.
     pub stretch_percent: Option<f64>,
+    /// How the images' brightness stands for light.
+    pub tone: Tone,
 }
 
 /// Reads the scene at `path`.
@@ -44,7 +46,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
     if views.is_empty() {
         return Err(SceneError::NoImages { path: path.into() });
     }
-    let mut scene = Scene { views, aoi: None, warnings };
+    let mut scene = Scene { views, aoi: None, tone: options.tone, warnings };
     scene.views.sort_by(|a, b| a.name.cmp(&b.name));
     checks::refuse_duplicates(&scene)?;
     give_suns(&mut scene, &options.suns)?;

@@ -109,6 +109,12 @@ impl<T: Real> Gaussians<T> {
         reorder(&mut self.f_dc, order);
     }
 
+    /// Changes each channel of every colour.
+    pub fn recolor(&mut self, mut change: impl FnMut(T) -> T) {
+        let (half, c0) = (T::of(0.5), T::of(SH_C0));
+        self.f_dc.as_flattened_mut().iter_mut().for_each(|v| *v = (change(*v * c0 + half) - half) / c0);
+    }
+
     /// Every parameter group as one flat slice: position, log scale, rotation, logit, colour.
     pub fn groups_mut(&mut self) -> [&mut [T]; 5] {
         [

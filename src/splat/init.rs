@@ -131,8 +131,12 @@ pub fn on_surface(surface: &SweptSurface, views: &[TrainingView]) -> Gaussians {
     out
 }
 
+/// In light, as splats are coloured.
 fn median_color([x, y, z]: [f64; 3], views: &[TrainingView]) -> [f32; 3] {
-    let seen = |v: &TrainingView| v.color(v.camera.project(Point::new(x, y, z)));
+    let seen = |v: &TrainingView| {
+        let color = v.color(v.camera.project(Point::new(x, y, z)))?;
+        Some(color.map(|c| v.tone.light(c)))
+    };
     let colors: Vec<[f32; 3]> = views.iter().filter_map(seen).collect();
     std::array::from_fn(|k| {
         let values = colors.iter().map(|c| f64::from(c[k])).collect();

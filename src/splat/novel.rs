@@ -23,7 +23,7 @@ pub struct NovelView {
 
 /// What is seen there.
 pub struct Picture {
-    /// Colours, 0 to 1; black where nothing is.
+    /// Light, 0 to 1; black where nothing is.
     pub colors: [Plane; 3],
     /// Altitudes in metres above the site's origin, the mean of the splats' by their light; NaN where most light passes.
     pub altitude: Plane,
@@ -95,6 +95,7 @@ mod tests {
             altitudes: (-5.0, 30.0),
             views: Vec::new(),
             reference: 0,
+            tone: crate::scene::Tone::default(),
         }
     }
 

@@ -275,7 +275,12 @@ impl<T: Lanewise> Objective<T> {
         watch: &mut Stopwatch,
     ) {
         let n = gaussians.len();
-        zeros(&mut self.by_shared, n);
+        let opacity_scale = T::of(weights.opacity / n.max(1) as f64);
+        self.by_shared.resize(n, SplatGradient::default());
+        self.by_shared.par_iter_mut().with_min_len(1024).enumerate().for_each(|(rank, by)| {
+            let o = self.prepared.opacity(rank);
+            *by = SplatGradient { logit: opacity_scale * o * (T::one() - o), ..SplatGradient::default() };
+        });
         zeros(&mut self.by_feature, n);
         zeros(&mut self.by_altitude, n);
         let shared = &mut self.by_shared;
@@ -296,16 +301,13 @@ impl<T: Lanewise> Objective<T> {
         }
         gradient.splats.resize(n);
         self.prepared.parameter_gradients(gaussians, &self.by_shared, &mut gradient.splats);
-        let opacity_scale = T::of(weights.opacity / n.max(1) as f64);
-        let Gaussians { position, logit, f_dc, .. } = &mut gradient.splats;
-        let rows = position.par_iter_mut().zip(logit).zip(f_dc).with_min_len(1024).enumerate();
-        rows.for_each(|(i, ((position, logit), f_dc))| {
+        let Gaussians { position, f_dc, .. } = &mut gradient.splats;
+        let rows = position.par_iter_mut().zip(f_dc).with_min_len(1024).enumerate();
+        rows.for_each(|(i, (position, f_dc))| {
             let rank = self.prepared.rank(i);
             let by = self.by_feature[rank];
             *f_dc = std::array::from_fn(|c| by[c] * T::of(SH_C0));
             position[2] = position[2] + by[3] + self.by_altitude[rank][0];
-            let o = self.prepared.opacity(rank);
-            *logit = *logit + opacity_scale * o * (T::one() - o);
         });
     }
 }

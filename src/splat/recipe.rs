@@ -186,8 +186,8 @@ impl Recipe {
         let baeogs = Self {
             name: "baeogs".into(),
             iterations: 5000,
-            // Ours, for time: the paper trains at full resolution throughout.
-            half_resolution_until: 3000,
+            // Ours, for time: the paper trains at full resolution throughout, with a virtual view in every iteration.
+            half_resolution_until: 3500,
             half_resolution_px_m: widest_half_resolution_px_m(),
             start: Start::Points,
             rates: LearningRates {
@@ -208,7 +208,7 @@ impl Recipe {
             opacity_by_start: false,
             shadows_from: 1000,
             virtual_shear: 0.01,
-            virtual_every: always(),
+            virtual_every: 2,
             check_every: 100,
             growth: Some(growth),
             prune_below: 0.0025,
@@ -224,6 +224,7 @@ impl Recipe {
             "eogs" => Some(Self {
                 name: "eogs".into(),
                 half_resolution_until: 0,
+                virtual_every: always(),
                 start: Start::Box,
                 opacity_by_start: true,
                 growth: None,
@@ -235,10 +236,8 @@ impl Recipe {
                 let best = Self {
                     name: "best".into(),
                     start: Start::Surface,
-                    half_resolution_until: 3500,
                     // Roofs without texture would drift.
                     hold: Some(0.1),
-                    virtual_every: 2,
                     heights: RayHeight::Median,
                     reset: None,
                     ..baeogs
@@ -372,7 +371,7 @@ mod tests {
             ("logit = 0.05", "logit = nan", "rates.logit = NaN"),
             ("gradient = 0.0006", "gradient = -1.0", "growth.gradient = -1"),
             ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0 "),
-            ("virtual_every = 1", "virtual_every = 0", "virtual_every = 0"),
+            ("virtual_every = 2", "virtual_every = 0", "virtual_every = 0"),
             ("check_every = 100", "check_every = 0", "check_every = 0"),
             ("growth_rests = 500", "growth_rests = 3000", "reset.growth_rests = 3000"),
             ("iterations = 5000", "iterations = 0", "iterations = 0"),

@@ -6,7 +6,7 @@ use crate::affine::{AffineCamera, FitError, fit, sun_direction};
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteGrid};
 use crate::raster::RasterError;
 use crate::rpc::Rpc;
-use crate::scene::{Role, Scene, default_aoi};
+use crate::scene::{Role, Scene, Tone, default_aoi};
 use serde::{Deserialize, Serialize};
 
 /// Views and suns lower than this are refused: their shears have no end.
@@ -94,6 +94,9 @@ pub struct Setup {
     pub views: Vec<FittedView>,
     /// Index of the view whose colours the orthophoto takes.
     pub reference: usize,
+    /// How the images' brightness stands for light.
+    #[serde(default, skip_serializing_if = "Tone::is_linear")]
+    pub tone: Tone,
 }
 
 /// Sparse points fewer than this start nothing.
@@ -150,7 +153,7 @@ impl Setup {
             })
             .collect::<Result<Vec<_>, SetupError>>()?;
         let reference = reference_view(scene, median).ok_or(SetupError::NoViews)?;
-        Ok(Self { site, area, altitudes: (low - median, high - median), views, reference })
+        Ok(Self { site, area, altitudes: (low - median, high - median), views, reference, tone: scene.tone })
     }
 
     /// Sparse points in the site frame, those within the altitudes.
@@ -175,7 +178,8 @@ impl Setup {
         pairs
             .map(|(f, view)| {
                 let planes = view.read_colors()?;
-                Ok(TrainingView::new(f.name.clone(), f.camera, f.sun_shear, &planes, self.area))
+                let view = TrainingView::new(f.name.clone(), f.camera, f.sun_shear, &planes, self.area);
+                Ok(view.with_tone(self.tone))
             })
             .collect()
     }

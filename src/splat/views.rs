@@ -5,12 +5,13 @@ use super::raster::Layers;
 use crate::affine::AffineCamera;
 use crate::frame::{CenterPx, Pixel};
 use crate::raster::Plane;
+use crate::scene::Tone;
 use rayon::prelude::*;
 
 /// Stored where no pixel counts. A black one that does is stored as the darkest blue.
 const MASKED: [u8; 3] = [0; 3];
 const BLACK: [u8; 3] = [0, 0, 1];
-/// Coarsest level of resolution: sums of 256 pixels still fit into sixteen bits.
+/// Coarsest level of resolution.
 pub const COARSEST_LEVEL: usize = 4;
 
 /// A view that is trained on.
@@ -28,12 +29,16 @@ pub struct TrainingView {
     colors: Vec<[u8; 3]>,
     /// Shear of the camera towards the sun, pixels per metre; none without a sun.
     pub sun_shear: Option<[f64; 2]>,
+    /// How colours stand for light.
+    pub tone: Tone,
+    /// Light by stored colour.
+    light: [f32; 256],
 }
 
 /// A view's pixels at one resolution, as an iteration needs them.
 #[derive(Clone, Debug, Default)]
 pub struct Truth {
-    /// Colours in [0, 1], zero where masked.
+    /// Light in [0, 1], zero where masked.
     pub colors: Layers<f32>,
     /// Pixels that count, row by row.
     pub valid: Vec<bool>,
@@ -68,7 +73,17 @@ impl TrainingView {
             if stored == MASKED { BLACK } else { stored }
         };
         let colors = (0..width * height).into_par_iter().map(color).collect();
-        Self { name, camera, width, height, colors, sun_shear }
+        let shown =
+            Self { name, camera, width, height, colors, sun_shear, tone: Tone::default(), light: [0.0; 256] };
+        shown.with_tone(Tone::default())
+    }
+
+    /// The view with colours that stand for light in this way; for light itself without it.
+    #[must_use]
+    pub fn with_tone(mut self, tone: Tone) -> Self {
+        self.tone = tone;
+        self.light = std::array::from_fn(|v| tone.light(v as f32 / 255.0));
+        self
     }
 
     /// Brightness in [0, 1], NaN where masked.
@@ -104,18 +119,21 @@ impl TrainingView {
             let (green, blue) = rest.split_at_mut(width);
             for col in 0..width {
                 // The mean of the pixels that count.
-                let (mut sum, mut n) = ([0u16; 3], 0u16);
+                let (mut sum, mut n) = ([0.0; 3], 0u16);
                 for r in row * step..(row + 1) * step {
                     for stored in &self.colors[r * self.width + col * step..][..step] {
-                        n += u16::from(*stored != MASKED);
+                        if *stored == MASKED {
+                            continue;
+                        }
+                        n += 1;
                         for k in 0..3 {
-                            sum[k] += u16::from(stored[k]);
+                            sum[k] += self.light[usize::from(stored[k])];
                         }
                     }
                 }
                 valid[col] = n > 0;
-                let scale = 1.0 / (255.0 * f32::from(n.max(1)));
-                [red[col], green[col], blue[col]] = sum.map(|s| f32::from(s) * scale);
+                let scale = 1.0 / f32::from(n.max(1));
+                [red[col], green[col], blue[col]] = sum.map(|s| s * scale);
             }
         });
         if level == 0 { self.camera } else { self.camera.rescaled(1.0 / step as f64) }
@@ -153,5 +171,21 @@ mod tests {
         assert_eq!((truth.colors.width, truth.colors.height, truth.valid.len()), (2, 1, 2));
         // Of three and of two pixels that count.
         assert!(near(truth.colors.row(0, 0), &[0.4, 0.4]));
+    }
+
+    #[test]
+    fn pixels_are_averaged_as_light_and_looked_up_as_stored() {
+        let tone = Tone::new(2.0).unwrap();
+        let plane = Plane::from_fn(2, 2, |col, _| if col == 0 { 0.2 } else { 1.0 });
+        let camera = AffineCamera { linear: [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], offset: [0.0; 2] };
+        let view =
+            TrainingView::new("v".into(), camera, None, &[plane], (-5.0, -5.0, 5.0, 5.0)).with_tone(tone);
+        let mut truth = Truth::default();
+        let _ = view.load(0, &mut truth);
+        let (dark, white) = (tone.light(0.2), tone.light(1.0));
+        assert_eq!(truth.colors.row(1, 0), [dark, white]);
+        let _ = view.load(1, &mut truth);
+        assert!((truth.colors.at(0, 0, 0) - 0.5 * (dark + white)).abs() < 1e-6);
+        assert!((view.gray().at(0, 0) - 0.2).abs() < 1e-6);
     }
 }

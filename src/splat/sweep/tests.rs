@@ -53,7 +53,14 @@ fn view(lean: [f64; 2], paint: Paint) -> TrainingView {
 fn setup() -> Setup {
     let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
     let area = (-25.0, -20.0, 25.0, 20.0);
-    Setup { site, area, altitudes: (-5.0, 20.0), views: Vec::new(), reference: 0 }
+    Setup {
+        site,
+        area,
+        altitudes: (-5.0, 20.0),
+        views: Vec::new(),
+        reference: 0,
+        tone: crate::scene::Tone::default(),
+    }
 }
 
 fn views(paint: Paint) -> Vec<TrainingView> {

@@ -1,0 +1,75 @@
+//! How brightness as it is stored stands for light.
+
+use crate::raster::Plane;
+use serde::{Deserialize, Serialize};
+
+/// The power of brightness, from 0 to 1, that is proportional to light: shadows and blends of surfaces add up in light.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tone {
+    gamma: f32,
+}
+
+impl Default for Tone {
+    /// Brightness is light.
+    fn default() -> Self {
+        Self { gamma: 1.0 }
+    }
+}
+
+impl Tone {
+    /// A tone with this exponent; none unless it is from 1 to 4.
+    #[must_use]
+    pub fn new(gamma: f32) -> Option<Self> {
+        (1.0..=4.0).contains(&gamma).then_some(Self { gamma })
+    }
+
+    /// Whether brightness is light.
+    #[must_use]
+    pub fn is_linear(&self) -> bool {
+        self.gamma == 1.0
+    }
+
+    /// The light that a brightness stands for; white is 1 in both, and what is less than none keeps its sign.
+    #[must_use]
+    pub fn light(self, brightness: f32) -> f32 {
+        brightness.abs().powf(self.gamma).copysign(brightness)
+    }
+
+    /// The brightness that stands for a light.
+    #[must_use]
+    pub fn brightness(self, light: f32) -> f32 {
+        light.abs().powf(self.gamma.recip()).copysign(light)
+    }
+
+    /// Makes planes of light planes of brightness.
+    pub fn show(self, planes: &mut [Plane]) {
+        planes.iter_mut().flat_map(|p| &mut p.data).for_each(|v| *v = self.brightness(*v));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn brightness_comes_back_from_its_light_and_linear_brightness_is_light() {
+        let tone = Tone::new(2.2).unwrap();
+        for v in [0.0, 0.003, 0.2, 0.9, 1.0, 1.3] {
+            assert!((tone.brightness(tone.light(v)) - v).abs() < 1e-6, "{v}");
+            assert_eq!(Tone::default().light(v), v);
+            assert_eq!(Tone::default().brightness(v), v);
+        }
+        assert!((tone.light(0.5) - 0.5f32.powf(2.2)).abs() < 1e-7);
+        assert_eq!([tone.light(-0.1), tone.brightness(-0.1)], [-tone.light(0.1), -tone.brightness(0.1)]);
+        let mut planes = [Plane::filled(2, 1, f32::NAN), Plane::filled(2, 1, 1.0)];
+        tone.show(&mut planes);
+        assert!(planes[0].data[0].is_nan() && (planes[1].data[1] - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn no_other_exponents_are_taken() {
+        for gamma in [0.0, 0.99, 4.1, -2.2, f32::NAN, f32::INFINITY] {
+            assert_eq!(Tone::new(gamma), None);
+        }
+    }
+}
