@@ -166,7 +166,8 @@ impl<'a> Job<'a> {
     fn new(run: &'a Path, options: &'a Options, recipe: Recipe, scene: &Scene) -> Result<Self, Failure> {
         let adjustment = Adjustment::read(&run.join(ADJUSTMENT))?;
         let points = adjustment.positions();
-        let setup = Setup::new(scene, &adjustment.cameras_of(scene)?, &points)?;
+        let mut setup = Setup::new(scene, &adjustment.cameras_of(scene)?, &points)?;
+        setup.tone = setup.tone.with_white(recipe.white);
         for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
             tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);
         }

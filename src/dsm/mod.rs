@@ -104,7 +104,7 @@ pub fn render(
     let mut height = match heights {
         HeightsFrom::Matched(surface) => resampled(surface, &grid),
         HeightsFrom::Median => altitudes(splats, site, &grid),
-        HeightsFrom::Mean { floor } => with_floor(image, floor),
+        HeightsFrom::Mean { floor } => mean_around(&with_floor(image, floor)),
     };
     height.data.iter_mut().for_each(|z| *z += site.origin.z() as f32);
     let mut colors: [Plane; 3] = std::array::from_fn(|c| image.plane(c));
@@ -131,6 +131,23 @@ fn with_floor(image: &Layers<f32>, floor: f32) -> Plane {
         *z = if *through < 1.0 { *z + through * floor } else { f32::NAN };
     }
     altitude
+}
+
+/// The mean of each cell and the eight around it, as the published DSMs are flattened; NaN stays.
+fn mean_around(plane: &Plane) -> Plane {
+    Plane::from_fn(plane.width, plane.height, |col, row| {
+        let center = plane.at(col, row);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for r in row.saturating_sub(1)..plane.height.min(row + 2) {
+            for c in col.saturating_sub(1)..plane.width.min(col + 2) {
+                let z = plane.at(c, r);
+                if !z.is_nan() {
+                    (sum, count) = (sum + z, count + 1.0);
+                }
+            }
+        }
+        if center.is_nan() { center } else { sum / count }
+    })
 }
 
 /// Altitudes of a swept surface in the cells of a grid: medians of samples, NaN where most have none.
@@ -313,13 +330,14 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_counts_what_comes_through_as_the_floor() {
+    fn the_mean_of_nine_cells_counts_what_comes_through_as_the_floor() {
         let (Surface { grid, .. }, site) = flat_surface(40, 40);
         let mut g = Gaussians::default();
         g.push([0.0, 0.0, 5.0], 0.5, 0.5, [0.5; 3]);
         let surface = render(&g, &site, grid, &Appearance::default(), HeightsFrom::Mean { floor: -3.0 });
-        let opacity = surface.confidence.opacity.at(20, 20);
-        assert!(opacity > 0.2 && opacity < 0.5, "{opacity}");
+        let nine = (0..9).map(|k| surface.confidence.opacity.at(19 + k % 3, 19 + k / 3));
+        let opacity = nine.sum::<f32>() / 9.0;
+        assert!(opacity > 0.1 && opacity < 0.5, "{opacity}");
         let expected = 10.0 + 5.0 * opacity - 3.0 * (1.0 - opacity);
         assert!((surface.height.at(20, 20) - expected).abs() < 1e-4, "{}", surface.height.at(20, 20));
         assert!(surface.height.at(0, 0).is_nan());

@@ -7,12 +7,19 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tone {
     gamma: f32,
+    /// Light of white.
+    #[serde(default = "one")]
+    white: f32,
+}
+
+fn one() -> f32 {
+    1.0
 }
 
 impl Default for Tone {
     /// Brightness is light.
     fn default() -> Self {
-        Self { gamma: 1.0 }
+        Self { gamma: 1.0, white: 1.0 }
     }
 }
 
@@ -20,7 +27,7 @@ impl Tone {
     /// A tone with this exponent; none unless it is from 1 to 4.
     #[must_use]
     pub fn new(gamma: f32) -> Option<Self> {
-        (1.0..=4.0).contains(&gamma).then_some(Self { gamma })
+        (1.0..=4.0).contains(&gamma).then_some(Self { gamma, white: 1.0 })
     }
 
     /// Whether brightness is light.
@@ -29,16 +36,22 @@ impl Tone {
         self.gamma == 1.0
     }
 
-    /// The light that a brightness stands for; white is 1 in both, and what is less than none keeps its sign.
+    /// With another light of white, unless brightness is light as it is.
+    #[must_use]
+    pub fn with_white(self, white: f32) -> Self {
+        if self.is_linear() { self } else { Self { white, ..self } }
+    }
+
+    /// The light that a brightness stands for; what is less than none keeps its sign.
     #[must_use]
     pub fn light(self, brightness: f32) -> f32 {
-        brightness.abs().powf(self.gamma).copysign(brightness)
+        self.white * brightness.abs().powf(self.gamma).copysign(brightness)
     }
 
     /// The brightness that stands for a light.
     #[must_use]
     pub fn brightness(self, light: f32) -> f32 {
-        light.abs().powf(self.gamma.recip()).copysign(light)
+        (light.abs() / self.white).powf(self.gamma.recip()).copysign(light)
     }
 
     /// Makes planes of light planes of brightness.
@@ -61,6 +74,10 @@ mod tests {
         }
         assert!((tone.light(0.5) - 0.5f32.powf(2.2)).abs() < 1e-7);
         assert_eq!([tone.light(-0.1), tone.brightness(-0.1)], [-tone.light(0.1), -tone.brightness(0.1)]);
+        let dark = tone.with_white(0.4);
+        assert!((dark.light(0.5) - 0.4 * tone.light(0.5)).abs() < 1e-7);
+        assert!((dark.brightness(dark.light(0.7)) - 0.7).abs() < 1e-6);
+        assert_eq!(Tone::default().with_white(0.4), Tone::default());
         let mut planes = [Plane::filled(2, 1, f32::NAN), Plane::filled(2, 1, 1.0)];
         tone.show(&mut planes);
         assert!(planes[0].data[0].is_nan() && (planes[1].data[1] - 1.0).abs() < 1e-6);

@@ -243,7 +243,7 @@ mod tests {
         assert!(schedule.plan(3000, 10).population.reset_opacity.is_some());
         assert!(!schedule.plan(1000, 10).shadows && schedule.plan(1001, 10).shadows);
         assert!((schedule.plan(1, 10).rates[0] - 0.080).abs() < 1e-3);
-        assert!(schedule.plan(1001, 10).virtual_shear.is_some());
+        assert!(schedule.plan(1002, 10).virtual_shear.is_some());
     }
 
     #[test]

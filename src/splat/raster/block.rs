@@ -15,7 +15,7 @@ const DOWN: usize = TILE / HIGH;
 pub(super) const ACROSS: usize = 4;
 /// Most blocks of a tile. They are counted downwards, column by column.
 pub(super) const BLOCKS: usize = DOWN * ACROSS;
-/// What is added to the squared Mahalanobis radius of the cut-off: rounding must not lose a block.
+/// What is added to the squared Mahalanobis radius of the cut-off: rounding and rough roots must not lose a block.
 const SLACK: f64 = 0.02;
 /// Offset of a tile's middle from its first pixel.
 const MIDDLE: f64 = 0.5 * (TILE - 1) as f64;
