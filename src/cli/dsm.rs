@@ -14,11 +14,11 @@ use std::path::{Path, PathBuf};
 /// Render a trained run on the UTM grid: RUN/dsm.tif, RUN/ortho.tif, RUN/confidence.tif
 ///
 /// dsm.tif holds heights in metres (float32, NaN nodata): the splats' surface, which recipe `best` has matched with the
-/// images once more; `baeogs` and `eogs` take the mean of the splats' altitudes. ortho.tif holds the colours without
-/// shadows as the reference view would see them. confidence.tif holds for each cell the splats' opacity, the spread of
-/// their altitudes (m) and the number of views that see it; cells that fewer than two images cover are nodata. All are
-/// Cloud-Optimized GeoTIFFs that open in QGIS, with dsm.qml to colour the heights there. hillshade.png is a picture of the
-/// surface.
+/// images once more; `baeogs` and `eogs` take the mean of the splats' altitudes over nine cells. ortho.tif holds the
+/// colours without shadows as the reference view would see them. confidence.tif holds for each cell the splats' opacity,
+/// the spread of their altitudes (m) and the number of views that see it; cells that fewer than two images cover are
+/// nodata. All are Cloud-Optimized GeoTIFFs that open in QGIS, with dsm.qml to colour the heights there. hillshade.png is
+/// a picture of the surface.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Folder that `satgs train RUN` filled

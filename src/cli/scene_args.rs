@@ -28,8 +28,8 @@ pub struct SceneArgs {
     /// Percent of pixels cut off at each end of the values [default: 0.5, none for 8-bit images]
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent)]
     pub stretch: Option<f64>,
-    /// Power of brightness that is proportional to light: 2.2 for images made for looking at, as DFC2019's and most
-    /// 8-bit products are; training compares light [default: 1]
+    /// Power of brightness that is proportional to light: 2.2 for images made for looking at, as DFC2019's 8-bit colours
+    /// are; training compares light [default: 1]
     #[arg(long, value_name = "EXPONENT", value_parser = parse_gamma)]
     pub gamma: Option<Tone>,
 }

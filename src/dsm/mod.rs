@@ -37,7 +37,7 @@ pub struct Surface {
     pub grid: MapGrid,
     /// Ellipsoidal heights in metres; NaN where nothing was seen.
     pub height: Plane,
-    /// Colours in the reference view's radiometry, sunlit, 0 to 1; NaN where nothing was seen.
+    /// Colours in the reference view's radiometry, sunlit, 0 to 1, as the splats have them; NaN where nothing was seen.
     pub colors: [Plane; 3],
     /// How far the heights can be trusted.
     pub confidence: Confidence,

@@ -110,7 +110,7 @@ impl<T: Real> Gaussians<T> {
     }
 
     /// Changes each channel of every colour.
-    pub fn recolor(&mut self, mut change: impl FnMut(T) -> T) {
+    pub fn recolor(&mut self, change: impl Fn(T) -> T) {
         let (half, c0) = (T::of(0.5), T::of(SH_C0));
         self.f_dc.as_flattened_mut().iter_mut().for_each(|v| *v = (change(*v * c0 + half) - half) / c0);
     }

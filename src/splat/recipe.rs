@@ -125,7 +125,7 @@ pub struct Recipe {
     /// roofs' rims, once lost, do not come back.
     #[serde(default = "widest_half_resolution_px_m")]
     pub half_resolution_px_m: f64,
-    /// Light of what images that are not light themselves show as white; it is the less, the more opacities weigh.
+    /// Light of what images that are not light themselves show as white; the less it is, the more opacities weigh.
     #[serde(default = "white")]
     pub white: f32,
     /// What splats start on.

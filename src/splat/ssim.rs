@@ -107,6 +107,48 @@ fn covered<'a, T: Real>(
     })
 }
 
+/// A pair of rows of x, y, xx + yy and xy, blurred down the columns, from the rows that it covers.
+#[inline(always)]
+fn blur_moments_down<L: Lanes>(
+    lanes: L,
+    down: &[[Row<L>; COVERED]; PAIR],
+    xs: &[&[L::Number]; COVERED],
+    ys: &[&[L::Number]; COVERED],
+    start: usize,
+) -> [[Row<L>; 4]; PAIR] {
+    let mut sums = [[Row::splat(lanes, L::Number::of(0.0)); 4]; PAIR];
+    for t in 0..COVERED {
+        let (x, y) = (Row::load_from(lanes, xs[t], start), Row::load_from(lanes, ys[t], start));
+        let (squares, xy) = (x.mul_add(x, y * y), x * y);
+        for j in 0..PAIR {
+            let w = down[j][t];
+            sums[j][0] = w.mul_add(x, sums[j][0]);
+            sums[j][1] = w.mul_add(y, sums[j][1]);
+            sums[j][2] = w.mul_add(squares, sums[j][2]);
+            sums[j][3] = w.mul_add(xy, sums[j][3]);
+        }
+    }
+    sums
+}
+
+/// A pair of rows blurred down the columns.
+#[inline(always)]
+fn blur_down<L: Lanes>(
+    lanes: L,
+    down: &[[Row<L>; COVERED]; PAIR],
+    rows: &[&[L::Number]; COVERED],
+    start: usize,
+) -> [Row<L>; PAIR] {
+    let mut sums = [Row::splat(lanes, L::Number::of(0.0)); PAIR];
+    for t in 0..COVERED {
+        let row = Row::load_from(lanes, rows[t], start);
+        for j in 0..PAIR {
+            sums[j] = down[j][t].mul_add(row, sums[j]);
+        }
+    }
+    sums
+}
+
 impl<T: Lanewise> Photometric<T> {
     /// Derivatives of the last comparison's loss by the picture.
     #[must_use]
@@ -172,22 +214,10 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
                 let row = first_row + PAIR * k;
                 let (xs, ys) = (covered(picture, c, row, &strip.zeros), covered(truth, c, row, &strip.zeros));
                 for start in (0..width).step_by(L::WIDTH) {
-                    let mut sums = [[zero; 4]; PAIR];
-                    for t in 0..COVERED {
-                        let x = Row::load_from(lanes, xs[t], start);
-                        let y = Row::load_from(lanes, ys[t], start);
-                        let (squares, xy) = (x.mul_add(x, y * y), x * y);
-                        for j in 0..PAIR {
-                            let w = down[j][t];
-                            sums[j][0] = w.mul_add(x, sums[j][0]);
-                            sums[j][1] = w.mul_add(y, sums[j][1]);
-                            sums[j][2] = w.mul_add(squares, sums[j][2]);
-                            sums[j][3] = w.mul_add(xy, sums[j][3]);
-                        }
-                    }
+                    let blurred = blur_moments_down(lanes, &down, &xs, &ys, start);
                     for j in 0..PAIR {
                         for n in 0..4 {
-                            sums[j][n].store_to(&mut strip.columns[j][n], LANES + start);
+                            blurred[j][n].store_to(&mut strip.columns[j][n], LANES + start);
                         }
                     }
                 }
@@ -247,15 +277,9 @@ impl<T: Lanewise> Kernel<T> for Slope<'_, T> {
                 for n in 0..3 {
                     let by = covered(slopes, 3 * c + n, row, &strip.zeros);
                     for start in (0..width).step_by(L::WIDTH) {
-                        let mut sums = [zero; PAIR];
-                        for t in 0..COVERED {
-                            let slope = Row::load_from(lanes, by[t], start);
-                            for j in 0..PAIR {
-                                sums[j] = down[j][t].mul_add(slope, sums[j]);
-                            }
-                        }
+                        let blurred = blur_down(lanes, &down, &by, start);
                         for j in 0..PAIR {
-                            sums[j].store_to(&mut strip.columns[j][n], LANES + start);
+                            blurred[j].store_to(&mut strip.columns[j][n], LANES + start);
                         }
                     }
                 }

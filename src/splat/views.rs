@@ -73,17 +73,14 @@ impl TrainingView {
             if stored == MASKED { BLACK } else { stored }
         };
         let colors = (0..width * height).into_par_iter().map(color).collect();
-        let shown =
-            Self { name, camera, width, height, colors, sun_shear, tone: Tone::default(), light: [0.0; 256] };
-        shown.with_tone(Tone::default())
+        let tone = Tone::default();
+        Self { name, camera, width, height, colors, sun_shear, tone, light: light_by_color(tone) }
     }
 
     /// The view with colours that stand for light in this way; for light itself without it.
     #[must_use]
-    pub fn with_tone(mut self, tone: Tone) -> Self {
-        self.tone = tone;
-        self.light = std::array::from_fn(|v| tone.light(v as f32 / 255.0));
-        self
+    pub fn with_tone(self, tone: Tone) -> Self {
+        Self { tone, light: light_by_color(tone), ..self }
     }
 
     /// Brightness in [0, 1], NaN where masked.
@@ -118,14 +115,11 @@ impl TrainingView {
             let (red, rest) = colors.split_at_mut(width);
             let (green, blue) = rest.split_at_mut(width);
             for col in 0..width {
-                // The mean of the pixels that count.
+                // The mean of the pixels that count; the others have no light.
                 let (mut sum, mut n) = ([0.0; 3], 0u16);
                 for r in row * step..(row + 1) * step {
                     for stored in &self.colors[r * self.width + col * step..][..step] {
-                        if *stored == MASKED {
-                            continue;
-                        }
-                        n += 1;
+                        n += u16::from(*stored != MASKED);
                         for k in 0..3 {
                             sum[k] += self.light[usize::from(stored[k])];
                         }
@@ -138,6 +132,10 @@ impl TrainingView {
         });
         if level == 0 { self.camera } else { self.camera.rescaled(1.0 / step as f64) }
     }
+}
+
+fn light_by_color(tone: Tone) -> [f32; 256] {
+    std::array::from_fn(|v| tone.light(v as f32 / 255.0))
 }
 
 /// Metres on level ground that a pixel of the views covers, the median of them; NaN without views.
