@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 
 /// Times that training is killed.
 const KILLS: u64 = 20;
-/// Growth and pruning happen once, at iteration 100.
-const ITERATIONS: &str = "110";
+/// Opacities are reset at iteration 78; splats are doubled and removed once, at 100.
+const ITERATIONS: &str = "130";
 /// Longest time until a kill, as a part of the whole training: most of them find a checkpoint.
 const LONGEST: f64 = 0.4;
 

@@ -5,15 +5,35 @@ use serde::{Deserialize, Serialize};
 
 /// The power of brightness, from 0 to 1, that is proportional to light: shadows and blends of surfaces add up in light.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Stored")]
 pub struct Tone {
     gamma: f32,
     /// Light of white.
+    white: f32,
+}
+
+/// A tone as a file has it.
+#[derive(Deserialize)]
+struct Stored {
+    gamma: f32,
     #[serde(default = "one")]
     white: f32,
 }
 
 fn one() -> f32 {
     1.0
+}
+
+impl TryFrom<Stored> for Tone {
+    type Error = String;
+
+    fn try_from(Stored { gamma, white }: Stored) -> Result<Self, String> {
+        let tone = Self::new(gamma).ok_or(format!("tone.gamma = {gamma} is not from 1 to 4"))?;
+        if !(white.is_finite() && white > 0.0) {
+            return Err(format!("tone.white = {white} is no light"));
+        }
+        Ok(Self { white, ..tone })
+    }
 }
 
 impl Default for Tone {
@@ -87,6 +107,19 @@ mod tests {
     fn no_other_exponents_are_taken() {
         for gamma in [0.0, 0.99, 4.1, -2.2, f32::NAN, f32::INFINITY] {
             assert_eq!(Tone::new(gamma), None);
+        }
+    }
+
+    #[test]
+    fn files_keep_a_tone_and_hold_no_impossible_one() {
+        let tone = Tone::new(2.2).unwrap().with_white(0.4);
+        assert_eq!(serde_json::from_str::<Tone>(&serde_json::to_string(&tone).unwrap()).unwrap(), tone);
+        assert_eq!(serde_json::from_str::<Tone>(r#"{"gamma": 2.2}"#).unwrap(), Tone::new(2.2).unwrap());
+        for (text, field) in
+            [(r#"{"gamma": 0}"#, "tone.gamma = 0"), (r#"{"gamma": 2, "white": -1}"#, "tone.white = -1")]
+        {
+            let error = serde_json::from_str::<Tone>(text).unwrap_err().to_string();
+            assert!(error.contains(field), "{error}");
         }
     }
 }

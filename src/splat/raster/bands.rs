@@ -83,6 +83,11 @@ impl<T: Real, const C: usize> Band<T, C> {
         &mut self.entries[self.tile_starts[tile] as usize..self.tile_starts[tile + 1] as usize]
     }
 
+    /// Number of blocks that splats touch, as the forward pass found them.
+    pub fn blocks(&self) -> usize {
+        self.entries.iter().map(|e| e.blocks.count_ones() as usize).sum()
+    }
+
     /// Number of (splat, tile) pairs.
     pub fn slot_count(&self) -> usize {
         self.chunk_slots.last().map_or(0, |&n| n as usize)

@@ -76,10 +76,10 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
         for frame in frames(width, out.len() / ((C + 1) * width)) {
             let mut transmittance = [k.one; BLOCKS];
             let mut color = [[k.zero; C]; BLOCKS];
-            for entry in band.tile_mut(frame.tile) {
-                entry.blocks = test.touched(&entry.footprint, frame.tile, index);
-            }
             let mut live = frame.blocks::<L>();
+            for entry in band.tile_mut(frame.tile) {
+                entry.blocks = live & test.touched(&entry.footprint, frame.tile, index);
+            }
             for entry in band.tile(frame.tile) {
                 let stamp = Stamp::new(lanes, &entry.footprint, frame.tile, index);
                 let feature = splat_each(lanes, entry.feature);
@@ -116,6 +116,19 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
                 frame.scatter(out, C + 1, C, down, row);
             }
         }
+    }
+}
+
+/// Counts the pixels of the blocks that splats touch.
+pub(super) struct Count<'a, T, const C: usize> {
+    pub bands: &'a [Band<T, C>],
+    pub pixels: &'a mut usize,
+}
+
+impl<T: Lanewise, const C: usize> Kernel<T> for Count<'_, T, C> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, _: L) {
+        *self.pixels = L::WIDTH * self.bands.iter().map(Band::blocks).sum::<usize>();
     }
 }
 

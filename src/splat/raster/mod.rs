@@ -156,9 +156,11 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
         self.chunks[rank / CHUNK].seen(rank % CHUNK)
     }
 
-    /// Number of (splat, tile) pairs of the last render.
+    /// Number of pairs of a splat and a pixel that the last render computed but for hidden ones: of whole blocks.
     #[must_use]
-    pub fn pairs(&self) -> usize {
-        self.bands.iter().map(Band::slot_count).sum()
+    pub fn computed_pairs(&self) -> usize {
+        let mut pixels = 0;
+        T::dispatch(kernel::Count { bands: &self.bands, pixels: &mut pixels });
+        pixels
     }
 }
