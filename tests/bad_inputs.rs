@@ -279,6 +279,21 @@ fn raster<T: gdal::raster::GdalType + Copy>(
 }
 
 #[test]
+fn bright_8_bit_images_are_asked_whether_they_are_light() {
+    let says_gamma = |first: u8, more: &[&str]| {
+        let folder = tempfile::tempdir().unwrap();
+        raster(&folder.path().join("a.tif"), 3, &camera(5.44, 0.1), |i| first + (i % 50) as u8);
+        raster(&folder.path().join("b.tif"), 3, &camera(5.44, 0.3), |i| first + (i % 50) as u8);
+        let out = satgs(&[&["info", folder.path().to_str().unwrap()], more].concat());
+        assert!(out.status.success());
+        String::from_utf8(out.stdout).unwrap().contains("--gamma 2.2")
+    };
+    assert!(says_gamma(110, &[]), "medians are 134 or so");
+    assert!(!says_gamma(70, &[]), "medians are 94 or so");
+    assert!(!says_gamma(110, &["--gamma", "1.8"]));
+}
+
+#[test]
 fn nodata_is_what_reaches_the_border_and_black_pixels_within_are_black() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.tif");

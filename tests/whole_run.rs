@@ -91,6 +91,38 @@ fn simulated_images_become_a_surface_model() {
     aligned_to(&truth, run);
 }
 
+#[test]
+fn a_scene_is_found_from_another_folder_and_after_it_moved() {
+    let folder = tempfile::tempdir().unwrap();
+    let from_folder = |args: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_satgs"));
+        let output = command.args(args).current_dir(folder.path()).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output));
+        text(&output)
+    };
+    let images_in = |place: &str| {
+        let scene = json(&folder.path().join("run/scene.json"));
+        let views = scene["views"].as_array().unwrap();
+        views.iter().all(|v| {
+            let image = Path::new(v["image"].as_str().unwrap());
+            image.is_file() && image.parent().unwrap() == folder.path().join(place)
+        })
+    };
+    from_folder(&["simulate", "scene", "--size", "140", "--views", "4", "-q"]);
+    from_folder(&["ba", "scene", "-o", "run", "-q"]);
+    assert!(images_in("scene"));
+    std::fs::rename(folder.path().join("scene"), folder.path().join("moved")).unwrap();
+    let gone = satgs(&["train", folder.path().join("run").to_str().unwrap()]);
+    assert_eq!(gone.status.code(), Some(2));
+    assert!(
+        text(&gone).contains("VIEW_01.tif` is gone") && text(&gone).contains("hint: `satgs ba"),
+        "{}",
+        text(&gone)
+    );
+    assert!(from_folder(&["ba", "moved", "-o", "run"]).contains("is adjusted already"));
+    assert!(images_in("moved"));
+}
+
 /// Cameras, splats and surfaces move together, and later stages go on from there.
 fn aligned_to(truth: &str, run: &str) {
     let file = |name: &str| Path::new(run).join(name);

@@ -155,7 +155,22 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
     shot.virtual_view = Some(Sheared::virtual_view(&affine, size, [0.4, 0.3]));
     let (three, stages) = iteration(&shot);
     let adam = adam_time;
-    Line { splats, pixels, pairs, computed, prepare, project, bin, forward, backward, ssim, adam, one, three, stages }
+    Line {
+        splats,
+        pixels,
+        pairs,
+        computed,
+        prepare,
+        project,
+        bin,
+        forward,
+        backward,
+        ssim,
+        adam,
+        one,
+        three,
+        stages,
+    }
 }
 
 impl Line {
@@ -224,7 +239,10 @@ fn main() {
         tables.push(pool.install(|| table(threads, trained.as_ref())));
     }
     println!("\nSpeed-up by threads, and pairs computed, G/s, beside what plain AVX-512 kernels compute:\n");
-    println!("| splats | MP | threads | one render | three | forward | | backward | |\n|{}", "---|".repeat(9));
+    println!(
+        "| splats | MP | threads | one render | three | forward | | backward | |\n|{}",
+        "---|".repeat(9)
+    );
     for (threads, table) in counts.iter().zip(&tables) {
         for (line, base) in table.iter().zip(&tables[0]) {
             let [forward, backward] = line.rates(line.computed);

@@ -1,6 +1,6 @@
 //! `satgs ba`: bundle adjustment.
 
-use super::run_folder::write_json;
+use super::run_folder::{read_scene, write_scene};
 use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui, align};
@@ -151,6 +151,7 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     let keypoints = folder.join("keypoints");
     if stage.is_done(args.overwrite)? {
         forget(&keypoints);
+        find_files_again(&args.output, &scene)?;
         ui.note(&format!("`{}` is adjusted already", args.output.display()));
         return Ok(Adjustment::read(&folder)?.report.left_out);
     }
@@ -172,7 +173,7 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     };
     adjustment.write(&folder, &used)?;
     align::forget(&args.output)?;
-    write_json(&args.output.join(SCENE), &used)?;
+    write_scene(&args.output, used)?;
     stage.complete()?;
     forget(&keypoints);
     let seconds = started.elapsed().as_secs_f64();
@@ -181,6 +182,17 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     json["seconds"] = seconds.into();
     ui.summary("ba", &text, json);
     Ok(adjustment.report.left_out)
+}
+
+/// Tells an adjusted run where its images are by now: they may have moved.
+fn find_files_again(run: &Path, scene: &Scene) -> Result<(), Failure> {
+    let mut used = read_scene(run)?;
+    for view in &mut used.views {
+        if let Some(now) = scene.views.iter().find(|v| v.name == view.name) {
+            (view.image, view.mask) = (now.image.clone(), now.mask.clone());
+        }
+    }
+    write_scene(run, used)
 }
 
 /// Removes keypoints that an adjustment kept; what is left behind does no harm.

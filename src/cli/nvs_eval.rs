@@ -1,7 +1,7 @@
 //! `satgs nvs-eval`: how well a trained run predicts images that it was not trained on.
 
 use super::render::find;
-use super::run_folder::{TrainedCameras, read_scene};
+use super::run_folder::{TrainedCameras, read_scene, require_images};
 use super::{Failure, Ui};
 use crate::scene::Role;
 use crate::splat::novel::NovelView;
@@ -26,6 +26,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let scene = read_scene(&args.run)?;
+    require_images(&scene)?;
     let cameras = TrainedCameras::read(&args.run)?;
     let setup = &cameras.setup;
     let fitted = if args.view.is_empty() {

@@ -3,7 +3,7 @@
 use super::{Failure, align};
 use crate::raster::{RasterError, write_file};
 use crate::run_files::{CAMERAS, SCENE, SPLATS};
-use crate::scene::Scene;
+use crate::scene::{Scene, View};
 use crate::splat::appearance::Appearance;
 use crate::splat::gaussians::Gaussians;
 use crate::splat::ply;
@@ -62,6 +62,26 @@ impl TrainedCameras {
 /// Reads a run's scene.
 pub fn read_scene(run: &Path) -> Result<Scene, Failure> {
     read_json(&run.join(SCENE), "`satgs ba SCENE -o RUN` makes it")
+}
+
+/// An error when an image that a run was made of is no longer where it was.
+pub fn require_images(scene: &Scene) -> Result<(), Failure> {
+    match scene.views.iter().find(|v| !v.image.exists()) {
+        Some(View { image, .. }) => Err(Failure::input(
+            format!("`{}` is gone, of which the run was made", image.display()),
+            "`satgs ba SCENE -o RUN` tells the run where its images have moved to",
+        )),
+        None => Ok(()),
+    }
+}
+
+/// Writes a run's scene, whose files are found from any working directory then.
+pub fn write_scene(run: &Path, mut scene: Scene) -> Result<(), Failure> {
+    for path in scene.views.iter_mut().flat_map(|v| std::iter::once(&mut v.image).chain(&mut v.mask)) {
+        // It fails without a working directory only; what was opened from none is absolute.
+        *path = std::path::absolute(&path).unwrap_or_else(|_| path.clone());
+    }
+    write_json(&run.join(SCENE), &scene)
 }
 
 /// Reads a JSON file of a run's folder; `made_by` is the hint when it is absent.

@@ -2,7 +2,7 @@
 
 use super::checkpoints::Checkpoints;
 use super::interrupt::Interruptible;
-use super::run_folder::{TrainedCameras, read_scene, write_json};
+use super::run_folder::{TrainedCameras, read_scene, require_images, write_json};
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui, align};
 use crate::bundle::Adjustment;
@@ -10,9 +10,7 @@ use crate::dsm::altitudes;
 use crate::event::Event;
 use crate::frame::{Point, Site};
 use crate::raster::{RasterError, write_atomically};
-use crate::run_files::{
-    ADJUSTMENT, CAMERAS, CHECKPOINT, FIRST_SURFACE, SCENE, SPLATS, STAGE, SURFACE, TRAINING,
-};
+use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, FIRST_SURFACE, SPLATS, STAGE, SURFACE, TRAINING};
 use crate::scene::Scene;
 use crate::splat::backend::{Snapshot, TrainingBackend};
 use crate::splat::cpu::CpuBackend;
@@ -108,6 +106,7 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         ui.note(&format!("`{}` is trained already", run.display()));
         return Ok(());
     }
+    require_images(&scene)?;
     let job = Job::new(run, options, recipe, &scene)?;
     let views = job.setup.training_views(&scene)?;
     if views.is_empty() {
@@ -277,7 +276,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 fn fingerprint(run: &Path, recipe: &Recipe, seed: u64) -> Fingerprint {
     let recipe_text = serde_json::to_string(recipe).unwrap_or_default();
     Fingerprint::from([
-        ("scene".into(), hash_file(&run.join(SCENE))),
+        // It covers the scene, but not where its files lie.
         ("adjustment".into(), hash_file(&run.join(ADJUSTMENT).join(STAGE))),
         ("recipe".into(), format!("{} {}", recipe.name, hash(recipe_text.as_bytes()))),
         ("iterations".into(), recipe.iterations.to_string()),

@@ -15,22 +15,27 @@ const FEW: (usize, usize) = (4, 64);
 const MANY: (usize, usize) = (8, 256);
 
 impl View {
-    /// Least and greatest value of the bands used, as stored, in windows spread over the image; none without valid ones.
+    /// Least, median and greatest value of the bands used, as stored, in windows spread over the image; none without
+    /// valid ones.
     ///
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
-    pub fn value_range(&self) -> Result<Option<(f32, f32)>, RasterError> {
+    pub fn value_range(&self) -> Result<Option<[f32; 3]>, RasterError> {
         let file = ImageFile::open(&self.image)?;
-        let mut range = None;
+        let mut values = Vec::new();
         for window in self.samples(FEW) {
             for band in &self.bands {
-                for v in file.read_window(*band, window)?.valid().filter(|v| v.is_finite()) {
-                    let (low, high) = range.get_or_insert((v, v));
-                    (*low, *high) = (low.min(v), high.max(v));
-                }
+                values.extend(file.read_window(*band, window)?.valid().filter(|v| v.is_finite()));
             }
         }
-        Ok(range)
+        if values.is_empty() {
+            return Ok(None);
+        }
+        let middle = values.len() / 2;
+        let (below, median, above) = values.select_nth_unstable_by(middle, f32::total_cmp);
+        let low = below.iter().copied().fold(*median, f32::min);
+        let high = above.iter().copied().fold(*median, f32::max);
+        Ok(Some([low, *median, high]))
     }
 
     /// The part of the image that is used.
