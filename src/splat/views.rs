@@ -83,11 +83,14 @@ impl TrainingView {
         Self { tone, light: light_by_color(tone), ..self }
     }
 
-    /// Brightness in [0, 1], NaN where masked.
+    /// Square root of the three colours' mean light, NaN where masked: what shadows hide in light stands out in it as
+    /// much as what the sun shows, and the noise of light is the same everywhere.
     #[must_use]
-    pub fn gray(&self) -> Plane {
+    pub fn root_of_light(&self) -> Plane {
         Plane::from_fn(self.width, self.height, |col, row| {
-            self.color_at(col, row).map_or(f32::NAN, |c| (c[0] + c[1] + c[2]) / 3.0)
+            let stored = self.colors[row * self.width + col];
+            let [r, g, b] = stored.map(|v| self.light[usize::from(v)]);
+            if stored == MASKED { f32::NAN } else { ((r + g + b) / 3.0).sqrt() }
         })
     }
 
@@ -184,6 +187,7 @@ mod tests {
         assert_eq!(truth.colors.row(1, 0), [dark, white]);
         let _ = view.load(1, &mut truth);
         assert!((truth.colors.at(0, 0, 0) - 0.5 * (dark + white)).abs() < 1e-6);
-        assert!((view.gray().at(0, 0) - 0.2).abs() < 1e-6);
+        assert!((view.root_of_light().at(1, 1) - 1.0).abs() < 1e-6);
+        assert!((view.root_of_light().at(0, 0) - dark.sqrt()).abs() < 1e-6);
     }
 }

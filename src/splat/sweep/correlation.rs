@@ -10,7 +10,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Brightness is compared in windows of 3 x 3 cells.
+/// Brightness, here the square root of light, is compared in windows of 3 x 3 cells.
 const WINDOW: usize = 3;
 /// Rows and columns of a tile, which overlaps its neighbours by the windows' margins: as much as stays in a core's
 /// cache.
@@ -45,7 +45,7 @@ pub(super) struct Image {
 
 impl Image {
     pub fn new(view: &TrainingView) -> Self {
-        let gray = view.gray();
+        let gray = view.root_of_light();
         let mean = |values: &mut dyn Iterator<Item = f64>| {
             let (sum, n) = values.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
             sum / f64::max(n, 1.0)
