@@ -1,6 +1,6 @@
 //! `satgs ba`: bundle adjustment.
 
-use super::run_folder::{read_scene, write_scene};
+use super::run_folder::{read_scene, with_absolute_paths, write_json};
 use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui, align};
@@ -141,7 +141,7 @@ pub fn require_all(run: &Path, left_out: &[LeftOut]) -> Result<(), Failure> {
 
 /// Adjusts a run folder, unless that is done already. Gives the views that were left out.
 pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
-    let scene = args.scene.read(args.height_range, ui)?;
+    let scene = with_absolute_paths(args.scene.read(args.height_range, ui)?);
     let dem = args.dem(&scene)?;
     let heights = dem.as_ref().map(Dem::heights_to_search).or(args.height_range);
     refuse_output_inside(&args.output, args.scene.path())?;
@@ -173,7 +173,7 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     };
     adjustment.write(&folder, &used)?;
     align::forget(&args.output)?;
-    write_scene(&args.output, used)?;
+    write_json(&args.output.join(SCENE), &used)?;
     stage.complete()?;
     forget(&keypoints);
     let seconds = started.elapsed().as_secs_f64();
@@ -184,15 +184,16 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     Ok(adjustment.report.left_out)
 }
 
-/// Tells an adjusted run where its images are by now: they may have moved.
+/// Tells an adjusted run where the scene's images are by now: they may have moved.
 fn find_files_again(run: &Path, scene: &Scene) -> Result<(), Failure> {
-    let mut used = read_scene(run)?;
+    let before = read_scene(run)?;
+    let mut used = before.clone();
     for view in &mut used.views {
         if let Some(now) = scene.views.iter().find(|v| v.name == view.name) {
             (view.image, view.mask) = (now.image.clone(), now.mask.clone());
         }
     }
-    write_scene(run, used)
+    if used == before { Ok(()) } else { write_json(&run.join(SCENE), &used) }
 }
 
 /// Removes keypoints that an adjustment kept; what is left behind does no harm.
