@@ -146,7 +146,8 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     let heights = dem.as_ref().map(Dem::heights_to_search).or(args.height_range);
     refuse_output_inside(&args.output, args.scene.path())?;
     let folder = args.output.join(ADJUSTMENT);
-    let outputs = [args.output.join(SCENE), folder.join(ADJUSTMENT_REPORT), folder.join(SPARSE_POINTS)];
+    let of_adjustment = |name: &str| Path::new(ADJUSTMENT).join(name);
+    let outputs = [SCENE.into(), of_adjustment(ADJUSTMENT_REPORT), of_adjustment(SPARSE_POINTS)];
     let stage = Stage::new(&args.output, ADJUSTMENT, &outputs, args.fingerprint(&scene, heights));
     let keypoints = folder.join("keypoints");
     if stage.is_done(args.overwrite)? {
