@@ -5,7 +5,7 @@
 mod common;
 
 use base64::prelude::{BASE64_STANDARD, Engine};
-use common::{disagreement_px, satgs};
+use common::{disagreement_px, satgs, satgs_in};
 use satgs::frame::Pixel;
 use satgs::raster::ImageFile;
 use satgs::rpc::{Rpc, formats};
@@ -95,8 +95,7 @@ fn simulated_images_become_a_surface_model() {
 fn a_scene_is_found_from_another_folder_and_after_it_moved() {
     let folder = tempfile::tempdir().unwrap();
     let from_folder = |args: &[&str]| {
-        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_satgs"));
-        let output = command.args(args).current_dir(folder.path()).output().unwrap();
+        let output = satgs_in(folder.path(), args);
         assert!(output.status.success(), "{}", text(&output));
         text(&output)
     };
@@ -169,8 +168,13 @@ fn other_products(run: &str, folder: &Path) {
     };
     let (points, mesh) = (file("dsm.laz"), file("dsm.glb"));
     let ellipsoidal = ImageFile::open(&Path::new(run).join("dsm.tif")).unwrap().read(1).unwrap();
-    let above = ["dsm", run, "--overwrite", "--vertical", "EGM96", "--fill", "2", "--points", &points];
-    succeeds(&[&above[..], &["--mesh", &mesh, "--hillshade", "-q"]].concat());
+    let above = ["dsm", run, "--vertical", "EGM96", "--fill", "2", "--hillshade", "--points", "dsm.laz"];
+    let above = [&above[..], &["--mesh", "dsm.glb"]].concat();
+    let output = satgs_in(folder, &[&above[..], &["--overwrite", "-q"]].concat());
+    assert!(output.status.success(), "{}", text(&output));
+    // What was named from the working directory is found there again.
+    let again = satgs_in(folder, &above);
+    assert!(text(&again).contains("has its surface already"), "{}", text(&again));
     let dsm = ImageFile::open(&Path::new(run).join("dsm.tif")).unwrap();
     assert_eq!(dsm.metadata("VERTICAL_REFERENCE", "").unwrap(), "EGM96");
     assert_eq!(dsm.map_grid().unwrap().epsg / 100, 326, "the heights' CRS is not the map's");

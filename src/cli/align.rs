@@ -191,7 +191,7 @@ pub(super) fn finish(run: &Path) -> Result<(), Failure> {
         return Ok(());
     }
     // The surface is to be made anew on whole cells the next time somebody asks for it.
-    Stage::new(run, "dsm", &[] as &[&str], Default::default()).forget()?;
+    Stage::new(run, "dsm", Vec::new(), Default::default()).forget()?;
     put(&pending, run).map_err(|e| failed(run, &e))?;
     std::fs::remove_dir_all(&pending).map_err(|e| failed(run, &e))
 }

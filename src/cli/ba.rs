@@ -1,6 +1,6 @@
 //! `satgs ba`: bundle adjustment.
 
-use super::run_folder::{read_scene, with_absolute_paths, write_json};
+use super::run_folder::{read_scene, write_json};
 use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui, align};
@@ -141,14 +141,13 @@ pub fn require_all(run: &Path, left_out: &[LeftOut]) -> Result<(), Failure> {
 
 /// Adjusts a run folder, unless that is done already. Gives the views that were left out.
 pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
-    let scene = with_absolute_paths(args.scene.read(args.height_range, ui)?);
+    let scene = args.scene.read(args.height_range, ui)?;
     let dem = args.dem(&scene)?;
     let heights = dem.as_ref().map(Dem::heights_to_search).or(args.height_range);
     refuse_output_inside(&args.output, args.scene.path())?;
     let folder = args.output.join(ADJUSTMENT);
-    let of_adjustment = |name: &str| Path::new(ADJUSTMENT).join(name);
-    let outputs = [SCENE.into(), of_adjustment(ADJUSTMENT_REPORT), of_adjustment(SPARSE_POINTS)];
-    let stage = Stage::new(&args.output, ADJUSTMENT, &outputs, args.fingerprint(&scene, heights));
+    let outputs = vec![args.output.join(SCENE), folder.join(ADJUSTMENT_REPORT), folder.join(SPARSE_POINTS)];
+    let stage = Stage::new(&args.output, ADJUSTMENT, outputs, args.fingerprint(&scene, heights));
     let keypoints = folder.join("keypoints");
     if stage.is_done(args.overwrite)? {
         forget(&keypoints);

@@ -85,10 +85,10 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let setup = &cameras.setup;
     let grid = grid(options, &cameras)?;
     let vertical = Vertical::read(&options.vertical)?;
-    let mut outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(Path::new).to_vec();
-    outputs.extend(options.hillshade.then_some(Path::new(HILLSHADE)));
-    outputs.extend(options.points.as_deref().into_iter().chain(options.mesh.as_deref()));
-    let stage = Stage::new(run, "dsm", &outputs, fingerprint(run, &grid, options));
+    let mut outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(|name| run.join(name)).to_vec();
+    outputs.extend(options.hillshade.then(|| run.join(HILLSHADE)));
+    outputs.extend([&options.points, &options.mesh].into_iter().flatten().cloned());
+    let stage = Stage::new(run, "dsm", outputs, fingerprint(run, &grid, options));
     if stage.is_done(overwrite)? {
         ui.note(&format!("`{}` has its surface already", run.display()));
         return Ok(());

@@ -3,7 +3,7 @@
 use super::scene_args::SceneArgs;
 use super::{Failure, Ui};
 use crate::raster::{ImageFile, Outline, write_outlines};
-use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, View, angle_between_deg};
+use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, ValueRange, View, angle_between_deg};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -12,8 +12,6 @@ use std::path::PathBuf;
 const LISTED_PAIRS: usize = 5;
 /// Views up to which a matrix fits a terminal.
 const MATRIX_VIEWS: usize = 8;
-/// Medians of 8-bit images above this are hardly light: half of white. DFC2019's colours have 139 to 165.
-const BRIGHT: f32 = 127.5;
 /// The convergence at which heights are best: enough base, and the views still look alike.
 const GOOD_CONVERGENCE_DEG: f64 = 20.0;
 
@@ -46,7 +44,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let pairs = Pairs::new(&rows);
     let order = format!("of several RPCs the first counts: {RPC_ORDER}\n");
     let tone = tone_hint(&scene, &rows).unwrap_or_default();
-    let text = [table(&rows) + &order + &tone, pairs.text(&rows), ground(&scene, &overlap)].join("\n");
+    let text = [table(&rows) + &order + tone, pairs.text(&rows), ground(&scene, &overlap)].join("\n");
     if let Some(file) = &args.footprints {
         write_outlines(file, "footprints", &outlines(&rows, overlap.height_m))?;
     }
@@ -62,8 +60,7 @@ struct Row<'a> {
     view: &'a View,
     bands: usize,
     bits: u32,
-    /// Least, median and greatest value seen.
-    values: Option<[f32; 3]>,
+    values: Option<ValueRange>,
     gsd_m: Option<(f64, f64)>,
     /// Azimuth and off-nadir of the direction to the satellite.
     direction_deg: Option<(f64, f64)>,
@@ -90,7 +87,7 @@ impl<'a> Row<'a> {
             format!("{}{}", v.name, if v.role == Role::Test { " (test)" } else { "" }),
             format!("{}x{}", v.width, v.height),
             format!("{}x{}", self.bands, self.bits),
-            or_dash(self.values.map(|[low, median, high]| format!("{low} to {high}, {median}"))),
+            or_dash(self.values.map(|v| format!("{} to {}, {}", v.low, v.high, v.median))),
             or_dash(self.gsd_m.map(|(c, r)| format!("{c:.2}x{r:.2}"))),
             or_dash(self.direction_deg.map(|d| format!("{:.1}", d.1))),
             or_dash(self.direction_deg.map(|d| format!("{:.0}", d.0))),
@@ -150,16 +147,14 @@ fn table(rows: &[Row]) -> String {
     out
 }
 
-/// What to try when half of what most 8-bit images show is brighter than half of white: sunlit ground, as light, is
-/// darker. No file says whether its values are light.
-fn tone_hint(scene: &Scene, rows: &[Row]) -> Option<String> {
-    let bright = |r: &&Row| r.bits == 8 && r.values.is_some_and(|[_, median, _]| median > BRIGHT);
-    let is_bright = 2 * rows.iter().filter(bright).count() > rows.len();
-    (is_bright && scene.tone.is_linear()).then(|| {
-        "8-bit values as bright as these are mostly made for looking at: with --gamma 2.2 training compares the light \
-         that they stand for\n"
-            .into()
-    })
+/// What to try when most images are as bright as those made for looking at.
+fn tone_hint(scene: &Scene, rows: &[Row]) -> Option<&'static str> {
+    let is_displayed = |r: &&Row| r.values.is_some_and(|v| v.is_displayed(r.bits));
+    let displayed = rows.iter().filter(is_displayed).count();
+    (2 * displayed > rows.len() && scene.tone.is_linear()).then_some(
+        "8-bit values as bright as these are mostly made for looking at: with --gamma 2.2 training and matching compare \
+         the light that they stand for\n",
+    )
 }
 
 /// Convergence angles of all pairs, smallest first.
@@ -272,7 +267,7 @@ fn summary(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> Value {
             json!({
                 "name": v.name, "image": v.image, "width": v.width, "height": v.height,
                 "bands": r.bands, "bits": r.bits, "role": v.role,
-                "values": r.values.map(|[low, _, high]| [low, high]), "median_value": r.values.map(|v| v[1]),
+                "values": r.values.map(|v| [v.low, v.high]), "median_value": r.values.map(|v| v.median),
                 "gsd_col_m": r.gsd_m.map(|g| g.0), "gsd_row_m": r.gsd_m.map(|g| g.1),
                 "off_nadir_deg": r.direction_deg.map(|d| d.1), "azimuth_deg": r.direction_deg.map(|d| d.0),
                 "sun": v.sun, "acquired": v.acquired, "rpc_source": v.rpc_source,

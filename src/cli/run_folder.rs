@@ -75,15 +75,6 @@ pub fn require_images(scene: &Scene) -> Result<(), Failure> {
     }
 }
 
-/// The scene with files that are found from any working directory.
-pub fn with_absolute_paths(mut scene: Scene) -> Scene {
-    for path in scene.views.iter_mut().flat_map(|v| std::iter::once(&mut v.image).chain(&mut v.mask)) {
-        // It fails without a working directory only; what was opened from none is absolute.
-        *path = std::path::absolute(&path).unwrap_or_else(|_| path.clone());
-    }
-    scene
-}
-
 /// Reads a JSON file of a run's folder; `made_by` is the hint when it is absent.
 pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path, made_by: &str) -> Result<T, Failure> {
     let text = std::fs::read_to_string(path)

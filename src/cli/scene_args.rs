@@ -29,7 +29,7 @@ pub struct SceneArgs {
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent)]
     pub stretch: Option<f64>,
     /// Power of brightness that is proportional to light: 2.2 for images made for looking at, as DFC2019's 8-bit colours
-    /// are; training compares light [default: 1]
+    /// are; training and the matching of its surface compare light [default: 1]
     #[arg(long, value_name = "EXPONENT", value_parser = parse_gamma)]
     pub gamma: Option<Tone>,
 }

@@ -29,14 +29,8 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// A stage called `name` that makes `outputs` (in the run's folder, unless absolute) from `fingerprint`.
-    pub fn new(
-        run: &Path,
-        name: &'static str,
-        outputs: &[impl AsRef<Path>],
-        fingerprint: Fingerprint,
-    ) -> Self {
-        let outputs = outputs.iter().map(|o| run.join(o)).collect();
+    /// A stage of `run` called `name` that makes `outputs` from `fingerprint`.
+    pub fn new(run: &Path, name: &'static str, outputs: Vec<PathBuf>, fingerprint: Fingerprint) -> Self {
         Self { record: run.join(name).join(STAGE), name, fingerprint, outputs }
     }
 

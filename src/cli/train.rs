@@ -101,7 +101,8 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     align::finish(run)?;
     let scene = read_scene(run)?;
     let recipe = options.recipe()?;
-    let stage = Stage::new(run, "train", &[SPLATS, CAMERAS], fingerprint(run, &recipe, options.seed));
+    let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
+    let stage = Stage::new(run, "train", outputs, fingerprint(run, &recipe, options.seed));
     if stage.is_done(overwrite)? {
         ui.note(&format!("`{}` is trained already", run.display()));
         return Ok(());

@@ -22,7 +22,7 @@ pub use checks::{FARTHEST_OFF_NADIR_DEG, LOWEST_SUN_DEG};
 pub use dem::Dem;
 pub use error::SceneError;
 pub use footprint::{Overlap, UtmBox, default_aoi, footprint, ground_seen, views_needed};
-pub use pixels::Brightness;
+pub use pixels::{Brightness, ValueRange};
 pub use read::{ReadOptions, read};
 pub use sidecar::ORDER as RPC_ORDER;
 pub use source::read_camera;

@@ -14,13 +14,36 @@ const BYTES: (f32, f32) = (0.0, 255.0);
 const FEW: (usize, usize) = (4, 64);
 const MANY: (usize, usize) = (8, 256);
 
+/// Medians of 8-bit images above this are hardly light, of which sunlit ground reflects less: half of white. DFC2019's
+/// colours, made for looking at, have 139 to 165.
+const DISPLAYED: f32 = 127.5;
+
+/// What values an image has, as stored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ValueRange {
+    /// The least.
+    pub low: f32,
+    /// Half of the values lie below.
+    pub median: f32,
+    /// The greatest.
+    pub high: f32,
+}
+
+impl ValueRange {
+    /// Whether an image of so many bits is as bright as those made for looking at, which hold a root of the light. No
+    /// file says so; this is a guess.
+    #[must_use]
+    pub fn is_displayed(self, bits: u32) -> bool {
+        bits == 8 && self.median > DISPLAYED
+    }
+}
+
 impl View {
-    /// Least, median and greatest value of the bands used, as stored, in windows spread over the image; none without
-    /// valid ones.
+    /// The values of the bands used, in windows spread over the image; none without valid ones.
     ///
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
-    pub fn value_range(&self) -> Result<Option<[f32; 3]>, RasterError> {
+    pub fn value_range(&self) -> Result<Option<ValueRange>, RasterError> {
         let file = ImageFile::open(&self.image)?;
         let mut values = Vec::new();
         for window in self.samples(FEW) {
@@ -32,10 +55,10 @@ impl View {
             return Ok(None);
         }
         let middle = values.len() / 2;
-        let (below, median, above) = values.select_nth_unstable_by(middle, f32::total_cmp);
-        let low = below.iter().copied().fold(*median, f32::min);
-        let high = above.iter().copied().fold(*median, f32::max);
-        Ok(Some([low, *median, high]))
+        let (below, &mut median, above) = values.select_nth_unstable_by(middle, f32::total_cmp);
+        let low = below.iter().copied().fold(median, f32::min);
+        let high = above.iter().copied().fold(median, f32::max);
+        Ok(Some(ValueRange { low, median, high }))
     }
 
     /// The part of the image that is used.

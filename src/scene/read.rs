@@ -28,11 +28,13 @@ pub struct ReadOptions {
 ///
 /// A folder with `images/` and a folder of RPC files for them is read as sat-NeRF and DFC2019 lay it out;
 /// `images/` alone, or a folder of images, as images with RPCs inside or beside them; a TOML or STAC file lists its
-/// views. Views are ordered by name.
+/// views. Views are ordered by name; their files are found from any working directory.
 ///
 /// # Errors
 /// [`SceneError`], naming the file.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
+    let path = &std::path::absolute(path)
+        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
     let about = std::fs::metadata(path)
         .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
     let mut warnings = Vec::new();

@@ -63,7 +63,12 @@ pub fn two_views() -> tempfile::TempDir {
 
 /// Runs `satgs`.
 pub fn satgs(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_satgs")).args(args).output().unwrap()
+    satgs_in(Path::new("."), args)
+}
+
+/// Runs the binary in a folder.
+pub fn satgs_in(folder: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_satgs")).args(args).current_dir(folder).output().unwrap()
 }
 
 /// Distance of each camera from its counterpart at a pixel, once the one translation of the ground that tie points
