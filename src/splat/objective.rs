@@ -279,7 +279,7 @@ impl<T: Lanewise> Objective<T> {
         self.by_shared.resize(n, SplatGradient::default());
         self.by_shared.par_iter_mut().with_min_len(1024).enumerate().for_each(|(rank, by)| {
             let o = self.prepared.opacity(rank);
-            *by = SplatGradient { logit: opacity_scale * o * (T::one() - o), ..SplatGradient::default() };
+            *by = SplatGradient { log_opacity: opacity_scale * o, ..SplatGradient::default() };
         });
         zeros(&mut self.by_feature, n);
         zeros(&mut self.by_altitude, n);

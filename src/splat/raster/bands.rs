@@ -1,6 +1,6 @@
-//! A band: sixteen pixel rows, their tiles' lists of splats in altitude order, and the pairs' gradient slots.
+//! A band: sixteen pixel rows, their tiles' lists of splats in altitude order, and each splat's gradient slot.
 
-use super::kernel::SlotGradient;
+use super::kernel::Slot;
 use super::project::{Chunk, Footprint};
 use crate::splat::real::Real;
 
@@ -9,7 +9,7 @@ use crate::splat::real::Real;
 pub(super) struct Entry<T, const C: usize> {
     pub footprint: Footprint<T>,
     pub feature: [T; C],
-    /// The pair's slot within the band.
+    /// The splat's slot within the band.
     pub slot: u32,
     /// The tile's blocks that the ellipse touches, as bits; set by the forward pass.
     pub blocks: u32,
@@ -20,9 +20,9 @@ pub(super) struct Band<T, const C: usize> {
     /// Entries of tile `t` are `entries[tile_starts[t]..tile_starts[t + 1]]`.
     tile_starts: Vec<u32>,
     entries: Vec<Entry<T, C>>,
-    /// Slots of chunk `k` begin at `chunk_slots[k]`, span by span.
+    /// Slots of chunk `k` begin at `chunk_slots[k]`, one a span.
     chunk_slots: Vec<u32>,
-    pub slots: Vec<SlotGradient<T, C>>,
+    pub slots: Vec<Slot<T, C>>,
 }
 
 impl<T, const C: usize> Default for Band<T, C> {
@@ -44,15 +44,15 @@ impl<T: Real, const C: usize> Band<T, C> {
                 for tile in span.first..=span.last {
                     self.tile_starts[usize::from(tile) + 1] += 1;
                 }
-                slot += u32::from(span.last - span.first) + 1;
             }
+            slot += chunk.spans(band).len() as u32;
         }
         self.chunk_slots.push(slot);
         for t in 0..tiles {
             self.tile_starts[t + 1] += self.tile_starts[t];
         }
         let empty = Entry { footprint: Footprint::default(), feature: [T::zero(); C], slot: 0, blocks: 0 };
-        self.entries.resize(slot as usize, empty);
+        self.entries.resize(self.tile_starts[tiles] as usize, empty);
         let mut slot = 0;
         for chunk in chunks {
             for (span, &footprint) in chunk.spans(band).iter().zip(chunk.drawn(band)) {
@@ -61,8 +61,8 @@ impl<T: Real, const C: usize> Band<T, C> {
                     let at = &mut self.tile_starts[usize::from(tile)];
                     self.entries[*at as usize] = Entry { footprint, feature, slot, blocks: 0 };
                     *at += 1;
-                    slot += 1;
                 }
+                slot += 1;
             }
         }
         for t in (0..tiles).rev() {
@@ -88,13 +88,13 @@ impl<T: Real, const C: usize> Band<T, C> {
         self.entries.iter().map(|e| e.blocks.count_ones() as usize).sum()
     }
 
-    /// Number of (splat, tile) pairs.
+    /// Number of splats that touch the band.
     pub fn slot_count(&self) -> usize {
         self.chunk_slots.last().map_or(0, |&n| n as usize)
     }
 
-    /// The slots of one chunk's spans, in their order.
-    pub fn slots_of_chunk(&self, chunk: usize) -> &[SlotGradient<T, C>] {
+    /// The slots of one chunk's spans.
+    pub fn slots_of_chunk(&self, chunk: usize) -> &[Slot<T, C>] {
         &self.slots[self.chunk_slots[chunk] as usize..self.chunk_slots[chunk + 1] as usize]
     }
 }

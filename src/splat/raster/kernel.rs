@@ -8,24 +8,44 @@
 use super::bands::Band;
 use super::block::{ACROSS, BLOCKS, BlockTest, Pixels, Stamp, across, block, each, frames};
 use super::{ALPHA_CUT, ALPHA_MAX, SATURATED};
-use crate::splat::lanes::{Exp2, Kernel, Lanes, Lanewise, Row, splat_each, sum_each};
+use crate::splat::lanes::{Exp2, Kernel, LANES, Lanes, Lanewise, Row, splat_each, sum_each};
 use crate::splat::real::Real;
 use std::hint::black_box;
 
-/// Derivatives of the loss by one splat as one tile sees it.
+/// Sums over the pixels of a band, or a whole image, that take the loss's derivatives back to one splat: moments, by
+/// the offset from the ellipse's centre, of alpha times the derivative by alpha; and the features' derivatives.
 #[derive(Clone, Copy, Debug)]
-pub struct SlotGradient<T, const C: usize> {
-    /// Sum of alpha times the derivative by alpha.
-    pub(super) alpha: T,
-    pub(super) mean: [T; 2],
-    pub(super) conic: [T; 3],
+pub struct Slot<T, const C: usize> {
+    pub(super) sum: T,
+    pub(super) first: [T; 2],
+    /// xx, xy, yy.
+    pub(super) second: [T; 3],
     pub(super) feature: [T; C],
 }
 
-impl<T: Real, const C: usize> Default for SlotGradient<T, C> {
+impl<T: Real, const C: usize> Default for Slot<T, C> {
     fn default() -> Self {
         let z = T::zero();
-        Self { alpha: z, mean: [z; 2], conic: [z; 3], feature: [z; C] }
+        Self { sum: z, first: [z; 2], second: [z; 3], feature: [z; C] }
+    }
+}
+
+impl<T: Real, const C: usize> Slot<T, C> {
+    /// Adds what other pixels say.
+    #[inline(always)]
+    pub(super) fn add(&mut self, other: &Self) {
+        self.sum = self.sum + other.sum;
+        add(&mut self.first, other.first);
+        add(&mut self.second, other.second);
+        add(&mut self.feature, other.feature);
+    }
+}
+
+/// Adds number by number.
+#[inline(always)]
+pub(super) fn add<T: Real, const N: usize>(sum: &mut [T; N], value: [T; N]) {
+    for (s, v) in sum.iter_mut().zip(value) {
+        *s = *s + v;
     }
 }
 
@@ -132,7 +152,7 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Count<'_, T, C> {
     }
 }
 
-/// Fills a band's slots from the derivatives by its pixels.
+/// Adds the derivatives by a band's pixels to its slots.
 pub(super) struct Backward<'a, T, const C: usize> {
     pub band: &'a Band<T, C>,
     /// Which band of the image it is.
@@ -142,7 +162,7 @@ pub(super) struct Backward<'a, T, const C: usize> {
     /// The band as it was rendered.
     pub image: &'a [T],
     pub by_pixel: &'a [T],
-    pub slots: &'a mut [SlotGradient<T, C>],
+    pub slots: &'a mut [Slot<T, C>],
 }
 
 impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
@@ -153,7 +173,8 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
         for frame in frames(width, by_pixel.len() / (C * width)) {
             let mut transmittance = [k.one; BLOCKS];
             let mut behind = [k.zero; BLOCKS];
-            let mut unlimited = [k.zero; BLOCKS];
+            // Of this splat and the next, in turns.
+            let mut unlimited = [[k.zero; BLOCKS]; 2];
             let mut by_color = [[k.zero; C]; BLOCKS];
             for down in 0..frame.down() {
                 for c in 0..C {
@@ -167,24 +188,27 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
                 }
             }
             let mut live = frame.blocks::<L>();
-            let mut entries = band.tile(frame.tile).iter();
-            for entry in entries.by_ref() {
-                let stamp = Stamp::new(lanes, &entry.footprint, frame.tile, index);
+            let entries = band.tile(frame.tile);
+            if let Some(first) = entries.first() {
+                let stamp = Stamp::new(lanes, &first.footprint, frame.tile, index);
+                stamp.unlimited(&k, &pixels, first.blocks, &mut unlimited[0]);
+            }
+            for (i, entry) in entries.iter().enumerate() {
+                // One splat ahead: exponentials are computed while the way back waits for its own results.
+                if let Some(next) = entries.get(i + 1) {
+                    let stamp = Stamp::new(lanes, &next.footprint, frame.tile, index);
+                    stamp.unlimited(&k, &pixels, live & next.blocks, &mut unlimited[(i + 1) % 2]);
+                }
                 let feature = splat_each(lanes, entry.feature);
                 let mut moments = Moments::new(k.zero);
                 let mut by_feature = [k.zero; C];
-                // In a loop of its own: the processor looks only so far ahead, and now sees several blocks at once.
-                for b in each(live & entry.blocks) {
-                    let exponent = stamp.exponent(&pixels, b);
-                    unlimited[b] = exponent.exp2_with(&k.exp2).keep(exponent.at_least(k.cut));
-                }
                 for b in each(live & entry.blocks) {
                     let t = transmittance[b];
                     if !t.at_least(k.saturated).any() {
                         live &= !(1 << b);
                         continue;
                     }
-                    let unlimited = unlimited[b];
+                    let unlimited = unlimited[i % 2][b];
                     let alpha = unlimited.min(k.alpha_max);
                     let weight = t * alpha;
                     transmittance[b] = t - weight;
@@ -201,17 +225,28 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
                     moments.add(by_log_alpha, &pixels, b);
                 }
                 let offset = entry.footprint.offset_in(frame.tile, index);
-                slots[entry.slot as usize] = moments.slot(offset, entry.footprint.conic, by_feature);
+                slots[entry.slot as usize].add(&moments.slot(lanes, offset, by_feature));
                 if live == 0 {
                     break;
                 }
             }
-            for hidden in entries {
-                slots[hidden.slot as usize] = SlotGradient::default();
-            }
         }
     }
 }
+
+impl<L: Lanes> Stamp<L> {
+    /// Alpha at some blocks, before its upper limit.
+    #[inline(always)]
+    fn unlimited(&self, k: &Constants<L>, pixels: &Pixels<L>, blocks: u32, out: &mut [Row<L>; BLOCKS]) {
+        for b in each(blocks) {
+            let exponent = self.exponent(pixels, b);
+            out[b] = exponent.exp2_with(&k.exp2).keep(exponent.at_least(k.cut));
+        }
+    }
+}
+
+/// Number of [`Moments`].
+const MOMENTS: usize = 6;
 
 /// Moments, by the offset from the tile's middle, of alpha times the derivative by alpha.
 struct Moments<L: Lanes> {
@@ -238,26 +273,26 @@ impl<L: Lanes> Moments<L> {
         self.second[2] = v.mul_add(yy, self.second[2]);
     }
 
-    /// Derivatives by the ellipse's centre, which lies at `offset` from the tile's middle, and by its conic.
+    /// Summed over the lanes, about the ellipse's centre, whose offset from the tile's middle is given.
     #[inline(always)]
     fn slot<const C: usize>(
         self,
+        lanes: L,
         [u, v]: [L::Number; 2],
-        [a, b, c]: [L::Number; 3],
         by_feature: [Row<L>; C],
-    ) -> SlotGradient<L::Number, C> {
-        let alpha = self.sum.sum();
-        let [x, y] = sum_each(self.first);
-        let [xx, xy, yy] = sum_each(self.second);
-        // About the centre.
-        let (dx, dy) = (x - u * alpha, y - v * alpha);
-        let (dxx, dxy, dyy) = (xx - u * (x + dx), xy - u * y - v * dx, yy - v * (y + dy));
-        let half = L::Number::of(0.5);
-        SlotGradient {
-            alpha,
-            mean: [a * dx + b * dy, b * dx + c * dy],
-            conic: [-half * dxx, -dxy, -half * dyy],
-            feature: sum_each(by_feature),
-        }
+    ) -> Slot<L::Number, C> {
+        const { assert!(MOMENTS + C <= LANES) };
+        let mut rows = [Row::splat(lanes, L::Number::of(0.0)); LANES];
+        rows[0] = self.sum;
+        rows[1..3].copy_from_slice(&self.first);
+        rows[3..MOMENTS].copy_from_slice(&self.second);
+        rows[MOMENTS..MOMENTS + C].copy_from_slice(&by_feature);
+        let sums = sum_each(rows);
+        let [sum, x, y, xx, xy, yy] = [sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]];
+        let first = [x - u * sum, y - v * sum];
+        let second = [xx - u * (x + first[0]), xy - u * y - v * first[0], yy - v * (y + first[1])];
+        let mut feature = [sum; C];
+        feature.copy_from_slice(&sums[MOMENTS..MOMENTS + C]);
+        Slot { sum, first, second, feature }
     }
 }

@@ -3,8 +3,8 @@
 //! Along any parallel ray that climbs, a higher point hides a lower one: the altitude of the centres orders the
 //! splats once for every camera of an iteration ([`Prepared`]). A camera projects them in chunks
 //! and each band of sixteen pixel rows is binned into tiles and rendered by one thread ([`Rasterizer`]).
-//! Gradients of a (splat, tile) pair go into that pair's own slot and are summed per splat in a fixed order: no
-//! atomics, and the same bytes for any number of threads.
+//! A splat's gradients are summed per band, tile by tile, into a slot of its own, and then over the bands, in a fixed
+//! order: no atomics, and the same bytes for any number of threads.
 
 mod bands;
 mod block;
@@ -131,7 +131,8 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
         self.bands.par_iter_mut().zip(images.zip(derivatives)).enumerate().for_each(
             |(index, (band, (image, by_pixel)))| {
                 let mut slots = std::mem::take(&mut band.slots);
-                slots.resize(band.slot_count(), kernel::SlotGradient::default());
+                slots.clear();
+                slots.resize(band.slot_count(), kernel::Slot::default());
                 T::dispatch(kernel::Backward { band, index, width, image, by_pixel, slots: &mut slots });
                 band.slots = slots;
             },

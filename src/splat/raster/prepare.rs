@@ -38,8 +38,8 @@ pub struct SplatGradient<T> {
     pub position: [T; 3],
     /// By the covariance's elements xx, xy, xz, yy, yz, zz, the matrix taken as nine independent numbers.
     pub covariance: [T; 6],
-    /// By the opacity's logit.
-    pub logit: T,
+    /// By the opacity's logarithm.
+    pub log_opacity: T,
 }
 
 /// A whole number that grows as a float falls.
@@ -135,7 +135,9 @@ impl<T: Lanewise> Prepared<T> {
             |(k, (((log_scale, rotation), (position, logit)), rank))| {
                 for ((position, logit), rank) in position.iter_mut().zip(logit).zip(rank) {
                     let g = &gradients[*rank as usize];
-                    (*position, *logit) = (g.position, g.logit);
+                    *position = g.position;
+                    // The opacity is the logit's sigmoid.
+                    *logit = g.log_opacity * (T::one() - self.splats[*rank as usize].opacity);
                 }
                 let first = k * PIECE;
                 T::dispatch(Unshare { gaussians, gradients, first, rank, log_scale, rotation });

@@ -2,6 +2,7 @@
 
 use super::bands::Band;
 use super::block::TILE;
+use super::kernel::{Slot, add};
 use super::prepare::{ELEMENTS, Prepared, PreparedSplat, SplatGradient, gather, scatter};
 use super::{ALPHA_CUT, LOW_PASS_PX2};
 use crate::affine::AffineCamera;
@@ -70,7 +71,6 @@ pub(super) struct Chunk<T> {
     /// Spans of band `b` are `spans[band_starts[b]..band_starts[b + 1]]`.
     band_starts: Vec<u32>,
     unsorted: Vec<(u32, Span)>,
-    sums: Vec<FootprintGradient<T>>,
     /// The derivative by each rank's image position; none where no pixel sees it.
     by_mean: Vec<Option<[T; 2]>>,
 }
@@ -90,15 +90,6 @@ impl<T: Lanewise> Kernel<T> for Projection<'_, T> {
     }
 }
 
-/// Derivatives of the loss by a footprint.
-#[derive(Clone, Copy, Debug, Default)]
-struct FootprintGradient<T> {
-    /// Sum over pixels of alpha times the derivative by alpha.
-    alpha: T,
-    mean: [T; 2],
-    conic: [T; 3],
-}
-
 impl<T> Default for Chunk<T> {
     fn default() -> Self {
         Self {
@@ -108,7 +99,6 @@ impl<T> Default for Chunk<T> {
             drawn: Vec::new(),
             band_starts: Vec::new(),
             unsorted: Vec::new(),
-            sums: Vec::new(),
             by_mean: Vec::new(),
         }
     }
@@ -198,32 +188,20 @@ impl<T: Real> Chunk<T> {
         gradients: &mut [SplatGradient<T>],
         by_feature: &mut [[T; C]],
     ) {
-        let mut sums = std::mem::take(&mut self.sums);
-        sums.clear();
-        sums.resize(self.footprints.len(), FootprintGradient::default());
+        // By footprint: small enough to stay in the cache, while all else is read and written from first to last.
+        let mut sums = [Slot::default(); CHUNK];
         for (b, band) in bands.iter().enumerate() {
-            let mut slots = band.slots_of_chunk(index);
-            for span in self.spans(b) {
-                let (own, rest) = slots.split_at(usize::from(span.last - span.first) + 1);
-                slots = rest;
-                let sum = &mut sums[span.footprint as usize];
-                let rank = self.footprints[span.footprint as usize].rank as usize - self.start;
-                for slot in own {
-                    sum.alpha = sum.alpha + slot.alpha;
-                    add(&mut sum.mean, slot.mean);
-                    add(&mut sum.conic, slot.conic);
-                    add(&mut by_feature[rank], slot.feature);
-                }
+            for (span, slot) in self.spans(b).iter().zip(band.slots_of_chunk(index)) {
+                sums[span.footprint as usize].add(slot);
             }
         }
         self.by_mean.clear();
         self.by_mean.resize(gradients.len(), None);
         for (footprint, sum) in self.footprints.iter().zip(&sums) {
             let place = footprint.rank as usize - self.start;
-            footprint.back_project(camera, sum, &mut gradients[place]);
-            self.by_mean[place] = Some(sum.mean);
+            self.by_mean[place] = Some(footprint.back_project(camera, sum, &mut gradients[place]));
+            add(&mut by_feature[place], sum.feature);
         }
-        self.sums = sums;
     }
 
     /// The derivative by the image position of a splat, by its rank within the chunk; none if no pixel sees it.
@@ -232,35 +210,33 @@ impl<T: Real> Chunk<T> {
     }
 }
 
-fn add<T: Real, const N: usize>(sum: &mut [T; N], value: [T; N]) {
-    for (s, v) in sum.iter_mut().zip(value) {
-        *s = *s + v;
-    }
-}
-
 impl<T: Real> Footprint<T> {
-    /// Adds what the derivatives by the ellipse mean for the splat.
-    fn back_project(&self, camera: &FrameCamera<T>, by: &FootprintGradient<T>, out: &mut SplatGradient<T>) {
+    /// Adds what the sums over the image mean for the splat; gives the derivative by the ellipse's centre.
+    #[inline(always)]
+    fn back_project<const C: usize>(
+        &self,
+        camera: &FrameCamera<T>,
+        by: &Slot<T, C>,
+        out: &mut SplatGradient<T>,
+    ) -> [T; 2] {
         let m = &camera.linear;
+        let ([a, b, c], [x, y], [xx, xy, yy]) = (self.conic, by.first, by.second);
+        let mean = [a * x + b * y, b * x + c * y];
         for k in 0..3 {
-            out.position[k] = out.position[k] + m[0][k] * by.mean[0] + m[1][k] * by.mean[1];
+            out.position[k] = out.position[k] + m[0][k] * mean[0] + m[1][k] * mean[1];
         }
-        // alpha = sigmoid(logit) * g, so d alpha / d logit = alpha * (1 - opacity).
-        out.logit = out.logit + by.alpha * (T::one() - self.log2_opacity.exp2());
-        // By the covariance: -conic * G * conic, G symmetric with the off-diagonal's derivative halved.
-        let [a, b, c] = self.conic;
+        out.log_opacity = out.log_opacity + by.sum;
+        // By the image's covariance: half of conic * moments * conic.
         let half = T::of(0.5);
-        let (ga, gb, gc) = (by.conic[0], half * by.conic[1], by.conic[2]);
-        let p = [[a * ga + b * gb, a * gb + b * gc], [b * ga + c * gb, b * gb + c * gc]];
-        let xx = -(p[0][0] * a + p[0][1] * b);
-        let xy = -(p[0][0] * b + p[0][1] * c);
-        let yy = -(p[1][0] * b + p[1][1] * c);
-        let element = |i: usize, j: usize| {
-            m[0][i] * (xx * m[0][j] + xy * m[1][j]) + m[1][i] * (xy * m[0][j] + yy * m[1][j])
-        };
+        let p = [[a * xx + b * xy, a * xy + b * yy], [b * xx + c * xy, b * xy + c * yy]];
+        let gxx = half * (p[0][0] * a + p[0][1] * b);
+        let gxy = half * (p[0][0] * b + p[0][1] * c);
+        let gyy = half * (p[1][0] * b + p[1][1] * c);
         for (k, (i, j)) in ELEMENTS.into_iter().enumerate() {
-            out.covariance[k] = out.covariance[k] + element(i, j);
+            let [u, v] = [gxx * m[0][j] + gxy * m[1][j], gxy * m[0][j] + gyy * m[1][j]];
+            out.covariance[k] = out.covariance[k] + m[0][i] * u + m[1][i] * v;
         }
+        mean
     }
 }
 
