@@ -109,8 +109,7 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
                         live &= !(1 << b);
                         continue;
                     }
-                    let exponent = stamp.exponent(&pixels, b);
-                    let alpha = exponent.exp2_with(&k.exp2).min(k.alpha_max).keep(exponent.at_least(k.cut));
+                    let alpha = stamp.unlimited(&k, &pixels, b).min(k.alpha_max);
                     let weight = t * alpha;
                     transmittance[b] = t - weight;
                     for c in 0..C {
@@ -191,13 +190,17 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
             let entries = band.tile(frame.tile);
             if let Some(first) = entries.first() {
                 let stamp = Stamp::new(lanes, &first.footprint, frame.tile, index);
-                stamp.unlimited(&k, &pixels, first.blocks, &mut unlimited[0]);
+                for b in each(first.blocks) {
+                    unlimited[0][b] = stamp.unlimited(&k, &pixels, b);
+                }
             }
             for (i, entry) in entries.iter().enumerate() {
                 // One splat ahead: exponentials are computed while the way back waits for its own results.
                 if let Some(next) = entries.get(i + 1) {
                     let stamp = Stamp::new(lanes, &next.footprint, frame.tile, index);
-                    stamp.unlimited(&k, &pixels, live & next.blocks, &mut unlimited[(i + 1) % 2]);
+                    for b in each(live & next.blocks) {
+                        unlimited[(i + 1) % 2][b] = stamp.unlimited(&k, &pixels, b);
+                    }
                 }
                 let feature = splat_each(lanes, entry.feature);
                 let mut moments = Moments::new(k.zero);
@@ -235,13 +238,11 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
 }
 
 impl<L: Lanes> Stamp<L> {
-    /// Alpha at some blocks, before its upper limit.
+    /// Alpha at the pixels of a block, before its upper limit.
     #[inline(always)]
-    fn unlimited(&self, k: &Constants<L>, pixels: &Pixels<L>, blocks: u32, out: &mut [Row<L>; BLOCKS]) {
-        for b in each(blocks) {
-            let exponent = self.exponent(pixels, b);
-            out[b] = exponent.exp2_with(&k.exp2).keep(exponent.at_least(k.cut));
-        }
+    fn unlimited(&self, k: &Constants<L>, pixels: &Pixels<L>, block: usize) -> Row<L> {
+        let exponent = self.exponent(pixels, block);
+        exponent.exp2_with(&k.exp2).keep(exponent.at_least(k.cut))
     }
 }
 
