@@ -29,7 +29,7 @@ struct Line {
     pixels: f64,
     /// Pairs that count: alpha of at least 1/255.
     pairs: f64,
-    /// Pairs that are computed: whole blocks.
+    /// Pairs that are computed: whole blocks, but for hidden ones.
     computed: f64,
     /// Milliseconds by column.
     prepare: f64,
@@ -37,6 +37,7 @@ struct Line {
     bin: f64,
     forward: f64,
     backward: f64,
+    gather: f64,
     ssim: f64,
     adam: f64,
     one: f64,
@@ -107,7 +108,8 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
     let by_pixel = noise(side, side, 4);
     let mut shared = vec![SplatGradient::default(); splats];
     let mut by_feature = vec![[0.0; 4]; splats];
-    let backward = fastest_ms(|| raster.backward(&by_pixel, &mut shared, &mut by_feature));
+    let backward = fastest_ms(|| raster.pull_back(&by_pixel));
+    let gather = fastest_ms(|| raster.gather(&mut shared, &mut by_feature));
 
     let truth = noise(side, side, 3);
     let mut picture = truth.clone();
@@ -165,6 +167,7 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
         bin,
         forward,
         backward,
+        gather,
         ssim,
         adam,
         one,
@@ -187,7 +190,7 @@ impl Line {
         let [forward_rate, backward_rate] = self.rates(self.pairs);
         println!(
             "{} {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {forward_rate:.2} | {:.1} | {backward_rate:.2} | {:.1} \
-             | {:.1} | {:.0} | {:.0} |",
+             | {:.1} | {:.1} | {:.0} | {:.0} |",
             self.head(),
             self.pairs * 1e-6,
             self.computed * 1e-6,
@@ -196,6 +199,7 @@ impl Line {
             self.bin,
             self.forward,
             self.backward,
+            self.gather,
             self.ssim,
             self.adam,
             self.one,
@@ -208,8 +212,8 @@ fn table(threads: usize, trained: Option<&Gaussians>) -> Vec<Line> {
     println!("\n{threads} thread(s), milliseconds:\n");
     println!(
         "| splats | MP | M pairs | computed | prepare | project | bin | forward | G pairs/s | backward | G pairs/s \
-         | SSIM | Adam | one render | three |\n|{}",
-        "---|".repeat(15)
+         | gather | SSIM | Adam | one render | three |\n|{}",
+        "---|".repeat(16)
     );
     let towns = [(50, 0.64), (100, 0.64), (250, 0.64), (1000, 0.64), (100, 0.25), (100, 2.5)];
     let print = |line: Line| {

@@ -5,7 +5,7 @@
 
 use super::appearance::Appearance;
 use super::consistency::Scaled;
-use super::lanes::{Kernel, LANES, Lanes, Lanewise, Mask, Row, splat_each, sum_each};
+use super::lanes::{Kernel, LANES, Lanes, Lanewise, Mask, Row, splat_each};
 use super::lookup::{Lookup, Window, stripe_rows, sum_windows};
 use super::raster::Layers;
 use super::real::Real;
@@ -258,6 +258,6 @@ impl<T: Lanewise> Kernel<T> for PullBack<'_, T> {
                 }
             }
         }
-        stripe.appearance = sum_each(by_values);
+        stripe.appearance = by_values.map(Row::sum);
     }
 }

@@ -27,12 +27,23 @@ impl Lanes for Exact {
     fn store(self, a: [f64; 8], places: &mut [f64]) {
         places[..8].copy_from_slice(&a);
     }
-    fn load_halves(self, low: &[f64], high: &[f64]) -> [f64; 8] {
-        std::array::from_fn(|i| if i < 4 { low[i] } else { high[i - 4] })
+    fn halves(self, a: [f64; 8], b: [f64; 8]) -> [[f64; 8]; 2] {
+        [0, 4].map(|k| std::array::from_fn(|i| if i < 4 { a[k + i] } else { b[k + i - 4] }))
     }
-    fn store_halves(self, a: [f64; 8], low: &mut [f64], high: &mut [f64]) {
-        low[..4].copy_from_slice(&a[..4]);
-        high[..4].copy_from_slice(&a[4..]);
+    fn quarters(self, a: [f64; 8], b: [f64; 8]) -> [[f64; 8]; 2] {
+        [a, b]
+    }
+    fn load_eights(self, [eight, _]: [&[f64; 8]; 2]) -> [f64; 8] {
+        *eight
+    }
+    fn store_eights(self, a: [f64; 8], [eight, _]: [&mut [f64; 8]; 2]) {
+        *eight = a;
+    }
+    fn transpose_fours(self, rows: [[f64; 8]; 4]) -> [[f64; 8]; 4] {
+        std::array::from_fn(|k| std::array::from_fn(|i| rows[i % 4][i / 4 * 4 + k]))
+    }
+    fn transpose_eights(self, rows: [[f64; 8]; 8]) -> [[f64; 8]; 8] {
+        std::array::from_fn(|k| rows.map(|row| row[k]))
     }
     fn add(self, a: [f64; 8], b: [f64; 8]) -> [f64; 8] {
         std::array::from_fn(|i| a[i] + b[i])
@@ -72,9 +83,6 @@ impl Lanes for Exact {
     }
     fn sum(self, a: [f64; 8]) -> f64 {
         a.iter().sum()
-    }
-    fn sums<const C: usize>(self, rows: [[f64; 8]; C]) -> [f64; C] {
-        rows.map(|row| self.sum(row))
     }
     fn floor(self, a: [f64; 8]) -> [f64; 8] {
         a.map(f64::floor)

@@ -44,10 +44,18 @@ pub trait Lanes: Copy {
     fn load(self, values: &[Self::Number]) -> Self::Numbers;
     /// To the first of these places.
     fn store(self, a: Self::Numbers, places: &mut [Self::Number]);
-    /// Half of the lanes from the first of `low`, half from the first of `high`.
-    fn load_halves(self, low: &[Self::Number], high: &[Self::Number]) -> Self::Numbers;
-    /// What [`Lanes::load_halves`] reads.
-    fn store_halves(self, a: Self::Numbers, low: &mut [Self::Number], high: &mut [Self::Number]);
+    /// The lower halves of both, and the upper halves.
+    fn halves(self, a: Self::Numbers, b: Self::Numbers) -> [Self::Numbers; 2];
+    /// Of sixteen lanes the first and third four of both, and the second and fourth.
+    fn quarters(self, a: Self::Numbers, b: Self::Numbers) -> [Self::Numbers; 2];
+    /// Eight lanes from each array, as far as the row goes.
+    fn load_eights(self, eights: [&[Self::Number; 8]; 2]) -> Self::Numbers;
+    /// What [`Lanes::load_eights`] reads.
+    fn store_eights(self, a: Self::Numbers, eights: [&mut [Self::Number; 8]; 2]);
+    /// Of every four lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
+    fn transpose_fours(self, rows: [Self::Numbers; 4]) -> [Self::Numbers; 4];
+    /// Of every eight lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
+    fn transpose_eights(self, rows: [Self::Numbers; 8]) -> [Self::Numbers; 8];
     /// `a + b`.
     fn add(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
     /// `a - b`.
@@ -74,8 +82,6 @@ pub trait Lanes: Copy {
     fn log2(self, a: Self::Numbers) -> Self::Numbers;
     /// Sum of the lanes, in an order that only depends on the processor.
     fn sum(self, a: Self::Numbers) -> Self::Number;
-    /// The sum of each row's lanes; not in the order of [`Lanes::sum`].
-    fn sums<const C: usize>(self, rows: [Self::Numbers; C]) -> [Self::Number; C];
     /// The whole part of numbers between 0 and 2^22.
     fn floor(self, a: Self::Numbers) -> Self::Numbers;
     /// Whole numbers between 0 and 2^22, to the first of these places.
@@ -120,16 +126,28 @@ impl<L: Lanes> Row<L> {
         Self { lanes, numbers: lanes.load(values) }
     }
 
-    /// Half of the lanes from the first of one slice, half from the first of another.
+    /// Eight lanes from each array, as far as the row goes.
     #[inline(always)]
-    pub fn load_halves(lanes: L, low: &[L::Number], high: &[L::Number]) -> Self {
-        Self { lanes, numbers: lanes.load_halves(low, high) }
+    pub fn load_eights(lanes: L, eights: [&[L::Number; 8]; 2]) -> Self {
+        Self { lanes, numbers: lanes.load_eights(eights) }
     }
 
-    /// Half of the lanes to the first of one slice, half to the first of another.
+    /// The lower halves of both, and the upper halves.
     #[inline(always)]
-    pub fn store_halves(self, low: &mut [L::Number], high: &mut [L::Number]) {
-        self.lanes.store_halves(self.numbers, low, high);
+    fn halves(self, b: Self) -> [Self; 2] {
+        rows_of(self.lanes, self.lanes.halves(self.numbers, b.numbers))
+    }
+
+    /// Of sixteen lanes the first and third four of both, and the second and fourth.
+    #[inline(always)]
+    fn quarters(self, b: Self) -> [Self; 2] {
+        rows_of(self.lanes, self.lanes.quarters(self.numbers, b.numbers))
+    }
+
+    /// What [`Row::load_eights`] reads.
+    #[inline(always)]
+    pub fn store_eights(self, eights: [&mut [L::Number; 8]; 2]) {
+        self.lanes.store_eights(self.numbers, eights);
     }
 
     /// 0, 1, 2, ...
@@ -308,15 +326,72 @@ pub fn splat_each<L: Lanes, const C: usize>(lanes: L, values: [L::Number; C]) ->
     out
 }
 
-/// The sum of each row's lanes.
+/// Of every four lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
 #[inline(always)]
-pub fn sum_each<L: Lanes, const C: usize>(rows: [Row<L>; C]) -> [L::Number; C] {
-    let Some(first) = rows.first() else { return [L::Number::zero(); C] };
-    let mut numbers = [first.numbers; C];
-    for c in 1..C {
-        numbers[c] = rows[c].numbers;
+pub fn transpose_fours<L: Lanes>(rows: [Row<L>; 4]) -> [Row<L>; 4] {
+    let lanes = rows[0].lanes;
+    rows_of(lanes, lanes.transpose_fours(numbers_of(rows)))
+}
+
+/// Of every eight lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
+#[inline(always)]
+pub fn transpose_eights<L: Lanes>(rows: [Row<L>; 8]) -> [Row<L>; 8] {
+    let lanes = rows[0].lanes;
+    rows_of(lanes, lanes.transpose_eights(numbers_of(rows)))
+}
+
+/// Four blocks of pixels side by side, four columns wide, from the lines of sixteen pixels through them, one after the
+/// other.
+#[inline(always)]
+pub fn blocks_of_lines<L: Lanes>([a, b, c, d]: [Row<L>; 4]) -> [Row<L>; 4] {
+    if L::WIDTH == LANES {
+        // Four blocks of four lines of four pixels: the same exchange.
+        return lines_of_blocks([a, b, c, d]);
     }
-    first.lanes.sums(numbers)
+    let ([first, second], [third, fourth]) = (a.halves(c), b.halves(d));
+    [first, second, third, fourth]
+}
+
+/// What [`blocks_of_lines`] takes.
+#[inline(always)]
+pub fn lines_of_blocks<L: Lanes>([a, b, c, d]: [Row<L>; 4]) -> [Row<L>; 4] {
+    let ([low_left, high_left], [low_right, high_right]) = (a.halves(b), c.halves(d));
+    if L::WIDTH < LANES {
+        return [low_left, low_right, high_left, high_right];
+    }
+    let ([first, second], [third, fourth]) = (low_left.quarters(low_right), high_left.quarters(high_right));
+    [first, second, third, fourth]
+}
+
+/// Sixteen numbers in as many rows as hold them, the rest of two left over: from each of `rows` four sums over its
+/// fours.
+#[inline(always)]
+pub fn sum_fours<L: Lanes>([a, b, c, d]: [Row<L>; 4]) -> [Row<L>; 2] {
+    let ([low, high], [low_after, high_after]) = (a.halves(b), c.halves(d));
+    let sums = [low + high, low_after + high_after];
+    if L::WIDTH < LANES {
+        return sums;
+    }
+    let [even, odd] = sums[0].quarters(sums[1]);
+    [even + odd; 2]
+}
+
+#[inline(always)]
+fn numbers_of<L: Lanes, const C: usize>(rows: [Row<L>; C]) -> [L::Numbers; C] {
+    let mut out = [rows[0].numbers; C];
+    for c in 1..C {
+        out[c] = rows[c].numbers;
+    }
+    out
+}
+
+#[inline(always)]
+fn rows_of<L: Lanes, const C: usize>(lanes: L, numbers: [L::Numbers; C]) -> [Row<L>; C] {
+    let mut out = [Row { lanes, numbers: numbers[0] }; C];
+    for c in 1..C {
+        out[c].numbers = numbers[c];
+    }
+    out
 }
 
 impl<L: Lanes> Mask<L> {

@@ -55,40 +55,54 @@ pub(super) trait Processor: Simd {
         self.select_f32s(truths, a, self.splat_f32s(0.0))
     }
 
-    /// Half of the lanes from the first of `low`, half from the first of `high`.
-    #[inline(always)]
-    fn load_halves(self, low: &[f32], high: &[f32]) -> Self::f32s {
-        let half = Self::F32_LANES / 2;
-        let mut values = [0.0; LANES];
-        values[..half].copy_from_slice(&low[..half]);
-        values[half..2 * half].copy_from_slice(&high[..half]);
-        Self::as_simd_f32s(&values[..Self::F32_LANES]).0[0]
-    }
-
-    /// What [`Processor::load_halves`] reads.
-    #[inline(always)]
-    fn store_halves(self, a: Self::f32s, low: &mut [f32], high: &mut [f32]) {
-        let half = Self::F32_LANES / 2;
-        let values = [a];
-        let values: &[f32] = pulp::bytemuck::cast_slice(&values);
-        low[..half].copy_from_slice(&values[..half]);
-        high[..half].copy_from_slice(&values[half..]);
-    }
-
     /// Square root of positive numbers, relative error below 4e-4.
     #[inline(always)]
     fn rough_sqrt(self, a: Self::f32s) -> Self::f32s {
         self.sqrt_f32s(a)
     }
 
-    /// The sum of each row's lanes.
+    /// The lower halves of both, and the upper halves.
     #[inline(always)]
-    fn sums<const C: usize>(self, rows: [Self::f32s; C]) -> [f32; C] {
-        let mut out = [0.0; C];
-        for c in 0..C {
-            out[c] = self.reduce_sum_f32s(rows[c]);
+    fn halves<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+        let mut out = [a, b];
+        let (a, b): (&[f32], &[f32]) = (pulp::bytemuck::cast_slice(&a), pulp::bytemuck::cast_slice(&b));
+        let half = a.len() / 2;
+        for (k, out) in out.iter_mut().enumerate() {
+            let (first, second) = pulp::bytemuck::cast_slice_mut(out).split_at_mut(half);
+            first.copy_from_slice(&a[k * half..][..half]);
+            second.copy_from_slice(&b[k * half..][..half]);
         }
         out
+    }
+
+    /// Of sixteen lanes the first and third four of both, and the second and fourth.
+    #[inline(always)]
+    fn quarters<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+        [a, b]
+    }
+
+    /// Eight lanes from each array, as far as `N` registers go.
+    #[inline(always)]
+    fn load_eights<const N: usize>(self, [first, _]: [&[f32; 8]; 2]) -> [Self::f32s; N] {
+        first_registers(self, first)
+    }
+
+    /// What [`Processor::load_eights`] reads.
+    #[inline(always)]
+    fn store_eights<const N: usize>(self, a: [Self::f32s; N], [first, _]: [&mut [f32; 8]; 2]) {
+        first.copy_from_slice(pulp::bytemuck::cast_slice(&a));
+    }
+
+    /// Of every four lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
+    #[inline(always)]
+    fn transpose_fours<const N: usize>(self, rows: [[Self::f32s; N]; 4]) -> [[Self::f32s; N]; 4] {
+        transpose::<Self, N, 4>(rows)
+    }
+
+    /// Of every eight lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
+    #[inline(always)]
+    fn transpose_eights<const N: usize>(self, rows: [[Self::f32s; N]; 8]) -> [[Self::f32s; N]; 8] {
+        transpose::<Self, N, 8>(rows)
     }
 
     #[inline(always)]
@@ -113,12 +127,6 @@ impl Processor for pulp::x86::V3 {
     fn bits(self, a: Self::m32s) -> u32 {
         self.avx._mm256_movemask_ps(pulp::cast(a)) as u32
     }
-    // A register that is written in two parts and read at once would wait for both to reach the cache.
-    #[inline(always)]
-    fn load_halves(self, low: &[f32], high: &[f32]) -> Self::f32s {
-        let low = self.avx._mm256_castps128_ps256(pulp::cast(first_of::<pulp::f32x4>(low)));
-        pulp::cast(self.avx._mm256_insertf128_ps::<1>(low, pulp::cast(first_of::<pulp::f32x4>(high))))
-    }
     #[inline(always)]
     fn rough_sqrt(self, a: Self::f32s) -> Self::f32s {
         self.mul_f32s(a, pulp::cast(self.avx._mm256_rsqrt_ps(pulp::cast(a))))
@@ -126,6 +134,44 @@ impl Processor for pulp::x86::V3 {
     #[inline(always)]
     fn keep(self, truths: Self::m32s, a: Self::f32s) -> Self::f32s {
         pulp::cast(self.avx._mm256_and_ps(pulp::cast(truths), pulp::cast(a)))
+    }
+    #[inline(always)]
+    fn halves<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+        const { assert!(N == 1) };
+        let (a, b) = (pulp::cast(a[0]), pulp::cast(b[0]));
+        [
+            [pulp::cast(self.avx._mm256_permute2f128_ps::<0x20>(a, b)); N],
+            [pulp::cast(self.avx._mm256_permute2f128_ps::<0x31>(a, b)); N],
+        ]
+    }
+    #[inline(always)]
+    fn transpose_fours<const N: usize>(self, rows: [[Self::f32s; N]; 4]) -> [[Self::f32s; N]; 4] {
+        const { assert!(N == 1) };
+        let s = self.avx;
+        let (mut pairs, mut out) = (rows, rows);
+        // Rows 2i and 2i + 1 in turns: lanes 0 and 1 of each four, then lanes 2 and 3.
+        for i in 0..2 {
+            let (x, y) = (pulp::cast(rows[2 * i][0]), pulp::cast(rows[2 * i + 1][0]));
+            pairs[i] = [pulp::cast(s._mm256_unpacklo_ps(x, y)); N];
+            pairs[2 + i] = [pulp::cast(s._mm256_unpackhi_ps(x, y)); N];
+        }
+        for k in 0..2 {
+            let (x, y) = (pulp::cast(pairs[2 * k][0]), pulp::cast(pairs[2 * k + 1][0]));
+            out[2 * k] = [pulp::cast(s._mm256_shuffle_ps::<0b01_00_01_00>(x, y)); N];
+            out[2 * k + 1] = [pulp::cast(s._mm256_shuffle_ps::<0b11_10_11_10>(x, y)); N];
+        }
+        out
+    }
+    #[inline(always)]
+    fn transpose_eights<const N: usize>(self, rows: [[Self::f32s; N]; 8]) -> [[Self::f32s; N]; 8] {
+        const { assert!(N == 1) };
+        let low = self.transpose_fours([rows[0], rows[1], rows[2], rows[3]]);
+        let high = self.transpose_fours([rows[4], rows[5], rows[6], rows[7]]);
+        let mut out = rows;
+        for k in 0..4 {
+            [out[k], out[4 + k]] = self.halves(low[k], high[k]);
+        }
+        out
     }
 }
 
@@ -140,52 +186,101 @@ impl Processor for pulp::x86::V4 {
         u32::from(a.0)
     }
     #[inline(always)]
-    fn load_halves(self, low: &[f32], high: &[f32]) -> Self::f32s {
-        let low = self.avx512f._mm512_castpd256_pd512(pulp::cast(first_of::<pulp::f32x8>(low)));
-        pulp::cast(self.avx512f._mm512_insertf64x4::<1>(low, pulp::cast(first_of::<pulp::f32x8>(high))))
-    }
-    #[inline(always)]
     fn rough_sqrt(self, a: Self::f32s) -> Self::f32s {
         self.mul_f32s(a, pulp::cast(self.avx512f._mm512_rsqrt14_ps(pulp::cast(a))))
     }
-    /// Rows are folded two by two, so that half as many shuffles do.
     #[inline(always)]
-    fn sums<const C: usize>(self, rows: [Self::f32s; C]) -> [f32; C] {
-        const { assert!(C <= LANES) };
+    fn halves<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+        const { assert!(N == 1) };
+        let (a, b) = (pulp::cast(a[0]), pulp::cast(b[0]));
+        [
+            [pulp::cast(self.avx512f._mm512_shuffle_f32x4::<0b01_00_01_00>(a, b)); N],
+            [pulp::cast(self.avx512f._mm512_shuffle_f32x4::<0b11_10_11_10>(a, b)); N],
+        ]
+    }
+    #[inline(always)]
+    fn quarters<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+        const { assert!(N == 1) };
+        let (a, b) = (pulp::cast(a[0]), pulp::cast(b[0]));
+        [
+            [pulp::cast(self.avx512f._mm512_shuffle_f32x4::<0b10_00_10_00>(a, b)); N],
+            [pulp::cast(self.avx512f._mm512_shuffle_f32x4::<0b11_01_11_01>(a, b)); N],
+        ]
+    }
+    #[inline(always)]
+    fn load_eights<const N: usize>(self, eights: [&[f32; 8]; 2]) -> [Self::f32s; N] {
+        const { assert!(N == 1) };
+        let low = self.avx512f._mm512_castpd256_pd512(pulp::cast(first_of::<pulp::f32x8>(eights[0])));
+        let high = pulp::cast(first_of::<pulp::f32x8>(eights[1]));
+        [pulp::cast(self.avx512f._mm512_insertf64x4::<1>(low, high)); N]
+    }
+    #[inline(always)]
+    fn store_eights<const N: usize>(self, a: [Self::f32s; N], eights: [&mut [f32; 8]; 2]) {
+        const { assert!(N == 1) };
+        let lanes: &[f32] = pulp::bytemuck::cast_slice(&a);
+        for (eight, lanes) in eights.into_iter().zip(lanes.chunks(8)) {
+            eight.copy_from_slice(lanes);
+        }
+    }
+    #[inline(always)]
+    fn transpose_fours<const N: usize>(self, rows: [[Self::f32s; N]; 4]) -> [[Self::f32s; N]; 4] {
+        const { assert!(N == 1) };
         let s = self.avx512f;
-        let mut parts = [self.splat_f32s(0.0); LANES];
-        parts[..C].copy_from_slice(&rows);
-        // Row 2i in the lower half, row 2i + 1 in the upper one; what stands beyond the last row does not matter.
-        for i in 0..C.div_ceil(2) {
-            let (x, y) = (pulp::cast(parts[2 * i]), pulp::cast(parts[2 * i + 1]));
-            let low = s._mm512_insertf64x4::<1>(x, s._mm512_castpd512_pd256(y));
-            let high = s._mm512_shuffle_f64x2::<0b11_10_11_10>(x, y);
-            parts[i] = self.add_f32s(pulp::cast(low), pulp::cast(high));
+        let (mut pairs, mut out) = (rows, rows);
+        // Rows 2i and 2i + 1 in turns: lanes 0 and 1 of each four, then lanes 2 and 3.
+        for i in 0..2 {
+            let (x, y) = (pulp::cast(rows[2 * i][0]), pulp::cast(rows[2 * i + 1][0]));
+            pairs[i] = [pulp::cast(s._mm512_unpacklo_ps(x, y)); N];
+            pairs[2 + i] = [pulp::cast(s._mm512_unpackhi_ps(x, y)); N];
         }
-        // Rows 4i to 4i + 3 in a quarter each.
-        for i in 0..C.div_ceil(4) {
-            let (x, y) = (pulp::cast(parts[2 * i]), pulp::cast(parts[2 * i + 1]));
-            let even = s._mm512_shuffle_f32x4::<0b10_00_10_00>(x, y);
-            let odd = s._mm512_shuffle_f32x4::<0b11_01_11_01>(x, y);
-            parts[i] = self.add_f32s(pulp::cast(even), pulp::cast(odd));
-        }
-        // Within quarter q rows q, q + 4, ...: two numbers of each, then one.
-        for rows in [8, 16] {
-            for i in 0..C.div_ceil(rows) {
-                let (x, y) = (pulp::cast(parts[2 * i]), pulp::cast(parts[2 * i + 1]));
-                let even = s._mm512_shuffle_ps::<0b10_00_10_00>(x, y);
-                let odd = s._mm512_shuffle_ps::<0b11_01_11_01>(x, y);
-                parts[i] = self.add_f32s(pulp::cast(even), pulp::cast(odd));
-            }
-        }
-        let sums = [parts[0]];
-        let sums: &[f32] = pulp::bytemuck::cast_slice(&sums);
-        let mut out = [0.0; C];
-        for c in 0..C {
-            out[c] = sums[c % 4 * 4 + c / 4];
+        for k in 0..2 {
+            let (x, y) = (pulp::cast(pairs[2 * k][0]), pulp::cast(pairs[2 * k + 1][0]));
+            out[2 * k] = [pulp::cast(s._mm512_shuffle_ps::<0b01_00_01_00>(x, y)); N];
+            out[2 * k + 1] = [pulp::cast(s._mm512_shuffle_ps::<0b11_10_11_10>(x, y)); N];
         }
         out
     }
+    #[inline(always)]
+    fn transpose_eights<const N: usize>(self, rows: [[Self::f32s; N]; 8]) -> [[Self::f32s; N]; 8] {
+        const { assert!(N == 1) };
+        let low = self.transpose_fours([rows[0], rows[1], rows[2], rows[3]]);
+        let high = self.transpose_fours([rows[4], rows[5], rows[6], rows[7]]);
+        let mut out = rows;
+        // Quarters 0 and 2 of both, then quarters 1 and 3.
+        let even = pulp::cast(pulp::u64x8(0, 1, 8, 9, 4, 5, 12, 13));
+        let odd = pulp::cast(pulp::u64x8(2, 3, 10, 11, 6, 7, 14, 15));
+        for k in 0..4 {
+            let (x, y) = (pulp::cast(low[k][0]), pulp::cast(high[k][0]));
+            out[k] = [pulp::cast(self.avx512f._mm512_permutex2var_pd(x, even, y)); N];
+            out[4 + k] = [pulp::cast(self.avx512f._mm512_permutex2var_pd(x, odd, y)); N];
+        }
+        out
+    }
+}
+
+/// Of every `C` lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
+#[inline(always)]
+fn transpose<S: Simd, const N: usize, const C: usize>(rows: [[S::f32s; N]; C]) -> [[S::f32s; N]; C] {
+    let mut out = rows;
+    for j in 0..C {
+        let row: &[f32] = pulp::bytemuck::cast_slice(&rows[j]);
+        for k in 0..C {
+            let turned: &mut [f32] = pulp::bytemuck::cast_slice_mut(&mut out[k]);
+            for first in (0..row.len()).step_by(C) {
+                turned[first + j] = row[first + k];
+            }
+        }
+    }
+    out
+}
+
+/// Registers from the first of these lanes.
+#[inline(always)]
+fn first_registers<S: Simd, const N: usize>(_: S, lanes: &[f32]) -> [S::f32s; N] {
+    let registers = S::as_simd_f32s(lanes).0;
+    let mut out = [registers[0]; N];
+    out.copy_from_slice(&registers[..N]);
+    out
 }
 
 /// The first numbers of a slice.
@@ -227,20 +322,28 @@ impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
         S::as_mut_simd_f32s(&mut places[..Self::WIDTH]).0.copy_from_slice(&a);
     }
     #[inline(always)]
-    fn load_halves(self, low: &[f32], high: &[f32]) -> Self::Numbers {
-        if N == 1 {
-            return [self.0.load_halves(low, high); N];
-        }
-        let (low, high) = (S::as_simd_f32s(low).0, S::as_simd_f32s(high).0);
-        each!(k: if k < N / 2 { low[k] } else { high[k - N / 2] })
+    fn halves(self, a: Self::Numbers, b: Self::Numbers) -> [Self::Numbers; 2] {
+        self.0.halves(a, b)
     }
     #[inline(always)]
-    fn store_halves(self, a: Self::Numbers, low: &mut [f32], high: &mut [f32]) {
-        if N == 1 {
-            return self.0.store_halves(a[0], low, high);
-        }
-        S::as_mut_simd_f32s(low).0[..N / 2].copy_from_slice(&a[..N / 2]);
-        S::as_mut_simd_f32s(high).0[..N / 2].copy_from_slice(&a[N / 2..]);
+    fn quarters(self, a: Self::Numbers, b: Self::Numbers) -> [Self::Numbers; 2] {
+        self.0.quarters(a, b)
+    }
+    #[inline(always)]
+    fn load_eights(self, eights: [&[f32; 8]; 2]) -> Self::Numbers {
+        self.0.load_eights(eights)
+    }
+    #[inline(always)]
+    fn store_eights(self, a: Self::Numbers, eights: [&mut [f32; 8]; 2]) {
+        self.0.store_eights(a, eights);
+    }
+    #[inline(always)]
+    fn transpose_fours(self, rows: [Self::Numbers; 4]) -> [Self::Numbers; 4] {
+        self.0.transpose_fours(rows)
+    }
+    #[inline(always)]
+    fn transpose_eights(self, rows: [Self::Numbers; 8]) -> [Self::Numbers; 8] {
+        self.0.transpose_eights(rows)
     }
     #[inline(always)]
     fn add(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers {
@@ -299,17 +402,6 @@ impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
         self.0.reduce_sum_f32s(sum)
     }
     #[inline(always)]
-    fn sums<const C: usize>(self, rows: [Self::Numbers; C]) -> [f32; C] {
-        let mut folded = [self.0.splat_f32s(0.0); C];
-        for c in 0..C {
-            folded[c] = rows[c][0];
-            for k in 1..N {
-                folded[c] = self.0.add_f32s(folded[c], rows[c][k]);
-            }
-        }
-        self.0.sums(folded)
-    }
-    #[inline(always)]
     fn floor(self, a: Self::Numbers) -> Self::Numbers {
         each!(k: floor(self.0, a[k]))
     }
@@ -352,10 +444,11 @@ fn exp2<S: Simd>(s: S, a: S::f32s, [round, c0, c1, c2, c3, c4, c5]: [S::f32s; 7]
     // Adding 1.5 * 2^23 rounds to a whole number, which then stands in the low bits.
     let shifted = s.add_f32s(a, round);
     let f = s.sub_f32s(a, s.sub_f32s(shifted, round));
-    let mut p = c5;
-    for c in [c4, c3, c2, c1, c0] {
-        p = s.mul_add_e_f32s(p, f, c);
-    }
+    // In pairs, which do not wait for each other (Estrin).
+    let square = s.mul_f32s(f, f);
+    let (low, middle) = (s.mul_add_e_f32s(c1, f, c0), s.mul_add_e_f32s(c3, f, c2));
+    let high = s.mul_add_e_f32s(c5, f, c4);
+    let p = s.mul_add_e_f32s(s.mul_add_e_f32s(high, square, middle), square, low);
     let power = s.wrapping_dyn_shl_u32s(s.transmute_u32s_f32s(shifted), s.splat_u32s(23));
     s.transmute_f32s_u32s(s.add_u32s(s.transmute_u32s_f32s(p), power))
 }

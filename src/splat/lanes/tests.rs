@@ -54,41 +54,50 @@ fn every_processor<K: Kernel<f32>>(kernel: impl Fn() -> K) {
 
 struct Rearrange;
 
-impl Rearrange {
-    /// Whole numbers, whose sums are exact in any order.
-    fn sums_of<L: Lanes<Number = f32>, const C: usize>(lanes: L) {
-        let values = |c: usize| std::array::from_fn::<f32, LANES, _>(|i| (100 * c + i * i) as f32);
-        let sums = sum_each(std::array::from_fn::<_, C, _>(|c| Row::load(lanes, &values(c))));
-        for (c, sum) in sums.into_iter().enumerate() {
-            assert_eq!(sum, values(c)[..L::WIDTH].iter().sum::<f32>(), "{c} of {C}");
+impl Kernel<f32> for Rearrange {
+    fn run<L: Lanes<Number = f32>>(self, lanes: L) {
+        let values = |row: usize| std::array::from_fn::<f32, LANES, _>(|i| (100 * row + i) as f32);
+        // A pixel's number tells its line and column.
+        let wide = L::WIDTH;
+        let lines = std::array::from_fn(|k| {
+            let pixels = std::array::from_fn::<f32, LANES, _>(|i| (k * wide + i) as f32);
+            Row::load(lanes, &pixels)
+        });
+        let blocks = blocks_of_lines(lines);
+        for b in 0..4 {
+            for i in 0..wide {
+                assert_eq!(lane(blocks[b], i), (i / 4 * 16 + b * 4 + i % 4) as f32);
+                assert_eq!(lane(lines_of_blocks(blocks)[b], i), lane(lines[b], i));
+            }
+        }
+
+        let turned = transpose_fours(std::array::from_fn(|j| Row::load(lanes, &values(j))));
+        for k in 0..4 {
+            for i in 0..wide {
+                assert_eq!(lane(turned[k], i), values(i % 4)[i / 4 * 4 + k], "row {k}, lane {i}");
+            }
+        }
+
+        let eights = |row: usize| [0, 8].map(|k| std::array::from_fn(|i| values(row)[k + i]));
+        let rows = std::array::from_fn(|j| {
+            let [a, b] = eights(j);
+            Row::load_eights(lanes, [&a, &b])
+        });
+        let turned = transpose_eights(rows);
+        for k in 0..8 {
+            let mut stored = [[0.0; 8]; 2];
+            let [a, b] = &mut stored;
+            turned[k].store_eights([a, b]);
+            for i in 0..LANES {
+                let expected = if i < L::WIDTH { values(i % 8)[i / 8 * 8 + k] } else { 0.0 };
+                assert_eq!(stored[i / 8][i % 8], expected, "row {k}, lane {i}");
+            }
         }
     }
 }
 
-impl Kernel<f32> for Rearrange {
-    fn run<L: Lanes<Number = f32>>(self, lanes: L) {
-        Self::sums_of::<_, 1>(lanes);
-        Self::sums_of::<_, 4>(lanes);
-        Self::sums_of::<_, 6>(lanes);
-        Self::sums_of::<_, 15>(lanes);
-        let (low, high) =
-            ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0], [11.0, 12.0, 13.0, 14.0, 15.0, 16.0, 17.0, 18.0]);
-        let row = Row::load_halves(lanes, &low, &high);
-        let half = L::WIDTH / 2;
-        assert_eq!(
-            [0, half - 1, half, L::WIDTH - 1].map(|k| lane(row, k)),
-            [1.0, low[half - 1], 11.0, high[half - 1]]
-        );
-        let mut out = [[0.0; 8]; 2];
-        let [top, bottom] = &mut out;
-        row.store_halves(top, bottom);
-        assert_eq!([&out[0][..half], &out[1][..half]], [&low[..half], &high[..half]]);
-        assert!(out.concat().iter().filter(|v| **v == 0.0).count() == 2 * (8 - half));
-    }
-}
-
 #[test]
-fn halves_go_where_they_came_from_and_each_row_has_its_own_sum() {
+fn lines_and_blocks_hold_the_same_pixels_and_squares_of_lanes_are_transposed() {
     every_processor(|| Rearrange);
 }
 

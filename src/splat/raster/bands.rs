@@ -1,18 +1,18 @@
 //! A band: sixteen pixel rows, their tiles' lists of splats in altitude order, and each splat's gradient slot.
 
 use super::kernel::Slot;
-use super::project::{Chunk, Footprint};
+use super::project::Chunk;
 use crate::splat::real::Real;
+use std::hint::black_box;
 
 /// A splat in a tile's list, with all that drawing it takes: the list is read from first to last.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Entry<T, const C: usize> {
-    pub footprint: Footprint<T>,
+    /// Numbers of its [`super::project::Footprint`].
+    pub footprint: [T; 8],
     pub feature: [T; C],
     /// The splat's slot within the band.
     pub slot: u32,
-    /// The tile's blocks that the ellipse touches, as bits; set by the forward pass.
-    pub blocks: u32,
 }
 
 /// Tile lists and gradient slots of one band.
@@ -23,11 +23,22 @@ pub(super) struct Band<T, const C: usize> {
     /// Slots of chunk `k` begin at `chunk_slots[k]`, one a span.
     chunk_slots: Vec<u32>,
     pub slots: Vec<Slot<T, C>>,
+    /// Room for what the backward pass computes of each pixel.
+    pub products: Vec<T>,
+    /// Pairs of a splat and a pixel that the last forward pass computed.
+    pub computed_pairs: usize,
 }
 
 impl<T, const C: usize> Default for Band<T, C> {
     fn default() -> Self {
-        Self { tile_starts: Vec::new(), entries: Vec::new(), chunk_slots: Vec::new(), slots: Vec::new() }
+        Self {
+            tile_starts: Vec::new(),
+            entries: Vec::new(),
+            chunk_slots: Vec::new(),
+            slots: Vec::new(),
+            products: Vec::new(),
+            computed_pairs: 0,
+        }
     }
 }
 
@@ -51,15 +62,15 @@ impl<T: Real, const C: usize> Band<T, C> {
         for t in 0..tiles {
             self.tile_starts[t + 1] += self.tile_starts[t];
         }
-        let empty = Entry { footprint: Footprint::default(), feature: [T::zero(); C], slot: 0, blocks: 0 };
+        let empty = Entry { footprint: [T::zero(); 8], feature: [T::zero(); C], slot: 0 };
         self.entries.resize(self.tile_starts[tiles] as usize, empty);
         let mut slot = 0;
         for chunk in chunks {
-            for (span, &footprint) in chunk.spans(band).iter().zip(chunk.drawn(band)) {
-                let feature = features[footprint.rank as usize];
+            for (span, splat) in chunk.spans(band).iter().zip(chunk.drawn(band)) {
+                let feature = features[splat.rank as usize];
                 for tile in span.first..=span.last {
                     let at = &mut self.tile_starts[usize::from(tile)];
-                    self.entries[*at as usize] = Entry { footprint, feature, slot, blocks: 0 };
+                    self.entries[*at as usize] = Entry { footprint: splat.footprint, feature, slot };
                     *at += 1;
                 }
                 slot += 1;
@@ -71,21 +82,19 @@ impl<T: Real, const C: usize> Band<T, C> {
         self.tile_starts[0] = 0;
     }
 
+    /// Brings the lists into the cache: a processor fetches ahead of what is read from end to end, but finds nothing to
+    /// follow in a tile's few lines between all else that a tile takes.
+    #[inline(always)]
+    pub fn warm(&self) {
+        for entry in &self.entries {
+            black_box(entry.slot);
+        }
+    }
+
     /// Splats of a tile, highest first.
     #[inline(always)]
     pub fn tile(&self, tile: usize) -> &[Entry<T, C>] {
         &self.entries[self.tile_starts[tile] as usize..self.tile_starts[tile + 1] as usize]
-    }
-
-    /// As [`Band::tile`], to be changed.
-    #[inline(always)]
-    pub fn tile_mut(&mut self, tile: usize) -> &mut [Entry<T, C>] {
-        &mut self.entries[self.tile_starts[tile] as usize..self.tile_starts[tile + 1] as usize]
-    }
-
-    /// Number of blocks that splats touch, as the forward pass found them.
-    pub fn blocks(&self) -> usize {
-        self.entries.iter().map(|e| e.blocks.count_ones() as usize).sum()
     }
 
     /// Number of splats that touch the band.

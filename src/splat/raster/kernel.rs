@@ -5,10 +5,14 @@
 //! `pixel . g` and loses `w_k s_k` at each splat, so the backward pass runs front to back as well, stops where the
 //! forward pass stopped, and divides by no vanishing transmittance.
 
-use super::bands::Band;
-use super::block::{ACROSS, BLOCKS, BlockTest, Pixels, Stamp, across, block, each, frames};
+use super::bands::{Band, Entry};
+use super::batch::{BATCH, Batch, Edges, FOUR, NUMBERS};
+use super::block::{ACROSS, BLOCKS, BlockPixels, WIDE, each, frames, high, offset};
 use super::{ALPHA_CUT, ALPHA_MAX, SATURATED};
-use crate::splat::lanes::{Exp2, Kernel, LANES, Lanes, Lanewise, Row, splat_each, sum_each};
+use crate::splat::lanes::{
+    Exp2, Kernel, LANES, Lanes, Lanewise, Row, blocks_of_lines, splat_each, sum_fours, transpose_eights,
+    transpose_fours,
+};
 use crate::splat::real::Real;
 use std::hint::black_box;
 
@@ -16,17 +20,17 @@ use std::hint::black_box;
 /// the offset from the ellipse's centre, of alpha times the derivative by alpha; and the features' derivatives.
 #[derive(Clone, Copy, Debug)]
 pub struct Slot<T, const C: usize> {
-    pub(super) sum: T,
-    pub(super) first: [T; 2],
-    /// xx, xy, yy.
-    pub(super) second: [T; 3],
+    /// 1, x, xx, y, xy, yy.
+    pub(super) moments: [T; MOMENTS],
     pub(super) feature: [T; C],
 }
 
+/// Number of moments.
+const MOMENTS: usize = 6;
+
 impl<T: Real, const C: usize> Default for Slot<T, C> {
     fn default() -> Self {
-        let z = T::zero();
-        Self { sum: z, first: [z; 2], second: [z; 3], feature: [z; C] }
+        Self { moments: [T::zero(); MOMENTS], feature: [T::zero(); C] }
     }
 }
 
@@ -34,9 +38,7 @@ impl<T: Real, const C: usize> Slot<T, C> {
     /// Adds what other pixels say.
     #[inline(always)]
     pub(super) fn add(&mut self, other: &Self) {
-        self.sum = self.sum + other.sum;
-        add(&mut self.first, other.first);
-        add(&mut self.second, other.second);
+        add(&mut self.moments, other.moments);
         add(&mut self.feature, other.feature);
     }
 }
@@ -51,6 +53,7 @@ pub(super) fn add<T: Real, const N: usize>(sum: &mut [T; N], value: [T; N]) {
 
 /// What the kernels compute with.
 struct Constants<L: Lanes> {
+    lanes: L,
     cut: Row<L>,
     saturated: Row<L>,
     alpha_max: Row<L>,
@@ -66,6 +69,7 @@ impl<L: Lanes> Constants<L> {
         // Hidden from the compiler: an instruction takes a row from memory at no cost, while a known number is spread
         // to all lanes anew whenever registers are short.
         black_box(Self {
+            lanes,
             cut: splat(ALPHA_CUT.log2()),
             saturated: splat(SATURATED),
             alpha_max: splat(ALPHA_MAX),
@@ -73,6 +77,29 @@ impl<L: Lanes> Constants<L> {
             one: splat(1.0),
             exp2: Exp2::new(lanes),
         })
+    }
+
+    /// Alphas, before their upper limit, of some of a batch's splats at the pixels of a block.
+    ///
+    /// All of them before any is drawn: in so short a loop a core looks many splats ahead.
+    #[inline(always)]
+    fn alphas<const C: usize>(
+        &self,
+        batch: &Batch<L::Number, C>,
+        splats: &[u8],
+        at: &BlockPixels<L>,
+        alphas: &mut [Row<L>; LANES],
+    ) {
+        for (splat, alpha) in splats.iter().zip(alphas) {
+            let exponent = batch.exponent_at(self.lanes, *splat, at);
+            *alpha = exponent.exp2_with(&self.exp2).keep(exponent.at_least(self.cut));
+        }
+    }
+
+    /// Whether a pixel of a block can still be seen through.
+    #[inline(always)]
+    fn is_open(&self, transmittance: Row<L>) -> bool {
+        transmittance.at_least(self.saturated).any()
     }
 }
 
@@ -91,63 +118,72 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
         let Self { band, index, width, background, out } = self;
-        let (k, pixels, test) = (Constants::new(lanes), Pixels::new(lanes), BlockTest::new(lanes));
+        band.warm();
+        let (k, pixels, edges) = (Constants::new(lanes), BlockPixels::all(lanes), Edges::new(lanes));
         let background = splat_each(lanes, background);
+        let (mut batch, mut alphas) = (Batch::new(), [k.zero; LANES]);
+        let mut computed = 0;
         for frame in frames(width, out.len() / ((C + 1) * width)) {
-            let mut transmittance = [k.one; BLOCKS];
-            let mut color = [[k.zero; C]; BLOCKS];
-            let mut live = frame.blocks::<L>();
-            for entry in band.tile_mut(frame.tile) {
-                entry.blocks = live & test.touched(&entry.footprint, frame.tile, index);
-            }
-            for entry in band.tile(frame.tile) {
-                let stamp = Stamp::new(lanes, &entry.footprint, frame.tile, index);
-                let feature = splat_each(lanes, entry.feature);
-                for b in each(live & entry.blocks) {
-                    let t = transmittance[b];
-                    if !t.at_least(k.saturated).any() {
-                        live &= !(1 << b);
-                        continue;
+            let mut drawn = [Drawn { transmittance: k.one, color: [k.zero; C] }; BLOCKS];
+            let mut open = frame.blocks::<L>();
+            for entries in band.tile(frame.tile).chunks(BATCH) {
+                batch.fill(lanes, &edges, entries, frame.tile, index);
+                for b in each(open) {
+                    let mut block = drawn[b];
+                    for splats in batch.list_of(b).chunks(L::WIDTH) {
+                        if !k.is_open(block.transmittance) {
+                            open &= !(1 << b);
+                            break;
+                        }
+                        computed += splats.len();
+                        k.alphas(&batch, splats, &pixels[b], &mut alphas);
+                        for (splat, alpha) in splats.iter().zip(&alphas) {
+                            block.draw(&k, batch.features(*splat), *alpha);
+                        }
                     }
-                    let alpha = stamp.unlimited(&k, &pixels, b).min(k.alpha_max);
-                    let weight = t * alpha;
-                    transmittance[b] = t - weight;
-                    for c in 0..C {
-                        color[b][c] = weight.mul_add(feature[c], color[b][c]);
-                    }
+                    drawn[b] = block;
                 }
-                if live == 0 {
+                if open == 0 {
                     break;
                 }
             }
-            for down in 0..frame.down() {
+            for down in 0..frame.down::<L>() {
                 let mut row = [k.zero; ACROSS];
                 for c in 0..C {
-                    for a in 0..across::<L>() {
-                        let b = block(a, down);
-                        row[a] = transmittance[b].mul_add(background[c], color[b][c]);
+                    for across in 0..ACROSS {
+                        let block = &drawn[down * ACROSS + across];
+                        row[across] = block.transmittance.mul_add(background[c], block.color[c]);
                     }
                     frame.scatter(out, C + 1, c, down, row);
                 }
-                for a in 0..across::<L>() {
-                    row[a] = transmittance[block(a, down)];
+                for across in 0..ACROSS {
+                    row[across] = drawn[down * ACROSS + across].transmittance;
                 }
                 frame.scatter(out, C + 1, C, down, row);
             }
         }
+        band.computed_pairs = L::WIDTH * computed;
     }
 }
 
-/// Counts the pixels of the blocks that splats touch.
-pub(super) struct Count<'a, T, const C: usize> {
-    pub bands: &'a [Band<T, C>],
-    pub pixels: &'a mut usize,
+/// A block of pixels, as far as it is drawn.
+#[derive(Clone, Copy)]
+struct Drawn<L: Lanes, const C: usize> {
+    transmittance: Row<L>,
+    color: [Row<L>; C],
 }
 
-impl<T: Lanewise, const C: usize> Kernel<T> for Count<'_, T, C> {
+impl<L: Lanes, const C: usize> Drawn<L, C> {
+    /// Draws a splat behind what is there.
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, _: L) {
-        *self.pixels = L::WIDTH * self.bands.iter().map(Band::blocks).sum::<usize>();
+    fn draw(&mut self, k: &Constants<L>, features: [L::Number; C], unlimited: Row<L>) {
+        let alpha = unlimited.min(k.alpha_max);
+        let weight = self.transmittance * alpha;
+        self.transmittance = self.transmittance * (k.one - alpha);
+        let features = splat_each(k.lanes, features);
+        for c in 0..C {
+            self.color[c] = weight.mul_add(features[c], self.color[c]);
+        }
     }
 }
 
@@ -161,75 +197,59 @@ pub(super) struct Backward<'a, T, const C: usize> {
     /// The band as it was rendered.
     pub image: &'a [T],
     pub by_pixel: &'a [T],
+    /// Room for `pixel . g` of each pixel.
+    pub products: &'a mut [T],
     pub slots: &'a mut [Slot<T, C>],
 }
 
 impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        let Self { band, index, width, image, by_pixel, slots } = self;
-        let (k, pixels) = (Constants::new(lanes), Pixels::new(lanes));
+        let Self { band, index, width, image, by_pixel, products, slots } = self;
+        band.warm();
+        multiply::<L, C>(lanes, width, image, by_pixel, products);
+        let (k, pixels, edges) = (Constants::new(lanes), BlockPixels::all(lanes), Edges::new(lanes));
+        let (mut batch, mut alphas) = (Batch::new(), [k.zero; LANES]);
+        let (mut taken, mut sums) = ([[k.zero; 2]; LANES], [Sums::zero(); NUMBERS]);
         for frame in frames(width, by_pixel.len() / (C * width)) {
-            let mut transmittance = [k.one; BLOCKS];
-            let mut behind = [k.zero; BLOCKS];
-            // Of this splat and the next, in turns.
-            let mut unlimited = [[k.zero; BLOCKS]; 2];
+            let mut unseen = [Unseen { transmittance: k.one, behind: k.zero }; BLOCKS];
             let mut by_color = [[k.zero; C]; BLOCKS];
-            for down in 0..frame.down() {
+            for down in 0..frame.down::<L>() {
+                let products = frame.gather(lanes, products, 1, 0, down);
+                for across in 0..ACROSS {
+                    unseen[down * ACROSS + across].behind = products[across];
+                }
                 for c in 0..C {
                     let by = frame.gather(lanes, by_pixel, C, c, down);
-                    let value = frame.gather(lanes, image, C + 1, c, down);
-                    for a in 0..across::<L>() {
-                        let b = block(a, down);
-                        by_color[b][c] = by[a];
-                        behind[b] = value[a].mul_add(by[a], behind[b]);
+                    for across in 0..ACROSS {
+                        by_color[down * ACROSS + across][c] = by[across];
                     }
                 }
             }
-            let mut live = frame.blocks::<L>();
-            let entries = band.tile(frame.tile);
-            if let Some(first) = entries.first() {
-                let stamp = Stamp::new(lanes, &first.footprint, frame.tile, index);
-                for b in each(first.blocks) {
-                    unlimited[0][b] = stamp.unlimited(&k, &pixels, b);
-                }
-            }
-            for (i, entry) in entries.iter().enumerate() {
-                // One splat ahead: exponentials are computed while the way back waits for its own results.
-                if let Some(next) = entries.get(i + 1) {
-                    let stamp = Stamp::new(lanes, &next.footprint, frame.tile, index);
-                    for b in each(live & next.blocks) {
-                        unlimited[(i + 1) % 2][b] = stamp.unlimited(&k, &pixels, b);
+            let mut open = frame.blocks::<L>();
+            for entries in band.tile(frame.tile).chunks(BATCH) {
+                batch.fill(lanes, &edges, entries, frame.tile, index);
+                sums[..entries.len()].fill(Sums::zero());
+                for b in each(open) {
+                    let mut block = unseen[b];
+                    let summing = Summing::new(lanes, b, &pixels[b], &by_color[b]);
+                    for splats in batch.fours_of(b).chunks(L::WIDTH) {
+                        if !k.is_open(block.transmittance) {
+                            open &= !(1 << b);
+                            break;
+                        }
+                        k.alphas(&batch, splats, &pixels[b], &mut alphas);
+                        for ((splat, alpha), taken) in splats.iter().zip(&alphas).zip(&mut taken) {
+                            *taken = block.uncover(&k, batch.features(*splat), *alpha, &by_color[b]);
+                        }
+                        for (splats, taken) in splats.as_chunks().0.iter().zip(taken.as_chunks().0) {
+                            summing.add_to(lanes, &mut sums, splats, taken);
+                        }
                     }
+                    unseen[b] = block;
                 }
-                let feature = splat_each(lanes, entry.feature);
-                let mut moments = Moments::new(k.zero);
-                let mut by_feature = [k.zero; C];
-                for b in each(live & entry.blocks) {
-                    let t = transmittance[b];
-                    if !t.at_least(k.saturated).any() {
-                        live &= !(1 << b);
-                        continue;
-                    }
-                    let unlimited = unlimited[i % 2][b];
-                    let alpha = unlimited.min(k.alpha_max);
-                    let weight = t * alpha;
-                    transmittance[b] = t - weight;
-                    let mut along = k.zero;
-                    for c in 0..C {
-                        along = by_color[b][c].mul_add(feature[c], along);
-                        by_feature[c] = by_color[b][c].mul_add(weight, by_feature[c]);
-                    }
-                    let own = weight * along;
-                    behind[b] = behind[b] - own;
-                    let odds = alpha * (k.one - alpha).reciprocal();
-                    // At the upper limit alpha no longer follows the splat.
-                    let by_log_alpha = (own - behind[b] * odds).keep(k.alpha_max.at_least(unlimited));
-                    moments.add(by_log_alpha, &pixels, b);
-                }
-                let offset = entry.footprint.offset_in(frame.tile, index);
-                slots[entry.slot as usize].add(&moments.slot(lanes, offset, by_feature));
-                if live == 0 {
+                add_to_slots(lanes, &batch, entries, &sums, slots);
+                if open == 0 {
                     break;
                 }
             }
@@ -237,63 +257,211 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
     }
 }
 
-impl<L: Lanes> Stamp<L> {
-    /// Alpha at the pixels of a block, before its upper limit.
-    #[inline(always)]
-    fn unlimited(&self, k: &Constants<L>, pixels: &Pixels<L>, block: usize) -> Row<L> {
-        let exponent = self.exponent(pixels, block);
-        exponent.exp2_with(&k.exp2).keep(exponent.at_least(k.cut))
+/// `pixel . g` of each pixel of a band.
+///
+/// Lines are read from end to end, as a processor is fast at; tiles then find the derivatives in the cache.
+#[inline(always)]
+fn multiply<L: Lanes, const C: usize>(
+    lanes: L,
+    width: usize,
+    image: &[L::Number],
+    by_pixel: &[L::Number],
+    out: &mut [L::Number],
+) {
+    let inputs = image.chunks(width * (C + 1)).zip(by_pixel.chunks(width * C));
+    for (out, (image, by_pixel)) in out.chunks_mut(width).zip(inputs) {
+        for first in (0..width).step_by(L::WIDTH) {
+            let mut sum = Row::splat(lanes, L::Number::of(0.0));
+            for c in 0..C {
+                let channel = c * width..(c + 1) * width;
+                let value = Row::load_from(lanes, &image[channel.clone()], first);
+                sum = value.mul_add(Row::load_from(lanes, &by_pixel[channel], first), sum);
+            }
+            sum.store_to(out, first);
+        }
     }
 }
 
-/// Number of [`Moments`].
-const MOMENTS: usize = 6;
-
-/// Moments, by the offset from the tile's middle, of alpha times the derivative by alpha.
-struct Moments<L: Lanes> {
-    sum: Row<L>,
-    first: [Row<L>; 2],
-    /// xx, xy, yy.
-    second: [Row<L>; 3],
+/// What is left of a block of pixels behind the splats that were taken back.
+#[derive(Clone, Copy)]
+struct Unseen<L: Lanes> {
+    transmittance: Row<L>,
+    /// Part of `pixel . g`.
+    behind: Row<L>,
 }
 
-impl<L: Lanes> Moments<L> {
+impl<L: Lanes> Unseen<L> {
+    /// Takes the next splat back. Gives its weight and alpha times the derivative by alpha.
     #[inline(always)]
-    fn new(zero: Row<L>) -> Self {
-        Self { sum: zero, first: [zero; 2], second: [zero; 3] }
+    fn uncover<const C: usize>(
+        &mut self,
+        k: &Constants<L>,
+        features: [L::Number; C],
+        unlimited: Row<L>,
+        by_color: &[Row<L>; C],
+    ) -> [Row<L>; 2] {
+        let alpha = unlimited.min(k.alpha_max);
+        let clear = k.one - alpha;
+        let weight = self.transmittance * alpha;
+        self.transmittance = self.transmittance * clear;
+        let features = splat_each(k.lanes, features);
+        let mut along = k.zero;
+        for c in 0..C {
+            along = by_color[c].mul_add(features[c], along);
+        }
+        let own = weight * along;
+        self.behind = self.behind - own;
+        let odds = alpha * clear.reciprocal();
+        // At the upper limit alpha no longer follows the splat.
+        [weight, (own - self.behind * odds).keep(k.alpha_max.at_least(unlimited))]
+    }
+}
+
+/// What takes a block's pixels to sums over them, four splats at a time: once columns are apart, each four of a row is a
+/// row of pixels, and each of its lanes a splat.
+struct Summing<L: Lanes, const C: usize> {
+    /// Offsets of columns from the tile's middle.
+    x: [Row<L>; WIDE],
+    /// Their squares.
+    xx: [Row<L>; WIDE],
+    /// Offsets of rows, and their squares.
+    y: [Row<L>; 2],
+    /// Derivatives by each feature, by column.
+    by_color: [[Row<L>; WIDE]; C],
+}
+
+impl<L: Lanes, const C: usize> Summing<L, C> {
+    /// For block `b`.
+    #[inline(always)]
+    fn new(lanes: L, b: usize, at: &BlockPixels<L>, by_color: &[Row<L>; C]) -> Self {
+        let mut offsets = [L::Number::of(0.0); WIDE];
+        for col in 0..WIDE {
+            offsets[col] = offset(b % ACROSS * WIDE + col);
+        }
+        let x = splat_each(lanes, offsets);
+        let mut xx = x;
+        for col in 0..WIDE {
+            xx[col] = x[col] * x[col];
+        }
+        let mut columns = [x; C];
+        for c in 0..C {
+            // The same for each of the splats.
+            columns[c] = transpose_fours([by_color[c]; FOUR]);
+        }
+        Self { x, xx, y: [at.y, at.yy], by_color: columns }
     }
 
+    /// Adds sums over the block's pixels to those of four splats, whose rows are given.
     #[inline(always)]
-    fn add(&mut self, v: Row<L>, k: &Pixels<L>, block: usize) {
-        let ([x, y], [xx, xy, yy]) = k.of(block);
-        self.sum += v;
-        self.first[0] = v.mul_add(x, self.first[0]);
-        self.first[1] = v.mul_add(y, self.first[1]);
-        self.second[0] = v.mul_add(xx, self.second[0]);
-        self.second[1] = v.mul_add(xy, self.second[1]);
-        self.second[2] = v.mul_add(yy, self.second[2]);
-    }
-
-    /// Summed over the lanes, about the ellipse's centre, whose offset from the tile's middle is given.
-    #[inline(always)]
-    fn slot<const C: usize>(
-        self,
+    fn add_to(
+        &self,
         lanes: L,
-        [u, v]: [L::Number; 2],
-        by_feature: [Row<L>; C],
-    ) -> Slot<L::Number, C> {
-        const { assert!(MOMENTS + C <= LANES) };
-        let mut rows = [Row::splat(lanes, L::Number::of(0.0)); LANES];
-        rows[0] = self.sum;
-        rows[1..3].copy_from_slice(&self.first);
-        rows[3..MOMENTS].copy_from_slice(&self.second);
-        rows[MOMENTS..MOMENTS + C].copy_from_slice(&by_feature);
-        let sums = sum_each(rows);
-        let [sum, x, y, xx, xy, yy] = [sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]];
-        let first = [x - u * sum, y - v * sum];
-        let second = [xx - u * (x + first[0]), xy - u * y - v * first[0], yy - v * (y + first[1])];
-        let mut feature = [sum; C];
-        feature.copy_from_slice(&sums[MOMENTS..MOMENTS + C]);
-        Slot { sum, first, second, feature }
+        sums: &mut [Sums<L::Number>; NUMBERS],
+        splats: &[u8; FOUR],
+        [a, b, c, d]: &[[Row<L>; 2]; FOUR],
+    ) {
+        const { assert!(C <= FOUR) };
+        let v = transpose_fours([a[1], b[1], c[1], d[1]]);
+        let w = transpose_fours([a[0], b[0], c[0], d[0]]);
+        let sum = (v[0] + v[1]) + (v[2] + v[3]);
+        let (x, xx) = (dot(v, self.x), dot(v, self.xx));
+        let zero = Row::splat(lanes, L::Number::of(0.0));
+        let mut features = [zero; 4];
+        for c in 0..C {
+            features[c] = dot(w, self.by_color[c]);
+        }
+        let [y, yy] = self.y;
+        let lines = [
+            sum_fours([sum, x, xx, sum * y]),
+            sum_fours([x * y, sum * yy, zero, zero]),
+            sum_fours(features),
+            [zero; 2],
+        ];
+        for part in 0..LANES / L::WIDTH {
+            let mut rows = [zero; 4];
+            for k in 0..4 {
+                rows[k] = lines[part * high::<L>() + k * L::WIDTH / LANES][k % (LANES / L::WIDTH)];
+            }
+            let rows = transpose_fours(blocks_of_lines(rows));
+            for j in 0..4 {
+                let place = &mut sums[usize::from(splats[j])].numbers;
+                let sum = Row::load(lanes, &place[part * L::WIDTH..]) + rows[j];
+                sum.store_to(place, part * L::WIDTH);
+            }
+        }
     }
+}
+
+/// The sum of the products, in pairs, which do not wait for each other.
+#[inline(always)]
+fn dot<L: Lanes>(a: [Row<L>; WIDE], b: [Row<L>; WIDE]) -> Row<L> {
+    a[1].mul_add(b[1], a[0] * b[0]) + a[3].mul_add(b[3], a[2] * b[2])
+}
+
+/// Sums over a tile's pixels for one splat.
+#[derive(Clone, Copy)]
+struct Sums<T> {
+    /// Moments 1, x, xx, y, xy, yy of alpha times the derivative by alpha, two left over, derivatives by the features.
+    numbers: [T; LANES],
+}
+
+impl<T: Real> Sums<T> {
+    #[inline(always)]
+    fn zero() -> Self {
+        Self { numbers: [T::zero(); LANES] }
+    }
+
+    #[inline(always)]
+    fn moments(&self) -> &[T; 8] {
+        &self.numbers.as_chunks().0[0]
+    }
+
+    #[inline(always)]
+    fn by_feature(&self) -> &[T; 8] {
+        &self.numbers.as_chunks().0[1]
+    }
+}
+
+/// Adds a batch's sums to the slots of its splats.
+#[inline(always)]
+fn add_to_slots<L: Lanes, const C: usize>(
+    lanes: L,
+    batch: &Batch<L::Number, C>,
+    entries: &[Entry<L::Number, C>],
+    sums: &[Sums<L::Number>; NUMBERS],
+    slots: &mut [Slot<L::Number, C>],
+) {
+    for (row, entries) in entries.chunks(L::WIDTH).enumerate() {
+        let sums = &sums[row * L::WIDTH..][..L::WIDTH];
+        let moments = about_centers(lanes, batch.centers(lanes, row * L::WIDTH), sums);
+        for ((entry, moments), sums) in entries.iter().zip(&moments).zip(sums) {
+            let mut slot = Slot::default();
+            slot.moments.copy_from_slice(&moments[..MOMENTS]);
+            slot.feature.copy_from_slice(&sums.by_feature()[..C]);
+            slots[entry.slot as usize].add(&slot);
+        }
+    }
+}
+
+/// Moments about the centres of a row of splats, which lie so far from the tile's middle; two numbers are left over.
+#[inline(always)]
+fn about_centers<L: Lanes>(
+    lanes: L,
+    [u, v]: [Row<L>; 2],
+    sums: &[Sums<L::Number>],
+) -> [[L::Number; 8]; LANES] {
+    let mut rows = [u; 8];
+    for j in 0..8 {
+        rows[j] = Row::load_eights(lanes, [sums[j].moments(), sums[(j + 8) % L::WIDTH].moments()]);
+    }
+    let [sum, x, xx, y, xy, yy, ..] = transpose_eights(rows);
+    let (by_x, by_y) = (x - u * sum, y - v * sum);
+    let moments =
+        [sum, by_x, xx - u * (x + by_x), by_y, xy - u * y - v * by_x, yy - v * (y + by_y), sum, sum];
+    let mut out = [[L::Number::of(0.0); 8]; LANES];
+    let (low, high) = out.split_at_mut(8);
+    for (row, (low, high)) in transpose_eights(moments).into_iter().zip(low.iter_mut().zip(high)) {
+        row.store_eights([low, high]);
+    }
+    out
 }

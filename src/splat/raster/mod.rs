@@ -7,6 +7,7 @@
 //! order: no atomics, and the same bytes for any number of threads.
 
 mod bands;
+mod batch;
 mod block;
 mod kernel;
 mod layers;
@@ -32,7 +33,8 @@ pub const LOW_PASS_PX2: f64 = 0.3;
 pub const ALPHA_CUT: f64 = 1.0 / 255.0;
 /// Largest alpha.
 pub const ALPHA_MAX: f64 = 0.99;
-/// Transmittance that a pixel must fall below, with all others of its block, for nothing further to touch it.
+/// Transmittance that a pixel must fall below, with all others of its block, for nothing further to touch it. Blocks are
+/// asked after each row of splats.
 pub const SATURATED: f64 = 1e-4;
 
 /// Renders `C` features a splat through one camera and gives the gradient; keeps its buffers between calls.
@@ -133,8 +135,18 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
                 let mut slots = std::mem::take(&mut band.slots);
                 slots.clear();
                 slots.resize(band.slot_count(), kernel::Slot::default());
-                T::dispatch(kernel::Backward { band, index, width, image, by_pixel, slots: &mut slots });
-                band.slots = slots;
+                let mut products = std::mem::take(&mut band.products);
+                products.resize(by_pixel.len() / C, T::zero());
+                T::dispatch(kernel::Backward {
+                    band,
+                    index,
+                    width,
+                    image,
+                    by_pixel,
+                    products: &mut products,
+                    slots: &mut slots,
+                });
+                (band.slots, band.products) = (slots, products);
             },
         );
     }
@@ -157,11 +169,9 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
         self.chunks[rank / CHUNK].seen(rank % CHUNK)
     }
 
-    /// Number of pairs of a splat and a pixel that the last render computed but for hidden ones: of whole blocks.
+    /// Number of pairs of a splat and a pixel that the last render computed: of whole blocks that were not hidden yet.
     #[must_use]
     pub fn computed_pairs(&self) -> usize {
-        let mut pixels = 0;
-        T::dispatch(kernel::Count { bands: &self.bands, pixels: &mut pixels });
-        pixels
+        self.bands.iter().map(|band| band.computed_pairs).sum()
     }
 }

@@ -34,19 +34,41 @@ impl<T: Real> FrameCamera<T> {
     }
 }
 
-/// A splat's ellipse in the image.
+/// The ellipse at which a splat's alpha falls to the cut-off; or, of rows, those of several splats.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Footprint<T> {
+pub(super) struct Footprint<N> {
     /// Centre, pixels.
-    pub mean: [T; 2],
+    pub mean: [N; 2],
     /// Inverse covariance: xx, xy, yy; 1/px².
-    pub conic: [T; 3],
+    pub conic: [N; 3],
     /// Binary logarithm of the opacity.
-    pub log2_opacity: T,
+    pub log2_opacity: N,
     /// Squared Mahalanobis radius of the cut-off.
-    pub radius2: T,
+    pub radius2: N,
     /// Row (from the centre) of the rightmost column at the cut-off.
-    pub lean: T,
+    pub lean: N,
+}
+
+impl<N: Copy> Footprint<N> {
+    /// Its numbers, as they are stored.
+    #[inline(always)]
+    fn numbers(self) -> [N; 8] {
+        let Self { mean: [u, v], conic: [a, b, c], log2_opacity, radius2, lean } = self;
+        [u, v, a, b, c, log2_opacity, radius2, lean]
+    }
+
+    /// From [`Footprint::numbers`].
+    #[inline(always)]
+    pub fn of([u, v, a, b, c, log2_opacity, radius2, lean]: [N; 8]) -> Self {
+        Self { mean: [u, v], conic: [a, b, c], log2_opacity, radius2, lean }
+    }
+}
+
+/// A splat that the camera sees.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Seen<T> {
+    /// [`Footprint::numbers`].
+    pub footprint: [T; 8],
     /// Rank of the splat.
     pub rank: u32,
 }
@@ -54,20 +76,20 @@ pub(super) struct Footprint<T> {
 /// The tiles `first..=last` of one band that a footprint of a chunk touches.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Span {
-    /// Index of the footprint within its chunk.
-    pub footprint: u32,
+    /// Index of the splat among those that its chunk's camera sees.
+    pub splat: u32,
     pub first: u16,
     pub last: u16,
 }
 
-/// The footprints of a run of ranks, and where they lie.
+/// What a camera sees of a run of ranks, and where it lies.
 pub(super) struct Chunk<T> {
     start: usize,
-    pub footprints: Vec<Footprint<T>>,
+    seen: Vec<Seen<T>>,
     /// Spans sorted by band, within a band by rank.
     spans: Vec<Span>,
-    /// Each span's footprint: a band reads its own from first to last.
-    drawn: Vec<Footprint<T>>,
+    /// Each span's splat: a band reads its own from first to last.
+    drawn: Vec<Seen<T>>,
     /// Spans of band `b` are `spans[band_starts[b]..band_starts[b + 1]]`.
     band_starts: Vec<u32>,
     unsorted: Vec<(u32, Span)>,
@@ -94,7 +116,7 @@ impl<T> Default for Chunk<T> {
     fn default() -> Self {
         Self {
             start: 0,
-            footprints: Vec::new(),
+            seen: Vec::new(),
             spans: Vec::new(),
             drawn: Vec::new(),
             band_starts: Vec::new(),
@@ -115,7 +137,7 @@ impl<T: Real> Chunk<T> {
         camera: &FrameCamera<T>,
     ) {
         self.start = ranks.start;
-        self.footprints.clear();
+        self.seen.clear();
         self.unsorted.clear();
         let bands = camera.height.div_ceil(TILE);
         for (first, splats) in ranks.clone().step_by(L::WIDTH).zip(prepared.splats[ranks].chunks(L::WIDTH)) {
@@ -126,14 +148,15 @@ impl<T: Real> Chunk<T> {
                     continue;
                 }
                 let before = self.unsorted.len();
-                let footprint = self.footprints.len() as u32;
+                let splat = self.seen.len() as u32;
                 ellipse.for_each_span(camera, |band, first, last| {
-                    self.unsorted.push((band, Span { footprint, first, last }));
+                    self.unsorted.push((band, Span { splat, first, last }));
                 });
                 if self.unsorted.len() > before {
                     let Ellipse { mean, conic, log2_opacity, radius2, lean, .. } = *ellipse;
                     let rank = (first + k) as u32;
-                    self.footprints.push(Footprint { mean, conic, log2_opacity, radius2, lean, rank });
+                    let footprint = Footprint { mean, conic, log2_opacity, radius2, lean }.numbers();
+                    self.seen.push(Seen { footprint, rank });
                 }
             }
         }
@@ -150,12 +173,12 @@ impl<T: Real> Chunk<T> {
         for b in 0..bands {
             self.band_starts[b + 1] += self.band_starts[b];
         }
-        self.spans.resize(self.unsorted.len(), Span { footprint: 0, first: 0, last: 0 });
-        self.drawn.resize(self.unsorted.len(), Footprint::default());
+        self.spans.resize(self.unsorted.len(), Span { splat: 0, first: 0, last: 0 });
+        self.drawn.resize(self.unsorted.len(), Seen::default());
         for (band, span) in &self.unsorted {
             let at = &mut self.band_starts[*band as usize];
             self.spans[*at as usize] = *span;
-            self.drawn[*at as usize] = self.footprints[span.footprint as usize];
+            self.drawn[*at as usize] = self.seen[span.splat as usize];
             *at += 1;
         }
         // The starts have become ends: shift them back.
@@ -170,8 +193,8 @@ impl<T: Real> Chunk<T> {
         &self.spans[self.places(band)]
     }
 
-    /// The footprints of [`Chunk::spans`].
-    pub fn drawn(&self, band: usize) -> &[Footprint<T>] {
+    /// The splats of [`Chunk::spans`].
+    pub fn drawn(&self, band: usize) -> &[Seen<T>] {
         &self.drawn[self.places(band)]
     }
 
@@ -188,17 +211,18 @@ impl<T: Real> Chunk<T> {
         gradients: &mut [SplatGradient<T>],
         by_feature: &mut [[T; C]],
     ) {
-        // By footprint: small enough to stay in the cache, while all else is read and written from first to last.
+        // By splat: small enough to stay in the cache, while all else is read and written from first to last.
         let mut sums = [Slot::default(); CHUNK];
         for (b, band) in bands.iter().enumerate() {
             for (span, slot) in self.spans(b).iter().zip(band.slots_of_chunk(index)) {
-                sums[span.footprint as usize].add(slot);
+                sums[span.splat as usize].add(slot);
             }
         }
         self.by_mean.clear();
         self.by_mean.resize(gradients.len(), None);
-        for (footprint, sum) in self.footprints.iter().zip(&sums) {
-            let place = footprint.rank as usize - self.start;
+        for (splat, sum) in self.seen.iter().zip(&sums) {
+            let place = splat.rank as usize - self.start;
+            let footprint = Footprint::of(splat.footprint);
             self.by_mean[place] = Some(footprint.back_project(camera, sum, &mut gradients[place]));
             add(&mut by_feature[place], sum.feature);
         }
@@ -220,12 +244,12 @@ impl<T: Real> Footprint<T> {
         out: &mut SplatGradient<T>,
     ) -> [T; 2] {
         let m = &camera.linear;
-        let ([a, b, c], [x, y], [xx, xy, yy]) = (self.conic, by.first, by.second);
+        let ([a, b, c], [sum, x, xx, y, xy, yy]) = (self.conic, by.moments);
         let mean = [a * x + b * y, b * x + c * y];
         for k in 0..3 {
             out.position[k] = out.position[k] + m[0][k] * mean[0] + m[1][k] * mean[1];
         }
-        out.log_opacity = out.log_opacity + by.sum;
+        out.log_opacity = out.log_opacity + sum;
         // By the image's covariance: half of conic * moments * conic.
         let half = T::of(0.5);
         let p = [[a * xx + b * xy, a * xy + b * yy], [b * xx + c * xy, b * xy + c * yy]];

@@ -1,0 +1,271 @@
+//! Some of a tile's splats side by side, ready to be drawn: what alpha is over the tile, and which splats touch each
+//! block of pixels.
+//!
+//! A block is drawn by itself, its pixels' state in registers from the first splat to the last; that takes a list of
+//! splats for every block. Lists are made a row of splats at a time: a lane finds its splat's edges in a block's rows.
+
+use super::bands::Entry;
+use super::block::{ACROSS, BLOCKS, BlockPixels, TILE, WIDE, deep, high, middle, offset};
+use super::project::Footprint;
+use crate::splat::lanes::{Lanes, Row, splat_each, transpose_eights};
+use crate::splat::real::Real;
+
+/// Numbers of a batch's splats are bytes.
+pub(super) const NUMBERS: usize = 256;
+/// Most splats of a batch; the number of a splat that touches nothing.
+pub(super) const BATCH: usize = NUMBERS - 1;
+/// Splats that are taken back together.
+pub(super) const FOUR: usize = 4;
+/// Numbers that are listed at once.
+const LISTED: usize = 8;
+/// What is added to the squared Mahalanobis radius of the cut-off: rounding and rough roots must not lose a block.
+const SLACK: f64 = 0.02;
+
+/// Up to [`BATCH`] splats of a tile.
+pub(super) struct Batch<T, const C: usize> {
+    /// Coefficients 1, x, y, xx, xy, yy of alpha's binary exponent in the offset from the tile's middle.
+    exponent: [[T; NUMBERS]; 6],
+    /// Offsets of the splats' centres from the tile's middle.
+    center: [[T; NUMBERS]; 2],
+    features: [[T; C]; NUMBERS],
+    /// The splats that touch each block, highest first, and some that touch nothing.
+    lists: [[u8; NUMBERS + LISTED]; BLOCKS],
+    lengths: [usize; BLOCKS],
+}
+
+impl<T: Real, const C: usize> Batch<T, C> {
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self {
+            exponent: [[T::zero(); NUMBERS]; 6],
+            center: [[T::zero(); NUMBERS]; 2],
+            features: [[T::zero(); C]; NUMBERS],
+            lists: [[0; NUMBERS + LISTED]; BLOCKS],
+            lengths: [0; BLOCKS],
+        }
+    }
+
+    /// Takes up splats of a tile.
+    #[inline(always)]
+    pub fn fill<L: Lanes<Number = T>>(
+        &mut self,
+        lanes: L,
+        edges: &Edges<L>,
+        entries: &[Entry<T, C>],
+        tile: usize,
+        band: usize,
+    ) {
+        self.lengths = [0; BLOCKS];
+        let middle = splat_each(lanes, [middle(tile), middle(band)]);
+        for (k, entries) in entries.chunks(L::WIDTH).enumerate() {
+            let first = k * L::WIDTH;
+            for (i, entry) in entries.iter().enumerate() {
+                self.features[first + i] = entry.feature;
+            }
+            let mut f = footprints(lanes, entries);
+            f.mean = [f.mean[0] - middle[0], f.mean[1] - middle[1]];
+            let exponent = f.exponent(lanes);
+            for k in 0..6 {
+                exponent[k].store_to(&mut self.exponent[k], first);
+            }
+            for k in 0..2 {
+                f.mean[k].store_to(&mut self.center[k], first);
+            }
+            let ellipses = Ellipses::new(lanes, &f);
+            let real = u32::MAX >> (u32::BITS as usize - entries.len());
+            for down in 0..deep::<L>() {
+                let touched = ellipses.touch(edges, down);
+                for across in 0..ACROSS {
+                    self.list::<L>(down * ACROSS + across, touched[across] & real, first);
+                }
+            }
+        }
+        for exponent in &mut self.exponent {
+            exponent[BATCH] = T::zero();
+        }
+        self.exponent[0][BATCH] = T::of(FAR_BELOW_CUT);
+        self.features[BATCH] = [T::zero(); C];
+        for (list, length) in self.lists.iter_mut().zip(self.lengths) {
+            list[length..length + FOUR].fill(BATCH as u8);
+        }
+    }
+
+    /// Adds those of a row of splats whose bits are set to a block's list.
+    ///
+    /// Eight at a time, without a branch: numbers are written whether they count or not, and those after them write over
+    /// what does not.
+    #[inline(always)]
+    fn list<L: Lanes>(&mut self, block: usize, splats: u32, first: usize) {
+        let list = &mut self.lists[block];
+        let mut length = self.lengths[block];
+        for k in (0..L::WIDTH).step_by(LISTED) {
+            let set = (splats >> k) as u8;
+            let numbers = PLACES[usize::from(set)] + (first + k) as u64 * ONES;
+            list[length..length + LISTED].copy_from_slice(&numbers.to_le_bytes());
+            length += set.count_ones() as usize;
+        }
+        self.lengths[block] = length;
+    }
+
+    /// The splats that touch a block, highest first.
+    #[inline(always)]
+    pub fn list_of(&self, block: usize) -> &[u8] {
+        &self.lists[block][..self.lengths[block]]
+    }
+
+    /// As [`Batch::list_of`], with splats that touch nothing up to a multiple of [`FOUR`].
+    #[inline(always)]
+    pub fn fours_of(&self, block: usize) -> &[u8] {
+        &self.lists[block][..self.lengths[block].next_multiple_of(FOUR)]
+    }
+
+    /// The binary exponent of a splat's alpha at the pixels of a block.
+    #[inline(always)]
+    pub fn exponent_at<L: Lanes<Number = T>>(&self, lanes: L, splat: u8, at: &BlockPixels<L>) -> Row<L> {
+        let coefficient = |k: usize| Row::splat(lanes, self.exponent[k][usize::from(splat)]);
+        // Two sums, which do not wait for each other.
+        let by_x = coefficient(3).mul_add(at.xx, coefficient(1).mul_add(at.x, coefficient(0)));
+        let by_y = coefficient(5).mul_add(at.yy, coefficient(2) * at.y);
+        coefficient(4).mul_add(at.xy, by_x) + by_y
+    }
+
+    /// Offsets from the tile's middle of the centres of a row of splats.
+    #[inline(always)]
+    pub fn centers<L: Lanes<Number = T>>(&self, lanes: L, first: usize) -> [Row<L>; 2] {
+        [Row::load(lanes, &self.center[0][first..]), Row::load(lanes, &self.center[1][first..])]
+    }
+
+    /// A splat's features.
+    #[inline(always)]
+    pub fn features(&self, splat: u8) -> [T; C] {
+        self.features[usize::from(splat)]
+    }
+}
+
+/// A binary exponent of alpha that is not drawn.
+const FAR_BELOW_CUT: f64 = -100.0;
+
+/// A one in every byte.
+const ONES: u64 = 0x0101_0101_0101_0101;
+
+/// The places of a byte's set bits, a byte each, lowest first.
+const PLACES: [u64; 256] = {
+    let mut table = [0; 256];
+    let mut set = 0;
+    while set < 256 {
+        let (mut place, mut count) = (0, 0);
+        while place < 8 {
+            if set >> place & 1 == 1 {
+                table[set] |= place << (8 * count);
+                count += 1;
+            }
+            place += 1;
+        }
+        set += 1;
+    }
+    table
+};
+
+/// A row of splats, a lane each; the last one again where there are fewer.
+#[inline(always)]
+fn footprints<L: Lanes, const C: usize>(lanes: L, entries: &[Entry<L::Number, C>]) -> Footprint<Row<L>> {
+    let mut rows = [Row::splat(lanes, L::Number::of(0.0)); 8];
+    for j in 0..8 {
+        let last = entries.len() - 1;
+        let (low, high) = (&entries[j.min(last)].footprint, &entries[(j + 8).min(last)].footprint);
+        rows[j] = Row::load_eights(lanes, [low, high]);
+    }
+    Footprint::of(transpose_eights(rows))
+}
+
+/// What ellipses are compared with: the edges of a tile's blocks, from the tile's middle.
+pub(super) struct Edges<L: Lanes> {
+    /// First and last rows.
+    rows: [[Row<L>; 2]; BLOCKS / ACROSS],
+    /// First and last columns.
+    columns: [[Row<L>; 2]; ACROSS],
+}
+
+impl<L: Lanes> Edges<L> {
+    #[inline(always)]
+    pub fn new(lanes: L) -> Self {
+        let ends = |first: usize, count: usize| splat_each(lanes, [offset(first), offset(first + count - 1)]);
+        let mut rows = [ends(0, TILE); BLOCKS / ACROSS];
+        for down in 0..deep::<L>() {
+            rows[down] = ends(down * high::<L>(), high::<L>());
+        }
+        let mut columns = [rows[0]; ACROSS];
+        for across in 0..ACROSS {
+            columns[across] = ends(across * WIDE, WIDE);
+        }
+        Self { rows, columns }
+    }
+}
+
+impl<L: Lanes> Footprint<Row<L>> {
+    /// Coefficients 1, x, y, xx, xy, yy of alpha's binary exponent where the centre's offset is from.
+    #[inline(always)]
+    fn exponent(&self, lanes: L) -> [Row<L>; 6] {
+        let [minus_half, minus_two] =
+            splat_each(lanes, [-0.5 * std::f64::consts::LOG2_E, -2.0].map(L::Number::of));
+        let [u, v] = self.mean;
+        let [a, b, c] = self.conic;
+        let (xx, half_xy, yy) = (a * minus_half, b * minus_half, c * minus_half);
+        let (x, y) = (xx * u + half_xy * v, half_xy * u + yy * v);
+        let constant = self.log2_opacity + x * u + y * v;
+        [constant, minus_two * x, minus_two * y, xx, half_xy + half_xy, yy]
+    }
+}
+
+/// A row of ellipses; centres from the tile's middle.
+struct Ellipses<L: Lanes> {
+    mean: [Row<L>; 2],
+    /// The middle between left and right edge moves so far from row to row.
+    slope: Row<L>,
+    /// On the row of the centre, half the squared width.
+    square: Row<L>,
+    /// What it loses with the square of the distance from that row.
+    drop: Row<L>,
+    /// Rows, from the centre, of the rightmost and the leftmost column.
+    lean: [Row<L>; 2],
+}
+
+impl<L: Lanes> Ellipses<L> {
+    #[inline(always)]
+    fn new(lanes: L, f: &Footprint<Row<L>>) -> Self {
+        let [slack, zero] = splat_each(lanes, [SLACK, 0.0].map(L::Number::of));
+        let [a, b, c] = f.conic;
+        let by_a = a.reciprocal();
+        Self {
+            mean: f.mean,
+            slope: (zero - b) * by_a,
+            square: (f.radius2 + slack) * by_a,
+            drop: (a * c - b * b) * by_a * by_a,
+            lean: [f.lean, zero - f.lean],
+        }
+    }
+
+    /// The ellipses that touch each block of a row of blocks, as bits.
+    ///
+    /// An ellipse reaches furthest where it leans to, or on the row nearest to it.
+    #[inline(always)]
+    fn touch(&self, edges: &Edges<L>, down: usize) -> [u32; ACROSS] {
+        let [u, v] = self.mean;
+        let [top, bottom] = [edges.rows[down][0] - v, edges.rows[down][1] - v];
+        let [right, left] = [self.lean[0].max(top).min(bottom), self.lean[1].max(top).min(bottom)];
+        let right = self.slope.mul_add(right, u) + self.half_width(right);
+        let left = self.slope.mul_add(left, u) - self.half_width(left);
+        let mut touched = [0; ACROSS];
+        for across in 0..ACROSS {
+            let [first, last] = edges.columns[across];
+            touched[across] = right.at_least(first).and(last.at_least(left)).bits();
+        }
+        touched
+    }
+
+    /// Half the width on a row, from the centre; not a number beyond the ellipse.
+    #[inline(always)]
+    fn half_width(&self, row: Row<L>) -> Row<L> {
+        (self.square - self.drop * row * row).rough_sqrt()
+    }
+}
