@@ -5,6 +5,7 @@ use crate::splat::gaussians::Gaussians;
 use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Ring, Row, splat_each};
 use crate::splat::real::Real;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
 /// Splats that one task works on.
 const PIECE: usize = 1024;
@@ -15,10 +16,8 @@ pub struct Prepared<T> {
     /// Index of the splat at each rank.
     order: Vec<u32>,
     /// Rank of each splat.
-    rank: Vec<u32>,
-    /// Altitudes and splats to be sorted, and room to sort.
-    keys: Vec<(u32, u32)>,
-    spare: Vec<(u32, u32)>,
+    rank: Vec<AtomicU32>,
+    sorted: Order,
     pub(super) splats: Vec<PreparedSplat<T>>,
 }
 
@@ -42,37 +41,86 @@ pub struct SplatGradient<T> {
     pub log_opacity: T,
 }
 
-/// A whole number that grows as a float falls.
-fn descending_key(altitude: f32) -> u32 {
-    let bits = altitude.to_bits();
-    let ascending = if bits >> 31 == 1 { !bits } else { bits | 1 << 31 };
-    !ascending
+/// Bits of a digit that splats are sorted by.
+const DIGIT: u32 = 11;
+/// Digits of a key.
+const DIGITS: usize = 2;
+/// Altitudes that are told apart: 0.05 mm where splats span 200 m. Splats closer than that keep their order.
+const STEPS: u32 = 1 << (DIGIT * DIGITS as u32);
+
+/// From altitudes to whole numbers below [`STEPS`], the highest first.
+struct Keys {
+    highest: f32,
+    steps_per_m: f32,
 }
 
-/// Sorts by the first number, ties left as they come: digit by digit from the lowest, counting each.
+impl Keys {
+    /// For these altitudes.
+    fn new(altitudes: impl ParallelIterator<Item = f32>) -> Self {
+        let span = |a: (f32, f32), b: (f32, f32)| (a.0.min(b.0), a.1.max(b.1));
+        let (lowest, highest) = altitudes.map(|z| (z, z)).reduce(|| (f32::INFINITY, f32::NEG_INFINITY), span);
+        Self { highest, steps_per_m: STEPS as f32 / (highest - lowest) }
+    }
+
+    fn of(&self, altitude: f32) -> u32 {
+        (((self.highest - altitude) * self.steps_per_m) as u32).min(STEPS - 1)
+    }
+}
+
+/// Values of a digit.
+const VALUES: usize = 1 << DIGIT;
+/// Most pieces that are sorted side by side, and the least splats of each: pieces cost a sum over all digits.
+const SORTED: (usize, usize) = (16, 1 << 15);
+
+/// Splats in order of their keys, ties left as they come.
 ///
-/// It needs no memory of its own, and its time does not depend on how much is left of the last iteration's order: as
-/// steps are wider than the distance of splats in altitude, that is little.
-fn radix_sort(keys: &mut Vec<(u32, u32)>, spare: &mut Vec<(u32, u32)>) {
-    const BITS: u32 = 11;
-    const VALUES: usize = 1 << BITS;
-    let digit = |key: u32, d: u32| (key >> (d * BITS)) as usize % VALUES;
-    spare.resize(keys.len(), (0, 0));
-    for d in 0..u32::BITS.div_ceil(BITS) {
-        let mut starts = [0u32; VALUES];
-        for (key, _) in keys.iter() {
-            starts[digit(*key, d)] += 1;
+/// Keys stand above indices in one number. Every piece of them counts its digits, and so knows where its own go;
+/// that all threads write into one array takes atomic numbers, though none is written twice.
+#[derive(Default)]
+struct Order {
+    entries: Vec<AtomicU64>,
+    spare: Vec<AtomicU64>,
+    /// Of each piece, where the next entry of each digit goes.
+    places: Vec<[u32; VALUES]>,
+}
+
+impl Order {
+    /// Sorts keys below [`STEPS`] digit by digit from the lowest. Its time does not depend on how much is left of the
+    /// last iteration's order: as steps are wider than the distance of splats in altitude, that is little.
+    fn sort(&mut self, keys: impl IndexedParallelIterator<Item = u32>) {
+        let n = keys.len();
+        self.entries.resize_with(n, AtomicU64::default);
+        self.spare.resize_with(n, AtomicU64::default);
+        self.entries.par_iter_mut().zip(keys).enumerate().for_each(|(i, (entry, key))| {
+            *entry.get_mut() = u64::from(key) << u32::BITS | i as u64;
+        });
+        let piece = n.div_ceil(SORTED.0).max(SORTED.1);
+        self.places.resize(n.div_ceil(piece), [0; VALUES]);
+        for d in 0..DIGITS as u32 {
+            let digit = |entry: u64| (entry >> (u32::BITS + d * DIGIT)) as usize % VALUES;
+            let pieces = || self.entries.par_chunks(piece);
+            self.places.par_iter_mut().zip(pieces()).for_each(|(counts, entries)| {
+                counts.fill(0);
+                for entry in entries {
+                    counts[digit(entry.load(Relaxed))] += 1;
+                }
+            });
+            let mut start = 0;
+            for value in 0..VALUES {
+                for places in &mut self.places {
+                    start += std::mem::replace(&mut places[value], start);
+                }
+            }
+            self.places.par_iter_mut().zip(pieces()).for_each(|(places, entries)| {
+                for entry in entries {
+                    let entry = entry.load(Relaxed);
+                    let place = &mut places[digit(entry)];
+                    self.spare[*place as usize].store(entry, Relaxed);
+                    *place += 1;
+                }
+            });
+            std::mem::swap(&mut self.entries, &mut self.spare);
         }
-        let mut start = 0;
-        for count in &mut starts {
-            start += std::mem::replace(count, start);
-        }
-        for entry in keys.iter() {
-            let place = &mut starts[digit(entry.0, d)];
-            spare[*place as usize] = *entry;
-            *place += 1;
-        }
-        std::mem::swap(keys, spare);
     }
 }
 
@@ -98,18 +146,16 @@ impl<T: Lanewise> Prepared<T> {
     /// Orders the splats and computes what cameras share.
     pub fn update(&mut self, gaussians: &Gaussians<T>) {
         let n = gaussians.len();
-        self.keys.resize(n, (0, 0));
-        let positions = gaussians.position.par_iter().with_min_len(PIECE);
-        self.keys.par_iter_mut().zip(positions).enumerate().for_each(|(i, (key, p))| {
-            *key = (descending_key(p[2].wide() as f32), i as u32);
+        let altitudes = gaussians.position.par_iter().with_min_len(PIECE).map(|p| p[2].wide() as f32);
+        let keys = Keys::new(altitudes.clone());
+        self.sorted.sort(altitudes.map(|altitude| keys.of(altitude)));
+        self.order.resize(n, 0);
+        self.rank.resize_with(n, AtomicU32::default);
+        let order = self.order.par_iter_mut().zip(&self.sorted.entries).with_min_len(PIECE);
+        order.enumerate().for_each(|(rank, (splat, entry))| {
+            *splat = entry.load(Relaxed) as u32;
+            self.rank[*splat as usize].store(rank as u32, Relaxed);
         });
-        radix_sort(&mut self.keys, &mut self.spare);
-        self.order.clear();
-        self.order.extend(self.keys.iter().map(|k| k.1));
-        self.rank.resize(n, 0);
-        for (rank, &i) in self.order.iter().enumerate() {
-            self.rank[i as usize] = rank as u32;
-        }
         let order = &self.order;
         self.splats.resize(n, PreparedSplat::default());
         let pieces = self.splats.par_chunks_mut(PIECE).zip(order.par_chunks(PIECE));
@@ -134,10 +180,11 @@ impl<T: Lanewise> Prepared<T> {
         scales.zip(others).zip(self.rank.par_chunks(PIECE)).enumerate().for_each(
             |(k, (((log_scale, rotation), (position, logit)), rank))| {
                 for ((position, logit), rank) in position.iter_mut().zip(logit).zip(rank) {
-                    let g = &gradients[*rank as usize];
+                    let rank = rank.load(Relaxed) as usize;
+                    let g = &gradients[rank];
                     *position = g.position;
                     // The opacity is the logit's sigmoid.
-                    *logit = g.log_opacity * (T::one() - self.splats[*rank as usize].opacity);
+                    *logit = g.log_opacity * (T::one() - self.splats[rank].opacity);
                 }
                 let first = k * PIECE;
                 T::dispatch(Unshare { gaussians, gradients, first, rank, log_scale, rotation });
@@ -148,7 +195,7 @@ impl<T: Lanewise> Prepared<T> {
     /// Rank of a splat.
     #[must_use]
     pub fn rank(&self, splat: usize) -> usize {
-        self.rank[splat] as usize
+        self.rank[splat].load(Relaxed) as usize
     }
 }
 
@@ -230,7 +277,7 @@ struct Unshare<'a, T> {
     gaussians: &'a Gaussians<T>,
     gradients: &'a [SplatGradient<T>],
     first: usize,
-    rank: &'a [u32],
+    rank: &'a [AtomicU32],
     log_scale: &'a mut [[T; 3]],
     rotation: &'a mut [[T; 4]],
 }
@@ -244,7 +291,7 @@ impl<T: Lanewise> Kernel<T> for Unshare<'_, T> {
             let (n, first) = (rank.len(), self.first + k * L::WIDTH);
             let log_scale = gather(lanes, n, |i| gaussians.log_scale[first + i]);
             let rotation = gather(lanes, n, |i| gaussians.rotation[first + i]);
-            let by_covariance = gather(lanes, n, |i| gradients[rank[i] as usize].covariance);
+            let by_covariance = gather(lanes, n, |i| gradients[rank[i].load(Relaxed) as usize].covariance);
             let mut scale = log_scale;
             for k in 0..3 {
                 scale[k] = log_scale[k].exp();
@@ -343,18 +390,30 @@ mod tests {
     #[test]
     fn keys_put_the_highest_first() {
         let mut heights = vec![3.0f32, -2.0, 0.0, -7.5, 100.0];
-        heights.sort_by_key(|h| descending_key(*h));
+        let keys = Keys::new(heights.clone().into_par_iter());
+        heights.sort_by_key(|h| keys.of(*h));
         assert_eq!(heights, [100.0, 3.0, 0.0, -2.0, -7.5]);
+        assert_eq!([100.0, -7.5].map(|h| keys.of(h)), [0, STEPS - 1]);
     }
 
     #[test]
-    fn radix_sort_puts_keys_in_order_and_leaves_ties_as_they_come() {
-        let mut keys: Vec<(u32, u32)> =
-            (0..5000u32).map(|i| (i.wrapping_mul(2_654_435_761) & 0xF000_F00F, i)).collect();
-        let mut sorted = keys.clone();
-        sorted.sort();
-        radix_sort(&mut keys, &mut Vec::new());
-        assert_eq!(keys, sorted);
+    fn altitudes_without_a_span_or_a_number_have_keys() {
+        for heights in [vec![], vec![2.5f32], vec![f32::NAN, 1.0, f32::INFINITY]] {
+            let keys = Keys::new(heights.clone().into_par_iter());
+            assert!(heights.iter().all(|h| keys.of(*h) < STEPS));
+        }
+    }
+
+    #[test]
+    fn splats_are_in_the_order_of_their_keys_and_ties_stay_as_they_come() {
+        // Few keys for many splats, in more than one piece.
+        let keys: Vec<u32> = (0..100_000u32).map(|i| i.wrapping_mul(2_654_435_761) & 0x3F_F00F).collect();
+        let mut expected: Vec<u32> = (0..keys.len() as u32).collect();
+        expected.sort_by_key(|i| keys[*i as usize]);
+        let mut order = Order::default();
+        order.sort(keys.into_par_iter());
+        let sorted: Vec<u32> = order.entries.iter().map(|e| e.load(Relaxed) as u32).collect();
+        assert_eq!(sorted, expected);
     }
 
     #[test]
