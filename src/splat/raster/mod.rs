@@ -4,7 +4,7 @@
 //! splats once for every camera of an iteration ([`Prepared`]). A camera projects them in chunks
 //! and each band of sixteen pixel rows is binned into tiles and rendered by one thread ([`Rasterizer`]).
 //! A splat's gradients are summed per band, tile by tile, into a slot of its own, and then over the bands, in a fixed
-//! order: no atomics, and the same bytes for any number of threads.
+//! order: no atomic sums, and the same bytes for any number of threads.
 
 mod bands;
 mod batch;
