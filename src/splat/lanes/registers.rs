@@ -33,6 +33,26 @@ impl<S: Processor, K: Kernel<f32>, const N: usize> pulp::NullaryFnOnce for Compi
     }
 }
 
+/// Of every four lanes, lane `j` of row `k` and lane `k` of row `j` exchanged, by three of `$s`'s instructions.
+#[cfg(target_arch = "x86_64")]
+macro_rules! turn_fours {
+    ($s:expr, $rows:ident, $low:ident, $high:ident, $shuffle:ident) => {{
+        let (mut pairs, mut out) = ($rows, $rows);
+        // Rows 2i and 2i + 1 in turns: lanes 0 and 1 of each four, then lanes 2 and 3.
+        for i in 0..2 {
+            let (x, y) = (pulp::cast($rows[2 * i][0]), pulp::cast($rows[2 * i + 1][0]));
+            pairs[i] = [pulp::cast($s.$low(x, y)); N];
+            pairs[2 + i] = [pulp::cast($s.$high(x, y)); N];
+        }
+        for k in 0..2 {
+            let (x, y) = (pulp::cast(pairs[2 * k][0]), pulp::cast(pairs[2 * k + 1][0]));
+            out[2 * k] = [pulp::cast($s.$shuffle::<0b01_00_01_00>(x, y)); N];
+            out[2 * k + 1] = [pulp::cast($s.$shuffle::<0b11_10_11_10>(x, y)); N];
+        }
+        out
+    }};
+}
+
 /// What `pulp` has no common name for.
 pub(super) trait Processor: Simd {
     /// `1 / a`, from the processor's estimate where it has one, by a step of Newton's.
@@ -147,20 +167,7 @@ impl Processor for pulp::x86::V3 {
     #[inline(always)]
     fn transpose_fours<const N: usize>(self, rows: [[Self::f32s; N]; 4]) -> [[Self::f32s; N]; 4] {
         const { assert!(N == 1) };
-        let s = self.avx;
-        let (mut pairs, mut out) = (rows, rows);
-        // Rows 2i and 2i + 1 in turns: lanes 0 and 1 of each four, then lanes 2 and 3.
-        for i in 0..2 {
-            let (x, y) = (pulp::cast(rows[2 * i][0]), pulp::cast(rows[2 * i + 1][0]));
-            pairs[i] = [pulp::cast(s._mm256_unpacklo_ps(x, y)); N];
-            pairs[2 + i] = [pulp::cast(s._mm256_unpackhi_ps(x, y)); N];
-        }
-        for k in 0..2 {
-            let (x, y) = (pulp::cast(pairs[2 * k][0]), pulp::cast(pairs[2 * k + 1][0]));
-            out[2 * k] = [pulp::cast(s._mm256_shuffle_ps::<0b01_00_01_00>(x, y)); N];
-            out[2 * k + 1] = [pulp::cast(s._mm256_shuffle_ps::<0b11_10_11_10>(x, y)); N];
-        }
-        out
+        turn_fours!(self.avx, rows, _mm256_unpacklo_ps, _mm256_unpackhi_ps, _mm256_shuffle_ps)
     }
     #[inline(always)]
     fn transpose_eights<const N: usize>(self, rows: [[Self::f32s; N]; 8]) -> [[Self::f32s; N]; 8] {
@@ -225,20 +232,7 @@ impl Processor for pulp::x86::V4 {
     #[inline(always)]
     fn transpose_fours<const N: usize>(self, rows: [[Self::f32s; N]; 4]) -> [[Self::f32s; N]; 4] {
         const { assert!(N == 1) };
-        let s = self.avx512f;
-        let (mut pairs, mut out) = (rows, rows);
-        // Rows 2i and 2i + 1 in turns: lanes 0 and 1 of each four, then lanes 2 and 3.
-        for i in 0..2 {
-            let (x, y) = (pulp::cast(rows[2 * i][0]), pulp::cast(rows[2 * i + 1][0]));
-            pairs[i] = [pulp::cast(s._mm512_unpacklo_ps(x, y)); N];
-            pairs[2 + i] = [pulp::cast(s._mm512_unpackhi_ps(x, y)); N];
-        }
-        for k in 0..2 {
-            let (x, y) = (pulp::cast(pairs[2 * k][0]), pulp::cast(pairs[2 * k + 1][0]));
-            out[2 * k] = [pulp::cast(s._mm512_shuffle_ps::<0b01_00_01_00>(x, y)); N];
-            out[2 * k + 1] = [pulp::cast(s._mm512_shuffle_ps::<0b11_10_11_10>(x, y)); N];
-        }
-        out
+        turn_fours!(self.avx512f, rows, _mm512_unpacklo_ps, _mm512_unpackhi_ps, _mm512_shuffle_ps)
     }
     #[inline(always)]
     fn transpose_eights<const N: usize>(self, rows: [[Self::f32s; N]; 8]) -> [[Self::f32s; N]; 8] {

@@ -69,8 +69,10 @@ impl Keys {
 
 /// Values of a digit.
 const VALUES: usize = 1 << DIGIT;
-/// Most pieces that are sorted side by side, and the least splats of each: pieces cost a sum over all digits.
-const SORTED: (usize, usize) = (16, 1 << 15);
+/// Most pieces that are sorted side by side.
+const SORTED_PIECES: usize = 16;
+/// Least splats of a piece: each costs a sum over all values of a digit.
+const SORTED_SPLATS: usize = 1 << 15;
 
 /// Splats in order of their keys, ties left as they come.
 ///
@@ -94,7 +96,7 @@ impl Order {
         self.entries.par_iter_mut().zip(keys).enumerate().for_each(|(i, (entry, key))| {
             *entry.get_mut() = u64::from(key) << u32::BITS | i as u64;
         });
-        let piece = n.div_ceil(SORTED.0).max(SORTED.1);
+        let piece = n.div_ceil(SORTED_PIECES).max(SORTED_SPLATS);
         self.places.resize(n.div_ceil(piece), [0; VALUES]);
         for d in 0..DIGITS as u32 {
             let digit = |entry: u64| (entry >> (u32::BITS + d * DIGIT)) as usize % VALUES;
