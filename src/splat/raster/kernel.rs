@@ -118,12 +118,14 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
         let Self { band, index, width, background, out } = self;
-        band.warm();
         let (k, pixels, edges) = (Constants::new(lanes), BlockPixels::all(lanes), Edges::new(lanes));
+        // What is filled from end to end need not be read first, and is in the cache when tiles write their parts of it.
+        out.fill(T::zero());
         let background = splat_each(lanes, background);
         let (mut batch, mut alphas) = (Batch::new(), [k.zero; LANES]);
         let mut computed = 0;
         for frame in frames(width, out.len() / ((C + 1) * width)) {
+            band.warm(frame.tile);
             let mut drawn = [Drawn { transmittance: k.one, color: [k.zero; C] }; BLOCKS];
             let mut open = frame.blocks::<L>();
             for entries in band.tile(frame.tile).chunks(BATCH) {
@@ -206,12 +208,12 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
         let Self { band, index, width, image, by_pixel, products, slots } = self;
-        band.warm();
         multiply::<L, C>(lanes, width, image, by_pixel, products);
         let (k, pixels, edges) = (Constants::new(lanes), BlockPixels::all(lanes), Edges::new(lanes));
         let (mut batch, mut alphas) = (Batch::new(), [k.zero; LANES]);
         let (mut taken, mut sums) = ([[k.zero; 2]; LANES], [Sums::zero(); NUMBERS]);
         for frame in frames(width, by_pixel.len() / (C * width)) {
+            band.warm(frame.tile);
             let mut unseen = [Unseen { transmittance: k.one, behind: k.zero }; BLOCKS];
             let mut by_color = [[k.zero; C]; BLOCKS];
             for down in 0..frame.down::<L>() {

@@ -2,12 +2,12 @@
 //! their gradients to the parameters.
 
 use crate::splat::gaussians::Gaussians;
-use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Ring, Row, splat_each};
+use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Mask, Ring, Row, splat_each};
 use crate::splat::real::Real;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
-/// Splats that one task works on.
+/// Splats that one task works on, a multiple of [`LANES`].
 const PIECE: usize = 1024;
 
 /// Splats in order of altitude, highest first, ready to be projected.
@@ -18,16 +18,25 @@ pub struct Prepared<T> {
     /// Rank of each splat.
     rank: Vec<AtomicU32>,
     sorted: Order,
-    pub(super) splats: Vec<PreparedSplat<T>>,
+    pub(super) packs: Vec<Pack<T>>,
 }
 
-/// One splat as every camera needs it.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct PreparedSplat<T> {
-    pub position: [T; 3],
+/// Splats of [`LANES`] successive ranks as every camera needs them, a lane each. Aligned: a row is a register.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub(super) struct Pack<T> {
+    pub position: [[T; LANES]; 3],
     /// xx, xy, xz, yy, yz, zz; m².
-    pub covariance: [T; 6],
-    pub opacity: T,
+    pub covariance: [[T; LANES]; 6],
+    /// Zero beyond the last splat.
+    pub opacity: [T; LANES],
+}
+
+impl<T: Real> Default for Pack<T> {
+    fn default() -> Self {
+        let zero = [T::zero(); LANES];
+        Self { position: [zero; 3], covariance: [zero; 6], opacity: zero }
+    }
 }
 
 /// Derivatives of the loss by what [`Prepared`] holds of one splat.
@@ -130,13 +139,13 @@ impl<T: Lanewise> Prepared<T> {
     /// Number of splats.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.splats.len()
+        self.order.len()
     }
 
     /// Whether there are none.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.splats.is_empty()
+        self.order.is_empty()
     }
 
     /// Index of the splat at each rank.
@@ -159,15 +168,15 @@ impl<T: Lanewise> Prepared<T> {
             self.rank[*splat as usize].store(rank as u32, Relaxed);
         });
         let order = &self.order;
-        self.splats.resize(n, PreparedSplat::default());
-        let pieces = self.splats.par_chunks_mut(PIECE).zip(order.par_chunks(PIECE));
-        pieces.for_each(|(splats, order)| T::dispatch(Share { gaussians, order, splats }));
+        self.packs.resize(n.div_ceil(LANES), Pack::default());
+        let pieces = self.packs.par_chunks_mut(PIECE / LANES).zip(order.par_chunks(PIECE));
+        pieces.for_each(|(packs, order)| T::dispatch(Share { gaussians, order, packs }));
     }
 
     /// Opacity of the splat at a rank.
     #[must_use]
     pub fn opacity(&self, rank: usize) -> T {
-        self.splats[rank].opacity
+        self.packs[rank / LANES].opacity[rank % LANES]
     }
 
     /// Writes into `out` the derivatives by the parameters (colour excepted), from those by what cameras share.
@@ -186,7 +195,7 @@ impl<T: Lanewise> Prepared<T> {
                     let g = &gradients[rank];
                     *position = g.position;
                     // The opacity is the logit's sigmoid.
-                    *logit = g.log_opacity * (T::one() - self.splats[rank].opacity);
+                    *logit = g.log_opacity * (T::one() - self.opacity(rank));
                 }
                 let first = k * PIECE;
                 T::dispatch(Unshare { gaussians, gradients, first, rank, log_scale, rotation });
@@ -246,7 +255,7 @@ pub(super) fn scatter<L: Lanes, const K: usize>(
 struct Share<'a, T> {
     gaussians: &'a Gaussians<T>,
     order: &'a [u32],
-    splats: &'a mut [PreparedSplat<T>],
+    packs: &'a mut [Pack<T>],
 }
 
 impl<T: Lanewise> Kernel<T> for Share<'_, T> {
@@ -254,21 +263,25 @@ impl<T: Lanewise> Kernel<T> for Share<'_, T> {
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
         let g = self.gaussians;
         let [zero, one] = splat_each(lanes, [T::zero(), T::one()]);
-        for (splats, order) in self.splats.chunks_mut(L::WIDTH).zip(self.order.chunks(L::WIDTH)) {
-            let n = order.len();
-            let log_scale = gather(lanes, n, |i| g.log_scale[order[i] as usize]);
-            let rotation = gather(lanes, n, |i| g.rotation[order[i] as usize]);
-            let [logit] = gather(lanes, n, |i| [g.logit[order[i] as usize]]);
-            let turn = Turn::new(lanes, rotation);
-            let mut variance = log_scale;
-            for k in 0..3 {
-                variance[k] = (log_scale[k] + log_scale[k]).exp();
-            }
-            scatter(turn.covariance(variance), n, |i, v| splats[i].covariance = v);
-            let opacity = (one + (zero - logit).exp()).reciprocal();
-            scatter([opacity], n, |i, [v]| splats[i].opacity = v);
-            for (splat, i) in splats.iter_mut().zip(order) {
-                splat.position = g.position[*i as usize];
+        for (pack, order) in self.packs.iter_mut().zip(self.order.chunks(LANES)) {
+            for first in (0..LANES).step_by(L::WIDTH) {
+                let order = order.get(first..).unwrap_or_default();
+                let n = order.len();
+                let position = gather(lanes, n, |i| g.position[order[i] as usize]);
+                let log_scale = gather(lanes, n, |i| g.log_scale[order[i] as usize]);
+                let rotation = gather(lanes, n, |i| g.rotation[order[i] as usize]);
+                let [logit] = gather(lanes, n, |i| [g.logit[order[i] as usize]]);
+                let mut variance = log_scale;
+                for k in 0..3 {
+                    variance[k] = (log_scale[k] + log_scale[k]).exp();
+                    position[k].store_to(&mut pack.position[k], first);
+                }
+                let covariance = Turn::new(lanes, rotation).covariance(variance);
+                for k in 0..6 {
+                    covariance[k].store_to(&mut pack.covariance[k], first);
+                }
+                let opacity = (one + (zero - logit).exp()).reciprocal();
+                opacity.keep(Mask::first(lanes, n)).store_to(&mut pack.opacity, first);
             }
         }
     }

@@ -1,16 +1,16 @@
 //! Splats through one affine camera: image ellipses, the tiles they touch, and the gradient's way back.
 
 use super::bands::Band;
-use super::block::TILE;
+use super::block::{TILE, each};
 use super::kernel::{Slot, add};
-use super::prepare::{ELEMENTS, Prepared, PreparedSplat, SplatGradient, gather, scatter};
+use super::prepare::{ELEMENTS, Pack, Prepared, SplatGradient};
 use super::{ALPHA_CUT, LOW_PASS_PX2};
 use crate::affine::AffineCamera;
-use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, splat_each};
+use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Row, splat_each, transpose_eights};
 use crate::splat::real::Real;
 use std::ops::Range;
 
-/// Ranks that are projected together; fixed, so that sums do not depend on the number of threads.
+/// Ranks that are projected together, a multiple of [`LANES`]; fixed, so that sums do not depend on the number of threads.
 pub(super) const CHUNK: usize = 2048;
 
 /// An affine camera and the size of its image, in the numbers of the rasteriser.
@@ -139,37 +139,47 @@ impl<T: Real> Chunk<T> {
         self.start = ranks.start;
         self.seen.clear();
         self.unsorted.clear();
-        let bands = camera.height.div_ceil(TILE);
-        for (first, splats) in ranks.clone().step_by(L::WIDTH).zip(prepared.splats[ranks].chunks(L::WIDTH)) {
-            let mut ellipses = [Ellipse::default(); LANES];
-            Ellipse::of(lanes, splats, camera, &mut ellipses);
-            for (k, (ellipse, splat)) in ellipses.iter().zip(splats).enumerate() {
-                if !ellipse.is_seen(splat.opacity) {
-                    continue;
-                }
-                let before = self.unsorted.len();
-                let splat = self.seen.len() as u32;
-                ellipse.for_each_span(camera, |band, first, last| {
-                    self.unsorted.push((band, Span { splat, first, last }));
-                });
-                if self.unsorted.len() > before {
-                    let Ellipse { mean, conic, log2_opacity, radius2, lean, .. } = *ellipse;
-                    let rank = (first + k) as u32;
-                    let footprint = Footprint { mean, conic, log2_opacity, radius2, lean }.numbers();
-                    self.seen.push(Seen { footprint, rank });
+        self.band_starts.clear();
+        self.band_starts.resize(camera.height.div_ceil(TILE) + 1, 0);
+        let eye = Eye::new(lanes, camera);
+        let packs = &prepared.packs[ranks.start / LANES..ranks.end.div_ceil(LANES)];
+        for (pack, ranks) in packs.iter().zip(ranks.step_by(LANES)) {
+            for lane in (0..LANES).step_by(L::WIDTH) {
+                let sight = eye.look_at(lanes, pack, lane);
+                for i in each(sight.seen) {
+                    self.take_up(&sight, i, (ranks + lane + i) as u32, camera.width);
                 }
             }
         }
-        self.sort_spans(bands);
+        self.sort_spans();
     }
 
-    /// A counting sort by band; equal bands keep their order.
-    fn sort_spans(&mut self, bands: usize) {
-        self.band_starts.clear();
-        self.band_starts.resize(bands + 1, 0);
-        for (band, _) in &self.unsorted {
-            self.band_starts[*band as usize + 1] += 1;
+    /// Takes up the splat in a lane, if it has spans.
+    #[inline(always)]
+    fn take_up(&mut self, sight: &Sight<T>, lane: usize, rank: u32, width: usize) {
+        let [left, right, top, bottom] = [0, 1, 2, 3].map(|k| sight.tiles[k][lane]);
+        let footprint = sight.footprints[lane];
+        let (splat, before) = (self.seen.len() as u32, self.unsorted.len());
+        for band in top..=bottom {
+            // Most splats are narrower than a tile: nothing is to be told apart.
+            let tiles = if left == right {
+                Some((left, right))
+            } else {
+                Footprint::of(footprint).tiles(sight.half_cols[lane], band, width)
+            };
+            if let Some((first, last)) = tiles {
+                self.unsorted.push((band, Span { splat, first: first as u16, last: last as u16 }));
+                self.band_starts[band as usize + 1] += 1;
+            }
         }
+        if self.unsorted.len() > before {
+            self.seen.push(Seen { footprint, rank });
+        }
+    }
+
+    /// Ends a counting sort by band; equal bands keep their order.
+    fn sort_spans(&mut self) {
+        let bands = self.band_starts.len() - 1;
         for b in 0..bands {
             self.band_starts[b + 1] += self.band_starts[b];
         }
@@ -264,40 +274,85 @@ impl<T: Real> Footprint<T> {
     }
 }
 
-/// The ellipse at which a splat's alpha falls to the cut-off.
-#[derive(Clone, Copy, Default)]
-struct Ellipse<T> {
-    mean: [T; 2],
-    conic: [T; 3],
-    /// Squared Mahalanobis radius of the cut-off.
-    radius2: T,
-    /// Half width and height, pixels.
-    half_size: [T; 2],
-    /// Row (from the centre) of the rightmost column.
-    lean: T,
-    log2_opacity: T,
+impl<T: Real> Footprint<T> {
+    /// The first and the last tile that it touches in a band's rows, if any; `half_cols` is half its width.
+    #[inline(always)]
+    fn tiles(&self, half_cols: T, band: u32, width: usize) -> Option<(u32, u32)> {
+        let [mx, my] = self.mean;
+        let top = T::of(f64::from(band) * TILE as f64) - my;
+        let bottom = top + T::of(TILE as f64 - 1.0);
+        let left = mx + self.furthest(-T::one(), half_cols, top, bottom);
+        let right = mx + self.furthest(T::one(), half_cols, top, bottom);
+        let left = left.max(T::zero()).ceil();
+        let right = right.min(T::of(width as f64 - 1.0)).floor();
+        (left <= right).then(|| (left.small() / TILE as u32, right.small() / TILE as u32))
+    }
+
+    /// Column (from the centre) of the ellipse's edge on one `side` (-1 or 1) within a band's rows.
+    #[inline(always)]
+    fn furthest(&self, side: T, half_cols: T, top: T, bottom: T) -> T {
+        let lean = side * self.lean;
+        if lean >= top && lean <= bottom {
+            return side * half_cols;
+        }
+        let dy = lean.max(top).min(bottom);
+        let [a, b, c] = self.conic;
+        let inside = b * b * dy * dy - a * (c * dy * dy - self.radius2);
+        // A band that the ellipse only grazes can miss it by rounding.
+        (side * inside.max(T::zero()).sqrt() - b * dy) / a
+    }
 }
 
-impl<T: Real> Ellipse<T> {
-    /// The ellipses of up to a row of splats, a lane each.
+/// What a camera sees of a row of splats.
+struct Sight<T> {
+    /// The lanes of those with a pixel in their ellipse's box, as bits.
+    seen: u32,
+    /// [`Footprint::numbers`].
+    footprints: [[T; 8]; LANES],
+    /// Half widths of the ellipses, pixels.
+    half_cols: [T; LANES],
+    /// First and last column of tiles that an ellipse's box touches, first and last row.
+    tiles: [[u32; LANES]; 4],
+}
+
+/// A camera, each of its numbers in every lane.
+struct Eye<L: Lanes> {
+    linear: [[Row<L>; 3]; 2],
+    offset: [Row<L>; 2],
+    /// Columns and rows of its image.
+    size: [Row<L>; 2],
+}
+
+impl<L: Lanes> Eye<L> {
     #[inline(always)]
-    fn of<L: Lanes<Number = T>>(
-        lanes: L,
-        splats: &[PreparedSplat<T>],
-        camera: &FrameCamera<T>,
-        out: &mut [Self; LANES],
-    ) {
-        let n = splats.len();
-        let [x, y, z] = gather(lanes, n, |i| splats[i].position);
-        let [sxx, sxy, sxz, syy, syz, szz] = gather(lanes, n, |i| splats[i].covariance);
-        let [opacity] = gather(lanes, n, |i| [splats[i].opacity]);
-        let (m, offset) = (camera.linear.map(|row| splat_each(lanes, row)), splat_each(lanes, camera.offset));
-        let constants = [-ALPHA_CUT.log2(), 2.0 * std::f64::consts::LN_2, LOW_PASS_PX2, 0.0].map(T::of);
-        let [above_cut, twice_ln_2, low_pass, zero] = splat_each(lanes, constants);
-        let (mut mean, mut rows) = ([zero; 2], [[zero; 3]; 2]);
+    fn new(lanes: L, camera: &FrameCamera<L::Number>) -> Self {
+        let [col, row] = camera.linear;
+        let size = [camera.width as f64, camera.height as f64].map(L::Number::of);
+        Self {
+            linear: [splat_each(lanes, col), splat_each(lanes, row)],
+            offset: splat_each(lanes, camera.offset),
+            size: splat_each(lanes, size),
+        }
+    }
+
+    /// Projects the splats of a pack from a lane on.
+    #[inline(always)]
+    fn look_at(&self, lanes: L, pack: &Pack<L::Number>, lane: usize) -> Sight<L::Number> {
+        let constants = [-ALPHA_CUT.log2(), 2.0 * std::f64::consts::LN_2, LOW_PASS_PX2, 0.0, 1.0];
+        let [above_cut, twice_ln_2, low_pass, zero, one] = splat_each(lanes, constants.map(L::Number::of));
+        let (mut position, mut covariance) = ([zero; 3], [zero; 6]);
+        for k in 0..3 {
+            position[k] = Row::load(lanes, &pack.position[k][lane..]);
+        }
+        for k in 0..6 {
+            covariance[k] = Row::load(lanes, &pack.covariance[k][lane..]);
+        }
+        let opacity = Row::load(lanes, &pack.opacity[lane..]);
+        let ([x, y, z], [sxx, sxy, sxz, syy, syz, szz]) = (position, covariance);
+        let (m, mut mean, mut rows) = (&self.linear, [zero; 2], [[zero; 3]; 2]);
         for i in 0..2 {
             let [a, b, c] = m[i];
-            mean[i] = a.mul_add(x, b.mul_add(y, c.mul_add(z, offset[i])));
+            mean[i] = a.mul_add(x, b.mul_add(y, c.mul_add(z, self.offset[i])));
             rows[i] = [a * sxx + b * sxy + c * sxz, a * sxy + b * syy + c * syz, a * sxz + b * syz + c * szz];
         }
         let [r, s] = rows;
@@ -311,78 +366,39 @@ impl<T: Real> Ellipse<T> {
         // The regression line of row on column.
         let lean = xy * xx.reciprocal() * half_size[0];
         let conic = [yy * inverse, zero - xy * inverse, xx * inverse];
-        scatter([mean[0], mean[1], conic[0], conic[1], conic[2]], n, |i, [u, v, a, b, c]| {
-            (out[i].mean, out[i].conic) = ([u, v], [a, b, c]);
-        });
-        scatter([radius2, half_size[0], half_size[1], lean, log2_opacity], n, |i, [r, w, h, l, o]| {
-            (out[i].radius2, out[i].half_size, out[i].lean, out[i].log2_opacity) = (r, [w, h], l, o);
-        });
-    }
 
-    /// Whether a splat of this opacity can be seen, and its numbers are sound.
-    #[inline(always)]
-    fn is_seen(&self, opacity: T) -> bool {
-        let [a, _, c] = self.conic;
-        let sound = |v: T| v > T::zero() && v.is_finite();
-        opacity > T::of(ALPHA_CUT)
-            && sound(self.radius2)
-            && sound(a)
-            && sound(c)
-            && self.mean[0].is_finite()
-            && self.mean[1].is_finite()
-    }
-
-    /// Visits the bands it touches, each with its first and last tile.
-    #[inline(always)]
-    fn for_each_span(&self, camera: &FrameCamera<T>, mut visit: impl FnMut(u32, u16, u16)) {
-        let [mx, my] = self.mean;
-        let [half_cols, half_rows] = self.half_size;
-        let (top, bottom) = pixels_within(my - half_rows, my + half_rows, camera.height);
-        let (left, right) = pixels_within(mx - half_cols, mx + half_cols, camera.width);
-        if top > bottom || left > right {
-            return;
+        let [cut, most, sixteenth] = splat_each(
+            lanes,
+            [L::Number::of(ALPHA_CUT), L::Number::of(f32::MAX.into()), L::Number::of(1.0 / TILE as f64)],
+        );
+        let mut seen = opacity.above(cut);
+        for positive in [radius2, conic[0], conic[2]] {
+            seen = seen.and(positive.above(zero)).and(most.at_least(positive));
         }
-        let (first, last) = (tile_of(left), tile_of(right));
-        for band in tile_of(top)..=tile_of(bottom) {
-            // Most splats are narrower than a tile: nothing is to be told apart.
-            if first == last {
-                visit(band.into(), first, last);
-                continue;
-            }
-            let band_top = T::of(f64::from(band) * TILE as f64) - my;
-            let band_bottom = band_top + T::of(TILE as f64 - 1.0);
-            let from = mx + self.furthest(-T::one(), band_top, band_bottom);
-            let to = mx + self.furthest(T::one(), band_top, band_bottom);
-            let (left, right) = pixels_within(from, to, camera.width);
-            if left <= right {
-                visit(band.into(), tile_of(left), tile_of(right));
-            }
+        let mut sight = Sight {
+            seen: 0,
+            footprints: [[L::Number::of(0.0); 8]; LANES],
+            half_cols: [L::Number::of(0.0); LANES],
+            tiles: [[0; LANES]; 4],
+        };
+        for i in 0..2 {
+            let (low, high) = (mean[i] - half_size[i], mean[i] + half_size[i]);
+            // The first pixel from `low` and the last up to `high`, as far as there are any.
+            let low = low.max(zero).min(self.size[i]);
+            let whole = low.floor();
+            let first = whole + one.keep(low.above(whole));
+            let last = high.min(self.size[i] - one).max(zero).floor();
+            seen = seen.and(most.at_least(mean[i].abs())).and(high.at_least(zero)).and(last.at_least(first));
+            (first * sixteenth).floor().store_whole(&mut sight.tiles[2 * i]);
+            (last * sixteenth).floor().store_whole(&mut sight.tiles[2 * i + 1]);
         }
-    }
-
-    /// Column (from the centre) of the ellipse's edge on one `side` (-1 or 1) within a band's rows.
-    #[inline(always)]
-    fn furthest(&self, side: T, top: T, bottom: T) -> T {
-        let lean = side * self.lean;
-        if lean >= top && lean <= bottom {
-            return side * self.half_size[0];
+        sight.seen = seen.bits();
+        half_size[0].store_to(&mut sight.half_cols, 0);
+        let (low, high) = sight.footprints.split_at_mut(8);
+        let numbers = Footprint { mean, conic, log2_opacity, radius2, lean }.numbers();
+        for (row, (low, high)) in transpose_eights(numbers).into_iter().zip(low.iter_mut().zip(high)) {
+            row.store_eights([low, high]);
         }
-        let dy = lean.max(top).min(bottom);
-        let [a, b, c] = self.conic;
-        let inside = b * b * dy * dy - a * (c * dy * dy - self.radius2);
-        // A band that the ellipse only grazes can miss it by rounding.
-        (side * inside.max(T::zero()).sqrt() - b * dy) / a
+        sight
     }
-}
-
-/// First and last pixel from `low` to `high` of `count` in a line; none if the first lies beyond the last.
-#[inline(always)]
-fn pixels_within<T: Real>(low: T, high: T, count: usize) -> (T, T) {
-    (low.max(T::zero()).ceil(), high.min(T::of(count as f64 - 1.0)).floor())
-}
-
-/// The tile that a pixel's column or row lies in.
-#[inline(always)]
-fn tile_of<T: Real>(pixel: T) -> u16 {
-    (pixel.small() / TILE as u32) as u16
 }
