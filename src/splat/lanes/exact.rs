@@ -1,6 +1,6 @@
 //! Lanes of f64 in an array: gradients are checked with them.
 
-use super::{Kernel, LANES, Lanes, Lanewise};
+use super::{Kernel, LANES, Lanes, Lanewise, list_eight};
 
 /// Eight of them.
 #[derive(Clone, Copy)]
@@ -101,6 +101,9 @@ impl Lanes for Exact {
     }
     fn bits(self, a: [bool; 8]) -> u32 {
         a.iter().enumerate().fold(0, |bits, (i, holds)| bits | u32::from(*holds) << i)
+    }
+    fn list(self, a: [bool; 8], first: u8, places: &mut [u8]) -> usize {
+        list_eight(self.bits(a) as u8, first, places)
     }
     fn keep(self, truths: [bool; 8], a: [f64; 8]) -> [f64; 8] {
         std::array::from_fn(|i| if truths[i] { a[i] } else { 0.0 })

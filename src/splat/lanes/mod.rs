@@ -94,6 +94,9 @@ pub trait Lanes: Copy {
     fn and(self, a: Self::Truths, b: Self::Truths) -> Self::Truths;
     /// As bits, the first lane lowest.
     fn bits(self, a: Self::Truths) -> u32;
+    /// Numbers of the lanes in which it holds, counted from `first` on, to the first of at least [`LANES`] places; gives how
+    /// many they are. What is left in the places after them is anything.
+    fn list(self, a: Self::Truths, first: u8, places: &mut [u8]) -> usize;
     /// `a` where it holds, else zero.
     fn keep(self, truths: Self::Truths, a: Self::Numbers) -> Self::Numbers;
 }
@@ -413,6 +416,13 @@ impl<L: Lanes> Mask<L> {
         self.lanes.bits(self.truths)
     }
 
+    /// Numbers of the lanes in which it holds, counted from `first` on, to the first of at least [`LANES`] places; gives how
+    /// many they are. What is left in the places after them is anything.
+    #[inline(always)]
+    pub fn list(self, first: u8, places: &mut [u8]) -> usize {
+        self.lanes.list(self.truths, first, places)
+    }
+
     /// Whether it holds anywhere.
     #[inline(always)]
     pub fn any(self) -> bool {
@@ -478,6 +488,35 @@ impl<L: Lanes> Exp2<L> {
         }
         Self { numbers }
     }
+}
+
+/// A one in every byte.
+const ONES: u64 = 0x0101_0101_0101_0101;
+
+/// The places of a byte's set bits, a byte each, lowest first.
+const PLACES: [u64; 256] = {
+    let mut table = [0; 256];
+    let mut set = 0;
+    while set < 256 {
+        let (mut place, mut count) = (0, 0);
+        while place < 8 {
+            if set >> place & 1 == 1 {
+                table[set] |= place << (8 * count);
+                count += 1;
+            }
+            place += 1;
+        }
+        set += 1;
+    }
+    table
+};
+
+/// [`Lanes::list`] of eight lanes: a table knows where the bits of a byte are.
+#[inline(always)]
+fn list_eight(bits: u8, first: u8, places: &mut [u8]) -> usize {
+    let numbers = PLACES[usize::from(bits)] + u64::from(first) * ONES;
+    places[..8].copy_from_slice(&numbers.to_le_bytes());
+    bits.count_ones() as usize
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Lanes of f32 in the processor's registers.
 
-use super::{Kernel, LANES, Lanes, Lanewise};
+use super::{Kernel, LANES, Lanes, Lanewise, list_eight};
 use pulp::Simd;
 
 /// `N` registers of f32.
@@ -67,6 +67,16 @@ pub(super) trait Processor: Simd {
         let ones = [self.select_f32s(a, self.splat_f32s(1.0), self.splat_f32s(0.0))];
         let lanes: &[f32] = pulp::bytemuck::cast_slice(&ones);
         lanes.iter().enumerate().fold(0, |bits, (i, one)| bits | u32::from(*one > 0.0) << i)
+    }
+
+    /// [`Lanes::list`], of up to eight lanes.
+    #[inline(always)]
+    fn list<const N: usize>(self, a: [Self::m32s; N], first: u8, places: &mut [u8]) -> usize {
+        let mut bits = 0;
+        for k in 0..N {
+            bits |= self.bits(a[k]) << (k * Self::F32_LANES);
+        }
+        list_eight(bits as u8, first, places)
     }
 
     /// `a` where it holds, else zero.
@@ -191,6 +201,16 @@ impl Processor for pulp::x86::V4 {
     #[inline(always)]
     fn bits(self, a: Self::m32s) -> u32 {
         u32::from(a.0)
+    }
+    #[inline(always)]
+    fn list<const N: usize>(self, a: [Self::m32s; N], first: u8, places: &mut [u8]) -> usize {
+        const { assert!(N == 1) };
+        let count = pulp::u32x16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+        let numbers = self.add_u32s(self.splat_u32s(first.into()), count);
+        let listed = self.avx512f._mm512_maskz_compress_epi32(a[0].0, pulp::cast(numbers));
+        let bytes: [u8; LANES] = pulp::cast(self.avx512f._mm512_cvtepi32_epi8(listed));
+        places[..LANES].copy_from_slice(&bytes);
+        a[0].0.count_ones() as usize
     }
     #[inline(always)]
     fn rough_sqrt(self, a: Self::f32s) -> Self::f32s {
@@ -417,6 +437,10 @@ impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
     #[inline(always)]
     fn and(self, a: Self::Truths, b: Self::Truths) -> Self::Truths {
         each!(k: self.0.and_m32s(a[k], b[k]))
+    }
+    #[inline(always)]
+    fn list(self, a: Self::Truths, first: u8, places: &mut [u8]) -> usize {
+        self.0.list(a, first, places)
     }
     #[inline(always)]
     fn bits(self, a: Self::Truths) -> u32 {

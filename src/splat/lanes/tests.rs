@@ -42,6 +42,27 @@ impl Kernel<f32> for Compare {
     }
 }
 
+struct List;
+
+impl Kernel<f32> for List {
+    fn run<L: Lanes<Number = f32>>(self, lanes: L) {
+        for set in (0..1u32 << L::WIDTH).step_by(7) {
+            let values: [f32; LANES] = std::array::from_fn(|i| (set >> i & 1) as f32);
+            let holds = Row::load(lanes, &values).above(Row::splat(lanes, 0.0));
+            let mut places = [0; LANES];
+            let count = holds.list(100, &mut places);
+            let expected: Vec<u8> =
+                (0..L::WIDTH as u8).filter(|i| set >> i & 1 == 1).map(|i| 100 + i).collect();
+            assert_eq!((holds.bits(), &places[..count]), (set, &expected[..]));
+        }
+    }
+}
+
+#[test]
+fn lanes_are_listed_in_order() {
+    every_processor(|| List);
+}
+
 /// With the lanes at hand, AVX2's and plain numbers.
 fn every_processor<K: Kernel<f32>>(kernel: impl Fn() -> K) {
     f32::dispatch(kernel());

@@ -7,7 +7,7 @@
 use super::bands::Entry;
 use super::block::{ACROSS, BLOCKS, BlockPixels, TILE, WIDE, deep, high, middle, offset};
 use super::project::Footprint;
-use crate::splat::lanes::{Lanes, Row, splat_each, transpose_eights};
+use crate::splat::lanes::{LANES, Lanes, Mask, Row, splat_each, transpose_eights};
 use crate::splat::real::Real;
 
 /// Numbers of a batch's splats are bytes.
@@ -16,8 +16,6 @@ pub(super) const NUMBERS: usize = 256;
 pub(super) const BATCH: usize = NUMBERS - 1;
 /// Splats that are taken back together.
 pub(super) const FOUR: usize = 4;
-/// Numbers that are listed at once.
-const LISTED: usize = 8;
 /// What is added to the squared Mahalanobis radius of the cut-off: rounding and rough roots must not lose a block.
 const SLACK: f64 = 0.02;
 
@@ -29,7 +27,7 @@ pub(super) struct Batch<T, const C: usize> {
     center: [[T; NUMBERS]; 2],
     features: [[T; C]; NUMBERS],
     /// The splats that touch each block, highest first, and some that touch nothing.
-    lists: [[u8; NUMBERS + LISTED]; BLOCKS],
+    lists: [[u8; NUMBERS + LANES]; BLOCKS],
     lengths: [usize; BLOCKS],
 }
 
@@ -40,7 +38,7 @@ impl<T: Real, const C: usize> Batch<T, C> {
             exponent: [[T::zero(); NUMBERS]; 6],
             center: [[T::zero(); NUMBERS]; 2],
             features: [[T::zero(); C]; NUMBERS],
-            lists: [[0; NUMBERS + LISTED]; BLOCKS],
+            lists: [[0; NUMBERS + LANES]; BLOCKS],
             lengths: [0; BLOCKS],
         }
     }
@@ -72,11 +70,15 @@ impl<T: Real, const C: usize> Batch<T, C> {
                 f.mean[k].store_to(&mut self.center[k], first);
             }
             let ellipses = Ellipses::new(lanes, &f);
-            let real = u32::MAX >> (u32::BITS as usize - entries.len());
+            let real = Mask::first(lanes, entries.len());
             for down in 0..deep::<L>() {
-                let touched = ellipses.touch(edges, down);
+                let [left, right] = ellipses.reach(edges, down);
                 for across in 0..ACROSS {
-                    self.list::<L>(down * ACROSS + across, touched[across] & real, first);
+                    let [first_column, last_column] = edges.columns[across];
+                    let touched = right.at_least(first_column).and(last_column.at_least(left)).and(real);
+                    let block = down * ACROSS + across;
+                    let after = &mut self.lists[block][self.lengths[block]..];
+                    self.lengths[block] += touched.list(first as u8, after);
                 }
             }
         }
@@ -88,23 +90,6 @@ impl<T: Real, const C: usize> Batch<T, C> {
         for (list, length) in self.lists.iter_mut().zip(self.lengths) {
             list[length..length + FOUR].fill(BATCH as u8);
         }
-    }
-
-    /// Adds those of a row of splats whose bits are set to a block's list.
-    ///
-    /// Eight at a time, without a branch: numbers are written whether they count or not, and those after them write over
-    /// what does not.
-    #[inline(always)]
-    fn list<L: Lanes>(&mut self, block: usize, splats: u32, first: usize) {
-        let list = &mut self.lists[block];
-        let mut length = self.lengths[block];
-        for k in (0..L::WIDTH).step_by(LISTED) {
-            let set = (splats >> k) as u8;
-            let numbers = PLACES[usize::from(set)] + (first + k) as u64 * ONES;
-            list[length..length + LISTED].copy_from_slice(&numbers.to_le_bytes());
-            length += set.count_ones() as usize;
-        }
-        self.lengths[block] = length;
     }
 
     /// The splats that touch a block, highest first.
@@ -144,27 +129,6 @@ impl<T: Real, const C: usize> Batch<T, C> {
 
 /// A binary exponent of alpha that is not drawn.
 const FAR_BELOW_CUT: f64 = -100.0;
-
-/// A one in every byte.
-const ONES: u64 = 0x0101_0101_0101_0101;
-
-/// The places of a byte's set bits, a byte each, lowest first.
-const PLACES: [u64; 256] = {
-    let mut table = [0; 256];
-    let mut set = 0;
-    while set < 256 {
-        let (mut place, mut count) = (0, 0);
-        while place < 8 {
-            if set >> place & 1 == 1 {
-                table[set] |= place << (8 * count);
-                count += 1;
-            }
-            place += 1;
-        }
-        set += 1;
-    }
-    table
-};
 
 /// A row of splats, a lane each; the last one again where there are fewer.
 #[inline(always)]
@@ -245,22 +209,18 @@ impl<L: Lanes> Ellipses<L> {
         }
     }
 
-    /// The ellipses that touch each block of a row of blocks, as bits.
+    /// Leftmost and rightmost columns of the ellipses in a row of blocks; not numbers where an ellipse does not reach it.
     ///
     /// An ellipse reaches furthest where it leans to, or on the row nearest to it.
     #[inline(always)]
-    fn touch(&self, edges: &Edges<L>, down: usize) -> [u32; ACROSS] {
+    fn reach(&self, edges: &Edges<L>, down: usize) -> [Row<L>; 2] {
         let [u, v] = self.mean;
         let [top, bottom] = [edges.rows[down][0] - v, edges.rows[down][1] - v];
         let [right, left] = [self.lean[0].max(top).min(bottom), self.lean[1].max(top).min(bottom)];
-        let right = self.slope.mul_add(right, u) + self.half_width(right);
-        let left = self.slope.mul_add(left, u) - self.half_width(left);
-        let mut touched = [0; ACROSS];
-        for across in 0..ACROSS {
-            let [first, last] = edges.columns[across];
-            touched[across] = right.at_least(first).and(last.at_least(left)).bits();
-        }
-        touched
+        [
+            self.slope.mul_add(left, u) - self.half_width(left),
+            self.slope.mul_add(right, u) + self.half_width(right),
+        ]
     }
 
     /// Half the width on a row, from the centre; not a number beyond the ellipse.
