@@ -48,41 +48,43 @@ impl<T, const C: usize> Default for Band<T, C> {
 impl<T: Real, const C: usize> Band<T, C> {
     /// Lists the splats of every tile by counting; chunks come in rank order, so lists are in altitude order.
     pub fn bin(&mut self, chunks: &[Chunk<T>], features: &[[T; C]], band: usize, tiles: usize) {
+        // First one more at a span's first tile and one less behind its last, which takes no loop over its tiles.
         self.tile_starts.clear();
-        self.tile_starts.resize(tiles + 1, 0);
+        self.tile_starts.resize(tiles + 2, 0);
         self.chunk_slots.clear();
         let mut slot = 0;
         for chunk in chunks {
             self.chunk_slots.push(slot);
             for span in chunk.spans(band) {
-                for tile in span.first..=span.last {
-                    self.tile_starts[usize::from(tile) + 1] += 1;
-                }
+                let [first, last] = [span.first, span.last].map(usize::from);
+                self.tile_starts[first + 1] = self.tile_starts[first + 1].wrapping_add(1);
+                self.tile_starts[last + 2] = self.tile_starts[last + 2].wrapping_sub(1);
             }
             slot += chunk.spans(band).len() as u32;
         }
         self.chunk_slots.push(slot);
-        for t in 0..tiles {
-            self.tile_starts[t + 1] += self.tile_starts[t];
+        self.tile_starts.truncate(tiles + 1);
+        // A tile's start stands one place further until its entries, as they are listed, have made it the tile's end.
+        let (mut start, mut splats) = (0, 0u32);
+        for place in &mut self.tile_starts[1..] {
+            splats = splats.wrapping_add(*place);
+            *place = start;
+            start += splats;
         }
         let empty = Entry { footprint: [T::zero(); 8], feature: [T::zero(); C], slot: 0 };
-        self.entries.resize(self.tile_starts[tiles] as usize, empty);
+        self.entries.resize(start as usize, empty);
         let mut slot = 0;
         for chunk in chunks {
             for (span, splat) in chunk.spans(band).iter().zip(chunk.drawn(band)) {
                 let feature = features[splat.rank as usize];
                 for tile in span.first..=span.last {
-                    let at = &mut self.tile_starts[usize::from(tile)];
-                    self.entries[*at as usize] = Entry { footprint: splat.footprint, feature, slot };
-                    *at += 1;
+                    let place = &mut self.tile_starts[usize::from(tile) + 1];
+                    self.entries[*place as usize] = Entry { footprint: splat.footprint, feature, slot };
+                    *place += 1;
                 }
                 slot += 1;
             }
         }
-        for t in (0..tiles).rev() {
-            self.tile_starts[t + 1] = self.tile_starts[t];
-        }
-        self.tile_starts[0] = 0;
     }
 
     /// Once every [`WARMED`] tiles: brings their lists into the cache. A processor fetches ahead of what is read from end to

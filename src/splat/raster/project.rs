@@ -177,25 +177,21 @@ impl<T: Real> Chunk<T> {
         }
     }
 
-    /// Ends a counting sort by band; equal bands keep their order.
+    /// A counting sort by band, once spans are counted; equal bands keep their order.
     fn sort_spans(&mut self) {
-        let bands = self.band_starts.len() - 1;
-        for b in 0..bands {
-            self.band_starts[b + 1] += self.band_starts[b];
+        // A band's start stands one place further until its spans have made it the band's end.
+        let mut start = 0;
+        for place in &mut self.band_starts[1..] {
+            start += std::mem::replace(place, start);
         }
         self.spans.resize(self.unsorted.len(), Span { splat: 0, first: 0, last: 0 });
         self.drawn.resize(self.unsorted.len(), Seen::default());
         for (band, span) in &self.unsorted {
-            let at = &mut self.band_starts[*band as usize];
-            self.spans[*at as usize] = *span;
-            self.drawn[*at as usize] = self.seen[span.splat as usize];
-            *at += 1;
+            let place = &mut self.band_starts[*band as usize + 1];
+            self.spans[*place as usize] = *span;
+            self.drawn[*place as usize] = self.seen[span.splat as usize];
+            *place += 1;
         }
-        // The starts have become ends: shift them back.
-        for b in (0..bands).rev() {
-            self.band_starts[b + 1] = self.band_starts[b];
-        }
-        self.band_starts[0] = 0;
     }
 
     /// Spans in one band, by rank.
