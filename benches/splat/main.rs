@@ -187,7 +187,7 @@ impl Line {
     }
 
     fn print(&self) {
-        let [forward_rate, backward_rate] = self.rates(self.pairs);
+        let [forward_rate, backward_rate] = self.rates(self.computed);
         println!(
             "{} {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {forward_rate:.2} | {:.1} | {backward_rate:.2} | {:.1} \
              | {:.1} | {:.1} | {:.0} | {:.0} |",
@@ -211,8 +211,8 @@ impl Line {
 fn table(threads: usize, trained: Option<&Gaussians>) -> Vec<Line> {
     println!("\n{threads} thread(s), milliseconds:\n");
     println!(
-        "| splats | MP | M pairs | computed | prepare | project | bin | forward | G pairs/s | backward | G pairs/s \
-         | gather | SSIM | Adam | one render | three |\n|{}",
+        "| splats | MP | M pairs | computed | prepare | project | bin | forward | G/s | backward | G/s | gather | SSIM \
+         | Adam | one render | three |\n|{}",
         "---|".repeat(16)
     );
     let towns = [(50, 0.64), (100, 0.64), (250, 0.64), (1000, 0.64), (100, 0.25), (100, 2.5)];
@@ -242,23 +242,39 @@ fn main() {
         let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
         tables.push(pool.install(|| table(threads, trained.as_ref())));
     }
-    println!("\nSpeed-up by threads, and pairs computed, G/s, beside what plain AVX-512 kernels compute:\n");
     println!(
-        "| splats | MP | threads | one render | three | forward | | backward | |\n|{}",
+        "\nSpeed-up by threads; pairs computed beside what plain AVX-512 kernels compute; pairs that count, G/s:\n"
+    );
+    println!(
+        "| splats | MP | threads | one render | three | forward | backward | counted forward | backward |\n|{}",
         "---|".repeat(9)
     );
     for (threads, table) in counts.iter().zip(&tables) {
         for (line, base) in table.iter().zip(&tables[0]) {
-            let [forward, backward] = line.rates(line.computed);
+            let ([forward, backward], counted) = (line.rates(line.computed), line.rates(line.pairs));
             let share = |rate: f64, k: usize| 100.0 * rate / (KERNEL_RATES[k] * *threads as f64);
             println!(
-                "{} {threads} | {:.2} | {:.2} | {forward:.2} | {:.0} % | {backward:.2} | {:.0} % |",
+                "{} {threads} | {:.2} | {:.2} | {:.0} % | {:.0} % | {:.2} | {:.2} |",
                 line.head(),
                 base.one / line.one,
                 base.three / line.three,
                 share(forward, 0),
                 share(backward, 1),
+                counted[0],
+                counted[1],
             );
+        }
+    }
+    println!("\nLeast rate of computed pairs, below the greatest:\n");
+    println!("| threads | scenes | forward | backward |\n|---|---|---|---|");
+    for (threads, table) in counts.iter().zip(&tables) {
+        for (name, key) in [("0.64 MP", 0.64e6), ("100 k", 1e5)] {
+            let alike = || table.iter().filter(|l| l.pixels == key || l.splats as f64 == key);
+            let below = |k: usize| {
+                let rates = || alike().map(|l| l.rates(l.computed)[k]);
+                100.0 * (1.0 - rates().fold(f64::INFINITY, f64::min) / rates().fold(0.0, f64::max))
+            };
+            println!("| {threads} | {name} | {:.0} % | {:.0} % |", below(0), below(1));
         }
     }
     for (threads, table) in counts.iter().zip(&tables) {
