@@ -190,11 +190,10 @@ impl<T: Lanewise> Objective<T> {
         watch.lap("pixels", "picture backward");
         self.splats_backward(gaussians, shot, weights, gradient, watch);
 
-        let n = gaussians.len();
         let mut losses = Losses {
             total: 0.0,
             picture,
-            opacity: (0..n).map(|rank| self.prepared.opacity(rank).wide()).sum::<f64>() / n.max(1) as f64,
+            opacity: self.prepared.mean_opacity(),
             consistency_altitude: difference.altitude,
             consistency_color: difference.color,
             shadow_entropy: self.shading.entropy(),

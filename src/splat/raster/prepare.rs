@@ -19,6 +19,8 @@ pub struct Prepared<T> {
     rank: Vec<AtomicU32>,
     sorted: Order,
     pub(super) packs: Vec<Pack<T>>,
+    /// Sum of the opacities of each piece.
+    opacities: Vec<f64>,
 }
 
 /// Splats of [`LANES`] successive ranks as every camera needs them, a lane each. Aligned: a row is a register.
@@ -169,14 +171,23 @@ impl<T: Lanewise> Prepared<T> {
         });
         let order = &self.order;
         self.packs.resize(n.div_ceil(LANES), Pack::default());
-        let pieces = self.packs.par_chunks_mut(PIECE / LANES).zip(order.par_chunks(PIECE));
-        pieces.for_each(|(packs, order)| T::dispatch(Share { gaussians, order, packs }));
+        self.opacities.resize(n.div_ceil(PIECE), 0.0);
+        let packs = self.packs.par_chunks_mut(PIECE / LANES).zip(&mut self.opacities);
+        packs.zip(order.par_chunks(PIECE)).for_each(|((packs, opacity), order)| {
+            T::dispatch(Share { gaussians, order, packs, opacity });
+        });
     }
 
     /// Opacity of the splat at a rank.
     #[must_use]
     pub fn opacity(&self, rank: usize) -> T {
         self.packs[rank / LANES].opacity[rank % LANES]
+    }
+
+    /// Mean opacity of all splats.
+    #[must_use]
+    pub fn mean_opacity(&self) -> f64 {
+        self.opacities.iter().sum::<f64>() / self.len().max(1) as f64
     }
 
     /// Writes into `out` the derivatives by the parameters (colour excepted), from those by what cameras share.
@@ -256,6 +267,8 @@ struct Share<'a, T> {
     gaussians: &'a Gaussians<T>,
     order: &'a [u32],
     packs: &'a mut [Pack<T>],
+    /// The sum of their opacities.
+    opacity: &'a mut f64,
 }
 
 impl<T: Lanewise> Kernel<T> for Share<'_, T> {
@@ -263,6 +276,7 @@ impl<T: Lanewise> Kernel<T> for Share<'_, T> {
     fn run<L: Lanes<Number = T>>(self, lanes: L) {
         let g = self.gaussians;
         let [zero, one] = splat_each(lanes, [T::zero(), T::one()]);
+        *self.opacity = 0.0;
         for (pack, order) in self.packs.iter_mut().zip(self.order.chunks(LANES)) {
             for first in (0..LANES).step_by(L::WIDTH) {
                 let order = order.get(first..).unwrap_or_default();
@@ -281,7 +295,9 @@ impl<T: Lanewise> Kernel<T> for Share<'_, T> {
                     covariance[k].store_to(&mut pack.covariance[k], first);
                 }
                 let opacity = (one + (zero - logit).exp()).reciprocal();
-                opacity.keep(Mask::first(lanes, n)).store_to(&mut pack.opacity, first);
+                let opacity = opacity.keep(Mask::first(lanes, n));
+                opacity.store_to(&mut pack.opacity, first);
+                *self.opacity += opacity.sum().wide();
             }
         }
     }
