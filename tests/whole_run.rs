@@ -35,6 +35,14 @@ fn simulated_images_become_a_surface_model() {
     let made = satgs(&["simulate", scene, "--size", "260", "--views", "8", "-q"]);
     assert!(made.status.success(), "{}", text(&made));
 
+    // What cannot be scored against is known before hours of training.
+    for wrong in ["truth", "views.csv", "truth/none.tif"] {
+        let wrong = format!("{scene}/{wrong}");
+        let output = satgs(&["run", scene, "-o", run, "--truth", &wrong]);
+        assert_eq!(output.status.code(), Some(2), "{}", text(&output));
+        assert!(text(&output).contains(&wrong) && !Path::new(run).exists(), "{}", text(&output));
+    }
+
     let truth = format!("{scene}/truth/TOWN_DSM.tif");
     let all = ["run", scene, "-o", run, "--truth", &truth, "--iterations", "900", "--json"];
     let output = satgs(&all);

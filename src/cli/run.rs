@@ -1,7 +1,7 @@
 //! `satgs run`: every stage in a row.
 
 use super::{Failure, Ui, ba, dsm, dsm_eval, report, train};
-use crate::metrics::TruthOptions;
+use crate::metrics::{Truth, TruthOptions};
 use crate::run_files::{DSM, EVALUATION};
 use std::path::PathBuf;
 
@@ -23,9 +23,8 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    if let Some(truth) = args.truth.as_ref().filter(|t| !t.exists()) {
-        let message = format!("truth `{}` does not exist", truth.display());
-        return Err(Failure::input(message, "--truth takes a raster; without it nothing is scored"));
+    if let Some(truth) = &args.truth {
+        Truth::check(truth)?;
     }
     let (run, overwrite) = (args.ba.output(), args.ba.overwrite());
     let left_out = ba::adjust_run(&args.ba, ui)?;

@@ -14,30 +14,40 @@ pub(super) fn is_cloud(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("las") || e.eq_ignore_ascii_case("laz"))
 }
 
-/// The points on a grid: heights in metres, NaN in cells without points; classes if any point has one.
-///
-/// Points that are withheld or classified as noise are left out. `epsg` stands in for a CRS that the file lacks.
+/// Opens a file of points; gives its CRS, for which `epsg` stands in where the file does not state one.
 ///
 /// # Errors
 /// [`MetricsError::Cloud`] for a file that is empty or damaged, [`MetricsError::CloudCrs`] when its CRS is not known or
 /// not in metres.
+pub(super) fn open(path: &Path, epsg: Option<u32>) -> Result<(Reader, u32), MetricsError> {
+    let damaged = |reason: String| MetricsError::Cloud { path: path.into(), reason };
+    let reader = Reader::from_path(path).map_err(|e| damaged(e.to_string()))?;
+    let header = reader.header();
+    if header.number_of_points() == 0 {
+        return Err(damaged("it holds no points".into()));
+    }
+    let crs = |reason: &str| MetricsError::CloudCrs { path: path.into(), reason: reason.into() };
+    let epsg = epsg.or_else(|| epsg_of_cloud(header)).ok_or_else(|| crs("its CRS is not stated"))?;
+    if !is_metric_map(epsg) {
+        return Err(crs(&format!("EPSG:{epsg} is no map projection in metres")));
+    }
+    Ok((reader, epsg))
+}
+
+/// The points on a grid: heights in metres, NaN in cells without points; classes if any point has one.
+///
+/// Points that are withheld or classified as noise are left out.
+///
+/// # Errors
+/// As [`open`]'s, which takes `epsg`; [`MetricsError::Cloud`] for damaged points.
 pub(super) fn read(
     path: &Path,
     epsg: Option<u32>,
     grid: MapGrid,
 ) -> Result<(Surface, Option<Vec<u8>>), MetricsError> {
+    let (mut reader, epsg) = open(path, epsg)?;
     let damaged = |reason: String| MetricsError::Cloud { path: path.into(), reason };
-    let mut reader = Reader::from_path(path).map_err(|e| damaged(e.to_string()))?;
-    let header = reader.header().clone();
-    let expected = header.number_of_points();
-    if expected == 0 {
-        return Err(damaged("it holds no points".into()));
-    }
-    let crs = |reason: &str| MetricsError::CloudCrs { path: path.into(), reason: reason.into() };
-    let epsg = epsg.or_else(|| epsg_of_cloud(&header)).ok_or_else(|| crs("its CRS is not stated"))?;
-    if !is_metric_map(epsg) {
-        return Err(crs(&format!("EPSG:{epsg} is no map projection in metres")));
-    }
+    let expected = reader.header().number_of_points();
     let transform = (epsg != grid.epsg).then(|| Transform::new(epsg, grid.epsg)).transpose()?;
     let mut height = Plane::filled(grid.width, grid.height, f32::NAN);
     let mut classes = vec![0u8; height.data.len()];

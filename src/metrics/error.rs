@@ -18,14 +18,14 @@ pub enum MetricsError {
     Frame(#[from] FrameError),
     /// The truth has a geotransform, but none that heights in metres can be compared on.
     #[error("`{path}`: the truth cannot be used: {reason}")]
-    #[diagnostic(help("`gdalwarp -t_srs EPSG:{epsg} -r bilinear` puts it on the prediction's map grid"))]
+    #[diagnostic(help("`gdalwarp -t_srs {crs} -r bilinear` puts it on the prediction's map grid"))]
     TruthGrid {
         /// The truth.
         path: PathBuf,
         /// What is wrong with its grid.
         reason: String,
-        /// EPSG code of the prediction.
-        epsg: u32,
+        /// The prediction's CRS.
+        crs: String,
     },
     /// The truth has no georeference, and its text file is not there.
     #[error("`{path}` has no georeference and `{txt}` does not exist")]

@@ -68,6 +68,20 @@ pub struct TruthOptions<'a> {
 }
 
 impl Truth {
+    /// Opens the truth's file without reading its heights, for what is wrong with it to be known before a long run, when
+    /// the prediction's CRS is not known yet.
+    ///
+    /// # Errors
+    /// [`MetricsError`] when it is no raster or point cloud, or has no place on the map.
+    pub fn check(path: &Path) -> Result<(), MetricsError> {
+        if cloud::is_cloud(path) {
+            cloud::open(path, None)?;
+        } else {
+            open_raster(path, None)?;
+        }
+        Ok(())
+    }
+
     /// Reads the truth, its classes and the mask.
     ///
     /// DFC2019's text file counts in the CRS of `grid`, which is the prediction's; points are put on its cells.
@@ -78,7 +92,8 @@ impl Truth {
         let (mut surface, mut classes) = if cloud::is_cloud(path) {
             cloud::read(path, options.epsg, *grid)?
         } else {
-            (read_raster(path, grid.epsg)?, None)
+            let (file, grid) = open_raster(path, Some(grid.epsg))?;
+            (Surface::on_grid(&file, grid)?, None)
         };
         let mut notes = Vec::new();
         if cloud::is_cloud(path) {
@@ -126,18 +141,19 @@ impl Truth {
     }
 }
 
-fn read_raster(path: &Path, epsg: u32) -> Result<Surface, MetricsError> {
+/// Opens a raster that has a place on the map; `epsg` is the prediction's CRS, in which DFC2019's text file counts.
+fn open_raster(path: &Path, epsg: Option<u32>) -> Result<(ImageFile, MapGrid), MetricsError> {
     let file = ImageFile::open(path)?;
     let grid = if file.has_geotransform() {
         file.map_grid().map_err(|e| MetricsError::TruthGrid {
             path: path.into(),
             reason: e.to_string().rsplit("`: ").next().unwrap_or_default().to_owned(),
-            epsg,
+            crs: epsg.map_or("EPSG:UTM_ZONE".into(), |epsg| format!("EPSG:{epsg}")),
         })?
     } else {
-        grid_of_txt(&file, epsg)?
+        grid_of_txt(&file, epsg.unwrap_or_default())?
     };
-    Surface::on_grid(&file, grid)
+    Ok((file, grid))
 }
 
 /// Adds the geoid's undulation to heights above it; returns the least and the most that was added.
