@@ -35,12 +35,22 @@ fn simulated_images_become_a_surface_model() {
     let made = satgs(&["simulate", scene, "--size", "260", "--views", "8", "-q"]);
     assert!(made.status.success(), "{}", text(&made));
 
-    // What cannot be scored against is known before hours of training.
-    for wrong in ["truth", "views.csv", "truth/none.tif"] {
-        let wrong = format!("{scene}/{wrong}");
-        let output = satgs(&["run", scene, "-o", run, "--truth", &wrong]);
-        assert_eq!(output.status.code(), Some(2), "{}", text(&output));
-        assert!(text(&output).contains(&wrong) && !Path::new(run).exists(), "{}", text(&output));
+    // What would end a late stage is known before hours of training.
+    let [folder_of_truth, table] = ["truth", "views.csv"].map(|name| format!("{scene}/{name}"));
+    for [option, wrong] in [
+        ["--truth", &folder_of_truth],
+        ["--truth", &table],
+        ["--truth", "none.tif"],
+        ["--vertical", "none.gtx"],
+        ["--like", &table],
+        ["--recipe", "none.toml"],
+        ["--resolution", "0"],
+        ["--fill", "-1"],
+        ["--points", "points.txt"],
+    ] {
+        let output = satgs(&["run", scene, "-o", run, option, wrong]);
+        assert_eq!(output.status.code(), Some(2), "{option}: {}", text(&output));
+        assert!(text(&output).contains(wrong) && !Path::new(run).exists(), "{option}: {}", text(&output));
     }
 
     let truth = format!("{scene}/truth/TOWN_DSM.tif");

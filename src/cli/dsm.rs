@@ -35,7 +35,7 @@ pub struct Args {
 #[group(id = "surface")]
 pub struct Options {
     /// Side of a cell in metres; the extent is the trained area
-    #[arg(long, default_value_t = DSM_CELL_M, value_name = "M", conflicts_with = "like")]
+    #[arg(long, default_value_t = DSM_CELL_M, value_name = "M", value_parser = metres, conflicts_with = "like")]
     resolution: f64,
     /// Take grid and extent from this raster
     #[arg(long, value_name = "RASTER")]
@@ -44,7 +44,7 @@ pub struct Options {
     #[arg(long, default_value = "ellipsoid", value_name = "REFERENCE")]
     vertical: String,
     /// Fill holes that reach no further than this between cells with heights, metres; confidence.tif says 0 views there
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = metres)]
     fill: Option<f64>,
     /// Write the relief as a raster as well: RUN/hillshade.tif
     #[arg(long)]
@@ -55,6 +55,12 @@ pub struct Options {
     /// Write a mesh textured with the orthophoto as well (.glb)
     #[arg(long, value_name = "FILE", value_parser = ending(&["glb"]))]
     mesh: Option<PathBuf>,
+}
+
+/// Accepts lengths.
+fn metres(text: &str) -> Result<f64, String> {
+    let length = text.parse().ok().filter(|m: &f64| m.is_finite() && *m > 0.0);
+    length.ok_or_else(|| format!("`{text}` is no length in metres, e.g. 0.5"))
 }
 
 /// Accepts paths with one of these endings.
@@ -68,6 +74,17 @@ fn ending(
             Some(e) if allowed.contains(&e.as_str()) => Ok(path),
             _ => Err(format!("expected a file that ends in .{}", allowed.join(" or ."))),
         }
+    }
+}
+
+impl Options {
+    /// Looks at what rendering will read, for what is wrong with it to be known before a long training.
+    pub(super) fn check(&self) -> Result<(), Failure> {
+        Vertical::read(&self.vertical)?;
+        if let Some(path) = &self.like {
+            ImageFile::open(path)?.map_grid()?;
+        }
+        Ok(())
     }
 }
 
@@ -157,10 +174,6 @@ fn grid(options: &Options, cameras: &TrainedCameras) -> Result<MapGrid, Failure>
     let grid = match &options.like {
         Some(path) => ImageFile::open(path)?.map_grid()?,
         None => {
-            if !(options.resolution.is_finite() && options.resolution > 0.0) {
-                let message = format!("--resolution {} is no cell size", options.resolution);
-                return Err(Failure::input(message, "metres, e.g. 0.5"));
-            }
             let (w, s, e, n) = cameras.setup.area;
             let [x, y, _] = site.origin.xyz();
             MapGrid::covering(site.epsg, (x + w, y + s, x + e, y + n), options.resolution)

@@ -23,6 +23,9 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
+    // What would end a late stage ends the run at once.
+    args.training.recipe()?;
+    args.surface.check()?;
     if let Some(truth) = &args.truth {
         Truth::check(truth)?;
     }

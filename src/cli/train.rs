@@ -70,7 +70,7 @@ pub struct Options {
 
 impl Options {
     /// The recipe that is asked for.
-    fn recipe(&self) -> Result<Recipe, Failure> {
+    pub(super) fn recipe(&self) -> Result<Recipe, Failure> {
         let recipe = match Recipe::named(&self.recipe) {
             Some(recipe) => recipe,
             None => Recipe::read(Path::new(&self.recipe))?,
