@@ -35,7 +35,7 @@ fn simulated_images_become_a_surface_model() {
     let made = satgs(&["simulate", scene, "--size", "260", "--views", "8", "-q"]);
     assert!(made.status.success(), "{}", text(&made));
 
-    // What would end a late stage is known before hours of training.
+    // What a late stage cannot take is known before hours of training.
     let [folder_of_truth, table] = ["truth", "views.csv"].map(|name| format!("{scene}/{name}"));
     for [option, wrong] in [
         ["--truth", &folder_of_truth],
@@ -45,8 +45,6 @@ fn simulated_images_become_a_surface_model() {
         ["--like", &table],
         ["--recipe", "none.toml"],
         ["--resolution", "0"],
-        ["--fill", "-1"],
-        ["--points", "points.txt"],
     ] {
         let output = satgs(&["run", scene, "-o", run, option, wrong]);
         assert_eq!(output.status.code(), Some(2), "{option}: {}", text(&output));

@@ -240,6 +240,24 @@ fn table(threads: usize, trained: Option<&Gaussians>) -> Vec<Line> {
     }
 }
 
+/// How far the least rate of computed pairs lies below the greatest, over scenes of one size and of as many splats.
+fn print_evenness(counts: &[usize], tables: &[Vec<Line>]) {
+    println!("\nLeast rate of computed pairs, below the greatest:\n");
+    println!("| threads | scenes | forward | backward |\n|---|---|---|---|");
+    for (threads, table) in counts.iter().zip(tables) {
+        let of_size = |l: &&Line| l.pixels == 0.64e6;
+        let of_splats = |l: &&Line| l.splats == 100_000;
+        for (name, is_alike) in [("0.64 MP", &of_size as &dyn Fn(&&Line) -> bool), ("100 k", &of_splats)] {
+            let alike = || table.iter().filter(is_alike);
+            let below = |k: usize| {
+                let rates = || alike().map(|l| l.rates(l.computed)[k]);
+                100.0 * (1.0 - rates().fold(f64::INFINITY, f64::min) / rates().fold(0.0, f64::max))
+            };
+            println!("| {threads} | {name} | {:.0} % | {:.0} % |", below(0), below(1));
+        }
+    }
+}
+
 fn main() {
     let asked: Vec<usize> = std::env::args().filter_map(|a| a.parse().ok()).collect();
     let trained = std::env::args()
@@ -274,20 +292,8 @@ fn main() {
             );
         }
     }
-    println!("\nLeast rate of computed pairs, below the greatest:\n");
-    println!("| threads | scenes | forward | backward |\n|---|---|---|---|");
-    for (threads, table) in counts.iter().zip(&tables) {
-        for (name, key) in [("0.64 MP", 0.64e6), ("100 k", 1e5)] {
-            let alike = || table.iter().filter(|l| l.pixels == key || l.splats as f64 == key);
-            if alike().count() < 2 {
-                continue;
-            }
-            let below = |k: usize| {
-                let rates = || alike().map(|l| l.rates(l.computed)[k]);
-                100.0 * (1.0 - rates().fold(f64::INFINITY, f64::min) / rates().fold(0.0, f64::max))
-            };
-            println!("| {threads} | {name} | {:.0} % | {:.0} % |", below(0), below(1));
-        }
+    if trained.is_none() {
+        print_evenness(&counts, &tables);
     }
     for (threads, table) in counts.iter().zip(&tables) {
         let line = table.get(1).unwrap_or(&table[0]);

@@ -3,7 +3,7 @@
 use super::run_folder::{read_scene, write_json};
 use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file};
-use super::{Failure, Ui, align};
+use super::{Failure, Ui, align, parse_metres};
 use crate::bundle::{Adjustment, HeightPrior, LeftOut, Model, Options, adjust, read_control};
 use crate::raster::Vertical;
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
@@ -34,7 +34,7 @@ pub struct Args {
     dem_vertical: Option<String>,
     /// Hold the height of the scene by the elevation model, to so many metres (SRTM 10, Copernicus 5); what stands above it
     /// counts little [default: heights are those of the delivered cameras]
-    #[arg(long, value_name = "METRES", requires = "dem", conflicts_with = "fixed", value_parser = parse_sigma)]
+    #[arg(long, value_name = "METRES", requires = "dem", conflicts_with = "fixed", value_parser = parse_metres)]
     dem_sigma: Option<f64>,
     /// What is corrected: `shift` (images up to 8,000 pixels a side, and any small --aoi), `shift-scale`, or `affine`;
     /// the latter two are for whole scenes: a crop of one is too small to tell a drift from noise
@@ -58,11 +58,6 @@ fn parse_range(text: &str) -> Result<(f64, f64), String> {
     let numbers =
         text.split_once(',').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
     numbers.ok_or_else(|| format!("`{text}` is not LOW,HIGH"))
-}
-
-fn parse_sigma(text: &str) -> Result<f64, String> {
-    let metres = text.parse().ok().filter(|m: &f64| m.is_finite() && *m > 0.0);
-    metres.ok_or_else(|| format!("`{text}` is no number of metres above 0"))
 }
 
 fn parse_model(text: &str) -> Result<Model, String> {

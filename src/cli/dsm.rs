@@ -2,7 +2,7 @@
 
 use super::run_folder::TrainedCameras;
 use super::stage::{Fingerprint, Stage, hash_file};
-use super::{Failure, Ui};
+use super::{Failure, Ui, parse_metres};
 use crate::dsm::{HeightsFrom, hillshade, render};
 use crate::raster::{ImageFile, MapGrid, Vertical, write_png_gray};
 use crate::run_files::{CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPLATS, SURFACE};
@@ -30,12 +30,12 @@ pub struct Args {
     overwrite: bool,
 }
 
-/// On which grid to render.
+/// What to render, on which grid.
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "surface")]
 pub struct Options {
     /// Side of a cell in metres; the extent is the trained area
-    #[arg(long, default_value_t = DSM_CELL_M, value_name = "M", value_parser = metres, conflicts_with = "like")]
+    #[arg(long, default_value_t = DSM_CELL_M, value_name = "M", value_parser = parse_metres, conflicts_with = "like")]
     resolution: f64,
     /// Take grid and extent from this raster
     #[arg(long, value_name = "RASTER")]
@@ -44,7 +44,7 @@ pub struct Options {
     #[arg(long, default_value = "ellipsoid", value_name = "REFERENCE")]
     vertical: String,
     /// Fill holes that reach no further than this between cells with heights, metres; confidence.tif says 0 views there
-    #[arg(long, value_name = "M", value_parser = metres)]
+    #[arg(long, value_name = "M")]
     fill: Option<f64>,
     /// Write the relief as a raster as well: RUN/hillshade.tif
     #[arg(long)]
@@ -55,12 +55,6 @@ pub struct Options {
     /// Write a mesh textured with the orthophoto as well (.glb)
     #[arg(long, value_name = "FILE", value_parser = ending(&["glb"]))]
     mesh: Option<PathBuf>,
-}
-
-/// Accepts lengths.
-fn metres(text: &str) -> Result<f64, String> {
-    let length = text.parse().ok().filter(|m: &f64| m.is_finite() && *m > 0.0);
-    length.ok_or_else(|| format!("`{text}` is no length in metres, e.g. 0.5"))
 }
 
 /// Accepts paths with one of these endings.
@@ -78,11 +72,11 @@ fn ending(
 }
 
 impl Options {
-    /// Looks at what rendering will read, for what is wrong with it to be known before a long training.
+    /// Opens what rendering will read, for what is wrong with it to be known before a long training.
     pub(super) fn check(&self) -> Result<(), Failure> {
         Vertical::read(&self.vertical)?;
         if let Some(path) = &self.like {
-            ImageFile::open(path)?.map_grid()?;
+            check_size(&ImageFile::open(path)?.map_grid()?)?;
         }
         Ok(())
     }
@@ -90,6 +84,8 @@ impl Options {
 
 /// No more cells than this: 40,000 squared.
 const MAX_CELLS: f64 = 1.6e9;
+/// No more columns or rows: what a splat's tiles are counted in.
+const MAX_SIDE: usize = 1 << 20;
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
@@ -183,11 +179,16 @@ fn grid(options: &Options, cameras: &TrainedCameras) -> Result<MapGrid, Failure>
         let message = format!("the grid is in EPSG:{}, the run in EPSG:{}", grid.epsg, site.epsg);
         return Err(Failure::input(message, "gdalwarp -t_srs brings the reference raster over"));
     }
-    if grid.width as f64 * grid.height as f64 > MAX_CELLS {
+    check_size(&grid)?;
+    Ok(grid)
+}
+
+fn check_size(grid: &MapGrid) -> Result<(), Failure> {
+    if grid.width.max(grid.height) > MAX_SIDE || grid.width as f64 * grid.height as f64 > MAX_CELLS {
         let message = format!("{} x {} cells are too many", grid.width, grid.height);
         return Err(Failure::input(message, "a larger --resolution makes fewer"));
     }
-    Ok(grid)
+    Ok(())
 }
 
 fn fingerprint(run: &Path, grid: &MapGrid, options: &Options) -> Fingerprint {

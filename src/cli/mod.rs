@@ -119,3 +119,9 @@ pub fn main() -> std::process::ExitCode {
         }
     }
 }
+
+/// A length above 0.
+fn parse_metres(text: &str) -> Result<f64, String> {
+    let metres = text.parse().ok().filter(|m: &f64| m.is_finite() && *m > 0.0);
+    metres.ok_or_else(|| format!("`{text}` is no number of metres above 0"))
+}

@@ -23,7 +23,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    // What would end a late stage ends the run at once.
+    // What late stages read is opened first: training is long.
     args.training.recipe()?;
     args.surface.check()?;
     if let Some(truth) = &args.truth {

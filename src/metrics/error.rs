@@ -24,7 +24,7 @@ pub enum MetricsError {
         path: PathBuf,
         /// What is wrong with its grid.
         reason: String,
-        /// The prediction's CRS.
+        /// The prediction's CRS, as `gdalwarp` takes it; a placeholder before it is known.
         crs: String,
     },
     /// The truth has no georeference, and its text file is not there.
@@ -72,7 +72,7 @@ pub enum MetricsError {
     /// It is not known where a point cloud lies.
     #[error("`{path}`: {reason}")]
     #[diagnostic(help(
-        "--truth-crs EPSG says which map projection in metres its coordinates are in; `pdal translate` with \
+        "`satgs dsm-eval --truth-crs EPSG` says which map projection in metres its coordinates are in; `pdal translate` with \
          filters.reprojection makes others one"
     ))]
     CloudCrs {

@@ -398,7 +398,7 @@ fn rows_of<L: Lanes, const C: usize>(lanes: L, numbers: [L::Numbers; C]) -> [Row
 }
 
 impl<L: Lanes> Mask<L> {
-    /// The first `count` lanes: those that a line of pixels still reaches.
+    /// The first `count` lanes: those that what is left of a line still fills.
     #[inline(always)]
     pub fn first(lanes: L, count: usize) -> Self {
         Row::splat(lanes, L::Number::of(count as f64)).above(Row::numbers(lanes))
@@ -459,6 +459,19 @@ impl<L: Lanes> Mul for Row<L> {
     fn mul(self, b: Self) -> Self {
         Self { numbers: self.lanes.mul(self.numbers, b.numbers), ..self }
     }
+}
+
+/// The places of the bits that are set, lowest first.
+#[inline(always)]
+pub fn set_bits(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        (bits != 0).then(|| {
+            // The rest says to the compiler what is so anyway.
+            let place = bits.trailing_zeros() as usize % u32::BITS as usize;
+            bits &= bits - 1;
+            place
+        })
+    })
 }
 
 /// What [`Lanes::exp2`] takes: 1.5 * 2^23, the coefficients of a polynomial that interpolates 2^f in the Chebyshev

@@ -72,6 +72,7 @@ pub(super) trait Processor: Simd {
     /// [`Lanes::list`], of up to eight lanes.
     #[inline(always)]
     fn list<const N: usize>(self, a: [Self::m32s; N], first: u8, places: &mut [u8]) -> usize {
+        const { assert!(N * Self::F32_LANES <= 8) };
         let mut bits = 0;
         for k in 0..N {
             bits |= self.bits(a[k]) << (k * Self::F32_LANES);

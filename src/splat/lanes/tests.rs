@@ -50,9 +50,10 @@ impl Kernel<f32> for List {
             let values: [f32; LANES] = std::array::from_fn(|i| (set >> i & 1) as f32);
             let holds = Row::load(lanes, &values).above(Row::splat(lanes, 0.0));
             let mut places = [0; LANES];
-            let count = holds.list(100, &mut places);
-            let expected: Vec<u8> =
-                (0..L::WIDTH as u8).filter(|i| set >> i & 1 == 1).map(|i| 100 + i).collect();
+            let first = 256 - L::WIDTH as u32;
+            let count = holds.list(first as u8, &mut places);
+            let listed = (0..L::WIDTH as u32).filter(|i| set >> i & 1 == 1);
+            let expected: Vec<u8> = listed.map(|i| (first + i) as u8).collect();
             assert_eq!((holds.bits(), &places[..count]), (set, &expected[..]));
         }
     }

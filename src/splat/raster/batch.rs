@@ -26,7 +26,8 @@ pub(super) struct Batch<T, const C: usize> {
     /// Offsets of the splats' centres from the tile's middle.
     center: [[T; NUMBERS]; 2],
     features: [[T; C]; NUMBERS],
-    /// The splats that touch each block, highest first, and some that touch nothing.
+    /// The splats that touch each block, highest first, and some that touch nothing; room for what [`Mask::list`] writes
+    /// beyond them.
     lists: [[u8; NUMBERS + LANES]; BLOCKS],
     lengths: [usize; BLOCKS],
 }

@@ -217,15 +217,3 @@ fn row_of<L: Lanes>(lanes: L, number: impl Fn(usize) -> L::Number) -> Row<L> {
     }
     Row::load(lanes, &values)
 }
-
-/// The blocks of a set, lowest first.
-#[inline(always)]
-pub(super) fn each(mut blocks: u32) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        (blocks != 0).then(|| {
-            let block = blocks.trailing_zeros() as usize % BLOCKS;
-            blocks &= blocks - 1;
-            block
-        })
-    })
-}

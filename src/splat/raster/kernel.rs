@@ -7,11 +7,11 @@
 
 use super::bands::{Band, Entry};
 use super::batch::{BATCH, Batch, Edges, FOUR, NUMBERS};
-use super::block::{ACROSS, BLOCKS, BlockPixels, WIDE, each, frames, high, offset};
+use super::block::{ACROSS, BLOCKS, BlockPixels, WIDE, frames, high, offset};
 use super::{ALPHA_CUT, ALPHA_MAX, SATURATED};
 use crate::splat::lanes::{
-    Exp2, Kernel, LANES, Lanes, Lanewise, Row, blocks_of_lines, splat_each, sum_fours, transpose_eights,
-    transpose_fours,
+    Exp2, Kernel, LANES, Lanes, Lanewise, Row, blocks_of_lines, set_bits, splat_each, sum_fours,
+    transpose_eights, transpose_fours,
 };
 use crate::splat::real::Real;
 use std::hint::black_box;
@@ -130,7 +130,7 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
             let mut open = frame.blocks::<L>();
             for entries in band.tile(frame.tile).chunks(BATCH) {
                 batch.fill(lanes, &edges, entries, frame.tile, index);
-                for b in each(open) {
+                for b in set_bits(open) {
                     let mut block = drawn[b];
                     for splats in batch.list_of(b).chunks(L::WIDTH) {
                         if !k.is_open(block.transmittance) {
@@ -232,7 +232,7 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
             for entries in band.tile(frame.tile).chunks(BATCH) {
                 batch.fill(lanes, &edges, entries, frame.tile, index);
                 sums[..entries.len()].fill(Sums::zero());
-                for b in each(open) {
+                for b in set_bits(open) {
                     let mut block = unseen[b];
                     let summing = Summing::new(lanes, b, &pixels[b], &by_color[b]);
                     for splats in batch.fours_of(b).chunks(L::WIDTH) {

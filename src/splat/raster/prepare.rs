@@ -7,8 +7,8 @@ use crate::splat::real::Real;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
-/// Splats that one task works on, a multiple of [`LANES`].
-const PIECE: usize = 1024;
+/// Splats that one task works on.
+const PIECE: usize = 64 * LANES;
 
 /// Splats in order of altitude, highest first, ready to be projected.
 #[derive(Default)]
@@ -223,7 +223,7 @@ impl<T: Lanewise> Prepared<T> {
 
 /// One lane a splat: number `k` of the arrays that `of` finds.
 #[inline(always)]
-pub(super) fn gather<L: Lanes, const K: usize>(
+fn gather<L: Lanes, const K: usize>(
     lanes: L,
     count: usize,
     of: impl Fn(usize) -> [L::Number; K],
@@ -244,7 +244,7 @@ pub(super) fn gather<L: Lanes, const K: usize>(
 
 /// The arrays of each splat from rows with one lane a splat.
 #[inline(always)]
-pub(super) fn scatter<L: Lanes, const K: usize>(
+fn scatter<L: Lanes, const K: usize>(
     rows: [Row<L>; K],
     count: usize,
     mut to: impl FnMut(usize, [L::Number; K]),

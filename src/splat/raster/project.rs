@@ -1,17 +1,17 @@
 //! Splats through one affine camera: image ellipses, the tiles they touch, and the gradient's way back.
 
 use super::bands::Band;
-use super::block::{TILE, each};
+use super::block::TILE;
 use super::kernel::{Slot, add};
 use super::prepare::{ELEMENTS, Pack, Prepared, SplatGradient};
 use super::{ALPHA_CUT, LOW_PASS_PX2};
 use crate::affine::AffineCamera;
-use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Row, splat_each, transpose_eights};
+use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Row, set_bits, splat_each, transpose_eights};
 use crate::splat::real::Real;
 use std::ops::Range;
 
-/// Ranks that are projected together, a multiple of [`LANES`]; fixed, so that sums do not depend on the number of threads.
-pub(super) const CHUNK: usize = 2048;
+/// Ranks that are projected together; fixed, so that sums do not depend on the number of threads.
+pub(super) const CHUNK: usize = 128 * LANES;
 
 /// An affine camera and the size of its image, in the numbers of the rasteriser.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -20,9 +20,9 @@ pub struct FrameCamera<T> {
     pub linear: [[T; 3]; 2],
     /// Image position of the site's origin, pixels.
     pub offset: [T; 2],
-    /// Columns of the image.
+    /// Columns of the image, 1 to 2^20.
     pub width: usize,
-    /// Rows of the image.
+    /// Rows of the image, 1 to 2^20.
     pub height: usize,
 }
 
@@ -143,11 +143,11 @@ impl<T: Real> Chunk<T> {
         self.band_starts.resize(camera.height.div_ceil(TILE) + 1, 0);
         let eye = Eye::new(lanes, camera);
         let packs = &prepared.packs[ranks.start / LANES..ranks.end.div_ceil(LANES)];
-        for (pack, ranks) in packs.iter().zip(ranks.step_by(LANES)) {
+        for (pack, first) in packs.iter().zip(ranks.step_by(LANES)) {
             for lane in (0..LANES).step_by(L::WIDTH) {
                 let sight = eye.look_at(lanes, pack, lane);
-                for i in each(sight.seen) {
-                    self.take_up(&sight, i, (ranks + lane + i) as u32, camera.width);
+                for i in set_bits(sight.seen) {
+                    self.take_up(&sight, i, (first + lane + i) as u32, camera.width);
                 }
             }
         }
@@ -268,9 +268,7 @@ impl<T: Real> Footprint<T> {
         }
         mean
     }
-}
 
-impl<T: Real> Footprint<T> {
     /// The first and the last tile that it touches in a band's rows, if any; `half_cols` is half its width.
     #[inline(always)]
     fn tiles(&self, half_cols: T, band: u32, width: usize) -> Option<(u32, u32)> {
@@ -331,19 +329,17 @@ impl<L: Lanes> Eye<L> {
         }
     }
 
-    /// Projects the splats of a pack from a lane on.
+    /// The ellipses of splats, and their half widths and heights.
     #[inline(always)]
-    fn look_at(&self, lanes: L, pack: &Pack<L::Number>, lane: usize) -> Sight<L::Number> {
-        let constants = [-ALPHA_CUT.log2(), 2.0 * std::f64::consts::LN_2, LOW_PASS_PX2, 0.0, 1.0];
-        let [above_cut, twice_ln_2, low_pass, zero, one] = splat_each(lanes, constants.map(L::Number::of));
-        let (mut position, mut covariance) = ([zero; 3], [zero; 6]);
-        for k in 0..3 {
-            position[k] = Row::load(lanes, &pack.position[k][lane..]);
-        }
-        for k in 0..6 {
-            covariance[k] = Row::load(lanes, &pack.covariance[k][lane..]);
-        }
-        let opacity = Row::load(lanes, &pack.opacity[lane..]);
+    fn project(
+        &self,
+        lanes: L,
+        position: [Row<L>; 3],
+        covariance: [Row<L>; 6],
+        opacity: Row<L>,
+    ) -> (Footprint<Row<L>>, [Row<L>; 2]) {
+        let constants = [-ALPHA_CUT.log2(), 2.0 * std::f64::consts::LN_2, LOW_PASS_PX2, 0.0];
+        let [above_cut, twice_ln_2, low_pass, zero] = splat_each(lanes, constants.map(L::Number::of));
         let ([x, y, z], [sxx, sxy, sxz, syy, syz, szz]) = (position, covariance);
         let (m, mut mean, mut rows) = (&self.linear, [zero; 2], [[zero; 3]; 2]);
         for i in 0..2 {
@@ -362,11 +358,24 @@ impl<L: Lanes> Eye<L> {
         // The regression line of row on column.
         let lean = xy * xx.reciprocal() * half_size[0];
         let conic = [yy * inverse, zero - xy * inverse, xx * inverse];
+        (Footprint { mean, conic, log2_opacity, radius2, lean }, half_size)
+    }
 
-        let [cut, most, sixteenth] = splat_each(
-            lanes,
-            [L::Number::of(ALPHA_CUT), L::Number::of(f32::MAX.into()), L::Number::of(1.0 / TILE as f64)],
-        );
+    /// What it sees of the splats of a pack from a lane on.
+    #[inline(always)]
+    fn look_at(&self, lanes: L, pack: &Pack<L::Number>, lane: usize) -> Sight<L::Number> {
+        let constants = [0.0, 1.0, 1.0 / TILE as f64, ALPHA_CUT, f32::MAX.into()];
+        let [zero, one, sixteenth, cut, most] = splat_each(lanes, constants.map(L::Number::of));
+        let (mut position, mut covariance) = ([zero; 3], [zero; 6]);
+        for k in 0..3 {
+            position[k] = Row::load(lanes, &pack.position[k][lane..]);
+        }
+        for k in 0..6 {
+            covariance[k] = Row::load(lanes, &pack.covariance[k][lane..]);
+        }
+        let opacity = Row::load(lanes, &pack.opacity[lane..]);
+        let (footprint, half_size) = self.project(lanes, position, covariance, opacity);
+        let Footprint { mean, conic, radius2, .. } = footprint;
         let mut seen = opacity.above(cut);
         for positive in [radius2, conic[0], conic[2]] {
             seen = seen.and(positive.above(zero)).and(most.at_least(positive));
@@ -391,8 +400,8 @@ impl<L: Lanes> Eye<L> {
         sight.seen = seen.bits();
         half_size[0].store_to(&mut sight.half_cols, 0);
         let (low, high) = sight.footprints.split_at_mut(8);
-        let numbers = Footprint { mean, conic, log2_opacity, radius2, lean }.numbers();
-        for (row, (low, high)) in transpose_eights(numbers).into_iter().zip(low.iter_mut().zip(high)) {
+        let numbers = transpose_eights(footprint.numbers());
+        for (row, (low, high)) in numbers.into_iter().zip(low.iter_mut().zip(high)) {
             row.store_eights([low, high]);
         }
         sight

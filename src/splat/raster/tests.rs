@@ -163,6 +163,45 @@ fn f32_kernels_agree_with_f64() {
 }
 
 #[test]
+fn what_was_rendered_before_leaves_no_trace() {
+    let (mut prepared, mut raster) = (Prepared::default(), Rasterizer::<f32, 4>::default());
+    for (n, size) in [(40, 35), (700, 80), (7, 16), (0, 33), (18, 1)] {
+        let g = scene(n, 3).narrow();
+        let camera = FrameCamera { width: size, height: size, ..camera::<f32>() };
+        let mut fresh = Prepared::default();
+        fresh.update(&g);
+        prepared.update(&g);
+        let f = features(&g, &fresh);
+        let expected = Rasterizer::default().render(&fresh, &f, &camera, [0.5; 4]).clone();
+        assert_eq!(*raster.render(&prepared, &f, &camera, [0.5; 4]), expected, "{n} splats");
+        let opacities = (0..n).map(|rank| f64::from(prepared.opacity(rank))).sum::<f64>();
+        assert!((prepared.mean_opacity() - opacities / n.max(1) as f64).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn numbers_beyond_reason_neither_panic_nor_hide_other_splats() {
+    let sound = scene(1, 0).narrow();
+    let camera = camera::<f32>();
+    for group in 0..5 {
+        for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1e30] {
+            let mut g = sound.clone();
+            g.push_copy(&sound, 0);
+            let (k, width) = (g.groups()[group].len() / 2, g.groups()[group].len() / 2);
+            g.groups_mut()[group][k..k + width].fill(wrong);
+            let mut prepared = Prepared::default();
+            prepared.update(&g);
+            let (mut raster, f) = (Rasterizer::<f32, 4>::default(), features(&g, &prepared));
+            raster.render(&prepared, &f, &camera, [0.0; 4]);
+            let (mut shared, mut by_feature) = (vec![SplatGradient::default(); 2], vec![[0.0; 4]; 2]);
+            raster.backward(&weights(&camera), &mut shared, &mut by_feature);
+            let seen = raster.seen(prepared.rank(0)).is_some();
+            assert!(seen, "{wrong} in group {group}");
+        }
+    }
+}
+
+#[test]
 fn one_splat_is_its_closed_form() {
     let mut g = Gaussians::default();
     g.push([0.5, -0.25, 2.0], 0.8, 0.7, [0.3, 0.6, 0.9]);
