@@ -36,8 +36,12 @@ fn simulated_images_become_a_surface_model() {
     assert!(made.status.success(), "{}", text(&made));
 
     // What a late stage cannot take is known before hours of training.
-    let [folder_of_truth, table] = ["truth", "views.csv"].map(|name| format!("{scene}/{name}"));
+    let [folder_of_truth, table, cut] =
+        ["truth", "views.csv", "truth/CUT.tif"].map(|name| format!("{scene}/{name}"));
+    let whole = std::fs::read(format!("{scene}/truth/TOWN_DSM.tif")).unwrap();
+    std::fs::write(&cut, &whole[..whole.len() / 2]).unwrap();
     for [option, wrong] in [
+        ["--truth", &cut],
         ["--truth", &folder_of_truth],
         ["--truth", &table],
         ["--truth", "none.tif"],

@@ -40,10 +40,7 @@ impl Surface {
     pub(super) fn on_grid(file: &ImageFile, grid: MapGrid) -> Result<Self, MetricsError> {
         let mut height = file.read(1)?;
         let undeclared_nodata = drop_undeclared_nodata(&mut height);
-        let unit = file.unit(1)?;
-        let Some(metres) = metres_of(&unit) else {
-            return Err(MetricsError::Unit { path: file.path().into(), unit });
-        };
+        let (unit, metres) = unit_of(file)?;
         let converted_from = (metres != 1.0).then_some(unit);
         if converted_from.is_some() {
             height.data.iter_mut().for_each(|v| *v *= metres);
@@ -51,6 +48,15 @@ impl Surface {
         let told = file.metadata("VERTICAL_REFERENCE", "");
         let vertical = told.map(|v| if v.ends_with("ellipsoid") { "ellipsoid".into() } else { v });
         Ok(Self { path: file.path().into(), grid, height, vertical, undeclared_nodata, converted_from })
+    }
+}
+
+/// The unit of a file's heights, and the metres in it.
+pub(super) fn unit_of(file: &ImageFile) -> Result<(String, f32), MetricsError> {
+    let unit = file.unit(1)?;
+    match metres_of(&unit) {
+        Some(metres) => Ok((unit, metres)),
+        None => Err(MetricsError::Unit { path: file.path().into(), unit }),
     }
 }
 

@@ -4,6 +4,7 @@
 //! `X_DSM.txt` holds four numbers: easting and northing of the lower-left corner in metres, size in cells (the
 //! raster is square), resolution in metres; the UTM zone is the prediction's.
 
+use super::surface::unit_of;
 use super::{MetricsError, Surface, cloud};
 use crate::frame::{Point, SiteGrid};
 use crate::raster::{Geoid, ImageFile, MapGrid, Plane, Vertical, inside_polygons};
@@ -72,12 +73,15 @@ impl Truth {
     /// the prediction's CRS is not known yet.
     ///
     /// # Errors
-    /// [`MetricsError`] when it is no raster or point cloud, or has no place on the map.
+    /// [`MetricsError`] when it is no raster or point cloud, has no place on the map or no unit that is known, or is cut
+    /// short.
     pub fn check(path: &Path) -> Result<(), MetricsError> {
         if cloud::is_cloud(path) {
             cloud::open(path, None)?;
         } else {
-            open_raster(path, None)?;
+            let (file, _) = open_raster(path, None)?;
+            unit_of(&file)?;
+            file.check_complete()?;
         }
         Ok(())
     }
