@@ -466,7 +466,7 @@ impl<L: Lanes> Mul for Row<L> {
 pub fn set_bits(mut bits: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         (bits != 0).then(|| {
-            // The rest says to the compiler what is so anyway.
+            // The remainder tells the compiler what holds anyway: no place lies beyond.
             let place = bits.trailing_zeros() as usize % u32::BITS as usize;
             bits &= bits - 1;
             place
