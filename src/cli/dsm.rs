@@ -7,6 +7,7 @@ use crate::dsm::{HeightsFrom, hillshade, render};
 use crate::raster::{ImageFile, MapGrid, Vertical, write_png_gray};
 use crate::run_files::{CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPLATS, SURFACE};
 use crate::scene::Role;
+use crate::splat::raster::MAX_SIDE;
 use crate::splat::recipe::RayHeight;
 use crate::splat::sweep::{DSM_CELL_M, SweptSurface};
 use std::path::{Path, PathBuf};
@@ -84,8 +85,6 @@ impl Options {
 
 /// No more cells than this: 40,000 squared.
 const MAX_CELLS: f64 = 1.6e9;
-/// No more columns or rows: what a splat's tiles are counted in.
-const MAX_SIDE: usize = 1 << 20;
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {

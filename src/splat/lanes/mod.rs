@@ -343,6 +343,17 @@ pub fn transpose_eights<L: Lanes>(rows: [Row<L>; 8]) -> [Row<L>; 8] {
     rows_of(lanes, lanes.transpose_eights(numbers_of(rows)))
 }
 
+/// Eight rows as arrays: of each lane its eight numbers.
+#[inline(always)]
+pub fn arrays_of_lanes<L: Lanes>(rows: [Row<L>; 8]) -> [[L::Number; 8]; LANES] {
+    let mut out = [[L::Number::zero(); 8]; LANES];
+    let (low, high) = out.split_at_mut(8);
+    for (row, (low, high)) in transpose_eights(rows).into_iter().zip(low.iter_mut().zip(high)) {
+        row.store_eights([low, high]);
+    }
+    out
+}
+
 /// Four blocks of pixels side by side, four columns wide, from the lines of sixteen pixels through them, one after the
 /// other.
 #[inline(always)]

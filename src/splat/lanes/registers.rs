@@ -127,13 +127,43 @@ pub(super) trait Processor: Simd {
     /// Of every four lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
     #[inline(always)]
     fn transpose_fours<const N: usize>(self, rows: [[Self::f32s; N]; 4]) -> [[Self::f32s; N]; 4] {
-        transpose::<Self, N, 4>(rows)
+        let mut out = rows;
+        for j in 0..4 {
+            let row: &[f32] = pulp::bytemuck::cast_slice(&rows[j]);
+            for k in 0..4 {
+                let turned: &mut [f32] = pulp::bytemuck::cast_slice_mut(&mut out[k]);
+                for first in (0..row.len()).step_by(4) {
+                    turned[first + j] = row[first + k];
+                }
+            }
+        }
+        out
+    }
+
+    /// Of every eight lanes, the upper four of `a` and the lower four of `b` exchanged.
+    #[inline(always)]
+    fn exchange_fours<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+        let mut out = [a, b];
+        let (a, b): (&[f32], &[f32]) = (pulp::bytemuck::cast_slice(&a), pulp::bytemuck::cast_slice(&b));
+        for first in (0..a.len()).step_by(8) {
+            let lower: &mut [f32] = pulp::bytemuck::cast_slice_mut(&mut out[0]);
+            lower[first + 4..][..4].copy_from_slice(&b[first..][..4]);
+            let upper: &mut [f32] = pulp::bytemuck::cast_slice_mut(&mut out[1]);
+            upper[first..][..4].copy_from_slice(&a[first + 4..][..4]);
+        }
+        out
     }
 
     /// Of every eight lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
     #[inline(always)]
     fn transpose_eights<const N: usize>(self, rows: [[Self::f32s; N]; 8]) -> [[Self::f32s; N]; 8] {
-        transpose::<Self, N, 8>(rows)
+        let low = self.transpose_fours([rows[0], rows[1], rows[2], rows[3]]);
+        let high = self.transpose_fours([rows[4], rows[5], rows[6], rows[7]]);
+        let mut out = rows;
+        for k in 0..4 {
+            [out[k], out[4 + k]] = self.exchange_fours(low[k], high[k]);
+        }
+        out
     }
 
     #[inline(always)]
@@ -181,15 +211,8 @@ impl Processor for pulp::x86::V3 {
         turn_fours!(self.avx, rows, _mm256_unpacklo_ps, _mm256_unpackhi_ps, _mm256_shuffle_ps)
     }
     #[inline(always)]
-    fn transpose_eights<const N: usize>(self, rows: [[Self::f32s; N]; 8]) -> [[Self::f32s; N]; 8] {
-        const { assert!(N == 1) };
-        let low = self.transpose_fours([rows[0], rows[1], rows[2], rows[3]]);
-        let high = self.transpose_fours([rows[4], rows[5], rows[6], rows[7]]);
-        let mut out = rows;
-        for k in 0..4 {
-            [out[k], out[4 + k]] = self.halves(low[k], high[k]);
-        }
-        out
+    fn exchange_fours<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+        self.halves(a, b)
     }
 }
 
@@ -256,37 +279,17 @@ impl Processor for pulp::x86::V4 {
         turn_fours!(self.avx512f, rows, _mm512_unpacklo_ps, _mm512_unpackhi_ps, _mm512_shuffle_ps)
     }
     #[inline(always)]
-    fn transpose_eights<const N: usize>(self, rows: [[Self::f32s; N]; 8]) -> [[Self::f32s; N]; 8] {
+    fn exchange_fours<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
         const { assert!(N == 1) };
-        let low = self.transpose_fours([rows[0], rows[1], rows[2], rows[3]]);
-        let high = self.transpose_fours([rows[4], rows[5], rows[6], rows[7]]);
-        let mut out = rows;
+        let (a, b) = (pulp::cast(a[0]), pulp::cast(b[0]));
         // Quarters 0 and 2 of both, then quarters 1 and 3.
         let even = pulp::cast(pulp::u64x8(0, 1, 8, 9, 4, 5, 12, 13));
         let odd = pulp::cast(pulp::u64x8(2, 3, 10, 11, 6, 7, 14, 15));
-        for k in 0..4 {
-            let (x, y) = (pulp::cast(low[k][0]), pulp::cast(high[k][0]));
-            out[k] = [pulp::cast(self.avx512f._mm512_permutex2var_pd(x, even, y)); N];
-            out[4 + k] = [pulp::cast(self.avx512f._mm512_permutex2var_pd(x, odd, y)); N];
-        }
-        out
+        [
+            [pulp::cast(self.avx512f._mm512_permutex2var_pd(a, even, b)); N],
+            [pulp::cast(self.avx512f._mm512_permutex2var_pd(a, odd, b)); N],
+        ]
     }
-}
-
-/// Of every `C` lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
-#[inline(always)]
-fn transpose<S: Simd, const N: usize, const C: usize>(rows: [[S::f32s; N]; C]) -> [[S::f32s; N]; C] {
-    let mut out = rows;
-    for j in 0..C {
-        let row: &[f32] = pulp::bytemuck::cast_slice(&rows[j]);
-        for k in 0..C {
-            let turned: &mut [f32] = pulp::bytemuck::cast_slice_mut(&mut out[k]);
-            for first in (0..row.len()).step_by(C) {
-                turned[first + j] = row[first + k];
-            }
-        }
-    }
-    out
 }
 
 /// Registers from the first of these lanes.

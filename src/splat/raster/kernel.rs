@@ -10,8 +10,8 @@ use super::batch::{BATCH, Batch, Edges, FOUR, NUMBERS};
 use super::block::{ACROSS, BLOCKS, BlockPixels, WIDE, frames, high, offset};
 use super::{ALPHA_CUT, ALPHA_MAX, SATURATED};
 use crate::splat::lanes::{
-    Exp2, Kernel, LANES, Lanes, Lanewise, Row, blocks_of_lines, set_bits, splat_each, sum_fours,
-    transpose_eights, transpose_fours,
+    Exp2, Kernel, LANES, Lanes, Lanewise, Row, arrays_of_lanes, blocks_of_lines, set_bits, splat_each,
+    sum_fours, transpose_eights, transpose_fours,
 };
 use crate::splat::real::Real;
 use std::hint::black_box;
@@ -458,12 +458,14 @@ fn about_centers<L: Lanes>(
     }
     let [sum, x, xx, y, xy, yy, ..] = transpose_eights(rows);
     let (by_x, by_y) = (x - u * sum, y - v * sum);
-    let moments =
-        [sum, by_x, xx - u * (x + by_x), by_y, xy - u * y - v * by_x, yy - v * (y + by_y), sum, sum];
-    let mut out = [[L::Number::of(0.0); 8]; LANES];
-    let (low, high) = out.split_at_mut(8);
-    for (row, (low, high)) in transpose_eights(moments).into_iter().zip(low.iter_mut().zip(high)) {
-        row.store_eights([low, high]);
-    }
-    out
+    arrays_of_lanes([
+        sum,
+        by_x,
+        xx - u * (x + by_x),
+        by_y,
+        xy - u * y - v * by_x,
+        yy - v * (y + by_y),
+        sum,
+        sum,
+    ])
 }

@@ -37,6 +37,9 @@ pub const ALPHA_MAX: f64 = 0.99;
 /// asked after each row of splats.
 pub const SATURATED: f64 = 1e-4;
 
+/// Most columns or rows of an image: tiles are counted in 16 bits.
+pub const MAX_SIDE: usize = TILE << u16::BITS;
+
 /// Renders `C` features a splat through one camera and gives the gradient; keeps its buffers between calls.
 pub struct Rasterizer<T, const C: usize> {
     chunks: Vec<Chunk<T>>,

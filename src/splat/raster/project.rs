@@ -6,7 +6,7 @@ use super::kernel::{Slot, add};
 use super::prepare::{ELEMENTS, Pack, Prepared, SplatGradient};
 use super::{ALPHA_CUT, LOW_PASS_PX2};
 use crate::affine::AffineCamera;
-use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Row, set_bits, splat_each, transpose_eights};
+use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Row, arrays_of_lanes, set_bits, splat_each};
 use crate::splat::real::Real;
 use std::ops::Range;
 
@@ -20,9 +20,9 @@ pub struct FrameCamera<T> {
     pub linear: [[T; 3]; 2],
     /// Image position of the site's origin, pixels.
     pub offset: [T; 2],
-    /// Columns of the image, 1 to 2^20.
+    /// Columns of the image, 1 to [`super::MAX_SIDE`].
     pub width: usize,
-    /// Rows of the image, 1 to 2^20.
+    /// Rows of the image, 1 to [`super::MAX_SIDE`].
     pub height: usize,
 }
 
@@ -382,7 +382,7 @@ impl<L: Lanes> Eye<L> {
         }
         let mut sight = Sight {
             seen: 0,
-            footprints: [[L::Number::of(0.0); 8]; LANES],
+            footprints: arrays_of_lanes(footprint.numbers()),
             half_cols: [L::Number::of(0.0); LANES],
             tiles: [[0; LANES]; 4],
         };
@@ -399,11 +399,6 @@ impl<L: Lanes> Eye<L> {
         }
         sight.seen = seen.bits();
         half_size[0].store_to(&mut sight.half_cols, 0);
-        let (low, high) = sight.footprints.split_at_mut(8);
-        let numbers = transpose_eights(footprint.numbers());
-        for (row, (low, high)) in numbers.into_iter().zip(low.iter_mut().zip(high)) {
-            row.store_eights([low, high]);
-        }
         sight
     }
 }
