@@ -100,7 +100,7 @@ pub struct Setup {
 }
 
 /// Sparse points fewer than this start nothing.
-const FEWEST_POINTS: usize = 50;
+const FEWEST_POINTS: usize = 20;
 
 impl Setup {
     /// Lays out the site of a scene whose views have the cameras `rpcs` (in the views' order).

@@ -4,7 +4,7 @@ use super::look::Look;
 use super::{DRIFT_COST, PRIOR_COST, PRIOR_REACH_M, RETURN_COST, Stack, Sweep};
 use crate::affine::AffineCamera;
 use crate::frame::{Point, Site};
-use crate::raster::Plane;
+use crate::raster::{Plane, Window};
 use crate::splat::views::TrainingView;
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -36,11 +36,11 @@ type Weights = [Lines; WINDOW * WINDOW];
 
 /// A view's brightness and camera.
 pub(super) struct Image {
-    gray: Plane,
+    pub gray: Plane,
     pub camera: AffineCamera,
     /// Mean and standard deviation of the brightness.
-    level: f64,
-    contrast: f64,
+    pub level: f64,
+    pub contrast: f64,
 }
 
 impl Image {
@@ -53,6 +53,12 @@ impl Image {
         let level = mean(&mut gray.valid().map(f64::from));
         let variance = mean(&mut gray.valid().map(|v| (f64::from(v) - level).powi(2)));
         Self { camera: view.camera, level, contrast: variance.sqrt(), gray }
+    }
+
+    /// A part of it, with the whole image's level and contrast.
+    pub fn cropped(&self, part: Window) -> Self {
+        let camera = self.camera.cropped(part.col as f64, part.row as f64);
+        Self { gray: self.gray.window(part), camera, ..*self }
     }
 
     /// Brightness where a point is seen, in standard deviations above the image's mean; NaN outside.
@@ -112,19 +118,14 @@ impl Volume {
         });
     }
 
-    /// Number of altitudes.
-    pub fn planes(&self) -> usize {
-        self.planes
-    }
-
     /// A cell's costs.
     pub fn cell(&self, cell: usize) -> &[u8] {
         &self.costs[cell * self.planes..(cell + 1) * self.planes]
     }
 
-    /// Costs of a row of cells after the other.
-    pub fn rows(&self, width: usize) -> std::slice::ChunksExact<'_, u8> {
-        self.costs.chunks_exact(width * self.planes)
+    /// Costs of all cells, one after the other.
+    pub fn costs(&self) -> &[u8] {
+        &self.costs
     }
 }
 

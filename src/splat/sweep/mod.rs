@@ -12,6 +12,7 @@ mod horizon;
 mod look;
 mod semiglobal;
 mod settle;
+mod stereo;
 
 pub use horizon::{SLACK_M, horizon};
 
@@ -25,6 +26,7 @@ use crate::scene::views_needed;
 use correlation::{Image, Volume};
 use look::Look;
 use rayon::prelude::*;
+use semiglobal::{Jump, Steps};
 
 /// Passes; from the second on, what is hidden counts no more.
 const PASSES: u64 = 2;
@@ -53,6 +55,8 @@ const BELIEVED: f32 = 0.4;
 const SUPPORT_REACH_M: f64 = 10.0;
 const SUPPORT: f32 = 0.01;
 const SAME_ROOF_M: f32 = 1.0;
+/// Cost of a step of one plane between neighbours, of the 255 for no correlation.
+const STEP: u16 = 30;
 /// Cost of a jump between neighbours, of the 255 for no correlation: high, so that plain roofs and streets hold
 /// together; lower near a prior, which does that, so that trees stand out.
 const JUMP: u16 = 200;
@@ -117,6 +121,11 @@ struct Stack {
 }
 
 impl Stack {
+    /// From the lowest plane to the highest, metres.
+    fn height_m(&self) -> f64 {
+        f64::from(self.step) * (self.planes - 1) as f64
+    }
+
     fn altitude(&self, cell: usize, plane: f32) -> f32 {
         self.ground.data[cell] + self.low + self.step * plane
     }
@@ -193,6 +202,9 @@ impl Sweep {
     /// Sweeps, the second time knowing what hides what.
     #[must_use]
     pub fn run(&self, events: Sink) -> SweptSurface {
+        if self.images.len() <= stereo::MAX_VIEWS {
+            return self.match_images(events);
+        }
         events(Event::Started { stage: "matching the surface", total: PASSES });
         let mut surface = self.pick(&Volume::correlate(self, None), JUMP);
         for pass in 1..PASSES {
@@ -267,8 +279,9 @@ impl Sweep {
 
     /// The cheapest altitude of every cell, between planes by a parabola.
     fn pick(&self, volume: &Volume, jump: u16) -> SweptSurface {
-        let sums = semiglobal::aggregate(volume, self.grid.width, jump);
         let planes = self.stack.planes;
+        let steps = Steps { step: STEP, jump: Jump::Constant(jump) };
+        let sums = semiglobal::aggregate(volume.costs(), self.grid.width, planes, steps);
         let best = |cell: usize| {
             let costs = volume.cell(cell);
             let sums = &sums[cell * planes..(cell + 1) * planes];
