@@ -58,6 +58,8 @@ impl PointCloud<'_> {
             let [x, y, z] = self.origin.xyz().map(|offset| Transform { scale: RESOLUTION_M, offset });
             builder.transforms = Vector { x, y, z };
             builder.generating_software = concat!("satgs ", env!("CARGO_PKG_VERSION")).into();
+            // The same points are the same bytes on any day.
+            builder.date = None;
             let mut header = builder.into_header()?;
             let vertical = self.vertical.epsg().map_or_else(String::new, |code| format!("+{code}"));
             let crs = SpatialRef::from_definition(&format!("EPSG:{}{vertical}", self.epsg))?;
@@ -74,6 +76,9 @@ impl PointCloud<'_> {
                     color,
                     intensity,
                     gps_time,
+                    // LAS counts from 1.
+                    return_number: 1,
+                    number_of_returns: 1,
                     ..Default::default()
                 })?;
             }

@@ -23,8 +23,8 @@ pub use style::color_style;
 pub use vector::{Marker, Outline, inside_polygons, write_markers, write_outlines};
 pub use vertical::Vertical;
 pub use write::{
-    Cog, SensorImage, png_rgb, write_atomically, write_file, write_moved, write_png_gray, write_png_rgb,
-    write_with_rpc,
+    Cog, SensorImage, check_writable, png_rgb, write_atomically, write_file, write_moved, write_png_gray,
+    write_png_rgb, write_with_rpc,
 };
 
 use std::path::PathBuf;

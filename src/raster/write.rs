@@ -2,15 +2,24 @@
 
 use super::file::set_up_gdal;
 use super::{ImageFile, MapGrid, Plane, RasterError, Vertical};
-use gdal::raster::{Buffer, GdalType, RasterBand, RasterCreationOptions};
+use gdal::raster::{Buffer, ColorInterpretation, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
 use gdal::vsi::get_vsi_mem_file_bytes_owned;
 use gdal::{Dataset, DriverManager, Metadata};
 use image::ImageEncoder;
+use std::io::Write;
 use std::path::Path;
 
+/// What is written to see whether a disk takes it: more than file systems keep in an inode.
+const TRIAL_BYTES: usize = 16 << 10;
 /// Rows handed to GDAL at a time.
 const ROWS_AT_ONCE: usize = 256;
+/// Descriptions of the bands that are the colours of a picture.
+const COLORS: [(&str, ColorInterpretation); 3] = [
+    ("red", ColorInterpretation::RedBand),
+    ("green", ColorInterpretation::GreenBand),
+    ("blue", ColorInterpretation::BlueBand),
+];
 
 /// Runs `write` on a temporary name beside `path`, then renames: `path` is the old file or the whole new one.
 ///
@@ -21,10 +30,8 @@ pub fn write_atomically<E: From<RasterError>>(
     write: impl FnOnce(&Path) -> Result<(), E>,
 ) -> Result<(), E> {
     let failed = |e: std::io::Error| RasterError::Write { path: path.into(), reason: e.to_string() };
-    let folder = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
+    refuse_what_is_no_file(path)?;
+    let folder = folder_of(path);
     std::fs::create_dir_all(folder).map_err(failed)?;
     let suffix = path.file_name().map_or_else(String::new, |n| format!("-{}", n.to_string_lossy()));
     let temporary =
@@ -40,6 +47,42 @@ pub fn write_atomically<E: From<RasterError>>(
         permissions.set_mode(0o644);
     }
     Ok(std::fs::set_permissions(path, permissions).map_err(failed)?)
+}
+
+/// The folder in which a file lies.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Devices and folders would be replaced by the file.
+fn refuse_what_is_no_file(path: &Path) -> Result<(), RasterError> {
+    match std::fs::metadata(path) {
+        Ok(there) if !there.is_file() => {
+            Err(RasterError::Write { path: path.into(), reason: "it is there and is no regular file".into() })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Asks whether a file could be written, for that to be known before long work. Leaves nothing behind.
+///
+/// # Errors
+/// [`RasterError::Write`].
+pub fn check_writable(path: &Path) -> Result<(), RasterError> {
+    refuse_what_is_no_file(path)?;
+    // The folders that are missing are made when the file is.
+    let folder = folder_of(path).ancestors().find(|f| f.exists()).unwrap_or(Path::new("."));
+    let failed = |reason: String| RasterError::Write { path: path.into(), reason };
+    if !folder.is_dir() {
+        return Err(failed(format!("`{}` is no folder", folder.display())));
+    }
+    let try_it = || -> std::io::Result<()> {
+        let mut file = tempfile::Builder::new().prefix(".satgs-").tempfile_in(folder)?;
+        file.write_all(&[0; TRIAL_BYTES])?;
+        // A full disk shows at the latest when the data must reach it.
+        file.as_file().sync_all()
+    };
+    try_it().map_err(|e| failed(e.to_string()))
 }
 
 /// Writes a file as a whole or not at all.
@@ -75,13 +118,13 @@ impl Cog<'_> {
         self.write(path, &data, Some(f64::NAN), &labels, "FLOATING_POINT")
     }
 
-    /// Writes 8-bit bands.
+    /// Writes 8-bit bands; three are red, green and blue.
     ///
     /// # Errors
     /// [`RasterError::Write`].
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>, nodata: Option<f64>) -> Result<(), RasterError> {
         let data: Vec<_> = bands.iter().map(Vec::as_slice).collect();
-        self.write(path, &data, nodata, &[], "STANDARD")
+        self.write(path, &data, nodata, color_labels(data.len()), "STANDARD")
     }
 
     fn write<T: GdalType + Copy>(
@@ -128,13 +171,13 @@ pub struct SensorImage<'a> {
 }
 
 impl SensorImage<'_> {
-    /// Writes 8-bit bands as a GeoTIFF with an RPC tag.
+    /// Writes 8-bit bands as a GeoTIFF with an RPC tag; three are red, green and blue.
     ///
     /// # Errors
     /// [`RasterError::Write`].
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>) -> Result<(), RasterError> {
         let data: Vec<_> = bands.iter().map(Vec::as_slice).collect();
-        self.write(path, &data, None, &[])
+        self.write(path, &data, None, color_labels(data.len()))
     }
 
     /// Writes float32 bands, each with its description and unit, with NaN as nodata, as a GeoTIFF with an RPC tag.
@@ -287,12 +330,23 @@ fn copy_as(
     encode(path, |encoded| Ok(memory.create_copy(&driver, encoded, &options)?.close()?))
 }
 
-/// Gives bands their descriptions and units.
+/// Descriptions, without units, of the bands of an 8-bit picture.
+fn color_labels(bands: usize) -> &'static [(&'static str, &'static str)] {
+    if bands == COLORS.len() { &[("red", ""), ("green", ""), ("blue", "")] } else { &[] }
+}
+
+/// Gives bands their descriptions and units, and says which are colours; an only band is grey.
 fn label(dataset: &Dataset, labels: &[(&str, &str)]) -> gdal::errors::Result<()> {
+    if dataset.raster_count() == 1 {
+        dataset.rasterband(1)?.set_color_interpretation(ColorInterpretation::GrayIndex)?;
+    }
     for (i, (description, unit)) in labels.iter().enumerate() {
         let mut band = dataset.rasterband(i + 1)?;
         band.set_description(description)?;
         set_unit(&band, unit)?;
+        if let Some((_, color)) = COLORS.into_iter().find(|c| c.0 == *description) {
+            band.set_color_interpretation(color)?;
+        }
     }
     Ok(())
 }
@@ -415,6 +469,75 @@ mod tests {
             .parse()
             .unwrap();
         assert!((highest - 59.9 - 3.5).abs() < 1e-3, "{highest}");
+    }
+
+    #[test]
+    fn three_bytes_are_red_green_and_blue_and_stay_so() {
+        use ColorInterpretation::{AlphaBand, BlueBand, GrayIndex, GreenBand, RedBand};
+        let dir = tempfile::tempdir().unwrap();
+        let colors = |path: &Path| -> Vec<ColorInterpretation> {
+            let file = ImageFile::open(path).unwrap();
+            (1..=file.bands()).map(|i| file.dataset.rasterband(i).unwrap().color_interpretation()).collect()
+        };
+        let path = |name: &str| dir.path().join(name);
+        let cog = Cog { grid: grid(), metadata: &[], heights_from: None };
+        let band = vec![7u8; 600 * 300];
+        let rgb = [RedBand, GreenBand, BlueBand];
+        cog.write_u8(&path("ortho.tif"), vec![band.clone(); 3], Some(0.0)).unwrap();
+        assert_eq!(colors(&path("ortho.tif")), rgb);
+        write_moved(&path("ortho.tif"), &path("moved.tif"), [1.0, 1.0, 0.0]).unwrap();
+        assert_eq!(colors(&path("moved.tif")), rgb);
+        cog.write_u8(&path("hillshade.tif"), vec![band.clone()], Some(255.0)).unwrap();
+        assert_eq!(colors(&path("hillshade.tif")), [GrayIndex]);
+        let image = SensorImage { width: 600, height: 300, rpc: &[], metadata: &[] };
+        image.write_u8(&path("image.tif"), vec![band.clone(); 3]).unwrap();
+        assert_eq!(colors(&path("image.tif")), rgb);
+        let plane = Plane::filled(600, 300, 0.5);
+        let bands =
+            [("red", "", &plane), ("green", "", &plane), ("blue", "", &plane), ("height", "m", &plane)];
+        cog.write_f32(&path("picture.tif"), &bands).unwrap();
+        assert_eq!(colors(&path("picture.tif"))[..3], rgb);
+        assert_ne!(colors(&path("picture.tif"))[3], AlphaBand, "heights are not opacity");
+        image.write_f32(&path("view.tif"), &bands).unwrap();
+        assert_eq!(colors(&path("view.tif"))[..3], rgb);
+        assert_ne!(colors(&path("view.tif"))[3], AlphaBand, "heights are not opacity");
+        cog.write_f32(
+            &path("confidence.tif"),
+            &[("opacity", "", &plane), ("spread", "m", &plane), ("views", "", &plane)],
+        )
+        .unwrap();
+        assert!(!colors(&path("confidence.tif")).iter().any(|c| rgb.contains(c)));
+    }
+
+    #[test]
+    fn what_cannot_be_written_is_told_before_and_nothing_is_left() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("file");
+        std::fs::write(&file, "old").unwrap();
+        check_writable(&file).unwrap();
+        check_writable(&dir.path().join("run/ba/report.json")).unwrap();
+        for (path, says) in [
+            (file.join("ba/report.json"), "file` is no folder"),
+            (dir.path().to_path_buf(), "no regular file"),
+            ("/proc/run/report.json".into(), "/proc/run/report.json"),
+            ("/sys/report.json".into(), "/sys/report.json"),
+        ] {
+            let refused = check_writable(&path).unwrap_err().to_string();
+            assert!(refused.contains(says), "{}: {refused}", path.display());
+        }
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "old");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    /// Root may replace `/dev/null` by a file, after which nothing on the machine works.
+    #[cfg(unix)]
+    #[test]
+    fn a_device_is_not_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let socket = dir.path().join("socket");
+        let _listening = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+        assert!(write_file(&socket, "x").unwrap_err().to_string().contains("no regular file"));
+        assert!(check_writable(Path::new("/dev/full")).is_err());
     }
 
     #[test]
