@@ -3,7 +3,9 @@
 mod checkpoints;
 mod failure;
 mod interrupt;
+mod products;
 mod run_folder;
+mod run_lock;
 mod stage;
 mod ui;
 
