@@ -109,11 +109,12 @@ impl Product {
 
     fn write(&self, run: &Path, surface: &Surface, heights: &Heights) -> Result<(), Failure> {
         let path = run.join(self.path());
-        Ok(match self {
-            Self::Hillshade => surface.write_hillshade(&path)?,
-            Self::Points(_) => surface.write_points(&path, heights)?,
-            Self::Mesh(_) => surface.write_mesh(&path, heights)?,
-        })
+        let written = match self {
+            Self::Hillshade => surface.write_hillshade(&path),
+            Self::Points(_) => surface.write_points(&path, heights),
+            Self::Mesh(_) => surface.write_mesh(&path, heights),
+        };
+        Ok(written?)
     }
 }
 

@@ -5,6 +5,8 @@ use super::{RasterError, Vertical, epsg_of_wkt};
 use crate::frame::{Point, Utm};
 use gdal::spatial_ref::SpatialRef;
 use las::{Builder, Color, Transform, Vector, Writer, point::Format};
+use std::fs::File;
+use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// Resolution of the coordinates, metres.
@@ -64,7 +66,7 @@ impl PointCloud<'_> {
             let vertical = self.vertical.epsg().map_or_else(String::new, |code| format!("+{code}"));
             let crs = SpatialRef::from_definition(&format!("EPSG:{}{vertical}", self.epsg))?;
             header.set_wkt_crs(crs.to_wkt()?.into_bytes())?;
-            let mut writer = Writer::from_path(temporary, header)?;
+            let mut writer = Writer::new(Steady::create(temporary)?, header)?;
             for CloudPoint { place, color, intensity } in points {
                 let level = |v: f32| (v.clamp(0.0, 1.0) * f32::from(u16::MAX)).round() as u16;
                 let color = Some(Color::new(level(color[0]), level(color[1]), level(color[2])));
@@ -82,7 +84,84 @@ impl PointCloud<'_> {
                     ..Default::default()
                 })?;
             }
-            Ok(writer.close()?)
+            Ok(writer.into_inner()?.finish()?)
         })
+    }
+}
+
+/// A file that remembers its first failure and takes everything after it: `las` writes once more when it is dropped, and
+/// panics if that fails, as it does on a full disk.
+#[derive(Debug)]
+struct Steady {
+    file: BufWriter<File>,
+    failure: Option<std::io::Error>,
+}
+
+impl Steady {
+    fn create(path: &Path) -> std::io::Result<Self> {
+        Ok(Self { file: BufWriter::new(File::create(path)?), failure: None })
+    }
+
+    fn remember(&mut self, result: std::io::Result<()>) {
+        if let Err(e) = result {
+            self.failure.get_or_insert(e);
+        }
+    }
+
+    /// The first failure, if there was one.
+    fn finish(mut self) -> std::io::Result<()> {
+        self.flush()?;
+        self.failure.take().map_or(Ok(()), Err)
+    }
+}
+
+impl Write for Steady {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        if self.failure.is_none() {
+            let result = self.file.write_all(bytes);
+            self.remember(result);
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        if self.failure.is_none() {
+            let result = self.file.flush();
+            self.remember(result);
+        }
+        Ok(())
+    }
+}
+
+impl Seek for Steady {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        let place = self.file.seek(to);
+        // Where the disk is full seeking fails as well, for it writes what is buffered.
+        Ok(place.unwrap_or_else(|e| {
+            self.remember(Err(e));
+            0
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_disk_is_an_error_and_no_panic() {
+        for is_compressed in [false, true] {
+            let mut builder = Builder::from((1, 4));
+            builder.point_format.is_compressed = is_compressed;
+            let header = builder.into_header().unwrap();
+            let mut writer = Writer::new(Steady::create(Path::new("/dev/full")).unwrap(), header).unwrap();
+            for i in 0..100_000 {
+                let x = f64::from(i * i % 7919);
+                writer.write_point(las::Point { x, ..Default::default() }).unwrap();
+            }
+            let full = writer.into_inner().unwrap().finish().unwrap_err();
+            assert_eq!(full.kind(), std::io::ErrorKind::StorageFull);
+        }
     }
 }
