@@ -177,7 +177,7 @@ fn what_differs_is_named(town: &Town) {
 
 fn one_at_a_time(town: &Town) {
     let (scene, run) = (town.path("scene"), town.run());
-    let lock = File::options().write(true).open(town.file(".lock")).unwrap();
+    let lock = File::create(town.file(".lock")).unwrap();
     lock.lock().unwrap();
     let truth = town.path("scene/truth/TOWN_DSM.tif");
     for args in [
@@ -191,6 +191,9 @@ fn one_at_a_time(town: &Town) {
     }
     // The page shows how far a run is.
     town.succeeds(&["report", &run]);
+    drop(lock);
+    town.succeeds(&["dsm", &run, "--resolution", "1"]);
+    assert!(!town.file(".lock").exists(), "nothing of a lock is left");
 }
 
 /// Where not even root can write.

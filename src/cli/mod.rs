@@ -113,6 +113,7 @@ pub fn main() -> std::process::ExitCode {
     if result.as_ref().err().is_none_or(Failure::is_partial) {
         ui.finish_json();
     }
+    run_lock::release();
     let lost = ui.require_output();
     // A part that is missing is told too, but what is lost decides the exit code; other failures come first.
     let failures = [result.err(), lost.err()].into_iter().flatten().collect::<Vec<_>>();
