@@ -95,11 +95,14 @@ impl PointCloud<'_> {
 struct Steady {
     file: BufWriter<File>,
     failure: Option<std::io::Error>,
+    /// Where the next byte goes, and where the last one went, as if nothing had failed: `laz` subtracts places.
+    place: u64,
+    end: u64,
 }
 
 impl Steady {
     fn create(path: &Path) -> std::io::Result<Self> {
-        Ok(Self { file: BufWriter::new(File::create(path)?), failure: None })
+        Ok(Self { file: BufWriter::new(File::create(path)?), failure: None, place: 0, end: 0 })
     }
 
     fn remember(&mut self, result: std::io::Result<()>) {
@@ -121,6 +124,8 @@ impl Write for Steady {
             let result = self.file.write_all(bytes);
             self.remember(result);
         }
+        self.place += bytes.len() as u64;
+        self.end = self.end.max(self.place);
         Ok(bytes.len())
     }
 
@@ -135,12 +140,18 @@ impl Write for Steady {
 
 impl Seek for Steady {
     fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
-        let place = self.file.seek(to);
-        // Where the disk is full seeking fails as well, for it writes what is buffered.
-        Ok(place.unwrap_or_else(|e| {
-            self.remember(Err(e));
-            0
-        }))
+        let target = match to {
+            SeekFrom::Start(place) => Some(place),
+            SeekFrom::Current(by) => self.place.checked_add_signed(by),
+            SeekFrom::End(by) => self.end.checked_add_signed(by),
+        };
+        self.place = target.ok_or(std::io::ErrorKind::InvalidInput)?;
+        if self.failure.is_none() {
+            // It writes what is buffered.
+            let result = self.file.seek(SeekFrom::Start(self.place)).map(|_| ());
+            self.remember(result);
+        }
+        Ok(self.place)
     }
 }
 
