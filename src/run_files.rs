@@ -36,5 +36,11 @@ pub const METRICS: &str = "metrics.json";
 pub const ERROR_MAP: &str = "error.tif";
 /// What a stage was made from, in its folder.
 pub const STAGE: &str = "stage.json";
+/// What a stage said when it was made, in its folder.
+pub const SUMMARY: &str = "summary.json";
+/// Which products beside the rasters were made of the surface.
+pub const PRODUCTS: &str = "dsm/products.json";
+/// Locked while a command works in the folder.
+pub const LOCK: &str = ".lock";
 /// The page that shows all of it.
 pub const PAGE: &str = "report.html";

@@ -102,7 +102,7 @@ fn simulated_images_become_a_surface_model() {
     let other = satgs(&["train", run, "--iterations", "901"]);
     assert_eq!(other.status.code(), Some(2));
     assert!(text(&other).contains("iterations was 900, is 901"), "{}", text(&other));
-    assert!(text(&other).contains("hint: --overwrite"), "{}", text(&other));
+    assert!(text(&other).contains("hint: `satgs train RUN --overwrite`"), "{}", text(&other));
 
     // Asked to, a stage is made anew of the same things too.
     let command = || json(&Path::new(run).join("dsm/stage.json"))["command"].as_str().unwrap().to_owned();
@@ -186,13 +186,13 @@ fn other_products(run: &str, folder: &Path) {
         assert!(output.status.success(), "{args:?}: {}", text(&output));
         output
     };
-    let (points, mesh) = (file("dsm.laz"), file("dsm.glb"));
+    let (points, mesh) = (Path::new(run).join("dsm.laz"), Path::new(run).join("dsm.glb"));
     let ellipsoidal = ImageFile::open(&Path::new(run).join("dsm.tif")).unwrap().read(1).unwrap();
     let above = ["dsm", run, "--vertical", "EGM96", "--fill", "2", "--hillshade", "--points", "dsm.laz"];
     let above = [&above[..], &["--mesh", "dsm.glb"]].concat();
-    let output = satgs_in(folder, &[&above[..], &["--overwrite", "-q"]].concat());
+    let output = satgs_in(Path::new(run), &[&above[..], &["--overwrite", "-q"]].concat());
     assert!(output.status.success(), "{}", text(&output));
-    // What was named from the working directory is found there again.
+    // Wherever the command is given, paths of products count from the run.
     let again = satgs_in(folder, &above);
     assert!(text(&again).contains("has its surface already"), "{}", text(&again));
     let dsm = ImageFile::open(&Path::new(run).join("dsm.tif")).unwrap();
@@ -221,7 +221,7 @@ fn other_products(run: &str, folder: &Path) {
     let confidence = ImageFile::open(&Path::new(run).join("confidence.tif")).unwrap();
     let views = confidence.read(3).unwrap();
     assert!(views.valid().all(|v| (0.0..=8.0).contains(&v)) && views.at(middle, middle) >= 2.0);
-    assert!(Path::new(&points).metadata().unwrap().len() > 10_000);
+    assert!(points.metadata().unwrap().len() > 10_000);
     assert!(std::fs::read(&mesh).unwrap().starts_with(b"glTF"));
 
     let (like, seen, map) = (file("like.png"), file("seen.tif"), file("map.tif"));

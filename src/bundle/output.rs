@@ -244,6 +244,7 @@ impl Adjustment {
         let mut bytes = format!(
             "ply\nformat binary_little_endian 1.0\n\
              comment metres east, north, up of EPSG:{} {east} {north}, ellipsoidal height {height}\n\
+             comment Vertical Axis: z\n\
              element vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
              property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
             grid.epsg,

@@ -2,12 +2,12 @@
 
 use super::run_folder::{TrainedCameras, read_json, read_scene, write_json};
 use super::stage::Stage;
-use super::{Failure, Ui};
+use super::{Failure, Ui, run_lock};
 use crate::align::{Alignment, Shift, to_control, to_surface};
 use crate::bundle::{Adjustment, control_pairs, read_control};
 use crate::frame::{Geodetic, Point, SiteGrid, Utm};
 use crate::metrics::{Surface, Truth, TruthOptions};
-use crate::raster::{MapGrid, RasterError, Vertical, write_moved};
+use crate::raster::{MapGrid, RasterError, Vertical, check_writable, write_moved};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, CHECKPOINT, CONFIDENCE, DSM, FIRST_SURFACE, HILLSHADE, ORTHO, SPLATS, SURFACE,
 };
@@ -66,8 +66,10 @@ struct Record {
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let run = &args.run;
+    run_lock::lock(run)?;
     finish(run)?;
     let scene = read_scene(run)?;
+    check_writable(&run.join(RECORD))?;
     if run.join(CHECKPOINT).exists() {
         let message = format!("`{}` holds a training that is not complete", run.display());
         return Err(Failure::input(message, "`satgs train RUN` completes it"));
@@ -187,6 +189,11 @@ pub(super) fn forget(run: &Path) -> Result<(), Failure> {
 /// Puts what waits in its place, also what an interrupted command left.
 pub(super) fn finish(run: &Path) -> Result<(), Failure> {
     let pending = run.join(PENDING);
+    if !pending.exists() {
+        return Ok(());
+    }
+    // Another command may be about to do this.
+    run_lock::lock(run)?;
     if !pending.exists() {
         return Ok(());
     }

@@ -2,12 +2,14 @@
 
 use super::run_folder::{read_scene, write_json};
 use super::scene_args::SceneArgs;
-use super::stage::{Fingerprint, Stage, hash, hash_file};
-use super::{Failure, Ui, align, parse_metres};
-use crate::bundle::{Adjustment, HeightPrior, LeftOut, Model, Options, adjust, read_control};
+use super::stage::{Fingerprint, Stage, hash, hash_file, or_none};
+use super::{Failure, Ui, align, parse_metres, run_lock};
+use crate::bundle::{Adjustment, HeightPrior, LeftOut, Model, Options, Report, adjust, read_control};
 use crate::raster::Vertical;
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
 use crate::scene::{Dem, Scene};
+use serde_json::Value;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, points.laz and .ply, tie_points.csv and .gpkg, report.json,
@@ -54,6 +56,22 @@ pub struct Args {
     overwrite: bool,
 }
 
+/// Fields of a scene and of its views that options set, and other names a user knows them by.
+const SCENE_FIELDS: [(&str, &str); 10] = [
+    ("aoi", "--aoi"),
+    ("tone", "--gamma"),
+    ("name", "names of the views"),
+    ("window", "windows of the images (--aoi)"),
+    ("bands", "--bands"),
+    ("stretch_percent", "--stretch"),
+    ("rpc", "cameras"),
+    ("rpc_source", "files of the cameras (--rpcs)"),
+    ("sun", "suns (--sun)"),
+    ("role", "roles (test.txt)"),
+];
+/// Longest text of a field that is shown when it differs.
+const SHOWN_LENGTH: usize = 200;
+
 fn parse_range(text: &str) -> Result<(f64, f64), String> {
     let numbers =
         text.split_once(',').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
@@ -98,9 +116,8 @@ impl Args {
                 out.insert(format!("mask {}", view.name), hash_file(&mask));
             }
         }
-        let text = serde_json::to_string(&content).unwrap_or_default();
-        out.insert("cameras, suns, roles".into(), hash(text.as_bytes()));
-        out.insert("--height-range".into(), format!("{heights:?}"));
+        out.extend(scene_fields(&content));
+        out.insert("--height-range".into(), or_none(heights.map(|(low, high)| format!("{low},{high}"))));
         out.insert("--fixed".into(), self.fixed.to_string());
         out.insert("--model".into(), format!("{:?}", self.model));
         if !self.reference.is_empty() {
@@ -109,7 +126,7 @@ impl Args {
         if let (Some(dem), Some(sigma_m)) = (&self.dem, self.dem_sigma) {
             out.insert("--dem".into(), hash_file(dem));
             out.insert("--dem-sigma".into(), sigma_m.to_string());
-            out.insert("--dem-vertical".into(), format!("{:?}", self.dem_vertical));
+            out.insert("--dem-vertical".into(), or_none(self.dem_vertical.as_ref()));
         }
         if let Some(gcps) = &self.gcps {
             out.insert("--gcps".into(), hash_file(gcps));
@@ -140,6 +157,7 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     let dem = args.dem(&scene)?;
     let heights = dem.as_ref().map(Dem::heights_to_search).or(args.height_range);
     refuse_output_inside(&args.output, args.scene.path())?;
+    run_lock::make_and_lock(&args.output)?;
     let folder = args.output.join(ADJUSTMENT);
     let outputs = vec![args.output.join(SCENE), folder.join(ADJUSTMENT_REPORT), folder.join(SPARSE_POINTS)];
     let stage = Stage::new(&args.output, ADJUSTMENT, outputs, args.fingerprint(&scene, heights));
@@ -148,8 +166,12 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
         forget(&keypoints);
         find_files_again(&args.output, &scene)?;
         ui.note(&format!("`{}` is adjusted already", args.output.display()));
-        return Ok(Adjustment::read(&folder)?.report.left_out);
+        let report = Adjustment::read(&folder)?.report;
+        let seconds = stage.summary().map(|s| s["seconds"].clone()).unwrap_or_default();
+        ui.repeat_summary("ba", Some(summary(&report, seconds)));
+        return Ok(report.left_out);
     }
+    stage.require_writable()?;
     let started = std::time::Instant::now();
     let control = args.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();
     let options = Options {
@@ -169,14 +191,46 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     adjustment.write(&folder, &used)?;
     align::forget(&args.output)?;
     write_json(&args.output.join(SCENE), &used)?;
-    stage.complete()?;
-    forget(&keypoints);
     let seconds = started.elapsed().as_secs_f64();
+    // The rest of the summary is the report, which alignment changes.
+    stage.complete(&serde_json::json!({ "seconds": seconds }))?;
+    forget(&keypoints);
     let text = format!("{}adjusted in {seconds:.1} s", adjustment.report.table());
-    let mut json = serde_json::to_value(&adjustment.report).unwrap_or_default();
-    json["seconds"] = seconds.into();
-    ui.summary("ba", &text, json);
+    ui.summary("ba", &text, summary(&adjustment.report, seconds.into()));
     Ok(adjustment.report.left_out)
+}
+
+/// What `--json` says of an adjustment.
+fn summary(report: &Report, seconds: Value) -> Value {
+    let mut json = serde_json::to_value(report).unwrap_or_default();
+    json["seconds"] = seconds;
+    json
+}
+
+/// What a scene holds beside its files, by what a user calls it: as text where that is short, else as a hash.
+fn scene_fields(scene: &Scene) -> Fingerprint {
+    let mut out = Fingerprint::new();
+    let mut insert = |field: &str, value: String| {
+        let name = SCENE_FIELDS.iter().find(|f| f.0 == field).map_or(field, |f| f.1);
+        out.insert(name.into(), if value.len() > SHOWN_LENGTH { hash(value.as_bytes()) } else { value });
+    };
+    let Ok(Value::Object(fields)) = serde_json::to_value(scene) else { return out };
+    for (field, value) in fields.iter().filter(|f| f.0 != "views") {
+        insert(field, value.to_string());
+    }
+    let mut by_field = BTreeMap::<&str, Vec<(&Value, &Value)>>::new();
+    for view in fields["views"].as_array().into_iter().flatten() {
+        for (field, value) in view.as_object().into_iter().flatten() {
+            by_field.entry(field).or_default().push((&view["name"], value));
+        }
+    }
+    for (field, values) in by_field {
+        let first = values[0].1;
+        let is_common = values.len() == scene.views.len() && values.iter().all(|v| v.1 == first);
+        let all: Vec<String> = values.iter().map(|(view, value)| format!("{view}: {value}")).collect();
+        insert(field, if is_common { first.to_string() } else { all.join(", ") });
+    }
+    out
 }
 
 /// Tells an adjusted run where the scene's images are by now: they may have moved.

@@ -1,11 +1,14 @@
 //! `satgs dsm`: splats to a surface model and an orthophoto.
 
+use super::products::Products;
 use super::run_folder::TrainedCameras;
-use super::stage::{Fingerprint, Stage, hash_file};
-use super::{Failure, Ui, parse_metres};
-use crate::dsm::{HeightsFrom, hillshade, render};
-use crate::raster::{ImageFile, MapGrid, Vertical, write_png_gray};
-use crate::run_files::{CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPLATS, SURFACE};
+use super::stage::{Fingerprint, Stage, hash_file, or_none};
+use super::{Failure, Ui, parse_metres, run_lock};
+use crate::dsm::{Heights, HeightsFrom, Surface, hillshade, render};
+use crate::raster::{ImageFile, MapGrid, Vertical, check_writable, write_png_gray};
+use crate::run_files::{
+    ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPARSE_POINTS, SPLATS, SURFACE,
+};
 use crate::scene::Role;
 use crate::splat::raster::MAX_SIDE;
 use crate::splat::recipe::RayHeight;
@@ -50,10 +53,10 @@ pub struct Options {
     /// Write the relief as a raster as well: RUN/hillshade.tif
     #[arg(long)]
     hillshade: bool,
-    /// Write the cells as a point cloud with colours as well (.laz or .las)
+    /// Write the cells as a point cloud with colours as well (.laz or .las); a relative path counts from RUN
     #[arg(long, value_name = "FILE", value_parser = ending(&["laz", "las"]))]
     points: Option<PathBuf>,
-    /// Write a mesh textured with the orthophoto as well (.glb)
+    /// Write a mesh textured with the orthophoto as well (.glb); a relative path counts from RUN
     #[arg(long, value_name = "FILE", value_parser = ending(&["glb"]))]
     mesh: Option<PathBuf>,
 }
@@ -63,7 +66,7 @@ fn ending(
     allowed: &'static [&'static str],
 ) -> impl Fn(&str) -> Result<PathBuf, String> + Clone + Send + Sync + 'static {
     move |text| {
-        let path = std::path::absolute(text).map_err(|e| e.to_string())?;
+        let path = PathBuf::from(text);
         let found = path.extension().map(|e| e.to_string_lossy().to_lowercase());
         match found {
             Some(e) if allowed.contains(&e.as_str()) => Ok(path),
@@ -73,13 +76,59 @@ fn ending(
 }
 
 impl Options {
-    /// Opens what rendering will read, for what is wrong with it to be known before a long training.
-    pub(super) fn check(&self) -> Result<(), Failure> {
+    /// Opens what rendering will read and asks whether it can write, for what is wrong to be known before a long
+    /// training.
+    pub(super) fn check(&self, run: &Path) -> Result<(), Failure> {
+        self.products()?.iter().try_for_each(|product| product.check(run))?;
         Vertical::read(&self.vertical)?;
         if let Some(path) = &self.like {
             check_size(&ImageFile::open(path)?.map_grid()?)?;
         }
         Ok(())
+    }
+}
+
+/// What is made beside the rasters when asked for; it can be added to a surface that is there. Paths count from RUN.
+enum Product {
+    Hillshade,
+    Points(PathBuf),
+    Mesh(PathBuf),
+}
+
+impl Product {
+    fn path(&self) -> &Path {
+        match self {
+            Self::Hillshade => Path::new(HILLSHADE),
+            Self::Points(path) | Self::Mesh(path) => path,
+        }
+    }
+
+    fn check(&self, run: &Path) -> Result<(), Failure> {
+        Ok(check_writable(&run.join(self.path()))?)
+    }
+
+    fn write(&self, run: &Path, surface: &Surface, heights: &Heights) -> Result<(), Failure> {
+        let path = run.join(self.path());
+        let written = match self {
+            Self::Hillshade => surface.write_hillshade(&path),
+            Self::Points(_) => surface.write_points(&path, heights),
+            Self::Mesh(_) => surface.write_mesh(&path, heights),
+        };
+        Ok(written?)
+    }
+}
+
+impl Options {
+    /// The products that are asked for.
+    fn products(&self) -> Result<Vec<Product>, Failure> {
+        let sparse = Path::new(ADJUSTMENT).join(SPARSE_POINTS);
+        if self.points.as_ref().is_some_and(|path| *path == sparse) {
+            let message = format!("--points: `{}` holds the run's tie points", sparse.display());
+            return Err(Failure::input(message, "another name keeps them"));
+        }
+        let hillshade = self.hillshade.then_some(Product::Hillshade);
+        let points = self.points.clone().map(Product::Points);
+        Ok(hillshade.into_iter().chain(points).chain(self.mesh.clone().map(Product::Mesh)).collect())
     }
 }
 
@@ -93,18 +142,27 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
 
 /// Renders a run folder, unless that is done already.
 pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Result<(), Failure> {
+    run_lock::lock(run)?;
     let cameras = TrainedCameras::read(run)?;
     let setup = &cameras.setup;
     let grid = grid(options, &cameras)?;
     let vertical = Vertical::read(&options.vertical)?;
-    let mut outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(|name| run.join(name)).to_vec();
-    outputs.extend(options.hillshade.then(|| run.join(HILLSHADE)));
-    outputs.extend([&options.points, &options.mesh].into_iter().flatten().cloned());
+    let outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(|name| run.join(name)).to_vec();
     let stage = Stage::new(run, "dsm", outputs, fingerprint(run, &grid, options));
-    if stage.is_done(overwrite)? {
+    let is_done = stage.is_done(overwrite)?;
+    let mut made = Products::read(run, stage.fingerprint());
+    let mut products = options.products()?;
+    products.retain(|product| !is_done || !made.has(product.path()));
+    if is_done {
         ui.note(&format!("`{}` has its surface already", run.display()));
-        return Ok(());
+        ui.repeat_summary("dsm", stage.summary());
+        if products.is_empty() {
+            return Ok(());
+        }
+    } else {
+        stage.require_writable()?;
     }
+    products.iter().try_for_each(|product| product.check(run))?;
     let splats = cameras.read_splats(run)?;
     let reference = cameras.reference_appearance();
     let read = || SweptSurface::read(&run.join(SURFACE), &setup.site);
@@ -131,21 +189,21 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
             "EGM96 and EGM2008 grids of the whole Earth come with PROJ's data",
         ));
     }
-    surface.write_dsm(&run.join(DSM), &heights)?;
-    surface.write_ortho(&run.join(ORTHO))?;
-    surface.write_confidence(&run.join(CONFIDENCE))?;
-    if let Some(path) = &options.points {
-        surface.write_points(path, &heights)?;
+    if !is_done {
+        surface.write_dsm(&run.join(DSM), &heights)?;
+        surface.write_ortho(&run.join(ORTHO))?;
+        surface.write_confidence(&run.join(CONFIDENCE))?;
+        let shade = hillshade(&surface.height, grid.cell);
+        write_png_gray(&run.join("hillshade.png"), grid.width, grid.height, &shade)?;
     }
-    if let Some(path) = &options.mesh {
-        surface.write_mesh(path, &heights)?;
+    for product in &products {
+        product.write(run, &surface, &heights)?;
+        made.add(product.path().into())?;
+        ui.note(&format!("`{}` is written", run.join(product.path()).display()));
     }
-    if options.hillshade {
-        surface.write_hillshade(&run.join(HILLSHADE))?;
+    if is_done {
+        return Ok(());
     }
-    let shade = hillshade(&surface.height, grid.cell);
-    write_png_gray(&run.join("hillshade.png"), grid.width, grid.height, &shade)?;
-    stage.complete()?;
 
     let seen = surface.height.valid().count();
     let share = 100.0 * seen as f64 / surface.height.data.len() as f64;
@@ -160,6 +218,7 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         run.join(ORTHO).display()
     );
     let json = serde_json::json!({ "grid": grid, "vertical": vertical.name(), "seen_percent": share });
+    stage.complete(&json)?;
     ui.summary("dsm", &text, json);
     Ok(())
 }
@@ -193,13 +252,16 @@ fn check_size(grid: &MapGrid) -> Result<(), Failure> {
 fn fingerprint(run: &Path, grid: &MapGrid, options: &Options) -> Fingerprint {
     Fingerprint::from([
         ("--vertical".into(), options.vertical.clone()),
-        ("--fill".into(), format!("{:?}", options.fill)),
-        ("--hillshade".into(), options.hillshade.to_string()),
-        ("--points".into(), format!("{:?}", options.points)),
-        ("--mesh".into(), format!("{:?}", options.mesh)),
+        ("--fill".into(), or_none(options.fill)),
         ("surface".into(), hash_file(&run.join(SURFACE))),
         ("splats".into(), hash_file(&run.join(SPLATS))),
         ("cameras".into(), hash_file(&run.join(CAMERAS))),
-        ("grid".into(), serde_json::to_string(grid).unwrap_or_default()),
+        (
+            "grid (--resolution, --like)".into(),
+            format!(
+                "{} x {} cells of {} m from {} east, {} north, EPSG:{}",
+                grid.width, grid.height, grid.cell, grid.west, grid.north, grid.epsg
+            ),
+        ),
     ])
 }

@@ -4,7 +4,7 @@ use super::{Failure, Ui};
 use crate::metrics::{
     Evaluation, Method, Surface, Truth, TruthOptions, error_picture, error_style, evaluate,
 };
-use crate::raster::{Cog, Vertical, write_file, write_png_rgb};
+use crate::raster::{Cog, Vertical, check_writable, write_file, write_png_rgb};
 use crate::report::{FIGURES, SCORE_NOTE, ScoreTable, figures, score_tables};
 use crate::run_files::{ERROR_MAP, METRICS};
 use std::fmt::Write;
@@ -83,6 +83,9 @@ pub(super) fn score(
     let inputs = format!("{}, {}", dsm.display(), truth.display());
     let prediction = Surface::read(dsm)?;
     let truth = Truth::read(truth, options, &prediction.grid)?;
+    if let Some(folder) = output {
+        check_writable(&folder.join(METRICS))?;
+    }
     let evaluation = evaluate(prediction, truth)?;
     for note in &evaluation.notes {
         ui.note(note);

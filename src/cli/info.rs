@@ -2,7 +2,7 @@
 
 use super::scene_args::SceneArgs;
 use super::{Failure, Ui};
-use crate::raster::{ImageFile, Outline, write_outlines};
+use crate::raster::{ImageFile, Outline, check_writable, write_outlines};
 use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, ValueRange, View, angle_between_deg};
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -39,6 +39,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         }
     }
     let scene = args.scene.read(None, ui)?;
+    for file in [&args.footprints, &args.skyplot].into_iter().flatten() {
+        check_writable(file)?;
+    }
     let overlap = scene.overlap()?;
     let rows = scene.views.iter().map(|v| Row::new(v, overlap.height_m)).collect::<Result<Vec<_>, _>>()?;
     let pairs = Pairs::new(&rows);

@@ -1,6 +1,8 @@
-//! Ctrl-C: work that can leave a checkpoint is asked to stop, anything else stops at once.
+//! Ctrl-C and SIGTERM: work that can leave a checkpoint is asked to stop, anything else stops at once.
 
 use super::failure::INTERRUPTED;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
 use std::io::Write;
 use std::sync::atomic::{AtomicU8, Ordering::SeqCst};
 
@@ -11,26 +13,29 @@ const POLITE: u8 = 1;
 /// It has been asked to stop.
 const REQUESTED: u8 = 2;
 
-/// The signal's handler and the work share this; there is one signal a process.
+/// The signals' thread and the work share this; there is one set of signals a process.
 static STATE: AtomicU8 = AtomicU8::new(AT_ONCE);
 
-/// Takes Ctrl-C over for the process.
+/// Takes Ctrl-C and SIGTERM, which batch systems and containers send first, over for the process.
 pub(super) fn install() {
-    // Fails only if there is a handler already, which is this one.
-    let _ = ctrlc::set_handler(|| {
-        if STATE.compare_exchange(POLITE, REQUESTED, SeqCst, SeqCst).is_ok() {
-            let _ = writeln!(
-                std::io::stderr(),
-                "\ninterrupted: writing a checkpoint (Ctrl-C again stops at once)"
-            );
-        } else {
-            let _ = writeln!(std::io::stderr(), "\ninterrupted");
-            std::process::exit(INTERRUPTED.into());
-        }
-    });
+    // Without a handler or a thread the signals end the process, as they do by default.
+    let Ok(mut signals) = Signals::new([SIGINT, SIGTERM]) else { return };
+    let _ = std::thread::Builder::new()
+        .name("signals".into())
+        .spawn(move || signals.forever().for_each(on_signal));
 }
 
-/// While it lives, a first Ctrl-C only asks the work to stop.
+fn on_signal(_: i32) {
+    if STATE.compare_exchange(POLITE, REQUESTED, SeqCst, SeqCst).is_ok() {
+        let _ =
+            writeln!(std::io::stderr(), "\ninterrupted: writing a checkpoint (Ctrl-C again stops at once)");
+    } else {
+        let _ = writeln!(std::io::stderr(), "\ninterrupted");
+        std::process::exit(INTERRUPTED.into());
+    }
+}
+
+/// While it lives, a first signal only asks the work to stop.
 pub(super) struct Interruptible(());
 
 impl Interruptible {

@@ -3,7 +3,9 @@
 mod checkpoints;
 mod failure;
 mod interrupt;
+mod products;
 mod run_folder;
+mod run_lock;
 mod stage;
 mod ui;
 
@@ -86,7 +88,10 @@ pub fn main() -> std::process::ExitCode {
         Err(e) => {
             // Help and version are no errors; clap prints each to its own stream and knows its exit code.
             let code = e.exit_code();
-            let _ = e.print();
+            let printed = e.print().or_else(ui::output_lost);
+            if printed.is_err() && code == 0 {
+                return std::process::ExitCode::FAILURE;
+            }
             return std::process::ExitCode::from(u8::try_from(code).unwrap_or(2));
         }
     };
@@ -105,19 +110,16 @@ pub fn main() -> std::process::ExitCode {
         Command::Run(args) => run::run(args, &ui),
         Command::Report(args) => report::run(args, &ui),
     });
-    match result {
-        Ok(()) => {
-            ui.finish_json();
-            std::process::ExitCode::SUCCESS
-        }
-        Err(failure) => {
-            if failure.is_partial() {
-                ui.finish_json();
-            }
-            ui.report(&failure);
-            std::process::ExitCode::from(failure.exit_code)
-        }
+    if result.as_ref().err().is_none_or(Failure::is_partial) {
+        ui.finish_json();
     }
+    run_lock::release();
+    let lost = ui.require_output();
+    // A part that is missing is told too, but what is lost decides the exit code; other failures come first.
+    let failures = [result.err(), lost.err()].into_iter().flatten().collect::<Vec<_>>();
+    failures.iter().for_each(|failure| ui.report(failure));
+    let decides = failures.iter().find(|failure| !failure.is_partial()).or(failures.first());
+    decides.map_or(std::process::ExitCode::SUCCESS, |failure| std::process::ExitCode::from(failure.exit_code))
 }
 
 /// A length above 0.

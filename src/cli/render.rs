@@ -4,7 +4,7 @@ use super::run_folder::{TrainedCameras, read_scene};
 use super::{Failure, Ui};
 use crate::affine::sun_direction;
 use crate::bundle::Adjustment;
-use crate::raster::{Cog, MapGrid, SensorImage, Vertical, write_png_rgb};
+use crate::raster::{Cog, MapGrid, SensorImage, Vertical, check_writable, write_png_rgb};
 use crate::rpc::{Rpc, formats};
 use crate::run_files::ADJUSTMENT;
 use crate::scene::Sun;
@@ -82,6 +82,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         }
     };
     let cameras = TrainedCameras::read(&args.run)?;
+    check_writable(&args.output)?;
     let setup = &cameras.setup;
     let splats = cameras.read_splats(&args.run)?;
     let like = args.like.as_ref().map(|name| find(setup, name)).transpose()?;

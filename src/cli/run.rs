@@ -25,7 +25,7 @@ pub struct Args {
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     // What late stages read is opened first: training is long.
     args.training.recipe()?;
-    args.surface.check()?;
+    args.surface.check(args.ba.output())?;
     if let Some(truth) = &args.truth {
         Truth::check(truth)?;
     }

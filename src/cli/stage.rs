@@ -1,11 +1,16 @@
 //! Stages of a run: each remembers what it was made from, so that it is skipped, resumed or refused.
 
 use super::Failure;
-use crate::raster::{RasterError, write_file};
-use crate::run_files::STAGE;
+use super::run_folder::write_json;
+use crate::raster::{RasterError, check_writable, write_file};
+use crate::run_files::{ADJUSTMENT, STAGE, SUMMARY};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+/// Hexadecimal digits of a hash.
+const HASH_LENGTH: usize = 32;
 
 /// What a stage was made from: option or input → its value or hash.
 pub type Fingerprint = BTreeMap<String, String>;
@@ -56,21 +61,29 @@ impl Stage {
         }
         let keys: std::collections::BTreeSet<&String> =
             before.keys().chain(self.fingerprint.keys()).collect();
-        let differ: Vec<String> = keys
-            .into_iter()
-            .filter(|k| before.get(*k) != self.fingerprint.get(*k))
-            .map(|k| {
-                let show = |f: &Fingerprint| {
-                    f.get(k).map_or("none".into(), |v| v.chars().take(16).collect::<String>())
-                };
-                format!("{k} was {}, is {}", show(before), show(&self.fingerprint))
-            })
-            .collect();
-        let folder = self.record.parent().unwrap_or(&self.record);
-        Err(Failure::input(
-            format!("`{}` holds a {} of other input: {}", folder.display(), self.name, differ.join("; ")),
-            "--overwrite makes it anew, another -o keeps both",
-        ))
+        let differences =
+            keys.into_iter().filter_map(|k| difference(k, before.get(k), self.fingerprint.get(k)));
+        let folder = self.record.parent().unwrap_or(&self.record).display();
+        let message = format!(
+            "`{folder}` was made with other options or input: {}",
+            differences.collect::<Vec<_>>().join("; ")
+        );
+        let hint = match self.name {
+            ADJUSTMENT => "--overwrite makes it anew, another -o keeps both".into(),
+            name => format!("`satgs {name} RUN --overwrite` makes it anew; a copy of RUN keeps both"),
+        };
+        Err(Failure::input(message, hint))
+    }
+
+    /// Asks whether what the stage makes can be written, for that to be known before long work.
+    pub fn require_writable(&self) -> Result<(), Failure> {
+        self.outputs.iter().chain([&self.record]).try_for_each(|path| Ok(check_writable(path)?))
+    }
+
+    /// What the stage said when it was made, if it was kept.
+    pub fn summary(&self) -> Option<Value> {
+        let text = std::fs::read_to_string(self.record.with_file_name(SUMMARY)).ok()?;
+        serde_json::from_str(&text).ok()
     }
 
     /// What the stage is made from.
@@ -78,8 +91,10 @@ impl Stage {
         &self.fingerprint
     }
 
-    /// Records that the stage is complete.
-    pub fn complete(&self) -> Result<(), Failure> {
+    /// Records that the stage is complete, and what it says to `--json`.
+    pub fn complete(&self, summary: &Value) -> Result<(), Failure> {
+        // Not in the record: later stages count its bytes, and a summary holds seconds.
+        write_json(&self.record.with_file_name(SUMMARY), summary)?;
         let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
         let record = Record {
             satgs: env!("CARGO_PKG_VERSION").into(),
@@ -101,6 +116,24 @@ impl Stage {
     }
 }
 
+/// How an option or input differs, whole, if it does; of hashes nobody learns more than that they do.
+fn difference(key: &str, before: Option<&String>, now: Option<&String>) -> Option<String> {
+    let is_hash = |v: &str| v.len() == HASH_LENGTH && v.bytes().all(|b| b.is_ascii_hexdigit());
+    let shown = |v: Option<&String>| v.map_or("none".into(), |v| v.clone());
+    match (before, now) {
+        _ if before == now => None,
+        (Some(b), Some(n)) if is_hash(b) || is_hash(n) => Some(format!("{key} has changed")),
+        (Some(b), None) if is_hash(b) => Some(format!("{key} is missing now")),
+        (None, Some(n)) if is_hash(n) => Some(format!("{key} is new")),
+        _ => Some(format!("{key} was {}, is {}", shown(before), shown(now))),
+    }
+}
+
+/// A value of an option that may not be given.
+pub fn or_none(value: Option<impl std::fmt::Display>) -> String {
+    value.map_or_else(|| "none".into(), |v| v.to_string())
+}
+
 /// Short hash of bytes.
 pub fn hash(bytes: &[u8]) -> String {
     short(blake3::hash(bytes))
@@ -114,5 +147,60 @@ pub fn hash_file(path: &Path) -> String {
 }
 
 fn short(hash: blake3::Hash) -> String {
-    hash.to_hex()[..32].to_string()
+    hash.to_hex()[..HASH_LENGTH].to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stage(run: &Path, name: &'static str, made_from: &[(&str, &str)]) -> Stage {
+        let fingerprint = made_from.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
+        Stage::new(run, name, vec![run.join("output")], fingerprint)
+    }
+
+    #[test]
+    fn what_differs_is_said_whole_and_the_advice_is_of_the_command() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path();
+        let (one, two) = (hash(b"1"), hash(b"2"));
+        let grid =
+            |cell: &str| format!("1200 x 1100 cells of {cell} m, west 436000, north 3357700, EPSG:32617");
+        let before =
+            [("grid", grid("0.5")), ("splats", one.clone()), ("mask a", one.clone()), ("--fill", "2".into())];
+        let now = [("grid", grid("1")), ("splats", two.clone()), ("mask b", two), ("--fill", "2".into())];
+        fn text<'a>(from: &'a [(&'a str, String)]) -> Vec<(&'a str, &'a str)> {
+            from.iter().map(|(k, v)| (*k, v.as_str())).collect()
+        }
+        stage(run, "dsm", &text(&before)).complete(&Value::Null).unwrap();
+        let refusal = stage(run, "dsm", &text(&now)).is_done(false).unwrap_err();
+        let expected = format!(
+            "grid was {}, is {}; mask a is missing now; mask b is new; splats has changed",
+            grid("0.5"),
+            grid("1")
+        );
+        assert!(refusal.message.ends_with(&expected), "{}", refusal.message);
+        assert!(!refusal.message.contains(&one[..8]), "{}", refusal.message);
+        let hint = refusal.hint.unwrap();
+        assert!(hint.contains("satgs dsm RUN --overwrite") && !hint.contains("-o "), "{hint}");
+        stage(run, "ba", &text(&before)).complete(&Value::Null).unwrap();
+        let refusal = stage(run, "ba", &text(&now)).is_done(false).unwrap_err();
+        assert!(refusal.hint.unwrap().contains("another -o"));
+    }
+
+    #[test]
+    fn a_summary_is_kept_and_is_no_part_of_the_record() {
+        let folder = tempfile::tempdir().unwrap();
+        let stage = stage(folder.path(), "train", &[("seed", "0")]);
+        let record = || {
+            std::fs::write(folder.path().join("output"), "").unwrap();
+            std::fs::read(folder.path().join("train").join(STAGE)).unwrap()
+        };
+        stage.complete(&serde_json::json!({ "seconds": 1.5 })).unwrap();
+        let first = record();
+        stage.complete(&serde_json::json!({ "seconds": 2.5 })).unwrap();
+        assert_eq!(record(), first, "later stages would be of other input");
+        assert!(stage.is_done(false).unwrap());
+        assert_eq!(stage.summary().unwrap()["seconds"], 2.5);
+    }
 }

@@ -4,7 +4,7 @@ use super::checkpoints::Checkpoints;
 use super::interrupt::Interruptible;
 use super::run_folder::{TrainedCameras, read_scene, require_images, write_json};
 use super::stage::{Fingerprint, Stage, hash, hash_file};
-use super::{Failure, Ui, align};
+use super::{Failure, Ui, align, run_lock};
 use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
 use crate::event::Event;
@@ -71,14 +71,19 @@ pub struct Options {
 impl Options {
     /// The recipe that is asked for.
     pub(super) fn recipe(&self) -> Result<Recipe, Failure> {
-        let recipe = match Recipe::named(&self.recipe) {
-            Some(recipe) => recipe,
-            None => Recipe::read(Path::new(&self.recipe))?,
-        };
+        let recipe = self.recipe_as_written()?;
         Ok(match self.iterations {
             Some(iterations) => recipe.with_iterations(iterations),
             None => recipe,
         })
+    }
+
+    /// The recipe with its own number of iterations.
+    fn recipe_as_written(&self) -> Result<Recipe, Failure> {
+        match Recipe::named(&self.recipe) {
+            Some(recipe) => Ok(recipe),
+            None => Ok(Recipe::read(Path::new(&self.recipe))?),
+        }
     }
 }
 
@@ -98,15 +103,18 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
 
 /// Trains a run folder, unless it is trained already; goes on from a checkpoint of the same input and options.
 pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Result<(), Failure> {
+    run_lock::lock(run)?;
     align::finish(run)?;
     let scene = read_scene(run)?;
     let recipe = options.recipe()?;
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
-    let stage = Stage::new(run, "train", outputs, fingerprint(run, &recipe, options.seed));
+    let stage = Stage::new(run, "train", outputs, fingerprint(run, options, &recipe)?);
     if stage.is_done(overwrite)? {
         ui.note(&format!("`{}` is trained already", run.display()));
+        ui.repeat_summary("train", stage.summary());
         return Ok(());
     }
+    stage.require_writable()?;
     require_images(&scene)?;
     let job = Job::new(run, options, recipe, &scene)?;
     let views = job.setup.training_views(&scene)?;
@@ -145,9 +153,10 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         ui.note(&backend.times().table());
     }
     let cameras = job.write(&mut backend, first.as_ref(), &log)?;
-    stage.complete()?;
+    let (text, json) = summary(run, &cameras, &log, (at_start, backend.snapshot().splats.len()));
+    stage.complete(&json)?;
     checkpoints.remove();
-    summarise(run, &cameras, &log, (at_start, backend.snapshot().splats.len()), ui);
+    ui.summary("train", &text, json);
     Ok(())
 }
 
@@ -245,8 +254,13 @@ impl<'a> Job<'a> {
     }
 }
 
-/// Says what training made; `splats` are their numbers at the start and at the end.
-fn summarise(run: &Path, cameras: &TrainedCameras, log: &[LogLine], splats: (usize, usize), ui: &Ui) {
+/// What training made, in words and for `--json`; `splats` are their numbers at the start and at the end.
+fn summary(
+    run: &Path,
+    cameras: &TrainedCameras,
+    log: &[LogLine],
+    splats: (usize, usize),
+) -> (String, serde_json::Value) {
     let fits = &cameras.setup.views;
     let worst = fits.iter().map(|v| v.max_px).fold(0.0, f64::max);
     let rms = mean(fits.iter().map(|v| v.rms_px));
@@ -266,7 +280,7 @@ fn summarise(run: &Path, cameras: &TrainedCameras, log: &[LogLine], splats: (usi
         "iterations": cameras.recipe.iterations, "seconds": seconds, "splats_start": at_start, "splats": at_end,
         "affine_rms_px": rms, "affine_max_px": worst, "l1": l1, "ssim": ssim,
     });
-    ui.summary("train", &text, json);
+    (text, json)
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
@@ -274,15 +288,17 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / f64::max(n, 1.0)
 }
 
-fn fingerprint(run: &Path, recipe: &Recipe, seed: u64) -> Fingerprint {
-    let recipe_text = serde_json::to_string(recipe).unwrap_or_default();
-    Fingerprint::from([
+fn fingerprint(run: &Path, options: &Options, recipe: &Recipe) -> Result<Fingerprint, Failure> {
+    // What --iterations scales is not told as a change of everything.
+    let choices = serde_json::to_string(&options.recipe_as_written()?).unwrap_or_default();
+    Ok(Fingerprint::from([
         // It covers the scene, but not where its files lie.
         ("adjustment".into(), hash_file(&run.join(ADJUSTMENT).join(STAGE))),
-        ("recipe".into(), format!("{} {}", recipe.name, hash(recipe_text.as_bytes()))),
-        ("iterations".into(), recipe.iterations.to_string()),
-        ("seed".into(), seed.to_string()),
-    ])
+        ("--recipe".into(), recipe.name.clone()),
+        ("what the recipe says".into(), hash(choices.as_bytes())),
+        ("--iterations".into(), recipe.iterations.to_string()),
+        ("--seed".into(), options.seed.to_string()),
+    ]))
 }
 
 fn write_log(path: &Path, log: &[LogLine]) -> Result<(), Failure> {

@@ -15,6 +15,8 @@ pub struct Ui {
     common: Common,
     summaries: RefCell<serde_json::Map<String, serde_json::Value>>,
     stage: RefCell<Option<Stage>>,
+    /// Why standard output did not take everything.
+    lost: RefCell<Option<std::io::Error>>,
 }
 
 struct Stage {
@@ -28,7 +30,12 @@ impl Ui {
     /// From the options every command has.
     #[must_use]
     pub fn new(common: &Common) -> Self {
-        Self { common: common.clone(), summaries: RefCell::default(), stage: RefCell::new(None) }
+        Self {
+            common: common.clone(),
+            summaries: RefCell::default(),
+            stage: RefCell::new(None),
+            lost: RefCell::new(None),
+        }
     }
 
     /// Starts logging and the thread pool, and takes Ctrl-C over.
@@ -43,6 +50,7 @@ impl Ui {
         let _ = tracing_subscriber::fmt()
             .with_max_level(level)
             .with_writer(std::io::stderr)
+            .with_ansi(may_color())
             .with_target(false)
             .without_time()
             .try_init();
@@ -90,9 +98,16 @@ impl Ui {
     /// A stage's result: `text` is printed now; with `--json`, `json` at the end.
     pub fn summary(&self, stage: &str, text: &str, json: serde_json::Value) {
         if !self.common.json && !self.common.quiet {
-            print_out(text);
+            self.print_out(text);
         }
         self.summaries.borrow_mut().insert(stage.into(), json);
+    }
+
+    /// What a stage that is done already said when it was made, for `--json`.
+    pub fn repeat_summary(&self, stage: &str, json: Option<serde_json::Value>) {
+        if let Some(json) = json {
+            self.summaries.borrow_mut().insert(stage.into(), json);
+        }
     }
 
     /// With `--json`, prints the one stage's summary, or all stages' by name.
@@ -100,8 +115,20 @@ impl Ui {
         let summaries = std::mem::take(&mut *self.summaries.borrow_mut());
         if self.common.json {
             let only = (summaries.len() == 1).then(|| summaries.values().next().cloned()).flatten();
-            print_out(&only.unwrap_or(serde_json::Value::Object(summaries)).to_string());
+            self.print_out(&only.unwrap_or(serde_json::Value::Object(summaries)).to_string());
         }
+    }
+
+    fn print_out(&self, text: &str) {
+        let mut out = std::io::stdout().lock();
+        if let Err(e) = writeln!(out, "{}", text.trim_end()).and_then(|()| out.flush()) {
+            self.lost.borrow_mut().get_or_insert(e);
+        }
+    }
+
+    /// An error if standard output did not take what was printed. A closed pipe (`| head`) is the reader's choice.
+    pub(super) fn require_output(&self) -> Result<(), Failure> {
+        self.lost.borrow_mut().take().map_or(Ok(()), output_lost)
     }
 
     pub(super) fn report(&self, failure: &Failure) {
@@ -167,7 +194,20 @@ impl Ui {
     }
 }
 
-/// A closed pipe (`| head`) is the reader's choice, not an error.
-fn print_out(text: &str) {
-    let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
+/// The failure of a standard output that takes nothing more.
+pub(super) fn output_lost(error: std::io::Error) -> Result<(), Failure> {
+    if error.kind() == std::io::ErrorKind::BrokenPipe {
+        return Ok(());
+    }
+    Err(Failure {
+        message: format!("standard output could not be written: {error}"),
+        hint: Some("what went into files is complete".into()),
+        exit_code: 1,
+    })
+}
+
+/// Whether lines of the log may be coloured: on a terminal, unless the user has said `NO_COLOR`.
+fn may_color() -> bool {
+    let is_set = |name| std::env::var_os(name).is_some_and(|v| !v.is_empty());
+    std::io::stderr().is_terminal() && !is_set("NO_COLOR")
 }

@@ -37,11 +37,13 @@ mod tests {
             let path = dir.path().join(name);
             surface.write_points(&path, &surface.heights_above(&Vertical::Ellipsoid)).unwrap();
             let mut reader = las::Reader::from_path(&path).unwrap();
+            assert_eq!([1, 2].map(|k| reader.header().number_of_points_by_return(k)), [Some(11), None]);
             let crs = String::from_utf8_lossy(reader.header().get_wkt_crs_bytes().unwrap()).into_owned();
             assert!(crs.contains("32617"), "{crs}");
             let all = reader.read_all().unwrap();
             let points: Vec<las::Point> = all.points().map(Result::unwrap).collect();
             assert_eq!(points.len(), 11);
+            assert!(points.iter().all(|p| (p.return_number, p.number_of_returns) == (1, 1)));
             assert!((points[5].x - 436_191.25).abs() < 1e-6 && (points[5].z - 10.0).abs() < 1e-6);
             assert_eq!(points[5].color.unwrap().blue, u16::MAX);
         }

@@ -5,6 +5,8 @@ use super::{RasterError, Vertical, epsg_of_wkt};
 use crate::frame::{Point, Utm};
 use gdal::spatial_ref::SpatialRef;
 use las::{Builder, Color, Transform, Vector, Writer, point::Format};
+use std::fs::File;
+use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// Resolution of the coordinates, metres.
@@ -58,11 +60,13 @@ impl PointCloud<'_> {
             let [x, y, z] = self.origin.xyz().map(|offset| Transform { scale: RESOLUTION_M, offset });
             builder.transforms = Vector { x, y, z };
             builder.generating_software = concat!("satgs ", env!("CARGO_PKG_VERSION")).into();
+            // The same points are the same bytes on any day.
+            builder.date = None;
             let mut header = builder.into_header()?;
             let vertical = self.vertical.epsg().map_or_else(String::new, |code| format!("+{code}"));
             let crs = SpatialRef::from_definition(&format!("EPSG:{}{vertical}", self.epsg))?;
             header.set_wkt_crs(crs.to_wkt()?.into_bytes())?;
-            let mut writer = Writer::from_path(temporary, header)?;
+            let mut writer = Writer::new(Steady::create(temporary)?, header)?;
             for CloudPoint { place, color, intensity } in points {
                 let level = |v: f32| (v.clamp(0.0, 1.0) * f32::from(u16::MAX)).round() as u16;
                 let color = Some(Color::new(level(color[0]), level(color[1]), level(color[2])));
@@ -74,10 +78,101 @@ impl PointCloud<'_> {
                     color,
                     intensity,
                     gps_time,
+                    // LAS counts from 1.
+                    return_number: 1,
+                    number_of_returns: 1,
                     ..Default::default()
                 })?;
             }
-            Ok(writer.close()?)
+            Ok(writer.into_inner()?.finish()?)
         })
+    }
+}
+
+/// A file that remembers its first failure and takes everything after it: `las` writes once more when it is dropped, and
+/// panics if that fails, as it does on a full disk.
+#[derive(Debug)]
+struct Steady {
+    file: BufWriter<File>,
+    failure: Option<std::io::Error>,
+    /// Where the next byte goes, and where the last one went, as if nothing had failed: `laz` subtracts places.
+    place: u64,
+    end: u64,
+}
+
+impl Steady {
+    fn create(path: &Path) -> std::io::Result<Self> {
+        Ok(Self { file: BufWriter::new(File::create(path)?), failure: None, place: 0, end: 0 })
+    }
+
+    fn remember(&mut self, result: std::io::Result<()>) {
+        if let Err(e) = result {
+            self.failure.get_or_insert(e);
+        }
+    }
+
+    /// The first failure, if there was one.
+    fn finish(mut self) -> std::io::Result<()> {
+        self.flush()?;
+        self.failure.take().map_or(Ok(()), Err)
+    }
+}
+
+impl Write for Steady {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        if self.failure.is_none() {
+            let result = self.file.write_all(bytes);
+            self.remember(result);
+        }
+        self.place += bytes.len() as u64;
+        self.end = self.end.max(self.place);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        if self.failure.is_none() {
+            let result = self.file.flush();
+            self.remember(result);
+        }
+        Ok(())
+    }
+}
+
+impl Seek for Steady {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        let target = match to {
+            SeekFrom::Start(place) => Some(place),
+            SeekFrom::Current(by) => self.place.checked_add_signed(by),
+            SeekFrom::End(by) => self.end.checked_add_signed(by),
+        };
+        self.place = target.ok_or(std::io::ErrorKind::InvalidInput)?;
+        if self.failure.is_none() {
+            // It writes what is buffered.
+            let result = self.file.seek(SeekFrom::Start(self.place)).map(|_| ());
+            self.remember(result);
+        }
+        Ok(self.place)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_disk_is_an_error_and_no_panic() {
+        for is_compressed in [false, true] {
+            let mut builder = Builder::from((1, 4));
+            builder.point_format.is_compressed = is_compressed;
+            let header = builder.into_header().unwrap();
+            let mut writer = Writer::new(Steady::create(Path::new("/dev/full")).unwrap(), header).unwrap();
+            for i in 0..100_000 {
+                let x = f64::from(i % 7919);
+                writer.write_point(las::Point { x, ..Default::default() }).unwrap();
+            }
+            let full = writer.into_inner().unwrap().finish().unwrap_err();
+            assert_eq!(full.kind(), std::io::ErrorKind::StorageFull);
+        }
     }
 }

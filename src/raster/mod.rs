@@ -1,5 +1,6 @@
 //! GDAL in and out: reading bands and metadata, writing Cloud-Optimized GeoTIFFs and PNGs.
 
+mod atomic;
 mod canvas;
 mod cloud;
 mod crs;
@@ -12,6 +13,7 @@ mod vector;
 mod vertical;
 mod write;
 
+pub use atomic::{check_writable, write_atomically, write_file};
 pub use canvas::Canvas;
 pub use cloud::{CloudPoint, PointCloud, epsg_of_cloud};
 pub use crs::{egm96_undulation_m, epsg_of_wkt, is_metric_map};
@@ -22,10 +24,7 @@ pub use plane::Plane;
 pub use style::color_style;
 pub use vector::{Marker, Outline, inside_polygons, write_markers, write_outlines};
 pub use vertical::Vertical;
-pub use write::{
-    Cog, SensorImage, png_rgb, write_atomically, write_file, write_moved, write_png_gray, write_png_rgb,
-    write_with_rpc,
-};
+pub use write::{Cog, SensorImage, png_rgb, write_moved, write_png_gray, write_png_rgb, write_with_rpc};
 
 use std::path::PathBuf;
 

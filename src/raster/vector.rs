@@ -3,11 +3,15 @@
 use super::file::set_up_gdal;
 use super::write::{encode, memory_dataset};
 use super::{MapGrid, RasterError, write_atomically};
+use gdal::config::set_thread_local_config_option;
 use gdal::raster::rasterize;
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
 use gdal::vector::{Feature, Geometry, LayerAccess, LayerOptions, OGRFieldType, OGRwkbGeometryType};
 use gdal::{Dataset, DatasetOptions, DriverManager, GdalOpenFlags};
 use std::path::Path;
+
+/// When GeoPackages say that they were changed last: the same content is to be the same bytes.
+const UNDATED: &str = "2000-01-01T00:00:00.000Z";
 
 /// What is known of a feature, NaN what is not; every feature of a layer has the same keys.
 pub type Numbers = Vec<(&'static str, f64)>;
@@ -67,6 +71,7 @@ fn write_features(
     let driver = if is_package { "GPKG" } else { "GeoJSON" };
     write_atomically(path, |temporary| {
         let make = |encoded: &Path| -> Result<(), Box<dyn std::error::Error>> {
+            set_thread_local_config_option("OGR_CURRENT_DATE", UNDATED)?;
             let mut dataset = DriverManager::get_driver_by_name(driver)?.create_vector_only(encoded)?;
             let mut srs = SpatialRef::from_epsg(4326)?;
             srs.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
@@ -131,4 +136,30 @@ pub fn inside_polygons(path: &Path, grid: &MapGrid) -> Result<Option<Vec<bool>>,
         Ok(Some(cells.into_iter().map(|c| c != 0).collect()))
     };
     burn().map_err(|e| wrong(e.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_features_are_the_same_bytes_whenever_they_are_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let square = vec![(5.0, 43.0), (5.1, 43.0), (5.1, 43.1)];
+        let outline = Outline { name: "a".into(), ring: square, numbers: vec![("gsd_m", 0.5)] };
+        let marker = Marker { place: [5.0, 43.0, 100.0], numbers: vec![("views", 3.0)] };
+        let written = |name: &str| {
+            let path = dir.path().join(name);
+            write_outlines(&path, "footprints", std::slice::from_ref(&outline)).unwrap();
+            let outlines = std::fs::read(&path).unwrap();
+            write_markers(&path, "points", std::slice::from_ref(&marker)).unwrap();
+            [outlines, std::fs::read(&path).unwrap()]
+        };
+        for kind in ["gpkg", "geojson"] {
+            let first = written(&format!("first.{kind}"));
+            // Longer than the clock of a GeoPackage's time of change.
+            std::thread::sleep(std::time::Duration::from_millis(20));
+            assert!(first == written(&format!("second.{kind}")), "{kind}");
+        }
+    }
 }

@@ -1,8 +1,9 @@
 //! Writing: Cloud-Optimized GeoTIFFs, sensor images with an RPC tag, PNGs. A file appears whole or not at all.
 
+use super::atomic::{write_atomically, write_file};
 use super::file::set_up_gdal;
 use super::{ImageFile, MapGrid, Plane, RasterError, Vertical};
-use gdal::raster::{Buffer, GdalType, RasterBand, RasterCreationOptions};
+use gdal::raster::{Buffer, ColorInterpretation, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
 use gdal::vsi::get_vsi_mem_file_bytes_owned;
 use gdal::{Dataset, DriverManager, Metadata};
@@ -11,47 +12,12 @@ use std::path::Path;
 
 /// Rows handed to GDAL at a time.
 const ROWS_AT_ONCE: usize = 256;
-
-/// Runs `write` on a temporary name beside `path`, then renames: `path` is the old file or the whole new one.
-///
-/// # Errors
-/// What `write` returns, or [`RasterError::Write`] with the system's words.
-pub fn write_atomically<E: From<RasterError>>(
-    path: &Path,
-    write: impl FnOnce(&Path) -> Result<(), E>,
-) -> Result<(), E> {
-    let failed = |e: std::io::Error| RasterError::Write { path: path.into(), reason: e.to_string() };
-    let folder = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
-    std::fs::create_dir_all(folder).map_err(failed)?;
-    let suffix = path.file_name().map_or_else(String::new, |n| format!("-{}", n.to_string_lossy()));
-    let temporary =
-        tempfile::Builder::new().prefix(".satgs-").suffix(&suffix).tempfile_in(folder).map_err(failed)?;
-    write(temporary.path())?;
-    // A full disk shows at the latest when the data must reach it.
-    std::fs::File::open(temporary.path()).and_then(|f| f.sync_all()).map_err(failed)?;
-    let file = temporary.persist(path).map_err(|e| failed(e.error))?;
-    let mut permissions = file.metadata().map_err(failed)?.permissions();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        permissions.set_mode(0o644);
-    }
-    Ok(std::fs::set_permissions(path, permissions).map_err(failed)?)
-}
-
-/// Writes a file as a whole or not at all.
-///
-/// # Errors
-/// [`RasterError::Write`].
-pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), RasterError> {
-    write_atomically(path, |temporary| {
-        std::fs::write(temporary, content)
-            .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
-    })
-}
+/// Descriptions of the bands that are the colours of a picture.
+const COLORS: [(&str, ColorInterpretation); 3] = [
+    ("red", ColorInterpretation::RedBand),
+    ("green", ColorInterpretation::GreenBand),
+    ("blue", ColorInterpretation::BlueBand),
+];
 
 /// A georeferenced raster to be written as a Cloud-Optimized GeoTIFF.
 #[derive(Clone, Copy)]
@@ -75,13 +41,13 @@ impl Cog<'_> {
         self.write(path, &data, Some(f64::NAN), &labels, "FLOATING_POINT")
     }
 
-    /// Writes 8-bit bands.
+    /// Writes 8-bit bands; three are red, green and blue.
     ///
     /// # Errors
     /// [`RasterError::Write`].
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>, nodata: Option<f64>) -> Result<(), RasterError> {
         let data: Vec<_> = bands.iter().map(Vec::as_slice).collect();
-        self.write(path, &data, nodata, &[], "STANDARD")
+        self.write(path, &data, nodata, color_labels(data.len()), "STANDARD")
     }
 
     fn write<T: GdalType + Copy>(
@@ -128,13 +94,13 @@ pub struct SensorImage<'a> {
 }
 
 impl SensorImage<'_> {
-    /// Writes 8-bit bands as a GeoTIFF with an RPC tag.
+    /// Writes 8-bit bands as a GeoTIFF with an RPC tag; three are red, green and blue.
     ///
     /// # Errors
     /// [`RasterError::Write`].
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>) -> Result<(), RasterError> {
         let data: Vec<_> = bands.iter().map(Vec::as_slice).collect();
-        self.write(path, &data, None, &[])
+        self.write(path, &data, None, color_labels(data.len()))
     }
 
     /// Writes float32 bands, each with its description and unit, with NaN as nodata, as a GeoTIFF with an RPC tag.
@@ -287,12 +253,23 @@ fn copy_as(
     encode(path, |encoded| Ok(memory.create_copy(&driver, encoded, &options)?.close()?))
 }
 
-/// Gives bands their descriptions and units.
+/// Descriptions, without units, of the bands of an 8-bit picture.
+fn color_labels(bands: usize) -> &'static [(&'static str, &'static str)] {
+    if bands == COLORS.len() { &[("red", ""), ("green", ""), ("blue", "")] } else { &[] }
+}
+
+/// Gives bands their descriptions and units, and says which are colours; an only band is grey.
 fn label(dataset: &Dataset, labels: &[(&str, &str)]) -> gdal::errors::Result<()> {
+    if dataset.raster_count() == 1 {
+        dataset.rasterband(1)?.set_color_interpretation(ColorInterpretation::GrayIndex)?;
+    }
     for (i, (description, unit)) in labels.iter().enumerate() {
         let mut band = dataset.rasterband(i + 1)?;
         band.set_description(description)?;
         set_unit(&band, unit)?;
+        if let Some((_, color)) = COLORS.into_iter().find(|c| c.0 == *description) {
+            band.set_color_interpretation(color)?;
+        }
     }
     Ok(())
 }
@@ -418,16 +395,40 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_write_leaves_the_old_file_and_no_other() {
+    fn three_bytes_are_red_green_and_blue_and_stay_so() {
+        use ColorInterpretation::{AlphaBand, BlueBand, GrayIndex, GreenBand, RedBand};
         let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("x.txt");
-        std::fs::write(&path, "old").unwrap();
-        let result = write_atomically(&path, |t| {
-            std::fs::write(t, "half").unwrap();
-            Err(RasterError::Write { path: path.clone(), reason: "disk full".into() })
-        });
-        assert!(result.is_err());
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
-        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+        let colors = |path: &Path| -> Vec<ColorInterpretation> {
+            let file = ImageFile::open(path).unwrap();
+            (1..=file.bands()).map(|i| file.dataset.rasterband(i).unwrap().color_interpretation()).collect()
+        };
+        let path = |name: &str| dir.path().join(name);
+        let cog = Cog { grid: grid(), metadata: &[], heights_from: None };
+        let band = vec![7u8; 600 * 300];
+        let rgb = [RedBand, GreenBand, BlueBand];
+        cog.write_u8(&path("ortho.tif"), vec![band.clone(); 3], Some(0.0)).unwrap();
+        assert_eq!(colors(&path("ortho.tif")), rgb);
+        write_moved(&path("ortho.tif"), &path("moved.tif"), [1.0, 1.0, 0.0]).unwrap();
+        assert_eq!(colors(&path("moved.tif")), rgb);
+        cog.write_u8(&path("hillshade.tif"), vec![band.clone()], Some(255.0)).unwrap();
+        assert_eq!(colors(&path("hillshade.tif")), [GrayIndex]);
+        let image = SensorImage { width: 600, height: 300, rpc: &[], metadata: &[] };
+        image.write_u8(&path("image.tif"), vec![band.clone(); 3]).unwrap();
+        assert_eq!(colors(&path("image.tif")), rgb);
+        let plane = Plane::filled(600, 300, 0.5);
+        let bands =
+            [("red", "", &plane), ("green", "", &plane), ("blue", "", &plane), ("height", "m", &plane)];
+        cog.write_f32(&path("picture.tif"), &bands).unwrap();
+        assert_eq!(colors(&path("picture.tif"))[..3], rgb);
+        assert_ne!(colors(&path("picture.tif"))[3], AlphaBand, "heights are not opacity");
+        image.write_f32(&path("view.tif"), &bands).unwrap();
+        assert_eq!(colors(&path("view.tif"))[..3], rgb);
+        assert_ne!(colors(&path("view.tif"))[3], AlphaBand, "heights are not opacity");
+        cog.write_f32(
+            &path("confidence.tif"),
+            &[("opacity", "", &plane), ("spread", "m", &plane), ("views", "", &plane)],
+        )
+        .unwrap();
+        assert!(!colors(&path("confidence.tif")).iter().any(|c| rgb.contains(c)));
     }
 }

@@ -47,6 +47,8 @@ pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), Ras
         "comment satgs site frame: metres east, north, up of EPSG:{} {east} {north}, ellipsoidal height {height}",
         site.epsg
     );
+    // Splat files do not say which axis is up otherwise.
+    header.push_str("comment Vertical Axis: z\n");
     let _ = writeln!(header, "element vertex {}", splats.len());
     for p in PROPERTIES {
         let _ = writeln!(header, "property float {p}");
@@ -153,6 +155,8 @@ mod tests {
         assert_eq!(read(&path).unwrap(), g);
         assert!(dir.path().join("splats.georef.json").exists());
         let bytes = std::fs::read(&path).unwrap();
+        let header = String::from_utf8_lossy(&bytes[..300]).into_owned();
+        assert!(header.lines().any(|line| line == "comment Vertical Axis: z"), "{header}");
         for part in 0..100 {
             std::fs::write(&path, &bytes[..bytes.len() * part / 100]).unwrap();
             assert!(matches!(read(&path), Err(PlyError::Format { .. })));
