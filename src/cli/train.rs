@@ -78,6 +78,12 @@ impl Options {
         })
     }
 
+    /// The recipe for so many training views: few of them need fewer iterations than it has, unless a number is asked for.
+    fn recipe_for(&self, views: usize) -> Result<Recipe, Failure> {
+        let recipe = self.recipe()?;
+        Ok(if self.iterations.is_some() { recipe } else { recipe.for_views(views) })
+    }
+
     /// The recipe with its own number of iterations.
     fn recipe_as_written(&self) -> Result<Recipe, Failure> {
         match Recipe::named(&self.recipe) {
@@ -106,7 +112,7 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     run_lock::lock(run)?;
     align::finish(run)?;
     let scene = read_scene(run)?;
-    let recipe = options.recipe()?;
+    let recipe = options.recipe_for(scene.training().count())?;
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
     let stage = Stage::new(run, "train", outputs, fingerprint(run, options, &recipe)?);
     if stage.is_done(overwrite)? {
@@ -195,7 +201,8 @@ impl<'a> Job<'a> {
                 first.write(&self.run.join(FIRST_SURFACE))?;
                 init::on_surface(&first, views)
             }
-            (None, Start::Surface | Start::Points) => init::on_points(&self.sparse, setup.area, seed),
+            (None, Start::Surface) => return Err(SetupError::no_pair(views).into()),
+            (None, Start::Points) => init::on_points(&self.sparse, setup.area, seed),
             (None, Start::Box) => init::in_box(setup.area, setup.altitudes, seed),
         })
     }
@@ -241,8 +248,13 @@ impl<'a> Job<'a> {
         let Self { run, recipe, setup, .. } = self;
         let made = backend.snapshot();
         if let Some((sweep, first)) = &swept {
-            let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
-            sweep.sharpen(&trained, first).write(&run.join(SURFACE))?;
+            let surface = if sweep.is_bettered_by_training() {
+                let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
+                &sweep.sharpen(&trained, first)
+            } else {
+                first
+            };
+            surface.write(&run.join(SURFACE))?;
         }
         write_log(&run.join(TRAINING), log)?;
         progress::curves(log).write(&run.join("train/curves.png"))?;

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 /// Iterations of the default recipe, instead of the papers' 5000: it starts near the surface.
 const BEST_ITERATIONS: u32 = 4000;
+/// Iterations for each of few training views, up to the recipe's: what they show is learnt sooner.
+const ITERATIONS_A_VIEW: u32 = 500;
 /// Opacity whose logit is -6.
 const EOGS_PRUNES_BELOW: f64 = 0.002_472_6;
 
@@ -177,6 +179,15 @@ fn always() -> u32 {
 }
 
 impl Recipe {
+    /// The recipe for so many training views: where it starts on the surface that few of them are matched to, it has no more
+    /// than 500 iterations for each.
+    #[must_use]
+    pub fn for_views(self, views: usize) -> Self {
+        let is_few = self.start == Start::Surface && views <= crate::splat::sweep::FEW_VIEWS;
+        let enough = ITERATIONS_A_VIEW * views.max(1) as u32;
+        if is_few && enough < self.iterations { self.with_iterations(enough) } else { self }
+    }
+
     /// Names of the recipes that come with the program, the default first.
     pub const NAMES: [&'static str; 3] = ["best", "baeogs", "eogs"];
 

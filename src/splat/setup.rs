@@ -1,6 +1,7 @@
 //! From adjusted cameras and sparse points to what training needs: the site, its area and heights, affine cameras.
 
 use super::init::{SiteBox, height_range, quantile};
+use super::sweep::{PARALLAX, parallax};
 use super::views::TrainingView;
 use crate::affine::{AffineCamera, FitError, fit, sun_direction};
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteGrid};
@@ -33,6 +34,21 @@ pub enum SetupError {
     #[error("no training view is left")]
     #[diagnostic(help("`test.txt` holds views back, `train.txt` lists those to train on"))]
     NoViews,
+    /// No two views see heights differently enough, or alike enough, to be matched.
+    #[error(
+        "no two training views make a stereo pair: they converge by {least_deg:.1}° to {most_deg:.1}°, where {} can be \
+         matched",
+        matched_angles()
+    )]
+    #[diagnostic(help(
+        "`satgs info` lists the angles of all pairs; another view is needed, or `--recipe baeogs`, which matches nothing"
+    ))]
+    NoPair {
+        /// The smallest angle of convergence.
+        least_deg: f64,
+        /// The largest.
+        most_deg: f64,
+    },
     /// A view looks too flatly.
     #[error(
         "view `{view}` looks from {elevation_deg:.1}° above the horizon, at least {LOWEST_ELEVATION_DEG}° are needed"
@@ -60,6 +76,23 @@ pub enum SetupError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Raster(#[from] RasterError),
+}
+
+impl SetupError {
+    /// What is wrong with views of which no two can be matched.
+    #[must_use]
+    pub fn no_pair(views: &[TrainingView]) -> Self {
+        let pairs = views.iter().enumerate().flat_map(|(i, a)| views[i + 1..].iter().map(move |b| (a, b)));
+        let angles = pairs.map(|(a, b)| parallax(a, b).atan().to_degrees());
+        let (least_deg, most_deg) = angles
+            .fold((f64::INFINITY, 0.0), |(least, most), deg| (f64::min(least, deg), f64::max(most, deg)));
+        Self::NoPair { least_deg: if least_deg.is_finite() { least_deg } else { 0.0 }, most_deg }
+    }
+}
+
+fn matched_angles() -> String {
+    let deg = |parallax: f64| parallax.atan().to_degrees();
+    format!("{:.0}° to {:.0}°", deg(PARALLAX.start), deg(PARALLAX.end))
 }
 
 /// A view's camera in the site frame.

@@ -4,7 +4,8 @@
 //! where they would see the cell and compared pair by pair (`correlation`); semi-global matching picks altitudes
 //! that agree with their neighbours' (`semiglobal`). A second pass knows from the first what hides a cell from a view,
 //! which brings streets between high walls to light, and what the cells look like (`look`). It starts training near the
-//! surface, and sharpens what training found (`settle` has the last word).
+//! surface, and sharpens what training found (`settle` has the last word). Two to five views are matched in another way,
+//! image by image (`stereo`).
 
 mod correlation;
 mod file;
@@ -15,6 +16,7 @@ mod settle;
 mod stereo;
 
 pub use horizon::{SLACK_M, horizon};
+pub use stereo::FEW_VIEWS;
 
 use super::init::Ground;
 use super::setup::Setup;
@@ -35,10 +37,12 @@ pub const DSM_CELL_M: f64 = 0.5;
 /// Cells times altitudes that are held in memory, three bytes each; beyond, cells are coarser.
 const MAX_VOLUME: f64 = 600e6;
 /// Ground displacement per metre of height between the views of a pair: less is blind, more sees other walls.
-const PARALLAX: std::ops::Range<f64> = 0.08..0.9;
+pub const PARALLAX: std::ops::Range<f64> = 0.08..0.9;
 /// The parallax that is preferred, and what a deviation weighs against suns that differ.
 const BEST_PARALLAX: f64 = 0.35;
 const PARALLAX_WEIGHT: f64 = 0.1;
+/// Views from which on training betters the surface that they were matched to: two or three agree on false splats as well.
+const BETTERED_FROM_VIEWS: usize = 4;
 /// Pairs a view, on average.
 const PAIRS_A_VIEW: usize = 4;
 /// Of the views that see a cell at some altitude, the share that must see its ground; and altitudes that are tried.
@@ -140,7 +144,8 @@ pub struct SweptSurface {
     pub grid: MapGrid,
     /// Altitudes in metres above the site's origin; NaN where no pair of views sees the cell.
     pub altitude: Plane,
-    /// How well the views agree there, 0 to 1: the mean cube of the pairs' correlations, less where few images reach.
+    /// How well the views agree there, 0 to 1: the mean cube of the pairs' correlations, less where few images reach. 0 where
+    /// an altitude was not matched but filled from around.
     pub score: Plane,
     /// How far training is to be held to it: 1 where it bridges something plain from what views agree on, else down to 0.
     pub hold: Plane,
@@ -202,7 +207,7 @@ impl Sweep {
     /// Sweeps, the second time knowing what hides what.
     #[must_use]
     pub fn run(&self, events: Sink) -> SweptSurface {
-        if self.images.len() <= stereo::MAX_VIEWS {
+        if self.images.len() <= FEW_VIEWS {
             return self.match_images(events);
         }
         events(Event::Started { stage: "matching the surface", total: PASSES });
@@ -215,6 +220,12 @@ impl Sweep {
         surface.hold = self.hold(&surface);
         events(Event::Finished);
         surface
+    }
+
+    /// Whether the surface is to be matched once more after training ([`Sweep::sharpen`]), or is the best there is.
+    #[must_use]
+    pub fn is_bettered_by_training(&self) -> bool {
+        self.images.len() >= BETTERED_FROM_VIEWS
     }
 
     /// [`SweptSurface::hold`] of a surface.
@@ -330,15 +341,23 @@ fn cell_m(pixel_m: f64) -> f64 {
     ((10.0 * pixel_m).round() / 10.0).max(DSM_CELL_M)
 }
 
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// The parallax of two views: ground displacement per metre of height between them.
+#[must_use]
+pub fn parallax(a: &TrainingView, b: &TrainingView) -> f64 {
+    distance(a.camera.lean(), b.camera.lean())
+}
+
 /// Pairs of views with enough parallax, those under the most similar suns first: shadows lie alike.
 fn pairs(views: &[TrainingView]) -> Vec<(usize, usize)> {
-    let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
-    let lean = |i: usize| views[i].camera.lean();
     let shadow = |i: usize| views[i].sun_shear.map(|s| views[i].camera.sheared(s).lean());
     let mut rated = Vec::new();
     for i in 0..views.len() {
         for j in i + 1..views.len() {
-            let parallax = distance(lean(i), lean(j));
+            let parallax = parallax(&views[i], &views[j]);
             if PARALLAX.contains(&parallax) {
                 let suns = shadow(i).zip(shadow(j)).map_or(0.0, |(a, b)| distance(a, b));
                 rated.push((suns + PARALLAX_WEIGHT * (parallax - BEST_PARALLAX).abs(), i, j));

@@ -1,4 +1,4 @@
-//! A block on level ground, seen by five views of a textured world.
+//! A block on level ground, seen by six views of a textured world.
 
 use super::*;
 use crate::affine::AffineCamera;
@@ -6,14 +6,14 @@ use crate::event::ignore;
 use crate::frame::SiteGrid;
 use crate::splat::random::Draw;
 
-const BLOCK_M: f64 = 12.0;
+pub(super) const BLOCK_M: f64 = 12.0;
 
-fn height(x: f64, y: f64) -> f64 {
+pub(super) fn height(x: f64, y: f64) -> f64 {
     if x.abs() < 8.0 && y.abs() < 6.0 { BLOCK_M } else { 0.0 }
 }
 
 /// Smooth noise from 0 to 1.
-fn texture(x: f64, y: f64, z: f64) -> f64 {
+pub(super) fn texture(x: f64, y: f64, z: f64) -> f64 {
     let knot = |i: f64, j: f64| Draw::new(3, i as i64 as u64, j as i64 as u64, (z > 0.1).into()).uniform();
     let (i, j) = (x.floor(), y.floor());
     let (fx, fy) = (x - i, y - j);
@@ -22,9 +22,9 @@ fn texture(x: f64, y: f64, z: f64) -> f64 {
 }
 
 /// What a place looks like.
-type Paint = fn(f64, f64, f64) -> f64;
+pub(super) type Paint = fn(f64, f64, f64) -> f64;
 
-fn plain(_: f64, _: f64, _: f64) -> f64 {
+pub(super) fn plain(_: f64, _: f64, _: f64) -> f64 {
     0.5
 }
 
@@ -33,7 +33,7 @@ fn white_roof(x: f64, y: f64, z: f64) -> f64 {
     if z > 0.1 && x.abs() < 5.0 && y.abs() < 3.5 { 0.9 } else { texture(x, y, z) }
 }
 
-fn view(lean: [f64; 2], paint: Paint) -> TrainingView {
+pub(super) fn view(lean: [f64; 2], paint: Paint) -> TrainingView {
     let camera = AffineCamera {
         linear: [[2.0, 0.0, -2.0 * lean[0]], [0.0, -2.0, 2.0 * lean[1]]],
         offset: [79.5, 69.5],
@@ -50,7 +50,7 @@ fn view(lean: [f64; 2], paint: Paint) -> TrainingView {
     TrainingView::new("v".into(), camera, None, &[plane], (-30.0, -25.0, 30.0, 25.0))
 }
 
-fn setup() -> Setup {
+pub(super) fn setup() -> Setup {
     let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
     let area = (-25.0, -20.0, 25.0, 20.0);
     Setup {
@@ -64,11 +64,11 @@ fn setup() -> Setup {
 }
 
 fn views(paint: Paint) -> Vec<TrainingView> {
-    let leans = [[0.0, 0.0], [0.3, 0.05], [-0.3, 0.0], [0.05, 0.3], [0.0, -0.3]];
+    let leans = [[0.0, 0.0], [0.3, 0.05], [-0.3, 0.0], [0.05, 0.3], [0.0, -0.3], [0.2, -0.2]];
     leans.into_iter().map(|lean| view(lean, paint)).collect()
 }
 
-fn sparse() -> Vec<Point<Site>> {
+pub(super) fn sparse() -> Vec<Point<Site>> {
     let grid = |i: i32| (f64::from(i % 25) * 2.0 - 24.0, f64::from(i / 25) * 2.0 - 19.0);
     (0..500).map(|i| Point::new(grid(i).0, grid(i).1, height(grid(i).0, grid(i).1))).collect()
 }

@@ -21,7 +21,7 @@ use rays::Rays;
 use volume::Volume;
 
 /// Views up to which the images are matched instead of the map grid's cells.
-pub const MAX_VIEWS: usize = 5;
+pub const FEW_VIEWS: usize = 5;
 /// Distance of the planes that are tried, pixels of the view that sees it largest.
 const STEP_PX: f64 = 0.5;
 /// Rows beyond those that are kept of a strip, from which the costs along its paths come.
@@ -42,7 +42,7 @@ impl Sweep {
         let partners = self.partners();
         let mut maps = Vec::with_capacity(partners.len());
         for (done, partners) in (1..).zip(&partners) {
-            maps.push(self.altitude_map(partners));
+            maps.push(self.altitude_map(partners, self.strip_rows(partners)));
             events(Event::Advanced { done, status: String::new() });
         }
         let confirmed = maps::confirmed(&self.images, &maps, &partners);
@@ -65,23 +65,27 @@ impl Sweep {
         (0..self.images.len()).filter_map(of).collect()
     }
 
-    /// The map of one view, matched strip by strip where its volume would be too large for the memory.
-    fn altitude_map(&self, partners: &Partners) -> AltitudeMap {
+    /// Rows of a view that are matched at a time: as many as the memory for a volume holds.
+    fn strip_rows(&self, partners: &Partners) -> usize {
+        let planes = (self.stack.height_m() / (STEP_PX * partners.px_m)).ceil() + 1.0;
+        let rows = MAX_VOLUME / (self.images[partners.view].gray.width as f64 * planes);
+        (rows as usize).saturating_sub(2 * STRIP_MARGIN).max(STRIP_MARGIN)
+    }
+
+    /// The map of one view, matched strip by strip of so many rows.
+    fn altitude_map(&self, partners: &Partners, rows: usize) -> AltitudeMap {
         let reference = &self.images[partners.view];
         let others: Vec<&Image> = partners.others.iter().map(|j| &self.images[*j]).collect();
         let step_m = STEP_PX * partners.px_m;
-        let (width, height) = (reference.gray.width, reference.gray.height);
-        let planes = (self.stack.height_m() / step_m).ceil() + 1.0;
-        let rows = ((MAX_VOLUME / (width as f64 * planes)) as usize).saturating_sub(2 * STRIP_MARGIN);
-        let rows = rows.max(STRIP_MARGIN);
+        let Plane { width, height, .. } = reference.gray;
         let mut map = AltitudeMap::unknown(width, height);
         for first in (0..height).step_by(rows) {
-            let (from, to) = (first.saturating_sub(STRIP_MARGIN), (first + rows + STRIP_MARGIN).min(height));
+            let last = (first + rows).min(height);
+            let (from, to) = (first.saturating_sub(STRIP_MARGIN), (last + STRIP_MARGIN).min(height));
             let strip = reference.cropped(Window { col: 0, row: from, width, height: to - from });
             let rays = Rays::new(self, &strip, &others, step_m);
             let volume = Volume::new(&strip, &others, &rays);
-            let matched = AltitudeMap::pick(&strip, &rays, &volume);
-            map.take_rows(first..(first + rows).min(height), &matched, from);
+            map.take_rows(first..last, &AltitudeMap::pick(&strip, &rays, &volume), from);
         }
         map
     }
