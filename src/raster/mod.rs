@@ -6,8 +6,10 @@ mod crs;
 mod file;
 mod geoid;
 mod grid;
+mod mask;
 mod plane;
 mod style;
+mod valid;
 mod vector;
 mod vertical;
 mod write;
@@ -20,6 +22,7 @@ pub use geoid::Geoid;
 pub use grid::MapGrid;
 pub use plane::Plane;
 pub use style::color_style;
+pub use valid::ValidPixels;
 pub use vector::{Marker, Outline, inside_polygons, write_markers, write_outlines};
 pub use vertical::Vertical;
 pub use write::{

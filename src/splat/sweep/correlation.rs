@@ -4,11 +4,12 @@ use super::look::Look;
 use super::{DRIFT_COST, PRIOR_COST, PRIOR_REACH_M, RETURN_COST, Stack, Sweep};
 use crate::affine::AffineCamera;
 use crate::frame::{Point, Site};
-use crate::raster::Plane;
+use crate::raster::{Plane, ValidPixels};
 use crate::splat::views::TrainingView;
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Brightness, here the square root of light, is compared in windows of 3 x 3 cells.
 const WINDOW: usize = 3;
@@ -37,6 +38,8 @@ type Weights = [Lines; WINDOW * WINDOW];
 /// A view's brightness and camera.
 pub(super) struct Image {
     gray: Plane,
+    /// Which pixels are image, if not all are.
+    valid: Option<Arc<ValidPixels>>,
     pub camera: AffineCamera,
     /// Mean and standard deviation of the brightness.
     level: f64,
@@ -52,7 +55,8 @@ impl Image {
         };
         let level = mean(&mut gray.valid().map(f64::from));
         let variance = mean(&mut gray.valid().map(|v| (f64::from(v) - level).powi(2)));
-        Self { camera: view.camera, level, contrast: variance.sqrt(), gray }
+        let valid = view.valid_pixels().cloned();
+        Self { camera: view.camera, level, contrast: variance.sqrt(), gray, valid }
     }
 
     /// Brightness where a point is seen, in standard deviations above the image's mean; NaN outside.
@@ -61,9 +65,12 @@ impl Image {
         ((f64::from(self.gray.bilinear(px.col, px.row)) - self.level) / self.contrast) as f32
     }
 
-    /// Whether a point lies in the image.
+    /// Whether a point lies in the image and what shows it there is valid.
     pub fn has(&self, p: Point<Site>) -> bool {
         let px = self.camera.project(p);
+        if let Some(valid) = &self.valid {
+            return valid.surround(px);
+        }
         let within = |v: f64, n: usize| v >= 0.0 && v <= n as f64 - 1.0;
         within(px.col, self.gray.width) && within(px.row, self.gray.height)
     }
