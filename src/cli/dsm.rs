@@ -7,9 +7,9 @@ use crate::dsm::{HeightsFrom, Seeing, hillshade, render};
 use crate::raster::{ImageFile, MapGrid, Vertical, write_png_gray};
 use crate::run_files::{CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPLATS, SURFACE};
 use crate::scene::{Role, View};
-use crate::splat::setup::FittedView;
 use crate::splat::raster::MAX_SIDE;
 use crate::splat::recipe::RayHeight;
+use crate::splat::setup::FittedView;
 use crate::splat::sweep::{DSM_CELL_M, SweptSurface};
 use std::path::{Path, PathBuf};
 

@@ -124,8 +124,9 @@ impl ValidPixels {
                     while col < width && self.at(col, row) {
                         col += 1;
                     }
-                    let hangs =
-                        |c: usize| out.at(c, row) || on_border(c, row) || beside.is_some_and(|b| out.at(c, b));
+                    let hangs = |c: usize| {
+                        out.at(c, row) || on_border(c, row) || beside.is_some_and(|b| out.at(c, b))
+                    };
                     if (first..col).any(hangs) && !(first..col).all(|c| out.at(c, row)) {
                         (first..col).for_each(|c| out.set(c, row, true));
                         added = true;
@@ -175,8 +176,24 @@ mod tests {
     #[test]
     fn what_hangs_together_with_the_border_is_found_round_corners() {
         // The first figure winds up and down from the right border, the dot in the middle touches nothing.
-        let all = drawn(&["..........", ".###.####.", ".#.#.#..#.", ".#.###..#.", ".#.....##.", ".##..#...#", "........##"]);
-        let hanging = drawn(&["..........", "..........", "..........", "..........", "..........", ".........#", "........##"]);
+        let all = drawn(&[
+            "..........",
+            ".###.####.",
+            ".#.#.#..#.",
+            ".#.###..#.",
+            ".#.....##.",
+            ".##..#...#",
+            "........##",
+        ]);
+        let hanging = drawn(&[
+            "..........",
+            "..........",
+            "..........",
+            "..........",
+            "..........",
+            ".........#",
+            "........##",
+        ]);
         assert_eq!(all.connected_with_border(), hanging);
         let spiral = drawn(&[".......", ".#####.", ".#...#.", ".#.#.#.", ".#.###.", ".#.....", ".######"]);
         assert_eq!(spiral.connected_with_border(), spiral);

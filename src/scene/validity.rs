@@ -61,10 +61,8 @@ pub(super) fn valid_pixels(
 ) -> Result<Option<ValidPixels>, RasterError> {
     let used = view.used_window();
     let about = view.bands.iter().map(|b| file.band(*b)).collect::<Result<Vec<_>, _>>()?;
-    let nodata: Vec<Option<f32>> = about
-        .iter()
-        .map(|b| b.nodata.or(view.nodata).filter(|v| !v.is_nan()).map(|v| v as f32))
-        .collect();
+    let nodata: Vec<Option<f32>> =
+        about.iter().map(|b| b.nodata.or(view.nodata).filter(|v| !v.is_nan()).map(|v| v as f32)).collect();
     let is_integer = about.iter().all(|b| b.is_integer);
     let masks = file.masks(&view.bands);
     let has_values_to_test = !is_integer || nodata.iter().any(Option::is_some);

@@ -126,7 +126,8 @@ impl Setup {
         let (west, south, east, north) = match &scene.aoi {
             Some(aoi) => aoi.utm_box(&provisional),
             None => {
-                let seen: Vec<(Rpc, usize, usize)> = scene.views.iter().zip(rpcs).zip(&valid).filter_map(seen_part).collect();
+                let seen: Vec<(Rpc, usize, usize)> =
+                    scene.views.iter().zip(rpcs).zip(&valid).filter_map(seen_part).collect();
                 let footprints: Vec<_> = seen.iter().map(|(rpc, w, h)| (rpc, *w, *h)).collect();
                 default_aoi(&footprints, &provisional, median).ok_or(SetupError::NoCommonGround)?
             }

@@ -173,9 +173,13 @@ pub(super) fn tags(root: Node) -> ViewTags {
 
 /// The value of pixels that are no image: the special value `NODATA`.
 fn nodata(root: Node) -> Option<f64> {
-    let special = root.descendants().filter(|n| matches!(n.tag_name().name(), "Special_Value" | "Special_Values"));
-    let is_nodata = |n: &Node| text(*n, "SPECIAL_VALUE_TEXT").is_some_and(|t| t.eq_ignore_ascii_case("NODATA"));
-    special.filter(is_nodata).find_map(|n| number(n, "SPECIAL_VALUE_COUNT").or_else(|| number(n, "SPECIAL_VALUE_INDEX")))
+    let special =
+        root.descendants().filter(|n| matches!(n.tag_name().name(), "Special_Value" | "Special_Values"));
+    let is_nodata =
+        |n: &Node| text(*n, "SPECIAL_VALUE_TEXT").is_some_and(|t| t.eq_ignore_ascii_case("NODATA"));
+    special
+        .filter(is_nodata)
+        .find_map(|n| number(n, "SPECIAL_VALUE_COUNT").or_else(|| number(n, "SPECIAL_VALUE_INDEX")))
 }
 
 /// How a product is cut into files.
