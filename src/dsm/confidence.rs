@@ -118,8 +118,8 @@ mod tests {
             view(camera(0.0, 2.0), (40, 10)),
         ];
         surface.count_views(&site, &views);
-        let views = &surface.confidence.views;
-        assert_eq!([views.at(4, 5), views.at(8, 5), views.at(14, 5), views.at(18, 5)], [2.0, 2.0, 3.0, 2.0]);
+        let seen = &surface.confidence.views;
+        assert_eq!([seen.at(4, 5), seen.at(8, 5), seen.at(14, 5), seen.at(18, 5)], [2.0, 2.0, 3.0, 2.0]);
         assert_eq!((surface.height.at(4, 5), surface.height.at(18, 5)), (10.0, 10.0));
         assert!(surface.height.at(1, 5).is_nan());
 
