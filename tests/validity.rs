@@ -4,10 +4,10 @@
 
 mod common;
 
-use common::{camera, satgs, satgs_in};
+use common::{camera, satgs, satgs_in, two_views};
 use gdal::raster::{Buffer, ColorInterpretation, RasterCreationOptions};
 use gdal::{Dataset, DriverManager, Metadata};
-use satgs::raster::ImageFile;
+use satgs::raster::{ImageFile, SensorImage};
 use satgs::rpc::formats::to_gdal;
 use satgs::scene::{ReadOptions, Scene, read};
 use satgs::splat::setup::Setup;
@@ -260,6 +260,34 @@ fn an_alpha_band_is_no_colour() {
     let options = ReadOptions { bands: vec![4], ..ReadOptions::default() };
     let error = read(folder.path(), &options).unwrap_err().to_string();
     assert!(error.contains("band 4 is an alpha band"), "{error}");
+}
+
+#[test]
+fn an_alpha_band_that_does_not_call_itself_one_is_known_by_its_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let rpc = to_gdal(&camera(5.44, 0.2));
+    let image = SensorImage { width: 64, height: 64, rpc: &rpc, metadata: &[] };
+    let byte = |v: Vec<u16>| v.into_iter().map(|v| v as u8).collect::<Vec<u8>>();
+    let alpha = byte(holed(0, 100)).into_iter().map(|v| if v == 0 { 0 } else { 255 }).collect();
+    let path = folder.path().join("a.tif");
+    image.write_u8(&path, vec![byte(holed(3, 100)), alpha]).unwrap();
+    let scene = read(folder.path(), &ReadOptions::default()).unwrap();
+    assert_eq!((scene.views[0].bands.clone(), missing(&scene)), (vec![1], 2 * 64 + 100));
+    // What has other values is a colour.
+    image.write_u8(&path, vec![byte(holed(3, 100)), byte(holed(0, 100))]).unwrap();
+    assert_eq!(missing(&read(folder.path(), &ReadOptions::default()).unwrap()), 0);
+}
+
+#[test]
+fn planets_usable_data_mask_is_a_mask_and_no_image() {
+    let folder = two_views();
+    let mask = SensorImage { width: 64, height: 64, rpc: &[], metadata: &[] };
+    let clear = holed(0, 1).into_iter().map(|v| u8::from(v > 0)).collect();
+    mask.write_u8(&folder.path().join("a_udm2.tif"), vec![clear]).unwrap();
+    let scene = read(folder.path(), &ReadOptions::default()).unwrap();
+    assert_eq!((scene.views.len(), missing(&scene)), (2, 2 * 64 + 100));
+    assert!(scene.views[1].valid_pixels().unwrap().is_none());
+    assert!(scene.warnings.iter().any(|w| w.contains("a_udm2.tif` is no image")), "{:?}", scene.warnings);
 }
 
 #[test]

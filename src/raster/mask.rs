@@ -1,7 +1,10 @@
 //! What a raster file itself says about which of its pixels are valid: alpha bands and GDAL's masks.
 
 use super::{ImageFile, Plane, RasterError, Window};
-use gdal::raster::{ColorInterpretation, RasterBand, ResampleAlg};
+use gdal::raster::{ColorInterpretation, GdalDataType, RasterBand, ResampleAlg};
+
+/// Places along each side of an image at which a band is looked at, to tell what it is.
+const LATTICE: usize = 512;
 
 impl ImageFile {
     /// Bands that hold what was imaged, from 1: all but alpha bands, or all if no other is there.
@@ -20,11 +23,29 @@ impl ImageFile {
         bands
     }
 
-    /// Whether a band says how opaque the pixels of the others are.
+    /// Whether a band says how opaque the pixels of the others are: as the file tells, or, where it does not tell what the
+    /// last of two or of four 8-bit bands is, because that is 0 or 255 everywhere.
     #[must_use]
     pub fn is_alpha(&self, index: usize) -> bool {
-        let band = self.dataset.rasterband(index);
-        band.is_ok_and(|b| b.color_interpretation() == ColorInterpretation::AlphaBand)
+        let Ok(band) = self.dataset.rasterband(index) else { return false };
+        match band.color_interpretation() {
+            ColorInterpretation::AlphaBand => true,
+            ColorInterpretation::Undefined => {
+                let is_last = index == self.bands() && [2, 4].contains(&index);
+                is_last && band.band_type() == GdalDataType::UInt8 && self.is_all_or_nothing(&band)
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether a band is 0 or 255 at the nodes of a lattice, and both somewhere.
+    fn is_all_or_nothing(&self, band: &RasterBand) -> bool {
+        let (width, height) = self.size();
+        let nodes = (width.min(LATTICE), height.min(LATTICE));
+        let values = band.read_as::<u8>((0, 0), (width, height), nodes, Some(ResampleAlg::NearestNeighbour));
+        let Ok(values) = values else { return false };
+        let has = |v: u8| values.data().contains(&v);
+        has(0) && has(255) && values.data().iter().all(|v| [0, 255].contains(v))
     }
 
     /// A window of a band at some size, averaged down, its values as they lie in the file: neither nodata nor a band's scale

@@ -212,6 +212,19 @@ mod tests {
         (from_xml(file, root, model).unwrap().rpc, direct)
     }
 
+    #[test]
+    fn the_special_value_of_no_data_is_told_in_all_versions() {
+        let value = |text: &str| nodata(roxmltree::Document::parse(text).unwrap().root_element());
+        let v2 = "<Dimap_Document><Raster_Display>\
+                  <Special_Value><SPECIAL_VALUE_TEXT>SATURATED</SPECIAL_VALUE_TEXT>\
+                  <SPECIAL_VALUE_COUNT>4095</SPECIAL_VALUE_COUNT></Special_Value>\
+                  <Special_Value><SPECIAL_VALUE_TEXT>NODATA</SPECIAL_VALUE_TEXT>\
+                  <SPECIAL_VALUE_COUNT>7</SPECIAL_VALUE_COUNT></Special_Value></Raster_Display></Dimap_Document>";
+        assert_eq!(value(v2), Some(7.0));
+        let v1 = v2.replace("Special_Value>", "Special_Values>").replace("COUNT", "INDEX");
+        assert_eq!((value(&v1), value("<Dimap_Document/>")), (Some(7.0), None));
+    }
+
     /// Largest gaps in pixels (spec 5.1); the table's last digit is rounded.
     #[test]
     fn direct_and_inverse_models_differ_by_what_the_table_says() {
