@@ -99,7 +99,7 @@ fn results(run: &Path) -> Vec<(String, Vec<u8>)> {
     let mut files = vec![run.join("splats.ply"), run.join("confidence.tif"), run.join("dsm.tif")];
     for entry in walk(&run.join("ba")) {
         let extension = entry.extension().map(|e| e.to_string_lossy().into_owned());
-        if extension.is_some_and(|e| ["txt", "csv", "ply", "laz"].contains(&e.as_str())) {
+        if extension.is_some_and(|e| ["TXT", "csv", "ply", "laz"].contains(&e.as_str())) {
             files.push(entry);
         }
     }
@@ -120,7 +120,7 @@ fn a_cloud_is_the_same_as_nodata_alpha_mask_and_list() {
     let folder = tempfile::tempdir().unwrap();
     succeed(folder.path(), &["simulate", "town", "--size", "180", "--views", "5", "-q"]);
     let is_valid = |col: usize, row: usize| col.abs_diff(80) + row.abs_diff(100) > 40;
-    let mut found: Vec<(Way, Vec<(String, Vec<u8>)>)> = Vec::new();
+    let mut found = Vec::new();
     for way in [Way::Nodata, Way::Alpha, Way::GdalMask, Way::UserMask] {
         let own = folder.path().join(format!("{way:?}"));
         std::fs::create_dir(&own).unwrap();
