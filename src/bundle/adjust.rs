@@ -634,6 +634,7 @@ mod tests {
             bands: vec![1],
             stretch_percent: None,
             mask: None,
+            nodata: None,
             rpc: rpc.clone(),
             rpc_source: String::new(),
             // Six in the morning, six in the afternoon: 40 degrees apart.

@@ -20,8 +20,10 @@ const CELL_PX: usize = 64;
 const PER_CELL: usize = 8;
 /// Strongest keypoints of an image, however large: cameras have few unknowns.
 const MOST: usize = 60_000;
-/// Distance to missing pixels within which there are no keypoints.
+/// Distance to missing pixels within which there are no keypoints: at least so many pixels, and as far as a descriptor
+/// reaches, in units of the keypoint's blur.
 const MASK_REACH_PX: usize = 10;
+const MASK_REACH_SCALES: f64 = 7.5;
 /// Side of the tiles that a large image is searched in, one after the other, and what a tile sees beyond its own, pixels:
 /// whole cells, and whole pixels of every octave, so that tiles find what the whole image would, though each keeps its
 /// own strongest; beyond lies more than a descriptor of the coarsest octave reaches.
@@ -117,7 +119,12 @@ fn keypoints(image: &Plane, [cols, rows]: [Range<usize>; 2], quota: &Quota) -> V
         cols.contains(&(px.col as usize)) && rows.contains(&(px.row as usize))
     });
     if masked {
-        found.retain(|e| !near_missing(image, e.position, octaves[e.octave].step));
+        let missing = Missing::new(image);
+        found.retain(|e| {
+            let blur = SIGMA * 2f64.powf(f64::from(e.position[2]) / SCALES as f64) * octaves[e.octave].step;
+            let reach = MASK_REACH_PX.max((MASK_REACH_SCALES * blur).ceil() as usize);
+            !missing.is_near(place(e, &octaves), reach)
+        });
     }
     let known = rows.map(|r| image.row(r)[cols.clone()].iter().filter(|v| !v.is_nan()).count());
     let strongest = (quota.per_px * known.sum::<usize>() as f64) as usize;
@@ -150,13 +157,37 @@ fn place(e: &Extremum, octaves: &[Octave]) -> Pixel<CenterPx> {
     Pixel::new(f64::from(e.position[0]) * step, f64::from(e.position[1]) * step)
 }
 
-fn near_missing(image: &Plane, position: [f32; 3], step: f64) -> bool {
-    let around = |p: f32, size: usize| {
-        let p = (f64::from(p) * step).round() as usize;
-        p.saturating_sub(MASK_REACH_PX)..(p + MASK_REACH_PX + 1).min(size)
-    };
-    let cols = around(position[0], image.width);
-    around(position[1], image.height).any(|row| image.row(row)[cols.clone()].iter().any(|v| v.is_nan()))
+/// How many pixels are missing above and to the left of each.
+struct Missing {
+    columns: usize,
+    rows: usize,
+    sums: Vec<u32>,
+}
+
+impl Missing {
+    fn new(image: &Plane) -> Self {
+        let (columns, rows) = (image.width + 1, image.height + 1);
+        let mut sums = vec![0; columns * rows];
+        for row in 1..rows {
+            let mut in_row = 0;
+            for (col, v) in image.row(row - 1).iter().enumerate() {
+                in_row += u32::from(v.is_nan());
+                sums[row * columns + col + 1] = sums[(row - 1) * columns + col + 1] + in_row;
+            }
+        }
+        Self { columns, rows, sums }
+    }
+
+    /// Whether a pixel is missing within `reach` columns and rows.
+    fn is_near(&self, px: Pixel<CenterPx>, reach: usize) -> bool {
+        let around = |p: f64, n: usize| {
+            let p = p.round() as usize;
+            [p.saturating_sub(reach).min(n - 1), (p + reach + 1).min(n - 1)]
+        };
+        let ([left, right], [top, bottom]) = (around(px.col, self.columns), around(px.row, self.rows));
+        let at = |row: usize, col: usize| self.sums[row * self.columns + col];
+        at(bottom, right) + at(top, left) > at(bottom, left) + at(top, right)
+    }
 }
 
 /// So many of the strongest extrema, and the strongest of each cell, with their ranks in their cells; the first of all

@@ -4,7 +4,7 @@
 use super::features::{Keypoint, VALUES, detect};
 use crate::checkpoint;
 use crate::frame::Pixel;
-use crate::raster::RasterError;
+use crate::raster::{RasterError, ValidPixels};
 use crate::scene::View;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -30,11 +30,12 @@ struct Stored {
 /// large.
 pub fn keypoints(view: &View, folder: Option<&Path>) -> Result<Vec<Keypoint>, RasterError> {
     let is_large = view.width * view.height >= WORTH_A_FILE_PX;
-    let file = folder.filter(|_| is_large).map(|f| f.join(file_name(view)));
+    let image = view.brightness()?;
+    let valid = image.valid_pixels().map(ValidPixels::digest);
+    let file = folder.filter(|_| is_large).map(|f| f.join(file_name(view, valid)));
     if let Some(kept) = file.as_deref().and_then(read) {
         return Ok(kept);
     }
-    let image = view.brightness()?;
     let found = detect((view.width, view.height), |window| image.read(window))?;
     if let Some(Err(e)) = file.map(|file| write(&file, &found)) {
         tracing::warn!("keypoints are not kept: {e}");
@@ -42,15 +43,14 @@ pub fn keypoints(view: &View, folder: Option<&Path>) -> Result<Vec<Keypoint>, Ra
     Ok(found)
 }
 
-/// Another image, mask or window has another.
-fn file_name(view: &View) -> PathBuf {
+/// Another image, window or other valid pixels have another.
+fn file_name(view: &View, valid: Option<String>) -> PathBuf {
     let identity = |path: &Path| {
         let file = std::fs::metadata(path).ok()?;
         let age = file.modified().ok()?.duration_since(SystemTime::UNIX_EPOCH).ok()?;
         Some((path.canonicalize().ok()?, file.len(), age.as_nanos()))
     };
-    let mask = view.mask.as_deref().and_then(identity);
-    let pixels = (identity(&view.image), mask, view.window, &view.bands, view.stretch_percent);
+    let pixels = (identity(&view.image), valid, view.window, &view.bands, view.stretch_percent);
     format!("{}.bin", &blake3::hash(format!("{pixels:?}").as_bytes()).to_hex()[..32]).into()
 }
 

@@ -111,6 +111,10 @@ impl Args {
         let mut content = scene.clone();
         content.warnings.clear();
         for view in &mut content.views {
+            // What is no image may be told beside the image as well.
+            if let Ok(Some(valid)) = view.valid_pixels() {
+                out.insert(format!("valid pixels {}", view.name), valid.digest());
+            }
             out.insert(format!("image {}", view.name), hash_file(&std::mem::take(&mut view.image)));
             if let Some(mask) = view.mask.take() {
                 out.insert(format!("mask {}", view.name), hash_file(&mask));

@@ -1,17 +1,18 @@
 //! `satgs dsm`: splats to a surface model and an orthophoto.
 
 use super::products::Products;
-use super::run_folder::TrainedCameras;
+use super::run_folder::{TrainedCameras, read_scene, require_image};
 use super::stage::{Fingerprint, Stage, hash_file, or_none};
 use super::{Failure, Ui, parse_metres, run_lock};
-use crate::dsm::{Heights, HeightsFrom, Surface, hillshade, render};
+use crate::dsm::{Heights, HeightsFrom, Seeing, Surface, hillshade, render};
 use crate::raster::{ImageFile, MapGrid, Vertical, check_writable, write_png_gray};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPARSE_POINTS, SPLATS, SURFACE,
 };
-use crate::scene::Role;
+use crate::scene::{Role, View};
 use crate::splat::raster::MAX_SIDE;
 use crate::splat::recipe::RayHeight;
+use crate::splat::setup::FittedView;
 use crate::splat::sweep::{DSM_CELL_M, SweptSurface};
 use std::path::{Path, PathBuf};
 
@@ -20,8 +21,8 @@ use std::path::{Path, PathBuf};
 /// dsm.tif holds heights in metres (float32, NaN nodata): the splats' surface, which recipe `best` has matched with the
 /// images once more; `baeogs` and `eogs` take the mean of the splats' altitudes over nine cells. ortho.tif holds the
 /// colours without shadows as the reference view would see them. confidence.tif holds for each cell the splats' opacity,
-/// the spread of their altitudes (m) and the number of views that see it; cells that fewer than two images cover are
-/// nodata. All are Cloud-Optimized GeoTIFFs that open in QGIS, with dsm.qml to colour the heights there. hillshade.png is
+/// the spread of their altitudes (m) and the number of views that see it; cells that valid pixels of fewer than two images
+/// cover are nodata. All are Cloud-Optimized GeoTIFFs that open in QGIS, with dsm.qml to colour the heights there. hillshade.png is
 /// a picture of the surface.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -177,7 +178,7 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let views: Vec<_> = setup.views.iter().filter(|v| v.role == Role::Train).collect();
     let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
     surface.metadata = vec![("INPUTS", names.join(", "))];
-    surface.count_views(&setup.site, &views.iter().map(|v| (v.camera, v.size)).collect::<Vec<_>>());
+    surface.count_views(&setup.site, &seeing(run, &views)?);
     if let Some(reach_m) = options.fill {
         surface.fill(reach_m);
     }
@@ -221,6 +222,20 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     stage.complete(&json)?;
     ui.summary("dsm", &text, json);
     Ok(())
+}
+
+/// The views with their valid pixels, which are read from their images again where some are not.
+fn seeing(run: &Path, views: &[&FittedView]) -> Result<Vec<Seeing>, Failure> {
+    let is_masked = views.iter().any(|v| v.is_masked);
+    let scene = is_masked.then(|| read_scene(run)).transpose()?;
+    let of_view = |v: &&FittedView| {
+        let mut views = scene.iter().flat_map(|s| &s.views);
+        let view = views.find(|s| v.is_masked && s.name == v.name);
+        view.map(require_image).transpose()?;
+        let valid = view.map(View::valid_pixels).transpose()?.flatten();
+        Ok(Seeing { camera: v.camera, size: v.size, valid })
+    };
+    views.iter().map(of_view).collect()
 }
 
 fn grid(options: &Options, cameras: &TrainedCameras) -> Result<MapGrid, Failure> {

@@ -47,7 +47,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let pairs = Pairs::new(&rows);
     let order = format!("of several RPCs the first counts: {RPC_ORDER}\n");
     let tone = tone_hint(&scene, &rows).unwrap_or_default();
-    let text = [table(&rows) + &order + tone, pairs.text(&rows), ground(&scene, &overlap)].join("\n");
+    let valid = validity_notes(&rows);
+    let text =
+        [table(&rows) + &order + tone + &valid, pairs.text(&rows), ground(&scene, &overlap)].join("\n");
     if let Some(file) = &args.footprints {
         write_outlines(file, "footprints", &outlines(&rows, overlap.height_m))?;
     }
@@ -64,6 +66,10 @@ struct Row<'a> {
     bands: usize,
     bits: u32,
     values: Option<ValueRange>,
+    /// Of the pixels used those that are image, percent.
+    valid_percent: f64,
+    /// Of these the black ones along the border, if they are many.
+    margin_percent: Option<f64>,
     gsd_m: Option<(f64, f64)>,
     /// Azimuth and off-nadir of the direction to the satellite.
     direction_deg: Option<(f64, f64)>,
@@ -77,6 +83,10 @@ impl<'a> Row<'a> {
             bands: file.bands(),
             bits: file.bit_depth(),
             values: view.value_range()?,
+            valid_percent: view
+                .valid_pixels()?
+                .map_or(100.0, |v| 100.0 * v.count() as f64 / (view.width * view.height) as f64),
+            margin_percent: view.undeclared_margin_percent()?,
             gsd_m: view.gsd_m(height_m),
             direction_deg: view.direction_deg(height_m),
         })
@@ -146,6 +156,28 @@ fn table(rows: &[Row]) -> String {
             let _ = write!(text, "{cell:width$}  ");
         }
         let _ = writeln!(out, "{}", text.trim_end());
+    }
+    out
+}
+
+/// Which views have pixels that are no image, and which may have more that no file declares.
+fn validity_notes(rows: &[Row]) -> String {
+    let listed = |percent: &dyn Fn(&Row) -> Option<f64>| {
+        let named = rows.iter().filter_map(|r| Some(format!("{} {:.1} %", r.view.name, percent(r)?)));
+        named.collect::<Vec<_>>().join(", ")
+    };
+    let mut out = String::new();
+    let part = listed(&|r| Some(r.valid_percent).filter(|p| *p < 100.0));
+    if !part.is_empty() {
+        let _ = writeln!(out, "valid pixels (the others are nodata, transparent or masked): {part}");
+    }
+    let margins = listed(&|r| r.margin_percent);
+    if !margins.is_empty() {
+        let _ = writeln!(
+            out,
+            "black along the border, taken for ground unless declared as nodata (`gdal_edit.py -a_nodata 0 FILE`, or \
+             `mask` in a list of views): {margins}"
+        );
     }
     out
 }
@@ -271,6 +303,7 @@ fn summary(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> Value {
                 "name": v.name, "image": v.image, "width": v.width, "height": v.height,
                 "bands": r.bands, "bits": r.bits, "role": v.role,
                 "values": r.values.map(|v| [v.low, v.high]), "median_value": r.values.map(|v| v.median),
+                "valid_percent": r.valid_percent, "black_margin_percent": r.margin_percent,
                 "gsd_col_m": r.gsd_m.map(|g| g.0), "gsd_row_m": r.gsd_m.map(|g| g.1),
                 "off_nadir_deg": r.direction_deg.map(|d| d.1), "azimuth_deg": r.direction_deg.map(|d| d.0),
                 "sun": v.sun, "acquired": v.acquired, "rpc_source": v.rpc_source,

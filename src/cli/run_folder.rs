@@ -66,13 +66,18 @@ pub fn read_scene(run: &Path) -> Result<Scene, Failure> {
 
 /// An error when an image that a run was made of is no longer where it was.
 pub fn require_images(scene: &Scene) -> Result<(), Failure> {
-    match scene.views.iter().find(|v| !v.image.exists()) {
-        Some(View { image, .. }) => Err(Failure::input(
-            format!("`{}` is gone, of which the run was made", image.display()),
-            "`satgs ba SCENE -o RUN` tells the run where its images have moved to",
-        )),
-        None => Ok(()),
+    scene.views.iter().try_for_each(require_image)
+}
+
+/// As [`require_images`], of one view.
+pub fn require_image(view: &View) -> Result<(), Failure> {
+    if view.image.exists() {
+        return Ok(());
     }
+    Err(Failure::input(
+        format!("`{}` is gone, of which the run was made", view.image.display()),
+        "`satgs ba SCENE -o RUN` tells the run where its images have moved to",
+    ))
 }
 
 /// Reads a JSON file of a run's folder; `made_by` is the hint when it is absent.

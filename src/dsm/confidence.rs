@@ -2,8 +2,8 @@
 
 use super::Surface;
 use crate::affine::AffineCamera;
-use crate::frame::SiteGrid;
-use crate::raster::Plane;
+use crate::frame::{CenterPx, Pixel, SiteGrid};
+use crate::raster::{Plane, ValidPixels};
 use crate::splat::sweep::{SLACK_M, horizon};
 use rayon::prelude::*;
 
@@ -16,30 +16,47 @@ pub struct Confidence {
     pub opacity: Plane,
     /// Standard deviation of the altitudes that a look straight down mixes, metres.
     pub spread: Plane,
-    /// Number of views that see the cell: it lies in their image and nothing hides it. 0 where it was filled.
+    /// Number of views that see the cell: valid pixels of their image show it and nothing hides it. 0 where it was filled.
     pub views: Plane,
 }
 
+/// A view that may see a cell.
+pub struct Seeing {
+    /// Its camera.
+    pub camera: AffineCamera,
+    /// Columns and rows of its image.
+    pub size: (usize, usize),
+    /// Which of the pixels are valid, if not all are.
+    pub valid: Option<ValidPixels>,
+}
+
+impl Seeing {
+    fn covers(&self, px: Pixel<CenterPx>) -> bool {
+        let inside = |v: f64, n: usize| v >= 0.0 && v <= n as f64 - 1.0;
+        let in_image = inside(px.col, self.size.0) && inside(px.row, self.size.1);
+        in_image && self.valid.as_ref().is_none_or(|valid| valid.surround(px))
+    }
+}
+
 impl Surface {
-    /// Counts the views, cameras with columns and rows, that see each cell; what too few images cover becomes nodata.
+    /// Counts the views that see each cell; what valid pixels of too few images cover becomes nodata.
     ///
     /// A cell that is covered but hidden keeps its height, which its neighbours gave it.
-    pub fn count_views(&mut self, site: &SiteGrid, views: &[(AffineCamera, (usize, usize))]) {
+    pub fn count_views(&mut self, site: &SiteGrid, views: &[Seeing]) {
         let Self { grid, height, colors, confidence, .. } = self;
         let origin_m = site.origin.z() as f32;
         let mut covering = Plane::filled(grid.width, grid.height, 0.0);
         let mut seeing = covering.clone();
-        for (camera, size) in views {
-            let hidden_below = horizon(height, camera.lean(), grid.cell);
+        for view in views {
+            let hidden_below = horizon(height, view.camera.lean(), grid.cell);
             let counts = covering.data.par_chunks_mut(grid.width).zip(seeing.data.par_chunks_mut(grid.width));
             counts.enumerate().for_each(|(row, (covering, seeing))| {
                 for (col, (covering, seeing)) in covering.iter_mut().zip(seeing).enumerate() {
                     let z = height.at(col, row);
                     let p = site.site_from_utm(grid.cell_center(col, row));
-                    let px = camera.project(p.at_height(f64::from(z - origin_m)));
+                    let px = view.camera.project(p.at_height(f64::from(z - origin_m)));
                     // Not where there is no height: NaN lies in no image.
-                    let inside = |v: f64, n: usize| v >= 0.0 && v <= n as f64 - 1.0;
-                    if inside(px.col, size.0) && inside(px.row, size.1) {
+                    if view.covers(px) {
                         *covering += 1.0;
                         *seeing += f32::from(u8::from(z >= hidden_below.at(col, row) - SLACK_M));
                     }
@@ -94,13 +111,28 @@ mod tests {
             let straight = super::super::nadir_camera(&surface.grid, &site);
             straight.sheared([2.0 * lean, 0.0]).cropped(first_col, 0.0)
         };
-        let views =
-            [(camera(0.0, 0.0), (16, 10)), (camera(0.5, 2.0), (40, 10)), (camera(0.0, 2.0), (40, 10))];
+        let view = |camera, size| Seeing { camera, size, valid: None };
+        let mut views = [
+            view(camera(0.0, 0.0), (16, 10)),
+            view(camera(0.5, 2.0), (40, 10)),
+            view(camera(0.0, 2.0), (40, 10)),
+        ];
         surface.count_views(&site, &views);
-        let views = &surface.confidence.views;
-        assert_eq!([views.at(4, 5), views.at(8, 5), views.at(14, 5), views.at(18, 5)], [2.0, 2.0, 3.0, 2.0]);
+        let seen = &surface.confidence.views;
+        assert_eq!([seen.at(4, 5), seen.at(8, 5), seen.at(14, 5), seen.at(18, 5)], [2.0, 2.0, 3.0, 2.0]);
         assert_eq!((surface.height.at(4, 5), surface.height.at(18, 5)), (10.0, 10.0));
         assert!(surface.height.at(1, 5).is_nan());
+
+        // The last one has no image in its columns up to 8, the second none in its rows from 7 on.
+        let mut valid = [(); 2].map(|()| ValidPixels::filled(40, 10, true));
+        (0..10).for_each(|row| (0..9).for_each(|col| valid[0].set(col, row, false)));
+        (7..10).for_each(|row| (0..40).for_each(|col| valid[1].set(col, row, false)));
+        [views[2].valid, views[1].valid] = valid.map(Some);
+        surface.count_views(&site, &views);
+        let views = &surface.confidence.views;
+        assert_eq!([views.at(4, 5), views.at(14, 5), views.at(14, 8), views.at(12, 8)], [1.0, 3.0, 2.0, 2.0]);
+        assert_eq!(surface.height.at(4, 5), 10.0);
+        assert!(surface.height.at(4, 8).is_nan() && surface.colors[0].at(4, 8).is_nan());
     }
 
     #[test]

@@ -10,7 +10,7 @@ mod mesh;
 mod points;
 
 pub use altitude::altitudes;
-pub use confidence::Confidence;
+pub use confidence::{Confidence, Seeing};
 
 use crate::affine::AffineCamera;
 use crate::frame::{Point, SiteGrid};

@@ -291,6 +291,15 @@ pub enum SceneError {
         /// The band asked for.
         asked: usize,
     },
+    /// The band asked for says which pixels are image.
+    #[error("`{image}`: band {asked} is an alpha band and holds no colour")]
+    #[diagnostic(help("--bands takes the others; where the alpha band is 0 there is no image in any case"))]
+    AlphaBand {
+        /// The image.
+        image: PathBuf,
+        /// The band asked for.
+        asked: usize,
+    },
     /// An RPC file cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -15,6 +15,7 @@ mod skyplot;
 mod source;
 mod sun;
 mod tone;
+mod validity;
 mod view;
 
 pub use aoi::Aoi;

@@ -1,7 +1,8 @@
 //! Pixels of a view as the stages want them: numbers in [0, 1], NaN where there is none.
 
+use super::validity::valid_pixels;
 use super::{SceneError, View};
-use crate::raster::{ImageFile, Plane, RasterError, Window};
+use crate::raster::{ImageFile, Plane, RasterError, ValidPixels, Window};
 use std::path::PathBuf;
 
 /// Share of pixels left out at each end when images of more than 8 bits are stretched.
@@ -44,12 +45,11 @@ impl View {
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
     pub fn value_range(&self) -> Result<Option<ValueRange>, RasterError> {
-        let file = ImageFile::open(&self.image)?;
+        let files = self.open()?;
         let mut values = Vec::new();
         for window in self.samples(FEW) {
-            for band in &self.bands {
-                values.extend(file.read_window(*band, window)?.valid().filter(|v| v.is_finite()));
-            }
+            let planes = files.stored(window, (window.width, window.height))?;
+            values.extend(planes.iter().flat_map(Plane::valid).filter(|v| v.is_finite()));
         }
         if values.is_empty() {
             return Ok(None);
@@ -62,7 +62,7 @@ impl View {
     }
 
     /// The part of the image that is used.
-    fn used_window(&self) -> Window {
+    pub(super) fn used_window(&self) -> Window {
         self.window.unwrap_or(Window { col: 0, row: 0, width: self.width, height: self.height })
     }
 
@@ -78,7 +78,8 @@ impl View {
         })
     }
 
-    /// The view's colours: three planes in [0, 1], or one for a panchromatic image; NaN where the mask is 0.
+    /// The view's colours: three planes in [0, 1], or one for a panchromatic image; NaN where a pixel is not valid
+    /// ([`View::valid_pixels`]).
     ///
     /// 8-bit images are divided by 255; others, or all when a stretch is asked for, are stretched linearly between the
     /// values below and above which the tails lie, the same for every band, so that colours keep their hue.
@@ -112,7 +113,9 @@ impl View {
 
     fn open(&self) -> Result<Files<'_>, RasterError> {
         let mask = self.mask.as_deref().map(ImageFile::open).transpose()?;
-        Ok(Files { view: self, image: ImageFile::open(&self.image)?, mask })
+        let image = ImageFile::open(&self.image)?;
+        let valid = valid_pixels(self, &image, mask.as_ref())?;
+        Ok(Files { view: self, image, valid })
     }
 
     /// Takes a mask.
@@ -161,6 +164,12 @@ pub struct Brightness<'a> {
 }
 
 impl Brightness<'_> {
+    /// Which pixels of what is used of the image are image; none if all of them are.
+    #[must_use]
+    pub fn valid_pixels(&self) -> Option<&ValidPixels> {
+        self.files.valid.as_ref()
+    }
+
     /// Reads a window of what is used of the image.
     ///
     /// # Errors
@@ -181,33 +190,19 @@ impl Brightness<'_> {
 struct Files<'a> {
     view: &'a View,
     image: ImageFile,
-    mask: Option<ImageFile>,
+    /// Which pixels of what is used are image, if not all are.
+    valid: Option<ValidPixels>,
 }
 
 impl Files<'_> {
-    /// The bands used as they are stored, of a window of the whole image at another size; NaN where there is no image or
-    /// the mask is 0.
+    /// The bands used as they are stored, of a window of the whole image at another size; NaN where there is no image.
     fn stored(&self, window: Window, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
-        let bands = &self.view.bands;
-        let first = self.image.band(bands.first().copied().unwrap_or_default())?;
-        // Of whole numbers nodata may be a colour too: black shadows are no holes.
-        let is_color = first.is_integer && first.nodata.is_some();
-        let read = if is_color { ImageFile::read_stored } else { ImageFile::read_scaled };
-        let planes = bands.iter().map(|b| read(&self.image, *b, window, size));
+        let planes = self.view.bands.iter().map(|b| self.image.read_raw(*b, window, size));
         let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
-        if let Some(nodata) = first.nodata.filter(|_| is_color) {
-            clear_margins(&mut planes, nodata as f32);
-        }
-        if let Some(mask) = &self.mask {
-            let mask = mask.read_scaled(1, window, size)?;
-            for plane in &mut planes {
-                for (v, m) in plane.data.iter_mut().zip(&mask.data) {
-                    // The mask's own nodata is no image either.
-                    if *m == 0.0 || m.is_nan() {
-                        *v = f32::NAN;
-                    }
-                }
-            }
+        if let Some(valid) = &self.valid {
+            let used = self.view.used_window();
+            let place = Window { col: window.col - used.col, row: window.row - used.row, ..window };
+            planes.iter_mut().for_each(|plane| valid.clear(plane, place));
         }
         Ok(planes)
     }
@@ -219,24 +214,6 @@ impl Files<'_> {
             None if self.image.band(first)?.is_byte => None,
             percent => Some(percent.map_or(STRETCH_TAIL, |p| 0.01 * p)),
         })
-    }
-}
-
-/// Makes NaN what is nodata in all planes and connected with their border; a window's border stands for the image's.
-fn clear_margins(planes: &mut [Plane], nodata: f32) {
-    let Some((width, height)) = planes.first().map(|p| (p.width, p.height)) else { return };
-    let sides = (0..height).flat_map(|row| [(0, row), (width - 1, row)]);
-    let mut open: Vec<(usize, usize)> =
-        (0..width).flat_map(|col| [(col, 0), (col, height - 1)]).chain(sides).collect();
-    while let Some((col, row)) = open.pop() {
-        let i = row * width + col;
-        // Once it is NaN it is not nodata any more.
-        if planes.iter().any(|p| p.data[i] != nodata) {
-            continue;
-        }
-        planes.iter_mut().for_each(|p| p.data[i] = f32::NAN);
-        let beside = [(col.wrapping_sub(1), row), (col + 1, row), (col, row.wrapping_sub(1)), (col, row + 1)];
-        open.extend(beside.into_iter().filter(|(c, r)| *c < width && *r < height));
     }
 }
 

@@ -88,10 +88,15 @@ fn choose_bands(scene: &mut Scene, options: &ReadOptions) -> Result<(), SceneErr
     let mut first_of = Vec::new();
     for view in &mut scene.views {
         view.stretch_percent = options.stretch_percent;
-        let found = ImageFile::open(&view.image)?.bands();
+        let file = ImageFile::open(&view.image)?;
+        let found = file.color_bands().len();
         if found > 1 && !options.bands.is_empty() {
+            let (image, found) = (view.image.clone(), file.bands());
             if let Some(asked) = options.bands.iter().copied().find(|b| !(1..=found).contains(b)) {
-                return Err(SceneError::NoBand { image: view.image.clone(), found, asked });
+                return Err(SceneError::NoBand { image, found, asked });
+            }
+            if let Some(asked) = options.bands.iter().copied().find(|b| file.is_alpha(*b)) {
+                return Err(SceneError::AlphaBand { image, asked });
             }
             view.bands.clone_from(&options.bands);
         } else if found > view.bands.len() {

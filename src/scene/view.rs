@@ -59,6 +59,10 @@ pub struct View {
     /// A raster of the image's size: where it is 0 there is no image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask: Option<PathBuf>,
+    /// The value of pixels that are no image, when the product's metadata tell one; what the image file itself declares
+    /// comes first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nodata: Option<f64>,
     /// The camera.
     pub rpc: Rpc,
     /// Where the RPC was read from, as a user would name it: `RPC tag`, or a file.

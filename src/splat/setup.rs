@@ -5,9 +5,10 @@ use super::sweep::{PARALLAX, parallax};
 use super::views::TrainingView;
 use crate::affine::{AffineCamera, FitError, fit, sun_direction};
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteGrid};
-use crate::raster::RasterError;
+use crate::raster::{RasterError, ValidPixels};
 use crate::rpc::Rpc;
-use crate::scene::{Role, Scene, Tone, default_aoi};
+use crate::scene::{Role, Scene, Tone, View, default_aoi};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Views and suns lower than this are refused: their shears have no end.
@@ -104,6 +105,9 @@ pub struct FittedView {
     pub role: Role,
     /// Columns and rows of its image.
     pub size: (usize, usize),
+    /// Whether some of the image's pixels are not valid.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_masked: bool,
     /// The camera.
     pub camera: AffineCamera,
     /// Root mean square distance to the RPC, pixels.
@@ -151,11 +155,15 @@ impl Setup {
         let (low, high) = height_range(heights).ok_or_else(too_few)?;
 
         let provisional = SiteGrid::at(scene.center().ok_or(SetupError::NoCommonGround)?.at_height(median))?;
-        let footprints: Vec<_> =
-            scene.views.iter().zip(rpcs).map(|(v, rpc)| (rpc, v.width, v.height)).collect();
+        let valid = scene.views.par_iter().map(View::valid_pixels).collect::<Result<Vec<_>, _>>()?;
         let (west, south, east, north) = match &scene.aoi {
             Some(aoi) => aoi.utm_box(&provisional),
-            None => default_aoi(&footprints, &provisional, median).ok_or(SetupError::NoCommonGround)?,
+            None => {
+                let seen: Vec<(Rpc, usize, usize)> =
+                    scene.views.iter().zip(rpcs).zip(&valid).filter_map(seen_part).collect();
+                let footprints: Vec<_> = seen.iter().map(|(rpc, w, h)| (rpc, *w, *h)).collect();
+                default_aoi(&footprints, &provisional, median).ok_or(SetupError::NoCommonGround)?
+            }
         };
         // A whole-metre origin keeps the site readable.
         let origin = Point::new((0.5 * (west + east)).round(), (0.5 * (south + north)).round(), median);
@@ -166,7 +174,8 @@ impl Setup {
             .views
             .iter()
             .zip(rpcs)
-            .map(|(view, rpc)| {
+            .zip(&valid)
+            .map(|((view, rpc), valid)| {
                 let elevation_deg = view.direction_deg(median).map_or(0.0, |(_, off_nadir)| 90.0 - off_nadir);
                 if elevation_deg < LOWEST_ELEVATION_DEG {
                     return Err(SetupError::LowView { view: view.name.clone(), elevation_deg });
@@ -178,6 +187,7 @@ impl Setup {
                     name: view.name.clone(),
                     role: view.role,
                     size: (view.width, view.height),
+                    is_masked: valid.is_some(),
                     camera: f.camera,
                     rms_px: f.rms_px,
                     max_px: f.max_px,
@@ -229,6 +239,13 @@ impl Setup {
     pub fn reference_among_training(&self) -> usize {
         self.views[..self.reference].iter().filter(|v| v.role == Role::Train).count()
     }
+}
+
+/// The camera, columns and rows of the part of a view's image that holds all valid pixels; none without any.
+fn seen_part(((view, rpc), valid): ((&View, &Rpc), &Option<ValidPixels>)) -> Option<(Rpc, usize, usize)> {
+    let Some(valid) = valid else { return Some((rpc.clone(), view.width, view.height)) };
+    let part = valid.bounds()?;
+    Some((rpc.cropped(part.col, part.row), part.width, part.height))
 }
 
 /// The training view nearest to nadir with a high sun: one degree off nadir weighs as much as one of the sun.

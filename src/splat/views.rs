@@ -4,9 +4,10 @@ use super::init::{SiteBox, quantile};
 use super::raster::Layers;
 use crate::affine::AffineCamera;
 use crate::frame::{CenterPx, Pixel};
-use crate::raster::Plane;
+use crate::raster::{Plane, ValidPixels};
 use crate::scene::Tone;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Stored where no pixel counts. A black one that does is stored as the darkest blue.
 const MASKED: [u8; 3] = [0; 3];
@@ -27,6 +28,8 @@ pub struct TrainingView {
     pub height: usize,
     /// Colours, 0 to 255, or [`MASKED`], row by row: all that is kept of an image, three bytes a pixel.
     colors: Vec<[u8; 3]>,
+    /// Which pixels are image, if not all are; others may be masked for lying outside of the area.
+    valid: Option<Arc<ValidPixels>>,
     /// Shear of the camera towards the sun, pixels per metre; none without a sun.
     pub sun_shear: Option<[f64; 2]>,
     /// How colours stand for light.
@@ -73,8 +76,9 @@ impl TrainingView {
             if stored == MASKED { BLACK } else { stored }
         };
         let colors = (0..width * height).into_par_iter().map(color).collect();
-        let tone = Tone::default();
-        Self { name, camera, width, height, colors, sun_shear, tone, light: light_by_color(tone) }
+        let valid = ValidPixels::of_planes(planes).map(Arc::new);
+        let (tone, light) = (Tone::default(), light_by_color(Tone::default()));
+        Self { name, camera, width, height, colors, valid, sun_shear, tone, light }
     }
 
     /// The view with colours that stand for light in this way; for light itself without it.
@@ -92,6 +96,12 @@ impl TrainingView {
             let [r, g, b] = stored.map(|v| self.light[usize::from(v)]);
             if stored == MASKED { f32::NAN } else { ((r + g + b) / 3.0).sqrt() }
         })
+    }
+
+    /// Which pixels are image, within the area or not; none if all are.
+    #[must_use]
+    pub fn valid_pixels(&self) -> Option<&Arc<ValidPixels>> {
+        self.valid.as_ref()
     }
 
     /// Colour of the pixel nearest to a position, in [0, 1]; none outside and where masked.

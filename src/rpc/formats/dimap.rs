@@ -166,8 +166,20 @@ pub(super) fn tags(root: Node) -> ViewTags {
         gsd_m: gsd.map(|(across, along)| (across * along).sqrt()),
         off_nadir_deg: number(center, "INCIDENCE_ANGLE"),
         tiles: raster.and_then(tiles),
+        nodata: nodata(root),
         ..ViewTags::default()
     }
+}
+
+/// The value of pixels that are no image: the special value `NODATA`.
+fn nodata(root: Node) -> Option<f64> {
+    let special =
+        root.descendants().filter(|n| matches!(n.tag_name().name(), "Special_Value" | "Special_Values"));
+    let is_nodata =
+        |n: &Node| text(*n, "SPECIAL_VALUE_TEXT").is_some_and(|t| t.eq_ignore_ascii_case("NODATA"));
+    special
+        .filter(is_nodata)
+        .find_map(|n| number(n, "SPECIAL_VALUE_COUNT").or_else(|| number(n, "SPECIAL_VALUE_INDEX")))
 }
 
 /// How a product is cut into files.
@@ -198,6 +210,19 @@ mod tests {
         let terms = || direct_terms(find(model, "Direct_Model")?, RPC00B.polynomials);
         let direct = direct_v1(model).or_else(terms).unwrap();
         (from_xml(file, root, model).unwrap().rpc, direct)
+    }
+
+    #[test]
+    fn the_special_value_of_no_data_is_told_in_all_versions() {
+        let value = |text: &str| nodata(roxmltree::Document::parse(text).unwrap().root_element());
+        let v2 = "<Dimap_Document><Raster_Display>\
+                  <Special_Value><SPECIAL_VALUE_TEXT>SATURATED</SPECIAL_VALUE_TEXT>\
+                  <SPECIAL_VALUE_COUNT>4095</SPECIAL_VALUE_COUNT></Special_Value>\
+                  <Special_Value><SPECIAL_VALUE_TEXT>NODATA</SPECIAL_VALUE_TEXT>\
+                  <SPECIAL_VALUE_COUNT>7</SPECIAL_VALUE_COUNT></Special_Value></Raster_Display></Dimap_Document>";
+        assert_eq!(value(v2), Some(7.0));
+        let v1 = v2.replace("Special_Value>", "Special_Values>").replace("COUNT", "INDEX");
+        assert_eq!((value(&v1), value("<Dimap_Document/>")), (Some(7.0), None));
     }
 
     /// Largest gaps in pixels (spec 5.1); the table's last digit is rounded.

@@ -165,6 +165,8 @@ pub struct ViewTags {
     pub off_nadir_deg: Option<f64>,
     /// How the image is cut into files, if it is.
     pub tiles: Option<Tiles>,
+    /// Value of pixels that are no image.
+    pub nodata: Option<f64>,
 }
 
 /// A product that is cut into files `…_R1C1`, `…_R1C2`, ….
@@ -193,6 +195,7 @@ impl ViewTags {
             gsd_m: self.gsd_m.or(other.gsd_m),
             off_nadir_deg: self.off_nadir_deg.or(other.off_nadir_deg),
             tiles: self.tiles.or(other.tiles),
+            nodata: self.nodata.or(other.nodata),
         }
     }
 }

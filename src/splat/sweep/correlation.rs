@@ -4,11 +4,12 @@ use super::look::Look;
 use super::{DRIFT_COST, PRIOR_COST, PRIOR_REACH_M, RETURN_COST, Stack, Sweep};
 use crate::affine::AffineCamera;
 use crate::frame::{Point, Site};
-use crate::raster::{Plane, Window};
+use crate::raster::{Plane, ValidPixels, Window};
 use crate::splat::views::TrainingView;
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Brightness, here the square root of light, is compared in windows of 3 x 3 cells.
 const WINDOW: usize = 3;
@@ -36,7 +37,10 @@ type Weights = [Lines; WINDOW * WINDOW];
 
 /// A view's brightness and camera.
 pub(super) struct Image {
+    /// NaN where there is no image.
     pub gray: Plane,
+    /// Which pixels are image, if not all are.
+    valid: Option<Arc<ValidPixels>>,
     pub camera: AffineCamera,
     /// Mean and standard deviation of the brightness.
     pub level: f64,
@@ -52,13 +56,15 @@ impl Image {
         };
         let level = mean(&mut gray.valid().map(f64::from));
         let variance = mean(&mut gray.valid().map(|v| (f64::from(v) - level).powi(2)));
-        Self { camera: view.camera, level, contrast: variance.sqrt(), gray }
+        let valid = view.valid_pixels().cloned();
+        Self { camera: view.camera, level, contrast: variance.sqrt(), gray, valid }
     }
 
-    /// A part of it, with the whole image's level and contrast.
+    /// The brightness of a part, with its camera and the whole image's level and contrast.
     pub fn cropped(&self, part: Window) -> Self {
         let camera = self.camera.cropped(part.col as f64, part.row as f64);
-        Self { gray: self.gray.window(part), camera, ..*self }
+        // The window's own NaN tell where there is no image.
+        Self { gray: self.gray.window(part), valid: None, camera, ..*self }
     }
 
     /// Brightness where a point is seen, in standard deviations above the image's mean; NaN outside.
@@ -67,9 +73,12 @@ impl Image {
         ((f64::from(self.gray.bilinear(px.col, px.row)) - self.level) / self.contrast) as f32
     }
 
-    /// Whether a point lies in the image.
+    /// Whether a point lies in the image and what shows it there is valid.
     pub fn has(&self, p: Point<Site>) -> bool {
         let px = self.camera.project(p);
+        if let Some(valid) = &self.valid {
+            return valid.surround(px);
+        }
         let within = |v: f64, n: usize| v >= 0.0 && v <= n as f64 - 1.0;
         within(px.col, self.gray.width) && within(px.row, self.gray.height)
     }

@@ -85,7 +85,7 @@ pub struct Sweep {
     covers: Vec<Cover>,
 }
 
-/// How many views have a cell within their images, of which pixels may be masked.
+/// How many views have a cell within the valid pixels of their images.
 #[derive(Clone, Copy)]
 struct Cover {
     /// At altitudes from the stack's lowest to its highest.

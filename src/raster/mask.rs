@@ -1,0 +1,130 @@
+//! What a raster file itself says about which of its pixels are valid: alpha bands and GDAL's masks.
+
+use super::{ImageFile, Plane, RasterError, Window};
+use gdal::raster::{ColorInterpretation, GdalDataType, RasterBand, ResampleAlg};
+
+/// Places along each side of an image at which a band is looked at, to tell what it is.
+const LATTICE: usize = 512;
+
+impl ImageFile {
+    /// Bands that hold what was imaged, from 1: all but alpha bands, or all if no other is there.
+    #[must_use]
+    pub fn color_bands(&self) -> Vec<usize> {
+        let all = 1..=self.bands();
+        let colors: Vec<usize> = all.clone().filter(|b| !self.is_alpha(*b)).collect();
+        if colors.is_empty() { all.collect() } else { colors }
+    }
+
+    /// Bands used when none are asked for: the first three colours, or one.
+    #[must_use]
+    pub fn default_bands(&self) -> Vec<usize> {
+        let mut bands = self.color_bands();
+        bands.truncate(if bands.len() >= 3 { 3 } else { 1 });
+        bands
+    }
+
+    /// Whether a band says how opaque the pixels of the others are: as the file tells, or, where it does not tell what the
+    /// last of two or of four 8-bit bands is, because that is 0 or 255 everywhere.
+    #[must_use]
+    pub fn is_alpha(&self, index: usize) -> bool {
+        let Ok(band) = self.dataset.rasterband(index) else { return false };
+        match band.color_interpretation() {
+            ColorInterpretation::AlphaBand => true,
+            ColorInterpretation::Undefined => {
+                let is_last = index == self.bands() && [2, 4].contains(&index);
+                is_last && band.band_type() == GdalDataType::UInt8 && self.is_all_or_nothing(&band)
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether a band is 0 or 255 at the nodes of a lattice, and both somewhere.
+    fn is_all_or_nothing(&self, band: &RasterBand) -> bool {
+        let (width, height) = self.size();
+        let nodes = (width.min(LATTICE), height.min(LATTICE));
+        let values = band.read_as::<u8>((0, 0), (width, height), nodes, Some(ResampleAlg::NearestNeighbour));
+        let Ok(values) = values else { return false };
+        let has = |v: u8| values.data().contains(&v);
+        has(0) && has(255) && values.data().iter().all(|v| [0, 255].contains(v))
+    }
+
+    /// A window of a band at some size, averaged down, its values as they lie in the file: neither nodata nor a band's scale
+    /// and offset are looked at.
+    ///
+    /// # Errors
+    /// As [`ImageFile::read`].
+    pub(crate) fn read_raw(
+        &self,
+        index: usize,
+        window: Window,
+        (width, height): (usize, usize),
+    ) -> Result<Plane, RasterError> {
+        let (path, found) = (self.path().to_path_buf(), self.bands());
+        let band = self.dataset.rasterband(index);
+        let band = band.map_err(|_| RasterError::NoBand { path: path.clone(), found, asked: index })?;
+        let (from, size) = ((window.col as isize, window.row as isize), (window.width, window.height));
+        let pixels = band.read_as::<f32>(from, size, (width, height), Some(ResampleAlg::Average));
+        let pixels = pixels.map_err(|e| RasterError::Read { path, reason: e.to_string() })?;
+        Ok(Plane { width, height, data: pixels.into_shape_and_vec().1 })
+    }
+
+    /// The masks of some bands: the alpha bands among the others, and masks inside or beside the file (.msk). Nodata values
+    /// are none of them.
+    pub(crate) fn masks(&self, bands: &[usize]) -> Masks<'_> {
+        let alpha: Vec<usize> =
+            (1..=self.bands()).filter(|b| self.is_alpha(*b) && !bands.contains(b)).collect();
+        let mut of_bands = Vec::new();
+        for index in bands {
+            let Ok(band) = self.dataset.rasterband(*index) else { continue };
+            let Ok(flags) = band.mask_flags() else { continue };
+            let is_nodata = flags.is_nodata() && band.no_data_value().is_some();
+            if !(flags.is_all_valid() || flags.is_alpha() || is_nodata) {
+                of_bands.push(*index);
+                if flags.is_per_dataset() {
+                    break;
+                }
+            }
+        }
+        Masks { file: self, alpha, of_bands }
+    }
+}
+
+/// Alpha bands and masks of a file.
+pub(crate) struct Masks<'a> {
+    file: &'a ImageFile,
+    /// Alpha bands.
+    alpha: Vec<usize>,
+    /// Bands with masks of their own.
+    of_bands: Vec<usize>,
+}
+
+impl Masks<'_> {
+    /// Whether there is no mask.
+    pub fn is_empty(&self) -> bool {
+        self.alpha.is_empty() && self.of_bands.is_empty()
+    }
+
+    /// Each mask in a window, row by row: what is 0 is no image.
+    ///
+    /// # Errors
+    /// [`RasterError::Read`].
+    pub fn read(&self, window: Window) -> Result<Vec<Vec<f32>>, RasterError> {
+        let failed = |e: gdal::errors::GdalError| RasterError::Read {
+            path: self.file.path().into(),
+            reason: e.to_string(),
+        };
+        let pixels = |band: &RasterBand| {
+            let (from, size) = ((window.col as isize, window.row as isize), (window.width, window.height));
+            Ok(band.read_as::<f32>(from, size, size, None).map_err(failed)?.into_shape_and_vec().1)
+        };
+        let mut out = Vec::new();
+        for index in &self.alpha {
+            out.push(pixels(&self.file.dataset.rasterband(*index).map_err(failed)?)?);
+        }
+        for index in &self.of_bands {
+            let band = self.file.dataset.rasterband(*index).map_err(failed)?;
+            out.push(pixels(&band.open_mask_band().map_err(failed)?)?);
+        }
+        Ok(out)
+    }
+}

@@ -1,0 +1,225 @@
+//! Which pixels of an image are image: a bit each.
+
+use super::{Plane, Window};
+use crate::frame::{CenterPx, Pixel};
+
+/// Bits of a word.
+const BITS: usize = u64::BITS as usize;
+
+/// Which pixels of an image are image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ValidPixels {
+    width: usize,
+    height: usize,
+    /// Words of a row.
+    stride: usize,
+    words: Vec<u64>,
+}
+
+impl ValidPixels {
+    /// All of them, or none.
+    #[must_use]
+    pub fn filled(width: usize, height: usize, valid: bool) -> Self {
+        let stride = width.div_ceil(BITS);
+        Self { width, height, stride, words: vec![if valid { u64::MAX } else { 0 }; stride * height] }
+    }
+
+    /// Those that are NaN in no plane; none when all are valid.
+    #[must_use]
+    pub fn of_planes(planes: &[Plane]) -> Option<Self> {
+        let first = planes.first()?;
+        let mut out: Option<Self> = None;
+        for i in 0..first.data.len() {
+            if planes.iter().any(|p| p.data[i].is_nan()) {
+                let valid = out.get_or_insert_with(|| Self::filled(first.width, first.height, true));
+                valid.set(i % first.width, i / first.width, false);
+            }
+        }
+        out
+    }
+
+    /// Columns and rows.
+    #[must_use]
+    pub fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
+    /// Whether a pixel is valid; panics outside.
+    #[must_use]
+    pub fn at(&self, col: usize, row: usize) -> bool {
+        self.words[row * self.stride + col / BITS] >> (col % BITS) & 1 == 1
+    }
+
+    /// Says whether a pixel is valid; panics outside.
+    pub fn set(&mut self, col: usize, row: usize, valid: bool) {
+        let (word, bit) = (&mut self.words[row * self.stride + col / BITS], 1 << (col % BITS));
+        *word = if valid { *word | bit } else { *word & !bit };
+    }
+
+    /// Whether a bilinear sample at a position weighs valid pixels only; not outside of the image.
+    #[must_use]
+    pub fn surround(&self, p: Pixel<CenterPx>) -> bool {
+        let inside = |v: f64, n: usize| v >= 0.0 && v <= n as f64 - 1.0;
+        if !(inside(p.col, self.width) && inside(p.row, self.height)) {
+            return false;
+        }
+        // On a pixel's centre its neighbours weigh nothing.
+        let (cols, rows) = ([p.col.floor(), p.col.ceil()], [p.row.floor(), p.row.ceil()]);
+        rows.iter().all(|row| cols.iter().all(|col| self.at(*col as usize, *row as usize)))
+    }
+
+    /// Number of valid pixels.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.rows().map(|row| row.filter(|valid| *valid).count()).sum()
+    }
+
+    /// The smallest window with all valid pixels; none if there are none.
+    #[must_use]
+    pub fn bounds(&self) -> Option<Window> {
+        let (mut cols, mut rows) = ((usize::MAX, 0), (usize::MAX, 0));
+        for row in 0..self.height {
+            let mut valid = (0..self.width).filter(|col| self.at(*col, row));
+            let Some(first) = valid.next() else { continue };
+            let last = (0..self.width).rev().find(|col| self.at(*col, row)).unwrap_or(first);
+            cols = (cols.0.min(first), cols.1.max(last));
+            rows = (rows.0.min(row), row);
+        }
+        let (width, height) = (cols.1.checked_sub(cols.0)? + 1, rows.1.checked_sub(rows.0)? + 1);
+        Some(Window { col: cols.0, row: rows.0, width, height })
+    }
+
+    /// Makes NaN what is not valid in a plane that holds a window of the image at some size; of a smaller size a pixel is
+    /// what the middle of its part of the image is.
+    pub fn clear(&self, plane: &mut Plane, window: Window) {
+        let middle = |i: usize, first: usize, from: usize, to: usize| first + (2 * i + 1) * from / (2 * to);
+        let (width, height) = (plane.width, plane.height);
+        for (row, line) in plane.data.chunks_mut(width.max(1)).enumerate() {
+            let row = middle(row, window.row, window.height, height);
+            for (col, v) in line.iter_mut().enumerate() {
+                if !self.at(middle(col, window.col, window.width, width), row) {
+                    *v = f32::NAN;
+                }
+            }
+        }
+    }
+
+    /// The pixels of `self` that hang together, side by side or one below the other, with the border.
+    #[must_use]
+    pub fn connected_with_border(&self) -> Self {
+        let (width, height) = self.size();
+        let mut out = Self::filled(width, height, false);
+        let on_border =
+            |col: usize, row: usize| col == 0 || row == 0 || col + 1 == width || row + 1 == height;
+        // Down and up over the rows until nothing is added: no list of open pixels, which would outgrow the image.
+        let mut is_down = true;
+        loop {
+            let mut added = false;
+            for k in 0..height {
+                let row = if is_down { k } else { height - 1 - k };
+                let beside = if is_down { row.checked_sub(1) } else { Some(row + 1).filter(|r| *r < height) };
+                let mut col = 0;
+                while col < width {
+                    let first = col;
+                    while col < width && self.at(col, row) {
+                        col += 1;
+                    }
+                    let hangs = |c: usize| {
+                        out.at(c, row) || on_border(c, row) || beside.is_some_and(|b| out.at(c, b))
+                    };
+                    if (first..col).any(hangs) && !(first..col).all(|c| out.at(c, row)) {
+                        (first..col).for_each(|c| out.set(c, row, true));
+                        added = true;
+                    }
+                    col += 1;
+                }
+            }
+            if !added && !is_down {
+                return out;
+            }
+            is_down = !is_down;
+        }
+    }
+
+    /// A fingerprint of all of it.
+    #[must_use]
+    pub fn digest(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        for number in [self.width, self.height] {
+            hasher.update(&(number as u64).to_le_bytes());
+        }
+        for row in self.rows() {
+            let bytes: Vec<u8> = row.map(u8::from).collect();
+            hasher.update(&bytes);
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+
+    fn rows(&self) -> impl Iterator<Item = impl Iterator<Item = bool>> {
+        (0..self.height).map(move |row| (0..self.width).map(move |col| self.at(col, row)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// From lines of text in which `#` is valid.
+    fn drawn(lines: &[&str]) -> ValidPixels {
+        let mut out = ValidPixels::filled(lines[0].len(), lines.len(), false);
+        for (row, line) in lines.iter().enumerate() {
+            line.bytes().enumerate().for_each(|(col, c)| out.set(col, row, c == b'#'));
+        }
+        out
+    }
+
+    #[test]
+    fn what_hangs_together_with_the_border_is_found_round_corners() {
+        // The first figure winds up and down from the right border, the dot in the middle touches nothing.
+        let all = drawn(&[
+            "..........",
+            ".###.####.",
+            ".#.#.#..#.",
+            ".#.###..#.",
+            ".#.....##.",
+            ".##..#...#",
+            "........##",
+        ]);
+        let hanging = drawn(&[
+            "..........",
+            "..........",
+            "..........",
+            "..........",
+            "..........",
+            ".........#",
+            "........##",
+        ]);
+        assert_eq!(all.connected_with_border(), hanging);
+        let spiral = drawn(&[".......", ".#####.", ".#...#.", ".#.#.#.", ".#.###.", ".#.....", ".######"]);
+        assert_eq!(spiral.connected_with_border(), spiral);
+        assert_eq!(spiral.bounds(), Some(Window { col: 1, row: 1, width: 6, height: 6 }));
+        assert_eq!(spiral.count(), 5 + 2 + 3 + 4 + 1 + 6);
+    }
+
+    #[test]
+    fn a_sample_is_valid_if_all_that_it_weighs_is() {
+        let mut valid = ValidPixels::filled(70, 3, true);
+        valid.set(66, 1, false);
+        let at = |col: f64, row: f64| valid.surround(Pixel::new(col, row));
+        assert!(at(65.0, 1.0) && !at(65.01, 1.0) && at(65.5, 0.0) && !at(66.0, 0.5) && at(67.0, 1.0));
+        assert!(at(69.0, 2.0) && !at(69.1, 2.0) && !at(-0.1, 0.0) && !at(f64::NAN, 0.0));
+        assert_eq!(valid.count(), 209);
+        assert!(ValidPixels::filled(70, 3, false).bounds().is_none());
+        assert_ne!(valid.digest(), ValidPixels::filled(70, 3, true).digest());
+    }
+
+    #[test]
+    fn of_planes_only_what_is_known_in_all() {
+        let known = Plane::filled(3, 2, 0.5);
+        assert!(ValidPixels::of_planes(std::slice::from_ref(&known)).is_none());
+        let mut holed = known.clone();
+        holed.data[4] = f32::NAN;
+        let valid = ValidPixels::of_planes(&[known, holed]).unwrap();
+        assert!(!valid.at(1, 1) && valid.count() == 5);
+    }
+}
