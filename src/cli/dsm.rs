@@ -41,7 +41,7 @@ pub struct Options {
     /// Take grid and extent from this raster
     #[arg(long, value_name = "RASTER")]
     like: Option<PathBuf>,
-    /// What heights count from: `ellipsoid`, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// What heights count from: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
     #[arg(long, default_value = "ellipsoid", value_name = "REFERENCE")]
     vertical: String,
     /// Fill holes that reach no further than this between cells with heights, metres; confidence.tif says 0 views there
