@@ -4,7 +4,7 @@ use super::run_folder::TrainedCameras;
 use super::stage::{Fingerprint, Stage, hash_file};
 use super::{Failure, Ui, parse_metres};
 use crate::dsm::{HeightsFrom, hillshade, render};
-use crate::raster::{ImageFile, MapGrid, Vertical, write_png_gray};
+use crate::raster::{HeightSystem, ImageFile, MapGrid, Vertical, write_png_gray};
 use crate::run_files::{CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPLATS, SURFACE};
 use crate::scene::Role;
 use crate::splat::raster::MAX_SIDE;
@@ -42,8 +42,9 @@ pub struct Options {
     #[arg(long, value_name = "RASTER")]
     like: Option<PathBuf>,
     /// What heights count from: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
-    #[arg(long, default_value = "ellipsoid", value_name = "REFERENCE")]
-    vertical: String,
+    /// [default: as RUN/dsm.tif, if there is one, else the ellipsoid]
+    #[arg(long, value_name = "REFERENCE")]
+    vertical: Option<String>,
     /// Fill holes that reach no further than this between cells with heights, metres; confidence.tif says 0 views there
     #[arg(long, value_name = "M")]
     fill: Option<f64>,
@@ -75,12 +76,25 @@ fn ending(
 impl Options {
     /// Opens what rendering will read, for what is wrong with it to be known before a long training.
     pub(super) fn check(&self) -> Result<(), Failure> {
-        Vertical::read(&self.vertical)?;
+        self.vertical.as_deref().map(Vertical::read).transpose()?;
         if let Some(path) = &self.like {
             check_size(&ImageFile::open(path)?.map_grid()?)?;
         }
         Ok(())
     }
+}
+
+/// What heights are to count from: as asked, else as those that the run holds do, which an alignment does not change.
+fn vertical_name(run: &Path, options: &Options) -> Result<String, Failure> {
+    if let Some(asked) = &options.vertical {
+        return Ok(asked.clone());
+    }
+    let dsm = run.join(DSM);
+    let from = match dsm.exists() {
+        true => HeightSystem::of_raster(&ImageFile::open(&dsm)?)?.from,
+        false => None,
+    };
+    Ok(from.unwrap_or_else(|| Vertical::ELLIPSOID.into()))
 }
 
 /// No more cells than this: 40,000 squared.
@@ -96,11 +110,12 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let cameras = TrainedCameras::read(run)?;
     let setup = &cameras.setup;
     let grid = grid(options, &cameras)?;
-    let vertical = Vertical::read(&options.vertical)?;
+    let above = vertical_name(run, options)?;
+    let vertical = Vertical::read(&above)?;
     let mut outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(|name| run.join(name)).to_vec();
     outputs.extend(options.hillshade.then(|| run.join(HILLSHADE)));
     outputs.extend([&options.points, &options.mesh].into_iter().flatten().cloned());
-    let stage = Stage::new(run, "dsm", outputs, fingerprint(run, &grid, options));
+    let stage = Stage::new(run, "dsm", outputs, fingerprint(run, &grid, &above, options));
     if stage.is_done(overwrite)? {
         ui.note(&format!("`{}` has its surface already", run.display()));
         return Ok(());
@@ -190,9 +205,9 @@ fn check_size(grid: &MapGrid) -> Result<(), Failure> {
     Ok(())
 }
 
-fn fingerprint(run: &Path, grid: &MapGrid, options: &Options) -> Fingerprint {
+fn fingerprint(run: &Path, grid: &MapGrid, above: &str, options: &Options) -> Fingerprint {
     Fingerprint::from([
-        ("--vertical".into(), options.vertical.clone()),
+        ("--vertical".into(), Vertical::known_name(above)),
         ("--fill".into(), format!("{:?}", options.fill)),
         ("--hillshade".into(), options.hillshade.to_string()),
         ("--points".into(), format!("{:?}", options.points)),
