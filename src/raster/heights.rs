@@ -33,7 +33,8 @@ impl HeightSystem {
     pub fn of_raster(file: &ImageFile) -> Result<Self, RasterError> {
         let crs = file.dataset.spatial_ref().ok().map(|srs| vertical_part(&srs)).unwrap_or_default();
         let unit = file.unit(1)?;
-        let metres = if unit.is_empty() { crs.metres } else { metres_of(&unit) };
+        let metres =
+            if unit.is_empty() { crs.metres.or_else(|| metres_of(&crs.unit)) } else { metres_of(&unit) };
         let unit = if unit.is_empty() { crs.unit } else { unit };
         let metres =
             metres.ok_or_else(|| RasterError::HeightUnit { path: file.path().into(), unit: unit.clone() })?;
@@ -199,6 +200,16 @@ mod tests {
         let fathoms = written("fathom", None, |_, _| 1.0);
         let error = HeightSystem::of_raster(&opened(&fathoms)).unwrap_err();
         assert!(matches!(error, RasterError::HeightUnit { .. }), "{error}");
+    }
+
+    #[test]
+    fn a_raster_without_place_and_unit_is_in_metres() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("h.tif");
+        let image = crate::raster::SensorImage { width: 8, height: 8, rpc: &[], metadata: &[] };
+        image.write_u8(&path, vec![vec![7; 64]]).unwrap();
+        let system = HeightSystem::of_raster(&ImageFile::open(&path).unwrap()).unwrap();
+        assert_eq!((system.metres, system.converted_from(), system.from), (1.0, None, None));
     }
 
     #[test]

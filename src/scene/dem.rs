@@ -135,10 +135,10 @@ impl Scene {
 /// What a model's heights count from, as it says itself.
 fn told_reference(file: &ImageFile) -> Result<Vertical, SceneError> {
     let unknown = |told: String| SceneError::Vertical { path: file.path().into(), told };
-    let Some(from) = HeightSystem::of_raster(file)?.from else { return Err(unknown("nothing".into())) };
+    let Some(from) = HeightSystem::of_raster(file)?.from else { return Err(unknown(String::new())) };
     match Vertical::read(&from) {
         Err(RasterError::UnknownVertical { .. } | RasterError::NoGeoid { .. }) => {
-            Err(unknown(format!("`{from}`")))
+            Err(unknown(format!(" by a reference that is known: it says `{from}`")))
         }
         read => Ok(read?),
     }

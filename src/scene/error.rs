@@ -231,15 +231,15 @@ pub enum SceneError {
         footprint: String,
     },
     /// An elevation model of unknown vertical reference.
-    #[error("`{path}`: it is not known what its heights count from; the file says {told}")]
+    #[error("`{path}` does not say what its heights count from{told}")]
     #[diagnostic(help(
-        "--dem-vertical says it: `ellipsoid`, EGM84, EGM96 (SRTM), EGM2008 (Copernicus), or the path of a geoid's grid \
+        "--dem-vertical ellipsoid, EGM84, EGM96 (SRTM), EGM2008 (Copernicus), or the path of a geoid's grid \
          (.gtx, .tif of PROJ)"
     ))]
     Vertical {
         /// The elevation model.
         path: PathBuf,
-        /// What it says: a name, or nothing.
+        /// What it says instead, if anything: a phrase.
         told: String,
     },
     /// An elevation model with heights that are none.
