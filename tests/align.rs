@@ -126,6 +126,38 @@ fn a_run_follows_its_reference_with_all_it_holds_and_stays_there() {
 }
 
 #[test]
+fn heights_above_a_geoid_do_not_move_a_run_down() {
+    let Ok(egm96) = satgs::raster::Vertical::read("EGM96") else { return };
+    let r = Run::new();
+    r.aligned(&r.truth);
+    let before = r.places();
+    let up = egm96.undulation_m(before[0].lon_deg(), before[0].lat_deg());
+    let file = ImageFile::open(&r.truth).unwrap();
+    let (grid, mut plane) = (file.map_grid().unwrap(), file.read(1).unwrap());
+    plane.data.iter_mut().for_each(|v| *v -= up as f32);
+    let reference = r.scene.join("egm96.tif");
+    let item = |name: &str| [("VERTICAL_REFERENCE", name.to_owned())];
+    let write = |metadata: &[(&str, String)], heights_from| {
+        let cog = Cog { grid, metadata, heights_from };
+        cog.write_f32(&reference, &[("height", "m", &plane)]).unwrap();
+    };
+    write(&[], Some(&egm96));
+    r.aligned(&reference);
+    write(&item("EGM96"), None);
+    r.aligned(&reference);
+    for (a, b) in before.iter().zip(&r.places()) {
+        assert_near(moved(*a, *b), [0.0; 3], TOLERANCE_M);
+    }
+    write(&item("NAVD88"), None);
+    let output = r.align(&reference);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.code() == Some(2) && text.contains("NAVD88") && text.contains("--vertical"),
+        "{text}"
+    );
+}
+
+#[test]
 fn surveyed_points_place_a_run() {
     let r = Run::new();
     let views = ["VIEW_01", "VIEW_02", "VIEW_03"];

@@ -331,7 +331,33 @@ fn heights_above_a_geoid_are_guessed_and_converted_when_told() {
         &["above_geoid.tif", "does not cover"],
     );
     let none = ["--truth-vertical", "NAVD88"];
+    desk.refused("above_geoid.tif", &none, &["known are `ellipsoid`, EGM84, EGM96, EGM2008"]);
     desk.refused("above_geoid.tif", &none, &["NAVD88"]);
+}
+
+#[test]
+fn references_that_the_files_tell_are_brought_together() {
+    let desk = Desk::new();
+    let (lon, lat) = Desk::lon_lat(15.0, 15.0);
+    let Some(geoid_m) = egm96_undulation_m(lon, lat) else { return };
+    let Ok(egm96) = satgs::raster::Vertical::read("EGM96") else { return };
+    let write = |name: &str, from: &satgs::raster::Vertical, up: f64| {
+        let mut plane = relief();
+        plane.data.iter_mut().for_each(|v| *v += up as f32);
+        let cog = Cog { grid: GRID, metadata: &[], heights_from: Some(from) };
+        cog.write_f32(&desk.path(name), &[("height", "m", &plane)]).unwrap();
+    };
+    write("dsm.tif", &satgs::raster::Vertical::Ellipsoid, 0.0);
+    write("egm96.tif", &egm96, -geoid_m);
+    let (said, scores) = desk.scored("egm96.tif", &[]);
+    assert!(said.contains("lifted to the ellipsoid"), "{said}");
+    let dz = scores["verdicts"][0]["dz_m"].as_f64().unwrap();
+    assert!(dz.abs() < 0.05, "{dz}");
+    // Two that count from the same geoid stay as they are.
+    write("dsm.tif", &egm96, 0.0);
+    let (said, scores) = desk.scored("egm96.tif", &[]);
+    assert!(!said.contains("lifted"), "{said}");
+    assert!((scores["verdicts"][0]["dz_m"].as_f64().unwrap() + geoid_m).abs() < 0.05);
 }
 
 #[test]

@@ -496,6 +496,25 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     let vertical = satgs::raster::Vertical::Ellipsoid;
     let (low, high) = scene.dem(&path, Some(&vertical)).unwrap().heights_to_search();
     assert!(60.0 < low && low < high && high < 190.0, "{low} {high}");
+    // In feet with a void that is not declared, the same model.
+    let feet = satgs::raster::Plane::from_fn(60, 300, |col, row| {
+        if (col, row) == (30, 150) { -32768.0 } else { (80.0 + row as f32 * 0.1) / 0.3048 }
+    });
+    let cog = satgs::raster::Cog { grid, metadata: &[], heights_from: None };
+    cog.write_f32(&path, &[("height", "ft", &feet)]).unwrap();
+    let (low_ft, high_ft) = scene.dem(&path, Some(&vertical)).unwrap().heights_to_search();
+    assert!((low_ft - low).abs() < 0.01 && (high_ft - high).abs() < 0.01, "{low_ft} {high_ft}");
+    // A void that no rule knows is no height on Earth.
+    let void =
+        satgs::raster::Plane::from_fn(60, 300, |col, row| if (col + row) % 5 == 0 { -999.0 } else { 80.0 });
+    cog.write_f32(&path, &[("height", "m", &void)]).unwrap();
+    let error = scene.dem(&path, Some(&vertical)).unwrap_err().to_string();
+    assert!(error.contains("height of -999 m"), "{error}");
+    // A datum that is not known is named.
+    let metadata = [("VERTICAL_REFERENCE", "NAVD88".to_owned())];
+    satgs::raster::Cog { metadata: &metadata, ..cog }.write_f32(&path, &[("height", "m", &plane)]).unwrap();
+    let (code, said) = ba(&[]);
+    assert!(code == Some(2) && said.contains("`NAVD88`"), "{said}");
     let far = satgs::raster::MapGrid { west: 600_000.0, ..grid };
     write(far);
     let error = scene.dem(&path, Some(&vertical)).unwrap_err().to_string();

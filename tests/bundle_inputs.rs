@@ -7,7 +7,7 @@ mod common;
 
 use common::{disagreement_px, satgs};
 use gdal::vector::LayerAccess;
-use satgs::bundle::{Adjustment, BundleError, ControlPoint, Options, adjust, read_control};
+use satgs::bundle::{Adjustment, BundleError, ControlPoint, Options, adjust, check_control, read_control};
 use satgs::event::{Event, ignore};
 use satgs::frame::{Pixel, Point, SiteGrid};
 use satgs::raster::{Cog, MapGrid, Plane, SensorImage, Vertical, Window};
@@ -160,9 +160,42 @@ fn ground_control_puts_the_scene_where_the_survey_says() {
     std::fs::write(&file, &text).unwrap();
     let control = read_control(&file).unwrap();
     assert_eq!(control.len(), 14);
+    check_control(&file, &control, &scene).unwrap();
+    let refused = |change: fn(&mut ControlPoint), words: &[&str]| {
+        let mut wrong = control.clone();
+        change(&mut wrong[2]);
+        let error = check_control(&file, &wrong, &scene).unwrap_err();
+        let help = miette::Diagnostic::help(&error).map(|h| h.to_string()).unwrap_or_default();
+        let said = format!("{error} {help}");
+        assert!(["gcps.csv", "line 4"].iter().chain(words).all(|w| said.contains(w)), "{said}");
+    };
+    refused(
+        |c| c.place = Point::new(c.place.lat_deg(), c.place.lon_deg(), c.place.height_m()),
+        &["km from where", "lon and lat are swapped"],
+    );
+    refused(
+        |c| c.place = Point::new(c.place.lon_deg() + 0.05, c.place.lat_deg(), c.place.height_m()),
+        &[" m from where", "datum"],
+    );
+    refused(|c| c.px.col += 5000.0, &["is outside of", "crop"]);
+    refused(|c| c.image = "elsewhere".into(), &["`elsewhere` is not in the scene"]);
+
+    // Nothing is held by points that agree with nothing.
+    let off = control.iter().map(|c| {
+        let [lon, lat, h] = c.place.xyz();
+        let sign = if c.line % 2 == 0 { 0.004 } else { -0.004 };
+        ControlPoint { place: Point::new(lon + sign, lat - sign, h), ..c.clone() }
+    });
+    let options = Options { height_range: Some(HEIGHTS), control: off.collect(), ..Options::default() };
+    let made = adjust(&scene, &options, &ignore).unwrap();
+    assert!(made.report.control.iter().all(|c| !c.agrees && c.line > 1), "{:?}", made.report.control);
+    assert!(!made.report.gauge.starts_with("ground control"), "{}", made.report.gauge);
+    assert!(made.report.table().contains("line 2 ("), "{}", made.report.table());
+
     let options = Options { height_range: Some(HEIGHTS), control, ..Options::default() };
     let made = adjust(&scene, &options, &ignore).unwrap();
     assert_eq!(made.report.control.len(), 14);
+    assert!(made.report.control.iter().all(|c| c.agrees), "{:?}", made.report.control);
     assert_eq!(made.report.gauge, "ground control");
     // Not a common translation apart, as without control, but where they are.
     for (found, exact) in true_cameras(folder.path(), &made) {
@@ -186,6 +219,10 @@ fn ground_control_that_cannot_be_is_refused_by_line_and_field() {
         (&*format!("{header}5.4,143.2,100,a,1,2,0.1,0.1,1\n"), "line 2: `lat` is 143.2"),
         (&*format!("{header}5.4,43.2,NaN,a,1,2,0.1,0.1,1\n"), "line 2: `h` is NaN"),
         (header, "no point"),
+        (
+            &*format!("{header}5.4,43.2,100,a,1,2,0.1,0.1,1\n").replace(',', ";"),
+            "line 1: the columns are separated by semicolons",
+        ),
     ] {
         std::fs::write(&file, text).unwrap();
         let error = read_control(&file).unwrap_err().to_string();

@@ -2,6 +2,7 @@
 //! then patches in the place of keypoints, and the last solve.
 
 use super::control::{ControlPoint, tracks_of};
+use super::control_check::control_report;
 use super::correction::{ImageFrame, Model, Parameters};
 use super::error::BundleError;
 use super::features::Keypoint;
@@ -12,7 +13,7 @@ use super::network::{Estimate, HEIGHT_MARGIN_M, LEAST_ANGLE_DEG, LOSS_SCALES_PX,
 use super::output::{Adjustment, PointQuality, SparsePoint, TiePoint};
 use super::patches::{Part, Seeker, squares};
 use super::problem::{Measurement, Track};
-use super::report::{ControlReport, LeftOut, Report, ViewReport};
+use super::report::{LeftOut, Report, ViewReport};
 use super::tracks::{self, Observation};
 use crate::event::{Event, Sink};
 use crate::frame::{Geodetic, Point, SiteGrid};
@@ -541,19 +542,31 @@ impl<'a> Work<'a> {
         let control = tracks.iter().zip(points).filter_map(|(t, p)| Some((t, t.known?, p)));
         let control =
             control.flat_map(|(t, known, p)| t.seen.iter().map(move |m| (m, known, *p)).collect::<Vec<_>>());
+        let control: Vec<_> = control
+            .map(|(m, known, p)| {
+                let residual_px = block.distance(m, &corrections[m.view], p);
+                control_report(self.views[m.view].view, m, &known, p, residual_px, &options.control)
+            })
+            .collect();
+        let none_agrees = !control.is_empty() && control.iter().all(|c| !c.agrees);
+        for c in control.iter().filter(|c| !c.agrees) {
+            (self.events)(Event::Warning(format!(
+                "ground control, line {}: `{}` shows the point {:.1} px from where it should be",
+                c.line, c.view, c.residual_px
+            )));
+        }
+        let gauge = match none_agrees && !options.fixed {
+            true => "no point of the ground control agrees: priors on the shifts, and what they leave to it"
+                .into(),
+            false => self.gauge(options),
+        };
         let report = Report {
-            gauge: self.gauge(options),
+            gauge,
             open_directions: of_shifts.open,
             sigma_px: of_shifts.sigma_px,
             model: options.model,
             tracks: tracks.iter().filter(|t| t.known.is_none()).count(),
-            control: control
-                .map(|(m, known, p)| ControlReport {
-                    view: self.views[m.view].view.name.clone(),
-                    residual_px: block.distance(m, &corrections[m.view], p),
-                    moved_m: std::array::from_fn(|k| p[k] - known.place[k]),
-                })
-                .collect(),
+            control,
             views: views.collect(),
             left_out: self.left_out.clone(),
             ..Report::of(&before, &after)

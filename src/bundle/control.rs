@@ -13,6 +13,8 @@ use std::path::Path;
 /// An observation of a surveyed point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControlPoint {
+    /// Line of the file, from 1.
+    pub line: usize,
     /// Where it is.
     pub place: Point<Geodetic>,
     /// The image, by its file's name or without the ending.
@@ -23,6 +25,14 @@ pub struct ControlPoint {
     pub sigma_m: [f64; 2],
     /// Standard deviation in the image, pixels.
     pub sigma_px: f64,
+}
+
+impl ControlPoint {
+    /// Whether a view is its image.
+    #[must_use]
+    pub fn is_of(&self, view: &View) -> bool {
+        view.name == self.image || view.image.file_name().is_some_and(|f| f == &*self.image)
+    }
 }
 
 /// A line of the file.
@@ -39,6 +49,9 @@ struct Line {
     sigma_px: f64,
 }
 
+/// What else separates columns.
+const SEPARATORS: [(char, &str); 3] = [(';', "semicolons"), ('\t', "tabs"), (' ', "spaces")];
+
 /// Reads a CSV file with the columns `lon, lat` (degrees, WGS 84), `h` (metres above the ellipsoid), `image`,
 /// `col, row` ((0, 0) is the centre of the first pixel), `sigma_xy_m, sigma_h_m` and `sigma_px` (standard deviations).
 ///
@@ -50,10 +63,17 @@ pub fn read_control(path: &Path) -> Result<Vec<ControlPoint>, BundleError> {
     let refused = |reason: String| BundleError::Control { path: path.into(), reason };
     let mut reader =
         csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(path).map_err(|e| refused(e.to_string()))?;
+    let head = reader.headers().map_err(|e| refused(e.to_string()))?.clone();
+    if let Some((mark, name)) = SEPARATORS.iter().find(|s| head.len() == 1 && head[0].contains(s.0)) {
+        return Err(refused(format!(
+            "line 1: the columns are separated by {name} (`{mark}`), commas are expected"
+        )));
+    }
     let mut out = Vec::new();
-    for (i, line) in reader.deserialize::<Line>().enumerate() {
-        let l = line.map_err(|e| refused(e.to_string()))?;
-        let number = i + 2;
+    for record in reader.records() {
+        let record = record.map_err(|e| refused(e.to_string()))?;
+        let number = record.position().map_or(0, |p| p.line() as usize);
+        let l: Line = record.deserialize(Some(&head)).map_err(|e| refused(format!("line {number}: {e}")))?;
         let wrong = |field: &str, value: f64| refused(format!("line {number}: `{field}` is {value}"));
         for (field, value, limit) in [
             ("lon", l.lon, 360.0),
@@ -76,6 +96,7 @@ pub fn read_control(path: &Path) -> Result<Vec<ControlPoint>, BundleError> {
             }
         }
         out.push(ControlPoint {
+            line: number,
             place: Point::new(l.lon, l.lat, l.h),
             image: l.image,
             px: Pixel::new(l.col, l.row),
@@ -101,8 +122,7 @@ pub fn tracks_of(
 ) -> Result<Vec<Track>, BundleError> {
     let mut tracks: Vec<Track> = Vec::new();
     for c in control {
-        let is_named = |v: &&View| v.name == c.image || v.image.file_name().is_some_and(|f| f == &*c.image);
-        let view = scene.views.iter().find(is_named);
+        let view = scene.views.iter().find(|v| c.is_of(v));
         let view = view.ok_or_else(|| BundleError::ControlImage { image: c.image.clone() })?;
         let Some(index) = names.iter().position(|n| *n == view.name) else { continue };
         let known =

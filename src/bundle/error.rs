@@ -82,6 +82,19 @@ pub enum BundleError {
         /// What is wrong, and where.
         reason: String,
     },
+    /// A point of ground control that cannot be where an image shows it.
+    #[error("`{path}`: line {line}: {reason}")]
+    #[diagnostic(help("{cause}"))]
+    ControlPlace {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong with it.
+        reason: String,
+        /// What is likely to have caused it.
+        cause: String,
+    },
     /// Ground control of an image that the scene does not have.
     #[error("ground control names the image `{image}`, which is not in the scene")]
     #[diagnostic(help("`satgs info SCENE` lists its views"))]

@@ -8,6 +8,7 @@
 
 mod adjust;
 mod control;
+mod control_check;
 mod correction;
 mod error;
 mod features;
@@ -27,6 +28,7 @@ mod tracks;
 
 pub use adjust::{Options, adjust};
 pub use control::{ControlPoint, control_pairs, read_control};
+pub use control_check::check_control;
 pub use correction::{Model, Parameters};
 pub use error::BundleError;
 pub use features::{Keypoint, detect};

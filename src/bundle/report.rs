@@ -56,10 +56,21 @@ impl ViewReport {
 pub struct ControlReport {
     /// The view.
     pub view: String,
+    /// Line of the file with the points, from 1.
+    #[serde(default)]
+    pub line: usize,
     /// Reprojection error, pixels.
     pub residual_px: f64,
     /// Adjusted minus surveyed place: east, north, up, metres.
     pub moved_m: [f64; 3],
+    /// Whether the point is as near as its standard deviations let expect; others hardly count in the adjustment.
+    #[serde(default = "yes")]
+    pub agrees: bool,
+}
+
+/// Reports of earlier versions name no points that do not agree.
+fn yes() -> bool {
+    true
 }
 
 /// An adjustment's figures.
@@ -155,12 +166,23 @@ impl Report {
             self.gauge, self.open_directions
         );
         if !self.control.is_empty() {
-            let worst = self.control.iter().map(|c| c.residual_px).fold(0.0, f64::max);
+            let (good, bad): (Vec<_>, Vec<_>) = self.control.iter().partition(|c| c.agrees);
+            let worst = good.iter().map(|c| c.residual_px).fold(0.0, f64::max);
             let _ = writeln!(
                 out,
-                "{} observations of ground control, at most {worst:.3} px off",
+                "{} of {} observations of ground control agree, at most {worst:.3} px off",
+                good.len(),
                 self.control.len()
             );
+            for c in bad {
+                let [e, n, u] = c.moved_m;
+                let _ = writeln!(
+                    out,
+                    "  line {} (`{}`) does not: {:.2} px off, its point {e:+.2} m east, {n:+.2} m north, {u:+.2} m up of \
+                     the survey",
+                    c.line, c.view, c.residual_px
+                );
+            }
         }
         out
     }

@@ -4,7 +4,7 @@ use super::run_folder::{TrainedCameras, read_json, read_scene, write_json};
 use super::stage::Stage;
 use super::{Failure, Ui, run_lock};
 use crate::align::{Alignment, Shift, to_control, to_surface};
-use crate::bundle::{Adjustment, control_pairs, read_control};
+use crate::bundle::{Adjustment, check_control, control_pairs, read_control};
 use crate::frame::{Geodetic, Point, SiteGrid, Utm};
 use crate::metrics::{Surface, Truth, TruthOptions};
 use crate::raster::{MapGrid, RasterError, Vertical, check_writable, write_moved};
@@ -30,8 +30,8 @@ pub struct Args {
     /// surveyed points (.csv, as `satgs ba --gcps` takes them)
     #[arg(long, value_name = "REFERENCE")]
     to: PathBuf,
-    /// What the reference's heights count from: `ellipsoid`, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
-    /// [default: the ellipsoid]
+    /// What the reference's heights count from: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// [default: as its CRS or VERTICAL_REFERENCE says, else the ellipsoid]
     #[arg(long, value_name = "REFERENCE")]
     vertical: Option<String>,
     /// EPSG code of lidar points whose file does not tell
@@ -78,7 +78,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let at = adjustment.points.first().map(|p| p.position);
     let at = at.ok_or_else(|| Failure::input("the run has no sparse points", "`satgs ba` makes them"))?;
     let map = SiteGrid::at(at)?;
-    let found = alignment(args, &scene, &adjustment, &map)?;
+    let found = alignment(args, &scene, &adjustment, &map, ui)?;
 
     let Shift { east_m, north_m, up_m } = found.shift;
     let text = format!(
@@ -106,9 +106,17 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
 }
 
 /// The shift from the run to the reference.
-fn alignment(args: &Args, scene: &Scene, ours: &Adjustment, map: &SiteGrid) -> Result<Alignment, Failure> {
+fn alignment(
+    args: &Args,
+    scene: &Scene,
+    ours: &Adjustment,
+    map: &SiteGrid,
+    ui: &Ui,
+) -> Result<Alignment, Failure> {
     if args.to.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {
-        let pairs = control_pairs(&read_control(&args.to)?, scene, ours)?;
+        let control = read_control(&args.to)?;
+        check_control(&args.to, &control, scene)?;
+        let pairs = control_pairs(&control, scene, ours)?;
         return Ok(to_control(&pairs, map, &args.to)?);
     }
     let (points, epsg) = points(&args.run, &ours.positions(), map)?;
@@ -123,7 +131,19 @@ fn alignment(args: &Args, scene: &Scene, ours: &Adjustment, map: &SiteGrid) -> R
         epsg: args.crs,
         ..TruthOptions::default()
     };
-    let reference = Truth::read(&args.to, &options, &MapGrid::covering(epsg, around, LIDAR_CELL_M))?;
+    let mut reference = Truth::read(&args.to, &options, &MapGrid::covering(epsg, around, LIDAR_CELL_M))?;
+    if reference.surface.vertical.is_none() {
+        ui.note(&format!(
+            "`{}` does not say what its heights count from: the ellipsoid is assumed, --vertical tells",
+            args.to.display()
+        ));
+    }
+    let lifted = reference.surface.to_ellipsoid()?;
+    for note in
+        lifted.iter().chain(options.vertical.is_some().then_some(&reference.notes).into_iter().flatten())
+    {
+        ui.note(note);
+    }
     Ok(to_surface(&points, epsg, &reference.surface)?)
 }
 

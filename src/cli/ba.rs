@@ -4,7 +4,9 @@ use super::run_folder::{read_scene, write_json};
 use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file, or_none};
 use super::{Failure, Ui, align, parse_metres, run_lock};
-use crate::bundle::{Adjustment, HeightPrior, LeftOut, Model, Options, Report, adjust, read_control};
+use crate::bundle::{
+    Adjustment, HeightPrior, LeftOut, Model, Options, Report, adjust, check_control, read_control,
+};
 use crate::raster::Vertical;
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
 use crate::scene::{Dem, Scene};
@@ -31,7 +33,8 @@ pub struct Args {
     /// Elevation model that tells the heights to search, from 20 m below its lowest to 80 m above its highest
     #[arg(long, value_name = "FILE", conflicts_with = "height_range")]
     dem: Option<PathBuf>,
-    /// What its heights count from: `ellipsoid`, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ) [default: as it says]
+    /// What its heights count from: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ) [default: as its
+    /// CRS or VERTICAL_REFERENCE says]
     #[arg(long, value_name = "REFERENCE", requires = "dem")]
     dem_vertical: Option<String>,
     /// Hold the height of the scene by the elevation model, to so many metres (SRTM 10, Copernicus 5); what stands above it
@@ -178,6 +181,9 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     stage.require_writable()?;
     let started = std::time::Instant::now();
     let control = args.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();
+    if let Some(path) = &args.gcps {
+        check_control(path, &control, &scene)?;
+    }
     let options = Options {
         fixed: args.fixed,
         model: args.model,

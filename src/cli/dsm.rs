@@ -5,7 +5,7 @@ use super::run_folder::{TrainedCameras, read_scene, require_image};
 use super::stage::{Fingerprint, Stage, hash_file, or_none};
 use super::{Failure, Ui, parse_metres, run_lock};
 use crate::dsm::{Heights, HeightsFrom, Seeing, Surface, hillshade, render};
-use crate::raster::{ImageFile, MapGrid, Vertical, check_writable, write_png_gray};
+use crate::raster::{HeightSystem, ImageFile, MapGrid, Vertical, check_writable, write_png_gray};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPARSE_POINTS, SPLATS, SURFACE,
 };
@@ -45,9 +45,10 @@ pub struct Options {
     /// Take grid and extent from this raster
     #[arg(long, value_name = "RASTER")]
     like: Option<PathBuf>,
-    /// What heights count from: `ellipsoid`, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
-    #[arg(long, default_value = "ellipsoid", value_name = "REFERENCE")]
-    vertical: String,
+    /// What heights count from: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// [default: as RUN/dsm.tif, if there is one, else the ellipsoid]
+    #[arg(long, value_name = "REFERENCE")]
+    vertical: Option<String>,
     /// Fill holes that reach no further than this between cells with heights, metres; confidence.tif says 0 views there
     #[arg(long, value_name = "M")]
     fill: Option<f64>,
@@ -81,7 +82,7 @@ impl Options {
     /// training.
     pub(super) fn check(&self, run: &Path) -> Result<(), Failure> {
         self.products()?.iter().try_for_each(|product| product.check(run))?;
-        Vertical::read(&self.vertical)?;
+        self.vertical.as_deref().map(Vertical::read).transpose()?;
         if let Some(path) = &self.like {
             check_size(&ImageFile::open(path)?.map_grid()?)?;
         }
@@ -133,6 +134,19 @@ impl Options {
     }
 }
 
+/// What heights are to count from: as asked, else as those that the run holds do, which an alignment does not change.
+fn vertical_name(run: &Path, options: &Options) -> Result<String, Failure> {
+    if let Some(asked) = &options.vertical {
+        return Ok(asked.clone());
+    }
+    let dsm = run.join(DSM);
+    let from = match dsm.exists() {
+        true => HeightSystem::of_raster(&ImageFile::open(&dsm)?)?.from,
+        false => None,
+    };
+    Ok(from.unwrap_or_else(|| Vertical::ELLIPSOID.into()))
+}
+
 /// No more cells than this: 40,000 squared.
 const MAX_CELLS: f64 = 1.6e9;
 
@@ -147,9 +161,10 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let cameras = TrainedCameras::read(run)?;
     let setup = &cameras.setup;
     let grid = grid(options, &cameras)?;
-    let vertical = Vertical::read(&options.vertical)?;
+    let above = vertical_name(run, options)?;
+    let vertical = Vertical::read(&above)?;
     let outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(|name| run.join(name)).to_vec();
-    let stage = Stage::new(run, "dsm", outputs, fingerprint(run, &grid, options));
+    let stage = Stage::new(run, "dsm", outputs, fingerprint(run, &grid, &above, options));
     let is_done = stage.is_done(overwrite)?;
     let mut made = Products::read(run, stage.fingerprint());
     let mut products = options.products()?;
@@ -264,9 +279,9 @@ fn check_size(grid: &MapGrid) -> Result<(), Failure> {
     Ok(())
 }
 
-fn fingerprint(run: &Path, grid: &MapGrid, options: &Options) -> Fingerprint {
+fn fingerprint(run: &Path, grid: &MapGrid, above: &str, options: &Options) -> Fingerprint {
     Fingerprint::from([
-        ("--vertical".into(), options.vertical.clone()),
+        ("--vertical".into(), Vertical::known_name(above)),
         ("--fill".into(), or_none(options.fill)),
         ("surface".into(), hash_file(&run.join(SURFACE))),
         ("splats".into(), hash_file(&run.join(SPLATS))),

@@ -25,7 +25,7 @@ Without classes water is scored like land. No MAE counts below a completeness of
 Examples:
   satgs dsm-eval run/dsm.tif JAX_068_DSM.tif         finds JAX_068_DSM.txt and JAX_068_CLS.tif by name
   satgs dsm-eval dsm.tif lidar.laz -o eval           the highest point of every cell; writes map and figures
-  satgs dsm-eval dsm.tif lidar.tif --mask roofs.gpkg --truth-vertical us_nga_egm96_15.tif")]
+  satgs dsm-eval dsm.tif lidar.tif --mask roofs.gpkg --truth-vertical EGM96")]
 pub struct Args {
     /// The surface model: a raster with a map grid in metres
     dsm: PathBuf,
@@ -44,18 +44,39 @@ pub struct Args {
 struct TruthArgs {
     /// The truth: a raster with a map grid, DFC2019's X_DSM.tif with X_DSM.txt beside it, or points (.las, .laz)
     truth: PathBuf,
+    #[command(flatten)]
+    options: TruthOptionArgs,
+}
+
+/// How the truth is to be read; `satgs run --truth` takes them too.
+#[derive(clap::Args, Clone, Debug)]
+#[group(id = "scoring")]
+pub(super) struct TruthOptionArgs {
     /// Class raster on the truth's grid, class 9 is water [default: X_CLS.tif beside X_DSM.tif, or the points' classes]
-    #[arg(long, value_name = "CLS.tif")]
+    #[arg(long, value_name = "CLS.tif", requires = "truth")]
     classes: Option<PathBuf>,
     /// Score inside and outside of this apart: polygons (any vector file), or a raster on the truth's grid, not 0 inside
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", requires = "truth")]
     mask: Option<PathBuf>,
-    /// What the truth's heights count from: `ellipsoid`, or a geoid grid (.gtx, .tif of PROJ) that is added to them
-    #[arg(long, value_name = "ellipsoid|GRID")]
+    /// What the truth's heights count from: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// [default: as its CRS or VERTICAL_REFERENCE says]
+    #[arg(long, value_name = "REFERENCE", requires = "truth")]
     truth_vertical: Option<String>,
     /// EPSG code of the truth's points, where their file does not tell
-    #[arg(long, value_name = "EPSG")]
+    #[arg(long, value_name = "EPSG", requires = "truth")]
     truth_crs: Option<u32>,
+}
+
+impl TruthOptionArgs {
+    /// As the library takes them.
+    pub(super) fn options(&self) -> Result<TruthOptions<'_>, Failure> {
+        Ok(TruthOptions {
+            classes: self.classes.as_deref(),
+            mask: self.mask.as_deref(),
+            vertical: self.truth_vertical.as_deref().map(Vertical::read).transpose()?,
+            epsg: self.truth_crs,
+        })
+    }
 }
 
 /// Runs the command.
@@ -63,12 +84,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     if let Some(folder) = &args.output {
         refuse_to_replace(folder, args.overwrite)?;
     }
-    let options = TruthOptions {
-        classes: args.truth.classes.as_deref(),
-        mask: args.truth.mask.as_deref(),
-        vertical: args.truth.truth_vertical.as_deref().map(Vertical::read).transpose()?,
-        epsg: args.truth.truth_crs,
-    };
+    let options = args.truth.options.options()?;
     score(&args.dsm, &args.truth.truth, &options, args.output.as_deref(), ui)
 }
 

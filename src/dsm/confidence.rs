@@ -4,7 +4,7 @@ use super::Surface;
 use crate::affine::AffineCamera;
 use crate::frame::{CenterPx, Pixel, SiteGrid};
 use crate::raster::{Plane, ValidPixels};
-use crate::splat::sweep::{SLACK_M, horizon};
+use crate::splat::sweep::{SLACK_M, SweptSurface, horizon};
 use rayon::prelude::*;
 
 /// A height is measured where at least so many views see it.
@@ -72,6 +72,19 @@ impl Surface {
         confidence.views = seeing;
     }
 
+    /// Says 0 views where a matched surface was not measured but filled from around: its score is 0 there.
+    pub fn mark_filled(&mut self, matched: &SweptSurface) {
+        let Self { grid, confidence, .. } = self;
+        confidence.views.data.par_chunks_mut(grid.width).enumerate().for_each(|(row, views)| {
+            for (col, views) in views.iter_mut().enumerate() {
+                let px = matched.grid.corner_px_from_utm(grid.cell_center(col, row));
+                if matched.score.get(px.col.floor() as i64, px.row.floor() as i64) == 0.0 {
+                    *views = 0.0;
+                }
+            }
+        });
+    }
+
     /// Fills cells without a height that lie between others, no more than `reach_m` away along a row or column, with
     /// the lowest of those: what is hidden lies below what hides it.
     pub fn fill(&mut self, reach_m: f64) {
@@ -133,6 +146,18 @@ mod tests {
         assert_eq!([views.at(4, 5), views.at(14, 5), views.at(14, 8), views.at(12, 8)], [1.0, 3.0, 2.0, 2.0]);
         assert_eq!(surface.height.at(4, 5), 10.0);
         assert!(surface.height.at(4, 8).is_nan() && surface.colors[0].at(4, 8).is_nan());
+    }
+
+    #[test]
+    fn what_matching_filled_is_seen_by_no_view() {
+        let (mut surface, site) = flat_surface(8, 3);
+        surface.confidence.views = Plane::filled(8, 3, 2.0);
+        let cells = |value: f32| Plane::filled(8, 3, value);
+        let score = Plane::from_fn(8, 3, |col, _| if col == 5 { 0.0 } else { 0.4 });
+        let matched =
+            SweptSurface { site, grid: surface.grid, altitude: cells(0.0), score, hold: cells(0.0) };
+        surface.mark_filled(&matched);
+        assert_eq!(surface.confidence.views, Plane::from_fn(8, 3, |col, _| if col == 5 { 0.0 } else { 2.0 }));
     }
 
     #[test]

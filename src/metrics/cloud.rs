@@ -2,8 +2,9 @@
 
 use super::{MetricsError, Surface};
 use crate::frame::Transform;
-use crate::raster::{MapGrid, Plane, epsg_of_cloud, is_metric_map};
+use crate::raster::{HeightSystem, MapGrid, Plane, epsg_of_cloud, is_metric_map};
 use las::{Reader, point::Classification};
+use rayon::prelude::*;
 use std::path::Path;
 
 /// Points read at a time.
@@ -36,7 +37,8 @@ pub(super) fn open(path: &Path, epsg: Option<u32>) -> Result<(Reader, u32), Metr
 
 /// The points on a grid: heights in metres, NaN in cells without points; classes if any point has one.
 ///
-/// Points that are withheld or classified as noise are left out.
+/// Points that are withheld or classified as noise are left out. The last of what is returned says how many cells stand
+/// far above all around them, as birds and noise that nobody classified do.
 ///
 /// # Errors
 /// As [`open`]'s, which takes `epsg`; [`MetricsError::Cloud`] for damaged points.
@@ -44,9 +46,10 @@ pub(super) fn read(
     path: &Path,
     epsg: Option<u32>,
     grid: MapGrid,
-) -> Result<(Surface, Option<Vec<u8>>), MetricsError> {
+) -> Result<(Surface, Option<Vec<u8>>, Option<String>), MetricsError> {
     let (mut reader, epsg) = open(path, epsg)?;
     let damaged = |reason: String| MetricsError::Cloud { path: path.into(), reason };
+    let system = HeightSystem::of_cloud(reader.header());
     let expected = reader.header().number_of_points();
     let transform = (epsg != grid.epsg).then(|| Transform::new(epsg, grid.epsg)).transpose()?;
     let mut height = Plane::filled(grid.width, grid.height, f32::NAN);
@@ -69,7 +72,7 @@ pub(super) fn read(
                 continue;
             }
             let i = row as usize * grid.width + col as usize;
-            let z = point.z as f32;
+            let z = (point.z * system.metres) as f32;
             if height.data[i].is_nan() || z > height.data[i] {
                 height.data[i] = z;
                 classes[i] = u8::from(point.classification);
@@ -88,9 +91,61 @@ pub(super) fn read(
         path: path.into(),
         grid,
         height,
-        vertical: None,
+        converted_from: system.converted_from(),
+        vertical: system.from,
         undeclared_nodata: 0,
-        converted_from: None,
     };
-    Ok((surface, classes))
+    let strays = strays(&surface.height);
+    let note = (strays > 0).then(|| {
+        format!(
+            "`{}`: {strays} cells stand {STRAY_M} m or more above all around them: birds or noise that is not \
+             classified? --mask leaves them out, or a filter of PDAL",
+            path.display()
+        )
+    });
+    Ok((surface, classes, note))
+}
+
+/// Cells that stand this far above each of the cells around them are pointed out, metres; nothing that stands on the
+/// ground is as thin.
+const STRAY_M: f32 = 20.0;
+/// How far around, cells, and how many of these must have heights.
+const STRAY_REACH: i64 = 3;
+const STRAY_NEIGHBOURS: usize = 8;
+
+/// How many cells stand alone.
+fn strays(height: &Plane) -> usize {
+    let is_stray = |i: usize| {
+        let (col, row) = ((i % height.width) as i64, (i / height.width) as i64);
+        let z = height.data[i];
+        let around = (-STRAY_REACH..=STRAY_REACH)
+            .flat_map(|dy| (-STRAY_REACH..=STRAY_REACH).map(move |dx| (dx, dy)))
+            .filter(|d| *d != (0, 0))
+            .map(|(dx, dy)| height.get(col + dx, row + dy))
+            .filter(|v| !v.is_nan());
+        let mut n = 0;
+        for v in around {
+            if z - v < STRAY_M {
+                return false;
+            }
+            n += 1;
+        }
+        n >= STRAY_NEIGHBOURS
+    };
+    (0..height.data.len()).into_par_iter().filter(|i| !height.data[*i].is_nan() && is_stray(*i)).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bird_is_pointed_out_and_a_tower_is_not() {
+        let town = |c: usize, r: usize| match (c, r) {
+            (20, 20) => 90.0,
+            (40..46, 30..36) => 80.0,
+            _ => (c % 7) as f32,
+        };
+        assert_eq!(strays(&Plane::from_fn(60, 60, town)), 1);
+    }
 }

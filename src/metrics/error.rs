@@ -51,14 +51,19 @@ pub enum MetricsError {
         /// What is wrong with it.
         reason: String,
     },
-    /// The heights' unit is none that is known.
-    #[error("`{path}`: heights in `{unit}` cannot be compared")]
-    #[diagnostic(help("metres, feet and US survey feet are understood"))]
-    Unit {
-        /// The raster.
+    /// Heights count from something whose height above the ellipsoid is not known.
+    #[error("`{path}`: its heights count from `{from}`, and {reason}")]
+    #[diagnostic(help(
+        "--vertical (of dsm-eval and run: --truth-vertical) says what they are to be taken for: `ellipsoid`, EGM84, EGM96, \
+         EGM2008 or a geoid's grid (.gtx, .tif of PROJ)"
+    ))]
+    Vertical {
+        /// The file.
         path: PathBuf,
-        /// Unit of its band.
-        unit: String,
+        /// What it says.
+        from: String,
+        /// Why that cannot be used.
+        reason: Box<RasterError>,
     },
     /// A point cloud is empty or damaged.
     #[error("`{path}`: {reason}")]
@@ -81,12 +86,14 @@ pub enum MetricsError {
         /// What is wrong with its CRS.
         reason: String,
     },
-    /// The geoid's grid does not cover the truth.
-    #[error("the geoid's grid does not cover the truth `{truth}`")]
-    #[diagnostic(help("--truth-vertical takes a grid of the place, as those of PROJ's data are"))]
+    /// The geoid's grid does not cover a file.
+    #[error("the geoid's grid does not cover `{path}`")]
+    #[diagnostic(help(
+        "--vertical or --truth-vertical takes a grid of the place, as those of PROJ's data are"
+    ))]
     GeoidElsewhere {
-        /// The truth.
-        truth: PathBuf,
+        /// The file.
+        path: PathBuf,
     },
     /// The mask covers nothing of the truth.
     #[error("no cell of the truth `{truth}` is inside of the mask `{mask}`")]

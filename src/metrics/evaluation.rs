@@ -5,7 +5,7 @@ use super::resample::{Sampling, onto_grid};
 use super::strata::Groups;
 use super::{MetricsError, Scores, Stratum, Surface, Truth, filled_by_nearest};
 use crate::frame::{Point, SiteGrid};
-use crate::raster::{MapGrid, Plane, egm96_undulation_m};
+use crate::raster::{MapGrid, Plane, Vertical, egm96_undulation_m};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -129,7 +129,8 @@ impl Evaluation {
 /// # Errors
 /// [`MetricsError::NoOverlap`] with fewer than 100 common cells, [`MetricsError::Frame`] when the two systems
 /// cannot be brought together.
-pub fn evaluate(prediction: Surface, mut truth: Truth) -> Result<Evaluation, MetricsError> {
+pub fn evaluate(mut prediction: Surface, mut truth: Truth) -> Result<Evaluation, MetricsError> {
+    bring_together(&mut prediction, &mut truth)?;
     let grid = truth.surface.grid;
     let heights = truth.surface.height.data.par_iter();
     // The comparisons pass over NaN.
@@ -177,6 +178,18 @@ pub fn evaluate(prediction: Surface, mut truth: Truth) -> Result<Evaluation, Met
     Ok(evaluation)
 }
 
+/// Makes both count from the ellipsoid where the files say that they count from different references. Where one does not
+/// say, or its reference is not known, heights stay as they are, and the notes say so.
+fn bring_together(prediction: &mut Surface, truth: &mut Truth) -> Result<(), MetricsError> {
+    let (Some(ours), Some(theirs)) = (&prediction.vertical, &truth.surface.vertical) else { return Ok(()) };
+    if ours == theirs || [ours, theirs].into_iter().any(|name| Vertical::read(name).is_err()) {
+        return Ok(());
+    }
+    let done = [prediction.to_ellipsoid()?, truth.surface.to_ellipsoid()?];
+    truth.notes.extend(done.into_iter().flatten());
+    Ok(())
+}
+
 fn extent(grid: &MapGrid) -> String {
     let (w, s, e, n) = grid.bounds();
     format!("{w:.0}, {s:.0}, {e:.0}, {n:.0} of EPSG:{}", grid.epsg)
@@ -190,7 +203,7 @@ fn notes(prediction: &Surface, truth: &Truth, sampling: Sampling, difference_m: 
         if s.undeclared_nodata > 0 {
             let n = s.undeclared_nodata;
             notes.push(format!(
-                "`{path}`: {n} cells of -9999 or infinity, not declared as nodata, are left out"
+                "`{path}`: {n} cells of -9999, less, or infinity, not declared as nodata, are left out"
             ));
         }
         if let Some(unit) = &s.converted_from {

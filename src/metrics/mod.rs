@@ -11,6 +11,7 @@ mod evaluation;
 mod figure;
 mod fill;
 mod ncc;
+mod phase;
 mod profile;
 mod registration;
 mod resample;

@@ -137,4 +137,35 @@ mod tests {
         let found = register(Method::Xyz, &prediction, &truth, ALL_HEIGHTS);
         assert!((found.dx_cells - 0.6).abs() < 0.02 && (found.dy_cells + 1.35).abs() < 0.02, "{found:?}");
     }
+
+    #[test]
+    fn neither_noise_nor_holes_move_the_prediction() {
+        let truth = town(160);
+        let mut state = 1u32;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32
+        };
+        let prediction = Plane::from_fn(160, 160, |c, r| {
+            let noise = (0..12).map(|_| random()).sum::<f32>() - 6.0;
+            if random() < 0.2 { f32::NAN } else { truth.at(c, r) + 0.3 * noise + 2.0 }
+        });
+        let found = register(Method::Xyz, &prediction, &truth, ALL_HEIGHTS);
+        assert_eq!((found.dx_cells, found.dy_cells), (0.0, 0.0), "{found:?}");
+        assert!((found.dz_m + 2.0).abs() < 0.02, "{found:?}");
+    }
+
+    #[test]
+    fn a_shift_far_beyond_the_grid_is_found() {
+        let town = |c: i64, r: i64| {
+            let (i, j) = (c.div_euclid(13), r.div_euclid(11));
+            (i * 7 + j * 5 + i * j * 3).rem_euclid(11) as f32 * 2.5 + 0.02 * c as f32
+        };
+        let truth = Plane::from_fn(160, 150, |c, r| town(c as i64, r as i64));
+        for (dx, dy) in [(9, -6), (31, 17), (-45, 0)] {
+            let prediction = Plane::from_fn(160, 150, |c, r| town(c as i64 - dx, r as i64 - dy));
+            let found = register(Method::Xyz, &prediction, &truth, ALL_HEIGHTS);
+            assert_eq!((found.dx_cells, found.dy_cells), (dx as f64, dy as f64), "{found:?}");
+        }
+    }
 }

@@ -21,7 +21,7 @@ pub enum Sampling {
     Reprojected,
 }
 
-/// `plane`, which lies on grid `from`, on grid `to`; NaN outside and, where interpolated, beside NaN.
+/// `plane`, which lies on grid `from`, on grid `to`; NaN outside, and where the nearest cell is NaN.
 ///
 /// # Errors
 /// [`MetricsError::Frame`] when PROJ knows no transform between the two grids' systems.
@@ -58,9 +58,36 @@ fn interpolated(
         for (col, v) in line.iter_mut().enumerate() {
             let px: Pixel<CenterPx> = from.corner_px_from_utm(map(to.cell_center(col, row))).into();
             let is_place = px.col.is_finite() && px.row.is_finite();
-            *v = if is_place { plane.bilinear(px.col, px.row) } else { f32::NAN };
+            *v = if is_place { interpolate(plane, px.col, px.row) } else { f32::NAN };
         }
     })
+}
+
+/// The value at a position, cell centres at whole numbers, bilinear of the valid ones of the four cells around it; NaN
+/// where the nearest cell is: a hole costs the cell that it is, whatever the shift.
+pub(super) fn interpolate(plane: &Plane, col: f64, row: f64) -> f32 {
+    let nearest = plane.get(col.round() as i64, row.round() as i64);
+    if nearest.is_nan() {
+        return f32::NAN;
+    }
+    let value = plane.bilinear(col, row);
+    if !value.is_nan() {
+        return value;
+    }
+    let (c, r) = (col.floor(), row.floor());
+    let (fc, fr) = ((col - c) as f32, (row - r) as f32);
+    let (c, r) = (c as i64, r as i64);
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for (i, j, w) in
+        [(0, 0, (1.0 - fc) * (1.0 - fr)), (1, 0, fc * (1.0 - fr)), (0, 1, (1.0 - fc) * fr), (1, 1, fc * fr)]
+    {
+        let v = plane.get(c + i, r + j);
+        if !v.is_nan() {
+            sum += w * v;
+            weight += w;
+        }
+    }
+    sum / weight
 }
 
 #[cfg(test)]
@@ -97,6 +124,18 @@ mod tests {
         let expected = ramp(&to);
         for (a, b) in out.data.iter().zip(&expected.data) {
             assert!((a - b).abs() < 1e-4, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn a_hole_costs_one_cell_under_any_shift() {
+        let from = grid(436_000.0, 3_357_100.0, 0.5, 40);
+        let mut plane = ramp(&from);
+        plane.data[20 * 40 + 20] = f32::NAN;
+        for part in [0.05, 0.1, 0.2, 0.24] {
+            let to = grid(436_005.0 + part, 3_357_095.0 - part, 0.5, 20);
+            let (out, _) = onto_grid(&plane, &from, &to).unwrap();
+            assert_eq!(out.valid().count(), 399, "{part}");
         }
     }
 

@@ -1,12 +1,12 @@
 //! A height raster in memory, with its place on the map.
 
 use super::MetricsError;
-use crate::raster::{ImageFile, MapGrid, Plane};
-use rayon::prelude::*;
+use crate::frame::{Point, SiteGrid};
+use crate::raster::{HeightSystem, ImageFile, MapGrid, Plane, Vertical, Window, read_heights};
 use std::path::{Path, PathBuf};
 
-/// Heights at or below this are the nodata value that many lidar products do not declare.
-const UNDECLARED_NODATA_M: f32 = -9999.0;
+/// Geoids are smooth: they are looked up every so many cells.
+const GEOID_STEP: usize = 64;
 
 /// A surface model: heights in metres on a map grid; NaN is no data.
 #[derive(Clone, Debug)]
@@ -17,7 +17,7 @@ pub struct Surface {
     pub grid: MapGrid,
     /// Heights in metres.
     pub height: Plane,
-    /// What the file says about its vertical reference, e.g. `ellipsoid`.
+    /// What the heights count from, as [`Vertical::read`] takes it, or a datum that it does not know.
     pub vertical: Option<String>,
     /// Cells that held a nodata value the file does not declare.
     pub undeclared_nodata: usize,
@@ -29,7 +29,7 @@ impl Surface {
     /// Reads the first band of a georeferenced raster.
     ///
     /// # Errors
-    /// [`MetricsError::Raster`] when it cannot be read or has no north-up grid in metres, [`MetricsError::Unit`].
+    /// [`MetricsError::Raster`] when it cannot be read, has no north-up grid in metres, or heights in an unknown unit.
     pub fn read(path: &Path) -> Result<Self, MetricsError> {
         let file = ImageFile::open(path)?;
         let grid = file.map_grid()?;
@@ -38,52 +38,59 @@ impl Surface {
 
     /// Reads the first band of `file`, whose place is known from elsewhere.
     pub(super) fn on_grid(file: &ImageFile, grid: MapGrid) -> Result<Self, MetricsError> {
-        let mut height = file.read(1)?;
-        let undeclared_nodata = drop_undeclared_nodata(&mut height);
-        let (unit, metres) = unit_of(file)?;
-        let converted_from = (metres != 1.0).then_some(unit);
-        if converted_from.is_some() {
-            height.data.iter_mut().for_each(|v| *v *= metres);
+        let system = HeightSystem::of_raster(file)?;
+        let (width, height) = file.size();
+        let window = Window { col: 0, row: 0, width, height };
+        let (height, _, undeclared_nodata) = read_heights(file, window, usize::MAX)?;
+        let converted_from = system.converted_from();
+        Ok(Self {
+            path: file.path().into(),
+            grid,
+            height,
+            vertical: system.from,
+            undeclared_nodata,
+            converted_from,
+        })
+    }
+
+    /// Makes heights count from the ellipsoid, if the file says that they count from something else; says what was done.
+    ///
+    /// # Errors
+    /// [`MetricsError::Vertical`] for a datum whose height above the ellipsoid is not known,
+    /// [`MetricsError::GeoidElsewhere`].
+    pub fn to_ellipsoid(&mut self) -> Result<Option<String>, MetricsError> {
+        let Some(from) = self.vertical.clone().filter(|from| from != Vertical::ELLIPSOID) else {
+            return Ok(None);
+        };
+        let refused =
+            |e| MetricsError::Vertical { path: self.path.clone(), from: from.clone(), reason: Box::new(e) };
+        let vertical = Vertical::read(&from).map_err(refused)?;
+        let (low, high) = self.lift(&vertical)?;
+        Ok(Some(format!(
+            "`{}` counts from the geoid ({}) and is lifted to the ellipsoid, by {low:+.2} to {high:+.2} m",
+            self.path.display(),
+            vertical.name()
+        )))
+    }
+
+    /// Adds the height of a reference above the ellipsoid; returns the least and the most that was added.
+    pub(super) fn lift(&mut self, from: &Vertical) -> Result<(f32, f32), MetricsError> {
+        let grid = self.grid;
+        let map = SiteGrid { epsg: grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
+        let nodes = |cells: usize| cells.div_ceil(GEOID_STEP) + 1;
+        let undulation = Plane::from_fn(nodes(grid.width), nodes(grid.height), |col, row| {
+            let p = map.geodetic_from_utm(grid.cell_center(col * GEOID_STEP, row * GEOID_STEP));
+            from.undulation_m(p.lon_deg(), p.lat_deg()) as f32
+        });
+        if undulation.data.iter().any(|v| v.is_nan()) {
+            return Err(MetricsError::GeoidElsewhere { path: self.path.clone() });
         }
-        let told = file.metadata("VERTICAL_REFERENCE", "");
-        let vertical = told.map(|v| if v.ends_with("ellipsoid") { "ellipsoid".into() } else { v });
-        Ok(Self { path: file.path().into(), grid, height, vertical, undeclared_nodata, converted_from })
-    }
-}
-
-/// The unit of a file's heights, and the metres in it.
-pub(super) fn unit_of(file: &ImageFile) -> Result<(String, f32), MetricsError> {
-    let unit = file.unit(1)?;
-    match metres_of(&unit) {
-        Some(metres) => Ok((unit, metres)),
-        None => Err(MetricsError::Unit { path: file.path().into(), unit }),
-    }
-}
-
-/// Metres in a unit that GDAL names; an unnamed one is taken for metres.
-fn metres_of(unit: &str) -> Option<f32> {
-    match unit.to_ascii_lowercase().as_str() {
-        "" | "m" | "metre" | "meter" | "metres" | "meters" => Some(1.0),
-        "ft" | "foot" | "feet" | "international foot" => Some(0.3048),
-        "us survey foot" | "us_survey_foot" | "us survey feet" | "us-ft" | "ftus" => Some(1200.0 / 3937.0),
-        _ => None,
-    }
-}
-
-/// Infinite heights and -9999 or less become NaN; returns how many.
-fn drop_undeclared_nodata(height: &mut Plane) -> usize {
-    let nodata = height.data.par_iter_mut().filter(|v| v.is_infinite() || **v <= UNDECLARED_NODATA_M);
-    nodata.map(|v| *v = f32::NAN).count()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn minus_9999_is_no_height() {
-        let mut p = Plane { width: 4, height: 1, data: vec![-9999.0, 3.0, f32::INFINITY, -32767.0] };
-        assert_eq!(drop_undeclared_nodata(&mut p), 3);
-        assert_eq!(p.valid().collect::<Vec<_>>(), [3.0]);
+        let step = GEOID_STEP as f64;
+        for (i, v) in self.height.data.iter_mut().enumerate() {
+            let (col, row) = (i % grid.width, i / grid.width);
+            *v += undulation.bilinear(col as f64 / step, row as f64 / step);
+        }
+        self.vertical = Some(Vertical::ELLIPSOID.into());
+        Ok(undulation.valid().fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(v), h.max(v))))
     }
 }

@@ -4,10 +4,8 @@
 //! `X_DSM.txt` holds four numbers: easting and northing of the lower-left corner in metres, size in cells (the
 //! raster is square), resolution in metres; the UTM zone is the prediction's.
 
-use super::surface::unit_of;
 use super::{MetricsError, Surface, cloud};
-use crate::frame::{Point, SiteGrid};
-use crate::raster::{Geoid, ImageFile, MapGrid, Plane, Vertical, inside_polygons};
+use crate::raster::{HeightSystem, ImageFile, MapGrid, RasterError, Vertical, inside_polygons};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -15,8 +13,6 @@ use std::path::{Path, PathBuf};
 pub const WATER: u8 = 9;
 /// A raster that must lie on the truth's grid may be off by this, in cells.
 const SAME_GRID: f64 = 0.02;
-/// Geoids are smooth: they are looked up every so many cells.
-const GEOID_STEP: usize = 64;
 
 /// Name of a class of DFC2019 or LAS.
 #[must_use]
@@ -75,12 +71,16 @@ impl Truth {
     /// # Errors
     /// [`MetricsError`] when it is no raster or point cloud, has no place on the map or no unit that is known, or is cut
     /// short.
-    pub fn check(path: &Path) -> Result<(), MetricsError> {
+    pub fn check(path: &Path, options: &TruthOptions) -> Result<(), MetricsError> {
+        for file in [options.classes, options.mask].into_iter().flatten() {
+            std::fs::metadata(file)
+                .map_err(|e| RasterError::Open { path: file.into(), reason: e.to_string() })?;
+        }
         if cloud::is_cloud(path) {
-            cloud::open(path, None)?;
+            cloud::open(path, options.epsg)?;
         } else {
             let (file, _) = open_raster(path, None)?;
-            unit_of(&file)?;
+            HeightSystem::of_raster(&file)?;
             file.check_complete()?;
         }
         Ok(())
@@ -93,28 +93,34 @@ impl Truth {
     /// # Errors
     /// [`MetricsError`] when a file cannot be read, has no place on the map, or lies on another grid than the truth.
     pub fn read(path: &Path, options: &TruthOptions, grid: &MapGrid) -> Result<Self, MetricsError> {
+        let mut notes = Vec::new();
         let (mut surface, mut classes) = if cloud::is_cloud(path) {
-            cloud::read(path, options.epsg, *grid)?
+            let (surface, classes, strays) = cloud::read(path, options.epsg, *grid)?;
+            notes.extend(strays);
+            (surface, classes)
         } else {
             let (file, grid) = open_raster(path, Some(grid.epsg))?;
             (Surface::on_grid(&file, grid)?, None)
         };
-        let mut notes = Vec::new();
         if cloud::is_cloud(path) {
             let n = surface.height.valid().count();
             notes.push(format!(
                 "the highest of the truth's points is taken in every cell of the prediction's grid, {n} cells have one"
             ));
         }
-        match &options.vertical {
-            Some(Vertical::Geoid { name, grid, .. }) => {
-                let (low, high) = lift(&mut surface, grid)?;
+        if let Some(vertical) = &options.vertical {
+            let told = surface.vertical.replace(Vertical::ELLIPSOID.into());
+            if let Some(told) = told.filter(|told| *told != Vertical::known_name(vertical.name())) {
+                notes.push(format!(
+                    "the truth says that it counts from {told}, and is taken as told otherwise"
+                ));
+            }
+            if let Vertical::Geoid { name, .. } = vertical {
+                let (low, high) = surface.lift(vertical)?;
                 notes.push(format!(
                     "the truth is lifted from the geoid ({name}) to the ellipsoid, by {low:+.2} to {high:+.2} m"
                 ));
             }
-            Some(Vertical::Ellipsoid) => surface.vertical = Some(Vertical::Ellipsoid.name().into()),
-            None => {}
         }
         if let Some(path) = options.classes.map(Path::to_path_buf).or_else(|| classes_beside(path)) {
             let codes = read_on_grid(&path, &surface, "classes")?;
@@ -158,27 +164,6 @@ fn open_raster(path: &Path, epsg: Option<u32>) -> Result<(ImageFile, MapGrid), M
         grid_of_txt(&file, epsg.unwrap_or_default())?
     };
     Ok((file, grid))
-}
-
-/// Adds the geoid's undulation to heights above it; returns the least and the most that was added.
-fn lift(surface: &mut Surface, geoid: &Geoid) -> Result<(f32, f32), MetricsError> {
-    let grid = surface.grid;
-    let map = SiteGrid { epsg: grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
-    let nodes = |cells: usize| cells.div_ceil(GEOID_STEP) + 1;
-    let undulation = Plane::from_fn(nodes(grid.width), nodes(grid.height), |col, row| {
-        let p = map.geodetic_from_utm(grid.cell_center(col * GEOID_STEP, row * GEOID_STEP));
-        geoid.undulation_m(p.lon_deg(), p.lat_deg()) as f32
-    });
-    if undulation.data.iter().any(|v| v.is_nan()) {
-        return Err(MetricsError::GeoidElsewhere { truth: surface.path.clone() });
-    }
-    let step = GEOID_STEP as f64;
-    for (i, v) in surface.height.data.iter_mut().enumerate() {
-        let (col, row) = (i % grid.width, i / grid.width);
-        *v += undulation.bilinear(col as f64 / step, row as f64 / step);
-    }
-    surface.vertical = Some("ellipsoid".into());
-    Ok(undulation.valid().fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(v), h.max(v))))
 }
 
 /// `X_CLS.tif` beside `X_DSM.tif`, if it exists.

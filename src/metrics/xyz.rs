@@ -1,128 +1,231 @@
-//! The shift and median height offset of the smallest mean absolute error, found globally.
+//! The shift and median height offset of the smallest mean absolute error.
 //!
-//! Every bilinear shift on a grid of ±4 cells by 0.25 is looked at on a sample of the cells, the best of them on
-//! all (up to a bound), and from the best of these a pattern search goes down to 1/256 of a cell.
+//! Starts are no shift, the best whole-cell correlation and the peak of the phase correlation. Around each a grid of
+//! shifts is looked at on a sample of the cells, moved on while its best lies at its edge, and from the best of all a
+//! pattern search goes down to 1/256 of a cell.
+//!
+//! Interpolation between cells averages noise, so that the error of half-cell shifts is small for no other reason.
+//! Therefore shifts are compared by three taps along each axis whose squares sum to a half whatever the shift, the
+//! truth's by the same at no shift; a hole counts for the cell it is, not for its neighbours; two shifts are compared on
+//! the cells that both leave; and a part of a cell must lower the error by more than chance does.
 
+use super::ncc::best_whole_shift;
+use super::phase::peak;
+use super::resample::interpolate;
 use super::scores::quantile_in_place;
 use crate::raster::Plane;
 use rayon::prelude::*;
 
-/// Reach of the grid in cells.
+/// Reach of the grid around a start, and its step, cells.
 const REACH: f64 = 4.0;
-/// Step of the grid in cells.
-const STEP: f64 = 0.25;
+const STEP: f64 = 0.5;
+/// How often the grid is moved on to a best shift at its edge.
+const MOVES: usize = 24;
 /// Step at which the refinement stops, in cells.
 const FINEST: f64 = 1.0 / 256.0;
 /// Cells looked at for every shift of the grid.
 const SCREENED_CELLS: usize = 1 << 16;
 /// Cells looked at for the best of them and for the refinement.
 const REFINED_CELLS: usize = 1 << 20;
-/// Shifts of the grid that are looked at again with more cells.
-const SHORTLIST: usize = 32;
-/// Starts of the refinement: the error has a small minimum in every cell.
+/// Shifts of each grid that the refinement starts from: the error has a small minimum in every cell.
 const STARTS: usize = 4;
 /// A shift that leaves fewer cells than this share of the most any shift leaves is not compared.
-const LEAST_CELLS: f64 = 0.5;
-/// Border of NaN around the prediction, wider than any shift.
-const BORDER: usize = REACH as usize + 3;
+const LEAST_CELLS: f64 = 0.25;
+/// Standard errors by which a part of a cell must lower the mean error, and cells that the taps make one of.
+const CHANCE: f64 = 0.0;
+const TAPS: f64 = 9.0;
 
 /// (dx, dy) in cells and dz in metres that minimise the MAE after clipping to `bounds`.
 pub(super) fn best_shift(prediction: &Plane, truth: &Plane, bounds: (f32, f32)) -> (f64, f64, f64) {
-    let padded = padded(prediction);
-    let screen = Search::new(&padded, truth, bounds, SCREENED_CELLS);
-    let steps = (REACH / STEP) as i32;
-    let axis = || (-steps..=steps).map(|i| f64::from(i) * STEP);
-    let grid: Vec<(f64, f64)> = axis().flat_map(|dy| axis().map(move |dx| (dx, dy))).collect();
-    let shortlist: Vec<(f64, f64)> =
-        screen.ranked(&grid).into_iter().take(SHORTLIST).map(|c| c.shift).collect();
-    let search = Search::new(&padded, truth, bounds, REFINED_CELLS);
-    let mut starts = search.ranked(&shortlist);
-    starts.truncate(STARTS);
-    let least = starts.iter().map(|c| c.cells).max().unwrap_or(0) as f64 * LEAST_CELLS;
-    let refined: Vec<Candidate> = starts.par_iter().map(|c| search.refined(*c, least)).collect();
-    let best = refined.into_iter().min_by(Candidate::order);
-    best.map_or((0.0, 0.0, f64::NAN), |c| (c.shift.0, c.shift.1, c.dz_m))
+    let (filled, truth_filled) = (Filled::new(prediction), Filled::new(truth));
+    let ncc = best_whole_shift(prediction, truth);
+    let mut starts = vec![(0.0, 0.0), (ncc.0 as f64, ncc.1 as f64)];
+    starts.extend(peak(prediction, truth));
+    let screen = Search::new(&filled, &truth_filled, bounds, SCREENED_CELLS);
+    let mut found: Vec<(f64, f64)> = starts.iter().flat_map(|s| screen.around(*s)).collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    found.dedup();
+    let search = Search::new(&filled, &truth_filled, bounds, REFINED_CELLS);
+    let mut found: Vec<Candidate> = found.into_par_iter().map(|s| search.candidate(s)).collect();
+    drop_small(&mut found);
+    let best =
+        found.into_iter().map(|c| search.refined(c)).reduce(|a, b| if b.is_better_than(&a) { b } else { a });
+    let Some(best) = best else { return (0.0, 0.0, f64::NAN) };
+    let (dx, dy) = search.without_chance(best).shift;
+    (dx, dy, offset(prediction, truth, (dx, dy)))
+}
+
+/// -median(P - T), as the shifted prediction is sampled.
+fn offset(prediction: &Plane, truth: &Plane, (dx, dy): (f64, f64)) -> f64 {
+    let row_differences = |row: usize| {
+        let line = truth.row(row).iter().enumerate().filter(|(_, t)| !t.is_nan());
+        line.map(|(col, t)| interpolate(prediction, col as f64 + dx, row as f64 + dy) - t)
+            .filter(|d| !d.is_nan())
+            .collect::<Vec<_>>()
+    };
+    let mut all: Vec<f32> = (0..truth.height).into_par_iter().flat_map_iter(row_differences).collect();
+    -quantile_in_place(&mut all, 0.5)
+}
+
+/// Drops candidates that leave too few cells.
+fn drop_small(all: &mut Vec<Candidate>) {
+    let least = all.iter().map(|c| c.cells).max().unwrap_or(0) as f64 * LEAST_CELLS;
+    all.retain(|c| c.cells > 0 && c.cells as f64 >= least);
 }
 
 /// A shift and what it leaves.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct Candidate {
     shift: (f64, f64),
-    dz_m: f64,
     mae_m: f64,
     cells: usize,
+    /// Error of every cell looked at; NaN where the shifted prediction has none.
+    errors: Vec<f32>,
 }
 
 impl Candidate {
-    /// By error; of equal ones the smaller shift comes first.
+    /// Mean difference of the errors from another's on the cells that both have, its standard error, and how many.
+    fn against(&self, other: &Self) -> (f64, f64, usize) {
+        let both = self.errors.iter().zip(&other.errors).map(|(a, b)| f64::from(a - b));
+        let (mut sum, mut squares, mut n) = (0.0, 0.0, 0usize);
+        for d in both.filter(|d| !d.is_nan()) {
+            sum += d;
+            squares += d * d;
+            n += 1;
+        }
+        let mean = sum / n as f64;
+        (mean, ((squares / n as f64 - mean * mean).max(0.0) * TAPS / n as f64).sqrt(), n)
+    }
+
+    /// By the error on common cells, if these are enough to tell; of equal ones the smaller shift.
+    fn is_better_than(&self, other: &Self) -> bool {
+        let (mean, _, common) = self.against(other);
+        let difference = if (common as f64) < LEAST_CELLS * self.cells.max(other.cells) as f64 {
+            self.mae_m - other.mae_m
+        } else {
+            mean
+        };
+        let size = |c: &Self| c.shift.0.hypot(c.shift.1);
+        difference < 0.0 || (difference == 0.0 && size(self) < size(other))
+    }
+
+    /// By their own errors; of equal ones the smaller shift comes first.
     fn order(a: &Self, b: &Self) -> std::cmp::Ordering {
         let size = |c: &Self| c.shift.0.hypot(c.shift.1);
         a.mae_m.total_cmp(&b.mae_m).then(size(a).total_cmp(&size(b)))
     }
 }
 
-/// The prediction with a border of NaN, and the cells of the truth that are looked at.
+/// A plane whose holes are filled one cell deep, within a border as wide, so that taps around a valid cell find values.
+struct Filled {
+    plane: Plane,
+    is_valid: Vec<bool>,
+}
+
+impl Filled {
+    fn new(source: &Plane) -> Self {
+        let (width, height) = (source.width + 2, source.height + 2);
+        let at = |col: usize, row: usize| source.get(col as i64 - 1, row as i64 - 1);
+        let plane = Plane::from_rows(width, height, |row, line| {
+            for (col, v) in line.iter_mut().enumerate() {
+                *v = at(col, row);
+                if v.is_nan() {
+                    let around = (0..9).map(|i| source.get(col as i64 + i % 3 - 2, row as i64 + i / 3 - 2));
+                    let (sum, n) =
+                        around.filter(|v| !v.is_nan()).fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+                    *v = sum / n;
+                }
+            }
+        });
+        let is_valid = (0..width * height).map(|i| !at(i % width, i / width).is_nan()).collect();
+        Self { plane, is_valid }
+    }
+
+    /// The value at a cell of the source plus a part of a cell, by the taps of that part; NaN where the cell is a hole.
+    fn at(&self, col: i64, row: i64, across: [f32; 3], down: [f32; 3]) -> f32 {
+        let (width, height) = (self.plane.width as i64, self.plane.height as i64);
+        if col < 0 || row < 0 || col + 2 >= width || row + 2 >= height {
+            return f32::NAN;
+        }
+        let i = row as usize * self.plane.width + col as usize;
+        if !self.is_valid[i + self.plane.width + 1] {
+            return f32::NAN;
+        }
+        let line = |k: usize| {
+            let p = &self.plane.data[i + k * self.plane.width..][..3];
+            across[0] * p[0] + across[1] * p[1] + across[2] * p[2]
+        };
+        down[0] * line(0) + down[1] * line(1) + down[2] * line(2)
+    }
+}
+
+/// Weights of a cell and its two neighbours for a place `part` of a cell (-0.5 to 0.5) from it: they sum to 1, their
+/// centre is the place, and their squares sum to a half.
+fn taps(part: f64) -> [f32; 3] {
+    let sides = (2.0 - (1.0 - 3.0 * part * part).max(0.0).sqrt()) / 3.0;
+    [(sides - part) / 2.0, 1.0 - sides, (sides + part) / 2.0].map(|w| w as f32)
+}
+
+/// The prediction, and the cells of the truth that are looked at.
 struct Search<'a> {
-    padded: &'a Plane,
-    /// Index into `padded` at no shift, and the truth's height.
-    cells: Vec<(usize, f32)>,
+    prediction: &'a Filled,
+    /// Column, row, and the truth's height there by the taps of no shift.
+    cells: Vec<(i64, i64, f32)>,
     bounds: (f32, f32),
 }
 
-/// The plane within a border of NaN.
-fn padded(plane: &Plane) -> Plane {
-    let (width, height) = (plane.width + 2 * BORDER, plane.height + 2 * BORDER);
-    Plane::from_rows(width, height, |row, line| {
-        line.fill(f32::NAN);
-        if let Some(row) = row.checked_sub(BORDER).filter(|row| *row < plane.height) {
-            line[BORDER..BORDER + plane.width].copy_from_slice(plane.row(row));
-        }
-    })
-}
-
 impl<'a> Search<'a> {
-    fn new(padded: &'a Plane, truth: &Plane, bounds: (f32, f32), at_most: usize) -> Self {
-        let (w, h) = (truth.width, truth.height);
+    fn new(prediction: &'a Filled, truth: &Filled, bounds: (f32, f32), at_most: usize) -> Self {
+        let (w, h) = (truth.plane.width - 2, truth.plane.height - 2);
         let mut stride = 1;
         while w.div_ceil(stride) * h.div_ceil(stride) > at_most {
             stride += 1;
         }
-        let cells = (0..h)
+        let middle = taps(0.0);
+        let cells = (0..h as i64)
             .step_by(stride)
-            .flat_map(|row| (0..w).step_by(stride).map(move |col| (col, row)))
-            .map(|(col, row)| ((row + BORDER) * padded.width + col + BORDER, truth.at(col, row)))
-            .filter(|(_, t)| !t.is_nan())
+            .flat_map(|row| (0..w as i64).step_by(stride).map(move |col| (col, row)))
+            .map(|(col, row)| (col, row, truth.at(col, row, middle, middle)))
+            .filter(|(_, _, t)| !t.is_nan())
             .collect();
-        Self { padded, cells, bounds }
+        Self { prediction, cells, bounds }
     }
 
-    /// Candidates of `shifts`, the best first; those that leave too few cells are dropped.
-    fn ranked(&self, shifts: &[(f64, f64)]) -> Vec<Candidate> {
-        let mut all: Vec<Candidate> = shifts.par_iter().map(|s| self.candidate(*s)).collect();
-        let least = all.iter().map(|c| c.cells).max().unwrap_or(0) as f64 * LEAST_CELLS;
-        all.retain(|c| c.cells > 0 && c.cells as f64 >= least);
-        all.sort_by(Candidate::order);
-        all
+    /// The best shifts of a grid around a start, which moves on while its best lies at its edge.
+    fn around(&self, start: (f64, f64)) -> Vec<(f64, f64)> {
+        let steps = (REACH / STEP) as i32;
+        let axis = || (-steps..=steps).map(|i| f64::from(i) * STEP);
+        let mut center = start;
+        for _ in 0..MOVES {
+            let grid: Vec<(f64, f64)> =
+                axis().flat_map(|dy| axis().map(move |dx| (center.0 + dx, center.1 + dy))).collect();
+            let mut all: Vec<Candidate> =
+                grid.into_par_iter().map(|s| Candidate { errors: Vec::new(), ..self.candidate(s) }).collect();
+            drop_small(&mut all);
+            all.sort_by(Candidate::order);
+            let Some(best) = all.first().map(|c| c.shift) else { return Vec::new() };
+            if (best.0 - center.0).abs().max((best.1 - center.1).abs()) < REACH {
+                return all.into_iter().take(STARTS).map(|c| c.shift).collect();
+            }
+            center = best;
+        }
+        // An edge is no answer.
+        Vec::new()
     }
 
     /// Pattern search: to the best of eight neighbours while one is better, then with half the step.
-    fn refined(&self, mut best: Candidate, least_cells: f64) -> Candidate {
+    fn refined(&self, mut best: Candidate) -> Candidate {
         let mut step = STEP / 2.0;
         while step >= FINEST {
-            let neighbours: Vec<Candidate> = (-1..=1)
+            let neighbours: Vec<(f64, f64)> = (-1..=1)
                 .flat_map(|j| (-1..=1).map(move |i| (f64::from(i), f64::from(j))))
                 .filter(|d| *d != (0.0, 0.0))
                 .map(|(i, j)| (best.shift.0 + i * step, best.shift.1 + j * step))
-                .filter(|(dx, dy)| dx.abs() <= REACH + STEP && dy.abs() <= REACH + STEP)
-                .collect::<Vec<_>>()
-                .par_iter()
-                .map(|s| self.candidate(*s))
                 .collect();
-            let next = neighbours
-                .into_iter()
-                .filter(|c| c.cells as f64 >= least_cells && c.mae_m < best.mae_m)
-                .min_by(Candidate::order);
-            match next {
+            let all: Vec<Candidate> = neighbours.into_par_iter().map(|s| self.candidate(s)).collect();
+            let least = best.cells as f64 * LEAST_CELLS;
+            let better = all.into_iter().filter(|c| c.cells as f64 >= least && c.against(&best).0 < 0.0);
+            match better.reduce(|a, b| if b.is_better_than(&a) { b } else { a }) {
                 Some(better) => best = better,
                 None => step /= 2.0,
             }
@@ -130,27 +233,51 @@ impl<'a> Search<'a> {
         best
     }
 
-    fn candidate(&self, (dx, dy): (f64, f64)) -> Candidate {
-        let (fx, fy) = ((dx - dx.floor()) as f32, (dy - dy.floor()) as f32);
-        let offset = dy.floor() as isize * self.padded.width as isize + dx.floor() as isize;
-        // A weight of zero must not let a NaN in.
-        let right = usize::from(fx > 0.0);
-        let down = if fy > 0.0 { self.padded.width } else { 0 };
-        let mut pairs = Vec::with_capacity(self.cells.len());
-        for &(index, t) in &self.cells {
-            let p = &self.padded.data[index.wrapping_add_signed(offset)..];
-            let upper = p[0] + (p[right] - p[0]) * fx;
-            let lower = p[down] + (p[down + right] - p[down]) * fx;
-            let v = upper + (lower - upper) * fy;
-            if !v.is_nan() {
-                pairs.push((v, t));
+    /// The whole-cell shift beside a shift, or one along one axis, unless it is worse by more than chance.
+    fn without_chance(&self, best: Candidate) -> Candidate {
+        let (dx, dy) = best.shift;
+        for shift in [(dx.round(), dy.round()), (dx.round(), dy), (dx, dy.round())] {
+            let whole = self.candidate(shift);
+            let (worse_m, error_m, _) = whole.against(&best);
+            if worse_m <= CHANCE * error_m {
+                return whole;
             }
         }
-        let mut differences: Vec<f32> = pairs.iter().map(|(v, t)| v - t).collect();
-        let dz_m = -quantile_in_place(&mut differences, 0.5);
+        best
+    }
+
+    fn candidate(&self, (dx, dy): (f64, f64)) -> Candidate {
+        let (across, down) = (taps(dx - dx.round()), taps(dy - dy.round()));
+        let (cols, rows) = (dx.round() as i64, dy.round() as i64);
+        let of_cell =
+            |(col, row, t): &(i64, i64, f32)| self.prediction.at(col + cols, row + rows, across, down) - t;
+        let mut errors: Vec<f32> = self.cells.iter().map(of_cell).collect();
+        let mut differences: Vec<f32> = errors.iter().copied().filter(|d| !d.is_nan()).collect();
+        let cells = differences.len();
+        let dz = -quantile_in_place(&mut differences, 0.5) as f32;
         let (low, high) = self.bounds;
-        let dz = dz_m as f32;
-        let sum: f64 = pairs.iter().map(|(v, t)| f64::from(((v + dz).clamp(low, high) - t).abs())).sum();
-        Candidate { shift: (dx, dy), dz_m, mae_m: sum / pairs.len() as f64, cells: pairs.len() }
+        let mut sum = 0.0;
+        for (d, (_, _, t)) in errors.iter_mut().zip(&self.cells) {
+            *d = ((*d + t + dz).clamp(low, high) - t).abs();
+            if !d.is_nan() {
+                sum += f64::from(*d);
+            }
+        }
+        Candidate { shift: (dx, dy), mae_m: sum / cells as f64, cells, errors }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn taps_average_noise_alike_and_keep_the_place() {
+        for part in [-0.5, -0.3, 0.0, 0.1, 0.25, 0.5] {
+            let w = taps(part).map(f64::from);
+            assert!((w.iter().sum::<f64>() - 1.0).abs() < 1e-6);
+            assert!((w[2] - w[0] - part).abs() < 1e-6);
+            assert!((w.iter().map(|w| w * w).sum::<f64>() - 0.5).abs() < 1e-6);
+        }
     }
 }

@@ -155,10 +155,21 @@ impl ImageFile {
             let nodata = nodata as f32;
             plane.data.par_iter_mut().filter(|v| **v == nodata).for_each(|v| *v = f32::NAN);
         }
+        self.apply_scale(index, &mut plane)?;
         Ok(plane)
     }
 
-    /// As [`ImageFile::read_scaled`], but the nodata value stays what it is.
+    /// Turns stored numbers into values by the band's scale and offset; a nodata value is one of the stored numbers.
+    pub(super) fn apply_scale(&self, index: usize, plane: &mut Plane) -> Result<(), RasterError> {
+        let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
+        let (scale, offset) = (band.scale().unwrap_or(1.0), band.offset().unwrap_or(0.0));
+        if (scale, offset) != (1.0, 0.0) && scale != 0.0 {
+            plane.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) * scale + offset) as f32);
+        }
+        Ok(())
+    }
+
+    /// As [`ImageFile::read_scaled`], but as stored: the nodata value stays what it is, scale and offset are not applied.
     ///
     /// # Errors
     /// As [`ImageFile::read`].
@@ -269,9 +280,8 @@ impl ImageFile {
             return Err(not("the raster's CRS is not in metres"));
         }
         // Of a compound CRS only the map's part; the heights' is not the grid's.
-        let code =
-            srs.get_attr_value("PROJCS|AUTHORITY", 1).ok().flatten().and_then(|code| code.parse().ok());
-        let code: u32 = code.ok_or_else(|| not("the raster's CRS has no EPSG code"))?;
+        let code = super::crs::epsg_of_map(&srs)
+            .ok_or_else(|| not("the raster's CRS is none that EPSG has a code of"))?;
         let (width, height) = self.size();
         Ok(MapGrid { epsg: code, west: t[0], north: t[3], cell: t[1], width, height })
     }

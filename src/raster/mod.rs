@@ -7,6 +7,7 @@ mod crs;
 mod file;
 mod geoid;
 mod grid;
+mod heights;
 mod mask;
 mod plane;
 mod style;
@@ -22,6 +23,7 @@ pub use crs::{egm96_undulation_m, epsg_of_wkt, is_metric_map};
 pub use file::{Band, ImageFile, Window};
 pub use geoid::Geoid;
 pub use grid::MapGrid;
+pub use heights::{HeightSystem, read_heights};
 pub use plane::Plane;
 pub use style::color_style;
 pub use valid::ValidPixels;
@@ -96,6 +98,24 @@ pub enum RasterError {
     NoGeoid {
         /// The model.
         name: String,
+    },
+    /// Neither the name of a vertical reference nor a file.
+    #[error("`{name}` is no vertical reference that is known")]
+    #[diagnostic(help(
+        "known are `ellipsoid`, EGM84, EGM96, EGM2008, and the path of a geoid's grid (.gtx, .tif from cdn.proj.org)"
+    ))]
+    UnknownVertical {
+        /// What was given.
+        name: String,
+    },
+    /// The heights' unit is none that is known.
+    #[error("`{path}`: heights in `{unit}` cannot be compared")]
+    #[diagnostic(help("metres, feet and US survey feet are understood"))]
+    HeightUnit {
+        /// The raster.
+        path: PathBuf,
+        /// Unit of its band or of its vertical CRS.
+        unit: String,
     },
     /// A vector file holds nothing that a raster can be masked with.
     #[error("`{path}` cannot be used as a mask: {reason}")]

@@ -31,26 +31,55 @@ impl Vertical {
     /// Metadata item of a raster that says what its heights count from.
     pub const ITEM: &str = "VERTICAL_REFERENCE";
 
-    /// `ellipsoid`, the name of a geoid model whose grid PROJ has, or the path of a geoid's grid.
+    /// Name of the ellipsoid, as [`Vertical::read`] takes it.
+    pub const ELLIPSOID: &str = "ellipsoid";
+
+    /// `ellipsoid`, the name or EPSG code of a geoid model whose grid PROJ has, or the path of a geoid's grid, or the
+    /// name of one in PROJ's folders. Every option and file that names a vertical reference is read by this.
     ///
     /// # Errors
-    /// [`RasterError::NoGeoid`], or another when the grid cannot be read.
+    /// [`RasterError::NoGeoid`], [`RasterError::UnknownVertical`], or another when the grid cannot be read.
     pub fn read(text: &str) -> Result<Self, RasterError> {
-        if text.eq_ignore_ascii_case("ellipsoid") {
+        let name = Self::known_name(text);
+        if name == Self::ELLIPSOID {
             return Ok(Self::Ellipsoid);
         }
-        let path = PathBuf::from(text);
-        let named = MODELS.iter().find(|m| m.0.eq_ignore_ascii_case(text));
-        let found = match named {
-            Some((_, _, grids)) => {
-                in_folders(grids).ok_or_else(|| RasterError::NoGeoid { name: text.into() })?
+        let found = match MODELS.iter().find(|m| m.0 == name) {
+            Some((model, _, grids)) => {
+                in_folders(grids).ok_or_else(|| RasterError::NoGeoid { name: (*model).into() })?
             }
-            None => path,
+            None if Path::new(text).exists() => PathBuf::from(text),
+            None => in_folders(&[text]).ok_or_else(|| RasterError::UnknownVertical { name: text.into() })?,
         };
         let file = found.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         let model = MODELS.iter().find(|m| m.2.contains(&file.as_str()));
         let (name, epsg) = model.map_or((file, None), |m| (m.0.to_owned(), Some(m.1)));
         Ok(Self::Geoid { name, epsg, grid: Geoid::read(&found)? })
+    }
+
+    /// The name of [`Vertical::read`] for what files call a vertical reference, as `WGS 84 ellipsoid`, `EGM96 height`,
+    /// `EPSG:3855`; the text itself if it is none that is known.
+    #[must_use]
+    pub fn known_name(text: &str) -> String {
+        let text = text.trim();
+        let letters: String = text.chars().filter(char::is_ascii_alphanumeric).collect();
+        let letters = letters.to_ascii_uppercase();
+        if ["ELLIPSOID", "WGS84ELLIPSOID", "ELLIPSOIDALHEIGHT", "EPSG4979", "EPSG4326"]
+            .contains(&letters.as_str())
+            || text.to_ascii_lowercase().ends_with("ellipsoid")
+        {
+            return Self::ELLIPSOID.into();
+        }
+        let is_model = |m: &&(&str, u32, &[&str])| {
+            let rest = letters.strip_prefix(m.0).map(|r| r.trim_end_matches("MODEL"));
+            matches!(rest, Some("" | "HEIGHT" | "GEOID" | "GEOIDHEIGHT")) || letters == format!("EPSG{}", m.1)
+        };
+        MODELS.iter().find(is_model).map_or_else(|| text.to_owned(), |m| m.0.to_owned())
+    }
+
+    /// Whether a name is the ellipsoid's or that of a model.
+    pub(super) fn is_known(name: &str) -> bool {
+        name == Self::ELLIPSOID || MODELS.iter().any(|m| m.0 == name)
     }
 
     /// As [`Vertical::ITEM`] has it.
@@ -60,12 +89,6 @@ impl Vertical {
             Self::Ellipsoid => "WGS 84 ellipsoid",
             Self::Geoid { name, .. } => name,
         }
-    }
-
-    /// Whether a raster's [`Vertical::ITEM`] means the ellipsoid.
-    #[must_use]
-    pub fn is_ellipsoid(item: &str) -> bool {
-        item.to_ascii_lowercase().contains("ellipsoid")
     }
 
     /// EPSG code of the heights, if it takes one beside the map's CRS.
@@ -96,4 +119,34 @@ fn in_folders(files: &[&str]) -> Option<PathBuf> {
         .collect();
     let paths = folders.iter().flat_map(|folder| files.iter().map(|file| Path::join(folder, file)));
     paths.into_iter().find(|path| path.exists())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reference_has_one_name_whatever_files_call_it() {
+        for (text, name) in [
+            ("WGS 84 ellipsoid", "ellipsoid"),
+            ("Ellipsoid", "ellipsoid"),
+            ("egm96", "EGM96"),
+            ("EGM96 geoid", "EGM96"),
+            ("EGM96 geoid height", "EGM96"),
+            ("EGM 2008", "EGM2008"),
+            ("EPSG:3855", "EGM2008"),
+            ("NAVD88 height (ftUS)", "NAVD88 height (ftUS)"),
+            ("my_egm96_15.gtx", "my_egm96_15.gtx"),
+        ] {
+            assert_eq!(Vertical::known_name(text), name);
+        }
+    }
+
+    #[test]
+    fn an_unknown_reference_is_told_what_is_known() {
+        let Err(error) = Vertical::read("NAVD88") else { panic!("there is no such model") };
+        let help = miette::Diagnostic::help(&error).map(|h| h.to_string()).unwrap_or_default();
+        assert!(error.to_string().contains("NAVD88"), "{error}");
+        assert!(["ellipsoid", "EGM84", "EGM96", "EGM2008"].iter().all(|n| help.contains(n)), "{help}");
+    }
 }

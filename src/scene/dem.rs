@@ -2,7 +2,7 @@
 
 use super::{Scene, SceneError, footprint};
 use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid, half_turn};
-use crate::raster::{ImageFile, Plane, Vertical, Window};
+use crate::raster::{HeightSystem, ImageFile, Plane, RasterError, Vertical, Window, read_heights};
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
 
@@ -10,6 +10,9 @@ use std::path::Path;
 const BELOW_M: f64 = 20.0;
 /// Most lack buildings and trees.
 const ABOVE_M: f64 = 80.0;
+/// No land is lower or higher, metres.
+const LOWEST_M: f64 = -500.0;
+const HIGHEST_M: f64 = 9000.0;
 /// No side of the grid of heights has more nodes.
 const MOST_NODES: usize = 2048;
 
@@ -42,23 +45,26 @@ impl Dem {
 impl Scene {
     /// An elevation model of the scene's area, or of its footprints.
     ///
-    /// Without `vertical` the model itself must say that its heights are ellipsoidal (`VERTICAL_REFERENCE`).
+    /// Without `vertical` the model itself must say what its heights count from, by a compound CRS or `VERTICAL_REFERENCE`.
+    /// Heights in feet are converted, and voids that are not declared as nodata are left out.
     ///
     /// # Errors
     /// [`SceneError::Vertical`] when what its heights count from is not known, [`SceneError::DemElsewhere`] when it does
-    /// not cover the scene, [`SceneError::GeoidElsewhere`] when the geoid's grid does not.
+    /// not cover the scene, [`SceneError::GeoidElsewhere`] when the geoid's grid does not, [`SceneError::DemVoid`] for
+    /// heights that are none.
     pub fn dem(&self, path: &Path, vertical: Option<&Vertical>) -> Result<Dem, SceneError> {
         let elsewhere = || SceneError::DemElsewhere { path: path.into() };
         let file = ImageFile::open(path)?;
-        let told = file.metadata(Vertical::ITEM, "");
-        if vertical.is_none() && !told.is_some_and(|item| Vertical::is_ellipsoid(&item)) {
-            return Err(SceneError::Vertical { path: path.into() });
-        }
+        let told = match vertical {
+            Some(_) => None,
+            None => Some(told_reference(&file)?),
+        };
+        let vertical = vertical.or(told.as_ref());
         let corners = self.corners()?.ok_or_else(elsewhere)?;
         let places = file.px_of_lon_lats(&corners).ok_or_else(elsewhere)?;
         let window = window(&places, file.size()).ok_or_else(elsewhere)?;
-        let size = (window.width.min(MOST_NODES), window.height.min(MOST_NODES));
-        let plane = file.read_scaled(1, window, size)?;
+        let (plane, factor, _) = read_heights(&file, window, MOST_NODES)?;
+        let size = (plane.width, plane.height);
 
         let span = |k: usize| {
             let of = corners.iter().map(|c| [c.0, c.1][k]);
@@ -73,8 +79,8 @@ impl Scene {
         let nodes: Vec<(f64, f64)> = (0..columns * rows).map(node).collect();
         let places = file.px_of_lon_lats(&nodes).ok_or_else(elsewhere)?;
         let height = |(px, (lon_deg, lat_deg)): (&Pixel<CornerPx>, &(f64, f64))| {
-            let col = (px.col - window.col as f64) * size.0 as f64 / window.width as f64 - 0.5;
-            let row = (px.row - window.row as f64) * size.1 as f64 / window.height as f64 - 0.5;
+            let col = (px.col - window.col as f64) / factor as f64 - 0.5;
+            let row = (px.row - window.row as f64) / factor as f64 - 0.5;
             let up = vertical.map_or(0.0, |v| v.undulation_m(*lon_deg, *lat_deg));
             (f64::from(plane.bilinear(col, row)), up)
         };
@@ -89,6 +95,10 @@ impl Scene {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         if low > high {
             return Err(elsewhere());
+        }
+        if low < LOWEST_M || high > HIGHEST_M {
+            let height_m = if low < LOWEST_M { low } else { high };
+            return Err(SceneError::DemVoid { path: path.into(), height_m });
         }
         // Over a scene a geoid is as good as level.
         let up = both[both.len() / 2].1;
@@ -119,6 +129,18 @@ impl Scene {
             // On the same side of the antimeridian.
             (center.lon_deg() + half_turn(p.lon_deg() - center.lon_deg()), p.lat_deg())
         })))
+    }
+}
+
+/// What a model's heights count from, as it says itself.
+fn told_reference(file: &ImageFile) -> Result<Vertical, SceneError> {
+    let unknown = |told: String| SceneError::Vertical { path: file.path().into(), told };
+    let Some(from) = HeightSystem::of_raster(file)?.from else { return Err(unknown(String::new())) };
+    match Vertical::read(&from) {
+        Err(RasterError::UnknownVertical { .. } | RasterError::NoGeoid { .. }) => {
+            Err(unknown(format!(" by a reference that is known: it says `{from}`")))
+        }
+        read => Ok(read?),
     }
 }
 

@@ -231,13 +231,27 @@ pub enum SceneError {
         footprint: String,
     },
     /// An elevation model of unknown vertical reference.
-    #[error("`{path}` does not say what its heights count from")]
+    #[error("`{path}` does not say what its heights count from{told}")]
     #[diagnostic(help(
-        "--dem-vertical ellipsoid, or the geoid grid it belongs to (SRTM and Copernicus: EGM96, EGM2008), as PROJ ships them: --dem-vertical egm96_15.gtx"
+        "--dem-vertical ellipsoid, EGM84, EGM96 (SRTM), EGM2008 (Copernicus), or the path of a geoid's grid \
+         (.gtx, .tif of PROJ)"
     ))]
     Vertical {
         /// The elevation model.
         path: PathBuf,
+        /// What it says instead, if anything: a phrase.
+        told: String,
+    },
+    /// An elevation model with heights that are none.
+    #[error("`{path}` has a height of {height_m:.0} m where the views look, which is none on Earth")]
+    #[diagnostic(help(
+        "is it a value for no data? `gdal_edit.py -a_nodata VALUE FILE` declares it; are the heights in another unit?"
+    ))]
+    DemVoid {
+        /// The elevation model.
+        path: PathBuf,
+        /// The height, metres.
+        height_m: f64,
     },
     /// An elevation model of another place.
     #[error("`{path}` has no heights where the views look")]

@@ -1,0 +1,249 @@
+//! What a file says of its heights: their unit, and what they count from. All readers of heights ask here: rasters by
+//! their band's unit, compound CRS and metadata, point clouds by their CRS.
+
+use super::crs::vertical_part;
+use super::{ImageFile, Plane, RasterError, Vertical, Window};
+use gdal::spatial_ref::SpatialRef;
+
+/// Heights at or below this, as stored, are a nodata value that the file does not declare: -9999, -32768, -3.4e38.
+const UNDECLARED_NODATA: f32 = -9999.0;
+/// No height is as large, as stored; the other end of 32-bit numbers stands for no data too.
+const NO_HEIGHT: f32 = 1e6;
+/// `GeoTIFF` keys of the vertical unit, and its EPSG codes of metre, foot, US survey foot.
+const VERTICAL_UNITS_KEY: u16 = 4099;
+const UNIT_CODES: [(u16, &str); 3] = [(9001, "metre"), (9002, "foot"), (9003, "US survey foot")];
+
+/// Unit and vertical reference of a file's heights.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeightSystem {
+    /// The unit, as the file names it; empty if it does not.
+    pub unit: String,
+    /// Metres in it; 1 where the file does not name it.
+    pub metres: f64,
+    /// What the heights count from, as [`Vertical::read`] takes it (`ellipsoid`, `EGM96`), or the name of a datum that it
+    /// does not know (`NAVD88 height`); none if the file does not tell.
+    pub from: Option<String>,
+}
+
+impl HeightSystem {
+    /// What a raster says of its first band.
+    ///
+    /// # Errors
+    /// [`RasterError::HeightUnit`] for a unit that is not known.
+    pub fn of_raster(file: &ImageFile) -> Result<Self, RasterError> {
+        let crs = file.dataset.spatial_ref().ok().map(|srs| vertical_part(&srs)).unwrap_or_default();
+        let unit = file.unit(1)?;
+        let metres =
+            if unit.is_empty() { crs.metres.or_else(|| metres_of(&crs.unit)) } else { metres_of(&unit) };
+        let unit = if unit.is_empty() { crs.unit } else { unit };
+        let metres =
+            metres.ok_or_else(|| RasterError::HeightUnit { path: file.path().into(), unit: unit.clone() })?;
+        let item = file.metadata(Vertical::ITEM, "").filter(|item| !item.trim().is_empty());
+        Ok(Self { unit, metres, from: item.map(|item| Vertical::known_name(&item)).or(crs.from) })
+    }
+
+    /// What a point cloud's CRS says, as WKT or `GeoTIFF` keys.
+    #[must_use]
+    pub fn of_cloud(header: &las::Header) -> Self {
+        super::file::set_up_gdal();
+        let wkt = header.get_wkt_crs_bytes().map(String::from_utf8_lossy);
+        let told = wkt.and_then(|w| SpatialRef::from_wkt(w.trim_end_matches('\0')).ok());
+        let part = told.map(|srs| vertical_part(&srs)).unwrap_or_else(|| of_geotiff_keys(header));
+        Self { metres: part.metres.unwrap_or(1.0), unit: part.unit, from: part.from }
+    }
+
+    /// Whether heights were not in metres.
+    #[must_use]
+    pub fn converted_from(&self) -> Option<String> {
+        ((self.metres - 1.0).abs() > 1e-12).then(|| self.unit.clone())
+    }
+}
+
+/// What the vertical part of a CRS says; metres are none for a unit that is not known.
+#[derive(Default)]
+pub(super) struct VerticalPart {
+    pub unit: String,
+    pub metres: Option<f64>,
+    pub from: Option<String>,
+}
+
+fn of_geotiff_keys(header: &las::Header) -> VerticalPart {
+    let Some(keys) = header.get_geotiff_crs().ok().flatten() else { return VerticalPart::default() };
+    let number = |id: u16| {
+        keys.entries.iter().find(|e| e.id == id).and_then(|e| match e.data {
+            las::crs::GeoTiffData::U16(v) => Some(v),
+            _ => None,
+        })
+    };
+    let code = keys.get_vertical_crs_geo_key_value().filter(|c| *c != 0 && *c != 32767);
+    let mut part = code.map(|code| of_geotiff_code(u32::from(code))).unwrap_or_default();
+    let unit = number(VERTICAL_UNITS_KEY).and_then(|c| UNIT_CODES.iter().find(|u| u.0 == c));
+    if let Some((_, unit)) = unit {
+        (part.unit, part.metres) = ((*unit).into(), metres_of(unit));
+    }
+    part
+}
+
+/// Codes of `GeoTIFF` 1.0 for heights above an ellipsoid, which are none of EPSG's, or a vertical CRS of EPSG.
+fn of_geotiff_code(code: u32) -> VerticalPart {
+    if (5001..=5033).contains(&code) {
+        return VerticalPart { from: Some(Vertical::ELLIPSOID.into()), ..VerticalPart::default() };
+    }
+    SpatialRef::from_epsg(code).map(|srs| vertical_part(&srs)).unwrap_or_default()
+}
+
+/// Metres in a unit that GDAL names; an unnamed one is taken for metres.
+pub(super) fn metres_of(unit: &str) -> Option<f64> {
+    match unit.trim().to_ascii_lowercase().replace('_', " ").as_str() {
+        "" | "m" | "metre" | "meter" | "metres" | "meters" => Some(1.0),
+        "ft" | "foot" | "feet" | "international foot" | "international feet" => Some(0.3048),
+        "us survey foot" | "us survey feet" | "foot us" | "feet us" | "us-ft" | "ftus" | "us ft" => {
+            Some(1200.0 / 3937.0)
+        }
+        "cm" | "centimetre" | "centimeter" => Some(0.01),
+        "mm" | "millimetre" | "millimeter" => Some(0.001),
+        _ => None,
+    }
+}
+
+/// Heights of the first band in metres, of a window, averaged down by a whole factor for no side to be longer than
+/// `longest`; NaN where there is no data, declared or not. Also the factor, and how many values stand for no data
+/// although the file does not say so.
+///
+/// # Errors
+/// [`RasterError`] when the band cannot be read, or its unit is not known.
+pub fn read_heights(
+    file: &ImageFile,
+    window: Window,
+    longest: usize,
+) -> Result<(Plane, usize, usize), RasterError> {
+    let metres = HeightSystem::of_raster(file)?.metres;
+    let factor = window.width.max(window.height).div_ceil(longest.max(1)).max(1);
+    let (width, height) = (window.width.div_ceil(factor), window.height.div_ceil(factor));
+    let (mut data, mut undeclared) = (Vec::with_capacity(width * height), 0);
+    // GDAL's own averages would take an undeclared nodata value for a height.
+    let rows_at_once = if factor == 1 { window.height } else { factor };
+    for first in (0..window.height).step_by(rows_at_once.max(1)) {
+        let rows = rows_at_once.min(window.height - first);
+        let (strip, found) = file.read_values(Window { row: window.row + first, height: rows, ..window })?;
+        undeclared += found;
+        if factor == 1 {
+            data = strip.data;
+            continue;
+        }
+        for col in 0..width {
+            let cols = col * factor..((col + 1) * factor).min(window.width);
+            let cells = (0..rows).flat_map(|row| cols.clone().map(move |c| (c, row)));
+            let valid = cells.map(|(c, r)| strip.at(c, r)).filter(|v| !v.is_nan());
+            let (sum, n) = valid.fold((0.0, 0u32), |(sum, n), v| (sum + f64::from(v), n + 1));
+            data.push((sum / f64::from(n)) as f32);
+        }
+    }
+    if (metres - 1.0).abs() > 1e-12 {
+        data.iter_mut().for_each(|v| *v = (f64::from(*v) * metres) as f32);
+    }
+    Ok((Plane { width, height, data }, factor, undeclared))
+}
+
+impl ImageFile {
+    /// A window of the first band with its scale and offset applied, NaN for no data; and how many values stand for no
+    /// data although the file does not say so.
+    fn read_values(&self, window: Window) -> Result<(Plane, usize), RasterError> {
+        let mut plane = self.read_stored(1, window, (window.width, window.height))?;
+        let nodata = self.band(1)?.nodata.map(|v| v as f32);
+        let mut undeclared = 0;
+        for v in &mut plane.data {
+            if nodata == Some(*v) {
+                *v = f32::NAN;
+            } else if v.is_infinite() || *v <= UNDECLARED_NODATA || *v >= NO_HEIGHT {
+                *v = f32::NAN;
+                undeclared += 1;
+            }
+        }
+        self.apply_scale(1, &mut plane)?;
+        Ok((plane, undeclared))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::raster::{Cog, MapGrid};
+
+    const GRID: MapGrid =
+        MapGrid { epsg: 32631, west: 700_000.0, north: 4_800_000.0, cell: 1.0, width: 40, height: 30 };
+
+    fn written(unit: &str, vertical: Option<&str>, value: impl Fn(usize, usize) -> f32) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        let metadata: Vec<(&str, String)> =
+            vertical.map(|v| (Vertical::ITEM, v.to_owned())).into_iter().collect();
+        let cog = Cog { grid: GRID, metadata: &metadata, heights_from: None };
+        let plane = Plane::from_fn(GRID.width, GRID.height, value);
+        cog.write_f32(&folder.path().join("h.tif"), &[("height", unit, &plane)]).unwrap();
+        folder
+    }
+
+    fn opened(folder: &tempfile::TempDir) -> ImageFile {
+        ImageFile::open(&folder.path().join("h.tif")).unwrap()
+    }
+
+    const ALL: Window = Window { col: 0, row: 0, width: 40, height: 30 };
+
+    #[test]
+    fn feet_become_metres() {
+        for (unit, metres) in [("", 1.0), ("metre", 1.0), ("ft", 0.3048), ("US survey foot", 1200.0 / 3937.0)]
+        {
+            let file = written(unit, None, |c, _| 100.0 + c as f32);
+            let (plane, _, _) = read_heights(&opened(&file), ALL, 100).unwrap();
+            assert!((f64::from(plane.at(7, 3)) - 107.0 * metres).abs() < 1e-4, "{unit}");
+        }
+        let fathoms = written("fathom", None, |_, _| 1.0);
+        let error = HeightSystem::of_raster(&opened(&fathoms)).unwrap_err();
+        assert!(matches!(error, RasterError::HeightUnit { .. }), "{error}");
+    }
+
+    #[test]
+    fn a_raster_without_place_and_unit_is_in_metres() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("h.tif");
+        let image = crate::raster::SensorImage { width: 8, height: 8, rpc: &[], metadata: &[] };
+        image.write_u8(&path, vec![vec![7; 64]]).unwrap();
+        let system = HeightSystem::of_raster(&ImageFile::open(&path).unwrap()).unwrap();
+        assert_eq!((system.metres, system.converted_from(), system.from), (1.0, None, None));
+    }
+
+    #[test]
+    fn our_own_item_tells_the_reference() {
+        for (item, from) in [
+            ("WGS 84 ellipsoid", "ellipsoid"),
+            ("EGM96", "EGM96"),
+            ("EGM2008 height", "EGM2008"),
+            ("EPSG:5773", "EGM96"),
+            ("NAVD88", "NAVD88"),
+        ] {
+            let system = HeightSystem::of_raster(&opened(&written("m", Some(item), |_, _| 1.0))).unwrap();
+            assert_eq!(system.from.as_deref(), Some(from));
+        }
+        assert_eq!(HeightSystem::of_raster(&opened(&written("m", None, |_, _| 1.0))).unwrap().from, None);
+    }
+
+    #[test]
+    fn voids_are_no_heights_also_where_cells_are_averaged() {
+        for void in [-9999.0, -32768.0, f32::MIN, f32::MAX] {
+            let file = written("m", None, |c, r| if (c, r) == (4, 5) { void } else { 50.0 });
+            let (plane, factor, undeclared) = read_heights(&opened(&file), ALL, 10).unwrap();
+            assert_eq!((plane.width, plane.height, factor, undeclared), (10, 8, 4, 1));
+            assert!(plane.data.iter().all(|v| *v == 50.0), "{void}");
+        }
+    }
+
+    #[test]
+    fn codes_of_geotiff_tell_reference_and_unit() {
+        super::super::file::set_up_gdal();
+        assert_eq!(of_geotiff_code(5773).from.as_deref(), Some("EGM96"));
+        assert_eq!(of_geotiff_code(5030).from.as_deref(), Some("ellipsoid"));
+        let feet = of_geotiff_code(6360);
+        assert_eq!(feet.from.as_deref(), Some("NAVD88 height (ftUS)"));
+        assert!((feet.metres.unwrap() - 1200.0 / 3937.0).abs() < 1e-9);
+    }
+}
