@@ -32,7 +32,12 @@ pub(super) fn rpc_folders(scene: &Path) -> Result<Vec<String>, SceneError> {
 }
 
 /// Reads the views whose RPC files are in the folder `rpcs` of the scene.
-pub(super) fn read(scene: &Path, rpcs: &str, warnings: &mut Vec<String>) -> Result<Vec<View>, SceneError> {
+pub(super) fn read(
+    scene: &Path,
+    rpcs: &str,
+    trust_rpc: bool,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<View>, SceneError> {
     let folder = scene.join(rpcs);
     let listing = files_in(&folder)?;
     let images = images_in(&scene.join("images"))?;
@@ -46,7 +51,7 @@ pub(super) fn read(scene: &Path, rpcs: &str, warnings: &mut Vec<String>) -> Resu
             continue;
         };
         // The tag of a delivered image differs from a corrected RPC: that is what the folder is for.
-        if let Some(mut view) = view(image, &Sidecars::with_camera(file, image, &[]), warnings)? {
+        if let Some(mut view) = view(image, &Sidecars::with_camera(file, image, &[]), trust_rpc, warnings)? {
             view.role = roles.of(&name);
             view.rpc_source = format!("{rpcs}/{}", view.rpc_source);
             views.push(view);

@@ -10,12 +10,12 @@ use crate::raster::ImageFile;
 use std::path::Path;
 
 /// Reads the views of a folder.
-pub(super) fn read(folder: &Path, warnings: &mut Vec<String>) -> Result<Vec<View>, SceneError> {
+pub(super) fn read(folder: &Path, trust_rpc: bool, warnings: &mut Vec<String>) -> Result<Vec<View>, SceneError> {
     let images = images_in(folder)?;
     let listing = files_in(folder)?;
     let (mut views, mut without) = (Vec::new(), Vec::new());
     for image in &images {
-        match view(image, &Sidecars::of(image, &listing), warnings)? {
+        match view(image, &Sidecars::of(image, &listing), trust_rpc, warnings)? {
             Some(view) => views.push(view),
             None => without.push(image),
         }

@@ -1,13 +1,16 @@
 //! What a user hands in: views (image, RPC, sun, date), and the readers that find them.
 
 mod aoi;
+mod camera_choice;
 mod checks;
+mod chip;
 mod dem;
 mod dfc2019;
 mod error;
 mod folder;
 mod footprint;
 mod manifest;
+mod map_fit;
 mod pixels;
 mod read;
 mod sidecar;

@@ -19,7 +19,7 @@ mod xml;
 pub use date::iso_date;
 pub use gdal::{from_gdal, to_gdal};
 pub use json::to_json;
-pub use maxar::to_rpb;
+pub use maxar::{til_offset, to_rpb};
 pub use text::to_text;
 pub use tiff::{from_tiff, parse_tiff};
 
