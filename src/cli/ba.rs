@@ -7,7 +7,7 @@ use super::{Failure, Ui, align, parse_metres};
 use crate::bundle::{Adjustment, HeightPrior, LeftOut, Model, Options, adjust, read_control};
 use crate::raster::Vertical;
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
-use crate::scene::{Dem, Scene};
+use crate::scene::{Dem, Scene, sources_of};
 use std::path::{Path, PathBuf};
 
 /// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, points.laz and .ply, tie_points.csv and .gpkg, report.json,
@@ -93,6 +93,9 @@ impl Args {
         let mut content = scene.clone();
         content.warnings.clear();
         for view in &mut content.views {
+            for (i, source) in sources_of(&view.image).iter().enumerate() {
+                out.insert(format!("image {}, source {}", view.name, i + 1), hash_file(source));
+            }
             out.insert(format!("image {}", view.name), hash_file(&std::mem::take(&mut view.image)));
             if let Some(mask) = view.mask.take() {
                 out.insert(format!("mask {}", view.name), hash_file(&mask));

@@ -70,8 +70,9 @@ pub(super) fn choose(
         let moved = moved(image, &candidate, own.as_ref(), tile, sidecars, told, &mut notes);
         let fits = match moved {
             Ok(rpc) if trust_rpc => Ok(rpc),
-            Ok(rpc) => check(image, &candidate, &rpc, tile.is_some(), told, sidecars, &mut notes)
-                .map(|()| rpc),
+            Ok(rpc) => {
+                check(image, &candidate, &rpc, tile.is_some(), told, sidecars, &mut notes).map(|()| rpc)
+            }
             Err(_) if trust_rpc => Ok(candidate.file.rpc.clone()),
             Err(e) => Err(e),
         };
@@ -107,7 +108,8 @@ pub(super) fn choose(
         return rejected.map_or(Ok(None), |(_, error)| Err(error));
     };
     warnings.append(&mut chosen.file.warnings);
-    let tags = told.image.iter().chain(&told.product).fold(chosen.file.tags, |t, (_, more)| t.or(more.clone()));
+    let tags =
+        told.image.iter().chain(&told.product).fold(chosen.file.tags, |t, (_, more)| t.or(more.clone()));
     Ok(Some(Choice { rpc, source: chosen.source, tags }))
 }
 
@@ -123,7 +125,8 @@ fn moved(
 ) -> Result<Rpc, SceneError> {
     let rpc = &candidate.file.rpc;
     if let Some(tile) = tile {
-        let product = told.product.iter().fold(candidate.file.tags.clone(), |t, (_, more)| t.or(more.clone()));
+        let product =
+            told.product.iter().fold(candidate.file.tags.clone(), |t, (_, more)| t.or(more.clone()));
         return tile.camera(image.path(), rpc, &product, sidecars.til.as_deref(), notes);
     }
     // A sidecar that repeats the segment is for the whole image as well.

@@ -20,7 +20,8 @@ pub(super) fn ichipb(image: &ImageFile) -> Result<Option<(f64, f64)>, SceneError
     let Some(scale) = number("SCALE_FACTOR") else {
         // GDAL tells nothing of one that says that its image was not made by cutting out alone.
         let is_there = ["ICHIPB", "ICHIPA"].iter().find(|name| image.metadata(name, "TRE").is_some());
-        return is_there.map_or(Ok(None), |name| Err(refused(format!("its {name} tells no place in the full image"))));
+        return is_there
+            .map_or(Ok(None), |name| Err(refused(format!("its {name} tells no place in the full image"))));
     };
     if (scale - 1.0).abs() > 1e-9 {
         return Err(refused(format!("its scale is {scale}")));
@@ -54,7 +55,8 @@ pub(super) fn counted_from_whole(image: &ImageFile, camera: &RpcFile) -> Option<
         return None;
     }
     let c = camera.rpc.coefficients();
-    let whole = camera.tags.size.map_or((2.0 * c.col.scale, 2.0 * c.row.scale), |(w, h)| (w as f64, h as f64));
+    let whole =
+        camera.tags.size.map_or((2.0 * c.col.scale, 2.0 * c.row.scale), |(w, h)| (w as f64, h as f64));
     // A pixel or two more, because half of a size is rounded.
     let is_inside = col + width as f64 <= whole.0 + 2.0 && row + height as f64 <= whole.1 + 2.0;
     // An RPC that was moved with the crop is off the middle of its own volume by the crop's offset.

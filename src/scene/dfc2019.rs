@@ -4,7 +4,7 @@
 //! `train.txt`, only views it lists are trained on.
 
 use super::sidecar::{Sidecars, camera_of};
-use super::source::{files_in, images_in, stem, view};
+use super::source::{files_in, images_in, read_text, stem, view};
 use super::{Role, SceneError, View};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -116,8 +116,7 @@ fn names_in(list: &Path) -> Result<Option<BTreeSet<String>>, SceneError> {
     if !list.exists() {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(list)
-        .map_err(|e| SceneError::Unreadable { path: list.into(), reason: e.to_string() })?;
+    let text = read_text(list)?;
     let lines = text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#'));
     // Names may hold dots: only what is known to be an extension is cut off.
     let bare = |l: &str| {

@@ -3,7 +3,7 @@
 //! Paths are relative to the file that names them.
 
 use super::sidecar::Sidecars;
-use super::source::{files_in, no_rpc, view};
+use super::source::{files_in, no_rpc, read_text, view};
 use super::{Aoi, Role, SceneError, Sun, View};
 use crate::rpc::formats::iso_date;
 use serde::Deserialize;
@@ -51,8 +51,7 @@ pub(super) fn read(
     trust_rpc: bool,
     warnings: &mut Vec<String>,
 ) -> Result<(Vec<View>, Option<Aoi>), SceneError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+    let text = read_text(path)?;
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let wrong = |reason: String| SceneError::List { path: path.into(), reason };
     let (entries, aoi) = if text.trim_start().starts_with('{') {
@@ -68,7 +67,8 @@ pub(super) fn read(
         };
         (listed.views, aoi)
     };
-    let views = entries.into_iter().map(|e| e.view(path, folder, trust_rpc, warnings)).collect::<Result<_, _>>()?;
+    let views =
+        entries.into_iter().map(|e| e.view(path, folder, trust_rpc, warnings)).collect::<Result<_, _>>()?;
     Ok((views, aoi))
 }
 

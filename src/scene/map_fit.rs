@@ -35,7 +35,8 @@ pub(super) fn map_fit(image: &ImageFile, rpc: &Rpc) -> MapFit {
         five_places(size).into_iter().map(|px| Some((px.into(), image.lon_lat(px)?))).collect();
     let Some(places) = places else { return MapFit::NoMap };
     let worst = |height_m: f64| {
-        let apart = places.iter().map(|(px, (lon, lat))| rpc.project(Point::new(*lon, *lat, height_m)).distance(*px));
+        let apart =
+            places.iter().map(|(px, (lon, lat))| rpc.project(Point::new(*lon, *lat, height_m)).distance(*px));
         apart.map(|d| if d.is_nan() { f64::INFINITY } else { d }).fold(0.0, f64::max)
     };
     // The worst distance over height is convex, but for the small curvature of a camera.

@@ -28,6 +28,6 @@ pub use footprint::{Overlap, UtmBox, default_aoi, footprint, ground_seen, views_
 pub use pixels::{Brightness, ValueRange};
 pub use read::{ReadOptions, read};
 pub use sidecar::ORDER as RPC_ORDER;
-pub use source::read_camera;
+pub use source::{read_camera, sources_of};
 pub use tone::Tone;
 pub use view::{Role, Scene, Sun, View, angle_between_deg};

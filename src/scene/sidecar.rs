@@ -10,8 +10,19 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Endings of RPC files beside NAME, in the order in which they are preferred.
-const CAMERAS: [&str; 10] =
-    ["_rpc.txt", ".rpc.txt", ".rpc", ".rpb", "_rpc.xml", ".xml", ".geom", "_rpc.json", ".json", ".txt"];
+const CAMERAS: [&str; 11] = [
+    "_rpc.txt",
+    "_rpc_org.txt",
+    ".rpc.txt",
+    ".rpc",
+    ".rpb",
+    "_rpc.xml",
+    ".xml",
+    ".geom",
+    "_rpc.json",
+    ".json",
+    ".txt",
+];
 /// Endings of files beside NAME that tell sun and date.
 const METADATA: [&str; 2] = [".imd", ".xml"];
 /// What Airbus adds to the image's name for the bands it holds.
@@ -22,7 +33,8 @@ const SEARCHED_BYTES: u64 = 16 << 20;
 
 /// In words, for `satgs info`.
 pub const ORDER: &str = "NAME_RPC.TXT, NAME.RPB, NAME.XML or RPC_*.XML (Maxar, DIMAP), NAME.geom, NAME.json, \
-                         NAME.txt, .aux.xml, then the RPC inside the image";
+                         NAME.txt, .aux.xml, then the RPC inside the image (of a VRT first); one that is for another \
+                         image is passed over";
 
 /// The files of one image.
 #[derive(Clone, Debug, Default)]
@@ -59,6 +71,8 @@ impl Sidecars {
         let file = image.file_name().map_or_else(String::new, |n| n.to_string_lossy().to_lowercase());
         let (product, tile) = split_tile(&name);
         let mut own = by_name(&name, &CAMERAS, listing);
+        own.extend(exactly(&format!("{file}.rpc"), listing));
+        own.extend(exactly(&format!("rpc_{name}.txt"), listing));
         own.retain(|p| is_about_rpc(p));
         let mut of_product = Vec::new();
         let metadata = by_name(&name, &METADATA, listing);
@@ -116,7 +130,11 @@ impl Tile {
         let refused = |reason| Err(SceneError::TileOfMosaic { path: image.into(), row, col, reason });
         let Some(tiles) = tags.tiles else {
             let alone = (row, col) == (1, 1);
-            return if alone { Ok(whole.clone()) } else { refused("nothing beside it tells the tiles' size".into()) };
+            return if alone {
+                Ok(whole.clone())
+            } else {
+                refused("nothing beside it tells the tiles' size".into())
+            };
         };
         if col > tiles.across || row > tiles.down {
             return refused(format!("its product has {} x {} tiles", tiles.down, tiles.across));

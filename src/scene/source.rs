@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 
 /// Extensions of images, in lower case.
 const IMAGES: [&str; 8] = ["tif", "tiff", "ntf", "nitf", "nsf", "jp2", "j2k", "vrt"];
+/// Extensions of rasters that are images if they hold an RPC: ENVI, PCIDSK, PNG, Erdas Imagine, raw.
+const OTHER_RASTERS: [&str; 8] = ["dat", "pix", "png", "img", "bil", "bip", "bsq", "jpg"];
 /// The GSD told and the camera's at mid height agree better than this factor, whatever the relief.
 const GSD_FACTOR: f64 = 1.35;
 /// The off-nadir angle told and the camera's agree better, wherever in the image the telling is meant.
@@ -20,7 +22,7 @@ pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
         .into_iter()
         .filter(|p| {
             let extension = p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-            extension.is_some_and(|e| IMAGES.contains(&e.as_str())) && !p.is_dir()
+            extension.is_some_and(|e| IMAGES.contains(&e.as_str())) && !p.is_dir() && !is_companion(p)
         })
         .collect();
     found.sort();
@@ -38,6 +40,44 @@ pub(super) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
         }
     }
     Ok(found)
+}
+
+/// Text of a list or an area, as editors write it.
+pub(super) fn read_text(path: &Path) -> Result<String, SceneError> {
+    let bytes = std::fs::read(path)
+        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+    Ok(formats::decode(&bytes))
+}
+
+/// The images whose pixels a virtual raster shows, as it names them; none of any other file.
+#[must_use]
+pub fn sources_of(image: &Path) -> Vec<PathBuf> {
+    if !image.extension().is_some_and(|e| e.eq_ignore_ascii_case("vrt")) {
+        return Vec::new();
+    }
+    let Ok(text) = read_text(image) else { return Vec::new() };
+    let Ok(document) = roxmltree::Document::parse(&text) else { return Vec::new() };
+    let folder = image.parent().unwrap_or(Path::new("."));
+    let named =
+        document.descendants().filter(|n| ["SourceFilename", "SourceDataset"].contains(&n.tag_name().name()));
+    let mut found: Vec<PathBuf> = named.filter_map(|n| Some(folder.join(n.text()?.trim()))).collect();
+    found.sort();
+    found.dedup();
+    found
+}
+
+/// Whether a raster tells of another one, as Planet's `udm` and `udm2` do, and is no image itself.
+pub(super) fn is_companion(path: &Path) -> bool {
+    let name = stem(path).to_lowercase();
+    name.ends_with("_udm") || name.ends_with("_udm2") || name.contains("_udm2_") || name.contains("_udm_")
+}
+
+/// Rasters of a listing that satgs takes for no images: of other formats.
+pub(super) fn other_rasters<'a>(listing: &'a [PathBuf]) -> impl Iterator<Item = &'a PathBuf> {
+    listing.iter().filter(|p| {
+        let extension = p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        extension.is_some_and(|e| OTHER_RASTERS.contains(&e.as_str())) && !p.is_dir()
+    })
 }
 
 /// The file name without its extension.
@@ -62,7 +102,9 @@ pub(super) fn view(
         return Ok(None);
     }
     let told = Told::read(sidecars, warnings);
-    let Some(chosen) = choose(&file, candidates, sidecars, &told, trust_rpc, warnings)? else { return Ok(None) };
+    let Some(chosen) = choose(&file, candidates, sidecars, &told, trust_rpc, warnings)? else {
+        return Ok(None);
+    };
     let tags = chosen.tags.or(image_tags(&file));
     let view = View {
         name: stem(image),
@@ -127,7 +169,9 @@ fn cameras(file: &ImageFile, sidecars: &Sidecars) -> Result<Vec<Candidate>, Form
     }
     for path in &sidecars.cameras {
         match formats::read(path) {
-            Ok(read) => found.push(Candidate { file: read, source: file_name(path), path: Some(path.clone()) }),
+            Ok(read) => {
+                found.push(Candidate { file: read, source: file_name(path), path: Some(path.clone()) })
+            }
             Err(e) if found.is_empty() => return Err(e),
             Err(_) => {}
         }
