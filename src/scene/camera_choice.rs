@@ -23,6 +23,9 @@ const LARGER: f64 = 1.5;
 const CENTERED: f64 = 0.1;
 const SPAN: f64 = 0.005;
 
+/// Source of an RPC that GDAL shows as the image's, wherever it found it.
+pub(super) const READ_BY_GDAL: &str = "RPC read by GDAL";
+
 /// An RPC that may be the image's.
 pub(super) struct Candidate {
     pub file: RpcFile,
@@ -60,6 +63,7 @@ pub(super) fn choose(
     trust_rpc: bool,
     warnings: &mut Vec<String>,
 ) -> Result<Option<Choice>, SceneError> {
+    let candidates = without_repeats(candidates, image.size());
     let own = candidates.iter().find(|c| c.path.is_none()).map(|c| c.file.rpc.clone());
     let mut rejected: Option<(String, SceneError)> = None;
     let mut taken: Option<(Candidate, Rpc)> = None;
@@ -113,6 +117,15 @@ pub(super) fn choose(
     Ok(Some(Choice { rpc, source: chosen.source, tags }))
 }
 
+/// Leaves out what GDAL reads in the image's name if it is one of the sidecars: refused as that, it is not right as this.
+fn without_repeats(mut candidates: Vec<Candidate>, size: (usize, usize)) -> Vec<Candidate> {
+    let beside: Vec<Rpc> =
+        candidates.iter().filter(|c| c.path.is_some()).map(|c| c.file.rpc.clone()).collect();
+    let repeats = |rpc: &Rpc| beside.iter().any(|b| distance_px(b, rpc, size) <= SAME_PX);
+    candidates.retain(|c| c.source != READ_BY_GDAL || !repeats(&c.file.rpc));
+    candidates
+}
+
 /// The camera of the image, from one that may be for the image of which it is a part.
 fn moved(
     image: &ImageFile,
@@ -131,15 +144,15 @@ fn moved(
     }
     // A sidecar that repeats the segment is for the whole image as well.
     let repeats = |own: &Rpc| distance_px(own, rpc, image.size()) <= SAME_PX;
-    if candidate.path.is_none() || own.is_some_and(repeats) {
-        if let Some((col, row)) = chip::ichipb(image)? {
-            notes.push(format!(
-                "`{}` is a chip that begins at column {col}, row {row} of the full image (ICHIPB): {} is moved there",
-                image.path().display(),
-                candidate.source
-            ));
-            return Ok(rpc.shifted(-col, -row));
-        }
+    let is_full = candidate.path.is_none() || own.is_some_and(repeats);
+    let chip = if is_full { chip::ichipb(image)? } else { None };
+    if let Some((col, row)) = chip {
+        notes.push(format!(
+            "`{}` is a chip that begins at column {col}, row {row} of the full image (ICHIPB): {} is moved there",
+            image.path().display(),
+            candidate.source
+        ));
+        return Ok(rpc.shifted(-col, -row));
     }
     if let Some((col, row)) = chip::counted_from_whole(image, &candidate.file) {
         notes.push(format!(

@@ -31,9 +31,10 @@ pub(super) enum MapFit {
 /// Compares an image's geotransform with a camera at its corners and its centre, all at one height.
 pub(super) fn map_fit(image: &ImageFile, rpc: &Rpc) -> MapFit {
     let size = image.size();
-    let places: Option<Vec<(Pixel<CenterPx>, (f64, f64))>> =
-        five_places(size).into_iter().map(|px| Some((px.into(), image.lon_lat(px)?))).collect();
-    let Some(places) = places else { return MapFit::NoMap };
+    let place = |corner| Some((Pixel::<CenterPx>::from(corner), image.lon_lat(corner)?));
+    let Some(places) = five_places(size).into_iter().map(place).collect::<Option<Vec<_>>>() else {
+        return MapFit::NoMap;
+    };
     let worst = |height_m: f64| {
         let apart =
             places.iter().map(|(px, (lon, lat))| rpc.project(Point::new(*lon, *lat, height_m)).distance(*px));

@@ -122,10 +122,9 @@ impl Tile {
         warnings: &mut Vec<String>,
     ) -> Result<Rpc, SceneError> {
         let Self { row, col } = self;
-        if let Some(til) = til {
-            if let Some((first_col, first_row)) = formats::til_offset(til, &file_name(image))? {
-                return Ok(whole.shifted(-first_col, -first_row));
-            }
+        let listed = til.map(|til| formats::til_offset(til, &file_name(image))).transpose()?.flatten();
+        if let Some((first_col, first_row)) = listed {
+            return Ok(whole.shifted(-first_col, -first_row));
         }
         let refused = |reason| Err(SceneError::TileOfMosaic { path: image.into(), row, col, reason });
         let Some(tiles) = tags.tiles else {
@@ -213,7 +212,8 @@ mod tests {
         let names = |v: Vec<PathBuf>| -> Vec<String> {
             v.iter().map(|p| p.file_name().unwrap().to_string_lossy().into_owned()).collect()
         };
-        (names(s.cameras), names(s.metadata), s.tile)
+        let metadata = s.metadata.into_iter().chain(s.product_metadata).collect();
+        (names(s.cameras), names(metadata), s.tile)
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! One image of a scene: the file, the cameras found in and beside it, its sun and date.
 
-use super::camera_choice::{Candidate, Told, choose, file_name};
+use super::camera_choice::{Candidate, READ_BY_GDAL, Told, choose, file_name};
 use super::sidecar::Sidecars;
 use super::{Role, SceneError, Sun, View};
 use crate::raster::ImageFile;
@@ -73,7 +73,7 @@ pub(super) fn is_companion(path: &Path) -> bool {
 }
 
 /// Rasters of a listing that satgs takes for no images: of other formats.
-pub(super) fn other_rasters<'a>(listing: &'a [PathBuf]) -> impl Iterator<Item = &'a PathBuf> {
+pub(super) fn other_rasters(listing: &[PathBuf]) -> impl Iterator<Item = &PathBuf> {
     listing.iter().filter(|p| {
         let extension = p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         extension.is_some_and(|e| OTHER_RASTERS.contains(&e.as_str())) && !p.is_dir()
@@ -199,7 +199,7 @@ fn own_camera(file: &ImageFile) -> Result<Option<Candidate>, FormatError> {
     if file.metadata("RPC00A", "TRE").is_some() {
         return Err(FormatError::Rpc00a { file: path.into() });
     }
-    let source = if file.metadata("RPC00B", "TRE").is_some() { "RPC00B segment" } else { "RPC read by GDAL" };
+    let source = if file.metadata("RPC00B", "TRE").is_some() { "RPC00B segment" } else { READ_BY_GDAL };
     Ok(formats::from_gdal(path, &file.metadata_domain("RPC"))?.map(|rpc| camera(rpc, source)))
 }
 
