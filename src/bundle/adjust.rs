@@ -93,12 +93,12 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
     if options.height_range.is_none() {
         scene.require_shared_heights()?;
     }
-    scene.require_shared_ground()?;
     let heights = options.height_range.unwrap_or_else(|| scene.height_range());
     // A comparison that NaN fails too.
     if !matches!(heights.0.partial_cmp(&heights.1), Some(std::cmp::Ordering::Less)) {
         return Err(BundleError::Heights { low_m: heights.0, high_m: heights.1 });
     }
+    scene.require_shared_ground(heights)?;
     let keypoints = find_keypoints(scene, options.keypoints.as_deref(), events)?;
     let mut left_out = Vec::new();
     loop {

@@ -9,7 +9,7 @@ use crate::bundle::{
 };
 use crate::raster::Vertical;
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
-use crate::scene::{Dem, Scene};
+use crate::scene::{Dem, Scene, sources_of};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -117,6 +117,9 @@ impl Args {
             // What is no image may be told beside the image as well.
             if let Ok(Some(valid)) = view.valid_pixels() {
                 out.insert(format!("valid pixels {}", view.name), valid.digest());
+            }
+            for (i, source) in sources_of(&view.image).iter().enumerate() {
+                out.insert(format!("image {}, source {}", view.name, i + 1), hash_file(source));
             }
             out.insert(format!("image {}", view.name), hash_file(&std::mem::take(&mut view.image)));
             if let Some(mask) = view.mask.take() {

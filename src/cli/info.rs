@@ -57,7 +57,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         scene.skyplot(&overlap)?.write(file)?;
     }
     ui.summary("info", &text, summary(&scene, &rows, &pairs, &overlap));
-    Ok(scene.require_shared_ground()?)
+    Ok(scene.require_shared_ground(scene.height_range())?)
 }
 
 /// What the table says about a view.

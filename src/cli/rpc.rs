@@ -22,6 +22,9 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     #[command(subcommand)]
     task: Task,
+    /// Take the first RPC found for an image as it is, even if it seems to be another image's
+    #[arg(long, global = true)]
+    trust_rpc: bool,
 }
 
 #[derive(clap::Subcommand)]
@@ -98,30 +101,30 @@ struct Fit {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
+    let load = |path: &Path| load(path, args.trust_rpc, ui);
     match &args.task {
-        Task::Project(points) => project(points, ui),
-        Task::Localize(points) => localize(points, ui),
-        Task::Convert(convert) => write(convert, ui),
-        Task::Compare(two) => compare(two, ui),
-        Task::Fit(fit) => approximate(fit, ui),
+        Task::Project(points) => project(points, &load(&points.file)?.rpc, ui),
+        Task::Localize(points) => localize(points, &load(&points.file)?.rpc, ui),
+        Task::Convert(convert) => write(convert, &load(&convert.file)?, ui),
+        Task::Compare(two) => compare(two, &load(&two.first)?.rpc, &load(&two.second)?.rpc, ui),
+        Task::Fit(fit) => approximate(fit, &load(&fit.file)?.rpc, ui),
     }
 }
 
-fn load(path: &Path, ui: &Ui) -> Result<RpcFile, Failure> {
-    let file = read_camera(path)?;
+fn load(path: &Path, trust_rpc: bool, ui: &Ui) -> Result<RpcFile, Failure> {
+    let file = read_camera(path, trust_rpc)?;
     for warning in &file.warnings {
         ui.show(Event::Warning(warning.clone()));
     }
     Ok(file)
 }
 
-fn project(args: &Points, ui: &Ui) -> Result<(), Failure> {
-    let rpc = load(&args.file, ui)?.rpc;
+fn project(args: &Points, rpc: &Rpc, ui: &Ui) -> Result<(), Failure> {
     let [lon_deg, lat_deg, height_m] = args.read()?;
     let ground = GroundBatch { lon_deg, lat_deg, height_m };
     let mut seen = PixelBatch::default();
     rpc.project_batch(&ground, &mut seen);
-    let beyond = outside_volume(&rpc, &ground, ui);
+    let beyond = outside_volume(rpc, &ground, ui);
     let mut text = String::new();
     for (col, row) in seen.col.iter().zip(&seen.row) {
         let _ = writeln!(text, "{col:.9} {row:.9}");
@@ -145,14 +148,13 @@ fn outside_volume(rpc: &Rpc, ground: &GroundBatch, ui: &Ui) -> usize {
     beyond
 }
 
-fn localize(args: &Points, ui: &Ui) -> Result<(), Failure> {
-    let rpc = load(&args.file, ui)?.rpc;
+fn localize(args: &Points, rpc: &Rpc, ui: &Ui) -> Result<(), Failure> {
     let [col, row, height] = args.read()?;
     let pixels = PixelBatch { col, row };
     let mut ground = GroundBatch::default();
     rpc.localize_batch(&pixels, &height, &mut ground);
     ground.height_m.clone_from(&height);
-    let beyond = outside_volume(&rpc, &ground, ui);
+    let beyond = outside_volume(rpc, &ground, ui);
     let mut text = String::new();
     for (lon, lat) in ground.lon_deg.iter().zip(&ground.lat_deg) {
         let _ = writeln!(text, "{lon:.13} {lat:.13}");
@@ -215,8 +217,7 @@ fn three(text: &str, what: &str) -> Result<[f64; 3], Failure> {
     })
 }
 
-fn write(args: &Convert, ui: &Ui) -> Result<(), Failure> {
-    let file = load(&args.file, ui)?;
+fn write(args: &Convert, file: &RpcFile, ui: &Ui) -> Result<(), Failure> {
     let out = &args.out;
     if out.exists() && !args.overwrite {
         return Err(Failure::input(format!("`{}` exists", out.display()), "--overwrite replaces it"));
@@ -251,9 +252,8 @@ fn write(args: &Convert, ui: &Ui) -> Result<(), Failure> {
     Ok(())
 }
 
-fn compare(args: &Compare, ui: &Ui) -> Result<(), Failure> {
-    let (a, b) = (load(&args.first, ui)?.rpc, load(&args.second, ui)?.rpc);
-    let difference = a.difference(&b).ok_or_else(|| {
+fn compare(args: &Compare, a: &Rpc, b: &Rpc, ui: &Ui) -> Result<(), Failure> {
+    let difference = a.difference(b).ok_or_else(|| {
         let (first, second) = (args.first.display(), args.second.display());
         Failure::input(format!("`{first}` and `{second}` see no common ground"), "is one of them damaged?")
     })?;
@@ -269,8 +269,7 @@ fn compare(args: &Compare, ui: &Ui) -> Result<(), Failure> {
     Ok(())
 }
 
-fn approximate(args: &Fit, ui: &Ui) -> Result<(), Failure> {
-    let rpc = load(&args.file, ui)?.rpc;
+fn approximate(args: &Fit, rpc: &Rpc, ui: &Ui) -> Result<(), Failure> {
     let center = match &args.at {
         Some(text) => {
             let [lon, lat, h] = three(text, "--at")?;
@@ -279,8 +278,8 @@ fn approximate(args: &Fit, ui: &Ui) -> Result<(), Failure> {
         None => rpc.center(),
     };
     let ground = GroundBox { center, side_m: args.size, half_height_m: args.heights };
-    let affine = residual(&rpc, &ground, Order::Affine)?;
-    let quadratic = residual(&rpc, &ground, Order::Quadratic)?;
+    let affine = residual(rpc, &ground, Order::Affine)?;
+    let quadratic = residual(rpc, &ground, Order::Quadratic)?;
     let text = format!(
         "{:.0} m square, ±{:.0} m, around lon {:.6}, lat {:.6}, {:.1} m\n\
          affine:    RMS {:.2e} px, maximum {:.2e} px\n\

@@ -32,6 +32,10 @@ pub struct SceneArgs {
     /// are; training and the matching of its surface compare light [default: 1]
     #[arg(long, value_name = "EXPONENT", value_parser = parse_gamma)]
     pub gamma: Option<Tone>,
+    /// Take the first RPC found for an image as it is, even if it seems to be for another image: of another size, or
+    /// for the sensor image of which this one is a map
+    #[arg(long)]
+    pub trust_rpc: bool,
 }
 
 /// Bands of `--bands`.
@@ -54,6 +58,7 @@ impl SceneArgs {
             bands: self.bands.clone().unwrap_or_default().0,
             stretch_percent: self.stretch,
             tone: self.gamma.unwrap_or_default(),
+            trust_rpc: self.trust_rpc,
         };
         let scene = scene::read(&self.scene, &options)?;
         for warning in &scene.warnings {

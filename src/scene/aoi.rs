@@ -3,7 +3,7 @@
 use super::{Scene, SceneError, UtmBox, View};
 use crate::frame::{Geodetic, Pixel, Point, SiteGrid};
 use crate::raster::Window;
-use geo::{LineString, Polygon, Validation};
+use geo::{ConvexHull, LineString, MultiPoint, Polygon, Validation};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
@@ -47,19 +47,28 @@ impl Aoi {
         Self::checked(vec![[west, south], [east, south], [east, north], [west, north]])
     }
 
-    /// The first polygon of a GeoJSON file, its outer ring.
+    /// The polygon of a GeoJSON file, its outer ring; of several polygons the convex hull of all.
     ///
     /// # Errors
     /// [`SceneError::Area`], [`SceneError::Unreadable`].
     pub fn from_geojson(path: &Path) -> Result<Self, SceneError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+        let text = super::source::read_text(path)?;
         let wrong = |reason: String| SceneError::Area { reason: format!("`{}`: {reason}", path.display()) };
         let json: Value = serde_json::from_str(&text).map_err(|e| wrong(format!("no valid JSON: {e}")))?;
-        let ring = ring_of(&json).ok_or_else(|| wrong("it holds no polygon".into()))?;
-        let points: Option<Vec<[f64; 2]>> =
-            ring.iter().map(|p| Some([p.get(0)?.as_f64()?, p.get(1)?.as_f64()?])).collect();
-        Self::checked(points.ok_or_else(|| wrong("its polygon is not made of numbers".into()))?)
+        let rings = rings_of(&json);
+        if rings.is_empty() {
+            return Err(wrong("it holds no polygon".into()));
+        }
+        let points = |ring: &&Vec<Value>| -> Option<Vec<[f64; 2]>> {
+            ring.iter().map(|p| Some([p.get(0)?.as_f64()?, p.get(1)?.as_f64()?])).collect()
+        };
+        let rings: Option<Vec<Vec<[f64; 2]>>> = rings.iter().map(points).collect();
+        let rings = rings.ok_or_else(|| wrong("its polygon is not made of numbers".into()))?;
+        if let [ring] = rings.as_slice() {
+            return Self::checked(ring.clone());
+        }
+        let all: MultiPoint<f64> = rings.into_iter().flatten().map(|[x, y]| (x, y)).collect();
+        Self::checked(all.convex_hull().exterior().coords().map(|c| [c.x, c.y]).collect())
     }
 
     fn checked(ring: Vec<[f64; 2]>) -> Result<Self, SceneError> {
@@ -175,15 +184,16 @@ fn extent(points: &[[f64; 2]]) -> ([f64; 2], [f64; 2]) {
     })
 }
 
-/// The outer ring of the first polygon in a GeoJSON value.
-fn ring_of(json: &Value) -> Option<&Vec<Value>> {
-    let coordinates = || json.get("coordinates");
-    match json.get("type")?.as_str()? {
-        "Polygon" => coordinates()?.get(0)?.as_array(),
-        "MultiPolygon" => coordinates()?.get(0)?.get(0)?.as_array(),
-        "Feature" => ring_of(json.get("geometry")?),
-        "FeatureCollection" => json.get("features")?.as_array()?.iter().find_map(ring_of),
-        _ => None,
+/// The outer rings of all polygons in a GeoJSON value.
+fn rings_of(json: &Value) -> Vec<&Vec<Value>> {
+    let list = |name: &str| json.get(name).and_then(Value::as_array).into_iter().flatten();
+    match json.get("type").and_then(Value::as_str) {
+        Some("Polygon") => json.get("coordinates").and_then(|c| c.get(0)?.as_array()).into_iter().collect(),
+        Some("MultiPolygon") => list("coordinates").filter_map(|p| p.get(0)?.as_array()).collect(),
+        Some("Feature") => json.get("geometry").map(rings_of).unwrap_or_default(),
+        Some("FeatureCollection") => list("features").flat_map(rings_of).collect(),
+        Some("GeometryCollection") => list("geometries").flat_map(rings_of).collect(),
+        _ => Vec::new(),
     }
 }
 

@@ -4,7 +4,7 @@
 //! `train.txt`, only views it lists are trained on.
 
 use super::sidecar::{Sidecars, camera_of};
-use super::source::{files_in, images_in, stem, view};
+use super::source::{files_in, images_in, read_text, stem, view};
 use super::{Role, SceneError, View};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -32,7 +32,12 @@ pub(super) fn rpc_folders(scene: &Path) -> Result<Vec<String>, SceneError> {
 }
 
 /// Reads the views whose RPC files are in the folder `rpcs` of the scene.
-pub(super) fn read(scene: &Path, rpcs: &str, warnings: &mut Vec<String>) -> Result<Vec<View>, SceneError> {
+pub(super) fn read(
+    scene: &Path,
+    rpcs: &str,
+    trust_rpc: bool,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<View>, SceneError> {
     let folder = scene.join(rpcs);
     let listing = files_in(&folder)?;
     let images = images_in(&scene.join("images"))?;
@@ -46,7 +51,7 @@ pub(super) fn read(scene: &Path, rpcs: &str, warnings: &mut Vec<String>) -> Resu
             continue;
         };
         // The tag of a delivered image differs from a corrected RPC: that is what the folder is for.
-        if let Some(mut view) = view(image, &Sidecars::with_camera(file, image, &[]), warnings)? {
+        if let Some(mut view) = view(image, &Sidecars::with_camera(file, image, &[]), trust_rpc, warnings)? {
             view.role = roles.of(&name);
             view.rpc_source = format!("{rpcs}/{}", view.rpc_source);
             views.push(view);
@@ -111,8 +116,7 @@ fn names_in(list: &Path) -> Result<Option<BTreeSet<String>>, SceneError> {
     if !list.exists() {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(list)
-        .map_err(|e| SceneError::Unreadable { path: list.into(), reason: e.to_string() })?;
+    let text = read_text(list)?;
     let lines = text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#'));
     // Names may hold dots: only what is known to be an extension is cut off.
     let bare = |l: &str| {

@@ -54,13 +54,45 @@ pub enum SceneError {
         "`{path}` is orthorectified: it has a map projection, and its RPC sees that place {distance_px:.0} px away"
     )]
     #[diagnostic(help(
-        "an RPC belongs to the sensor image: take the sensor (basic, primary, level 1) or ortho-ready product"
+        "an RPC belongs to the sensor image: take the sensor (basic, primary, level 1) or ortho-ready product; if it is one, and only its place on the map is rough, --trust-rpc takes the RPC as it is"
     ))]
     Ortho {
         /// The image.
         path: PathBuf,
-        /// Distance between the image's centre and where its RPC sees it, pixels.
+        /// Distance between a corner or the centre and where its RPC sees it, pixels.
         distance_px: f64,
+    },
+    /// A NITF chip that is more than a part of the image for which its RPC is.
+    #[error("`{path}` is a chip of a larger image (ICHIPB), and {reason}")]
+    #[diagnostic(help(
+        "its RPC is for the full image; only chips that are cut out without turning or resampling are read: take the full image"
+    ))]
+    Chip {
+        /// The image.
+        path: PathBuf,
+        /// What makes it more than a cut.
+        reason: String,
+    },
+    /// An image of another resolution than its RPC.
+    #[error(
+        "`{image}` has {width} x {height} pixels, its RPC ({source_file}) is for an image of about {told_width:.0} x {told_height:.0}"
+    )]
+    #[diagnostic(help(
+        "was the image resampled, or is this the RPC of a panchromatic image beside a multispectral one? `satgs rpc convert` writes other forms, no other scales: take the RPC of this image; --trust-rpc takes it as it is"
+    ))]
+    OtherScale {
+        /// The image.
+        image: PathBuf,
+        /// Where the RPC was found.
+        source_file: String,
+        /// Columns of the RPC's volume.
+        told_width: f64,
+        /// Rows of the RPC's volume.
+        told_height: f64,
+        /// Columns of the image.
+        width: usize,
+        /// Rows of the image.
+        height: usize,
     },
     /// A part of a product, without the file that says which.
     #[error("`{path}` is tile R{row}C{col} of a mosaic, and {reason}")]
@@ -108,7 +140,9 @@ pub enum SceneError {
     #[error(
         "`{rpc}` is for an image of {told_width} x {told_height} pixels, `{image}` has {width} x {height}"
     )]
-    #[diagnostic(help("an image that was cropped or resampled needs an RPC that was changed with it"))]
+    #[diagnostic(help(
+        "an image that was cropped or resampled needs an RPC that was changed with it; --trust-rpc takes it as it is"
+    ))]
     OtherSize {
         /// The RPC file.
         rpc: PathBuf,

@@ -4,18 +4,32 @@
 //! differ by more than 0.1 px a warning says so.
 
 use super::sidecar::Sidecars;
-use super::source::{files_in, images_in, no_rpc, stem, view};
+use super::source::{files_in, images_in, is_companion, no_rpc, other_rasters, stem, view};
 use super::{SceneError, View};
 use crate::raster::ImageFile;
 use std::path::Path;
 
 /// Reads the views of a folder.
-pub(super) fn read(folder: &Path, warnings: &mut Vec<String>) -> Result<Vec<View>, SceneError> {
-    let images = images_in(folder)?;
+pub(super) fn read(
+    folder: &Path,
+    trust_rpc: bool,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<View>, SceneError> {
+    let mut images = images_in(folder)?;
     let listing = files_in(folder)?;
+    for other in other_rasters(&listing) {
+        // A picture of an image (`NAME.png` beside `NAME.tif`) is for looking at.
+        if images.iter().any(|i| stem(i) == stem(other)) {
+            continue;
+        }
+        match ImageFile::open(other) {
+            Ok(file) if !file.metadata_domain("RPC").is_empty() => images.push(other.clone()),
+            _ => warnings.push(format!("`{}` holds no image with an RPC, it is left out", other.display())),
+        }
+    }
     let (mut views, mut without) = (Vec::new(), Vec::new());
     for image in &images {
-        match view(image, &Sidecars::of(image, &listing), warnings)? {
+        match view(image, &Sidecars::of(image, &listing), trust_rpc, warnings)? {
             Some(view) => views.push(view),
             None => without.push(image),
         }
@@ -26,32 +40,37 @@ pub(super) fn read(folder: &Path, warnings: &mut Vec<String>) -> Result<Vec<View
         _ => {}
     }
     for image in without {
-        if let Some(note) = usable_data_mask(image, &mut views)? {
-            warnings.push(note);
-            continue;
-        }
         // A map among sensor images (a DEM, an orthophoto) is there for another purpose.
         if !ImageFile::open(image)?.is_map() {
             return Err(no_rpc(image));
         }
         warnings.push(format!("`{}` is a map without an RPC, it is left out", image.display()));
     }
+    for companion in listing.iter().filter(|p| is_companion(p) && has_pixels(p)) {
+        warnings.push(take_companion(companion, &mut views));
+    }
     Ok(views)
 }
 
-/// Takes an image without a camera for the mask that Planet delivers beside its scenes (`ITEM_udm2.tif`, its first band 0
-/// where a pixel is not clear), and gives it to the images of its item; says so. None if it is another image.
-fn usable_data_mask(image: &Path, views: &mut [View]) -> Result<Option<String>, SceneError> {
-    let name = stem(image);
-    let Some(product) = name.strip_suffix("_udm2") else { return Ok(None) };
+/// Whether a companion's name is that of a raster.
+fn has_pixels(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("tif") || e.eq_ignore_ascii_case("tiff"))
+}
+
+/// Takes a Planet `udm2`, whose first band is 1 where the image is clear, as the mask of its image; in words.
+fn take_companion(companion: &Path, views: &mut [View]) -> String {
+    let (path, name) = (companion.display(), stem(companion).to_lowercase());
+    let left_out = format!("`{path}` tells of another image, it is left out");
+    let Some(scene) = name.strip_suffix("_udm2") else { return left_out };
     let mut masked = Vec::new();
-    for view in views.iter_mut().filter(|v| v.mask.is_none() && v.name.starts_with(product)) {
-        if ImageFile::open(image)?.size() == (view.width, view.height) {
-            view.set_mask(image.into())?;
+    for view in views.iter_mut().filter(|v| v.name.to_lowercase().starts_with(scene)) {
+        if view.set_mask(companion.to_owned()).is_ok() {
             masked.push(view.name.as_str());
         }
     }
-    let of =
-        if masked.is_empty() { "no image of its size and name is there".into() } else { masked.join(", ") };
-    Ok(Some(format!("`{}` is no image but tells which pixels are clear: {of}", image.display())))
+    if masked.is_empty() {
+        left_out
+    } else {
+        format!("`{path}` is taken as the mask of {}", masked.join(", "))
+    }
 }

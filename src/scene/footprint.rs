@@ -10,6 +10,10 @@ use geo::{Area, BooleanOps, BoundingRect, LineString, MultiPolygon, Polygon};
 
 /// A view that shares less of its ground with any other, in percent, is a view of another place.
 const LEAST_SHARED_PERCENT: f64 = 1.0;
+/// Where every view shares this much at the middle height, no other height is asked.
+const MUCH_SHARED_PERCENT: f64 = 50.0;
+/// Steps from the lowest to the highest height; RPCs' ranges are at most a few kilometres.
+const HEIGHTS: i32 = 64;
 
 /// West, south, east, north in metres of a UTM zone.
 pub type UtmBox = (f64, f64, f64, f64);
@@ -79,11 +83,12 @@ pub fn default_aoi(views: &[(&Rpc, usize, usize)], grid: &SiteGrid, height_m: f6
 pub struct Overlap {
     /// EPSG code of the UTM zone.
     pub epsg: u32,
-    /// Ellipsoidal height of the ground, metres.
+    /// Ellipsoidal height at which the footprints are, metres.
     pub height_m: f64,
-    /// Each view's footprint, square metres.
+    /// Each view's footprint at that height, square metres.
     pub footprint_m2: Vec<f64>,
-    /// For each view the one it shares most ground with, and the share of its own footprint in percent.
+    /// For each view the one it shares most ground with, at the height where it shares most, and the share of its own
+    /// footprint in percent.
     pub nearest: Vec<Option<(usize, f64)>>,
     /// Views that must see ground for it to count as common.
     pub min_views: usize,
@@ -96,28 +101,64 @@ pub struct Overlap {
 }
 
 impl Scene {
-    /// Footprints and what they have in common, at the middle of the scene's height range.
+    /// As [`Scene::overlap_within`], in the scene's own height range.
+    ///
+    /// # Errors
+    /// As [`Scene::overlap_within`].
+    pub fn overlap(&self) -> Result<Overlap, SceneError> {
+        self.overlap_within(self.height_range())
+    }
+
+    /// Footprints and what they have in common, at the middle of a height range; where views do not share half of
+    /// their ground there, at the height of the range at which most ground is common.
+    ///
+    /// Where the land is far from the middle, images of one place have footprints apart there: each degree of
+    /// convergence moves them by 1.7 m in 100 m of height. What a view shares most is asked at every height.
     ///
     /// # Errors
     /// [`SceneError`] for a camera that sees no ground there, or a place outside UTM.
-    pub fn overlap(&self) -> Result<Overlap, SceneError> {
-        let (low, high) = self.height_range();
-        let height_m = 0.5 * (low + high);
+    pub fn overlap_within(&self, (low, high): (f64, f64)) -> Result<Overlap, SceneError> {
+        let middle = 0.5 * (low + high);
         let blind = |v: &View| SceneError::SeesNoGround {
             view: v.name.clone(),
             source_file: v.rpc_source.clone(),
-            height_m,
+            height_m: middle,
         };
         let Some(first) = self.views.first() else {
             return Err(SceneError::TooFewViews { found: 0, needed: 1 });
         };
         let center = self.center().ok_or_else(|| blind(first))?;
         let grid = SiteGrid::at(center)?;
-        let polygons = self
-            .views
-            .iter()
-            .map(|v| footprint(&v.rpc, (v.width, v.height), &grid, height_m).ok_or_else(|| blind(v)))
-            .collect::<Result<Vec<_>, _>>()?;
+        if let Some(view) = self.views.iter().find(|v| v.outline(&grid, middle).is_none()) {
+            return Err(blind(view));
+        }
+        let at_middle = self.overlap_at(&grid, middle).ok_or_else(|| blind(first))?;
+        let share = |o: &Overlap, i: usize| o.nearest[i].map_or(100.0, |n| n.1);
+        let is_half = |o: &Overlap| (0..self.views.len()).all(|i| share(o, i) >= MUCH_SHARED_PERCENT);
+        if is_half(&at_middle) || low >= high {
+            return Ok(at_middle);
+        }
+        let mut best = at_middle;
+        for k in 0..=HEIGHTS {
+            let height_m = low + (high - low) * f64::from(k) / f64::from(HEIGHTS);
+            let Some(mut other) = self.overlap_at(&grid, height_m) else { continue };
+            for i in 0..self.views.len() {
+                if share(&best, i) > share(&other, i) {
+                    other.nearest[i] = best.nearest[i];
+                }
+            }
+            if other.common_m2 > best.common_m2 {
+                best = other;
+            } else {
+                best.nearest = other.nearest;
+            }
+        }
+        Ok(best)
+    }
+
+    /// Footprints and what they have in common at one height; none where a camera sees no ground.
+    fn overlap_at(&self, grid: &SiteGrid, height_m: f64) -> Option<Overlap> {
+        let polygons: Vec<_> = self.views.iter().map(|v| v.outline(grid, height_m)).collect::<Option<_>>()?;
         let footprint_m2: Vec<f64> = polygons.iter().map(Area::unsigned_area).collect();
         let nearest = (0..polygons.len())
             .map(|i| {
@@ -130,7 +171,7 @@ impl Scene {
             .collect();
         let min_views = views_needed(self.views.len()).min(self.views.len());
         let common = ground_seen(&polygons, min_views);
-        Ok(Overlap {
+        Some(Overlap {
             epsg: grid.epsg,
             height_m,
             nearest,
@@ -142,12 +183,12 @@ impl Scene {
         })
     }
 
-    /// Refuses a scene in which a view shares no ground with any other.
+    /// Refuses a scene in which a view shares no ground with any other at any height of a range.
     ///
     /// # Errors
-    /// [`SceneError::NoSharedGround`], and those of [`Scene::overlap`].
-    pub fn require_shared_ground(&self) -> Result<(), SceneError> {
-        let overlap = self.overlap()?;
+    /// [`SceneError::NoSharedGround`], and those of [`Scene::overlap_within`].
+    pub fn require_shared_ground(&self, heights: (f64, f64)) -> Result<(), SceneError> {
+        let overlap = self.overlap_within(heights)?;
         for (i, nearest) in overlap.nearest.iter().enumerate() {
             let Some((j, percent)) = *nearest else { continue };
             if percent < LEAST_SHARED_PERCENT {
@@ -166,6 +207,10 @@ impl Scene {
 }
 
 impl View {
+    fn outline(&self, grid: &SiteGrid, height_m: f64) -> Option<Polygon<f64>> {
+        footprint(&self.rpc, (self.width, self.height), grid, height_m)
+    }
+
     /// The footprint's extent in words: `lon 5.4401 to 5.4523, lat 43.2611 to 43.2688`.
     #[must_use]
     pub fn place(&self, height_m: f64) -> String {

@@ -3,7 +3,7 @@
 //! Paths are relative to the file that names them.
 
 use super::sidecar::Sidecars;
-use super::source::{files_in, no_rpc, view};
+use super::source::{files_in, no_rpc, read_text, view};
 use super::{Aoi, Role, SceneError, Sun, View};
 use crate::rpc::formats::iso_date;
 use serde::Deserialize;
@@ -46,9 +46,12 @@ struct Entry {
 }
 
 /// Reads a list's views, and its area if it tells one.
-pub(super) fn read(path: &Path, warnings: &mut Vec<String>) -> Result<(Vec<View>, Option<Aoi>), SceneError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+pub(super) fn read(
+    path: &Path,
+    trust_rpc: bool,
+    warnings: &mut Vec<String>,
+) -> Result<(Vec<View>, Option<Aoi>), SceneError> {
+    let text = read_text(path)?;
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let wrong = |reason: String| SceneError::List { path: path.into(), reason };
     let (entries, aoi) = if text.trim_start().starts_with('{') {
@@ -64,20 +67,27 @@ pub(super) fn read(path: &Path, warnings: &mut Vec<String>) -> Result<(Vec<View>
         };
         (listed.views, aoi)
     };
-    let views = entries.into_iter().map(|e| e.view(path, folder, warnings)).collect::<Result<_, _>>()?;
+    let views =
+        entries.into_iter().map(|e| e.view(path, folder, trust_rpc, warnings)).collect::<Result<_, _>>()?;
     Ok((views, aoi))
 }
 
 impl Entry {
     /// The view; `list` is the file that names it, paths are relative to `folder`.
-    fn view(self, list: &Path, folder: &Path, warnings: &mut Vec<String>) -> Result<View, SceneError> {
+    fn view(
+        self,
+        list: &Path,
+        folder: &Path,
+        trust_rpc: bool,
+        warnings: &mut Vec<String>,
+    ) -> Result<View, SceneError> {
         let image = folder.join(&self.image);
         let beside = image.parent().unwrap_or(folder);
         let sidecars = match &self.rpc {
             Some(rpc) => Sidecars::with_camera(folder.join(rpc), &image, &files_in(beside)?),
             None => Sidecars::of(&image, &files_in(beside)?),
         };
-        let mut view = view(&image, &sidecars, warnings)?.ok_or_else(|| no_rpc(&image))?;
+        let mut view = view(&image, &sidecars, trust_rpc, warnings)?.ok_or_else(|| no_rpc(&image))?;
         let wrong = |reason: String| SceneError::List { path: list.into(), reason };
         if let Some([azimuth, elevation]) = self.sun {
             let sun = Sun::new(azimuth, elevation);

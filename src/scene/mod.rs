@@ -1,13 +1,16 @@
 //! What a user hands in: views (image, RPC, sun, date), and the readers that find them.
 
 mod aoi;
+mod camera_choice;
 mod checks;
+mod chip;
 mod dem;
 mod dfc2019;
 mod error;
 mod folder;
 mod footprint;
 mod manifest;
+mod map_fit;
 mod pixels;
 mod read;
 mod sidecar;
@@ -26,6 +29,6 @@ pub use footprint::{Overlap, UtmBox, default_aoi, footprint, ground_seen, views_
 pub use pixels::{Brightness, ValueRange};
 pub use read::{ReadOptions, read};
 pub use sidecar::ORDER as RPC_ORDER;
-pub use source::read_camera;
+pub use source::{read_camera, sources_of};
 pub use tone::Tone;
 pub use view::{Role, Scene, Sun, View, angle_between_deg};

@@ -22,6 +22,8 @@ pub struct ReadOptions {
     pub stretch_percent: Option<f64>,
     /// How the images' brightness stands for light.
     pub tone: Tone,
+    /// Takes the first RPC found for an image as it is, even if it seems to be another image's.
+    pub trust_rpc: bool,
 }
 
 /// Reads the scene at `path`.
@@ -39,7 +41,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
         .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
     let mut warnings = Vec::new();
     let (views, listed_aoi) = if about.is_file() && !is_image(path) {
-        manifest::read(path, &mut warnings)?
+        manifest::read(path, options.trust_rpc, &mut warnings)?
     } else if about.is_dir() {
         (in_folder(path, options, &mut warnings)?, None)
     } else {
@@ -72,14 +74,14 @@ fn in_folder(
     let images = path.join("images");
     if images.is_dir() && !images_in(&images)?.is_empty() {
         match choose(path, options.rpcs.as_deref())? {
-            Some(rpcs) => dfc2019::read(path, &rpcs, warnings),
-            None => folder::read(&images, warnings),
+            Some(rpcs) => dfc2019::read(path, &rpcs, options.trust_rpc, warnings),
+            None => folder::read(&images, options.trust_rpc, warnings),
         }
     } else if let Some(asked) = &options.rpcs {
         let (path, asked) = (path.into(), asked.clone());
         Err(SceneError::NoSuchRpcFolder { path, asked, folders: Vec::new() })
     } else {
-        folder::read(path, warnings)
+        folder::read(path, options.trust_rpc, warnings)
     }
 }
 

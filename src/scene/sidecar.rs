@@ -1,16 +1,28 @@
 //! Files beside an image that belong to it, by the names that vendors and GDAL give them.
 
 use super::SceneError;
+use super::camera_choice::file_name;
 use super::source::stem;
 use crate::rpc::Rpc;
-use crate::rpc::formats::ViewTags;
+use crate::rpc::formats::{self, ViewTags};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Endings of RPC files beside NAME, in the order in which they are preferred.
-const CAMERAS: [&str; 10] =
-    ["_rpc.txt", ".rpc.txt", ".rpc", ".rpb", "_rpc.xml", ".xml", ".geom", "_rpc.json", ".json", ".txt"];
+const CAMERAS: [&str; 11] = [
+    "_rpc.txt",
+    "_rpc_org.txt",
+    ".rpc.txt",
+    ".rpc",
+    ".rpb",
+    "_rpc.xml",
+    ".xml",
+    ".geom",
+    "_rpc.json",
+    ".json",
+    ".txt",
+];
 /// Endings of files beside NAME that tell sun and date.
 const METADATA: [&str; 2] = [".imd", ".xml"];
 /// What Airbus adds to the image's name for the bands it holds.
@@ -21,15 +33,24 @@ const SEARCHED_BYTES: u64 = 16 << 20;
 
 /// In words, for `satgs info`.
 pub const ORDER: &str = "NAME_RPC.TXT, NAME.RPB, NAME.XML or RPC_*.XML (Maxar, DIMAP), NAME.geom, NAME.json, \
-                         NAME.txt, .aux.xml, then the RPC inside the image";
+                         NAME.txt, .aux.xml, then the RPC inside the image (of a VRT first); one that is for another \
+                         image is passed over";
 
 /// The files of one image.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sidecars {
     /// RPC files, the most preferred first.
     pub cameras: Vec<PathBuf>,
+    /// Those of them that are the product's, of which the image is a tile.
+    pub of_product: Vec<PathBuf>,
     /// Files that tell sun, date and size.
     pub metadata: Vec<PathBuf>,
+    /// As `metadata`, of the product of which the image is a tile.
+    pub product_metadata: Vec<PathBuf>,
+    /// Maxar's file of the places of a product's tiles.
+    pub til: Option<PathBuf>,
+    /// Whether the image's name is that of a tile, whatever its files are.
+    pub is_tile_by_name: bool,
     /// Which part of a product the image is, when its files are the whole product's.
     pub tile: Option<Tile>,
     /// Whether the user chose the camera: the image's own does not count.
@@ -50,19 +71,23 @@ impl Sidecars {
         let file = image.file_name().map_or_else(String::new, |n| n.to_string_lossy().to_lowercase());
         let (product, tile) = split_tile(&name);
         let mut own = by_name(&name, &CAMERAS, listing);
+        own.extend(exactly(&format!("{file}.rpc"), listing));
+        own.extend(exactly(&format!("rpc_{name}.txt"), listing));
         own.retain(|p| is_about_rpc(p));
         let mut of_product = Vec::new();
-        let mut metadata = by_name(&name, &METADATA, listing);
+        let metadata = by_name(&name, &METADATA, listing);
+        let (mut product_metadata, mut til) = (Vec::new(), None);
         if tile.is_some() {
             of_product = by_name(&product, &CAMERAS, listing);
-            metadata.extend(by_name(&product, &METADATA, listing));
+            product_metadata = by_name(&product, &METADATA, listing);
+            til = exactly(&format!("{product}.til"), listing).into_iter().next();
         }
         if let Some(base) = product.strip_prefix("img") {
             let base = base.trim_start_matches('_');
             let short = AIRBUS_BANDS.iter().find_map(|b| base.strip_suffix(b));
             for base in std::iter::once(base).chain(short) {
                 of_product.extend(exactly(&format!("rpc_{base}.xml"), listing));
-                metadata.extend(exactly(&format!("dim_{base}.xml"), listing));
+                product_metadata.extend(exactly(&format!("dim_{base}.xml"), listing));
             }
             if base.is_empty() {
                 // DIMAP 1 calls every image IMG_R1C1; its one metadata file holds the model too.
@@ -72,15 +97,17 @@ impl Sidecars {
             }
         }
         of_product.retain(|p| is_about_rpc(p) && !own.contains(p));
-        let tile = if own.is_empty() && !of_product.is_empty() { tile } else { None };
         let auxiliary = exactly(&format!("{file}.aux.xml"), listing).into_iter().filter(|p| is_about_rpc(p));
-        let cameras = own.into_iter().chain(of_product).chain(auxiliary).collect();
-        Self { cameras, metadata, tile, is_chosen: false }
+        let cameras = own.into_iter().chain(of_product.iter().cloned()).chain(auxiliary).collect();
+        let is_tile_by_name = tile.is_some();
+        let tile = if of_product.is_empty() { None } else { tile };
+        Self { cameras, of_product, metadata, product_metadata, til, is_tile_by_name, tile, is_chosen: false }
     }
 
     /// Those of `image`, with a camera of the user's choice.
     pub(super) fn with_camera(camera: PathBuf, image: &Path, listing: &[PathBuf]) -> Self {
-        Self { cameras: vec![camera], tile: None, is_chosen: true, ..Self::of(image, listing) }
+        let of_product = Vec::new();
+        Self { cameras: vec![camera], of_product, tile: None, is_chosen: true, ..Self::of(image, listing) }
     }
 }
 
@@ -89,15 +116,24 @@ impl Tile {
     pub(super) fn camera(
         self,
         image: &Path,
-        whole: Rpc,
+        whole: &Rpc,
         tags: &ViewTags,
+        til: Option<&Path>,
         warnings: &mut Vec<String>,
     ) -> Result<Rpc, SceneError> {
         let Self { row, col } = self;
+        let listed = til.map(|til| formats::til_offset(til, &file_name(image))).transpose()?.flatten();
+        if let Some((first_col, first_row)) = listed {
+            return Ok(whole.shifted(-first_col, -first_row));
+        }
         let refused = |reason| Err(SceneError::TileOfMosaic { path: image.into(), row, col, reason });
         let Some(tiles) = tags.tiles else {
             let alone = (row, col) == (1, 1);
-            return if alone { Ok(whole) } else { refused("nothing beside it tells the tiles' size".into()) };
+            return if alone {
+                Ok(whole.clone())
+            } else {
+                refused("nothing beside it tells the tiles' size".into())
+            };
         };
         if col > tiles.across || row > tiles.down {
             return refused(format!("its product has {} x {} tiles", tiles.down, tiles.across));
@@ -176,7 +212,8 @@ mod tests {
         let names = |v: Vec<PathBuf>| -> Vec<String> {
             v.iter().map(|p| p.file_name().unwrap().to_string_lossy().into_owned()).collect()
         };
-        (names(s.cameras), names(s.metadata), s.tile)
+        let metadata = s.metadata.into_iter().chain(s.product_metadata).collect();
+        (names(s.cameras), names(metadata), s.tile)
     }
 
     #[test]

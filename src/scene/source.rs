@@ -1,27 +1,20 @@
 //! One image of a scene: the file, the cameras found in and beside it, its sun and date.
 
+use super::camera_choice::{Candidate, READ_BY_GDAL, Told, choose, file_name};
 use super::sidecar::Sidecars;
 use super::{Role, SceneError, Sun, View};
-use crate::frame::{CornerPx, Pixel};
 use crate::raster::ImageFile;
-use crate::rpc::Rpc;
-use crate::rpc::formats::{self, FormatError, RpcFile, SAME_PX, ViewTags};
+use crate::rpc::formats::{self, FormatError, RpcFile, ViewTags};
 use std::path::{Path, PathBuf};
 
 /// Extensions of images, in lower case.
 const IMAGES: [&str; 8] = ["tif", "tiff", "ntf", "nitf", "nsf", "jp2", "j2k", "vrt"];
+/// Extensions of rasters that are images if they hold an RPC: ENVI, PCIDSK, PNG, Erdas Imagine, raw.
+const OTHER_RASTERS: [&str; 8] = ["dat", "pix", "png", "img", "bil", "bip", "bsq", "jpg"];
 /// The GSD told and the camera's at mid height agree better than this factor, whatever the relief.
 const GSD_FACTOR: f64 = 1.35;
 /// The off-nadir angle told and the camera's agree better, wherever in the image the telling is meant.
 const OFF_NADIR_DEG: f64 = 5.0;
-/// A map-projected image's RPC sees its own centre closer than this share of its size.
-const OWN_GRID: f64 = 0.05;
-
-/// Where a camera was found.
-struct Camera {
-    file: RpcFile,
-    source: String,
-}
 
 /// Images of a folder, ordered by name; hidden files do not count.
 pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
@@ -29,7 +22,7 @@ pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
         .into_iter()
         .filter(|p| {
             let extension = p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-            extension.is_some_and(|e| IMAGES.contains(&e.as_str())) && !p.is_dir()
+            extension.is_some_and(|e| IMAGES.contains(&e.as_str())) && !p.is_dir() && !is_companion(p)
         })
         .collect();
     found.sort();
@@ -49,64 +42,70 @@ pub(super) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     Ok(found)
 }
 
+/// Text of a list or an area, as editors write it.
+pub(super) fn read_text(path: &Path) -> Result<String, SceneError> {
+    let bytes = std::fs::read(path)
+        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+    Ok(formats::decode(&bytes))
+}
+
+/// The images whose pixels a virtual raster shows, as it names them; none of any other file.
+#[must_use]
+pub fn sources_of(image: &Path) -> Vec<PathBuf> {
+    if !image.extension().is_some_and(|e| e.eq_ignore_ascii_case("vrt")) {
+        return Vec::new();
+    }
+    let Ok(text) = read_text(image) else { return Vec::new() };
+    let Ok(document) = roxmltree::Document::parse(&text) else { return Vec::new() };
+    let folder = image.parent().unwrap_or(Path::new("."));
+    let named =
+        document.descendants().filter(|n| ["SourceFilename", "SourceDataset"].contains(&n.tag_name().name()));
+    let mut found: Vec<PathBuf> = named.filter_map(|n| Some(folder.join(n.text()?.trim()))).collect();
+    found.sort();
+    found.dedup();
+    found
+}
+
+/// Whether a raster tells of another one, as Planet's `udm` and `udm2` do, and is no image itself.
+pub(super) fn is_companion(path: &Path) -> bool {
+    let name = stem(path).to_lowercase();
+    name.ends_with("_udm") || name.ends_with("_udm2") || name.contains("_udm2_") || name.contains("_udm_")
+}
+
+/// Rasters of a listing that satgs takes for no images: of other formats.
+pub(super) fn other_rasters(listing: &[PathBuf]) -> impl Iterator<Item = &PathBuf> {
+    listing.iter().filter(|p| {
+        let extension = p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        extension.is_some_and(|e| OTHER_RASTERS.contains(&e.as_str())) && !p.is_dir()
+    })
+}
+
 /// The file name without its extension.
 pub(super) fn stem(path: &Path) -> String {
     path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }
 
-/// Reads an image's view with the cameras beside and in it, the first of them; warnings are added to `warnings`.
+/// Reads an image's view with the camera beside or in it that fits it; warnings are added to `warnings`.
 ///
 /// None when there is no camera.
 pub(super) fn view(
     image: &Path,
     sidecars: &Sidecars,
+    trust_rpc: bool,
     warnings: &mut Vec<String>,
 ) -> Result<Option<View>, SceneError> {
     let file = ImageFile::open(image)?;
     file.check_complete()?;
     let size = file.size();
-    let mut cameras = cameras(&file, sidecars)?;
-    if cameras.is_empty() {
+    let candidates = cameras(&file, sidecars)?;
+    if candidates.is_empty() {
         return Ok(None);
     }
-    let mut chosen = cameras.remove(0);
-    for other in &cameras {
-        let distance = distance_px(&chosen.file.rpc, &other.file.rpc, size);
-        if distance > SAME_PX {
-            warnings.push(format!(
-                "`{}`: its {} and {from} differ by {distance:.1} px; {from} is used",
-                image.display(),
-                other.source,
-                from = chosen.source,
-            ));
-        }
-    }
-    warnings.append(&mut chosen.file.warnings);
-    let mut tags = chosen.file.tags;
-    for metadata in &sidecars.metadata {
-        match formats::read_tags(metadata) {
-            Ok(more) => tags = tags.or(more),
-            // The camera is whole without it.
-            Err(e) => warnings.push(e.to_string()),
-        }
-    }
-    let tags = tags.or(image_tags(&file));
-    let rpc = match sidecars.tile {
-        Some(tile) => tile.camera(image, chosen.file.rpc, &tags, warnings)?,
-        None => chosen.file.rpc,
+    let told = Told::read(sidecars, warnings);
+    let Some(chosen) = choose(&file, candidates, sidecars, &told, trust_rpc, warnings)? else {
+        return Ok(None);
     };
-    let is_part = sidecars.tile.is_some() && tags.tiles.is_none_or(|t| t.across.saturating_mul(t.down) > 1);
-    if let Some(told) = tags.size.filter(|told| *told != size && !is_part) {
-        return Err(SceneError::OtherSize {
-            rpc: sidecars.cameras.first().map_or(image, PathBuf::as_path).into(),
-            image: image.into(),
-            told_width: told.0,
-            told_height: told.1,
-            width: size.0,
-            height: size.1,
-        });
-    }
-    refuse_ortho(&file, &rpc)?;
+    let tags = chosen.tags.or(image_tags(&file));
     let view = View {
         name: stem(image),
         image: image.into(),
@@ -117,7 +116,7 @@ pub(super) fn view(
         stretch_percent: None,
         mask: None,
         nodata: tags.nodata,
-        rpc,
+        rpc: chosen.rpc,
         rpc_source: chosen.source,
         sun: tags.sun_deg.and_then(|(azimuth, elevation)| Sun::new(azimuth, elevation)),
         acquired: tags.acquired,
@@ -133,14 +132,14 @@ pub(super) fn view(
 ///
 /// # Errors
 /// [`SceneError`], naming the file.
-pub fn read_camera(path: &Path) -> Result<RpcFile, SceneError> {
+pub fn read_camera(path: &Path, trust_rpc: bool) -> Result<RpcFile, SceneError> {
     if !is_image(path) {
         return Ok(formats::read(path)?);
     }
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut warnings = Vec::new();
     let sidecars = Sidecars::of(path, &files_in(folder)?);
-    let view = view(path, &sidecars, &mut warnings)?.ok_or_else(|| no_rpc(path))?;
+    let view = view(path, &sidecars, trust_rpc, &mut warnings)?.ok_or_else(|| no_rpc(path))?;
     Ok(RpcFile { tags: view.tags(), rpc: view.rpc, format: "image", warnings })
 }
 
@@ -159,20 +158,26 @@ pub(super) fn no_rpc(image: &Path) -> SceneError {
     SceneError::NoRpc { path: image.into(), what }
 }
 
-/// The cameras of an image, the most preferred first: sidecars in their order, then what the file itself holds.
+/// The cameras of an image, the most preferred first: sidecars in their order, then what the file itself holds; of a
+/// virtual raster, whose sidecars are those of its source, its own comes first.
 ///
 /// The first must be whole; a broken one below a good one is nobody's problem.
-fn cameras(file: &ImageFile, sidecars: &Sidecars) -> Result<Vec<Camera>, FormatError> {
+fn cameras(file: &ImageFile, sidecars: &Sidecars) -> Result<Vec<Candidate>, FormatError> {
     let mut found = Vec::new();
+    let is_virtual = file.path().extension().is_some_and(|e| e.eq_ignore_ascii_case("vrt"));
+    if is_virtual && !sidecars.is_chosen {
+        found.extend(own_camera(file)?);
+    }
     for path in &sidecars.cameras {
-        let source = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         match formats::read(path) {
-            Ok(file) => found.push(Camera { file, source }),
+            Ok(read) => {
+                found.push(Candidate { file: read, source: file_name(path), path: Some(path.clone()) })
+            }
             Err(e) if found.is_empty() => return Err(e),
             Err(_) => {}
         }
     }
-    if sidecars.is_chosen {
+    if sidecars.is_chosen || is_virtual {
         return Ok(found);
     }
     match own_camera(file) {
@@ -184,9 +189,10 @@ fn cameras(file: &ImageFile, sidecars: &Sidecars) -> Result<Vec<Camera>, FormatE
 }
 
 /// The camera in the file: a TIFF's tag to the last bit, else what GDAL shows.
-fn own_camera(file: &ImageFile) -> Result<Option<Camera>, FormatError> {
+fn own_camera(file: &ImageFile) -> Result<Option<Candidate>, FormatError> {
     let path = file.path();
-    let camera = |rpc, source: &str| Camera { file: RpcFile::new(rpc, "GDAL"), source: source.into() };
+    let camera =
+        |rpc, source: &str| Candidate { file: RpcFile::new(rpc, "GDAL"), source: source.into(), path: None };
     if let Some(rpc) = formats::from_tiff(path)? {
         return Ok(Some(camera(rpc, "RPC tag")));
     }
@@ -194,39 +200,8 @@ fn own_camera(file: &ImageFile) -> Result<Option<Camera>, FormatError> {
     if file.metadata("RPC00A", "TRE").is_some() {
         return Err(FormatError::Rpc00a { file: path.into() });
     }
-    let source = if file.metadata("RPC00B", "TRE").is_some() { "RPC00B segment" } else { "RPC read by GDAL" };
+    let source = if file.metadata("RPC00B", "TRE").is_some() { "RPC00B segment" } else { READ_BY_GDAL };
     Ok(formats::from_gdal(path, &file.metadata_domain("RPC"))?.map(|rpc| camera(rpc, source)))
-}
-
-/// How far apart two cameras see the ground under an image's corners and centre, at most.
-pub(super) fn distance_px(a: &Rpc, b: &Rpc, (width, height): (usize, usize)) -> f64 {
-    let (w, h) = (width as f64, height as f64);
-    let places = [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h), (0.5 * w, 0.5 * h)];
-    let apart = places.map(|(col, row)| {
-        let px = Pixel::<CornerPx>::new(col, row).into();
-        a.localize(px, a.center().height_m()).map_or(f64::INFINITY, |p| b.project(p).distance(px))
-    });
-    // `f64::max` passes NaN over.
-    apart.into_iter().map(|d| if d.is_nan() { f64::INFINITY } else { d }).fold(0.0, f64::max)
-}
-
-/// Refuses a map whose RPC is that of the image it was made from.
-///
-/// An ortho-ready product (Maxar's OR2A) is a map at one height whose RPC is its own: at some height the camera sees
-/// the place of a pixel at that pixel.
-fn refuse_ortho(file: &ImageFile, rpc: &Rpc) -> Result<(), SceneError> {
-    let (width, height) = file.size();
-    let center = Pixel::<CornerPx>::new(0.5 * width as f64, 0.5 * height as f64);
-    let Some((lon, lat)) = file.lon_lat(center) else { return Ok(()) };
-    let (low, high) = rpc.height_range();
-    let nearest = (0..=20)
-        .map(|i| low + (high - low) * f64::from(i) / 20.0)
-        .map(|h| rpc.project(crate::frame::Point::new(lon, lat, h)).distance(center.into()))
-        .fold(f64::INFINITY, f64::min);
-    if nearest <= OWN_GRID * width.max(height) as f64 {
-        return Ok(());
-    }
-    Err(SceneError::Ortho { path: file.path().into(), distance_px: nearest })
 }
 
 /// A warning for a camera of another resolution than the metadata tell, or for a much larger image.

@@ -84,22 +84,29 @@ impl<'a> Fields<'a> {
     /// Takes `name` if it is a field of an RPC; a polynomial's twenty numbers may come in one.
     pub(super) fn take(&mut self, name: &str, text: &str) -> Result<(), FormatError> {
         let n = self.names;
-        if n.offsets.contains(&name) || n.scales.contains(&name) || n.errors.contains(&name) {
+        if n.errors.contains(&name) {
+            // They are optional: blank and `N/A` are not known.
+            if let Some(value) = parse_number(text) {
+                self.put(name.into(), value)?;
+            }
+        } else if n.offsets.contains(&name) || n.scales.contains(&name) {
             let value = self.number(name, text)?;
-            self.values.insert(name.into(), value);
+            self.put(name.into(), value)?;
         } else if n.polynomials.contains(&name) {
-            let terms: Vec<&str> = text.split_whitespace().collect();
+            // Blanks or commas between the terms, and a comma behind the last.
+            let terms: Vec<&str> =
+                text.split(|c: char| c == ',' || c.is_whitespace()).filter(|t| !t.is_empty()).collect();
             self.check_count(name, terms.len())?;
             for (i, term) in terms.iter().enumerate() {
                 let field = format!("{name}_{}", i + 1);
                 let value = self.number(&field, term)?;
-                self.values.insert(field, value);
+                self.put(field, value)?;
             }
         } else if let Some((polynomial, index)) = n.split_term(name) {
             self.check_count(polynomial, index.max(TERMS))?;
             let field = format!("{polynomial}_{index}");
             let value = self.number(&field, text)?;
-            self.values.insert(field, value);
+            self.put(field, value)?;
         }
         Ok(())
     }
@@ -114,6 +121,19 @@ impl<'a> Fields<'a> {
         let error = |i: usize| self.values.get(n.errors[i]).copied().unwrap_or(-1.0);
         in_file_order(from_fn(axis), from_fn(terms), from_fn(error))
             .map_err(|e| FormatError::invalid(self.file, e))
+    }
+
+    /// Takes a field's value; another one than before is an error.
+    fn put(&mut self, field: String, value: f64) -> Result<(), FormatError> {
+        match self.values.get(&field).copied() {
+            Some(first) if first.to_bits() != value.to_bits() && first != value => {
+                Err(FormatError::Twice { file: self.file.into(), field, first, second: value })
+            }
+            _ => {
+                self.values.insert(field, value);
+                Ok(())
+            }
+        }
     }
 
     fn require_all(&self) -> Result<(), FormatError> {

@@ -76,6 +76,23 @@ pub(super) fn imd_tags(content: &str) -> ViewTags {
     view_tags(|name| items.get(name).cloned())
 }
 
+/// Column and row of the product at which one of its tiles begins, by its `.TIL`; none if that does not list the tile.
+///
+/// # Errors
+/// [`FormatError::Unreadable`].
+pub fn til_offset(til: &Path, image: &str) -> Result<Option<(f64, f64)>, FormatError> {
+    let content = super::read_text(til)?;
+    // Each tile is a group of its own: `BEGIN_GROUP = TILE_1 … END_GROUP = TILE_1`.
+    for group in content.split("BEGIN_GROUP") {
+        let items = pvl(group.split_once('\n').unwrap_or_default().1);
+        if items.get("filename").is_some_and(|name| name.eq_ignore_ascii_case(image)) {
+            let number = |name: &str| parse_number(items.get(name)?).filter(|v| v.is_finite());
+            return Ok(number("ULColOffset").zip(number("ULRowOffset")));
+        }
+    }
+    Ok(None)
+}
+
 /// The text of an `.RPB`.
 #[must_use]
 pub fn to_rpb(rpc: &Rpc) -> String {

@@ -19,7 +19,7 @@ mod xml;
 pub use date::iso_date;
 pub use gdal::{from_gdal, to_gdal};
 pub use json::to_json;
-pub use maxar::to_rpb;
+pub use maxar::{til_offset, to_rpb};
 pub use text::to_text;
 pub use tiff::{from_tiff, parse_tiff};
 
@@ -112,6 +112,19 @@ pub enum FormatError {
     Rpc00a {
         /// The file.
         file: PathBuf,
+    },
+    /// A field that is there twice with two values.
+    #[error("`{file}`: `{field}` is given twice, as {first} and as {second}")]
+    #[diagnostic(help("which is right only its maker knows: remove the other"))]
+    Twice {
+        /// The file.
+        file: PathBuf,
+        /// The field.
+        field: String,
+        /// The value that comes first.
+        first: f64,
+        /// The other.
+        second: f64,
     },
     /// None of the formats.
     #[error("`{file}` is no RPC file that satgs reads{what}")]
@@ -270,7 +283,24 @@ fn read_text(file: &Path) -> Result<String, FormatError> {
         return Err(unreadable(format!("{} bytes are too many for an RPC", about.len())));
     }
     let bytes = std::fs::read(file).map_err(|e| unreadable(e.to_string()))?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
+    Ok(decode(&bytes))
+}
+
+/// Text as editors and Windows write it: UTF-16 by its byte-order mark, else UTF-8 with or without one.
+///
+/// What is neither becomes replacement characters.
+#[must_use]
+pub fn decode(bytes: &[u8]) -> String {
+    let utf16 = |rest: &[u8], number: fn([u8; 2]) -> u16| {
+        let words: Vec<u16> = rest.chunks_exact(2).map(|pair| number([pair[0], pair[1]])).collect();
+        String::from_utf16_lossy(&words)
+    };
+    match bytes {
+        [0xff, 0xfe, rest @ ..] => utf16(rest, u16::from_le_bytes),
+        [0xfe, 0xff, rest @ ..] => utf16(rest, u16::from_be_bytes),
+        [0xef, 0xbb, 0xbf, rest @ ..] => String::from_utf8_lossy(rest).into_owned(),
+        _ => String::from_utf8_lossy(bytes).into_owned(),
+    }
 }
 
 #[cfg(test)]

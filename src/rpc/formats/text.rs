@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// Reads the text of such a file; `file` is for messages.
 ///
-/// Accepts units, signs, `D` exponents, any case of keys, `=` for `:`, no blank behind it, CRLF, a byte-order
+/// Accepts units, signs, `D` exponents, any case of keys, `=` or a blank for `:`, no blank behind it, CRLF, a byte-order
 /// mark; fields it does not know are skipped, `ERR_BIAS` and `ERR_RAND` are optional.
 ///
 /// # Errors
@@ -16,7 +16,9 @@ use std::path::Path;
 pub(super) fn from_text(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
     let mut fields = Fields::new(file, &RPC00B);
     for line in content.lines() {
-        let Some((key, value)) = line.split_once([':', '=']) else { continue };
+        // `KEY: value`, `KEY = value`, or a blank alone between them.
+        let parted = line.split_once([':', '=']).or_else(|| line.trim().split_once([' ', '\t']));
+        let Some((key, value)) = parted else { continue };
         if value.trim().eq_ignore_ascii_case("RPC00A") {
             return Err(FormatError::Rpc00a { file: file.into() });
         }
