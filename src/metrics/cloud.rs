@@ -37,8 +37,7 @@ pub(super) fn open(path: &Path, epsg: Option<u32>) -> Result<(Reader, u32), Metr
 
 /// The points on a grid: heights in metres, NaN in cells without points; classes if any point has one.
 ///
-/// Points that are withheld or classified as noise are left out. The last of what is returned says how many cells stand
-/// far above all around them, as birds and noise that nobody classified do.
+/// Points that are withheld or classified as noise are left out.
 ///
 /// # Errors
 /// As [`open`]'s, which takes `epsg`; [`MetricsError::Cloud`] for damaged points.
@@ -46,7 +45,7 @@ pub(super) fn read(
     path: &Path,
     epsg: Option<u32>,
     grid: MapGrid,
-) -> Result<(Surface, Option<Vec<u8>>, Option<String>), MetricsError> {
+) -> Result<(Surface, Option<Vec<u8>>), MetricsError> {
     let (mut reader, epsg) = open(path, epsg)?;
     let damaged = |reason: String| MetricsError::Cloud { path: path.into(), reason };
     let system = HeightSystem::of_cloud(reader.header());
@@ -95,15 +94,19 @@ pub(super) fn read(
         vertical: system.from,
         undeclared_nodata: 0,
     };
+    Ok((surface, classes))
+}
+
+/// A note about cells that stand far above all around them, as birds and noise that nobody classified do.
+pub(super) fn stray_note(surface: &Surface) -> Option<String> {
     let strays = strays(&surface.height);
-    let note = (strays > 0).then(|| {
+    (strays > 0).then(|| {
         format!(
             "`{}`: {strays} cells stand {STRAY_M} m or more above all around them: birds or noise that is not \
              classified? --mask leaves them out, or a filter of PDAL",
-            path.display()
+            surface.path.display()
         )
-    });
-    Ok((surface, classes, note))
+    })
 }
 
 /// Cells that stand this far above each of the cells around them are pointed out, metres; nothing that stands on the

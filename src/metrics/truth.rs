@@ -95,8 +95,8 @@ impl Truth {
     pub fn read(path: &Path, options: &TruthOptions, grid: &MapGrid) -> Result<Self, MetricsError> {
         let mut notes = Vec::new();
         let (mut surface, mut classes) = if cloud::is_cloud(path) {
-            let (surface, classes, strays) = cloud::read(path, options.epsg, *grid)?;
-            notes.extend(strays);
+            let (surface, classes) = cloud::read(path, options.epsg, *grid)?;
+            notes.extend(cloud::stray_note(&surface));
             (surface, classes)
         } else {
             let (file, grid) = open_raster(path, Some(grid.epsg))?;
