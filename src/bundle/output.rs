@@ -4,7 +4,9 @@
 use super::error::BundleError;
 use super::report::Report;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, SiteGrid};
-use crate::raster::{CloudPoint, Marker, PointCloud, Vertical, epsg_of_cloud, write_file, write_markers};
+use crate::raster::{
+    CloudPoint, Marker, PointCloud, RasterError, Vertical, epsg_of_cloud, write_file, write_markers,
+};
 use crate::rpc::Rpc;
 use crate::rpc::formats;
 use crate::run_files::{ADJUSTMENT_REPORT, SPARSE_POINTS};
@@ -183,23 +185,50 @@ impl Adjustment {
 
     /// `tie_points.csv`, a line an observation, and `tie_points.gpkg`, a point each.
     fn write_tie_points(&self, folder: &Path) -> Result<(), BundleError> {
-        use std::fmt::Write;
-        let mut csv = String::from(
-            "point,lon,lat,h,sigma_east_m,sigma_north_m,sigma_up_m,angle_deg,view,col,row,residual_col,residual_row\n",
-        );
+        let mut csv = csv::Writer::from_writer(Vec::new());
+        let path = folder.join("tie_points.csv");
+        let failed = |e: csv::Error| RasterError::Write { path: path.clone(), reason: e.to_string() };
+        csv.write_record([
+            "point",
+            "lon",
+            "lat",
+            "h",
+            "sigma_east_m",
+            "sigma_north_m",
+            "sigma_up_m",
+            "angle_deg",
+            "view",
+            "col",
+            "row",
+            "residual_col",
+            "residual_row",
+        ])
+        .map_err(failed)?;
         let mut residual_px = vec![0.0f64; self.points.len()];
         for t in &self.tie_points {
             let [lon, lat, h] = self.points[t.point].position.xyz();
             let PointQuality { sigma_m: [east, north, up], angle_deg } = self.quality[t.point];
             let [d_col, d_row] = t.residual_px;
-            let _ = writeln!(
-                csv,
-                "{},{lon:.8},{lat:.8},{h:.3},{east:.3},{north:.3},{up:.3},{angle_deg:.1},{},{:.3},{:.3},{d_col:.3},{d_row:.3}",
-                t.point, self.cameras[t.view].0, t.px.col, t.px.row
-            );
+            csv.write_record([
+                t.point.to_string(),
+                format!("{lon:.8}"),
+                format!("{lat:.8}"),
+                format!("{h:.3}"),
+                format!("{east:.3}"),
+                format!("{north:.3}"),
+                format!("{up:.3}"),
+                format!("{angle_deg:.1}"),
+                self.cameras[t.view].0.clone(),
+                format!("{:.3}", t.px.col),
+                format!("{:.3}", t.px.row),
+                format!("{d_col:.3}"),
+                format!("{d_row:.3}"),
+            ])
+            .map_err(failed)?;
             residual_px[t.point] = residual_px[t.point].max(d_col.hypot(d_row));
         }
-        write_file(&folder.join("tie_points.csv"), csv)?;
+        let lines = csv.into_inner().map_err(|e| failed(e.into_error().into()))?;
+        write_file(&path, lines)?;
         let markers: Vec<Marker> = self
             .points
             .iter()

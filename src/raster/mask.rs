@@ -38,6 +38,13 @@ impl ImageFile {
         }
     }
 
+    /// Whether a band's values are entries of a colour table.
+    #[must_use]
+    pub fn is_palette(&self, index: usize) -> bool {
+        let band = self.dataset.rasterband(index);
+        band.is_ok_and(|b| b.color_interpretation() == ColorInterpretation::PaletteIndex)
+    }
+
     /// Whether a band is 0 or 255 at the nodes of a lattice, and both somewhere.
     fn is_all_or_nothing(&self, band: &RasterBand) -> bool {
         let (width, height) = self.size();

@@ -348,6 +348,15 @@ pub enum SceneError {
         /// The band asked for.
         asked: usize,
     },
+    /// Pixels are entries of a colour table.
+    #[error("`{image}`: its pixels are numbers of a palette's colours, whose differences mean nothing")]
+    #[diagnostic(help(
+        "gdal_translate -expand rgb IN OUT writes the colours themselves; the RPC has to be kept beside OUT"
+    ))]
+    Palette {
+        /// The image.
+        image: PathBuf,
+    },
     /// An RPC file cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -25,6 +25,8 @@ const CAMERAS: [&str; 11] = [
 ];
 /// Endings of files beside NAME that tell sun and date.
 const METADATA: [&str; 2] = [".imd", ".xml"];
+/// Endings of those that are named after the beginning of NAME (Planet, GeoEye).
+const ITEM_METADATA: [&str; 2] = ["_metadata.json", "_metadata.txt"];
 /// What Airbus adds to the image's name for the bands it holds.
 const AIRBUS_BANDS: [&str; 8] = ["_p", "_ms", "_pms", "_rgb", "_ned", "_ms-fs", "_pms-fs", "_ms-n"];
 
@@ -75,7 +77,8 @@ impl Sidecars {
         own.extend(exactly(&format!("rpc_{name}.txt"), listing));
         own.retain(|p| is_about_rpc(p));
         let mut of_product = Vec::new();
-        let metadata = by_name(&name, &METADATA, listing);
+        let mut metadata = by_name(&name, &METADATA, listing);
+        metadata.extend(of_item(&name, listing));
         let (mut product_metadata, mut til) = (Vec::new(), None);
         if tile.is_some() {
             of_product = by_name(&product, &CAMERAS, listing);
@@ -169,6 +172,16 @@ fn digits(text: &str) -> Option<(usize, &str)> {
     Some((text[..end].parse().ok()?, &text[end..]))
 }
 
+/// Metadata of the item that an image belongs to: the image's name begins with theirs; `name` is in lower case.
+fn of_item<'a>(name: &'a str, listing: &'a [PathBuf]) -> impl Iterator<Item = PathBuf> + 'a {
+    let is_its = move |path: &&PathBuf| {
+        let file = file_name(path).to_lowercase();
+        let item = ITEM_METADATA.iter().find_map(|ending| file.strip_suffix(ending));
+        item.is_some_and(|item| !item.is_empty() && name.starts_with(item))
+    };
+    listing.iter().filter(is_its).cloned()
+}
+
 /// The files of a listing called `name` and one of the endings, in the order of the endings; `name` is in lower case.
 pub(super) fn by_name(name: &str, endings: &[&str], listing: &[PathBuf]) -> Vec<PathBuf> {
     endings.iter().flat_map(|ending| exactly(&format!("{name}{ending}"), listing)).collect()
@@ -232,6 +245,9 @@ mod tests {
         assert_eq!((cameras, metadata), (vec![neo[0].to_owned()], vec![neo[1].to_owned()]));
         let old = found("IMG_R1C1.JP2", &["PHRDIMAP_P1BP--2018.XML"]);
         assert_eq!(old.0, ["PHRDIMAP_P1BP--2018.XML"]);
+        let planet = ["20230717_x_metadata.json", "20230718_x_metadata.json"];
+        let (_, metadata, _) = found("20230717_X_basic_pan_dn.tif", &planet);
+        assert_eq!(metadata, [planet[0]]);
         let strip = found("10NOV-M1BS_R1C2-0523.TIF", &["10NOV-M1BS-0523.XML"]);
         assert_eq!((strip.0.len(), strip.2), (1, Some(Tile { row: 1, col: 2 })));
     }

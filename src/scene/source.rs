@@ -96,6 +96,9 @@ pub(super) fn view(
 ) -> Result<Option<View>, SceneError> {
     let file = ImageFile::open(image)?;
     file.check_complete()?;
+    if file.is_palette(1) {
+        return Err(SceneError::Palette { image: image.into() });
+    }
     let size = file.size();
     let candidates = cameras(&file, sidecars)?;
     if candidates.is_empty() {

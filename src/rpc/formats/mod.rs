@@ -12,6 +12,7 @@ mod geom;
 mod json;
 mod keys;
 mod maxar;
+mod product;
 mod text;
 mod tiff;
 mod xml;
@@ -267,6 +268,8 @@ pub fn read_tags(file: &Path) -> Result<ViewTags, FormatError> {
     let content = content.trim_start_matches('\u{feff}').trim_start();
     Ok(match content.as_bytes().first() {
         Some(b'<') => xml::tags_of_xml(file, content)?,
+        Some(b'{') => product::planet_tags(content),
+        _ if product::is_geoeye(content) => product::geoeye_tags(content),
         _ if maxar::is_pvl(content) => maxar::imd_tags(content),
         _ => ViewTags::default(),
     })

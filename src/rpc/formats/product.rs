@@ -1,0 +1,70 @@
+//! Sun and date in the metadata of products without an RPC of their own format: Planet's JSON, GeoEye's and IKONOS' text.
+
+use super::{ViewTags, iso_date};
+use serde_json::Value;
+
+/// What a Planet item's `_metadata.json` tells: a GeoJSON feature with `properties`.
+pub(super) fn planet_tags(content: &str) -> ViewTags {
+    let Ok(item) = serde_json::from_str::<Value>(content) else { return ViewTags::default() };
+    let properties = item.get("properties").unwrap_or(&item);
+    let number = |key: &str| properties.get(key).and_then(Value::as_f64);
+    ViewTags {
+        sun_deg: number("sun_azimuth").zip(number("sun_elevation")),
+        acquired: properties.get("acquired").and_then(Value::as_str).and_then(iso_date),
+        gsd_m: number("gsd"),
+        off_nadir_deg: number("view_angle").map(f64::abs),
+        ..ViewTags::default()
+    }
+}
+
+/// Whether a text is GeoEye's `_metadata.txt`.
+pub(super) fn is_geoeye(content: &str) -> bool {
+    content.contains("Sun Angle Azimuth:")
+}
+
+/// What it tells of its first image: lines `Key: value unit`.
+pub(super) fn geoeye_tags(content: &str) -> ViewTags {
+    let value = |key: &str| {
+        let mut lines = content.lines().filter_map(|line| line.trim().strip_prefix(key)?.strip_prefix(':'));
+        lines.next().map(str::trim)
+    };
+    let number = |key: &str| value(key)?.split_whitespace().next()?.parse::<f64>().ok();
+    // `2010-06-15 18:44 GMT` has no seconds.
+    let time = value("Acquisition Date/Time").map(|t| t.trim_end_matches("GMT").trim());
+    let with_seconds = |t: &str| if t.matches(':').count() == 1 { format!("{t}:00") } else { t.to_owned() };
+    ViewTags {
+        sun_deg: number("Sun Angle Azimuth").zip(number("Sun Angle Elevation")),
+        acquired: time.and_then(|t| iso_date(&with_seconds(t))),
+        off_nadir_deg: number("Nominal Collection Elevation").map(|elevation| 90.0 - elevation),
+        ..ViewTags::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planets_items_tell_sun_date_and_resolution() {
+        let tags = planet_tags(
+            r#"{"id": "x", "properties": {"acquired": "2023-07-17T09:56:10.25Z", "gsd": 0.8, "sun_azimuth": 121.5,
+                "sun_elevation": 58.3, "view_angle": -12.5}}"#,
+        );
+        assert_eq!(tags.sun_deg, Some((121.5, 58.3)));
+        assert_eq!(tags.acquired.as_deref(), Some("2023-07-17T09:56:10Z"));
+        assert_eq!((tags.gsd_m, tags.off_nadir_deg), (Some(0.8), Some(12.5)));
+        assert_eq!(planet_tags("{").sun_deg, None);
+    }
+
+    #[test]
+    fn geoeyes_text_tells_the_first_images_sun() {
+        let text = "Product Image ID: 000\nNominal Collection Elevation: 70.5 degrees\nSun Angle Azimuth: 141.3 degrees\n\
+                    Sun Angle Elevation: 62.1 degrees\nAcquisition Date/Time: 2010-06-15 18:44 GMT\n\
+                    Sun Angle Azimuth: 1.0 degrees\n";
+        assert!(is_geoeye(text));
+        let tags = geoeye_tags(text);
+        assert_eq!(tags.sun_deg, Some((141.3, 62.1)));
+        assert_eq!(tags.acquired.as_deref(), Some("2010-06-15T18:44:00Z"));
+        assert_eq!(tags.off_nadir_deg, Some(19.5));
+    }
+}
