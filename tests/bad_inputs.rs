@@ -307,7 +307,9 @@ fn nodata_is_what_reaches_the_border_and_black_pixels_within_are_black() {
         gdal::DatasetOptions { open_flags: gdal::GdalOpenFlags::GDAL_OF_UPDATE, ..Default::default() },
     );
     let dataset = dataset.unwrap();
-    let pixels: Vec<u8> = (0..64 * 64).map(|i| if is_black(i % 64, i / 64) { 0 } else { 100 }).collect();
+    // Dark pixels beside the black ones: 0 is a value of the image like theirs.
+    let pixels: Vec<u8> =
+        (0..64 * 64).map(|i| if is_black(i % 64, i / 64) { 0 } else { 1 + (i % 150) as u8 }).collect();
     for band in 1..=3 {
         let mut band = dataset.rasterband(band).unwrap();
         band.set_no_data_value(Some(0.0)).unwrap();

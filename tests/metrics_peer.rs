@@ -59,9 +59,12 @@ fn scores_of_the_peer_dsm_are_those_of_the_peer() {
     assert_near("ncc MAE", ncc.scores.mae_m, 1.470);
 
     let xyz = verdict(&evaluation, Method::Xyz);
-    assert!(xyz.scores.mae_m <= 1.113 + TOLERANCE_M, "xyz MAE {}", xyz.scores.mae_m);
-    assert!((xyz.registration.dx_cells + 0.29).abs() < 0.1, "{:?}", xyz.registration);
-    assert!((xyz.registration.dy_cells + 1.38).abs() < 0.1, "{:?}", xyz.registration);
+    // The smallest error of all bilinear shifts is 1.113 m, at (-0.29, -1.38): interpolation half-way between cells
+    // smooths the noise of this surface, and loses the cells around its holes. Without that reward:
+    assert_near("xyz MAE", xyz.scores.mae_m, 1.169);
+    assert!((xyz.registration.dx_cells - 0.06).abs() < 0.1, "{:?}", xyz.registration);
+    assert!((xyz.registration.dy_cells + 1.18).abs() < 0.1, "{:?}", xyz.registration);
+    assert!((xyz.scores.completeness - 0.992).abs() < 1e-3);
 
     // Every division shares the same land out, and its parts' errors make the whole's.
     for v in &evaluation.verdicts {

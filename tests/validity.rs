@@ -287,7 +287,11 @@ fn planets_usable_data_mask_is_a_mask_and_no_image() {
     let scene = read(folder.path(), &ReadOptions::default()).unwrap();
     assert_eq!((scene.views.len(), missing(&scene)), (2, 2 * 64 + 100));
     assert!(scene.views[1].valid_pixels().unwrap().is_none());
-    assert!(scene.warnings.iter().any(|w| w.contains("a_udm2.tif` is no image")), "{:?}", scene.warnings);
+    assert!(
+        scene.warnings.iter().any(|w| w.contains("a_udm2.tif` is taken as the mask of a")),
+        "{:?}",
+        scene.warnings
+    );
 }
 
 #[test]

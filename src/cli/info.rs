@@ -4,6 +4,8 @@ use super::scene_args::SceneArgs;
 use super::{Failure, Ui};
 use crate::raster::{ImageFile, Outline, check_writable, write_outlines};
 use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, ValueRange, View, angle_between_deg};
+use crate::splat::expectation::{BEST_CONVERGENCE_DEG, Extent, best_convergence_deg};
+use crate::splat::recipe::Recipe;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -12,8 +14,6 @@ use std::path::PathBuf;
 const LISTED_PAIRS: usize = 5;
 /// Views up to which a matrix fits a terminal.
 const MATRIX_VIEWS: usize = 8;
-/// The convergence at which heights are best: enough base, and the views still look alike.
-const GOOD_CONVERGENCE_DEG: f64 = 20.0;
 
 /// Show what a scene holds: views, cameras, suns, dates, convergence angles, common ground
 #[derive(clap::Args)]
@@ -48,8 +48,10 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let order = format!("of several RPCs the first counts: {RPC_ORDER}\n");
     let tone = tone_hint(&scene, &rows).unwrap_or_default();
     let valid = validity_notes(&rows);
-    let text =
-        [table(&rows) + &order + tone + &valid, pairs.text(&rows), ground(&scene, &overlap)].join("\n");
+    let expected = expectation(&rows, &pairs, &overlap);
+    let text = [table(&rows) + &order + tone + &valid, pairs.text(&rows), ground(&scene, &overlap)]
+        .join("\n")
+        + &expected;
     if let Some(file) = &args.footprints {
         write_outlines(file, "footprints", &outlines(&rows, overlap.height_m))?;
     }
@@ -218,7 +220,7 @@ impl Pairs {
     fn best(&self) -> Vec<(usize, usize, f64)> {
         let mut best = self.0.clone();
         best.sort_by(|a, b| {
-            (a.2 - GOOD_CONVERGENCE_DEG).abs().total_cmp(&(b.2 - GOOD_CONVERGENCE_DEG).abs())
+            (a.2 - BEST_CONVERGENCE_DEG).abs().total_cmp(&(b.2 - BEST_CONVERGENCE_DEG).abs())
         });
         best.truncate(LISTED_PAIRS);
         best
@@ -245,7 +247,7 @@ impl Pairs {
                 out.push('\n');
             }
         } else if rows.len() > MATRIX_VIEWS {
-            let _ = writeln!(out, "nearest to {GOOD_CONVERGENCE_DEG:.0}°:");
+            let _ = writeln!(out, "nearest to {BEST_CONVERGENCE_DEG:.0}°:");
             for (i, j, angle) in self.best() {
                 let _ = writeln!(out, "  {angle:5.1}°  {}  {}", rows[i].view.name, rows[j].view.name);
             }
@@ -289,6 +291,27 @@ fn ground(scene: &Scene, o: &Overlap) -> String {
         let _ = writeln!(out, "  {} looks elsewhere: {}", view.name, view.place(o.height_m));
     }
     out
+}
+
+/// What `satgs run` can be expected to give and take; nothing without common ground.
+fn expectation(rows: &[Row], pairs: &Pairs, o: &Overlap) -> String {
+    let (Some((west, south, east, north)), Some(recipe)) = (o.common_box, Recipe::named(Recipe::NAMES[0]))
+    else {
+        return String::new();
+    };
+    let is_trained = |i: usize| rows[i].view.role == Role::Train;
+    let angles = pairs.0.iter().filter(|p| is_trained(p.0) && is_trained(p.1)).map(|p| p.2);
+    let mut gsd: Vec<f64> = rows.iter().filter_map(|r| r.gsd_m.map(|(c, r)| (c * r).sqrt())).collect();
+    gsd.sort_by(f64::total_cmp);
+    let Some(gsd_m) = gsd.get(gsd.len() / 2).copied() else { return String::new() };
+    let extent = Extent {
+        views: (0..rows.len()).filter(|i| is_trained(*i)).count(),
+        convergence_deg: best_convergence_deg(angles),
+        gsd_m,
+        area_m2: (east - west) * (north - south),
+    };
+    let threads = rayon::current_num_threads();
+    extent.expectation(&recipe, threads).text(&extent, threads) + "\n"
 }
 
 fn summary(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> Value {

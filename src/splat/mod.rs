@@ -7,6 +7,7 @@ pub mod checkpoint;
 pub mod consistency;
 pub mod cpu;
 pub mod density;
+pub mod expectation;
 pub mod gaussians;
 pub mod hold;
 pub mod init;

@@ -1,5 +1,6 @@
 //! From adjusted cameras and sparse points to what training needs: the site, its area and heights, affine cameras.
 
+use super::expectation::{Extent, best_convergence_deg};
 use super::init::{SiteBox, height_range, quantile};
 use super::sweep::{PARALLAX, parallax};
 use super::views::TrainingView;
@@ -225,6 +226,24 @@ impl Setup {
                 Ok(view.with_tone(self.tone))
             })
             .collect()
+    }
+
+    /// What it is made of, for what can be expected of it.
+    #[must_use]
+    pub fn extent(&self) -> Extent {
+        let views: Vec<&FittedView> = self.views.iter().filter(|v| v.role == Role::Train).collect();
+        let pairs = views.iter().enumerate().flat_map(|(i, a)| views[i + 1..].iter().map(move |b| (a, b)));
+        let angles = pairs.map(|(a, b)| {
+            let [a, b] = [a.camera.lean(), b.camera.lean()];
+            (a[0] - b[0]).hypot(a[1] - b[1]).atan().to_degrees()
+        });
+        let (west, south, east, north) = self.area;
+        Extent {
+            views: views.len(),
+            convergence_deg: best_convergence_deg(angles),
+            gsd_m: quantile(views.iter().map(|v| v.camera.gsd_m()).collect(), 0.5).unwrap_or(f64::NAN),
+            area_m2: (east - west) * (north - south),
+        }
     }
 
     /// Half the diagonal of the area: half the side of the papers' cube, metres.
