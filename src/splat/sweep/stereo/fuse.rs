@@ -19,6 +19,8 @@ const FILL_M: f64 = 40.0;
 /// Which of the values in eight directions fills a cell, from the lowest: what is hidden lies below what hides it
 /// (Hirschmüller 2008, §2.6.3).
 const FILL_RANK: usize = 1;
+/// Directions of the eight in which there must be one: nothing is filled beyond the margins of what is known.
+const FILL_DIRECTIONS: usize = 5;
 const DIRECTIONS: [(i64, i64); 8] = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)];
 
 /// Altitudes and scores on the grid.
@@ -159,7 +161,7 @@ fn fill(sweep: &Sweep, altitude: &mut Plane, score: &mut Plane) {
         };
         let mut found: Vec<f32> = DIRECTIONS.iter().filter_map(along).collect();
         found.sort_unstable_by(f32::total_cmp);
-        found.get(FILL_RANK).or(found.first()).copied()
+        if found.len() < FILL_DIRECTIONS { None } else { found.get(FILL_RANK).copied() }
     };
     let width = known.width;
     let rows = altitude.data.par_chunks_mut(width).zip(score.data.par_chunks_mut(width));

@@ -23,7 +23,7 @@ const SMALLEST_PART: usize = 40;
 const CONNECTED_M: f32 = 1.5;
 /// Altitudes are averaged over windows of this half side, twice; what lies so far away, pixels, counts a quarter.
 const SMOOTHED: i64 = 2;
-const SMOOTHED_PX: f64 = 0.5;
+const SMOOTHED_PX: f64 = 1.0;
 
 /// Altitudes of a view's pixels.
 pub(super) struct AltitudeMap {
