@@ -29,6 +29,18 @@ fn text_camera() -> (tempfile::TempDir, String) {
 }
 
 #[test]
+fn a_file_in_utf_16_is_text_and_no_image() {
+    let (folder, path) = text_camera();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let words = std::iter::once(0xfeff).chain(text.encode_utf16());
+    let utf16 = folder.path().join("b_RPC.TXT");
+    std::fs::write(&utf16, words.flat_map(u16::to_le_bytes).collect::<Vec<u8>>()).unwrap();
+    let project = |path: &str| said(&satgs(&["rpc", "project", path, "5.44 43.26 100"]));
+    let (code, px, error) = project(utf16.to_str().unwrap());
+    assert_eq!((code, &px), (Some(0), &project(&path).1), "{error}");
+}
+
+#[test]
 fn points_go_there_and_back() {
     let (_folder, rpc) = text_camera();
     let (code, ground, _) = said(&satgs(&["rpc", "localize", &rpc, "10,20,130", "3.5 4.25 90"]));

@@ -293,19 +293,23 @@ fn ground(scene: &Scene, o: &Overlap) -> String {
     out
 }
 
-/// What `satgs run` can be expected to give and take; nothing without common ground.
+/// What `satgs run` can be expected to give and take; nothing without two views of common ground.
 fn expectation(rows: &[Row], pairs: &Pairs, o: &Overlap) -> String {
     let (Some((west, south, east, north)), Some(recipe)) = (o.common_box, Recipe::named(Recipe::NAMES[0]))
     else {
         return String::new();
     };
     let is_trained = |i: usize| rows[i].view.role == Role::Train;
+    let views = (0..rows.len()).filter(|i| is_trained(*i)).count();
+    if views < 2 {
+        return String::new();
+    }
     let angles = pairs.0.iter().filter(|p| is_trained(p.0) && is_trained(p.1)).map(|p| p.2);
     let mut gsd: Vec<f64> = rows.iter().filter_map(|r| r.gsd_m.map(|(c, r)| (c * r).sqrt())).collect();
     gsd.sort_by(f64::total_cmp);
     let Some(gsd_m) = gsd.get(gsd.len() / 2).copied() else { return String::new() };
     let extent = Extent {
-        views: (0..rows.len()).filter(|i| is_trained(*i)).count(),
+        views,
         convergence_deg: best_convergence_deg(angles),
         gsd_m,
         area_m2: (east - west) * (north - south),

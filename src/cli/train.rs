@@ -123,8 +123,8 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     stage.require_writable()?;
     require_images(&scene)?;
     let job = Job::new(run, options, recipe, &scene)?;
-    if job.recipe.name == Recipe::NAMES[0] && options.iterations.is_none() {
-        let (extent, threads) = (job.setup.extent(), rayon::current_num_threads());
+    let (extent, threads) = (job.setup.extent(), rayon::current_num_threads());
+    if job.recipe.name == Recipe::NAMES[0] && options.iterations.is_none() && extent.views > 1 {
         ui.note(&extent.expectation(&job.recipe, threads).text(&extent, threads));
     }
     let views = job.setup.training_views(&scene)?;

@@ -151,7 +151,8 @@ pub(super) fn is_image(path: &Path) -> bool {
     use std::io::Read;
     let mut head = Vec::new();
     let read = std::fs::File::open(path).and_then(|f| f.take(512).read_to_end(&mut head));
-    read.is_ok() && (head.contains(&0) || head.starts_with(b"NITF") || head.starts_with(b"NSIF"))
+    let is_utf16 = head.starts_with(&[0xff, 0xfe]) || head.starts_with(&[0xfe, 0xff]);
+    read.is_ok() && (head.contains(&0) && !is_utf16 || head.starts_with(b"NITF") || head.starts_with(b"NSIF"))
 }
 
 /// The error for an image without a camera.
