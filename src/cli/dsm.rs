@@ -21,9 +21,9 @@ use std::path::{Path, PathBuf};
 /// dsm.tif holds heights in metres (float32, NaN nodata): the splats' surface, which recipe `best` has matched with the
 /// images once more; `baeogs` and `eogs` take the mean of the splats' altitudes over nine cells. ortho.tif holds the
 /// colours without shadows as the reference view would see them. confidence.tif holds for each cell the splats' opacity,
-/// the spread of their altitudes (m) and the number of views that see it; cells that valid pixels of fewer than two images
-/// cover are nodata. All are Cloud-Optimized GeoTIFFs that open in QGIS, with dsm.qml to colour the heights there. hillshade.png is
-/// a picture of the surface.
+/// the spread of their altitudes (m) and the number of views that see it, 0 where its height was filled from around; cells
+/// that valid pixels of fewer than two images cover are nodata. All are Cloud-Optimized GeoTIFFs that open in QGIS, with
+/// dsm.qml to colour the heights there. hillshade.png is a picture of the surface.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Folder that `satgs train RUN` filled
@@ -141,7 +141,10 @@ fn vertical_name(run: &Path, options: &Options) -> Result<String, Failure> {
     }
     let dsm = run.join(DSM);
     let from = match dsm.exists() {
-        true => HeightSystem::of_raster(&ImageFile::open(&dsm)?)?.from,
+        // One that cannot be read says nothing.
+        true => {
+            ImageFile::open(&dsm).and_then(|file| HeightSystem::of_raster(&file)).map_or(None, |h| h.from)
+        }
         false => None,
     };
     Ok(from.unwrap_or_else(|| Vertical::ELLIPSOID.into()))
@@ -194,6 +197,9 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
     surface.metadata = vec![("INPUTS", names.join(", "))];
     surface.count_views(&setup.site, &seeing(run, &views)?);
+    if let Some(matched) = &matched {
+        surface.mark_filled(matched);
+    }
     if let Some(reach_m) = options.fill {
         surface.fill(reach_m);
     }

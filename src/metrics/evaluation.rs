@@ -203,7 +203,7 @@ fn notes(prediction: &Surface, truth: &Truth, sampling: Sampling, difference_m: 
         if s.undeclared_nodata > 0 {
             let n = s.undeclared_nodata;
             notes.push(format!(
-                "`{path}`: {n} cells of -9999, less, or infinity, not declared as nodata, are left out"
+                "`{path}`: {n} cells of -9999, -32768 or infinity, not declared as nodata, are left out"
             ));
         }
         if let Some(unit) = &s.converted_from {

@@ -23,6 +23,8 @@ const STEP: f64 = 0.5;
 const MOVES: usize = 24;
 /// Step at which the refinement stops, in cells.
 const FINEST: f64 = 1.0 / 256.0;
+/// Moves of the refinement at one step.
+const MOST_MOVES: usize = 64;
 /// Cells looked at for every shift of the grid.
 const SCREENED_CELLS: usize = 1 << 16;
 /// Cells looked at for the best of them and for the refinement.
@@ -206,7 +208,7 @@ impl<'a> Search<'a> {
 
     /// Pattern search: to the best of eight neighbours while one is better, then with half the step.
     fn refined(&self, mut best: Candidate) -> Candidate {
-        let mut step = STEP / 2.0;
+        let (mut step, mut moves) = (STEP / 2.0, 0);
         while step >= FINEST {
             let neighbours: Vec<(f64, f64)> = (-1..=1)
                 .flat_map(|j| (-1..=1).map(move |i| (f64::from(i), f64::from(j))))
@@ -217,8 +219,9 @@ impl<'a> Search<'a> {
             let least = best.cells as f64 * LEAST_CELLS;
             let better = all.into_iter().filter(|c| c.cells as f64 >= least && c.against(&best).0 < 0.0);
             match better.reduce(|a, b| if b.is_better_than(&a) { b } else { a }) {
-                Some(better) => best = better,
-                None => step /= 2.0,
+                // What is better on common cells need not end: of three shifts each may beat the next.
+                Some(better) if moves < MOST_MOVES => (best, moves) = (better, moves + 1),
+                _ => (step, moves) = (step / 2.0, 0),
             }
         }
         best

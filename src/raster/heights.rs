@@ -5,10 +5,9 @@ use super::crs::vertical_part;
 use super::{ImageFile, Plane, RasterError, Vertical, Window};
 use gdal::spatial_ref::SpatialRef;
 
-/// Heights at or below this, as stored, are a nodata value that the file does not declare: -9999, -32768, -3.4e38.
-const UNDECLARED_NODATA: f32 = -9999.0;
-/// No height is as large, as stored; the other end of 32-bit numbers stands for no data too.
-const NO_HEIGHT: f32 = 1e6;
+/// Values, as stored, that stand for no data where a file declares none; so do those as large as this, either way.
+const UNDECLARED_NODATA: [f32; 5] = [-9999.0, -32767.0, -32768.0, -99_999.0, -999_999.0];
+const NO_HEIGHT: f32 = 1e30;
 /// `GeoTIFF` keys of the vertical unit, and its EPSG codes of metre, foot, US survey foot.
 const VERTICAL_UNITS_KEY: u16 = 4099;
 const UNIT_CODES: [(u16, &str); 3] = [(9001, "metre"), (9002, "foot"), (9003, "US survey foot")];
@@ -155,7 +154,7 @@ impl ImageFile {
         for v in &mut plane.data {
             if nodata == Some(*v) {
                 *v = f32::NAN;
-            } else if v.is_infinite() || *v <= UNDECLARED_NODATA || *v >= NO_HEIGHT {
+            } else if v.abs() >= NO_HEIGHT || UNDECLARED_NODATA.contains(v) {
                 *v = f32::NAN;
                 undeclared += 1;
             }

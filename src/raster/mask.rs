@@ -1,6 +1,6 @@
 //! What a raster file itself says about which of its pixels are valid: alpha bands and GDAL's masks.
 
-use super::{ImageFile, Plane, RasterError, Window};
+use super::{ImageFile, RasterError, Window};
 use gdal::raster::{ColorInterpretation, GdalDataType, RasterBand, ResampleAlg};
 
 /// Places along each side of an image at which a band is looked at, to tell what it is.
@@ -53,26 +53,6 @@ impl ImageFile {
         let Ok(values) = values else { return false };
         let has = |v: u8| values.data().contains(&v);
         has(0) && has(255) && values.data().iter().all(|v| [0, 255].contains(v))
-    }
-
-    /// A window of a band at some size, averaged down, its values as they lie in the file: neither nodata nor a band's scale
-    /// and offset are looked at.
-    ///
-    /// # Errors
-    /// As [`ImageFile::read`].
-    pub(crate) fn read_raw(
-        &self,
-        index: usize,
-        window: Window,
-        (width, height): (usize, usize),
-    ) -> Result<Plane, RasterError> {
-        let (path, found) = (self.path().to_path_buf(), self.bands());
-        let band = self.dataset.rasterband(index);
-        let band = band.map_err(|_| RasterError::NoBand { path: path.clone(), found, asked: index })?;
-        let (from, size) = ((window.col as isize, window.row as isize), (window.width, window.height));
-        let pixels = band.read_as::<f32>(from, size, (width, height), Some(ResampleAlg::Average));
-        let pixels = pixels.map_err(|e| RasterError::Read { path, reason: e.to_string() })?;
-        Ok(Plane { width, height, data: pixels.into_shape_and_vec().1 })
     }
 
     /// The masks of some bands: the alpha bands among the others, and masks inside or beside the file (.msk). Nodata values

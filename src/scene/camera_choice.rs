@@ -19,6 +19,8 @@ const WHOLE: f64 = 0.25;
 const ONE_FACTOR: f64 = 0.02;
 /// No RPC's volume is smaller than its image by this factor: outside it cubic polynomials run away.
 const LARGER: f64 = 1.5;
+/// Images are scaled by whole numbers up to this; beyond, every size is near a whole part of another.
+const MOST_TIMES: f64 = 8.5;
 /// Offsets this near the centre of an image, as a share of its size, and scales this near half of it are its own.
 const CENTERED: f64 = 0.1;
 const SPAN: f64 = 0.005;
@@ -247,7 +249,7 @@ fn refuse_other_scale(image: &ImageFile, candidate: &Candidate, rpc: &Rpc) -> Re
     let (across, down) = (width as f64 / (2.0 * c.col.scale), height as f64 / (2.0 * c.row.scale));
     let is_one = (across / down - 1.0).abs() < ONE_FACTOR;
     let times = (across * down).sqrt().recip();
-    let is_times = times > LARGER && (times / times.round() - 1.0).abs() < ONE_FACTOR;
+    let is_times = (LARGER..MOST_TIMES).contains(&times) && (times / times.round() - 1.0).abs() < ONE_FACTOR;
     if !is_one || !(across.min(down) > LARGER || is_times) {
         return Ok(());
     }

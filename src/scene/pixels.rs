@@ -197,7 +197,7 @@ struct Files<'a> {
 impl Files<'_> {
     /// The bands used as they are stored, of a window of the whole image at another size; NaN where there is no image.
     fn stored(&self, window: Window, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
-        let planes = self.view.bands.iter().map(|b| self.image.read_raw(*b, window, size));
+        let planes = self.view.bands.iter().map(|b| self.image.read_stored(*b, window, size));
         let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
         if let Some(valid) = &self.valid {
             let used = self.view.used_window();

@@ -154,7 +154,7 @@ impl Found {
 /// The bands used, as they are stored.
 fn bands(view: &View, file: &ImageFile, window: Window) -> Result<Vec<Plane>, RasterError> {
     let size = (window.width, window.height);
-    view.bands.iter().map(|b| file.read_raw(*b, window, size)).collect()
+    view.bands.iter().map(|b| file.read_stored(*b, window, size)).collect()
 }
 
 /// Column and row in `used` of the pixel `i` of a window of the whole image.

@@ -22,11 +22,14 @@ pub(super) fn is_geoeye(content: &str) -> bool {
     content.contains("Sun Angle Azimuth:")
 }
 
-/// What it tells of its first image: lines `Key: value unit`.
+/// What it tells, in lines `Key: value unit`; nothing that it tells differently of several images, for which of them is
+/// meant is not known here.
 pub(super) fn geoeye_tags(content: &str) -> ViewTags {
     let value = |key: &str| {
-        let mut lines = content.lines().filter_map(|line| line.trim().strip_prefix(key)?.strip_prefix(':'));
-        lines.next().map(str::trim)
+        let lines = content.lines().filter_map(|line| line.trim().strip_prefix(key)?.strip_prefix(':'));
+        let mut values = lines.map(str::trim);
+        let first = values.next()?;
+        values.all(|other| other == first).then_some(first)
     };
     let number = |key: &str| value(key)?.split_whitespace().next()?.parse::<f64>().ok();
     // `2010-06-15 18:44 GMT` has no seconds.
@@ -57,14 +60,14 @@ mod tests {
     }
 
     #[test]
-    fn geoeyes_text_tells_the_first_images_sun() {
+    fn geoeyes_text_tells_the_sun_unless_it_tells_of_several() {
         let text = "Product Image ID: 000\nNominal Collection Elevation: 70.5 degrees\nSun Angle Azimuth: 141.3 degrees\n\
-                    Sun Angle Elevation: 62.1 degrees\nAcquisition Date/Time: 2010-06-15 18:44 GMT\n\
-                    Sun Angle Azimuth: 1.0 degrees\n";
+                    Sun Angle Elevation: 62.1 degrees\nAcquisition Date/Time: 2010-06-15 18:44 GMT\n";
         assert!(is_geoeye(text));
         let tags = geoeye_tags(text);
         assert_eq!(tags.sun_deg, Some((141.3, 62.1)));
         assert_eq!(tags.acquired.as_deref(), Some("2010-06-15T18:44:00Z"));
         assert_eq!(tags.off_nadir_deg, Some(19.5));
+        assert_eq!(geoeye_tags(&format!("{text}Sun Angle Azimuth: 1.0 degrees\n")).sun_deg, None);
     }
 }

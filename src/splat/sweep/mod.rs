@@ -264,7 +264,14 @@ impl Sweep {
             self.pick(&volume, JUMP_NEAR)
         };
         // The second time what the views show of the cells lies where it belongs.
-        sharper(&sharper(prior).altitude).settled(prior)
+        let mut sharpened = sharper(&sharper(prior).altitude).settled(prior);
+        // What no two of few views agreed on at first is no more than filled.
+        for (score, first) in sharpened.score.data.iter_mut().zip(&first.score.data) {
+            if *first == 0.0 {
+                *score = 0.0;
+            }
+        }
+        sharpened
     }
 
     /// `prior` where it lies among the altitudes of the `first` surface nearby and is as much in sight: over margins and

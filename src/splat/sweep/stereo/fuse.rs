@@ -9,11 +9,9 @@ use crate::raster::{MapGrid, Plane};
 use crate::splat::sweep::{Sweep, SweptSurface};
 use rayon::prelude::*;
 
-/// Triangles of a map's mesh that climb more than this hang over a step, metres; so do medians of values this far apart.
-const STEP_M: f32 = 1.5;
-/// Gaps between cells of a surface that the map's pixels have left, cells, and the difference they bridge, metres.
+/// Gaps between cells of a surface that the map's pixels have left, cells, and the difference they bridge, of a step.
 const GAP: i64 = 2;
-const GAP_M: f32 = 1.0;
+const GAP_STEP: f32 = 2.0 / 3.0;
 /// How far away the cells may lie that others are filled from, metres.
 const FILL_M: f64 = 40.0;
 /// Which of the values in eight directions fills a cell, from the lowest: what is hidden lies below what hides it
@@ -30,11 +28,12 @@ type Drawn = (Plane, Plane);
 pub(super) fn surface(sweep: &Sweep, partners: &[Partners], maps: &[AltitudeMap]) -> SweptSurface {
     let Sweep { site, grid, images, .. } = sweep;
     let draw = |(own, map): (&Partners, &AltitudeMap)| {
-        let mut mesh = Mesh::new(grid, site.origin.xyz());
+        let mut mesh = Mesh::new(grid, site.origin.xyz(), own.step_m);
         mesh.draw(&images[own.view].camera, map);
         (mesh.altitude, mesh.score)
     };
     let drawn: Vec<Drawn> = partners.par_iter().zip(maps).map(draw).collect();
+    let step_m = partners.iter().fold(0.0, |most: f32, p| most.max(p.step_m));
     let middle = |i: usize| {
         let mut known: Vec<(f32, f32)> = drawn.iter().map(|(z, s)| (z.data[i], s.data[i])).collect();
         known.retain(|(z, _)| !z.is_nan());
@@ -45,13 +44,13 @@ pub(super) fn surface(sweep: &Sweep, partners: &[Partners], maps: &[AltitudeMap]
             return (f32::NAN, 0.0);
         };
         // Windows fatten what stands out: of two altitudes at its edge the lower one is right.
-        let z = if high.0 - low.0 <= STEP_M { 0.5 * (low.0 + high.0) } else { low.0 };
+        let z = if high.0 - low.0 <= step_m { 0.5 * (low.0 + high.0) } else { low.0 };
         (z, 0.5 * (low.1 + high.1))
     };
     let (altitude, score) = (0..grid.width * grid.height).into_par_iter().map(middle).unzip();
     let plane = |data| Plane { width: grid.width, height: grid.height, data };
     let (mut altitude, mut score) = (plane(altitude), plane(score));
-    close_gaps(&mut altitude, &mut score);
+    close_gaps(&mut altitude, &mut score, GAP_STEP * step_m);
     fill(sweep, &mut altitude, &mut score);
     // Nothing but this surface tells training where what two views see lies.
     let hold = Plane::from_fn(grid.width, grid.height, |col, row| f32::from(!altitude.at(col, row).is_nan()));
@@ -63,15 +62,18 @@ struct Mesh<'a> {
     grid: &'a MapGrid,
     /// Easting and northing of the site's origin.
     origin: [f64; 2],
+    /// Triangles that climb more hang over a step, metres.
+    step_m: f32,
     altitude: Plane,
     score: Plane,
 }
 
 impl<'a> Mesh<'a> {
-    fn new(grid: &'a MapGrid, [east, north, _]: [f64; 3]) -> Self {
+    fn new(grid: &'a MapGrid, [east, north, _]: [f64; 3], step_m: f32) -> Self {
         Self {
             grid,
             origin: [east, north],
+            step_m,
             altitude: Plane::filled(grid.width, grid.height, f32::NAN),
             score: Plane::filled(grid.width, grid.height, 0.0),
         }
@@ -103,7 +105,7 @@ impl<'a> Mesh<'a> {
         let climb = a[2].max(b[2]).max(c[2]) - a[2].min(b[2]).min(c[2]);
         let area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
         // NaN altitudes make NaN areas.
-        if area.is_nan() || area == 0.0 || climb > STEP_M {
+        if area.is_nan() || area == 0.0 || climb > self.step_m {
             return;
         }
         let cells = |axis: usize, n: usize| {
@@ -129,8 +131,9 @@ impl<'a> Mesh<'a> {
     }
 }
 
-/// Closes gaps of few cells between cells of one surface: the mean of both sides and their scores.
-fn close_gaps(altitude: &mut Plane, score: &mut Plane) {
+/// Closes gaps of few cells between cells of one surface, no further apart than `most_m`: the mean of both sides and
+/// their scores.
+fn close_gaps(altitude: &mut Plane, score: &mut Plane, most_m: f32) {
     let (known, scores) = (altitude.clone(), score.clone());
     let width = known.width;
     let rows = altitude.data.par_chunks_mut(width).zip(score.data.par_chunks_mut(width));
@@ -143,7 +146,7 @@ fn close_gaps(altitude: &mut Plane, score: &mut Plane) {
             };
             let across = DIRECTIONS[..4].iter().filter_map(|(c, r)| nearest(*c, *r).zip(nearest(-c, -r)));
             let flattest = across.min_by(|(a, b), (c, d)| (a.0 - b.0).abs().total_cmp(&(c.0 - d.0).abs()));
-            if let Some((a, b)) = flattest.filter(|(a, b)| (a.0 - b.0).abs() <= GAP_M) {
+            if let Some((a, b)) = flattest.filter(|(a, b)| (a.0 - b.0).abs() <= most_m) {
                 (*z, *s) = (0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1));
             }
         }

@@ -18,9 +18,8 @@ const JUMP: Range<f32> = 40.0..150.0;
 const EDGE: f32 = 0.2;
 /// Another view's altitude confirms one that is no further away, pixels.
 const TOLERANCE_PX: f64 = 1.0;
-/// Connected parts of fewer pixels are no surfaces; neighbours connect up to this difference, metres.
+/// Connected parts of fewer pixels are no surfaces; neighbours connect up to a step.
 const SMALLEST_PART: usize = 40;
-const CONNECTED_M: f32 = 1.5;
 /// Altitudes are averaged over windows of this half side, twice; what lies so far away, pixels, counts a quarter.
 const SMOOTHED: i64 = 2;
 const SMOOTHED_PX: f64 = 1.0;
@@ -56,7 +55,8 @@ impl AltitudeMap {
             let [a, b, c] = [sums[k - 1], sums[k], sums[k + 1]].map(f32::from);
             let between = 0.5 * (a - c) / (a - 2.0 * b + c).max(1.0);
             let altitude = rays.lowest.data[i] + rays.step_m * (k as f32 + between);
-            (altitude, (1.0 - f32::from(costs[k]) / Volume::UNLIKE).max(0.0))
+            // A score of 0 is that of what is not matched.
+            (altitude, (1.0 - f32::from(costs[k]) / Volume::UNLIKE).max(f32::MIN_POSITIVE))
         };
         let picked: Vec<(f32, f32)> = (0..width * height).into_par_iter().map(best).collect();
         let (altitude, score) = picked.into_iter().unzip();
@@ -117,7 +117,7 @@ pub(super) fn confirmed(images: &[Image], maps: &[AltitudeMap], partners: &[Part
         for _ in 0..2 {
             altitude = smoothed(&altitude, (SMOOTHED_PX * own.px_m) as f32);
         }
-        remove_small_parts(&mut altitude);
+        remove_small_parts(&mut altitude, own.step_m);
         AltitudeMap { altitude, score: map.score.clone() }
     };
     maps.iter().zip(partners).map(confirm).collect()
@@ -148,8 +148,8 @@ fn smoothed(altitude: &Plane, far: f32) -> Plane {
     })
 }
 
-/// Makes NaN what is connected with too few pixels.
-fn remove_small_parts(altitude: &mut Plane) {
+/// Makes NaN what is connected with too few pixels; more than `step_m` between neighbours does not connect.
+fn remove_small_parts(altitude: &mut Plane, step_m: f32) {
     let (width, height) = (altitude.width, altitude.height);
     let mut seen = vec![false; width * height];
     let mut part = Vec::new();
@@ -172,7 +172,7 @@ fn remove_small_parts(altitude: &mut Plane) {
             ];
             for j in beside.into_iter().flatten() {
                 // NaN is never near.
-                if !seen[j] && (altitude.data[j] - altitude.data[i]).abs() <= CONNECTED_M {
+                if !seen[j] && (altitude.data[j] - altitude.data[i]).abs() <= step_m {
                     seen[j] = true;
                     part.push(j);
                 }

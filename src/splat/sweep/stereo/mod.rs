@@ -24,6 +24,10 @@ use volume::Volume;
 pub const FEW_VIEWS: usize = 5;
 /// Distance of the planes that are tried, pixels of the view that sees it largest.
 const STEP_PX: f64 = 0.5;
+/// A step between surfaces: so many cells, which a slope of 70° climbs from one to the next, or so many pixels' worth of
+/// altitude, which is more than noise.
+const STEP_CELLS: f64 = 3.0;
+const STEP_OF_PX: f64 = 0.7;
 /// Rows beyond those that are kept of a strip, from which the costs along its paths come.
 const STRIP_MARGIN: usize = 64;
 
@@ -33,6 +37,8 @@ struct Partners {
     others: Vec<usize>,
     /// Altitude that moves a point by a pixel of the view where it moves it farthest, metres.
     px_m: f64,
+    /// Difference of altitude between neighbouring pixels from which on they are of two surfaces, metres.
+    step_m: f32,
 }
 
 impl Sweep {
@@ -60,7 +66,8 @@ impl Sweep {
             let camera = &self.images[view].camera;
             let all = others.iter().map(|j| rays::metres_per_pixel(camera, &self.images[*j].camera));
             let px_m = all.reduce(f64::min)?;
-            Some(Partners { view, others, px_m })
+            let step_m = (STEP_CELLS * self.grid.cell).max(STEP_OF_PX * px_m) as f32;
+            Some(Partners { view, others, px_m, step_m })
         };
         (0..self.images.len()).filter_map(of).collect()
     }

@@ -124,6 +124,11 @@ impl<'a> Band<'a> {
                     sum(&square, &mut sums.square);
                     sum(&product, &mut sums.product);
                     sum(&view.missing, &mut sums.missing);
+                    for line in sums.missing.chunks_exact_mut(self.width) {
+                        let (left, right) = (radius.min(self.width), self.width.saturating_sub(radius));
+                        line[..left].fill(1.0);
+                        line[right..].fill(1.0);
+                    }
                     add_correlation(score, own, &sums, ((2 * radius + 1).pow(2) as f32).recip(), weight);
                 }
             }
@@ -241,6 +246,9 @@ fn sample_row(
     value: &mut [f32],
     missing: &mut [f32],
 ) {
+    if gray.width < 2 || gray.height < 2 {
+        return;
+    }
     let (last_col, last_row) = ((gray.width - 1) as f32, (gray.height - 1) as f32);
     for i in 0..value.len() {
         let (x, y) = (at[0][i] + up[0], at[1][i] + up[1]);
