@@ -28,7 +28,7 @@ const SMOOTHED_PX: f64 = 1.0;
 pub(super) struct AltitudeMap {
     /// Site metres; NaN where there is none.
     pub altitude: Plane,
-    /// Correlation with the other views, 0 to 1.
+    /// Correlation with the other views, more than 0 to 1 where there is an altitude.
     pub score: Plane,
 }
 
@@ -49,14 +49,14 @@ impl AltitudeMap {
         let best = |i: usize| {
             let (costs, sums) = (volume.pixel(i), &sums[i * planes..(i + 1) * planes]);
             let k = (0..planes).min_by_key(|k| sums[*k]).unwrap_or(0);
-            if costs[k] == Volume::UNSEEN || k == 0 || k + 1 == planes {
+            // Where the views have nothing in common, or one of them sees nothing, neighbours alone have decided.
+            if f32::from(costs[k]) >= Volume::UNLIKE || k == 0 || k + 1 == planes {
                 return (f32::NAN, 0.0);
             }
             let [a, b, c] = [sums[k - 1], sums[k], sums[k + 1]].map(f32::from);
             let between = 0.5 * (a - c) / (a - 2.0 * b + c).max(1.0);
             let altitude = rays.lowest.data[i] + rays.step_m * (k as f32 + between);
-            // A score of 0 is that of what is not matched.
-            (altitude, (1.0 - f32::from(costs[k]) / Volume::UNLIKE).max(f32::MIN_POSITIVE))
+            (altitude, 1.0 - f32::from(costs[k]) / Volume::UNLIKE)
         };
         let picked: Vec<(f32, f32)> = (0..width * height).into_par_iter().map(best).collect();
         let (altitude, score) = picked.into_iter().unzip();
