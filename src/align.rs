@@ -6,8 +6,8 @@
 //! built or cut down since says nothing of the shift. To surveyed points: the median of theirs.
 
 use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};
+use crate::io::Plane;
 use crate::metrics::{MetricsError, Surface, quantile};
-use crate::raster::Plane;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -281,7 +281,7 @@ impl<'a> Search<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::raster::MapGrid;
+    use crate::io::MapGrid;
 
     const EPSG: u32 = 32631;
 

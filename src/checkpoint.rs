@@ -3,7 +3,7 @@
 //! A file is a line that names its kind and version, the content in `postcard`'s encoding, and the BLAKE3 hash of
 //! both: one that is cut short or changed is told from a whole one.
 
-use crate::raster::{RasterError, write_atomically};
+use crate::io::{RasterError, write_atomically};
 use serde::{Serialize, de::DeserializeOwned};
 use std::fs::File;
 use std::io::{BufWriter, Write};

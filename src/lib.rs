@@ -5,7 +5,7 @@
 pub mod event;
 pub mod run_files;
 pub mod frame;
-pub mod raster;
+pub mod io;
 pub mod checkpoint;
 pub mod rpc;
 pub mod scene;

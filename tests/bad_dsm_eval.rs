@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use satgs::frame::{Point, SiteGrid};
-use satgs::raster::{Cog, MapGrid, Outline, Plane, egm96_undulation_m, write_outlines};
+use satgs::io::{Cog, MapGrid, Outline, Plane, egm96_undulation_m, write_outlines};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -44,7 +44,7 @@ impl Desk {
     /// A truth as DFC2019 ships it: pixels without a place, and a text file.
     fn truth_with_txt(&self, text: Option<&str>) {
         let pixels: Vec<u8> = (0..3600u32).map(|i| (i % 251) as u8).collect();
-        let image = satgs::raster::SensorImage { width: 60, height: 60, rpc: &[], metadata: &[] };
+        let image = satgs::io::SensorImage { width: 60, height: 60, rpc: &[], metadata: &[] };
         image.write_u8(&self.path("PLAIN_DSM.tif"), vec![pixels]).unwrap();
         if let Some(text) = text {
             std::fs::write(self.path("PLAIN_DSM.txt"), text).unwrap();
@@ -340,14 +340,14 @@ fn references_that_the_files_tell_are_brought_together() {
     let desk = Desk::new();
     let (lon, lat) = Desk::lon_lat(15.0, 15.0);
     let Some(geoid_m) = egm96_undulation_m(lon, lat) else { return };
-    let Ok(egm96) = satgs::raster::Vertical::read("EGM96") else { return };
-    let write = |name: &str, from: &satgs::raster::Vertical, up: f64| {
+    let Ok(egm96) = satgs::io::Vertical::read("EGM96") else { return };
+    let write = |name: &str, from: &satgs::io::Vertical, up: f64| {
         let mut plane = relief();
         plane.data.iter_mut().for_each(|v| *v += up as f32);
         let cog = Cog { grid: GRID, metadata: &[], heights_from: Some(from) };
         cog.write_f32(&desk.path(name), &[("height", "m", &plane)]).unwrap();
     };
-    write("dsm.tif", &satgs::raster::Vertical::Ellipsoid, 0.0);
+    write("dsm.tif", &satgs::io::Vertical::Ellipsoid, 0.0);
     write("egm96.tif", &egm96, -geoid_m);
     let (said, scores) = desk.scored("egm96.tif", &[]);
     assert!(said.contains("lifted to the ellipsoid"), "{said}");

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{camera, dem_grid, image, satgs, two_views};
-use satgs::raster::Window;
+use satgs::io::Window;
 use satgs::rpc::formats::{ViewTags, to_json, to_rpb, to_text};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -201,7 +201,7 @@ fn dimap(rpc: &satgs::rpc::Rpc) -> String {
 #[test]
 fn orthorectified_images_are_told_apart() {
     let folder = two_views();
-    let grid = |west: f64| satgs::raster::MapGrid {
+    let grid = |west: f64| satgs::io::MapGrid {
         epsg: 32631,
         west,
         north: 4_792_000.0,
@@ -209,7 +209,7 @@ fn orthorectified_images_are_told_apart() {
         width: 64,
         height: 64,
     };
-    let ortho = satgs::raster::Cog { grid: grid(700_000.0), metadata: &[], heights_from: None };
+    let ortho = satgs::io::Cog { grid: grid(700_000.0), metadata: &[], heights_from: None };
     let path = folder.path().join("ortho.tif");
     ortho.write_u8(&path, vec![(0..64 * 64).map(|i| (i % 251) as u8).collect()], None).unwrap();
     let (code, said) = info(folder.path(), &[]);
@@ -478,9 +478,9 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     let dem = tempfile::tempdir().unwrap();
     let path = dem.path().join("dem.tif");
     let grid = dem_grid();
-    let plane = satgs::raster::Plane::from_fn(60, 300, |_, row| 80.0 + row as f32 * 0.1);
+    let plane = satgs::io::Plane::from_fn(60, 300, |_, row| 80.0 + row as f32 * 0.1);
     let write = |grid| {
-        let cog = satgs::raster::Cog { grid, metadata: &[], heights_from: None };
+        let cog = satgs::io::Cog { grid, metadata: &[], heights_from: None };
         cog.write_f32(&path, &[("height", "m", &plane)]).unwrap();
     };
     write(grid);
@@ -495,29 +495,29 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     assert!(code == Some(2) && said.contains("dem.tif` does not say what its heights count from"), "{said}");
     assert!(said.contains("hint: --dem-vertical ellipsoid"), "{said}");
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
-    let vertical = satgs::raster::Vertical::Ellipsoid;
+    let vertical = satgs::io::Vertical::Ellipsoid;
     let (low, high) = scene.dem(&path, Some(&vertical)).unwrap().heights_to_search();
     assert!(60.0 < low && low < high && high < 190.0, "{low} {high}");
     // In feet with a void that is not declared, the same model.
-    let feet = satgs::raster::Plane::from_fn(60, 300, |col, row| {
+    let feet = satgs::io::Plane::from_fn(60, 300, |col, row| {
         if (col, row) == (30, 150) { -32768.0 } else { (80.0 + row as f32 * 0.1) / 0.3048 }
     });
-    let cog = satgs::raster::Cog { grid, metadata: &[], heights_from: None };
+    let cog = satgs::io::Cog { grid, metadata: &[], heights_from: None };
     cog.write_f32(&path, &[("height", "ft", &feet)]).unwrap();
     let (low_ft, high_ft) = scene.dem(&path, Some(&vertical)).unwrap().heights_to_search();
     assert!((low_ft - low).abs() < 0.01 && (high_ft - high).abs() < 0.01, "{low_ft} {high_ft}");
     // A void that no rule knows is no height on Earth.
     let void =
-        satgs::raster::Plane::from_fn(60, 300, |col, row| if (col + row) % 5 == 0 { -999.0 } else { 80.0 });
+        satgs::io::Plane::from_fn(60, 300, |col, row| if (col + row) % 5 == 0 { -999.0 } else { 80.0 });
     cog.write_f32(&path, &[("height", "m", &void)]).unwrap();
     let error = scene.dem(&path, Some(&vertical)).unwrap_err().to_string();
     assert!(error.contains("height of -999 m"), "{error}");
     // A datum that is not known is named.
     let metadata = [("VERTICAL_REFERENCE", "NAVD88".to_owned())];
-    satgs::raster::Cog { metadata: &metadata, ..cog }.write_f32(&path, &[("height", "m", &plane)]).unwrap();
+    satgs::io::Cog { metadata: &metadata, ..cog }.write_f32(&path, &[("height", "m", &plane)]).unwrap();
     let (code, said) = ba(&[]);
     assert!(code == Some(2) && said.contains("`NAVD88`"), "{said}");
-    let far = satgs::raster::MapGrid { west: 600_000.0, ..grid };
+    let far = satgs::io::MapGrid { west: 600_000.0, ..grid };
     write(far);
     let error = scene.dem(&path, Some(&vertical)).unwrap_err().to_string();
     assert!(error.contains("has no heights where the views look"), "{error}");

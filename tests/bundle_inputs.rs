@@ -10,7 +10,7 @@ use gdal::vector::LayerAccess;
 use satgs::bundle::{Adjustment, BundleError, ControlPoint, Options, adjust, check_control, read_control};
 use satgs::event::{Event, ignore};
 use satgs::frame::{Pixel, Point, SiteGrid};
-use satgs::raster::{Cog, MapGrid, Plane, SensorImage, Vertical, Window};
+use satgs::io::{Cog, MapGrid, Plane, SensorImage, Vertical, Window};
 use satgs::rpc::Rpc;
 use satgs::rpc::formats::{self, to_gdal};
 use satgs::scene::{ReadOptions, Scene, SceneError, View, read};

@@ -11,19 +11,19 @@ const LAYERS: [(&str, Option<&[&str]>); 16] = [
     ("event", None),
     ("run_files", Some(&[])),
     ("frame", None),
-    ("raster", None),
-    ("checkpoint", Some(&["raster"])),
+    ("io", None),
+    ("checkpoint", Some(&["io"])),
     ("rpc", None),
     ("scene", None),
     // The simulator makes the truth: it must share nothing with what is tested against it.
-    ("simulate", Some(&["event", "frame", "raster", "rpc", "scene"])),
-    ("bundle", Some(&["event", "run_files", "frame", "raster", "checkpoint", "rpc", "scene"])),
-    ("affine", Some(&["event", "frame", "raster", "rpc", "scene", "bundle"])),
-    ("splat", Some(&["event", "frame", "raster", "checkpoint", "rpc", "scene", "bundle", "affine"])),
-    ("dsm", Some(&["event", "frame", "raster", "rpc", "scene", "bundle", "affine", "splat"])),
-    ("metrics", Some(&["event", "frame", "raster"])),
-    ("align", Some(&["frame", "raster", "metrics"])),
-    ("report", Some(&["event", "run_files", "frame", "raster", "scene", "bundle", "dsm", "metrics"])),
+    ("simulate", Some(&["event", "frame", "io", "rpc", "scene"])),
+    ("bundle", Some(&["event", "run_files", "frame", "io", "checkpoint", "rpc", "scene"])),
+    ("affine", Some(&["event", "frame", "io", "rpc", "scene", "bundle"])),
+    ("splat", Some(&["event", "frame", "io", "checkpoint", "rpc", "scene", "bundle", "affine"])),
+    ("dsm", Some(&["event", "frame", "io", "rpc", "scene", "bundle", "affine", "splat"])),
+    ("metrics", Some(&["event", "frame", "io"])),
+    ("align", Some(&["frame", "io", "metrics"])),
+    ("report", Some(&["event", "run_files", "frame", "io", "scene", "bundle", "dsm", "metrics"])),
     ("cli", None),
 ];
 
@@ -129,5 +129,5 @@ fn imports_are_read_in_every_form() {
     let text = "use crate::frame::{Point, Site};\n//! use crate::cli;\nuse crate::{rpc::Rpc, scene::{A, B}, raster};\n\
                 fn f() { crate::bundle::run() } // crate::dsm\npub(in crate::splat) fn g() {}";
     let found: Vec<String> = imports(text).into_iter().collect();
-    assert_eq!(found, ["bundle", "frame", "raster", "rpc", "scene", "splat"]);
+    assert_eq!(found, ["bundle", "frame", "io", "rpc", "scene", "splat"]);
 }

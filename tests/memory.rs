@@ -5,7 +5,7 @@
 #[path = "../benches/splat/scene.rs"]
 mod scene;
 
-use satgs::raster::Plane;
+use satgs::io::Plane;
 use satgs::splat::backend::{Population, Snapshot, StepPlan, TrainingBackend};
 use satgs::splat::cpu::CpuBackend;
 use satgs::splat::objective::LossWeights;

@@ -3,8 +3,8 @@
 // Helpers of tests are tests.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
+use satgs::io::{MapGrid, Plane};
 use satgs::metrics::{Division, Evaluation, Method, Surface, Truth, TruthOptions, Verdict, WATER, evaluate};
-use satgs::raster::{MapGrid, Plane};
 use std::path::{Path, PathBuf};
 
 /// The oracle's figures are rounded to a millimetre and computed in another order.

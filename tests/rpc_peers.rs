@@ -4,7 +4,7 @@
 mod common;
 
 use satgs::frame::{Pixel, Point};
-use satgs::raster::ImageFile;
+use satgs::io::ImageFile;
 use satgs::rpc::{Rpc, formats};
 use std::path::Path;
 

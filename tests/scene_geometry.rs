@@ -5,7 +5,7 @@ mod common;
 
 use common::{camera, dem_grid, image, satgs, two_views};
 use satgs::frame::SiteGrid;
-use satgs::raster::{Cog, MapGrid, Plane, Vertical};
+use satgs::io::{Cog, MapGrid, Plane, Vertical};
 use satgs::rpc::formats::to_text;
 use satgs::rpc::{Rpc, RpcCoefficients};
 use satgs::scene::{ReadOptions, read};

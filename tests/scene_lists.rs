@@ -133,7 +133,7 @@ fn footprints_and_a_picture_are_written() {
     }
     let again = satgs(&["info", place, "--footprints", &at("f.gpkg")]);
     assert_eq!(again.status.code(), Some(2));
-    let picture = satgs::raster::ImageFile::open(&out.path().join("f.gpkg.png")).unwrap();
+    let picture = satgs::io::ImageFile::open(&out.path().join("f.gpkg.png")).unwrap();
     assert_eq!((picture.size(), picture.bands()), ((960, 480), 3));
 }
 

@@ -7,7 +7,7 @@ mod common;
 use common::{camera, satgs, satgs_in, two_views};
 use gdal::raster::{Buffer, ColorInterpretation, RasterCreationOptions};
 use gdal::{Dataset, DriverManager, Metadata};
-use satgs::raster::{ImageFile, SensorImage};
+use satgs::io::{ImageFile, SensorImage};
 use satgs::rpc::formats::to_gdal;
 use satgs::scene::{ReadOptions, Scene, read};
 use satgs::splat::setup::Setup;

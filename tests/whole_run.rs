@@ -7,7 +7,7 @@ mod common;
 use base64::prelude::{BASE64_STANDARD, Engine};
 use common::{disagreement_px, satgs, satgs_in};
 use satgs::frame::Pixel;
-use satgs::raster::ImageFile;
+use satgs::io::ImageFile;
 use satgs::rpc::{Rpc, formats};
 use serde_json::Value;
 use std::path::Path;

@@ -5,7 +5,7 @@
 #![allow(clippy::print_stdout)]
 
 use satgs::bundle::{Keypoint, detect};
-use satgs::raster::{ImageFile, Plane, Window};
+use satgs::io::{ImageFile, Plane, Window};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 use std::time::Instant;

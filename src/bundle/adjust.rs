@@ -17,7 +17,7 @@ use super::report::{LeftOut, Report, ViewReport};
 use super::tracks::{self, Observation};
 use crate::event::{Event, Sink};
 use crate::frame::{Geodetic, Point, SiteGrid};
-use crate::raster::RasterError;
+use crate::io::RasterError;
 use crate::rpc::Rpc;
 use crate::scene::{Scene, View, angle_between_deg, footprint};
 use geo::{Area, BooleanOps};

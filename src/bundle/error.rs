@@ -1,6 +1,6 @@
 //! Why a scene could not be adjusted.
 
-use crate::raster::RasterError;
+use crate::io::RasterError;
 use crate::rpc::formats::FormatError;
 use crate::scene::SceneError;
 use std::path::PathBuf;

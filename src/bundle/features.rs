@@ -4,7 +4,7 @@
 
 use super::scale_space::{Extremum, Octave, SCALES, SIGMA, extrema, octaves};
 use crate::frame::{CenterPx, Pixel};
-use crate::raster::{Plane, Window};
+use crate::io::{Plane, Window};
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_PI_2, PI, TAU};

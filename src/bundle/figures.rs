@@ -2,7 +2,7 @@
 
 use super::error::BundleError;
 use super::output::Adjustment;
-use crate::raster::Canvas;
+use crate::io::Canvas;
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;

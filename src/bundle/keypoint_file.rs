@@ -4,7 +4,7 @@
 use super::features::{Keypoint, VALUES, detect};
 use crate::checkpoint;
 use crate::frame::Pixel;
-use crate::raster::{RasterError, ValidPixels};
+use crate::io::{RasterError, ValidPixels};
 use crate::scene::View;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};

@@ -4,7 +4,7 @@
 use super::error::BundleError;
 use super::report::Report;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, SiteGrid};
-use crate::raster::{
+use crate::io::{
     CloudPoint, Marker, PointCloud, RasterError, Vertical, epsg_of_cloud, write_file, write_markers,
 };
 use crate::rpc::Rpc;

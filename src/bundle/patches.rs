@@ -8,7 +8,7 @@ use super::correction::Parameters;
 use super::problem::{Block, Measurement};
 use super::scale_space::blurred;
 use crate::frame::{CenterPx, Pixel};
-use crate::raster::{Plane, Window};
+use crate::io::{Plane, Window};
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 

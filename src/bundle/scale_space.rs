@@ -1,6 +1,6 @@
 //! The Gaussian scale space of an image and the extrema of its differences (Lowe 2004, §§3 and 4).
 
-use crate::raster::Plane;
+use crate::io::Plane;
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::Range;

@@ -6,8 +6,8 @@ use super::{Failure, Ui, run_lock};
 use crate::align::{Alignment, Shift, to_control, to_surface};
 use crate::bundle::{Adjustment, check_control, control_pairs, read_control};
 use crate::frame::{Geodetic, Point, SiteGrid, Utm};
+use crate::io::{MapGrid, RasterError, Vertical, check_writable, write_moved};
 use crate::metrics::{Surface, Truth, TruthOptions};
-use crate::raster::{MapGrid, RasterError, Vertical, check_writable, write_moved};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, CHECKPOINT, CONFIDENCE, DSM, FIRST_SURFACE, HILLSHADE, ORTHO, SPLATS, SURFACE,
 };

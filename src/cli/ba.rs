@@ -7,7 +7,7 @@ use super::{Failure, Ui, align, parse_metres, run_lock};
 use crate::bundle::{
     Adjustment, HeightPrior, LeftOut, Model, Options, Report, adjust, check_control, read_control,
 };
-use crate::raster::Vertical;
+use crate::io::Vertical;
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
 use crate::scene::{Dem, Scene, sources_of};
 use serde_json::Value;

@@ -5,7 +5,7 @@ use super::run_folder::{TrainedCameras, read_scene, require_image};
 use super::stage::{Fingerprint, Stage, hash_file, or_none};
 use super::{Failure, Ui, parse_metres, run_lock};
 use crate::dsm::{Heights, HeightsFrom, Seeing, Surface, hillshade, render};
-use crate::raster::{HeightSystem, ImageFile, MapGrid, Vertical, check_writable, write_png_gray};
+use crate::io::{HeightSystem, ImageFile, MapGrid, Vertical, check_writable, write_png_gray};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPARSE_POINTS, SPLATS, SURFACE,
 };

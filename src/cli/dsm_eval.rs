@@ -1,10 +1,10 @@
 //! `satgs dsm-eval`: a surface model against the truth, in a table, a JSON file, an error map and figures.
 
 use super::{Failure, Ui};
+use crate::io::{Cog, Vertical, check_writable, write_file, write_png_rgb};
 use crate::metrics::{
     Evaluation, Method, Surface, Truth, TruthOptions, error_picture, error_style, evaluate,
 };
-use crate::raster::{Cog, Vertical, check_writable, write_file, write_png_rgb};
 use crate::report::{FIGURES, SCORE_NOTE, ScoreTable, figures, score_tables};
 use crate::run_files::{ERROR_MAP, METRICS};
 use std::fmt::Write;

@@ -2,7 +2,7 @@
 
 use super::scene_args::SceneArgs;
 use super::{Failure, Ui};
-use crate::raster::{ImageFile, Outline, check_writable, write_outlines};
+use crate::io::{ImageFile, Outline, check_writable, write_outlines};
 use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, ValueRange, View, angle_between_deg};
 use crate::splat::expectation::{BEST_CONVERGENCE_DEG, Extent, best_convergence_deg};
 use crate::splat::recipe::Recipe;

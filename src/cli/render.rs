@@ -4,7 +4,7 @@ use super::run_folder::{TrainedCameras, read_scene};
 use super::{Failure, Ui};
 use crate::affine::sun_direction;
 use crate::bundle::Adjustment;
-use crate::raster::{Cog, MapGrid, SensorImage, Vertical, check_writable, write_png_rgb};
+use crate::io::{Cog, MapGrid, SensorImage, Vertical, check_writable, write_png_rgb};
 use crate::rpc::{Rpc, formats};
 use crate::run_files::ADJUSTMENT;
 use crate::scene::Sun;

@@ -4,7 +4,7 @@ use super::{Failure, Ui};
 use crate::affine::{GroundBox, Order, residual};
 use crate::event::Event;
 use crate::frame::{Pixel, Point};
-use crate::raster::{write_file, write_with_rpc};
+use crate::io::{write_file, write_with_rpc};
 use crate::rpc::formats::{RpcFile, to_gdal, to_json, to_rpb, to_text};
 use crate::rpc::{Difference, GroundBatch, PixelBatch, Rpc};
 use crate::scene::read_camera;

@@ -1,7 +1,7 @@
 //! What stages leave in a run's folder for each other: how it is read and written.
 
 use super::{Failure, align};
-use crate::raster::{RasterError, write_file};
+use crate::io::{RasterError, write_file};
 use crate::run_files::{CAMERAS, SCENE, SPLATS};
 use crate::scene::{Scene, View};
 use crate::splat::appearance::Appearance;

@@ -1,7 +1,7 @@
 //! One command at a time works in a run's folder.
 
 use super::Failure;
-use crate::raster::RasterError;
+use crate::io::RasterError;
 use crate::run_files::LOCK;
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind;

@@ -2,7 +2,7 @@
 
 use super::Failure;
 use super::run_folder::write_json;
-use crate::raster::{RasterError, check_writable, write_file};
+use crate::io::{RasterError, check_writable, write_file};
 use crate::run_files::{ADJUSTMENT, STAGE, SUMMARY};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

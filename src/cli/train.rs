@@ -9,7 +9,7 @@ use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
 use crate::event::Event;
 use crate::frame::{Point, Site};
-use crate::raster::{RasterError, write_atomically};
+use crate::io::{RasterError, write_atomically};
 use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, FIRST_SURFACE, SPLATS, STAGE, SURFACE, TRAINING};
 use crate::scene::Scene;
 use crate::splat::backend::{Snapshot, TrainingBackend};

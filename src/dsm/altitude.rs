@@ -6,7 +6,7 @@
 use super::nadir_camera;
 use crate::affine::AffineCamera;
 use crate::frame::SiteGrid;
-use crate::raster::{MapGrid, Plane};
+use crate::io::{MapGrid, Plane};
 use crate::splat::gaussians::{Gaussians, rotation_matrix, sigmoid};
 use crate::splat::raster::{ALPHA_CUT, LOW_PASS_PX2};
 use rayon::prelude::*;

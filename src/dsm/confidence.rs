@@ -3,7 +3,7 @@
 use super::Surface;
 use crate::affine::AffineCamera;
 use crate::frame::{CenterPx, Pixel, SiteGrid};
-use crate::raster::{Plane, ValidPixels};
+use crate::io::{Plane, ValidPixels};
 use crate::splat::sweep::{SLACK_M, SweptSurface, horizon};
 use rayon::prelude::*;
 

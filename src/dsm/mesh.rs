@@ -4,7 +4,7 @@
 //! Where that lies on Earth stands in the scene's `extras`.
 
 use super::{Heights, Surface};
-use crate::raster::{RasterError, png_rgb, write_file};
+use crate::io::{RasterError, png_rgb, write_file};
 use serde_json::json;
 use std::path::Path;
 
@@ -126,7 +126,7 @@ impl Surface {
 #[cfg(test)]
 mod tests {
     use super::super::tests::flat_surface;
-    use crate::raster::Vertical;
+    use crate::io::Vertical;
 
     #[test]
     fn a_mesh_is_whole_where_heights_are() {

@@ -14,7 +14,7 @@ pub use confidence::{Confidence, Seeing};
 
 use crate::affine::AffineCamera;
 use crate::frame::{Point, SiteGrid};
-use crate::raster::{Cog, MapGrid, Plane, RasterError, Vertical, color_style, write_file};
+use crate::io::{Cog, MapGrid, Plane, RasterError, Vertical, color_style, write_file};
 use crate::splat::appearance::Appearance;
 use crate::splat::gaussians::{Gaussians, SH_C0};
 use crate::splat::raster::{FrameCamera, Layers, Prepared, Rasterizer};

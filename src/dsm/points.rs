@@ -1,7 +1,7 @@
 //! The surface as a point cloud.
 
 use super::{Heights, Surface};
-use crate::raster::{CloudPoint, PointCloud, RasterError};
+use crate::io::{CloudPoint, PointCloud, RasterError};
 use std::path::Path;
 
 impl Surface {
@@ -26,7 +26,7 @@ impl Surface {
 #[cfg(test)]
 mod tests {
     use super::super::tests::flat_surface;
-    use crate::raster::Vertical;
+    use crate::io::Vertical;
 
     #[test]
     fn every_cell_with_a_height_is_a_point_in_its_place_and_colour() {

@@ -2,7 +2,7 @@
 
 use super::{MetricsError, Surface};
 use crate::frame::Transform;
-use crate::raster::{HeightSystem, MapGrid, Plane, epsg_of_cloud, is_metric_map};
+use crate::io::{HeightSystem, MapGrid, Plane, epsg_of_cloud, is_metric_map};
 use las::{Reader, point::Classification};
 use rayon::prelude::*;
 use std::path::Path;

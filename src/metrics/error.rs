@@ -1,7 +1,7 @@
 //! Why a surface model cannot be scored.
 
 use crate::frame::FrameError;
-use crate::raster::RasterError;
+use crate::io::RasterError;
 use std::path::PathBuf;
 
 /// Why a surface model cannot be scored.

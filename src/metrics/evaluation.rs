@@ -5,7 +5,7 @@ use super::resample::{Sampling, onto_grid};
 use super::strata::Groups;
 use super::{MetricsError, Scores, Stratum, Surface, Truth, filled_by_nearest};
 use crate::frame::{Point, SiteGrid};
-use crate::raster::{MapGrid, Plane, Vertical, egm96_undulation_m};
+use crate::io::{MapGrid, Plane, Vertical, egm96_undulation_m};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;

@@ -1,6 +1,6 @@
 //! The error map as a picture and as a QGIS style: red where the prediction is too high, blue where it is too low.
 
-use crate::raster::{Plane, color_style};
+use crate::io::{Plane, color_style};
 
 /// Errors of this size and more get the strongest colour, in metres.
 const FULL_COLOUR_M: f32 = 3.0;

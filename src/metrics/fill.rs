@@ -1,7 +1,7 @@
 //! Holes filled by the nearest valid cell: an exact Euclidean distance transform that carries indices
 //! (Felzenszwalb and Huttenlocher 2012, lower envelope of parabolas; columns first, then rows).
 
-use crate::raster::Plane;
+use crate::io::Plane;
 use rayon::prelude::*;
 use std::ops::Range;
 

@@ -3,7 +3,7 @@
 //! Follows EOGS's `dsmr.py`: both planes are halved while the shorter side exceeds 100 cells; at each level the
 //! best of all shifts within 5 cells of the doubled coarser one.
 
-use crate::raster::Plane;
+use crate::io::Plane;
 use multiversion::multiversion;
 use rayon::prelude::*;
 

@@ -1,6 +1,6 @@
 //! The whole-cell shift at the peak of the phase correlation: it finds shifts that are large beside what is shown.
 
-use crate::raster::Plane;
+use crate::io::Plane;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;

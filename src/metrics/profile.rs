@@ -2,7 +2,7 @@
 
 use super::Evaluation;
 use super::strata::BUILDING;
-use crate::raster::Plane;
+use crate::io::Plane;
 
 /// Smaller buildings are not looked at, in square metres.
 const LEAST_AREA_M2: f64 = 100.0;

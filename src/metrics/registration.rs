@@ -5,7 +5,7 @@
 use super::ncc::best_whole_shift;
 use super::scores::quantile_in_place;
 use super::xyz::best_shift;
-use crate::raster::Plane;
+use crate::io::Plane;
 use rayon::prelude::*;
 use serde::Serialize;
 

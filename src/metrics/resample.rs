@@ -2,7 +2,7 @@
 
 use super::MetricsError;
 use crate::frame::{CenterPx, Pixel, Point, Transform};
-use crate::raster::{MapGrid, Plane};
+use crate::io::{MapGrid, Plane};
 
 /// An origin this near to the other grid, in cells, counts as on it (JAX_068's truth is 0.008 off).
 const WHOLE_CELL: f64 = 0.02;

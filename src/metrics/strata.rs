@@ -3,7 +3,7 @@
 use super::scores::Sample;
 use super::truth::class_codes;
 use super::{Scores, Truth, class_name};
-use crate::raster::Plane;
+use crate::io::Plane;
 use rayon::prelude::*;
 use serde::Serialize;
 

@@ -2,7 +2,7 @@
 
 use super::MetricsError;
 use crate::frame::{Point, SiteGrid};
-use crate::raster::{HeightSystem, ImageFile, MapGrid, Plane, Vertical, Window, read_heights};
+use crate::io::{HeightSystem, ImageFile, MapGrid, Plane, Vertical, Window, read_heights};
 use std::path::{Path, PathBuf};
 
 /// Geoids are smooth: they are looked up every so many cells.

@@ -5,7 +5,7 @@
 //! raster is square), resolution in metres; the UTM zone is the prediction's.
 
 use super::{MetricsError, Surface, cloud};
-use crate::raster::{HeightSystem, ImageFile, MapGrid, RasterError, Vertical, inside_polygons};
+use crate::io::{HeightSystem, ImageFile, MapGrid, RasterError, Vertical, inside_polygons};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 

@@ -13,7 +13,7 @@ use super::ncc::best_whole_shift;
 use super::phase::peak;
 use super::resample::interpolate;
 use super::scores::quantile_in_place;
-use crate::raster::Plane;
+use crate::io::Plane;
 use rayon::prelude::*;
 
 /// Reach of the grid around a start, and its step, cells.

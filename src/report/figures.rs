@@ -1,8 +1,8 @@
 //! Figures of an evaluation: how errors are spread, and profiles through buildings.
 
 use super::chart::Chart;
+use crate::io::Plane;
 use crate::metrics::{Evaluation, Profile};
-use crate::raster::Plane;
 use rayon::prelude::*;
 
 /// Errors beyond this are not drawn, in metres.

@@ -12,7 +12,7 @@ pub use chart::{Chart, escape};
 pub use figures::{FIGURES, figures};
 pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
 
-use crate::raster::{RasterError, write_file};
+use crate::io::{RasterError, write_file};
 use crate::run_files::{PAGE, SCENE};
 use std::path::{Path, PathBuf};
 

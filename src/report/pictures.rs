@@ -1,7 +1,7 @@
 //! Pictures inside of the page.
 
 use super::escape;
-use crate::raster::{ImageFile, MapGrid, Plane, RasterError, Window, png_rgb};
+use crate::io::{ImageFile, MapGrid, Plane, RasterError, Window, png_rgb};
 use base64::prelude::{BASE64_STANDARD, Engine};
 use std::path::Path;
 

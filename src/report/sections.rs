@@ -6,8 +6,8 @@ use super::pictures::{img, map, rgb_of};
 use super::{ReportError, SCORE_NOTE, ScoreTable, escape, score_tables};
 use crate::bundle::Report;
 use crate::dsm::hillshade;
+use crate::io::{MapGrid, Plane, RasterError};
 use crate::metrics::{error_picture, onto_grid};
-use crate::raster::{MapGrid, Plane, RasterError};
 use crate::run_files::{
     ADJUSTMENT, ADJUSTMENT_REPORT, DSM, ERROR_MAP, EVALUATION, METRICS, ORTHO, SCENE, STAGE, TRAINING,
 };

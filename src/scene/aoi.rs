@@ -2,7 +2,7 @@
 
 use super::{Scene, SceneError, UtmBox, View};
 use crate::frame::{Geodetic, Pixel, Point, SiteGrid};
-use crate::raster::Window;
+use crate::io::Window;
 use geo::{ConvexHull, LineString, MultiPoint, Polygon, Validation};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -8,7 +8,7 @@ use super::map_fit::{MapFit, map_fit};
 use super::sidecar::{Sidecars, Tile};
 use super::{SceneError, chip};
 use crate::frame::{CornerPx, Pixel};
-use crate::raster::ImageFile;
+use crate::io::ImageFile;
 use crate::rpc::formats::{RpcFile, SAME_PX, ViewTags};
 use crate::rpc::{Axis, Rpc};
 use std::path::{Path, PathBuf};

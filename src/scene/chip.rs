@@ -1,7 +1,7 @@
 //! Where an image lies in the larger one for which its RPC was made: NITF's ICHIPB, and geotransforms of crops.
 
 use super::SceneError;
-use crate::raster::ImageFile;
+use crate::io::ImageFile;
 use crate::rpc::Axis;
 use crate::rpc::formats::RpcFile;
 

@@ -2,7 +2,7 @@
 
 use super::{Scene, SceneError, footprint};
 use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid, half_turn};
-use crate::raster::{HeightSystem, ImageFile, Plane, RasterError, Vertical, Window, read_heights};
+use crate::io::{HeightSystem, ImageFile, Plane, RasterError, Vertical, Window, read_heights};
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! Why a scene cannot be read or used.
 
 use crate::frame::FrameError;
-use crate::raster::RasterError;
+use crate::io::RasterError;
 use crate::rpc::formats::FormatError;
 use std::path::PathBuf;
 

@@ -6,7 +6,7 @@
 use super::sidecar::Sidecars;
 use super::source::{files_in, images_in, is_companion, no_rpc, other_rasters, stem, view};
 use super::{SceneError, View};
-use crate::raster::ImageFile;
+use crate::io::ImageFile;
 use std::path::Path;
 
 /// Reads the views of a folder.

@@ -2,7 +2,7 @@
 
 use super::camera_choice::five_places;
 use crate::frame::{CenterPx, Pixel, Point};
-use crate::raster::ImageFile;
+use crate::io::ImageFile;
 use crate::rpc::Rpc;
 
 /// A map whose RPC is its own (Maxar's ortho-ready OR2A) is seen at its pixels to this share of its size…

@@ -2,7 +2,7 @@
 
 use super::validity::valid_pixels;
 use super::{SceneError, View};
-use crate::raster::{ImageFile, Plane, RasterError, ValidPixels, Window};
+use crate::io::{ImageFile, Plane, RasterError, ValidPixels, Window};
 use std::path::PathBuf;
 
 /// Share of pixels left out at each end when images of more than 8 bits are stretched.

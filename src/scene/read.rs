@@ -2,7 +2,7 @@
 
 use super::source::{files_in, images_in, is_image};
 use super::{Aoi, Scene, SceneError, Sun, Tone, View, checks, dfc2019, folder, manifest};
-use crate::raster::ImageFile;
+use crate::io::ImageFile;
 use std::path::Path;
 
 /// What a user can choose when a scene is read.

@@ -5,7 +5,7 @@
 
 use super::{Overlap, Role, Scene, SceneError};
 use crate::frame::SiteGrid;
-use crate::raster::Canvas;
+use crate::io::Canvas;
 
 /// Side of each half, pixels.
 const SIDE: usize = 480;

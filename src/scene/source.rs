@@ -3,7 +3,7 @@
 use super::camera_choice::{Candidate, READ_BY_GDAL, Told, choose, file_name};
 use super::sidecar::Sidecars;
 use super::{Role, SceneError, Sun, View};
-use crate::raster::ImageFile;
+use crate::io::ImageFile;
 use crate::rpc::formats::{self, FormatError, RpcFile, ViewTags};
 use std::path::{Path, PathBuf};
 

@@ -1,6 +1,6 @@
 //! How brightness as it is stored stands for light.
 
-use crate::raster::Plane;
+use crate::io::Plane;
 use serde::{Deserialize, Serialize};
 
 /// The power of brightness, from 0 to 1, that is proportional to light: shadows and blends of surfaces add up in light.

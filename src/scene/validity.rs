@@ -6,7 +6,7 @@
 //! connected with the border; far from all of them it is nodata everywhere.
 
 use super::View;
-use crate::raster::{ImageFile, Plane, RasterError, ValidPixels, Window};
+use crate::io::{ImageFile, Plane, RasterError, ValidPixels, Window};
 
 /// Pixels looked at in one go.
 const STRIP_PX: usize = 1 << 22;

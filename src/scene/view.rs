@@ -2,7 +2,7 @@
 
 use super::{Aoi, Tone};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, half_turn};
-use crate::raster::Window;
+use crate::io::Window;
 use crate::rpc::Rpc;
 use crate::rpc::formats::ViewTags;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! What the user gets: GeoTIFFs with an RPC tag that points a few pixels wrong, and the sun in their metadata.
 
 use super::Shot;
-use crate::raster::{RasterError, SensorImage};
+use crate::io::{RasterError, SensorImage};
 use crate::rpc::formats::to_gdal;
 use std::path::Path;
 

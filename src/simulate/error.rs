@@ -1,7 +1,7 @@
 //! How a simulation fails.
 
 use crate::frame::FrameError;
-use crate::raster::RasterError;
+use crate::io::RasterError;
 use crate::rpc::{LocalizeError, RpcError};
 use std::path::PathBuf;
 

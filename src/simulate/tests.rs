@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::event::ignore;
-use crate::raster::ImageFile;
+use crate::io::ImageFile;
 use std::collections::BTreeMap;
 
 fn small() -> Options {

@@ -4,7 +4,7 @@ use super::field::{Field, Material};
 use super::plan::Plan;
 use super::{SceneFigures, Shot};
 use crate::frame::{Point, Site, SiteGrid};
-use crate::raster::{Cog, MapGrid, Plane, RasterError, Vertical, write_file};
+use crate::io::{Cog, MapGrid, Plane, RasterError, Vertical, write_file};
 use crate::rpc::formats::{ViewTags, to_json};
 use serde::Serialize;
 use std::path::Path;

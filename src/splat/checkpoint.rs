@@ -3,7 +3,7 @@
 use super::backend::Snapshot;
 use super::train::LogLine;
 use crate::checkpoint::{CheckpointError, read, write};
-use crate::raster::RasterError;
+use crate::io::RasterError;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeMap;

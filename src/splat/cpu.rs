@@ -137,7 +137,7 @@ mod tests {
     use crate::affine::AffineCamera;
     use crate::event::ignore;
     use crate::frame::{Point, SiteGrid};
-    use crate::raster::Plane;
+    use crate::io::Plane;
     use crate::splat::gaussians::Gaussians;
     use crate::splat::ply;
     use crate::splat::random::Draw;

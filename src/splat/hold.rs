@@ -7,7 +7,7 @@
 use super::gaussians::Gaussians;
 use super::sweep::SweptSurface;
 use crate::frame::{Point, SiteGrid};
-use crate::raster::{MapGrid, Plane};
+use crate::io::{MapGrid, Plane};
 use rayon::prelude::*;
 
 /// Distance beyond which the pull weakens, metres.

@@ -7,7 +7,7 @@ use super::raster::{FrameCamera, Layers};
 use super::setup::Setup;
 use super::stopwatch::Stopwatch;
 use crate::affine::{AffineCamera, sun_direction};
-use crate::raster::Plane;
+use crate::io::Plane;
 use crate::scene::Sun;
 
 /// A place to look from, and the light.

@@ -6,7 +6,7 @@
 use super::raster::Layers;
 use super::ssim::Photometric;
 use super::views::Truth;
-use crate::raster::Plane;
+use crate::io::Plane;
 use nalgebra::{Matrix4, Vector4};
 use serde::Serialize;
 

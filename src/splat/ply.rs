@@ -2,7 +2,7 @@
 
 use super::gaussians::Gaussians;
 use crate::frame::SiteGrid;
-use crate::raster::{RasterError, write_file};
+use crate::io::{RasterError, write_file};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 

@@ -5,7 +5,7 @@ use super::gaussians::Gaussians;
 use super::novel::NovelView;
 use super::train::LogLine;
 use super::views::{COARSEST_LEVEL, TrainingView, Truth};
-use crate::raster::Canvas;
+use crate::io::Canvas;
 
 /// Longest side of a panel (of views of up to 16 times that), and between panels, pixels.
 const PANEL: usize = 400;
@@ -104,7 +104,7 @@ pub fn curves(log: &[LogLine]) -> Canvas {
 mod tests {
     use super::*;
     use crate::affine::AffineCamera;
-    use crate::raster::Plane;
+    use crate::io::Plane;
 
     #[test]
     fn panels_show_image_picture_shadow_altitude_and_error() {

@@ -6,7 +6,7 @@ use super::sweep::{PARALLAX, parallax};
 use super::views::TrainingView;
 use crate::affine::{AffineCamera, FitError, fit, sun_direction};
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteGrid};
-use crate::raster::{RasterError, ValidPixels};
+use crate::io::{RasterError, ValidPixels};
 use crate::rpc::Rpc;
 use crate::scene::{Role, Scene, Tone, View, default_aoi};
 use rayon::prelude::*;

@@ -4,7 +4,7 @@ use super::init::{SiteBox, quantile};
 use super::raster::Layers;
 use crate::affine::AffineCamera;
 use crate::frame::{CenterPx, Pixel};
-use crate::raster::{Plane, ValidPixels};
+use crate::io::{Plane, ValidPixels};
 use crate::scene::Tone;
 use rayon::prelude::*;
 use std::sync::Arc;

@@ -2,7 +2,7 @@
 #![allow(dead_code, clippy::print_stdout, clippy::unwrap_used)]
 
 use satgs::frame::{CenterPx, Pixel, Point, SiteGrid};
-use satgs::raster::SensorImage;
+use satgs::io::SensorImage;
 use satgs::rpc::formats::to_gdal;
 use satgs::rpc::{Axis, Rpc, RpcCoefficients};
 use std::path::{Path, PathBuf};
@@ -97,8 +97,8 @@ pub fn disagreement_px(pairs: &[(Rpc, Rpc)], px: Pixel<CenterPx>) -> Vec<f64> {
 }
 
 /// A map around the ground of [`two_views`].
-pub fn dem_grid() -> satgs::raster::MapGrid {
-    satgs::raster::MapGrid {
+pub fn dem_grid() -> satgs::io::MapGrid {
+    satgs::io::MapGrid {
         epsg: 32631,
         west: 697_900.0,
         north: 4_793_000.0,

@@ -4,7 +4,7 @@ use super::look::Look;
 use super::{DRIFT_COST, PRIOR_COST, PRIOR_REACH_M, RETURN_COST, Stack, Sweep};
 use crate::affine::AffineCamera;
 use crate::frame::{Point, Site};
-use crate::raster::{Plane, ValidPixels, Window};
+use crate::io::{Plane, ValidPixels, Window};
 use crate::splat::views::TrainingView;
 use multiversion::multiversion;
 use rayon::prelude::*;

@@ -2,7 +2,7 @@
 
 use super::SweptSurface;
 use crate::frame::SiteGrid;
-use crate::raster::{Cog, ImageFile, RasterError, Vertical};
+use crate::io::{Cog, ImageFile, RasterError, Vertical};
 use std::path::Path;
 
 impl SweptSurface {

@@ -1,6 +1,6 @@
 //! What hides a cell from a view, or from the sun.
 
-use crate::raster::Plane;
+use crate::io::Plane;
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::Range;

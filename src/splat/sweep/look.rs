@@ -2,7 +2,7 @@
 
 use super::Sweep;
 use super::horizon::{SLACK_M, horizon};
-use crate::raster::Plane;
+use crate::io::Plane;
 use rayon::prelude::*;
 use std::ops::Range;
 

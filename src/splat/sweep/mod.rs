@@ -23,7 +23,7 @@ use super::setup::Setup;
 use super::views::{TrainingView, median_pixel_m};
 use crate::event::{Event, Sink};
 use crate::frame::{Point, Site, SiteGrid};
-use crate::raster::{MapGrid, Plane};
+use crate::io::{MapGrid, Plane};
 use crate::scene::views_needed;
 use correlation::{Image, Volume};
 use look::Look;

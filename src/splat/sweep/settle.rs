@@ -3,7 +3,7 @@
 //! right corners stay as they are.
 
 use super::{BELIEVED, SweptSurface};
-use crate::raster::Plane;
+use crate::io::Plane;
 
 /// A neighbourhood: cells within `reach`, of which the share `lower` (a fraction) lies below the one that is taken.
 struct Around {
@@ -109,7 +109,7 @@ impl Around {
 mod tests {
     use super::*;
     use crate::frame::{Point, SiteGrid};
-    use crate::raster::MapGrid;
+    use crate::io::MapGrid;
 
     fn settled(altitude: Plane, score: impl Fn(usize, usize) -> f32) -> Plane {
         let unknown = Plane::filled(altitude.width, altitude.height, f32::NAN);

@@ -5,7 +5,7 @@ use super::maps::AltitudeMap;
 use super::rays::point_on_ray;
 use crate::affine::AffineCamera;
 use crate::frame::Point;
-use crate::raster::{MapGrid, Plane};
+use crate::io::{MapGrid, Plane};
 use crate::splat::sweep::{Sweep, SweptSurface};
 use rayon::prelude::*;
 

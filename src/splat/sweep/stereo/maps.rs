@@ -4,7 +4,7 @@ use super::Partners;
 use super::rays::{Rays, point_on_ray};
 use super::volume::Volume;
 use crate::frame::Point;
-use crate::raster::Plane;
+use crate::io::Plane;
 use crate::splat::sweep::correlation::Image;
 use crate::splat::sweep::semiglobal::{self, Jump, Steps};
 use rayon::prelude::*;

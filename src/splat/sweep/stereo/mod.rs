@@ -15,7 +15,7 @@ mod volume;
 use super::correlation::Image;
 use super::{MAX_VOLUME, Sweep, SweptSurface};
 use crate::event::{Event, Sink};
-use crate::raster::{Plane, Window};
+use crate::io::{Plane, Window};
 use maps::AltitudeMap;
 use rays::Rays;
 use volume::Volume;

@@ -1,7 +1,7 @@
 //! The rays of a reference view's pixels, and where other views see their points.
 
 use crate::affine::AffineCamera;
-use crate::raster::Plane;
+use crate::io::Plane;
 use crate::splat::sweep::Sweep;
 use crate::splat::sweep::correlation::Image;
 

@@ -5,7 +5,7 @@
 //! large ones tell apart what the small one confuses.
 
 use super::rays::Rays;
-use crate::raster::Plane;
+use crate::io::Plane;
 use crate::splat::sweep::correlation::Image;
 use multiversion::multiversion;
 use rayon::prelude::*;

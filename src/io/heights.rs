@@ -167,7 +167,7 @@ impl ImageFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::raster::{Cog, MapGrid};
+    use crate::io::{Cog, MapGrid};
 
     const GRID: MapGrid =
         MapGrid { epsg: 32631, west: 700_000.0, north: 4_800_000.0, cell: 1.0, width: 40, height: 30 };
@@ -205,7 +205,7 @@ mod tests {
     fn a_raster_without_place_and_unit_is_in_metres() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("h.tif");
-        let image = crate::raster::SensorImage { width: 8, height: 8, rpc: &[], metadata: &[] };
+        let image = crate::io::SensorImage { width: 8, height: 8, rpc: &[], metadata: &[] };
         image.write_u8(&path, vec![vec![7; 64]]).unwrap();
         let system = HeightSystem::of_raster(&ImageFile::open(&path).unwrap()).unwrap();
         assert_eq!((system.metres, system.converted_from(), system.from), (1.0, None, None));
