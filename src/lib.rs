@@ -2,7 +2,7 @@
 //!
 //! The modules stand in layers; each imports only from those above it in this list, `cli` from all.
 
-pub mod event;
+pub mod progress;
 pub mod run_files;
 pub mod frame;
 pub mod io;

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
 const LAYERS: [(&str, Option<&[&str]>); 16] = [
-    ("event", None),
+    ("progress", None),
     ("run_files", Some(&[])),
     ("frame", None),
     ("io", None),
@@ -16,14 +16,14 @@ const LAYERS: [(&str, Option<&[&str]>); 16] = [
     ("rpc", None),
     ("scene", None),
     // The simulator makes the truth: it must share nothing with what is tested against it.
-    ("simulate", Some(&["event", "frame", "io", "rpc", "scene"])),
-    ("bundle", Some(&["event", "run_files", "frame", "io", "checkpoint", "rpc", "scene"])),
-    ("affine", Some(&["event", "frame", "io", "rpc", "scene", "bundle"])),
-    ("splat", Some(&["event", "frame", "io", "checkpoint", "rpc", "scene", "bundle", "affine"])),
-    ("dsm", Some(&["event", "frame", "io", "rpc", "scene", "bundle", "affine", "splat"])),
-    ("metrics", Some(&["event", "frame", "io"])),
+    ("simulate", Some(&["progress", "frame", "io", "rpc", "scene"])),
+    ("bundle", Some(&["progress", "run_files", "frame", "io", "checkpoint", "rpc", "scene"])),
+    ("affine", Some(&["progress", "frame", "io", "rpc", "scene", "bundle"])),
+    ("splat", Some(&["progress", "frame", "io", "checkpoint", "rpc", "scene", "bundle", "affine"])),
+    ("dsm", Some(&["progress", "frame", "io", "rpc", "scene", "bundle", "affine", "splat"])),
+    ("metrics", Some(&["progress", "frame", "io"])),
     ("align", Some(&["frame", "io", "metrics"])),
-    ("report", Some(&["event", "run_files", "frame", "io", "scene", "bundle", "dsm", "metrics"])),
+    ("report", Some(&["progress", "run_files", "frame", "io", "scene", "bundle", "dsm", "metrics"])),
     ("cli", None),
 ];
 

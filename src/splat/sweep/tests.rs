@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::affine::AffineCamera;
-use crate::event::ignore;
 use crate::frame::SiteGrid;
+use crate::progress::NoProgress;
 use crate::splat::random::Draw;
 
 pub(super) const BLOCK_M: f64 = 12.0;
@@ -90,7 +90,7 @@ fn cells_are_as_wide_as_pixels_but_never_finer_than_the_dsm_s() {
 fn a_block_and_the_ground_around_it_are_found() {
     let views = views(texture);
     let sweep = Sweep::new(&setup(), &views, &sparse()).unwrap();
-    let surface = sweep.run(&ignore);
+    let surface = sweep.run(&NoProgress).unwrap();
     assert!(right(&surface) > 0.95, "{}", right(&surface));
     assert!(surface.score.data.iter().filter(|s| **s > BELIEVED).count() * 2 > surface.score.data.len());
 }
@@ -107,7 +107,7 @@ fn raised(sweep: &Sweep, up: f64) -> Plane {
 fn a_prior_decides_where_views_show_nothing_and_no_first_surface_does() {
     let views = views(plain);
     let sweep = Sweep::new(&setup(), &views, &sparse()).unwrap();
-    let mut first = sweep.run(&ignore);
+    let mut first = sweep.run(&NoProgress).unwrap();
     first.altitude.data.fill(f32::NAN);
     let surface = sweep.sharpen(&raised(&sweep, 0.0), &first);
     assert!(right(&surface) > 0.95, "{}", right(&surface));
@@ -117,7 +117,7 @@ fn a_prior_decides_where_views_show_nothing_and_no_first_surface_does() {
 fn what_is_plain_stays_on_the_first_surface_where_training_drifted() {
     let views = views(plain);
     let sweep = Sweep::new(&setup(), &views, &sparse()).unwrap();
-    let mut first = sweep.run(&ignore);
+    let mut first = sweep.run(&NoProgress).unwrap();
     first.altitude = raised(&sweep, 0.0);
     let surface = sweep.sharpen(&raised(&sweep, 4.0), &first);
     assert!(right(&surface) > 0.95, "{}", right(&surface));
@@ -145,7 +145,7 @@ fn a_prior_counts_near_the_first_surface_and_where_views_see_it() {
 fn training_is_held_where_a_plain_roof_is_bridged_from_its_edges_and_nowhere_else() {
     let of = |paint: Paint| {
         let views = views(paint);
-        Sweep::new(&setup(), &views, &sparse()).unwrap().run(&ignore)
+        Sweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap()
     };
     let mean = |surface: &SweptSurface, is_meant: fn(Point<Site>) -> bool| {
         let (width, cells) = (surface.grid.width, surface.hold.data.iter().enumerate());
@@ -170,7 +170,7 @@ fn views_of_one_direction_make_no_pair() {
 #[test]
 fn splats_start_on_the_surface_with_curtains_down_its_walls() {
     let views = views(texture);
-    let surface = Sweep::new(&setup(), &views, &sparse()).unwrap().run(&ignore);
+    let surface = Sweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
     let splats = crate::splat::init::on_surface(&surface, &views);
     let near =
         |p: &&[f32; 3], z: f64| p[0].abs() < 5.0 && p[1].abs() < 3.0 && (f64::from(p[2]) - z).abs() < 0.5;
