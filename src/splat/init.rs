@@ -1,11 +1,12 @@
 //! The start: splats on a swept surface; at and around every sparse point with a carpet for shadows to fall on (BAEOGS
 //! §3.1); or all over a box of air (EOGS).
 
-use super::gaussians::Gaussians;
-use super::random::Draw;
-use super::sweep::SweptSurface;
-use super::views::TrainingView;
-use crate::frame::{Point, Site};
+use crate::affine::TrainingView;
+use crate::frame::{Point, Site, SiteBox};
+use crate::mvs::{MatchedSurface, ground_plane};
+use crate::random::CounterRng;
+use crate::splat::splats::Splats;
+use crate::stats::quantile;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZero;
@@ -17,21 +18,11 @@ const COPY_DISTANCE_M: f64 = 0.02;
 const OPACITY: f64 = 0.99;
 /// Bounds of a splat's scale at the start, metres.
 const SCALE_M: (f64, f64) = (0.05, 2.0);
-/// Share of the sparse points below the carpet's plane.
-const PLANE_SHARE: f64 = 0.02;
 /// Spacing of the splats on a swept surface, metres, and their opacity.
 const SPACING_M: f64 = 1.0;
 const SURFACE_OPACITY: f32 = 0.9;
 /// Four neighbours that are this flat become one splat of twice the size, metres.
 const FLAT_M: f64 = 0.25;
-/// Shares of the sparse points below and above the heights that are swept and trained in, and the margins around
-/// them.
-const HEIGHT_SHARES: (f64, f64) = (0.005, 0.995);
-const MARGIN_BELOW_M: f64 = 5.0;
-const MARGIN_ABOVE_M: f64 = 15.0;
-/// Side of the cells in which the ground is looked for, metres, and the share of a cell's points below it.
-const GROUND_CELL_M: f64 = 30.0;
-const GROUND_SHARE: f64 = 0.1;
 /// Splats of a box of air: so many a cubic metre, their opacity and brightness (EOGS).
 const BOX_DENSITY: f64 = 0.13;
 const BOX_OPACITY: f32 = 0.01;
@@ -41,34 +32,31 @@ const DRAW_COPY: u64 = 1;
 const DRAW_CARPET: u64 = 2;
 const DRAW_BOX: u64 = 3;
 
-/// A box on the map grid, site metres: west, south, east, north.
-pub type SiteBox = (f64, f64, f64, f64);
-
 /// The splats that training starts from without a swept surface; the carpet lies on the level plane below which
 /// 2 % of the sparse points lie.
 #[must_use]
-pub fn on_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Gaussians {
+pub fn on_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Splats {
     let mut points = Vec::with_capacity(sparse.len() * (COPIES + 1));
     for (i, p) in sparse.iter().enumerate() {
         points.push(p.xyz());
         for k in 0..COPIES {
-            let d = Draw::new(seed, DRAW_COPY, k as u64, i as u64).direction();
+            let d = CounterRng::new(seed, DRAW_COPY, k as u64, i as u64).direction();
             let p = p.xyz();
             points.push(std::array::from_fn(|a| p[a] + COPY_DISTANCE_M * d[a]));
         }
     }
-    let plane = quantile(sparse.iter().map(|p| p.z()).collect(), PLANE_SHARE).unwrap_or(0.0);
+    let plane = ground_plane(sparse);
     let (west, south, east, north) = area;
     let count = ((east - west) * (north - south)).max(0.0) as usize;
     let carpet: Vec<[f64; 3]> = (0..count)
         .map(|i| {
-            let mut draw = Draw::new(seed, DRAW_CARPET, 0, i as u64);
+            let mut draw = CounterRng::new(seed, DRAW_CARPET, 0, i as u64);
             let x = west + (east - west) * draw.uniform();
             let y = south + (north - south) * draw.uniform();
             [x, y, plane]
         })
         .collect();
-    let mut out = Gaussians::default();
+    let mut out = Splats::default();
     // Sparse points and carpet find their neighbours each among themselves.
     for (points, gray) in [(points, 1.0), (carpet, 0.0)] {
         for (p, scale) in points.iter().zip(neighbour_scales(&points)) {
@@ -80,14 +68,14 @@ pub fn on_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Gaussians 
 
 /// Faint splats all over the area, between two altitudes.
 #[must_use]
-pub fn in_box((west, south, east, north): SiteBox, (low, high): (f64, f64), seed: u64) -> Gaussians {
+pub fn in_box((west, south, east, north): SiteBox, (low, high): (f64, f64), seed: u64) -> Splats {
     let count = BOX_DENSITY * (east - west) * (north - south) * (high - low);
     let place = |i: u64| {
-        let mut draw = Draw::new(seed, DRAW_BOX, 0, i);
+        let mut draw = CounterRng::new(seed, DRAW_BOX, 0, i);
         [(west, east), (south, north), (low, high)].map(|(from, to)| from + (to - from) * draw.uniform())
     };
     let places: Vec<[f64; 3]> = (0..count.max(0.0) as u64).map(place).collect();
-    let mut out = Gaussians::default();
+    let mut out = Splats::default();
     for (p, scale) in places.iter().zip(neighbour_scales(&places)) {
         out.push(p.map(|v| v as f32), scale as f32, BOX_OPACITY, [BOX_BRIGHTNESS; 3]);
     }
@@ -96,7 +84,7 @@ pub fn in_box((west, south, east, north): SiteBox, (low, high): (f64, f64), seed
 
 /// Splats on a swept surface in the views' median colours: larger ones where it is flat, and curtains down its steps.
 #[must_use]
-pub fn on_surface(surface: &SweptSurface, views: &[TrainingView]) -> Gaussians {
+pub fn on_surface(surface: &MatchedSurface, views: &[TrainingView]) -> Splats {
     let cells = ((SPACING_M / surface.grid.cell).round() as usize).max(1);
     let (columns, rows) = (surface.grid.width / cells, surface.grid.height / cells);
     let at = |col: usize, row: usize| {
@@ -124,7 +112,7 @@ pub fn on_surface(surface: &SweptSurface, views: &[TrainingView]) -> Gaussians {
     };
     let splats: Vec<_> = quads.par_iter().flat_map_iter(splats_of_quad).collect();
     let colors: Vec<[f32; 3]> = splats.par_iter().map(|(p, _)| median_color(*p, views)).collect();
-    let mut out = Gaussians::default();
+    let mut out = Splats::default();
     for ((p, size), rgb) in splats.into_iter().zip(colors) {
         out.push(p.map(|v| v as f32), 0.5 * size as f32, SURFACE_OPACITY, rgb);
     }
@@ -161,107 +149,6 @@ fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
         .collect()
 }
 
-/// The altitude of the ground, from sparse points: a low percentile in each cell of 30 m, smoothed.
-pub struct Ground {
-    west: f64,
-    south: f64,
-    columns: usize,
-    rows: usize,
-    /// Altitudes at cell centres, row by row from the south.
-    altitudes: Vec<f64>,
-}
-
-impl Ground {
-    /// The ground of an area.
-    #[must_use]
-    pub fn new(sparse: &[Point<Site>], (west, south, east, north): SiteBox) -> Self {
-        let plane = quantile(sparse.iter().map(|p| p.z()).collect(), PLANE_SHARE).unwrap_or(0.0);
-        let columns = (((east - west) / GROUND_CELL_M).ceil() as usize).max(1);
-        let rows = (((north - south) / GROUND_CELL_M).ceil() as usize).max(1);
-        let mut cells = vec![Vec::new(); columns * rows];
-        for p in sparse {
-            let c = ((p.x() - west) / GROUND_CELL_M).floor();
-            let r = ((p.y() - south) / GROUND_CELL_M).floor();
-            if c >= 0.0 && r >= 0.0 && c < columns as f64 && r < rows as f64 {
-                cells[r as usize * columns + c as usize].push(p.z());
-            }
-        }
-        let low: Vec<Option<f64>> = cells.into_iter().map(|z| quantile(z, GROUND_SHARE)).collect();
-        // A cell without ground (a roof fills it, or no point fell there) asks a wider and wider neighbourhood;
-        // one pass of smoothing follows.
-        let filled: Vec<f64> = (0..columns * rows)
-            .map(|i| nearest_mean(&low, columns, rows, i % columns, i / columns).unwrap_or(plane))
-            .collect();
-        let altitudes =
-            (0..columns * rows).map(|i| smoothed(&filled, columns, rows, i % columns, i / columns));
-        Self { west, south, columns, rows, altitudes: altitudes.collect() }
-    }
-
-    /// Lowest and highest height above the ground at which a surface is to be looked for, metres; none without points.
-    #[must_use]
-    pub fn heights_above(&self, sparse: &[Point<Site>]) -> Option<(f64, f64)> {
-        height_range(sparse.iter().map(|p| p.z() - self.altitude(p.x(), p.y())).collect())
-    }
-
-    /// Bilinear between cell centres, constant beyond them.
-    #[must_use]
-    pub fn altitude(&self, x: f64, y: f64) -> f64 {
-        let axis = |v: f64, start: f64, n: usize| {
-            let t = ((v - start) / GROUND_CELL_M - 0.5).clamp(0.0, n as f64 - 1.0);
-            let i = (t.floor() as usize).min(n.saturating_sub(2));
-            (i, (i + 1).min(n - 1), t - i as f64)
-        };
-        let (c0, c1, fx) = axis(x, self.west, self.columns);
-        let (r0, r1, fy) = axis(y, self.south, self.rows);
-        let at = |c: usize, r: usize| self.altitudes[r * self.columns + c];
-        let line = |r: usize| at(c0, r) + (at(c1, r) - at(c0, r)) * fx;
-        line(r0) + (line(r1) - line(r0)) * fy
-    }
-}
-
-/// Mean of the cells with a value in the smallest square around a cell that has any.
-fn nearest_mean(cells: &[Option<f64>], columns: usize, rows: usize, col: usize, row: usize) -> Option<f64> {
-    (0..columns.max(rows)).find_map(|reach| {
-        let square = window(cells, columns, rows, col, row, reach);
-        let known: Vec<f64> = square.flatten().collect();
-        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
-    })
-}
-
-fn smoothed(cells: &[f64], columns: usize, rows: usize, col: usize, row: usize) -> f64 {
-    let values: Vec<f64> = window(cells, columns, rows, col, row, 1).collect();
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-fn window<V: Copy>(
-    cells: &[V],
-    columns: usize,
-    rows: usize,
-    col: usize,
-    row: usize,
-    reach: usize,
-) -> impl Iterator<Item = V> + '_ {
-    let (r0, r1) = (row.saturating_sub(reach), (row + reach).min(rows - 1));
-    let (c0, c1) = (col.saturating_sub(reach), (col + reach).min(columns - 1));
-    (r0..=r1).flat_map(move |r| (c0..=c1).map(move |c| cells[r * columns + c]))
-}
-
-/// From the heights of sparse points to those in which a surface is looked for, metres.
-#[must_use]
-pub fn height_range(heights: Vec<f64>) -> Option<(f64, f64)> {
-    let low = quantile(heights.clone(), HEIGHT_SHARES.0)?;
-    let high = quantile(heights, HEIGHT_SHARES.1)?;
-    Some((low - MARGIN_BELOW_M, high + MARGIN_ABOVE_M))
-}
-
-/// The value below which a share of the values lies.
-#[must_use]
-pub fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
-    let last = values.len().checked_sub(1)?;
-    let rank = (share * last as f64).round() as usize;
-    Some(*values.select_nth_unstable_by(rank.min(last), f64::total_cmp).1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -269,7 +156,7 @@ mod tests {
     fn slope() -> Vec<Point<Site>> {
         (0..4000)
             .map(|i| {
-                let mut d = Draw::new(5, 0, 0, i);
+                let mut d = CounterRng::new(5, 0, 0, i);
                 let (x, y) = (200.0 * d.uniform() - 100.0, 160.0 * d.uniform() - 80.0);
                 Point::new(x, y, 0.3 * x)
             })
@@ -292,17 +179,6 @@ mod tests {
         // The expected distance of the nearest three, root mean square, is 1.49 m far from walls.
         let mean = g.log_scale.iter().map(|s| s[0].exp()).sum::<f32>() / 2080.0;
         assert!((1.4..1.7).contains(&mean), "{mean}");
-    }
-
-    #[test]
-    fn the_ground_follows_a_slope_and_is_swept_around_all_heights() {
-        let sparse = slope();
-        let ground = Ground::new(&sparse, (-100.0, -80.0, 100.0, 80.0));
-        for x in [-70.0, -20.0, 35.0, 70.0] {
-            assert!((ground.altitude(x, 10.0) - 0.3 * x).abs() < 5.0, "{x}");
-        }
-        let (low, high) = ground.heights_above(&sparse).unwrap();
-        assert!(low < 0.0 && high > MARGIN_ABOVE_M, "{low} {high}");
     }
 
     #[test]
