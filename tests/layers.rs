@@ -130,8 +130,8 @@ fn the_crate_lists_its_modules_in_the_order_of_the_layers() {
 
 #[test]
 fn imports_are_read_in_every_form() {
-    let text = "use crate::frame::{Point, Site};\n//! use crate::cli;\nuse crate::{rpc::Rpc, scene::{A, B}, raster};\n\
-                fn f() { crate::bundle::run() } // crate::dsm\npub(in satgs::splat) fn g() {}";
+    let text = "use crate::frame::{Point, Site};\n//! use crate::cli;\nuse crate::{rpc::Rpc, scene::{A, B}, io};\n\
+                fn f() { crate::bundle::run() } // crate::dsm\npub(in crate::splat) fn g() {}";
     let found: Vec<String> = imports(text).into_iter().collect();
     assert_eq!(found, ["bundle", "frame", "io", "rpc", "scene", "splat"]);
 }

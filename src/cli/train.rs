@@ -204,11 +204,11 @@ impl<'a> Job<'a> {
             (Some(sweep), _) => {
                 let first = sweep.run(&|e| ui.show(e));
                 first.write(&self.run.join(FIRST_SURFACE))?;
-                init::on_surface(&first, views)
+                init::init_from_surface(&first, views)
             }
             (None, Start::Surface) => return Err(MatchError::no_pair(views).into()),
-            (None, Start::Points) => init::on_points(&self.sparse, setup.area, seed),
-            (None, Start::Box) => init::in_box(setup.area, setup.altitudes, seed),
+            (None, Start::Points) => init::init_from_points(&self.sparse, setup.area, seed),
+            (None, Start::Box) => init::init_from_volume(setup.area, setup.altitudes, seed),
         })
     }
 

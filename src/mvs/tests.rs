@@ -169,20 +169,6 @@ fn views_of_one_direction_make_no_pair() {
 }
 
 #[test]
-fn splats_start_on_the_surface_with_curtains_down_its_walls() {
-    let views = views(texture);
-    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&ignore);
-    let splats = crate::splat::init::on_surface(&surface, &views);
-    let near =
-        |p: &&[f32; 3], z: f64| p[0].abs() < 5.0 && p[1].abs() < 3.0 && (f64::from(p[2]) - z).abs() < 0.5;
-    assert!(splats.position.iter().filter(|p| near(p, BLOCK_M)).count() >= 10);
-    assert_eq!(splats.position.iter().filter(|p| near(p, 0.0)).count(), 0, "nothing under the roof");
-    let on_wall = |p: &&[f32; 3]| (2.0..10.0).contains(&p[2]);
-    let curtain = splats.position.iter().filter(on_wall).count();
-    assert!(curtain >= 150, "{curtain}");
-}
-
-#[test]
 fn altitudes_that_fewer_images_reach_count_less() {
     let of = |ground: usize, needed: usize| Cover::new(ground, [10, 10, 8, 8, 5, 5, 5, 0], needed);
     let cover = of(8, 8);

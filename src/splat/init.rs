@@ -1,5 +1,5 @@
-//! The start: splats on a swept surface; at and around every sparse point with a carpet for shadows to fall on (BAEOGS
-//! §3.1); or all over a box of air (EOGS).
+//! Initialisation of the splats: on a matched surface; at and around every sparse point, with splats on a level ground
+//! plane that shadows can fall on (BAEOGS §3.1); or evenly in a volume (EOGS).
 
 use crate::affine::TrainingView;
 use crate::frame::{Point, Site, SiteBox};
@@ -18,24 +18,24 @@ const COPY_DISTANCE_M: f64 = 0.02;
 const OPACITY: f64 = 0.99;
 /// Bounds of a splat's scale at the start, metres.
 const SCALE_M: (f64, f64) = (0.05, 2.0);
-/// Spacing of the splats on a swept surface, metres, and their opacity.
+/// Spacing of the splats on a matched surface, metres, and their opacity.
 const SPACING_M: f64 = 1.0;
 const SURFACE_OPACITY: f32 = 0.9;
 /// Four neighbours that are this flat become one splat of twice the size, metres.
 const FLAT_M: f64 = 0.25;
-/// Splats of a box of air: so many a cubic metre, their opacity and brightness (EOGS).
-const BOX_DENSITY: f64 = 0.13;
-const BOX_OPACITY: f32 = 0.01;
-const BOX_BRIGHTNESS: f32 = 1.1;
+/// Splats of a volume: their number per cubic metre, their opacity and brightness (EOGS).
+const VOLUME_DENSITY: f64 = 0.13;
+const VOLUME_OPACITY: f32 = 0.01;
+const VOLUME_BRIGHTNESS: f32 = 1.1;
 /// Purposes of random draws.
 const DRAW_COPY: u64 = 1;
-const DRAW_CARPET: u64 = 2;
-const DRAW_BOX: u64 = 3;
+const DRAW_GROUND: u64 = 2;
+const DRAW_VOLUME: u64 = 3;
 
-/// The splats that training starts from without a swept surface; the carpet lies on the level plane below which
-/// 2 % of the sparse points lie.
+/// Splats at the sparse points (site metres), five each, and one a square metre on the level plane below which 2 % of the
+/// sparse points lie (BAEOGS §3.1).
 #[must_use]
-pub fn on_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Splats {
+pub fn init_from_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Splats {
     let mut points = Vec::with_capacity(sparse.len() * (COPIES + 1));
     for (i, p) in sparse.iter().enumerate() {
         points.push(p.xyz());
@@ -48,17 +48,17 @@ pub fn on_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Splats {
     let plane = ground_plane(sparse);
     let (west, south, east, north) = area;
     let count = ((east - west) * (north - south)).max(0.0) as usize;
-    let carpet: Vec<[f64; 3]> = (0..count)
+    let ground: Vec<[f64; 3]> = (0..count)
         .map(|i| {
-            let mut draw = CounterRng::new(seed, DRAW_CARPET, 0, i as u64);
+            let mut draw = CounterRng::new(seed, DRAW_GROUND, 0, i as u64);
             let x = west + (east - west) * draw.uniform();
             let y = south + (north - south) * draw.uniform();
             [x, y, plane]
         })
         .collect();
     let mut out = Splats::default();
-    // Sparse points and carpet find their neighbours each among themselves.
-    for (points, gray) in [(points, 1.0), (carpet, 0.0)] {
+    // Neighbours are looked for among the sparse points, and among those of the ground plane, apart.
+    for (points, gray) in [(points, 1.0), (ground, 0.0)] {
         for (p, scale) in points.iter().zip(neighbour_scales(&points)) {
             out.push(p.map(|v| v as f32), scale as f32, OPACITY as f32, [gray; 3]);
         }
@@ -66,25 +66,26 @@ pub fn on_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Splats {
     out
 }
 
-/// Faint splats all over the area, between two altitudes.
+/// Faint splats spread evenly over the area (site metres) between two altitudes (EOGS).
 #[must_use]
-pub fn in_box((west, south, east, north): SiteBox, (low, high): (f64, f64), seed: u64) -> Splats {
-    let count = BOX_DENSITY * (east - west) * (north - south) * (high - low);
+pub fn init_from_volume((west, south, east, north): SiteBox, (low, high): (f64, f64), seed: u64) -> Splats {
+    let count = VOLUME_DENSITY * (east - west) * (north - south) * (high - low);
     let place = |i: u64| {
-        let mut draw = CounterRng::new(seed, DRAW_BOX, 0, i);
+        let mut draw = CounterRng::new(seed, DRAW_VOLUME, 0, i);
         [(west, east), (south, north), (low, high)].map(|(from, to)| from + (to - from) * draw.uniform())
     };
     let places: Vec<[f64; 3]> = (0..count.max(0.0) as u64).map(place).collect();
     let mut out = Splats::default();
     for (p, scale) in places.iter().zip(neighbour_scales(&places)) {
-        out.push(p.map(|v| v as f32), scale as f32, BOX_OPACITY, [BOX_BRIGHTNESS; 3]);
+        out.push(p.map(|v| v as f32), scale as f32, VOLUME_OPACITY, [VOLUME_BRIGHTNESS; 3]);
     }
     out
 }
 
-/// Splats on a swept surface in the views' median colours: larger ones where it is flat, and curtains down its steps.
+/// Splats on a matched surface in the median colours of the views: larger ones where it is flat, and columns of them down
+/// its steps.
 #[must_use]
-pub fn on_surface(surface: &MatchedSurface, views: &[TrainingView]) -> Splats {
+pub fn init_from_surface(surface: &MatchedSurface, views: &[TrainingView]) -> Splats {
     let cells = ((SPACING_M / surface.grid.cell).round() as usize).max(1);
     let (columns, rows) = (surface.grid.width / cells, surface.grid.height / cells);
     let at = |col: usize, row: usize| {
@@ -119,7 +120,7 @@ pub fn on_surface(surface: &MatchedSurface, views: &[TrainingView]) -> Splats {
     out
 }
 
-/// In light, as splats are coloured.
+/// Linear, as splats are coloured; grey where no view has the place.
 fn median_color([x, y, z]: [f64; 3], views: &[TrainingView]) -> [f32; 3] {
     let seen = |v: &TrainingView| {
         let color = v.color(v.camera.project(Point::new(x, y, z)))?;
@@ -152,6 +153,35 @@ fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::affine::AffineCamera;
+    use crate::frame::SiteGrid;
+    use crate::io::{MapGrid, Plane};
+
+    /// A block of 16 m by 12 m, 12 m high, on level ground, in cells of half a metre.
+    fn block() -> MatchedSurface {
+        let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
+        let (west, north) = (436_200.0 - 25.0, 3_357_600.0 + 20.0);
+        let grid = MapGrid { epsg: 32617, west, north, cell: 0.5, width: 100, height: 80 };
+        let altitude = Plane::from_fn(100, 80, |col, row| {
+            let (x, y) = (0.5 * col as f64 - 24.75, 19.75 - 0.5 * row as f64);
+            if x.abs() < 8.0 && y.abs() < 6.0 { 12.0 } else { 0.0 }
+        });
+        let ones = Plane::filled(100, 80, 1.0);
+        MatchedSurface { site, grid, altitude, score: ones.clone(), hold: ones }
+    }
+
+    #[test]
+    fn splats_start_on_the_surface_and_down_its_walls() {
+        let camera = AffineCamera { linear: [[2.0, 0.0, 0.0], [0.0, -2.0, 0.0]], offset: [79.5, 69.5] };
+        let area = (-30.0, -25.0, 30.0, 25.0);
+        let view = TrainingView::new("v".into(), camera, None, &[Plane::filled(160, 140, 0.3)], area);
+        let splats = init_from_surface(&block(), &[view]);
+        let near = |p: &&[f32; 3], z: f32| p[0].abs() < 5.0 && p[1].abs() < 3.0 && (p[2] - z).abs() < 0.5;
+        assert!(splats.position.iter().filter(|p| near(p, 12.0)).count() >= 10);
+        assert_eq!(splats.position.iter().filter(|p| near(p, 0.0)).count(), 0, "nothing under the roof");
+        let on_walls = splats.position.iter().filter(|p| (2.0..10.0).contains(&p[2])).count();
+        assert!(on_walls >= 150, "{on_walls}");
+    }
 
     fn slope() -> Vec<Point<Site>> {
         (0..4000)
@@ -164,15 +194,15 @@ mod tests {
     }
 
     #[test]
-    fn the_carpet_has_one_splat_a_square_metre() {
+    fn the_ground_plane_has_one_splat_a_square_metre() {
         let sparse = slope();
-        let g = on_points(&sparse, (-100.0, -80.0, 100.0, 80.0), 0);
+        let g = init_from_points(&sparse, (-100.0, -80.0, 100.0, 80.0), 0);
         assert_eq!(g.len(), 5 * sparse.len() + 200 * 160);
     }
 
     #[test]
-    fn a_box_is_filled_evenly() {
-        let g = in_box((-20.0, -10.0, 20.0, 10.0), (-5.0, 15.0), 0);
+    fn a_volume_is_filled_evenly() {
+        let g = init_from_volume((-20.0, -10.0, 20.0, 10.0), (-5.0, 15.0), 0);
         assert_eq!(g.len(), 2080, "0.13 a cubic metre");
         let lower = g.position.iter().filter(|p| p[2] < 5.0).count();
         assert!((lower as i64 - 1040).abs() < 100, "{lower}");
@@ -184,7 +214,7 @@ mod tests {
     #[test]
     fn the_plane_lies_below_all_but_two_percent() {
         let sparse = slope();
-        let g = on_points(&sparse, (-10.0, -10.0, 10.0, 10.0), 0);
+        let g = init_from_points(&sparse, (-10.0, -10.0, 10.0, 10.0), 0);
         let z = f64::from(g.position[5 * sparse.len()][2]);
         let below = sparse.iter().filter(|p| p.z() < z - 1e-3).count();
         assert!((60..=90).contains(&below), "{below}");
@@ -192,7 +222,7 @@ mod tests {
 
     #[test]
     fn scales_stay_within_their_bounds() {
-        let g = on_points(&slope(), (-100.0, -80.0, 100.0, 80.0), 0);
+        let g = init_from_points(&slope(), (-100.0, -80.0, 100.0, 80.0), 0);
         let (lo, hi) = ((SCALE_M.0 * 0.999) as f32, (SCALE_M.1 * 1.001) as f32);
         assert!(g.log_scale.iter().all(|s| (lo..=hi).contains(&s[0].exp())));
     }
