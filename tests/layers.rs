@@ -7,23 +7,27 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 16] = [
-    ("progress", None),
+const LAYERS: [(&str, Option<&[&str]>); 20] = [
+    ("stats", None),
+    ("random", Some(&[])),
+    ("simd", Some(&[])),
+    ("progress", Some(&[])),
     ("run_files", Some(&[])),
-    ("frame", None),
-    ("io", None),
+    ("frame", Some(&[])),
+    ("io", Some(&["frame"])),
     ("checkpoint", Some(&["io"])),
     ("rpc", None),
     ("scene", None),
     // The simulator makes the truth: it must share nothing with what is tested against it.
-    ("simulate", Some(&["progress", "frame", "io", "rpc", "scene"])),
-    ("bundle", Some(&["progress", "run_files", "frame", "io", "checkpoint", "rpc", "scene"])),
-    ("affine", Some(&["progress", "frame", "io", "rpc", "scene", "bundle"])),
-    ("splat", Some(&["progress", "frame", "io", "checkpoint", "rpc", "scene", "bundle", "affine"])),
-    ("dsm", Some(&["progress", "frame", "io", "rpc", "scene", "bundle", "affine", "splat"])),
-    ("metrics", Some(&["progress", "frame", "io"])),
+    ("simulate", Some(&["random", "progress", "frame", "io", "rpc", "scene"])),
+    ("bundle", Some(&["stats", "progress", "run_files", "frame", "io", "checkpoint", "rpc", "scene"])),
+    ("affine", Some(&["stats", "random", "frame", "io", "rpc", "scene"])),
+    ("mvs", Some(&["stats", "random", "progress", "frame", "io", "scene", "affine"])),
+    ("splat", None),
+    ("dsm", None),
+    ("metrics", Some(&["stats", "random", "progress", "frame", "io"])),
     ("align", Some(&["frame", "io", "metrics"])),
-    ("report", Some(&["progress", "run_files", "frame", "io", "scene", "bundle", "dsm", "metrics"])),
+    ("report", None),
     ("cli", None),
 ];
 
