@@ -1,7 +1,7 @@
 //! What stages leave in a run's folder for each other: how it is read and written.
 
 use super::{Failure, align};
-use crate::io::{RasterError, write_file};
+use crate::io::{WriteError, write_file};
 use crate::run_files::{CAMERAS, SCENE, SPLATS};
 use crate::scene::{Scene, View};
 use crate::splat::appearance::Appearance;
@@ -90,8 +90,7 @@ pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path, made_by: &str) -> 
 
 /// Writes a JSON file of a run's folder.
 pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), Failure> {
-    let failed = |reason: String| RasterError::Write { path: path.into(), reason };
-    let text = serde_json::to_string_pretty(value).map_err(|e| failed(e.to_string()))?;
+    let text = serde_json::to_string_pretty(value).map_err(|e| WriteError::new(path, e))?;
     Ok(write_file(path, text)?)
 }
 

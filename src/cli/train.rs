@@ -9,7 +9,7 @@ use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
 use crate::event::Event;
 use crate::frame::{Point, Site};
-use crate::io::{RasterError, write_atomically};
+use crate::io::{WriteError, write_atomically};
 use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, FIRST_SURFACE, SPLATS, STAGE, SURFACE, TRAINING};
 use crate::scene::Scene;
 use crate::splat::backend::{Snapshot, TrainingBackend};
@@ -318,7 +318,7 @@ fn fingerprint(run: &Path, options: &Options, recipe: &Recipe) -> Result<Fingerp
 }
 
 fn write_log(path: &Path, log: &[LogLine]) -> Result<(), Failure> {
-    let failed = |reason: String| RasterError::Write { path: path.into(), reason };
+    let failed = |reason: String| WriteError::new(path, reason);
     write_atomically(path, |t| {
         let mut writer = csv::Writer::from_path(t).map_err(|e| failed(e.to_string()))?;
         for line in log {

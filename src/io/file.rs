@@ -1,6 +1,6 @@
 //! Reading: any GDAL raster, its bands, its metadata, its place on the map.
 
-use super::{MapGrid, Plane, RasterError};
+use super::{Cause, MapGrid, Plane, RasterError};
 use crate::frame::{CornerPx, Pixel};
 use gdal::raster::{GdalDataType, ResampleAlg};
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
@@ -65,12 +65,12 @@ impl ImageFile {
     /// [`RasterError::Open`] when GDAL cannot, [`RasterError::Size`] for images that cannot be.
     pub fn open(path: &Path) -> Result<Self, RasterError> {
         set_up_gdal();
-        let refused = |reason: String| RasterError::Open { path: path.into(), reason };
-        let file = std::fs::metadata(path).map_err(|e| refused(e.to_string()))?;
+        let refused = |cause: Cause| RasterError::Open { path: path.into(), cause };
+        let file = std::fs::metadata(path).map_err(|e| refused(e.into()))?;
         if !file.is_file() {
             return Err(refused("not a regular file".into()));
         }
-        let dataset = Dataset::open(path).map_err(|e| refused(e.to_string()))?;
+        let dataset = Dataset::open(path).map_err(|e| refused(e.into()))?;
         let (width, height) = dataset.raster_size();
         let size = |reason| RasterError::Size { path: path.into(), width, height, bytes: file.len(), reason };
         let pixels = width as u64 * height as u64;
@@ -183,7 +183,7 @@ impl ImageFile {
         let (from, size) = ((window.col as isize, window.row as isize), (window.width, window.height));
         let pixels = band
             .read_as::<f32>(from, size, (width, height), Some(ResampleAlg::Average))
-            .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })?;
+            .map_err(|e| RasterError::Read { path: self.path.clone(), cause: e })?;
         Ok(Plane { width, height, data: pixels.into_shape_and_vec().1 })
     }
 
@@ -210,7 +210,7 @@ impl ImageFile {
         let last = (width as isize - 1, height as isize - 1);
         band.read_as::<f32>(last, (1, 1), (1, 1), None)
             .map(|_| ())
-            .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })
+            .map_err(|e| RasterError::Read { path: self.path.clone(), cause: e })
     }
 
     /// Bits of a pixel of the first band, as stored.
@@ -276,7 +276,7 @@ impl ImageFile {
     /// # Errors
     /// [`RasterError::NotAMap`] unless it is north-up with square cells in a projected CRS with an EPSG code.
     pub fn map_grid(&self) -> Result<MapGrid, RasterError> {
-        let not = |reason: &str| RasterError::NotAMap { path: self.path.clone(), reason: reason.into() };
+        let not = |reason: &'static str| RasterError::NotAMap { path: self.path.clone(), reason };
         let t = self.dataset.geo_transform().map_err(|_| not("the raster has no geotransform"))?;
         let srs = self.dataset.spatial_ref().map_err(|_| not("the raster has no CRS"))?;
         if srs.is_geographic() {

@@ -21,7 +21,7 @@ impl Geoid {
         let file = ImageFile::open(path)?;
         let not = || RasterError::NotAMap {
             path: path.into(),
-            reason: "it is no geoid grid: a north-up raster in degrees is expected".into(),
+            reason: "it is no geoid grid: a north-up raster in degrees is expected",
         };
         let t = file.degrees_grid().ok_or_else(not)?;
         let origin = (t[0] + 0.5 * t[1], t[3] + 0.5 * t[5]);

@@ -2,7 +2,7 @@
 
 use super::{MetricsError, Surface};
 use crate::frame::Transform;
-use crate::io::{HeightSystem, MapGrid, Plane, epsg_of_cloud, is_metric_map};
+use crate::io::{CloudError, HeightSystem, MapGrid, Plane, epsg_of_cloud, is_metric_map};
 use las::{Reader, point::Classification};
 use rayon::prelude::*;
 use std::path::Path;
@@ -21,11 +21,11 @@ pub(super) fn is_cloud(path: &Path) -> bool {
 /// [`MetricsError::Cloud`] for a file that is empty or damaged, [`MetricsError::CloudCrs`] when its CRS is not known or
 /// not in metres.
 pub(super) fn open(path: &Path, epsg: Option<u32>) -> Result<(Reader, u32), MetricsError> {
-    let damaged = |reason: String| MetricsError::Cloud { path: path.into(), reason };
-    let reader = Reader::from_path(path).map_err(|e| damaged(e.to_string()))?;
+    let damaged = |cause: las::Error| CloudError::Read { path: path.into(), cause };
+    let reader = Reader::from_path(path).map_err(damaged)?;
     let header = reader.header();
     if header.number_of_points() == 0 {
-        return Err(damaged("it holds no points".into()));
+        return Err(CloudError::Empty { path: path.into() }.into());
     }
     let crs = |reason: &str| MetricsError::CloudCrs { path: path.into(), reason: reason.into() };
     let epsg = epsg.or_else(|| epsg_of_cloud(header)).ok_or_else(|| crs("its CRS is not stated"))?;
@@ -47,7 +47,7 @@ pub(super) fn read(
     grid: MapGrid,
 ) -> Result<(Surface, Option<Vec<u8>>), MetricsError> {
     let (mut reader, epsg) = open(path, epsg)?;
-    let damaged = |reason: String| MetricsError::Cloud { path: path.into(), reason };
+    let damaged = |cause: las::Error| CloudError::Read { path: path.into(), cause };
     let system = HeightSystem::of_cloud(reader.header());
     let expected = reader.header().number_of_points();
     let transform = (epsg != grid.epsg).then(|| Transform::new(epsg, grid.epsg)).transpose()?;
@@ -55,10 +55,10 @@ pub(super) fn read(
     let mut classes = vec![0u8; height.data.len()];
     let mut read = 0;
     loop {
-        let points = reader.read_points(CHUNK).map_err(|e| damaged(e.to_string()))?;
+        let points = reader.read_points(CHUNK).map_err(damaged)?;
         let before = read;
         for point in points.points() {
-            let point = point.map_err(|e| damaged(e.to_string()))?;
+            let point = point.map_err(damaged)?;
             read += 1;
             let noise = [Classification::LowPoint, Classification::HighNoise];
             if point.is_withheld || noise.contains(&point.classification) {
@@ -82,7 +82,7 @@ pub(super) fn read(
         }
     }
     if read < expected {
-        return Err(damaged(format!("it ends after {read} of {expected} points")));
+        return Err(CloudError::CutShort { path: path.into(), found: read, expected }.into());
     }
     // 0 and 1 stand for points that nobody classified.
     let classes = classes.iter().any(|c| *c > 1).then_some(classes);

@@ -2,7 +2,7 @@
 
 use super::{Scene, SceneError, footprint};
 use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid, half_turn};
-use crate::io::{HeightSystem, ImageFile, Plane, RasterError, Vertical, Window, read_heights};
+use crate::io::{HeightSystem, ImageFile, Plane, Vertical, VerticalError, Window, read_heights};
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
 
@@ -137,7 +137,7 @@ fn told_reference(file: &ImageFile) -> Result<Vertical, SceneError> {
     let unknown = |told: String| SceneError::Vertical { path: file.path().into(), told };
     let Some(from) = HeightSystem::of_raster(file)?.from else { return Err(unknown(String::new())) };
     match Vertical::read(&from) {
-        Err(RasterError::UnknownVertical { .. } | RasterError::NoGeoid { .. }) => {
+        Err(VerticalError::Unknown { .. } | VerticalError::NoGrid { .. }) => {
             Err(unknown(format!(" by a reference that is known: it says `{from}`")))
         }
         read => Ok(read?),

@@ -3,7 +3,7 @@
 use super::backend::Snapshot;
 use super::train::LogLine;
 use crate::checkpoint::{CheckpointError, read, write};
-use crate::io::RasterError;
+use crate::io::WriteError;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -29,8 +29,8 @@ impl Checkpoint<'_> {
     /// Writes the file; an older one is replaced as a whole.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write(&self, path: &Path) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         write(path, KIND, self)
     }
 

@@ -2,7 +2,7 @@
 
 use super::gaussians::Gaussians;
 use crate::frame::SiteGrid;
-use crate::io::{RasterError, write_file};
+use crate::io::{WriteError, write_file};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -38,8 +38,8 @@ pub enum PlyError {
 /// Writes splats and, as `NAME.georef.json` beside them, where they stand on Earth.
 ///
 /// # Errors
-/// [`RasterError::Write`].
-pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), RasterError> {
+/// [`WriteError`].
+pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), WriteError> {
     let [east, north, height] = site.origin.xyz();
     let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
     let _ = writeln!(
