@@ -5,7 +5,7 @@
 pub mod stats;
 pub mod random;
 pub mod simd;
-pub mod event;
+pub mod progress;
 pub mod run_files;
 pub mod frame;
 pub mod io;

@@ -1,7 +1,6 @@
 //! `satgs train`: affine cameras, splats from the sparse points, training.
 
 use super::checkpoints::Checkpoints;
-use super::interrupt::Interruptible;
 use super::run_folder::{TrainedCameras, read_scene, require_images, write_json};
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui, align, run_lock};
@@ -9,10 +8,10 @@ use crate::affine::{SiteScene, SiteSceneError};
 use crate::affine::{TrainingView, median_pixel_m};
 use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
-use crate::event::Event;
 use crate::frame::{Point, Site};
 use crate::io::{RasterError, write_atomically};
 use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
+use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, FIRST_SURFACE, SPLATS, STAGE, SURFACE, TRAINING};
 use crate::scene::Scene;
 use crate::splat::backend::cpu::CpuBackend;
@@ -153,12 +152,12 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         seed: options.seed,
     };
     let mut backend = CpuBackend::new(state, views, job.setup.altitudes, hold);
-    let interruptible = Interruptible::new();
-    train(&mut backend, &schedule, &mut log, &|e| ui.show(e), |backend, log| {
+    ui.event(Event::Resumable(true));
+    train(&mut backend, &schedule, &mut log, ui, |backend, log| {
         job.take_picture(backend, log.len() as u32, ui);
-        checkpoints.keep(at_start, log, backend, &interruptible)
+        checkpoints.keep(at_start, log, backend, ui)
     })?;
-    drop(interruptible);
+    ui.event(Event::Resumable(false));
 
     if ui.is_verbose() {
         ui.note(&backend.times().table());
@@ -202,7 +201,7 @@ impl<'a> Job<'a> {
         let (setup, seed) = (&self.setup, self.options.seed);
         Ok(match (self.sweep(views), self.recipe.start) {
             (Some(sweep), _) => {
-                let first = sweep.run(&|e| ui.show(e));
+                let first = sweep.run(ui)?;
                 first.write(&self.run.join(FIRST_SURFACE))?;
                 init::init_from_surface(&first, views)
             }
@@ -237,7 +236,7 @@ impl<'a> Job<'a> {
         let panels = pictures::panels(&view, &state.splats, appearance, self.setup.altitudes, shadows);
         // A picture less is no reason to stop.
         if let Err(e) = panels.write(&self.run.join(format!("{SNAPSHOTS}/{done:06}.png"))) {
-            ui.show(Event::Warning(e.to_string()));
+            ui.event(Event::Warning(e.to_string()));
         }
     }
 

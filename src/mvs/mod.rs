@@ -23,9 +23,9 @@ pub use horizon::{SLACK_M, horizon};
 pub use stereo::FEW_VIEWS;
 
 use crate::affine::{SiteScene, TrainingView, median_pixel_m};
-use crate::event::{Event, Sink};
 use crate::frame::{Point, Site, SiteGrid};
 use crate::io::{MapGrid, Plane};
+use crate::progress::{Event, Interrupted, Progress};
 use crate::scene::views_needed;
 use correlation::{Image, Volume};
 use look::Look;
@@ -207,21 +207,24 @@ impl PlaneSweep {
     }
 
     /// Sweeps, the second time knowing what hides what.
-    #[must_use]
-    pub fn run(&self, events: Sink) -> MatchedSurface {
+    ///
+    /// # Errors
+    /// [`Interrupted`].
+    pub fn run(&self, progress: &dyn Progress) -> Result<MatchedSurface, Interrupted> {
         if self.images.len() <= FEW_VIEWS {
-            return self.match_images(events);
+            return self.match_images(progress);
         }
-        events(Event::Started { stage: "matching the surface", total: PASSES });
+        progress.event(Event::Started { stage: "matching the surface", total: PASSES });
         let mut surface = self.pick(&Volume::correlate(self, None), JUMP);
         for pass in 1..PASSES {
-            events(Event::Advanced { done: pass, status: String::new() });
+            progress.event(Event::Advanced { done: pass, status: String::new() });
+            progress.check()?;
             let look = Look::new(self, &surface.altitude, &surface.believed());
             surface = self.pick(&Volume::correlate(self, Some(&look)), JUMP);
         }
         surface.hold = self.hold(&surface);
-        events(Event::Finished);
-        surface
+        progress.event(Event::Finished);
+        Ok(surface)
     }
 
     /// Whether the surface is to be matched once more after training ([`PlaneSweep::sharpen`]), or is the best there is.

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::affine::AffineCamera;
-use crate::event::ignore;
 use crate::frame::SiteGrid;
+use crate::progress::NoProgress;
 use crate::random::CounterRng;
 
 pub(super) const BLOCK_M: f64 = 12.0;
@@ -91,7 +91,7 @@ fn cells_are_as_wide_as_pixels_but_never_finer_than_the_dsm_s() {
 fn a_block_and_the_ground_around_it_are_found() {
     let views = views(texture);
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
-    let surface = sweep.run(&ignore);
+    let surface = sweep.run(&NoProgress).unwrap();
     assert!(right(&surface) > 0.95, "{}", right(&surface));
     assert!(surface.score.data.iter().filter(|s| **s > BELIEVED).count() * 2 > surface.score.data.len());
 }
@@ -108,7 +108,7 @@ fn raised(sweep: &PlaneSweep, up: f64) -> Plane {
 fn a_prior_decides_where_views_show_nothing_and_no_first_surface_does() {
     let views = views(plain);
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
-    let mut first = sweep.run(&ignore);
+    let mut first = sweep.run(&NoProgress).unwrap();
     first.altitude.data.fill(f32::NAN);
     let surface = sweep.sharpen(&raised(&sweep, 0.0), &first);
     assert!(right(&surface) > 0.95, "{}", right(&surface));
@@ -118,7 +118,7 @@ fn a_prior_decides_where_views_show_nothing_and_no_first_surface_does() {
 fn what_is_plain_stays_on_the_first_surface_where_training_drifted() {
     let views = views(plain);
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
-    let mut first = sweep.run(&ignore);
+    let mut first = sweep.run(&NoProgress).unwrap();
     first.altitude = raised(&sweep, 0.0);
     let surface = sweep.sharpen(&raised(&sweep, 4.0), &first);
     assert!(right(&surface) > 0.95, "{}", right(&surface));
@@ -146,7 +146,7 @@ fn a_prior_counts_near_the_first_surface_and_where_views_see_it() {
 fn training_is_held_where_a_plain_roof_is_bridged_from_its_edges_and_nowhere_else() {
     let of = |paint: Paint| {
         let views = views(paint);
-        PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&ignore)
+        PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap()
     };
     let mean = |surface: &MatchedSurface, is_meant: fn(Point<Site>) -> bool| {
         let (width, cells) = (surface.grid.width, surface.hold.data.iter().enumerate());

@@ -14,8 +14,8 @@ mod volume;
 
 use super::correlation::Image;
 use super::{MAX_VOLUME, MatchedSurface, PlaneSweep};
-use crate::event::{Event, Sink};
 use crate::io::{Plane, Window};
+use crate::progress::{Event, Interrupted, Progress};
 use maps::AltitudeMap;
 use rays::Rays;
 use volume::Volume;
@@ -43,18 +43,19 @@ struct Partners {
 
 impl PlaneSweep {
     /// Matches the few views' images.
-    pub(super) fn match_images(&self, events: Sink) -> MatchedSurface {
-        events(Event::Started { stage: "matching the surface", total: self.images.len() as u64 });
+    pub(super) fn match_images(&self, progress: &dyn Progress) -> Result<MatchedSurface, Interrupted> {
+        progress.event(Event::Started { stage: "matching the surface", total: self.images.len() as u64 });
         let partners = self.partners();
         let mut maps = Vec::with_capacity(partners.len());
         for (done, partners) in (1..).zip(&partners) {
+            progress.check()?;
             maps.push(self.altitude_map(partners, self.strip_rows(partners)));
-            events(Event::Advanced { done, status: String::new() });
+            progress.event(Event::Advanced { done, status: String::new() });
         }
         let confirmed = maps::confirmed(&self.images, &maps, &partners);
         let surface = fuse::surface(self, &partners, &confirmed);
-        events(Event::Finished);
-        surface
+        progress.event(Event::Finished);
+        Ok(surface)
     }
 
     /// The views that have a partner.

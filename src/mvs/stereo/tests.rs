@@ -1,9 +1,9 @@
 //! The block of the sweep's tests, seen by two and three views.
 
 use super::*;
-use crate::event::ignore;
 use crate::mvs::MatchedSurface;
 use crate::mvs::tests::{BLOCK_M, height, plain, setup, sparse, texture, view};
+use crate::progress::NoProgress;
 
 /// Of the cells that are `meant`, by place and whether they were matched, the share that is within half a metre of the
 /// truth.
@@ -23,7 +23,7 @@ fn right(surface: &MatchedSurface, is_meant: impl Fn([f64; 3], bool) -> bool) ->
 #[test]
 fn a_pair_finds_a_block_and_the_ground_and_marks_what_only_one_view_sees() {
     let views = [view([-0.2, 0.0], texture), view([0.2, 0.0], texture)];
-    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&ignore);
+    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
     let everywhere = right(&surface, |_, _| true);
     assert!(everywhere > 0.93, "{everywhere}");
     let matched = right(&surface, |_, is_matched| is_matched);
@@ -52,7 +52,7 @@ fn a_third_view_tells_what_the_pair_did_not_see() {
     let pair = [view([-0.2, 0.0], texture), view([0.2, 0.0], texture)];
     let three = [pair[0].clone(), pair[1].clone(), view([0.0, 0.0], texture)];
     let share = |views: &[_]| {
-        let surface = PlaneSweep::new(&setup(), views, &sparse()).unwrap().run(&ignore);
+        let surface = PlaneSweep::new(&setup(), views, &sparse()).unwrap().run(&NoProgress).unwrap();
         let matched = surface.score.data.iter().filter(|s| **s > 0.0).count();
         (matched as f64 / surface.score.data.len() as f64, right(&surface, |_, is_matched| is_matched))
     };
@@ -63,7 +63,7 @@ fn a_third_view_tells_what_the_pair_did_not_see() {
 #[test]
 fn what_is_plain_is_not_matched() {
     let views = [view([-0.2, 0.0], plain), view([0.2, 0.0], plain)];
-    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&ignore);
+    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
     assert!(surface.score.data.iter().all(|s| *s == 0.0), "nothing is known of it");
 }
 

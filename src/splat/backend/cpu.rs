@@ -141,9 +141,9 @@ impl TrainingBackend for CpuBackend {
 mod tests {
     use super::*;
     use crate::affine::AffineCamera;
-    use crate::event::ignore;
     use crate::frame::{Point, SiteGrid};
     use crate::io::Plane;
+    use crate::progress::NoProgress;
     use crate::random::CounterRng;
     use crate::splat::ply;
     use crate::splat::splats::Splats;
@@ -199,8 +199,10 @@ mod tests {
             seed: 0,
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| train(&mut backend, &schedule, &mut log, &ignore, |_, _| Ok::<_, Infallible>(())))
-            .unwrap();
+        pool.install(|| {
+            train(&mut backend, &schedule, &mut log, &NoProgress, |_, _| Ok::<_, Infallible>(()))
+        })
+        .unwrap();
         (backend.snapshot().clone(), log.iter().map(|l| l.splats).collect())
     }
 

@@ -4,7 +4,7 @@ pub mod expectation;
 pub mod pictures;
 pub mod recipe;
 
-use crate::event::{Event, Sink};
+use crate::progress::{Event, Progress};
 use crate::random::CounterRng;
 use crate::splat::backend::{DensifyPlan, StepPlan, StepReport, TrainingBackend};
 use crate::splat::objective::LossWeights;
@@ -91,16 +91,16 @@ pub fn train<B: TrainingBackend, E>(
     backend: &mut B,
     schedule: &Schedule,
     log: &mut Vec<LogLine>,
-    events: Sink,
+    progress: &dyn Progress,
     mut after: impl FnMut(&mut B, &[LogLine]) -> Result<(), E>,
 ) -> Result<(), E> {
     let total = schedule.recipe.iterations;
     let (done, before) = log.last().map_or((0, 0.0), |l| (l.iteration, l.seconds));
     let started = std::time::Instant::now();
     log.reserve_exact((total - done.min(total)) as usize);
-    events(Event::Started { stage: "training", total: total.into() });
+    progress.event(Event::Started { stage: "training", total: total.into() });
     if done > 0 {
-        events(Event::Advanced { done: done.into(), status: String::new() });
+        progress.event(Event::Advanced { done: done.into(), status: String::new() });
     }
     for iteration in done + 1..=total {
         let splats = log.last().map_or(schedule.splats_at_start, |l| l.splats);
@@ -111,11 +111,11 @@ pub fn train<B: TrainingBackend, E>(
         if iteration.is_multiple_of(10) {
             let rate = f64::from(iteration - done) / seconds;
             let status = format!("loss {:.4}, {} splats, {rate:.1} iterations/s", line.loss, line.splats);
-            events(Event::Advanced { done: iteration.into(), status });
+            progress.event(Event::Advanced { done: iteration.into(), status });
         }
         after(backend, log)?;
     }
-    events(Event::Finished);
+    progress.event(Event::Finished);
     Ok(())
 }
 
