@@ -10,11 +10,11 @@ use rayon::ThreadPoolBuilder;
 use satgs::splat::adam::SplatAdam;
 use satgs::splat::appearance::Appearance;
 use satgs::splat::backend::Snapshot;
-use satgs::splat::gaussians::Gaussians;
-use satgs::splat::objective::{Gradient, LossWeights, Objective, Sheared, Shot};
-use satgs::splat::raster::{FrameCamera, LOW_PASS_PX2, Layers, Prepared, Rasterizer, SplatGradient};
-use satgs::splat::ssim::Photometric;
-use satgs::splat::stopwatch::Stopwatch;
+use satgs::splat::backend::stopwatch::Stopwatch;
+use satgs::splat::loss::photometric::Photometric;
+use satgs::splat::objective::{Gradient, LossWeights, Objective, ShearedCamera, StepInput};
+use satgs::splat::raster::{FrameCamera, Image, LOW_PASS_PX2, Rasterizer, SortedSplats, SplatGradient};
+use satgs::splat::splats::Splats;
 use std::time::Instant;
 
 /// Least number of runs of which the fastest counts.
@@ -64,10 +64,10 @@ fn fastest_ms(mut run: impl FnMut()) -> f64 {
 }
 
 /// Pixels with alpha of at least 1/255 over all splats, were none hidden: the areas of their ellipses.
-fn contributing_pairs(splats: &Gaussians, camera: &FrameCamera<f32>) -> f64 {
+fn contributing_pairs(splats: &Splats, camera: &FrameCamera<f32>) -> f64 {
     let m = camera.linear.map(|l| l.map(f64::from));
     let area = |i: usize| {
-        let (r, _) = satgs::splat::gaussians::rotation_matrix(splats.rotation[i].map(f64::from));
+        let (r, _) = satgs::splat::splats::rotation_matrix(splats.rotation[i].map(f64::from));
         let axis = |k: usize, row: usize| {
             let length = f64::from(splats.log_scale[i][k]).exp();
             length * (0..3).map(|j| m[row][j] * r[j][k]).sum::<f64>()
@@ -80,15 +80,15 @@ fn contributing_pairs(splats: &Gaussians, camera: &FrameCamera<f32>) -> f64 {
     (0..splats.len()).map(area).sum()
 }
 
-fn noise(width: usize, height: usize, channels: usize) -> Layers<f32> {
-    let mut out = Layers::zeros(width, height, channels);
+fn noise(width: usize, height: usize, channels: usize) -> Image<f32> {
+    let mut out = Image::zeros(width, height, channels);
     for (i, v) in out.data.iter_mut().enumerate() {
         *v = 0.5 + 0.5 * (i as f32 * 0.37).sin();
     }
     out
 }
 
-fn measure(gaussians: Gaussians, pixels: f64) -> Line {
+fn measure(gaussians: Splats, pixels: f64) -> Line {
     // In the order in which training stores splats.
     let gaussians = Snapshot::start(gaussians, 1).splats;
     let splats = gaussians.len();
@@ -97,7 +97,7 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
     let camera = FrameCamera::<f32>::new(&affine, side, side);
     let pairs = contributing_pairs(&gaussians, &camera);
 
-    let mut prepared = Prepared::default();
+    let mut prepared = SortedSplats::default();
     let prepare = fastest_ms(|| prepared.update(&gaussians));
     let features: Vec<[f32; 4]> = prepared
         .order()
@@ -115,7 +115,7 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
     let by_pixel = noise(side, side, 4);
     let mut shared = vec![SplatGradient::default(); splats];
     let mut by_feature = vec![[0.0; 4]; splats];
-    let backward = fastest_ms(|| raster.pull_back(&by_pixel));
+    let backward = fastest_ms(|| raster.pixels_backward(&by_pixel));
     let gather = fastest_ms(|| raster.gather(&mut shared, &mut by_feature));
 
     let truth = noise(side, side, 3);
@@ -133,7 +133,7 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
     let adam_time = fastest_ms(|| adam.step(&mut trained, &gradient.splats, rates));
 
     let size = (side, side);
-    let mut shot = Shot {
+    let mut shot = StepInput {
         camera,
         truth: &truth,
         valid: &[],
@@ -149,7 +149,7 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
         shadow_entropy: 0.01,
     };
     let mut objective = Objective::<f32>::default();
-    let mut iteration = |shot: &Shot<f32>| {
+    let mut iteration = |shot: &StepInput<f32>| {
         let mut run = |watch: &mut Stopwatch| {
             watch.begin();
             objective.evaluate(&trained, &Appearance::default(), shot, &weights, &mut gradient, watch);
@@ -162,8 +162,8 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
         (fastest_ms(|| run(&mut watch)), watch.table())
     };
     let (one, _) = iteration(&shot);
-    shot.sun = Some(Sheared::sun(&affine, size, [1.7, -2.1], ALTITUDES));
-    shot.virtual_view = Some(Sheared::virtual_view(&affine, size, [0.4, 0.3]));
+    shot.sun = Some(ShearedCamera::sun(&affine, size, [1.7, -2.1], ALTITUDES));
+    shot.virtual_view = Some(ShearedCamera::virtual_view(&affine, size, [0.4, 0.3]));
     let (three, stages) = iteration(&shot);
     let adam = adam_time;
     Line {
@@ -217,7 +217,7 @@ impl Line {
     }
 }
 
-fn table(threads: usize, trained: Option<&Gaussians>) -> Vec<Line> {
+fn table(threads: usize, trained: Option<&Splats>) -> Vec<Line> {
     println!("\n{threads} thread(s), milliseconds:\n");
     println!(
         "| splats | MP | M pairs | computed | prepare | project | bin | forward | G/s | backward | G/s | gather | SSIM \

@@ -1,7 +1,7 @@
 //! Adam (Kingma & Ba 2015), one step size a parameter group.
 
-use super::appearance::Appearance;
-use super::gaussians::Gaussians;
+use crate::splat::appearance::Appearance;
+use crate::splat::splats::Splats;
 use multiversion::multiversion;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -15,9 +15,9 @@ const EPSILON: f32 = 1e-15;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SplatAdam {
     /// Running means of the gradients.
-    pub first: Gaussians,
+    pub first: Splats,
     /// Running means of their squares.
-    pub second: Gaussians,
+    pub second: Splats,
     /// Steps taken.
     pub steps: u32,
 }
@@ -26,11 +26,11 @@ impl SplatAdam {
     /// Moments for `n` splats.
     #[must_use]
     pub fn new(n: usize) -> Self {
-        Self { first: Gaussians::zeros(n), second: Gaussians::zeros(n), steps: 0 }
+        Self { first: Splats::zeros(n), second: Splats::zeros(n), steps: 0 }
     }
 
     /// One step; `rates` are for position, log scale, rotation, logit, colour.
-    pub fn step(&mut self, splats: &mut Gaussians, gradient: &Gaussians, rates: [f64; 5]) {
+    pub fn step(&mut self, splats: &mut Splats, gradient: &Splats, rates: [f64; 5]) {
         self.steps += 1;
         let correction = Correction::after(self.steps);
         let moments = self.first.groups_mut().into_iter().zip(self.second.groups_mut());
@@ -116,8 +116,8 @@ mod tests {
 
     #[test]
     fn first_step_has_the_rate_as_length() {
-        let mut g = Gaussians::zeros(1);
-        let mut gradient = Gaussians::zeros(1);
+        let mut g = Splats::zeros(1);
+        let mut gradient = Splats::zeros(1);
         gradient.position[0] = [3.0, -1e-4, 0.0];
         SplatAdam::new(1).step(&mut g, &gradient, [0.1, 0.0, 0.0, 0.0, 0.0]);
         for (a, b) in g.position[0].iter().zip([-0.1, 0.1, 0.0]) {

@@ -2,8 +2,8 @@
 //!
 //! `pixel = (s + (1 - s) κ) ⊙ (W rgb + t)` with `s` the share of sunlight; `W`, `t`, `κ` belong to the view.
 
-use super::lanes::Ring;
-use super::real::Real;
+use crate::simd::Real;
+use crate::simd::Ring;
 
 /// One view's radiometry.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -1,8 +1,8 @@
 //! Splat files: the usual 3DGS PLY, which splat viewers open, with its place on Earth beside it.
 
-use super::gaussians::Gaussians;
 use crate::frame::SiteGrid;
 use crate::io::{WriteError, write_file};
+use crate::splat::splats::Splats;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -39,7 +39,7 @@ pub enum PlyError {
 ///
 /// # Errors
 /// [`WriteError`].
-pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), WriteError> {
+pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteError> {
     let [east, north, height] = site.origin.xyz();
     let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
     let _ = writeln!(
@@ -85,7 +85,7 @@ pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), Wri
 ///
 /// # Errors
 /// [`PlyError`].
-pub fn read(path: &Path) -> Result<Gaussians, PlyError> {
+pub fn read(path: &Path) -> Result<Splats, PlyError> {
     let bytes = std::fs::read(path).map_err(|e| PlyError::Io { path: path.into(), reason: e.to_string() })?;
     let refused = |reason: &str| PlyError::Format { path: path.into(), reason: reason.into() };
     const END: &[u8] = b"end_header\n";
@@ -118,7 +118,7 @@ pub fn read(path: &Path) -> Result<Gaussians, PlyError> {
     };
     let offsets = PROPERTIES.iter().map(|p| if p.starts_with('n') { Ok(0) } else { at(p) });
     let offsets: Vec<usize> = offsets.collect::<Result<_, _>>()?;
-    let mut out = Gaussians::default();
+    let mut out = Splats::default();
     for vertex in body.chunks_exact(stride).take(count) {
         let v = |k: usize| {
             let o = offsets[k];
@@ -145,7 +145,7 @@ mod tests {
     fn what_is_written_is_read_back_and_a_cut_file_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("splats.ply");
-        let mut g = Gaussians::default();
+        let mut g = Splats::default();
         for i in 0..50 {
             let v = i as f32;
             g.push([v, -v, 0.5 * v], 0.1 + v, 0.3, [0.1, 0.2, v / 50.0]);

@@ -7,8 +7,8 @@
 use super::bands::Entry;
 use super::block::{ACROSS, BLOCKS, BlockPixels, TILE, WIDE, deep, high, middle, offset};
 use super::project::Footprint;
-use crate::splat::lanes::{LANES, Lanes, Mask, Row, splat_each, transpose_eights};
-use crate::splat::real::Real;
+use crate::simd::Real;
+use crate::simd::{LANES, Lanes, Mask, Row, splat_each, transpose_eights};
 
 /// Numbers of a batch's splats are bytes.
 pub(super) const NUMBERS: usize = 256;

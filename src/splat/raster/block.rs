@@ -1,7 +1,7 @@
 //! Blocks of pixels: four columns and as many rows as fill a vector register; a tile's parts of an image in blocks.
 
-use crate::splat::lanes::{LANES, Lanes, Row, blocks_of_lines, lines_of_blocks};
-use crate::splat::real::Real;
+use crate::simd::Real;
+use crate::simd::{LANES, Lanes, Row, blocks_of_lines, lines_of_blocks};
 use std::hint::black_box;
 
 /// Side of a tile, pixels.

@@ -9,17 +9,17 @@ use super::bands::{Band, Entry};
 use super::batch::{BATCH, Batch, Edges, FOUR, NUMBERS};
 use super::block::{ACROSS, BLOCKS, BlockPixels, WIDE, frames, high, offset};
 use super::{ALPHA_CUT, ALPHA_MAX, SATURATED};
-use crate::splat::lanes::{
+use crate::simd::Real;
+use crate::simd::{
     Exp2, Kernel, LANES, Lanes, Lanewise, Row, arrays_of_lanes, blocks_of_lines, set_bits, splat_each,
     sum_fours, transpose_eights, transpose_fours,
 };
-use crate::splat::real::Real;
 use std::hint::black_box;
 
 /// Sums over the pixels of a band, or a whole image, that take the loss's derivatives back to one splat: moments, by
 /// the offset from the ellipse's centre, of alpha times the derivative by alpha; and the features' derivatives.
 #[derive(Clone, Copy, Debug)]
-pub struct Slot<T, const C: usize> {
+pub struct GradientSlot<T, const C: usize> {
     /// 1, x, xx, y, xy, yy.
     pub(super) moments: [T; MOMENTS],
     pub(super) feature: [T; C],
@@ -28,13 +28,13 @@ pub struct Slot<T, const C: usize> {
 /// Number of moments.
 const MOMENTS: usize = 6;
 
-impl<T: Real, const C: usize> Default for Slot<T, C> {
+impl<T: Real, const C: usize> Default for GradientSlot<T, C> {
     fn default() -> Self {
         Self { moments: [T::zero(); MOMENTS], feature: [T::zero(); C] }
     }
 }
 
-impl<T: Real, const C: usize> Slot<T, C> {
+impl<T: Real, const C: usize> GradientSlot<T, C> {
     /// Adds what other pixels say.
     #[inline(always)]
     pub(super) fn add(&mut self, other: &Self) {
@@ -126,7 +126,7 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
         let mut computed = 0;
         for frame in frames(width, out.len() / ((C + 1) * width)) {
             band.warm(frame.tile);
-            let mut drawn = [Drawn { transmittance: k.one, color: [k.zero; C] }; BLOCKS];
+            let mut drawn = [ForwardState { transmittance: k.one, color: [k.zero; C] }; BLOCKS];
             let mut open = frame.blocks::<L>();
             for entries in band.tile(frame.tile).chunks(BATCH) {
                 batch.fill(lanes, &edges, entries, frame.tile, index);
@@ -170,12 +170,12 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
 
 /// A block of pixels, as far as it is drawn.
 #[derive(Clone, Copy)]
-struct Drawn<L: Lanes, const C: usize> {
+struct ForwardState<L: Lanes, const C: usize> {
     transmittance: Row<L>,
     color: [Row<L>; C],
 }
 
-impl<L: Lanes, const C: usize> Drawn<L, C> {
+impl<L: Lanes, const C: usize> ForwardState<L, C> {
     /// Draws a splat behind what is there.
     #[inline(always)]
     fn draw(&mut self, k: &Constants<L>, features: [L::Number; C], unlimited: Row<L>) {
@@ -201,7 +201,7 @@ pub(super) struct Backward<'a, T, const C: usize> {
     pub by_pixel: &'a [T],
     /// Room for `pixel . g` of each pixel.
     pub products: &'a mut [T],
-    pub slots: &'a mut [Slot<T, C>],
+    pub slots: &'a mut [GradientSlot<T, C>],
 }
 
 impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
@@ -214,7 +214,7 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
         let (mut taken, mut sums) = ([[k.zero; 2]; LANES], [Sums::zero(); NUMBERS]);
         for frame in frames(width, by_pixel.len() / (C * width)) {
             band.warm(frame.tile);
-            let mut unseen = [Unseen { transmittance: k.one, behind: k.zero }; BLOCKS];
+            let mut unseen = [BackwardState { transmittance: k.one, behind: k.zero }; BLOCKS];
             let mut by_color = [[k.zero; C]; BLOCKS];
             for down in 0..frame.down::<L>() {
                 let products = frame.gather(lanes, products, 1, 0, down);
@@ -286,13 +286,13 @@ fn multiply<L: Lanes, const C: usize>(
 
 /// What is left of a block of pixels behind the splats that were taken back.
 #[derive(Clone, Copy)]
-struct Unseen<L: Lanes> {
+struct BackwardState<L: Lanes> {
     transmittance: Row<L>,
     /// Part of `pixel . g`.
     behind: Row<L>,
 }
 
-impl<L: Lanes> Unseen<L> {
+impl<L: Lanes> BackwardState<L> {
     /// Takes the next splat back. Gives its weight and alpha times the derivative by alpha.
     #[inline(always)]
     fn uncover<const C: usize>(
@@ -431,13 +431,13 @@ fn add_to_slots<L: Lanes, const C: usize>(
     batch: &Batch<L::Number, C>,
     entries: &[Entry<L::Number, C>],
     sums: &[Sums<L::Number>; NUMBERS],
-    slots: &mut [Slot<L::Number, C>],
+    slots: &mut [GradientSlot<L::Number, C>],
 ) {
     for (row, entries) in entries.chunks(L::WIDTH).enumerate() {
         let sums = &sums[row * L::WIDTH..][..L::WIDTH];
         let moments = about_centers(lanes, batch.centers(lanes, row * L::WIDTH), sums);
         for ((entry, moments), sums) in entries.iter().zip(&moments).zip(sums) {
-            let mut slot = Slot::default();
+            let mut slot = GradientSlot::default();
             slot.moments.copy_from_slice(&moments[..MOMENTS]);
             slot.feature.copy_from_slice(&sums.by_feature()[..C]);
             slots[entry.slot as usize].add(&slot);

@@ -1,9 +1,9 @@
 //! What all cameras of an iteration share: the altitude order, covariances, opacities; and the way back from
 //! their gradients to the parameters.
 
-use crate::splat::gaussians::Gaussians;
-use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Mask, Ring, Row, splat_each};
-use crate::splat::real::Real;
+use crate::simd::Real;
+use crate::simd::{Kernel, LANES, Lanes, Lanewise, Mask, Ring, Row, splat_each};
+use crate::splat::splats::Splats;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
@@ -12,13 +12,13 @@ const PIECE: usize = 64 * LANES;
 
 /// Splats in order of altitude, highest first, ready to be projected.
 #[derive(Default)]
-pub struct Prepared<T> {
+pub struct SortedSplats<T> {
     /// Index of the splat at each rank.
     order: Vec<u32>,
     /// Rank of each splat.
     rank: Vec<AtomicU32>,
     sorted: Order,
-    pub(super) packs: Vec<Pack<T>>,
+    pub(super) blocks: Vec<SplatBlock<T>>,
     /// Sum of the opacities of each piece.
     opacities: Vec<f64>,
 }
@@ -26,7 +26,7 @@ pub struct Prepared<T> {
 /// Splats of [`LANES`] successive ranks as every camera needs them, a lane each. Aligned: a row is a register.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(super) struct Pack<T> {
+pub(super) struct SplatBlock<T> {
     pub position: [[T; LANES]; 3],
     /// xx, xy, xz, yy, yz, zz; m².
     pub covariance: [[T; LANES]; 6],
@@ -34,14 +34,14 @@ pub(super) struct Pack<T> {
     pub opacity: [T; LANES],
 }
 
-impl<T: Real> Default for Pack<T> {
+impl<T: Real> Default for SplatBlock<T> {
     fn default() -> Self {
         let zero = [T::zero(); LANES];
         Self { position: [zero; 3], covariance: [zero; 6], opacity: zero }
     }
 }
 
-/// Derivatives of the loss by what [`Prepared`] holds of one splat.
+/// Derivatives of the loss by what [`SortedSplats`] holds of one splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SplatGradient<T> {
     /// By the centre.
@@ -137,7 +137,7 @@ impl Order {
     }
 }
 
-impl<T: Lanewise> Prepared<T> {
+impl<T: Lanewise> SortedSplats<T> {
     /// Number of splats.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -157,7 +157,7 @@ impl<T: Lanewise> Prepared<T> {
     }
 
     /// Orders the splats and computes what cameras share.
-    pub fn update(&mut self, gaussians: &Gaussians<T>) {
+    pub fn update(&mut self, gaussians: &Splats<T>) {
         let n = gaussians.len();
         let altitudes = gaussians.position.par_iter().with_min_len(PIECE).map(|p| p[2].wide() as f32);
         let keys = Keys::new(altitudes.clone());
@@ -170,18 +170,18 @@ impl<T: Lanewise> Prepared<T> {
             self.rank[*splat as usize].store(rank as u32, Relaxed);
         });
         let order = &self.order;
-        self.packs.resize(n.div_ceil(LANES), Pack::default());
+        self.blocks.resize(n.div_ceil(LANES), SplatBlock::default());
         self.opacities.resize(n.div_ceil(PIECE), 0.0);
-        let packs = self.packs.par_chunks_mut(PIECE / LANES).zip(&mut self.opacities);
-        packs.zip(order.par_chunks(PIECE)).for_each(|((packs, opacity), order)| {
-            T::dispatch(Share { gaussians, order, packs, opacity });
+        let blocks = self.blocks.par_chunks_mut(PIECE / LANES).zip(&mut self.opacities);
+        blocks.zip(order.par_chunks(PIECE)).for_each(|((blocks, opacity), order)| {
+            T::dispatch(Share { gaussians, order, blocks, opacity });
         });
     }
 
     /// Opacity of the splat at a rank.
     #[must_use]
     pub fn opacity(&self, rank: usize) -> T {
-        self.packs[rank / LANES].opacity[rank % LANES]
+        self.blocks[rank / LANES].opacity[rank % LANES]
     }
 
     /// Mean opacity of all splats.
@@ -193,9 +193,9 @@ impl<T: Lanewise> Prepared<T> {
     /// Writes into `out` the derivatives by the parameters (colour excepted), from those by what cameras share.
     pub fn parameter_gradients(
         &self,
-        gaussians: &Gaussians<T>,
+        gaussians: &Splats<T>,
         gradients: &[SplatGradient<T>],
-        out: &mut Gaussians<T>,
+        out: &mut Splats<T>,
     ) {
         let scales = out.log_scale.par_chunks_mut(PIECE).zip(out.rotation.par_chunks_mut(PIECE));
         let others = out.position.par_chunks_mut(PIECE).zip(out.logit.par_chunks_mut(PIECE));
@@ -264,9 +264,9 @@ fn scatter<L: Lanes, const K: usize>(
 
 /// Computes what cameras share of some splats.
 struct Share<'a, T> {
-    gaussians: &'a Gaussians<T>,
+    gaussians: &'a Splats<T>,
     order: &'a [u32],
-    packs: &'a mut [Pack<T>],
+    blocks: &'a mut [SplatBlock<T>],
     /// The sum of their opacities.
     opacity: &'a mut f64,
 }
@@ -277,7 +277,7 @@ impl<T: Lanewise> Kernel<T> for Share<'_, T> {
         let g = self.gaussians;
         let [zero, one] = splat_each(lanes, [T::zero(), T::one()]);
         *self.opacity = 0.0;
-        for (pack, order) in self.packs.iter_mut().zip(self.order.chunks(LANES)) {
+        for (block, order) in self.blocks.iter_mut().zip(self.order.chunks(LANES)) {
             for first in (0..LANES).step_by(L::WIDTH) {
                 let order = order.get(first..).unwrap_or_default();
                 let n = order.len();
@@ -288,15 +288,15 @@ impl<T: Lanewise> Kernel<T> for Share<'_, T> {
                 let mut variance = log_scale;
                 for k in 0..3 {
                     variance[k] = (log_scale[k] + log_scale[k]).exp();
-                    position[k].store_to(&mut pack.position[k], first);
+                    position[k].store_to(&mut block.position[k], first);
                 }
                 let covariance = Turn::new(lanes, rotation).covariance(variance);
                 for k in 0..6 {
-                    covariance[k].store_to(&mut pack.covariance[k], first);
+                    covariance[k].store_to(&mut block.covariance[k], first);
                 }
                 let opacity = (one + (zero - logit).exp()).reciprocal();
                 let opacity = opacity.keep(Mask::first(lanes, n));
-                opacity.store_to(&mut pack.opacity, first);
+                opacity.store_to(&mut block.opacity, first);
                 *self.opacity += opacity.sum().wide();
             }
         }
@@ -305,7 +305,7 @@ impl<T: Lanewise> Kernel<T> for Share<'_, T> {
 
 /// Turns derivatives by covariances into those by scales and rotations, for some splats.
 struct Unshare<'a, T> {
-    gaussians: &'a Gaussians<T>,
+    gaussians: &'a Splats<T>,
     gradients: &'a [SplatGradient<T>],
     first: usize,
     rank: &'a [AtomicU32],

@@ -2,12 +2,12 @@
 
 use super::bands::Band;
 use super::block::TILE;
-use super::kernel::{Slot, add};
-use super::prepare::{ELEMENTS, Pack, Prepared, SplatGradient};
+use super::kernel::{GradientSlot, add};
+use super::prepare::{ELEMENTS, SortedSplats, SplatBlock, SplatGradient};
 use super::{ALPHA_CUT, LOW_PASS_PX2};
 use crate::affine::AffineCamera;
-use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Row, arrays_of_lanes, set_bits, splat_each};
-use crate::splat::real::Real;
+use crate::simd::Real;
+use crate::simd::{Kernel, LANES, Lanes, Lanewise, Row, arrays_of_lanes, set_bits, splat_each};
 use std::ops::Range;
 
 /// Ranks that are projected together; fixed, so that sums do not depend on the number of threads.
@@ -100,7 +100,7 @@ pub(super) struct Chunk<T> {
 /// Projects a chunk; a kernel to be compiled with the processor's own rounding and fused instructions.
 pub(super) struct Projection<'a, T> {
     pub chunk: &'a mut Chunk<T>,
-    pub prepared: &'a Prepared<T>,
+    pub prepared: &'a SortedSplats<T>,
     pub ranks: Range<usize>,
     pub camera: &'a FrameCamera<T>,
 }
@@ -132,7 +132,7 @@ impl<T: Real> Chunk<T> {
     fn project<L: Lanes<Number = T>>(
         &mut self,
         lanes: L,
-        prepared: &Prepared<T>,
+        prepared: &SortedSplats<T>,
         ranks: Range<usize>,
         camera: &FrameCamera<T>,
     ) {
@@ -141,11 +141,11 @@ impl<T: Real> Chunk<T> {
         self.unsorted.clear();
         self.band_starts.clear();
         self.band_starts.resize(camera.height.div_ceil(TILE) + 1, 0);
-        let eye = Eye::new(lanes, camera);
-        let packs = &prepared.packs[ranks.start / LANES..ranks.end.div_ceil(LANES)];
-        for (pack, first) in packs.iter().zip(ranks.step_by(LANES)) {
+        let eye = SimdCamera::new(lanes, camera);
+        let blocks = &prepared.blocks[ranks.start / LANES..ranks.end.div_ceil(LANES)];
+        for (block, first) in blocks.iter().zip(ranks.step_by(LANES)) {
             for lane in (0..LANES).step_by(L::WIDTH) {
-                let sight = eye.look_at(lanes, pack, lane);
+                let sight = eye.look_at(lanes, block, lane);
                 for i in set_bits(sight.seen) {
                     self.take_up(&sight, i, (first + lane + i) as u32, camera.width);
                 }
@@ -156,7 +156,7 @@ impl<T: Real> Chunk<T> {
 
     /// Takes up the splat in a lane, if it has spans.
     #[inline(always)]
-    fn take_up(&mut self, sight: &Sight<T>, lane: usize, rank: u32, width: usize) {
+    fn take_up(&mut self, sight: &Projected<T>, lane: usize, rank: u32, width: usize) {
         let [left, right, top, bottom] = [0, 1, 2, 3].map(|k| sight.tiles[k][lane]);
         let footprint = sight.footprints[lane];
         let (splat, before) = (self.seen.len() as u32, self.unsorted.len());
@@ -218,7 +218,7 @@ impl<T: Real> Chunk<T> {
         by_feature: &mut [[T; C]],
     ) {
         // By splat: small enough to stay in the cache, while all else is read and written from first to last.
-        let mut sums = [Slot::default(); CHUNK];
+        let mut sums = [GradientSlot::default(); CHUNK];
         for (b, band) in bands.iter().enumerate() {
             for (span, slot) in self.spans(b).iter().zip(band.slots_of_chunk(index)) {
                 sums[span.splat as usize].add(slot);
@@ -246,7 +246,7 @@ impl<T: Real> Footprint<T> {
     fn back_project<const C: usize>(
         &self,
         camera: &FrameCamera<T>,
-        by: &Slot<T, C>,
+        by: &GradientSlot<T, C>,
         out: &mut SplatGradient<T>,
     ) -> [T; 2] {
         let m = &camera.linear;
@@ -298,7 +298,7 @@ impl<T: Real> Footprint<T> {
 }
 
 /// What a camera sees of a row of splats.
-struct Sight<T> {
+struct Projected<T> {
     /// The lanes of those with a pixel in their ellipse's box, as bits.
     seen: u32,
     /// [`Footprint::numbers`].
@@ -310,14 +310,14 @@ struct Sight<T> {
 }
 
 /// A camera, each of its numbers in every lane.
-struct Eye<L: Lanes> {
+struct SimdCamera<L: Lanes> {
     linear: [[Row<L>; 3]; 2],
     offset: [Row<L>; 2],
     /// Columns and rows of its image.
     size: [Row<L>; 2],
 }
 
-impl<L: Lanes> Eye<L> {
+impl<L: Lanes> SimdCamera<L> {
     #[inline(always)]
     fn new(lanes: L, camera: &FrameCamera<L::Number>) -> Self {
         let [col, row] = camera.linear;
@@ -361,26 +361,26 @@ impl<L: Lanes> Eye<L> {
         (Footprint { mean, conic, log2_opacity, radius2, lean }, half_size)
     }
 
-    /// What it sees of the splats of a pack from a lane on.
+    /// What it sees of the splats of a block from a lane on.
     #[inline(always)]
-    fn look_at(&self, lanes: L, pack: &Pack<L::Number>, lane: usize) -> Sight<L::Number> {
+    fn look_at(&self, lanes: L, block: &SplatBlock<L::Number>, lane: usize) -> Projected<L::Number> {
         let constants = [0.0, 1.0, 1.0 / TILE as f64, ALPHA_CUT, f32::MAX.into()];
         let [zero, one, sixteenth, cut, most] = splat_each(lanes, constants.map(L::Number::of));
         let (mut position, mut covariance) = ([zero; 3], [zero; 6]);
         for k in 0..3 {
-            position[k] = Row::load(lanes, &pack.position[k][lane..]);
+            position[k] = Row::load(lanes, &block.position[k][lane..]);
         }
         for k in 0..6 {
-            covariance[k] = Row::load(lanes, &pack.covariance[k][lane..]);
+            covariance[k] = Row::load(lanes, &block.covariance[k][lane..]);
         }
-        let opacity = Row::load(lanes, &pack.opacity[lane..]);
+        let opacity = Row::load(lanes, &block.opacity[lane..]);
         let (footprint, half_size) = self.project(lanes, position, covariance, opacity);
         let Footprint { mean, conic, radius2, .. } = footprint;
         let mut seen = opacity.above(cut);
         for positive in [radius2, conic[0], conic[2]] {
             seen = seen.and(positive.above(zero)).and(most.at_least(positive));
         }
-        let mut sight = Sight {
+        let mut sight = Projected {
             seen: 0,
             footprints: arrays_of_lanes(footprint.numbers()),
             half_cols: [L::Number::of(0.0); LANES],
