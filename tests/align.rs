@@ -7,7 +7,7 @@ mod common;
 use common::satgs;
 use satgs::bundle::Adjustment;
 use satgs::frame::{Geodetic, Pixel, Point, SiteGrid};
-use satgs::io::{Cog, ImageFile, MapGrid, Plane, write_moved};
+use satgs::io::{Cog, Grid2, ImageFile, MapGrid, write_moved};
 use satgs::rpc::{Rpc, formats};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -189,7 +189,7 @@ fn a_bad_reference_changes_nothing() {
     let file = |name: &str| r.scene.join(name);
     let grid = ImageFile::open(&r.truth).unwrap().map_grid().unwrap();
     let write = |name: &str, grid: MapGrid, value: f32| {
-        let plane = Plane::filled(grid.width, grid.height, value);
+        let plane = Grid2::filled(grid.width, grid.height, value);
         let cog = Cog { grid, metadata: &[], heights_from: None };
         cog.write_f32(&file(name), &[("height", "m", &plane)]).unwrap();
     };

@@ -478,7 +478,7 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     let dem = tempfile::tempdir().unwrap();
     let path = dem.path().join("dem.tif");
     let grid = dem_grid();
-    let plane = satgs::io::Plane::from_fn(60, 300, |_, row| 80.0 + row as f32 * 0.1);
+    let plane = satgs::io::Grid2::from_fn(60, 300, |_, row| 80.0 + row as f32 * 0.1);
     let write = |grid| {
         let cog = satgs::io::Cog { grid, metadata: &[], heights_from: None };
         cog.write_f32(&path, &[("height", "m", &plane)]).unwrap();
@@ -499,7 +499,7 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     let (low, high) = scene.dem(&path, Some(&vertical)).unwrap().heights_to_search();
     assert!(60.0 < low && low < high && high < 190.0, "{low} {high}");
     // In feet with a void that is not declared, the same model.
-    let feet = satgs::io::Plane::from_fn(60, 300, |col, row| {
+    let feet = satgs::io::Grid2::from_fn(60, 300, |col, row| {
         if (col, row) == (30, 150) { -32768.0 } else { (80.0 + row as f32 * 0.1) / 0.3048 }
     });
     let cog = satgs::io::Cog { grid, metadata: &[], heights_from: None };
@@ -508,7 +508,7 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     assert!((low_ft - low).abs() < 0.01 && (high_ft - high).abs() < 0.01, "{low_ft} {high_ft}");
     // A void that no rule knows is no height on Earth.
     let void =
-        satgs::io::Plane::from_fn(60, 300, |col, row| if (col + row) % 5 == 0 { -999.0 } else { 80.0 });
+        satgs::io::Grid2::from_fn(60, 300, |col, row| if (col + row) % 5 == 0 { -999.0 } else { 80.0 });
     cog.write_f32(&path, &[("height", "m", &void)]).unwrap();
     let error = scene.dem(&path, Some(&vertical)).unwrap_err().to_string();
     assert!(error.contains("height of -999 m"), "{error}");

@@ -2,7 +2,7 @@
 
 use super::AffineCamera;
 use crate::frame::{CenterPx, Pixel, SiteBox};
-use crate::io::{Plane, ValidPixels};
+use crate::io::{Grid2, ValidPixels};
 use crate::scene::Tone;
 use crate::stats::quantile;
 use rayon::prelude::*;
@@ -43,7 +43,7 @@ impl TrainingView {
         name: String,
         camera: AffineCamera,
         sun_shear: Option<[f64; 2]>,
-        planes: &[Plane],
+        planes: &[Grid2],
         area: SiteBox,
     ) -> Self {
         let (width, height) = (planes[0].width, planes[0].height);
@@ -77,8 +77,8 @@ impl TrainingView {
     /// Square root of the three colours' mean light, NaN where masked: what shadows hide in light stands out in it as
     /// much as what the sun shows, and the noise of light is the same everywhere.
     #[must_use]
-    pub fn root_of_light(&self) -> Plane {
-        Plane::from_fn(self.width, self.height, |col, row| {
+    pub fn root_of_light(&self) -> Grid2 {
+        Grid2::from_fn(self.width, self.height, |col, row| {
             let stored = self.colors[row * self.width + col];
             let [r, g, b] = stored.map(|v| self.light[usize::from(v)]);
             if stored == MASKED { f32::NAN } else { ((r + g + b) / 3.0).sqrt() }

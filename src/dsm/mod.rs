@@ -14,7 +14,7 @@ pub use confidence::{Confidence, Seeing};
 
 use crate::affine::AffineCamera;
 use crate::frame::{Point, SiteGrid};
-use crate::io::{Cog, MapGrid, Plane, Vertical, WriteError, color_style, write_file};
+use crate::io::{Cog, Grid2, MapGrid, Vertical, WriteError, color_style, write_file};
 use crate::mvs::MatchedSurface;
 use crate::splat::appearance::Appearance;
 use crate::splat::raster::{FrameCamera, Image, Rasterizer, SortedSplats};
@@ -36,9 +36,9 @@ pub struct Surface {
     /// The grid.
     pub grid: MapGrid,
     /// Ellipsoidal heights in metres; NaN where nothing was seen.
-    pub height: Plane,
+    pub height: Grid2,
     /// Colours in the reference view's radiometry, sunlit, 0 to 1, as the splats have them; NaN where nothing was seen.
-    pub colors: [Plane; 3],
+    pub colors: [Grid2; 3],
     /// How far the heights can be trusted.
     pub confidence: Confidence,
     /// Metadata items that all rasters of it carry.
@@ -48,7 +48,7 @@ pub struct Surface {
 /// Heights of a surface's cells in metres above something; NaN where they are not known.
 pub struct Heights<'a> {
     /// The heights.
-    pub plane: Plane,
+    pub plane: Grid2,
     /// What they count from.
     pub above: &'a Vertical,
 }
@@ -107,7 +107,7 @@ pub fn render(
         HeightsFrom::Mean { floor } => mean_around(&with_floor(image, floor)),
     };
     height.data.iter_mut().for_each(|z| *z += site.origin.z() as f32);
-    let mut colors: [Plane; 3] = std::array::from_fn(|c| image.plane(c));
+    let mut colors: [Grid2; 3] = std::array::from_fn(|c| image.plane(c));
     let (mut spread, square, mut opacity) = (image.plane(3), image.plane(4), image.plane(5));
     for i in 0..height.data.len() {
         let opaque = 1.0 - opacity.data[i];
@@ -119,13 +119,13 @@ pub fn render(
             plane.data[i] = if height.data[i].is_nan() { f32::NAN } else { v };
         }
     }
-    let views = Plane::filled(grid.width, grid.height, f32::NAN);
+    let views = Grid2::filled(grid.width, grid.height, f32::NAN);
     let confidence = Confidence { opacity, spread, views };
     Surface { grid, height, colors, confidence, metadata: Vec::new() }
 }
 
 /// The mean altitudes of a render, over a floor where light comes through; NaN where nothing was drawn.
-fn with_floor(image: &Image<f32>, floor: f32) -> Plane {
+fn with_floor(image: &Image<f32>, floor: f32) -> Grid2 {
     let (mut altitude, through) = (image.plane(3), image.plane(5));
     for (z, through) in altitude.data.iter_mut().zip(&through.data) {
         *z = if *through < 1.0 { *z + through * floor } else { f32::NAN };
@@ -134,8 +134,8 @@ fn with_floor(image: &Image<f32>, floor: f32) -> Plane {
 }
 
 /// The mean of each cell and the eight around it, as the published DSMs are flattened; NaN stays.
-fn mean_around(plane: &Plane) -> Plane {
-    Plane::from_fn(plane.width, plane.height, |col, row| {
+fn mean_around(plane: &Grid2) -> Grid2 {
+    Grid2::from_fn(plane.width, plane.height, |col, row| {
         let center = plane.at(col, row);
         let (mut sum, mut count) = (0.0, 0.0);
         for r in row.saturating_sub(1)..plane.height.min(row + 2) {
@@ -151,14 +151,14 @@ fn mean_around(plane: &Plane) -> Plane {
 }
 
 /// Altitudes of a swept surface in the cells of a grid: medians of samples, NaN where most have none.
-fn resampled(surface: &MatchedSurface, grid: &MapGrid) -> Plane {
+fn resampled(surface: &MatchedSurface, grid: &MapGrid) -> Grid2 {
     let fine = sampled(grid);
     let altitude_at = |col: usize, row: usize| {
         let p = surface.grid.corner_px_from_utm(fine.cell_center(col, row));
         surface.altitude.get(p.col.floor() as i64, p.row.floor() as i64)
     };
     let (width, side) = (grid.width, fine.width / grid.width);
-    let mut out = Plane::filled(width, grid.height, f32::NAN);
+    let mut out = Grid2::filled(width, grid.height, f32::NAN);
     out.data.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
         let mut values = Vec::new();
         for (col, altitude) in line.iter_mut().enumerate() {
@@ -175,12 +175,12 @@ impl Surface {
         let Vertical::Geoid { .. } = above else { return Heights { plane: self.height.clone(), above } };
         let place = SiteGrid { epsg: self.grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
         let nodes = [self.grid.width, self.grid.height].map(|n| n.div_ceil(GEOID_STEP) + 1);
-        let undulation = Plane::from_fn(nodes[0], nodes[1], |col, row| {
+        let undulation = Grid2::from_fn(nodes[0], nodes[1], |col, row| {
             let p = place.geodetic_from_utm(self.grid.cell_center(col * GEOID_STEP, row * GEOID_STEP));
             above.undulation_m(p.lon_deg(), p.lat_deg()) as f32
         });
         let step = GEOID_STEP as f64;
-        let plane = Plane::from_fn(self.grid.width, self.grid.height, |col, row| {
+        let plane = Grid2::from_fn(self.grid.width, self.grid.height, |col, row| {
             self.height.at(col, row) - undulation.bilinear(col as f64 / step, row as f64 / step)
         });
         Heights { plane, above }
@@ -245,7 +245,7 @@ impl Heights<'_> {
 
 /// Relief lit from the north-west, 0 to 255; nodata is white.
 #[must_use]
-pub fn hillshade(height: &Plane, cell_m: f64) -> Vec<u8> {
+pub fn hillshade(height: &Grid2, cell_m: f64) -> Vec<u8> {
     // Unit vector towards a light at azimuth 315°, elevation 45°, the cartographers' convention.
     let light = [-0.5f32, 0.5, std::f32::consts::FRAC_1_SQRT_2];
     let cell = cell_m as f32;
@@ -273,7 +273,7 @@ mod tests {
     pub(super) fn flat_surface(width: usize, height: usize) -> (Surface, SiteGrid) {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
-        let plane = |value| Plane::filled(width, height, value);
+        let plane = |value| Grid2::filled(width, height, value);
         let confidence = Confidence { opacity: plane(1.0), spread: plane(0.0), views: plane(f32::NAN) };
         (
             Surface {

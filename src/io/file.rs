@@ -1,6 +1,6 @@
 //! Reading: any GDAL raster, its bands, its metadata, its place on the map.
 
-use super::{Cause, MapGrid, Plane, RasterError};
+use super::{Cause, Grid2, MapGrid, RasterError};
 use crate::frame::{CornerPx, Pixel};
 use gdal::raster::{GdalDataType, ResampleAlg};
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
@@ -127,7 +127,7 @@ impl ImageFile {
     ///
     /// # Errors
     /// [`RasterError::NoBand`], or [`RasterError::Read`] for a file cut short.
-    pub fn read(&self, index: usize) -> Result<Plane, RasterError> {
+    pub fn read(&self, index: usize) -> Result<Grid2, RasterError> {
         let (width, height) = self.size();
         self.read_window(index, Window { col: 0, row: 0, width, height })
     }
@@ -136,7 +136,7 @@ impl ImageFile {
     ///
     /// # Errors
     /// As [`ImageFile::read`].
-    pub fn read_window(&self, index: usize, window: Window) -> Result<Plane, RasterError> {
+    pub fn read_window(&self, index: usize, window: Window) -> Result<Grid2, RasterError> {
         self.read_scaled(index, window, (window.width, window.height))
     }
 
@@ -149,7 +149,7 @@ impl ImageFile {
         index: usize,
         window: Window,
         size: (usize, usize),
-    ) -> Result<Plane, RasterError> {
+    ) -> Result<Grid2, RasterError> {
         let mut plane = self.read_stored(index, window, size)?;
         if let Some(nodata) = self.band(index)?.nodata.filter(|v| !v.is_nan()) {
             let nodata = nodata as f32;
@@ -160,7 +160,7 @@ impl ImageFile {
     }
 
     /// Turns stored numbers into values by the band's scale and offset; a nodata value is one of the stored numbers.
-    pub(super) fn apply_scale(&self, index: usize, plane: &mut Plane) -> Result<(), RasterError> {
+    pub(super) fn apply_scale(&self, index: usize, plane: &mut Grid2) -> Result<(), RasterError> {
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
         let (scale, offset) = (band.scale().unwrap_or(1.0), band.offset().unwrap_or(0.0));
         if (scale, offset) != (1.0, 0.0) && scale != 0.0 {
@@ -178,13 +178,13 @@ impl ImageFile {
         index: usize,
         window: Window,
         (width, height): (usize, usize),
-    ) -> Result<Plane, RasterError> {
+    ) -> Result<Grid2, RasterError> {
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
         let (from, size) = ((window.col as isize, window.row as isize), (window.width, window.height));
         let pixels = band
             .read_as::<f32>(from, size, (width, height), Some(ResampleAlg::Average))
             .map_err(|e| RasterError::Read { path: self.path.clone(), cause: e })?;
-        Ok(Plane { width, height, data: pixels.into_shape_and_vec().1 })
+        Ok(Grid2 { width, height, data: pixels.into_shape_and_vec().1 })
     }
 
     /// A metadata item of a domain (`""`: the default one, `"RPC"`, …).

@@ -2,7 +2,7 @@
 //! their band's unit, compound CRS and metadata, point clouds by their CRS.
 
 use super::crs::vertical_part;
-use super::{ImageFile, Plane, RasterError, Vertical, Window};
+use super::{Grid2, ImageFile, RasterError, Vertical, Window};
 use gdal::spatial_ref::SpatialRef;
 
 /// Values, as stored, that stand for no data where a file declares none; so do those as large as this, either way.
@@ -115,7 +115,7 @@ pub fn read_heights(
     file: &ImageFile,
     window: Window,
     longest: usize,
-) -> Result<(Plane, usize, usize), RasterError> {
+) -> Result<(Grid2, usize, usize), RasterError> {
     let metres = HeightSystem::of_raster(file)?.metres;
     let factor = window.width.max(window.height).div_ceil(longest.max(1)).max(1);
     let (width, height) = (window.width.div_ceil(factor), window.height.div_ceil(factor));
@@ -141,13 +141,13 @@ pub fn read_heights(
     if (metres - 1.0).abs() > 1e-12 {
         data.iter_mut().for_each(|v| *v = (f64::from(*v) * metres) as f32);
     }
-    Ok((Plane { width, height, data }, factor, undeclared))
+    Ok((Grid2 { width, height, data }, factor, undeclared))
 }
 
 impl ImageFile {
     /// A window of the first band with its scale and offset applied, NaN for no data; and how many values stand for no
     /// data although the file does not say so.
-    fn read_values(&self, window: Window) -> Result<(Plane, usize), RasterError> {
+    fn read_values(&self, window: Window) -> Result<(Grid2, usize), RasterError> {
         let mut plane = self.read_stored(1, window, (window.width, window.height))?;
         let nodata = self.band(1)?.nodata.map(|v| v as f32);
         let mut undeclared = 0;
@@ -177,7 +177,7 @@ mod tests {
         let metadata: Vec<(&str, String)> =
             vertical.map(|v| (Vertical::ITEM, v.to_owned())).into_iter().collect();
         let cog = Cog { grid: GRID, metadata: &metadata, heights_from: None };
-        let plane = Plane::from_fn(GRID.width, GRID.height, value);
+        let plane = Grid2::from_fn(GRID.width, GRID.height, value);
         cog.write_f32(&folder.path().join("h.tif"), &[("height", unit, &plane)]).unwrap();
         folder
     }

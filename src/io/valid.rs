@@ -1,6 +1,6 @@
 //! Which pixels of an image are image: a bit each.
 
-use super::{Plane, Window};
+use super::{Grid2, Window};
 use crate::frame::{CenterPx, Pixel};
 
 /// Bits of a word.
@@ -26,7 +26,7 @@ impl ValidPixels {
 
     /// Those that are NaN in no plane; none when all are valid.
     #[must_use]
-    pub fn of_planes(planes: &[Plane]) -> Option<Self> {
+    pub fn of_planes(planes: &[Grid2]) -> Option<Self> {
         let first = planes.first()?;
         let mut out: Option<Self> = None;
         for i in 0..first.data.len() {
@@ -91,7 +91,7 @@ impl ValidPixels {
 
     /// Makes NaN what is not valid in a plane that holds a window of the image at some size; of a smaller size a pixel is
     /// what the middle of its part of the image is.
-    pub fn clear(&self, plane: &mut Plane, window: Window) {
+    pub fn clear(&self, plane: &mut Grid2, window: Window) {
         let middle = |i: usize, first: usize, from: usize, to: usize| first + (2 * i + 1) * from / (2 * to);
         let (width, height) = (plane.width, plane.height);
         for (row, line) in plane.data.chunks_mut(width.max(1)).enumerate() {
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn of_planes_only_what_is_known_in_all() {
-        let known = Plane::filled(3, 2, 0.5);
+        let known = Grid2::filled(3, 2, 0.5);
         assert!(ValidPixels::of_planes(std::slice::from_ref(&known)).is_none());
         let mut holed = known.clone();
         holed.data[4] = f32::NAN;

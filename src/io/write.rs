@@ -2,7 +2,7 @@
 
 use super::atomic::{write_atomically, write_file};
 use super::file::set_up_gdal;
-use super::{Cause, ImageFile, MapGrid, Plane, RasterError, Vertical, WriteError};
+use super::{Cause, Grid2, ImageFile, MapGrid, RasterError, Vertical, WriteError};
 use gdal::raster::{Buffer, ColorInterpretation, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
 use gdal::vsi::get_vsi_mem_file_bytes_owned;
@@ -35,7 +35,7 @@ impl Cog<'_> {
     ///
     /// # Errors
     /// [`WriteError`].
-    pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Plane)]) -> Result<(), WriteError> {
+    pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Grid2)]) -> Result<(), WriteError> {
         let data: Vec<_> = bands.iter().map(|b| b.2.data.as_slice()).collect();
         let labels: Vec<_> = bands.iter().map(|b| (b.0, b.1)).collect();
         self.write(path, &data, Some(f64::NAN), &labels, "FLOATING_POINT")
@@ -107,7 +107,7 @@ impl SensorImage<'_> {
     ///
     /// # Errors
     /// [`WriteError`].
-    pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Plane)]) -> Result<(), WriteError> {
+    pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Grid2)]) -> Result<(), WriteError> {
         let data: Vec<_> = bands.iter().map(|b| b.2.data.as_slice()).collect();
         self.write(path, &data, Some(f64::NAN), &bands.iter().map(|b| (b.0, b.1)).collect::<Vec<_>>())
     }
@@ -339,7 +339,7 @@ mod tests {
     fn a_written_dsm_reads_back_with_its_place_and_nodata() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("dsm.tif");
-        let mut plane = Plane::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
+        let mut plane = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
         plane.data[7] = f32::NAN;
         let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
         cog.write_f32(&path, &[("height", "m", &plane)]).unwrap();
@@ -358,7 +358,7 @@ mod tests {
     fn a_moved_map_keeps_all_but_its_place_and_its_heights() {
         let dir = tempfile::tempdir().unwrap();
         let (path, out) = (dir.path().join("dsm.tif"), dir.path().join("moved.tif"));
-        let mut plane = Plane::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
+        let mut plane = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
         plane.data[7] = f32::NAN;
         let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
         cog.write_f32(&path, &[("height", "m", &plane), ("score", "", &plane)]).unwrap();
@@ -406,7 +406,7 @@ mod tests {
         let image = SensorImage { width: 600, height: 300, rpc: &[], metadata: &[] };
         image.write_u8(&path("image.tif"), vec![band.clone(); 3]).unwrap();
         assert_eq!(colors(&path("image.tif")), rgb);
-        let plane = Plane::filled(600, 300, 0.5);
+        let plane = Grid2::filled(600, 300, 0.5);
         let bands =
             [("red", "", &plane), ("green", "", &plane), ("blue", "", &plane), ("height", "m", &plane)];
         cog.write_f32(&path("picture.tif"), &bands).unwrap();

@@ -2,7 +2,7 @@
 
 use super::{MetricsError, Surface};
 use crate::frame::Transform;
-use crate::io::{CloudError, HeightSystem, MapGrid, Plane, epsg_of_cloud, is_metric_map};
+use crate::io::{CloudError, Grid2, HeightSystem, MapGrid, epsg_of_cloud, is_metric_map};
 use las::{Reader, point::Classification};
 use rayon::prelude::*;
 use std::path::Path;
@@ -51,7 +51,7 @@ pub(super) fn read(
     let system = HeightSystem::of_cloud(reader.header());
     let expected = reader.header().number_of_points();
     let transform = (epsg != grid.epsg).then(|| Transform::new(epsg, grid.epsg)).transpose()?;
-    let mut height = Plane::filled(grid.width, grid.height, f32::NAN);
+    let mut height = Grid2::filled(grid.width, grid.height, f32::NAN);
     let mut classes = vec![0u8; height.data.len()];
     let mut read = 0;
     loop {
@@ -117,7 +117,7 @@ const STRAY_REACH: i64 = 3;
 const STRAY_NEIGHBOURS: usize = 8;
 
 /// How many cells stand alone.
-fn strays(height: &Plane) -> usize {
+fn strays(height: &Grid2) -> usize {
     let is_stray = |i: usize| {
         let (col, row) = ((i % height.width) as i64, (i / height.width) as i64);
         let z = height.data[i];
@@ -149,6 +149,6 @@ mod tests {
             (40..46, 30..36) => 80.0,
             _ => (c % 7) as f32,
         };
-        assert_eq!(strays(&Plane::from_fn(60, 60, town)), 1);
+        assert_eq!(strays(&Grid2::from_fn(60, 60, town)), 1);
     }
 }

@@ -5,7 +5,7 @@ use super::resample::{Sampling, onto_grid};
 use super::strata::Groups;
 use super::{MetricsError, Scores, Stratum, Surface, Truth, filled_by_nearest};
 use crate::frame::{Point, SiteGrid};
-use crate::io::{MapGrid, Plane, Vertical, egm96_undulation_m};
+use crate::io::{Grid2, MapGrid, Vertical, egm96_undulation_m};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -54,11 +54,11 @@ pub struct Evaluation {
     /// What a reader of the figures should know.
     pub notes: Vec<String>,
     #[serde(skip)]
-    predicted: Plane,
+    predicted: Grid2,
     #[serde(skip)]
     predicted_grid: MapGrid,
     #[serde(skip)]
-    land: Plane,
+    land: Grid2,
     #[serde(skip)]
     classes: Option<Vec<u8>>,
     #[serde(skip)]
@@ -74,7 +74,7 @@ impl Evaluation {
 
     /// Heights of the truth on its grid, NaN where not scored.
     #[must_use]
-    pub fn land(&self) -> &Plane {
+    pub fn land(&self) -> &Grid2 {
         &self.land
     }
 
@@ -88,7 +88,7 @@ impl Evaluation {
     ///
     /// # Errors
     /// As [`evaluate`].
-    pub fn error_map(&self, registration: &Registration) -> Result<Plane, MetricsError> {
+    pub fn error_map(&self, registration: &Registration) -> Result<Grid2, MetricsError> {
         let mut map = self.registered(registration)?;
         self.subtract_land(&mut map);
         Ok(map)
@@ -96,7 +96,7 @@ impl Evaluation {
 
     /// The prediction moved by a registration, on the truth's grid. It is sampled where it is, also beyond the
     /// truth's edges: a shift costs no cells that were predicted.
-    fn registered(&self, r: &Registration) -> Result<Plane, MetricsError> {
+    fn registered(&self, r: &Registration) -> Result<Grid2, MetricsError> {
         let moved = MapGrid {
             west: self.grid.west + r.dx_cells * self.grid.cell,
             north: self.grid.north - r.dy_cells * self.grid.cell,
@@ -108,7 +108,7 @@ impl Evaluation {
     }
 
     /// Heights become errors, `clip(height) - land`.
-    fn subtract_land(&self, heights: &mut Plane) {
+    fn subtract_land(&self, heights: &mut Grid2) {
         let (low, high) = self.bounds;
         heights.data.par_iter_mut().zip(&self.land.data).for_each(|(v, t)| *v = v.clamp(low, high) - t);
     }

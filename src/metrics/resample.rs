@@ -2,7 +2,7 @@
 
 use super::MetricsError;
 use crate::frame::{CenterPx, Pixel, Point, Transform};
-use crate::io::{MapGrid, Plane};
+use crate::io::{Grid2, MapGrid};
 
 /// An origin this near to the other grid, in cells, counts as on it (JAX_068's truth is 0.008 off).
 const WHOLE_CELL: f64 = 0.02;
@@ -25,7 +25,7 @@ pub enum Sampling {
 ///
 /// # Errors
 /// [`MetricsError::Frame`] when PROJ knows no transform between the two grids' systems.
-pub fn onto_grid(plane: &Plane, from: &MapGrid, to: &MapGrid) -> Result<(Plane, Sampling), MetricsError> {
+pub fn onto_grid(plane: &Grid2, from: &MapGrid, to: &MapGrid) -> Result<(Grid2, Sampling), MetricsError> {
     if from.epsg != to.epsg {
         let transform = Transform::new(to.epsg, from.epsg)?;
         let at = |p: Point<_>| {
@@ -38,7 +38,7 @@ pub fn onto_grid(plane: &Plane, from: &MapGrid, to: &MapGrid) -> Result<(Plane, 
     let near = |d: f64| (d - d.round()).abs() <= WHOLE_CELL;
     if (from.cell - to.cell).abs() <= SAME_CELL * to.cell && near(dx) && near(dy) {
         let (dx, dy) = (dx.round() as i64, dy.round() as i64);
-        let cut = Plane::from_rows(to.width, to.height, |row, line| {
+        let cut = Grid2::from_rows(to.width, to.height, |row, line| {
             for (col, v) in line.iter_mut().enumerate() {
                 *v = plane.get(col as i64 + dx, row as i64 + dy);
             }
@@ -49,12 +49,12 @@ pub fn onto_grid(plane: &Plane, from: &MapGrid, to: &MapGrid) -> Result<(Plane, 
 }
 
 fn interpolated(
-    plane: &Plane,
+    plane: &Grid2,
     from: &MapGrid,
     to: &MapGrid,
     map: impl Fn(Point<crate::frame::Utm>) -> Point<crate::frame::Utm> + Sync,
-) -> Plane {
-    Plane::from_rows(to.width, to.height, |row, line| {
+) -> Grid2 {
+    Grid2::from_rows(to.width, to.height, |row, line| {
         for (col, v) in line.iter_mut().enumerate() {
             let px: Pixel<CenterPx> = from.corner_px_from_utm(map(to.cell_center(col, row))).into();
             let is_place = px.col.is_finite() && px.row.is_finite();
@@ -65,7 +65,7 @@ fn interpolated(
 
 /// The value at a position, cell centres at whole numbers, bilinear of the valid ones of the four cells around it; NaN
 /// where the nearest cell is: a hole costs the cell that it is, whatever the shift.
-pub(super) fn interpolate(plane: &Plane, col: f64, row: f64) -> f32 {
+pub(super) fn interpolate(plane: &Grid2, col: f64, row: f64) -> f32 {
     let nearest = plane.get(col.round() as i64, row.round() as i64);
     if nearest.is_nan() {
         return f32::NAN;
@@ -98,8 +98,8 @@ mod tests {
         MapGrid { epsg: 32617, west, north, cell, width, height: width }
     }
 
-    fn ramp(g: &MapGrid) -> Plane {
-        Plane::from_fn(g.width, g.height, |c, r| {
+    fn ramp(g: &MapGrid) -> Grid2 {
+        Grid2::from_fn(g.width, g.height, |c, r| {
             let p = g.cell_center(c, r);
             ((p.x() - 436_000.0) * 0.1 + (p.y() - 3_357_000.0) * 0.2) as f32
         })

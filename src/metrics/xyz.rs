@@ -13,7 +13,7 @@ use super::ncc::best_whole_shift;
 use super::phase::peak;
 use super::resample::interpolate;
 use super::scores::quantile_in_place;
-use crate::io::Plane;
+use crate::io::Grid2;
 use rayon::prelude::*;
 
 /// Reach of the grid around a start, and its step, cells.
@@ -35,7 +35,7 @@ const STARTS: usize = 4;
 const LEAST_CELLS: f64 = 0.25;
 
 /// (dx, dy) in cells and dz in metres that minimise the MAE after clipping to `bounds`.
-pub(super) fn best_shift(prediction: &Plane, truth: &Plane, bounds: (f32, f32)) -> (f64, f64, f64) {
+pub(super) fn best_shift(prediction: &Grid2, truth: &Grid2, bounds: (f32, f32)) -> (f64, f64, f64) {
     let (filled, truth_filled) = (Filled::new(prediction), Filled::new(truth));
     let ncc = best_whole_shift(prediction, truth);
     let mut starts = vec![(0.0, 0.0), (ncc.0 as f64, ncc.1 as f64)];
@@ -55,7 +55,7 @@ pub(super) fn best_shift(prediction: &Plane, truth: &Plane, bounds: (f32, f32)) 
 }
 
 /// -median(P - T), as the shifted prediction is sampled.
-fn offset(prediction: &Plane, truth: &Plane, (dx, dy): (f64, f64)) -> f64 {
+fn offset(prediction: &Grid2, truth: &Grid2, (dx, dy): (f64, f64)) -> f64 {
     let row_differences = |row: usize| {
         let line = truth.row(row).iter().enumerate().filter(|(_, t)| !t.is_nan());
         line.map(|(col, t)| interpolate(prediction, col as f64 + dx, row as f64 + dy) - t)
@@ -111,15 +111,15 @@ impl Candidate {
 
 /// A plane whose holes are filled one cell deep, within a border as wide, so that taps around a valid cell find values.
 struct Filled {
-    plane: Plane,
+    plane: Grid2,
     is_valid: Vec<bool>,
 }
 
 impl Filled {
-    fn new(source: &Plane) -> Self {
+    fn new(source: &Grid2) -> Self {
         let (width, height) = (source.width + 2, source.height + 2);
         let at = |col: usize, row: usize| source.get(col as i64 - 1, row as i64 - 1);
-        let plane = Plane::from_rows(width, height, |row, line| {
+        let plane = Grid2::from_rows(width, height, |row, line| {
             for (col, v) in line.iter_mut().enumerate() {
                 *v = at(col, row);
                 if v.is_nan() {

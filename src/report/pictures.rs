@@ -1,7 +1,7 @@
 //! Pictures inside of the page.
 
 use super::escape;
-use crate::io::{ImageFile, MapGrid, Plane, RasterError, Window, png_rgb};
+use crate::io::{Grid2, ImageFile, MapGrid, RasterError, Window, png_rgb};
 use base64::prelude::{BASE64_STANDARD, Engine};
 use std::path::Path;
 
@@ -25,14 +25,14 @@ pub(super) fn img(
 }
 
 /// Colours in [0, 1] as bytes, one plane or three; NaN is black.
-pub(super) fn rgb_of(planes: &[Plane]) -> Vec<u8> {
+pub(super) fn rgb_of(planes: &[Grid2]) -> Vec<u8> {
     let band = |i: usize| &planes[i.min(planes.len() - 1)].data;
     let byte = |v: f32| (255.0 * v).round() as u8;
     (0..band(0).len()).flat_map(|i| [byte(band(0)[i]), byte(band(1)[i]), byte(band(2)[i])]).collect()
 }
 
 /// A map's bands, no larger than the page needs, and their grid.
-pub(super) fn map(path: &Path) -> Result<(Vec<Plane>, MapGrid), RasterError> {
+pub(super) fn map(path: &Path) -> Result<(Vec<Grid2>, MapGrid), RasterError> {
     let file = ImageFile::open(path)?;
     let grid = file.map_grid()?;
     let step = grid.width.max(grid.height).div_ceil(LARGEST_SIDE);

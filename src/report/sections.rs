@@ -6,7 +6,7 @@ use super::pictures::{img, map, rgb_of};
 use super::{ReportError, SCORE_NOTE, ScoreTable, escape, score_tables};
 use crate::bundle::Report;
 use crate::dsm::hillshade;
-use crate::io::{MapGrid, Plane, RasterError, ReadError, read_json};
+use crate::io::{Grid2, MapGrid, RasterError, ReadError, read_json};
 use crate::metrics::{error_picture, onto_grid};
 use crate::run_files::{
     ADJUSTMENT, ADJUSTMENT_REPORT, DSM, ERROR_MAP, EVALUATION, METRICS, ORTHO, SCENE, STAGE, TRAINING,
@@ -226,10 +226,10 @@ pub(super) fn commands(run: &Path) -> Result<String, ReportError> {
     Ok(out)
 }
 
-fn slider(surface: &Plane, errors: &Plane, grid: &MapGrid) -> Result<String, ReportError> {
+fn slider(surface: &Grid2, errors: &Grid2, grid: &MapGrid) -> Result<String, ReportError> {
     let picture = error_picture(errors);
     let alt = "Errors after xyz: red where the prediction is too high, blue where it is too low";
-    let scale = error_picture(&Plane::from_fn(61, 2, |col, _| 0.1 * (col as f32 - 30.0)));
+    let scale = error_picture(&Grid2::from_fn(61, 2, |col, _| 0.1 * (col as f32 - 30.0)));
     Ok(format!(
         "<figure class=\"compare\" style=\"--at:50%\">\n<div class=\"pair\">{}{}<span class=\"edge\"></span></div>\n\
          <input type=\"range\" min=\"0\" max=\"100\" value=\"50\" aria-label=\"Where the surface ends and the error map \
@@ -241,7 +241,7 @@ fn slider(surface: &Plane, errors: &Plane, grid: &MapGrid) -> Result<String, Rep
     ))
 }
 
-fn shaded(height: &Plane, grid: &MapGrid, alt: &str) -> Result<String, RasterError> {
+fn shaded(height: &Grid2, grid: &MapGrid, alt: &str) -> Result<String, RasterError> {
     let rgb: Vec<u8> = hillshade(height, grid.cell).into_iter().flat_map(|v| [v; 3]).collect();
     img(grid.width, grid.height, &rgb, alt, "")
 }

@@ -2,7 +2,7 @@
 
 use super::{Scene, SceneError, footprint};
 use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid, half_turn};
-use crate::io::{HeightSystem, ImageFile, Plane, Vertical, VerticalError, Window, read_heights};
+use crate::io::{Grid2, HeightSystem, ImageFile, Vertical, VerticalError, Window, read_heights};
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
 
@@ -22,7 +22,7 @@ pub struct Dem {
     /// Longitude and latitude of the first node, and from one node to the next, degrees.
     origin: [f64; 2],
     step: [f64; 2],
-    heights: Plane,
+    heights: Grid2,
     range: (f64, f64),
 }
 
@@ -105,7 +105,7 @@ impl Scene {
         Ok(Dem {
             origin: [lon.0, lat.0],
             step,
-            heights: Plane { width: columns, height: rows, data },
+            heights: Grid2 { width: columns, height: rows, data },
             range: (low + up, high + up),
         })
     }

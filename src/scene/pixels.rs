@@ -2,7 +2,7 @@
 
 use super::validity::valid_pixels;
 use super::{SceneError, View};
-use crate::io::{ImageFile, Plane, RasterError, ValidPixels, Window};
+use crate::io::{Grid2, ImageFile, RasterError, ValidPixels, Window};
 use std::path::PathBuf;
 
 /// Share of pixels left out at each end when images of more than 8 bits are stretched.
@@ -49,7 +49,7 @@ impl View {
         let mut values = Vec::new();
         for window in self.samples(FEW) {
             let planes = files.stored(window, (window.width, window.height))?;
-            values.extend(planes.iter().flat_map(Plane::valid).filter(|v| v.is_finite()));
+            values.extend(planes.iter().flat_map(Grid2::valid).filter(|v| v.is_finite()));
         }
         if values.is_empty() {
             return Ok(None);
@@ -86,7 +86,7 @@ impl View {
     ///
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
-    pub fn read_colors(&self) -> Result<Vec<Plane>, RasterError> {
+    pub fn read_colors(&self) -> Result<Vec<Grid2>, RasterError> {
         self.colors_at((self.width, self.height))
     }
 
@@ -94,17 +94,17 @@ impl View {
     ///
     /// # Errors
     /// As [`View::read_colors`].
-    pub fn thumbnail(&self, side: usize) -> Result<Vec<Plane>, RasterError> {
+    pub fn thumbnail(&self, side: usize) -> Result<Vec<Grid2>, RasterError> {
         let step = (self.width.max(self.height) as f64 / side as f64).max(1.0);
         let scaled = |pixels: usize| ((pixels as f64 / step).round() as usize).max(1);
         self.colors_at((scaled(self.width), scaled(self.height)))
     }
 
-    fn colors_at(&self, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
+    fn colors_at(&self, size: (usize, usize)) -> Result<Vec<Grid2>, RasterError> {
         let files = self.open()?;
         let mut planes = files.stored(self.used_window(), size)?;
         let range = match files.tail()? {
-            Some(tail) => stretch(planes.iter().flat_map(Plane::valid), tail),
+            Some(tail) => stretch(planes.iter().flat_map(Grid2::valid), tail),
             None => BYTES,
         };
         planes.iter_mut().for_each(|plane| scale(plane, range));
@@ -149,7 +149,7 @@ impl View {
         let mut values = Vec::new();
         for window in self.samples(MANY) {
             let planes = files.stored(window, (window.width, window.height))?;
-            values.extend(planes.iter().flat_map(Plane::valid));
+            values.extend(planes.iter().flat_map(Grid2::valid));
         }
         Ok(Brightness { files, range: stretch(values.into_iter(), tail) })
     }
@@ -174,7 +174,7 @@ impl Brightness<'_> {
     ///
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
-    pub fn read(&self, window: Window) -> Result<Plane, RasterError> {
+    pub fn read(&self, window: Window) -> Result<Grid2, RasterError> {
         let used = self.files.view.used_window();
         let place = Window { col: used.col + window.col, row: used.row + window.row, ..window };
         let mut planes = self.files.stored(place, (window.width, window.height))?;
@@ -182,7 +182,7 @@ impl Brightness<'_> {
         let n = planes.len() as f32;
         let pixels = 0..window.width * window.height;
         let data = pixels.map(|i| planes.iter().map(|p| p.data[i]).sum::<f32>() / n).collect();
-        Ok(Plane { width: window.width, height: window.height, data })
+        Ok(Grid2 { width: window.width, height: window.height, data })
     }
 }
 
@@ -196,7 +196,7 @@ struct Files<'a> {
 
 impl Files<'_> {
     /// The bands used as they are stored, of a window of the whole image at another size; NaN where there is no image.
-    fn stored(&self, window: Window, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
+    fn stored(&self, window: Window, size: (usize, usize)) -> Result<Vec<Grid2>, RasterError> {
         let planes = self.view.bands.iter().map(|b| self.image.read_stored(*b, window, size));
         let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
         if let Some(valid) = &self.valid {
@@ -218,7 +218,7 @@ impl Files<'_> {
 }
 
 /// Makes the lower end of a range 0 and the upper 1.
-fn scale(plane: &mut Plane, (low, high): (f32, f32)) {
+fn scale(plane: &mut Grid2, (low, high): (f32, f32)) {
     let scale = 1.0 / (high - low).max(f32::MIN_POSITIVE);
     // NaN stays NaN through the clamp.
     plane.data.iter_mut().for_each(|v| *v = ((*v - low) * scale).clamp(0.0, 1.0));

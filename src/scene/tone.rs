@@ -1,6 +1,6 @@
 //! How brightness as it is stored stands for light.
 
-use crate::io::Plane;
+use crate::io::Grid2;
 use serde::{Deserialize, Serialize};
 
 /// The power of brightness, from 0 to 1, that is proportional to light: shadows and blends of surfaces add up in light.
@@ -75,7 +75,7 @@ impl Tone {
     }
 
     /// Makes planes of light planes of brightness.
-    pub fn show(self, planes: &mut [Plane]) {
+    pub fn show(self, planes: &mut [Grid2]) {
         planes.iter_mut().flat_map(|p| &mut p.data).for_each(|v| *v = self.brightness(*v));
     }
 }
@@ -98,7 +98,7 @@ mod tests {
         assert!((dark.light(0.5) - 0.4 * tone.light(0.5)).abs() < 1e-7);
         assert!((dark.brightness(dark.light(0.7)) - 0.7).abs() < 1e-6);
         assert_eq!(Tone::default().with_white(0.4), Tone::default());
-        let mut planes = [Plane::filled(2, 1, f32::NAN), Plane::filled(2, 1, 1.0)];
+        let mut planes = [Grid2::filled(2, 1, f32::NAN), Grid2::filled(2, 1, 1.0)];
         tone.show(&mut planes);
         assert!(planes[0].data[0].is_nan() && (planes[1].data[1] - 1.0).abs() < 1e-6);
     }

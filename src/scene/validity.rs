@@ -6,7 +6,7 @@
 //! connected with the border; far from all of them it is nodata everywhere.
 
 use super::View;
-use crate::io::{ImageFile, Plane, RasterError, ValidPixels, Window};
+use crate::io::{Grid2, ImageFile, RasterError, ValidPixels, Window};
 
 /// Pixels looked at in one go.
 const STRIP_PX: usize = 1 << 22;
@@ -152,7 +152,7 @@ impl Found {
 }
 
 /// The bands used, as they are stored.
-fn bands(view: &View, file: &ImageFile, window: Window) -> Result<Vec<Plane>, RasterError> {
+fn bands(view: &View, file: &ImageFile, window: Window) -> Result<Vec<Grid2>, RasterError> {
     let size = (window.width, window.height);
     view.bands.iter().map(|b| file.read_stored(*b, window, size)).collect()
 }

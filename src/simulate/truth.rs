@@ -4,7 +4,7 @@ use super::field::{Field, Material};
 use super::plan::Plan;
 use super::{SceneFigures, Shot};
 use crate::frame::{Point, Site, SiteGrid};
-use crate::io::{Cog, MapGrid, Plane, Vertical, WriteError, write_file};
+use crate::io::{Cog, Grid2, MapGrid, Vertical, WriteError, write_file};
 use crate::rpc::formats::{ViewTags, to_json};
 use std::path::Path;
 
@@ -21,7 +21,7 @@ const CROP: f64 = 0.97;
 /// The exact DSM and its classes on the map.
 pub(super) struct Truth {
     pub(super) grid: MapGrid,
-    pub(super) heights: Plane,
+    pub(super) heights: Grid2,
     pub(super) classes: Vec<u8>,
 }
 
@@ -41,7 +41,7 @@ impl Truth {
             let c = map.cell_center(col, row);
             (c.x() - e, c.y() - n)
         };
-        let heights = Plane::from_fn(map.width, map.height, |col, row| {
+        let heights = Grid2::from_fn(map.width, map.height, |col, row| {
             let (x, y) = place(col, row);
             field.height_m(x, y) as f32
         });

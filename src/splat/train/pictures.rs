@@ -105,12 +105,12 @@ pub fn curves(log: &[LogLine]) -> Canvas {
 mod tests {
     use super::*;
     use crate::affine::AffineCamera;
-    use crate::io::Plane;
+    use crate::io::Grid2;
 
     #[test]
     fn panels_show_image_picture_shadow_altitude_and_error() {
         let camera = AffineCamera { linear: [[1.0, 0.0, 0.2], [0.0, -1.0, 0.1]], offset: [19.5, 19.5] };
-        let white = Plane::filled(40, 40, 1.0);
+        let white = Grid2::filled(40, 40, 1.0);
         let view =
             TrainingView::new("v".into(), camera, Some([1.0, 0.0]), &[white], (-30.0, -30.0, 10.0, 30.0));
         let mut splats = Splats::default();
