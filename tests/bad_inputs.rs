@@ -320,7 +320,7 @@ fn nodata_is_what_reaches_the_border_and_black_pixels_within_are_black() {
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
     let view = scene.views.iter().find(|v| v.name == "a").unwrap();
     let whole = Window { col: 0, row: 0, width: 64, height: 64 };
-    let plane = view.brightness().unwrap().read(whole).unwrap();
+    let plane = view.gray_image().unwrap().read(whole).unwrap();
     assert_eq!(plane.at(31, 31), 0.0);
     assert!(plane.at(5, 5).is_nan() && plane.at(19, 40).is_nan());
     assert_eq!(plane.data.iter().filter(|v| v.is_nan()).count(), 64 * 10 + 10);

@@ -63,7 +63,7 @@ fn an_image_upside_down_is_named() {
     let (folder, mut scene) = town();
     let view = &scene.views[2];
     let whole = Window { col: 0, row: 0, width: view.width, height: view.height };
-    let gray = view.brightness().unwrap().read(whole).unwrap();
+    let gray = view.gray_image().unwrap().read(whole).unwrap();
     let turned = folder.path().join("turned.tif");
     write(&scene, 2, &turned, gray.data.iter().rev().map(|v| (255.0 * v) as u8).collect());
     scene.views[2].image = turned;
@@ -291,7 +291,7 @@ fn an_adjustment_stops_when_it_is_asked_to() {
 /// Turns a view's image and leaves its camera as it was.
 fn turn(folder: &Path, scene: &mut Scene, view: usize, degrees: f64) {
     let whole = Window { col: 0, row: 0, width: SIZE, height: SIZE };
-    let gray = scene.views[view].brightness().unwrap().read(whole).unwrap();
+    let gray = scene.views[view].gray_image().unwrap().read(whole).unwrap();
     let middle = 0.5 * (SIZE as f64 - 1.0);
     let (sin, cos) = degrees.to_radians().sin_cos();
     let pixel = |i: usize| {

@@ -30,7 +30,7 @@ struct Stored {
 /// large.
 pub fn keypoints(view: &View, folder: Option<&Path>) -> Result<Vec<Keypoint>, RasterError> {
     let is_large = view.width * view.height >= WORTH_A_FILE_PX;
-    let image = view.brightness()?;
+    let image = view.gray_image()?;
     let valid = image.valid_pixels().map(ValidPixels::digest);
     let file = folder.filter(|_| is_large).map(|f| f.join(file_name(view, valid)));
     if let Some(kept) = file.as_deref().and_then(read) {

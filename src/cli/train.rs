@@ -186,7 +186,7 @@ impl<'a> Job<'a> {
         let adjustment = Adjustment::read(&run.join(ADJUSTMENT))?;
         let points = adjustment.positions();
         let mut setup = SiteScene::new(scene, &adjustment.cameras_of(scene)?, &points)?;
-        setup.tone = setup.tone.with_white(recipe.white);
+        setup.transfer_function = setup.transfer_function.with_white(recipe.white);
         for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
             tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);
         }

@@ -60,7 +60,7 @@ pub(super) fn setup() -> SiteScene {
         altitudes: (-5.0, 20.0),
         views: Vec::new(),
         reference: 0,
-        tone: crate::scene::Tone::default(),
+        transfer_function: crate::scene::TransferFunction::default(),
     }
 }
 

@@ -139,31 +139,31 @@ impl View {
         Ok(())
     }
 
-    /// The view's brightness, to be read in parts.
+    /// The view as a gray image that is read window by window.
     ///
     /// # Errors
     /// As [`View::read_colors`].
-    pub fn brightness(&self) -> Result<Brightness<'_>, RasterError> {
+    pub fn gray_image(&self) -> Result<GrayImage<'_>, RasterError> {
         let files = self.open()?;
-        let Some(tail) = files.tail()? else { return Ok(Brightness { files, range: BYTES }) };
+        let Some(tail) = files.tail()? else { return Ok(GrayImage { files, range: BYTES }) };
         let mut values = Vec::new();
         for window in self.samples(MANY) {
             let planes = files.stored(window, (window.width, window.height))?;
             values.extend(planes.iter().flat_map(Grid2::valid));
         }
-        Ok(Brightness { files, range: stretch(values.into_iter(), tail) })
+        Ok(GrayImage { files, range: stretch(values.into_iter(), tail) })
     }
 }
 
-/// A view's brightness, the mean of its colours: numbers in [0, 1], NaN where there is no image. Only what is asked for is
+/// A view as a gray image, the mean of its bands: values in [0, 1], NaN where there is no image. Only the requested window is
 /// in memory.
-pub struct Brightness<'a> {
+pub struct GrayImage<'a> {
     files: Files<'a>,
     /// What becomes 0, and what 1.
     range: (f32, f32),
 }
 
-impl Brightness<'_> {
+impl GrayImage<'_> {
     /// Which pixels of what is used of the image are image; none if all of them are.
     #[must_use]
     pub fn valid_pixels(&self) -> Option<&ValidPixels> {

@@ -124,7 +124,7 @@ pub fn init_from_surface(surface: &MatchedSurface, views: &[TrainingView]) -> Sp
 fn median_color([x, y, z]: [f64; 3], views: &[TrainingView]) -> [f32; 3] {
     let seen = |v: &TrainingView| {
         let color = v.color(v.camera.project(Point::new(x, y, z)))?;
-        Some(color.map(|c| v.tone.light(c)))
+        Some(color.map(|c| v.transfer_function.linear(c)))
     };
     let colors: Vec<[f32; 3]> = views.iter().filter_map(seen).collect();
     std::array::from_fn(|k| {

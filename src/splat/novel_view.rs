@@ -95,7 +95,7 @@ mod tests {
             altitudes: (-5.0, 30.0),
             views: Vec::new(),
             reference: 0,
-            tone: crate::scene::Tone::default(),
+            transfer_function: crate::scene::TransferFunction::default(),
         }
     }
 
