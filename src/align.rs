@@ -295,12 +295,12 @@ mod tests {
     fn reference() -> Surface {
         let grid =
             MapGrid { epsg: EPSG, west: 700_000.0, north: 4_800_400.0, cell: 0.5, width: 800, height: 800 };
-        let plane =
+        let raster =
             Grid2::from_fn(800, 800, |c, r| height(0.5 * c as f64 + 0.25, 399.75 - 0.5 * r as f64) as f32);
         Surface {
             path: "reference.tif".into(),
             grid,
-            height: plane,
+            height: raster,
             vertical: None,
             undeclared_nodata: 0,
             converted_from: None,

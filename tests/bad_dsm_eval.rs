@@ -32,9 +32,9 @@ impl Desk {
     fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
-    fn height(&self, name: &str, grid: MapGrid, plane: &Grid2) {
+    fn height(&self, name: &str, grid: MapGrid, raster: &Grid2) {
         let cog = Cog { grid, metadata: &[], heights_from: None };
-        cog.write_f32(&self.path(name), &[("height", "m", plane)]).unwrap();
+        cog.write_f32(&self.path(name), &[("height", "m", raster)]).unwrap();
     }
     fn classes(&self, name: &str, grid: MapGrid, codes: Vec<u8>) {
         Cog { grid, metadata: &[], heights_from: None }
@@ -342,10 +342,10 @@ fn references_that_the_files_tell_are_brought_together() {
     let Some(geoid_m) = egm96_undulation_m(lon, lat) else { return };
     let Ok(egm96) = satgs::io::Vertical::read("EGM96") else { return };
     let write = |name: &str, from: &satgs::io::Vertical, up: f64| {
-        let mut plane = relief();
-        plane.data.iter_mut().for_each(|v| *v += up as f32);
+        let mut raster = relief();
+        raster.data.iter_mut().for_each(|v| *v += up as f32);
         let cog = Cog { grid: GRID, metadata: &[], heights_from: Some(from) };
-        cog.write_f32(&desk.path(name), &[("height", "m", &plane)]).unwrap();
+        cog.write_f32(&desk.path(name), &[("height", "m", &raster)]).unwrap();
     };
     write("dsm.tif", &satgs::io::Vertical::Ellipsoid, 0.0);
     write("egm96.tif", &egm96, -geoid_m);

@@ -63,7 +63,7 @@ impl TrainingView {
             if stored == MASKED { BLACK } else { stored }
         };
         let colors = (0..width * height).into_par_iter().map(color).collect();
-        let valid = ValidPixels::of_planes(planes).map(Arc::new);
+        let valid = ValidPixels::of_bands(planes).map(Arc::new);
         let (transfer_function, linear) =
             (TransferFunction::default(), linear_by_color(TransferFunction::default()));
         Self { name, camera, width, height, colors, valid, sun_shear, transfer_function, linear }

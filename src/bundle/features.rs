@@ -227,11 +227,11 @@ struct Gradients {
 }
 
 impl Gradients {
-    fn new(plane: &Grid2) -> Self {
-        let (width, height) = (plane.width, plane.height);
+    fn new(raster: &Grid2) -> Self {
+        let (width, height) = (raster.width, raster.height);
         let mut polar = vec![[0.0; 2]; width * height];
         for row in 1..height - 1 {
-            let [above, here, below] = [row - 1, row, row + 1].map(|r| plane.row(r));
+            let [above, here, below] = [row - 1, row, row + 1].map(|r| raster.row(r));
             gradients_of_row(above, here, below, &mut polar[row * width..(row + 1) * width]);
         }
         Self { width, height, polar }

@@ -59,7 +59,7 @@ pub fn squares(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<Vec<us
 pub struct Part {
     /// Its first column and row.
     first: Vector2<f64>,
-    plane: Grid2,
+    raster: Grid2,
 }
 
 impl Part {
@@ -86,11 +86,11 @@ impl Part {
             (first, ((high + MARGIN_PX) as usize + 1).min(n).saturating_sub(first))
         };
         let ((col, width), (row, height)) = (reach(cols, size.0), reach(rows, size.1));
-        let plane = match width.min(height) {
+        let raster = match width.min(height) {
             0 => Grid2::filled(0, 0, f32::NAN),
             _ => blurred(&read(Window { col, row, width, height })?, BLUR_PX),
         };
-        Ok(Self { first: Vector2::new(col as f64, row as f64), plane })
+        Ok(Self { first: Vector2::new(col as f64, row as f64), raster })
     }
 }
 
@@ -116,13 +116,14 @@ impl<'a> Seeker<'a> {
         let own = &self.images[reference.view];
         let at = Vector2::new(reference.px.col, reference.px.row) - own.first;
         let template =
-            Samples::<SIDE>::new(&own.plane, at, Matrix2::identity()).and_then(|s| self.window.template(&s));
+            Samples::<SIDE>::new(&own.raster, at, Matrix2::identity()).and_then(|s| self.window.template(&s));
         let inverse = self.place(reference.view, point).1.try_inverse();
         let (Some(template), Some(inverse)) = (template, inverse) else { return found };
         for (view, image) in self.images.iter().enumerate().filter(|(v, _)| *v != reference.view) {
             let (start, by_ground) = self.place(view, point);
             // The patch is taken to be level.
-            let place = self.window.locate(&template, &image.plane, start - image.first, by_ground * inverse);
+            let place =
+                self.window.locate(&template, &image.raster, start - image.first, by_ground * inverse);
             if let Some(px) = place.map(|p| p + image.first) {
                 found.push(Measurement { view, px: Pixel::<CenterPx>::new(px[0], px[1]), weight: 1.0 });
             }
@@ -348,15 +349,15 @@ mod tests {
         let places = [[210.0, 170.5], [230.25, 160.0], [-50.0, 20.0]].map(|[c, r]| Pixel::new(c, r));
         let Ok(part) = Part::around(places.into_iter(), (400, 300), read);
         assert_eq!([part.first[0], part.first[1]], [170.0, 120.0]);
-        assert_eq!((part.plane.width, part.plane.height), (101, 91));
+        assert_eq!((part.raster.width, part.raster.height), (101, 91));
         let (bell, blurred) = (Bell::new(), blurred(&whole, BLUR_PX));
         let at = Vector2::new(228.3, 161.6);
         let template = bell.template(&Samples::new(&blurred, at, Matrix2::identity()).unwrap()).unwrap();
         let start = at + Vector2::new(0.8, -1.1);
-        let there = bell.locate(&template, &part.plane, start - part.first, Matrix2::identity()).unwrap();
+        let there = bell.locate(&template, &part.raster, start - part.first, Matrix2::identity()).unwrap();
         assert!((there + part.first - at).norm() < 1e-3, "{there}");
         let Ok(nothing) = Part::around(places[2..].iter().copied(), (400, 300), read);
-        assert_eq!(nothing.plane.data.len(), 0);
+        assert_eq!(nothing.raster.data.len(), 0);
     }
 
     #[test]

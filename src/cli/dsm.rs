@@ -204,7 +204,7 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         surface.fill(reach_m);
     }
     let heights = surface.heights_above(&vertical);
-    if heights.plane.valid().next().is_none() && surface.height.valid().next().is_some() {
+    if heights.raster.valid().next().is_none() && surface.height.valid().next().is_some() {
         let message = format!("the grid of `{}` has no undulation here", vertical.name());
         return Err(Failure::input(
             message,

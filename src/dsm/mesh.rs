@@ -29,7 +29,7 @@ impl Surface {
     }
 
     fn glb(&self, heights: &Heights) -> Option<Vec<u8>> {
-        let (grid, z) = (&self.grid, &heights.plane.data);
+        let (grid, z) = (&self.grid, &heights.raster.data);
         let (west, south, east, north) = grid.bounds();
         let center = [0.5 * (west + east), 0.5 * (south + north)];
 

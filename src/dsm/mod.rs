@@ -48,7 +48,7 @@ pub struct Surface {
 /// Heights of a surface's cells in metres above something; NaN where they are not known.
 pub struct Heights<'a> {
     /// The heights.
-    pub plane: Grid2,
+    pub raster: Grid2,
     /// What they count from.
     pub above: &'a Vertical,
 }
@@ -115,8 +115,8 @@ pub fn render(
         spread.data[i] = (square.data[i] / opaque - mean * mean).max(0.0).sqrt();
         opacity.data[i] = opaque;
         let lit = reference.sunlit(std::array::from_fn(|c| colors[c].data[i] / opaque));
-        for (plane, v) in colors.iter_mut().zip(lit) {
-            plane.data[i] = if height.data[i].is_nan() { f32::NAN } else { v };
+        for (raster, v) in colors.iter_mut().zip(lit) {
+            raster.data[i] = if height.data[i].is_nan() { f32::NAN } else { v };
         }
     }
     let views = Grid2::filled(grid.width, grid.height, f32::NAN);
@@ -134,13 +134,13 @@ fn with_floor(image: &Image<f32>, floor: f32) -> Grid2 {
 }
 
 /// The mean of each cell and the eight around it, as the published DSMs are flattened; NaN stays.
-fn mean_around(plane: &Grid2) -> Grid2 {
-    Grid2::from_fn(plane.width, plane.height, |col, row| {
-        let center = plane.at(col, row);
+fn mean_around(raster: &Grid2) -> Grid2 {
+    Grid2::from_fn(raster.width, raster.height, |col, row| {
+        let center = raster.at(col, row);
         let (mut sum, mut count) = (0.0, 0.0);
-        for r in row.saturating_sub(1)..plane.height.min(row + 2) {
-            for c in col.saturating_sub(1)..plane.width.min(col + 2) {
-                let z = plane.at(c, r);
+        for r in row.saturating_sub(1)..raster.height.min(row + 2) {
+            for c in col.saturating_sub(1)..raster.width.min(col + 2) {
+                let z = raster.at(c, r);
                 if !z.is_nan() {
                     (sum, count) = (sum + z, count + 1.0);
                 }
@@ -172,7 +172,7 @@ impl Surface {
     /// The heights above what they are to count from; NaN also where that is not known.
     #[must_use]
     pub fn heights_above<'a>(&self, above: &'a Vertical) -> Heights<'a> {
-        let Vertical::Geoid { .. } = above else { return Heights { plane: self.height.clone(), above } };
+        let Vertical::Geoid { .. } = above else { return Heights { raster: self.height.clone(), above } };
         let place = SiteGrid { epsg: self.grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
         let nodes = [self.grid.width, self.grid.height].map(|n| n.div_ceil(GEOID_STEP) + 1);
         let undulation = Grid2::from_fn(nodes[0], nodes[1], |col, row| {
@@ -180,10 +180,10 @@ impl Surface {
             above.undulation_m(p.lon_deg(), p.lat_deg()) as f32
         });
         let step = GEOID_STEP as f64;
-        let plane = Grid2::from_fn(self.grid.width, self.grid.height, |col, row| {
+        let raster = Grid2::from_fn(self.grid.width, self.grid.height, |col, row| {
             self.height.at(col, row) - undulation.bilinear(col as f64 / step, row as f64 / step)
         });
-        Heights { plane, above }
+        Heights { raster, above }
     }
 
     /// Writes heights as a Cloud-Optimized GeoTIFF, float32 with NaN nodata, and its QGIS style.
@@ -192,7 +192,7 @@ impl Surface {
     /// [`WriteError`].
     pub fn write_dsm(&self, path: &Path, heights: &Heights) -> Result<(), WriteError> {
         let cog = Cog { heights_from: Some(heights.above), ..self.cog() };
-        cog.write_f32(path, &[("height", "m", &heights.plane)])?;
+        cog.write_f32(path, &[("height", "m", &heights.raster)])?;
         write_file(&path.with_extension("qml"), heights.style())
     }
 
@@ -232,7 +232,7 @@ impl Surface {
 impl Heights<'_> {
     /// A QGIS style that colours them from low to high.
     fn style(&self) -> String {
-        let mut sorted: Vec<f32> = self.plane.valid().collect();
+        let mut sorted: Vec<f32> = self.raster.valid().collect();
         sorted.sort_unstable_by(f32::total_cmp);
         let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
         let (low, high) = (at(STYLE_TAIL), at(1.0 - STYLE_TAIL));
@@ -273,13 +273,13 @@ mod tests {
     pub(super) fn flat_surface(width: usize, height: usize) -> (Surface, SiteGrid) {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
-        let plane = |value| Grid2::filled(width, height, value);
-        let confidence = Confidence { opacity: plane(1.0), spread: plane(0.0), views: plane(f32::NAN) };
+        let raster = |value| Grid2::filled(width, height, value);
+        let confidence = Confidence { opacity: raster(1.0), spread: raster(0.0), views: raster(f32::NAN) };
         (
             Surface {
                 grid,
-                height: plane(10.0),
-                colors: [plane(0.1), plane(0.5), plane(1.0)],
+                height: raster(10.0),
+                colors: [raster(0.1), raster(0.5), raster(1.0)],
                 confidence,
                 metadata: Vec::new(),
             },

@@ -10,7 +10,7 @@ impl Surface {
     /// # Errors
     /// [`WriteError`].
     pub fn write_points(&self, path: &Path, heights: &Heights) -> Result<(), WriteError> {
-        let z = &heights.plane.data;
+        let z = &heights.raster.data;
         let (west, _, _, north) = self.grid.bounds();
         let origin = crate::frame::Point::new(west.floor(), north.floor(), 0.0);
         let seen = (0..z.len()).filter(|&i| !z[i].is_nan());

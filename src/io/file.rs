@@ -150,21 +150,21 @@ impl ImageFile {
         window: Window,
         size: (usize, usize),
     ) -> Result<Grid2, RasterError> {
-        let mut plane = self.read_stored(index, window, size)?;
+        let mut raster = self.read_stored(index, window, size)?;
         if let Some(nodata) = self.band(index)?.nodata.filter(|v| !v.is_nan()) {
             let nodata = nodata as f32;
-            plane.data.par_iter_mut().filter(|v| **v == nodata).for_each(|v| *v = f32::NAN);
+            raster.data.par_iter_mut().filter(|v| **v == nodata).for_each(|v| *v = f32::NAN);
         }
-        self.apply_scale(index, &mut plane)?;
-        Ok(plane)
+        self.apply_scale(index, &mut raster)?;
+        Ok(raster)
     }
 
     /// Turns stored numbers into values by the band's scale and offset; a nodata value is one of the stored numbers.
-    pub(super) fn apply_scale(&self, index: usize, plane: &mut Grid2) -> Result<(), RasterError> {
+    pub(super) fn apply_scale(&self, index: usize, raster: &mut Grid2) -> Result<(), RasterError> {
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
         let (scale, offset) = (band.scale().unwrap_or(1.0), band.offset().unwrap_or(0.0));
         if (scale, offset) != (1.0, 0.0) && scale != 0.0 {
-            plane.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) * scale + offset) as f32);
+            raster.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) * scale + offset) as f32);
         }
         Ok(())
     }

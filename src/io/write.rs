@@ -339,17 +339,17 @@ mod tests {
     fn a_written_dsm_reads_back_with_its_place_and_nodata() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("dsm.tif");
-        let mut plane = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
-        plane.data[7] = f32::NAN;
+        let mut raster = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
+        raster.data[7] = f32::NAN;
         let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
-        cog.write_f32(&path, &[("height", "m", &plane)]).unwrap();
+        cog.write_f32(&path, &[("height", "m", &raster)]).unwrap();
         let file = ImageFile::open(&path).unwrap();
         assert_eq!(file.map_grid().unwrap(), grid());
         assert_eq!(file.metadata(Vertical::ITEM, "").unwrap(), "WGS 84 ellipsoid");
         assert_eq!(file.metadata("LAYOUT", "IMAGE_STRUCTURE").unwrap(), "COG");
         let back = file.read(1).unwrap();
         assert!(back.data[7].is_nan());
-        assert_eq!(back.data[8..], plane.data[8..]);
+        assert_eq!(back.data[8..], raster.data[8..]);
         let names: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
         assert_eq!(names.len(), 1, "nothing but the file itself: {names:?}");
     }
@@ -358,10 +358,10 @@ mod tests {
     fn a_moved_map_keeps_all_but_its_place_and_its_heights() {
         let dir = tempfile::tempdir().unwrap();
         let (path, out) = (dir.path().join("dsm.tif"), dir.path().join("moved.tif"));
-        let mut plane = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
-        plane.data[7] = f32::NAN;
+        let mut raster = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
+        raster.data[7] = f32::NAN;
         let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
-        cog.write_f32(&path, &[("height", "m", &plane), ("score", "", &plane)]).unwrap();
+        cog.write_f32(&path, &[("height", "m", &raster), ("score", "", &raster)]).unwrap();
         write_moved(&path, &out, [1.25, -0.5, 3.5]).unwrap();
         let file = ImageFile::open(&out).unwrap();
         let expected = MapGrid { west: grid().west + 1.25, north: grid().north - 0.5, ..grid() };
@@ -372,8 +372,8 @@ mod tests {
         assert_eq!(file.dataset.rasterband(2).unwrap().description().unwrap(), "score");
         let (heights, scores) = (file.read(1).unwrap(), file.read(2).unwrap());
         assert!(heights.data[7].is_nan());
-        assert_eq!(heights.data[8], plane.data[8] + 3.5);
-        assert_eq!(scores.data[8..], plane.data[8..]);
+        assert_eq!(heights.data[8], raster.data[8] + 3.5);
+        assert_eq!(scores.data[8..], raster.data[8..]);
         let highest: f64 = file
             .dataset
             .rasterband(1)
@@ -406,9 +406,9 @@ mod tests {
         let image = SensorImage { width: 600, height: 300, rpc: &[], metadata: &[] };
         image.write_u8(&path("image.tif"), vec![band.clone(); 3]).unwrap();
         assert_eq!(colors(&path("image.tif")), rgb);
-        let plane = Grid2::filled(600, 300, 0.5);
+        let raster = Grid2::filled(600, 300, 0.5);
         let bands =
-            [("red", "", &plane), ("green", "", &plane), ("blue", "", &plane), ("height", "m", &plane)];
+            [("red", "", &raster), ("green", "", &raster), ("blue", "", &raster), ("height", "m", &raster)];
         cog.write_f32(&path("picture.tif"), &bands).unwrap();
         assert_eq!(colors(&path("picture.tif"))[..3], rgb);
         assert_ne!(colors(&path("picture.tif"))[3], AlphaBand, "heights are not opacity");
@@ -417,7 +417,7 @@ mod tests {
         assert_ne!(colors(&path("view.tif"))[3], AlphaBand, "heights are not opacity");
         cog.write_f32(
             &path("confidence.tif"),
-            &[("opacity", "", &plane), ("spread", "m", &plane), ("views", "", &plane)],
+            &[("opacity", "", &raster), ("spread", "m", &raster), ("views", "", &raster)],
         )
         .unwrap();
         assert!(!colors(&path("confidence.tif")).iter().any(|c| rgb.contains(c)));

@@ -102,9 +102,9 @@ impl Evaluation {
             north: self.grid.north - r.dy_cells * self.grid.cell,
             ..self.grid
         };
-        let (mut plane, _) = onto_grid(&self.predicted, &self.predicted_grid, &moved)?;
-        plane.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) + r.dz_m) as f32);
-        Ok(plane)
+        let (mut raster, _) = onto_grid(&self.predicted, &self.predicted_grid, &moved)?;
+        raster.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) + r.dz_m) as f32);
+        Ok(raster)
     }
 
     /// Heights become errors, `clip(height) - land`.
@@ -141,21 +141,21 @@ pub fn evaluate(mut prediction: Surface, mut truth: Truth) -> Result<Evaluation,
     let water_cells = truth.drop_water();
     let land = &truth.surface.height;
     let land_cells = land.data.par_iter().filter(|v| !v.is_nan()).count();
-    let (plane, sampling) = onto_grid(&prediction.height, &prediction.grid, &grid)?;
-    let common = plane.data.par_iter().zip(&land.data).filter(|(p, t)| !(**p - **t).is_nan()).count();
+    let (raster, sampling) = onto_grid(&prediction.height, &prediction.grid, &grid)?;
+    let common = raster.data.par_iter().zip(&land.data).filter(|(p, t)| !(**p - **t).is_nan()).count();
     if common < LEAST_COMMON_CELLS {
         return Err(MetricsError::NoOverlap {
             common,
             needed: LEAST_COMMON_CELLS,
-            predicted: plane.valid().count(),
+            predicted: raster.valid().count(),
             land: land_cells,
             extents: format!("{}, the truth {}", extent(&prediction.grid), extent(&grid)),
             prediction: prediction.path,
             truth: truth.surface.path,
         });
     }
-    let registrations = Method::ALL.map(|method| register(method, &plane, land, bounds));
-    drop(plane);
+    let registrations = Method::ALL.map(|method| register(method, &raster, land, bounds));
+    drop(raster);
     let notes = notes(&prediction, &truth, sampling, -registrations[0].dz_m);
     let groups = Groups::of(&truth);
     let mut evaluation = Evaluation {

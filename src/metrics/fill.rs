@@ -5,13 +5,13 @@ use crate::io::Grid2;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The plane with every NaN replaced by the value of the nearest valid cell; all NaN stays all NaN.
+/// The raster with every NaN replaced by the value of the nearest valid cell; all NaN stays all NaN.
 #[must_use]
-pub fn filled_by_nearest(plane: &Grid2) -> Grid2 {
-    let (w, h) = (plane.width, plane.height);
-    let nearest_row = nearest_valid_row(plane);
+pub fn filled_by_nearest(raster: &Grid2) -> Grid2 {
+    let (w, h) = (raster.width, raster.height);
+    let nearest_row = nearest_valid_row(raster);
     Grid2::from_rows(w, h, |row, line| {
-        line.copy_from_slice(plane.row(row));
+        line.copy_from_slice(raster.row(row));
         if !line.iter().any(|v| v.is_nan()) {
             return;
         }
@@ -39,7 +39,7 @@ pub fn filled_by_nearest(plane: &Grid2) -> Grid2 {
             }
             if v.is_nan() {
                 let from = envelope[k].0;
-                *v = plane.at(from, rows[from] as usize);
+                *v = raster.at(from, rows[from] as usize);
             }
         }
     })
@@ -51,17 +51,17 @@ const STRIP: usize = 64;
 /// For every cell the row of the nearest valid cell of its column; `height` where the column has none.
 ///
 /// In strips of [`STRIP`] columns, each row by row.
-fn nearest_valid_row(plane: &Grid2) -> Vec<Vec<u32>> {
-    let strips = (0..plane.width).into_par_iter().step_by(STRIP);
-    strips.map(|first| nearest_in_strip(plane, first..(first + STRIP).min(plane.width))).collect()
+fn nearest_valid_row(raster: &Grid2) -> Vec<Vec<u32>> {
+    let strips = (0..raster.width).into_par_iter().step_by(STRIP);
+    strips.map(|first| nearest_in_strip(raster, first..(first + STRIP).min(raster.width))).collect()
 }
 
-fn nearest_in_strip(plane: &Grid2, cols: Range<usize>) -> Vec<u32> {
-    let (w, rows) = (cols.len(), plane.height);
+fn nearest_in_strip(raster: &Grid2, cols: Range<usize>) -> Vec<u32> {
+    let (w, rows) = (cols.len(), raster.height);
     let h = rows as u32;
     let mut nearest = vec![h; w * rows];
     for row in 0..rows {
-        for (col, v) in plane.row(row)[cols.clone()].iter().enumerate() {
+        for (col, v) in raster.row(row)[cols.clone()].iter().enumerate() {
             let i = row * w + col;
             nearest[i] = if !v.is_nan() {
                 row as u32

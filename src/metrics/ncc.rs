@@ -1,6 +1,6 @@
 //! The whole-cell shift of the highest normalised cross-correlation, coarse to fine.
 //!
-//! Follows EOGS's `dsmr.py`: both planes are halved while the shorter side exceeds 100 cells; at each level the
+//! Follows EOGS's `dsmr.py`: both grids are halved while the shorter side exceeds 100 cells; at each level the
 //! best of all shifts within 5 cells of the doubled coarser one.
 
 use crate::io::Grid2;
@@ -37,7 +37,7 @@ pub(super) fn best_whole_shift(prediction: &Grid2, truth: &Grid2) -> (i64, i64) 
         .map_or(center, |i| shifts[i])
 }
 
-/// Sums over the cells that two planes share.
+/// Sums over the cells that two grids share.
 #[derive(Clone, Copy, Default)]
 struct Moments {
     n: f64,
@@ -70,14 +70,14 @@ impl Moments {
         m
     }
 
-    /// Adds the cells of a row that are numbers in both planes.
+    /// Adds the cells of a row that are numbers in both grids.
     fn add(&mut self, a: &[f32], b: &[f32]) {
         let sums = row_sums(a, b).map(|lanes| lanes.iter().sum::<f64>());
         let own = [&mut self.n, &mut self.a, &mut self.b, &mut self.aa, &mut self.bb, &mut self.ab];
         own.into_iter().zip(sums).for_each(|(own, sum)| *own += sum);
     }
 
-    /// Minus infinity where a plane is constant.
+    /// Minus infinity where a raster is constant.
     fn correlation(&self) -> f64 {
         let covariance = self.ab - self.a * self.b / self.n;
         let spread = (self.aa - self.a * self.a / self.n) * (self.bb - self.b * self.b / self.n);

@@ -8,8 +8,8 @@ use std::f64::consts::TAU;
 /// Planes are halved while their longer side exceeds this many cells, and put into a square of twice as many.
 const LONGEST: usize = 256;
 
-/// (dx, dy) for which `prediction[row + dy, col + dx]` is like `truth[row, col]`, to as many cells as the planes were
-/// halved to; none for a plane without relief.
+/// (dx, dy) for which `prediction[row + dy, col + dx]` is like `truth[row, col]`, to as many cells as the grids were
+/// halved to; none for a raster without relief.
 pub(super) fn peak(prediction: &Grid2, truth: &Grid2) -> Option<(f64, f64)> {
     let (mut a, mut b, mut factor) = (prediction.clone(), truth.clone(), 1.0);
     while a.width.max(a.height) > LONGEST {
@@ -30,17 +30,17 @@ pub(super) fn peak(prediction: &Grid2, truth: &Grid2) -> Option<(f64, f64)> {
     Some((signed(best % size) * factor, signed(best / size) * factor))
 }
 
-/// Two-dimensional spectrum of a plane's heights above their mean; holes are at the mean. None without relief.
-fn spectrum(plane: &Grid2, size: usize) -> Option<Vec<Complex<f64>>> {
-    let (sum, n) = plane.valid().fold((0.0, 0.0), |(s, n), v| (s + f64::from(v), n + 1.0));
+/// Two-dimensional spectrum of a raster's heights above their mean; holes are at the mean. None without relief.
+fn spectrum(raster: &Grid2, size: usize) -> Option<Vec<Complex<f64>>> {
+    let (sum, n) = raster.valid().fold((0.0, 0.0), |(s, n), v| (s + f64::from(v), n + 1.0));
     let mean = sum / n;
     let mut out = vec![Complex::default(); size * size];
-    for row in 0..plane.height {
-        for (col, v) in plane.row(row).iter().enumerate().filter(|(_, v)| !v.is_nan()) {
-            // Edges of the plane would be what correlates best.
+    for row in 0..raster.height {
+        for (col, v) in raster.row(row).iter().enumerate().filter(|(_, v)| !v.is_nan()) {
+            // Edges of the raster would be what correlates best.
             let fade = |i: usize, n: usize| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / n as f64).cos();
             out[row * size + col].re =
-                (f64::from(*v) - mean) * fade(col, plane.width) * fade(row, plane.height);
+                (f64::from(*v) - mean) * fade(col, raster.width) * fade(row, raster.height);
         }
     }
     let has_relief = out.iter().any(|v| v.re != 0.0);

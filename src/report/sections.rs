@@ -154,8 +154,8 @@ pub(super) fn surface(run: &Path) -> Result<String, ReportError> {
     if !path.exists() {
         return Ok(missing("dsm RUN"));
     }
-    let (planes, grid) = map(&path)?;
-    let height = &planes[0];
+    let (bands, grid) = map(&path)?;
+    let height = &bands[0];
     let (low, high) =
         height.valid().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     let seen = 100.0 * height.valid().count() as f64 / height.data.len() as f64;

@@ -63,8 +63,8 @@ impl Scene {
         let corners = self.corners()?.ok_or_else(elsewhere)?;
         let places = file.px_of_lon_lats(&corners).ok_or_else(elsewhere)?;
         let window = window(&places, file.size()).ok_or_else(elsewhere)?;
-        let (plane, factor, _) = read_heights(&file, window, MOST_NODES)?;
-        let size = (plane.width, plane.height);
+        let (raster, factor, _) = read_heights(&file, window, MOST_NODES)?;
+        let size = (raster.width, raster.height);
 
         let span = |k: usize| {
             let of = corners.iter().map(|c| [c.0, c.1][k]);
@@ -82,14 +82,14 @@ impl Scene {
             let col = (px.col - window.col as f64) / factor as f64 - 0.5;
             let row = (px.row - window.row as f64) / factor as f64 - 0.5;
             let up = vertical.map_or(0.0, |v| v.undulation_m(*lon_deg, *lat_deg));
-            (f64::from(plane.bilinear(col, row)), up)
+            (f64::from(raster.bilinear(col, row)), up)
         };
         let both: Vec<(f64, f64)> = places.iter().zip(&nodes).map(height).collect();
         if both.iter().any(|(_, up)| up.is_nan()) {
             return Err(SceneError::GeoidElsewhere);
         }
         let data = both.iter().map(|(h, up)| (h + up) as f32).collect();
-        let (low, high) = plane
+        let (low, high) = raster
             .valid()
             .map(f64::from)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));

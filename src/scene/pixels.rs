@@ -48,8 +48,8 @@ impl View {
         let files = self.open()?;
         let mut values = Vec::new();
         for window in self.samples(FEW) {
-            let planes = files.stored(window, (window.width, window.height))?;
-            values.extend(planes.iter().flat_map(Grid2::valid).filter(|v| v.is_finite()));
+            let bands = files.stored(window, (window.width, window.height))?;
+            values.extend(bands.iter().flat_map(Grid2::valid).filter(|v| v.is_finite()));
         }
         if values.is_empty() {
             return Ok(None);
@@ -78,7 +78,7 @@ impl View {
         })
     }
 
-    /// The view's colours: three planes in [0, 1], or one for a panchromatic image; NaN where a pixel is not valid
+    /// The view's colours: three bands in [0, 1], or one for a panchromatic image; NaN where a pixel is not valid
     /// ([`View::valid_pixels`]).
     ///
     /// 8-bit images are divided by 255; others, or all when a stretch is asked for, are stretched linearly between the
@@ -102,13 +102,13 @@ impl View {
 
     fn colors_at(&self, size: (usize, usize)) -> Result<Vec<Grid2>, RasterError> {
         let files = self.open()?;
-        let mut planes = files.stored(self.used_window(), size)?;
+        let mut bands = files.stored(self.used_window(), size)?;
         let range = match files.tail()? {
-            Some(tail) => stretch(planes.iter().flat_map(Grid2::valid), tail),
+            Some(tail) => stretch(bands.iter().flat_map(Grid2::valid), tail),
             None => BYTES,
         };
-        planes.iter_mut().for_each(|plane| scale(plane, range));
-        Ok(planes)
+        bands.iter_mut().for_each(|raster| scale(raster, range));
+        Ok(bands)
     }
 
     fn open(&self) -> Result<Files<'_>, RasterError> {
@@ -148,8 +148,8 @@ impl View {
         let Some(tail) = files.tail()? else { return Ok(GrayImage { files, range: BYTES }) };
         let mut values = Vec::new();
         for window in self.samples(MANY) {
-            let planes = files.stored(window, (window.width, window.height))?;
-            values.extend(planes.iter().flat_map(Grid2::valid));
+            let bands = files.stored(window, (window.width, window.height))?;
+            values.extend(bands.iter().flat_map(Grid2::valid));
         }
         Ok(GrayImage { files, range: stretch(values.into_iter(), tail) })
     }
@@ -177,11 +177,11 @@ impl GrayImage<'_> {
     pub fn read(&self, window: Window) -> Result<Grid2, RasterError> {
         let used = self.files.view.used_window();
         let place = Window { col: used.col + window.col, row: used.row + window.row, ..window };
-        let mut planes = self.files.stored(place, (window.width, window.height))?;
-        planes.iter_mut().for_each(|plane| scale(plane, self.range));
-        let n = planes.len() as f32;
+        let mut bands = self.files.stored(place, (window.width, window.height))?;
+        bands.iter_mut().for_each(|raster| scale(raster, self.range));
+        let n = bands.len() as f32;
         let pixels = 0..window.width * window.height;
-        let data = pixels.map(|i| planes.iter().map(|p| p.data[i]).sum::<f32>() / n).collect();
+        let data = pixels.map(|i| bands.iter().map(|p| p.data[i]).sum::<f32>() / n).collect();
         Ok(Grid2 { width: window.width, height: window.height, data })
     }
 }
@@ -197,14 +197,14 @@ struct Files<'a> {
 impl Files<'_> {
     /// The bands used as they are stored, of a window of the whole image at another size; NaN where there is no image.
     fn stored(&self, window: Window, size: (usize, usize)) -> Result<Vec<Grid2>, RasterError> {
-        let planes = self.view.bands.iter().map(|b| self.image.read_stored(*b, window, size));
-        let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
+        let bands = self.view.bands.iter().map(|b| self.image.read_stored(*b, window, size));
+        let mut bands = bands.collect::<Result<Vec<_>, _>>()?;
         if let Some(valid) = &self.valid {
             let used = self.view.used_window();
             let place = Window { col: window.col - used.col, row: window.row - used.row, ..window };
-            planes.iter_mut().for_each(|plane| valid.clear(plane, place));
+            bands.iter_mut().for_each(|raster| valid.clear(raster, place));
         }
-        Ok(planes)
+        Ok(bands)
     }
 
     /// Share of the values that a stretch leaves out at each end; none for 8 bits that are taken as they are.
@@ -218,10 +218,10 @@ impl Files<'_> {
 }
 
 /// Makes the lower end of a range 0 and the upper 1.
-fn scale(plane: &mut Grid2, (low, high): (f32, f32)) {
+fn scale(raster: &mut Grid2, (low, high): (f32, f32)) {
     let scale = 1.0 / (high - low).max(f32::MIN_POSITIVE);
     // NaN stays NaN through the clamp.
-    plane.data.iter_mut().for_each(|v| *v = ((*v - low) * scale).clamp(0.0, 1.0));
+    raster.data.iter_mut().for_each(|v| *v = ((*v - low) * scale).clamp(0.0, 1.0));
 }
 
 /// Values below and above which the tails lie.
