@@ -6,7 +6,7 @@
 mod scene;
 
 use satgs::affine::TrainingView;
-use satgs::io::Plane;
+use satgs::io::Grid2;
 use satgs::splat::backend::cpu::CpuBackend;
 use satgs::splat::backend::{DensifyPlan, Snapshot, StepPlan, TrainingBackend};
 use satgs::splat::objective::LossWeights;
@@ -63,11 +63,11 @@ fn backend() -> CpuBackend {
     let half_m = side as f64;
     let views: Vec<TrainingView> = (0..VIEWS)
         .map(|v| {
-            let plane = Plane::from_fn(side, side, |c, r| {
+            let raster = Grid2::from_fn(side, side, |c, r| {
                 0.5 + 0.4 * ((c * (v + 1)) as f32 * 0.1).sin() * (r as f32 * 0.2).cos()
             });
             let area = (-half_m, -half_m, half_m, half_m);
-            TrainingView::new(format!("v{v}"), scene::camera(PIXELS), Some([1.7, -2.1]), &[plane], area)
+            TrainingView::new(format!("v{v}"), scene::camera(PIXELS), Some([1.7, -2.1]), &[raster], area)
         })
         .collect();
     CpuBackend::new(Snapshot::start(scene::town(SPLATS, PIXELS, 1), VIEWS), views, (-3.0, 30.0), None)

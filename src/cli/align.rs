@@ -6,7 +6,7 @@ use super::{Failure, Ui, run_lock};
 use crate::align::{Alignment, Shift, to_control, to_surface};
 use crate::bundle::{Adjustment, check_control, control_pairs, read_control};
 use crate::frame::{Geodetic, Point, SiteGrid, Utm};
-use crate::io::{MapGrid, RasterError, Vertical, check_writable, write_moved};
+use crate::io::{MapGrid, Vertical, WriteError, check_writable, write_moved};
 use crate::metrics::{Surface, Truth, TruthOptions};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, CHECKPOINT, CONFIDENCE, DSM, FIRST_SURFACE, HILLSHADE, ORTHO, SPLATS, SURFACE,
@@ -95,11 +95,11 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let total = before.map_or(found.shift, |b| found.shift.after(&b.total));
     let record = Record { reference: args.to.clone(), last: found, total };
     let pending =
-        tempfile::Builder::new().prefix(".satgs-align-").tempdir_in(run).map_err(|e| failed(run, &e))?;
+        tempfile::Builder::new().prefix(".satgs-align-").tempdir_in(run).map_err(|e| failed(run, e))?;
     stage(run, pending.path(), &scene, adjustment, found.shift.on_ground(&map, at), &record)?;
     // The one step that decides: before it nothing has moved, after it all will.
     let pending = pending.keep();
-    std::fs::rename(&pending, run.join(PENDING)).map_err(|e| failed(run, &e))?;
+    std::fs::rename(&pending, run.join(PENDING)).map_err(|e| failed(run, e))?;
     finish(run)?;
     ui.summary("align", &format!("moved {text}"), json);
     Ok(())
@@ -203,7 +203,7 @@ fn stage(
 pub(super) fn forget(run: &Path) -> Result<(), Failure> {
     let gone = [std::fs::remove_file(run.join(RECORD)), std::fs::remove_dir_all(run.join(PENDING))];
     let refused = gone.into_iter().filter_map(Result::err).find(|e| e.kind() != std::io::ErrorKind::NotFound);
-    refused.map_or(Ok(()), |e| Err(failed(run, &e)))
+    refused.map_or(Ok(()), |e| Err(failed(run, e)))
 }
 
 /// Puts what waits in its place, also what an interrupted command left.
@@ -219,8 +219,8 @@ pub(super) fn finish(run: &Path) -> Result<(), Failure> {
     }
     // The surface is to be made anew on whole cells the next time somebody asks for it.
     Stage::new(run, "dsm", Vec::new(), Default::default()).forget()?;
-    put(&pending, run).map_err(|e| failed(run, &e))?;
-    std::fs::remove_dir_all(&pending).map_err(|e| failed(run, &e))
+    put(&pending, run).map_err(|e| failed(run, e))?;
+    std::fs::remove_dir_all(&pending).map_err(|e| failed(run, e))
 }
 
 /// Moves the files of a folder into another, over those that are there.
@@ -237,6 +237,6 @@ fn put(from: &Path, to: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-fn failed(run: &Path, error: &std::io::Error) -> Failure {
-    RasterError::Write { path: run.into(), reason: error.to_string() }.into()
+fn failed(run: &Path, error: std::io::Error) -> Failure {
+    WriteError::new(run, error).into()
 }

@@ -62,7 +62,7 @@ pub struct Args {
 /// Fields of a scene and of its views that options set, and other names a user knows them by.
 const SCENE_FIELDS: [(&str, &str); 10] = [
     ("aoi", "--aoi"),
-    ("tone", "--gamma"),
+    ("transfer_function", "--gamma"),
     ("name", "names of the views"),
     ("window", "windows of the images (--aoi)"),
     ("bands", "--bands"),

@@ -192,7 +192,7 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         (None, RayHeight::Mean) => HeightsFrom::Mean { floor: setup.altitudes.0 as f32 },
     };
     let mut surface = render(&splats, &setup.site, grid, &reference, source);
-    setup.tone.show(&mut surface.colors);
+    setup.transfer_function.encode(&mut surface.colors);
     let views: Vec<_> = setup.views.iter().filter(|v| v.role == Role::Train).collect();
     let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
     surface.metadata = vec![("INPUTS", names.join(", "))];
@@ -204,7 +204,7 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
         surface.fill(reach_m);
     }
     let heights = surface.heights_above(&vertical);
-    if heights.plane.valid().next().is_none() && surface.height.valid().next().is_some() {
+    if heights.raster.valid().next().is_none() && surface.height.valid().next().is_some() {
         let message = format!("the grid of `{}` has no undulation here", vertical.name());
         return Err(Failure::input(
             message,

@@ -46,10 +46,10 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let rows = scene.views.iter().map(|v| Row::new(v, overlap.height_m)).collect::<Result<Vec<_>, _>>()?;
     let pairs = Pairs::new(&rows);
     let order = format!("of several RPCs the first counts: {RPC_ORDER}\n");
-    let tone = tone_hint(&scene, &rows).unwrap_or_default();
+    let gamma = gamma_hint(&scene, &rows).unwrap_or_default();
     let valid = validity_notes(&rows);
     let expected = expectation(&rows, &pairs, &overlap);
-    let text = [table(&rows) + &order + tone + &valid, pairs.text(&rows), ground(&scene, &overlap)]
+    let text = [table(&rows) + &order + gamma + &valid, pairs.text(&rows), ground(&scene, &overlap)]
         .join("\n")
         + &expected;
     if let Some(file) = &args.footprints {
@@ -185,10 +185,10 @@ fn validity_notes(rows: &[Row]) -> String {
 }
 
 /// What to try when most images are as bright as those made for looking at.
-fn tone_hint(scene: &Scene, rows: &[Row]) -> Option<&'static str> {
+fn gamma_hint(scene: &Scene, rows: &[Row]) -> Option<&'static str> {
     let is_displayed = |r: &&Row| r.values.is_some_and(|v| v.is_displayed(r.bits));
     let displayed = rows.iter().filter(is_displayed).count();
-    (2 * displayed > rows.len() && scene.tone.is_linear()).then_some(
+    (2 * displayed > rows.len() && scene.transfer_function.is_linear()).then_some(
         "8-bit values as bright as these are mostly made for looking at: with --gamma 2.2 training and matching compare \
          the light that they stand for\n",
     )

@@ -56,7 +56,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         let novel = NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear };
         let mut picture = novel.picture(&splats, &reference, setup.altitudes);
         // Scored as the images show it.
-        setup.tone.show(&mut picture.colors);
+        setup.transfer_function.encode(&mut picture.colors);
         let score = score_picture(&picture.colors, &truth).ok_or_else(|| {
             Failure::input(format!("view `{}` has no pixels to score", view.name), "see `satgs info`")
         })?;

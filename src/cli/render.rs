@@ -112,7 +112,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
             view.sun_shear = Some(view.camera.shear_towards(towards));
         }
         let mut picture = view.picture(&splats, &appearance, setup.altitudes);
-        setup.tone.show(&mut picture.colors);
+        setup.transfer_function.encode(&mut picture.colors);
         let path =
             if args.frames.is_some() { numbered(&args.output, frame + 1) } else { args.output.clone() };
         if is_raster {

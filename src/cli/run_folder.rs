@@ -2,7 +2,7 @@
 
 use super::{Failure, align};
 use crate::affine::SiteScene;
-use crate::io::{RasterError, write_file};
+use crate::io::{WriteError, write_file};
 use crate::run_files::{CAMERAS, SCENE, SPLATS};
 use crate::scene::{Scene, View};
 use crate::splat::appearance::Appearance;
@@ -37,8 +37,8 @@ impl TrainedCameras {
     /// Reads a run's splats, coloured in light.
     pub fn read_splats(&self, run: &Path) -> Result<Splats, Failure> {
         let mut splats = ply::read(&run.join(SPLATS))?;
-        if !self.setup.tone.is_linear() {
-            splats.recolor(|v| self.setup.tone.light(v));
+        if !self.setup.transfer_function.is_linear() {
+            splats.recolor(|v| self.setup.transfer_function.linear(v));
         }
         Ok(splats)
     }
@@ -46,8 +46,8 @@ impl TrainedCameras {
     /// Writes a run's splats, coloured in light, as viewers show them.
     pub fn write_splats(&self, run: &Path, splats: &Splats) -> Result<(), Failure> {
         let mut shown = Cow::Borrowed(splats);
-        if !self.setup.tone.is_linear() {
-            shown.to_mut().recolor(|v| self.setup.tone.brightness(v));
+        if !self.setup.transfer_function.is_linear() {
+            shown.to_mut().recolor(|v| self.setup.transfer_function.encoded(v));
         }
         Ok(ply::write(&run.join(SPLATS), &shown, &self.setup.site)?)
     }
@@ -90,8 +90,7 @@ pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path, made_by: &str) -> 
 
 /// Writes a JSON file of a run's folder.
 pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), Failure> {
-    let failed = |reason: String| RasterError::Write { path: path.into(), reason };
-    let text = serde_json::to_string_pretty(value).map_err(|e| failed(e.to_string()))?;
+    let text = serde_json::to_string_pretty(value).map_err(|e| WriteError::new(path, e))?;
     Ok(write_file(path, text)?)
 }
 
@@ -99,20 +98,20 @@ pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), Failure> {
 mod tests {
     use super::*;
     use crate::frame::{Point, SiteGrid};
-    use crate::scene::Tone;
+    use crate::scene::TransferFunction;
 
     #[test]
     fn splats_are_light_in_memory_and_brightness_in_their_file() {
         let folder = tempfile::tempdir().unwrap();
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_211.0, 3_357_611.0, -20.0) };
-        let tone = Tone::new(2.2).unwrap();
+        let transfer_function = TransferFunction::new(2.2).unwrap();
         let setup = SiteScene {
             site,
             area: (0.0, 0.0, 1.0, 1.0),
             altitudes: (0.0, 1.0),
             views: vec![],
             reference: 0,
-            tone,
+            transfer_function,
         };
         let recipe = Recipe::named("best").unwrap();
         let cameras = TrainedCameras { setup, appearances: vec![], recipe, is_matched: false };
@@ -123,7 +122,7 @@ mod tests {
             |a: &Splats, b: &Splats| a.f_dc[0].iter().zip(b.f_dc[0]).all(|(a, b)| (a - b).abs() < 1e-4);
         let shown = ply::read(&folder.path().join(SPLATS)).unwrap();
         let mut expected = Splats::default();
-        expected.push([0.5; 3], 0.3, 0.9, [0.1, 0.3, -0.02].map(|v| tone.brightness(v)));
+        expected.push([0.5; 3], 0.3, 0.9, [0.1, 0.3, -0.02].map(|v| transfer_function.encoded(v)));
         assert!(near(&shown, &expected), "{:?}", shown.f_dc);
         let read = cameras.read_splats(folder.path()).unwrap();
         assert!(near(&read, &splats), "{:?}", read.f_dc);

@@ -1,7 +1,7 @@
 //! One command at a time works in a run's folder.
 
 use super::Failure;
-use crate::io::RasterError;
+use crate::io::WriteError;
 use crate::run_files::LOCK;
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind;
@@ -29,7 +29,7 @@ struct Held {
 pub(super) fn make_and_lock(run: &Path) -> Result<(), Failure> {
     let is_missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
     let made: Vec<PathBuf> = run.ancestors().take_while(is_missing).map(Path::to_path_buf).collect();
-    std::fs::create_dir_all(run).map_err(|e| refused(run, &e))?;
+    std::fs::create_dir_all(run).map_err(|e| refused(run, e))?;
     hold(run, made)
 }
 
@@ -61,7 +61,7 @@ fn hold(run: &Path, made: Vec<PathBuf>) -> Result<(), Failure> {
             Err(e) if matches!(e.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem) => {
                 return Ok(());
             }
-            Err(e) => return Err(refused(run, &e)),
+            Err(e) => return Err(refused(run, e)),
         };
         match file.try_lock() {
             // Whoever held it may have removed it since it was opened here.
@@ -102,8 +102,8 @@ fn is_at(_: &File, _: &Path) -> bool {
     true
 }
 
-fn refused(run: &Path, error: &std::io::Error) -> Failure {
-    RasterError::Write { path: run.into(), reason: error.to_string() }.into()
+fn refused(run: &Path, error: std::io::Error) -> Failure {
+    WriteError::new(run, error).into()
 }
 
 #[cfg(test)]

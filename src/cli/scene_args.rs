@@ -2,7 +2,7 @@
 
 use super::{Failure, Ui};
 use crate::progress::{Event, Progress};
-use crate::scene::{self, Aoi, ReadOptions, Scene, SceneError, Sun, Tone};
+use crate::scene::{self, Aoi, ReadOptions, Scene, SceneError, Sun, TransferFunction};
 use std::path::{Path, PathBuf};
 
 /// A scene and how to read it.
@@ -31,7 +31,7 @@ pub struct SceneArgs {
     /// Power of brightness that is proportional to light: 2.2 for images made for looking at, as DFC2019's 8-bit colours
     /// are; training and the matching of its surface compare light [default: 1]
     #[arg(long, value_name = "EXPONENT", value_parser = parse_gamma)]
-    pub gamma: Option<Tone>,
+    pub gamma: Option<TransferFunction>,
     /// Take the first RPC found for an image as it is, even if it seems to be for another image: of another size, or
     /// for the sensor image of which this one is a map
     #[arg(long)]
@@ -57,7 +57,7 @@ impl SceneArgs {
             height_range,
             bands: self.bands.clone().unwrap_or_default().0,
             stretch_percent: self.stretch,
-            tone: self.gamma.unwrap_or_default(),
+            transfer_function: self.gamma.unwrap_or_default(),
             trust_rpc: self.trust_rpc,
         };
         let scene = scene::read(&self.scene, &options)?;
@@ -87,9 +87,9 @@ fn parse_percent(text: &str) -> Result<f64, String> {
     percent.ok_or_else(|| format!("`{text}` is no percentage from 0 to 50"))
 }
 
-fn parse_gamma(text: &str) -> Result<Tone, String> {
-    let tone = text.parse().ok().and_then(Tone::new);
-    tone.ok_or_else(|| format!("`{text}` is no exponent from 1 to 4"))
+fn parse_gamma(text: &str) -> Result<TransferFunction, String> {
+    let transfer_function = text.parse().ok().and_then(TransferFunction::new);
+    transfer_function.ok_or_else(|| format!("`{text}` is no exponent from 1 to 4"))
 }
 
 fn parse_sun(text: &str) -> Result<(String, Sun), String> {

@@ -2,7 +2,7 @@
 
 use super::Failure;
 use super::run_folder::write_json;
-use crate::io::{RasterError, check_writable, write_file};
+use crate::io::{WriteError, check_writable, write_file};
 use crate::run_files::{ADJUSTMENT, STAGE, SUMMARY};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -109,7 +109,7 @@ impl Stage {
     pub fn forget(&self) -> Result<(), Failure> {
         match std::fs::remove_file(&self.record) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-                Err(RasterError::Write { path: self.record.clone(), reason: e.to_string() }.into())
+                Err(WriteError::new(&self.record, e).into())
             }
             _ => Ok(()),
         }

@@ -9,7 +9,7 @@ use crate::affine::{TrainingView, median_pixel_m};
 use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
 use crate::frame::{Point, Site};
-use crate::io::{RasterError, write_atomically};
+use crate::io::{WriteError, write_atomically};
 use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, FIRST_SURFACE, SPLATS, STAGE, SURFACE, TRAINING};
@@ -186,7 +186,7 @@ impl<'a> Job<'a> {
         let adjustment = Adjustment::read(&run.join(ADJUSTMENT))?;
         let points = adjustment.positions();
         let mut setup = SiteScene::new(scene, &adjustment.cameras_of(scene)?, &points)?;
-        setup.tone = setup.tone.with_white(recipe.white);
+        setup.transfer_function = setup.transfer_function.with_white(recipe.white);
         for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
             tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);
         }
@@ -318,7 +318,7 @@ fn fingerprint(run: &Path, options: &Options, recipe: &Recipe) -> Result<Fingerp
 }
 
 fn write_log(path: &Path, log: &[LogLine]) -> Result<(), Failure> {
-    let failed = |reason: String| RasterError::Write { path: path.into(), reason };
+    let failed = |reason: String| WriteError::new(path, reason);
     write_atomically(path, |t| {
         let mut writer = csv::Writer::from_path(t).map_err(|e| failed(e.to_string()))?;
         for line in log {

@@ -2,15 +2,15 @@
 
 use super::MatchedSurface;
 use crate::frame::SiteGrid;
-use crate::io::{Cog, ImageFile, RasterError, Vertical};
+use crate::io::{Cog, ImageFile, RasterError, Vertical, WriteError};
 use std::path::Path;
 
 impl MatchedSurface {
     /// Writes ellipsoidal heights in metres and scores as the bands of a Cloud-Optimized GeoTIFF.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write(&self, path: &Path) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         let mut height = self.altitude.clone();
         height.data.iter_mut().for_each(|z| *z += self.site.origin.z() as f32);
         let cog = Cog { grid: self.grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };

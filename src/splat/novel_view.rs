@@ -2,7 +2,7 @@
 
 use crate::affine::SiteScene;
 use crate::affine::{AffineCamera, sun_direction};
-use crate::io::Plane;
+use crate::io::Grid2;
 use crate::scene::Sun;
 use crate::splat::appearance::Appearance;
 use crate::splat::backend::stopwatch::Stopwatch;
@@ -24,11 +24,11 @@ pub struct NovelView {
 /// What is seen there.
 pub struct Picture {
     /// Light, 0 to 1; black where nothing is.
-    pub colors: [Plane; 3],
+    pub colors: [Grid2; 3],
     /// Altitudes in metres above the site's origin, the mean of the splats' by their light; NaN where most light passes.
-    pub altitude: Plane,
+    pub altitude: Grid2,
     /// Share of sunlight, 1 without a sun.
-    pub sunlight: Plane,
+    pub sunlight: Grid2,
 }
 
 impl SiteScene {
@@ -95,7 +95,7 @@ mod tests {
             altitudes: (-5.0, 30.0),
             views: Vec::new(),
             reference: 0,
-            tone: crate::scene::Tone::default(),
+            transfer_function: crate::scene::TransferFunction::default(),
         }
     }
 

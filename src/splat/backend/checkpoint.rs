@@ -1,7 +1,7 @@
 //! Checkpoints: what an interrupted training goes on from.
 
 use crate::checkpoint::{CheckpointError, read, write};
-use crate::io::RasterError;
+use crate::io::WriteError;
 use crate::splat::backend::Snapshot;
 use crate::splat::train::LogLine;
 use serde::{Deserialize, Serialize};
@@ -29,8 +29,8 @@ impl Checkpoint<'_> {
     /// Writes the file; an older one is replaced as a whole.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write(&self, path: &Path) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         write(path, KIND, self)
     }
 

@@ -142,7 +142,7 @@ mod tests {
     use super::*;
     use crate::affine::AffineCamera;
     use crate::frame::{Point, SiteGrid};
-    use crate::io::Plane;
+    use crate::io::Grid2;
     use crate::progress::NoProgress;
     use crate::random::CounterRng;
     use crate::splat::ply;
@@ -173,7 +173,7 @@ mod tests {
                 let mut pattern = |c: f64, r: f64| {
                     (0.5 + 0.3 * (c * 0.3).sin() * (r * 0.2).cos() + 0.1 * draw.uniform()) as f32
                 };
-                let plane = Plane::from_fn(60, 56, |c, r| pattern(c as f64, r as f64));
+                let plane = Grid2::from_fn(60, 56, |c, r| pattern(c as f64, r as f64));
                 let area = (-14.0, -13.0, 14.0, 13.0);
                 TrainingView::new(format!("v{v}"), camera, Some([1.1, -0.8]), &[plane], area)
             })

@@ -5,7 +5,7 @@
 //! surface, weaker beyond a metre (Geman and McClure), and only where the surface bridges something plain.
 
 use crate::frame::{Point, SiteGrid};
-use crate::io::{MapGrid, Plane};
+use crate::io::{Grid2, MapGrid};
 use crate::mvs::MatchedSurface;
 use crate::splat::splats::Splats;
 use rayon::prelude::*;
@@ -17,9 +17,9 @@ const REACH_M: f32 = 1.0;
 pub struct SurfacePrior {
     site: SiteGrid,
     grid: MapGrid,
-    altitude: Plane,
+    altitude: Grid2,
     /// What the pull counts, 0 to 1.
-    share: Plane,
+    share: Grid2,
     /// What the loss weighs the splats' mean distance.
     weight: f64,
 }
@@ -59,7 +59,7 @@ mod tests {
     fn hold() -> SurfacePrior {
         let site = SiteGrid { epsg: 32617, origin: Point::new(1000.0, 2000.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 998.0, north: 2001.0, cell: 2.0, width: 2, height: 1 };
-        let plane = |data: [f32; 2]| Plane { width: 2, height: 1, data: data.into() };
+        let plane = |data: [f32; 2]| Grid2 { width: 2, height: 1, data: data.into() };
         let (altitude, score) = (plane([5.0; 2]), plane([1.0; 2]));
         SurfacePrior::new(&MatchedSurface { site, grid, altitude, score, hold: plane([1.0, 0.0]) }, 0.4)
     }

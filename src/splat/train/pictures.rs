@@ -48,15 +48,16 @@ pub fn panels(
     let sun_shear = view.sun_shear.filter(|_| shadows).map(|s| s.map(|s| s * scale));
     let novel = NovelView { camera, size: (width, height), sun_shear };
     let mut picture = novel.picture(splats, appearance, altitudes);
-    view.tone.show(&mut picture.colors);
+    view.transfer_function.encode(&mut picture.colors);
     let mut canvas = Canvas::new(5 * (width + GAP) - GAP, height);
     let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
     let (low, high) = (altitudes.0 as f32, altitudes.1 as f32);
     for row in 0..height {
         for col in 0..width {
             let counts = truth.valid[row * width + col];
-            let image =
-                counts.then(|| std::array::from_fn(|c| view.tone.brightness(truth.colors.at(c, col, row))));
+            let image = counts.then(|| {
+                std::array::from_fn(|c| view.transfer_function.encoded(truth.colors.at(c, col, row)))
+            });
             let made = picture.colors.each_ref().map(|c| c.at(col, row));
             let altitude = picture.altitude.at(col, row);
             let error = image
@@ -105,12 +106,12 @@ pub fn curves(log: &[LogLine]) -> Canvas {
 mod tests {
     use super::*;
     use crate::affine::AffineCamera;
-    use crate::io::Plane;
+    use crate::io::Grid2;
 
     #[test]
     fn panels_show_image_picture_shadow_altitude_and_error() {
         let camera = AffineCamera { linear: [[1.0, 0.0, 0.2], [0.0, -1.0, 0.1]], offset: [19.5, 19.5] };
-        let white = Plane::filled(40, 40, 1.0);
+        let white = Grid2::filled(40, 40, 1.0);
         let view =
             TrainingView::new("v".into(), camera, Some([1.0, 0.0]), &[white], (-30.0, -30.0, 10.0, 30.0));
         let mut splats = Splats::default();
