@@ -8,9 +8,10 @@ use super::{PipelineError, RunLock, TrainedCameras, read_scene, relocation};
 use crate::affine::{SiteSceneError, median_pixel_m};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, SPLATS, STAGE};
+use crate::splat::backend::TrainingBackend;
 use crate::splat::backend::cpu::CpuBackend;
-use crate::splat::backend::{Snapshot, TrainingBackend};
 use crate::splat::loss::surface_prior::SurfacePrior;
+use crate::splat::state::TrainingState;
 use crate::splat::train::expectation::Extent;
 use crate::splat::train::recipe::Recipe;
 use crate::splat::train::{LogLine, Schedule, train as optimize};
@@ -156,7 +157,7 @@ pub(super) fn train_locked(
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
             let splats = training.splats_at_start(&views, progress)?;
-            (splats.len(), Vec::new(), Snapshot::start(splats, views.len()))
+            (splats.len(), Vec::new(), TrainingState::start(splats, views.len()))
         }
     };
     // Read from the file whether or not training was interrupted, so that both give the same bytes.
