@@ -10,11 +10,11 @@ use super::height_prior::HeightPrior;
 use super::keypoint_file::keypoints;
 use super::matching::{Match, MatchView, matches};
 use super::network::{Estimate, HEIGHT_MARGIN_M, LEAST_ANGLE_DEG, LOSS_SCALES_PX, Network};
-use super::output::{Adjustment, PointQuality, SparsePoint, TiePoint};
-use super::patches::{Part, Seeker, squares};
-use super::problem::{Measurement, Track};
+use super::output::{Adjustment, PointQuality, SparsePoint, TiePointObservation};
+use super::patches::{ImagePatch, LsmMatcher, ground_tiles};
+use super::problem::{Observation, Track};
 use super::report::{LeftOut, Report, ViewReport};
-use super::tracks::{self, Observation};
+use super::tracks::{self, TrackElement};
 use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::io::RasterError;
 use crate::progress::{Event, Interrupted, Progress};
@@ -24,7 +24,7 @@ use geo::{Area, BooleanOps};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Distance across the epipolar segments that is searched first, pixels: a delivered RPC may be tens of pixels off.
+/// Distance epipolar_tolerance_px the epipolar segments that is searched first, pixels: a delivered RPC may be tens of pixels off.
 const WIDE_PX: f64 = 60.0;
 /// Keypoints of a view that take part then: they cover it, and shifts need no more.
 const WIDE_KEYPOINTS: usize = 2500;
@@ -55,11 +55,11 @@ const UNCONFIRMED: f64 = 0.01;
 const KEYPOINT_PX: f64 = 0.6;
 const PATCH_PX: f64 = 0.4;
 /// Standard deviation of a height, pixels on the ground, beyond which a point is not worth having.
-const VAGUE_PX: f64 = 10.0;
+const MAX_HEIGHT_SIGMA_PX: f64 = 10.0;
 /// Pixels of views that are searched side by side.
 const PIXELS_AT_ONCE: usize = 8_000_000;
-/// Side of the squares of ground whose patches are sought together, pixels.
-const PIECE_PX: f64 = 2048.0;
+/// Side of the ground_tiles of ground whose patches are sought together, pixels.
+const TILE_PX: f64 = 2048.0;
 
 /// How to adjust.
 #[derive(Clone, Debug, Default)]
@@ -105,10 +105,10 @@ pub fn adjust(scene: &Scene, options: &Options, progress: &dyn Progress) -> Resu
         let mut work = Work::new(scene, &keypoints, heights, left_out, progress)?;
         match work.adjust(scene, options)? {
             Outcome::Adjusted(adjustment) => return Ok(*adjustment),
-            Outcome::Misfit(misfit) => {
+            Outcome::Rejected(rejected) => {
                 left_out = work.left_out;
-                warn(progress, &misfit);
-                left_out.push(misfit);
+                warn(progress, &rejected);
+                left_out.push(rejected);
             }
         }
     }
@@ -146,7 +146,7 @@ type PairMatches = Vec<((usize, usize), Vec<Match>)>;
 enum Outcome {
     Adjusted(Box<Adjustment>),
     /// Without this view another attempt may do.
-    Misfit(LeftOut),
+    Rejected(LeftOut),
 }
 
 /// A usable view.
@@ -186,7 +186,7 @@ impl<'a> Work<'a> {
         let mut network = Network {
             rpcs: Vec::new(),
             frames: Vec::new(),
-            held: Vec::new(),
+            is_fixed: Vec::new(),
             directions: Vec::new(),
             center,
             heights,
@@ -211,7 +211,7 @@ impl<'a> Work<'a> {
                     tracing::debug!("{}: {found} keypoints", view.name);
                     network.rpcs.push(&view.rpc);
                     network.frames.push(ImageFrame::new((view.width, view.height)));
-                    network.held.push(false);
+                    network.is_fixed.push(false);
                     network.directions.push(direction);
                     views.push(WorkView { view, keypoints });
                 }
@@ -228,35 +228,35 @@ impl<'a> Work<'a> {
     /// Adjusts the cameras, unless a view turns out not to fit the others. Cameras that are only looked at all stay.
     fn adjust(&mut self, scene: &Scene, options: &'a Options) -> Result<Outcome, BundleError> {
         let leaves_out = !options.fixed;
-        self.hold(&options.reference)?;
+        self.fix_views(&options.reference)?;
         self.network.height_prior = options.height_prior.as_ref();
         let names: Vec<&str> = self.views.iter().map(|v| v.view.name.as_str()).collect();
         self.control = tracks_of(&options.control, scene, &names, &self.network.block())?;
         let mut estimate = Estimate::start(self.views.len());
         let of_like_suns = self.pairs_of_like_suns();
         let all = std::mem::replace(&mut self.pairs, of_like_suns);
-        let first = match self.round(&mut estimate, WIDE_PX, Model::Shift) {
+        let first = match self.match_and_adjust(&mut estimate, WIDE_PX, Model::Shift) {
             // Pairs of unlike suns may be what holds the views together.
             Err(BundleError::NotConnected { .. }) if self.pairs.len() < all.len() => {
                 self.pairs = all;
                 estimate = Estimate::start(self.views.len());
-                self.round(&mut estimate, WIDE_PX, Model::Shift)
+                self.match_and_adjust(&mut estimate, WIDE_PX, Model::Shift)
             }
             done => done,
         };
         match first? {
-            Some(misfit) if leaves_out => return Ok(Outcome::Misfit(misfit)),
+            Some(rejected) if leaves_out => return Ok(Outcome::Rejected(rejected)),
             Some((view, reason)) => self.progress.event(Event::Warning(format!("view `{view}`: {reason}"))),
             None => {}
         }
         self.narrow_heights(&estimate);
-        let second = self.round(&mut estimate, NARROW_PX, Model::Shift)?;
-        if let Some(misfit) = second.filter(|_| leaves_out) {
-            return Ok(Outcome::Misfit(misfit));
+        let second = self.match_and_adjust(&mut estimate, NARROW_PX, Model::Shift)?;
+        if let Some(rejected) = second.filter(|_| leaves_out) {
+            return Ok(Outcome::Rejected(rejected));
         }
-        self.settle(&mut estimate, options.model)?;
-        if let Some(misfit) = self.loose(&estimate.tracks).filter(|_| leaves_out) {
-            return Ok(Outcome::Misfit(misfit));
+        self.refine_tie_points(&mut estimate, options.model)?;
+        if let Some(rejected) = self.weakest_view(&estimate.tracks).filter(|_| leaves_out) {
+            return Ok(Outcome::Rejected(rejected));
         }
         let mut adjustment = self.result(&estimate, options)?;
         // Windows are a matter of this run; what is written is of whole images.
@@ -291,137 +291,138 @@ impl<'a> Work<'a> {
     }
 
     /// Makes views references.
-    fn hold(&mut self, reference: &[String]) -> Result<(), BundleError> {
+    fn fix_views(&mut self, reference: &[String]) -> Result<(), BundleError> {
         for name in reference {
             let refused = |reason: String| BundleError::Reference { view: name.clone(), reason };
             if let Some((_, why)) = self.left_out.iter().find(|l| l.0 == *name) {
                 return Err(refused(format!("is left out: {why}")));
             }
             let view = self.views.iter().position(|v| v.view.name == *name);
-            self.network.held[view.ok_or_else(|| refused("is not in the scene".into()))?] = true;
+            self.network.is_fixed[view.ok_or_else(|| refused("is not in the scene".into()))?] = true;
         }
         Ok(())
     }
 
-    /// Matches within `across` pixels, makes tracks, solves and rejects. A view that does not fit the others, if any.
-    fn round(
+    /// Matches within `epipolar_tolerance_px` pixels, makes tracks, solves and rejects. A view that does not fit the others, if any.
+    fn match_and_adjust(
         &self,
         estimate: &mut Estimate,
-        across: f64,
+        epipolar_tolerance_px: f64,
         model: Model,
     ) -> Result<Option<LeftOut>, BundleError> {
         let cameras = self.corrected(&estimate.corrections)?;
-        let found = self.match_pairs(&cameras, across)?;
+        let found = self.match_pairs(&cameras, epipolar_tolerance_px)?;
         let counts: Vec<usize> = self.views.iter().map(|v| v.keypoints.len()).collect();
         let tracks = tracks::build(&counts, &found);
         self.require_connection(&tracks)?;
 
         let measured = tracks.iter().map(|t| self.measured(t)).chain(self.control.iter().cloned());
-        self.network.place(estimate, measured.collect());
-        let placed = self.observations(&estimate.tracks);
+        self.network.triangulate_tracks(estimate, measured.collect());
+        let triangulated = self.observations(&estimate.tracks);
         self.progress.event(Event::Started { stage: "adjusting", total: 0 });
-        let scales: &[f64] = if across > NARROW_PX { &LOSS_SCALES_PX } else { &LOSS_SCALES_PX[1..] };
+        let scales: &[f64] =
+            if epipolar_tolerance_px > NARROW_PX { &LOSS_SCALES_PX } else { &LOSS_SCALES_PX[1..] };
         self.network.refine(estimate, scales, model, KEYPOINT_PX)?;
         self.progress.event(Event::Finished);
-        if estimate.tracks.iter().all(|t| t.known.is_some()) {
+        if estimate.tracks.iter().all(|t| t.prior.is_some()) {
             return Err(BundleError::NotConnected { components: "no track survived the adjustment".into() });
         }
-        Ok(if across > NARROW_PX {
-            self.misfit(&placed, &self.observations(&estimate.tracks))
+        Ok(if epipolar_tolerance_px > NARROW_PX {
+            self.worst_view(&triangulated, &self.observations(&estimate.tracks))
         } else {
-            self.loose(&estimate.tracks)
+            self.weakest_view(&estimate.tracks)
         })
     }
 
     /// Tie points of each view.
     fn observations(&self, tracks: &[Track]) -> Vec<usize> {
         let mut counts = vec![0; self.views.len()];
-        for seen in tracks.iter().filter(|t| t.known.is_none()).flat_map(|t| &t.seen) {
+        for seen in tracks.iter().filter(|t| t.prior.is_none()).flat_map(|t| &t.observations) {
             counts[seen.view] += 1;
         }
         counts
     }
 
-    /// The view that keeps the smallest share of what was `placed`, if that is far less than most views keep: an image
+    /// The view that keeps the smallest share of what was `triangulated`, if that is far less than most views keep: an image
     /// that is turned a little, or another's, agrees in a strip. Two views keep the same share: nobody can tell there.
-    fn misfit(&self, placed: &[usize], kept: &[usize]) -> Option<LeftOut> {
-        let share = |v: &usize| kept[*v] as f64 / placed[*v] as f64;
-        let mut views: Vec<usize> = (0..self.views.len()).filter(|v| placed[*v] > 0).collect();
+    fn worst_view(&self, triangulated: &[usize], kept: &[usize]) -> Option<LeftOut> {
+        let share = |v: &usize| kept[*v] as f64 / triangulated[*v] as f64;
+        let mut views: Vec<usize> = (0..self.views.len()).filter(|v| triangulated[*v] > 0).collect();
         views.sort_by(|a, b| share(a).total_cmp(&share(b)));
         let usual = share(views.get(views.len() / 2)?);
         tracing::debug!(
             "views keep {:.2} of their matches or more, half of them {usual:.2}",
             share(&views[0])
         );
-        let worst = views.into_iter().find(|v| !self.network.held[*v])?;
+        let worst = views.into_iter().find(|v| !self.network.is_fixed[*v])?;
         let reason = || {
-            let (kept, placed) = (kept[worst], placed[worst]);
+            let (kept, triangulated) = (kept[worst], triangulated[worst]);
             format!(
-                "{kept} of {placed} matches agree with the others: is the image turned, or another camera's?"
+                "{kept} of {triangulated} matches agree with the others: is the image turned, or another camera's?"
             )
         };
         (share(&worst) < LEAST_KEPT * usual).then(|| (self.views[worst].view.name.clone(), reason()))
     }
 
     /// The view with the fewest tie points, if these are too few to place it, and far fewer than those of most views.
-    fn loose(&self, tracks: &[Track]) -> Option<LeftOut> {
+    fn weakest_view(&self, tracks: &[Track]) -> Option<LeftOut> {
         let kept = self.observations(tracks);
         let mut views: Vec<usize> = (0..self.views.len()).collect();
         views.sort_by_key(|v| kept[*v]);
         let needed = FEWEST_OBSERVATIONS.min(kept[views[views.len() / 2]] / 2);
         let surveyed =
-            |v: usize| tracks.iter().any(|t| t.known.is_some() && t.seen.iter().any(|m| m.view == v));
-        let fewest = views.into_iter().find(|v| !self.network.held[*v] && !surveyed(*v))?;
+            |v: usize| tracks.iter().any(|t| t.prior.is_some() && t.observations.iter().any(|m| m.view == v));
+        let fewest = views.into_iter().find(|v| !self.network.is_fixed[*v] && !surveyed(*v))?;
         let reason = || format!("{} tie points are left, too few", kept[fewest]);
         (kept[fewest] < needed).then(|| (self.views[fewest].view.name.clone(), reason()))
     }
 
-    fn keypoint(&self, o: &Observation) -> &Keypoint {
+    fn keypoint(&self, o: &TrackElement) -> &Keypoint {
         &self.views[o.view as usize].keypoints[o.keypoint as usize]
     }
 
-    fn measured(&self, track: &[Observation]) -> Track {
+    fn measured(&self, track: &[TrackElement]) -> Track {
         let measure =
-            |o: &Observation| Measurement { view: o.view as usize, px: self.keypoint(o).px, weight: 1.0 };
+            |o: &TrackElement| Observation { view: o.view as usize, px: self.keypoint(o).px, weight: 1.0 };
         let gray = self.keypoint(&track[0]).gray;
-        Track { seen: track.iter().map(measure).collect(), gray, known: None }
+        Track { observations: track.iter().map(measure).collect(), gray, prior: None }
     }
 
     /// Measures the tracks anew by patches in all views, and solves with these; keypoints count little from now on.
-    fn settle(&self, estimate: &mut Estimate, model: Model) -> Result<(), BundleError> {
-        let tied = (0..estimate.tracks.len()).filter(|i| estimate.tracks[*i].known.is_none()).collect();
-        let pieces = squares(&estimate.points, tied, PIECE_PX * self.gsd_m());
-        self.progress.event(Event::Started { stage: "measuring patches", total: pieces.len() as u64 });
+    fn refine_tie_points(&self, estimate: &mut Estimate, model: Model) -> Result<(), BundleError> {
+        let tied = (0..estimate.tracks.len()).filter(|i| estimate.tracks[*i].prior.is_none()).collect();
+        let tiles = ground_tiles(&estimate.points, tied, TILE_PX * self.gsd_m());
+        self.progress.event(Event::Started { stage: "measuring patches", total: tiles.len() as u64 });
         let block = self.network.block();
         let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2)).max(2);
         let images = self.views.par_iter().map(|v| Ok((v.view.gray_image()?, v.size())));
         let mut images = images.collect::<Result<Vec<_>, RasterError>>()?;
-        for (done, piece) in pieces.iter().enumerate() {
+        for (done, tile) in tiles.iter().enumerate() {
             self.progress.check()?;
             let at = |i: &usize| estimate.points[*i];
-            let parts = images.par_iter_mut().enumerate().map(|(v, (image, size))| {
-                let shown = piece.iter().map(|i| block.project(v, &estimate.corrections[v], at(i)));
-                Part::around(shown, *size, |window| image.read(window))
+            let patches = images.par_iter_mut().enumerate().map(|(v, (image, size))| {
+                let shown = tile.iter().map(|i| block.project(v, &estimate.corrections[v], at(i)));
+                ImagePatch::around(shown, *size, |window| image.read(window))
             });
-            let parts = parts.collect::<Result<Vec<Part>, RasterError>>()?;
-            let seeker = Seeker::new(&block, &estimate.corrections, parts);
-            let seek = |i: &usize| seeker.track(&estimate.tracks[*i].seen[0], at(i));
-            let found: Vec<Vec<Measurement>> = piece.par_iter().with_min_len(16).map(seek).collect();
-            for (i, found) in piece.iter().zip(found) {
+            let patches = patches.collect::<Result<Vec<ImagePatch>, RasterError>>()?;
+            let matcher = LsmMatcher::new(&block, &estimate.corrections, patches);
+            let seek = |i: &usize| matcher.track(&estimate.tracks[*i].observations[0], at(i));
+            let found: Vec<Vec<Observation>> = tile.par_iter().with_min_len(16).map(seek).collect();
+            for (i, found) in tile.iter().zip(found) {
                 let track = &mut estimate.tracks[*i];
                 if found.len() >= fewest {
-                    track.seen = found;
+                    track.observations = found;
                 } else {
-                    track.seen.iter_mut().for_each(|m| m.weight = UNCONFIRMED);
+                    track.observations.iter_mut().for_each(|m| m.weight = UNCONFIRMED);
                 }
             }
             self.progress.event(Event::Advanced { done: done as u64 + 1, status: String::new() });
         }
         let confirmed =
-            estimate.tracks.iter().filter(|t| t.known.is_none() && t.seen[0].weight > UNCONFIRMED);
+            estimate.tracks.iter().filter(|t| t.prior.is_none() && t.observations[0].weight > UNCONFIRMED);
         tracing::debug!("patches confirm {} of {} tracks", confirmed.count(), estimate.tracks.len());
         self.network.refine(estimate, &LOSS_SCALES_PX[1..], model, PATCH_PX)?;
-        self.drop_vague(estimate, model);
+        self.drop_ill_conditioned(estimate, model);
         self.progress.event(Event::Finished);
         Ok(())
     }
@@ -435,12 +436,12 @@ impl<'a> Work<'a> {
     }
 
     /// Drops what its rays leave far up or down: keypoints at narrow angles that no patch confirms.
-    fn drop_vague(&self, estimate: &mut Estimate, model: Model) {
+    fn drop_ill_conditioned(&self, estimate: &mut Estimate, model: Model) {
         let Some(precision) = self.network.precision(estimate, model, true) else { return };
-        let most_m = VAGUE_PX * self.gsd_m();
+        let most_m = MAX_HEIGHT_SIGMA_PX * self.gsd_m();
         let all = std::mem::take(&mut estimate.tracks).into_iter().zip(std::mem::take(&mut estimate.points));
         let clear =
-            all.zip(precision.points).filter(|((t, _), sigma)| t.known.is_some() || sigma[2] <= most_m);
+            all.zip(precision.points).filter(|((t, _), sigma)| t.prior.is_some() || sigma[2] <= most_m);
         (estimate.tracks, estimate.points) = clear.map(|(track, _)| track).unzip();
     }
 
@@ -454,13 +455,13 @@ impl<'a> Work<'a> {
         corrections.par_iter().enumerate().map(camera).collect()
     }
 
-    fn match_pairs(&self, cameras: &[Rpc], across: f64) -> Result<PairMatches, Interrupted> {
+    fn match_pairs(&self, cameras: &[Rpc], epipolar_tolerance_px: f64) -> Result<PairMatches, Interrupted> {
         let prepared: Vec<MatchView> = self
             .views
             .iter()
             .zip(cameras)
             .map(|(v, rpc)| {
-                let some = if across > NARROW_PX { WIDE_KEYPOINTS } else { v.keypoints.len() };
+                let some = if epipolar_tolerance_px > NARROW_PX { WIDE_KEYPOINTS } else { v.keypoints.len() };
                 let keypoints = &v.keypoints[..some.min(v.keypoints.len())];
                 MatchView::new(rpc, keypoints, v.size(), self.network.heights)
             })
@@ -469,7 +470,7 @@ impl<'a> Work<'a> {
         let mut found = Vec::with_capacity(self.pairs.len());
         for (done, &(i, j)) in self.pairs.iter().enumerate() {
             self.progress.check()?;
-            found.push(((i, j), matches(&prepared[i], &prepared[j], across)));
+            found.push(((i, j), matches(&prepared[i], &prepared[j], epipolar_tolerance_px)));
             self.progress.event(Event::Advanced { done: done as u64 + 1, status: String::new() });
         }
         self.progress.event(Event::Finished);
@@ -480,7 +481,7 @@ impl<'a> Work<'a> {
         Ok(found)
     }
 
-    fn require_connection(&self, found: &[Vec<Observation>]) -> Result<(), BundleError> {
+    fn require_connection(&self, found: &[Vec<TrackElement>]) -> Result<(), BundleError> {
         let groups = tracks::components(self.views.len(), found);
         if groups.len() <= 1 {
             return Ok(());
@@ -545,9 +546,9 @@ impl<'a> Work<'a> {
             let sigma = of_shifts.corrections[v];
             ViewReport::new(&view.view.name, estimate.corrections[v], sigma, &of(&before, v), &of(&after, v))
         });
-        let control = tracks.iter().zip(points).filter_map(|(t, p)| Some((t, t.known?, p)));
-        let control =
-            control.flat_map(|(t, known, p)| t.seen.iter().map(move |m| (m, known, *p)).collect::<Vec<_>>());
+        let control = tracks.iter().zip(points).filter_map(|(t, p)| Some((t, t.prior?, p)));
+        let control = control
+            .flat_map(|(t, known, p)| t.observations.iter().map(move |m| (m, known, *p)).collect::<Vec<_>>());
         let control: Vec<_> = control
             .map(|(m, known, p)| {
                 let residual_px = block.distance(m, &corrections[m.view], p);
@@ -568,16 +569,16 @@ impl<'a> Work<'a> {
         };
         let report = Report {
             gauge,
-            open_directions: of_shifts.open,
+            rank_defect: of_shifts.rank_defect,
             sigma_px: of_shifts.sigma_px,
             model: options.model,
-            tracks: tracks.iter().filter(|t| t.known.is_none()).count(),
+            tracks: tracks.iter().filter(|t| t.prior.is_none()).count(),
             control,
             views: views.collect(),
             left_out: self.left_out.clone(),
             ..Report::of(&before, &after)
         };
-        let measured = tracks.iter().zip(&of_points).filter(|(t, _)| t.known.is_none());
+        let measured = tracks.iter().zip(&of_points).filter(|(t, _)| t.prior.is_none());
         let quality = measured
             .map(|(track, sigma_m)| PointQuality {
                 sigma_m: *sigma_m,
@@ -585,16 +586,16 @@ impl<'a> Work<'a> {
             })
             .collect();
         let names = self.views.iter().map(|v| v.view.name.clone());
-        let tied = tracks.iter().zip(points).filter(|(t, _)| t.known.is_none()).enumerate();
+        let tied = tracks.iter().zip(points).filter(|(t, _)| t.prior.is_none()).enumerate();
         let (points, tie_points): (Vec<_>, Vec<_>) = tied
             .map(|(id, (track, p))| {
-                let seen = track.seen.iter().map(|m| {
+                let seen = track.observations.iter().map(|m| {
                     let predicted = block.project(m.view, &corrections[m.view], *p);
                     let residual_px = [m.px.col - predicted.col, m.px.row - predicted.row];
-                    TiePoint { point: id, view: m.view, px: m.px, residual_px }
+                    TiePointObservation { point: id, view: m.view, px: m.px, residual_px }
                 });
                 let position = block.geodetic(*p);
-                let views = track.seen.len() as u8;
+                let views = track.observations.len() as u8;
                 (SparsePoint { position, views, gray: track.gray }, seen.collect::<Vec<_>>())
             })
             .unzip();
@@ -666,7 +667,7 @@ mod tests {
         let network = Network {
             rpcs: views.iter().map(|v| &v.rpc).collect(),
             frames: vec![ImageFrame::new((1000, 1000)); 12],
-            held: vec![false; 12],
+            is_fixed: vec![false; 12],
             directions: vec![(0.0, 10.0); 12],
             center: rpc.center(),
             heights: rpc.height_range(),

@@ -4,7 +4,7 @@ use super::correction::{ImageFrame, MOST};
 use super::error::BundleError;
 use super::network::triangulate;
 use super::output::Adjustment;
-use super::problem::{Block, Known, Measurement, SIGMA_PX, Track};
+use super::problem::{Block, Observation, PositionPrior, SIGMA_PX, Track};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use crate::scene::{Scene, View};
 use serde::Deserialize;
@@ -125,13 +125,15 @@ pub fn tracks_of(
         let view = scene.views.iter().find(|v| c.is_of(v));
         let view = view.ok_or_else(|| BundleError::ControlImage { image: c.image.clone() })?;
         let Some(index) = names.iter().position(|n| *n == view.name) else { continue };
-        let known =
-            Known { place: block.local(c.place), sigma_m: [c.sigma_m[0], c.sigma_m[0], c.sigma_m[1]] };
+        let known = PositionPrior {
+            place: block.local(c.place),
+            sigma_m: [c.sigma_m[0], c.sigma_m[0], c.sigma_m[1]],
+        };
         let px = view.px_of_window(c.px);
-        let seen = Measurement { view: index, px, weight: (SIGMA_PX / c.sigma_px).powi(2) };
-        match tracks.iter_mut().find(|t| t.known == Some(known)) {
-            Some(track) => track.seen.push(seen),
-            None => tracks.push(Track { seen: vec![seen], known: Some(known), ..Track::default() }),
+        let seen = Observation { view: index, px, weight: (SIGMA_PX / c.sigma_px).powi(2) };
+        match tracks.iter_mut().find(|t| t.prior == Some(known)) {
+            Some(track) => track.observations.push(seen),
+            None => tracks.push(Track { observations: vec![seen], prior: Some(known), ..Track::default() }),
         }
     }
     Ok(tracks)
@@ -154,8 +156,8 @@ pub fn control_pairs(
     let tracks = tracks_of(control, scene, &names, &block)?;
     let as_they_are = vec![[0.0; MOST]; rpcs.len()];
     let pair = |t: &Track| {
-        let place = (t.seen.len() >= 2).then(|| triangulate(&block, t, &as_they_are))??;
-        Some([block.geodetic(place), block.geodetic(t.known?.place)])
+        let place = (t.observations.len() >= 2).then(|| triangulate(&block, t, &as_they_are))??;
+        Some([block.geodetic(place), block.geodetic(t.prior?.place)])
     };
     Ok(tracks.iter().filter_map(pair).collect())
 }

@@ -2,7 +2,7 @@
 
 use super::control::ControlPoint;
 use super::error::BundleError;
-use super::problem::{Known, Measurement, SIGMA_PX};
+use super::problem::{Observation, PositionPrior, SIGMA_PX};
 use super::report::ControlReport;
 use crate::frame::{Geodetic, Point};
 use crate::scene::{Scene, View};
@@ -99,8 +99,8 @@ fn length(metres: f64) -> String {
 #[must_use]
 pub(super) fn control_report(
     view: &View,
-    m: &Measurement,
-    known: &Known,
+    m: &Observation,
+    known: &PositionPrior,
     point: [f64; 3],
     residual_px: f64,
     control: &[ControlPoint],

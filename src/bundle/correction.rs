@@ -69,14 +69,14 @@ impl ImageFrame {
 
     /// Where the corrected camera sees what the given one sees at `px`.
     #[must_use]
-    pub fn moved(&self, p: &Parameters, px: Pixel<CenterPx>) -> Pixel<CenterPx> {
+    pub fn corrected_px(&self, p: &Parameters, px: Pixel<CenterPx>) -> Pixel<CenterPx> {
         let [x, y] = self.normalised(px);
         Pixel::new(px.col + p[0] + p[2] * x + p[4] * y, px.row + p[1] + p[3] * y + p[5] * x)
     }
 
-    /// Derivatives of [`ImageFrame::moved`] by `px`.
+    /// Derivatives of [`ImageFrame::corrected_px`] by `px`.
     #[must_use]
-    pub fn by_px(&self, p: &Parameters) -> [[f64; 2]; 2] {
+    pub fn jacobian_by_px(&self, p: &Parameters) -> [[f64; 2]; 2] {
         let [w, h] = self.half;
         [[1.0 + p[2] / w, p[4] / h], [p[5] / w, 1.0 + p[3] / h]]
     }
@@ -90,8 +90,8 @@ impl ImageFrame {
         let c = rpc.coefficients();
         if p[4] != 0.0 || p[5] != 0.0 {
             let volume = self.volume(rpc, heights).map_err(|e| e.to_string())?;
-            let fitted =
-                fit(&volume, |ground| self.moved(p, rpc.project(ground))).map_err(|e| e.to_string())?;
+            let fitted = fit(&volume, |ground| self.corrected_px(p, rpc.project(ground)))
+                .map_err(|e| e.to_string())?;
             let told =
                 RpcCoefficients { err_bias_m: c.err_bias_m, err_rand_m: c.err_rand_m, ..fitted.into() };
             return Rpc::new(told).map_err(|e| e.to_string());
@@ -149,7 +149,7 @@ mod tests {
         let apart = (0..17i32.pow(3)).map(|i| {
             let px = Pixel::new(node(i) * size.0 as f64, node(i / 17) * size.1 as f64);
             let ground = rpc.localize(px, heights.0 + 1000.0 * node(i / 289)).unwrap();
-            written.project(ground).distance(frame.moved(p, rpc.project(ground)))
+            written.project(ground).distance(frame.corrected_px(p, rpc.project(ground)))
         });
         apart.fold(0.0, f64::max)
     }
@@ -188,18 +188,18 @@ mod tests {
         let frame = ImageFrame::new((3000, 2000));
         let p = [1.0, 2.0, 30.0, -40.0, 50.0, 60.0];
         let at = Pixel::<CenterPx>::new(700.0, 1500.0);
-        let here = frame.moved(&p, at);
-        let by_px = frame.by_px(&p);
+        let here = frame.corrected_px(&p, at);
+        let jacobian_by_px = frame.jacobian_by_px(&p);
         for (k, step) in [[1.0, 0.0], [0.0, 1.0]].into_iter().enumerate() {
-            let there = frame.moved(&p, Pixel::new(at.col + step[0], at.row + step[1]));
-            assert!((there.col - here.col - by_px[0][k]).abs() < 1e-9);
-            assert!((there.row - here.row - by_px[1][k]).abs() < 1e-9);
+            let there = frame.corrected_px(&p, Pixel::new(at.col + step[0], at.row + step[1]));
+            assert!((there.col - here.col - jacobian_by_px[0][k]).abs() < 1e-9);
+            assert!((there.row - here.row - jacobian_by_px[1][k]).abs() < 1e-9);
         }
         let by_parameters = by_parameters::<MOST>(frame.normalised(at));
         for k in 0..MOST {
             let mut more = p;
             more[k] += 1.0;
-            let there = frame.moved(&more, at);
+            let there = frame.corrected_px(&more, at);
             assert!((there.col - here.col - by_parameters[(0, k)]).abs() < 1e-9);
             assert!((there.row - here.row - by_parameters[(1, k)]).abs() < 1e-9);
         }

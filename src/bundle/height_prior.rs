@@ -24,8 +24,8 @@ impl HeightPrior {
             let place = block.geodetic(*point);
             let up_m = block.local(place.at_height(self.dem.height_m(place)))[2];
             // Points that hang on faint observations would go where the model is and hold nothing.
-            let weight = track.seen.iter().map(|m| m.weight).fold(0.0, f64::max);
-            (track.known.is_none() && up_m.is_finite()).then_some((up_m, weight))
+            let weight = track.observations.iter().map(|m| m.weight).fold(0.0, f64::max);
+            (track.prior.is_none() && up_m.is_finite()).then_some((up_m, weight))
         };
         let of_points = block.tracks.iter().zip(points).map(of_track).collect();
         PointHeights { sigma_m: self.sigma_m, of_points }
@@ -43,7 +43,7 @@ pub struct PointHeights {
 impl PointHeights {
     /// Height of the model over a point, metres, and the weight of this residual.
     #[must_use]
-    pub fn pull(&self, track: usize, point: [f64; 3]) -> Option<(f64, f64)> {
+    pub fn residual_and_weight(&self, track: usize, point: [f64; 3]) -> Option<(f64, f64)> {
         let (up_m, weight) = self.of_points[track]?;
         let residual = up_m - point[2];
         Some((residual, weight / (self.sigma_m * self.sigma_m + residual * residual)))
@@ -69,9 +69,9 @@ mod tests {
         for up in [-40.0, 8.0, 10.0, 12.5] {
             let cost = |up: f64| prior.cost(0, [0.0, 0.0, up]);
             let slope = (cost(up + step) - cost(up - step)) / (2.0 * step);
-            let (residual, weight) = prior.pull(0, [0.0, 0.0, up]).unwrap();
+            let (residual, weight) = prior.residual_and_weight(0, [0.0, 0.0, up]).unwrap();
             assert!((slope + weight * residual).abs() < 1e-8, "{slope}");
         }
-        assert_eq!((prior.pull(1, [0.0; 3]), prior.cost(1, [0.0; 3])), (None, 0.0));
+        assert_eq!((prior.residual_and_weight(1, [0.0; 3]), prior.cost(1, [0.0; 3])), (None, 0.0));
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! A keypoint of one view, localised at the lowest and the highest height, projects to the ends of a segment in the
 //! other. RPCs err by a shift that is nearly the same for the whole image, so true matches lie at one distance
-//! across the segments: that distance is found first, and what lies elsewhere is dropped.
+//! epipolar_tolerance_px the segments: that distance is found first, and what lies elsewhere is dropped.
 
 use super::features::{Keypoint, VALUES, similarity};
 use crate::frame::{Geodetic, Pixel, Point};
@@ -20,7 +20,7 @@ const MAX_DISTANCE: f32 = 0.75;
 const SAME_PLACE_PX: f64 = 2.0;
 /// Largest ratio of the scales of matching keypoints.
 const MAX_SCALE_RATIO: f32 = 1.8;
-/// Matches that agree on the distance across the segments, pixels from the consensus.
+/// Matches that agree on the distance epipolar_tolerance_px the segments, pixels from the consensus.
 const CONSENSUS_PX: f64 = 1.5;
 /// Fewest matches that make a consensus.
 const FEWEST: usize = 10;
@@ -79,21 +79,21 @@ impl<'a> MatchView<'a> {
         Self { rpc, keypoints, ground, columns, rows, cells }
     }
 
-    /// Best and second best in each other of the keypoints of both views, `across` pixels from the segments of this
+    /// Best and second best in each other of the keypoints of both views, `epipolar_tolerance_px` pixels from the segments of this
     /// view's; a keypoint of the other is weighed only where a segment passes, so that one search serves both.
-    fn rivals(&self, other: &Self, across: f64) -> [Vec<Rivals>; 2] {
+    fn best_two(&self, other: &Self, epipolar_tolerance_px: f64) -> [Vec<BestTwo>; 2] {
         let chunks: Vec<_> = (0..self.keypoints.len().div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
                 let own = chunk * CHUNK..((chunk + 1) * CHUNK).min(self.keypoints.len());
-                let mut there = vec![Rivals::default(); other.keypoints.len()];
+                let mut there = vec![BestTwo::default(); other.keypoints.len()];
                 let mut near = Vec::new();
                 let here = own.map(|i| {
-                    let mut rivals = Rivals::default();
-                    let Some(segment) = Segment::new(self, i, other) else { return rivals };
+                    let mut best = BestTwo::default();
+                    let Some(segment) = Segment::new(self, i, other) else { return best };
                     let own = &self.keypoints[i];
                     near.clear();
-                    other.for_each_near(&segment, across, |j| {
+                    other.for_each_near(&segment, epipolar_tolerance_px, |j| {
                         let ratio = other.keypoints[j as usize].scale / own.scale;
                         if (1.0 / MAX_SCALE_RATIO..=MAX_SCALE_RATIO).contains(&ratio) {
                             near.push((j, 0.0));
@@ -101,16 +101,16 @@ impl<'a> MatchView<'a> {
                     });
                     compare(own, other.keypoints, &mut near);
                     for (j, similarity) in &near {
-                        rivals.enter(*j, *similarity, other.keypoints);
+                        best.enter(*j, *similarity, other.keypoints);
                         there[*j as usize].enter(i as u32, *similarity, self.keypoints);
                     }
-                    rivals
+                    best
                 });
                 (here.collect::<Vec<_>>(), there)
             })
             .collect();
         let mut out =
-            [Vec::with_capacity(self.keypoints.len()), vec![Rivals::default(); other.keypoints.len()]];
+            [Vec::with_capacity(self.keypoints.len()), vec![BestTwo::default(); other.keypoints.len()]];
         for (here, there) in chunks {
             out[0].extend(here);
             for (all, part) in out[1].iter_mut().zip(there) {
@@ -120,11 +120,12 @@ impl<'a> MatchView<'a> {
         out
     }
 
-    fn for_each_near(&self, segment: &Segment, across: f64, mut visit: impl FnMut(u32)) {
+    fn for_each_near(&self, segment: &Segment, epipolar_tolerance_px: f64, mut visit: impl FnMut(u32)) {
         let [(c0, c1), (r0, r1)] =
             [(segment.ends[0].col, segment.ends[1].col), (segment.ends[0].row, segment.ends[1].row)];
         let cell_range = |a: f64, b: f64, n: usize| {
-            let (lo, hi) = ((a.min(b) - across) / CELL_PX, (a.max(b) + across) / CELL_PX);
+            let (lo, hi) =
+                ((a.min(b) - epipolar_tolerance_px) / CELL_PX, (a.max(b) + epipolar_tolerance_px) / CELL_PX);
             (hi >= 0.0 && lo < n as f64).then(|| (lo.max(0.0) as usize, (hi as usize).min(n - 1)))
         };
         let (Some((c0, c1)), Some((r0, r1))) =
@@ -136,7 +137,10 @@ impl<'a> MatchView<'a> {
             for col in c0..=c1 {
                 for &j in &self.cells[row * self.columns + col] {
                     let (along, off) = segment.measure(self.keypoints[j as usize].px);
-                    if off.abs() <= across && along >= -across && along <= segment.length + across {
+                    if off.abs() <= epipolar_tolerance_px
+                        && along >= -epipolar_tolerance_px
+                        && along <= segment.length + epipolar_tolerance_px
+                    {
                         visit(j);
                     }
                 }
@@ -165,7 +169,7 @@ impl Segment {
         Some(Self { ends, direction, length })
     }
 
-    /// Distance along the segment from its low end, and across it, pixels.
+    /// Distance along the segment from its low end, and epipolar_tolerance_px it, pixels.
     fn measure(&self, px: Pixel<crate::frame::CenterPx>) -> (f64, f64) {
         let (dc, dr) = (px.col - self.ends[0].col, px.row - self.ends[0].row);
         let [c, r] = self.direction;
@@ -183,19 +187,19 @@ fn compare(own: &Keypoint, others: &[Keypoint], near: &mut [(u32, f32)]) {
 
 /// The keypoint most like another, and how like it is the next that is elsewhere.
 #[derive(Clone, Copy)]
-struct Rivals {
+struct BestTwo {
     best: u32,
     similarity: f32,
     second: f32,
 }
 
-impl Default for Rivals {
+impl Default for BestTwo {
     fn default() -> Self {
         Self { best: u32::MAX, similarity: -1.0, second: -1.0 }
     }
 }
 
-impl Rivals {
+impl BestTwo {
     fn enter(&mut self, candidate: u32, similarity: f32, keypoints: &[Keypoint]) {
         if similarity <= self.second {
             return;
@@ -219,7 +223,7 @@ impl Rivals {
         }
     }
 
-    /// The best, if it is good and better than its rivals.
+    /// The best, if it is good and better than its best.
     fn winner(&self) -> Option<u32> {
         // Descriptors have length one: their squared distance is 2 - 2 similarity.
         let distance = |s: f32| (2.0 - 2.0 * s).max(0.0).sqrt();
@@ -228,18 +232,18 @@ impl Rivals {
     }
 }
 
-/// Mutual matches of two views within `across` pixels of the epipolar segments that agree on one shift.
+/// Mutual matches of two views within `epipolar_tolerance_px` pixels of the epipolar segments that agree on one shift.
 #[must_use]
-pub fn matches(a: &MatchView, b: &MatchView, across: f64) -> Vec<Match> {
-    let [ab, ba] = a.rivals(b, across);
+pub fn matches(a: &MatchView, b: &MatchView, epipolar_tolerance_px: f64) -> Vec<Match> {
+    let [ab, ba] = a.best_two(b, epipolar_tolerance_px);
     let mutual: Vec<(Match, f64)> = ab
         .iter()
         .enumerate()
-        .filter_map(|(i, rivals)| {
-            let j = rivals.winner()?;
+        .filter_map(|(i, best)| {
+            let j = best.winner()?;
             let back = ba[j as usize].winner()?;
             let off = Segment::new(a, i, b)?.measure(b.keypoints[j as usize].px).1;
-            let found = Match { a: i as u32, b: j, similarity: rivals.similarity };
+            let found = Match { a: i as u32, b: j, similarity: best.similarity };
             (back as usize == i).then_some((found, off))
         })
         .collect();

@@ -33,5 +33,5 @@ pub use correction::{Model, Parameters};
 pub use error::BundleError;
 pub use features::{Keypoint, detect};
 pub use height_prior::HeightPrior;
-pub use output::{Adjustment, PointQuality, SparsePoint, TiePoint};
+pub use output::{Adjustment, PointQuality, SparsePoint, TiePointObservation};
 pub use report::{ControlReport, LeftOut, Report, ViewReport};

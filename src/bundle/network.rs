@@ -4,7 +4,7 @@ use super::correction::{ImageFrame, MOST, Model, Parameters};
 use super::error::BundleError;
 use super::height_prior::HeightPrior;
 use super::precision::Precision;
-use super::problem::{Block, Measurement, Track, Unknowns};
+use super::problem::{Block, Observation, Track, Unknowns};
 use super::solver::{Log, SchurLevenbergMarquardt};
 use crate::frame::{Geodetic, Pixel, Point};
 use crate::rpc::Rpc;
@@ -31,7 +31,7 @@ pub struct Network<'a> {
     /// Their images.
     pub frames: Vec<ImageFrame>,
     /// Which of them are reference views, that stay as delivered.
-    pub held: Vec<bool>,
+    pub is_fixed: Vec<bool>,
     /// Where they look from: azimuth and off-nadir, degrees.
     pub directions: Vec<(f64, f64)>,
     /// The origin of points' coordinates.
@@ -65,18 +65,18 @@ impl<'a> Network<'a> {
     #[must_use]
     pub fn block(&self) -> Block<'a> {
         let mut block = Block::new(self.rpcs.clone(), self.frames.clone(), self.center);
-        block.held.clone_from(&self.held);
+        block.is_fixed.clone_from(&self.is_fixed);
         block
     }
 
     /// Takes tracks that some pair of views sees at a useful angle, at the places nearest to their rays, and ground
     /// control where the survey says.
-    pub fn place(&self, estimate: &mut Estimate, tracks: Vec<Track>) {
+    pub fn triangulate_tracks(&self, estimate: &mut Estimate, tracks: Vec<Track>) {
         let block = self.block();
         let places: Vec<Option<[f64; 3]>> = tracks
             .par_iter()
             .with_min_len(64)
-            .map(|t| match t.known {
+            .map(|t| match t.prior {
                 Some(known) => Some(known.place),
                 None if self.angle_deg(t) < LEAST_ANGLE_DEG => None,
                 None => triangulate(&block, t, &estimate.corrections),
@@ -90,8 +90,8 @@ impl<'a> Network<'a> {
     #[must_use]
     pub fn angle_deg(&self, track: &Track) -> f64 {
         let mut widest: f64 = 0.0;
-        for (k, a) in track.seen.iter().enumerate() {
-            for b in &track.seen[k + 1..] {
+        for (k, a) in track.observations.iter().enumerate() {
+            for b in &track.observations[k + 1..] {
                 widest = widest.max(angle_between_deg(self.directions[a.view], self.directions[b.view]));
             }
         }
@@ -150,7 +150,7 @@ impl<'a> Network<'a> {
     #[must_use]
     pub fn precision(&self, estimate: &Estimate, model: Model, fixed: bool) -> Option<Precision> {
         let mut block = self.block();
-        block.held.iter_mut().for_each(|h| *h |= fixed);
+        block.is_fixed.iter_mut().for_each(|h| *h |= fixed);
         block.tracks = estimate.tracks.clone();
         // What a loss would weigh down is rejected by now.
         block.loss_scale_px = f64::INFINITY;
@@ -164,12 +164,12 @@ impl<'a> Network<'a> {
     fn reject(&self, estimate: &mut Estimate, least: f64) -> usize {
         let block = self.block();
         let corrections = &estimate.corrections;
-        let distance = |m: &Measurement, p: [f64; 3]| block.distance(m, &corrections[m.view], p);
+        let distance = |m: &Observation, p: [f64; 3]| block.distance(m, &corrections[m.view], p);
         let mut all: Vec<f64> = estimate
             .tracks
             .par_iter()
             .zip(&estimate.points)
-            .flat_map_iter(|(t, p)| t.seen.iter().map(|m| distance(m, *p)))
+            .flat_map_iter(|(t, p)| t.observations.iter().map(|m| distance(m, *p)))
             .collect();
         if all.is_empty() {
             return 0;
@@ -183,15 +183,15 @@ impl<'a> Network<'a> {
             .into_iter()
             .zip(std::mem::take(&mut estimate.points))
             .filter_map(|(mut track, mut point)| {
-                if track.known.is_some() {
+                if track.prior.is_some() {
                     return Some((track, point));
                 }
-                let n = track.seen.len();
-                track.seen.retain(|m| distance(m, point) <= limit);
-                if track.seen.len() < 2 || self.angle_deg(&track) < LEAST_ANGLE_DEG {
+                let n = track.observations.len();
+                track.observations.retain(|m| distance(m, point) <= limit);
+                if track.observations.len() < 2 || self.angle_deg(&track) < LEAST_ANGLE_DEG {
                     return None;
                 }
-                if track.seen.len() < n {
+                if track.observations.len() < n {
                     point = triangulate(&block, &track, corrections)?;
                 }
                 let h = block.geodetic(point).height_m();
@@ -200,7 +200,7 @@ impl<'a> Network<'a> {
             .unzip();
         tracing::debug!("median {median:.2} px, limit {limit:.2} px: {count} tracks become {}", tracks.len());
         (estimate.tracks, estimate.points) = (tracks, points);
-        before - estimate.tracks.iter().map(|t| t.seen.len()).sum::<usize>()
+        before - estimate.tracks.iter().map(|t| t.observations.len()).sum::<usize>()
     }
 
     /// (view, distance in pixels) of every observation, track by track; ground control is not among them.
@@ -208,10 +208,10 @@ impl<'a> Network<'a> {
     pub fn distances(&self, estimate: &Estimate) -> Vec<(usize, f64)> {
         let block = self.block();
         let of_track = |(t, p): (&Track, &[f64; 3])| -> Vec<(usize, f64)> {
-            let distance = |m: &Measurement| block.distance(m, &estimate.corrections[m.view], *p);
-            t.seen.iter().map(|m| (m.view, distance(m))).collect()
+            let distance = |m: &Observation| block.distance(m, &estimate.corrections[m.view], *p);
+            t.observations.iter().map(|m| (m.view, distance(m))).collect()
         };
-        let tied = estimate.tracks.par_iter().zip(&estimate.points).filter(|(t, _)| t.known.is_none());
+        let tied = estimate.tracks.par_iter().zip(&estimate.points).filter(|(t, _)| t.prior.is_none());
         tied.flat_map_iter(of_track).collect()
     }
 
@@ -219,15 +219,15 @@ impl<'a> Network<'a> {
     #[must_use]
     pub fn as_delivered(&self, tracks: &[Track]) -> Estimate {
         let mut given = Estimate::start(self.rpcs.len());
-        self.place(&mut given, tracks.to_vec());
+        self.triangulate_tracks(&mut given, tracks.to_vec());
         given
     }
 }
 
 /// The point nearest to a track's rays, by Gauss and Newton; none if its rays do not fix one.
 pub fn triangulate(block: &Block, track: &Track, corrections: &[Parameters]) -> Option<[f64; 3]> {
-    let first = track.seen.first()?;
-    let moved = block.frames[first.view].moved(&corrections[first.view], first.px);
+    let first = track.observations.first()?;
+    let moved = block.frames[first.view].corrected_px(&corrections[first.view], first.px);
     // To first order the given camera sees there what the corrected one sees at `first.px`.
     let px = Pixel::new(2.0 * first.px.col - moved.col, 2.0 * first.px.row - moved.row);
     let start = block.rpcs[first.view].localize(px, block.geodetic([0.0; 3]).height_m()).ok()?;
@@ -235,7 +235,7 @@ pub fn triangulate(block: &Block, track: &Track, corrections: &[Parameters]) -> 
     for _ in 0..10 {
         let mut normal = nalgebra::Matrix3::<f64>::zeros();
         let mut right = nalgebra::Vector3::<f64>::zeros();
-        for m in &track.seen {
+        for m in &track.observations {
             let o = block.linearise(m, &corrections[m.view], point);
             for (row, r) in o.by_point.iter().zip(o.residual) {
                 let j = nalgebra::Vector3::from(*row);

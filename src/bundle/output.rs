@@ -38,7 +38,7 @@ pub struct PointQuality {
 
 /// A point as one view shows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TiePoint {
+pub struct TiePointObservation {
     /// Index of the sparse point.
     pub point: usize,
     /// Index of the view among the cameras.
@@ -51,7 +51,7 @@ pub struct TiePoint {
 
 /// A line of `tie_points.csv`; where its point is `points.laz` knows better.
 #[derive(Deserialize)]
-struct TieLine {
+struct TiePointRow {
     point: usize,
     sigma_east_m: f64,
     sigma_north_m: f64,
@@ -72,7 +72,7 @@ pub struct Adjustment {
     /// Sparse points.
     pub points: Vec<SparsePoint>,
     /// Their observations, point by point; not read back.
-    pub tie_points: Vec<TiePoint>,
+    pub tie_points: Vec<TiePointObservation>,
     /// How well each sparse point is measured; not read back.
     pub quality: Vec<PointQuality>,
     /// Figures.
@@ -140,11 +140,11 @@ impl Adjustment {
         let path = folder.join("tie_points.csv");
         let damaged = |reason: String| BundleError::Points { path: path.clone(), reason };
         let mut reader = csv::Reader::from_path(&path).map_err(|e| damaged(e.to_string()))?;
-        for line in reader.deserialize::<TieLine>() {
+        for line in reader.deserialize::<TiePointRow>() {
             let l = line.map_err(|e| damaged(e.to_string()))?;
             let view = all.cameras.iter().position(|c| c.0 == l.view);
             let view = view.ok_or_else(|| damaged(format!("view `{}` is not in report.json", l.view)))?;
-            all.tie_points.push(TiePoint {
+            all.tie_points.push(TiePointObservation {
                 point: l.point,
                 view,
                 px: Pixel::new(l.col, l.row),

@@ -1,11 +1,11 @@
-//! Least-squares matching: where a patch of one view lies in the others, to a few hundredths of a pixel.
+//! Least-ground_tiles matching: where a patch of one view lies in the others, to a few hundredths of a pixel.
 //!
 //! Keypoints are found in two or three views each, and many sit on corners that move with the sun and the line of
 //! sight: of shadows, of what hides something. A patch is sought in every view. What moves is unlike itself on
 //! another date, and a place that many views show alike is rarely a wrong one (Grün 1985).
 
 use super::correction::Parameters;
-use super::problem::{Block, Measurement};
+use super::problem::{Block, Observation};
 use super::scale_space::blurred;
 use crate::frame::{CenterPx, Pixel};
 use crate::io::{Grid2, Window};
@@ -34,10 +34,10 @@ const SMALLEST_STEP_PX: f64 = 0.01;
 /// a view of twice the scale, pixels.
 const MARGIN_PX: f64 = 40.0;
 
-/// Some of the points (metres east, north and up), by index, in squares of ground of about `side_m`, row by row: only what
+/// Some of the points (metres east, north and up), by index, in ground_tiles of ground of about `side_m`, row by row: only what
 /// images show of one square needs to be in memory at once.
 #[must_use]
-pub fn squares(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<Vec<usize>> {
+pub fn ground_tiles(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<Vec<usize>> {
     let extents: [(f64, f64); 2] = std::array::from_fn(|k| {
         let along = some.iter().map(|i| points[*i][k]);
         along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
@@ -48,21 +48,21 @@ pub fn squares(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<Vec<us
         // The last point lies on the border of the last square.
         ((points[i][k] - low) / (high - low).max(f64::MIN_POSITIVE) * count).min(count - 1.0) as usize
     };
-    let mut squares = BTreeMap::<[usize; 2], Vec<usize>>::new();
+    let mut ground_tiles = BTreeMap::<[usize; 2], Vec<usize>>::new();
     for i in some {
-        squares.entry([place(i, 1), place(i, 0)]).or_default().push(i);
+        ground_tiles.entry([place(i, 1), place(i, 0)]).or_default().push(i);
     }
-    squares.into_values().collect()
+    ground_tiles.into_values().collect()
 }
 
 /// A part of an image, ready for patches to be sought in it.
-pub struct Part {
+pub struct ImagePatch {
     /// Its first column and row.
     first: Vector2<f64>,
     raster: Grid2,
 }
 
-impl Part {
+impl ImagePatch {
     /// The part of an image of (columns, rows) that holds the patches at some places.
     ///
     /// # Errors
@@ -95,28 +95,28 @@ impl Part {
 }
 
 /// Seeks patches in views whose cameras are right to a pixel.
-pub struct Seeker<'a> {
+pub struct LsmMatcher<'a> {
     block: &'a Block<'a>,
     corrections: &'a [Parameters],
-    images: Vec<Part>,
-    window: Bell,
+    images: Vec<ImagePatch>,
+    window: GaussianWindow,
 }
 
-impl<'a> Seeker<'a> {
-    /// A seeker in the views of a block with these corrections.
+impl<'a> LsmMatcher<'a> {
+    /// A matcher in the views of a block with these corrections.
     #[must_use]
-    pub fn new(block: &'a Block<'a>, corrections: &'a [Parameters], images: Vec<Part>) -> Self {
-        Self { block, corrections, images, window: Bell::new() }
+    pub fn new(block: &'a Block<'a>, corrections: &'a [Parameters], images: Vec<ImagePatch>) -> Self {
+        Self { block, corrections, images, window: GaussianWindow::new() }
     }
 
     /// Where the views show the patch around an observation of a point, itself included.
     #[must_use]
-    pub fn track(&self, reference: &Measurement, point: [f64; 3]) -> Vec<Measurement> {
+    pub fn track(&self, reference: &Observation, point: [f64; 3]) -> Vec<Observation> {
         let mut found = vec![*reference];
         let own = &self.images[reference.view];
         let at = Vector2::new(reference.px.col, reference.px.row) - own.first;
-        let template =
-            Samples::<SIDE>::new(&own.raster, at, Matrix2::identity()).and_then(|s| self.window.template(&s));
+        let template = PatchSamples::<SIDE>::new(&own.raster, at, Matrix2::identity())
+            .and_then(|s| self.window.template(&s));
         let inverse = self.place(reference.view, point).1.try_inverse();
         let (Some(template), Some(inverse)) = (template, inverse) else { return found };
         for (view, image) in self.images.iter().enumerate().filter(|(v, _)| *v != reference.view) {
@@ -125,7 +125,7 @@ impl<'a> Seeker<'a> {
             let place =
                 self.window.locate(&template, &image.raster, start - image.first, by_ground * inverse);
             if let Some(px) = place.map(|p| p + image.first) {
-                found.push(Measurement { view, px: Pixel::<CenterPx>::new(px[0], px[1]), weight: 1.0 });
+                found.push(Observation { view, px: Pixel::<CenterPx>::new(px[0], px[1]), weight: 1.0 });
             }
         }
         found.sort_by_key(|m| m.view);
@@ -134,7 +134,7 @@ impl<'a> Seeker<'a> {
 
     /// Where a view shows a point, and how that moves by metres east and north.
     fn place(&self, view: usize, point: [f64; 3]) -> (Vector2<f64>, Matrix2<f64>) {
-        let origin = Measurement { view, px: Pixel::new(0.0, 0.0), weight: 1.0 };
+        let origin = Observation { view, px: Pixel::new(0.0, 0.0), weight: 1.0 };
         let o = self.block.linearise(&origin, &self.corrections[view], point);
         let [a, b] = o.by_point;
         (-Vector2::from(o.residual), Matrix2::new(a[0], a[1], b[0], b[1]))
@@ -142,9 +142,9 @@ impl<'a> Seeker<'a> {
 }
 
 /// `N` by `N` samples of an image around a position.
-struct Samples<const N: usize>([[f64; N]; N]);
+struct PatchSamples<const N: usize>([[f64; N]; N]);
 
-impl<const N: usize> Samples<N> {
+impl<const N: usize> PatchSamples<N> {
     /// None where some are missing or outside.
     fn new(image: &Grid2, at: Vector2<f64>, warp: Matrix2<f64>) -> Option<Self> {
         let half = (N / 2) as f64;
@@ -181,9 +181,9 @@ impl<const N: usize> Samples<N> {
 type Template = [[f64; SIDE]; SIDE];
 
 /// The weights of a patch's samples: their sum is one.
-struct Bell([[f64; SIDE]; SIDE]);
+struct GaussianWindow([[f64; SIDE]; SIDE]);
 
-impl Bell {
+impl GaussianWindow {
     fn new() -> Self {
         let offset = |i: usize| i as f64 - HALF as f64;
         let bell = |r: usize, c: usize| {
@@ -193,7 +193,7 @@ impl Bell {
         Self(std::array::from_fn(|r| std::array::from_fn(|c| bell(r, c) / sum)))
     }
 
-    fn template(&self, patch: &Samples<SIDE>) -> Option<Template> {
+    fn template(&self, patch: &PatchSamples<SIDE>) -> Option<Template> {
         let (_, mean, deviation) = self.compare(&[[0.0; SIDE]; SIDE], patch, [0, 0]);
         let unit = patch.0.map(|row| row.map(|v| (v - mean) / deviation));
         (deviation > 0.0).then_some(unit)
@@ -203,7 +203,7 @@ impl Bell {
     fn compare<const N: usize>(
         &self,
         template: &Template,
-        there: &Samples<N>,
+        there: &PatchSamples<N>,
         [row, col]: [usize; 2],
     ) -> (f64, f64, f64) {
         // A sum a column: one sum would wait for itself.
@@ -229,7 +229,7 @@ impl Bell {
         start: Vector2<f64>,
         warp: Matrix2<f64>,
     ) -> Option<Vector2<f64>> {
-        let around = Samples::<{ SIDE + 2 * REACH }>::new(image, start, warp)?;
+        let around = PatchSamples::<{ SIDE + 2 * REACH }>::new(image, start, warp)?;
         let mut best = (PROMISING, None);
         for row in 0..=2 * REACH {
             for col in 0..=2 * REACH {
@@ -241,7 +241,7 @@ impl Bell {
         }
         let mut at = start + warp * Vector2::from(best.1?.map(|k| k as f64 - REACH as f64));
         for _ in 0..MAX_ITERATIONS {
-            let there = Samples::<{ SIDE + 2 }>::new(image, at, warp)?;
+            let there = PatchSamples::<{ SIDE + 2 }>::new(image, at, warp)?;
             let (inverse, right) = self.normal(template, &there)?;
             let step = inverse * right;
             let moved = warp * Vector2::new(step[0], step[1]);
@@ -267,7 +267,7 @@ impl Bell {
     fn normal(
         &self,
         template: &Template,
-        Samples(v): &Samples<{ SIDE + 2 }>,
+        PatchSamples(v): &PatchSamples<{ SIDE + 2 }>,
     ) -> Option<(Matrix4<f64>, Vector4<f64>)> {
         let mut sums = [[0.0; SIDE]; 11];
         for r in 0..SIDE {
@@ -308,8 +308,8 @@ mod tests {
 
     /// Where the patch at (30.3, 31.6) of `a` is found in `b`, sought from `start` on.
     fn found(a: &Grid2, b: &Grid2, start: [f64; 2], warp: Matrix2<f64>) -> Option<Vector2<f64>> {
-        let window = Bell::new();
-        let patch = Samples::new(a, Vector2::new(30.3, 31.6), Matrix2::identity()).unwrap();
+        let window = GaussianWindow::new();
+        let patch = PatchSamples::new(a, Vector2::new(30.3, 31.6), Matrix2::identity()).unwrap();
         window.locate(&window.template(&patch)?, b, start.into(), warp)
     }
 
@@ -335,11 +335,11 @@ mod tests {
         let points: Vec<[f64; 3]> =
             (0..60).map(|i| [f64::from(i % 10) * 10.0 - 30.0, f64::from(i / 10) * 10.0, 5.0]).collect();
         // 90 by 50 metres, without the first point.
-        let made = squares(&points, (1..60).collect(), 50.0);
+        let made = ground_tiles(&points, (1..60).collect(), 50.0);
         assert_eq!(made.iter().map(Vec::len).collect::<Vec<_>>(), [29, 30]);
         assert!(made[0].iter().all(|i| points[*i][0] < 15.0), "{made:?}");
-        assert_eq!(squares(&points, vec![7], 50.0), [[7]]);
-        assert!(squares(&points, Vec::new(), 50.0).is_empty());
+        assert_eq!(ground_tiles(&points, vec![7], 50.0), [[7]]);
+        assert!(ground_tiles(&points, Vec::new(), 50.0).is_empty());
     }
 
     #[test]
@@ -347,16 +347,16 @@ mod tests {
         let whole = Grid2::from_fn(400, 300, |c, r| scene(c as f64, r as f64) as f32);
         let read = |w: Window| Ok::<_, std::convert::Infallible>(whole.window(w));
         let places = [[210.0, 170.5], [230.25, 160.0], [-50.0, 20.0]].map(|[c, r]| Pixel::new(c, r));
-        let Ok(part) = Part::around(places.into_iter(), (400, 300), read);
+        let Ok(part) = ImagePatch::around(places.into_iter(), (400, 300), read);
         assert_eq!([part.first[0], part.first[1]], [170.0, 120.0]);
         assert_eq!((part.raster.width, part.raster.height), (101, 91));
-        let (bell, blurred) = (Bell::new(), blurred(&whole, BLUR_PX));
+        let (bell, blurred) = (GaussianWindow::new(), blurred(&whole, BLUR_PX));
         let at = Vector2::new(228.3, 161.6);
-        let template = bell.template(&Samples::new(&blurred, at, Matrix2::identity()).unwrap()).unwrap();
+        let template = bell.template(&PatchSamples::new(&blurred, at, Matrix2::identity()).unwrap()).unwrap();
         let start = at + Vector2::new(0.8, -1.1);
         let there = bell.locate(&template, &part.raster, start - part.first, Matrix2::identity()).unwrap();
         assert!((there + part.first - at).norm() < 1e-3, "{there}");
-        let Ok(nothing) = Part::around(places[2..].iter().copied(), (400, 300), read);
+        let Ok(nothing) = ImagePatch::around(places[2..].iter().copied(), (400, 300), read);
         assert_eq!(nothing.raster.data.len(), 0);
     }
 

@@ -17,7 +17,7 @@ pub struct Precision {
     /// Standard deviation of an observation of full weight, after its residuals, pixels.
     pub sigma_px: f64,
     /// Independent combinations of corrections that observations leave open.
-    pub open: usize,
+    pub rank_defect: usize,
     /// Standard deviations of each view's corrections, pixels.
     pub corrections: Vec<Parameters>,
     /// Standard deviations of each point, metres east, north and up.
@@ -39,7 +39,7 @@ impl Precision {
         let normal = Normal::new(block, at);
         let points = normal.eliminated(block, at, 0.0)?;
         let views = at.corrections.len();
-        let free: Vec<usize> = (0..P * views).filter(|i| !block.held[i / P]).collect();
+        let free: Vec<usize> = (0..P * views).filter(|i| !block.is_fixed[i / P]).collect();
         // In units of the priors' standard deviations.
         let unit: Vec<f64> =
             free.iter().map(|i| block.prior_weights(i / P, &[0.0; MOST])[i % P].powf(-0.5)).collect();
@@ -59,7 +59,7 @@ impl Precision {
         let of_point = |(t, e): (usize, &super::solver::Eliminated)| {
             // The point moves by -V⁻¹ Wᵀ times the corrections.
             let parts: Vec<(usize, SMatrix<f64, 3, P>)> = block.tracks[t]
-                .seen
+                .observations
                 .iter()
                 .zip(&normal.observations[t])
                 .map(|(m, o)| {
@@ -77,7 +77,7 @@ impl Precision {
         };
         Some(Self {
             sigma_px: SIGMA_PX * variance.sqrt(),
-            open,
+            rank_defect: open,
             corrections: (0..views).map(of_view).collect(),
             points: points.par_iter().enumerate().with_min_len(64).map(of_point).collect(),
         })
@@ -100,7 +100,7 @@ fn pseudo_inverse(matrix: DMatrix<f64>) -> (usize, DMatrix<f64>) {
 fn variance_factor(block: &Block, normal: &Normal, parameters: usize) -> f64 {
     let (mut square, mut redundancy) = (0.0, -(parameters as f64));
     for (track, seen) in block.tracks.iter().zip(&normal.observations) {
-        if track.known.is_some() || track.seen.iter().any(|m| m.weight < 1.0) {
+        if track.prior.is_some() || track.observations.iter().any(|m| m.weight < 1.0) {
             continue;
         }
         redundancy += 2.0 * seen.len() as f64 - 3.0;

@@ -28,7 +28,7 @@ const EDGE_SIDE_PX: f64 = 4096.0;
 
 /// An observed image position.
 #[derive(Clone, Copy, Debug)]
-pub struct Measurement {
+pub struct Observation {
     /// Index of the view.
     pub view: usize,
     /// Where the point was seen.
@@ -39,7 +39,7 @@ pub struct Measurement {
 
 /// What is known of a point beforehand.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Known {
+pub struct PositionPrior {
     /// (east, north, up) of the centre, metres.
     pub place: [f64; 3],
     /// Standard deviations, metres.
@@ -50,11 +50,11 @@ pub struct Known {
 #[derive(Clone, Debug, Default)]
 pub struct Track {
     /// At most one a view.
-    pub seen: Vec<Measurement>,
+    pub observations: Vec<Observation>,
     /// What it looks like, of 255.
     pub gray: u8,
     /// What a survey tells, for ground control.
-    pub known: Option<Known>,
+    pub prior: Option<PositionPrior>,
 }
 
 /// Corrections and points.
@@ -79,7 +79,7 @@ pub struct Block<'a> {
     /// Which parameters are unknown.
     pub model: Model,
     /// Views whose corrections stay as they are.
-    pub held: Vec<bool>,
+    pub is_fixed: Vec<bool>,
     /// What an elevation model tells of the points.
     pub heights: Option<PointHeights>,
     center: Point<Geodetic>,
@@ -108,14 +108,14 @@ impl<'a> Block<'a> {
         let across = a / w2.sqrt() + center.height_m();
         let along = a * (1.0 - e2) / w2.powf(1.5) + center.height_m();
         let per_metre = [(1.0 / (across * latitude.cos())).to_degrees(), (1.0 / along).to_degrees(), 1.0];
-        let held = vec![false; rpcs.len()];
+        let is_fixed = vec![false; rpcs.len()];
         Self {
             rpcs,
             frames,
             tracks: Vec::new(),
             loss_scale_px: 1.0,
             model: Model::Shift,
-            held,
+            is_fixed,
             heights: None,
             center,
             per_metre,
@@ -140,19 +140,19 @@ impl<'a> Block<'a> {
     /// Where a view sees a point.
     #[must_use]
     pub fn project(&self, view: usize, correction: &Parameters, point: [f64; 3]) -> Pixel<CenterPx> {
-        self.frames[view].moved(correction, self.rpcs[view].project(self.geodetic(point)))
+        self.frames[view].corrected_px(correction, self.rpcs[view].project(self.geodetic(point)))
     }
 
     /// Residual, derivative and weight of one observation.
     #[must_use]
-    pub fn linearise(&self, m: &Measurement, correction: &Parameters, point: [f64; 3]) -> Linearised {
+    pub fn linearise(&self, m: &Observation, correction: &Parameters, point: [f64; 3]) -> Linearised {
         let (given, jacobian) = self.rpcs[m.view].project_with_jacobian(self.geodetic(point));
         let frame = &self.frames[m.view];
-        let predicted = frame.moved(correction, given);
+        let predicted = frame.corrected_px(correction, given);
         let residual = [m.px.col - predicted.col, m.px.row - predicted.row];
-        let by_point = frame.by_px(correction).map(|by_px| {
+        let by_point = frame.jacobian_by_px(correction).map(|jacobian_by_px| {
             std::array::from_fn(|k| {
-                (by_px[0] * jacobian[0][k] + by_px[1] * jacobian[1][k]) * self.per_metre[k]
+                (jacobian_by_px[0] * jacobian[0][k] + jacobian_by_px[1] * jacobian[1][k]) * self.per_metre[k]
             })
         });
         let square = residual[0] * residual[0] + residual[1] * residual[1];
@@ -163,7 +163,7 @@ impl<'a> Block<'a> {
 
     /// Distance of the prediction from an observation, pixels.
     #[must_use]
-    pub fn distance(&self, m: &Measurement, correction: &Parameters, point: [f64; 3]) -> f64 {
+    pub fn distance(&self, m: &Observation, correction: &Parameters, point: [f64; 3]) -> f64 {
         self.project(m.view, correction, point).distance(m.px)
     }
 
@@ -178,14 +178,15 @@ impl<'a> Block<'a> {
             .enumerate()
             .with_min_len(64)
             .map(|(t, (track, p))| {
-                let loss = |m: &Measurement| {
+                let loss = |m: &Observation| {
                     let seen = self.project(m.view, &u.corrections[m.view], *p);
                     let (d_col, d_row) = (m.px.col - seen.col, m.px.row - seen.row);
                     m.weight * ((d_col * d_col + d_row * d_row) / scale2).ln_1p()
                 };
-                let observed = scale2 / (SIGMA_PX * SIGMA_PX) * track.seen.iter().map(loss).sum::<f64>();
+                let observed =
+                    scale2 / (SIGMA_PX * SIGMA_PX) * track.observations.iter().map(loss).sum::<f64>();
                 let height = self.heights.as_ref().map_or(0.0, |h| h.cost(t, *p));
-                0.5 * (observed + track.known.map_or(0.0, |k| k.square(*p))) + height
+                0.5 * (observed + track.prior.map_or(0.0, |k| k.square(*p))) + height
             })
             .collect();
         let priors: f64 = (0..u.corrections.len()).map(|v| self.prior_cost(v, &u.corrections[v])).sum();
@@ -211,7 +212,7 @@ impl<'a> Block<'a> {
     }
 
     fn prior_sigma_px(&self) -> f64 {
-        let controlled = self.tracks.iter().any(|t| t.known.is_some());
+        let controlled = self.tracks.iter().any(|t| t.prior.is_some());
         if controlled { PRIOR_SIGMA_WITH_CONTROL_PX } else { PRIOR_SIGMA_PX }
     }
 
@@ -220,7 +221,7 @@ impl<'a> Block<'a> {
     }
 }
 
-impl Known {
+impl PositionPrior {
     /// Squared distance in standard deviations.
     fn square(&self, p: [f64; 3]) -> f64 {
         (0..3).map(|k| ((p[k] - self.place[k]) / self.sigma_m[k]).powi(2)).sum()

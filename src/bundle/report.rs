@@ -80,7 +80,7 @@ pub struct Report {
     pub gauge: String,
     /// Independent combinations of the corrections that tie points and control leave open, so that the priors hold
     /// them; three are the translation of the whole scene: points by t, shifts by -J t, J a camera's Jacobian.
-    pub open_directions: usize,
+    pub rank_defect: usize,
     /// Standard deviation of an observation, after the residuals, pixels.
     pub sigma_px: f64,
     /// What was corrected.
@@ -163,7 +163,7 @@ impl Report {
         let _ = writeln!(
             out,
             "datum: {}; {} combinations of corrections are open without it",
-            self.gauge, self.open_directions
+            self.gauge, self.rank_defect
         );
         if !self.control.is_empty() {
             let (good, bad): (Vec<_>, Vec<_>) = self.control.iter().partition(|c| c.agrees);

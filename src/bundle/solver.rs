@@ -129,7 +129,7 @@ impl Normal {
             .zip(&at.points)
             .with_min_len(64)
             .map(|(track, point)| {
-                track.seen.iter().map(|m| p.linearise(m, &at.corrections[m.view], *point)).collect()
+                track.observations.iter().map(|m| p.linearise(m, &at.corrections[m.view], *point)).collect()
             })
             .collect();
         Self { observations }
@@ -155,7 +155,7 @@ impl Normal {
             .map(|(t, e)| {
                 let point = here.points[t];
                 let mut right = e.right;
-                for (m, o) in p.tracks[t].seen.iter().zip(&self.observations[t]) {
+                for (m, o) in p.tracks[t].observations.iter().zip(&self.observations[t]) {
                     right -= jacobian(o).transpose() * (by_parameters::<P>(o.at) * steps[m.view]) * o.weight;
                 }
                 let step = e.inverse.solve(&right);
@@ -189,15 +189,15 @@ impl Normal {
         step: Vector3<f64>,
     ) -> f64 {
         let track = &p.tracks[t];
-        let terms = track.seen.iter().zip(&self.observations[t]).map(|(m, o)| {
+        let terms = track.observations.iter().zip(&self.observations[t]).map(|(m, o)| {
             let moves = jacobian(o) * step + by_parameters::<P>(o.at) * steps[m.view];
             o.weight * moves.dot(&(Vector2::from(o.residual) - 0.5 * moves))
         });
-        let known = track.known.map_or(0.0, |known| {
+        let known = track.prior.map_or(0.0, |known| {
             let to_survey = |k: usize| known.place[k] - point[k] - 0.5 * step[k];
             (0..3).map(|k| step[k] * to_survey(k) / known.sigma_m[k].powi(2)).sum()
         });
-        let height = p.heights.as_ref().and_then(|h| h.pull(t, point));
+        let height = p.heights.as_ref().and_then(|h| h.residual_and_weight(t, point));
         let height = height.map_or(0.0, |(residual, weight)| weight * step[2] * (residual - 0.5 * step[2]));
         terms.sum::<f64>() + known + height
     }
@@ -218,7 +218,7 @@ impl Normal {
                 let i = P * v + k;
                 total.matrix[(i, i)] = total.matrix[(i, i)] * (1.0 + damping) + w[k];
                 total.right[i] -= w[k] * correction[k];
-                if p.held[v] {
+                if p.is_fixed[v] {
                     total.matrix.row_mut(i).fill(0.0);
                     total.matrix.column_mut(i).fill(0.0);
                     total.matrix[(i, i)] = 1.0;
@@ -257,7 +257,7 @@ impl Normal {
         let carried = e.inverse.solve(&e.right);
         // Of each observation: where its view's parameters begin, W, and W V⁻¹.
         let parts: Vec<(usize, SMatrix<f64, P, 3>, SMatrix<f64, P, 3>)> = p.tracks[t]
-            .seen
+            .observations
             .iter()
             .zip(&self.observations[t])
             .map(|(m, o)| {
@@ -299,14 +299,14 @@ impl Normal {
             normal += j.transpose() * j * o.weight;
             right += j.transpose() * Vector2::from(o.residual) * o.weight;
         }
-        if let Some(known) = p.tracks[t].known {
+        if let Some(known) = p.tracks[t].prior {
             for k in 0..3 {
                 let weight = known.sigma_m[k].powi(-2);
                 normal[(k, k)] += weight;
                 right[k] += weight * (known.place[k] - point[k]);
             }
         }
-        if let Some((residual, weight)) = p.heights.as_ref().and_then(|h| h.pull(t, point)) {
+        if let Some((residual, weight)) = p.heights.as_ref().and_then(|h| h.residual_and_weight(t, point)) {
             normal[(2, 2)] += weight;
             right[2] += weight * residual;
         }

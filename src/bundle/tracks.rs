@@ -4,7 +4,7 @@ use super::matching::Match;
 
 /// One keypoint of one view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Observation {
+pub struct TrackElement {
     /// Index of the view.
     pub view: u32,
     /// Index of its keypoint.
@@ -15,7 +15,7 @@ pub struct Observation {
 ///
 /// `keypoints` is the number of keypoints of each view. Tracks are ordered by their first observation.
 #[must_use]
-pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec<Vec<Observation>> {
+pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec<Vec<TrackElement>> {
     let mut starts = vec![0usize];
     for n in keypoints {
         starts.push(starts[starts.len() - 1] + n);
@@ -48,7 +48,7 @@ pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec
     }
 
     let mut track_of = vec![usize::MAX; total];
-    let mut tracks: Vec<Vec<Observation>> = Vec::new();
+    let mut tracks: Vec<Vec<TrackElement>> = Vec::new();
     for id in 0..total {
         let r = root(&mut parent, id);
         if views[r].len() < 2 {
@@ -60,7 +60,7 @@ pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec
         }
         let view = view_of(id);
         let keypoint = (id - starts[view as usize]) as u32;
-        tracks[track_of[r]].push(Observation { view, keypoint });
+        tracks[track_of[r]].push(TrackElement { view, keypoint });
     }
     tracks
 }
@@ -75,7 +75,7 @@ fn root(parent: &mut [usize], mut id: usize) -> usize {
 
 /// Groups of views that tracks connect, the largest first.
 #[must_use]
-pub fn components(views: usize, tracks: &[Vec<Observation>]) -> Vec<Vec<usize>> {
+pub fn components(views: usize, tracks: &[Vec<TrackElement>]) -> Vec<Vec<usize>> {
     let mut parent: Vec<usize> = (0..views).collect();
     for track in tracks {
         for pair in track.windows(2) {
@@ -110,7 +110,7 @@ mod tests {
             ((0, 2), vec![link(0, 0, 0.7)]),
         ];
         let tracks = build(&[3, 3, 3], &pairs);
-        let o = |view, keypoint| Observation { view, keypoint };
+        let o = |view, keypoint| TrackElement { view, keypoint };
         assert_eq!(tracks, vec![vec![o(0, 0), o(1, 1), o(2, 2)]]);
     }
 
