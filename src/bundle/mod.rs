@@ -7,6 +7,7 @@
 //! fix the datum; else the mean of the delivered cameras does, its height that of an elevation model if one is given.
 
 mod adjust;
+mod adjuster;
 mod control;
 mod control_check;
 mod correction;
@@ -22,9 +23,13 @@ mod patches;
 mod precision;
 mod problem;
 mod report;
+mod result;
 mod scale_space;
 mod solver;
+mod tie_point_refinement;
 mod tracks;
+mod view_pairs;
+mod view_rejection;
 
 pub use adjust::{Options, adjust};
 pub use control::{ControlPoint, control_pairs, read_control};
