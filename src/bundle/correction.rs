@@ -1,30 +1,32 @@
-//! Corrections of a camera in its image: `corrected = rpc + d(rpc)`, d linear (Grodecki & Dial 2003).
+//! Corrections of a camera in image space: `corrected = rpc + d(rpc)` with a linear function d (Grodecki & Dial 2003).
 //!
-//! d is a function of image coordinates counted from the image's middle and divided by half its size, so that every
-//! parameter is in pixels: how far it moves the image's edge.
+//! d is a function of image coordinates relative to the middle of the image, divided by half its size, so that every
+//! parameter is a displacement in pixels at the edge of the image.
 
 use crate::frame::{CenterPx, Pixel};
 use crate::rpc::{Axis, LocalizeError, Rpc, RpcCoefficients, Volume, fit};
 use serde::{Deserialize, Serialize};
 
-/// Parameters of the largest model.
+/// Number of parameters of the largest model.
 pub const MOST: usize = 6;
-/// Shift of columns and rows, columns by columns, rows by rows, columns by rows, rows by columns: pixels at the edge.
+/// Parameters of a correction, pixels: shift of columns, shift of rows; then displacements at the edge: columns by
+/// columns, rows by rows, columns by rows, rows by columns.
 pub type Parameters = [f64; MOST];
 
-/// How far beyond the image, in halves of it, a refitted camera is good.
+/// A refitted camera is valid this far from the middle of the image, in halves of its size.
 const REACH: f64 = 1.05;
 
 /// Which parameters of a correction are free.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
-    /// Two: enough for images up to 8,000 pixels a side, where a small turn of the satellite is a shift to 0.01 px.
+    /// Two parameters, a shift: sufficient for images up to 8,000 pixels a side, in which a small rotation of the
+    /// satellite is a shift to within 0.01 px.
     #[default]
     Shift,
-    /// Four: a shift and a scale of each axis.
+    /// Four parameters: a shift and a scale of each axis.
     ShiftScale,
-    /// Six: for whole scenes, whose attitude drifts.
+    /// Six parameters: for whole scenes, during which the attitude of the satellite drifts.
     Affine,
 }
 
@@ -40,7 +42,7 @@ impl Model {
     }
 }
 
-/// The image in which a correction counts.
+/// Size of an image, to which the parameters of its correction refer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageFrame {
     middle: [f64; 2],
@@ -48,7 +50,7 @@ pub struct ImageFrame {
 }
 
 impl ImageFrame {
-    /// The frame of an image of so many columns and rows.
+    /// The frame of an image of (columns, rows).
     #[must_use]
     pub fn new((width, height): (usize, usize)) -> Self {
         let half = [0.5 * width as f64, 0.5 * height as f64];
@@ -61,13 +63,13 @@ impl ImageFrame {
         2.0 * self.half[0].max(self.half[1])
     }
 
-    /// (column, row) from the middle, in halves of the image.
+    /// (column, row) relative to the middle, in halves of the image's size.
     #[must_use]
     pub fn normalised(&self, px: Pixel<CenterPx>) -> [f64; 2] {
         [(px.col - self.middle[0]) / self.half[0], (px.row - self.middle[1]) / self.half[1]]
     }
 
-    /// Where the corrected camera sees what the given one sees at `px`.
+    /// Position in the corrected camera of what the delivered camera sees at `px`.
     #[must_use]
     pub fn corrected_px(&self, p: &Parameters, px: Pixel<CenterPx>) -> Pixel<CenterPx> {
         let [x, y] = self.normalised(px);
@@ -81,11 +83,10 @@ impl ImageFrame {
         [[1.0 + p[2] / w, p[4] / h], [p[5] / w, 1.0 + p[3] / h]]
     }
 
-    /// The corrected camera: by offsets and scales alone, exactly, unless the axes mix; then refitted over what the
-    /// image and a little beyond see between two heights, metres.
+    /// The corrected RPC. It has other offsets and scales, exactly, unless columns depend on rows or rows on columns;
+    /// then it is fitted to the corrected camera over the image with a small margin, between two heights in metres.
     ///
-    /// # Errors
-    /// Why no model stands for it.
+    /// # Errors The reason why the fit is not an RPC.
     pub fn corrected(&self, rpc: &Rpc, p: &Parameters, heights: (f64, f64)) -> Result<Rpc, String> {
         let c = rpc.coefficients();
         if p[4] != 0.0 || p[5] != 0.0 {
@@ -105,9 +106,10 @@ impl ImageFrame {
         Rpc::new(c).map_err(|e| e.to_string())
     }
 
-    /// What the image and a little beyond see between two heights.
+    /// The volume that the image with a small margin sees between two heights.
     ///
-    /// A model's own volume may be a hundred times as wide (SkySat's is): a refit over it would miss the image.
+    /// The volume of the RPC itself may be a hundred times as wide, as that of SkySat's is, so that a fit over it would
+    /// miss the image.
     fn volume(&self, rpc: &Rpc, heights: (f64, f64)) -> Result<Volume, LocalizeError> {
         let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
         for (x, y) in [(-REACH, -REACH), (REACH, -REACH), (-REACH, REACH), (REACH, REACH)] {
@@ -126,7 +128,7 @@ impl ImageFrame {
     }
 }
 
-/// Derivatives of a corrected position by the first `P` parameters, at normalised coordinates.
+/// Derivatives of a corrected position by the first `P` parameters, at a normalised position.
 #[must_use]
 pub fn by_parameters<const P: usize>([x, y]: [f64; 2]) -> nalgebra::SMatrix<f64, 2, P> {
     let rows = [[1.0, 0.0, x, 0.0, y, 0.0], [0.0, 1.0, 0.0, y, 0.0, x]];
@@ -138,7 +140,7 @@ mod tests {
     use super::*;
     use crate::rpc::formats;
 
-    /// Largest distance of the written camera from the corrected one where the image sees the ground, pixels.
+    /// Largest distance between the written camera and the corrected one over the image, pixels.
     fn export_error_px(rpc: &Rpc, size: (usize, usize), p: &Parameters) -> f64 {
         let frame = ImageFrame::new(size);
         let middle = rpc.center().height_m();

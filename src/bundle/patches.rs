@@ -1,8 +1,9 @@
-//! Least-ground_tiles matching: where a patch of one view lies in the others, to a few hundredths of a pixel.
+//! Least-squares matching (Grün 1985): the position in other views of a patch of one view, to a few hundredths of a
+//! pixel.
 //!
-//! Keypoints are found in two or three views each, and many sit on corners that move with the sun and the line of
-//! sight: of shadows, of what hides something. A patch is sought in every view. What moves is unlike itself on
-//! another date, and a place that many views show alike is rarely a wrong one (Grün 1985).
+//! Keypoints are found in two or three views each, and many of them lie on corners that move with the sun and with the
+//! line of sight, as those of shadows and occlusions. A patch is searched in every view instead: patches on moving
+//! corners do not correlate between dates, and a point that many views confirm is rarely wrong.
 
 use super::correction::Parameters;
 use super::problem::{Block, Observation};
@@ -12,30 +13,33 @@ use crate::io::{Grid2, Window};
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
-/// Half the side of a patch, and its side, samples; they lie a pixel of the reference apart.
+/// Half the side and the side of a patch, in samples that are one pixel of the reference view apart.
 const HALF: usize = 7;
 const SIDE: usize = 2 * HALF + 1;
-/// Standard deviation of the patch's window, pixels.
+/// Standard deviation of the Gaussian that weights the samples of a patch, pixels.
 const WINDOW_PX: f64 = 4.0;
-/// Blur that keeps bilinear interpolation from favouring whole pixels, pixels.
+/// Standard deviation of the blur applied to the images, which keeps bilinear interpolation from favouring whole
+/// pixels.
 const BLUR_PX: f64 = 0.7;
-/// How far from its predicted place a patch is sought, samples.
+/// Radius of the search around the predicted position, samples.
 const REACH: usize = 2;
-/// Correlation at whole samples from which the search goes on between them, and that a patch needs in the end.
+/// Smallest correlation at whole samples for which the position is refined, and smallest correlation in the end.
 const PROMISING: f64 = 0.6;
 const LEAST_CORRELATION: f64 = 0.85;
-/// Standard deviation of a position beyond which the patch is plain, or an edge that slides along itself, pixels.
+/// Largest standard deviation of a position, pixels; that of a textureless patch, or of an edge along its direction, is
+/// larger.
 const WORST_SIGMA_PX: f64 = 0.12;
 const MAX_ITERATIONS: usize = 8;
-/// Steps below this end the search, pixels.
+/// A step shorter than this ends the refinement, pixels.
 const SMALLEST_STEP_PX: f64 = 0.01;
 
-/// What is read of an image beyond the places where patches are to be sought: as far as a patch and its search reach in
-/// a view of twice the scale, pixels.
+/// Margin around the predicted positions that is read of an image, pixels: the reach of a patch and its search in a
+/// view of twice the scale.
 const MARGIN_PX: f64 = 40.0;
 
-/// Some of the points (metres east, north and up), by index, in ground_tiles of ground of about `side_m`, row by row: only what
-/// images show of one square needs to be in memory at once.
+/// Divides points (metres east, north and up) into square tiles of ground of about `side_m`, row by row, so that only
+/// the parts of the images that show one tile need to be in memory at once. `some` are the indices of the points to
+/// divide.
 #[must_use]
 pub fn ground_tiles(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<Vec<usize>> {
     let extents: [(f64, f64); 2] = std::array::from_fn(|k| {
@@ -45,7 +49,7 @@ pub fn ground_tiles(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<V
     let place = |i: usize, k: usize| {
         let (low, high) = extents[k];
         let count = ((high - low) / side_m).ceil().max(1.0);
-        // The last point lies on the border of the last square.
+        // The last point lies on the border of the last tile.
         ((points[i][k] - low) / (high - low).max(f64::MIN_POSITIVE) * count).min(count - 1.0) as usize
     };
     let mut ground_tiles = BTreeMap::<[usize; 2], Vec<usize>>::new();
@@ -55,18 +59,18 @@ pub fn ground_tiles(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<V
     ground_tiles.into_values().collect()
 }
 
-/// A part of an image, ready for patches to be sought in it.
+/// A part of an image in which patches are searched.
 pub struct ImagePatch {
-    /// Its first column and row.
+    /// Column and row of the part's first pixel in the image.
     first: Vector2<f64>,
     raster: Grid2,
 }
 
 impl ImagePatch {
-    /// The part of an image of (columns, rows) that holds the patches at some places.
+    /// The part of an image of (columns, rows) around some positions, those outside of the image excepted.
     ///
     /// # Errors
-    /// Those of `read`.
+    /// The errors of `read`.
     pub fn around<E>(
         places: impl Iterator<Item = Pixel<CenterPx>>,
         size: (usize, usize),
@@ -94,7 +98,7 @@ impl ImagePatch {
     }
 }
 
-/// Seeks patches in views whose cameras are right to a pixel.
+/// Least-squares matching in views whose cameras are accurate to a pixel.
 pub struct LsmMatcher<'a> {
     block: &'a Block<'a>,
     corrections: &'a [Parameters],
@@ -103,13 +107,13 @@ pub struct LsmMatcher<'a> {
 }
 
 impl<'a> LsmMatcher<'a> {
-    /// A matcher in the views of a block with these corrections.
+    /// A matcher for the views of a block with given corrections; `images` has one part for each view.
     #[must_use]
     pub fn new(block: &'a Block<'a>, corrections: &'a [Parameters], images: Vec<ImagePatch>) -> Self {
         Self { block, corrections, images, window: GaussianWindow::new() }
     }
 
-    /// Where the views show the patch around an observation of a point, itself included.
+    /// Observations of a point in all views that show the patch around a reference observation, that one included.
     #[must_use]
     pub fn track(&self, reference: &Observation, point: [f64; 3]) -> Vec<Observation> {
         let mut found = vec![*reference];
@@ -121,7 +125,7 @@ impl<'a> LsmMatcher<'a> {
         let (Some(template), Some(inverse)) = (template, inverse) else { return found };
         for (view, image) in self.images.iter().enumerate().filter(|(v, _)| *v != reference.view) {
             let (start, by_ground) = self.place(view, point);
-            // The patch is taken to be level.
+            // The ground in the patch is assumed to be level.
             let place =
                 self.window.locate(&template, &image.raster, start - image.first, by_ground * inverse);
             if let Some(px) = place.map(|p| p + image.first) {
@@ -132,7 +136,7 @@ impl<'a> LsmMatcher<'a> {
         found
     }
 
-    /// Where a view shows a point, and how that moves by metres east and north.
+    /// Image position of a point in a view, and its derivative by metres east and north.
     fn place(&self, view: usize, point: [f64; 3]) -> (Vector2<f64>, Matrix2<f64>) {
         let origin = Observation { view, px: Pixel::new(0.0, 0.0), weight: 1.0 };
         let o = self.block.linearise(&origin, &self.corrections[view], point);
@@ -145,7 +149,7 @@ impl<'a> LsmMatcher<'a> {
 struct PatchSamples<const N: usize>([[f64; N]; N]);
 
 impl<const N: usize> PatchSamples<N> {
-    /// None where some are missing or outside.
+    /// Samples the image; none where pixels are missing or outside.
     fn new(image: &Grid2, at: Vector2<f64>, warp: Matrix2<f64>) -> Option<Self> {
         let half = (N / 2) as f64;
         let reach = half * Vector2::new(warp.row(0).abs().sum(), warp.row(1).abs().sum());
@@ -177,10 +181,10 @@ impl<const N: usize> PatchSamples<N> {
     }
 }
 
-/// A patch less its mean, of length one under the window.
+/// A patch with its mean subtracted and its weighted norm divided out.
 type Template = [[f64; SIDE]; SIDE];
 
-/// The weights of a patch's samples: their sum is one.
+/// Gaussian weights of a patch's samples; their sum is 1.
 struct GaussianWindow([[f64; SIDE]; SIDE]);
 
 impl GaussianWindow {
@@ -199,14 +203,15 @@ impl GaussianWindow {
         (deviation > 0.0).then_some(unit)
     }
 
-    /// Covariance with the template of the samples that start at (row, column), their mean, standard deviation.
+    /// Weighted covariance with the template of the samples that start at (row, column), their mean and standard
+    /// deviation.
     fn compare<const N: usize>(
         &self,
         template: &Template,
         there: &PatchSamples<N>,
         [row, col]: [usize; 2],
     ) -> (f64, f64, f64) {
-        // A sum a column: one sum would wait for itself.
+        // One sum for each column, because additions to a single sum would wait for each other.
         let mut sums = [[0.0; SIDE]; 3];
         for r in 0..SIDE {
             let values = &there.0[row + r][col..col + SIDE];
@@ -221,7 +226,7 @@ impl GaussianWindow {
         (product, sum, (square - sum * sum).max(0.0).sqrt())
     }
 
-    /// Where the template lies in an image; `warp` leads from its samples to the image's pixels.
+    /// Position of the template in an image; `warp` maps offsets between samples to offsets in pixels of the image.
     fn locate(
         &self,
         template: &Template,
@@ -246,7 +251,7 @@ impl GaussianWindow {
             let step = inverse * right;
             let moved = warp * Vector2::new(step[0], step[1]);
             at += moved;
-            // NaN is too far as well.
+            // NaN counts as too far as well.
             let near = (at - start).norm() < 2.0 * REACH as f64;
             if !near {
                 return None;
@@ -254,7 +259,7 @@ impl GaussianWindow {
             if moved.norm() < SMALLEST_STEP_PX {
                 let (product, _, deviation) = self.compare(template, &there, [1, 1]);
                 let left = (deviation * deviation - product * product).max(0.0);
-                // The weights sum to one: so many samples count in full.
+                // Effective number of samples of the Gaussian weights.
                 let samples = std::f64::consts::TAU * WINDOW_PX * WINDOW_PX;
                 let sigma = (inverse[(0, 0)].max(inverse[(1, 1)]) * left / samples).sqrt();
                 return (product >= LEAST_CORRELATION * deviation && sigma <= WORST_SIGMA_PX).then_some(at);
@@ -263,7 +268,7 @@ impl GaussianWindow {
         None
     }
 
-    /// Inverse normal matrix and right side of `there + gradient · step = gain · template + offset`.
+    /// Inverse normal matrix and right side of the model `image + gradient · step = gain · template + offset`.
     fn normal(
         &self,
         template: &Template,
@@ -281,7 +286,7 @@ impl GaussianWindow {
             }
         }
         let [xx, xy, yy, xt, yt, x, y, xv, yv, tv, sum] = sums.map(|s| s.iter().sum::<f64>());
-        // The template has no mean and length one.
+        // The template has mean 0 and norm 1.
         let normal = Matrix4::new(
             xx, xy, -xt, -x, //
             xy, yy, -yt, -y, //
@@ -296,7 +301,7 @@ impl GaussianWindow {
 mod tests {
     use super::*;
 
-    /// A smooth scene without a period that fits into a patch.
+    /// A smooth texture without a period that fits into a patch.
     fn scene(x: f64, y: f64) -> f64 {
         let waves = [(0.31, 0.17, 0.4), (-0.23, 0.41, 1.3), (0.52, -0.29, 2.1), (0.11, 0.63, 0.2)];
         waves.iter().map(|(u, v, phase)| 0.1 * (u * x + v * y + phase).sin()).sum::<f64>() + 0.5
@@ -306,7 +311,7 @@ mod tests {
         Grid2::from_fn(64, 64, |c, r| f(c as f64, r as f64) as f32)
     }
 
-    /// Where the patch at (30.3, 31.6) of `a` is found in `b`, sought from `start` on.
+    /// Position in `b` of the patch at (30.3, 31.6) of `a`, searched from `start`.
     fn found(a: &Grid2, b: &Grid2, start: [f64; 2], warp: Matrix2<f64>) -> Option<Vector2<f64>> {
         let window = GaussianWindow::new();
         let patch = PatchSamples::new(a, Vector2::new(30.3, 31.6), Matrix2::identity()).unwrap();

@@ -1,8 +1,8 @@
-//! Tracks: what matches say is one point on the ground, at most one keypoint a view.
+//! Tracks: sets of keypoints, at most one per view, that matches join to one point on the ground.
 
 use super::matching::Match;
 
-/// One keypoint of one view.
+/// A keypoint of a view as part of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TrackElement {
     /// Index of the view.
@@ -11,9 +11,10 @@ pub struct TrackElement {
     pub keypoint: u32,
 }
 
-/// Joins the matches of all pairs, best first; a match that would give a track two keypoints of a view is dropped.
+/// Joins the matches of all pairs into tracks, in the order of decreasing similarity. A match that would give a track
+/// two keypoints of the same view is dropped.
 ///
-/// `keypoints` is the number of keypoints of each view. Tracks are ordered by their first observation.
+/// `keypoints` is the number of keypoints of each view. Tracks are ordered by their first element.
 #[must_use]
 pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec<Vec<TrackElement>> {
     let mut starts = vec![0usize];
@@ -32,7 +33,7 @@ pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec
 
     let view_of = |id: usize| starts.partition_point(|s| *s <= id) as u32 - 1;
     let mut parent: Vec<usize> = (0..total).collect();
-    // Views of each root, sorted.
+    // Views of the track of each root, sorted.
     let mut views: Vec<Vec<u32>> = (0..total).map(|id| vec![view_of(id)]).collect();
     for (_, a, b) in links {
         let (a, b) = (root(&mut parent, a), root(&mut parent, b));
@@ -73,7 +74,7 @@ fn root(parent: &mut [usize], mut id: usize) -> usize {
     id
 }
 
-/// Groups of views that tracks connect, the largest first.
+/// Groups of views that tracks connect, the largest group first.
 #[must_use]
 pub fn components(views: usize, tracks: &[Vec<TrackElement>]) -> Vec<Vec<usize>> {
     let mut parent: Vec<usize> = (0..views).collect();
@@ -103,7 +104,8 @@ mod tests {
 
     #[test]
     fn matches_join_to_tracks_and_a_conflict_drops_the_weaker_match() {
-        // Keypoint 0 of view 0 matches 1 of view 1, which matches 2 of view 2; a weaker match wants 0 of view 2 too.
+        // Keypoint 0 of view 0 matches keypoint 1 of view 1, which matches keypoint 2 of view 2; a weaker match joins
+        // keypoint 0 of view 2 too.
         let pairs = vec![
             ((0, 1), vec![link(0, 1, 0.95)]),
             ((1, 2), vec![link(1, 2, 0.9)]),
