@@ -44,7 +44,7 @@ impl Run {
     }
 
     fn places(&self) -> Vec<Point<Geodetic>> {
-        Adjustment::read_all(&self.run.join("ba")).unwrap().positions()
+        Adjustment::read_with_observations(&self.run.join("ba")).unwrap().positions()
     }
 
     fn camera(&self, folder: &str, view: &str) -> Rpc {

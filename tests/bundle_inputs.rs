@@ -272,7 +272,7 @@ fn a_view_that_keeps_no_track_is_left_out() {
         Event::Warning(text) => Some(text),
         _ => None,
     });
-    assert_eq!(warnings.collect::<Vec<_>>(), ["view `right` is left out: 0 tie points are left, too few"]);
+    assert_eq!(warnings.collect::<Vec<_>>(), ["view `right` is left out: it has only 0 tie points"]);
 }
 
 #[test]

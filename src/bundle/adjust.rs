@@ -160,7 +160,7 @@ impl<'a> Adjuster<'a> {
         for ((_, rpc), used) in adjustment.cameras.iter_mut().zip(&self.views) {
             *rpc = used.view.camera_of_whole(rpc);
         }
-        for tie in &mut adjustment.tie_points {
+        for tie in &mut adjustment.observations {
             tie.px = self.views[tie.view].view.px_of_whole(tie.px);
         }
         Ok(Outcome::Adjusted(Box::new(adjustment)))

@@ -82,9 +82,8 @@ impl<'a> Adjuster<'a> {
                         format!("{found} keypoints: is the image constant or empty?"),
                     ));
                 }
-                None => {
-                    left_out.push((view.name.clone(), "its RPC sees no ground at the scene's heights".into()))
-                }
+                None => left_out
+                    .push((view.name.clone(), "its RPC cannot be localised at the scene's heights".into())),
                 Some(direction) => {
                     tracing::debug!("{}: {found} keypoints", view.name);
                     network.rpcs.push(&view.rpc);

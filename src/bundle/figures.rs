@@ -1,4 +1,4 @@
-//! An adjustment in pictures: residuals where they are, how large they are, which views hold together.
+//! Figures of an adjustment: the residuals in the images, their histogram, the connections between views, the angles.
 
 use super::error::BundleError;
 use super::output::Adjustment;
@@ -11,14 +11,14 @@ use std::path::Path;
 /// Side of a view's panel, and between panels, pixels.
 const PANEL: f64 = 320.0;
 const GAP: f64 = 16.0;
-/// Arrows are this many times the residual, for a panel of the image's width.
+/// Factor by which residuals are enlarged, for a panel as wide as the image.
 const ARROW: f64 = 40.0;
 /// Size of the other pictures, pixels.
 const SIDE: f64 = 640.0;
 const BEFORE: [u8; 3] = Canvas::ORANGE;
 const AFTER: [u8; 3] = Canvas::BLUE;
 
-/// Bins of the convergence angles, and their width, degrees.
+/// Number of bins of the angles between rays, and their width, degrees.
 const ANGLE_BINS: usize = 35;
 const ANGLE_BIN_DEG: f64 = 2.0;
 
@@ -42,7 +42,7 @@ impl Adjustment {
         let rows = (self.cameras.len() as f64 / columns).ceil();
         let pitch = PANEL + GAP;
         let mut canvas = Canvas::new((columns * pitch + GAP) as usize, (rows * pitch + GAP) as usize);
-        let observed = |view: usize| self.tie_points.iter().filter(move |t| t.view == view);
+        let observed = |view: usize| self.observations.iter().filter(move |t| t.view == view);
         for (i, (name, _)) in self.cameras.iter().enumerate() {
             let Some(view) = scene.views.iter().find(|v| v.name == *name) else { continue };
             let size = [view.width as f64, view.height as f64];
@@ -80,7 +80,7 @@ impl Adjustment {
     fn graph(&self) -> Canvas {
         let mut canvas = Canvas::new(SIDE as usize, SIDE as usize);
         let mut shared: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-        for point in self.tie_points.chunk_by(|a, b| a.point == b.point) {
+        for point in self.observations.chunk_by(|a, b| a.point == b.point) {
             for (k, a) in point.iter().enumerate() {
                 for b in &point[k + 1..] {
                     *shared.entry((a.view, b.view)).or_default() += 1;
@@ -92,7 +92,7 @@ impl Adjustment {
             [0.5 * SIDE + (0.5 * SIDE - GAP) * sin, 0.5 * SIDE - (0.5 * SIDE - GAP) * cos]
         };
         let most = shared.values().copied().max().unwrap_or(1) as f64;
-        // The strongest are drawn last.
+        // The strongest connections are drawn last.
         let mut edges: Vec<_> = shared.into_iter().collect();
         edges.sort_by_key(|e| e.1);
         for ((a, b), count) in edges {

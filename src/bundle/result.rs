@@ -10,20 +10,20 @@ use super::report::{Report, ViewReport};
 use crate::progress::Event;
 
 impl Adjuster<'_> {
-    /// What fixes the datum.
+    /// What defines the datum.
     fn gauge(&self, options: &Options) -> String {
-        let plan = self.gauge_of_cameras(options);
+        let cameras = self.gauge_of_cameras(options);
         match &options.height_prior {
             Some(prior) if !options.fixed => {
-                format!("{plan}; heights of the elevation model to {} m", prior.sigma_m)
+                format!("{cameras}; heights of the elevation model to {} m", prior.sigma_m)
             }
-            _ => plan,
+            _ => cameras,
         }
     }
 
     fn gauge_of_cameras(&self, options: &Options) -> String {
         match (options.fixed, self.control.is_empty(), options.reference.as_slice()) {
-            (true, ..) => "cameras as given".into(),
+            (true, ..) => "cameras as delivered, not corrected".into(),
             (false, true, []) => "mean of the delivered cameras: robust priors on the shifts".into(),
             (false, false, []) => "ground control".into(),
             (false, true, names) => format!("reference views {}", names.join(", ")),
@@ -45,8 +45,9 @@ impl Adjuster<'_> {
             all.iter().filter(|d| d.0 == view).map(|d| d.1).collect()
         };
         let precision = |of: &Estimate, fixed: bool| {
-            let unsure = || BundleError::Solver { reason: "a point is not fixed by its rays".into() };
-            self.network.precision(of, options.model, fixed).ok_or_else(unsure)
+            let undetermined =
+                || BundleError::Solver { reason: "the rays of a point do not determine it".into() };
+            self.network.precision(of, options.model, fixed).ok_or_else(undetermined)
         };
         let of_shifts = precision(estimate, false)?;
         let of_points = if options.fixed { precision(&given, true)?.points } else { of_shifts.points };
@@ -66,13 +67,14 @@ impl Adjuster<'_> {
         let none_agrees = !control.is_empty() && control.iter().all(|c| !c.agrees);
         for c in control.iter().filter(|c| !c.agrees) {
             self.progress.event(Event::Warning(format!(
-                "ground control, line {}: `{}` shows the point {:.1} px from where it should be",
+                "ground control, line {}: the residual in `{}` is {:.1} px",
                 c.line, c.view, c.residual_px
             )));
         }
         let gauge = match none_agrees && !options.fixed {
-            true => "no point of the ground control agrees: priors on the shifts, and what they leave to it"
-                .into(),
+            true => {
+                "priors on the shifts; the ground control, of which no point agrees, has little weight".into()
+            }
             false => self.gauge(options),
         };
         let report = Report {
@@ -95,7 +97,7 @@ impl Adjuster<'_> {
             .collect();
         let names = self.views.iter().map(|v| v.view.name.clone());
         let tied = tracks.iter().zip(points).filter(|(t, _)| t.prior.is_none()).enumerate();
-        let (points, tie_points): (Vec<_>, Vec<_>) = tied
+        let (points, observations): (Vec<_>, Vec<_>) = tied
             .map(|(id, (track, p))| {
                 let seen = track.observations.iter().map(|m| {
                     let predicted = block.project(m.view, &corrections[m.view], *p);
@@ -108,6 +110,6 @@ impl Adjuster<'_> {
             })
             .unzip();
         let cameras = names.zip(self.corrected(corrections)?).collect();
-        Ok(Adjustment { cameras, points, tie_points: tie_points.concat(), quality, report })
+        Ok(Adjustment { cameras, points, observations: observations.concat(), quality, report })
     }
 }

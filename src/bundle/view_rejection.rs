@@ -30,7 +30,7 @@ impl Adjuster<'_> {
         let reason = || {
             let (kept, triangulated) = (kept[worst], triangulated[worst]);
             format!(
-                "{kept} of {triangulated} matches agree with the others: is the image turned, or another camera's?"
+                "only {kept} of {triangulated} matches agree with the other views: is the image rotated, or does the RPC belong to another image?"
             )
         };
         (share(&worst) < MIN_KEPT_RATIO * usual).then(|| (self.views[worst].view.name.clone(), reason()))
@@ -46,7 +46,7 @@ impl Adjuster<'_> {
         let surveyed =
             |v: usize| tracks.iter().any(|t| t.prior.is_some() && t.observations.iter().any(|m| m.view == v));
         let fewest = views.into_iter().find(|v| !self.network.is_fixed[*v] && !surveyed(*v))?;
-        let reason = || format!("{} tie points are left, too few", kept[fewest]);
+        let reason = || format!("it has only {} tie points", kept[fewest]);
         (kept[fewest] < needed).then(|| (self.views[fewest].view.name.clone(), reason()))
     }
 }

@@ -74,7 +74,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         let message = format!("`{}` holds a training that is not complete", run.display());
         return Err(Failure::input(message, "`satgs train RUN` completes it"));
     }
-    let adjustment = Adjustment::read_all(&run.join(ADJUSTMENT))?;
+    let adjustment = Adjustment::read_with_observations(&run.join(ADJUSTMENT))?;
     let at = adjustment.points.first().map(|p| p.position);
     let at = at.ok_or_else(|| Failure::input("the run has no sparse points", "`satgs ba` makes them"))?;
     let map = SiteGrid::at(at)?;
