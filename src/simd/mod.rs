@@ -1,187 +1,192 @@
-//! Eight or sixteen numbers at once, as the kernels compute: in a vector register, or in an array where there is none.
+//! SIMD: kernels compute with 8 or 16 numbers at once, in vector registers (AVX-512, AVX2, NEON) or in arrays.
+//!
+//! A kernel is written once over [`Simd`] and compiled for each instruction set ([`SimdKernel`]). In f32 it trains; in
+//! f64 the same code is checked against central differences.
 
-mod exact;
+mod f64_array;
 mod real;
 mod registers;
 
 pub use real::Real;
 
 use num_traits::Zero;
-use std::ops::{Add, AddAssign, Mul, Sub};
+use std::ops::{Add, AddAssign, Div, Mul, Sub};
 
-/// Most numbers in a [`Row`].
-pub const LANES: usize = 16;
+/// Largest number of lanes of a [`SimdVec`].
+pub const MAX_LANES: usize = 16;
 
-/// What adds, subtracts and multiplies: a number, or a row of them.
-pub trait Ring: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
+/// Numbers that can be added, subtracted and multiplied: scalars and vectors.
+pub trait Arithmetic: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
 
-impl<N: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>> Ring for N {}
+impl<N: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>> Arithmetic for N {}
 
-/// A kernel that is compiled for every kind of lanes.
-pub trait Kernel<T> {
-    /// Runs with these lanes.
-    fn run<L: Lanes<Number = T>>(self, lanes: L);
+/// A computation that is compiled for every instruction set.
+pub trait SimdKernel<T> {
+    /// Runs with this instruction set.
+    fn run<S: Simd<Scalar = T>>(self, simd: S);
 }
 
-/// A number that has lanes.
-pub trait Lanewise: Real {
-    /// Runs the kernel with the best lanes of the processor at hand.
-    fn dispatch(kernel: impl Kernel<Self>);
+/// A scalar that kernels can be compiled for: f32 or f64.
+pub trait SimdReal: Real {
+    /// Runs the kernel with the best instruction set of the processor.
+    fn dispatch(kernel: impl SimdKernel<Self>);
 }
 
-/// Instructions for a row of numbers.
-pub trait Lanes: Copy {
-    /// Lanes in a row: eight or [`LANES`].
+/// An instruction set: operations on vectors of [`Simd::WIDTH`] scalars.
+pub trait Simd: Copy {
+    /// Lanes of a vector: 8 or [`MAX_LANES`].
     const WIDTH: usize;
-    /// What a lane holds.
-    type Number: Real;
-    /// A row of them.
-    type Numbers: Copy;
-    /// A row of truths.
-    type Truths: Copy;
+    /// A lane.
+    type Scalar: Real;
+    /// All lanes.
+    type Vector: Copy;
+    /// A boolean for each lane.
+    type Mask: Copy;
 
     /// The same number in every lane.
-    fn splat(self, value: Self::Number) -> Self::Numbers;
-    /// The first of these values.
-    fn load(self, values: &[Self::Number]) -> Self::Numbers;
-    /// To the first of these places.
-    fn store(self, a: Self::Numbers, places: &mut [Self::Number]);
-    /// The lower halves of both, and the upper halves.
-    fn halves(self, a: Self::Numbers, b: Self::Numbers) -> [Self::Numbers; 2];
-    /// Of sixteen lanes the first and third four of both, and the second and fourth.
-    fn quarters(self, a: Self::Numbers, b: Self::Numbers) -> [Self::Numbers; 2];
-    /// Eight lanes from each array, as far as the row goes.
-    fn load_eights(self, eights: [&[Self::Number; 8]; 2]) -> Self::Numbers;
-    /// What [`Lanes::load_eights`] reads.
-    fn store_eights(self, a: Self::Numbers, eights: [&mut [Self::Number; 8]; 2]);
-    /// Of every four lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
-    fn transpose_fours(self, rows: [Self::Numbers; 4]) -> [Self::Numbers; 4];
-    /// Of every eight lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
-    fn transpose_eights(self, rows: [Self::Numbers; 8]) -> [Self::Numbers; 8];
+    fn broadcast(self, value: Self::Scalar) -> Self::Vector;
+    /// Reads the first [`Simd::WIDTH`] values.
+    fn load(self, values: &[Self::Scalar]) -> Self::Vector;
+    /// Writes to the first [`Simd::WIDTH`] places.
+    fn store(self, a: Self::Vector, places: &mut [Self::Scalar]);
+    /// The lower halves of `a` and `b` as one vector, and the upper halves as another.
+    fn concat_halves(self, a: Self::Vector, b: Self::Vector) -> [Self::Vector; 2];
+    /// With 16 lanes: quarters 0 and 2 of `a` and `b` interleaved as one vector, quarters 1 and 3 as another.
+    fn interleave_quarters(self, a: Self::Vector, b: Self::Vector) -> [Self::Vector; 2];
+    /// Eight lanes from the first array and, with 16 lanes, eight from the second.
+    fn load_eights(self, eights: [&[Self::Scalar; 8]; 2]) -> Self::Vector;
+    /// What [`Simd::load_eights`] reads.
+    fn store_eights(self, a: Self::Vector, eights: [&mut [Self::Scalar; 8]; 2]);
+    /// Transposes every 4 x 4 block: within each group of four lanes, lane `j` of vector `k` and lane `k` of vector `j` change
+    /// places.
+    fn transpose_fours(self, rows: [Self::Vector; 4]) -> [Self::Vector; 4];
+    /// Transposes every 8 x 8 block: within each group of eight lanes, lane `j` of vector `k` and lane `k` of vector `j` change
+    /// places.
+    fn transpose_eights(self, rows: [Self::Vector; 8]) -> [Self::Vector; 8];
     /// `a + b`.
-    fn add(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    fn add(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// `a - b`.
-    fn sub(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    fn sub(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// `a b`.
-    fn mul(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    fn mul(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// `a / b`.
-    fn div(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
-    /// `1 / a` to the last bit or two.
-    fn reciprocal(self, a: Self::Numbers) -> Self::Numbers;
+    fn div(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
+    /// `1 / a`, exact to one or two units in the last place.
+    fn reciprocal(self, a: Self::Vector) -> Self::Vector;
     /// `a b + c`, fused where that is fast.
-    fn mul_add(self, a: Self::Numbers, b: Self::Numbers, c: Self::Numbers) -> Self::Numbers;
+    fn mul_add(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
     /// The lesser.
-    fn min(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    fn min(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// The greater.
-    fn max(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers;
+    fn max(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// Square root.
-    fn sqrt(self, a: Self::Numbers) -> Self::Numbers;
+    fn sqrt(self, a: Self::Vector) -> Self::Vector;
     /// Square root of positive numbers, relative error below 4e-4.
-    fn rough_sqrt(self, a: Self::Numbers) -> Self::Numbers;
+    fn sqrt_approx(self, a: Self::Vector) -> Self::Vector;
     /// Two to a power between -126 and 126; anything, but no trap, beyond. `constants` are [`EXP2`]'s.
-    fn exp2(self, a: Self::Numbers, constants: &[Self::Numbers; 7]) -> Self::Numbers;
+    fn exp2(self, a: Self::Vector, constants: &[Self::Vector; 7]) -> Self::Vector;
     /// Binary logarithm of positive numbers.
-    fn log2(self, a: Self::Numbers) -> Self::Numbers;
+    fn log2(self, a: Self::Vector) -> Self::Vector;
     /// Sum of the lanes, in an order that only depends on the processor.
-    fn sum(self, a: Self::Numbers) -> Self::Number;
+    fn sum(self, a: Self::Vector) -> Self::Scalar;
     /// The whole part of numbers between 0 and 2^22.
-    fn floor(self, a: Self::Numbers) -> Self::Numbers;
+    fn floor(self, a: Self::Vector) -> Self::Vector;
     /// Whole numbers between 0 and 2^22, to the first of these places.
-    fn store_whole(self, a: Self::Numbers, places: &mut [u32; LANES]);
+    fn store_whole(self, a: Self::Vector, places: &mut [u32; MAX_LANES]);
     /// `a >= b`.
-    fn at_least(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths;
+    fn greater_equal(self, a: Self::Vector, b: Self::Vector) -> Self::Mask;
     /// `a > b`.
-    fn above(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths;
+    fn greater_than(self, a: Self::Vector, b: Self::Vector) -> Self::Mask;
     /// Both.
-    fn and(self, a: Self::Truths, b: Self::Truths) -> Self::Truths;
-    /// As bits, the first lane lowest.
-    fn bits(self, a: Self::Truths) -> u32;
-    /// Numbers of the lanes in which it holds, counted from `first` on, to the first of at least [`LANES`] places; gives how
-    /// many they are. What is left in the places after them is anything.
-    fn list(self, a: Self::Truths, first: u8, places: &mut [u8]) -> usize;
-    /// `a` where it holds, else zero.
-    fn keep(self, truths: Self::Truths, a: Self::Numbers) -> Self::Numbers;
+    fn and(self, a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    /// One bit a lane, the first lane lowest.
+    fn bitmask(self, a: Self::Mask) -> u32;
+    /// Writes `first` plus the index of each true lane to the start of `places`, which has at least [`MAX_LANES`] elements, and
+    /// returns how many there are. Elements after them are unspecified.
+    fn compress(self, a: Self::Mask, first: u8, places: &mut [u8]) -> usize;
+    /// `a` where the mask is true, else zero.
+    fn select_or_zero(self, mask: Self::Mask, a: Self::Vector) -> Self::Vector;
 }
 
-/// A number for every lane and the instructions to compute with them. Aligned: a register is loaded at once.
+/// A vector of scalars with its instruction set. It is aligned, so that a register is loaded in one access.
 #[derive(Clone, Copy)]
 #[repr(align(32))]
-pub struct Row<L: Lanes> {
-    lanes: L,
-    numbers: L::Numbers,
+pub struct SimdVec<S: Simd> {
+    simd: S,
+    vector: S::Vector,
 }
 
-/// What is true of the lanes of a [`Row`].
+/// A boolean for each lane of a [`SimdVec`].
 #[derive(Clone, Copy)]
-pub struct Mask<L: Lanes> {
-    lanes: L,
-    truths: L::Truths,
+pub struct SimdMask<S: Simd> {
+    simd: S,
+    mask: S::Mask,
 }
 
-impl<L: Lanes> Row<L> {
+impl<S: Simd> SimdVec<S> {
     /// The same number in every lane.
     #[inline(always)]
-    pub fn splat(lanes: L, value: L::Number) -> Self {
-        Self { lanes, numbers: lanes.splat(value) }
+    pub fn broadcast(simd: S, value: S::Scalar) -> Self {
+        Self { simd, vector: simd.broadcast(value) }
     }
 
-    /// The first of a slice that is long enough.
+    /// Reads the first lanes of a slice that has at least [`Simd::WIDTH`] values.
     #[inline(always)]
-    pub fn load(lanes: L, values: &[L::Number]) -> Self {
-        Self { lanes, numbers: lanes.load(values) }
+    pub fn load(simd: S, values: &[S::Scalar]) -> Self {
+        Self { simd, vector: simd.load(values) }
     }
 
-    /// Eight lanes from each array, as far as the row goes.
+    /// Eight lanes from the first array and, with 16 lanes, eight from the second.
     #[inline(always)]
-    pub fn load_eights(lanes: L, eights: [&[L::Number; 8]; 2]) -> Self {
-        Self { lanes, numbers: lanes.load_eights(eights) }
+    pub fn load_eights(simd: S, eights: [&[S::Scalar; 8]; 2]) -> Self {
+        Self { simd, vector: simd.load_eights(eights) }
     }
 
-    /// The lower halves of both, and the upper halves.
+    /// The lower halves of `a` and `b` as one vector, and the upper halves as another.
     #[inline(always)]
-    fn halves(self, b: Self) -> [Self; 2] {
-        rows_of(self.lanes, self.lanes.halves(self.numbers, b.numbers))
+    fn concat_halves(self, b: Self) -> [Self; 2] {
+        vectors_from(self.simd, self.simd.concat_halves(self.vector, b.vector))
     }
 
-    /// Of sixteen lanes the first and third four of both, and the second and fourth.
+    /// With 16 lanes: quarters 0 and 2 of `a` and `b` interleaved as one vector, quarters 1 and 3 as another.
     #[inline(always)]
-    fn quarters(self, b: Self) -> [Self; 2] {
-        rows_of(self.lanes, self.lanes.quarters(self.numbers, b.numbers))
+    fn interleave_quarters(self, b: Self) -> [Self; 2] {
+        vectors_from(self.simd, self.simd.interleave_quarters(self.vector, b.vector))
     }
 
-    /// What [`Row::load_eights`] reads.
+    /// What [`SimdVec::load_eights`] reads.
     #[inline(always)]
-    pub fn store_eights(self, eights: [&mut [L::Number; 8]; 2]) {
-        self.lanes.store_eights(self.numbers, eights);
+    pub fn store_eights(self, eights: [&mut [S::Scalar; 8]; 2]) {
+        self.simd.store_eights(self.vector, eights);
     }
 
-    /// 0, 1, 2, ...
+    /// The index of each lane: 0, 1, 2, ...
     #[inline(always)]
-    pub fn numbers(lanes: L) -> Self {
-        let mut values = [L::Number::zero(); LANES];
+    pub fn lane_indices(simd: S) -> Self {
+        let mut values = [S::Scalar::zero(); MAX_LANES];
         for (i, v) in values.iter_mut().enumerate() {
-            *v = L::Number::of(i as f64);
+            *v = S::Scalar::from_f64(i as f64);
         }
-        Self::load(lanes, &values)
+        Self::load(simd, &values)
     }
 
-    /// From a slice's place on; zero beyond its end.
+    /// Reads from index `start` of a slice on; lanes beyond its end are zero.
     #[inline(always)]
-    pub fn load_from(lanes: L, slice: &[L::Number], start: usize) -> Self {
-        match slice[start..].get(..L::WIDTH) {
-            Some(values) => Self::load(lanes, values),
-            None => Self::load(lanes, &load_end(&slice[start..])),
+    pub fn load_from(simd: S, slice: &[S::Scalar], start: usize) -> Self {
+        match slice[start..].get(..S::WIDTH) {
+            Some(values) => Self::load(simd, values),
+            None => Self::load(simd, &load_end(&slice[start..])),
         }
     }
 
-    /// Into a slice, as far as it goes.
+    /// Writes from index `start` of a slice on; lanes beyond its end are dropped.
     #[inline(always)]
-    pub fn store_to(self, slice: &mut [L::Number], start: usize) {
-        match slice[start..].get_mut(..L::WIDTH) {
-            Some(places) => self.lanes.store(self.numbers, places),
+    pub fn store_to(self, slice: &mut [S::Scalar], start: usize) {
+        match slice[start..].get_mut(..S::WIDTH) {
+            Some(places) => self.simd.store(self.vector, places),
             None => {
-                let mut values = [L::Number::zero(); LANES];
-                self.lanes.store(self.numbers, &mut values);
+                let mut values = [S::Scalar::zero(); MAX_LANES];
+                self.simd.store(self.vector, &mut values);
                 store_end(&mut slice[start..], &values);
             }
         }
@@ -190,165 +195,163 @@ impl<L: Lanes> Row<L> {
     /// `self * b + c`.
     #[inline(always)]
     pub fn mul_add(self, b: Self, c: Self) -> Self {
-        Self { numbers: self.lanes.mul_add(self.numbers, b.numbers, c.numbers), ..self }
+        Self { vector: self.simd.mul_add(self.vector, b.vector, c.vector), ..self }
     }
 
     /// The lesser, lane by lane.
     #[inline(always)]
     pub fn min(self, b: Self) -> Self {
-        Self { numbers: self.lanes.min(self.numbers, b.numbers), ..self }
+        Self { vector: self.simd.min(self.vector, b.vector), ..self }
     }
 
     /// The greater, lane by lane.
     #[inline(always)]
     pub fn max(self, b: Self) -> Self {
-        Self { numbers: self.lanes.max(self.numbers, b.numbers), ..self }
+        Self { vector: self.simd.max(self.vector, b.vector), ..self }
     }
 
-    /// `self / b`.
-    #[inline(always)]
-    pub fn over(self, b: Self) -> Self {
-        Self { numbers: self.lanes.div(self.numbers, b.numbers), ..self }
-    }
-
-    /// One over this, to the last bit or two: faster than to divide.
+    /// Reciprocal, exact to one or two units in the last place; faster than a division.
     #[inline(always)]
     pub fn reciprocal(self) -> Self {
-        Self { numbers: self.lanes.reciprocal(self.numbers), ..self }
+        Self { vector: self.simd.reciprocal(self.vector), ..self }
     }
 
-    /// Without its sign.
+    /// Absolute value.
     #[inline(always)]
     pub fn abs(self) -> Self {
-        let negative = Self::splat(self.lanes, L::Number::zero()) - self;
+        let negative = Self::broadcast(self.simd, S::Scalar::zero()) - self;
         self.max(negative)
     }
 
     /// -1, 0 or 1.
     #[inline(always)]
     pub fn sign(self) -> Self {
-        let (zero, one) =
-            (Self::splat(self.lanes, L::Number::zero()), Self::splat(self.lanes, L::Number::of(1.0)));
-        one.keep(self.above(zero)) - one.keep(zero.above(self))
+        let (zero, one) = (
+            Self::broadcast(self.simd, S::Scalar::zero()),
+            Self::broadcast(self.simd, S::Scalar::from_f64(1.0)),
+        );
+        one.select_or_zero(self.greater_than(zero)) - one.select_or_zero(zero.greater_than(self))
     }
 
     /// Square root.
     #[inline(always)]
     pub fn sqrt(self) -> Self {
-        Self { numbers: self.lanes.sqrt(self.numbers), ..self }
+        Self { vector: self.simd.sqrt(self.vector), ..self }
     }
 
     /// Square root of positive numbers, relative error below 4e-4; faster.
     #[inline(always)]
-    pub fn rough_sqrt(self) -> Self {
-        Self { numbers: self.lanes.rough_sqrt(self.numbers), ..self }
+    pub fn sqrt_approx(self) -> Self {
+        Self { vector: self.simd.sqrt_approx(self.vector), ..self }
     }
 
     /// Two to this power.
     #[inline(always)]
     pub fn exp2(self) -> Self {
-        self.exp2_with(&Exp2::new(self.lanes))
+        self.exp2_with(&Exp2::new(self.simd))
     }
 
     /// Two to this power.
     #[inline(always)]
-    pub fn exp2_with(self, constants: &Exp2<L>) -> Self {
-        Self { numbers: self.lanes.exp2(self.numbers, &constants.numbers), ..self }
+    pub fn exp2_with(self, constants: &Exp2<S>) -> Self {
+        Self { vector: self.simd.exp2(self.vector, &constants.vector), ..self }
     }
 
     /// e to this power, no less than 2^-126 and no more than 2^126.
     #[inline(always)]
     pub fn exp(self) -> Self {
-        let splat = |v: f64| Self::splat(self.lanes, L::Number::of(v));
-        (self * splat(std::f64::consts::LOG2_E)).max(splat(-126.0)).min(splat(126.0)).exp2()
+        let broadcast = |v: f64| Self::broadcast(self.simd, S::Scalar::from_f64(v));
+        (self * broadcast(std::f64::consts::LOG2_E)).max(broadcast(-126.0)).min(broadcast(126.0)).exp2()
     }
 
     /// Binary logarithm.
     #[inline(always)]
     pub fn log2(self) -> Self {
-        Self { numbers: self.lanes.log2(self.numbers), ..self }
+        Self { vector: self.simd.log2(self.vector), ..self }
     }
 
     /// Sum of the lanes.
     #[inline(always)]
-    pub fn sum(self) -> L::Number {
-        self.lanes.sum(self.numbers)
+    pub fn sum(self) -> S::Scalar {
+        self.simd.sum(self.vector)
     }
 
     /// The whole part of numbers between 0 and 2^22.
     #[inline(always)]
     pub fn floor(self) -> Self {
-        Self { numbers: self.lanes.floor(self.numbers), ..self }
+        Self { vector: self.simd.floor(self.vector), ..self }
     }
 
     /// Whole numbers between 0 and 2^22, to the first of these places.
     #[inline(always)]
-    pub fn store_whole(self, places: &mut [u32; LANES]) {
-        self.lanes.store_whole(self.numbers, places);
+    pub fn store_whole(self, places: &mut [u32; MAX_LANES]) {
+        self.simd.store_whole(self.vector, places);
     }
 
-    /// Where it is `b` or more.
+    /// `self >= b`, lane by lane.
     #[inline(always)]
-    pub fn at_least(self, b: Self) -> Mask<L> {
-        Mask { lanes: self.lanes, truths: self.lanes.at_least(self.numbers, b.numbers) }
+    pub fn greater_equal(self, b: Self) -> SimdMask<S> {
+        SimdMask { simd: self.simd, mask: self.simd.greater_equal(self.vector, b.vector) }
     }
 
-    /// Where it is more than `b`.
+    /// `self > b`, lane by lane.
     #[inline(always)]
-    pub fn above(self, b: Self) -> Mask<L> {
-        Mask { lanes: self.lanes, truths: self.lanes.above(self.numbers, b.numbers) }
+    pub fn greater_than(self, b: Self) -> SimdMask<S> {
+        SimdMask { simd: self.simd, mask: self.simd.greater_than(self.vector, b.vector) }
     }
 
-    /// Zero where the mask does not hold.
+    /// Zero where `mask` is false.
     #[inline(always)]
-    pub fn keep(self, mask: Mask<L>) -> Self {
-        Self { numbers: self.lanes.keep(mask.truths, self.numbers), ..self }
+    pub fn select_or_zero(self, mask: SimdMask<S>) -> Self {
+        Self { vector: self.simd.select_or_zero(mask.mask, self.vector), ..self }
     }
 }
 
-/// Not inlined, so that loops over whole rows keep their registers.
+/// Not inlined, so that loops over whole vectors keep their registers.
 #[cold]
 #[inline(never)]
-fn load_end<T: Real>(end: &[T]) -> [T; LANES] {
-    let mut values = [T::zero(); LANES];
+fn load_end<T: Real>(end: &[T]) -> [T; MAX_LANES] {
+    let mut values = [T::zero(); MAX_LANES];
     values[..end.len()].copy_from_slice(end);
     values
 }
 
 #[cold]
 #[inline(never)]
-fn store_end<T: Real>(end: &mut [T], values: &[T; LANES]) {
+fn store_end<T: Real>(end: &mut [T], values: &[T; MAX_LANES]) {
     end.copy_from_slice(&values[..end.len()]);
 }
 
-/// Each of some numbers in every lane.
+/// Broadcasts each of these scalars.
 #[inline(always)]
-pub fn splat_each<L: Lanes, const C: usize>(lanes: L, values: [L::Number; C]) -> [Row<L>; C] {
-    let mut out = [Row::splat(lanes, L::Number::zero()); C];
+pub fn broadcast_each<S: Simd, const C: usize>(simd: S, values: [S::Scalar; C]) -> [SimdVec<S>; C] {
+    let mut out = [SimdVec::broadcast(simd, S::Scalar::zero()); C];
     for c in 0..C {
-        out[c] = Row::splat(lanes, values[c]);
+        out[c] = SimdVec::broadcast(simd, values[c]);
     }
     out
 }
 
-/// Of every four lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
+/// Transposes every 4 x 4 block: within each group of four lanes, lane `j` of vector `k` and lane `k` of vector `j` change
+/// places.
 #[inline(always)]
-pub fn transpose_fours<L: Lanes>(rows: [Row<L>; 4]) -> [Row<L>; 4] {
-    let lanes = rows[0].lanes;
-    rows_of(lanes, lanes.transpose_fours(numbers_of(rows)))
+pub fn transpose_fours<S: Simd>(rows: [SimdVec<S>; 4]) -> [SimdVec<S>; 4] {
+    let simd = rows[0].simd;
+    vectors_from(simd, simd.transpose_fours(raw(rows)))
 }
 
-/// Of every eight lanes, lane `j` of row `k` and lane `k` of row `j` exchanged.
+/// Transposes every 8 x 8 block: within each group of eight lanes, lane `j` of vector `k` and lane `k` of vector `j` change
+/// places.
 #[inline(always)]
-pub fn transpose_eights<L: Lanes>(rows: [Row<L>; 8]) -> [Row<L>; 8] {
-    let lanes = rows[0].lanes;
-    rows_of(lanes, lanes.transpose_eights(numbers_of(rows)))
+pub fn transpose_eights<S: Simd>(rows: [SimdVec<S>; 8]) -> [SimdVec<S>; 8] {
+    let simd = rows[0].simd;
+    vectors_from(simd, simd.transpose_eights(raw(rows)))
 }
 
-/// Eight rows as arrays: of each lane its eight numbers.
+/// Transposes eight vectors to arrays: for each lane its eight scalars.
 #[inline(always)]
-pub fn arrays_of_lanes<L: Lanes>(rows: [Row<L>; 8]) -> [[L::Number; 8]; LANES] {
-    let mut out = [[L::Number::zero(); 8]; LANES];
+pub fn arrays_of_lanes<S: Simd>(rows: [SimdVec<S>; 8]) -> [[S::Scalar; 8]; MAX_LANES] {
+    let mut out = [[S::Scalar::zero(); 8]; MAX_LANES];
     let (low, high) = out.split_at_mut(8);
     for (row, (low, high)) in transpose_eights(rows).into_iter().zip(low.iter_mut().zip(high)) {
         row.store_eights([low, high]);
@@ -359,122 +362,131 @@ pub fn arrays_of_lanes<L: Lanes>(rows: [Row<L>; 8]) -> [[L::Number; 8]; LANES] {
 /// Four blocks of pixels side by side, four columns wide, from the lines of sixteen pixels through them, one after the
 /// other.
 #[inline(always)]
-pub fn blocks_of_lines<L: Lanes>([a, b, c, d]: [Row<L>; 4]) -> [Row<L>; 4] {
-    if L::WIDTH == LANES {
+pub fn blocks_of_lines<S: Simd>([a, b, c, d]: [SimdVec<S>; 4]) -> [SimdVec<S>; 4] {
+    if S::WIDTH == MAX_LANES {
         // Four blocks of four lines of four pixels: the same exchange.
         return lines_of_blocks([a, b, c, d]);
     }
-    let ([first, second], [third, fourth]) = (a.halves(c), b.halves(d));
+    let ([first, second], [third, fourth]) = (a.concat_halves(c), b.concat_halves(d));
     [first, second, third, fourth]
 }
 
-/// What [`blocks_of_lines`] takes.
+/// The inverse of [`blocks_of_lines`].
 #[inline(always)]
-pub fn lines_of_blocks<L: Lanes>([a, b, c, d]: [Row<L>; 4]) -> [Row<L>; 4] {
-    let ([low_left, high_left], [low_right, high_right]) = (a.halves(b), c.halves(d));
-    if L::WIDTH < LANES {
+pub fn lines_of_blocks<S: Simd>([a, b, c, d]: [SimdVec<S>; 4]) -> [SimdVec<S>; 4] {
+    let ([low_left, high_left], [low_right, high_right]) = (a.concat_halves(b), c.concat_halves(d));
+    if S::WIDTH < MAX_LANES {
         return [low_left, low_right, high_left, high_right];
     }
-    let ([first, second], [third, fourth]) = (low_left.quarters(low_right), high_left.quarters(high_right));
+    let ([first, second], [third, fourth]) =
+        (low_left.interleave_quarters(low_right), high_left.interleave_quarters(high_right));
     [first, second, third, fourth]
 }
 
-/// Sixteen numbers in as many rows as hold them, the rest of two left over: from each of `rows` four sums over its
-/// fours.
+/// Sums over groups of four lanes: sixteen sums, four of each vector, in one vector of 16 lanes or two of 8 (with 16 lanes
+/// both are the same).
 #[inline(always)]
-pub fn sum_fours<L: Lanes>([a, b, c, d]: [Row<L>; 4]) -> [Row<L>; 2] {
-    let ([low, high], [low_after, high_after]) = (a.halves(b), c.halves(d));
+pub fn sum_fours<S: Simd>([a, b, c, d]: [SimdVec<S>; 4]) -> [SimdVec<S>; 2] {
+    let ([low, high], [low_after, high_after]) = (a.concat_halves(b), c.concat_halves(d));
     let sums = [low + high, low_after + high_after];
-    if L::WIDTH < LANES {
+    if S::WIDTH < MAX_LANES {
         return sums;
     }
-    let [even, odd] = sums[0].quarters(sums[1]);
+    let [even, odd] = sums[0].interleave_quarters(sums[1]);
     [even + odd; 2]
 }
 
 #[inline(always)]
-fn numbers_of<L: Lanes, const C: usize>(rows: [Row<L>; C]) -> [L::Numbers; C] {
-    let mut out = [rows[0].numbers; C];
+fn raw<S: Simd, const C: usize>(rows: [SimdVec<S>; C]) -> [S::Vector; C] {
+    let mut out = [rows[0].vector; C];
     for c in 1..C {
-        out[c] = rows[c].numbers;
+        out[c] = rows[c].vector;
     }
     out
 }
 
 #[inline(always)]
-fn rows_of<L: Lanes, const C: usize>(lanes: L, numbers: [L::Numbers; C]) -> [Row<L>; C] {
-    let mut out = [Row { lanes, numbers: numbers[0] }; C];
+fn vectors_from<S: Simd, const C: usize>(simd: S, vector: [S::Vector; C]) -> [SimdVec<S>; C] {
+    let mut out = [SimdVec { simd, vector: vector[0] }; C];
     for c in 1..C {
-        out[c].numbers = numbers[c];
+        out[c].vector = vector[c];
     }
     out
 }
 
-impl<L: Lanes> Mask<L> {
-    /// The first `count` lanes: those that what is left of a line still fills.
+impl<S: Simd> SimdMask<S> {
+    /// True in the first `count` lanes: the rest of a line that ends within a vector.
     #[inline(always)]
-    pub fn first(lanes: L, count: usize) -> Self {
-        Row::splat(lanes, L::Number::of(count as f64)).above(Row::numbers(lanes))
+    pub fn first(simd: S, count: usize) -> Self {
+        SimdVec::broadcast(simd, S::Scalar::from_f64(count as f64)).greater_than(SimdVec::lane_indices(simd))
     }
 
-    /// Where both hold.
+    /// True where both are.
     #[inline(always)]
     pub fn and(self, b: Self) -> Self {
-        Self { truths: self.lanes.and(self.truths, b.truths), ..self }
+        Self { mask: self.simd.and(self.mask, b.mask), ..self }
     }
 
-    /// As bits, the first lane lowest.
+    /// One bit a lane, the first lane lowest.
     #[inline(always)]
-    pub fn bits(self) -> u32 {
-        self.lanes.bits(self.truths)
+    pub fn bitmask(self) -> u32 {
+        self.simd.bitmask(self.mask)
     }
 
-    /// Numbers of the lanes in which it holds, counted from `first` on, to the first of at least [`LANES`] places; gives how
-    /// many they are. What is left in the places after them is anything.
+    /// Writes `first` plus the index of each true lane to the start of `places`, which has at least [`MAX_LANES`] elements, and
+    /// returns how many there are. Elements after them are unspecified.
     #[inline(always)]
-    pub fn list(self, first: u8, places: &mut [u8]) -> usize {
-        self.lanes.list(self.truths, first, places)
+    pub fn compress(self, first: u8, places: &mut [u8]) -> usize {
+        self.simd.compress(self.mask, first, places)
     }
 
-    /// Whether it holds anywhere.
+    /// Whether any lane is true.
     #[inline(always)]
     pub fn any(self) -> bool {
-        self.bits() != 0
+        self.bitmask() != 0
     }
 }
 
-impl<L: Lanes> Add for Row<L> {
+impl<S: Simd> Add for SimdVec<S> {
     type Output = Self;
     #[inline(always)]
     fn add(self, b: Self) -> Self {
-        Self { numbers: self.lanes.add(self.numbers, b.numbers), ..self }
+        Self { vector: self.simd.add(self.vector, b.vector), ..self }
     }
 }
 
-impl<L: Lanes> AddAssign for Row<L> {
+impl<S: Simd> AddAssign for SimdVec<S> {
     #[inline(always)]
     fn add_assign(&mut self, b: Self) {
         *self = *self + b;
     }
 }
 
-impl<L: Lanes> Sub for Row<L> {
+impl<S: Simd> Sub for SimdVec<S> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, b: Self) -> Self {
-        Self { numbers: self.lanes.sub(self.numbers, b.numbers), ..self }
+        Self { vector: self.simd.sub(self.vector, b.vector), ..self }
     }
 }
 
-impl<L: Lanes> Mul for Row<L> {
+impl<S: Simd> Mul for SimdVec<S> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, b: Self) -> Self {
-        Self { numbers: self.lanes.mul(self.numbers, b.numbers), ..self }
+        Self { vector: self.simd.mul(self.vector, b.vector), ..self }
     }
 }
 
-/// The places of the bits that are set, lowest first.
+impl<S: Simd> Div for SimdVec<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        Self { vector: self.simd.div(self.vector, b.vector), ..self }
+    }
+}
+
+/// Indices of the bits that are set, lowest first.
 #[inline(always)]
 pub fn set_bits(mut bits: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -487,7 +499,7 @@ pub fn set_bits(mut bits: u32) -> impl Iterator<Item = usize> {
     })
 }
 
-/// What [`Lanes::exp2`] takes: 1.5 * 2^23, the coefficients of a polynomial that interpolates 2^f in the Chebyshev
+/// What [`Simd::exp2`] takes: 1.5 * 2^23, the coefficients of a polynomial that interpolates 2^f in the Chebyshev
 /// nodes of [-1/2, 1/2].
 const EXP2: [f32; 7] = [
     12_582_912.0,
@@ -499,27 +511,27 @@ const EXP2: [f32; 7] = [
     0.001_339_086_3,
 ];
 
-/// Constants of powers of two, in rows.
-pub struct Exp2<L: Lanes> {
-    numbers: [L::Numbers; 7],
+/// The constants of [`SimdVec::exp2_with`], broadcast once for a whole kernel.
+pub struct Exp2<S: Simd> {
+    vector: [S::Vector; 7],
 }
 
-impl<L: Lanes> Exp2<L> {
-    /// In every lane.
+impl<S: Simd> Exp2<S> {
+    /// Broadcasts the constants.
     #[inline(always)]
-    pub fn new(lanes: L) -> Self {
-        let mut numbers = [lanes.splat(L::Number::zero()); 7];
+    pub fn new(simd: S) -> Self {
+        let mut vector = [simd.broadcast(S::Scalar::zero()); 7];
         for k in 0..7 {
-            numbers[k] = lanes.splat(L::Number::of(f64::from(EXP2[k])));
+            vector[k] = simd.broadcast(S::Scalar::from_f64(f64::from(EXP2[k])));
         }
-        Self { numbers }
+        Self { vector }
     }
 }
 
-/// A one in every byte.
+/// The byte 1, eight times.
 const ONES: u64 = 0x0101_0101_0101_0101;
 
-/// The places of a byte's set bits, a byte each, lowest first.
+/// For each byte the indices of its set bits, one byte each, lowest first.
 const PLACES: [u64; 256] = {
     let mut table = [0; 256];
     let mut set = 0;
@@ -537,11 +549,11 @@ const PLACES: [u64; 256] = {
     table
 };
 
-/// [`Lanes::list`] of eight lanes: a table knows where the bits of a byte are.
+/// [`Simd::compress`] of eight lanes: a table knows where the bits of a byte are.
 #[inline(always)]
-fn list_eight(bits: u8, first: u8, places: &mut [u8]) -> usize {
-    let numbers = PLACES[usize::from(bits)] + u64::from(first) * ONES;
-    places[..8].copy_from_slice(&numbers.to_le_bytes());
+fn compress_eight(bits: u8, first: u8, places: &mut [u8]) -> usize {
+    let vector = PLACES[usize::from(bits)] + u64::from(first) * ONES;
+    places[..8].copy_from_slice(&vector.to_le_bytes());
     bits.count_ones() as usize
 }
 

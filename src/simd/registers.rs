@@ -1,15 +1,15 @@
-//! Lanes of f32 in the processor's registers.
+//! Simd of f32 in the processor's registers.
 
-use super::{Kernel, LANES, Lanes, Lanewise, list_eight};
-use pulp::Simd;
+use super::{MAX_LANES, Simd, SimdKernel, SimdReal, compress_eight};
+use pulp::Simd as PulpSimd;
 
 /// `N` registers of f32.
 #[derive(Clone, Copy)]
 pub(super) struct Registers<S, const N: usize>(pub(super) S);
 
-impl Lanewise for f32 {
+impl SimdReal for f32 {
     #[inline]
-    fn dispatch(kernel: impl Kernel<f32>) {
+    fn dispatch(kernel: impl SimdKernel<f32>) {
         match pulp::Arch::new() {
             #[cfg(target_arch = "x86_64")]
             pulp::Arch::V4(s) => s.vectorize(Compiled::<_, _, 1>(s, kernel)),
@@ -25,7 +25,7 @@ impl Lanewise for f32 {
 /// A kernel within the instructions' reach.
 pub(super) struct Compiled<S, K, const N: usize>(pub(super) S, pub(super) K);
 
-impl<S: Processor, K: Kernel<f32>, const N: usize> pulp::NullaryFnOnce for Compiled<S, K, N> {
+impl<S: Processor, K: SimdKernel<f32>, const N: usize> pulp::NullaryFnOnce for Compiled<S, K, N> {
     type Output = ();
     #[inline(always)]
     fn call(self) {
@@ -54,7 +54,7 @@ macro_rules! turn_fours {
 }
 
 /// What `pulp` has no common name for.
-pub(super) trait Processor: Simd {
+pub(super) trait Processor: PulpSimd {
     /// `1 / a`, from the processor's estimate where it has one, by a step of Newton's.
     #[inline(always)]
     fn reciprocal(self, a: Self::f32s) -> Self::f32s {
@@ -63,38 +63,38 @@ pub(super) trait Processor: Simd {
 
     /// As bits, the first lane lowest.
     #[inline(always)]
-    fn bits(self, a: Self::m32s) -> u32 {
+    fn bitmask(self, a: Self::m32s) -> u32 {
         let ones = [self.select_f32s(a, self.splat_f32s(1.0), self.splat_f32s(0.0))];
         let lanes: &[f32] = pulp::bytemuck::cast_slice(&ones);
         lanes.iter().enumerate().fold(0, |bits, (i, one)| bits | u32::from(*one > 0.0) << i)
     }
 
-    /// [`Lanes::list`], of up to eight lanes.
+    /// [`Simd::compress`], of up to eight lanes.
     #[inline(always)]
-    fn list<const N: usize>(self, a: [Self::m32s; N], first: u8, places: &mut [u8]) -> usize {
+    fn compress<const N: usize>(self, a: [Self::m32s; N], first: u8, places: &mut [u8]) -> usize {
         const { assert!(N * Self::F32_LANES <= 8) };
         let mut bits = 0;
         for k in 0..N {
-            bits |= self.bits(a[k]) << (k * Self::F32_LANES);
+            bits |= self.bitmask(a[k]) << (k * Self::F32_LANES);
         }
-        list_eight(bits as u8, first, places)
+        compress_eight(bits as u8, first, places)
     }
 
     /// `a` where it holds, else zero.
     #[inline(always)]
-    fn keep(self, truths: Self::m32s, a: Self::f32s) -> Self::f32s {
-        self.select_f32s(truths, a, self.splat_f32s(0.0))
+    fn select_or_zero(self, mask: Self::m32s, a: Self::f32s) -> Self::f32s {
+        self.select_f32s(mask, a, self.splat_f32s(0.0))
     }
 
     /// Square root of positive numbers, relative error below 4e-4.
     #[inline(always)]
-    fn rough_sqrt(self, a: Self::f32s) -> Self::f32s {
+    fn sqrt_approx(self, a: Self::f32s) -> Self::f32s {
         self.sqrt_f32s(a)
     }
 
     /// The lower halves of both, and the upper halves.
     #[inline(always)]
-    fn halves<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+    fn concat_halves<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
         let mut out = [a, b];
         let (a, b): (&[f32], &[f32]) = (pulp::bytemuck::cast_slice(&a), pulp::bytemuck::cast_slice(&b));
         let half = a.len() / 2;
@@ -108,7 +108,11 @@ pub(super) trait Processor: Simd {
 
     /// Of sixteen lanes the first and third four of both, and the second and fourth.
     #[inline(always)]
-    fn quarters<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+    fn interleave_quarters<const N: usize>(
+        self,
+        a: [Self::f32s; N],
+        b: [Self::f32s; N],
+    ) -> [[Self::f32s; N]; 2] {
         [a, b]
     }
 
@@ -185,19 +189,19 @@ impl Processor for pulp::x86::V3 {
         self.refine(pulp::cast(self.avx._mm256_rcp_ps(pulp::cast(a))), a)
     }
     #[inline(always)]
-    fn bits(self, a: Self::m32s) -> u32 {
+    fn bitmask(self, a: Self::m32s) -> u32 {
         self.avx._mm256_movemask_ps(pulp::cast(a)) as u32
     }
     #[inline(always)]
-    fn rough_sqrt(self, a: Self::f32s) -> Self::f32s {
+    fn sqrt_approx(self, a: Self::f32s) -> Self::f32s {
         self.mul_f32s(a, pulp::cast(self.avx._mm256_rsqrt_ps(pulp::cast(a))))
     }
     #[inline(always)]
-    fn keep(self, truths: Self::m32s, a: Self::f32s) -> Self::f32s {
-        pulp::cast(self.avx._mm256_and_ps(pulp::cast(truths), pulp::cast(a)))
+    fn select_or_zero(self, mask: Self::m32s, a: Self::f32s) -> Self::f32s {
+        pulp::cast(self.avx._mm256_and_ps(pulp::cast(mask), pulp::cast(a)))
     }
     #[inline(always)]
-    fn halves<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+    fn concat_halves<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
         const { assert!(N == 1) };
         let (a, b) = (pulp::cast(a[0]), pulp::cast(b[0]));
         [
@@ -212,7 +216,7 @@ impl Processor for pulp::x86::V3 {
     }
     #[inline(always)]
     fn exchange_fours<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
-        self.halves(a, b)
+        self.concat_halves(a, b)
     }
 }
 
@@ -223,25 +227,25 @@ impl Processor for pulp::x86::V4 {
         self.refine(pulp::cast(self.avx512f._mm512_rcp14_ps(pulp::cast(a))), a)
     }
     #[inline(always)]
-    fn bits(self, a: Self::m32s) -> u32 {
+    fn bitmask(self, a: Self::m32s) -> u32 {
         u32::from(a.0)
     }
     #[inline(always)]
-    fn list<const N: usize>(self, a: [Self::m32s; N], first: u8, places: &mut [u8]) -> usize {
+    fn compress<const N: usize>(self, a: [Self::m32s; N], first: u8, places: &mut [u8]) -> usize {
         const { assert!(N == 1) };
         let count = pulp::u32x16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-        let numbers = self.add_u32s(self.splat_u32s(first.into()), count);
-        let listed = self.avx512f._mm512_maskz_compress_epi32(a[0].0, pulp::cast(numbers));
-        let bytes: [u8; LANES] = pulp::cast(self.avx512f._mm512_cvtepi32_epi8(listed));
-        places[..LANES].copy_from_slice(&bytes);
+        let vector = self.add_u32s(self.splat_u32s(first.into()), count);
+        let listed = self.avx512f._mm512_maskz_compress_epi32(a[0].0, pulp::cast(vector));
+        let bytes: [u8; MAX_LANES] = pulp::cast(self.avx512f._mm512_cvtepi32_epi8(listed));
+        places[..MAX_LANES].copy_from_slice(&bytes);
         a[0].0.count_ones() as usize
     }
     #[inline(always)]
-    fn rough_sqrt(self, a: Self::f32s) -> Self::f32s {
+    fn sqrt_approx(self, a: Self::f32s) -> Self::f32s {
         self.mul_f32s(a, pulp::cast(self.avx512f._mm512_rsqrt14_ps(pulp::cast(a))))
     }
     #[inline(always)]
-    fn halves<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+    fn concat_halves<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
         const { assert!(N == 1) };
         let (a, b) = (pulp::cast(a[0]), pulp::cast(b[0]));
         [
@@ -250,7 +254,11 @@ impl Processor for pulp::x86::V4 {
         ]
     }
     #[inline(always)]
-    fn quarters<const N: usize>(self, a: [Self::f32s; N], b: [Self::f32s; N]) -> [[Self::f32s; N]; 2] {
+    fn interleave_quarters<const N: usize>(
+        self,
+        a: [Self::f32s; N],
+        b: [Self::f32s; N],
+    ) -> [[Self::f32s; N]; 2] {
         const { assert!(N == 1) };
         let (a, b) = (pulp::cast(a[0]), pulp::cast(b[0]));
         [
@@ -294,7 +302,7 @@ impl Processor for pulp::x86::V4 {
 
 /// Registers from the first of these lanes.
 #[inline(always)]
-fn first_registers<S: Simd, const N: usize>(_: S, lanes: &[f32]) -> [S::f32s; N] {
+fn first_registers<S: PulpSimd, const N: usize>(_: S, lanes: &[f32]) -> [S::f32s; N] {
     let registers = S::as_simd_f32s(lanes).0;
     let mut out = [registers[0]; N];
     out.copy_from_slice(&registers[..N]);
@@ -320,99 +328,99 @@ macro_rules! each {
     }};
 }
 
-impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
+impl<S: Processor, const N: usize> Simd for Registers<S, N> {
     const WIDTH: usize = N * S::F32_LANES;
-    type Number = f32;
-    type Numbers = [S::f32s; N];
-    type Truths = [S::m32s; N];
+    type Scalar = f32;
+    type Vector = [S::f32s; N];
+    type Mask = [S::m32s; N];
 
     #[inline(always)]
-    fn splat(self, value: f32) -> Self::Numbers {
+    fn broadcast(self, value: f32) -> Self::Vector {
         [self.0.splat_f32s(value); N]
     }
     #[inline(always)]
-    fn load(self, values: &[f32]) -> Self::Numbers {
+    fn load(self, values: &[f32]) -> Self::Vector {
         let registers = S::as_simd_f32s(&values[..Self::WIDTH]).0;
         each!(k: registers[k])
     }
     #[inline(always)]
-    fn store(self, a: Self::Numbers, places: &mut [f32]) {
+    fn store(self, a: Self::Vector, places: &mut [f32]) {
         S::as_mut_simd_f32s(&mut places[..Self::WIDTH]).0.copy_from_slice(&a);
     }
     #[inline(always)]
-    fn halves(self, a: Self::Numbers, b: Self::Numbers) -> [Self::Numbers; 2] {
-        self.0.halves(a, b)
+    fn concat_halves(self, a: Self::Vector, b: Self::Vector) -> [Self::Vector; 2] {
+        self.0.concat_halves(a, b)
     }
     #[inline(always)]
-    fn quarters(self, a: Self::Numbers, b: Self::Numbers) -> [Self::Numbers; 2] {
-        self.0.quarters(a, b)
+    fn interleave_quarters(self, a: Self::Vector, b: Self::Vector) -> [Self::Vector; 2] {
+        self.0.interleave_quarters(a, b)
     }
     #[inline(always)]
-    fn load_eights(self, eights: [&[f32; 8]; 2]) -> Self::Numbers {
+    fn load_eights(self, eights: [&[f32; 8]; 2]) -> Self::Vector {
         self.0.load_eights(eights)
     }
     #[inline(always)]
-    fn store_eights(self, a: Self::Numbers, eights: [&mut [f32; 8]; 2]) {
+    fn store_eights(self, a: Self::Vector, eights: [&mut [f32; 8]; 2]) {
         self.0.store_eights(a, eights);
     }
     #[inline(always)]
-    fn transpose_fours(self, rows: [Self::Numbers; 4]) -> [Self::Numbers; 4] {
+    fn transpose_fours(self, rows: [Self::Vector; 4]) -> [Self::Vector; 4] {
         self.0.transpose_fours(rows)
     }
     #[inline(always)]
-    fn transpose_eights(self, rows: [Self::Numbers; 8]) -> [Self::Numbers; 8] {
+    fn transpose_eights(self, rows: [Self::Vector; 8]) -> [Self::Vector; 8] {
         self.0.transpose_eights(rows)
     }
     #[inline(always)]
-    fn add(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers {
+    fn add(self, a: Self::Vector, b: Self::Vector) -> Self::Vector {
         each!(k: self.0.add_f32s(a[k], b[k]))
     }
     #[inline(always)]
-    fn sub(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers {
+    fn sub(self, a: Self::Vector, b: Self::Vector) -> Self::Vector {
         each!(k: self.0.sub_f32s(a[k], b[k]))
     }
     #[inline(always)]
-    fn mul(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers {
+    fn mul(self, a: Self::Vector, b: Self::Vector) -> Self::Vector {
         each!(k: self.0.mul_f32s(a[k], b[k]))
     }
     #[inline(always)]
-    fn div(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers {
+    fn div(self, a: Self::Vector, b: Self::Vector) -> Self::Vector {
         each!(k: self.0.div_f32s(a[k], b[k]))
     }
     #[inline(always)]
-    fn reciprocal(self, a: Self::Numbers) -> Self::Numbers {
+    fn reciprocal(self, a: Self::Vector) -> Self::Vector {
         each!(k: self.0.reciprocal(a[k]))
     }
     #[inline(always)]
-    fn mul_add(self, a: Self::Numbers, b: Self::Numbers, c: Self::Numbers) -> Self::Numbers {
+    fn mul_add(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector {
         each!(k: self.0.mul_add_e_f32s(a[k], b[k], c[k]))
     }
     #[inline(always)]
-    fn min(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers {
+    fn min(self, a: Self::Vector, b: Self::Vector) -> Self::Vector {
         each!(k: self.0.min_f32s(a[k], b[k]))
     }
     #[inline(always)]
-    fn max(self, a: Self::Numbers, b: Self::Numbers) -> Self::Numbers {
+    fn max(self, a: Self::Vector, b: Self::Vector) -> Self::Vector {
         each!(k: self.0.max_f32s(a[k], b[k]))
     }
     #[inline(always)]
-    fn sqrt(self, a: Self::Numbers) -> Self::Numbers {
+    fn sqrt(self, a: Self::Vector) -> Self::Vector {
         each!(k: self.0.sqrt_f32s(a[k]))
     }
     #[inline(always)]
-    fn rough_sqrt(self, a: Self::Numbers) -> Self::Numbers {
-        each!(k: self.0.rough_sqrt(a[k]))
+    fn sqrt_approx(self, a: Self::Vector) -> Self::Vector {
+        each!(k: self.0.sqrt_approx(a[k]))
     }
     #[inline(always)]
-    fn exp2(self, a: Self::Numbers, constants: &[Self::Numbers; 7]) -> Self::Numbers {
+    fn exp2(self, a: Self::Vector, constants: &[Self::Vector; 7]) -> Self::Vector {
         each!(k: exp2(self.0, a[k], std::array::from_fn(|c| constants[c][k])))
     }
     #[inline(always)]
-    fn log2(self, a: Self::Numbers) -> Self::Numbers {
+    fn log2(self, a: Self::Vector) -> Self::Vector {
         each!(k: log2(self.0, a[k]))
     }
     #[inline(always)]
-    fn sum(self, a: Self::Numbers) -> f32 {
+    fn sum(self, a: Self::Vector) -> f32 {
         let mut sum = a[0];
         for k in 1..N {
             sum = self.0.add_f32s(sum, a[k]);
@@ -420,49 +428,49 @@ impl<S: Processor, const N: usize> Lanes for Registers<S, N> {
         self.0.reduce_sum_f32s(sum)
     }
     #[inline(always)]
-    fn floor(self, a: Self::Numbers) -> Self::Numbers {
+    fn floor(self, a: Self::Vector) -> Self::Vector {
         each!(k: floor(self.0, a[k]))
     }
     #[inline(always)]
-    fn store_whole(self, a: Self::Numbers, places: &mut [u32; LANES]) {
+    fn store_whole(self, a: Self::Vector, places: &mut [u32; MAX_LANES]) {
         let places = S::as_mut_simd_u32s(&mut places[..Self::WIDTH]).0;
         for k in 0..N {
             places[k] = whole(self.0, a[k]);
         }
     }
     #[inline(always)]
-    fn at_least(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths {
+    fn greater_equal(self, a: Self::Vector, b: Self::Vector) -> Self::Mask {
         each!(k: self.0.greater_than_or_equal_f32s(a[k], b[k]))
     }
     #[inline(always)]
-    fn above(self, a: Self::Numbers, b: Self::Numbers) -> Self::Truths {
+    fn greater_than(self, a: Self::Vector, b: Self::Vector) -> Self::Mask {
         each!(k: self.0.greater_than_f32s(a[k], b[k]))
     }
     #[inline(always)]
-    fn and(self, a: Self::Truths, b: Self::Truths) -> Self::Truths {
+    fn and(self, a: Self::Mask, b: Self::Mask) -> Self::Mask {
         each!(k: self.0.and_m32s(a[k], b[k]))
     }
     #[inline(always)]
-    fn list(self, a: Self::Truths, first: u8, places: &mut [u8]) -> usize {
-        self.0.list(a, first, places)
+    fn compress(self, a: Self::Mask, first: u8, places: &mut [u8]) -> usize {
+        self.0.compress(a, first, places)
     }
     #[inline(always)]
-    fn bits(self, a: Self::Truths) -> u32 {
+    fn bitmask(self, a: Self::Mask) -> u32 {
         let mut bits = 0;
         for k in 0..N {
-            bits |= self.0.bits(a[k]) << (k * S::F32_LANES);
+            bits |= self.0.bitmask(a[k]) << (k * S::F32_LANES);
         }
         bits
     }
     #[inline(always)]
-    fn keep(self, truths: Self::Truths, a: Self::Numbers) -> Self::Numbers {
-        each!(k: self.0.keep(truths[k], a[k]))
+    fn select_or_zero(self, mask: Self::Mask, a: Self::Vector) -> Self::Vector {
+        each!(k: self.0.select_or_zero(mask[k], a[k]))
     }
 }
 
 /// Two to a power, relative error below 3e-7: the nearest whole power by the exponent bits, the rest by a polynomial.
 #[inline(always)]
-fn exp2<S: Simd>(s: S, a: S::f32s, [round, c0, c1, c2, c3, c4, c5]: [S::f32s; 7]) -> S::f32s {
+fn exp2<S: PulpSimd>(s: S, a: S::f32s, [round, c0, c1, c2, c3, c4, c5]: [S::f32s; 7]) -> S::f32s {
     // Adding 1.5 * 2^23 rounds to a whole number, which then stands in the low bits.
     let shifted = s.add_f32s(a, round);
     let f = s.sub_f32s(a, s.sub_f32s(shifted, round));
@@ -478,7 +486,7 @@ fn exp2<S: Simd>(s: S, a: S::f32s, [round, c0, c1, c2, c3, c4, c5]: [S::f32s; 7]
 /// Binary logarithm of positive normal numbers, error below 3e-7 or 3e-7 of it: the power by the exponent bits, the
 /// mantissa `m` in [√½, √2] by the series of the inverse hyperbolic tangent of `(m - 1) / (m + 1)`.
 #[inline(always)]
-fn log2<S: Simd>(s: S, a: S::f32s) -> S::f32s {
+fn log2<S: PulpSimd>(s: S, a: S::f32s) -> S::f32s {
     const ROOT_HALF: u32 = std::f32::consts::FRAC_1_SQRT_2.to_bits();
     let bits = s.add_u32s(s.transmute_u32s_f32s(a), s.splat_u32s(1f32.to_bits() - ROOT_HALF));
     let power = s.wrapping_dyn_shr_u32s(bits, s.splat_u32s(23));
@@ -506,12 +514,12 @@ const ONES: f32 = 8_388_608.0;
 fn floor<S: Processor>(s: S, a: S::f32s) -> S::f32s {
     let ones = s.splat_f32s(ONES);
     let nearest = s.sub_f32s(s.add_f32s(a, ones), ones);
-    s.sub_f32s(nearest, s.keep(s.greater_than_f32s(nearest, a), s.splat_f32s(1.0)))
+    s.sub_f32s(nearest, s.select_or_zero(s.greater_than_f32s(nearest, a), s.splat_f32s(1.0)))
 }
 
 /// Whole numbers between 0 and 2^22, as such.
 #[inline(always)]
-fn whole<S: Simd>(s: S, a: S::f32s) -> S::u32s {
+fn whole<S: PulpSimd>(s: S, a: S::f32s) -> S::u32s {
     let bits = s.transmute_u32s_f32s(s.add_f32s(a, s.splat_f32s(ONES)));
     s.and_u32s(bits, s.splat_u32s(0x007F_FFFF))
 }

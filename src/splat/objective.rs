@@ -5,8 +5,8 @@
 //! sheared camera must show the same ([`Consistency`]).
 
 use crate::affine::AffineCamera;
-use crate::simd::Lanewise;
 use crate::simd::Real;
+use crate::simd::SimdReal;
 use crate::splat::appearance::Appearance;
 use crate::splat::backend::stopwatch::Stopwatch;
 use crate::splat::loss::consistency::{Consistency, Difference, Weights};
@@ -63,7 +63,7 @@ impl<T: Real> ShearedCamera<T> {
         let ((col, width), (row, height)) = (axis(shear[0], size.0), axis(shear[1], size.1));
         Self {
             camera: FrameCamera::new(&view.sheared(shear).cropped(col, row), width, height),
-            lookup: ShearWarp { shear: shear.map(T::of), origin: [T::of(col), T::of(row)] },
+            lookup: ShearWarp { shear: shear.map(T::from_f64), origin: [T::from_f64(col), T::from_f64(row)] },
         }
     }
 
@@ -72,7 +72,7 @@ impl<T: Real> ShearedCamera<T> {
     pub fn virtual_view(view: &AffineCamera, size: (usize, usize), shear: [f64; 2]) -> Self {
         Self {
             camera: FrameCamera::new(&view.sheared(shear), size.0, size.1),
-            lookup: ShearWarp { shear: shear.map(T::of), origin: [T::zero(); 2] },
+            lookup: ShearWarp { shear: shear.map(T::from_f64), origin: [T::zero(); 2] },
         }
     }
 }
@@ -146,7 +146,7 @@ pub struct Objective<T: Real> {
     consistency: Consistency<T>,
 }
 
-impl<T: Lanewise> Objective<T> {
+impl<T: SimdReal> Objective<T> {
     /// The loss of one shot; its gradient goes to `gradient`, the time that stages took to `watch`.
     pub fn evaluate(
         &mut self,
@@ -253,7 +253,7 @@ impl<T: Lanewise> Objective<T> {
     fn prepare(&mut self, gaussians: &Splats<T>) {
         self.prepared.update(gaussians);
         let order = self.prepared.order();
-        let color = |v: T| v * T::of(SH_C0) + T::of(0.5);
+        let color = |v: T| v * T::from_f64(SH_C0) + T::from_f64(0.5);
         self.features.resize(order.len(), [T::zero(); 4]);
         self.altitudes.resize(order.len(), [T::zero(); 1]);
         let features = self.features.par_iter_mut().zip(&mut self.altitudes).zip(order);
@@ -274,7 +274,7 @@ impl<T: Lanewise> Objective<T> {
         watch: &mut Stopwatch,
     ) {
         let n = gaussians.len();
-        let opacity_scale = T::of(weights.opacity / n.max(1) as f64);
+        let opacity_scale = T::from_f64(weights.opacity / n.max(1) as f64);
         self.by_shared.resize(n, SplatGradient::default());
         self.by_shared.par_iter_mut().with_min_len(1024).enumerate().for_each(|(rank, by)| {
             let o = self.prepared.opacity(rank);
@@ -305,7 +305,7 @@ impl<T: Lanewise> Objective<T> {
         rows.for_each(|(i, (position, f_dc))| {
             let rank = self.prepared.rank(i);
             let by = self.by_feature[rank];
-            *f_dc = std::array::from_fn(|c| by[c] * T::of(SH_C0));
+            *f_dc = std::array::from_fn(|c| by[c] * T::from_f64(SH_C0));
             position[2] = position[2] + by[3] + self.by_altitude[rank][0];
         });
     }
@@ -318,7 +318,7 @@ fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
 }
 
 /// What the picture of a shot is made of, once it is rendered.
-fn scene<'a, T: Lanewise>(
+fn scene<'a, T: SimdReal>(
     view: &'a Rasterizer<T, 4>,
     sun: &'a Rasterizer<T, 1>,
     appearance: &'a Appearance<T>,
@@ -329,7 +329,7 @@ fn scene<'a, T: Lanewise>(
 }
 
 /// Renders, timed.
-fn draw<T: Lanewise, const C: usize>(
+fn draw<T: SimdReal, const C: usize>(
     raster: &mut Rasterizer<T, C>,
     part: &'static str,
     prepared: &SortedSplats<T>,
@@ -347,7 +347,7 @@ fn draw<T: Lanewise, const C: usize>(
 }
 
 /// Takes the derivatives by an image's pixels back to the splats, timed.
-fn backward<T: Lanewise, const C: usize>(
+fn backward<T: SimdReal, const C: usize>(
     raster: &mut Rasterizer<T, C>,
     part: &'static str,
     by_pixel: &Image<T>,

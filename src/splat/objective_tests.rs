@@ -28,7 +28,7 @@ struct SiteScene<T: Real> {
     has_virtual_view: bool,
 }
 
-impl<T: Lanewise> SiteScene<T> {
+impl<T: SimdReal> SiteScene<T> {
     fn new() -> Self {
         let mut setup = Self {
             truth: Image::default(),
@@ -51,7 +51,7 @@ impl<T: Lanewise> SiteScene<T> {
     fn resize(&mut self, width: usize, height: usize) {
         let mut draw = CounterRng::new(9, 0, 0, 0);
         self.truth = Image::zeros(width, height, 3);
-        self.truth.data.iter_mut().for_each(|v| *v = T::of(draw.uniform()));
+        self.truth.data.iter_mut().for_each(|v| *v = T::from_f64(draw.uniform()));
         self.valid = vec![true; width * height];
     }
 
@@ -67,8 +67,8 @@ impl<T: Lanewise> SiteScene<T> {
             virtual_view: self
                 .has_virtual_view
                 .then(|| ShearedCamera::virtual_view(&camera, size, [-0.4, 0.3])),
-            background: [0.3, 0.8, 0.1].map(T::of),
-            floor: T::of(-5.0),
+            background: [0.3, 0.8, 0.1].map(T::from_f64),
+            floor: T::from_f64(-5.0),
         };
         let mut gradient = Gradient::default();
         let losses = self.objective.evaluate(g, a, &shot, &WEIGHTS, &mut gradient, &mut Stopwatch::default());

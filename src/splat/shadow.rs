@@ -4,7 +4,7 @@
 //! sunlight is `exp(ρ min(-Δ, 0))`. The view's radiometry and that share make the picture.
 
 use crate::simd::Real;
-use crate::simd::{Kernel, LANES, Lanes, Lanewise, Mask, Row, splat_each};
+use crate::simd::{MAX_LANES, Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
 use crate::splat::appearance::Appearance;
 use crate::splat::loss::consistency::Scaled;
 use crate::splat::raster::Image;
@@ -59,7 +59,7 @@ struct Stripe<T> {
     entropy: f64,
 }
 
-impl<T: Lanewise> ShadowModel<T> {
+impl<T: SimdReal> ShadowModel<T> {
     /// Makes the picture.
     pub fn show(&mut self, scene: Scene<T>) {
         let Image { width, height, .. } = *scene.view;
@@ -133,16 +133,16 @@ impl<T: Lanewise> ShadowModel<T> {
 
 /// One where a pixel counts, else zero.
 #[inline(always)]
-fn counts<L: Lanes>(lanes: L, valid: &[bool], start: usize) -> Row<L> {
-    let (zero, one) = (L::Number::of(0.0), L::Number::of(1.0));
+fn counts<S: Simd>(simd: S, valid: &[bool], start: usize) -> SimdVec<S> {
+    let (zero, one) = (S::Scalar::from_f64(0.0), S::Scalar::from_f64(1.0));
     if valid.is_empty() {
-        return Row::splat(lanes, one);
+        return SimdVec::broadcast(simd, one);
     }
-    let mut out = [zero; LANES];
+    let mut out = [zero; MAX_LANES];
     for (o, v) in out.iter_mut().zip(&valid[start..]) {
         *o = if *v { one } else { zero };
     }
-    Row::load(lanes, &out)
+    SimdVec::load(simd, &out)
 }
 
 /// A stripe of the picture.
@@ -154,45 +154,47 @@ struct Show<'a, T> {
     entropy: &'a mut f64,
 }
 
-impl<T: Lanewise> Kernel<T> for Show<'_, T> {
+impl<T: SimdReal> SimdKernel<T> for Show<'_, T> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
         let Scene { appearance, view, sun, valid } = self.scene;
         let width = view.width;
-        let appearance = Appearance { values: splat_each(lanes, appearance.values) };
-        let [zero, one, rate, low, high] =
-            splat_each(lanes, [0.0, 1.0, SHADOW_RATE_PER_M, ENTROPY_CLIP, 1.0 - ENTROPY_CLIP].map(T::of));
+        let appearance = Appearance { values: broadcast_each(simd, appearance.values) };
+        let [zero, one, rate, low, high] = broadcast_each(
+            simd,
+            [0.0, 1.0, SHADOW_RATE_PER_M, ENTROPY_CLIP, 1.0 - ENTROPY_CLIP].map(T::from_f64),
+        );
         *self.entropy = 0.0;
         let rows = self.picture.chunks_mut(3 * width).zip(self.sunlight.chunks_mut(2 * width));
         for (k, (picture, sunlight)) in rows.enumerate() {
             let row = self.first_row + k;
             let (sunlight, slope) = sunlight.split_at_mut(width);
             let mut entropy = zero;
-            for start in (0..width).step_by(L::WIDTH) {
+            for start in (0..width).step_by(S::WIDTH) {
                 let mut s = one;
                 if let Some((lookup, image)) = &sun {
-                    let z = Row::load_from(lanes, view.row(3, row), start);
-                    let places = lookup.places(lanes, start..width, row, z, image);
-                    let (higher, _) = places.values(lanes, image, 0);
-                    s = (rate * (z - higher).keep(places.inside).min(zero)).exp();
+                    let z = SimdVec::load_from(simd, view.row(3, row), start);
+                    let places = lookup.places(simd, start..width, row, z, image);
+                    let (higher, _) = places.values(simd, image, 0);
+                    s = (rate * (z - higher).select_or_zero(places.inside).min(zero)).exp();
                     // Binary entropy, its logarithms' arguments clipped; only these follow the clip.
                     let clipped = s.max(low).min(high);
                     let (a, b) = (clipped.log2(), (one - clipped).log2());
-                    entropy += (s * a + (one - s) * b).keep(Mask::first(lanes, width - start));
+                    entropy += (s * a + (one - s) * b).select_or_zero(SimdMask::first(simd, width - start));
                     (b - a).store_to(slope, start);
                 }
                 s.store_to(sunlight, start);
                 let mut rgb = [zero; 3];
                 for c in 0..3 {
-                    rgb[c] = Row::load_from(lanes, view.row(c, row), start);
+                    rgb[c] = SimdVec::load_from(simd, view.row(c, row), start);
                 }
                 let (lit, dim) = (appearance.sunlit(rgb), appearance.dimming(s));
-                let counts = counts(lanes, valid, row * width + start);
+                let counts = counts(simd, valid, row * width + start);
                 for c in 0..3 {
                     (counts * lit[c] * dim[c]).store_to(&mut picture[c * width..(c + 1) * width], start);
                 }
             }
-            *self.entropy -= entropy.sum().wide();
+            *self.entropy -= entropy.sum().as_f64();
         }
     }
 }
@@ -207,9 +209,9 @@ struct PullBack<'a, T> {
     stripe: &'a mut Stripe<T>,
 }
 
-impl<T: Lanewise> Kernel<T> for PullBack<'_, T> {
+impl<T: SimdReal> SimdKernel<T> for PullBack<'_, T> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
         let Self { scene: Scene { appearance, view, sun, valid }, by, sunlight, first_row, by_view, stripe } =
             self;
         let width = view.width;
@@ -218,39 +220,39 @@ impl<T: Lanewise> Kernel<T> for PullBack<'_, T> {
             let altitudes = rows.clone().flat_map(|r| view.row(3, r));
             stripe.by_sun.open(image.width, lookup.rows(rows, altitudes, image.height));
         }
-        let appearance = Appearance { values: splat_each(lanes, appearance.values) };
+        let appearance = Appearance { values: broadcast_each(simd, appearance.values) };
         let pixels = (width * view.height) as f64;
-        let constants = [0.0, 1.0, SHADOW_RATE_PER_M, by.entropy / pixels].map(T::of);
-        let [zero, one, rate, entropy_scale] = splat_each(lanes, constants);
+        let constants = [0.0, 1.0, SHADOW_RATE_PER_M, by.entropy / pixels].map(T::from_f64);
+        let [zero, one, rate, entropy_scale] = broadcast_each(simd, constants);
         let mut by_values = [zero; 15];
         for (k, by_view) in by_view.chunks_mut(4 * width).enumerate() {
             let row = first_row + k;
-            for start in (0..width).step_by(L::WIDTH) {
-                let counts = counts(lanes, valid, row * width + start);
+            for start in (0..width).step_by(S::WIDTH) {
+                let counts = counts(simd, valid, row * width + start);
                 let (mut rgb, mut by_pixel) = ([zero; 3], [zero; 3]);
                 for c in 0..3 {
-                    rgb[c] = Row::load_from(lanes, view.row(c, row), start);
-                    by_pixel[c] = counts * Row::load_from(lanes, by.picture.row(c, row), start);
+                    rgb[c] = SimdVec::load_from(simd, view.row(c, row), start);
+                    by_pixel[c] = counts * SimdVec::load_from(simd, by.picture.row(c, row), start);
                 }
-                let s = Row::load_from(lanes, sunlight.row(0, row), start);
+                let s = SimdVec::load_from(simd, sunlight.row(0, row), start);
                 let (by_rgb, by_s) = appearance.backward(rgb, s, by_pixel, &mut by_values);
                 let mut sums = [by_rgb[0], by_rgb[1], by_rgb[2], zero];
                 if let Some((lookup, image)) = &sun {
-                    let by_entropy = Row::load_from(lanes, sunlight.row(1, row), start);
+                    let by_entropy = SimdVec::load_from(simd, sunlight.row(1, row), start);
                     let by_s = entropy_scale.mul_add(by_entropy, by_s);
-                    let z = Row::load_from(lanes, view.row(3, row), start);
-                    let places = lookup.places(lanes, start..width, row, z, image);
-                    let (higher, slopes) = places.values(lanes, image, 0);
-                    let shaded = higher.above(z).and(places.inside);
-                    let by_delta = (rate * s * by_s).keep(shaded);
-                    places.scatter(lanes, shaded, [zero - by_delta], &mut stripe.by_sun);
-                    sums[3] = by_delta * (one - lookup.by_altitude(lanes, slopes));
+                    let z = SimdVec::load_from(simd, view.row(3, row), start);
+                    let places = lookup.places(simd, start..width, row, z, image);
+                    let (higher, slopes) = places.values(simd, image, 0);
+                    let shaded = higher.greater_than(z).and(places.inside);
+                    let by_delta = (rate * s * by_s).select_or_zero(shaded);
+                    places.scatter(simd, shaded, [zero - by_delta], &mut stripe.by_sun);
+                    sums[3] = by_delta * (one - lookup.by_altitude(simd, slopes));
                 }
                 if let Some(besides) = by.view {
-                    let factor = Row::splat(lanes, besides.factor);
+                    let factor = SimdVec::broadcast(simd, besides.factor);
                     for c in 0..4 {
-                        sums[c] =
-                            factor.mul_add(Row::load_from(lanes, besides.layers.row(c, row), start), sums[c]);
+                        sums[c] = factor
+                            .mul_add(SimdVec::load_from(simd, besides.layers.row(c, row), start), sums[c]);
                     }
                 }
                 for c in 0..4 {
@@ -258,6 +260,6 @@ impl<T: Lanewise> Kernel<T> for PullBack<'_, T> {
                 }
             }
         }
-        stripe.appearance = by_values.map(Row::sum);
+        stripe.appearance = by_values.map(SimdVec::sum);
     }
 }

@@ -2,7 +2,7 @@
 //! virtual view's. A shear carries pixel (col, row) at altitude z to `(col, row) - shear * z - origin`.
 
 use crate::simd::Real;
-use crate::simd::{LANES, Lanes, Mask, Row, splat_each};
+use crate::simd::{MAX_LANES, Simd, SimdMask, SimdVec, broadcast_each};
 use crate::splat::raster::Image;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -26,15 +26,15 @@ pub struct ShearWarp<T> {
 }
 
 /// Where neighbouring pixels of a view lie in another image: each between four pixels of it.
-pub struct Places<L: Lanes> {
+pub struct Places<S: Simd> {
     /// Which of them lie inside; the others' places say nothing.
-    pub inside: Mask<L>,
-    col: [u32; LANES],
-    row: [u32; LANES],
+    pub inside: SimdMask<S>,
+    col: [u32; MAX_LANES],
+    row: [u32; MAX_LANES],
     /// The pixel at (col, row) in the image's first channel.
-    start: [usize; LANES],
+    start: [usize; MAX_LANES],
     /// Distance to the pixel at (col, row), in [0, 1].
-    part: [Row<L>; 2],
+    part: [SimdVec<S>; 2],
 }
 
 /// Some rows of an image that derivatives are added to, all channels of a pixel side by side.
@@ -54,33 +54,35 @@ impl<T, const C: usize> Default for Window<T, C> {
 impl<T: Real> ShearWarp<T> {
     /// Where the pixels at `columns` of a row, as many as there are lanes, lie in `image`.
     #[inline(always)]
-    pub fn places<L: Lanes<Number = T>>(
+    pub fn places<S: Simd<Scalar = T>>(
         &self,
-        lanes: L,
+        simd: S,
         columns: Range<usize>,
         row: usize,
-        altitude: Row<L>,
+        altitude: SimdVec<S>,
         image: &Image<T>,
-    ) -> Places<L> {
-        let [shear_x, shear_y] = splat_each(lanes, self.shear);
-        let (last_col, last_row) = (T::of(image.width as f64 - 1.0), T::of(image.height as f64 - 1.0));
-        let [zero, right, bottom] = splat_each(lanes, [T::zero(), last_col, last_row]);
-        let (col, row) = (T::of(columns.start as f64), T::of(row as f64));
-        let x = Row::splat(lanes, col - self.origin[0]) + Row::numbers(lanes) - shear_x * altitude;
-        let y = Row::splat(lanes, row - self.origin[1]) - shear_y * altitude;
-        let inside = Mask::first(lanes, columns.len())
-            .and(x.at_least(zero))
-            .and(y.at_least(zero))
-            .and(right.above(x))
-            .and(bottom.above(y));
+    ) -> Places<S> {
+        let [shear_x, shear_y] = broadcast_each(simd, self.shear);
+        let (last_col, last_row) =
+            (T::from_f64(image.width as f64 - 1.0), T::from_f64(image.height as f64 - 1.0));
+        let [zero, right, bottom] = broadcast_each(simd, [T::zero(), last_col, last_row]);
+        let (col, row) = (T::from_f64(columns.start as f64), T::from_f64(row as f64));
+        let x =
+            SimdVec::broadcast(simd, col - self.origin[0]) + SimdVec::lane_indices(simd) - shear_x * altitude;
+        let y = SimdVec::broadcast(simd, row - self.origin[1]) - shear_y * altitude;
+        let inside = SimdMask::first(simd, columns.len())
+            .and(x.greater_equal(zero))
+            .and(y.greater_equal(zero))
+            .and(right.greater_than(x))
+            .and(bottom.greater_than(y));
         // Also where it is not a number: every place can be read.
-        let (x, y) = (x.keep(inside), y.keep(inside));
+        let (x, y) = (x.select_or_zero(inside), y.select_or_zero(inside));
         let (left, top) = (x.floor(), y.floor());
-        let (mut col, mut row) = ([0; LANES], [0; LANES]);
+        let (mut col, mut row) = ([0; MAX_LANES], [0; MAX_LANES]);
         left.store_whole(&mut col);
         top.store_whole(&mut row);
-        let mut start = [0; LANES];
-        for lane in 0..L::WIDTH {
+        let mut start = [0; MAX_LANES];
+        for lane in 0..S::WIDTH {
             start[lane] = row[lane] as usize * image.channels * image.width + col[lane] as usize;
         }
         Places { inside, col, row, start, part: [x - left, y - top] }
@@ -97,32 +99,32 @@ impl<T: Real> ShearWarp<T> {
             altitudes.fold((T::infinity(), T::neg_infinity()), |(l, h), z| (l.min(*z), h.max(*z)));
         let [a, b] = [low, high].map(|z| self.shear[1] * z + self.origin[1]);
         // A row more on either side, for rounding.
-        let first = T::of(rows.start as f64 - 1.0) - a.max(b);
-        let end = T::of(rows.end as f64 + 2.0) - a.min(b);
-        let inside = |row: T| row.max(T::zero()).min(T::of(height as f64)).small() as usize;
+        let first = T::from_f64(rows.start as f64 - 1.0) - a.max(b);
+        let end = T::from_f64(rows.end as f64 + 2.0) - a.min(b);
+        let inside = |row: T| row.max(T::zero()).min(T::from_f64(height as f64)).as_u32() as usize;
         inside(first)..inside(end).max(inside(first))
     }
 
     /// Derivative of looked-up values by the altitude, from their slopes by column and row.
     #[inline(always)]
-    pub fn by_altitude<L: Lanes<Number = T>>(&self, lanes: L, slopes: [Row<L>; 2]) -> Row<L> {
-        let [zero, x, y] = splat_each(lanes, [T::zero(), self.shear[0], self.shear[1]]);
+    pub fn by_altitude<S: Simd<Scalar = T>>(&self, simd: S, slopes: [SimdVec<S>; 2]) -> SimdVec<S> {
+        let [zero, x, y] = broadcast_each(simd, [T::zero(), self.shear[0], self.shear[1]]);
         zero - x * slopes[0] - y * slopes[1]
     }
 }
 
-impl<T: Real, L: Lanes<Number = T>> Places<L> {
+impl<T: Real, S: Simd<Scalar = T>> Places<S> {
     /// Bilinear values of a channel and their slopes by column and row; zero where outside.
     #[inline(always)]
-    pub fn values(&self, lanes: L, image: &Image<T>, channel: usize) -> (Row<L>, [Row<L>; 2]) {
-        let zero = Row::splat(lanes, T::zero());
+    pub fn values(&self, simd: S, image: &Image<T>, channel: usize) -> (SimdVec<S>, [SimdVec<S>; 2]) {
+        let zero = SimdVec::broadcast(simd, T::zero());
         if !self.inside.any() {
             return (zero, [zero; 2]);
         }
-        let mut corners = [[T::zero(); LANES]; 4];
+        let mut corners = [[T::zero(); MAX_LANES]; 4];
         let upper = &image.data[channel * image.width..];
         let lower = &upper[image.channels * image.width..];
-        for lane in 0..L::WIDTH {
+        for lane in 0..S::WIDTH {
             let [a, b] = *pair(&upper[self.start[lane]..]);
             let [c, d] = *pair(&lower[self.start[lane]..]);
             (corners[0][lane], corners[1][lane]) = (a, b);
@@ -130,36 +132,39 @@ impl<T: Real, L: Lanes<Number = T>> Places<L> {
         }
         let mut rows = [zero; 4];
         for k in 0..4 {
-            rows[k] = Row::load(lanes, &corners[k]);
+            rows[k] = SimdVec::load(simd, &corners[k]);
         }
         let ([a, b, c, d], [x, y]) = (rows, self.part);
         let (along_upper, along_lower) = (b - a, d - c);
         let (upper, lower) = (along_upper.mul_add(x, a), along_lower.mul_add(x, c));
         let (down, along) = (lower - upper, (along_lower - along_upper).mul_add(y, along_upper));
         let value = down.mul_add(y, upper);
-        (value.keep(self.inside), [along.keep(self.inside), down.keep(self.inside)])
+        (
+            value.select_or_zero(self.inside),
+            [along.select_or_zero(self.inside), down.select_or_zero(self.inside)],
+        )
     }
 
     /// Adds derivatives by the values to those by the four pixels around, where `mask` and inside.
     #[inline(always)]
     pub fn scatter<const C: usize>(
         &self,
-        lanes: L,
-        mask: Mask<L>,
-        by_values: [Row<L>; C],
+        simd: S,
+        mask: SimdMask<S>,
+        by_values: [SimdVec<S>; C],
         window: &mut Window<T, C>,
     ) {
-        let mut pending = self.inside.and(mask).bits();
+        let mut pending = self.inside.and(mask).bitmask();
         if pending == 0 {
             return;
         }
-        let ([x, y], one) = (self.part, Row::splat(lanes, T::one()));
-        let mut shares = [[T::zero(); LANES]; 4];
+        let ([x, y], one) = (self.part, SimdVec::broadcast(simd, T::one()));
+        let mut shares = [[T::zero(); MAX_LANES]; 4];
         ((one - x) * (one - y)).store_to(&mut shares[0], 0);
         (x * (one - y)).store_to(&mut shares[1], 0);
         ((one - x) * y).store_to(&mut shares[2], 0);
         (x * y).store_to(&mut shares[3], 0);
-        let mut by = [[T::zero(); LANES]; C];
+        let mut by = [[T::zero(); MAX_LANES]; C];
         for c in 0..C {
             by_values[c].store_to(&mut by[c], 0);
         }

@@ -64,7 +64,7 @@ impl<T: Real> Splats<T> {
         self.log_scale.push([scale_m.ln(); 3]);
         self.rotation.push([one, zero, zero, zero]);
         self.logit.push(logit(opacity));
-        self.f_dc.push(rgb.map(|v| (v - T::of(0.5)) / T::of(SH_C0)));
+        self.f_dc.push(rgb.map(|v| (v - T::from_f64(0.5)) / T::from_f64(SH_C0)));
     }
 
     /// Appends a copy of splat `i` of `from`.
@@ -111,7 +111,7 @@ impl<T: Real> Splats<T> {
 
     /// Changes each channel of every colour.
     pub fn recolor(&mut self, change: impl Fn(T) -> T) {
-        let (half, c0) = (T::of(0.5), T::of(SH_C0));
+        let (half, c0) = (T::from_f64(0.5), T::from_f64(SH_C0));
         self.f_dc.as_flattened_mut().iter_mut().for_each(|v| *v = (change(*v * c0 + half) - half) / c0);
     }
 
@@ -165,9 +165,9 @@ pub fn logit<T: Real>(p: T) -> T {
 
 /// Rotation matrix of a quaternion of any length, and that length.
 pub fn rotation_matrix<T: Real>(q: [T; 4]) -> ([[T; 3]; 3], T) {
-    let norm = q.iter().map(|v| *v * *v).sum::<T>().sqrt().max(T::of(1e-12));
+    let norm = q.iter().map(|v| *v * *v).sum::<T>().sqrt().max(T::from_f64(1e-12));
     let [w, x, y, z] = q.map(|v| v / norm);
-    let (one, two) = (T::one(), T::of(2.0));
+    let (one, two) = (T::one(), T::from_f64(2.0));
     let matrix = [
         [one - two * (y * y + z * z), two * (x * y - w * z), two * (x * z + w * y)],
         [two * (x * y + w * z), one - two * (x * x + z * z), two * (y * z - w * x)],

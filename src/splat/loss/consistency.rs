@@ -1,7 +1,7 @@
 //! What a randomly sheared camera must show as well: the same altitude and colour, where it sees the same surface
 //! (EOGS).
 
-use crate::simd::{Kernel, Lanes, Lanewise, Row, splat_each};
+use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::Image;
 use crate::splat::shear_warp::{ShearWarp, Window, stripe_rows, sum_windows};
 use rayon::prelude::*;
@@ -60,7 +60,7 @@ pub struct Difference {
     pub color: f64,
 }
 
-impl<T: Lanewise> Consistency<T> {
+impl<T: SimdReal> Consistency<T> {
     /// Compares colours and altitudes of a view with those of a virtual view, whose pixels `lookup` finds.
     ///
     /// Derivatives are of `weights.altitude` times the altitudes' difference plus `weights.color` times the colours'.
@@ -83,7 +83,7 @@ impl<T: Lanewise> Consistency<T> {
         });
         let sum = |of: fn(&Sums) -> f64| self.stripes.iter().map(|s| of(&s.sums)).sum::<f64>();
         let pixels = sum(|s| s.pixels).max(1.0);
-        self.share = T::of(1.0 / pixels);
+        self.share = T::from_f64(1.0 / pixels);
         let stripes = &self.stripes;
         sum_windows(&mut self.by_virtual, self.share, |k| stripes.get(k).map(|s| &s.by_virtual));
         Difference { altitude: sum(|s| s.altitude) / pixels, color: sum(|s| s.color) / pixels }
@@ -113,55 +113,56 @@ struct Compare<'a, T> {
     stripe: &'a mut Stripe<T>,
 }
 
-impl<T: Lanewise> Kernel<T> for Compare<'_, T> {
+impl<T: SimdReal> SimdKernel<T> for Compare<'_, T> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
         let Self { view, virtual_view, lookup, weights, first_row, by_view, stripe } = self;
         let width = view.width;
         let rows = first_row..first_row + by_view.len() / (4 * width);
         let altitudes = rows.clone().flat_map(|r| view.row(3, r));
         stripe.by_virtual.open(virtual_view.width, lookup.rows(rows, altitudes, virtual_view.height));
         stripe.sums = Sums::default();
-        let [zero, one, nearness] = splat_each(lanes, [0.0, 1.0, SAME_SURFACE_M].map(T::of));
+        let [zero, one, nearness] = broadcast_each(simd, [0.0, 1.0, SAME_SURFACE_M].map(T::from_f64));
         let Weights { altitude, color } = weights;
-        let weights = splat_each(lanes, [color, color, color, altitude].map(T::of));
+        let weights = broadcast_each(simd, [color, color, color, altitude].map(T::from_f64));
         for (k, by_view) in by_view.chunks_mut(4 * width).enumerate() {
             let row = first_row + k;
             let (mut pixels, mut altitude, mut color) = (zero, zero, zero);
-            for start in (0..width).step_by(L::WIDTH) {
-                let z = Row::load_from(lanes, view.row(3, row), start);
-                let places = lookup.places(lanes, start..width, row, z, virtual_view);
-                let (other_z, slopes) = places.values(lanes, virtual_view, 3);
+            for start in (0..width).step_by(S::WIDTH) {
+                let z = SimdVec::load_from(simd, view.row(3, row), start);
+                let places = lookup.places(simd, start..width, row, z, virtual_view);
+                let (other_z, slopes) = places.values(simd, virtual_view, 3);
                 let difference = z - other_z;
-                let same = nearness.above(difference.abs()).and(places.inside);
+                let same = nearness.greater_than(difference.abs()).and(places.inside);
                 let mut by = [zero; 4];
                 let mut by_slopes = zero;
                 if same.any() {
-                    pixels += one.keep(same);
-                    altitude += difference.abs().keep(same);
-                    by[3] = difference.sign().keep(same) * weights[3];
-                    by_slopes = by[3] * lookup.by_altitude(lanes, slopes);
+                    pixels += one.select_or_zero(same);
+                    altitude += difference.abs().select_or_zero(same);
+                    by[3] = difference.sign().select_or_zero(same) * weights[3];
+                    by_slopes = by[3] * lookup.by_altitude(simd, slopes);
                     for c in 0..3 {
-                        let (other, slopes) = places.values(lanes, virtual_view, c);
-                        let difference = (Row::load_from(lanes, view.row(c, row), start) - other).keep(same);
+                        let (other, slopes) = places.values(simd, virtual_view, c);
+                        let difference =
+                            (SimdVec::load_from(simd, view.row(c, row), start) - other).select_or_zero(same);
                         color += difference.abs();
                         by[c] = difference.sign() * weights[c];
-                        by_slopes += by[c] * lookup.by_altitude(lanes, slopes);
+                        by_slopes += by[c] * lookup.by_altitude(simd, slopes);
                     }
                     let mut by_others = [zero; 4];
                     for c in 0..4 {
                         by_others[c] = zero - by[c];
                     }
-                    places.scatter(lanes, same, by_others, &mut stripe.by_virtual);
+                    places.scatter(simd, same, by_others, &mut stripe.by_virtual);
                 }
                 by[3] = by[3] - by_slopes;
                 for c in 0..4 {
                     by[c].store_to(&mut by_view[c * width..(c + 1) * width], start);
                 }
             }
-            stripe.sums.pixels += pixels.sum().wide();
-            stripe.sums.altitude += altitude.sum().wide();
-            stripe.sums.color += color.sum().wide();
+            stripe.sums.pixels += pixels.sum().as_f64();
+            stripe.sums.altitude += altitude.sum().as_f64();
+            stripe.sums.color += color.sum().as_f64();
         }
     }
 }

@@ -3,7 +3,7 @@
 //! SSIM after Wang et al. 2004 with an 11 × 11 Gaussian window of σ 1.5, zeros beyond the border, as 3DGS uses it.
 
 use crate::simd::Real;
-use crate::simd::{Kernel, LANES, Lanes, Lanewise, Mask, Row, splat_each};
+use crate::simd::{MAX_LANES, Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::Image;
 use rayon::prelude::*;
 
@@ -63,18 +63,24 @@ impl Similarity {
 fn window<T: Real>() -> [T; REACH + 1] {
     let g = |i: usize| (-((i as f64 - REACH as f64) / SIGMA).powi(2) / 2.0).exp();
     let sum: f64 = (0..TAPS).map(g).sum();
-    std::array::from_fn(|i| T::of(g(i) / sum))
+    std::array::from_fn(|i| T::from_f64(g(i) / sum))
 }
 
 /// Blurs along a row that has zeros on either side; from column `start` on.
 #[inline(always)]
-fn blur_along<L: Lanes>(lanes: L, window: &[Row<L>; REACH + 1], row: &[L::Number], start: usize) -> Row<L> {
+fn blur_along<S: Simd>(
+    simd: S,
+    window: &[SimdVec<S>; REACH + 1],
+    row: &[S::Scalar],
+    start: usize,
+) -> SimdVec<S> {
     // Rows have sixteen zeros and more on either side: one check of the bounds is enough for all taps.
-    let Some(near) = row[start..].first_chunk::<{ 3 * LANES }>() else { return window[0] };
-    let first = LANES - REACH;
-    let mut sum = window[REACH] * Row::load_from(lanes, near, first + REACH);
+    let Some(near) = row[start..].first_chunk::<{ 3 * MAX_LANES }>() else { return window[0] };
+    let first = MAX_LANES - REACH;
+    let mut sum = window[REACH] * SimdVec::load_from(simd, near, first + REACH);
     for t in 0..REACH {
-        let pair = Row::load_from(lanes, near, first + t) + Row::load_from(lanes, near, first + TAPS - 1 - t);
+        let pair =
+            SimdVec::load_from(simd, near, first + t) + SimdVec::load_from(simd, near, first + TAPS - 1 - t);
         sum = window[t].mul_add(pair, sum);
     }
     sum
@@ -82,12 +88,12 @@ fn blur_along<L: Lanes>(lanes: L, window: &[Row<L>; REACH + 1], row: &[L::Number
 
 /// The weights with which a pair of rows takes what it covers.
 #[inline(always)]
-fn windows_of_pair<L: Lanes>(lanes: L) -> [[Row<L>; COVERED]; PAIR] {
+fn windows_of_pair<S: Simd>(simd: S) -> [[SimdVec<S>; COVERED]; PAIR] {
     let window = window();
-    let mut out = [[Row::splat(lanes, L::Number::of(0.0)); COVERED]; PAIR];
+    let mut out = [[SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); COVERED]; PAIR];
     for j in 0..PAIR {
         for t in 0..TAPS {
-            out[j][j + t] = Row::splat(lanes, window[REACH - REACH.abs_diff(t)]);
+            out[j][j + t] = SimdVec::broadcast(simd, window[REACH - REACH.abs_diff(t)]);
         }
     }
     out
@@ -109,16 +115,16 @@ fn covered<'a, T: Real>(
 
 /// A pair of rows of x, y, xx + yy and xy, blurred down the columns, from the rows that it covers.
 #[inline(always)]
-fn blur_moments_down<L: Lanes>(
-    lanes: L,
-    down: &[[Row<L>; COVERED]; PAIR],
-    xs: &[&[L::Number]; COVERED],
-    ys: &[&[L::Number]; COVERED],
+fn blur_moments_down<S: Simd>(
+    simd: S,
+    down: &[[SimdVec<S>; COVERED]; PAIR],
+    xs: &[&[S::Scalar]; COVERED],
+    ys: &[&[S::Scalar]; COVERED],
     start: usize,
-) -> [[Row<L>; 4]; PAIR] {
-    let mut sums = [[Row::splat(lanes, L::Number::of(0.0)); 4]; PAIR];
+) -> [[SimdVec<S>; 4]; PAIR] {
+    let mut sums = [[SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); 4]; PAIR];
     for t in 0..COVERED {
-        let (x, y) = (Row::load_from(lanes, xs[t], start), Row::load_from(lanes, ys[t], start));
+        let (x, y) = (SimdVec::load_from(simd, xs[t], start), SimdVec::load_from(simd, ys[t], start));
         let (squares, xy) = (x.mul_add(x, y * y), x * y);
         for j in 0..PAIR {
             let w = down[j][t];
@@ -133,15 +139,15 @@ fn blur_moments_down<L: Lanes>(
 
 /// A pair of rows blurred down the columns.
 #[inline(always)]
-fn blur_down<L: Lanes>(
-    lanes: L,
-    down: &[[Row<L>; COVERED]; PAIR],
-    rows: &[&[L::Number]; COVERED],
+fn blur_down<S: Simd>(
+    simd: S,
+    down: &[[SimdVec<S>; COVERED]; PAIR],
+    rows: &[&[S::Scalar]; COVERED],
     start: usize,
-) -> [Row<L>; PAIR] {
-    let mut sums = [Row::splat(lanes, L::Number::of(0.0)); PAIR];
+) -> [SimdVec<S>; PAIR] {
+    let mut sums = [SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); PAIR];
     for t in 0..COVERED {
-        let row = Row::load_from(lanes, rows[t], start);
+        let row = SimdVec::load_from(simd, rows[t], start);
         for j in 0..PAIR {
             sums[j] = down[j][t].mul_add(row, sums[j]);
         }
@@ -149,7 +155,7 @@ fn blur_down<L: Lanes>(
     sums
 }
 
-impl<T: Lanewise> Photometric<T> {
+impl<T: SimdReal> Photometric<T> {
     /// Derivatives of the last comparison's loss by the picture.
     #[must_use]
     pub fn by_picture(&self) -> &Image<T> {
@@ -166,14 +172,14 @@ impl<T: Lanewise> Photometric<T> {
         for strip in &mut self.strips {
             for row in strip.columns.iter_mut().flatten().chain([&mut strip.zeros]) {
                 row.clear();
-                row.resize(width.next_multiple_of(LANES) + 3 * LANES, T::zero());
+                row.resize(width.next_multiple_of(MAX_LANES) + 3 * MAX_LANES, T::zero());
             }
         }
 
         self.slopes.resize(width, height, 9);
         let strips = self.slopes.data.par_chunks_mut(ROWS * 9 * width).zip(&mut self.strips);
         strips.enumerate().for_each(|(k, (slopes, strip))| {
-            let scale = T::of(-SSIM_WEIGHT / count);
+            let scale = T::from_f64(-SSIM_WEIGHT / count);
             T::dispatch(Structure { picture, truth, first_row: k * ROWS, scale, slopes, strip });
         });
         let ssim = self.strips.iter().map(|s| s.sum).sum::<f64>() / count;
@@ -182,7 +188,7 @@ impl<T: Lanewise> Photometric<T> {
         self.by_picture.resize(width, height, 3);
         let strips = self.by_picture.data.par_chunks_mut(ROWS * 3 * width).zip(&mut self.strips);
         strips.enumerate().for_each(|(k, (by_picture, strip))| {
-            let scale = T::of((1.0 - SSIM_WEIGHT) / count);
+            let scale = T::from_f64((1.0 - SSIM_WEIGHT) / count);
             T::dispatch(Slope { picture, truth, slopes, first_row: k * ROWS, scale, by_picture, strip });
         });
         let l1 = self.strips.iter().map(|s| s.sum).sum::<f64>() / count;
@@ -200,24 +206,26 @@ struct Structure<'a, T> {
     strip: &'a mut Strip<T>,
 }
 
-impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
+impl<T: SimdReal> SimdKernel<T> for Structure<'_, T> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
         let Self { picture, truth, first_row, scale, slopes, strip } = self;
         let width = picture.width;
-        let (window, down) = (splat_each(lanes, window()), windows_of_pair(lanes));
-        let [zero, one, two, c1, c2, scale] =
-            splat_each(lanes, [T::zero(), T::one(), T::of(2.0), T::of(C1), T::of(C2), scale]);
+        let (window, down) = (broadcast_each(simd, window()), windows_of_pair(simd));
+        let [zero, one, two, c1, c2, scale] = broadcast_each(
+            simd,
+            [T::zero(), T::one(), T::from_f64(2.0), T::from_f64(C1), T::from_f64(C2), scale],
+        );
         strip.sum = 0.0;
         for (k, slopes) in slopes.chunks_mut(PAIR * 9 * width).enumerate() {
             for c in 0..3 {
                 let row = first_row + PAIR * k;
                 let (xs, ys) = (covered(picture, c, row, &strip.zeros), covered(truth, c, row, &strip.zeros));
-                for start in (0..width).step_by(L::WIDTH) {
-                    let blurred = blur_moments_down(lanes, &down, &xs, &ys, start);
+                for start in (0..width).step_by(S::WIDTH) {
+                    let blurred = blur_moments_down(simd, &down, &xs, &ys, start);
                     for j in 0..PAIR {
                         for n in 0..4 {
-                            blurred[j][n].store_to(&mut strip.columns[j][n], LANES + start);
+                            blurred[j][n].store_to(&mut strip.columns[j][n], MAX_LANES + start);
                         }
                     }
                 }
@@ -225,10 +233,10 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
                     let (by_x, rest) = slopes[3 * c * width..][..3 * width].split_at_mut(width);
                     let (by_xx, by_xy) = rest.split_at_mut(width);
                     let mut sum = zero;
-                    for start in (0..width).step_by(L::WIDTH) {
+                    for start in (0..width).step_by(S::WIDTH) {
                         let mut blurred = [zero; 4];
                         for n in 0..4 {
-                            blurred[n] = blur_along(lanes, &window, &columns[n], start);
+                            blurred[n] = blur_along(simd, &window, &columns[n], start);
                         }
                         let [ux, uy, squares, xy] = blurred;
                         let means = ux * ux + uy * uy;
@@ -236,15 +244,15 @@ impl<T: Lanewise> Kernel<T> for Structure<'_, T> {
                         let a2 = two * (xy - ux * uy) + c2;
                         let b1 = means + c1;
                         let b2 = squares - means + c2;
-                        let inverse = one.over(b1 * b2);
+                        let inverse = one / (b1 * b2);
                         let value = a1 * a2 * inverse;
-                        sum += value.keep(Mask::first(lanes, width - start));
+                        sum += value.select_or_zero(SimdMask::first(simd, width - start));
                         let by_mean = uy * (a2 - a1) - ux * value * (b2 - b1);
                         (scale * two * by_mean * inverse).store_to(by_x, start);
                         (zero - scale * value * b1 * inverse).store_to(by_xx, start);
                         (scale * two * a1 * inverse).store_to(by_xy, start);
                     }
-                    strip.sum += sum.sum().wide();
+                    strip.sum += sum.sum().as_f64();
                 }
             }
         }
@@ -263,23 +271,23 @@ struct Slope<'a, T> {
     strip: &'a mut Strip<T>,
 }
 
-impl<T: Lanewise> Kernel<T> for Slope<'_, T> {
+impl<T: SimdReal> SimdKernel<T> for Slope<'_, T> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
         let Self { picture, truth, slopes, first_row, scale, by_picture, strip } = self;
         let width = picture.width;
-        let (window, down) = (splat_each(lanes, window()), windows_of_pair(lanes));
-        let [zero, two, scale] = splat_each(lanes, [T::zero(), T::of(2.0), scale]);
+        let (window, down) = (broadcast_each(simd, window()), windows_of_pair(simd));
+        let [zero, two, scale] = broadcast_each(simd, [T::zero(), T::from_f64(2.0), scale]);
         strip.sum = 0.0;
         for (k, by_picture) in by_picture.chunks_mut(PAIR * 3 * width).enumerate() {
             for c in 0..3 {
                 let row = first_row + PAIR * k;
                 for n in 0..3 {
                     let by = covered(slopes, 3 * c + n, row, &strip.zeros);
-                    for start in (0..width).step_by(L::WIDTH) {
-                        let blurred = blur_down(lanes, &down, &by, start);
+                    for start in (0..width).step_by(S::WIDTH) {
+                        let blurred = blur_down(simd, &down, &by, start);
                         for j in 0..PAIR {
-                            blurred[j].store_to(&mut strip.columns[j][n], LANES + start);
+                            blurred[j].store_to(&mut strip.columns[j][n], MAX_LANES + start);
                         }
                     }
                 }
@@ -287,17 +295,17 @@ impl<T: Lanewise> Kernel<T> for Slope<'_, T> {
                     let by_picture = &mut by_picture[c * width..][..width];
                     let (x, y) = (picture.row(c, row + j), truth.row(c, row + j));
                     let mut sum = zero;
-                    for start in (0..width).step_by(L::WIDTH) {
+                    for start in (0..width).step_by(S::WIDTH) {
                         let mut by = [zero; 3];
                         for n in 0..3 {
-                            by[n] = blur_along(lanes, &window, &strip.columns[j][n], start);
+                            by[n] = blur_along(simd, &window, &strip.columns[j][n], start);
                         }
-                        let (x, y) = (Row::load_from(lanes, x, start), Row::load_from(lanes, y, start));
+                        let (x, y) = (SimdVec::load_from(simd, x, start), SimdVec::load_from(simd, y, start));
                         let d = x - y;
                         sum += d.abs();
                         (by[0] + two * x * by[1] + y * by[2] + scale * d.sign()).store_to(by_picture, start);
                     }
-                    strip.sum += sum.sum().wide();
+                    strip.sum += sum.sum().as_f64();
                 }
             }
         }

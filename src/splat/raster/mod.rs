@@ -20,8 +20,8 @@ pub use image::Image;
 pub use prepare::{SortedSplats, SplatGradient};
 pub use project::FrameCamera;
 
-use crate::simd::Lanewise;
 use crate::simd::Real;
+use crate::simd::SimdReal;
 use bands::Band;
 use block::TILE;
 use project::{CHUNK, Chunk, Projection};
@@ -60,7 +60,7 @@ impl<T: Real, const C: usize> Default for Rasterizer<T, C> {
     }
 }
 
-impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
+impl<T: SimdReal, const C: usize> Rasterizer<T, C> {
     /// Renders. `features` are in `prepared`'s order; the image has the `C` features over `background` and, as
     /// its last channel, the transmittance left.
     ///

@@ -32,8 +32,8 @@ fn camera<T: Real>() -> FrameCamera<T> {
     FrameCamera::new(&camera, 37, 35)
 }
 
-fn features<T: Lanewise>(g: &Splats<T>, prepared: &SortedSplats<T>) -> Vec<[T; 4]> {
-    let rgb = |v: T| v * T::of(SH_C0) + T::of(0.5);
+fn features<T: SimdReal>(g: &Splats<T>, prepared: &SortedSplats<T>) -> Vec<[T; 4]> {
+    let rgb = |v: T| v * T::from_f64(SH_C0) + T::from_f64(0.5);
     let of = |&i: &u32| {
         let f = g.f_dc[i as usize];
         [rgb(f[0]), rgb(f[1]), rgb(f[2]), g.position[i as usize][2]]
@@ -46,7 +46,7 @@ fn weights<T: Real>(camera: &FrameCamera<T>) -> Image<T> {
     let mut w = Image::zeros(camera.width, camera.height, 4);
     let mut counter = 77 << 32;
     for v in &mut w.data {
-        *v = T::of(uniform(&mut counter) - 0.4);
+        *v = T::from_f64(uniform(&mut counter) - 0.4);
     }
     w
 }
@@ -69,13 +69,13 @@ fn loss(g: &Splats<f64>) -> f64 {
     sum
 }
 
-fn gradient<T: Lanewise>(g: &Splats<T>) -> Splats<T> {
+fn gradient<T: SimdReal>(g: &Splats<T>) -> Splats<T> {
     let mut prepared = SortedSplats::default();
     prepared.update(g);
     let camera = camera();
     let mut raster = Rasterizer::<T, 4>::default();
     let f = features(g, &prepared);
-    raster.render(&prepared, &f, &camera, BACKGROUND.map(T::of));
+    raster.render(&prepared, &f, &camera, BACKGROUND.map(T::from_f64));
     let mut shared = vec![SplatGradient::default(); g.len()];
     let mut by_feature = vec![[T::zero(); 4]; g.len()];
     raster.backward(&weights(&camera), &mut shared, &mut by_feature);
@@ -83,7 +83,7 @@ fn gradient<T: Lanewise>(g: &Splats<T>) -> Splats<T> {
     prepared.parameter_gradients(g, &shared, &mut out);
     for i in 0..g.len() {
         let by = by_feature[prepared.rank(i)];
-        out.f_dc[i] = std::array::from_fn(|k| by[k] * T::of(SH_C0));
+        out.f_dc[i] = std::array::from_fn(|k| by[k] * T::from_f64(SH_C0));
         out.position[i][2] = out.position[i][2] + by[3];
     }
     out

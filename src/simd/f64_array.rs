@@ -1,24 +1,24 @@
-//! Lanes of f64 in an array: gradients are checked with them.
+//! Simd of f64 in an array: gradients are checked with them.
 
-use super::{Kernel, LANES, Lanes, Lanewise, list_eight};
+use super::{MAX_LANES, Simd, SimdKernel, SimdReal, compress_eight};
 
 /// Eight of them.
 #[derive(Clone, Copy)]
-pub(super) struct Exact;
+pub(super) struct F64Array;
 
-impl Lanewise for f64 {
-    fn dispatch(kernel: impl Kernel<f64>) {
-        kernel.run(Exact);
+impl SimdReal for f64 {
+    fn dispatch(kernel: impl SimdKernel<f64>) {
+        kernel.run(F64Array);
     }
 }
 
-impl Lanes for Exact {
+impl Simd for F64Array {
     const WIDTH: usize = 8;
-    type Number = f64;
-    type Numbers = [f64; 8];
-    type Truths = [bool; 8];
+    type Scalar = f64;
+    type Vector = [f64; 8];
+    type Mask = [bool; 8];
 
-    fn splat(self, value: f64) -> [f64; 8] {
+    fn broadcast(self, value: f64) -> [f64; 8] {
         [value; 8]
     }
     fn load(self, values: &[f64]) -> [f64; 8] {
@@ -27,10 +27,10 @@ impl Lanes for Exact {
     fn store(self, a: [f64; 8], places: &mut [f64]) {
         places[..8].copy_from_slice(&a);
     }
-    fn halves(self, a: [f64; 8], b: [f64; 8]) -> [[f64; 8]; 2] {
+    fn concat_halves(self, a: [f64; 8], b: [f64; 8]) -> [[f64; 8]; 2] {
         [0, 4].map(|k| std::array::from_fn(|i| if i < 4 { a[k + i] } else { b[k + i - 4] }))
     }
-    fn quarters(self, a: [f64; 8], b: [f64; 8]) -> [[f64; 8]; 2] {
+    fn interleave_quarters(self, a: [f64; 8], b: [f64; 8]) -> [[f64; 8]; 2] {
         [a, b]
     }
     fn load_eights(self, [eight, _]: [&[f64; 8]; 2]) -> [f64; 8] {
@@ -72,7 +72,7 @@ impl Lanes for Exact {
     fn sqrt(self, a: [f64; 8]) -> [f64; 8] {
         a.map(f64::sqrt)
     }
-    fn rough_sqrt(self, a: [f64; 8]) -> [f64; 8] {
+    fn sqrt_approx(self, a: [f64; 8]) -> [f64; 8] {
         self.sqrt(a)
     }
     fn exp2(self, a: [f64; 8], _: &[[f64; 8]; 7]) -> [f64; 8] {
@@ -87,25 +87,25 @@ impl Lanes for Exact {
     fn floor(self, a: [f64; 8]) -> [f64; 8] {
         a.map(f64::floor)
     }
-    fn store_whole(self, a: [f64; 8], places: &mut [u32; LANES]) {
+    fn store_whole(self, a: [f64; 8], places: &mut [u32; MAX_LANES]) {
         places[..8].copy_from_slice(&a.map(|v| v as u32));
     }
-    fn at_least(self, a: [f64; 8], b: [f64; 8]) -> [bool; 8] {
+    fn greater_equal(self, a: [f64; 8], b: [f64; 8]) -> [bool; 8] {
         std::array::from_fn(|i| a[i] >= b[i])
     }
-    fn above(self, a: [f64; 8], b: [f64; 8]) -> [bool; 8] {
+    fn greater_than(self, a: [f64; 8], b: [f64; 8]) -> [bool; 8] {
         std::array::from_fn(|i| a[i] > b[i])
     }
     fn and(self, a: [bool; 8], b: [bool; 8]) -> [bool; 8] {
         std::array::from_fn(|i| a[i] && b[i])
     }
-    fn bits(self, a: [bool; 8]) -> u32 {
+    fn bitmask(self, a: [bool; 8]) -> u32 {
         a.iter().enumerate().fold(0, |bits, (i, holds)| bits | u32::from(*holds) << i)
     }
-    fn list(self, a: [bool; 8], first: u8, places: &mut [u8]) -> usize {
-        list_eight(self.bits(a) as u8, first, places)
+    fn compress(self, a: [bool; 8], first: u8, places: &mut [u8]) -> usize {
+        compress_eight(self.bitmask(a) as u8, first, places)
     }
-    fn keep(self, truths: [bool; 8], a: [f64; 8]) -> [f64; 8] {
-        std::array::from_fn(|i| if truths[i] { a[i] } else { 0.0 })
+    fn select_or_zero(self, mask: [bool; 8], a: [f64; 8]) -> [f64; 8] {
+        std::array::from_fn(|i| if mask[i] { a[i] } else { 0.0 })
     }
 }
