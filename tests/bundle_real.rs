@@ -5,7 +5,7 @@
 mod common;
 
 use common::{data_dir, disagreement_px};
-use satgs::bundle::{Adjustment, Options, adjust};
+use satgs::bundle::{AdjustOptions, Adjustment, adjust};
 use satgs::frame::{Pixel, SiteGrid};
 use satgs::io::MapGrid;
 use satgs::metrics::{Truth, TruthOptions, nmad};
@@ -19,7 +19,7 @@ const AGREEMENT_PX: f64 = 0.15;
 
 fn adjusted(folder: &Path, rpcs: Option<&str>) -> Adjustment {
     let options = ReadOptions { rpcs: rpcs.map(str::to_owned), ..ReadOptions::default() };
-    adjust(&read(folder, &options).unwrap(), &Options::default(), &NoProgress).unwrap()
+    adjust(&read(folder, &options).unwrap(), &AdjustOptions::default(), &NoProgress).unwrap()
 }
 
 /// Spread of the points' heights over the lidar's below them, not registered.

@@ -3,7 +3,7 @@
 
 use super::adjuster::{Adjuster, warn_left_out};
 use super::control::{ControlPoint, tracks_of};
-use super::correction::Model;
+use super::correction::CorrectionModel;
 use super::error::BundleError;
 use super::features::Keypoint;
 use super::height_prior::HeightPrior;
@@ -34,14 +34,14 @@ const MIN_KEYPOINT_LIMIT_PX: f64 = 0.6;
 /// Pixels of the views whose keypoints are detected at the same time.
 const PIXELS_AT_ONCE: usize = 8_000_000;
 
-/// Options of an adjustment.
+/// AdjustOptions of an adjustment.
 #[derive(Clone, Debug, Default)]
-pub struct Options {
+pub struct AdjustOptions {
     /// Keep the cameras as delivered: points are triangulated with them, and the report tells which corrections an
     /// adjustment would make.
     pub fixed: bool,
     /// Which parameters of a camera are corrected.
-    pub model: Model,
+    pub model: CorrectionModel,
     /// Lowest and highest ellipsoidal height of the ground, metres; without it that of the scene.
     pub height_range: Option<(f64, f64)>,
     /// Surveyed points, which then define the datum.
@@ -63,7 +63,11 @@ pub struct Options {
 /// # Errors
 /// [`BundleError`]: too few views, no common ground, matches that do not connect the views, ground control of
 /// images that are not there, a request to stop.
-pub fn adjust(scene: &Scene, options: &Options, progress: &dyn Progress) -> Result<Adjustment, BundleError> {
+pub fn adjust(
+    scene: &Scene,
+    options: &AdjustOptions,
+    progress: &dyn Progress,
+) -> Result<Adjustment, BundleError> {
     scene.require_views(2)?;
     if options.height_range.is_none() {
         scene.require_shared_heights()?;
@@ -123,7 +127,7 @@ enum Outcome {
 impl<'a> Adjuster<'a> {
     /// Runs the stages after the keypoints. A view that contradicts the others ends the attempt, unless the cameras are
     /// fixed: then it is kept with a warning.
-    fn adjust(&mut self, scene: &Scene, options: &'a Options) -> Result<Outcome, BundleError> {
+    fn adjust(&mut self, scene: &Scene, options: &'a AdjustOptions) -> Result<Outcome, BundleError> {
         let leaves_out = !options.fixed;
         self.fix_views(&options.reference)?;
         self.network.height_prior = options.height_prior.as_ref();
@@ -132,12 +136,12 @@ impl<'a> Adjuster<'a> {
         let mut estimate = Estimate::start(self.views.len());
         let of_like_suns = self.pairs_with_similar_sun();
         let all = std::mem::replace(&mut self.pairs, of_like_suns);
-        let first = match self.match_and_adjust(&mut estimate, WIDE_TOLERANCE_PX, Model::Shift) {
+        let first = match self.match_and_adjust(&mut estimate, WIDE_TOLERANCE_PX, CorrectionModel::Shift) {
             // Without the pairs with dissimilar suns the views may not be connected.
             Err(BundleError::NotConnected { .. }) if self.pairs.len() < all.len() => {
                 self.pairs = all;
                 estimate = Estimate::start(self.views.len());
-                self.match_and_adjust(&mut estimate, WIDE_TOLERANCE_PX, Model::Shift)
+                self.match_and_adjust(&mut estimate, WIDE_TOLERANCE_PX, CorrectionModel::Shift)
             }
             done => done,
         };
@@ -147,7 +151,7 @@ impl<'a> Adjuster<'a> {
             None => {}
         }
         self.narrow_heights(&estimate);
-        let second = self.match_and_adjust(&mut estimate, NARROW_TOLERANCE_PX, Model::Shift)?;
+        let second = self.match_and_adjust(&mut estimate, NARROW_TOLERANCE_PX, CorrectionModel::Shift)?;
         if let Some(rejected) = second.filter(|_| leaves_out) {
             return Ok(Outcome::Rejected(rejected));
         }
@@ -185,7 +189,7 @@ impl<'a> Adjuster<'a> {
         &self,
         estimate: &mut Estimate,
         epipolar_tolerance_px: f64,
-        model: Model,
+        model: CorrectionModel,
     ) -> Result<Option<LeftOut>, BundleError> {
         let cameras = self.corrected(&estimate.corrections)?;
         let found = self.match_pairs(&cameras, epipolar_tolerance_px)?;

@@ -19,7 +19,7 @@ const REACH: f64 = 1.05;
 /// Which parameters of a correction are free.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Model {
+pub enum CorrectionModel {
     /// Two parameters, a shift: sufficient for images up to 8,000 pixels a side, in which a small rotation of the
     /// satellite is a shift to within 0.01 px.
     #[default]
@@ -30,7 +30,7 @@ pub enum Model {
     Affine,
 }
 
-impl Model {
+impl CorrectionModel {
     /// Number of free parameters, the first of [`Parameters`].
     #[must_use]
     pub const fn parameters(self) -> usize {

@@ -37,10 +37,10 @@ mod tracks;
 mod view_pairs;
 mod view_rejection;
 
-pub use adjust::{Options, adjust};
+pub use adjust::{AdjustOptions, adjust};
 pub use control::{ControlPoint, control_pairs, read_control};
 pub use control_check::check_control;
-pub use correction::{Model, Parameters};
+pub use correction::{CorrectionModel, Parameters};
 pub use error::BundleError;
 pub use features::{Keypoint, detect};
 pub use height_prior::HeightPrior;

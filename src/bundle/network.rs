@@ -1,6 +1,6 @@
 //! The solution for cameras and tracks in stages, with decreasing scales of the robust loss and rejection of outliers.
 
-use super::correction::{ImageFrame, MOST, Model, Parameters};
+use super::correction::{CorrectionModel, ImageFrame, MOST, Parameters};
 use super::error::BundleError;
 use super::height_prior::HeightPrior;
 use super::precision::Precision;
@@ -107,7 +107,7 @@ impl<'a> Network<'a> {
         &self,
         estimate: &mut Estimate,
         scales: &[f64],
-        model: Model,
+        model: CorrectionModel,
         allowed_px: f64,
     ) -> Result<(), BundleError> {
         for scale in scales {
@@ -123,7 +123,12 @@ impl<'a> Network<'a> {
         Ok(())
     }
 
-    fn solve(&self, estimate: &mut Estimate, loss_scale_px: f64, model: Model) -> Result<(), BundleError> {
+    fn solve(
+        &self,
+        estimate: &mut Estimate,
+        loss_scale_px: f64,
+        model: CorrectionModel,
+    ) -> Result<(), BundleError> {
         let mut block = self.block();
         block.tracks = std::mem::take(&mut estimate.tracks);
         block.loss_scale_px = loss_scale_px;
@@ -148,7 +153,7 @@ impl<'a> Network<'a> {
 
     /// Precision of an estimate; with `fixed`, that of the points for exact cameras.
     #[must_use]
-    pub fn precision(&self, estimate: &Estimate, model: Model, fixed: bool) -> Option<Precision> {
+    pub fn precision(&self, estimate: &Estimate, model: CorrectionModel, fixed: bool) -> Option<Precision> {
         let mut block = self.block();
         block.is_fixed.iter_mut().for_each(|h| *h |= fixed);
         block.tracks = estimate.tracks.clone();

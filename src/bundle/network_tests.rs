@@ -97,7 +97,7 @@ fn adjusted(delivered: &[Rpc], tracks: &[Track]) -> Estimate {
     let network = network(delivered);
     let mut estimate = Estimate::start(delivered.len());
     network.triangulate_tracks(&mut estimate, tracks.to_vec());
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift, ALLOWED_PX).unwrap();
+    network.refine(&mut estimate, &LOSS_SCALES_PX, CorrectionModel::Shift, ALLOWED_PX).unwrap();
     estimate
 }
 
@@ -175,7 +175,7 @@ fn errors_are_as_large_as_their_standard_deviations_say_and_the_translation_is_o
     let block = network.block();
     let estimate = adjusted(&delivered, &tracks);
     assert_eq!(estimate.tracks.len(), tracks.len());
-    let precision = network.precision(&estimate, Model::Shift, false).unwrap();
+    let precision = network.precision(&estimate, CorrectionModel::Shift, false).unwrap();
     assert_eq!(precision.rank_defect, 3);
     assert!((precision.sigma_px - 0.1).abs() < 0.01, "{}", precision.sigma_px);
 
@@ -204,16 +204,16 @@ fn reference_views_stay_as_they_are_and_fix_the_datum() {
     network.is_fixed[..2].fill(true);
     let mut estimate = Estimate::start(delivered.len());
     network.triangulate_tracks(&mut estimate, observe(&exact, 0.1, 0.0).0);
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift, ALLOWED_PX).unwrap();
+    network.refine(&mut estimate, &LOSS_SCALES_PX, CorrectionModel::Shift, ALLOWED_PX).unwrap();
     assert_eq!(estimate.corrections[..2], [[0.0; MOST]; 2]);
     for (found, exact) in estimate.corrections.iter().zip(&truth).skip(2) {
         for k in 0..2 {
             assert!((found[k] - exact[k]).abs() < 0.05, "{found:?} {exact:?}");
         }
     }
-    let precision = network.precision(&estimate, Model::Shift, false).unwrap();
+    let precision = network.precision(&estimate, CorrectionModel::Shift, false).unwrap();
     assert_eq!((precision.rank_defect, precision.corrections[0]), (0, [0.0; MOST]));
-    assert_eq!(network.precision(&estimate, Model::Shift, true).unwrap().rank_defect, 0);
+    assert_eq!(network.precision(&estimate, CorrectionModel::Shift, true).unwrap().rank_defect, 0);
 }
 
 #[test]
@@ -249,7 +249,7 @@ fn an_affine_model_finds_what_stretches_and_turns_the_image() {
     let network = network(&bent);
     let mut estimate = Estimate::start(bent.len());
     network.triangulate_tracks(&mut estimate, observe(&exact, 0.05, 0.0).0);
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Affine, ALLOWED_PX).unwrap();
+    network.refine(&mut estimate, &LOSS_SCALES_PX, CorrectionModel::Affine, ALLOWED_PX).unwrap();
     // The whole scene may bend a little with it: priors share it out.
     for k in 0..4 {
         let found = estimate.corrections[2][2 + k];
@@ -422,7 +422,7 @@ mod omaha {
         let start = std::time::Instant::now();
         let mut estimate = Estimate::start(network.rpcs.len());
         network.triangulate_tracks(&mut estimate, tracks.to_vec());
-        network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift, ALLOWED_PX).unwrap();
+        network.refine(&mut estimate, &LOSS_SCALES_PX, CorrectionModel::Shift, ALLOWED_PX).unwrap();
         (estimate, start.elapsed().as_secs_f64())
     }
 
@@ -524,7 +524,7 @@ fn an_affine_model_does_not_tilt_the_scene() {
     let block = network.block();
     let mut estimate = Estimate::start(delivered.len());
     network.triangulate_tracks(&mut estimate, tracks.clone());
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Affine, ALLOWED_PX).unwrap();
+    network.refine(&mut estimate, &LOSS_SCALES_PX, CorrectionModel::Affine, ALLOWED_PX).unwrap();
     assert_eq!(estimate.tracks.len(), tracks.len());
     for axis in 0..2 {
         let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);

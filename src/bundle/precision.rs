@@ -6,7 +6,7 @@
 //! these are the translations of the whole scene. The covariance is the pseudo-inverse without these eigenvectors (a
 //! free network, Förstner & Wrobel 2016, section 4.5): it describes the precision within the scene for a given datum.
 
-use super::correction::{MOST, Model, Parameters, by_parameters};
+use super::correction::{CorrectionModel, MOST, Parameters, by_parameters};
 use super::problem::{Block, SIGMA_PX, Unknowns};
 use super::solver::{Normal, jacobian};
 use nalgebra::{DMatrix, Matrix3, SMatrix, SymmetricEigen};
@@ -30,9 +30,9 @@ impl Precision {
     #[must_use]
     pub fn of(block: &Block, at: &Unknowns) -> Option<Self> {
         match block.model {
-            Model::Shift => Self::with::<2>(block, at),
-            Model::ShiftScale => Self::with::<4>(block, at),
-            Model::Affine => Self::with::<MOST>(block, at),
+            CorrectionModel::Shift => Self::with::<2>(block, at),
+            CorrectionModel::ShiftScale => Self::with::<4>(block, at),
+            CorrectionModel::Affine => Self::with::<MOST>(block, at),
         }
     }
 

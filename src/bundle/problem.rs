@@ -5,7 +5,7 @@
 //! the corrections define the datum. Beyond one standard deviation the prior of a shift is linear, so that a single
 //! wrong view cannot move the datum.
 
-use super::correction::{ImageFrame, MOST, Model, Parameters};
+use super::correction::{CorrectionModel, ImageFrame, MOST, Parameters};
 use super::height_prior::PointHeights;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use crate::rpc::Rpc;
@@ -79,7 +79,7 @@ pub struct Block<'a> {
     /// Scale of the Cauchy loss, pixels.
     pub loss_scale_px: f64,
     /// Which parameters of a correction are unknowns.
-    pub model: Model,
+    pub model: CorrectionModel,
     /// Whether the correction of a view is held fixed.
     pub is_fixed: Vec<bool>,
     /// Height priors of the points from an elevation model.
@@ -116,7 +116,7 @@ impl<'a> Block<'a> {
             frames,
             tracks: Vec::new(),
             loss_scale_px: 1.0,
-            model: Model::Shift,
+            model: CorrectionModel::Shift,
             is_fixed,
             heights: None,
             center,

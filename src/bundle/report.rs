@@ -1,6 +1,6 @@
 //! Statistics of an adjustment.
 
-use super::correction::{Model, Parameters};
+use super::correction::{CorrectionModel, Parameters};
 use serde::{Deserialize, Serialize};
 
 /// Number of bins of the residuals' histogram, and their width, pixels.
@@ -87,7 +87,7 @@ pub struct Report {
     /// A posteriori standard deviation of an observation, pixels.
     pub sigma_px: f64,
     /// Correction model.
-    pub model: Model,
+    pub model: CorrectionModel,
     /// Number of tracks.
     pub tracks: usize,
     /// Number of observations.

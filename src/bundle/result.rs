@@ -1,6 +1,6 @@
 //! The result of an adjustment: corrected cameras, sparse points, residuals, precision and the report.
 
-use super::adjust::Options;
+use super::adjust::AdjustOptions;
 use super::adjuster::Adjuster;
 use super::control_check::control_report;
 use super::error::BundleError;
@@ -11,7 +11,7 @@ use crate::progress::Event;
 
 impl Adjuster<'_> {
     /// What defines the datum.
-    fn gauge(&self, options: &Options) -> String {
+    fn gauge(&self, options: &AdjustOptions) -> String {
         let cameras = self.gauge_of_cameras(options);
         match &options.height_prior {
             Some(prior) if !options.fixed => {
@@ -21,7 +21,7 @@ impl Adjuster<'_> {
         }
     }
 
-    fn gauge_of_cameras(&self, options: &Options) -> String {
+    fn gauge_of_cameras(&self, options: &AdjustOptions) -> String {
         match (options.fixed, self.control.is_empty(), options.reference.as_slice()) {
             (true, ..) => "cameras as delivered, not corrected".into(),
             (false, true, []) => "mean of the delivered cameras: robust priors on the shifts".into(),
@@ -35,7 +35,11 @@ impl Adjuster<'_> {
     ///
     /// # Errors
     /// [`BundleError::Solver`] when a point is not determined by its rays, [`BundleError::Refit`].
-    pub(super) fn result(&self, estimate: &Estimate, options: &Options) -> Result<Adjustment, BundleError> {
+    pub(super) fn result(
+        &self,
+        estimate: &Estimate,
+        options: &AdjustOptions,
+    ) -> Result<Adjustment, BundleError> {
         let block = self.network.block();
         let given = self.network.as_delivered(&estimate.tracks);
         let Estimate { corrections, tracks, points } = if options.fixed { &given } else { estimate };

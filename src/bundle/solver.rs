@@ -4,7 +4,7 @@
 //! summed in fixed groups, so that the result does not depend on the number of threads. The damping follows Nielsen
 //! (1999).
 
-use super::correction::{Model, Parameters, by_parameters};
+use super::correction::{CorrectionModel, Parameters, by_parameters};
 use super::problem::{Block, Linearised, Unknowns};
 use argmin::core::observers::Observe;
 use argmin::core::{Error, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
@@ -139,9 +139,9 @@ impl Normal {
     /// The damped step from `here` and the decrease of the cost that the linear model predicts.
     fn step(&self, p: &Block, here: &Unknowns, damping: f64) -> Option<(Unknowns, f64)> {
         match p.model {
-            Model::Shift => self.step_of::<2>(p, here, damping),
-            Model::ShiftScale => self.step_of::<4>(p, here, damping),
-            Model::Affine => self.step_of::<6>(p, here, damping),
+            CorrectionModel::Shift => self.step_of::<2>(p, here, damping),
+            CorrectionModel::ShiftScale => self.step_of::<4>(p, here, damping),
+            CorrectionModel::Affine => self.step_of::<6>(p, here, damping),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Tie points measured again by least-squares matching in all views, instead of by keypoints in a few.
 
 use super::adjuster::Adjuster;
-use super::correction::Model;
+use super::correction::CorrectionModel;
 use super::error::BundleError;
 use super::network::{Estimate, LOSS_SCALES_PX};
 use super::patches::{ImagePatch, LsmMatcher, ground_tiles};
@@ -25,7 +25,11 @@ const TILE_PX: f64 = 2048.0;
 impl Adjuster<'_> {
     /// Measures every track again by least-squares matching in all views, and adjusts to these observations; tracks that
     /// the matching does not confirm keep their keypoints with the weight [`UNCONFIRMED_WEIGHT`].
-    pub(super) fn refine_tie_points(&self, estimate: &mut Estimate, model: Model) -> Result<(), BundleError> {
+    pub(super) fn refine_tie_points(
+        &self,
+        estimate: &mut Estimate,
+        model: CorrectionModel,
+    ) -> Result<(), BundleError> {
         let tied = (0..estimate.tracks.len()).filter(|i| estimate.tracks[*i].prior.is_none()).collect();
         let tiles = ground_tiles(&estimate.points, tied, TILE_PX * self.gsd_m());
         self.progress.event(Event::Started { stage: "measuring patches", total: tiles.len() as u64 });
@@ -67,7 +71,7 @@ impl Adjuster<'_> {
 
     /// Drops points whose height is ill-conditioned: they stem from unconfirmed keypoints with narrow angles between the
     /// rays.
-    fn drop_ill_conditioned(&self, estimate: &mut Estimate, model: Model) {
+    fn drop_ill_conditioned(&self, estimate: &mut Estimate, model: CorrectionModel) {
         let Some(precision) = self.network.precision(estimate, model, true) else { return };
         let most_m = MAX_HEIGHT_SIGMA_PX * self.gsd_m();
         let all = std::mem::take(&mut estimate.tracks).into_iter().zip(std::mem::take(&mut estimate.points));

@@ -5,7 +5,8 @@ use super::scene_args::SceneArgs;
 use super::stage::{Fingerprint, Stage, hash, hash_file, or_none};
 use super::{Failure, Ui, align, parse_metres, run_lock};
 use crate::bundle::{
-    Adjustment, HeightPrior, LeftOut, Model, Options, Report, adjust, check_control, read_control,
+    AdjustOptions, Adjustment, CorrectionModel, HeightPrior, LeftOut, Report, adjust, check_control,
+    read_control,
 };
 use crate::io::Vertical;
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
@@ -44,7 +45,7 @@ pub struct Args {
     /// What is corrected: `shift` (images up to 8,000 pixels a side, and any small --aoi), `shift-scale`, or `affine`;
     /// the latter two are for whole scenes: a crop of one is too small to tell a drift from noise
     #[arg(long, value_name = "MODEL", default_value = "shift", value_parser = parse_model)]
-    model: Model,
+    model: CorrectionModel,
     /// Surveyed points, which then fix the datum: CSV with the columns lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px
     #[arg(long, value_name = "FILE")]
     gcps: Option<PathBuf>,
@@ -81,11 +82,11 @@ fn parse_range(text: &str) -> Result<(f64, f64), String> {
     numbers.ok_or_else(|| format!("`{text}` is not LOW,HIGH"))
 }
 
-fn parse_model(text: &str) -> Result<Model, String> {
+fn parse_model(text: &str) -> Result<CorrectionModel, String> {
     match text {
-        "shift" => Ok(Model::Shift),
-        "shift-scale" => Ok(Model::ShiftScale),
-        "affine" => Ok(Model::Affine),
+        "shift" => Ok(CorrectionModel::Shift),
+        "shift-scale" => Ok(CorrectionModel::ShiftScale),
+        "affine" => Ok(CorrectionModel::Affine),
         _ => Err("expected `shift`, `shift-scale` or `affine`".into()),
     }
 }
@@ -187,7 +188,7 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
     if let Some(path) = &args.gcps {
         check_control(path, &control, &scene)?;
     }
-    let options = Options {
+    let options = AdjustOptions {
         fixed: args.fixed,
         model: args.model,
         height_range: heights,
