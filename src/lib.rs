@@ -19,6 +19,6 @@ pub mod mvs;
 pub mod splat;
 pub mod dsm;
 pub mod metrics;
-pub mod align;
+pub mod coregister;
 pub mod report;
 pub mod cli;

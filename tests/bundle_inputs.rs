@@ -11,7 +11,7 @@ use satgs::bundle::{
     AdjustOptions, Adjustment, BundleError, ControlPoint, adjust, check_control, read_control,
 };
 use satgs::frame::{Pixel, Point, SiteGrid};
-use satgs::io::{Cog, Grid2, MapGrid, SensorImage, Vertical, Window};
+use satgs::io::{Cog, Grid2, MapGrid, SensorImage, VerticalReference, Window};
 use satgs::progress::{Event, NoProgress, Recorder};
 use satgs::rpc::Rpc;
 use satgs::rpc::formats::{self, to_gdal};
@@ -382,7 +382,7 @@ fn an_elevation_model_a_kilometre_off_is_refused() {
     let grid = MapGrid { epsg: site.epsg, west, north, cell: 10.0, width: 100, height: 100 };
     for (off, code) in [(0.0, 0), (1000.0, 2)] {
         let (dem, run) = (work.path().join("dem.tif"), work.path().join(format!("run{off}")));
-        let cog = Cog { grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+        let cog = Cog { grid, metadata: &[], heights_from: Some(&VerticalReference::Ellipsoid) };
         cog.write_f32(&dem, &[("height", "m", &Grid2::filled(100, 100, 150.0 + off))]).unwrap();
         let [scene, run, dem] = [folder.path(), &run, &dem].map(|p| p.to_str().unwrap());
         let done = satgs(&["ba", scene, "-o", run, "--dem", dem, "-q"]);

@@ -7,8 +7,8 @@ mod common;
 use common::disagreement_px;
 use satgs::bundle::{AdjustOptions, HeightPrior, adjust};
 use satgs::frame::{Pixel, SiteGrid};
-use satgs::io::{Cog, Grid2, MapGrid, Vertical};
-use satgs::metrics::{Surface, quantile};
+use satgs::io::{Cog, Grid2, MapGrid, VerticalReference};
+use satgs::metrics::{HeightRaster, quantile};
 use satgs::progress::NoProgress;
 use satgs::rpc::{Rpc, formats};
 use satgs::scene::{ReadOptions, Scene, read};
@@ -67,7 +67,7 @@ fn lift_datum(scene: &mut Scene) {
 }
 
 /// The lowest of the surface in coarse cells: nearly the ground, as elevation models show it.
-fn write_ground(surface: &Surface, path: &Path) {
+fn write_ground(surface: &HeightRaster, path: &Path) {
     let fine = (DEM_CELL_M / surface.grid.cell).round() as usize;
     let (width, height) = (surface.height.width / fine, surface.height.height / fine);
     let lowest = |col: usize, row: usize| {
@@ -76,7 +76,7 @@ fn write_ground(surface: &Surface, path: &Path) {
     };
     let ground = Grid2::from_fn(width, height, lowest);
     let grid = MapGrid { cell: DEM_CELL_M, width, height, ..surface.grid };
-    let cog = Cog { grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+    let cog = Cog { grid, metadata: &[], heights_from: Some(&VerticalReference::Ellipsoid) };
     cog.write_f32(path, &[("height", "m", &ground)]).unwrap();
 }
 
@@ -86,7 +86,7 @@ fn an_elevation_model_holds_the_height_of_the_scene() {
     let made = simulate(folder.path(), &simulate::SimulateOptions::default(), &NoProgress).unwrap();
     let mut scene = read(folder.path(), &ReadOptions::default()).unwrap();
     lift_datum(&mut scene);
-    let surface = Surface::read(&made.truth).unwrap();
+    let surface = HeightRaster::read(&made.truth).unwrap();
     let path = folder.path().join("ground.tif");
     write_ground(&surface, &path);
     let dem = scene.dem(&path, None).unwrap();

@@ -5,8 +5,8 @@ use super::error::BundleError;
 use super::report::Report;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, SiteGrid};
 use crate::io::{
-    CloudError, CloudPoint, Marker, PointCloud, ReadError, Vertical, WriteError, epsg_of_cloud, read_json,
-    write_file, write_json, write_markers,
+    CloudError, CloudPoint, Marker, PointCloud, ReadError, VerticalReference, WriteError, epsg_of_cloud,
+    read_json, write_file, write_json, write_markers,
 };
 use crate::rpc::Rpc;
 use crate::rpc::formats;
@@ -263,8 +263,11 @@ impl Adjustment {
             intensity: p.views.into(),
         });
         let [x, y, z] = origin;
-        let cloud =
-            PointCloud { epsg: grid.epsg, vertical: &Vertical::Ellipsoid, origin: Point::new(x, y, z) };
+        let cloud = PointCloud {
+            epsg: grid.epsg,
+            vertical: &VerticalReference::Ellipsoid,
+            origin: Point::new(x, y, z),
+        };
         Ok(cloud.write(path, points)?)
     }
 

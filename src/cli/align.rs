@@ -3,11 +3,11 @@
 use super::run_folder::{TrainedCameras, read_json, read_scene, write_json};
 use super::stage::Stage;
 use super::{Failure, Ui, run_lock};
-use crate::align::{Alignment, Shift, to_control, to_surface};
 use crate::bundle::{Adjustment, check_control, control_pairs, read_control};
+use crate::coregister::{Coregistration, Shift, to_control, to_surface};
 use crate::frame::{Geodetic, Point, SiteGrid, Utm};
-use crate::io::{MapGrid, Vertical, WriteError, check_writable, write_moved};
-use crate::metrics::{Surface, Truth, TruthOptions};
+use crate::io::{MapGrid, VerticalReference, WriteError, check_writable, write_moved};
+use crate::metrics::{HeightRaster, Truth, TruthOptions};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, CHECKPOINT, CONFIDENCE, DSM, FIRST_SURFACE, HILLSHADE, ORTHO, SPLATS, SURFACE,
 };
@@ -58,7 +58,7 @@ struct Record {
     reference: PathBuf,
     /// How, and what is left.
     #[serde(flatten)]
-    last: Alignment,
+    last: Coregistration,
     /// All shifts since the adjustment together.
     total: Shift,
 }
@@ -112,7 +112,7 @@ fn alignment(
     ours: &Adjustment,
     map: &SiteGrid,
     ui: &Ui,
-) -> Result<Alignment, Failure> {
+) -> Result<Coregistration, Failure> {
     if args.to.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {
         let control = read_control(&args.to)?;
         check_control(&args.to, &control, scene)?;
@@ -127,7 +127,7 @@ fn alignment(
     let ((w, e), (s, n)) = (corner(Point::x), corner(Point::y));
     let around = (w - MARGIN_M, s - MARGIN_M, e + MARGIN_M, n + MARGIN_M);
     let options = TruthOptions {
-        vertical: args.vertical.as_deref().map(Vertical::read).transpose()?,
+        vertical: args.vertical.as_deref().map(VerticalReference::read).transpose()?,
         epsg: args.crs,
         ..TruthOptions::default()
     };
@@ -153,8 +153,8 @@ fn points(run: &Path, sparse: &[Point<Geodetic>], map: &SiteGrid) -> Result<(Vec
     if !path.exists() {
         return Ok((sparse.iter().map(|p| map.utm_from_geodetic(*p)).collect(), map.epsg));
     }
-    let Surface { grid, height, vertical, .. } = Surface::read(&path)?;
-    let vertical = Vertical::read(vertical.as_deref().unwrap_or("ellipsoid"))?;
+    let HeightRaster { grid, height, vertical, .. } = HeightRaster::read(&path)?;
+    let vertical = VerticalReference::read(vertical.as_deref().unwrap_or("ellipsoid"))?;
     let middle = SiteGrid { epsg: grid.epsg, ..*map }
         .geodetic_from_utm(grid.cell_center(grid.width / 2, grid.height / 2));
     // A geoid is level over a run's area to centimetres.

@@ -8,7 +8,7 @@ use crate::bundle::{
     AdjustOptions, Adjustment, CorrectionModel, HeightPrior, LeftOut, Report, adjust, check_control,
     read_control,
 };
-use crate::io::Vertical;
+use crate::io::VerticalReference;
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
 use crate::scene::{Dem, Scene, sources_of};
 use serde_json::Value;
@@ -105,7 +105,7 @@ impl Args {
     /// The elevation model, if there is one.
     fn dem(&self, scene: &Scene) -> Result<Option<Dem>, Failure> {
         let Some(dem) = &self.dem else { return Ok(None) };
-        let vertical = self.dem_vertical.as_deref().map(Vertical::read).transpose()?;
+        let vertical = self.dem_vertical.as_deref().map(VerticalReference::read).transpose()?;
         Ok(Some(scene.dem(dem, vertical.as_ref())?))
     }
 

@@ -5,8 +5,8 @@ use super::run_folder::{TrainedCameras, read_scene, require_image};
 use super::stage::{Fingerprint, Stage, hash_file, or_none};
 use super::{Failure, Ui, parse_metres, run_lock};
 use crate::affine::SiteView;
-use crate::dsm::{Heights, HeightsFrom, Seeing, Surface, hillshade, render};
-use crate::io::{HeightSystem, ImageFile, MapGrid, Vertical, check_writable, write_png_gray};
+use crate::dsm::{Dsm, Heights, HeightsFrom, Seeing, hillshade, render};
+use crate::io::{HeightSystem, ImageFile, MapGrid, VerticalReference, check_writable, write_png_gray};
 use crate::mvs::{DSM_CELL_M, MatchedSurface};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPARSE_POINTS, SPLATS, SURFACE,
@@ -82,7 +82,7 @@ impl Options {
     /// training.
     pub(super) fn check(&self, run: &Path) -> Result<(), Failure> {
         self.products()?.iter().try_for_each(|product| product.check(run))?;
-        self.vertical.as_deref().map(Vertical::read).transpose()?;
+        self.vertical.as_deref().map(VerticalReference::read).transpose()?;
         if let Some(path) = &self.like {
             check_size(&ImageFile::open(path)?.map_grid()?)?;
         }
@@ -109,7 +109,7 @@ impl Product {
         Ok(check_writable(&run.join(self.path()))?)
     }
 
-    fn write(&self, run: &Path, surface: &Surface, heights: &Heights) -> Result<(), Failure> {
+    fn write(&self, run: &Path, surface: &Dsm, heights: &Heights) -> Result<(), Failure> {
         let path = run.join(self.path());
         let written = match self {
             Self::Hillshade => surface.write_hillshade(&path),
@@ -147,7 +147,7 @@ fn vertical_name(run: &Path, options: &Options) -> Result<String, Failure> {
         }
         false => None,
     };
-    Ok(from.unwrap_or_else(|| Vertical::ELLIPSOID.into()))
+    Ok(from.unwrap_or_else(|| VerticalReference::ELLIPSOID.into()))
 }
 
 /// No more cells than this: 40,000 squared.
@@ -165,7 +165,7 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     let setup = &cameras.setup;
     let grid = grid(options, &cameras)?;
     let above = vertical_name(run, options)?;
-    let vertical = Vertical::read(&above)?;
+    let vertical = VerticalReference::read(&above)?;
     let outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(|name| run.join(name)).to_vec();
     let stage = Stage::new(run, "dsm", outputs, fingerprint(run, &grid, &above, options));
     let is_done = stage.is_done(overwrite)?;
@@ -287,7 +287,7 @@ fn check_size(grid: &MapGrid) -> Result<(), Failure> {
 
 fn fingerprint(run: &Path, grid: &MapGrid, above: &str, options: &Options) -> Fingerprint {
     Fingerprint::from([
-        ("--vertical".into(), Vertical::known_name(above)),
+        ("--vertical".into(), VerticalReference::known_name(above)),
         ("--fill".into(), or_none(options.fill)),
         ("surface".into(), hash_file(&run.join(SURFACE))),
         ("splats".into(), hash_file(&run.join(SPLATS))),

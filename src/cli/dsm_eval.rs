@@ -1,9 +1,9 @@
 //! `satgs dsm-eval`: a surface model against the truth, in a table, a JSON file, an error map and figures.
 
 use super::{Failure, Ui};
-use crate::io::{Cog, Vertical, check_writable, write_file, write_png_rgb};
+use crate::io::{Cog, VerticalReference, check_writable, write_file, write_png_rgb};
 use crate::metrics::{
-    Evaluation, Method, Surface, Truth, TruthOptions, error_picture, error_style, evaluate,
+    Evaluation, HeightRaster, Method, Truth, TruthOptions, error_picture, error_style, evaluate,
 };
 use crate::report::{FIGURES, SCORE_NOTE, ScoreTable, figures, score_tables};
 use crate::run_files::{ERROR_MAP, METRICS};
@@ -73,7 +73,7 @@ impl TruthOptionArgs {
         Ok(TruthOptions {
             classes: self.classes.as_deref(),
             mask: self.mask.as_deref(),
-            vertical: self.truth_vertical.as_deref().map(Vertical::read).transpose()?,
+            vertical: self.truth_vertical.as_deref().map(VerticalReference::read).transpose()?,
             epsg: self.truth_crs,
         })
     }
@@ -97,7 +97,7 @@ pub(super) fn score(
     ui: &Ui,
 ) -> Result<(), Failure> {
     let inputs = format!("{}, {}", dsm.display(), truth.display());
-    let prediction = Surface::read(dsm)?;
+    let prediction = HeightRaster::read(dsm)?;
     let truth = Truth::read(truth, options, &prediction.grid)?;
     if let Some(folder) = output {
         check_writable(&folder.join(METRICS))?;
@@ -134,10 +134,13 @@ fn refuse_to_replace(folder: &Path, overwrite: bool) -> Result<(), Failure> {
 fn write_files(evaluation: &Evaluation, inputs: &str, folder: &Path) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(&json(evaluation)?).map_err(not_json)?;
     write_file(&folder.join(METRICS), text + "\n")?;
-    let Some(verdict) = evaluation.verdict(Method::Xyz) else { return Ok(()) };
-    let errors = evaluation.error_map(&verdict.registration)?;
-    let r = verdict.registration;
-    let moved = format!("{:.3} m east, {:.3} m north, {:.3} m up", verdict.east_m, verdict.north_m, r.dz_m);
+    let Some(registered_scores) = evaluation.registered_scores(Method::Xyz) else { return Ok(()) };
+    let errors = evaluation.error_map(&registered_scores.registration)?;
+    let r = registered_scores.registration;
+    let moved = format!(
+        "{:.3} m east, {:.3} m north, {:.3} m up",
+        registered_scores.east_m, registered_scores.north_m, r.dz_m
+    );
     let metadata = [
         ("INPUTS", inputs.to_owned()),
         ("TIFFTAG_IMAGEDESCRIPTION", "registered prediction minus truth".to_owned()),

@@ -5,7 +5,7 @@ use super::{Failure, Ui};
 use crate::affine::sun_direction;
 use crate::affine::{SiteScene, SiteView};
 use crate::bundle::Adjustment;
-use crate::io::{Cog, MapGrid, SensorImage, Vertical, check_writable, write_png_rgb};
+use crate::io::{Cog, MapGrid, SensorImage, VerticalReference, check_writable, write_png_rgb};
 use crate::rpc::{Rpc, formats};
 use crate::run_files::ADJUSTMENT;
 use crate::scene::Sun;
@@ -184,6 +184,6 @@ fn write_raster(
     let [col, row] = view.camera.offset;
     let (west, north) = (east - (col + 0.5) * cell, north + (row + 0.5) * cell);
     let grid = MapGrid { epsg: setup.site.epsg, west, north, cell, width, height };
-    let cog = Cog { grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+    let cog = Cog { grid, metadata: &[], heights_from: Some(&VerticalReference::Ellipsoid) };
     Ok(cog.write_f32(path, &bands)?)
 }

@@ -15,7 +15,7 @@ mod grid2;
 mod style;
 mod valid;
 mod vector;
-mod vertical;
+mod vertical_reference;
 mod write;
 
 pub use atomic::{check_writable, write_atomically, write_file};
@@ -32,5 +32,5 @@ pub use json::{read_json, write_json};
 pub use style::color_style;
 pub use valid::ValidPixels;
 pub use vector::{Marker, Outline, inside_polygons, write_markers, write_outlines};
-pub use vertical::Vertical;
+pub use vertical_reference::VerticalReference;
 pub use write::{Cog, SensorImage, png_rgb, write_moved, write_png_gray, write_png_rgb, write_with_rpc};

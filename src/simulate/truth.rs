@@ -4,7 +4,7 @@ use super::field::{Field, Material};
 use super::plan::Plan;
 use super::{SceneFigures, SimulatedView};
 use crate::frame::{Point, Site, SiteGrid};
-use crate::io::{Cog, Grid2, MapGrid, Vertical, WriteError, write_file};
+use crate::io::{Cog, Grid2, MapGrid, VerticalReference, WriteError, write_file};
 use crate::rpc::formats::{ViewTags, to_json};
 use std::path::Path;
 
@@ -88,7 +88,7 @@ impl ExactDsm {
     /// Writes `NAME_DSM.tif` and `NAME_CLS.tif`.
     pub(super) fn write(&self, folder: &Path, name: &str) -> Result<(), WriteError> {
         let classes = Cog { grid: self.grid, metadata: &[], heights_from: None };
-        let dsm = Cog { heights_from: Some(&Vertical::Ellipsoid), ..classes };
+        let dsm = Cog { heights_from: Some(&VerticalReference::Ellipsoid), ..classes };
         dsm.write_f32(&folder.join(format!("{name}_DSM.tif")), &[("height", "m", &self.heights)])?;
         classes.write_u8(&folder.join(format!("{name}_CLS.tif")), vec![self.classes.clone()], None)
     }

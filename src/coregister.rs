@@ -7,7 +7,7 @@
 
 use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};
 use crate::io::Grid2;
-use crate::metrics::{MetricsError, Surface, quantile};
+use crate::metrics::{HeightRaster, MetricsError, quantile};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -33,7 +33,7 @@ const LEAST_SHARE: f64 = 0.5;
 /// Why no shift is found.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
-pub enum AlignError {
+pub enum CoregisterError {
     /// The reference is elsewhere or empty.
     #[error("{common} of the run's points lie on heights of `{reference}`, {FEWEST} are needed")]
     #[diagnostic(help("is the reference of the same place, its CRS right, and does it hold heights?"))]
@@ -114,7 +114,7 @@ impl Shift {
 
 /// A shift and what it leaves.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub struct Alignment {
+pub struct Coregistration {
     /// How far the scene is to be moved.
     pub shift: Shift,
     /// Points that were compared.
@@ -126,10 +126,14 @@ pub struct Alignment {
 /// The shift of points, which count in EPSG `epsg`, to a surface.
 ///
 /// # Errors
-/// [`AlignError::NoOverlap`], [`AlignError::TooFar`], [`AlignError::Frame`].
-pub fn to_surface(points: &[Point<Utm>], epsg: u32, reference: &Surface) -> Result<Alignment, AlignError> {
+/// [`CoregisterError::NoOverlap`], [`CoregisterError::TooFar`], [`CoregisterError::Frame`].
+pub fn to_surface(
+    points: &[Point<Utm>],
+    epsg: u32,
+    reference: &HeightRaster,
+) -> Result<Coregistration, CoregisterError> {
     let search = Search::new(points, epsg, reference)?;
-    let no_overlap = |common| AlignError::NoOverlap { reference: reference.path.clone(), common };
+    let no_overlap = |common| CoregisterError::NoOverlap { reference: reference.path.clone(), common };
     let mut best = search.best_around([0.0; 2]).map_err(no_overlap)?;
     // Until nothing around it is better, so that an aligned scene is found to be aligned.
     for _ in 0..ROUNDS {
@@ -140,24 +144,24 @@ pub fn to_surface(points: &[Point<Utm>], epsg: u32, reference: &Surface) -> Resu
         best = next;
     }
     if best.at.iter().any(|v| v.abs() >= REACH_M) {
-        return Err(AlignError::TooFar { reference: reference.path.clone() });
+        return Err(CoregisterError::TooFar { reference: reference.path.clone() });
     }
     let shift = Shift { east_m: best.at[0], north_m: best.at[1], up_m: f64::from(best.up_m) };
     let left = search.differences(best.at, REFINED).iter().map(|d| (d - best.up_m).abs()).collect::<Vec<_>>();
-    Ok(Alignment { shift, points: best.common, left_m: quantile(&left, 0.5) })
+    Ok(Coregistration { shift, points: best.common, left_m: quantile(&left, 0.5) })
 }
 
 /// The shift of (ours, surveyed) places: the median along each axis of the map.
 ///
 /// # Errors
-/// [`AlignError::NoControl`] without any.
+/// [`CoregisterError::NoControl`] without any.
 pub fn to_control(
     pairs: &[[Point<Geodetic>; 2]],
     map: &SiteGrid,
     reference: &Path,
-) -> Result<Alignment, AlignError> {
+) -> Result<Coregistration, CoregisterError> {
     if pairs.is_empty() {
-        return Err(AlignError::NoControl { reference: reference.into() });
+        return Err(CoregisterError::NoControl { reference: reference.into() });
     }
     let off: Vec<[f64; 3]> = pairs
         .iter()
@@ -169,7 +173,7 @@ pub fn to_control(
         .iter()
         .map(|d| d.iter().zip(shift.enu()).map(|(d, s)| (d - s).powi(2)).sum::<f64>().sqrt() as f32)
         .collect();
-    Ok(Alignment { shift, points: pairs.len(), left_m: quantile(&left, 0.5) })
+    Ok(Coregistration { shift, points: pairs.len(), left_m: quantile(&left, 0.5) })
 }
 
 /// A horizontal shift and how well heights agree under it.
@@ -199,7 +203,7 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(points: &[Point<Utm>], epsg: u32, reference: &'a Surface) -> Result<Self, AlignError> {
+    fn new(points: &[Point<Utm>], epsg: u32, reference: &'a HeightRaster) -> Result<Self, CoregisterError> {
         let grid = reference.grid;
         let transform = (epsg != grid.epsg).then(|| Transform::new(epsg, grid.epsg)).transpose()?;
         let cell_of = |x: f64, y: f64| {
@@ -292,12 +296,12 @@ mod tests {
         100.0 + 2.5 * block + 0.02 * x - 0.01 * y
     }
 
-    fn reference() -> Surface {
+    fn reference() -> HeightRaster {
         let grid =
             MapGrid { epsg: EPSG, west: 700_000.0, north: 4_800_400.0, cell: 0.5, width: 800, height: 800 };
         let raster =
             Grid2::from_fn(800, 800, |c, r| height(0.5 * c as f64 + 0.25, 399.75 - 0.5 * r as f64) as f32);
-        Surface {
+        HeightRaster {
             path: "reference.tif".into(),
             grid,
             height: raster,
@@ -358,14 +362,17 @@ mod tests {
         away.grid.west += 5000.0;
         assert!(matches!(
             to_surface(&points([0.0; 3]), EPSG, &away),
-            Err(AlignError::NoOverlap { common: 0, .. })
+            Err(CoregisterError::NoOverlap { common: 0, .. })
         ));
         let mut empty = reference();
         empty.height.data.fill(f32::NAN);
-        assert!(matches!(to_surface(&points([0.0; 3]), EPSG, &empty), Err(AlignError::NoOverlap { .. })));
+        assert!(matches!(
+            to_surface(&points([0.0; 3]), EPSG, &empty),
+            Err(CoregisterError::NoOverlap { .. })
+        ));
         let far = to_surface(&points([60.0, 0.0, 0.0]), EPSG, &reference());
         assert!(!far.is_ok_and(|a| a.left_m < 0.1));
-        assert!(matches!(to_surface(&[], EPSG, &reference()), Err(AlignError::NoOverlap { .. })));
+        assert!(matches!(to_surface(&[], EPSG, &reference()), Err(CoregisterError::NoOverlap { .. })));
     }
 
     #[test]
@@ -380,6 +387,9 @@ mod tests {
         for (f, s) in found.shift.enu().iter().zip([1.1, -2.0, 3.0]) {
             assert!((f - s).abs() < 1e-3, "{found:?}");
         }
-        assert!(matches!(to_control(&[], &map, Path::new("gcps.csv")), Err(AlignError::NoControl { .. })));
+        assert!(matches!(
+            to_control(&[], &map, Path::new("gcps.csv")),
+            Err(CoregisterError::NoControl { .. })
+        ));
     }
 }
