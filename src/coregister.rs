@@ -7,7 +7,8 @@
 
 use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};
 use crate::io::Grid2;
-use crate::metrics::{HeightRaster, MetricsError, quantile};
+use crate::metrics::{HeightRaster, MetricsError};
+use crate::stats::interpolated_quantile;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -148,7 +149,7 @@ pub fn to_surface(
     }
     let shift = Shift { east_m: best.at[0], north_m: best.at[1], up_m: f64::from(best.up_m) };
     let left = search.differences(best.at, REFINED).iter().map(|d| (d - best.up_m).abs()).collect::<Vec<_>>();
-    Ok(Coregistration { shift, points: best.common, left_m: quantile(&left, 0.5) })
+    Ok(Coregistration { shift, points: best.common, left_m: interpolated_quantile(&left, 0.5) })
 }
 
 /// The shift of (ours, surveyed) places: the median along each axis of the map.
@@ -167,13 +168,13 @@ pub fn to_control(
         .iter()
         .map(|[ours, exact]| (map.utm_from_geodetic(*exact) - map.utm_from_geodetic(*ours)).xyz())
         .collect();
-    let median = |k: usize| quantile(&off.iter().map(|d| d[k] as f32).collect::<Vec<_>>(), 0.5);
+    let median = |k: usize| interpolated_quantile(&off.iter().map(|d| d[k] as f32).collect::<Vec<_>>(), 0.5);
     let shift = Shift { east_m: median(0), north_m: median(1), up_m: median(2) };
     let left: Vec<f32> = off
         .iter()
         .map(|d| d.iter().zip(shift.enu()).map(|(d, s)| (d - s).powi(2)).sum::<f64>().sqrt() as f32)
         .collect();
-    Ok(Coregistration { shift, points: pairs.len(), left_m: quantile(&left, 0.5) })
+    Ok(Coregistration { shift, points: pairs.len(), left_m: interpolated_quantile(&left, 0.5) })
 }
 
 /// A horizontal shift and how well heights agree under it.
@@ -231,7 +232,7 @@ impl<'a> Search<'a> {
 
     fn candidate(&self, at: [f64; 2], at_most: usize) -> Candidate {
         let off = self.differences(at, at_most);
-        let up_m = quantile(&off, 0.5) as f32;
+        let up_m = interpolated_quantile(&off, 0.5) as f32;
         let sum: f64 = off.iter().map(|d| f64::from((d - up_m).abs().min(CLIP_M))).sum();
         Candidate { at, up_m, mean_m: sum / off.len() as f64, common: off.len() }
     }

@@ -8,7 +8,7 @@ use common::disagreement_px;
 use satgs::bundle::{AdjustOptions, HeightPrior, adjust};
 use satgs::frame::{Pixel, SiteGrid};
 use satgs::io::{Cog, Grid2, MapGrid, VerticalReference};
-use satgs::metrics::{HeightRaster, quantile};
+use satgs::metrics::HeightRaster;
 use satgs::progress::NoProgress;
 use satgs::rpc::{Rpc, formats};
 use satgs::scene::{ReadOptions, Scene, read};
@@ -100,7 +100,8 @@ fn an_elevation_model_holds_the_height_of_the_scene() {
             let px = surface.grid.corner_px_from_utm(site.utm_from_geodetic(p.position));
             p.position.height_m() as f32 - surface.height.get(px.col.floor() as i64, px.row.floor() as i64)
         });
-        let error_m = quantile(&above.filter(|d| d.is_finite()).collect::<Vec<_>>(), 0.5);
+        let error_m =
+            satgs::stats::interpolated_quantile(&above.filter(|d| d.is_finite()).collect::<Vec<_>>(), 0.5);
         (made.report.tracks as f64, error_m)
     };
     let (tracks, free) = tracks_and_error_m(None);

@@ -26,7 +26,7 @@ const LAYERS: [(&str, Option<&[&str]>); 20] = [
     ("splat", None),
     ("dsm", None),
     ("metrics", Some(&["stats", "random", "progress", "frame", "io"])),
-    ("coregister", Some(&["frame", "io", "metrics"])),
+    ("coregister", Some(&["stats", "frame", "io", "metrics"])),
     ("report", None),
     ("cli", None),
 ];

@@ -9,12 +9,12 @@ mod scene;
 use rayon::ThreadPoolBuilder;
 use satgs::splat::adam::SplatAdam;
 use satgs::splat::appearance::Appearance;
-use satgs::splat::backend::Snapshot;
 use satgs::splat::backend::stopwatch::Stopwatch;
 use satgs::splat::loss::photometric::Photometric;
 use satgs::splat::objective::{Gradient, LossWeights, Objective, ShearedCamera, StepInput};
 use satgs::splat::raster::{FrameCamera, Image, LOW_PASS_PX2, Rasterizer, SortedSplats, SplatGradient};
-use satgs::splat::splats::Splats;
+use satgs::splat::splats::{PerGroup, Splats};
+use satgs::splat::state::TrainingState;
 use std::time::Instant;
 
 /// Least number of runs of which the fastest counts.
@@ -74,7 +74,7 @@ fn contributing_pairs(splats: &Splats, camera: &FrameCamera<f32>) -> f64 {
         };
         let dot = |a: usize, b: usize| (0..3).map(|k| axis(k, a) * axis(k, b)).sum::<f64>();
         let det = (dot(0, 0) + LOW_PASS_PX2) * (dot(1, 1) + LOW_PASS_PX2) - dot(0, 1).powi(2);
-        let opacity = 1.0 / (1.0 + (-f64::from(splats.logit[i])).exp());
+        let opacity = 1.0 / (1.0 + (-f64::from(splats.opacity_logit[i][0])).exp());
         std::f64::consts::TAU * (255.0 * opacity).ln().max(0.0) * det.sqrt()
     };
     (0..splats.len()).map(area).sum()
@@ -90,7 +90,7 @@ fn noise(width: usize, height: usize, channels: usize) -> Image<f32> {
 
 fn measure(gaussians: Splats, pixels: f64) -> Line {
     // In the order in which training stores splats.
-    let gaussians = Snapshot::start(gaussians, 1).splats;
+    let gaussians = TrainingState::start(gaussians, 1).splats;
     let splats = gaussians.len();
     let side = scene::side(pixels);
     let affine = scene::camera(pixels);
@@ -126,11 +126,11 @@ fn measure(gaussians: Splats, pixels: f64) -> Line {
         photometric.compare(&picture, &truth);
     });
 
-    let rates = [1e-9; 5];
+    let rates = PerGroup { position: 1e-9, f_dc: 1e-9, opacity_logit: 1e-9, log_scale: 1e-9, rotation: 1e-9 };
     let mut adam = SplatAdam::new(splats);
     let mut trained = gaussians.clone();
     let mut gradient = Gradient { splats: gaussians.clone(), ..Gradient::default() };
-    let adam_time = fastest_ms(|| adam.step(&mut trained, &gradient.splats, rates));
+    let adam_time = fastest_ms(|| adam.step(&mut trained, &gradient.splats, &rates));
 
     let size = (side, side);
     let mut shot = StepInput {
@@ -153,7 +153,7 @@ fn measure(gaussians: Splats, pixels: f64) -> Line {
         let mut run = |watch: &mut Stopwatch| {
             watch.begin();
             objective.evaluate(&trained, &Appearance::default(), shot, &weights, &mut gradient, watch);
-            adam.step(&mut trained, &gradient.splats, rates);
+            adam.step(&mut trained, &gradient.splats, &rates);
             watch.lap("splats", "Adam");
         };
         // The first makes room for what all others use again.

@@ -49,7 +49,7 @@ pub fn town(splats: usize, pixels: f64, seed: u64) -> Splats {
         out.rotation[i] = [0; 4].map(|_| draw.normal() as f32);
         // One in ten is a surface, the rest are what training could not decide about.
         let logit = if draw.uniform() < 0.1 { 1.0 + 2.0 * draw.normal() } else { 1.3 * draw.normal() - 3.6 };
-        out.logit[i] = logit as f32;
+        out.opacity_logit[i][0] = logit as f32;
         out.f_dc[i] = [0; 3].map(|_| draw.normal() as f32);
     }
     out

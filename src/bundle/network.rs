@@ -9,6 +9,7 @@ use super::solver::{Log, SchurLevenbergMarquardt};
 use crate::frame::{Geodetic, Pixel, Point};
 use crate::rpc::Rpc;
 use crate::scene::angle_between_deg;
+use crate::stats::MAD_TO_SIGMA;
 use argmin::core::Executor;
 use argmin::core::observers::ObserverMode;
 use rayon::prelude::*;
@@ -182,7 +183,7 @@ impl<'a> Network<'a> {
         }
         let before = all.len();
         let median = *all.select_nth_unstable_by(before / 2, f64::total_cmp).1;
-        let limit = least.max(REJECT_SIGMAS * 1.4826 * median);
+        let limit = least.max(REJECT_SIGMAS * MAD_TO_SIGMA * median);
         let (low, high) = (self.heights.0 - HEIGHT_MARGIN_M, self.heights.1 + HEIGHT_MARGIN_M);
         let count = estimate.tracks.len();
         let (tracks, points): (Vec<Track>, Vec<_>) = std::mem::take(&mut estimate.tracks)

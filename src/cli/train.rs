@@ -14,11 +14,12 @@ use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, FIRST_SURFACE, SPLATS, STAGE, SURFACE, TRAINING};
 use crate::scene::Scene;
+use crate::splat::backend::TrainingBackend;
 use crate::splat::backend::cpu::CpuBackend;
-use crate::splat::backend::{Snapshot, TrainingBackend};
 use crate::splat::init;
 use crate::splat::loss::surface_prior::SurfacePrior;
 use crate::splat::splats::Splats;
+use crate::splat::state::TrainingState;
 use crate::splat::train::recipe::{Recipe, Start};
 use crate::splat::train::{LogLine, Schedule, train};
 use crate::splat::train::{expectation::Extent, pictures};
@@ -137,7 +138,7 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
             let splats = job.splats_at_start(&views, ui)?;
-            (splats.len(), Vec::new(), Snapshot::start(splats, views.len()))
+            (splats.len(), Vec::new(), TrainingState::start(splats, views.len()))
         }
     };
     // From the file whether or not training was interrupted: the same bytes.

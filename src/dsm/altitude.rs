@@ -32,7 +32,7 @@ impl Ellipse {
     /// None if it is too faint to be seen, or not finite.
     fn new(splats: &Splats, i: usize, camera: &AffineCamera) -> Option<Self> {
         let position = splats.position[i];
-        let opacity = sigmoid(splats.logit[i]);
+        let opacity = sigmoid(splats.opacity_logit[i][0]);
         let radius2 = 2.0 * (f64::from(opacity) / ALPHA_CUT).ln();
         let (turn, _) = rotation_matrix(splats.rotation[i].map(f64::from));
         let scale = splats.log_scale[i].map(|s| f64::from(s).exp());

@@ -18,7 +18,7 @@ use crate::io::{Cog, Grid2, MapGrid, VerticalReference, WriteError, color_style,
 use crate::mvs::MatchedSurface;
 use crate::splat::appearance::Appearance;
 use crate::splat::raster::{FrameCamera, Image, Rasterizer, SortedSplats};
-use crate::splat::splats::{SH_C0, Splats};
+use crate::splat::splats::{Splats, color_from_f_dc};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -92,9 +92,8 @@ pub fn render(
 ) -> Dsm {
     let mut prepared = SortedSplats::default();
     prepared.update(splats);
-    let color = |v: f32| v * SH_C0 as f32 + 0.5;
     let feature = |&i: &u32| {
-        let ([r, g, b], z) = (splats.f_dc[i as usize].map(color), splats.position[i as usize][2]);
+        let ([r, g, b], z) = (color_from_f_dc(splats.f_dc[i as usize]), splats.position[i as usize][2]);
         [r, g, b, z, z * z]
     };
     let features: Vec<[f32; 5]> = prepared.order().iter().map(feature).collect();

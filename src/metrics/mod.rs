@@ -30,6 +30,6 @@ pub use fill::filled_by_nearest;
 pub use profile::Profile;
 pub use registration::{Method, Registration, register};
 pub use resample::{Sampling, onto_grid};
-pub use scores::{Scores, nmad, quantile};
+pub use scores::Scores;
 pub use surface::HeightRaster;
 pub use truth::{Truth, TruthOptions, WATER, class_name};

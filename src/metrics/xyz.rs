@@ -12,8 +12,8 @@
 use super::ncc::best_whole_shift;
 use super::phase::peak;
 use super::resample::interpolate;
-use super::scores::quantile_in_place;
 use crate::io::Grid2;
+use crate::stats::interpolated_quantile_in_place;
 use rayon::prelude::*;
 
 /// Reach of the grid around a start, and its step, cells.
@@ -63,7 +63,7 @@ fn offset(prediction: &Grid2, truth: &Grid2, (dx, dy): (f64, f64)) -> f64 {
             .collect::<Vec<_>>()
     };
     let mut all: Vec<f32> = (0..truth.height).into_par_iter().flat_map_iter(row_differences).collect();
-    -quantile_in_place(&mut all, 0.5)
+    -interpolated_quantile_in_place(&mut all, 0.5)
 }
 
 /// Drops candidates that leave too few cells.
@@ -235,7 +235,7 @@ impl<'a> Search<'a> {
         let mut errors: Vec<f32> = self.cells.iter().map(of_cell).collect();
         let mut differences: Vec<f32> = errors.iter().copied().filter(|d| !d.is_nan()).collect();
         let cells = differences.len();
-        let dz = -quantile_in_place(&mut differences, 0.5) as f32;
+        let dz = -interpolated_quantile_in_place(&mut differences, 0.5) as f32;
         let (low, high) = self.bounds;
         let mut sum = 0.0;
         for (d, (_, _, t)) in errors.iter_mut().zip(&self.cells) {

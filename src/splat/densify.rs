@@ -1,8 +1,8 @@
 //! Densification and pruning: which splats are doubled, which are removed (BAEOGS §3.3).
 
 use crate::random::CounterRng;
-use crate::splat::adam::SplatAdam;
-use crate::splat::splats::{Splats, logit, rotation_matrix, sigmoid};
+use crate::splat::edit::Edit;
+use crate::splat::splats::{Splats, rotation_matrix, sigmoid};
 use crate::splat::train::recipe::Densification;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -27,6 +27,14 @@ impl DensifyStats {
     #[must_use]
     pub fn splats(&self) -> usize {
         self.views.len().min(self.gradient.len())
+    }
+
+    /// Follows an edit of the splats: new ones have no statistics.
+    pub fn apply(&mut self, edit: &Edit) {
+        edit.gather(&mut self.gradient);
+        edit.gather(&mut self.views);
+        self.gradient[edit.fresh()].fill(0.0);
+        self.views[edit.fresh()].fill(0);
     }
 
     /// Forgets, for `n` splats.
@@ -66,123 +74,127 @@ pub struct Change {
     pub pruned: usize,
 }
 
-/// Doubles the splats that ask for it, in a cube of this half side; `draw` is (seed, iteration).
-pub fn grow(
-    splats: &mut Splats,
-    adam: &mut SplatAdam,
-    statistics: &DensifyStats,
-    rule: &Densification,
-    half_side_m: f64,
-    draw: (u64, u64),
-) -> usize {
-    let n = splats.len();
-    let mut keep = vec![true; n];
-    let mut grown = 0;
-    for i in 0..n {
-        if splats.len() >= rule.max_splats as usize {
-            break;
-        }
-        let scale = splats.log_scale[i].iter().fold(f32::MIN, |m, s| m.max(*s)).exp();
-        let mean = statistics.gradient[i] / statistics.views[i].max(1) as f32;
-        let radius = RADIUS_SIGMAS * f64::from(scale) * statistics.magnification;
-        let wants = f64::from(mean) > rule.gradient
-            || f64::from(scale) > rule.max_scale * half_side_m
-            || radius > rule.max_radius;
-        if !wants {
-            continue;
-        }
-        grown += 1;
-        if f64::from(scale) < rule.copy_below * half_side_m {
-            let copy = splats.clone_one(i);
-            splats.push_copy(&copy, 0);
-            adam.push_zero();
-        } else {
+/// A growth of the set of splats: an edit, and the copies that are parts of split splats.
+pub struct Growth {
+    /// The edit.
+    pub edit: Edit,
+    /// Splats that were copied or split.
+    pub count: usize,
+    /// Of each part of a split splat its index in the new set, and its random numbers.
+    parts: Vec<(usize, CounterRng)>,
+}
+
+impl Growth {
+    /// Which splats are doubled under a rule, in a site whose cube has this half side; `draw` is (seed, iteration).
+    ///
+    /// Small splats are copied; large ones are removed and their two parts appended.
+    #[must_use]
+    pub fn plan(
+        splats: &Splats,
+        statistics: &DensifyStats,
+        rule: &Densification,
+        half_side_m: f64,
+        draw: (u64, u64),
+    ) -> Self {
+        let n = splats.len();
+        let mut keep = vec![true; n];
+        let (mut copies, mut parts, mut count) = (Vec::new(), Vec::new(), 0);
+        for i in 0..n {
+            if n + copies.len() >= rule.max_splats as usize {
+                break;
+            }
+            let scale = splats.log_scale[i].iter().fold(f32::MIN, |m, s| m.max(*s)).exp();
+            let mean = statistics.gradient[i] / statistics.views[i].max(1) as f32;
+            let radius = RADIUS_SIGMAS * f64::from(scale) * statistics.magnification;
+            let is_due = f64::from(mean) > rule.gradient
+                || f64::from(scale) > rule.max_scale * half_side_m
+                || radius > rule.max_radius;
+            if !is_due {
+                continue;
+            }
+            count += 1;
+            if f64::from(scale) < rule.copy_below * half_side_m {
+                copies.push(i as u32);
+                continue;
+            }
             keep[i] = false;
             for part in 0..2 {
-                let child = split(splats, i, CounterRng::new(draw.0, DRAW_SPLIT + part, draw.1, i as u64));
-                splats.push_copy(&child, 0);
-                adam.push_zero();
+                parts.push((copies.len(), CounterRng::new(draw.0, DRAW_SPLIT + part, draw.1, i as u64)));
+                copies.push(i as u32);
+            }
+        }
+        let mut edit = Edit::retain(&keep);
+        let kept = edit.fresh_from;
+        copies.into_iter().for_each(|i| edit.push_fresh(i));
+        parts.iter_mut().for_each(|(place, _)| *place += kept);
+        Self { edit, count, parts }
+    }
+
+    /// Makes the copies of split splats into parts of them, once the edit is applied: each is smaller, at a place drawn from
+    /// the splat's own distribution.
+    pub fn shrink_parts(self, splats: &mut Splats) {
+        for (i, mut draw) in self.parts {
+            let (r, _) = rotation_matrix(splats.rotation[i]);
+            let along: [f32; 3] =
+                std::array::from_fn(|k| draw.normal() as f32 * splats.log_scale[i][k].exp());
+            for a in 0..3 {
+                splats.position[i][a] += (0..3).map(|k| r[a][k] * along[k]).sum::<f32>();
+                splats.log_scale[i][a] -= SPLIT_SHRINKS.ln();
             }
         }
     }
-    keep.resize(splats.len(), true);
-    splats.retain(&keep);
-    adam.retain(&keep);
-    grown
 }
 
-/// A part of a splat: drawn from it, smaller.
-fn split(splats: &Splats, i: usize, mut draw: CounterRng) -> Splats {
-    let mut child = splats.clone_one(i);
-    let (r, _) = rotation_matrix(splats.rotation[i]);
-    let along: [f32; 3] = std::array::from_fn(|k| draw.normal() as f32 * splats.log_scale[i][k].exp());
-    for a in 0..3 {
-        child.position[0][a] += (0..3).map(|k| r[a][k] * along[k]).sum::<f32>();
-        child.log_scale[0][a] -= SPLIT_SHRINKS.ln();
-    }
-    child
-}
-
-/// Removes splats that are fainter than `opacity`, not finite, or outside `altitudes`.
-pub fn prune(splats: &mut Splats, adam: &mut SplatAdam, opacity: f64, altitudes: (f64, f64)) -> usize {
-    let n = splats.len();
-    let keep: Vec<bool> = (0..n)
-        .map(|i| {
-            let z = f64::from(splats.position[i][2]);
-            let sound = splats.position[i].iter().chain(&splats.log_scale[i]).all(|v| v.is_finite());
-            sound && z >= altitudes.0 && z <= altitudes.1 && f64::from(sigmoid(splats.logit[i])) >= opacity
-        })
-        .collect();
-    splats.retain(&keep);
-    adam.retain(&keep);
-    n - splats.len()
-}
-
-/// Lowers every opacity to `opacity` and forgets the opacities' moments.
-pub fn reset_opacity(splats: &mut Splats, adam: &mut SplatAdam, opacity: f64) {
-    let top = logit(opacity as f32);
-    for l in &mut splats.logit {
-        *l = l.min(top);
-    }
-    adam.first.logit.fill(0.0);
-    adam.second.logit.fill(0.0);
+/// The edit that removes splats that are fainter than `opacity`, not finite, or outside `altitudes` (metres).
+#[must_use]
+pub fn pruning(splats: &Splats, opacity: f64, altitudes: (f64, f64)) -> Edit {
+    let is_kept = |i: usize| {
+        let z = f64::from(splats.position[i][2]);
+        let is_finite = splats.position[i].iter().chain(&splats.log_scale[i]).all(|v| v.is_finite());
+        let is_inside = z >= altitudes.0 && z <= altitudes.1;
+        is_finite && is_inside && f64::from(sigmoid(splats.opacity_logit[i][0])) >= opacity
+    };
+    Edit::retain(&(0..splats.len()).map(is_kept).collect::<Vec<_>>())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::splat::state::TrainingState;
     use crate::splat::train::recipe::Recipe;
 
-    fn set() -> (Splats, SplatAdam, DensifyStats) {
-        let mut g = Splats::default();
-        g.push([0.0; 3], 0.3, 0.9, [0.5; 3]);
-        g.push([1.0, 0.0, 0.0], 4.0, 0.9, [0.5; 3]);
-        g.push([2.0, 0.0, 0.0], 0.3, 0.001, [0.5; 3]);
-        let mut s = DensifyStats::default();
-        s.reset(3);
-        (g, SplatAdam::new(3), s)
+    fn state() -> TrainingState {
+        let mut splats = Splats::default();
+        splats.push([0.0; 3], 0.3, 0.9, [0.5; 3]);
+        splats.push([1.0, 0.0, 0.0], 4.0, 0.9, [0.5; 3]);
+        splats.push([2.0, 0.0, 0.0], 0.3, 0.001, [0.5; 3]);
+        TrainingState::start(splats, 1)
     }
 
     #[test]
     fn small_splats_are_copied_large_ones_split_and_faint_ones_removed() {
         let recipe = Recipe::named("baeogs").unwrap();
-        let (mut g, mut adam, mut s) = set();
-        s.rendered(|i| [Some([0.01, 0.0]), Some([0.0, 0.01]), None][i], 0.0, 1.0);
-        assert_eq!(grow(&mut g, &mut adam, &s, &recipe.growth.unwrap(), 226.0, (0, 100)), 2);
-        // The copy and the original, the faint one, and the two halves.
-        assert_eq!(g.len(), 5);
-        assert_eq!(adam.first.len(), 5);
-        let halves = g.log_scale.iter().filter(|l| (l[0].exp() - 4.0 / 1.6).abs() < 1e-4).count();
+        let mut state = state();
+        let seen = |i| [Some([0.01, 0.0]), Some([0.0, 0.01]), None][i];
+        state.statistics.rendered(seen, 0.0, 1.0);
+        state.adam.first.position[0] = [1.0; 3];
+        assert_eq!(state.grow(&recipe.growth.unwrap(), 226.0, (0, 100)), 2);
+        // The copied splat and the faint one, then the copy and the two parts, which have no moments.
+        assert_eq!(state.splats.len(), 5);
+        let moments: Vec<f32> = state.adam.first.position.iter().map(|m| m[0]).collect();
+        assert_eq!(moments, [1.0, 0.0, 0.0, 0.0, 0.0]);
+        let halves = state.splats.log_scale.iter().filter(|l| (l[0].exp() - 4.0 / 1.6).abs() < 1e-4).count();
         assert_eq!(halves, 2);
-        assert_eq!(prune(&mut g, &mut adam, recipe.prune_below, (-50.0, 50.0)), 1);
-        assert_eq!(g.len(), 4);
+        assert!(state.splats.position[3] != state.splats.position[4]);
+        assert_eq!(state.prune(recipe.prune_below, (-50.0, 50.0)), 1);
+        assert_eq!(state.splats.len(), 4);
     }
 
     #[test]
     fn a_reset_lowers_only_what_is_higher() {
-        let (mut g, mut adam, _) = set();
-        reset_opacity(&mut g, &mut adam, 0.005);
-        let o: Vec<f32> = g.logit.iter().map(|l| sigmoid(*l)).collect();
+        let mut state = state();
+        state.reset_opacity(0.005);
+        let o: Vec<f32> = state.splats.opacity_logit.iter().map(|l| sigmoid(l[0])).collect();
         assert!((o[0] - 0.005).abs() < 1e-6 && (o[2] - 0.001).abs() < 1e-6, "{o:?}");
     }
 }

@@ -14,7 +14,7 @@ use crate::splat::loss::photometric::{Photometric, Similarity};
 use crate::splat::raster::{FrameCamera, Image, Rasterizer, SortedSplats, SplatGradient};
 use crate::splat::shadow::{ByPicture, Scene, ShadowModel};
 use crate::splat::shear_warp::ShearWarp;
-use crate::splat::splats::{SH_C0, Splats};
+use crate::splat::splats::{Splats, color_from_f_dc, f_dc_gradient};
 use rayon::prelude::*;
 
 /// The renders, as the stopwatch calls them.
@@ -253,13 +253,13 @@ impl<T: SimdReal> Objective<T> {
     fn prepare(&mut self, gaussians: &Splats<T>) {
         self.prepared.update(gaussians);
         let order = self.prepared.order();
-        let color = |v: T| v * T::from_f64(SH_C0) + T::from_f64(0.5);
         self.features.resize(order.len(), [T::zero(); 4]);
         self.altitudes.resize(order.len(), [T::zero(); 1]);
         let features = self.features.par_iter_mut().zip(&mut self.altitudes).zip(order);
         features.with_min_len(1024).for_each(|((feature, altitude), &i)| {
-            let (f, z) = (gaussians.f_dc[i as usize], gaussians.position[i as usize][2]);
-            *feature = [color(f[0]), color(f[1]), color(f[2]), z];
+            let ([r, g, b], z) =
+                (color_from_f_dc(gaussians.f_dc[i as usize]), gaussians.position[i as usize][2]);
+            *feature = [r, g, b, z];
             *altitude = [z];
         });
     }
@@ -305,7 +305,7 @@ impl<T: SimdReal> Objective<T> {
         rows.for_each(|(i, (position, f_dc))| {
             let rank = self.prepared.rank(i);
             let by = self.by_feature[rank];
-            *f_dc = std::array::from_fn(|c| by[c] * T::from_f64(SH_C0));
+            *f_dc = f_dc_gradient([by[0], by[1], by[2]]);
             position[2] = position[2] + by[3] + self.by_altitude[rank][0];
         });
     }

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::random::CounterRng;
+use crate::splat::splats::GROUPS;
 
 fn splats(n: usize, seed: u64) -> Splats<f64> {
     let mut d = CounterRng::new(seed, 0, 0, 0);
@@ -11,7 +12,7 @@ fn splats(n: usize, seed: u64) -> Splats<f64> {
         g.position.push([u(-6.0, 6.0), u(-5.0, 5.0), u(-1.0, 3.0)]);
         g.log_scale.push([u(-0.5, 0.7), u(-0.5, 0.7), u(-0.5, 0.7)]);
         g.rotation.push([u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0)]);
-        g.logit.push(u(-1.0, 2.0));
+        g.opacity_logit.push([u(-1.0, 2.0)]);
         g.f_dc.push([u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0)]);
     }
     g
@@ -112,7 +113,7 @@ fn every_gradient_agrees_with_central_differences_in_f64() {
     let (losses, gradient) = setup.evaluate(&g, &a);
     let Losses { consistency_altitude, consistency_color, shadow_entropy, .. } = losses;
     assert!(consistency_altitude > 0.0 && consistency_color > 0.0 && shadow_entropy > 0.0);
-    for group in 0..5 {
+    for group in 0..GROUPS {
         let analytic = gradient.splats.groups()[group].to_vec();
         let w = worst(&analytic, largest(&analytic), |k, e| {
             let mut moved = g.clone();

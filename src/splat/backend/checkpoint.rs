@@ -2,7 +2,7 @@
 
 use crate::checkpoint::{CheckpointError, read, write};
 use crate::io::WriteError;
-use crate::splat::backend::Snapshot;
+use crate::splat::state::TrainingState;
 use crate::splat::train::LogLine;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// First line of the file; another content is another version.
-const KIND: &str = "satgs checkpoint 2";
+const KIND: &str = "satgs checkpoint 3";
 
 /// A training between two iterations: borrowed from one that is running, owned when read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,7 +22,7 @@ pub struct Checkpoint<'a> {
     /// The log, up to the last iteration done.
     pub log: Cow<'a, [LogLine]>,
     /// Splats, moments, radiometry.
-    pub state: Cow<'a, Snapshot>,
+    pub state: Cow<'a, TrainingState>,
 }
 
 impl Checkpoint<'_> {
@@ -58,7 +58,7 @@ mod tests {
         for i in 0..40 {
             splats.push([i as f32, f32::MIN_POSITIVE, -0.0], 0.3, 0.2, [0.1, 0.2, 0.3]);
         }
-        let mut state = Snapshot::start(splats, 3);
+        let mut state = TrainingState::start(splats, 3);
         state.adam.steps = 70_000;
         state.statistics.rendered(|i| (i == 7).then_some([0.1, 0.2]), 3.0, 100.0);
         let log = vec![LogLine { iteration: 1, seconds: 0.1, ..LogLine::default() }];
@@ -84,7 +84,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("checkpoint.bin");
         let mut odd = checkpoint();
-        odd.state.to_mut().adam.second.logit.pop();
+        odd.state.to_mut().adam.second.opacity_logit.pop();
         odd.write(&path).unwrap();
         assert!(matches!(Checkpoint::read(&path), Err(CheckpointError::Damaged { .. })));
     }

@@ -2,12 +2,12 @@
 
 use crate::affine::TrainingView;
 use crate::splat::backend::stopwatch::Stopwatch;
-use crate::splat::backend::{Snapshot, StepPlan, StepReport, TrainingBackend};
-use crate::splat::densify::{grow, prune, reset_opacity};
+use crate::splat::backend::{StepPlan, StepReport, TrainingBackend};
 use crate::splat::loss::surface_prior::SurfacePrior;
 use crate::splat::loss::target::TargetImage;
 use crate::splat::objective::{Gradient, Objective, ShearedCamera, StepInput};
 use crate::splat::raster::{FrameCamera, Image};
+use crate::splat::state::TrainingState;
 
 /// Splats, radiometry and their moments in memory.
 pub struct CpuBackend {
@@ -15,7 +15,7 @@ pub struct CpuBackend {
     /// Lowest and highest altitude of the scene, metres above the site's origin.
     altitudes: (f64, f64),
     hold: Option<SurfacePrior>,
-    state: Snapshot,
+    state: TrainingState,
     objective: Objective<f32>,
     gradient: Gradient<f32>,
     target: TargetImage,
@@ -27,7 +27,7 @@ impl CpuBackend {
     /// to what `hold` says.
     #[must_use]
     pub fn new(
-        state: Snapshot,
+        state: TrainingState,
         views: Vec<TrainingView>,
         altitudes: (f64, f64),
         hold: Option<SurfacePrior>,
@@ -63,21 +63,19 @@ impl CpuBackend {
     }
 
     fn change_population(&mut self, plan: &StepPlan, report: &mut StepReport) {
-        let p = &plan.population;
-        let Snapshot { splats, adam, statistics, .. } = &mut self.state;
+        let (p, state) = (&plan.population, &mut self.state);
         if let Some((rule, half_side_m)) = &p.grow {
-            let draw = (p.seed, u64::from(plan.iteration));
-            report.change.grown = grow(splats, adam, statistics, rule, *half_side_m, draw);
+            report.change.grown = state.grow(rule, *half_side_m, (p.seed, u64::from(plan.iteration)));
         }
         if let Some(opacity) = p.prune_below {
-            report.change.pruned = prune(splats, adam, opacity, self.altitudes);
-            statistics.reset(splats.len());
+            report.change.pruned = state.prune(opacity, self.altitudes);
+            state.statistics.reset(state.splats.len());
         }
         if let Some(opacity) = p.reset_opacity {
-            reset_opacity(splats, adam, opacity);
+            state.reset_opacity(opacity);
         }
         if p.prune_below.is_some() {
-            self.state.sort_by_altitude();
+            state.sort_by_altitude();
         }
     }
 }
@@ -104,7 +102,7 @@ impl TrainingBackend for CpuBackend {
             background: plan.background,
             floor: self.altitudes.0 as f32,
         };
-        let Snapshot { splats, adam, appearances, statistics } = &mut self.state;
+        let TrainingState { splats, adam, appearances, statistics } = &mut self.state;
         let (appearance, appearance_adam) = &mut appearances[plan.view];
         let gradient = &mut self.gradient;
         let losses = self.objective.evaluate(splats, appearance, &shot, &plan.weights, gradient, watch);
@@ -119,10 +117,8 @@ impl TrainingBackend for CpuBackend {
         statistics.rendered(seen, 1.0 / camera.gsd_m(), size.0.max(size.1) as f64);
         watch.lap("splats", "statistics");
 
-        let [position, log_scale, rotation, logit, f_dc, radiometry] = plan.rates;
-        appearance_adam.step(appearance, &gradient.appearance, radiometry);
-        let rates = [position, log_scale, rotation, logit, f_dc];
-        adam.step(splats, &gradient.splats, rates);
+        appearance_adam.step(appearance, &gradient.appearance, plan.appearance_rate);
+        adam.step(splats, &gradient.splats, &plan.rates);
         watch.lap("splats", "Adam");
 
         let mut report = StepReport { losses, ..StepReport::default() };
@@ -132,7 +128,7 @@ impl TrainingBackend for CpuBackend {
         report
     }
 
-    fn snapshot(&mut self) -> &Snapshot {
+    fn snapshot(&mut self) -> &TrainingState {
         &self.state
     }
 }
@@ -184,10 +180,10 @@ mod tests {
             let p = [28.0 * d.uniform() - 14.0, 26.0 * d.uniform() - 13.0, 3.0 * d.uniform()];
             start.push(p.map(|v| v as f32), 0.4, 0.9, [0.5; 3]);
         }
-        CpuBackend::new(Snapshot::start(start, views.len()), views, (-5.0, 10.0), None)
+        CpuBackend::new(TrainingState::start(start, views.len()), views, (-5.0, 10.0), None)
     }
 
-    fn trained(threads: usize) -> (Snapshot, Vec<usize>) {
+    fn trained(threads: usize) -> (TrainingState, Vec<usize>) {
         let (mut backend, mut log) = (backend(), Vec::new());
         let recipe = compressed();
         let schedule = Schedule {

@@ -198,7 +198,7 @@ impl<T: SimdReal> SortedSplats<T> {
         out: &mut Splats<T>,
     ) {
         let scales = out.log_scale.par_chunks_mut(PIECE).zip(out.rotation.par_chunks_mut(PIECE));
-        let others = out.position.par_chunks_mut(PIECE).zip(out.logit.par_chunks_mut(PIECE));
+        let others = out.position.par_chunks_mut(PIECE).zip(out.opacity_logit.par_chunks_mut(PIECE));
         scales.zip(others).zip(self.rank.par_chunks(PIECE)).enumerate().for_each(
             |(k, (((log_scale, rotation), (position, logit)), rank))| {
                 for ((position, logit), rank) in position.iter_mut().zip(logit).zip(rank) {
@@ -206,7 +206,7 @@ impl<T: SimdReal> SortedSplats<T> {
                     let g = &gradients[rank];
                     *position = g.position;
                     // The opacity is the logit's sigmoid.
-                    *logit = g.log_opacity * (T::one() - self.opacity(rank));
+                    *logit = [g.log_opacity * (T::one() - self.opacity(rank))];
                 }
                 let first = k * PIECE;
                 T::dispatch(Unshare { gaussians, gradients, first, rank, log_scale, rotation });
@@ -284,7 +284,7 @@ impl<T: SimdReal> SimdKernel<T> for Share<'_, T> {
                 let position = gather(simd, n, |i| g.position[order[i] as usize]);
                 let log_scale = gather(simd, n, |i| g.log_scale[order[i] as usize]);
                 let rotation = gather(simd, n, |i| g.rotation[order[i] as usize]);
-                let [logit] = gather(simd, n, |i| [g.logit[order[i] as usize]]);
+                let [logit] = gather(simd, n, |i| g.opacity_logit[order[i] as usize]);
                 let mut variance = log_scale;
                 for k in 0..3 {
                     variance[k] = (log_scale[k] + log_scale[k]).exp();

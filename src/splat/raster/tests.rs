@@ -1,7 +1,8 @@
 //! Gradients against central differences in f64, f32 against f64, closed forms.
 
 use super::*;
-use crate::splat::splats::{SH_C0, Splats};
+use crate::splat::edit::Edit;
+use crate::splat::splats::{GROUPS, Splats, color_from_f_dc, f_dc_gradient};
 
 /// Uniform numbers in [0, 1), by hashing a counter.
 fn uniform(counter: &mut u64) -> f64 {
@@ -20,7 +21,7 @@ fn scene(n: usize, seed: u64) -> Splats<f64> {
         g.position.push([u(-6.0, 6.0), u(-5.0, 5.0), u(-3.0, 3.0)]);
         g.log_scale.push([u(-0.7, 0.7), u(-0.7, 0.7), u(-0.7, 0.7)]);
         g.rotation.push([u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0)]);
-        g.logit.push(u(-2.0, 1.0));
+        g.opacity_logit.push([u(-2.0, 1.0)]);
         g.f_dc.push([u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0)]);
     }
     g
@@ -33,10 +34,9 @@ fn camera<T: Real>() -> FrameCamera<T> {
 }
 
 fn features<T: SimdReal>(g: &Splats<T>, prepared: &SortedSplats<T>) -> Vec<[T; 4]> {
-    let rgb = |v: T| v * T::from_f64(SH_C0) + T::from_f64(0.5);
     let of = |&i: &u32| {
-        let f = g.f_dc[i as usize];
-        [rgb(f[0]), rgb(f[1]), rgb(f[2]), g.position[i as usize][2]]
+        let [red, green, blue] = color_from_f_dc(g.f_dc[i as usize]);
+        [red, green, blue, g.position[i as usize][2]]
     };
     prepared.order().iter().map(of).collect()
 }
@@ -83,7 +83,7 @@ fn gradient<T: SimdReal>(g: &Splats<T>) -> Splats<T> {
     prepared.parameter_gradients(g, &shared, &mut out);
     for i in 0..g.len() {
         let by = by_feature[prepared.rank(i)];
-        out.f_dc[i] = std::array::from_fn(|k| by[k] * T::from_f64(SH_C0));
+        out.f_dc[i] = f_dc_gradient([by[0], by[1], by[2]]);
         out.position[i][2] = out.position[i][2] + by[3];
     }
     out
@@ -96,7 +96,7 @@ fn gradient<T: SimdReal>(g: &Splats<T>) -> Splats<T> {
 fn worst_disagreement(g: &Splats<f64>, analytic: &Splats<f64>, every: usize) -> f64 {
     let mut worst: f64 = 0.0;
     let (mut asked, mut compared) = (0, 0);
-    for group in 0..5 {
+    for group in 0..GROUPS {
         let largest = analytic.groups()[group].iter().fold(0.0f64, |m, v| m.max(v.abs()));
         for k in (0..analytic.groups()[group].len()).step_by(every) {
             asked += 1;
@@ -133,7 +133,7 @@ fn gradients_agree_where_a_tile_has_more_splats_than_one_batch() {
     for i in 0..g.len() {
         // So clear that the last are still seen.
         g.log_scale[i] = g.log_scale[i].map(|s| s - 0.7);
-        g.logit[i] -= 3.0;
+        g.opacity_logit[i][0] -= 3.0;
     }
     let worst = worst_disagreement(&g, &gradient(&g), 131);
     assert!(worst < 1e-6, "{worst:e}");
@@ -183,10 +183,10 @@ fn what_was_rendered_before_leaves_no_trace() {
 fn numbers_beyond_reason_neither_panic_nor_hide_other_splats() {
     let sound = scene(1, 0).narrow();
     let camera = camera::<f32>();
-    for group in 0..5 {
+    for group in 0..GROUPS {
         for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1e30] {
             let mut g = sound.clone();
-            g.push_copy(&sound, 0);
+            g.apply(&Edit::permute(vec![0, 0]));
             let second = g.groups()[group].len() / 2..;
             g.groups_mut()[group][second].fill(wrong);
             let mut prepared = SortedSplats::default();
@@ -244,7 +244,7 @@ fn every_pixel_of_every_ellipse_is_reached() {
         let mut g = scene(1, counter);
         counter += 1 << 32;
         g.log_scale[0] = [1.6, -3.0, -3.0];
-        g.logit[0] = 3.0;
+        g.opacity_logit[0][0] = 3.0;
         let mut prepared = SortedSplats::default();
         prepared.update(&g);
         let camera = camera::<f64>();

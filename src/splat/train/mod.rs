@@ -8,6 +8,7 @@ use crate::progress::{Event, Progress};
 use crate::random::CounterRng;
 use crate::splat::backend::{DensifyPlan, StepPlan, StepReport, TrainingBackend};
 use crate::splat::objective::LossWeights;
+use crate::splat::splats::PerGroup;
 use crate::splat::train::recipe::Recipe;
 use serde::{Deserialize, Serialize};
 
@@ -151,6 +152,7 @@ impl Schedule<'_> {
             background: std::array::from_fn(|_| background.uniform() as f32),
             weights,
             rates: self.rates(),
+            appearance_rate: r.appearance_rate,
             population: self.population(iteration, rests(|r| r.growth_rests)),
         }
     }
@@ -171,9 +173,9 @@ impl Schedule<'_> {
         std::array::from_fn(|_| self.recipe.virtual_shear * draw.normal().clamp(-1.0, 1.0))
     }
 
-    fn rates(&self) -> [f64; 6] {
-        let r = &self.recipe.rates;
-        [r.position * self.half_side_m, r.log_scale, r.rotation, r.logit, r.f_dc, r.appearance]
+    fn rates(&self) -> PerGroup<f64> {
+        let rates = self.recipe.rates;
+        PerGroup { position: rates.position * self.half_side_m, ..rates }
     }
 
     fn population(&self, iteration: u32, rests: bool) -> DensifyPlan {
@@ -248,7 +250,7 @@ mod tests {
         assert!(grows(3500) && grows(4000) && !grows(4100));
         assert!(schedule.plan(3000, 10).population.reset_opacity.is_some());
         assert!(!schedule.plan(1000, 10).shadows && schedule.plan(1001, 10).shadows);
-        assert!((schedule.plan(1, 10).rates[0] - 0.080).abs() < 1e-3);
+        assert!((schedule.plan(1, 10).rates.position - 0.080).abs() < 1e-3);
         assert!(schedule.plan(1002, 10).virtual_shear.is_some());
     }
 

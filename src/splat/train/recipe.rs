@@ -3,6 +3,7 @@
 //! Numbers marked *cube* are lengths in the papers' [-1, 1] cube: times half its side, they are metres.
 
 use crate::splat::objective::LossWeights;
+use crate::splat::splats::PerGroup;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -35,24 +36,6 @@ pub enum RecipeError {
         /// What is wrong with it.
         reason: String,
     },
-}
-
-/// Step sizes of Adam.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LearningRates {
-    /// Position, *cube* half sides: EOGS's 0.00016 times its radius of 2.2.
-    pub position: f64,
-    /// Natural logarithm of the scale.
-    pub log_scale: f64,
-    /// Quaternion.
-    pub rotation: f64,
-    /// Opacity's logit.
-    pub logit: f64,
-    /// Colour's `f_dc`.
-    pub f_dc: f64,
-    /// The views' radiometry.
-    pub appearance: f64,
 }
 
 /// What splats start on.
@@ -132,8 +115,11 @@ pub struct Recipe {
     pub white: f32,
     /// What splats start on.
     pub start: Start,
-    /// Step sizes.
-    pub rates: LearningRates,
+    /// Step lengths of Adam for each parameter group of the splats. That of positions is in *cube* half sides (EOGS: 0.00016
+    /// times its radius of 2.2).
+    pub rates: PerGroup<f64>,
+    /// Step length of Adam for the parameters of the colour model.
+    pub appearance_rate: f64,
     /// What the loss weighs.
     pub weights: LossWeights,
     /// What the loss weighs the distance from the surface that splats start on, where that is plain; nothing if absent.
@@ -211,14 +197,14 @@ impl Recipe {
             half_resolution_px_m: widest_half_resolution_px_m(),
             white: white(),
             start: Start::Points,
-            rates: LearningRates {
+            rates: PerGroup {
                 position: 0.000_16 * 2.22,
                 log_scale: 0.005,
                 rotation: 0.001,
-                logit: 0.05,
+                opacity_logit: 0.05,
                 f_dc: 0.0025,
-                appearance: 0.01,
             },
+            appearance_rate: 0.01,
             weights: LossWeights {
                 opacity: 0.1,
                 consistency_altitude: 0.01,
@@ -299,9 +285,9 @@ impl Recipe {
             ("rates.position", r.position),
             ("rates.log_scale", r.log_scale),
             ("rates.rotation", r.rotation),
-            ("rates.logit", r.logit),
+            ("rates.opacity_logit", r.opacity_logit),
             ("rates.f_dc", r.f_dc),
-            ("rates.appearance", r.appearance),
+            ("appearance_rate", self.appearance_rate),
             ("weights.opacity", w.opacity),
             ("weights.consistency_altitude", w.consistency_altitude),
             ("weights.consistency_color", w.consistency_color),
@@ -396,7 +382,7 @@ mod tests {
         let path = folder.path().join("bad.toml");
         let text = Recipe::named("baeogs").unwrap().to_toml();
         for (from, to, says) in [
-            ("logit = 0.05", "logit = nan", "rates.logit = NaN"),
+            ("opacity_logit = 0.05", "opacity_logit = nan", "rates.opacity_logit = NaN"),
             ("gradient = 0.0006", "gradient = -1.0", "growth.gradient = -1"),
             ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0 "),
             ("virtual_every = 2", "virtual_every = 0", "virtual_every = 0"),
