@@ -7,7 +7,7 @@
 
 use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};
 use crate::io::Grid2;
-use crate::metrics::{HeightRaster, MetricsError};
+use crate::metrics::{HeightRaster, MetricsError, PatternSearch};
 use crate::stats::interpolated_quantile;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -133,7 +133,7 @@ pub fn to_surface(
     epsg: u32,
     reference: &HeightRaster,
 ) -> Result<Coregistration, CoregisterError> {
-    let search = Search::new(points, epsg, reference)?;
+    let search = TranslationSearch::new(points, epsg, reference)?;
     let no_overlap = |common| CoregisterError::NoOverlap { reference: reference.path.clone(), common };
     let mut best = search.best_around([0.0; 2]).map_err(no_overlap)?;
     // Until nothing around it is better, so that an aligned scene is found to be aligned.
@@ -179,14 +179,14 @@ pub fn to_control(
 
 /// A horizontal shift and how well heights agree under it.
 #[derive(Clone, Copy)]
-struct Candidate {
+struct Translation {
     at: [f64; 2],
     up_m: f32,
     mean_m: f64,
     common: usize,
 }
 
-impl Candidate {
+impl Translation {
     /// By distance; of equal ones the smaller shift comes first.
     fn order(a: &Self, b: &Self) -> std::cmp::Ordering {
         let size = |c: &Self| c.at[0].hypot(c.at[1]);
@@ -195,7 +195,7 @@ impl Candidate {
 }
 
 /// Points on the reference's grid, ready to be shifted.
-struct Search<'a> {
+struct TranslationSearch<'a> {
     heights: &'a Grid2,
     /// Column, row and height of each point.
     cells: Vec<([f64; 2], f32)>,
@@ -203,7 +203,7 @@ struct Search<'a> {
     by_metre: [[f64; 2]; 2],
 }
 
-impl<'a> Search<'a> {
+impl<'a> TranslationSearch<'a> {
     fn new(points: &[Point<Utm>], epsg: u32, reference: &'a HeightRaster) -> Result<Self, CoregisterError> {
         let grid = reference.grid;
         let transform = (epsg != grid.epsg).then(|| Transform::new(epsg, grid.epsg)).transpose()?;
@@ -230,15 +230,15 @@ impl<'a> Search<'a> {
         off.filter(|d| d.is_finite()).collect()
     }
 
-    fn candidate(&self, at: [f64; 2], at_most: usize) -> Candidate {
+    fn candidate(&self, at: [f64; 2], at_most: usize) -> Translation {
         let off = self.differences(at, at_most);
         let up_m = interpolated_quantile(&off, 0.5) as f32;
         let sum: f64 = off.iter().map(|d| f64::from((d - up_m).abs().min(CLIP_M))).sum();
-        Candidate { at, up_m, mean_m: sum / off.len() as f64, common: off.len() }
+        Translation { at, up_m, mean_m: sum / off.len() as f64, common: off.len() }
     }
 
     /// The best shift from a grid around one; else the number of points that lie on the reference.
-    fn best_around(&self, middle: [f64; 2]) -> Result<Candidate, usize> {
+    fn best_around(&self, middle: [f64; 2]) -> Result<Translation, usize> {
         let steps = (REACH_M / STEP_M) as i32;
         let axis = |k: usize| (-steps..=steps).map(move |i| middle[k] + f64::from(i) * STEP_M);
         let grid: Vec<[f64; 2]> = axis(1).flat_map(|north| axis(0).map(move |east| [east, north])).collect();
@@ -248,38 +248,32 @@ impl<'a> Search<'a> {
         }
         let starts: Vec<[f64; 2]> = ranked.iter().take(STARTS).map(|c| c.at).chain([middle]).collect();
         let refined = starts.into_par_iter().filter_map(|s| self.refined(s));
-        refined.min_by(Candidate::order).ok_or(most)
+        refined.min_by(Translation::order).ok_or(most)
     }
 
     /// Candidates, the best first, without those that lose points; and the most points that any has.
-    fn ranked(&self, shifts: &[[f64; 2]], at_most: usize) -> (Vec<Candidate>, usize) {
-        let mut all: Vec<Candidate> = shifts.par_iter().map(|s| self.candidate(*s, at_most)).collect();
+    fn ranked(&self, shifts: &[[f64; 2]], at_most: usize) -> (Vec<Translation>, usize) {
+        let mut all: Vec<Translation> = shifts.par_iter().map(|s| self.candidate(*s, at_most)).collect();
         let most = all.iter().map(|c| c.common).max().unwrap_or(0);
         all.retain(|c| c.common > 0 && c.common as f64 >= LEAST_SHARE * most as f64);
-        all.sort_by(Candidate::order);
+        all.sort_by(Translation::order);
         (all, most)
     }
 
-    /// Pattern search: to the best of eight neighbours while one is better, then with half the step.
-    fn refined(&self, start: [f64; 2]) -> Option<Candidate> {
-        let mut best = self.candidate(start, REFINED);
-        if best.common < FEWEST {
+    /// Refines a shift by pattern search; none when too few points lie on the reference.
+    fn refined(&self, start: [f64; 2]) -> Option<Translation> {
+        let start = self.candidate(start, REFINED);
+        if start.common < FEWEST {
             return None;
         }
-        let least = LEAST_SHARE * best.common as f64;
-        let mut step = 0.5 * STEP_M;
-        while step >= FINEST_M {
-            let around = (0..9).filter(|k| *k != 4).map(|k| [k % 3 - 1, k / 3 - 1].map(f64::from));
-            let next = around
-                .map(|d| self.candidate([best.at[0] + step * d[0], best.at[1] + step * d[1]], REFINED))
-                .filter(|c| c.common as f64 >= least && c.mean_m < best.mean_m)
-                .min_by(Candidate::order);
-            match next {
-                Some(better) => best = better,
-                None => step *= 0.5,
-            }
-        }
-        Some(best)
+        let least = LEAST_SHARE * start.common as f64;
+        let search = PatternSearch { first_step: 0.5 * STEP_M, last_step: FINEST_M, max_moves: usize::MAX };
+        let best_of = |best: &Translation, neighbours: Vec<Translation>| {
+            let better =
+                neighbours.into_iter().filter(|c| c.common as f64 >= least && c.mean_m < best.mean_m);
+            better.min_by(Translation::order)
+        };
+        Some(search.run(start, |c| c.at, |at| self.candidate(at, REFINED), best_of))
     }
 }
 
