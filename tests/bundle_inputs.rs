@@ -249,7 +249,7 @@ fn the_command_leaves_cameras_tie_points_and_pictures() {
     assert_eq!(csv.lines().count(), made.report.observations + 1);
     let package = gdal::Dataset::open(ba.join("tie_points.gpkg")).unwrap();
     assert_eq!(package.layer(0).unwrap().feature_count() as usize, made.report.tracks);
-    for picture in ["residuals.png", "histogram.png", "graph.png", "angles.png"] {
+    for picture in ["residuals.svg", "histogram.svg", "graph.svg", "angles.svg"] {
         assert!(std::fs::metadata(ba.join(picture)).unwrap().len() > 1000, "{picture}");
     }
     let counted: usize = made.report.histogram.iter().map(|bin| bin[1]).sum();

@@ -43,6 +43,7 @@ pub use control_check::check_control;
 pub use correction::{CorrectionModel, Parameters};
 pub use error::BundleError;
 pub use features::{Keypoint, detect};
+pub use figures::ADJUSTMENT_FIGURES;
 pub use height_prior::HeightPrior;
 pub use output::{Adjustment, PointQuality, SparsePoint, TiePointObservation};
 pub use report::{ControlReport, LeftOut, Report, ViewReport};

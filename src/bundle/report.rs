@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// Number of bins of the residuals' histogram, and their width, pixels.
 pub const HISTOGRAM_BINS: usize = 40;
-const BIN_PX: f64 = 0.05;
+pub const BIN_PX: f64 = 0.05;
 
 /// Statistics of a view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,7 +1,7 @@
 //! `satgs dsm-eval`: a surface model against the truth, in a table, a JSON file, an error map and figures.
 
 use super::{Failure, Ui};
-use crate::io::{Cog, VerticalReference, check_writable, write_file, write_png_rgb};
+use crate::io::{Cog, VerticalReference, check_writable, write_file};
 use crate::metrics::{
     Evaluation, HeightRaster, Method, Truth, TruthOptions, error_picture, error_style, evaluate,
 };
@@ -150,7 +150,7 @@ fn write_files(evaluation: &Evaluation, inputs: &str, folder: &Path) -> Result<(
     cog.write_f32(&folder.join(ERROR_MAP), &[("error", "m", &errors)])?;
     write_file(&folder.join(ERROR_STYLE), error_style())?;
     let picture = error_picture(&errors);
-    write_png_rgb(&folder.join(ERROR_PICTURE), picture.width, picture.height, &picture.rgb)?;
+    picture.write(&folder.join(ERROR_PICTURE))?;
     for name in FIGURES {
         // Figures of an earlier truth that had classes would stay.
         let _ = std::fs::remove_file(folder.join(name));

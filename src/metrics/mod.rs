@@ -26,7 +26,7 @@ mod xyz;
 pub use breakdown::{Division, PartScores};
 pub use error::MetricsError;
 pub use evaluation::{Evaluation, RegisteredScores, evaluate};
-pub use figure::{ErrorPicture, error_picture, error_style};
+pub use figure::{error_picture, error_style};
 pub use fill::filled_by_nearest;
 pub(crate) use pattern_search::PatternSearch;
 pub use profile::Profile;
