@@ -23,7 +23,7 @@ pub fn run(arguments: &[PathBuf]) -> Result<(), Box<dyn std::error::Error>> {
         _ => [town.trained()?.join("dsm.tif"), town.truth()],
     };
     let evaluation = evaluate(&dsm, &truth, &EvaluateOptions::default(), None, &NoProgress)?;
-    if let Some(best) = evaluation.verdict(Method::Xyz) {
+    if let Some(best) = evaluation.registered_scores(Method::Xyz) {
         println!(
             "registered by {:.2} m east, {:.2} m north, {:.2} m up: MAE {:.2} m",
             best.east_m, best.north_m, best.registration.dz_m, best.scores.mae_m

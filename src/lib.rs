@@ -72,7 +72,7 @@ pub mod mvs;
 pub mod splat;
 pub mod dsm;
 pub mod metrics;
-pub mod align;
+pub mod coregister;
 pub mod report;
 pub mod pipeline;
 #[cfg(feature = "cli")]

@@ -26,7 +26,7 @@ const LAYERS: [(&str, Option<&[&str]>); 21] = [
     ("splat", None),
     ("dsm", None),
     ("metrics", Some(&["stats", "random", "progress", "frame", "io"])),
-    ("align", Some(&["frame", "io", "metrics"])),
+    ("coregister", Some(&["stats", "frame", "io", "metrics"])),
     ("report", None),
     ("pipeline", None),
     ("cli", None),

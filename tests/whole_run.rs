@@ -66,8 +66,8 @@ fn simulated_images_become_a_surface_model() {
     assert!(worst < SHIFT_TOLERANCE_PX, "corrected cameras are {worst:.3} px off");
 
     let metrics = json(&Path::new(run).join("eval/metrics.json"));
-    let verdicts = metrics["verdicts"].as_array().unwrap();
-    let xyz = verdicts.iter().find(|v| v["method"] == "xyz").unwrap();
+    let registered_scores = metrics["registered_scores"].as_array().unwrap();
+    let xyz = registered_scores.iter().find(|v| v["method"] == "xyz").unwrap();
     let score = |key: &str| xyz[key].as_f64().unwrap();
     assert!(score("mae_m") < MAE_TOLERANCE_M, "{xyz:#}");
     assert!(score("completeness") > 0.97, "{xyz:#}");

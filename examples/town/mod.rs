@@ -6,7 +6,7 @@
 use satgs::pipeline::{AdjustOptions, DsmOptions, PipelineError, TrainOptions, adjust, dsm, train};
 use satgs::progress::NoProgress;
 use satgs::scene::{self, ReadOptions};
-use satgs::simulate::{Options, simulate};
+use satgs::simulate::{SimulateOptions, simulate};
 use std::path::PathBuf;
 use tempfile::TempDir;
 
@@ -19,7 +19,7 @@ impl Town {
     /// Simulates the scene.
     pub fn new() -> Result<Self, Box<dyn std::error::Error>> {
         let town = Self { folder: tempfile::tempdir()? };
-        let options = Options { views: 4, size_px: 140, ..Options::default() };
+        let options = SimulateOptions { views: 4, size_px: 140, ..SimulateOptions::default() };
         simulate(&town.scene(), &options, &NoProgress)?;
         Ok(town)
     }

@@ -1,7 +1,7 @@
 //! Why a command failed, and of which kind the failure is.
 
 use crate::affine::{FitError, SiteSceneError};
-use crate::align::AlignError;
+use crate::coregister::CoregisterError;
 use crate::bundle::BundleError;
 use crate::checkpoint::CheckpointError;
 use crate::frame::FrameError;
@@ -273,10 +273,10 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Metrics(#[from] MetricsError),
-    /// See [`AlignError`].
+    /// See [`CoregisterError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
-    Align(#[from] AlignError),
+    Coregister(#[from] CoregisterError),
     /// See [`ReportError`].
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -118,7 +118,7 @@ impl<'a> Training<'a> {
             surface.write(&run.join(SURFACE))?;
         }
         write_log(&run.join(TRAINING), log)?;
-        pictures::curves(log).write(&run.join("train/curves.png"))?;
+        pictures::curves(log).write(&run.join("train/curves.svg"))?;
         let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
         let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
         cameras.write_splats(run, &made.splats)?;
