@@ -2,7 +2,7 @@
 //! metres.
 //!
 //! To a surface: the horizontal shift of the smallest mean distance between heights, from a grid of shifts and a
-//! pattern search, heights less their median difference; large distances count no more than [`CLIP_M`], as what was
+//! pattern search, heights less their median difference; large distances count no more than `CLIP_M`, as what was
 //! built or cut down since says nothing of the shift. To surveyed points: the median of theirs.
 
 use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};

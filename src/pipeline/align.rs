@@ -2,8 +2,8 @@
 
 use super::relocation::{self, RECORD, Record};
 use super::{PipelineError, RunLock, read_scene};
-use crate::coregister::{Coregistration, to_control, to_surface};
 use crate::bundle::{Adjustment, check_control, control_pairs, read_control};
+use crate::coregister::{Coregistration, to_control, to_surface};
 use crate::frame::{Geodetic, Point, SiteGrid, Utm};
 use crate::io::{MapGrid, VerticalReference, check_writable};
 use crate::metrics::{HeightRaster, Truth, TruthOptions};

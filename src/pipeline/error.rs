@@ -1,9 +1,9 @@
 //! Why a command failed, and of which kind the failure is.
 
 use crate::affine::{FitError, SiteSceneError};
-use crate::coregister::CoregisterError;
 use crate::bundle::BundleError;
 use crate::checkpoint::CheckpointError;
+use crate::coregister::CoregisterError;
 use crate::frame::FrameError;
 use crate::io::{CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
 use crate::metrics::MetricsError;

@@ -2,7 +2,9 @@
 
 use super::PipelineError;
 use crate::io::{Cog, VerticalReference, check_writable, write_file};
-use crate::metrics::{self, Evaluation, Method, HeightRaster, Truth, TruthOptions, error_picture, error_style};
+use crate::metrics::{
+    self, Evaluation, HeightRaster, Method, Truth, TruthOptions, error_picture, error_style,
+};
 use crate::progress::{Event, Progress};
 use crate::report::{FIGURES, figures};
 use crate::run_files::{ERROR_MAP, METRICS};

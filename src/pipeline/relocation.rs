@@ -5,8 +5,8 @@
 
 use super::stage::Stage;
 use super::{PipelineError, RunLock, TrainedCameras};
-use crate::coregister::{Coregistration, Shift};
 use crate::bundle::Adjustment;
+use crate::coregister::{Coregistration, Shift};
 use crate::frame::Point;
 use crate::io::{WriteError, read_json, write_json, write_moved};
 use crate::run_files::{
