@@ -322,7 +322,8 @@ fn parts<'a, T: SimdReal>(
 fn add_scaled<T: SimdReal>(sum: &mut Image<T>, parts: &[Option<Scaled<T>>]) {
     let Image { width, channels, .. } = *sum;
     for part in parts.iter().flatten() {
-        let rows = sum.data.par_chunks_mut(channels * width).zip(part.image.data.par_chunks(channels * width));
+        let rows =
+            sum.data.par_chunks_mut(channels * width).zip(part.image.data.par_chunks(channels * width));
         rows.for_each(|(sum, by)| T::dispatch(AddScaled { sum, by, factor: part.factor }));
     }
 }

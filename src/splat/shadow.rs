@@ -3,7 +3,7 @@
 //! From each pixel's altitude the sun's altitude image is looked up: where it lies `Δ` metres higher, the share of
 //! sunlight is `exp(ρ min(-Δ, 0))`.
 
-use crate::simd::{Real, Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
+use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
 use crate::splat::loss::Scaled;
 use crate::splat::raster::{Image, channel, stripe_rows};
 use crate::splat::shear_warp::{ShearWarp, Window, sum_windows};
@@ -130,8 +130,7 @@ impl<T: SimdReal> SimdKernel<T> for Backward<'_, T> {
         let rows = first_row..first_row + by_view.len() / (channels * width);
         let altitudes = rows.clone().flat_map(|r| view.row(channel::ALTITUDE, r));
         by_sun.open(image.width, warp.rows(rows, altitudes, image.height));
-        let [zero, one, rate] =
-            broadcast_each(simd, [T::zero(), T::one(), T::from_f64(SHADOW_RATE_PER_M)]);
+        let [zero, one, rate] = broadcast_each(simd, [T::zero(), T::one(), T::from_f64(SHADOW_RATE_PER_M)]);
         for (k, by_view) in by_view.chunks_mut(channels * width).enumerate() {
             let row = first_row + k;
             let by_altitude = &mut by_view[channel::ALTITUDE * width..][..width];

@@ -64,6 +64,13 @@ impl<T: SimdReal> Appearance<T> {
     }
 }
 
+impl Default for Appearance {
+    /// The default model at the start of training.
+    fn default() -> Self {
+        Self::start(AppearanceKind::default())
+    }
+}
+
 /// What a picture is made of.
 #[derive(Clone, Copy)]
 pub struct ShadingInput<'a, T> {
@@ -86,7 +93,7 @@ pub struct ShadingGradient<'a, T> {
 }
 
 /// A colour model; `values` are a view's parameters.
-pub trait AppearanceModel<T: Real>: Send {
+pub trait AppearanceModel<T: Real>: Send + Sync {
     /// Parameters of a view at the start of training.
     fn start(&self) -> Vec<T>;
 

@@ -117,7 +117,7 @@ impl<T: Real> Scaled<'_, T> {
 ///
 /// [`LossTerm::evaluate`] computes value and derivatives; the other methods then give the derivatives by what the term
 /// looked at, those that it has.
-pub trait LossTerm<T: Real>: Send {
+pub trait LossTerm<T: Real>: Send + Sync {
     /// Evaluates the term. `weights` are those of its [`TermInfo`], `columns` are written. Gives the weighted value.
     fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64;
 

@@ -7,7 +7,7 @@
 
 use super::{LossTerm, Rendered, TermInfo};
 use crate::frame::{Point, SiteGrid};
-use crate::io::{MapGrid, Plane};
+use crate::io::{Grid2, MapGrid};
 use crate::mvs::MatchedSurface;
 use crate::simd::{Real, SimdReal};
 use crate::splat::splats::Splats;
@@ -27,8 +27,8 @@ const PIECE: usize = 4096;
 pub struct Prior {
     site: SiteGrid,
     grid: MapGrid,
-    altitude: Plane,
-    weight: Plane,
+    altitude: Grid2,
+    weight: Grid2,
 }
 
 impl Prior {
@@ -111,7 +111,7 @@ mod tests {
     fn prior() -> Prior {
         let site = SiteGrid { epsg: 32617, origin: Point::new(1000.0, 2000.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 998.0, north: 2001.0, cell: 2.0, width: 2, height: 1 };
-        let plane = |data: [f32; 2]| Plane { width: 2, height: 1, data: data.into() };
+        let plane = |data: [f32; 2]| Grid2 { width: 2, height: 1, data: data.into() };
         Prior { site, grid, altitude: plane([5.0; 2]), weight: plane([1.0, 0.0]) }
     }
 

@@ -30,11 +30,18 @@ impl LossWeights {
     /// # Errors
     /// [`WeightError`].
     pub fn of(named: &[(&str, f64)]) -> Result<Self, WeightError> {
-        let mut out = Self::default();
+        Self::default().with(named)
+    }
+
+    /// The same weights but for these.
+    ///
+    /// # Errors
+    /// [`WeightError`].
+    pub fn with(mut self, named: &[(&str, f64)]) -> Result<Self, WeightError> {
         for (name, value) in named {
-            *out.place(name)? = *value;
+            *self.place(name)? = *value;
         }
-        Ok(out)
+        Ok(self)
     }
 
     /// Every name with its weight.
@@ -101,6 +108,8 @@ mod tests {
         assert_eq!((scaled.get("opacity"), scaled.get("shadow_entropy")), (1.5, 2.0));
         assert_eq!(LossWeights::try_from(BTreeMap::from(scaled)), Ok(scaled));
         assert_eq!(weights.by_term().map(<[f64]>::len).sum::<usize>(), WEIGHTS);
-        assert!(LossWeights::of(&[("opacities", 1.0)]).unwrap_err().to_string().contains("consistency_color"));
+        assert!(
+            LossWeights::of(&[("opacities", 1.0)]).unwrap_err().to_string().contains("consistency_color")
+        );
     }
 }

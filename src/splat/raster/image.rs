@@ -66,8 +66,8 @@ impl<T: Real> Image<T> {
 
     /// One channel as a plane.
     #[must_use]
-    pub fn plane(&self, channel: usize) -> crate::io::Plane {
+    pub fn plane(&self, channel: usize) -> crate::io::Grid2 {
         let data = (0..self.height).flat_map(|r| self.row(channel, r)).map(|v| v.as_f64() as f32).collect();
-        crate::io::Plane { width: self.width, height: self.height, data }
+        crate::io::Grid2 { width: self.width, height: self.height, data }
     }
 }
