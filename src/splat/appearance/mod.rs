@@ -31,19 +31,13 @@ impl AppearanceKind {
             Self::Affine => Box::<AffineAppearance<T>>::default(),
         }
     }
-
-    /// Whether it is the model of files that do not name one.
-    #[must_use]
-    pub fn is_default(&self) -> bool {
-        *self == Self::default()
-    }
 }
 
 /// The parameters of a view in a colour model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Appearance<T = f32> {
     /// The model.
-    #[serde(default, skip_serializing_if = "AppearanceKind::is_default")]
+    #[serde(default)]
     pub kind: AppearanceKind,
     /// Its parameters.
     pub values: Vec<T>,
