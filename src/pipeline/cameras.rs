@@ -19,7 +19,7 @@ pub struct TrainedCameras {
     /// Site, area, cameras.
     #[serde(flatten)]
     pub setup: SiteScene,
-    /// Name and radiometry of every training view.
+    /// Name of every training view, and its parameters of the colour model.
     pub appearances: Vec<(String, Appearance)>,
     /// What was trained by.
     pub recipe: Recipe,
@@ -61,10 +61,10 @@ impl TrainedCameras {
         Ok(ply::write(&run.join(SPLATS), &shown, &self.setup.site)?)
     }
 
-    /// The radiometry of the view whose colours the orthophoto takes.
+    /// The colour model of the view whose colours the orthophoto takes.
     pub fn reference_appearance(&self) -> Appearance {
         let reference = self.appearances.get(self.setup.reference_among_training());
-        reference.map(|a| a.1).unwrap_or_default()
+        reference.map(|a| a.1.clone()).unwrap_or_default()
     }
 }
 

@@ -66,9 +66,9 @@ impl Checkpoints<'_> {
         progress: &dyn Progress,
     ) -> Result<(), PipelineError> {
         let interrupted = progress.is_cancelled();
-        if interrupted || log.len().is_multiple_of(self.every as usize) {
+        if interrupted || self.is_due(log.len() as u32) {
             let origin = Cow::Borrowed(self.stage.fingerprint());
-            let state = Cow::Borrowed(backend.snapshot());
+            let state = Cow::Borrowed(backend.snapshot()?);
             Checkpoint { origin, splats_at_start, log: log.into(), state }.write(&self.path)?;
         }
         if interrupted {
@@ -78,6 +78,11 @@ impl Checkpoints<'_> {
             });
         }
         Ok(())
+    }
+
+    /// Whether a checkpoint is due after so many iterations.
+    pub fn is_due(&self, done: u32) -> bool {
+        done.is_multiple_of(self.every)
     }
 
     /// A complete training needs none; one that is left behind does no harm.

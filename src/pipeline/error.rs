@@ -13,6 +13,7 @@ use crate::report::ReportError;
 use crate::rpc::formats::FormatError;
 use crate::scene::SceneError;
 use crate::simulate::SimulateError;
+use crate::splat::backend::BackendError;
 use crate::splat::ply::PlyError;
 use crate::splat::train::recipe::RecipeError;
 use std::path::PathBuf;
@@ -269,6 +270,10 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Ply(#[from] PlyError),
+    /// See [`BackendError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Backend(#[from] BackendError),
     /// See [`MetricsError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -294,6 +299,7 @@ impl PipelineError {
             | Self::Simulate(SimulateError::Interrupted(_)) => ErrorKind::Interrupted,
             Self::Json { .. }
             | Self::Write(_)
+            | Self::Backend(_)
             | Self::Raster(RasterError::Write(_) | RasterError::Encode { .. })
             | Self::Bundle(
                 BundleError::Write(_)

@@ -89,7 +89,7 @@ pub fn render(
     let rpc = like.map(|view| corrected_camera(run, &view.name)).transpose()?;
     let appearance = like
         .and_then(|v| cameras.appearances.iter().find(|a| a.0 == v.name))
-        .map_or_else(|| cameras.reference_appearance(), |a| a.1);
+        .map_or_else(|| cameras.reference_appearance(), |a| a.1.clone());
     let frames = options.frames.unwrap_or(1);
     progress.event(Event::Started { stage: "rendering", total: frames.into() });
     for frame in 0..frames {

@@ -8,15 +8,16 @@ use super::{PipelineError, RunLock, TrainedCameras, read_scene, relocation};
 use crate::affine::{SiteSceneError, median_pixel_m};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, SPLATS, STAGE};
-use crate::splat::backend::TrainingBackend;
 use crate::splat::backend::cpu::CpuBackend;
-use crate::splat::loss::surface_prior::SurfacePrior;
+use crate::splat::backend::{TrainingBackend, TrainingScene};
+use crate::splat::loss::surface_prior::Prior;
 use crate::splat::state::TrainingState;
 use crate::splat::train::expectation::Extent;
 use crate::splat::train::recipe::Recipe;
 use crate::splat::train::{LogLine, Schedule, train as optimize};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use std::sync::Arc;
 
 /// How to train.
 #[derive(Clone, Debug)]
@@ -157,13 +158,13 @@ pub(super) fn train_locked(
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
             let splats = training.splats_at_start(&views, progress)?;
-            (splats.len(), Vec::new(), TrainingState::start(splats, views.len()))
+            let start = splats.len();
+            (start, Vec::new(), TrainingState::start(splats, training.recipe.appearance, views.len()))
         }
     };
     // Read from the file whether or not training was interrupted, so that both give the same bytes.
     let first = training.first_surface()?;
-    let prior =
-        first.as_ref().zip(training.recipe.hold).map(|(first, weight)| SurfacePrior::new(first, weight));
+    let prior = first.as_ref().map(|first| Arc::new(Prior::new(first)));
     let schedule = Schedule {
         recipe: &training.recipe,
         views: views.len(),
@@ -172,17 +173,21 @@ pub(super) fn train_locked(
         splats_at_start: at_start,
         seed: options.seed,
     };
-    let mut backend = CpuBackend::new(state, views, training.setup.altitudes, prior);
+    let views = Arc::new(views);
+    let (altitudes, appearance) = (training.setup.altitudes, training.recipe.appearance);
+    let mut backend = CpuBackend::default();
+    backend.load(TrainingScene { views: views.clone(), altitudes, prior, appearance }, state)?;
     progress.event(Event::Resumable(true));
-    optimize(&mut backend, &schedule, &mut log, progress, |backend, log| {
-        training.take_picture(backend, log.len() as u32, progress);
+    let is_due = |done: u32| training.is_picture_due(done) || checkpoints.is_due(done);
+    optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {
+        training.take_picture(backend, &views, log.len() as u32, progress)?;
         checkpoints.keep(at_start, log, backend, progress)
     })?;
     progress.event(Event::Resumable(false));
 
     tracing::info!("{}", backend.times().table());
-    let cameras = training.write(&mut backend, first.as_ref(), &log)?;
-    let trained = figures(&cameras, &log, at_start, backend.snapshot().splats.len());
+    let cameras = training.write(&mut backend, &views, first.as_ref(), &log)?;
+    let trained = figures(&cameras, &log, at_start, backend.snapshot()?.splats.len());
     stage.complete(&trained)?;
     checkpoints.remove();
     Ok(Outcome::Made(trained))
@@ -198,8 +203,8 @@ fn figures(cameras: &TrainedCameras, log: &[LogLine], splats_start: usize, splat
         splats,
         affine_rms_px: mean(fits.iter().map(|v| v.rms_px)),
         affine_max_px: fits.iter().map(|v| v.max_px).fold(0.0, f64::max),
-        l1: mean(tail.iter().map(|l| l.l1)),
-        ssim: mean(tail.iter().map(|l| l.ssim)),
+        l1: mean(tail.iter().map(|l| l.column("l1"))),
+        ssim: mean(tail.iter().map(|l| l.column("ssim"))),
     }
 }
 

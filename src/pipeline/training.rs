@@ -82,32 +82,44 @@ impl<'a> Training<'a> {
     }
 
     /// Writes a picture of the training after so many iterations, if one is due.
-    pub fn take_picture(&self, backend: &mut CpuBackend, done: u32, progress: &dyn Progress) {
-        if !pictures::is_snapshot_due(self.options.snapshots, done, self.recipe.iterations) {
-            return;
+    pub fn take_picture(
+        &self,
+        backend: &mut CpuBackend,
+        views: &[TrainingView],
+        done: u32,
+        progress: &dyn Progress,
+    ) -> Result<(), PipelineError> {
+        if !self.is_picture_due(done) {
+            return Ok(());
         }
         let watched = self.setup.reference_among_training();
-        let view = backend.views()[watched].clone();
-        let (state, shadows) = (backend.snapshot(), done > self.recipe.shadows_from);
-        let appearance = &state.appearances[watched].0;
-        let panels = pictures::panels(&view, &state.splats, appearance, self.setup.altitudes, shadows);
+        let panels = pictures::Panels::new(&views[watched], done > self.recipe.shadows_from);
+        let picture = backend.render(&panels.from, watched)?;
+        let canvas = panels.draw(picture, self.setup.altitudes);
         // A picture less is no reason to stop.
-        if let Err(e) = panels.write(&self.run.join(format!("{SNAPSHOTS}/{done:06}.png"))) {
+        if let Err(e) = canvas.write(&self.run.join(format!("{SNAPSHOTS}/{done:06}.png"))) {
             progress.event(Event::Warning(e.to_string()));
         }
+        Ok(())
+    }
+
+    /// Whether a picture is due after so many iterations.
+    pub fn is_picture_due(&self, done: u32) -> bool {
+        pictures::is_snapshot_due(self.options.snapshots, done, self.recipe.iterations)
     }
 
     /// Writes what training made; the surface is matched once more if there is one to start `from`.
     pub fn write(
         self,
         backend: &mut CpuBackend,
+        views: &[TrainingView],
         from: Option<&MatchedSurface>,
         log: &[LogLine],
     ) -> Result<TrainedCameras, PipelineError> {
-        let swept = self.sweep(backend.views()).zip(from);
-        let names: Vec<String> = backend.views().iter().map(|v| v.name.clone()).collect();
+        let swept = self.sweep(views).zip(from);
+        let names = views.iter().map(|v| v.name.clone());
         let Self { run, recipe, setup, .. } = self;
-        let made = backend.snapshot();
+        let made = backend.snapshot()?;
         if let Some((sweep, first)) = &swept {
             let surface = if sweep.is_bettered_by_training() {
                 let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
@@ -119,7 +131,7 @@ impl<'a> Training<'a> {
         }
         write_log(&run.join(TRAINING), log)?;
         pictures::curves(log).write(&run.join("train/curves.svg"))?;
-        let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
+        let appearances = names.zip(made.appearances.iter().map(|a| a.0.clone())).collect();
         let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
         cameras.write_splats(run, &made.splats)?;
         write_json(&run.join(CAMERAS), &cameras)?;
@@ -131,8 +143,9 @@ fn write_log(path: &Path, log: &[LogLine]) -> Result<(), PipelineError> {
     let failed = |reason: String| WriteError::new(path, reason);
     write_atomically(path, |t| {
         let mut writer = csv::Writer::from_path(t).map_err(|e| failed(e.to_string()))?;
+        writer.write_record(LogLine::header()).map_err(|e| failed(e.to_string()))?;
         for line in log {
-            writer.serialize(line).map_err(|e| failed(e.to_string()))?;
+            writer.write_record(line.record()).map_err(|e| failed(e.to_string()))?;
         }
         writer.flush().map_err(|e| failed(e.to_string()))
     })?;
