@@ -10,14 +10,16 @@ use std::path::PathBuf;
 /// Score a surface model against lidar: errors after three registrations, by class, at edges, on slopes; error map
 #[derive(clap::Args)]
 #[command(after_help = "\
-Registrations of the prediction to the truth: z adds the median height offset (MAE_reg of the BAEOGS paper), ncc
-shifts by whole cells to the best correlation and adds the mean offset (EOGS), xyz is the 3-D shift of the smallest MAE.
-dx, dy: where the prediction is sampled, in cells; east, north, dz: how far this moves it, in metres.
-Without classes water is scored like land. Do not compare MAEs of surfaces with a completeness below 0.99.
+Registrations of the surface model to the truth:
+  z    adds the median height offset (MAE_reg of the BAEOGS paper)
+  ncc  shifts by whole cells to the best correlation and adds the mean offset (EOGS)
+  xyz  is the shift in three dimensions with the smallest MAE
+dx, dy: where the surface model is sampled, in cells; east, north, dz: how far this moves it, m.
+Without classes water is scored like land. MAEs are comparable from a completeness of 0.99 on.
 
 Examples:
-  satgs dsm-eval run/dsm.tif JAX_068_DSM.tif         finds JAX_068_DSM.txt and JAX_068_CLS.tif by name
-  satgs dsm-eval dsm.tif lidar.laz -o eval           uses the highest point of every cell; writes map and figures
+  satgs dsm-eval run/dsm.tif JAX_068_DSM.tif   (finds JAX_068_DSM.txt, JAX_068_CLS.tif by name)
+  satgs dsm-eval dsm.tif lidar.laz -o eval     (the highest point of every cell; map and figures)
   satgs dsm-eval dsm.tif lidar.tif --mask roofs.gpkg --truth-vertical EGM96")]
 pub struct Args {
     /// The surface model: a raster with a map grid in metres

@@ -6,10 +6,11 @@ use std::path::PathBuf;
 
 /// Render images of a trained run from any direction, under any sun
 ///
-/// A .png holds colours. A .tif holds red, green, blue (0 to 1) and the height of the surface in the pixel (m), as
-/// float32; with --like it has the corrected RPC of the view, with --view it has a map grid that is right for ground at
-/// the height of the site's origin. Angles are degrees, azimuths clockwise from north.
-/// With --frames the direction changes evenly to --view-to and the sun to --sun-to, with one numbered file a frame:
+/// A .png holds colours. A .tif holds red, green, blue (0 to 1) and the height of the surface in the
+/// pixel (m) as float32; with --like it has the corrected RPC of the view, with --view a map grid that
+/// is right for ground at the height of the site's origin. Angles are degrees, azimuths clockwise from
+/// north. With --frames the direction changes evenly to --view-to and the sun to --sun-to, with one
+/// numbered file a frame:
 ///
 ///   satgs render RUN --view 0,30 --view-to 360,30 --frames 90 -o orbit.png
 ///   satgs render RUN --view 0,0 --sun 95,20 --sun-to 265,20 --frames 60 -o day.png

@@ -94,7 +94,7 @@ pub fn render(
     progress.event(Event::Started { stage: "rendering", total: frames.into() });
     for frame in 0..frames {
         progress.check()?;
-        let view = frame_view(setup, like, options, f64::from(frame) / f64::from(frames.max(2) - 1))?;
+        let view = frame_view(setup, options, f64::from(frame) / f64::from(frames.max(2) - 1))?;
         let mut picture = view.picture(&splats, &appearance, setup.altitudes);
         setup.transfer_function.encode(&mut picture.colors);
         let path = if options.frames.is_some() { numbered(output, frame + 1) } else { output.into() };
@@ -114,25 +114,20 @@ pub fn render(
 }
 
 /// Camera and sun of a frame; `part` goes from 0 at the first frame to 1 at the last.
-fn frame_view(
-    setup: &SiteScene,
-    like: Option<&SiteView>,
-    options: &RenderOptions,
-    part: f64,
-) -> Result<NovelView, PipelineError> {
+fn frame_view(setup: &SiteScene, options: &RenderOptions, part: f64) -> Result<NovelView, PipelineError> {
     let between = |a: [f64; 2], b: Option<[f64; 2]>| {
         b.map_or(a, |b| std::array::from_fn(|k| a[k] + part * (b[k] - a[k])))
     };
-    let mut view = match (like, &options.viewpoint) {
-        (Some(view), _) => NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear },
-        (None, Viewpoint::Direction { from_deg, to_deg, size }) => {
+    let mut view = match &options.viewpoint {
+        Viewpoint::Like(name) => {
+            let view = find(setup, name)?;
+            NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear }
+        }
+        Viewpoint::Direction { from_deg, to_deg, size } => {
             let [azimuth, off_nadir] = between(*from_deg, *to_deg);
             high_enough("--view", 90.0 - off_nadir)?;
             let size = size.unwrap_or_else(|| setup.picture_size());
             NovelView { camera: setup.view_from(azimuth, off_nadir, size), size, sun_shear: None }
-        }
-        (None, Viewpoint::Like(name)) => {
-            return Err(PipelineError::NoView { name: name.clone(), views: String::new() });
         }
     };
     if let Some(sun) = options.sun_deg {
