@@ -6,11 +6,25 @@ pub struct CounterRng {
     state: u64,
 }
 
-fn mix(mut z: u64) -> u64 {
-    z = z.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+/// The mixing function of SplitMix64 (Steele, Lea and Flood, 2014).
+#[must_use]
+pub const fn mix(seed: u64) -> u64 {
+    let z = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     z ^ (z >> 31)
+}
+
+/// The upper 53 bits of random bits as a number in [0, 1).
+#[must_use]
+pub fn unit_interval(bits: u64) -> f64 {
+    (bits >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// A normal number with mean 0 and standard deviation 1 from two uniform ones in [0, 1) (Box and Muller, 1958).
+#[must_use]
+pub fn box_muller(u: f64, v: f64) -> f64 {
+    (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 impl CounterRng {
@@ -23,13 +37,12 @@ impl CounterRng {
     /// Uniform in [0, 1).
     pub fn uniform(&mut self) -> f64 {
         self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        (mix(self.state) >> 11) as f64 / (1u64 << 53) as f64
+        unit_interval(mix(self.state))
     }
 
     /// Normal with mean 0 and deviation 1 (Box and Muller).
     pub fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.uniform()).cos()
+        box_muller(self.uniform(), self.uniform())
     }
 
     /// A whole number below `n`.

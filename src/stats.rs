@@ -1,9 +1,57 @@
 //! Statistics of lists of numbers.
 
+/// Factor from the median absolute deviation to the standard deviation of a normal distribution.
+pub const MAD_TO_SIGMA: f64 = 1.4826;
+
 /// The value below which a share of the values lies.
 #[must_use]
 pub fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     let last = values.len().checked_sub(1)?;
     let rank = (share * last as f64).round() as usize;
     Some(*values.select_nth_unstable_by(rank.min(last), f64::total_cmp).1)
+}
+
+/// The `q` quantile (0 to 1) of values without NaN, interpolated linearly between neighbours as `numpy` does by default;
+/// NaN of an empty list.
+#[must_use]
+pub fn interpolated_quantile(values: &[f32], q: f64) -> f64 {
+    interpolated_quantile_in_place(&mut values.to_vec(), q)
+}
+
+/// [`interpolated_quantile`] without a copy; the order of the values changes.
+pub fn interpolated_quantile_in_place(values: &mut [f32], q: f64) -> f64 {
+    let Some(last) = values.len().checked_sub(1) else { return f64::NAN };
+    let position = q * last as f64;
+    let index = position.floor() as usize;
+    let (_, &mut low, above) = values.select_nth_unstable_by(index, f32::total_cmp);
+    let next = above.iter().copied().min_by(f32::total_cmp).unwrap_or(low);
+    let (low, next) = (f64::from(low), f64::from(next));
+    low + (next - low) * (position - index as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn interpolated_quantiles_are_those_of_numpy() {
+        let v = [4.0, 1.0, 3.0, 2.0];
+        assert_eq!(interpolated_quantile(&v, 0.5), 2.5);
+        assert_eq!(interpolated_quantile(&v, 0.0), 1.0);
+        assert_eq!(interpolated_quantile(&v, 1.0), 4.0);
+        assert!((interpolated_quantile(&v, 0.9) - 3.7).abs() < 1e-6);
+        assert!(interpolated_quantile(&[], 0.5).is_nan());
+        assert_eq!(interpolated_quantile(&[-3.0], 0.5), -3.0);
+    }
+
+    #[test]
+    fn interpolated_quantiles_of_all_ranks_are_the_sorted_values() {
+        let normal = |i| crate::random::CounterRng::new(0, 0, 0, i).normal() as f32;
+        let values: Vec<f32> = (0..1001).map(normal).collect();
+        let mut sorted = values.clone();
+        sorted.sort_by(f32::total_cmp);
+        for (k, v) in sorted.iter().enumerate() {
+            assert!((interpolated_quantile(&values, k as f64 / 1000.0) - f64::from(*v)).abs() < 1e-6, "{k}");
+        }
+    }
 }

@@ -44,7 +44,7 @@ impl Run {
     }
 
     fn places(&self) -> Vec<Point<Geodetic>> {
-        Adjustment::read_all(&self.run.join("ba")).unwrap().positions()
+        Adjustment::read_with_observations(&self.run.join("ba")).unwrap().positions()
     }
 
     fn camera(&self, folder: &str, view: &str) -> Rpc {
@@ -127,7 +127,7 @@ fn a_run_follows_its_reference_with_all_it_holds_and_stays_there() {
 
 #[test]
 fn heights_above_a_geoid_do_not_move_a_run_down() {
-    let Ok(egm96) = satgs::io::Vertical::read("EGM96") else { return };
+    let Ok(egm96) = satgs::io::VerticalReference::read("EGM96") else { return };
     let r = Run::new();
     r.aligned(&r.truth);
     let before = r.places();

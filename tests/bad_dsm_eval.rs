@@ -134,9 +134,9 @@ fn good_input_is_scored() {
     let output = desk.eval("TOWN_DSM.tif", &["--json"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let scores: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(scores["verdicts"][2]["mae_m"], 0.0);
-    assert_eq!(scores["verdicts"][0]["strata"][0]["name"], "2 ground");
-    assert_eq!(scores["verdicts"][0]["strata"][0]["cells"], 3600);
+    assert_eq!(scores["registered_scores"][2]["mae_m"], 0.0);
+    assert_eq!(scores["registered_scores"][0]["breakdown"][0]["name"], "2 ground");
+    assert_eq!(scores["registered_scores"][0]["breakdown"][0]["cells"], 3600);
     let names = ["metrics.json", "error.tif", "error.qml", "error.png", "histogram.svg", "cumulative.svg"];
     assert_eq!(files(&desk.path("eval")), names.len());
     assert!(names.iter().all(|name| desk.path("eval").join(name).exists()));
@@ -154,7 +154,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
         (scores, std::fs::read(desk.path("eval/error.tif")).unwrap())
     };
     let one = made("1");
-    assert_eq!(one.0["verdicts"][2]["strata"].as_array().unwrap().len(), 3, "{:#}", one.0);
+    assert_eq!(one.0["registered_scores"][2]["breakdown"].as_array().unwrap().len(), 3, "{:#}", one.0);
     assert!(one == made("2") && one == made("5"));
 }
 
@@ -242,8 +242,8 @@ fn a_mask_is_scored_inside_and_outside() {
     for name in ["mask.tif", "mask.geojson"] {
         let mask = desk.path(name);
         let (_, scores) = desk.scored("TOWN_DSM.tif", &["--mask", mask.to_str().unwrap()]);
-        let strata = scores["verdicts"][0]["strata"].as_array().unwrap();
-        let part = |name: &str| strata.iter().find(|s| s["name"] == name).unwrap();
+        let breakdown = scores["registered_scores"][0]["breakdown"].as_array().unwrap();
+        let part = |name: &str| breakdown.iter().find(|s| s["name"] == name).unwrap();
         assert_eq!(part("inside mask")["cells"], 1200, "{name}");
         assert_eq!(part("outside mask")["cells"], 2400, "{name}");
         let mae = |name: &str| part(name)["mae_m"].as_f64().unwrap();
@@ -268,7 +268,7 @@ fn heights_in_feet_are_converted_and_other_units_refused() {
             .unwrap();
         let (said, scores) = desk.scored("feet.tif", &[]);
         assert!(said.contains(unit) && said.contains("converted to metres"), "{said}");
-        assert!(scores["verdicts"][0]["mae_m"].as_f64().unwrap() < 1e-4);
+        assert!(scores["registered_scores"][0]["mae_m"].as_f64().unwrap() < 1e-4);
     }
     std::fs::remove_dir_all(desk.path("eval")).unwrap();
     Cog { grid: GRID, metadata: &[], heights_from: None }
@@ -290,7 +290,7 @@ fn values_at_points_and_values_of_areas_lie_in_the_same_place() {
     let metadata = [("AREA_OR_POINT", "Point".to_owned())];
     let point = Cog { grid: GRID, metadata: &metadata, heights_from: None };
     point.write_f32(&desk.path("point.tif"), &[("height", "m", &relief())]).unwrap();
-    assert_eq!(desk.scored("point.tif", &[]).1["verdicts"][0]["mae_m"], 0.0);
+    assert_eq!(desk.scored("point.tif", &[]).1["registered_scores"][0]["mae_m"], 0.0);
 }
 
 #[test]
@@ -301,8 +301,8 @@ fn undeclared_nodata_is_left_out_and_told() {
     desk.height("dsm.tif", GRID, &holes);
     let (said, scores) = desk.scored("TOWN_DSM.tif", &[]);
     assert!(said.contains("600 cells of -9999"), "{said}");
-    assert_eq!(scores["verdicts"][0]["mae_m"], 0.0);
-    assert_eq!(scores["verdicts"][0]["predicted"], 3000);
+    assert_eq!(scores["registered_scores"][0]["mae_m"], 0.0);
+    assert_eq!(scores["registered_scores"][0]["predicted"], 3000);
 }
 
 #[test]
@@ -322,7 +322,7 @@ fn heights_above_a_geoid_are_guessed_and_converted_when_told() {
     let geoid = desk.path("geoid.tif");
     let (said, scores) = desk.scored("above_geoid.tif", &["--truth-vertical", geoid.to_str().unwrap()]);
     assert!(said.contains("lifted from the geoid (geoid.tif) to the ellipsoid"), "{said}");
-    assert!(scores["verdicts"][0]["dz_m"].as_f64().unwrap().abs() < 1e-5);
+    assert!(scores["registered_scores"][0]["dz_m"].as_f64().unwrap().abs() < 1e-5);
     std::fs::remove_dir_all(desk.path("eval")).unwrap();
     desk.height("geoid.tif", MapGrid { west: 10.0, ..degrees }, &Grid2::filled(8, 8, 45.0));
     desk.refused(
@@ -340,24 +340,24 @@ fn references_that_the_files_tell_are_brought_together() {
     let desk = Desk::new();
     let (lon, lat) = Desk::lon_lat(15.0, 15.0);
     let Some(geoid_m) = egm96_undulation_m(lon, lat) else { return };
-    let Ok(egm96) = satgs::io::Vertical::read("EGM96") else { return };
-    let write = |name: &str, from: &satgs::io::Vertical, up: f64| {
+    let Ok(egm96) = satgs::io::VerticalReference::read("EGM96") else { return };
+    let write = |name: &str, from: &satgs::io::VerticalReference, up: f64| {
         let mut raster = relief();
         raster.data.iter_mut().for_each(|v| *v += up as f32);
         let cog = Cog { grid: GRID, metadata: &[], heights_from: Some(from) };
         cog.write_f32(&desk.path(name), &[("height", "m", &raster)]).unwrap();
     };
-    write("dsm.tif", &satgs::io::Vertical::Ellipsoid, 0.0);
+    write("dsm.tif", &satgs::io::VerticalReference::Ellipsoid, 0.0);
     write("egm96.tif", &egm96, -geoid_m);
     let (said, scores) = desk.scored("egm96.tif", &[]);
     assert!(said.contains("lifted to the ellipsoid"), "{said}");
-    let dz = scores["verdicts"][0]["dz_m"].as_f64().unwrap();
+    let dz = scores["registered_scores"][0]["dz_m"].as_f64().unwrap();
     assert!(dz.abs() < 0.05, "{dz}");
     // Two that count from the same geoid stay as they are.
     write("dsm.tif", &egm96, 0.0);
     let (said, scores) = desk.scored("egm96.tif", &[]);
     assert!(!said.contains("lifted"), "{said}");
-    assert!((scores["verdicts"][0]["dz_m"].as_f64().unwrap() + geoid_m).abs() < 0.05);
+    assert!((scores["registered_scores"][0]["dz_m"].as_f64().unwrap() + geoid_m).abs() < 0.05);
 }
 
 #[test]
@@ -368,7 +368,7 @@ fn points_are_rasterised_to_the_highest_of_every_cell() {
         let (said, scores) = desk.scored(name, &[]);
         assert!(said.contains("highest"), "{said}");
         assert_eq!((&scores["land_cells"], &scores["water_cells"]), (&3000.into(), &600.into()));
-        assert!(scores["verdicts"][0]["mae_m"].as_f64().unwrap() < 1e-3, "{scores:#}");
+        assert!(scores["registered_scores"][0]["mae_m"].as_f64().unwrap() < 1e-3, "{scores:#}");
     }
 }
 

@@ -372,7 +372,7 @@ fn n18_images_of_many_bands() {
         "counts from 1",
     );
     let (code, said) = info(folder.path(), &["--bands", "5,3"]);
-    assert!(code == Some(2) && said.contains("neither one band nor three"), "{said}");
+    assert!(code == Some(2) && said.contains("one band or three"), "{said}");
     let options =
         satgs::scene::ReadOptions { bands: vec![5, 3, 2], stretch_percent: Some(2.0), ..Default::default() };
     let scene = satgs::scene::read(folder.path(), &options).unwrap();
@@ -495,7 +495,7 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     assert!(code == Some(2) && said.contains("dem.tif` does not say what its heights count from"), "{said}");
     assert!(said.contains("hint: --dem-vertical ellipsoid"), "{said}");
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
-    let vertical = satgs::io::Vertical::Ellipsoid;
+    let vertical = satgs::io::VerticalReference::Ellipsoid;
     let (low, high) = scene.dem(&path, Some(&vertical)).unwrap().heights_to_search();
     assert!(60.0 < low && low < high && high < 190.0, "{low} {high}");
     // In feet with a void that is not declared, the same model.

@@ -5,13 +5,14 @@
 mod common;
 
 use common::{data_dir, disagreement_px};
-use satgs::bundle::{Adjustment, Options, adjust};
+use satgs::bundle::{AdjustOptions, Adjustment, adjust};
 use satgs::frame::{Pixel, SiteGrid};
 use satgs::io::MapGrid;
-use satgs::metrics::{Truth, TruthOptions, nmad};
+use satgs::metrics::{Truth, TruthOptions};
 use satgs::progress::NoProgress;
 use satgs::rpc::{Rpc, formats};
 use satgs::scene::{ReadOptions, read};
+use satgs::stats::{MAD_TO_SIGMA, interpolated_quantile};
 use std::path::Path;
 
 /// How far a camera may be from sat-bundleadjust's, pixels, once the common translation is taken out.
@@ -19,7 +20,7 @@ const AGREEMENT_PX: f64 = 0.15;
 
 fn adjusted(folder: &Path, rpcs: Option<&str>) -> Adjustment {
     let options = ReadOptions { rpcs: rpcs.map(str::to_owned), ..ReadOptions::default() };
-    adjust(&read(folder, &options).unwrap(), &Options::default(), &NoProgress).unwrap()
+    adjust(&read(folder, &options).unwrap(), &AdjustOptions::default(), &NoProgress).unwrap()
 }
 
 /// Spread of the points' heights over the lidar's below them, not registered.
@@ -40,7 +41,9 @@ fn nmad_to_lidar_m(folder: &Path, made: &Adjustment) -> f64 {
         })
         .filter(|d| d.is_finite())
         .collect();
-    nmad(&off)
+    let median = interpolated_quantile(&off, 0.5);
+    let deviations: Vec<f32> = off.iter().map(|d| (f64::from(*d) - median).abs() as f32).collect();
+    MAD_TO_SIGMA * interpolated_quantile(&deviations, 0.5)
 }
 
 #[test]

@@ -5,10 +5,10 @@
 mod common;
 
 use common::disagreement_px;
-use satgs::bundle::{HeightPrior, Options, adjust};
+use satgs::bundle::{AdjustOptions, HeightPrior, adjust};
 use satgs::frame::{Pixel, SiteGrid};
-use satgs::io::{Cog, Grid2, MapGrid, Vertical};
-use satgs::metrics::{Surface, quantile};
+use satgs::io::{Cog, Grid2, MapGrid, VerticalReference};
+use satgs::metrics::HeightRaster;
 use satgs::progress::NoProgress;
 use satgs::rpc::{Rpc, formats};
 use satgs::scene::{ReadOptions, Scene, read};
@@ -29,10 +29,10 @@ const DEM_CELL_M: f64 = 20.0;
 
 fn worst_shift_px(relief: Relief) -> f64 {
     let folder = tempfile::tempdir().unwrap();
-    let options = simulate::Options { relief, ..simulate::Options::default() };
+    let options = simulate::SimulateOptions { relief, ..simulate::SimulateOptions::default() };
     simulate(folder.path(), &options, &NoProgress).unwrap();
     let scene = read(folder.path(), &ReadOptions::default()).unwrap();
-    let made = adjust(&scene, &Options::default(), &NoProgress).unwrap();
+    let made = adjust(&scene, &AdjustOptions::default(), &NoProgress).unwrap();
     assert_eq!(made.cameras.len(), options.views);
     let truth = folder.path().join("truth/rpcs");
     let pairs: Vec<(Rpc, Rpc)> = made
@@ -67,7 +67,7 @@ fn lift_datum(scene: &mut Scene) {
 }
 
 /// The lowest of the surface in coarse cells: nearly the ground, as elevation models show it.
-fn write_ground(surface: &Surface, path: &Path) {
+fn write_ground(surface: &HeightRaster, path: &Path) {
     let fine = (DEM_CELL_M / surface.grid.cell).round() as usize;
     let (width, height) = (surface.height.width / fine, surface.height.height / fine);
     let lowest = |col: usize, row: usize| {
@@ -76,30 +76,32 @@ fn write_ground(surface: &Surface, path: &Path) {
     };
     let ground = Grid2::from_fn(width, height, lowest);
     let grid = MapGrid { cell: DEM_CELL_M, width, height, ..surface.grid };
-    let cog = Cog { grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+    let cog = Cog { grid, metadata: &[], heights_from: Some(&VerticalReference::Ellipsoid) };
     cog.write_f32(path, &[("height", "m", &ground)]).unwrap();
 }
 
 #[test]
 fn an_elevation_model_holds_the_height_of_the_scene() {
     let folder = tempfile::tempdir().unwrap();
-    let made = simulate(folder.path(), &simulate::Options::default(), &NoProgress).unwrap();
+    let made = simulate(folder.path(), &simulate::SimulateOptions::default(), &NoProgress).unwrap();
     let mut scene = read(folder.path(), &ReadOptions::default()).unwrap();
     lift_datum(&mut scene);
-    let surface = Surface::read(&made.truth).unwrap();
+    let surface = HeightRaster::read(&made.truth).unwrap();
     let path = folder.path().join("ground.tif");
     write_ground(&surface, &path);
     let dem = scene.dem(&path, None).unwrap();
 
     let tracks_and_error_m = |height_prior: Option<HeightPrior>| {
-        let made = adjust(&scene, &Options { height_prior, ..Options::default() }, &NoProgress).unwrap();
+        let made =
+            adjust(&scene, &AdjustOptions { height_prior, ..AdjustOptions::default() }, &NoProgress).unwrap();
         println!("{}", made.report.table());
         let site = SiteGrid::at(made.points[0].position).unwrap();
         let above = made.points.iter().map(|p| {
             let px = surface.grid.corner_px_from_utm(site.utm_from_geodetic(p.position));
             p.position.height_m() as f32 - surface.height.get(px.col.floor() as i64, px.row.floor() as i64)
         });
-        let error_m = quantile(&above.filter(|d| d.is_finite()).collect::<Vec<_>>(), 0.5);
+        let error_m =
+            satgs::stats::interpolated_quantile(&above.filter(|d| d.is_finite()).collect::<Vec<_>>(), 0.5);
         (made.report.tracks as f64, error_m)
     };
     let (tracks, free) = tracks_and_error_m(None);

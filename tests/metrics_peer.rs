@@ -4,7 +4,9 @@
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use satgs::io::{Grid2, MapGrid};
-use satgs::metrics::{Division, Evaluation, Method, Surface, Truth, TruthOptions, Verdict, WATER, evaluate};
+use satgs::metrics::{
+    Division, Evaluation, HeightRaster, Method, RegisteredScores, Truth, TruthOptions, WATER, evaluate,
+};
 use std::path::{Path, PathBuf};
 
 /// The oracle's figures are rounded to a millimetre and computed in another order.
@@ -29,8 +31,8 @@ fn lidar(scene: &Path) -> Truth {
     Truth::read(&scene.join("truth/JAX_068_DSM.tif"), &TruthOptions::default(), &ZONE).unwrap()
 }
 
-fn verdict(evaluation: &Evaluation, method: Method) -> &Verdict {
-    evaluation.verdict(method).unwrap()
+fn registered_scores(evaluation: &Evaluation, method: Method) -> &RegisteredScores {
+    evaluation.registered_scores(method).unwrap()
 }
 
 fn assert_near(what: &str, found: f64, expected: f64) {
@@ -40,12 +42,12 @@ fn assert_near(what: &str, found: f64, expected: f64) {
 #[test]
 fn scores_of_the_peer_dsm_are_those_of_the_peer() {
     let Some(scene) = jax_068() else { return };
-    let prediction = Surface::read(&scene.join("peer_s2p_dsm.tif")).unwrap();
+    let prediction = HeightRaster::read(&scene.join("peer_s2p_dsm.tif")).unwrap();
     let truth = lidar(&scene);
     assert!(truth.classes.is_some(), "JAX_068_CLS.tif is found by its name");
     let evaluation = evaluate(prediction, truth).unwrap();
 
-    let z = verdict(&evaluation, Method::Z);
+    let z = registered_scores(&evaluation, Method::Z);
     assert_near("z MAE", z.scores.mae_m, 1.213);
     assert_near("z RMSE", z.scores.rmse_m, 3.457);
     assert_near("z NMAD", z.scores.nmad_m, 0.394);
@@ -53,12 +55,12 @@ fn scores_of_the_peer_dsm_are_those_of_the_peer() {
     assert!((z.scores.completeness - 0.9935).abs() < 1e-4);
     assert_near("z filled", z.scores.filled_mae_m, 1.262);
 
-    let ncc = verdict(&evaluation, Method::Ncc);
+    let ncc = registered_scores(&evaluation, Method::Ncc);
     assert_eq!((ncc.registration.dx_cells, ncc.registration.dy_cells), (-1.0, -3.0));
     assert_near("ncc dz", ncc.registration.dz_m, 0.354);
     assert_near("ncc MAE", ncc.scores.mae_m, 1.470);
 
-    let xyz = verdict(&evaluation, Method::Xyz);
+    let xyz = registered_scores(&evaluation, Method::Xyz);
     // The smallest error of all bilinear shifts is 1.113 m, at (-0.29, -1.38): interpolation half-way between cells
     // smooths the noise of this surface, and loses the cells around its holes. Without that reward:
     assert_near("xyz MAE", xyz.scores.mae_m, 1.169);
@@ -67,16 +69,16 @@ fn scores_of_the_peer_dsm_are_those_of_the_peer() {
     assert!((xyz.scores.completeness - 0.992).abs() < 1e-3);
 
     // Every division shares the same land out, and its parts' errors make the whole's.
-    for v in &evaluation.verdicts {
+    for v in &evaluation.registered_scores {
         for by in [Division::Class, Division::RoofEdge, Division::Slope] {
-            let parts: Vec<_> = v.strata.iter().filter(|s| s.by == by).map(|s| &s.scores).collect();
+            let parts: Vec<_> = v.breakdown.iter().filter(|s| s.by == by).map(|s| &s.scores).collect();
             assert_eq!(parts.iter().map(|s| s.cells).sum::<usize>(), 512 * 512, "{by:?}");
             assert_eq!(parts.iter().map(|s| s.predicted).sum::<usize>(), v.scores.predicted, "{by:?}");
             let sum: f64 = parts.iter().map(|s| s.mae_m * s.predicted as f64).sum();
             assert!((sum / v.scores.predicted as f64 - v.scores.mae_m).abs() < 1e-9, "{by:?}");
         }
     }
-    let part = |name: &str| xyz.strata.iter().find(|s| s.name.contains(name)).unwrap();
+    let part = |name: &str| xyz.breakdown.iter().find(|s| s.name.contains(name)).unwrap();
     assert!(part("within 1 m").scores.mae_m > 1.5 * part("farther").scores.mae_m, "edges are hard");
 }
 
@@ -90,7 +92,7 @@ fn lidar_moved_by_whole_cells_is_brought_back_exactly() {
         Grid2::from_fn(heights.width, heights.height, |c, r| heights.get(c as i64 - 2, r as i64 - 3) + 3.7);
     let evaluation = evaluate(prediction, truth).unwrap();
     for method in [Method::Ncc, Method::Xyz] {
-        let v = verdict(&evaluation, method);
+        let v = registered_scores(&evaluation, method);
         assert_eq!((v.registration.dx_cells, v.registration.dy_cells), (2.0, 3.0), "{method:?}");
         assert!((v.registration.dz_m + 3.7).abs() < 1e-4, "{method:?}: {:?}", v.registration);
         assert!(v.scores.mae_m < 1e-4, "{method:?}: {}", v.scores.mae_m);
@@ -112,10 +114,10 @@ fn water_is_not_scored() {
     unmasked.classes = None;
     let evaluation = evaluate(prediction.clone(), truth).unwrap();
     assert_eq!(evaluation.water_cells, 200 * 512);
-    for v in &evaluation.verdicts {
+    for v in &evaluation.registered_scores {
         assert_eq!((v.scores.mae_m, v.scores.completeness), (0.0, 1.0), "{:?}", v.registration);
-        assert!(!v.strata.iter().any(|s| s.name.starts_with('9')));
+        assert!(!v.breakdown.iter().any(|s| s.name.starts_with('9')));
     }
     let unmasked = evaluate(prediction, unmasked).unwrap();
-    assert!(verdict(&unmasked, Method::Z).scores.mae_m > 2.0);
+    assert!(registered_scores(&unmasked, Method::Z).scores.mae_m > 2.0);
 }

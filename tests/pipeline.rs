@@ -23,7 +23,8 @@ struct Town {
 impl Town {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let options = simulate::Options { views: 4, size_px: 140, ..simulate::Options::default() };
+        let options =
+            simulate::SimulateOptions { views: 4, size_px: 140, ..simulate::SimulateOptions::default() };
         simulate(&folder.path().join("scene"), &options, &NoProgress).unwrap();
         let scene = scene::read(&folder.path().join("scene"), &ReadOptions::default()).unwrap();
         Self { folder, scene }

@@ -5,7 +5,7 @@ mod common;
 
 use common::{camera, dem_grid, image, satgs, two_views};
 use satgs::frame::SiteGrid;
-use satgs::io::{Cog, Grid2, MapGrid, Vertical};
+use satgs::io::{Cog, Grid2, MapGrid, VerticalReference};
 use satgs::rpc::formats::to_text;
 use satgs::rpc::{Rpc, RpcCoefficients};
 use satgs::scene::{ReadOptions, read};
@@ -47,7 +47,7 @@ fn heights_above_a_geoid_are_lifted_by_its_undulation() {
     };
     let degrees = MapGrid { epsg: 4326, west: 4.0, north: 45.0, cell: 0.5, width: 8, height: 8 };
     let (dem, geoid) = (write("dem.tif", dem_grid(), 50.0), write("geoid.tif", degrees, 49.3));
-    let vertical = Vertical::read(geoid.to_str().unwrap()).unwrap();
+    let vertical = VerticalReference::read(geoid.to_str().unwrap()).unwrap();
     let dem = scene.dem(&dem, Some(&vertical)).unwrap();
     let (low, high) = dem.heights_to_search();
     assert!((low - 79.3).abs() < 1e-3 && (high - 179.3).abs() < 1e-3, "{low} {high}");

@@ -66,8 +66,8 @@ fn simulated_images_become_a_surface_model() {
     assert!(worst < SHIFT_TOLERANCE_PX, "corrected cameras are {worst:.3} px off");
 
     let metrics = json(&Path::new(run).join("eval/metrics.json"));
-    let verdicts = metrics["verdicts"].as_array().unwrap();
-    let xyz = verdicts.iter().find(|v| v["method"] == "xyz").unwrap();
+    let registered_scores = metrics["registered_scores"].as_array().unwrap();
+    let xyz = registered_scores.iter().find(|v| v["method"] == "xyz").unwrap();
     let score = |key: &str| xyz[key].as_f64().unwrap();
     assert!(score("mae_m") < MAE_TOLERANCE_M, "{xyz:#}");
     assert!(score("completeness") > 0.97, "{xyz:#}");
@@ -134,7 +134,7 @@ fn a_scene_is_found_from_another_folder_and_after_it_moved() {
     let gone = satgs(&["train", folder.path().join("run").to_str().unwrap()]);
     assert_eq!(gone.status.code(), Some(2));
     assert!(
-        text(&gone).contains("VIEW_01.tif` is gone") && text(&gone).contains("hint: `satgs ba"),
+        text(&gone).contains("VIEW_01.tif`, which does not exist") && text(&gone).contains("hint: `satgs ba"),
         "{}",
         text(&gone)
     );

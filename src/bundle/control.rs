@@ -1,34 +1,34 @@
-//! Ground control: surveyed points, where images show them, and how sure either is.
+//! Ground control: surveyed points, their positions in the images, and the standard deviations of both.
 
 use super::correction::{ImageFrame, MOST};
 use super::error::BundleError;
 use super::network::triangulate;
 use super::output::Adjustment;
-use super::problem::{Block, Known, Measurement, SIGMA_PX, Track};
+use super::problem::{Block, Observation, PositionPrior, SIGMA_PX, Track};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use crate::scene::{Scene, View};
 use serde::Deserialize;
 use std::path::Path;
 
-/// An observation of a surveyed point.
+/// An observation of a surveyed point in an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControlPoint {
     /// Line of the file, from 1.
     pub line: usize,
-    /// Where it is.
+    /// Surveyed position.
     pub place: Point<Geodetic>,
-    /// The image, by its file's name or without the ending.
+    /// The image: name of its file, with or without the extension.
     pub image: String,
-    /// Where the whole image shows it.
+    /// Position in the whole image.
     pub px: Pixel<CenterPx>,
-    /// Standard deviation east and north, and up, metres.
+    /// Standard deviations of the surveyed position: of east and of north, and of up, metres.
     pub sigma_m: [f64; 2],
-    /// Standard deviation in the image, pixels.
+    /// Standard deviation of the position in the image, pixels.
     pub sigma_px: f64,
 }
 
 impl ControlPoint {
-    /// Whether a view is its image.
+    /// Whether the observation is one of this view's image.
     #[must_use]
     pub fn is_of(&self, view: &View) -> bool {
         view.name == self.image || view.image.file_name().is_some_and(|f| f == &*self.image)
@@ -49,13 +49,13 @@ struct Line {
     sigma_px: f64,
 }
 
-/// What else separates columns.
+/// Separators of columns that are recognised in order to refuse them by name.
 const SEPARATORS: [(char, &str); 3] = [(';', "semicolons"), ('\t', "tabs"), (' ', "spaces")];
 
 /// Reads a CSV file with the columns `lon, lat` (degrees, WGS 84), `h` (metres above the ellipsoid), `image`,
 /// `col, row` ((0, 0) is the centre of the first pixel), `sigma_xy_m, sigma_h_m` and `sigma_px` (standard deviations).
 ///
-/// A point that several images show has a line for each.
+/// A point that is visible in several images has one line for each image.
 ///
 /// # Errors
 /// [`BundleError::Control`] names the file, the line and what is wrong with it.
@@ -110,7 +110,7 @@ pub fn read_control(path: &Path) -> Result<Vec<ControlPoint>, BundleError> {
     Ok(out)
 }
 
-/// Control points as tracks of the views named; views left out of the adjustment see none.
+/// Tracks of ground control, for the views with the given names; observations in other views of the scene are left out.
 ///
 /// # Errors
 /// [`BundleError::ControlImage`] for an image that is not in the scene.
@@ -125,19 +125,22 @@ pub fn tracks_of(
         let view = scene.views.iter().find(|v| c.is_of(v));
         let view = view.ok_or_else(|| BundleError::ControlImage { image: c.image.clone() })?;
         let Some(index) = names.iter().position(|n| *n == view.name) else { continue };
-        let known =
-            Known { place: block.local(c.place), sigma_m: [c.sigma_m[0], c.sigma_m[0], c.sigma_m[1]] };
+        let known = PositionPrior {
+            place: block.local(c.place),
+            sigma_m: [c.sigma_m[0], c.sigma_m[0], c.sigma_m[1]],
+        };
         let px = view.px_of_window(c.px);
-        let seen = Measurement { view: index, px, weight: (SIGMA_PX / c.sigma_px).powi(2) };
-        match tracks.iter_mut().find(|t| t.known == Some(known)) {
-            Some(track) => track.seen.push(seen),
-            None => tracks.push(Track { seen: vec![seen], known: Some(known), ..Track::default() }),
+        let seen = Observation { view: index, px, weight: (SIGMA_PX / c.sigma_px).powi(2) };
+        match tracks.iter_mut().find(|t| t.prior == Some(known)) {
+            Some(track) => track.observations.push(seen),
+            None => tracks.push(Track { observations: vec![seen], prior: Some(known), ..Track::default() }),
         }
     }
     Ok(tracks)
 }
 
-/// Where the adjusted cameras see each surveyed point, and where it is; of points that two views or more show.
+/// Pairs of positions of each surveyed point: as triangulated by the adjusted cameras, and as surveyed. Points with
+/// fewer than two observations are left out.
 ///
 /// # Errors
 /// [`BundleError::ControlImage`], [`BundleError::NoCamera`].
@@ -154,8 +157,8 @@ pub fn control_pairs(
     let tracks = tracks_of(control, scene, &names, &block)?;
     let as_they_are = vec![[0.0; MOST]; rpcs.len()];
     let pair = |t: &Track| {
-        let place = (t.seen.len() >= 2).then(|| triangulate(&block, t, &as_they_are))??;
-        Some([block.geodetic(place), block.geodetic(t.known?.place)])
+        let place = (t.observations.len() >= 2).then(|| triangulate(&block, t, &as_they_are))??;
+        Some([block.geodetic(place), block.geodetic(t.prior?.place)])
     };
     Ok(tracks.iter().filter_map(pair).collect())
 }

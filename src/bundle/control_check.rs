@@ -1,25 +1,25 @@
-//! Whether ground control can be of a scene's images: before it moves cameras, and whether it agrees after it has.
+//! Plausibility of ground control: before the adjustment against the delivered cameras, after it against the residuals.
 
 use super::control::ControlPoint;
 use super::error::BundleError;
-use super::problem::{Known, Measurement, SIGMA_PX};
+use super::problem::{Observation, PositionPrior, SIGMA_PX};
 use super::report::ControlReport;
 use crate::frame::{Geodetic, Point};
 use crate::scene::{Scene, View};
 use std::path::Path;
 
-/// Delivered cameras point nearer than this, metres.
+/// Largest plausible pointing error of a delivered camera, metres.
 const FAR_M: f64 = 1000.0;
-/// A point that is off by more of its standard deviations than this does not agree, nor by more pixels.
+/// An observation disagrees when its residual is larger than this, both in standard deviations and in pixels.
 const BAD_SIGMAS: f64 = 6.0;
 const BAD_PX: f64 = 3.0;
-/// Pixels beyond the edge of an image that a position may be: counted from a corner, or rounded.
+/// Positions may lie this far outside of the image, pixels: they may count from the corner of a pixel, or be rounded.
 const EDGE_PX: f64 = 1.0;
 /// Mean radius of the Earth, metres.
 const EARTH_M: f64 = 6_371_000.0;
 
-/// Refuses points that cannot be where the images show them: of images that are not there, pixels outside of the image,
-/// places far from where the delivered cameras see those pixels.
+/// Refuses observations that cannot be right: of images that are not in the scene, of pixels outside of the image, and
+/// of points far from the ground that the delivered camera sees at the pixel.
 ///
 /// # Errors
 /// [`BundleError::ControlPlace`] names the file, the line, the distance and the likely cause.
@@ -78,12 +78,12 @@ pub fn check_control(path: &Path, control: &[ControlPoint], scene: &Scene) -> Re
     Ok(())
 }
 
-/// Where the delivered camera sees a point's pixel, at the point's height.
+/// Ground position that the delivered camera sees at an observation's pixel, at the height of the point.
 fn seen_place(view: &View, c: &ControlPoint, place: Point<Geodetic>) -> Option<Point<Geodetic>> {
     view.rpc.localize(view.px_of_window(c.px), place.height_m()).ok()
 }
 
-/// Distance along the ground between two places, metres.
+/// Distance between two places along a spherical Earth, metres.
 fn distance_m(a: Point<Geodetic>, b: Point<Geodetic>) -> f64 {
     let (lat_a, lat_b) = (a.lat_deg().to_radians(), b.lat_deg().to_radians());
     let (d_lat, d_lon) = (lat_b - lat_a, (b.lon_deg() - a.lon_deg()).to_radians());
@@ -95,12 +95,12 @@ fn length(metres: f64) -> String {
     if metres < 10_000.0 { format!("{metres:.0} m") } else { format!("{:.0} km", metres / 1000.0) }
 }
 
-/// How well an observation of a surveyed point agrees with the cameras as written.
+/// The report of an observation of a surveyed point after the adjustment.
 #[must_use]
 pub(super) fn control_report(
     view: &View,
-    m: &Measurement,
-    known: &Known,
+    m: &Observation,
+    known: &PositionPrior,
     point: [f64; 3],
     residual_px: f64,
     control: &[ControlPoint],

@@ -1,34 +1,36 @@
-//! Corrections of a camera in its image: `corrected = rpc + d(rpc)`, d linear (Grodecki & Dial 2003).
+//! Corrections of a camera in image space: `corrected = rpc + d(rpc)` with a linear function d (Grodecki & Dial 2003).
 //!
-//! d is a function of image coordinates counted from the image's middle and divided by half its size, so that every
-//! parameter is in pixels: how far it moves the image's edge.
+//! d is a function of image coordinates relative to the middle of the image, divided by half its size, so that every
+//! parameter is a displacement in pixels at the edge of the image.
 
 use crate::frame::{CenterPx, Pixel};
 use crate::rpc::{Axis, LocalizeError, Rpc, RpcCoefficients, Volume, fit};
 use serde::{Deserialize, Serialize};
 
-/// Parameters of the largest model.
+/// Number of parameters of the largest model.
 pub const MOST: usize = 6;
-/// Shift of columns and rows, columns by columns, rows by rows, columns by rows, rows by columns: pixels at the edge.
+/// Parameters of a correction, pixels: shift of columns, shift of rows; then displacements at the edge: columns by
+/// columns, rows by rows, columns by rows, rows by columns.
 pub type Parameters = [f64; MOST];
 
-/// How far beyond the image, in halves of it, a refitted camera is good.
+/// A refitted camera is valid this far from the middle of the image, in halves of its size.
 const REACH: f64 = 1.05;
 
 /// Which parameters of a correction are free.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Model {
-    /// Two: enough for images up to 8,000 pixels a side, where a small turn of the satellite is a shift to 0.01 px.
+pub enum CorrectionModel {
+    /// Two parameters, a shift: sufficient for images up to 8,000 pixels a side, in which a small rotation of the
+    /// satellite is a shift to within 0.01 px.
     #[default]
     Shift,
-    /// Four: a shift and a scale of each axis.
+    /// Four parameters: a shift and a scale of each axis.
     ShiftScale,
-    /// Six: for whole scenes, whose attitude drifts.
+    /// Six parameters: for whole scenes, during which the attitude of the satellite drifts.
     Affine,
 }
 
-impl Model {
+impl CorrectionModel {
     /// Number of free parameters, the first of [`Parameters`].
     #[must_use]
     pub const fn parameters(self) -> usize {
@@ -40,7 +42,7 @@ impl Model {
     }
 }
 
-/// The image in which a correction counts.
+/// Size of an image, to which the parameters of its correction refer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageFrame {
     middle: [f64; 2],
@@ -48,7 +50,7 @@ pub struct ImageFrame {
 }
 
 impl ImageFrame {
-    /// The frame of an image of so many columns and rows.
+    /// The frame of an image of (columns, rows).
     #[must_use]
     pub fn new((width, height): (usize, usize)) -> Self {
         let half = [0.5 * width as f64, 0.5 * height as f64];
@@ -61,37 +63,36 @@ impl ImageFrame {
         2.0 * self.half[0].max(self.half[1])
     }
 
-    /// (column, row) from the middle, in halves of the image.
+    /// (column, row) relative to the middle, in halves of the image's size.
     #[must_use]
     pub fn normalised(&self, px: Pixel<CenterPx>) -> [f64; 2] {
         [(px.col - self.middle[0]) / self.half[0], (px.row - self.middle[1]) / self.half[1]]
     }
 
-    /// Where the corrected camera sees what the given one sees at `px`.
+    /// Position in the corrected camera of what the delivered camera sees at `px`.
     #[must_use]
-    pub fn moved(&self, p: &Parameters, px: Pixel<CenterPx>) -> Pixel<CenterPx> {
+    pub fn corrected_px(&self, p: &Parameters, px: Pixel<CenterPx>) -> Pixel<CenterPx> {
         let [x, y] = self.normalised(px);
         Pixel::new(px.col + p[0] + p[2] * x + p[4] * y, px.row + p[1] + p[3] * y + p[5] * x)
     }
 
-    /// Derivatives of [`ImageFrame::moved`] by `px`.
+    /// Derivatives of [`ImageFrame::corrected_px`] by `px`.
     #[must_use]
-    pub fn by_px(&self, p: &Parameters) -> [[f64; 2]; 2] {
+    pub fn jacobian_by_px(&self, p: &Parameters) -> [[f64; 2]; 2] {
         let [w, h] = self.half;
         [[1.0 + p[2] / w, p[4] / h], [p[5] / w, 1.0 + p[3] / h]]
     }
 
-    /// The corrected camera: by offsets and scales alone, exactly, unless the axes mix; then refitted over what the
-    /// image and a little beyond see between two heights, metres.
+    /// The corrected RPC. It has other offsets and scales, exactly, unless columns depend on rows or rows on columns;
+    /// then it is fitted to the corrected camera over the image with a small margin, between two heights in metres.
     ///
-    /// # Errors
-    /// Why no model stands for it.
+    /// # Errors The reason why the fit is not an RPC.
     pub fn corrected(&self, rpc: &Rpc, p: &Parameters, heights: (f64, f64)) -> Result<Rpc, String> {
         let c = rpc.coefficients();
         if p[4] != 0.0 || p[5] != 0.0 {
             let volume = self.volume(rpc, heights).map_err(|e| e.to_string())?;
-            let fitted =
-                fit(&volume, |ground| self.moved(p, rpc.project(ground))).map_err(|e| e.to_string())?;
+            let fitted = fit(&volume, |ground| self.corrected_px(p, rpc.project(ground)))
+                .map_err(|e| e.to_string())?;
             let told =
                 RpcCoefficients { err_bias_m: c.err_bias_m, err_rand_m: c.err_rand_m, ..fitted.into() };
             return Rpc::new(told).map_err(|e| e.to_string());
@@ -105,9 +106,10 @@ impl ImageFrame {
         Rpc::new(c).map_err(|e| e.to_string())
     }
 
-    /// What the image and a little beyond see between two heights.
+    /// The volume that the image with a small margin sees between two heights.
     ///
-    /// A model's own volume may be a hundred times as wide (SkySat's is): a refit over it would miss the image.
+    /// The volume of the RPC itself may be a hundred times as wide, as that of SkySat's is, so that a fit over it would
+    /// miss the image.
     fn volume(&self, rpc: &Rpc, heights: (f64, f64)) -> Result<Volume, LocalizeError> {
         let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
         for (x, y) in [(-REACH, -REACH), (REACH, -REACH), (-REACH, REACH), (REACH, REACH)] {
@@ -126,7 +128,7 @@ impl ImageFrame {
     }
 }
 
-/// Derivatives of a corrected position by the first `P` parameters, at normalised coordinates.
+/// Derivatives of a corrected position by the first `P` parameters, at a normalised position.
 #[must_use]
 pub fn by_parameters<const P: usize>([x, y]: [f64; 2]) -> nalgebra::SMatrix<f64, 2, P> {
     let rows = [[1.0, 0.0, x, 0.0, y, 0.0], [0.0, 1.0, 0.0, y, 0.0, x]];
@@ -138,7 +140,7 @@ mod tests {
     use super::*;
     use crate::rpc::formats;
 
-    /// Largest distance of the written camera from the corrected one where the image sees the ground, pixels.
+    /// Largest distance between the written camera and the corrected one over the image, pixels.
     fn export_error_px(rpc: &Rpc, size: (usize, usize), p: &Parameters) -> f64 {
         let frame = ImageFrame::new(size);
         let middle = rpc.center().height_m();
@@ -149,7 +151,7 @@ mod tests {
         let apart = (0..17i32.pow(3)).map(|i| {
             let px = Pixel::new(node(i) * size.0 as f64, node(i / 17) * size.1 as f64);
             let ground = rpc.localize(px, heights.0 + 1000.0 * node(i / 289)).unwrap();
-            written.project(ground).distance(frame.moved(p, rpc.project(ground)))
+            written.project(ground).distance(frame.corrected_px(p, rpc.project(ground)))
         });
         apart.fold(0.0, f64::max)
     }
@@ -188,18 +190,18 @@ mod tests {
         let frame = ImageFrame::new((3000, 2000));
         let p = [1.0, 2.0, 30.0, -40.0, 50.0, 60.0];
         let at = Pixel::<CenterPx>::new(700.0, 1500.0);
-        let here = frame.moved(&p, at);
-        let by_px = frame.by_px(&p);
+        let here = frame.corrected_px(&p, at);
+        let jacobian_by_px = frame.jacobian_by_px(&p);
         for (k, step) in [[1.0, 0.0], [0.0, 1.0]].into_iter().enumerate() {
-            let there = frame.moved(&p, Pixel::new(at.col + step[0], at.row + step[1]));
-            assert!((there.col - here.col - by_px[0][k]).abs() < 1e-9);
-            assert!((there.row - here.row - by_px[1][k]).abs() < 1e-9);
+            let there = frame.corrected_px(&p, Pixel::new(at.col + step[0], at.row + step[1]));
+            assert!((there.col - here.col - jacobian_by_px[0][k]).abs() < 1e-9);
+            assert!((there.row - here.row - jacobian_by_px[1][k]).abs() < 1e-9);
         }
         let by_parameters = by_parameters::<MOST>(frame.normalised(at));
         for k in 0..MOST {
             let mut more = p;
             more[k] += 1.0;
-            let there = frame.moved(&more, at);
+            let there = frame.corrected_px(&more, at);
             assert!((there.col - here.col - by_parameters[(0, k)]).abs() < 1e-9);
             assert!((there.row - here.row - by_parameters[(1, k)]).abs() < 1e-9);
         }

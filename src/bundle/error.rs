@@ -1,4 +1,4 @@
-//! Why a scene could not be adjusted.
+//! Errors of bundle adjustment.
 
 use crate::io::{CloudError, RasterError, WriteError};
 use crate::progress::Interrupted;
@@ -10,7 +10,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum BundleError {
-    /// The scene itself is no good.
+    /// The scene cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Scene(#[from] SceneError),
@@ -34,57 +34,56 @@ pub enum BundleError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Interrupted(#[from] Interrupted),
-    /// Heights in the wrong order.
+    /// The range of heights is empty.
     #[error("the height range {low_m} to {high_m} m is empty")]
     #[diagnostic(help("--height-range LOW,HIGH in metres above the ellipsoid, LOW below HIGH"))]
     Heights {
-        /// Lowest.
+        /// Lowest height.
         low_m: f64,
-        /// Highest.
+        /// Highest height.
         high_m: f64,
     },
-    /// Too few views have anything to match.
+    /// Fewer than two views can be matched.
     #[error("{usable} of {all} views can be matched, two are needed; left out: {left_out}")]
     #[diagnostic(help("are the images constant, all nodata, or of different places?"))]
     TooFewViews {
-        /// Views with keypoints.
+        /// Number of views with enough keypoints.
         usable: usize,
-        /// Views in the scene.
+        /// Number of views in the scene.
         all: usize,
-        /// The others, by name and reason.
+        /// Names of the other views with the reasons.
         left_out: String,
     },
-    /// Matches do not tie the views together.
+    /// The matches do not connect all views.
     #[error("the matches do not connect the views: {components}")]
     #[diagnostic(help("do the views show the same place? a wider --height-range may help"))]
     NotConnected {
-        /// Groups of views that are connected among themselves.
+        /// Groups of connected views.
         components: String,
     },
-    /// Views from the same direction.
+    /// All views see the scene from nearly the same direction.
     #[error("no two views differ by {needed_deg}° in direction: heights cannot be measured")]
     #[diagnostic(help("`satgs info` lists the convergence angles"))]
     NoBaseline {
-        /// Smallest useful angle.
+        /// Smallest sufficient angle.
         needed_deg: f64,
     },
-    /// The normal equations have no solution.
+    /// The solution failed.
     #[error("the adjustment did not converge: {reason}")]
-    #[diagnostic(code(satgs::failed))]
     Solver {
-        /// The solver's words.
+        /// Message of the solver.
         reason: String,
     },
-    /// A corrected camera is no RPC.
-    #[error("view `{view}`: no RPC stands for its correction: {reason}")]
-    #[diagnostic(code(satgs::failed), help("--model shift needs no refit"))]
+    /// A corrected camera cannot be written as an RPC.
+    #[error("view `{view}`: the corrected camera cannot be written as an RPC: {reason}")]
+    #[diagnostic(help("`--model shift` needs no fit"))]
     Refit {
-        /// The view.
+        /// Name of the view.
         view: String,
-        /// The fit's words.
+        /// Message of the fit.
         reason: String,
     },
-    /// Ground control that cannot be read.
+    /// The ground control file cannot be read.
     #[error("`{path}`: {reason}")]
     #[diagnostic(help(
         "columns: lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px; a line for each image of a point"
@@ -92,54 +91,54 @@ pub enum BundleError {
     Control {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and where.
+        /// What is wrong, and in which line.
         reason: String,
     },
-    /// A point of ground control that cannot be where an image shows it.
+    /// A ground control point contradicts the delivered camera.
     #[error("`{path}`: line {line}: {reason}")]
     #[diagnostic(help("{cause}"))]
     ControlPlace {
         /// The file.
         path: PathBuf,
-        /// The line, from 1.
+        /// Line of the file, from 1.
         line: usize,
         /// What is wrong with it.
         reason: String,
-        /// What is likely to have caused it.
+        /// Likely cause.
         cause: String,
     },
-    /// Ground control of an image that the scene does not have.
+    /// The ground control names an image that is not in the scene.
     #[error("ground control names the image `{image}`, which is not in the scene")]
     #[diagnostic(help("`satgs info SCENE` lists its views"))]
     ControlImage {
-        /// The image.
+        /// Name of the image.
         image: String,
     },
-    /// A reference view that is not there to refer to.
+    /// A reference view is not available.
     #[error("reference view `{view}` {reason}")]
     #[diagnostic(help("`satgs info SCENE` lists the views"))]
     Reference {
-        /// The view.
+        /// Name of the view.
         view: String,
         /// What is wrong with it.
         reason: String,
     },
-    /// Sparse points cannot be written or read.
+    /// The files of an adjustment cannot be written or read.
     #[error("`{path}`: {reason}")]
-    #[diagnostic(help("`satgs ba SCENE -o RUN --overwrite` makes it anew"))]
+    #[diagnostic(help("`satgs ba SCENE -o RUN --overwrite` writes it again"))]
     Points {
         /// The file.
         path: PathBuf,
         /// What is wrong.
         reason: String,
     },
-    /// A view of the scene has no corrected camera.
+    /// The adjustment has no camera of a view.
     #[error("view `{view}` has no corrected camera in `{folder}`")]
-    #[diagnostic(help("`satgs ba SCENE -o RUN --overwrite` makes it anew"))]
+    #[diagnostic(help("`satgs ba SCENE -o RUN --overwrite` writes it again"))]
     NoCamera {
-        /// The view.
+        /// Name of the view.
         view: String,
-        /// Where it was looked for.
+        /// Folder of the corrected cameras.
         folder: PathBuf,
     },
 }

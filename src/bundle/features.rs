@@ -1,6 +1,8 @@
-//! Keypoints: where they are, how large, which way they point, and what they look like (Lowe 2004, §§5 and 6).
+//! SIFT keypoints with RootSIFT descriptors (Lowe 2004, sections 5 and 6; Arandjelović & Zisserman 2012). The scalar
+//! product of two descriptors is their similarity.
 //!
-//! Descriptors are RootSIFT (Arandjelović & Zisserman 2012): their scalar product is the similarity.
+//! Written by hand because no Rust library runs on images that do not fit into memory, masks missing pixels and gives
+//! the same result for any number of threads; `scripts/compare-sift` compares it with OpenCV.
 
 use super::scale_space::{Extremum, Octave, SCALES, SIGMA, extrema, octaves};
 use crate::frame::{CenterPx, Pixel};
@@ -10,47 +12,48 @@ use rayon::prelude::*;
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::ops::Range;
 
-/// Values of a descriptor: 4 x 4 cells of 8 directions.
+/// Length of a descriptor: 4 x 4 cells of 8 directions.
 pub const VALUES: usize = 128;
-/// Keypoints kept of a megapixel, the strongest: a limit for every cell would take others where the image is turned or
-/// shifted.
+/// Number of keypoints kept per megapixel, the strongest of the whole image. A limit per cell instead would choose
+/// other keypoints when the image is rotated or shifted.
 const PER_MEGAPIXEL: usize = 7500;
-/// Side of the cells that keep some however faint, so that all of the image is covered, pixels, and how many these are.
+/// Side of the cells, in pixels, and the number of keypoints that each cell keeps however weak they are, so that
+/// keypoints cover the whole image.
 const CELL_PX: usize = 64;
 const PER_CELL: usize = 8;
-/// Strongest keypoints of an image, however large: cameras have few unknowns.
+/// Largest number of keypoints of an image of any size: a camera has few unknowns.
 const MOST: usize = 60_000;
-/// Distance to missing pixels within which there are no keypoints: at least so many pixels, and as far as a descriptor
-/// reaches, in units of the keypoint's blur.
+/// A keypoint is rejected when a pixel is missing within this distance: at least so many pixels, and the radius of a
+/// descriptor in units of the keypoint's scale.
 const MASK_REACH_PX: usize = 10;
 const MASK_REACH_SCALES: f64 = 7.5;
-/// Side of the tiles that a large image is searched in, one after the other, and what a tile sees beyond its own, pixels:
-/// whole cells, and whole pixels of every octave, so that tiles find what the whole image would, though each keeps its
-/// own strongest; beyond lies more than a descriptor of the coarsest octave reaches.
+/// Large images are searched tile by tile. `TILE_PX` is the side of a tile and `BEYOND_PX` the overlap with its
+/// neighbours, pixels. Both are multiples of the cell size and of the coarsest octave's pixel, so that tiles find the
+/// keypoints of the whole image; the overlap is larger than the radius of the largest descriptor.
 const TILE_PX: usize = 2048;
 const BEYOND_PX: usize = 256;
 const DIRECTIONS: usize = 36;
-/// Peaks of the direction histogram this near to the highest are keypoints of their own.
+/// A peak of the direction histogram of this fraction of the highest gives a keypoint of its own.
 const SECOND_PEAK: f32 = 0.8;
 
-/// A keypoint.
+/// A keypoint with its descriptor.
 #[derive(Clone, Debug)]
 pub struct Keypoint {
-    /// Where.
+    /// Position, with fractions of a pixel.
     pub px: Pixel<CenterPx>,
-    /// Blur at which it was found, pixels.
+    /// Scale: standard deviation of the Gaussian at which it was detected, pixels.
     pub scale: f32,
-    /// Brightness there, of 255.
+    /// Gray value at the position, 0 to 255.
     pub gray: u8,
-    /// What it looks like: non-negative, of length one.
+    /// Descriptor: non-negative values whose squares sum to 1.
     pub descriptor: [f32; VALUES],
 }
 
-/// Finds the keypoints of a grey image in [0, 1] of (columns, rows); NaN pixels are missing. It is read window by window.
-/// The first keypoints, as many as wanted, cover the image as all of them do.
+/// Detects the keypoints of a gray image with values in [0, 1]; `size` is (columns, rows), NaN pixels are missing. The
+/// image is read window by window. Keypoints are ordered such that any number of the first ones cover the image.
 ///
 /// # Errors
-/// Those of `read`.
+/// The errors of `read`.
 pub fn detect<E>(
     size: (usize, usize),
     mut read: impl FnMut(Window) -> Result<Grid2, E>,
@@ -70,37 +73,37 @@ pub fn detect<E>(
             found.extend(placed.map(|(rank, k)| (rank, Keypoint { px: place(k.px), ..k })));
         }
     }
-    // Stable: tiles stay in their order.
+    // The sort is stable, so that keypoints of equal rank stay in the order of the tiles.
     found.sort_by_key(|(rank, _)| *rank);
     Ok(found.into_iter().map(|(_, keypoint)| keypoint).collect())
 }
 
-/// The columns or rows that the tile from `first` on sees.
+/// Range of columns or rows that are read for the tile that starts at `first`.
 fn reach(first: usize, size: usize) -> Range<usize> {
     first.saturating_sub(BEYOND_PX)..(first + TILE_PX + BEYOND_PX).min(size)
 }
 
-/// How many keypoints are kept.
+/// Numbers of keypoints to keep.
 struct Quota {
-    /// Strongest ones a pixel.
+    /// Keypoints per pixel of the image, the strongest.
     per_px: f64,
-    /// Side of the cells that keep some, pixels.
+    /// Side of the cells, pixels.
     cell_px: usize,
 }
 
 impl Quota {
-    /// Of an image of (columns, rows).
+    /// The quota of an image of (columns, rows).
     fn of((width, height): (usize, usize)) -> Self {
         let pixels = width as f64 * height as f64;
         let usual = 1e-6 * PER_MEGAPIXEL as f64;
         let per_px = usual.min(MOST as f64 / pixels);
-        // Cells grow as keypoints thin out, up to a tile.
+        // In large images the cells grow with the quota of each, up to the size of a tile.
         let doublings = (0.5 * (usual / per_px).log2()).ceil() as u32;
         Self { per_px, cell_px: (CELL_PX << doublings.min(8)).min(TILE_PX) }
     }
 }
 
-/// The keypoints of some columns and rows, each with its rank in its cell.
+/// The keypoints in a range of columns and rows, each with its rank in its cell.
 fn keypoints(image: &Grid2, [cols, rows]: [Range<usize>; 2], quota: &Quota) -> Vec<(usize, Keypoint)> {
     let known: Vec<f32> = image.valid().collect();
     if known.is_empty() {
@@ -151,13 +154,13 @@ fn keypoints(image: &Grid2, [cols, rows]: [Range<usize>; 2], quota: &Quota) -> V
     described.into_iter().flatten().collect()
 }
 
-/// Where in the image an extremum is.
+/// Position of an extremum in the image.
 fn place(e: &Extremum, octaves: &[Octave]) -> Pixel<CenterPx> {
     let step = octaves[e.octave].step;
     Pixel::new(f64::from(e.position[0]) * step, f64::from(e.position[1]) * step)
 }
 
-/// How many pixels are missing above and to the left of each.
+/// Summed-area table of the missing pixels.
 struct Missing {
     columns: usize,
     rows: usize,
@@ -178,7 +181,7 @@ impl Missing {
         Self { columns, rows, sums }
     }
 
-    /// Whether a pixel is missing within `reach` columns and rows.
+    /// Whether a pixel is missing within `reach` columns and rows of a position.
     fn is_near(&self, px: Pixel<CenterPx>, reach: usize) -> bool {
         let around = |p: f64, n: usize| {
             let p = p.round() as usize;
@@ -190,8 +193,9 @@ impl Missing {
     }
 }
 
-/// So many of the strongest extrema, and the strongest of each cell, with their ranks in their cells; the first of all
-/// cells come first, then the second, and so on: any number of them from the beginning covers the image.
+/// The strongest extrema of the image up to the quota, and the strongest of each cell, with their ranks in their cells.
+/// The first of every cell come first, then the second of every cell, and so on, so that any number of them from the
+/// beginning covers the image.
 fn spread(
     mut found: Vec<Extremum>,
     octaves: &[Octave],
@@ -201,7 +205,7 @@ fn spread(
 ) -> Vec<(usize, Extremum)> {
     let columns = image.width.div_ceil(cell_px);
     let mut taken = vec![0; columns * image.height.div_ceil(cell_px)];
-    // Stable sorts: equal ones keep the order in which they were found.
+    // The sorts are stable: equal extrema keep the order in which they were found.
     found.sort_by(|a, b| b.response.abs().total_cmp(&a.response.abs()));
     let mut ranked: Vec<(usize, Extremum)> = found
         .into_iter()
@@ -218,11 +222,11 @@ fn spread(
     ranked
 }
 
-/// Gradients of a blurred image: of many keypoints that see a pixel none computes them again.
+/// Gradients of a blurred image, computed once although many keypoints use each of them.
 struct Gradients {
     width: usize,
     height: usize,
-    /// Magnitude and direction (radians) of each pixel; zero at the border.
+    /// Magnitude and direction (radians) at each pixel; zero at the border.
     polar: Vec<[f32; 2]>,
 }
 
@@ -237,7 +241,7 @@ impl Gradients {
         Self { width, height, polar }
     }
 
-    /// Rows and columns within `reach` of a position.
+    /// Ranges of rows and columns within `reach` of a position.
     fn around(&self, at: [f32; 3], reach: usize) -> [Range<usize>; 2] {
         let range = |p: f32, n: usize| {
             let middle = p.round() as usize;
@@ -268,7 +272,7 @@ fn direction(dx: f32, dy: f32) -> f32 {
     turned.copysign(dy)
 }
 
-/// Gaussian window along one axis: its value at each index of a range.
+/// Gaussian weights along one axis for a range of indices.
 fn window(range: Range<usize>, middle: f32, sigma: f32) -> Vec<f32> {
     range.map(|i| (-(i as f32 - middle).powi(2) / (2.0 * sigma * sigma)).exp()).collect()
 }
@@ -310,14 +314,14 @@ fn directions(around: &Gradients, at: [f32; 3], scale: f32) -> Vec<f32> {
     out
 }
 
-/// The RootSIFT descriptor; none if nothing is there to describe.
+/// The RootSIFT descriptor; none where the image is constant.
 fn describe(around: &Gradients, at: [f32; 3], scale: f32, direction: f32) -> Option<[f32; VALUES]> {
     let cell = 3.0 * scale;
     let [rows, cols] = around.around(at, (cell * 2.5 * std::f32::consts::SQRT_2).round() as usize);
-    // Lowe's window: half the descriptor's width.
+    // The standard deviation is half the width of the descriptor (Lowe 2004).
     let (by_row, by_col) = (window(rows.clone(), at[1], 2.0 * cell), window(cols.clone(), at[0], 2.0 * cell));
     let (sin, cos) = direction.sin_cos();
-    // A cell more on each side, so that what falls half outside needs no test.
+    // One more cell on each side, so that samples half outside need no test.
     let mut padded = [[[0.0f32; 8]; 6]; 6];
     for (row, in_row) in rows.zip(by_row) {
         let line = &around.polar[row * around.width..][cols.clone()];
@@ -328,7 +332,7 @@ fn describe(around: &Gradients, at: [f32; 3], scale: f32, direction: f32) -> Opt
             if bx <= 0.0 || by <= 0.0 || bx >= 5.0 || by >= 5.0 {
                 continue;
             }
-            // Two turns more keep it positive.
+            // Two full turns are added to keep the value positive.
             let bo = (angle - direction) / TAU * 8.0 + 16.0;
             let (x, y, o) = (bx as usize, by as usize, bo as usize);
             let (fx, fy, fo) = (bx - x as f32, by - y as f32, bo - o as f32);
@@ -354,7 +358,7 @@ fn describe(around: &Gradients, at: [f32; 3], scale: f32, direction: f32) -> Opt
     Some(histogram.map(|v| (v / sum).sqrt()))
 }
 
-/// Scalar product of two descriptors: 1 for equal ones.
+/// Scalar product of two descriptors; 1 for equal descriptors.
 #[inline(always)]
 #[must_use]
 pub fn similarity(a: &[f32; VALUES], b: &[f32; VALUES]) -> f32 {
@@ -394,7 +398,7 @@ mod tests {
     #[test]
     fn keypoints_turn_with_the_image() {
         let image = texture(160, 140);
-        // A quarter turn: (col, row) goes to (row, width - 1 - col).
+        // A rotation by 90°: (col, row) becomes (row, width - 1 - col).
         let turned = Grid2::from_fn(140, 160, |c, r| image.at(159 - r, c));
         let (a, b) = (all(&image), all(&turned));
         assert!(a.len() > 100, "{}", a.len());
@@ -406,7 +410,7 @@ mod tests {
                     .any(|q| q.px.distance(there) < 0.3 && similarity(&k.descriptor, &q.descriptor) > 0.95)
             })
             .count();
-        // Pixels of coarser octaves begin elsewhere when turned.
+        // Pixels of coarser octaves start at another place in the rotated image.
         assert!(matched * 5 > a.len() * 4, "{matched} of {}", a.len());
     }
 
@@ -419,9 +423,9 @@ mod tests {
             .map(|(_, k)| k)
             .collect();
         let tiled = all(&image);
-        // The strongest of a tile are not quite those of the whole image.
+        // The strongest keypoints of a tile are not exactly those of the whole image.
         assert!(whole.len().abs_diff(tiled.len()) * 50 <= whole.len(), "{} {}", whole.len(), tiled.len());
-        // Coordinates are single precision and count from the tile's corner.
+        // Coordinates are single precision relative to the tile's corner.
         let near = whole.iter().filter(|k| tiled.iter().any(|q| q.px.distance(k.px) < 2e-3)).count();
         assert!(near * 50 > whole.len() * 49, "{near} of {}", whole.len());
         let early = tiled.iter().take(tiled.len() / 10).filter(|k| k.px.col > TILE_PX as f64).count();
@@ -430,7 +434,7 @@ mod tests {
 
     #[test]
     fn the_strongest_are_kept_and_some_of_every_cell() {
-        // Texture on the left; on the right other, fainter.
+        // The left half has strong texture, the right half another, weaker one.
         let (image, side) = (texture(1024, 512), 512);
         let image = Grid2::from_fn(1024, 512, |c, r| {
             if c < side { image.at(c, r) } else { 0.5 + 0.2 * (image.at(c, r) - 0.5) }

@@ -1,5 +1,5 @@
-//! Keypoints of large images on disk: finding them takes minutes, and an adjustment that was interrupted need not do so
-//! again.
+//! Files that store the keypoints of large images, so that an interrupted adjustment need not detect them again, which
+//! takes minutes.
 
 use super::features::{Keypoint, VALUES, detect};
 use crate::checkpoint;
@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// First line of the files; another content is another version, and so is another satgs, which may find others.
+/// First line of the files. It names the version of satgs too, because another version may detect other keypoints.
 const KIND: &str = concat!("satgs keypoints 1 of ", env!("CARGO_PKG_VERSION"));
-/// Pixels of an image whose keypoints are worth a file: some ten seconds' work.
+/// Images with fewer pixels are not worth a file: detection takes less than about ten seconds.
 const WORTH_A_FILE_PX: usize = 50_000_000;
-/// What serde takes as an array.
+/// Length of the longest array that serde supports.
 const PART: usize = 32;
 
 /// A keypoint as it is stored.
@@ -26,8 +26,8 @@ struct Stored {
     descriptor: [[f32; PART]; VALUES / PART],
 }
 
-/// Keypoints of a view: from its file in `folder` if there is a sound one, else found, and kept there if the image is
-/// large.
+/// Keypoints of a view: read from its file in `folder` if it is complete, else detected, and stored there if the image
+/// is large.
 pub fn keypoints(view: &View, folder: Option<&Path>) -> Result<Vec<Keypoint>, RasterError> {
     let is_large = view.width * view.height >= WORTH_A_FILE_PX;
     let image = view.gray_image()?;
@@ -43,7 +43,7 @@ pub fn keypoints(view: &View, folder: Option<&Path>) -> Result<Vec<Keypoint>, Ra
     Ok(found)
 }
 
-/// Another image, window or other valid pixels have another.
+/// Cache key of a view: it changes with the image file, the window, the bands, the stretch and the valid pixels.
 fn file_name(view: &View, valid: Option<String>) -> PathBuf {
     let identity = |path: &Path| {
         let file = std::fs::metadata(path).ok()?;

@@ -1,8 +1,9 @@
-//! Matching along the epipolar segment that two cameras and a range of heights leave open.
+//! Matching along epipolar segments.
 //!
-//! A keypoint of one view, localised at the lowest and the highest height, projects to the ends of a segment in the
-//! other. RPCs err by a shift that is nearly the same for the whole image, so true matches lie at one distance
-//! across the segments: that distance is found first, and what lies elsewhere is dropped.
+//! A keypoint of one view, localised at the lowest and at the highest height of the scene, projects to the two ends of
+//! a segment in the other view. RPCs are wrong by a shift that is nearly constant over an image, so that correct
+//! matches all lie at one signed distance across their segments. This distance is estimated first, and matches at other
+//! distances are dropped.
 
 use super::features::{Keypoint, VALUES, similarity};
 use crate::frame::{Geodetic, Pixel, Point};
@@ -10,50 +11,50 @@ use crate::rpc::Rpc;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-/// Side of the search grid's cells, pixels.
+/// Side of the cells of the search grid, pixels.
 const CELL_PX: f64 = 24.0;
-/// The second best must be this much worse (ratio of descriptor distances).
+/// Ratio test: largest ratio of the best descriptor distance to the second best.
 const RATIO: f32 = 0.8;
-/// Descriptors further apart than this are no match, whatever the ratio.
+/// Largest descriptor distance of a match.
 const MAX_DISTANCE: f32 = 0.75;
-/// Keypoints nearer than this are the same place seen twice, not a rival, pixels.
+/// Keypoints nearer than this show the same place and do not compete in the ratio test, pixels.
 const SAME_PLACE_PX: f64 = 2.0;
 /// Largest ratio of the scales of matching keypoints.
 const MAX_SCALE_RATIO: f32 = 1.8;
-/// Matches that agree on the distance across the segments, pixels from the consensus.
+/// Largest deviation of a match from the common distance across the segments, pixels.
 const CONSENSUS_PX: f64 = 1.5;
-/// Fewest matches that make a consensus.
+/// Smallest number of matches that define a common distance.
 const FEWEST: usize = 10;
-/// Keypoints searched for together.
+/// Keypoints that a thread matches at a time.
 const CHUNK: usize = 512;
 
-/// A view ready to be matched.
+/// A view prepared for matching.
 pub struct MatchView<'a> {
     /// Its camera.
     pub rpc: &'a Rpc,
     /// Its keypoints.
     pub keypoints: &'a [Keypoint],
-    /// Each keypoint's ground at the lowest and highest height.
+    /// Ground positions of each keypoint at the lowest and at the highest height.
     ground: Vec<Option<[Point<Geodetic>; 2]>>,
     columns: usize,
     rows: usize,
-    /// Keypoints of each cell of the search grid.
+    /// Indices of the keypoints in each cell of the search grid.
     cells: Vec<Vec<u32>>,
 }
 
-/// A pair of keypoints, by index.
+/// A pair of matching keypoints, by index.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Match {
-    /// In the first view.
+    /// Keypoint of the first view.
     pub a: u32,
-    /// In the second view.
+    /// Keypoint of the second view.
     pub b: u32,
     /// Scalar product of the descriptors.
     pub similarity: f32,
 }
 
 impl<'a> MatchView<'a> {
-    /// Prepares a view for heights `low..high` metres.
+    /// Prepares a view for ground heights from `low` to `high`, metres.
     #[must_use]
     pub fn new(
         rpc: &'a Rpc,
@@ -79,21 +80,22 @@ impl<'a> MatchView<'a> {
         Self { rpc, keypoints, ground, columns, rows, cells }
     }
 
-    /// Best and second best in each other of the keypoints of both views, `across` pixels from the segments of this
-    /// view's; a keypoint of the other is weighed only where a segment passes, so that one search serves both.
-    fn rivals(&self, other: &Self, across: f64) -> [Vec<Rivals>; 2] {
+    /// For every keypoint of both views the best and the second best keypoint of the other view, among those within
+    /// `epipolar_tolerance_px` of the epipolar segment. The segments are those of this view's keypoints; one search
+    /// serves both directions.
+    fn best_two(&self, other: &Self, epipolar_tolerance_px: f64) -> [Vec<BestTwo>; 2] {
         let chunks: Vec<_> = (0..self.keypoints.len().div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
                 let own = chunk * CHUNK..((chunk + 1) * CHUNK).min(self.keypoints.len());
-                let mut there = vec![Rivals::default(); other.keypoints.len()];
+                let mut there = vec![BestTwo::default(); other.keypoints.len()];
                 let mut near = Vec::new();
                 let here = own.map(|i| {
-                    let mut rivals = Rivals::default();
-                    let Some(segment) = Segment::new(self, i, other) else { return rivals };
+                    let mut best = BestTwo::default();
+                    let Some(segment) = Segment::new(self, i, other) else { return best };
                     let own = &self.keypoints[i];
                     near.clear();
-                    other.for_each_near(&segment, across, |j| {
+                    other.for_each_near(&segment, epipolar_tolerance_px, |j| {
                         let ratio = other.keypoints[j as usize].scale / own.scale;
                         if (1.0 / MAX_SCALE_RATIO..=MAX_SCALE_RATIO).contains(&ratio) {
                             near.push((j, 0.0));
@@ -101,16 +103,16 @@ impl<'a> MatchView<'a> {
                     });
                     compare(own, other.keypoints, &mut near);
                     for (j, similarity) in &near {
-                        rivals.enter(*j, *similarity, other.keypoints);
+                        best.enter(*j, *similarity, other.keypoints);
                         there[*j as usize].enter(i as u32, *similarity, self.keypoints);
                     }
-                    rivals
+                    best
                 });
                 (here.collect::<Vec<_>>(), there)
             })
             .collect();
         let mut out =
-            [Vec::with_capacity(self.keypoints.len()), vec![Rivals::default(); other.keypoints.len()]];
+            [Vec::with_capacity(self.keypoints.len()), vec![BestTwo::default(); other.keypoints.len()]];
         for (here, there) in chunks {
             out[0].extend(here);
             for (all, part) in out[1].iter_mut().zip(there) {
@@ -120,11 +122,12 @@ impl<'a> MatchView<'a> {
         out
     }
 
-    fn for_each_near(&self, segment: &Segment, across: f64, mut visit: impl FnMut(u32)) {
+    fn for_each_near(&self, segment: &Segment, epipolar_tolerance_px: f64, mut visit: impl FnMut(u32)) {
         let [(c0, c1), (r0, r1)] =
             [(segment.ends[0].col, segment.ends[1].col), (segment.ends[0].row, segment.ends[1].row)];
         let cell_range = |a: f64, b: f64, n: usize| {
-            let (lo, hi) = ((a.min(b) - across) / CELL_PX, (a.max(b) + across) / CELL_PX);
+            let (lo, hi) =
+                ((a.min(b) - epipolar_tolerance_px) / CELL_PX, (a.max(b) + epipolar_tolerance_px) / CELL_PX);
             (hi >= 0.0 && lo < n as f64).then(|| (lo.max(0.0) as usize, (hi as usize).min(n - 1)))
         };
         let (Some((c0, c1)), Some((r0, r1))) =
@@ -136,7 +139,10 @@ impl<'a> MatchView<'a> {
             for col in c0..=c1 {
                 for &j in &self.cells[row * self.columns + col] {
                     let (along, off) = segment.measure(self.keypoints[j as usize].px);
-                    if off.abs() <= across && along >= -across && along <= segment.length + across {
+                    if off.abs() <= epipolar_tolerance_px
+                        && along >= -epipolar_tolerance_px
+                        && along <= segment.length + epipolar_tolerance_px
+                    {
                         visit(j);
                     }
                 }
@@ -145,7 +151,7 @@ impl<'a> MatchView<'a> {
     }
 }
 
-/// Where a keypoint of one view can lie in another.
+/// The epipolar segment of a keypoint: its possible positions in the other view.
 struct Segment {
     ends: [Pixel<crate::frame::CenterPx>; 2],
     direction: [f64; 2],
@@ -160,12 +166,12 @@ impl Segment {
         if !length.is_finite() {
             return None;
         }
-        // Views from one direction leave a point: any direction will do.
+        // For parallel lines of sight the segment is a point, and any direction will do.
         let direction = if length > 1e-6 { [dc / length, dr / length] } else { [1.0, 0.0] };
         Some(Self { ends, direction, length })
     }
 
-    /// Distance along the segment from its low end, and across it, pixels.
+    /// Distance along the segment from its low end, and signed distance across it, pixels.
     fn measure(&self, px: Pixel<crate::frame::CenterPx>) -> (f64, f64) {
         let (dc, dr) = (px.col - self.ends[0].col, px.row - self.ends[0].row);
         let [c, r] = self.direction;
@@ -173,7 +179,7 @@ impl Segment {
     }
 }
 
-/// Fills in the similarities of a keypoint to others.
+/// Computes the similarity of a keypoint to others.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn compare(own: &Keypoint, others: &[Keypoint], near: &mut [(u32, f32)]) {
     for (j, s) in near {
@@ -181,21 +187,21 @@ fn compare(own: &Keypoint, others: &[Keypoint], near: &mut [(u32, f32)]) {
     }
 }
 
-/// The keypoint most like another, and how like it is the next that is elsewhere.
+/// The most similar keypoint, its similarity, and the similarity of the second best, which lies elsewhere.
 #[derive(Clone, Copy)]
-struct Rivals {
+struct BestTwo {
     best: u32,
     similarity: f32,
     second: f32,
 }
 
-impl Default for Rivals {
+impl Default for BestTwo {
     fn default() -> Self {
         Self { best: u32::MAX, similarity: -1.0, second: -1.0 }
     }
 }
 
-impl Rivals {
+impl BestTwo {
     fn enter(&mut self, candidate: u32, similarity: f32, keypoints: &[Keypoint]) {
         if similarity <= self.second {
             return;
@@ -219,27 +225,28 @@ impl Rivals {
         }
     }
 
-    /// The best, if it is good and better than its rivals.
+    /// The best keypoint if it passes the distance threshold and the ratio test.
     fn winner(&self) -> Option<u32> {
-        // Descriptors have length one: their squared distance is 2 - 2 similarity.
+        // Descriptors have length 1, so that their squared distance is 2 - 2 similarity.
         let distance = |s: f32| (2.0 - 2.0 * s).max(0.0).sqrt();
         let (d1, d2) = (distance(self.similarity), distance(self.second));
         (self.best != u32::MAX && d1 < RATIO * d2 && d1 < MAX_DISTANCE).then_some(self.best)
     }
 }
 
-/// Mutual matches of two views within `across` pixels of the epipolar segments that agree on one shift.
+/// Mutual best matches of two views within `epipolar_tolerance_px` of their epipolar segments that agree on one
+/// distance across the segments.
 #[must_use]
-pub fn matches(a: &MatchView, b: &MatchView, across: f64) -> Vec<Match> {
-    let [ab, ba] = a.rivals(b, across);
+pub fn matches(a: &MatchView, b: &MatchView, epipolar_tolerance_px: f64) -> Vec<Match> {
+    let [ab, ba] = a.best_two(b, epipolar_tolerance_px);
     let mutual: Vec<(Match, f64)> = ab
         .iter()
         .enumerate()
-        .filter_map(|(i, rivals)| {
-            let j = rivals.winner()?;
+        .filter_map(|(i, best)| {
+            let j = best.winner()?;
             let back = ba[j as usize].winner()?;
             let off = Segment::new(a, i, b)?.measure(b.keypoints[j as usize].px).1;
-            let found = Match { a: i as u32, b: j, similarity: rivals.similarity };
+            let found = Match { a: i as u32, b: j, similarity: best.similarity };
             (back as usize == i).then_some((found, off))
         })
         .collect();
@@ -247,8 +254,8 @@ pub fn matches(a: &MatchView, b: &MatchView, across: f64) -> Vec<Match> {
     mutual.into_iter().filter(|m| (m.1 - shift).abs() <= CONSENSUS_PX).map(|m| m.0).collect()
 }
 
-/// The centre of the window of `2 CONSENSUS_PX` that holds most of the offsets; none if it is no better than
-/// chance would make it.
+/// Centre of the window of width `2 CONSENSUS_PX` that holds the most offsets; none if evenly spread offsets would fill
+/// it as well.
 fn consensus(mut offsets: Vec<f64>) -> Option<f64> {
     offsets.sort_by(f64::total_cmp);
     let mut end = 0;
@@ -263,7 +270,7 @@ fn consensus(mut offsets: Vec<f64>) -> Option<f64> {
     }
     let inside = best.1 - best.0;
     let span = offsets.last()? - offsets.first()?;
-    // Evenly spread offsets put this many into a window.
+    // Number of offsets in the window if they were evenly spread.
     let by_chance = offsets.len() as f64 * (2.0 * CONSENSUS_PX / span.max(2.0 * CONSENSUS_PX));
     let enough = inside >= FEWEST && (inside as f64 > 2.0 * by_chance || span < 8.0 * CONSENSUS_PX);
     enough.then(|| offsets[best.0 + inside / 2])

@@ -1,12 +1,19 @@
-//! Bundle adjustment: features, matches, tracks, and the solver that corrects the RPCs.
+//! Bundle adjustment of RPC cameras: features, matches, tracks, and the solver that corrects the RPCs.
 //!
-//! A correction is a shift in the image (`corrected = rpc + shift`), which on crops stands for every small error of
-//! attitude and is written exactly into the RPC's offsets; larger images may scale and shear. Matching runs twice:
-//! first with the delivered cameras and a wide margin, then with the corrected ones and a narrow one. In the end
-//! patches around the points, sought in all views, take the place of keypoints. Surveyed points, if there are any,
-//! fix the datum; else the mean of the delivered cameras does, its height that of an elevation model if one is given.
+//! The default correction is a shift in the image (`corrected = rpc + shift`). For crops it accounts for all small
+//! errors of attitude, and it is written exactly into the RPC's offsets; for larger images a scale and a shear can be
+//! added. Matching runs twice: first with the delivered cameras and a large epipolar tolerance, then with the corrected
+//! cameras and a small one. Finally the tie points are measured again by least-squares matching in all views, which
+//! replaces the positions of the keypoints. Surveyed points define the datum if there are any; otherwise the mean of
+//! the delivered cameras does, with the heights of an elevation model if one is given.
+//!
+//! The words of this module, in the order of processing: a *keypoint* is a feature of one image; a *match* is a pair of
+//! keypoints of two views; a *track* is a set of keypoints (its *track elements*), at most one per view, that are taken
+//! for one point on the ground; an *observation* is the position of that point in a view, with a weight; a *tie point*
+//! or *sparse point* is the triangulated point itself.
 
 mod adjust;
+mod adjuster;
 mod control;
 mod control_check;
 mod correction;
@@ -22,16 +29,21 @@ mod patches;
 mod precision;
 mod problem;
 mod report;
+mod result;
 mod scale_space;
 mod solver;
+mod tie_point_refinement;
 mod tracks;
+mod view_pairs;
+mod view_rejection;
 
-pub use adjust::{Options, adjust};
+pub use adjust::{AdjustOptions, adjust};
 pub use control::{ControlPoint, control_pairs, read_control};
 pub use control_check::check_control;
-pub use correction::{Model, Parameters};
+pub use correction::{CorrectionModel, Parameters};
 pub use error::BundleError;
 pub use features::{Keypoint, detect};
+pub use figures::ADJUSTMENT_FIGURES;
 pub use height_prior::HeightPrior;
-pub use output::{Adjustment, PointQuality, SparsePoint, TiePoint};
+pub use output::{Adjustment, PointQuality, SparsePoint, TiePointObservation};
 pub use report::{ControlReport, LeftOut, Report, ViewReport};

@@ -1,6 +1,6 @@
 //! The solve against known truth: shifts, datum, derivatives, gauge, threads.
 
-use super::super::problem::Known;
+use super::super::problem::PositionPrior;
 use super::*;
 use crate::rpc::{Axis, RpcCoefficients};
 
@@ -53,7 +53,7 @@ fn network(delivered: &[Rpc]) -> Network<'_> {
     Network {
         rpcs: delivered.iter().collect(),
         frames: vec![ImageFrame::new((512, 512)); delivered.len()],
-        held: vec![false; delivered.len()],
+        is_fixed: vec![false; delivered.len()],
         directions: LEANS
             .iter()
             .map(|lean| {
@@ -84,10 +84,10 @@ fn observe(exact: &[Rpc], noise_px: f64, outliers: f64) -> (Vec<Track>, Vec<Poin
                     let seen = exact[view].project(p);
                     let reach = if noise.next() * 0.5 + 0.5 < outliers { 20.0 } else { noise_px * 1.732 };
                     let px = Pixel::new(seen.col + reach * noise.next(), seen.row + reach * noise.next());
-                    Measurement { view, px, weight: 1.0 }
+                    Observation { view, px, weight: 1.0 }
                 })
                 .collect();
-            (Track { seen, ..Track::default() }, p)
+            (Track { observations: seen, ..Track::default() }, p)
         })
         .unzip()
 }
@@ -96,8 +96,8 @@ fn observe(exact: &[Rpc], noise_px: f64, outliers: f64) -> (Vec<Track>, Vec<Poin
 fn adjusted(delivered: &[Rpc], tracks: &[Track]) -> Estimate {
     let network = network(delivered);
     let mut estimate = Estimate::start(delivered.len());
-    network.place(&mut estimate, tracks.to_vec());
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift, ALLOWED_PX).unwrap();
+    network.triangulate_tracks(&mut estimate, tracks.to_vec());
+    network.refine(&mut estimate, &LOSS_SCALES_PX, CorrectionModel::Shift, ALLOWED_PX).unwrap();
     estimate
 }
 
@@ -113,7 +113,7 @@ fn worst_shift(block: &Block, found: &[Parameters], truth: &[[f64; 2]]) -> f64 {
     let mut a = nalgebra::DMatrix::zeros(2 * found.len(), 3);
     let mut b = nalgebra::DVector::zeros(2 * found.len());
     for (v, (f, t)) in found.iter().zip(truth).enumerate() {
-        let m = Measurement { view: v, px: Pixel::new(0.0, 0.0), weight: 1.0 };
+        let m = Observation { view: v, px: Pixel::new(0.0, 0.0), weight: 1.0 };
         let by_point = block.linearise(&m, &[0.0; MOST], [0.0; 3]).by_point;
         for k in 0..2 {
             for c in 0..3 {
@@ -132,7 +132,7 @@ fn mean_place(estimate: &Estimate) -> [f64; 3] {
 }
 
 fn observations(tracks: &[Track]) -> usize {
-    tracks.iter().map(|t| t.seen.len()).sum()
+    tracks.iter().map(|t| t.observations.len()).sum()
 }
 
 #[test]
@@ -175,8 +175,8 @@ fn errors_are_as_large_as_their_standard_deviations_say_and_the_translation_is_o
     let block = network.block();
     let estimate = adjusted(&delivered, &tracks);
     assert_eq!(estimate.tracks.len(), tracks.len());
-    let precision = network.precision(&estimate, Model::Shift, false).unwrap();
-    assert_eq!(precision.open, 3);
+    let precision = network.precision(&estimate, CorrectionModel::Shift, false).unwrap();
+    assert_eq!(precision.rank_defect, 3);
     assert!((precision.sigma_px - 0.1).abs() < 0.01, "{}", precision.sigma_px);
 
     // Both are compared with the mean over the scene taken out, as its translation is open.
@@ -201,19 +201,19 @@ fn reference_views_stay_as_they_are_and_fix_the_datum() {
     let (mut delivered, truth) = disturbed(&exact);
     delivered[..2].clone_from_slice(&exact[..2]);
     let mut network = network(&delivered);
-    network.held[..2].fill(true);
+    network.is_fixed[..2].fill(true);
     let mut estimate = Estimate::start(delivered.len());
-    network.place(&mut estimate, observe(&exact, 0.1, 0.0).0);
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift, ALLOWED_PX).unwrap();
+    network.triangulate_tracks(&mut estimate, observe(&exact, 0.1, 0.0).0);
+    network.refine(&mut estimate, &LOSS_SCALES_PX, CorrectionModel::Shift, ALLOWED_PX).unwrap();
     assert_eq!(estimate.corrections[..2], [[0.0; MOST]; 2]);
     for (found, exact) in estimate.corrections.iter().zip(&truth).skip(2) {
         for k in 0..2 {
             assert!((found[k] - exact[k]).abs() < 0.05, "{found:?} {exact:?}");
         }
     }
-    let precision = network.precision(&estimate, Model::Shift, false).unwrap();
-    assert_eq!((precision.open, precision.corrections[0]), (0, [0.0; MOST]));
-    assert_eq!(network.precision(&estimate, Model::Shift, true).unwrap().open, 0);
+    let precision = network.precision(&estimate, CorrectionModel::Shift, false).unwrap();
+    assert_eq!((precision.rank_defect, precision.corrections[0]), (0, [0.0; MOST]));
+    assert_eq!(network.precision(&estimate, CorrectionModel::Shift, true).unwrap().rank_defect, 0);
 }
 
 #[test]
@@ -224,9 +224,9 @@ fn ground_control_fixes_the_datum_and_one_wrong_pixel_does_not_move_it() {
     let network = network(&delivered);
     let block = network.block();
     for (track, p) in tracks.iter_mut().zip(&points).take(6) {
-        track.known = Some(Known { place: block.local(*p), sigma_m: [0.05; 3] });
+        track.prior = Some(PositionPrior { place: block.local(*p), sigma_m: [0.05; 3] });
     }
-    tracks[0].seen[0].px.col += 12.0;
+    tracks[0].observations[0].px.col += 12.0;
     let estimate = adjusted(&delivered, &tracks);
     // Without control the datum would be off by the mean of the shifts: pixels.
     for (found, exact) in estimate.corrections.iter().zip(&truth) {
@@ -234,7 +234,7 @@ fn ground_control_fixes_the_datum_and_one_wrong_pixel_does_not_move_it() {
             assert!((found[k] - exact[k]).abs() < 0.1, "{found:?} {exact:?}");
         }
     }
-    assert_eq!(estimate.tracks.iter().filter(|t| t.known.is_some()).count(), 6);
+    assert_eq!(estimate.tracks.iter().filter(|t| t.prior.is_some()).count(), 6);
 }
 
 #[test]
@@ -248,8 +248,8 @@ fn an_affine_model_finds_what_stretches_and_turns_the_image() {
         frame.corrected(&exact[2], &[0.0, 0.0, -edge[0], -edge[1], -edge[2], -edge[3]], HEIGHTS).unwrap();
     let network = network(&bent);
     let mut estimate = Estimate::start(bent.len());
-    network.place(&mut estimate, observe(&exact, 0.05, 0.0).0);
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Affine, ALLOWED_PX).unwrap();
+    network.triangulate_tracks(&mut estimate, observe(&exact, 0.05, 0.0).0);
+    network.refine(&mut estimate, &LOSS_SCALES_PX, CorrectionModel::Affine, ALLOWED_PX).unwrap();
     // The whole scene may bend a little with it: priors share it out.
     for k in 0..4 {
         let found = estimate.corrections[2][2 + k];
@@ -265,7 +265,7 @@ fn moving_the_scene_and_the_shifts_together_changes_no_residual() {
     let step = [0.03, -0.02, 0.05];
     for (track, p) in tracks.iter().zip(&points).take(100) {
         let p = block.local(*p);
-        for m in &track.seen {
+        for m in &track.observations {
             let o = block.linearise(m, &[0.0; MOST], p);
             let mut shift = [0.0; MOST];
             for k in 0..2 {
@@ -285,7 +285,7 @@ fn derivatives_agree_with_central_differences() {
     let block = network(&exact).block();
     let (p, correction) = ([40.0, -25.0, 12.0], [0.3, -0.7, 4.0, -3.0, 2.0, 5.0]);
     for view in 0..exact.len() {
-        let m = Measurement { view, px: Pixel::new(200.0, 300.0), weight: 1.0 };
+        let m = Observation { view, px: Pixel::new(200.0, 300.0), weight: 1.0 };
         let o = block.linearise(&m, &correction, p);
         for c in 0..3 {
             let at = |d: f64| {
@@ -390,10 +390,10 @@ mod omaha {
                             off = [off[0] + wrong[0], off[1] + wrong[1]];
                         }
                         let px = exact[view].project(p);
-                        Measurement { view, px: Pixel::new(px.col + off[0], px.row + off[1]), weight: 1.0 }
+                        Observation { view, px: Pixel::new(px.col + off[0], px.row + off[1]), weight: 1.0 }
                     })
                     .collect();
-                Track { seen, ..Track::default() }
+                Track { observations: seen, ..Track::default() }
             })
             .collect();
         Some(Truth { exact, delivered, shifts, tracks, outliers })
@@ -410,7 +410,7 @@ mod omaha {
         Network {
             rpcs: delivered.iter().collect(),
             frames: vec![ImageFrame::new((2048, 2048)); delivered.len()],
-            held: vec![false; delivered.len()],
+            is_fixed: vec![false; delivered.len()],
             directions: exact.iter().map(direction).collect(),
             center,
             heights: (270.0, 330.0),
@@ -421,8 +421,8 @@ mod omaha {
     fn solved(network: &Network, tracks: &[Track]) -> (Estimate, f64) {
         let start = std::time::Instant::now();
         let mut estimate = Estimate::start(network.rpcs.len());
-        network.place(&mut estimate, tracks.to_vec());
-        network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Shift, ALLOWED_PX).unwrap();
+        network.triangulate_tracks(&mut estimate, tracks.to_vec());
+        network.refine(&mut estimate, &LOSS_SCALES_PX, CorrectionModel::Shift, ALLOWED_PX).unwrap();
         (estimate, start.elapsed().as_secs_f64())
     }
 
@@ -438,11 +438,11 @@ mod omaha {
         let kept: std::collections::BTreeSet<[u64; 2]> = found
             .tracks
             .iter()
-            .flat_map(|t| t.seen.iter().map(|m| [m.px.col.to_bits(), m.px.row.to_bits()]))
+            .flat_map(|t| t.observations.iter().map(|m| [m.px.col.to_bits(), m.px.row.to_bits()]))
             .collect();
         let large: Vec<_> = truth.outliers.iter().filter(|o| o.2 > 1.0).collect();
         let is_dropped = |o: &&&(usize, usize, f64)| {
-            let m = truth.tracks[o.0].seen.iter().find(|m| m.view == o.1).unwrap();
+            let m = truth.tracks[o.0].observations.iter().find(|m| m.view == o.1).unwrap();
             !kept.contains(&[m.px.col.to_bits(), m.px.row.to_bits()])
         };
         let recall = large.iter().filter(is_dropped).count() as f64 / large.len() as f64;
@@ -474,7 +474,7 @@ fn residuals_far_out_in_a_large_image_are_not_rounded() {
     let block = network(&far).block();
     let p = [40.0, -25.0, 12.0];
     let seen = far[0].project(block.geodetic(p));
-    let m = Measurement { view: 0, px: Pixel::new(seen.col + 1e-4, seen.row - 2e-4), weight: 1.0 };
+    let m = Observation { view: 0, px: Pixel::new(seen.col + 1e-4, seen.row - 2e-4), weight: 1.0 };
     let [col, row] = block.linearise(&m, &[0.0; MOST], p).residual;
     assert!((col - 1e-4).abs() < 1e-9 && (row + 2e-4).abs() < 1e-9, "{col} {row}");
 }
@@ -487,12 +487,12 @@ fn tracks_of_nearly_one_direction_are_not_placed() {
     let mut estimate = Estimate::start(exact.len());
     network.directions.fill((90.0, 20.0));
     network.directions[7] = (90.0, 20.0 + 0.9 * LEAST_ANGLE_DEG);
-    network.place(&mut estimate, tracks.clone());
+    network.triangulate_tracks(&mut estimate, tracks.clone());
     assert!(estimate.tracks.is_empty());
     network.directions[7] = (90.0, 20.0 + 1.1 * LEAST_ANGLE_DEG);
-    network.place(&mut estimate, tracks);
+    network.triangulate_tracks(&mut estimate, tracks);
     assert!(!estimate.tracks.is_empty());
-    assert!(estimate.tracks.iter().all(|t| t.seen.iter().any(|m| m.view == 7)));
+    assert!(estimate.tracks.iter().all(|t| t.observations.iter().any(|m| m.view == 7)));
 }
 
 #[test]
@@ -501,7 +501,7 @@ fn a_view_of_which_half_is_wrong_keeps_the_good_half() {
     let (delivered, truth) = disturbed(&exact);
     let (mut tracks, _) = observe(&exact, 0.1, 0.0);
     let mut noise = Noise(23);
-    for m in tracks.iter_mut().flat_map(|t| &mut t.seen).filter(|m| m.view == 3) {
+    for m in tracks.iter_mut().flat_map(|t| &mut t.observations).filter(|m| m.view == 3) {
         if noise.next() > 0.0 {
             m.px = Pixel::new(m.px.col + 20.0 * noise.next(), m.px.row + 20.0 * noise.next());
         }
@@ -523,8 +523,8 @@ fn an_affine_model_does_not_tilt_the_scene() {
     let network = network(&delivered);
     let block = network.block();
     let mut estimate = Estimate::start(delivered.len());
-    network.place(&mut estimate, tracks.clone());
-    network.refine(&mut estimate, &LOSS_SCALES_PX, Model::Affine, ALLOWED_PX).unwrap();
+    network.triangulate_tracks(&mut estimate, tracks.clone());
+    network.refine(&mut estimate, &LOSS_SCALES_PX, CorrectionModel::Affine, ALLOWED_PX).unwrap();
     assert_eq!(estimate.tracks.len(), tracks.len());
     for axis in 0..2 {
         let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);

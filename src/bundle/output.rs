@@ -1,12 +1,12 @@
-//! An adjustment on disk: corrected RPCs as JSON and text, sparse points as LAZ and PLY, tie points as CSV and
-//! GeoPackage, the report as JSON and pictures.
+//! The files of an adjustment: corrected RPCs as JSON and text, sparse points as LAZ and PLY, tie points as CSV and
+//! GeoPackage, the report as JSON, and figures.
 
 use super::error::BundleError;
 use super::report::Report;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, SiteGrid};
 use crate::io::{
-    CloudError, CloudPoint, Marker, PointCloud, ReadError, Vertical, WriteError, epsg_of_cloud, read_json,
-    write_file, write_json, write_markers,
+    CloudError, CloudPoint, Marker, PointCloud, ReadError, VerticalReference, WriteError, epsg_of_cloud,
+    read_json, write_file, write_json, write_markers,
 };
 use crate::rpc::Rpc;
 use crate::rpc::formats;
@@ -16,42 +16,42 @@ use las::Reader;
 use serde::Deserialize;
 use std::path::Path;
 
-/// A point that several views see.
+/// A triangulated tie point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SparsePoint {
-    /// Where.
+    /// Its position.
     pub position: Point<Geodetic>,
-    /// Number of views that see it.
+    /// Number of views that observe it.
     pub views: u8,
-    /// What the first of them shows, stretched.
+    /// Gray value in the first of these views, 0 to 255.
     pub gray: u8,
 }
 
-/// How well a point is measured.
+/// Accuracy of a tie point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointQuality {
-    /// Standard deviations within the scene, its datum taken as given: metres east, north and up.
+    /// Standard deviations east, north and up for a given datum, metres.
     pub sigma_m: [f64; 3],
-    /// Widest angle between two of its rays, degrees.
+    /// Largest angle between two of its rays, degrees.
     pub angle_deg: f64,
 }
 
-/// A point as one view shows it.
+/// An observation of a tie point in a view, after the adjustment.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TiePoint {
-    /// Index of the sparse point.
+pub struct TiePointObservation {
+    /// Index of the point in [`Adjustment::points`].
     pub point: usize,
-    /// Index of the view among the cameras.
+    /// Index of the view in [`Adjustment::cameras`].
     pub view: usize,
-    /// Where the whole image shows it.
+    /// Observed position in the whole image.
     pub px: Pixel<CenterPx>,
-    /// Observed minus predicted, columns and rows, pixels.
+    /// Residual, observed minus predicted: columns and rows, pixels.
     pub residual_px: [f64; 2],
 }
 
-/// A line of `tie_points.csv`; where its point is `points.laz` knows better.
+/// A row of `tie_points.csv`. The position of the point is not read from it: that in `points.laz` has more digits.
 #[derive(Deserialize)]
-struct TieLine {
+struct TiePointRow {
     point: usize,
     sigma_east_m: f64,
     sigma_north_m: f64,
@@ -64,24 +64,25 @@ struct TieLine {
     residual_row: f64,
 }
 
-/// What an adjustment makes.
+/// Result of an adjustment.
 #[derive(Clone, Debug)]
 pub struct Adjustment {
-    /// Name and corrected camera of every view used: of the whole image, whatever window of it is used.
+    /// Name and corrected RPC of every used view; the RPC is that of the whole image, also where a window of it was
+    /// used.
     pub cameras: Vec<(String, Rpc)>,
-    /// Sparse points.
+    /// The triangulated tie points.
     pub points: Vec<SparsePoint>,
-    /// Their observations, point by point; not read back.
-    pub tie_points: Vec<TiePoint>,
-    /// How well each sparse point is measured; not read back.
+    /// Observations of the tie points, point by point; empty after [`Adjustment::read`].
+    pub observations: Vec<TiePointObservation>,
+    /// Accuracy of each tie point; empty after [`Adjustment::read`].
     pub quality: Vec<PointQuality>,
-    /// Figures.
+    /// Statistics.
     pub report: Report,
 }
 
 impl Adjustment {
-    /// Writes `rpcs/NAME.json`, `rpcs/NAME_RPC.TXT`, `points.laz` (UTM, ellipsoidal heights; the intensity is the
-    /// number of views), `points.ply`, `tie_points.csv` and `.gpkg`, `report.json` and its pictures.
+    /// Writes `rpcs/NAME.json`, `rpcs/NAME_RPC.TXT`, `points.laz` (map coordinates, ellipsoidal heights; the intensity
+    /// is the number of views), `points.ply`, `tie_points.csv`, `tie_points.gpkg`, `report.json` and the figures.
     ///
     /// # Errors
     /// [`BundleError`].
@@ -99,7 +100,7 @@ impl Adjustment {
         Ok(write_json(&folder.join(ADJUSTMENT_REPORT), &self.report)?)
     }
 
-    /// Reads what [`Adjustment::write`] wrote.
+    /// Reads cameras, points and report as written by [`Adjustment::write`], without observations and accuracies.
     ///
     /// # Errors
     /// [`BundleError`].
@@ -116,10 +117,10 @@ impl Adjustment {
             })
             .collect::<Result<Vec<_>, BundleError>>()?;
         let points = read_points(&folder.join(SPARSE_POINTS))?;
-        Ok(Self { cameras, points, tie_points: Vec::new(), quality: Vec::new(), report })
+        Ok(Self { cameras, points, observations: Vec::new(), quality: Vec::new(), report })
     }
 
-    /// The corrected cameras in the order of a scene's views, each of the view's window.
+    /// The corrected RPCs in the order of a scene's views, each for the view's window.
     ///
     /// # Errors
     /// [`BundleError::NoCamera`].
@@ -131,20 +132,20 @@ impl Adjustment {
         scene.views.iter().map(camera).collect()
     }
 
-    /// Reads the tie points and the points' quality too, which [`Adjustment::read`] passes over.
+    /// Reads everything that [`Adjustment::write`] wrote.
     ///
     /// # Errors
     /// [`BundleError`].
-    pub fn read_all(folder: &Path) -> Result<Self, BundleError> {
+    pub fn read_with_observations(folder: &Path) -> Result<Self, BundleError> {
         let mut all = Self::read(folder)?;
         let path = folder.join("tie_points.csv");
         let damaged = |reason: String| BundleError::Points { path: path.clone(), reason };
         let mut reader = csv::Reader::from_path(&path).map_err(|e| damaged(e.to_string()))?;
-        for line in reader.deserialize::<TieLine>() {
+        for line in reader.deserialize::<TiePointRow>() {
             let l = line.map_err(|e| damaged(e.to_string()))?;
             let view = all.cameras.iter().position(|c| c.0 == l.view);
             let view = view.ok_or_else(|| damaged(format!("view `{}` is not in report.json", l.view)))?;
-            all.tie_points.push(TiePoint {
+            all.observations.push(TiePointObservation {
                 point: l.point,
                 view,
                 px: Pixel::new(l.col, l.row),
@@ -155,15 +156,16 @@ impl Adjustment {
                 all.quality.push(PointQuality { sigma_m, angle_deg: l.angle_deg });
             }
         }
-        if all.quality.len() != all.points.len() || all.tie_points.iter().any(|t| t.point >= all.points.len())
+        if all.quality.len() != all.points.len()
+            || all.observations.iter().any(|t| t.point >= all.points.len())
         {
             return Err(damaged("its points are not those of points.laz".into()));
         }
         Ok(all)
     }
 
-    /// The adjustment with everything moved by a step on the ground: degrees of longitude and latitude, metres of
-    /// height. No residual changes.
+    /// The adjustment translated on the ground by degrees of longitude, degrees of latitude and metres of height.
+    /// Residuals do not change.
     #[must_use]
     pub fn moved_on_ground(mut self, step: [f64; 3]) -> Self {
         for (_, rpc) in &mut self.cameras {
@@ -176,13 +178,13 @@ impl Adjustment {
         self
     }
 
-    /// Where the sparse points are.
+    /// Positions of the sparse points.
     #[must_use]
     pub fn positions(&self) -> Vec<Point<Geodetic>> {
         self.points.iter().map(|p| p.position).collect()
     }
 
-    /// `tie_points.csv`, a line an observation, and `tie_points.gpkg`, a point each.
+    /// Writes `tie_points.csv`, one row per observation, and `tie_points.gpkg`, one feature per point.
     fn write_tie_points(&self, folder: &Path) -> Result<(), BundleError> {
         let mut csv = csv::Writer::from_writer(Vec::new());
         let path = folder.join("tie_points.csv");
@@ -204,7 +206,7 @@ impl Adjustment {
         ])
         .map_err(failed)?;
         let mut residual_px = vec![0.0f64; self.points.len()];
-        for t in &self.tie_points {
+        for t in &self.observations {
             let [lon, lat, h] = self.points[t.point].position.xyz();
             let PointQuality { sigma_m: [east, north, up], angle_deg } = self.quality[t.point];
             let [d_col, d_row] = t.residual_px;
@@ -247,7 +249,7 @@ impl Adjustment {
         Ok(write_markers(&folder.join("tie_points.gpkg"), "tie_points", &markers)?)
     }
 
-    /// `points.laz`, and the same as `points.ply`.
+    /// Writes `points.laz` and `points.ply`.
     pub(super) fn write_points(&self, folder: &Path) -> Result<(), BundleError> {
         let path = &folder.join(SPARSE_POINTS);
         let refused = |reason: String| BundleError::Points { path: path.clone(), reason };
@@ -261,12 +263,15 @@ impl Adjustment {
             intensity: p.views.into(),
         });
         let [x, y, z] = origin;
-        let cloud =
-            PointCloud { epsg: grid.epsg, vertical: &Vertical::Ellipsoid, origin: Point::new(x, y, z) };
+        let cloud = PointCloud {
+            epsg: grid.epsg,
+            vertical: &VerticalReference::Ellipsoid,
+            origin: Point::new(x, y, z),
+        };
         Ok(cloud.write(path, points)?)
     }
 
-    /// Single precision holds metres from `origin`, not map coordinates.
+    /// Writes `points.ply` with coordinates relative to `origin`, because map coordinates exceed single precision.
     fn write_ply(&self, path: &Path, grid: &SiteGrid, origin: [f64; 3]) -> Result<(), BundleError> {
         let [east, north, height] = origin;
         let mut bytes = format!(

@@ -1,43 +1,47 @@
-//! Least-squares matching: where a patch of one view lies in the others, to a few hundredths of a pixel.
+//! Least-squares matching (Grün 1985): the position in other views of a patch of one view, to a few hundredths of a
+//! pixel.
 //!
-//! Keypoints are found in two or three views each, and many sit on corners that move with the sun and the line of
-//! sight: of shadows, of what hides something. A patch is sought in every view. What moves is unlike itself on
-//! another date, and a place that many views show alike is rarely a wrong one (Grün 1985).
+//! Keypoints are found in two or three views each, and many of them lie on corners that move with the sun and with the
+//! line of sight, as those of shadows and occlusions. A patch is searched in every view instead: patches on moving
+//! corners do not correlate between dates, and a point that many views confirm is rarely wrong.
 
 use super::correction::Parameters;
-use super::problem::{Block, Measurement};
+use super::problem::{Block, Observation};
 use super::scale_space::blurred;
 use crate::frame::{CenterPx, Pixel};
 use crate::io::{Grid2, Window};
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
-/// Half the side of a patch, and its side, samples; they lie a pixel of the reference apart.
+/// Half the side and the side of a patch, in samples that are one pixel of the reference view apart.
 const HALF: usize = 7;
 const SIDE: usize = 2 * HALF + 1;
-/// Standard deviation of the patch's window, pixels.
+/// Standard deviation of the Gaussian that weights the samples of a patch, pixels.
 const WINDOW_PX: f64 = 4.0;
-/// Blur that keeps bilinear interpolation from favouring whole pixels, pixels.
+/// Standard deviation of the blur applied to the images, which keeps bilinear interpolation from favouring whole
+/// pixels.
 const BLUR_PX: f64 = 0.7;
-/// How far from its predicted place a patch is sought, samples.
+/// Radius of the search around the predicted position, samples.
 const REACH: usize = 2;
-/// Correlation at whole samples from which the search goes on between them, and that a patch needs in the end.
+/// Smallest correlation at whole samples for which the position is refined, and smallest correlation in the end.
 const PROMISING: f64 = 0.6;
 const LEAST_CORRELATION: f64 = 0.85;
-/// Standard deviation of a position beyond which the patch is plain, or an edge that slides along itself, pixels.
+/// Largest standard deviation of a position, pixels; that of a textureless patch, or of an edge along its direction, is
+/// larger.
 const WORST_SIGMA_PX: f64 = 0.12;
 const MAX_ITERATIONS: usize = 8;
-/// Steps below this end the search, pixels.
+/// A step shorter than this ends the refinement, pixels.
 const SMALLEST_STEP_PX: f64 = 0.01;
 
-/// What is read of an image beyond the places where patches are to be sought: as far as a patch and its search reach in
-/// a view of twice the scale, pixels.
+/// Margin around the predicted positions that is read of an image, pixels: the reach of a patch and its search in a
+/// view of twice the scale.
 const MARGIN_PX: f64 = 40.0;
 
-/// Some of the points (metres east, north and up), by index, in squares of ground of about `side_m`, row by row: only what
-/// images show of one square needs to be in memory at once.
+/// Divides points (metres east, north and up) into square tiles of ground of about `side_m`, row by row, so that only
+/// the parts of the images that show one tile need to be in memory at once. `some` are the indices of the points to
+/// divide.
 #[must_use]
-pub fn squares(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<Vec<usize>> {
+pub fn ground_tiles(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<Vec<usize>> {
     let extents: [(f64, f64); 2] = std::array::from_fn(|k| {
         let along = some.iter().map(|i| points[*i][k]);
         along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
@@ -45,28 +49,28 @@ pub fn squares(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<Vec<us
     let place = |i: usize, k: usize| {
         let (low, high) = extents[k];
         let count = ((high - low) / side_m).ceil().max(1.0);
-        // The last point lies on the border of the last square.
+        // The last point lies on the border of the last tile.
         ((points[i][k] - low) / (high - low).max(f64::MIN_POSITIVE) * count).min(count - 1.0) as usize
     };
-    let mut squares = BTreeMap::<[usize; 2], Vec<usize>>::new();
+    let mut ground_tiles = BTreeMap::<[usize; 2], Vec<usize>>::new();
     for i in some {
-        squares.entry([place(i, 1), place(i, 0)]).or_default().push(i);
+        ground_tiles.entry([place(i, 1), place(i, 0)]).or_default().push(i);
     }
-    squares.into_values().collect()
+    ground_tiles.into_values().collect()
 }
 
-/// A part of an image, ready for patches to be sought in it.
-pub struct Part {
-    /// Its first column and row.
+/// A part of an image in which patches are searched.
+pub struct ImagePatch {
+    /// Column and row of the part's first pixel in the image.
     first: Vector2<f64>,
     raster: Grid2,
 }
 
-impl Part {
-    /// The part of an image of (columns, rows) that holds the patches at some places.
+impl ImagePatch {
+    /// The part of an image of (columns, rows) around some positions, those outside of the image excepted.
     ///
     /// # Errors
-    /// Those of `read`.
+    /// The errors of `read`.
     pub fn around<E>(
         places: impl Iterator<Item = Pixel<CenterPx>>,
         size: (usize, usize),
@@ -94,47 +98,47 @@ impl Part {
     }
 }
 
-/// Seeks patches in views whose cameras are right to a pixel.
-pub struct Seeker<'a> {
+/// Least-squares matching in views whose cameras are accurate to a pixel.
+pub struct LsmMatcher<'a> {
     block: &'a Block<'a>,
     corrections: &'a [Parameters],
-    images: Vec<Part>,
-    window: Bell,
+    images: Vec<ImagePatch>,
+    window: GaussianWindow,
 }
 
-impl<'a> Seeker<'a> {
-    /// A seeker in the views of a block with these corrections.
+impl<'a> LsmMatcher<'a> {
+    /// A matcher for the views of a block with given corrections; `images` has one part for each view.
     #[must_use]
-    pub fn new(block: &'a Block<'a>, corrections: &'a [Parameters], images: Vec<Part>) -> Self {
-        Self { block, corrections, images, window: Bell::new() }
+    pub fn new(block: &'a Block<'a>, corrections: &'a [Parameters], images: Vec<ImagePatch>) -> Self {
+        Self { block, corrections, images, window: GaussianWindow::new() }
     }
 
-    /// Where the views show the patch around an observation of a point, itself included.
+    /// Observations of a point in all views that show the patch around a reference observation, that one included.
     #[must_use]
-    pub fn track(&self, reference: &Measurement, point: [f64; 3]) -> Vec<Measurement> {
+    pub fn track(&self, reference: &Observation, point: [f64; 3]) -> Vec<Observation> {
         let mut found = vec![*reference];
         let own = &self.images[reference.view];
         let at = Vector2::new(reference.px.col, reference.px.row) - own.first;
-        let template =
-            Samples::<SIDE>::new(&own.raster, at, Matrix2::identity()).and_then(|s| self.window.template(&s));
+        let template = PatchSamples::<SIDE>::new(&own.raster, at, Matrix2::identity())
+            .and_then(|s| self.window.template(&s));
         let inverse = self.place(reference.view, point).1.try_inverse();
         let (Some(template), Some(inverse)) = (template, inverse) else { return found };
         for (view, image) in self.images.iter().enumerate().filter(|(v, _)| *v != reference.view) {
             let (start, by_ground) = self.place(view, point);
-            // The patch is taken to be level.
+            // The ground in the patch is assumed to be level.
             let place =
                 self.window.locate(&template, &image.raster, start - image.first, by_ground * inverse);
             if let Some(px) = place.map(|p| p + image.first) {
-                found.push(Measurement { view, px: Pixel::<CenterPx>::new(px[0], px[1]), weight: 1.0 });
+                found.push(Observation { view, px: Pixel::<CenterPx>::new(px[0], px[1]), weight: 1.0 });
             }
         }
         found.sort_by_key(|m| m.view);
         found
     }
 
-    /// Where a view shows a point, and how that moves by metres east and north.
+    /// Image position of a point in a view, and its derivative by metres east and north.
     fn place(&self, view: usize, point: [f64; 3]) -> (Vector2<f64>, Matrix2<f64>) {
-        let origin = Measurement { view, px: Pixel::new(0.0, 0.0), weight: 1.0 };
+        let origin = Observation { view, px: Pixel::new(0.0, 0.0), weight: 1.0 };
         let o = self.block.linearise(&origin, &self.corrections[view], point);
         let [a, b] = o.by_point;
         (-Vector2::from(o.residual), Matrix2::new(a[0], a[1], b[0], b[1]))
@@ -142,10 +146,10 @@ impl<'a> Seeker<'a> {
 }
 
 /// `N` by `N` samples of an image around a position.
-struct Samples<const N: usize>([[f64; N]; N]);
+struct PatchSamples<const N: usize>([[f64; N]; N]);
 
-impl<const N: usize> Samples<N> {
-    /// None where some are missing or outside.
+impl<const N: usize> PatchSamples<N> {
+    /// Samples the image; none where pixels are missing or outside.
     fn new(image: &Grid2, at: Vector2<f64>, warp: Matrix2<f64>) -> Option<Self> {
         let half = (N / 2) as f64;
         let reach = half * Vector2::new(warp.row(0).abs().sum(), warp.row(1).abs().sum());
@@ -177,13 +181,13 @@ impl<const N: usize> Samples<N> {
     }
 }
 
-/// A patch less its mean, of length one under the window.
+/// A patch with its mean subtracted and its weighted norm divided out.
 type Template = [[f64; SIDE]; SIDE];
 
-/// The weights of a patch's samples: their sum is one.
-struct Bell([[f64; SIDE]; SIDE]);
+/// Gaussian weights of a patch's samples; their sum is 1.
+struct GaussianWindow([[f64; SIDE]; SIDE]);
 
-impl Bell {
+impl GaussianWindow {
     fn new() -> Self {
         let offset = |i: usize| i as f64 - HALF as f64;
         let bell = |r: usize, c: usize| {
@@ -193,20 +197,21 @@ impl Bell {
         Self(std::array::from_fn(|r| std::array::from_fn(|c| bell(r, c) / sum)))
     }
 
-    fn template(&self, patch: &Samples<SIDE>) -> Option<Template> {
+    fn template(&self, patch: &PatchSamples<SIDE>) -> Option<Template> {
         let (_, mean, deviation) = self.compare(&[[0.0; SIDE]; SIDE], patch, [0, 0]);
         let unit = patch.0.map(|row| row.map(|v| (v - mean) / deviation));
         (deviation > 0.0).then_some(unit)
     }
 
-    /// Covariance with the template of the samples that start at (row, column), their mean, standard deviation.
+    /// Weighted covariance with the template of the samples that start at (row, column), their mean and standard
+    /// deviation.
     fn compare<const N: usize>(
         &self,
         template: &Template,
-        there: &Samples<N>,
+        there: &PatchSamples<N>,
         [row, col]: [usize; 2],
     ) -> (f64, f64, f64) {
-        // A sum a column: one sum would wait for itself.
+        // One sum for each column, because additions to a single sum would wait for each other.
         let mut sums = [[0.0; SIDE]; 3];
         for r in 0..SIDE {
             let values = &there.0[row + r][col..col + SIDE];
@@ -221,7 +226,7 @@ impl Bell {
         (product, sum, (square - sum * sum).max(0.0).sqrt())
     }
 
-    /// Where the template lies in an image; `warp` leads from its samples to the image's pixels.
+    /// Position of the template in an image; `warp` maps offsets between samples to offsets in pixels of the image.
     fn locate(
         &self,
         template: &Template,
@@ -229,7 +234,7 @@ impl Bell {
         start: Vector2<f64>,
         warp: Matrix2<f64>,
     ) -> Option<Vector2<f64>> {
-        let around = Samples::<{ SIDE + 2 * REACH }>::new(image, start, warp)?;
+        let around = PatchSamples::<{ SIDE + 2 * REACH }>::new(image, start, warp)?;
         let mut best = (PROMISING, None);
         for row in 0..=2 * REACH {
             for col in 0..=2 * REACH {
@@ -241,12 +246,12 @@ impl Bell {
         }
         let mut at = start + warp * Vector2::from(best.1?.map(|k| k as f64 - REACH as f64));
         for _ in 0..MAX_ITERATIONS {
-            let there = Samples::<{ SIDE + 2 }>::new(image, at, warp)?;
+            let there = PatchSamples::<{ SIDE + 2 }>::new(image, at, warp)?;
             let (inverse, right) = self.normal(template, &there)?;
             let step = inverse * right;
             let moved = warp * Vector2::new(step[0], step[1]);
             at += moved;
-            // NaN is too far as well.
+            // NaN counts as too far as well.
             let near = (at - start).norm() < 2.0 * REACH as f64;
             if !near {
                 return None;
@@ -254,7 +259,7 @@ impl Bell {
             if moved.norm() < SMALLEST_STEP_PX {
                 let (product, _, deviation) = self.compare(template, &there, [1, 1]);
                 let left = (deviation * deviation - product * product).max(0.0);
-                // The weights sum to one: so many samples count in full.
+                // Effective number of samples of the Gaussian weights.
                 let samples = std::f64::consts::TAU * WINDOW_PX * WINDOW_PX;
                 let sigma = (inverse[(0, 0)].max(inverse[(1, 1)]) * left / samples).sqrt();
                 return (product >= LEAST_CORRELATION * deviation && sigma <= WORST_SIGMA_PX).then_some(at);
@@ -263,11 +268,11 @@ impl Bell {
         None
     }
 
-    /// Inverse normal matrix and right side of `there + gradient · step = gain · template + offset`.
+    /// Inverse normal matrix and right side of the model `image + gradient · step = gain · template + offset`.
     fn normal(
         &self,
         template: &Template,
-        Samples(v): &Samples<{ SIDE + 2 }>,
+        PatchSamples(v): &PatchSamples<{ SIDE + 2 }>,
     ) -> Option<(Matrix4<f64>, Vector4<f64>)> {
         let mut sums = [[0.0; SIDE]; 11];
         for r in 0..SIDE {
@@ -281,7 +286,7 @@ impl Bell {
             }
         }
         let [xx, xy, yy, xt, yt, x, y, xv, yv, tv, sum] = sums.map(|s| s.iter().sum::<f64>());
-        // The template has no mean and length one.
+        // The template has mean 0 and norm 1.
         let normal = Matrix4::new(
             xx, xy, -xt, -x, //
             xy, yy, -yt, -y, //
@@ -296,7 +301,7 @@ impl Bell {
 mod tests {
     use super::*;
 
-    /// A smooth scene without a period that fits into a patch.
+    /// A smooth texture without a period that fits into a patch.
     fn scene(x: f64, y: f64) -> f64 {
         let waves = [(0.31, 0.17, 0.4), (-0.23, 0.41, 1.3), (0.52, -0.29, 2.1), (0.11, 0.63, 0.2)];
         waves.iter().map(|(u, v, phase)| 0.1 * (u * x + v * y + phase).sin()).sum::<f64>() + 0.5
@@ -306,10 +311,10 @@ mod tests {
         Grid2::from_fn(64, 64, |c, r| f(c as f64, r as f64) as f32)
     }
 
-    /// Where the patch at (30.3, 31.6) of `a` is found in `b`, sought from `start` on.
+    /// Position in `b` of the patch at (30.3, 31.6) of `a`, searched from `start`.
     fn found(a: &Grid2, b: &Grid2, start: [f64; 2], warp: Matrix2<f64>) -> Option<Vector2<f64>> {
-        let window = Bell::new();
-        let patch = Samples::new(a, Vector2::new(30.3, 31.6), Matrix2::identity()).unwrap();
+        let window = GaussianWindow::new();
+        let patch = PatchSamples::new(a, Vector2::new(30.3, 31.6), Matrix2::identity()).unwrap();
         window.locate(&window.template(&patch)?, b, start.into(), warp)
     }
 
@@ -335,11 +340,11 @@ mod tests {
         let points: Vec<[f64; 3]> =
             (0..60).map(|i| [f64::from(i % 10) * 10.0 - 30.0, f64::from(i / 10) * 10.0, 5.0]).collect();
         // 90 by 50 metres, without the first point.
-        let made = squares(&points, (1..60).collect(), 50.0);
+        let made = ground_tiles(&points, (1..60).collect(), 50.0);
         assert_eq!(made.iter().map(Vec::len).collect::<Vec<_>>(), [29, 30]);
         assert!(made[0].iter().all(|i| points[*i][0] < 15.0), "{made:?}");
-        assert_eq!(squares(&points, vec![7], 50.0), [[7]]);
-        assert!(squares(&points, Vec::new(), 50.0).is_empty());
+        assert_eq!(ground_tiles(&points, vec![7], 50.0), [[7]]);
+        assert!(ground_tiles(&points, Vec::new(), 50.0).is_empty());
     }
 
     #[test]
@@ -347,16 +352,16 @@ mod tests {
         let whole = Grid2::from_fn(400, 300, |c, r| scene(c as f64, r as f64) as f32);
         let read = |w: Window| Ok::<_, std::convert::Infallible>(whole.window(w));
         let places = [[210.0, 170.5], [230.25, 160.0], [-50.0, 20.0]].map(|[c, r]| Pixel::new(c, r));
-        let Ok(part) = Part::around(places.into_iter(), (400, 300), read);
+        let Ok(part) = ImagePatch::around(places.into_iter(), (400, 300), read);
         assert_eq!([part.first[0], part.first[1]], [170.0, 120.0]);
         assert_eq!((part.raster.width, part.raster.height), (101, 91));
-        let (bell, blurred) = (Bell::new(), blurred(&whole, BLUR_PX));
+        let (bell, blurred) = (GaussianWindow::new(), blurred(&whole, BLUR_PX));
         let at = Vector2::new(228.3, 161.6);
-        let template = bell.template(&Samples::new(&blurred, at, Matrix2::identity()).unwrap()).unwrap();
+        let template = bell.template(&PatchSamples::new(&blurred, at, Matrix2::identity()).unwrap()).unwrap();
         let start = at + Vector2::new(0.8, -1.1);
         let there = bell.locate(&template, &part.raster, start - part.first, Matrix2::identity()).unwrap();
         assert!((there + part.first - at).norm() < 1e-3, "{there}");
-        let Ok(nothing) = Part::around(places[2..].iter().copied(), (400, 300), read);
+        let Ok(nothing) = ImagePatch::around(places[2..].iter().copied(), (400, 300), read);
         assert_eq!(nothing.raster.data.len(), 0);
     }
 

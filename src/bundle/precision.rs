@@ -1,37 +1,38 @@
-//! How sure an adjustment is: standard deviations of corrections and points, and what observations leave open.
+//! Precision of an adjustment: standard deviations of corrections and points, and the rank defect of the normal
+//! equations.
 //!
-//! The normal matrix of all observations, with the points eliminated, is free of priors. Its eigenvectors whose values
-//! are below the priors' are combinations of corrections that the priors hold, not the observations; without ground
-//! control or reference views these are the translations of the whole scene. The covariance is the pseudo-inverse
-//! without them (a free network, Förstner & Wrobel 2016, §4.5): precision within the scene, its datum taken as given.
+//! The reduced normal matrix of all observations contains no priors. Eigenvectors with eigenvalues below those of the
+//! priors are combinations of corrections that only the priors determine; without ground control or reference views
+//! these are the translations of the whole scene. The covariance is the pseudo-inverse without these eigenvectors (a
+//! free network, Förstner & Wrobel 2016, section 4.5): it describes the precision within the scene for a given datum.
 
-use super::correction::{MOST, Model, Parameters, by_parameters};
+use super::correction::{CorrectionModel, MOST, Parameters, by_parameters};
 use super::problem::{Block, SIGMA_PX, Unknowns};
 use super::solver::{Normal, jacobian};
 use nalgebra::{DMatrix, Matrix3, SMatrix, SymmetricEigen};
 use rayon::prelude::*;
 
-/// What an adjustment knows of its own errors.
+/// Precision of an adjustment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Precision {
-    /// Standard deviation of an observation of full weight, after its residuals, pixels.
+    /// A posteriori standard deviation of an observation of weight 1, pixels.
     pub sigma_px: f64,
-    /// Independent combinations of corrections that observations leave open.
-    pub open: usize,
-    /// Standard deviations of each view's corrections, pixels.
+    /// Rank defect: number of combinations of corrections that the observations do not determine.
+    pub rank_defect: usize,
+    /// Standard deviations of the corrections of each view, pixels.
     pub corrections: Vec<Parameters>,
     /// Standard deviations of each point, metres east, north and up.
     pub points: Vec<[f64; 3]>,
 }
 
 impl Precision {
-    /// The precision of a solution; none if a point is not fixed by its rays.
+    /// Precision of a solution; none if the rays of a point do not determine it.
     #[must_use]
     pub fn of(block: &Block, at: &Unknowns) -> Option<Self> {
         match block.model {
-            Model::Shift => Self::with::<2>(block, at),
-            Model::ShiftScale => Self::with::<4>(block, at),
-            Model::Affine => Self::with::<MOST>(block, at),
+            CorrectionModel::Shift => Self::with::<2>(block, at),
+            CorrectionModel::ShiftScale => Self::with::<4>(block, at),
+            CorrectionModel::Affine => Self::with::<MOST>(block, at),
         }
     }
 
@@ -39,8 +40,8 @@ impl Precision {
         let normal = Normal::new(block, at);
         let points = normal.eliminated(block, at, 0.0)?;
         let views = at.corrections.len();
-        let free: Vec<usize> = (0..P * views).filter(|i| !block.held[i / P]).collect();
-        // In units of the priors' standard deviations.
+        let free: Vec<usize> = (0..P * views).filter(|i| !block.is_fixed[i / P]).collect();
+        // Scales that make the standard deviations of the priors 1.
         let unit: Vec<f64> =
             free.iter().map(|i| block.prior_weights(i / P, &[0.0; MOST])[i % P].powf(-0.5)).collect();
         let reduced = normal.reduced::<P>(block, &points).matrix;
@@ -57,9 +58,9 @@ impl Precision {
         let sigma = |i: usize| covariance[(i, i)].max(0.0).sqrt();
         let of_view = |v: usize| std::array::from_fn(|k| if k < P { sigma(P * v + k) } else { 0.0 });
         let of_point = |(t, e): (usize, &super::solver::Eliminated)| {
-            // The point moves by -V⁻¹ Wᵀ times the corrections.
+            // A point changes by -V⁻¹ Wᵀ times the change of the corrections.
             let parts: Vec<(usize, SMatrix<f64, 3, P>)> = block.tracks[t]
-                .seen
+                .observations
                 .iter()
                 .zip(&normal.observations[t])
                 .map(|(m, o)| {
@@ -77,14 +78,14 @@ impl Precision {
         };
         Some(Self {
             sigma_px: SIGMA_PX * variance.sqrt(),
-            open,
+            rank_defect: open,
             corrections: (0..views).map(of_view).collect(),
             points: points.par_iter().enumerate().with_min_len(64).map(of_point).collect(),
         })
     }
 }
 
-/// The inverse without the eigenvectors whose values are below one, and the number of these.
+/// The number of eigenvalues below 1, and the pseudo-inverse without their eigenvectors.
 fn pseudo_inverse(matrix: DMatrix<f64>) -> (usize, DMatrix<f64>) {
     if matrix.is_empty() {
         return (0, matrix);
@@ -95,17 +96,17 @@ fn pseudo_inverse(matrix: DMatrix<f64>) -> (usize, DMatrix<f64>) {
     (open, &eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose())
 }
 
-/// Weighted square of the residuals over the redundancy, from tracks of full weight alone: keypoints that no patch
-/// confirms would count as observations and weigh nothing.
+/// Variance factor: weighted sum of squared residuals over the redundancy. Only tracks of full weight count, because
+/// unconfirmed keypoints would add redundancy without weight.
 fn variance_factor(block: &Block, normal: &Normal, parameters: usize) -> f64 {
     let (mut square, mut redundancy) = (0.0, -(parameters as f64));
     for (track, seen) in block.tracks.iter().zip(&normal.observations) {
-        if track.known.is_some() || track.seen.iter().any(|m| m.weight < 1.0) {
+        if track.prior.is_some() || track.observations.iter().any(|m| m.weight < 1.0) {
             continue;
         }
         redundancy += 2.0 * seen.len() as f64 - 3.0;
         square += seen.iter().map(|o| o.weight * o.residual.iter().map(|r| r * r).sum::<f64>()).sum::<f64>();
     }
-    // Without redundancy the residuals tell nothing, and observations are taken to be as good as assumed.
+    // Without redundancy the residuals say nothing, and the a priori standard deviation is kept.
     if redundancy >= 1.0 { square / redundancy } else { 1.0 }
 }

@@ -1,35 +1,37 @@
-//! What an adjustment did, in figures.
+//! Statistics of an adjustment.
 
-use super::correction::{Model, Parameters};
+use super::correction::{CorrectionModel, Parameters};
 use serde::{Deserialize, Serialize};
 
-/// Bins of the histogram, and their width, pixels.
+/// Number of bins of the residuals' histogram, and their width, pixels.
 pub const HISTOGRAM_BINS: usize = 40;
-const BIN_PX: f64 = 0.05;
+pub const BIN_PX: f64 = 0.05;
 
-/// One view's figures.
+/// Statistics of a view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewReport {
-    /// The view.
+    /// Name of the view.
     pub name: String,
-    /// Observations used.
+    /// Number of observations.
     pub observations: usize,
-    /// Mean reprojection error with the cameras as delivered, pixels.
+    /// Mean reprojection error of the delivered cameras, pixels.
     pub mean_before_px: f64,
-    /// Mean reprojection error with the cameras as written, pixels.
+    /// Mean reprojection error of the corrected cameras, pixels.
     pub mean_px: f64,
-    /// Root mean square reprojection error with the cameras as written, pixels.
+    /// Root mean square reprojection error of the corrected cameras, pixels.
     pub rms_px: f64,
-    /// `corrected = delivered + shift`: column and row, pixels; of fixed cameras what it would take.
+    /// Correction of the view's shift (columns, rows), corrected minus delivered, pixels; for fixed cameras the
+    /// correction that an adjustment would make.
     pub shift_px: [f64; 2],
-    /// Standard deviations of the shift within the scene, its datum taken as given, pixels.
+    /// Standard deviations of the shift for a given datum, pixels.
     pub shift_sigma_px: [f64; 2],
-    /// What is added at the image's edge: columns by columns, rows by rows, columns by rows, rows by columns, pixels.
+    /// Corrections at the edge of the image, pixels: columns by columns, rows by rows, columns by rows, rows by
+    /// columns.
     pub edge_px: [f64; 4],
 }
 
 impl ViewReport {
-    /// Gathers the figures from distances of the same observations, pixels.
+    /// Statistics from residuals of the same observations before and after the adjustment, pixels.
     #[must_use]
     pub fn new(
         name: &str,
@@ -51,61 +53,63 @@ impl ViewReport {
     }
 }
 
-/// How well an observation of a surveyed point agrees.
+/// Agreement of an observation of a surveyed point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ControlReport {
-    /// The view.
+    /// Name of the view.
     pub view: String,
-    /// Line of the file with the points, from 1.
+    /// Line of the ground control file, from 1.
     #[serde(default)]
     pub line: usize,
     /// Reprojection error, pixels.
     pub residual_px: f64,
-    /// Adjusted minus surveyed place: east, north, up, metres.
+    /// Adjusted minus surveyed position: east, north, up, metres.
     pub moved_m: [f64; 3],
-    /// Whether the point is as near as its standard deviations let expect; others hardly count in the adjustment.
-    #[serde(default = "yes")]
+    /// Whether the residual is compatible with the standard deviations; the robust loss gives other observations little
+    /// weight.
+    #[serde(default = "agrees_by_default")]
     pub agrees: bool,
 }
 
-/// Reports of earlier versions name no points that do not agree.
-fn yes() -> bool {
+/// Reports of earlier versions lack the field.
+fn agrees_by_default() -> bool {
     true
 }
 
-/// An adjustment's figures.
+/// Statistics of an adjustment.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// What fixes the datum.
+    /// What defines the datum.
     pub gauge: String,
-    /// Independent combinations of the corrections that tie points and control leave open, so that the priors hold
-    /// them; three are the translation of the whole scene: points by t, shifts by -J t, J a camera's Jacobian.
-    pub open_directions: usize,
-    /// Standard deviation of an observation, after the residuals, pixels.
+    /// Rank defect: number of independent combinations of corrections that tie points and ground control do not
+    /// determine. It is 3 for a free network, whose translation is undetermined.
+    pub rank_defect: usize,
+    /// A posteriori standard deviation of an observation, pixels.
     pub sigma_px: f64,
-    /// What was corrected.
-    pub model: Model,
-    /// Tracks used.
+    /// Correction model.
+    pub model: CorrectionModel,
+    /// Number of tracks.
     pub tracks: usize,
-    /// Observations used.
+    /// Number of observations.
     pub observations: usize,
-    /// Mean reprojection error with the cameras as delivered, pixels.
+    /// Mean reprojection error of the delivered cameras, pixels.
     pub mean_before_px: f64,
-    /// Mean reprojection error with the cameras as written, pixels.
+    /// Mean reprojection error of the corrected cameras, pixels.
     pub mean_px: f64,
-    /// Root mean square reprojection error with the cameras as written, pixels.
+    /// Root mean square reprojection error of the corrected cameras, pixels.
     pub rms_px: f64,
-    /// Observations by reprojection error, before and after, in bins of 0.05 px; the last holds all beyond.
+    /// Histogram of the reprojection errors before and after the adjustment, in bins of 0.05 px; the last bin holds all
+    /// larger ones.
     pub histogram: Vec<[usize; 2]>,
-    /// Each view.
+    /// Statistics of each view.
     pub views: Vec<ViewReport>,
-    /// Each observation of a surveyed point.
+    /// Agreement of each observation of a surveyed point.
     pub control: Vec<ControlReport>,
-    /// Views that were left out.
+    /// Views that were left out, with the reasons.
     pub left_out: Vec<LeftOut>,
 }
 
-/// The name of a view that is left out, and why.
+/// Name of a view that is left out, and the reason.
 pub type LeftOut = (String, String);
 
 fn mean(d: &[f64]) -> f64 {
@@ -117,7 +121,8 @@ fn rms(d: &[f64]) -> f64 {
 }
 
 impl Report {
-    /// The figures of all observations; `before` and `after` are (view, distance in pixels) of the same ones.
+    /// The statistics of all observations; `before` and `after` are (view, residual in pixels) of the same
+    /// observations.
     #[must_use]
     pub fn of(before: &[(usize, f64)], after: &[(usize, f64)]) -> Self {
         let [before, after] = [before, after].map(|all| all.iter().map(|d| d.1).collect::<Vec<_>>());
@@ -137,7 +142,7 @@ impl Report {
         }
     }
 
-    /// A table for people.
+    /// A table for the terminal.
     #[must_use]
     pub fn table(&self) -> String {
         use std::fmt::Write;
@@ -160,11 +165,7 @@ impl Report {
             "{} tracks, {} observations, mean reprojection {:.3} -> {:.3} px",
             self.tracks, self.observations, self.mean_before_px, self.mean_px
         );
-        let _ = writeln!(
-            out,
-            "datum: {}; {} combinations of corrections are open without it",
-            self.gauge, self.open_directions
-        );
+        let _ = writeln!(out, "datum: {}; rank defect {}", self.gauge, self.rank_defect);
         if !self.control.is_empty() {
             let (good, bad): (Vec<_>, Vec<_>) = self.control.iter().partition(|c| c.agrees);
             let worst = good.iter().map(|c| c.residual_px).fold(0.0, f64::max);

@@ -5,44 +5,45 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Scales an octave is divided into.
+/// Number of scales per octave.
 pub const SCALES: usize = 3;
-/// Blur of the first level, in the octave's pixels.
+/// Standard deviation of the first level's blur, in pixels of the octave.
 ///
-/// Lowe takes 1.6 and images doubled in size, which begins at much the same scale. Doubled, a few percent more are seen
-/// again in a warped image, at four times the cost; not doubled they are less exact, which patches make good.
+/// Lowe uses 1.6 with images doubled in size, which starts at nearly the same scale. Doubling repeats a few percent
+/// more keypoints in a warped image at four times the cost; the lower accuracy without it is made up for by the
+/// least-squares matching that follows.
 pub const SIGMA: f64 = 0.75;
-/// Blur an image is taken to have.
+/// Assumed standard deviation of the blur of an image as delivered, pixels.
 const INITIAL_SIGMA: f64 = 0.5;
-/// Octaves; satellite views of a scene differ little in scale.
+/// Number of octaves; satellite views of a scene differ little in scale.
 const OCTAVES: usize = 4;
-/// Smallest side of an octave.
+/// Smallest side of an octave, pixels.
 const SMALLEST: usize = 32;
-/// Difference of Gaussians below which an extremum is noise, images in [0, 1].
+/// Contrast threshold: extrema with smaller differences of Gaussians are noise (images in [0, 1]).
 const CONTRAST: f32 = 0.004;
-/// Largest ratio of principal curvatures (Lowe: 10).
+/// Edge threshold: largest ratio of the principal curvatures (Lowe: 10).
 const EDGE_RATIO: f32 = 10.0;
-/// Pixels at the border of an octave that are not searched.
+/// Width of the border of an octave that is not searched, pixels.
 const BORDER: usize = 5;
-/// Rows a thread takes at a time.
+/// Rows that a thread processes at a time.
 const ROWS_AT_ONCE: usize = 16;
 
-/// Blurred images of one resolution.
+/// The blurred images of one resolution.
 pub struct Octave {
     /// `SCALES + 3` levels.
     pub levels: Vec<Grid2>,
-    /// Pixels of the image a pixel of the octave is wide.
+    /// Size of a pixel of the octave in pixels of the image.
     pub step: f64,
 }
 
-/// An extremum of the differences of Gaussians.
+/// A local extremum of the differences of Gaussians.
 #[derive(Clone, Copy, Debug)]
 pub struct Extremum {
-    /// Which octave.
+    /// Index of the octave.
     pub octave: usize,
-    /// Column, row, level within the octave, with fractions.
+    /// Column, row and level within the octave, interpolated.
     pub position: [f32; 3],
-    /// Difference there.
+    /// Interpolated difference of Gaussians.
     pub response: f32,
 }
 
@@ -69,7 +70,7 @@ pub fn octaves(image: &Grid2) -> Vec<Octave> {
     out
 }
 
-/// Extrema of all octaves, with subpixel positions; octave by octave, strip by strip of rows, level by level.
+/// Extrema of all octaves with subpixel positions, ordered by octave, strip of rows and level.
 pub fn extrema(octaves: &[Octave]) -> Vec<Extremum> {
     let mut out = Vec::new();
     for (o, octave) in octaves.iter().enumerate() {
@@ -93,11 +94,11 @@ pub fn extrema(octaves: &[Octave]) -> Vec<Extremum> {
     out
 }
 
-/// Some rows of the differences of an octave's levels.
+/// Differences of adjacent levels in a range of rows.
 struct Differences {
     width: usize,
     rows: Range<usize>,
-    /// Difference after difference, row by row.
+    /// One difference after the other, each row by row.
     data: Vec<f32>,
 }
 
@@ -113,7 +114,7 @@ impl Differences {
         Self { width, rows, data }
     }
 
-    /// Three pixels around a column of a row of a difference.
+    /// Three adjacent pixels of a row, centred on a column.
     fn around(&self, [col, row, s]: [usize; 3]) -> &[f32] {
         let start = (s * self.rows.len() + row - self.rows.start) * self.width + col;
         &self.data[start - 1..start + 2]
@@ -125,7 +126,7 @@ impl Differences {
             return false;
         }
         let beats = |other: f32| if v > 0.0 { v > other } else { v < other };
-        // The own level first: it settles most cases.
+        // The own level is tested first, because it decides most cases.
         [s, s - 1, s + 1].into_iter().all(|level| {
             (row - 1..=row + 1).all(|r| {
                 let own = level == s && r == row;
@@ -136,7 +137,8 @@ impl Differences {
     }
 }
 
-/// The extremum of the parabola through an extremum's neighbours; none if it is faint, an edge, or runs away.
+/// Subpixel extremum of the parabola through the neighbours of a pixel; none if its contrast is low, it lies on an
+/// edge, or it leaves the octave.
 fn refined(levels: &[Grid2], octave: usize, mut at: [usize; 3]) -> Option<Extremum> {
     for _ in 0..5 {
         let [c, r, s] = at;
@@ -184,7 +186,7 @@ fn refined(levels: &[Grid2], octave: usize, mut at: [usize; 3]) -> Option<Extrem
     None
 }
 
-/// Gaussian blur, borders repeated.
+/// Gaussian blur; pixels beyond the border repeat those at the border.
 pub fn blurred(image: &Grid2, sigma: f64) -> Grid2 {
     let reach = (3.5 * sigma).ceil() as usize;
     let taps: Vec<f64> =
@@ -196,7 +198,7 @@ pub fn blurred(image: &Grid2, sigma: f64) -> Grid2 {
     out.data.par_chunks_mut(width * ROWS_AT_ONCE).enumerate().for_each(|(k, lines)| {
         let first = k * ROWS_AT_ONCE;
         let rows = first.saturating_sub(reach)..(first + ROWS_AT_ONCE + reach).min(height);
-        // The rows that the strip needs, blurred along.
+        // Rows that the strip needs, already blurred along the row.
         let mut along = vec![0.0f32; rows.len() * width];
         let mut padded = vec![0.0f32; width + 2 * reach];
         for (line, out) in image.data[rows.start * width..].chunks(width).zip(along.chunks_mut(width)) {
@@ -215,10 +217,10 @@ pub fn blurred(image: &Grid2, sigma: f64) -> Grid2 {
     out
 }
 
-/// Sums lines times weights.
+/// Weighted sum of lines.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn weighted_sum(weights: &[f32], lines: &[&[f32]], out: &mut [f32]) {
-    /// So many columns stay in registers.
+    /// Number of columns whose sums stay in registers.
     const AT_ONCE: usize = 64;
     let (blocks, rest) = out.as_chunks_mut::<AT_ONCE>();
     let mut start = 0;
@@ -241,7 +243,7 @@ fn weighted_sum(weights: &[f32], lines: &[&[f32]], out: &mut [f32]) {
 mod tests {
     use super::*;
 
-    /// Across the strips that are searched at a time, too.
+    /// Also where the blob lies across strips of rows.
     #[test]
     fn a_blob_is_found_where_it_is_to_a_twentieth_of_a_pixel() {
         let sigma = 3.0f64;

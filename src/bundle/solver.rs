@@ -1,29 +1,30 @@
 //! Levenberg–Marquardt with the Schur complement, as a solver of `argmin`.
 //!
-//! Points are eliminated track by track; what remains is a dense system of the views' parameters. Tracks are summed
-//! in fixed groups, so that the result does not depend on the number of threads. Damping after Nielsen (1999).
+//! The points are eliminated track by track; what remains is a dense system in the parameters of the views. Tracks are
+//! summed in fixed groups, so that the result does not depend on the number of threads. The damping follows Nielsen
+//! (1999).
 
-use super::correction::{Model, Parameters, by_parameters};
+use super::correction::{CorrectionModel, Parameters, by_parameters};
 use super::problem::{Block, Linearised, Unknowns};
 use argmin::core::observers::Observe;
 use argmin::core::{Error, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 use rayon::prelude::*;
 
-/// Tracks summed together.
+/// Number of tracks that are summed in a group.
 const GROUP: usize = 256;
-/// Steps that change the cost by less than this share end the search: shifts stand still to 0.01 px then, and most
-/// searches are followed by another.
+/// Relative decrease of the cost below which the iterations end: shifts then change by less than 0.01 px, and most
+/// solutions are followed by another.
 const COST_TOLERANCE: f64 = 1e-4;
-/// Damping at the start, relative to the diagonal.
+/// Initial damping, relative to the diagonal.
 const FIRST_DAMPING: f64 = 1e-6;
-/// Damping at which no step is to be expected any more.
+/// Damping at which the iterations end without a step.
 const LAST_DAMPING: f64 = 1e12;
 
-/// State of the search as argmin holds it.
+/// State of the iterations as `argmin` holds it.
 pub type SearchState = IterState<Unknowns, (), (), (), (), f64>;
 
-/// The solver.
+/// Levenberg–Marquardt with elimination of the points.
 pub struct SchurLevenbergMarquardt {
     damping: f64,
     growth: f64,
@@ -89,7 +90,7 @@ impl<'a> Solver<Block<'a>, SearchState> for SchurLevenbergMarquardt {
     }
 }
 
-/// Tells the log of every iteration.
+/// Logs the cost of every iteration.
 pub struct Log;
 
 impl Observe<SearchState> for Log {
@@ -99,28 +100,28 @@ impl Observe<SearchState> for Log {
     }
 }
 
-/// The linearised problem, not yet damped.
+/// The linearised problem, without damping.
 pub struct Normal {
-    /// Every observation, track by track.
+    /// The linearised observations, track by track.
     pub observations: Vec<Vec<Linearised>>,
 }
 
-/// The normal equations without the points.
+/// The reduced normal equations, from which the points are eliminated.
 pub struct Reduced {
     /// `U - W V⁻¹ Wᵀ`.
     pub matrix: DMatrix<f64>,
     right: DVector<f64>,
 }
 
-/// A track's point, eliminated.
+/// The normal equations of a track's point.
 pub struct Eliminated {
-    /// `V⁻¹`.
+    /// Cholesky factor of the 3 x 3 block `V`.
     pub inverse: Cholesky<f64, nalgebra::Const<3>>,
     right: Vector3<f64>,
 }
 
 impl Normal {
-    /// Linearises at a place.
+    /// Linearises all observations.
     #[must_use]
     pub fn new(p: &Block, at: &Unknowns) -> Self {
         let observations = p
@@ -129,7 +130,7 @@ impl Normal {
             .zip(&at.points)
             .with_min_len(64)
             .map(|(track, point)| {
-                track.seen.iter().map(|m| p.linearise(m, &at.corrections[m.view], *point)).collect()
+                track.observations.iter().map(|m| p.linearise(m, &at.corrections[m.view], *point)).collect()
             })
             .collect();
         Self { observations }
@@ -138,13 +139,13 @@ impl Normal {
     /// The damped step from `here` and the decrease of the cost that the linear model predicts.
     fn step(&self, p: &Block, here: &Unknowns, damping: f64) -> Option<(Unknowns, f64)> {
         match p.model {
-            Model::Shift => self.step_of::<2>(p, here, damping),
-            Model::ShiftScale => self.step_of::<4>(p, here, damping),
-            Model::Affine => self.step_of::<6>(p, here, damping),
+            CorrectionModel::Shift => self.step_of::<2>(p, here, damping),
+            CorrectionModel::ShiftScale => self.step_of::<4>(p, here, damping),
+            CorrectionModel::Affine => self.step_of::<6>(p, here, damping),
         }
     }
 
-    /// The same with `P` parameters a view.
+    /// [`Normal::step`] for `P` parameters per view.
     fn step_of<const P: usize>(&self, p: &Block, here: &Unknowns, damping: f64) -> Option<(Unknowns, f64)> {
         let points = self.eliminated(p, here, damping)?;
         let steps = self.correction_steps::<P>(p, here, &points, damping)?;
@@ -155,7 +156,7 @@ impl Normal {
             .map(|(t, e)| {
                 let point = here.points[t];
                 let mut right = e.right;
-                for (m, o) in p.tracks[t].seen.iter().zip(&self.observations[t]) {
+                for (m, o) in p.tracks[t].observations.iter().zip(&self.observations[t]) {
                     right -= jacobian(o).transpose() * (by_parameters::<P>(o.at) * steps[m.view]) * o.weight;
                 }
                 let step = e.inverse.solve(&right);
@@ -189,15 +190,15 @@ impl Normal {
         step: Vector3<f64>,
     ) -> f64 {
         let track = &p.tracks[t];
-        let terms = track.seen.iter().zip(&self.observations[t]).map(|(m, o)| {
+        let terms = track.observations.iter().zip(&self.observations[t]).map(|(m, o)| {
             let moves = jacobian(o) * step + by_parameters::<P>(o.at) * steps[m.view];
             o.weight * moves.dot(&(Vector2::from(o.residual) - 0.5 * moves))
         });
-        let known = track.known.map_or(0.0, |known| {
+        let known = track.prior.map_or(0.0, |known| {
             let to_survey = |k: usize| known.place[k] - point[k] - 0.5 * step[k];
             (0..3).map(|k| step[k] * to_survey(k) / known.sigma_m[k].powi(2)).sum()
         });
-        let height = p.heights.as_ref().and_then(|h| h.pull(t, point));
+        let height = p.heights.as_ref().and_then(|h| h.residual_and_weight(t, point));
         let height = height.map_or(0.0, |(residual, weight)| weight * step[2] * (residual - 0.5 * step[2]));
         terms.sum::<f64>() + known + height
     }
@@ -218,7 +219,7 @@ impl Normal {
                 let i = P * v + k;
                 total.matrix[(i, i)] = total.matrix[(i, i)] * (1.0 + damping) + w[k];
                 total.right[i] -= w[k] * correction[k];
-                if p.held[v] {
+                if p.is_fixed[v] {
                     total.matrix.row_mut(i).fill(0.0);
                     total.matrix.column_mut(i).fill(0.0);
                     total.matrix[(i, i)] = 1.0;
@@ -230,7 +231,7 @@ impl Normal {
         Some((0..views).map(|v| SMatrix::from_fn(|k, _| solution[P * v + k])).collect())
     }
 
-    /// The normal equations without the points, priors not in them.
+    /// The reduced normal equations, without the priors of the corrections.
     #[must_use]
     pub fn reduced<const P: usize>(&self, p: &Block, points: &[Eliminated]) -> Reduced {
         let n = P * p.rpcs.len();
@@ -252,12 +253,12 @@ impl Normal {
         total
     }
 
-    /// Adds a track's share of the reduced system.
+    /// Adds the contribution of a track to the reduced system.
     fn reduce<const P: usize>(&self, p: &Block, t: usize, e: &Eliminated, sum: &mut Reduced) {
         let carried = e.inverse.solve(&e.right);
-        // Of each observation: where its view's parameters begin, W, and W V⁻¹.
+        // For each observation the index of its view's first parameter, W, and W V⁻¹.
         let parts: Vec<(usize, SMatrix<f64, P, 3>, SMatrix<f64, P, 3>)> = p.tracks[t]
-            .seen
+            .observations
             .iter()
             .zip(&self.observations[t])
             .map(|(m, o)| {
@@ -279,7 +280,7 @@ impl Normal {
         }
     }
 
-    /// Every track's point; none if the rays of one leave it open.
+    /// The normal equations of all points; none if the rays of one do not determine it.
     #[must_use]
     pub fn eliminated(&self, p: &Block, here: &Unknowns, damping: f64) -> Option<Vec<Eliminated>> {
         let points: Vec<Option<Eliminated>> = (0..p.tracks.len())
@@ -299,14 +300,14 @@ impl Normal {
             normal += j.transpose() * j * o.weight;
             right += j.transpose() * Vector2::from(o.residual) * o.weight;
         }
-        if let Some(known) = p.tracks[t].known {
+        if let Some(known) = p.tracks[t].prior {
             for k in 0..3 {
                 let weight = known.sigma_m[k].powi(-2);
                 normal[(k, k)] += weight;
                 right[k] += weight * (known.place[k] - point[k]);
             }
         }
-        if let Some((residual, weight)) = p.heights.as_ref().and_then(|h| h.pull(t, point)) {
+        if let Some((residual, weight)) = p.heights.as_ref().and_then(|h| h.residual_and_weight(t, point)) {
             normal[(2, 2)] += weight;
             right[2] += weight * residual;
         }
@@ -317,7 +318,7 @@ impl Normal {
     }
 }
 
-/// Derivatives of an observation by its point.
+/// Derivative of an observation by its point.
 #[must_use]
 pub fn jacobian(o: &Linearised) -> Matrix2x3<f64> {
     let [a, b] = o.by_point;

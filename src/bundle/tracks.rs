@@ -1,21 +1,22 @@
-//! Tracks: what matches say is one point on the ground, at most one keypoint a view.
+//! Tracks: sets of keypoints, at most one per view, that matches join to one point on the ground.
 
 use super::matching::Match;
 
-/// One keypoint of one view.
+/// A keypoint of a view as part of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Observation {
+pub struct TrackElement {
     /// Index of the view.
     pub view: u32,
     /// Index of its keypoint.
     pub keypoint: u32,
 }
 
-/// Joins the matches of all pairs, best first; a match that would give a track two keypoints of a view is dropped.
+/// Joins the matches of all pairs into tracks, in the order of decreasing similarity. A match that would give a track
+/// two keypoints of the same view is dropped.
 ///
-/// `keypoints` is the number of keypoints of each view. Tracks are ordered by their first observation.
+/// `keypoints` is the number of keypoints of each view. Tracks are ordered by their first element.
 #[must_use]
-pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec<Vec<Observation>> {
+pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec<Vec<TrackElement>> {
     let mut starts = vec![0usize];
     for n in keypoints {
         starts.push(starts[starts.len() - 1] + n);
@@ -32,7 +33,7 @@ pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec
 
     let view_of = |id: usize| starts.partition_point(|s| *s <= id) as u32 - 1;
     let mut parent: Vec<usize> = (0..total).collect();
-    // Views of each root, sorted.
+    // Views of the track of each root, sorted.
     let mut views: Vec<Vec<u32>> = (0..total).map(|id| vec![view_of(id)]).collect();
     for (_, a, b) in links {
         let (a, b) = (root(&mut parent, a), root(&mut parent, b));
@@ -48,7 +49,7 @@ pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec
     }
 
     let mut track_of = vec![usize::MAX; total];
-    let mut tracks: Vec<Vec<Observation>> = Vec::new();
+    let mut tracks: Vec<Vec<TrackElement>> = Vec::new();
     for id in 0..total {
         let r = root(&mut parent, id);
         if views[r].len() < 2 {
@@ -60,7 +61,7 @@ pub fn build(keypoints: &[usize], pairs: &[((usize, usize), Vec<Match>)]) -> Vec
         }
         let view = view_of(id);
         let keypoint = (id - starts[view as usize]) as u32;
-        tracks[track_of[r]].push(Observation { view, keypoint });
+        tracks[track_of[r]].push(TrackElement { view, keypoint });
     }
     tracks
 }
@@ -73,9 +74,9 @@ fn root(parent: &mut [usize], mut id: usize) -> usize {
     id
 }
 
-/// Groups of views that tracks connect, the largest first.
+/// Groups of views that tracks connect, the largest group first.
 #[must_use]
-pub fn components(views: usize, tracks: &[Vec<Observation>]) -> Vec<Vec<usize>> {
+pub fn components(views: usize, tracks: &[Vec<TrackElement>]) -> Vec<Vec<usize>> {
     let mut parent: Vec<usize> = (0..views).collect();
     for track in tracks {
         for pair in track.windows(2) {
@@ -103,14 +104,15 @@ mod tests {
 
     #[test]
     fn matches_join_to_tracks_and_a_conflict_drops_the_weaker_match() {
-        // Keypoint 0 of view 0 matches 1 of view 1, which matches 2 of view 2; a weaker match wants 0 of view 2 too.
+        // Keypoint 0 of view 0 matches keypoint 1 of view 1, which matches keypoint 2 of view 2; a weaker match joins
+        // keypoint 0 of view 2 too.
         let pairs = vec![
             ((0, 1), vec![link(0, 1, 0.95)]),
             ((1, 2), vec![link(1, 2, 0.9)]),
             ((0, 2), vec![link(0, 0, 0.7)]),
         ];
         let tracks = build(&[3, 3, 3], &pairs);
-        let o = |view, keypoint| Observation { view, keypoint };
+        let o = |view, keypoint| TrackElement { view, keypoint };
         assert_eq!(tracks, vec![vec![o(0, 0), o(1, 1), o(2, 2)]]);
     }
 

@@ -1,7 +1,7 @@
 //! `satgs align`: one shift that brings everything a run holds to a reference.
 
 use super::{CliError, Ui};
-use crate::align::Shift;
+use crate::coregister::Shift;
 use crate::pipeline::{AlignOptions, align};
 use std::path::PathBuf;
 

@@ -2,7 +2,7 @@
 
 use super::scene_args::SceneArgs;
 use super::{CliError, Ui, parse_metres};
-use crate::bundle::{LeftOut, Model};
+use crate::bundle::{CorrectionModel, LeftOut};
 use crate::pipeline::{AdjustOptions, Adjusted, Dem, adjust};
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT};
 use crate::scene::Scene;
@@ -39,7 +39,7 @@ pub struct Args {
     /// Correction of every camera: `shift` (images up to 8,000 pixels a side, and any small --aoi), `shift-scale` or
     /// `affine`; the latter two need whole scenes, because crops are too small to tell a drift from noise
     #[arg(long, value_name = "MODEL", default_value = "shift", value_parser = parse_model)]
-    model: Model,
+    model: CorrectionModel,
     /// Ground control points, which then define the datum: CSV with the columns
     /// lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px
     #[arg(long, value_name = "FILE")]
@@ -61,11 +61,11 @@ fn parse_range(text: &str) -> Result<(f64, f64), String> {
     numbers.ok_or_else(|| "expected LOW,HIGH in metres, e.g. -20,80".to_owned())
 }
 
-fn parse_model(text: &str) -> Result<Model, String> {
+fn parse_model(text: &str) -> Result<CorrectionModel, String> {
     match text {
-        "shift" => Ok(Model::Shift),
-        "shift-scale" => Ok(Model::ShiftScale),
-        "affine" => Ok(Model::Affine),
+        "shift" => Ok(CorrectionModel::Shift),
+        "shift-scale" => Ok(CorrectionModel::ShiftScale),
+        "affine" => Ok(CorrectionModel::Affine),
         _ => Err("expected `shift`, `shift-scale` or `affine`".into()),
     }
 }

@@ -24,7 +24,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     footprints: Option<PathBuf>,
     /// Write a plot of the footprints, and a sky plot of satellites (blue) and suns (orange): north up, zenith in the centre
-    #[arg(long, value_name = "FILE.png")]
+    #[arg(long, value_name = "FILE.svg")]
     skyplot: Option<PathBuf>,
     /// Replace files that exist
     #[arg(long)]
@@ -56,7 +56,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         write_outlines(file, "footprints", &outlines(&rows, overlap.height_m))?;
     }
     if let Some(file) = &args.skyplot {
-        scene.skyplot(&overlap)?.write(file)?;
+        scene.skyplot(&overlap)?.write(file, "footprints of the views, satellites and suns")?;
     }
     ui.summary("info", Some(&text), &summary(&scene, &rows, &pairs, &overlap))?;
     Ok(scene.require_shared_ground(scene.height_range())?)

@@ -1,7 +1,7 @@
 //! `satgs simulate`: a scene with a known answer.
 
 use super::{CliError, Ui};
-use crate::simulate::{Options, Relief, Summary, simulate};
+use crate::simulate::{Relief, SimulateOptions, Summary, simulate};
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -39,7 +39,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let options = Options {
+    let options = SimulateOptions {
         seed: args.seed,
         views: args.views,
         size_px: args.size,

@@ -1,6 +1,6 @@
 //! How far a surface can be trusted, cell by cell, and what becomes of cells that cannot be.
 
-use super::Surface;
+use super::Dsm;
 use crate::affine::AffineCamera;
 use crate::frame::{CenterPx, Pixel, SiteGrid};
 use crate::io::{Grid2, ValidPixels};
@@ -38,7 +38,7 @@ impl Seeing {
     }
 }
 
-impl Surface {
+impl Dsm {
     /// Counts the views that see each cell; what valid pixels of too few images cover becomes nodata.
     ///
     /// A cell that is covered but hidden keeps its height, which its neighbours gave it.

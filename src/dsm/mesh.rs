@@ -3,7 +3,7 @@
 //! glTF's axes are metres right, up and towards the viewer: here east, up and south of the grid's centre at height 0.
 //! Where that lies on Earth stands in the scene's `extras`.
 
-use super::{Heights, Surface};
+use super::{Dsm, Heights};
 use crate::io::{WriteError, png_rgb, write_file};
 use serde_json::json;
 use std::path::Path;
@@ -17,7 +17,7 @@ const CLAMP_TO_EDGE: u32 = 33071;
 /// No index.
 const NONE: u32 = u32::MAX;
 
-impl Surface {
+impl Dsm {
     /// Writes the mesh of all cells with heights, coloured by the orthophoto, as `.glb`.
     ///
     /// # Errors
@@ -126,13 +126,13 @@ impl Surface {
 #[cfg(test)]
 mod tests {
     use super::super::tests::flat_surface;
-    use crate::io::Vertical;
+    use crate::io::VerticalReference;
 
     #[test]
     fn a_mesh_is_whole_where_heights_are() {
         let (mut surface, _) = flat_surface(5, 4);
         surface.height.data[7] = f32::NAN;
-        let glb = surface.glb(&surface.heights_above(&Vertical::Ellipsoid)).unwrap();
+        let glb = surface.glb(&surface.heights_above(&VerticalReference::Ellipsoid)).unwrap();
         let word = |at: usize| u32::from_le_bytes(glb[at..at + 4].try_into().unwrap()) as usize;
         assert_eq!((&glb[..4], word(4), word(8)), (&b"glTF"[..], 2, glb.len()));
         let text = word(12);

@@ -14,7 +14,7 @@ pub use confidence::{Confidence, Seeing};
 
 use crate::affine::AffineCamera;
 use crate::frame::{Point, SiteGrid};
-use crate::io::{Cog, Grid2, MapGrid, Vertical, WriteError, color_style, write_file};
+use crate::io::{Cog, Grid2, MapGrid, VerticalReference, WriteError, color_style, write_file};
 use crate::mvs::MatchedSurface;
 use crate::splat::appearance::Appearance;
 use crate::splat::raster::{FrameCamera, Image, Rasterizer, SortedSplats};
@@ -32,7 +32,7 @@ const HEIGHT_COLORS: [[u8; 3]; 5] =
 const STYLE_TAIL: f64 = 0.02;
 
 /// What a look straight down gives.
-pub struct Surface {
+pub struct Dsm {
     /// The grid.
     pub grid: MapGrid,
     /// Ellipsoidal heights in metres; NaN where nothing was seen.
@@ -50,7 +50,7 @@ pub struct Heights<'a> {
     /// The heights.
     pub raster: Grid2,
     /// What they count from.
-    pub above: &'a Vertical,
+    pub above: &'a VerticalReference,
 }
 
 /// The camera that looks straight down on a grid.
@@ -65,16 +65,13 @@ pub fn nadir_camera(grid: &MapGrid, site: &SiteGrid) -> AffineCamera {
 }
 
 /// Where a DSM's heights come from.
-///
-/// [`RayHeight::Median`]: crate::splat::train::recipe::RayHeight::Median
-/// [`RayHeight::Mean`]: crate::splat::train::recipe::RayHeight::Mean
 #[derive(Clone, Copy, Debug)]
 pub enum HeightsFrom<'a> {
     /// A surface that was matched with the views.
     Matched(&'a MatchedSurface),
-    /// The splats, by [`RayHeight::Median`] of three by three samples a cell; nodata where most light comes through.
+    /// The splats, by [`RayHeight::Median`](crate::splat::train::recipe::RayHeight::Median) of three by three samples a cell; nodata where most light comes through.
     Median,
-    /// The splats, by [`RayHeight::Mean`]; nodata where no splat is.
+    /// The splats, by [`RayHeight::Mean`](crate::splat::train::recipe::RayHeight::Mean); nodata where no splat is.
     Mean {
         /// Altitude for what comes through, metres above the site's origin.
         floor: f32,
@@ -89,7 +86,7 @@ pub fn render(
     grid: MapGrid,
     reference: &Appearance,
     heights: HeightsFrom,
-) -> Surface {
+) -> Dsm {
     let mut prepared = SortedSplats::default();
     prepared.update(splats);
     let feature = |&i: &u32| {
@@ -121,7 +118,7 @@ pub fn render(
     }
     let views = Grid2::filled(grid.width, grid.height, f32::NAN);
     let confidence = Confidence { opacity, spread, views };
-    Surface { grid, height, colors, confidence, metadata: Vec::new() }
+    Dsm { grid, height, colors, confidence, metadata: Vec::new() }
 }
 
 /// The mean altitudes of a render, over a floor where light comes through; NaN where nothing was drawn.
@@ -168,11 +165,13 @@ fn resampled(surface: &MatchedSurface, grid: &MapGrid) -> Grid2 {
     out
 }
 
-impl Surface {
+impl Dsm {
     /// The heights above what they are to count from; NaN also where that is not known.
     #[must_use]
-    pub fn heights_above<'a>(&self, above: &'a Vertical) -> Heights<'a> {
-        let Vertical::Geoid { .. } = above else { return Heights { raster: self.height.clone(), above } };
+    pub fn heights_above<'a>(&self, above: &'a VerticalReference) -> Heights<'a> {
+        let VerticalReference::Geoid { .. } = above else {
+            return Heights { raster: self.height.clone(), above };
+        };
         let place = SiteGrid { epsg: self.grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
         let nodes = [self.grid.width, self.grid.height].map(|n| n.div_ceil(GEOID_STEP) + 1);
         let undulation = Grid2::from_fn(nodes[0], nodes[1], |col, row| {
@@ -270,13 +269,13 @@ mod tests {
     use super::*;
 
     /// Level ground 10 m high, cells of half a metre.
-    pub(super) fn flat_surface(width: usize, height: usize) -> (Surface, SiteGrid) {
+    pub(super) fn flat_surface(width: usize, height: usize) -> (Dsm, SiteGrid) {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
         let raster = |value| Grid2::filled(width, height, value);
         let confidence = Confidence { opacity: raster(1.0), spread: raster(0.0), views: raster(f32::NAN) };
         (
-            Surface {
+            Dsm {
                 grid,
                 height: raster(10.0),
                 colors: [raster(0.1), raster(0.5), raster(1.0)],
@@ -331,7 +330,7 @@ mod tests {
 
     #[test]
     fn the_mean_of_nine_cells_counts_what_comes_through_as_the_floor() {
-        let (Surface { grid, .. }, site) = flat_surface(40, 40);
+        let (Dsm { grid, .. }, site) = flat_surface(40, 40);
         let mut g = Splats::default();
         g.push([0.0, 0.0, 5.0], 0.5, 0.5, [0.5; 3]);
         let surface = render(&g, &site, grid, &Appearance::default(), HeightsFrom::Mean { floor: -3.0 });

@@ -1,10 +1,10 @@
 //! The surface as a point cloud.
 
-use super::{Heights, Surface};
+use super::{Dsm, Heights};
 use crate::io::{CloudPoint, PointCloud, WriteError};
 use std::path::Path;
 
-impl Surface {
+impl Dsm {
     /// Writes a point with its colour for every cell that has a height, as LAS or LAZ.
     ///
     /// # Errors
@@ -26,7 +26,7 @@ impl Surface {
 #[cfg(test)]
 mod tests {
     use super::super::tests::flat_surface;
-    use crate::io::Vertical;
+    use crate::io::VerticalReference;
 
     #[test]
     fn every_cell_with_a_height_is_a_point_in_its_place_and_colour() {
@@ -35,7 +35,7 @@ mod tests {
         surface.height.data[5] = f32::NAN;
         for name in ["dsm.laz", "dsm.las"] {
             let path = dir.path().join(name);
-            surface.write_points(&path, &surface.heights_above(&Vertical::Ellipsoid)).unwrap();
+            surface.write_points(&path, &surface.heights_above(&VerticalReference::Ellipsoid)).unwrap();
             let mut reader = las::Reader::from_path(&path).unwrap();
             assert_eq!([1, 2].map(|k| reader.header().number_of_points_by_return(k)), [Some(11), None]);
             let crs = String::from_utf8_lossy(reader.header().get_wkt_crs_bytes().unwrap()).into_owned();

@@ -1,7 +1,7 @@
 //! Point clouds as LAS or LAZ 1.4, with their CRS.
 
 use super::write::write_by;
-use super::{Vertical, WriteError, epsg_of_wkt};
+use super::{VerticalReference, WriteError, epsg_of_wkt};
 use crate::frame::{Point, Utm};
 use gdal::spatial_ref::SpatialRef;
 use las::{Builder, Color, Transform, Vector, Writer, point::Format};
@@ -41,7 +41,7 @@ pub struct PointCloud<'a> {
     /// EPSG code of the map's CRS.
     pub epsg: u32,
     /// What the heights count from.
-    pub vertical: &'a Vertical,
+    pub vertical: &'a VerticalReference,
     /// A whole-metre point near all others.
     pub origin: Point<Utm>,
 }

@@ -1,6 +1,6 @@
 //! What GDAL knows of coordinate systems.
 
-use super::Vertical;
+use super::VerticalReference;
 use super::file::{set_up_gdal, transform};
 use super::heights::{VerticalPart, metres_of};
 use gdal::spatial_ref::SpatialRef;
@@ -108,12 +108,12 @@ pub(super) fn vertical_part(srs: &SpatialRef) -> VerticalPart {
     let Some(name) = value("VERT_CS", 0).filter(|_| has_vertical) else {
         // A projected or geographic system of three axes counts from its ellipsoid.
         let is_3d = !has_vertical && srs.axes_count() == 3;
-        let from = is_3d.then(|| Vertical::ELLIPSOID.to_owned());
+        let from = is_3d.then(|| VerticalReference::ELLIPSOID.to_owned());
         return VerticalPart { from, metres: Some(1.0), ..VerticalPart::default() };
     };
     let datum = value("VERT_CS|VERT_DATUM", 0).unwrap_or_default();
-    let datum = Vertical::known_name(&datum);
-    let from = if Vertical::is_known(&datum) { datum } else { Vertical::known_name(&name) };
+    let datum = VerticalReference::known_name(&datum);
+    let from = if VerticalReference::is_known(&datum) { datum } else { VerticalReference::known_name(&name) };
     let unit = value("VERT_CS|UNIT", 0).unwrap_or_default();
     let metres = value("VERT_CS|UNIT", 1).and_then(|v| v.parse().ok()).or_else(|| metres_of(&unit));
     VerticalPart { unit, metres, from: Some(from) }

@@ -2,7 +2,7 @@
 //! their band's unit, compound CRS and metadata, point clouds by their CRS.
 
 use super::crs::vertical_part;
-use super::{Grid2, ImageFile, RasterError, Vertical, Window};
+use super::{Grid2, ImageFile, RasterError, VerticalReference, Window};
 use gdal::spatial_ref::SpatialRef;
 
 /// Values, as stored, that stand for no data where a file declares none; so do those as large as this, either way.
@@ -19,7 +19,7 @@ pub struct HeightSystem {
     pub unit: String,
     /// Metres in it; 1 where the file does not name it.
     pub metres: f64,
-    /// What the heights count from, as [`Vertical::read`] takes it (`ellipsoid`, `EGM96`), or the name of a datum that it
+    /// What the heights count from, as [`VerticalReference::read`] takes it (`ellipsoid`, `EGM96`), or the name of a datum that it
     /// does not know (`NAVD88 height`); none if the file does not tell.
     pub from: Option<String>,
 }
@@ -37,8 +37,8 @@ impl HeightSystem {
         let unit = if unit.is_empty() { crs.unit } else { unit };
         let metres =
             metres.ok_or_else(|| RasterError::HeightUnit { path: file.path().into(), unit: unit.clone() })?;
-        let item = file.metadata(Vertical::ITEM, "").filter(|item| !item.trim().is_empty());
-        Ok(Self { unit, metres, from: item.map(|item| Vertical::known_name(&item)).or(crs.from) })
+        let item = file.metadata(VerticalReference::ITEM, "").filter(|item| !item.trim().is_empty());
+        Ok(Self { unit, metres, from: item.map(|item| VerticalReference::known_name(&item)).or(crs.from) })
     }
 
     /// What a point cloud's CRS says, as WKT or `GeoTIFF` keys.
@@ -86,7 +86,7 @@ fn of_geotiff_keys(header: &las::Header) -> VerticalPart {
 /// Codes of `GeoTIFF` 1.0 for heights above an ellipsoid, which are none of EPSG's, or a vertical CRS of EPSG.
 fn of_geotiff_code(code: u32) -> VerticalPart {
     if (5001..=5033).contains(&code) {
-        return VerticalPart { from: Some(Vertical::ELLIPSOID.into()), ..VerticalPart::default() };
+        return VerticalPart { from: Some(VerticalReference::ELLIPSOID.into()), ..VerticalPart::default() };
     }
     SpatialRef::from_epsg(code).map(|srs| vertical_part(&srs)).unwrap_or_default()
 }
@@ -175,7 +175,7 @@ mod tests {
     fn written(unit: &str, vertical: Option<&str>, value: impl Fn(usize, usize) -> f32) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
         let metadata: Vec<(&str, String)> =
-            vertical.map(|v| (Vertical::ITEM, v.to_owned())).into_iter().collect();
+            vertical.map(|v| (VerticalReference::ITEM, v.to_owned())).into_iter().collect();
         let cog = Cog { grid: GRID, metadata: &metadata, heights_from: None };
         let raster = Grid2::from_fn(GRID.width, GRID.height, value);
         cog.write_f32(&folder.path().join("h.tif"), &[("height", unit, &raster)]).unwrap();

@@ -2,7 +2,7 @@
 
 use super::atomic::{write_atomically, write_file};
 use super::file::set_up_gdal;
-use super::{Cause, Grid2, ImageFile, MapGrid, RasterError, Vertical, WriteError};
+use super::{Cause, Grid2, ImageFile, MapGrid, RasterError, VerticalReference, WriteError};
 use gdal::raster::{Buffer, ColorInterpretation, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
 use gdal::vsi::get_vsi_mem_file_bytes_owned;
@@ -27,7 +27,7 @@ pub struct Cog<'a> {
     /// Its metadata items of the default domain.
     pub metadata: &'a [(&'a str, String)],
     /// What its heights count from, if it holds heights.
-    pub heights_from: Option<&'a Vertical>,
+    pub heights_from: Option<&'a VerticalReference>,
 }
 
 impl Cog<'_> {
@@ -61,7 +61,7 @@ impl Cog<'_> {
         write_by(path, |temporary| {
             let mut memory = memory_dataset(self.grid.width, self.grid.height, bands, nodata)?;
             memory.set_geo_transform(&self.grid.geo_transform())?;
-            let vertical = self.heights_from.and_then(Vertical::epsg).map(|code| format!("+{code}"));
+            let vertical = self.heights_from.and_then(VerticalReference::epsg).map(|code| format!("+{code}"));
             let crs = format!("EPSG:{}{}", self.grid.epsg, vertical.unwrap_or_default());
             memory.set_spatial_ref(&SpatialRef::from_definition(&crs)?)?;
             memory.set_metadata_item("TIFFTAG_SOFTWARE", concat!("satgs ", env!("CARGO_PKG_VERSION")), "")?;
@@ -69,7 +69,7 @@ impl Cog<'_> {
                 memory.set_metadata_item(key, value, "")?;
             }
             if let Some(vertical) = self.heights_from {
-                memory.set_metadata_item(Vertical::ITEM, vertical.name(), "")?;
+                memory.set_metadata_item(VerticalReference::ITEM, vertical.name(), "")?;
             }
             label(&memory, labels)?;
             for i in 1..=memory.raster_count() {
@@ -341,11 +341,11 @@ mod tests {
         let path = dir.path().join("dsm.tif");
         let mut raster = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
         raster.data[7] = f32::NAN;
-        let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+        let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&VerticalReference::Ellipsoid) };
         cog.write_f32(&path, &[("height", "m", &raster)]).unwrap();
         let file = ImageFile::open(&path).unwrap();
         assert_eq!(file.map_grid().unwrap(), grid());
-        assert_eq!(file.metadata(Vertical::ITEM, "").unwrap(), "WGS 84 ellipsoid");
+        assert_eq!(file.metadata(VerticalReference::ITEM, "").unwrap(), "WGS 84 ellipsoid");
         assert_eq!(file.metadata("LAYOUT", "IMAGE_STRUCTURE").unwrap(), "COG");
         let back = file.read(1).unwrap();
         assert!(back.data[7].is_nan());
@@ -360,13 +360,13 @@ mod tests {
         let (path, out) = (dir.path().join("dsm.tif"), dir.path().join("moved.tif"));
         let mut raster = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
         raster.data[7] = f32::NAN;
-        let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+        let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&VerticalReference::Ellipsoid) };
         cog.write_f32(&path, &[("height", "m", &raster), ("score", "", &raster)]).unwrap();
         write_moved(&path, &out, [1.25, -0.5, 3.5]).unwrap();
         let file = ImageFile::open(&out).unwrap();
         let expected = MapGrid { west: grid().west + 1.25, north: grid().north - 0.5, ..grid() };
         assert_eq!(file.map_grid().unwrap(), expected);
-        assert_eq!(file.metadata(Vertical::ITEM, "").unwrap(), "WGS 84 ellipsoid");
+        assert_eq!(file.metadata(VerticalReference::ITEM, "").unwrap(), "WGS 84 ellipsoid");
         assert_eq!(file.metadata("LAYOUT", "IMAGE_STRUCTURE").unwrap(), "COG");
         assert_eq!(file.unit(1).unwrap(), "m");
         assert_eq!(file.dataset.rasterband(2).unwrap().description().unwrap(), "score");

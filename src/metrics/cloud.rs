@@ -1,6 +1,6 @@
 //! Lidar points (LAS, LAZ) as a surface: the highest point of every cell, and its class.
 
-use super::{MetricsError, Surface};
+use super::{HeightRaster, MetricsError};
 use crate::frame::Transform;
 use crate::io::{CloudError, Grid2, HeightSystem, MapGrid, epsg_of_cloud, is_metric_map};
 use las::{Reader, point::Classification};
@@ -45,7 +45,7 @@ pub(super) fn read(
     path: &Path,
     epsg: Option<u32>,
     grid: MapGrid,
-) -> Result<(Surface, Option<Vec<u8>>), MetricsError> {
+) -> Result<(HeightRaster, Option<Vec<u8>>), MetricsError> {
     let (mut reader, epsg) = open(path, epsg)?;
     let damaged = |cause: las::Error| CloudError::Read { path: path.into(), cause };
     let system = HeightSystem::of_cloud(reader.header());
@@ -86,7 +86,7 @@ pub(super) fn read(
     }
     // 0 and 1 stand for points that nobody classified.
     let classes = classes.iter().any(|c| *c > 1).then_some(classes);
-    let surface = Surface {
+    let surface = HeightRaster {
         path: path.into(),
         grid,
         height,
@@ -98,7 +98,7 @@ pub(super) fn read(
 }
 
 /// A note about cells that stand far above all around them, as birds and noise that nobody classified do.
-pub(super) fn stray_note(surface: &Surface) -> Option<String> {
+pub(super) fn stray_note(surface: &HeightRaster) -> Option<String> {
     let strays = strays(&surface.height);
     (strays > 0).then(|| {
         format!(

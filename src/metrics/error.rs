@@ -65,7 +65,7 @@ pub enum MetricsError {
         "--vertical (of dsm-eval and run: --truth-vertical) says what they are to be taken for: `ellipsoid`, EGM84, EGM96, \
          EGM2008 or a geoid's grid (.gtx, .tif of PROJ)"
     ))]
-    Vertical {
+    VerticalReference {
         /// The file.
         path: PathBuf,
         /// What it says.

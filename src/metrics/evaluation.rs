@@ -1,11 +1,11 @@
 //! A prediction scored against the truth, with every registration.
 
+use super::breakdown::Groups;
 use super::registration::{Method, Registration, register};
 use super::resample::{Sampling, onto_grid};
-use super::strata::Groups;
-use super::{MetricsError, Scores, Stratum, Surface, Truth, filled_by_nearest};
+use super::{HeightRaster, MetricsError, PartScores, Scores, Truth, filled_by_nearest};
 use crate::frame::{Point, SiteGrid};
-use crate::io::{Grid2, MapGrid, Vertical, egm96_undulation_m};
+use crate::io::{Grid2, MapGrid, VerticalReference, egm96_undulation_m};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ const NEAR_GEOID_M: f64 = 5.0;
 
 /// One registration and its scores.
 #[derive(Clone, Debug, Serialize)]
-pub struct Verdict {
+pub struct RegisteredScores {
     /// What was added to the prediction.
     #[serde(flatten)]
     pub registration: Registration,
@@ -31,7 +31,7 @@ pub struct Verdict {
     #[serde(flatten)]
     pub scores: Scores,
     /// What is left over parts of it.
-    pub strata: Vec<Stratum>,
+    pub breakdown: Vec<PartScores>,
 }
 
 /// A prediction scored against the truth.
@@ -50,7 +50,7 @@ pub struct Evaluation {
     /// Cells of water, which are not scored.
     pub water_cells: usize,
     /// Scores after each registration, in the order of [`Method::ALL`].
-    pub verdicts: Vec<Verdict>,
+    pub registered_scores: Vec<RegisteredScores>,
     /// What a reader of the figures should know.
     pub notes: Vec<String>,
     #[serde(skip)]
@@ -66,10 +66,10 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// The verdict of one registration.
+    /// The registered_scores of one registration.
     #[must_use]
-    pub fn verdict(&self, method: Method) -> Option<&Verdict> {
-        self.verdicts.iter().find(|v| v.registration.method == method)
+    pub fn registered_scores(&self, method: Method) -> Option<&RegisteredScores> {
+        self.registered_scores.iter().find(|v| v.registration.method == method)
     }
 
     /// Heights of the truth on its grid, NaN where not scored.
@@ -113,14 +113,18 @@ impl Evaluation {
         heights.data.par_iter_mut().zip(&self.land.data).for_each(|(v, t)| *v = v.clamp(low, high) - t);
     }
 
-    fn verdict_of(&self, registration: Registration, groups: &Groups) -> Result<Verdict, MetricsError> {
+    fn scores_after(
+        &self,
+        registration: Registration,
+        groups: &Groups,
+    ) -> Result<RegisteredScores, MetricsError> {
         let mut errors = self.registered(&registration)?;
         let mut filled = filled_by_nearest(&errors);
         self.subtract_land(&mut errors);
         self.subtract_land(&mut filled);
-        let (scores, strata) = groups.scores(&self.land, &errors, &filled);
+        let (scores, breakdown) = groups.scores(&self.land, &errors, &filled);
         let (east_m, north_m) = registration.moved_m(self.grid.cell);
-        Ok(Verdict { registration, east_m, north_m, scores, strata })
+        Ok(RegisteredScores { registration, east_m, north_m, scores, breakdown })
     }
 }
 
@@ -129,7 +133,7 @@ impl Evaluation {
 /// # Errors
 /// [`MetricsError::NoOverlap`] with fewer than 100 common cells, [`MetricsError::Frame`] when the two systems
 /// cannot be brought together.
-pub fn evaluate(mut prediction: Surface, mut truth: Truth) -> Result<Evaluation, MetricsError> {
+pub fn evaluate(mut prediction: HeightRaster, mut truth: Truth) -> Result<Evaluation, MetricsError> {
     bring_together(&mut prediction, &mut truth)?;
     let grid = truth.surface.grid;
     let heights = truth.surface.height.data.par_iter();
@@ -165,7 +169,7 @@ pub fn evaluate(mut prediction: Surface, mut truth: Truth) -> Result<Evaluation,
         sampling,
         land_cells,
         water_cells,
-        verdicts: Vec::new(),
+        registered_scores: Vec::new(),
         notes,
         predicted: prediction.height,
         predicted_grid: prediction.grid,
@@ -173,16 +177,16 @@ pub fn evaluate(mut prediction: Surface, mut truth: Truth) -> Result<Evaluation,
         classes: truth.classes,
         bounds,
     };
-    let verdicts = registrations.into_iter().map(|r| evaluation.verdict_of(r, &groups));
-    evaluation.verdicts = verdicts.collect::<Result<_, _>>()?;
+    let registered_scores = registrations.into_iter().map(|r| evaluation.scores_after(r, &groups));
+    evaluation.registered_scores = registered_scores.collect::<Result<_, _>>()?;
     Ok(evaluation)
 }
 
 /// Makes both count from the ellipsoid where the files say that they count from different references. Where one does not
 /// say, or its reference is not known, heights stay as they are, and the notes say so.
-fn bring_together(prediction: &mut Surface, truth: &mut Truth) -> Result<(), MetricsError> {
+fn bring_together(prediction: &mut HeightRaster, truth: &mut Truth) -> Result<(), MetricsError> {
     let (Some(ours), Some(theirs)) = (&prediction.vertical, &truth.surface.vertical) else { return Ok(()) };
-    if ours == theirs || [ours, theirs].into_iter().any(|name| Vertical::read(name).is_err()) {
+    if ours == theirs || [ours, theirs].into_iter().any(|name| VerticalReference::read(name).is_err()) {
         return Ok(());
     }
     let done = [prediction.to_ellipsoid()?, truth.surface.to_ellipsoid()?];
@@ -196,7 +200,7 @@ fn extent(grid: &MapGrid) -> String {
 }
 
 /// What a reader should know; `difference_m` is the median of prediction minus truth.
-fn notes(prediction: &Surface, truth: &Truth, sampling: Sampling, difference_m: f64) -> Vec<String> {
+fn notes(prediction: &HeightRaster, truth: &Truth, sampling: Sampling, difference_m: f64) -> Vec<String> {
     let mut notes = truth.notes.clone();
     for s in [prediction, &truth.surface] {
         let path = s.path.display();
@@ -222,7 +226,7 @@ fn notes(prediction: &Surface, truth: &Truth, sampling: Sampling, difference_m: 
         notes.push("no class raster: water, if there is any, is scored; --classes names one".into());
     }
     if prediction.vertical != truth.surface.vertical || truth.surface.vertical.is_none() {
-        let of = |s: &Surface| s.vertical.clone().unwrap_or_else(|| "not stated".into());
+        let of = |s: &HeightRaster| s.vertical.clone().unwrap_or_else(|| "not stated".into());
         notes.push(format!(
             "vertical reference: prediction {}, truth {}; heights are compared as they are \
              (median of prediction minus truth {difference_m:+.2} m{})",

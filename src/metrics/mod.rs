@@ -1,34 +1,37 @@
 //! Scores of surface models against lidar: three registrations, errors after each, completeness.
 //!
-//! The order of work: [`Surface::read`] and [`Truth::read`], [`evaluate`], then [`Evaluation::error_map`],
+//! The order of work: [`HeightRaster::read`] and [`Truth::read`], [`evaluate`], then [`Evaluation::error_map`],
 //! [`Evaluation::profiles`] and [`error_picture`]. Signs: `dz` is metres added to the prediction, `(dx, dy)` is where
 //! the prediction is sampled, `registered[row, col] = P[row + dy, col + dx]`, so the prediction moves by `-dx` cells east
 //! and `dy` cells north.
 
+mod breakdown;
 mod cloud;
 mod error;
 mod evaluation;
 mod figure;
 mod fill;
 mod ncc;
+mod pattern_search;
 mod phase;
 mod profile;
 mod registration;
 mod resample;
 mod scores;
-mod strata;
+
 mod surface;
 mod truth;
 mod xyz;
 
+pub use breakdown::{Division, PartScores};
 pub use error::MetricsError;
-pub use evaluation::{Evaluation, Verdict, evaluate};
-pub use figure::{ErrorPicture, error_picture, error_style};
+pub use evaluation::{Evaluation, RegisteredScores, evaluate};
+pub use figure::{error_picture, error_style};
 pub use fill::filled_by_nearest;
+pub(crate) use pattern_search::PatternSearch;
 pub use profile::Profile;
 pub use registration::{Method, Registration, register};
 pub use resample::{Sampling, onto_grid};
-pub use scores::{Scores, nmad, quantile};
-pub use strata::{Division, Stratum};
-pub use surface::Surface;
+pub use scores::Scores;
+pub use surface::HeightRaster;
 pub use truth::{Truth, TruthOptions, WATER, class_name};

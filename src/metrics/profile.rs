@@ -1,7 +1,7 @@
 //! Profiles through buildings: truth and prediction along a row of cells.
 
 use super::Evaluation;
-use super::strata::BUILDING;
+use super::breakdown::BUILDING;
 use crate::io::Grid2;
 
 /// Smaller buildings are not looked at, in square metres.

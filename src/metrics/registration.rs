@@ -3,9 +3,9 @@
 //! `z` is the BAEOGS paper's MAE_reg (eq. 4), `ncc` the one of EOGS's `dsmr.py`, `xyz` the smallest MAE there is.
 
 use super::ncc::best_whole_shift;
-use super::scores::quantile_in_place;
 use super::xyz::best_shift;
 use crate::io::Grid2;
+use crate::stats::interpolated_quantile_in_place;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -68,7 +68,7 @@ pub fn register(method: Method, prediction: &Grid2, land: &Grid2, bounds: (f32, 
             let cells = prediction.data.par_iter().zip(&land.data);
             let mut differences: Vec<f32> = cells.map(|(p, t)| p - t).collect();
             differences.retain(|d| !d.is_nan());
-            (0.0, 0.0, -quantile_in_place(&mut differences, 0.5))
+            (0.0, 0.0, -interpolated_quantile_in_place(&mut differences, 0.5))
         }
         Method::Ncc => {
             let (dx, dy) = best_whole_shift(prediction, land);

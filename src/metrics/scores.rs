@@ -1,9 +1,7 @@
 //! Scores of a registered prediction: what is left between it and the truth.
 
+use crate::stats::MAD_TO_SIGMA;
 use serde::Serialize;
-
-/// Scale from the median absolute deviation to the standard deviation of a normal distribution.
-const MAD_TO_SIGMA: f64 = 1.4826;
 
 /// Errors over some cells of land, in metres; `e = clip(registered) - truth`.
 ///
@@ -135,47 +133,15 @@ fn number(place: u32) -> f32 {
     f32::from_bits(if place >> 31 == 1 { place ^ 1 << 31 } else { !place })
 }
 
-/// The `q` quantile, linear between neighbours (numpy's default); NaN of nothing. `values` must hold no NaN.
-#[must_use]
-pub fn quantile(values: &[f32], q: f64) -> f64 {
-    quantile_in_place(&mut values.to_vec(), q)
-}
-
-/// As [`quantile`], changing the order of the values.
-pub(super) fn quantile_in_place(values: &mut [f32], q: f64) -> f64 {
-    let Some(last) = values.len().checked_sub(1) else { return f64::NAN };
-    let position = q * last as f64;
-    let index = position.floor() as usize;
-    let (_, &mut low, above) = values.select_nth_unstable_by(index, f32::total_cmp);
-    let next = above.iter().copied().min_by(f32::total_cmp).unwrap_or(low);
-    let (low, next) = (f64::from(low), f64::from(next));
-    low + (next - low) * (position - index as f64)
-}
-
-/// 1.4826 times the median absolute deviation from the median. `values` must hold no NaN.
-#[must_use]
-pub fn nmad(values: &[f32]) -> f64 {
-    let median = quantile(values, 0.5);
-    let mut deviations: Vec<f32> = values.iter().map(|v| (f64::from(*v) - median).abs() as f32).collect();
-    MAD_TO_SIGMA * quantile_in_place(&mut deviations, 0.5)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::CounterRng;
+    use crate::stats::interpolated_quantile;
 
-    /// Normal deviates by the Box-Muller transform of a counter hashed.
+    /// Normal deviates with a standard deviation.
     fn normal(n: usize, sigma: f64) -> Vec<f32> {
-        let uniform = |i: u64| {
-            let mut x = i.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-            x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-            x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-            ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-        };
-        let pair = |i: u64| {
-            (-2.0 * (1.0 - uniform(2 * i)).ln()).sqrt() * (std::f64::consts::TAU * uniform(2 * i + 1)).cos()
-        };
-        (0..n as u64).map(|i| (sigma * pair(i)) as f32).collect()
+        (0..n as u64).map(|i| (sigma * CounterRng::new(0, 0, 0, i).normal()) as f32).collect()
     }
 
     fn sample(cells: impl Iterator<Item = (f32, f32)>) -> Sample {
@@ -208,33 +174,14 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_numpy_s() {
-        let v = [4.0, 1.0, 3.0, 2.0];
-        assert_eq!(quantile(&v, 0.5), 2.5);
-        assert_eq!(quantile(&v, 0.0), 1.0);
-        assert_eq!(quantile(&v, 1.0), 4.0);
-        assert!((quantile(&v, 0.9) - 3.7).abs() < 1e-6);
-        assert!(quantile(&[], 0.5).is_nan());
-        assert_eq!(quantile(&[-3.0], 0.5), -3.0);
-    }
-
-    #[test]
-    fn quantiles_are_those_of_the_sorted_values() {
-        let values = normal(1001, 3.0);
-        let mut sorted = values.clone();
-        sorted.sort_by(f32::total_cmp);
-        for (k, v) in sorted.iter().enumerate() {
-            assert!((quantile(&values, k as f64 / 1000.0) - f64::from(*v)).abs() < 1e-6, "{k}");
-        }
-    }
-
-    #[test]
     fn several_samples_are_scored_as_one() {
         let values = normal(4001, 2.0);
         let (left, right) = values.split_at(1234);
         let of = |values: &[f32]| sample(values.iter().map(|e| (*e, *e)));
         let (parts, whole) = (Scores::of(&[&of(left), &of(right)]), Scores::of(&[&of(&values)]));
-        assert_eq!(parts.nmad_m, nmad(&values));
+        let median = interpolated_quantile(&values, 0.5);
+        let deviations: Vec<f32> = values.iter().map(|v| (f64::from(*v) - median).abs() as f32).collect();
+        assert_eq!(parts.nmad_m, MAD_TO_SIGMA * interpolated_quantile(&deviations, 0.5));
         assert_eq!((parts.le95_m, parts.within, parts.cells), (whole.le95_m, whole.within, whole.cells));
         assert!((parts.rmse_m - whole.rmse_m).abs() < 1e-12);
         let mut sizes: Vec<f32> = values.iter().map(|e| e.abs()).collect();

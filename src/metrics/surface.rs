@@ -2,7 +2,7 @@
 
 use super::MetricsError;
 use crate::frame::{Point, SiteGrid};
-use crate::io::{Grid2, HeightSystem, ImageFile, MapGrid, Vertical, Window, read_heights};
+use crate::io::{Grid2, HeightSystem, ImageFile, MapGrid, VerticalReference, Window, read_heights};
 use std::path::{Path, PathBuf};
 
 /// Geoids are smooth: they are looked up every so many cells.
@@ -10,14 +10,14 @@ const GEOID_STEP: usize = 64;
 
 /// A surface model: heights in metres on a map grid; NaN is no data.
 #[derive(Clone, Debug)]
-pub struct Surface {
+pub struct HeightRaster {
     /// The file it came from, for messages.
     pub path: PathBuf,
     /// Its place on the map.
     pub grid: MapGrid,
     /// Heights in metres.
     pub height: Grid2,
-    /// What the heights count from, as [`Vertical::read`] takes it, or a datum that it does not know.
+    /// What the heights count from, as [`VerticalReference::read`] takes it, or a datum that it does not know.
     pub vertical: Option<String>,
     /// Cells that held a nodata value the file does not declare.
     pub undeclared_nodata: usize,
@@ -25,7 +25,7 @@ pub struct Surface {
     pub converted_from: Option<String>,
 }
 
-impl Surface {
+impl HeightRaster {
     /// Reads the first band of a georeferenced raster.
     ///
     /// # Errors
@@ -56,15 +56,18 @@ impl Surface {
     /// Makes heights count from the ellipsoid, if the file says that they count from something else; says what was done.
     ///
     /// # Errors
-    /// [`MetricsError::Vertical`] for a datum whose height above the ellipsoid is not known,
+    /// [`MetricsError::VerticalReference`] for a datum whose height above the ellipsoid is not known,
     /// [`MetricsError::GeoidElsewhere`].
     pub fn to_ellipsoid(&mut self) -> Result<Option<String>, MetricsError> {
-        let Some(from) = self.vertical.clone().filter(|from| from != Vertical::ELLIPSOID) else {
+        let Some(from) = self.vertical.clone().filter(|from| from != VerticalReference::ELLIPSOID) else {
             return Ok(None);
         };
-        let refused =
-            |e| MetricsError::Vertical { path: self.path.clone(), from: from.clone(), reason: Box::new(e) };
-        let vertical = Vertical::read(&from).map_err(refused)?;
+        let refused = |e| MetricsError::VerticalReference {
+            path: self.path.clone(),
+            from: from.clone(),
+            reason: Box::new(e),
+        };
+        let vertical = VerticalReference::read(&from).map_err(refused)?;
         let (low, high) = self.lift(&vertical)?;
         Ok(Some(format!(
             "`{}` counts from the geoid ({}) and is lifted to the ellipsoid, by {low:+.2} to {high:+.2} m",
@@ -74,7 +77,7 @@ impl Surface {
     }
 
     /// Adds the height of a reference above the ellipsoid; returns the least and the most that was added.
-    pub(super) fn lift(&mut self, from: &Vertical) -> Result<(f32, f32), MetricsError> {
+    pub(super) fn lift(&mut self, from: &VerticalReference) -> Result<(f32, f32), MetricsError> {
         let grid = self.grid;
         let map = SiteGrid { epsg: grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
         let nodes = |cells: usize| cells.div_ceil(GEOID_STEP) + 1;
@@ -90,7 +93,7 @@ impl Surface {
             let (col, row) = (i % grid.width, i / grid.width);
             *v += undulation.bilinear(col as f64 / step, row as f64 / step);
         }
-        self.vertical = Some(Vertical::ELLIPSOID.into());
+        self.vertical = Some(VerticalReference::ELLIPSOID.into());
         Ok(undulation.valid().fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(v), h.max(v))))
     }
 }

@@ -4,8 +4,8 @@
 //! `X_DSM.txt` holds four numbers: easting and northing of the lower-left corner in metres, size in cells (the
 //! raster is square), resolution in metres; the UTM zone is the prediction's.
 
-use super::{MetricsError, Surface, cloud};
-use crate::io::{HeightSystem, ImageFile, MapGrid, RasterError, Vertical, inside_polygons};
+use super::{HeightRaster, MetricsError, cloud};
+use crate::io::{HeightSystem, ImageFile, MapGrid, RasterError, VerticalReference, inside_polygons};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -42,7 +42,7 @@ pub(super) fn class_codes(classes: &[u8]) -> Vec<u8> {
 #[derive(Clone, Debug)]
 pub struct Truth {
     /// Heights and their place.
-    pub surface: Surface,
+    pub surface: HeightRaster,
     /// Class of every cell, if they are known.
     pub classes: Option<Vec<u8>>,
     /// Which cells are inside of the user's mask, if there is one.
@@ -59,7 +59,7 @@ pub struct TruthOptions<'a> {
     /// Polygons, or a raster on the truth's grid that is not 0 inside.
     pub mask: Option<&'a Path>,
     /// What its heights count from, when the user knows.
-    pub vertical: Option<Vertical>,
+    pub vertical: Option<VerticalReference>,
     /// EPSG code of lidar points that do not tell.
     pub epsg: Option<u32>,
 }
@@ -99,7 +99,7 @@ impl Truth {
             (surface, classes)
         } else {
             let (file, grid) = open_raster(path, Some(grid.epsg))?;
-            (Surface::on_grid(&file, grid)?, None)
+            (HeightRaster::on_grid(&file, grid)?, None)
         };
         if cloud::is_cloud(path) {
             let n = surface.height.valid().count();
@@ -108,13 +108,13 @@ impl Truth {
             ));
         }
         if let Some(vertical) = &options.vertical {
-            let told = surface.vertical.replace(Vertical::ELLIPSOID.into());
-            if let Some(told) = told.filter(|told| *told != Vertical::known_name(vertical.name())) {
+            let told = surface.vertical.replace(VerticalReference::ELLIPSOID.into());
+            if let Some(told) = told.filter(|told| *told != VerticalReference::known_name(vertical.name())) {
                 notes.push(format!(
                     "the truth says that it counts from {told}, and is taken as told otherwise"
                 ));
             }
-            if let Vertical::Geoid { name, .. } = vertical {
+            if let VerticalReference::Geoid { name, .. } = vertical {
                 let (low, high) = surface.lift(vertical)?;
                 notes.push(format!(
                     "the truth is lifted from the geoid ({name}) to the ellipsoid, by {low:+.2} to {high:+.2} m"
@@ -176,7 +176,7 @@ fn classes_beside(path: &Path) -> Option<PathBuf> {
 }
 
 /// Values of a raster that must lie on the truth's grid, or have its size and no place.
-fn read_on_grid(path: &Path, truth: &Surface, what: &'static str) -> Result<Vec<f32>, MetricsError> {
+fn read_on_grid(path: &Path, truth: &HeightRaster, what: &'static str) -> Result<Vec<f32>, MetricsError> {
     let file = ImageFile::open(path)?;
     let expected = (truth.grid.width, truth.grid.height);
     let is_elsewhere = file.has_geotransform() && !file.map_grid()?.is_same(&truth.grid, SAME_GRID);
@@ -192,7 +192,7 @@ fn read_on_grid(path: &Path, truth: &Surface, what: &'static str) -> Result<Vec<
     Ok(file.read(1)?.data)
 }
 
-fn read_mask(path: &Path, truth: &Surface) -> Result<Vec<bool>, MetricsError> {
+fn read_mask(path: &Path, truth: &HeightRaster) -> Result<Vec<bool>, MetricsError> {
     let inside = match inside_polygons(path, &truth.grid)? {
         Some(inside) => inside,
         None => read_on_grid(path, truth, "mask")?.into_iter().map(|v| v != 0.0 && !v.is_nan()).collect(),

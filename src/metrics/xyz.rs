@@ -10,10 +10,11 @@
 //! on the cells that both leave.
 
 use super::ncc::best_whole_shift;
+use super::pattern_search::PatternSearch;
 use super::phase::peak;
 use super::resample::interpolate;
-use super::scores::quantile_in_place;
 use crate::io::Grid2;
+use crate::stats::interpolated_quantile_in_place;
 use rayon::prelude::*;
 
 /// Reach of the grid around a start, and its step, cells.
@@ -40,12 +41,12 @@ pub(super) fn best_shift(prediction: &Grid2, truth: &Grid2, bounds: (f32, f32)) 
     let ncc = best_whole_shift(prediction, truth);
     let mut starts = vec![(0.0, 0.0), (ncc.0 as f64, ncc.1 as f64)];
     starts.extend(peak(prediction, truth));
-    let screen = Search::new(&filled, &truth_filled, bounds, SCREENED_CELLS);
+    let screen = ShiftSearch::new(&filled, &truth_filled, bounds, SCREENED_CELLS);
     let mut found: Vec<(f64, f64)> = starts.iter().flat_map(|s| screen.around(*s)).collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     found.dedup();
-    let search = Search::new(&filled, &truth_filled, bounds, REFINED_CELLS);
-    let mut found: Vec<Candidate> = found.into_par_iter().map(|s| search.candidate(s)).collect();
+    let search = ShiftSearch::new(&filled, &truth_filled, bounds, REFINED_CELLS);
+    let mut found: Vec<ShiftCandidate> = found.into_par_iter().map(|s| search.candidate(s)).collect();
     drop_small(&mut found);
     let best =
         found.into_iter().map(|c| search.refined(c)).reduce(|a, b| if b.is_better_than(&a) { b } else { a });
@@ -63,18 +64,18 @@ fn offset(prediction: &Grid2, truth: &Grid2, (dx, dy): (f64, f64)) -> f64 {
             .collect::<Vec<_>>()
     };
     let mut all: Vec<f32> = (0..truth.height).into_par_iter().flat_map_iter(row_differences).collect();
-    -quantile_in_place(&mut all, 0.5)
+    -interpolated_quantile_in_place(&mut all, 0.5)
 }
 
 /// Drops candidates that leave too few cells.
-fn drop_small(all: &mut Vec<Candidate>) {
+fn drop_small(all: &mut Vec<ShiftCandidate>) {
     let least = all.iter().map(|c| c.cells).max().unwrap_or(0) as f64 * LEAST_CELLS;
     all.retain(|c| c.cells > 0 && c.cells as f64 >= least);
 }
 
 /// A shift and what it leaves.
 #[derive(Clone)]
-struct Candidate {
+struct ShiftCandidate {
     shift: (f64, f64),
     mae_m: f64,
     cells: usize,
@@ -82,7 +83,7 @@ struct Candidate {
     errors: Vec<f32>,
 }
 
-impl Candidate {
+impl ShiftCandidate {
     /// Mean difference of the errors from another's on the cells that both have, and how many these are.
     fn against(&self, other: &Self) -> (f64, usize) {
         let both = self.errors.iter().zip(&other.errors).map(|(a, b)| f64::from(a - b));
@@ -160,14 +161,14 @@ fn taps(part: f64) -> [f32; 3] {
 }
 
 /// The prediction, and the cells of the truth that are looked at.
-struct Search<'a> {
+struct ShiftSearch<'a> {
     prediction: &'a Filled,
     /// Column, row, and the truth's height there by the taps of no shift.
     cells: Vec<(i64, i64, f32)>,
     bounds: (f32, f32),
 }
 
-impl<'a> Search<'a> {
+impl<'a> ShiftSearch<'a> {
     fn new(prediction: &'a Filled, truth: &Filled, bounds: (f32, f32), at_most: usize) -> Self {
         let (w, h) = (truth.raster.width - 2, truth.raster.height - 2);
         let mut stride = 1;
@@ -192,10 +193,12 @@ impl<'a> Search<'a> {
         for _ in 0..MOVES {
             let grid: Vec<(f64, f64)> =
                 axis().flat_map(|dy| axis().map(move |dx| (center.0 + dx, center.1 + dy))).collect();
-            let mut all: Vec<Candidate> =
-                grid.into_par_iter().map(|s| Candidate { errors: Vec::new(), ..self.candidate(s) }).collect();
+            let mut all: Vec<ShiftCandidate> = grid
+                .into_par_iter()
+                .map(|s| ShiftCandidate { errors: Vec::new(), ..self.candidate(s) })
+                .collect();
             drop_small(&mut all);
-            all.sort_by(Candidate::order);
+            all.sort_by(ShiftCandidate::order);
             let Some(best) = all.first().map(|c| c.shift) else { return Vec::new() };
             if (best.0 - center.0).abs().max((best.1 - center.1).abs()) < REACH {
                 return all.into_iter().take(STARTS).map(|c| c.shift).collect();
@@ -206,28 +209,20 @@ impl<'a> Search<'a> {
         Vec::new()
     }
 
-    /// Pattern search: to the best of eight neighbours while one is better, then with half the step.
-    fn refined(&self, mut best: Candidate) -> Candidate {
-        let (mut step, mut moves) = (STEP / 2.0, 0);
-        while step >= FINEST {
-            let neighbours: Vec<(f64, f64)> = (-1..=1)
-                .flat_map(|j| (-1..=1).map(move |i| (f64::from(i), f64::from(j))))
-                .filter(|d| *d != (0.0, 0.0))
-                .map(|(i, j)| (best.shift.0 + i * step, best.shift.1 + j * step))
-                .collect();
-            let all: Vec<Candidate> = neighbours.into_par_iter().map(|s| self.candidate(s)).collect();
+    /// Refines a shift by pattern search.
+    fn refined(&self, start: ShiftCandidate) -> ShiftCandidate {
+        // The limit is needed because the comparison on common cells is not transitive.
+        let search = PatternSearch { first_step: STEP / 2.0, last_step: FINEST, max_moves: MOST_MOVES };
+        let best_of = |best: &ShiftCandidate, neighbours: Vec<ShiftCandidate>| {
             let least = best.cells as f64 * LEAST_CELLS;
-            let better = all.into_iter().filter(|c| c.cells as f64 >= least && c.against(&best).0 < 0.0);
-            match better.reduce(|a, b| if b.is_better_than(&a) { b } else { a }) {
-                // What is better on common cells need not end: of three shifts each may beat the next.
-                Some(better) if moves < MOST_MOVES => (best, moves) = (better, moves + 1),
-                _ => (step, moves) = (step / 2.0, 0),
-            }
-        }
-        best
+            let better =
+                neighbours.into_iter().filter(|c| c.cells as f64 >= least && c.against(best).0 < 0.0);
+            better.reduce(|a, b| if b.is_better_than(&a) { b } else { a })
+        };
+        search.run(start, |c| [c.shift.0, c.shift.1], |[dx, dy]| self.candidate((dx, dy)), best_of)
     }
 
-    fn candidate(&self, (dx, dy): (f64, f64)) -> Candidate {
+    fn candidate(&self, (dx, dy): (f64, f64)) -> ShiftCandidate {
         let (across, down) = (taps(dx - dx.round()), taps(dy - dy.round()));
         let (cols, rows) = (dx.round() as i64, dy.round() as i64);
         let of_cell =
@@ -235,7 +230,7 @@ impl<'a> Search<'a> {
         let mut errors: Vec<f32> = self.cells.iter().map(of_cell).collect();
         let mut differences: Vec<f32> = errors.iter().copied().filter(|d| !d.is_nan()).collect();
         let cells = differences.len();
-        let dz = -quantile_in_place(&mut differences, 0.5) as f32;
+        let dz = -interpolated_quantile_in_place(&mut differences, 0.5) as f32;
         let (low, high) = self.bounds;
         let mut sum = 0.0;
         for (d, (_, _, t)) in errors.iter_mut().zip(&self.cells) {
@@ -244,7 +239,7 @@ impl<'a> Search<'a> {
                 sum += f64::from(*d);
             }
         }
-        Candidate { shift: (dx, dy), mae_m: sum / cells as f64, cells, errors }
+        ShiftCandidate { shift: (dx, dy), mae_m: sum / cells as f64, cells, errors }
     }
 }
 

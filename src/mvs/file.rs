@@ -2,7 +2,7 @@
 
 use super::MatchedSurface;
 use crate::frame::SiteGrid;
-use crate::io::{Cog, ImageFile, RasterError, Vertical, WriteError};
+use crate::io::{Cog, ImageFile, RasterError, VerticalReference, WriteError};
 use std::path::Path;
 
 impl MatchedSurface {
@@ -13,7 +13,7 @@ impl MatchedSurface {
     pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         let mut height = self.altitude.clone();
         height.data.iter_mut().for_each(|z| *z += self.site.origin.z() as f32);
-        let cog = Cog { grid: self.grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+        let cog = Cog { grid: self.grid, metadata: &[], heights_from: Some(&VerticalReference::Ellipsoid) };
         cog.write_f32(
             path,
             &[("height", "m", &height), ("score", "", &self.score), ("prior_weight", "", &self.prior_weight)],

@@ -4,9 +4,9 @@ use super::scene_fingerprint::scene_fingerprint;
 use super::stage::{Fingerprint, Stage, hash_file, or_none};
 use super::{PipelineError, RunLock, read_scene, relocation};
 use crate::bundle::{
-    self, Adjustment, HeightPrior, LeftOut, Model, Options, Report, check_control, read_control,
+    self, Adjustment, CorrectionModel, HeightPrior, LeftOut, Report, check_control, read_control,
 };
-use crate::io::{Vertical, write_json};
+use crate::io::{VerticalReference, write_json};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
 use crate::scene::{self, Scene};
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Debug, Default)]
 pub struct AdjustOptions {
     /// What is corrected in each camera.
-    pub model: Model,
+    pub model: CorrectionModel,
     /// Keep the cameras as they are, and only measure how well they agree.
     pub fixed: bool,
     /// Lowest and highest height to search, metres above the ellipsoid; by default what the scene's metadata tell.
@@ -37,7 +37,7 @@ pub struct AdjustOptions {
 pub struct Dem {
     /// The raster.
     pub path: PathBuf,
-    /// Vertical reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says.
+    /// VerticalReference reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says.
     pub vertical: Option<String>,
     /// Standard deviation, metres, with which it constrains the scene's height; without one it only limits the search.
     pub sigma_m: Option<f64>,
@@ -115,7 +115,7 @@ pub(super) fn adjust_locked(
         check_control(path, &control, scene)?;
     }
     let sigma_m = options.dem.as_ref().and_then(|dem| dem.sigma_m);
-    let choices = Options {
+    let choices = bundle::AdjustOptions {
         fixed: options.fixed,
         model: options.model,
         height_range: heights,
@@ -139,7 +139,7 @@ pub(super) fn adjust_locked(
 }
 
 fn read_dem(dem: &Dem, scene: &Scene) -> Result<scene::Dem, PipelineError> {
-    let vertical = dem.vertical.as_deref().map(Vertical::read).transpose()?;
+    let vertical = dem.vertical.as_deref().map(VerticalReference::read).transpose()?;
     Ok(scene.dem(&dem.path, vertical.as_ref())?)
 }
 

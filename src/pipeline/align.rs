@@ -1,12 +1,12 @@
-//! Alignment of a run to a reference: `satgs align`.
+//! Coregistration of a run to a reference: `satgs align`.
 
 use super::relocation::{self, RECORD, Record};
 use super::{PipelineError, RunLock, read_scene};
-use crate::align::{Alignment, to_control, to_surface};
 use crate::bundle::{Adjustment, check_control, control_pairs, read_control};
+use crate::coregister::{Coregistration, to_control, to_surface};
 use crate::frame::{Geodetic, Point, SiteGrid, Utm};
-use crate::io::{MapGrid, Vertical, check_writable};
-use crate::metrics::{Surface, Truth, TruthOptions};
+use crate::io::{MapGrid, VerticalReference, check_writable};
+use crate::metrics::{HeightRaster, Truth, TruthOptions};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CHECKPOINT, DSM};
 use crate::scene::Scene;
@@ -24,7 +24,7 @@ const MARGIN_M: f64 = 40.0;
 pub struct AlignOptions {
     /// A surface model on a map in metres, lidar points (.las, .laz), or ground control points (.csv).
     pub reference: PathBuf,
-    /// Vertical reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says,
+    /// VerticalReference reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says,
     /// else the ellipsoid.
     pub vertical: Option<String>,
     /// EPSG code of a point cloud that does not state its own.
@@ -37,7 +37,7 @@ pub struct Aligned {
     /// The reference.
     pub reference: PathBuf,
     /// The shift and what it leaves.
-    pub alignment: Alignment,
+    pub alignment: Coregistration,
     /// Whether the run was moved: it is not where the shift is below a centimetre.
     #[serde(skip)]
     pub was_moved: bool,
@@ -56,7 +56,7 @@ pub fn align(run: &Path, options: &AlignOptions, progress: &dyn Progress) -> Res
     if run.join(CHECKPOINT).exists() {
         return Err(PipelineError::TrainingIncomplete { run: run.into() });
     }
-    let adjustment = Adjustment::read_all(&run.join(ADJUSTMENT))?;
+    let adjustment = Adjustment::read_with_observations(&run.join(ADJUSTMENT))?;
     let at = adjustment.points.first().map(|p| p.position);
     let at = at.ok_or_else(|| PipelineError::NoSparsePoints { run: run.into() })?;
     let map = SiteGrid::at(at)?;
@@ -80,7 +80,7 @@ fn find_shift(
     ours: &Adjustment,
     map: &SiteGrid,
     progress: &dyn Progress,
-) -> Result<Alignment, PipelineError> {
+) -> Result<Coregistration, PipelineError> {
     if options.reference.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {
         let control = read_control(&options.reference)?;
         check_control(&options.reference, &control, scene)?;
@@ -95,7 +95,7 @@ fn find_shift(
     let ((w, e), (s, n)) = (corner(Point::x), corner(Point::y));
     let around = (w - MARGIN_M, s - MARGIN_M, e + MARGIN_M, n + MARGIN_M);
     let truth_options = TruthOptions {
-        vertical: options.vertical.as_deref().map(Vertical::read).transpose()?,
+        vertical: options.vertical.as_deref().map(VerticalReference::read).transpose()?,
         epsg: options.epsg,
         ..TruthOptions::default()
     };
@@ -127,8 +127,8 @@ fn points(
     if !path.exists() {
         return Ok((sparse.iter().map(|p| map.utm_from_geodetic(*p)).collect(), map.epsg));
     }
-    let Surface { grid, height, vertical, .. } = Surface::read(&path)?;
-    let vertical = Vertical::read(vertical.as_deref().unwrap_or("ellipsoid"))?;
+    let HeightRaster { grid, height, vertical, .. } = HeightRaster::read(&path)?;
+    let vertical = VerticalReference::read(vertical.as_deref().unwrap_or("ellipsoid"))?;
     let middle = SiteGrid { epsg: grid.epsg, ..*map }
         .geodetic_from_utm(grid.cell_center(grid.width / 2, grid.height / 2));
     // A geoid is level over a run's area to centimetres.

@@ -5,8 +5,8 @@ use super::products::Products;
 use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
 use super::{PipelineError, RunLock, TrainedCameras, read_scene, relocation};
 use crate::affine::SiteView;
-use crate::dsm::{Heights, HeightsFrom, Seeing, Surface, hillshade, render};
-use crate::io::{HeightSystem, ImageFile, MapGrid, Vertical, check_writable, write_png_gray};
+use crate::dsm::{Dsm, Heights, HeightsFrom, Seeing, hillshade, render};
+use crate::io::{HeightSystem, ImageFile, MapGrid, VerticalReference, check_writable, write_png_gray};
 use crate::mvs::{DSM_CELL_M, MatchedSurface};
 use crate::progress::{Event, Progress};
 use crate::run_files::{
@@ -28,7 +28,7 @@ pub struct DsmOptions {
     pub resolution_m: f64,
     /// A raster whose grid and extent are taken instead.
     pub like: Option<PathBuf>,
-    /// Vertical reference of the heights: `ellipsoid`, a geoid model or a geoid's grid; by default that of an existing
+    /// VerticalReference reference of the heights: `ellipsoid`, a geoid model or a geoid's grid; by default that of an existing
     /// `RUN/dsm.tif`, else the ellipsoid.
     pub vertical: Option<String>,
     /// Fill holes up to this distance between cells with heights, metres.
@@ -69,7 +69,7 @@ impl DsmOptions {
             return Err(PipelineError::Option { option: "--resolution", found, expected: "metres above 0" });
         }
         self.products()?.iter().try_for_each(|product| product.check(run))?;
-        self.vertical.as_deref().map(Vertical::read).transpose()?;
+        self.vertical.as_deref().map(VerticalReference::read).transpose()?;
         if let Some(path) = &self.like {
             check_size(&ImageFile::open(path)?.map_grid()?)?;
         }
@@ -82,7 +82,7 @@ impl DsmOptions {
 pub struct DsmSummary {
     /// Grid of the rasters.
     pub grid: MapGrid,
-    /// Vertical reference of the heights.
+    /// VerticalReference reference of the heights.
     pub vertical: String,
     /// Share of the cells with a height, percent.
     pub seen_percent: f64,
@@ -116,7 +116,7 @@ pub(super) fn dsm_locked(
     let setup = &cameras.setup;
     let grid = grid(options, &cameras)?;
     let above = vertical_name(run, options)?;
-    let vertical = Vertical::read(&above)?;
+    let vertical = VerticalReference::read(&above)?;
     let outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(|name| run.join(name)).to_vec();
     let stage = Stage::new(run, "dsm", outputs, fingerprint(run, &grid, &above, options));
     let is_done = stage.is_done(options.overwrite)?;
@@ -213,7 +213,7 @@ impl Product {
         Ok(check_writable(&run.join(self.path()))?)
     }
 
-    fn write(&self, run: &Path, surface: &Surface, heights: &Heights) -> Result<(), PipelineError> {
+    fn write(&self, run: &Path, surface: &Dsm, heights: &Heights) -> Result<(), PipelineError> {
         let path = run.join(self.path());
         let written = match self {
             Self::Hillshade => surface.write_hillshade(&path),
@@ -250,7 +250,7 @@ fn vertical_name(run: &Path, options: &DsmOptions) -> Result<String, PipelineErr
         }
         false => None,
     };
-    Ok(from.unwrap_or_else(|| Vertical::ELLIPSOID.into()))
+    Ok(from.unwrap_or_else(|| VerticalReference::ELLIPSOID.into()))
 }
 
 fn grid(options: &DsmOptions, cameras: &TrainedCameras) -> Result<MapGrid, PipelineError> {
@@ -279,7 +279,7 @@ fn check_size(grid: &MapGrid) -> Result<(), PipelineError> {
 
 fn fingerprint(run: &Path, grid: &MapGrid, above: &str, options: &DsmOptions) -> Fingerprint {
     Fingerprint::from([
-        ("--vertical".into(), Vertical::known_name(above)),
+        ("--vertical".into(), VerticalReference::known_name(above)),
         ("--fill".into(), or_none(options.fill_m)),
         ("surface".into(), hash_file(&run.join(SURFACE))),
         ("splats".into(), hash_file(&run.join(SPLATS))),

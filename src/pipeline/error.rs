@@ -1,9 +1,9 @@
 //! Why a command failed, and of which kind the failure is.
 
 use crate::affine::{FitError, SiteSceneError};
-use crate::align::AlignError;
 use crate::bundle::BundleError;
 use crate::checkpoint::CheckpointError;
+use crate::coregister::CoregisterError;
 use crate::frame::FrameError;
 use crate::io::{CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
 use crate::metrics::MetricsError;
@@ -278,10 +278,10 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Metrics(#[from] MetricsError),
-    /// See [`AlignError`].
+    /// See [`CoregisterError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
-    Align(#[from] AlignError),
+    Coregister(#[from] CoregisterError),
     /// See [`ReportError`].
     #[error(transparent)]
     #[diagnostic(transparent)]

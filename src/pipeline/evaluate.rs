@@ -1,8 +1,10 @@
 //! Scores of a surface model against a reference: `satgs dsm-eval`.
 
 use super::PipelineError;
-use crate::io::{Cog, Vertical, check_writable, write_file, write_png_rgb};
-use crate::metrics::{self, Evaluation, Method, Surface, Truth, TruthOptions, error_picture, error_style};
+use crate::io::{Cog, VerticalReference, check_writable, write_file};
+use crate::metrics::{
+    self, Evaluation, HeightRaster, Method, Truth, TruthOptions, error_picture, error_style,
+};
 use crate::progress::{Event, Progress};
 use crate::report::{FIGURES, figures};
 use crate::run_files::{ERROR_MAP, METRICS};
@@ -19,7 +21,7 @@ pub struct EvaluateOptions {
     pub classes: Option<PathBuf>,
     /// Polygons, or a raster on the truth's grid that is not 0 inside: the inside and the outside are scored apart.
     pub mask: Option<PathBuf>,
-    /// Vertical reference of the truth's heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file
+    /// VerticalReference reference of the truth's heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file
     /// says.
     pub vertical: Option<String>,
     /// EPSG code of a point cloud that does not state its own.
@@ -34,7 +36,7 @@ impl EvaluateOptions {
         Ok(TruthOptions {
             classes: self.classes.as_deref(),
             mask: self.mask.as_deref(),
-            vertical: self.vertical.as_deref().map(Vertical::read).transpose()?,
+            vertical: self.vertical.as_deref().map(VerticalReference::read).transpose()?,
             epsg: self.epsg,
         })
     }
@@ -58,7 +60,7 @@ pub fn evaluate(
     }
     let truth_options = options.truth_options()?;
     let inputs = format!("{}, {}", dsm.display(), truth.display());
-    let prediction = Surface::read(dsm)?;
+    let prediction = HeightRaster::read(dsm)?;
     let truth = Truth::read(truth, &truth_options, &prediction.grid)?;
     if let Some(folder) = output {
         check_writable(&folder.join(METRICS))?;
@@ -94,10 +96,10 @@ fn write_files(evaluation: &Evaluation, inputs: &str, folder: &Path) -> Result<(
     let scores = serde_json::to_value(evaluation).map_err(not_json)?;
     let text = serde_json::to_string_pretty(&scores).map_err(not_json)?;
     write_file(&folder.join(METRICS), text + "\n")?;
-    let Some(verdict) = evaluation.verdict(Method::Xyz) else { return Ok(()) };
-    let errors = evaluation.error_map(&verdict.registration)?;
-    let r = verdict.registration;
-    let moved = format!("{:.3} m east, {:.3} m north, {:.3} m up", verdict.east_m, verdict.north_m, r.dz_m);
+    let Some(best) = evaluation.registered_scores(Method::Xyz) else { return Ok(()) };
+    let errors = evaluation.error_map(&best.registration)?;
+    let r = best.registration;
+    let moved = format!("{:.3} m east, {:.3} m north, {:.3} m up", best.east_m, best.north_m, r.dz_m);
     let metadata = [
         ("INPUTS", inputs.to_owned()),
         ("TIFFTAG_IMAGEDESCRIPTION", "registered prediction minus truth".to_owned()),
@@ -107,7 +109,7 @@ fn write_files(evaluation: &Evaluation, inputs: &str, folder: &Path) -> Result<(
     cog.write_f32(&folder.join(ERROR_MAP), &[("error", "m", &errors)])?;
     write_file(&folder.join(ERROR_STYLE), error_style())?;
     let picture = error_picture(&errors);
-    write_png_rgb(&folder.join(ERROR_PICTURE), picture.width, picture.height, &picture.rgb)?;
+    picture.write(&folder.join(ERROR_PICTURE))?;
     for name in FIGURES {
         // Figures of an earlier truth that had classes would stay.
         let _ = std::fs::remove_file(folder.join(name));

@@ -5,8 +5,8 @@
 
 use super::stage::Stage;
 use super::{PipelineError, RunLock, TrainedCameras};
-use crate::align::{Alignment, Shift};
 use crate::bundle::Adjustment;
+use crate::coregister::{Coregistration, Shift};
 use crate::frame::Point;
 use crate::io::{WriteError, read_json, write_json, write_moved};
 use crate::run_files::{
@@ -31,7 +31,7 @@ pub(super) struct Record {
     pub reference: PathBuf,
     /// The last shift, and what it left.
     #[serde(flatten)]
-    pub last: Alignment,
+    pub last: Coregistration,
     /// Sum of all shifts since the adjustment.
     pub total: Shift,
 }

@@ -3,7 +3,7 @@
 use super::{PipelineError, TrainedCameras, read_scene, relocation};
 use crate::affine::{SiteScene, SiteView, sun_direction};
 use crate::bundle::Adjustment;
-use crate::io::{Cog, MapGrid, SensorImage, Vertical, check_writable, write_png_rgb};
+use crate::io::{Cog, MapGrid, SensorImage, VerticalReference, check_writable, write_png_rgb};
 use crate::progress::{Event, Progress};
 use crate::rpc::{Rpc, formats};
 use crate::run_files::ADJUSTMENT;
@@ -196,6 +196,6 @@ fn write_raster(
     let [col, row] = view.camera.offset;
     let (west, north) = (east - (col + 0.5) * cell, north + (row + 0.5) * cell);
     let grid = MapGrid { epsg: setup.site.epsg, west, north, cell, width, height };
-    let cog = Cog { grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+    let cog = Cog { grid, metadata: &[], heights_from: Some(&VerticalReference::Ellipsoid) };
     Ok(cog.write_f32(path, &bands)?)
 }

@@ -130,7 +130,7 @@ impl<'a> Training<'a> {
             surface.write(&run.join(SURFACE))?;
         }
         write_log(&run.join(TRAINING), log)?;
-        pictures::curves(log).write(&run.join("train/curves.png"))?;
+        pictures::curves(log).write(&run.join("train/curves.svg"))?;
         let appearances = names.zip(made.appearances.iter().map(|a| a.0.clone())).collect();
         let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
         cameras.write_splats(run, &made.splats)?;

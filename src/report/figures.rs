@@ -1,7 +1,6 @@
 //! Figures of an evaluation: how errors are spread, and profiles through buildings.
 
-use super::chart::Chart;
-use crate::io::Grid2;
+use crate::io::{Chart, Grid2};
 use crate::metrics::{Evaluation, Profile};
 use rayon::prelude::*;
 
@@ -52,14 +51,13 @@ fn histogram(errors: &Grid2) -> Chart {
     let bins = (2.0 * LARGEST_M / STEP_M).round() as usize;
     let (counts, n) = counted(errors, bins, |e| ((e + LARGEST_M) / STEP_M).floor());
     let share = |count: u64| 100.0 * count as f64 / n.max(1) as f64;
-    let edge = |i: usize| i as f64 * STEP_M - LARGEST_M;
-    let points =
-        counts.iter().enumerate().flat_map(|(i, c)| [(edge(i), share(*c)), (edge(i + 1), share(*c))]);
+    let shares: Vec<f64> = counts.into_iter().map(share).collect();
+    let points = Chart::bars(&shares, -LARGEST_M, STEP_M);
     Chart {
         title: "Errors after xyz".into(),
         x: "predicted minus true height, m".into(),
         y: format!("% of cells a {STEP_M} m"),
-        lines: vec![("cells".into(), points.collect())],
+        lines: vec![("cells".into(), points)],
     }
 }
 

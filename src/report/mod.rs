@@ -2,17 +2,15 @@
 //!
 //! It is made of what lies in the run's folder; a stage that is not there yet is said to be missing.
 
-mod chart;
 mod figures;
 mod pictures;
 mod score_table;
 mod sections;
 
-pub use chart::{Chart, escape};
 pub use figures::{FIGURES, figures};
 pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
 
-use crate::io::{RasterError, ReadError, WriteError, write_file};
+use crate::io::{RasterError, ReadError, WriteError, escape_xml, write_file};
 use crate::run_files::{PAGE, SCENE};
 use std::path::{Path, PathBuf};
 
@@ -50,7 +48,7 @@ pub fn write(run: &Path) -> Result<PathBuf, ReportError> {
         return Err(ReportError::NoRun { run: run.into() });
     }
     let name = run.canonicalize().ok().and_then(|r| Some(r.file_name()?.to_string_lossy().into_owned()));
-    let name = escape(&name.unwrap_or_else(|| "run".into()));
+    let name = escape_xml(&name.unwrap_or_else(|| "run".into()));
     let sections = [
         ("inputs", "Inputs", sections::inputs(run)?),
         ("adjustment", "Adjustment", sections::adjustment(run)?),

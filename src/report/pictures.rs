@@ -1,7 +1,6 @@
 //! Pictures inside of the page.
 
-use super::escape;
-use crate::io::{Grid2, ImageFile, MapGrid, RasterError, Window, png_rgb};
+use crate::io::{Grid2, ImageFile, MapGrid, RasterError, Window, escape_xml, png_rgb};
 use base64::prelude::{BASE64_STANDARD, Engine};
 use std::path::Path;
 
@@ -20,7 +19,7 @@ pub(super) fn img(
     let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
     Ok(format!(
         "<img{class} src=\"data:image/png;base64,{data}\" width=\"{width}\" height=\"{height}\" alt=\"{}\">",
-        escape(alt)
+        escape_xml(alt)
     ))
 }
 

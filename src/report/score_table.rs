@@ -18,15 +18,15 @@ pub struct ScoreTable {
 #[must_use]
 pub fn score_tables(evaluation: &Value) -> [ScoreTable; 2] {
     let array = |v: &Value| v.as_array().cloned().unwrap_or_default();
-    let verdicts = array(&evaluation["verdicts"]);
+    let registered_scores = array(&evaluation["registered_scores"]);
     let text = |v: &Value| v.as_str().unwrap_or_default().to_owned();
-    let shifts = verdicts.iter().map(|v| {
+    let shifts = registered_scores.iter().map(|v| {
         let numbers = ["dx_cells", "dy_cells", "east_m", "north_m", "dz_m"].map(|key| number(&v[key], 3));
         [text(&v["method"])].into_iter().chain(numbers).collect()
     });
-    let strata = verdicts.last().map_or_else(Vec::new, |v| array(&v["strata"]));
-    let all = verdicts.iter().map(|v| score_row(format!("all, {}", text(&v["method"])), v));
-    let parts = strata.iter().map(|s| score_row(text(&s["name"]), s));
+    let breakdown = registered_scores.last().map_or_else(Vec::new, |v| array(&v["breakdown"]));
+    let all = registered_scores.iter().map(|v| score_row(format!("all, {}", text(&v["method"])), v));
+    let parts = breakdown.iter().map(|s| score_row(text(&s["name"]), s));
     [
         ScoreTable {
             name: "Registrations",

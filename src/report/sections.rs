@@ -1,12 +1,11 @@
 //! The sections of the page, each from the files of one stage.
 
-use super::chart::Chart;
 use super::figures::FIGURES;
 use super::pictures::{img, map, rgb_of};
-use super::{ReportError, SCORE_NOTE, ScoreTable, escape, score_tables};
-use crate::bundle::Report;
+use super::{ReportError, SCORE_NOTE, ScoreTable, score_tables};
+use crate::bundle::{ADJUSTMENT_FIGURES, Report};
 use crate::dsm::hillshade;
-use crate::io::{Grid2, MapGrid, RasterError, ReadError, read_json};
+use crate::io::{Chart, Grid2, MapGrid, RasterError, ReadError, escape_xml, read_json};
 use crate::metrics::{error_picture, onto_grid};
 use crate::run_files::{
     ADJUSTMENT, ADJUSTMENT_REPORT, DSM, ERROR_MAP, EVALUATION, METRICS, ORTHO, SCENE, STAGE, TRAINING,
@@ -33,11 +32,11 @@ pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
     let mut out =
         format!("<p>{} views, heights searched from {low:.0} to {high:.0} m.</p>\n", scene.views.len());
     for warning in &scene.warnings {
-        let _ = writeln!(out, "<p class=\"note\">{}</p>", escape(warning));
+        let _ = writeln!(out, "<p class=\"note\">{}</p>", escape_xml(warning));
     }
     out.push_str("<div class=\"thumbnails\">\n");
     for view in &scene.views {
-        let name = escape(&view.name);
+        let name = escape_xml(&view.name);
         // Images may have been moved since.
         let picture = match view.thumbnail(THUMBNAIL) {
             Ok(colors) => {
@@ -46,7 +45,7 @@ pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
             }
             Err(_) => format!(
                 "<p class=\"note\">`{}` cannot be read</p>",
-                escape(&view.image.display().to_string())
+                escape_xml(&view.image.display().to_string())
             ),
         };
         let _ = writeln!(out, "<figure>{picture}<figcaption>{name}</figcaption></figure>");
@@ -64,15 +63,13 @@ pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
     let head =
         ["view", "acquired", "pixels", "azimuth", "off-nadir", "sun azimuth", "sun elevation", "used for"];
     out.push_str(&table("Views", &head, rows));
-    if let Ok(sky) = scene.overlap().and_then(|overlap| scene.skyplot(&overlap)) {
-        let alt = "Left the footprints of the views on the ground, right satellites and suns on the sky";
-        let (width, height, rgb) = sky.picture();
-        let picture = img(width, height, rgb, alt, "")?;
+    if let Ok(drawing) = scene.overlap().and_then(|overlap| scene.skyplot(&overlap)) {
         let _ = writeln!(
             out,
-            "<figure>{picture}<figcaption>Left footprints (blue) and area (green), north up. Right the sky: zenith in the \
-             middle, rings every 30°; satellites blue, hollow where the view is for tests; suns orange.</figcaption>\
-             </figure>"
+            "<figure>{}<figcaption>Left: footprints of the views (blue) and the area of interest (green), north up. Right: \
+             the sky above the scene, with the zenith in the middle and a ring every 30°; satellites are blue, hollow for test \
+             views, suns are orange.</figcaption></figure>",
+            drawing.svg("footprints of the views on the ground, and satellites and suns in the sky")
         );
     }
     Ok(out)
@@ -84,13 +81,12 @@ pub(super) fn adjustment(run: &Path) -> Result<String, ReportError> {
         return Ok(missing("ba SCENE -o RUN"));
     };
     let mut out = format!(
-        "<p>{} tracks, {} observations; mean reprojection error {:.3} px before, {:.3} px after. What fixes the place: \
-         {}.</p>\n",
+        "<p>{} tracks, {} observations; mean reprojection error {:.3} px before, {:.3} px after. Datum: {}.</p>\n",
         report.tracks,
         report.observations,
         report.mean_before_px,
         report.mean_px,
-        escape(&report.gauge)
+        escape_xml(&report.gauge)
     );
     let rows = report.views.iter().map(|v| {
         let px = [v.mean_before_px, v.mean_px, v.rms_px, v.shift_px[0], v.shift_px[1]];
@@ -99,8 +95,10 @@ pub(super) fn adjustment(run: &Path) -> Result<String, ReportError> {
     });
     let head = ["view", "points", "before px", "after px", "RMS px", "shift col px", "shift row px"];
     out.push_str(&table("Residuals", &head, rows));
+    let drawings = ADJUSTMENT_FIGURES.map(|name| std::fs::read_to_string(run.join(ADJUSTMENT).join(name)));
+    out.push_str(&figures(drawings.into_iter().flatten()));
     for (view, reason) in &report.left_out {
-        let _ = writeln!(out, "<p class=\"note\">Left out: {}, {}</p>", escape(view), escape(reason));
+        let _ = writeln!(out, "<p class=\"note\">Left out: {}, {}</p>", escape_xml(view), escape_xml(reason));
     }
     Ok(out)
 }
@@ -199,9 +197,9 @@ pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
     for ScoreTable { name, head, rows } in score_tables(&scores) {
         out.push_str(&table(name, head, rows.into_iter()));
     }
-    let _ = writeln!(out, "<p class=\"note\">{}.</p>", escape(SCORE_NOTE));
+    let _ = writeln!(out, "<p class=\"note\">{}.</p>", escape_xml(SCORE_NOTE));
     for note in scores["notes"].as_array().into_iter().flatten().filter_map(Value::as_str) {
-        let _ = writeln!(out, "<p class=\"note\">{}</p>", escape(note));
+        let _ = writeln!(out, "<p class=\"note\">{}</p>", escape_xml(note));
     }
     out.push_str(&figures(FIGURES.iter().filter_map(|name| std::fs::read_to_string(folder.join(name)).ok())));
     Ok(out)
@@ -212,7 +210,7 @@ pub(super) fn commands(run: &Path) -> Result<String, ReportError> {
     let mut out = String::new();
     for stage in STAGES {
         let Some(record) = read_if_present::<Value>(&run.join(stage).join(STAGE))? else { continue };
-        let text = |key: &str| escape(record[key].as_str().unwrap_or("not recorded"));
+        let text = |key: &str| escape_xml(record[key].as_str().unwrap_or("not recorded"));
         let made_from = record["made_from"].as_object().into_iter().flatten();
         let rows = made_from.map(|(k, v)| vec![k.clone(), v.as_str().unwrap_or_default().to_owned()]);
         let _ = writeln!(
@@ -236,8 +234,8 @@ fn slider(surface: &Grid2, errors: &Grid2, grid: &MapGrid) -> Result<String, Rep
          begins\">\n<div class=\"scale\"><span>-3 m</span>{}<span>+3 m</span></div>\n<figcaption>Left the surface, right \
          its errors; grey is not scored.</figcaption>\n</figure>\n",
         shaded(surface, grid, "Hillshade of the surface model on the truth's grid")?,
-        img(picture.width, picture.height, &picture.rgb, alt, "over")?,
-        img(scale.width, scale.height, &scale.rgb, "Colours of errors from -3 m, blue, to +3 m, red", "")?
+        img(picture.width, picture.height, &picture.data, alt, "over")?,
+        img(scale.width, scale.height, &scale.data, "Colours of errors from -3 m, blue, to +3 m, red", "")?
     ))
 }
 
@@ -254,7 +252,7 @@ fn figures(svgs: impl Iterator<Item = String>) -> String {
 fn table(name: &str, head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
     let cells = |tag: &str, texts: &mut dyn Iterator<Item = String>| -> String {
         let end = tag.split(' ').next().unwrap_or(tag);
-        texts.map(|t| format!("<{tag}>{}</{end}>", escape(&t))).collect()
+        texts.map(|t| format!("<{tag}>{}</{end}>", escape_xml(&t))).collect()
     };
     let head = cells("th scope=\"col\"", &mut head.iter().map(|h| (*h).to_owned()));
     let rows: String = rows.map(|r| format!("<tr>{}</tr>\n", cells("td", &mut r.into_iter()))).collect();

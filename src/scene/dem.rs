@@ -2,7 +2,7 @@
 
 use super::{Scene, SceneError, footprint};
 use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid, half_turn};
-use crate::io::{Grid2, HeightSystem, ImageFile, Vertical, VerticalError, Window, read_heights};
+use crate::io::{Grid2, HeightSystem, ImageFile, VerticalError, VerticalReference, Window, read_heights};
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
 
@@ -49,10 +49,10 @@ impl Scene {
     /// Heights in feet are converted, and voids that are not declared as nodata are left out.
     ///
     /// # Errors
-    /// [`SceneError::Vertical`] when what its heights count from is not known, [`SceneError::DemElsewhere`] when it does
+    /// [`SceneError::VerticalReference`] when what its heights count from is not known, [`SceneError::DemElsewhere`] when it does
     /// not cover the scene, [`SceneError::GeoidElsewhere`] when the geoid's grid does not, [`SceneError::DemVoid`] for
     /// heights that are none.
-    pub fn dem(&self, path: &Path, vertical: Option<&Vertical>) -> Result<Dem, SceneError> {
+    pub fn dem(&self, path: &Path, vertical: Option<&VerticalReference>) -> Result<Dem, SceneError> {
         let elsewhere = || SceneError::DemElsewhere { path: path.into() };
         let file = ImageFile::open(path)?;
         let told = match vertical {
@@ -133,10 +133,10 @@ impl Scene {
 }
 
 /// What a model's heights count from, as it says itself.
-fn told_reference(file: &ImageFile) -> Result<Vertical, SceneError> {
-    let unknown = |told: String| SceneError::Vertical { path: file.path().into(), told };
+fn told_reference(file: &ImageFile) -> Result<VerticalReference, SceneError> {
+    let unknown = |told: String| SceneError::VerticalReference { path: file.path().into(), told };
     let Some(from) = HeightSystem::of_raster(file)?.from else { return Err(unknown(String::new())) };
-    match Vertical::read(&from) {
+    match VerticalReference::read(&from) {
         Err(VerticalError::Unknown { .. } | VerticalError::NoGrid { .. }) => {
             Err(unknown(format!(" by a reference that is known: it says `{from}`")))
         }

@@ -270,7 +270,7 @@ pub enum SceneError {
         "--dem-vertical ellipsoid, EGM84, EGM96 (SRTM), EGM2008 (Copernicus), or the path of a geoid's grid \
          (.gtx, .tif of PROJ)"
     ))]
-    Vertical {
+    VerticalReference {
         /// The elevation model.
         path: PathBuf,
         /// What it says instead, if anything: a phrase.
@@ -368,7 +368,7 @@ pub enum SceneError {
     /// The vertical reference of heights cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]
-    VerticalReference(#[from] VerticalError),
+    Geoid(#[from] VerticalError),
     /// The place cannot be mapped.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -1,33 +1,30 @@
-//! One picture of a scene: left the footprints, north up, right the sky over it.
+//! A drawing of a scene's geometry: the footprints on the left, the sky on the right.
 //!
-//! On the sky the middle is the zenith, the rim the horizon, rings stand every 30°; north is up, east right. Blue dots
-//! are satellites, hollow ones of test views; orange dots are suns.
+//! North is up. On the sky the centre is the zenith and the rim the horizon, with a ring every 30°. Blue dots are
+//! satellites, hollow ones those of test views; orange dots are suns.
 
 use super::{Overlap, Role, Scene, SceneError};
 use crate::frame::SiteGrid;
-use crate::io::Canvas;
+use crate::io::Drawing;
+use crate::io::svg::{BLUE, GRAY, GREEN, ORANGE};
 
-/// Side of each half, pixels.
-const SIDE: usize = 480;
+/// Side of each half of the drawing, and the margin inside of it.
+const SIDE: f64 = 480.0;
 const MARGIN: f64 = 24.0;
-const PAPER: [u8; 3] = [255; 3];
-const VIEW: [u8; 3] = Canvas::BLUE;
-const SUN: [u8; 3] = Canvas::ORANGE;
-const AREA: [u8; 3] = [44, 160, 44];
 
 impl Scene {
-    /// Draws the picture.
+    /// Draws footprints, satellites and suns.
     ///
     /// # Errors
     /// [`SceneError`] for a place outside UTM.
-    pub fn skyplot(&self, overlap: &Overlap) -> Result<Canvas, SceneError> {
-        let mut canvas = Canvas::new(2 * SIDE, SIDE);
-        self.draw_footprints(overlap, &mut canvas)?;
-        self.draw_sky(&mut canvas);
-        Ok(canvas)
+    pub fn skyplot(&self, overlap: &Overlap) -> Result<Drawing, SceneError> {
+        let mut drawing = Drawing::new(2.0 * SIDE, SIDE);
+        self.draw_footprints(overlap, &mut drawing)?;
+        self.draw_sky(&mut drawing);
+        Ok(drawing)
     }
 
-    fn draw_footprints(&self, overlap: &Overlap, canvas: &mut Canvas) -> Result<(), SceneError> {
+    fn draw_footprints(&self, overlap: &Overlap, drawing: &mut Drawing) -> Result<(), SceneError> {
         let Some(center) = self.center() else { return Ok(()) };
         let grid = SiteGrid::at(center)?;
         let rings: Vec<Vec<[f64; 2]>> = self
@@ -42,45 +39,39 @@ impl Scene {
                 [[w - x, s - y], [e - x, s - y], [e - x, n - y], [w - x, n - y]].to_vec()
             });
         let reach = rings.iter().chain(&area).flatten().flatten().fold(1.0f64, |a, b| a.max(b.abs()));
-        let middle = 0.5 * SIDE as f64;
+        let middle = 0.5 * SIDE;
         let scale = (middle - MARGIN) / reach;
         let place = |[x, y]: [f64; 2]| [middle + scale * x, middle - scale * y];
         for ring in rings {
-            canvas.outline(&ring.into_iter().map(place).collect::<Vec<_>>(), VIEW);
+            drawing.outline(&ring.into_iter().map(place).collect::<Vec<_>>(), BLUE);
         }
         if let Some(ring) = area {
-            canvas.outline(&ring.into_iter().map(place).collect::<Vec<_>>(), AREA);
+            drawing.outline(&ring.into_iter().map(place).collect::<Vec<_>>(), GREEN);
         }
         Ok(())
     }
 
-    fn draw_sky(&self, canvas: &mut Canvas) {
-        let middle = [1.5 * SIDE as f64, 0.5 * SIDE as f64];
-        let radius = 0.5 * SIDE as f64 - MARGIN;
+    fn draw_sky(&self, drawing: &mut Drawing) {
+        let middle = [1.5 * SIDE, 0.5 * SIDE];
+        let radius = 0.5 * SIDE - MARGIN;
         let place = |azimuth_deg: f64, zenith_deg: f64| {
             let (sin, cos) = azimuth_deg.to_radians().sin_cos();
             let r = radius * zenith_deg / 90.0;
             [middle[0] + r * sin, middle[1] - r * cos]
         };
         for ring in [30.0, 60.0, 90.0] {
-            canvas.outline(
-                &(0..120).map(|i| place(3.0 * f64::from(i), ring)).collect::<Vec<_>>(),
-                Canvas::GRID,
-            );
+            drawing.outline(&(0..120).map(|i| place(3.0 * f64::from(i), ring)).collect::<Vec<_>>(), GRAY);
         }
         for azimuth in [0.0, 90.0] {
-            canvas.line(place(azimuth, 90.0), place(azimuth + 180.0, 90.0), Canvas::GRID);
+            drawing.lines([[place(azimuth, 90.0), place(azimuth + 180.0, 90.0)]].into_iter(), GRAY, 1.0);
         }
         let (low, high) = self.height_range();
         for view in &self.views {
             if let Some(sun) = view.sun {
-                canvas.disc(place(sun.azimuth_deg, 90.0 - sun.elevation_deg), 5.0, SUN);
+                drawing.circle(place(sun.azimuth_deg, 90.0 - sun.elevation_deg), 4.0, ORANGE, true);
             }
             if let Some((azimuth, off_nadir)) = view.direction_deg(0.5 * (low + high)) {
-                canvas.disc(place(azimuth, off_nadir), 5.0, VIEW);
-                if view.role == Role::Test {
-                    canvas.disc(place(azimuth, off_nadir), 3.0, PAPER);
-                }
+                drawing.circle(place(azimuth, off_nadir), 4.0, BLUE, view.role != Role::Test);
             }
         }
     }

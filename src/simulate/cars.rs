@@ -1,9 +1,9 @@
 //! Cars on the streets: in an image, different from view to view, and never in the exact DSM.
 
-use super::dice::Dice;
 use super::field::{Field, Material};
-use super::paint::car_color;
+use super::keyed_rng::KeyedRng;
 use super::plan::Plan;
+use super::texture::car_color;
 
 /// Slots for cars lie so far apart along a lane, metres.
 const SLOT_M: f64 = 11.0;
@@ -17,17 +17,17 @@ const HALF_M: [f64; 2] = [2.15, 0.9];
 /// The cars of one view, painted onto the streets.
 pub(super) struct Cars<'a> {
     plan: &'a Plan,
-    dice: Dice,
+    rng: KeyedRng,
     /// Where a car's shadow falls from, metres along the town's axes.
     shadow: [f64; 2],
 }
 
 impl<'a> Cars<'a> {
     /// Traffic of one view under a sun (a unit vector on the map).
-    pub(super) fn new(plan: &'a Plan, dice: Dice, sun: [f64; 3]) -> Self {
+    pub(super) fn new(plan: &'a Plan, rng: KeyedRng, sun: [f64; 3]) -> Self {
         const HEIGHT_M: f64 = 1.4;
         let length = 0.6 * HEIGHT_M / sun[2].max(0.3);
-        Self { plan, dice, shadow: plan.town_from_map(sun[0] * length, sun[1] * length) }
+        Self { plan, rng, shadow: plan.town_from_map(sun[0] * length, sun[1] * length) }
     }
 
     /// The colour at a place of the field if a car or its shadow is there: reflectance, and how much of the sun.
@@ -57,14 +57,14 @@ impl<'a> Cars<'a> {
             let slot = (at[along] / SLOT_M).floor();
             // Both lanes of a street: which side of the axis, and which street.
             let is_far = at[across] > center[across];
-            let dice = self.dice.on(across as i64).on(block[across]).on(i64::from(is_far)).on(slot as i64);
-            let middle = (slot + 0.5) * SLOT_M + dice.on(1).between(-2.8, 2.8);
+            let rng = self.rng.key(across as i64).key(block[across]).key(i64::from(is_far)).key(slot as i64);
+            let middle = (slot + 0.5) * SLOT_M + rng.key(1).uniform_in(-2.8, 2.8);
             let (u, v) = (at[along] - middle, off_axis - LANE_M);
-            if dice.unit() > TRAFFIC || u.abs() > HALF_M[0] || v.abs() > HALF_M[1] {
+            if rng.uniform() > TRAFFIC || u.abs() > HALF_M[0] || v.abs() > HALF_M[1] {
                 return None;
             }
             let is_glass = (0.5..1.1).contains(&u) || (-1.7..-1.3).contains(&u);
-            Some(if is_glass { [0.05, 0.06, 0.07] } else { car_color(dice.on(2)) })
+            Some(if is_glass { [0.05, 0.06, 0.07] } else { car_color(rng.key(2)) })
         })
     }
 }

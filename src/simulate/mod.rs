@@ -5,14 +5,14 @@
 //! convention there shows as an error against the truth.
 
 mod cars;
-mod deliver;
-mod dice;
+mod export;
+mod keyed_rng;
 mod error;
 mod field;
 mod geodesy;
-mod paint;
+mod texture;
 mod plan;
-mod plant;
+mod vegetation;
 mod render;
 mod sensor;
 mod town;
@@ -22,8 +22,8 @@ use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::io::write_json;
 use crate::progress::{Event, Progress};
 use crate::rpc::{Axis, Rpc};
-use dice::Dice;
 pub use error::SimulateError;
+use keyed_rng::KeyedRng;
 use sensor::{Acquisition, LineScanner};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -48,7 +48,7 @@ pub enum Relief {
 
 /// What to simulate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Options {
+pub struct SimulateOptions {
     /// Another number is another town.
     pub seed: u64,
     /// Number of images.
@@ -63,7 +63,7 @@ pub struct Options {
     pub overwrite: bool,
 }
 
-impl Default for Options {
+impl Default for SimulateOptions {
     fn default() -> Self {
         Self { seed: 0, views: 10, size_px: 400, gsd_m: 0.5, relief: Relief::Rolling, overwrite: false }
     }
@@ -119,12 +119,12 @@ pub struct Summary {
 }
 
 /// One acquisition and its camera.
-struct Shot {
+struct SimulatedView {
     plan: Acquisition,
     true_rpc: Rpc,
 }
 
-impl Shot {
+impl SimulatedView {
     /// The camera with its pointing error, as delivered.
     fn delivered_rpc(&self) -> Rpc {
         let (d_col, d_row) = self.plan.pointing_error;
@@ -138,9 +138,13 @@ impl Shot {
 ///
 /// # Errors
 /// [`SimulateError`]: an option out of range, a folder in use, a file that cannot be written, a request to stop.
-pub fn simulate(out: &Path, options: &Options, progress: &dyn Progress) -> Result<Summary, SimulateError> {
+pub fn simulate(
+    out: &Path,
+    options: &SimulateOptions,
+    progress: &dyn Progress,
+) -> Result<Summary, SimulateError> {
     check(options)?;
-    claim(out, options.overwrite)?;
+    prepare_folder(out, options.overwrite)?;
     let truth_folder = out.join("truth");
 
     progress.event(Event::Started { stage: "building the town", total: 0 });
@@ -152,24 +156,24 @@ pub fn simulate(out: &Path, options: &Options, progress: &dyn Progress) -> Resul
     // The corners of oblique images, the parallax of the highest roofs, shadows from outside.
     let half_m = ((0.82 * extent_m + 50.0) / step_m).ceil() * step_m;
     let town = Town::new(options.seed, half_m, step_m, 0.5 * extent_m, options.relief);
-    let shots = take_aim(options, &town, &grid)?;
+    let views = plan_views(options, &town, &grid)?;
     progress.event(Event::Finished);
 
-    progress.event(Event::Started { stage: "taking images", total: shots.len() as u64 });
-    for (i, shot) in shots.iter().enumerate() {
+    progress.event(Event::Started { stage: "taking images", total: views.len() as u64 });
+    for (i, view) in views.iter().enumerate() {
         progress.check()?;
-        let image = expose(shot, i, options, &town, &grid)?;
-        let path = out.join(format!("{}.tif", shot.plan.name));
-        deliver::write_view(&path, shot, options.size_px, image)?;
-        let path = truth_folder.join("rpcs").join(format!("{}.json", shot.plan.name));
-        truth::write_rpc(&path, shot, options.size_px, town.field.height_range())?;
-        progress.event(Event::Advanced { done: i as u64 + 1, status: shot.plan.name.clone() });
+        let image = render_view(view, i, options, &town, &grid)?;
+        let path = out.join(format!("{}.tif", view.plan.name));
+        export::write_view(&path, view, options.size_px, image)?;
+        let path = truth_folder.join("rpcs").join(format!("{}.json", view.plan.name));
+        truth::write_rpc(&path, view, options.size_px, town.field.height_range())?;
+        progress.event(Event::Advanced { done: i as u64 + 1, status: view.plan.name.clone() });
     }
     progress.event(Event::Finished);
 
-    let truth = truth::Truth::sample(&town.field, &grid, &shots, options.size_px, options.gsd_m);
+    let truth = truth::ExactDsm::sample(&town.field, &grid, &views, options.size_px, options.gsd_m);
     truth.write(&truth_folder, TRUTH_NAME)?;
-    let views: Vec<ViewFigures> = shots.iter().map(view_figures).collect();
+    let views: Vec<ViewFigures> = views.iter().map(view_figures).collect();
     write_json(&truth_folder.join("shifts.json"), &shifts(&views))?;
     Ok(Summary {
         scene: truth.figures(&town.plan, &grid),
@@ -178,7 +182,7 @@ pub fn simulate(out: &Path, options: &Options, progress: &dyn Progress) -> Resul
     })
 }
 
-fn check(options: &Options) -> Result<(), SimulateError> {
+fn check(options: &SimulateOptions) -> Result<(), SimulateError> {
     let wrong = |option, found: String, expected| Err(SimulateError::Option { option, found, expected });
     if !(3..=99).contains(&options.views) {
         return wrong("--views", options.views.to_string(), "3 to 99");
@@ -193,7 +197,7 @@ fn check(options: &Options) -> Result<(), SimulateError> {
 }
 
 /// Makes the folder, or clears an earlier simulation from it: its own files and no others.
-fn claim(out: &Path, overwrite: bool) -> Result<(), SimulateError> {
+fn prepare_folder(out: &Path, overwrite: bool) -> Result<(), SimulateError> {
     let failed =
         |path: &Path, e: std::io::Error| SimulateError::Folder { path: path.into(), reason: e.to_string() };
     std::fs::create_dir_all(out).map_err(|e| failed(out, e))?;
@@ -217,7 +221,11 @@ fn claim(out: &Path, overwrite: bool) -> Result<(), SimulateError> {
 }
 
 /// Plans the acquisitions and fits their RPCs.
-fn take_aim(options: &Options, town: &Town, grid: &SiteGrid) -> Result<Vec<Shot>, SimulateError> {
+fn plan_views(
+    options: &SimulateOptions,
+    town: &Town,
+    grid: &SiteGrid,
+) -> Result<Vec<SimulatedView>, SimulateError> {
     let center = grid.geodetic_from_utm(grid.origin);
     let target = center.at_height(town.plan.ground_m(0.0, 0.0));
     let (low, high) = town.field.height_range();
@@ -225,42 +233,42 @@ fn take_aim(options: &Options, town: &Town, grid: &SiteGrid) -> Result<Vec<Shot>
         offset: (0.5 * (low + high)).round(),
         scale: (0.5 * (high - low) + 20.0).ceil().max(RPC_HALF_HEIGHT_M),
     };
-    let plans = sensor::acquisitions(Dice::new(options.seed).on(1000), options.views, target);
+    let plans = sensor::acquisitions(KeyedRng::new(options.seed).key(1000), options.views, target);
     plans
         .into_iter()
         .map(|plan| {
             let scanner = LineScanner::new(target, &plan, options.size_px, options.gsd_m);
             let fitted = scanner.rpc(target, height);
             let true_rpc = fitted.map_err(|source| SimulateError::Rpc { view: plan.name.clone(), source })?;
-            Ok(Shot { plan, true_rpc })
+            Ok(SimulatedView { plan, true_rpc })
         })
         .collect()
 }
 
-fn expose(
-    shot: &Shot,
+fn render_view(
+    view: &SimulatedView,
     index: usize,
-    options: &Options,
+    options: &SimulateOptions,
     town: &Town,
     grid: &SiteGrid,
 ) -> Result<Vec<Vec<u8>>, SimulateError> {
-    let dice = Dice::new(options.seed).on(2000).on(index as i64);
+    let rng = KeyedRng::new(options.seed).key(2000).key(index as i64);
     let sun = geodesy::sun_on_map(
         grid,
         grid.geodetic_from_utm(grid.origin).at_height(PLACE.height_m()),
-        shot.plan.sun,
+        view.plan.sun,
     );
-    let look = render::Look::new(dice.on(1), sun, shot.plan.day_of_year);
+    let radiometry = render::Radiometry::new(rng.key(1), sun, view.plan.day_of_year);
     let (low, high) = town.field.height_range();
-    let rays = render::Rays::new(&shot.true_rpc, grid, options.size_px, (low - 1.0, high + 1.0))
-        .map_err(|source| SimulateError::Ray { view: shot.plan.name.clone(), source })?;
-    let cars = cars::Cars::new(&town.plan, dice.on(2), sun);
-    let colors = Dice::new(options.seed).on(7);
-    Ok(render::render(&town.field, &rays, Some(&cars), &look, colors, dice.on(3), options.size_px))
+    let rays = render::ViewRays::new(&view.true_rpc, grid, options.size_px, (low - 1.0, high + 1.0))
+        .map_err(|source| SimulateError::Ray { view: view.plan.name.clone(), source })?;
+    let cars = cars::Cars::new(&town.plan, rng.key(2), sun);
+    let colors = KeyedRng::new(options.seed).key(7);
+    Ok(render::render(&town.field, &rays, Some(&cars), &radiometry, colors, rng.key(3), options.size_px))
 }
 
-fn view_figures(shot: &Shot) -> ViewFigures {
-    let plan = &shot.plan;
+fn view_figures(view: &SimulatedView) -> ViewFigures {
+    let plan = &view.plan;
     ViewFigures {
         name: plan.name.clone(),
         off_nadir_deg: plan.off_nadir_deg,

@@ -4,8 +4,8 @@
 //! pixels. Everything follows from the seed and from the block's indices.
 
 use super::Relief;
-use super::dice::Dice;
-use super::plant;
+use super::keyed_rng::KeyedRng;
+use super::vegetation;
 
 /// Period of the streets along a and b, metres.
 pub(super) const PERIOD_M: [f64; 2] = [60.0, 45.0];
@@ -20,7 +20,7 @@ const TOWER_M: f64 = 33.0;
 
 /// What a block is used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Block {
+pub(super) enum LandUse {
     Houses,
     Flats,
     Hall,
@@ -65,7 +65,7 @@ pub(super) struct Tree {
 
 /// The plan of a town.
 pub(super) struct Plan {
-    dice: Dice,
+    rng: KeyedRng,
     relief: Relief,
     turn: (f64, f64),
     shift: [f64; 2],
@@ -79,11 +79,11 @@ pub(super) struct Plan {
 impl Plan {
     /// A town that fills ±`half_m`; what makes it a test scene lies within ±`core_half_m`.
     pub(super) fn new(seed: u64, half_m: f64, core_half_m: f64, relief: Relief) -> Self {
-        let dice = Dice::new(seed);
-        let turn = dice.on(1).between(0.2, 0.5).sin_cos();
-        let shift = [dice.on(2).between(0.0, 8.0), dice.on(3).between(0.0, 8.0)];
+        let rng = KeyedRng::new(seed);
+        let turn = rng.key(1).uniform_in(0.2, 0.5).sin_cos();
+        let shift = [rng.key(2).uniform_in(0.0, 8.0), rng.key(3).uniform_in(0.0, 8.0)];
         let mut plan = Self {
-            dice,
+            rng,
             relief,
             turn,
             shift,
@@ -124,24 +124,24 @@ impl Plan {
     }
 
     /// What a block is used for.
-    pub(super) fn block(&self, block: [i64; 2]) -> Block {
+    pub(super) fn land_use(&self, block: [i64; 2]) -> LandUse {
         if block == self.tower {
-            return Block::Tower;
+            return LandUse::Tower;
         }
         if block == self.pond {
-            return Block::Pond;
+            return LandUse::Pond;
         }
-        match self.block_dice(block).on(0).unit() {
-            u if u < 0.50 => Block::Houses,
-            u if u < 0.80 => Block::Flats,
-            u if u < 0.93 => Block::Hall,
-            _ => Block::Park,
+        match self.block_rng(block).key(0).uniform() {
+            u if u < 0.50 => LandUse::Houses,
+            u if u < 0.80 => LandUse::Flats,
+            u if u < 0.93 => LandUse::Hall,
+            _ => LandUse::Park,
         }
     }
 
     /// A block's own chances.
-    pub(super) fn block_dice(&self, block: [i64; 2]) -> Dice {
-        self.dice.on(100).on(block[0]).on(block[1])
+    pub(super) fn block_rng(&self, block: [i64; 2]) -> KeyedRng {
+        self.rng.key(100).key(block[0]).key(block[1])
     }
 
     /// Distances to the axes of the nearest streets along b and along a, metres.
@@ -169,7 +169,7 @@ impl Plan {
     }
 
     fn hills_m(&self, x: f64, y: f64) -> f64 {
-        let phase = self.dice.on(4).between(0.0, std::f64::consts::TAU);
+        let phase = self.rng.key(4).uniform_in(0.0, std::f64::consts::TAU);
         let along = x * phase.cos() + y * phase.sin();
         let across = y * phase.cos() - x * phase.sin();
         match self.relief {
@@ -177,14 +177,14 @@ impl Plan {
                 GROUND_M
                     + 5.0 * (along / 62.0).sin()
                     + 3.0 * (across / 45.0 + 1.0).sin()
-                    + 1.2 * self.dice.on(5).octaves(x, y, 70.0, 2)
+                    + 1.2 * self.rng.key(5).fractal_noise(x, y, 70.0, 2)
             }
             Relief::Hilly => {
                 GROUND_M
                     + 20.0
                     + 36.0 * (along / 85.0).sin()
                     + 6.0 * (across / 40.0 + 1.0).sin()
-                    + 2.5 * self.dice.on(5).octaves(x, y, 60.0, 2)
+                    + 2.5 * self.rng.key(5).fractal_noise(x, y, 60.0, 2)
             }
         }
     }
@@ -195,19 +195,19 @@ impl Plan {
         for i in from[0]..=to[0] {
             for j in from[1]..=to[1] {
                 let block = [i, j];
-                let dice = self.block_dice(block);
-                match self.block(block) {
-                    Block::Houses => self.lots(block, [3, 2], |plan, at, dice| plan.house(at, dice)),
-                    Block::Flats => self.lots(block, [2, 1], |plan, at, dice| plan.flats(at, dice)),
-                    Block::Hall => {
-                        let half = [dice.on(1).between(16.0, 19.0), dice.on(2).between(10.5, 13.0)];
+                let rng = self.block_rng(block);
+                match self.land_use(block) {
+                    LandUse::Houses => self.lots(block, [3, 2], |plan, at, rng| plan.house(at, rng)),
+                    LandUse::Flats => self.lots(block, [2, 1], |plan, at, rng| plan.flats(at, rng)),
+                    LandUse::Hall => {
+                        let half = [rng.key(1).uniform_in(16.0, 19.0), rng.key(2).uniform_in(10.5, 13.0)];
                         let center = self.block_center(block);
                         let owner = self.next_owner();
-                        let eaves_m = dice.on(3).between(9.0, 12.0);
-                        let roof = if dice.on(4).unit() < 0.5 { Roof::Gable(2.0) } else { Roof::Flat };
+                        let eaves_m = rng.key(3).uniform_in(9.0, 12.0);
+                        let roof = if rng.key(4).uniform() < 0.5 { Roof::Gable(2.0) } else { Roof::Flat };
                         self.buildings.push(Building { center, half, eaves_m, roof, owner });
                     }
-                    Block::Tower => {
+                    LandUse::Tower => {
                         let [a, b] = self.block_center(block);
                         let owner = self.next_owner();
                         let tall = Building {
@@ -225,9 +225,9 @@ impl Plan {
                         };
                         self.buildings.extend([tall, low]);
                     }
-                    Block::Park | Block::Pond => {}
+                    LandUse::Park | LandUse::Pond => {}
                 }
-                let trees = plant::trees(self, block);
+                let trees = vegetation::trees(self, block);
                 self.trees.extend(trees);
             }
         }
@@ -238,7 +238,7 @@ impl Plan {
     }
 
     /// Calls `build` with the centre of every lot of a block.
-    fn lots(&mut self, block: [i64; 2], count: [i64; 2], build: fn(&mut Self, [f64; 2], Dice)) {
+    fn lots(&mut self, block: [i64; 2], count: [i64; 2], build: fn(&mut Self, [f64; 2], KeyedRng)) {
         let center = self.block_center(block);
         for i in 0..count[0] {
             for j in 0..count[1] {
@@ -247,36 +247,36 @@ impl Plan {
                     let size = (PERIOD_M[k] - 2.0 * BLOCK_EDGE_M) / count[k] as f64;
                     center[k] + (lot[k] as f64 - 0.5 * (count[k] - 1) as f64) * size
                 });
-                build(self, at, self.block_dice(block).on(10 + i).on(j));
+                build(self, at, self.block_rng(block).key(10 + i).key(j));
             }
         }
     }
 
-    fn house(&mut self, at: [f64; 2], dice: Dice) {
-        let half = [dice.on(1).between(5.0, 6.6), dice.on(2).between(4.6, 6.2)];
-        let center = [at[0] + dice.on(3).between(-1.2, 1.2), at[1] + dice.on(4).between(-1.6, 1.6)];
-        let eaves_m = dice.on(5).between(5.5, 9.5);
-        let roof = match dice.on(6).unit() {
+    fn house(&mut self, at: [f64; 2], rng: KeyedRng) {
+        let half = [rng.key(1).uniform_in(5.0, 6.6), rng.key(2).uniform_in(4.6, 6.2)];
+        let center = [at[0] + rng.key(3).uniform_in(-1.2, 1.2), at[1] + rng.key(4).uniform_in(-1.6, 1.6)];
+        let eaves_m = rng.key(5).uniform_in(5.5, 9.5);
+        let roof = match rng.key(6).uniform() {
             u if u < 0.55 => Roof::Gable(0.55 * half[1]),
             u if u < 0.85 => Roof::Hip(0.5),
             _ => Roof::Flat,
         };
         let owner = self.next_owner();
         self.buildings.push(Building { center, half, eaves_m, roof, owner });
-        if dice.on(7).unit() < 0.4 {
+        if rng.key(7).uniform() < 0.4 {
             // A lower wing makes the house an L.
-            let side = if dice.on(8).unit() < 0.5 { -1.0 } else { 1.0 };
+            let side = if rng.key(8).uniform() < 0.5 { -1.0 } else { 1.0 };
             let center = [center[0] + 0.4 * half[0], center[1] + side * (half[1] + 1.2)];
             let half = [0.55 * half[0], 1.8];
             self.buildings.push(Building { center, half, eaves_m: 0.6 * eaves_m, roof: Roof::Flat, owner });
         }
     }
 
-    fn flats(&mut self, at: [f64; 2], dice: Dice) {
-        let half = [dice.on(1).between(7.5, 9.0), dice.on(2).between(11.0, 13.5)];
-        let roof = if dice.on(3).unit() < 0.7 { Roof::Flat } else { Roof::Hip(0.4) };
+    fn flats(&mut self, at: [f64; 2], rng: KeyedRng) {
+        let half = [rng.key(1).uniform_in(7.5, 9.0), rng.key(2).uniform_in(11.0, 13.5)];
+        let roof = if rng.key(3).uniform() < 0.7 { Roof::Flat } else { Roof::Hip(0.4) };
         let owner = self.next_owner();
-        let eaves_m = 3.0 * dice.on(4).between(4.0, 7.5).floor() + 1.0;
+        let eaves_m = 3.0 * rng.key(4).uniform_in(4.0, 7.5).floor() + 1.0;
         self.buildings.push(Building { center: at, half, eaves_m, roof, owner });
     }
 }

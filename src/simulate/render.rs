@@ -1,14 +1,14 @@
 //! Images: every pixel's rays are cast through the RPC onto the height field and lit by the sun.
 
 use super::cars::Cars;
-use super::dice::Dice;
 use super::field::{Field, Material, Place};
-use super::paint;
+use super::keyed_rng::KeyedRng;
+use super::texture;
 use crate::frame::{CenterPx, Pixel, SiteGrid};
 use crate::rpc::{LocalizeError, Rpc};
 use rayon::prelude::*;
 
-/// Rays per pixel along each side.
+/// ViewRays per pixel along each side.
 const RAYS: usize = 3;
 /// Pixels between exactly localised positions; rays between them are interpolated.
 const LATTICE_PX: usize = 8;
@@ -18,13 +18,13 @@ const WALL_SLOPE: f64 = 1.7;
 const SKY: [f64; 3] = [0.25, 0.275, 0.32];
 
 /// The lines of sight of an image, localised on a lattice at three heights.
-pub(super) struct Rays {
+pub(super) struct ViewRays {
     columns: usize,
     lattice: Vec<[Place; 3]>,
 }
 
-impl Rays {
-    /// Rays of a `size_px` square image from above `heights_m.1` to below `heights_m.0`.
+impl ViewRays {
+    /// ViewRays of a `size_px` square image from above `heights_m.1` to below `heights_m.0`.
     pub(super) fn new(
         rpc: &Rpc,
         grid: &SiteGrid,
@@ -72,7 +72,7 @@ impl Rays {
 
 /// How a day and a sensor show reflectances.
 #[derive(Clone, Debug)]
-pub(super) struct Look {
+pub(super) struct Radiometry {
     /// Unit vector to the sun on the map.
     pub(super) sun: [f64; 3],
     /// Grey levels per unit of radiance, by band.
@@ -85,20 +85,20 @@ pub(super) struct Look {
     pub(super) season: [f64; 3],
 }
 
-impl Look {
-    /// The look of a view taken on a day of the year.
-    pub(super) fn new(dice: Dice, sun: [f64; 3], day_of_year: u32) -> Self {
+impl Radiometry {
+    /// The radiometry of a view taken on a day of the year.
+    pub(super) fn new(rng: KeyedRng, sun: [f64; 3], day_of_year: u32) -> Self {
         // Exposure follows the light on level ground; band gains and haze differ from day to day.
-        let exposure = 255.0 * 1.3 / (sun[2] + 0.27) * dice.on(1).between(0.85, 1.15);
-        let cast = [dice.on(2).between(0.94, 1.08), 1.0, dice.on(3).between(0.92, 1.08)];
-        let haze = dice.on(4).between(2.0, 16.0);
+        let exposure = 255.0 * 1.3 / (sun[2] + 0.27) * rng.key(1).uniform_in(0.85, 1.15);
+        let cast = [rng.key(2).uniform_in(0.94, 1.08), 1.0, rng.key(3).uniform_in(0.92, 1.08)];
+        let haze = rng.key(4).uniform_in(2.0, 16.0);
         let warmth = [1.0, 0.98, 0.92];
         let summer = ((f64::from(day_of_year) - 120.0) / 120.0).clamp(0.0, 1.0);
         Self {
             sun,
             gain: std::array::from_fn(|k| exposure * cast[k] * warmth[k]),
             offset: [0.75 * haze, 0.9 * haze, 1.25 * haze],
-            noise: dice.on(5).between(0.8, 1.8),
+            noise: rng.key(5).uniform_in(0.8, 1.8),
             season: [0.9 + 0.4 * summer, 1.08 - 0.06 * summer, 0.95],
         }
     }
@@ -107,11 +107,11 @@ impl Look {
 /// An image as three bands of bytes, row by row.
 pub(super) fn render(
     field: &Field,
-    rays: &Rays,
+    rays: &ViewRays,
     cars: Option<&Cars>,
-    look: &Look,
-    colors: Dice,
-    grain: Dice,
+    radiometry: &Radiometry,
+    colors: KeyedRng,
+    grain: KeyedRng,
     size_px: usize,
 ) -> Vec<Vec<u8>> {
     let pixels: Vec<[u8; 3]> = (0..size_px * size_px)
@@ -123,14 +123,16 @@ pub(super) fn render(
                 let inside = |i: usize| (i as f64 + 0.5) / RAYS as f64 - 0.5;
                 let px = Pixel::new(col as f64 + inside(s % RAYS), row as f64 + inside(s / RAYS));
                 if let Some(hit) = field.first_hit(rays.ray(px)) {
-                    let light = radiance(field, hit, cars, look, colors, grain);
+                    let light = radiance(field, hit, cars, radiometry, colors, grain);
                     (0..3).for_each(|b| sum[b] += light[b]);
                 }
             }
-            let dice = grain.on(col as i64).on(row as i64);
+            let rng = grain.key(col as i64).key(row as i64);
             std::array::from_fn(|b| {
                 let mean = sum[b] / (RAYS * RAYS) as f64;
-                let level = look.offset[b] + look.gain[b] * mean + look.noise * dice.on(b as i64).gauss();
+                let level = radiometry.offset[b]
+                    + radiometry.gain[b] * mean
+                    + radiometry.noise * rng.key(b as i64).normal();
                 // 0 is left to those for whom it means no data.
                 level.round().clamp(1.0, 255.0) as u8
             })
@@ -144,9 +146,9 @@ fn radiance(
     field: &Field,
     hit: Place,
     cars: Option<&Cars>,
-    look: &Look,
-    colors: Dice,
-    waves: Dice,
+    radiometry: &Radiometry,
+    colors: KeyedRng,
+    waves: KeyedRng,
 ) -> [f64; 3] {
     let [x, y, z] = hit;
     let (nodes, u, v) = field.around(x, y);
@@ -162,7 +164,7 @@ fn radiance(
         let top = nodes.iter().fold(nodes[0], |a, b| if b.height_m > a.height_m { b } else { a });
         material = top.material;
         albedo = if material == Material::Roof {
-            paint::wall(colors, top.owner, (x * gy - y * gx) / steep, z)
+            texture::wall(colors, top.owner, (x * gy - y * gx) / steep, z)
         } else {
             top.albedo
         };
@@ -175,14 +177,15 @@ fn radiance(
             (albedo, sunlight) = (color, share);
         }
     }
-    let facing = (0..3).map(|k| normal[k] * look.sun[k]).sum::<f64>();
+    let facing = (0..3).map(|k| normal[k] * radiometry.sun[k]).sum::<f64>();
     let start = [x, y, z + 0.03];
-    let direct = if sunlight > 0.0 && facing > 0.0 && field.is_lit(start, look.sun) { facing } else { 0.0 };
+    let direct =
+        if sunlight > 0.0 && facing > 0.0 && field.is_lit(start, radiometry.sun) { facing } else { 0.0 };
     let open_sky = 0.5 + 0.5 * normal[2];
     std::array::from_fn(|b| {
         let tint = match material {
-            Material::Grass | Material::Tree => look.season[b],
-            Material::Water => 1.0 + 0.5 * waves.on(9).octaves(x, y, 3.0, 2),
+            Material::Grass | Material::Tree => radiometry.season[b],
+            Material::Water => 1.0 + 0.5 * waves.key(9).fractal_noise(x, y, 3.0, 2),
             _ => 1.0,
         };
         f64::from(albedo[b]) * tint * (direct + SKY[b] * open_sky)
@@ -200,10 +203,10 @@ mod tests {
     fn views() -> Vec<(SiteGrid, Rpc)> {
         let place = Point::new(5.5, 43.3, 150.0);
         let grid = SiteGrid::at(place.at_height(0.0)).unwrap();
-        acquisitions(Dice::new(0), 5, place)
+        acquisitions(KeyedRng::new(0), 5, place)
             .iter()
-            .map(|shot| {
-                let scanner = LineScanner::new(place, shot, 120, 0.5);
+            .map(|view| {
+                let scanner = LineScanner::new(place, view, 120, 0.5);
                 (grid, scanner.rpc(place, Axis { offset: 160.0, scale: 80.0 }).unwrap())
             })
             .collect()
@@ -212,11 +215,11 @@ mod tests {
     #[test]
     fn interpolated_rays_are_the_rpc_to_a_ten_thousandth_of_a_pixel() {
         for (grid, rpc) in views() {
-            let rays = Rays::new(&rpc, &grid, 120, (140.0, 220.0)).unwrap();
+            let rays = ViewRays::new(&rpc, &grid, 120, (140.0, 220.0)).unwrap();
             for k in 0..200 {
-                let dice = Dice::new(1).on(k);
-                let px = Pixel::new(dice.on(1).between(-0.5, 119.5), dice.on(2).between(-0.5, 119.5));
-                let [x, y, z] = rays.ray(px)(dice.on(3).unit());
+                let rng = KeyedRng::new(1).key(k);
+                let px = Pixel::new(rng.key(1).uniform_in(-0.5, 119.5), rng.key(2).uniform_in(-0.5, 119.5));
+                let [x, y, z] = rays.ray(px)(rng.key(3).uniform());
                 let seen = rpc.project(grid.geodetic_from_site(Point::<Site>::new(x, y, z)));
                 assert!(seen.distance(px) < 1e-4, "{}", seen.distance(px));
             }
@@ -227,15 +230,15 @@ mod tests {
     fn a_bright_roof_appears_where_the_rpc_projects_it() {
         let field = one_box();
         for (grid, rpc) in views() {
-            let rays = Rays::new(&rpc, &grid, 120, (149.0, 163.0)).unwrap();
-            let look = Look {
+            let rays = ViewRays::new(&rpc, &grid, 120, (149.0, 163.0)).unwrap();
+            let radiometry = Radiometry {
                 sun: [0.3, -0.3, 0.9],
                 gain: [255.0; 3],
                 offset: [0.0; 3],
                 noise: 0.0,
                 season: [1.0; 3],
             };
-            let image = render(&field, &rays, None, &look, Dice::new(0), Dice::new(1), 120);
+            let image = render(&field, &rays, None, &radiometry, KeyedRng::new(0), KeyedRng::new(1), 120);
             let (mut sum, mut n) = ([0.0, 0.0], 0.0);
             for (k, level) in image[0].iter().enumerate() {
                 // Only the sunlit roof is so bright.

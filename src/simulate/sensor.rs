@@ -3,8 +3,8 @@
 //! The scanner sweeps the ground line by line while it flies, so the direction of view drifts over the image as it
 //! does for real. Its RPC is fitted, and from then on the RPC is the truth.
 
-use super::dice::Dice;
 use super::geodesy::{Ecef, ecef_from_geodetic, local_axes, sun_at};
+use super::keyed_rng::KeyedRng;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use crate::rpc::{Axis, Rpc, RpcError, Volume, fit};
 use crate::scene::Sun;
@@ -43,23 +43,23 @@ pub(super) struct Acquisition {
 }
 
 /// Plans `count` acquisitions of a place.
-pub(super) fn acquisitions(dice: Dice, count: usize, place: Point<Geodetic>) -> Vec<Acquisition> {
+pub(super) fn acquisitions(rng: KeyedRng, count: usize, place: Point<Geodetic>) -> Vec<Acquisition> {
     /// Fraction of a turn between consecutive views that spreads any number of them evenly.
     const GOLDEN: f64 = 0.618_033_988_749_895;
     (0..count)
         .map(|i| {
-            let dice = dice.on(i as i64);
+            let rng = rng.key(i as i64);
             let spread = (i as f64 * GOLDEN).fract();
             // Square roots spread the views evenly over the cap of directions.
             let outwards = (i as f64 / (count.max(2) - 1) as f64).sqrt();
-            let off_nadir_deg = 5.5 + 23.5 * outwards * dice.on(1).between(0.9, 1.0);
-            let azimuth_deg = (360.0 * spread + dice.on(2).between(-12.0, 12.0) + 20.0).rem_euclid(360.0);
+            let off_nadir_deg = 5.5 + 23.5 * outwards * rng.key(1).uniform_in(0.9, 1.0);
+            let azimuth_deg = (360.0 * spread + rng.key(2).uniform_in(-12.0, 12.0) + 20.0).rem_euclid(360.0);
             let turned = if i % TURNED_EVERY == 3 { 90.0 } else { 0.0 };
             // March to October: in winter the sun is too low for satellites' tasking.
             let season = ((i as f64 + 0.5) * GOLDEN * 2.0).fract();
             let day_of_year = 66 + (season * 215.0) as u32;
-            let minute = 9 * 60 + 35 + (dice.on(3).unit() * 75.0) as u32;
-            let second = (dice.on(4).unit() * 60.0) as u32;
+            let minute = 9 * 60 + 35 + (rng.key(3).uniform() * 75.0) as u32;
+            let second = (rng.key(4).uniform() * 60.0) as u32;
             let utc_h = (f64::from(minute) + f64::from(second) / 60.0) / 60.0;
             let (month, day) = month_and_day(day_of_year);
             let (hour, minute) = (minute / 60, minute % 60);
@@ -67,13 +67,13 @@ pub(super) fn acquisitions(dice: Dice, count: usize, place: Point<Geodetic>) -> 
                 name: format!("VIEW_{:02}", i + 1),
                 off_nadir_deg,
                 azimuth_deg,
-                right_deg: 90.0 + dice.on(5).between(-9.0, 9.0) + turned,
+                right_deg: 90.0 + rng.key(5).uniform_in(-9.0, 9.0) + turned,
                 sun: sun_at(day_of_year, utc_h, place),
                 day_of_year,
                 acquired: format!("2023-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z"),
                 pointing_error: (
-                    POINTING_SIGMA_PX * dice.on(6).gauss(),
-                    POINTING_SIGMA_PX * dice.on(7).gauss(),
+                    POINTING_SIGMA_PX * rng.key(6).normal(),
+                    POINTING_SIGMA_PX * rng.key(7).normal(),
                 ),
             }
         })
@@ -111,16 +111,16 @@ pub(super) struct LineScanner {
 
 impl LineScanner {
     /// A scanner that takes `size_px` square images centred on `target` with pixels of `gsd_m` at nadir.
-    pub(super) fn new(target: Point<Geodetic>, shot: &Acquisition, size_px: usize, gsd_m: f64) -> Self {
+    pub(super) fn new(target: Point<Geodetic>, view: &Acquisition, size_px: usize, gsd_m: f64) -> Self {
         let axes = local_axes(target);
         let ground = ecef_from_geodetic(target);
-        let to_satellite = axes.direction(shot.azimuth_deg, 90.0 - shot.off_nadir_deg);
+        let to_satellite = axes.direction(view.azimuth_deg, 90.0 - view.off_nadir_deg);
         // |ground + range * direction| = |ground| + altitude.
         let along = ground.dot(&to_satellite);
         let orbit = ground.norm() + ALTITUDE_M;
         let range = -along + (along * along + orbit * orbit - ground.norm_squared()).sqrt();
-        let right = axes.direction(shot.right_deg, 0.0);
-        let down = axes.direction(shot.right_deg + 90.0, 0.0);
+        let right = axes.direction(view.right_deg, 0.0);
+        let down = axes.direction(view.right_deg + 90.0, 0.0);
         let across = |d: Ecef| (1.0 - d.dot(&to_satellite).powi(2)).sqrt();
         let half = 0.5 * (size_px as f64 - 1.0);
         Self {
@@ -193,8 +193,8 @@ mod tests {
 
     #[test]
     fn the_fitted_rpc_is_the_scanner_to_a_thousandth_of_a_pixel() {
-        for shot in acquisitions(Dice::new(0), 10, PLACE) {
-            let scanner = LineScanner::new(PLACE, &shot, 400, 0.5);
+        for view in acquisitions(KeyedRng::new(0), 10, PLACE) {
+            let scanner = LineScanner::new(PLACE, &view, 400, 0.5);
             let height = Axis { offset: 160.0, scale: 80.0 };
             let rpc = scanner.rpc(PLACE, height).unwrap();
             let volume = scanner.volume(PLACE, height);
@@ -203,29 +203,29 @@ mod tests {
                 .map(|i| volume.ground([node(i % 17), node(i / 17 % 17), node(i / 289)]))
                 .map(|p| rpc.project(p).distance(scanner.project(p)))
                 .fold(0.0, f64::max);
-            assert!(worst < 1e-3, "{}: {worst}", shot.name);
+            assert!(worst < 1e-3, "{}: {worst}", view.name);
         }
     }
 
     #[test]
     fn the_satellite_stands_where_the_plan_says() {
-        let shot = &acquisitions(Dice::new(0), 10, PLACE)[6];
-        let scanner = LineScanner::new(PLACE, shot, 400, 0.5);
+        let view = &acquisitions(KeyedRng::new(0), 10, PLACE)[6];
+        let scanner = LineScanner::new(PLACE, view, 400, 0.5);
         let rpc = scanner.rpc(PLACE, Axis { offset: 160.0, scale: 80.0 }).unwrap();
         let px = Pixel::new(199.5, 199.5);
         let low = ecef_from_geodetic(rpc.localize(px, 150.0).unwrap());
         let high = ecef_from_geodetic(rpc.localize(px, 200.0).unwrap());
         let up = (high - low).normalize().dot(&local_axes(PLACE).up);
-        assert!((up.acos().to_degrees() - shot.off_nadir_deg).abs() < 1e-2);
+        assert!((up.acos().to_degrees() - view.off_nadir_deg).abs() < 1e-2);
         assert!((low - ecef_from_geodetic(PLACE)).norm() < 0.01);
     }
 
     #[test]
     fn suns_and_directions_are_as_a_satellite_operator_delivers_them() {
-        for shot in acquisitions(Dice::new(0), 16, PLACE) {
-            assert!((5.0..=30.0).contains(&shot.off_nadir_deg), "{shot:?}");
-            assert!((33.0..=72.0).contains(&shot.sun.elevation_deg), "{shot:?}");
-            assert!((105.0..=168.0).contains(&shot.sun.azimuth_deg), "{shot:?}");
+        for view in acquisitions(KeyedRng::new(0), 16, PLACE) {
+            assert!((5.0..=30.0).contains(&view.off_nadir_deg), "{view:?}");
+            assert!((33.0..=72.0).contains(&view.sun.elevation_deg), "{view:?}");
+            assert!((105.0..=168.0).contains(&view.sun.azimuth_deg), "{view:?}");
         }
     }
 }

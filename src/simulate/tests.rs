@@ -5,8 +5,8 @@ use crate::io::ImageFile;
 use crate::progress::NoProgress;
 use std::collections::BTreeMap;
 
-fn small() -> Options {
-    Options { views: 4, size_px: 72, gsd_m: 1.0, ..Options::default() }
+fn small() -> SimulateOptions {
+    SimulateOptions { views: 4, size_px: 72, gsd_m: 1.0, ..SimulateOptions::default() }
 }
 
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
@@ -26,16 +26,16 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 fn the_same_seed_gives_the_same_bytes_for_any_number_of_threads() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("scene");
-    let run = |threads: usize, options: &Options| {
+    let run = |threads: usize, options: &SimulateOptions| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| simulate(&out, options, &NoProgress).unwrap());
         files(&out)
     };
     let first = run(1, &small());
-    let again = run(3, &Options { overwrite: true, ..small() });
+    let again = run(3, &SimulateOptions { overwrite: true, ..small() });
     assert_eq!(first.len(), 4 + 4 + 3);
     assert!(first == again, "bytes differ");
-    let other = run(2, &Options { overwrite: true, seed: 1, views: 3, ..small() });
+    let other = run(2, &SimulateOptions { overwrite: true, seed: 1, views: 3, ..small() });
     assert_eq!(other.len(), 3 + 3 + 3, "files of the earlier simulation are gone");
     assert!(other.iter().all(|(path, bytes)| first.get(path) != Some(bytes)));
 }
@@ -71,13 +71,13 @@ fn scenes_have_what_a_test_scene_must_have() {
     for (seed, relief, relief_m) in
         [(0, Relief::Rolling, 8.0), (0, Relief::Hilly, 60.0), (1, Relief::Rolling, 8.0)]
     {
-        let options = Options { seed, relief, ..Options::default() };
+        let options = SimulateOptions { seed, relief, ..SimulateOptions::default() };
         let map = SiteGrid::at(PLACE).unwrap();
         let grid = SiteGrid { epsg: map.epsg, origin: map.origin.at_height(0.0) };
         // Coarser nodes than in the scene itself: the figures do not depend on them.
         let town = Town::new(seed, 150.0, 0.5, 100.0, relief);
-        let shots = take_aim(&options, &town, &grid).unwrap();
-        let truth = truth::Truth::sample(&town.field, &grid, &shots, options.size_px, 1.0);
+        let views = plan_views(&options, &town, &grid).unwrap();
+        let truth = truth::ExactDsm::sample(&town.field, &grid, &views, options.size_px, 1.0);
         let f = truth.figures(&town.plan, &grid);
         assert!(truth.grid.width >= 170, "{}", truth.grid.width);
         assert!(f.mean_absolute_deviation_m >= 5.0, "{f:?}");

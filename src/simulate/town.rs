@@ -1,10 +1,10 @@
 //! The town as a height field: the plan's terrain, buildings and trees laid onto the nodes, with their colours.
 
 use super::Relief;
-use super::dice::Dice;
 use super::field::{Field, Material, Node};
-use super::paint;
+use super::keyed_rng::KeyedRng;
 use super::plan::{Building, Plan, Roof, Tree};
+use super::texture;
 use rayon::prelude::*;
 
 /// A town over ±`half_m` with a node every `step_m`; its landmarks lie within ±`core_half_m`.
@@ -17,35 +17,35 @@ impl Town {
     /// Builds the town of a seed.
     pub(super) fn new(seed: u64, half_m: f64, step_m: f64, core_half_m: f64, relief: Relief) -> Self {
         let plan = Plan::new(seed, half_m, core_half_m, relief);
-        let colors = Dice::new(seed).on(7);
-        let mut canvas = Canvas::open_ground(&plan, colors, half_m, step_m);
+        let colors = KeyedRng::new(seed).key(7);
+        let mut builder = FieldBuilder::bare_ground(&plan, colors, half_m, step_m);
         for building in &plan.buildings {
-            canvas.raise(&plan, colors, building);
+            builder.add_building(&plan, colors, building);
         }
         for (i, tree) in plan.trees.iter().enumerate() {
-            canvas.grow(&plan, colors, i as i64, tree);
+            builder.add_tree(&plan, colors, i as i64, tree);
         }
-        let field = Field::new(half_m, step_m, canvas.nodes);
+        let field = Field::new(half_m, step_m, builder.nodes);
         Self { plan, field }
     }
 }
 
 /// The nodes while the town is being built.
-struct Canvas {
+struct FieldBuilder {
     half_m: f64,
     step_m: f64,
     side: usize,
     nodes: Vec<Node>,
 }
 
-impl Canvas {
-    fn open_ground(plan: &Plan, colors: Dice, half_m: f64, step_m: f64) -> Self {
+impl FieldBuilder {
+    fn bare_ground(plan: &Plan, colors: KeyedRng, half_m: f64, step_m: f64) -> Self {
         let side = Field::nodes_per_side(half_m, step_m);
         let nodes = (0..side * side)
             .into_par_iter()
             .map(|k| {
                 let (x, y) = ((k % side) as f64 * step_m - half_m, (k / side) as f64 * step_m - half_m);
-                let (material, albedo) = paint::ground(plan, colors, x, y);
+                let (material, albedo) = texture::ground(plan, colors, x, y);
                 Node { height_m: plan.ground_m(x, y), material, owner: 0, albedo }
             })
             .collect();
@@ -67,7 +67,7 @@ impl Canvas {
         }
     }
 
-    fn raise(&mut self, plan: &Plan, colors: Dice, building: &Building) {
+    fn add_building(&mut self, plan: &Plan, colors: KeyedRng, building: &Building) {
         let [ha, hb] = building.half;
         let corners = [(-ha, -hb), (ha, -hb), (-ha, hb), (ha, hb)].map(|(u, v)| {
             let (x, y) = plan.map_from_town([building.center[0] + u, building.center[1] + v]);
@@ -87,17 +87,17 @@ impl Canvas {
             let (roof_m, on_top_m) = roof_shape(building, colors, uv);
             let height_m = eaves_m + roof_m + on_top_m;
             if height_m > node.height_m {
-                let albedo = paint::roof(building, colors, uv, on_top_m);
+                let albedo = texture::roof(building, colors, uv, on_top_m);
                 *node = Node { height_m, material: Material::Roof, owner: building.owner, albedo };
             }
         });
     }
 
-    fn grow(&mut self, plan: &Plan, colors: Dice, index: i64, tree: &Tree) {
+    fn add_tree(&mut self, plan: &Plan, colors: KeyedRng, index: i64, tree: &Tree) {
         let place = plan.map_from_town(tree.at);
         let foot_m = plan.ground_m(place.0, place.1);
         self.around(place, tree.radius_m + self.step_m, |x, y, node| {
-            let bumps = colors.on(8).octaves(x, y, 1.3, 2);
+            let bumps = colors.key(8).fractal_noise(x, y, 1.3, 2);
             let r = (x - place.0).hypot(y - place.1) / (tree.radius_m * (1.0 + 0.12 * bumps));
             if r >= 1.0 {
                 return;
@@ -105,7 +105,7 @@ impl Canvas {
             let crown = 0.5 + 0.5 * (1.0 - r * r).sqrt();
             let height_m = foot_m + tree.height_m * crown + 0.35 * bumps;
             if height_m > node.height_m {
-                let albedo = paint::crown(colors, index, x, y);
+                let albedo = texture::crown(colors, index, x, y);
                 *node = Node { height_m, material: Material::Tree, owner: 0, albedo };
             }
         });
@@ -113,19 +113,22 @@ impl Canvas {
 }
 
 /// Heights above the eaves: of the roof itself, and of what stands on it.
-fn roof_shape(building: &Building, colors: Dice, [u, v]: [f64; 2]) -> (f64, f64) {
+fn roof_shape(building: &Building, colors: KeyedRng, [u, v]: [f64; 2]) -> (f64, f64) {
     let [ha, hb] = building.half;
     let rim = (ha - u.abs()).min(hb - v.abs());
     match building.roof {
         Roof::Flat => {
             let parapet = if rim < 0.5 { 0.6 } else { 0.0 };
             let cell = [(u / 4.5).floor(), (v / 4.5).floor()];
-            let dice = colors.on(9).on(i64::from(building.owner)).on(cell[0] as i64).on(cell[1] as i64);
-            let size = [dice.on(1).between(0.7, 1.5), dice.on(2).between(0.7, 1.5)];
+            let rng = colors.key(9).key(i64::from(building.owner)).key(cell[0] as i64).key(cell[1] as i64);
+            let size = [rng.key(1).uniform_in(0.7, 1.5), rng.key(2).uniform_in(0.7, 1.5)];
             let middle = [0, 1].map(|k| (cell[k] + 0.5) * 4.5);
             let on_machine = (u - middle[0]).abs() < size[0] && (v - middle[1]).abs() < size[1];
-            let machine =
-                if dice.unit() < 0.3 && on_machine && rim > 1.2 { dice.on(3).between(1.0, 2.2) } else { 0.0 };
+            let machine = if rng.uniform() < 0.3 && on_machine && rim > 1.2 {
+                rng.key(3).uniform_in(1.0, 2.2)
+            } else {
+                0.0
+            };
             (parapet, machine)
         }
         Roof::Gable(rise) => (rise * (1.0 - v.abs() / hb), chimney(building, colors, u, v)),
@@ -133,9 +136,9 @@ fn roof_shape(building: &Building, colors: Dice, [u, v]: [f64; 2]) -> (f64, f64)
     }
 }
 
-fn chimney(building: &Building, colors: Dice, u: f64, v: f64) -> f64 {
-    let dice = colors.on(10).on(i64::from(building.owner));
-    let at = [0, 1].map(|k| dice.on(k as i64).between(-0.6, 0.6) * building.half[k as usize]);
+fn chimney(building: &Building, colors: KeyedRng, u: f64, v: f64) -> f64 {
+    let rng = colors.key(10).key(i64::from(building.owner));
+    let at = [0, 1].map(|k| rng.key(k as i64).uniform_in(-0.6, 0.6) * building.half[k as usize]);
     let is_there = (u - at[0]).abs() < 0.5 && (v - at[1]).abs() < 0.5;
     if is_there { 1.1 } else { 0.0 }
 }

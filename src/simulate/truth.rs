@@ -2,9 +2,9 @@
 
 use super::field::{Field, Material};
 use super::plan::Plan;
-use super::{SceneFigures, Shot};
+use super::{SceneFigures, SimulatedView};
 use crate::frame::{Point, Site, SiteGrid};
-use crate::io::{Cog, Grid2, MapGrid, Vertical, WriteError, write_file};
+use crate::io::{Cog, Grid2, MapGrid, VerticalReference, WriteError, write_file};
 use crate::rpc::formats::{ViewTags, to_json};
 use std::path::Path;
 
@@ -19,22 +19,22 @@ const SEEN_BY: usize = 3;
 const CROP: f64 = 0.97;
 
 /// The exact DSM and its classes on the map.
-pub(super) struct Truth {
+pub(super) struct ExactDsm {
     pub(super) grid: MapGrid,
     pub(super) heights: Grid2,
     pub(super) classes: Vec<u8>,
 }
 
-impl Truth {
+impl ExactDsm {
     /// Samples the field at the cells' centres over the square that at least three views see.
     pub(super) fn sample(
         field: &Field,
         grid: &SiteGrid,
-        shots: &[Shot],
+        views: &[SimulatedView],
         size_px: usize,
         cell_m: f64,
     ) -> Self {
-        let half = CROP * seen_half_m(field, grid, shots, size_px);
+        let half = CROP * seen_half_m(field, grid, views, size_px);
         let [e, n, _] = grid.origin.xyz();
         let map = MapGrid::covering(grid.epsg, (e - half, n - half, e + half, n + half), cell_m);
         let place = |col, row| {
@@ -88,24 +88,24 @@ impl Truth {
     /// Writes `NAME_DSM.tif` and `NAME_CLS.tif`.
     pub(super) fn write(&self, folder: &Path, name: &str) -> Result<(), WriteError> {
         let classes = Cog { grid: self.grid, metadata: &[], heights_from: None };
-        let dsm = Cog { heights_from: Some(&Vertical::Ellipsoid), ..classes };
+        let dsm = Cog { heights_from: Some(&VerticalReference::Ellipsoid), ..classes };
         dsm.write_f32(&folder.join(format!("{name}_DSM.tif")), &[("height", "m", &self.heights)])?;
         classes.write_u8(&folder.join(format!("{name}_CLS.tif")), vec![self.classes.clone()], None)
     }
 }
 
 /// Half the side of the largest centred square whose border is seen by enough views.
-fn seen_half_m(field: &Field, grid: &SiteGrid, shots: &[Shot], size_px: usize) -> f64 {
+fn seen_half_m(field: &Field, grid: &SiteGrid, views: &[SimulatedView], size_px: usize) -> f64 {
     const STEP_M: f64 = 1.0;
-    let needed = SEEN_BY.min(shots.len());
+    let needed = SEEN_BY.min(views.len());
     let last = size_px as f64 - 1.0;
     let is_seen = |x: f64, y: f64| {
         let ground = grid.geodetic_from_site(Point::<Site>::new(x, y, field.height_m(x, y)));
-        let sees = |shot: &&Shot| {
-            let px = shot.true_rpc.project(ground);
+        let sees = |view: &&SimulatedView| {
+            let px = view.true_rpc.project(ground);
             (0.0..=last).contains(&px.col) && (0.0..=last).contains(&px.row)
         };
-        shots.iter().filter(sees).count() >= needed
+        views.iter().filter(sees).count() >= needed
     };
     let mut half = STEP_M;
     while half < field.half_m() {
@@ -126,18 +126,18 @@ fn seen_half_m(field: &Field, grid: &SiteGrid, shots: &[Shot], size_px: usize) -
 /// Writes the true RPC of a view as JSON.
 pub(super) fn write_rpc(
     path: &Path,
-    shot: &Shot,
+    view: &SimulatedView,
     size_px: usize,
     heights_m: (f64, f64),
 ) -> Result<(), WriteError> {
-    let sun = shot.plan.sun;
+    let sun = view.plan.sun;
     let tags = ViewTags {
-        image: Some(format!("{}.tif", shot.plan.name)),
+        image: Some(format!("{}.tif", view.plan.name)),
         size: Some((size_px, size_px)),
         sun_deg: Some((sun.azimuth_deg, sun.elevation_deg)),
-        acquired: Some(shot.plan.acquired.clone()),
+        acquired: Some(view.plan.acquired.clone()),
         height_range: Some((heights_m.0.floor(), heights_m.1.ceil())),
         ..ViewTags::default()
     };
-    write_file(path, to_json(&shot.true_rpc, &tags))
+    write_file(path, to_json(&view.true_rpc, &tags))
 }

@@ -1,7 +1,7 @@
 //! Training in pictures: what a view looks like by now, and how loss and number of splats went.
 
 use crate::affine::TrainingView;
-use crate::io::Canvas;
+use crate::io::{Chart, RgbImage};
 use crate::splat::loss::target::{COARSEST_LEVEL, TargetImage};
 use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::train::LogLine;
@@ -11,11 +11,8 @@ const PANEL: usize = 400;
 const GAP: usize = 8;
 /// Mean colour difference that is drawn in full red.
 const LARGEST_ERROR: f32 = 0.25;
-/// Size of the curves' picture, and what is left around them, pixels.
-const CURVES: [f64; 2] = [800.0, 400.0];
-const MARGIN: f64 = 16.0;
-/// Iterations between the lines of the grid.
-const GRID_ITERATIONS: usize = 500;
+/// Largest number of points of a curve; each is the mean of so many iterations.
+const CURVE_POINTS: usize = 400;
 /// Where there is no image or no surface.
 const NOTHING: [u8; 3] = [160, 160, 160];
 
@@ -52,7 +49,7 @@ impl<'a> Panels<'a> {
 
     /// Draws them with the picture that was made `from` there; `altitudes` are the lowest and highest.
     #[must_use]
-    pub fn draw(&self, picture: Picture, altitudes: (f64, f64)) -> Canvas {
+    pub fn draw(&self, picture: Picture, altitudes: (f64, f64)) -> RgbImage {
         draw_panels(self.view, &self.target, picture, altitudes)
     }
 }
@@ -62,60 +59,59 @@ fn draw_panels(
     truth: &TargetImage,
     mut picture: Picture,
     altitudes: (f64, f64),
-) -> Canvas {
+) -> RgbImage {
     let (width, height) = (truth.colors.width, truth.colors.height);
     view.transfer_function.encode(&mut picture.colors);
-    let mut canvas = Canvas::new(5 * (width + GAP) - GAP, height);
+    let mut image = RgbImage::white(5 * (width + GAP) - GAP, height);
     let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
     let (low, high) = (altitudes.0 as f32, altitudes.1 as f32);
     for row in 0..height {
         for col in 0..width {
             let counts = truth.valid[row * width + col];
-            let image = counts.then(|| {
+            let target = counts.then(|| {
                 std::array::from_fn(|c| view.transfer_function.encoded(truth.colors.at(c, col, row)))
             });
             let made = picture.colors.each_ref().map(|c| c.at(col, row));
             let altitude = picture.altitude.at(col, row);
-            let error = image
-                .map(|image: [f32; 3]| image.iter().zip(made).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0);
+            let error = target.map(|target: [f32; 3]| {
+                target.iter().zip(made).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0
+            });
             let white = error.map(|e| byte(1.0 - e / LARGEST_ERROR));
             let colors = [
-                image.map_or(NOTHING, |c| c.map(byte)),
+                target.map_or(NOTHING, |c| c.map(byte)),
                 made.map(byte),
                 [byte(picture.sunlight.at(col, row)); 3],
                 if altitude.is_nan() { NOTHING } else { [byte((altitude - low) / (high - low)); 3] },
                 white.map_or(NOTHING, |w| [255, w, w]),
             ];
             for (panel, color) in colors.into_iter().enumerate() {
-                canvas.dot([(panel * (width + GAP) + col) as f64, row as f64], color);
+                image.set(panel * (width + GAP) + col, row, color);
             }
         }
     }
-    canvas
+    image
 }
 
-/// Loss (orange, the mean of the iterations of a column) and splats (blue), each from zero to its largest, with a line
-/// every 500 iterations.
+/// Loss and number of splats over the iterations, each as a fraction of its largest value.
 #[must_use]
-pub fn curves(log: &[LogLine]) -> Canvas {
-    let mut canvas = Canvas::new(CURVES[0] as usize, CURVES[1] as usize);
-    let [width, height] = CURVES.map(|side| side - 2.0 * MARGIN);
-    let x = |iteration: usize| MARGIN + width * iteration as f64 / log.len() as f64;
-    for iteration in (0..=log.len()).step_by(GRID_ITERATIONS) {
-        canvas.line([x(iteration), MARGIN], [x(iteration), MARGIN + height], Canvas::GRID);
-    }
-    let column = log.len().div_ceil(width as usize).max(1);
-    let curve = |of: fn(&LogLine) -> f64| -> Vec<f64> {
-        log.chunks(column).map(|lines| lines.iter().map(of).sum::<f64>() / lines.len() as f64).collect()
+pub fn curves(log: &[LogLine]) -> Chart {
+    let block = log.len().div_ceil(CURVE_POINTS).max(1);
+    let mean = |lines: &[LogLine], of: fn(&LogLine) -> f64| {
+        lines.iter().map(of).sum::<f64>() / lines.len().max(1) as f64
     };
-    for (values, color) in [(curve(|l| l.loss), Canvas::ORANGE), (curve(|l| l.splats as f64), Canvas::BLUE)] {
-        let largest = values.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-        let at = |k: usize| [x(k * column), MARGIN + height * (1.0 - values[k] / largest)];
-        for k in 1..values.len() {
-            canvas.line(at(k - 1), at(k), color);
-        }
+    let curve = |of: fn(&LogLine) -> f64| -> Vec<(f64, f64)> {
+        let points =
+            log.chunks(block).map(|lines| (mean(lines, |l| f64::from(l.iteration)), mean(lines, of)));
+        let points: Vec<(f64, f64)> = points.collect();
+        let largest = points.iter().map(|p| p.1).fold(f64::MIN_POSITIVE, f64::max);
+        points.into_iter().map(|(iteration, value)| (iteration, value / largest)).collect()
+    };
+    Chart {
+        title: "Training".into(),
+        x: "iteration".into(),
+        y: "fraction of the largest value".into(),
+        lines: vec![("loss".into(), curve(|l| l.loss)), ("splats".into(), curve(|l| l.splats as f64))],
     }
-    canvas
 }
 
 #[cfg(test)]
@@ -146,13 +142,9 @@ mod tests {
         }
         let panels = Panels::new(&view, true);
         let picture = panels.from.picture(&splats, &Appearance::default(), (-10.0, 10.0));
-        let canvas = panels.draw(picture, (-10.0, 10.0));
-        let (width, height, rgb) = canvas.picture();
-        assert_eq!((width, height), (5 * 48 - 8, 40));
-        let at = |panel: usize, col: usize, row: usize| {
-            let i = 3 * (row * width + panel * 48 + col);
-            [rgb[i], rgb[i + 1], rgb[i + 2]]
-        };
+        let image = panels.draw(picture, (-10.0, 10.0));
+        assert_eq!((image.width, image.height), (5 * 48 - 8, 40));
+        let at = |panel: usize, col: usize, row: usize| image.at(panel * 48 + col, row);
         assert_eq!((at(0, 5, 30), at(0, 38, 30)), ([255; 3], NOTHING));
         assert!(at(1, 5, 30)[0] < 10 && at(3, 5, 30)[0].abs_diff(127) < 3, "ground");
         assert!(at(3, 21, 20)[0] > 240, "roof");
@@ -171,14 +163,14 @@ mod tests {
     }
 
     #[test]
-    fn curves_of_any_length_stay_in_their_picture() {
+    fn curves_of_any_number_of_iterations_have_few_points_up_to_one() {
         for iterations in [0, 1, 2, 799, 4000] {
             let line =
                 |i: u32| LogLine { iteration: i, loss: 1.0 / f64::from(i), splats: 9, ..LogLine::default() };
             let log: Vec<LogLine> = (1..=iterations).map(line).collect();
-            let canvas = curves(&log);
-            let drawn = canvas.picture().2.chunks(3).filter(|p| *p == Canvas::BLUE).count();
-            assert!(drawn >= if iterations > 1 { 350 } else { 0 }, "{iterations}: {drawn}");
+            for (_, points) in curves(&log).lines {
+                assert!(points.iter().all(|p| p.1 <= 1.0) && points.len() <= CURVE_POINTS);
+            }
         }
     }
 }

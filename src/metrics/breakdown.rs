@@ -32,7 +32,7 @@ pub enum Division {
 
 /// Scores of a part of the land.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Stratum {
+pub struct PartScores {
     /// By what the land is divided.
     pub by: Division,
     /// The part, e.g. `6 building`.
@@ -169,7 +169,7 @@ impl Groups {
     }
 
     /// Scores of all land, and of the parts that have land; errors are NaN where not scored.
-    pub(super) fn scores(&self, land: &Grid2, errors: &Grid2, filled: &Grid2) -> (Scores, Vec<Stratum>) {
+    pub(super) fn scores(&self, land: &Grid2, errors: &Grid2, filled: &Grid2) -> (Scores, Vec<PartScores>) {
         let of_piece = |first: usize| {
             let mut samples = vec![Sample::default(); self.groups];
             for i in (first..(first + PIECE).min(self.group.len())).filter(|i| !land.data[*i].is_nan()) {
@@ -194,7 +194,7 @@ impl Groups {
         }
         let score = |(by, name, place, digits, digit): (&Division, &String, usize, usize, usize)| {
             let scores = scores_of(&|group| group / place % digits == digit);
-            (scores.cells > 0).then(|| Stratum { by: *by, name: name.clone(), scores })
+            (scores.cells > 0).then(|| PartScores { by: *by, name: name.clone(), scores })
         };
         (scores_of(&|_| true), parts.into_par_iter().filter_map(score).collect())
     }

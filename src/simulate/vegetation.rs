@@ -1,6 +1,6 @@
 //! Trees: in gardens, parks and yards, and in rows along the pavements.
 
-use super::plan::{BLOCK_EDGE_M, Block, Building, PERIOD_M, Plan, Tree};
+use super::plan::{BLOCK_EDGE_M, Building, LandUse, PERIOD_M, Plan, Tree};
 
 /// Trees of a block, clear of its walls, of the carriageway and of the pond.
 pub(super) fn trees(plan: &Plan, block: [i64; 2]) -> Vec<Tree> {
@@ -12,26 +12,26 @@ pub(super) fn trees(plan: &Plan, block: [i64; 2]) -> Vec<Tree> {
 fn inside(plan: &Plan, block: [i64; 2]) -> Vec<Tree> {
     const SPACING_M: f64 = 5.5;
     let center = plan.block_center(block);
-    let density = match plan.block(block) {
-        Block::Houses => 0.7,
-        Block::Park | Block::Pond => 0.5,
-        Block::Flats | Block::Tower => 0.45,
-        Block::Hall => 0.3,
+    let density = match plan.land_use(block) {
+        LandUse::Houses => 0.7,
+        LandUse::Park | LandUse::Pond => 0.5,
+        LandUse::Flats | LandUse::Tower => 0.45,
+        LandUse::Hall => 0.3,
     };
     let count = PERIOD_M.map(|p| ((p - 2.0 * BLOCK_EDGE_M + 2.0) / SPACING_M).floor() as i64);
     let mut trees = Vec::new();
     for i in 0..count[0] {
         for j in 0..count[1] {
-            let dice = plan.block_dice(block).on(50 + i).on(j);
+            let rng = plan.block_rng(block).key(50 + i).key(j);
             let cell = [i, j];
             let at = std::array::from_fn(|k| {
                 center[k]
                     + SPACING_M * (cell[k] as f64 - 0.5 * (count[k] - 1) as f64)
-                    + dice.on(k as i64).between(-1.6, 1.6)
+                    + rng.key(k as i64).uniform_in(-1.6, 1.6)
             });
-            let radius_m = dice.on(3).between(1.5, 3.6);
-            if dice.on(2).unit() < density && is_clear(plan, at, 0.7 * radius_m) {
-                let height_m = radius_m * dice.on(4).between(2.0, 3.0) + 1.5;
+            let radius_m = rng.key(3).uniform_in(1.5, 3.6);
+            if rng.key(2).uniform() < density && is_clear(plan, at, 0.7 * radius_m) {
+                let height_m = radius_m * rng.key(4).uniform_in(2.0, 3.0) + 1.5;
                 trees.push(Tree { at, radius_m, height_m });
             }
         }
@@ -48,18 +48,18 @@ fn along_streets(plan: &Plan, block: [i64; 2]) -> Vec<Tree> {
     let mut trees = Vec::new();
     for (across, side) in [(0, -1), (0, 1), (1, -1), (1, 1)] {
         let along = 1 - across;
-        let row = plan.block_dice(block).on(70 + across as i64).on(side);
-        if row.unit() > ROWS {
+        let row = plan.block_rng(block).key(70 + across as i64).key(side);
+        if row.uniform() > ROWS {
             continue;
         }
         for slot in 0..(2.0 * half[along] / SPACING_M) as i64 {
-            let dice = row.on(slot);
+            let rng = row.key(slot);
             let mut at = [0.0; 2];
             at[across] = center[across] + side as f64 * half[across];
             at[along] = center[along] - half[along] + (slot as f64 + 0.6) * SPACING_M;
-            let radius_m = dice.on(1).between(1.6, 2.6);
-            if dice.unit() < 0.75 && is_clear(plan, at, 0.7 * radius_m) {
-                trees.push(Tree { at, radius_m, height_m: dice.on(2).between(5.5, 8.0) });
+            let radius_m = rng.key(1).uniform_in(1.6, 2.6);
+            if rng.uniform() < 0.75 && is_clear(plan, at, 0.7 * radius_m) {
+                trees.push(Tree { at, radius_m, height_m: rng.key(2).uniform_in(5.5, 8.0) });
             }
         }
     }

@@ -1,19 +1,22 @@
-//! Line charts as SVG: text stays text, lines and letters take the colour of the page around them.
+//! Line charts as SVG. Text stays text; axes and letters take the text colour of the page around them.
 
+use super::svg::{BLUE, GREEN, ORANGE};
+use super::{WriteError, escape_xml, write_file};
 use std::fmt::Write;
+use std::path::Path;
 
-/// Size of a chart in its own units.
+/// Width and height of a chart, in user units of SVG.
 const SIZE: (f64, f64) = (480.0, 300.0);
-/// Room for the axes' labels: left, top, right, bottom.
+/// Margins for the labels of the axes: left, top, right, bottom.
 const MARGIN: (f64, f64, f64, f64) = (68.0, 42.0, 14.0, 48.0);
-/// Colours that can be told apart on white and on black, also by the colour-blind (Okabe and Ito).
-const COLORS: [&str; 4] = ["#0a84d6", "#d55e00", "#009e73", "#cc79a7"];
-/// About so many marks on an axis.
+/// Colours of the lines, in their order.
+const COLORS: [&str; 4] = [BLUE, ORANGE, GREEN, "#cc79a7"];
+/// Approximate number of ticks on an axis.
 const TICKS: f64 = 5.0;
 
-/// Lines over common axes.
+/// A chart of one or more lines over common axes.
 pub struct Chart {
-    /// What it shows.
+    /// Title.
     pub title: String,
     /// Name and unit of the horizontal axis.
     pub x: String,
@@ -29,8 +32,8 @@ impl Chart {
     pub fn svg(&self) -> Option<String> {
         let finite = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
         let points = || self.lines.iter().flat_map(|l| &l.1).filter(finite);
-        let x = Axis::over(points().map(|p| p.0))?;
-        let y = Axis::over(points().map(|p| p.1))?.rounded();
+        let x = ChartAxis::over(points().map(|p| p.0))?;
+        let y = ChartAxis::over(points().map(|p| p.1))?.rounded();
         let ((width, height), (left, top, right, bottom)) = (SIZE, MARGIN);
         let px = |v: f64| left + (width - left - right) * x.place(v);
         let py = |v: f64| height - bottom - (height - top - bottom) * y.place(v);
@@ -38,9 +41,9 @@ impl Chart {
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
              aria-label=\"{title}: {y_name} over {x_name}\" font-family=\"system-ui, sans-serif\" font-size=\"13\" \
              fill=\"currentColor\">\n<text x=\"{left}\" y=\"16\" font-weight=\"600\">{title}</text>\n",
-            title = escape(&self.title),
-            x_name = escape(&self.x),
-            y_name = escape(&self.y),
+            title = escape_xml(&self.title),
+            x_name = escape_xml(&self.x),
+            y_name = escape_xml(&self.y),
         );
         for (axis, is_x) in [(&x, true), (&y, false)] {
             for tick in axis.ticks() {
@@ -73,9 +76,9 @@ impl Chart {
              <text transform=\"translate(12 {:.1}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
             middle(left, width - right),
             height - 10.0,
-            escape(&self.x),
+            escape_xml(&self.x),
             middle(top, height - bottom),
-            escape(&self.y)
+            escape_xml(&self.y)
         );
         for (i, (name, points)) in self.lines.iter().enumerate() {
             let color = COLORS[i % COLORS.len()];
@@ -99,38 +102,55 @@ impl Chart {
                     "<path d=\"M{at} 30h14\" stroke=\"{color}\" stroke-width=\"3\"/>\
                      <text x=\"{}\" y=\"34\" font-size=\"12\">{}</text>",
                     at + 18.0,
-                    escape(name)
+                    escape_xml(name)
                 );
             }
         }
         out.push_str("</svg>\n");
         Some(out)
     }
+
+    /// Writes the chart as an SVG file; a chart without points leaves no file.
+    ///
+    /// # Errors
+    /// [`WriteError`].
+    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
+        self.svg().map_or(Ok(()), |svg| write_file(path, svg))
+    }
+
+    /// The corners of a histogram's bars as a line: `counts` of bins of equal `width`, the first of which starts at
+    /// `start`.
+    #[must_use]
+    pub fn bars(counts: &[f64], start: f64, width: f64) -> Vec<(f64, f64)> {
+        let edge = |i: usize| start + i as f64 * width;
+        let bars = counts.iter().enumerate();
+        bars.flat_map(|(i, count)| [(edge(i), *count), (edge(i + 1), *count)]).collect()
+    }
 }
 
-/// The numbers of one axis.
-struct Axis {
+/// Range and tick distance of one axis.
+struct ChartAxis {
     low: f64,
     high: f64,
     step: f64,
 }
 
-impl Axis {
-    /// Around some numbers; none without any.
+impl ChartAxis {
+    /// The axis that covers some numbers; none without any.
     fn over(values: impl Iterator<Item = f64>) -> Option<Self> {
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         if low > high {
             return None;
         }
         let wide = if high > low { high - low } else { 1.0 };
-        // 1, 2 or 5 times a power of ten.
+        // Ticks are 1, 2 or 5 times a power of ten apart.
         let raw = wide / TICKS;
         let power = 10f64.powf(raw.log10().floor());
         let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= raw * 0.999);
         Some(Self { low, high: low + wide, step: step.unwrap_or(raw) })
     }
 
-    /// From a mark to a mark.
+    /// The axis extended to whole ticks at both ends.
     fn rounded(self) -> Self {
         let (low, high) = ((self.low / self.step).floor(), (self.high / self.step).ceil());
         Self { low: low * self.step, high: high * self.step, ..self }
@@ -154,12 +174,6 @@ impl Axis {
     }
 }
 
-/// Text that stands in HTML and SVG as it is.
-#[must_use]
-pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -167,7 +181,7 @@ mod tests {
     #[test]
     fn ticks_are_round_and_cover_the_numbers() {
         let ticks = |a: f64, b: f64| {
-            let axis = Axis::over([a, b].into_iter()).unwrap().rounded();
+            let axis = ChartAxis::over([a, b].into_iter()).unwrap().rounded();
             axis.ticks().map(|t| axis.text(t)).collect::<Vec<_>>()
         };
         assert_eq!(ticks(0.0, 1.0), ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);

@@ -13,7 +13,7 @@ const MODELS: [(&str, u32, &[&str]); 3] = [
 const FOLDERS: [&str; 3] = ["/usr/share/proj", "/usr/local/share/proj", "/opt/homebrew/share/proj"];
 
 /// What heights count from.
-pub enum Vertical {
+pub enum VerticalReference {
     /// The WGS 84 ellipsoid.
     Ellipsoid,
     /// A geoid.
@@ -27,11 +27,11 @@ pub enum Vertical {
     },
 }
 
-impl Vertical {
+impl VerticalReference {
     /// Metadata item of a raster that says what its heights count from.
     pub const ITEM: &str = "VERTICAL_REFERENCE";
 
-    /// Name of the ellipsoid, as [`Vertical::read`] takes it.
+    /// Name of the ellipsoid, as [`VerticalReference::read`] takes it.
     pub const ELLIPSOID: &str = "ellipsoid";
 
     /// `ellipsoid`, the name or EPSG code of a geoid model whose grid PROJ has, or the path of a geoid's grid, or the
@@ -57,7 +57,7 @@ impl Vertical {
         Ok(Self::Geoid { name, epsg, grid: Geoid::read(&found)? })
     }
 
-    /// The name of [`Vertical::read`] for what files call a vertical reference, as `WGS 84 ellipsoid`, `EGM96 height`,
+    /// The name of [`VerticalReference::read`] for what files call a vertical reference, as `WGS 84 ellipsoid`, `EGM96 height`,
     /// `EPSG:3855`; the text itself if it is none that is known.
     #[must_use]
     pub fn known_name(text: &str) -> String {
@@ -82,7 +82,7 @@ impl Vertical {
         name == Self::ELLIPSOID || MODELS.iter().any(|m| m.0 == name)
     }
 
-    /// As [`Vertical::ITEM`] has it.
+    /// As [`VerticalReference::ITEM`] has it.
     #[must_use]
     pub fn name(&self) -> &str {
         match self {
@@ -138,13 +138,13 @@ mod tests {
             ("NAVD88 height (ftUS)", "NAVD88 height (ftUS)"),
             ("my_egm96_15.gtx", "my_egm96_15.gtx"),
         ] {
-            assert_eq!(Vertical::known_name(text), name);
+            assert_eq!(VerticalReference::known_name(text), name);
         }
     }
 
     #[test]
     fn an_unknown_reference_is_told_what_is_known() {
-        let Err(error) = Vertical::read("NAVD88") else { panic!("there is no such model") };
+        let Err(error) = VerticalReference::read("NAVD88") else { panic!("there is no such model") };
         let help = miette::Diagnostic::help(&error).map(|h| h.to_string()).unwrap_or_default();
         assert!(error.to_string().contains("NAVD88"), "{error}");
         assert!(["ellipsoid", "EGM84", "EGM96", "EGM2008"].iter().all(|n| help.contains(n)), "{help}");

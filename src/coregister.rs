@@ -2,12 +2,13 @@
 //! metres.
 //!
 //! To a surface: the horizontal shift of the smallest mean distance between heights, from a grid of shifts and a
-//! pattern search, heights less their median difference; large distances count no more than [`CLIP_M`], as what was
+//! pattern search, heights less their median difference; large distances count no more than `CLIP_M`, as what was
 //! built or cut down since says nothing of the shift. To surveyed points: the median of theirs.
 
 use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};
 use crate::io::Grid2;
-use crate::metrics::{MetricsError, Surface, quantile};
+use crate::metrics::{HeightRaster, MetricsError, PatternSearch};
+use crate::stats::interpolated_quantile;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -33,7 +34,7 @@ const LEAST_SHARE: f64 = 0.5;
 /// Why no shift is found.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
-pub enum AlignError {
+pub enum CoregisterError {
     /// The reference is elsewhere or empty.
     #[error("{common} of the run's points lie on heights of `{reference}`, {FEWEST} are needed")]
     #[diagnostic(help("is the reference of the same place, its CRS right, and does it hold heights?"))]
@@ -114,7 +115,7 @@ impl Shift {
 
 /// A shift and what it leaves.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub struct Alignment {
+pub struct Coregistration {
     /// How far the scene is to be moved.
     pub shift: Shift,
     /// Points that were compared.
@@ -126,10 +127,14 @@ pub struct Alignment {
 /// The shift of points, which count in EPSG `epsg`, to a surface.
 ///
 /// # Errors
-/// [`AlignError::NoOverlap`], [`AlignError::TooFar`], [`AlignError::Frame`].
-pub fn to_surface(points: &[Point<Utm>], epsg: u32, reference: &Surface) -> Result<Alignment, AlignError> {
-    let search = Search::new(points, epsg, reference)?;
-    let no_overlap = |common| AlignError::NoOverlap { reference: reference.path.clone(), common };
+/// [`CoregisterError::NoOverlap`], [`CoregisterError::TooFar`], [`CoregisterError::Frame`].
+pub fn to_surface(
+    points: &[Point<Utm>],
+    epsg: u32,
+    reference: &HeightRaster,
+) -> Result<Coregistration, CoregisterError> {
+    let search = TranslationSearch::new(points, epsg, reference)?;
+    let no_overlap = |common| CoregisterError::NoOverlap { reference: reference.path.clone(), common };
     let mut best = search.best_around([0.0; 2]).map_err(no_overlap)?;
     // Until nothing around it is better, so that an aligned scene is found to be aligned.
     for _ in 0..ROUNDS {
@@ -140,48 +145,48 @@ pub fn to_surface(points: &[Point<Utm>], epsg: u32, reference: &Surface) -> Resu
         best = next;
     }
     if best.at.iter().any(|v| v.abs() >= REACH_M) {
-        return Err(AlignError::TooFar { reference: reference.path.clone() });
+        return Err(CoregisterError::TooFar { reference: reference.path.clone() });
     }
     let shift = Shift { east_m: best.at[0], north_m: best.at[1], up_m: f64::from(best.up_m) };
     let left = search.differences(best.at, REFINED).iter().map(|d| (d - best.up_m).abs()).collect::<Vec<_>>();
-    Ok(Alignment { shift, points: best.common, left_m: quantile(&left, 0.5) })
+    Ok(Coregistration { shift, points: best.common, left_m: interpolated_quantile(&left, 0.5) })
 }
 
 /// The shift of (ours, surveyed) places: the median along each axis of the map.
 ///
 /// # Errors
-/// [`AlignError::NoControl`] without any.
+/// [`CoregisterError::NoControl`] without any.
 pub fn to_control(
     pairs: &[[Point<Geodetic>; 2]],
     map: &SiteGrid,
     reference: &Path,
-) -> Result<Alignment, AlignError> {
+) -> Result<Coregistration, CoregisterError> {
     if pairs.is_empty() {
-        return Err(AlignError::NoControl { reference: reference.into() });
+        return Err(CoregisterError::NoControl { reference: reference.into() });
     }
     let off: Vec<[f64; 3]> = pairs
         .iter()
         .map(|[ours, exact]| (map.utm_from_geodetic(*exact) - map.utm_from_geodetic(*ours)).xyz())
         .collect();
-    let median = |k: usize| quantile(&off.iter().map(|d| d[k] as f32).collect::<Vec<_>>(), 0.5);
+    let median = |k: usize| interpolated_quantile(&off.iter().map(|d| d[k] as f32).collect::<Vec<_>>(), 0.5);
     let shift = Shift { east_m: median(0), north_m: median(1), up_m: median(2) };
     let left: Vec<f32> = off
         .iter()
         .map(|d| d.iter().zip(shift.enu()).map(|(d, s)| (d - s).powi(2)).sum::<f64>().sqrt() as f32)
         .collect();
-    Ok(Alignment { shift, points: pairs.len(), left_m: quantile(&left, 0.5) })
+    Ok(Coregistration { shift, points: pairs.len(), left_m: interpolated_quantile(&left, 0.5) })
 }
 
 /// A horizontal shift and how well heights agree under it.
 #[derive(Clone, Copy)]
-struct Candidate {
+struct Translation {
     at: [f64; 2],
     up_m: f32,
     mean_m: f64,
     common: usize,
 }
 
-impl Candidate {
+impl Translation {
     /// By distance; of equal ones the smaller shift comes first.
     fn order(a: &Self, b: &Self) -> std::cmp::Ordering {
         let size = |c: &Self| c.at[0].hypot(c.at[1]);
@@ -190,7 +195,7 @@ impl Candidate {
 }
 
 /// Points on the reference's grid, ready to be shifted.
-struct Search<'a> {
+struct TranslationSearch<'a> {
     heights: &'a Grid2,
     /// Column, row and height of each point.
     cells: Vec<([f64; 2], f32)>,
@@ -198,8 +203,8 @@ struct Search<'a> {
     by_metre: [[f64; 2]; 2],
 }
 
-impl<'a> Search<'a> {
-    fn new(points: &[Point<Utm>], epsg: u32, reference: &'a Surface) -> Result<Self, AlignError> {
+impl<'a> TranslationSearch<'a> {
+    fn new(points: &[Point<Utm>], epsg: u32, reference: &'a HeightRaster) -> Result<Self, CoregisterError> {
         let grid = reference.grid;
         let transform = (epsg != grid.epsg).then(|| Transform::new(epsg, grid.epsg)).transpose()?;
         let cell_of = |x: f64, y: f64| {
@@ -225,15 +230,15 @@ impl<'a> Search<'a> {
         off.filter(|d| d.is_finite()).collect()
     }
 
-    fn candidate(&self, at: [f64; 2], at_most: usize) -> Candidate {
+    fn candidate(&self, at: [f64; 2], at_most: usize) -> Translation {
         let off = self.differences(at, at_most);
-        let up_m = quantile(&off, 0.5) as f32;
+        let up_m = interpolated_quantile(&off, 0.5) as f32;
         let sum: f64 = off.iter().map(|d| f64::from((d - up_m).abs().min(CLIP_M))).sum();
-        Candidate { at, up_m, mean_m: sum / off.len() as f64, common: off.len() }
+        Translation { at, up_m, mean_m: sum / off.len() as f64, common: off.len() }
     }
 
     /// The best shift from a grid around one; else the number of points that lie on the reference.
-    fn best_around(&self, middle: [f64; 2]) -> Result<Candidate, usize> {
+    fn best_around(&self, middle: [f64; 2]) -> Result<Translation, usize> {
         let steps = (REACH_M / STEP_M) as i32;
         let axis = |k: usize| (-steps..=steps).map(move |i| middle[k] + f64::from(i) * STEP_M);
         let grid: Vec<[f64; 2]> = axis(1).flat_map(|north| axis(0).map(move |east| [east, north])).collect();
@@ -243,38 +248,32 @@ impl<'a> Search<'a> {
         }
         let starts: Vec<[f64; 2]> = ranked.iter().take(STARTS).map(|c| c.at).chain([middle]).collect();
         let refined = starts.into_par_iter().filter_map(|s| self.refined(s));
-        refined.min_by(Candidate::order).ok_or(most)
+        refined.min_by(Translation::order).ok_or(most)
     }
 
     /// Candidates, the best first, without those that lose points; and the most points that any has.
-    fn ranked(&self, shifts: &[[f64; 2]], at_most: usize) -> (Vec<Candidate>, usize) {
-        let mut all: Vec<Candidate> = shifts.par_iter().map(|s| self.candidate(*s, at_most)).collect();
+    fn ranked(&self, shifts: &[[f64; 2]], at_most: usize) -> (Vec<Translation>, usize) {
+        let mut all: Vec<Translation> = shifts.par_iter().map(|s| self.candidate(*s, at_most)).collect();
         let most = all.iter().map(|c| c.common).max().unwrap_or(0);
         all.retain(|c| c.common > 0 && c.common as f64 >= LEAST_SHARE * most as f64);
-        all.sort_by(Candidate::order);
+        all.sort_by(Translation::order);
         (all, most)
     }
 
-    /// Pattern search: to the best of eight neighbours while one is better, then with half the step.
-    fn refined(&self, start: [f64; 2]) -> Option<Candidate> {
-        let mut best = self.candidate(start, REFINED);
-        if best.common < FEWEST {
+    /// Refines a shift by pattern search; none when too few points lie on the reference.
+    fn refined(&self, start: [f64; 2]) -> Option<Translation> {
+        let start = self.candidate(start, REFINED);
+        if start.common < FEWEST {
             return None;
         }
-        let least = LEAST_SHARE * best.common as f64;
-        let mut step = 0.5 * STEP_M;
-        while step >= FINEST_M {
-            let around = (0..9).filter(|k| *k != 4).map(|k| [k % 3 - 1, k / 3 - 1].map(f64::from));
-            let next = around
-                .map(|d| self.candidate([best.at[0] + step * d[0], best.at[1] + step * d[1]], REFINED))
-                .filter(|c| c.common as f64 >= least && c.mean_m < best.mean_m)
-                .min_by(Candidate::order);
-            match next {
-                Some(better) => best = better,
-                None => step *= 0.5,
-            }
-        }
-        Some(best)
+        let least = LEAST_SHARE * start.common as f64;
+        let search = PatternSearch { first_step: 0.5 * STEP_M, last_step: FINEST_M, max_moves: usize::MAX };
+        let best_of = |best: &Translation, neighbours: Vec<Translation>| {
+            let better =
+                neighbours.into_iter().filter(|c| c.common as f64 >= least && c.mean_m < best.mean_m);
+            better.min_by(Translation::order)
+        };
+        Some(search.run(start, |c| c.at, |at| self.candidate(at, REFINED), best_of))
     }
 }
 
@@ -292,12 +291,12 @@ mod tests {
         100.0 + 2.5 * block + 0.02 * x - 0.01 * y
     }
 
-    fn reference() -> Surface {
+    fn reference() -> HeightRaster {
         let grid =
             MapGrid { epsg: EPSG, west: 700_000.0, north: 4_800_400.0, cell: 0.5, width: 800, height: 800 };
         let raster =
             Grid2::from_fn(800, 800, |c, r| height(0.5 * c as f64 + 0.25, 399.75 - 0.5 * r as f64) as f32);
-        Surface {
+        HeightRaster {
             path: "reference.tif".into(),
             grid,
             height: raster,
@@ -358,14 +357,17 @@ mod tests {
         away.grid.west += 5000.0;
         assert!(matches!(
             to_surface(&points([0.0; 3]), EPSG, &away),
-            Err(AlignError::NoOverlap { common: 0, .. })
+            Err(CoregisterError::NoOverlap { common: 0, .. })
         ));
         let mut empty = reference();
         empty.height.data.fill(f32::NAN);
-        assert!(matches!(to_surface(&points([0.0; 3]), EPSG, &empty), Err(AlignError::NoOverlap { .. })));
+        assert!(matches!(
+            to_surface(&points([0.0; 3]), EPSG, &empty),
+            Err(CoregisterError::NoOverlap { .. })
+        ));
         let far = to_surface(&points([60.0, 0.0, 0.0]), EPSG, &reference());
         assert!(!far.is_ok_and(|a| a.left_m < 0.1));
-        assert!(matches!(to_surface(&[], EPSG, &reference()), Err(AlignError::NoOverlap { .. })));
+        assert!(matches!(to_surface(&[], EPSG, &reference()), Err(CoregisterError::NoOverlap { .. })));
     }
 
     #[test]
@@ -380,6 +382,9 @@ mod tests {
         for (f, s) in found.shift.enu().iter().zip([1.1, -2.0, 3.0]) {
             assert!((f - s).abs() < 1e-3, "{found:?}");
         }
-        assert!(matches!(to_control(&[], &map, Path::new("gcps.csv")), Err(AlignError::NoControl { .. })));
+        assert!(matches!(
+            to_control(&[], &map, Path::new("gcps.csv")),
+            Err(CoregisterError::NoControl { .. })
+        ));
     }
 }

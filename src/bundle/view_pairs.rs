@@ -1,0 +1,127 @@
+//! Which pairs of views are matched.
+
+use super::adjuster::{Adjuster, UsedView};
+use super::error::BundleError;
+use super::network::{LEAST_ANGLE_DEG, Network};
+use crate::frame::{Geodetic, Point, SiteGrid};
+use crate::scene::{angle_between_deg, footprint};
+use geo::{Area, BooleanOps};
+
+/// Two views are matched when their footprints share at least this fraction of the smaller one.
+const MIN_OVERLAP: f64 = 0.2;
+/// Largest angle between the lines of sight of views that are matched, degrees.
+const MAX_VIEW_ANGLE_DEG: f64 = 60.0;
+/// Largest angle between the sun directions of views that are matched, degrees: shadows that moved make wrong matches,
+/// and the season, which changes the vegetation, goes with the sun. Every view is matched with at least
+/// [`NEAREST_SUNS`] others all the same, those whose suns are nearest.
+const MAX_SUN_ANGLE_DEG: f64 = 20.0;
+const NEAREST_SUNS: usize = 4;
+
+/// Pairs of views whose footprints overlap and whose lines of sight are at most [`MAX_VIEW_ANGLE_DEG`] apart.
+///
+/// # Errors
+/// [`BundleError::NoBaseline`] when no pair has an angle wide enough to measure heights.
+pub(super) fn overlapping_pairs(
+    views: &[UsedView],
+    network: &Network,
+) -> Result<Vec<(usize, usize)>, BundleError> {
+    let center: Point<Geodetic> = network.center;
+    let grid = SiteGrid::at(center).map_err(crate::scene::SceneError::from)?;
+    let outlines: Vec<_> = views
+        .iter()
+        .zip(&network.rpcs)
+        .map(|(v, rpc)| footprint(rpc, v.size(), &grid, center.height_m()))
+        .collect();
+    let mut out = Vec::new();
+    let mut widest: f64 = 0.0;
+    for i in 0..views.len() {
+        for j in i + 1..views.len() {
+            let (Some(a), Some(b)) = (&outlines[i], &outlines[j]) else { continue };
+            let shared = a.intersection(b).unsigned_area() / a.unsigned_area().min(b.unsigned_area());
+            let angle = angle_between_deg(network.directions[i], network.directions[j]);
+            if shared >= MIN_OVERLAP && angle <= MAX_VIEW_ANGLE_DEG {
+                widest = widest.max(angle);
+                out.push((i, j));
+            }
+        }
+    }
+    if widest < LEAST_ANGLE_DEG {
+        return Err(BundleError::NoBaseline { needed_deg: LEAST_ANGLE_DEG });
+    }
+    Ok(out)
+}
+
+impl Adjuster<'_> {
+    /// Pairs of views with similar sun directions; a view without a known sun counts as similar to all others.
+    pub(super) fn pairs_with_similar_sun(&self) -> Vec<(usize, usize)> {
+        let direction = |v: usize| self.views[v].view.sun.map(|s| (s.azimuth_deg, 90.0 - s.elevation_deg));
+        let apart_deg = |(i, j): (usize, usize)| {
+            direction(i).zip(direction(j)).map_or(0.0, |(a, b)| angle_between_deg(a, b))
+        };
+        let mut by_sun = self.pairs.clone();
+        by_sun.sort_by(|a, b| apart_deg(*a).total_cmp(&apart_deg(*b)));
+        let mut taken = vec![0; self.views.len()];
+        by_sun.retain(|(i, j)| {
+            let is_among_nearest = taken[*i].min(taken[*j]) < NEAREST_SUNS;
+            let is_kept = apart_deg((*i, *j)) <= MAX_SUN_ANGLE_DEG || is_among_nearest;
+            for v in [i, j] {
+                taken[*v] += usize::from(is_kept);
+            }
+            is_kept
+        });
+        by_sun.sort_unstable();
+        by_sun
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bundle::correction::ImageFrame;
+    use crate::scene::{Role, Sun, View};
+    use std::path::PathBuf;
+
+    #[test]
+    fn pairs_with_dissimilar_suns_are_left_out_where_enough_similar_ones_exist() {
+        let rpc = crate::rpc::test_camera();
+        let view = |i: usize| View {
+            name: format!("{i}"),
+            image: PathBuf::new(),
+            width: 1000,
+            height: 1000,
+            window: None,
+            bands: vec![1],
+            stretch_percent: None,
+            mask: None,
+            nodata: None,
+            rpc: rpc.clone(),
+            rpc_source: String::new(),
+            // Six in the morning, six in the afternoon: 40 degrees apart.
+            sun: Sun::new([100.0, 170.0][i / 6] + (i % 6) as f64, 50.0),
+            acquired: None,
+            role: Role::Train,
+            height_range: None,
+        };
+        let views: Vec<View> = (0..12).map(view).collect();
+        let network = Network {
+            rpcs: views.iter().map(|v| &v.rpc).collect(),
+            frames: vec![ImageFrame::new((1000, 1000)); 12],
+            is_fixed: vec![false; 12],
+            directions: vec![(0.0, 10.0); 12],
+            center: rpc.center(),
+            heights: rpc.height_range(),
+            height_prior: None,
+        };
+        let adjuster = Adjuster {
+            views: views.iter().map(|view| UsedView { view, keypoints: &[] }).collect(),
+            network,
+            pairs: (0..12).flat_map(|i| (i + 1..12).map(move |j| (i, j))).collect(),
+            control: Vec::new(),
+            left_out: Vec::new(),
+            progress: &crate::progress::NoProgress,
+        };
+        let kept = adjuster.pairs_with_similar_sun();
+        assert_eq!(kept.len(), 2 * 15);
+        assert!(kept.iter().all(|(i, j)| i / 6 == j / 6), "{kept:?}");
+    }
+}
