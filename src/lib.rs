@@ -2,7 +2,10 @@
 //!
 //! The modules stand in layers; each imports only from those above it in this list, `cli` from all.
 
-pub mod event;
+pub mod stats;
+pub mod random;
+pub mod simd;
+pub mod progress;
 pub mod run_files;
 pub mod frame;
 pub mod io;
@@ -12,6 +15,7 @@ pub mod scene;
 pub mod simulate;
 pub mod bundle;
 pub mod affine;
+pub mod mvs;
 pub mod splat;
 pub mod dsm;
 pub mod metrics;

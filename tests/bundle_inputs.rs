@@ -8,9 +8,9 @@ mod common;
 use common::{disagreement_px, satgs};
 use gdal::vector::LayerAccess;
 use satgs::bundle::{Adjustment, BundleError, ControlPoint, Options, adjust, check_control, read_control};
-use satgs::event::{Event, ignore};
 use satgs::frame::{Pixel, Point, SiteGrid};
 use satgs::io::{Cog, MapGrid, Plane, SensorImage, Vertical, Window};
+use satgs::progress::{Event, NoProgress, Recorder};
 use satgs::rpc::Rpc;
 use satgs::rpc::formats::{self, to_gdal};
 use satgs::scene::{ReadOptions, Scene, SceneError, View, read};
@@ -25,14 +25,14 @@ const HEIGHTS: (f64, f64) = (120.0, 220.0);
 fn town() -> (tempfile::TempDir, Scene) {
     let folder = tempfile::tempdir().unwrap();
     let options = simulate::Options { views: 5, size_px: SIZE, ..simulate::Options::default() };
-    simulate(folder.path(), &options, &ignore).unwrap();
+    simulate(folder.path(), &options, &NoProgress).unwrap();
     let scene = read(folder.path(), &ReadOptions::default()).unwrap();
     (folder, scene)
 }
 
 fn adjusted(scene: &Scene) -> Result<Adjustment, BundleError> {
     let options = Options { height_range: Some(HEIGHTS), ..Options::default() };
-    adjust(scene, &options, &ignore)
+    adjust(scene, &options, &NoProgress)
 }
 
 /// Writes a grey image with a view's RPC.
@@ -114,7 +114,7 @@ fn heights_wrong_by_a_kilometre_are_refused() {
     for off in [-1000.0, 1000.0] {
         let options =
             Options { height_range: Some((HEIGHTS.0 + off, HEIGHTS.1 + off)), ..Options::default() };
-        let made = adjust(&scene, &options, &ignore);
+        let made = adjust(&scene, &options, &NoProgress);
         assert!(made.is_err(), "{off}: {:?}", made.map(|m| m.report.table()));
     }
 }
@@ -126,10 +126,10 @@ fn fixed_cameras_stay_and_the_report_tells_which_points_badly() {
         view.rpc = formats::read(&folder.path().join(format!("truth/rpcs/{}.json", view.name))).unwrap().rpc;
     }
     let fixed = Options { fixed: true, height_range: Some(HEIGHTS), ..Options::default() };
-    let good = adjust(&scene, &fixed, &ignore).unwrap();
+    let good = adjust(&scene, &fixed, &NoProgress).unwrap();
     assert!(good.report.mean_px < 0.2, "{}", good.report.table());
     scene.views[3].rpc = scene.views[3].rpc.shifted(-1.0, -36.0);
-    let bad = adjust(&scene, &fixed, &ignore).unwrap();
+    let bad = adjust(&scene, &fixed, &NoProgress).unwrap();
     for (view, (_, rpc)) in scene.views.iter().zip(&bad.cameras) {
         assert_eq!(&view.rpc, rpc);
     }
@@ -187,13 +187,13 @@ fn ground_control_puts_the_scene_where_the_survey_says() {
         ControlPoint { place: Point::new(lon + sign, lat - sign, h), ..c.clone() }
     });
     let options = Options { height_range: Some(HEIGHTS), control: off.collect(), ..Options::default() };
-    let made = adjust(&scene, &options, &ignore).unwrap();
+    let made = adjust(&scene, &options, &NoProgress).unwrap();
     assert!(made.report.control.iter().all(|c| !c.agrees && c.line > 1), "{:?}", made.report.control);
     assert!(!made.report.gauge.starts_with("ground control"), "{}", made.report.gauge);
     assert!(made.report.table().contains("line 2 ("), "{}", made.report.table());
 
     let options = Options { height_range: Some(HEIGHTS), control, ..Options::default() };
-    let made = adjust(&scene, &options, &ignore).unwrap();
+    let made = adjust(&scene, &options, &NoProgress).unwrap();
     assert_eq!(made.report.control.len(), 14);
     assert!(made.report.control.iter().all(|c| c.agrees), "{:?}", made.report.control);
     assert_eq!(made.report.gauge, "ground control");
@@ -204,7 +204,7 @@ fn ground_control_puts_the_scene_where_the_survey_says() {
     }
 
     let stray = vec![ControlPoint { image: "elsewhere".into(), ..read_control(&file).unwrap()[0].clone() }];
-    let error = adjust(&scene, &Options { control: stray, ..options }, &ignore).unwrap_err();
+    let error = adjust(&scene, &Options { control: stray, ..options }, &NoProgress).unwrap_err();
     assert!(error.to_string().contains("`elsewhere`"), "{error}");
 }
 
@@ -264,16 +264,28 @@ fn a_view_that_keeps_no_track_is_left_out() {
     };
     let views = vec![scene.views[0].clone(), part(1, "left", 0, 112), part(0, "right", 220, 80)];
     scene.views = views;
-    let warnings = std::cell::RefCell::new(Vec::new());
-    let hear = |e: Event| {
-        if let Event::Warning(text) = e {
-            warnings.borrow_mut().push(text);
-        }
-    };
+    let progress = Recorder::default();
     let options = Options { height_range: Some(HEIGHTS), ..Options::default() };
-    let report = adjust(&scene, &options, &hear).unwrap().report;
+    let report = adjust(&scene, &options, &progress).unwrap().report;
     assert!(report.left_out.iter().any(|l| l.0 == "right"), "{}", report.table());
-    assert_eq!(warnings.take(), ["view `right` is left out: 0 tie points are left, too few"]);
+    let warnings = progress.events().into_iter().filter_map(|e| match e {
+        Event::Warning(text) => Some(text),
+        _ => None,
+    });
+    assert_eq!(warnings.collect::<Vec<_>>(), ["view `right` is left out: 0 tie points are left, too few"]);
+}
+
+#[test]
+fn an_adjustment_stops_when_it_is_asked_to() {
+    let (_folder, scene) = town();
+    let options = Options { height_range: Some(HEIGHTS), ..Options::default() };
+    for stage in ["finding features", "matching", "measuring patches"] {
+        let begins = move |e: &Event| matches!(e, Event::Started { stage: s, .. } if *s == stage);
+        let progress = Recorder::cancelling(begins);
+        let error = adjust(&scene, &options, &progress).unwrap_err();
+        assert!(matches!(error, BundleError::Interrupted(_)), "{stage}: {error}");
+        assert!(begins(progress.events().last().unwrap()), "{stage} goes on");
+    }
 }
 
 /// Turns a view's image and leaves its camera as it was.
@@ -313,7 +325,7 @@ fn a_turned_image_is_left_out_or_named_whatever_the_angle() {
 fn a_camera_a_kilometre_too_high_is_named() {
     let (_folder, mut scene) = town();
     scene.views[4].rpc = scene.views[4].rpc.moved_on_ground([0.0, 0.0, 1000.0]);
-    let error = adjust(&scene, &Options::default(), &ignore).unwrap_err();
+    let error = adjust(&scene, &Options::default(), &NoProgress).unwrap_err();
     let BundleError::Scene(SceneError::NoSharedHeights { view, .. }) = error else { panic!("{error}") };
     assert_eq!(view, scene.views[4].name);
 }
@@ -337,7 +349,7 @@ fn a_reference_view_stays_as_it_is_and_must_be_there() {
     let with = |name: &str| {
         let options =
             Options { reference: vec![name.into()], height_range: Some(HEIGHTS), ..Options::default() };
-        adjust(&scene, &options, &ignore)
+        adjust(&scene, &options, &NoProgress)
     };
     let made = with(&scene.views[3].name).unwrap();
     assert_eq!(made.cameras.len(), 4);

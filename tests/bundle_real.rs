@@ -6,10 +6,10 @@ mod common;
 
 use common::{data_dir, disagreement_px};
 use satgs::bundle::{Adjustment, Options, adjust};
-use satgs::event::ignore;
 use satgs::frame::{Pixel, SiteGrid};
 use satgs::io::MapGrid;
 use satgs::metrics::{Truth, TruthOptions, nmad};
+use satgs::progress::NoProgress;
 use satgs::rpc::{Rpc, formats};
 use satgs::scene::{ReadOptions, read};
 use std::path::Path;
@@ -19,7 +19,7 @@ const AGREEMENT_PX: f64 = 0.15;
 
 fn adjusted(folder: &Path, rpcs: Option<&str>) -> Adjustment {
     let options = ReadOptions { rpcs: rpcs.map(str::to_owned), ..ReadOptions::default() };
-    adjust(&read(folder, &options).unwrap(), &Options::default(), &ignore).unwrap()
+    adjust(&read(folder, &options).unwrap(), &Options::default(), &NoProgress).unwrap()
 }
 
 /// Spread of the points' heights over the lidar's below them, not registered.

@@ -6,10 +6,10 @@ mod common;
 
 use common::disagreement_px;
 use satgs::bundle::{HeightPrior, Options, adjust};
-use satgs::event::ignore;
 use satgs::frame::{Pixel, SiteGrid};
 use satgs::io::{Cog, MapGrid, Plane, Vertical};
 use satgs::metrics::{Surface, quantile};
+use satgs::progress::NoProgress;
 use satgs::rpc::{Rpc, formats};
 use satgs::scene::{ReadOptions, Scene, read};
 use satgs::simulate::{self, Relief, simulate};
@@ -30,9 +30,9 @@ const DEM_CELL_M: f64 = 20.0;
 fn worst_shift_px(relief: Relief) -> f64 {
     let folder = tempfile::tempdir().unwrap();
     let options = simulate::Options { relief, ..simulate::Options::default() };
-    simulate(folder.path(), &options, &ignore).unwrap();
+    simulate(folder.path(), &options, &NoProgress).unwrap();
     let scene = read(folder.path(), &ReadOptions::default()).unwrap();
-    let made = adjust(&scene, &Options::default(), &ignore).unwrap();
+    let made = adjust(&scene, &Options::default(), &NoProgress).unwrap();
     assert_eq!(made.cameras.len(), options.views);
     let truth = folder.path().join("truth/rpcs");
     let pairs: Vec<(Rpc, Rpc)> = made
@@ -83,7 +83,7 @@ fn write_ground(surface: &Surface, path: &Path) {
 #[test]
 fn an_elevation_model_holds_the_height_of_the_scene() {
     let folder = tempfile::tempdir().unwrap();
-    let made = simulate(folder.path(), &simulate::Options::default(), &ignore).unwrap();
+    let made = simulate(folder.path(), &simulate::Options::default(), &NoProgress).unwrap();
     let mut scene = read(folder.path(), &ReadOptions::default()).unwrap();
     lift_datum(&mut scene);
     let surface = Surface::read(&made.truth).unwrap();
@@ -92,7 +92,7 @@ fn an_elevation_model_holds_the_height_of_the_scene() {
     let dem = scene.dem(&path, None).unwrap();
 
     let tracks_and_error_m = |height_prior: Option<HeightPrior>| {
-        let made = adjust(&scene, &Options { height_prior, ..Options::default() }, &ignore).unwrap();
+        let made = adjust(&scene, &Options { height_prior, ..Options::default() }, &NoProgress).unwrap();
         println!("{}", made.report.table());
         let site = SiteGrid::at(made.points[0].position).unwrap();
         let above = made.points.iter().map(|p| {

@@ -5,11 +5,11 @@
 #[path = "../benches/splat/scene.rs"]
 mod scene;
 
+use satgs::affine::TrainingView;
 use satgs::io::Plane;
-use satgs::splat::backend::{Population, Snapshot, StepPlan, TrainingBackend};
-use satgs::splat::cpu::CpuBackend;
+use satgs::splat::backend::cpu::CpuBackend;
+use satgs::splat::backend::{DensifyPlan, Snapshot, StepPlan, TrainingBackend};
 use satgs::splat::objective::LossWeights;
-use satgs::splat::views::TrainingView;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
 
@@ -89,7 +89,7 @@ fn plan(iteration: u32) -> StepPlan {
             shadow_entropy: 0.01,
         },
         rates: [0.0; 6],
-        population: Population::default(),
+        population: DensifyPlan::default(),
     }
 }
 

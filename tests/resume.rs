@@ -5,7 +5,7 @@
 mod common;
 
 use common::satgs;
-use satgs::splat::random::Draw;
+use satgs::random::CounterRng;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -146,7 +146,7 @@ fn killed(adjusted: &Adjusted, lasts: Duration, expected: &[Vec<u8>; 3]) {
         let resume: &[&str] = if run.checkpoint().exists() { &["--resume"] } else { &[] };
         resumed += resume.len();
         let mut child = run.start(&[&["--checkpoint-every", "7"], resume].concat());
-        let moment = lasts.mul_f64(LONGEST * Draw::new(0, 0, kills, complete).uniform());
+        let moment = lasts.mul_f64(LONGEST * CounterRng::new(0, 0, kills, complete).uniform());
         let begun = Instant::now();
         while begun.elapsed() < moment && child.try_wait().unwrap().is_none() {
             std::thread::sleep(Duration::from_millis(1));

@@ -7,10 +7,10 @@ mod common;
 use common::{camera, satgs, satgs_in, two_views};
 use gdal::raster::{Buffer, ColorInterpretation, RasterCreationOptions};
 use gdal::{Dataset, DriverManager, Metadata};
+use satgs::affine::SiteScene;
 use satgs::io::{ImageFile, SensorImage};
 use satgs::rpc::formats::to_gdal;
 use satgs::scene::{ReadOptions, Scene, read};
-use satgs::splat::setup::Setup;
 use std::path::Path;
 
 /// Who says what is no image.
@@ -168,7 +168,7 @@ fn ground_that_few_valid_pixels_show_is_nodata() {
         succeed(&own, &["train", name, "--iterations", "20", "--recipe", recipe, "-q"]);
         // The whole town's grid, not the area's.
         succeed(&own, &["dsm", name, "--like", "../town/truth/TOWN_DSM.tif", "-q"]);
-        let setup: Setup =
+        let setup: SiteScene =
             serde_json::from_str(&std::fs::read_to_string(run.join("cameras.json")).unwrap()).unwrap();
         let (dsm, confidence) = (
             ImageFile::open(&run.join("dsm.tif")).unwrap(),

@@ -9,12 +9,12 @@ mod scene;
 use rayon::ThreadPoolBuilder;
 use satgs::splat::adam::SplatAdam;
 use satgs::splat::appearance::Appearance;
-use satgs::splat::backend::Snapshot;
-use satgs::splat::gaussians::Gaussians;
-use satgs::splat::objective::{Gradient, LossWeights, Objective, Sheared, Shot};
-use satgs::splat::raster::{FrameCamera, LOW_PASS_PX2, Layers, Prepared, Rasterizer, SplatGradient};
-use satgs::splat::ssim::Photometric;
-use satgs::splat::stopwatch::Stopwatch;
+use satgs::splat::backend::stopwatch::Stopwatch;
+use satgs::splat::loss::photometric::Photometric;
+use satgs::splat::objective::{Gradient, LossWeights, Objective, ShearedCamera, StepInput};
+use satgs::splat::raster::{FrameCamera, Image, LOW_PASS_PX2, Rasterizer, SortedSplats, SplatGradient};
+use satgs::splat::splats::{PerGroup, Splats};
+use satgs::splat::state::TrainingState;
 use std::time::Instant;
 
 /// Least number of runs of which the fastest counts.
@@ -64,40 +64,40 @@ fn fastest_ms(mut run: impl FnMut()) -> f64 {
 }
 
 /// Pixels with alpha of at least 1/255 over all splats, were none hidden: the areas of their ellipses.
-fn contributing_pairs(splats: &Gaussians, camera: &FrameCamera<f32>) -> f64 {
+fn contributing_pairs(splats: &Splats, camera: &FrameCamera<f32>) -> f64 {
     let m = camera.linear.map(|l| l.map(f64::from));
     let area = |i: usize| {
-        let (r, _) = satgs::splat::gaussians::rotation_matrix(splats.rotation[i].map(f64::from));
+        let (r, _) = satgs::splat::splats::rotation_matrix(splats.rotation[i].map(f64::from));
         let axis = |k: usize, row: usize| {
             let length = f64::from(splats.log_scale[i][k]).exp();
             length * (0..3).map(|j| m[row][j] * r[j][k]).sum::<f64>()
         };
         let dot = |a: usize, b: usize| (0..3).map(|k| axis(k, a) * axis(k, b)).sum::<f64>();
         let det = (dot(0, 0) + LOW_PASS_PX2) * (dot(1, 1) + LOW_PASS_PX2) - dot(0, 1).powi(2);
-        let opacity = 1.0 / (1.0 + (-f64::from(splats.logit[i])).exp());
+        let opacity = 1.0 / (1.0 + (-f64::from(splats.opacity_logit[i][0])).exp());
         std::f64::consts::TAU * (255.0 * opacity).ln().max(0.0) * det.sqrt()
     };
     (0..splats.len()).map(area).sum()
 }
 
-fn noise(width: usize, height: usize, channels: usize) -> Layers<f32> {
-    let mut out = Layers::zeros(width, height, channels);
+fn noise(width: usize, height: usize, channels: usize) -> Image<f32> {
+    let mut out = Image::zeros(width, height, channels);
     for (i, v) in out.data.iter_mut().enumerate() {
         *v = 0.5 + 0.5 * (i as f32 * 0.37).sin();
     }
     out
 }
 
-fn measure(gaussians: Gaussians, pixels: f64) -> Line {
+fn measure(gaussians: Splats, pixels: f64) -> Line {
     // In the order in which training stores splats.
-    let gaussians = Snapshot::start(gaussians, 1).splats;
+    let gaussians = TrainingState::start(gaussians, 1).splats;
     let splats = gaussians.len();
     let side = scene::side(pixels);
     let affine = scene::camera(pixels);
     let camera = FrameCamera::<f32>::new(&affine, side, side);
     let pairs = contributing_pairs(&gaussians, &camera);
 
-    let mut prepared = Prepared::default();
+    let mut prepared = SortedSplats::default();
     let prepare = fastest_ms(|| prepared.update(&gaussians));
     let features: Vec<[f32; 4]> = prepared
         .order()
@@ -115,7 +115,7 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
     let by_pixel = noise(side, side, 4);
     let mut shared = vec![SplatGradient::default(); splats];
     let mut by_feature = vec![[0.0; 4]; splats];
-    let backward = fastest_ms(|| raster.pull_back(&by_pixel));
+    let backward = fastest_ms(|| raster.pixels_backward(&by_pixel));
     let gather = fastest_ms(|| raster.gather(&mut shared, &mut by_feature));
 
     let truth = noise(side, side, 3);
@@ -126,14 +126,14 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
         photometric.compare(&picture, &truth);
     });
 
-    let rates = [1e-9; 5];
+    let rates = PerGroup { position: 1e-9, f_dc: 1e-9, opacity_logit: 1e-9, log_scale: 1e-9, rotation: 1e-9 };
     let mut adam = SplatAdam::new(splats);
     let mut trained = gaussians.clone();
     let mut gradient = Gradient { splats: gaussians.clone(), ..Gradient::default() };
-    let adam_time = fastest_ms(|| adam.step(&mut trained, &gradient.splats, rates));
+    let adam_time = fastest_ms(|| adam.step(&mut trained, &gradient.splats, &rates));
 
     let size = (side, side);
-    let mut shot = Shot {
+    let mut shot = StepInput {
         camera,
         truth: &truth,
         valid: &[],
@@ -149,11 +149,11 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
         shadow_entropy: 0.01,
     };
     let mut objective = Objective::<f32>::default();
-    let mut iteration = |shot: &Shot<f32>| {
+    let mut iteration = |shot: &StepInput<f32>| {
         let mut run = |watch: &mut Stopwatch| {
             watch.begin();
             objective.evaluate(&trained, &Appearance::default(), shot, &weights, &mut gradient, watch);
-            adam.step(&mut trained, &gradient.splats, rates);
+            adam.step(&mut trained, &gradient.splats, &rates);
             watch.lap("splats", "Adam");
         };
         // The first makes room for what all others use again.
@@ -162,8 +162,8 @@ fn measure(gaussians: Gaussians, pixels: f64) -> Line {
         (fastest_ms(|| run(&mut watch)), watch.table())
     };
     let (one, _) = iteration(&shot);
-    shot.sun = Some(Sheared::sun(&affine, size, [1.7, -2.1], ALTITUDES));
-    shot.virtual_view = Some(Sheared::virtual_view(&affine, size, [0.4, 0.3]));
+    shot.sun = Some(ShearedCamera::sun(&affine, size, [1.7, -2.1], ALTITUDES));
+    shot.virtual_view = Some(ShearedCamera::virtual_view(&affine, size, [0.4, 0.3]));
     let (three, stages) = iteration(&shot);
     let adam = adam_time;
     Line {
@@ -217,7 +217,7 @@ impl Line {
     }
 }
 
-fn table(threads: usize, trained: Option<&Gaussians>) -> Vec<Line> {
+fn table(threads: usize, trained: Option<&Splats>) -> Vec<Line> {
     println!("\n{threads} thread(s), milliseconds:\n");
     println!(
         "| splats | MP | M pairs | computed | prepare | project | bin | forward | G/s | backward | G/s | gather | SSIM \

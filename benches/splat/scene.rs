@@ -4,8 +4,8 @@
 //! middle axis 0.27, 0.52, 1.0 m; largest axis 0.7, 1.2, 2.0 m; opacity 0.01, 0.03, 0.09, with 5 % above 0.6.
 
 use satgs::affine::AffineCamera;
-use satgs::splat::gaussians::Gaussians;
-use satgs::splat::random::Draw;
+use satgs::random::CounterRng;
+use satgs::splat::splats::Splats;
 
 /// Pixels per metre.
 const SCALE: f64 = 2.9;
@@ -30,17 +30,17 @@ pub fn camera(pixels: f64) -> AffineCamera {
 /// Height of the town: blocks of 20 m, half of them built upon.
 fn height(x: f64, y: f64, seed: u64) -> f64 {
     let block = |v: f64| (v / 20.0).floor() as i64 as u64;
-    let mut draw = Draw::new(seed, 1, block(x), block(y));
+    let mut draw = CounterRng::new(seed, 1, block(x), block(y));
     if draw.uniform() < 0.5 { HIGHEST_M * draw.uniform() } else { 0.0 }
 }
 
 /// Splats over the image of so many pixels; fewer are larger, so that they cover it alike.
-pub fn town(splats: usize, pixels: f64, seed: u64) -> Gaussians {
+pub fn town(splats: usize, pixels: f64, seed: u64) -> Splats {
     let half_m = 0.5 * side(pixels) as f64 / SCALE;
     let spread = ((pixels / PIXELS) / (splats as f64 / SPLATS)).sqrt();
-    let mut out = Gaussians::zeros(splats);
+    let mut out = Splats::zeros(splats);
     for i in 0..splats {
-        let mut draw = Draw::new(seed, 0, 0, i as u64);
+        let mut draw = CounterRng::new(seed, 0, 0, i as u64);
         let [x, y] = [0; 2].map(|_| half_m * (2.0 * draw.uniform() - 1.0));
         let z = height(x, y, seed) + 0.3 * draw.normal();
         out.position[i] = [x, y, z].map(|v| v as f32);
@@ -49,7 +49,7 @@ pub fn town(splats: usize, pixels: f64, seed: u64) -> Gaussians {
         out.rotation[i] = [0; 4].map(|_| draw.normal() as f32);
         // One in ten is a surface, the rest are what training could not decide about.
         let logit = if draw.uniform() < 0.1 { 1.0 + 2.0 * draw.normal() } else { 1.3 * draw.normal() - 3.6 };
-        out.logit[i] = logit as f32;
+        out.opacity_logit[i][0] = logit as f32;
         out.f_dc[i] = [0; 3].map(|_| draw.normal() as f32);
     }
     out

@@ -15,9 +15,9 @@ use super::patches::{Part, Seeker, squares};
 use super::problem::{Measurement, Track};
 use super::report::{LeftOut, Report, ViewReport};
 use super::tracks::{self, Observation};
-use crate::event::{Event, Sink};
 use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::io::RasterError;
+use crate::progress::{Event, Interrupted, Progress};
 use crate::rpc::Rpc;
 use crate::scene::{Scene, View, angle_between_deg, footprint};
 use geo::{Area, BooleanOps};
@@ -87,8 +87,8 @@ pub struct Options {
 ///
 /// # Errors
 /// [`BundleError`]: too few views, no common ground, matches that do not connect the views, ground control of
-/// images that are not there.
-pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustment, BundleError> {
+/// images that are not there, a request to stop.
+pub fn adjust(scene: &Scene, options: &Options, progress: &dyn Progress) -> Result<Adjustment, BundleError> {
     scene.require_views(2)?;
     if options.height_range.is_none() {
         scene.require_shared_heights()?;
@@ -99,15 +99,15 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
         return Err(BundleError::Heights { low_m: heights.0, high_m: heights.1 });
     }
     scene.require_shared_ground(heights)?;
-    let keypoints = find_keypoints(scene, options.keypoints.as_deref(), events)?;
+    let keypoints = find_keypoints(scene, options.keypoints.as_deref(), progress)?;
     let mut left_out = Vec::new();
     loop {
-        let mut work = Work::new(scene, &keypoints, heights, left_out, events)?;
+        let mut work = Work::new(scene, &keypoints, heights, left_out, progress)?;
         match work.adjust(scene, options)? {
             Outcome::Adjusted(adjustment) => return Ok(*adjustment),
             Outcome::Misfit(misfit) => {
                 left_out = work.left_out;
-                warn(events, &misfit);
+                warn(progress, &misfit);
                 left_out.push(misfit);
             }
         }
@@ -118,25 +118,29 @@ pub fn adjust(scene: &Scene, options: &Options, events: Sink) -> Result<Adjustme
 fn find_keypoints(
     scene: &Scene,
     folder: Option<&Path>,
-    events: Sink,
-) -> Result<Vec<Vec<Keypoint>>, RasterError> {
-    events(Event::Started { stage: "finding features", total: scene.views.len() as u64 });
+    progress: &dyn Progress,
+) -> Result<Vec<Vec<Keypoint>>, BundleError> {
+    progress.event(Event::Started { stage: "finding features", total: scene.views.len() as u64 });
     let mut found = Vec::with_capacity(scene.views.len());
     // A few views at a time: the scale space of one takes thirty times its pixels.
     let largest = scene.views.iter().map(|v| v.width * v.height).max().unwrap_or(1);
     let at_once = (PIXELS_AT_ONCE / largest).clamp(1, rayon::current_num_threads());
     for some in scene.views.chunks(at_once) {
-        let of_some: Result<Vec<_>, _> = some.par_iter().map(|v| keypoints(v, folder)).collect();
+        progress.check()?;
+        let of_some: Result<Vec<_>, RasterError> = some.par_iter().map(|v| keypoints(v, folder)).collect();
         found.extend(of_some?);
-        events(Event::Advanced { done: found.len() as u64, status: String::new() });
+        progress.event(Event::Advanced { done: found.len() as u64, status: String::new() });
     }
-    events(Event::Finished);
+    progress.event(Event::Finished);
     Ok(found)
 }
 
-fn warn(events: Sink, (view, reason): &LeftOut) {
-    events(Event::Warning(format!("view `{view}` is left out: {reason}")));
+fn warn(progress: &dyn Progress, (view, reason): &LeftOut) {
+    progress.event(Event::Warning(format!("view `{view}` is left out: {reason}")));
 }
+
+/// Pairs of views, by index, with their matches.
+type PairMatches = Vec<((usize, usize), Vec<Match>)>;
 
 /// How an attempt ends.
 enum Outcome {
@@ -163,7 +167,7 @@ struct Work<'a> {
     pairs: Vec<(usize, usize)>,
     control: Vec<Track>,
     left_out: Vec<LeftOut>,
-    events: Sink<'a>,
+    progress: &'a dyn Progress,
 }
 
 impl<'a> Work<'a> {
@@ -173,7 +177,7 @@ impl<'a> Work<'a> {
         keypoints: &'a [Vec<Keypoint>],
         heights: (f64, f64),
         mut left_out: Vec<LeftOut>,
-        events: Sink<'a>,
+        progress: &'a dyn Progress,
     ) -> Result<Self, BundleError> {
         let middle = 0.5 * (heights.0 + heights.1);
         let center = scene.center().unwrap_or_else(|| scene.views[0].rpc.center()).at_height(middle);
@@ -213,12 +217,12 @@ impl<'a> Work<'a> {
                 }
             }
         }
-        left_out[known..].iter().for_each(|view| warn(events, view));
+        left_out[known..].iter().for_each(|view| warn(progress, view));
         if views.len() < 2 {
             return Err(too_few(views.len(), scene.views.len(), &left_out));
         }
         let pairs = pairs(&views, &network)?;
-        Ok(Self { views, network, pairs, control: Vec::new(), left_out, events })
+        Ok(Self { views, network, pairs, control: Vec::new(), left_out, progress })
     }
 
     /// Adjusts the cameras, unless a view turns out not to fit the others. Cameras that are only looked at all stay.
@@ -242,7 +246,7 @@ impl<'a> Work<'a> {
         };
         match first? {
             Some(misfit) if leaves_out => return Ok(Outcome::Misfit(misfit)),
-            Some((view, reason)) => (self.events)(Event::Warning(format!("view `{view}`: {reason}"))),
+            Some((view, reason)) => self.progress.event(Event::Warning(format!("view `{view}`: {reason}"))),
             None => {}
         }
         self.narrow_heights(&estimate);
@@ -307,7 +311,7 @@ impl<'a> Work<'a> {
         model: Model,
     ) -> Result<Option<LeftOut>, BundleError> {
         let cameras = self.corrected(&estimate.corrections)?;
-        let found = self.match_pairs(&cameras, across);
+        let found = self.match_pairs(&cameras, across)?;
         let counts: Vec<usize> = self.views.iter().map(|v| v.keypoints.len()).collect();
         let tracks = tracks::build(&counts, &found);
         self.require_connection(&tracks)?;
@@ -315,10 +319,10 @@ impl<'a> Work<'a> {
         let measured = tracks.iter().map(|t| self.measured(t)).chain(self.control.iter().cloned());
         self.network.place(estimate, measured.collect());
         let placed = self.observations(&estimate.tracks);
-        (self.events)(Event::Started { stage: "adjusting", total: 0 });
+        self.progress.event(Event::Started { stage: "adjusting", total: 0 });
         let scales: &[f64] = if across > NARROW_PX { &LOSS_SCALES_PX } else { &LOSS_SCALES_PX[1..] };
         self.network.refine(estimate, scales, model, KEYPOINT_PX)?;
-        (self.events)(Event::Finished);
+        self.progress.event(Event::Finished);
         if estimate.tracks.iter().all(|t| t.known.is_some()) {
             return Err(BundleError::NotConnected { components: "no track survived the adjustment".into() });
         }
@@ -387,12 +391,13 @@ impl<'a> Work<'a> {
     fn settle(&self, estimate: &mut Estimate, model: Model) -> Result<(), BundleError> {
         let tied = (0..estimate.tracks.len()).filter(|i| estimate.tracks[*i].known.is_none()).collect();
         let pieces = squares(&estimate.points, tied, PIECE_PX * self.gsd_m());
-        (self.events)(Event::Started { stage: "measuring patches", total: pieces.len() as u64 });
+        self.progress.event(Event::Started { stage: "measuring patches", total: pieces.len() as u64 });
         let block = self.network.block();
         let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2)).max(2);
         let images = self.views.par_iter().map(|v| Ok((v.view.brightness()?, v.size())));
         let mut images = images.collect::<Result<Vec<_>, RasterError>>()?;
         for (done, piece) in pieces.iter().enumerate() {
+            self.progress.check()?;
             let at = |i: &usize| estimate.points[*i];
             let parts = images.par_iter_mut().enumerate().map(|(v, (image, size))| {
                 let shown = piece.iter().map(|i| block.project(v, &estimate.corrections[v], at(i)));
@@ -410,14 +415,14 @@ impl<'a> Work<'a> {
                     track.seen.iter_mut().for_each(|m| m.weight = UNCONFIRMED);
                 }
             }
-            (self.events)(Event::Advanced { done: done as u64 + 1, status: String::new() });
+            self.progress.event(Event::Advanced { done: done as u64 + 1, status: String::new() });
         }
         let confirmed =
             estimate.tracks.iter().filter(|t| t.known.is_none() && t.seen[0].weight > UNCONFIRMED);
         tracing::debug!("patches confirm {} of {} tracks", confirmed.count(), estimate.tracks.len());
         self.network.refine(estimate, &LOSS_SCALES_PX[1..], model, PATCH_PX)?;
         self.drop_vague(estimate, model);
-        (self.events)(Event::Finished);
+        self.progress.event(Event::Finished);
         Ok(())
     }
 
@@ -449,7 +454,7 @@ impl<'a> Work<'a> {
         corrections.par_iter().enumerate().map(camera).collect()
     }
 
-    fn match_pairs(&self, cameras: &[Rpc], across: f64) -> Vec<((usize, usize), Vec<Match>)> {
+    fn match_pairs(&self, cameras: &[Rpc], across: f64) -> Result<PairMatches, Interrupted> {
         let prepared: Vec<MatchView> = self
             .views
             .iter()
@@ -460,18 +465,19 @@ impl<'a> Work<'a> {
                 MatchView::new(rpc, keypoints, v.size(), self.network.heights)
             })
             .collect();
-        (self.events)(Event::Started { stage: "matching", total: self.pairs.len() as u64 });
+        self.progress.event(Event::Started { stage: "matching", total: self.pairs.len() as u64 });
         let mut found = Vec::with_capacity(self.pairs.len());
         for (done, &(i, j)) in self.pairs.iter().enumerate() {
+            self.progress.check()?;
             found.push(((i, j), matches(&prepared[i], &prepared[j], across)));
-            (self.events)(Event::Advanced { done: done as u64 + 1, status: String::new() });
+            self.progress.event(Event::Advanced { done: done as u64 + 1, status: String::new() });
         }
-        (self.events)(Event::Finished);
+        self.progress.event(Event::Finished);
         for ((i, j), m) in &found {
             let [a, b] = [i, j].map(|v| &self.views[*v].view.name);
             tracing::debug!("{a} - {b}: {} matches", m.len());
         }
-        found
+        Ok(found)
     }
 
     fn require_connection(&self, found: &[Vec<Observation>]) -> Result<(), BundleError> {
@@ -550,7 +556,7 @@ impl<'a> Work<'a> {
             .collect();
         let none_agrees = !control.is_empty() && control.iter().all(|c| !c.agrees);
         for c in control.iter().filter(|c| !c.agrees) {
-            (self.events)(Event::Warning(format!(
+            self.progress.event(Event::Warning(format!(
                 "ground control, line {}: `{}` shows the point {:.1} px from where it should be",
                 c.line, c.view, c.residual_px
             )));
@@ -672,7 +678,7 @@ mod tests {
             pairs: (0..12).flat_map(|i| (i + 1..12).map(move |j| (i, j))).collect(),
             control: Vec::new(),
             left_out: Vec::new(),
-            events: &crate::event::ignore,
+            progress: &crate::progress::NoProgress,
         };
         let kept = work.pairs_of_like_suns();
         assert_eq!(kept.len(), 2 * 15);

@@ -1,6 +1,7 @@
 //! Why a scene could not be adjusted.
 
 use crate::io::RasterError;
+use crate::progress::Interrupted;
 use crate::rpc::formats::FormatError;
 use crate::scene::SceneError;
 use std::path::PathBuf;
@@ -21,6 +22,10 @@ pub enum BundleError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Format(#[from] FormatError),
+    /// The caller's [`Progress`](crate::progress::Progress) asked to stop.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Interrupted(#[from] Interrupted),
     /// Heights in the wrong order.
     #[error("the height range {low_m} to {high_m} m is empty")]
     #[diagnostic(help("--height-range LOW,HIGH in metres above the ellipsoid, LOW below HIGH"))]

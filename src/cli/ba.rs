@@ -196,7 +196,7 @@ pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
         height_prior: dem.zip(args.dem_sigma).map(|(dem, sigma_m)| HeightPrior { dem, sigma_m }),
         keypoints: Some(keypoints.clone()),
     };
-    let adjustment = adjust(&scene, &options, &|e| ui.show(e))?;
+    let adjustment = adjust(&scene, &options, ui)?;
     let used = Scene {
         views: scene.views.into_iter().filter(|v| adjustment.cameras.iter().any(|c| c.0 == v.name)).collect(),
         ..scene

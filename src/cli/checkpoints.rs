@@ -1,12 +1,11 @@
 //! The checkpoint of a training: taken up when it begins, kept while it goes on, removed when it is complete.
 
-use super::interrupt::Interruptible;
 use super::stage::Stage;
 use super::{Failure, Ui};
-use crate::event::Event;
+use crate::progress::{Event, Progress};
 use crate::splat::backend::TrainingBackend;
-use crate::splat::checkpoint::Checkpoint;
-use crate::splat::cpu::CpuBackend;
+use crate::splat::backend::checkpoint::Checkpoint;
+use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::train::LogLine;
 use std::borrow::Cow;
 use std::path::PathBuf;
@@ -45,7 +44,7 @@ impl Checkpoints<'_> {
             Ok(checkpoint) => checkpoint,
             Err(e) if self.is_required => return Err(e.into()),
             Err(e) => {
-                ui.show(Event::Warning(format!("{e}; training begins at the start")));
+                ui.event(Event::Warning(format!("{e}; training begins at the start")));
                 return Ok(None);
             }
         };
@@ -64,9 +63,9 @@ impl Checkpoints<'_> {
         splats_at_start: usize,
         log: &[LogLine],
         backend: &mut CpuBackend,
-        interruptible: &Interruptible,
+        progress: &dyn Progress,
     ) -> Result<(), Failure> {
-        let interrupted = interruptible.is_requested();
+        let interrupted = progress.is_cancelled();
         if interrupted || log.len().is_multiple_of(self.every as usize) {
             let origin = Cow::Borrowed(self.stage.fingerprint());
             let state = Cow::Borrowed(backend.snapshot());

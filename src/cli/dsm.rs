@@ -4,16 +4,16 @@ use super::products::Products;
 use super::run_folder::{TrainedCameras, read_scene, require_image};
 use super::stage::{Fingerprint, Stage, hash_file, or_none};
 use super::{Failure, Ui, parse_metres, run_lock};
+use crate::affine::SiteView;
 use crate::dsm::{Heights, HeightsFrom, Seeing, Surface, hillshade, render};
 use crate::io::{HeightSystem, ImageFile, MapGrid, Vertical, check_writable, write_png_gray};
+use crate::mvs::{DSM_CELL_M, MatchedSurface};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPARSE_POINTS, SPLATS, SURFACE,
 };
 use crate::scene::{Role, View};
 use crate::splat::raster::MAX_SIDE;
-use crate::splat::recipe::RayHeight;
-use crate::splat::setup::FittedView;
-use crate::splat::sweep::{DSM_CELL_M, SweptSurface};
+use crate::splat::train::recipe::RayHeight;
 use std::path::{Path, PathBuf};
 
 /// Render a trained run on the UTM grid: RUN/dsm.tif, RUN/ortho.tif, RUN/confidence.tif
@@ -184,7 +184,7 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
     products.iter().try_for_each(|product| product.check(run))?;
     let splats = cameras.read_splats(run)?;
     let reference = cameras.reference_appearance();
-    let read = || SweptSurface::read(&run.join(SURFACE), &setup.site);
+    let read = || MatchedSurface::read(&run.join(SURFACE), &setup.site);
     let matched = cameras.is_matched.then(read).transpose()?;
     let source = match (&matched, cameras.recipe.heights) {
         (Some(surface), _) => HeightsFrom::Matched(surface),
@@ -246,10 +246,10 @@ pub fn render_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Re
 }
 
 /// The views with their valid pixels, which are read from their images again where some are not.
-fn seeing(run: &Path, views: &[&FittedView]) -> Result<Vec<Seeing>, Failure> {
+fn seeing(run: &Path, views: &[&SiteView]) -> Result<Vec<Seeing>, Failure> {
     let is_masked = views.iter().any(|v| v.is_masked);
     let scene = is_masked.then(|| read_scene(run)).transpose()?;
-    let of_view = |v: &&FittedView| {
+    let of_view = |v: &&SiteView| {
         let mut views = scene.iter().flat_map(|s| &s.views);
         let view = views.find(|s| v.is_masked && s.name == v.name);
         view.map(require_image).transpose()?;

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU8, Ordering::SeqCst};
 
 /// Nothing would be saved by waiting.
 const AT_ONCE: u8 = 0;
-/// Work is going on that looks at [`Interruptible::is_requested`].
+/// The running work leaves a checkpoint when it is asked to stop.
 const POLITE: u8 = 1;
 /// It has been asked to stop.
 const REQUESTED: u8 = 2;
@@ -35,23 +35,12 @@ fn on_signal(_: i32) {
     }
 }
 
-/// While it lives, a first signal only asks the work to stop.
-pub(super) struct Interruptible(());
-
-impl Interruptible {
-    pub(super) fn new() -> Self {
-        STATE.store(POLITE, SeqCst);
-        Self(())
-    }
-
-    /// Whether the work should stop.
-    pub(super) fn is_requested(&self) -> bool {
-        STATE.load(SeqCst) == REQUESTED
-    }
+/// Says whether the running work leaves a checkpoint when it is asked to stop: then a first signal only asks.
+pub(super) fn set_resumable(is_resumable: bool) {
+    STATE.store(if is_resumable { POLITE } else { AT_ONCE }, SeqCst);
 }
 
-impl Drop for Interruptible {
-    fn drop(&mut self) {
-        STATE.store(AT_ONCE, SeqCst);
-    }
+/// Whether the running work should stop.
+pub(super) fn is_requested() -> bool {
+    STATE.load(SeqCst) == REQUESTED
 }

@@ -3,10 +3,11 @@
 use super::render::find;
 use super::run_folder::{TrainedCameras, read_scene, require_images};
 use super::{Failure, Ui};
+use crate::affine::TrainingView;
 use crate::scene::Role;
-use crate::splat::novel::NovelView;
-use crate::splat::picture_score::score_picture;
-use crate::splat::views::{TrainingView, Truth};
+use crate::splat::image_score::score_picture;
+use crate::splat::loss::target::TargetImage;
+use crate::splat::novel_view::NovelView;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -50,8 +51,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
             Failure::input(message, "`satgs train RUN --overwrite` makes cameras.json anew")
         })?;
         let planes = source.read_colors()?;
-        let mut truth = Truth::default();
-        TrainingView::new(view.name.clone(), view.camera, None, &planes, setup.area).load(0, &mut truth);
+        let mut truth = TargetImage::default();
+        truth.load(&TrainingView::new(view.name.clone(), view.camera, None, &planes, setup.area), 0);
         let novel = NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear };
         let mut picture = novel.picture(&splats, &reference, setup.altitudes);
         // Scored as the images show it.

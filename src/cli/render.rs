@@ -3,13 +3,13 @@
 use super::run_folder::{TrainedCameras, read_scene};
 use super::{Failure, Ui};
 use crate::affine::sun_direction;
+use crate::affine::{SiteScene, SiteView};
 use crate::bundle::Adjustment;
 use crate::io::{Cog, MapGrid, SensorImage, Vertical, check_writable, write_png_rgb};
 use crate::rpc::{Rpc, formats};
 use crate::run_files::ADJUSTMENT;
 use crate::scene::Sun;
-use crate::splat::novel::{NovelView, Picture};
-use crate::splat::setup::{FittedView, Setup};
+use crate::splat::novel_view::{NovelView, Picture};
 use std::path::{Path, PathBuf};
 
 /// Views and suns lower than this are refused: their shears have no end.
@@ -131,7 +131,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
 }
 
 /// A view of a run by its name.
-pub(super) fn find<'a>(setup: &'a Setup, name: &str) -> Result<&'a FittedView, Failure> {
+pub(super) fn find<'a>(setup: &'a SiteScene, name: &str) -> Result<&'a SiteView, Failure> {
     setup.views.iter().find(|v| v.name == name).ok_or_else(|| {
         let names: Vec<&str> = setup.views.iter().map(|v| v.name.as_str()).collect();
         Failure::input(format!("the run has no view `{name}`"), format!("it has {}", names.join(", ")))
@@ -169,7 +169,7 @@ fn write_raster(
     picture: &Picture,
     view: &NovelView,
     rpc: Option<&Rpc>,
-    setup: &Setup,
+    setup: &SiteScene,
 ) -> Result<(), Failure> {
     let ([east, north, up], (width, height)) = (setup.site.origin.xyz(), view.size);
     let mut altitude = picture.altitude.clone();

@@ -2,9 +2,9 @@
 
 use super::{Failure, Ui};
 use crate::affine::{GroundBox, Order, residual};
-use crate::event::Event;
 use crate::frame::{Pixel, Point};
 use crate::io::{write_file, write_with_rpc};
+use crate::progress::{Event, Progress};
 use crate::rpc::formats::{RpcFile, to_gdal, to_json, to_rpb, to_text};
 use crate::rpc::{Difference, GroundBatch, PixelBatch, Rpc};
 use crate::scene::read_camera;
@@ -114,7 +114,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
 fn load(path: &Path, trust_rpc: bool, ui: &Ui) -> Result<RpcFile, Failure> {
     let file = read_camera(path, trust_rpc)?;
     for warning in &file.warnings {
-        ui.show(Event::Warning(warning.clone()));
+        ui.event(Event::Warning(warning.clone()));
     }
     Ok(file)
 }
@@ -143,7 +143,7 @@ fn outside_volume(rpc: &Rpc, ground: &GroundBatch, ui: &Ui) -> usize {
     let beyond = (0..all).filter(is_outside).count();
     if beyond > 0 {
         let text = format!("{beyond} of {all} points are outside the volume for which the RPC was made");
-        ui.show(Event::Warning(text));
+        ui.event(Event::Warning(text));
     }
     beyond
 }

@@ -1,14 +1,14 @@
 //! What stages leave in a run's folder for each other: how it is read and written.
 
 use super::{Failure, align};
+use crate::affine::SiteScene;
 use crate::io::{RasterError, write_file};
 use crate::run_files::{CAMERAS, SCENE, SPLATS};
 use crate::scene::{Scene, View};
 use crate::splat::appearance::Appearance;
-use crate::splat::gaussians::Gaussians;
 use crate::splat::ply;
-use crate::splat::recipe::Recipe;
-use crate::splat::setup::Setup;
+use crate::splat::splats::Splats;
+use crate::splat::train::recipe::Recipe;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::path::Path;
@@ -18,7 +18,7 @@ use std::path::Path;
 pub struct TrainedCameras {
     /// Site, area, cameras.
     #[serde(flatten)]
-    pub setup: Setup,
+    pub setup: SiteScene,
     /// Name and radiometry of every training view.
     pub appearances: Vec<(String, Appearance)>,
     /// What was trained by.
@@ -35,7 +35,7 @@ impl TrainedCameras {
     }
 
     /// Reads a run's splats, coloured in light.
-    pub fn read_splats(&self, run: &Path) -> Result<Gaussians, Failure> {
+    pub fn read_splats(&self, run: &Path) -> Result<Splats, Failure> {
         let mut splats = ply::read(&run.join(SPLATS))?;
         if !self.setup.tone.is_linear() {
             splats.recolor(|v| self.setup.tone.light(v));
@@ -44,7 +44,7 @@ impl TrainedCameras {
     }
 
     /// Writes a run's splats, coloured in light, as viewers show them.
-    pub fn write_splats(&self, run: &Path, splats: &Gaussians) -> Result<(), Failure> {
+    pub fn write_splats(&self, run: &Path, splats: &Splats) -> Result<(), Failure> {
         let mut shown = Cow::Borrowed(splats);
         if !self.setup.tone.is_linear() {
             shown.to_mut().recolor(|v| self.setup.tone.brightness(v));
@@ -106,7 +106,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_211.0, 3_357_611.0, -20.0) };
         let tone = Tone::new(2.2).unwrap();
-        let setup = Setup {
+        let setup = SiteScene {
             site,
             area: (0.0, 0.0, 1.0, 1.0),
             altitudes: (0.0, 1.0),
@@ -116,13 +116,13 @@ mod tests {
         };
         let recipe = Recipe::named("best").unwrap();
         let cameras = TrainedCameras { setup, appearances: vec![], recipe, is_matched: false };
-        let mut splats = Gaussians::default();
+        let mut splats = Splats::default();
         splats.push([0.5; 3], 0.3, 0.9, [0.1, 0.3, -0.02]);
         cameras.write_splats(folder.path(), &splats).unwrap();
         let near =
-            |a: &Gaussians, b: &Gaussians| a.f_dc[0].iter().zip(b.f_dc[0]).all(|(a, b)| (a - b).abs() < 1e-4);
+            |a: &Splats, b: &Splats| a.f_dc[0].iter().zip(b.f_dc[0]).all(|(a, b)| (a - b).abs() < 1e-4);
         let shown = ply::read(&folder.path().join(SPLATS)).unwrap();
-        let mut expected = Gaussians::default();
+        let mut expected = Splats::default();
         expected.push([0.5; 3], 0.3, 0.9, [0.1, 0.3, -0.02].map(|v| tone.brightness(v)));
         assert!(near(&shown, &expected), "{:?}", shown.f_dc);
         let read = cameras.read_splats(folder.path()).unwrap();

@@ -1,7 +1,7 @@
 //! The arguments of every command that reads a scene.
 
 use super::{Failure, Ui};
-use crate::event::Event;
+use crate::progress::{Event, Progress};
 use crate::scene::{self, Aoi, ReadOptions, Scene, SceneError, Sun, Tone};
 use std::path::{Path, PathBuf};
 
@@ -62,7 +62,7 @@ impl SceneArgs {
         };
         let scene = scene::read(&self.scene, &options)?;
         for warning in &scene.warnings {
-            ui.show(Event::Warning(warning.clone()));
+            ui.event(Event::Warning(warning.clone()));
         }
         Ok(scene)
     }

@@ -47,7 +47,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
         relief: if args.hilly { Relief::Hilly } else { Relief::Rolling },
         overwrite: args.overwrite,
     };
-    let summary = simulate(&args.out, &options, &|e| ui.show(e))?;
+    let summary = simulate(&args.out, &options, ui)?;
     let json = serde_json::json!({ "out": args.out, "options": options, "summary": summary });
     ui.summary("simulate", &text(args, &summary), json);
     Ok(())

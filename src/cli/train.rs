@@ -1,27 +1,28 @@
 //! `satgs train`: affine cameras, splats from the sparse points, training.
 
 use super::checkpoints::Checkpoints;
-use super::interrupt::Interruptible;
 use super::run_folder::{TrainedCameras, read_scene, require_images, write_json};
 use super::stage::{Fingerprint, Stage, hash, hash_file};
 use super::{Failure, Ui, align, run_lock};
+use crate::affine::{SiteScene, SiteSceneError};
+use crate::affine::{TrainingView, median_pixel_m};
 use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
-use crate::event::Event;
 use crate::frame::{Point, Site};
 use crate::io::{RasterError, write_atomically};
+use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
+use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, FIRST_SURFACE, SPLATS, STAGE, SURFACE, TRAINING};
 use crate::scene::Scene;
-use crate::splat::backend::{Snapshot, TrainingBackend};
-use crate::splat::cpu::CpuBackend;
-use crate::splat::gaussians::Gaussians;
-use crate::splat::hold::Hold;
-use crate::splat::recipe::{Recipe, Start};
-use crate::splat::setup::{Setup, SetupError};
-use crate::splat::sweep::{Sweep, SweptSurface};
+use crate::splat::backend::TrainingBackend;
+use crate::splat::backend::cpu::CpuBackend;
+use crate::splat::init;
+use crate::splat::loss::surface_prior::SurfacePrior;
+use crate::splat::splats::Splats;
+use crate::splat::state::TrainingState;
+use crate::splat::train::recipe::{Recipe, Start};
 use crate::splat::train::{LogLine, Schedule, train};
-use crate::splat::views::{TrainingView, median_pixel_m};
-use crate::splat::{init, progress};
+use crate::splat::train::{expectation::Extent, pictures};
 use std::path::{Path, PathBuf};
 
 /// Train Gaussian splats on an adjusted run: RUN/splats.ply, RUN/cameras.json
@@ -123,13 +124,13 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
     stage.require_writable()?;
     require_images(&scene)?;
     let job = Job::new(run, options, recipe, &scene)?;
-    let (extent, threads) = (job.setup.extent(), rayon::current_num_threads());
+    let (extent, threads) = (Extent::of(&job.setup), rayon::current_num_threads());
     if job.recipe.name == Recipe::NAMES[0] && options.iterations.is_none() && extent.views > 1 {
         ui.note(&extent.expectation(&job.recipe, threads).text(&extent, threads));
     }
     let views = job.setup.training_views(&scene)?;
     if views.is_empty() {
-        return Err(SetupError::NoViews.into());
+        return Err(SiteSceneError::NoViews.into());
     }
     let (every, is_required) = (options.checkpoint_every, options.resume);
     let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
@@ -137,12 +138,12 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
             let splats = job.splats_at_start(&views, ui)?;
-            (splats.len(), Vec::new(), Snapshot::start(splats, views.len()))
+            (splats.len(), Vec::new(), TrainingState::start(splats, views.len()))
         }
     };
     // From the file whether or not training was interrupted: the same bytes.
     let first = job.first_surface()?;
-    let hold = first.as_ref().zip(job.recipe.hold).map(|(first, weight)| Hold::new(first, weight));
+    let hold = first.as_ref().zip(job.recipe.hold).map(|(first, weight)| SurfacePrior::new(first, weight));
     let schedule = Schedule {
         recipe: &job.recipe,
         views: views.len(),
@@ -152,12 +153,12 @@ pub fn train_run(run: &Path, options: &Options, overwrite: bool, ui: &Ui) -> Res
         seed: options.seed,
     };
     let mut backend = CpuBackend::new(state, views, job.setup.altitudes, hold);
-    let interruptible = Interruptible::new();
-    train(&mut backend, &schedule, &mut log, &|e| ui.show(e), |backend, log| {
+    ui.event(Event::Resumable(true));
+    train(&mut backend, &schedule, &mut log, ui, |backend, log| {
         job.take_picture(backend, log.len() as u32, ui);
-        checkpoints.keep(at_start, log, backend, &interruptible)
+        checkpoints.keep(at_start, log, backend, ui)
     })?;
-    drop(interruptible);
+    ui.event(Event::Resumable(false));
 
     if ui.is_verbose() {
         ui.note(&backend.times().table());
@@ -175,7 +176,7 @@ struct Job<'a> {
     run: &'a Path,
     options: &'a Options,
     recipe: Recipe,
-    setup: Setup,
+    setup: SiteScene,
     /// The sparse points in the area.
     sparse: Vec<Point<Site>>,
 }
@@ -185,7 +186,7 @@ impl<'a> Job<'a> {
     fn new(run: &'a Path, options: &'a Options, recipe: Recipe, scene: &Scene) -> Result<Self, Failure> {
         let adjustment = Adjustment::read(&run.join(ADJUSTMENT))?;
         let points = adjustment.positions();
-        let mut setup = Setup::new(scene, &adjustment.cameras_of(scene)?, &points)?;
+        let mut setup = SiteScene::new(scene, &adjustment.cameras_of(scene)?, &points)?;
         setup.tone = setup.tone.with_white(recipe.white);
         for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
             tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);
@@ -195,48 +196,48 @@ impl<'a> Job<'a> {
     }
 
     /// The splats that training begins with. Nothing is left of a training before.
-    fn splats_at_start(&self, views: &[TrainingView], ui: &Ui) -> Result<Gaussians, Failure> {
+    fn splats_at_start(&self, views: &[TrainingView], ui: &Ui) -> Result<Splats, Failure> {
         let _ = std::fs::remove_file(self.run.join(FIRST_SURFACE));
         let _ = std::fs::remove_dir_all(self.run.join(SNAPSHOTS));
         let (setup, seed) = (&self.setup, self.options.seed);
         Ok(match (self.sweep(views), self.recipe.start) {
             (Some(sweep), _) => {
-                let first = sweep.run(&|e| ui.show(e));
+                let first = sweep.run(ui)?;
                 first.write(&self.run.join(FIRST_SURFACE))?;
-                init::on_surface(&first, views)
+                init::init_from_surface(&first, views)
             }
-            (None, Start::Surface) => return Err(SetupError::no_pair(views).into()),
-            (None, Start::Points) => init::on_points(&self.sparse, setup.area, seed),
-            (None, Start::Box) => init::in_box(setup.area, setup.altitudes, seed),
+            (None, Start::Surface) => return Err(MatchError::no_pair(views).into()),
+            (None, Start::Points) => init::init_from_points(&self.sparse, setup.area, seed),
+            (None, Start::Box) => init::init_from_volume(setup.area, setup.altitudes, seed),
         })
     }
 
     /// The sweep that finds the surface, if the recipe has one and two views can be matched.
-    fn sweep(&self, views: &[TrainingView]) -> Option<Sweep> {
+    fn sweep(&self, views: &[TrainingView]) -> Option<PlaneSweep> {
         let is_swept = self.recipe.start == Start::Surface;
-        is_swept.then(|| Sweep::new(&self.setup, views, &self.sparse)).flatten()
+        is_swept.then(|| PlaneSweep::new(&self.setup, views, &self.sparse)).flatten()
     }
 
     /// The surface that training starts on, if there is one.
-    fn first_surface(&self) -> Result<Option<SweptSurface>, Failure> {
+    fn first_surface(&self) -> Result<Option<MatchedSurface>, Failure> {
         let path = self.run.join(FIRST_SURFACE);
         let is_used = self.recipe.start == Start::Surface && path.exists();
-        Ok(is_used.then(|| SweptSurface::read(&path, &self.setup.site)).transpose()?)
+        Ok(is_used.then(|| MatchedSurface::read(&path, &self.setup.site)).transpose()?)
     }
 
     /// Writes a picture of the training after so many iterations, if one is due.
     fn take_picture(&self, backend: &mut CpuBackend, done: u32, ui: &Ui) {
-        if !progress::is_snapshot_due(self.options.snapshots, done, self.recipe.iterations) {
+        if !pictures::is_snapshot_due(self.options.snapshots, done, self.recipe.iterations) {
             return;
         }
         let watched = self.setup.reference_among_training();
         let view = backend.views()[watched].clone();
         let (state, shadows) = (backend.snapshot(), done > self.recipe.shadows_from);
         let appearance = &state.appearances[watched].0;
-        let panels = progress::panels(&view, &state.splats, appearance, self.setup.altitudes, shadows);
+        let panels = pictures::panels(&view, &state.splats, appearance, self.setup.altitudes, shadows);
         // A picture less is no reason to stop.
         if let Err(e) = panels.write(&self.run.join(format!("{SNAPSHOTS}/{done:06}.png"))) {
-            ui.show(Event::Warning(e.to_string()));
+            ui.event(Event::Warning(e.to_string()));
         }
     }
 
@@ -244,7 +245,7 @@ impl<'a> Job<'a> {
     fn write(
         self,
         backend: &mut CpuBackend,
-        from: Option<&SweptSurface>,
+        from: Option<&MatchedSurface>,
         log: &[LogLine],
     ) -> Result<TrainedCameras, Failure> {
         let swept = self.sweep(backend.views()).zip(from);
@@ -261,7 +262,7 @@ impl<'a> Job<'a> {
             surface.write(&run.join(SURFACE))?;
         }
         write_log(&run.join(TRAINING), log)?;
-        progress::curves(log).write(&run.join("train/curves.png"))?;
+        pictures::curves(log).write(&run.join("train/curves.png"))?;
         let appearances = names.into_iter().zip(made.appearances.iter().map(|a| a.0)).collect();
         let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
         cameras.write_splats(run, &made.splats)?;

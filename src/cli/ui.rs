@@ -1,10 +1,10 @@
 //! What the user sees: progress bars on a terminal, log lines, the summary, the error.
 
-use super::{Common, Failure};
-use crate::event::Event;
+use super::{Common, Failure, interrupt};
+use crate::progress::{Event, Progress};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Without a terminal a long stage still says where it is, this often.
@@ -13,10 +13,10 @@ const LINE_EVERY: Duration = Duration::from_secs(60);
 /// The user's side of a command.
 pub struct Ui {
     common: Common,
-    summaries: RefCell<serde_json::Map<String, serde_json::Value>>,
-    stage: RefCell<Option<Stage>>,
+    summaries: Mutex<serde_json::Map<String, serde_json::Value>>,
+    stage: Mutex<Option<Stage>>,
     /// Why standard output did not take everything.
-    lost: RefCell<Option<std::io::Error>>,
+    lost: Mutex<Option<std::io::Error>>,
 }
 
 struct Stage {
@@ -32,9 +32,9 @@ impl Ui {
     pub fn new(common: &Common) -> Self {
         Self {
             common: common.clone(),
-            summaries: RefCell::default(),
-            stage: RefCell::new(None),
-            lost: RefCell::new(None),
+            summaries: Mutex::default(),
+            stage: Mutex::new(None),
+            lost: Mutex::new(None),
         }
     }
 
@@ -54,7 +54,7 @@ impl Ui {
             .with_target(false)
             .without_time()
             .try_init();
-        super::interrupt::install();
+        interrupt::install();
         if let Some(n) = self.common.threads {
             rayon::ThreadPoolBuilder::new().num_threads(n.into()).build_global().map_err(|e| Failure {
                 message: e.to_string(),
@@ -71,28 +71,9 @@ impl Ui {
         self.common.verbose > 0
     }
 
-    /// Shows an event; pass `&|e| ui.show(e)` as the library's sink.
-    pub fn show(&self, event: Event) {
-        match event {
-            Event::Started { stage, total } => self.start(stage, total),
-            Event::Advanced { done, status } => self.advance(done, status),
-            Event::Finished => self.finish(),
-            Event::Note(text) => {
-                if !self.common.quiet {
-                    self.line(&text);
-                }
-            }
-            Event::Warning(text) => {
-                if !self.common.quiet {
-                    self.line(&format!("warning: {text}"));
-                }
-            }
-        }
-    }
-
     /// Says something in passing.
     pub fn note(&self, text: &str) {
-        self.show(Event::Note(text.into()));
+        self.event(Event::Note(text.into()));
     }
 
     /// A stage's result: `text` is printed now; with `--json`, `json` at the end.
@@ -100,19 +81,19 @@ impl Ui {
         if !self.common.json && !self.common.quiet {
             self.print_out(text);
         }
-        self.summaries.borrow_mut().insert(stage.into(), json);
+        locked(&self.summaries).insert(stage.into(), json);
     }
 
     /// What a stage that is done already said when it was made, for `--json`.
     pub fn repeat_summary(&self, stage: &str, json: Option<serde_json::Value>) {
         if let Some(json) = json {
-            self.summaries.borrow_mut().insert(stage.into(), json);
+            locked(&self.summaries).insert(stage.into(), json);
         }
     }
 
     /// With `--json`, prints the one stage's summary, or all stages' by name.
     pub(super) fn finish_json(&self) {
-        let summaries = std::mem::take(&mut *self.summaries.borrow_mut());
+        let summaries = std::mem::take(&mut *locked(&self.summaries));
         if self.common.json {
             let only = (summaries.len() == 1).then(|| summaries.values().next().cloned()).flatten();
             self.print_out(&only.unwrap_or(serde_json::Value::Object(summaries)).to_string());
@@ -122,13 +103,13 @@ impl Ui {
     fn print_out(&self, text: &str) {
         let mut out = std::io::stdout().lock();
         if let Err(e) = writeln!(out, "{}", text.trim_end()).and_then(|()| out.flush()) {
-            self.lost.borrow_mut().get_or_insert(e);
+            locked(&self.lost).get_or_insert(e);
         }
     }
 
     /// An error if standard output did not take what was printed. A closed pipe (`| head`) is the reader's choice.
     pub(super) fn require_output(&self) -> Result<(), Failure> {
-        self.lost.borrow_mut().take().map_or(Ok(()), output_lost)
+        locked(&self.lost).take().map_or(Ok(()), output_lost)
     }
 
     pub(super) fn report(&self, failure: &Failure) {
@@ -154,11 +135,11 @@ impl Ui {
         }
         bar.set_prefix(name);
         let now = Instant::now();
-        *self.stage.borrow_mut() = Some(Stage { name, started: now, last_line: now, bar });
+        *locked(&self.stage) = Some(Stage { name, started: now, last_line: now, bar });
     }
 
     fn advance(&self, done: u64, status: String) {
-        let mut stage = self.stage.borrow_mut();
+        let mut stage = locked(&self.stage);
         let Some(stage) = stage.as_mut() else { return };
         let first = stage.bar.position() == 0;
         stage.bar.set_position(done);
@@ -176,14 +157,14 @@ impl Ui {
     }
 
     fn finish(&self) {
-        if let Some(stage) = self.stage.borrow_mut().take() {
+        if let Some(stage) = locked(&self.stage).take() {
             stage.bar.finish_and_clear();
             tracing::info!("{}: {:.1} s", stage.name, stage.started.elapsed().as_secs_f64());
         }
     }
 
     fn line(&self, text: &str) {
-        match self.stage.borrow().as_ref() {
+        match locked(&self.stage).as_ref() {
             Some(stage) if !stage.bar.is_hidden() => stage.bar.suspend(|| {
                 let _ = writeln!(std::io::stderr(), "{text}");
             }),
@@ -192,6 +173,36 @@ impl Ui {
             }
         }
     }
+}
+
+impl Progress for Ui {
+    fn event(&self, event: Event) {
+        match event {
+            Event::Started { stage, total } => self.start(stage, total),
+            Event::Advanced { done, status } => self.advance(done, status),
+            Event::Finished => self.finish(),
+            Event::Resumable(is_resumable) => interrupt::set_resumable(is_resumable),
+            Event::Note(text) => {
+                if !self.common.quiet {
+                    self.line(&text);
+                }
+            }
+            Event::Warning(text) => {
+                if !self.common.quiet {
+                    self.line(&format!("warning: {text}"));
+                }
+            }
+        }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        interrupt::is_requested()
+    }
+}
+
+/// What a mutex guards, also after a panic of another thread.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The failure of a standard output that takes nothing more.

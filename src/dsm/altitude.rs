@@ -7,8 +7,8 @@ use super::nadir_camera;
 use crate::affine::AffineCamera;
 use crate::frame::SiteGrid;
 use crate::io::{MapGrid, Plane};
-use crate::splat::gaussians::{Gaussians, rotation_matrix, sigmoid};
 use crate::splat::raster::{ALPHA_CUT, LOW_PASS_PX2};
+use crate::splat::splats::{Splats, rotation_matrix, sigmoid};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -30,9 +30,9 @@ struct Ellipse {
 
 impl Ellipse {
     /// None if it is too faint to be seen, or not finite.
-    fn new(splats: &Gaussians, i: usize, camera: &AffineCamera) -> Option<Self> {
+    fn new(splats: &Splats, i: usize, camera: &AffineCamera) -> Option<Self> {
         let position = splats.position[i];
-        let opacity = sigmoid(splats.logit[i]);
+        let opacity = sigmoid(splats.opacity_logit[i][0]);
         let radius2 = 2.0 * (f64::from(opacity) / ALPHA_CUT).ln();
         let (turn, _) = rotation_matrix(splats.rotation[i].map(f64::from));
         let scale = splats.log_scale[i].map(|s| f64::from(s).exp());
@@ -77,7 +77,7 @@ impl Ellipse {
 /// Altitudes of the splats above the site's origin, in the cells of a grid; NaN where most of the light reaches the
 /// ground.
 #[must_use]
-pub fn altitudes(splats: &Gaussians, site: &SiteGrid, grid: &MapGrid) -> Plane {
+pub fn altitudes(splats: &Splats, site: &SiteGrid, grid: &MapGrid) -> Plane {
     let fine = sampled(grid);
     let camera = nadir_camera(&fine, site);
     let mut ellipses: Vec<Ellipse> =

@@ -4,7 +4,7 @@ use super::Surface;
 use crate::affine::AffineCamera;
 use crate::frame::{CenterPx, Pixel, SiteGrid};
 use crate::io::{Plane, ValidPixels};
-use crate::splat::sweep::{SLACK_M, SweptSurface, horizon};
+use crate::mvs::{MatchedSurface, SLACK_M, horizon};
 use rayon::prelude::*;
 
 /// A height is measured where at least so many views see it.
@@ -73,7 +73,7 @@ impl Surface {
     }
 
     /// Says 0 views where a matched surface was not measured but filled from around: its score is 0 there.
-    pub fn mark_filled(&mut self, matched: &SweptSurface) {
+    pub fn mark_filled(&mut self, matched: &MatchedSurface) {
         let Self { grid, confidence, .. } = self;
         confidence.views.data.par_chunks_mut(grid.width).enumerate().for_each(|(row, views)| {
             for (col, views) in views.iter_mut().enumerate() {
@@ -155,7 +155,7 @@ mod tests {
         let cells = |value: f32| Plane::filled(8, 3, value);
         let score = Plane::from_fn(8, 3, |col, _| if col == 5 { 0.0 } else { 0.4 });
         let matched =
-            SweptSurface { site, grid: surface.grid, altitude: cells(0.0), score, hold: cells(0.0) };
+            MatchedSurface { site, grid: surface.grid, altitude: cells(0.0), score, hold: cells(0.0) };
         surface.mark_filled(&matched);
         assert_eq!(surface.confidence.views, Plane::from_fn(8, 3, |col, _| if col == 5 { 0.0 } else { 2.0 }));
     }

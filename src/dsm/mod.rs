@@ -15,10 +15,10 @@ pub use confidence::{Confidence, Seeing};
 use crate::affine::AffineCamera;
 use crate::frame::{Point, SiteGrid};
 use crate::io::{Cog, MapGrid, Plane, RasterError, Vertical, color_style, write_file};
+use crate::mvs::MatchedSurface;
 use crate::splat::appearance::Appearance;
-use crate::splat::gaussians::{Gaussians, SH_C0};
-use crate::splat::raster::{FrameCamera, Layers, Prepared, Rasterizer};
-use crate::splat::sweep::SweptSurface;
+use crate::splat::raster::{FrameCamera, Image, Rasterizer, SortedSplats};
+use crate::splat::splats::{Splats, color_from_f_dc};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -66,12 +66,12 @@ pub fn nadir_camera(grid: &MapGrid, site: &SiteGrid) -> AffineCamera {
 
 /// Where a DSM's heights come from.
 ///
-/// [`RayHeight::Median`]: crate::splat::recipe::RayHeight::Median
-/// [`RayHeight::Mean`]: crate::splat::recipe::RayHeight::Mean
+/// [`RayHeight::Median`]: crate::splat::train::recipe::RayHeight::Median
+/// [`RayHeight::Mean`]: crate::splat::train::recipe::RayHeight::Mean
 #[derive(Clone, Copy, Debug)]
 pub enum HeightsFrom<'a> {
     /// A surface that was matched with the views.
-    Matched(&'a SweptSurface),
+    Matched(&'a MatchedSurface),
     /// The splats, by [`RayHeight::Median`] of three by three samples a cell; nodata where most light comes through.
     Median,
     /// The splats, by [`RayHeight::Mean`]; nodata where no splat is.
@@ -84,17 +84,16 @@ pub enum HeightsFrom<'a> {
 /// Renders splats on a grid. The views that see a cell are not counted yet.
 #[must_use]
 pub fn render(
-    splats: &Gaussians,
+    splats: &Splats,
     site: &SiteGrid,
     grid: MapGrid,
     reference: &Appearance,
     heights: HeightsFrom,
 ) -> Surface {
-    let mut prepared = Prepared::default();
+    let mut prepared = SortedSplats::default();
     prepared.update(splats);
-    let color = |v: f32| v * SH_C0 as f32 + 0.5;
     let feature = |&i: &u32| {
-        let ([r, g, b], z) = (splats.f_dc[i as usize].map(color), splats.position[i as usize][2]);
+        let ([r, g, b], z) = (color_from_f_dc(splats.f_dc[i as usize]), splats.position[i as usize][2]);
         [r, g, b, z, z * z]
     };
     let features: Vec<[f32; 5]> = prepared.order().iter().map(feature).collect();
@@ -125,7 +124,7 @@ pub fn render(
 }
 
 /// The mean altitudes of a render, over a floor where light comes through; NaN where nothing was drawn.
-fn with_floor(image: &Layers<f32>, floor: f32) -> Plane {
+fn with_floor(image: &Image<f32>, floor: f32) -> Plane {
     let (mut altitude, through) = (image.plane(3), image.plane(5));
     for (z, through) in altitude.data.iter_mut().zip(&through.data) {
         *z = if *through < 1.0 { *z + through * floor } else { f32::NAN };
@@ -151,7 +150,7 @@ fn mean_around(plane: &Plane) -> Plane {
 }
 
 /// Altitudes of a swept surface in the cells of a grid: medians of samples, NaN where most have none.
-fn resampled(surface: &SweptSurface, grid: &MapGrid) -> Plane {
+fn resampled(surface: &MatchedSurface, grid: &MapGrid) -> Plane {
     let fine = sampled(grid);
     let altitude_at = |col: usize, row: usize| {
         let p = surface.grid.corner_px_from_utm(fine.cell_center(col, row));
@@ -295,7 +294,7 @@ mod tests {
         let grid =
             MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width: 41, height: 37 };
         let tilted = |sign: f32| {
-            let mut g = Gaussians::default();
+            let mut g = Splats::default();
             for i in -80..=80 {
                 for j in -80..=80 {
                     let (x, y) = (i as f32 * 0.25, j as f32 * 0.25);
@@ -322,7 +321,7 @@ mod tests {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid =
             MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width: 40, height: 40 };
-        let mut g = Gaussians::default();
+        let mut g = Splats::default();
         g.push([0.0, 0.0, 5.0], 0.5, 0.9, [0.5; 3]);
         let surface = render(&g, &site, grid, &Appearance::default(), HeightsFrom::Median);
         assert!(surface.height.at(0, 0).is_nan());
@@ -332,7 +331,7 @@ mod tests {
     #[test]
     fn the_mean_of_nine_cells_counts_what_comes_through_as_the_floor() {
         let (Surface { grid, .. }, site) = flat_surface(40, 40);
-        let mut g = Gaussians::default();
+        let mut g = Splats::default();
         g.push([0.0, 0.0, 5.0], 0.5, 0.5, [0.5; 3]);
         let surface = render(&g, &site, grid, &Appearance::default(), HeightsFrom::Mean { floor: -3.0 });
         let nine = (0..9).map(|k| surface.confidence.opacity.at(19 + k % 3, 19 + k / 3));

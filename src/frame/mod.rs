@@ -9,4 +9,4 @@ mod site;
 
 pub use crs::{FrameError, Transform, half_turn, utm_epsg};
 pub use point::{CenterPx, CornerPx, Frame, Geodetic, Pixel, Point, Site, Utm, Vector};
-pub use site::SiteGrid;
+pub use site::{SiteBox, SiteGrid};

@@ -4,6 +4,9 @@ use super::crs::{FrameError, Transform, WGS84, utm_epsg};
 use super::{Geodetic, Point, Site, Utm};
 use serde::{Deserialize, Serialize};
 
+/// A box on the map grid, site metres: west, south, east, north.
+pub type SiteBox = (f64, f64, f64, f64);
+
 /// A UTM grid and an origin on it: the value that converts between geodetic, map and site coordinates.
 ///
 /// Site axes run along the map grid (east, north) and up, in metres.

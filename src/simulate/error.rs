@@ -2,6 +2,7 @@
 
 use crate::frame::FrameError;
 use crate::io::RasterError;
+use crate::progress::Interrupted;
 use crate::rpc::{LocalizeError, RpcError};
 use std::path::PathBuf;
 
@@ -40,6 +41,10 @@ pub enum SimulateError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Raster(#[from] RasterError),
+    /// The caller's [`Progress`](crate::progress::Progress) asked to stop.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Interrupted(#[from] Interrupted),
     /// No map projection.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -18,8 +18,8 @@ mod sensor;
 mod town;
 mod truth;
 
-use crate::event::{Event, Sink};
 use crate::frame::{Geodetic, Point, SiteGrid};
+use crate::progress::{Event, Progress};
 use crate::rpc::{Axis, Rpc};
 use dice::Dice;
 pub use error::SimulateError;
@@ -136,13 +136,13 @@ impl Shot {
 /// The same options give the same bytes, whatever the number of threads.
 ///
 /// # Errors
-/// [`SimulateError`]: an option out of range, a folder in use, a file that cannot be written.
-pub fn simulate(out: &Path, options: &Options, events: Sink) -> Result<Summary, SimulateError> {
+/// [`SimulateError`]: an option out of range, a folder in use, a file that cannot be written, a request to stop.
+pub fn simulate(out: &Path, options: &Options, progress: &dyn Progress) -> Result<Summary, SimulateError> {
     check(options)?;
     claim(out, options.overwrite)?;
     let truth_folder = out.join("truth");
 
-    events(Event::Started { stage: "building the town", total: 0 });
+    progress.event(Event::Started { stage: "building the town", total: 0 });
     let map = SiteGrid::at(PLACE)?;
     let [e, n, _] = map.origin.xyz();
     let grid = SiteGrid { epsg: map.epsg, origin: Point::new(e.round(), n.round(), 0.0) };
@@ -152,18 +152,19 @@ pub fn simulate(out: &Path, options: &Options, events: Sink) -> Result<Summary, 
     let half_m = ((0.82 * extent_m + 50.0) / step_m).ceil() * step_m;
     let town = Town::new(options.seed, half_m, step_m, 0.5 * extent_m, options.relief);
     let shots = take_aim(options, &town, &grid)?;
-    events(Event::Finished);
+    progress.event(Event::Finished);
 
-    events(Event::Started { stage: "taking images", total: shots.len() as u64 });
+    progress.event(Event::Started { stage: "taking images", total: shots.len() as u64 });
     for (i, shot) in shots.iter().enumerate() {
+        progress.check()?;
         let image = expose(shot, i, options, &town, &grid)?;
         let path = out.join(format!("{}.tif", shot.plan.name));
         deliver::write_view(&path, shot, options.size_px, image)?;
         let path = truth_folder.join("rpcs").join(format!("{}.json", shot.plan.name));
         truth::write_rpc(&path, shot, options.size_px, town.field.height_range())?;
-        events(Event::Advanced { done: i as u64 + 1, status: shot.plan.name.clone() });
+        progress.event(Event::Advanced { done: i as u64 + 1, status: shot.plan.name.clone() });
     }
-    events(Event::Finished);
+    progress.event(Event::Finished);
 
     let truth = truth::Truth::sample(&town.field, &grid, &shots, options.size_px, options.gsd_m);
     truth.write(&truth_folder, TRUTH_NAME)?;

@@ -1,8 +1,8 @@
 //! Whole scenes: the same bytes every time, the figures a test scene must have, what is delivered.
 
 use super::*;
-use crate::event::ignore;
 use crate::io::ImageFile;
+use crate::progress::NoProgress;
 use std::collections::BTreeMap;
 
 fn small() -> Options {
@@ -28,7 +28,7 @@ fn the_same_seed_gives_the_same_bytes_for_any_number_of_threads() {
     let out = dir.path().join("scene");
     let run = |threads: usize, options: &Options| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| simulate(&out, options, &ignore).unwrap());
+        pool.install(|| simulate(&out, options, &NoProgress).unwrap());
         files(&out)
     };
     let first = run(1, &small());
@@ -44,7 +44,7 @@ fn the_same_seed_gives_the_same_bytes_for_any_number_of_threads() {
 fn a_folder_in_use_is_left_alone() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("thesis.txt"), "years of work").unwrap();
-    let error = simulate(dir.path(), &small(), &ignore).unwrap_err();
+    let error = simulate(dir.path(), &small(), &NoProgress).unwrap_err();
     assert!(matches!(error, SimulateError::NotEmpty { .. }));
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
 }
@@ -52,7 +52,7 @@ fn a_folder_in_use_is_left_alone() {
 #[test]
 fn a_delivered_image_has_its_rpc_and_its_sun() {
     let dir = tempfile::tempdir().unwrap();
-    let summary = simulate(dir.path(), &small(), &ignore).unwrap();
+    let summary = simulate(dir.path(), &small(), &NoProgress).unwrap();
     let file = ImageFile::open(&dir.path().join("VIEW_02.tif")).unwrap();
     assert_eq!((file.size(), file.bands()), ((72, 72), 3));
     assert!(!file.has_geotransform());

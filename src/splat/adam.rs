@@ -1,7 +1,8 @@
 //! Adam (Kingma & Ba 2015), one step size a parameter group.
 
-use super::appearance::Appearance;
-use super::gaussians::Gaussians;
+use crate::splat::appearance::Appearance;
+use crate::splat::edit::Edit;
+use crate::splat::splats::{PerGroup, Splats};
 use multiversion::multiversion;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -15,9 +16,9 @@ const EPSILON: f32 = 1e-15;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SplatAdam {
     /// Running means of the gradients.
-    pub first: Gaussians,
+    pub first: Splats,
     /// Running means of their squares.
-    pub second: Gaussians,
+    pub second: Splats,
     /// Steps taken.
     pub steps: u32,
 }
@@ -26,15 +27,16 @@ impl SplatAdam {
     /// Moments for `n` splats.
     #[must_use]
     pub fn new(n: usize) -> Self {
-        Self { first: Gaussians::zeros(n), second: Gaussians::zeros(n), steps: 0 }
+        Self { first: Splats::zeros(n), second: Splats::zeros(n), steps: 0 }
     }
 
-    /// One step; `rates` are for position, log scale, rotation, logit, colour.
-    pub fn step(&mut self, splats: &mut Gaussians, gradient: &Gaussians, rates: [f64; 5]) {
+    /// One step of the given length for each parameter group.
+    pub fn step(&mut self, splats: &mut Splats, gradient: &Splats, rates: &PerGroup<f64>) {
         self.steps += 1;
         let correction = Correction::after(self.steps);
         let moments = self.first.groups_mut().into_iter().zip(self.second.groups_mut());
-        let groups = splats.groups_mut().into_iter().zip(gradient.groups()).zip(moments).zip(rates);
+        let groups =
+            splats.groups_mut().into_iter().zip(gradient.groups()).zip(moments).zip(rates.to_array());
         for (((values, gradient), (first, second)), rate) in groups {
             const PIECE: usize = 1 << 14;
             let moments = first.par_chunks_mut(PIECE).zip(second.par_chunks_mut(PIECE));
@@ -45,17 +47,12 @@ impl SplatAdam {
         }
     }
 
-    /// Follows a splat's copy: the new one starts without moments.
-    pub fn push_zero(&mut self) {
-        let n = self.first.len() + 1;
-        self.first.resize(n);
-        self.second.resize(n);
-    }
-
-    /// Follows the splats that are kept.
-    pub fn retain(&mut self, keep: &[bool]) {
-        self.first.retain(keep);
-        self.second.retain(keep);
+    /// Follows an edit of the splats: new ones start without moments.
+    pub fn apply(&mut self, edit: &Edit) {
+        for moments in [&mut self.first, &mut self.second] {
+            moments.apply(edit);
+            moments.zero_fresh(edit);
+        }
     }
 }
 
@@ -116,10 +113,10 @@ mod tests {
 
     #[test]
     fn first_step_has_the_rate_as_length() {
-        let mut g = Gaussians::zeros(1);
-        let mut gradient = Gaussians::zeros(1);
+        let mut g = Splats::zeros(1);
+        let mut gradient = Splats::zeros(1);
         gradient.position[0] = [3.0, -1e-4, 0.0];
-        SplatAdam::new(1).step(&mut g, &gradient, [0.1, 0.0, 0.0, 0.0, 0.0]);
+        SplatAdam::new(1).step(&mut g, &gradient, &PerGroup { position: 0.1, ..PerGroup::default() });
         for (a, b) in g.position[0].iter().zip([-0.1, 0.1, 0.0]) {
             assert!((a - b).abs() < 1e-6, "{:?}", g.position[0]);
         }

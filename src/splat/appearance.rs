@@ -2,8 +2,8 @@
 //!
 //! `pixel = (s + (1 - s) κ) ⊙ (W rgb + t)` with `s` the share of sunlight; `W`, `t`, `κ` belong to the view.
 
-use super::lanes::Ring;
-use super::real::Real;
+use crate::simd::Arithmetic;
+use crate::simd::Real;
 
 /// One view's radiometry.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -15,13 +15,13 @@ pub struct Appearance<T = f32> {
 impl<T: Real> Default for Appearance<T> {
     /// The colour as it is; a twentieth of it in full shadow (EOGS's start).
     fn default() -> Self {
-        let (o, z, k) = (T::one(), T::zero(), T::of(0.05));
+        let (o, z, k) = (T::one(), T::zero(), T::from_f64(0.05));
         Self { values: [o, z, z, z, o, z, z, z, o, z, z, z, k, k, k] }
     }
 }
 
 /// For a pixel, or for several with a row of lanes as the number.
-impl<T: Ring> Appearance<T> {
+impl<T: Arithmetic> Appearance<T> {
     /// `W rgb + t`.
     #[inline(always)]
     pub fn sunlit(&self, rgb: [T; 3]) -> [T; 3] {

@@ -1,11 +1,12 @@
-//! The start: splats on a swept surface; at and around every sparse point with a carpet for shadows to fall on (BAEOGS
-//! §3.1); or all over a box of air (EOGS).
+//! Initialisation of the splats: on a matched surface; at and around every sparse point, with splats on a level ground
+//! plane that shadows can fall on (BAEOGS §3.1); or evenly in a volume (EOGS).
 
-use super::gaussians::Gaussians;
-use super::random::Draw;
-use super::sweep::SweptSurface;
-use super::views::TrainingView;
-use crate::frame::{Point, Site};
+use crate::affine::TrainingView;
+use crate::frame::{Point, Site, SiteBox};
+use crate::mvs::{MatchedSurface, ground_plane};
+use crate::random::CounterRng;
+use crate::splat::splats::Splats;
+use crate::stats::quantile;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZero;
@@ -17,60 +18,47 @@ const COPY_DISTANCE_M: f64 = 0.02;
 const OPACITY: f64 = 0.99;
 /// Bounds of a splat's scale at the start, metres.
 const SCALE_M: (f64, f64) = (0.05, 2.0);
-/// Share of the sparse points below the carpet's plane.
-const PLANE_SHARE: f64 = 0.02;
-/// Spacing of the splats on a swept surface, metres, and their opacity.
+/// Spacing of the splats on a matched surface, metres, and their opacity.
 const SPACING_M: f64 = 1.0;
 const SURFACE_OPACITY: f32 = 0.9;
 /// Four neighbours that are this flat become one splat of twice the size, metres.
 const FLAT_M: f64 = 0.25;
-/// Shares of the sparse points below and above the heights that are swept and trained in, and the margins around
-/// them.
-const HEIGHT_SHARES: (f64, f64) = (0.005, 0.995);
-const MARGIN_BELOW_M: f64 = 5.0;
-const MARGIN_ABOVE_M: f64 = 15.0;
-/// Side of the cells in which the ground is looked for, metres, and the share of a cell's points below it.
-const GROUND_CELL_M: f64 = 30.0;
-const GROUND_SHARE: f64 = 0.1;
-/// Splats of a box of air: so many a cubic metre, their opacity and brightness (EOGS).
-const BOX_DENSITY: f64 = 0.13;
-const BOX_OPACITY: f32 = 0.01;
-const BOX_BRIGHTNESS: f32 = 1.1;
+/// Splats of a volume: their number per cubic metre, their opacity and brightness (EOGS).
+const VOLUME_DENSITY: f64 = 0.13;
+const VOLUME_OPACITY: f32 = 0.01;
+const VOLUME_BRIGHTNESS: f32 = 1.1;
 /// Purposes of random draws.
 const DRAW_COPY: u64 = 1;
-const DRAW_CARPET: u64 = 2;
-const DRAW_BOX: u64 = 3;
+const DRAW_GROUND: u64 = 2;
+const DRAW_VOLUME: u64 = 3;
 
-/// A box on the map grid, site metres: west, south, east, north.
-pub type SiteBox = (f64, f64, f64, f64);
-
-/// The splats that training starts from without a swept surface; the carpet lies on the level plane below which
-/// 2 % of the sparse points lie.
+/// Splats at the sparse points (site metres), five each, and one a square metre on the level plane below which 2 % of the
+/// sparse points lie (BAEOGS §3.1).
 #[must_use]
-pub fn on_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Gaussians {
+pub fn init_from_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Splats {
     let mut points = Vec::with_capacity(sparse.len() * (COPIES + 1));
     for (i, p) in sparse.iter().enumerate() {
         points.push(p.xyz());
         for k in 0..COPIES {
-            let d = Draw::new(seed, DRAW_COPY, k as u64, i as u64).direction();
+            let d = CounterRng::new(seed, DRAW_COPY, k as u64, i as u64).direction();
             let p = p.xyz();
             points.push(std::array::from_fn(|a| p[a] + COPY_DISTANCE_M * d[a]));
         }
     }
-    let plane = quantile(sparse.iter().map(|p| p.z()).collect(), PLANE_SHARE).unwrap_or(0.0);
+    let plane = ground_plane(sparse);
     let (west, south, east, north) = area;
     let count = ((east - west) * (north - south)).max(0.0) as usize;
-    let carpet: Vec<[f64; 3]> = (0..count)
+    let ground: Vec<[f64; 3]> = (0..count)
         .map(|i| {
-            let mut draw = Draw::new(seed, DRAW_CARPET, 0, i as u64);
+            let mut draw = CounterRng::new(seed, DRAW_GROUND, 0, i as u64);
             let x = west + (east - west) * draw.uniform();
             let y = south + (north - south) * draw.uniform();
             [x, y, plane]
         })
         .collect();
-    let mut out = Gaussians::default();
-    // Sparse points and carpet find their neighbours each among themselves.
-    for (points, gray) in [(points, 1.0), (carpet, 0.0)] {
+    let mut out = Splats::default();
+    // Neighbours are looked for among the sparse points, and among those of the ground plane, apart.
+    for (points, gray) in [(points, 1.0), (ground, 0.0)] {
         for (p, scale) in points.iter().zip(neighbour_scales(&points)) {
             out.push(p.map(|v| v as f32), scale as f32, OPACITY as f32, [gray; 3]);
         }
@@ -78,25 +66,26 @@ pub fn on_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Gaussians 
     out
 }
 
-/// Faint splats all over the area, between two altitudes.
+/// Faint splats spread evenly over the area (site metres) between two altitudes (EOGS).
 #[must_use]
-pub fn in_box((west, south, east, north): SiteBox, (low, high): (f64, f64), seed: u64) -> Gaussians {
-    let count = BOX_DENSITY * (east - west) * (north - south) * (high - low);
+pub fn init_from_volume((west, south, east, north): SiteBox, (low, high): (f64, f64), seed: u64) -> Splats {
+    let count = VOLUME_DENSITY * (east - west) * (north - south) * (high - low);
     let place = |i: u64| {
-        let mut draw = Draw::new(seed, DRAW_BOX, 0, i);
+        let mut draw = CounterRng::new(seed, DRAW_VOLUME, 0, i);
         [(west, east), (south, north), (low, high)].map(|(from, to)| from + (to - from) * draw.uniform())
     };
     let places: Vec<[f64; 3]> = (0..count.max(0.0) as u64).map(place).collect();
-    let mut out = Gaussians::default();
+    let mut out = Splats::default();
     for (p, scale) in places.iter().zip(neighbour_scales(&places)) {
-        out.push(p.map(|v| v as f32), scale as f32, BOX_OPACITY, [BOX_BRIGHTNESS; 3]);
+        out.push(p.map(|v| v as f32), scale as f32, VOLUME_OPACITY, [VOLUME_BRIGHTNESS; 3]);
     }
     out
 }
 
-/// Splats on a swept surface in the views' median colours: larger ones where it is flat, and curtains down its steps.
+/// Splats on a matched surface in the median colours of the views: larger ones where it is flat, and columns of them down
+/// its steps.
 #[must_use]
-pub fn on_surface(surface: &SweptSurface, views: &[TrainingView]) -> Gaussians {
+pub fn init_from_surface(surface: &MatchedSurface, views: &[TrainingView]) -> Splats {
     let cells = ((SPACING_M / surface.grid.cell).round() as usize).max(1);
     let (columns, rows) = (surface.grid.width / cells, surface.grid.height / cells);
     let at = |col: usize, row: usize| {
@@ -124,14 +113,14 @@ pub fn on_surface(surface: &SweptSurface, views: &[TrainingView]) -> Gaussians {
     };
     let splats: Vec<_> = quads.par_iter().flat_map_iter(splats_of_quad).collect();
     let colors: Vec<[f32; 3]> = splats.par_iter().map(|(p, _)| median_color(*p, views)).collect();
-    let mut out = Gaussians::default();
+    let mut out = Splats::default();
     for ((p, size), rgb) in splats.into_iter().zip(colors) {
         out.push(p.map(|v| v as f32), 0.5 * size as f32, SURFACE_OPACITY, rgb);
     }
     out
 }
 
-/// In light, as splats are coloured.
+/// Linear, as splats are coloured; grey where no view has the place.
 fn median_color([x, y, z]: [f64; 3], views: &[TrainingView]) -> [f32; 3] {
     let seen = |v: &TrainingView| {
         let color = v.color(v.camera.project(Point::new(x, y, z)))?;
@@ -161,115 +150,43 @@ fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
         .collect()
 }
 
-/// The altitude of the ground, from sparse points: a low percentile in each cell of 30 m, smoothed.
-pub struct Ground {
-    west: f64,
-    south: f64,
-    columns: usize,
-    rows: usize,
-    /// Altitudes at cell centres, row by row from the south.
-    altitudes: Vec<f64>,
-}
-
-impl Ground {
-    /// The ground of an area.
-    #[must_use]
-    pub fn new(sparse: &[Point<Site>], (west, south, east, north): SiteBox) -> Self {
-        let plane = quantile(sparse.iter().map(|p| p.z()).collect(), PLANE_SHARE).unwrap_or(0.0);
-        let columns = (((east - west) / GROUND_CELL_M).ceil() as usize).max(1);
-        let rows = (((north - south) / GROUND_CELL_M).ceil() as usize).max(1);
-        let mut cells = vec![Vec::new(); columns * rows];
-        for p in sparse {
-            let c = ((p.x() - west) / GROUND_CELL_M).floor();
-            let r = ((p.y() - south) / GROUND_CELL_M).floor();
-            if c >= 0.0 && r >= 0.0 && c < columns as f64 && r < rows as f64 {
-                cells[r as usize * columns + c as usize].push(p.z());
-            }
-        }
-        let low: Vec<Option<f64>> = cells.into_iter().map(|z| quantile(z, GROUND_SHARE)).collect();
-        // A cell without ground (a roof fills it, or no point fell there) asks a wider and wider neighbourhood;
-        // one pass of smoothing follows.
-        let filled: Vec<f64> = (0..columns * rows)
-            .map(|i| nearest_mean(&low, columns, rows, i % columns, i / columns).unwrap_or(plane))
-            .collect();
-        let altitudes =
-            (0..columns * rows).map(|i| smoothed(&filled, columns, rows, i % columns, i / columns));
-        Self { west, south, columns, rows, altitudes: altitudes.collect() }
-    }
-
-    /// Lowest and highest height above the ground at which a surface is to be looked for, metres; none without points.
-    #[must_use]
-    pub fn heights_above(&self, sparse: &[Point<Site>]) -> Option<(f64, f64)> {
-        height_range(sparse.iter().map(|p| p.z() - self.altitude(p.x(), p.y())).collect())
-    }
-
-    /// Bilinear between cell centres, constant beyond them.
-    #[must_use]
-    pub fn altitude(&self, x: f64, y: f64) -> f64 {
-        let axis = |v: f64, start: f64, n: usize| {
-            let t = ((v - start) / GROUND_CELL_M - 0.5).clamp(0.0, n as f64 - 1.0);
-            let i = (t.floor() as usize).min(n.saturating_sub(2));
-            (i, (i + 1).min(n - 1), t - i as f64)
-        };
-        let (c0, c1, fx) = axis(x, self.west, self.columns);
-        let (r0, r1, fy) = axis(y, self.south, self.rows);
-        let at = |c: usize, r: usize| self.altitudes[r * self.columns + c];
-        let line = |r: usize| at(c0, r) + (at(c1, r) - at(c0, r)) * fx;
-        line(r0) + (line(r1) - line(r0)) * fy
-    }
-}
-
-/// Mean of the cells with a value in the smallest square around a cell that has any.
-fn nearest_mean(cells: &[Option<f64>], columns: usize, rows: usize, col: usize, row: usize) -> Option<f64> {
-    (0..columns.max(rows)).find_map(|reach| {
-        let square = window(cells, columns, rows, col, row, reach);
-        let known: Vec<f64> = square.flatten().collect();
-        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
-    })
-}
-
-fn smoothed(cells: &[f64], columns: usize, rows: usize, col: usize, row: usize) -> f64 {
-    let values: Vec<f64> = window(cells, columns, rows, col, row, 1).collect();
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-fn window<V: Copy>(
-    cells: &[V],
-    columns: usize,
-    rows: usize,
-    col: usize,
-    row: usize,
-    reach: usize,
-) -> impl Iterator<Item = V> + '_ {
-    let (r0, r1) = (row.saturating_sub(reach), (row + reach).min(rows - 1));
-    let (c0, c1) = (col.saturating_sub(reach), (col + reach).min(columns - 1));
-    (r0..=r1).flat_map(move |r| (c0..=c1).map(move |c| cells[r * columns + c]))
-}
-
-/// From the heights of sparse points to those in which a surface is looked for, metres.
-#[must_use]
-pub fn height_range(heights: Vec<f64>) -> Option<(f64, f64)> {
-    let low = quantile(heights.clone(), HEIGHT_SHARES.0)?;
-    let high = quantile(heights, HEIGHT_SHARES.1)?;
-    Some((low - MARGIN_BELOW_M, high + MARGIN_ABOVE_M))
-}
-
-/// The value below which a share of the values lies.
-#[must_use]
-pub fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
-    let last = values.len().checked_sub(1)?;
-    let rank = (share * last as f64).round() as usize;
-    Some(*values.select_nth_unstable_by(rank.min(last), f64::total_cmp).1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::affine::AffineCamera;
+    use crate::frame::SiteGrid;
+    use crate::io::{MapGrid, Plane};
+
+    /// A block of 16 m by 12 m, 12 m high, on level ground, in cells of half a metre.
+    fn block() -> MatchedSurface {
+        let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
+        let (west, north) = (436_200.0 - 25.0, 3_357_600.0 + 20.0);
+        let grid = MapGrid { epsg: 32617, west, north, cell: 0.5, width: 100, height: 80 };
+        let altitude = Plane::from_fn(100, 80, |col, row| {
+            let (x, y) = (0.5 * col as f64 - 24.75, 19.75 - 0.5 * row as f64);
+            if x.abs() < 8.0 && y.abs() < 6.0 { 12.0 } else { 0.0 }
+        });
+        let ones = Plane::filled(100, 80, 1.0);
+        MatchedSurface { site, grid, altitude, score: ones.clone(), hold: ones }
+    }
+
+    #[test]
+    fn splats_start_on_the_surface_and_down_its_walls() {
+        let camera = AffineCamera { linear: [[2.0, 0.0, 0.0], [0.0, -2.0, 0.0]], offset: [79.5, 69.5] };
+        let area = (-30.0, -25.0, 30.0, 25.0);
+        let view = TrainingView::new("v".into(), camera, None, &[Plane::filled(160, 140, 0.3)], area);
+        let splats = init_from_surface(&block(), &[view]);
+        let near = |p: &&[f32; 3], z: f32| p[0].abs() < 5.0 && p[1].abs() < 3.0 && (p[2] - z).abs() < 0.5;
+        assert!(splats.position.iter().filter(|p| near(p, 12.0)).count() >= 10);
+        assert_eq!(splats.position.iter().filter(|p| near(p, 0.0)).count(), 0, "nothing under the roof");
+        let on_walls = splats.position.iter().filter(|p| (2.0..10.0).contains(&p[2])).count();
+        assert!(on_walls >= 150, "{on_walls}");
+    }
 
     fn slope() -> Vec<Point<Site>> {
         (0..4000)
             .map(|i| {
-                let mut d = Draw::new(5, 0, 0, i);
+                let mut d = CounterRng::new(5, 0, 0, i);
                 let (x, y) = (200.0 * d.uniform() - 100.0, 160.0 * d.uniform() - 80.0);
                 Point::new(x, y, 0.3 * x)
             })
@@ -277,15 +194,15 @@ mod tests {
     }
 
     #[test]
-    fn the_carpet_has_one_splat_a_square_metre() {
+    fn the_ground_plane_has_one_splat_a_square_metre() {
         let sparse = slope();
-        let g = on_points(&sparse, (-100.0, -80.0, 100.0, 80.0), 0);
+        let g = init_from_points(&sparse, (-100.0, -80.0, 100.0, 80.0), 0);
         assert_eq!(g.len(), 5 * sparse.len() + 200 * 160);
     }
 
     #[test]
-    fn a_box_is_filled_evenly() {
-        let g = in_box((-20.0, -10.0, 20.0, 10.0), (-5.0, 15.0), 0);
+    fn a_volume_is_filled_evenly() {
+        let g = init_from_volume((-20.0, -10.0, 20.0, 10.0), (-5.0, 15.0), 0);
         assert_eq!(g.len(), 2080, "0.13 a cubic metre");
         let lower = g.position.iter().filter(|p| p[2] < 5.0).count();
         assert!((lower as i64 - 1040).abs() < 100, "{lower}");
@@ -295,20 +212,9 @@ mod tests {
     }
 
     #[test]
-    fn the_ground_follows_a_slope_and_is_swept_around_all_heights() {
-        let sparse = slope();
-        let ground = Ground::new(&sparse, (-100.0, -80.0, 100.0, 80.0));
-        for x in [-70.0, -20.0, 35.0, 70.0] {
-            assert!((ground.altitude(x, 10.0) - 0.3 * x).abs() < 5.0, "{x}");
-        }
-        let (low, high) = ground.heights_above(&sparse).unwrap();
-        assert!(low < 0.0 && high > MARGIN_ABOVE_M, "{low} {high}");
-    }
-
-    #[test]
     fn the_plane_lies_below_all_but_two_percent() {
         let sparse = slope();
-        let g = on_points(&sparse, (-10.0, -10.0, 10.0, 10.0), 0);
+        let g = init_from_points(&sparse, (-10.0, -10.0, 10.0, 10.0), 0);
         let z = f64::from(g.position[5 * sparse.len()][2]);
         let below = sparse.iter().filter(|p| p.z() < z - 1e-3).count();
         assert!((60..=90).contains(&below), "{below}");
@@ -316,7 +222,7 @@ mod tests {
 
     #[test]
     fn scales_stay_within_their_bounds() {
-        let g = on_points(&slope(), (-100.0, -80.0, 100.0, 80.0), 0);
+        let g = init_from_points(&slope(), (-100.0, -80.0, 100.0, 80.0), 0);
         let (lo, hi) = ((SCALE_M.0 * 0.999) as f32, (SCALE_M.1 * 1.001) as f32);
         assert!(g.log_scale.iter().all(|s| (lo..=hi).contains(&s[0].exp())));
     }

@@ -1,31 +1,19 @@
-//! The Gaussians, their rendering and their training.
+//! The Splats, their rendering and their training.
 
 pub mod adam;
 pub mod appearance;
 pub mod backend;
-pub mod checkpoint;
-pub mod consistency;
-pub mod cpu;
-pub mod density;
-pub mod expectation;
-pub mod gaussians;
-pub mod hold;
+pub mod densify;
+pub mod edit;
+pub mod image_score;
 pub mod init;
-pub mod lanes;
-pub mod lookup;
-pub mod novel;
+pub mod loss;
+pub mod novel_view;
 pub mod objective;
-pub mod picture_score;
 pub mod ply;
-pub mod progress;
-pub mod random;
 pub mod raster;
-pub mod real;
-pub mod recipe;
-pub mod setup;
-pub mod shading;
-pub mod ssim;
-pub mod stopwatch;
-pub mod sweep;
+pub mod shadow;
+pub mod shear_warp;
+pub mod splats;
+pub mod state;
 pub mod train;
-pub mod views;

@@ -1,20 +1,20 @@
 //! One iteration's loss and its gradient: the view, the sun and a virtual camera rendered from one preparation.
 //!
 //! EOGS's model. The view is rendered with four features (colour, altitude). With the sun's image and the view's
-//! radiometry they make the picture ([`Shading`]), which is compared with the image ([`Photometric`]). A randomly
+//! radiometry they make the picture ([`ShadowModel`]), which is compared with the image ([`Photometric`]). A randomly
 //! sheared camera must show the same ([`Consistency`]).
 
-use super::appearance::Appearance;
-use super::consistency::{Consistency, Difference, Weights};
-use super::gaussians::{Gaussians, SH_C0};
-use super::lanes::Lanewise;
-use super::lookup::Lookup;
-use super::raster::{FrameCamera, Layers, Prepared, Rasterizer, SplatGradient};
-use super::real::Real;
-use super::shading::{ByPicture, Scene, Shading};
-use super::ssim::{Photometric, Similarity};
-use super::stopwatch::Stopwatch;
 use crate::affine::AffineCamera;
+use crate::simd::Real;
+use crate::simd::SimdReal;
+use crate::splat::appearance::Appearance;
+use crate::splat::backend::stopwatch::Stopwatch;
+use crate::splat::loss::consistency::{Consistency, Difference, Weights};
+use crate::splat::loss::photometric::{Photometric, Similarity};
+use crate::splat::raster::{FrameCamera, Image, Rasterizer, SortedSplats, SplatGradient};
+use crate::splat::shadow::{ByPicture, Scene, ShadowModel};
+use crate::splat::shear_warp::ShearWarp;
+use crate::splat::splats::{Splats, color_from_f_dc, f_dc_gradient};
 use rayon::prelude::*;
 
 /// The renders, as the stopwatch calls them.
@@ -46,12 +46,12 @@ impl LossWeights {
 
 /// Another camera of the view's family, as the view's pixels reach it.
 #[derive(Clone, Copy, Debug)]
-pub struct Sheared<T> {
+pub struct ShearedCamera<T> {
     camera: FrameCamera<T>,
-    lookup: Lookup<T>,
+    lookup: ShearWarp<T>,
 }
 
-impl<T: Real> Sheared<T> {
+impl<T: Real> ShearedCamera<T> {
     /// The sun's image of all the view's pixels at altitudes `low..high`.
     #[must_use]
     pub fn sun(view: &AffineCamera, size: (usize, usize), shear: [f64; 2], (low, high): (f64, f64)) -> Self {
@@ -63,7 +63,7 @@ impl<T: Real> Sheared<T> {
         let ((col, width), (row, height)) = (axis(shear[0], size.0), axis(shear[1], size.1));
         Self {
             camera: FrameCamera::new(&view.sheared(shear).cropped(col, row), width, height),
-            lookup: Lookup { shear: shear.map(T::of), origin: [T::of(col), T::of(row)] },
+            lookup: ShearWarp { shear: shear.map(T::from_f64), origin: [T::from_f64(col), T::from_f64(row)] },
         }
     }
 
@@ -72,30 +72,30 @@ impl<T: Real> Sheared<T> {
     pub fn virtual_view(view: &AffineCamera, size: (usize, usize), shear: [f64; 2]) -> Self {
         Self {
             camera: FrameCamera::new(&view.sheared(shear), size.0, size.1),
-            lookup: Lookup { shear: shear.map(T::of), origin: [T::zero(); 2] },
+            lookup: ShearWarp { shear: shear.map(T::from_f64), origin: [T::zero(); 2] },
         }
     }
 }
 
 /// What an iteration looks at.
-pub struct Shot<'a, T> {
+pub struct StepInput<'a, T> {
     /// The view's camera.
     pub camera: FrameCamera<T>,
     /// The view's image, colours in [0, 1]; zero where masked.
-    pub truth: &'a Layers<T>,
+    pub truth: &'a Image<T>,
     /// Pixels that count, row by row; empty when all do.
     pub valid: &'a [bool],
     /// The sun's image, if shadows are modelled.
-    pub sun: Option<Sheared<T>>,
+    pub sun: Option<ShearedCamera<T>>,
     /// The virtual camera, if consistency is asked for.
-    pub virtual_view: Option<Sheared<T>>,
+    pub virtual_view: Option<ShearedCamera<T>>,
     /// Colour behind the splats.
     pub background: [T; 3],
     /// Altitude behind the splats, metres above the site's origin.
     pub floor: T,
 }
 
-impl<T: Real> Shot<'_, T> {
+impl<T: Real> StepInput<'_, T> {
     /// Colours and altitude behind the splats.
     fn behind(&self) -> [T; 4] {
         let [r, g, b] = self.background;
@@ -124,7 +124,7 @@ pub struct Losses {
 #[derive(Clone, Debug, Default)]
 pub struct Gradient<T> {
     /// By the splats' parameters.
-    pub splats: Gaussians<T>,
+    pub splats: Splats<T>,
     /// By the view's radiometry.
     pub appearance: [T; 15],
 }
@@ -132,7 +132,7 @@ pub struct Gradient<T> {
 /// Computes losses and gradients; keeps every buffer between iterations.
 #[derive(Default)]
 pub struct Objective<T: Real> {
-    prepared: Prepared<T>,
+    prepared: SortedSplats<T>,
     view: Rasterizer<T, 4>,
     sun: Rasterizer<T, 1>,
     virtual_view: Rasterizer<T, 4>,
@@ -141,18 +141,18 @@ pub struct Objective<T: Real> {
     by_feature: Vec<[T; 4]>,
     by_altitude: Vec<[T; 1]>,
     by_shared: Vec<SplatGradient<T>>,
-    shading: Shading<T>,
+    shading: ShadowModel<T>,
     photometric: Photometric<T>,
     consistency: Consistency<T>,
 }
 
-impl<T: Lanewise> Objective<T> {
+impl<T: SimdReal> Objective<T> {
     /// The loss of one shot; its gradient goes to `gradient`, the time that stages took to `watch`.
     pub fn evaluate(
         &mut self,
-        gaussians: &Gaussians<T>,
+        gaussians: &Splats<T>,
         appearance: &Appearance<T>,
-        shot: &Shot<T>,
+        shot: &StepInput<T>,
         weights: &LossWeights,
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
@@ -186,7 +186,7 @@ impl<T: Lanewise> Objective<T> {
             view: shot.virtual_view.as_ref().map(|_| self.consistency.by_view()),
         };
         let scene = scene(&self.view, &self.sun, appearance, shot);
-        gradient.appearance = self.shading.pull_back(scene, by);
+        gradient.appearance = self.shading.backward(scene, by);
         watch.lap("pixels", "picture backward");
         self.splats_backward(gaussians, shot, weights, gradient, watch);
 
@@ -210,9 +210,9 @@ impl<T: Lanewise> Objective<T> {
     /// Makes the picture of one shot, whose `truth` and `virtual_view` do not matter.
     pub fn show(
         &mut self,
-        gaussians: &Gaussians<T>,
+        gaussians: &Splats<T>,
         appearance: &Appearance<T>,
-        shot: &Shot<T>,
+        shot: &StepInput<T>,
         watch: &mut Stopwatch,
     ) {
         self.prepare(gaussians);
@@ -228,19 +228,19 @@ impl<T: Lanewise> Objective<T> {
 
     /// The view's render of the last evaluation: colours, altitude, transmittance.
     #[must_use]
-    pub fn view(&self) -> &Layers<T> {
+    pub fn view(&self) -> &Image<T> {
         self.view.image()
     }
 
     /// The picture of the last evaluation, three channels.
     #[must_use]
-    pub fn picture(&self) -> &Layers<T> {
+    pub fn picture(&self) -> &Image<T> {
         self.shading.picture()
     }
 
     /// The share of sunlight in the last evaluation's picture, the first channel.
     #[must_use]
-    pub fn sunlight(&self) -> &Layers<T> {
+    pub fn sunlight(&self) -> &Image<T> {
         self.shading.sunlight()
     }
 
@@ -250,16 +250,16 @@ impl<T: Lanewise> Objective<T> {
         self.view.seen(self.prepared.rank(splat))
     }
 
-    fn prepare(&mut self, gaussians: &Gaussians<T>) {
+    fn prepare(&mut self, gaussians: &Splats<T>) {
         self.prepared.update(gaussians);
         let order = self.prepared.order();
-        let color = |v: T| v * T::of(SH_C0) + T::of(0.5);
         self.features.resize(order.len(), [T::zero(); 4]);
         self.altitudes.resize(order.len(), [T::zero(); 1]);
         let features = self.features.par_iter_mut().zip(&mut self.altitudes).zip(order);
         features.with_min_len(1024).for_each(|((feature, altitude), &i)| {
-            let (f, z) = (gaussians.f_dc[i as usize], gaussians.position[i as usize][2]);
-            *feature = [color(f[0]), color(f[1]), color(f[2]), z];
+            let ([r, g, b], z) =
+                (color_from_f_dc(gaussians.f_dc[i as usize]), gaussians.position[i as usize][2]);
+            *feature = [r, g, b, z];
             *altitude = [z];
         });
     }
@@ -267,14 +267,14 @@ impl<T: Lanewise> Objective<T> {
     /// From the renders' derivatives to those by the splats.
     fn splats_backward(
         &mut self,
-        gaussians: &Gaussians<T>,
-        shot: &Shot<T>,
+        gaussians: &Splats<T>,
+        shot: &StepInput<T>,
         weights: &LossWeights,
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
     ) {
         let n = gaussians.len();
-        let opacity_scale = T::of(weights.opacity / n.max(1) as f64);
+        let opacity_scale = T::from_f64(weights.opacity / n.max(1) as f64);
         self.by_shared.resize(n, SplatGradient::default());
         self.by_shared.par_iter_mut().with_min_len(1024).enumerate().for_each(|(rank, by)| {
             let o = self.prepared.opacity(rank);
@@ -284,9 +284,9 @@ impl<T: Lanewise> Objective<T> {
         zeros(&mut self.by_altitude, n);
         let shared = &mut self.by_shared;
         let by_feature = &mut self.by_feature;
-        pull_back(&mut self.view, VIEW, self.shading.by_view(), shared, by_feature, watch);
+        backward(&mut self.view, VIEW, self.shading.by_view(), shared, by_feature, watch);
         if shot.virtual_view.is_some() {
-            pull_back(
+            backward(
                 &mut self.virtual_view,
                 VIRTUAL,
                 self.consistency.by_virtual(),
@@ -296,16 +296,16 @@ impl<T: Lanewise> Objective<T> {
             );
         }
         if shot.sun.is_some() {
-            pull_back(&mut self.sun, SUN, self.shading.by_sun(), shared, &mut self.by_altitude, watch);
+            backward(&mut self.sun, SUN, self.shading.by_sun(), shared, &mut self.by_altitude, watch);
         }
         gradient.splats.resize(n);
         self.prepared.parameter_gradients(gaussians, &self.by_shared, &mut gradient.splats);
-        let Gaussians { position, f_dc, .. } = &mut gradient.splats;
+        let Splats { position, f_dc, .. } = &mut gradient.splats;
         let rows = position.par_iter_mut().zip(f_dc).with_min_len(1024).enumerate();
         rows.for_each(|(i, (position, f_dc))| {
             let rank = self.prepared.rank(i);
             let by = self.by_feature[rank];
-            *f_dc = std::array::from_fn(|c| by[c] * T::of(SH_C0));
+            *f_dc = f_dc_gradient([by[0], by[1], by[2]]);
             position[2] = position[2] + by[3] + self.by_altitude[rank][0];
         });
     }
@@ -318,21 +318,21 @@ fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
 }
 
 /// What the picture of a shot is made of, once it is rendered.
-fn scene<'a, T: Lanewise>(
+fn scene<'a, T: SimdReal>(
     view: &'a Rasterizer<T, 4>,
     sun: &'a Rasterizer<T, 1>,
     appearance: &'a Appearance<T>,
-    shot: &Shot<'a, T>,
+    shot: &StepInput<'a, T>,
 ) -> Scene<'a, T> {
     let sun = shot.sun.map(|s| (s.lookup, sun.image()));
     Scene { appearance, view: view.image(), sun, valid: shot.valid }
 }
 
 /// Renders, timed.
-fn draw<T: Lanewise, const C: usize>(
+fn draw<T: SimdReal, const C: usize>(
     raster: &mut Rasterizer<T, C>,
     part: &'static str,
-    prepared: &Prepared<T>,
+    prepared: &SortedSplats<T>,
     features: &[[T; C]],
     camera: &FrameCamera<T>,
     background: [T; C],
@@ -347,15 +347,15 @@ fn draw<T: Lanewise, const C: usize>(
 }
 
 /// Takes the derivatives by an image's pixels back to the splats, timed.
-fn pull_back<T: Lanewise, const C: usize>(
+fn backward<T: SimdReal, const C: usize>(
     raster: &mut Rasterizer<T, C>,
     part: &'static str,
-    by_pixel: &Layers<T>,
+    by_pixel: &Image<T>,
     shared: &mut [SplatGradient<T>],
     by_feature: &mut [[T; C]],
     watch: &mut Stopwatch,
 ) {
-    raster.pull_back(by_pixel);
+    raster.pixels_backward(by_pixel);
     watch.lap(part, "backward");
     raster.gather(shared, by_feature);
     watch.lap(part, "gathering");

@@ -1,17 +1,18 @@
 //! The whole loss against central differences: rasteriser, shadows, radiometry, consistency, entropy, opacity.
 
 use super::*;
-use crate::splat::random::Draw;
+use crate::random::CounterRng;
+use crate::splat::splats::GROUPS;
 
-fn splats(n: usize, seed: u64) -> Gaussians<f64> {
-    let mut d = Draw::new(seed, 0, 0, 0);
+fn splats(n: usize, seed: u64) -> Splats<f64> {
+    let mut d = CounterRng::new(seed, 0, 0, 0);
     let mut u = |lo: f64, hi: f64| lo + (hi - lo) * d.uniform();
-    let mut g = Gaussians::default();
+    let mut g = Splats::default();
     for _ in 0..n {
         g.position.push([u(-6.0, 6.0), u(-5.0, 5.0), u(-1.0, 3.0)]);
         g.log_scale.push([u(-0.5, 0.7), u(-0.5, 0.7), u(-0.5, 0.7)]);
         g.rotation.push([u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0)]);
-        g.logit.push(u(-1.0, 2.0));
+        g.opacity_logit.push([u(-1.0, 2.0)]);
         g.f_dc.push([u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0)]);
     }
     g
@@ -20,18 +21,18 @@ fn splats(n: usize, seed: u64) -> Gaussians<f64> {
 const WEIGHTS: LossWeights =
     LossWeights { opacity: 0.1, consistency_altitude: 0.7, consistency_color: 0.9, shadow_entropy: 0.5 };
 
-struct Setup<T: Real> {
-    truth: Layers<T>,
+struct SiteScene<T: Real> {
+    truth: Image<T>,
     valid: Vec<bool>,
     objective: Objective<T>,
     has_sun: bool,
     has_virtual_view: bool,
 }
 
-impl<T: Lanewise> Setup<T> {
+impl<T: SimdReal> SiteScene<T> {
     fn new() -> Self {
         let mut setup = Self {
-            truth: Layers::default(),
+            truth: Image::default(),
             valid: Vec::new(),
             objective: Objective::default(),
             has_sun: true,
@@ -49,24 +50,26 @@ impl<T: Lanewise> Setup<T> {
 
     /// Looks at an image of another size; all of its pixels count.
     fn resize(&mut self, width: usize, height: usize) {
-        let mut draw = Draw::new(9, 0, 0, 0);
-        self.truth = Layers::zeros(width, height, 3);
-        self.truth.data.iter_mut().for_each(|v| *v = T::of(draw.uniform()));
+        let mut draw = CounterRng::new(9, 0, 0, 0);
+        self.truth = Image::zeros(width, height, 3);
+        self.truth.data.iter_mut().for_each(|v| *v = T::from_f64(draw.uniform()));
         self.valid = vec![true; width * height];
     }
 
-    fn evaluate(&mut self, g: &Gaussians<T>, a: &Appearance<T>) -> (Losses, Gradient<T>) {
+    fn evaluate(&mut self, g: &Splats<T>, a: &Appearance<T>) -> (Losses, Gradient<T>) {
         let size @ (width, height) = (self.truth.width, self.truth.height);
         let offset = [width as f64 / 2.0 - 0.2, height as f64 / 2.0 - 0.7];
         let camera = AffineCamera { linear: [[2.3, 0.2, 0.5], [0.3, -2.2, 0.7]], offset };
-        let shot = Shot {
+        let shot = StepInput {
             camera: FrameCamera::new(&camera, width, height),
             truth: &self.truth,
             valid: &self.valid,
-            sun: self.has_sun.then(|| Sheared::sun(&camera, size, [1.7, -1.1], (-5.0, 4.0))),
-            virtual_view: self.has_virtual_view.then(|| Sheared::virtual_view(&camera, size, [-0.4, 0.3])),
-            background: [0.3, 0.8, 0.1].map(T::of),
-            floor: T::of(-5.0),
+            sun: self.has_sun.then(|| ShearedCamera::sun(&camera, size, [1.7, -1.1], (-5.0, 4.0))),
+            virtual_view: self
+                .has_virtual_view
+                .then(|| ShearedCamera::virtual_view(&camera, size, [-0.4, 0.3])),
+            background: [0.3, 0.8, 0.1].map(T::from_f64),
+            floor: T::from_f64(-5.0),
         };
         let mut gradient = Gradient::default();
         let losses = self.objective.evaluate(g, a, &shot, &WEIGHTS, &mut gradient, &mut Stopwatch::default());
@@ -75,7 +78,7 @@ impl<T: Lanewise> Setup<T> {
 }
 
 fn appearance() -> Appearance<f64> {
-    let mut draw = Draw::new(4, 0, 0, 0);
+    let mut draw = CounterRng::new(4, 0, 0, 0);
     let mut a = Appearance::default();
     a.values.iter_mut().for_each(|v| *v += 0.2 * draw.uniform());
     a
@@ -105,12 +108,12 @@ fn largest(values: &[f64]) -> f64 {
 
 #[test]
 fn every_gradient_agrees_with_central_differences_in_f64() {
-    let mut setup = Setup::new();
+    let mut setup = SiteScene::new();
     let (g, a) = (splats(45, 1), appearance());
     let (losses, gradient) = setup.evaluate(&g, &a);
     let Losses { consistency_altitude, consistency_color, shadow_entropy, .. } = losses;
     assert!(consistency_altitude > 0.0 && consistency_color > 0.0 && shadow_entropy > 0.0);
-    for group in 0..5 {
+    for group in 0..GROUPS {
         let analytic = gradient.splats.groups()[group].to_vec();
         let w = worst(&analytic, largest(&analytic), |k, e| {
             let mut moved = g.clone();
@@ -131,9 +134,9 @@ fn every_gradient_agrees_with_central_differences_in_f64() {
 fn f32_agrees_with_f64() {
     for seed in 0..5 {
         let (g, a) = (splats(60, seed), appearance());
-        let (_, exact) = Setup::new().evaluate(&g, &a);
+        let (_, exact) = SiteScene::new().evaluate(&g, &a);
         let (_, fast) =
-            Setup::new().evaluate(&g.narrow(), &Appearance { values: a.values.map(|v| v as f32) });
+            SiteScene::new().evaluate(&g.narrow(), &Appearance { values: a.values.map(|v| v as f32) });
         assert_agree(&exact, &fast, &format!("seed {seed}"));
     }
 }
@@ -150,11 +153,11 @@ fn assert_agree(exact: &Gradient<f64>, fast: &Gradient<f32>, case: &str) {
 fn images_of_any_size_agree_whatever_was_looked_at_before() {
     let (g, a) = (splats(60, 3), appearance());
     let (few, radiometry) = (g.narrow(), Appearance { values: a.values.map(|v| v as f32) });
-    let mut used = Setup::<f32>::new();
+    let mut used = SiteScene::<f32>::new();
     let mut case = 0;
     for width in [17, 1, 2, 7, 8, 9, 15, 16, 20] {
         for height in [20, 1, 3] {
-            let mut fresh = Setup::<f64>::new();
+            let mut fresh = SiteScene::<f64>::new();
             used.resize(width, height);
             fresh.resize(width, height);
             case += 1;
@@ -171,7 +174,7 @@ fn images_of_any_size_agree_whatever_was_looked_at_before() {
 #[test]
 fn a_box_darkens_what_lies_behind_it_from_the_sun() {
     // A floor of splats at 0 m, a block of them at 4 m; sun from the east at 45 degrees: 4 m of shadow to the west.
-    let mut g = Gaussians::<f64>::default();
+    let mut g = Splats::<f64>::default();
     for i in -24..=24 {
         for j in -24..=24 {
             let (x, y) = (f64::from(i) * 0.25, f64::from(j) * 0.25);
@@ -181,12 +184,12 @@ fn a_box_darkens_what_lies_behind_it_from_the_sun() {
     let camera = AffineCamera { linear: [[4.0, 0.0, 0.0], [0.0, -4.0, 0.0]], offset: [23.5, 23.5] };
     let size = (48, 48);
     let shear = camera.shear_towards(crate::frame::Vector::new(1.0, 0.0, 1.0));
-    let truth = Layers::zeros(48, 48, 3);
-    let shot = Shot {
+    let truth = Image::zeros(48, 48, 3);
+    let shot = StepInput {
         camera: FrameCamera::new(&camera, 48, 48),
         truth: &truth,
         valid: &[],
-        sun: Some(Sheared::sun(&camera, size, shear, (-1.0, 6.0))),
+        sun: Some(ShearedCamera::sun(&camera, size, shear, (-1.0, 6.0))),
         virtual_view: None,
         background: [0.0; 3],
         floor: -1.0,

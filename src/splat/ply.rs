@@ -1,16 +1,19 @@
 //! Splat files: the usual 3DGS PLY, which splat viewers open, with its place on Earth beside it.
 
-use super::gaussians::Gaussians;
 use crate::frame::SiteGrid;
 use crate::io::{RasterError, write_file};
+use crate::splat::splats::{GROUP_INFO, Splats};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Properties of a vertex, all float32, in the order 3DGS writes them (spherical harmonics of degree 0).
-const PROPERTIES: [&str; 17] = [
-    "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1",
-    "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
-];
+/// Columns that 3DGS writes after the position; always zero.
+const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
+
+/// The columns of a vertex, all float32, in the order of 3DGS (spherical harmonics of degree 0).
+fn columns() -> impl Iterator<Item = &'static str> {
+    let [position, others @ ..] = &GROUP_INFO;
+    position.ply.iter().chain(&NORMALS).chain(others.iter().flat_map(|group| group.ply)).copied()
+}
 
 /// Why a splat file could not be read.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
@@ -39,7 +42,7 @@ pub enum PlyError {
 ///
 /// # Errors
 /// [`RasterError::Write`].
-pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), RasterError> {
+pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), RasterError> {
     let [east, north, height] = site.origin.xyz();
     let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
     let _ = writeln!(
@@ -50,23 +53,21 @@ pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), Ras
     // Splat files do not say which axis is up otherwise.
     header.push_str("comment Vertical Axis: z\n");
     let _ = writeln!(header, "element vertex {}", splats.len());
-    for p in PROPERTIES {
-        let _ = writeln!(header, "property float {p}");
+    for name in columns() {
+        let _ = writeln!(header, "property float {name}");
     }
     header.push_str("end_header\n");
     let mut bytes = header.into_bytes();
-    bytes.reserve(splats.len() * PROPERTIES.len() * 4);
+    bytes.reserve(splats.len() * columns().count() * 4);
+    let groups = splats.groups();
     for i in 0..splats.len() {
-        let normal = [0.0f32; 3];
-        let values = splats.position[i]
-            .iter()
-            .chain(&normal)
-            .chain(&splats.f_dc[i])
-            .chain(std::slice::from_ref(&splats.logit[i]))
-            .chain(&splats.log_scale[i])
-            .chain(&splats.rotation[i]);
-        for v in values {
-            bytes.extend_from_slice(&v.to_le_bytes());
+        for (g, (values, info)) in groups.iter().zip(GROUP_INFO).enumerate() {
+            for value in &values[i * info.width..(i + 1) * info.width] {
+                bytes.extend_from_slice(&value.to_le_bytes());
+            }
+            if g == 0 {
+                bytes.extend_from_slice(&[0; 4 * NORMALS.len()]);
+            }
         }
     }
     write_file(path, bytes)?;
@@ -85,7 +86,7 @@ pub fn write(path: &Path, splats: &Gaussians, site: &SiteGrid) -> Result<(), Ras
 ///
 /// # Errors
 /// [`PlyError`].
-pub fn read(path: &Path) -> Result<Gaussians, PlyError> {
+pub fn read(path: &Path) -> Result<Splats, PlyError> {
     let bytes = std::fs::read(path).map_err(|e| PlyError::Io { path: path.into(), reason: e.to_string() })?;
     let refused = |reason: &str| PlyError::Format { path: path.into(), reason: reason.into() };
     const END: &[u8] = b"end_header\n";
@@ -116,19 +117,26 @@ pub fn read(path: &Path) -> Result<Gaussians, PlyError> {
         let place = properties.iter().position(|p| p == name);
         place.map(|p| 4 * p).ok_or_else(|| refused(&format!("property `{name}` is missing")))
     };
-    let offsets = PROPERTIES.iter().map(|p| if p.starts_with('n') { Ok(0) } else { at(p) });
-    let offsets: Vec<usize> = offsets.collect::<Result<_, _>>()?;
-    let mut out = Gaussians::default();
-    for vertex in body.chunks_exact(stride).take(count) {
-        let v = |k: usize| {
-            let o = offsets[k];
-            f32::from_le_bytes([vertex[o], vertex[o + 1], vertex[o + 2], vertex[o + 3]])
-        };
-        out.position.push([v(0), v(1), v(2)]);
-        out.f_dc.push([v(6), v(7), v(8)]);
-        out.logit.push(v(9));
-        out.log_scale.push([v(10), v(11), v(12)]);
-        out.rotation.push([v(13), v(14), v(15), v(16)]);
+    let value = |vertex: &[u8], offset: usize| {
+        f32::from_le_bytes([vertex[offset], vertex[offset + 1], vertex[offset + 2], vertex[offset + 3]])
+    };
+    let vertices = || body.chunks_exact(stride).take(count);
+    // Colours that depend on the direction would be lost.
+    let rest: Vec<usize> =
+        (0..properties.len()).filter(|k| properties[*k].starts_with("f_rest_")).map(|k| 4 * k).collect();
+    if vertices().any(|vertex| rest.iter().any(|offset| value(vertex, *offset) != 0.0)) {
+        return Err(refused(
+            "it has spherical harmonics above degree 0 (`f_rest_*`), which are not supported",
+        ));
+    }
+    let mut out = Splats::zeros(count);
+    for (values, info) in out.groups_mut().into_iter().zip(GROUP_INFO) {
+        let offsets = info.ply.iter().map(|name| at(name)).collect::<Result<Vec<_>, _>>()?;
+        for (vertex, values) in vertices().zip(values.chunks_exact_mut(info.width)) {
+            for (value_of_splat, offset) in values.iter_mut().zip(&offsets) {
+                *value_of_splat = value(vertex, *offset);
+            }
+        }
     }
     if out.groups().iter().any(|g| g.iter().any(|v| !v.is_finite())) {
         return Err(refused("a splat is not finite"));
@@ -145,7 +153,7 @@ mod tests {
     fn what_is_written_is_read_back_and_a_cut_file_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("splats.ply");
-        let mut g = Gaussians::default();
+        let mut g = Splats::default();
         for i in 0..50 {
             let v = i as f32;
             g.push([v, -v, 0.5 * v], 0.1 + v, 0.3, [0.1, 0.2, v / 50.0]);

@@ -1,8 +1,8 @@
 //! A band: sixteen pixel rows, their tiles' lists of splats in altitude order, and each splat's gradient slot.
 
-use super::kernel::Slot;
+use super::kernel::GradientSlot;
 use super::project::Chunk;
-use crate::splat::real::Real;
+use crate::simd::Real;
 use std::hint::black_box;
 
 /// A splat in a tile's list, with all that drawing it takes: the list is read from first to last.
@@ -25,7 +25,7 @@ pub(super) struct Band<T, const C: usize> {
     entries: Vec<Entry<T, C>>,
     /// Slots of chunk `k` begin at `chunk_slots[k]`, one a span.
     chunk_slots: Vec<u32>,
-    pub slots: Vec<Slot<T, C>>,
+    pub slots: Vec<GradientSlot<T, C>>,
     /// Room for what the backward pass computes of each pixel.
     pub products: Vec<T>,
     /// Pairs of a splat and a pixel that the last forward pass computed.
@@ -111,7 +111,7 @@ impl<T: Real, const C: usize> Band<T, C> {
     }
 
     /// The slots of one chunk's spans.
-    pub fn slots_of_chunk(&self, chunk: usize) -> &[Slot<T, C>] {
+    pub fn slots_of_chunk(&self, chunk: usize) -> &[GradientSlot<T, C>] {
         &self.slots[self.chunk_slots[chunk] as usize..self.chunk_slots[chunk + 1] as usize]
     }
 }

@@ -7,8 +7,8 @@
 use super::bands::Entry;
 use super::block::{ACROSS, BLOCKS, BlockPixels, TILE, WIDE, deep, high, middle, offset};
 use super::project::Footprint;
-use crate::splat::lanes::{LANES, Lanes, Mask, Row, splat_each, transpose_eights};
-use crate::splat::real::Real;
+use crate::simd::Real;
+use crate::simd::{MAX_LANES, Simd, SimdMask, SimdVec, broadcast_each, transpose_eights};
 
 /// Numbers of a batch's splats are bytes.
 pub(super) const NUMBERS: usize = 256;
@@ -26,9 +26,9 @@ pub(super) struct Batch<T, const C: usize> {
     /// Offsets of the splats' centres from the tile's middle.
     center: [[T; NUMBERS]; 2],
     features: [[T; C]; NUMBERS],
-    /// The splats that touch each block, highest first, and some that touch nothing; room for what [`Mask::list`] writes
+    /// The splats that touch each block, highest first, and some that touch nothing; room for what [`SimdMask::list`] writes
     /// beyond them.
-    lists: [[u8; NUMBERS + LANES]; BLOCKS],
+    lists: [[u8; NUMBERS + MAX_LANES]; BLOCKS],
     lengths: [usize; BLOCKS],
 }
 
@@ -39,54 +39,55 @@ impl<T: Real, const C: usize> Batch<T, C> {
             exponent: [[T::zero(); NUMBERS]; 6],
             center: [[T::zero(); NUMBERS]; 2],
             features: [[T::zero(); C]; NUMBERS],
-            lists: [[0; NUMBERS + LANES]; BLOCKS],
+            lists: [[0; NUMBERS + MAX_LANES]; BLOCKS],
             lengths: [0; BLOCKS],
         }
     }
 
     /// Takes up splats of a tile.
     #[inline(always)]
-    pub fn fill<L: Lanes<Number = T>>(
+    pub fn fill<S: Simd<Scalar = T>>(
         &mut self,
-        lanes: L,
-        edges: &Edges<L>,
+        simd: S,
+        edges: &Edges<S>,
         entries: &[Entry<T, C>],
         tile: usize,
         band: usize,
     ) {
         self.lengths = [0; BLOCKS];
-        let middle = splat_each(lanes, [middle(tile), middle(band)]);
-        for (k, entries) in entries.chunks(L::WIDTH).enumerate() {
-            let first = k * L::WIDTH;
+        let middle = broadcast_each(simd, [middle(tile), middle(band)]);
+        for (k, entries) in entries.chunks(S::WIDTH).enumerate() {
+            let first = k * S::WIDTH;
             for (i, entry) in entries.iter().enumerate() {
                 self.features[first + i] = entry.feature;
             }
-            let mut f = footprints(lanes, entries);
+            let mut f = footprints(simd, entries);
             f.mean = [f.mean[0] - middle[0], f.mean[1] - middle[1]];
-            let exponent = f.exponent(lanes);
+            let exponent = f.exponent(simd);
             for k in 0..6 {
                 exponent[k].store_to(&mut self.exponent[k], first);
             }
             for k in 0..2 {
                 f.mean[k].store_to(&mut self.center[k], first);
             }
-            let ellipses = Ellipses::new(lanes, &f);
-            let real = Mask::first(lanes, entries.len());
-            for down in 0..deep::<L>() {
+            let ellipses = Ellipses::new(simd, &f);
+            let real = SimdMask::first(simd, entries.len());
+            for down in 0..deep::<S>() {
                 let [left, right] = ellipses.reach(edges, down);
                 for across in 0..ACROSS {
                     let [first_column, last_column] = edges.columns[across];
-                    let touched = right.at_least(first_column).and(last_column.at_least(left)).and(real);
+                    let touched =
+                        right.greater_equal(first_column).and(last_column.greater_equal(left)).and(real);
                     let block = down * ACROSS + across;
                     let after = &mut self.lists[block][self.lengths[block]..];
-                    self.lengths[block] += touched.list(first as u8, after);
+                    self.lengths[block] += touched.compress(first as u8, after);
                 }
             }
         }
         for exponent in &mut self.exponent {
             exponent[BATCH] = T::zero();
         }
-        self.exponent[0][BATCH] = T::of(FAR_BELOW_CUT);
+        self.exponent[0][BATCH] = T::from_f64(FAR_BELOW_CUT);
         self.features[BATCH] = [T::zero(); C];
         for (list, length) in self.lists.iter_mut().zip(self.lengths) {
             list[length..length + FOUR].fill(BATCH as u8);
@@ -107,8 +108,8 @@ impl<T: Real, const C: usize> Batch<T, C> {
 
     /// The binary exponent of a splat's alpha at the pixels of a block.
     #[inline(always)]
-    pub fn exponent_at<L: Lanes<Number = T>>(&self, lanes: L, splat: u8, at: &BlockPixels<L>) -> Row<L> {
-        let coefficient = |k: usize| Row::splat(lanes, self.exponent[k][usize::from(splat)]);
+    pub fn exponent_at<S: Simd<Scalar = T>>(&self, simd: S, splat: u8, at: &BlockPixels<S>) -> SimdVec<S> {
+        let coefficient = |k: usize| SimdVec::broadcast(simd, self.exponent[k][usize::from(splat)]);
         // Two sums, which do not wait for each other.
         let by_x = coefficient(3).mul_add(at.xx, coefficient(1).mul_add(at.x, coefficient(0)));
         let by_y = coefficient(5).mul_add(at.yy, coefficient(2) * at.y);
@@ -117,8 +118,8 @@ impl<T: Real, const C: usize> Batch<T, C> {
 
     /// Offsets from the tile's middle of the centres of a row of splats.
     #[inline(always)]
-    pub fn centers<L: Lanes<Number = T>>(&self, lanes: L, first: usize) -> [Row<L>; 2] {
-        [Row::load(lanes, &self.center[0][first..]), Row::load(lanes, &self.center[1][first..])]
+    pub fn centers<S: Simd<Scalar = T>>(&self, simd: S, first: usize) -> [SimdVec<S>; 2] {
+        [SimdVec::load(simd, &self.center[0][first..]), SimdVec::load(simd, &self.center[1][first..])]
     }
 
     /// A splat's features.
@@ -133,31 +134,32 @@ const FAR_BELOW_CUT: f64 = -100.0;
 
 /// A row of splats, a lane each; the last one again where there are fewer.
 #[inline(always)]
-fn footprints<L: Lanes, const C: usize>(lanes: L, entries: &[Entry<L::Number, C>]) -> Footprint<Row<L>> {
-    let mut rows = [Row::splat(lanes, L::Number::of(0.0)); 8];
+fn footprints<S: Simd, const C: usize>(simd: S, entries: &[Entry<S::Scalar, C>]) -> Footprint<SimdVec<S>> {
+    let mut rows = [SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); 8];
     for j in 0..8 {
         let last = entries.len() - 1;
         let (low, high) = (&entries[j.min(last)].footprint, &entries[(j + 8).min(last)].footprint);
-        rows[j] = Row::load_eights(lanes, [low, high]);
+        rows[j] = SimdVec::load_eights(simd, [low, high]);
     }
     Footprint::of(transpose_eights(rows))
 }
 
 /// What ellipses are compared with: the edges of a tile's blocks, from the tile's middle.
-pub(super) struct Edges<L: Lanes> {
+pub(super) struct Edges<S: Simd> {
     /// First and last rows.
-    rows: [[Row<L>; 2]; BLOCKS / ACROSS],
+    rows: [[SimdVec<S>; 2]; BLOCKS / ACROSS],
     /// First and last columns.
-    columns: [[Row<L>; 2]; ACROSS],
+    columns: [[SimdVec<S>; 2]; ACROSS],
 }
 
-impl<L: Lanes> Edges<L> {
+impl<S: Simd> Edges<S> {
     #[inline(always)]
-    pub fn new(lanes: L) -> Self {
-        let ends = |first: usize, count: usize| splat_each(lanes, [offset(first), offset(first + count - 1)]);
+    pub fn new(simd: S) -> Self {
+        let ends =
+            |first: usize, count: usize| broadcast_each(simd, [offset(first), offset(first + count - 1)]);
         let mut rows = [ends(0, TILE); BLOCKS / ACROSS];
-        for down in 0..deep::<L>() {
-            rows[down] = ends(down * high::<L>(), high::<L>());
+        for down in 0..deep::<S>() {
+            rows[down] = ends(down * high::<S>(), high::<S>());
         }
         let mut columns = [rows[0]; ACROSS];
         for across in 0..ACROSS {
@@ -167,12 +169,12 @@ impl<L: Lanes> Edges<L> {
     }
 }
 
-impl<L: Lanes> Footprint<Row<L>> {
+impl<S: Simd> Footprint<SimdVec<S>> {
     /// Coefficients 1, x, y, xx, xy, yy of alpha's binary exponent where the centre's offset is from.
     #[inline(always)]
-    fn exponent(&self, lanes: L) -> [Row<L>; 6] {
+    fn exponent(&self, simd: S) -> [SimdVec<S>; 6] {
         let [minus_half, minus_two] =
-            splat_each(lanes, [-0.5 * std::f64::consts::LOG2_E, -2.0].map(L::Number::of));
+            broadcast_each(simd, [-0.5 * std::f64::consts::LOG2_E, -2.0].map(S::Scalar::from_f64));
         let [u, v] = self.mean;
         let [a, b, c] = self.conic;
         let (xx, half_xy, yy) = (a * minus_half, b * minus_half, c * minus_half);
@@ -183,22 +185,22 @@ impl<L: Lanes> Footprint<Row<L>> {
 }
 
 /// A row of ellipses; centres from the tile's middle.
-struct Ellipses<L: Lanes> {
-    mean: [Row<L>; 2],
+struct Ellipses<S: Simd> {
+    mean: [SimdVec<S>; 2],
     /// The middle between left and right edge moves so far from row to row.
-    slope: Row<L>,
+    slope: SimdVec<S>,
     /// On the row of the centre, half the squared width.
-    square: Row<L>,
+    square: SimdVec<S>,
     /// What it loses with the square of the distance from that row.
-    drop: Row<L>,
+    drop: SimdVec<S>,
     /// Rows, from the centre, of the rightmost and the leftmost column.
-    lean: [Row<L>; 2],
+    lean: [SimdVec<S>; 2],
 }
 
-impl<L: Lanes> Ellipses<L> {
+impl<S: Simd> Ellipses<S> {
     #[inline(always)]
-    fn new(lanes: L, f: &Footprint<Row<L>>) -> Self {
-        let [slack, zero] = splat_each(lanes, [SLACK, 0.0].map(L::Number::of));
+    fn new(simd: S, f: &Footprint<SimdVec<S>>) -> Self {
+        let [slack, zero] = broadcast_each(simd, [SLACK, 0.0].map(S::Scalar::from_f64));
         let [a, b, c] = f.conic;
         let by_a = a.reciprocal();
         Self {
@@ -214,7 +216,7 @@ impl<L: Lanes> Ellipses<L> {
     ///
     /// An ellipse reaches furthest where it leans to, or on the row nearest to it.
     #[inline(always)]
-    fn reach(&self, edges: &Edges<L>, down: usize) -> [Row<L>; 2] {
+    fn reach(&self, edges: &Edges<S>, down: usize) -> [SimdVec<S>; 2] {
         let [u, v] = self.mean;
         let [top, bottom] = [edges.rows[down][0] - v, edges.rows[down][1] - v];
         let [right, left] = [self.lean[0].max(top).min(bottom), self.lean[1].max(top).min(bottom)];
@@ -226,7 +228,7 @@ impl<L: Lanes> Ellipses<L> {
 
     /// Half the width on a row, from the centre; not a number beyond the ellipse.
     #[inline(always)]
-    fn half_width(&self, row: Row<L>) -> Row<L> {
-        (self.square - self.drop * row * row).rough_sqrt()
+    fn half_width(&self, row: SimdVec<S>) -> SimdVec<S> {
+        (self.square - self.drop * row * row).sqrt_approx()
     }
 }

@@ -1,7 +1,7 @@
 //! Blocks of pixels: four columns and as many rows as fill a vector register; a tile's parts of an image in blocks.
 
-use crate::splat::lanes::{LANES, Lanes, Row, blocks_of_lines, lines_of_blocks};
-use crate::splat::real::Real;
+use crate::simd::Real;
+use crate::simd::{MAX_LANES, Simd, SimdVec, blocks_of_lines, lines_of_blocks};
 use std::hint::black_box;
 
 /// Side of a tile, pixels.
@@ -18,32 +18,32 @@ pub(super) const BLOCKS: usize = DEEPEST * ACROSS;
 const MIDDLE: f64 = 0.5 * (TILE - 1) as f64;
 
 /// Rows of a block in a register of so many lanes.
-const fn high_of(lanes: usize) -> usize {
-    lanes / WIDE
+const fn high_of(simd: usize) -> usize {
+    simd / WIDE
 }
 
 /// Rows of a block.
 #[inline(always)]
-pub(super) const fn high<L: Lanes>() -> usize {
-    high_of(L::WIDTH)
+pub(super) const fn high<S: Simd>() -> usize {
+    high_of(S::WIDTH)
 }
 
 /// Blocks on top of each other in a tile.
 #[inline(always)]
-pub(super) const fn deep<L: Lanes>() -> usize {
-    TILE / high::<L>()
+pub(super) const fn deep<S: Simd>() -> usize {
+    TILE / high::<S>()
 }
 
 /// Middle of a tile's columns or rows in the image.
 #[inline(always)]
 pub(super) fn middle<T: Real>(tile: usize) -> T {
-    T::of((tile * TILE) as f64 + MIDDLE)
+    T::from_f64((tile * TILE) as f64 + MIDDLE)
 }
 
 /// Offset from a tile's middle of one of its columns or rows.
 #[inline(always)]
 pub(super) fn offset<T: Real>(column_or_row: usize) -> T {
-    T::of(column_or_row as f64 - MIDDLE)
+    T::from_f64(column_or_row as f64 - MIDDLE)
 }
 
 /// The columns and rows of a tile that lie in the image.
@@ -62,38 +62,38 @@ pub(super) fn frames(width: usize, height: usize) -> impl Iterator<Item = Frame>
 impl Frame {
     /// Rows of blocks.
     #[inline(always)]
-    pub fn down<L: Lanes>(self) -> usize {
-        self.height.div_ceil(high::<L>())
+    pub fn down<S: Simd>(self) -> usize {
+        self.height.div_ceil(high::<S>())
     }
 
     /// The blocks that have pixels, as bits.
     #[inline(always)]
-    pub fn blocks<L: Lanes>(self) -> u32 {
+    pub fn blocks<S: Simd>(self) -> u32 {
         let row = (1u32 << self.columns().div_ceil(WIDE)) - 1;
-        (0..self.down::<L>()).fold(0, |bits, down| bits | row << (down * ACROSS))
+        (0..self.down::<S>()).fold(0, |bits, down| bits | row << (down * ACROSS))
     }
 
     /// One channel of a row of blocks, from a band's rows of `channels`; zero outside the image.
     #[inline(always)]
-    pub fn gather<L: Lanes>(
+    pub fn gather<S: Simd>(
         self,
-        lanes: L,
-        band: &[L::Number],
+        simd: S,
+        band: &[S::Scalar],
         channels: usize,
         channel: usize,
         down: usize,
-    ) -> [Row<L>; ACROSS] {
-        let first = down * high::<L>();
-        let mut lines = [Row::splat(lanes, L::Number::of(0.0)); ACROSS];
-        if self.is_whole::<L>(down) {
+    ) -> [SimdVec<S>; ACROSS] {
+        let first = down * high::<S>();
+        let mut lines = [SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); ACROSS];
+        if self.is_whole::<S>(down) {
             for k in 0..ACROSS {
-                let (row, col) = (k * L::WIDTH / TILE, k * L::WIDTH % TILE);
-                lines[k] = Row::load(lanes, &band[self.place(channels, channel, first + row) + col..]);
+                let (row, col) = (k * S::WIDTH / TILE, k * S::WIDTH % TILE);
+                lines[k] = SimdVec::load(simd, &band[self.place(channels, channel, first + row) + col..]);
             }
         } else {
-            let pixels = self.read_at_edge(band, channels, channel, first, high::<L>());
+            let pixels = self.read_at_edge(band, channels, channel, first, high::<S>());
             for k in 0..ACROSS {
-                lines[k] = Row::load(lanes, &pixels[k * L::WIDTH..]);
+                lines[k] = SimdVec::load(simd, &pixels[k * S::WIDTH..]);
             }
         }
         blocks_of_lines(lines)
@@ -101,27 +101,27 @@ impl Frame {
 
     /// Writes what [`Frame::gather`] reads.
     #[inline(always)]
-    pub fn scatter<L: Lanes>(
+    pub fn scatter<S: Simd>(
         self,
-        band: &mut [L::Number],
+        band: &mut [S::Scalar],
         channels: usize,
         channel: usize,
         down: usize,
-        blocks: [Row<L>; ACROSS],
+        blocks: [SimdVec<S>; ACROSS],
     ) {
-        let first = down * high::<L>();
+        let first = down * high::<S>();
         let lines = lines_of_blocks(blocks);
-        if self.is_whole::<L>(down) {
+        if self.is_whole::<S>(down) {
             for k in 0..ACROSS {
-                let (row, col) = (k * L::WIDTH / TILE, k * L::WIDTH % TILE);
+                let (row, col) = (k * S::WIDTH / TILE, k * S::WIDTH % TILE);
                 lines[k].store_to(band, self.place(channels, channel, first + row) + col);
             }
         } else {
-            let mut pixels = [L::Number::of(0.0); ACROSS * LANES];
+            let mut pixels = [S::Scalar::from_f64(0.0); ACROSS * MAX_LANES];
             for k in 0..ACROSS {
-                lines[k].store_to(&mut pixels, k * L::WIDTH);
+                lines[k].store_to(&mut pixels, k * S::WIDTH);
             }
-            self.write_at_edge(band, channels, channel, first, high::<L>(), &pixels);
+            self.write_at_edge(band, channels, channel, first, high::<S>(), &pixels);
         }
     }
 
@@ -139,8 +139,8 @@ impl Frame {
 
     /// Whether all pixels of a row of blocks lie in the image.
     #[inline(always)]
-    fn is_whole<L: Lanes>(self, down: usize) -> bool {
-        self.columns() == TILE && (down + 1) * high::<L>() <= self.height
+    fn is_whole<S: Simd>(self, down: usize) -> bool {
+        self.columns() == TILE && (down + 1) * high::<S>() <= self.height
     }
 
     /// Some lines of the tile, one after the other, as far as they lie in the image.
@@ -153,8 +153,8 @@ impl Frame {
         channel: usize,
         first: usize,
         count: usize,
-    ) -> [T; ACROSS * LANES] {
-        let mut pixels = [T::zero(); ACROSS * LANES];
+    ) -> [T; ACROSS * MAX_LANES] {
+        let mut pixels = [T::zero(); ACROSS * MAX_LANES];
         for (row, line) in (first..self.height.min(first + count)).zip(pixels.chunks_mut(TILE)) {
             let place = self.place(channels, channel, row);
             line[..self.columns()].copy_from_slice(&band[place..][..self.columns()]);
@@ -172,7 +172,7 @@ impl Frame {
         channel: usize,
         first: usize,
         count: usize,
-        pixels: &[T; ACROSS * LANES],
+        pixels: &[T; ACROSS * MAX_LANES],
     ) {
         for (row, line) in (first..self.height.min(first + count)).zip(pixels.chunks(TILE)) {
             let place = self.place(channels, channel, row);
@@ -183,24 +183,24 @@ impl Frame {
 
 /// Offsets from a tile's middle of the pixels of a block, and their products.
 #[derive(Clone, Copy)]
-pub(super) struct BlockPixels<L: Lanes> {
-    pub x: Row<L>,
-    pub y: Row<L>,
-    pub xx: Row<L>,
-    pub xy: Row<L>,
-    pub yy: Row<L>,
+pub(super) struct BlockPixels<S: Simd> {
+    pub x: SimdVec<S>,
+    pub y: SimdVec<S>,
+    pub xx: SimdVec<S>,
+    pub xy: SimdVec<S>,
+    pub yy: SimdVec<S>,
 }
 
-impl<L: Lanes> BlockPixels<L> {
+impl<S: Simd> BlockPixels<S> {
     /// Of all blocks of a tile.
     #[inline(always)]
-    pub fn all(lanes: L) -> [Self; BLOCKS] {
-        let zero = Row::splat(lanes, L::Number::of(0.0));
+    pub fn all(simd: S) -> [Self; BLOCKS] {
+        let zero = SimdVec::broadcast(simd, S::Scalar::from_f64(0.0));
         let mut blocks = [Self { x: zero, y: zero, xx: zero, xy: zero, yy: zero }; BLOCKS];
-        for b in 0..ACROSS * deep::<L>() {
+        for b in 0..ACROSS * deep::<S>() {
             let (across, down) = (b % ACROSS, b / ACROSS);
-            let x = row_of(lanes, |i| offset(across * WIDE + i % WIDE));
-            let y = row_of(lanes, |i| offset(down * high::<L>() + i / WIDE));
+            let x = row_of(simd, |i| offset(across * WIDE + i % WIDE));
+            let y = row_of(simd, |i| offset(down * high::<S>() + i / WIDE));
             blocks[b] = Self { x, y, xx: x * x, xy: x * y, yy: y * y };
         }
         // Hidden from the compiler, or it computes products anew.
@@ -210,10 +210,10 @@ impl<L: Lanes> BlockPixels<L> {
 
 /// A row from numbers by lane.
 #[inline(always)]
-fn row_of<L: Lanes>(lanes: L, number: impl Fn(usize) -> L::Number) -> Row<L> {
-    let mut values = [L::Number::of(0.0); LANES];
-    for i in 0..LANES {
+fn row_of<S: Simd>(simd: S, number: impl Fn(usize) -> S::Scalar) -> SimdVec<S> {
+    let mut values = [S::Scalar::from_f64(0.0); MAX_LANES];
+    for i in 0..MAX_LANES {
         values[i] = number(i);
     }
-    Row::load(lanes, &values)
+    SimdVec::load(simd, &values)
 }

@@ -9,17 +9,17 @@ use super::bands::{Band, Entry};
 use super::batch::{BATCH, Batch, Edges, FOUR, NUMBERS};
 use super::block::{ACROSS, BLOCKS, BlockPixels, WIDE, frames, high, offset};
 use super::{ALPHA_CUT, ALPHA_MAX, SATURATED};
-use crate::splat::lanes::{
-    Exp2, Kernel, LANES, Lanes, Lanewise, Row, arrays_of_lanes, blocks_of_lines, set_bits, splat_each,
-    sum_fours, transpose_eights, transpose_fours,
+use crate::simd::Real;
+use crate::simd::{
+    Exp2, MAX_LANES, Simd, SimdKernel, SimdReal, SimdVec, arrays_of_lanes, blocks_of_lines, broadcast_each,
+    set_bits, sum_fours, transpose_eights, transpose_fours,
 };
-use crate::splat::real::Real;
 use std::hint::black_box;
 
 /// Sums over the pixels of a band, or a whole image, that take the loss's derivatives back to one splat: moments, by
 /// the offset from the ellipse's centre, of alpha times the derivative by alpha; and the features' derivatives.
 #[derive(Clone, Copy, Debug)]
-pub struct Slot<T, const C: usize> {
+pub struct GradientSlot<T, const C: usize> {
     /// 1, x, xx, y, xy, yy.
     pub(super) moments: [T; MOMENTS],
     pub(super) feature: [T; C],
@@ -28,13 +28,13 @@ pub struct Slot<T, const C: usize> {
 /// Number of moments.
 const MOMENTS: usize = 6;
 
-impl<T: Real, const C: usize> Default for Slot<T, C> {
+impl<T: Real, const C: usize> Default for GradientSlot<T, C> {
     fn default() -> Self {
         Self { moments: [T::zero(); MOMENTS], feature: [T::zero(); C] }
     }
 }
 
-impl<T: Real, const C: usize> Slot<T, C> {
+impl<T: Real, const C: usize> GradientSlot<T, C> {
     /// Adds what other pixels say.
     #[inline(always)]
     pub(super) fn add(&mut self, other: &Self) {
@@ -52,30 +52,30 @@ pub(super) fn add<T: Real, const N: usize>(sum: &mut [T; N], value: [T; N]) {
 }
 
 /// What the kernels compute with.
-struct Constants<L: Lanes> {
-    lanes: L,
-    cut: Row<L>,
-    saturated: Row<L>,
-    alpha_max: Row<L>,
-    zero: Row<L>,
-    one: Row<L>,
-    exp2: Exp2<L>,
+struct Constants<S: Simd> {
+    simd: S,
+    cut: SimdVec<S>,
+    saturated: SimdVec<S>,
+    alpha_max: SimdVec<S>,
+    zero: SimdVec<S>,
+    one: SimdVec<S>,
+    exp2: Exp2<S>,
 }
 
-impl<L: Lanes> Constants<L> {
+impl<S: Simd> Constants<S> {
     #[inline(always)]
-    fn new(lanes: L) -> Self {
-        let splat = |v: f64| Row::splat(lanes, L::Number::of(v));
+    fn new(simd: S) -> Self {
+        let splat = |v: f64| SimdVec::broadcast(simd, S::Scalar::from_f64(v));
         // Hidden from the compiler: an instruction takes a row from memory at no cost, while a known number is spread
         // to all lanes anew whenever registers are short.
         black_box(Self {
-            lanes,
+            simd,
             cut: splat(ALPHA_CUT.log2()),
             saturated: splat(SATURATED),
             alpha_max: splat(ALPHA_MAX),
             zero: splat(0.0),
             one: splat(1.0),
-            exp2: Exp2::new(lanes),
+            exp2: Exp2::new(simd),
         })
     }
 
@@ -85,21 +85,21 @@ impl<L: Lanes> Constants<L> {
     #[inline(always)]
     fn alphas<const C: usize>(
         &self,
-        batch: &Batch<L::Number, C>,
+        batch: &Batch<S::Scalar, C>,
         splats: &[u8],
-        at: &BlockPixels<L>,
-        alphas: &mut [Row<L>; LANES],
+        at: &BlockPixels<S>,
+        alphas: &mut [SimdVec<S>; MAX_LANES],
     ) {
         for (splat, alpha) in splats.iter().zip(alphas) {
-            let exponent = batch.exponent_at(self.lanes, *splat, at);
-            *alpha = exponent.exp2_with(&self.exp2).keep(exponent.at_least(self.cut));
+            let exponent = batch.exponent_at(self.simd, *splat, at);
+            *alpha = exponent.exp2_with(&self.exp2).select_or_zero(exponent.greater_equal(self.cut));
         }
     }
 
     /// Whether a pixel of a block can still be seen through.
     #[inline(always)]
-    fn is_open(&self, transmittance: Row<L>) -> bool {
-        transmittance.at_least(self.saturated).any()
+    fn is_open(&self, transmittance: SimdVec<S>) -> bool {
+        transmittance.greater_equal(self.saturated).any()
     }
 }
 
@@ -114,25 +114,25 @@ pub(super) struct Forward<'a, T, const C: usize> {
     pub out: &'a mut [T],
 }
 
-impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
+impl<T: SimdReal, const C: usize> SimdKernel<T> for Forward<'_, T, C> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
         let Self { band, index, width, background, out } = self;
-        let (k, pixels, edges) = (Constants::new(lanes), BlockPixels::all(lanes), Edges::new(lanes));
+        let (k, pixels, edges) = (Constants::new(simd), BlockPixels::all(simd), Edges::new(simd));
         // What is filled from end to end need not be read first, and is in the cache when tiles write their parts of it.
         out.fill(T::zero());
-        let background = splat_each(lanes, background);
-        let (mut batch, mut alphas) = (Batch::new(), [k.zero; LANES]);
+        let background = broadcast_each(simd, background);
+        let (mut batch, mut alphas) = (Batch::new(), [k.zero; MAX_LANES]);
         let mut computed = 0;
         for frame in frames(width, out.len() / ((C + 1) * width)) {
             band.warm(frame.tile);
-            let mut drawn = [Drawn { transmittance: k.one, color: [k.zero; C] }; BLOCKS];
-            let mut open = frame.blocks::<L>();
+            let mut drawn = [ForwardState { transmittance: k.one, color: [k.zero; C] }; BLOCKS];
+            let mut open = frame.blocks::<S>();
             for entries in band.tile(frame.tile).chunks(BATCH) {
-                batch.fill(lanes, &edges, entries, frame.tile, index);
+                batch.fill(simd, &edges, entries, frame.tile, index);
                 for b in set_bits(open) {
                     let mut block = drawn[b];
-                    for splats in batch.list_of(b).chunks(L::WIDTH) {
+                    for splats in batch.list_of(b).chunks(S::WIDTH) {
                         if !k.is_open(block.transmittance) {
                             open &= !(1 << b);
                             break;
@@ -149,7 +149,7 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
                     break;
                 }
             }
-            for down in 0..frame.down::<L>() {
+            for down in 0..frame.down::<S>() {
                 let mut row = [k.zero; ACROSS];
                 for c in 0..C {
                     for across in 0..ACROSS {
@@ -164,25 +164,25 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Forward<'_, T, C> {
                 frame.scatter(out, C + 1, C, down, row);
             }
         }
-        band.computed_pairs = L::WIDTH * computed;
+        band.computed_pairs = S::WIDTH * computed;
     }
 }
 
 /// A block of pixels, as far as it is drawn.
 #[derive(Clone, Copy)]
-struct Drawn<L: Lanes, const C: usize> {
-    transmittance: Row<L>,
-    color: [Row<L>; C],
+struct ForwardState<S: Simd, const C: usize> {
+    transmittance: SimdVec<S>,
+    color: [SimdVec<S>; C],
 }
 
-impl<L: Lanes, const C: usize> Drawn<L, C> {
+impl<S: Simd, const C: usize> ForwardState<S, C> {
     /// Draws a splat behind what is there.
     #[inline(always)]
-    fn draw(&mut self, k: &Constants<L>, features: [L::Number; C], unlimited: Row<L>) {
+    fn draw(&mut self, k: &Constants<S>, features: [S::Scalar; C], unlimited: SimdVec<S>) {
         let alpha = unlimited.min(k.alpha_max);
         let weight = self.transmittance * alpha;
         self.transmittance = self.transmittance * (k.one - alpha);
-        let features = splat_each(k.lanes, features);
+        let features = broadcast_each(k.simd, features);
         for c in 0..C {
             self.color[c] = weight.mul_add(features[c], self.color[c]);
         }
@@ -201,41 +201,41 @@ pub(super) struct Backward<'a, T, const C: usize> {
     pub by_pixel: &'a [T],
     /// Room for `pixel . g` of each pixel.
     pub products: &'a mut [T],
-    pub slots: &'a mut [Slot<T, C>],
+    pub slots: &'a mut [GradientSlot<T, C>],
 }
 
-impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
+impl<T: SimdReal, const C: usize> SimdKernel<T> for Backward<'_, T, C> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
         let Self { band, index, width, image, by_pixel, products, slots } = self;
-        multiply::<L, C>(lanes, width, image, by_pixel, products);
-        let (k, pixels, edges) = (Constants::new(lanes), BlockPixels::all(lanes), Edges::new(lanes));
-        let (mut batch, mut alphas) = (Batch::new(), [k.zero; LANES]);
-        let (mut taken, mut sums) = ([[k.zero; 2]; LANES], [Sums::zero(); NUMBERS]);
+        multiply::<S, C>(simd, width, image, by_pixel, products);
+        let (k, pixels, edges) = (Constants::new(simd), BlockPixels::all(simd), Edges::new(simd));
+        let (mut batch, mut alphas) = (Batch::new(), [k.zero; MAX_LANES]);
+        let (mut taken, mut sums) = ([[k.zero; 2]; MAX_LANES], [Sums::zero(); NUMBERS]);
         for frame in frames(width, by_pixel.len() / (C * width)) {
             band.warm(frame.tile);
-            let mut unseen = [Unseen { transmittance: k.one, behind: k.zero }; BLOCKS];
+            let mut unseen = [BackwardState { transmittance: k.one, behind: k.zero }; BLOCKS];
             let mut by_color = [[k.zero; C]; BLOCKS];
-            for down in 0..frame.down::<L>() {
-                let products = frame.gather(lanes, products, 1, 0, down);
+            for down in 0..frame.down::<S>() {
+                let products = frame.gather(simd, products, 1, 0, down);
                 for across in 0..ACROSS {
                     unseen[down * ACROSS + across].behind = products[across];
                 }
                 for c in 0..C {
-                    let by = frame.gather(lanes, by_pixel, C, c, down);
+                    let by = frame.gather(simd, by_pixel, C, c, down);
                     for across in 0..ACROSS {
                         by_color[down * ACROSS + across][c] = by[across];
                     }
                 }
             }
-            let mut open = frame.blocks::<L>();
+            let mut open = frame.blocks::<S>();
             for entries in band.tile(frame.tile).chunks(BATCH) {
-                batch.fill(lanes, &edges, entries, frame.tile, index);
+                batch.fill(simd, &edges, entries, frame.tile, index);
                 sums[..entries.len()].fill(Sums::zero());
                 for b in set_bits(open) {
                     let mut block = unseen[b];
-                    let summing = Summing::new(lanes, b, &pixels[b], &by_color[b]);
-                    for splats in batch.fours_of(b).chunks(L::WIDTH) {
+                    let summing = Summing::new(simd, b, &pixels[b], &by_color[b]);
+                    for splats in batch.fours_of(b).chunks(S::WIDTH) {
                         if !k.is_open(block.transmittance) {
                             open &= !(1 << b);
                             break;
@@ -245,12 +245,12 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
                             *taken = block.uncover(&k, batch.features(*splat), *alpha, &by_color[b]);
                         }
                         for (splats, taken) in splats.as_chunks().0.iter().zip(taken.as_chunks().0) {
-                            summing.add_to(lanes, &mut sums, splats, taken);
+                            summing.add_to(simd, &mut sums, splats, taken);
                         }
                     }
                     unseen[b] = block;
                 }
-                add_to_slots(lanes, &batch, entries, &sums, slots);
+                add_to_slots(simd, &batch, entries, &sums, slots);
                 if open == 0 {
                     break;
                 }
@@ -263,21 +263,21 @@ impl<T: Lanewise, const C: usize> Kernel<T> for Backward<'_, T, C> {
 ///
 /// Lines are read from end to end, as a processor is fast at; tiles then find the derivatives in the cache.
 #[inline(always)]
-fn multiply<L: Lanes, const C: usize>(
-    lanes: L,
+fn multiply<S: Simd, const C: usize>(
+    simd: S,
     width: usize,
-    image: &[L::Number],
-    by_pixel: &[L::Number],
-    out: &mut [L::Number],
+    image: &[S::Scalar],
+    by_pixel: &[S::Scalar],
+    out: &mut [S::Scalar],
 ) {
     let inputs = image.chunks(width * (C + 1)).zip(by_pixel.chunks(width * C));
     for (out, (image, by_pixel)) in out.chunks_mut(width).zip(inputs) {
-        for first in (0..width).step_by(L::WIDTH) {
-            let mut sum = Row::splat(lanes, L::Number::of(0.0));
+        for first in (0..width).step_by(S::WIDTH) {
+            let mut sum = SimdVec::broadcast(simd, S::Scalar::from_f64(0.0));
             for c in 0..C {
                 let channel = c * width..(c + 1) * width;
-                let value = Row::load_from(lanes, &image[channel.clone()], first);
-                sum = value.mul_add(Row::load_from(lanes, &by_pixel[channel], first), sum);
+                let value = SimdVec::load_from(simd, &image[channel.clone()], first);
+                sum = value.mul_add(SimdVec::load_from(simd, &by_pixel[channel], first), sum);
             }
             sum.store_to(out, first);
         }
@@ -286,27 +286,27 @@ fn multiply<L: Lanes, const C: usize>(
 
 /// What is left of a block of pixels behind the splats that were taken back.
 #[derive(Clone, Copy)]
-struct Unseen<L: Lanes> {
-    transmittance: Row<L>,
+struct BackwardState<S: Simd> {
+    transmittance: SimdVec<S>,
     /// Part of `pixel . g`.
-    behind: Row<L>,
+    behind: SimdVec<S>,
 }
 
-impl<L: Lanes> Unseen<L> {
+impl<S: Simd> BackwardState<S> {
     /// Takes the next splat back. Gives its weight and alpha times the derivative by alpha.
     #[inline(always)]
     fn uncover<const C: usize>(
         &mut self,
-        k: &Constants<L>,
-        features: [L::Number; C],
-        unlimited: Row<L>,
-        by_color: &[Row<L>; C],
-    ) -> [Row<L>; 2] {
+        k: &Constants<S>,
+        features: [S::Scalar; C],
+        unlimited: SimdVec<S>,
+        by_color: &[SimdVec<S>; C],
+    ) -> [SimdVec<S>; 2] {
         let alpha = unlimited.min(k.alpha_max);
         let clear = k.one - alpha;
         let weight = self.transmittance * alpha;
         self.transmittance = self.transmittance * clear;
-        let features = splat_each(k.lanes, features);
+        let features = broadcast_each(k.simd, features);
         let mut along = k.zero;
         for c in 0..C {
             along = by_color[c].mul_add(features[c], along);
@@ -315,32 +315,32 @@ impl<L: Lanes> Unseen<L> {
         self.behind = self.behind - own;
         let odds = alpha * clear.reciprocal();
         // At the upper limit alpha no longer follows the splat.
-        [weight, (own - self.behind * odds).keep(k.alpha_max.at_least(unlimited))]
+        [weight, (own - self.behind * odds).select_or_zero(k.alpha_max.greater_equal(unlimited))]
     }
 }
 
 /// What takes a block's pixels to sums over them, four splats at a time: once columns are apart, each four of a row is a
 /// row of pixels, and each of its lanes a splat.
-struct Summing<L: Lanes, const C: usize> {
+struct Summing<S: Simd, const C: usize> {
     /// Offsets of columns from the tile's middle.
-    x: [Row<L>; WIDE],
+    x: [SimdVec<S>; WIDE],
     /// Their squares.
-    xx: [Row<L>; WIDE],
+    xx: [SimdVec<S>; WIDE],
     /// Offsets of rows, and their squares.
-    y: [Row<L>; 2],
+    y: [SimdVec<S>; 2],
     /// Derivatives by each feature, by column.
-    by_color: [[Row<L>; WIDE]; C],
+    by_color: [[SimdVec<S>; WIDE]; C],
 }
 
-impl<L: Lanes, const C: usize> Summing<L, C> {
+impl<S: Simd, const C: usize> Summing<S, C> {
     /// For block `b`.
     #[inline(always)]
-    fn new(lanes: L, b: usize, at: &BlockPixels<L>, by_color: &[Row<L>; C]) -> Self {
-        let mut offsets = [L::Number::of(0.0); WIDE];
+    fn new(simd: S, b: usize, at: &BlockPixels<S>, by_color: &[SimdVec<S>; C]) -> Self {
+        let mut offsets = [S::Scalar::from_f64(0.0); WIDE];
         for col in 0..WIDE {
             offsets[col] = offset(b % ACROSS * WIDE + col);
         }
-        let x = splat_each(lanes, offsets);
+        let x = broadcast_each(simd, offsets);
         let mut xx = x;
         for col in 0..WIDE {
             xx[col] = x[col] * x[col];
@@ -357,17 +357,17 @@ impl<L: Lanes, const C: usize> Summing<L, C> {
     #[inline(always)]
     fn add_to(
         &self,
-        lanes: L,
-        sums: &mut [Sums<L::Number>; NUMBERS],
+        simd: S,
+        sums: &mut [Sums<S::Scalar>; NUMBERS],
         splats: &[u8; FOUR],
-        [a, b, c, d]: &[[Row<L>; 2]; FOUR],
+        [a, b, c, d]: &[[SimdVec<S>; 2]; FOUR],
     ) {
         const { assert!(C <= FOUR) };
         let v = transpose_fours([a[1], b[1], c[1], d[1]]);
         let w = transpose_fours([a[0], b[0], c[0], d[0]]);
         let sum = (v[0] + v[1]) + (v[2] + v[3]);
         let (x, xx) = (dot(v, self.x), dot(v, self.xx));
-        let zero = Row::splat(lanes, L::Number::of(0.0));
+        let zero = SimdVec::broadcast(simd, S::Scalar::from_f64(0.0));
         let mut features = [zero; 4];
         for c in 0..C {
             features[c] = dot(w, self.by_color[c]);
@@ -379,16 +379,16 @@ impl<L: Lanes, const C: usize> Summing<L, C> {
             sum_fours(features),
             [zero; 2],
         ];
-        for part in 0..LANES / L::WIDTH {
+        for part in 0..MAX_LANES / S::WIDTH {
             let mut rows = [zero; 4];
             for k in 0..4 {
-                rows[k] = lines[part * high::<L>() + k * L::WIDTH / LANES][k % (LANES / L::WIDTH)];
+                rows[k] = lines[part * high::<S>() + k * S::WIDTH / MAX_LANES][k % (MAX_LANES / S::WIDTH)];
             }
             let rows = transpose_fours(blocks_of_lines(rows));
             for j in 0..4 {
                 let place = &mut sums[usize::from(splats[j])].numbers;
-                let sum = Row::load(lanes, &place[part * L::WIDTH..]) + rows[j];
-                sum.store_to(place, part * L::WIDTH);
+                let sum = SimdVec::load(simd, &place[part * S::WIDTH..]) + rows[j];
+                sum.store_to(place, part * S::WIDTH);
             }
         }
     }
@@ -396,7 +396,7 @@ impl<L: Lanes, const C: usize> Summing<L, C> {
 
 /// The sum of the products, in pairs, which do not wait for each other.
 #[inline(always)]
-fn dot<L: Lanes>(a: [Row<L>; WIDE], b: [Row<L>; WIDE]) -> Row<L> {
+fn dot<S: Simd>(a: [SimdVec<S>; WIDE], b: [SimdVec<S>; WIDE]) -> SimdVec<S> {
     a[1].mul_add(b[1], a[0] * b[0]) + a[3].mul_add(b[3], a[2] * b[2])
 }
 
@@ -404,13 +404,13 @@ fn dot<L: Lanes>(a: [Row<L>; WIDE], b: [Row<L>; WIDE]) -> Row<L> {
 #[derive(Clone, Copy)]
 struct Sums<T> {
     /// Moments 1, x, xx, y, xy, yy of alpha times the derivative by alpha, two left over, derivatives by the features.
-    numbers: [T; LANES],
+    numbers: [T; MAX_LANES],
 }
 
 impl<T: Real> Sums<T> {
     #[inline(always)]
     fn zero() -> Self {
-        Self { numbers: [T::zero(); LANES] }
+        Self { numbers: [T::zero(); MAX_LANES] }
     }
 
     #[inline(always)]
@@ -426,18 +426,18 @@ impl<T: Real> Sums<T> {
 
 /// Adds a batch's sums to the slots of its splats.
 #[inline(always)]
-fn add_to_slots<L: Lanes, const C: usize>(
-    lanes: L,
-    batch: &Batch<L::Number, C>,
-    entries: &[Entry<L::Number, C>],
-    sums: &[Sums<L::Number>; NUMBERS],
-    slots: &mut [Slot<L::Number, C>],
+fn add_to_slots<S: Simd, const C: usize>(
+    simd: S,
+    batch: &Batch<S::Scalar, C>,
+    entries: &[Entry<S::Scalar, C>],
+    sums: &[Sums<S::Scalar>; NUMBERS],
+    slots: &mut [GradientSlot<S::Scalar, C>],
 ) {
-    for (row, entries) in entries.chunks(L::WIDTH).enumerate() {
-        let sums = &sums[row * L::WIDTH..][..L::WIDTH];
-        let moments = about_centers(lanes, batch.centers(lanes, row * L::WIDTH), sums);
+    for (row, entries) in entries.chunks(S::WIDTH).enumerate() {
+        let sums = &sums[row * S::WIDTH..][..S::WIDTH];
+        let moments = about_centers(simd, batch.centers(simd, row * S::WIDTH), sums);
         for ((entry, moments), sums) in entries.iter().zip(&moments).zip(sums) {
-            let mut slot = Slot::default();
+            let mut slot = GradientSlot::default();
             slot.moments.copy_from_slice(&moments[..MOMENTS]);
             slot.feature.copy_from_slice(&sums.by_feature()[..C]);
             slots[entry.slot as usize].add(&slot);
@@ -447,14 +447,14 @@ fn add_to_slots<L: Lanes, const C: usize>(
 
 /// Moments about the centres of a row of splats, which lie so far from the tile's middle; two numbers are left over.
 #[inline(always)]
-fn about_centers<L: Lanes>(
-    lanes: L,
-    [u, v]: [Row<L>; 2],
-    sums: &[Sums<L::Number>],
-) -> [[L::Number; 8]; LANES] {
+fn about_centers<S: Simd>(
+    simd: S,
+    [u, v]: [SimdVec<S>; 2],
+    sums: &[Sums<S::Scalar>],
+) -> [[S::Scalar; 8]; MAX_LANES] {
     let mut rows = [u; 8];
     for j in 0..8 {
-        rows[j] = Row::load_eights(lanes, [sums[j].moments(), sums[(j + 8) % L::WIDTH].moments()]);
+        rows[j] = SimdVec::load_eights(simd, [sums[j].moments(), sums[(j + 8) % S::WIDTH].moments()]);
     }
     let [sum, x, xx, y, xy, yy, ..] = transpose_eights(rows);
     let (by_x, by_y) = (x - u * sum, y - v * sum);

@@ -1,7 +1,7 @@
 //! Rendering splats through affine cameras, and the gradient of a render.
 //!
 //! Along any parallel ray that climbs, a higher point hides a lower one: the altitude of the centres orders the
-//! splats once for every camera of an iteration ([`Prepared`]). A camera projects them in chunks
+//! splats once for every camera of an iteration ([`SortedSplats`]). A camera projects them in chunks
 //! and each band of sixteen pixel rows is binned into tiles and rendered by one thread ([`Rasterizer`]).
 //! A splat's gradients are summed per band, tile by tile, into a slot of its own, and then over the bands, in a fixed
 //! order: no atomic sums, and the same bytes for any number of threads.
@@ -10,18 +10,18 @@ mod bands;
 mod batch;
 mod block;
 mod kernel;
-mod layers;
+mod image;
 mod prepare;
 mod project;
 #[cfg(test)]
 mod tests;
 
-pub use layers::Layers;
-pub use prepare::{Prepared, SplatGradient};
+pub use image::Image;
+pub use prepare::{SortedSplats, SplatGradient};
 pub use project::FrameCamera;
 
-use super::lanes::Lanewise;
-use super::real::Real;
+use crate::simd::Real;
+use crate::simd::SimdReal;
 use bands::Band;
 use block::TILE;
 use project::{CHUNK, Chunk, Projection};
@@ -44,7 +44,7 @@ pub const MAX_SIDE: usize = TILE << u16::BITS;
 pub struct Rasterizer<T, const C: usize> {
     chunks: Vec<Chunk<T>>,
     bands: Vec<Band<T, C>>,
-    image: Layers<T>,
+    image: Image<T>,
     /// The last render's.
     camera: FrameCamera<T>,
 }
@@ -54,24 +54,24 @@ impl<T: Real, const C: usize> Default for Rasterizer<T, C> {
         Self {
             chunks: Vec::new(),
             bands: Vec::new(),
-            image: Layers::default(),
+            image: Image::default(),
             camera: FrameCamera::default(),
         }
     }
 }
 
-impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
+impl<T: SimdReal, const C: usize> Rasterizer<T, C> {
     /// Renders. `features` are in `prepared`'s order; the image has the `C` features over `background` and, as
     /// its last channel, the transmittance left.
     ///
     /// The same as [`Rasterizer::project`], [`Rasterizer::bin`] and [`Rasterizer::draw`] in a row.
     pub fn render(
         &mut self,
-        prepared: &Prepared<T>,
+        prepared: &SortedSplats<T>,
         features: &[[T; C]],
         camera: &FrameCamera<T>,
         background: [T; C],
-    ) -> &Layers<T> {
+    ) -> &Image<T> {
         self.project(prepared, camera);
         self.bin(features);
         self.draw(background);
@@ -79,7 +79,7 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
     }
 
     /// Projects the splats.
-    pub fn project(&mut self, prepared: &Prepared<T>, camera: &FrameCamera<T>) {
+    pub fn project(&mut self, prepared: &SortedSplats<T>, camera: &FrameCamera<T>) {
         self.camera = *camera;
         let ranks = prepared.len();
         self.chunks.resize_with(ranks.div_ceil(CHUNK), Default::default);
@@ -110,26 +110,26 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
 
     /// The image of the last render.
     #[must_use]
-    pub fn image(&self) -> &Layers<T> {
+    pub fn image(&self) -> &Image<T> {
         &self.image
     }
 
-    /// Adds to `gradients` and `by_feature` (both in the order of the render's [`Prepared`]) what the loss's
+    /// Adds to `gradients` and `by_feature` (both in the order of the render's [`SortedSplats`]) what the loss's
     /// derivatives by the last render's pixels (`by_pixel`, `C` channels) mean for the splats.
     ///
-    /// The same as [`Rasterizer::pull_back`] and [`Rasterizer::gather`] in a row.
+    /// The same as [`Rasterizer::pixels_backward`] and [`Rasterizer::gather`] in a row.
     pub fn backward(
         &mut self,
-        by_pixel: &Layers<T>,
+        by_pixel: &Image<T>,
         gradients: &mut [SplatGradient<T>],
         by_feature: &mut [[T; C]],
     ) {
-        self.pull_back(by_pixel);
+        self.pixels_backward(by_pixel);
         self.gather(gradients, by_feature);
     }
 
     /// Takes derivatives by pixels back to each tile's splats.
-    pub fn pull_back(&mut self, by_pixel: &Layers<T>) {
+    pub fn pixels_backward(&mut self, by_pixel: &Image<T>) {
         let width = self.camera.width;
         let images = self.image.data.par_chunks(TILE * (C + 1) * width);
         let derivatives = by_pixel.data.par_chunks(TILE * C * width);
@@ -137,7 +137,7 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
             |(index, (band, (image, by_pixel)))| {
                 let mut slots = std::mem::take(&mut band.slots);
                 slots.clear();
-                slots.resize(band.slot_count(), kernel::Slot::default());
+                slots.resize(band.slot_count(), kernel::GradientSlot::default());
                 let mut products = std::mem::take(&mut band.products);
                 products.resize(by_pixel.len() / C, T::zero());
                 T::dispatch(kernel::Backward {
@@ -154,7 +154,7 @@ impl<T: Lanewise, const C: usize> Rasterizer<T, C> {
         );
     }
 
-    /// Adds up what [`Rasterizer::pull_back`] found for each splat.
+    /// Adds up what [`Rasterizer::pixels_backward`] found for each splat.
     pub fn gather(&mut self, gradients: &mut [SplatGradient<T>], by_feature: &mut [[T; C]]) {
         let (bands, camera) = (&self.bands, &self.camera);
         let outputs = gradients.par_chunks_mut(CHUNK).zip(by_feature.par_chunks_mut(CHUNK));

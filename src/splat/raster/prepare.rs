@@ -1,47 +1,47 @@
 //! What all cameras of an iteration share: the altitude order, covariances, opacities; and the way back from
 //! their gradients to the parameters.
 
-use crate::splat::gaussians::Gaussians;
-use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Mask, Ring, Row, splat_each};
-use crate::splat::real::Real;
+use crate::simd::Real;
+use crate::simd::{Arithmetic, MAX_LANES, Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
+use crate::splat::splats::Splats;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
 /// Splats that one task works on.
-const PIECE: usize = 64 * LANES;
+const PIECE: usize = 64 * MAX_LANES;
 
 /// Splats in order of altitude, highest first, ready to be projected.
 #[derive(Default)]
-pub struct Prepared<T> {
+pub struct SortedSplats<T> {
     /// Index of the splat at each rank.
     order: Vec<u32>,
     /// Rank of each splat.
     rank: Vec<AtomicU32>,
     sorted: Order,
-    pub(super) packs: Vec<Pack<T>>,
+    pub(super) blocks: Vec<SplatBlock<T>>,
     /// Sum of the opacities of each piece.
     opacities: Vec<f64>,
 }
 
-/// Splats of [`LANES`] successive ranks as every camera needs them, a lane each. Aligned: a row is a register.
+/// Splats of [`MAX_LANES`] successive ranks as every camera needs them, a lane each. Aligned: a row is a register.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(super) struct Pack<T> {
-    pub position: [[T; LANES]; 3],
+pub(super) struct SplatBlock<T> {
+    pub position: [[T; MAX_LANES]; 3],
     /// xx, xy, xz, yy, yz, zz; m².
-    pub covariance: [[T; LANES]; 6],
+    pub covariance: [[T; MAX_LANES]; 6],
     /// Zero beyond the last splat.
-    pub opacity: [T; LANES],
+    pub opacity: [T; MAX_LANES],
 }
 
-impl<T: Real> Default for Pack<T> {
+impl<T: Real> Default for SplatBlock<T> {
     fn default() -> Self {
-        let zero = [T::zero(); LANES];
+        let zero = [T::zero(); MAX_LANES];
         Self { position: [zero; 3], covariance: [zero; 6], opacity: zero }
     }
 }
 
-/// Derivatives of the loss by what [`Prepared`] holds of one splat.
+/// Derivatives of the loss by what [`SortedSplats`] holds of one splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SplatGradient<T> {
     /// By the centre.
@@ -137,7 +137,7 @@ impl Order {
     }
 }
 
-impl<T: Lanewise> Prepared<T> {
+impl<T: SimdReal> SortedSplats<T> {
     /// Number of splats.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -157,9 +157,9 @@ impl<T: Lanewise> Prepared<T> {
     }
 
     /// Orders the splats and computes what cameras share.
-    pub fn update(&mut self, gaussians: &Gaussians<T>) {
+    pub fn update(&mut self, gaussians: &Splats<T>) {
         let n = gaussians.len();
-        let altitudes = gaussians.position.par_iter().with_min_len(PIECE).map(|p| p[2].wide() as f32);
+        let altitudes = gaussians.position.par_iter().with_min_len(PIECE).map(|p| p[2].as_f64() as f32);
         let keys = Keys::new(altitudes.clone());
         self.sorted.sort(altitudes.map(|altitude| keys.of(altitude)));
         self.order.resize(n, 0);
@@ -170,18 +170,18 @@ impl<T: Lanewise> Prepared<T> {
             self.rank[*splat as usize].store(rank as u32, Relaxed);
         });
         let order = &self.order;
-        self.packs.resize(n.div_ceil(LANES), Pack::default());
+        self.blocks.resize(n.div_ceil(MAX_LANES), SplatBlock::default());
         self.opacities.resize(n.div_ceil(PIECE), 0.0);
-        let packs = self.packs.par_chunks_mut(PIECE / LANES).zip(&mut self.opacities);
-        packs.zip(order.par_chunks(PIECE)).for_each(|((packs, opacity), order)| {
-            T::dispatch(Share { gaussians, order, packs, opacity });
+        let blocks = self.blocks.par_chunks_mut(PIECE / MAX_LANES).zip(&mut self.opacities);
+        blocks.zip(order.par_chunks(PIECE)).for_each(|((blocks, opacity), order)| {
+            T::dispatch(Share { gaussians, order, blocks, opacity });
         });
     }
 
     /// Opacity of the splat at a rank.
     #[must_use]
     pub fn opacity(&self, rank: usize) -> T {
-        self.packs[rank / LANES].opacity[rank % LANES]
+        self.blocks[rank / MAX_LANES].opacity[rank % MAX_LANES]
     }
 
     /// Mean opacity of all splats.
@@ -193,12 +193,12 @@ impl<T: Lanewise> Prepared<T> {
     /// Writes into `out` the derivatives by the parameters (colour excepted), from those by what cameras share.
     pub fn parameter_gradients(
         &self,
-        gaussians: &Gaussians<T>,
+        gaussians: &Splats<T>,
         gradients: &[SplatGradient<T>],
-        out: &mut Gaussians<T>,
+        out: &mut Splats<T>,
     ) {
         let scales = out.log_scale.par_chunks_mut(PIECE).zip(out.rotation.par_chunks_mut(PIECE));
-        let others = out.position.par_chunks_mut(PIECE).zip(out.logit.par_chunks_mut(PIECE));
+        let others = out.position.par_chunks_mut(PIECE).zip(out.opacity_logit.par_chunks_mut(PIECE));
         scales.zip(others).zip(self.rank.par_chunks(PIECE)).enumerate().for_each(
             |(k, (((log_scale, rotation), (position, logit)), rank))| {
                 for ((position, logit), rank) in position.iter_mut().zip(logit).zip(rank) {
@@ -206,7 +206,7 @@ impl<T: Lanewise> Prepared<T> {
                     let g = &gradients[rank];
                     *position = g.position;
                     // The opacity is the logit's sigmoid.
-                    *logit = g.log_opacity * (T::one() - self.opacity(rank));
+                    *logit = [g.log_opacity * (T::one() - self.opacity(rank))];
                 }
                 let first = k * PIECE;
                 T::dispatch(Unshare { gaussians, gradients, first, rank, log_scale, rotation });
@@ -223,38 +223,38 @@ impl<T: Lanewise> Prepared<T> {
 
 /// One lane a splat: number `k` of the arrays that `of` finds.
 #[inline(always)]
-fn gather<L: Lanes, const K: usize>(
-    lanes: L,
+fn gather<S: Simd, const K: usize>(
+    simd: S,
     count: usize,
-    of: impl Fn(usize) -> [L::Number; K],
-) -> [Row<L>; K] {
-    let mut values = [[L::Number::of(1.0); LANES]; K];
-    for i in 0..count.min(L::WIDTH) {
+    of: impl Fn(usize) -> [S::Scalar; K],
+) -> [SimdVec<S>; K] {
+    let mut values = [[S::Scalar::from_f64(1.0); MAX_LANES]; K];
+    for i in 0..count.min(S::WIDTH) {
         let found = of(i);
         for k in 0..K {
             values[k][i] = found[k];
         }
     }
-    let mut out = [Row::load(lanes, &values[0]); K];
+    let mut out = [SimdVec::load(simd, &values[0]); K];
     for k in 1..K {
-        out[k] = Row::load(lanes, &values[k]);
+        out[k] = SimdVec::load(simd, &values[k]);
     }
     out
 }
 
 /// The arrays of each splat from rows with one lane a splat.
 #[inline(always)]
-fn scatter<L: Lanes, const K: usize>(
-    rows: [Row<L>; K],
+fn scatter<S: Simd, const K: usize>(
+    rows: [SimdVec<S>; K],
     count: usize,
-    mut to: impl FnMut(usize, [L::Number; K]),
+    mut to: impl FnMut(usize, [S::Scalar; K]),
 ) {
-    let mut values = [[L::Number::of(0.0); LANES]; K];
+    let mut values = [[S::Scalar::from_f64(0.0); MAX_LANES]; K];
     for k in 0..K {
         rows[k].store_to(&mut values[k], 0);
     }
-    for i in 0..count.min(L::WIDTH) {
-        let mut of = [L::Number::of(0.0); K];
+    for i in 0..count.min(S::WIDTH) {
+        let mut of = [S::Scalar::from_f64(0.0); K];
         for k in 0..K {
             of[k] = values[k][i];
         }
@@ -264,40 +264,40 @@ fn scatter<L: Lanes, const K: usize>(
 
 /// Computes what cameras share of some splats.
 struct Share<'a, T> {
-    gaussians: &'a Gaussians<T>,
+    gaussians: &'a Splats<T>,
     order: &'a [u32],
-    packs: &'a mut [Pack<T>],
+    blocks: &'a mut [SplatBlock<T>],
     /// The sum of their opacities.
     opacity: &'a mut f64,
 }
 
-impl<T: Lanewise> Kernel<T> for Share<'_, T> {
+impl<T: SimdReal> SimdKernel<T> for Share<'_, T> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
         let g = self.gaussians;
-        let [zero, one] = splat_each(lanes, [T::zero(), T::one()]);
+        let [zero, one] = broadcast_each(simd, [T::zero(), T::one()]);
         *self.opacity = 0.0;
-        for (pack, order) in self.packs.iter_mut().zip(self.order.chunks(LANES)) {
-            for first in (0..LANES).step_by(L::WIDTH) {
+        for (block, order) in self.blocks.iter_mut().zip(self.order.chunks(MAX_LANES)) {
+            for first in (0..MAX_LANES).step_by(S::WIDTH) {
                 let order = order.get(first..).unwrap_or_default();
                 let n = order.len();
-                let position = gather(lanes, n, |i| g.position[order[i] as usize]);
-                let log_scale = gather(lanes, n, |i| g.log_scale[order[i] as usize]);
-                let rotation = gather(lanes, n, |i| g.rotation[order[i] as usize]);
-                let [logit] = gather(lanes, n, |i| [g.logit[order[i] as usize]]);
+                let position = gather(simd, n, |i| g.position[order[i] as usize]);
+                let log_scale = gather(simd, n, |i| g.log_scale[order[i] as usize]);
+                let rotation = gather(simd, n, |i| g.rotation[order[i] as usize]);
+                let [logit] = gather(simd, n, |i| g.opacity_logit[order[i] as usize]);
                 let mut variance = log_scale;
                 for k in 0..3 {
                     variance[k] = (log_scale[k] + log_scale[k]).exp();
-                    position[k].store_to(&mut pack.position[k], first);
+                    position[k].store_to(&mut block.position[k], first);
                 }
-                let covariance = Turn::new(lanes, rotation).covariance(variance);
+                let covariance = Rotation::new(simd, rotation).covariance(variance);
                 for k in 0..6 {
-                    covariance[k].store_to(&mut pack.covariance[k], first);
+                    covariance[k].store_to(&mut block.covariance[k], first);
                 }
                 let opacity = (one + (zero - logit).exp()).reciprocal();
-                let opacity = opacity.keep(Mask::first(lanes, n));
-                opacity.store_to(&mut pack.opacity, first);
-                *self.opacity += opacity.sum().wide();
+                let opacity = opacity.select_or_zero(SimdMask::first(simd, n));
+                opacity.store_to(&mut block.opacity, first);
+                *self.opacity += opacity.sum().as_f64();
             }
         }
     }
@@ -305,7 +305,7 @@ impl<T: Lanewise> Kernel<T> for Share<'_, T> {
 
 /// Turns derivatives by covariances into those by scales and rotations, for some splats.
 struct Unshare<'a, T> {
-    gaussians: &'a Gaussians<T>,
+    gaussians: &'a Splats<T>,
     gradients: &'a [SplatGradient<T>],
     first: usize,
     rank: &'a [AtomicU32],
@@ -313,21 +313,21 @@ struct Unshare<'a, T> {
     rotation: &'a mut [[T; 4]],
 }
 
-impl<T: Lanewise> Kernel<T> for Unshare<'_, T> {
+impl<T: SimdReal> SimdKernel<T> for Unshare<'_, T> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
         let Self { gaussians, gradients, .. } = self;
-        let outputs = self.log_scale.chunks_mut(L::WIDTH).zip(self.rotation.chunks_mut(L::WIDTH));
-        for (k, ((by_log_scale, by_rotation), rank)) in outputs.zip(self.rank.chunks(L::WIDTH)).enumerate() {
-            let (n, first) = (rank.len(), self.first + k * L::WIDTH);
-            let log_scale = gather(lanes, n, |i| gaussians.log_scale[first + i]);
-            let rotation = gather(lanes, n, |i| gaussians.rotation[first + i]);
-            let by_covariance = gather(lanes, n, |i| gradients[rank[i].load(Relaxed) as usize].covariance);
+        let outputs = self.log_scale.chunks_mut(S::WIDTH).zip(self.rotation.chunks_mut(S::WIDTH));
+        for (k, ((by_log_scale, by_rotation), rank)) in outputs.zip(self.rank.chunks(S::WIDTH)).enumerate() {
+            let (n, first) = (rank.len(), self.first + k * S::WIDTH);
+            let log_scale = gather(simd, n, |i| gaussians.log_scale[first + i]);
+            let rotation = gather(simd, n, |i| gaussians.rotation[first + i]);
+            let by_covariance = gather(simd, n, |i| gradients[rank[i].load(Relaxed) as usize].covariance);
             let mut scale = log_scale;
             for k in 0..3 {
                 scale[k] = log_scale[k].exp();
             }
-            let (by_scale, by_turn) = Turn::new(lanes, rotation).gradient(scale, by_covariance);
+            let (by_scale, by_turn) = Rotation::new(simd, rotation).gradient(scale, by_covariance);
             scatter(by_scale, n, |i, v| by_log_scale[i] = v);
             scatter(by_turn, n, |i, v| by_rotation[i] = v);
         }
@@ -335,22 +335,22 @@ impl<T: Lanewise> Kernel<T> for Unshare<'_, T> {
 }
 
 /// A rotation by a quaternion of any length.
-struct Turn<N> {
+struct Rotation<N> {
     quaternion: [N; 4],
     /// One over its squared length.
     inverse: N,
     matrix: [[N; 3]; 3],
 }
 
-impl<L: Lanes> Turn<Row<L>> {
+impl<S: Simd> Rotation<SimdVec<S>> {
     #[inline(always)]
-    fn new(lanes: L, [w, x, y, z]: [Row<L>; 4]) -> Self {
-        let [least, one] = splat_each(lanes, [1e-24, 1.0].map(L::Number::of));
+    fn new(simd: S, [w, x, y, z]: [SimdVec<S>; 4]) -> Self {
+        let [least, one] = broadcast_each(simd, [1e-24, 1.0].map(S::Scalar::from_f64));
         Self::of([w, x, y, z], (w * w + x * x + y * y + z * z).max(least).reciprocal(), one)
     }
 }
 
-impl<N: Ring> Turn<N> {
+impl<N: Arithmetic> Rotation<N> {
     #[inline(always)]
     fn of(quaternion: [N; 4], inverse: N, one: N) -> Self {
         let [w, x, y, z] = quaternion;
@@ -453,7 +453,7 @@ mod tests {
         let g = [0.3, -0.2, 0.5, 0.7, 0.1, -0.4];
         // Off-diagonal elements count twice, once for each place in the matrix.
         let weight = [1.0, 2.0, 2.0, 1.0, 2.0, 1.0];
-        let turn = |q: [f64; 4]| Turn::of(q, 1.0 / q.iter().map(|v| v * v).sum::<f64>(), 1.0);
+        let turn = |q: [f64; 4]| Rotation::of(q, 1.0 / q.iter().map(|v| v * v).sum::<f64>(), 1.0);
         let loss = |s: [f64; 3], q| -> f64 {
             let covariance = turn(q).covariance(s.map(|s| (2.0 * s).exp()));
             (0..6).map(|k| weight[k] * g[k] * covariance[k]).sum()

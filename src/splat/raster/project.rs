@@ -2,16 +2,18 @@
 
 use super::bands::Band;
 use super::block::TILE;
-use super::kernel::{Slot, add};
-use super::prepare::{ELEMENTS, Pack, Prepared, SplatGradient};
+use super::kernel::{GradientSlot, add};
+use super::prepare::{ELEMENTS, SortedSplats, SplatBlock, SplatGradient};
 use super::{ALPHA_CUT, LOW_PASS_PX2};
 use crate::affine::AffineCamera;
-use crate::splat::lanes::{Kernel, LANES, Lanes, Lanewise, Row, arrays_of_lanes, set_bits, splat_each};
-use crate::splat::real::Real;
+use crate::simd::Real;
+use crate::simd::{
+    MAX_LANES, Simd, SimdKernel, SimdReal, SimdVec, arrays_of_lanes, broadcast_each, set_bits,
+};
 use std::ops::Range;
 
 /// Ranks that are projected together; fixed, so that sums do not depend on the number of threads.
-pub(super) const CHUNK: usize = 128 * LANES;
+pub(super) const CHUNK: usize = 128 * MAX_LANES;
 
 /// An affine camera and the size of its image, in the numbers of the rasteriser.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -30,7 +32,12 @@ impl<T: Real> FrameCamera<T> {
     /// The camera for an image of this size.
     #[must_use]
     pub fn new(camera: &AffineCamera, width: usize, height: usize) -> Self {
-        Self { linear: camera.linear.map(|l| l.map(T::of)), offset: camera.offset.map(T::of), width, height }
+        Self {
+            linear: camera.linear.map(|l| l.map(T::from_f64)),
+            offset: camera.offset.map(T::from_f64),
+            width,
+            height,
+        }
     }
 }
 
@@ -45,7 +52,7 @@ pub(super) struct Footprint<N> {
     pub log2_opacity: N,
     /// Squared Mahalanobis radius of the cut-off.
     pub radius2: N,
-    /// Row (from the centre) of the rightmost column at the cut-off.
+    /// SimdVec (from the centre) of the rightmost column at the cut-off.
     pub lean: N,
 }
 
@@ -100,15 +107,15 @@ pub(super) struct Chunk<T> {
 /// Projects a chunk; a kernel to be compiled with the processor's own rounding and fused instructions.
 pub(super) struct Projection<'a, T> {
     pub chunk: &'a mut Chunk<T>,
-    pub prepared: &'a Prepared<T>,
+    pub prepared: &'a SortedSplats<T>,
     pub ranks: Range<usize>,
     pub camera: &'a FrameCamera<T>,
 }
 
-impl<T: Lanewise> Kernel<T> for Projection<'_, T> {
+impl<T: SimdReal> SimdKernel<T> for Projection<'_, T> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        self.chunk.project(lanes, self.prepared, self.ranks, self.camera);
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
+        self.chunk.project(simd, self.prepared, self.ranks, self.camera);
     }
 }
 
@@ -129,10 +136,10 @@ impl<T> Default for Chunk<T> {
 impl<T: Real> Chunk<T> {
     /// Projects the splats of `ranks`, leaving out those that no pixel sees.
     #[inline(always)]
-    fn project<L: Lanes<Number = T>>(
+    fn project<S: Simd<Scalar = T>>(
         &mut self,
-        lanes: L,
-        prepared: &Prepared<T>,
+        simd: S,
+        prepared: &SortedSplats<T>,
         ranks: Range<usize>,
         camera: &FrameCamera<T>,
     ) {
@@ -141,11 +148,11 @@ impl<T: Real> Chunk<T> {
         self.unsorted.clear();
         self.band_starts.clear();
         self.band_starts.resize(camera.height.div_ceil(TILE) + 1, 0);
-        let eye = Eye::new(lanes, camera);
-        let packs = &prepared.packs[ranks.start / LANES..ranks.end.div_ceil(LANES)];
-        for (pack, first) in packs.iter().zip(ranks.step_by(LANES)) {
-            for lane in (0..LANES).step_by(L::WIDTH) {
-                let sight = eye.look_at(lanes, pack, lane);
+        let eye = SimdCamera::new(simd, camera);
+        let blocks = &prepared.blocks[ranks.start / MAX_LANES..ranks.end.div_ceil(MAX_LANES)];
+        for (block, first) in blocks.iter().zip(ranks.step_by(MAX_LANES)) {
+            for lane in (0..MAX_LANES).step_by(S::WIDTH) {
+                let sight = eye.look_at(simd, block, lane);
                 for i in set_bits(sight.seen) {
                     self.take_up(&sight, i, (first + lane + i) as u32, camera.width);
                 }
@@ -156,7 +163,7 @@ impl<T: Real> Chunk<T> {
 
     /// Takes up the splat in a lane, if it has spans.
     #[inline(always)]
-    fn take_up(&mut self, sight: &Sight<T>, lane: usize, rank: u32, width: usize) {
+    fn take_up(&mut self, sight: &Projected<T>, lane: usize, rank: u32, width: usize) {
         let [left, right, top, bottom] = [0, 1, 2, 3].map(|k| sight.tiles[k][lane]);
         let footprint = sight.footprints[lane];
         let (splat, before) = (self.seen.len() as u32, self.unsorted.len());
@@ -218,7 +225,7 @@ impl<T: Real> Chunk<T> {
         by_feature: &mut [[T; C]],
     ) {
         // By splat: small enough to stay in the cache, while all else is read and written from first to last.
-        let mut sums = [Slot::default(); CHUNK];
+        let mut sums = [GradientSlot::default(); CHUNK];
         for (b, band) in bands.iter().enumerate() {
             for (span, slot) in self.spans(b).iter().zip(band.slots_of_chunk(index)) {
                 sums[span.splat as usize].add(slot);
@@ -246,7 +253,7 @@ impl<T: Real> Footprint<T> {
     fn back_project<const C: usize>(
         &self,
         camera: &FrameCamera<T>,
-        by: &Slot<T, C>,
+        by: &GradientSlot<T, C>,
         out: &mut SplatGradient<T>,
     ) -> [T; 2] {
         let m = &camera.linear;
@@ -257,7 +264,7 @@ impl<T: Real> Footprint<T> {
         }
         out.log_opacity = out.log_opacity + sum;
         // By the image's covariance: half of conic * moments * conic.
-        let half = T::of(0.5);
+        let half = T::from_f64(0.5);
         let p = [[a * xx + b * xy, a * xy + b * yy], [b * xx + c * xy, b * xy + c * yy]];
         let gxx = half * (p[0][0] * a + p[0][1] * b);
         let gxy = half * (p[0][0] * b + p[0][1] * c);
@@ -273,13 +280,13 @@ impl<T: Real> Footprint<T> {
     #[inline(always)]
     fn tiles(&self, half_cols: T, band: u32, width: usize) -> Option<(u32, u32)> {
         let [mx, my] = self.mean;
-        let top = T::of(f64::from(band) * TILE as f64) - my;
-        let bottom = top + T::of(TILE as f64 - 1.0);
+        let top = T::from_f64(f64::from(band) * TILE as f64) - my;
+        let bottom = top + T::from_f64(TILE as f64 - 1.0);
         let left = mx + self.furthest(-T::one(), half_cols, top, bottom);
         let right = mx + self.furthest(T::one(), half_cols, top, bottom);
         let left = left.max(T::zero()).ceil();
-        let right = right.min(T::of(width as f64 - 1.0)).floor();
-        (left <= right).then(|| (left.small() / TILE as u32, right.small() / TILE as u32))
+        let right = right.min(T::from_f64(width as f64 - 1.0)).floor();
+        (left <= right).then(|| (left.as_u32() / TILE as u32, right.as_u32() / TILE as u32))
     }
 
     /// Column (from the centre) of the ellipse's edge on one `side` (-1 or 1) within a band's rows.
@@ -298,34 +305,34 @@ impl<T: Real> Footprint<T> {
 }
 
 /// What a camera sees of a row of splats.
-struct Sight<T> {
+struct Projected<T> {
     /// The lanes of those with a pixel in their ellipse's box, as bits.
     seen: u32,
     /// [`Footprint::numbers`].
-    footprints: [[T; 8]; LANES],
+    footprints: [[T; 8]; MAX_LANES],
     /// Half widths of the ellipses, pixels.
-    half_cols: [T; LANES],
+    half_cols: [T; MAX_LANES],
     /// First and last column of tiles that an ellipse's box touches, first and last row.
-    tiles: [[u32; LANES]; 4],
+    tiles: [[u32; MAX_LANES]; 4],
 }
 
 /// A camera, each of its numbers in every lane.
-struct Eye<L: Lanes> {
-    linear: [[Row<L>; 3]; 2],
-    offset: [Row<L>; 2],
+struct SimdCamera<S: Simd> {
+    linear: [[SimdVec<S>; 3]; 2],
+    offset: [SimdVec<S>; 2],
     /// Columns and rows of its image.
-    size: [Row<L>; 2],
+    size: [SimdVec<S>; 2],
 }
 
-impl<L: Lanes> Eye<L> {
+impl<S: Simd> SimdCamera<S> {
     #[inline(always)]
-    fn new(lanes: L, camera: &FrameCamera<L::Number>) -> Self {
+    fn new(simd: S, camera: &FrameCamera<S::Scalar>) -> Self {
         let [col, row] = camera.linear;
-        let size = [camera.width as f64, camera.height as f64].map(L::Number::of);
+        let size = [camera.width as f64, camera.height as f64].map(S::Scalar::from_f64);
         Self {
-            linear: [splat_each(lanes, col), splat_each(lanes, row)],
-            offset: splat_each(lanes, camera.offset),
-            size: splat_each(lanes, size),
+            linear: [broadcast_each(simd, col), broadcast_each(simd, row)],
+            offset: broadcast_each(simd, camera.offset),
+            size: broadcast_each(simd, size),
         }
     }
 
@@ -333,13 +340,14 @@ impl<L: Lanes> Eye<L> {
     #[inline(always)]
     fn project(
         &self,
-        lanes: L,
-        position: [Row<L>; 3],
-        covariance: [Row<L>; 6],
-        opacity: Row<L>,
-    ) -> (Footprint<Row<L>>, [Row<L>; 2]) {
+        simd: S,
+        position: [SimdVec<S>; 3],
+        covariance: [SimdVec<S>; 6],
+        opacity: SimdVec<S>,
+    ) -> (Footprint<SimdVec<S>>, [SimdVec<S>; 2]) {
         let constants = [-ALPHA_CUT.log2(), 2.0 * std::f64::consts::LN_2, LOW_PASS_PX2, 0.0];
-        let [above_cut, twice_ln_2, low_pass, zero] = splat_each(lanes, constants.map(L::Number::of));
+        let [above_cut, twice_ln_2, low_pass, zero] =
+            broadcast_each(simd, constants.map(S::Scalar::from_f64));
         let ([x, y, z], [sxx, sxy, sxz, syy, syz, szz]) = (position, covariance);
         let (m, mut mean, mut rows) = (&self.linear, [zero; 2], [[zero; 3]; 2]);
         for i in 0..2 {
@@ -361,43 +369,46 @@ impl<L: Lanes> Eye<L> {
         (Footprint { mean, conic, log2_opacity, radius2, lean }, half_size)
     }
 
-    /// What it sees of the splats of a pack from a lane on.
+    /// What it sees of the splats of a block from a lane on.
     #[inline(always)]
-    fn look_at(&self, lanes: L, pack: &Pack<L::Number>, lane: usize) -> Sight<L::Number> {
+    fn look_at(&self, simd: S, block: &SplatBlock<S::Scalar>, lane: usize) -> Projected<S::Scalar> {
         let constants = [0.0, 1.0, 1.0 / TILE as f64, ALPHA_CUT, f32::MAX.into()];
-        let [zero, one, sixteenth, cut, most] = splat_each(lanes, constants.map(L::Number::of));
+        let [zero, one, sixteenth, cut, most] = broadcast_each(simd, constants.map(S::Scalar::from_f64));
         let (mut position, mut covariance) = ([zero; 3], [zero; 6]);
         for k in 0..3 {
-            position[k] = Row::load(lanes, &pack.position[k][lane..]);
+            position[k] = SimdVec::load(simd, &block.position[k][lane..]);
         }
         for k in 0..6 {
-            covariance[k] = Row::load(lanes, &pack.covariance[k][lane..]);
+            covariance[k] = SimdVec::load(simd, &block.covariance[k][lane..]);
         }
-        let opacity = Row::load(lanes, &pack.opacity[lane..]);
-        let (footprint, half_size) = self.project(lanes, position, covariance, opacity);
+        let opacity = SimdVec::load(simd, &block.opacity[lane..]);
+        let (footprint, half_size) = self.project(simd, position, covariance, opacity);
         let Footprint { mean, conic, radius2, .. } = footprint;
-        let mut seen = opacity.above(cut);
+        let mut seen = opacity.greater_than(cut);
         for positive in [radius2, conic[0], conic[2]] {
-            seen = seen.and(positive.above(zero)).and(most.at_least(positive));
+            seen = seen.and(positive.greater_than(zero)).and(most.greater_equal(positive));
         }
-        let mut sight = Sight {
+        let mut sight = Projected {
             seen: 0,
             footprints: arrays_of_lanes(footprint.numbers()),
-            half_cols: [L::Number::of(0.0); LANES],
-            tiles: [[0; LANES]; 4],
+            half_cols: [S::Scalar::from_f64(0.0); MAX_LANES],
+            tiles: [[0; MAX_LANES]; 4],
         };
         for i in 0..2 {
             let (low, high) = (mean[i] - half_size[i], mean[i] + half_size[i]);
             // The first pixel from `low` and the last up to `high`, as far as there are any.
             let low = low.max(zero).min(self.size[i]);
             let whole = low.floor();
-            let first = whole + one.keep(low.above(whole));
+            let first = whole + one.select_or_zero(low.greater_than(whole));
             let last = high.min(self.size[i] - one).max(zero).floor();
-            seen = seen.and(most.at_least(mean[i].abs())).and(high.at_least(zero)).and(last.at_least(first));
+            seen = seen
+                .and(most.greater_equal(mean[i].abs()))
+                .and(high.greater_equal(zero))
+                .and(last.greater_equal(first));
             (first * sixteenth).floor().store_whole(&mut sight.tiles[2 * i]);
             (last * sixteenth).floor().store_whole(&mut sight.tiles[2 * i + 1]);
         }
-        sight.seen = seen.bits();
+        sight.seen = seen.bitmask();
         half_size[0].store_to(&mut sight.half_cols, 0);
         sight
     }

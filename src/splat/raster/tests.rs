@@ -1,7 +1,8 @@
 //! Gradients against central differences in f64, f32 against f64, closed forms.
 
 use super::*;
-use crate::splat::gaussians::{Gaussians, SH_C0};
+use crate::splat::edit::Edit;
+use crate::splat::splats::{GROUPS, Splats, color_from_f_dc, f_dc_gradient};
 
 /// Uniform numbers in [0, 1), by hashing a counter.
 fn uniform(counter: &mut u64) -> f64 {
@@ -12,15 +13,15 @@ fn uniform(counter: &mut u64) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-fn scene(n: usize, seed: u64) -> Gaussians<f64> {
+fn scene(n: usize, seed: u64) -> Splats<f64> {
     let mut counter = seed << 32;
     let mut u = |lo: f64, hi: f64| lo + (hi - lo) * uniform(&mut counter);
-    let mut g = Gaussians::default();
+    let mut g = Splats::default();
     for _ in 0..n {
         g.position.push([u(-6.0, 6.0), u(-5.0, 5.0), u(-3.0, 3.0)]);
         g.log_scale.push([u(-0.7, 0.7), u(-0.7, 0.7), u(-0.7, 0.7)]);
         g.rotation.push([u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0)]);
-        g.logit.push(u(-2.0, 1.0));
+        g.opacity_logit.push([u(-2.0, 1.0)]);
         g.f_dc.push([u(-1.0, 1.0), u(-1.0, 1.0), u(-1.0, 1.0)]);
     }
     g
@@ -32,29 +33,28 @@ fn camera<T: Real>() -> FrameCamera<T> {
     FrameCamera::new(&camera, 37, 35)
 }
 
-fn features<T: Lanewise>(g: &Gaussians<T>, prepared: &Prepared<T>) -> Vec<[T; 4]> {
-    let rgb = |v: T| v * T::of(SH_C0) + T::of(0.5);
+fn features<T: SimdReal>(g: &Splats<T>, prepared: &SortedSplats<T>) -> Vec<[T; 4]> {
     let of = |&i: &u32| {
-        let f = g.f_dc[i as usize];
-        [rgb(f[0]), rgb(f[1]), rgb(f[2]), g.position[i as usize][2]]
+        let [red, green, blue] = color_from_f_dc(g.f_dc[i as usize]);
+        [red, green, blue, g.position[i as usize][2]]
     };
     prepared.order().iter().map(of).collect()
 }
 
 /// Weights of a linear loss on the image.
-fn weights<T: Real>(camera: &FrameCamera<T>) -> Layers<T> {
-    let mut w = Layers::zeros(camera.width, camera.height, 4);
+fn weights<T: Real>(camera: &FrameCamera<T>) -> Image<T> {
+    let mut w = Image::zeros(camera.width, camera.height, 4);
     let mut counter = 77 << 32;
     for v in &mut w.data {
-        *v = T::of(uniform(&mut counter) - 0.4);
+        *v = T::from_f64(uniform(&mut counter) - 0.4);
     }
     w
 }
 
 const BACKGROUND: [f64; 4] = [0.2, 0.9, 0.4, -4.0];
 
-fn loss(g: &Gaussians<f64>) -> f64 {
-    let mut prepared = Prepared::default();
+fn loss(g: &Splats<f64>) -> f64 {
+    let mut prepared = SortedSplats::default();
     prepared.update(g);
     let camera = camera();
     let mut raster = Rasterizer::<f64, 4>::default();
@@ -69,21 +69,21 @@ fn loss(g: &Gaussians<f64>) -> f64 {
     sum
 }
 
-fn gradient<T: Lanewise>(g: &Gaussians<T>) -> Gaussians<T> {
-    let mut prepared = Prepared::default();
+fn gradient<T: SimdReal>(g: &Splats<T>) -> Splats<T> {
+    let mut prepared = SortedSplats::default();
     prepared.update(g);
     let camera = camera();
     let mut raster = Rasterizer::<T, 4>::default();
     let f = features(g, &prepared);
-    raster.render(&prepared, &f, &camera, BACKGROUND.map(T::of));
+    raster.render(&prepared, &f, &camera, BACKGROUND.map(T::from_f64));
     let mut shared = vec![SplatGradient::default(); g.len()];
     let mut by_feature = vec![[T::zero(); 4]; g.len()];
     raster.backward(&weights(&camera), &mut shared, &mut by_feature);
-    let mut out = Gaussians::zeros(g.len());
+    let mut out = Splats::zeros(g.len());
     prepared.parameter_gradients(g, &shared, &mut out);
     for i in 0..g.len() {
         let by = by_feature[prepared.rank(i)];
-        out.f_dc[i] = std::array::from_fn(|k| by[k] * T::of(SH_C0));
+        out.f_dc[i] = f_dc_gradient([by[0], by[1], by[2]]);
         out.position[i][2] = out.position[i][2] + by[3];
     }
     out
@@ -93,10 +93,10 @@ fn gradient<T: Lanewise>(g: &Gaussians<T>) -> Gaussians<T> {
 /// parameter in `every` so many.
 ///
 /// The cut-off at 1/255 makes the loss jump; a difference quotient across a jump is dropped by comparing two steps.
-fn worst_disagreement(g: &Gaussians<f64>, analytic: &Gaussians<f64>, every: usize) -> f64 {
+fn worst_disagreement(g: &Splats<f64>, analytic: &Splats<f64>, every: usize) -> f64 {
     let mut worst: f64 = 0.0;
     let (mut asked, mut compared) = (0, 0);
-    for group in 0..5 {
+    for group in 0..GROUPS {
         let largest = analytic.groups()[group].iter().fold(0.0f64, |m, v| m.max(v.abs()));
         for k in (0..analytic.groups()[group].len()).step_by(every) {
             asked += 1;
@@ -133,7 +133,7 @@ fn gradients_agree_where_a_tile_has_more_splats_than_one_batch() {
     for i in 0..g.len() {
         // So clear that the last are still seen.
         g.log_scale[i] = g.log_scale[i].map(|s| s - 0.7);
-        g.logit[i] -= 3.0;
+        g.opacity_logit[i][0] -= 3.0;
     }
     let worst = worst_disagreement(&g, &gradient(&g), 131);
     assert!(worst < 1e-6, "{worst:e}");
@@ -164,11 +164,11 @@ fn f32_kernels_agree_with_f64() {
 
 #[test]
 fn what_was_rendered_before_leaves_no_trace() {
-    let (mut prepared, mut raster) = (Prepared::default(), Rasterizer::<f32, 4>::default());
+    let (mut prepared, mut raster) = (SortedSplats::default(), Rasterizer::<f32, 4>::default());
     for (n, size) in [(40, 35), (700, 80), (7, 16), (0, 33), (18, 1)] {
         let g = scene(n, 3).narrow();
         let camera = FrameCamera { width: size, height: size, ..camera::<f32>() };
-        let mut fresh = Prepared::default();
+        let mut fresh = SortedSplats::default();
         fresh.update(&g);
         prepared.update(&g);
         let f = features(&g, &fresh);
@@ -183,13 +183,13 @@ fn what_was_rendered_before_leaves_no_trace() {
 fn numbers_beyond_reason_neither_panic_nor_hide_other_splats() {
     let sound = scene(1, 0).narrow();
     let camera = camera::<f32>();
-    for group in 0..5 {
+    for group in 0..GROUPS {
         for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1e30] {
             let mut g = sound.clone();
-            g.push_copy(&sound, 0);
+            g.apply(&Edit::permute(vec![0, 0]));
             let second = g.groups()[group].len() / 2..;
             g.groups_mut()[group][second].fill(wrong);
-            let mut prepared = Prepared::default();
+            let mut prepared = SortedSplats::default();
             prepared.update(&g);
             let (mut raster, f) = (Rasterizer::<f32, 4>::default(), features(&g, &prepared));
             raster.render(&prepared, &f, &camera, [0.0; 4]);
@@ -204,9 +204,9 @@ fn numbers_beyond_reason_neither_panic_nor_hide_other_splats() {
 
 #[test]
 fn one_splat_is_its_closed_form() {
-    let mut g = Gaussians::default();
+    let mut g = Splats::default();
     g.push([0.5, -0.25, 2.0], 0.8, 0.7, [0.3, 0.6, 0.9]);
-    let mut prepared = Prepared::default();
+    let mut prepared = SortedSplats::default();
     prepared.update(&g);
     let camera = camera::<f64>();
     let mut raster = Rasterizer::<f64, 4>::default();
@@ -244,8 +244,8 @@ fn every_pixel_of_every_ellipse_is_reached() {
         let mut g = scene(1, counter);
         counter += 1 << 32;
         g.log_scale[0] = [1.6, -3.0, -3.0];
-        g.logit[0] = 3.0;
-        let mut prepared = Prepared::default();
+        g.opacity_logit[0][0] = 3.0;
+        let mut prepared = SortedSplats::default();
         prepared.update(&g);
         let camera = camera::<f64>();
         let mut raster = Rasterizer::<f64, 1>::default();

@@ -1,0 +1,135 @@
+//! The training views: cameras, pixels, which of them count.
+
+use super::AffineCamera;
+use crate::frame::{CenterPx, Pixel, SiteBox};
+use crate::io::{Plane, ValidPixels};
+use crate::scene::Tone;
+use crate::stats::quantile;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Stored where no pixel counts. A black one that does is stored as the darkest blue.
+const MASKED: [u8; 3] = [0; 3];
+const BLACK: [u8; 3] = [0, 0, 1];
+/// A view that is trained on.
+#[derive(Clone, Debug)]
+pub struct TrainingView {
+    /// Its name.
+    pub name: String,
+    /// The camera.
+    pub camera: AffineCamera,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Colours, 0 to 255, or [`MASKED`], row by row: all that is kept of an image, three bytes a pixel.
+    colors: Vec<[u8; 3]>,
+    /// Which pixels are image, if not all are; others may be masked for lying outside of the area.
+    valid: Option<Arc<ValidPixels>>,
+    /// Shear of the camera towards the sun, pixels per metre; none without a sun.
+    pub sun_shear: Option<[f64; 2]>,
+    /// How colours stand for light.
+    pub tone: Tone,
+    /// Light by stored colour.
+    light: [f32; 256],
+}
+
+impl TrainingView {
+    /// A view from its colours (three planes, or one for all), in [0, 1] with NaN where there is no pixel.
+    ///
+    /// Only pixels whose ground at the site's altitude lies in `area` count.
+    #[must_use]
+    pub fn new(
+        name: String,
+        camera: AffineCamera,
+        sun_shear: Option<[f64; 2]>,
+        planes: &[Plane],
+        area: SiteBox,
+    ) -> Self {
+        let (width, height) = (planes[0].width, planes[0].height);
+        let (west, south, east, north) = area;
+        let [[a, b, _], [c, d, _]] = camera.linear;
+        let det = a * d - b * c;
+        let color = |i: usize| {
+            let (col, row) = (i % width, i / width);
+            let (u, v) = (col as f64 - camera.offset[0], row as f64 - camera.offset[1]);
+            let (x, y) = ((d * u - b * v) / det, (a * v - c * u) / det);
+            let inside = x >= west && x <= east && y >= south && y <= north;
+            let rgb: [f32; 3] = std::array::from_fn(|k| planes[k.min(planes.len() - 1)].at(col, row));
+            if !inside || rgb.iter().any(|v| v.is_nan()) {
+                return MASKED;
+            }
+            let stored = rgb.map(|v| (v * 255.0).round() as u8);
+            if stored == MASKED { BLACK } else { stored }
+        };
+        let colors = (0..width * height).into_par_iter().map(color).collect();
+        let valid = ValidPixels::of_planes(planes).map(Arc::new);
+        let (tone, light) = (Tone::default(), light_by_color(Tone::default()));
+        Self { name, camera, width, height, colors, valid, sun_shear, tone, light }
+    }
+
+    /// The view with colours that stand for light in this way; for light itself without it.
+    #[must_use]
+    pub fn with_tone(self, tone: Tone) -> Self {
+        Self { tone, light: light_by_color(tone), ..self }
+    }
+
+    /// Square root of the three colours' mean light, NaN where masked: what shadows hide in light stands out in it as
+    /// much as what the sun shows, and the noise of light is the same everywhere.
+    #[must_use]
+    pub fn root_of_light(&self) -> Plane {
+        Plane::from_fn(self.width, self.height, |col, row| {
+            let stored = self.colors[row * self.width + col];
+            let [r, g, b] = stored.map(|v| self.light[usize::from(v)]);
+            if stored == MASKED { f32::NAN } else { ((r + g + b) / 3.0).sqrt() }
+        })
+    }
+
+    /// Which pixels are image, within the area or not; none if all are.
+    #[must_use]
+    pub fn valid_pixels(&self) -> Option<&Arc<ValidPixels>> {
+        self.valid.as_ref()
+    }
+
+    /// Colour of the pixel nearest to a position, in [0, 1]; none outside and where masked.
+    #[must_use]
+    pub fn color(&self, p: Pixel<CenterPx>) -> Option<[f32; 3]> {
+        let (col, row) = (p.col.round(), p.row.round());
+        let inside = col >= 0.0 && row >= 0.0 && col < self.width as f64 && row < self.height as f64;
+        if inside { self.color_at(col as usize, row as usize) } else { None }
+    }
+
+    fn color_at(&self, col: usize, row: usize) -> Option<[f32; 3]> {
+        let stored = self.colors[row * self.width + col];
+        (stored != MASKED).then(|| stored.map(|v| f32::from(v) / 255.0))
+    }
+
+    /// Mean linear colour of the pixels that count in a square block of `side` pixels whose first is (`col`, `row`); none
+    /// if none counts. The block lies within the image.
+    #[inline]
+    #[must_use]
+    pub fn block_mean(&self, col: usize, row: usize, side: usize) -> Option<[f32; 3]> {
+        let (mut sum, mut n) = ([0.0; 3], 0u16);
+        for r in row..row + side {
+            // What is masked is black, which adds nothing.
+            for stored in &self.colors[r * self.width + col..][..side] {
+                n += u16::from(*stored != MASKED);
+                for k in 0..3 {
+                    sum[k] += self.light[usize::from(stored[k])];
+                }
+            }
+        }
+        let scale = 1.0 / f32::from(n.max(1));
+        (n > 0).then(|| sum.map(|s| s * scale))
+    }
+}
+
+fn light_by_color(tone: Tone) -> [f32; 256] {
+    std::array::from_fn(|v| tone.light(v as f32 / 255.0))
+}
+
+/// Metres on level ground that a pixel of the views covers, the median of them; NaN without views.
+#[must_use]
+pub fn median_pixel_m(views: &[TrainingView]) -> f64 {
+    quantile(views.iter().map(|v| v.camera.gsd_m()).collect(), 0.5).unwrap_or(f64::NAN)
+}

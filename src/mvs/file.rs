@@ -1,0 +1,30 @@
+//! A swept surface on disk, so that no later stage sweeps again.
+
+use super::MatchedSurface;
+use crate::frame::SiteGrid;
+use crate::io::{Cog, ImageFile, RasterError, Vertical};
+use std::path::Path;
+
+impl MatchedSurface {
+    /// Writes ellipsoidal heights in metres and scores as the bands of a Cloud-Optimized GeoTIFF.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`].
+    pub fn write(&self, path: &Path) -> Result<(), RasterError> {
+        let mut height = self.altitude.clone();
+        height.data.iter_mut().for_each(|z| *z += self.site.origin.z() as f32);
+        let cog = Cog { grid: self.grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
+        cog.write_f32(path, &[("height", "m", &height), ("score", "", &self.score), ("hold", "", &self.hold)])
+    }
+
+    /// Reads what [`MatchedSurface::write`] wrote, into the frame of `site`.
+    ///
+    /// # Errors
+    /// [`RasterError`] when it cannot be read or has no map grid or no second band.
+    pub fn read(path: &Path, site: &SiteGrid) -> Result<Self, RasterError> {
+        let file = ImageFile::open(path)?;
+        let mut altitude = file.read(1)?;
+        altitude.data.iter_mut().for_each(|z| *z -= site.origin.z() as f32);
+        Ok(Self { site: *site, grid: file.map_grid()?, altitude, score: file.read(2)?, hold: file.read(3)? })
+    }
+}

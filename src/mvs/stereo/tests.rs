@@ -1,0 +1,81 @@
+//! The block of the sweep's tests, seen by two and three views.
+
+use super::*;
+use crate::mvs::MatchedSurface;
+use crate::mvs::tests::{BLOCK_M, height, plain, setup, sparse, texture, view};
+use crate::progress::NoProgress;
+
+/// Of the cells that are `meant`, by place and whether they were matched, the share that is within half a metre of the
+/// truth.
+fn right(surface: &MatchedSurface, is_meant: impl Fn([f64; 3], bool) -> bool) -> f64 {
+    let grid = surface.grid;
+    let (mut right, mut all) = (0.0, 0.0f64);
+    for i in 0..grid.width * grid.height {
+        let p = surface.point(i % grid.width, i / grid.width).xyz();
+        if is_meant(p, surface.score.data[i] > 0.0) {
+            all += 1.0;
+            right += f64::from((p[2] - height(p[0], p[1])).abs() < 0.5);
+        }
+    }
+    right / all.max(1.0)
+}
+
+#[test]
+fn a_pair_finds_a_block_and_the_ground_and_marks_what_only_one_view_sees() {
+    let views = [view([-0.2, 0.0], texture), view([0.2, 0.0], texture)];
+    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
+    let everywhere = right(&surface, |_, _| true);
+    assert!(everywhere > 0.93, "{everywhere}");
+    let matched = right(&surface, |_, is_matched| is_matched);
+    assert!(matched > 0.97, "{matched}");
+    let blobs = surface.altitude.valid().filter(|z| f64::from(*z) > BLOCK_M + 1.0).count();
+    assert_eq!(blobs, 0, "nothing stands higher than the block");
+    // The western view does not see 2.4 m of ground east of the block, the eastern one none west of it.
+    let hidden = |p: [f64; 3], _| (8.5..10.0).contains(&p[0].abs()) && p[1].abs() < 5.0;
+    let matched_there = right(&surface, |p, is_matched| hidden(p, is_matched) && is_matched);
+    let filled = |p, is_matched: bool| hidden(p, is_matched) && !is_matched;
+    assert!(right(&surface, filled) > 0.9, "filled by the ground: {}", right(&surface, filled));
+    let count = |is_meant: &dyn Fn([f64; 3], bool) -> bool| {
+        let cells = surface.grid.width * surface.grid.height;
+        let meant = (0..cells).filter(|i| {
+            let p = surface.point(i % surface.grid.width, i / surface.grid.width).xyz();
+            is_meant(p, surface.score.data[*i] > 0.0)
+        });
+        meant.count()
+    };
+    let (all, marked) = (count(&hidden), count(&filled));
+    assert!(marked as f64 > 0.7 * all as f64, "{marked} of {all}, matched and right {matched_there}");
+}
+
+#[test]
+fn a_third_view_tells_what_the_pair_did_not_see() {
+    let pair = [view([-0.2, 0.0], texture), view([0.2, 0.0], texture)];
+    let three = [pair[0].clone(), pair[1].clone(), view([0.0, 0.0], texture)];
+    let share = |views: &[_]| {
+        let surface = PlaneSweep::new(&setup(), views, &sparse()).unwrap().run(&NoProgress).unwrap();
+        let matched = surface.score.data.iter().filter(|s| **s > 0.0).count();
+        (matched as f64 / surface.score.data.len() as f64, right(&surface, |_, is_matched| is_matched))
+    };
+    let ((of_two, _), (of_three, exact)) = (share(&pair), share(&three));
+    assert!(of_three > of_two && exact > 0.97, "{of_two} {of_three} {exact}");
+}
+
+#[test]
+fn what_is_plain_is_not_matched() {
+    let views = [view([-0.2, 0.0], plain), view([0.2, 0.0], plain)];
+    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
+    assert!(surface.score.data.iter().all(|s| *s == 0.0), "nothing is known of it");
+}
+
+#[test]
+fn a_map_is_the_same_in_strips_but_for_where_paths_begin() {
+    let views = [view([-0.2, 0.0], texture), view([0.2, 0.0], texture)];
+    let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
+    let partners = &sweep.partners()[0];
+    let whole = sweep.altitude_map(partners, 1000).altitude;
+    let strips = sweep.altitude_map(partners, 50).altitude;
+    let both = whole.data.iter().zip(&strips.data).filter(|(a, b)| !a.is_nan() && !b.is_nan());
+    let near = both.clone().filter(|(a, b)| (*a - *b).abs() < 0.3).count();
+    let all = both.count();
+    assert!(near as f64 > 0.98 * all as f64 && 2 * all > whole.data.len(), "{near} of {all}");
+}

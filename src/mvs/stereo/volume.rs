@@ -1,0 +1,269 @@
+//! The cost of every altitude along every ray of a reference view: how little the other views look like it there.
+//!
+//! A plane of hypotheses is a surface parallel to the ground. Another view is resampled to where it sees that surface
+//! along the reference's rays, and compared by correlation in windows of several sizes: the small one keeps edges, the
+//! large ones tell apart what the small one confuses.
+
+use super::rays::Rays;
+use crate::io::Plane;
+use crate::mvs::correlation::Image;
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+/// Half sides of the windows, pixels, and what the correlation in each weighs, together 1.
+const RADII: [usize; 3] = [1, 2, 4];
+const WEIGHTS: [f32; 3] = [1.0 / 1.4, 0.3 / 1.4, 0.1 / 1.4];
+/// Rows beyond those of a band that its windows reach.
+const MARGIN: usize = RADII[2];
+/// Rows of the reference view that one thread takes.
+const BAND: usize = 16;
+/// Variance of brightness, of the square root of light, in a window below which it has no texture.
+const FLAT: f32 = 1e-5;
+
+/// Costs of every pixel of a view at every plane, pixel by pixel.
+pub(super) struct Volume {
+    /// Number of planes.
+    pub planes: usize,
+    /// From 0, the views look the same, over [`Volume::UNLIKE`] to twice that.
+    pub costs: Vec<u8>,
+}
+
+impl Volume {
+    /// Cost where no other view sees the place.
+    pub const UNSEEN: u8 = 255;
+    /// Cost without correlation.
+    pub const UNLIKE: f32 = 127.0;
+
+    /// The costs along the rays of a reference view, by the other views.
+    pub fn new(reference: &Image, others: &[&Image], rays: &Rays) -> Self {
+        let Plane { width, height, .. } = reference.gray;
+        let planes = rays.planes;
+        let mut costs = vec![Self::UNSEEN; width * height * planes];
+        costs.par_chunks_mut(BAND * width * planes).enumerate().for_each(|(k, costs)| {
+            Band::new(reference, others, rays, k * BAND).fill(costs);
+        });
+        Self { planes, costs }
+    }
+
+    /// A pixel's costs.
+    pub fn pixel(&self, index: usize) -> &[u8] {
+        &self.costs[index * self.planes..(index + 1) * self.planes]
+    }
+}
+
+/// A few rows of the reference view with margins.
+struct Band<'a> {
+    others: &'a [&'a Image],
+    rays: &'a Rays,
+    /// The first row inside the margins.
+    first_row: usize,
+    width: usize,
+    own: Sampled,
+    /// Sums over the windows of each size.
+    own_sums: [WindowSums; RADII.len()],
+}
+
+/// Brightness less the image's mean, 0 where there is none.
+struct Sampled {
+    value: Vec<f32>,
+    /// 1 where there is none.
+    missing: Vec<f32>,
+}
+
+/// Sums of brightness and of its square over windows.
+struct WindowSums {
+    value: Vec<f32>,
+    square: Vec<f32>,
+}
+
+/// Rows of a band and its margins.
+const ROWS: usize = BAND + 2 * MARGIN;
+
+impl<'a> Band<'a> {
+    fn new(reference: &Image, others: &'a [&'a Image], rays: &'a Rays, first_row: usize) -> Self {
+        let Plane { width, height, .. } = reference.gray;
+        let n = width * ROWS;
+        let mut own = Sampled { value: vec![0.0; n], missing: vec![1.0; n] };
+        for (line, row) in rows_of_band(first_row, height) {
+            for (col, v) in reference.gray.row(row).iter().enumerate().filter(|(_, v)| !v.is_nan()) {
+                own.value[line * width + col] = v - reference.level as f32;
+                own.missing[line * width + col] = 0.0;
+            }
+        }
+        let squares: Vec<f32> = own.value.iter().map(|v| v * v).collect();
+        let mut scratch = vec![0.0; n];
+        let own_sums = RADII.map(|radius| {
+            let mut sums = |source: &[f32]| {
+                let mut out = vec![0.0; n];
+                sum_windows(source, width, radius, &mut scratch, &mut out);
+                out
+            };
+            WindowSums { value: sums(&own.value), square: sums(&squares) }
+        });
+        Self { others, rays, first_row, width, own, own_sums }
+    }
+
+    /// Fills the costs of the rows inside the margins, as many as `costs` holds.
+    fn fill(&self, costs: &mut [u8]) {
+        let zeros = || vec![0.0f32; self.width * ROWS];
+        let mut view = Sampled { value: zeros(), missing: zeros() };
+        let (mut square, mut product, mut scratch) = (zeros(), zeros(), zeros());
+        let mut sums = Sums { value: zeros(), square: zeros(), product: zeros(), missing: zeros() };
+        let mut scores: Vec<Vec<f32>> = self.others.iter().map(|_| zeros()).collect();
+        for plane in 0..self.rays.planes {
+            for (k, score) in scores.iter_mut().enumerate() {
+                self.resample(k, plane, &mut view);
+                multiply(&view.value, &view.value, &mut square);
+                multiply(&view.value, &self.own.value, &mut product);
+                score.fill(f32::NAN);
+                for ((radius, weight), own) in RADII.into_iter().zip(WEIGHTS).zip(&self.own_sums) {
+                    let mut sum = |source: &[f32], out: &mut [f32]| {
+                        sum_windows(source, self.width, radius, &mut scratch, out);
+                    };
+                    sum(&view.value, &mut sums.value);
+                    sum(&square, &mut sums.square);
+                    sum(&product, &mut sums.product);
+                    sum(&view.missing, &mut sums.missing);
+                    for line in sums.missing.chunks_exact_mut(self.width) {
+                        let (left, right) = (radius.min(self.width), self.width.saturating_sub(radius));
+                        line[..left].fill(1.0);
+                        line[right..].fill(1.0);
+                    }
+                    add_correlation(score, own, &sums, ((2 * radius + 1).pow(2) as f32).recip(), weight);
+                }
+            }
+            self.store(&scores, plane, costs);
+        }
+    }
+
+    /// Another view where it sees a plane along the reference's rays.
+    fn resample(&self, k: usize, plane: usize, out: &mut Sampled) {
+        let (other, [cols, rows]) = (self.others[k], &self.rays.start[k]);
+        let up = self.rays.step_px[k].map(|d| d * plane as f32);
+        out.value.fill(0.0);
+        out.missing.fill(1.0);
+        for (line, row) in rows_of_band(self.first_row, cols.height) {
+            let at = line * self.width..(line + 1) * self.width;
+            let (value, missing) = (&mut out.value[at.clone()], &mut out.missing[at.clone()]);
+            sample_row(&other.gray, other.level as f32, [cols.row(row), rows.row(row)], up, value, missing);
+            for (missing, own) in missing.iter_mut().zip(&self.own.missing[at]) {
+                *missing = missing.max(*own);
+            }
+        }
+    }
+
+    /// The costs of one plane from the scores of the other views that see it: the cube of the correlations, whose mean
+    /// is taken, lets one good pair say more than three fair ones.
+    fn store(&self, scores: &[Vec<f32>], plane: usize, costs: &mut [u8]) {
+        let planes = self.rays.planes;
+        for (i, cost) in costs[plane..].iter_mut().step_by(planes).enumerate() {
+            let at = i + MARGIN * self.width;
+            let known = scores.iter().map(|s| s[at]).filter(|s| !s.is_nan()).map(|s| s.max(0.0));
+            let (sum, n) = known.fold((0.0f32, 0.0f32), |(sum, n), s| (sum + s * s * s, n + 1.0));
+            if n > 0.0 {
+                *cost = (Volume::UNLIKE * (1.0 - (sum / n).cbrt()) + 0.5).clamp(0.0, 254.0) as u8;
+            }
+        }
+    }
+}
+
+/// Lines of a band with the rows of the image that they are.
+fn rows_of_band(first_row: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..ROWS).filter_map(move |line| {
+        let row = (first_row + line).checked_sub(MARGIN)?;
+        (row < height).then_some((line, row))
+    })
+}
+
+/// Sums over the windows of one size: of another view's brightness, its square, its product with the reference's, and
+/// the pixels that one of the two lacks.
+struct Sums {
+    value: Vec<f32>,
+    square: Vec<f32>,
+    product: Vec<f32>,
+    missing: Vec<f32>,
+}
+
+/// Adds the correlations of windows of `1 / share` pixels to scores, NaN before the first one; windows that are not
+/// whole say nothing.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn add_correlation(score: &mut [f32], own: &WindowSums, sums: &Sums, share: f32, weight: f32) {
+    let n = score.len();
+    let (a, a2) = (&own.value[..n], &own.square[..n]);
+    let (b, b2, ab) = (&sums.value[..n], &sums.square[..n], &sums.product[..n]);
+    let missing = &sums.missing[..n];
+    for i in 0..n {
+        let covariance = (ab[i] - a[i] * b[i] * share) * share;
+        let (own, other) = ((a2[i] - a[i] * a[i] * share) * share, (b2[i] - b[i] * b[i] * share) * share);
+        let is_textured = own > FLAT && other > FLAT;
+        let correlation =
+            if is_textured { (covariance / (own * other).sqrt()).clamp(-1.0, 1.0) } else { 0.0 };
+        let before = if score[i].is_nan() { 0.0 } else { score[i] };
+        score[i] = if missing[i] == 0.0 { before + weight * correlation } else { score[i] };
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn multiply(a: &[f32], b: &[f32], out: &mut [f32]) {
+    for ((out, a), b) in out.iter_mut().zip(a).zip(b) {
+        *out = a * b;
+    }
+}
+
+/// Sums over square windows of `2 * radius + 1` pixels; beyond the borders there is nothing.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn sum_windows(source: &[f32], width: usize, radius: usize, scratch: &mut [f32], out: &mut [f32]) {
+    let rows = source.len() / width;
+    for (line, sums) in source.chunks_exact(width).zip(scratch.chunks_exact_mut(width)) {
+        sums.copy_from_slice(line);
+        for d in 1..=radius.min(width - 1) {
+            for i in 0..width - d {
+                sums[i] += line[i + d];
+            }
+            for i in d..width {
+                sums[i] += line[i - d];
+            }
+        }
+    }
+    for (row, sums) in out.chunks_exact_mut(width).enumerate() {
+        sums.fill(0.0);
+        let near = row.saturating_sub(radius)..(row + radius + 1).min(rows);
+        for line in scratch[near.start * width..near.end * width].chunks_exact(width) {
+            for i in 0..width {
+                sums[i] += line[i];
+            }
+        }
+    }
+}
+
+/// A row of another view, bilinear, less `level`: at columns and rows `at`, moved by `up`.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn sample_row(
+    gray: &Plane,
+    level: f32,
+    at: [&[f32]; 2],
+    up: [f32; 2],
+    value: &mut [f32],
+    missing: &mut [f32],
+) {
+    if gray.width < 2 || gray.height < 2 {
+        return;
+    }
+    let (last_col, last_row) = ((gray.width - 1) as f32, (gray.height - 1) as f32);
+    for i in 0..value.len() {
+        let (x, y) = (at[0][i] + up[0], at[1][i] + up[1]);
+        let inside = x >= 0.0 && y >= 0.0 && x < last_col && y < last_row;
+        let (x, y) = if inside { (x, y) } else { (0.0, 0.0) };
+        let (col, row) = (x as i32, y as i32);
+        let first = row as usize * gray.width + col as usize;
+        let top = &gray.data[first..first + 2];
+        let low = &gray.data[first + gray.width..first + gray.width + 2];
+        let (right, down) = (x - col as f32, y - row as f32);
+        let above = top[0] + (top[1] - top[0]) * right;
+        let below = low[0] + (low[1] - low[0]) * right;
+        let sample = above + (below - above) * down;
+        let known = inside && !sample.is_nan();
+        value[i] = if known { sample - level } else { 0.0 };
+        missing[i] = if known { 0.0 } else { 1.0 };
+    }
+}

@@ -1,0 +1,180 @@
+//! A block on level ground, seen by six views of a textured world.
+
+use super::*;
+use crate::affine::AffineCamera;
+use crate::frame::SiteGrid;
+use crate::progress::NoProgress;
+use crate::random::CounterRng;
+
+pub(super) const BLOCK_M: f64 = 12.0;
+
+pub(super) fn height(x: f64, y: f64) -> f64 {
+    if x.abs() < 8.0 && y.abs() < 6.0 { BLOCK_M } else { 0.0 }
+}
+
+/// Smooth noise from 0 to 1.
+pub(super) fn texture(x: f64, y: f64, z: f64) -> f64 {
+    let knot =
+        |i: f64, j: f64| CounterRng::new(3, i as i64 as u64, j as i64 as u64, (z > 0.1).into()).uniform();
+    let (i, j) = (x.floor(), y.floor());
+    let (fx, fy) = (x - i, y - j);
+    let line = |j: f64| knot(i, j) * (1.0 - fx) + knot(i + 1.0, j) * fx;
+    line(j) * (1.0 - fy) + line(j + 1.0) * fy
+}
+
+/// What a place looks like.
+pub(super) type Paint = fn(f64, f64, f64) -> f64;
+
+pub(super) fn plain(_: f64, _: f64, _: f64) -> f64 {
+    0.5
+}
+
+/// Texture but in the middle of the block's roof.
+fn white_roof(x: f64, y: f64, z: f64) -> f64 {
+    if z > 0.1 && x.abs() < 5.0 && y.abs() < 3.5 { 0.9 } else { texture(x, y, z) }
+}
+
+pub(super) fn view(lean: [f64; 2], paint: Paint) -> TrainingView {
+    let camera = AffineCamera {
+        linear: [[2.0, 0.0, -2.0 * lean[0]], [0.0, -2.0, 2.0 * lean[1]]],
+        offset: [79.5, 69.5],
+    };
+    // A ray climbs towards the camera: its highest point on the surface is what the pixel shows.
+    let color = |col: usize, row: usize| {
+        let ground = [(col as f64 - 79.5) / 2.0, (69.5 - row as f64) / 2.0];
+        let at = |z: f64| (ground[0] + lean[0] * z, ground[1] + lean[1] * z);
+        let steps = (0..=120).rev().map(|k| f64::from(k) * BLOCK_M / 120.0);
+        let z = steps.into_iter().find(|z| height(at(*z).0, at(*z).1) >= *z).unwrap_or(0.0);
+        paint(at(z).0, at(z).1, z) as f32
+    };
+    let plane = Plane::from_fn(160, 140, color);
+    TrainingView::new("v".into(), camera, None, &[plane], (-30.0, -25.0, 30.0, 25.0))
+}
+
+pub(super) fn setup() -> SiteScene {
+    let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
+    let area = (-25.0, -20.0, 25.0, 20.0);
+    SiteScene {
+        site,
+        area,
+        altitudes: (-5.0, 20.0),
+        views: Vec::new(),
+        reference: 0,
+        tone: crate::scene::Tone::default(),
+    }
+}
+
+fn views(paint: Paint) -> Vec<TrainingView> {
+    let leans = [[0.0, 0.0], [0.3, 0.05], [-0.3, 0.0], [0.05, 0.3], [0.0, -0.3], [0.2, -0.2]];
+    leans.into_iter().map(|lean| view(lean, paint)).collect()
+}
+
+pub(super) fn sparse() -> Vec<Point<Site>> {
+    let grid = |i: i32| (f64::from(i % 25) * 2.0 - 24.0, f64::from(i / 25) * 2.0 - 19.0);
+    (0..500).map(|i| Point::new(grid(i).0, grid(i).1, height(grid(i).0, grid(i).1))).collect()
+}
+
+/// Share of the cells that lie within half a metre of the truth.
+fn right(surface: &MatchedSurface) -> f64 {
+    let (width, height_) = (surface.grid.width, surface.grid.height);
+    let cells = (0..width * height_).map(|i| surface.point(i % width, i / width));
+    let right = cells.filter(|p| (p.z() - height(p.x(), p.y())).abs() < 0.5).count();
+    right as f64 / (width * height_) as f64
+}
+
+#[test]
+fn cells_are_as_wide_as_pixels_but_never_finer_than_the_dsm_s() {
+    assert_eq!([0.31, 0.515, 0.702].map(cell_m), [0.5, 0.5, 0.7]);
+}
+
+#[test]
+fn a_block_and_the_ground_around_it_are_found() {
+    let views = views(texture);
+    let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
+    let surface = sweep.run(&NoProgress).unwrap();
+    assert!(right(&surface) > 0.95, "{}", right(&surface));
+    assert!(surface.score.data.iter().filter(|s| **s > BELIEVED).count() * 2 > surface.score.data.len());
+}
+
+/// The true surface, raised.
+fn raised(sweep: &PlaneSweep, up: f64) -> Plane {
+    Plane::from_fn(sweep.grid.width, sweep.grid.height, |col, row| {
+        let p = setup().site.site_from_utm(sweep.grid.cell_center(col, row));
+        (height(p.x(), p.y()) + up) as f32
+    })
+}
+
+#[test]
+fn a_prior_decides_where_views_show_nothing_and_no_first_surface_does() {
+    let views = views(plain);
+    let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
+    let mut first = sweep.run(&NoProgress).unwrap();
+    first.altitude.data.fill(f32::NAN);
+    let surface = sweep.sharpen(&raised(&sweep, 0.0), &first);
+    assert!(right(&surface) > 0.95, "{}", right(&surface));
+}
+
+#[test]
+fn what_is_plain_stays_on_the_first_surface_where_training_drifted() {
+    let views = views(plain);
+    let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
+    let mut first = sweep.run(&NoProgress).unwrap();
+    first.altitude = raised(&sweep, 0.0);
+    let surface = sweep.sharpen(&raised(&sweep, 4.0), &first);
+    assert!(right(&surface) > 0.95, "{}", right(&surface));
+}
+
+#[test]
+fn a_prior_counts_near_the_first_surface_and_where_views_see_it() {
+    let views = views(texture);
+    let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
+    let first = raised(&sweep, 0.0);
+    let kept = |up: f64| {
+        let prior = sweep.borne_out(&raised(&sweep, up), &first);
+        prior.valid().count() as f64 / prior.data.len() as f64
+    };
+    assert_eq!(kept(0.0), 1.0);
+    assert!(kept(4.0) > 0.9, "{}", kept(4.0));
+    // Only beside the block is this no more than it is high.
+    assert!(kept(BLOCK_M) < 0.6, "{}", kept(BLOCK_M));
+    assert_eq!(kept(BLOCK_M + 6.0), 0.0);
+    let unknown = Plane::filled(first.width, first.height, f32::NAN);
+    assert_eq!(sweep.borne_out(&first, &unknown), first);
+}
+
+#[test]
+fn training_is_held_where_a_plain_roof_is_bridged_from_its_edges_and_nowhere_else() {
+    let of = |paint: Paint| {
+        let views = views(paint);
+        PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap()
+    };
+    let mean = |surface: &MatchedSurface, is_meant: fn(Point<Site>) -> bool| {
+        let (width, cells) = (surface.grid.width, surface.hold.data.iter().enumerate());
+        let meant: Vec<f32> =
+            cells.filter(|(i, _)| is_meant(surface.point(i % width, i / width))).map(|(_, h)| *h).collect();
+        meant.iter().sum::<f32>() / meant.len() as f32
+    };
+    let white = of(white_roof);
+    let middle = |p: Point<Site>| p.x().abs() < 3.5 && p.y().abs() < 2.0;
+    assert!(mean(&white, middle) > 0.9, "{}", mean(&white, middle));
+    let ground = |p: Point<Site>| p.x().abs() > 12.0;
+    assert!(mean(&white, ground) < 0.1, "{}", mean(&white, ground));
+    assert!(mean(&of(plain), |_| true) < 0.01, "nothing is believed that it could be bridged from");
+}
+
+#[test]
+fn views_of_one_direction_make_no_pair() {
+    let same = [view([0.1, 0.0], texture), view([0.1, 0.0], texture)];
+    assert!(PlaneSweep::new(&setup(), &same, &sparse()).is_none());
+}
+
+#[test]
+fn altitudes_that_fewer_images_reach_count_less() {
+    let of = |ground: usize, needed: usize| Cover::new(ground, [10, 10, 8, 8, 5, 5, 5, 0], needed);
+    let cover = of(8, 8);
+    assert_eq!(cover.share(0.0), 1.0);
+    assert!((cover.share(1.5 / 7.0) - 0.9).abs() < 1e-6);
+    assert_eq!((cover.share(5.0 / 7.0), cover.share(1.0)), (0.5, 0.0));
+    assert!(cover.is_grounded && !of(8, 9).is_grounded);
+    assert!(!of(5, 3).is_grounded, "5 of 10 views are too few");
+}

@@ -1,0 +1,91 @@
+//! Checkpoints: what an interrupted training goes on from.
+
+use crate::checkpoint::{CheckpointError, read, write};
+use crate::io::RasterError;
+use crate::splat::state::TrainingState;
+use crate::splat::train::LogLine;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// First line of the file; another content is another version.
+const KIND: &str = "satgs checkpoint 3";
+
+/// A training between two iterations: borrowed from one that is running, owned when read.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Checkpoint<'a> {
+    /// What is trained by and from, so that only the same training goes on from it.
+    pub origin: Cow<'a, BTreeMap<String, String>>,
+    /// Splats that training started from.
+    pub splats_at_start: usize,
+    /// The log, up to the last iteration done.
+    pub log: Cow<'a, [LogLine]>,
+    /// Splats, moments, radiometry.
+    pub state: Cow<'a, TrainingState>,
+}
+
+impl Checkpoint<'_> {
+    /// Writes the file; an older one is replaced as a whole.
+    ///
+    /// # Errors
+    /// [`RasterError::Write`].
+    pub fn write(&self, path: &Path) -> Result<(), RasterError> {
+        write(path, KIND, self)
+    }
+
+    /// Reads a checkpoint.
+    ///
+    /// # Errors
+    /// [`CheckpointError`].
+    pub fn read(path: &Path) -> Result<Checkpoint<'static>, CheckpointError> {
+        let checkpoint: Checkpoint<'static> = read(path, KIND)?;
+        if !checkpoint.state.fits(checkpoint.state.appearances.len()) {
+            let reason = "its parts do not belong together";
+            return Err(CheckpointError::Damaged { path: path.into(), reason });
+        }
+        Ok(checkpoint)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::splat::splats::Splats;
+
+    fn checkpoint() -> Checkpoint<'static> {
+        let mut splats = Splats::default();
+        for i in 0..40 {
+            splats.push([i as f32, f32::MIN_POSITIVE, -0.0], 0.3, 0.2, [0.1, 0.2, 0.3]);
+        }
+        let mut state = TrainingState::start(splats, 3);
+        state.adam.steps = 70_000;
+        state.statistics.rendered(|i| (i == 7).then_some([0.1, 0.2]), 3.0, 100.0);
+        let log = vec![LogLine { iteration: 1, seconds: 0.1, ..LogLine::default() }];
+        let origin = BTreeMap::from([("seed".into(), "0".into())]);
+        Checkpoint {
+            origin: Cow::Owned(origin),
+            splats_at_start: 39,
+            log: log.into(),
+            state: Cow::Owned(state),
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("checkpoint.bin");
+        checkpoint().write(&path).unwrap();
+        assert_eq!(Checkpoint::read(&path).unwrap(), checkpoint());
+    }
+
+    #[test]
+    fn parts_of_different_numbers_of_splats_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("checkpoint.bin");
+        let mut odd = checkpoint();
+        odd.state.to_mut().adam.second.opacity_logit.pop();
+        odd.write(&path).unwrap();
+        assert!(matches!(Checkpoint::read(&path), Err(CheckpointError::Damaged { .. })));
+    }
+}

@@ -1,0 +1,200 @@
+//! Densification and pruning: which splats are doubled, which are removed (BAEOGS §3.3).
+
+use crate::random::CounterRng;
+use crate::splat::edit::Edit;
+use crate::splat::splats::{Splats, rotation_matrix, sigmoid};
+use crate::splat::train::recipe::Densification;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// A split splat's parts are this much smaller (gsplat).
+const SPLIT_SHRINKS: f32 = 1.6;
+/// Standard deviations in a projected radius (3DGS).
+const RADIUS_SIGMAS: f64 = 3.0;
+const DRAW_SPLIT: u64 = 3;
+
+/// What the training views said of each splat since the last check.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DensifyStats {
+    gradient: Vec<f32>,
+    views: Vec<u32>,
+    /// Largest radius of any view, pixels per metre over the longer side.
+    magnification: f64,
+}
+
+impl DensifyStats {
+    /// Number of splats that it is about.
+    #[must_use]
+    pub fn splats(&self) -> usize {
+        self.views.len().min(self.gradient.len())
+    }
+
+    /// Follows an edit of the splats: new ones have no statistics.
+    pub fn apply(&mut self, edit: &Edit) {
+        edit.gather(&mut self.gradient);
+        edit.gather(&mut self.views);
+        self.gradient[edit.fresh()].fill(0.0);
+        self.views[edit.fresh()].fill(0);
+    }
+
+    /// Forgets, for `n` splats.
+    pub fn reset(&mut self, n: usize) {
+        self.gradient.clear();
+        self.gradient.resize(n, 0.0);
+        self.views.clear();
+        self.views.resize(n, 0);
+        self.magnification = 0.0;
+    }
+
+    /// Adds a view of so many pixels per metre and so long a side; `seen` gives, of a splat that it saw, the
+    /// derivative by the image position, in half image sides.
+    pub fn rendered(
+        &mut self,
+        seen: impl Fn(usize) -> Option<[f32; 2]> + Sync,
+        pixels_per_m: f64,
+        longer_side: f64,
+    ) {
+        self.magnification = self.magnification.max(pixels_per_m / longer_side);
+        let sums = self.gradient.par_iter_mut().zip(&mut self.views).with_min_len(1024).enumerate();
+        sums.for_each(|(splat, (gradient, views))| {
+            if let Some([x, y]) = seen(splat) {
+                *gradient += x.hypot(y);
+                *views += 1;
+            }
+        });
+    }
+}
+
+/// How many splats a check added and removed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Change {
+    /// Doubled splats.
+    pub grown: usize,
+    /// Removed splats.
+    pub pruned: usize,
+}
+
+/// A growth of the set of splats: an edit, and the copies that are parts of split splats.
+pub struct Growth {
+    /// The edit.
+    pub edit: Edit,
+    /// Splats that were copied or split.
+    pub count: usize,
+    /// Of each part of a split splat its index in the new set, and its random numbers.
+    parts: Vec<(usize, CounterRng)>,
+}
+
+impl Growth {
+    /// Which splats are doubled under a rule, in a site whose cube has this half side; `draw` is (seed, iteration).
+    ///
+    /// Small splats are copied; large ones are removed and their two parts appended.
+    #[must_use]
+    pub fn plan(
+        splats: &Splats,
+        statistics: &DensifyStats,
+        rule: &Densification,
+        half_side_m: f64,
+        draw: (u64, u64),
+    ) -> Self {
+        let n = splats.len();
+        let mut keep = vec![true; n];
+        let (mut copies, mut parts, mut count) = (Vec::new(), Vec::new(), 0);
+        for i in 0..n {
+            if n + copies.len() >= rule.max_splats as usize {
+                break;
+            }
+            let scale = splats.log_scale[i].iter().fold(f32::MIN, |m, s| m.max(*s)).exp();
+            let mean = statistics.gradient[i] / statistics.views[i].max(1) as f32;
+            let radius = RADIUS_SIGMAS * f64::from(scale) * statistics.magnification;
+            let is_due = f64::from(mean) > rule.gradient
+                || f64::from(scale) > rule.max_scale * half_side_m
+                || radius > rule.max_radius;
+            if !is_due {
+                continue;
+            }
+            count += 1;
+            if f64::from(scale) < rule.copy_below * half_side_m {
+                copies.push(i as u32);
+                continue;
+            }
+            keep[i] = false;
+            for part in 0..2 {
+                parts.push((copies.len(), CounterRng::new(draw.0, DRAW_SPLIT + part, draw.1, i as u64)));
+                copies.push(i as u32);
+            }
+        }
+        let mut edit = Edit::retain(&keep);
+        let kept = edit.fresh_from;
+        copies.into_iter().for_each(|i| edit.push_fresh(i));
+        parts.iter_mut().for_each(|(place, _)| *place += kept);
+        Self { edit, count, parts }
+    }
+
+    /// Makes the copies of split splats into parts of them, once the edit is applied: each is smaller, at a place drawn from
+    /// the splat's own distribution.
+    pub fn shrink_parts(self, splats: &mut Splats) {
+        for (i, mut draw) in self.parts {
+            let (r, _) = rotation_matrix(splats.rotation[i]);
+            let along: [f32; 3] =
+                std::array::from_fn(|k| draw.normal() as f32 * splats.log_scale[i][k].exp());
+            for a in 0..3 {
+                splats.position[i][a] += (0..3).map(|k| r[a][k] * along[k]).sum::<f32>();
+                splats.log_scale[i][a] -= SPLIT_SHRINKS.ln();
+            }
+        }
+    }
+}
+
+/// The edit that removes splats that are fainter than `opacity`, not finite, or outside `altitudes` (metres).
+#[must_use]
+pub fn pruning(splats: &Splats, opacity: f64, altitudes: (f64, f64)) -> Edit {
+    let is_kept = |i: usize| {
+        let z = f64::from(splats.position[i][2]);
+        let is_finite = splats.position[i].iter().chain(&splats.log_scale[i]).all(|v| v.is_finite());
+        let is_inside = z >= altitudes.0 && z <= altitudes.1;
+        is_finite && is_inside && f64::from(sigmoid(splats.opacity_logit[i][0])) >= opacity
+    };
+    Edit::retain(&(0..splats.len()).map(is_kept).collect::<Vec<_>>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::splat::state::TrainingState;
+    use crate::splat::train::recipe::Recipe;
+
+    fn state() -> TrainingState {
+        let mut splats = Splats::default();
+        splats.push([0.0; 3], 0.3, 0.9, [0.5; 3]);
+        splats.push([1.0, 0.0, 0.0], 4.0, 0.9, [0.5; 3]);
+        splats.push([2.0, 0.0, 0.0], 0.3, 0.001, [0.5; 3]);
+        TrainingState::start(splats, 1)
+    }
+
+    #[test]
+    fn small_splats_are_copied_large_ones_split_and_faint_ones_removed() {
+        let recipe = Recipe::named("baeogs").unwrap();
+        let mut state = state();
+        let seen = |i| [Some([0.01, 0.0]), Some([0.0, 0.01]), None][i];
+        state.statistics.rendered(seen, 0.0, 1.0);
+        state.adam.first.position[0] = [1.0; 3];
+        assert_eq!(state.grow(&recipe.growth.unwrap(), 226.0, (0, 100)), 2);
+        // The copied splat and the faint one, then the copy and the two parts, which have no moments.
+        assert_eq!(state.splats.len(), 5);
+        let moments: Vec<f32> = state.adam.first.position.iter().map(|m| m[0]).collect();
+        assert_eq!(moments, [1.0, 0.0, 0.0, 0.0, 0.0]);
+        let halves = state.splats.log_scale.iter().filter(|l| (l[0].exp() - 4.0 / 1.6).abs() < 1e-4).count();
+        assert_eq!(halves, 2);
+        assert!(state.splats.position[3] != state.splats.position[4]);
+        assert_eq!(state.prune(recipe.prune_below, (-50.0, 50.0)), 1);
+        assert_eq!(state.splats.len(), 4);
+    }
+
+    #[test]
+    fn a_reset_lowers_only_what_is_higher() {
+        let mut state = state();
+        state.reset_opacity(0.005);
+        let o: Vec<f32> = state.splats.opacity_logit.iter().map(|l| sigmoid(l[0])).collect();
+        assert!((o[0] - 0.005).abs() < 1e-6 && (o[2] - 0.001).abs() < 1e-6, "{o:?}");
+    }
+}

@@ -1,0 +1,168 @@
+//! What a randomly sheared camera must show as well: the same altitude and colour, where it sees the same surface
+//! (EOGS).
+
+use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
+use crate::splat::raster::Image;
+use crate::splat::shear_warp::{ShearWarp, Window, stripe_rows, sum_windows};
+use rayon::prelude::*;
+
+/// Altitudes that differ by less are the same surface to the virtual camera, metres (EOGS).
+const SAME_SURFACE_M: f64 = 0.30;
+
+/// Compares a view with a virtual one; keeps its buffers.
+#[derive(Default)]
+pub struct Consistency<T> {
+    by_view: Image<T>,
+    by_virtual: Image<T>,
+    share: T,
+    stripes: Vec<Stripe<T>>,
+}
+
+/// What a run of rows scatters, and sums.
+#[derive(Default)]
+struct Stripe<T> {
+    by_virtual: Window<T, 4>,
+    sums: Sums,
+}
+
+/// Sums over pixels that see the same surface in the virtual view.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    pixels: f64,
+    altitude: f64,
+    color: f64,
+}
+
+/// What the differences weigh in the loss.
+#[derive(Clone, Copy, Debug)]
+pub struct Weights {
+    /// A metre of altitude.
+    pub altitude: f64,
+    /// A colour.
+    pub color: f64,
+}
+
+/// Values that are still to be multiplied: by what is only known once all of them are.
+#[derive(Clone, Copy)]
+pub struct Scaled<'a, T> {
+    /// The values.
+    pub layers: &'a Image<T>,
+    /// The factor.
+    pub factor: T,
+}
+
+/// Mean differences over the pixels that see the same surface.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Difference {
+    /// Of altitudes, metres.
+    pub altitude: f64,
+    /// Of colours, three channels' sum.
+    pub color: f64,
+}
+
+impl<T: SimdReal> Consistency<T> {
+    /// Compares colours and altitudes of a view with those of a virtual view, whose pixels `lookup` finds.
+    ///
+    /// Derivatives are of `weights.altitude` times the altitudes' difference plus `weights.color` times the colours'.
+    pub fn compare(
+        &mut self,
+        view: &Image<T>,
+        virtual_view: &Image<T>,
+        lookup: &ShearWarp<T>,
+        weights: Weights,
+    ) -> Difference {
+        let Image { width, height, .. } = *view;
+        let rows = stripe_rows(height);
+        self.by_view.resize(width, height, 4);
+        self.by_virtual.resize(virtual_view.width, virtual_view.height, 4);
+        self.stripes.resize_with(height.div_ceil(rows), Stripe::default);
+        let by_view = self.by_view.data.par_chunks_mut(rows * 4 * width);
+        by_view.zip(&mut self.stripes).enumerate().for_each(|(k, (by_view, stripe))| {
+            let first_row = k * rows;
+            T::dispatch(Compare { view, virtual_view, lookup, weights, first_row, by_view, stripe });
+        });
+        let sum = |of: fn(&Sums) -> f64| self.stripes.iter().map(|s| of(&s.sums)).sum::<f64>();
+        let pixels = sum(|s| s.pixels).max(1.0);
+        self.share = T::from_f64(1.0 / pixels);
+        let stripes = &self.stripes;
+        sum_windows(&mut self.by_virtual, self.share, |k| stripes.get(k).map(|s| &s.by_virtual));
+        Difference { altitude: sum(|s| s.altitude) / pixels, color: sum(|s| s.color) / pixels }
+    }
+
+    /// Derivatives by the virtual view's colours and altitudes.
+    #[must_use]
+    pub fn by_virtual(&self) -> &Image<T> {
+        &self.by_virtual
+    }
+
+    /// Derivatives by the view's colours and altitudes.
+    #[must_use]
+    pub fn by_view(&self) -> Scaled<'_, T> {
+        Scaled { layers: &self.by_view, factor: self.share }
+    }
+}
+
+/// The comparison of a stripe's pixels, derivatives as if each counted in full.
+struct Compare<'a, T> {
+    view: &'a Image<T>,
+    virtual_view: &'a Image<T>,
+    lookup: &'a ShearWarp<T>,
+    weights: Weights,
+    first_row: usize,
+    by_view: &'a mut [T],
+    stripe: &'a mut Stripe<T>,
+}
+
+impl<T: SimdReal> SimdKernel<T> for Compare<'_, T> {
+    #[inline(always)]
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
+        let Self { view, virtual_view, lookup, weights, first_row, by_view, stripe } = self;
+        let width = view.width;
+        let rows = first_row..first_row + by_view.len() / (4 * width);
+        let altitudes = rows.clone().flat_map(|r| view.row(3, r));
+        stripe.by_virtual.open(virtual_view.width, lookup.rows(rows, altitudes, virtual_view.height));
+        stripe.sums = Sums::default();
+        let [zero, one, nearness] = broadcast_each(simd, [0.0, 1.0, SAME_SURFACE_M].map(T::from_f64));
+        let Weights { altitude, color } = weights;
+        let weights = broadcast_each(simd, [color, color, color, altitude].map(T::from_f64));
+        for (k, by_view) in by_view.chunks_mut(4 * width).enumerate() {
+            let row = first_row + k;
+            let (mut pixels, mut altitude, mut color) = (zero, zero, zero);
+            for start in (0..width).step_by(S::WIDTH) {
+                let z = SimdVec::load_from(simd, view.row(3, row), start);
+                let places = lookup.places(simd, start..width, row, z, virtual_view);
+                let (other_z, slopes) = places.values(simd, virtual_view, 3);
+                let difference = z - other_z;
+                let same = nearness.greater_than(difference.abs()).and(places.inside);
+                let mut by = [zero; 4];
+                let mut by_slopes = zero;
+                if same.any() {
+                    pixels += one.select_or_zero(same);
+                    altitude += difference.abs().select_or_zero(same);
+                    by[3] = difference.sign().select_or_zero(same) * weights[3];
+                    by_slopes = by[3] * lookup.by_altitude(simd, slopes);
+                    for c in 0..3 {
+                        let (other, slopes) = places.values(simd, virtual_view, c);
+                        let difference =
+                            (SimdVec::load_from(simd, view.row(c, row), start) - other).select_or_zero(same);
+                        color += difference.abs();
+                        by[c] = difference.sign() * weights[c];
+                        by_slopes += by[c] * lookup.by_altitude(simd, slopes);
+                    }
+                    let mut by_others = [zero; 4];
+                    for c in 0..4 {
+                        by_others[c] = zero - by[c];
+                    }
+                    places.scatter(simd, same, by_others, &mut stripe.by_virtual);
+                }
+                by[3] = by[3] - by_slopes;
+                for c in 0..4 {
+                    by[c].store_to(&mut by_view[c * width..(c + 1) * width], start);
+                }
+            }
+            stripe.sums.pixels += pixels.sum().as_f64();
+            stripe.sums.altitude += altitude.sum().as_f64();
+            stripe.sums.color += color.sum().as_f64();
+        }
+    }
+}

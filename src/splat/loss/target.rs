@@ -1,0 +1,86 @@
+//! The image that a render is compared with, from a training view at a resolution.
+
+use crate::affine::{AffineCamera, TrainingView};
+use crate::splat::raster::Image;
+use rayon::prelude::*;
+
+/// Coarsest level of resolution.
+pub const COARSEST_LEVEL: usize = 4;
+
+/// The image that a render is compared with, at one resolution.
+#[derive(Clone, Debug, Default)]
+pub struct TargetImage {
+    /// Linear colours in [0, 1], three channels; zero where masked.
+    pub colors: Image<f32>,
+    /// Pixels that count, row by row.
+    pub valid: Vec<bool>,
+}
+
+impl TargetImage {
+    /// Loads a view's pixels at a resolution: 0 full, 1 half, and so on to [`COARSEST_LEVEL`]. Gives the camera of that
+    /// resolution.
+    pub fn load(&mut self, view: &TrainingView, level: usize) -> AffineCamera {
+        let side = 1 << level;
+        let (width, height) = (view.width / side, view.height / side);
+        self.colors.resize(width, height, 3);
+        self.valid.resize(width * height, false);
+        let rows = self.colors.data.par_chunks_mut(3 * width).zip(self.valid.par_chunks_mut(width));
+        rows.enumerate().for_each(|(row, (colors, valid))| {
+            let (red, rest) = colors.split_at_mut(width);
+            let (green, blue) = rest.split_at_mut(width);
+            for col in 0..width {
+                let mean = view.block_mean(col * side, row * side, side);
+                valid[col] = mean.is_some();
+                [red[col], green[col], blue[col]] = mean.unwrap_or_default();
+            }
+        });
+        if level == 0 { view.camera } else { view.camera.rescaled(1.0 / side as f64) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::Plane;
+    use crate::scene::Tone;
+
+    #[test]
+    fn black_counts_and_what_is_unknown_or_outside_does_not() {
+        let plane = Plane::from_fn(4, 2, |col, row| match (col, row) {
+            (0, 0) => 0.0,
+            (1, 0) => f32::NAN,
+            (_, row) => 0.2 + 0.4 * row as f32,
+        });
+        // One pixel a metre; the last column lies outside.
+        let camera = AffineCamera { linear: [[1.0, 0.0, 0.3], [0.0, -1.0, 0.1]], offset: [0.0; 2] };
+        let view = TrainingView::new("v".into(), camera, None, &[plane], (-0.5, -5.0, 2.5, 5.0));
+        let mut target = TargetImage::default();
+        assert_eq!(target.load(&view, 0), camera);
+        assert_eq!(target.valid, [true, false, true, false, true, true, true, false]);
+        let near = |row: &[f32], expected: &[f32]| {
+            row.len() == expected.len() && row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6)
+        };
+        assert!(near(target.colors.row(0, 0), &[0.0, 0.0, 0.2, 0.0]));
+        assert_eq!(target.load(&view, 1), camera.rescaled(0.5));
+        assert_eq!((target.colors.width, target.colors.height, target.valid.len()), (2, 1, 2));
+        // Of three and of two pixels that count.
+        assert!(near(target.colors.row(0, 0), &[0.4, 0.4]));
+    }
+
+    #[test]
+    fn pixels_are_averaged_as_light_and_looked_up_as_stored() {
+        let tone = Tone::new(2.0).unwrap();
+        let plane = Plane::from_fn(2, 2, |col, _| if col == 0 { 0.2 } else { 1.0 });
+        let camera = AffineCamera { linear: [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], offset: [0.0; 2] };
+        let view =
+            TrainingView::new("v".into(), camera, None, &[plane], (-5.0, -5.0, 5.0, 5.0)).with_tone(tone);
+        let mut target = TargetImage::default();
+        let _ = target.load(&view, 0);
+        let (dark, white) = (tone.light(0.2), tone.light(1.0));
+        assert_eq!(target.colors.row(1, 0), [dark, white]);
+        let _ = target.load(&view, 1);
+        assert!((target.colors.at(0, 0, 0) - 0.5 * (dark + white)).abs() < 1e-6);
+        assert!((view.root_of_light().at(1, 1) - 1.0).abs() < 1e-6);
+        assert!((view.root_of_light().at(0, 0) - dark.sqrt()).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,163 @@
+//! Training in pictures: what a view looks like by now, and how loss and number of splats went.
+
+use crate::affine::TrainingView;
+use crate::io::Canvas;
+use crate::splat::appearance::Appearance;
+use crate::splat::loss::target::{COARSEST_LEVEL, TargetImage};
+use crate::splat::novel_view::NovelView;
+use crate::splat::splats::Splats;
+use crate::splat::train::LogLine;
+
+/// Longest side of a panel (of views of up to 16 times that), and between panels, pixels.
+const PANEL: usize = 400;
+const GAP: usize = 8;
+/// Mean colour difference that is drawn in full red.
+const LARGEST_ERROR: f32 = 0.25;
+/// Size of the curves' picture, and what is left around them, pixels.
+const CURVES: [f64; 2] = [800.0, 400.0];
+const MARGIN: f64 = 16.0;
+/// Iterations between the lines of the grid.
+const GRID_ITERATIONS: usize = 500;
+/// Where there is no image or no surface.
+const NOTHING: [u8; 3] = [160, 160, 160];
+
+/// Whether the last of `done` iterations, one at least, ends one of `snapshots` equal parts of `all`.
+#[must_use]
+pub fn is_snapshot_due(snapshots: u32, done: u32, all: u32) -> bool {
+    let part = |done: u32| u64::from(done) * u64::from(snapshots) / u64::from(all);
+    part(done) > part(done - 1)
+}
+
+/// Five panels: the view's image, its picture, the share of sunlight (1 without `shadows`), altitudes (black at the lowest
+/// of `altitudes`, white at the highest), and the difference of picture and image (white none, red large).
+#[must_use]
+pub fn panels(
+    view: &TrainingView,
+    splats: &Splats,
+    appearance: &Appearance,
+    altitudes: (f64, f64),
+    shadows: bool,
+) -> Canvas {
+    let times = view.width.max(view.height).div_ceil(PANEL);
+    let thin = view.width.min(view.height).ilog2() as usize;
+    let level = (times.next_power_of_two().ilog2() as usize).min(COARSEST_LEVEL).min(thin);
+    let mut truth = TargetImage::default();
+    let camera = truth.load(view, level);
+    let (width, height) = (truth.colors.width, truth.colors.height);
+    let scale = 0.5f64.powi(level as i32);
+    let sun_shear = view.sun_shear.filter(|_| shadows).map(|s| s.map(|s| s * scale));
+    let novel = NovelView { camera, size: (width, height), sun_shear };
+    let mut picture = novel.picture(splats, appearance, altitudes);
+    view.tone.show(&mut picture.colors);
+    let mut canvas = Canvas::new(5 * (width + GAP) - GAP, height);
+    let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
+    let (low, high) = (altitudes.0 as f32, altitudes.1 as f32);
+    for row in 0..height {
+        for col in 0..width {
+            let counts = truth.valid[row * width + col];
+            let image =
+                counts.then(|| std::array::from_fn(|c| view.tone.brightness(truth.colors.at(c, col, row))));
+            let made = picture.colors.each_ref().map(|c| c.at(col, row));
+            let altitude = picture.altitude.at(col, row);
+            let error = image
+                .map(|image: [f32; 3]| image.iter().zip(made).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0);
+            let white = error.map(|e| byte(1.0 - e / LARGEST_ERROR));
+            let colors = [
+                image.map_or(NOTHING, |c| c.map(byte)),
+                made.map(byte),
+                [byte(picture.sunlight.at(col, row)); 3],
+                if altitude.is_nan() { NOTHING } else { [byte((altitude - low) / (high - low)); 3] },
+                white.map_or(NOTHING, |w| [255, w, w]),
+            ];
+            for (panel, color) in colors.into_iter().enumerate() {
+                canvas.dot([(panel * (width + GAP) + col) as f64, row as f64], color);
+            }
+        }
+    }
+    canvas
+}
+
+/// Loss (orange, the mean of the iterations of a column) and splats (blue), each from zero to its largest, with a line
+/// every 500 iterations.
+#[must_use]
+pub fn curves(log: &[LogLine]) -> Canvas {
+    let mut canvas = Canvas::new(CURVES[0] as usize, CURVES[1] as usize);
+    let [width, height] = CURVES.map(|side| side - 2.0 * MARGIN);
+    let x = |iteration: usize| MARGIN + width * iteration as f64 / log.len() as f64;
+    for iteration in (0..=log.len()).step_by(GRID_ITERATIONS) {
+        canvas.line([x(iteration), MARGIN], [x(iteration), MARGIN + height], Canvas::GRID);
+    }
+    let column = log.len().div_ceil(width as usize).max(1);
+    let curve = |of: fn(&LogLine) -> f64| -> Vec<f64> {
+        log.chunks(column).map(|lines| lines.iter().map(of).sum::<f64>() / lines.len() as f64).collect()
+    };
+    for (values, color) in [(curve(|l| l.loss), Canvas::ORANGE), (curve(|l| l.splats as f64), Canvas::BLUE)] {
+        let largest = values.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        let at = |k: usize| [x(k * column), MARGIN + height * (1.0 - values[k] / largest)];
+        for k in 1..values.len() {
+            canvas.line(at(k - 1), at(k), color);
+        }
+    }
+    canvas
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::affine::AffineCamera;
+    use crate::io::Plane;
+
+    #[test]
+    fn panels_show_image_picture_shadow_altitude_and_error() {
+        let camera = AffineCamera { linear: [[1.0, 0.0, 0.2], [0.0, -1.0, 0.1]], offset: [19.5, 19.5] };
+        let white = Plane::filled(40, 40, 1.0);
+        let view =
+            TrainingView::new("v".into(), camera, Some([1.0, 0.0]), &[white], (-30.0, -30.0, 10.0, 30.0));
+        let mut splats = Splats::default();
+        // Black ground, of which a roof hides a part from the sun.
+        for i in -12..=12 {
+            for j in -12..=12 {
+                splats.push([2.0 * i as f32, 2.0 * j as f32, 0.0], 2.0, 0.99, [0.0; 3]);
+            }
+        }
+        for i in -2..=2 {
+            for j in -2..=2 {
+                splats.push([i as f32, j as f32, 10.0], 1.0, 0.99, [0.0; 3]);
+            }
+        }
+        let canvas = panels(&view, &splats, &Appearance::default(), (-10.0, 10.0), true);
+        let (width, height, rgb) = canvas.picture();
+        assert_eq!((width, height), (5 * 48 - 8, 40));
+        let at = |panel: usize, col: usize, row: usize| {
+            let i = 3 * (row * width + panel * 48 + col);
+            [rgb[i], rgb[i + 1], rgb[i + 2]]
+        };
+        assert_eq!((at(0, 5, 30), at(0, 38, 30)), ([255; 3], NOTHING));
+        assert!(at(1, 5, 30)[0] < 10 && at(3, 5, 30)[0].abs_diff(127) < 3, "ground");
+        assert!(at(3, 21, 20)[0] > 240, "roof");
+        let light: Vec<u8> = (0..40).map(|col| at(2, col, 20)[0]).collect();
+        assert!(light.iter().any(|l| *l < 100) && light[2] > 240, "{light:?}");
+        assert_eq!((at(4, 5, 30), at(4, 38, 30)), ([255, 0, 0], NOTHING));
+    }
+
+    #[test]
+    fn snapshots_end_equal_parts_of_the_training() {
+        let due = |snapshots: u32| -> Vec<u32> {
+            (1..=100).filter(|done| is_snapshot_due(snapshots, *done, 100)).collect()
+        };
+        assert_eq!(due(4), [25, 50, 75, 100]);
+        assert_eq!((due(0).len(), due(3).len(), due(1000).len()), (0, 3, 100));
+    }
+
+    #[test]
+    fn curves_of_any_length_stay_in_their_picture() {
+        for iterations in [0, 1, 2, 799, 4000] {
+            let line =
+                |i: u32| LogLine { iteration: i, loss: 1.0 / f64::from(i), splats: 9, ..LogLine::default() };
+            let log: Vec<LogLine> = (1..=iterations).map(line).collect();
+            let canvas = curves(&log);
+            let drawn = canvas.picture().2.chunks(3).filter(|p| *p == Canvas::BLUE).count();
+            assert!(drawn >= if iterations > 1 { 350 } else { 0 }, "{iterations}: {drawn}");
+        }
+    }
+}
