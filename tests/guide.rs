@@ -143,3 +143,10 @@ fn links_of_the_documents_lead_to_files() {
         }
     }
 }
+
+#[test]
+fn the_citation_names_the_present_version() {
+    let citation = read("CITATION.cff");
+    let version = format!("version: {}", env!("CARGO_PKG_VERSION"));
+    assert!(citation.lines().any(|line| line == version), "CITATION.cff does not hold `{version}`");
+}
