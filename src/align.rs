@@ -6,7 +6,7 @@
 //! built or cut down since says nothing of the shift. To surveyed points: the median of theirs.
 
 use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};
-use crate::io::Plane;
+use crate::io::Grid2;
 use crate::metrics::{MetricsError, Surface, quantile};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -191,7 +191,7 @@ impl Candidate {
 
 /// Points on the reference's grid, ready to be shifted.
 struct Search<'a> {
-    heights: &'a Plane,
+    heights: &'a Grid2,
     /// Column, row and height of each point.
     cells: Vec<([f64; 2], f32)>,
     /// Columns and rows a metre east and a metre north of the points' map are.
@@ -295,12 +295,12 @@ mod tests {
     fn reference() -> Surface {
         let grid =
             MapGrid { epsg: EPSG, west: 700_000.0, north: 4_800_400.0, cell: 0.5, width: 800, height: 800 };
-        let plane =
-            Plane::from_fn(800, 800, |c, r| height(0.5 * c as f64 + 0.25, 399.75 - 0.5 * r as f64) as f32);
+        let raster =
+            Grid2::from_fn(800, 800, |c, r| height(0.5 * c as f64 + 0.25, 399.75 - 0.5 * r as f64) as f32);
         Surface {
             path: "reference.tif".into(),
             grid,
-            height: plane,
+            height: raster,
             vertical: None,
             undeclared_nodata: 0,
             converted_from: None,

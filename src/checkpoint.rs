@@ -3,7 +3,7 @@
 //! A file is a line that names its kind and version, the content in `postcard`'s encoding, and the BLAKE3 hash of
 //! both: one that is cut short or changed is told from a whole one.
 
-use crate::io::{RasterError, write_atomically};
+use crate::io::{Cause, WriteError, write_atomically};
 use serde::{Serialize, de::DeserializeOwned};
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -35,15 +35,12 @@ pub enum CheckpointError {
 /// Writes a file of a kind, such as `satgs checkpoint 1`; an older one is replaced as a whole.
 ///
 /// # Errors
-/// [`RasterError::Write`].
-pub fn write(path: &Path, kind: &str, content: &impl Serialize) -> Result<(), RasterError> {
-    write_atomically(path, |temporary| {
-        stream(temporary, kind, content)
-            .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
-    })
+/// [`WriteError`].
+pub fn write(path: &Path, kind: &str, content: &impl Serialize) -> Result<(), WriteError> {
+    write_atomically(path, |temporary| stream(temporary, kind, content).map_err(|e| WriteError::new(path, e)))
 }
 
-fn stream(path: &Path, kind: &str, content: &impl Serialize) -> Result<(), Box<dyn std::error::Error>> {
+fn stream(path: &Path, kind: &str, content: &impl Serialize) -> Result<(), Cause> {
     let mut file = Hashing { file: BufWriter::new(File::create(path)?), hash: blake3::Hasher::new() };
     writeln!(file, "{kind}")?;
     postcard::to_io(content, &mut file)?;

@@ -21,4 +21,5 @@ pub mod dsm;
 pub mod metrics;
 pub mod align;
 pub mod report;
+pub mod pipeline;
 pub mod cli;

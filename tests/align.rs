@@ -7,7 +7,7 @@ mod common;
 use common::satgs;
 use satgs::bundle::Adjustment;
 use satgs::frame::{Geodetic, Pixel, Point, SiteGrid};
-use satgs::io::{Cog, ImageFile, MapGrid, Plane, write_moved};
+use satgs::io::{Cog, Grid2, ImageFile, MapGrid, write_moved};
 use satgs::rpc::{Rpc, formats};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -133,13 +133,13 @@ fn heights_above_a_geoid_do_not_move_a_run_down() {
     let before = r.places();
     let up = egm96.undulation_m(before[0].lon_deg(), before[0].lat_deg());
     let file = ImageFile::open(&r.truth).unwrap();
-    let (grid, mut plane) = (file.map_grid().unwrap(), file.read(1).unwrap());
-    plane.data.iter_mut().for_each(|v| *v -= up as f32);
+    let (grid, mut raster) = (file.map_grid().unwrap(), file.read(1).unwrap());
+    raster.data.iter_mut().for_each(|v| *v -= up as f32);
     let reference = r.scene.join("egm96.tif");
     let item = |name: &str| [("VERTICAL_REFERENCE", name.to_owned())];
     let write = |metadata: &[(&str, String)], heights_from| {
         let cog = Cog { grid, metadata, heights_from };
-        cog.write_f32(&reference, &[("height", "m", &plane)]).unwrap();
+        cog.write_f32(&reference, &[("height", "m", &raster)]).unwrap();
     };
     write(&[], Some(&egm96));
     r.aligned(&reference);
@@ -189,9 +189,9 @@ fn a_bad_reference_changes_nothing() {
     let file = |name: &str| r.scene.join(name);
     let grid = ImageFile::open(&r.truth).unwrap().map_grid().unwrap();
     let write = |name: &str, grid: MapGrid, value: f32| {
-        let plane = Plane::filled(grid.width, grid.height, value);
+        let raster = Grid2::filled(grid.width, grid.height, value);
         let cog = Cog { grid, metadata: &[], heights_from: None };
-        cog.write_f32(&file(name), &[("height", "m", &plane)]).unwrap();
+        cog.write_f32(&file(name), &[("height", "m", &raster)]).unwrap();
     };
     write_moved(&r.truth, &file("away.tif"), [50_000.0, 0.0, 0.0]).unwrap();
     write("degrees.tif", MapGrid { epsg: 4326, west: 5.0, north: 44.0, cell: 0.01, ..grid }, 100.0);

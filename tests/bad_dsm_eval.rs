@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use satgs::frame::{Point, SiteGrid};
-use satgs::io::{Cog, MapGrid, Outline, Plane, egm96_undulation_m, write_outlines};
+use satgs::io::{Cog, Grid2, MapGrid, Outline, egm96_undulation_m, write_outlines};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -17,8 +17,8 @@ struct Desk {
 const GRID: MapGrid =
     MapGrid { epsg: 32617, west: 436_000.0, north: 3_357_100.0, cell: 0.5, width: 60, height: 60 };
 
-fn relief() -> Plane {
-    Plane::from_fn(60, 60, |c, r| (c / 9 * 3 + r / 7 * 2) as f32 + 0.1 * c as f32)
+fn relief() -> Grid2 {
+    Grid2::from_fn(60, 60, |c, r| (c / 9 * 3 + r / 7 * 2) as f32 + 0.1 * c as f32)
 }
 
 impl Desk {
@@ -32,9 +32,9 @@ impl Desk {
     fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
-    fn height(&self, name: &str, grid: MapGrid, plane: &Plane) {
+    fn height(&self, name: &str, grid: MapGrid, raster: &Grid2) {
         let cog = Cog { grid, metadata: &[], heights_from: None };
-        cog.write_f32(&self.path(name), &[("height", "m", plane)]).unwrap();
+        cog.write_f32(&self.path(name), &[("height", "m", raster)]).unwrap();
     }
     fn classes(&self, name: &str, grid: MapGrid, codes: Vec<u8>) {
         Cog { grid, metadata: &[], heights_from: None }
@@ -145,7 +145,7 @@ fn good_input_is_scored() {
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let desk = Desk::new();
-    let shaken = Plane::from_fn(60, 60, |c, r| {
+    let shaken = Grid2::from_fn(60, 60, |c, r| {
         if (c * 7 + r * 11) % 23 == 0 { f32::NAN } else { relief().at(c, r) + ((c * r) % 17) as f32 * 0.1 }
     });
     desk.height("dsm.tif", GRID, &shaken);
@@ -179,9 +179,9 @@ fn fewer_than_100_common_cells_do_not_overlap() {
 #[test]
 fn nothing_but_nodata_or_water_does_not_overlap() {
     let desk = Desk::new();
-    desk.height("empty.tif", GRID, &Plane::filled(60, 60, f32::NAN));
+    desk.height("empty.tif", GRID, &Grid2::filled(60, 60, f32::NAN));
     desk.refused("empty.tif", &[], &["do not overlap", "0 cells of land"]);
-    desk.height("undeclared.tif", GRID, &Plane::filled(60, 60, -9999.0));
+    desk.height("undeclared.tif", GRID, &Grid2::filled(60, 60, -9999.0));
     desk.refused("undeclared.tif", &[], &["do not overlap", "0 cells of land"]);
     desk.classes("TOWN_CLS.tif", GRID, vec![9; 3600]);
     desk.refused("TOWN_DSM.tif", &[], &["do not overlap", "0 common cells"]);
@@ -232,7 +232,7 @@ fn unknown_classes_are_told() {
 fn a_mask_is_scored_inside_and_outside() {
     let desk = Desk::new();
     // The prediction is 1 m too high in its western third.
-    let wrong = Plane::from_fn(60, 60, |c, r| relief().at(c, r) + if c < 20 { 1.0 } else { 0.0 });
+    let wrong = Grid2::from_fn(60, 60, |c, r| relief().at(c, r) + if c < 20 { 1.0 } else { 0.0 });
     desk.height("dsm.tif", GRID, &wrong);
     desk.classes("mask.tif", GRID, (0..3600).map(|i| u8::from(i % 60 < 20)).collect());
     let corners = [(0.0, 0.0), (10.0, 0.0), (10.0, 30.0), (0.0, 30.0)];
@@ -318,13 +318,13 @@ fn heights_above_a_geoid_are_guessed_and_converted_when_told() {
         assert!(said.contains("--truth-vertical tells"), "{said}");
     }
     let degrees = MapGrid { epsg: 4326, west: -84.0, north: 32.0, cell: 0.5, width: 8, height: 8 };
-    desk.height("geoid.tif", degrees, &Plane::filled(8, 8, -29.0));
+    desk.height("geoid.tif", degrees, &Grid2::filled(8, 8, -29.0));
     let geoid = desk.path("geoid.tif");
     let (said, scores) = desk.scored("above_geoid.tif", &["--truth-vertical", geoid.to_str().unwrap()]);
     assert!(said.contains("lifted from the geoid (geoid.tif) to the ellipsoid"), "{said}");
     assert!(scores["verdicts"][0]["dz_m"].as_f64().unwrap().abs() < 1e-5);
     std::fs::remove_dir_all(desk.path("eval")).unwrap();
-    desk.height("geoid.tif", MapGrid { west: 10.0, ..degrees }, &Plane::filled(8, 8, 45.0));
+    desk.height("geoid.tif", MapGrid { west: 10.0, ..degrees }, &Grid2::filled(8, 8, 45.0));
     desk.refused(
         "above_geoid.tif",
         &["--truth-vertical", geoid.to_str().unwrap()],
@@ -342,10 +342,10 @@ fn references_that_the_files_tell_are_brought_together() {
     let Some(geoid_m) = egm96_undulation_m(lon, lat) else { return };
     let Ok(egm96) = satgs::io::Vertical::read("EGM96") else { return };
     let write = |name: &str, from: &satgs::io::Vertical, up: f64| {
-        let mut plane = relief();
-        plane.data.iter_mut().for_each(|v| *v += up as f32);
+        let mut raster = relief();
+        raster.data.iter_mut().for_each(|v| *v += up as f32);
         let cog = Cog { grid: GRID, metadata: &[], heights_from: Some(from) };
-        cog.write_f32(&desk.path(name), &[("height", "m", &plane)]).unwrap();
+        cog.write_f32(&desk.path(name), &[("height", "m", &raster)]).unwrap();
     };
     write("dsm.tif", &satgs::io::Vertical::Ellipsoid, 0.0);
     write("egm96.tif", &egm96, -geoid_m);

@@ -320,10 +320,10 @@ fn nodata_is_what_reaches_the_border_and_black_pixels_within_are_black() {
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
     let view = scene.views.iter().find(|v| v.name == "a").unwrap();
     let whole = Window { col: 0, row: 0, width: 64, height: 64 };
-    let plane = view.brightness().unwrap().read(whole).unwrap();
-    assert_eq!(plane.at(31, 31), 0.0);
-    assert!(plane.at(5, 5).is_nan() && plane.at(19, 40).is_nan());
-    assert_eq!(plane.data.iter().filter(|v| v.is_nan()).count(), 64 * 10 + 10);
+    let raster = view.gray_image().unwrap().read(whole).unwrap();
+    assert_eq!(raster.at(31, 31), 0.0);
+    assert!(raster.at(5, 5).is_nan() && raster.at(19, 40).is_nan());
+    assert_eq!(raster.data.iter().filter(|v| v.is_nan()).count(), 64 * 10 + 10);
     assert_eq!(view.read_colors().unwrap()[0].at(31, 31), 0.0);
 }
 
@@ -337,8 +337,8 @@ fn n17_pixels_of_every_type_become_colours() {
     raster(&at("signed.tif"), 1, &rpc(0.3), |i| (i % 500) as i16 - 250);
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
     for view in &scene.views {
-        let plane = &view.read_colors().unwrap()[0];
-        let valid: Vec<f32> = plane.data.iter().copied().filter(|v| v.is_finite()).collect();
+        let raster = &view.read_colors().unwrap()[0];
+        let valid: Vec<f32> = raster.data.iter().copied().filter(|v| v.is_finite()).collect();
         assert_eq!(valid.len(), 64 * 64 - usize::from(view.name == "float"), "{}", view.name);
         let (low, high) = valid.iter().fold((1.0f32, 0.0f32), |(l, h), v| (l.min(*v), h.max(*v)));
         assert!(low == 0.0 && high == 1.0, "{}: {low} {high}", view.name);
@@ -478,10 +478,10 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     let dem = tempfile::tempdir().unwrap();
     let path = dem.path().join("dem.tif");
     let grid = dem_grid();
-    let plane = satgs::io::Plane::from_fn(60, 300, |_, row| 80.0 + row as f32 * 0.1);
+    let raster = satgs::io::Grid2::from_fn(60, 300, |_, row| 80.0 + row as f32 * 0.1);
     let write = |grid| {
         let cog = satgs::io::Cog { grid, metadata: &[], heights_from: None };
-        cog.write_f32(&path, &[("height", "m", &plane)]).unwrap();
+        cog.write_f32(&path, &[("height", "m", &raster)]).unwrap();
     };
     write(grid);
     let (scene, run) = (folder.path().to_str().unwrap(), dem.path().join("run"));
@@ -499,7 +499,7 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     let (low, high) = scene.dem(&path, Some(&vertical)).unwrap().heights_to_search();
     assert!(60.0 < low && low < high && high < 190.0, "{low} {high}");
     // In feet with a void that is not declared, the same model.
-    let feet = satgs::io::Plane::from_fn(60, 300, |col, row| {
+    let feet = satgs::io::Grid2::from_fn(60, 300, |col, row| {
         if (col, row) == (30, 150) { -32768.0 } else { (80.0 + row as f32 * 0.1) / 0.3048 }
     });
     let cog = satgs::io::Cog { grid, metadata: &[], heights_from: None };
@@ -508,13 +508,13 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     assert!((low_ft - low).abs() < 0.01 && (high_ft - high).abs() < 0.01, "{low_ft} {high_ft}");
     // A void that no rule knows is no height on Earth.
     let void =
-        satgs::io::Plane::from_fn(60, 300, |col, row| if (col + row) % 5 == 0 { -999.0 } else { 80.0 });
+        satgs::io::Grid2::from_fn(60, 300, |col, row| if (col + row) % 5 == 0 { -999.0 } else { 80.0 });
     cog.write_f32(&path, &[("height", "m", &void)]).unwrap();
     let error = scene.dem(&path, Some(&vertical)).unwrap_err().to_string();
     assert!(error.contains("height of -999 m"), "{error}");
     // A datum that is not known is named.
     let metadata = [("VERTICAL_REFERENCE", "NAVD88".to_owned())];
-    satgs::io::Cog { metadata: &metadata, ..cog }.write_f32(&path, &[("height", "m", &plane)]).unwrap();
+    satgs::io::Cog { metadata: &metadata, ..cog }.write_f32(&path, &[("height", "m", &raster)]).unwrap();
     let (code, said) = ba(&[]);
     assert!(code == Some(2) && said.contains("`NAVD88`"), "{said}");
     let far = satgs::io::MapGrid { west: 600_000.0, ..grid };

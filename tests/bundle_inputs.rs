@@ -9,7 +9,7 @@ use common::{disagreement_px, satgs};
 use gdal::vector::LayerAccess;
 use satgs::bundle::{Adjustment, BundleError, ControlPoint, Options, adjust, check_control, read_control};
 use satgs::frame::{Pixel, Point, SiteGrid};
-use satgs::io::{Cog, MapGrid, Plane, SensorImage, Vertical, Window};
+use satgs::io::{Cog, Grid2, MapGrid, SensorImage, Vertical, Window};
 use satgs::progress::{Event, NoProgress, Recorder};
 use satgs::rpc::Rpc;
 use satgs::rpc::formats::{self, to_gdal};
@@ -63,7 +63,7 @@ fn an_image_upside_down_is_named() {
     let (folder, mut scene) = town();
     let view = &scene.views[2];
     let whole = Window { col: 0, row: 0, width: view.width, height: view.height };
-    let gray = view.brightness().unwrap().read(whole).unwrap();
+    let gray = view.gray_image().unwrap().read(whole).unwrap();
     let turned = folder.path().join("turned.tif");
     write(&scene, 2, &turned, gray.data.iter().rev().map(|v| (255.0 * v) as u8).collect());
     scene.views[2].image = turned;
@@ -291,7 +291,7 @@ fn an_adjustment_stops_when_it_is_asked_to() {
 /// Turns a view's image and leaves its camera as it was.
 fn turn(folder: &Path, scene: &mut Scene, view: usize, degrees: f64) {
     let whole = Window { col: 0, row: 0, width: SIZE, height: SIZE };
-    let gray = scene.views[view].brightness().unwrap().read(whole).unwrap();
+    let gray = scene.views[view].gray_image().unwrap().read(whole).unwrap();
     let middle = 0.5 * (SIZE as f64 - 1.0);
     let (sin, cos) = degrees.to_radians().sin_cos();
     let pixel = |i: usize| {
@@ -374,7 +374,7 @@ fn an_elevation_model_a_kilometre_off_is_refused() {
     for (off, code) in [(0.0, 0), (1000.0, 2)] {
         let (dem, run) = (work.path().join("dem.tif"), work.path().join(format!("run{off}")));
         let cog = Cog { grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
-        cog.write_f32(&dem, &[("height", "m", &Plane::filled(100, 100, 150.0 + off))]).unwrap();
+        cog.write_f32(&dem, &[("height", "m", &Grid2::filled(100, 100, 150.0 + off))]).unwrap();
         let [scene, run, dem] = [folder.path(), &run, &dem].map(|p| p.to_str().unwrap());
         let done = satgs(&["ba", scene, "-o", run, "--dem", dem, "-q"]);
         assert_eq!(done.status.code(), Some(code), "{}", String::from_utf8_lossy(&done.stderr));

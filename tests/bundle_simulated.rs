@@ -7,7 +7,7 @@ mod common;
 use common::disagreement_px;
 use satgs::bundle::{HeightPrior, Options, adjust};
 use satgs::frame::{Pixel, SiteGrid};
-use satgs::io::{Cog, MapGrid, Plane, Vertical};
+use satgs::io::{Cog, Grid2, MapGrid, Vertical};
 use satgs::metrics::{Surface, quantile};
 use satgs::progress::NoProgress;
 use satgs::rpc::{Rpc, formats};
@@ -74,7 +74,7 @@ fn write_ground(surface: &Surface, path: &Path) {
         let cells = (0..fine * fine).map(|k| surface.height.at(col * fine + k % fine, row * fine + k / fine));
         cells.fold(f32::INFINITY, f32::min)
     };
-    let ground = Plane::from_fn(width, height, lowest);
+    let ground = Grid2::from_fn(width, height, lowest);
     let grid = MapGrid { cell: DEM_CELL_M, width, height, ..surface.grid };
     let cog = Cog { grid, metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
     cog.write_f32(path, &[("height", "m", &ground)]).unwrap();

@@ -3,7 +3,7 @@
 // Helpers of tests are tests.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
-use satgs::io::{MapGrid, Plane};
+use satgs::io::{Grid2, MapGrid};
 use satgs::metrics::{Division, Evaluation, Method, Surface, Truth, TruthOptions, Verdict, WATER, evaluate};
 use std::path::{Path, PathBuf};
 
@@ -87,7 +87,7 @@ fn lidar_moved_by_whole_cells_is_brought_back_exactly() {
     let mut prediction = truth.surface.clone();
     let heights = &truth.surface.height;
     prediction.height =
-        Plane::from_fn(heights.width, heights.height, |c, r| heights.get(c as i64 - 2, r as i64 - 3) + 3.7);
+        Grid2::from_fn(heights.width, heights.height, |c, r| heights.get(c as i64 - 2, r as i64 - 3) + 3.7);
     let evaluation = evaluate(prediction, truth).unwrap();
     for method in [Method::Ncc, Method::Xyz] {
         let v = verdict(&evaluation, method);

@@ -210,8 +210,8 @@ fn places_that_cannot_be_written(town: &Town) {
     town.refused(&["render", &run, "--view", "0,0", "-o", "/sys/a.png"], 1, &["/sys/a.png"]);
     let truth = town.path("scene/truth/TOWN_DSM.tif");
     let dsm = town.file("dsm.tif");
-    town.refused(&["dsm-eval", dsm.to_str().unwrap(), &truth, "-o", &inside], 1, &["is no folder"]);
-    town.refused(&["info", &scene, "--footprints", "/dev/full", "--overwrite"], 1, &["no regular file"]);
+    town.refused(&["dsm-eval", dsm.to_str().unwrap(), &truth, "-o", &inside], 1, &["is not a folder"]);
+    town.refused(&["info", &scene, "--footprints", "/dev/full", "--overwrite"], 1, &["not a regular file"]);
     town.refused(&["simulate", &inside], 1, &[&inside]);
 }
 

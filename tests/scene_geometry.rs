@@ -5,7 +5,7 @@ mod common;
 
 use common::{camera, dem_grid, image, satgs, two_views};
 use satgs::frame::SiteGrid;
-use satgs::io::{Cog, MapGrid, Plane, Vertical};
+use satgs::io::{Cog, Grid2, MapGrid, Vertical};
 use satgs::rpc::formats::to_text;
 use satgs::rpc::{Rpc, RpcCoefficients};
 use satgs::scene::{ReadOptions, read};
@@ -39,10 +39,10 @@ fn heights_above_a_geoid_are_lifted_by_its_undulation() {
     let scene = read(folder.path(), &ReadOptions::default()).unwrap();
     let made = tempfile::tempdir().unwrap();
     let write = |name: &str, grid: MapGrid, value: f32| {
-        let plane = Plane::filled(grid.width, grid.height, value);
+        let raster = Grid2::filled(grid.width, grid.height, value);
         let path = made.path().join(name);
         let cog = Cog { grid, metadata: &[], heights_from: None };
-        cog.write_f32(&path, &[("height", "m", &plane)]).unwrap();
+        cog.write_f32(&path, &[("height", "m", &raster)]).unwrap();
         path
     };
     let degrees = MapGrid { epsg: 4326, west: 4.0, north: 45.0, cell: 0.5, width: 8, height: 8 };

@@ -102,8 +102,8 @@ fn an_area_crops_images_and_their_cameras_alike() {
     assert_eq!((view.width, view.height), (window.width, window.height));
     let moved = view.rpc.project(place(210.0, 160.0));
     assert!((moved.col - (210.0 - 152.0)).abs() < 1e-6 && (moved.row - (160.0 - 102.0)).abs() < 1e-6);
-    let plane = &view.read_colors().unwrap()[0];
-    assert_eq!((plane.width, plane.height), (window.width, window.height));
+    let raster = &view.read_colors().unwrap()[0];
+    assert_eq!((raster.width, raster.height), (window.width, window.height));
 }
 
 #[test]

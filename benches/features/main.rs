@@ -5,7 +5,7 @@
 #![allow(clippy::print_stdout)]
 
 use satgs::bundle::{Keypoint, detect};
-use satgs::io::{ImageFile, Plane, Window};
+use satgs::io::{Grid2, ImageFile, Window};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -25,7 +25,7 @@ const NEAR_PX: f64 = 1.5;
 const SAME_SCALE: f64 = std::f64::consts::SQRT_2;
 
 /// The top-left part of an image, in [0, 1].
-fn image(path: &Path) -> Result<Plane, Box<dyn std::error::Error>> {
+fn image(path: &Path) -> Result<Grid2, Box<dyn std::error::Error>> {
     let mut plane =
         ImageFile::open(path)?.read_window(1, Window { col: 0, row: 0, width: SIDE, height: SIDE })?;
     let mut values: Vec<f32> = plane.valid().collect();
@@ -44,10 +44,10 @@ fn warped_place([col, row]: [f64; 2]) -> [f64; 2] {
     [middle + SCALE * (cos * x - sin * y), middle + SCALE * (sin * x + cos * y)]
 }
 
-fn warped(image: &Plane) -> Plane {
+fn warped(image: &Grid2) -> Grid2 {
     let (sin, cos) = TURN_DEG.to_radians().sin_cos();
     let middle = 0.5 * (SIDE - 1) as f64;
-    Plane::from_fn(SIDE, SIDE, |c, r| {
+    Grid2::from_fn(SIDE, SIDE, |c, r| {
         let (x, y) = ((c as f64 - middle) / SCALE, (r as f64 - middle) / SCALE);
         let value = image.bilinear(middle + cos * x + sin * y, middle - sin * x + cos * y);
         if value.is_nan() { 0.0 } else { value }
@@ -61,7 +61,7 @@ fn places(found: &[Keypoint]) -> Vec<([f64; 2], f64)> {
     all
 }
 
-fn keypoints(image: &Plane) -> Vec<Keypoint> {
+fn keypoints(image: &Grid2) -> Vec<Keypoint> {
     let Ok(found) = detect((image.width, image.height), |window| Ok::<_, Infallible>(image.window(window)));
     found
 }

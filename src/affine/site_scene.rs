@@ -4,7 +4,7 @@ use super::{AffineCamera, FitError, TrainingView, fit, sun_direction};
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteBox, SiteGrid};
 use crate::io::{RasterError, ValidPixels};
 use crate::rpc::Rpc;
-use crate::scene::{Role, Scene, Tone, View, default_aoi};
+use crate::scene::{Role, Scene, TransferFunction, View, default_aoi};
 use crate::stats::quantile;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -102,9 +102,9 @@ pub struct SiteScene {
     pub views: Vec<SiteView>,
     /// Index of the view whose colours the orthophoto takes.
     pub reference: usize,
-    /// How the images' brightness stands for light.
-    #[serde(default, skip_serializing_if = "Tone::is_linear")]
-    pub tone: Tone,
+    /// Relation between the images' pixel values and linear radiance.
+    #[serde(default, skip_serializing_if = "TransferFunction::is_linear")]
+    pub transfer_function: TransferFunction,
 }
 
 /// Sparse points fewer than this start nothing.
@@ -168,7 +168,14 @@ impl SiteScene {
             })
             .collect::<Result<Vec<_>, SiteSceneError>>()?;
         let reference = reference_view(scene, median).ok_or(SiteSceneError::NoViews)?;
-        Ok(Self { site, area, altitudes: (low - median, high - median), views, reference, tone: scene.tone })
+        Ok(Self {
+            site,
+            area,
+            altitudes: (low - median, high - median),
+            views,
+            reference,
+            transfer_function: scene.transfer_function,
+        })
     }
 
     /// Sparse points in the site frame, those within the altitudes.
@@ -194,7 +201,7 @@ impl SiteScene {
             .map(|(f, view)| {
                 let planes = view.read_colors()?;
                 let view = TrainingView::new(f.name.clone(), f.camera, f.sun_shear, &planes, self.area);
-                Ok(view.with_tone(self.tone))
+                Ok(view.with_transfer_function(self.transfer_function))
             })
             .collect()
     }

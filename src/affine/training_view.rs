@@ -2,8 +2,8 @@
 
 use super::AffineCamera;
 use crate::frame::{CenterPx, Pixel, SiteBox};
-use crate::io::{Plane, ValidPixels};
-use crate::scene::Tone;
+use crate::io::{Grid2, ValidPixels};
+use crate::scene::TransferFunction;
 use crate::stats::quantile;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -28,10 +28,10 @@ pub struct TrainingView {
     valid: Option<Arc<ValidPixels>>,
     /// Shear of the camera towards the sun, pixels per metre; none without a sun.
     pub sun_shear: Option<[f64; 2]>,
-    /// How colours stand for light.
-    pub tone: Tone,
+    /// Relation between stored colours and linear radiance.
+    pub transfer_function: TransferFunction,
     /// Light by stored colour.
-    light: [f32; 256],
+    linear: [f32; 256],
 }
 
 impl TrainingView {
@@ -43,7 +43,7 @@ impl TrainingView {
         name: String,
         camera: AffineCamera,
         sun_shear: Option<[f64; 2]>,
-        planes: &[Plane],
+        planes: &[Grid2],
         area: SiteBox,
     ) -> Self {
         let (width, height) = (planes[0].width, planes[0].height);
@@ -63,24 +63,25 @@ impl TrainingView {
             if stored == MASKED { BLACK } else { stored }
         };
         let colors = (0..width * height).into_par_iter().map(color).collect();
-        let valid = ValidPixels::of_planes(planes).map(Arc::new);
-        let (tone, light) = (Tone::default(), light_by_color(Tone::default()));
-        Self { name, camera, width, height, colors, valid, sun_shear, tone, light }
+        let valid = ValidPixels::of_bands(planes).map(Arc::new);
+        let (transfer_function, linear) =
+            (TransferFunction::default(), linear_by_color(TransferFunction::default()));
+        Self { name, camera, width, height, colors, valid, sun_shear, transfer_function, linear }
     }
 
     /// The view with colours that stand for light in this way; for light itself without it.
     #[must_use]
-    pub fn with_tone(self, tone: Tone) -> Self {
-        Self { tone, light: light_by_color(tone), ..self }
+    pub fn with_transfer_function(self, transfer_function: TransferFunction) -> Self {
+        Self { transfer_function, linear: linear_by_color(transfer_function), ..self }
     }
 
     /// Square root of the three colours' mean light, NaN where masked: what shadows hide in light stands out in it as
     /// much as what the sun shows, and the noise of light is the same everywhere.
     #[must_use]
-    pub fn root_of_light(&self) -> Plane {
-        Plane::from_fn(self.width, self.height, |col, row| {
+    pub fn root_of_light(&self) -> Grid2 {
+        Grid2::from_fn(self.width, self.height, |col, row| {
             let stored = self.colors[row * self.width + col];
-            let [r, g, b] = stored.map(|v| self.light[usize::from(v)]);
+            let [r, g, b] = stored.map(|v| self.linear[usize::from(v)]);
             if stored == MASKED { f32::NAN } else { ((r + g + b) / 3.0).sqrt() }
         })
     }
@@ -115,7 +116,7 @@ impl TrainingView {
             for stored in &self.colors[r * self.width + col..][..side] {
                 n += u16::from(*stored != MASKED);
                 for k in 0..3 {
-                    sum[k] += self.light[usize::from(stored[k])];
+                    sum[k] += self.linear[usize::from(stored[k])];
                 }
             }
         }
@@ -124,8 +125,8 @@ impl TrainingView {
     }
 }
 
-fn light_by_color(tone: Tone) -> [f32; 256] {
-    std::array::from_fn(|v| tone.light(v as f32 / 255.0))
+fn linear_by_color(transfer_function: TransferFunction) -> [f32; 256] {
+    std::array::from_fn(|v| transfer_function.linear(v as f32 / 255.0))
 }
 
 /// Metres on level ground that a pixel of the views covers, the median of them; NaN without views.

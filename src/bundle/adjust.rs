@@ -394,7 +394,7 @@ impl<'a> Work<'a> {
         self.progress.event(Event::Started { stage: "measuring patches", total: pieces.len() as u64 });
         let block = self.network.block();
         let fewest = FEWEST_VIEWS.min(self.views.len().div_ceil(2)).max(2);
-        let images = self.views.par_iter().map(|v| Ok((v.view.brightness()?, v.size())));
+        let images = self.views.par_iter().map(|v| Ok((v.view.gray_image()?, v.size())));
         let mut images = images.collect::<Result<Vec<_>, RasterError>>()?;
         for (done, piece) in pieces.iter().enumerate() {
             self.progress.check()?;

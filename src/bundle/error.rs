@@ -1,6 +1,6 @@
 //! Why a scene could not be adjusted.
 
-use crate::io::RasterError;
+use crate::io::{CloudError, RasterError, WriteError};
 use crate::progress::Interrupted;
 use crate::rpc::formats::FormatError;
 use crate::scene::SceneError;
@@ -14,10 +14,18 @@ pub enum BundleError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Scene(#[from] SceneError),
-    /// A file could not be read or written.
+    /// An image could not be read.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Raster(#[from] RasterError),
+    /// The point cloud of sparse points could not be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Cloud(#[from] CloudError),
+    /// A file could not be written.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Write(#[from] WriteError),
     /// A corrected RPC could not be read back.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -4,7 +4,7 @@
 
 use super::scale_space::{Extremum, Octave, SCALES, SIGMA, extrema, octaves};
 use crate::frame::{CenterPx, Pixel};
-use crate::io::{Plane, Window};
+use crate::io::{Grid2, Window};
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -53,7 +53,7 @@ pub struct Keypoint {
 /// Those of `read`.
 pub fn detect<E>(
     size: (usize, usize),
-    mut read: impl FnMut(Window) -> Result<Plane, E>,
+    mut read: impl FnMut(Window) -> Result<Grid2, E>,
 ) -> Result<Vec<Keypoint>, E> {
     let quota = Quota::of(size);
     let mut found: Vec<(usize, Keypoint)> = Vec::new();
@@ -101,14 +101,14 @@ impl Quota {
 }
 
 /// The keypoints of some columns and rows, each with its rank in its cell.
-fn keypoints(image: &Plane, [cols, rows]: [Range<usize>; 2], quota: &Quota) -> Vec<(usize, Keypoint)> {
+fn keypoints(image: &Grid2, [cols, rows]: [Range<usize>; 2], quota: &Quota) -> Vec<(usize, Keypoint)> {
     let known: Vec<f32> = image.valid().collect();
     if known.is_empty() {
         return Vec::new();
     }
     let mean = known.iter().sum::<f32>() / known.len() as f32;
     let masked = known.len() < image.data.len();
-    let filled = Plane {
+    let filled = Grid2 {
         data: image.data.iter().map(|v| if v.is_nan() { mean } else { *v }).collect(),
         ..image.clone()
     };
@@ -165,7 +165,7 @@ struct Missing {
 }
 
 impl Missing {
-    fn new(image: &Plane) -> Self {
+    fn new(image: &Grid2) -> Self {
         let (columns, rows) = (image.width + 1, image.height + 1);
         let mut sums = vec![0; columns * rows];
         for row in 1..rows {
@@ -195,7 +195,7 @@ impl Missing {
 fn spread(
     mut found: Vec<Extremum>,
     octaves: &[Octave],
-    image: &Plane,
+    image: &Grid2,
     strongest: usize,
     cell_px: usize,
 ) -> Vec<(usize, Extremum)> {
@@ -227,11 +227,11 @@ struct Gradients {
 }
 
 impl Gradients {
-    fn new(plane: &Plane) -> Self {
-        let (width, height) = (plane.width, plane.height);
+    fn new(raster: &Grid2) -> Self {
+        let (width, height) = (raster.width, raster.height);
         let mut polar = vec![[0.0; 2]; width * height];
         for row in 1..height - 1 {
-            let [above, here, below] = [row - 1, row, row + 1].map(|r| plane.row(r));
+            let [above, here, below] = [row - 1, row, row + 1].map(|r| raster.row(r));
             gradients_of_row(above, here, below, &mut polar[row * width..(row + 1) * width]);
         }
         Self { width, height, polar }
@@ -373,18 +373,18 @@ mod tests {
     use crate::bundle::scale_space::blurred;
 
     /// Noise of several scales.
-    fn texture(width: usize, height: usize) -> Plane {
+    fn texture(width: usize, height: usize) -> Grid2 {
         let mut state = 1u32;
         let mut noise = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (state >> 8) as f32 / (1u32 << 24) as f32 - 0.5
         };
-        let white = Plane::from_fn(width, height, |_, _| noise());
+        let white = Grid2::from_fn(width, height, |_, _| noise());
         let (fine, coarse) = (blurred(&white, 1.0), blurred(&white, 4.0));
-        Plane::from_fn(width, height, |c, r| 0.5 + 0.8 * fine.at(c, r) + 4.0 * coarse.at(c, r))
+        Grid2::from_fn(width, height, |c, r| 0.5 + 0.8 * fine.at(c, r) + 4.0 * coarse.at(c, r))
     }
 
-    fn all(image: &Plane) -> Vec<Keypoint> {
+    fn all(image: &Grid2) -> Vec<Keypoint> {
         let Ok(found) = detect((image.width, image.height), |window| {
             Ok::<_, std::convert::Infallible>(image.window(window))
         });
@@ -395,7 +395,7 @@ mod tests {
     fn keypoints_turn_with_the_image() {
         let image = texture(160, 140);
         // A quarter turn: (col, row) goes to (row, width - 1 - col).
-        let turned = Plane::from_fn(140, 160, |c, r| image.at(159 - r, c));
+        let turned = Grid2::from_fn(140, 160, |c, r| image.at(159 - r, c));
         let (a, b) = (all(&image), all(&turned));
         assert!(a.len() > 100, "{}", a.len());
         let matched = a
@@ -432,7 +432,7 @@ mod tests {
     fn the_strongest_are_kept_and_some_of_every_cell() {
         // Texture on the left; on the right other, fainter.
         let (image, side) = (texture(1024, 512), 512);
-        let image = Plane::from_fn(1024, 512, |c, r| {
+        let image = Grid2::from_fn(1024, 512, |c, r| {
             if c < side { image.at(c, r) } else { 0.5 + 0.2 * (image.at(c, r) - 0.5) }
         });
         let octaves = octaves(&image);

@@ -4,7 +4,7 @@
 use super::features::{Keypoint, VALUES, detect};
 use crate::checkpoint;
 use crate::frame::Pixel;
-use crate::io::{RasterError, ValidPixels};
+use crate::io::{RasterError, ValidPixels, WriteError};
 use crate::scene::View;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -30,7 +30,7 @@ struct Stored {
 /// large.
 pub fn keypoints(view: &View, folder: Option<&Path>) -> Result<Vec<Keypoint>, RasterError> {
     let is_large = view.width * view.height >= WORTH_A_FILE_PX;
-    let image = view.brightness()?;
+    let image = view.gray_image()?;
     let valid = image.valid_pixels().map(ValidPixels::digest);
     let file = folder.filter(|_| is_large).map(|f| f.join(file_name(view, valid)));
     if let Some(kept) = file.as_deref().and_then(read) {
@@ -54,7 +54,7 @@ fn file_name(view: &View, valid: Option<String>) -> PathBuf {
     format!("{}.bin", &blake3::hash(format!("{pixels:?}").as_bytes()).to_hex()[..32]).into()
 }
 
-fn write(file: &Path, keypoints: &[Keypoint]) -> Result<(), RasterError> {
+fn write(file: &Path, keypoints: &[Keypoint]) -> Result<(), WriteError> {
     let store = |k: &Keypoint| {
         let mut descriptor = [[0.0; PART]; VALUES / PART];
         descriptor.as_flattened_mut().copy_from_slice(&k.descriptor);

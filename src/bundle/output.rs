@@ -5,7 +5,8 @@ use super::error::BundleError;
 use super::report::Report;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, SiteGrid};
 use crate::io::{
-    CloudPoint, Marker, PointCloud, RasterError, Vertical, epsg_of_cloud, write_file, write_markers,
+    CloudError, CloudPoint, Marker, PointCloud, ReadError, Vertical, WriteError, epsg_of_cloud, read_json,
+    write_file, write_json, write_markers,
 };
 use crate::rpc::Rpc;
 use crate::rpc::formats;
@@ -95,8 +96,7 @@ impl Adjustment {
         self.write_points(folder)?;
         self.write_tie_points(folder)?;
         self.write_figures(folder, scene)?;
-        let report = serde_json::to_string_pretty(&self.report).unwrap_or_default();
-        Ok(write_file(&folder.join(ADJUSTMENT_REPORT), report)?)
+        Ok(write_json(&folder.join(ADJUSTMENT_REPORT), &self.report)?)
     }
 
     /// Reads what [`Adjustment::write`] wrote.
@@ -105,9 +105,8 @@ impl Adjustment {
     /// [`BundleError`].
     pub fn read(folder: &Path) -> Result<Self, BundleError> {
         let path = folder.join(ADJUSTMENT_REPORT);
-        let damaged = |reason: String| BundleError::Points { path: path.clone(), reason };
-        let text = std::fs::read_to_string(&path).map_err(|e| damaged(e.to_string()))?;
-        let report: Report = serde_json::from_str(&text).map_err(|e| damaged(e.to_string()))?;
+        let damaged = |e: ReadError| BundleError::Points { path: path.clone(), reason: e.cause.to_string() };
+        let report: Report = read_json(&path).map_err(damaged)?;
         let cameras = report
             .views
             .iter()
@@ -187,7 +186,7 @@ impl Adjustment {
     fn write_tie_points(&self, folder: &Path) -> Result<(), BundleError> {
         let mut csv = csv::Writer::from_writer(Vec::new());
         let path = folder.join("tie_points.csv");
-        let failed = |e: csv::Error| RasterError::Write { path: path.clone(), reason: e.to_string() };
+        let failed = |e: csv::Error| WriteError::new(&path, e);
         csv.write_record([
             "point",
             "lon",
@@ -293,13 +292,14 @@ impl Adjustment {
 
 fn read_points(path: &Path) -> Result<Vec<SparsePoint>, BundleError> {
     let refused = |reason: String| BundleError::Points { path: path.into(), reason };
-    let mut reader = Reader::from_path(path).map_err(|e| refused(e.to_string()))?;
+    let damaged = |cause: las::Error| CloudError::Read { path: path.into(), cause };
+    let mut reader = Reader::from_path(path).map_err(damaged)?;
     let epsg = epsg_of_cloud(reader.header()).ok_or_else(|| refused("its CRS is not stated".into()))?;
     let grid = SiteGrid { epsg, origin: Point::new(0.0, 0.0, 0.0) };
-    let all = reader.read_all().map_err(|e| refused(e.to_string()))?;
+    let all = reader.read_all().map_err(damaged)?;
     all.points()
         .map(|p| {
-            let p = p.map_err(|e| refused(e.to_string()))?;
+            let p = p.map_err(damaged)?;
             let position = grid.geodetic_from_utm(Point::new(p.x, p.y, p.z));
             let gray = p.color.map_or(0, |c| (c.red / 257) as u8);
             Ok(SparsePoint { position, views: u8::try_from(p.intensity).unwrap_or(u8::MAX), gray })

@@ -8,7 +8,7 @@ use super::correction::Parameters;
 use super::problem::{Block, Measurement};
 use super::scale_space::blurred;
 use crate::frame::{CenterPx, Pixel};
-use crate::io::{Plane, Window};
+use crate::io::{Grid2, Window};
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
@@ -59,7 +59,7 @@ pub fn squares(points: &[[f64; 3]], some: Vec<usize>, side_m: f64) -> Vec<Vec<us
 pub struct Part {
     /// Its first column and row.
     first: Vector2<f64>,
-    plane: Plane,
+    raster: Grid2,
 }
 
 impl Part {
@@ -70,7 +70,7 @@ impl Part {
     pub fn around<E>(
         places: impl Iterator<Item = Pixel<CenterPx>>,
         size: (usize, usize),
-        read: impl FnOnce(Window) -> Result<Plane, E>,
+        read: impl FnOnce(Window) -> Result<Grid2, E>,
     ) -> Result<Self, E> {
         let inside = |p: &Pixel<CenterPx>| {
             let within = |v: f64, n: usize| (0.0..n as f64).contains(&v);
@@ -86,11 +86,11 @@ impl Part {
             (first, ((high + MARGIN_PX) as usize + 1).min(n).saturating_sub(first))
         };
         let ((col, width), (row, height)) = (reach(cols, size.0), reach(rows, size.1));
-        let plane = match width.min(height) {
-            0 => Plane::filled(0, 0, f32::NAN),
+        let raster = match width.min(height) {
+            0 => Grid2::filled(0, 0, f32::NAN),
             _ => blurred(&read(Window { col, row, width, height })?, BLUR_PX),
         };
-        Ok(Self { first: Vector2::new(col as f64, row as f64), plane })
+        Ok(Self { first: Vector2::new(col as f64, row as f64), raster })
     }
 }
 
@@ -116,13 +116,14 @@ impl<'a> Seeker<'a> {
         let own = &self.images[reference.view];
         let at = Vector2::new(reference.px.col, reference.px.row) - own.first;
         let template =
-            Samples::<SIDE>::new(&own.plane, at, Matrix2::identity()).and_then(|s| self.window.template(&s));
+            Samples::<SIDE>::new(&own.raster, at, Matrix2::identity()).and_then(|s| self.window.template(&s));
         let inverse = self.place(reference.view, point).1.try_inverse();
         let (Some(template), Some(inverse)) = (template, inverse) else { return found };
         for (view, image) in self.images.iter().enumerate().filter(|(v, _)| *v != reference.view) {
             let (start, by_ground) = self.place(view, point);
             // The patch is taken to be level.
-            let place = self.window.locate(&template, &image.plane, start - image.first, by_ground * inverse);
+            let place =
+                self.window.locate(&template, &image.raster, start - image.first, by_ground * inverse);
             if let Some(px) = place.map(|p| p + image.first) {
                 found.push(Measurement { view, px: Pixel::<CenterPx>::new(px[0], px[1]), weight: 1.0 });
             }
@@ -145,7 +146,7 @@ struct Samples<const N: usize>([[f64; N]; N]);
 
 impl<const N: usize> Samples<N> {
     /// None where some are missing or outside.
-    fn new(image: &Plane, at: Vector2<f64>, warp: Matrix2<f64>) -> Option<Self> {
+    fn new(image: &Grid2, at: Vector2<f64>, warp: Matrix2<f64>) -> Option<Self> {
         let half = (N / 2) as f64;
         let reach = half * Vector2::new(warp.row(0).abs().sum(), warp.row(1).abs().sum());
         let (last_col, last_row) = (image.width as f64 - 1.0, image.height as f64 - 1.0);
@@ -224,7 +225,7 @@ impl Bell {
     fn locate(
         &self,
         template: &Template,
-        image: &Plane,
+        image: &Grid2,
         start: Vector2<f64>,
         warp: Matrix2<f64>,
     ) -> Option<Vector2<f64>> {
@@ -301,12 +302,12 @@ mod tests {
         waves.iter().map(|(u, v, phase)| 0.1 * (u * x + v * y + phase).sin()).sum::<f64>() + 0.5
     }
 
-    fn image(f: impl Fn(f64, f64) -> f64) -> Plane {
-        Plane::from_fn(64, 64, |c, r| f(c as f64, r as f64) as f32)
+    fn image(f: impl Fn(f64, f64) -> f64) -> Grid2 {
+        Grid2::from_fn(64, 64, |c, r| f(c as f64, r as f64) as f32)
     }
 
     /// Where the patch at (30.3, 31.6) of `a` is found in `b`, sought from `start` on.
-    fn found(a: &Plane, b: &Plane, start: [f64; 2], warp: Matrix2<f64>) -> Option<Vector2<f64>> {
+    fn found(a: &Grid2, b: &Grid2, start: [f64; 2], warp: Matrix2<f64>) -> Option<Vector2<f64>> {
         let window = Bell::new();
         let patch = Samples::new(a, Vector2::new(30.3, 31.6), Matrix2::identity()).unwrap();
         window.locate(&window.template(&patch)?, b, start.into(), warp)
@@ -343,26 +344,26 @@ mod tests {
 
     #[test]
     fn a_part_of_an_image_holds_what_is_sought_and_nothing_of_places_outside() {
-        let whole = Plane::from_fn(400, 300, |c, r| scene(c as f64, r as f64) as f32);
+        let whole = Grid2::from_fn(400, 300, |c, r| scene(c as f64, r as f64) as f32);
         let read = |w: Window| Ok::<_, std::convert::Infallible>(whole.window(w));
         let places = [[210.0, 170.5], [230.25, 160.0], [-50.0, 20.0]].map(|[c, r]| Pixel::new(c, r));
         let Ok(part) = Part::around(places.into_iter(), (400, 300), read);
         assert_eq!([part.first[0], part.first[1]], [170.0, 120.0]);
-        assert_eq!((part.plane.width, part.plane.height), (101, 91));
+        assert_eq!((part.raster.width, part.raster.height), (101, 91));
         let (bell, blurred) = (Bell::new(), blurred(&whole, BLUR_PX));
         let at = Vector2::new(228.3, 161.6);
         let template = bell.template(&Samples::new(&blurred, at, Matrix2::identity()).unwrap()).unwrap();
         let start = at + Vector2::new(0.8, -1.1);
-        let there = bell.locate(&template, &part.plane, start - part.first, Matrix2::identity()).unwrap();
+        let there = bell.locate(&template, &part.raster, start - part.first, Matrix2::identity()).unwrap();
         assert!((there + part.first - at).norm() < 1e-3, "{there}");
         let Ok(nothing) = Part::around(places[2..].iter().copied(), (400, 300), read);
-        assert_eq!(nothing.plane.data.len(), 0);
+        assert_eq!(nothing.raster.data.len(), 0);
     }
 
     #[test]
     fn what_is_plain_an_edge_or_something_else_is_not_found() {
         let here = [30.3, 31.6];
-        let same = |a: &Plane, b: &Plane| found(a, b, here, Matrix2::identity());
+        let same = |a: &Grid2, b: &Grid2| found(a, b, here, Matrix2::identity());
         assert!(same(&image(scene), &image(scene)).is_some());
         let plain = image(|_, _| 0.5);
         assert!(same(&plain, &plain).is_none());
@@ -373,7 +374,7 @@ mod tests {
         };
         let mut edge = || {
             let exact = image(|c, r| (0.5 * (c + 0.4 * r - 43.0)).tanh());
-            Plane { data: exact.data.iter().map(|v| v + grain()).collect(), ..exact }
+            Grid2 { data: exact.data.iter().map(|v| v + grain()).collect(), ..exact }
         };
         let (a, b) = (edge(), edge());
         assert!(same(&a, &b).is_none());

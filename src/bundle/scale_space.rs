@@ -1,6 +1,6 @@
 //! The Gaussian scale space of an image and the extrema of its differences (Lowe 2004, §§3 and 4).
 
-use crate::io::Plane;
+use crate::io::Grid2;
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -30,7 +30,7 @@ const ROWS_AT_ONCE: usize = 16;
 /// Blurred images of one resolution.
 pub struct Octave {
     /// `SCALES + 3` levels.
-    pub levels: Vec<Plane>,
+    pub levels: Vec<Grid2>,
     /// Pixels of the image a pixel of the octave is wide.
     pub step: f64,
 }
@@ -47,7 +47,7 @@ pub struct Extremum {
 }
 
 /// Builds the octaves of an image without NaN.
-pub fn octaves(image: &Plane) -> Vec<Octave> {
+pub fn octaves(image: &Grid2) -> Vec<Octave> {
     let mut out: Vec<Octave> = Vec::new();
     let mut base = blurred(image, (SIGMA * SIGMA - INITIAL_SIGMA * INITIAL_SIGMA).sqrt());
     for o in 0..OCTAVES {
@@ -63,7 +63,7 @@ pub fn octaves(image: &Plane) -> Vec<Octave> {
             levels.push(next);
         }
         let twice = &levels[SCALES];
-        base = Plane::from_fn(twice.width / 2, twice.height / 2, |c, r| twice.at(2 * c, 2 * r));
+        base = Grid2::from_fn(twice.width / 2, twice.height / 2, |c, r| twice.at(2 * c, 2 * r));
         out.push(Octave { levels, step: f64::from(1u32 << o) });
     }
     out
@@ -102,7 +102,7 @@ struct Differences {
 }
 
 impl Differences {
-    fn new(levels: &[Plane], rows: Range<usize>) -> Self {
+    fn new(levels: &[Grid2], rows: Range<usize>) -> Self {
         let width = levels[0].width;
         let pixels = rows.start * width..rows.end * width;
         let mut data = Vec::with_capacity((levels.len() - 1) * pixels.len());
@@ -137,7 +137,7 @@ impl Differences {
 }
 
 /// The extremum of the parabola through an extremum's neighbours; none if it is faint, an edge, or runs away.
-fn refined(levels: &[Plane], octave: usize, mut at: [usize; 3]) -> Option<Extremum> {
+fn refined(levels: &[Grid2], octave: usize, mut at: [usize; 3]) -> Option<Extremum> {
     for _ in 0..5 {
         let [c, r, s] = at;
         let v = |dc: i64, dr: i64, ds: i64| {
@@ -185,14 +185,14 @@ fn refined(levels: &[Plane], octave: usize, mut at: [usize; 3]) -> Option<Extrem
 }
 
 /// Gaussian blur, borders repeated.
-pub fn blurred(image: &Plane, sigma: f64) -> Plane {
+pub fn blurred(image: &Grid2, sigma: f64) -> Grid2 {
     let reach = (3.5 * sigma).ceil() as usize;
     let taps: Vec<f64> =
         (0..=2 * reach).map(|i| (-(i as f64 - reach as f64).powi(2) / (2.0 * sigma * sigma)).exp()).collect();
     let sum: f64 = taps.iter().sum();
     let taps: Vec<f32> = taps.iter().map(|t| (t / sum) as f32).collect();
     let (width, height) = (image.width, image.height);
-    let mut out = Plane::filled(width, height, 0.0);
+    let mut out = Grid2::filled(width, height, 0.0);
     out.data.par_chunks_mut(width * ROWS_AT_ONCE).enumerate().for_each(|(k, lines)| {
         let first = k * ROWS_AT_ONCE;
         let rows = first.saturating_sub(reach)..(first + ROWS_AT_ONCE + reach).min(height);
@@ -247,7 +247,7 @@ mod tests {
         let sigma = 3.0f64;
         for i in 0..ROWS_AT_ONCE {
             let (x, y) = (40.3, 19.7 + 2.0 * i as f64);
-            let image = Plane::from_fn(90, 80, |c, r| {
+            let image = Grid2::from_fn(90, 80, |c, r| {
                 let d2 = (c as f64 - x).powi(2) + (r as f64 - y).powi(2);
                 (0.2 + 0.6 * (-d2 / (2.0 * sigma * sigma)).exp()) as f32
             });
@@ -263,7 +263,7 @@ mod tests {
     #[test]
     fn images_of_any_size_are_blurred_as_the_definition_says() {
         for (width, height) in [(1, 1), (5, 1), (1, 40), (63, 5), (64, 16), (65, 17), (130, 33)] {
-            let image = Plane::from_fn(width, height, |c, r| ((c * 7 + r * 13) % 11) as f32);
+            let image = Grid2::from_fn(width, height, |c, r| ((c * 7 + r * 13) % 11) as f32);
             for sigma in [0.56f64, 1.45] {
                 let reach = (3.5 * sigma).ceil() as i64;
                 let bell = |d: i64| (-0.5 * (d as f64 / sigma).powi(2)).exp();
@@ -286,6 +286,6 @@ mod tests {
 
     #[test]
     fn a_constant_image_has_no_extrema() {
-        assert!(extrema(&octaves(&Plane::filled(64, 64, 0.5))).is_empty());
+        assert!(extrema(&octaves(&Grid2::filled(64, 64, 0.5))).is_empty());
     }
 }

@@ -6,7 +6,7 @@
 use super::nadir_camera;
 use crate::affine::AffineCamera;
 use crate::frame::SiteGrid;
-use crate::io::{MapGrid, Plane};
+use crate::io::{Grid2, MapGrid};
 use crate::splat::raster::{ALPHA_CUT, LOW_PASS_PX2};
 use crate::splat::splats::{Splats, rotation_matrix, sigmoid};
 use rayon::prelude::*;
@@ -77,14 +77,14 @@ impl Ellipse {
 /// Altitudes of the splats above the site's origin, in the cells of a grid; NaN where most of the light reaches the
 /// ground.
 #[must_use]
-pub fn altitudes(splats: &Splats, site: &SiteGrid, grid: &MapGrid) -> Plane {
+pub fn altitudes(splats: &Splats, site: &SiteGrid, grid: &MapGrid) -> Grid2 {
     let fine = sampled(grid);
     let camera = nadir_camera(&fine, site);
     let mut ellipses: Vec<Ellipse> =
         (0..splats.len()).into_par_iter().filter_map(|i| Ellipse::new(splats, i, &camera)).collect();
     // Stable: splats of the same altitude stay in their own order.
     ellipses.par_sort_by(|a, b| b.altitude.total_cmp(&a.altitude));
-    let mut out = Plane::filled(grid.width, grid.height, f32::NAN);
+    let mut out = Grid2::filled(grid.width, grid.height, f32::NAN);
     out.data.par_chunks_mut(BAND_ROWS * grid.width).enumerate().for_each(|(k, band)| {
         let rows = band.len() / grid.width * SAMPLES;
         let samples = draw(&ellipses, k * BAND_ROWS * SAMPLES, rows, fine.width);

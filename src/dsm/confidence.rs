@@ -3,7 +3,7 @@
 use super::Surface;
 use crate::affine::AffineCamera;
 use crate::frame::{CenterPx, Pixel, SiteGrid};
-use crate::io::{Plane, ValidPixels};
+use crate::io::{Grid2, ValidPixels};
 use crate::mvs::{MatchedSurface, SLACK_M, horizon};
 use rayon::prelude::*;
 
@@ -13,11 +13,11 @@ const FEWEST_VIEWS: f32 = 2.0;
 /// How far a surface can be trusted.
 pub struct Confidence {
     /// Share of the light that the splats of the cell hold back from straight above, 0 to 1.
-    pub opacity: Plane,
+    pub opacity: Grid2,
     /// Standard deviation of the altitudes that a look straight down mixes, metres.
-    pub spread: Plane,
+    pub spread: Grid2,
     /// Number of views that see the cell: valid pixels of their image show it and nothing hides it. 0 where it was filled.
-    pub views: Plane,
+    pub views: Grid2,
 }
 
 /// A view that may see a cell.
@@ -45,7 +45,7 @@ impl Surface {
     pub fn count_views(&mut self, site: &SiteGrid, views: &[Seeing]) {
         let Self { grid, height, colors, confidence, .. } = self;
         let origin_m = site.origin.z() as f32;
-        let mut covering = Plane::filled(grid.width, grid.height, 0.0);
+        let mut covering = Grid2::filled(grid.width, grid.height, 0.0);
         let mut seeing = covering.clone();
         for view in views {
             let hidden_below = horizon(height, view.camera.lean(), grid.cell);
@@ -151,19 +151,24 @@ mod tests {
     #[test]
     fn what_matching_filled_is_seen_by_no_view() {
         let (mut surface, site) = flat_surface(8, 3);
-        surface.confidence.views = Plane::filled(8, 3, 2.0);
-        let cells = |value: f32| Plane::filled(8, 3, value);
-        let score = Plane::from_fn(8, 3, |col, _| if col == 5 { 0.0 } else { 0.4 });
-        let matched =
-            MatchedSurface { site, grid: surface.grid, altitude: cells(0.0), score, hold: cells(0.0) };
+        surface.confidence.views = Grid2::filled(8, 3, 2.0);
+        let cells = |value: f32| Grid2::filled(8, 3, value);
+        let score = Grid2::from_fn(8, 3, |col, _| if col == 5 { 0.0 } else { 0.4 });
+        let matched = MatchedSurface {
+            site,
+            grid: surface.grid,
+            altitude: cells(0.0),
+            score,
+            prior_weight: cells(0.0),
+        };
         surface.mark_filled(&matched);
-        assert_eq!(surface.confidence.views, Plane::from_fn(8, 3, |col, _| if col == 5 { 0.0 } else { 2.0 }));
+        assert_eq!(surface.confidence.views, Grid2::from_fn(8, 3, |col, _| if col == 5 { 0.0 } else { 2.0 }));
     }
 
     #[test]
     fn small_holes_are_filled_with_the_lower_side_and_large_ones_are_left() {
         let (mut surface, _) = flat_surface(30, 3);
-        surface.confidence.views = Plane::filled(30, 3, 4.0);
+        surface.confidence.views = Grid2::filled(30, 3, 4.0);
         for col in [3, 4, 10, 11, 12, 13, 14, 15, 16] {
             for row in 0..3 {
                 surface.height.data[row * 30 + col] = f32::NAN;

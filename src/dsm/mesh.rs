@@ -4,7 +4,7 @@
 //! Where that lies on Earth stands in the scene's `extras`.
 
 use super::{Heights, Surface};
-use crate::io::{RasterError, png_rgb, write_file};
+use crate::io::{WriteError, png_rgb, write_file};
 use serde_json::json;
 use std::path::Path;
 
@@ -21,15 +21,15 @@ impl Surface {
     /// Writes the mesh of all cells with heights, coloured by the orthophoto, as `.glb`.
     ///
     /// # Errors
-    /// [`RasterError::Write`], also for more than the 4 GiB that the format can hold.
-    pub fn write_mesh(&self, path: &Path, heights: &Heights) -> Result<(), RasterError> {
-        let failed = |reason: &str| RasterError::Write { path: path.into(), reason: reason.into() };
+    /// [`WriteError`], also for more than the 4 GiB that the format can hold.
+    pub fn write_mesh(&self, path: &Path, heights: &Heights) -> Result<(), WriteError> {
+        let failed = |reason: &str| WriteError::new(path, reason);
         let glb = self.glb(heights).ok_or_else(|| failed("the grid is too large for a mesh"))?;
         write_file(path, glb)
     }
 
     fn glb(&self, heights: &Heights) -> Option<Vec<u8>> {
-        let (grid, z) = (&self.grid, &heights.plane.data);
+        let (grid, z) = (&self.grid, &heights.raster.data);
         let (west, south, east, north) = grid.bounds();
         let center = [0.5 * (west + east), 0.5 * (south + north)];
 

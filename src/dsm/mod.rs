@@ -14,7 +14,7 @@ pub use confidence::{Confidence, Seeing};
 
 use crate::affine::AffineCamera;
 use crate::frame::{Point, SiteGrid};
-use crate::io::{Cog, MapGrid, Plane, RasterError, Vertical, color_style, write_file};
+use crate::io::{Cog, Grid2, MapGrid, Vertical, WriteError, color_style, write_file};
 use crate::mvs::MatchedSurface;
 use crate::splat::appearance::Appearance;
 use crate::splat::raster::{FrameCamera, Image, Rasterizer, SortedSplats};
@@ -36,9 +36,9 @@ pub struct Surface {
     /// The grid.
     pub grid: MapGrid,
     /// Ellipsoidal heights in metres; NaN where nothing was seen.
-    pub height: Plane,
+    pub height: Grid2,
     /// Colours in the reference view's radiometry, sunlit, 0 to 1, as the splats have them; NaN where nothing was seen.
-    pub colors: [Plane; 3],
+    pub colors: [Grid2; 3],
     /// How far the heights can be trusted.
     pub confidence: Confidence,
     /// Metadata items that all rasters of it carry.
@@ -48,7 +48,7 @@ pub struct Surface {
 /// Heights of a surface's cells in metres above something; NaN where they are not known.
 pub struct Heights<'a> {
     /// The heights.
-    pub plane: Plane,
+    pub raster: Grid2,
     /// What they count from.
     pub above: &'a Vertical,
 }
@@ -106,25 +106,26 @@ pub fn render(
         HeightsFrom::Mean { floor } => mean_around(&with_floor(image, floor)),
     };
     height.data.iter_mut().for_each(|z| *z += site.origin.z() as f32);
-    let mut colors: [Plane; 3] = std::array::from_fn(|c| image.plane(c));
+    let mut colors: [Grid2; 3] = std::array::from_fn(|c| image.plane(c));
     let (mut spread, square, mut opacity) = (image.plane(3), image.plane(4), image.plane(5));
+    let sunlit = reference.sunlit();
     for i in 0..height.data.len() {
         let opaque = 1.0 - opacity.data[i];
         let mean = spread.data[i] / opaque;
         spread.data[i] = (square.data[i] / opaque - mean * mean).max(0.0).sqrt();
         opacity.data[i] = opaque;
-        let lit = reference.sunlit(std::array::from_fn(|c| colors[c].data[i] / opaque));
-        for (plane, v) in colors.iter_mut().zip(lit) {
-            plane.data[i] = if height.data[i].is_nan() { f32::NAN } else { v };
+        let lit = sunlit(std::array::from_fn(|c| colors[c].data[i] / opaque));
+        for (raster, v) in colors.iter_mut().zip(lit) {
+            raster.data[i] = if height.data[i].is_nan() { f32::NAN } else { v };
         }
     }
-    let views = Plane::filled(grid.width, grid.height, f32::NAN);
+    let views = Grid2::filled(grid.width, grid.height, f32::NAN);
     let confidence = Confidence { opacity, spread, views };
     Surface { grid, height, colors, confidence, metadata: Vec::new() }
 }
 
 /// The mean altitudes of a render, over a floor where light comes through; NaN where nothing was drawn.
-fn with_floor(image: &Image<f32>, floor: f32) -> Plane {
+fn with_floor(image: &Image<f32>, floor: f32) -> Grid2 {
     let (mut altitude, through) = (image.plane(3), image.plane(5));
     for (z, through) in altitude.data.iter_mut().zip(&through.data) {
         *z = if *through < 1.0 { *z + through * floor } else { f32::NAN };
@@ -133,13 +134,13 @@ fn with_floor(image: &Image<f32>, floor: f32) -> Plane {
 }
 
 /// The mean of each cell and the eight around it, as the published DSMs are flattened; NaN stays.
-fn mean_around(plane: &Plane) -> Plane {
-    Plane::from_fn(plane.width, plane.height, |col, row| {
-        let center = plane.at(col, row);
+fn mean_around(raster: &Grid2) -> Grid2 {
+    Grid2::from_fn(raster.width, raster.height, |col, row| {
+        let center = raster.at(col, row);
         let (mut sum, mut count) = (0.0, 0.0);
-        for r in row.saturating_sub(1)..plane.height.min(row + 2) {
-            for c in col.saturating_sub(1)..plane.width.min(col + 2) {
-                let z = plane.at(c, r);
+        for r in row.saturating_sub(1)..raster.height.min(row + 2) {
+            for c in col.saturating_sub(1)..raster.width.min(col + 2) {
+                let z = raster.at(c, r);
                 if !z.is_nan() {
                     (sum, count) = (sum + z, count + 1.0);
                 }
@@ -150,14 +151,14 @@ fn mean_around(plane: &Plane) -> Plane {
 }
 
 /// Altitudes of a swept surface in the cells of a grid: medians of samples, NaN where most have none.
-fn resampled(surface: &MatchedSurface, grid: &MapGrid) -> Plane {
+fn resampled(surface: &MatchedSurface, grid: &MapGrid) -> Grid2 {
     let fine = sampled(grid);
     let altitude_at = |col: usize, row: usize| {
         let p = surface.grid.corner_px_from_utm(fine.cell_center(col, row));
         surface.altitude.get(p.col.floor() as i64, p.row.floor() as i64)
     };
     let (width, side) = (grid.width, fine.width / grid.width);
-    let mut out = Plane::filled(width, grid.height, f32::NAN);
+    let mut out = Grid2::filled(width, grid.height, f32::NAN);
     out.data.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
         let mut values = Vec::new();
         for (col, altitude) in line.iter_mut().enumerate() {
@@ -171,43 +172,43 @@ impl Surface {
     /// The heights above what they are to count from; NaN also where that is not known.
     #[must_use]
     pub fn heights_above<'a>(&self, above: &'a Vertical) -> Heights<'a> {
-        let Vertical::Geoid { .. } = above else { return Heights { plane: self.height.clone(), above } };
+        let Vertical::Geoid { .. } = above else { return Heights { raster: self.height.clone(), above } };
         let place = SiteGrid { epsg: self.grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
         let nodes = [self.grid.width, self.grid.height].map(|n| n.div_ceil(GEOID_STEP) + 1);
-        let undulation = Plane::from_fn(nodes[0], nodes[1], |col, row| {
+        let undulation = Grid2::from_fn(nodes[0], nodes[1], |col, row| {
             let p = place.geodetic_from_utm(self.grid.cell_center(col * GEOID_STEP, row * GEOID_STEP));
             above.undulation_m(p.lon_deg(), p.lat_deg()) as f32
         });
         let step = GEOID_STEP as f64;
-        let plane = Plane::from_fn(self.grid.width, self.grid.height, |col, row| {
+        let raster = Grid2::from_fn(self.grid.width, self.grid.height, |col, row| {
             self.height.at(col, row) - undulation.bilinear(col as f64 / step, row as f64 / step)
         });
-        Heights { plane, above }
+        Heights { raster, above }
     }
 
     /// Writes heights as a Cloud-Optimized GeoTIFF, float32 with NaN nodata, and its QGIS style.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write_dsm(&self, path: &Path, heights: &Heights) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write_dsm(&self, path: &Path, heights: &Heights) -> Result<(), WriteError> {
         let cog = Cog { heights_from: Some(heights.above), ..self.cog() };
-        cog.write_f32(path, &[("height", "m", &heights.plane)])?;
+        cog.write_f32(path, &[("height", "m", &heights.raster)])?;
         write_file(&path.with_extension("qml"), heights.style())
     }
 
     /// Writes a relief lit from the north-west as an 8-bit Cloud-Optimized GeoTIFF; 255 is nodata.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write_hillshade(&self, path: &Path) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write_hillshade(&self, path: &Path) -> Result<(), WriteError> {
         self.cog().write_u8(path, vec![hillshade(&self.height, self.grid.cell)], Some(255.0))
     }
 
     /// Writes the colours as an 8-bit Cloud-Optimized GeoTIFF; 0 is nodata.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write_ortho(&self, path: &Path) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write_ortho(&self, path: &Path) -> Result<(), WriteError> {
         let byte = |v: &f32| if v.is_nan() { 0 } else { (v.clamp(0.0, 1.0) * 254.0).round() as u8 + 1 };
         let bands = self.colors.iter().map(|p| p.data.iter().map(byte).collect()).collect();
         self.cog().write_u8(path, bands, Some(0.0))
@@ -216,8 +217,8 @@ impl Surface {
     /// Writes the confidence: opacity, spread of the altitudes in metres, number of views.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write_confidence(&self, path: &Path) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write_confidence(&self, path: &Path) -> Result<(), WriteError> {
         let Confidence { opacity, spread, views } = &self.confidence;
         let bands = [("opacity", "", opacity), ("altitude spread", "m", spread), ("views", "", views)];
         self.cog().write_f32(path, &bands)
@@ -231,7 +232,7 @@ impl Surface {
 impl Heights<'_> {
     /// A QGIS style that colours them from low to high.
     fn style(&self) -> String {
-        let mut sorted: Vec<f32> = self.plane.valid().collect();
+        let mut sorted: Vec<f32> = self.raster.valid().collect();
         sorted.sort_unstable_by(f32::total_cmp);
         let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
         let (low, high) = (at(STYLE_TAIL), at(1.0 - STYLE_TAIL));
@@ -244,7 +245,7 @@ impl Heights<'_> {
 
 /// Relief lit from the north-west, 0 to 255; nodata is white.
 #[must_use]
-pub fn hillshade(height: &Plane, cell_m: f64) -> Vec<u8> {
+pub fn hillshade(height: &Grid2, cell_m: f64) -> Vec<u8> {
     // Unit vector towards a light at azimuth 315°, elevation 45°, the cartographers' convention.
     let light = [-0.5f32, 0.5, std::f32::consts::FRAC_1_SQRT_2];
     let cell = cell_m as f32;
@@ -272,13 +273,13 @@ mod tests {
     pub(super) fn flat_surface(width: usize, height: usize) -> (Surface, SiteGrid) {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
-        let plane = |value| Plane::filled(width, height, value);
-        let confidence = Confidence { opacity: plane(1.0), spread: plane(0.0), views: plane(f32::NAN) };
+        let raster = |value| Grid2::filled(width, height, value);
+        let confidence = Confidence { opacity: raster(1.0), spread: raster(0.0), views: raster(f32::NAN) };
         (
             Surface {
                 grid,
-                height: plane(10.0),
-                colors: [plane(0.1), plane(0.5), plane(1.0)],
+                height: raster(10.0),
+                colors: [raster(0.1), raster(0.5), raster(1.0)],
                 confidence,
                 metadata: Vec::new(),
             },

@@ -1,16 +1,16 @@
 //! The surface as a point cloud.
 
 use super::{Heights, Surface};
-use crate::io::{CloudPoint, PointCloud, RasterError};
+use crate::io::{CloudPoint, PointCloud, WriteError};
 use std::path::Path;
 
 impl Surface {
     /// Writes a point with its colour for every cell that has a height, as LAS or LAZ.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write_points(&self, path: &Path, heights: &Heights) -> Result<(), RasterError> {
-        let z = &heights.plane.data;
+    /// [`WriteError`].
+    pub fn write_points(&self, path: &Path, heights: &Heights) -> Result<(), WriteError> {
+        let z = &heights.raster.data;
         let (west, _, _, north) = self.grid.bounds();
         let origin = crate::frame::Point::new(west.floor(), north.floor(), 0.0);
         let seen = (0..z.len()).filter(|&i| !z[i].is_nan());

@@ -1,6 +1,6 @@
 //! Files that appear whole or not at all, and whether they could.
 
-use super::RasterError;
+use super::WriteError;
 use std::io::Write;
 use std::path::Path;
 
@@ -10,12 +10,12 @@ const TRIAL_BYTES: usize = 16 << 10;
 /// Runs `write` on a temporary name beside `path`, then renames: `path` is the old file or the whole new one.
 ///
 /// # Errors
-/// What `write` returns, or [`RasterError::Write`] with the system's words.
-pub fn write_atomically<E: From<RasterError>>(
+/// What `write` returns, or [`WriteError`] with the system's error.
+pub fn write_atomically<E: From<WriteError>>(
     path: &Path,
     write: impl FnOnce(&Path) -> Result<(), E>,
 ) -> Result<(), E> {
-    let failed = |e: std::io::Error| RasterError::Write { path: path.into(), reason: e.to_string() };
+    let failed = |e: std::io::Error| WriteError::new(path, e);
     refuse_what_is_no_file(path)?;
     let folder = folder_of(path);
     std::fs::create_dir_all(folder).map_err(failed)?;
@@ -41,11 +41,9 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 /// Devices and folders would be replaced by the file.
-fn refuse_what_is_no_file(path: &Path) -> Result<(), RasterError> {
+fn refuse_what_is_no_file(path: &Path) -> Result<(), WriteError> {
     match std::fs::metadata(path) {
-        Ok(there) if !there.is_file() => {
-            Err(RasterError::Write { path: path.into(), reason: "it is there and is no regular file".into() })
-        }
+        Ok(there) if !there.is_file() => Err(WriteError::new(path, "it exists and is not a regular file")),
         _ => Ok(()),
     }
 }
@@ -53,14 +51,13 @@ fn refuse_what_is_no_file(path: &Path) -> Result<(), RasterError> {
 /// Asks whether a file could be written, for that to be known before long work. Leaves nothing behind.
 ///
 /// # Errors
-/// [`RasterError::Write`].
-pub fn check_writable(path: &Path) -> Result<(), RasterError> {
+/// [`WriteError`].
+pub fn check_writable(path: &Path) -> Result<(), WriteError> {
     refuse_what_is_no_file(path)?;
     // The folders that are missing are made when the file is.
     let folder = folder_of(path).ancestors().find(|f| f.exists()).unwrap_or(Path::new("."));
-    let failed = |reason: String| RasterError::Write { path: path.into(), reason };
     if !folder.is_dir() {
-        return Err(failed(format!("`{}` is no folder", folder.display())));
+        return Err(WriteError::new(path, format!("`{}` is not a folder", folder.display())));
     }
     let try_it = || -> std::io::Result<()> {
         let mut file = tempfile::Builder::new().prefix(".satgs-").tempfile_in(folder)?;
@@ -68,17 +65,16 @@ pub fn check_writable(path: &Path) -> Result<(), RasterError> {
         // A full disk shows at the latest when the data must reach it.
         file.as_file().sync_all()
     };
-    try_it().map_err(|e| failed(e.to_string()))
+    try_it().map_err(|e| WriteError::new(path, e))
 }
 
 /// Writes a file as a whole or not at all.
 ///
 /// # Errors
-/// [`RasterError::Write`].
-pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), RasterError> {
+/// [`WriteError`].
+pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), WriteError> {
     write_atomically(path, |temporary| {
-        std::fs::write(temporary, content)
-            .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+        std::fs::write(temporary, content).map_err(|e| WriteError::new(path, e))
     })
 }
 
@@ -94,8 +90,8 @@ mod tests {
         check_writable(&file).unwrap();
         check_writable(&dir.path().join("run/ba/report.json")).unwrap();
         for (path, says) in [
-            (file.join("ba/report.json"), "file` is no folder"),
-            (dir.path().to_path_buf(), "no regular file"),
+            (file.join("ba/report.json"), "file` is not a folder"),
+            (dir.path().to_path_buf(), "not a regular file"),
             ("/proc/run/report.json".into(), "/proc/run/report.json"),
             ("/sys/report.json".into(), "/sys/report.json"),
         ] {
@@ -113,7 +109,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let socket = dir.path().join("socket");
         let _listening = std::os::unix::net::UnixListener::bind(&socket).unwrap();
-        assert!(write_file(&socket, "x").unwrap_err().to_string().contains("no regular file"));
+        assert!(write_file(&socket, "x").unwrap_err().to_string().contains("not a regular file"));
         assert!(check_writable(Path::new("/dev/full")).is_err());
     }
 
@@ -124,7 +120,7 @@ mod tests {
         std::fs::write(&path, "old").unwrap();
         let result = write_atomically(&path, |t| {
             std::fs::write(t, "half").unwrap();
-            Err(RasterError::Write { path: path.clone(), reason: "disk full".into() })
+            Err(WriteError::new(&path, "disk full"))
         });
         assert!(result.is_err());
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");

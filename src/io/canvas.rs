@@ -1,6 +1,6 @@
 //! Dots, lines and discs for pictures in reports.
 
-use super::{RasterError, write_png_rgb};
+use super::{WriteError, write_png_rgb};
 use std::path::Path;
 
 /// A white picture to draw on; x counts right and y down from the middle of the first pixel.
@@ -78,8 +78,8 @@ impl Canvas {
     /// Writes it as a PNG.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write(&self, path: &Path) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         let (width, height, rgb) = self.picture();
         write_png_rgb(path, width, height, rgb)
     }

@@ -1,7 +1,7 @@
 //! Point clouds as LAS or LAZ 1.4, with their CRS.
 
 use super::write::write_by;
-use super::{RasterError, Vertical, epsg_of_wkt};
+use super::{Vertical, WriteError, epsg_of_wkt};
 use crate::frame::{Point, Utm};
 use gdal::spatial_ref::SpatialRef;
 use las::{Builder, Color, Transform, Vector, Writer, point::Format};
@@ -50,8 +50,8 @@ impl PointCloud<'_> {
     /// Writes points; compressed if the path ends in `.laz`.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write(&self, path: &Path, points: impl Iterator<Item = CloudPoint>) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write(&self, path: &Path, points: impl Iterator<Item = CloudPoint>) -> Result<(), WriteError> {
         write_by(path, |temporary| {
             let mut builder = Builder::from((1, 4));
             builder.point_format = Format::new(7)?;

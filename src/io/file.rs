@@ -1,6 +1,6 @@
 //! Reading: any GDAL raster, its bands, its metadata, its place on the map.
 
-use super::{MapGrid, Plane, RasterError};
+use super::{Cause, Grid2, MapGrid, RasterError};
 use crate::frame::{CornerPx, Pixel};
 use gdal::raster::{GdalDataType, ResampleAlg};
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
@@ -65,12 +65,12 @@ impl ImageFile {
     /// [`RasterError::Open`] when GDAL cannot, [`RasterError::Size`] for images that cannot be.
     pub fn open(path: &Path) -> Result<Self, RasterError> {
         set_up_gdal();
-        let refused = |reason: String| RasterError::Open { path: path.into(), reason };
-        let file = std::fs::metadata(path).map_err(|e| refused(e.to_string()))?;
+        let refused = |cause: Cause| RasterError::Open { path: path.into(), cause };
+        let file = std::fs::metadata(path).map_err(|e| refused(e.into()))?;
         if !file.is_file() {
             return Err(refused("not a regular file".into()));
         }
-        let dataset = Dataset::open(path).map_err(|e| refused(e.to_string()))?;
+        let dataset = Dataset::open(path).map_err(|e| refused(e.into()))?;
         let (width, height) = dataset.raster_size();
         let size = |reason| RasterError::Size { path: path.into(), width, height, bytes: file.len(), reason };
         let pixels = width as u64 * height as u64;
@@ -127,7 +127,7 @@ impl ImageFile {
     ///
     /// # Errors
     /// [`RasterError::NoBand`], or [`RasterError::Read`] for a file cut short.
-    pub fn read(&self, index: usize) -> Result<Plane, RasterError> {
+    pub fn read(&self, index: usize) -> Result<Grid2, RasterError> {
         let (width, height) = self.size();
         self.read_window(index, Window { col: 0, row: 0, width, height })
     }
@@ -136,7 +136,7 @@ impl ImageFile {
     ///
     /// # Errors
     /// As [`ImageFile::read`].
-    pub fn read_window(&self, index: usize, window: Window) -> Result<Plane, RasterError> {
+    pub fn read_window(&self, index: usize, window: Window) -> Result<Grid2, RasterError> {
         self.read_scaled(index, window, (window.width, window.height))
     }
 
@@ -149,22 +149,22 @@ impl ImageFile {
         index: usize,
         window: Window,
         size: (usize, usize),
-    ) -> Result<Plane, RasterError> {
-        let mut plane = self.read_stored(index, window, size)?;
+    ) -> Result<Grid2, RasterError> {
+        let mut raster = self.read_stored(index, window, size)?;
         if let Some(nodata) = self.band(index)?.nodata.filter(|v| !v.is_nan()) {
             let nodata = nodata as f32;
-            plane.data.par_iter_mut().filter(|v| **v == nodata).for_each(|v| *v = f32::NAN);
+            raster.data.par_iter_mut().filter(|v| **v == nodata).for_each(|v| *v = f32::NAN);
         }
-        self.apply_scale(index, &mut plane)?;
-        Ok(plane)
+        self.apply_scale(index, &mut raster)?;
+        Ok(raster)
     }
 
     /// Turns stored numbers into values by the band's scale and offset; a nodata value is one of the stored numbers.
-    pub(super) fn apply_scale(&self, index: usize, plane: &mut Plane) -> Result<(), RasterError> {
+    pub(super) fn apply_scale(&self, index: usize, raster: &mut Grid2) -> Result<(), RasterError> {
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
         let (scale, offset) = (band.scale().unwrap_or(1.0), band.offset().unwrap_or(0.0));
         if (scale, offset) != (1.0, 0.0) && scale != 0.0 {
-            plane.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) * scale + offset) as f32);
+            raster.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) * scale + offset) as f32);
         }
         Ok(())
     }
@@ -178,13 +178,13 @@ impl ImageFile {
         index: usize,
         window: Window,
         (width, height): (usize, usize),
-    ) -> Result<Plane, RasterError> {
+    ) -> Result<Grid2, RasterError> {
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
         let (from, size) = ((window.col as isize, window.row as isize), (window.width, window.height));
         let pixels = band
             .read_as::<f32>(from, size, (width, height), Some(ResampleAlg::Average))
-            .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })?;
-        Ok(Plane { width, height, data: pixels.into_shape_and_vec().1 })
+            .map_err(|e| RasterError::Read { path: self.path.clone(), cause: e })?;
+        Ok(Grid2 { width, height, data: pixels.into_shape_and_vec().1 })
     }
 
     /// A metadata item of a domain (`""`: the default one, `"RPC"`, …).
@@ -210,7 +210,7 @@ impl ImageFile {
         let last = (width as isize - 1, height as isize - 1);
         band.read_as::<f32>(last, (1, 1), (1, 1), None)
             .map(|_| ())
-            .map_err(|e| RasterError::Read { path: self.path.clone(), reason: e.to_string() })
+            .map_err(|e| RasterError::Read { path: self.path.clone(), cause: e })
     }
 
     /// Bits of a pixel of the first band, as stored.
@@ -276,7 +276,7 @@ impl ImageFile {
     /// # Errors
     /// [`RasterError::NotAMap`] unless it is north-up with square cells in a projected CRS with an EPSG code.
     pub fn map_grid(&self) -> Result<MapGrid, RasterError> {
-        let not = |reason: &str| RasterError::NotAMap { path: self.path.clone(), reason: reason.into() };
+        let not = |reason: &'static str| RasterError::NotAMap { path: self.path.clone(), reason };
         let t = self.dataset.geo_transform().map_err(|_| not("the raster has no geotransform"))?;
         let srs = self.dataset.spatial_ref().map_err(|_| not("the raster has no CRS"))?;
         if srs.is_geographic() {

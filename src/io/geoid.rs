@@ -1,6 +1,6 @@
 //! Geoid undulations from a grid in longitude and latitude: PROJ's `.gtx` and GeoTIFF grids, EGM96 and others.
 
-use super::{ImageFile, Plane, RasterError};
+use super::{Grid2, ImageFile, RasterError};
 use std::path::Path;
 
 /// The height of a geoid above the ellipsoid, on a grid.
@@ -9,7 +9,7 @@ pub struct Geoid {
     origin: (f64, f64),
     /// From one column, one row to the next, degrees.
     step: (f64, f64),
-    undulation: Plane,
+    undulation: Grid2,
 }
 
 impl Geoid {
@@ -21,7 +21,7 @@ impl Geoid {
         let file = ImageFile::open(path)?;
         let not = || RasterError::NotAMap {
             path: path.into(),
-            reason: "it is no geoid grid: a north-up raster in degrees is expected".into(),
+            reason: "it is no geoid grid: a north-up raster in degrees is expected",
         };
         let t = file.degrees_grid().ok_or_else(not)?;
         let origin = (t[0] + 0.5 * t[1], t[3] + 0.5 * t[5]);
@@ -30,7 +30,7 @@ impl Geoid {
         if (width as f64 * t[1] - 360.0).abs() < 0.5 * t[1] {
             // All around the Earth: the first column follows the last.
             undulation =
-                Plane::from_fn(width + 1, undulation.height, |col, row| undulation.at(col % width, row));
+                Grid2::from_fn(width + 1, undulation.height, |col, row| undulation.at(col % width, row));
         }
         Ok(Self { origin, step: (t[1], t[5]), undulation })
     }

@@ -2,7 +2,7 @@
 //! their band's unit, compound CRS and metadata, point clouds by their CRS.
 
 use super::crs::vertical_part;
-use super::{ImageFile, Plane, RasterError, Vertical, Window};
+use super::{Grid2, ImageFile, RasterError, Vertical, Window};
 use gdal::spatial_ref::SpatialRef;
 
 /// Values, as stored, that stand for no data where a file declares none; so do those as large as this, either way.
@@ -115,7 +115,7 @@ pub fn read_heights(
     file: &ImageFile,
     window: Window,
     longest: usize,
-) -> Result<(Plane, usize, usize), RasterError> {
+) -> Result<(Grid2, usize, usize), RasterError> {
     let metres = HeightSystem::of_raster(file)?.metres;
     let factor = window.width.max(window.height).div_ceil(longest.max(1)).max(1);
     let (width, height) = (window.width.div_ceil(factor), window.height.div_ceil(factor));
@@ -141,17 +141,17 @@ pub fn read_heights(
     if (metres - 1.0).abs() > 1e-12 {
         data.iter_mut().for_each(|v| *v = (f64::from(*v) * metres) as f32);
     }
-    Ok((Plane { width, height, data }, factor, undeclared))
+    Ok((Grid2 { width, height, data }, factor, undeclared))
 }
 
 impl ImageFile {
     /// A window of the first band with its scale and offset applied, NaN for no data; and how many values stand for no
     /// data although the file does not say so.
-    fn read_values(&self, window: Window) -> Result<(Plane, usize), RasterError> {
-        let mut plane = self.read_stored(1, window, (window.width, window.height))?;
+    fn read_values(&self, window: Window) -> Result<(Grid2, usize), RasterError> {
+        let mut raster = self.read_stored(1, window, (window.width, window.height))?;
         let nodata = self.band(1)?.nodata.map(|v| v as f32);
         let mut undeclared = 0;
-        for v in &mut plane.data {
+        for v in &mut raster.data {
             if nodata == Some(*v) {
                 *v = f32::NAN;
             } else if v.abs() >= NO_HEIGHT || UNDECLARED_NODATA.contains(v) {
@@ -159,8 +159,8 @@ impl ImageFile {
                 undeclared += 1;
             }
         }
-        self.apply_scale(1, &mut plane)?;
-        Ok((plane, undeclared))
+        self.apply_scale(1, &mut raster)?;
+        Ok((raster, undeclared))
     }
 }
 
@@ -177,8 +177,8 @@ mod tests {
         let metadata: Vec<(&str, String)> =
             vertical.map(|v| (Vertical::ITEM, v.to_owned())).into_iter().collect();
         let cog = Cog { grid: GRID, metadata: &metadata, heights_from: None };
-        let plane = Plane::from_fn(GRID.width, GRID.height, value);
-        cog.write_f32(&folder.path().join("h.tif"), &[("height", unit, &plane)]).unwrap();
+        let raster = Grid2::from_fn(GRID.width, GRID.height, value);
+        cog.write_f32(&folder.path().join("h.tif"), &[("height", unit, &raster)]).unwrap();
         folder
     }
 
@@ -193,8 +193,8 @@ mod tests {
         for (unit, metres) in [("", 1.0), ("metre", 1.0), ("ft", 0.3048), ("US survey foot", 1200.0 / 3937.0)]
         {
             let file = written(unit, None, |c, _| 100.0 + c as f32);
-            let (plane, _, _) = read_heights(&opened(&file), ALL, 100).unwrap();
-            assert!((f64::from(plane.at(7, 3)) - 107.0 * metres).abs() < 1e-4, "{unit}");
+            let (raster, _, _) = read_heights(&opened(&file), ALL, 100).unwrap();
+            assert!((f64::from(raster.at(7, 3)) - 107.0 * metres).abs() < 1e-4, "{unit}");
         }
         let fathoms = written("fathom", None, |_, _| 1.0);
         let error = HeightSystem::of_raster(&opened(&fathoms)).unwrap_err();
@@ -230,9 +230,9 @@ mod tests {
     fn voids_are_no_heights_also_where_cells_are_averaged() {
         for void in [-9999.0, -32768.0, f32::MIN, f32::MAX] {
             let file = written("m", None, |c, r| if (c, r) == (4, 5) { void } else { 50.0 });
-            let (plane, factor, undeclared) = read_heights(&opened(&file), ALL, 10).unwrap();
-            assert_eq!((plane.width, plane.height, factor, undeclared), (10, 8, 4, 1));
-            assert!(plane.data.iter().all(|v| *v == 50.0), "{void}");
+            let (raster, factor, undeclared) = read_heights(&opened(&file), ALL, 10).unwrap();
+            assert_eq!((raster.width, raster.height, factor, undeclared), (10, 8, 4, 1));
+            assert!(raster.data.iter().all(|v| *v == 50.0), "{void}");
         }
     }
 

@@ -96,11 +96,9 @@ impl Masks<'_> {
     /// # Errors
     /// [`RasterError::Read`].
     pub fn read(&self, window: Window) -> Result<Vec<Vec<f32>>, RasterError> {
-        let failed = |e: gdal::errors::GdalError| RasterError::Read {
-            path: self.file.path().into(),
-            reason: e.to_string(),
-        };
-        let pixels = |band: &RasterBand| {
+        let failed =
+            |e: gdal::errors::GdalError| RasterError::Read { path: self.file.path().into(), cause: e };
+        let pixels = |band: &RasterBand| -> Result<Vec<f32>, RasterError> {
             let (from, size) = ((window.col as isize, window.row as isize), (window.width, window.height));
             Ok(band.read_as::<f32>(from, size, size, None).map_err(failed)?.into_shape_and_vec().1)
         };

@@ -1,6 +1,6 @@
 //! Which pixels of an image are image: a bit each.
 
-use super::{Plane, Window};
+use super::{Grid2, Window};
 use crate::frame::{CenterPx, Pixel};
 
 /// Bits of a word.
@@ -24,13 +24,13 @@ impl ValidPixels {
         Self { width, height, stride, words: vec![if valid { u64::MAX } else { 0 }; stride * height] }
     }
 
-    /// Those that are NaN in no plane; none when all are valid.
+    /// Those that are NaN in no raster; none when all are valid.
     #[must_use]
-    pub fn of_planes(planes: &[Plane]) -> Option<Self> {
-        let first = planes.first()?;
+    pub fn of_bands(bands: &[Grid2]) -> Option<Self> {
+        let first = bands.first()?;
         let mut out: Option<Self> = None;
         for i in 0..first.data.len() {
-            if planes.iter().any(|p| p.data[i].is_nan()) {
+            if bands.iter().any(|p| p.data[i].is_nan()) {
                 let valid = out.get_or_insert_with(|| Self::filled(first.width, first.height, true));
                 valid.set(i % first.width, i / first.width, false);
             }
@@ -89,12 +89,12 @@ impl ValidPixels {
         Some(Window { col: cols.0, row: rows.0, width, height })
     }
 
-    /// Makes NaN what is not valid in a plane that holds a window of the image at some size; of a smaller size a pixel is
+    /// Makes NaN what is not valid in a raster that holds a window of the image at some size; of a smaller size a pixel is
     /// what the middle of its part of the image is.
-    pub fn clear(&self, plane: &mut Plane, window: Window) {
+    pub fn clear(&self, raster: &mut Grid2, window: Window) {
         let middle = |i: usize, first: usize, from: usize, to: usize| first + (2 * i + 1) * from / (2 * to);
-        let (width, height) = (plane.width, plane.height);
-        for (row, line) in plane.data.chunks_mut(width.max(1)).enumerate() {
+        let (width, height) = (raster.width, raster.height);
+        for (row, line) in raster.data.chunks_mut(width.max(1)).enumerate() {
             let row = middle(row, window.row, window.height, height);
             for (col, v) in line.iter_mut().enumerate() {
                 if !self.at(middle(col, window.col, window.width, width), row) {
@@ -214,12 +214,12 @@ mod tests {
     }
 
     #[test]
-    fn of_planes_only_what_is_known_in_all() {
-        let known = Plane::filled(3, 2, 0.5);
-        assert!(ValidPixels::of_planes(std::slice::from_ref(&known)).is_none());
+    fn of_bands_only_what_is_known_in_all() {
+        let known = Grid2::filled(3, 2, 0.5);
+        assert!(ValidPixels::of_bands(std::slice::from_ref(&known)).is_none());
         let mut holed = known.clone();
         holed.data[4] = f32::NAN;
-        let valid = ValidPixels::of_planes(&[known, holed]).unwrap();
+        let valid = ValidPixels::of_bands(&[known, holed]).unwrap();
         assert!(!valid.at(1, 1) && valid.count() == 5);
     }
 }

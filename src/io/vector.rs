@@ -2,7 +2,7 @@
 
 use super::file::set_up_gdal;
 use super::write::{encode, memory_dataset};
-use super::{MapGrid, RasterError, write_atomically};
+use super::{Cause, MapGrid, VectorError, WriteError, write_atomically};
 use gdal::config::set_thread_local_config_option;
 use gdal::raster::rasterize;
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
@@ -37,8 +37,8 @@ pub struct Marker {
 /// Writes polygons as one layer: a GeoPackage if `path` ends in `.gpkg`, else GeoJSON.
 ///
 /// # Errors
-/// [`RasterError::Write`].
-pub fn write_outlines(path: &Path, layer: &str, outlines: &[Outline]) -> Result<(), RasterError> {
+/// [`WriteError`].
+pub fn write_outlines(path: &Path, layer: &str, outlines: &[Outline]) -> Result<(), WriteError> {
     let features = outlines.iter().map(|o| {
         let corners = o.ring.iter().chain(o.ring.first());
         let corners: Vec<String> = corners.map(|(lon, lat)| format!("{lon} {lat}")).collect();
@@ -50,8 +50,8 @@ pub fn write_outlines(path: &Path, layer: &str, outlines: &[Outline]) -> Result<
 /// Writes points as one layer: a GeoPackage if `path` ends in `.gpkg`, else GeoJSON.
 ///
 /// # Errors
-/// [`RasterError::Write`].
-pub fn write_markers(path: &Path, layer: &str, markers: &[Marker]) -> Result<(), RasterError> {
+/// [`WriteError`].
+pub fn write_markers(path: &Path, layer: &str, markers: &[Marker]) -> Result<(), WriteError> {
     let features = markers.iter().map(|m| {
         let [lon, lat, h] = m.place;
         (None, format!("POINT Z ({lon} {lat} {h})"), &m.numbers)
@@ -65,12 +65,12 @@ fn write_features(
     layer: &str,
     ty: OGRwkbGeometryType::Type,
     features: &[(Option<&str>, String, &Numbers)],
-) -> Result<(), RasterError> {
+) -> Result<(), WriteError> {
     set_up_gdal();
     let is_package = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gpkg"));
     let driver = if is_package { "GPKG" } else { "GeoJSON" };
     write_atomically(path, |temporary| {
-        let make = |encoded: &Path| -> Result<(), Box<dyn std::error::Error>> {
+        let make = |encoded: &Path| -> Result<(), Cause> {
             set_thread_local_config_option("OGR_CURRENT_DATE", UNDATED)?;
             let mut dataset = DriverManager::get_driver_by_name(driver)?.create_vector_only(encoded)?;
             let mut srs = SpatialRef::from_epsg(4326)?;
@@ -95,21 +95,20 @@ fn write_features(
             }
             Ok(dataset.close()?)
         };
-        encode(temporary, make).map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
+        encode(temporary, make).map_err(|e| WriteError::new(path, e))
     })
 }
 
 /// Which cells of a grid have their centre inside of a vector file's polygons; none if it is no vector file.
 ///
 /// # Errors
-/// [`RasterError::Mask`] when it has no CRS or no polygon.
-pub fn inside_polygons(path: &Path, grid: &MapGrid) -> Result<Option<Vec<bool>>, RasterError> {
+/// [`VectorError::Mask`] when it has no CRS or no polygon.
+pub fn inside_polygons(path: &Path, grid: &MapGrid) -> Result<Option<Vec<bool>>, VectorError> {
     set_up_gdal();
-    let wrong = |reason: String| RasterError::Mask { path: path.into(), reason };
     let flags = GdalOpenFlags::GDAL_OF_VECTOR;
     let options = DatasetOptions { open_flags: flags, ..DatasetOptions::default() };
     let Ok(vector) = Dataset::open_ex(path, options) else { return Ok(None) };
-    let burn = || -> Result<Option<Vec<bool>>, Box<dyn std::error::Error>> {
+    let burn = || -> Result<Option<Vec<bool>>, Cause> {
         let mut to = SpatialRef::from_epsg(grid.epsg)?;
         to.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
         let mut polygons = Vec::new();
@@ -135,7 +134,7 @@ pub fn inside_polygons(path: &Path, grid: &MapGrid) -> Result<Option<Vec<bool>>,
         let cells = burnt.rasterband(1)?.read_as::<u8>((0, 0), size, size, None)?.into_shape_and_vec().1;
         Ok(Some(cells.into_iter().map(|c| c != 0).collect()))
     };
-    burn().map_err(|e| wrong(e.to_string()))
+    burn().map_err(|cause| VectorError::Mask { path: path.into(), cause })
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! What heights count from: the WGS 84 ellipsoid, or a geoid.
 
-use super::{Geoid, RasterError};
+use super::{Geoid, VerticalError};
 use std::path::{Path, PathBuf};
 
 /// Geoid models by name: EPSG code of the heights above them, and the grids PROJ has of them.
@@ -38,18 +38,18 @@ impl Vertical {
     /// name of one in PROJ's folders. Every option and file that names a vertical reference is read by this.
     ///
     /// # Errors
-    /// [`RasterError::NoGeoid`], [`RasterError::UnknownVertical`], or another when the grid cannot be read.
-    pub fn read(text: &str) -> Result<Self, RasterError> {
+    /// [`VerticalError::NoGrid`], [`VerticalError::Unknown`], or another when the grid cannot be read.
+    pub fn read(text: &str) -> Result<Self, VerticalError> {
         let name = Self::known_name(text);
         if name == Self::ELLIPSOID {
             return Ok(Self::Ellipsoid);
         }
         let found = match MODELS.iter().find(|m| m.0 == name) {
             Some((model, _, grids)) => {
-                in_folders(grids).ok_or_else(|| RasterError::NoGeoid { name: (*model).into() })?
+                in_folders(grids).ok_or_else(|| VerticalError::NoGrid { name: (*model).into() })?
             }
             None if Path::new(text).exists() => PathBuf::from(text),
-            None => in_folders(&[text]).ok_or_else(|| RasterError::UnknownVertical { name: text.into() })?,
+            None => in_folders(&[text]).ok_or_else(|| VerticalError::Unknown { name: text.into() })?,
         };
         let file = found.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         let model = MODELS.iter().find(|m| m.2.contains(&file.as_str()));

@@ -2,7 +2,7 @@
 
 use super::atomic::{write_atomically, write_file};
 use super::file::set_up_gdal;
-use super::{ImageFile, MapGrid, Plane, RasterError, Vertical};
+use super::{Cause, Grid2, ImageFile, MapGrid, RasterError, Vertical, WriteError};
 use gdal::raster::{Buffer, ColorInterpretation, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
 use gdal::vsi::get_vsi_mem_file_bytes_owned;
@@ -34,8 +34,8 @@ impl Cog<'_> {
     /// Writes float32 bands, each with its description and unit, with NaN as nodata.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Plane)]) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Grid2)]) -> Result<(), WriteError> {
         let data: Vec<_> = bands.iter().map(|b| b.2.data.as_slice()).collect();
         let labels: Vec<_> = bands.iter().map(|b| (b.0, b.1)).collect();
         self.write(path, &data, Some(f64::NAN), &labels, "FLOATING_POINT")
@@ -44,8 +44,8 @@ impl Cog<'_> {
     /// Writes 8-bit bands; three are red, green and blue.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>, nodata: Option<f64>) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>, nodata: Option<f64>) -> Result<(), WriteError> {
         let data: Vec<_> = bands.iter().map(Vec::as_slice).collect();
         self.write(path, &data, nodata, color_labels(data.len()), "STANDARD")
     }
@@ -57,7 +57,7 @@ impl Cog<'_> {
         nodata: Option<f64>,
         labels: &[(&str, &str)],
         predictor: &str,
-    ) -> Result<(), RasterError> {
+    ) -> Result<(), WriteError> {
         write_by(path, |temporary| {
             let mut memory = memory_dataset(self.grid.width, self.grid.height, bands, nodata)?;
             memory.set_geo_transform(&self.grid.geo_transform())?;
@@ -97,8 +97,8 @@ impl SensorImage<'_> {
     /// Writes 8-bit bands as a GeoTIFF with an RPC tag; three are red, green and blue.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>) -> Result<(), WriteError> {
         let data: Vec<_> = bands.iter().map(Vec::as_slice).collect();
         self.write(path, &data, None, color_labels(data.len()))
     }
@@ -106,8 +106,8 @@ impl SensorImage<'_> {
     /// Writes float32 bands, each with its description and unit, with NaN as nodata, as a GeoTIFF with an RPC tag.
     ///
     /// # Errors
-    /// [`RasterError::Write`].
-    pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Plane)]) -> Result<(), RasterError> {
+    /// [`WriteError`].
+    pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Grid2)]) -> Result<(), WriteError> {
         let data: Vec<_> = bands.iter().map(|b| b.2.data.as_slice()).collect();
         self.write(path, &data, Some(f64::NAN), &bands.iter().map(|b| (b.0, b.1)).collect::<Vec<_>>())
     }
@@ -118,7 +118,7 @@ impl SensorImage<'_> {
         bands: &[&[T]],
         nodata: Option<f64>,
         labels: &[(&str, &str)],
-    ) -> Result<(), RasterError> {
+    ) -> Result<(), WriteError> {
         write_by(path, |temporary| {
             let mut memory = memory_dataset(self.width, self.height, bands, nodata)?;
             label(&memory, labels)?;
@@ -139,7 +139,7 @@ impl SensorImage<'_> {
 /// [`RasterError`].
 pub fn write_with_rpc(image: &Path, out: &Path, rpc: &[(String, String)]) -> Result<(), RasterError> {
     let source = ImageFile::open(image)?;
-    write_by(out, |temporary| {
+    let written = write_by(out, |temporary| {
         // Metadata set on the image itself would be stored beside it.
         let vrt = DriverManager::get_driver_by_name("VRT")?;
         let mut copy = source.dataset.create_copy(&vrt, "", &RasterCreationOptions::default())?;
@@ -148,7 +148,8 @@ pub fn write_with_rpc(image: &Path, out: &Path, rpc: &[(String, String)]) -> Res
         }
         let options = [("COMPRESS", "DEFLATE"), ("PROFILE", "GDALGeoTIFF"), ("BIGTIFF", "IF_SAFER")];
         copy_as(&copy, "GTiff", temporary, &options)
-    })
+    });
+    Ok(written?)
 }
 
 /// Copies a map as a Cloud-Optimized GeoTIFF that lies elsewhere: metres east and north, and `up` metres added to its
@@ -160,7 +161,7 @@ pub fn write_moved(map: &Path, out: &Path, [east, north, up]: [f64; 3]) -> Resul
     let source = ImageFile::open(map)?;
     let grid = source.map_grid()?;
     let moved = MapGrid { west: grid.west + east, north: grid.north + north, ..grid };
-    write_by(out, |temporary| {
+    let written = write_by(out, |temporary| {
         let memory = DriverManager::get_driver_by_name("MEM")?;
         let mut copy = source.dataset.create_copy(&memory, "", &RasterCreationOptions::default())?;
         copy.set_geo_transform(&moved.geo_transform())?;
@@ -184,7 +185,8 @@ pub fn write_moved(map: &Path, out: &Path, [east, north, up]: [f64; 3]) -> Resul
         }
         let predictor = if band.band_type().is_floating() { "FLOATING_POINT" } else { "STANDARD" };
         copy_as(&copy, "COG", temporary, &cog_options(predictor))
-    })
+    });
+    Ok(written?)
 }
 
 /// How Cloud-Optimized GeoTIFFs are encoded.
@@ -221,22 +223,14 @@ pub(super) fn memory_dataset<T: GdalType + Copy>(
 }
 
 /// Writes a file atomically by what may fail for many reasons.
-pub(super) fn write_by(
-    path: &Path,
-    make: impl FnOnce(&Path) -> Result<(), Box<dyn std::error::Error>>,
-) -> Result<(), RasterError> {
-    write_atomically(path, |temporary| {
-        make(temporary).map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })
-    })
+pub(super) fn write_by(path: &Path, make: impl FnOnce(&Path) -> Result<(), Cause>) -> Result<(), WriteError> {
+    write_atomically(path, |temporary| make(temporary).map_err(|e| WriteError::new(path, e)))
 }
 
 /// Lets GDAL encode a file in memory and writes the bytes: its own writing does not tell of a disk that is full.
 ///
 /// `path` must be unique, as temporary names are.
-pub(super) fn encode(
-    path: &Path,
-    write: impl FnOnce(&Path) -> Result<(), Box<dyn std::error::Error>>,
-) -> Result<(), Box<dyn std::error::Error>> {
+pub(super) fn encode(path: &Path, write: impl FnOnce(&Path) -> Result<(), Cause>) -> Result<(), Cause> {
     let encoded = Path::new("/vsimem").join(path.strip_prefix("/").unwrap_or(path));
     write(&encoded)?;
     Ok(std::fs::write(path, get_vsi_mem_file_bytes_owned(&encoded)?)?)
@@ -247,7 +241,7 @@ fn copy_as(
     driver: &str,
     path: &Path,
     options: &[(&str, impl std::fmt::Display)],
-) -> Result<(), Box<dyn std::error::Error>> {
+) -> Result<(), Cause> {
     let driver = DriverManager::get_driver_by_name(driver)?;
     let options: RasterCreationOptions = options.iter().map(|(k, v)| format!("{k}={v}")).collect();
     encode(path, |encoded| Ok(memory.create_copy(&driver, encoded, &options)?.close()?))
@@ -286,16 +280,16 @@ fn set_unit(band: &RasterBand, unit: &str) -> gdal::errors::Result<()> {
 /// Writes an 8-bit RGB picture, three bytes a pixel.
 ///
 /// # Errors
-/// [`RasterError::Write`].
-pub fn write_png_rgb(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<(), RasterError> {
+/// [`WriteError`].
+pub fn write_png_rgb(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<(), WriteError> {
     write_png(path, width, height, rgb, image::ExtendedColorType::Rgb8)
 }
 
 /// Writes an 8-bit grey picture.
 ///
 /// # Errors
-/// [`RasterError::Write`].
-pub fn write_png_gray(path: &Path, width: usize, height: usize, gray: &[u8]) -> Result<(), RasterError> {
+/// [`WriteError`].
+pub fn write_png_gray(path: &Path, width: usize, height: usize, gray: &[u8]) -> Result<(), WriteError> {
     write_png(path, width, height, gray, image::ExtendedColorType::L8)
 }
 
@@ -305,33 +299,30 @@ fn write_png(
     height: usize,
     data: &[u8],
     color: image::ExtendedColorType,
-) -> Result<(), RasterError> {
-    write_file(
-        path,
-        png(width, height, data, color).map_err(|reason| RasterError::Write { path: path.into(), reason })?,
-    )
+) -> Result<(), WriteError> {
+    write_file(path, png(width, height, data, color).map_err(|e| WriteError::new(path, e))?)
 }
 
 /// An 8-bit RGB picture as the bytes of a PNG file, from three bytes a pixel.
 ///
 /// # Errors
-/// [`RasterError::Picture`] when there are not three bytes a pixel.
+/// [`RasterError::Encode`] when there are not three bytes a pixel.
 pub fn png_rgb(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>, RasterError> {
-    png(width, height, rgb, image::ExtendedColorType::Rgb8).map_err(|reason| RasterError::Picture {
+    png(width, height, rgb, image::ExtendedColorType::Rgb8).map_err(|cause| RasterError::Encode {
         width,
         height,
-        reason,
+        cause,
     })
 }
 
-fn png(width: usize, height: usize, data: &[u8], color: image::ExtendedColorType) -> Result<Vec<u8>, String> {
+fn png(width: usize, height: usize, data: &[u8], color: image::ExtendedColorType) -> Result<Vec<u8>, Cause> {
     // The encoder would panic.
     if data.len() * 8 != width * height * usize::from(color.bits_per_pixel()) {
-        return Err(format!("{} bytes for {width} x {height} pixels", data.len()));
+        return Err(format!("{} bytes for {width} x {height} pixels", data.len()).into());
     }
     let mut bytes = Vec::new();
     let encoder = image::codecs::png::PngEncoder::new(&mut bytes);
-    encoder.write_image(data, width as u32, height as u32, color).map_err(|e| e.to_string())?;
+    encoder.write_image(data, width as u32, height as u32, color)?;
     Ok(bytes)
 }
 
@@ -348,17 +339,17 @@ mod tests {
     fn a_written_dsm_reads_back_with_its_place_and_nodata() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("dsm.tif");
-        let mut plane = Plane::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
-        plane.data[7] = f32::NAN;
+        let mut raster = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
+        raster.data[7] = f32::NAN;
         let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
-        cog.write_f32(&path, &[("height", "m", &plane)]).unwrap();
+        cog.write_f32(&path, &[("height", "m", &raster)]).unwrap();
         let file = ImageFile::open(&path).unwrap();
         assert_eq!(file.map_grid().unwrap(), grid());
         assert_eq!(file.metadata(Vertical::ITEM, "").unwrap(), "WGS 84 ellipsoid");
         assert_eq!(file.metadata("LAYOUT", "IMAGE_STRUCTURE").unwrap(), "COG");
         let back = file.read(1).unwrap();
         assert!(back.data[7].is_nan());
-        assert_eq!(back.data[8..], plane.data[8..]);
+        assert_eq!(back.data[8..], raster.data[8..]);
         let names: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
         assert_eq!(names.len(), 1, "nothing but the file itself: {names:?}");
     }
@@ -367,10 +358,10 @@ mod tests {
     fn a_moved_map_keeps_all_but_its_place_and_its_heights() {
         let dir = tempfile::tempdir().unwrap();
         let (path, out) = (dir.path().join("dsm.tif"), dir.path().join("moved.tif"));
-        let mut plane = Plane::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
-        plane.data[7] = f32::NAN;
+        let mut raster = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
+        raster.data[7] = f32::NAN;
         let cog = Cog { grid: grid(), metadata: &[], heights_from: Some(&Vertical::Ellipsoid) };
-        cog.write_f32(&path, &[("height", "m", &plane), ("score", "", &plane)]).unwrap();
+        cog.write_f32(&path, &[("height", "m", &raster), ("score", "", &raster)]).unwrap();
         write_moved(&path, &out, [1.25, -0.5, 3.5]).unwrap();
         let file = ImageFile::open(&out).unwrap();
         let expected = MapGrid { west: grid().west + 1.25, north: grid().north - 0.5, ..grid() };
@@ -381,8 +372,8 @@ mod tests {
         assert_eq!(file.dataset.rasterband(2).unwrap().description().unwrap(), "score");
         let (heights, scores) = (file.read(1).unwrap(), file.read(2).unwrap());
         assert!(heights.data[7].is_nan());
-        assert_eq!(heights.data[8], plane.data[8] + 3.5);
-        assert_eq!(scores.data[8..], plane.data[8..]);
+        assert_eq!(heights.data[8], raster.data[8] + 3.5);
+        assert_eq!(scores.data[8..], raster.data[8..]);
         let highest: f64 = file
             .dataset
             .rasterband(1)
@@ -415,9 +406,9 @@ mod tests {
         let image = SensorImage { width: 600, height: 300, rpc: &[], metadata: &[] };
         image.write_u8(&path("image.tif"), vec![band.clone(); 3]).unwrap();
         assert_eq!(colors(&path("image.tif")), rgb);
-        let plane = Plane::filled(600, 300, 0.5);
+        let raster = Grid2::filled(600, 300, 0.5);
         let bands =
-            [("red", "", &plane), ("green", "", &plane), ("blue", "", &plane), ("height", "m", &plane)];
+            [("red", "", &raster), ("green", "", &raster), ("blue", "", &raster), ("height", "m", &raster)];
         cog.write_f32(&path("picture.tif"), &bands).unwrap();
         assert_eq!(colors(&path("picture.tif"))[..3], rgb);
         assert_ne!(colors(&path("picture.tif"))[3], AlphaBand, "heights are not opacity");
@@ -426,7 +417,7 @@ mod tests {
         assert_ne!(colors(&path("view.tif"))[3], AlphaBand, "heights are not opacity");
         cog.write_f32(
             &path("confidence.tif"),
-            &[("opacity", "", &plane), ("spread", "m", &plane), ("views", "", &plane)],
+            &[("opacity", "", &raster), ("spread", "m", &raster), ("views", "", &raster)],
         )
         .unwrap();
         assert!(!colors(&path("confidence.tif")).iter().any(|c| rgb.contains(c)));

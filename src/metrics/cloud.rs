@@ -2,7 +2,7 @@
 
 use super::{MetricsError, Surface};
 use crate::frame::Transform;
-use crate::io::{HeightSystem, MapGrid, Plane, epsg_of_cloud, is_metric_map};
+use crate::io::{CloudError, Grid2, HeightSystem, MapGrid, epsg_of_cloud, is_metric_map};
 use las::{Reader, point::Classification};
 use rayon::prelude::*;
 use std::path::Path;
@@ -21,11 +21,11 @@ pub(super) fn is_cloud(path: &Path) -> bool {
 /// [`MetricsError::Cloud`] for a file that is empty or damaged, [`MetricsError::CloudCrs`] when its CRS is not known or
 /// not in metres.
 pub(super) fn open(path: &Path, epsg: Option<u32>) -> Result<(Reader, u32), MetricsError> {
-    let damaged = |reason: String| MetricsError::Cloud { path: path.into(), reason };
-    let reader = Reader::from_path(path).map_err(|e| damaged(e.to_string()))?;
+    let damaged = |cause: las::Error| CloudError::Read { path: path.into(), cause };
+    let reader = Reader::from_path(path).map_err(damaged)?;
     let header = reader.header();
     if header.number_of_points() == 0 {
-        return Err(damaged("it holds no points".into()));
+        return Err(CloudError::Empty { path: path.into() }.into());
     }
     let crs = |reason: &str| MetricsError::CloudCrs { path: path.into(), reason: reason.into() };
     let epsg = epsg.or_else(|| epsg_of_cloud(header)).ok_or_else(|| crs("its CRS is not stated"))?;
@@ -47,18 +47,18 @@ pub(super) fn read(
     grid: MapGrid,
 ) -> Result<(Surface, Option<Vec<u8>>), MetricsError> {
     let (mut reader, epsg) = open(path, epsg)?;
-    let damaged = |reason: String| MetricsError::Cloud { path: path.into(), reason };
+    let damaged = |cause: las::Error| CloudError::Read { path: path.into(), cause };
     let system = HeightSystem::of_cloud(reader.header());
     let expected = reader.header().number_of_points();
     let transform = (epsg != grid.epsg).then(|| Transform::new(epsg, grid.epsg)).transpose()?;
-    let mut height = Plane::filled(grid.width, grid.height, f32::NAN);
+    let mut height = Grid2::filled(grid.width, grid.height, f32::NAN);
     let mut classes = vec![0u8; height.data.len()];
     let mut read = 0;
     loop {
-        let points = reader.read_points(CHUNK).map_err(|e| damaged(e.to_string()))?;
+        let points = reader.read_points(CHUNK).map_err(damaged)?;
         let before = read;
         for point in points.points() {
-            let point = point.map_err(|e| damaged(e.to_string()))?;
+            let point = point.map_err(damaged)?;
             read += 1;
             let noise = [Classification::LowPoint, Classification::HighNoise];
             if point.is_withheld || noise.contains(&point.classification) {
@@ -82,7 +82,7 @@ pub(super) fn read(
         }
     }
     if read < expected {
-        return Err(damaged(format!("it ends after {read} of {expected} points")));
+        return Err(CloudError::CutShort { path: path.into(), found: read, expected }.into());
     }
     // 0 and 1 stand for points that nobody classified.
     let classes = classes.iter().any(|c| *c > 1).then_some(classes);
@@ -117,7 +117,7 @@ const STRAY_REACH: i64 = 3;
 const STRAY_NEIGHBOURS: usize = 8;
 
 /// How many cells stand alone.
-fn strays(height: &Plane) -> usize {
+fn strays(height: &Grid2) -> usize {
     let is_stray = |i: usize| {
         let (col, row) = ((i % height.width) as i64, (i / height.width) as i64);
         let z = height.data[i];
@@ -149,6 +149,6 @@ mod tests {
             (40..46, 30..36) => 80.0,
             _ => (c % 7) as f32,
         };
-        assert_eq!(strays(&Plane::from_fn(60, 60, town)), 1);
+        assert_eq!(strays(&Grid2::from_fn(60, 60, town)), 1);
     }
 }

@@ -1,7 +1,7 @@
 //! Why a surface model cannot be scored.
 
 use crate::frame::FrameError;
-use crate::io::RasterError;
+use crate::io::{CloudError, RasterError, VectorError, VerticalError};
 use std::path::PathBuf;
 
 /// Why a surface model cannot be scored.
@@ -12,6 +12,14 @@ pub enum MetricsError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Raster(#[from] RasterError),
+    /// The mask is no vector file that can be used.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Vector(#[from] VectorError),
+    /// A point cloud is empty or damaged.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Cloud(#[from] CloudError),
     /// The two rasters' systems cannot be brought together.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -23,7 +31,7 @@ pub enum MetricsError {
         /// The truth.
         path: PathBuf,
         /// What is wrong with its grid.
-        reason: String,
+        reason: &'static str,
         /// The prediction's CRS, as `gdalwarp` takes it; a placeholder before it is known.
         crs: String,
     },
@@ -63,16 +71,7 @@ pub enum MetricsError {
         /// What it says.
         from: String,
         /// Why that cannot be used.
-        reason: Box<RasterError>,
-    },
-    /// A point cloud is empty or damaged.
-    #[error("`{path}`: {reason}")]
-    #[diagnostic(help("a complete LAS or LAZ file is needed; `pdal info` or `lasinfo` tells what is in it"))]
-    Cloud {
-        /// The point cloud.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
+        reason: Box<VerticalError>,
     },
     /// It is not known where a point cloud lies.
     #[error("`{path}`: {reason}")]

@@ -5,7 +5,7 @@ use super::resample::{Sampling, onto_grid};
 use super::strata::Groups;
 use super::{MetricsError, Scores, Stratum, Surface, Truth, filled_by_nearest};
 use crate::frame::{Point, SiteGrid};
-use crate::io::{MapGrid, Plane, Vertical, egm96_undulation_m};
+use crate::io::{Grid2, MapGrid, Vertical, egm96_undulation_m};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -54,11 +54,11 @@ pub struct Evaluation {
     /// What a reader of the figures should know.
     pub notes: Vec<String>,
     #[serde(skip)]
-    predicted: Plane,
+    predicted: Grid2,
     #[serde(skip)]
     predicted_grid: MapGrid,
     #[serde(skip)]
-    land: Plane,
+    land: Grid2,
     #[serde(skip)]
     classes: Option<Vec<u8>>,
     #[serde(skip)]
@@ -74,7 +74,7 @@ impl Evaluation {
 
     /// Heights of the truth on its grid, NaN where not scored.
     #[must_use]
-    pub fn land(&self) -> &Plane {
+    pub fn land(&self) -> &Grid2 {
         &self.land
     }
 
@@ -88,7 +88,7 @@ impl Evaluation {
     ///
     /// # Errors
     /// As [`evaluate`].
-    pub fn error_map(&self, registration: &Registration) -> Result<Plane, MetricsError> {
+    pub fn error_map(&self, registration: &Registration) -> Result<Grid2, MetricsError> {
         let mut map = self.registered(registration)?;
         self.subtract_land(&mut map);
         Ok(map)
@@ -96,19 +96,19 @@ impl Evaluation {
 
     /// The prediction moved by a registration, on the truth's grid. It is sampled where it is, also beyond the
     /// truth's edges: a shift costs no cells that were predicted.
-    fn registered(&self, r: &Registration) -> Result<Plane, MetricsError> {
+    fn registered(&self, r: &Registration) -> Result<Grid2, MetricsError> {
         let moved = MapGrid {
             west: self.grid.west + r.dx_cells * self.grid.cell,
             north: self.grid.north - r.dy_cells * self.grid.cell,
             ..self.grid
         };
-        let (mut plane, _) = onto_grid(&self.predicted, &self.predicted_grid, &moved)?;
-        plane.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) + r.dz_m) as f32);
-        Ok(plane)
+        let (mut raster, _) = onto_grid(&self.predicted, &self.predicted_grid, &moved)?;
+        raster.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) + r.dz_m) as f32);
+        Ok(raster)
     }
 
     /// Heights become errors, `clip(height) - land`.
-    fn subtract_land(&self, heights: &mut Plane) {
+    fn subtract_land(&self, heights: &mut Grid2) {
         let (low, high) = self.bounds;
         heights.data.par_iter_mut().zip(&self.land.data).for_each(|(v, t)| *v = v.clamp(low, high) - t);
     }
@@ -141,21 +141,21 @@ pub fn evaluate(mut prediction: Surface, mut truth: Truth) -> Result<Evaluation,
     let water_cells = truth.drop_water();
     let land = &truth.surface.height;
     let land_cells = land.data.par_iter().filter(|v| !v.is_nan()).count();
-    let (plane, sampling) = onto_grid(&prediction.height, &prediction.grid, &grid)?;
-    let common = plane.data.par_iter().zip(&land.data).filter(|(p, t)| !(**p - **t).is_nan()).count();
+    let (raster, sampling) = onto_grid(&prediction.height, &prediction.grid, &grid)?;
+    let common = raster.data.par_iter().zip(&land.data).filter(|(p, t)| !(**p - **t).is_nan()).count();
     if common < LEAST_COMMON_CELLS {
         return Err(MetricsError::NoOverlap {
             common,
             needed: LEAST_COMMON_CELLS,
-            predicted: plane.valid().count(),
+            predicted: raster.valid().count(),
             land: land_cells,
             extents: format!("{}, the truth {}", extent(&prediction.grid), extent(&grid)),
             prediction: prediction.path,
             truth: truth.surface.path,
         });
     }
-    let registrations = Method::ALL.map(|method| register(method, &plane, land, bounds));
-    drop(plane);
+    let registrations = Method::ALL.map(|method| register(method, &raster, land, bounds));
+    drop(raster);
     let notes = notes(&prediction, &truth, sampling, -registrations[0].dz_m);
     let groups = Groups::of(&truth);
     let mut evaluation = Evaluation {

@@ -1,6 +1,6 @@
 //! The error map as a picture and as a QGIS style: red where the prediction is too high, blue where it is too low.
 
-use crate::io::{Plane, color_style};
+use crate::io::{Grid2, color_style};
 
 /// Errors of this size and more get the strongest colour, in metres.
 const FULL_COLOUR_M: f32 = 3.0;
@@ -31,7 +31,7 @@ pub struct ErrorPicture {
 
 /// A diverging map of errors from -3 m (blue) over 0 (white) to 3 m (red), NaN grey; of large maps every so many cells.
 #[must_use]
-pub fn error_picture(errors: &Plane) -> ErrorPicture {
+pub fn error_picture(errors: &Grid2) -> ErrorPicture {
     let step = errors.width.max(errors.height).div_ceil(LARGEST_SIDE).max(1);
     let (width, height) = (errors.width.div_ceil(step), errors.height.div_ceil(step));
     let at = |i: usize| errors.at(i % width * step, i / width * step);
@@ -65,13 +65,13 @@ mod tests {
 
     #[test]
     fn colours_say_too_high_and_too_low() {
-        let p = Plane { width: 4, height: 1, data: vec![0.0, 99.0, -3.0, f32::NAN] };
+        let p = Grid2 { width: 4, height: 1, data: vec![0.0, 99.0, -3.0, f32::NAN] };
         assert_eq!(error_picture(&p).rgb, [247, 247, 247, 178, 24, 43, 33, 102, 172, 90, 90, 90]);
     }
 
     #[test]
     fn a_large_map_makes_a_picture_of_bounded_size() {
-        let picture = error_picture(&Plane::filled(5000, 20, 0.0));
+        let picture = error_picture(&Grid2::filled(5000, 20, 0.0));
         assert_eq!((picture.width, picture.height, picture.rgb.len()), (1667, 7, 3 * 1667 * 7));
     }
 

@@ -1,17 +1,17 @@
 //! Holes filled by the nearest valid cell: an exact Euclidean distance transform that carries indices
 //! (Felzenszwalb and Huttenlocher 2012, lower envelope of parabolas; columns first, then rows).
 
-use crate::io::Plane;
+use crate::io::Grid2;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The plane with every NaN replaced by the value of the nearest valid cell; all NaN stays all NaN.
+/// The raster with every NaN replaced by the value of the nearest valid cell; all NaN stays all NaN.
 #[must_use]
-pub fn filled_by_nearest(plane: &Plane) -> Plane {
-    let (w, h) = (plane.width, plane.height);
-    let nearest_row = nearest_valid_row(plane);
-    Plane::from_rows(w, h, |row, line| {
-        line.copy_from_slice(plane.row(row));
+pub fn filled_by_nearest(raster: &Grid2) -> Grid2 {
+    let (w, h) = (raster.width, raster.height);
+    let nearest_row = nearest_valid_row(raster);
+    Grid2::from_rows(w, h, |row, line| {
+        line.copy_from_slice(raster.row(row));
         if !line.iter().any(|v| v.is_nan()) {
             return;
         }
@@ -39,7 +39,7 @@ pub fn filled_by_nearest(plane: &Plane) -> Plane {
             }
             if v.is_nan() {
                 let from = envelope[k].0;
-                *v = plane.at(from, rows[from] as usize);
+                *v = raster.at(from, rows[from] as usize);
             }
         }
     })
@@ -51,17 +51,17 @@ const STRIP: usize = 64;
 /// For every cell the row of the nearest valid cell of its column; `height` where the column has none.
 ///
 /// In strips of [`STRIP`] columns, each row by row.
-fn nearest_valid_row(plane: &Plane) -> Vec<Vec<u32>> {
-    let strips = (0..plane.width).into_par_iter().step_by(STRIP);
-    strips.map(|first| nearest_in_strip(plane, first..(first + STRIP).min(plane.width))).collect()
+fn nearest_valid_row(raster: &Grid2) -> Vec<Vec<u32>> {
+    let strips = (0..raster.width).into_par_iter().step_by(STRIP);
+    strips.map(|first| nearest_in_strip(raster, first..(first + STRIP).min(raster.width))).collect()
 }
 
-fn nearest_in_strip(plane: &Plane, cols: Range<usize>) -> Vec<u32> {
-    let (w, rows) = (cols.len(), plane.height);
+fn nearest_in_strip(raster: &Grid2, cols: Range<usize>) -> Vec<u32> {
+    let (w, rows) = (cols.len(), raster.height);
     let h = rows as u32;
     let mut nearest = vec![h; w * rows];
     for row in 0..rows {
-        for (col, v) in plane.row(row)[cols.clone()].iter().enumerate() {
+        for (col, v) in raster.row(row)[cols.clone()].iter().enumerate() {
             let i = row * w + col;
             nearest[i] = if !v.is_nan() {
                 row as u32
@@ -118,7 +118,7 @@ mod tests {
         // More than two strips.
         const W: usize = 2 * STRIP + 31;
         for keep in [3, 17, 200] {
-            let p = Plane::from_fn(W, 23, |c, r| {
+            let p = Grid2::from_fn(W, 23, |c, r| {
                 let i = r * W + c;
                 if noise(i).is_multiple_of(keep) { i as f32 } else { f32::NAN }
             });
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn nothing_to_fill_from_stays_empty() {
-        let p = Plane::filled(4, 3, f32::NAN);
+        let p = Grid2::filled(4, 3, f32::NAN);
         assert_eq!(filled_by_nearest(&p).valid().count(), 0);
     }
 }

@@ -1,9 +1,9 @@
 //! The whole-cell shift of the highest normalised cross-correlation, coarse to fine.
 //!
-//! Follows EOGS's `dsmr.py`: both planes are halved while the shorter side exceeds 100 cells; at each level the
+//! Follows EOGS's `dsmr.py`: both grids are halved while the shorter side exceeds 100 cells; at each level the
 //! best of all shifts within 5 cells of the doubled coarser one.
 
-use crate::io::Plane;
+use crate::io::Grid2;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ const REACH: i64 = 5;
 const LEAST_OVERLAP: f64 = 0.25;
 
 /// (dx, dy) for which `prediction[row + dy, col + dx]` correlates best with `truth[row, col]`.
-pub(super) fn best_whole_shift(prediction: &Plane, truth: &Plane) -> (i64, i64) {
+pub(super) fn best_whole_shift(prediction: &Grid2, truth: &Grid2) -> (i64, i64) {
     let mut center = (0, 0);
     if truth.width.min(truth.height) > SMALL_SIDE {
         let (dx, dy) = best_whole_shift(&prediction.halved(), &truth.halved());
@@ -37,7 +37,7 @@ pub(super) fn best_whole_shift(prediction: &Plane, truth: &Plane) -> (i64, i64) 
         .map_or(center, |i| shifts[i])
 }
 
-/// Sums over the cells that two planes share.
+/// Sums over the cells that two grids share.
 #[derive(Clone, Copy, Default)]
 struct Moments {
     n: f64,
@@ -54,7 +54,7 @@ const ENOUGH_CELLS: usize = 1 << 22;
 const LANES: usize = 8;
 
 impl Moments {
-    fn of(prediction: &Plane, truth: &Plane, (dx, dy): (i64, i64)) -> Self {
+    fn of(prediction: &Grid2, truth: &Grid2, (dx, dy): (i64, i64)) -> Self {
         let mut m = Self::default();
         let (w, h) = (truth.width as i64, truth.height as i64);
         let cols = (-dx).clamp(0, w) as usize..(w - dx).clamp(0, w) as usize;
@@ -70,14 +70,14 @@ impl Moments {
         m
     }
 
-    /// Adds the cells of a row that are numbers in both planes.
+    /// Adds the cells of a row that are numbers in both grids.
     fn add(&mut self, a: &[f32], b: &[f32]) {
         let sums = row_sums(a, b).map(|lanes| lanes.iter().sum::<f64>());
         let own = [&mut self.n, &mut self.a, &mut self.b, &mut self.aa, &mut self.bb, &mut self.ab];
         own.into_iter().zip(sums).for_each(|(own, sum)| *own += sum);
     }
 
-    /// Minus infinity where a plane is constant.
+    /// Minus infinity where a raster is constant.
     fn correlation(&self) -> f64 {
         let covariance = self.ab - self.a * self.b / self.n;
         let spread = (self.aa - self.a * self.a / self.n) * (self.bb - self.b * self.b / self.n);
@@ -114,17 +114,17 @@ mod tests {
 
     #[test]
     fn a_flat_scene_stays_where_it_is() {
-        let flat = Plane::filled(120, 120, 5.0);
+        let flat = Grid2::filled(120, 120, 5.0);
         assert_eq!(best_whole_shift(&flat, &flat), (0, 0));
     }
 
     #[test]
     fn shifts_beyond_one_level_are_found() {
-        let truth = Plane::from_fn(260, 240, |c, r| {
+        let truth = Grid2::from_fn(260, 240, |c, r| {
             let (x, y) = (c as f32, r as f32);
             (0.05 * x + 0.0004 * x * y).sin() * 8.0 + (0.08 * y).cos() * 5.0
         });
-        let prediction = Plane::from_fn(260, 240, |c, r| truth.get(c as i64 + 17, r as i64 - 9));
+        let prediction = Grid2::from_fn(260, 240, |c, r| truth.get(c as i64 + 17, r as i64 - 9));
         assert_eq!(best_whole_shift(&prediction, &truth), (-17, 9));
     }
 }

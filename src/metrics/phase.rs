@@ -1,6 +1,6 @@
 //! The whole-cell shift at the peak of the phase correlation: it finds shifts that are large beside what is shown.
 
-use crate::io::Plane;
+use crate::io::Grid2;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
@@ -8,9 +8,9 @@ use std::f64::consts::TAU;
 /// Planes are halved while their longer side exceeds this many cells, and put into a square of twice as many.
 const LONGEST: usize = 256;
 
-/// (dx, dy) for which `prediction[row + dy, col + dx]` is like `truth[row, col]`, to as many cells as the planes were
-/// halved to; none for a plane without relief.
-pub(super) fn peak(prediction: &Plane, truth: &Plane) -> Option<(f64, f64)> {
+/// (dx, dy) for which `prediction[row + dy, col + dx]` is like `truth[row, col]`, to as many cells as the grids were
+/// halved to; none for a raster without relief.
+pub(super) fn peak(prediction: &Grid2, truth: &Grid2) -> Option<(f64, f64)> {
     let (mut a, mut b, mut factor) = (prediction.clone(), truth.clone(), 1.0);
     while a.width.max(a.height) > LONGEST {
         (a, b) = (a.halved(), b.halved());
@@ -30,17 +30,17 @@ pub(super) fn peak(prediction: &Plane, truth: &Plane) -> Option<(f64, f64)> {
     Some((signed(best % size) * factor, signed(best / size) * factor))
 }
 
-/// Two-dimensional spectrum of a plane's heights above their mean; holes are at the mean. None without relief.
-fn spectrum(plane: &Plane, size: usize) -> Option<Vec<Complex<f64>>> {
-    let (sum, n) = plane.valid().fold((0.0, 0.0), |(s, n), v| (s + f64::from(v), n + 1.0));
+/// Two-dimensional spectrum of a raster's heights above their mean; holes are at the mean. None without relief.
+fn spectrum(raster: &Grid2, size: usize) -> Option<Vec<Complex<f64>>> {
+    let (sum, n) = raster.valid().fold((0.0, 0.0), |(s, n), v| (s + f64::from(v), n + 1.0));
     let mean = sum / n;
     let mut out = vec![Complex::default(); size * size];
-    for row in 0..plane.height {
-        for (col, v) in plane.row(row).iter().enumerate().filter(|(_, v)| !v.is_nan()) {
-            // Edges of the plane would be what correlates best.
+    for row in 0..raster.height {
+        for (col, v) in raster.row(row).iter().enumerate().filter(|(_, v)| !v.is_nan()) {
+            // Edges of the raster would be what correlates best.
             let fade = |i: usize, n: usize| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / n as f64).cos();
             out[row * size + col].re =
-                (f64::from(*v) - mean) * fade(col, plane.width) * fade(row, plane.height);
+                (f64::from(*v) - mean) * fade(col, raster.width) * fade(row, raster.height);
         }
     }
     let has_relief = out.iter().any(|v| v.re != 0.0);
@@ -71,9 +71,9 @@ mod tests {
             let (i, j) = (c.div_euclid(13), r.div_euclid(11));
             ((i * 7 + j * 5 + i * j * 3).rem_euclid(11) * 3) as f32
         };
-        let truth = Plane::from_fn(240, 200, |c, r| height(c as i64, r as i64));
-        let prediction = Plane::from_fn(240, 200, |c, r| height(c as i64 - 38, r as i64 + 21));
+        let truth = Grid2::from_fn(240, 200, |c, r| height(c as i64, r as i64));
+        let prediction = Grid2::from_fn(240, 200, |c, r| height(c as i64 - 38, r as i64 + 21));
         assert_eq!(peak(&prediction, &truth), Some((38.0, -21.0)));
-        assert_eq!(peak(&Plane::filled(50, 50, 3.0), &truth), None);
+        assert_eq!(peak(&Grid2::filled(50, 50, 3.0), &truth), None);
     }
 }

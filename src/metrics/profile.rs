@@ -2,7 +2,7 @@
 
 use super::Evaluation;
 use super::strata::BUILDING;
-use crate::io::Plane;
+use crate::io::Grid2;
 
 /// Smaller buildings are not looked at, in square metres.
 const LEAST_AREA_M2: f64 = 100.0;
@@ -32,7 +32,7 @@ impl Evaluation {
     ///
     /// `errors` is an [`Evaluation::error_map`].
     #[must_use]
-    pub fn profiles(&self, errors: &Plane) -> Option<[Profile; 2]> {
+    pub fn profiles(&self, errors: &Grid2) -> Option<[Profile; 2]> {
         let least = (LEAST_AREA_M2 / (self.grid.cell * self.grid.cell)).ceil() as usize;
         let mut buildings = buildings(self.classes()?, errors, least);
         buildings.sort_by(|a, b| a.mae_m.total_cmp(&b.mae_m).then(a.cells[0].cmp(&b.cells[0])));
@@ -41,7 +41,7 @@ impl Evaluation {
     }
 
     /// Along the row that crosses most of the building.
-    fn profile(&self, building: &Building, errors: &Plane) -> Profile {
+    fn profile(&self, building: &Building, errors: &Grid2) -> Profile {
         let w = errors.width;
         let mut rows = std::collections::BTreeMap::<usize, usize>::new();
         for cell in &building.cells {
@@ -66,7 +66,7 @@ impl Evaluation {
 }
 
 /// Buildings of at least so many scored cells; cells that share a side belong to one.
-fn buildings(classes: &[u8], errors: &Plane, least: usize) -> Vec<Building> {
+fn buildings(classes: &[u8], errors: &Grid2, least: usize) -> Vec<Building> {
     let (w, h) = (errors.width, errors.height);
     let mut is_new: Vec<bool> = classes.iter().map(|c| *c == BUILDING).collect();
     let mut found = Vec::new();
@@ -109,7 +109,7 @@ mod tests {
         let map = ["11......", "11......", "..22...3", "..22...."].concat();
         let classes: Vec<u8> = map.bytes().map(|b| if b == b'.' { 2 } else { BUILDING }).collect();
         let data = map.bytes().map(|b| if b == b'1' { -2.0 } else { 0.5 }).collect();
-        let found = buildings(&classes, &Plane { width: 8, height: 4, data }, 2);
+        let found = buildings(&classes, &Grid2 { width: 8, height: 4, data }, 2);
         assert_eq!(found.iter().map(|b| (b.cells.len(), b.mae_m)).collect::<Vec<_>>(), [(4, 2.0), (4, 0.5)]);
     }
 }

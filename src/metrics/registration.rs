@@ -5,7 +5,7 @@
 use super::ncc::best_whole_shift;
 use super::scores::quantile_in_place;
 use super::xyz::best_shift;
-use crate::io::Plane;
+use crate::io::Grid2;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -62,7 +62,7 @@ impl Registration {
 ///
 /// `bounds` are the heights, in metres, to which registered values are clipped before errors are taken.
 #[must_use]
-pub fn register(method: Method, prediction: &Plane, land: &Plane, bounds: (f32, f32)) -> Registration {
+pub fn register(method: Method, prediction: &Grid2, land: &Grid2, bounds: (f32, f32)) -> Registration {
     let (dx_cells, dy_cells, dz_m) = match method {
         Method::Z => {
             let cells = prediction.data.par_iter().zip(&land.data);
@@ -80,7 +80,7 @@ pub fn register(method: Method, prediction: &Plane, land: &Plane, bounds: (f32, 
 }
 
 /// Mean of `prediction[row + dy, col + dx] - land[row, col]` where both are numbers.
-fn mean_difference(prediction: &Plane, land: &Plane, (dx, dy): (i64, i64)) -> f64 {
+fn mean_difference(prediction: &Grid2, land: &Grid2, (dx, dy): (i64, i64)) -> f64 {
     let of_row = |row: usize| {
         let (mut sum, mut cells) = (0.0, 0usize);
         for (col, t) in land.row(row).iter().enumerate() {
@@ -103,8 +103,8 @@ mod tests {
     use super::*;
 
     /// A town: blocks of different heights on a slope, nothing periodic.
-    fn town(size: usize) -> Plane {
-        Plane::from_fn(size, size, |c, r| {
+    fn town(size: usize) -> Grid2 {
+        Grid2::from_fn(size, size, |c, r| {
             let (x, y) = (c as f32, r as f32);
             let block = ((c / 13 * 7 + r / 11 * 5 + (c / 13) * (r / 11)) % 9) as f32;
             block * 2.5 + 0.02 * x - 0.01 * y + (0.3 * x).sin() * (0.23 * y).cos()
@@ -117,7 +117,7 @@ mod tests {
     fn a_known_shift_is_found_exactly() {
         let truth = town(150);
         // The prediction shows the town 2 cells further east, 3 further south and 3.7 m higher.
-        let prediction = Plane::from_fn(150, 150, |c, r| truth.get(c as i64 - 2, r as i64 - 3) + 3.7);
+        let prediction = Grid2::from_fn(150, 150, |c, r| truth.get(c as i64 - 2, r as i64 - 3) + 3.7);
         for method in [Method::Ncc, Method::Xyz] {
             let found = register(method, &prediction, &truth, ALL_HEIGHTS);
             assert_eq!((found.dx_cells, found.dy_cells), (2.0, 3.0), "{method:?}");
@@ -129,11 +129,11 @@ mod tests {
 
     #[test]
     fn a_shift_of_a_fraction_of_a_cell_is_refined() {
-        let truth = Plane::from_fn(150, 150, |c, r| {
+        let truth = Grid2::from_fn(150, 150, |c, r| {
             let (x, y) = (c as f32, r as f32);
             10.0 * (0.05 * x).sin() * (0.06 * y + 0.002 * x).cos()
         });
-        let prediction = Plane::from_fn(150, 150, |c, r| truth.bilinear(c as f64 - 0.6, r as f64 + 1.35));
+        let prediction = Grid2::from_fn(150, 150, |c, r| truth.bilinear(c as f64 - 0.6, r as f64 + 1.35));
         let found = register(Method::Xyz, &prediction, &truth, ALL_HEIGHTS);
         assert!((found.dx_cells - 0.6).abs() < 0.02 && (found.dy_cells + 1.35).abs() < 0.02, "{found:?}");
     }
@@ -146,7 +146,7 @@ mod tests {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (state >> 8) as f32 / (1 << 24) as f32
         };
-        let prediction = Plane::from_fn(160, 160, |c, r| {
+        let prediction = Grid2::from_fn(160, 160, |c, r| {
             let noise = (0..12).map(|_| random()).sum::<f32>() - 6.0;
             if random() < 0.2 { f32::NAN } else { truth.at(c, r) + 0.3 * noise + 2.0 }
         });
@@ -161,9 +161,9 @@ mod tests {
             let (i, j) = (c.div_euclid(13), r.div_euclid(11));
             (i * 7 + j * 5 + i * j * 3).rem_euclid(11) as f32 * 2.5 + 0.02 * c as f32
         };
-        let truth = Plane::from_fn(160, 150, |c, r| town(c as i64, r as i64));
+        let truth = Grid2::from_fn(160, 150, |c, r| town(c as i64, r as i64));
         for (dx, dy) in [(9, -6), (31, 17), (-45, 0)] {
-            let prediction = Plane::from_fn(160, 150, |c, r| town(c as i64 - dx, r as i64 - dy));
+            let prediction = Grid2::from_fn(160, 150, |c, r| town(c as i64 - dx, r as i64 - dy));
             let found = register(Method::Xyz, &prediction, &truth, ALL_HEIGHTS);
             assert_eq!((found.dx_cells, found.dy_cells), (dx as f64, dy as f64), "{found:?}");
         }

@@ -2,7 +2,7 @@
 
 use super::MetricsError;
 use crate::frame::{CenterPx, Pixel, Point, Transform};
-use crate::io::{MapGrid, Plane};
+use crate::io::{Grid2, MapGrid};
 
 /// An origin this near to the other grid, in cells, counts as on it (JAX_068's truth is 0.008 off).
 const WHOLE_CELL: f64 = 0.02;
@@ -21,56 +21,56 @@ pub enum Sampling {
     Reprojected,
 }
 
-/// `plane`, which lies on grid `from`, on grid `to`; NaN outside, and where the nearest cell is NaN.
+/// `raster`, which lies on grid `from`, on grid `to`; NaN outside, and where the nearest cell is NaN.
 ///
 /// # Errors
 /// [`MetricsError::Frame`] when PROJ knows no transform between the two grids' systems.
-pub fn onto_grid(plane: &Plane, from: &MapGrid, to: &MapGrid) -> Result<(Plane, Sampling), MetricsError> {
+pub fn onto_grid(raster: &Grid2, from: &MapGrid, to: &MapGrid) -> Result<(Grid2, Sampling), MetricsError> {
     if from.epsg != to.epsg {
         let transform = Transform::new(to.epsg, from.epsg)?;
         let at = |p: Point<_>| {
             let (e, n) = transform.convert(p.x(), p.y());
             Point::new(e, n, 0.0)
         };
-        return Ok((interpolated(plane, from, to, at), Sampling::Reprojected));
+        return Ok((interpolated(raster, from, to, at), Sampling::Reprojected));
     }
     let (dx, dy) = ((to.west - from.west) / from.cell, (from.north - to.north) / from.cell);
     let near = |d: f64| (d - d.round()).abs() <= WHOLE_CELL;
     if (from.cell - to.cell).abs() <= SAME_CELL * to.cell && near(dx) && near(dy) {
         let (dx, dy) = (dx.round() as i64, dy.round() as i64);
-        let cut = Plane::from_rows(to.width, to.height, |row, line| {
+        let cut = Grid2::from_rows(to.width, to.height, |row, line| {
             for (col, v) in line.iter_mut().enumerate() {
-                *v = plane.get(col as i64 + dx, row as i64 + dy);
+                *v = raster.get(col as i64 + dx, row as i64 + dy);
             }
         });
         return Ok((cut, Sampling::WholeCells));
     }
-    Ok((interpolated(plane, from, to, |p| p), Sampling::Bilinear))
+    Ok((interpolated(raster, from, to, |p| p), Sampling::Bilinear))
 }
 
 fn interpolated(
-    plane: &Plane,
+    raster: &Grid2,
     from: &MapGrid,
     to: &MapGrid,
     map: impl Fn(Point<crate::frame::Utm>) -> Point<crate::frame::Utm> + Sync,
-) -> Plane {
-    Plane::from_rows(to.width, to.height, |row, line| {
+) -> Grid2 {
+    Grid2::from_rows(to.width, to.height, |row, line| {
         for (col, v) in line.iter_mut().enumerate() {
             let px: Pixel<CenterPx> = from.corner_px_from_utm(map(to.cell_center(col, row))).into();
             let is_place = px.col.is_finite() && px.row.is_finite();
-            *v = if is_place { interpolate(plane, px.col, px.row) } else { f32::NAN };
+            *v = if is_place { interpolate(raster, px.col, px.row) } else { f32::NAN };
         }
     })
 }
 
 /// The value at a position, cell centres at whole numbers, bilinear of the valid ones of the four cells around it; NaN
 /// where the nearest cell is: a hole costs the cell that it is, whatever the shift.
-pub(super) fn interpolate(plane: &Plane, col: f64, row: f64) -> f32 {
-    let nearest = plane.get(col.round() as i64, row.round() as i64);
+pub(super) fn interpolate(raster: &Grid2, col: f64, row: f64) -> f32 {
+    let nearest = raster.get(col.round() as i64, row.round() as i64);
     if nearest.is_nan() {
         return f32::NAN;
     }
-    let value = plane.bilinear(col, row);
+    let value = raster.bilinear(col, row);
     if !value.is_nan() {
         return value;
     }
@@ -81,7 +81,7 @@ pub(super) fn interpolate(plane: &Plane, col: f64, row: f64) -> f32 {
     for (i, j, w) in
         [(0, 0, (1.0 - fc) * (1.0 - fr)), (1, 0, fc * (1.0 - fr)), (0, 1, (1.0 - fc) * fr), (1, 1, fc * fr)]
     {
-        let v = plane.get(c + i, r + j);
+        let v = raster.get(c + i, r + j);
         if !v.is_nan() {
             sum += w * v;
             weight += w;
@@ -98,8 +98,8 @@ mod tests {
         MapGrid { epsg: 32617, west, north, cell, width, height: width }
     }
 
-    fn ramp(g: &MapGrid) -> Plane {
-        Plane::from_fn(g.width, g.height, |c, r| {
+    fn ramp(g: &MapGrid) -> Grid2 {
+        Grid2::from_fn(g.width, g.height, |c, r| {
             let p = g.cell_center(c, r);
             ((p.x() - 436_000.0) * 0.1 + (p.y() - 3_357_000.0) * 0.2) as f32
         })
@@ -130,11 +130,11 @@ mod tests {
     #[test]
     fn a_hole_costs_one_cell_under_any_shift() {
         let from = grid(436_000.0, 3_357_100.0, 0.5, 40);
-        let mut plane = ramp(&from);
-        plane.data[20 * 40 + 20] = f32::NAN;
+        let mut raster = ramp(&from);
+        raster.data[20 * 40 + 20] = f32::NAN;
         for part in [0.05, 0.1, 0.2, 0.24] {
             let to = grid(436_005.0 + part, 3_357_095.0 - part, 0.5, 20);
-            let (out, _) = onto_grid(&plane, &from, &to).unwrap();
+            let (out, _) = onto_grid(&raster, &from, &to).unwrap();
             assert_eq!(out.valid().count(), 399, "{part}");
         }
     }

@@ -3,7 +3,7 @@
 use super::scores::Sample;
 use super::truth::class_codes;
 use super::{Scores, Truth, class_name};
-use crate::io::Plane;
+use crate::io::Grid2;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -79,7 +79,7 @@ impl Labels {
     }
 
     /// Around every change between building and another class, the cells whose centre is within [`EDGE_M`] of it.
-    fn roof_edges(classes: &[u8], land: &Plane, cell: f64) -> Self {
+    fn roof_edges(classes: &[u8], land: &Grid2, cell: f64) -> Self {
         let (w, h) = (land.width, land.height);
         let is_building = |i: usize| classes[i] == BUILDING;
         // The change lies half a cell from the centres on its two sides.
@@ -118,7 +118,7 @@ impl Labels {
         Self { by: Division::RoofEdge, names, label }
     }
 
-    fn slopes(land: &Plane, cell: f64) -> Self {
+    fn slopes(land: &Grid2, cell: f64) -> Self {
         let mut label = vec![NONE; land.data.len()];
         // Of a hundred million cells arc tangents would be felt.
         let steeper = SLOPES_DEG[1..SLOPES_DEG.len() - 1].iter().map(|s| s.to_radians().tan());
@@ -169,7 +169,7 @@ impl Groups {
     }
 
     /// Scores of all land, and of the parts that have land; errors are NaN where not scored.
-    pub(super) fn scores(&self, land: &Plane, errors: &Plane, filled: &Plane) -> (Scores, Vec<Stratum>) {
+    pub(super) fn scores(&self, land: &Grid2, errors: &Grid2, filled: &Grid2) -> (Scores, Vec<Stratum>) {
         let of_piece = |first: usize| {
             let mut samples = vec![Sample::default(); self.groups];
             for i in (first..(first + PIECE).min(self.group.len())).filter(|i| !land.data[*i].is_nan()) {
@@ -201,7 +201,7 @@ impl Groups {
 }
 
 /// Slope at a cell, metres a metre, from its neighbours, of one side where the other is missing; NaN without any.
-fn slope(land: &Plane, col: usize, row: usize, cell: f64) -> f64 {
+fn slope(land: &Grid2, col: usize, row: usize, cell: f64) -> f64 {
     let (c, r) = (col as i64, row as i64);
     let middle = land.at(col, row);
     let along = |before: f32, after: f32| {
@@ -221,7 +221,7 @@ mod tests {
 
     #[test]
     fn slopes_are_those_of_a_plane_also_at_the_rim() {
-        let ramp = Plane::from_fn(6, 5, |c, r| 0.5 * (c as f32 + r as f32));
+        let ramp = Grid2::from_fn(6, 5, |c, r| 0.5 * (c as f32 + r as f32));
         for (col, row) in [(0, 0), (5, 4), (3, 2)] {
             let slope = slope(&ramp, col, row, 0.5);
             assert!((slope - 2f64.sqrt()).abs() < 1e-6, "{slope}");
@@ -233,7 +233,7 @@ mod tests {
     #[test]
     fn a_roof_edge_reaches_a_metre_to_either_side() {
         // A roof of 10 x 10 cells of 0.5 m: two cells inside and two outside of its outline are within 1 m.
-        let land = Plane::filled(30, 30, 0.0);
+        let land = Grid2::filled(30, 30, 0.0);
         let is_roof = |i: usize| (10..20).contains(&(i % 30)) && (10..20).contains(&(i / 30));
         let classes: Vec<u8> = (0..900).map(|i| if is_roof(i) { BUILDING } else { 2 }).collect();
         let labels = Labels::roof_edges(&classes, &land, 0.5);
@@ -247,9 +247,9 @@ mod tests {
 
     #[test]
     fn parts_are_scored_apart_and_nothing_is_lost() {
-        let land = Plane::from_fn(20, 10, |c, _| if c == 0 { f32::NAN } else { 1.0 });
+        let land = Grid2::from_fn(20, 10, |c, _| if c == 0 { f32::NAN } else { 1.0 });
         let inside: Vec<bool> = (0..200).map(|i| i % 20 < 5).collect();
-        let errors = Plane::from_fn(20, 10, |c, _| if c < 5 { 2.0 } else { -0.5 });
+        let errors = Grid2::from_fn(20, 10, |c, _| if c < 5 { 2.0 } else { -0.5 });
         let labels = Labels::mask(&inside);
         // Rows of the north, of the south, and the last of neither.
         let label =

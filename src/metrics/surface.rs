@@ -2,7 +2,7 @@
 
 use super::MetricsError;
 use crate::frame::{Point, SiteGrid};
-use crate::io::{HeightSystem, ImageFile, MapGrid, Plane, Vertical, Window, read_heights};
+use crate::io::{Grid2, HeightSystem, ImageFile, MapGrid, Vertical, Window, read_heights};
 use std::path::{Path, PathBuf};
 
 /// Geoids are smooth: they are looked up every so many cells.
@@ -16,7 +16,7 @@ pub struct Surface {
     /// Its place on the map.
     pub grid: MapGrid,
     /// Heights in metres.
-    pub height: Plane,
+    pub height: Grid2,
     /// What the heights count from, as [`Vertical::read`] takes it, or a datum that it does not know.
     pub vertical: Option<String>,
     /// Cells that held a nodata value the file does not declare.
@@ -78,7 +78,7 @@ impl Surface {
         let grid = self.grid;
         let map = SiteGrid { epsg: grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
         let nodes = |cells: usize| cells.div_ceil(GEOID_STEP) + 1;
-        let undulation = Plane::from_fn(nodes(grid.width), nodes(grid.height), |col, row| {
+        let undulation = Grid2::from_fn(nodes(grid.width), nodes(grid.height), |col, row| {
             let p = map.geodetic_from_utm(grid.cell_center(col * GEOID_STEP, row * GEOID_STEP));
             from.undulation_m(p.lon_deg(), p.lat_deg()) as f32
         });

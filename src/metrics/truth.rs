@@ -73,8 +73,7 @@ impl Truth {
     /// short.
     pub fn check(path: &Path, options: &TruthOptions) -> Result<(), MetricsError> {
         for file in [options.classes, options.mask].into_iter().flatten() {
-            std::fs::metadata(file)
-                .map_err(|e| RasterError::Open { path: file.into(), reason: e.to_string() })?;
+            std::fs::metadata(file).map_err(|e| RasterError::Open { path: file.into(), cause: e.into() })?;
         }
         if cloud::is_cloud(path) {
             cloud::open(path, options.epsg)?;
@@ -155,10 +154,13 @@ impl Truth {
 fn open_raster(path: &Path, epsg: Option<u32>) -> Result<(ImageFile, MapGrid), MetricsError> {
     let file = ImageFile::open(path)?;
     let grid = if file.has_geotransform() {
-        file.map_grid().map_err(|e| MetricsError::TruthGrid {
-            path: path.into(),
-            reason: e.to_string().rsplit("`: ").next().unwrap_or_default().to_owned(),
-            crs: epsg.map_or("EPSG:UTM_ZONE".into(), |epsg| format!("EPSG:{epsg}")),
+        file.map_grid().map_err(|e| match e {
+            RasterError::NotAMap { reason, .. } => MetricsError::TruthGrid {
+                path: path.into(),
+                reason,
+                crs: epsg.map_or("EPSG:UTM_ZONE".into(), |epsg| format!("EPSG:{epsg}")),
+            },
+            other => other.into(),
         })?
     } else {
         grid_of_txt(&file, epsg.unwrap_or_default())?

@@ -13,7 +13,7 @@ use super::ncc::best_whole_shift;
 use super::phase::peak;
 use super::resample::interpolate;
 use super::scores::quantile_in_place;
-use crate::io::Plane;
+use crate::io::Grid2;
 use rayon::prelude::*;
 
 /// Reach of the grid around a start, and its step, cells.
@@ -35,7 +35,7 @@ const STARTS: usize = 4;
 const LEAST_CELLS: f64 = 0.25;
 
 /// (dx, dy) in cells and dz in metres that minimise the MAE after clipping to `bounds`.
-pub(super) fn best_shift(prediction: &Plane, truth: &Plane, bounds: (f32, f32)) -> (f64, f64, f64) {
+pub(super) fn best_shift(prediction: &Grid2, truth: &Grid2, bounds: (f32, f32)) -> (f64, f64, f64) {
     let (filled, truth_filled) = (Filled::new(prediction), Filled::new(truth));
     let ncc = best_whole_shift(prediction, truth);
     let mut starts = vec![(0.0, 0.0), (ncc.0 as f64, ncc.1 as f64)];
@@ -55,7 +55,7 @@ pub(super) fn best_shift(prediction: &Plane, truth: &Plane, bounds: (f32, f32)) 
 }
 
 /// -median(P - T), as the shifted prediction is sampled.
-fn offset(prediction: &Plane, truth: &Plane, (dx, dy): (f64, f64)) -> f64 {
+fn offset(prediction: &Grid2, truth: &Grid2, (dx, dy): (f64, f64)) -> f64 {
     let row_differences = |row: usize| {
         let line = truth.row(row).iter().enumerate().filter(|(_, t)| !t.is_nan());
         line.map(|(col, t)| interpolate(prediction, col as f64 + dx, row as f64 + dy) - t)
@@ -109,17 +109,17 @@ impl Candidate {
     }
 }
 
-/// A plane whose holes are filled one cell deep, within a border as wide, so that taps around a valid cell find values.
+/// A raster whose holes are filled one cell deep, within a border as wide, so that taps around a valid cell find values.
 struct Filled {
-    plane: Plane,
+    raster: Grid2,
     is_valid: Vec<bool>,
 }
 
 impl Filled {
-    fn new(source: &Plane) -> Self {
+    fn new(source: &Grid2) -> Self {
         let (width, height) = (source.width + 2, source.height + 2);
         let at = |col: usize, row: usize| source.get(col as i64 - 1, row as i64 - 1);
-        let plane = Plane::from_rows(width, height, |row, line| {
+        let raster = Grid2::from_rows(width, height, |row, line| {
             for (col, v) in line.iter_mut().enumerate() {
                 *v = at(col, row);
                 if v.is_nan() {
@@ -131,21 +131,21 @@ impl Filled {
             }
         });
         let is_valid = (0..width * height).map(|i| !at(i % width, i / width).is_nan()).collect();
-        Self { plane, is_valid }
+        Self { raster, is_valid }
     }
 
     /// The value at a cell of the source plus a part of a cell, by the taps of that part; NaN where the cell is a hole.
     fn at(&self, col: i64, row: i64, across: [f32; 3], down: [f32; 3]) -> f32 {
-        let (width, height) = (self.plane.width as i64, self.plane.height as i64);
+        let (width, height) = (self.raster.width as i64, self.raster.height as i64);
         if col < 0 || row < 0 || col + 2 >= width || row + 2 >= height {
             return f32::NAN;
         }
-        let i = row as usize * self.plane.width + col as usize;
-        if !self.is_valid[i + self.plane.width + 1] {
+        let i = row as usize * self.raster.width + col as usize;
+        if !self.is_valid[i + self.raster.width + 1] {
             return f32::NAN;
         }
         let line = |k: usize| {
-            let p = &self.plane.data[i + k * self.plane.width..][..3];
+            let p = &self.raster.data[i + k * self.raster.width..][..3];
             across[0] * p[0] + across[1] * p[1] + across[2] * p[2]
         };
         down[0] * line(0) + down[1] * line(1) + down[2] * line(2)
@@ -169,7 +169,7 @@ struct Search<'a> {
 
 impl<'a> Search<'a> {
     fn new(prediction: &'a Filled, truth: &Filled, bounds: (f32, f32), at_most: usize) -> Self {
-        let (w, h) = (truth.plane.width - 2, truth.plane.height - 2);
+        let (w, h) = (truth.raster.width - 2, truth.raster.height - 2);
         let mut stride = 1;
         while w.div_ceil(stride) * h.div_ceil(stride) > at_most {
             stride += 1;

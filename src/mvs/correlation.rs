@@ -5,7 +5,7 @@ use super::{DRIFT_COST, PRIOR_COST, PRIOR_REACH_M, PlaneSweep, RETURN_COST, Stac
 use crate::affine::AffineCamera;
 use crate::affine::TrainingView;
 use crate::frame::{Point, Site};
-use crate::io::{Plane, ValidPixels, Window};
+use crate::io::{Grid2, ValidPixels, Window};
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -38,7 +38,7 @@ type Weights = [Lines; WINDOW * WINDOW];
 /// A view's brightness and camera.
 pub(super) struct Image {
     /// NaN where there is no image.
-    pub gray: Plane,
+    pub gray: Grid2,
     /// Which pixels are image, if not all are.
     valid: Option<Arc<ValidPixels>>,
     pub camera: AffineCamera,
@@ -113,7 +113,7 @@ impl Volume {
     ///
     /// Where the views agree on nothing, or what they show is plain, training drifts: there the first surface is the
     /// one to trust.
-    pub fn draw_to(&mut self, prior: &Plane, first: &Plane, stack: &Stack, look: &Look) {
+    pub fn draw_to(&mut self, prior: &Grid2, first: &Grid2, stack: &Stack, look: &Look) {
         let share = 1.0 - PRIOR_COST / 255.0;
         self.costs.par_chunks_mut(self.planes).enumerate().for_each(|(cell, costs)| {
             let trusted = agreement(costs).min(look.texture(cell));

@@ -2,7 +2,7 @@
 
 use super::PlaneSweep;
 use super::horizon::{SLACK_M, horizon};
-use crate::io::Plane;
+use crate::io::Grid2;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -14,20 +14,20 @@ const PLAIN: Range<f32> = 0.02..0.12;
 /// A surface as the views see it.
 pub(super) struct Look {
     /// Of every view, the altitude from which on it sees a cell.
-    seen_from: Vec<Plane>,
+    seen_from: Vec<Grid2>,
     /// Brightness of every cell, in standard deviations above the mean of an image; NaN where no view sees it.
-    brightness: Plane,
+    brightness: Grid2,
 }
 
 impl Look {
     /// The look of `surface`, where the surface `hiding` hides what lies behind it.
-    pub fn new(sweep: &PlaneSweep, surface: &Plane, hiding: &Plane) -> Self {
-        let with_slack = |mut horizon: Plane| {
+    pub fn new(sweep: &PlaneSweep, surface: &Grid2, hiding: &Grid2) -> Self {
+        let with_slack = |mut horizon: Grid2| {
             horizon.data.iter_mut().for_each(|z| *z -= SLACK_M);
             horizon
         };
         let horizons = sweep.images.iter().map(|i| horizon(hiding, i.camera.lean(), sweep.grid.cell));
-        let seen_from: Vec<Plane> = horizons.map(with_slack).collect();
+        let seen_from: Vec<Grid2> = horizons.map(with_slack).collect();
         let median = |seen: &mut Vec<f32>, cell: usize| {
             let (col, row) = (cell % surface.width, cell / surface.width);
             let z = surface.data[cell];
@@ -39,7 +39,7 @@ impl Look {
             let middle = seen.len() / 2;
             if seen.is_empty() { f32::NAN } else { *seen.select_nth_unstable_by(middle, f32::total_cmp).1 }
         };
-        let mut brightness = Plane::filled(surface.width, surface.height, f32::NAN);
+        let mut brightness = Grid2::filled(surface.width, surface.height, f32::NAN);
         let cells = brightness.data.par_iter_mut().enumerate();
         cells.for_each_init(Vec::new, |seen, (cell, out)| *out = median(seen, cell));
         Self { seen_from, brightness }

@@ -24,7 +24,7 @@ pub use stereo::FEW_VIEWS;
 
 use crate::affine::{SiteScene, TrainingView, median_pixel_m};
 use crate::frame::{Point, Site, SiteGrid};
-use crate::io::{MapGrid, Plane};
+use crate::io::{Grid2, MapGrid};
 use crate::progress::{Event, Interrupted, Progress};
 use crate::scene::views_needed;
 use correlation::{Image, Volume};
@@ -120,7 +120,7 @@ impl Cover {
 /// Surfaces parallel to the ground: plane `k` lies `low + k * step` metres above it.
 struct Stack {
     /// Altitude of the ground in every cell, site metres.
-    ground: Plane,
+    ground: Grid2,
     low: f32,
     step: f32,
     planes: usize,
@@ -145,12 +145,12 @@ pub struct MatchedSurface {
     /// The grid.
     pub grid: MapGrid,
     /// Altitudes in metres above the site's origin; NaN where no pair of views sees the cell.
-    pub altitude: Plane,
+    pub altitude: Grid2,
     /// How well the views agree there, 0 to 1: the mean cube of the pairs' correlations, less where few images reach. 0 where
     /// an altitude was not matched but filled from around.
-    pub score: Plane,
+    pub score: Grid2,
     /// How far training is to be held to it: 1 where it bridges something plain from what views agree on, else down to 0.
-    pub hold: Plane,
+    pub prior_weight: Grid2,
 }
 
 impl MatchedSurface {
@@ -180,7 +180,7 @@ impl PlaneSweep {
         let volume = (east - west) * (north - south) * (high - low) / cell.powi(3);
         let cell = cell * (volume / MAX_VOLUME).cbrt().max(1.0);
         let grid = MapGrid::covering(setup.site.epsg, (x + west, y + south, x + east, y + north), cell);
-        let ground = Plane::from_fn(grid.width, grid.height, |col, row| {
+        let ground = Grid2::from_fn(grid.width, grid.height, |col, row| {
             let p = setup.site.site_from_utm(grid.cell_center(col, row));
             ground.altitude(p.x(), p.y()) as f32
         });
@@ -222,7 +222,7 @@ impl PlaneSweep {
             let look = Look::new(self, &surface.altitude, &surface.believed());
             surface = self.pick(&Volume::correlate(self, Some(&look)), JUMP);
         }
-        surface.hold = self.hold(&surface);
+        surface.prior_weight = self.prior_weight(&surface);
         progress.event(Event::Finished);
         Ok(surface)
     }
@@ -233,8 +233,8 @@ impl PlaneSweep {
         self.images.len() >= BETTERED_FROM_VIEWS
     }
 
-    /// [`MatchedSurface::hold`] of a surface.
-    fn hold(&self, surface: &MatchedSurface) -> Plane {
+    /// [`MatchedSurface::prior_weight`] of a surface.
+    fn prior_weight(&self, surface: &MatchedSurface) -> Grid2 {
         let believed = surface.believed();
         let look = Look::new(self, &surface.altitude, &believed);
         let around = (SUPPORT_REACH_M / self.grid.cell) as i64;
@@ -250,8 +250,8 @@ impl PlaneSweep {
             let share = like as f32 / near(0).count().pow(2) as f32;
             plain * (share / SUPPORT).min(1.0)
         };
-        Plane::from_rows(self.grid.width, self.grid.height, |row, line| {
-            line.iter_mut().enumerate().for_each(|(col, hold)| *hold = of(col, row));
+        Grid2::from_rows(self.grid.width, self.grid.height, |row, line| {
+            line.iter_mut().enumerate().for_each(|(col, weight)| *weight = of(col, row));
         })
     }
 
@@ -260,9 +260,9 @@ impl PlaneSweep {
     /// Where views agree better there it returns to the `first` surface: training closes narrow gaps that were
     /// open, and finds trees that were lost. What is found is settled (`settle`), with the prior once more.
     #[must_use]
-    pub fn sharpen(&self, prior: &Plane, first: &MatchedSurface) -> MatchedSurface {
+    pub fn sharpen(&self, prior: &Grid2, first: &MatchedSurface) -> MatchedSurface {
         let (hiding, prior) = (first.believed(), &self.borne_out(prior, &first.altitude));
-        let sharper = |surface: &Plane| {
+        let sharper = |surface: &Grid2| {
             let look = Look::new(self, surface, &hiding);
             let mut volume = Volume::correlate(self, Some(&look));
             volume.draw_to(prior, &first.altitude, &self.stack, &look);
@@ -281,7 +281,7 @@ impl PlaneSweep {
 
     /// `prior` where it lies among the altitudes of the `first` surface nearby and is as much in sight: over margins and
     /// what is plain, splats may float where no view objects.
-    fn borne_out(&self, prior: &Plane, first: &Plane) -> Plane {
+    fn borne_out(&self, prior: &Grid2, first: &Grid2) -> Grid2 {
         let around = (NEARBY_M / self.grid.cell).ceil() as i64;
         let of = |col: usize, row: usize| {
             let (z, below) = (prior.at(col, row), first.at(col, row));
@@ -295,7 +295,7 @@ impl PlaneSweep {
             let is_among = (low - NEARBY_M as f32..=high + NEARBY_M as f32).contains(&z);
             if below.is_nan() || is_among && views(z) >= IN_SIGHT * views(below) { z } else { f32::NAN }
         };
-        Plane::from_rows(prior.width, prior.height, |row, line| {
+        Grid2::from_rows(prior.width, prior.height, |row, line| {
             line.iter_mut().enumerate().for_each(|(col, z)| *z = of(col, row));
         })
     }
@@ -322,21 +322,21 @@ impl PlaneSweep {
         let (width, height) = (self.grid.width, self.grid.height);
         let picked: Vec<(f32, f32)> = (0..width * height).into_par_iter().map(best).collect();
         let (altitude, score) = picked.into_iter().unzip();
-        let plane = |data: Vec<f32>| Plane { width, height, data };
-        let hold = Plane::filled(width, height, 0.0);
+        let plane = |data: Vec<f32>| Grid2 { width, height, data };
+        let prior_weight = Grid2::filled(width, height, 0.0);
         MatchedSurface {
             site: self.site,
             grid: self.grid,
             altitude: plane(altitude),
             score: plane(score),
-            hold,
+            prior_weight,
         }
     }
 }
 
 impl MatchedSurface {
     /// The altitudes, NaN where they are not believed.
-    fn believed(&self) -> Plane {
+    fn believed(&self) -> Grid2 {
         let mut out = self.altitude.clone();
         for (z, score) in out.data.iter_mut().zip(&self.score.data) {
             if *score < BELIEVED {

@@ -3,7 +3,7 @@
 //! right corners stay as they are.
 
 use super::{BELIEVED, MatchedSurface};
-use crate::io::Plane;
+use crate::io::Grid2;
 
 /// A neighbourhood: cells within `reach`, of which the share `lower` (a fraction) lies below the one that is taken.
 struct Around {
@@ -26,10 +26,10 @@ impl MatchedSurface {
     /// The surface once it is settled; `trained` are the splats' altitudes, NaN where they are not to be
     /// believed.
     #[must_use]
-    pub(super) fn settled(mut self, trained: &Plane) -> Self {
+    pub(super) fn settled(mut self, trained: &Grid2) -> Self {
         let decided = DOUBTFUL.decide(&self.altitude, |col, row| self.score.at(col, row) < BELIEVED);
         let smooth = ALL.decide(&decided, |_, _| true);
-        self.altitude = Plane::from_rows(smooth.width, smooth.height, |row, line| {
+        self.altitude = Grid2::from_rows(smooth.width, smooth.height, |row, line| {
             for (col, z) in line.iter_mut().enumerate() {
                 let is_exact = self.score.at(col, row) >= EXACT;
                 *z = if is_exact {
@@ -44,7 +44,7 @@ impl MatchedSurface {
 }
 
 /// A cell's altitude; at a step, of its own and its neighbours' the one that is nearest to `trained`.
-fn side(altitudes: &Plane, col: usize, row: usize, trained: f32) -> f32 {
+fn side(altitudes: &Grid2, col: usize, row: usize, trained: f32) -> f32 {
     let own = altitudes.at(col, row);
     if own.is_nan() || trained.is_nan() {
         return own;
@@ -76,8 +76,8 @@ impl Around {
     }
 
     /// The altitudes, those of the cells that it is `asked` about taken from around them.
-    fn decide(&self, altitudes: &Plane, asked: impl Fn(usize, usize) -> bool + Sync) -> Plane {
-        Plane::from_rows(altitudes.width, altitudes.height, |row, line| {
+    fn decide(&self, altitudes: &Grid2, asked: impl Fn(usize, usize) -> bool + Sync) -> Grid2 {
+        Grid2::from_rows(altitudes.width, altitudes.height, |row, line| {
             for (col, z) in line.iter_mut().enumerate() {
                 *z = if asked(col, row) { self.pick(altitudes, col, row) } else { altitudes.at(col, row) };
             }
@@ -85,7 +85,7 @@ impl Around {
     }
 
     /// The altitude that is taken for a cell; unknown ones do not count, and stay unknown.
-    fn pick(&self, altitudes: &Plane, col: usize, row: usize) -> f32 {
+    fn pick(&self, altitudes: &Grid2, col: usize, row: usize) -> f32 {
         if altitudes.at(col, row).is_nan() {
             return f32::NAN;
         }
@@ -111,22 +111,22 @@ mod tests {
     use crate::frame::{Point, SiteGrid};
     use crate::io::MapGrid;
 
-    fn settled(altitude: Plane, score: impl Fn(usize, usize) -> f32) -> Plane {
-        let unknown = Plane::filled(altitude.width, altitude.height, f32::NAN);
+    fn settled(altitude: Grid2, score: impl Fn(usize, usize) -> f32) -> Grid2 {
+        let unknown = Grid2::filled(altitude.width, altitude.height, f32::NAN);
         settled_by(altitude, score, &unknown)
     }
 
-    fn settled_by(altitude: Plane, score: impl Fn(usize, usize) -> f32, trained: &Plane) -> Plane {
+    fn settled_by(altitude: Grid2, score: impl Fn(usize, usize) -> f32, trained: &Grid2) -> Grid2 {
         let (width, height) = (altitude.width, altitude.height);
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
-        let (score, hold) = (Plane::from_fn(width, height, score), Plane::filled(width, height, 0.0));
-        MatchedSurface { site, grid, altitude, score, hold }.settled(trained).altitude
+        let (score, prior_weight) = (Grid2::from_fn(width, height, score), Grid2::filled(width, height, 0.0));
+        MatchedSurface { site, grid, altitude, score, prior_weight }.settled(trained).altitude
     }
 
     #[test]
     fn a_block_s_edges_and_corners_stay_and_a_lone_cell_goes() {
-        let block = Plane::from_fn(20, 16, |col, row| {
+        let block = Grid2::from_fn(20, 16, |col, row| {
             if (5..12).contains(&col) && (4..10).contains(&row) { 9.0 } else { 0.1 * col as f32 }
         });
         let mut noisy = block.clone();
@@ -142,16 +142,16 @@ mod tests {
     #[test]
     fn a_clump_stays_if_it_is_believed() {
         let clump = |col: usize, row: usize| (8..10).contains(&col) && (7..9).contains(&row);
-        let surface = || Plane::from_fn(20, 16, |col, row| if clump(col, row) { 5.0 } else { 0.0 });
+        let surface = || Grid2::from_fn(20, 16, |col, row| if clump(col, row) { 5.0 } else { 0.0 });
         assert_eq!(settled(surface(), |_, _| 0.9), surface());
         let out = settled(surface(), |col, row| if clump(col, row) { 0.2 } else { 0.9 });
-        assert_eq!(out, Plane::filled(20, 16, 0.0));
+        assert_eq!(out, Grid2::filled(20, 16, 0.0));
     }
 
     #[test]
     fn splats_say_where_a_step_is_unless_views_agree_or_the_step_is_small() {
         let step = |at: usize, height: f32| {
-            Plane::from_fn(20, 16, move |col, _| if col < at { height } else { 0.1 })
+            Grid2::from_fn(20, 16, move |col, _| if col < at { height } else { 0.1 })
         };
         let trained = step(11, 7.0);
         assert_eq!(settled_by(step(10, 8.0), |_, _| 0.45, &trained), step(11, 8.0));
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn the_unknown_stays_unknown_and_counts_for_nothing() {
-        let surface = Plane::from_fn(9, 9, |col, _| if col < 4 { f32::NAN } else { 3.0 });
+        let surface = Grid2::from_fn(9, 9, |col, _| if col < 4 { f32::NAN } else { 3.0 });
         let out = settled(surface, |_, _| 0.1);
         assert!(out.at(3, 4).is_nan() && out.at(4, 4) == 3.0);
     }

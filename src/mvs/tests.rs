@@ -47,7 +47,7 @@ pub(super) fn view(lean: [f64; 2], paint: Paint) -> TrainingView {
         let z = steps.into_iter().find(|z| height(at(*z).0, at(*z).1) >= *z).unwrap_or(0.0);
         paint(at(z).0, at(z).1, z) as f32
     };
-    let plane = Plane::from_fn(160, 140, color);
+    let plane = Grid2::from_fn(160, 140, color);
     TrainingView::new("v".into(), camera, None, &[plane], (-30.0, -25.0, 30.0, 25.0))
 }
 
@@ -60,7 +60,7 @@ pub(super) fn setup() -> SiteScene {
         altitudes: (-5.0, 20.0),
         views: Vec::new(),
         reference: 0,
-        tone: crate::scene::Tone::default(),
+        transfer_function: crate::scene::TransferFunction::default(),
     }
 }
 
@@ -97,8 +97,8 @@ fn a_block_and_the_ground_around_it_are_found() {
 }
 
 /// The true surface, raised.
-fn raised(sweep: &PlaneSweep, up: f64) -> Plane {
-    Plane::from_fn(sweep.grid.width, sweep.grid.height, |col, row| {
+fn raised(sweep: &PlaneSweep, up: f64) -> Grid2 {
+    Grid2::from_fn(sweep.grid.width, sweep.grid.height, |col, row| {
         let p = setup().site.site_from_utm(sweep.grid.cell_center(col, row));
         (height(p.x(), p.y()) + up) as f32
     })
@@ -138,7 +138,7 @@ fn a_prior_counts_near_the_first_surface_and_where_views_see_it() {
     // Only beside the block is this no more than it is high.
     assert!(kept(BLOCK_M) < 0.6, "{}", kept(BLOCK_M));
     assert_eq!(kept(BLOCK_M + 6.0), 0.0);
-    let unknown = Plane::filled(first.width, first.height, f32::NAN);
+    let unknown = Grid2::filled(first.width, first.height, f32::NAN);
     assert_eq!(sweep.borne_out(&first, &unknown), first);
 }
 
@@ -149,7 +149,7 @@ fn training_is_held_where_a_plain_roof_is_bridged_from_its_edges_and_nowhere_els
         PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap()
     };
     let mean = |surface: &MatchedSurface, is_meant: fn(Point<Site>) -> bool| {
-        let (width, cells) = (surface.grid.width, surface.hold.data.iter().enumerate());
+        let (width, cells) = (surface.grid.width, surface.prior_weight.data.iter().enumerate());
         let meant: Vec<f32> =
             cells.filter(|(i, _)| is_meant(surface.point(i % width, i / width))).map(|(_, h)| *h).collect();
         meant.iter().sum::<f32>() / meant.len() as f32

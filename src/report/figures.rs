@@ -1,7 +1,7 @@
 //! Figures of an evaluation: how errors are spread, and profiles through buildings.
 
 use super::chart::Chart;
-use crate::io::Plane;
+use crate::io::Grid2;
 use crate::metrics::{Evaluation, Profile};
 use rayon::prelude::*;
 
@@ -18,7 +18,7 @@ pub const FIGURES: [&str; 4] =
 ///
 /// `errors` is an [`Evaluation::error_map`].
 #[must_use]
-pub fn figures(evaluation: &Evaluation, errors: &Plane) -> Vec<(&'static str, String)> {
+pub fn figures(evaluation: &Evaluation, errors: &Grid2) -> Vec<(&'static str, String)> {
     let mut charts = vec![(FIGURES[0], histogram(errors)), (FIGURES[1], cumulative(errors))];
     if let Some([worst, typical]) = evaluation.profiles(errors) {
         charts.push((FIGURES[2], profile(&worst, "Building of the largest MAE")));
@@ -28,7 +28,7 @@ pub fn figures(evaluation: &Evaluation, errors: &Plane) -> Vec<(&'static str, St
 }
 
 /// How many errors lie in each of so many bins, and how many errors there are.
-fn counted(errors: &Plane, bins: usize, bin: impl Fn(f64) -> f64 + Sync) -> (Vec<u64>, u64) {
+fn counted(errors: &Grid2, bins: usize, bin: impl Fn(f64) -> f64 + Sync) -> (Vec<u64>, u64) {
     let none = || (vec![0; bins], 0);
     let count = |(mut counts, mut n): (Vec<u64>, u64), row: &[f32]| {
         for e in row.iter().filter(|e| !e.is_nan()) {
@@ -48,7 +48,7 @@ fn counted(errors: &Plane, bins: usize, bin: impl Fn(f64) -> f64 + Sync) -> (Vec
 }
 
 /// Share of the cells in every step of error.
-fn histogram(errors: &Plane) -> Chart {
+fn histogram(errors: &Grid2) -> Chart {
     let bins = (2.0 * LARGEST_M / STEP_M).round() as usize;
     let (counts, n) = counted(errors, bins, |e| ((e + LARGEST_M) / STEP_M).floor());
     let share = |count: u64| 100.0 * count as f64 / n.max(1) as f64;
@@ -64,7 +64,7 @@ fn histogram(errors: &Plane) -> Chart {
 }
 
 /// Share of the cells whose error is at most so large.
-fn cumulative(errors: &Plane) -> Chart {
+fn cumulative(errors: &Grid2) -> Chart {
     let bins = (LARGEST_M / STEP_M).round() as usize;
     let (counts, n) = counted(errors, bins + 1, |e| (e.abs() / STEP_M).ceil());
     let mut sum = 0;
@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn the_curves_count_every_cell_once() {
-        let errors = Plane { width: 5, height: 1, data: vec![0.25, -0.25, 4.95, 99.0, f32::NAN] };
+        let errors = Grid2 { width: 5, height: 1, data: vec![0.25, -0.25, 4.95, 99.0, f32::NAN] };
         let points = &cumulative(&errors).lines[0].1;
         let at = |x: f64| points.iter().find(|p| (p.0 - x).abs() < 1e-9).unwrap().1;
         assert_eq!((at(0.2), at(0.3), at(5.0)), (0.0, 50.0, 75.0));

@@ -12,7 +12,7 @@ pub use chart::{Chart, escape};
 pub use figures::{FIGURES, figures};
 pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
 
-use crate::io::{RasterError, write_file};
+use crate::io::{RasterError, ReadError, WriteError, write_file};
 use crate::run_files::{PAGE, SCENE};
 use std::path::{Path, PathBuf};
 
@@ -27,19 +27,18 @@ pub enum ReportError {
         /// The folder.
         run: PathBuf,
     },
-    /// A file of the run cannot be understood.
-    #[error("`{path}` is damaged: {reason}")]
-    #[diagnostic(help("the command that made it makes it anew with --overwrite"))]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-    },
-    /// A raster of the run could not be read, or the page not be written.
+    /// A JSON file of the run cannot be read.
+    #[error(transparent)]
+    #[diagnostic(help("the command that wrote the file writes it again with --overwrite"))]
+    Read(#[from] ReadError),
+    /// A raster of the run could not be read.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Raster(#[from] RasterError),
+    /// The page could not be written.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Write(#[from] WriteError),
 }
 
 /// Writes `report.html` into a run's folder and returns its path.

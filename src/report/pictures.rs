@@ -1,7 +1,7 @@
 //! Pictures inside of the page.
 
 use super::escape;
-use crate::io::{ImageFile, MapGrid, Plane, RasterError, Window, png_rgb};
+use crate::io::{Grid2, ImageFile, MapGrid, RasterError, Window, png_rgb};
 use base64::prelude::{BASE64_STANDARD, Engine};
 use std::path::Path;
 
@@ -24,15 +24,15 @@ pub(super) fn img(
     ))
 }
 
-/// Colours in [0, 1] as bytes, one plane or three; NaN is black.
-pub(super) fn rgb_of(planes: &[Plane]) -> Vec<u8> {
-    let band = |i: usize| &planes[i.min(planes.len() - 1)].data;
+/// Colours in [0, 1] as bytes, from one band or three; NaN is black.
+pub(super) fn rgb_of(bands: &[Grid2]) -> Vec<u8> {
+    let band = |i: usize| &bands[i.min(bands.len() - 1)].data;
     let byte = |v: f32| (255.0 * v).round() as u8;
     (0..band(0).len()).flat_map(|i| [byte(band(0)[i]), byte(band(1)[i]), byte(band(2)[i])]).collect()
 }
 
 /// A map's bands, no larger than the page needs, and their grid.
-pub(super) fn map(path: &Path) -> Result<(Vec<Plane>, MapGrid), RasterError> {
+pub(super) fn map(path: &Path) -> Result<(Vec<Grid2>, MapGrid), RasterError> {
     let file = ImageFile::open(path)?;
     let grid = file.map_grid()?;
     let step = grid.width.max(grid.height).div_ceil(LARGEST_SIDE);
@@ -44,7 +44,7 @@ pub(super) fn map(path: &Path) -> Result<(Vec<Plane>, MapGrid), RasterError> {
         width: (width * step).min(grid.width),
         height: (height * step).min(grid.height),
     };
-    let planes = (1..=file.bands()).map(|b| file.read_scaled(b, window, (width, height)));
-    let planes = planes.collect::<Result<Vec<_>, _>>()?;
-    Ok((planes, MapGrid { width, height, cell: grid.cell * step as f64, ..grid }))
+    let bands = (1..=file.bands()).map(|b| file.read_scaled(b, window, (width, height)));
+    let bands = bands.collect::<Result<Vec<_>, _>>()?;
+    Ok((bands, MapGrid { width, height, cell: grid.cell * step as f64, ..grid }))
 }

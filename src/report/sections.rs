@@ -6,7 +6,7 @@ use super::pictures::{img, map, rgb_of};
 use super::{ReportError, SCORE_NOTE, ScoreTable, escape, score_tables};
 use crate::bundle::Report;
 use crate::dsm::hillshade;
-use crate::io::{MapGrid, Plane, RasterError};
+use crate::io::{Grid2, MapGrid, RasterError, ReadError, read_json};
 use crate::metrics::{error_picture, onto_grid};
 use crate::run_files::{
     ADJUSTMENT, ADJUSTMENT_REPORT, DSM, ERROR_MAP, EVALUATION, METRICS, ORTHO, SCENE, STAGE, TRAINING,
@@ -26,7 +26,7 @@ const STAGES: [&str; 3] = [ADJUSTMENT, "train", "dsm"];
 
 /// The views: pictures, angles, sky.
 pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
-    let Some(scene) = read_json::<Scene>(&run.join(SCENE))? else {
+    let Some(scene) = read_if_present::<Scene>(&run.join(SCENE))? else {
         return Ok(missing("ba SCENE -o RUN"));
     };
     let (low, high) = scene.height_range();
@@ -80,7 +80,7 @@ pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
 
 /// Residuals of the bundle adjustment.
 pub(super) fn adjustment(run: &Path) -> Result<String, ReportError> {
-    let Some(report) = read_json::<Report>(&run.join(ADJUSTMENT).join(ADJUSTMENT_REPORT))? else {
+    let Some(report) = read_if_present::<Report>(&run.join(ADJUSTMENT).join(ADJUSTMENT_REPORT))? else {
         return Ok(missing("ba SCENE -o RUN"));
     };
     let mut out = format!(
@@ -111,7 +111,7 @@ pub(super) fn training(run: &Path) -> Result<String, ReportError> {
     if !path.exists() {
         return Ok(missing("train RUN"));
     }
-    let damaged = |e: csv::Error| ReportError::Damaged { path: path.clone(), reason: e.to_string() };
+    let damaged = |e: csv::Error| ReadError::new(&path, e);
     let mut reader = csv::Reader::from_path(&path).map_err(damaged)?;
     let names: Vec<String> = reader.headers().map_err(damaged)?.iter().map(str::to_owned).collect();
     let lines = reader.records().collect::<Result<Vec<_>, _>>().map_err(damaged)?;
@@ -154,8 +154,8 @@ pub(super) fn surface(run: &Path) -> Result<String, ReportError> {
     if !path.exists() {
         return Ok(missing("dsm RUN"));
     }
-    let (planes, grid) = map(&path)?;
-    let height = &planes[0];
+    let (bands, grid) = map(&path)?;
+    let height = &bands[0];
     let (low, high) =
         height.valid().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     let seen = 100.0 * height.valid().count() as f64 / height.data.len() as f64;
@@ -185,7 +185,7 @@ pub(super) fn surface(run: &Path) -> Result<String, ReportError> {
 /// The verdict: error map beside the surface, tables, figures.
 pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
     let folder = run.join(EVALUATION);
-    let Some(scores) = read_json::<Value>(&folder.join(METRICS))? else {
+    let Some(scores) = read_if_present::<Value>(&folder.join(METRICS))? else {
         return Ok(missing("run SCENE -o RUN --truth DSM"));
     };
     let mut out = String::new();
@@ -211,7 +211,7 @@ pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
 pub(super) fn commands(run: &Path) -> Result<String, ReportError> {
     let mut out = String::new();
     for stage in STAGES {
-        let Some(record) = read_json::<Value>(&run.join(stage).join(STAGE))? else { continue };
+        let Some(record) = read_if_present::<Value>(&run.join(stage).join(STAGE))? else { continue };
         let text = |key: &str| escape(record[key].as_str().unwrap_or("not recorded"));
         let made_from = record["made_from"].as_object().into_iter().flatten();
         let rows = made_from.map(|(k, v)| vec![k.clone(), v.as_str().unwrap_or_default().to_owned()]);
@@ -226,10 +226,10 @@ pub(super) fn commands(run: &Path) -> Result<String, ReportError> {
     Ok(out)
 }
 
-fn slider(surface: &Plane, errors: &Plane, grid: &MapGrid) -> Result<String, ReportError> {
+fn slider(surface: &Grid2, errors: &Grid2, grid: &MapGrid) -> Result<String, ReportError> {
     let picture = error_picture(errors);
     let alt = "Errors after xyz: red where the prediction is too high, blue where it is too low";
-    let scale = error_picture(&Plane::from_fn(61, 2, |col, _| 0.1 * (col as f32 - 30.0)));
+    let scale = error_picture(&Grid2::from_fn(61, 2, |col, _| 0.1 * (col as f32 - 30.0)));
     Ok(format!(
         "<figure class=\"compare\" style=\"--at:50%\">\n<div class=\"pair\">{}{}<span class=\"edge\"></span></div>\n\
          <input type=\"range\" min=\"0\" max=\"100\" value=\"50\" aria-label=\"Where the surface ends and the error map \
@@ -241,7 +241,7 @@ fn slider(surface: &Plane, errors: &Plane, grid: &MapGrid) -> Result<String, Rep
     ))
 }
 
-fn shaded(height: &Plane, grid: &MapGrid, alt: &str) -> Result<String, RasterError> {
+fn shaded(height: &Grid2, grid: &MapGrid, alt: &str) -> Result<String, RasterError> {
     let rgb: Vec<u8> = hillshade(height, grid.cell).into_iter().flat_map(|v| [v; 3]).collect();
     img(grid.width, grid.height, &rgb, alt, "")
 }
@@ -272,9 +272,7 @@ fn missing(command: &str) -> String {
     format!("<p class=\"note\">Not there yet: <code>satgs {command}</code> makes it.</p>\n")
 }
 
-/// A JSON file of the run; none if it is not there.
-fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
-    let Ok(text) = std::fs::read_to_string(path) else { return Ok(None) };
-    let damaged = |e: serde_json::Error| ReportError::Damaged { path: path.into(), reason: e.to_string() };
-    serde_json::from_str(&text).map(Some).map_err(damaged)
+/// A JSON file of the run; none if the file does not exist.
+fn read_if_present<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
+    if path.exists() { Ok(Some(read_json(path)?)) } else { Ok(None) }
 }

@@ -2,7 +2,7 @@
 
 use super::{Scene, SceneError, footprint};
 use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid, half_turn};
-use crate::io::{HeightSystem, ImageFile, Plane, RasterError, Vertical, Window, read_heights};
+use crate::io::{Grid2, HeightSystem, ImageFile, Vertical, VerticalError, Window, read_heights};
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
 
@@ -22,7 +22,7 @@ pub struct Dem {
     /// Longitude and latitude of the first node, and from one node to the next, degrees.
     origin: [f64; 2],
     step: [f64; 2],
-    heights: Plane,
+    heights: Grid2,
     range: (f64, f64),
 }
 
@@ -63,8 +63,8 @@ impl Scene {
         let corners = self.corners()?.ok_or_else(elsewhere)?;
         let places = file.px_of_lon_lats(&corners).ok_or_else(elsewhere)?;
         let window = window(&places, file.size()).ok_or_else(elsewhere)?;
-        let (plane, factor, _) = read_heights(&file, window, MOST_NODES)?;
-        let size = (plane.width, plane.height);
+        let (raster, factor, _) = read_heights(&file, window, MOST_NODES)?;
+        let size = (raster.width, raster.height);
 
         let span = |k: usize| {
             let of = corners.iter().map(|c| [c.0, c.1][k]);
@@ -82,14 +82,14 @@ impl Scene {
             let col = (px.col - window.col as f64) / factor as f64 - 0.5;
             let row = (px.row - window.row as f64) / factor as f64 - 0.5;
             let up = vertical.map_or(0.0, |v| v.undulation_m(*lon_deg, *lat_deg));
-            (f64::from(plane.bilinear(col, row)), up)
+            (f64::from(raster.bilinear(col, row)), up)
         };
         let both: Vec<(f64, f64)> = places.iter().zip(&nodes).map(height).collect();
         if both.iter().any(|(_, up)| up.is_nan()) {
             return Err(SceneError::GeoidElsewhere);
         }
         let data = both.iter().map(|(h, up)| (h + up) as f32).collect();
-        let (low, high) = plane
+        let (low, high) = raster
             .valid()
             .map(f64::from)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
@@ -105,7 +105,7 @@ impl Scene {
         Ok(Dem {
             origin: [lon.0, lat.0],
             step,
-            heights: Plane { width: columns, height: rows, data },
+            heights: Grid2 { width: columns, height: rows, data },
             range: (low + up, high + up),
         })
     }
@@ -137,7 +137,7 @@ fn told_reference(file: &ImageFile) -> Result<Vertical, SceneError> {
     let unknown = |told: String| SceneError::Vertical { path: file.path().into(), told };
     let Some(from) = HeightSystem::of_raster(file)?.from else { return Err(unknown(String::new())) };
     match Vertical::read(&from) {
-        Err(RasterError::UnknownVertical { .. } | RasterError::NoGeoid { .. }) => {
+        Err(VerticalError::Unknown { .. } | VerticalError::NoGrid { .. }) => {
             Err(unknown(format!(" by a reference that is known: it says `{from}`")))
         }
         read => Ok(read?),

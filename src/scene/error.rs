@@ -1,7 +1,7 @@
 //! Why a scene cannot be read or used.
 
 use crate::frame::FrameError;
-use crate::io::RasterError;
+use crate::io::{RasterError, VerticalError};
 use crate::rpc::formats::FormatError;
 use std::path::PathBuf;
 
@@ -365,6 +365,10 @@ pub enum SceneError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Image(#[from] RasterError),
+    /// The vertical reference of heights cannot be used.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    VerticalReference(#[from] VerticalError),
     /// The place cannot be mapped.
     #[error(transparent)]
     #[diagnostic(transparent)]

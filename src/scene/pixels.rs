@@ -2,7 +2,7 @@
 
 use super::validity::valid_pixels;
 use super::{SceneError, View};
-use crate::io::{ImageFile, Plane, RasterError, ValidPixels, Window};
+use crate::io::{Grid2, ImageFile, RasterError, ValidPixels, Window};
 use std::path::PathBuf;
 
 /// Share of pixels left out at each end when images of more than 8 bits are stretched.
@@ -48,8 +48,8 @@ impl View {
         let files = self.open()?;
         let mut values = Vec::new();
         for window in self.samples(FEW) {
-            let planes = files.stored(window, (window.width, window.height))?;
-            values.extend(planes.iter().flat_map(Plane::valid).filter(|v| v.is_finite()));
+            let bands = files.stored(window, (window.width, window.height))?;
+            values.extend(bands.iter().flat_map(Grid2::valid).filter(|v| v.is_finite()));
         }
         if values.is_empty() {
             return Ok(None);
@@ -78,7 +78,7 @@ impl View {
         })
     }
 
-    /// The view's colours: three planes in [0, 1], or one for a panchromatic image; NaN where a pixel is not valid
+    /// The view's colours: three bands in [0, 1], or one for a panchromatic image; NaN where a pixel is not valid
     /// ([`View::valid_pixels`]).
     ///
     /// 8-bit images are divided by 255; others, or all when a stretch is asked for, are stretched linearly between the
@@ -86,7 +86,7 @@ impl View {
     ///
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
-    pub fn read_colors(&self) -> Result<Vec<Plane>, RasterError> {
+    pub fn read_colors(&self) -> Result<Vec<Grid2>, RasterError> {
         self.colors_at((self.width, self.height))
     }
 
@@ -94,21 +94,21 @@ impl View {
     ///
     /// # Errors
     /// As [`View::read_colors`].
-    pub fn thumbnail(&self, side: usize) -> Result<Vec<Plane>, RasterError> {
+    pub fn thumbnail(&self, side: usize) -> Result<Vec<Grid2>, RasterError> {
         let step = (self.width.max(self.height) as f64 / side as f64).max(1.0);
         let scaled = |pixels: usize| ((pixels as f64 / step).round() as usize).max(1);
         self.colors_at((scaled(self.width), scaled(self.height)))
     }
 
-    fn colors_at(&self, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
+    fn colors_at(&self, size: (usize, usize)) -> Result<Vec<Grid2>, RasterError> {
         let files = self.open()?;
-        let mut planes = files.stored(self.used_window(), size)?;
+        let mut bands = files.stored(self.used_window(), size)?;
         let range = match files.tail()? {
-            Some(tail) => stretch(planes.iter().flat_map(Plane::valid), tail),
+            Some(tail) => stretch(bands.iter().flat_map(Grid2::valid), tail),
             None => BYTES,
         };
-        planes.iter_mut().for_each(|plane| scale(plane, range));
-        Ok(planes)
+        bands.iter_mut().for_each(|raster| scale(raster, range));
+        Ok(bands)
     }
 
     fn open(&self) -> Result<Files<'_>, RasterError> {
@@ -139,31 +139,31 @@ impl View {
         Ok(())
     }
 
-    /// The view's brightness, to be read in parts.
+    /// The view as a gray image that is read window by window.
     ///
     /// # Errors
     /// As [`View::read_colors`].
-    pub fn brightness(&self) -> Result<Brightness<'_>, RasterError> {
+    pub fn gray_image(&self) -> Result<GrayImage<'_>, RasterError> {
         let files = self.open()?;
-        let Some(tail) = files.tail()? else { return Ok(Brightness { files, range: BYTES }) };
+        let Some(tail) = files.tail()? else { return Ok(GrayImage { files, range: BYTES }) };
         let mut values = Vec::new();
         for window in self.samples(MANY) {
-            let planes = files.stored(window, (window.width, window.height))?;
-            values.extend(planes.iter().flat_map(Plane::valid));
+            let bands = files.stored(window, (window.width, window.height))?;
+            values.extend(bands.iter().flat_map(Grid2::valid));
         }
-        Ok(Brightness { files, range: stretch(values.into_iter(), tail) })
+        Ok(GrayImage { files, range: stretch(values.into_iter(), tail) })
     }
 }
 
-/// A view's brightness, the mean of its colours: numbers in [0, 1], NaN where there is no image. Only what is asked for is
+/// A view as a gray image, the mean of its bands: values in [0, 1], NaN where there is no image. Only the requested window is
 /// in memory.
-pub struct Brightness<'a> {
+pub struct GrayImage<'a> {
     files: Files<'a>,
     /// What becomes 0, and what 1.
     range: (f32, f32),
 }
 
-impl Brightness<'_> {
+impl GrayImage<'_> {
     /// Which pixels of what is used of the image are image; none if all of them are.
     #[must_use]
     pub fn valid_pixels(&self) -> Option<&ValidPixels> {
@@ -174,15 +174,15 @@ impl Brightness<'_> {
     ///
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
-    pub fn read(&self, window: Window) -> Result<Plane, RasterError> {
+    pub fn read(&self, window: Window) -> Result<Grid2, RasterError> {
         let used = self.files.view.used_window();
         let place = Window { col: used.col + window.col, row: used.row + window.row, ..window };
-        let mut planes = self.files.stored(place, (window.width, window.height))?;
-        planes.iter_mut().for_each(|plane| scale(plane, self.range));
-        let n = planes.len() as f32;
+        let mut bands = self.files.stored(place, (window.width, window.height))?;
+        bands.iter_mut().for_each(|raster| scale(raster, self.range));
+        let n = bands.len() as f32;
         let pixels = 0..window.width * window.height;
-        let data = pixels.map(|i| planes.iter().map(|p| p.data[i]).sum::<f32>() / n).collect();
-        Ok(Plane { width: window.width, height: window.height, data })
+        let data = pixels.map(|i| bands.iter().map(|p| p.data[i]).sum::<f32>() / n).collect();
+        Ok(Grid2 { width: window.width, height: window.height, data })
     }
 }
 
@@ -196,15 +196,15 @@ struct Files<'a> {
 
 impl Files<'_> {
     /// The bands used as they are stored, of a window of the whole image at another size; NaN where there is no image.
-    fn stored(&self, window: Window, size: (usize, usize)) -> Result<Vec<Plane>, RasterError> {
-        let planes = self.view.bands.iter().map(|b| self.image.read_stored(*b, window, size));
-        let mut planes = planes.collect::<Result<Vec<_>, _>>()?;
+    fn stored(&self, window: Window, size: (usize, usize)) -> Result<Vec<Grid2>, RasterError> {
+        let bands = self.view.bands.iter().map(|b| self.image.read_stored(*b, window, size));
+        let mut bands = bands.collect::<Result<Vec<_>, _>>()?;
         if let Some(valid) = &self.valid {
             let used = self.view.used_window();
             let place = Window { col: window.col - used.col, row: window.row - used.row, ..window };
-            planes.iter_mut().for_each(|plane| valid.clear(plane, place));
+            bands.iter_mut().for_each(|raster| valid.clear(raster, place));
         }
-        Ok(planes)
+        Ok(bands)
     }
 
     /// Share of the values that a stretch leaves out at each end; none for 8 bits that are taken as they are.
@@ -218,10 +218,10 @@ impl Files<'_> {
 }
 
 /// Makes the lower end of a range 0 and the upper 1.
-fn scale(plane: &mut Plane, (low, high): (f32, f32)) {
+fn scale(raster: &mut Grid2, (low, high): (f32, f32)) {
     let scale = 1.0 / (high - low).max(f32::MIN_POSITIVE);
     // NaN stays NaN through the clamp.
-    plane.data.iter_mut().for_each(|v| *v = ((*v - low) * scale).clamp(0.0, 1.0));
+    raster.data.iter_mut().for_each(|v| *v = ((*v - low) * scale).clamp(0.0, 1.0));
 }
 
 /// Values below and above which the tails lie.

@@ -1,7 +1,7 @@
 //! Reads a scene from disk, in either layout, and says what is odd about it.
 
 use super::source::{files_in, images_in, is_image};
-use super::{Aoi, Scene, SceneError, Sun, Tone, View, checks, dfc2019, folder, manifest};
+use super::{Aoi, Scene, SceneError, Sun, TransferFunction, View, checks, dfc2019, folder, manifest};
 use crate::io::ImageFile;
 use std::path::Path;
 
@@ -20,8 +20,8 @@ pub struct ReadOptions {
     pub bands: Vec<usize>,
     /// Percent of pixels cut off at each end when values are stretched.
     pub stretch_percent: Option<f64>,
-    /// How the images' brightness stands for light.
-    pub tone: Tone,
+    /// Relation between the images' pixel values and linear radiance.
+    pub transfer_function: TransferFunction,
     /// Takes the first RPC found for an image as it is, even if it seems to be another image's.
     pub trust_rpc: bool,
 }
@@ -50,7 +50,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
     if views.is_empty() {
         return Err(SceneError::NoImages { path: path.into() });
     }
-    let mut scene = Scene { views, aoi: None, tone: options.tone, warnings };
+    let mut scene = Scene { views, aoi: None, transfer_function: options.transfer_function, warnings };
     scene.views.sort_by(|a, b| a.name.cmp(&b.name));
     checks::refuse_duplicates(&scene)?;
     give_suns(&mut scene, &options.suns)?;

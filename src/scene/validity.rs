@@ -6,7 +6,7 @@
 //! connected with the border; far from all of them it is nodata everywhere.
 
 use super::View;
-use crate::io::{ImageFile, Plane, RasterError, ValidPixels, Window};
+use crate::io::{Grid2, ImageFile, RasterError, ValidPixels, Window};
 
 /// Pixels looked at in one go.
 const STRIP_PX: usize = 1 << 22;
@@ -37,8 +37,8 @@ impl View {
         let mut black = ValidPixels::filled(used.width, used.height, false);
         let mut margin = 0;
         for window in strips(used) {
-            let planes = bands(self, &file, window)?;
-            for i in (0..window.width * window.height).filter(|i| planes.iter().all(|p| p.data[*i] == 0.0)) {
+            let bands = bands(self, &file, window)?;
+            for i in (0..window.width * window.height).filter(|i| bands.iter().all(|p| p.data[*i] == 0.0)) {
                 let (col, row) = place(i, window, used);
                 black.set(col, row, valid.as_ref().is_none_or(|v| v.at(col, row)));
                 margin += 1;
@@ -83,12 +83,12 @@ pub(super) fn valid_pixels(
             hide(&mask.read_window(1, window)?.data);
         }
         if has_values_to_test {
-            let planes = bands(view, file, window)?;
+            let bands = bands(view, file, window)?;
             for (i, hidden) in hidden.iter_mut().enumerate().filter(|(_, hidden)| !**hidden) {
-                *hidden = planes.iter().any(|p| !p.data[i].is_finite());
+                *hidden = bands.iter().any(|p| !p.data[i].is_finite());
                 if !*hidden {
                     let (col, row) = place(i, window, used);
-                    found.look(planes.iter().map(|p| p.data[i]).zip(nodata.iter().copied()), col, row);
+                    found.look(bands.iter().map(|p| p.data[i]).zip(nodata.iter().copied()), col, row);
                 }
             }
         }
@@ -152,7 +152,7 @@ impl Found {
 }
 
 /// The bands used, as they are stored.
-fn bands(view: &View, file: &ImageFile, window: Window) -> Result<Vec<Plane>, RasterError> {
+fn bands(view: &View, file: &ImageFile, window: Window) -> Result<Vec<Grid2>, RasterError> {
     let size = (window.width, window.height);
     view.bands.iter().map(|b| file.read_stored(*b, window, size)).collect()
 }

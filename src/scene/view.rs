@@ -1,6 +1,6 @@
 //! A scene and its views: names, files and geometry; pixels are read when a stage needs them.
 
-use super::{Aoi, Tone};
+use super::{Aoi, TransferFunction};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, half_turn};
 use crate::io::Window;
 use crate::rpc::Rpc;
@@ -85,9 +85,9 @@ pub struct Scene {
     /// The area of interest, when one was given; images are cropped to it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aoi: Option<Aoi>,
-    /// How the images' brightness stands for light.
-    #[serde(default, skip_serializing_if = "Tone::is_linear")]
-    pub tone: Tone,
+    /// Relation between the images' pixel values and linear radiance.
+    #[serde(default, skip_serializing_if = "TransferFunction::is_linear")]
+    pub transfer_function: TransferFunction,
     /// What was odd when the scene was read, one sentence a cause.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,

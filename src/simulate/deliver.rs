@@ -1,7 +1,7 @@
 //! What the user gets: GeoTIFFs with an RPC tag that points a few pixels wrong, and the sun in their metadata.
 
 use super::Shot;
-use crate::io::{RasterError, SensorImage};
+use crate::io::{SensorImage, WriteError};
 use crate::rpc::formats::to_gdal;
 use std::path::Path;
 
@@ -11,7 +11,7 @@ pub(super) fn write_view(
     shot: &Shot,
     size_px: usize,
     bands: Vec<Vec<u8>>,
-) -> Result<(), RasterError> {
+) -> Result<(), WriteError> {
     let metadata = [
         ("SUN_AZIMUTH".to_owned(), format!("{:.4}", shot.plan.sun.azimuth_deg)),
         ("SUN_ELEVATION".to_owned(), format!("{:.4}", shot.plan.sun.elevation_deg)),

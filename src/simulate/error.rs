@@ -1,7 +1,7 @@
 //! How a simulation fails.
 
 use crate::frame::FrameError;
-use crate::io::RasterError;
+use crate::io::WriteError;
 use crate::progress::Interrupted;
 use crate::rpc::{LocalizeError, RpcError};
 use std::path::PathBuf;
@@ -40,7 +40,7 @@ pub enum SimulateError {
     /// An output could not be written.
     #[error(transparent)]
     #[diagnostic(transparent)]
-    Raster(#[from] RasterError),
+    Write(#[from] WriteError),
     /// The caller's [`Progress`](crate::progress::Progress) asked to stop.
     #[error(transparent)]
     #[diagnostic(transparent)]

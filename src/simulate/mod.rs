@@ -19,6 +19,7 @@ mod town;
 mod truth;
 
 use crate::frame::{Geodetic, Point, SiteGrid};
+use crate::io::write_json;
 use crate::progress::{Event, Progress};
 use crate::rpc::{Axis, Rpc};
 use dice::Dice;
@@ -169,7 +170,7 @@ pub fn simulate(out: &Path, options: &Options, progress: &dyn Progress) -> Resul
     let truth = truth::Truth::sample(&town.field, &grid, &shots, options.size_px, options.gsd_m);
     truth.write(&truth_folder, TRUTH_NAME)?;
     let views: Vec<ViewFigures> = shots.iter().map(view_figures).collect();
-    truth::write_json(&truth_folder.join("shifts.json"), &shifts(&views))?;
+    write_json(&truth_folder.join("shifts.json"), &shifts(&views))?;
     Ok(Summary {
         scene: truth.figures(&town.plan, &grid),
         views,

@@ -37,8 +37,8 @@ pub(super) fn ground(plan: &Plan, dice: Dice, x: f64, y: f64) -> (Material, Albe
     let grain = dice.on(1).octaves(x, y, 0.9, 2);
     let broad = dice.on(2).octaves(x, y, 24.0, 5);
     if plan.pond_distance(at) < 1.0 {
-        let tone = 1.0 + 0.25 * dice.on(3).octaves(x, y, 30.0, 3);
-        return (Material::Water, scaled([0.055, 0.095, 0.105], tone));
+        let transfer_function = 1.0 + 0.25 * dice.on(3).octaves(x, y, 30.0, 3);
+        return (Material::Water, scaled([0.055, 0.095, 0.105], transfer_function));
     }
     let [da, db] = plan.street_distances(at);
     let nearest = da.min(db);
@@ -62,15 +62,15 @@ pub(super) fn ground(plan: &Plan, dice: Dice, x: f64, y: f64) -> (Material, Albe
         kind => {
             let c = plan.block_center(block);
             let lot = [((at[0] - c[0] + 100.0) / 16.5).floor(), ((at[1] - c[1] + 100.0) / 17.3).floor()];
-            let tone = own.on(31).on(lot[0] as i64).on(lot[1] as i64);
+            let transfer_function = own.on(31).on(lot[0] as i64).on(lot[1] as i64);
             let park = matches!(kind, Block::Park | Block::Pond);
             if park && is_path((at[0] - c[0]) * 0.7 + (at[1] - c[1])) {
                 return (Material::Paving, scaled([0.60, 0.53, 0.42], 1.0 + 0.15 * broad + 0.1 * grain));
             }
-            let dry = if park { 0.25 } else { 0.75 * tone.unit() } + 0.75 * broad;
-            let lush = scaled([0.17, 0.25, 0.11], 0.8 + 0.5 * tone.on(1).unit());
+            let dry = if park { 0.25 } else { 0.75 * transfer_function.unit() } + 0.75 * broad;
+            let lush = scaled([0.17, 0.25, 0.11], 0.8 + 0.5 * transfer_function.on(1).unit());
             let mut color = mixed(lush, [0.46, 0.39, 0.27], dry);
-            if !park && tone.on(2).unit() < 0.3 {
+            if !park && transfer_function.on(2).unit() < 0.3 {
                 color = mixed(color, [0.52, 0.48, 0.42], 0.8);
             }
             (Material::Grass, scaled(color, 1.0 + 0.35 * broad + 0.3 * grain))
@@ -83,11 +83,11 @@ fn is_path(across_m: f64) -> bool {
     (across_m.rem_euclid(19.0) - 9.5).abs() < 0.9
 }
 
-fn street(dice: Dice, at: [f64; 2], [da, db]: [f64; 2], tone: f64) -> Albedo {
+fn street(dice: Dice, at: [f64; 2], [da, db]: [f64; 2], transfer_function: f64) -> Albedo {
     const PAINT: Albedo = [0.74, 0.74, 0.71];
     let patch = dice.on(6).on((at[0] / 5.0).floor() as i64).on((at[1] / 4.0).floor() as i64);
     let age = if patch.unit() < 0.25 { 0.72 } else { 1.0 };
-    let asphalt = scaled([0.235, 0.232, 0.23], tone * age);
+    let asphalt = scaled([0.235, 0.232, 0.23], transfer_function * age);
     // (distance to this street's axis, to the crossing one's, position along).
     let (own, cross, along) = if da < db { (da, db, at[1]) } else { (db, da, at[0]) };
     let crossing = cross < STREET_HALF_M;
@@ -98,8 +98,8 @@ fn street(dice: Dice, at: [f64; 2], [da, db]: [f64; 2], tone: f64) -> Albedo {
 }
 
 /// A yard with parking bays and parked cars seen as paint.
-fn parking(dice: Dice, at: [f64; 2], tone: f64) -> Albedo {
-    let yard = scaled([0.34, 0.33, 0.32], tone);
+fn parking(dice: Dice, at: [f64; 2], transfer_function: f64) -> Albedo {
+    let yard = scaled([0.34, 0.33, 0.32], transfer_function);
     let bay = [(at[0] / 2.6).floor() as i64, (at[1] / 5.4).floor() as i64];
     let (u, v) = (at[0].rem_euclid(2.6), at[1].rem_euclid(5.4));
     let bays = dice.on(1).on(bay[1]).unit() < 0.55;
@@ -132,7 +132,7 @@ pub(super) fn car_color(dice: Dice) -> Albedo {
 pub(super) fn roof(building: &Building, dice: Dice, [u, v]: [f64; 2], on_top_m: f64) -> Albedo {
     let own = dice.on(20).on(i64::from(building.owner));
     let pick = |palette: &[Albedo]| palette[(own.on(1).unit() * palette.len() as f64) as usize];
-    let tone = 0.85 + 0.3 * own.on(2).unit();
+    let transfer_function = 0.85 + 0.3 * own.on(2).unit();
     let stain = dice.on(21).octaves(u + 50.0 * own.unit(), v, 7.0, 5);
     let [ha, hb] = building.half;
     let rim = (ha - u.abs()).min(hb - v.abs());
@@ -152,7 +152,7 @@ pub(super) fn roof(building: &Building, dice: Dice, [u, v]: [f64; 2], on_top_m: 
         if skylight {
             return [0.82, 0.84, 0.86];
         }
-        return scaled(pick(&MEMBRANES), tone * (0.84 + 0.3 * sheet + 0.35 * stain));
+        return scaled(pick(&MEMBRANES), transfer_function * (0.84 + 0.3 * sheet + 0.35 * stain));
     }
     let rows = 1.0 + 0.10 * (v / 0.75 * std::f64::consts::TAU).sin();
     let tile = own.on(5).on((u / 0.6).floor() as i64).on((v / 0.75).floor() as i64).unit();
@@ -164,7 +164,7 @@ pub(super) fn roof(building: &Building, dice: Dice, [u, v]: [f64; 2], on_top_m: 
         return [0.12, 0.14, 0.17];
     }
     let gutter = if rim < 0.3 { 0.7 } else { 1.0 };
-    scaled(pick(&TILES), tone * rows * ridge * gutter * (0.82 + 0.3 * tile + 0.45 * stain))
+    scaled(pick(&TILES), transfer_function * rows * ridge * gutter * (0.82 + 0.3 * tile + 0.45 * stain))
 }
 
 /// Colour of a crown.

@@ -4,9 +4,8 @@ use super::field::{Field, Material};
 use super::plan::Plan;
 use super::{SceneFigures, Shot};
 use crate::frame::{Point, Site, SiteGrid};
-use crate::io::{Cog, MapGrid, Plane, RasterError, Vertical, write_file};
+use crate::io::{Cog, Grid2, MapGrid, Vertical, WriteError, write_file};
 use crate::rpc::formats::{ViewTags, to_json};
-use serde::Serialize;
 use std::path::Path;
 
 /// Classes of DFC2019.
@@ -22,7 +21,7 @@ const CROP: f64 = 0.97;
 /// The exact DSM and its classes on the map.
 pub(super) struct Truth {
     pub(super) grid: MapGrid,
-    pub(super) heights: Plane,
+    pub(super) heights: Grid2,
     pub(super) classes: Vec<u8>,
 }
 
@@ -42,7 +41,7 @@ impl Truth {
             let c = map.cell_center(col, row);
             (c.x() - e, c.y() - n)
         };
-        let heights = Plane::from_fn(map.width, map.height, |col, row| {
+        let heights = Grid2::from_fn(map.width, map.height, |col, row| {
             let (x, y) = place(col, row);
             field.height_m(x, y) as f32
         });
@@ -87,7 +86,7 @@ impl Truth {
     }
 
     /// Writes `NAME_DSM.tif` and `NAME_CLS.tif`.
-    pub(super) fn write(&self, folder: &Path, name: &str) -> Result<(), RasterError> {
+    pub(super) fn write(&self, folder: &Path, name: &str) -> Result<(), WriteError> {
         let classes = Cog { grid: self.grid, metadata: &[], heights_from: None };
         let dsm = Cog { heights_from: Some(&Vertical::Ellipsoid), ..classes };
         dsm.write_f32(&folder.join(format!("{name}_DSM.tif")), &[("height", "m", &self.heights)])?;
@@ -130,7 +129,7 @@ pub(super) fn write_rpc(
     shot: &Shot,
     size_px: usize,
     heights_m: (f64, f64),
-) -> Result<(), RasterError> {
+) -> Result<(), WriteError> {
     let sun = shot.plan.sun;
     let tags = ViewTags {
         image: Some(format!("{}.tif", shot.plan.name)),
@@ -141,11 +140,4 @@ pub(super) fn write_rpc(
         ..ViewTags::default()
     };
     write_file(path, to_json(&shot.true_rpc, &tags))
-}
-
-/// Writes a value as indented JSON.
-pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), RasterError> {
-    let text = serde_json::to_string_pretty(value)
-        .map_err(|e| RasterError::Write { path: path.into(), reason: e.to_string() })?;
-    write_file(path, &text)
 }

@@ -3,7 +3,7 @@
 //! A view that was not trained on has its own radiometry: a linear change of colours is fitted on the left half of the
 //! image, and the right half is scored, as the papers do.
 
-use crate::io::Plane;
+use crate::io::Grid2;
 use crate::splat::loss::photometric::Photometric;
 use crate::splat::loss::target::TargetImage;
 use crate::splat::raster::Image;
@@ -23,7 +23,7 @@ pub struct PictureScore {
 
 /// Scores a picture against an image; none if a half has too few pixels that count.
 #[must_use]
-pub fn score_picture(colors: &[Plane; 3], truth: &TargetImage) -> Option<PictureScore> {
+pub fn score_picture(colors: &[Grid2; 3], truth: &TargetImage) -> Option<PictureScore> {
     let (width, height) = (truth.colors.width, truth.colors.height);
     let half = width / 2;
     let color = |col: usize, row: usize| colors.each_ref().map(|c| f64::from(c.at(col, row)));
@@ -88,7 +88,7 @@ mod tests {
 
     #[test]
     fn another_radiometry_costs_nothing_and_noise_costs_what_it_should() {
-        let picture: [Plane; 3] = std::array::from_fn(|k| Plane::from_fn(80, 60, |c, r| texture(c, r, k)));
+        let picture: [Grid2; 3] = std::array::from_fn(|k| Grid2::from_fn(80, 60, |c, r| texture(c, r, k)));
         let dimmed = truth(|c, r, k| 0.1 + 0.6 * texture(c, r, k));
         let score = score_picture(&picture, &dimmed).unwrap();
         assert!(score.psnr_db > 90.0 && score.ssim > 0.9999, "{score:?}");
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn what_does_not_count_is_not_scored() {
-        let picture: [Plane; 3] = std::array::from_fn(|k| Plane::from_fn(80, 60, |c, r| texture(c, r, k)));
+        let picture: [Grid2; 3] = std::array::from_fn(|k| Grid2::from_fn(80, 60, |c, r| texture(c, r, k)));
         let mut masked = truth(texture);
         for i in (0..80 * 60).filter(|i| i % 80 > 60) {
             masked.valid[i] = false;

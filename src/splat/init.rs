@@ -124,7 +124,7 @@ pub fn init_from_surface(surface: &MatchedSurface, views: &[TrainingView]) -> Sp
 fn median_color([x, y, z]: [f64; 3], views: &[TrainingView]) -> [f32; 3] {
     let seen = |v: &TrainingView| {
         let color = v.color(v.camera.project(Point::new(x, y, z)))?;
-        Some(color.map(|c| v.tone.light(c)))
+        Some(color.map(|c| v.transfer_function.linear(c)))
     };
     let colors: Vec<[f32; 3]> = views.iter().filter_map(seen).collect();
     std::array::from_fn(|k| {
@@ -155,26 +155,26 @@ mod tests {
     use super::*;
     use crate::affine::AffineCamera;
     use crate::frame::SiteGrid;
-    use crate::io::{MapGrid, Plane};
+    use crate::io::{Grid2, MapGrid};
 
     /// A block of 16 m by 12 m, 12 m high, on level ground, in cells of half a metre.
     fn block() -> MatchedSurface {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let (west, north) = (436_200.0 - 25.0, 3_357_600.0 + 20.0);
         let grid = MapGrid { epsg: 32617, west, north, cell: 0.5, width: 100, height: 80 };
-        let altitude = Plane::from_fn(100, 80, |col, row| {
+        let altitude = Grid2::from_fn(100, 80, |col, row| {
             let (x, y) = (0.5 * col as f64 - 24.75, 19.75 - 0.5 * row as f64);
             if x.abs() < 8.0 && y.abs() < 6.0 { 12.0 } else { 0.0 }
         });
-        let ones = Plane::filled(100, 80, 1.0);
-        MatchedSurface { site, grid, altitude, score: ones.clone(), hold: ones }
+        let ones = Grid2::filled(100, 80, 1.0);
+        MatchedSurface { site, grid, altitude, score: ones.clone(), prior_weight: ones }
     }
 
     #[test]
     fn splats_start_on_the_surface_and_down_its_walls() {
         let camera = AffineCamera { linear: [[2.0, 0.0, 0.0], [0.0, -2.0, 0.0]], offset: [79.5, 69.5] };
         let area = (-30.0, -25.0, 30.0, 25.0);
-        let view = TrainingView::new("v".into(), camera, None, &[Plane::filled(160, 140, 0.3)], area);
+        let view = TrainingView::new("v".into(), camera, None, &[Grid2::filled(160, 140, 0.3)], area);
         let splats = init_from_surface(&block(), &[view]);
         let near = |p: &&[f32; 3], z: f32| p[0].abs() < 5.0 && p[1].abs() < 3.0 && (p[2] - z).abs() < 0.5;
         assert!(splats.position.iter().filter(|p| near(p, 12.0)).count() >= 10);

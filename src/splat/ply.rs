@@ -1,7 +1,7 @@
 //! Splat files: the usual 3DGS PLY, which splat viewers open, with its place on Earth beside it.
 
 use crate::frame::SiteGrid;
-use crate::io::{RasterError, write_file};
+use crate::io::{WriteError, write_file};
 use crate::splat::splats::{GROUP_INFO, Splats};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -41,8 +41,8 @@ pub enum PlyError {
 /// Writes splats and, as `NAME.georef.json` beside them, where they stand on Earth.
 ///
 /// # Errors
-/// [`RasterError::Write`].
-pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), RasterError> {
+/// [`WriteError`].
+pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteError> {
     let [east, north, height] = site.origin.xyz();
     let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
     let _ = writeln!(

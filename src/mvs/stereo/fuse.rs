@@ -5,7 +5,7 @@ use super::maps::AltitudeMap;
 use super::rays::point_on_ray;
 use crate::affine::AffineCamera;
 use crate::frame::Point;
-use crate::io::{MapGrid, Plane};
+use crate::io::{Grid2, MapGrid};
 use crate::mvs::{MatchedSurface, PlaneSweep};
 use rayon::prelude::*;
 
@@ -22,7 +22,7 @@ const FILL_DIRECTIONS: usize = 5;
 const DIRECTIONS: [(i64, i64); 8] = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)];
 
 /// Altitudes and scores on the grid.
-type ForwardState = (Plane, Plane);
+type ForwardState = (Grid2, Grid2);
 
 /// The surface: in every cell the median of the views' maps; what they do not know filled from around, with a score of 0.
 pub(super) fn surface(sweep: &PlaneSweep, partners: &[Partners], maps: &[AltitudeMap]) -> MatchedSurface {
@@ -48,13 +48,14 @@ pub(super) fn surface(sweep: &PlaneSweep, partners: &[Partners], maps: &[Altitud
         (z, 0.5 * (low.1 + high.1))
     };
     let (altitude, score) = (0..grid.width * grid.height).into_par_iter().map(middle).unzip();
-    let plane = |data| Plane { width: grid.width, height: grid.height, data };
+    let plane = |data| Grid2 { width: grid.width, height: grid.height, data };
     let (mut altitude, mut score) = (plane(altitude), plane(score));
     close_gaps(&mut altitude, &mut score, GAP_STEP * step_m);
     fill(sweep, &mut altitude, &mut score);
     // Nothing but this surface tells training where what two views see lies.
-    let hold = Plane::from_fn(grid.width, grid.height, |col, row| f32::from(!altitude.at(col, row).is_nan()));
-    MatchedSurface { site: *site, grid: *grid, altitude, score, hold }
+    let prior_weight =
+        Grid2::from_fn(grid.width, grid.height, |col, row| f32::from(!altitude.at(col, row).is_nan()));
+    MatchedSurface { site: *site, grid: *grid, altitude, score, prior_weight }
 }
 
 /// A map as a mesh seen from above: in every cell the highest triangle.
@@ -64,8 +65,8 @@ struct Mesh<'a> {
     origin: [f64; 2],
     /// Triangles that climb more hang over a step, metres.
     step_m: f32,
-    altitude: Plane,
-    score: Plane,
+    altitude: Grid2,
+    score: Grid2,
 }
 
 impl<'a> Mesh<'a> {
@@ -74,8 +75,8 @@ impl<'a> Mesh<'a> {
             grid,
             origin: [east, north],
             step_m,
-            altitude: Plane::filled(grid.width, grid.height, f32::NAN),
-            score: Plane::filled(grid.width, grid.height, 0.0),
+            altitude: Grid2::filled(grid.width, grid.height, f32::NAN),
+            score: Grid2::filled(grid.width, grid.height, 0.0),
         }
     }
 
@@ -133,7 +134,7 @@ impl<'a> Mesh<'a> {
 
 /// Closes gaps of few cells between cells of one surface, no further apart than `most_m`: the mean of both sides and
 /// their scores.
-fn close_gaps(altitude: &mut Plane, score: &mut Plane, most_m: f32) {
+fn close_gaps(altitude: &mut Grid2, score: &mut Grid2, most_m: f32) {
     let (known, scores) = (altitude.clone(), score.clone());
     let width = known.width;
     let rows = altitude.data.par_chunks_mut(width).zip(score.data.par_chunks_mut(width));
@@ -154,7 +155,7 @@ fn close_gaps(altitude: &mut Plane, score: &mut Plane, most_m: f32) {
 }
 
 /// Fills what no two views agree on, where two views have it in their images; the score there is 0.
-fn fill(sweep: &PlaneSweep, altitude: &mut Plane, score: &mut Plane) {
+fn fill(sweep: &PlaneSweep, altitude: &mut Grid2, score: &mut Grid2) {
     let known = altitude.clone();
     let reach = (FILL_M / sweep.grid.cell) as i64;
     let filled = |col: usize, row: usize| {

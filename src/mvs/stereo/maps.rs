@@ -4,7 +4,7 @@ use super::Partners;
 use super::rays::{Rays, point_on_ray};
 use super::volume::Volume;
 use crate::frame::Point;
-use crate::io::Plane;
+use crate::io::Grid2;
 use crate::mvs::correlation::Image;
 use crate::mvs::semiglobal::{self, Jump, Steps};
 use rayon::prelude::*;
@@ -27,21 +27,21 @@ const SMOOTHED_PX: f64 = 1.0;
 /// Altitudes of a view's pixels.
 pub(super) struct AltitudeMap {
     /// Site metres; NaN where there is none.
-    pub altitude: Plane,
+    pub altitude: Grid2,
     /// Correlation with the other views, more than 0 to 1 where there is an altitude.
-    pub score: Plane,
+    pub score: Grid2,
 }
 
 impl AltitudeMap {
     /// A map that knows nothing.
     pub fn unknown(width: usize, height: usize) -> Self {
-        Self { altitude: Plane::filled(width, height, f32::NAN), score: Plane::filled(width, height, 0.0) }
+        Self { altitude: Grid2::filled(width, height, f32::NAN), score: Grid2::filled(width, height, 0.0) }
     }
 
     /// The altitudes of least cost, between planes by a parabola. The first and the last plane are no answers: what is
     /// looked for may lie beyond.
     pub fn pick(image: &Image, rays: &Rays, volume: &Volume) -> Self {
-        let Plane { width, height, .. } = image.gray;
+        let Grid2 { width, height, .. } = image.gray;
         let planes = volume.planes;
         let jumps = jumps(image);
         let steps = Steps { step: STEP, jump: Jump::OfCell(&jumps) };
@@ -60,7 +60,7 @@ impl AltitudeMap {
         };
         let picked: Vec<(f32, f32)> = (0..width * height).into_par_iter().map(best).collect();
         let (altitude, score) = picked.into_iter().unzip();
-        let plane = |data| Plane { width, height, data };
+        let plane = |data| Grid2 { width, height, data };
         Self { altitude: plane(altitude), score: plane(score) }
     }
 
@@ -93,7 +93,7 @@ pub(super) fn confirmed(images: &[Image], maps: &[AltitudeMap], partners: &[Part
     let map_of = |view: usize| partners.iter().position(|p| p.view == view);
     let confirm = |(map, own): (&AltitudeMap, &Partners)| {
         let camera = &images[own.view].camera;
-        let others: Vec<(&Image, &Plane, f32)> = own
+        let others: Vec<(&Image, &Grid2, f32)> = own
             .others
             .iter()
             .filter_map(|view| {
@@ -102,11 +102,11 @@ pub(super) fn confirmed(images: &[Image], maps: &[AltitudeMap], partners: &[Part
                 Some((&images[*view], &maps[k].altitude, tolerance as f32))
             })
             .collect();
-        let mut altitude = Plane::from_rows(map.altitude.width, map.altitude.height, |row, line| {
+        let mut altitude = Grid2::from_rows(map.altitude.width, map.altitude.height, |row, line| {
             for (col, out) in line.iter_mut().enumerate() {
                 let z = map.altitude.at(col, row);
                 let [x, y] = point_on_ray(camera, col, row, f64::from(z));
-                let agrees = |(image, altitude, tolerance): &(&Image, &Plane, f32)| {
+                let agrees = |(image, altitude, tolerance): &(&Image, &Grid2, f32)| {
                     let px = image.camera.project(Point::new(x, y, f64::from(z)));
                     let there = altitude.get(px.col.round() as i64, px.row.round() as i64);
                     (there - z).abs() <= *tolerance
@@ -125,8 +125,8 @@ pub(super) fn confirmed(images: &[Image], maps: &[AltitudeMap], partners: &[Part
 
 /// Means over windows, in which altitudes count the less the further they lie from the central one's; at `far`, metres,
 /// a quarter.
-fn smoothed(altitude: &Plane, far: f32) -> Plane {
-    Plane::from_rows(altitude.width, altitude.height, |row, line| {
+fn smoothed(altitude: &Grid2, far: f32) -> Grid2 {
+    Grid2::from_rows(altitude.width, altitude.height, |row, line| {
         for (col, out) in line.iter_mut().enumerate() {
             let z = altitude.at(col, row);
             *out = z;
@@ -149,7 +149,7 @@ fn smoothed(altitude: &Plane, far: f32) -> Plane {
 }
 
 /// Makes NaN what is connected with too few pixels; more than `step_m` between neighbours does not connect.
-fn remove_small_parts(altitude: &mut Plane, step_m: f32) {
+fn remove_small_parts(altitude: &mut Grid2, step_m: f32) {
     let (width, height) = (altitude.width, altitude.height);
     let mut seen = vec![false; width * height];
     let mut part = Vec::new();

@@ -14,7 +14,7 @@ mod volume;
 
 use super::correlation::Image;
 use super::{MAX_VOLUME, MatchedSurface, PlaneSweep};
-use crate::io::{Plane, Window};
+use crate::io::{Grid2, Window};
 use crate::progress::{Event, Interrupted, Progress};
 use maps::AltitudeMap;
 use rays::Rays;
@@ -85,7 +85,7 @@ impl PlaneSweep {
         let reference = &self.images[partners.view];
         let others: Vec<&Image> = partners.others.iter().map(|j| &self.images[*j]).collect();
         let step_m = STEP_PX * partners.px_m;
-        let Plane { width, height, .. } = reference.gray;
+        let Grid2 { width, height, .. } = reference.gray;
         let mut map = AltitudeMap::unknown(width, height);
         for first in (0..height).step_by(rows) {
             let last = (first + rows).min(height);
@@ -101,7 +101,7 @@ impl PlaneSweep {
     /// Altitude of the ground at a place of the site, as the stack of planes has it.
     fn ground_at(&self, x: f64, y: f64) -> f64 {
         let [east, north, _] = self.site.origin.xyz();
-        let ground: &Plane = &self.stack.ground;
+        let ground: &Grid2 = &self.stack.ground;
         let col = (x + east - self.grid.west) / self.grid.cell - 0.5;
         let row = (self.grid.north - y - north) / self.grid.cell - 0.5;
         let within = |v: f64, n: usize| v.clamp(0.0, n as f64 - 1.0);

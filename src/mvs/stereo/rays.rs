@@ -1,7 +1,7 @@
 //! The rays of a reference view's pixels, and where other views see their points.
 
 use crate::affine::AffineCamera;
-use crate::io::Plane;
+use crate::io::Grid2;
 use crate::mvs::PlaneSweep;
 use crate::mvs::correlation::Image;
 
@@ -13,11 +13,11 @@ pub(super) struct Rays {
     /// Number of planes.
     pub planes: usize,
     /// Altitude of the lowest plane on every ray, site metres.
-    pub lowest: Plane,
+    pub lowest: Grid2,
     /// From one plane to the next, metres.
     pub step_m: f32,
     /// For every other view the columns and rows at which it sees the lowest plane on every ray.
-    pub start: Vec<[Plane; 2]>,
+    pub start: Vec<[Grid2; 2]>,
     /// For every other view the columns and rows from one plane to the next.
     pub step_px: Vec<[f32; 2]>,
 }
@@ -29,7 +29,7 @@ impl Rays {
         let (width, height) = (reference.gray.width, reference.gray.height);
         let planes = (sweep.stack.height_m() / step_m).ceil() as usize + 1;
         let start_z = sweep.ground_at(0.0, 0.0);
-        let lowest = Plane::from_rows(width, height, |row, line| {
+        let lowest = Grid2::from_rows(width, height, |row, line| {
             for (col, lowest) in line.iter_mut().enumerate() {
                 let to_ground = |z: f64| {
                     let [x, y] = point_on_ray(camera, col, row, z);
@@ -41,7 +41,7 @@ impl Rays {
         });
         let seen_at = |other: &&Image| {
             [0, 1].map(|axis| {
-                Plane::from_rows(width, height, |row, line| {
+                Grid2::from_rows(width, height, |row, line| {
                     for (col, at) in line.iter_mut().enumerate() {
                         let z = f64::from(lowest.at(col, row));
                         let [x, y] = point_on_ray(camera, col, row, z);

@@ -5,7 +5,7 @@
 //! large ones tell apart what the small one confuses.
 
 use super::rays::Rays;
-use crate::io::Plane;
+use crate::io::Grid2;
 use crate::mvs::correlation::Image;
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -36,7 +36,7 @@ impl Volume {
 
     /// The costs along the rays of a reference view, by the other views.
     pub fn new(reference: &Image, others: &[&Image], rays: &Rays) -> Self {
-        let Plane { width, height, .. } = reference.gray;
+        let Grid2 { width, height, .. } = reference.gray;
         let planes = rays.planes;
         let mut costs = vec![Self::UNSEEN; width * height * planes];
         costs.par_chunks_mut(BAND * width * planes).enumerate().for_each(|(k, costs)| {
@@ -81,7 +81,7 @@ const ROWS: usize = BAND + 2 * MARGIN;
 
 impl<'a> Band<'a> {
     fn new(reference: &Image, others: &'a [&'a Image], rays: &'a Rays, first_row: usize) -> Self {
-        let Plane { width, height, .. } = reference.gray;
+        let Grid2 { width, height, .. } = reference.gray;
         let n = width * ROWS;
         let mut own = Sampled { value: vec![0.0; n], missing: vec![1.0; n] };
         for (line, row) in rows_of_band(first_row, height) {
@@ -239,7 +239,7 @@ fn sum_windows(source: &[f32], width: usize, radius: usize, scratch: &mut [f32],
 /// A row of another view, bilinear, less `level`: at columns and rows `at`, moved by `up`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn sample_row(
-    gray: &Plane,
+    gray: &Grid2,
     level: f32,
     at: [&[f32]; 2],
     up: [f32; 2],

@@ -41,12 +41,12 @@ impl TargetImage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::Plane;
-    use crate::scene::Tone;
+    use crate::io::Grid2;
+    use crate::scene::TransferFunction;
 
     #[test]
     fn black_counts_and_what_is_unknown_or_outside_does_not() {
-        let plane = Plane::from_fn(4, 2, |col, row| match (col, row) {
+        let plane = Grid2::from_fn(4, 2, |col, row| match (col, row) {
             (0, 0) => 0.0,
             (1, 0) => f32::NAN,
             (_, row) => 0.2 + 0.4 * row as f32,
@@ -69,14 +69,14 @@ mod tests {
 
     #[test]
     fn pixels_are_averaged_as_light_and_looked_up_as_stored() {
-        let tone = Tone::new(2.0).unwrap();
-        let plane = Plane::from_fn(2, 2, |col, _| if col == 0 { 0.2 } else { 1.0 });
+        let transfer_function = TransferFunction::new(2.0).unwrap();
+        let plane = Grid2::from_fn(2, 2, |col, _| if col == 0 { 0.2 } else { 1.0 });
         let camera = AffineCamera { linear: [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], offset: [0.0; 2] };
-        let view =
-            TrainingView::new("v".into(), camera, None, &[plane], (-5.0, -5.0, 5.0, 5.0)).with_tone(tone);
+        let view = TrainingView::new("v".into(), camera, None, &[plane], (-5.0, -5.0, 5.0, 5.0))
+            .with_transfer_function(transfer_function);
         let mut target = TargetImage::default();
         let _ = target.load(&view, 0);
-        let (dark, white) = (tone.light(0.2), tone.light(1.0));
+        let (dark, white) = (transfer_function.linear(0.2), transfer_function.linear(1.0));
         assert_eq!(target.colors.row(1, 0), [dark, white]);
         let _ = target.load(&view, 1);
         assert!((target.colors.at(0, 0, 0) - 0.5 * (dark + white)).abs() < 1e-6);

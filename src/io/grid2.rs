@@ -1,11 +1,13 @@
-//! One band of numbers in memory.
+//! Two-dimensional grids of numbers in memory.
 
 use super::Window;
 use rayon::prelude::*;
 
-/// A row-major array of f32; NaN is no data.
+/// A two-dimensional grid of f32 values, row by row from the top; NaN marks cells without data.
+///
+/// It holds one band of an image, or one value per cell of a map, as heights; where the cells lie is not part of it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Plane {
+pub struct Grid2 {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -14,14 +16,14 @@ pub struct Plane {
     pub data: Vec<f32>,
 }
 
-impl Plane {
-    /// A plane of one value.
+impl Grid2 {
+    /// A grid whose cells all have one value.
     #[must_use]
     pub fn filled(width: usize, height: usize, value: f32) -> Self {
         Self { width, height, data: vec![value; width * height] }
     }
 
-    /// A plane computed cell by cell from (column, row).
+    /// A grid computed cell by cell from (column, row).
     #[must_use]
     pub fn from_fn(width: usize, height: usize, mut f: impl FnMut(usize, usize) -> f32) -> Self {
         let mut data = Vec::with_capacity(width * height);
@@ -31,7 +33,7 @@ impl Plane {
         Self { width, height, data }
     }
 
-    /// A plane whose rows are computed side by side; `fill` gets a row's number and its cells, which are 0.
+    /// A grid whose rows are computed in parallel; `fill` gets the number of a row and its cells, which are 0.
     #[must_use]
     pub fn from_rows(width: usize, height: usize, fill: impl Fn(usize, &mut [f32]) + Sync) -> Self {
         // Zeros of the system's are first touched by the threads that fill them.
@@ -108,7 +110,7 @@ mod tests {
 
     #[test]
     fn bilinear_is_exact_on_a_ramp_and_nan_outside() {
-        let p = Plane::from_fn(4, 3, |c, r| c as f32 + 10.0 * r as f32);
+        let p = Grid2::from_fn(4, 3, |c, r| c as f32 + 10.0 * r as f32);
         assert_eq!(p.bilinear(1.25, 0.5), 6.25);
         assert_eq!(p.bilinear(3.0, 2.0), 23.0);
         assert!(p.bilinear(3.01, 1.0).is_nan());
@@ -117,7 +119,7 @@ mod tests {
 
     #[test]
     fn halving_skips_nan() {
-        let mut p = Plane::from_fn(2, 2, |c, r| (c + 2 * r) as f32);
+        let mut p = Grid2::from_fn(2, 2, |c, r| (c + 2 * r) as f32);
         p.data[3] = f32::NAN;
         assert_eq!(p.halved().data, vec![1.0]);
     }

@@ -1,0 +1,201 @@
+//! Errors of reading and writing files, one type per kind of file.
+
+use gdal::errors::GdalError;
+use std::path::{Path, PathBuf};
+
+/// The error of a library that satgs reads or writes files with.
+pub type Cause = Box<dyn std::error::Error + Send + Sync>;
+
+/// A file could not be written. Nothing is left of it, and an earlier file of that name is unchanged.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[error("writing `{path}` failed: {cause}")]
+#[diagnostic(code(satgs::failed))]
+pub struct WriteError {
+    /// The file.
+    pub path: PathBuf,
+    /// Error of the file system or of the encoder.
+    pub cause: Cause,
+}
+
+impl WriteError {
+    /// The error of writing `path`; `cause` may be an error or a sentence.
+    pub fn new(path: &Path, cause: impl Into<Cause>) -> Self {
+        Self { path: path.into(), cause: cause.into() }
+    }
+}
+
+/// A text file, JSON or CSV could not be read: it is absent, or its content is damaged.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[error("reading `{path}` failed: {cause}")]
+pub struct ReadError {
+    /// The file.
+    pub path: PathBuf,
+    /// Error of the file system or of the parser.
+    pub cause: Cause,
+}
+
+impl ReadError {
+    /// The error of reading `path`; `cause` may be an error or a sentence.
+    pub fn new(path: &Path, cause: impl Into<Cause>) -> Self {
+        Self { path: path.into(), cause: cause.into() }
+    }
+}
+
+/// Why a GDAL raster could not be read, or a copy of it not be written.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum RasterError {
+    /// GDAL cannot open the file.
+    #[error("`{path}` cannot be opened as a raster: {cause}")]
+    #[diagnostic(help("`gdalinfo` tells what GDAL makes of the file"))]
+    Open {
+        /// The file.
+        path: PathBuf,
+        /// Error of the file system or of GDAL.
+        cause: Cause,
+    },
+    /// The raster is too small to be an image, or larger than the file could hold.
+    #[error("`{path}` is {width} x {height} pixels in {bytes} bytes: {reason}")]
+    #[diagnostic(help("is the file complete?"))]
+    Size {
+        /// The file.
+        path: PathBuf,
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Size of the file.
+        bytes: u64,
+        /// What is wrong with it.
+        reason: &'static str,
+    },
+    /// The requested band does not exist.
+    #[error("`{path}` has {found} bands, band {asked} was asked for")]
+    #[diagnostic(help("`satgs info` lists the bands of every image"))]
+    NoBand {
+        /// The file.
+        path: PathBuf,
+        /// Number of bands in the file.
+        found: usize,
+        /// The requested band, from 1.
+        asked: usize,
+    },
+    /// Pixels could not be read, most often because the file is cut short.
+    #[error("`{path}`: reading pixels failed: {cause}")]
+    #[diagnostic(help("is the file complete?"))]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Error of GDAL.
+        cause: GdalError,
+    },
+    /// The raster has no map grid that satgs can use.
+    #[error("`{path}`: {reason}")]
+    #[diagnostic(help("expected a north-up raster in a projected CRS with an EPSG code, in metres"))]
+    NotAMap {
+        /// The file.
+        path: PathBuf,
+        /// What is missing.
+        reason: &'static str,
+    },
+    /// The unit of the heights is unknown.
+    #[error("`{path}`: heights in `{unit}` cannot be compared")]
+    #[diagnostic(help("metres, feet and US survey feet are understood"))]
+    HeightUnit {
+        /// The raster.
+        path: PathBuf,
+        /// Unit of its band or of its vertical CRS.
+        unit: String,
+    },
+    /// An image could not be encoded as PNG.
+    #[error("an image of {width} x {height} pixels cannot be encoded as PNG: {cause}")]
+    #[diagnostic(code(satgs::failed))]
+    Encode {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Error of the encoder.
+        cause: Cause,
+    },
+    /// A raster could not be written.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Write(#[from] WriteError),
+}
+
+/// Why a vector file (GeoPackage, GeoJSON, shapefile, …) could not be read.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum VectorError {
+    /// The file holds nothing that a raster can be masked with.
+    #[error("`{path}` cannot be used as a mask: {cause}")]
+    #[diagnostic(help("a mask is a vector file of polygons with a CRS, or a raster that is not 0 inside"))]
+    Mask {
+        /// The file.
+        path: PathBuf,
+        /// Error of GDAL, or what is missing.
+        cause: Cause,
+    },
+}
+
+/// Why a point cloud (LAS or LAZ) could not be read.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum CloudError {
+    /// The file cannot be opened or decoded.
+    #[error("`{path}` cannot be read as a point cloud: {cause}")]
+    #[diagnostic(help("a complete LAS or LAZ file is needed; `pdal info` or `lasinfo` tells what is in it"))]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Error of the LAS reader.
+        cause: las::Error,
+    },
+    /// The file has a header but no points.
+    #[error("`{path}`: the point cloud holds no points")]
+    #[diagnostic(help("a complete LAS or LAZ file is needed; `pdal info` or `lasinfo` tells what is in it"))]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file holds fewer points than its header says.
+    #[error("`{path}`: the point cloud ends after {found} of {expected} points")]
+    #[diagnostic(help("a complete LAS or LAZ file is needed; `pdal info` or `lasinfo` tells what is in it"))]
+    CutShort {
+        /// The file.
+        path: PathBuf,
+        /// Points that were read.
+        found: u64,
+        /// Points according to the header.
+        expected: u64,
+    },
+}
+
+/// Why a vertical reference could not be used.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum VerticalError {
+    /// The grid of a known geoid model is not installed.
+    #[error("PROJ's folders hold no grid of `{name}`")]
+    #[diagnostic(help(
+        "install Debian's proj-data, or give the path of the model's grid (.gtx, .tif from cdn.proj.org)"
+    ))]
+    NoGrid {
+        /// The geoid model.
+        name: String,
+    },
+    /// The text is neither the name of a vertical reference nor a file.
+    #[error("`{name}` is not a known vertical reference")]
+    #[diagnostic(help(
+        "known are `ellipsoid`, EGM84, EGM96, EGM2008, and the path of a geoid's grid (.gtx, .tif from cdn.proj.org)"
+    ))]
+    Unknown {
+        /// The given text.
+        name: String,
+    },
+    /// The geoid's grid cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Grid(#[from] RasterError),
+}
