@@ -265,12 +265,6 @@ impl ImageFile {
         Some(x.iter().zip(&y).map(|(x, y)| Pixel::new((x - t[0]) / t[1], (y - t[3]) / t[5])).collect())
     }
 
-    /// The geotransform of a north-up raster in degrees.
-    pub(super) fn degrees_grid(&self) -> Option<[f64; 6]> {
-        let is_geographic = self.dataset.spatial_ref().is_ok_and(|s| s.is_geographic());
-        (self.is_map() && is_geographic).then(|| self.dataset.geo_transform().ok())?
-    }
-
     /// The raster's place on the map.
     ///
     /// # Errors
