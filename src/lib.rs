@@ -21,4 +21,5 @@ pub mod dsm;
 pub mod metrics;
 pub mod coregister;
 pub mod report;
+pub mod pipeline;
 pub mod cli;

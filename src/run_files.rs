@@ -14,6 +14,8 @@ pub const CAMERAS: &str = "cameras.json";
 pub const CHECKPOINT: &str = "train/checkpoint.bin";
 /// A line an iteration of training.
 pub const TRAINING: &str = "train/train.csv";
+/// Folder of pictures of the training's progress.
+pub const SNAPSHOTS: &str = "train/snapshots";
 /// The trained splats.
 pub const SPLATS: &str = "splats.ply";
 /// The trained surface, matched with the views.

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 20] = [
+const LAYERS: [(&str, Option<&[&str]>); 21] = [
     ("stats", None),
     ("random", Some(&[])),
     ("simd", Some(&[])),
@@ -28,6 +28,7 @@ const LAYERS: [(&str, Option<&[&str]>); 20] = [
     ("metrics", Some(&["stats", "random", "progress", "frame", "io"])),
     ("coregister", Some(&["stats", "frame", "io", "metrics"])),
     ("report", None),
+    ("pipeline", None),
     ("cli", None),
 ];
 

@@ -7,9 +7,12 @@ mod scene;
 
 use satgs::affine::TrainingView;
 use satgs::io::Grid2;
+use satgs::splat::appearance::AppearanceKind;
 use satgs::splat::backend::cpu::CpuBackend;
-use satgs::splat::backend::{DensifyPlan, Snapshot, StepPlan, TrainingBackend};
-use satgs::splat::objective::LossWeights;
+use satgs::splat::backend::{DensifyPlan, StepPlan, StepReport, TrainingBackend, TrainingScene, Wait};
+use satgs::splat::loss::LossWeights;
+use satgs::splat::splats::PerGroup;
+use satgs::splat::state::TrainingState;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
 
@@ -70,7 +73,12 @@ fn backend() -> CpuBackend {
             TrainingView::new(format!("v{v}"), scene::camera(PIXELS), Some([1.7, -2.1]), &[raster], area)
         })
         .collect();
-    CpuBackend::new(Snapshot::start(scene::town(SPLATS, PIXELS, 1), VIEWS), views, (-3.0, 30.0), None)
+    let appearance = AppearanceKind::Affine;
+    let state = TrainingState::start(scene::town(SPLATS, PIXELS, 1), appearance, VIEWS);
+    let mut backend = CpuBackend::default();
+    let scene = TrainingScene { views: views.into(), altitudes: (-3.0, 30.0), prior: None, appearance };
+    backend.load(scene, state).unwrap();
+    backend
 }
 
 /// An iteration of three renders that leaves the splats where they are: each does the same work.
@@ -82,14 +90,17 @@ fn plan(iteration: u32) -> StepPlan {
         shadows: true,
         virtual_shear: Some([0.001, 0.001]),
         background: [0.3; 3],
-        weights: LossWeights {
-            opacity: 0.01,
-            consistency_altitude: 0.1,
-            consistency_color: 0.1,
-            shadow_entropy: 0.01,
-        },
-        rates: [0.0; 6],
-        population: DensifyPlan::default(),
+        weights: LossWeights::of(&[
+            ("opacity", 0.01),
+            ("consistency_altitude", 0.1),
+            ("consistency_color", 0.1),
+            ("shadow_entropy", 0.01),
+        ])
+        .unwrap(),
+        opacity_divisor: None,
+        rates: PerGroup::default(),
+        appearance_rate: 0.0,
+        densify: DensifyPlan::default(),
     }
 }
 
@@ -102,9 +113,13 @@ fn an_iteration_allocates_nothing_and_training_stays_within_its_memory() {
         let before = HELD.load(SeqCst);
         let mut backend = backend();
         PEAK.store(HELD.load(SeqCst), SeqCst);
-        for i in 1..=3 {
-            backend.step(&plan(i));
-        }
+        let mut reports: Vec<StepReport> = Vec::new();
+        let mut run = |i: u32| {
+            backend.submit(&plan(i)).unwrap();
+            backend.reports(Wait::ForAll, &mut reports).unwrap();
+            reports.clear();
+        };
+        (1..=3).for_each(&mut run);
 
         let peak = PEAK.load(SeqCst) - before;
         let pixels = scene::side(PIXELS).pow(2);
@@ -115,9 +130,7 @@ fn an_iteration_allocates_nothing_and_training_stays_within_its_memory() {
         assert!(peak < limit, "{peak} bytes at most, {limit} are allowed ({pixels_part} of them for pixels)");
 
         let allocations = ALLOCATIONS.load(SeqCst);
-        for i in 4..=6 {
-            backend.step(&plan(i));
-        }
+        (4..=6).for_each(&mut run);
         assert_eq!(ALLOCATIONS.load(SeqCst) - allocations, 0, "allocations in three iterations");
     });
 }

@@ -8,10 +8,11 @@ mod scene;
 
 use rayon::ThreadPoolBuilder;
 use satgs::splat::adam::SplatAdam;
-use satgs::splat::appearance::Appearance;
+use satgs::splat::appearance::{Appearance, AppearanceKind};
 use satgs::splat::backend::stopwatch::Stopwatch;
 use satgs::splat::loss::photometric::Photometric;
-use satgs::splat::objective::{Gradient, LossWeights, Objective, ShearedCamera, StepInput};
+use satgs::splat::loss::{LossWeights, terms};
+use satgs::splat::objective::{Gradient, Objective, ShearedCamera, StepInput};
 use satgs::splat::raster::{FrameCamera, Image, LOW_PASS_PX2, Rasterizer, SortedSplats, SplatGradient};
 use satgs::splat::splats::{PerGroup, Splats};
 use satgs::splat::state::TrainingState;
@@ -90,7 +91,7 @@ fn noise(width: usize, height: usize, channels: usize) -> Image<f32> {
 
 fn measure(gaussians: Splats, pixels: f64) -> Line {
     // In the order in which training stores splats.
-    let gaussians = TrainingState::start(gaussians, 1).splats;
+    let gaussians = TrainingState::start(gaussians, AppearanceKind::Affine, 1).splats;
     let splats = gaussians.len();
     let side = scene::side(pixels);
     let affine = scene::camera(pixels);
@@ -135,24 +136,26 @@ fn measure(gaussians: Splats, pixels: f64) -> Line {
     let size = (side, side);
     let mut shot = StepInput {
         camera,
-        truth: &truth,
+        target: &truth,
         valid: &[],
         sun: None,
         virtual_view: None,
         background: [0.3; 3],
         floor: ALTITUDES.0 as f32,
     };
-    let weights = LossWeights {
-        opacity: 0.01,
-        consistency_altitude: 0.1,
-        consistency_color: 0.1,
-        shadow_entropy: 0.01,
-    };
-    let mut objective = Objective::<f32>::default();
+    let named = [
+        ("opacity", 0.01),
+        ("consistency_altitude", 0.1),
+        ("consistency_color", 0.1),
+        ("shadow_entropy", 0.01),
+    ];
+    let weights = LossWeights::of(&named).expect("terms that there are");
+    let mut objective = Objective::<f32>::new(AppearanceKind::Affine, terms(None));
+    let appearance = Appearance::default().values;
     let mut iteration = |shot: &StepInput<f32>| {
         let mut run = |watch: &mut Stopwatch| {
             watch.begin();
-            objective.evaluate(&trained, &Appearance::default(), shot, &weights, &mut gradient, watch);
+            objective.evaluate(&trained, &appearance, shot, &weights, &mut gradient, watch);
             adam.step(&mut trained, &gradient.splats, &rates);
             watch.lap("splats", "Adam");
         };

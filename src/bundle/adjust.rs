@@ -34,9 +34,9 @@ const MIN_KEYPOINT_LIMIT_PX: f64 = 0.6;
 /// Pixels of the views whose keypoints are detected at the same time.
 const PIXELS_AT_ONCE: usize = 8_000_000;
 
-/// AdjustOptions of an adjustment.
+/// BundleOptions of an adjustment.
 #[derive(Clone, Debug, Default)]
-pub struct AdjustOptions {
+pub struct BundleOptions {
     /// Keep the cameras as delivered: points are triangulated with them, and the report tells which corrections an
     /// adjustment would make.
     pub fixed: bool,
@@ -65,7 +65,7 @@ pub struct AdjustOptions {
 /// images that are not there, a request to stop.
 pub fn adjust(
     scene: &Scene,
-    options: &AdjustOptions,
+    options: &BundleOptions,
     progress: &dyn Progress,
 ) -> Result<Adjustment, BundleError> {
     scene.require_views(2)?;
@@ -127,7 +127,7 @@ enum Outcome {
 impl<'a> Adjuster<'a> {
     /// Runs the stages after the keypoints. A view that contradicts the others ends the attempt, unless the cameras are
     /// fixed: then it is kept with a warning.
-    fn adjust(&mut self, scene: &Scene, options: &'a AdjustOptions) -> Result<Outcome, BundleError> {
+    fn adjust(&mut self, scene: &Scene, options: &'a BundleOptions) -> Result<Outcome, BundleError> {
         let leaves_out = !options.fixed;
         self.fix_views(&options.reference)?;
         self.network.height_prior = options.height_prior.as_ref();

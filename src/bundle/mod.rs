@@ -37,7 +37,7 @@ mod tracks;
 mod view_pairs;
 mod view_rejection;
 
-pub use adjust::{AdjustOptions, adjust};
+pub use adjust::{BundleOptions, adjust};
 pub use control::{ControlPoint, control_pairs, read_control};
 pub use control_check::check_control;
 pub use correction::{CorrectionModel, Parameters};

@@ -1,85 +1,64 @@
 //! `satgs ba`: bundle adjustment.
 
-use super::run_folder::{read_scene, write_json};
 use super::scene_args::SceneArgs;
-use super::stage::{Fingerprint, Stage, hash, hash_file, or_none};
-use super::{Failure, Ui, align, parse_metres, run_lock};
-use crate::bundle::{
-    AdjustOptions, Adjustment, CorrectionModel, HeightPrior, LeftOut, Report, adjust, check_control,
-    read_control,
-};
-use crate::io::VerticalReference;
-use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
-use crate::scene::{Dem, Scene, sources_of};
-use serde_json::Value;
-use std::collections::BTreeMap;
+use super::{CliError, Ui, parse_metres};
+use crate::bundle::{CorrectionModel, LeftOut};
+use crate::pipeline::{AdjustOptions, Adjusted, Dem, adjust};
+use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT};
+use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 
-/// Correct the RPCs by bundle adjustment: RUN/ba/rpcs, points.laz and .ply, tie_points.csv and .gpkg, report.json,
-/// pictures
+/// Correct the RPC cameras by bundle adjustment: writes RUN/ba
 ///
-/// Finds keypoints, matches them along the epipolar segments between two heights, joins them to tracks and adjusts
-/// one shift a view. The corrected RPCs are exact (the shift goes into the offsets) and fit any stereo pipeline.
+/// Detects SIFT keypoints, matches them along epipolar curves within the height range, links the matches to tracks and
+/// estimates a shift in the image for every view. RUN/ba gets the corrected RPCs (rpcs/, a JSON and a _RPC.TXT file each,
+/// in which the shift is exact: it is added to the offsets), sparse points (points.laz, points.ply), tie points
+/// (tie_points.csv, tie_points.gpkg), plots of the residuals, and report.json.
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "adjustment")]
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Folder for everything this run makes
+    /// Run folder: the folder for all results
     #[arg(short, long, value_name = "RUN")]
     output: PathBuf,
-    /// Lowest and highest height to search, metres above the ellipsoid [default: what the images' metadata tell]
+    /// Lowest and highest height to search, metres above the ellipsoid [default: from the images' metadata]
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_range, allow_hyphen_values = true)]
     height_range: Option<(f64, f64)>,
-    /// Elevation model that tells the heights to search, from 20 m below its lowest to 80 m above its highest
+    /// Elevation model that sets the heights to search: from 20 m below its lowest to 80 m above its highest height
     #[arg(long, value_name = "FILE", conflicts_with = "height_range")]
     dem: Option<PathBuf>,
-    /// What its heights count from: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ) [default: as its
-    /// CRS or VERTICAL_REFERENCE says]
+    /// VerticalReference reference of the elevation model: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// [default: as its CRS or VERTICAL_REFERENCE says]
     #[arg(long, value_name = "REFERENCE", requires = "dem")]
     dem_vertical: Option<String>,
-    /// Hold the height of the scene by the elevation model, to so many metres (SRTM 10, Copernicus 5); what stands above it
-    /// counts little [default: heights are those of the delivered cameras]
+    /// Constrain the height of the scene to the elevation model, with this standard deviation in metres (SRTM 10,
+    /// Copernicus 5); points far above it, such as roofs, get little weight [default: the height follows the delivered RPCs]
     #[arg(long, value_name = "METRES", requires = "dem", conflicts_with = "fixed", value_parser = parse_metres)]
     dem_sigma: Option<f64>,
-    /// What is corrected: `shift` (images up to 8,000 pixels a side, and any small --aoi), `shift-scale`, or `affine`;
-    /// the latter two are for whole scenes: a crop of one is too small to tell a drift from noise
+    /// Correction of every camera: `shift` (images up to 8,000 pixels a side, and any small --aoi), `shift-scale` or
+    /// `affine`; the latter two need whole scenes, because crops are too small to tell a drift from noise
     #[arg(long, value_name = "MODEL", default_value = "shift", value_parser = parse_model)]
     model: CorrectionModel,
-    /// Surveyed points, which then fix the datum: CSV with the columns lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px
+    /// Ground control points, which then define the datum: CSV with the columns
+    /// lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px
     #[arg(long, value_name = "FILE")]
     gcps: Option<PathBuf>,
-    /// View whose RPC is trusted and not corrected: the datum is its own; may be given several times
+    /// View whose RPC is not corrected and defines the datum; repeatable
     #[arg(long, value_name = "VIEW", conflicts_with = "fixed")]
     reference: Vec<String>,
-    /// Leave the RPCs as they are: tracks, points, and a report of how well they agree
+    /// Keep all RPCs as they are: compute tracks and points, and report how well the RPCs agree
     #[arg(long)]
     fixed: bool,
-    /// Redo what RUN holds, of the same or of other input and options
+    /// Replace what RUN holds, whether it was made with the same or with other input and options
     #[arg(long)]
     overwrite: bool,
 }
 
-/// Fields of a scene and of its views that options set, and other names a user knows them by.
-const SCENE_FIELDS: [(&str, &str); 10] = [
-    ("aoi", "--aoi"),
-    ("transfer_function", "--gamma"),
-    ("name", "names of the views"),
-    ("window", "windows of the images (--aoi)"),
-    ("bands", "--bands"),
-    ("stretch_percent", "--stretch"),
-    ("rpc", "cameras"),
-    ("rpc_source", "files of the cameras (--rpcs)"),
-    ("sun", "suns (--sun)"),
-    ("role", "roles (test.txt)"),
-];
-/// Longest text of a field that is shown when it differs.
-const SHOWN_LENGTH: usize = 200;
-
 fn parse_range(text: &str) -> Result<(f64, f64), String> {
     let numbers =
         text.split_once(',').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
-    numbers.ok_or_else(|| format!("`{text}` is not LOW,HIGH"))
+    numbers.ok_or_else(|| "expected LOW,HIGH in metres, e.g. -20,80".to_owned())
 }
 
 fn parse_model(text: &str) -> Result<CorrectionModel, String> {
@@ -97,180 +76,71 @@ impl Args {
         &self.output
     }
 
-    /// Whether to redo what is there.
+    /// Whether to replace what is there.
     pub fn overwrite(&self) -> bool {
         self.overwrite
     }
 
-    /// The elevation model, if there is one.
-    fn dem(&self, scene: &Scene) -> Result<Option<Dem>, Failure> {
-        let Some(dem) = &self.dem else { return Ok(None) };
-        let vertical = self.dem_vertical.as_deref().map(VerticalReference::read).transpose()?;
-        Ok(Some(scene.dem(dem, vertical.as_ref())?))
+    /// Reads the scene and shows its warnings.
+    pub fn read_scene(&self, ui: &Ui) -> Result<Scene, CliError> {
+        let scene = self.scene.read(self.height_range, ui)?;
+        refuse_output_inside(&self.output, self.scene.path())?;
+        Ok(scene)
     }
 
-    fn fingerprint(&self, scene: &Scene, heights: Option<(f64, f64)>) -> Fingerprint {
-        let mut out = Fingerprint::new();
-        // Paths may move; what is in the files may not.
-        let mut content = scene.clone();
-        content.warnings.clear();
-        for view in &mut content.views {
-            // What is no image may be told beside the image as well.
-            if let Ok(Some(valid)) = view.valid_pixels() {
-                out.insert(format!("valid pixels {}", view.name), valid.digest());
-            }
-            for (i, source) in sources_of(&view.image).iter().enumerate() {
-                out.insert(format!("image {}, source {}", view.name, i + 1), hash_file(source));
-            }
-            out.insert(format!("image {}", view.name), hash_file(&std::mem::take(&mut view.image)));
-            if let Some(mask) = view.mask.take() {
-                out.insert(format!("mask {}", view.name), hash_file(&mask));
-            }
+    /// The options as the library takes them.
+    pub fn options(&self) -> AdjustOptions {
+        let dem = |path: &PathBuf| Dem {
+            path: path.clone(),
+            vertical: self.dem_vertical.clone(),
+            sigma_m: self.dem_sigma,
+        };
+        AdjustOptions {
+            model: self.model,
+            fixed: self.fixed,
+            height_range: self.height_range,
+            dem: self.dem.as_ref().map(dem),
+            gcps: self.gcps.clone(),
+            reference_views: self.reference.clone(),
+            overwrite: self.overwrite,
         }
-        out.extend(scene_fields(&content));
-        out.insert("--height-range".into(), or_none(heights.map(|(low, high)| format!("{low},{high}"))));
-        out.insert("--fixed".into(), self.fixed.to_string());
-        out.insert("--model".into(), format!("{:?}", self.model));
-        if !self.reference.is_empty() {
-            out.insert("--reference".into(), self.reference.join(", "));
-        }
-        if let (Some(dem), Some(sigma_m)) = (&self.dem, self.dem_sigma) {
-            out.insert("--dem".into(), hash_file(dem));
-            out.insert("--dem-sigma".into(), sigma_m.to_string());
-            out.insert("--dem-vertical".into(), or_none(self.dem_vertical.as_ref()));
-        }
-        if let Some(gcps) = &self.gcps {
-            out.insert("--gcps".into(), hash_file(gcps));
-        }
-        out
     }
 }
 
 /// Runs the command.
-pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    require_all(&args.output, &adjust_run(args, ui)?)
+pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
+    let scene = args.read_scene(ui)?;
+    let adjusted = adjust(&scene, &args.options(), &args.output, ui)?;
+    show(&adjusted, ui)?;
+    require_all(&args.output, adjusted.left_out())
+}
+
+/// Shows the summary of an adjustment.
+pub fn show(adjusted: &Adjusted, ui: &Ui) -> Result<(), CliError> {
+    let text = adjusted.seconds.filter(|_| !adjusted.was_complete);
+    let text = text.map(|seconds| format!("{}adjusted in {seconds:.1} s", adjusted.report.table()));
+    ui.summary("ba", text.as_deref(), adjusted)
 }
 
 /// Views that were left out make an adjustment partial.
-pub fn require_all(run: &Path, left_out: &[LeftOut]) -> Result<(), Failure> {
+pub fn require_all(run: &Path, left_out: &[LeftOut]) -> Result<(), CliError> {
     if left_out.is_empty() {
         return Ok(());
     }
     let names: Vec<String> = left_out.iter().map(|(name, _)| format!("`{name}`")).collect();
     let message = format!("adjusted without {}", names.join(", "));
     let report = run.join(ADJUSTMENT).join(ADJUSTMENT_REPORT);
-    Err(Failure::partial(message, format!("`{}` says why; all else is complete", report.display())))
-}
-
-/// Adjusts a run folder, unless that is done already. Gives the views that were left out.
-pub fn adjust_run(args: &Args, ui: &Ui) -> Result<Vec<LeftOut>, Failure> {
-    let scene = args.scene.read(args.height_range, ui)?;
-    let dem = args.dem(&scene)?;
-    let heights = dem.as_ref().map(Dem::heights_to_search).or(args.height_range);
-    refuse_output_inside(&args.output, args.scene.path())?;
-    run_lock::make_and_lock(&args.output)?;
-    let folder = args.output.join(ADJUSTMENT);
-    let outputs = vec![args.output.join(SCENE), folder.join(ADJUSTMENT_REPORT), folder.join(SPARSE_POINTS)];
-    let stage = Stage::new(&args.output, ADJUSTMENT, outputs, args.fingerprint(&scene, heights));
-    let keypoints = folder.join("keypoints");
-    if stage.is_done(args.overwrite)? {
-        forget(&keypoints);
-        find_files_again(&args.output, &scene)?;
-        ui.note(&format!("`{}` is adjusted already", args.output.display()));
-        let report = Adjustment::read(&folder)?.report;
-        let seconds = stage.summary().map(|s| s["seconds"].clone()).unwrap_or_default();
-        ui.repeat_summary("ba", Some(summary(&report, seconds)));
-        return Ok(report.left_out);
-    }
-    stage.require_writable()?;
-    let started = std::time::Instant::now();
-    let control = args.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();
-    if let Some(path) = &args.gcps {
-        check_control(path, &control, &scene)?;
-    }
-    let options = AdjustOptions {
-        fixed: args.fixed,
-        model: args.model,
-        height_range: heights,
-        control,
-        reference: args.reference.clone(),
-        height_prior: dem.zip(args.dem_sigma).map(|(dem, sigma_m)| HeightPrior { dem, sigma_m }),
-        keypoints: Some(keypoints.clone()),
-    };
-    let adjustment = adjust(&scene, &options, ui)?;
-    let used = Scene {
-        views: scene.views.into_iter().filter(|v| adjustment.cameras.iter().any(|c| c.0 == v.name)).collect(),
-        ..scene
-    };
-    adjustment.write(&folder, &used)?;
-    align::forget(&args.output)?;
-    write_json(&args.output.join(SCENE), &used)?;
-    let seconds = started.elapsed().as_secs_f64();
-    // The rest of the summary is the report, which alignment changes.
-    stage.complete(&serde_json::json!({ "seconds": seconds }))?;
-    forget(&keypoints);
-    let text = format!("{}adjusted in {seconds:.1} s", adjustment.report.table());
-    ui.summary("ba", &text, summary(&adjustment.report, seconds.into()));
-    Ok(adjustment.report.left_out)
-}
-
-/// What `--json` says of an adjustment.
-fn summary(report: &Report, seconds: Value) -> Value {
-    let mut json = serde_json::to_value(report).unwrap_or_default();
-    json["seconds"] = seconds;
-    json
-}
-
-/// What a scene holds beside its files, by what a user calls it: as text where that is short, else as a hash.
-fn scene_fields(scene: &Scene) -> Fingerprint {
-    let mut out = Fingerprint::new();
-    let mut insert = |field: &str, value: String| {
-        let name = SCENE_FIELDS.iter().find(|f| f.0 == field).map_or(field, |f| f.1);
-        out.insert(name.into(), if value.len() > SHOWN_LENGTH { hash(value.as_bytes()) } else { value });
-    };
-    let Ok(Value::Object(fields)) = serde_json::to_value(scene) else { return out };
-    for (field, value) in fields.iter().filter(|f| f.0 != "views") {
-        insert(field, value.to_string());
-    }
-    let mut by_field = BTreeMap::<&str, Vec<(&Value, &Value)>>::new();
-    for view in fields["views"].as_array().into_iter().flatten() {
-        for (field, value) in view.as_object().into_iter().flatten() {
-            by_field.entry(field).or_default().push((&view["name"], value));
-        }
-    }
-    for (field, values) in by_field {
-        let first = values[0].1;
-        let is_common = values.len() == scene.views.len() && values.iter().all(|v| v.1 == first);
-        let all: Vec<String> = values.iter().map(|(view, value)| format!("{view}: {value}")).collect();
-        insert(field, if is_common { first.to_string() } else { all.join(", ") });
-    }
-    out
-}
-
-/// Tells an adjusted run where the scene's images are by now: they may have moved.
-fn find_files_again(run: &Path, scene: &Scene) -> Result<(), Failure> {
-    let before = read_scene(run)?;
-    let mut used = before.clone();
-    for view in &mut used.views {
-        if let Some(now) = scene.views.iter().find(|v| v.name == view.name) {
-            (view.image, view.mask) = (now.image.clone(), now.mask.clone());
-        }
-    }
-    if used == before { Ok(()) } else { write_json(&run.join(SCENE), &used) }
-}
-
-/// Removes keypoints that an adjustment kept; what is left behind does no harm.
-fn forget(keypoints: &Path) {
-    let _ = std::fs::remove_dir_all(keypoints);
+    let hint = format!("`{}` gives the reasons; everything else is complete", report.display());
+    Err(CliError::partial(message, hint))
 }
 
 /// A run folder among the images would be read as part of the scene the next time.
-fn refuse_output_inside(output: &Path, scene: &Path) -> Result<(), Failure> {
+fn refuse_output_inside(output: &Path, scene: &Path) -> Result<(), CliError> {
     let absolute = |p: &Path| std::fs::canonicalize(p).ok();
     let same = absolute(output).is_some_and(|o| Some(o) == absolute(scene));
     if same {
         let message = format!("the output `{}` is the scene itself", output.display());
-        return Err(Failure::input(message, "-o takes another folder"));
+        return Err(CliError::input(message, "choose another folder for -o"));
     }
     Ok(())
 }

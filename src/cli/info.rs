@@ -1,7 +1,7 @@
 //! `satgs info`.
 
 use super::scene_args::SceneArgs;
-use super::{Failure, Ui};
+use super::{CliError, Ui};
 use crate::io::{ImageFile, Outline, check_writable, write_outlines};
 use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, ValueRange, View, angle_between_deg};
 use crate::splat::train::expectation::{BEST_CONVERGENCE_DEG, Extent, best_convergence_deg};
@@ -15,15 +15,15 @@ const LISTED_PAIRS: usize = 5;
 /// Views up to which a matrix fits a terminal.
 const MATRIX_VIEWS: usize = 8;
 
-/// Show what a scene holds: views, cameras, suns, dates, convergence angles, common ground
+/// Show what a scene contains: views, cameras, suns, dates, convergence angles, common ground
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Write the footprints at the middle height: GeoJSON, or a GeoPackage if FILE ends in .gpkg
+    /// Write the footprints of the images at the middle of the height range: GeoJSON, or GeoPackage if FILE ends in .gpkg
     #[arg(long, value_name = "FILE")]
     footprints: Option<PathBuf>,
-    /// Write a picture: footprints, and satellites (blue) and suns (orange) on the sky, north up, zenith in the middle
+    /// Write a plot of the footprints, and a sky plot of satellites (blue) and suns (orange): north up, zenith in the centre
     #[arg(long, value_name = "FILE.svg")]
     skyplot: Option<PathBuf>,
     /// Replace files that exist
@@ -32,10 +32,10 @@ pub struct Args {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
+pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     for file in [&args.footprints, &args.skyplot].into_iter().flatten() {
         if file.exists() && !args.overwrite {
-            return Err(Failure::input(format!("`{}` exists", file.display()), "--overwrite replaces it"));
+            return Err(CliError::input(format!("`{}` exists", file.display()), "--overwrite replaces it"));
         }
     }
     let scene = args.scene.read(None, ui)?;
@@ -45,7 +45,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     let overlap = scene.overlap()?;
     let rows = scene.views.iter().map(|v| Row::new(v, overlap.height_m)).collect::<Result<Vec<_>, _>>()?;
     let pairs = Pairs::new(&rows);
-    let order = format!("of several RPCs the first counts: {RPC_ORDER}\n");
+    let order = format!("if an image has several RPCs, the first in this order is used: {RPC_ORDER}\n");
     let gamma = gamma_hint(&scene, &rows).unwrap_or_default();
     let valid = validity_notes(&rows);
     let expected = expectation(&rows, &pairs, &overlap);
@@ -58,7 +58,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     if let Some(file) = &args.skyplot {
         scene.skyplot(&overlap)?.write(file, "footprints of the views, satellites and suns")?;
     }
-    ui.summary("info", &text, summary(&scene, &rows, &pairs, &overlap));
+    ui.summary("info", Some(&text), &summary(&scene, &rows, &pairs, &overlap))?;
     Ok(scene.require_shared_ground(scene.height_range())?)
 }
 
@@ -78,7 +78,7 @@ struct Row<'a> {
 }
 
 impl<'a> Row<'a> {
-    fn new(view: &'a View, height_m: f64) -> Result<Self, Failure> {
+    fn new(view: &'a View, height_m: f64) -> Result<Self, CliError> {
         let file = ImageFile::open(&view.image)?;
         Ok(Self {
             view,
@@ -171,26 +171,26 @@ fn validity_notes(rows: &[Row]) -> String {
     let mut out = String::new();
     let part = listed(&|r| Some(r.valid_percent).filter(|p| *p < 100.0));
     if !part.is_empty() {
-        let _ = writeln!(out, "valid pixels (the others are nodata, transparent or masked): {part}");
+        let _ = writeln!(out, "valid pixels (all others are nodata, transparent or masked): {part}");
     }
     let margins = listed(&|r| r.margin_percent);
     if !margins.is_empty() {
         let _ = writeln!(
             out,
-            "black along the border, taken for ground unless declared as nodata (`gdal_edit.py -a_nodata 0 FILE`, or \
+            "black pixels along the border, used as image unless declared as nodata (`gdal_edit.py -a_nodata 0 FILE`, or \
              `mask` in a list of views): {margins}"
         );
     }
     out
 }
 
-/// What to try when most images are as bright as those made for looking at.
+/// What to try when most images are as bright as images that are processed for display.
 fn gamma_hint(scene: &Scene, rows: &[Row]) -> Option<&'static str> {
     let is_displayed = |r: &&Row| r.values.is_some_and(|v| v.is_displayed(r.bits));
     let displayed = rows.iter().filter(is_displayed).count();
     (2 * displayed > rows.len() && scene.transfer_function.is_linear()).then_some(
-        "8-bit values as bright as these are mostly made for looking at: with --gamma 2.2 training and matching compare \
-         the light that they stand for\n",
+        "8-bit images as bright as these are usually processed for display: consider --gamma 2.2, with which training and \
+         matching compare linear light\n",
     )
 }
 
@@ -228,7 +228,7 @@ impl Pairs {
 
     fn text(&self, rows: &[Row]) -> String {
         let Some([min, median, max]) = self.min_median_max() else {
-            return "convergence: one view has none\n".into();
+            return "convergence: needs two views\n".into();
         };
         let mut out = format!(
             "convergence of {} pairs: min {min:.1}°, median {median:.1}°, max {max:.1}°\n",
@@ -288,12 +288,12 @@ fn ground(scene: &Scene, o: &Overlap) -> String {
         .filter_map(|(v, n)| n.is_some_and(|n| n.1 < 50.0).then_some(v))
         .collect();
     for view in strays {
-        let _ = writeln!(out, "  {} looks elsewhere: {}", view.name, view.place(o.height_m));
+        let _ = writeln!(out, "  {} shows other ground: {}", view.name, view.place(o.height_m));
     }
     out
 }
 
-/// What `satgs run` can be expected to give and take; nothing without two views of common ground.
+/// Expected accuracy and time of `satgs run`; nothing without two views of common ground.
 fn expectation(rows: &[Row], pairs: &Pairs, o: &Overlap) -> String {
     let (Some((west, south, east, north)), Some(recipe)) = (o.common_box, Recipe::named(Recipe::NAMES[0]))
     else {

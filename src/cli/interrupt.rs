@@ -1,19 +1,20 @@
-//! Ctrl-C and SIGTERM: work that can leave a checkpoint is asked to stop, anything else stops at once.
+//! Ctrl-C and SIGTERM: work that leaves a checkpoint is asked to stop through its
+//! [`Progress`](crate::progress::Progress), which [`Ui`](super::Ui) implements; anything else stops at once.
 
-use super::failure::INTERRUPTED;
+use super::ExitStatus;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::io::Write;
 use std::sync::atomic::{AtomicU8, Ordering::SeqCst};
 
-/// Nothing would be saved by waiting.
+/// The running work leaves no checkpoint: the process ends at once.
 const AT_ONCE: u8 = 0;
 /// The running work leaves a checkpoint when it is asked to stop.
-const POLITE: u8 = 1;
+const RESUMABLE: u8 = 1;
 /// It has been asked to stop.
 const REQUESTED: u8 = 2;
 
-/// The signals' thread and the work share this; there is one set of signals a process.
+/// Shared by the thread that receives signals and the work; a process has one set of signal handlers.
 static STATE: AtomicU8 = AtomicU8::new(AT_ONCE);
 
 /// Takes Ctrl-C and SIGTERM, which batch systems and containers send first, over for the process.
@@ -26,18 +27,18 @@ pub(super) fn install() {
 }
 
 fn on_signal(_: i32) {
-    if STATE.compare_exchange(POLITE, REQUESTED, SeqCst, SeqCst).is_ok() {
+    if STATE.compare_exchange(RESUMABLE, REQUESTED, SeqCst, SeqCst).is_ok() {
         let _ =
             writeln!(std::io::stderr(), "\ninterrupted: writing a checkpoint (Ctrl-C again stops at once)");
     } else {
         let _ = writeln!(std::io::stderr(), "\ninterrupted");
-        std::process::exit(INTERRUPTED.into());
+        std::process::exit(ExitStatus::Interrupted as i32);
     }
 }
 
 /// Says whether the running work leaves a checkpoint when it is asked to stop: then a first signal only asks.
 pub(super) fn set_resumable(is_resumable: bool) {
-    STATE.store(if is_resumable { POLITE } else { AT_ONCE }, SeqCst);
+    STATE.store(if is_resumable { RESUMABLE } else { AT_ONCE }, SeqCst);
 }
 
 /// Whether the running work should stop.

@@ -1,12 +1,7 @@
 //! The command line: arguments in, a library call, a summary out. It holds no algorithm.
 
-mod checkpoints;
-mod failure;
+mod error;
 mod interrupt;
-mod products;
-mod run_folder;
-mod run_lock;
-mod stage;
 mod ui;
 
 mod align;
@@ -24,21 +19,21 @@ mod simulate;
 mod train;
 
 use clap::{Parser, Subcommand};
-pub use failure::Failure;
+pub use error::{CliError, ExitStatus};
 pub use scene_args::SceneArgs;
 pub use ui::Ui;
 
-/// From a few satellite images with RPC cameras to a georeferenced surface model, an orthophoto, corrected
-/// cameras and a Gaussian-splat model.
+/// Make a digital surface model, an orthophoto, corrected cameras and a Gaussian-splat model from a few satellite images
+/// with RPC cameras.
 ///
-/// `satgs run SCENE -o RUN` does everything in a row; the other commands are its stages.
+/// `satgs run SCENE -o RUN` does everything; the other commands are its stages and tools around them.
 #[derive(Parser)]
 #[command(
     name = "satgs",
     version,
     max_term_width = 100,
     after_help = "\
-Exit codes: 0 complete, 1 failed, 2 input or usage wrong, 3 partial, 130 interrupted."
+Exit codes: 0 complete, 1 failed, 2 wrong input or usage, 3 partly complete, 130 interrupted."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -50,16 +45,16 @@ struct Cli {
 /// Options of every command.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Common {
-    /// Print a machine-readable summary (one JSON object) on standard output
+    /// Print the summary as one JSON object on standard output
     #[arg(long, global = true)]
     json: bool,
-    /// Say more: stages and timings (-v), details (-vv)
+    /// Print more: stages and timings (-v), details (-vv)
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
-    /// Say nothing but errors
+    /// Print errors only
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// Threads to use [default: all cores]; results do not depend on it
+    /// Number of threads [default: one a core]; results do not depend on it
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
 }
@@ -80,7 +75,7 @@ enum Command {
     Report(report::Args),
 }
 
-/// Parses the command line, runs one command, reports its failure.
+/// Parses the command line, runs one command, reports its error.
 #[must_use]
 pub fn main() -> std::process::ExitCode {
     let cli = match Cli::try_parse() {
@@ -110,20 +105,25 @@ pub fn main() -> std::process::ExitCode {
         Command::Run(args) => run::run(args, &ui),
         Command::Report(args) => report::run(args, &ui),
     });
-    if result.as_ref().err().is_none_or(Failure::is_partial) {
+    if result.as_ref().err().is_none_or(CliError::is_partial) {
         ui.finish_json();
     }
-    run_lock::release();
     let lost = ui.require_output();
     // A part that is missing is told too, but what is lost decides the exit code; other failures come first.
-    let failures = [result.err(), lost.err()].into_iter().flatten().collect::<Vec<_>>();
-    failures.iter().for_each(|failure| ui.report(failure));
-    let decides = failures.iter().find(|failure| !failure.is_partial()).or(failures.first());
-    decides.map_or(std::process::ExitCode::SUCCESS, |failure| std::process::ExitCode::from(failure.exit_code))
+    let errors = [result.err(), lost.err()].into_iter().flatten().collect::<Vec<_>>();
+    errors.iter().for_each(|error| ui.report(error));
+    let decides = errors.iter().find(|error| !error.is_partial()).or(errors.first());
+    decides.map_or(std::process::ExitCode::SUCCESS, |error| std::process::ExitCode::from(error.status as u8))
 }
 
 /// A length above 0.
 fn parse_metres(text: &str) -> Result<f64, String> {
     let metres = text.parse().ok().filter(|m: &f64| m.is_finite() && *m > 0.0);
-    metres.ok_or_else(|| format!("`{text}` is no number of metres above 0"))
+    metres.ok_or_else(|| "expected metres, a number above 0".to_owned())
+}
+
+/// A summary as JSON.
+fn json(value: &impl serde::Serialize) -> Result<serde_json::Value, CliError> {
+    serde_json::to_value(value)
+        .map_err(|e| CliError::failed(format!("the summary cannot be written as JSON: {e}")))
 }

@@ -1,27 +1,25 @@
 //! `satgs report`: one page for a whole run.
 
-use super::{Failure, Ui};
-use crate::report;
+use super::{CliError, Ui};
+use crate::pipeline::report;
 use std::path::{Path, PathBuf};
 
-/// Write RUN/report.html: inputs, residuals, curves, surface, scores and commands on one page
+/// Write RUN/report.html: inputs, residuals, training curves, surface, scores and commands on one page
 ///
-/// The page holds everything it shows and opens without a network. What RUN does not hold yet is said to be missing.
+/// The page contains all its pictures and opens without a network connection. Stages that RUN does not hold yet are
+/// listed as missing.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Folder that `satgs run` filled, or some of its stages
+    /// Run folder of `satgs run`, or of some of its stages
     run: PathBuf,
 }
 
 /// Runs the command.
-pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    write(&args.run, ui)
+pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
+    show(&report(&args.run)?, ui)
 }
 
-/// Writes the page and says where it is.
-pub(super) fn write(run: &Path, ui: &Ui) -> Result<(), Failure> {
-    let page = report::write(run)?;
-    let path = page.display().to_string();
-    ui.summary("report", &path, serde_json::json!({ "page": path }));
-    Ok(())
+/// Shows where the page is.
+pub fn show(page: &Path, ui: &Ui) -> Result<(), CliError> {
+    ui.summary("report", Some(&page.display().to_string()), &serde_json::json!({ "page": page }))
 }

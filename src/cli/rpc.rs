@@ -1,6 +1,6 @@
 //! `satgs rpc`: points through a camera, cameras between formats, two cameras against each other.
 
-use super::{Failure, Ui};
+use super::{CliError, Ui};
 use crate::affine::{GroundBox, Order, residual};
 use crate::frame::{Pixel, Point};
 use crate::io::{write_file, write_with_rpc};
@@ -13,7 +13,7 @@ use std::fmt::Write;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Project and localise points, convert RPC files, compare two cameras, see what an affine camera would cost
+/// Work with RPC cameras: project and localise points, convert formats, compare two cameras, fit affine cameras
 ///
 /// FILE is an RPC file of any format satgs reads (`_RPC.TXT`, Maxar .RPB and .XML, DIMAP, OSSIM .geom, rpcm JSON,
 /// GDAL .aux.xml) or an image with its RPC inside or beside it. Pixel 0 0 is the centre of the first pixel, heights
@@ -22,34 +22,34 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     #[command(subcommand)]
     task: Task,
-    /// Take the first RPC found for an image as it is, even if it seems to be another image's
+    /// Use the first RPC found for an image even if it seems to belong to another image
     #[arg(long, global = true)]
     trust_rpc: bool,
 }
 
 #[derive(clap::Subcommand)]
 enum Task {
-    /// From the ground to the image: lines `lon lat h` become `col row`
+    /// Project ground points into the image: `lon lat h` to `col row`
     #[command(after_help = "\
 Example, a point given and points from standard input:
   satgs rpc project img_RPC.TXT 5.4401,43.2603,120
   satgs rpc project img_RPC.TXT -- -81.6637,30.3487,-20
   echo '5.4401 43.2603 120' | satgs rpc project img_RPC.TXT")]
     Project(Points),
-    /// From the image to the ground: lines `col row h` become `lon lat`
+    /// Localise pixels on the ground at a height: `col row h` to `lon lat`
     #[command(after_help = "\
 Example, the ground under an image's first pixel at 120 m:
   satgs rpc localize img.tif 0,0,120")]
     Localize(Points),
-    /// Write a camera in another format, with 17 digits
+    /// Convert a camera to another format, with 17 significant digits
     #[command(after_help = "\
-The ending of OUT says the format: .txt (_RPC.TXT), .rpb, .json (rpcm), .tif (a copy of --image with the RPC tag).
+The ending of OUT sets the format: .txt (_RPC.TXT), .rpb, .json (rpcm), .tif (a copy of --image with the RPC tag).
 Example:
   satgs rpc convert RPC_PHR1A.XML img_RPC.TXT")]
     Convert(Convert),
-    /// How far two cameras differ over the first one's volume: RMS and maximum, pixels
+    /// Compare two cameras over the volume of the first: RMS and maximum distance, pixels
     Compare(Compare),
-    /// How far the best affine and quadratic cameras are from this one over a box of ground
+    /// Fit affine and quadratic cameras to an RPC over a box, and show their distance to it, pixels
     Fit(Fit),
 }
 
@@ -57,8 +57,8 @@ Example:
 struct Points {
     /// RPC file or image
     file: PathBuf,
-    /// Points, three numbers each with commas or blanks between, after `--` if one begins with a minus; read from
-    /// standard input without any
+    /// Points of three numbers each, separated by commas or blanks; after `--` if one begins with a minus [default: read
+    /// from standard input]
     points: Vec<String>,
 }
 
@@ -78,7 +78,7 @@ struct Convert {
 
 #[derive(clap::Args)]
 struct Compare {
-    /// RPC file or image: its volume counts
+    /// RPC file or image, whose volume is used
     first: PathBuf,
     /// RPC file or image
     second: PathBuf,
@@ -88,19 +88,19 @@ struct Compare {
 struct Fit {
     /// RPC file or image
     file: PathBuf,
-    /// Side of the square of ground, metres
+    /// Side of the box on the ground, metres
     #[arg(long, default_value_t = 256.0, value_name = "METRES")]
     size: f64,
-    /// Heights above and below the middle one, metres
+    /// Half the height of the box, metres
     #[arg(long, default_value_t = 20.0, value_name = "METRES")]
     heights: f64,
-    /// Middle of the square and its height [default: the middle of the RPC's volume]
+    /// Centre of the box [default: the centre of the RPC's volume]
     #[arg(long, value_name = "LON,LAT,H", allow_hyphen_values = true)]
     at: Option<String>,
 }
 
 /// Runs the command.
-pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
+pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let load = |path: &Path| load(path, args.trust_rpc, ui);
     match &args.task {
         Task::Project(points) => project(points, &load(&points.file)?.rpc, ui),
@@ -111,7 +111,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     }
 }
 
-fn load(path: &Path, trust_rpc: bool, ui: &Ui) -> Result<RpcFile, Failure> {
+fn load(path: &Path, trust_rpc: bool, ui: &Ui) -> Result<RpcFile, CliError> {
     let file = read_camera(path, trust_rpc)?;
     for warning in &file.warnings {
         ui.event(Event::Warning(warning.clone()));
@@ -119,7 +119,7 @@ fn load(path: &Path, trust_rpc: bool, ui: &Ui) -> Result<RpcFile, Failure> {
     Ok(file)
 }
 
-fn project(args: &Points, rpc: &Rpc, ui: &Ui) -> Result<(), Failure> {
+fn project(args: &Points, rpc: &Rpc, ui: &Ui) -> Result<(), CliError> {
     let [lon_deg, lat_deg, height_m] = args.read()?;
     let ground = GroundBatch { lon_deg, lat_deg, height_m };
     let mut seen = PixelBatch::default();
@@ -129,8 +129,11 @@ fn project(args: &Points, rpc: &Rpc, ui: &Ui) -> Result<(), Failure> {
     for (col, row) in seen.col.iter().zip(&seen.row) {
         let _ = writeln!(text, "{col:.9} {row:.9}");
     }
-    ui.summary("rpc project", &text, json!({ "col": seen.col, "row": seen.row, "outside_volume": beyond }));
-    Ok(())
+    ui.summary(
+        "rpc project",
+        Some(&text),
+        &json!({ "col": seen.col, "row": seen.row, "outside_volume": beyond }),
+    )
 }
 
 /// Number of points outside the volume for which the RPC was made, and a warning if there are any.
@@ -148,7 +151,7 @@ fn outside_volume(rpc: &Rpc, ground: &GroundBatch, ui: &Ui) -> usize {
     beyond
 }
 
-fn localize(args: &Points, rpc: &Rpc, ui: &Ui) -> Result<(), Failure> {
+fn localize(args: &Points, rpc: &Rpc, ui: &Ui) -> Result<(), CliError> {
     let [col, row, height] = args.read()?;
     let pixels = PixelBatch { col, row };
     let mut ground = GroundBatch::default();
@@ -162,29 +165,24 @@ fn localize(args: &Points, rpc: &Rpc, ui: &Ui) -> Result<(), Failure> {
     let lost: Vec<usize> = (0..height.len()).filter(|i| ground.lon_deg[*i].is_nan()).collect();
     let (lon, lat) = (&ground.lon_deg, &ground.lat_deg);
     let summary = json!({ "lon": lon, "lat": lat, "outside_volume": beyond, "not_seen": lost.len() });
-    ui.summary("rpc localize", &text, summary);
+    ui.summary("rpc localize", Some(&text), &summary)?;
     let Some(first) = lost.first() else { return Ok(()) };
     let why = rpc.localize(Pixel::new(pixels.col[*first], pixels.row[*first]), height[*first]);
     let why = why.err().map_or_else(String::new, |e| e.to_string());
-    Err(Failure::partial(
-        format!(
-            "{} of {} points are not on the ground; point {}: {why}",
-            lost.len(),
-            height.len(),
-            first + 1
-        ),
-        "their lines say NaN; pixels far outside the image and heights far outside the RPC's range have no ground",
+    Err(CliError::partial(
+        format!("{} of {} points cannot be localised; point {}: {why}", lost.len(), height.len(), first + 1),
+        "their lines are NaN; pixels far outside the image and heights far outside the RPC's range cannot be localised",
     ))
 }
 
 impl Points {
     /// The three columns of the points.
-    fn read(&self) -> Result<[Vec<f64>; 3], Failure> {
+    fn read(&self) -> Result<[Vec<f64>; 3], CliError> {
         let mut input = String::new();
         let lines: Vec<&str> = if self.points.is_empty() {
-            std::io::stdin()
-                .read_to_string(&mut input)
-                .map_err(|e| Failure::input(format!("standard input: {e}"), "points are text"))?;
+            std::io::stdin().read_to_string(&mut input).map_err(|e| {
+                CliError::input(format!("standard input: {e}"), "points are read as UTF-8 text")
+            })?;
             input.lines().collect()
         } else {
             self.points.iter().map(String::as_str).collect()
@@ -205,22 +203,22 @@ impl Points {
 }
 
 /// Three finite numbers with commas or blanks between.
-fn three(text: &str, what: &str) -> Result<[f64; 3], Failure> {
+fn three(text: &str, what: &str) -> Result<[f64; 3], CliError> {
     let words = text.split([',', ' ', '\t', ';', '\r']).filter(|w| !w.is_empty());
     let numbers: Option<Vec<f64>> = words.map(|w| w.parse().ok().filter(|v: &f64| v.is_finite())).collect();
     numbers.and_then(|n| n.try_into().ok()).ok_or_else(|| {
         let shown: String = text.trim().chars().take(60).collect();
-        Failure::input(
-            format!("{what} is `{shown}`, three numbers are expected"),
+        CliError::input(
+            format!("{what} is `{shown}`, expected three numbers"),
             "longitude, latitude and height, or column, row and height, as in `5.44 43.26 120`",
         )
     })
 }
 
-fn write(args: &Convert, file: &RpcFile, ui: &Ui) -> Result<(), Failure> {
+fn write(args: &Convert, file: &RpcFile, ui: &Ui) -> Result<(), CliError> {
     let out = &args.out;
     if out.exists() && !args.overwrite {
-        return Err(Failure::input(format!("`{}` exists", out.display()), "--overwrite replaces it"));
+        return Err(CliError::input(format!("`{}` exists", out.display()), "--overwrite replaces it"));
     }
     let ending = out.extension().map_or_else(String::new, |e| e.to_string_lossy().to_lowercase());
     let text = match (ending.as_str(), &args.image) {
@@ -232,14 +230,14 @@ fn write(args: &Convert, file: &RpcFile, ui: &Ui) -> Result<(), Failure> {
             String::new()
         }
         ("tif" | "tiff", None) => {
-            return Err(Failure::input(
+            return Err(CliError::input(
                 format!("`{}` needs an image to copy", out.display()),
                 "--image IN.tif names it",
             ));
         }
         _ => {
-            return Err(Failure::input(
-                format!("`{}` has no ending that tells a format", out.display()),
+            return Err(CliError::input(
+                format!("`{}` does not end in a known format", out.display()),
                 "OUT ends in .txt, .rpb or .json, or in .tif with --image",
             ));
         }
@@ -248,14 +246,13 @@ fn write(args: &Convert, file: &RpcFile, ui: &Ui) -> Result<(), Failure> {
         write_file(out, text)?;
     }
     let line = format!("{}: {} as {}", out.display(), file.format, ending);
-    ui.summary("rpc convert", &line, json!({ "out": out, "from": file.format, "to": ending }));
-    Ok(())
+    ui.summary("rpc convert", Some(&line), &json!({ "out": out, "from": file.format, "to": ending }))
 }
 
-fn compare(args: &Compare, a: &Rpc, b: &Rpc, ui: &Ui) -> Result<(), Failure> {
+fn compare(args: &Compare, a: &Rpc, b: &Rpc, ui: &Ui) -> Result<(), CliError> {
     let difference = a.difference(b).ok_or_else(|| {
         let (first, second) = (args.first.display(), args.second.display());
-        Failure::input(format!("`{first}` and `{second}` see no common ground"), "is one of them damaged?")
+        CliError::input(format!("`{first}` and `{second}` see no common ground"), "is one of them damaged?")
     })?;
     let Difference { rms_px: rms, max_px: max, mean_px: [d_col, d_row], places } = difference;
     let text = format!(
@@ -265,11 +262,10 @@ fn compare(args: &Compare, a: &Rpc, b: &Rpc, ui: &Ui) -> Result<(), Failure> {
     );
     let summary =
         json!({ "rms_px": rms, "max_px": max, "mean_col_px": d_col, "mean_row_px": d_row, "points": places });
-    ui.summary("rpc compare", &text, summary);
-    Ok(())
+    ui.summary("rpc compare", Some(&text), &summary)
 }
 
-fn approximate(args: &Fit, rpc: &Rpc, ui: &Ui) -> Result<(), Failure> {
+fn approximate(args: &Fit, rpc: &Rpc, ui: &Ui) -> Result<(), CliError> {
     let center = match &args.at {
         Some(text) => {
             let [lon, lat, h] = three(text, "--at")?;
@@ -299,6 +295,5 @@ fn approximate(args: &Fit, rpc: &Rpc, ui: &Ui) -> Result<(), Failure> {
         "center": [center.lon_deg(), center.lat_deg(), center.height_m()], "size_m": args.size,
         "heights_m": args.heights, "affine": both(affine), "quadratic": both(quadratic),
     });
-    ui.summary("rpc fit", &text, summary);
-    Ok(())
+    ui.summary("rpc fit", Some(&text), &summary)
 }

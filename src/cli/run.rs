@@ -1,13 +1,14 @@
 //! `satgs run`: every stage in a row.
 
-use super::{Failure, Ui, ba, dsm, dsm_eval, report, train};
-use crate::metrics::Truth;
-use crate::run_files::{DSM, EVALUATION};
+use super::{CliError, Ui, ba, dsm, dsm_eval, report, train};
+use crate::bundle::LeftOut;
+use crate::pipeline::{RunOptions, StageResult, run as run_all};
 use std::path::PathBuf;
 
-/// Everything in a row: adjust, train, render, score if there is a truth, and a page that shows it all
+/// Do everything: adjust, train, render, score if there is a truth, and write a report
 ///
-/// What RUN already holds of the same input and options is kept, so that an interrupted run goes on where it was.
+/// Stages that RUN holds already, made from the same input and options, are kept: the same command continues an
+/// interrupted run where it stopped.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
@@ -16,7 +17,7 @@ pub struct Args {
     training: train::Options,
     #[command(flatten)]
     surface: dsm::Options,
-    /// Score dsm.tif against this surface model (any GDAL raster, DFC2019's .tif with its .txt, or .las, .laz)
+    /// Score dsm.tif against this surface model (any GDAL raster, DFC2019's .tif with its .txt) or point cloud (.las, .laz)
     #[arg(long, value_name = "DSM")]
     truth: Option<PathBuf>,
     #[command(flatten)]
@@ -24,21 +25,36 @@ pub struct Args {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
-    // What late stages read is opened first: training is long.
-    args.training.recipe()?;
-    args.surface.check(args.ba.output())?;
-    let options = args.scoring.options()?;
-    if let Some(truth) = &args.truth {
-        Truth::check(truth, &options)?;
-    }
+pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let (run, overwrite) = (args.ba.output(), args.ba.overwrite());
-    let left_out = ba::adjust_run(&args.ba, ui)?;
-    train::train_run(run, &args.training, overwrite, ui)?;
-    dsm::render_run(run, &args.surface, overwrite, ui)?;
-    if let Some(truth) = &args.truth {
-        dsm_eval::score(&run.join(DSM), truth, &options, Some(&run.join(EVALUATION)), ui)?;
-    }
-    report::write(run, ui)?;
+    let options = RunOptions {
+        adjust: args.ba.options(),
+        train: args.training.options(overwrite),
+        dsm: args.surface.options(overwrite),
+        truth: args.truth.clone(),
+        evaluate: args.scoring.options(true),
+    };
+    // Files that late stages read are opened before the images: training is long.
+    options.check(run)?;
+    let scene = args.ba.read_scene(ui)?;
+    let mut left_out: Vec<LeftOut> = Vec::new();
+    let mut shown = Ok(());
+    let mut show = |result: StageResult| {
+        let done = match result {
+            StageResult::Adjusted(adjusted) => {
+                left_out = adjusted.left_out().to_vec();
+                ba::show(&adjusted, ui)
+            }
+            StageResult::Trained(outcome) => train::show(run, &outcome, ui),
+            StageResult::Dsm(outcome) => dsm::show(run, &outcome, ui),
+            StageResult::Evaluated(evaluation) => dsm_eval::show(&evaluation, ui),
+            StageResult::Reported(page) => report::show(&page, ui),
+        };
+        if shown.is_ok() {
+            shown = done;
+        }
+    };
+    run_all(&scene, &options, run, ui, &mut show)?;
+    shown?;
     ba::require_all(run, &left_out)
 }

@@ -1,6 +1,6 @@
 //! The arguments of every command that reads a scene.
 
-use super::{Failure, Ui};
+use super::{CliError, Ui};
 use crate::progress::{Event, Progress};
 use crate::scene::{self, Aoi, ReadOptions, Scene, SceneError, Sun, TransferFunction};
 use std::path::{Path, PathBuf};
@@ -8,32 +8,33 @@ use std::path::{Path, PathBuf};
 /// A scene and how to read it.
 #[derive(clap::Args, Clone, Debug)]
 pub struct SceneArgs {
-    /// Folder of images with RPCs (in the file, or beside it as their vendor ships them), a folder with `images/` and
-    /// folders of RPC files, or a list: TOML with `[[view]]` tables, a STAC Item or ItemCollection
+    /// Folder of images with RPCs (in the file, or beside it as delivered by the vendor), a folder with `images/` and
+    /// folders of RPC files, or a list of views: TOML with `[[view]]` tables, a STAC Item or ItemCollection
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
-    /// Folder of RPC files beside `images/`, when there are several
+    /// Name of the folder of RPC files beside `images/` to use, when there are several
     #[arg(long, value_name = "NAME")]
     pub rpcs: Option<String>,
-    /// Sun of a view, azimuth clockwise from north and elevation in degrees; repeatable
+    /// Position of the sun in a view: azimuth clockwise from north and elevation, degrees; repeatable [default: from the
+    /// image's metadata]
     #[arg(long = "sun", value_name = "NAME=AZ,EL", value_parser = parse_sun)]
     pub suns: Vec<(String, Sun)>,
-    /// Area of interest in degrees, or a GeoJSON file with a polygon; images are read only where they may show it
-    /// [default: what at least three views see]
+    /// Area of interest: a box in degrees, or a GeoJSON file with a polygon; images are read only where they may show it
+    /// [default: the ground that at least three views see]
     #[arg(long, value_name = "W,S,E,N|FILE", allow_hyphen_values = true)]
     pub aoi: Option<String>,
     /// Bands to use, counted from 1: three as red, green, blue, or one [default: the first three]
     #[arg(long, value_name = "R,G,B", value_parser = parse_bands)]
     pub bands: Option<Bands>,
-    /// Percent of pixels cut off at each end of the values [default: 0.5, none for 8-bit images]
+    /// Contrast stretch: percentage of pixels that are clipped at each end of the values [default: 0.5, 0 for 8-bit images]
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent)]
     pub stretch: Option<f64>,
-    /// Power of brightness that is proportional to light: 2.2 for images made for looking at, as DFC2019's 8-bit colours
-    /// are; training and the matching of its surface compare light [default: 1]
-    #[arg(long, value_name = "EXPONENT", value_parser = parse_gamma)]
+    /// Display gamma of the images, light = value^GAMMA: 2.2 for images processed for display, such as DFC2019's 8-bit
+    /// colours; training and its stereo matching then compare linear light [default: 1, values are linear]
+    #[arg(long, value_name = "GAMMA", value_parser = parse_gamma)]
     pub gamma: Option<TransferFunction>,
-    /// Take the first RPC found for an image as it is, even if it seems to be for another image: of another size, or
-    /// for the sensor image of which this one is a map
+    /// Use the first RPC found for an image even if it seems to belong to another one: to an image of another size, or to
+    /// the raw sensor image that this image was orthorectified from
     #[arg(long)]
     pub trust_rpc: bool,
 }
@@ -49,7 +50,7 @@ impl SceneArgs {
     }
 
     /// Reads the scene and shows its warnings.
-    pub fn read(&self, height_range: Option<(f64, f64)>, ui: &Ui) -> Result<Scene, Failure> {
+    pub fn read(&self, height_range: Option<(f64, f64)>, ui: &Ui) -> Result<Scene, CliError> {
         let options = ReadOptions {
             rpcs: self.rpcs.clone(),
             suns: self.suns.clone(),
@@ -78,18 +79,18 @@ fn read_aoi(text: &str) -> Result<Aoi, SceneError> {
 
 fn parse_bands(text: &str) -> Result<Bands, String> {
     let bands: Option<Vec<usize>> = text.split(',').map(|w| w.trim().parse().ok()).collect();
-    let wrong = || format!("`{text}` is neither one band nor three, counted from 1");
+    let wrong = || "expected one band or three, counted from 1, e.g. 3,2,1".to_owned();
     bands.filter(|b| [1, 3].contains(&b.len()) && !b.contains(&0)).map(Bands).ok_or_else(wrong)
 }
 
 fn parse_percent(text: &str) -> Result<f64, String> {
     let percent = text.parse().ok().filter(|p| (0.0..50.0).contains(p));
-    percent.ok_or_else(|| format!("`{text}` is no percentage from 0 to 50"))
+    percent.ok_or_else(|| "expected a percentage from 0 to below 50".to_owned())
 }
 
 fn parse_gamma(text: &str) -> Result<TransferFunction, String> {
     let transfer_function = text.parse().ok().and_then(TransferFunction::new);
-    transfer_function.ok_or_else(|| format!("`{text}` is no exponent from 1 to 4"))
+    transfer_function.ok_or_else(|| "expected a number from 1 to 4".to_owned())
 }
 
 fn parse_sun(text: &str) -> Result<(String, Sun), String> {

@@ -1,26 +1,26 @@
 //! `satgs simulate`: a scene with a known answer.
 
-use super::{Failure, Ui};
+use super::{CliError, Ui};
 use crate::simulate::{Relief, SimulateOptions, Summary, simulate};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Make a test scene: a small town imaged by satellites, with its exact surface model
+/// Simulate a test scene: images of a small town with RPC cameras, and the exact surface model
 ///
-/// OUT gets 8-bit RGB GeoTIFFs with RPC tags that point several pixels wrong and with the sun in their metadata;
-/// OUT/truth gets the exact DSM, its classes (DFC2019's codes), the true RPCs and the shifts. The same options
-/// give the same bytes.
+/// OUT gets 8-bit RGB GeoTIFFs; their RPC tags have pointing errors of several pixels, their metadata hold the sun's
+/// position. OUT/truth gets the exact DSM, its classes (DFC2019's codes), the true RPCs and the pointing errors. The same
+/// options give the same bytes.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example: satgs simulate town && satgs run town -o run --truth town/truth/TOWN_DSM.tif"
 )]
 pub struct Args {
-    /// Folder to make the scene in
+    /// Folder for the scene
     out: PathBuf,
-    /// Another seed is another town
+    /// Seed of the random town
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
-    /// Number of images; 8 or more make a sound scene
+    /// Number of images; 8 or more are recommended
     #[arg(long, default_value_t = 10, value_name = "N")]
     views: usize,
     /// Columns and rows of every image, pixels
@@ -29,7 +29,7 @@ pub struct Args {
     /// Ground sampling distance at nadir, metres
     #[arg(long, default_value_t = 0.5, value_name = "M")]
     gsd: f64,
-    /// A town on hills: 60 m of relief instead of some 15 m
+    /// Put the town on hills: 60 m of relief instead of about 15 m
     #[arg(long)]
     hilly: bool,
     /// Replace the files of an earlier simulation in OUT
@@ -38,7 +38,7 @@ pub struct Args {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
+pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let options = SimulateOptions {
         seed: args.seed,
         views: args.views,
@@ -49,8 +49,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), Failure> {
     };
     let summary = simulate(&args.out, &options, ui)?;
     let json = serde_json::json!({ "out": args.out, "options": options, "summary": summary });
-    ui.summary("simulate", &text(args, &summary), json);
-    Ok(())
+    ui.summary("simulate", Some(&text(args, &summary)), &json)
 }
 
 fn text(args: &Args, summary: &Summary) -> String {

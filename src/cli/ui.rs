@@ -1,6 +1,7 @@
 //! What the user sees: progress bars on a terminal, log lines, the summary, the error.
 
-use super::{Common, Failure, interrupt};
+use super::{CliError, Common, ExitStatus, interrupt};
+use crate::pipeline::Outcome;
 use crate::progress::{Event, Progress};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
@@ -39,7 +40,7 @@ impl Ui {
     }
 
     /// Starts logging and the thread pool, and takes Ctrl-C over.
-    pub(super) fn set_up(&self) -> Result<(), Failure> {
+    pub(super) fn set_up(&self) -> Result<(), CliError> {
         let level = match (self.common.quiet, self.common.verbose) {
             (true, _) => tracing::Level::ERROR,
             (_, 0) => tracing::Level::WARN,
@@ -56,38 +57,39 @@ impl Ui {
             .try_init();
         interrupt::install();
         if let Some(n) = self.common.threads {
-            rayon::ThreadPoolBuilder::new().num_threads(n.into()).build_global().map_err(|e| Failure {
-                message: e.to_string(),
-                hint: None,
-                exit_code: 1,
-            })?;
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(n.into())
+                .build_global()
+                .map_err(|e| CliError::failed(e.to_string()))?;
         }
         Ok(())
     }
 
-    /// Whether `-v` asked for more.
-    #[must_use]
-    pub fn is_verbose(&self) -> bool {
-        self.common.verbose > 0
-    }
-
-    /// Says something in passing.
-    pub fn note(&self, text: &str) {
-        self.event(Event::Note(text.into()));
-    }
-
-    /// A stage's result: `text` is printed now; with `--json`, `json` at the end.
-    pub fn summary(&self, stage: &str, text: &str, json: serde_json::Value) {
-        if !self.common.json && !self.common.quiet {
+    /// The summary of a stage: the text is printed now; with `--json`, `json` at the end.
+    pub fn summary(
+        &self,
+        stage: &str,
+        text: Option<&str>,
+        json: &impl serde::Serialize,
+    ) -> Result<(), CliError> {
+        if let Some(text) = text.filter(|_| !self.common.json && !self.common.quiet) {
             self.print_out(text);
         }
-        locked(&self.summaries).insert(stage.into(), json);
+        locked(&self.summaries).insert(stage.into(), super::json(json)?);
+        Ok(())
     }
 
-    /// What a stage that is done already said when it was made, for `--json`.
-    pub fn repeat_summary(&self, stage: &str, json: Option<serde_json::Value>) {
-        if let Some(json) = json {
-            locked(&self.summaries).insert(stage.into(), json);
+    /// The summary of a stage that may have been kept: then only `--json` prints it, if it is there.
+    pub fn outcome<T: serde::Serialize>(
+        &self,
+        stage: &str,
+        outcome: &Outcome<T>,
+        text: impl Fn(&T) -> String,
+    ) -> Result<(), CliError> {
+        match outcome {
+            Outcome::Made(summary) => self.summary(stage, Some(&text(summary)), summary),
+            Outcome::Kept(Some(summary)) => self.summary(stage, None, summary),
+            Outcome::Kept(None) => Ok(()),
         }
     }
 
@@ -108,14 +110,14 @@ impl Ui {
     }
 
     /// An error if standard output did not take what was printed. A closed pipe (`| head`) is the reader's choice.
-    pub(super) fn require_output(&self) -> Result<(), Failure> {
+    pub(super) fn require_output(&self) -> Result<(), CliError> {
         locked(&self.lost).take().map_or(Ok(()), output_lost)
     }
 
-    pub(super) fn report(&self, failure: &Failure) {
+    pub(super) fn report(&self, error: &CliError) {
         self.finish();
-        self.line(&format!("error: {}", failure.message));
-        if let Some(hint) = &failure.hint {
+        self.line(&format!("error: {}", error.message));
+        if let Some(hint) = &error.hint {
             self.line(&format!("hint: {hint}"));
         }
     }
@@ -205,15 +207,15 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The failure of a standard output that takes nothing more.
-pub(super) fn output_lost(error: std::io::Error) -> Result<(), Failure> {
+/// The error of a standard output that cannot be written.
+pub(super) fn output_lost(error: std::io::Error) -> Result<(), CliError> {
     if error.kind() == std::io::ErrorKind::BrokenPipe {
         return Ok(());
     }
-    Err(Failure {
+    Err(CliError {
         message: format!("standard output could not be written: {error}"),
-        hint: Some("what went into files is complete".into()),
-        exit_code: 1,
+        hint: Some("all files are complete".into()),
+        status: ExitStatus::Failed,
     })
 }
 

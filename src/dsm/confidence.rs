@@ -154,8 +154,13 @@ mod tests {
         surface.confidence.views = Grid2::filled(8, 3, 2.0);
         let cells = |value: f32| Grid2::filled(8, 3, value);
         let score = Grid2::from_fn(8, 3, |col, _| if col == 5 { 0.0 } else { 0.4 });
-        let matched =
-            MatchedSurface { site, grid: surface.grid, altitude: cells(0.0), score, hold: cells(0.0) };
+        let matched = MatchedSurface {
+            site,
+            grid: surface.grid,
+            altitude: cells(0.0),
+            score,
+            prior_weight: cells(0.0),
+        };
         surface.mark_filled(&matched);
         assert_eq!(surface.confidence.views, Grid2::from_fn(8, 3, |col, _| if col == 5 { 0.0 } else { 2.0 }));
     }

@@ -108,12 +108,13 @@ pub fn render(
     height.data.iter_mut().for_each(|z| *z += site.origin.z() as f32);
     let mut colors: [Grid2; 3] = std::array::from_fn(|c| image.plane(c));
     let (mut spread, square, mut opacity) = (image.plane(3), image.plane(4), image.plane(5));
+    let sunlit = reference.sunlit();
     for i in 0..height.data.len() {
         let opaque = 1.0 - opacity.data[i];
         let mean = spread.data[i] / opaque;
         spread.data[i] = (square.data[i] / opaque - mean * mean).max(0.0).sqrt();
         opacity.data[i] = opaque;
-        let lit = reference.sunlit(std::array::from_fn(|c| colors[c].data[i] / opaque));
+        let lit = sunlit(std::array::from_fn(|c| colors[c].data[i] / opaque));
         for (raster, v) in colors.iter_mut().zip(lit) {
             raster.data[i] = if height.data[i].is_nan() { f32::NAN } else { v };
         }

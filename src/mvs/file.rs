@@ -14,7 +14,10 @@ impl MatchedSurface {
         let mut height = self.altitude.clone();
         height.data.iter_mut().for_each(|z| *z += self.site.origin.z() as f32);
         let cog = Cog { grid: self.grid, metadata: &[], heights_from: Some(&VerticalReference::Ellipsoid) };
-        cog.write_f32(path, &[("height", "m", &height), ("score", "", &self.score), ("hold", "", &self.hold)])
+        cog.write_f32(
+            path,
+            &[("height", "m", &height), ("score", "", &self.score), ("prior_weight", "", &self.prior_weight)],
+        )
     }
 
     /// Reads what [`MatchedSurface::write`] wrote, into the frame of `site`.
@@ -25,6 +28,12 @@ impl MatchedSurface {
         let file = ImageFile::open(path)?;
         let mut altitude = file.read(1)?;
         altitude.data.iter_mut().for_each(|z| *z -= site.origin.z() as f32);
-        Ok(Self { site: *site, grid: file.map_grid()?, altitude, score: file.read(2)?, hold: file.read(3)? })
+        Ok(Self {
+            site: *site,
+            grid: file.map_grid()?,
+            altitude,
+            score: file.read(2)?,
+            prior_weight: file.read(3)?,
+        })
     }
 }

@@ -150,7 +150,7 @@ pub struct MatchedSurface {
     /// an altitude was not matched but filled from around.
     pub score: Grid2,
     /// How far training is to be held to it: 1 where it bridges something plain from what views agree on, else down to 0.
-    pub hold: Grid2,
+    pub prior_weight: Grid2,
 }
 
 impl MatchedSurface {
@@ -222,7 +222,7 @@ impl PlaneSweep {
             let look = Look::new(self, &surface.altitude, &surface.believed());
             surface = self.pick(&Volume::correlate(self, Some(&look)), JUMP);
         }
-        surface.hold = self.hold(&surface);
+        surface.prior_weight = self.prior_weight(&surface);
         progress.event(Event::Finished);
         Ok(surface)
     }
@@ -233,8 +233,8 @@ impl PlaneSweep {
         self.images.len() >= BETTERED_FROM_VIEWS
     }
 
-    /// [`MatchedSurface::hold`] of a surface.
-    fn hold(&self, surface: &MatchedSurface) -> Grid2 {
+    /// [`MatchedSurface::prior_weight`] of a surface.
+    fn prior_weight(&self, surface: &MatchedSurface) -> Grid2 {
         let believed = surface.believed();
         let look = Look::new(self, &surface.altitude, &believed);
         let around = (SUPPORT_REACH_M / self.grid.cell) as i64;
@@ -251,7 +251,7 @@ impl PlaneSweep {
             plain * (share / SUPPORT).min(1.0)
         };
         Grid2::from_rows(self.grid.width, self.grid.height, |row, line| {
-            line.iter_mut().enumerate().for_each(|(col, hold)| *hold = of(col, row));
+            line.iter_mut().enumerate().for_each(|(col, weight)| *weight = of(col, row));
         })
     }
 
@@ -323,13 +323,13 @@ impl PlaneSweep {
         let picked: Vec<(f32, f32)> = (0..width * height).into_par_iter().map(best).collect();
         let (altitude, score) = picked.into_iter().unzip();
         let plane = |data: Vec<f32>| Grid2 { width, height, data };
-        let hold = Grid2::filled(width, height, 0.0);
+        let prior_weight = Grid2::filled(width, height, 0.0);
         MatchedSurface {
             site: self.site,
             grid: self.grid,
             altitude: plane(altitude),
             score: plane(score),
-            hold,
+            prior_weight,
         }
     }
 }

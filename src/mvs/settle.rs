@@ -120,8 +120,8 @@ mod tests {
         let (width, height) = (altitude.width, altitude.height);
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
-        let (score, hold) = (Grid2::from_fn(width, height, score), Grid2::filled(width, height, 0.0));
-        MatchedSurface { site, grid, altitude, score, hold }.settled(trained).altitude
+        let (score, prior_weight) = (Grid2::from_fn(width, height, score), Grid2::filled(width, height, 0.0));
+        MatchedSurface { site, grid, altitude, score, prior_weight }.settled(trained).altitude
     }
 
     #[test]

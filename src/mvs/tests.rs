@@ -149,7 +149,7 @@ fn training_is_held_where_a_plain_roof_is_bridged_from_its_edges_and_nowhere_els
         PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap()
     };
     let mean = |surface: &MatchedSurface, is_meant: fn(Point<Site>) -> bool| {
-        let (width, cells) = (surface.grid.width, surface.hold.data.iter().enumerate());
+        let (width, cells) = (surface.grid.width, surface.prior_weight.data.iter().enumerate());
         let meant: Vec<f32> =
             cells.filter(|(i, _)| is_meant(surface.point(i % width, i / width))).map(|(_, h)| *h).collect();
         meant.iter().sum::<f32>() / meant.len() as f32

@@ -57,16 +57,18 @@ impl SplatAdam {
 }
 
 /// A view's moments; they advance only when the view is drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AppearanceAdam {
-    first: [f32; 15],
-    second: [f32; 15],
+    first: Vec<f32>,
+    second: Vec<f32>,
     steps: u32,
 }
 
 impl AppearanceAdam {
     /// One step.
-    pub fn step(&mut self, appearance: &mut Appearance, gradient: &[f32; 15], rate: f64) {
+    pub fn step(&mut self, appearance: &mut Appearance, gradient: &[f32], rate: f64) {
+        self.first.resize(gradient.len(), 0.0);
+        self.second.resize(gradient.len(), 0.0);
         self.steps += 1;
         let correction = Correction::after(self.steps);
         // PyTorch's default, which EOGS uses for the cameras.

@@ -167,7 +167,7 @@ mod tests {
             if x.abs() < 8.0 && y.abs() < 6.0 { 12.0 } else { 0.0 }
         });
         let ones = Grid2::filled(100, 80, 1.0);
-        MatchedSurface { site, grid, altitude, score: ones.clone(), hold: ones }
+        MatchedSurface { site, grid, altitude, score: ones.clone(), prior_weight: ones }
     }
 
     #[test]

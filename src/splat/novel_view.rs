@@ -7,7 +7,7 @@ use crate::scene::Sun;
 use crate::splat::appearance::Appearance;
 use crate::splat::backend::stopwatch::Stopwatch;
 use crate::splat::objective::{Objective, ShearedCamera, StepInput};
-use crate::splat::raster::{FrameCamera, Image};
+use crate::splat::raster::{FrameCamera, Image, channel};
 use crate::splat::splats::Splats;
 
 /// A place to look from, and the light.
@@ -63,17 +63,18 @@ impl NovelView {
         let nothing = Image::default();
         let shot = StepInput {
             camera: FrameCamera::new(&self.camera, self.size.0, self.size.1),
-            truth: &nothing,
+            target: &nothing,
             valid: &[],
             sun: self.sun_shear.map(|s| ShearedCamera::sun(&self.camera, self.size, s, altitudes)),
             virtual_view: None,
             background: [0.0; 3],
             floor: 0.0,
         };
-        let mut objective = Objective::default();
-        objective.show(splats, appearance, &shot, &mut Stopwatch::default());
+        let mut objective = Objective::new(appearance.kind, Vec::new());
+        objective.forward(splats, &appearance.values, &shot, &mut Stopwatch::default());
         let (picture, view) = (objective.picture(), objective.view());
-        let (mut altitude, transmittance) = (view.plane(3), view.plane(4));
+        let (mut altitude, transmittance) =
+            (view.plane(channel::ALTITUDE), view.plane(channel::TRANSMITTANCE));
         for (z, t) in altitude.data.iter_mut().zip(&transmittance.data) {
             *z = if *t > 0.5 { f32::NAN } else { *z / (1.0 - t) };
         }

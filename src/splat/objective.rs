@@ -1,20 +1,18 @@
-//! One iteration's loss and its gradient: the view, the sun and a virtual camera rendered from one preparation.
+//! One iteration's loss and its gradient: the view, the sun and a virtual camera, rendered from one sorted set of splats.
 //!
-//! EOGS's model. The view is rendered with four features (colour, altitude). With the sun's image and the view's
-//! radiometry they make the picture ([`ShadowModel`]), which is compared with the image ([`Photometric`]). A randomly
-//! sheared camera must show the same ([`Consistency`]).
+//! EOGS's model. The view is rendered with four features (colour, altitude). The sun's image of altitudes tells each
+//! pixel's share of sunlight ([`ShadowModel`]), and the view's colour model makes the picture of both
+//! ([`AppearanceModel`]). The terms of the loss ([`LossTerm`]) compare picture, renders and splats.
 
+use super::appearance::{AppearanceKind, AppearanceModel, ShadingGradient, ShadingInput};
+use super::backend::stopwatch::Stopwatch;
+use super::loss::{COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
+use super::raster::{FrameCamera, Image, Rasterizer, SortedSplats, SplatGradient, channel};
+use super::shadow::ShadowModel;
+use super::shear_warp::ShearWarp;
+use super::splats::Splats;
 use crate::affine::AffineCamera;
-use crate::simd::Real;
-use crate::simd::SimdReal;
-use crate::splat::appearance::Appearance;
-use crate::splat::backend::stopwatch::Stopwatch;
-use crate::splat::loss::consistency::{Consistency, Difference, Weights};
-use crate::splat::loss::photometric::{Photometric, Similarity};
-use crate::splat::raster::{FrameCamera, Image, Rasterizer, SortedSplats, SplatGradient};
-use crate::splat::shadow::{ByPicture, Scene, ShadowModel};
-use crate::splat::shear_warp::ShearWarp;
-use crate::splat::splats::{Splats, color_from_f_dc, f_dc_gradient};
+use crate::simd::{Real, Simd, SimdKernel, SimdReal, SimdVec};
 use rayon::prelude::*;
 
 /// The renders, as the stopwatch calls them.
@@ -22,33 +20,11 @@ const VIEW: &str = "view";
 const SUN: &str = "sun image";
 const VIRTUAL: &str = "virtual view";
 
-/// What the loss weighs (EOGS's names in brackets).
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LossWeights {
-    /// Mean opacity over the splats (`L_opacity`).
-    pub opacity: f64,
-    /// Virtual camera's altitude, per metre (`L_new_altitude`).
-    pub consistency_altitude: f64,
-    /// Virtual camera's colour (`L_new_rgb`).
-    pub consistency_color: f64,
-    /// Entropy of the shares of sunlight (`L_translucentshadows`).
-    pub shadow_entropy: f64,
-}
-
-impl LossWeights {
-    /// Whether a virtual view weighs anything.
-    #[must_use]
-    pub fn has_consistency(&self) -> bool {
-        self.consistency_altitude > 0.0 || self.consistency_color > 0.0
-    }
-}
-
-/// Another camera of the view's family, as the view's pixels reach it.
+/// A sheared camera of a view, and where the view's pixels lie in its image.
 #[derive(Clone, Copy, Debug)]
 pub struct ShearedCamera<T> {
     camera: FrameCamera<T>,
-    lookup: ShearWarp<T>,
+    warp: ShearWarp<T>,
 }
 
 impl<T: Real> ShearedCamera<T> {
@@ -63,7 +39,7 @@ impl<T: Real> ShearedCamera<T> {
         let ((col, width), (row, height)) = (axis(shear[0], size.0), axis(shear[1], size.1));
         Self {
             camera: FrameCamera::new(&view.sheared(shear).cropped(col, row), width, height),
-            lookup: ShearWarp { shear: shear.map(T::from_f64), origin: [T::from_f64(col), T::from_f64(row)] },
+            warp: ShearWarp { shear: shear.map(T::from_f64), origin: [T::from_f64(col), T::from_f64(row)] },
         }
     }
 
@@ -72,17 +48,17 @@ impl<T: Real> ShearedCamera<T> {
     pub fn virtual_view(view: &AffineCamera, size: (usize, usize), shear: [f64; 2]) -> Self {
         Self {
             camera: FrameCamera::new(&view.sheared(shear), size.0, size.1),
-            lookup: ShearWarp { shear: shear.map(T::from_f64), origin: [T::zero(); 2] },
+            warp: ShearWarp { shear: shear.map(T::from_f64), origin: [T::zero(); 2] },
         }
     }
 }
 
-/// What an iteration looks at.
+/// What an iteration renders and compares.
 pub struct StepInput<'a, T> {
     /// The view's camera.
     pub camera: FrameCamera<T>,
-    /// The view's image, colours in [0, 1]; zero where masked.
-    pub truth: &'a Image<T>,
+    /// The view's image, linear colours in [0, 1]; zero where masked.
+    pub target: &'a Image<T>,
     /// Pixels that count, row by row; empty when all do.
     pub valid: &'a [bool],
     /// The sun's image, if shadows are modelled.
@@ -103,21 +79,13 @@ impl<T: Real> StepInput<'_, T> {
     }
 }
 
-/// The loss and its terms, unweighted.
+/// The loss of an iteration.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Losses {
-    /// The weighted sum.
+    /// The weighted sum of all terms.
     pub total: f64,
-    /// The picture against the image.
-    pub picture: Similarity,
-    /// Mean opacity.
-    pub opacity: f64,
-    /// Mean altitude difference to the virtual camera, metres.
-    pub consistency_altitude: f64,
-    /// Mean colour difference to the virtual camera.
-    pub consistency_color: f64,
-    /// Mean entropy of the shares of sunlight, bits.
-    pub shadow_entropy: f64,
+    /// The terms' columns ([`loss::column_names`](crate::splat::loss::column_names)), unweighted.
+    pub columns: [f64; COLUMNS],
 }
 
 /// Derivatives of the loss by everything that is trained.
@@ -125,189 +93,256 @@ pub struct Losses {
 pub struct Gradient<T> {
     /// By the splats' parameters.
     pub splats: Splats<T>,
-    /// By the view's radiometry.
-    pub appearance: [T; 15],
+    /// By the parameters of the view's colour model.
+    pub appearance: Vec<T>,
 }
 
 /// Computes losses and gradients; keeps every buffer between iterations.
-#[derive(Default)]
 pub struct Objective<T: Real> {
-    prepared: SortedSplats<T>,
+    sorted: SortedSplats<T>,
     view: Rasterizer<T, 4>,
     sun: Rasterizer<T, 1>,
     virtual_view: Rasterizer<T, 4>,
+    colors: Vec<[T; 3]>,
     features: Vec<[T; 4]>,
     altitudes: Vec<[T; 1]>,
+    by_colors: Vec<[T; 3]>,
     by_feature: Vec<[T; 4]>,
     by_altitude: Vec<[T; 1]>,
-    by_shared: Vec<SplatGradient<T>>,
-    shading: ShadowModel<T>,
-    photometric: Photometric<T>,
-    consistency: Consistency<T>,
+    by_sorted: Vec<SplatGradient<T>>,
+    shadows: ShadowModel<T>,
+    appearance: Box<dyn AppearanceModel<T>>,
+    picture: Image<T>,
+    by_view: Image<T>,
+    by_sunlight: Image<T>,
+    terms: Vec<Box<dyn LossTerm<T>>>,
 }
 
 impl<T: SimdReal> Objective<T> {
-    /// The loss of one shot; its gradient goes to `gradient`, the time that stages took to `watch`.
+    /// The loss of these terms, with a colour model.
+    #[must_use]
+    pub fn new(appearance: AppearanceKind, terms: Vec<Box<dyn LossTerm<T>>>) -> Self {
+        Self {
+            sorted: SortedSplats::default(),
+            view: Rasterizer::default(),
+            sun: Rasterizer::default(),
+            virtual_view: Rasterizer::default(),
+            colors: Vec::new(),
+            features: Vec::new(),
+            altitudes: Vec::new(),
+            by_colors: Vec::new(),
+            by_feature: Vec::new(),
+            by_altitude: Vec::new(),
+            by_sorted: Vec::new(),
+            shadows: ShadowModel::default(),
+            appearance: appearance.model(),
+            picture: Image::default(),
+            by_view: Image::default(),
+            by_sunlight: Image::default(),
+            terms,
+        }
+    }
+
+    /// The loss of one step. Its gradient goes to `gradient`, the time of each part to `watch`.
     pub fn evaluate(
         &mut self,
-        gaussians: &Splats<T>,
-        appearance: &Appearance<T>,
-        shot: &StepInput<T>,
+        splats: &Splats<T>,
+        appearance: &[T],
+        input: &StepInput<T>,
         weights: &LossWeights,
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
     ) -> Losses {
-        self.show(gaussians, appearance, shot, watch);
-        let (picture, _) = self.photometric.compare(self.shading.picture(), shot.truth);
-        watch.lap("pixels", "SSIM and L1");
-        let consistency =
-            Weights { altitude: weights.consistency_altitude, color: weights.consistency_color };
-        let difference = match &shot.virtual_view {
-            Some(v) => {
-                draw(
-                    &mut self.virtual_view,
-                    VIRTUAL,
-                    &self.prepared,
-                    &self.features,
-                    &v.camera,
-                    shot.behind(),
-                    watch,
-                );
-                let others = self.virtual_view.image();
-                let difference = self.consistency.compare(self.view.image(), others, &v.lookup, consistency);
-                watch.lap(VIRTUAL, "consistency");
-                difference
-            }
-            None => Difference::default(),
+        self.forward(splats, appearance, input, watch);
+        if let Some(v) = &input.virtual_view {
+            let behind = input.behind();
+            draw(&mut self.virtual_view, VIRTUAL, &self.sorted, &self.features, &v.camera, behind, watch);
+        }
+        let rendered = Rendered {
+            view: self.view.image(),
+            picture: &self.picture,
+            sunlight: input.sun.is_some().then_some(self.shadows.sunlight()),
+            virtual_view: input.virtual_view.as_ref().map(|v| (self.virtual_view.image(), &v.warp)),
+            target: input.target,
+            splats,
+            sorted: &self.sorted,
         };
-        let by = ByPicture {
-            picture: self.photometric.by_picture(),
-            entropy: weights.shadow_entropy,
-            view: shot.virtual_view.as_ref().map(|_| self.consistency.by_view()),
-        };
-        let scene = scene(&self.view, &self.sun, appearance, shot);
-        gradient.appearance = self.shading.backward(scene, by);
-        watch.lap("pixels", "picture backward");
-        self.splats_backward(gaussians, shot, weights, gradient, watch);
-
-        let mut losses = Losses {
-            total: 0.0,
-            picture,
-            opacity: self.prepared.mean_opacity(),
-            consistency_altitude: difference.altitude,
-            consistency_color: difference.color,
-            shadow_entropy: self.shading.entropy(),
-        };
-        losses.total = picture.loss()
-            + weights.opacity * losses.opacity
-            + weights.consistency_altitude * losses.consistency_altitude
-            + weights.consistency_color * losses.consistency_color
-            + weights.shadow_entropy * losses.shadow_entropy;
-        watch.lap("splats", "parameters backward");
+        let mut losses = Losses::default();
+        let mut columns = &mut losses.columns[..];
+        for ((term, info), weights) in self.terms.iter_mut().zip(TERMS).zip(weights.by_term()) {
+            let (own, others) = columns.split_at_mut(info.columns.len());
+            losses.total += term.evaluate(&rendered, weights, own);
+            columns = others;
+        }
+        watch.lap("pixels", "loss terms");
+        self.pixels_backward(appearance, input, gradient, watch);
+        self.splats_backward(splats, appearance, input, gradient, watch);
         losses
     }
 
-    /// Makes the picture of one shot, whose `truth` and `virtual_view` do not matter.
-    pub fn show(
+    /// Makes the picture of one step; its target and virtual view do not matter.
+    pub fn forward(
         &mut self,
-        gaussians: &Splats<T>,
-        appearance: &Appearance<T>,
-        shot: &StepInput<T>,
+        splats: &Splats<T>,
+        appearance: &[T],
+        input: &StepInput<T>,
         watch: &mut Stopwatch,
     ) {
-        self.prepare(gaussians);
+        self.prepare(splats, appearance);
         watch.lap("splats", "order and covariances");
-        let prepared = &self.prepared;
-        draw(&mut self.view, VIEW, prepared, &self.features, &shot.camera, shot.behind(), watch);
-        if let Some(sun) = &shot.sun {
-            draw(&mut self.sun, SUN, prepared, &self.altitudes, &sun.camera, [shot.floor], watch);
+        draw(&mut self.view, VIEW, &self.sorted, &self.features, &input.camera, input.behind(), watch);
+        if let Some(sun) = &input.sun {
+            draw(&mut self.sun, SUN, &self.sorted, &self.altitudes, &sun.camera, [input.floor], watch);
         }
-        self.shading.show(scene(&self.view, &self.sun, appearance, shot));
+        let (view, sun) = (self.view.image(), input.sun.map(|s| (s.warp, self.sun.image())));
+        self.shadows.forward(view, sun);
+        let shading = ShadingInput { render: view, sunlight: self.shadows.sunlight(), valid: input.valid };
+        self.appearance.shade(appearance, shading, &mut self.picture);
         watch.lap("pixels", "picture");
     }
 
-    /// The view's render of the last evaluation: colours, altitude, transmittance.
+    /// The view's render of the last pass: colours, altitude, transmittance.
     #[must_use]
     pub fn view(&self) -> &Image<T> {
         self.view.image()
     }
 
-    /// The picture of the last evaluation, three channels.
+    /// The picture of the last pass, three channels.
     #[must_use]
     pub fn picture(&self) -> &Image<T> {
-        self.shading.picture()
+        &self.picture
     }
 
-    /// The share of sunlight in the last evaluation's picture, the first channel.
+    /// The share of sunlight in the last pass's picture, one channel.
     #[must_use]
     pub fn sunlight(&self) -> &Image<T> {
-        self.shading.sunlight()
+        self.shadows.sunlight()
     }
 
-    /// The derivative by a splat's image position, if the last evaluation's view saw it.
+    /// The derivative by a splat's image position, pixels, if the last evaluation's view saw it.
     #[must_use]
-    pub fn seen(&self, splat: usize) -> Option<[T; 2]> {
-        self.view.seen(self.prepared.rank(splat))
+    pub fn mean2d_gradient(&self, splat: usize) -> Option<[T; 2]> {
+        self.view.mean2d_gradient(self.sorted.rank(splat))
     }
 
-    fn prepare(&mut self, gaussians: &Splats<T>) {
-        self.prepared.update(gaussians);
-        let order = self.prepared.order();
+    fn prepare(&mut self, splats: &Splats<T>, appearance: &[T]) {
+        self.sorted.update(splats);
+        self.appearance.splat_colors(appearance, splats, &mut self.colors);
+        let (order, colors) = (self.sorted.order(), &self.colors);
         self.features.resize(order.len(), [T::zero(); 4]);
         self.altitudes.resize(order.len(), [T::zero(); 1]);
         let features = self.features.par_iter_mut().zip(&mut self.altitudes).zip(order);
         features.with_min_len(1024).for_each(|((feature, altitude), &i)| {
-            let ([r, g, b], z) =
-                (color_from_f_dc(gaussians.f_dc[i as usize]), gaussians.position[i as usize][2]);
+            let ([r, g, b], z) = (colors[i as usize], splats.position[i as usize][2]);
             *feature = [r, g, b, z];
             *altitude = [z];
         });
     }
 
-    /// From the renders' derivatives to those by the splats.
-    fn splats_backward(
+    /// From the terms' derivatives by picture, sunlight and render to those by the renders' pixels and the colour model.
+    fn pixels_backward(
         &mut self,
-        gaussians: &Splats<T>,
-        shot: &StepInput<T>,
-        weights: &LossWeights,
+        appearance: &[T],
+        input: &StepInput<T>,
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
     ) {
-        let n = gaussians.len();
-        let opacity_scale = T::from_f64(weights.opacity / n.max(1) as f64);
-        self.by_shared.resize(n, SplatGradient::default());
-        self.by_shared.par_iter_mut().with_min_len(1024).enumerate().for_each(|(rank, by)| {
-            let o = self.prepared.opacity(rank);
-            *by = SplatGradient { log_opacity: opacity_scale * o, ..SplatGradient::default() };
-        });
+        let (view, sun) = (self.view.image(), input.sun.map(|s| (s.warp, self.sun.image())));
+        let shading = ShadingInput { render: view, sunlight: self.shadows.sunlight(), valid: input.valid };
+        self.by_view.resize(view.width, view.height, channel::TRAINED);
+        gradient.appearance.resize(appearance.len(), T::zero());
+        let by = ShadingGradient {
+            by_render: &mut self.by_view,
+            by_sunlight: &mut self.by_sunlight,
+            by_values: &mut gradient.appearance,
+        };
+        let by_picture = parts(&self.terms, None, |term| term.by_picture());
+        self.appearance.shade_backward(appearance, shading, &by_picture, by);
+        let own = Scaled { image: &self.by_sunlight, factor: T::one() };
+        let by_sunlight = parts(&self.terms, Some(own), |term| term.by_sunlight());
+        self.shadows.backward(view, sun, &by_sunlight, &mut self.by_view);
+        add_scaled(&mut self.by_view, &parts(&self.terms, None, |term| term.by_view()));
+        watch.lap("pixels", "picture backward");
+    }
+
+    /// From the renders' derivatives to those by the splats.
+    fn splats_backward(
+        &mut self,
+        splats: &Splats<T>,
+        appearance: &[T],
+        input: &StepInput<T>,
+        gradient: &mut Gradient<T>,
+        watch: &mut Stopwatch,
+    ) {
+        let n = splats.len();
+        zeros(&mut self.by_sorted, n);
         zeros(&mut self.by_feature, n);
         zeros(&mut self.by_altitude, n);
-        let shared = &mut self.by_shared;
-        let by_feature = &mut self.by_feature;
-        backward(&mut self.view, VIEW, self.shading.by_view(), shared, by_feature, watch);
-        if shot.virtual_view.is_some() {
-            backward(
-                &mut self.virtual_view,
-                VIRTUAL,
-                self.consistency.by_virtual(),
-                shared,
-                by_feature,
-                watch,
-            );
+        let Self { terms, sorted, by_sorted, by_feature, by_altitude, .. } = self;
+        terms.iter().for_each(|term| term.add_by_sorted(sorted, by_sorted));
+        backward(&mut self.view, VIEW, &self.by_view, by_sorted, by_feature, watch);
+        for by_virtual in terms.iter().filter_map(|term| term.by_virtual_view()) {
+            backward(&mut self.virtual_view, VIRTUAL, by_virtual, by_sorted, by_feature, watch);
         }
-        if shot.sun.is_some() {
-            backward(&mut self.sun, SUN, self.shading.by_sun(), shared, &mut self.by_altitude, watch);
+        if input.sun.is_some() {
+            backward(&mut self.sun, SUN, self.shadows.by_sun(), by_sorted, by_altitude, watch);
         }
         gradient.splats.resize(n);
-        self.prepared.parameter_gradients(gaussians, &self.by_shared, &mut gradient.splats);
-        let Splats { position, f_dc, .. } = &mut gradient.splats;
-        let rows = position.par_iter_mut().zip(f_dc).with_min_len(1024).enumerate();
-        rows.for_each(|(i, (position, f_dc))| {
-            let rank = self.prepared.rank(i);
-            let by = self.by_feature[rank];
-            *f_dc = f_dc_gradient([by[0], by[1], by[2]]);
-            position[2] = position[2] + by[3] + self.by_altitude[rank][0];
+        sorted.parameter_gradients(splats, by_sorted, &mut gradient.splats);
+        self.by_colors.resize(n, [T::zero(); 3]);
+        let rows = gradient.splats.position.par_iter_mut().zip(&mut self.by_colors).with_min_len(1024);
+        rows.enumerate().for_each(|(i, (position, by_color))| {
+            let rank = sorted.rank(i);
+            let [r, g, b, z] = by_feature[rank];
+            *by_color = [r, g, b];
+            position[2] = position[2] + z + by_altitude[rank][0];
         });
+        let (by_colors, by_values) = (&self.by_colors, &mut gradient.appearance);
+        self.appearance.splat_colors_backward(appearance, splats, by_colors, &mut gradient.splats, by_values);
+        terms.iter().for_each(|term| term.add_by_splats(splats, &mut gradient.splats));
+        watch.lap("splats", "parameters backward");
+    }
+}
+
+/// What the terms, and `own` before them, say of the same derivatives.
+fn parts<'a, T: SimdReal>(
+    terms: &'a [Box<dyn LossTerm<T>>],
+    own: Option<Scaled<'a, T>>,
+    of: impl Fn(&'a dyn LossTerm<T>) -> Option<Scaled<'a, T>>,
+) -> [Option<Scaled<'a, T>>; TERMS.len() + 1] {
+    let mut out = [own; TERMS.len() + 1];
+    out[1..].fill(None);
+    for (part, term) in out[1..].iter_mut().zip(terms) {
+        *part = of(term.as_ref());
+    }
+    out
+}
+
+/// Adds derivatives of the same size to an image.
+fn add_scaled<T: SimdReal>(sum: &mut Image<T>, parts: &[Option<Scaled<T>>]) {
+    let Image { width, channels, .. } = *sum;
+    for part in parts.iter().flatten() {
+        let rows =
+            sum.data.par_chunks_mut(channels * width).zip(part.image.data.par_chunks(channels * width));
+        rows.for_each(|(sum, by)| T::dispatch(AddScaled { sum, by, factor: part.factor }));
+    }
+}
+
+/// `sum += factor * by`.
+struct AddScaled<'a, T> {
+    sum: &'a mut [T],
+    by: &'a [T],
+    factor: T,
+}
+
+impl<T: SimdReal> SimdKernel<T> for AddScaled<'_, T> {
+    #[inline(always)]
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
+        let factor = SimdVec::broadcast(simd, self.factor);
+        for start in (0..self.sum.len()).step_by(S::WIDTH) {
+            let sum = SimdVec::load_from(simd, self.sum, start);
+            factor.mul_add(SimdVec::load_from(simd, self.by, start), sum).store_to(self.sum, start);
+        }
     }
 }
 
@@ -317,28 +352,17 @@ fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
     values.par_chunks_mut(1 << 14).for_each(|v| v.fill(V::default()));
 }
 
-/// What the picture of a shot is made of, once it is rendered.
-fn scene<'a, T: SimdReal>(
-    view: &'a Rasterizer<T, 4>,
-    sun: &'a Rasterizer<T, 1>,
-    appearance: &'a Appearance<T>,
-    shot: &StepInput<'a, T>,
-) -> Scene<'a, T> {
-    let sun = shot.sun.map(|s| (s.lookup, sun.image()));
-    Scene { appearance, view: view.image(), sun, valid: shot.valid }
-}
-
 /// Renders, timed.
 fn draw<T: SimdReal, const C: usize>(
     raster: &mut Rasterizer<T, C>,
     part: &'static str,
-    prepared: &SortedSplats<T>,
+    sorted: &SortedSplats<T>,
     features: &[[T; C]],
     camera: &FrameCamera<T>,
     background: [T; C],
     watch: &mut Stopwatch,
 ) {
-    raster.project(prepared, camera);
+    raster.project(sorted, camera);
     watch.lap(part, "projection");
     raster.bin(features);
     watch.lap(part, "binning");

@@ -1,8 +1,15 @@
-//! The whole loss against central differences: rasteriser, shadows, radiometry, consistency, entropy, opacity.
+//! The whole loss against central differences: rasteriser, shadows, colour model and all terms.
 
 use super::*;
+use crate::frame::{Point, SiteGrid};
+use crate::io::{Grid2, MapGrid};
+use crate::mvs::MatchedSurface;
 use crate::random::CounterRng;
+use crate::splat::appearance::Appearance;
+use crate::splat::loss::surface_prior::Prior;
+use crate::splat::loss::{column_names, terms};
 use crate::splat::splats::GROUPS;
+use std::sync::Arc;
 
 fn splats(n: usize, seed: u64) -> Splats<f64> {
     let mut d = CounterRng::new(seed, 0, 0, 0);
@@ -18,10 +25,28 @@ fn splats(n: usize, seed: u64) -> Splats<f64> {
     g
 }
 
-const WEIGHTS: LossWeights =
-    LossWeights { opacity: 0.1, consistency_altitude: 0.7, consistency_color: 0.9, shadow_entropy: 0.5 };
+fn weights() -> LossWeights {
+    let named = [
+        ("opacity", 0.1),
+        ("consistency_altitude", 0.7),
+        ("consistency_color", 0.9),
+        ("shadow_entropy", 0.5),
+        ("surface_prior", 0.8),
+    ];
+    LossWeights::of(&named).unwrap()
+}
 
-struct SiteScene<T: Real> {
+/// A surface 1 m above the site's origin that holds the splats of its western half.
+fn prior() -> Arc<Prior> {
+    let site = SiteGrid { epsg: 32617, origin: Point::new(1000.0, 2000.0, 10.0) };
+    let grid = MapGrid { epsg: 32617, west: 990.0, north: 2010.0, cell: 10.0, width: 2, height: 2 };
+    let altitude = Grid2::filled(2, 2, 1.0);
+    let prior_weight = Grid2 { width: 2, height: 2, data: vec![1.0, 0.0, 0.7, 0.0] };
+    let score = altitude.clone();
+    Arc::new(Prior::new(&MatchedSurface { site, grid, altitude, score, prior_weight }))
+}
+
+struct Scene<T: Real> {
     truth: Image<T>,
     valid: Vec<bool>,
     objective: Objective<T>,
@@ -29,12 +54,12 @@ struct SiteScene<T: Real> {
     has_virtual_view: bool,
 }
 
-impl<T: SimdReal> SiteScene<T> {
+impl<T: SimdReal> Scene<T> {
     fn new() -> Self {
         let mut setup = Self {
             truth: Image::default(),
             valid: Vec::new(),
-            objective: Objective::default(),
+            objective: Objective::new(AppearanceKind::Affine, terms(Some(&prior()))),
             has_sun: true,
             has_virtual_view: true,
         };
@@ -62,7 +87,7 @@ impl<T: SimdReal> SiteScene<T> {
         let camera = AffineCamera { linear: [[2.3, 0.2, 0.5], [0.3, -2.2, 0.7]], offset };
         let shot = StepInput {
             camera: FrameCamera::new(&camera, width, height),
-            truth: &self.truth,
+            target: &self.truth,
             valid: &self.valid,
             sun: self.has_sun.then(|| ShearedCamera::sun(&camera, size, [1.7, -1.1], (-5.0, 4.0))),
             virtual_view: self
@@ -72,14 +97,25 @@ impl<T: SimdReal> SiteScene<T> {
             floor: T::from_f64(-5.0),
         };
         let mut gradient = Gradient::default();
-        let losses = self.objective.evaluate(g, a, &shot, &WEIGHTS, &mut gradient, &mut Stopwatch::default());
+        let losses = self.objective.evaluate(
+            g,
+            &a.values,
+            &shot,
+            &weights(),
+            &mut gradient,
+            &mut Stopwatch::default(),
+        );
         (losses, gradient)
     }
 }
 
+fn narrow(a: &Appearance<f64>) -> Appearance {
+    Appearance { kind: a.kind, values: a.values.iter().map(|v| *v as f32).collect() }
+}
+
 fn appearance() -> Appearance<f64> {
     let mut draw = CounterRng::new(4, 0, 0, 0);
-    let mut a = Appearance::default();
+    let mut a = Appearance::start(AppearanceKind::Affine);
     a.values.iter_mut().for_each(|v| *v += 0.2 * draw.uniform());
     a
 }
@@ -108,11 +144,12 @@ fn largest(values: &[f64]) -> f64 {
 
 #[test]
 fn every_gradient_agrees_with_central_differences_in_f64() {
-    let mut setup = SiteScene::new();
+    let mut setup = Scene::new();
     let (g, a) = (splats(45, 1), appearance());
     let (losses, gradient) = setup.evaluate(&g, &a);
-    let Losses { consistency_altitude, consistency_color, shadow_entropy, .. } = losses;
-    assert!(consistency_altitude > 0.0 && consistency_color > 0.0 && shadow_entropy > 0.0);
+    for (name, value) in column_names().zip(losses.columns) {
+        assert!(value > 0.0, "{name}");
+    }
     for group in 0..GROUPS {
         let analytic = gradient.splats.groups()[group].to_vec();
         let w = worst(&analytic, largest(&analytic), |k, e| {
@@ -123,7 +160,7 @@ fn every_gradient_agrees_with_central_differences_in_f64() {
         assert!(w < 1e-6, "group {group}: {w:e}");
     }
     let w = worst(&gradient.appearance, largest(&gradient.appearance), |k, e| {
-        let mut moved = a;
+        let mut moved = a.clone();
         moved.values[k] += e;
         setup.evaluate(&g, &moved).0.total
     });
@@ -134,9 +171,8 @@ fn every_gradient_agrees_with_central_differences_in_f64() {
 fn f32_agrees_with_f64() {
     for seed in 0..5 {
         let (g, a) = (splats(60, seed), appearance());
-        let (_, exact) = SiteScene::new().evaluate(&g, &a);
-        let (_, fast) =
-            SiteScene::new().evaluate(&g.narrow(), &Appearance { values: a.values.map(|v| v as f32) });
+        let (_, exact) = Scene::new().evaluate(&g, &a);
+        let (_, fast) = Scene::new().evaluate(&g.narrow(), &narrow(&a));
         assert_agree(&exact, &fast, &format!("seed {seed}"));
     }
 }
@@ -152,12 +188,12 @@ fn assert_agree(exact: &Gradient<f64>, fast: &Gradient<f32>, case: &str) {
 #[test]
 fn images_of_any_size_agree_whatever_was_looked_at_before() {
     let (g, a) = (splats(60, 3), appearance());
-    let (few, radiometry) = (g.narrow(), Appearance { values: a.values.map(|v| v as f32) });
-    let mut used = SiteScene::<f32>::new();
+    let (few, radiometry) = (g.narrow(), narrow(&a));
+    let mut used = Scene::<f32>::new();
     let mut case = 0;
     for width in [17, 1, 2, 7, 8, 9, 15, 16, 20] {
         for height in [20, 1, 3] {
-            let mut fresh = SiteScene::<f64>::new();
+            let mut fresh = Scene::<f64>::new();
             used.resize(width, height);
             fresh.resize(width, height);
             case += 1;
@@ -187,16 +223,16 @@ fn a_box_darkens_what_lies_behind_it_from_the_sun() {
     let truth = Image::zeros(48, 48, 3);
     let shot = StepInput {
         camera: FrameCamera::new(&camera, 48, 48),
-        truth: &truth,
+        target: &truth,
         valid: &[],
         sun: Some(ShearedCamera::sun(&camera, size, shear, (-1.0, 6.0))),
         virtual_view: None,
         background: [0.0; 3],
         floor: -1.0,
     };
-    let mut objective = Objective::default();
-    let appearance = Appearance::default();
-    objective.evaluate(&g, &appearance, &shot, &WEIGHTS, &mut Gradient::default(), &mut Stopwatch::default());
+    let mut objective = Objective::new(AppearanceKind::Affine, terms(None));
+    let values = Appearance::start(AppearanceKind::Affine).values;
+    objective.evaluate(&g, &values, &shot, &weights(), &mut Gradient::default(), &mut Stopwatch::default());
     let brightness = |x: f64| objective.picture().at(0, (23.5 + 4.0 * x).round() as usize, 23);
     assert!(brightness(-4.0) < 0.2, "in the shadow: {}", brightness(-4.0));
     assert!(brightness(-5.5) > 0.4, "beyond it: {}", brightness(-5.5));

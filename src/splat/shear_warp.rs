@@ -3,18 +3,9 @@
 
 use crate::simd::Real;
 use crate::simd::{MAX_LANES, Simd, SimdMask, SimdVec, broadcast_each};
-use crate::splat::raster::Image;
+use crate::splat::raster::{Image, STRIPES};
 use rayon::prelude::*;
 use std::ops::Range;
-
-/// Runs of rows that scatter into windows of their own; fixed, so that sums do not depend on the threads.
-const STRIPES: usize = 8;
-
-/// Rows of a stripe of an image this high.
-#[must_use]
-pub fn stripe_rows(height: usize) -> usize {
-    height.div_ceil(STRIPES)
-}
 
 /// How a view's pixels reach another image.
 #[derive(Clone, Copy, Debug, PartialEq)]

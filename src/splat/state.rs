@@ -1,7 +1,7 @@
 //! The state of a training between two iterations: what a checkpoint holds.
 
 use super::adam::{AppearanceAdam, SplatAdam};
-use super::appearance::Appearance;
+use super::appearance::{Appearance, AppearanceKind};
 use super::densify::{DensifyStats, Growth, pruning};
 use super::edit::Edit;
 use super::splats::{Splats, logit};
@@ -22,13 +22,14 @@ pub struct TrainingState {
 }
 
 impl TrainingState {
-    /// The start of a training from these splats, for a number of views.
+    /// The start of a training from these splats, for a number of views with a colour model.
     #[must_use]
-    pub fn start(splats: Splats, views: usize) -> Self {
+    pub fn start(splats: Splats, appearance: AppearanceKind, views: usize) -> Self {
         let mut statistics = DensifyStats::default();
         statistics.reset(splats.len());
         let adam = SplatAdam::new(splats.len());
-        let mut start = Self { splats, adam, appearances: vec![Default::default(); views], statistics };
+        let appearances = vec![(Appearance::start(appearance), AppearanceAdam::default()); views];
+        let mut start = Self { splats, adam, appearances, statistics };
         start.sort_by_altitude();
         start
     }

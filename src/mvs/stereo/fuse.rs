@@ -53,8 +53,9 @@ pub(super) fn surface(sweep: &PlaneSweep, partners: &[Partners], maps: &[Altitud
     close_gaps(&mut altitude, &mut score, GAP_STEP * step_m);
     fill(sweep, &mut altitude, &mut score);
     // Nothing but this surface tells training where what two views see lies.
-    let hold = Grid2::from_fn(grid.width, grid.height, |col, row| f32::from(!altitude.at(col, row).is_nan()));
-    MatchedSurface { site: *site, grid: *grid, altitude, score, hold }
+    let prior_weight =
+        Grid2::from_fn(grid.width, grid.height, |col, row| f32::from(!altitude.at(col, row).is_nan()));
+    MatchedSurface { site: *site, grid: *grid, altitude, score, prior_weight }
 }
 
 /// A map as a mesh seen from above: in every cell the highest triangle.

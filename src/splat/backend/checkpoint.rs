@@ -58,7 +58,7 @@ mod tests {
         for i in 0..40 {
             splats.push([i as f32, f32::MIN_POSITIVE, -0.0], 0.3, 0.2, [0.1, 0.2, 0.3]);
         }
-        let mut state = TrainingState::start(splats, 3);
+        let mut state = TrainingState::start(splats, Default::default(), 3);
         state.adam.steps = 70_000;
         state.statistics.rendered(|i| (i == 7).then_some([0.1, 0.2]), 3.0, 100.0);
         let log = vec![LogLine { iteration: 1, seconds: 0.1, ..LogLine::default() }];

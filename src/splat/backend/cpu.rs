@@ -1,151 +1,161 @@
-//! The reference backend: iterations on the processor's cores.
+//! The reference backend: iterations on the processor's cores. A submitted step is done when `submit` returns.
 
-use crate::affine::TrainingView;
-use crate::splat::backend::stopwatch::Stopwatch;
-use crate::splat::backend::{StepPlan, StepReport, TrainingBackend};
-use crate::splat::loss::surface_prior::SurfacePrior;
+use super::stopwatch::Stopwatch;
+use super::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, TrainingScene, Wait};
+use crate::splat::densify::Change;
 use crate::splat::loss::target::TargetImage;
-use crate::splat::objective::{Gradient, Objective, ShearedCamera, StepInput};
-use crate::splat::raster::{FrameCamera, Image};
+use crate::splat::loss::terms;
+use crate::splat::novel_view::{NovelView, Picture};
+use crate::splat::objective::{Gradient, Losses, Objective, ShearedCamera, StepInput};
+use crate::splat::raster::FrameCamera;
 use crate::splat::state::TrainingState;
 
-/// Splats, radiometry and their moments in memory.
+/// Splats, colour models and their moments in memory.
+#[derive(Default)]
 pub struct CpuBackend {
-    views: Vec<TrainingView>,
-    /// Lowest and highest altitude of the scene, metres above the site's origin.
-    altitudes: (f64, f64),
-    hold: Option<SurfacePrior>,
+    loaded: Option<Loaded>,
+    reports: Vec<StepReport>,
+    watch: Stopwatch,
+}
+
+/// A training, and the buffers of its steps.
+struct Loaded {
+    scene: TrainingScene,
     state: TrainingState,
     objective: Objective<f32>,
     gradient: Gradient<f32>,
     target: TargetImage,
-    watch: Stopwatch,
 }
 
 impl CpuBackend {
-    /// A backend that goes on from `state` with as many `views`; the scene lies between `altitudes`. Splats are pulled
-    /// to what `hold` says.
-    #[must_use]
-    pub fn new(
-        state: TrainingState,
-        views: Vec<TrainingView>,
-        altitudes: (f64, f64),
-        hold: Option<SurfacePrior>,
-    ) -> Self {
-        Self {
-            views,
-            altitudes,
-            hold,
-            state,
-            objective: Objective::default(),
-            gradient: Gradient::default(),
-            target: TargetImage::default(),
-            watch: Stopwatch::default(),
-        }
-    }
-
-    /// The views it trains on.
-    #[must_use]
-    pub fn views(&self) -> &[TrainingView] {
-        &self.views
-    }
-
-    /// The picture of the last step, as the view sees it.
-    #[must_use]
-    pub fn picture(&self) -> &Image<f32> {
-        self.objective.picture()
-    }
-
     /// Where the time of the steps went.
     #[must_use]
     pub fn times(&self) -> &Stopwatch {
         &self.watch
     }
 
-    fn change_population(&mut self, plan: &StepPlan, report: &mut StepReport) {
-        let (p, state) = (&plan.population, &mut self.state);
-        if let Some((rule, half_side_m)) = &p.grow {
-            report.change.grown = state.grow(rule, *half_side_m, (p.seed, u64::from(plan.iteration)));
-        }
-        if let Some(opacity) = p.prune_below {
-            report.change.pruned = state.prune(opacity, self.altitudes);
-            state.statistics.reset(state.splats.len());
-        }
-        if let Some(opacity) = p.reset_opacity {
-            state.reset_opacity(opacity);
-        }
-        if p.prune_below.is_some() {
-            state.sort_by_altitude();
-        }
+    fn loaded(&self) -> Result<&Loaded, BackendError> {
+        self.loaded.as_ref().ok_or(BackendError::NotLoaded)
     }
 }
 
 impl TrainingBackend for CpuBackend {
-    fn step(&mut self, plan: &StepPlan) -> StepReport {
-        let watch = &mut self.watch;
+    fn load(&mut self, scene: TrainingScene, state: TrainingState) -> Result<(), BackendError> {
+        let (found, expected) = (state.appearances.len(), scene.views.len());
+        if found != expected {
+            return Err(BackendError::OtherScene { found, expected });
+        }
+        let objective = Objective::new(scene.appearance, terms(scene.prior.as_ref()));
+        let (gradient, target) = (Gradient::default(), TargetImage::default());
+        self.loaded = Some(Loaded { scene, state, objective, gradient, target });
+        self.reports.clear();
+        Ok(())
+    }
+
+    fn submit(&mut self, plan: &StepPlan) -> Result<(), BackendError> {
+        let loaded = self.loaded.as_mut().ok_or(BackendError::NotLoaded)?;
+        let views = loaded.scene.views.len();
+        if plan.view >= views {
+            return Err(BackendError::NoView { view: plan.view, views });
+        }
+        let losses = loaded.step(plan, &mut self.watch);
+        let change = loaded.densify(&plan.densify, plan.iteration);
+        self.watch.lap("splats", "growth and pruning");
+        let splats = loaded.state.splats.len();
+        self.reports.push(StepReport { iteration: plan.iteration, losses, splats, change });
+        Ok(())
+    }
+
+    fn reports(&mut self, _: Wait, into: &mut Vec<StepReport>) -> Result<(), BackendError> {
+        into.append(&mut self.reports);
+        Ok(())
+    }
+
+    fn render(&mut self, from: &NovelView, view: usize) -> Result<Picture, BackendError> {
+        let Loaded { scene, state, .. } = self.loaded()?;
+        let no_view = BackendError::NoView { view, views: scene.views.len() };
+        let (appearance, _) = state.appearances.get(view).ok_or(no_view)?;
+        Ok(from.picture(&state.splats, appearance, scene.altitudes))
+    }
+
+    fn snapshot(&mut self) -> Result<&TrainingState, BackendError> {
+        Ok(&self.loaded()?.state)
+    }
+}
+
+impl Loaded {
+    /// One iteration up to the optimiser's step.
+    fn step(&mut self, plan: &StepPlan, watch: &mut Stopwatch) -> Losses {
         watch.begin();
-        let view = &self.views[plan.view];
+        let Self { scene, state, objective, gradient, target } = self;
+        let view = &scene.views[plan.view];
         let scale = 0.5f64.powi(plan.level as i32);
-        let camera = self.target.load(view, plan.level);
-        let TargetImage { colors: truth, valid } = &self.target;
+        let camera = target.load(view, plan.level);
         watch.lap("view", "image");
-        let size = (truth.width, truth.height);
+        let size = (target.colors.width, target.colors.height);
         let half_sides = [0.5 * size.0 as f64, 0.5 * size.1 as f64];
         let sun = view.sun_shear.filter(|_| plan.shadows).map(|s| s.map(|s| s * scale));
         let virtual_shear = plan.virtual_shear.map(|s| [s[0] * half_sides[0], s[1] * half_sides[1]]);
-        let shot = StepInput {
+        let input = StepInput {
             camera: FrameCamera::new(&camera, size.0, size.1),
-            truth,
-            valid,
-            sun: sun.map(|s| ShearedCamera::sun(&camera, size, s, self.altitudes)),
+            target: &target.colors,
+            valid: &target.valid,
+            sun: sun.map(|s| ShearedCamera::sun(&camera, size, s, scene.altitudes)),
             virtual_view: virtual_shear.map(|s| ShearedCamera::virtual_view(&camera, size, s)),
             background: plan.background,
-            floor: self.altitudes.0 as f32,
+            floor: scene.altitudes.0 as f32,
         };
-        let TrainingState { splats, adam, appearances, statistics } = &mut self.state;
+        let TrainingState { splats, adam, appearances, statistics } = state;
         let (appearance, appearance_adam) = &mut appearances[plan.view];
-        let gradient = &mut self.gradient;
-        let losses = self.objective.evaluate(splats, appearance, &shot, &plan.weights, gradient, watch);
-
-        if let Some(hold) = &self.hold {
-            hold.pull(splats, &mut gradient.splats);
-        }
+        let share = plan.opacity_divisor.map_or(1.0, |divisor| splats.len() as f64 / divisor as f64);
+        let weights = plan.weights.scaled(&["opacity"], share);
+        let losses = objective.evaluate(splats, &appearance.values, &input, &weights, gradient, watch);
 
         let to_half_sides = half_sides.map(|h| h as f32);
-        let seen =
-            |i: usize| self.objective.seen(i).map(|g| [g[0] * to_half_sides[0], g[1] * to_half_sides[1]]);
-        statistics.rendered(seen, 1.0 / camera.gsd_m(), size.0.max(size.1) as f64);
+        let in_half_sides = |i: usize| {
+            objective.mean2d_gradient(i).map(|g| [g[0] * to_half_sides[0], g[1] * to_half_sides[1]])
+        };
+        statistics.rendered(in_half_sides, 1.0 / camera.gsd_m(), size.0.max(size.1) as f64);
         watch.lap("splats", "statistics");
 
         appearance_adam.step(appearance, &gradient.appearance, plan.appearance_rate);
         adam.step(splats, &gradient.splats, &plan.rates);
         watch.lap("splats", "Adam");
-
-        let mut report = StepReport { losses, ..StepReport::default() };
-        self.change_population(plan, &mut report);
-        self.watch.lap("splats", "growth and pruning");
-        report.splats = self.state.splats.len();
-        report
+        losses
     }
 
-    fn snapshot(&mut self) -> &TrainingState {
-        &self.state
+    fn densify(&mut self, plan: &DensifyPlan, iteration: u32) -> Change {
+        let (state, mut change) = (&mut self.state, Change::default());
+        if let Some((rule, half_side_m)) = &plan.grow {
+            change.grown = state.grow(rule, *half_side_m, (plan.seed, u64::from(iteration)));
+        }
+        if let Some(opacity) = plan.prune_below {
+            change.pruned = state.prune(opacity, self.scene.altitudes);
+            state.statistics.reset(state.splats.len());
+        }
+        if let Some(opacity) = plan.reset_opacity {
+            state.reset_opacity(opacity);
+        }
+        if plan.prune_below.is_some() {
+            state.sort_by_altitude();
+        }
+        change
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::affine::AffineCamera;
+    use crate::affine::{AffineCamera, TrainingView};
     use crate::frame::{Point, SiteGrid};
     use crate::io::Grid2;
     use crate::progress::NoProgress;
     use crate::random::CounterRng;
+    use crate::splat::appearance::AppearanceKind;
     use crate::splat::ply;
     use crate::splat::splats::Splats;
     use crate::splat::train::recipe::{Densification, Recipe, Reset};
-    use crate::splat::train::{Schedule, train};
-    use std::convert::Infallible;
+    use crate::splat::train::{LogLine, Schedule, train};
 
     /// Densification, shadows, consistency and a reset within 200 iterations.
     fn compressed() -> Recipe {
@@ -180,7 +190,13 @@ mod tests {
             let p = [28.0 * d.uniform() - 14.0, 26.0 * d.uniform() - 13.0, 3.0 * d.uniform()];
             start.push(p.map(|v| v as f32), 0.4, 0.9, [0.5; 3]);
         }
-        CpuBackend::new(TrainingState::start(start, views.len()), views, (-5.0, 10.0), None)
+        let state = TrainingState::start(start, AppearanceKind::Affine, views.len());
+        let (altitudes, appearance) = ((-5.0, 10.0), AppearanceKind::Affine);
+        let mut backend = CpuBackend::default();
+        backend
+            .load(TrainingScene { views: views.into(), altitudes, prior: None, appearance }, state)
+            .unwrap();
+        backend
     }
 
     fn trained(threads: usize) -> (TrainingState, Vec<usize>) {
@@ -196,10 +212,11 @@ mod tests {
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            train(&mut backend, &schedule, &mut log, &NoProgress, |_, _| Ok::<_, Infallible>(()))
+            let nothing = |_: &mut CpuBackend, _: &[LogLine]| Ok::<_, BackendError>(());
+            train(&mut backend, &schedule, &mut log, &NoProgress, |_| false, nothing)
         })
         .unwrap();
-        (backend.snapshot().clone(), log.iter().map(|l| l.splats).collect())
+        (backend.snapshot().unwrap().clone(), log.iter().map(|l| l.splats).collect())
     }
 
     #[test]

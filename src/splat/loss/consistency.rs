@@ -1,11 +1,19 @@
 //! What a randomly sheared camera must show as well: the same altitude and colour, where it sees the same surface
 //! (EOGS).
 
+use super::surface_prior::Prior;
+use super::{LossTerm, Rendered, Scaled, TermInfo};
 use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
-use crate::splat::raster::Image;
-use crate::splat::shear_warp::{ShearWarp, Window, stripe_rows, sum_windows};
+use crate::splat::raster::{Image, channel, stripe_rows};
+use crate::splat::shear_warp::{ShearWarp, Window, sum_windows};
 use rayon::prelude::*;
+use std::sync::Arc;
 
+/// Weights of a metre of altitude and of a colour; columns are the mean differences, that of altitudes in metres.
+pub const INFO: TermInfo = TermInfo {
+    weights: &["consistency_altitude", "consistency_color"],
+    columns: &["consistency_altitude_m", "consistency_color"],
+};
 /// Altitudes that differ by less are the same surface to the virtual camera, metres (EOGS).
 const SAME_SURFACE_M: f64 = 0.30;
 
@@ -15,6 +23,8 @@ pub struct Consistency<T> {
     by_view: Image<T>,
     by_virtual: Image<T>,
     share: T,
+    /// Whether the last iteration had a virtual view.
+    is_evaluated: bool,
     stripes: Vec<Stripe<T>>,
 }
 
@@ -33,38 +43,29 @@ struct Sums {
     color: f64,
 }
 
-/// What the differences weigh in the loss.
+/// Weights of the differences.
 #[derive(Clone, Copy, Debug)]
-pub struct Weights {
-    /// A metre of altitude.
-    pub altitude: f64,
-    /// A colour.
-    pub color: f64,
-}
-
-/// Values that are still to be multiplied: by what is only known once all of them are.
-#[derive(Clone, Copy)]
-pub struct Scaled<'a, T> {
-    /// The values.
-    pub layers: &'a Image<T>,
-    /// The factor.
-    pub factor: T,
+struct Weights {
+    /// Of a metre of altitude.
+    altitude: f64,
+    /// Of a colour.
+    color: f64,
 }
 
 /// Mean differences over the pixels that see the same surface.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Difference {
+struct Difference {
     /// Of altitudes, metres.
-    pub altitude: f64,
+    altitude: f64,
     /// Of colours, three channels' sum.
-    pub color: f64,
+    color: f64,
 }
 
 impl<T: SimdReal> Consistency<T> {
     /// Compares colours and altitudes of a view with those of a virtual view, whose pixels `lookup` finds.
     ///
     /// Derivatives are of `weights.altitude` times the altitudes' difference plus `weights.color` times the colours'.
-    pub fn compare(
+    fn compare(
         &mut self,
         view: &Image<T>,
         virtual_view: &Image<T>,
@@ -88,17 +89,33 @@ impl<T: SimdReal> Consistency<T> {
         sum_windows(&mut self.by_virtual, self.share, |k| stripes.get(k).map(|s| &s.by_virtual));
         Difference { altitude: sum(|s| s.altitude) / pixels, color: sum(|s| s.color) / pixels }
     }
+}
 
-    /// Derivatives by the virtual view's colours and altitudes.
+impl<T: SimdReal> Consistency<T> {
+    /// The term.
     #[must_use]
-    pub fn by_virtual(&self) -> &Image<T> {
-        &self.by_virtual
+    pub fn new(_: Option<&Arc<Prior>>) -> Self {
+        Self::default()
+    }
+}
+
+impl<T: SimdReal> LossTerm<T> for Consistency<T> {
+    fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64 {
+        columns.fill(0.0);
+        self.is_evaluated = rendered.virtual_view.is_some();
+        let Some((virtual_view, warp)) = rendered.virtual_view else { return 0.0 };
+        let weights = Weights { altitude: weights[0], color: weights[1] };
+        let Difference { altitude, color } = self.compare(rendered.view, virtual_view, warp, weights);
+        columns.copy_from_slice(&[altitude, color]);
+        weights.altitude * altitude + weights.color * color
     }
 
-    /// Derivatives by the view's colours and altitudes.
-    #[must_use]
-    pub fn by_view(&self) -> Scaled<'_, T> {
-        Scaled { layers: &self.by_view, factor: self.share }
+    fn by_view(&self) -> Option<Scaled<'_, T>> {
+        self.is_evaluated.then_some(Scaled { image: &self.by_view, factor: self.share })
+    }
+
+    fn by_virtual_view(&self) -> Option<&Image<T>> {
+        self.is_evaluated.then_some(&self.by_virtual)
     }
 }
 
@@ -119,7 +136,7 @@ impl<T: SimdReal> SimdKernel<T> for Compare<'_, T> {
         let Self { view, virtual_view, lookup, weights, first_row, by_view, stripe } = self;
         let width = view.width;
         let rows = first_row..first_row + by_view.len() / (4 * width);
-        let altitudes = rows.clone().flat_map(|r| view.row(3, r));
+        let altitudes = rows.clone().flat_map(|r| view.row(channel::ALTITUDE, r));
         stripe.by_virtual.open(virtual_view.width, lookup.rows(rows, altitudes, virtual_view.height));
         stripe.sums = Sums::default();
         let [zero, one, nearness] = broadcast_each(simd, [0.0, 1.0, SAME_SURFACE_M].map(T::from_f64));
@@ -129,7 +146,7 @@ impl<T: SimdReal> SimdKernel<T> for Compare<'_, T> {
             let row = first_row + k;
             let (mut pixels, mut altitude, mut color) = (zero, zero, zero);
             for start in (0..width).step_by(S::WIDTH) {
-                let z = SimdVec::load_from(simd, view.row(3, row), start);
+                let z = SimdVec::load_from(simd, view.row(channel::ALTITUDE, row), start);
                 let places = lookup.places(simd, start..width, row, z, virtual_view);
                 let (other_z, slopes) = places.values(simd, virtual_view, 3);
                 let difference = z - other_z;

@@ -2,11 +2,16 @@
 //!
 //! SSIM after Wang et al. 2004 with an 11 × 11 Gaussian window of σ 1.5, zeros beyond the border, as 3DGS uses it.
 
+use super::surface_prior::Prior;
+use super::{LossTerm, Rendered, Scaled, TermInfo};
 use crate::simd::Real;
 use crate::simd::{MAX_LANES, Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::Image;
 use rayon::prelude::*;
+use std::sync::Arc;
 
+/// It always counts in full; columns are the mean absolute difference and the mean SSIM.
+pub const INFO: TermInfo = TermInfo { weights: &[], columns: &["l1", "ssim"] };
 /// Taps of the window.
 const TAPS: usize = 11;
 const SIGMA: f64 = 1.5;
@@ -155,11 +160,23 @@ fn blur_down<S: Simd>(
     sums
 }
 
+impl<T: SimdReal> LossTerm<T> for Photometric<T> {
+    fn evaluate(&mut self, rendered: &Rendered<T>, _: &[f64], columns: &mut [f64]) -> f64 {
+        let (similarity, _) = self.compare(rendered.picture, rendered.target);
+        columns.copy_from_slice(&[similarity.l1, similarity.ssim]);
+        similarity.loss()
+    }
+
+    fn by_picture(&self) -> Option<Scaled<'_, T>> {
+        Some(Scaled { image: &self.by_picture, factor: T::one() })
+    }
+}
+
 impl<T: SimdReal> Photometric<T> {
-    /// Derivatives of the last comparison's loss by the picture.
+    /// The term.
     #[must_use]
-    pub fn by_picture(&self) -> &Image<T> {
-        &self.by_picture
+    pub fn new(_: Option<&Arc<Prior>>) -> Self {
+        Self::default()
     }
 
     /// Compares `picture` with `truth` (three channels each); pixels equal in both contribute nothing.
@@ -346,7 +363,7 @@ mod tests {
         let mut fresh = Photometric::default();
         let (s, t) = (used.compare(&x, &y).0, fresh.compare(&x, &y).0);
         assert_eq!((s.l1, s.ssim), (t.l1, t.ssim));
-        assert_eq!(used.by_picture(), fresh.by_picture());
+        assert_eq!(used.by_picture, fresh.by_picture);
     }
 
     #[test]

@@ -1,93 +1,160 @@
-//! What holds splats on plain surfaces: the surface that training starts on.
+//! The surface prior: where nothing in the images tells one altitude from another, splats stay near the matched surface.
 //!
-//! Where nothing tells one altitude from another (a white roof), the views let splats drift by metres, though the edges
-//! around are right; matching had bridged the plain part from there. A spring pulls splats back: strong near the
-//! surface, weaker beyond a metre (Geman and McClure), and only where the surface bridges something plain.
+//! On a surface without texture (a white roof) the views let splats drift by metres, though the edges around are right;
+//! matching has bridged the textureless part from there. The term is the mean over the splats of
+//! `w r² / (r² + 1)` (Geman and McClure) with `r` the distance from the surface in metres and `w` the surface's weight
+//! there, [`MatchedSurface::prior_weight`].
 
+use super::{LossTerm, Rendered, TermInfo};
 use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, MapGrid};
 use crate::mvs::MatchedSurface;
+use crate::simd::{Real, SimdReal};
 use crate::splat::splats::Splats;
 use rayon::prelude::*;
+use std::marker::PhantomData;
+use std::sync::Arc;
 
-/// Distance beyond which the pull weakens, metres.
-const REACH_M: f32 = 1.0;
+/// Weight and column.
+pub const INFO: TermInfo = TermInfo { weights: &["surface_prior"], columns: &["surface_prior"] };
+/// Distance beyond which the force weakens, metres.
+const REACH_M: f64 = 1.0;
+/// Splats whose distances one task sums; fixed, so that sums do not depend on the number of threads.
+const PIECE: usize = 4096;
 
-/// The surface, on its grid in the site frame.
-pub struct SurfacePrior {
+/// The surface that splats are held to, on its grid in the site frame.
+#[derive(Clone, Debug)]
+pub struct Prior {
     site: SiteGrid,
     grid: MapGrid,
     altitude: Grid2,
-    /// What the pull counts, 0 to 1.
-    share: Grid2,
-    /// What the loss weighs the splats' mean distance.
-    weight: f64,
+    weight: Grid2,
 }
 
-impl SurfacePrior {
-    /// Holds to `first` where it says so; the loss weighs the splats' mean distance by `weight`.
+impl Prior {
+    /// The prior of a matched surface.
     #[must_use]
-    pub fn new(first: &MatchedSurface, weight: f64) -> Self {
-        let (altitude, share) = (first.altitude.clone(), first.hold.clone());
-        Self { site: first.site, grid: first.grid, altitude, share, weight }
+    pub fn new(surface: &MatchedSurface) -> Self {
+        let (altitude, weight) = (surface.altitude.clone(), surface.prior_weight.clone());
+        Self { site: surface.site, grid: surface.grid, altitude, weight }
     }
 
-    /// Adds to `gradient` the derivative by the altitudes of the splats' weighted mean distance from the surface,
-    /// `r² / (r² + 1)` at `r` metres.
-    pub fn pull(&self, splats: &Splats, gradient: &mut Splats) {
-        let scale = (self.weight / splats.len().max(1) as f64) as f32;
-        let rows = splats.position.par_iter().zip(&mut gradient.position).with_min_len(1024);
-        rows.for_each(|(position, by)| by[2] += scale * self.slope(*position));
-    }
-
-    fn slope(&self, [x, y, z]: [f32; 3]) -> f32 {
-        let place = self.site.utm_from_site(Point::new(f64::from(x), f64::from(y), 0.0));
+    /// Distance from the surface in units of [`REACH_M`], and the weight there; none where there is no surface or no weight.
+    fn distance<T: Real>(&self, [x, y, z]: [T; 3]) -> Option<(T, T)> {
+        let place = self.site.utm_from_site(Point::new(x.as_f64(), y.as_f64(), 0.0));
         let px = self.grid.corner_px_from_utm(place);
         let (col, row) = (px.col.floor() as i64, px.row.floor() as i64);
-        let r = (z - self.altitude.get(col, row)) / REACH_M;
-        let slope = 2.0 * r / (REACH_M * (r * r + 1.0).powi(2));
-        let pull = self.share.get(col, row) * slope;
-        if pull.is_nan() { 0.0 } else { pull }
+        let [altitude, weight] =
+            [&self.altitude, &self.weight].map(|plane| T::from_f64(plane.get(col, row).into()));
+        let r = (z - altitude) / T::from_f64(REACH_M);
+        (weight > T::zero() && !r.is_nan()).then_some((r, weight))
+    }
+}
+
+/// The term.
+pub struct SurfacePrior<T> {
+    prior: Option<Arc<Prior>>,
+    /// Weight of a splat's distance.
+    factor: T,
+    sums: Vec<f64>,
+    scalar: PhantomData<T>,
+}
+
+impl<T: SimdReal> SurfacePrior<T> {
+    /// The term; nothing is held without a prior.
+    #[must_use]
+    pub fn new(prior: Option<&Arc<Prior>>) -> Self {
+        Self { prior: prior.cloned(), factor: T::zero(), sums: Vec::new(), scalar: PhantomData }
+    }
+}
+
+impl<T: SimdReal> LossTerm<T> for SurfacePrior<T> {
+    fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64 {
+        columns[0] = 0.0;
+        self.factor = T::zero();
+        let Some(prior) = self.prior.as_deref().filter(|_| weights[0] != 0.0) else { return 0.0 };
+        let splats = rendered.splats;
+        self.factor = T::from_f64(weights[0] / splats.len().max(1) as f64);
+        self.sums.resize(splats.len().div_ceil(PIECE), 0.0);
+        let cost = |position: &[T; 3]| {
+            let weighted = prior.distance(*position).map(|(r, weight)| weight * r * r / (r * r + T::one()));
+            weighted.map_or(0.0, T::as_f64)
+        };
+        let pieces = splats.position.par_chunks(PIECE).zip(&mut self.sums);
+        pieces.for_each(|(positions, sum)| *sum = positions.iter().map(cost).sum());
+        columns[0] = self.sums.iter().sum::<f64>() / splats.len().max(1) as f64;
+        weights[0] * columns[0]
+    }
+
+    fn add_by_splats(&self, splats: &Splats<T>, by: &mut Splats<T>) {
+        let Some(prior) = self.prior.as_deref().filter(|_| self.factor != T::zero()) else { return };
+        let two = T::from_f64(2.0);
+        let slope = |position: &[T; 3]| {
+            let (r, weight) = prior.distance(*position)?;
+            Some(weight * (two * r / (T::from_f64(REACH_M) * (r * r + T::one()).powi(2))))
+        };
+        let rows = splats.position.par_iter().zip(&mut by.position).with_min_len(1024);
+        rows.for_each(|(position, by)| {
+            if let Some(slope) = slope(position) {
+                by[2] = by[2] + self.factor * slope;
+            }
+        });
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::splat::raster::{Image, SortedSplats};
 
-    /// Two cells of 2 m at an altitude of 5 m, of which the western one holds.
-    fn hold() -> SurfacePrior {
+    /// Two cells of 2 m at an altitude of 5 m, of which the western one holds splats.
+    fn prior() -> Prior {
         let site = SiteGrid { epsg: 32617, origin: Point::new(1000.0, 2000.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 998.0, north: 2001.0, cell: 2.0, width: 2, height: 1 };
         let plane = |data: [f32; 2]| Grid2 { width: 2, height: 1, data: data.into() };
-        let (altitude, score) = (plane([5.0; 2]), plane([1.0; 2]));
-        SurfacePrior::new(&MatchedSurface { site, grid, altitude, score, hold: plane([1.0, 0.0]) }, 0.4)
+        Prior { site, grid, altitude: plane([5.0; 2]), weight: plane([1.0, 0.0]) }
+    }
+
+    /// Value and derivatives by the altitudes for splats at these places.
+    fn evaluate(positions: &[[f64; 3]], weight: f64) -> (f64, Vec<f64>) {
+        let mut splats = Splats::<f64>::default();
+        positions.iter().for_each(|p| splats.push(*p, 1.0, 0.5, [0.5; 3]));
+        let (nothing, sorted) = (Image::default(), SortedSplats::default());
+        let rendered = Rendered {
+            view: &nothing,
+            picture: &nothing,
+            sunlight: None,
+            virtual_view: None,
+            target: &nothing,
+            splats: &splats,
+            sorted: &sorted,
+        };
+        let mut term = SurfacePrior::new(Some(&Arc::new(prior())));
+        let value = term.evaluate(&rendered, &[weight], &mut [0.0]);
+        let mut by = Splats::zeros(splats.len());
+        term.add_by_splats(&splats, &mut by);
+        (value, by.position.iter().map(|p| p[2]).collect())
     }
 
     #[test]
-    fn the_pull_is_the_slope_of_the_distance() {
-        let hold = hold();
-        let distance = |z: f64| (z - 5.0).powi(2) / ((z - 5.0).powi(2) + 1.0);
-        for z in [3.0f32, 4.6, 5.0, 5.3, 9.0] {
-            let quotient = (distance(f64::from(z) + 1e-5) - distance(f64::from(z) - 1e-5)) / 2e-5;
-            assert!((f64::from(hold.slope([-1.0, 0.5, z])) - quotient).abs() < 1e-6, "{z}");
+    fn the_derivative_agrees_with_central_differences() {
+        for z in [3.0, 4.6, 5.0, 5.3, 9.0] {
+            let at = |z: f64| evaluate(&[[-1.0, 0.5, z], [1.0, 0.5, 5.5]], 0.4);
+            let quotient = (at(z + 1e-6).0 - at(z - 1e-6).0) / 2e-6;
+            assert!((at(z).1[0] - quotient).abs() < 1e-8, "{z}");
         }
     }
 
     #[test]
-    fn what_has_texture_or_lies_beyond_the_surface_is_free() {
-        let hold = hold();
-        assert_eq!(hold.slope([1.0, 0.5, 5.5]), 0.0);
-        assert_eq!(hold.slope([-1.0, 3.0, 5.5]), 0.0);
+    fn splats_on_texture_or_beyond_the_surface_are_free() {
+        let (value, by) = evaluate(&[[1.0, 0.5, 5.5], [-1.0, 3.0, 5.5]], 0.4);
+        assert_eq!((value, by), (0.0, vec![0.0; 2]));
     }
 
     #[test]
-    fn the_pull_is_shared_among_the_splats() {
-        let mut splats = Splats::zeros(2);
-        splats.position = vec![[-1.0, 0.0, 5.5], [1.0, 0.0, 5.5]];
-        let mut gradient = Splats::zeros(2);
-        hold().pull(&splats, &mut gradient);
-        assert!((gradient.position[0][2] - 0.2 * 1.0 / 1.5625).abs() < 1e-6);
-        assert_eq!(gradient.position[1][2], 0.0);
+    fn the_term_is_a_mean_over_the_splats() {
+        let (value, by) = evaluate(&[[-1.0, 0.5, 5.5], [1.0, 0.5, 5.5]], 0.4);
+        assert!((value - 0.2 * 0.25 / 1.25).abs() < 1e-12);
+        assert!((by[0] - 0.2 / 1.5625).abs() < 1e-12 && by[1] == 0.0);
     }
 }

@@ -2,6 +2,24 @@
 
 use crate::simd::Real;
 
+/// Channels of a render of the splats' colours and altitudes.
+pub mod channel {
+    /// Altitude, metres above the site's origin, after the three channels of colour.
+    pub const ALTITUDE: usize = 3;
+    /// Transmittance: the share of light that no splat stopped.
+    pub const TRANSMITTANCE: usize = 4;
+    /// Channels that derivatives are taken by: colour and altitude.
+    pub const TRAINED: usize = 4;
+}
+
+/// Most runs of rows that an image is worked on in; fixed, so that sums over them do not depend on the threads.
+pub(in crate::splat) const STRIPES: usize = 8;
+
+/// Rows of such a run in an image of this height.
+pub(in crate::splat) fn stripe_rows(height: usize) -> usize {
+    height.div_ceil(STRIPES)
+}
+
 /// `channels` values a pixel, row by row, within a row channel by channel.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image<T> {
@@ -28,22 +46,11 @@ impl<T: Real> Image<T> {
         self.data.resize(width * height * channels, T::zero());
     }
 
-    /// Values of a row of pixels, channel after channel.
-    pub fn rows(&self) -> std::slice::ChunksExact<'_, T> {
-        self.data.chunks_exact(self.width * self.channels)
-    }
-
     /// One channel of one row.
     #[must_use]
     pub fn row(&self, channel: usize, row: usize) -> &[T] {
         let start = (row * self.channels + channel) * self.width;
         &self.data[start..start + self.width]
-    }
-
-    /// One channel of one row, to be written.
-    pub fn row_mut(&mut self, channel: usize, row: usize) -> &mut [T] {
-        let start = (row * self.channels + channel) * self.width;
-        &mut self.data[start..start + self.width]
     }
 
     /// One value.

@@ -16,7 +16,8 @@ mod project;
 #[cfg(test)]
 mod tests;
 
-pub use image::Image;
+pub use image::{Image, channel};
+pub(in crate::splat) use image::{STRIPES, stripe_rows};
 pub use prepare::{SortedSplats, SplatGradient};
 pub use project::FrameCamera;
 
@@ -168,8 +169,8 @@ impl<T: SimdReal, const C: usize> Rasterizer<T, C> {
     /// The loss's derivative by the image position (pixels) of the splat at a rank, as [`Rasterizer::gather`] found
     /// it; none of a splat that the last render did not see.
     #[must_use]
-    pub fn seen(&self, rank: usize) -> Option<[T; 2]> {
-        self.chunks[rank / CHUNK].seen(rank % CHUNK)
+    pub fn mean2d_gradient(&self, rank: usize) -> Option<[T; 2]> {
+        self.chunks[rank / CHUNK].mean2d_gradient(rank % CHUNK)
     }
 
     /// Number of pairs of a splat and a pixel that the last render computed: of whole blocks that were not hidden yet.

@@ -242,7 +242,7 @@ impl<T: Real> Chunk<T> {
     }
 
     /// The derivative by the image position of a splat, by its rank within the chunk; none if no pixel sees it.
-    pub fn seen(&self, rank: usize) -> Option<[T; 2]> {
+    pub fn mean2d_gradient(&self, rank: usize) -> Option<[T; 2]> {
         self.by_mean[rank]
     }
 }

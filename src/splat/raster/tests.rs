@@ -195,7 +195,7 @@ fn numbers_beyond_reason_neither_panic_nor_hide_other_splats() {
             raster.render(&prepared, &f, &camera, [0.0; 4]);
             let (mut shared, mut by_feature) = (vec![SplatGradient::default(); 2], vec![[0.0; 4]; 2]);
             raster.backward(&weights(&camera), &mut shared, &mut by_feature);
-            let seen = [0, 1].map(|splat| raster.seen(prepared.rank(splat)).is_some());
+            let seen = [0, 1].map(|splat| raster.mean2d_gradient(prepared.rank(splat)).is_some());
             // A splat that is nowhere is not seen.
             assert!(seen[0] && !(group == 0 && seen[1]), "{wrong} in group {group}: {seen:?}");
         }

@@ -6,12 +6,16 @@ pub mod recipe;
 
 use crate::progress::{Event, Progress};
 use crate::random::CounterRng;
-use crate::splat::backend::{DensifyPlan, StepPlan, StepReport, TrainingBackend};
-use crate::splat::objective::LossWeights;
+use crate::splat::backend::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, Wait};
+use crate::splat::loss::{COLUMNS, column_names};
+use crate::splat::objective::Losses;
 use crate::splat::splats::PerGroup;
 use crate::splat::train::recipe::Recipe;
 use serde::{Deserialize, Serialize};
 
+/// Iterations from one report of progress to the next.
+const STATUS_EVERY: u32 = 10;
+/// Purposes of random numbers.
 const DRAW_ORDER: u64 = 10;
 const DRAW_BACKGROUND: u64 = 11;
 const DRAW_VIRTUAL: u64 = 12;
@@ -23,19 +27,9 @@ pub struct LogLine {
     pub iteration: u32,
     /// Loss.
     pub loss: f64,
-    /// Mean absolute difference to the image.
-    pub l1: f64,
-    /// Mean SSIM with the image.
-    pub ssim: f64,
-    /// Mean opacity.
-    pub opacity: f64,
-    /// Altitude difference to the virtual view, metres; 0 without one.
-    pub consistency_altitude_m: f64,
-    /// Colour difference to the virtual view; 0 without one.
-    pub consistency_color: f64,
-    /// Entropy of the sunlight's shares, bits.
-    pub shadow_entropy: f64,
-    /// Splats.
+    /// Columns of the loss's terms, unweighted: [`column_names`].
+    pub columns: [f64; COLUMNS],
+    /// Splats after the iteration.
     pub splats: usize,
     /// Splats doubled by this iteration's check.
     pub grown: usize,
@@ -46,22 +40,30 @@ pub struct LogLine {
 }
 
 impl LogLine {
-    fn new(iteration: u32, report: &StepReport, seconds: f64) -> Self {
-        let l = &report.losses;
-        Self {
-            iteration,
-            loss: l.total,
-            l1: l.picture.l1,
-            ssim: l.picture.ssim,
-            opacity: l.opacity,
-            consistency_altitude_m: l.consistency_altitude,
-            consistency_color: l.consistency_color,
-            shadow_entropy: l.shadow_entropy,
-            splats: report.splats,
-            grown: report.change.grown,
-            pruned: report.change.pruned,
-            seconds,
-        }
+    fn new(report: &StepReport, seconds: f64) -> Self {
+        let StepReport { iteration, losses, splats, change } = *report;
+        let Losses { total, columns } = losses;
+        Self { iteration, loss: total, columns, splats, grown: change.grown, pruned: change.pruned, seconds }
+    }
+
+    /// Names of the values of [`LogLine::record`].
+    pub fn header() -> impl Iterator<Item = &'static str> {
+        let after = ["splats", "grown", "pruned", "seconds"];
+        ["iteration", "loss"].into_iter().chain(column_names()).chain(after)
+    }
+
+    /// The line's values as text.
+    pub fn record(&self) -> impl Iterator<Item = String> + '_ {
+        let before = [self.iteration.to_string(), self.loss.to_string()];
+        let after = [self.splats, self.grown, self.pruned].map(|n| n.to_string());
+        let columns = self.columns.iter().map(f64::to_string);
+        before.into_iter().chain(columns).chain(after).chain([self.seconds.to_string()])
+    }
+
+    /// The column of this name; zero if no term has it.
+    #[must_use]
+    pub fn column(&self, name: &str) -> f64 {
+        column_names().position(|n| n == name).map_or(0.0, |k| self.columns[k])
     }
 }
 
@@ -84,16 +86,18 @@ pub struct Schedule<'a> {
 
 /// Trains to the recipe's end, from the iteration after the last of `log`.
 ///
-/// `after` is called after every iteration with the backend and the log so far.
+/// `at` is called with the backend and the complete log after iterations for which `is_due` holds, after the last one, and
+/// when `progress` asks to stop.
 ///
 /// # Errors
-/// The first that `after` returns: training stops there.
-pub fn train<B: TrainingBackend, E>(
+/// Those of the backend, and the first that `at` returns: training stops there.
+pub fn train<B: TrainingBackend, E: From<BackendError>>(
     backend: &mut B,
     schedule: &Schedule,
     log: &mut Vec<LogLine>,
     progress: &dyn Progress,
-    mut after: impl FnMut(&mut B, &[LogLine]) -> Result<(), E>,
+    is_due: impl Fn(u32) -> bool,
+    mut at: impl FnMut(&mut B, &[LogLine]) -> Result<(), E>,
 ) -> Result<(), E> {
     let total = schedule.recipe.iterations;
     let (done, before) = log.last().map_or((0, 0.0), |l| (l.iteration, l.seconds));
@@ -103,26 +107,29 @@ pub fn train<B: TrainingBackend, E>(
     if done > 0 {
         progress.event(Event::Advanced { done: done.into(), status: String::new() });
     }
+    let mut reports = Vec::new();
     for iteration in done + 1..=total {
-        let splats = log.last().map_or(schedule.splats_at_start, |l| l.splats);
-        let report = backend.step(&schedule.plan(iteration, splats));
+        backend.submit(&schedule.plan(iteration))?;
+        let is_stop = iteration == total || is_due(iteration) || progress.is_cancelled();
+        backend.reports(if is_stop { Wait::ForAll } else { Wait::No }, &mut reports)?;
         let seconds = started.elapsed().as_secs_f64();
-        let line = LogLine::new(iteration, &report, before + seconds);
-        log.push(line);
-        if iteration.is_multiple_of(10) {
-            let rate = f64::from(iteration - done) / seconds;
+        log.extend(reports.drain(..).map(|report| LogLine::new(&report, before + seconds)));
+        if let Some(line) = log.last().filter(|_| iteration.is_multiple_of(STATUS_EVERY)) {
+            let rate = f64::from(line.iteration - done) / seconds;
             let status = format!("loss {:.4}, {} splats, {rate:.1} iterations/s", line.loss, line.splats);
-            progress.event(Event::Advanced { done: iteration.into(), status });
+            progress.event(Event::Advanced { done: line.iteration.into(), status });
         }
-        after(backend, log)?;
+        if is_stop {
+            at(backend, log)?;
+        }
     }
     progress.event(Event::Finished);
     Ok(())
 }
 
 impl Schedule<'_> {
-    /// What an iteration does that begins with so many splats.
-    fn plan(&self, iteration: u32, splats: usize) -> StepPlan {
+    /// What an iteration does.
+    fn plan(&self, iteration: u32) -> StepPlan {
         let r = self.recipe;
         let mut background = CounterRng::new(self.seed, DRAW_BACKGROUND, iteration.into(), 0);
         let past_reset = r.reset.and_then(|reset| {
@@ -132,17 +139,15 @@ impl Schedule<'_> {
         let rests = |span: fn(&crate::splat::train::recipe::Reset) -> u32| {
             past_reset.is_some_and(|(r, s)| s < span(&r))
         };
-        let left = if r.opacity_by_start { splats as f64 / self.splats_at_start as f64 } else { 1.0 };
-        let times = f64::from(r.virtual_every);
-        let weights = LossWeights {
-            opacity: if rests(|r| r.opacity_loss_rests) { 0.0 } else { r.weights.opacity * left },
-            consistency_altitude: r.weights.consistency_altitude * times,
-            consistency_color: r.weights.consistency_color * times,
-            ..r.weights
-        };
+        let virtual_terms = ["consistency_altitude", "consistency_color"];
+        let mut weights = r.weights.scaled(&virtual_terms, f64::from(r.virtual_every));
+        if rests(|r| r.opacity_loss_rests) {
+            weights = weights.scaled(&["opacity"], 0.0);
+        }
+        let has_consistency = virtual_terms.iter().any(|name| weights.get(name) > 0.0);
         let shadows = iteration > r.shadows_from;
         let is_half = iteration <= r.half_resolution_until && 2.0 * self.pixel_m <= r.half_resolution_px_m;
-        let is_consistent = shadows && iteration.is_multiple_of(r.virtual_every) && weights.has_consistency();
+        let is_consistent = shadows && iteration.is_multiple_of(r.virtual_every) && has_consistency;
         StepPlan {
             iteration,
             view: self.view(iteration),
@@ -151,9 +156,10 @@ impl Schedule<'_> {
             virtual_shear: is_consistent.then(|| self.virtual_shear(iteration)),
             background: std::array::from_fn(|_| background.uniform() as f32),
             weights,
+            opacity_divisor: r.opacity_by_start.then_some(self.splats_at_start),
             rates: self.rates(),
             appearance_rate: r.appearance_rate,
-            population: self.population(iteration, rests(|r| r.growth_rests)),
+            densify: self.densification(iteration, rests(|r| r.growth_rests)),
         }
     }
 
@@ -178,7 +184,7 @@ impl Schedule<'_> {
         PerGroup { position: rates.position * self.half_side_m, ..rates }
     }
 
-    fn population(&self, iteration: u32, rests: bool) -> DensifyPlan {
+    fn densification(&self, iteration: u32, rests: bool) -> DensifyPlan {
         let r = self.recipe;
         let due = iteration.is_multiple_of(r.check_every) && !rests;
         let growth = r.growth.filter(|g| due && (g.from..=g.until).contains(&iteration));
@@ -196,6 +202,77 @@ impl Schedule<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::progress::{NoProgress, Recorder};
+    use crate::splat::backend::TrainingScene;
+    use crate::splat::novel_view::{NovelView, Picture};
+    use crate::splat::state::TrainingState;
+
+    /// Records what it is asked to do, and reports a step only when the next but one is submitted, or when it must.
+    #[derive(Default)]
+    struct LateBackend {
+        submitted: Vec<StepPlan>,
+        reported: usize,
+        state: TrainingState,
+    }
+
+    impl TrainingBackend for LateBackend {
+        fn load(&mut self, _: TrainingScene, state: TrainingState) -> Result<(), BackendError> {
+            self.state = state;
+            Ok(())
+        }
+
+        fn submit(&mut self, plan: &StepPlan) -> Result<(), BackendError> {
+            if plan.view == usize::MAX {
+                return Err(BackendError::NotLoaded);
+            }
+            self.submitted.push(plan.clone());
+            Ok(())
+        }
+
+        fn reports(&mut self, wait: Wait, into: &mut Vec<StepReport>) -> Result<(), BackendError> {
+            let done = self.submitted.len() - if wait == Wait::No { 2.min(self.submitted.len()) } else { 0 };
+            let report = |plan: &StepPlan| StepReport { iteration: plan.iteration, ..StepReport::default() };
+            into.extend(self.submitted[self.reported.min(done)..done].iter().map(report));
+            self.reported = self.reported.max(done);
+            Ok(())
+        }
+
+        fn render(&mut self, _: &NovelView, _: usize) -> Result<Picture, BackendError> {
+            Err(BackendError::NotLoaded)
+        }
+
+        fn snapshot(&mut self) -> Result<&TrainingState, BackendError> {
+            Ok(&self.state)
+        }
+    }
+
+    #[test]
+    fn a_backend_that_answers_later_gets_the_same_plans_and_gives_a_complete_log_where_one_is_due() {
+        let recipe = Recipe { iterations: 50, ..Recipe::named("eogs").unwrap() };
+        let schedule = of(&recipe);
+        let (mut backend, mut log, mut lengths) = (LateBackend::default(), Vec::new(), Vec::new());
+        let at = |_: &mut LateBackend, log: &[LogLine]| {
+            lengths.push(log.len());
+            Ok::<_, BackendError>(())
+        };
+        train(&mut backend, &schedule, &mut log, &NoProgress, |i| i.is_multiple_of(20), at).unwrap();
+        assert_eq!(lengths, [20, 40, 50]);
+        assert!(log.iter().map(|l| l.iteration).eq(1..=50));
+        assert!(backend.submitted.iter().zip(1..).all(|(plan, i)| *plan == schedule.plan(i)));
+    }
+
+    #[test]
+    fn training_that_is_asked_to_stop_calls_back_with_the_complete_log() {
+        let recipe = Recipe { iterations: 50, ..Recipe::named("eogs").unwrap() };
+        let stop = Recorder::cancelling(|e| matches!(e, Event::Advanced { done: 18, .. }));
+        let (mut backend, mut log) = (LateBackend::default(), Vec::new());
+        let at = |_: &mut LateBackend, log: &[LogLine]| match log.len() {
+            50 => Ok(()),
+            _ => Err(BackendError::NotLoaded),
+        };
+        assert!(train(&mut backend, &of(&recipe), &mut log, &stop, |_| false, at).is_err());
+        assert_eq!((log.len(), backend.submitted.len()), (21, 21));
+    }
 
     /// A recipe at a site of 452 m.
     fn of(recipe: &Recipe) -> Schedule<'_> {
@@ -207,7 +284,7 @@ mod tests {
         let recipe = Recipe::named("baeogs").unwrap();
         let schedule = of(&recipe);
         for round in 0..20 {
-            let mut seen: Vec<usize> = (1..=7).map(|i| schedule.plan(round * 7 + i, 10).view).collect();
+            let mut seen: Vec<usize> = (1..=7).map(|i| schedule.plan(round * 7 + i).view).collect();
             seen.sort_unstable();
             assert_eq!(seen, [0, 1, 2, 3, 4, 5, 6]);
         }
@@ -219,16 +296,16 @@ mod tests {
         let levels = |pixel_m: f64| {
             let schedule = Schedule { pixel_m, ..of(&recipe) };
             let last = recipe.half_resolution_until;
-            [1, last, last + 1].map(|i| schedule.plan(i, 10).level)
+            [1, last, last + 1].map(|i| schedule.plan(i).level)
         };
         assert_eq!((levels(0.31), levels(0.41), levels(0.5)), ([1, 1, 0], [1, 1, 0], [0, 0, 0]));
-        assert_eq!(of(&Recipe::named("eogs").unwrap()).plan(1, 10).level, 0);
+        assert_eq!(of(&Recipe::named("eogs").unwrap()).plan(1).level, 0);
     }
 
     #[test]
     fn after_a_reset_the_loss_on_opacities_rests_until_growth_ends() {
         let recipe = Recipe::named("baeogs").unwrap();
-        let weight = |i| of(&recipe).plan(i, 10).weights.opacity;
+        let weight = |i| of(&recipe).plan(i).weights.get("opacity");
         assert!(weight(3000) > 0.0 && weight(3001) == 0.0 && weight(3999) == 0.0 && weight(4000) > 0.0);
         assert_eq!(recipe.growth.unwrap().until, 4000);
     }
@@ -236,30 +313,30 @@ mod tests {
     #[test]
     fn every_reset_is_followed_by_its_own_rest() {
         let recipe = Recipe { iterations: 9000, ..Recipe::named("baeogs").unwrap() };
-        let plan = |i| of(&recipe).plan(i, 10);
-        assert!(plan(6000).weights.opacity > 0.0 && plan(6000).population.prune_below.is_some());
-        assert!(plan(6001).weights.opacity == 0.0 && plan(6100).population.prune_below.is_none());
+        let plan = |i| of(&recipe).plan(i);
+        assert!(plan(6000).weights.get("opacity") > 0.0 && plan(6000).densify.prune_below.is_some());
+        assert!(plan(6001).weights.get("opacity") == 0.0 && plan(6100).densify.prune_below.is_none());
     }
 
     #[test]
     fn the_schedule_is_the_papers() {
         let recipe = Recipe::named("baeogs").unwrap();
         let schedule = of(&recipe);
-        let grows = |i| schedule.plan(i, 10).population.grow.is_some();
+        let grows = |i| schedule.plan(i).densify.grow.is_some();
         assert!(!grows(400) && grows(500) && !grows(550) && grows(3000) && !grows(3100));
         assert!(grows(3500) && grows(4000) && !grows(4100));
-        assert!(schedule.plan(3000, 10).population.reset_opacity.is_some());
-        assert!(!schedule.plan(1000, 10).shadows && schedule.plan(1001, 10).shadows);
-        assert!((schedule.plan(1, 10).rates.position - 0.080).abs() < 1e-3);
-        assert!(schedule.plan(1002, 10).virtual_shear.is_some());
+        assert!(schedule.plan(3000).densify.reset_opacity.is_some());
+        assert!(!schedule.plan(1000).shadows && schedule.plan(1001).shadows);
+        assert!((schedule.plan(1).rates.position - 0.080).abs() < 1e-3);
+        assert!(schedule.plan(1002).virtual_shear.is_some());
     }
 
     #[test]
     fn no_virtual_view_is_drawn_where_consistency_weighs_nothing() {
         let mut recipe = Recipe::named("best").unwrap();
-        (recipe.weights.consistency_altitude, recipe.weights.consistency_color) = (0.0, 0.0);
+        recipe.weights = recipe.weights.scaled(&["consistency_altitude", "consistency_color"], 0.0);
         let schedule = of(&recipe);
-        let plan = schedule.plan(recipe.iterations, 10);
+        let plan = schedule.plan(recipe.iterations);
         assert!(plan.shadows && plan.virtual_shear.is_none());
     }
 
@@ -267,18 +344,18 @@ mod tests {
     fn fewer_virtual_views_weigh_more() {
         let recipe = Recipe { virtual_every: 3, ..Recipe::named("baeogs").unwrap() };
         let schedule = of(&recipe);
-        let plans: Vec<_> = (1200..1206).map(|i| schedule.plan(i, 10)).collect();
+        let plans: Vec<_> = (1200..1206).map(|i| schedule.plan(i)).collect();
         let drawn: Vec<bool> = plans.iter().map(|p| p.virtual_shear.is_some()).collect();
         assert_eq!(drawn, [true, false, false, true, false, false]);
-        assert_eq!(plans[0].weights.consistency_color, 3.0 * recipe.weights.consistency_color);
+        assert_eq!(plans[0].weights.get("consistency_color"), 3.0 * recipe.weights.get("consistency_color"));
     }
 
     #[test]
     fn opacities_of_eogs_count_by_the_splats_at_the_start() {
         let recipe = Recipe::named("eogs").unwrap();
         let schedule = Schedule { splats_at_start: 1000, ..of(&recipe) };
-        let plan = schedule.plan(700, 250);
-        assert_eq!(plan.weights.opacity, 0.1 * 0.25);
-        assert!(plan.population.grow.is_none() && plan.population.prune_below.is_some());
+        let plan = schedule.plan(700);
+        assert_eq!((plan.weights.get("opacity"), plan.opacity_divisor), (0.1, Some(1000)));
+        assert!(plan.densify.grow.is_none() && plan.densify.prune_below.is_some());
     }
 }

@@ -2,10 +2,8 @@
 
 use crate::affine::TrainingView;
 use crate::io::{Chart, RgbImage};
-use crate::splat::appearance::Appearance;
 use crate::splat::loss::target::{COARSEST_LEVEL, TargetImage};
-use crate::splat::novel_view::NovelView;
-use crate::splat::splats::Splats;
+use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::train::LogLine;
 
 /// Longest side of a panel (of views of up to 16 times that), and between panels, pixels.
@@ -25,55 +23,72 @@ pub fn is_snapshot_due(snapshots: u32, done: u32, all: u32) -> bool {
     part(done) > part(done - 1)
 }
 
-/// Five panels: the view's image, its picture, the share of sunlight (1 without `shadows`), altitudes (black at the lowest
-/// of `altitudes`, white at the highest), and the difference of picture and image (white none, red large).
-#[must_use]
-pub fn panels(
+/// Five panels of a training view: its image, its picture, the share of sunlight, altitudes (black at the lowest, white at
+/// the highest), and the difference of picture and image (white none, red large).
+pub struct Panels<'a> {
+    view: &'a TrainingView,
+    target: TargetImage,
+    /// The view at the panels' resolution, of which they need the picture.
+    pub from: NovelView,
+}
+
+impl<'a> Panels<'a> {
+    /// The panels of a view; without `shadows` there is no sun.
+    #[must_use]
+    pub fn new(view: &'a TrainingView, shadows: bool) -> Self {
+        let times = view.width.max(view.height).div_ceil(PANEL);
+        let thin = view.width.min(view.height).ilog2() as usize;
+        let level = (times.next_power_of_two().ilog2() as usize).min(COARSEST_LEVEL).min(thin);
+        let mut target = TargetImage::default();
+        let camera = target.load(view, level);
+        let size = (target.colors.width, target.colors.height);
+        let scale = 0.5f64.powi(level as i32);
+        let sun_shear = view.sun_shear.filter(|_| shadows).map(|s| s.map(|s| s * scale));
+        Self { view, target, from: NovelView { camera, size, sun_shear } }
+    }
+
+    /// Draws them with the picture that was made `from` there; `altitudes` are the lowest and highest.
+    #[must_use]
+    pub fn draw(&self, picture: Picture, altitudes: (f64, f64)) -> RgbImage {
+        draw_panels(self.view, &self.target, picture, altitudes)
+    }
+}
+
+fn draw_panels(
     view: &TrainingView,
-    splats: &Splats,
-    appearance: &Appearance,
+    truth: &TargetImage,
+    mut picture: Picture,
     altitudes: (f64, f64),
-    shadows: bool,
 ) -> RgbImage {
-    let times = view.width.max(view.height).div_ceil(PANEL);
-    let thin = view.width.min(view.height).ilog2() as usize;
-    let level = (times.next_power_of_two().ilog2() as usize).min(COARSEST_LEVEL).min(thin);
-    let mut truth = TargetImage::default();
-    let camera = truth.load(view, level);
     let (width, height) = (truth.colors.width, truth.colors.height);
-    let scale = 0.5f64.powi(level as i32);
-    let sun_shear = view.sun_shear.filter(|_| shadows).map(|s| s.map(|s| s * scale));
-    let novel = NovelView { camera, size: (width, height), sun_shear };
-    let mut picture = novel.picture(splats, appearance, altitudes);
     view.transfer_function.encode(&mut picture.colors);
-    let mut image = RgbImage::white(5 * (width + GAP) - GAP, height);
+    let mut panels = RgbImage::white(5 * (width + GAP) - GAP, height);
     let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
     let (low, high) = (altitudes.0 as f32, altitudes.1 as f32);
     for row in 0..height {
         for col in 0..width {
             let counts = truth.valid[row * width + col];
-            let target = counts.then(|| {
+            let image = counts.then(|| {
                 std::array::from_fn(|c| view.transfer_function.encoded(truth.colors.at(c, col, row)))
             });
             let made = picture.colors.each_ref().map(|c| c.at(col, row));
             let altitude = picture.altitude.at(col, row);
-            let error = target.map(|target: [f32; 3]| {
-                target.iter().zip(made).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0
-            });
+            let error = image
+                .map(|image: [f32; 3]| image.iter().zip(made).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0);
             let white = error.map(|e| byte(1.0 - e / LARGEST_ERROR));
             let colors = [
-                target.map_or(NOTHING, |c| c.map(byte)),
+                image.map_or(NOTHING, |c| c.map(byte)),
                 made.map(byte),
                 [byte(picture.sunlight.at(col, row)); 3],
                 if altitude.is_nan() { NOTHING } else { [byte((altitude - low) / (high - low)); 3] },
                 white.map_or(NOTHING, |w| [255, w, w]),
             ];
             for (panel, color) in colors.into_iter().enumerate() {
-                image.set(panel * (width + GAP) + col, row, color);
+                panels.set(panel * (width + GAP) + col, row, color);
             }
         }
     }
-    image
+    panels
 }
 
 /// Loss and number of splats over the iterations, each as a fraction of its largest value.
@@ -103,6 +118,8 @@ mod tests {
     use super::*;
     use crate::affine::AffineCamera;
     use crate::io::Grid2;
+    use crate::splat::appearance::Appearance;
+    use crate::splat::splats::Splats;
 
     #[test]
     fn panels_show_image_picture_shadow_altitude_and_error() {
@@ -122,7 +139,9 @@ mod tests {
                 splats.push([i as f32, j as f32, 10.0], 1.0, 0.99, [0.0; 3]);
             }
         }
-        let image = panels(&view, &splats, &Appearance::default(), (-10.0, 10.0), true);
+        let panels = Panels::new(&view, true);
+        let picture = panels.from.picture(&splats, &Appearance::default(), (-10.0, 10.0));
+        let image = panels.draw(picture, (-10.0, 10.0));
         assert_eq!((image.width, image.height), (5 * 48 - 8, 40));
         let at = |panel: usize, col: usize, row: usize| image.at(panel * 48 + col, row);
         assert_eq!((at(0, 5, 30), at(0, 38, 30)), ([255; 3], NOTHING));

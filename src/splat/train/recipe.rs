@@ -2,7 +2,8 @@
 //!
 //! Numbers marked *cube* are lengths in the papers' [-1, 1] cube: times half its side, they are metres.
 
-use crate::splat::objective::LossWeights;
+use crate::splat::appearance::AppearanceKind;
+use crate::splat::loss::LossWeights;
 use crate::splat::splats::PerGroup;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -13,6 +14,10 @@ const BEST_ITERATIONS: u32 = 4000;
 const ITERATIONS_A_VIEW: u32 = 500;
 /// Opacity whose logit is -6.
 const EOGS_PRUNES_BELOW: f64 = 0.002_472_6;
+
+/// Weights of the loss's terms (EOGS).
+const EOGS_WEIGHTS: [(&str, f64); 4] =
+    [("opacity", 0.1), ("consistency_altitude", 0.01), ("consistency_color", 0.1), ("shadow_entropy", 0.01)];
 
 /// Why a recipe could not be read.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
@@ -120,11 +125,13 @@ pub struct Recipe {
     pub rates: PerGroup<f64>,
     /// Step length of Adam for the parameters of the colour model.
     pub appearance_rate: f64,
-    /// What the loss weighs.
+    /// Weights of the loss's terms by name: EOGS's `L_opacity` is `opacity`, `L_new_altitude` and `L_new_rgb` are
+    /// `consistency_altitude` (per metre) and `consistency_color`, `L_translucentshadows` is `shadow_entropy`; ours is
+    /// `surface_prior`, for recipes that start on the matched surface. Those that are absent are zero.
     pub weights: LossWeights,
-    /// What the loss weighs the distance from the surface that splats start on, where that is plain; nothing if absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub hold: Option<f64>,
+    /// The colour model.
+    #[serde(default)]
+    pub appearance: AppearanceKind,
     /// Whether the sum of opacities is divided by the number of splats at the start (EOGS) instead of the present one
     /// (BAEOGS).
     pub opacity_by_start: bool,
@@ -162,6 +169,11 @@ fn white() -> f32 {
 /// In every iteration.
 fn always() -> u32 {
     1
+}
+
+/// Weights, some of them of these values.
+fn weights(others: LossWeights, named: &[(&str, f64)]) -> LossWeights {
+    others.with(named).expect("the terms of the built-in recipes are registered")
 }
 
 impl Recipe {
@@ -205,13 +217,8 @@ impl Recipe {
                 f_dc: 0.0025,
             },
             appearance_rate: 0.01,
-            weights: LossWeights {
-                opacity: 0.1,
-                consistency_altitude: 0.01,
-                consistency_color: 0.1,
-                shadow_entropy: 0.01,
-            },
-            hold: None,
+            weights: weights(LossWeights::default(), &EOGS_WEIGHTS),
+            appearance: AppearanceKind::Affine,
             opacity_by_start: false,
             shadows_from: 1000,
             virtual_shear: 0.01,
@@ -247,7 +254,7 @@ impl Recipe {
                     name: "best".into(),
                     start: Start::Surface,
                     // Roofs without texture would drift.
-                    hold: Some(0.1),
+                    weights: weights(baeogs.weights, &[("surface_prior", 0.1)]),
                     heights: RayHeight::Median,
                     reset: None,
                     ..baeogs
@@ -279,7 +286,7 @@ impl Recipe {
 
     /// What is wrong with it, if anything.
     fn check(&self) -> Result<(), String> {
-        let (r, w) = (&self.rates, &self.weights);
+        let r = &self.rates;
         let of_growth = |value: fn(&Densification) -> f64| self.growth.as_ref().map_or(0.0, value);
         let numbers = [
             ("rates.position", r.position),
@@ -288,11 +295,6 @@ impl Recipe {
             ("rates.opacity_logit", r.opacity_logit),
             ("rates.f_dc", r.f_dc),
             ("appearance_rate", self.appearance_rate),
-            ("weights.opacity", w.opacity),
-            ("weights.consistency_altitude", w.consistency_altitude),
-            ("weights.consistency_color", w.consistency_color),
-            ("weights.shadow_entropy", w.shadow_entropy),
-            ("hold", self.hold.unwrap_or(0.0)),
             ("half_resolution_px_m", self.half_resolution_px_m),
             ("white", self.white.into()),
             ("virtual_shear", self.virtual_shear),
@@ -301,7 +303,9 @@ impl Recipe {
             ("growth.gradient", of_growth(|g| g.gradient)),
             ("growth.copy_below", of_growth(|g| g.copy_below)),
         ];
-        if let Some((name, value)) = numbers.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
+        let weights = self.weights.iter().map(|(name, value)| (format!("weights.{name}"), value));
+        let numbers = numbers.into_iter().map(|(name, value)| (name.to_owned(), value));
+        if let Some((name, value)) = numbers.chain(weights).find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
             return Err(format!("{name} = {value} is not a number from 0 on"));
         }
         let opacities =
@@ -390,6 +394,8 @@ mod tests {
             ("growth_rests = 500", "growth_rests = 3000", "reset.growth_rests = 3000"),
             ("iterations = 5000", "iterations = 0", "iterations = 0"),
             ("white = 1.0", "white = 0.0", "white = 0"),
+            ("shadow_entropy = 0.01", "shadow_entropy = -1.0", "weights.shadow_entropy = -1"),
+            ("shadow_entropy = 0.01", "entropy = 0.01", "no loss term has the weight `entropy`"),
             ("start = \"points\"", "begin = \"points\"", "unknown field `begin`"),
             ("start = \"points\"", "start = \"sky\"", "line"),
         ] {

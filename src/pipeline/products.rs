@@ -1,8 +1,8 @@
-//! Which products beside the rasters a run has of its present surface, so that others can be added later.
+//! Which optional products of its present surface a run has, so that others can be added later.
 
-use super::Failure;
-use super::run_folder::write_json;
+use super::PipelineError;
 use super::stage::{Fingerprint, hash};
+use crate::io::{read_json, write_json};
 use crate::run_files::PRODUCTS;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,13 +16,14 @@ pub(super) struct Products {
 }
 
 impl Products {
-    /// Those of a run whose surface is made `from` this. Without a sound record there are none.
-    pub fn read(run: &Path, from: &Fingerprint) -> Self {
+    /// Those of a run whose surface is made `from` this. Without a readable record there are none.
+    pub fn read(run: &Path, from: &Fingerprint) -> Result<Self, PipelineError> {
         let record = run.join(PRODUCTS);
-        let text = std::fs::read_to_string(&record).unwrap_or_default();
-        let made = serde_json::from_str(&text).unwrap_or_default();
-        let made_from = hash(serde_json::to_string(from).unwrap_or_default().as_bytes());
-        Self { record, run: run.into(), made_from, made }
+        // Products without a record are made again, which does no harm.
+        let made = read_json(&record).unwrap_or_default();
+        let from = serde_json::to_string(from)
+            .map_err(|source| PipelineError::Json { what: "a fingerprint", source })?;
+        Ok(Self { record, run: run.into(), made_from: hash(from.as_bytes()), made })
     }
 
     /// Whether a product is there, of the present surface.
@@ -31,9 +32,9 @@ impl Products {
     }
 
     /// Records that a product is written.
-    pub fn add(&mut self, product: PathBuf) -> Result<(), Failure> {
+    pub fn add(&mut self, product: PathBuf) -> Result<(), PipelineError> {
         self.made.insert(product, self.made_from.clone());
-        write_json(&self.record, &self.made)
+        Ok(write_json(&self.record, &self.made)?)
     }
 }
 
@@ -47,13 +48,13 @@ mod tests {
         let run = folder.path();
         let from = |cell: &str| Fingerprint::from([("grid".into(), cell.into())]);
         let product = Path::new("dsm.laz");
-        let mut products = Products::read(run, &from("0.5 m"));
+        let mut products = Products::read(run, &from("0.5 m")).unwrap();
         std::fs::write(run.join(product), "points").unwrap();
         assert!(!products.has(product), "it may be anybody's");
         products.add(product.into()).unwrap();
-        assert!(Products::read(run, &from("0.5 m")).has(product));
-        assert!(!Products::read(run, &from("1 m")).has(product));
+        assert!(Products::read(run, &from("0.5 m")).unwrap().has(product));
+        assert!(!Products::read(run, &from("1 m")).unwrap().has(product));
         std::fs::remove_file(run.join(product)).unwrap();
-        assert!(!Products::read(run, &from("0.5 m")).has(product));
+        assert!(!Products::read(run, &from("0.5 m")).unwrap().has(product));
     }
 }

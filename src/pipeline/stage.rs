@@ -1,22 +1,39 @@
-//! Stages of a run: each remembers what it was made from, so that it is skipped, resumed or refused.
+//! Stages of a run: each records what it was made from, so that it is kept, resumed or refused.
 
-use super::Failure;
-use super::run_folder::write_json;
-use crate::io::{WriteError, check_writable, write_file};
+use super::PipelineError;
+use crate::io::{ReadError, WriteError, check_writable, read_json, write_json};
 use crate::run_files::{ADJUSTMENT, STAGE, SUMMARY};
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Hexadecimal digits of a hash.
 const HASH_LENGTH: usize = 32;
 
+/// How a call to a stage ended.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome<T> {
+    /// The stage has been made.
+    Made(T),
+    /// The stage was complete already. Its summary is of the time when it was made; none if its file is missing.
+    Kept(Option<T>),
+}
+
+impl<T> Outcome<T> {
+    /// The summary of the stage, if there is one.
+    pub fn summary(&self) -> Option<&T> {
+        match self {
+            Self::Made(summary) => Some(summary),
+            Self::Kept(summary) => summary.as_ref(),
+        }
+    }
+}
+
 /// What a stage was made from: option or input → its value or hash.
 pub type Fingerprint = BTreeMap<String, String>;
 
 /// What `stage.json` holds.
-#[derive(Default, Serialize, Deserialize)]
+#[derive(Serialize, Deserialize)]
 struct Record {
     /// Version that made the stage.
     satgs: String,
@@ -42,20 +59,22 @@ impl Stage {
     /// Whether the stage is complete, made from the same things, and what it made is still there.
     ///
     /// Made from other things it is an error that names them. With `overwrite` no stage is complete.
-    pub fn is_done(&self, overwrite: bool) -> Result<bool, Failure> {
-        let Ok(text) = std::fs::read_to_string(&self.record) else { return Ok(false) };
+    pub fn is_done(&self, overwrite: bool) -> Result<bool, PipelineError> {
+        if !self.record.exists() {
+            return Ok(false);
+        }
         if overwrite {
             self.forget()?;
             return Ok(false);
         }
-        let before: Record = serde_json::from_str(&text).unwrap_or_default();
+        let before: Record = read_json(&self.record).map_err(|e| self.damaged(e))?;
         Ok(self.is_made_from(&before.made_from, false)? && self.outputs.iter().all(|o| o.exists()))
     }
 
     /// Whether something was made from what this stage is to be made from.
     ///
     /// Made from other things it is an error that names them, unless `overwrite`.
-    pub fn is_made_from(&self, before: &Fingerprint, overwrite: bool) -> Result<bool, Failure> {
+    pub fn is_made_from(&self, before: &Fingerprint, overwrite: bool) -> Result<bool, PipelineError> {
         if *before == self.fingerprint || overwrite {
             return Ok(*before == self.fingerprint);
         }
@@ -63,27 +82,33 @@ impl Stage {
             before.keys().chain(self.fingerprint.keys()).collect();
         let differences =
             keys.into_iter().filter_map(|k| difference(k, before.get(k), self.fingerprint.get(k)));
-        let folder = self.record.parent().unwrap_or(&self.record).display();
-        let message = format!(
-            "`{folder}` was made with other options or input: {}",
-            differences.collect::<Vec<_>>().join("; ")
-        );
+        let folder = self.record.parent().unwrap_or(&self.record).to_path_buf();
+        let differences = differences.collect::<Vec<_>>().join("; ");
         let hint = match self.name {
             ADJUSTMENT => "--overwrite makes it anew, another -o keeps both".into(),
             name => format!("`satgs {name} RUN --overwrite` makes it anew; a copy of RUN keeps both"),
         };
-        Err(Failure::input(message, hint))
+        Err(PipelineError::Changed { folder, differences, hint })
     }
 
-    /// Asks whether what the stage makes can be written, for that to be known before long work.
-    pub fn require_writable(&self) -> Result<(), Failure> {
+    /// An error unless the outputs can be written, for that to be known before long work.
+    pub fn require_writable(&self) -> Result<(), PipelineError> {
         self.outputs.iter().chain([&self.record]).try_for_each(|path| Ok(check_writable(path)?))
     }
 
-    /// What the stage said when it was made, if it was kept.
-    pub fn summary(&self) -> Option<Value> {
-        let text = std::fs::read_to_string(self.record.with_file_name(SUMMARY)).ok()?;
-        serde_json::from_str(&text).ok()
+    /// The summary of the time when the stage was made; none if its file is missing.
+    pub fn summary<T: DeserializeOwned>(&self) -> Result<Option<T>, PipelineError> {
+        let path = self.record.with_file_name(SUMMARY);
+        path.exists().then(|| read_json(&path)).transpose().map_err(|e| self.damaged(e))
+    }
+
+    fn damaged(&self, source: ReadError) -> PipelineError {
+        let made_by = match self.name {
+            ADJUSTMENT => "`satgs ba SCENE -o RUN --overwrite` makes it anew",
+            "train" => "`satgs train RUN --overwrite` makes it anew",
+            _ => "`satgs dsm RUN --overwrite` makes it anew",
+        };
+        PipelineError::RunFile { source, made_by }
     }
 
     /// What the stage is made from.
@@ -91,9 +116,9 @@ impl Stage {
         &self.fingerprint
     }
 
-    /// Records that the stage is complete, and what it says to `--json`.
-    pub fn complete(&self, summary: &Value) -> Result<(), Failure> {
-        // Not in the record: later stages count its bytes, and a summary holds seconds.
+    /// Records that the stage is complete, and its summary.
+    pub fn complete(&self, summary: &impl Serialize) -> Result<(), PipelineError> {
+        // Not in the record: later stages hash its bytes, and a summary holds seconds.
         write_json(&self.record.with_file_name(SUMMARY), summary)?;
         let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
         let record = Record {
@@ -101,12 +126,11 @@ impl Stage {
             command: words.collect::<Vec<_>>().join(" "),
             made_from: self.fingerprint.clone(),
         };
-        let text = serde_json::to_string_pretty(&record).unwrap_or_default();
-        Ok(write_file(&self.record, text)?)
+        Ok(write_json(&self.record, &record)?)
     }
 
     /// Forgets that the stage is complete, if it is.
-    pub fn forget(&self) -> Result<(), Failure> {
+    pub fn forget(&self) -> Result<(), PipelineError> {
         match std::fs::remove_file(&self.record) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
                 Err(WriteError::new(&self.record, e).into())
@@ -172,20 +196,21 @@ mod tests {
         fn text<'a>(from: &'a [(&'a str, String)]) -> Vec<(&'a str, &'a str)> {
             from.iter().map(|(k, v)| (*k, v.as_str())).collect()
         }
-        stage(run, "dsm", &text(&before)).complete(&Value::Null).unwrap();
+        stage(run, "dsm", &text(&before)).complete(&()).unwrap();
         let refusal = stage(run, "dsm", &text(&now)).is_done(false).unwrap_err();
         let expected = format!(
             "grid was {}, is {}; mask a is missing now; mask b is new; splats has changed",
             grid("0.5"),
             grid("1")
         );
-        assert!(refusal.message.ends_with(&expected), "{}", refusal.message);
-        assert!(!refusal.message.contains(&one[..8]), "{}", refusal.message);
-        let hint = refusal.hint.unwrap();
+        let PipelineError::Changed { differences, hint, .. } = refusal else { panic!("{refusal}") };
+        assert_eq!(differences, expected);
+        assert!(!differences.contains(&one[..8]), "{differences}");
         assert!(hint.contains("satgs dsm RUN --overwrite") && !hint.contains("-o "), "{hint}");
-        stage(run, "ba", &text(&before)).complete(&Value::Null).unwrap();
+        stage(run, "ba", &text(&before)).complete(&()).unwrap();
         let refusal = stage(run, "ba", &text(&now)).is_done(false).unwrap_err();
-        assert!(refusal.hint.unwrap().contains("another -o"));
+        let PipelineError::Changed { hint, .. } = refusal else { panic!("{refusal}") };
+        assert!(hint.contains("another -o"), "{hint}");
     }
 
     #[test]
@@ -201,6 +226,22 @@ mod tests {
         stage.complete(&serde_json::json!({ "seconds": 2.5 })).unwrap();
         assert_eq!(record(), first, "later stages would be of other input");
         assert!(stage.is_done(false).unwrap());
-        assert_eq!(stage.summary().unwrap()["seconds"], 2.5);
+        let summary: serde_json::Value = stage.summary().unwrap().unwrap();
+        assert_eq!(summary["seconds"], 2.5);
+    }
+
+    #[test]
+    fn a_damaged_record_or_summary_is_an_error_that_names_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let stage = stage(folder.path(), "train", &[("seed", "0")]);
+        std::fs::create_dir(folder.path().join("train")).unwrap();
+        for name in [STAGE, SUMMARY] {
+            std::fs::write(folder.path().join("train").join(name), "{").unwrap();
+        }
+        let of_record = stage.is_done(false).unwrap_err().to_string();
+        assert!(of_record.contains("train/stage.json"), "{of_record}");
+        let of_summary = stage.summary::<serde_json::Value>().unwrap_err().to_string();
+        assert!(of_summary.contains("train/summary.json"), "{of_summary}");
+        assert!(!stage.is_done(true).unwrap(), "it can be made anew");
     }
 }

@@ -1,7 +1,7 @@
 //! The checkpoint of a training: taken up when it begins, kept while it goes on, removed when it is complete.
 
+use super::PipelineError;
 use super::stage::Stage;
-use super::{Failure, Ui};
 use crate::progress::{Event, Progress};
 use crate::splat::backend::TrainingBackend;
 use crate::splat::backend::checkpoint::Checkpoint;
@@ -31,12 +31,11 @@ impl Checkpoints<'_> {
         &self,
         views: usize,
         overwrite: bool,
-        ui: &Ui,
-    ) -> Result<Option<Checkpoint<'static>>, Failure> {
+        progress: &dyn Progress,
+    ) -> Result<Option<Checkpoint<'static>>, PipelineError> {
         if !self.path.exists() {
             if self.is_required {
-                let message = format!("`{}` does not exist", self.path.display());
-                return Err(Failure::input(message, "without --resume training begins at the start"));
+                return Err(PipelineError::NoCheckpoint { path: self.path.clone() });
             }
             return Ok(None);
         }
@@ -44,7 +43,7 @@ impl Checkpoints<'_> {
             Ok(checkpoint) => checkpoint,
             Err(e) if self.is_required => return Err(e.into()),
             Err(e) => {
-                ui.event(Event::Warning(format!("{e}; training begins at the start")));
+                progress.event(Event::Warning(format!("{e}; training starts from the beginning")));
                 return Ok(None);
             }
         };
@@ -53,7 +52,8 @@ impl Checkpoints<'_> {
             return Ok(None);
         }
         let done = checkpoint.log.len();
-        ui.note(&format!("going on from `{}` after {done} iterations", self.path.display()));
+        let path = self.path.display();
+        progress.event(Event::Note(format!("going on from `{path}` after {done} iterations")));
         Ok(Some(checkpoint))
     }
 
@@ -64,19 +64,25 @@ impl Checkpoints<'_> {
         log: &[LogLine],
         backend: &mut CpuBackend,
         progress: &dyn Progress,
-    ) -> Result<(), Failure> {
+    ) -> Result<(), PipelineError> {
         let interrupted = progress.is_cancelled();
-        if interrupted || log.len().is_multiple_of(self.every as usize) {
+        if interrupted || self.is_due(log.len() as u32) {
             let origin = Cow::Borrowed(self.stage.fingerprint());
-            let state = Cow::Borrowed(backend.snapshot());
+            let state = Cow::Borrowed(backend.snapshot()?);
             Checkpoint { origin, splats_at_start, log: log.into(), state }.write(&self.path)?;
         }
         if interrupted {
-            let message = format!("interrupted after {} iterations", log.len());
-            let hint = format!("the same command goes on from `{}`", self.path.display());
-            return Err(Failure::interrupted(message, hint));
+            return Err(PipelineError::TrainingInterrupted {
+                iterations: log.len(),
+                checkpoint: self.path.clone(),
+            });
         }
         Ok(())
+    }
+
+    /// Whether a checkpoint is due after so many iterations.
+    pub fn is_due(&self, done: u32) -> bool {
+        done.is_multiple_of(self.every)
     }
 
     /// A complete training needs none; one that is left behind does no harm.

@@ -1,8 +1,8 @@
-//! What stages leave in a run's folder for each other: how it is read and written.
+//! The files of a run folder that later stages read: the scene, and the cameras with what was trained beside splats.
 
-use super::{Failure, align};
+use super::PipelineError;
 use crate::affine::SiteScene;
-use crate::io::{WriteError, write_file};
+use crate::io::read_json;
 use crate::run_files::{CAMERAS, SCENE, SPLATS};
 use crate::scene::{Scene, View};
 use crate::splat::appearance::Appearance;
@@ -13,13 +13,13 @@ use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::path::Path;
 
-/// What [`CAMERAS`] holds.
-#[derive(Serialize, Deserialize)]
+/// The content of `cameras.json`: cameras in the site frame, their colour models, and the recipe they were trained by.
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TrainedCameras {
     /// Site, area, cameras.
     #[serde(flatten)]
     pub setup: SiteScene,
-    /// Name and radiometry of every training view.
+    /// Name of every training view, and its parameters of the colour model.
     pub appearances: Vec<(String, Appearance)>,
     /// What was trained by.
     pub recipe: Recipe,
@@ -28,14 +28,20 @@ pub struct TrainedCameras {
 }
 
 impl TrainedCameras {
-    /// Reads a run's cameras, aligned if an alignment was interrupted.
-    pub fn read(run: &Path) -> Result<Self, Failure> {
-        align::finish(run)?;
-        read_json(&run.join(CAMERAS), "`satgs train RUN` makes it")
+    /// Reads the cameras of a run folder.
+    ///
+    /// # Errors
+    /// [`PipelineError::RunFile`].
+    pub fn read(run: &Path) -> Result<Self, PipelineError> {
+        let made_by = "`satgs train RUN` makes it";
+        read_json(&run.join(CAMERAS)).map_err(|source| PipelineError::RunFile { source, made_by })
     }
 
-    /// Reads a run's splats, coloured in light.
-    pub fn read_splats(&self, run: &Path) -> Result<Splats, Failure> {
+    /// Reads the splats of a run folder; their colours are linear.
+    ///
+    /// # Errors
+    /// [`PipelineError::Ply`].
+    pub fn read_splats(&self, run: &Path) -> Result<Splats, PipelineError> {
         let mut splats = ply::read(&run.join(SPLATS))?;
         if !self.setup.transfer_function.is_linear() {
             splats.recolor(|v| self.setup.transfer_function.linear(v));
@@ -43,8 +49,11 @@ impl TrainedCameras {
         Ok(splats)
     }
 
-    /// Writes a run's splats, coloured in light, as viewers show them.
-    pub fn write_splats(&self, run: &Path, splats: &Splats) -> Result<(), Failure> {
+    /// Writes splats of linear colours into a run folder, encoded for display as viewers expect them.
+    ///
+    /// # Errors
+    /// [`PipelineError::Write`].
+    pub fn write_splats(&self, run: &Path, splats: &Splats) -> Result<(), PipelineError> {
         let mut shown = Cow::Borrowed(splats);
         if !self.setup.transfer_function.is_linear() {
             shown.to_mut().recolor(|v| self.setup.transfer_function.encoded(v));
@@ -52,46 +61,33 @@ impl TrainedCameras {
         Ok(ply::write(&run.join(SPLATS), &shown, &self.setup.site)?)
     }
 
-    /// The radiometry of the view whose colours the orthophoto takes.
+    /// The colour model of the view whose colours the orthophoto takes.
     pub fn reference_appearance(&self) -> Appearance {
         let reference = self.appearances.get(self.setup.reference_among_training());
-        reference.map(|a| a.1).unwrap_or_default()
+        reference.map(|a| a.1.clone()).unwrap_or_default()
     }
 }
 
-/// Reads a run's scene.
-pub fn read_scene(run: &Path) -> Result<Scene, Failure> {
-    read_json(&run.join(SCENE), "`satgs ba SCENE -o RUN` makes it")
+/// Reads the scene of a run folder: the views that were adjusted.
+///
+/// # Errors
+/// [`PipelineError::RunFile`].
+pub fn read_scene(run: &Path) -> Result<Scene, PipelineError> {
+    let made_by = "`satgs ba SCENE -o RUN` makes it";
+    read_json(&run.join(SCENE)).map_err(|source| PipelineError::RunFile { source, made_by })
 }
 
-/// An error when an image that a run was made of is no longer where it was.
-pub fn require_images(scene: &Scene) -> Result<(), Failure> {
+/// An error when an image that a run was made from is no longer where it was.
+pub(super) fn require_images(scene: &Scene) -> Result<(), PipelineError> {
     scene.views.iter().try_for_each(require_image)
 }
 
 /// As [`require_images`], of one view.
-pub fn require_image(view: &View) -> Result<(), Failure> {
+pub(super) fn require_image(view: &View) -> Result<(), PipelineError> {
     if view.image.exists() {
         return Ok(());
     }
-    Err(Failure::input(
-        format!("`{}` is gone, of which the run was made", view.image.display()),
-        "`satgs ba SCENE -o RUN` tells the run where its images have moved to",
-    ))
-}
-
-/// Reads a JSON file of a run's folder; `made_by` is the hint when it is absent.
-pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path, made_by: &str) -> Result<T, Failure> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Failure::input(format!("`{}` cannot be read: {e}", path.display()), made_by))?;
-    serde_json::from_str(&text)
-        .map_err(|e| Failure::input(format!("`{}` is damaged: {e}", path.display()), made_by))
-}
-
-/// Writes a JSON file of a run's folder.
-pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), Failure> {
-    let text = serde_json::to_string_pretty(value).map_err(|e| WriteError::new(path, e))?;
-    Ok(write_file(path, text)?)
+    Err(PipelineError::ImageMoved { image: view.image.clone() })
 }
 
 #[cfg(test)]

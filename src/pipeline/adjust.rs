@@ -1,0 +1,186 @@
+//! Bundle adjustment of a scene into a run folder: `satgs ba`.
+
+use super::scene_fingerprint::scene_fingerprint;
+use super::stage::{Fingerprint, Stage, hash_file, or_none};
+use super::{PipelineError, RunLock, read_scene, relocation};
+use crate::bundle::{
+    self, Adjustment, BundleOptions, CorrectionModel, HeightPrior, LeftOut, Report, check_control,
+    read_control,
+};
+use crate::io::{VerticalReference, write_json};
+use crate::progress::{Event, Progress};
+use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
+use crate::scene::{self, Scene};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// How to adjust.
+#[derive(Clone, Debug, Default)]
+pub struct AdjustOptions {
+    /// What is corrected in each camera.
+    pub model: CorrectionModel,
+    /// Keep the cameras as they are, and only measure how well they agree.
+    pub fixed: bool,
+    /// Lowest and highest height to search, metres above the ellipsoid; by default what the scene's metadata tell.
+    pub height_range: Option<(f64, f64)>,
+    /// An elevation model that gives the heights to search, instead of `height_range`.
+    pub dem: Option<Dem>,
+    /// A CSV file of ground control points, which then define the datum.
+    pub gcps: Option<PathBuf>,
+    /// Names of reference views: their cameras are not corrected and define the datum.
+    pub reference_views: Vec<String>,
+    /// Adjust again, whatever the run folder holds.
+    pub overwrite: bool,
+}
+
+/// An elevation model for an adjustment.
+#[derive(Clone, Debug)]
+pub struct Dem {
+    /// The raster.
+    pub path: PathBuf,
+    /// VerticalReference reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says.
+    pub vertical: Option<String>,
+    /// Standard deviation, metres, with which it constrains the scene's height; without one it only limits the search.
+    pub sigma_m: Option<f64>,
+}
+
+/// The figures of an adjustment.
+#[derive(Clone, Debug, Serialize)]
+pub struct Adjusted {
+    /// Residuals, shifts and views left out.
+    #[serde(flatten)]
+    pub report: Report,
+    /// Time of the adjustment, seconds; none if its record is missing.
+    pub seconds: Option<f64>,
+    /// Whether the run folder was adjusted already.
+    #[serde(skip)]
+    pub was_complete: bool,
+}
+
+impl Adjusted {
+    /// Views that could not be adjusted, with the reason: with any the result is partial.
+    #[must_use]
+    pub fn left_out(&self) -> &[LeftOut] {
+        &self.report.left_out
+    }
+}
+
+/// The part of the figures that is not in the adjustment's own report.
+#[derive(Serialize, Deserialize)]
+struct Timing {
+    seconds: f64,
+}
+
+/// Adjusts a scene into a run folder, unless that was done with the same input and options.
+///
+/// Writes `RUN/scene.json` and `RUN/ba`.
+///
+/// # Errors
+/// [`PipelineError`]: the folder is in use or was made from something else, the scene or an option is wrong, a file
+/// cannot be written, the caller asked to stop.
+pub fn adjust(
+    scene: &Scene,
+    options: &AdjustOptions,
+    run: &Path,
+    progress: &dyn Progress,
+) -> Result<Adjusted, PipelineError> {
+    let _lock = RunLock::make(run)?;
+    adjust_locked(scene, options, run, progress)
+}
+
+/// As [`adjust`]; the caller holds the lock.
+pub(super) fn adjust_locked(
+    scene: &Scene,
+    options: &AdjustOptions,
+    run: &Path,
+    progress: &dyn Progress,
+) -> Result<Adjusted, PipelineError> {
+    let dem = options.dem.as_ref().map(|dem| read_dem(dem, scene)).transpose()?;
+    let heights = dem.as_ref().map(scene::Dem::heights_to_search).or(options.height_range);
+    let folder = run.join(ADJUSTMENT);
+    let outputs = vec![run.join(SCENE), folder.join(ADJUSTMENT_REPORT), folder.join(SPARSE_POINTS)];
+    let stage = Stage::new(run, ADJUSTMENT, outputs, fingerprint(scene, options, heights)?);
+    let keypoints = folder.join("keypoints");
+    if stage.is_done(options.overwrite)? {
+        forget(&keypoints);
+        update_image_paths(run, scene)?;
+        progress.event(Event::Note(format!("`{}` is adjusted already", run.display())));
+        let report = Adjustment::read(&folder)?.report;
+        let seconds = stage.summary::<Timing>()?.map(|t| t.seconds);
+        return Ok(Adjusted { report, seconds, was_complete: true });
+    }
+    stage.require_writable()?;
+    let started = std::time::Instant::now();
+    let control = options.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();
+    if let Some(path) = &options.gcps {
+        check_control(path, &control, scene)?;
+    }
+    let sigma_m = options.dem.as_ref().and_then(|dem| dem.sigma_m);
+    let choices = BundleOptions {
+        fixed: options.fixed,
+        model: options.model,
+        height_range: heights,
+        control,
+        reference: options.reference_views.clone(),
+        height_prior: dem.zip(sigma_m).map(|(dem, sigma_m)| HeightPrior { dem, sigma_m }),
+        keypoints: Some(keypoints.clone()),
+    };
+    let adjustment = bundle::adjust(scene, &choices, progress)?;
+    let is_used = |name: &String| adjustment.cameras.iter().any(|c| c.0 == *name);
+    let mut used = scene.clone();
+    used.views.retain(|v| is_used(&v.name));
+    adjustment.write(&folder, &used)?;
+    relocation::forget(run)?;
+    write_json(&run.join(SCENE), &used)?;
+    let seconds = started.elapsed().as_secs_f64();
+    // The other figures are in the report, which alignment changes.
+    stage.complete(&Timing { seconds })?;
+    forget(&keypoints);
+    Ok(Adjusted { report: adjustment.report, seconds: Some(seconds), was_complete: false })
+}
+
+fn read_dem(dem: &Dem, scene: &Scene) -> Result<scene::Dem, PipelineError> {
+    let vertical = dem.vertical.as_deref().map(VerticalReference::read).transpose()?;
+    Ok(scene.dem(&dem.path, vertical.as_ref())?)
+}
+
+/// What an adjustment is made from; its keys are the names of options on the command line.
+fn fingerprint(
+    scene: &Scene,
+    options: &AdjustOptions,
+    heights: Option<(f64, f64)>,
+) -> Result<Fingerprint, PipelineError> {
+    let mut out = scene_fingerprint(scene)?;
+    out.insert("--height-range".into(), or_none(heights.map(|(low, high)| format!("{low},{high}"))));
+    out.insert("--fixed".into(), options.fixed.to_string());
+    out.insert("--model".into(), format!("{:?}", options.model));
+    if !options.reference_views.is_empty() {
+        out.insert("--reference".into(), options.reference_views.join(", "));
+    }
+    if let Some(Dem { path, vertical, sigma_m: Some(sigma_m) }) = &options.dem {
+        out.insert("--dem".into(), hash_file(path));
+        out.insert("--dem-sigma".into(), sigma_m.to_string());
+        out.insert("--dem-vertical".into(), or_none(vertical.as_ref()));
+    }
+    if let Some(gcps) = &options.gcps {
+        out.insert("--gcps".into(), hash_file(gcps));
+    }
+    Ok(out)
+}
+
+/// Stores where the scene's images are now: they may have moved since the run was adjusted.
+fn update_image_paths(run: &Path, scene: &Scene) -> Result<(), PipelineError> {
+    let before = read_scene(run)?;
+    let mut used = before.clone();
+    for view in &mut used.views {
+        if let Some(now) = scene.views.iter().find(|v| v.name == view.name) {
+            (view.image, view.mask) = (now.image.clone(), now.mask.clone());
+        }
+    }
+    if used == before { Ok(()) } else { Ok(write_json(&run.join(SCENE), &used)?) }
+}
+
+/// Removes the keypoints that an adjustment keeps while it runs; a file that cannot be removed does no harm.
+fn forget(keypoints: &Path) {
+    let _ = std::fs::remove_dir_all(keypoints);
+}

@@ -1,0 +1,295 @@
+//! Surface model, orthophoto and confidence of a trained run: `satgs dsm`.
+
+use super::cameras::require_image;
+use super::products::Products;
+use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
+use super::{PipelineError, RunLock, TrainedCameras, read_scene, relocation};
+use crate::affine::SiteView;
+use crate::dsm::{Dsm, Heights, HeightsFrom, Seeing, hillshade, render};
+use crate::io::{HeightSystem, ImageFile, MapGrid, VerticalReference, check_writable, write_png_gray};
+use crate::mvs::{DSM_CELL_M, MatchedSurface};
+use crate::progress::{Event, Progress};
+use crate::run_files::{
+    ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPARSE_POINTS, SPLATS, SURFACE,
+};
+use crate::scene::{Role, View};
+use crate::splat::raster::MAX_SIDE;
+use crate::splat::train::recipe::RayHeight;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// No grid has more cells than this: 40,000 squared.
+const MAX_CELLS: f64 = 1.6e9;
+
+/// Which products to write, on which grid.
+#[derive(Clone, Debug)]
+pub struct DsmOptions {
+    /// Side of a cell, metres. The extent is the trained area, snapped outwards to whole cells.
+    pub resolution_m: f64,
+    /// A raster whose grid and extent are taken instead.
+    pub like: Option<PathBuf>,
+    /// VerticalReference reference of the heights: `ellipsoid`, a geoid model or a geoid's grid; by default that of an existing
+    /// `RUN/dsm.tif`, else the ellipsoid.
+    pub vertical: Option<String>,
+    /// Fill holes up to this distance between cells with heights, metres.
+    pub fill_m: Option<f64>,
+    /// Also write the shaded relief as a raster, `RUN/hillshade.tif`.
+    pub hillshade: bool,
+    /// Also write the cells as a coloured point cloud (.laz, .las). A relative path counts from the run folder.
+    pub points: Option<PathBuf>,
+    /// Also write a textured mesh (.glb). A relative path counts from the run folder.
+    pub mesh: Option<PathBuf>,
+    /// Render again, whatever the run folder holds.
+    pub overwrite: bool,
+}
+
+impl Default for DsmOptions {
+    fn default() -> Self {
+        Self {
+            resolution_m: DSM_CELL_M,
+            like: None,
+            vertical: None,
+            fill_m: None,
+            hillshade: false,
+            points: None,
+            mesh: None,
+            overwrite: false,
+        }
+    }
+}
+
+impl DsmOptions {
+    /// Opens what rendering will read and checks that it can write, so that errors are found before a long training.
+    ///
+    /// # Errors
+    /// [`PipelineError`] of the option that is wrong.
+    pub fn check(&self, run: &Path) -> Result<(), PipelineError> {
+        if !(self.resolution_m.is_finite() && self.resolution_m > 0.0) {
+            let found = self.resolution_m.to_string();
+            return Err(PipelineError::Option { option: "--resolution", found, expected: "metres above 0" });
+        }
+        self.products()?.iter().try_for_each(|product| product.check(run))?;
+        self.vertical.as_deref().map(VerticalReference::read).transpose()?;
+        if let Some(path) = &self.like {
+            check_size(&ImageFile::open(path)?.map_grid()?)?;
+        }
+        Ok(())
+    }
+}
+
+/// The figures of a rendered surface.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DsmSummary {
+    /// Grid of the rasters.
+    pub grid: MapGrid,
+    /// VerticalReference reference of the heights.
+    pub vertical: String,
+    /// Share of the cells with a height, percent.
+    pub seen_percent: f64,
+}
+
+/// Renders a trained run on a map grid, unless that was done with the same input and options. Products that are missing
+/// are added to a surface that is complete.
+///
+/// Writes `RUN/dsm.tif`, `RUN/ortho.tif`, `RUN/confidence.tif` and the products that are asked for.
+///
+/// # Errors
+/// [`PipelineError`]: the run is not trained, is in use or holds another surface, an option is wrong, a file cannot be
+/// written.
+pub fn dsm(
+    run: &Path,
+    options: &DsmOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<DsmSummary>, PipelineError> {
+    let _lock = RunLock::existing(run)?;
+    dsm_locked(run, options, progress)
+}
+
+/// As [`dsm`]; the caller holds the lock.
+pub(super) fn dsm_locked(
+    run: &Path,
+    options: &DsmOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<DsmSummary>, PipelineError> {
+    relocation::finish_locked(run)?;
+    let cameras = TrainedCameras::read(run)?;
+    let setup = &cameras.setup;
+    let grid = grid(options, &cameras)?;
+    let above = vertical_name(run, options)?;
+    let vertical = VerticalReference::read(&above)?;
+    let outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(|name| run.join(name)).to_vec();
+    let stage = Stage::new(run, "dsm", outputs, fingerprint(run, &grid, &above, options));
+    let is_done = stage.is_done(options.overwrite)?;
+    let mut made = Products::read(run, stage.fingerprint())?;
+    let mut products = options.products()?;
+    products.retain(|product| !is_done || !made.has(product.path()));
+    if is_done {
+        progress.event(Event::Note(format!("`{}` has its surface already", run.display())));
+        if products.is_empty() {
+            return Ok(Outcome::Kept(stage.summary()?));
+        }
+    } else {
+        stage.require_writable()?;
+    }
+    products.iter().try_for_each(|product| product.check(run))?;
+    let splats = cameras.read_splats(run)?;
+    let reference = cameras.reference_appearance();
+    let read = || MatchedSurface::read(&run.join(SURFACE), &setup.site);
+    let matched = cameras.is_matched.then(read).transpose()?;
+    let source = match (&matched, cameras.recipe.heights) {
+        (Some(surface), _) => HeightsFrom::Matched(surface),
+        (None, RayHeight::Median) => HeightsFrom::Median,
+        (None, RayHeight::Mean) => HeightsFrom::Mean { floor: setup.altitudes.0 as f32 },
+    };
+    let mut surface = render(&splats, &setup.site, grid, &reference, source);
+    setup.transfer_function.encode(&mut surface.colors);
+    let views: Vec<_> = setup.views.iter().filter(|v| v.role == Role::Train).collect();
+    let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
+    surface.metadata = vec![("INPUTS", names.join(", "))];
+    surface.count_views(&setup.site, &seeing(run, &views)?);
+    if let Some(matched) = &matched {
+        surface.mark_filled(matched);
+    }
+    if let Some(reach_m) = options.fill_m {
+        surface.fill(reach_m);
+    }
+    let heights = surface.heights_above(&vertical);
+    if heights.raster.valid().next().is_none() && surface.height.valid().next().is_some() {
+        return Err(PipelineError::NoUndulation { name: vertical.name().into() });
+    }
+    if !is_done {
+        surface.write_dsm(&run.join(DSM), &heights)?;
+        surface.write_ortho(&run.join(ORTHO))?;
+        surface.write_confidence(&run.join(CONFIDENCE))?;
+        let shade = hillshade(&surface.height, grid.cell);
+        write_png_gray(&run.join("hillshade.png"), grid.width, grid.height, &shade)?;
+    }
+    for product in &products {
+        product.write(run, &surface, &heights)?;
+        made.add(product.path().into())?;
+        let path = run.join(product.path());
+        progress.event(Event::Note(format!("`{}` is written", path.display())));
+    }
+    if is_done {
+        return Ok(Outcome::Kept(stage.summary()?));
+    }
+    let seen = surface.height.valid().count();
+    let seen_percent = 100.0 * seen as f64 / surface.height.data.len() as f64;
+    let summary = DsmSummary { grid, vertical: vertical.name().into(), seen_percent };
+    stage.complete(&summary)?;
+    Ok(Outcome::Made(summary))
+}
+
+/// The views with their valid pixels, which are read from their images again where some are not.
+fn seeing(run: &Path, views: &[&SiteView]) -> Result<Vec<Seeing>, PipelineError> {
+    let is_masked = views.iter().any(|v| v.is_masked);
+    let scene = is_masked.then(|| read_scene(run)).transpose()?;
+    let of_view = |v: &&SiteView| {
+        let mut views = scene.iter().flat_map(|s| &s.views);
+        let view = views.find(|s| v.is_masked && s.name == v.name);
+        view.map(require_image).transpose()?;
+        let valid = view.map(View::valid_pixels).transpose()?.flatten();
+        Ok(Seeing { camera: v.camera, size: v.size, valid })
+    };
+    views.iter().map(of_view).collect()
+}
+
+/// An optional product, which can be added to a complete surface. Paths count from the run folder.
+enum Product {
+    Hillshade,
+    Points(PathBuf),
+    Mesh(PathBuf),
+}
+
+impl Product {
+    fn path(&self) -> &Path {
+        match self {
+            Self::Hillshade => Path::new(HILLSHADE),
+            Self::Points(path) | Self::Mesh(path) => path,
+        }
+    }
+
+    fn check(&self, run: &Path) -> Result<(), PipelineError> {
+        Ok(check_writable(&run.join(self.path()))?)
+    }
+
+    fn write(&self, run: &Path, surface: &Dsm, heights: &Heights) -> Result<(), PipelineError> {
+        let path = run.join(self.path());
+        let written = match self {
+            Self::Hillshade => surface.write_hillshade(&path),
+            Self::Points(_) => surface.write_points(&path, heights),
+            Self::Mesh(_) => surface.write_mesh(&path, heights),
+        };
+        Ok(written?)
+    }
+}
+
+impl DsmOptions {
+    /// The products that are asked for.
+    fn products(&self) -> Result<Vec<Product>, PipelineError> {
+        let sparse = Path::new(ADJUSTMENT).join(SPARSE_POINTS);
+        if self.points.as_ref().is_some_and(|path| *path == sparse) {
+            return Err(PipelineError::PointsTaken { path: sparse });
+        }
+        let hillshade = self.hillshade.then_some(Product::Hillshade);
+        let points = self.points.clone().map(Product::Points);
+        Ok(hillshade.into_iter().chain(points).chain(self.mesh.clone().map(Product::Mesh)).collect())
+    }
+}
+
+/// Name of the vertical reference: the one asked for, else that of the heights in the run, which an alignment keeps.
+fn vertical_name(run: &Path, options: &DsmOptions) -> Result<String, PipelineError> {
+    if let Some(asked) = &options.vertical {
+        return Ok(asked.clone());
+    }
+    let dsm = run.join(DSM);
+    let from = match dsm.exists() {
+        // A raster that cannot be read says nothing.
+        true => {
+            ImageFile::open(&dsm).and_then(|file| HeightSystem::of_raster(&file)).map_or(None, |h| h.from)
+        }
+        false => None,
+    };
+    Ok(from.unwrap_or_else(|| VerticalReference::ELLIPSOID.into()))
+}
+
+fn grid(options: &DsmOptions, cameras: &TrainedCameras) -> Result<MapGrid, PipelineError> {
+    let site = &cameras.setup.site;
+    let grid = match &options.like {
+        Some(path) => ImageFile::open(path)?.map_grid()?,
+        None => {
+            let (w, s, e, n) = cameras.setup.area;
+            let [x, y, _] = site.origin.xyz();
+            MapGrid::covering(site.epsg, (x + w, y + s, x + e, y + n), options.resolution_m)
+        }
+    };
+    if grid.epsg != site.epsg {
+        return Err(PipelineError::GridCrs { grid: grid.epsg, run: site.epsg });
+    }
+    check_size(&grid)?;
+    Ok(grid)
+}
+
+fn check_size(grid: &MapGrid) -> Result<(), PipelineError> {
+    if grid.width.max(grid.height) > MAX_SIDE || grid.width as f64 * grid.height as f64 > MAX_CELLS {
+        return Err(PipelineError::GridSize { width: grid.width, height: grid.height });
+    }
+    Ok(())
+}
+
+fn fingerprint(run: &Path, grid: &MapGrid, above: &str, options: &DsmOptions) -> Fingerprint {
+    Fingerprint::from([
+        ("--vertical".into(), VerticalReference::known_name(above)),
+        ("--fill".into(), or_none(options.fill_m)),
+        ("surface".into(), hash_file(&run.join(SURFACE))),
+        ("splats".into(), hash_file(&run.join(SPLATS))),
+        ("cameras".into(), hash_file(&run.join(CAMERAS))),
+        (
+            "grid (--resolution, --like)".into(),
+            format!(
+                "{} x {} cells of {} m from {} east, {} north, EPSG:{}",
+                grid.width, grid.height, grid.cell, grid.west, grid.north, grid.epsg
+            ),
+        ),
+    ])
+}

@@ -1,0 +1,323 @@
+//! Why a command failed, and of which kind the failure is.
+
+use crate::affine::{FitError, SiteSceneError};
+use crate::bundle::BundleError;
+use crate::checkpoint::CheckpointError;
+use crate::coregister::CoregisterError;
+use crate::frame::FrameError;
+use crate::io::{CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
+use crate::metrics::MetricsError;
+use crate::mvs::MatchError;
+use crate::progress::Interrupted;
+use crate::report::ReportError;
+use crate::rpc::formats::FormatError;
+use crate::scene::SceneError;
+use crate::simulate::SimulateError;
+use crate::splat::backend::BackendError;
+use crate::splat::ply::PlyError;
+use crate::splat::train::recipe::RecipeError;
+use std::path::PathBuf;
+
+/// Whose fault a failure is, which decides the exit code of the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// The input or an option is wrong: the same call fails again.
+    Input,
+    /// The input may be right, but the work failed: a file could not be written, a solver did not converge.
+    Failed,
+    /// The caller asked to stop.
+    Interrupted,
+}
+
+/// Why a command failed.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum PipelineError {
+    /// An option is out of its range.
+    #[error("`{option}` is {found}, expected {expected}")]
+    Option {
+        /// Name of the option, as on the command line.
+        option: &'static str,
+        /// The given value.
+        found: String,
+        /// The accepted values.
+        expected: &'static str,
+    },
+    /// Another process or call works in the run folder.
+    #[error("another satgs is at work in `{run}`")]
+    #[diagnostic(help("wait until it is done, or give this one another folder"))]
+    Locked {
+        /// The run folder.
+        run: PathBuf,
+    },
+    /// A stage is there already, made from other input or with other options.
+    #[error("`{folder}` was made with other options or input: {differences}")]
+    #[diagnostic(help("{hint}"))]
+    Changed {
+        /// Folder of the stage.
+        folder: PathBuf,
+        /// Options and inputs that differ, with both values.
+        differences: String,
+        /// What to do about it.
+        hint: String,
+    },
+    /// A file of the run folder is missing or damaged.
+    #[error("{source}")]
+    #[diagnostic(help("{made_by}"))]
+    RunFile {
+        /// The file, and why it cannot be read.
+        source: ReadError,
+        /// The command that makes it.
+        made_by: &'static str,
+    },
+    /// A value cannot be written as JSON.
+    #[error("{what} cannot be written as JSON: {source}")]
+    Json {
+        /// The value.
+        what: &'static str,
+        /// The encoder's error.
+        source: serde_json::Error,
+    },
+    /// An image that the run was made from is no longer where it was.
+    #[error("the run was made from `{image}`, which does not exist any more")]
+    #[diagnostic(help("`satgs ba SCENE -o RUN` tells the run where its images have moved to"))]
+    ImageMoved {
+        /// The image.
+        image: PathBuf,
+    },
+    /// Training is to resume from a checkpoint that does not exist.
+    #[error("`{path}` does not exist")]
+    #[diagnostic(help("without --resume training starts from the beginning"))]
+    NoCheckpoint {
+        /// The checkpoint.
+        path: PathBuf,
+    },
+    /// Training was interrupted; its checkpoint is written.
+    #[error("interrupted after {iterations} iterations")]
+    #[diagnostic(help("the same command goes on from `{}`", checkpoint.display()))]
+    TrainingInterrupted {
+        /// Iterations that are done.
+        iterations: usize,
+        /// The checkpoint.
+        checkpoint: PathBuf,
+    },
+    /// The run's training is not complete.
+    #[error("`{run}` holds a training that is not complete")]
+    #[diagnostic(help("`satgs train RUN` completes it"))]
+    TrainingIncomplete {
+        /// The run folder.
+        run: PathBuf,
+    },
+    /// The adjustment has no sparse points.
+    #[error("`{run}` has no sparse points")]
+    #[diagnostic(help("`satgs ba` makes them"))]
+    NoSparsePoints {
+        /// The run folder.
+        run: PathBuf,
+    },
+    /// The run has no view of this name.
+    #[error("the run has no view `{name}`")]
+    #[diagnostic(help("its views are {views}"))]
+    NoView {
+        /// The name.
+        name: String,
+        /// The names that exist.
+        views: String,
+    },
+    /// `scene.json` and `cameras.json` do not hold the same views.
+    #[error("`{run}/scene.json` has no view `{name}`, `{run}/cameras.json` has")]
+    #[diagnostic(help("`satgs train RUN --overwrite` writes cameras.json anew"))]
+    ViewNotInScene {
+        /// The run folder.
+        run: PathBuf,
+        /// The view.
+        name: String,
+    },
+    /// The run has no test views.
+    #[error("the run has no test view")]
+    #[diagnostic(help(
+        "`test.txt` beside the images names views to hold back; --view NAME scores one that was trained on"
+    ))]
+    NoTestView,
+    /// A view has no valid pixels inside the area.
+    #[error("view `{name}` has no valid pixels to score")]
+    #[diagnostic(help("`satgs info SCENE` shows the valid pixels of every view"))]
+    NothingToScore {
+        /// The view.
+        name: String,
+    },
+    /// The raster of `--like` is in another CRS than the run.
+    #[error("the grid of --like is in EPSG:{grid}, the run in EPSG:{run}")]
+    #[diagnostic(help("`gdalwarp -t_srs EPSG:{run}` reprojects the raster"))]
+    GridCrs {
+        /// EPSG code of the grid.
+        grid: u32,
+        /// EPSG code of the run.
+        run: u32,
+    },
+    /// The output grid has too many cells.
+    #[error("a grid of {width} x {height} cells is too large")]
+    #[diagnostic(help("a larger --resolution gives fewer cells"))]
+    GridSize {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+    },
+    /// A geoid's grid does not cover the run.
+    #[error("the grid of `{name}` has no geoid undulation at this site")]
+    #[diagnostic(help("EGM96 and EGM2008 grids of the whole Earth come with PROJ's data"))]
+    NoUndulation {
+        /// The vertical reference.
+        name: String,
+    },
+    /// The run's sparse points would be overwritten.
+    #[error("--points: `{path}` holds the run's sparse points")]
+    #[diagnostic(help("choose another file name"))]
+    PointsTaken {
+        /// The file.
+        path: PathBuf,
+    },
+    /// An output exists.
+    #[error("`{path}` exists")]
+    #[diagnostic(help("--overwrite replaces it, another output keeps both"))]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The name of an image does not end in a known format.
+    #[error("`{path}` is not the name of an image that can be written")]
+    #[diagnostic(help("the name ends in .png or .tif"))]
+    ImageFormat {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A view or sun direction is too near to the horizon.
+    #[error("{option}: {elevation_deg}° above the horizon is not between {lowest_deg}° and 90°")]
+    #[diagnostic(help("--view AZIMUTH,OFF_NADIR, --sun AZIMUTH,ELEVATION, in degrees"))]
+    Direction {
+        /// The option.
+        option: &'static str,
+        /// The elevation that was asked for.
+        elevation_deg: f64,
+        /// The lowest accepted elevation.
+        lowest_deg: f64,
+    },
+    /// The caller's [`Progress`](crate::progress::Progress) asked to stop.
+    #[error(transparent)]
+    Interrupted(#[from] Interrupted),
+    /// See [`WriteError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Write(#[from] WriteError),
+    /// See [`RasterError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Raster(#[from] RasterError),
+    /// See [`VectorError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Vector(#[from] VectorError),
+    /// See [`CloudError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Cloud(#[from] CloudError),
+    /// See [`VerticalError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    VerticalReference(#[from] VerticalError),
+    /// See [`FrameError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Frame(#[from] FrameError),
+    /// See [`FormatError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Rpc(#[from] FormatError),
+    /// See [`SceneError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Scene(#[from] SceneError),
+    /// See [`SimulateError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Simulate(#[from] SimulateError),
+    /// See [`BundleError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Bundle(#[from] BundleError),
+    /// See [`FitError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Fit(#[from] FitError),
+    /// See [`SiteSceneError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Site(#[from] SiteSceneError),
+    /// See [`MatchError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Match(#[from] MatchError),
+    /// See [`RecipeError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Recipe(#[from] RecipeError),
+    /// See [`CheckpointError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// See [`PlyError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Ply(#[from] PlyError),
+    /// See [`BackendError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Backend(#[from] BackendError),
+    /// See [`MetricsError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Metrics(#[from] MetricsError),
+    /// See [`CoregisterError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Align(#[from] CoregisterError),
+    /// See [`ReportError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Report(#[from] ReportError),
+}
+
+impl PipelineError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Interrupted(_)
+            | Self::TrainingInterrupted { .. }
+            | Self::Bundle(BundleError::Interrupted(_))
+            | Self::Simulate(SimulateError::Interrupted(_)) => ErrorKind::Interrupted,
+            Self::Json { .. }
+            | Self::Write(_)
+            | Self::Backend(_)
+            | Self::Raster(RasterError::Write(_) | RasterError::Encode { .. })
+            | Self::Bundle(
+                BundleError::Write(_)
+                | BundleError::Solver { .. }
+                | BundleError::Refit { .. }
+                | BundleError::Raster(RasterError::Write(_) | RasterError::Encode { .. }),
+            )
+            | Self::Simulate(
+                SimulateError::Write(_)
+                | SimulateError::Folder { .. }
+                | SimulateError::Rpc { .. }
+                | SimulateError::Ray { .. },
+            )
+            | Self::Report(
+                ReportError::Write(_)
+                | ReportError::Raster(RasterError::Write(_) | RasterError::Encode { .. }),
+            ) => ErrorKind::Failed,
+            _ => ErrorKind::Input,
+        }
+    }
+}

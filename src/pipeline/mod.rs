@@ -1,0 +1,44 @@
+//! The commands as library calls: one function a command, which works on a run folder.
+//!
+//! A run folder holds what one stage writes and the next ones read; [`run_files`](crate::run_files) has the names.
+//! [`adjust`] starts one from a [`Scene`](crate::scene::Scene), [`train`], [`dsm`], [`evaluate`], [`render`],
+//! [`nvs_eval`], [`align`] and [`report`] work on it, and [`run`] calls the main stages in a row. Options are plain
+//! structs whose [`Default`] is what the command line takes without arguments, results are plain structs that serialise
+//! to what `satgs COMMAND --json` prints, and all errors are [`PipelineError`]s. Long work reports to a
+//! [`Progress`](crate::progress::Progress), which can also stop it.
+//!
+//! A stage that is complete and was made from the same input and options is kept; one that was made from others is
+//! [`PipelineError::Changed`], unless `overwrite` is set. One call at a time works in a run folder: a [`RunLock`] keeps
+//! out others, also those of other processes.
+
+mod adjust;
+mod align;
+mod cameras;
+mod checkpoints;
+mod dsm;
+mod error;
+mod evaluate;
+mod lock;
+mod nvs_eval;
+mod products;
+mod relocation;
+mod render;
+mod run;
+mod scene_fingerprint;
+mod stage;
+mod train;
+mod training;
+
+pub use crate::report::write as report;
+pub use adjust::{AdjustOptions, Adjusted, Dem, adjust};
+pub use align::{AlignOptions, Aligned, align};
+pub use cameras::{TrainedCameras, read_scene};
+pub use dsm::{DsmOptions, DsmSummary, dsm};
+pub use error::{ErrorKind, PipelineError};
+pub use evaluate::{EvaluateOptions, evaluate};
+pub use lock::RunLock;
+pub use nvs_eval::{NvsScores, ViewScore, nvs_eval};
+pub use render::{RenderOptions, Rendered, Viewpoint, render};
+pub use run::{RunOptions, StageResult, run};
+pub use stage::Outcome;
+pub use train::{TrainOptions, Trained, train};

@@ -1,0 +1,75 @@
+//! Scores of rendered images against images that were held back from training: `satgs nvs-eval`.
+
+use super::cameras::require_images;
+use super::render::find;
+use super::{PipelineError, TrainedCameras, read_scene, relocation};
+use crate::affine::TrainingView;
+use crate::progress::{Event, Progress};
+use crate::scene::Role;
+use crate::splat::image_score::PictureScore;
+use crate::splat::image_score::score_picture;
+use crate::splat::loss::target::TargetImage;
+use crate::splat::novel_view::NovelView;
+use serde::Serialize;
+use std::path::Path;
+
+/// Scores of the views.
+#[derive(Clone, Debug, Serialize)]
+pub struct NvsScores {
+    /// One entry a view.
+    pub views: Vec<ViewScore>,
+}
+
+/// Score of one view.
+#[derive(Clone, Debug, Serialize)]
+pub struct ViewScore {
+    /// Name of the view.
+    pub view: String,
+    /// PSNR and SSIM of the right half of the image, after a linear change of colours fitted on the left half.
+    pub score: PictureScore,
+}
+
+/// Renders views of a trained run and compares them with their images: the views of these names, or all test views if
+/// there are no names.
+///
+/// # Errors
+/// [`PipelineError`]: the run is not trained or has no such view or no test view, an image is gone, the caller asked to
+/// stop.
+pub fn nvs_eval(run: &Path, names: &[String], progress: &dyn Progress) -> Result<NvsScores, PipelineError> {
+    let scene = read_scene(run)?;
+    require_images(&scene)?;
+    relocation::finish(run)?;
+    let cameras = TrainedCameras::read(run)?;
+    let setup = &cameras.setup;
+    let views = if names.is_empty() {
+        setup.views.iter().filter(|v| v.role == Role::Test).collect()
+    } else {
+        names.iter().map(|name| find(setup, name)).collect::<Result<Vec<_>, _>>()?
+    };
+    if views.is_empty() {
+        return Err(PipelineError::NoTestView);
+    }
+    let splats = cameras.read_splats(run)?;
+    let reference = cameras.reference_appearance();
+    let mut scores = Vec::new();
+    progress.event(Event::Started { stage: "scoring views", total: views.len() as u64 });
+    for view in views {
+        progress.check()?;
+        let name = || view.name.clone();
+        let source = scene.views.iter().find(|v| v.name == view.name);
+        let source = source.ok_or_else(|| PipelineError::ViewNotInScene { run: run.into(), name: name() })?;
+        let planes = source.read_colors()?;
+        let mut truth = TargetImage::default();
+        truth.load(&TrainingView::new(view.name.clone(), view.camera, None, &planes, setup.area), 0);
+        let novel = NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear };
+        let mut picture = novel.picture(&splats, &reference, setup.altitudes);
+        // Scored as the images show it.
+        setup.transfer_function.encode(&mut picture.colors);
+        let score = score_picture(&picture.colors, &truth);
+        let score = score.ok_or_else(|| PipelineError::NothingToScore { name: name() })?;
+        scores.push(ViewScore { view: name(), score });
+        progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });
+    }
+    progress.event(Event::Finished);
+    Ok(NvsScores { views: scores })
+}

@@ -1,0 +1,201 @@
+//! Images of a trained run from any direction, under any sun: `satgs render`.
+
+use super::{PipelineError, TrainedCameras, read_scene, relocation};
+use crate::affine::{SiteScene, SiteView, sun_direction};
+use crate::bundle::Adjustment;
+use crate::io::{Cog, MapGrid, SensorImage, VerticalReference, check_writable, write_png_rgb};
+use crate::progress::{Event, Progress};
+use crate::rpc::{Rpc, formats};
+use crate::run_files::ADJUSTMENT;
+use crate::scene::Sun;
+use crate::splat::novel_view::{NovelView, Picture};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Views and suns lower than this are refused: their displacement by height is too large.
+const LOWEST_ELEVATION_DEG: f64 = 5.0;
+
+/// Where an image is taken from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Viewpoint {
+    /// The camera, sun and colours of a view of the run.
+    Like(String),
+    /// A direction, in the colours of the reference view.
+    Direction {
+        /// Azimuth (clockwise from north) and angle off nadir, degrees.
+        from_deg: [f64; 2],
+        /// The same for the last frame.
+        to_deg: Option<[f64; 2]>,
+        /// Columns and rows; by default the area in pixels of the reference view.
+        size: Option<(usize, usize)>,
+    },
+}
+
+impl Default for Viewpoint {
+    /// Straight down.
+    fn default() -> Self {
+        Self::Direction { from_deg: [0.0; 2], to_deg: None, size: None }
+    }
+}
+
+/// What to render.
+#[derive(Clone, Debug, Default)]
+pub struct RenderOptions {
+    /// Where the image is taken from.
+    pub viewpoint: Viewpoint,
+    /// Azimuth (clockwise from north) and elevation of the sun, degrees; by default the sun of a [`Viewpoint::Like`], else
+    /// no shadows.
+    pub sun_deg: Option<[f64; 2]>,
+    /// The same for the last frame.
+    pub sun_to_deg: Option<[f64; 2]>,
+    /// Number of frames of an animation, written as `FILE_0001` and so on; by default one image.
+    pub frames: Option<u32>,
+}
+
+/// What was rendered.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Rendered {
+    /// The file as it was asked for; frames have a number in their name.
+    pub output: PathBuf,
+    /// Number of images.
+    pub frames: u32,
+}
+
+/// Renders images of a trained run. A `.png` holds colours, a `.tif` also the height of what is seen, and its place.
+///
+/// # Errors
+/// [`PipelineError`]: the run is not trained or has no such view, a direction is too near to the horizon, a file cannot
+/// be written, the caller asked to stop.
+pub fn render(
+    run: &Path,
+    output: &Path,
+    options: &RenderOptions,
+    progress: &dyn Progress,
+) -> Result<Rendered, PipelineError> {
+    let is_raster = match output.extension().map(|e| e.to_string_lossy().to_lowercase()).as_deref() {
+        Some("png") => false,
+        Some("tif") => true,
+        _ => return Err(PipelineError::ImageFormat { path: output.into() }),
+    };
+    relocation::finish(run)?;
+    let cameras = TrainedCameras::read(run)?;
+    check_writable(output)?;
+    let setup = &cameras.setup;
+    let splats = cameras.read_splats(run)?;
+    let like = match &options.viewpoint {
+        Viewpoint::Like(name) => Some(find(setup, name)?),
+        Viewpoint::Direction { .. } => None,
+    };
+    let rpc = like.map(|view| corrected_camera(run, &view.name)).transpose()?;
+    let appearance = like
+        .and_then(|v| cameras.appearances.iter().find(|a| a.0 == v.name))
+        .map_or_else(|| cameras.reference_appearance(), |a| a.1.clone());
+    let frames = options.frames.unwrap_or(1);
+    progress.event(Event::Started { stage: "rendering", total: frames.into() });
+    for frame in 0..frames {
+        progress.check()?;
+        let view = frame_view(setup, like, options, f64::from(frame) / f64::from(frames.max(2) - 1))?;
+        let mut picture = view.picture(&splats, &appearance, setup.altitudes);
+        setup.transfer_function.encode(&mut picture.colors);
+        let path = if options.frames.is_some() { numbered(output, frame + 1) } else { output.into() };
+        if is_raster {
+            write_raster(&path, &picture, &view, rpc.as_ref(), setup)?;
+        } else {
+            let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
+            let pixels = 0..view.size.0 * view.size.1;
+            let rgb: Vec<u8> =
+                pixels.flat_map(|i| picture.colors.each_ref().map(|c| byte(c.data[i]))).collect();
+            write_png_rgb(&path, view.size.0, view.size.1, &rgb)?;
+        }
+        progress.event(Event::Advanced { done: u64::from(frame) + 1, status: String::new() });
+    }
+    progress.event(Event::Finished);
+    Ok(Rendered { output: output.into(), frames })
+}
+
+/// Camera and sun of a frame; `part` goes from 0 at the first frame to 1 at the last.
+fn frame_view(
+    setup: &SiteScene,
+    like: Option<&SiteView>,
+    options: &RenderOptions,
+    part: f64,
+) -> Result<NovelView, PipelineError> {
+    let between = |a: [f64; 2], b: Option<[f64; 2]>| {
+        b.map_or(a, |b| std::array::from_fn(|k| a[k] + part * (b[k] - a[k])))
+    };
+    let mut view = match (like, &options.viewpoint) {
+        (Some(view), _) => NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear },
+        (None, Viewpoint::Direction { from_deg, to_deg, size }) => {
+            let [azimuth, off_nadir] = between(*from_deg, *to_deg);
+            high_enough("--view", 90.0 - off_nadir)?;
+            let size = size.unwrap_or_else(|| setup.picture_size());
+            NovelView { camera: setup.view_from(azimuth, off_nadir, size), size, sun_shear: None }
+        }
+        (None, Viewpoint::Like(name)) => {
+            return Err(PipelineError::NoView { name: name.clone(), views: String::new() });
+        }
+    };
+    if let Some(sun) = options.sun_deg {
+        let [azimuth_deg, elevation_deg] = between(sun, options.sun_to_deg);
+        high_enough("--sun", elevation_deg)?;
+        let towards = sun_direction(Sun { azimuth_deg, elevation_deg }, &setup.site);
+        view.sun_shear = Some(view.camera.shear_towards(towards));
+    }
+    Ok(view)
+}
+
+/// The view of this name.
+pub(super) fn find<'a>(setup: &'a SiteScene, name: &str) -> Result<&'a SiteView, PipelineError> {
+    setup.views.iter().find(|v| v.name == name).ok_or_else(|| {
+        let views: Vec<&str> = setup.views.iter().map(|v| v.name.as_str()).collect();
+        PipelineError::NoView { name: name.into(), views: views.join(", ") }
+    })
+}
+
+fn high_enough(option: &'static str, elevation_deg: f64) -> Result<(), PipelineError> {
+    let lowest_deg = LOWEST_ELEVATION_DEG;
+    if (lowest_deg..=90.0).contains(&elevation_deg) {
+        return Ok(());
+    }
+    Err(PipelineError::Direction { option, elevation_deg, lowest_deg })
+}
+
+fn numbered(path: &Path, number: u32) -> PathBuf {
+    let part = |p: Option<&std::ffi::OsStr>| p.map_or_else(String::new, |p| p.to_string_lossy().into_owned());
+    path.with_file_name(format!("{}_{number:04}.{}", part(path.file_stem()), part(path.extension())))
+}
+
+/// The corrected camera of a view.
+fn corrected_camera(run: &Path, name: &str) -> Result<Rpc, PipelineError> {
+    let scene = read_scene(run)?;
+    let cameras = Adjustment::read(&run.join(ADJUSTMENT))?.cameras_of(&scene)?;
+    let camera = scene.views.iter().zip(cameras).find(|(view, _)| view.name == name);
+    camera
+        .map(|(_, rpc)| rpc)
+        .ok_or_else(|| PipelineError::ViewNotInScene { run: run.into(), name: name.into() })
+}
+
+/// Writes colours and heights with the view's RPC, if it has one, else on the map.
+fn write_raster(
+    path: &Path,
+    picture: &Picture,
+    view: &NovelView,
+    rpc: Option<&Rpc>,
+    setup: &SiteScene,
+) -> Result<(), PipelineError> {
+    let ([east, north, up], (width, height)) = (setup.site.origin.xyz(), view.size);
+    let mut altitude = picture.altitude.clone();
+    altitude.data.iter_mut().for_each(|z| *z += up as f32);
+    let [red, green, blue] = &picture.colors;
+    let bands = [("red", "", red), ("green", "", green), ("blue", "", blue), ("height", "m", &altitude)];
+    if let Some(rpc) = rpc {
+        let image = SensorImage { width, height, rpc: &formats::to_gdal(rpc), metadata: &[] };
+        return Ok(image.write_f32(path, &bands)?);
+    }
+    let cell = view.camera.gsd_m();
+    let [col, row] = view.camera.offset;
+    let (west, north) = (east - (col + 0.5) * cell, north + (row + 0.5) * cell);
+    let grid = MapGrid { epsg: setup.site.epsg, west, north, cell, width, height };
+    let cog = Cog { grid, metadata: &[], heights_from: Some(&VerticalReference::Ellipsoid) };
+    Ok(cog.write_f32(path, &bands)?)
+}

@@ -1,0 +1,229 @@
+//! Training of an adjusted run: `satgs train`.
+
+use super::cameras::require_images;
+use super::checkpoints::Checkpoints;
+use super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
+use super::training::Training;
+use super::{PipelineError, RunLock, TrainedCameras, read_scene, relocation};
+use crate::affine::{SiteSceneError, median_pixel_m};
+use crate::progress::{Event, Progress};
+use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, SPLATS, STAGE};
+use crate::splat::backend::cpu::CpuBackend;
+use crate::splat::backend::{TrainingBackend, TrainingScene};
+use crate::splat::loss::surface_prior::Prior;
+use crate::splat::state::TrainingState;
+use crate::splat::train::expectation::Extent;
+use crate::splat::train::recipe::Recipe;
+use crate::splat::train::{LogLine, Schedule, train as optimize};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::sync::Arc;
+
+/// How to train.
+#[derive(Clone, Debug)]
+pub struct TrainOptions {
+    /// Name of a recipe ([`Recipe::NAMES`]) or path of a TOML file with one.
+    pub recipe: String,
+    /// Number of iterations, to which the recipe's schedule is scaled; by default the recipe's own.
+    pub iterations: Option<u32>,
+    /// Seed of all random numbers. The same seed gives the same bytes.
+    pub seed: u64,
+    /// Iterations from one checkpoint to the next.
+    pub checkpoint_every: u32,
+    /// Fail unless there is a checkpoint to go on from.
+    pub resume: bool,
+    /// Number of pictures of the progress to write; 0 for none.
+    pub snapshots: u32,
+    /// Train again, whatever the run folder holds.
+    pub overwrite: bool,
+}
+
+impl Default for TrainOptions {
+    fn default() -> Self {
+        Self {
+            recipe: Recipe::NAMES[0].into(),
+            iterations: None,
+            seed: 0,
+            checkpoint_every: 500,
+            resume: false,
+            snapshots: 0,
+            overwrite: false,
+        }
+    }
+}
+
+impl TrainOptions {
+    /// The recipe that is asked for, scaled to `iterations`.
+    ///
+    /// # Errors
+    /// [`PipelineError::Recipe`] when it cannot be read, [`PipelineError::Option`] for a number of iterations of 0.
+    pub fn recipe(&self) -> Result<Recipe, PipelineError> {
+        let recipe = self.recipe_as_written()?;
+        match self.iterations {
+            Some(0) => Err(PipelineError::Option {
+                option: "--iterations",
+                found: "0".into(),
+                expected: "a number from 1 on",
+            }),
+            Some(iterations) => Ok(recipe.with_iterations(iterations)),
+            None => Ok(recipe),
+        }
+    }
+
+    /// The recipe for a number of training views: few of them need fewer iterations than it has, unless a number is
+    /// asked for.
+    fn recipe_for(&self, views: usize) -> Result<Recipe, PipelineError> {
+        let recipe = self.recipe()?;
+        Ok(if self.iterations.is_some() { recipe } else { recipe.for_views(views) })
+    }
+
+    /// The recipe with its own number of iterations.
+    fn recipe_as_written(&self) -> Result<Recipe, PipelineError> {
+        match Recipe::named(&self.recipe) {
+            Some(recipe) => Ok(recipe),
+            None => Ok(Recipe::read(Path::new(&self.recipe))?),
+        }
+    }
+}
+
+/// The figures of a training.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trained {
+    /// Iterations.
+    pub iterations: u32,
+    /// Time of the iterations, seconds.
+    pub seconds: f64,
+    /// Number of splats at the start.
+    pub splats_start: usize,
+    /// Number of splats at the end.
+    pub splats: usize,
+    /// Mean over the views of the root mean square distance between affine camera and RPC, pixels.
+    pub affine_rms_px: f64,
+    /// Largest such distance in any view, pixels.
+    pub affine_max_px: f64,
+    /// Mean absolute difference between rendered and real image, mean of the last iteration of every view.
+    pub l1: f64,
+    /// SSIM of rendered and real image, likewise.
+    pub ssim: f64,
+}
+
+/// Trains an adjusted run, unless that was done with the same input and options; goes on from a checkpoint of the same
+/// input and options.
+///
+/// Writes `RUN/splats.ply`, `RUN/cameras.json` and `RUN/train`.
+///
+/// # Errors
+/// [`PipelineError`]: the run is not adjusted, is in use or was trained from something else, the images are gone, the
+/// recipe or an option is wrong, a file cannot be written. When `progress` asks to stop, a checkpoint is written and the
+/// error is [`PipelineError::TrainingInterrupted`].
+pub fn train(
+    run: &Path,
+    options: &TrainOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<Trained>, PipelineError> {
+    let _lock = RunLock::existing(run)?;
+    train_locked(run, options, progress)
+}
+
+/// As [`train`]; the caller holds the lock.
+pub(super) fn train_locked(
+    run: &Path,
+    options: &TrainOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<Trained>, PipelineError> {
+    relocation::finish_locked(run)?;
+    let scene = read_scene(run)?;
+    let recipe = options.recipe_for(scene.training().count())?;
+    let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
+    let stage = Stage::new(run, "train", outputs, fingerprint(run, options, &recipe)?);
+    if stage.is_done(options.overwrite)? {
+        progress.event(Event::Note(format!("`{}` is trained already", run.display())));
+        return Ok(Outcome::Kept(stage.summary()?));
+    }
+    stage.require_writable()?;
+    require_images(&scene)?;
+    let training = Training::new(run, options, recipe, &scene)?;
+    let (extent, threads) = (Extent::of(&training.setup), rayon::current_num_threads());
+    if training.recipe.name == Recipe::NAMES[0] && options.iterations.is_none() && extent.views > 1 {
+        let expected = extent.expectation(&training.recipe, threads);
+        progress.event(Event::Note(expected.text(&extent, threads)));
+    }
+    let views = training.setup.training_views(&scene)?;
+    if views.is_empty() {
+        return Err(SiteSceneError::NoViews.into());
+    }
+    let (every, is_required) = (options.checkpoint_every, options.resume);
+    let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
+    let (at_start, mut log, state) = match checkpoints.take_up(views.len(), options.overwrite, progress)? {
+        Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
+        None => {
+            let splats = training.splats_at_start(&views, progress)?;
+            let start = splats.len();
+            (start, Vec::new(), TrainingState::start(splats, training.recipe.appearance, views.len()))
+        }
+    };
+    // Read from the file whether or not training was interrupted, so that both give the same bytes.
+    let first = training.first_surface()?;
+    let prior = first.as_ref().map(|first| Arc::new(Prior::new(first)));
+    let schedule = Schedule {
+        recipe: &training.recipe,
+        views: views.len(),
+        half_side_m: training.setup.half_side_m(),
+        pixel_m: median_pixel_m(&views),
+        splats_at_start: at_start,
+        seed: options.seed,
+    };
+    let views = Arc::new(views);
+    let (altitudes, appearance) = (training.setup.altitudes, training.recipe.appearance);
+    let mut backend = CpuBackend::default();
+    backend.load(TrainingScene { views: views.clone(), altitudes, prior, appearance }, state)?;
+    progress.event(Event::Resumable(true));
+    let is_due = |done: u32| training.is_picture_due(done) || checkpoints.is_due(done);
+    optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {
+        training.take_picture(backend, &views, log.len() as u32, progress)?;
+        checkpoints.keep(at_start, log, backend, progress)
+    })?;
+    progress.event(Event::Resumable(false));
+
+    tracing::info!("{}", backend.times().table());
+    let cameras = training.write(&mut backend, &views, first.as_ref(), &log)?;
+    let trained = figures(&cameras, &log, at_start, backend.snapshot()?.splats.len());
+    stage.complete(&trained)?;
+    checkpoints.remove();
+    Ok(Outcome::Made(trained))
+}
+
+fn figures(cameras: &TrainedCameras, log: &[LogLine], splats_start: usize, splats: usize) -> Trained {
+    let fits = &cameras.setup.views;
+    let tail = &log[log.len().saturating_sub(cameras.appearances.len())..];
+    Trained {
+        iterations: cameras.recipe.iterations,
+        seconds: log.last().map_or(0.0, |l| l.seconds),
+        splats_start,
+        splats,
+        affine_rms_px: mean(fits.iter().map(|v| v.rms_px)),
+        affine_max_px: fits.iter().map(|v| v.max_px).fold(0.0, f64::max),
+        l1: mean(tail.iter().map(|l| l.column("l1"))),
+        ssim: mean(tail.iter().map(|l| l.column("ssim"))),
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, n) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+    sum / f64::max(n, 1.0)
+}
+
+/// What a training is made from; its keys are the names of options on the command line.
+fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fingerprint, PipelineError> {
+    // As written, so that another --iterations is not reported as a change of the whole recipe.
+    let choices = serde_json::to_string(&options.recipe_as_written()?)
+        .map_err(|source| PipelineError::Json { what: "the recipe", source })?;
+    Ok(Fingerprint::from([
+        // It covers the scene, but not where its files lie.
+        ("adjustment".into(), hash_file(&run.join(ADJUSTMENT).join(STAGE))),
+        ("--recipe".into(), recipe.name.clone()),
+        ("content of the recipe".into(), hash(choices.as_bytes())),
+        ("--iterations".into(), recipe.iterations.to_string()),
+        ("--seed".into(), options.seed.to_string()),
+    ]))
+}

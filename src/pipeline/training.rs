@@ -1,0 +1,153 @@
+//! One training of a run: what it reads, starts from and writes.
+
+use super::{PipelineError, TrainOptions, TrainedCameras};
+use crate::affine::{SiteScene, TrainingView};
+use crate::bundle::Adjustment;
+use crate::dsm::altitudes;
+use crate::frame::{Point, Site};
+use crate::io::{WriteError, write_atomically, write_json};
+use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
+use crate::progress::{Event, Progress};
+use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, SNAPSHOTS, SURFACE, TRAINING};
+use crate::scene::Scene;
+use crate::splat::backend::TrainingBackend;
+use crate::splat::backend::cpu::CpuBackend;
+use crate::splat::init;
+use crate::splat::splats::Splats;
+use crate::splat::train::recipe::{Recipe, Start};
+use crate::splat::train::{LogLine, pictures};
+use std::path::Path;
+
+/// A training: what it is of, and how it is done.
+pub(super) struct Training<'a> {
+    run: &'a Path,
+    options: &'a TrainOptions,
+    pub recipe: Recipe,
+    pub setup: SiteScene,
+    /// The sparse points in the area.
+    sparse: Vec<Point<Site>>,
+}
+
+impl<'a> Training<'a> {
+    /// The training of a run's scene as it was adjusted.
+    pub fn new(
+        run: &'a Path,
+        options: &'a TrainOptions,
+        recipe: Recipe,
+        scene: &Scene,
+    ) -> Result<Self, PipelineError> {
+        let adjustment = Adjustment::read(&run.join(ADJUSTMENT))?;
+        let points = adjustment.positions();
+        let mut setup = SiteScene::new(scene, &adjustment.cameras_of(scene)?, &points)?;
+        setup.transfer_function = setup.transfer_function.with_white(recipe.white);
+        for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
+            tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);
+        }
+        let sparse = setup.sparse(&points);
+        Ok(Self { run, options, recipe, setup, sparse })
+    }
+
+    /// The splats that training begins with. Nothing is left of a training before.
+    pub fn splats_at_start(
+        &self,
+        views: &[TrainingView],
+        progress: &dyn Progress,
+    ) -> Result<Splats, PipelineError> {
+        let _ = std::fs::remove_file(self.run.join(FIRST_SURFACE));
+        let _ = std::fs::remove_dir_all(self.run.join(SNAPSHOTS));
+        let (setup, seed) = (&self.setup, self.options.seed);
+        Ok(match (self.sweep(views), self.recipe.start) {
+            (Some(sweep), _) => {
+                let first = sweep.run(progress)?;
+                first.write(&self.run.join(FIRST_SURFACE))?;
+                init::init_from_surface(&first, views)
+            }
+            (None, Start::Surface) => return Err(MatchError::no_pair(views).into()),
+            (None, Start::Points) => init::init_from_points(&self.sparse, setup.area, seed),
+            (None, Start::Box) => init::init_from_volume(setup.area, setup.altitudes, seed),
+        })
+    }
+
+    /// The sweep that finds the surface, if the recipe has one and two views can be matched.
+    fn sweep(&self, views: &[TrainingView]) -> Option<PlaneSweep> {
+        let is_swept = self.recipe.start == Start::Surface;
+        is_swept.then(|| PlaneSweep::new(&self.setup, views, &self.sparse)).flatten()
+    }
+
+    /// The surface that training starts on, if there is one.
+    pub fn first_surface(&self) -> Result<Option<MatchedSurface>, PipelineError> {
+        let path = self.run.join(FIRST_SURFACE);
+        let is_used = self.recipe.start == Start::Surface && path.exists();
+        Ok(is_used.then(|| MatchedSurface::read(&path, &self.setup.site)).transpose()?)
+    }
+
+    /// Writes a picture of the training after so many iterations, if one is due.
+    pub fn take_picture(
+        &self,
+        backend: &mut CpuBackend,
+        views: &[TrainingView],
+        done: u32,
+        progress: &dyn Progress,
+    ) -> Result<(), PipelineError> {
+        if !self.is_picture_due(done) {
+            return Ok(());
+        }
+        let watched = self.setup.reference_among_training();
+        let panels = pictures::Panels::new(&views[watched], done > self.recipe.shadows_from);
+        let picture = backend.render(&panels.from, watched)?;
+        let canvas = panels.draw(picture, self.setup.altitudes);
+        // A picture less is no reason to stop.
+        if let Err(e) = canvas.write(&self.run.join(format!("{SNAPSHOTS}/{done:06}.png"))) {
+            progress.event(Event::Warning(e.to_string()));
+        }
+        Ok(())
+    }
+
+    /// Whether a picture is due after so many iterations.
+    pub fn is_picture_due(&self, done: u32) -> bool {
+        pictures::is_snapshot_due(self.options.snapshots, done, self.recipe.iterations)
+    }
+
+    /// Writes what training made; the surface is matched once more if there is one to start `from`.
+    pub fn write(
+        self,
+        backend: &mut CpuBackend,
+        views: &[TrainingView],
+        from: Option<&MatchedSurface>,
+        log: &[LogLine],
+    ) -> Result<TrainedCameras, PipelineError> {
+        let swept = self.sweep(views).zip(from);
+        let names = views.iter().map(|v| v.name.clone());
+        let Self { run, recipe, setup, .. } = self;
+        let made = backend.snapshot()?;
+        if let Some((sweep, first)) = &swept {
+            let surface = if sweep.is_bettered_by_training() {
+                let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
+                &sweep.sharpen(&trained, first)
+            } else {
+                first
+            };
+            surface.write(&run.join(SURFACE))?;
+        }
+        write_log(&run.join(TRAINING), log)?;
+        pictures::curves(log).write(&run.join("train/curves.svg"))?;
+        let appearances = names.zip(made.appearances.iter().map(|a| a.0.clone())).collect();
+        let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
+        cameras.write_splats(run, &made.splats)?;
+        write_json(&run.join(CAMERAS), &cameras)?;
+        Ok(cameras)
+    }
+}
+
+fn write_log(path: &Path, log: &[LogLine]) -> Result<(), PipelineError> {
+    let failed = |reason: String| WriteError::new(path, reason);
+    write_atomically(path, |t| {
+        let mut writer = csv::Writer::from_path(t).map_err(|e| failed(e.to_string()))?;
+        writer.write_record(LogLine::header()).map_err(|e| failed(e.to_string()))?;
+        for line in log {
+            writer.write_record(line.record()).map_err(|e| failed(e.to_string()))?;
+        }
+        writer.flush().map_err(|e| failed(e.to_string()))
+    })?;
+    Ok(())
+}

@@ -1,0 +1,39 @@
+//! Mean opacity of the splats (EOGS's `L_opacity`): splats that no view needs fade.
+
+use super::surface_prior::Prior;
+use super::{LossTerm, Rendered, TermInfo};
+use crate::simd::SimdReal;
+use crate::splat::raster::{SortedSplats, SplatGradient};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Weight and column.
+pub const INFO: TermInfo = TermInfo { weights: &["opacity"], columns: &["opacity"] };
+
+/// The term.
+pub struct Opacity<T> {
+    /// Derivative by each opacity.
+    by_opacity: T,
+}
+
+impl<T: SimdReal> Opacity<T> {
+    /// The term.
+    #[must_use]
+    pub fn new(_: Option<&Arc<Prior>>) -> Self {
+        Self { by_opacity: T::zero() }
+    }
+}
+
+impl<T: SimdReal> LossTerm<T> for Opacity<T> {
+    fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64 {
+        columns[0] = rendered.sorted.mean_opacity();
+        self.by_opacity = T::from_f64(weights[0] / rendered.splats.len().max(1) as f64);
+        weights[0] * columns[0]
+    }
+
+    fn add_by_sorted(&self, sorted: &SortedSplats<T>, by: &mut [SplatGradient<T>]) {
+        by.par_iter_mut().with_min_len(1024).enumerate().for_each(|(rank, by)| {
+            by.log_opacity = by.log_opacity + self.by_opacity * sorted.opacity(rank);
+        });
+    }
+}
