@@ -20,7 +20,7 @@ pub struct Args {
     /// .laz), or ground control points (.csv, in the format of `satgs ba --gcps`)
     #[arg(long, value_name = "REFERENCE")]
     to: PathBuf,
-    /// VerticalReference reference of its heights: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// Vertical reference of its heights: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
     /// [default: as its CRS or VERTICAL_REFERENCE says, else the ellipsoid]
     #[arg(long, value_name = "REFERENCE")]
     vertical: Option<String>,

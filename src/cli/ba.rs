@@ -28,7 +28,7 @@ pub struct Args {
     /// Elevation model that sets the heights to search: from 20 m below its lowest to 80 m above its highest height
     #[arg(long, value_name = "FILE", conflicts_with = "height_range")]
     dem: Option<PathBuf>,
-    /// VerticalReference reference of the elevation model: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// Vertical reference of the elevation model: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
     /// [default: as its CRS or VERTICAL_REFERENCE says]
     #[arg(long, value_name = "REFERENCE", requires = "dem")]
     dem_vertical: Option<String>,

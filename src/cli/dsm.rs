@@ -35,7 +35,7 @@ pub struct Options {
     /// Use the grid and extent of this raster
     #[arg(long, value_name = "RASTER")]
     like: Option<PathBuf>,
-    /// VerticalReference reference of the heights: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// Vertical reference of the heights: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
     /// [default: that of RUN/dsm.tif if it exists, else the ellipsoid]
     #[arg(long, value_name = "REFERENCE")]
     vertical: Option<String>,

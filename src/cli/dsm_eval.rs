@@ -52,7 +52,7 @@ pub(super) struct TruthOptionArgs {
     /// that is not 0 inside
     #[arg(long, value_name = "FILE", requires = "truth")]
     mask: Option<PathBuf>,
-    /// VerticalReference reference of the truth's heights: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// Vertical reference of the truth's heights: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
     /// [default: as its CRS or VERTICAL_REFERENCE says]
     #[arg(long, value_name = "REFERENCE", requires = "truth")]
     truth_vertical: Option<String>,
