@@ -14,6 +14,7 @@ use super::output::Adjustment;
 use super::problem::{Observation, Track};
 use super::report::LeftOut;
 use super::tracks::{self, TrackElement};
+use super::view_pairs::with_similar_suns;
 use crate::io::RasterError;
 use crate::progress::{Event, Interrupted, Progress};
 use crate::rpc::Rpc;
@@ -134,7 +135,7 @@ impl<'a> Adjuster<'a> {
         let names: Vec<&str> = self.views.iter().map(|v| v.view.name.as_str()).collect();
         self.control = tracks_of(&options.control, scene, &names, &self.network.block())?;
         let mut estimate = Estimate::start(self.views.len());
-        let of_like_suns = self.pairs_with_similar_sun();
+        let of_like_suns = with_similar_suns(&self.views, &self.pairs);
         let all = std::mem::replace(&mut self.pairs, of_like_suns);
         let first = match self.match_and_adjust(&mut estimate, WIDE_TOLERANCE_PX, CorrectionModel::Shift) {
             // Without the pairs with dissimilar suns the views may not be connected.

@@ -26,6 +26,7 @@ mod matching;
 mod network;
 mod output;
 mod patches;
+mod point_heights;
 mod precision;
 mod problem;
 mod report;
@@ -34,6 +35,7 @@ mod scale_space;
 mod solver;
 mod tie_point_refinement;
 mod tracks;
+mod used_view;
 mod view_pairs;
 mod view_rejection;
 

@@ -1,8 +1,8 @@
 //! What GDAL knows of coordinate systems.
 
 use super::VerticalReference;
-use super::file::{set_up_gdal, transform};
-use super::heights::{VerticalPart, metres_of};
+use super::gdal_setup::{set_up_gdal, transform};
+use super::height_unit::{VerticalPart, metres_of};
 use gdal::spatial_ref::SpatialRef;
 
 /// EPSG code of the horizontal CRS that a WKT text describes.
