@@ -51,7 +51,7 @@ pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteE
         site.epsg
     );
     // Splat files do not say which axis is up otherwise.
-    header.push_str("comment VerticalReference Axis: z\n");
+    header.push_str("comment Vertical Axis: z\n");
     let _ = writeln!(header, "element vertex {}", splats.len());
     for name in columns() {
         let _ = writeln!(header, "property float {name}");
@@ -164,7 +164,7 @@ mod tests {
         assert!(dir.path().join("splats.georef.json").exists());
         let bytes = std::fs::read(&path).unwrap();
         let header = String::from_utf8_lossy(&bytes[..300]).into_owned();
-        assert!(header.lines().any(|line| line == "comment VerticalReference Axis: z"), "{header}");
+        assert!(header.lines().any(|line| line == "comment Vertical Axis: z"), "{header}");
         for part in 0..100 {
             std::fs::write(&path, &bytes[..bytes.len() * part / 100]).unwrap();
             assert!(matches!(read(&path), Err(PlyError::Format { .. })));
