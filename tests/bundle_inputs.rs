@@ -8,7 +8,7 @@ mod common;
 use common::{disagreement_px, satgs};
 use gdal::vector::LayerAccess;
 use satgs::bundle::{
-    AdjustOptions, Adjustment, BundleError, ControlPoint, adjust, check_control, read_control,
+    Adjustment, BundleError, BundleOptions, ControlPoint, adjust, check_control, read_control,
 };
 use satgs::frame::{Pixel, Point, SiteGrid};
 use satgs::io::{Cog, Grid2, MapGrid, SensorImage, VerticalReference, Window};
@@ -34,7 +34,7 @@ fn town() -> (tempfile::TempDir, Scene) {
 }
 
 fn adjusted(scene: &Scene) -> Result<Adjustment, BundleError> {
-    let options = AdjustOptions { height_range: Some(HEIGHTS), ..AdjustOptions::default() };
+    let options = BundleOptions { height_range: Some(HEIGHTS), ..BundleOptions::default() };
     adjust(scene, &options, &NoProgress)
 }
 
@@ -115,9 +115,9 @@ fn an_adjustment_without_a_view_is_partial_and_says_so_again() {
 fn heights_wrong_by_a_kilometre_are_refused() {
     let (_folder, scene) = town();
     for off in [-1000.0, 1000.0] {
-        let options = AdjustOptions {
+        let options = BundleOptions {
             height_range: Some((HEIGHTS.0 + off, HEIGHTS.1 + off)),
-            ..AdjustOptions::default()
+            ..BundleOptions::default()
         };
         let made = adjust(&scene, &options, &NoProgress);
         assert!(made.is_err(), "{off}: {:?}", made.map(|m| m.report.table()));
@@ -130,7 +130,7 @@ fn fixed_cameras_stay_and_the_report_tells_which_points_badly() {
     for view in &mut scene.views {
         view.rpc = formats::read(&folder.path().join(format!("truth/rpcs/{}.json", view.name))).unwrap().rpc;
     }
-    let fixed = AdjustOptions { fixed: true, height_range: Some(HEIGHTS), ..AdjustOptions::default() };
+    let fixed = BundleOptions { fixed: true, height_range: Some(HEIGHTS), ..BundleOptions::default() };
     let good = adjust(&scene, &fixed, &NoProgress).unwrap();
     assert!(good.report.mean_px < 0.2, "{}", good.report.table());
     scene.views[3].rpc = scene.views[3].rpc.shifted(-1.0, -36.0);
@@ -192,13 +192,13 @@ fn ground_control_puts_the_scene_where_the_survey_says() {
         ControlPoint { place: Point::new(lon + sign, lat - sign, h), ..c.clone() }
     });
     let options =
-        AdjustOptions { height_range: Some(HEIGHTS), control: off.collect(), ..AdjustOptions::default() };
+        BundleOptions { height_range: Some(HEIGHTS), control: off.collect(), ..BundleOptions::default() };
     let made = adjust(&scene, &options, &NoProgress).unwrap();
     assert!(made.report.control.iter().all(|c| !c.agrees && c.line > 1), "{:?}", made.report.control);
     assert!(!made.report.gauge.starts_with("ground control"), "{}", made.report.gauge);
     assert!(made.report.table().contains("line 2 ("), "{}", made.report.table());
 
-    let options = AdjustOptions { height_range: Some(HEIGHTS), control, ..AdjustOptions::default() };
+    let options = BundleOptions { height_range: Some(HEIGHTS), control, ..BundleOptions::default() };
     let made = adjust(&scene, &options, &NoProgress).unwrap();
     assert_eq!(made.report.control.len(), 14);
     assert!(made.report.control.iter().all(|c| c.agrees), "{:?}", made.report.control);
@@ -210,7 +210,7 @@ fn ground_control_puts_the_scene_where_the_survey_says() {
     }
 
     let stray = vec![ControlPoint { image: "elsewhere".into(), ..read_control(&file).unwrap()[0].clone() }];
-    let error = adjust(&scene, &AdjustOptions { control: stray, ..options }, &NoProgress).unwrap_err();
+    let error = adjust(&scene, &BundleOptions { control: stray, ..options }, &NoProgress).unwrap_err();
     assert!(error.to_string().contains("`elsewhere`"), "{error}");
 }
 
@@ -271,7 +271,7 @@ fn a_view_that_keeps_no_track_is_left_out() {
     let views = vec![scene.views[0].clone(), part(1, "left", 0, 112), part(0, "right", 220, 80)];
     scene.views = views;
     let progress = Recorder::default();
-    let options = AdjustOptions { height_range: Some(HEIGHTS), ..AdjustOptions::default() };
+    let options = BundleOptions { height_range: Some(HEIGHTS), ..BundleOptions::default() };
     let report = adjust(&scene, &options, &progress).unwrap().report;
     assert!(report.left_out.iter().any(|l| l.0 == "right"), "{}", report.table());
     let warnings = progress.events().into_iter().filter_map(|e| match e {
@@ -284,7 +284,7 @@ fn a_view_that_keeps_no_track_is_left_out() {
 #[test]
 fn an_adjustment_stops_when_it_is_asked_to() {
     let (_folder, scene) = town();
-    let options = AdjustOptions { height_range: Some(HEIGHTS), ..AdjustOptions::default() };
+    let options = BundleOptions { height_range: Some(HEIGHTS), ..BundleOptions::default() };
     for stage in ["finding features", "matching", "measuring patches"] {
         let begins = move |e: &Event| matches!(e, Event::Started { stage: s, .. } if *s == stage);
         let progress = Recorder::cancelling(begins);
@@ -331,7 +331,7 @@ fn a_turned_image_is_left_out_or_named_whatever_the_angle() {
 fn a_camera_a_kilometre_too_high_is_named() {
     let (_folder, mut scene) = town();
     scene.views[4].rpc = scene.views[4].rpc.moved_on_ground([0.0, 0.0, 1000.0]);
-    let error = adjust(&scene, &AdjustOptions::default(), &NoProgress).unwrap_err();
+    let error = adjust(&scene, &BundleOptions::default(), &NoProgress).unwrap_err();
     let BundleError::Scene(SceneError::NoSharedHeights { view, .. }) = error else { panic!("{error}") };
     assert_eq!(view, scene.views[4].name);
 }
@@ -353,10 +353,10 @@ fn a_reference_view_stays_as_it_is_and_must_be_there() {
     scene.views[0].image = plain;
     scene.views[0].bands = vec![1];
     let with = |name: &str| {
-        let options = AdjustOptions {
+        let options = BundleOptions {
             reference: vec![name.into()],
             height_range: Some(HEIGHTS),
-            ..AdjustOptions::default()
+            ..BundleOptions::default()
         };
         adjust(&scene, &options, &NoProgress)
     };

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{data_dir, disagreement_px};
-use satgs::bundle::{AdjustOptions, Adjustment, adjust};
+use satgs::bundle::{Adjustment, BundleOptions, adjust};
 use satgs::frame::{Pixel, SiteGrid};
 use satgs::io::MapGrid;
 use satgs::metrics::{Truth, TruthOptions};
@@ -20,7 +20,7 @@ const AGREEMENT_PX: f64 = 0.15;
 
 fn adjusted(folder: &Path, rpcs: Option<&str>) -> Adjustment {
     let options = ReadOptions { rpcs: rpcs.map(str::to_owned), ..ReadOptions::default() };
-    adjust(&read(folder, &options).unwrap(), &AdjustOptions::default(), &NoProgress).unwrap()
+    adjust(&read(folder, &options).unwrap(), &BundleOptions::default(), &NoProgress).unwrap()
 }
 
 /// Spread of the points' heights over the lidar's below them, not registered.

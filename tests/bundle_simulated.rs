@@ -5,7 +5,7 @@
 mod common;
 
 use common::disagreement_px;
-use satgs::bundle::{AdjustOptions, HeightPrior, adjust};
+use satgs::bundle::{BundleOptions, HeightPrior, adjust};
 use satgs::frame::{Pixel, SiteGrid};
 use satgs::io::{Cog, Grid2, MapGrid, VerticalReference};
 use satgs::metrics::HeightRaster;
@@ -32,7 +32,7 @@ fn worst_shift_px(relief: Relief) -> f64 {
     let options = simulate::SimulateOptions { relief, ..simulate::SimulateOptions::default() };
     simulate(folder.path(), &options, &NoProgress).unwrap();
     let scene = read(folder.path(), &ReadOptions::default()).unwrap();
-    let made = adjust(&scene, &AdjustOptions::default(), &NoProgress).unwrap();
+    let made = adjust(&scene, &BundleOptions::default(), &NoProgress).unwrap();
     assert_eq!(made.cameras.len(), options.views);
     let truth = folder.path().join("truth/rpcs");
     let pairs: Vec<(Rpc, Rpc)> = made
@@ -93,7 +93,7 @@ fn an_elevation_model_holds_the_height_of_the_scene() {
 
     let tracks_and_error_m = |height_prior: Option<HeightPrior>| {
         let made =
-            adjust(&scene, &AdjustOptions { height_prior, ..AdjustOptions::default() }, &NoProgress).unwrap();
+            adjust(&scene, &BundleOptions { height_prior, ..BundleOptions::default() }, &NoProgress).unwrap();
         println!("{}", made.report.table());
         let site = SiteGrid::at(made.points[0].position).unwrap();
         let above = made.points.iter().map(|p| {

@@ -220,7 +220,7 @@ fn gdal_reads_what_is_written() {
 #[test]
 fn egm96_is_interpolated() {
     let Some(data) = common::data_dir() else { return };
-    let geoid = satgs::io::Geoid::read(&data.join("rpc/geoid/egm96_15.gtx")).unwrap();
+    let geoid = satgs::frame::GeoidGrid::open(&data.join("rpc/geoid/egm96_15.gtx")).unwrap();
     let marseille = geoid.undulation_m(5.44, 43.26);
     // The list gives the first place to 0.01 degrees and only names the others: the geoid changes by 3 mm nearby.
     for (lon, lat, told) in [

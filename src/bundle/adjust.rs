@@ -14,6 +14,7 @@ use super::output::Adjustment;
 use super::problem::{Observation, Track};
 use super::report::LeftOut;
 use super::tracks::{self, TrackElement};
+use super::view_pairs::with_similar_suns;
 use crate::io::RasterError;
 use crate::progress::{Event, Interrupted, Progress};
 use crate::rpc::Rpc;
@@ -34,9 +35,9 @@ const MIN_KEYPOINT_LIMIT_PX: f64 = 0.6;
 /// Pixels of the views whose keypoints are detected at the same time.
 const PIXELS_AT_ONCE: usize = 8_000_000;
 
-/// AdjustOptions of an adjustment.
+/// BundleOptions of an adjustment.
 #[derive(Clone, Debug, Default)]
-pub struct AdjustOptions {
+pub struct BundleOptions {
     /// Keep the cameras as delivered: points are triangulated with them, and the report tells which corrections an
     /// adjustment would make.
     pub fixed: bool,
@@ -65,7 +66,7 @@ pub struct AdjustOptions {
 /// images that are not there, a request to stop.
 pub fn adjust(
     scene: &Scene,
-    options: &AdjustOptions,
+    options: &BundleOptions,
     progress: &dyn Progress,
 ) -> Result<Adjustment, BundleError> {
     scene.require_views(2)?;
@@ -127,14 +128,14 @@ enum Outcome {
 impl<'a> Adjuster<'a> {
     /// Runs the stages after the keypoints. A view that contradicts the others ends the attempt, unless the cameras are
     /// fixed: then it is kept with a warning.
-    fn adjust(&mut self, scene: &Scene, options: &'a AdjustOptions) -> Result<Outcome, BundleError> {
+    fn adjust(&mut self, scene: &Scene, options: &'a BundleOptions) -> Result<Outcome, BundleError> {
         let leaves_out = !options.fixed;
         self.fix_views(&options.reference)?;
         self.network.height_prior = options.height_prior.as_ref();
         let names: Vec<&str> = self.views.iter().map(|v| v.view.name.as_str()).collect();
         self.control = tracks_of(&options.control, scene, &names, &self.network.block())?;
         let mut estimate = Estimate::start(self.views.len());
-        let of_like_suns = self.pairs_with_similar_sun();
+        let of_like_suns = with_similar_suns(&self.views, &self.pairs);
         let all = std::mem::replace(&mut self.pairs, of_like_suns);
         let first = match self.match_and_adjust(&mut estimate, WIDE_TOLERANCE_PX, CorrectionModel::Shift) {
             // Without the pairs with dissimilar suns the views may not be connected.

@@ -6,10 +6,11 @@ use super::features::Keypoint;
 use super::network::Network;
 use super::problem::Track;
 use super::report::LeftOut;
+use super::used_view::UsedView;
 use super::view_pairs::overlapping_pairs;
 use crate::progress::{Event, Progress};
 use crate::rpc::Rpc;
-use crate::scene::{Scene, View};
+use crate::scene::Scene;
 use rayon::prelude::*;
 
 /// Views with fewer keypoints are left out.
@@ -17,19 +18,6 @@ const MIN_KEYPOINTS: usize = 50;
 /// Where a corrected camera must be refitted, it is fitted over the scene's heights and this far below and above them,
 /// metres.
 const REFIT_MARGIN_M: f64 = 500.0;
-
-/// A view that takes part in an adjustment.
-pub(super) struct UsedView<'a> {
-    pub(super) view: &'a View,
-    pub(super) keypoints: &'a [Keypoint],
-}
-
-impl UsedView<'_> {
-    /// Columns and rows.
-    pub(super) fn size(&self) -> (usize, usize) {
-        (self.view.width, self.view.height)
-    }
-}
 
 /// The views of one attempt at an adjustment, and what all its stages share.
 pub(super) struct Adjuster<'a> {

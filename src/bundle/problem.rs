@@ -6,7 +6,7 @@
 //! wrong view cannot move the datum.
 
 use super::correction::{CorrectionModel, ImageFrame, MOST, Parameters};
-use super::height_prior::PointHeights;
+use super::point_heights::PointHeights;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use crate::rpc::Rpc;
 use rayon::prelude::*;

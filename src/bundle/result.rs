@@ -1,6 +1,6 @@
 //! The result of an adjustment: corrected cameras, sparse points, residuals, precision and the report.
 
-use super::adjust::AdjustOptions;
+use super::adjust::BundleOptions;
 use super::adjuster::Adjuster;
 use super::control_check::control_report;
 use super::error::BundleError;
@@ -11,7 +11,7 @@ use crate::progress::Event;
 
 impl Adjuster<'_> {
     /// What defines the datum.
-    fn gauge(&self, options: &AdjustOptions) -> String {
+    fn gauge(&self, options: &BundleOptions) -> String {
         let cameras = self.gauge_of_cameras(options);
         match &options.height_prior {
             Some(prior) if !options.fixed => {
@@ -21,7 +21,7 @@ impl Adjuster<'_> {
         }
     }
 
-    fn gauge_of_cameras(&self, options: &AdjustOptions) -> String {
+    fn gauge_of_cameras(&self, options: &BundleOptions) -> String {
         match (options.fixed, self.control.is_empty(), options.reference.as_slice()) {
             (true, ..) => "cameras as delivered, not corrected".into(),
             (false, true, []) => "mean of the delivered cameras: robust priors on the shifts".into(),
@@ -38,7 +38,7 @@ impl Adjuster<'_> {
     pub(super) fn result(
         &self,
         estimate: &Estimate,
-        options: &AdjustOptions,
+        options: &BundleOptions,
     ) -> Result<Adjustment, BundleError> {
         let block = self.network.block();
         let given = self.network.as_delivered(&estimate.tracks);

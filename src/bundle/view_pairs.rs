@@ -1,8 +1,8 @@
 //! Which pairs of views are matched.
 
-use super::adjuster::{Adjuster, UsedView};
 use super::error::BundleError;
 use super::network::{LEAST_ANGLE_DEG, Network};
+use super::used_view::UsedView;
 use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::scene::{angle_between_deg, footprint};
 use geo::{Area, BooleanOps};
@@ -51,33 +51,29 @@ pub(super) fn overlapping_pairs(
     Ok(out)
 }
 
-impl Adjuster<'_> {
-    /// Pairs of views with similar sun directions; a view without a known sun counts as similar to all others.
-    pub(super) fn pairs_with_similar_sun(&self) -> Vec<(usize, usize)> {
-        let direction = |v: usize| self.views[v].view.sun.map(|s| (s.azimuth_deg, 90.0 - s.elevation_deg));
-        let apart_deg = |(i, j): (usize, usize)| {
-            direction(i).zip(direction(j)).map_or(0.0, |(a, b)| angle_between_deg(a, b))
-        };
-        let mut by_sun = self.pairs.clone();
-        by_sun.sort_by(|a, b| apart_deg(*a).total_cmp(&apart_deg(*b)));
-        let mut taken = vec![0; self.views.len()];
-        by_sun.retain(|(i, j)| {
-            let is_among_nearest = taken[*i].min(taken[*j]) < NEAREST_SUNS;
-            let is_kept = apart_deg((*i, *j)) <= MAX_SUN_ANGLE_DEG || is_among_nearest;
-            for v in [i, j] {
-                taken[*v] += usize::from(is_kept);
-            }
-            is_kept
-        });
-        by_sun.sort_unstable();
-        by_sun
-    }
+/// Pairs of views with similar sun directions; a view without a known sun counts as similar to all others.
+pub(super) fn with_similar_suns(views: &[UsedView], pairs: &[(usize, usize)]) -> Vec<(usize, usize)> {
+    let direction = |v: usize| views[v].view.sun.map(|s| (s.azimuth_deg, 90.0 - s.elevation_deg));
+    let apart_deg =
+        |(i, j): (usize, usize)| direction(i).zip(direction(j)).map_or(0.0, |(a, b)| angle_between_deg(a, b));
+    let mut by_sun = pairs.to_vec();
+    by_sun.sort_by(|a, b| apart_deg(*a).total_cmp(&apart_deg(*b)));
+    let mut taken = vec![0; views.len()];
+    by_sun.retain(|(i, j)| {
+        let is_among_nearest = taken[*i].min(taken[*j]) < NEAREST_SUNS;
+        let is_kept = apart_deg((*i, *j)) <= MAX_SUN_ANGLE_DEG || is_among_nearest;
+        for v in [i, j] {
+            taken[*v] += usize::from(is_kept);
+        }
+        is_kept
+    });
+    by_sun.sort_unstable();
+    by_sun
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bundle::correction::ImageFrame;
     use crate::scene::{Role, Sun, View};
     use std::path::PathBuf;
 
@@ -103,24 +99,9 @@ mod tests {
             height_range: None,
         };
         let views: Vec<View> = (0..12).map(view).collect();
-        let network = Network {
-            rpcs: views.iter().map(|v| &v.rpc).collect(),
-            frames: vec![ImageFrame::new((1000, 1000)); 12],
-            is_fixed: vec![false; 12],
-            directions: vec![(0.0, 10.0); 12],
-            center: rpc.center(),
-            heights: rpc.height_range(),
-            height_prior: None,
-        };
-        let adjuster = Adjuster {
-            views: views.iter().map(|view| UsedView { view, keypoints: &[] }).collect(),
-            network,
-            pairs: (0..12).flat_map(|i| (i + 1..12).map(move |j| (i, j))).collect(),
-            control: Vec::new(),
-            left_out: Vec::new(),
-            progress: &crate::progress::NoProgress,
-        };
-        let kept = adjuster.pairs_with_similar_sun();
+        let views: Vec<UsedView> = views.iter().map(|view| UsedView { view, keypoints: &[] }).collect();
+        let pairs: Vec<(usize, usize)> = (0..12).flat_map(|i| (i + 1..12).map(move |j| (i, j))).collect();
+        let kept = with_similar_suns(&views, &pairs);
         assert_eq!(kept.len(), 2 * 15);
         assert!(kept.iter().all(|(i, j)| i / 6 == j / 6), "{kept:?}");
     }

@@ -110,8 +110,8 @@ impl Dsm {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::flat_surface;
     use super::*;
+    use crate::dsm::render::tests::flat_surface;
 
     #[test]
     fn a_wall_hides_a_cell_from_the_view_that_leans_over_it_and_what_one_image_covers_is_nodata() {

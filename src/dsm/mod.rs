@@ -1,344 +1,37 @@
-//! From splats to georeferenced products: a surface model, an orthophoto and their confidence on a map grid; points and
-//! a mesh of them.
+//! Georeferenced products of splats: a surface model, an orthophoto and its confidence on a map grid, points and a mesh.
 //!
 //! The camera looks straight down and its pixels are the grid's cells: no point cloud, no resampling. Heights are those
 //! of a matched surface, or the splats' medians or means ([`HeightsFrom`]).
 
 mod altitude;
 mod confidence;
+mod heights;
+mod hillshade;
 mod mesh;
+mod nadir;
 mod points;
+mod render;
+mod writers;
 
 pub use altitude::altitudes;
 pub use confidence::{Confidence, Seeing};
+pub use heights::Heights;
+pub use hillshade::hillshade;
+pub use nadir::nadir_camera;
+pub use render::{HeightsFrom, render};
 
-use crate::affine::AffineCamera;
-use crate::frame::{Point, SiteGrid};
-use crate::io::{Cog, Grid2, MapGrid, VerticalReference, WriteError, color_style, write_file};
-use crate::mvs::MatchedSurface;
-use crate::splat::appearance::Appearance;
-use crate::splat::raster::{FrameCamera, Image, Rasterizer, SortedSplats};
-use crate::splat::splats::{Splats, color_from_f_dc};
-use rayon::prelude::*;
-use std::path::Path;
+use crate::io::{Grid2, MapGrid};
 
-use altitude::{median, sampled};
-
-/// Cells from one node to the next of the lattice on which geoids are looked up: they are smooth.
-const GEOID_STEP: usize = 64;
-/// Matplotlib's viridis from low to high, and the share of the cells that is left beyond each end.
-const HEIGHT_COLORS: [[u8; 3]; 5] =
-    [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
-const STYLE_TAIL: f64 = 0.02;
-
-/// What a look straight down gives.
+/// A digital surface model with an orthophoto and its confidence, on a map grid.
 pub struct Dsm {
-    /// The grid.
+    /// The map grid.
     pub grid: MapGrid,
     /// Ellipsoidal heights in metres; NaN where nothing was seen.
     pub height: Grid2,
     /// Colours in the reference view's radiometry, sunlit, 0 to 1, as the splats have them; NaN where nothing was seen.
     pub colors: [Grid2; 3],
-    /// How far the heights can be trusted.
+    /// Confidence of the heights.
     pub confidence: Confidence,
-    /// Metadata items that all rasters of it carry.
+    /// Metadata items of all raster files.
     pub metadata: Vec<(&'static str, String)>,
-}
-
-/// Heights of a surface's cells in metres above something; NaN where they are not known.
-pub struct Heights<'a> {
-    /// The heights.
-    pub raster: Grid2,
-    /// What they count from.
-    pub above: &'a VerticalReference,
-}
-
-/// The camera that looks straight down on a grid.
-#[must_use]
-pub fn nadir_camera(grid: &MapGrid, site: &SiteGrid) -> AffineCamera {
-    let scale = grid.cell.recip();
-    let [east, north, _] = site.origin.xyz();
-    AffineCamera {
-        linear: [[scale, 0.0, 0.0], [0.0, -scale, 0.0]],
-        offset: [(east - grid.west) * scale - 0.5, (grid.north - north) * scale - 0.5],
-    }
-}
-
-/// Where a DSM's heights come from.
-#[derive(Clone, Copy, Debug)]
-pub enum HeightsFrom<'a> {
-    /// A surface that was matched with the views.
-    Matched(&'a MatchedSurface),
-    /// The splats, by [`RayHeight::Median`](crate::splat::train::recipe::RayHeight::Median) of three by three samples a cell; nodata where most light comes through.
-    Median,
-    /// The splats, by [`RayHeight::Mean`](crate::splat::train::recipe::RayHeight::Mean); nodata where no splat is.
-    Mean {
-        /// Altitude for what comes through, metres above the site's origin.
-        floor: f32,
-    },
-}
-
-/// Renders splats on a grid. The views that see a cell are not counted yet.
-#[must_use]
-pub fn render(
-    splats: &Splats,
-    site: &SiteGrid,
-    grid: MapGrid,
-    reference: &Appearance,
-    heights: HeightsFrom,
-) -> Dsm {
-    let mut prepared = SortedSplats::default();
-    prepared.update(splats);
-    let feature = |&i: &u32| {
-        let ([r, g, b], z) = (color_from_f_dc(splats.f_dc[i as usize]), splats.position[i as usize][2]);
-        [r, g, b, z, z * z]
-    };
-    let features: Vec<[f32; 5]> = prepared.order().iter().map(feature).collect();
-    let camera = FrameCamera::new(&nadir_camera(&grid, site), grid.width, grid.height);
-    let mut rasterizer = Rasterizer::<f32, 5>::default();
-    let image = rasterizer.render(&prepared, &features, &camera, [0.0; 5]);
-    let mut height = match heights {
-        HeightsFrom::Matched(surface) => resampled(surface, &grid),
-        HeightsFrom::Median => altitudes(splats, site, &grid),
-        HeightsFrom::Mean { floor } => mean_around(&with_floor(image, floor)),
-    };
-    height.data.iter_mut().for_each(|z| *z += site.origin.z() as f32);
-    let mut colors: [Grid2; 3] = std::array::from_fn(|c| image.plane(c));
-    let (mut spread, square, mut opacity) = (image.plane(3), image.plane(4), image.plane(5));
-    let sunlit = reference.sunlit();
-    for i in 0..height.data.len() {
-        let opaque = 1.0 - opacity.data[i];
-        let mean = spread.data[i] / opaque;
-        spread.data[i] = (square.data[i] / opaque - mean * mean).max(0.0).sqrt();
-        opacity.data[i] = opaque;
-        let lit = sunlit(std::array::from_fn(|c| colors[c].data[i] / opaque));
-        for (raster, v) in colors.iter_mut().zip(lit) {
-            raster.data[i] = if height.data[i].is_nan() { f32::NAN } else { v };
-        }
-    }
-    let views = Grid2::filled(grid.width, grid.height, f32::NAN);
-    let confidence = Confidence { opacity, spread, views };
-    Dsm { grid, height, colors, confidence, metadata: Vec::new() }
-}
-
-/// The mean altitudes of a render, over a floor where light comes through; NaN where nothing was drawn.
-fn with_floor(image: &Image<f32>, floor: f32) -> Grid2 {
-    let (mut altitude, through) = (image.plane(3), image.plane(5));
-    for (z, through) in altitude.data.iter_mut().zip(&through.data) {
-        *z = if *through < 1.0 { *z + through * floor } else { f32::NAN };
-    }
-    altitude
-}
-
-/// The mean of each cell and the eight around it, as the published DSMs are flattened; NaN stays.
-fn mean_around(raster: &Grid2) -> Grid2 {
-    Grid2::from_fn(raster.width, raster.height, |col, row| {
-        let center = raster.at(col, row);
-        let (mut sum, mut count) = (0.0, 0.0);
-        for r in row.saturating_sub(1)..raster.height.min(row + 2) {
-            for c in col.saturating_sub(1)..raster.width.min(col + 2) {
-                let z = raster.at(c, r);
-                if !z.is_nan() {
-                    (sum, count) = (sum + z, count + 1.0);
-                }
-            }
-        }
-        if center.is_nan() { center } else { sum / count }
-    })
-}
-
-/// Altitudes of a swept surface in the cells of a grid: medians of samples, NaN where most have none.
-fn resampled(surface: &MatchedSurface, grid: &MapGrid) -> Grid2 {
-    let fine = sampled(grid);
-    let altitude_at = |col: usize, row: usize| {
-        let p = surface.grid.corner_px_from_utm(fine.cell_center(col, row));
-        surface.altitude.get(p.col.floor() as i64, p.row.floor() as i64)
-    };
-    let (width, side) = (grid.width, fine.width / grid.width);
-    let mut out = Grid2::filled(width, grid.height, f32::NAN);
-    out.data.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
-        let mut values = Vec::new();
-        for (col, altitude) in line.iter_mut().enumerate() {
-            *altitude = median(&mut values, |c, r| altitude_at(col * side + c, row * side + r));
-        }
-    });
-    out
-}
-
-impl Dsm {
-    /// The heights above what they are to count from; NaN also where that is not known.
-    #[must_use]
-    pub fn heights_above<'a>(&self, above: &'a VerticalReference) -> Heights<'a> {
-        let VerticalReference::Geoid { .. } = above else {
-            return Heights { raster: self.height.clone(), above };
-        };
-        let place = SiteGrid { epsg: self.grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
-        let nodes = [self.grid.width, self.grid.height].map(|n| n.div_ceil(GEOID_STEP) + 1);
-        let undulation = Grid2::from_fn(nodes[0], nodes[1], |col, row| {
-            let p = place.geodetic_from_utm(self.grid.cell_center(col * GEOID_STEP, row * GEOID_STEP));
-            above.undulation_m(p.lon_deg(), p.lat_deg()) as f32
-        });
-        let step = GEOID_STEP as f64;
-        let raster = Grid2::from_fn(self.grid.width, self.grid.height, |col, row| {
-            self.height.at(col, row) - undulation.bilinear(col as f64 / step, row as f64 / step)
-        });
-        Heights { raster, above }
-    }
-
-    /// Writes heights as a Cloud-Optimized GeoTIFF, float32 with NaN nodata, and its QGIS style.
-    ///
-    /// # Errors
-    /// [`WriteError`].
-    pub fn write_dsm(&self, path: &Path, heights: &Heights) -> Result<(), WriteError> {
-        let cog = Cog { heights_from: Some(heights.above), ..self.cog() };
-        cog.write_f32(path, &[("height", "m", &heights.raster)])?;
-        write_file(&path.with_extension("qml"), heights.style())
-    }
-
-    /// Writes a relief lit from the north-west as an 8-bit Cloud-Optimized GeoTIFF; 255 is nodata.
-    ///
-    /// # Errors
-    /// [`WriteError`].
-    pub fn write_hillshade(&self, path: &Path) -> Result<(), WriteError> {
-        self.cog().write_u8(path, vec![hillshade(&self.height, self.grid.cell)], Some(255.0))
-    }
-
-    /// Writes the colours as an 8-bit Cloud-Optimized GeoTIFF; 0 is nodata.
-    ///
-    /// # Errors
-    /// [`WriteError`].
-    pub fn write_ortho(&self, path: &Path) -> Result<(), WriteError> {
-        let byte = |v: &f32| if v.is_nan() { 0 } else { (v.clamp(0.0, 1.0) * 254.0).round() as u8 + 1 };
-        let bands = self.colors.iter().map(|p| p.data.iter().map(byte).collect()).collect();
-        self.cog().write_u8(path, bands, Some(0.0))
-    }
-
-    /// Writes the confidence: opacity, spread of the altitudes in metres, number of views.
-    ///
-    /// # Errors
-    /// [`WriteError`].
-    pub fn write_confidence(&self, path: &Path) -> Result<(), WriteError> {
-        let Confidence { opacity, spread, views } = &self.confidence;
-        let bands = [("opacity", "", opacity), ("altitude spread", "m", spread), ("views", "", views)];
-        self.cog().write_f32(path, &bands)
-    }
-
-    fn cog(&self) -> Cog<'_> {
-        Cog { grid: self.grid, metadata: &self.metadata, heights_from: None }
-    }
-}
-
-impl Heights<'_> {
-    /// A QGIS style that colours them from low to high.
-    fn style(&self) -> String {
-        let mut sorted: Vec<f32> = self.raster.valid().collect();
-        sorted.sort_unstable_by(f32::total_cmp);
-        let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
-        let (low, high) = (at(STYLE_TAIL), at(1.0 - STYLE_TAIL));
-        let step = (high - low) / (HEIGHT_COLORS.len() - 1) as f32;
-        let value = |i: usize| (10.0 * (low + step * i as f32)).round() / 10.0;
-        let stops = HEIGHT_COLORS.iter().enumerate().map(|(i, color)| (value(i), *color));
-        color_style(&stops.collect::<Vec<_>>())
-    }
-}
-
-/// Relief lit from the north-west, 0 to 255; nodata is white.
-#[must_use]
-pub fn hillshade(height: &Grid2, cell_m: f64) -> Vec<u8> {
-    // Unit vector towards a light at azimuth 315°, elevation 45°, the cartographers' convention.
-    let light = [-0.5f32, 0.5, std::f32::consts::FRAC_1_SQRT_2];
-    let cell = cell_m as f32;
-    let at = |c: i64, r: i64| {
-        height.get(c.clamp(0, height.width as i64 - 1), r.clamp(0, height.height as i64 - 1))
-    };
-    let mut out = Vec::with_capacity(height.data.len());
-    for row in 0..height.height as i64 {
-        for col in 0..height.width as i64 {
-            let east = (at(col + 1, row) - at(col - 1, row)) / (2.0 * cell);
-            let north = (at(col, row - 1) - at(col, row + 1)) / (2.0 * cell);
-            let shade =
-                (light[2] - light[0] * east - light[1] * north) / (1.0 + east * east + north * north).sqrt();
-            out.push(if shade.is_nan() { 255 } else { (shade.clamp(0.0, 1.0) * 254.0) as u8 });
-        }
-    }
-    out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Level ground 10 m high, cells of half a metre.
-    pub(super) fn flat_surface(width: usize, height: usize) -> (Dsm, SiteGrid) {
-        let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
-        let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
-        let raster = |value| Grid2::filled(width, height, value);
-        let confidence = Confidence { opacity: raster(1.0), spread: raster(0.0), views: raster(f32::NAN) };
-        (
-            Dsm {
-                grid,
-                height: raster(10.0),
-                colors: [raster(0.1), raster(0.5), raster(1.0)],
-                confidence,
-                metadata: Vec::new(),
-            },
-            site,
-        )
-    }
-
-    /// A plane of splats, tilted one way and the other. Higher neighbours hide lower ones, so that a slope is seen a
-    /// little high whichever way it falls; half the difference is free of that and must be exact at cell centres.
-    #[test]
-    fn a_tilted_plane_keeps_its_heights_and_its_place() {
-        let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.25, 3_357_600.75, 10.0) };
-        let grid =
-            MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width: 41, height: 37 };
-        let tilted = |sign: f32| {
-            let mut g = Splats::default();
-            for i in -80..=80 {
-                for j in -80..=80 {
-                    let (x, y) = (i as f32 * 0.25, j as f32 * 0.25);
-                    g.push([x, y, sign * (0.2 * x - 0.1 * y)], 0.15, 0.95, [0.2, 0.4, 0.6]);
-                }
-            }
-            render(&g, &site, grid, &Appearance::default(), HeightsFrom::Median)
-        };
-        let (up, down) = (tilted(1.0), tilted(-1.0));
-        for row in 3..34 {
-            for col in 3..38 {
-                let p = site.site_from_utm(grid.cell_center(col, row)).xyz();
-                let expected = 0.2 * p[0] - 0.1 * p[1];
-                let (a, b) = (f64::from(up.height.at(col, row)), f64::from(down.height.at(col, row)));
-                assert!((0.5 * (a - b) - expected).abs() < 0.01, "{col} {row}: {a} {b} {expected}");
-                assert!((0.5 * (a + b) - 10.0).abs() < 0.15, "{col} {row}: {a} {b}");
-            }
-        }
-        assert!((up.colors[2].at(20, 20) - 0.6).abs() < 1e-3);
-    }
-
-    #[test]
-    fn cells_without_splats_are_nodata() {
-        let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
-        let grid =
-            MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width: 40, height: 40 };
-        let mut g = Splats::default();
-        g.push([0.0, 0.0, 5.0], 0.5, 0.9, [0.5; 3]);
-        let surface = render(&g, &site, grid, &Appearance::default(), HeightsFrom::Median);
-        assert!(surface.height.at(0, 0).is_nan());
-        assert!((surface.height.at(20, 20) - 15.0).abs() < 0.1);
-    }
-
-    #[test]
-    fn the_mean_of_nine_cells_counts_what_comes_through_as_the_floor() {
-        let (Dsm { grid, .. }, site) = flat_surface(40, 40);
-        let mut g = Splats::default();
-        g.push([0.0, 0.0, 5.0], 0.5, 0.5, [0.5; 3]);
-        let surface = render(&g, &site, grid, &Appearance::default(), HeightsFrom::Mean { floor: -3.0 });
-        let nine = (0..9).map(|k| surface.confidence.opacity.at(19 + k % 3, 19 + k / 3));
-        let opacity = nine.sum::<f32>() / 9.0;
-        assert!(opacity > 0.1 && opacity < 0.5, "{opacity}");
-        let expected = 10.0 + 5.0 * opacity - 3.0 * (1.0 - opacity);
-        assert!((surface.height.at(20, 20) - expected).abs() < 1e-4, "{}", surface.height.at(20, 20));
-        assert!(surface.height.at(0, 0).is_nan());
-    }
 }

@@ -25,7 +25,7 @@ impl Dsm {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::flat_surface;
+    use crate::dsm::render::tests::flat_surface;
     use crate::io::VerticalReference;
 
     #[test]

@@ -3,6 +3,7 @@
 use proj::Proj;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 /// Why a coordinate transform could not be had.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
@@ -16,6 +17,13 @@ pub enum FrameError {
         from: u32,
         /// Target EPSG code.
         to: u32,
+    },
+    /// The grid of a geoid cannot be read.
+    #[error("`{path}` is not a geoid grid that PROJ can read")]
+    #[diagnostic(help("a geoid grid is a .gtx file, or a GeoTIFF in degrees as those of cdn.proj.org"))]
+    GeoidGrid {
+        /// The file.
+        path: PathBuf,
     },
     /// Latitude or longitude cannot be a place that UTM covers.
     #[error("longitude {lon_deg}, latitude {lat_deg} lies outside UTM (80° south to 84° north)")]

@@ -4,9 +4,11 @@
 //! that needs a value (a zone, an origin) is a method of that value, named `target_from_source`.
 
 mod crs;
+mod geoid;
 mod point;
 mod site;
 
 pub use crs::{FrameError, Transform, half_turn, utm_epsg};
+pub use geoid::GeoidGrid;
 pub use point::{CenterPx, CornerPx, Frame, Geodetic, Pixel, Point, Site, Utm, Vector};
 pub use site::{SiteBox, SiteGrid};

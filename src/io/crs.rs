@@ -1,8 +1,8 @@
 //! What GDAL knows of coordinate systems.
 
 use super::VerticalReference;
-use super::file::{set_up_gdal, transform};
-use super::heights::{VerticalPart, metres_of};
+use super::gdal_setup::{set_up_gdal, transform};
+use super::height_unit::{VerticalPart, metres_of};
 use gdal::spatial_ref::SpatialRef;
 
 /// EPSG code of the horizontal CRS that a WKT text describes.
@@ -124,18 +124,6 @@ pub(super) fn vertical_part(srs: &SpatialRef) -> VerticalPart {
 pub fn is_metric_map(epsg: u32) -> bool {
     set_up_gdal();
     SpatialRef::from_epsg(epsg).is_ok_and(|s| s.is_projected() && (s.linear_units() - 1.0).abs() < 1e-9)
-}
-
-/// Height of the EGM96 geoid above the ellipsoid in metres; none without PROJ's grid of it.
-#[must_use]
-pub fn egm96_undulation_m(lon_deg: f64, lat_deg: f64) -> Option<f64> {
-    set_up_gdal();
-    let from = SpatialRef::from_definition("EPSG:4326+5773").ok()?;
-    let to = SpatialRef::from_definition("EPSG:4979").ok()?;
-    let (mut x, mut y, mut z) = ([lon_deg], [lat_deg], [0.0]);
-    transform(from, to, &mut x, &mut y, &mut z)?;
-    // Without the grid PROJ leaves heights as they are.
-    (z[0] != 0.0 && z[0].is_finite()).then_some(z[0])
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Errors of reading and writing files, one type per kind of file.
 
+use crate::frame::FrameError;
 use gdal::errors::GdalError;
 use std::path::{Path, PathBuf};
 
@@ -195,5 +196,5 @@ pub enum VerticalError {
     /// The geoid's grid cannot be read.
     #[error(transparent)]
     #[diagnostic(transparent)]
-    Grid(#[from] RasterError),
+    Grid(#[from] FrameError),
 }

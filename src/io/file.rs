@@ -1,14 +1,13 @@
 //! Reading: any GDAL raster, its bands, its metadata, its place on the map.
 
-use super::{Cause, Grid2, MapGrid, RasterError};
+use super::gdal_setup::{set_up_gdal, transform};
+use super::{Cause, Grid2, MapGrid, RasterError, Window};
 use crate::frame::{CornerPx, Pixel};
 use gdal::raster::{GdalDataType, ResampleAlg};
-use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
+use gdal::spatial_ref::SpatialRef;
 use gdal::{Dataset, Metadata};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-use std::sync::Once;
 
 /// A header that promises more pixels per byte than any codec delivers is not believed.
 const MAX_PIXELS_PER_BYTE: u64 = 20_000;
@@ -21,41 +20,15 @@ pub struct ImageFile {
     pub(super) dataset: Dataset,
 }
 
-/// One band's properties.
+/// Properties of a band.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Band {
+pub struct BandInfo {
     /// Pixels are whole numbers up to 255.
     pub is_byte: bool,
     /// Pixels are whole numbers.
     pub is_integer: bool,
     /// The value that stands for no data.
     pub nodata: Option<f64>,
-}
-
-/// A rectangle of an image's pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Window {
-    /// First column.
-    pub col: usize,
-    /// First row.
-    pub row: usize,
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-}
-
-/// Sets GDAL up: its messages come back in errors, on stderr they would only confuse.
-pub(super) fn set_up_gdal() {
-    static ONCE: Once = Once::new();
-    ONCE.call_once(|| {
-        // Tiles of large rasters are decoded side by side.
-        let _ =
-            gdal::config::set_config_option("GDAL_NUM_THREADS", &rayon::current_num_threads().to_string());
-        gdal::config::set_error_handler(|class, number, message| {
-            tracing::debug!("GDAL {class:?} {number}: {message}");
-        });
-    });
 }
 
 impl ImageFile {
@@ -105,10 +78,10 @@ impl ImageFile {
     ///
     /// # Errors
     /// [`RasterError::NoBand`].
-    pub fn band(&self, index: usize) -> Result<Band, RasterError> {
+    pub fn band(&self, index: usize) -> Result<BandInfo, RasterError> {
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
         let stored = band.band_type();
-        Ok(Band {
+        Ok(BandInfo {
             is_byte: stored == GdalDataType::UInt8,
             is_integer: stored.is_integer(),
             nodata: band.no_data_value(),
@@ -265,12 +238,6 @@ impl ImageFile {
         Some(x.iter().zip(&y).map(|(x, y)| Pixel::new((x - t[0]) / t[1], (y - t[3]) / t[5])).collect())
     }
 
-    /// The geotransform of a north-up raster in degrees.
-    pub(super) fn degrees_grid(&self) -> Option<[f64; 6]> {
-        let is_geographic = self.dataset.spatial_ref().is_ok_and(|s| s.is_geographic());
-        (self.is_map() && is_geographic).then(|| self.dataset.geo_transform().ok())?
-    }
-
     /// The raster's place on the map.
     ///
     /// # Errors
@@ -298,17 +265,4 @@ impl ImageFile {
     fn no_band(&self, asked: usize) -> RasterError {
         RasterError::NoBand { path: self.path.clone(), found: self.bands(), asked }
     }
-}
-
-/// Transforms coordinates in place, x east and y north whatever the authority's order.
-pub(super) fn transform(
-    mut from: SpatialRef,
-    mut to: SpatialRef,
-    x: &mut [f64],
-    y: &mut [f64],
-    z: &mut [f64],
-) -> Option<()> {
-    from.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
-    to.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
-    CoordTransform::new(&from, &to).ok()?.transform_coords(x, y, z).ok()
 }

@@ -2,6 +2,7 @@
 //! their band's unit, compound CRS and metadata, point clouds by their CRS.
 
 use super::crs::vertical_part;
+use super::height_unit::{VerticalPart, metres_of};
 use super::{Grid2, ImageFile, RasterError, VerticalReference, Window};
 use gdal::spatial_ref::SpatialRef;
 
@@ -44,7 +45,7 @@ impl HeightSystem {
     /// What a point cloud's CRS says, as WKT or `GeoTIFF` keys.
     #[must_use]
     pub fn of_cloud(header: &las::Header) -> Self {
-        super::file::set_up_gdal();
+        super::gdal_setup::set_up_gdal();
         let wkt = header.get_wkt_crs_bytes().map(String::from_utf8_lossy);
         let told = wkt.and_then(|w| SpatialRef::from_wkt(w.trim_end_matches('\0')).ok());
         let part = told.map(|srs| vertical_part(&srs)).unwrap_or_else(|| of_geotiff_keys(header));
@@ -56,14 +57,6 @@ impl HeightSystem {
     pub fn converted_from(&self) -> Option<String> {
         ((self.metres - 1.0).abs() > 1e-12).then(|| self.unit.clone())
     }
-}
-
-/// What the vertical part of a CRS says; metres are none for a unit that is not known.
-#[derive(Default)]
-pub(super) struct VerticalPart {
-    pub unit: String,
-    pub metres: Option<f64>,
-    pub from: Option<String>,
 }
 
 fn of_geotiff_keys(header: &las::Header) -> VerticalPart {
@@ -89,20 +82,6 @@ fn of_geotiff_code(code: u32) -> VerticalPart {
         return VerticalPart { from: Some(VerticalReference::ELLIPSOID.into()), ..VerticalPart::default() };
     }
     SpatialRef::from_epsg(code).map(|srs| vertical_part(&srs)).unwrap_or_default()
-}
-
-/// Metres in a unit that GDAL names; an unnamed one is taken for metres.
-pub(super) fn metres_of(unit: &str) -> Option<f64> {
-    match unit.trim().to_ascii_lowercase().replace('_', " ").as_str() {
-        "" | "m" | "metre" | "meter" | "metres" | "meters" => Some(1.0),
-        "ft" | "foot" | "feet" | "international foot" | "international feet" => Some(0.3048),
-        "us survey foot" | "us survey feet" | "foot us" | "feet us" | "us-ft" | "ftus" | "us ft" => {
-            Some(1200.0 / 3937.0)
-        }
-        "cm" | "centimetre" | "centimeter" => Some(0.01),
-        "mm" | "millimetre" | "millimeter" => Some(0.001),
-        _ => None,
-    }
 }
 
 /// Heights of the first band in metres, of a window, averaged down by a whole factor for no side to be longer than
@@ -238,7 +217,7 @@ mod tests {
 
     #[test]
     fn codes_of_geotiff_tell_reference_and_unit() {
-        super::super::file::set_up_gdal();
+        super::super::gdal_setup::set_up_gdal();
         assert_eq!(of_geotiff_code(5773).from.as_deref(), Some("EGM96"));
         assert_eq!(of_geotiff_code(5030).from.as_deref(), Some("ellipsoid"));
         let feet = of_geotiff_code(6360);

@@ -1,6 +1,6 @@
 //! Points and polygons on the map: written as GeoJSON or GeoPackage, polygons read from any vector file as a mask.
 
-use super::file::set_up_gdal;
+use super::gdal_setup::set_up_gdal;
 use super::write::{encode, memory_dataset};
 use super::{Cause, MapGrid, VectorError, WriteError, write_atomically};
 use gdal::config::set_thread_local_config_option;

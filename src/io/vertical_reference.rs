@@ -1,6 +1,7 @@
 //! What heights count from: the WGS 84 ellipsoid, or a geoid.
 
-use super::{Geoid, VerticalError};
+use super::VerticalError;
+use crate::frame::GeoidGrid;
 use std::path::{Path, PathBuf};
 
 /// Geoid models by name: EPSG code of the heights above them, and the grids PROJ has of them.
@@ -23,7 +24,7 @@ pub enum VerticalReference {
         /// EPSG code of heights above it.
         epsg: Option<u32>,
         /// Its height above the ellipsoid.
-        grid: Geoid,
+        grid: GeoidGrid,
     },
 }
 
@@ -54,7 +55,7 @@ impl VerticalReference {
         let file = found.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         let model = MODELS.iter().find(|m| m.2.contains(&file.as_str()));
         let (name, epsg) = model.map_or((file, None), |m| (m.0.to_owned(), Some(m.1)));
-        Ok(Self::Geoid { name, epsg, grid: Geoid::read(&found)? })
+        Ok(Self::Geoid { name, epsg, grid: GeoidGrid::open(&found)? })
     }
 
     /// The name of [`VerticalReference::read`] for what files call a vertical reference, as `WGS 84 ellipsoid`, `EGM96 height`,

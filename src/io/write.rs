@@ -1,7 +1,7 @@
 //! Writing: Cloud-Optimized GeoTIFFs, sensor images with an RPC tag, PNGs. A file appears whole or not at all.
 
 use super::atomic::{write_atomically, write_file};
-use super::file::set_up_gdal;
+use super::gdal_setup::set_up_gdal;
 use super::{Cause, Grid2, ImageFile, MapGrid, RasterError, VerticalReference, WriteError};
 use gdal::raster::{Buffer, ColorInterpretation, GdalType, RasterBand, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;

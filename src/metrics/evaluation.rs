@@ -5,7 +5,7 @@ use super::registration::{Method, Registration, register};
 use super::resample::{Sampling, onto_grid};
 use super::{HeightRaster, MetricsError, PartScores, Scores, Truth, filled_by_nearest};
 use crate::frame::{Point, SiteGrid};
-use crate::io::{Grid2, MapGrid, VerticalReference, egm96_undulation_m};
+use crate::io::{Grid2, MapGrid, VerticalReference};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -242,7 +242,8 @@ fn notes(prediction: &HeightRaster, truth: &Truth, sampling: Sampling, differenc
 fn geoid_clue(grid: &MapGrid, difference_m: f64) -> String {
     let map = SiteGrid { epsg: grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
     let middle = map.geodetic_from_utm(grid.cell_center(grid.width / 2, grid.height / 2));
-    let Some(geoid_m) = egm96_undulation_m(middle.lon_deg(), middle.lat_deg()) else { return String::new() };
+    let Ok(egm96) = VerticalReference::read("EGM96") else { return String::new() };
+    let geoid_m = egm96.undulation_m(middle.lon_deg(), middle.lat_deg());
     let is_near = (difference_m.abs() - geoid_m.abs()).abs() < NEAR_GEOID_M && geoid_m.abs() > NEAR_GEOID_M;
     let clue = "; as much: does one of them count from a geoid? --truth-vertical tells";
     format!("; the geoid lies {geoid_m:+.2} m from the ellipsoid here{}", if is_near { clue } else { "" })

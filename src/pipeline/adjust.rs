@@ -4,7 +4,8 @@ use super::scene_fingerprint::scene_fingerprint;
 use super::stage::{Fingerprint, Stage, hash_file, or_none};
 use super::{PipelineError, RunLock, read_scene, relocation};
 use crate::bundle::{
-    self, Adjustment, CorrectionModel, HeightPrior, LeftOut, Report, check_control, read_control,
+    self, Adjustment, BundleOptions, CorrectionModel, HeightPrior, LeftOut, Report, check_control,
+    read_control,
 };
 use crate::io::{VerticalReference, write_json};
 use crate::progress::{Event, Progress};
@@ -115,7 +116,7 @@ pub(super) fn adjust_locked(
         check_control(path, &control, scene)?;
     }
     let sigma_m = options.dem.as_ref().and_then(|dem| dem.sigma_m);
-    let choices = bundle::AdjustOptions {
+    let choices = BundleOptions {
         fixed: options.fixed,
         model: options.model,
         height_range: heights,

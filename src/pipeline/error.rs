@@ -225,7 +225,7 @@ pub enum PipelineError {
     /// See [`VerticalError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
-    Vertical(#[from] VerticalError),
+    VerticalReference(#[from] VerticalError),
     /// See [`FrameError`].
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -93,13 +93,13 @@ fn refuse_to_replace(folder: &Path, overwrite: bool) -> Result<(), PipelineError
 fn write_files(evaluation: &Evaluation, inputs: &str, folder: &Path) -> Result<(), PipelineError> {
     // As a value first, so that its keys are in the order of those that --json prints.
     let not_json = |source| PipelineError::Json { what: "the scores", source };
-    let scores = serde_json::to_value(evaluation).map_err(not_json)?;
-    let text = serde_json::to_string_pretty(&scores).map_err(not_json)?;
+    let json = serde_json::to_value(evaluation).map_err(not_json)?;
+    let text = serde_json::to_string_pretty(&json).map_err(not_json)?;
     write_file(&folder.join(METRICS), text + "\n")?;
-    let Some(best) = evaluation.registered_scores(Method::Xyz) else { return Ok(()) };
-    let errors = evaluation.error_map(&best.registration)?;
-    let r = best.registration;
-    let moved = format!("{:.3} m east, {:.3} m north, {:.3} m up", best.east_m, best.north_m, r.dz_m);
+    let Some(scores) = evaluation.registered_scores(Method::Xyz) else { return Ok(()) };
+    let errors = evaluation.error_map(&scores.registration)?;
+    let r = scores.registration;
+    let moved = format!("{:.3} m east, {:.3} m north, {:.3} m up", scores.east_m, scores.north_m, r.dz_m);
     let metadata = [
         ("INPUTS", inputs.to_owned()),
         ("TIFFTAG_IMAGEDESCRIPTION", "registered prediction minus truth".to_owned()),

@@ -1,15 +1,15 @@
 //! The area of interest: a polygon in longitude and latitude, and the part of each image that shows it.
 
-use super::{Scene, SceneError, UtmBox, View};
-use crate::frame::{Geodetic, Pixel, Point, SiteGrid};
-use crate::io::Window;
+use super::SceneError;
+use crate::frame::{Geodetic, Point, SiteGrid};
 use geo::{ConvexHull, LineString, MultiPoint, Polygon, Validation};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
 
-/// Pixels read around what an area covers: keypoints and windows of its rim reach beyond it.
-const MARGIN_PX: f64 = 48.0;
+/// West, south, east, north in metres of a UTM zone.
+pub type UtmBox = (f64, f64, f64, f64);
+
 /// Places along each side of the polygon; sides are straight on the map, not in the image.
 const PLACES_A_SIDE: usize = 8;
 /// A side of an area beyond this is a mistake, or a task for tiles.
@@ -52,7 +52,7 @@ impl Aoi {
     /// # Errors
     /// [`SceneError::Area`], [`SceneError::Unreadable`].
     pub fn from_geojson(path: &Path) -> Result<Self, SceneError> {
-        let text = super::source::read_text(path)?;
+        let text = super::files::read_text(path)?;
         let wrong = |reason: String| SceneError::Area { reason: format!("`{}`: {reason}", path.display()) };
         let json: Value = serde_json::from_str(&text).map_err(|e| wrong(format!("no valid JSON: {e}")))?;
         let rings = rings_of(&json);
@@ -110,7 +110,7 @@ impl Aoi {
     }
 
     /// Places along the outline, at height 0.
-    fn outline(&self) -> impl Iterator<Item = Point<Geodetic>> {
+    pub(super) fn outline(&self) -> impl Iterator<Item = Point<Geodetic>> {
         let n = self.0.len();
         (0..n * PLACES_A_SIDE).map(move |i| {
             let (a, b) = (self.0[i / PLACES_A_SIDE], self.0[(i / PLACES_A_SIDE + 1) % n]);
@@ -118,67 +118,10 @@ impl Aoi {
             Point::new(a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), 0.0)
         })
     }
-
-    /// The part of a view's image that may show the area between two heights; none if it cannot.
-    fn window(&self, view: &View, (low, high): (f64, f64)) -> Option<Window> {
-        let seen = self.outline().flat_map(|p| [low, high].map(|h| view.rpc.project(p.at_height(h))));
-        let seen: Vec<Pixel<_>> = seen.filter(|px| px.col.is_finite() && px.row.is_finite()).collect();
-        let (a, b) = extent(&seen.iter().map(|px| [px.col, px.row]).collect::<Vec<_>>());
-        let span = |k: usize, size: usize| {
-            // An image that only the margin reaches shows nothing of the area.
-            if !(a[k] <= size as f64 && b[k] >= 0.0) {
-                return None;
-            }
-            let from = (a[k] - MARGIN_PX).floor().max(0.0) as usize;
-            let to = ((b[k] + MARGIN_PX).ceil() as usize).min(size);
-            (to > from + 1).then_some((from, to - from))
-        };
-        let ((col, width), (row, height)) = (span(0, view.width)?, span(1, view.height)?);
-        Some(Window { col, row, width, height })
-    }
 }
 
-impl Scene {
-    /// Keeps of every image what may show the area between two heights; views that see nothing of it are left out.
-    ///
-    /// # Errors
-    /// [`SceneError::AreaNotSeen`] when no view sees it.
-    pub(super) fn crop(&mut self, aoi: Aoi, heights: (f64, f64)) -> Result<(), SceneError> {
-        let (mut kept, mut without) = (Vec::new(), Vec::new());
-        for view in &self.views {
-            match aoi.window(view, heights) {
-                Some(window) => kept.push(view.cropped(window)),
-                None => without.push(view.name.clone()),
-            }
-        }
-        if kept.is_empty() {
-            let height = 0.5 * (heights.0 + heights.1);
-            let footprint = self.views.first().map_or_else(String::new, |v| v.place(height));
-            return Err(SceneError::AreaNotSeen { area: aoi.place(), footprint });
-        }
-        if !without.is_empty() {
-            self.warnings
-                .push(format!("left out, because they see nothing of the area: {}", without.join(", ")));
-        }
-        self.views = kept;
-        self.aoi = Some(aoi);
-        Ok(())
-    }
-}
-
-impl View {
-    /// The view of a part of its image.
-    fn cropped(&self, window: Window) -> Self {
-        let mut view = self.clone();
-        view.rpc = self.rpc.cropped(window.col, window.row);
-        (view.width, view.height) = (window.width, window.height);
-        view.window = Some(window);
-        view
-    }
-}
-
-/// Least and greatest of each coordinate.
-fn extent(points: &[[f64; 2]]) -> ([f64; 2], [f64; 2]) {
+/// Smallest and largest value of each coordinate.
+pub(super) fn extent(points: &[[f64; 2]]) -> ([f64; 2], [f64; 2]) {
     points.iter().fold(([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]), |(low, high), p| {
         ([low[0].min(p[0]), low[1].min(p[1])], [high[0].max(p[0]), high[1].max(p[1])])
     })

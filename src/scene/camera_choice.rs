@@ -4,14 +4,14 @@
 //! where the offset is told. Of several the first that fits is taken; when none fits, what speaks against the first is
 //! the error. `--trust-rpc` takes the first as it is.
 
-use super::map_fit::{MapFit, map_fit};
+use super::map_fit::{MapFit, five_places, map_fit};
 use super::sidecar::{Sidecars, Tile};
 use super::{SceneError, chip};
-use crate::frame::{CornerPx, Pixel};
+
 use crate::io::ImageFile;
 use crate::rpc::formats::{RpcFile, SAME_PX, ViewTags};
 use crate::rpc::{Axis, Rpc};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// An RPC whose scales and offsets agree to this share is that of a whole image: it begins at the first pixel.
 const WHOLE: f64 = 0.25;
@@ -291,12 +291,6 @@ pub(super) fn distance_px(a: &Rpc, b: &Rpc, size: (usize, usize)) -> f64 {
     apart.into_iter().map(|d| if d.is_nan() { f64::INFINITY } else { d }).fold(0.0, f64::max)
 }
 
-/// An image's corners and centre.
-pub(super) fn five_places((width, height): (usize, usize)) -> [Pixel<CornerPx>; 5] {
-    let (w, h) = (width as f64, height as f64);
-    [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h), (0.5 * w, 0.5 * h)].map(|(col, row)| Pixel::new(col, row))
-}
-
 impl Told {
     /// Reads the metadata files; one that is broken costs only what it tells.
     pub(super) fn read(sidecars: &Sidecars, warnings: &mut Vec<String>) -> Self {
@@ -312,9 +306,4 @@ impl Told {
         };
         Self { image: read(&sidecars.metadata), product: read(&sidecars.product_metadata) }
     }
-}
-
-/// A file's name for messages.
-pub(super) fn file_name(path: &Path) -> String {
-    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }

@@ -3,8 +3,9 @@
 //! `test.txt` in such a folder lists views that are not trained on, one `NAME.json` a line; where there is a
 //! `train.txt`, only views it lists are trained on.
 
+use super::files::{read_text, stem};
 use super::sidecar::{Sidecars, camera_of};
-use super::source::{files_in, images_in, read_text, stem, view};
+use super::source::{files_in, images_in, view};
 use super::{Role, SceneError, View};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

@@ -3,8 +3,9 @@
 //! As in GDAL, what lies beside an image wins over what is in it ([`super::RPC_ORDER`] has the order). Where two
 //! differ by more than 0.1 px a warning says so.
 
+use super::files::stem;
 use super::sidecar::Sidecars;
-use super::source::{files_in, images_in, is_companion, no_rpc, other_rasters, stem, view};
+use super::source::{files_in, images_in, is_companion, no_rpc, other_rasters, view};
 use super::{SceneError, View};
 use crate::io::ImageFile;
 use std::path::Path;

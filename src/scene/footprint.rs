@@ -3,7 +3,7 @@
 //! A footprint is the quadrilateral of an image's outer corners at one height; its sides are straight on the map,
 //! which for a full swath of 15 km is right to a few metres.
 
-use super::{Scene, SceneError, View};
+use super::{Scene, SceneError, UtmBox, View};
 use crate::frame::{CornerPx, Pixel, SiteGrid};
 use crate::rpc::Rpc;
 use geo::{Area, BooleanOps, BoundingRect, LineString, MultiPolygon, Polygon};
@@ -14,9 +14,6 @@ const LEAST_SHARED_PERCENT: f64 = 1.0;
 const MUCH_SHARED_PERCENT: f64 = 50.0;
 /// Steps from the lowest to the highest height; RPCs' ranges are at most a few kilometres.
 const HEIGHTS: i32 = 64;
-
-/// West, south, east, north in metres of a UTM zone.
-pub type UtmBox = (f64, f64, f64, f64);
 
 /// An image's outline on the grid's UTM map at an ellipsoidal height; none where the camera sees no ground.
 #[must_use]

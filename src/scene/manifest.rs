@@ -2,8 +2,9 @@
 //!
 //! Paths are relative to the file that names them.
 
+use super::files::read_text;
 use super::sidecar::Sidecars;
-use super::source::{files_in, no_rpc, read_text, view};
+use super::source::{files_in, no_rpc, view};
 use super::{Aoi, Role, SceneError, Sun, View};
 use crate::rpc::formats::iso_date;
 use serde::Deserialize;

@@ -1,7 +1,6 @@
 //! Whether an image on a map and an RPC belong together.
 
-use super::camera_choice::five_places;
-use crate::frame::{CenterPx, Pixel, Point};
+use crate::frame::{CenterPx, CornerPx, Pixel, Point};
 use crate::io::ImageFile;
 use crate::rpc::Rpc;
 
@@ -52,4 +51,10 @@ pub(super) fn map_fit(image: &ImageFile, rpc: &Rpc) -> MapFit {
         return MapFit::OwnGrid;
     }
     MapFit::Other { distance_px, is_near: distance_px <= 0.5 * side }
+}
+
+/// An image's corners and centre.
+pub(super) fn five_places((width, height): (usize, usize)) -> [Pixel<CornerPx>; 5] {
+    let (w, h) = (width as f64, height as f64);
+    [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h), (0.5 * w, 0.5 * h)].map(|(col, row)| Pixel::new(col, row))
 }

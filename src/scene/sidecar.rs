@@ -1,8 +1,7 @@
 //! Files beside an image that belong to it, by the names that vendors and GDAL give them.
 
 use super::SceneError;
-use super::camera_choice::file_name;
-use super::source::stem;
+use super::files::{file_name, stem};
 use crate::rpc::Rpc;
 use crate::rpc::formats::{self, ViewTags};
 use std::fs::File;

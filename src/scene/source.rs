@@ -1,6 +1,7 @@
 //! One image of a scene: the file, the cameras found in and beside it, its sun and date.
 
-use super::camera_choice::{Candidate, READ_BY_GDAL, Told, choose, file_name};
+use super::camera_choice::{Candidate, READ_BY_GDAL, Told, choose};
+use super::files::{file_name, read_text, stem};
 use super::sidecar::Sidecars;
 use super::{Role, SceneError, Sun, View};
 use crate::io::ImageFile;
@@ -42,13 +43,6 @@ pub(super) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     Ok(found)
 }
 
-/// Text of a list or an area, as editors write it.
-pub(super) fn read_text(path: &Path) -> Result<String, SceneError> {
-    let bytes = std::fs::read(path)
-        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
-    Ok(formats::decode(&bytes))
-}
-
 /// The images whose pixels a virtual raster shows, as it names them; none of any other file.
 #[must_use]
 pub fn sources_of(image: &Path) -> Vec<PathBuf> {
@@ -78,11 +72,6 @@ pub(super) fn other_rasters(listing: &[PathBuf]) -> impl Iterator<Item = &PathBu
         let extension = p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         extension.is_some_and(|e| OTHER_RASTERS.contains(&e.as_str())) && !p.is_dir()
     })
-}
-
-/// The file name without its extension.
-pub(super) fn stem(path: &Path) -> String {
-    path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }
 
 /// Reads an image's view with the camera beside or in it that fits it; warnings are added to `warnings`.

@@ -24,6 +24,7 @@ use crate::progress::{Event, Progress};
 use crate::rpc::{Axis, Rpc};
 pub use error::SimulateError;
 use keyed_rng::KeyedRng;
+pub use plan::Relief;
 use sensor::{Acquisition, LineScanner};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -35,16 +36,6 @@ const PLACE: Point<Geodetic> = Point::new(5.5, 43.3, 150.0);
 const TRUTH_NAME: &str = "TOWN";
 /// Half of the heights that an RPC is made for, at least, metres.
 const RPC_HALF_HEIGHT_M: f64 = 80.0;
-
-/// The lie of the land.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Relief {
-    /// Some 15 m between the lowest and the highest ground.
-    Rolling,
-    /// 60 m and more.
-    Hilly,
-}
 
 /// What to simulate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -3,9 +3,21 @@
 //! Streets run along the town's own axes (a, b), turned against the map grid so that no wall lies along a row of
 //! pixels. Everything follows from the seed and from the block's indices.
 
-use super::Relief;
 use super::keyed_rng::KeyedRng;
-use super::vegetation;
+use serde::{Deserialize, Serialize};
+
+/// Differences of height of the ground.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Relief {
+    /// About 15 m between the lowest and the highest ground.
+    Rolling,
+    /// 60 m and more.
+    Hilly,
+}
+
+/// Places the trees of a block of the town, once its buildings stand.
+pub(super) type Trees = fn(&Plan, [i64; 2]) -> Vec<Tree>;
 
 /// Period of the streets along a and b, metres.
 pub(super) const PERIOD_M: [f64; 2] = [60.0, 45.0];
@@ -78,7 +90,7 @@ pub(super) struct Plan {
 
 impl Plan {
     /// A town that fills ±`half_m`; what makes it a test scene lies within ±`core_half_m`.
-    pub(super) fn new(seed: u64, half_m: f64, core_half_m: f64, relief: Relief) -> Self {
+    pub(super) fn new(seed: u64, half_m: f64, core_half_m: f64, relief: Relief, trees: Trees) -> Self {
         let rng = KeyedRng::new(seed);
         let turn = rng.key(1).uniform_in(0.2, 0.5).sin_cos();
         let shift = [rng.key(2).uniform_in(0.0, 8.0), rng.key(3).uniform_in(0.0, 8.0)];
@@ -97,7 +109,7 @@ impl Plan {
         plan.pond = plan.block_at(plan.town_from_map(-0.5 * core_half_m, -0.4 * core_half_m));
         let (x, y) = plan.map_from_town(plan.block_center(plan.pond));
         plan.pond_level_m = plan.hills_m(x, y) - 0.8;
-        plan.build(half_m);
+        plan.build(half_m, trees);
         plan
     }
 
@@ -189,7 +201,7 @@ impl Plan {
         }
     }
 
-    fn build(&mut self, half_m: f64) {
+    fn build(&mut self, half_m: f64, trees: Trees) {
         let reach = half_m * 1.42;
         let [from, to] = [self.block_at([-reach; 2]), self.block_at([reach; 2])];
         for i in from[0]..=to[0] {
@@ -227,7 +239,7 @@ impl Plan {
                     }
                     LandUse::Park | LandUse::Pond => {}
                 }
-                let trees = vegetation::trees(self, block);
+                let trees = trees(self, block);
                 self.trees.extend(trees);
             }
         }

@@ -1,10 +1,10 @@
 //! The town as a height field: the plan's terrain, buildings and trees laid onto the nodes, with their colours.
 
-use super::Relief;
 use super::field::{Field, Material, Node};
 use super::keyed_rng::KeyedRng;
-use super::plan::{Building, Plan, Roof, Tree};
+use super::plan::{Building, Plan, Relief, Roof, Tree};
 use super::texture;
+use super::vegetation;
 use rayon::prelude::*;
 
 /// A town over ±`half_m` with a node every `step_m`; its landmarks lie within ±`core_half_m`.
@@ -16,7 +16,7 @@ pub(super) struct Town {
 impl Town {
     /// Builds the town of a seed.
     pub(super) fn new(seed: u64, half_m: f64, step_m: f64, core_half_m: f64, relief: Relief) -> Self {
-        let plan = Plan::new(seed, half_m, core_half_m, relief);
+        let plan = Plan::new(seed, half_m, core_half_m, relief, vegetation::trees);
         let colors = KeyedRng::new(seed).key(7);
         let mut builder = FieldBuilder::bare_ground(&plan, colors, half_m, step_m);
         for building in &plan.buildings {

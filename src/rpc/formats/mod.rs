@@ -15,6 +15,7 @@ mod maxar;
 mod product;
 mod text;
 mod tiff;
+mod vendor_xml;
 mod xml;
 
 pub use date::iso_date;
@@ -251,7 +252,7 @@ pub fn parse(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
     let content = content.trim_start_matches('\u{feff}').trim_start();
     match content.as_bytes().first() {
         Some(b'{') => json::from_json(file, content),
-        Some(b'<') => xml::from_xml(file, content),
+        Some(b'<') => vendor_xml::from_xml(file, content),
         None => Err(FormatError::Unrecognised { file: file.into(), what: " (it is empty)" }),
         _ if maxar::is_pvl(content) => maxar::from_rpb(file, content),
         _ if geom::is_geom(content) => geom::from_geom(file, content),
@@ -267,7 +268,7 @@ pub fn read_tags(file: &Path) -> Result<ViewTags, FormatError> {
     let content = read_text(file)?;
     let content = content.trim_start_matches('\u{feff}').trim_start();
     Ok(match content.as_bytes().first() {
-        Some(b'<') => xml::tags_of_xml(file, content)?,
+        Some(b'<') => vendor_xml::tags_of_xml(file, content)?,
         Some(b'{') => product::planet_tags(content),
         _ if product::is_geoeye(content) => product::geoeye_tags(content),
         _ if maxar::is_pvl(content) => maxar::imd_tags(content),

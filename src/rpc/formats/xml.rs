@@ -1,60 +1,20 @@
-//! XML files: which vendor's they are, and how to find an element in them.
+//! Elements of XML files.
 
-use super::{FormatError, RpcFile, ViewTags, dimap, maxar};
-use crate::rpc::formats::keys::{Fields, RPC00B};
+use super::FormatError;
 use roxmltree::{Document, Node, ParsingOptions};
 use std::path::Path;
 
 /// More elements than any vendor's file has: the largest seen, an EnMAP, has a tenth of them.
 const MAX_ELEMENTS: u32 = 1_000_000;
 
-/// Reads an XML file: Maxar's with an `RPB` element, Airbus's DIMAP, GDAL's VRT and `.aux.xml`.
-pub(super) fn from_xml(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
-    let document = parse(file, content)?;
-    let root = document.root_element();
-    if let Some(rpb) = find(root, "RPB") {
-        return maxar::from_xml(file, root, rpb);
-    }
-    if let Some(model) = find(root, "Global_RFM") {
-        return dimap::from_xml(file, root, model);
-    }
-    let gdal = |n: &Node| n.tag_name().name() == "Metadata" && n.attribute("domain") == Some("RPC");
-    if let Some(domain) = root.descendants().find(gdal) {
-        return from_gdal_xml(file, domain);
-    }
-    Err(FormatError::Unrecognised { file: file.into(), what: what_it_is(root) })
-}
-
-/// What an XML file says about an image, with or without a camera.
-pub(super) fn tags_of_xml(file: &Path, content: &str) -> Result<ViewTags, FormatError> {
-    let document = parse(file, content)?;
-    let root = document.root_element();
-    Ok(if find(root, "IMD").is_some() { maxar::tags(root) } else { dimap::tags(root) })
-}
-
-fn parse<'a>(file: &Path, content: &'a str) -> Result<Document<'a>, FormatError> {
+/// Parses an XML file.
+///
+/// # Errors
+/// [`FormatError::Xml`].
+pub(super) fn parse<'a>(file: &Path, content: &'a str) -> Result<Document<'a>, FormatError> {
     let options = ParsingOptions { nodes_limit: MAX_ELEMENTS, ..ParsingOptions::default() };
     Document::parse_with_options(content, options)
         .map_err(|e| FormatError::Xml { file: file.into(), reason: e.to_string() })
-}
-
-/// The `RPC` domain as GDAL stores it beside rasters.
-fn from_gdal_xml(file: &Path, domain: Node) -> Result<RpcFile, FormatError> {
-    let mut fields = Fields::new(file, &RPC00B);
-    for item in domain.children().filter(|n| n.tag_name().name() == "MDI") {
-        let key = item.attribute("key").unwrap_or_default().to_ascii_uppercase();
-        fields.take(&key, item.text().unwrap_or_default())?;
-    }
-    Ok(RpcFile::new(fields.rpc()?, "GDAL metadata"))
-}
-
-/// Files that users take for an RPC's, by name.
-fn what_it_is(root: Node) -> &'static str {
-    match root.tag_name().name() {
-        "level_X" => " (it is EnMAP metadata, which has one RPC for each band)",
-        "Dimap_Document" => " (it is a DIMAP product file; the RPC is in RPC_*.XML beside it)",
-        _ => " (it is XML without an RPC)",
-    }
 }
 
 /// The first element of this name at any depth.

@@ -62,34 +62,33 @@ fn draw_panels(
 ) -> RgbImage {
     let (width, height) = (truth.colors.width, truth.colors.height);
     view.transfer_function.encode(&mut picture.colors);
-    let mut image = RgbImage::white(5 * (width + GAP) - GAP, height);
+    let mut panels = RgbImage::white(5 * (width + GAP) - GAP, height);
     let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
     let (low, high) = (altitudes.0 as f32, altitudes.1 as f32);
     for row in 0..height {
         for col in 0..width {
             let counts = truth.valid[row * width + col];
-            let target = counts.then(|| {
+            let image = counts.then(|| {
                 std::array::from_fn(|c| view.transfer_function.encoded(truth.colors.at(c, col, row)))
             });
             let made = picture.colors.each_ref().map(|c| c.at(col, row));
             let altitude = picture.altitude.at(col, row);
-            let error = target.map(|target: [f32; 3]| {
-                target.iter().zip(made).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0
-            });
+            let error = image
+                .map(|image: [f32; 3]| image.iter().zip(made).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0);
             let white = error.map(|e| byte(1.0 - e / LARGEST_ERROR));
             let colors = [
-                target.map_or(NOTHING, |c| c.map(byte)),
+                image.map_or(NOTHING, |c| c.map(byte)),
                 made.map(byte),
                 [byte(picture.sunlight.at(col, row)); 3],
                 if altitude.is_nan() { NOTHING } else { [byte((altitude - low) / (high - low)); 3] },
                 white.map_or(NOTHING, |w| [255, w, w]),
             ];
             for (panel, color) in colors.into_iter().enumerate() {
-                image.set(panel * (width + GAP) + col, row, color);
+                panels.set(panel * (width + GAP) + col, row, color);
             }
         }
     }
-    image
+    panels
 }
 
 /// Loss and number of splats over the iterations, each as a fraction of its largest value.

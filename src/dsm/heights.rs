@@ -1,0 +1,56 @@
+//! Heights above a vertical reference.
+
+use super::Dsm;
+use crate::frame::{Point, SiteGrid};
+use crate::io::{Grid2, VerticalReference, color_style};
+
+/// Geoids are smooth: their heights are computed at nodes this many cells apart and interpolated between them.
+const GEOID_STEP: usize = 64;
+/// Matplotlib's viridis from low to high.
+const HEIGHT_COLORS: [[u8; 3]; 5] =
+    [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
+/// Fraction of the cells that lie below the lowest and above the highest colour.
+const STYLE_TAIL: f64 = 0.02;
+
+/// Heights of the cells of a DSM in metres above a vertical reference; NaN where they are not known.
+pub struct Heights<'a> {
+    /// Heights in metres.
+    pub raster: Grid2,
+    /// What they count from.
+    pub above: &'a VerticalReference,
+}
+
+impl Dsm {
+    /// The heights above a vertical reference; NaN also where the height of that reference is not known.
+    #[must_use]
+    pub fn heights_above<'a>(&self, above: &'a VerticalReference) -> Heights<'a> {
+        let VerticalReference::Geoid { .. } = above else {
+            return Heights { raster: self.height.clone(), above };
+        };
+        let place = SiteGrid { epsg: self.grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
+        let nodes = [self.grid.width, self.grid.height].map(|n| n.div_ceil(GEOID_STEP) + 1);
+        let undulation = Grid2::from_fn(nodes[0], nodes[1], |col, row| {
+            let p = place.geodetic_from_utm(self.grid.cell_center(col * GEOID_STEP, row * GEOID_STEP));
+            above.undulation_m(p.lon_deg(), p.lat_deg()) as f32
+        });
+        let step = GEOID_STEP as f64;
+        let raster = Grid2::from_fn(self.grid.width, self.grid.height, |col, row| {
+            self.height.at(col, row) - undulation.bilinear(col as f64 / step, row as f64 / step)
+        });
+        Heights { raster, above }
+    }
+}
+
+impl Heights<'_> {
+    /// A QGIS style that colours the heights from low to high.
+    pub(super) fn style(&self) -> String {
+        let mut sorted: Vec<f32> = self.raster.valid().collect();
+        sorted.sort_unstable_by(f32::total_cmp);
+        let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
+        let (low, high) = (at(STYLE_TAIL), at(1.0 - STYLE_TAIL));
+        let step = (high - low) / (HEIGHT_COLORS.len() - 1) as f32;
+        let value = |i: usize| (10.0 * (low + step * i as f32)).round() / 10.0;
+        let stops = HEIGHT_COLORS.iter().enumerate().map(|(i, color)| (value(i), *color));
+        color_style(&stops.collect::<Vec<_>>())
+    }
+}

@@ -1,0 +1,16 @@
+//! The camera of a DSM.
+
+use crate::affine::AffineCamera;
+use crate::frame::SiteGrid;
+use crate::io::MapGrid;
+
+/// The affine camera that looks straight down and whose pixels are the cells of a grid.
+#[must_use]
+pub fn nadir_camera(grid: &MapGrid, site: &SiteGrid) -> AffineCamera {
+    let scale = grid.cell.recip();
+    let [east, north, _] = site.origin.xyz();
+    AffineCamera {
+        linear: [[scale, 0.0, 0.0], [0.0, -scale, 0.0]],
+        offset: [(east - grid.west) * scale - 0.5, (grid.north - north) * scale - 0.5],
+    }
+}

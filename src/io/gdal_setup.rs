@@ -1,0 +1,30 @@
+//! What all uses of GDAL share: its configuration, and coordinate transforms.
+
+use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
+use std::sync::Once;
+
+/// Configures GDAL once. Its messages go to the log, because errors repeat them.
+pub(super) fn set_up_gdal() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        // Tiles of large rasters are decoded in parallel.
+        let _ =
+            gdal::config::set_config_option("GDAL_NUM_THREADS", &rayon::current_num_threads().to_string());
+        gdal::config::set_error_handler(|class, number, message| {
+            tracing::debug!("GDAL {class:?} {number}: {message}");
+        });
+    });
+}
+
+/// Transforms coordinates in place, x east and y north whatever the authority's order.
+pub(super) fn transform(
+    mut from: SpatialRef,
+    mut to: SpatialRef,
+    x: &mut [f64],
+    y: &mut [f64],
+    z: &mut [f64],
+) -> Option<()> {
+    from.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+    to.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+    CoordTransform::new(&from, &to).ok()?.transform_coords(x, y, z).ok()
+}

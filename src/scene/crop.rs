@@ -1,0 +1,67 @@
+//! Views cropped to an area of interest.
+
+use super::aoi::extent;
+use super::{Aoi, Scene, SceneError, View};
+use crate::frame::Pixel;
+use crate::io::Window;
+
+/// Pixels read around what an area covers: keypoints and windows of its rim reach beyond it.
+const MARGIN_PX: f64 = 48.0;
+
+impl Scene {
+    /// Crops every view to the part of its image that may show an area between two heights; views that see nothing of it are
+    /// left out with a warning.
+    ///
+    /// # Errors
+    /// [`SceneError::AreaNotSeen`] when no view sees it.
+    pub(super) fn crop(&mut self, aoi: Aoi, heights: (f64, f64)) -> Result<(), SceneError> {
+        let (mut kept, mut without) = (Vec::new(), Vec::new());
+        for view in &self.views {
+            match window(&aoi, view, heights) {
+                Some(window) => kept.push(view.cropped(window)),
+                None => without.push(view.name.clone()),
+            }
+        }
+        if kept.is_empty() {
+            let height = 0.5 * (heights.0 + heights.1);
+            let footprint = self.views.first().map_or_else(String::new, |v| v.place(height));
+            return Err(SceneError::AreaNotSeen { area: aoi.place(), footprint });
+        }
+        if !without.is_empty() {
+            self.warnings
+                .push(format!("left out, because they see nothing of the area: {}", without.join(", ")));
+        }
+        self.views = kept;
+        self.aoi = Some(aoi);
+        Ok(())
+    }
+}
+
+impl View {
+    /// The view of a part of its image.
+    fn cropped(&self, window: Window) -> Self {
+        let mut view = self.clone();
+        view.rpc = self.rpc.cropped(window.col, window.row);
+        (view.width, view.height) = (window.width, window.height);
+        view.window = Some(window);
+        view
+    }
+}
+
+/// The part of a view's image that may show the area between two heights; none if it cannot.
+fn window(aoi: &Aoi, view: &View, (low, high): (f64, f64)) -> Option<Window> {
+    let seen = aoi.outline().flat_map(|p| [low, high].map(|h| view.rpc.project(p.at_height(h))));
+    let seen: Vec<Pixel<_>> = seen.filter(|px| px.col.is_finite() && px.row.is_finite()).collect();
+    let (a, b) = extent(&seen.iter().map(|px| [px.col, px.row]).collect::<Vec<_>>());
+    let span = |k: usize, size: usize| {
+        // An image that only the margin reaches shows nothing of the area.
+        if !(a[k] <= size as f64 && b[k] >= 0.0) {
+            return None;
+        }
+        let from = (a[k] - MARGIN_PX).floor().max(0.0) as usize;
+        let to = ((b[k] + MARGIN_PX).ceil() as usize).min(size);
+        (to > from + 1).then_some((from, to - from))
+    };
+    let ((col, width), (row, height)) = (span(0, view.width)?, span(1, view.height)?);
+    Some(Window { col, row, width, height })
+}

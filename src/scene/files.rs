@@ -1,0 +1,22 @@
+//! Names and texts of files.
+
+use super::SceneError;
+use crate::rpc::formats;
+use std::path::Path;
+
+/// Text of a list or an area, as editors write it.
+pub(super) fn read_text(path: &Path) -> Result<String, SceneError> {
+    let bytes = std::fs::read(path)
+        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+    Ok(formats::decode(&bytes))
+}
+
+/// The file name without its extension.
+pub(super) fn stem(path: &Path) -> String {
+    path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
+}
+
+/// A file's name for messages.
+pub(super) fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+}
