@@ -55,8 +55,8 @@
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
-pub mod stats;
 pub mod random;
+pub mod stats;
 pub mod simd;
 pub mod progress;
 pub mod run_files;

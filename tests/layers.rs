@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
 const LAYERS: [(&str, Option<&[&str]>); 23] = [
-    ("stats", None),
     ("random", Some(&[])),
+    ("stats", Some(&["random"])),
     ("simd", Some(&[])),
     ("progress", Some(&[])),
     ("run_files", Some(&[])),

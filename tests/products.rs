@@ -142,7 +142,7 @@ fn products_are_added(town: &Town) {
     assert_eq!(identity(&points), written, "it was there");
     town.succeeds(&["dsm", &run, "--points", &town.path("elsewhere.laz")]);
     assert!(Path::new(&town.path("elsewhere.laz")).exists());
-    town.refused(&["dsm", &run, "--points", "ba/points.laz"], 2, &["tie points"]);
+    town.refused(&["dsm", &run, "--points", "ba/points.laz"], 2, &["sparse points"]);
 
     let colors = |name: &str| {
         let raster = gdal::Dataset::open(town.file(name)).unwrap();

@@ -90,7 +90,7 @@ fn lines_that_are_no_points_are_refused() {
     for bad in ["5.44,43.26", "5.44,43.26,nan", "a b c", "1,2,3,4"] {
         let (code, out, err) = said(&satgs(&["rpc", "project", &rpc, bad]));
         assert_eq!((code, out.as_str()), (Some(2), ""), "{bad}");
-        assert!(err.contains(&format!("point 1 is `{bad}`, three numbers are expected")), "{err}");
+        assert!(err.contains(&format!("point 1 is `{bad}`, expected three numbers")), "{err}");
     }
     let (code, _, err) = said(&satgs(&["rpc", "project", &rpc, "--", "-5.5,43.26,100"]));
     assert!(code == Some(0) && err.contains("1 of 1 points are outside the volume"), "{err}");
@@ -115,7 +115,7 @@ fn cameras_are_converted_to_the_last_bit() {
     let (code, _, err) = said(&satgs(&["rpc", "convert", &at("a.rpb"), &at("a.txt")]));
     assert!(code == Some(2) && err.contains("--overwrite"), "{err}");
     let (code, _, err) = said(&satgs(&["rpc", "convert", &at("a.rpb"), &at("a.xyz")]));
-    assert!(code == Some(2) && err.contains("no ending that tells a format"), "{err}");
+    assert!(code == Some(2) && err.contains("does not end in a known format"), "{err}");
 }
 
 #[test]

@@ -285,8 +285,8 @@ fn assert_page(path: &Path, missing: usize) {
         assert!(!page.contains(outside), "{outside}");
     }
     let pictures: Vec<&str> = page.split("data:image/png;base64,").skip(1).collect();
-    // Eight views and the sky; surface, orthophoto, and the pair with its colours.
-    assert_eq!(pictures.len(), if missing == 0 { 14 } else { 9 });
+    // Eight views; surface, orthophoto, and the pair with its colours.
+    assert_eq!(pictures.len(), if missing == 0 { 13 } else { 8 });
     for picture in pictures {
         let (data, rest) = picture.split_once('"').unwrap();
         image::load_from_memory_with_format(&BASE64_STANDARD.decode(data).unwrap(), image::ImageFormat::Png)

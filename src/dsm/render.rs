@@ -12,16 +12,14 @@ use crate::splat::splats::{Splats, color_from_f_dc};
 use rayon::prelude::*;
 
 /// Where a DSM's heights come from.
-///
-/// [`RayHeight::Median`]: crate::splat::train::recipe::RayHeight::Median
-/// [`RayHeight::Mean`]: crate::splat::train::recipe::RayHeight::Mean
 #[derive(Clone, Copy, Debug)]
 pub enum HeightsFrom<'a> {
     /// A surface that was matched with the views.
     Matched(&'a MatchedSurface),
-    /// The splats, by [`RayHeight::Median`] of three by three samples a cell; nodata where most light comes through.
+    /// The splats, by [`RayHeight::Median`](crate::splat::train::recipe::RayHeight::Median) of three by three samples a
+    /// cell; nodata where most light comes through.
     Median,
-    /// The splats, by [`RayHeight::Mean`]; nodata where no splat is.
+    /// The splats, by [`RayHeight::Mean`](crate::splat::train::recipe::RayHeight::Mean); nodata where no splat is.
     Mean {
         /// Altitude for what comes through, metres above the site's origin.
         floor: f32,

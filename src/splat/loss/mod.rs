@@ -2,7 +2,7 @@
 //!
 //! A term ([`LossTerm`]) compares what was rendered with something, and gives the derivatives of its part of the loss by
 //! what it looked at. It has weights, which a recipe sets by name, and columns in `train.csv`. A new term is a file beside
-//! [`opacity`] and a line in [`loss_terms!`] below.
+//! [`opacity`] and a line in `loss_terms!` below.
 
 pub mod consistency;
 pub mod opacity;
