@@ -49,7 +49,7 @@ impl AffineCamera {
 
     /// Ground displacement (east, north) per metre of height along the rays, which climb towards the camera.
     #[must_use]
-    pub fn lean(&self) -> [f64; 2] {
+    pub fn line_of_sight_slope(&self) -> [f64; 2] {
         let [[a, b, p], [c, d, q]] = self.linear;
         let det = a * d - b * c;
         [(b * q - d * p) / det, (c * p - a * q) / det]

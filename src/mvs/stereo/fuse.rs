@@ -22,7 +22,7 @@ const FILL_DIRECTIONS: usize = 5;
 const DIRECTIONS: [(i64, i64); 8] = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)];
 
 /// Altitudes and scores on the grid.
-type ForwardState = (Grid2, Grid2);
+type DrawnMap = (Grid2, Grid2);
 
 /// The surface: in every cell the median of the views' maps; what they do not know filled from around, with a score of 0.
 pub(super) fn surface(sweep: &PlaneSweep, partners: &[Partners], maps: &[AltitudeMap]) -> MatchedSurface {
@@ -32,7 +32,7 @@ pub(super) fn surface(sweep: &PlaneSweep, partners: &[Partners], maps: &[Altitud
         mesh.draw(&images[own.view].camera, map);
         (mesh.altitude, mesh.score)
     };
-    let drawn: Vec<ForwardState> = partners.par_iter().zip(maps).map(draw).collect();
+    let drawn: Vec<DrawnMap> = partners.par_iter().zip(maps).map(draw).collect();
     let step_m = partners.iter().fold(0.0, |most: f32, p| most.max(p.step_m));
     let middle = |i: usize| {
         let mut known: Vec<(f32, f32)> = drawn.iter().map(|(z, s)| (z.data[i], s.data[i])).collect();

@@ -3,7 +3,7 @@
 use crate::affine::AffineCamera;
 use crate::io::Grid2;
 use crate::mvs::PlaneSweep;
-use crate::mvs::correlation::Image;
+use crate::mvs::correlation::MatchImage;
 
 /// Steps in which a ray finds the ground, whose slopes are gentle: each leaves a fraction of the error.
 const STEPS_TO_GROUND: usize = 6;
@@ -24,7 +24,7 @@ pub(super) struct Rays {
 
 impl Rays {
     /// The rays of `reference`, with planes `step_m` apart over all heights of the sweep.
-    pub fn new(sweep: &PlaneSweep, reference: &Image, others: &[&Image], step_m: f64) -> Self {
+    pub fn new(sweep: &PlaneSweep, reference: &MatchImage, others: &[&MatchImage], step_m: f64) -> Self {
         let camera = &reference.camera;
         let (width, height) = (reference.gray.width, reference.gray.height);
         let planes = (sweep.stack.height_m() / step_m).ceil() as usize + 1;
@@ -39,7 +39,7 @@ impl Rays {
                 *lowest = ground as f32 + sweep.stack.low;
             }
         });
-        let seen_at = |other: &&Image| {
+        let seen_at = |other: &&MatchImage| {
             [0, 1].map(|axis| {
                 Grid2::from_rows(width, height, |row, line| {
                     for (col, at) in line.iter_mut().enumerate() {
@@ -72,7 +72,7 @@ pub(super) fn point_on_ray(camera: &AffineCamera, col: usize, row: usize, z: f64
 
 /// How far another view sees a point move that climbs a ray by a metre, pixels.
 fn along_ray(reference: &AffineCamera, other: &AffineCamera) -> [f64; 2] {
-    let [east, north] = reference.lean();
+    let [east, north] = reference.line_of_sight_slope();
     other.displace([east, north, 1.0])
 }
 
