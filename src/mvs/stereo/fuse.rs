@@ -2,9 +2,8 @@
 
 use super::Partners;
 use super::maps::AltitudeMap;
-use super::rays::point_on_ray;
 use crate::affine::AffineCamera;
-use crate::frame::Point;
+use crate::frame::{Pixel, Point};
 use crate::io::{Grid2, MapGrid};
 use crate::mvs::{MatchedSurface, PlaneSweep};
 use rayon::prelude::*;
@@ -95,7 +94,7 @@ impl<'a> Mesh<'a> {
 
     /// Position of a pixel's point on the grid, in cells with centres at whole numbers, and its altitude.
     fn corner(&self, camera: &AffineCamera, col: usize, row: usize, z: f32) -> [f32; 3] {
-        let [x, y] = point_on_ray(camera, col, row, f64::from(z));
+        let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), f64::from(z));
         let east = (x + self.origin[0] - self.grid.west) / self.grid.cell - 0.5;
         let south = (self.grid.north - y - self.origin[1]) / self.grid.cell - 0.5;
         [east as f32, south as f32, z]

@@ -1,9 +1,9 @@
 //! An altitude for every pixel of a view, and which of them other views confirm.
 
 use super::Partners;
-use super::rays::{Rays, point_on_ray};
+use super::rays::Rays;
 use super::volume::CostVolume;
-use crate::frame::Point;
+use crate::frame::{Pixel, Point};
 use crate::io::Grid2;
 use crate::mvs::correlation::MatchImage;
 use crate::mvs::semiglobal::{self, Jump, Steps};
@@ -109,7 +109,7 @@ pub(super) fn confirmed(
         let mut altitude = Grid2::from_rows(map.altitude.width, map.altitude.height, |row, line| {
             for (col, out) in line.iter_mut().enumerate() {
                 let z = map.altitude.at(col, row);
-                let [x, y] = point_on_ray(camera, col, row, f64::from(z));
+                let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), f64::from(z));
                 let agrees = |(image, altitude, tolerance): &(&MatchImage, &Grid2, f32)| {
                     let px = image.camera.project(Point::new(x, y, f64::from(z)));
                     let there = altitude.get(px.col.round() as i64, px.row.round() as i64);

@@ -1,6 +1,7 @@
 //! The rays of a reference view's pixels, and where other views see their points.
 
 use crate::affine::AffineCamera;
+use crate::frame::Pixel;
 use crate::io::Grid2;
 use crate::mvs::PlaneSweep;
 use crate::mvs::correlation::MatchImage;
@@ -32,7 +33,7 @@ impl Rays {
         let lowest = Grid2::from_rows(width, height, |row, line| {
             for (col, lowest) in line.iter_mut().enumerate() {
                 let to_ground = |z: f64| {
-                    let [x, y] = point_on_ray(camera, col, row, z);
+                    let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), z);
                     sweep.ground_at(x, y)
                 };
                 let ground = (0..STEPS_TO_GROUND).fold(start_z, |z, _| to_ground(z));
@@ -44,7 +45,7 @@ impl Rays {
                 Grid2::from_rows(width, height, |row, line| {
                     for (col, at) in line.iter_mut().enumerate() {
                         let z = f64::from(lowest.at(col, row));
-                        let [x, y] = point_on_ray(camera, col, row, z);
+                        let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), z);
                         let [u, v] = other.camera.displace([x, y, z]);
                         *at = ([u, v][axis] + other.camera.offset[axis]) as f32;
                     }
@@ -60,14 +61,6 @@ impl Rays {
             step_m: step_m as f32,
         }
     }
-}
-
-/// The place (east, north) at an altitude on the ray of a pixel, site metres.
-pub(super) fn point_on_ray(camera: &AffineCamera, col: usize, row: usize, z: f64) -> [f64; 2] {
-    let [[a, b, p], [c, d, q]] = camera.linear;
-    let (u, v) = (col as f64 - camera.offset[0] - p * z, row as f64 - camera.offset[1] - q * z);
-    let det = a * d - b * c;
-    [(d * u - b * v) / det, (a * v - c * u) / det]
 }
 
 /// How far another view sees a point move that climbs a ray by a metre, pixels.
