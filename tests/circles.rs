@@ -4,6 +4,9 @@
 //! the file that defines the imported item: what a `mod.rs` re-exports by `pub use` counts for the file that it is from,
 //! and the re-export itself is no import. Tests are left out, as they may use anything.
 
+// Helpers of tests are tests.
+#![allow(clippy::unwrap_used)]
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
