@@ -27,6 +27,7 @@ mod run;
 mod scene_fingerprint;
 mod stage;
 mod train;
+mod train_options;
 mod training;
 
 pub use crate::report::write as report;
@@ -41,4 +42,5 @@ pub use nvs_eval::{NvsScores, ViewScore, nvs_eval};
 pub use render::{RenderOptions, Rendered, Viewpoint, render};
 pub use run::{RunOptions, StageResult, run};
 pub use stage::Outcome;
-pub use train::{TrainOptions, Trained, train};
+pub use train::{Trained, train};
+pub use train_options::TrainOptions;

@@ -1,0 +1,72 @@
+//! The options of a training.
+
+use super::PipelineError;
+use crate::splat::train::recipe::Recipe;
+use std::path::Path;
+
+/// How to train.
+#[derive(Clone, Debug)]
+pub struct TrainOptions {
+    /// Name of a recipe ([`Recipe::NAMES`]) or path of a TOML file with one.
+    pub recipe: String,
+    /// Number of iterations, to which the recipe's schedule is scaled; by default the recipe's own.
+    pub iterations: Option<u32>,
+    /// Seed of all random numbers. The same seed gives the same bytes.
+    pub seed: u64,
+    /// Iterations from one checkpoint to the next.
+    pub checkpoint_every: u32,
+    /// Fail unless there is a checkpoint to go on from.
+    pub resume: bool,
+    /// Number of pictures of the progress to write; 0 for none.
+    pub snapshots: u32,
+    /// Train again, whatever the run folder holds.
+    pub overwrite: bool,
+}
+
+impl Default for TrainOptions {
+    fn default() -> Self {
+        Self {
+            recipe: Recipe::NAMES[0].into(),
+            iterations: None,
+            seed: 0,
+            checkpoint_every: 500,
+            resume: false,
+            snapshots: 0,
+            overwrite: false,
+        }
+    }
+}
+
+impl TrainOptions {
+    /// The recipe that is asked for, scaled to `iterations`.
+    ///
+    /// # Errors
+    /// [`PipelineError::Recipe`] when it cannot be read, [`PipelineError::Option`] for a number of iterations of 0.
+    pub fn recipe(&self) -> Result<Recipe, PipelineError> {
+        let recipe = self.recipe_as_written()?;
+        match self.iterations {
+            Some(0) => Err(PipelineError::Option {
+                option: "--iterations",
+                found: "0".into(),
+                expected: "a number from 1 on",
+            }),
+            Some(iterations) => Ok(recipe.with_iterations(iterations)),
+            None => Ok(recipe),
+        }
+    }
+
+    /// The recipe for a number of training views: few of them need fewer iterations than it has, unless a number is
+    /// asked for.
+    pub(super) fn recipe_for(&self, views: usize) -> Result<Recipe, PipelineError> {
+        let recipe = self.recipe()?;
+        Ok(if self.iterations.is_some() { recipe } else { recipe.for_views(views) })
+    }
+
+    /// The recipe with its own number of iterations.
+    pub(super) fn recipe_as_written(&self) -> Result<Recipe, PipelineError> {
+        match Recipe::named(&self.recipe) {
+            Some(recipe) => Ok(recipe),
+            None => Ok(Recipe::read(Path::new(&self.recipe))?),
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! The bytes of a small scene, so that work on the house is told from work on the numbers.
+//!
+//! The same instructions give the same bytes, whatever the number of threads; other instruction sets and other makes of
+//! processor round differently in their last bit, so the hashes are kept by processor. A deliberate change of the results
+//! changes them here, and says so in the change log.
+
+// Helpers of tests are tests.
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
+
+use satgs::io::ImageFile;
+use satgs::pipeline::{RunOptions, TrainOptions, run};
+use satgs::progress::NoProgress;
+use satgs::run_files::{ADJUSTMENT, DSM, SPLATS};
+use satgs::scene::{self, ReadOptions};
+use satgs::simulate::{SimulateOptions, simulate};
+use std::path::Path;
+
+/// Processor, recipe, and the hashes of tie_points.csv, splats.ply and the heights of dsm.tif.
+const KNOWN: [(&str, &str, [&str; 3]); 3] = [
+    ("GenuineIntel avx512", "best", ["e7a686dd4b3929ac", "5bd4d590e29cc1c4", "90f3638b8594d119"]),
+    ("GenuineIntel avx512", "baeogs", ["e7a686dd4b3929ac", "a658630fda63cb7b", "2c3b9bf4dcf3b65e"]),
+    ("GenuineIntel avx512", "eogs", ["e7a686dd4b3929ac", "b2c82cca427f5f22", "2a49d83102dd0ad6"]),
+];
+
+/// Make and instruction set of the processor at hand, as far as results depend on them.
+fn processor() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let field = |name: &str| {
+        let line = info.lines().find(|line| line.starts_with(name)).unwrap_or_default();
+        line.split_once(": ").map_or("", |(_, value)| value).to_owned()
+    };
+    let flags = field("flags");
+    let has = |flag: &str| flags.split_whitespace().any(|f| f == flag);
+    let instructions = match (has("avx512vl"), has("avx2")) {
+        (true, _) => "avx512",
+        (_, true) => "avx2",
+        _ => "other",
+    };
+    format!("{} {instructions}", field("vendor_id"))
+}
+
+fn hash(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex()[..16].to_string()
+}
+
+fn hashes(folder: &Path) -> [String; 3] {
+    let read = |name: &Path| std::fs::read(folder.join(name)).unwrap();
+    let heights = ImageFile::open(&folder.join(DSM)).unwrap().read(1).unwrap();
+    let heights: Vec<u8> = heights.data.iter().flat_map(|z| z.to_bits().to_le_bytes()).collect();
+    let tie_points = read(&Path::new(ADJUSTMENT).join("tie_points.csv"));
+    [hash(&tie_points), hash(&read(Path::new(SPLATS))), hash(&heights)]
+}
+
+#[test]
+fn a_small_scene_gives_the_bytes_that_it_gave_before() {
+    let processor = processor();
+    let known: Vec<_> = KNOWN.iter().filter(|(known, ..)| *known == processor).collect();
+    if known.is_empty() {
+        println!("skipped: no bytes are known for the processor `{processor}`");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let images = folder.path().join("scene");
+    let options = SimulateOptions { views: 6, size_px: 160, ..SimulateOptions::default() };
+    simulate(&images, &options, &NoProgress).unwrap();
+    let scene = scene::read(&images, &ReadOptions::default()).unwrap();
+    for (_, recipe, expected) in known {
+        let out = folder.path().join(recipe);
+        let train =
+            TrainOptions { recipe: (*recipe).into(), iterations: Some(120), ..TrainOptions::default() };
+        run(&scene, &RunOptions { train, ..RunOptions::default() }, &out, &NoProgress, &mut |_| {}).unwrap();
+        assert_eq!(hashes(&out), expected.map(str::to_owned), "{recipe}: tie points, splats, heights");
+    }
+}
