@@ -1,7 +1,7 @@
-//! Files that interrupted work goes on from.
+//! Checkpoint files, from which interrupted work continues.
 //!
 //! A file is a line that names its kind and version, the content in `postcard`'s encoding, and the BLAKE3 hash of
-//! both: one that is cut short or changed is told from a whole one.
+//! both, by which files that are cut short or changed are recognised.
 
 use crate::io::{Cause, WriteError, write_atomically};
 use serde::{Serialize, de::DeserializeOwned};
@@ -13,17 +13,17 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum CheckpointError {
-    /// The system does not give it.
+    /// The file cannot be read.
     #[error("`{path}` cannot be read: {reason}")]
     Io {
         /// The file.
         path: PathBuf,
-        /// The system's words.
+        /// Error of the file system.
         reason: String,
     },
-    /// It is not, or no longer, a checkpoint of this version.
-    #[error("`{path}` is no sound checkpoint: {reason}")]
-    #[diagnostic(help("remove it to start anew"))]
+    /// The file is damaged, or not a checkpoint of this version.
+    #[error("`{path}` is not a valid checkpoint: {reason}")]
+    #[diagnostic(help("remove it to start from the beginning"))]
     Damaged {
         /// The file.
         path: PathBuf,

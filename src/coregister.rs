@@ -3,7 +3,7 @@
 //!
 //! To a height raster, it is the shift with the smallest mean absolute difference of heights after removal of their
 //! median difference. It is found on a grid of shifts and refined by pattern search. Differences are clipped at
-//! [`CLIP_M`], because buildings that changed say nothing about the shift. To surveyed points, it is the median of
+//! `CLIP_M`, because buildings that changed say nothing about the shift. To surveyed points, it is the median of
 //! their differences.
 
 use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};

@@ -58,7 +58,6 @@ pub trait Progress: Sync {
 /// The work was asked to stop by its [`Progress`], and stopped before it was complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error, miette::Diagnostic)]
 #[error("interrupted")]
-#[diagnostic(code(satgs::interrupted))]
 pub struct Interrupted;
 
 /// Drops every event and never asks to stop.

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 21] = [
+const LAYERS: [(&str, Option<&[&str]>); 23] = [
     ("stats", None),
     ("random", Some(&[])),
     ("simd", Some(&[])),
@@ -21,7 +21,9 @@ const LAYERS: [(&str, Option<&[&str]>); 21] = [
     // The simulator makes the truth: it must share nothing with what is tested against it.
     ("simulate", Some(&["random", "progress", "frame", "io", "rpc", "scene"])),
     ("bundle", Some(&["stats", "progress", "run_files", "frame", "io", "checkpoint", "rpc", "scene"])),
-    ("affine", Some(&["stats", "random", "frame", "io", "rpc", "scene"])),
+    ("camera", Some(&["simd"])),
+    ("affine", Some(&["stats", "random", "simd", "frame", "io", "rpc", "scene", "camera"])),
+    ("perspective", Some(&["simd", "frame", "io", "camera"])),
     ("mvs", Some(&["stats", "random", "progress", "frame", "io", "scene", "affine"])),
     ("splat", None),
     ("dsm", None),

@@ -212,7 +212,7 @@ fn strange_checkpoints(adjusted: &Adjusted, expected: &[Vec<u8>; 3]) {
     std::fs::write(run.checkpoint(), &bytes[..bytes.len() / 2]).unwrap();
     let output = run.train(&["--resume"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output).contains("is no sound checkpoint: it is cut short"), "{}", text(&output));
+    assert!(text(&output).contains("is not a valid checkpoint: it is cut short"), "{}", text(&output));
     let output = run.train(&[]);
     assert!(output.status.success() && text(&output).contains("warning: "), "{}", text(&output));
     assert_same(&run.result(), expected);

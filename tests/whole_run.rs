@@ -134,7 +134,7 @@ fn a_scene_is_found_from_another_folder_and_after_it_moved() {
     let gone = satgs(&["train", folder.path().join("run").to_str().unwrap()]);
     assert_eq!(gone.status.code(), Some(2));
     assert!(
-        text(&gone).contains("VIEW_01.tif` is gone") && text(&gone).contains("hint: `satgs ba"),
+        text(&gone).contains("VIEW_01.tif`, which does not exist") && text(&gone).contains("hint: `satgs ba"),
         "{}",
         text(&gone)
     );

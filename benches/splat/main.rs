@@ -7,6 +7,7 @@
 mod scene;
 
 use rayon::ThreadPoolBuilder;
+use satgs::camera::AffineKernel;
 use satgs::splat::adam::SplatAdam;
 use satgs::splat::appearance::{Appearance, AppearanceKind};
 use satgs::splat::backend::stopwatch::Stopwatch;
@@ -65,8 +66,8 @@ fn fastest_ms(mut run: impl FnMut()) -> f64 {
 }
 
 /// Pixels with alpha of at least 1/255 over all splats, were none hidden: the areas of their ellipses.
-fn contributing_pairs(splats: &Splats, camera: &FrameCamera<f32>) -> f64 {
-    let m = camera.linear.map(|l| l.map(f64::from));
+fn contributing_pairs(splats: &Splats, camera: &FrameCamera<AffineKernel<f32>>) -> f64 {
+    let m = camera.kernel.linear.map(|l| l.map(f64::from));
     let area = |i: usize| {
         let (r, _) = satgs::splat::splats::rotation_matrix(splats.rotation[i].map(f64::from));
         let axis = |k: usize, row: usize| {
@@ -95,7 +96,7 @@ fn measure(gaussians: Splats, pixels: f64) -> Line {
     let splats = gaussians.len();
     let side = scene::side(pixels);
     let affine = scene::camera(pixels);
-    let camera = FrameCamera::<f32>::new(&affine, side, side);
+    let camera = FrameCamera::<AffineKernel<f32>>::new(&affine, side, side);
     let pairs = contributing_pairs(&gaussians, &camera);
 
     let mut prepared = SortedSplats::default();
@@ -117,7 +118,7 @@ fn measure(gaussians: Splats, pixels: f64) -> Line {
     let mut shared = vec![SplatGradient::default(); splats];
     let mut by_feature = vec![[0.0; 4]; splats];
     let backward = fastest_ms(|| raster.pixels_backward(&by_pixel));
-    let gather = fastest_ms(|| raster.gather(&mut shared, &mut by_feature));
+    let gather = fastest_ms(|| raster.gather(&prepared, &mut shared, &mut by_feature));
 
     let truth = noise(side, side, 3);
     let mut picture = truth.clone();

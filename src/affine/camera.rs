@@ -1,7 +1,9 @@
 //! The affine camera and its shears.
 
+use crate::camera::AffineKernel;
 use crate::frame::{CenterPx, Pixel, Point, Site, SiteGrid, Vector};
 use crate::scene::Sun;
+use crate::simd::Real;
 use serde::{Deserialize, Serialize};
 
 /// `(col, row) = linear * (x, y, z) + offset`, from site metres to pixels.
@@ -73,6 +75,12 @@ impl AffineCamera {
     pub fn gsd_m(&self) -> f64 {
         let [[a, b, _], [c, d, _]] = self.linear;
         (a * d - b * c).abs().sqrt().recip()
+    }
+}
+
+impl<T: Real> From<&AffineCamera> for AffineKernel<T> {
+    fn from(camera: &AffineCamera) -> Self {
+        Self { linear: camera.linear.map(|l| l.map(T::from_f64)), offset: camera.offset.map(T::from_f64) }
     }
 }
 

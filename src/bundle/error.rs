@@ -70,14 +70,13 @@ pub enum BundleError {
     },
     /// The solution failed.
     #[error("the adjustment did not converge: {reason}")]
-    #[diagnostic(code(satgs::failed))]
     Solver {
         /// Message of the solver.
         reason: String,
     },
     /// A corrected camera cannot be written as an RPC.
     #[error("view `{view}`: the corrected camera cannot be written as an RPC: {reason}")]
-    #[diagnostic(code(satgs::failed), help("`--model shift` needs no fit"))]
+    #[diagnostic(help("`--model shift` needs no fit"))]
     Refit {
         /// Name of the view.
         view: String,

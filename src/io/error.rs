@@ -10,7 +10,6 @@ pub type Cause = Box<dyn std::error::Error + Send + Sync>;
 /// A file could not be written. Nothing is left of it, and an earlier file of that name is unchanged.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[error("writing `{path}` failed: {cause}")]
-#[diagnostic(code(satgs::failed))]
 pub struct WriteError {
     /// The file.
     pub path: PathBuf,
@@ -110,7 +109,6 @@ pub enum RasterError {
     },
     /// An image could not be encoded as PNG.
     #[error("an image of {width} x {height} pixels cannot be encoded as PNG: {cause}")]
-    #[diagnostic(code(satgs::failed))]
     Encode {
         /// Columns.
         width: usize,

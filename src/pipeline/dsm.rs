@@ -28,7 +28,7 @@ pub struct DsmOptions {
     pub resolution_m: f64,
     /// A raster whose grid and extent are taken instead.
     pub like: Option<PathBuf>,
-    /// Vertical reference of the heights: `ellipsoid`, a geoid model or a geoid's grid; by default that of an existing
+    /// VerticalReference reference of the heights: `ellipsoid`, a geoid model or a geoid's grid; by default that of an existing
     /// `RUN/dsm.tif`, else the ellipsoid.
     pub vertical: Option<String>,
     /// Fill holes up to this distance between cells with heights, metres.
@@ -82,7 +82,7 @@ impl DsmOptions {
 pub struct DsmSummary {
     /// Grid of the rasters.
     pub grid: MapGrid,
-    /// Vertical reference of the heights.
+    /// VerticalReference reference of the heights.
     pub vertical: String,
     /// Share of the cells with a height, percent.
     pub seen_percent: f64,

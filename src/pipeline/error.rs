@@ -281,7 +281,7 @@ pub enum PipelineError {
     /// See [`CoregisterError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
-    Align(#[from] CoregisterError),
+    Coregister(#[from] CoregisterError),
     /// See [`ReportError`].
     #[error(transparent)]
     #[diagnostic(transparent)]

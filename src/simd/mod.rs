@@ -83,7 +83,7 @@ pub trait Simd: Copy {
     fn sqrt(self, a: Self::Vector) -> Self::Vector;
     /// Square root of positive numbers, relative error below 4e-4.
     fn sqrt_approx(self, a: Self::Vector) -> Self::Vector;
-    /// Two to a power between -126 and 126; anything, but no trap, beyond. `constants` are [`EXP2`]'s.
+    /// Two to a power between -126 and 126; anything, but no trap, beyond. `constants` are those of `EXP2`.
     fn exp2(self, a: Self::Vector, constants: &[Self::Vector; 7]) -> Self::Vector;
     /// Binary logarithm of positive numbers.
     fn log2(self, a: Self::Vector) -> Self::Vector;

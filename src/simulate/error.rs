@@ -30,7 +30,6 @@ pub enum SimulateError {
     },
     /// The folder cannot be read, made or cleared.
     #[error("`{path}`: {reason}")]
-    #[diagnostic(code(satgs::failed))]
     Folder {
         /// The folder or file.
         path: PathBuf,
@@ -51,7 +50,6 @@ pub enum SimulateError {
     Frame(#[from] FrameError),
     /// The fitted camera is no RPC.
     #[error("the simulated camera of `{view}` is no RPC")]
-    #[diagnostic(code(satgs::failed))]
     Rpc {
         /// The view.
         view: String,
@@ -60,7 +58,6 @@ pub enum SimulateError {
     },
     /// A ray leaves the RPC's volume.
     #[error("the simulated camera of `{view}` has no line of sight for every pixel")]
-    #[diagnostic(code(satgs::failed))]
     Ray {
         /// The view.
         view: String,

@@ -3,7 +3,7 @@
 /// A new set of splats in terms of the old one: `new[i]` is a copy of `old[source[i]]`.
 ///
 /// Everything that holds a value for each splat follows: [`Splats::apply`](super::splats::Splats::apply) and
-/// [`Snapshot::apply`](super::backend::Snapshot::apply).
+/// [`TrainingState::apply`](super::state::TrainingState::apply).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Edit {
     /// Index in the old set of the splat that each splat of the new set is copied from.

@@ -12,6 +12,7 @@ use super::shadow::ShadowModel;
 use super::shear_warp::ShearWarp;
 use super::splats::Splats;
 use crate::affine::AffineCamera;
+use crate::camera::AffineKernel;
 use crate::simd::{Real, Simd, SimdKernel, SimdReal, SimdVec};
 use rayon::prelude::*;
 
@@ -23,7 +24,7 @@ const VIRTUAL: &str = "virtual view";
 /// A sheared camera of a view, and where the view's pixels lie in its image.
 #[derive(Clone, Copy, Debug)]
 pub struct ShearedCamera<T> {
-    camera: FrameCamera<T>,
+    camera: FrameCamera<AffineKernel<T>>,
     warp: ShearWarp<T>,
 }
 
@@ -56,7 +57,7 @@ impl<T: Real> ShearedCamera<T> {
 /// What an iteration renders and compares.
 pub struct StepInput<'a, T> {
     /// The view's camera.
-    pub camera: FrameCamera<T>,
+    pub camera: FrameCamera<AffineKernel<T>>,
     /// The view's image, linear colours in [0, 1]; zero where masked.
     pub target: &'a Image<T>,
     /// Pixels that count, row by row; empty when all do.
@@ -280,12 +281,12 @@ impl<T: SimdReal> Objective<T> {
         zeros(&mut self.by_altitude, n);
         let Self { terms, sorted, by_sorted, by_feature, by_altitude, .. } = self;
         terms.iter().for_each(|term| term.add_by_sorted(sorted, by_sorted));
-        backward(&mut self.view, VIEW, &self.by_view, by_sorted, by_feature, watch);
+        backward(&mut self.view, VIEW, sorted, &self.by_view, by_sorted, by_feature, watch);
         for by_virtual in terms.iter().filter_map(|term| term.by_virtual_view()) {
-            backward(&mut self.virtual_view, VIRTUAL, by_virtual, by_sorted, by_feature, watch);
+            backward(&mut self.virtual_view, VIRTUAL, sorted, by_virtual, by_sorted, by_feature, watch);
         }
         if input.sun.is_some() {
-            backward(&mut self.sun, SUN, self.shadows.by_sun(), by_sorted, by_altitude, watch);
+            backward(&mut self.sun, SUN, sorted, self.shadows.by_sun(), by_sorted, by_altitude, watch);
         }
         gradient.splats.resize(n);
         sorted.parameter_gradients(splats, by_sorted, &mut gradient.splats);
@@ -358,7 +359,7 @@ fn draw<T: SimdReal, const C: usize>(
     part: &'static str,
     sorted: &SortedSplats<T>,
     features: &[[T; C]],
-    camera: &FrameCamera<T>,
+    camera: &FrameCamera<AffineKernel<T>>,
     background: [T; C],
     watch: &mut Stopwatch,
 ) {
@@ -374,6 +375,7 @@ fn draw<T: SimdReal, const C: usize>(
 fn backward<T: SimdReal, const C: usize>(
     raster: &mut Rasterizer<T, C>,
     part: &'static str,
+    sorted: &SortedSplats<T>,
     by_pixel: &Image<T>,
     shared: &mut [SplatGradient<T>],
     by_feature: &mut [[T; C]],
@@ -381,7 +383,7 @@ fn backward<T: SimdReal, const C: usize>(
 ) {
     raster.pixels_backward(by_pixel);
     watch.lap(part, "backward");
-    raster.gather(shared, by_feature);
+    raster.gather(sorted, shared, by_feature);
     watch.lap(part, "gathering");
 }
 

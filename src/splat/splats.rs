@@ -1,6 +1,6 @@
 //! The splats: what is trained, as one array for each parameter group.
 //!
-//! [`parameter_groups!`] below is the one list of a splat's parameters. Storage, learning rates ([`PerGroup`]), Adam's
+//! `parameter_groups!` below is the one list of a splat's parameters. Storage, learning rates ([`PerGroup`]), Adam's
 //! moments, growth and pruning ([`Edit`]), checkpoints and the columns of the PLY follow from it: a new parameter is a
 //! line there.
 

@@ -50,8 +50,7 @@ impl<T: SimdReal> Appearance<T> {
         Self { kind, values: kind.model::<T>().start() }
     }
 
-    /// A linear colour as the view shows it in full sunlight.
-    #[must_use]
+    /// What makes of a linear colour the one that the view shows in full sunlight.
     pub fn sunlit(&self) -> impl Fn([T; 3]) -> [T; 3] + '_ {
         let model = self.kind.model::<T>();
         move |rgb| model.sunlit(&self.values, rgb)

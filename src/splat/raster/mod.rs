@@ -21,6 +21,7 @@ pub(in crate::splat) use image::{STRIPES, stripe_rows};
 pub use prepare::{SortedSplats, SplatGradient};
 pub use project::FrameCamera;
 
+use crate::camera::{AffineKernel, CameraKernel};
 use crate::simd::Real;
 use crate::simd::SimdReal;
 use bands::Band;
@@ -42,15 +43,15 @@ pub const SATURATED: f64 = 1e-4;
 pub const MAX_SIDE: usize = TILE << u16::BITS;
 
 /// Renders `C` features a splat through one camera and gives the gradient; keeps its buffers between calls.
-pub struct Rasterizer<T, const C: usize> {
+pub struct Rasterizer<T, const C: usize, K = AffineKernel<T>> {
     chunks: Vec<Chunk<T>>,
     bands: Vec<Band<T, C>>,
     image: Image<T>,
     /// The last render's.
-    camera: FrameCamera<T>,
+    camera: FrameCamera<K>,
 }
 
-impl<T: Real, const C: usize> Default for Rasterizer<T, C> {
+impl<T: Real, const C: usize, K: Default> Default for Rasterizer<T, C, K> {
     fn default() -> Self {
         Self {
             chunks: Vec::new(),
@@ -61,7 +62,7 @@ impl<T: Real, const C: usize> Default for Rasterizer<T, C> {
     }
 }
 
-impl<T: SimdReal, const C: usize> Rasterizer<T, C> {
+impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
     /// Renders. `features` are in `prepared`'s order; the image has the `C` features over `background` and, as
     /// its last channel, the transmittance left.
     ///
@@ -70,7 +71,7 @@ impl<T: SimdReal, const C: usize> Rasterizer<T, C> {
         &mut self,
         prepared: &SortedSplats<T>,
         features: &[[T; C]],
-        camera: &FrameCamera<T>,
+        camera: &FrameCamera<K>,
         background: [T; C],
     ) -> &Image<T> {
         self.project(prepared, camera);
@@ -80,7 +81,7 @@ impl<T: SimdReal, const C: usize> Rasterizer<T, C> {
     }
 
     /// Projects the splats.
-    pub fn project(&mut self, prepared: &SortedSplats<T>, camera: &FrameCamera<T>) {
+    pub fn project(&mut self, prepared: &SortedSplats<T>, camera: &FrameCamera<K>) {
         self.camera = *camera;
         let ranks = prepared.len();
         self.chunks.resize_with(ranks.div_ceil(CHUNK), Default::default);
@@ -121,12 +122,13 @@ impl<T: SimdReal, const C: usize> Rasterizer<T, C> {
     /// The same as [`Rasterizer::pixels_backward`] and [`Rasterizer::gather`] in a row.
     pub fn backward(
         &mut self,
+        sorted: &SortedSplats<T>,
         by_pixel: &Image<T>,
         gradients: &mut [SplatGradient<T>],
         by_feature: &mut [[T; C]],
     ) {
         self.pixels_backward(by_pixel);
-        self.gather(gradients, by_feature);
+        self.gather(sorted, gradients, by_feature);
     }
 
     /// Takes derivatives by pixels back to each tile's splats.
@@ -156,12 +158,17 @@ impl<T: SimdReal, const C: usize> Rasterizer<T, C> {
     }
 
     /// Adds up what [`Rasterizer::pixels_backward`] found for each splat.
-    pub fn gather(&mut self, gradients: &mut [SplatGradient<T>], by_feature: &mut [[T; C]]) {
-        let (bands, camera) = (&self.bands, &self.camera);
+    pub fn gather(
+        &mut self,
+        sorted: &SortedSplats<T>,
+        gradients: &mut [SplatGradient<T>],
+        by_feature: &mut [[T; C]],
+    ) {
+        let (bands, camera) = (&self.bands, &self.camera.kernel);
         let outputs = gradients.par_chunks_mut(CHUNK).zip(by_feature.par_chunks_mut(CHUNK));
         self.chunks.par_iter_mut().zip(outputs).enumerate().for_each(
             |(k, (chunk, (gradients, by_feature)))| {
-                chunk.gather(k, bands, camera, gradients, by_feature);
+                chunk.gather(k, bands, sorted, camera, gradients, by_feature);
             },
         );
     }

@@ -1,6 +1,7 @@
 //! What all cameras of an iteration share: the altitude order, covariances, opacities; and the way back from
 //! their gradients to the parameters.
 
+use crate::camera::CameraKernel;
 use crate::simd::Real;
 use crate::simd::{Arithmetic, MAX_LANES, Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
 use crate::splat::splats::Splats;
@@ -137,6 +138,15 @@ impl Order {
     }
 }
 
+impl<T: Real> SortedSplats<T> {
+    /// Centre (m) and covariance (xx, xy, xz, yy, yz, zz; m²) of the splat at a rank.
+    #[inline(always)]
+    pub(super) fn position_and_covariance(&self, rank: usize) -> ([T; 3], [T; 6]) {
+        let (block, lane) = (&self.blocks[rank / MAX_LANES], rank % MAX_LANES);
+        (block.position.map(|p| p[lane]), block.covariance.map(|c| c[lane]))
+    }
+}
+
 impl<T: SimdReal> SortedSplats<T> {
     /// Number of splats.
     #[must_use]
@@ -156,12 +166,22 @@ impl<T: SimdReal> SortedSplats<T> {
         &self.order
     }
 
-    /// Orders the splats and computes what cameras share.
+    /// Orders the splats by altitude, as all parallel projections see them, and computes what cameras share.
     pub fn update(&mut self, gaussians: &Splats<T>) {
+        self.update_by(gaussians, |position| position[2]);
+    }
+
+    /// Orders the splats for one camera, and computes what cameras share.
+    pub fn update_for(&mut self, gaussians: &Splats<T>, camera: &impl CameraKernel<T>) {
+        self.update_by(gaussians, |position| camera.depth_key(position));
+    }
+
+    /// Orders the splats by a depth key, the largest first.
+    fn update_by(&mut self, gaussians: &Splats<T>, key: impl Fn([T; 3]) -> T + Sync) {
         let n = gaussians.len();
-        let altitudes = gaussians.position.par_iter().with_min_len(PIECE).map(|p| p[2].as_f64() as f32);
-        let keys = Keys::new(altitudes.clone());
-        self.sorted.sort(altitudes.map(|altitude| keys.of(altitude)));
+        let depths = gaussians.position.par_iter().with_min_len(PIECE).map(|p| key(*p).as_f64() as f32);
+        let keys = Keys::new(depths.clone());
+        self.sorted.sort(depths.map(|depth| keys.of(depth)));
         self.order.resize(n, 0);
         self.rank.resize_with(n, AtomicU32::default);
         let order = self.order.par_iter_mut().zip(&self.sorted.entries).with_min_len(PIECE);

@@ -1,11 +1,11 @@
-//! Splats through one affine camera: image ellipses, the tiles they touch, and the gradient's way back.
+//! Splats through one camera: image ellipses, the tiles they touch, and the gradient's way back.
 
 use super::bands::Band;
 use super::block::TILE;
 use super::kernel::{GradientSlot, add};
 use super::prepare::{ELEMENTS, SortedSplats, SplatBlock, SplatGradient};
 use super::{ALPHA_CUT, LOW_PASS_PX2};
-use crate::affine::AffineCamera;
+use crate::camera::{CameraKernel, Linearized};
 use crate::simd::Real;
 use crate::simd::{
     MAX_LANES, Simd, SimdKernel, SimdReal, SimdVec, arrays_of_lanes, broadcast_each, set_bits,
@@ -15,29 +15,22 @@ use std::ops::Range;
 /// Ranks that are projected together; fixed, so that sums do not depend on the number of threads.
 pub(super) const CHUNK: usize = 128 * MAX_LANES;
 
-/// An affine camera and the size of its image, in the numbers of the rasteriser.
+/// A camera and the size of its image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct FrameCamera<T> {
-    /// Rows (col, row), columns (east, north, up), pixels per metre.
-    pub linear: [[T; 3]; 2],
-    /// Image position of the site's origin, pixels.
-    pub offset: [T; 2],
+pub struct FrameCamera<K> {
+    /// The camera.
+    pub kernel: K,
     /// Columns of the image, 1 to [`super::MAX_SIDE`].
     pub width: usize,
     /// Rows of the image, 1 to [`super::MAX_SIDE`].
     pub height: usize,
 }
 
-impl<T: Real> FrameCamera<T> {
+impl<K> FrameCamera<K> {
     /// The camera for an image of this size.
     #[must_use]
-    pub fn new(camera: &AffineCamera, width: usize, height: usize) -> Self {
-        Self {
-            linear: camera.linear.map(|l| l.map(T::from_f64)),
-            offset: camera.offset.map(T::from_f64),
-            width,
-            height,
-        }
+    pub fn new(camera: impl Into<K>, width: usize, height: usize) -> Self {
+        Self { kernel: camera.into(), width, height }
     }
 }
 
@@ -105,14 +98,14 @@ pub(super) struct Chunk<T> {
 }
 
 /// Projects a chunk; a kernel to be compiled with the processor's own rounding and fused instructions.
-pub(super) struct Projection<'a, T> {
+pub(super) struct Projection<'a, T, K> {
     pub chunk: &'a mut Chunk<T>,
     pub prepared: &'a SortedSplats<T>,
     pub ranks: Range<usize>,
-    pub camera: &'a FrameCamera<T>,
+    pub camera: &'a FrameCamera<K>,
 }
 
-impl<T: SimdReal> SimdKernel<T> for Projection<'_, T> {
+impl<T: SimdReal, K: CameraKernel<T>> SimdKernel<T> for Projection<'_, T, K> {
     #[inline(always)]
     fn run<S: Simd<Scalar = T>>(self, simd: S) {
         self.chunk.project(simd, self.prepared, self.ranks, self.camera);
@@ -136,19 +129,19 @@ impl<T> Default for Chunk<T> {
 impl<T: Real> Chunk<T> {
     /// Projects the splats of `ranks`, leaving out those that no pixel sees.
     #[inline(always)]
-    fn project<S: Simd<Scalar = T>>(
+    fn project<S: Simd<Scalar = T>, K: CameraKernel<T>>(
         &mut self,
         simd: S,
         prepared: &SortedSplats<T>,
         ranks: Range<usize>,
-        camera: &FrameCamera<T>,
+        camera: &FrameCamera<K>,
     ) {
         self.start = ranks.start;
         self.seen.clear();
         self.unsorted.clear();
         self.band_starts.clear();
         self.band_starts.resize(camera.height.div_ceil(TILE) + 1, 0);
-        let eye = SimdCamera::new(simd, camera);
+        let eye = SimdCamera::<S, K>::new(simd, camera);
         let blocks = &prepared.blocks[ranks.start / MAX_LANES..ranks.end.div_ceil(MAX_LANES)];
         for (block, first) in blocks.iter().zip(ranks.step_by(MAX_LANES)) {
             for lane in (0..MAX_LANES).step_by(S::WIDTH) {
@@ -216,11 +209,12 @@ impl<T: Real> Chunk<T> {
     }
 
     /// Sums the bands' slots per footprint and adds them, taken back through the camera, to the splats' gradients.
-    pub fn gather<const C: usize>(
+    pub fn gather<const C: usize, K: CameraKernel<T>>(
         &mut self,
         index: usize,
         bands: &[Band<T, C>],
-        camera: &FrameCamera<T>,
+        sorted: &SortedSplats<T>,
+        camera: &K,
         gradients: &mut [SplatGradient<T>],
         by_feature: &mut [[T; C]],
     ) {
@@ -236,7 +230,8 @@ impl<T: Real> Chunk<T> {
         for (splat, sum) in self.seen.iter().zip(&sums) {
             let place = splat.rank as usize - self.start;
             let footprint = Footprint::of(splat.footprint);
-            self.by_mean[place] = Some(footprint.back_project(camera, sum, &mut gradients[place]));
+            let shape = sorted.position_and_covariance(splat.rank as usize);
+            self.by_mean[place] = Some(footprint.back_project(camera, shape, sum, &mut gradients[place]));
             add(&mut by_feature[place], sum.feature);
         }
     }
@@ -250,18 +245,16 @@ impl<T: Real> Chunk<T> {
 impl<T: Real> Footprint<T> {
     /// Adds what the sums over the image mean for the splat; gives the derivative by the ellipse's centre.
     #[inline(always)]
-    fn back_project<const C: usize>(
+    fn back_project<const C: usize, K: CameraKernel<T>>(
         &self,
-        camera: &FrameCamera<T>,
+        camera: &K,
+        (position, covariance): ([T; 3], [T; 6]),
         by: &GradientSlot<T, C>,
         out: &mut SplatGradient<T>,
     ) -> [T; 2] {
-        let m = &camera.linear;
+        let m = camera.jacobian(position);
         let ([a, b, c], [sum, x, xx, y, xy, yy]) = (self.conic, by.moments);
         let mean = [a * x + b * y, b * x + c * y];
-        for k in 0..3 {
-            out.position[k] = out.position[k] + m[0][k] * mean[0] + m[1][k] * mean[1];
-        }
         out.log_opacity = out.log_opacity + sum;
         // By the image's covariance: half of conic * moments * conic.
         let half = T::from_f64(0.5);
@@ -273,6 +266,19 @@ impl<T: Real> Footprint<T> {
             let [u, v] = [gxx * m[0][j] + gxy * m[1][j], gxy * m[0][j] + gyy * m[1][j]];
             out.covariance[k] = out.covariance[k] + m[0][i] * u + m[1][i] * v;
         }
+        // The image's covariance is J S Jᵀ: its derivative by J is 2 G J S.
+        let mut by_jacobian = [[T::zero(); 3]; 2];
+        if K::IS_CURVED {
+            let [xx, xy, xz, yy, yz, zz] = covariance;
+            let twice = |a: T, b: T| {
+                let row: [T; 3] = std::array::from_fn(|k| a * m[0][k] + b * m[1][k]);
+                let row = row.map(|v| v + v);
+                let dot = |c: [T; 3]| row[0] * c[0] + row[1] * c[1] + row[2] * c[2];
+                [dot([xx, xy, xz]), dot([xy, yy, yz]), dot([xz, yz, zz])]
+            };
+            by_jacobian = [twice(gxx, gxy), twice(gxy, gyy)];
+        }
+        camera.add_position_gradient(position, mean, by_jacobian, &mut out.position);
         mean
     }
 
@@ -317,23 +323,17 @@ struct Projected<T> {
 }
 
 /// A camera, each of its numbers in every lane.
-struct SimdCamera<S: Simd> {
-    linear: [[SimdVec<S>; 3]; 2],
-    offset: [SimdVec<S>; 2],
+struct SimdCamera<S: Simd, K: CameraKernel<S::Scalar>> {
+    kernel: K::Broadcast<S>,
     /// Columns and rows of its image.
     size: [SimdVec<S>; 2],
 }
 
-impl<S: Simd> SimdCamera<S> {
+impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
     #[inline(always)]
-    fn new(simd: S, camera: &FrameCamera<S::Scalar>) -> Self {
-        let [col, row] = camera.linear;
+    fn new(simd: S, camera: &FrameCamera<K>) -> Self {
         let size = [camera.width as f64, camera.height as f64].map(S::Scalar::from_f64);
-        Self {
-            linear: [broadcast_each(simd, col), broadcast_each(simd, row)],
-            offset: broadcast_each(simd, camera.offset),
-            size: broadcast_each(simd, size),
-        }
+        Self { kernel: camera.kernel.broadcast(simd), size: broadcast_each(simd, size) }
     }
 
     /// The ellipses of splats, and their half widths and heights.
@@ -348,11 +348,11 @@ impl<S: Simd> SimdCamera<S> {
         let constants = [-ALPHA_CUT.log2(), 2.0 * std::f64::consts::LN_2, LOW_PASS_PX2, 0.0];
         let [above_cut, twice_ln_2, low_pass, zero] =
             broadcast_each(simd, constants.map(S::Scalar::from_f64));
-        let ([x, y, z], [sxx, sxy, sxz, syy, syz, szz]) = (position, covariance);
-        let (m, mut mean, mut rows) = (&self.linear, [zero; 2], [[zero; 3]; 2]);
+        let [sxx, sxy, sxz, syy, syz, szz] = covariance;
+        let Linearized { mean, jacobian: m } = K::linearize(simd, &self.kernel, position);
+        let mut rows = [[zero; 3]; 2];
         for i in 0..2 {
             let [a, b, c] = m[i];
-            mean[i] = a.mul_add(x, b.mul_add(y, c.mul_add(z, self.offset[i])));
             rows[i] = [a * sxx + b * sxy + c * sxz, a * sxy + b * syy + c * syz, a * sxz + b * syz + c * szz];
         }
         let [r, s] = rows;
@@ -385,6 +385,9 @@ impl<S: Simd> SimdCamera<S> {
         let (footprint, half_size) = self.project(simd, position, covariance, opacity);
         let Footprint { mean, conic, radius2, .. } = footprint;
         let mut seen = opacity.greater_than(cut);
+        if let Some(in_front) = K::in_front(simd, &self.kernel, position) {
+            seen = seen.and(in_front);
+        }
         for positive in [radius2, conic[0], conic[2]] {
             seen = seen.and(positive.greater_than(zero)).and(most.greater_equal(positive));
         }

@@ -1,8 +1,12 @@
 //! Gradients against central differences in f64, f32 against f64, closed forms.
 
 use super::*;
+use crate::camera::{DepthOrder, QuadraticKernel};
+use crate::frame::Point;
+use crate::perspective::{PinholeCamera, PinholeKernel};
 use crate::splat::edit::Edit;
 use crate::splat::splats::{GROUPS, Splats, color_from_f_dc, f_dc_gradient};
+use glam::{DMat3, DVec2, DVec3};
 
 /// Uniform numbers in [0, 1), by hashing a counter.
 fn uniform(counter: &mut u64) -> f64 {
@@ -27,7 +31,7 @@ fn scene(n: usize, seed: u64) -> Splats<f64> {
     g
 }
 
-fn camera<T: Real>() -> FrameCamera<T> {
+fn camera<T: Real>() -> FrameCamera<AffineKernel<T>> {
     let camera =
         crate::affine::AffineCamera { linear: [[2.9, 0.2, 0.5], [0.3, -2.8, 0.7]], offset: [18.3, 16.8] };
     FrameCamera::new(&camera, 37, 35)
@@ -42,8 +46,8 @@ fn features<T: SimdReal>(g: &Splats<T>, prepared: &SortedSplats<T>) -> Vec<[T; 4
 }
 
 /// Weights of a linear loss on the image.
-fn weights<T: Real>(camera: &FrameCamera<T>) -> Image<T> {
-    let mut w = Image::zeros(camera.width, camera.height, 4);
+fn weights<T: Real>(width: usize, height: usize) -> Image<T> {
+    let mut w = Image::zeros(width, height, 4);
     let mut counter = 77 << 32;
     for v in &mut w.data {
         *v = T::from_f64(uniform(&mut counter) - 0.4);
@@ -53,13 +57,21 @@ fn weights<T: Real>(camera: &FrameCamera<T>) -> Image<T> {
 
 const BACKGROUND: [f64; 4] = [0.2, 0.9, 0.4, -4.0];
 
-fn loss(g: &Splats<f64>) -> f64 {
-    let mut prepared = SortedSplats::default();
-    prepared.update(g);
-    let camera = camera();
-    let mut raster = Rasterizer::<f64, 4>::default();
-    let image = raster.render(&prepared, &features(g, &prepared), &camera, BACKGROUND);
-    let w = weights(&camera);
+/// Splats in the order that a camera draws them in.
+fn sorted<T: SimdReal, K: CameraKernel<T>>(g: &Splats<T>, camera: &K) -> SortedSplats<T> {
+    let mut sorted = SortedSplats::default();
+    match K::ORDER {
+        DepthOrder::Altitude => sorted.update(g),
+        DepthOrder::Camera => sorted.update_for(g, camera),
+    }
+    sorted
+}
+
+fn loss<K: CameraKernel<f64>>(g: &Splats<f64>, camera: &FrameCamera<K>) -> f64 {
+    let prepared = sorted(g, &camera.kernel);
+    let mut raster = Rasterizer::<f64, 4, K>::default();
+    let image = raster.render(&prepared, &features(g, &prepared), camera, BACKGROUND);
+    let w: Image<f64> = weights(camera.width, camera.height);
     let mut sum = 0.0;
     for row in 0..camera.height {
         for c in 0..4 {
@@ -69,16 +81,14 @@ fn loss(g: &Splats<f64>) -> f64 {
     sum
 }
 
-fn gradient<T: SimdReal>(g: &Splats<T>) -> Splats<T> {
-    let mut prepared = SortedSplats::default();
-    prepared.update(g);
-    let camera = camera();
-    let mut raster = Rasterizer::<T, 4>::default();
+fn gradient<T: SimdReal, K: CameraKernel<T>>(g: &Splats<T>, camera: &FrameCamera<K>) -> Splats<T> {
+    let prepared = sorted(g, &camera.kernel);
+    let mut raster = Rasterizer::<T, 4, K>::default();
     let f = features(g, &prepared);
-    raster.render(&prepared, &f, &camera, BACKGROUND.map(T::from_f64));
+    raster.render(&prepared, &f, camera, BACKGROUND.map(T::from_f64));
     let mut shared = vec![SplatGradient::default(); g.len()];
     let mut by_feature = vec![[T::zero(); 4]; g.len()];
-    raster.backward(&weights(&camera), &mut shared, &mut by_feature);
+    raster.backward(&prepared, &weights(camera.width, camera.height), &mut shared, &mut by_feature);
     let mut out = Splats::zeros(g.len());
     prepared.parameter_gradients(g, &shared, &mut out);
     for i in 0..g.len() {
@@ -93,7 +103,12 @@ fn gradient<T: SimdReal>(g: &Splats<T>) -> Splats<T> {
 /// parameter in `every` so many.
 ///
 /// The cut-off at 1/255 makes the loss jump; a difference quotient across a jump is dropped by comparing two steps.
-fn worst_disagreement(g: &Splats<f64>, analytic: &Splats<f64>, every: usize) -> f64 {
+fn worst_disagreement<K: CameraKernel<f64>>(
+    g: &Splats<f64>,
+    analytic: &Splats<f64>,
+    camera: &FrameCamera<K>,
+    every: usize,
+) -> f64 {
     let mut worst: f64 = 0.0;
     let (mut asked, mut compared) = (0, 0);
     for group in 0..GROUPS {
@@ -104,7 +119,7 @@ fn worst_disagreement(g: &Splats<f64>, analytic: &Splats<f64>, every: usize) -> 
                 let (mut a, mut b) = (g.clone(), g.clone());
                 a.groups_mut()[group][k] += e;
                 b.groups_mut()[group][k] -= e;
-                (loss(&a) - loss(&b)) / (2.0 * e)
+                (loss(&a, camera) - loss(&b, camera)) / (2.0 * e)
             };
             let (q, q2) = (quotient(1e-6), quotient(2e-6));
             if (q - q2).abs() > 1e-6 * largest {
@@ -122,9 +137,66 @@ fn worst_disagreement(g: &Splats<f64>, analytic: &Splats<f64>, every: usize) -> 
 fn gradients_agree_with_central_differences_in_f64() {
     for seed in 0..3 {
         let g = scene(40, seed);
-        let worst = worst_disagreement(&g, &gradient(&g), 1);
+        let worst = worst_disagreement(&g, &gradient(&g, &camera()), &camera(), 1);
         assert!(worst < 1e-6, "{worst:e}");
     }
+}
+
+/// A camera 20 m above the scene that looks down at it aslant.
+fn pinhole() -> PinholeCamera {
+    let cam_from_site = DMat3::from_rotation_x(2.7) * DMat3::from_rotation_z(0.4);
+    let center = cam_from_site.transpose() * DVec3::new(0.3, -0.4, -20.0);
+    let (focal, principal) = (DVec2::new(55.0, 52.0), DVec2::new(18.3, 16.8));
+    PinholeCamera { cam_from_site, center, focal, principal, size: (37, 35) }
+}
+
+#[test]
+fn gradients_of_a_pinhole_camera_agree_with_central_differences() {
+    let camera = FrameCamera::<PinholeKernel<f64>> { kernel: pinhole().kernel(), width: 37, height: 35 };
+    for seed in 0..3 {
+        let g = scene(40, seed);
+        let worst = worst_disagreement(&g, &gradient(&g, &camera), &camera, 1);
+        assert!(worst < 1e-6, "{worst:e}");
+    }
+    // The first splats lie outside of the image, where the Jacobian is limited, and behind the camera.
+    let mut g = scene(40, 3);
+    g.position[0] = [19.0, 3.0, 1.0];
+    g.log_scale[0] = [1.8; 3];
+    g.position[1] = [0.0, 0.0, 60.0];
+    let worst = worst_disagreement(&g, &gradient(&g, &camera), &camera, 1);
+    assert!(worst < 1e-6, "{worst:e}");
+}
+
+#[test]
+fn gradients_of_a_quadratic_camera_agree_with_central_differences() {
+    let quadratic = [[0.02, -0.01, 0.015, 0.01, 0.02, -0.03], [-0.01, 0.02, 0.01, -0.02, 0.015, 0.01]];
+    let kernel = QuadraticKernel::<f64> { affine: camera::<f64>().kernel, quadratic };
+    let camera = FrameCamera::<QuadraticKernel<f64>> { kernel, width: 37, height: 35 };
+    let g = scene(40, 0);
+    let worst = worst_disagreement(&g, &gradient(&g, &camera), &camera, 1);
+    assert!(worst < 1e-6, "{worst:e}");
+}
+
+#[test]
+fn a_pinhole_kernel_sees_points_where_its_camera_does_and_the_nearest_in_front() {
+    let camera = pinhole();
+    let frame = FrameCamera::<PinholeKernel<f32>> { kernel: camera.kernel(), width: 37, height: 35 };
+    let at = |depth: f64| {
+        let p =
+            camera.center + camera.cam_from_site.transpose() * DVec3::new(0.1 * depth, -0.05 * depth, depth);
+        p.to_array()
+    };
+    let mut splats = Splats::<f32>::default();
+    for (depth, rgb) in [(25.0, [0.0, 1.0, 0.0]), (12.0, [1.0, 0.0, 0.0])] {
+        splats.push(at(depth).map(|v| v as f32), 0.02 * depth as f32, 0.98, rgb);
+    }
+    let prepared = sorted(&splats, &frame.kernel);
+    let mut raster = Rasterizer::<f32, 4, _>::default();
+    let image = raster.render(&prepared, &features(&splats, &prepared), &frame, [0.0; 4]);
+    let [x, y, z] = at(12.0);
+    let px = camera.project(Point::new(x, y, z)).unwrap();
+    let (col, row) = (px.col.round() as usize, px.row.round() as usize);
+    assert!(image.at(0, col, row) > 0.8 && image.at(1, col, row) < 0.2, "the nearer splat hides the other");
 }
 
 #[test]
@@ -135,25 +207,25 @@ fn gradients_agree_where_a_tile_has_more_splats_than_one_batch() {
         g.log_scale[i] = g.log_scale[i].map(|s| s - 0.7);
         g.opacity_logit[i][0] -= 3.0;
     }
-    let worst = worst_disagreement(&g, &gradient(&g), 131);
+    let worst = worst_disagreement(&g, &gradient(&g, &camera()), &camera(), 131);
     assert!(worst < 1e-6, "{worst:e}");
 }
 
 #[test]
 fn a_broken_gradient_is_seen() {
     let g = scene(40, 0);
-    let mut broken = gradient(&g);
+    let mut broken = gradient(&g, &camera());
     for v in broken.groups_mut()[1].iter_mut() {
         *v *= 1.001;
     }
-    assert!(worst_disagreement(&g, &broken, 1) > 1e-4);
+    assert!(worst_disagreement(&g, &broken, &camera(), 1) > 1e-4);
 }
 
 #[test]
 fn f32_kernels_agree_with_f64() {
     for seed in 0..10 {
         let g = scene(200, seed);
-        let (exact, fast) = (gradient(&g), gradient(&g.narrow()));
+        let (exact, fast) = (gradient(&g, &camera()), gradient(&g.narrow(), &camera()));
         for (a, b) in exact.groups().iter().zip(fast.groups()) {
             let largest = a.iter().fold(0.0f64, |m, v| m.max(v.abs()));
             let worst = a.iter().zip(b).map(|(x, y)| (x - f64::from(*y)).abs()).fold(0.0, f64::max);
@@ -194,7 +266,7 @@ fn numbers_beyond_reason_neither_panic_nor_hide_other_splats() {
             let (mut raster, f) = (Rasterizer::<f32, 4>::default(), features(&g, &prepared));
             raster.render(&prepared, &f, &camera, [0.0; 4]);
             let (mut shared, mut by_feature) = (vec![SplatGradient::default(); 2], vec![[0.0; 4]; 2]);
-            raster.backward(&weights(&camera), &mut shared, &mut by_feature);
+            raster.backward(&prepared, &weights(camera.width, camera.height), &mut shared, &mut by_feature);
             let seen = [0, 1].map(|splat| raster.mean2d_gradient(prepared.rank(splat)).is_some());
             // A splat that is nowhere is not seen.
             assert!(seen[0] && !(group == 0 && seen[1]), "{wrong} in group {group}: {seen:?}");
@@ -211,10 +283,10 @@ fn one_splat_is_its_closed_form() {
     let camera = camera::<f64>();
     let mut raster = Rasterizer::<f64, 4>::default();
     let image = raster.render(&prepared, &features(&g, &prepared), &camera, BACKGROUND);
-    let m = camera.linear;
+    let m = camera.kernel.linear;
     let p = g.position[0];
     let mean: [f64; 2] =
-        std::array::from_fn(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + camera.offset[i]);
+        std::array::from_fn(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + camera.kernel.offset[i]);
     let cov = |i: usize, j: usize| {
         0.64 * (0..3).map(|k| m[i][k] * m[j][k]).sum::<f64>() + if i == j { LOW_PASS_PX2 } else { 0.0 }
     };
@@ -252,7 +324,7 @@ fn every_pixel_of_every_ellipse_is_reached() {
         let image = raster.render(&prepared, &[[1.0]], &camera, [0.0]).clone();
         let mut wide = camera;
         // The same camera in a frame moved by a few pixels: other tiles, the same picture.
-        wide.offset = [camera.offset[0] + 5.0, camera.offset[1] + 9.0];
+        wide.kernel.offset = [camera.kernel.offset[0] + 5.0, camera.kernel.offset[1] + 9.0];
         wide.width += 16;
         wide.height += 16;
         let moved = raster.render(&prepared, &[[1.0]], &wide, [0.0]);

@@ -306,17 +306,20 @@ impl Recipe {
         let weights = self.weights.iter().map(|(name, value)| (format!("weights.{name}"), value));
         let numbers = numbers.into_iter().map(|(name, value)| (name.to_owned(), value));
         if let Some((name, value)) = numbers.chain(weights).find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
-            return Err(format!("{name} = {value} is not a number from 0 on"));
+            return Err(format!("{name} = {value}, but must be a number of at least 0"));
         }
         let opacities =
             [("prune_below", Some(self.prune_below)), ("reset.opacity", self.reset.map(|r| r.opacity))];
         for (name, value) in opacities {
             if value.is_some_and(|v| !(v > 0.0 && v < 1.0)) {
-                return Err(format!("{name} = {} is no opacity between 0 and 1", value.unwrap_or_default()));
+                return Err(format!(
+                    "{name} = {}, but must be an opacity between 0 and 1",
+                    value.unwrap_or_default()
+                ));
             }
         }
         if self.white == 0.0 {
-            return Err("white = 0 leaves nothing to be seen".into());
+            return Err("white = 0, but must be above 0".into());
         }
         let counts = [
             ("iterations", self.iterations),
@@ -325,7 +328,7 @@ impl Recipe {
             ("reset.every", self.reset.map_or(1, |r| r.every)),
         ];
         if let Some((name, _)) = counts.into_iter().find(|(_, v)| *v == 0) {
-            return Err(format!("{name} = 0 never comes to an end"));
+            return Err(format!("{name} = 0, but must be at least 1"));
         }
         let Some(reset) = self.reset else { return Ok(()) };
         let rests = [
@@ -333,7 +336,7 @@ impl Recipe {
             ("reset.growth_rests", reset.growth_rests),
         ];
         match rests.into_iter().find(|(_, span)| *span >= reset.every) {
-            Some((name, span)) => Err(format!("{name} = {span} lasts until the next reset")),
+            Some((name, span)) => Err(format!("{name} = {span}, but must be less than reset.every")),
             None => Ok(()),
         }
     }
@@ -388,7 +391,7 @@ mod tests {
         for (from, to, says) in [
             ("opacity_logit = 0.05", "opacity_logit = nan", "rates.opacity_logit = NaN"),
             ("gradient = 0.0006", "gradient = -1.0", "growth.gradient = -1"),
-            ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0 "),
+            ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0,"),
             ("virtual_every = 2", "virtual_every = 0", "virtual_every = 0"),
             ("check_every = 100", "check_every = 0", "check_every = 0"),
             ("growth_rests = 500", "growth_rests = 3000", "reset.growth_rests = 3000"),

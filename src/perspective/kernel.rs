@@ -1,0 +1,187 @@
+//! The pinhole camera's kernel.
+
+use super::PinholeCamera;
+use crate::camera::{CameraKernel, DepthOrder, Linearized};
+use crate::simd::{Real, Simd, SimdMask, SimdReal, SimdVec, broadcast_each};
+
+/// Nearest depth at which a splat is drawn, metres (3DGS).
+const NEAREST_M: f64 = 0.2;
+/// The Jacobian is taken no further from the principal point than this multiple of half the image (3DGS): further out
+/// splats would be smeared all over it.
+const OUTERMOST: f64 = 1.3;
+
+/// A pinhole camera in the numbers of the rasteriser.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PinholeKernel<T> {
+    /// Rotation from site to camera axes (right, down, forward), row by row.
+    rotation: [[T; 3]; 3],
+    /// Camera coordinates of the site's origin, metres.
+    translation: [T; 3],
+    /// Focal lengths, pixels.
+    focal: [T; 2],
+    /// Principal point, pixels.
+    principal: [T; 2],
+    /// Lowest and highest ratio of x and of y to the depth for the Jacobian.
+    limits: [[T; 2]; 2],
+}
+
+/// [`PinholeKernel`], broadcast.
+#[derive(Clone, Copy)]
+pub struct PinholeVectors<S: Simd> {
+    rotation: [[SimdVec<S>; 3]; 3],
+    translation: [SimdVec<S>; 3],
+    focal: [SimdVec<S>; 2],
+    principal: [SimdVec<S>; 2],
+    limits: [[SimdVec<S>; 2]; 2],
+    nearest: SimdVec<S>,
+}
+
+impl<T: Real> PinholeKernel<T> {
+    /// The kernel of a camera.
+    pub(super) fn new(camera: &PinholeCamera) -> Self {
+        let rows = camera.cam_from_site.transpose().to_cols_array_2d();
+        let translation = -(camera.cam_from_site * camera.center);
+        let size = [camera.size.0 as f64, camera.size.1 as f64];
+        let (focal, principal) = (camera.focal.to_array(), camera.principal.to_array());
+        let limits = std::array::from_fn(|i| {
+            let half = OUTERMOST * 0.5 * size[i];
+            let middle = 0.5 * (size[i] - 1.0) - principal[i];
+            [(middle - half) / focal[i], (middle + half) / focal[i]].map(T::from_f64)
+        });
+        Self {
+            rotation: rows.map(|row| row.map(T::from_f64)),
+            translation: translation.to_array().map(T::from_f64),
+            focal: focal.map(T::from_f64),
+            principal: principal.map(T::from_f64),
+            limits,
+        }
+    }
+
+    /// Camera coordinates of a site position, metres.
+    fn cam_from_site(&self, p: [T; 3]) -> [T; 3] {
+        let mut out = self.translation;
+        for (out, r) in out.iter_mut().zip(&self.rotation) {
+            *out = *out + r[0] * p[0] + r[1] * p[1] + r[2] * p[2];
+        }
+        out
+    }
+
+    /// A ratio to the depth within the limits of an axis, and its derivative by the unlimited one.
+    fn limited(&self, axis: usize, ratio: T) -> (T, T) {
+        let [low, high] = self.limits[axis];
+        let inside = ratio >= low && ratio <= high;
+        (ratio.max(low).min(high), if inside { T::one() } else { T::zero() })
+    }
+}
+
+impl<T: SimdReal> CameraKernel<T> for PinholeKernel<T> {
+    const ORDER: DepthOrder = DepthOrder::Camera;
+    const IS_CURVED: bool = true;
+    type Broadcast<S: Simd<Scalar = T>> = PinholeVectors<S>;
+
+    #[inline(always)]
+    fn broadcast<S: Simd<Scalar = T>>(&self, simd: S) -> PinholeVectors<S> {
+        let [right, down, forward] = self.rotation;
+        let [horizontal, vertical] = self.limits;
+        PinholeVectors {
+            rotation: [
+                broadcast_each(simd, right),
+                broadcast_each(simd, down),
+                broadcast_each(simd, forward),
+            ],
+            translation: broadcast_each(simd, self.translation),
+            focal: broadcast_each(simd, self.focal),
+            principal: broadcast_each(simd, self.principal),
+            limits: [broadcast_each(simd, horizontal), broadcast_each(simd, vertical)],
+            nearest: SimdVec::broadcast(simd, T::from_f64(NEAREST_M)),
+        }
+    }
+
+    #[inline(always)]
+    fn linearize<S: Simd<Scalar = T>>(
+        _: S,
+        camera: &PinholeVectors<S>,
+        p: [SimdVec<S>; 3],
+    ) -> Linearized<SimdVec<S>> {
+        let mut c = camera.translation;
+        for i in 0..3 {
+            let r = &camera.rotation[i];
+            c[i] = c[i] + r[0] * p[0] + r[1] * p[1] + r[2] * p[2];
+        }
+        // Far outside the image is as good as any other place for what lies behind the camera.
+        let inverse = c[2].max(camera.nearest).reciprocal();
+        let (mut mean, mut jacobian) = (camera.principal, [camera.rotation[0], camera.rotation[1]]);
+        for i in 0..2 {
+            let [low, high] = camera.limits[i];
+            let ratio = c[i] * inverse;
+            mean[i] = camera.focal[i].mul_add(ratio, camera.principal[i]);
+            let (scale, limited) = (camera.focal[i] * inverse, ratio.max(low).min(high));
+            for k in 0..3 {
+                jacobian[i][k] = scale * (camera.rotation[i][k] - limited * camera.rotation[2][k]);
+            }
+        }
+        Linearized { mean, jacobian }
+    }
+
+    #[inline(always)]
+    fn in_front<S: Simd<Scalar = T>>(
+        _: S,
+        camera: &PinholeVectors<S>,
+        p: [SimdVec<S>; 3],
+    ) -> Option<SimdMask<S>> {
+        let r = &camera.rotation[2];
+        let depth = camera.translation[2] + r[0] * p[0] + r[1] * p[1] + r[2] * p[2];
+        Some(depth.greater_than(camera.nearest))
+    }
+
+    #[inline(always)]
+    fn jacobian(&self, position: [T; 3]) -> [[T; 3]; 2] {
+        let c = self.cam_from_site(position);
+        let inverse = c[2].max(T::from_f64(NEAREST_M)).recip();
+        std::array::from_fn(|i| {
+            let (limited, _) = self.limited(i, c[i] * inverse);
+            let scale = self.focal[i] * inverse;
+            std::array::from_fn(|k| scale * (self.rotation[i][k] - limited * self.rotation[2][k]))
+        })
+    }
+
+    #[inline(always)]
+    fn add_position_gradient(
+        &self,
+        position: [T; 3],
+        by_mean: [T; 2],
+        by_jacobian: [[T; 3]; 2],
+        out: &mut [T; 3],
+    ) {
+        let c = self.cam_from_site(position);
+        let inverse = c[2].max(T::from_f64(NEAREST_M)).recip();
+        let mut by_camera = [T::zero(); 3];
+        for i in 0..2 {
+            let (scale, ratio) = (self.focal[i] * inverse, c[i] * inverse);
+            let (limited, slope) = self.limited(i, ratio);
+            // The image.
+            by_camera[i] = by_camera[i] + scale * by_mean[i];
+            by_camera[2] = by_camera[2] - scale * ratio * by_mean[i];
+            // The Jacobian's row: scale (r_i - limited r_z), where scale falls with the depth and the ratio with all.
+            let along = |row: &[T; 3]| {
+                row[0] * by_jacobian[i][0] + row[1] * by_jacobian[i][1] + row[2] * by_jacobian[i][2]
+            };
+            let (by_own, by_forward) = (along(&self.rotation[i]), along(&self.rotation[2]));
+            let by_limited = T::zero() - scale * by_forward * slope;
+            let by_scale = by_own - limited * by_forward;
+            by_camera[i] = by_camera[i] + by_limited * inverse;
+            by_camera[2] = by_camera[2] - (by_limited * ratio + by_scale * scale) * inverse;
+        }
+        for k in 0..3 {
+            out[k] = out[k]
+                + self.rotation[0][k] * by_camera[0]
+                + self.rotation[1][k] * by_camera[1]
+                + self.rotation[2][k] * by_camera[2];
+        }
+    }
+
+    #[inline(always)]
+    fn depth_key(&self, position: [T; 3]) -> T {
+        T::zero() - self.cam_from_site(position)[2]
+    }
+}

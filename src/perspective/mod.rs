@@ -1,0 +1,9 @@
+//! Perspective cameras: the pinhole camera, its kernel for the rasteriser, and lens distortion.
+
+mod distortion;
+mod kernel;
+mod pinhole;
+
+pub use distortion::{Distortion, DistortionError};
+pub use kernel::PinholeKernel;
+pub use pinhole::PinholeCamera;

@@ -1,0 +1,69 @@
+//! The pinhole camera.
+
+use super::kernel::PinholeKernel;
+use crate::frame::{CenterPx, Pixel, Point, Site};
+use crate::simd::Real;
+use glam::{DMat3, DVec2, DVec3};
+
+/// A pinhole camera in the site frame. Camera axes are those of COLMAP: x right, y down, z forward.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PinholeCamera {
+    /// Rotation from site axes to camera axes.
+    pub cam_from_site: DMat3,
+    /// The projection centre, site metres.
+    pub center: DVec3,
+    /// Focal lengths, pixels.
+    pub focal: DVec2,
+    /// The principal point in centre-of-pixel coordinates (COLMAP's less half a pixel).
+    pub principal: DVec2,
+    /// Columns and rows of the image.
+    pub size: (usize, usize),
+}
+
+impl PinholeCamera {
+    /// Image position of a site point; none of a point that is not in front of the camera.
+    #[must_use]
+    pub fn project(&self, p: Point<Site>) -> Option<Pixel<CenterPx>> {
+        let c = self.cam_from_site * (DVec3::from_array(p.xyz()) - self.center);
+        let px = self.focal * c.truncate() / c.z + self.principal;
+        (c.z > 0.0).then(|| Pixel::new(px.x, px.y))
+    }
+
+    /// Unit vector in site axes from the projection centre through a pixel.
+    #[must_use]
+    pub fn ray(&self, px: Pixel<CenterPx>) -> [f64; 3] {
+        let image = (DVec2::new(px.col, px.row) - self.principal) / self.focal;
+        (self.cam_from_site.transpose() * image.extend(1.0)).normalize().to_array()
+    }
+
+    /// The camera as the rasteriser sees it.
+    #[must_use]
+    pub fn kernel<T: Real>(&self) -> PinholeKernel<T> {
+        PinholeKernel::new(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ray_through_the_image_of_a_point_meets_it() {
+        let camera = PinholeCamera {
+            cam_from_site: DMat3::from_rotation_x(2.2) * DMat3::from_rotation_z(0.4),
+            center: DVec3::new(1.0, -2.0, 30.0),
+            focal: DVec2::new(700.0, 710.0),
+            principal: DVec2::new(319.5, 239.5),
+            size: (640, 480),
+        };
+        let point = camera.center + camera.cam_from_site.transpose() * DVec3::new(1.5, -0.7, 12.0);
+        let [x, y, z] = point.to_array();
+        let px = camera.project(Point::new(x, y, z)).unwrap();
+        assert!((px.col - (700.0 * 1.5 / 12.0 + 319.5)).abs() < 1e-9);
+        let along = DVec3::from_array(camera.ray(px));
+        assert!(along.cross(point - camera.center).length() < 1e-9);
+        let behind = camera.center - (point - camera.center);
+        let [x, y, z] = behind.to_array();
+        assert_eq!(camera.project(Point::new(x, y, z)), None);
+    }
+}

@@ -1,0 +1,44 @@
+//! The examples run without arguments, on the scene that they simulate.
+
+#![allow(clippy::unwrap_used, clippy::duplicate_mod)]
+
+#[path = "../examples/adjust_folder.rs"]
+#[allow(dead_code)]
+mod adjust_folder;
+#[path = "../examples/fly_through.rs"]
+#[allow(dead_code)]
+mod fly_through;
+#[path = "../examples/project_point.rs"]
+#[allow(dead_code)]
+mod project_point;
+#[path = "../examples/score_dsm.rs"]
+#[allow(dead_code)]
+mod score_dsm;
+#[path = "../examples/train_dsm.rs"]
+#[allow(dead_code)]
+mod train_dsm;
+
+#[test]
+fn a_point_is_projected() {
+    project_point::run(&[]).unwrap();
+}
+
+#[test]
+fn a_folder_is_adjusted() {
+    adjust_folder::run(&[]).unwrap();
+}
+
+#[test]
+fn a_surface_model_is_made() {
+    train_dsm::run(&[]).unwrap();
+}
+
+#[test]
+fn a_surface_model_is_scored() {
+    score_dsm::run(&[]).unwrap();
+}
+
+#[test]
+fn an_animation_is_rendered() {
+    fly_through::run(&[]).unwrap();
+}
