@@ -6,6 +6,7 @@
 
 mod scene;
 
+use glam::{DQuat, DVec3};
 use rayon::ThreadPoolBuilder;
 use satgs::camera::AffineKernel;
 use satgs::splat::adam::SplatAdam;
@@ -69,13 +70,12 @@ fn fastest_ms(mut run: impl FnMut()) -> f64 {
 fn contributing_pairs(splats: &Splats, camera: &FrameCamera<AffineKernel<f32>>) -> f64 {
     let m = camera.kernel.linear.map(|l| l.map(f64::from));
     let area = |i: usize| {
-        let (r, _) = satgs::splat::splats::rotation_matrix(splats.rotation[i].map(f64::from));
-        let axis = |k: usize, row: usize| {
-            let length = f64::from(splats.log_scale[i][k]).exp();
-            length * (0..3).map(|j| m[row][j] * r[j][k]).sum::<f64>()
-        };
-        let dot = |a: usize, b: usize| (0..3).map(|k| axis(k, a) * axis(k, b)).sum::<f64>();
-        let det = (dot(0, 0) + LOW_PASS_PX2) * (dot(1, 1) + LOW_PASS_PX2) - dot(0, 1).powi(2);
+        let [w, x, y, z] = splats.rotation[i].map(f64::from);
+        let site_from_splat = DQuat::from_xyzw(x, y, z, w).normalize();
+        let scale = DVec3::from_array(splats.log_scale[i].map(|s| f64::from(s).exp()));
+        let [col, row] = m.map(|line| site_from_splat.inverse() * DVec3::from_array(line) * scale);
+        let det = (col.length_squared() + LOW_PASS_PX2) * (row.length_squared() + LOW_PASS_PX2)
+            - col.dot(row).powi(2);
         let opacity = 1.0 / (1.0 + (-f64::from(splats.opacity_logit[i][0])).exp());
         std::f64::consts::TAU * (255.0 * opacity).ln().max(0.0) * det.sqrt()
     };

@@ -4,6 +4,7 @@ use crate::camera::AffineKernel;
 use crate::frame::{CenterPx, Pixel, Point, Site, SiteGrid, Vector};
 use crate::scene::Sun;
 use crate::simd::Real;
+use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
 /// `(col, row) = linear * (x, y, z) + offset`, from site metres to pixels.
@@ -49,10 +50,27 @@ impl AffineCamera {
 
     /// Ground displacement (east, north) per metre of height along the rays, which climb towards the camera.
     #[must_use]
-    pub fn lean(&self) -> [f64; 2] {
-        let [[a, b, p], [c, d, q]] = self.linear;
-        let det = a * d - b * c;
-        [(b * q - d * p) / det, (c * p - a * q) / det]
+    pub fn line_of_sight_slope(&self) -> [f64; 2] {
+        let [east, north, up] = self.columns();
+        // The solution of (east, north) slope = -up.
+        let det = east.perp_dot(north);
+        [north.perp_dot(up) / det, up.perp_dot(east) / det]
+    }
+
+    /// The place (east, north; site metres) that a pixel shows if it lies at an altitude.
+    #[must_use]
+    pub fn place_at(&self, px: Pixel<CenterPx>, altitude: f64) -> [f64; 2] {
+        let [east, north, up] = self.columns();
+        let image =
+            DVec2::new(px.col - self.offset[0] - up.x * altitude, px.row - self.offset[1] - up.y * altitude);
+        let det = east.perp_dot(north);
+        [image.perp_dot(north) / det, east.perp_dot(image) / det]
+    }
+
+    /// Image displacements of a metre to the east, to the north and up, pixels.
+    fn columns(&self) -> [DVec2; 3] {
+        let [col, row] = self.linear;
+        std::array::from_fn(|k| DVec2::new(col[k], row[k]))
     }
 
     /// The camera of the image whose pixel (0, 0) is this one's pixel `(col, row)`.
@@ -73,8 +91,8 @@ impl AffineCamera {
     /// Metres on level ground a pixel covers: the square root of its area.
     #[must_use]
     pub fn gsd_m(&self) -> f64 {
-        let [[a, b, _], [c, d, _]] = self.linear;
-        (a * d - b * c).abs().sqrt().recip()
+        let [east, north, _] = self.columns();
+        east.perp_dot(north).abs().sqrt().recip()
     }
 }
 

@@ -48,12 +48,9 @@ impl TrainingView {
     ) -> Self {
         let (width, height) = (planes[0].width, planes[0].height);
         let (west, south, east, north) = area;
-        let [[a, b, _], [c, d, _]] = camera.linear;
-        let det = a * d - b * c;
         let color = |i: usize| {
             let (col, row) = (i % width, i / width);
-            let (u, v) = (col as f64 - camera.offset[0], row as f64 - camera.offset[1]);
-            let (x, y) = ((d * u - b * v) / det, (a * v - c * u) / det);
+            let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), 0.0);
             let inside = x >= west && x <= east && y >= south && y <= north;
             let rgb: [f32; 3] = std::array::from_fn(|k| planes[k.min(planes.len() - 1)].at(col, row));
             if !inside || rgb.iter().any(|v| v.is_nan()) {

@@ -8,7 +8,8 @@ use crate::affine::AffineCamera;
 use crate::frame::SiteGrid;
 use crate::io::{Grid2, MapGrid};
 use crate::splat::raster::{ALPHA_CUT, LOW_PASS_PX2};
-use crate::splat::splats::{Splats, rotation_matrix, sigmoid};
+use crate::splat::splats::{Splats, sigmoid};
+use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -34,19 +35,13 @@ impl Ellipse {
         let position = splats.position[i];
         let opacity = sigmoid(splats.opacity_logit[i][0]);
         let radius2 = 2.0 * (f64::from(opacity) / ALPHA_CUT).ln();
-        let (turn, _) = rotation_matrix(splats.rotation[i].map(f64::from));
-        let scale = splats.log_scale[i].map(|s| f64::from(s).exp());
+        let [w, x, y, z] = splats.rotation[i].map(f64::from);
+        let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let scale = DVec3::from_array(splats.log_scale[i].map(|s| f64::from(s).exp()));
         // The camera's plane is level: only the upper left of the covariance counts.
-        let axes: [[f64; 3]; 2] = std::array::from_fn(|r| {
-            let pixels_per_metre = camera.linear[r][r];
-            std::array::from_fn(|c| pixels_per_metre * turn[r][c] * scale[c])
-        });
-        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        let (xx, xy, yy) = (
-            dot(axes[0], axes[0]) + LOW_PASS_PX2,
-            dot(axes[0], axes[1]),
-            dot(axes[1], axes[1]) + LOW_PASS_PX2,
-        );
+        let [east, north]: [DVec3; 2] = std::array::from_fn(|r| camera.linear[r][r] * axes.row(r) * scale);
+        let (xx, xy, yy) =
+            (east.length_squared() + LOW_PASS_PX2, east.dot(north), north.length_squared() + LOW_PASS_PX2);
         let det = xx * yy - xy * xy;
         let [dc, dr] = camera.displace(position.map(f64::from));
         let center = [dc + camera.offset[0], dr + camera.offset[1]];

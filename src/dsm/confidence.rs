@@ -4,7 +4,7 @@ use super::Dsm;
 use crate::affine::AffineCamera;
 use crate::frame::{CenterPx, Pixel, SiteGrid};
 use crate::io::{Grid2, ValidPixels};
-use crate::mvs::{MatchedSurface, SLACK_M, horizon};
+use crate::mvs::{MatchedSurface, OCCLUSION_TOLERANCE_M, occlusion_height};
 use rayon::prelude::*;
 
 /// A height is measured where at least so many views see it.
@@ -48,7 +48,7 @@ impl Dsm {
         let mut covering = Grid2::filled(grid.width, grid.height, 0.0);
         let mut seeing = covering.clone();
         for view in views {
-            let hidden_below = horizon(height, view.camera.lean(), grid.cell);
+            let hidden_below = occlusion_height(height, view.camera.line_of_sight_slope(), grid.cell);
             let counts = covering.data.par_chunks_mut(grid.width).zip(seeing.data.par_chunks_mut(grid.width));
             counts.enumerate().for_each(|(row, (covering, seeing))| {
                 for (col, (covering, seeing)) in covering.iter_mut().zip(seeing).enumerate() {
@@ -58,7 +58,8 @@ impl Dsm {
                     // Not where there is no height: NaN lies in no image.
                     if view.covers(px) {
                         *covering += 1.0;
-                        *seeing += f32::from(u8::from(z >= hidden_below.at(col, row) - SLACK_M));
+                        *seeing +=
+                            f32::from(u8::from(z >= hidden_below.at(col, row) - OCCLUSION_TOLERANCE_M));
                     }
                 }
             });

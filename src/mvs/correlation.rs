@@ -1,7 +1,7 @@
 //! How well the views agree on every cell at every altitude.
 
-use super::look::Look;
-use super::{DRIFT_COST, PRIOR_COST, PRIOR_REACH_M, PlaneSweep, RETURN_COST, Stack};
+use super::visibility::Visibility;
+use super::{DRIFT_COST, PRIOR_COST, PRIOR_REACH_M, PlaneStack, PlaneSweep, RETURN_COST};
 use crate::affine::AffineCamera;
 use crate::affine::TrainingView;
 use crate::frame::{Point, Site};
@@ -36,7 +36,7 @@ type Lines = [Line; ROWS];
 type Weights = [Lines; WINDOW * WINDOW];
 
 /// A view's brightness and camera.
-pub(super) struct Image {
+pub(super) struct MatchImage {
     /// NaN where there is no image.
     pub gray: Grid2,
     /// Which pixels are image, if not all are.
@@ -47,7 +47,7 @@ pub(super) struct Image {
     pub contrast: f64,
 }
 
-impl Image {
+impl MatchImage {
     pub fn new(view: &TrainingView) -> Self {
         let gray = view.root_of_light();
         let mean = |values: &mut dyn Iterator<Item = f64>| {
@@ -85,24 +85,24 @@ impl Image {
 }
 
 /// Costs of every cell at every plane of the stack, cell by cell.
-pub(super) struct Volume {
+pub(super) struct CostVolume {
     planes: usize,
     costs: Vec<u8>,
 }
 
-impl Volume {
+impl CostVolume {
     /// Cost where no pair sees the cell; 254 is no correlation, 0 a perfect one.
     pub const UNSEEN: u8 = 255;
 
     /// Correlates; in the light of an earlier pass, windows keep to what looks alike, and what is hidden is not seen.
-    pub fn correlate(sweep: &PlaneSweep, look: Option<&Look>) -> Self {
+    pub fn correlate(sweep: &PlaneSweep, visibility: Option<&Visibility>) -> Self {
         let (planes, width) = (sweep.stack.planes, sweep.grid.width);
         let mut costs = vec![Self::UNSEEN; width * sweep.grid.height * planes];
         costs.par_chunks_mut(INNER_ROWS * width * planes).enumerate().for_each(|(k, costs)| {
             let mut tile = Tile::new(sweep);
             for first_column in (0..width).step_by(INNER_COLUMNS) {
-                tile.place(first_column, k * INNER_ROWS, look);
-                tile.weigh(look);
+                tile.place(first_column, k * INNER_ROWS, visibility);
+                tile.weigh(visibility);
                 tile.correlate(costs);
             }
         });
@@ -113,10 +113,10 @@ impl Volume {
     ///
     /// Where the views agree on nothing, or what they show is plain, training drifts: there the first surface is the
     /// one to trust.
-    pub fn draw_to(&mut self, prior: &Grid2, first: &Grid2, stack: &Stack, look: &Look) {
+    pub fn add_prior(&mut self, prior: &Grid2, first: &Grid2, stack: &PlaneStack, visibility: &Visibility) {
         let share = 1.0 - PRIOR_COST / 255.0;
         self.costs.par_chunks_mut(self.planes).enumerate().for_each(|(cell, costs)| {
-            let trusted = agreement(costs).min(look.texture(cell));
+            let trusted = agreement(costs).min(visibility.texture(cell));
             for (k, cost) in costs.iter_mut().enumerate().filter(|(_, c)| **c != Self::UNSEEN) {
                 let z = stack.altitude(cell, k as f32);
                 let drift = DRIFT_COST * (1.0 - trusted) + farness(z - prior.data[cell]);
@@ -140,7 +140,7 @@ impl Volume {
 
 /// From 0 where the views agree on no altitude to 1 where they agree on one.
 fn agreement(costs: &[u8]) -> f32 {
-    let best = 1.0 - f32::from(costs.iter().copied().min().unwrap_or(Volume::UNSEEN)) / 255.0;
+    let best = 1.0 - f32::from(costs.iter().copied().min().unwrap_or(CostVolume::UNSEEN)) / 255.0;
     ((best - AGREEMENT.start) / (AGREEMENT.end - AGREEMENT.start)).clamp(0.0, 1.0)
 }
 
@@ -164,8 +164,8 @@ struct Tile<'a> {
 
 /// A view's samples of one plane.
 struct Samples<'a> {
-    image: &'a Image,
-    /// Image positions at the site's altitude.
+    image: &'a MatchImage,
+    /// MatchImage positions at the site's altitude.
     column: Lines,
     row: Lines,
     /// Altitude below which something hides a cell.
@@ -204,7 +204,7 @@ impl<'a> Tile<'a> {
     }
 
     /// Moves to where the first cell inside the margins is the one at `first_column`, `first_row`.
-    fn place(&mut self, first_column: usize, first_row: usize, look: Option<&Look>) {
+    fn place(&mut self, first_column: usize, first_row: usize, visibility: Option<&Visibility>) {
         let grid = &self.sweep.grid;
         let inside = |i: usize, n: usize| i.saturating_sub(WINDOW / 2).min(n - 1);
         self.first_column = first_column;
@@ -218,20 +218,21 @@ impl<'a> Tile<'a> {
                     let px = view.image.camera.project(Point::new(p.x(), p.y(), 0.0));
                     (view.column[r][c], view.row[r][c]) = (px.col as f32, px.row as f32);
                     view.hidden_below[r][c] =
-                        look.map_or(f32::NEG_INFINITY, |look| look.seen_from(index, cell));
+                        visibility.map_or(f32::NEG_INFINITY, |visibility| visibility.seen_from(index, cell));
                 }
             }
         }
     }
 
-    /// Weighs the cells of every window: those that look like the central one count most, without a look all alike.
-    fn weigh(&mut self, look: Option<&Look>) {
+    /// Weighs the cells of every window: those that visibility like the central one count most, without a visibility all alike.
+    fn weigh(&mut self, visibility: Option<&Visibility>) {
         for r in 1..ROWS - 1 {
             for c in 1..COLUMNS - 1 {
                 let center = self.cells[r][c] as usize;
                 let weight = |n: usize| {
                     let other = self.cells[r + n / WINDOW - 1][c + n % WINDOW - 1] as usize;
-                    let difference = look.map_or(0.0, |look| look.difference(center, other));
+                    let difference =
+                        visibility.map_or(0.0, |visibility| visibility.difference(center, other));
                     if difference.is_nan() { 1.0 } else { (-difference / ALIKE).exp() }
                 };
                 let weights: [f32; WINDOW * WINDOW] = std::array::from_fn(weight);
@@ -285,7 +286,7 @@ impl<'a> Tile<'a> {
 /// Brightness, bilinear, of every cell at an altitude; zero where it is not seen.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn sample(view: &mut Samples, altitudes: &Lines) {
-    let Image { gray, camera, .. } = view.image;
+    let MatchImage { gray, camera, .. } = view.image;
     let up = camera.linear.map(|l| l[2] as f32);
     let (last_column, last_row) = ((gray.width - 1) as f32, (gray.height - 1) as f32);
     for line in 0..ROWS {

@@ -3,7 +3,7 @@
 //! Every cell tries the altitudes of a stack of surfaces parallel to the ground. At each, the views are sampled
 //! where they would see the cell and compared pair by pair (`correlation`); semi-global matching picks altitudes
 //! that agree with their neighbours' (`semiglobal`). A second pass knows from the first what hides a cell from a view,
-//! which brings streets between high walls to light, and what the cells look like (`look`). It starts training near the
+//! which brings streets between high walls to light, and what the cells visibility like (`visibility`). It starts training near the
 //! surface, and sharpens what training found (`settle` has the last word). Two to five views are matched in another way,
 //! image by image (`stereo`).
 
@@ -11,15 +11,15 @@ mod correlation;
 mod error;
 mod file;
 mod ground;
-mod horizon;
-mod look;
+mod occlusion;
+mod visibility;
 mod semiglobal;
-mod settle;
+mod postfilter;
 mod stereo;
 
 pub use error::MatchError;
 pub use ground::{Ground, ground_plane};
-pub use horizon::{SLACK_M, horizon};
+pub use occlusion::{OCCLUSION_TOLERANCE_M, occlusion_height};
 pub use stereo::FEW_VIEWS;
 
 use crate::affine::{SiteScene, TrainingView, median_pixel_m};
@@ -27,10 +27,10 @@ use crate::frame::{Point, Site, SiteGrid};
 use crate::io::{Grid2, MapGrid};
 use crate::progress::{Event, Interrupted, Progress};
 use crate::scene::views_needed;
-use correlation::{Image, Volume};
-use look::Look;
+use correlation::{CostVolume, MatchImage};
 use rayon::prelude::*;
 use semiglobal::{Jump, Steps};
+use visibility::Visibility;
 
 /// Passes; from the second on, what is hidden counts no more.
 const PASSES: u64 = 2;
@@ -44,7 +44,7 @@ pub const PARALLAX: std::ops::Range<f64> = 0.08..0.9;
 const BEST_PARALLAX: f64 = 0.35;
 const PARALLAX_WEIGHT: f64 = 0.1;
 /// Views from which on training betters the surface that they were matched to: two or three agree on false splats as well.
-const BETTERED_FROM_VIEWS: usize = 4;
+const REFINED_FROM_VIEWS: usize = 4;
 /// Pairs a view, on average.
 const PAIRS_A_VIEW: usize = 4;
 /// Of the views that see a cell at some altitude, the share that must see its ground; and altitudes that are tried.
@@ -54,9 +54,9 @@ const COVER_PLANES: usize = 8;
 /// that see the first surface of a cell the share that must see the prior.
 const NEARBY_M: f64 = 5.0;
 const IN_SIGHT: f64 = 0.8;
-/// Score from which a cell is believed to hide what lies behind it.
-const BELIEVED: f32 = 0.4;
-/// A plain cell bridges what views agree on if of the cells within this distance, metres, this share is believed and no
+/// Score from which a cell is confident to hide what lies behind it.
+const CONFIDENT: f32 = 0.4;
+/// A plain cell bridges what views agree on if of the cells within this distance, metres, this share is confident and no
 /// further up or down, metres.
 const SUPPORT_REACH_M: f64 = 10.0;
 const SUPPORT: f32 = 0.01;
@@ -80,9 +80,9 @@ const DRIFT_COST: f32 = 0.25;
 pub struct PlaneSweep {
     site: SiteGrid,
     grid: MapGrid,
-    images: Vec<Image>,
+    images: Vec<MatchImage>,
     pairs: Vec<(usize, usize)>,
-    stack: Stack,
+    stack: PlaneStack,
     /// Of every cell, row by row.
     covers: Vec<Cover>,
 }
@@ -96,7 +96,7 @@ struct Cover {
     most: f32,
     /// Whether the ground is seen by most of the views that would see something high above it.
     ///
-    /// Around the area views look in under things that are not there: only those would be matched.
+    /// Around the area views visibility in under things that are not there: only those would be matched.
     is_grounded: bool,
 }
 
@@ -118,7 +118,7 @@ impl Cover {
 }
 
 /// Surfaces parallel to the ground: plane `k` lies `low + k * step` metres above it.
-struct Stack {
+struct PlaneStack {
     /// Altitude of the ground in every cell, site metres.
     ground: Grid2,
     low: f32,
@@ -126,7 +126,7 @@ struct Stack {
     planes: usize,
 }
 
-impl Stack {
+impl PlaneStack {
     /// From the lowest plane to the highest, metres.
     fn height_m(&self) -> f64 {
         f64::from(self.step) * (self.planes - 1) as f64
@@ -171,7 +171,7 @@ impl PlaneSweep {
         if pairs.is_empty() {
             return None;
         }
-        let images: Vec<Image> = views.iter().map(Image::new).collect();
+        let images: Vec<MatchImage> = views.iter().map(MatchImage::new).collect();
         let ground = Ground::new(sparse, setup.area);
         let (low, high) = ground.heights_above(sparse)?;
         let (west, south, east, north) = setup.area;
@@ -185,7 +185,7 @@ impl PlaneSweep {
             ground.altitude(p.x(), p.y()) as f32
         });
         let planes = ((high - low) / cell).ceil() as usize + 2;
-        let stack = Stack { ground, low: low as f32, step: cell as f32, planes };
+        let stack = PlaneStack { ground, low: low as f32, step: cell as f32, planes };
         let mut sweep = Self { site: setup.site, grid, images, pairs, stack, covers: Vec::new() };
         sweep.covers = (0..grid.width * grid.height).into_par_iter().map(|i| sweep.cover(i)).collect();
         Some(sweep)
@@ -215,38 +215,38 @@ impl PlaneSweep {
             return self.match_images(progress);
         }
         progress.event(Event::Started { stage: "matching the surface", total: PASSES });
-        let mut surface = self.pick(&Volume::correlate(self, None), JUMP);
+        let mut surface = self.pick(&CostVolume::correlate(self, None), JUMP);
         for pass in 1..PASSES {
             progress.event(Event::Advanced { done: pass, status: String::new() });
             progress.check()?;
-            let look = Look::new(self, &surface.altitude, &surface.believed());
-            surface = self.pick(&Volume::correlate(self, Some(&look)), JUMP);
+            let visibility = Visibility::new(self, &surface.altitude, &surface.confident());
+            surface = self.pick(&CostVolume::correlate(self, Some(&visibility)), JUMP);
         }
         surface.prior_weight = self.prior_weight(&surface);
         progress.event(Event::Finished);
         Ok(surface)
     }
 
-    /// Whether the surface is to be matched once more after training ([`PlaneSweep::sharpen`]), or is the best there is.
+    /// Whether the surface is to be matched once more after training ([`PlaneSweep::refine`]), or is the best there is.
     #[must_use]
-    pub fn is_bettered_by_training(&self) -> bool {
-        self.images.len() >= BETTERED_FROM_VIEWS
+    pub fn is_refined_by_training(&self) -> bool {
+        self.images.len() >= REFINED_FROM_VIEWS
     }
 
     /// [`MatchedSurface::prior_weight`] of a surface.
     fn prior_weight(&self, surface: &MatchedSurface) -> Grid2 {
-        let believed = surface.believed();
-        let look = Look::new(self, &surface.altitude, &believed);
+        let confident = surface.confident();
+        let visibility = Visibility::new(self, &surface.altitude, &confident);
         let around = (SUPPORT_REACH_M / self.grid.cell) as i64;
         let of = |col: usize, row: usize| {
-            let plain = 1.0 - look.texture(row * self.grid.width + col);
+            let plain = 1.0 - visibility.texture(row * self.grid.width + col);
             if plain.is_nan() || plain == 0.0 {
                 return 0.0;
             }
             let z = surface.altitude.at(col, row);
             let near = |center: usize| (center as i64 - around..=center as i64 + around).step_by(2);
             let cells = near(row).flat_map(|r| near(col).map(move |c| (c, r)));
-            let like = cells.filter(|(c, r)| (believed.get(*c, *r) - z).abs() < SAME_ROOF_M).count();
+            let like = cells.filter(|(c, r)| (confident.get(*c, *r) - z).abs() < SAME_ROOF_M).count();
             let share = like as f32 / near(0).count().pow(2) as f32;
             plain * (share / SUPPORT).min(1.0)
         };
@@ -258,30 +258,30 @@ impl PlaneSweep {
     /// Sweeps again, drawn to `prior`: altitudes on its grid, site metres, NaN where unknown.
     ///
     /// Where views agree better there it returns to the `first` surface: training closes narrow gaps that were
-    /// open, and finds trees that were lost. What is found is settled (`settle`), with the prior once more.
+    /// open, and finds trees that were lost. What is found is postfiltered (`settle`), with the prior once more.
     #[must_use]
-    pub fn sharpen(&self, prior: &Grid2, first: &MatchedSurface) -> MatchedSurface {
-        let (hiding, prior) = (first.believed(), &self.borne_out(prior, &first.altitude));
-        let sharper = |surface: &Grid2| {
-            let look = Look::new(self, surface, &hiding);
-            let mut volume = Volume::correlate(self, Some(&look));
-            volume.draw_to(prior, &first.altitude, &self.stack, &look);
+    pub fn refine(&self, prior: &Grid2, first: &MatchedSurface) -> MatchedSurface {
+        let (hiding, prior) = (first.confident(), &self.plausible_prior(prior, &first.altitude));
+        let refined_once = |surface: &Grid2| {
+            let visibility = Visibility::new(self, surface, &hiding);
+            let mut volume = CostVolume::correlate(self, Some(&visibility));
+            volume.add_prior(prior, &first.altitude, &self.stack, &visibility);
             self.pick(&volume, JUMP_NEAR)
         };
         // The second time what the views show of the cells lies where it belongs.
-        let mut sharpened = sharper(&sharper(prior).altitude).settled(prior);
+        let mut refined = refined_once(&refined_once(prior).altitude).postfiltered(prior);
         // What no two of few views agreed on at first is no more than filled.
-        for (score, first) in sharpened.score.data.iter_mut().zip(&first.score.data) {
+        for (score, first) in refined.score.data.iter_mut().zip(&first.score.data) {
             if *first == 0.0 {
                 *score = 0.0;
             }
         }
-        sharpened
+        refined
     }
 
     /// `prior` where it lies among the altitudes of the `first` surface nearby and is as much in sight: over margins and
     /// what is plain, splats may float where no view objects.
-    fn borne_out(&self, prior: &Grid2, first: &Grid2) -> Grid2 {
+    fn plausible_prior(&self, prior: &Grid2, first: &Grid2) -> Grid2 {
         let around = (NEARBY_M / self.grid.cell).ceil() as i64;
         let of = |col: usize, row: usize| {
             let (z, below) = (prior.at(col, row), first.at(col, row));
@@ -301,7 +301,7 @@ impl PlaneSweep {
     }
 
     /// The cheapest altitude of every cell, between planes by a parabola.
-    fn pick(&self, volume: &Volume, jump: u16) -> MatchedSurface {
+    fn pick(&self, volume: &CostVolume, jump: u16) -> MatchedSurface {
         let planes = self.stack.planes;
         let steps = Steps { step: STEP, jump: Jump::Constant(jump) };
         let sums = semiglobal::aggregate(volume.costs(), self.grid.width, planes, steps);
@@ -309,7 +309,7 @@ impl PlaneSweep {
             let costs = volume.cell(cell);
             let sums = &sums[cell * planes..(cell + 1) * planes];
             let k = (0..planes).min_by_key(|k| sums[*k]).unwrap_or(0);
-            if costs[k] == Volume::UNSEEN || !self.covers[cell].is_grounded {
+            if costs[k] == CostVolume::UNSEEN || !self.covers[cell].is_grounded {
                 return (f32::NAN, 0.0);
             }
             let mut between = 0.0;
@@ -335,11 +335,11 @@ impl PlaneSweep {
 }
 
 impl MatchedSurface {
-    /// The altitudes, NaN where they are not believed.
-    fn believed(&self) -> Grid2 {
+    /// The altitudes, NaN where they are not confident.
+    fn confident(&self) -> Grid2 {
         let mut out = self.altitude.clone();
         for (z, score) in out.data.iter_mut().zip(&self.score.data) {
-            if *score < BELIEVED {
+            if *score < CONFIDENT {
                 *z = f32::NAN;
             }
         }
@@ -360,12 +360,12 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
 /// The parallax of two views: ground displacement per metre of height between them.
 #[must_use]
 pub fn parallax(a: &TrainingView, b: &TrainingView) -> f64 {
-    distance(a.camera.lean(), b.camera.lean())
+    distance(a.camera.line_of_sight_slope(), b.camera.line_of_sight_slope())
 }
 
 /// Pairs of views with enough parallax, those under the most similar suns first: shadows lie alike.
 fn pairs(views: &[TrainingView]) -> Vec<(usize, usize)> {
-    let shadow = |i: usize| views[i].sun_shear.map(|s| views[i].camera.sheared(s).lean());
+    let shadow = |i: usize| views[i].sun_shear.map(|s| views[i].camera.sheared(s).line_of_sight_slope());
     let mut rated = Vec::new();
     for i in 0..views.len() {
         for j in i + 1..views.len() {

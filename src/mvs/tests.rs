@@ -93,7 +93,7 @@ fn a_block_and_the_ground_around_it_are_found() {
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
     let surface = sweep.run(&NoProgress).unwrap();
     assert!(right(&surface) > 0.95, "{}", right(&surface));
-    assert!(surface.score.data.iter().filter(|s| **s > BELIEVED).count() * 2 > surface.score.data.len());
+    assert!(surface.score.data.iter().filter(|s| **s > CONFIDENT).count() * 2 > surface.score.data.len());
 }
 
 /// The true surface, raised.
@@ -110,7 +110,7 @@ fn a_prior_decides_where_views_show_nothing_and_no_first_surface_does() {
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
     let mut first = sweep.run(&NoProgress).unwrap();
     first.altitude.data.fill(f32::NAN);
-    let surface = sweep.sharpen(&raised(&sweep, 0.0), &first);
+    let surface = sweep.refine(&raised(&sweep, 0.0), &first);
     assert!(right(&surface) > 0.95, "{}", right(&surface));
 }
 
@@ -120,7 +120,7 @@ fn what_is_plain_stays_on_the_first_surface_where_training_drifted() {
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
     let mut first = sweep.run(&NoProgress).unwrap();
     first.altitude = raised(&sweep, 0.0);
-    let surface = sweep.sharpen(&raised(&sweep, 4.0), &first);
+    let surface = sweep.refine(&raised(&sweep, 4.0), &first);
     assert!(right(&surface) > 0.95, "{}", right(&surface));
 }
 
@@ -130,7 +130,7 @@ fn a_prior_counts_near_the_first_surface_and_where_views_see_it() {
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
     let first = raised(&sweep, 0.0);
     let kept = |up: f64| {
-        let prior = sweep.borne_out(&raised(&sweep, up), &first);
+        let prior = sweep.plausible_prior(&raised(&sweep, up), &first);
         prior.valid().count() as f64 / prior.data.len() as f64
     };
     assert_eq!(kept(0.0), 1.0);
@@ -139,7 +139,7 @@ fn a_prior_counts_near_the_first_surface_and_where_views_see_it() {
     assert!(kept(BLOCK_M) < 0.6, "{}", kept(BLOCK_M));
     assert_eq!(kept(BLOCK_M + 6.0), 0.0);
     let unknown = Grid2::filled(first.width, first.height, f32::NAN);
-    assert_eq!(sweep.borne_out(&first, &unknown), first);
+    assert_eq!(sweep.plausible_prior(&first, &unknown), first);
 }
 
 #[test]
@@ -159,7 +159,7 @@ fn training_is_held_where_a_plain_roof_is_bridged_from_its_edges_and_nowhere_els
     assert!(mean(&white, middle) > 0.9, "{}", mean(&white, middle));
     let ground = |p: Point<Site>| p.x().abs() > 12.0;
     assert!(mean(&white, ground) < 0.1, "{}", mean(&white, ground));
-    assert!(mean(&of(plain), |_| true) < 0.01, "nothing is believed that it could be bridged from");
+    assert!(mean(&of(plain), |_| true) < 0.01, "nothing is confident that it could be bridged from");
 }
 
 #[test]

@@ -121,9 +121,9 @@ impl<'a> Training<'a> {
         let Self { run, recipe, setup, .. } = self;
         let made = backend.snapshot()?;
         if let Some((sweep, first)) = &swept {
-            let surface = if sweep.is_bettered_by_training() {
+            let surface = if sweep.is_refined_by_training() {
                 let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
-                &sweep.sharpen(&trained, first)
+                &sweep.refine(&trained, first)
             } else {
                 first
             };

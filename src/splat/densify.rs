@@ -2,8 +2,9 @@
 
 use crate::random::CounterRng;
 use crate::splat::edit::Edit;
-use crate::splat::splats::{Splats, rotation_matrix, sigmoid};
+use crate::splat::splats::{Splats, sigmoid};
 use crate::splat::train::recipe::Densification;
+use glam::{Quat, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -134,13 +135,12 @@ impl Growth {
     /// the splat's own distribution.
     pub fn shrink_parts(self, splats: &mut Splats) {
         for (i, mut draw) in self.parts {
-            let (r, _) = rotation_matrix(splats.rotation[i]);
-            let along: [f32; 3] =
-                std::array::from_fn(|k| draw.normal() as f32 * splats.log_scale[i][k].exp());
-            for a in 0..3 {
-                splats.position[i][a] += (0..3).map(|k| r[a][k] * along[k]).sum::<f32>();
-                splats.log_scale[i][a] -= SPLIT_SHRINKS.ln();
-            }
+            let [w, x, y, z] = splats.rotation[i];
+            let deviations = splats.log_scale[i].map(f32::exp);
+            let along = Vec3::from_array(deviations.map(|deviation| draw.normal() as f32 * deviation));
+            let moved = Quat::from_xyzw(x, y, z, w).normalize() * along;
+            splats.position[i] = (Vec3::from_array(splats.position[i]) + moved).to_array();
+            splats.log_scale[i] = splats.log_scale[i].map(|s| s - SPLIT_SHRINKS.ln());
         }
     }
 }

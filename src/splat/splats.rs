@@ -183,16 +183,3 @@ pub fn sigmoid<T: Real>(x: T) -> T {
 pub fn logit<T: Real>(p: T) -> T {
     (p / (T::one() - p)).ln()
 }
-
-/// Rotation matrix of a quaternion of any length, and that length.
-pub fn rotation_matrix<T: Real>(q: [T; 4]) -> ([[T; 3]; 3], T) {
-    let norm = q.iter().map(|v| *v * *v).sum::<T>().sqrt().max(T::from_f64(1e-12));
-    let [w, x, y, z] = q.map(|v| v / norm);
-    let (one, two) = (T::one(), T::from_f64(2.0));
-    let matrix = [
-        [one - two * (y * y + z * z), two * (x * y - w * z), two * (x * z + w * y)],
-        [two * (x * y + w * z), one - two * (x * x + z * z), two * (y * z - w * x)],
-        [two * (x * z - w * y), two * (y * z + w * x), one - two * (x * x + y * y)],
-    ];
-    (matrix, norm)
-}

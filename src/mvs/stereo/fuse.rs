@@ -2,9 +2,8 @@
 
 use super::Partners;
 use super::maps::AltitudeMap;
-use super::rays::point_on_ray;
 use crate::affine::AffineCamera;
-use crate::frame::Point;
+use crate::frame::{Pixel, Point};
 use crate::io::{Grid2, MapGrid};
 use crate::mvs::{MatchedSurface, PlaneSweep};
 use rayon::prelude::*;
@@ -22,7 +21,7 @@ const FILL_DIRECTIONS: usize = 5;
 const DIRECTIONS: [(i64, i64); 8] = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)];
 
 /// Altitudes and scores on the grid.
-type ForwardState = (Grid2, Grid2);
+type DrawnMap = (Grid2, Grid2);
 
 /// The surface: in every cell the median of the views' maps; what they do not know filled from around, with a score of 0.
 pub(super) fn surface(sweep: &PlaneSweep, partners: &[Partners], maps: &[AltitudeMap]) -> MatchedSurface {
@@ -32,7 +31,7 @@ pub(super) fn surface(sweep: &PlaneSweep, partners: &[Partners], maps: &[Altitud
         mesh.draw(&images[own.view].camera, map);
         (mesh.altitude, mesh.score)
     };
-    let drawn: Vec<ForwardState> = partners.par_iter().zip(maps).map(draw).collect();
+    let drawn: Vec<DrawnMap> = partners.par_iter().zip(maps).map(draw).collect();
     let step_m = partners.iter().fold(0.0, |most: f32, p| most.max(p.step_m));
     let middle = |i: usize| {
         let mut known: Vec<(f32, f32)> = drawn.iter().map(|(z, s)| (z.data[i], s.data[i])).collect();
@@ -95,7 +94,7 @@ impl<'a> Mesh<'a> {
 
     /// Position of a pixel's point on the grid, in cells with centres at whole numbers, and its altitude.
     fn corner(&self, camera: &AffineCamera, col: usize, row: usize, z: f32) -> [f32; 3] {
-        let [x, y] = point_on_ray(camera, col, row, f64::from(z));
+        let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), f64::from(z));
         let east = (x + self.origin[0] - self.grid.west) / self.grid.cell - 0.5;
         let south = (self.grid.north - y - self.origin[1]) / self.grid.cell - 0.5;
         [east as f32, south as f32, z]

@@ -1,11 +1,11 @@
 //! An altitude for every pixel of a view, and which of them other views confirm.
 
 use super::Partners;
-use super::rays::{Rays, point_on_ray};
-use super::volume::Volume;
-use crate::frame::Point;
+use super::rays::Rays;
+use super::volume::CostVolume;
+use crate::frame::{Pixel, Point};
 use crate::io::Grid2;
-use crate::mvs::correlation::Image;
+use crate::mvs::correlation::MatchImage;
 use crate::mvs::semiglobal::{self, Jump, Steps};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -40,7 +40,7 @@ impl AltitudeMap {
 
     /// The altitudes of least cost, between planes by a parabola. The first and the last plane are no answers: what is
     /// looked for may lie beyond.
-    pub fn pick(image: &Image, rays: &Rays, volume: &Volume) -> Self {
+    pub fn pick(image: &MatchImage, rays: &Rays, volume: &CostVolume) -> Self {
         let Grid2 { width, height, .. } = image.gray;
         let planes = volume.planes;
         let jumps = jumps(image);
@@ -50,13 +50,13 @@ impl AltitudeMap {
             let (costs, sums) = (volume.pixel(i), &sums[i * planes..(i + 1) * planes]);
             let k = (0..planes).min_by_key(|k| sums[*k]).unwrap_or(0);
             // Where the views have nothing in common, or one of them sees nothing, neighbours alone have decided.
-            if f32::from(costs[k]) >= Volume::UNLIKE || k == 0 || k + 1 == planes {
+            if f32::from(costs[k]) >= CostVolume::UNLIKE || k == 0 || k + 1 == planes {
                 return (f32::NAN, 0.0);
             }
             let [a, b, c] = [sums[k - 1], sums[k], sums[k + 1]].map(f32::from);
             let between = 0.5 * (a - c) / (a - 2.0 * b + c).max(1.0);
             let altitude = rays.lowest.data[i] + rays.step_m * (k as f32 + between);
-            (altitude, 1.0 - f32::from(costs[k]) / Volume::UNLIKE)
+            (altitude, 1.0 - f32::from(costs[k]) / CostVolume::UNLIKE)
         };
         let picked: Vec<(f32, f32)> = (0..width * height).into_par_iter().map(best).collect();
         let (altitude, score) = picked.into_iter().unzip();
@@ -75,7 +75,7 @@ impl AltitudeMap {
 }
 
 /// What a jump costs at each pixel.
-fn jumps(image: &Image) -> Vec<u16> {
+fn jumps(image: &MatchImage) -> Vec<u16> {
     let gray = &image.gray;
     let halved_at = EDGE * image.contrast as f32;
     let jump = |i: usize| {
@@ -89,11 +89,15 @@ fn jumps(image: &Image) -> Vec<u16> {
 }
 
 /// The maps without what no other view's map confirms, smoothed.
-pub(super) fn confirmed(images: &[Image], maps: &[AltitudeMap], partners: &[Partners]) -> Vec<AltitudeMap> {
+pub(super) fn confirmed(
+    images: &[MatchImage],
+    maps: &[AltitudeMap],
+    partners: &[Partners],
+) -> Vec<AltitudeMap> {
     let map_of = |view: usize| partners.iter().position(|p| p.view == view);
     let confirm = |(map, own): (&AltitudeMap, &Partners)| {
         let camera = &images[own.view].camera;
-        let others: Vec<(&Image, &Grid2, f32)> = own
+        let others: Vec<(&MatchImage, &Grid2, f32)> = own
             .others
             .iter()
             .filter_map(|view| {
@@ -105,8 +109,8 @@ pub(super) fn confirmed(images: &[Image], maps: &[AltitudeMap], partners: &[Part
         let mut altitude = Grid2::from_rows(map.altitude.width, map.altitude.height, |row, line| {
             for (col, out) in line.iter_mut().enumerate() {
                 let z = map.altitude.at(col, row);
-                let [x, y] = point_on_ray(camera, col, row, f64::from(z));
-                let agrees = |(image, altitude, tolerance): &(&Image, &Grid2, f32)| {
+                let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), f64::from(z));
+                let agrees = |(image, altitude, tolerance): &(&MatchImage, &Grid2, f32)| {
                     let px = image.camera.project(Point::new(x, y, f64::from(z)));
                     let there = altitude.get(px.col.round() as i64, px.row.round() as i64);
                     (there - z).abs() <= *tolerance

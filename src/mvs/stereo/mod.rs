@@ -12,13 +12,13 @@ mod maps;
 mod rays;
 mod volume;
 
-use super::correlation::Image;
+use super::correlation::MatchImage;
 use super::{MAX_VOLUME, MatchedSurface, PlaneSweep};
 use crate::io::{Grid2, Window};
 use crate::progress::{Event, Interrupted, Progress};
 use maps::AltitudeMap;
 use rays::Rays;
-use volume::Volume;
+use volume::CostVolume;
 
 /// Views up to which the images are matched instead of the map grid's cells.
 pub const FEW_VIEWS: usize = 5;
@@ -83,7 +83,7 @@ impl PlaneSweep {
     /// The map of one view, matched strip by strip of so many rows.
     fn altitude_map(&self, partners: &Partners, rows: usize) -> AltitudeMap {
         let reference = &self.images[partners.view];
-        let others: Vec<&Image> = partners.others.iter().map(|j| &self.images[*j]).collect();
+        let others: Vec<&MatchImage> = partners.others.iter().map(|j| &self.images[*j]).collect();
         let step_m = STEP_PX * partners.px_m;
         let Grid2 { width, height, .. } = reference.gray;
         let mut map = AltitudeMap::unknown(width, height);
@@ -92,7 +92,7 @@ impl PlaneSweep {
             let (from, to) = (first.saturating_sub(STRIP_MARGIN), (last + STRIP_MARGIN).min(height));
             let strip = reference.cropped(Window { col: 0, row: from, width, height: to - from });
             let rays = Rays::new(self, &strip, &others, step_m);
-            let volume = Volume::new(&strip, &others, &rays);
+            let volume = CostVolume::new(&strip, &others, &rays);
             map.take_rows(first..last, &AltitudeMap::pick(&strip, &rays, &volume), from);
         }
         map

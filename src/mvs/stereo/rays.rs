@@ -1,9 +1,10 @@
 //! The rays of a reference view's pixels, and where other views see their points.
 
 use crate::affine::AffineCamera;
+use crate::frame::Pixel;
 use crate::io::Grid2;
 use crate::mvs::PlaneSweep;
-use crate::mvs::correlation::Image;
+use crate::mvs::correlation::MatchImage;
 
 /// Steps in which a ray finds the ground, whose slopes are gentle: each leaves a fraction of the error.
 const STEPS_TO_GROUND: usize = 6;
@@ -24,7 +25,7 @@ pub(super) struct Rays {
 
 impl Rays {
     /// The rays of `reference`, with planes `step_m` apart over all heights of the sweep.
-    pub fn new(sweep: &PlaneSweep, reference: &Image, others: &[&Image], step_m: f64) -> Self {
+    pub fn new(sweep: &PlaneSweep, reference: &MatchImage, others: &[&MatchImage], step_m: f64) -> Self {
         let camera = &reference.camera;
         let (width, height) = (reference.gray.width, reference.gray.height);
         let planes = (sweep.stack.height_m() / step_m).ceil() as usize + 1;
@@ -32,19 +33,19 @@ impl Rays {
         let lowest = Grid2::from_rows(width, height, |row, line| {
             for (col, lowest) in line.iter_mut().enumerate() {
                 let to_ground = |z: f64| {
-                    let [x, y] = point_on_ray(camera, col, row, z);
+                    let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), z);
                     sweep.ground_at(x, y)
                 };
                 let ground = (0..STEPS_TO_GROUND).fold(start_z, |z, _| to_ground(z));
                 *lowest = ground as f32 + sweep.stack.low;
             }
         });
-        let seen_at = |other: &&Image| {
+        let seen_at = |other: &&MatchImage| {
             [0, 1].map(|axis| {
                 Grid2::from_rows(width, height, |row, line| {
                     for (col, at) in line.iter_mut().enumerate() {
                         let z = f64::from(lowest.at(col, row));
-                        let [x, y] = point_on_ray(camera, col, row, z);
+                        let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), z);
                         let [u, v] = other.camera.displace([x, y, z]);
                         *at = ([u, v][axis] + other.camera.offset[axis]) as f32;
                     }
@@ -62,17 +63,9 @@ impl Rays {
     }
 }
 
-/// The place (east, north) at an altitude on the ray of a pixel, site metres.
-pub(super) fn point_on_ray(camera: &AffineCamera, col: usize, row: usize, z: f64) -> [f64; 2] {
-    let [[a, b, p], [c, d, q]] = camera.linear;
-    let (u, v) = (col as f64 - camera.offset[0] - p * z, row as f64 - camera.offset[1] - q * z);
-    let det = a * d - b * c;
-    [(d * u - b * v) / det, (a * v - c * u) / det]
-}
-
 /// How far another view sees a point move that climbs a ray by a metre, pixels.
 fn along_ray(reference: &AffineCamera, other: &AffineCamera) -> [f64; 2] {
-    let [east, north] = reference.lean();
+    let [east, north] = reference.line_of_sight_slope();
     other.displace([east, north, 1.0])
 }
 

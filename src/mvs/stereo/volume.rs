@@ -6,7 +6,7 @@
 
 use super::rays::Rays;
 use crate::io::Grid2;
-use crate::mvs::correlation::Image;
+use crate::mvs::correlation::MatchImage;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
@@ -21,21 +21,21 @@ const BAND: usize = 16;
 const FLAT: f32 = 1e-5;
 
 /// Costs of every pixel of a view at every plane, pixel by pixel.
-pub(super) struct Volume {
+pub(super) struct CostVolume {
     /// Number of planes.
     pub planes: usize,
-    /// From 0, the views look the same, over [`Volume::UNLIKE`] to twice that.
+    /// From 0, the views look the same, over [`CostVolume::UNLIKE`] to twice that.
     pub costs: Vec<u8>,
 }
 
-impl Volume {
+impl CostVolume {
     /// Cost where no other view sees the place.
     pub const UNSEEN: u8 = 255;
     /// Cost without correlation.
     pub const UNLIKE: f32 = 127.0;
 
     /// The costs along the rays of a reference view, by the other views.
-    pub fn new(reference: &Image, others: &[&Image], rays: &Rays) -> Self {
+    pub fn new(reference: &MatchImage, others: &[&MatchImage], rays: &Rays) -> Self {
         let Grid2 { width, height, .. } = reference.gray;
         let planes = rays.planes;
         let mut costs = vec![Self::UNSEEN; width * height * planes];
@@ -53,7 +53,7 @@ impl Volume {
 
 /// A few rows of the reference view with margins.
 struct Band<'a> {
-    others: &'a [&'a Image],
+    others: &'a [&'a MatchImage],
     rays: &'a Rays,
     /// The first row inside the margins.
     first_row: usize,
@@ -80,7 +80,7 @@ struct WindowSums {
 const ROWS: usize = BAND + 2 * MARGIN;
 
 impl<'a> Band<'a> {
-    fn new(reference: &Image, others: &'a [&'a Image], rays: &'a Rays, first_row: usize) -> Self {
+    fn new(reference: &MatchImage, others: &'a [&'a MatchImage], rays: &'a Rays, first_row: usize) -> Self {
         let Grid2 { width, height, .. } = reference.gray;
         let n = width * ROWS;
         let mut own = Sampled { value: vec![0.0; n], missing: vec![1.0; n] };
@@ -161,7 +161,7 @@ impl<'a> Band<'a> {
             let known = scores.iter().map(|s| s[at]).filter(|s| !s.is_nan()).map(|s| s.max(0.0));
             let (sum, n) = known.fold((0.0f32, 0.0f32), |(sum, n), s| (sum + s * s * s, n + 1.0));
             if n > 0.0 {
-                *cost = (Volume::UNLIKE * (1.0 - (sum / n).cbrt()) + 0.5).clamp(0.0, 254.0) as u8;
+                *cost = (CostVolume::UNLIKE * (1.0 - (sum / n).cbrt()) + 0.5).clamp(0.0, 254.0) as u8;
             }
         }
     }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// A cell may lie this much below its horizon and still count as seen, metres.
-pub const SLACK_M: f32 = 0.5;
+pub const OCCLUSION_TOLERANCE_M: f32 = 0.5;
 /// Cells nearest to a point, which a coarse edge may have raised together with it, hide it never.
 const NEAREST: usize = 2;
 
@@ -16,13 +16,13 @@ const BLOCK: usize = 8;
 /// Altitude from which on a cell sees the sky along rays that lean `lean` metres (east, north) a metre of height, on
 /// a grid of cells of `cell` metres. NaN cells of `surface` hide nothing.
 #[must_use]
-pub fn horizon(surface: &Grid2, [east, north]: [f64; 2], cell: f64) -> Grid2 {
+pub fn occlusion_height(surface: &Grid2, [east, north]: [f64; 2], cell: f64) -> Grid2 {
     let lean = [east / cell, -north / cell];
     let top = surface.valid().fold(f32::NEG_INFINITY, f32::max);
     let tops = tops(surface);
     let mut out = Grid2::filled(surface.width, surface.height, f32::NEG_INFINITY);
     out.data.par_chunks_mut(surface.width).enumerate().for_each(|(row, line)| {
-        horizon_of_row(surface, &tops, lean, top, row, line);
+        occlusion_of_row(surface, &tops, lean, top, row, line);
     });
     out
 }
@@ -41,7 +41,7 @@ fn tops(surface: &Grid2) -> Grid2 {
 }
 
 #[multiversion(targets("x86_64+avx2+fma"))]
-fn horizon_of_row(surface: &Grid2, tops: &Grid2, lean: [f64; 2], top: f32, row: usize, line: &mut [f32]) {
+fn occlusion_of_row(surface: &Grid2, tops: &Grid2, lean: [f64; 2], top: f32, row: usize, line: &mut [f32]) {
     let length = lean[0].hypot(lean[1]).max(1e-6);
     let (right, down) = (lean[0] / length, lean[1] / length);
     let rise = (1.0 / length) as f32;
@@ -78,7 +78,7 @@ mod tests {
     #[test]
     fn a_wall_hides_the_cells_behind_it_up_to_the_line_of_sight() {
         let wall = Grid2::from_fn(40, 3, |col, _| if col == 20 { 10.0 } else { 0.0 });
-        let h = horizon(&wall, [1.0, 0.0], 2.0);
+        let h = occlusion_height(&wall, [1.0, 0.0], 2.0);
         assert_eq!((h.at(15, 1), h.at(17, 1)), (10.0 - 10.0, 10.0 - 6.0));
         assert_eq!(h.at(30, 1), -4.0, "nothing but the ground lies to the right");
     }
@@ -100,13 +100,13 @@ mod tests {
                     .map(|n| town.get(cell(col, right, n), cell(row, down, n)) - rise * n as f32);
                 all.fold(f32::NEG_INFINITY, f32::max)
             });
-            assert_eq!(horizon(&town, lean, 0.5), step_by_step, "{lean:?}");
+            assert_eq!(occlusion_height(&town, lean, 0.5), step_by_step, "{lean:?}");
         }
     }
 
     #[test]
     fn nadir_views_are_hidden_by_nothing() {
-        let h = horizon(&Grid2::filled(20, 20, 30.0), [0.0, 0.0], 0.5);
+        let h = occlusion_height(&Grid2::filled(20, 20, 30.0), [0.0, 0.0], 0.5);
         assert!(h.data.iter().all(|h| *h < -1e3));
     }
 }

@@ -1,7 +1,7 @@
 //! What an earlier pass tells the next one: what hides a cell, and what the views show there.
 
 use super::PlaneSweep;
-use super::horizon::{SLACK_M, horizon};
+use super::occlusion::{OCCLUSION_TOLERANCE_M, occlusion_height};
 use crate::io::Grid2;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -12,21 +12,24 @@ const AROUND: i64 = 2;
 const PLAIN: Range<f32> = 0.02..0.12;
 
 /// A surface as the views see it.
-pub(super) struct Look {
+pub(super) struct Visibility {
     /// Of every view, the altitude from which on it sees a cell.
     seen_from: Vec<Grid2>,
     /// Brightness of every cell, in standard deviations above the mean of an image; NaN where no view sees it.
     brightness: Grid2,
 }
 
-impl Look {
+impl Visibility {
     /// The look of `surface`, where the surface `hiding` hides what lies behind it.
     pub fn new(sweep: &PlaneSweep, surface: &Grid2, hiding: &Grid2) -> Self {
         let with_slack = |mut horizon: Grid2| {
-            horizon.data.iter_mut().for_each(|z| *z -= SLACK_M);
+            horizon.data.iter_mut().for_each(|z| *z -= OCCLUSION_TOLERANCE_M);
             horizon
         };
-        let horizons = sweep.images.iter().map(|i| horizon(hiding, i.camera.lean(), sweep.grid.cell));
+        let horizons = sweep
+            .images
+            .iter()
+            .map(|i| occlusion_height(hiding, i.camera.line_of_sight_slope(), sweep.grid.cell));
         let seen_from: Vec<Grid2> = horizons.map(with_slack).collect();
         let median = |seen: &mut Vec<f32>, cell: usize| {
             let (col, row) = (cell % surface.width, cell / surface.width);

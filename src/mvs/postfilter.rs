@@ -1,8 +1,8 @@
-//! The last word on a sharpened surface: where views agree on little the cells around decide, noise of single cells
+//! The last word on a refined surface: where views agree on little the cells around decide, noise of single cells
 //! goes, and at steps the trained splats tell which side a cell belongs to. Where views agree, planes, straight edges and
 //! right corners stay as they are.
 
-use super::{BELIEVED, MatchedSurface};
+use super::{CONFIDENT, MatchedSurface};
 use crate::io::Grid2;
 
 /// A neighbourhood: cells within `reach`, of which the share `lower` (a fraction) lies below the one that is taken.
@@ -11,7 +11,7 @@ struct Around {
     lower: (usize, usize),
 }
 
-/// For cells that are not believed: thirteen, a little less than half lower, for windows fatten what stands out.
+/// For cells that are not confident: thirteen, a little less than half lower, for windows fatten what stands out.
 const DOUBTFUL: Around = Around { reach: 2, lower: (5, 12) };
 /// For all cells: the median of a cell and its four neighbours.
 const ALL: Around = Around { reach: 1, lower: (1, 2) };
@@ -23,11 +23,11 @@ const EXACT: f32 = 0.5;
 const BESIDE: [(i64, i64); 4] = [(1, 0), (0, -1), (-1, 0), (0, 1)];
 
 impl MatchedSurface {
-    /// The surface once it is settled; `trained` are the splats' altitudes, NaN where they are not to be
-    /// believed.
+    /// The surface once it is postfiltered; `trained` are the splats' altitudes, NaN where they are not to be
+    /// confident.
     #[must_use]
-    pub(super) fn settled(mut self, trained: &Grid2) -> Self {
-        let decided = DOUBTFUL.decide(&self.altitude, |col, row| self.score.at(col, row) < BELIEVED);
+    pub(super) fn postfiltered(mut self, trained: &Grid2) -> Self {
+        let decided = DOUBTFUL.decide(&self.altitude, |col, row| self.score.at(col, row) < CONFIDENT);
         let smooth = ALL.decide(&decided, |_, _| true);
         self.altitude = Grid2::from_rows(smooth.width, smooth.height, |row, line| {
             for (col, z) in line.iter_mut().enumerate() {
@@ -111,7 +111,7 @@ mod tests {
     use crate::frame::{Point, SiteGrid};
     use crate::io::MapGrid;
 
-    fn settled(altitude: Grid2, score: impl Fn(usize, usize) -> f32) -> Grid2 {
+    fn postfiltered(altitude: Grid2, score: impl Fn(usize, usize) -> f32) -> Grid2 {
         let unknown = Grid2::filled(altitude.width, altitude.height, f32::NAN);
         settled_by(altitude, score, &unknown)
     }
@@ -121,7 +121,7 @@ mod tests {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
         let (score, prior_weight) = (Grid2::from_fn(width, height, score), Grid2::filled(width, height, 0.0));
-        MatchedSurface { site, grid, altitude, score, prior_weight }.settled(trained).altitude
+        MatchedSurface { site, grid, altitude, score, prior_weight }.postfiltered(trained).altitude
     }
 
     #[test]
@@ -131,7 +131,7 @@ mod tests {
         });
         let mut noisy = block.clone();
         noisy.data[13 * 20 + 15] = 20.0;
-        let out = settled(noisy, |_, _| 0.9);
+        let out = postfiltered(noisy, |_, _| 0.9);
         for (i, (a, b)) in out.data.iter().zip(&block.data).enumerate() {
             let (col, row) = (i % 20, i / 20);
             let is_inside = (1..19).contains(&col) && (1..15).contains(&row);
@@ -143,8 +143,8 @@ mod tests {
     fn a_clump_stays_if_it_is_believed() {
         let clump = |col: usize, row: usize| (8..10).contains(&col) && (7..9).contains(&row);
         let surface = || Grid2::from_fn(20, 16, |col, row| if clump(col, row) { 5.0 } else { 0.0 });
-        assert_eq!(settled(surface(), |_, _| 0.9), surface());
-        let out = settled(surface(), |col, row| if clump(col, row) { 0.2 } else { 0.9 });
+        assert_eq!(postfiltered(surface(), |_, _| 0.9), surface());
+        let out = postfiltered(surface(), |col, row| if clump(col, row) { 0.2 } else { 0.9 });
         assert_eq!(out, Grid2::filled(20, 16, 0.0));
     }
 
@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn the_unknown_stays_unknown_and_counts_for_nothing() {
         let surface = Grid2::from_fn(9, 9, |col, _| if col < 4 { f32::NAN } else { 3.0 });
-        let out = settled(surface, |_, _| 0.1);
+        let out = postfiltered(surface, |_, _| 0.1);
         assert!(out.at(3, 4).is_nan() && out.at(4, 4) == 3.0);
     }
 }
