@@ -1,9 +1,10 @@
-//! The one translation that brings a scene to a reference: tie points leave it open, and delivered cameras know it to
-//! metres.
+//! Co-registration: the translation that brings a scene to a reference. Tie points do not determine it, and delivered
+//! cameras know it to some metres only.
 //!
-//! To a surface: the horizontal shift of the smallest mean distance between heights, from a grid of shifts and a
-//! pattern search, heights less their median difference; large distances count no more than `CLIP_M`, as what was
-//! built or cut down since says nothing of the shift. To surveyed points: the median of theirs.
+//! To a height raster, it is the shift with the smallest mean absolute difference of heights after removal of their
+//! median difference. It is found on a grid of shifts and refined by pattern search. Differences are clipped at
+//! `CLIP_M`, because buildings that changed say nothing about the shift. To surveyed points, it is the median of
+//! their differences.
 
 use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};
 use crate::io::Grid2;
@@ -13,29 +14,29 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Reach of the search, and its first step, metres.
+/// Half the side of the grid of shifts and its step, metres.
 const REACH_M: f64 = 24.0;
 const STEP_M: f64 = 1.5;
-/// Step at which it ends, metres.
+/// Last step of the refinement, metres.
 const FINEST_M: f64 = 1e-3;
-/// Points looked at for every shift of the grid, and for the best of them.
+/// Number of points that are evaluated for every shift of the grid, and during the refinement.
 const SCREENED: usize = 4_000;
 const REFINED: usize = 60_000;
-/// Shifts of the grid that the search goes on from: heights have several minima. And grids that are tried, each around
-/// the best shift so far.
+/// Number of shifts of the grid that are refined, because the differences have several minima; and largest number of
+/// grids, each around the best shift so far.
 const STARTS: usize = 6;
 const ROUNDS: usize = 5;
-/// Distances between heights count up to this, metres.
+/// Differences of heights are clipped at this, metres.
 const CLIP_M: f32 = 3.0;
-/// Points that must lie on the reference, and the share of the most that lie there under any shift.
+/// Smallest number of points on the reference, and smallest fraction of the most points that any shift has on it.
 const FEWEST: usize = 100;
 const LEAST_SHARE: f64 = 0.5;
 
-/// Why no shift is found.
+/// Why no translation was found.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum CoregisterError {
-    /// The reference is elsewhere or empty.
+    /// Too few points lie on the reference.
     #[error("{common} of the run's points lie on heights of `{reference}`, {FEWEST} are needed")]
     #[diagnostic(help("is the reference of the same place, its CRS right, and does it hold heights?"))]
     NoOverlap {
@@ -44,14 +45,14 @@ pub enum CoregisterError {
         /// Points that lie on it.
         common: usize,
     },
-    /// The best shift is as far as the search goes.
+    /// The best shift lies at the limit of the search.
     #[error("`{reference}` fits no better anywhere within {REACH_M} m of where the run stands")]
     #[diagnostic(help("is it of the same place, and does it show buildings or relief?"))]
     TooFar {
         /// The reference.
         reference: PathBuf,
     },
-    /// No ground control point is seen twice.
+    /// No ground control point is observed in two views.
     #[error("no point of `{reference}` is seen by two views of the run")]
     #[diagnostic(help("a point needs a line for each of two images or more"))]
     NoControl {
@@ -62,13 +63,13 @@ pub enum CoregisterError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Reference(#[from] MetricsError),
-    /// The systems cannot be brought together.
+    /// The coordinate systems cannot be transformed into each other.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Frame(#[from] FrameError),
 }
 
-/// How far a scene is moved on its map, metres.
+/// Translation of a scene on its map, metres.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Shift {
     /// East.
@@ -80,7 +81,7 @@ pub struct Shift {
 }
 
 impl Shift {
-    /// East, north, up.
+    /// The components east, north and up, metres.
     #[must_use]
     pub fn enu(&self) -> [f64; 3] {
         [self.east_m, self.north_m, self.up_m]
@@ -92,7 +93,7 @@ impl Shift {
         self.enu().iter().map(|v| v * v).sum::<f64>().sqrt()
     }
 
-    /// This shift after another.
+    /// This translation applied after another one.
     #[must_use]
     pub fn after(&self, first: &Self) -> Self {
         Self {
@@ -102,8 +103,8 @@ impl Shift {
         }
     }
 
-    /// The same at a place of the map in degrees of longitude and latitude and metres of height. A step in degrees and
-    /// one in metres differ by less than a centimetre in 10 m over 50 km.
+    /// The translation at a place as a step in degrees of longitude, degrees of latitude and metres of height. Over 50
+    /// km, the same step in degrees differs from that in metres by less than a centimetre for a translation of 10 m.
     #[must_use]
     pub fn on_ground(&self, map: &SiteGrid, at: Point<Geodetic>) -> [f64; 3] {
         let here = map.utm_from_geodetic(at);
@@ -113,18 +114,18 @@ impl Shift {
     }
 }
 
-/// A shift and what it leaves.
+/// A translation and the differences that remain.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Coregistration {
-    /// How far the scene is to be moved.
+    /// The translation to apply to the scene.
     pub shift: Shift,
-    /// Points that were compared.
+    /// Number of compared points.
     pub points: usize,
-    /// Median distance from the reference after it, metres: of heights, or of surveyed points in space.
+    /// Median absolute difference after the translation, metres: of heights, or of positions of surveyed points.
     pub left_m: f64,
 }
 
-/// The shift of points, which count in EPSG `epsg`, to a surface.
+/// The translation of points, whose map has the code EPSG `epsg`, to a height raster.
 ///
 /// # Errors
 /// [`CoregisterError::NoOverlap`], [`CoregisterError::TooFar`], [`CoregisterError::Frame`].
@@ -152,7 +153,7 @@ pub fn to_surface(
     Ok(Coregistration { shift, points: best.common, left_m: interpolated_quantile(&left, 0.5) })
 }
 
-/// The shift of (ours, surveyed) places: the median along each axis of the map.
+/// The translation between pairs of (triangulated, surveyed) positions: the median along each axis of the map.
 ///
 /// # Errors
 /// [`CoregisterError::NoControl`] without any.
@@ -177,7 +178,7 @@ pub fn to_control(
     Ok(Coregistration { shift, points: pairs.len(), left_m: interpolated_quantile(&left, 0.5) })
 }
 
-/// A horizontal shift and how well heights agree under it.
+/// A horizontal shift with the differences of heights that it leaves.
 #[derive(Clone, Copy)]
 struct Translation {
     at: [f64; 2],
@@ -187,19 +188,19 @@ struct Translation {
 }
 
 impl Translation {
-    /// By distance; of equal ones the smaller shift comes first.
+    /// Orders by the mean difference; of equal ones the smaller shift comes first.
     fn order(a: &Self, b: &Self) -> std::cmp::Ordering {
         let size = |c: &Self| c.at[0].hypot(c.at[1]);
         a.mean_m.total_cmp(&b.mean_m).then(size(a).total_cmp(&size(b)))
     }
 }
 
-/// Points on the reference's grid, ready to be shifted.
+/// Points in the pixel coordinates of the reference.
 struct TranslationSearch<'a> {
     heights: &'a Grid2,
     /// Column, row and height of each point.
     cells: Vec<([f64; 2], f32)>,
-    /// Columns and rows a metre east and a metre north of the points' map are.
+    /// Columns and rows per metre east and per metre north on the points' map.
     by_metre: [[f64; 2]; 2],
 }
 
@@ -221,7 +222,7 @@ impl<'a> TranslationSearch<'a> {
         Ok(Self { heights: &reference.height, cells, by_metre })
     }
 
-    /// Reference minus point, of some `at_most` points that lie on it under a shift.
+    /// Reference minus point for at most `at_most` of the points that lie on the reference under a shift.
     fn differences(&self, [east, north]: [f64; 2], at_most: usize) -> Vec<f32> {
         let moved: [f64; 2] =
             std::array::from_fn(|k| east * self.by_metre[0][k] + north * self.by_metre[1][k]);
@@ -237,7 +238,7 @@ impl<'a> TranslationSearch<'a> {
         Translation { at, up_m, mean_m: sum / off.len() as f64, common: off.len() }
     }
 
-    /// The best shift from a grid around one; else the number of points that lie on the reference.
+    /// The best shift of a grid around a position; else the number of points on the reference.
     fn best_around(&self, middle: [f64; 2]) -> Result<Translation, usize> {
         let steps = (REACH_M / STEP_M) as i32;
         let axis = |k: usize| (-steps..=steps).map(move |i| middle[k] + f64::from(i) * STEP_M);
@@ -251,7 +252,7 @@ impl<'a> TranslationSearch<'a> {
         refined.min_by(Translation::order).ok_or(most)
     }
 
-    /// Candidates, the best first, without those that lose points; and the most points that any has.
+    /// The shifts ordered by their differences, those that lose many points excepted; and the most points that any has.
     fn ranked(&self, shifts: &[[f64; 2]], at_most: usize) -> (Vec<Translation>, usize) {
         let mut all: Vec<Translation> = shifts.par_iter().map(|s| self.candidate(*s, at_most)).collect();
         let most = all.iter().map(|c| c.common).max().unwrap_or(0);

@@ -26,7 +26,7 @@ impl Sources {
     fn of_room(room: &Path) -> Self {
         let mut code = BTreeMap::new();
         for file in rust_files(room) {
-            let relative = file.strip_prefix(source()).unwrap().with_extension("");
+            let relative = file.strip_prefix(source()).expect("a file below src").with_extension("");
             let mut module: Module = relative.iter().map(|n| n.to_string_lossy().into_owned()).collect();
             if module.last().is_some_and(|name| name == "mod") {
                 module.pop();
@@ -34,7 +34,7 @@ impl Sources {
             if module.last().is_some_and(|name| name.ends_with("tests")) {
                 continue;
             }
-            code.insert(module, code_of(&std::fs::read_to_string(&file).unwrap()));
+            code.insert(module, code_of(&std::fs::read_to_string(&file).expect("a source file")));
         }
         Self { code }
     }
@@ -98,7 +98,8 @@ fn source() -> PathBuf {
 }
 
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+    let entries =
+        std::fs::read_dir(folder).expect("a folder of the sources").map(|e| e.expect("a source file").path());
     let files = entries.flat_map(|p| if p.is_dir() { rust_files(&p) } else { vec![p] });
     files.filter(|p| p.extension().is_some_and(|x| x == "rs")).collect()
 }
@@ -194,7 +195,8 @@ fn circles(imports: &BTreeMap<&Module, BTreeSet<Module>>) -> BTreeSet<Vec<String
 
 #[test]
 fn files_of_a_room_do_not_import_each_other_in_circles() {
-    let rooms = std::fs::read_dir(source()).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_dir());
+    let rooms =
+        std::fs::read_dir(source()).expect("src").map(|e| e.expect("a room").path()).filter(|p| p.is_dir());
     let found: Vec<String> = rooms
         .flat_map(|room| circles(&Sources::of_room(&room).imports()))
         .map(|circle| circle.join(" <-> "))

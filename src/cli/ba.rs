@@ -3,7 +3,7 @@
 use super::scene_args::SceneArgs;
 use super::{CliError, Ui, parse_metres};
 use crate::bundle::{CorrectionModel, LeftOut};
-use crate::pipeline::{AdjustOptions, Adjusted, Dem, adjust};
+use crate::pipeline::{AdjustOptions, Adjusted, DemOptions, adjust};
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT};
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
@@ -90,7 +90,7 @@ impl Args {
 
     /// The options as the library takes them.
     pub fn options(&self) -> AdjustOptions {
-        let dem = |path: &PathBuf| Dem {
+        let dem = |path: &PathBuf| DemOptions {
             path: path.clone(),
             vertical: self.dem_vertical.clone(),
             sigma_m: self.dem_sigma,

@@ -1,35 +1,35 @@
-//! What a file says of its heights: their unit, and what they count from. All readers of heights ask here: rasters by
-//! their band's unit, compound CRS and metadata, point clouds by their CRS.
+//! Unit and vertical reference of heights in files. All readers of heights use this module: for rasters it looks at the
+//! band's unit, the compound CRS and the metadata, for point clouds at the CRS.
 
 use super::crs::vertical_part;
 use super::height_unit::{VerticalPart, metres_of};
 use super::{Grid2, ImageFile, RasterError, VerticalReference, Window};
 use gdal::spatial_ref::SpatialRef;
 
-/// Values, as stored, that stand for no data where a file declares none; so do those as large as this, either way.
+/// Stored values that mean no data although the file does not declare them; so do values of the magnitude below.
 const UNDECLARED_NODATA: [f32; 5] = [-9999.0, -32767.0, -32768.0, -99_999.0, -999_999.0];
 const NO_HEIGHT: f32 = 1e30;
-/// `GeoTIFF` keys of the vertical unit, and its EPSG codes of metre, foot, US survey foot.
+/// GeoTIFF key of the vertical unit, and the EPSG codes of metre, foot and US survey foot.
 const VERTICAL_UNITS_KEY: u16 = 4099;
 const UNIT_CODES: [(u16, &str); 3] = [(9001, "metre"), (9002, "foot"), (9003, "US survey foot")];
 
 /// Unit and vertical reference of a file's heights.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeightSystem {
-    /// The unit, as the file names it; empty if it does not.
+    /// Unit as the file names it; empty if it names none.
     pub unit: String,
-    /// Metres in it; 1 where the file does not name it.
+    /// Metres per unit; 1 if the file names no unit.
     pub metres: f64,
-    /// What the heights count from, as [`VerticalReference::read`] takes it (`ellipsoid`, `EGM96`), or the name of a datum that it
-    /// does not know (`NAVD88 height`); none if the file does not tell.
+    /// Vertical reference as [`VerticalReference::read`] takes it (`ellipsoid`, `EGM96`), or the name of an unknown
+    /// datum (`NAVD88 height`); none if the file states none.
     pub from: Option<String>,
 }
 
 impl HeightSystem {
-    /// What a raster says of its first band.
+    /// Unit and vertical reference of a raster's first band.
     ///
     /// # Errors
-    /// [`RasterError::HeightUnit`] for a unit that is not known.
+    /// [`RasterError::HeightUnit`] for an unknown unit.
     pub fn of_raster(file: &ImageFile) -> Result<Self, RasterError> {
         let crs = file.dataset.spatial_ref().ok().map(|srs| vertical_part(&srs)).unwrap_or_default();
         let unit = file.unit(1)?;
@@ -42,7 +42,7 @@ impl HeightSystem {
         Ok(Self { unit, metres, from: item.map(|item| VerticalReference::known_name(&item)).or(crs.from) })
     }
 
-    /// What a point cloud's CRS says, as WKT or `GeoTIFF` keys.
+    /// Unit and vertical reference of a point cloud, from its CRS as WKT or GeoTIFF keys.
     #[must_use]
     pub fn of_cloud(header: &las::Header) -> Self {
         super::gdal_setup::set_up_gdal();
@@ -52,7 +52,7 @@ impl HeightSystem {
         Self { metres: part.metres.unwrap_or(1.0), unit: part.unit, from: part.from }
     }
 
-    /// Whether heights were not in metres.
+    /// The unit, if heights in the file are not in metres.
     #[must_use]
     pub fn converted_from(&self) -> Option<String> {
         ((self.metres - 1.0).abs() > 1e-12).then(|| self.unit.clone())
@@ -76,7 +76,7 @@ fn of_geotiff_keys(header: &las::Header) -> VerticalPart {
     part
 }
 
-/// Codes of `GeoTIFF` 1.0 for heights above an ellipsoid, which are none of EPSG's, or a vertical CRS of EPSG.
+/// Meaning of a code of the vertical CRS: one of GeoTIFF 1.0 for heights above an ellipsoid, or one of EPSG.
 fn of_geotiff_code(code: u32) -> VerticalPart {
     if (5001..=5033).contains(&code) {
         return VerticalPart { from: Some(VerticalReference::ELLIPSOID.into()), ..VerticalPart::default() };
@@ -84,12 +84,11 @@ fn of_geotiff_code(code: u32) -> VerticalPart {
     SpatialRef::from_epsg(code).map(|srs| vertical_part(&srs)).unwrap_or_default()
 }
 
-/// Heights of the first band in metres, of a window, averaged down by a whole factor for no side to be longer than
-/// `longest`; NaN where there is no data, declared or not. Also the factor, and how many values stand for no data
-/// although the file does not say so.
+/// Reads a window of the first band as heights in metres, averaged down by the smallest whole factor for which no side
+/// is longer than `longest`; NaN where there is no data. Also returns the factor, and the number of nodata values that
+/// the file does not declare.
 ///
-/// # Errors
-/// [`RasterError`] when the band cannot be read, or its unit is not known.
+/// # Errors [`RasterError`] when the band cannot be read, or its unit is unknown.
 pub fn read_heights(
     file: &ImageFile,
     window: Window,
@@ -124,8 +123,8 @@ pub fn read_heights(
 }
 
 impl ImageFile {
-    /// A window of the first band with its scale and offset applied, NaN for no data; and how many values stand for no
-    /// data although the file does not say so.
+    /// A window of the first band with scale and offset applied and NaN for no data; and the number of nodata values
+    /// that the file does not declare.
     fn read_values(&self, window: Window) -> Result<(Grid2, usize), RasterError> {
         let mut raster = self.read_stored(1, window, (window.width, window.height))?;
         let nodata = self.band(1)?.nodata.map(|v| v as f32);

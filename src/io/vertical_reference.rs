@@ -1,45 +1,45 @@
-//! What heights count from: the WGS 84 ellipsoid, or a geoid.
+//! Vertical references: the WGS 84 ellipsoid or a geoid.
 
 use super::VerticalError;
 use crate::frame::GeoidGrid;
 use std::path::{Path, PathBuf};
 
-/// Geoid models by name: EPSG code of the heights above them, and the grids PROJ has of them.
+/// Geoid models: name, EPSG code of heights above it, and names of its grids in PROJ's data.
 const MODELS: [(&str, u32, &[&str]); 3] = [
     ("EGM84", 5798, &["us_nga_egm84_30.tif", "egm84_30.gtx"]),
     ("EGM96", 5773, &["us_nga_egm96_15.tif", "egm96_15.gtx"]),
     ("EGM2008", 3855, &["us_nga_egm08_25.tif", "egm08_25.gtx"]),
 ];
-/// Where grids lie if PROJ's environment variables name no other folder.
+/// Folders of PROJ's data, in addition to those of its environment variables.
 const FOLDERS: [&str; 3] = ["/usr/share/proj", "/usr/local/share/proj", "/opt/homebrew/share/proj"];
 
-/// What heights count from.
+/// The surface from which heights are counted.
 pub enum VerticalReference {
     /// The WGS 84 ellipsoid.
     Ellipsoid,
     /// A geoid.
     Geoid {
-        /// Its model's name, or its grid's.
+        /// Name of the model, or of the grid's file.
         name: String,
-        /// EPSG code of heights above it.
+        /// EPSG code of heights above the geoid, for known models.
         epsg: Option<u32>,
-        /// Its height above the ellipsoid.
+        /// Grid of the geoid's height above the ellipsoid.
         grid: GeoidGrid,
     },
 }
 
 impl VerticalReference {
-    /// Metadata item of a raster that says what its heights count from.
+    /// Metadata item of rasters that names their vertical reference.
     pub const ITEM: &str = "VERTICAL_REFERENCE";
 
     /// Name of the ellipsoid, as [`VerticalReference::read`] takes it.
     pub const ELLIPSOID: &str = "ellipsoid";
 
-    /// `ellipsoid`, the name or EPSG code of a geoid model whose grid PROJ has, or the path of a geoid's grid, or the
-    /// name of one in PROJ's folders. Every option and file that names a vertical reference is read by this.
+    /// Reads a vertical reference: `ellipsoid`, the name or EPSG code of a geoid model, the path of a geoid grid, or
+    /// the name of a grid in PROJ's folders. All options and files that name a vertical reference are read by this
+    /// function.
     ///
-    /// # Errors
-    /// [`VerticalError::NoGrid`], [`VerticalError::Unknown`], or another when the grid cannot be read.
+    /// # Errors [`VerticalError`].
     pub fn read(text: &str) -> Result<Self, VerticalError> {
         let name = Self::known_name(text);
         if name == Self::ELLIPSOID {
@@ -58,8 +58,8 @@ impl VerticalReference {
         Ok(Self::Geoid { name, epsg, grid: GeoidGrid::open(&found)? })
     }
 
-    /// The name of [`VerticalReference::read`] for what files call a vertical reference, as `WGS 84 ellipsoid`, `EGM96 height`,
-    /// `EPSG:3855`; the text itself if it is none that is known.
+    /// The name that [`VerticalReference::read`] takes for what files call a vertical reference, as `WGS 84 ellipsoid`,
+    /// `EGM96 height` or `EPSG:3855`; the text itself if it is unknown.
     #[must_use]
     pub fn known_name(text: &str) -> String {
         let text = text.trim();
@@ -78,12 +78,12 @@ impl VerticalReference {
         MODELS.iter().find(is_model).map_or_else(|| text.to_owned(), |m| m.0.to_owned())
     }
 
-    /// Whether a name is the ellipsoid's or that of a model.
+    /// Whether a name is that of the ellipsoid or of a known model.
     pub(super) fn is_known(name: &str) -> bool {
         name == Self::ELLIPSOID || MODELS.iter().any(|m| m.0 == name)
     }
 
-    /// As [`VerticalReference::ITEM`] has it.
+    /// The name in [`VerticalReference::ITEM`].
     #[must_use]
     pub fn name(&self) -> &str {
         match self {
@@ -92,7 +92,7 @@ impl VerticalReference {
         }
     }
 
-    /// EPSG code of the heights, if it takes one beside the map's CRS.
+    /// EPSG code of the vertical CRS, for compound CRSs; none for the ellipsoid and for unknown models.
     #[must_use]
     pub fn epsg(&self) -> Option<u32> {
         match self {
@@ -101,7 +101,8 @@ impl VerticalReference {
         }
     }
 
-    /// Height of what heights count from above the ellipsoid at a place in degrees, metres; NaN where unknown.
+    /// Height of the vertical reference above the ellipsoid at a place in degrees, metres; NaN outside of the geoid's
+    /// grid.
     #[must_use]
     pub fn undulation_m(&self, lon_deg: f64, lat_deg: f64) -> f64 {
         match self {
@@ -111,7 +112,7 @@ impl VerticalReference {
     }
 }
 
-/// The first of some files that one of PROJ's folders has.
+/// The first of some files that exists in PROJ's folders.
 fn in_folders(files: &[&str]) -> Option<PathBuf> {
     let listed = ["PROJ_DATA", "PROJ_LIB"].into_iter().filter_map(std::env::var_os);
     let folders: Vec<PathBuf> = listed

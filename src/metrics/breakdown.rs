@@ -1,4 +1,4 @@
-//! Parts of the land that are scored apart: classes, the user's mask, roof edges, slopes of the truth.
+//! Parts of the land that are scored separately: classes, the mask, roof edges, slopes of the truth.
 
 use super::scores::Sample;
 use super::truth::class_codes;
@@ -7,16 +7,16 @@ use crate::io::Grid2;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// DFC2019's and LAS's class of buildings.
+/// Class of buildings in DFC2019 and LAS.
 pub(super) const BUILDING: u8 = 6;
-/// How far from the outline of a building a roof edge reaches, in metres.
+/// Width of roof edges on either side of a building's outline, metres.
 const EDGE_M: f64 = 1.0;
-/// Slopes of the truth that are told apart, in degrees.
+/// Limits of the classes of slope, degrees.
 const SLOPES_DEG: [f64; 5] = [0.0, 5.0, 20.0, 45.0, 90.0];
-/// Label of cells that are in no group.
+/// Label of cells that belong to no part.
 const NONE: u8 = u8::MAX;
 
-/// By what the land is divided.
+/// Criterion by which the land is divided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Division {
@@ -24,7 +24,7 @@ pub enum Division {
     Class,
     /// Inside and outside of the user's mask.
     Mask,
-    /// Within 1 m of where building meets another class, and elsewhere.
+    /// Within 1 m of the border between building and another class, and farther away.
     RoofEdge,
     /// Slope of the truth.
     Slope,
@@ -33,16 +33,16 @@ pub enum Division {
 /// Scores of a part of the land.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PartScores {
-    /// By what the land is divided.
+    /// Criterion of the division.
     pub by: Division,
-    /// The part, e.g. `6 building`.
+    /// Name of the part, for example `6 building`.
     pub name: String,
-    /// Its scores.
+    /// Scores of the part.
     #[serde(flatten)]
     pub scores: Scores,
 }
 
-/// One division of the cells: the parts' names, and to which of them each cell belongs.
+/// One division of the cells: names of the parts, and the part of each cell.
 struct Labels {
     by: Division,
     names: Vec<String>,
@@ -50,7 +50,7 @@ struct Labels {
 }
 
 impl Labels {
-    /// Every division that the truth, whose water is dropped, allows.
+    /// Every division that the truth permits, water excluded.
     fn all(truth: &Truth) -> Vec<Self> {
         let (land, cell) = (&truth.surface.height, truth.surface.grid.cell);
         let classes = truth.classes.as_ref();
@@ -78,7 +78,7 @@ impl Labels {
         Self { by: Division::Mask, names, label: inside.iter().map(|i| u8::from(!i)).collect() }
     }
 
-    /// Around every change between building and another class, the cells whose centre is within [`EDGE_M`] of it.
+    /// Labels the cells whose centre is within [`EDGE_M`] of a border between building and another class.
     fn roof_edges(classes: &[u8], land: &Grid2, cell: f64) -> Self {
         let (w, h) = (land.width, land.height);
         let is_building = |i: usize| classes[i] == BUILDING;
@@ -136,19 +136,19 @@ impl Labels {
     }
 }
 
-/// The land divided in every way at once: each cell belongs to one group, each part of a division is some groups.
+/// All divisions combined: every cell belongs to one group, and every part of a division is a set of groups.
 pub(super) struct Groups {
     divisions: Vec<(Division, Vec<String>)>,
-    /// Labels of all divisions as the digits of a number.
+    /// Group of each cell: its labels in all divisions as the digits of a number.
     group: Vec<u16>,
     groups: usize,
 }
 
-/// Cells that are gathered and sorted at a time, which must not depend on the number of threads.
+/// Number of cells that are sorted together; it must not depend on the number of threads.
 const PIECE: usize = 1 << 20;
 
 impl Groups {
-    /// Of every division that the truth, whose water is dropped, allows.
+    /// The groups of every division that the truth permits, water excluded.
     pub(super) fn of(truth: &Truth) -> Self {
         Self::by(Labels::all(truth), truth.surface.height.data.len())
     }
@@ -168,7 +168,7 @@ impl Groups {
         all
     }
 
-    /// Scores of all land, and of the parts that have land; errors are NaN where not scored.
+    /// Scores of all land and of every part with land; errors are NaN where not scored.
     pub(super) fn scores(&self, land: &Grid2, errors: &Grid2, filled: &Grid2) -> (Scores, Vec<PartScores>) {
         let of_piece = |first: usize| {
             let mut samples = vec![Sample::default(); self.groups];
@@ -200,7 +200,8 @@ impl Groups {
     }
 }
 
-/// Slope at a cell, metres a metre, from its neighbours, of one side where the other is missing; NaN without any.
+/// Slope at a cell, metres per metre, by central differences, one-sided where a neighbour is missing; NaN without
+/// neighbours.
 fn slope(land: &Grid2, col: usize, row: usize, cell: f64) -> f64 {
     let (c, r) = (col as i64, row as i64);
     let middle = land.at(col, row);

@@ -1,4 +1,4 @@
-//! Lidar points (LAS, LAZ) as a surface: the highest point of every cell, and its class.
+//! Lidar points (LAS, LAZ) as a height raster: the highest point of every cell, with its class.
 
 use super::{HeightRaster, MetricsError};
 use crate::frame::Transform;
@@ -7,15 +7,15 @@ use las::{Reader, point::Classification};
 use rayon::prelude::*;
 use std::path::Path;
 
-/// Points read at a time.
+/// Number of points that are read at a time.
 const CHUNK: u64 = 1 << 20;
 
-/// Whether a file is named like a point cloud.
+/// Whether the name of a file is that of a point cloud.
 pub(super) fn is_cloud(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("las") || e.eq_ignore_ascii_case("laz"))
 }
 
-/// Opens a file of points; gives its CRS, for which `epsg` stands in where the file does not state one.
+/// Opens a point cloud and returns its CRS; `epsg` is used where the file states none.
 ///
 /// # Errors
 /// [`MetricsError::Cloud`] for a file that is empty or damaged, [`MetricsError::CloudCrs`] when its CRS is not known or
@@ -35,12 +35,12 @@ pub(super) fn open(path: &Path, epsg: Option<u32>) -> Result<(Reader, u32), Metr
     Ok((reader, epsg))
 }
 
-/// The points on a grid: heights in metres, NaN in cells without points; classes if any point has one.
+/// The points on a grid: heights in metres, NaN in cells without points; classes if any point is classified.
 ///
 /// Points that are withheld or classified as noise are left out.
 ///
 /// # Errors
-/// As [`open`]'s, which takes `epsg`; [`MetricsError::Cloud`] for damaged points.
+/// The errors of [`open`], which takes `epsg`; [`MetricsError::Cloud`] for damaged points.
 pub(super) fn read(
     path: &Path,
     epsg: Option<u32>,
@@ -97,7 +97,7 @@ pub(super) fn read(
     Ok((surface, classes))
 }
 
-/// A note about cells that stand far above all around them, as birds and noise that nobody classified do.
+/// A note about isolated high cells, as birds and unclassified noise make them.
 pub(super) fn stray_note(surface: &HeightRaster) -> Option<String> {
     let strays = strays(&surface.height);
     (strays > 0).then(|| {
@@ -109,14 +109,14 @@ pub(super) fn stray_note(surface: &HeightRaster) -> Option<String> {
     })
 }
 
-/// Cells that stand this far above each of the cells around them are pointed out, metres; nothing that stands on the
-/// ground is as thin.
+/// Height above all neighbours, metres, from which a cell counts as isolated; no object on the ground is as high and as
+/// thin.
 const STRAY_M: f32 = 20.0;
-/// How far around, cells, and how many of these must have heights.
+/// Radius of the neighbourhood, cells, and the number of neighbours that must have heights.
 const STRAY_REACH: i64 = 3;
 const STRAY_NEIGHBOURS: usize = 8;
 
-/// How many cells stand alone.
+/// Number of isolated cells.
 fn strays(height: &Grid2) -> usize {
     let is_stray = |i: usize| {
         let (col, row) = ((i % height.width) as i64, (i / height.width) as i64);

@@ -10,48 +10,49 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Fewer common cells than this tell nothing.
+/// Smallest number of common cells.
 const LEAST_COMMON_CELLS: usize = 100;
 /// Registered heights are clipped to the truth's range widened by this, in metres (EOGS).
 const CLIP_MARGIN_M: f32 = 10.0;
-/// Heights that differ by a geoid's height to within this, in metres, most likely count from different references.
+/// Heights whose median difference equals the geoid's height to within this, in metres, probably have different
+/// vertical references.
 const NEAR_GEOID_M: f64 = 5.0;
 
-/// One registration and its scores.
+/// A registration and the scores after it.
 #[derive(Clone, Debug, Serialize)]
 pub struct RegisteredScores {
-    /// What was added to the prediction.
+    /// The registration.
     #[serde(flatten)]
     pub registration: Registration,
     /// Metres the prediction is moved east.
     pub east_m: f64,
     /// Metres the prediction is moved north.
     pub north_m: f64,
-    /// What is left over all land.
+    /// Scores of all land.
     #[serde(flatten)]
     pub scores: Scores,
-    /// What is left over parts of it.
+    /// Scores of parts of the land.
     pub breakdown: Vec<PartScores>,
 }
 
 /// A prediction scored against the truth.
 #[derive(Clone, Debug, Serialize)]
 pub struct Evaluation {
-    /// What was scored.
+    /// File of the prediction.
     pub prediction: PathBuf,
-    /// What it was compared with.
+    /// File of the truth.
     pub truth: PathBuf,
-    /// The truth's grid, on which cells are counted.
+    /// Grid of the truth, on which all scores are computed.
     pub grid: MapGrid,
-    /// How the prediction came to that grid.
+    /// How the prediction was resampled to that grid.
     pub sampling: Sampling,
-    /// Cells of the truth that are valid and not water.
+    /// Number of cells of the truth that are valid and not water.
     pub land_cells: usize,
-    /// Cells of water, which are not scored.
+    /// Number of cells of water, which are not scored.
     pub water_cells: usize,
     /// Scores after each registration, in the order of [`Method::ALL`].
     pub registered_scores: Vec<RegisteredScores>,
-    /// What a reader of the figures should know.
+    /// Remarks that matter for the interpretation of the scores.
     pub notes: Vec<String>,
     #[serde(skip)]
     predicted: Grid2,
@@ -66,7 +67,7 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// The registered_scores of one registration.
+    /// The scores after one registration.
     #[must_use]
     pub fn registered_scores(&self, method: Method) -> Option<&RegisteredScores> {
         self.registered_scores.iter().find(|v| v.registration.method == method)
@@ -78,7 +79,7 @@ impl Evaluation {
         &self.land
     }
 
-    /// Class of every cell of the truth, if they are known.
+    /// Class of every cell of the truth; none without classes.
     #[must_use]
     pub fn classes(&self) -> Option<&[u8]> {
         self.classes.as_deref()
@@ -94,8 +95,8 @@ impl Evaluation {
         Ok(map)
     }
 
-    /// The prediction moved by a registration, on the truth's grid. It is sampled where it is, also beyond the
-    /// truth's edges: a shift costs no cells that were predicted.
+    /// The prediction moved by a registration and resampled to the truth's grid. It is sampled from its own raster, so
+    /// that a shift loses no predicted cells at the edges.
     fn registered(&self, r: &Registration) -> Result<Grid2, MetricsError> {
         let moved = MapGrid {
             west: self.grid.west + r.dx_cells * self.grid.cell,
@@ -107,7 +108,7 @@ impl Evaluation {
         Ok(raster)
     }
 
-    /// Heights become errors, `clip(height) - land`.
+    /// Replaces heights by errors, `clip(height) - land`.
     fn subtract_land(&self, heights: &mut Grid2) {
         let (low, high) = self.bounds;
         heights.data.par_iter_mut().zip(&self.land.data).for_each(|(v, t)| *v = v.clamp(low, high) - t);
@@ -182,8 +183,8 @@ pub fn evaluate(mut prediction: HeightRaster, mut truth: Truth) -> Result<Evalua
     Ok(evaluation)
 }
 
-/// Makes both count from the ellipsoid where the files say that they count from different references. Where one does not
-/// say, or its reference is not known, heights stay as they are, and the notes say so.
+/// Converts both rasters to ellipsoidal heights if their files state different vertical references. If one states none,
+/// or an unknown one, heights stay as they are, and a note says so.
 fn bring_together(prediction: &mut HeightRaster, truth: &mut Truth) -> Result<(), MetricsError> {
     let (Some(ours), Some(theirs)) = (&prediction.vertical, &truth.surface.vertical) else { return Ok(()) };
     if ours == theirs || [ours, theirs].into_iter().any(|name| VerticalReference::read(name).is_err()) {
@@ -199,7 +200,7 @@ fn extent(grid: &MapGrid) -> String {
     format!("{w:.0}, {s:.0}, {e:.0}, {n:.0} of EPSG:{}", grid.epsg)
 }
 
-/// What a reader should know; `difference_m` is the median of prediction minus truth.
+/// The notes of an evaluation; `difference_m` is the median of prediction minus truth.
 fn notes(prediction: &HeightRaster, truth: &Truth, sampling: Sampling, difference_m: f64) -> Vec<String> {
     let mut notes = truth.notes.clone();
     for s in [prediction, &truth.surface] {
@@ -238,7 +239,7 @@ fn notes(prediction: &HeightRaster, truth: &Truth, sampling: Sampling, differenc
     notes
 }
 
-/// What a median difference near the geoid's height tells.
+/// A hint for a median difference that is near the height of the geoid.
 fn geoid_clue(grid: &MapGrid, difference_m: f64) -> String {
     let map = SiteGrid { epsg: grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
     let middle = map.geodetic_from_utm(grid.cell_center(grid.width / 2, grid.height / 2));

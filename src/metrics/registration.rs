@@ -1,6 +1,7 @@
-//! Registrations: what is added to a prediction before it is scored.
+//! Registrations: the translation that is applied to a prediction before it is scored.
 //!
-//! `z` is the BAEOGS paper's MAE_reg (eq. 4), `ncc` the one of EOGS's `dsmr.py`, `xyz` the smallest MAE there is.
+//! `z` is MAE_reg of the BAEOGS paper (equation 4), `ncc` is the registration of EOGS's `dsmr.py`, `xyz` has the
+//! smallest MAE.
 
 use super::ncc::best_whole_shift;
 use super::xyz::best_shift;
@@ -9,7 +10,7 @@ use crate::stats::interpolated_quantile_in_place;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// A way to register a prediction to the truth.
+/// A registration method.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
@@ -17,15 +18,15 @@ pub enum Method {
     Z,
     /// The whole-cell shift of the highest normalised cross-correlation; dz = -mean(P - T).
     Ncc,
-    /// The shift and median dz of the smallest MAE.
+    /// The horizontal shift and median height offset with the smallest MAE.
     Xyz,
 }
 
 impl Method {
-    /// All of them, in the order of tables.
+    /// All methods, in the order of tables.
     pub const ALL: [Self; 3] = [Self::Z, Self::Ncc, Self::Xyz];
 
-    /// Its name in tables and files.
+    /// Name in tables and files.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -39,7 +40,7 @@ impl Method {
 /// `registered[row, col] = P[row + dy, col + dx] + dz`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Registration {
-    /// How it was found.
+    /// The method.
     pub method: Method,
     /// Columns added to a cell's position before the prediction is sampled.
     pub dx_cells: f64,

@@ -1,11 +1,11 @@
-//! Scores of a registered prediction: what is left between it and the truth.
+//! Scores of a registered prediction: statistics of its errors against the truth.
 
 use crate::stats::MAD_TO_SIGMA;
 use serde::Serialize;
 
-/// Errors over some cells of land, in metres; `e = clip(registered) - truth`.
+/// Statistics of the errors over some cells of land, in metres; an error is `e = clip(registered) - truth`.
 ///
-/// Where nothing is predicted they are NaN, null in JSON.
+/// Without predicted cells they are NaN, which is null in JSON.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Scores {
     /// Mean of |e|.
@@ -16,25 +16,25 @@ pub struct Scores {
     pub bias_m: f64,
     /// Median of |e|.
     pub median_m: f64,
-    /// 1.4826 times the median of |e - median(e)|.
+    /// Normalised median absolute deviation: 1.4826 times the median of |e - median(e)|.
     pub nmad_m: f64,
     /// |e| that 90 % of the cells do not exceed.
     pub le90_m: f64,
     /// |e| that 95 % of the cells do not exceed.
     pub le95_m: f64,
-    /// Share of cells with |e| of 0.5, 1 and 2 m at most.
+    /// Fractions of the cells with |e| of at most 0.5, 1 and 2 m.
     pub within: [f64; 3],
-    /// Predicted cells / cells.
+    /// Completeness: predicted cells divided by all cells.
     pub completeness: f64,
-    /// MAE over all cells, holes filled by the nearest predicted cell.
+    /// MAE over all cells after holes are filled with the nearest predicted cell.
     pub filled_mae_m: f64,
-    /// Cells of land.
+    /// Number of cells of land.
     pub cells: usize,
-    /// Cells of land that are predicted.
+    /// Number of cells of land that are predicted.
     pub predicted: usize,
 }
 
-/// Sizes of errors whose share is told, in metres.
+/// Limits of [`Scores::within`], metres.
 const WITHIN_M: [f32; 3] = [0.5, 1.0, 2.0];
 
 impl Scores {
@@ -67,7 +67,7 @@ impl Scores {
     }
 }
 
-/// Some cells of land: their errors sorted, so that quantiles of any number of samples together are found by bisection.
+/// The sorted errors of some cells of land, from which quantiles of several samples together are found by bisection.
 #[derive(Clone, Default)]
 pub(super) struct Sample {
     cells: usize,
@@ -80,7 +80,7 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// Adds a cell by its error, NaN where it is not predicted, and its error once holes are filled.
+    /// Adds a cell: its error, NaN where it is not predicted, and its error after holes are filled.
     pub(super) fn add(&mut self, error: f32, filled: f32) {
         self.cells += 1;
         if !error.is_nan() {
@@ -96,12 +96,12 @@ impl Sample {
         }
     }
 
-    /// To be called once all cells are added.
+    /// Sorts the errors; to be called after the last [`Sample::add`].
     pub(super) fn sort(&mut self) {
         self.errors.sort_unstable_by(f32::total_cmp);
     }
 
-    /// How many errors differ from `centre` by at most `limit`.
+    /// Number of errors that differ from `centre` by at most `limit`.
     fn within(&self, centre: f64, limit: f32) -> usize {
         let distance = |e: f32| (f64::from(e) - centre).abs() as f32;
         let is_below = |e: f32| f64::from(e) < centre;
@@ -110,7 +110,8 @@ impl Sample {
     }
 }
 
-/// The `q` quantile, linear between neighbours, of `n` numbers of which `up_to` tells how many do not exceed a limit.
+/// The `q` quantile, interpolated between neighbours, of `n` numbers; `up_to` gives how many of them do not exceed a
+/// limit.
 fn quantile_of(q: f64, n: usize, up_to: impl Fn(f32) -> usize) -> f64 {
     let nth = |index: usize| {
         // The smallest number, in the order of all numbers, that enough others do not exceed.
@@ -128,7 +129,7 @@ fn quantile_of(q: f64, n: usize, up_to: impl Fn(f32) -> usize) -> f64 {
     low + (next - low) * (position - index as f64)
 }
 
-/// The f32 at a place in the order of all of them.
+/// The f32 of a rank in the total order of all f32 values.
 fn number(place: u32) -> f32 {
     f32::from_bits(if place >> 31 == 1 { place ^ 1 << 31 } else { !place })
 }

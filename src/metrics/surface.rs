@@ -1,27 +1,28 @@
-//! A height raster in memory, with its place on the map.
+//! A raster of heights in memory, with its map grid.
 
 use super::MetricsError;
 use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, HeightSystem, ImageFile, MapGrid, VerticalReference, Window, read_heights};
 use std::path::{Path, PathBuf};
 
-/// Geoids are smooth: they are looked up every so many cells.
+/// Geoids are smooth: their heights are computed at nodes this many cells apart and interpolated between them.
 const GEOID_STEP: usize = 64;
 
-/// A surface model: heights in metres on a map grid; NaN is no data.
+/// Heights in metres on a map grid, NaN where there is no data.
 #[derive(Clone, Debug)]
 pub struct HeightRaster {
-    /// The file it came from, for messages.
+    /// The file, for messages.
     pub path: PathBuf,
-    /// Its place on the map.
+    /// The map grid.
     pub grid: MapGrid,
     /// Heights in metres.
     pub height: Grid2,
-    /// What the heights count from, as [`VerticalReference::read`] takes it, or a datum that it does not know.
+    /// Vertical reference as [`VerticalReference::read`] takes it, or the name of an unknown datum; none if the file
+    /// states none.
     pub vertical: Option<String>,
-    /// Cells that held a nodata value the file does not declare.
+    /// Number of cells with a nodata value that the file does not declare.
     pub undeclared_nodata: usize,
-    /// The unit that heights were converted from, if they were not in metres.
+    /// Unit of the file, if it is not metres; the heights are converted.
     pub converted_from: Option<String>,
 }
 
@@ -36,7 +37,7 @@ impl HeightRaster {
         Self::on_grid(&file, grid)
     }
 
-    /// Reads the first band of `file`, whose place is known from elsewhere.
+    /// Reads the first band of `file` with a map grid that is known from elsewhere.
     pub(super) fn on_grid(file: &ImageFile, grid: MapGrid) -> Result<Self, MetricsError> {
         let system = HeightSystem::of_raster(file)?;
         let (width, height) = file.size();
@@ -53,7 +54,8 @@ impl HeightRaster {
         })
     }
 
-    /// Makes heights count from the ellipsoid, if the file says that they count from something else; says what was done.
+    /// Converts the heights to ellipsoidal ones if the file states another vertical reference; returns a sentence that
+    /// says so.
     ///
     /// # Errors
     /// [`MetricsError::VerticalReference`] for a datum whose height above the ellipsoid is not known,
@@ -76,7 +78,7 @@ impl HeightRaster {
         )))
     }
 
-    /// Adds the height of a reference above the ellipsoid; returns the least and the most that was added.
+    /// Adds the height of a vertical reference above the ellipsoid; returns the smallest and the largest value added.
     pub(super) fn lift(&mut self, from: &VerticalReference) -> Result<(f32, f32), MetricsError> {
         let grid = self.grid;
         let map = SiteGrid { epsg: grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };

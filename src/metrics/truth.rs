@@ -1,17 +1,17 @@
-//! The truth: any georeferenced raster, DFC2019's `X_DSM.tif` with `X_DSM.txt`, or lidar points (LAS, LAZ); its
-//! classes `X_CLS.tif`, and the part of it that a user asks about.
+//! The ground truth: any georeferenced raster, DFC2019's `X_DSM.tif` with `X_DSM.txt`, or lidar points (LAS, LAZ); with
+//! its classes `X_CLS.tif` and a mask.
 //!
-//! `X_DSM.txt` holds four numbers: easting and northing of the lower-left corner in metres, size in cells (the
-//! raster is square), resolution in metres; the UTM zone is the prediction's.
+//! `X_DSM.txt` holds four numbers: easting and northing of the lower-left corner in metres, size in cells (the raster
+//! is square) and resolution in metres. Its UTM zone is that of the prediction.
 
 use super::{HeightRaster, MetricsError, cloud};
 use crate::io::{HeightSystem, ImageFile, MapGrid, RasterError, VerticalReference, inside_polygons};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// DFC2019's and LAS's class of water.
+/// Class of water in DFC2019 and LAS.
 pub const WATER: u8 = 9;
-/// A raster that must lie on the truth's grid may be off by this, in cells.
+/// Largest offset of a raster from the truth's grid with which it still counts as the same grid, cells.
 const SAME_GRID: f64 = 0.02;
 
 /// Name of a class of DFC2019 or LAS.
@@ -31,46 +31,45 @@ pub fn class_name(class: u8) -> &'static str {
     }
 }
 
-/// The codes that occur, in order.
+/// The class codes that occur, in ascending order.
 pub(super) fn class_codes(classes: &[u8]) -> Vec<u8> {
     let mut occurs = [false; 256];
     classes.iter().for_each(|code| occurs[usize::from(*code)] = true);
     (0..=u8::MAX).filter(|code| occurs[usize::from(*code)]).collect()
 }
 
-/// What a surface model is compared with.
+/// The ground truth of an evaluation.
 #[derive(Clone, Debug)]
 pub struct Truth {
-    /// Heights and their place.
+    /// Heights with their map grid.
     pub surface: HeightRaster,
-    /// Class of every cell, if they are known.
+    /// Class of every cell; none without classes.
     pub classes: Option<Vec<u8>>,
-    /// Which cells are inside of the user's mask, if there is one.
+    /// Whether each cell is inside of the mask; none without a mask.
     pub mask: Option<Vec<bool>>,
-    /// What was done to bring the truth here, one sentence each.
+    /// Conversions that were made while reading, one sentence each.
     pub notes: Vec<String>,
 }
 
-/// How to read a truth.
+/// Options of reading a truth.
 #[derive(Default)]
 pub struct TruthOptions<'a> {
-    /// Class raster on the truth's grid; without it `X_CLS.tif` beside `X_DSM.tif`.
+    /// Class raster on the truth's grid; by default `X_CLS.tif` beside `X_DSM.tif`.
     pub classes: Option<&'a Path>,
     /// Polygons, or a raster on the truth's grid that is not 0 inside.
     pub mask: Option<&'a Path>,
-    /// What its heights count from, when the user knows.
+    /// Vertical reference of the heights; by default the one that the file states.
     pub vertical: Option<VerticalReference>,
-    /// EPSG code of lidar points that do not tell.
+    /// EPSG code of lidar points whose file states none.
     pub epsg: Option<u32>,
 }
 
 impl Truth {
-    /// Opens the truth's file without reading its heights, for what is wrong with it to be known before a long run, when
-    /// the prediction's CRS is not known yet.
+    /// Checks the truth without reading its heights, so that errors are known before a long run. The CRS of the
+    /// prediction is not needed.
     ///
-    /// # Errors
-    /// [`MetricsError`] when it is no raster or point cloud, has no place on the map or no unit that is known, or is cut
-    /// short.
+    /// # Errors [`MetricsError`] when the file is no raster or point cloud, has no map grid or an unknown unit, or is
+    /// cut short.
     pub fn check(path: &Path, options: &TruthOptions) -> Result<(), MetricsError> {
         for file in [options.classes, options.mask].into_iter().flatten() {
             std::fs::metadata(file).map_err(|e| RasterError::Open { path: file.into(), cause: e.into() })?;
@@ -87,10 +86,9 @@ impl Truth {
 
     /// Reads the truth, its classes and the mask.
     ///
-    /// DFC2019's text file counts in the CRS of `grid`, which is the prediction's; points are put on its cells.
+    /// `grid` is the prediction's: its CRS is that of DFC2019's text file, and points are put into its cells.
     ///
-    /// # Errors
-    /// [`MetricsError`] when a file cannot be read, has no place on the map, or lies on another grid than the truth.
+    /// # Errors [`MetricsError`] when a file cannot be read, has no map grid, or has another grid than the truth.
     pub fn read(path: &Path, options: &TruthOptions, grid: &MapGrid) -> Result<Self, MetricsError> {
         let mut notes = Vec::new();
         let (mut surface, mut classes) = if cloud::is_cloud(path) {
@@ -141,7 +139,7 @@ impl Truth {
         Ok(Self { surface, classes, mask, notes })
     }
 
-    /// Makes the truth NaN where it is water, which is not scored; says how many cells that are.
+    /// Removes the heights of water, which is not scored; returns the number of cells.
     pub(super) fn drop_water(&mut self) -> usize {
         let Some(classes) = &self.classes else { return 0 };
         let cells = self.surface.height.data.par_iter_mut().zip(classes);
@@ -150,7 +148,7 @@ impl Truth {
     }
 }
 
-/// Opens a raster that has a place on the map; `epsg` is the prediction's CRS, in which DFC2019's text file counts.
+/// Opens a raster with its map grid; `epsg` is the prediction's CRS, which is that of DFC2019's text file.
 fn open_raster(path: &Path, epsg: Option<u32>) -> Result<(ImageFile, MapGrid), MetricsError> {
     let file = ImageFile::open(path)?;
     let grid = if file.has_geotransform() {
@@ -175,7 +173,7 @@ fn classes_beside(path: &Path) -> Option<PathBuf> {
     found.exists().then_some(found)
 }
 
-/// Values of a raster that must lie on the truth's grid, or have its size and no place.
+/// Values of a raster that has the truth's grid, or the truth's size and no georeference.
 fn read_on_grid(path: &Path, truth: &HeightRaster, what: &'static str) -> Result<Vec<f32>, MetricsError> {
     let file = ImageFile::open(path)?;
     let expected = (truth.grid.width, truth.grid.height);

@@ -1,13 +1,13 @@
-//! The shift and median height offset of the smallest mean absolute error.
+//! Registration by the horizontal shift and the median height offset with the smallest mean absolute error.
 //!
-//! Starts are no shift, the best whole-cell correlation and the peak of the phase correlation. Around each a grid of
-//! shifts is looked at on a sample of the cells, moved on while its best lies at its edge, and from the best of all a
-//! pattern search goes down to 1/256 of a cell.
+//! The search starts at three shifts: none, the best whole-cell correlation and the peak of the phase correlation.
+//! Around each start a grid of shifts is evaluated on a sample of the cells; the grid is moved while its best shift
+//! lies at its edge. The best shifts are refined by pattern search to 1/256 of a cell.
 //!
-//! Interpolation between cells averages noise, so that the error of half-cell shifts is small for no other reason.
-//! Therefore shifts are compared by three taps along each axis whose squares sum to a half whatever the shift, the
-//! truth's by the same at no shift; a hole counts for the cell it is, not for its neighbours; and two shifts are compared
-//! on the cells that both leave.
+//! Interpolation between cells averages noise, so that shifts by half a cell would have smaller errors for no other
+//! reason. Therefore heights are interpolated by three taps along each axis whose squares sum to 1/2 for every shift,
+//! also those of the truth; cells with holes are excluded without excluding their neighbours; and two shifts are
+//! compared on the cells that both cover.
 
 use super::ncc::best_whole_shift;
 use super::pattern_search::PatternSearch;
@@ -17,25 +17,25 @@ use crate::io::Grid2;
 use crate::stats::interpolated_quantile_in_place;
 use rayon::prelude::*;
 
-/// Reach of the grid around a start, and its step, cells.
+/// Half the side of the grid of shifts and its step, cells.
 const REACH: f64 = 4.0;
 const STEP: f64 = 0.5;
-/// How often the grid is moved on to a best shift at its edge.
+/// Largest number of times that the grid is moved.
 const MOVES: usize = 24;
-/// Step at which the refinement stops, in cells.
+/// Last step of the refinement, cells.
 const FINEST: f64 = 1.0 / 256.0;
-/// Moves of the refinement at one step.
+/// Largest number of moves of the refinement with one step.
 const MOST_MOVES: usize = 64;
-/// Cells looked at for every shift of the grid.
+/// Number of cells that are evaluated for every shift of the grid.
 const SCREENED_CELLS: usize = 1 << 16;
-/// Cells looked at for the best of them and for the refinement.
+/// Number of cells that are evaluated for the best shifts of the grid and during the refinement.
 const REFINED_CELLS: usize = 1 << 20;
-/// Shifts of each grid that the refinement starts from: the error has a small minimum in every cell.
+/// Number of shifts of each grid that are refined: the error has a local minimum in every cell.
 const STARTS: usize = 4;
-/// A shift that leaves fewer cells than this share of the most any shift leaves is not compared.
+/// A shift is compared only if it covers at least this fraction of the most cells that any shift covers.
 const LEAST_CELLS: f64 = 0.25;
 
-/// (dx, dy) in cells and dz in metres that minimise the MAE after clipping to `bounds`.
+/// The shift (dx, dy) in cells and the offset dz in metres with the smallest MAE after clipping to `bounds`.
 pub(super) fn best_shift(prediction: &Grid2, truth: &Grid2, bounds: (f32, f32)) -> (f64, f64, f64) {
     let (filled, truth_filled) = (Filled::new(prediction), Filled::new(truth));
     let ncc = best_whole_shift(prediction, truth);
@@ -55,7 +55,7 @@ pub(super) fn best_shift(prediction: &Grid2, truth: &Grid2, bounds: (f32, f32)) 
     (dx, dy, offset(prediction, truth, (dx, dy)))
 }
 
-/// -median(P - T), as the shifted prediction is sampled.
+/// Height offset of a shift: -median(P - T).
 fn offset(prediction: &Grid2, truth: &Grid2, (dx, dy): (f64, f64)) -> f64 {
     let row_differences = |row: usize| {
         let line = truth.row(row).iter().enumerate().filter(|(_, t)| !t.is_nan());
@@ -67,31 +67,32 @@ fn offset(prediction: &Grid2, truth: &Grid2, (dx, dy): (f64, f64)) -> f64 {
     -interpolated_quantile_in_place(&mut all, 0.5)
 }
 
-/// Drops candidates that leave too few cells.
+/// Drops candidates that cover too few cells.
 fn drop_small(all: &mut Vec<ShiftCandidate>) {
     let least = all.iter().map(|c| c.cells).max().unwrap_or(0) as f64 * LEAST_CELLS;
     all.retain(|c| c.cells > 0 && c.cells as f64 >= least);
 }
 
-/// A shift and what it leaves.
+/// A shift with its errors.
 #[derive(Clone)]
 struct ShiftCandidate {
     shift: (f64, f64),
     mae_m: f64,
     cells: usize,
-    /// Error of every cell looked at; NaN where the shifted prediction has none.
+    /// Absolute error of every evaluated cell; NaN where the shifted prediction has no height.
     errors: Vec<f32>,
 }
 
 impl ShiftCandidate {
-    /// Mean difference of the errors from another's on the cells that both have, and how many these are.
+    /// Mean difference between the errors of two candidates on the cells that both cover, and the number of these
+    /// cells.
     fn against(&self, other: &Self) -> (f64, usize) {
         let both = self.errors.iter().zip(&other.errors).map(|(a, b)| f64::from(a - b));
         let (sum, n) = both.filter(|d| !d.is_nan()).fold((0.0, 0usize), |(sum, n), d| (sum + d, n + 1));
         (sum / n as f64, n)
     }
 
-    /// By the error on common cells, if these are enough to tell; of equal ones the smaller shift.
+    /// Compares by the errors on common cells if these are enough; of equal candidates the smaller shift is better.
     fn is_better_than(&self, other: &Self) -> bool {
         let (mean, common) = self.against(other);
         let difference = if (common as f64) < LEAST_CELLS * self.cells.max(other.cells) as f64 {
@@ -103,14 +104,15 @@ impl ShiftCandidate {
         difference < 0.0 || (difference == 0.0 && size(self) < size(other))
     }
 
-    /// By their own errors; of equal ones the smaller shift comes first.
+    /// Orders by MAE; of equal candidates the smaller shift comes first.
     fn order(a: &Self, b: &Self) -> std::cmp::Ordering {
         let size = |c: &Self| c.shift.0.hypot(c.shift.1);
         a.mae_m.total_cmp(&b.mae_m).then(size(a).total_cmp(&size(b)))
     }
 }
 
-/// A raster whose holes are filled one cell deep, within a border as wide, so that taps around a valid cell find values.
+/// A height raster whose holes are filled one cell deep, with a border of one cell, so that the taps of a valid cell
+/// find values.
 struct Filled {
     raster: Grid2,
     is_valid: Vec<bool>,
@@ -135,7 +137,7 @@ impl Filled {
         Self { raster, is_valid }
     }
 
-    /// The value at a cell of the source plus a part of a cell, by the taps of that part; NaN where the cell is a hole.
+    /// Height at a cell plus a fraction of a cell, by the taps of that fraction; NaN where the cell is a hole.
     fn at(&self, col: i64, row: i64, across: [f32; 3], down: [f32; 3]) -> f32 {
         let (width, height) = (self.raster.width as i64, self.raster.height as i64);
         if col < 0 || row < 0 || col + 2 >= width || row + 2 >= height {
@@ -153,17 +155,17 @@ impl Filled {
     }
 }
 
-/// Weights of a cell and its two neighbours for a place `part` of a cell (-0.5 to 0.5) from it: they sum to 1, their
-/// centre is the place, and their squares sum to a half.
+/// Weights of a cell and its two neighbours for a position `part` of a cell (-0.5 to 0.5) from its centre. The weights
+/// sum to 1, their centre of mass is the position, and their squares sum to 1/2.
 fn taps(part: f64) -> [f32; 3] {
     let sides = (2.0 - (1.0 - 3.0 * part * part).max(0.0).sqrt()) / 3.0;
     [(sides - part) / 2.0, 1.0 - sides, (sides + part) / 2.0].map(|w| w as f32)
 }
 
-/// The prediction, and the cells of the truth that are looked at.
+/// The prediction, and the cells of the truth on which shifts are evaluated.
 struct ShiftSearch<'a> {
     prediction: &'a Filled,
-    /// Column, row, and the truth's height there by the taps of no shift.
+    /// Column, row and height of the truth, smoothed by the taps of no shift.
     cells: Vec<(i64, i64, f32)>,
     bounds: (f32, f32),
 }
@@ -185,7 +187,7 @@ impl<'a> ShiftSearch<'a> {
         Self { prediction, cells, bounds }
     }
 
-    /// The best shifts of a grid around a start, which moves on while its best lies at its edge.
+    /// The best shifts of a grid around a start; the grid is moved while its best shift lies at its edge.
     fn around(&self, start: (f64, f64)) -> Vec<(f64, f64)> {
         let steps = (REACH / STEP) as i32;
         let axis = || (-steps..=steps).map(|i| f64::from(i) * STEP);

@@ -1,8 +1,8 @@
 //! The pinhole camera's kernel.
 
-use super::PinholeCamera;
 use crate::camera::{CameraKernel, DepthOrder, Linearized};
 use crate::simd::{Real, Simd, SimdMask, SimdReal, SimdVec, broadcast_each};
+use glam::{DMat3, DVec2, DVec3};
 
 /// Nearest depth at which a splat is drawn, metres (3DGS).
 const NEAREST_M: f64 = 0.2;
@@ -37,12 +37,19 @@ pub struct PinholeVectors<S: Simd> {
 }
 
 impl<T: Real> PinholeKernel<T> {
-    /// The kernel of a camera.
-    pub(super) fn new(camera: &PinholeCamera) -> Self {
-        let rows = camera.cam_from_site.transpose().to_cols_array_2d();
-        let translation = -(camera.cam_from_site * camera.center);
-        let size = [camera.size.0 as f64, camera.size.1 as f64];
-        let (focal, principal) = (camera.focal.to_array(), camera.principal.to_array());
+    /// The kernel of a camera at `center` (site metres) with a rotation from site to camera axes, focal lengths and principal
+    /// point in pixels, and the columns and rows of its image.
+    #[must_use]
+    pub fn new(
+        cam_from_site: DMat3,
+        center: DVec3,
+        [focal, principal]: [DVec2; 2],
+        (width, height): (usize, usize),
+    ) -> Self {
+        let rows = cam_from_site.transpose().to_cols_array_2d();
+        let translation = -(cam_from_site * center);
+        let size = [width as f64, height as f64];
+        let (focal, principal) = (focal.to_array(), principal.to_array());
         let limits = std::array::from_fn(|i| {
             let half = OUTERMOST * 0.5 * size[i];
             let middle = 0.5 * (size[i] - 1.0) - principal[i];

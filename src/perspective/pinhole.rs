@@ -39,7 +39,7 @@ impl PinholeCamera {
     /// The camera as the rasteriser sees it.
     #[must_use]
     pub fn kernel<T: Real>(&self) -> PinholeKernel<T> {
-        PinholeKernel::new(self)
+        PinholeKernel::new(self.cam_from_site, self.center, [self.focal, self.principal], self.size)
     }
 }
 

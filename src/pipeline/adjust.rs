@@ -24,7 +24,7 @@ pub struct AdjustOptions {
     /// Lowest and highest height to search, metres above the ellipsoid; by default what the scene's metadata tell.
     pub height_range: Option<(f64, f64)>,
     /// An elevation model that gives the heights to search, instead of `height_range`.
-    pub dem: Option<Dem>,
+    pub dem: Option<DemOptions>,
     /// A CSV file of ground control points, which then define the datum.
     pub gcps: Option<PathBuf>,
     /// Names of reference views: their cameras are not corrected and define the datum.
@@ -35,7 +35,7 @@ pub struct AdjustOptions {
 
 /// An elevation model for an adjustment.
 #[derive(Clone, Debug)]
-pub struct Dem {
+pub struct DemOptions {
     /// The raster.
     pub path: PathBuf,
     /// VerticalReference reference of its heights: `ellipsoid`, a geoid model or a geoid's grid; by default what the file says.
@@ -139,7 +139,7 @@ pub(super) fn adjust_locked(
     Ok(Adjusted { report: adjustment.report, seconds: Some(seconds), was_complete: false })
 }
 
-fn read_dem(dem: &Dem, scene: &Scene) -> Result<scene::Dem, PipelineError> {
+fn read_dem(dem: &DemOptions, scene: &Scene) -> Result<scene::Dem, PipelineError> {
     let vertical = dem.vertical.as_deref().map(VerticalReference::read).transpose()?;
     Ok(scene.dem(&dem.path, vertical.as_ref())?)
 }
@@ -157,7 +157,7 @@ fn fingerprint(
     if !options.reference_views.is_empty() {
         out.insert("--reference".into(), options.reference_views.join(", "));
     }
-    if let Some(Dem { path, vertical, sigma_m: Some(sigma_m) }) = &options.dem {
+    if let Some(DemOptions { path, vertical, sigma_m: Some(sigma_m) }) = &options.dem {
         out.insert("--dem".into(), hash_file(path));
         out.insert("--dem-sigma".into(), sigma_m.to_string());
         out.insert("--dem-vertical".into(), or_none(vertical.as_ref()));

@@ -31,7 +31,7 @@ mod train_options;
 mod training;
 
 pub use crate::report::write as report;
-pub use adjust::{AdjustOptions, Adjusted, Dem, adjust};
+pub use adjust::{AdjustOptions, Adjusted, DemOptions, adjust};
 pub use align::{AlignOptions, Aligned, align};
 pub use cameras::{TrainedCameras, read_scene};
 pub use dsm::{DsmOptions, DsmSummary, dsm};
@@ -39,7 +39,7 @@ pub use error::{ErrorKind, PipelineError};
 pub use evaluate::{EvaluateOptions, evaluate};
 pub use lock::RunLock;
 pub use nvs_eval::{NvsScores, ViewScore, nvs_eval};
-pub use render::{RenderOptions, Rendered, Viewpoint, render};
+pub use render::{RenderOptions, RenderSummary, Viewpoint, render};
 pub use run::{RunOptions, StageResult, run};
 pub use stage::Outcome;
 pub use train::{Trained, train};

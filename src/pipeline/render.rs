@@ -54,7 +54,7 @@ pub struct RenderOptions {
 
 /// What was rendered.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Rendered {
+pub struct RenderSummary {
     /// The file as it was asked for; frames have a number in their name.
     pub output: PathBuf,
     /// Number of images.
@@ -71,7 +71,7 @@ pub fn render(
     output: &Path,
     options: &RenderOptions,
     progress: &dyn Progress,
-) -> Result<Rendered, PipelineError> {
+) -> Result<RenderSummary, PipelineError> {
     let is_raster = match output.extension().map(|e| e.to_string_lossy().to_lowercase()).as_deref() {
         Some("png") => false,
         Some("tif") => true,
@@ -110,7 +110,7 @@ pub fn render(
         progress.event(Event::Advanced { done: u64::from(frame) + 1, status: String::new() });
     }
     progress.event(Event::Finished);
-    Ok(Rendered { output: output.into(), frames })
+    Ok(RenderSummary { output: output.into(), frames })
 }
 
 /// Camera and sun of a frame; `part` goes from 0 at the first frame to 1 at the last.

@@ -1,23 +1,27 @@
-//! What is wrong with a scene, and what is only odd: duplicates, blind cameras, suns, dates, slant views.
+//! Checks of a scene: errors for duplicate views and cameras that miss the ground, warnings for odd suns, dates and
+//! view angles.
 
 use super::sun::days_since_2000;
 use super::{Scene, SceneError, Sun, View};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Below this elevation shadows are longer than anything a scene's size could hold.
+/// Lowest sun elevation with which shadows are modelled, degrees; lower suns cast shadows longer than a scene. All
+/// rooms use this limit.
 pub const LOWEST_SUN_DEG: f64 = 15.0;
-/// Beyond this a view sees walls and haze.
+/// Largest off-nadir angle without a warning, degrees.
 pub const FARTHEST_OFF_NADIR_DEG: f64 = 75.0;
-/// A delivered sun and the one of date and place agree better than this.
+/// Largest difference between the delivered sun direction and the one computed from date and place without a warning,
+/// degrees.
 const SUN_TOLERANCE_DEG: f64 = 5.0;
-/// A denominator below this share of its middle is on its way to a pole; whole images stay above 0.9.
+/// Smallest ratio of an RPC's denominator to its value in the middle of the image; below it the RPC is near a pole.
+/// Whole images stay above 0.9.
 const WEAK_DENOMINATOR: f64 = 0.1;
-/// Views further apart in time show different towns.
+/// Largest difference of acquisition dates without a warning.
 const LONG_TIME_YEARS: f64 = 3.0;
 
 impl Scene {
-    /// Refuses a scene of fewer than `needed` views.
+    /// Returns an error for a scene of fewer than `needed` views.
     ///
     /// # Errors
     /// [`SceneError::TooFewViews`].
@@ -26,7 +30,8 @@ impl Scene {
         if found < needed { Err(SceneError::TooFewViews { found, needed }) } else { Ok(()) }
     }
 
-    /// Refuses RPCs made for heights that they do not share, unless views' metadata tell others.
+    /// Returns an error for RPCs whose height ranges do not overlap, unless the metadata of the views state other
+    /// heights.
     ///
     /// # Errors
     /// [`SceneError::NoSharedHeights`].
@@ -46,7 +51,7 @@ impl Scene {
     }
 }
 
-/// Refuses two views of one name, and files of the same content.
+/// Returns an error for two views with the same name, and for images with the same content.
 pub(super) fn refuse_duplicates(scene: &Scene) -> Result<(), SceneError> {
     for pair in scene.views.windows(2) {
         if pair[0].name == pair[1].name {
@@ -72,7 +77,7 @@ pub(super) fn refuse_duplicates(scene: &Scene) -> Result<(), SceneError> {
     Ok(())
 }
 
-/// Refuses a camera that does not see the ground under its own image.
+/// Returns an error for a camera that does not see the ground under its own image.
 pub(super) fn refuse_blind(scene: &Scene) -> Result<(), SceneError> {
     for view in &scene.views {
         let height_m = view.rpc.center().height_m();
@@ -84,7 +89,8 @@ pub(super) fn refuse_blind(scene: &Scene) -> Result<(), SceneError> {
     Ok(())
 }
 
-/// Adds warnings, one a cause. A sun too low to be used is taken away: that view trains without shadows.
+/// Adds the warnings of a scene, one per cause. A sun that is too low is removed: such a view is trained without
+/// shadows.
 pub(super) fn warn(scene: &mut Scene) {
     let mut warnings = Vec::new();
     let names = |picked: &dyn Fn(&View) -> bool| {
@@ -141,7 +147,7 @@ pub(super) fn warn(scene: &mut Scene) {
     }
 }
 
-/// Where date and place put the sun, and how far from the one told, if that is too far.
+/// The sun direction computed from date and place, with its difference from the delivered one, if that is too large.
 fn contradiction(view: &View, sun: Sun) -> Option<(Sun, f64)> {
     let place = view.ground_center(view.rpc.center().height_m())?;
     let computed = Sun::at(view.acquired.as_deref()?, place)?;

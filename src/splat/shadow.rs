@@ -6,7 +6,7 @@
 use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
 use crate::splat::loss::Scaled;
 use crate::splat::raster::{Image, channel, stripe_rows};
-use crate::splat::shear_warp::{ShearWarp, Window, sum_windows};
+use crate::splat::shear_warp::{GradientWindow, ShearWarp, sum_windows};
 use rayon::prelude::*;
 
 /// Extinction of sunlight per metre that the sun sees something higher (EOGS: fixed).
@@ -21,7 +21,7 @@ pub struct ShadowModel<T> {
     sunlight: Image<T>,
     by_sun: Image<T>,
     /// What each run of rows scatters.
-    stripes: Vec<Window<T, 1>>,
+    stripes: Vec<GradientWindow<T, 1>>,
 }
 
 impl<T: SimdReal> ShadowModel<T> {
@@ -57,7 +57,7 @@ impl<T: SimdReal> ShadowModel<T> {
             return;
         };
         let rows = stripe_rows(height);
-        self.stripes.resize_with(height.div_ceil(rows), Window::default);
+        self.stripes.resize_with(height.div_ceil(rows), GradientWindow::default);
         let sunlight = &self.sunlight;
         let outputs = by_view.data.par_chunks_mut(rows * channels * width).zip(&mut self.stripes);
         outputs.enumerate().for_each(|(k, (by_view, by_sun))| {
@@ -118,7 +118,7 @@ struct Backward<'a, T> {
     first_row: usize,
     channels: usize,
     by_view: &'a mut [T],
-    by_sun: &'a mut Window<T, 1>,
+    by_sun: &'a mut GradientWindow<T, 1>,
 }
 
 impl<T: SimdReal> SimdKernel<T> for Backward<'_, T> {

@@ -30,13 +30,13 @@ pub struct Places<S: Simd> {
 
 /// Some rows of an image that derivatives are added to, all channels of a pixel side by side.
 #[derive(Debug)]
-pub struct Window<T, const C: usize> {
+pub struct GradientWindow<T, const C: usize> {
     width: usize,
     first_row: usize,
     data: Vec<[T; C]>,
 }
 
-impl<T, const C: usize> Default for Window<T, C> {
+impl<T, const C: usize> Default for GradientWindow<T, C> {
     fn default() -> Self {
         Self { width: 0, first_row: 0, data: Vec::new() }
     }
@@ -143,7 +143,7 @@ impl<T: Real, S: Simd<Scalar = T>> Places<S> {
         simd: S,
         mask: SimdMask<S>,
         by_values: [SimdVec<S>; C],
-        window: &mut Window<T, C>,
+        window: &mut GradientWindow<T, C>,
     ) {
         let mut pending = self.inside.and(mask).bitmask();
         if pending == 0 {
@@ -184,7 +184,7 @@ fn pair<P>(pixels: &[P]) -> &[P; 2] {
     pixels.first_chunk().expect("the next column exists")
 }
 
-impl<T: Real, const C: usize> Window<T, C> {
+impl<T: Real, const C: usize> GradientWindow<T, C> {
     /// Becomes zeros at these rows of an image.
     pub fn open(&mut self, width: usize, rows: Range<usize>) {
         (self.width, self.first_row) = (width, rows.start);
@@ -202,7 +202,7 @@ impl<T: Real, const C: usize> Window<T, C> {
 pub fn sum_windows<'a, T: Real, const C: usize>(
     sum: &mut Image<T>,
     scale: T,
-    window: impl Fn(usize) -> Option<&'a Window<T, C>> + Sync,
+    window: impl Fn(usize) -> Option<&'a GradientWindow<T, C>> + Sync,
 ) {
     let width = sum.width;
     sum.data.par_chunks_mut(width * C).enumerate().for_each(|(row, sum)| {

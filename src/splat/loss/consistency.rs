@@ -5,7 +5,7 @@ use super::surface_prior::Prior;
 use super::{LossTerm, Rendered, Scaled, TermInfo};
 use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::{Image, channel, stripe_rows};
-use crate::splat::shear_warp::{ShearWarp, Window, sum_windows};
+use crate::splat::shear_warp::{GradientWindow, ShearWarp, sum_windows};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -31,7 +31,7 @@ pub struct Consistency<T> {
 /// What a run of rows scatters, and sums.
 #[derive(Default)]
 struct Stripe<T> {
-    by_virtual: Window<T, 4>,
+    by_virtual: GradientWindow<T, 4>,
     sums: Sums,
 }
 
