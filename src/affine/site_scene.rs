@@ -15,7 +15,7 @@ const HEIGHT_SHARES: (f64, f64) = (0.005, 0.995);
 const MARGIN_BELOW_M: f64 = 5.0;
 const MARGIN_ABOVE_M: f64 = 15.0;
 /// Views and suns lower than this are refused: their shears have no end.
-const LOWEST_ELEVATION_DEG: f64 = 15.0;
+const LOWEST_ELEVATION_DEG: f64 = crate::scene::LOWEST_SUN_DEG;
 
 /// Why training cannot be set up.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]

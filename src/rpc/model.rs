@@ -256,17 +256,6 @@ impl Rpc {
         least(&self.0.col_den).min(least(&self.0.row_den))
     }
 
-    /// The camera of an image resampled by `factor` (new size / old size), half pixel included.
-    #[must_use]
-    pub fn rescaled(&self, factor: f64) -> Self {
-        let mut c = self.0.clone();
-        for axis in [&mut c.col, &mut c.row] {
-            axis.offset = factor * (axis.offset + 0.5) - 0.5;
-            axis.scale *= factor;
-        }
-        Self(c)
-    }
-
     fn normalised(&self, p: Point<Geodetic>) -> [f64; 3] {
         let c = &self.0;
         let plain = p.lon_deg() - c.lon.offset;
@@ -409,18 +398,6 @@ pub(crate) mod tests {
         let (p, step) = (Point::new(5.4391, 43.2604, 150.0), [3e-5, -2e-5, 7.0]);
         let q = Point::new(p.lon_deg() + step[0], p.lat_deg() + step[1], p.height_m() + step[2]);
         assert!(rpc.moved_on_ground(step).project(q).distance(rpc.project(p)) < 1e-6);
-    }
-
-    #[test]
-    fn rescaling_keeps_pixel_corners_where_they_were() {
-        use crate::frame::CornerPx;
-        let rpc = synthetic();
-        let p = Point::new(5.4391, 43.2604, 150.0);
-        for factor in [0.5, 1.0 / 3.0, 10.0] {
-            let a: Pixel<CornerPx> = rpc.project(p).into();
-            let b: Pixel<CornerPx> = rpc.rescaled(factor).project(p).into();
-            assert!((a.col * factor - b.col).abs() < 1e-9 && (a.row * factor - b.row).abs() < 1e-9);
-        }
     }
 
     #[test]

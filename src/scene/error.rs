@@ -9,16 +9,16 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum SceneError {
-    /// The path is not there, or may not be read.
-    #[error("scene `{path}` cannot be read: {reason}")]
+    /// The path does not exist, or may not be read.
+    #[error("scene `{path}` cannot be read: {cause}")]
     #[diagnostic(help(
         "SCENE is a folder of images with RPCs, or one with `images/` and a folder of JSON files"
     ))]
     Unreadable {
-        /// The path given.
+        /// The given path.
         path: PathBuf,
-        /// The system's words.
-        reason: String,
+        /// Error of the file system.
+        cause: std::io::Error,
     },
     /// A file where a folder is expected.
     #[error("scene `{path}` is a file, a folder is expected")]

@@ -6,8 +6,7 @@ use std::path::Path;
 
 /// Text of a list or an area, as editors write it.
 pub(super) fn read_text(path: &Path) -> Result<String, SceneError> {
-    let bytes = std::fs::read(path)
-        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+    let bytes = std::fs::read(path).map_err(|cause| SceneError::Unreadable { path: path.into(), cause })?;
     Ok(formats::decode(&bytes))
 }
 

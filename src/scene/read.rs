@@ -35,10 +35,10 @@ pub struct ReadOptions {
 /// # Errors
 /// [`SceneError`], naming the file.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
-    let path = &std::path::absolute(path)
-        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
-    let about = std::fs::metadata(path)
-        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+    let path =
+        &std::path::absolute(path).map_err(|cause| SceneError::Unreadable { path: path.into(), cause })?;
+    let about =
+        std::fs::metadata(path).map_err(|cause| SceneError::Unreadable { path: path.into(), cause })?;
     let mut warnings = Vec::new();
     let (views, listed_aoi) = if about.is_file() && !is_image(path) {
         manifest::read(path, options.trust_rpc, &mut warnings)?

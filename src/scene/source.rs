@@ -32,7 +32,7 @@ pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
 
 /// Everything in a folder that is not hidden.
 pub(super) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
-    let failed = |e: std::io::Error| SceneError::Unreadable { path: folder.into(), reason: e.to_string() };
+    let failed = |cause| SceneError::Unreadable { path: folder.into(), cause };
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();

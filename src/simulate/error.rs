@@ -28,13 +28,13 @@ pub enum SimulateError {
         /// The folder.
         path: PathBuf,
     },
-    /// The folder cannot be read, made or cleared.
-    #[error("`{path}`: {reason}")]
+    /// The folder cannot be read, created or cleared.
+    #[error("`{path}`: {cause}")]
     Folder {
         /// The folder or file.
         path: PathBuf,
-        /// The system's words.
-        reason: String,
+        /// Error of the file system.
+        cause: std::io::Error,
     },
     /// An output could not be written.
     #[error(transparent)]

@@ -189,8 +189,7 @@ fn check(options: &SimulateOptions) -> Result<(), SimulateError> {
 
 /// Makes the folder, or clears an earlier simulation from it: its own files and no others.
 fn prepare_folder(out: &Path, overwrite: bool) -> Result<(), SimulateError> {
-    let failed =
-        |path: &Path, e: std::io::Error| SimulateError::Folder { path: path.into(), reason: e.to_string() };
+    let failed = |path: &Path, cause: std::io::Error| SimulateError::Folder { path: path.into(), cause };
     std::fs::create_dir_all(out).map_err(|e| failed(out, e))?;
     let entries = std::fs::read_dir(out).and_then(Iterator::collect::<Result<Vec<_>, _>>);
     let entries = entries.map_err(|e| failed(out, e))?;

@@ -11,8 +11,8 @@ use std::path::Path;
 /// # Errors
 /// [`FormatError`].
 pub(super) fn from_json(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
-    let top: Map<String, Value> = serde_json::from_str(content)
-        .map_err(|e| FormatError::Json { file: file.into(), reason: e.to_string() })?;
+    let top: Map<String, Value> =
+        serde_json::from_str(content).map_err(|cause| FormatError::Json { file: file.into(), cause })?;
     let rpc = match top.get("rpc") {
         Some(Value::Object(rpc)) => rpc,
         None if top.contains_key(RPCM.polynomials[0]) => &top,

@@ -88,23 +88,23 @@ pub enum FormatError {
         /// What to do about it.
         hint: &'static str,
     },
-    /// Broken JSON.
-    #[error("`{file}` is no valid JSON: {reason}")]
-    #[diagnostic(help("NaN and Infinity are no JSON numbers; is the file complete?"))]
+    /// The file begins like JSON but cannot be parsed as JSON.
+    #[error("`{file}` is not valid JSON: {cause}")]
+    #[diagnostic(help("NaN and Infinity are not JSON numbers; is the file complete?"))]
     Json {
         /// The file.
         file: PathBuf,
-        /// Where and why.
-        reason: String,
+        /// Error of the parser.
+        cause: serde_json::Error,
     },
-    /// Broken XML.
-    #[error("`{file}` is no valid XML: {reason}")]
+    /// The file begins like XML but cannot be parsed as XML.
+    #[error("`{file}` is not valid XML: {cause}")]
     #[diagnostic(help("is the file complete?"))]
     Xml {
         /// The file.
         file: PathBuf,
-        /// Where and why.
-        reason: String,
+        /// Error of the parser.
+        cause: roxmltree::Error,
     },
     /// The older form, whose terms come in another order.
     #[error("`{file}` holds an RPC00A, satgs reads RPC00B")]
@@ -139,14 +139,14 @@ pub enum FormatError {
         /// What it looks like, if that is known.
         what: &'static str,
     },
-    /// The file cannot be read at all.
-    #[error("`{file}` cannot be read: {reason}")]
+    /// The file cannot be read, is not a regular file, or is too large to be an RPC.
+    #[error("`{file}` cannot be read: {cause}")]
     #[diagnostic(help("does the file exist, and may you read it?"))]
     Unreadable {
         /// The file.
         file: PathBuf,
-        /// The system's words.
-        reason: String,
+        /// Error of the file system.
+        cause: std::io::Error,
     },
 }
 
@@ -278,15 +278,16 @@ pub fn read_tags(file: &Path) -> Result<ViewTags, FormatError> {
 
 /// Text of a regular file of reasonable size; bytes that are no UTF-8 do not matter, they are comments.
 fn read_text(file: &Path) -> Result<String, FormatError> {
-    let unreadable = |reason: String| FormatError::Unreadable { file: file.into(), reason };
-    let about = std::fs::metadata(file).map_err(|e| unreadable(e.to_string()))?;
-    if !about.is_file() {
-        return Err(unreadable("not a regular file".into()));
+    let unreadable = |cause| FormatError::Unreadable { file: file.into(), cause };
+    let metadata = std::fs::metadata(file).map_err(unreadable)?;
+    if !metadata.is_file() {
+        return Err(unreadable(std::io::Error::other("it is not a regular file")));
     }
-    if about.len() > MAX_BYTES {
-        return Err(unreadable(format!("{} bytes are too many for an RPC", about.len())));
+    if metadata.len() > MAX_BYTES {
+        let size = format!("{} bytes are too many for an RPC", metadata.len());
+        return Err(unreadable(std::io::Error::other(size)));
     }
-    let bytes = std::fs::read(file).map_err(|e| unreadable(e.to_string()))?;
+    let bytes = std::fs::read(file).map_err(unreadable)?;
     Ok(decode(&bytes))
 }
 

@@ -133,10 +133,10 @@ fn errors_name_file_and_field() {
 
     let refused = |content: &str| parse(here(), content).unwrap_err().to_string();
     assert!(refused("{\"a\": 1}").contains("`rpc` is missing"));
-    assert!(refused("{\"rpc\": {\"row_offset\": NaN}}").contains("no valid JSON"));
+    assert!(refused("{\"rpc\": {\"row_offset\": NaN}}").contains("not valid JSON"));
     assert!(refused("{\"rpc\": {\"row_offset\": 1}}").contains("`col_offset` is missing (found 1 of 90"));
     assert!(refused("<isd/>").contains("it is XML without an RPC"));
-    assert!(refused("<isd>").contains("is no valid XML"));
+    assert!(refused("<isd>").contains("is not valid XML"));
     assert!(refused("<isd><RPB/></isd>").contains("`LINEOFFSET` is missing (found 0 of 90"));
     assert!(refused("<a><Global_RFM/></a>").contains("`RFM_Validity` is missing"));
     assert!(refused("<level_X/>").contains("one RPC for each band"));

@@ -14,7 +14,7 @@ const MAX_ELEMENTS: u32 = 1_000_000;
 pub(super) fn parse<'a>(file: &Path, content: &'a str) -> Result<Document<'a>, FormatError> {
     let options = ParsingOptions { nodes_limit: MAX_ELEMENTS, ..ParsingOptions::default() };
     Document::parse_with_options(content, options)
-        .map_err(|e| FormatError::Xml { file: file.into(), reason: e.to_string() })
+        .map_err(|cause| FormatError::Xml { file: file.into(), cause })
 }
 
 /// The first element of this name at any depth.
