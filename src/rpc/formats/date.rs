@@ -1,11 +1,11 @@
 //! Acquisition times in the formats of vendors.
 
 /// Converts a date in the format `YYYYMMDDHHMMSS` or ISO 8601 to `YYYY-MM-DDThh:mm:ssZ`, or to `YYYY-MM-DD` if it has
-/// no time of day; `None` for other formats.
+/// no time of day; `None` for other formats, and for times with an offset from UTC.
 #[must_use]
 pub fn iso_date(text: &str) -> Option<String> {
     let separators = ['-', ':', 'T', 't', 'Z', 'z', ' ', '/'];
-    // An offset of zero is UTC. Times with another offset are not converted.
+    // An offset of zero means UTC.
     let text = text.trim();
     let text = text.strip_suffix("+00:00").or(text.strip_suffix("-00:00")).unwrap_or(text);
     if text.contains('+') {
