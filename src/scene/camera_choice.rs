@@ -46,7 +46,7 @@ pub(super) struct Choice {
 }
 
 /// Content of the metadata files of an image and of the product of which it may be a tile.
-pub(super) struct Told {
+pub(super) struct SidecarTags {
     /// Files of the image, each with its content.
     pub image: Vec<(PathBuf, ViewTags)>,
     /// Files of the product.
@@ -61,7 +61,7 @@ pub(super) fn choose(
     image: &ImageFile,
     candidates: Vec<Candidate>,
     sidecars: &Sidecars,
-    told: &Told,
+    stated: &SidecarTags,
     trust_rpc: bool,
     warnings: &mut Vec<String>,
 ) -> Result<Option<Choice>, SceneError> {
@@ -73,11 +73,11 @@ pub(super) fn choose(
         let of_product = candidate.path.as_ref().is_some_and(|p| sidecars.of_product.contains(p));
         let mut notes = Vec::new();
         let tile = sidecars.tile.filter(|_| of_product);
-        let moved = moved(image, &candidate, own.as_ref(), tile, sidecars, told, &mut notes);
+        let moved = moved(image, &candidate, own.as_ref(), tile, sidecars, stated, &mut notes);
         let fits = match moved {
             Ok(rpc) if trust_rpc => Ok(rpc),
             Ok(rpc) => {
-                check(image, &candidate, &rpc, tile.is_some(), told, sidecars, &mut notes).map(|()| rpc)
+                check(image, &candidate, &rpc, tile.is_some(), stated, sidecars, &mut notes).map(|()| rpc)
             }
             Err(_) if trust_rpc => Ok(candidate.file.rpc.clone()),
             Err(e) => Err(e),
@@ -115,7 +115,7 @@ pub(super) fn choose(
     };
     warnings.append(&mut chosen.file.warnings);
     let tags =
-        told.image.iter().chain(&told.product).fold(chosen.file.tags, |t, (_, more)| t.or(more.clone()));
+        stated.image.iter().chain(&stated.product).fold(chosen.file.tags, |t, (_, more)| t.or(more.clone()));
     Ok(Some(Choice { rpc, source: chosen.source, tags }))
 }
 
@@ -135,13 +135,13 @@ fn moved(
     own: Option<&Rpc>,
     tile: Option<Tile>,
     sidecars: &Sidecars,
-    told: &Told,
+    stated: &SidecarTags,
     notes: &mut Vec<String>,
 ) -> Result<Rpc, SceneError> {
     let rpc = &candidate.file.rpc;
     if let Some(tile) = tile {
         let product =
-            told.product.iter().fold(candidate.file.tags.clone(), |t, (_, more)| t.or(more.clone()));
+            stated.product.iter().fold(candidate.file.tags.clone(), |t, (_, more)| t.or(more.clone()));
         return tile.camera(image.path(), rpc, &product, sidecars.til.as_deref(), notes);
     }
     // A sidecar with the same RPC as the segment belongs to the full image too.
@@ -173,21 +173,21 @@ fn check(
     candidate: &Candidate,
     rpc: &Rpc,
     is_tile: bool,
-    told: &Told,
+    stated: &SidecarTags,
     sidecars: &Sidecars,
     notes: &mut Vec<String>,
 ) -> Result<(), SceneError> {
     let size = image.size();
-    let told_size = told_size(candidate, told, sidecars);
+    let stated_size = stated_size(candidate, stated, sidecars);
     // The offset of tiles and crops in the whole image is applied already.
-    let tiles = told.product.iter().find_map(|(_, tags)| tags.tiles).or(candidate.file.tags.tiles);
+    let tiles = stated.product.iter().find_map(|(_, tags)| tags.tiles).or(candidate.file.tags.tiles);
     let is_part = is_tile && tiles.is_none_or(|t| t.across.saturating_mul(t.down) > 1);
     let is_moved = is_part || *rpc != candidate.file.rpc;
-    let is_told = told_size.as_ref().is_some_and(|(told, _)| *told == size);
+    let is_stated = stated_size.as_ref().is_some_and(|(stated, _)| *stated == size);
     match map_fit(image, rpc) {
         MapFit::NoMap | MapFit::OwnGrid => {}
         MapFit::Other { distance_px, is_near } => {
-            if !(is_near && (is_told || spans(rpc, size))) {
+            if !(is_near && (is_stated || spans(rpc, size))) {
                 return Err(SceneError::Ortho { path: image.path().into(), distance_px });
             }
             notes.push(format!(
@@ -198,15 +198,15 @@ fn check(
             ));
         }
     }
-    if let Some(((width, height), by)) = told_size.filter(|(told, _)| *told != size && !is_moved) {
+    if let Some(((width, height), by)) = stated_size.filter(|(stated, _)| *stated != size && !is_moved) {
         let is_whole = spans_about(rpc, (width, height));
         // The RPC in a crop may have been shifted with it, while the metadata are still those of the whole image.
         if candidate.path.is_some() || is_whole {
             return Err(SceneError::OtherSize {
                 rpc: by,
                 image: image.path().into(),
-                told_width: width,
-                told_height: height,
+                expected_width: width,
+                expected_height: height,
                 width: size.0,
                 height: size.1,
             });
@@ -220,21 +220,25 @@ fn check(
             candidate.source
         ));
     }
-    if !is_told && !is_moved {
+    if !is_stated && !is_moved {
         refuse_other_scale(image, candidate, rpc)?;
     }
     Ok(())
 }
 
 /// The image size that the files of a candidate state, and the file that states it.
-fn told_size(candidate: &Candidate, told: &Told, sidecars: &Sidecars) -> Option<((usize, usize), PathBuf)> {
+fn stated_size(
+    candidate: &Candidate,
+    stated: &SidecarTags,
+    sidecars: &Sidecars,
+) -> Option<((usize, usize), PathBuf)> {
     if let (Some(path), Some(size)) = (&candidate.path, candidate.file.tags.size) {
         return Some((size, path.clone()));
     }
     // The size of the product is not that of a tile with a camera of its own.
     let of_product = candidate.path.as_ref().is_some_and(|p| sidecars.of_product.contains(p));
-    let product: &[_] = if sidecars.is_tile_by_name && !of_product { &[] } else { &told.product };
-    told.image.iter().chain(product).find_map(|(path, tags)| Some((tags.size?, path.clone())))
+    let product: &[_] = if sidecars.is_tile_by_name && !of_product { &[] } else { &stated.product };
+    stated.image.iter().chain(product).find_map(|(path, tags)| Some((tags.size?, path.clone())))
 }
 
 /// Returns an error for an image that is larger than the validity volume of its RPC, or smaller by the same whole factor
@@ -256,8 +260,8 @@ fn refuse_other_scale(image: &ImageFile, candidate: &Candidate, rpc: &Rpc) -> Re
     Err(SceneError::OtherScale {
         image: image.path().into(),
         source_file: candidate.source.clone(),
-        told_width: 2.0 * c.col.scale,
-        told_height: 2.0 * c.row.scale,
+        expected_width: 2.0 * c.col.scale,
+        expected_height: 2.0 * c.row.scale,
         width,
         height,
     })
@@ -292,7 +296,7 @@ pub(super) fn distance_px(a: &Rpc, b: &Rpc, size: (usize, usize)) -> f64 {
     apart.into_iter().map(|d| if d.is_nan() { f64::INFINITY } else { d }).fold(0.0, f64::max)
 }
 
-impl Told {
+impl SidecarTags {
     /// Reads the metadata files; a damaged one gives a warning.
     pub(super) fn read(sidecars: &Sidecars, warnings: &mut Vec<String>) -> Self {
         let mut read = |files: &[PathBuf]| {

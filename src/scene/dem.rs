@@ -59,11 +59,11 @@ impl Scene {
     pub fn dem(&self, path: &Path, vertical: Option<&VerticalReference>) -> Result<Dem, SceneError> {
         let elsewhere = || SceneError::DemElsewhere { path: path.into() };
         let file = ImageFile::open(path)?;
-        let told = match vertical {
+        let stated = match vertical {
             Some(_) => None,
-            None => Some(told_reference(&file)?),
+            None => Some(stated_reference(&file)?),
         };
-        let vertical = vertical.or(told.as_ref());
+        let vertical = vertical.or(stated.as_ref());
         let corners = self.corners()?.ok_or_else(elsewhere)?;
         let places = file.px_of_lon_lats(&corners).ok_or_else(elsewhere)?;
         let window = window(&places, file.size()).ok_or_else(elsewhere)?;
@@ -104,7 +104,7 @@ impl Scene {
             let height_m = if low < LOWEST_M { low } else { high };
             return Err(SceneError::DemVoid { path: path.into(), height_m });
         }
-        // The undulation is nearly constant over a scene, so that it is taken at the centre.
+        // The undulation is nearly constant over a scene; for the range, that at the centre is used.
         let up = both[both.len() / 2].1;
         Ok(Dem {
             origin: [lon.0, lat.0],
@@ -138,8 +138,8 @@ impl Scene {
 }
 
 /// The vertical reference that an elevation model states.
-fn told_reference(file: &ImageFile) -> Result<VerticalReference, SceneError> {
-    let unknown = |told: String| SceneError::VerticalReference { path: file.path().into(), told };
+fn stated_reference(file: &ImageFile) -> Result<VerticalReference, SceneError> {
+    let unknown = |stated: String| SceneError::VerticalReference { path: file.path().into(), stated };
     let Some(from) = HeightSystem::of_raster(file)?.from else { return Err(unknown(String::new())) };
     match VerticalReference::read(&from) {
         Err(VerticalError::Unknown { .. } | VerticalError::NoGrid { .. }) => {

@@ -24,7 +24,7 @@ pub(super) enum MapFit {
     Other {
         /// Largest distance over the five positions at the height with the smallest one, pixels.
         distance_px: f64,
-        /// Whether the map and the camera show the same place.
+        /// Whether this distance is at most half of the longer side of the image, so that both show the same place.
         is_near: bool,
     },
 }
