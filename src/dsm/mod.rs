@@ -30,7 +30,7 @@ pub struct Dsm {
     /// Ellipsoidal heights in metres; NaN where there is none.
     pub height: Grid2,
     /// Red, green and blue of the sunlit surface in the radiometry of the reference view, 0 to 1; NaN where there is no
-    /// splat.
+    /// height.
     pub colors: [Grid2; 3],
     /// Confidence of the heights.
     pub confidence: Confidence,

@@ -26,7 +26,7 @@ pub enum HeightsFrom<'a> {
     },
 }
 
-/// Renders splats on a map grid. The numbers of views in the confidence are 0 until [`Dsm::count_views`] is called.
+/// Renders splats on a map grid. The numbers of views in the confidence are NaN until [`Dsm::count_views`] is called.
 #[must_use]
 pub fn render(
     splats: &Splats,
