@@ -59,7 +59,7 @@ impl AffineCamera {
 
     /// The place (east, north; site metres) that a pixel shows if it lies at an altitude.
     #[must_use]
-    pub fn place_at(&self, px: Pixel<CenterPx>, altitude: f64) -> [f64; 2] {
+    pub fn localize(&self, px: Pixel<CenterPx>, altitude: f64) -> [f64; 2] {
         let [east, north, up] = self.columns();
         let image =
             DVec2::new(px.col - self.offset[0] - up.x * altitude, px.row - self.offset[1] - up.y * altitude);

@@ -50,7 +50,7 @@ impl TrainingView {
         let (west, south, east, north) = area;
         let color = |i: usize| {
             let (col, row) = (i % width, i / width);
-            let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), 0.0);
+            let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), 0.0);
             let inside = x >= west && x <= east && y >= south && y <= north;
             let rgb: [f32; 3] = std::array::from_fn(|k| planes[k.min(planes.len() - 1)].at(col, row));
             if !inside || rgb.iter().any(|v| v.is_nan()) {
@@ -75,7 +75,7 @@ impl TrainingView {
     /// Square root of the three colours' mean light, NaN where masked: what shadows hide in light stands out in it as
     /// much as what the sun shows, and the noise of light is the same everywhere.
     #[must_use]
-    pub fn root_of_light(&self) -> Grid2 {
+    pub fn sqrt_gray(&self) -> Grid2 {
         Grid2::from_fn(self.width, self.height, |col, row| {
             let stored = self.colors[row * self.width + col];
             let [r, g, b] = stored.map(|v| self.linear[usize::from(v)]);
