@@ -1,7 +1,8 @@
 //! The cost volume of the plane sweep: how well the views agree in every cell at every altitude.
 //!
-//! Gray values are compared by normalised cross-correlation in small windows of cells. From the second pass on, the cells of a
-//! window are weighted by how similar they are to its centre (adaptive support weights; Yoon and Kweon 2006).
+//! Gray values are compared by normalised cross-correlation in small windows of cells. From the second pass
+//! on, the cells of a window are weighted by how similar they are to its centre (adaptive support weights;
+//! Yoon and Kweon 2006).
 
 use super::image::MatchImage;
 use super::plane_sweep::{PlaneStack, PlaneSweep};
@@ -14,18 +15,19 @@ use std::ops::Range;
 
 /// Side of the windows, cells.
 const WINDOW: usize = 3;
-/// Rows and columns of a tile: a block of cells whose data fit into the cache of a core. Tiles overlap by the margins of the
-/// windows.
+/// Rows and columns of a tile: a block of cells whose data fit into the cache of a core. Tiles overlap by the
+/// margins of the windows.
 const ROWS: usize = 18;
 const COLUMNS: usize = 64;
 const INNER_ROWS: usize = ROWS - (WINDOW - 1);
 const INNER_COLUMNS: usize = COLUMNS - (WINDOW - 1);
 /// Variance of the gray values in a window up to which the window is textureless and has no correlation.
 const MIN_VARIANCE: f32 = 1e-5;
-/// Number of imaginary pairs with a correlation of 0 that is added to the pairs of every cell: it lowers the score of cells that
-/// few pairs see.
+/// Number of imaginary pairs with a correlation of 0 that is added to the pairs of every cell: it lowers the
+/// score of cells that few pairs see.
 const EXTRA_PAIRS: f32 = 1.0;
-/// Difference of gray values, in standard deviations of the image, at which the weight of a cell in a window falls to 1/e.
+/// Difference of gray values, in standard deviations of the image, at which the weight of a cell in a window
+/// falls to 1/e.
 const SIMILARITY_SCALE: f32 = 0.2;
 /// The agreement of the views in a cell rises from 0 to 1 between these scores of the best altitude.
 const AGREEMENT: Range<f32> = 0.1..0.25;
@@ -34,19 +36,23 @@ const AGREEMENT: Range<f32> = 0.1..0.25;
 const PRIOR_COST: f32 = 90.0;
 /// Distance from a prior at which half of its cost is reached, metres.
 const PRIOR_SCALE_M: f32 = 3.0;
-/// Cost at the trained surface where the views do not agree, as a share of `PRIOR_COST`: there the first surface is preferred.
+/// Cost at the trained surface where the views do not agree, as a share of `PRIOR_COST`: there the first
+/// surface is preferred.
 const TRAINED_OFFSET: f32 = 0.25;
-/// Cost at the first surface where the views agree, as a share of `PRIOR_COST`: there the trained surface is preferred.
+/// Cost at the first surface where the views agree, as a share of `PRIOR_COST`: there the trained surface is
+/// preferred.
 const FIRST_OFFSET: f32 = 0.5;
 
 /// A value for every cell of a row of a tile.
 type Line<T = f32> = [T; COLUMNS];
 /// A value for every cell of a tile.
 type Lines = [Line; ROWS];
-/// For every position in a window, row by row, its weight in the window around each cell. The weights of a window add up to 1.
+/// For every position in a window, row by row, its weight in the window around each cell. The weights of a
+/// window add up to 1.
 type Weights = [Lines; WINDOW * WINDOW];
 
-/// Matching costs of every cell at every plane of the stack, cell by cell: from 0 for a perfect correlation to 254 for none.
+/// Matching costs of every cell at every plane of the stack, cell by cell: from 0 for a perfect correlation
+/// to 254 for none.
 pub(super) struct CostVolume {
     planes: usize,
     costs: Vec<u8>,
@@ -56,8 +62,8 @@ impl CostVolume {
     /// Cost where no pair of views sees the cell.
     pub const UNSEEN: u8 = 255;
 
-    /// Correlates all pairs of views. With the visibility from an earlier pass, similar cells of a window weigh more, and views
-    /// from which a cell is occluded are left out.
+    /// Correlates all pairs of views. With the visibility from an earlier pass, similar cells of a window
+    /// weigh more, and views from which a cell is occluded are left out.
     pub fn correlate(sweep: &PlaneSweep, visibility: Option<&Visibility>) -> Self {
         let (planes, width) = (sweep.stack.planes, sweep.grid.width);
         let mut costs = vec![Self::UNSEEN; width * sweep.grid.height * planes];
@@ -72,10 +78,11 @@ impl CostVolume {
         Self { planes, costs }
     }
 
-    /// Adds the cost of the distance to the nearer of two priors: the trained surface `trained` and the `first` surface.
+    /// Adds the cost of the distance to the nearer of two priors: the trained surface `trained` and the
+    /// `first` surface.
     ///
-    /// Where the views do not agree or show a textureless surface, splats drift during training: there the first surface is
-    /// preferred, elsewhere the trained one.
+    /// Where the views do not agree or show a textureless surface, splats drift during training: there the
+    /// first surface is preferred, elsewhere the trained one.
     pub fn add_prior(&mut self, trained: &Grid2, first: &Grid2, stack: &PlaneStack, visibility: &Visibility) {
         let scale = 1.0 - PRIOR_COST / 255.0;
         self.costs.par_chunks_mut(self.planes).enumerate().for_each(|(cell, costs)| {
@@ -107,8 +114,8 @@ fn agreement(costs: &[u8]) -> f32 {
     ((best - AGREEMENT.start) / (AGREEMENT.end - AGREEMENT.start)).clamp(0.0, 1.0)
 }
 
-/// Robust distance of an altitude from a prior (Geman and McClure 1985): from 0 at the prior to 1 far from it; 1 if the prior is
-/// unknown.
+/// Robust distance of an altitude from a prior (Geman and McClure 1985): from 0 at the prior to 1 far from
+/// it; 1 if the prior is unknown.
 fn geman_mcclure(distance_m: f32) -> f32 {
     let d = distance_m / PRIOR_SCALE_M;
     if d.is_nan() { 1.0 } else { d * d / (d * d + 1.0) }
@@ -190,8 +197,8 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Sets the weights of the cells of every window: larger for cells whose gray values are similar to those of the central
-    /// cell. Without a visibility all weights are equal.
+    /// Sets the weights of the cells of every window: larger for cells whose gray values are similar to those
+    /// of the central cell. Without a visibility all weights are equal.
     fn set_weights(&mut self, visibility: Option<&Visibility>) {
         for r in 1..ROWS - 1 {
             for c in 1..COLUMNS - 1 {
@@ -305,8 +312,8 @@ fn window_statistics(view: &mut Samples, weights: &Weights) {
     }
 }
 
-/// Adds the cubes of the correlations of two views to `score`, and to `pairs` 1 where both see the cell. With the cubes, one pair
-/// that correlates well has more influence than several that correlate moderately.
+/// Adds the cubes of the correlations of two views to `score`, and to `pairs` 1 where both see the cell. With
+/// the cubes, one pair that correlates well has more influence than several that correlate moderately.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn add_pair(a: &Samples, b: &Samples, weights: &Weights, score: &mut Lines, pairs: &mut Lines) {
     let mut products = Windows::EMPTY;
@@ -345,8 +352,8 @@ impl Windows {
         self.0[WINDOW - 1] = *line;
     }
 
-    /// Weighted means of the windows that end with the row that was pushed last; `center` is their central row. The first and last
-    /// column have no meaning.
+    /// Weighted means of the windows that end with the row that was pushed last; `center` is their central
+    /// row. The first and last column have no meaning.
     #[inline(always)]
     fn means(&self, weights: &Weights, center: usize) -> Line {
         let mut out = [0.0; COLUMNS];

@@ -14,22 +14,22 @@ pub(super) struct Coverage {
     largest: f32,
     /// Whether the ground is seen by most of the views that see the cell at a greater altitude.
     ///
-    /// Just outside the area that the images cover, they still see the space above the ground. Matching would find false
-    /// surfaces there.
+    /// Just outside the area that the images cover, they still see the space above the ground. Matching would
+    /// find false surfaces there.
     pub covers_ground: bool,
 }
 
 impl Coverage {
-    /// From the number of views that see the cell at the ground and at each of the altitudes; at least `needed` views must see
-    /// the ground.
+    /// From the number of views that see the cell at the ground and at each of the altitudes; at least
+    /// `needed` views must see the ground.
     pub fn new(ground: usize, counts: [usize; ALTITUDES], needed: usize) -> Self {
         let largest = counts.into_iter().fold(ground, usize::max);
         let covers_ground = ground >= needed && ground as f64 >= GROUND_SHARE * largest as f64;
         Self { counts: counts.map(|n| n as f32), largest: largest.max(1) as f32, covers_ground }
     }
 
-    /// The number of views at a relative altitude, from 0 at the lowest plane to 1 at the highest, as a share of the largest
-    /// number.
+    /// The number of views at a relative altitude, from 0 at the lowest plane to 1 at the highest, as a share
+    /// of the largest number.
     pub fn share(&self, relative: f32) -> f32 {
         let at = relative * (ALTITUDES - 1) as f32;
         let below = (at as usize).min(ALTITUDES - 2);

@@ -6,7 +6,8 @@ use crate::stats::quantile;
 
 /// Quantile of the altitudes of all sparse points that is taken for a level ground plane.
 const PLANE_QUANTILE: f64 = 0.02;
-/// Side of the cells in which the ground is estimated, metres, and the quantile of the altitudes in a cell that is taken for it.
+/// Side of the cells in which the ground is estimated, metres, and the quantile of the altitudes in a cell
+/// that is taken for it.
 const GROUND_CELL_M: f64 = 30.0;
 const GROUND_QUANTILE: f64 = 0.1;
 
@@ -57,8 +58,8 @@ impl Ground {
         height_range(sparse.iter().map(|p| p.z() - self.altitude(p.x(), p.y())).collect())
     }
 
-    /// Altitude of the ground at a place (east and north, site metres): bilinear between the centres of cells, constant beyond
-    /// them.
+    /// Altitude of the ground at a place (east and north, site metres): bilinear between the centres of
+    /// cells, constant beyond them.
     #[must_use]
     pub fn altitude(&self, x: f64, y: f64) -> f64 {
         let axis = |v: f64, start: f64, n: usize| {

@@ -37,7 +37,8 @@ impl MatchImage {
         Self { gray: self.gray.window(part), valid: None, camera, ..*self }
     }
 
-    /// Gray value at the projection of a point, bilinear, in standard deviations above the mean of the image; NaN outside.
+    /// Gray value at the projection of a point, bilinear, in standard deviations above the mean of the image;
+    /// NaN outside.
     pub fn normalized_gray(&self, p: Point<Site>) -> f32 {
         let px = self.camera.project(p);
         ((f64::from(self.gray.bilinear(px.col, px.row)) - self.mean) / self.std_dev) as f32

@@ -12,13 +12,14 @@ use rayon::prelude::*;
 
 /// Number of passes; all but the first leave out views from which a cell is occluded.
 const PASSES: u64 = 2;
-/// Smallest number of views with which refinement after training improves the surface. Two or three views can agree on
-/// splats at false altitudes.
+/// Smallest number of views with which refinement after training improves the surface. Two or three views can
+/// agree on splats at false altitudes.
 const MIN_REFINED_VIEWS: usize = 4;
-/// A prior is used only if it lies within this distance, metres, of the altitudes of the first surface that far around the
-/// cell.
+/// A prior is used only if it lies within this distance, metres, of the altitudes of the first surface that
+/// far around the cell.
 const PRIOR_NEIGHBOURHOOD_M: f64 = 5.0;
-/// A prior is used only if at least this share of the views that see the first surface of the cell also see the prior.
+/// A prior is used only if at least this share of the views that see the first surface of the cell also see
+/// the prior.
 const PRIOR_COVERAGE: f64 = 0.8;
 /// A textureless cell is interpolated from confident cells if at least the share `SUPPORT_SHARE` of the cells within
 /// `SUPPORT_RADIUS_M` (metres) are confident and differ from it by less than `SUPPORT_STEP_M` in altitude.
@@ -84,11 +85,12 @@ impl PlaneSweep {
         })
     }
 
-    /// Matches again after training, with the altitudes of the trained splats as `prior`: site metres on this sweep's grid, NaN
-    /// where unknown. `first` is the surface from which training started.
+    /// Matches again after training, with the altitudes of the trained splats as `prior`: site metres on this
+    /// sweep's grid, NaN where unknown. `first` is the surface from which training started.
     ///
-    /// Training finds trees that the first matching lost, but closes narrow gaps that it had open. Each cell may therefore also
-    /// return to the first surface where the views agree better there. The result is postfiltered (`postfilter`).
+    /// Training finds trees that the first matching lost, but closes narrow gaps that it had open. Each cell
+    /// may therefore also return to the first surface where the views agree better there. The result is
+    /// postfiltered (`postfilter`).
     #[must_use]
     pub fn refine(&self, prior: &Grid2, first: &MatchedSurface) -> MatchedSurface {
         let (occluders, prior) = (first.confident(), &self.plausible_prior(prior, &first.altitude));
@@ -98,7 +100,8 @@ impl PlaneSweep {
             volume.add_prior(prior, &first.altitude, &self.stack, &visibility);
             self.optimized(&volume, P2_REFINEMENT)
         };
-        // The gray values of the cells depend on the surface: the second pass takes them from the result of the first.
+        // The gray values of the cells depend on the surface: the second pass takes them from the result of
+        // the first.
         let mut refined = refined_once(&refined_once(prior).altitude).postfiltered(prior);
         // Cells that few-view stereo could not match stay marked as filled.
         for (score, first) in refined.score.data.iter_mut().zip(&first.score.data) {
@@ -109,9 +112,9 @@ impl PlaneSweep {
         refined
     }
 
-    /// `prior` where it is plausible, else NaN: within the range of altitudes of the `first` surface nearby, and seen by most of
-    /// the views that see the first surface. At the margins and over textureless surfaces, splats may float where no view
-    /// contradicts them.
+    /// `prior` where it is plausible, else NaN: within the range of altitudes of the `first` surface nearby,
+    /// and seen by most of the views that see the first surface. At the margins and over textureless
+    /// surfaces, splats may float where no view contradicts them.
     pub(super) fn plausible_prior(&self, prior: &Grid2, first: &Grid2) -> Grid2 {
         let radius = (PRIOR_NEIGHBOURHOOD_M / self.grid.cell).ceil() as i64;
         let plausible = |col: usize, row: usize| {

@@ -1,11 +1,12 @@
 //! Dense matching of the training views: the surface that training starts from, and its refinement afterwards.
 //!
 //! Two matchers produce a [`MatchedSurface`], altitudes on a map grid:
-//! - With more than [`FEW_VIEWS`] views, a plane sweep over the map grid (Collins 1996; Gallup et al. 2007). Each cell tests
-//!   the altitudes of a stack of surfaces parallel to the ground ([`PlaneSweep`]). The views are sampled where they see the
-//!   cell at that altitude, and compared pair by pair with normalised cross-correlation (`correlation`). Semi-global matching
-//!   (`semiglobal`, Hirschmüller 2008) picks altitudes that agree with those of the neighbouring cells. A second pass uses
-//!   the surface of the first to leave out views from which a cell is occluded (`visibility`).
+//! - With more than [`FEW_VIEWS`] views, a plane sweep over the map grid (Collins 1996; Gallup et al. 2007).
+//!   Each cell tests the altitudes of a stack of surfaces parallel to the ground ([`PlaneSweep`]). The views
+//!   are sampled where they see the cell at that altitude, and compared pair by pair with normalised
+//!   cross-correlation (`correlation`). Semi-global matching (`semiglobal`, Hirschmüller 2008) picks
+//!   altitudes that agree with those of the neighbouring cells. A second pass uses the surface of the first
+//!   to leave out views from which a cell is occluded (`visibility`).
 //! - With few views, stereo matching in the images (`stereo`).
 //!
 //! After training, [`PlaneSweep::refine`] matches again with the altitudes of the trained splats as a prior.

@@ -1,6 +1,7 @@
 //! Occlusion of the cells of a surface: from a view, or from the sun.
 //!
-//! Rays are marched over the height map. The maxima of blocks of cells let a ray skip blocks that are too low to occlude it.
+//! Rays are marched over the height map. The maxima of blocks of cells let a ray skip blocks that are too low
+//! to occlude it.
 
 use crate::io::Grid2;
 use multiversion::multiversion;
@@ -9,18 +10,18 @@ use std::ops::Range;
 
 /// A cell may lie this far below [`occlusion_height`] and still count as visible, metres.
 pub const OCCLUSION_TOLERANCE_M: f32 = 0.5;
-/// Number of cells at the start of a ray that do not occlude. At a blurred edge the nearest cells are too high, and would
-/// occlude the cell itself.
+/// Number of cells at the start of a ray that do not occlude. At a blurred edge the nearest cells are too
+/// high, and would occlude the cell itself.
 const SKIPPED_CELLS: usize = 2;
 
 /// Side of the blocks whose maxima are known, cells.
 const BLOCK: usize = 8;
 
-/// The altitude in each cell from which on the cell is visible along rays whose ground displacement is `slope` (metres east and
-/// north per metre of height).
+/// The altitude in each cell from which on the cell is visible along rays whose ground displacement is
+/// `slope` (metres east and north per metre of height).
 ///
-/// `surface` holds altitudes in metres on a grid with cells of `cell` metres, from north to south; NaN cells do not occlude. The
-/// result is negative infinity where nothing occludes a cell.
+/// `surface` holds altitudes in metres on a grid with cells of `cell` metres, from north to south; NaN cells
+/// do not occlude. The result is negative infinity where nothing occludes a cell.
 #[must_use]
 pub fn occlusion_height(surface: &Grid2, [east, north]: [f64; 2], cell: f64) -> Grid2 {
     let slope = [east / cell, -north / cell];
@@ -33,8 +34,8 @@ pub fn occlusion_height(surface: &Grid2, [east, north]: [f64; 2], cell: f64) -> 
     out
 }
 
-/// The highest altitude of each block and the eight blocks around it. A ray that starts in the block does not leave these within
-/// [`BLOCK`] steps.
+/// The highest altitude of each block and the eight blocks around it. A ray that starts in the block does not
+/// leave these within [`BLOCK`] steps.
 fn block_maxima(surface: &Grid2) -> Grid2 {
     let (width, height) = (surface.width.div_ceil(BLOCK), surface.height.div_ceil(BLOCK));
     let highest = |plane: &Grid2, cols: Range<i64>, rows: Range<i64>| {
@@ -47,8 +48,8 @@ fn block_maxima(surface: &Grid2) -> Grid2 {
     Grid2::from_fn(width, height, |col, row| highest(&own, around(col), around(row)))
 }
 
-/// [`occlusion_height`] of the cells of a row. `slope` is in cells (right, down) per metre; `top` is the highest altitude of the
-/// surface.
+/// [`occlusion_height`] of the cells of a row. `slope` is in cells (right, down) per metre; `top` is the
+/// highest altitude of the surface.
 #[multiversion(targets("x86_64+avx2+fma"))]
 fn occlusion_of_row(
     surface: &Grid2,

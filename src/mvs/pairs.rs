@@ -3,8 +3,8 @@
 use crate::affine::TrainingView;
 use std::ops::Range;
 
-/// Parallaxes (ground displacement per metre of height, see [`parallax`]) of views that can be matched. With less, the
-/// heights are too uncertain; with more, the views see different walls.
+/// Parallaxes (ground displacement per metre of height, see [`parallax`]) of views that can be matched. With
+/// less, the heights are too uncertain; with more, the views see different walls.
 pub const PARALLAX: Range<f64> = 0.08..0.9;
 /// The preferred parallax, and the weight of a deviation from it against a difference between the suns of two views.
 const BEST_PARALLAX: f64 = 0.35;
@@ -64,14 +64,15 @@ fn matched_angles() -> String {
     format!("{:.0}° to {:.0}°", deg(PARALLAX.start), deg(PARALLAX.end))
 }
 
-/// The parallax of two views: the ground displacement between them per metre of height, as in the base-to-height ratio.
+/// The parallax of two views: the ground displacement between them per metre of height, as in the
+/// base-to-height ratio.
 #[must_use]
 pub fn parallax(a: &TrainingView, b: &TrainingView) -> f64 {
     distance(a.camera.line_of_sight_slope(), b.camera.line_of_sight_slope())
 }
 
-/// Pairs of views (indices) whose parallax is within [`PARALLAX`]. Pairs with similar suns are preferred, because their
-/// shadows fall alike.
+/// Pairs of views (indices) whose parallax is within [`PARALLAX`]. Pairs with similar suns are preferred,
+/// because their shadows fall alike.
 pub(super) fn stereo_pairs(views: &[TrainingView]) -> Vec<(usize, usize)> {
     let shadow_slope =
         |i: usize| views[i].sun_shear.map(|s| views[i].camera.sheared(s).line_of_sight_slope());

@@ -12,7 +12,8 @@ use rayon::prelude::*;
 
 /// Default side of a DSM's cells, metres. The map grid of the plane sweep has no smaller cells.
 pub const DSM_CELL_M: f64 = 0.5;
-/// Largest size of a cost volume, cells times planes, at three bytes each. For larger areas the cells are made larger.
+/// Largest size of a cost volume, cells times planes, at three bytes each. For larger areas the cells are
+/// made larger.
 pub(super) const MAX_VOLUME: f64 = 600e6;
 
 /// Matching of a site's training views by plane sweep over a map grid; see the [module's page](super).
@@ -52,8 +53,8 @@ impl PlaneStack {
 }
 
 impl PlaneSweep {
-    /// Prepares the matching of `views` over the area of a site. The range of altitudes is that of the sparse points `sparse`.
-    /// Returns none if there are no sparse points or no two views make a stereo pair.
+    /// Prepares the matching of `views` over the area of a site. The range of altitudes is that of the sparse
+    /// points `sparse`. Returns none if there are no sparse points or no two views make a stereo pair.
     #[must_use]
     pub fn new(setup: &SiteScene, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Self> {
         let pairs = stereo_pairs(views);
@@ -102,8 +103,9 @@ impl PlaneSweep {
     }
 }
 
-/// Side of the grid's cells, metres, for pixels of `pixel_m` metres: the pixel size rounded to a tenth of a metre, at least
-/// [`DSM_CELL_M`]. Pixels of about half a metre thus give the default cells of the DSM, which then needs no resampling.
+/// Side of the grid's cells, metres, for pixels of `pixel_m` metres: the pixel size rounded to a tenth of a
+/// metre, at least [`DSM_CELL_M`]. Pixels of about half a metre thus give the default cells of the DSM, which
+/// then needs no resampling.
 fn cell_m(pixel_m: f64) -> f64 {
     ((10.0 * pixel_m).round() / 10.0).max(DSM_CELL_M)
 }

@@ -1,8 +1,10 @@
 //! Filtering of the refined surface.
 //!
 //! 1. Cells that are not confident take a low percentile of the altitudes around them.
-//! 2. A small median filter removes noise of single cells. It preserves planes, straight edges and right-angled corners.
-//! 3. Next to a discontinuity, cells with a low score take the altitude of the side that the trained splats are nearer to.
+//! 2. A small median filter removes noise of single cells. It preserves planes, straight edges and
+//!    right-angled corners.
+//! 3. Next to a discontinuity, cells with a low score take the altitude of the side that the trained splats
+//!    are nearer to.
 
 use super::surface::{CONFIDENT, MatchedSurface};
 use crate::io::Grid2;
@@ -15,20 +17,22 @@ struct RankFilter {
     quantile: (usize, usize),
 }
 
-/// For cells that are not confident: thirteen cells, and slightly less than the median, because matching in windows enlarges
-/// elevated objects (foreground fattening).
+/// For cells that are not confident: thirteen cells, and slightly less than the median, because matching in
+/// windows enlarges elevated objects (foreground fattening).
 const UNCONFIDENT: RankFilter = RankFilter { radius: 2, quantile: (5, 12) };
 /// For all cells: the median of a cell and its four neighbours.
 const MEDIAN: RankFilter = RankFilter { radius: 1, quantile: (1, 2) };
 /// Difference of altitude among a cell and its four neighbours from which on it is a discontinuity, metres.
 const DISCONTINUITY_M: f32 = 2.0;
-/// Score below which splats locate a discontinuity better than matching does: they are not limited by the size of a window.
+/// Score below which splats locate a discontinuity better than matching does: they are not limited by the
+/// size of a window.
 const EXACT_SCORE: f32 = 0.5;
 /// Offsets (right, down) of the four neighbours of a cell.
 const NEIGHBOURS: [(i64, i64); 4] = [(1, 0), (0, -1), (-1, 0), (0, 1)];
 
 impl MatchedSurface {
-    /// The filtered surface. `trained` holds the altitudes of the trained splats, site metres; NaN where they are not to be used.
+    /// The filtered surface. `trained` holds the altitudes of the trained splats, site metres; NaN where they
+    /// are not to be used.
     #[must_use]
     pub(super) fn postfiltered(mut self, trained: &Grid2) -> Self {
         let filled = UNCONFIDENT.apply(&self.altitude, |col, row| self.score.at(col, row) < CONFIDENT);

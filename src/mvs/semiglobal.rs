@@ -1,8 +1,8 @@
 //! Semi-global matching (SGM): aggregation of matching costs along eight paths.
 //!
-//! H. Hirschmüller, "Stereo Processing by Semiglobal Matching and Mutual Information", IEEE TPAMI 30(2), 2008, equations 13
-//! and 14. Disparities are planes here. Written by hand, because the cells may be those of a map grid, and costs must
-//! stay in 8 and 16 bits to be fast.
+//! H. Hirschmüller, "Stereo Processing by Semiglobal Matching and Mutual Information", IEEE TPAMI 30(2),
+//! 2008, equations 13 and 14. Disparities are planes here. Written by hand, because the cells may be those of
+//! a map grid, and costs must stay in 8 and 16 bits to be fast.
 
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -30,8 +30,8 @@ pub(super) enum P2<'a> {
     PerCell(&'a [u16]),
 }
 
-/// The aggregated costs: sums over the eight paths, in the order of `costs`. This is row by row of `width` cells, with `planes`
-/// values for each cell.
+/// The aggregated costs: sums over the eight paths, in the order of `costs`. This is row by row of `width`
+/// cells, with `planes` values for each cell.
 pub(super) fn aggregate(costs: &[u8], width: usize, planes: usize, penalties: Penalties) -> Vec<u16> {
     let paths = Paths { planes, penalties };
     let length = width * paths.planes;
@@ -114,7 +114,8 @@ fn along(paths: &Paths, sums: &mut [u16], costs: &[u8], first: usize, backwards:
     }
 }
 
-/// Advances the paths from the row `before` into a run of cells. Paths that come from outside of the image start from `border`.
+/// Advances the paths from the row `before` into a run of cells. Paths that come from outside of the image
+/// start from `border`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx2", "x86_64+avx2"))]
 fn across(
     paths: &Paths,

@@ -16,13 +16,13 @@ pub struct MatchedSurface {
     pub grid: MapGrid,
     /// Altitudes in metres above the origin of the site; NaN where no pair of views sees the cell.
     pub altitude: Grid2,
-    /// How well the views agree at that altitude, from 0 to 1. It is 0 where the altitude was not matched but filled in from
-    /// its surroundings.
+    /// How well the views agree at that altitude, from 0 to 1. It is 0 where the altitude was not matched but
+    /// filled in from its surroundings.
     ///
     /// The plane sweep gives the mean cube of the pairs' correlations, reduced where few images reach the cell.
     pub score: Grid2,
-    /// Weight, from 0 to 1, of the loss term that keeps trained splats near this surface: 1 where a textureless surface is
-    /// interpolated from confident cells around it.
+    /// Weight, from 0 to 1, of the loss term that keeps trained splats near this surface: 1 where a
+    /// textureless surface is interpolated from confident cells around it.
     pub prior_weight: Grid2,
 }
 
@@ -45,7 +45,8 @@ impl MatchedSurface {
         out
     }
 
-    /// Writes ellipsoidal heights in metres, scores and prior weights as the three bands of a Cloud-Optimized GeoTIFF.
+    /// Writes ellipsoidal heights in metres, scores and prior weights as the three bands of a Cloud-Optimized
+    /// GeoTIFF.
     ///
     /// # Errors
     /// [`WriteError`] when the file cannot be written.

@@ -8,21 +8,22 @@ use std::ops::Range;
 
 /// Radius of the square neighbourhood in which the texture around a cell is measured, cells.
 const TEXTURE_RADIUS: i64 = 2;
-/// The texture of a cell rises from 0 to 1 between these standard deviations of the gray values around it, in standard deviations
-/// of the whole image.
+/// The texture of a cell rises from 0 to 1 between these standard deviations of the gray values around it, in
+/// standard deviations of the whole image.
 const TEXTURE: Range<f32> = 0.02..0.12;
 
 /// How the views see a surface.
 pub(super) struct Visibility {
     /// For every view, the altitude in each cell from which on the cell is not occluded.
     lowest_visible: Vec<Grid2>,
-    /// Gray value of every cell, in standard deviations above the mean of an image: the median of the views that see it; NaN where
-    /// none does.
+    /// Gray value of every cell, in standard deviations above the mean of an image: the median of the views
+    /// that see it; NaN where none does.
     gray: Grid2,
 }
 
 impl Visibility {
-    /// The visibility of `surface`, behind the surface `occluders`. Both hold altitudes on the grid of the sweep, site metres.
+    /// The visibility of `surface`, behind the surface `occluders`. Both hold altitudes on the grid of the
+    /// sweep, site metres.
     pub fn new(sweep: &PlaneSweep, surface: &Grid2, occluders: &Grid2) -> Self {
         let with_tolerance = |mut height: Grid2| {
             height.data.iter_mut().for_each(|z| *z -= OCCLUSION_TOLERANCE_M);
@@ -55,13 +56,14 @@ impl Visibility {
         self.lowest_visible[view].data[cell]
     }
 
-    /// Absolute difference of the gray values of two cells, in standard deviations of an image; NaN if no view sees one of them.
+    /// Absolute difference of the gray values of two cells, in standard deviations of an image; NaN if no
+    /// view sees one of them.
     pub fn gray_difference(&self, a: usize, b: usize) -> f32 {
         (self.gray.data[a] - self.gray.data[b]).abs()
     }
 
-    /// Texture around a cell: 0 where it is textureless, so that all altitudes match equally well, up to 1. NaN where the views
-    /// see less than half of the neighbourhood.
+    /// Texture around a cell: 0 where it is textureless, so that all altitudes match equally well, up to 1.
+    /// NaN where the views see less than half of the neighbourhood.
     pub fn texture(&self, cell: usize) -> f32 {
         let (col, row) = ((cell % self.gray.width) as i64, (cell / self.gray.width) as i64);
         let (mut n, mut sum, mut squares) = (0.0f32, 0.0, 0.0);

@@ -11,10 +11,11 @@ use std::ops::Range;
 /// Semi-global matching's penalty for a difference of one plane between neighbouring pixels. In the units of
 /// [`RayCosts`]: 127 stands for a correlation of 0.
 const P1: u16 = 30;
-/// Penalty for a larger difference: from its value at the strongest edges of the image, where surfaces end, to its value in uniform
-/// parts.
+/// Penalty for a larger difference: from its value at the strongest edges of the image, where surfaces end,
+/// to its value in uniform parts.
 const P2_RANGE: Range<f32> = 40.0..150.0;
-/// Difference of gray value to a neighbouring pixel, in standard deviations of the image, at which the penalty P2 is halved.
+/// Difference of gray value to a neighbouring pixel, in standard deviations of the image, at which the
+/// penalty P2 is halved.
 const P2_HALVING_EDGE: f32 = 0.2;
 
 /// Altitudes of the pixels of a view.
@@ -31,8 +32,9 @@ impl AltitudeMap {
         Self { altitude: Grid2::filled(width, height, f32::NAN), score: Grid2::filled(width, height, 0.0) }
     }
 
-    /// The altitudes of least cost after semi-global aggregation, interpolated between planes by a parabola. Pixels whose best plane
-    /// is the first or the last have no altitude, because the true one may lie beyond.
+    /// The altitudes of least cost after semi-global aggregation, interpolated between planes by a parabola.
+    /// Pixels whose best plane is the first or the last have no altitude, because the true one may lie
+    /// beyond.
     pub fn optimized(image: &MatchImage, rays: &Rays, volume: &RayCosts) -> Self {
         let Grid2 { width, height, .. } = image.gray;
         let planes = volume.planes;
@@ -42,7 +44,8 @@ impl AltitudeMap {
         let best = |i: usize| {
             let (costs, sums) = (volume.pixel(i), &sums[i * planes..(i + 1) * planes]);
             let k = (0..planes).min_by_key(|k| sums[*k]).unwrap_or(0);
-            // Without correlation, or where no source view sees the point, only the neighbours have determined the plane.
+            // Without correlation, or where no source view sees the point, only the neighbours have
+            // determined the plane.
             if f32::from(costs[k]) >= RayCosts::UNCORRELATED || k == 0 || k + 1 == planes {
                 return (f32::NAN, 0.0);
             }

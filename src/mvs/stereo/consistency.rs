@@ -12,8 +12,8 @@ const TOLERANCE_PX: f64 = 1.0;
 const MIN_PART_PX: usize = 40;
 /// Radius of the windows over which altitudes are smoothed, pixels.
 const SMOOTHING_RADIUS: i64 = 2;
-/// Scale of the weights in these windows: an altitude that differs from the central one by this many pixels' worth of altitude has a
-/// quarter of the weight.
+/// Scale of the weights in these windows: an altitude that differs from the central one by this many pixels'
+/// worth of altitude has a quarter of the weight.
 const SMOOTHING_PX: f64 = 1.0;
 
 /// The maps, smoothed, without the altitudes that no source view's map confirms.
@@ -55,7 +55,8 @@ pub(super) fn consistent(
     maps.iter().zip(references).map(checked).collect()
 }
 
-/// Weighted means over windows. An altitude that differs from the central one by `scale` (metres) has a quarter of its weight.
+/// Weighted means over windows. An altitude that differs from the central one by `scale` (metres) has a
+/// quarter of its weight.
 fn smoothed(altitude: &Grid2, scale: f32) -> Grid2 {
     Grid2::from_rows(altitude.width, altitude.height, |row, line| {
         for (col, out) in line.iter_mut().enumerate() {
@@ -79,8 +80,8 @@ fn smoothed(altitude: &Grid2, scale: f32) -> Grid2 {
     })
 }
 
-/// Removes connected parts of fewer than [`MIN_PART_PX`] pixels. Neighbours are connected if their altitudes differ by at most
-/// `max_step_m` metres.
+/// Removes connected parts of fewer than [`MIN_PART_PX`] pixels. Neighbours are connected if their altitudes
+/// differ by at most `max_step_m` metres.
 fn remove_small_parts(altitude: &mut Grid2, max_step_m: f32) {
     let (width, height) = (altitude.width, altitude.height);
     let mut seen = vec![false; width * height];

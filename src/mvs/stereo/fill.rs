@@ -8,16 +8,16 @@ use rayon::prelude::*;
 const GAP_CELLS: i64 = 2;
 /// Largest distance of the cells from which others are filled, metres.
 const FILL_RADIUS_M: f64 = 40.0;
-/// Rank, from the lowest, of the altitude that fills a cell among those found in eight directions: occluded surfaces lie below what
-/// occludes them (Hirschmüller 2008, §2.6.3).
+/// Rank, from the lowest, of the altitude that fills a cell among those found in eight directions: occluded
+/// surfaces lie below what occludes them (Hirschmüller 2008, §2.6.3).
 const FILL_RANK: usize = 1;
 /// Number of directions in which an altitude must be found. Nothing is filled outside of the matched surface.
 const MIN_FILL_DIRECTIONS: usize = 5;
 /// Offsets (right, down) of the eight directions.
 const DIRECTIONS: [(i64, i64); 8] = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)];
 
-/// Closes gaps of up to [`GAP_CELLS`] cells, which the pixels of the maps leave within a surface: cells take the mean altitude and
-/// score of both sides, if these differ by at most `max_step_m` metres.
+/// Closes gaps of up to [`GAP_CELLS`] cells, which the pixels of the maps leave within a surface: cells take
+/// the mean altitude and score of both sides, if these differ by at most `max_step_m` metres.
 pub(super) fn close_gaps(altitude: &mut Grid2, score: &mut Grid2, max_step_m: f32) {
     let (known, scores) = (altitude.clone(), score.clone());
     let width = known.width;
@@ -38,7 +38,8 @@ pub(super) fn close_gaps(altitude: &mut Grid2, score: &mut Grid2, max_step_m: f3
     });
 }
 
-/// Fills cells without altitude from their surroundings, if at least two images cover the filled point. Their score is 0.
+/// Fills cells without altitude from their surroundings, if at least two images cover the filled point. Their
+/// score is 0.
 pub(super) fn fill(sweep: &PlaneSweep, altitude: &mut Grid2, score: &mut Grid2) {
     let known = altitude.clone();
     let reach = (FILL_RADIUS_M / sweep.grid.cell) as i64;

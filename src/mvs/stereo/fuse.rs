@@ -10,14 +10,15 @@ use crate::mvs::plane_sweep::PlaneSweep;
 use crate::mvs::surface::MatchedSurface;
 use rayon::prelude::*;
 
-/// Largest difference of altitude across a gap between cells that is closed by interpolation, as a share of a discontinuity.
+/// Largest difference of altitude across a gap between cells that is closed by interpolation, as a share of a
+/// discontinuity.
 const GAP_STEP: f32 = 2.0 / 3.0;
 
 /// Altitudes and scores on the map grid.
 type ResampledMap = (Grid2, Grid2);
 
-/// The fused surface: in every cell the median of the altitude maps. Cells without altitude are filled from their surroundings, with
-/// a score of 0.
+/// The fused surface: in every cell the median of the altitude maps. Cells without altitude are filled from
+/// their surroundings, with a score of 0.
 pub(super) fn fused(
     sweep: &PlaneSweep,
     references: &[ReferenceView],
@@ -40,7 +41,8 @@ pub(super) fn fused(
         else {
             return (f32::NAN, 0.0);
         };
-        // Matching in windows enlarges elevated objects. Where two altitudes differ at their edges, the lower one is right.
+        // Matching in windows enlarges elevated objects. Where two altitudes differ at their edges, the lower
+        // one is right.
         let z = if high.0 - low.0 <= discontinuity_m { 0.5 * (low.0 + high.0) } else { low.0 };
         (z, 0.5 * (low.1 + high.1))
     };
@@ -90,7 +92,8 @@ impl<'a> Mesh<'a> {
         }
     }
 
-    /// Column and row on the map grid (centres of cells at whole numbers) of the point that a pixel shows, and its altitude `z`.
+    /// Column and row on the map grid (centres of cells at whole numbers) of the point that a pixel shows,
+    /// and its altitude `z`.
     fn corner(&self, camera: &AffineCamera, col: usize, row: usize, z: f32) -> [f32; 3] {
         let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), f64::from(z));
         let east = (x + self.origin[0] - self.grid.west) / self.grid.cell - 0.5;

@@ -1,17 +1,18 @@
 //! Stereo matching in the images, for two to five views.
 //!
-//! With few views, the plane sweep over the map grid is unreliable: one pixel may explain several cells, and false surfaces
-//! may occlude the ground from the only pair that sees it. Here each pixel of a view has exactly one altitude.
+//! With few views, the plane sweep over the map grid is unreliable: one pixel may explain several cells, and
+//! false surfaces may occlude the ground from the only pair that sees it. Here each pixel of a view has
+//! exactly one altitude.
 //!
-//! 1. Each view in turn is the reference view, its partners in the stereo pairs are the source views (`reference`). A cost
-//!    volume is computed along the rays of its pixels (`rays`): normalised cross-correlation in windows of three sizes
-//!    (`ray_costs`).
-//! 2. Semi-global matching (Hirschmüller 2008, §2.3) gives an altitude map of the reference view. The penalty P2 is lower at
-//!    strong edges of the image (`altitude_map`).
-//! 3. The consistency check keeps altitudes that the map of a source view confirms (§2.6 there, for any number of views);
-//!    small connected parts are removed (`consistency`).
-//! 4. The maps are resampled to the map grid as meshes. Each cell takes the median over the views (`fuse`). Cells that no two
-//!    maps agree on are filled from their surroundings, with a score of 0 (`fill`).
+//! 1. Each view in turn is the reference view, its partners in the stereo pairs are the source views
+//!    (`reference`). A cost volume is computed along the rays of its pixels (`rays`): normalised
+//!    cross-correlation in windows of three sizes (`ray_costs`).
+//! 2. Semi-global matching (Hirschmüller 2008, §2.3) gives an altitude map of the reference view. The penalty
+//!    P2 is lower at strong edges of the image (`altitude_map`).
+//! 3. The consistency check keeps altitudes that the map of a source view confirms (§2.6 there, for any
+//!    number of views); small connected parts are removed (`consistency`).
+//! 4. The maps are resampled to the map grid as meshes. Each cell takes the median over the views (`fuse`).
+//!    Cells that no two maps agree on are filled from their surroundings, with a score of 0 (`fill`).
 
 mod altitude_map;
 mod consistency;
@@ -35,8 +36,8 @@ use reference::{ReferenceView, reference_views};
 pub const FEW_VIEWS: usize = 5;
 /// Distance between planes, pixels of the source view in which it is largest.
 const PLANE_STEP_PX: f64 = 0.5;
-/// Rows above and below a strip that are matched with it, so that the paths of semi-global matching have settled where the strip
-/// begins.
+/// Rows above and below a strip that are matched with it, so that the paths of semi-global matching have
+/// settled where the strip begins.
 const STRIP_MARGIN: usize = 64;
 
 /// Matches the images of a few views.

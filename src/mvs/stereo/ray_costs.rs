@@ -1,7 +1,8 @@
 //! The cost volume of a reference view: the matching cost of every altitude along the rays of its pixels.
 //!
-//! For each plane parallel to the ground, the source views are resampled to the pixels of the reference view and compared by
-//! normalised cross-correlation in windows of three sizes. The smallest preserves edges, the larger ones resolve ambiguities.
+//! For each plane parallel to the ground, the source views are resampled to the pixels of the reference view
+//! and compared by normalised cross-correlation in windows of three sizes. The smallest preserves edges, the
+//! larger ones resolve ambiguities.
 
 use super::rays::Rays;
 use crate::io::Grid2;
@@ -159,8 +160,9 @@ impl<'a> Band<'a> {
         }
     }
 
-    /// Stores the costs of one plane. The correlations with the source views that see a point are averaged as cubes, so that one
-    /// view that correlates well has more influence than several that correlate moderately.
+    /// Stores the costs of one plane. The correlations with the source views that see a point are averaged as
+    /// cubes, so that one view that correlates well has more influence than several that correlate
+    /// moderately.
     fn store(&self, scores: &[Vec<f32>], plane: usize, costs: &mut [u8]) {
         let planes = self.rays.planes;
         for (i, cost) in costs[plane..].iter_mut().step_by(planes).enumerate() {
@@ -182,8 +184,8 @@ fn rows_of_band(first_row: usize, height: usize) -> impl Iterator<Item = (usize,
     })
 }
 
-/// Sums over windows of a source view's gray values, of their squares, of their products with those of the reference view, and the
-/// number of pixels that are missing in either view.
+/// Sums over windows of a source view's gray values, of their squares, of their products with those of the
+/// reference view, and the number of pixels that are missing in either view.
 struct SourceSums {
     value: Vec<f32>,
     square: Vec<f32>,
@@ -191,8 +193,8 @@ struct SourceSums {
     missing: Vec<f32>,
 }
 
-/// Adds the weighted correlations in windows of `1 / share` pixels to the scores, which are NaN before the first correlation. Windows
-/// with missing pixels are left out.
+/// Adds the weighted correlations in windows of `1 / share` pixels to the scores, which are NaN before the
+/// first correlation. Windows with missing pixels are left out.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn add_correlation(score: &mut [f32], own: &WindowSums, sums: &SourceSums, share: f32, weight: f32) {
     let n = score.len();

@@ -6,8 +6,8 @@ use crate::io::Grid2;
 use crate::mvs::image::MatchImage;
 use crate::mvs::plane_sweep::PlaneSweep;
 
-/// Number of fixed-point iterations that intersect a ray with the ground. The slopes of the ground are gentle, so that each iteration
-/// leaves a fraction of the error.
+/// Number of fixed-point iterations that intersect a ray with the ground. The slopes of the ground are
+/// gentle, so that each iteration leaves a fraction of the error.
 const INTERSECTION_STEPS: usize = 6;
 
 /// The rays of a view's pixels, which intersect a stack of planes parallel to the ground.
@@ -64,13 +64,15 @@ impl Rays {
     }
 }
 
-/// Displacement in the image of a source view, pixels, of a point that moves up by one metre on a ray of the reference view.
+/// Displacement in the image of a source view, pixels, of a point that moves up by one metre on a ray of the
+/// reference view.
 fn px_per_metre(reference: &AffineCamera, source: &AffineCamera) -> [f64; 2] {
     let [east, north] = reference.line_of_sight_slope();
     source.displace([east, north, 1.0])
 }
 
-/// Difference of altitude, metres, that moves a point on the rays of the reference view by one pixel of a source view.
+/// Difference of altitude, metres, that moves a point on the rays of the reference view by one pixel of a
+/// source view.
 pub(super) fn metres_per_pixel(reference: &AffineCamera, source: &AffineCamera) -> f64 {
     let [u, v] = px_per_metre(reference, source);
     u.hypot(v).recip()

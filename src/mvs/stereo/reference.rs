@@ -3,8 +3,9 @@
 use super::rays::metres_per_pixel;
 use crate::mvs::plane_sweep::PlaneSweep;
 
-/// Smallest difference of altitude between neighbouring pixels that counts as a discontinuity: this many cells of the map grid
-/// (a slope of about 70°), or this many pixels' worth of altitude (which exceeds the noise), whichever is more.
+/// Smallest difference of altitude between neighbouring pixels that counts as a discontinuity: this many
+/// cells of the map grid (a slope of about 70°), or this many pixels' worth of altitude (which exceeds the
+/// noise), whichever is more.
 const DISCONTINUITY_CELLS: f64 = 3.0;
 const DISCONTINUITY_PX: f64 = 0.7;
 

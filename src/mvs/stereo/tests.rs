@@ -5,8 +5,8 @@ use crate::mvs::MatchedSurface;
 use crate::mvs::tests::{BLOCK_M, height, setup, sparse, texture, textureless, view};
 use crate::progress::NoProgress;
 
-/// The share of cells within half a metre of the truth, among those for which `is_meant` holds: it takes the position of a cell, and
-/// whether it was matched.
+/// The share of cells within half a metre of the truth, among those for which `is_meant` holds: it takes the
+/// position of a cell, and whether it was matched.
 fn share_right(surface: &MatchedSurface, is_meant: impl Fn([f64; 3], bool) -> bool) -> f64 {
     let grid = surface.grid;
     let (mut right, mut all) = (0.0, 0.0f64);

@@ -408,8 +408,8 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
                 .and(most.greater_equal(mean[i].abs()))
                 .and(high.greater_equal(zero))
                 .and(last.greater_equal(first));
-            (first * sixteenth).floor().store_whole(&mut sight.tiles[2 * i]);
-            (last * sixteenth).floor().store_whole(&mut sight.tiles[2 * i + 1]);
+            (first * sixteenth).floor().store_u32(&mut sight.tiles[2 * i]);
+            (last * sixteenth).floor().store_u32(&mut sight.tiles[2 * i + 1]);
         }
         sight.seen = seen.bitmask();
         half_size[0].store_to(&mut sight.half_cols, 0);
