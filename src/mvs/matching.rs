@@ -26,8 +26,8 @@ const PRIOR_COVERAGE: f64 = 0.8;
 const SUPPORT_RADIUS_M: f64 = 10.0;
 const SUPPORT_SHARE: f32 = 0.01;
 const SUPPORT_STEP_M: f32 = 1.0;
-/// Semi-global matching's penalty for a difference of one plane between neighbouring cells. In the units of
-/// [`CostVolume`]: 255 stands for a correlation of 0.
+/// Penalty of semi-global matching for a difference of one plane between neighbouring cells, in the unit of
+/// [`CostVolume`], where 255 stands for a correlation of 0.
 const P1: u16 = 30;
 /// Penalty for a larger difference. It is high, so that textureless roofs and streets stay connected.
 const P2_MATCHING: u16 = 200;
@@ -58,7 +58,7 @@ impl PlaneSweep {
 
     /// Whether there are enough views for [`PlaneSweep::refine`] to improve the surface after training.
     #[must_use]
-    pub fn is_refined_by_training(&self) -> bool {
+    pub fn supports_refinement(&self) -> bool {
         self.images.len() >= MIN_REFINED_VIEWS
     }
 

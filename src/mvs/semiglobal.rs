@@ -1,8 +1,8 @@
 //! Semi-global matching (SGM): aggregation of matching costs along eight paths.
 //!
 //! H. Hirschmüller, "Stereo Processing by Semiglobal Matching and Mutual Information", IEEE TPAMI 30(2),
-//! 2008, equations 13 and 14. Disparities are planes here. Written by hand, because the cells may be those of
-//! a map grid, and costs must stay in 8 and 16 bits to be fast.
+//! 2008, equations 13 and 14. Planes take the place of disparities. It is written by hand, because libraries
+//! match rectified pairs of images only, and the cells here may be those of a map grid.
 
 use multiversion::multiversion;
 use rayon::prelude::*;

@@ -8,8 +8,8 @@ use crate::mvs::semiglobal::{self, P2, Penalties};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Semi-global matching's penalty for a difference of one plane between neighbouring pixels. In the units of
-/// [`RayCosts`]: 127 stands for a correlation of 0.
+/// Penalty of semi-global matching for a difference of one plane between neighbouring pixels, in the unit of
+/// [`RayCosts`], where 127 stands for a correlation of 0.
 const P1: u16 = 30;
 /// Penalty for a larger difference: from its value at the strongest edges of the image, where surfaces end,
 /// to its value in uniform parts.
