@@ -24,7 +24,7 @@ const LOWEST_ELEVATION_DEG: f64 = 15.0;
 pub enum SiteSceneError {
     /// The bundle adjustment has left too few sparse points.
     #[error("found {found} sparse points, but training needs at least {needed}")]
-    #[diagnostic(help("the report of `satgs ba` says how many tie points each pair of views has"))]
+    #[diagnostic(help("`satgs ba` reports the matches that it found between the views"))]
     FewPoints {
         /// Number of sparse points.
         found: usize,
