@@ -6,7 +6,8 @@ use crate::simd::{Arithmetic, MAX_LANES, Simd, SimdKernel, SimdMask, SimdReal, S
 use crate::splat::splats::Splats;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-/// Transposes the arrays `of(0)..of(count)`, one for each splat, into vectors with one lane for each splat.
+/// Transposes the arrays `of(0)..of(count)`, one for each splat, into vectors with one lane for each splat. Lanes
+/// beyond `count` are 1.
 #[inline(always)]
 fn gather<S: Simd, const K: usize>(
     simd: S,
