@@ -36,7 +36,7 @@ const ROW_PAIR: usize = 2;
 /// Number of rows that the windows of a pair cover together.
 const COVERED_ROWS: usize = TAPS + ROW_PAIR - 1;
 
-/// Compares a picture with the target; keeps its buffers.
+/// The term; keeps its buffers between calls.
 #[derive(Default)]
 pub struct Photometric<T> {
     /// Derivatives of the loss by the blurred `x`, `xx + yy` and `xy` of each colour channel: nine channels.

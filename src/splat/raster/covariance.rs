@@ -1,4 +1,5 @@
-//! Covariances `R S² Rᵀ` of the splats from scales and quaternions, opacities from logits, and their gradients.
+//! Covariances `R S² Rᵀ` of the splats (3DGS, equation 6) from scales and quaternions, opacities from logits, and their
+//! gradients.
 
 use super::sorted::{SplatBlock, SplatGradient};
 use crate::simd::Real;

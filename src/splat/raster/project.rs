@@ -1,4 +1,4 @@
-//! Projection of the splats by one camera (EWA splatting, as in 3DGS): image ellipses, and the spans of tiles that they
+//! Projection of the splats by one camera (EWA splatting; 3DGS, equation 5): image ellipses, and the spans of tiles that they
 //! touch in each band of the image.
 
 use super::backward::{GradientSlot, add};
