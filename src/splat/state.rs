@@ -59,7 +59,7 @@ impl TrainingState {
         count
     }
 
-    /// Removes splats whose opacity is below `opacity`, whose parameters are not finite, or that lie outside `altitudes`
+    /// Removes splats whose opacity is below `opacity`, whose position or scale is not finite, or that lie outside `altitudes`
     /// (lowest and highest, metres). Returns how many.
     pub fn prune(&mut self, opacity: f64, altitudes: (f64, f64)) -> usize {
         let before = self.splats.len();
