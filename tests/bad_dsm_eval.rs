@@ -317,13 +317,19 @@ fn heights_above_a_geoid_are_guessed_and_converted_when_told() {
         assert!(said.contains("--truth-vertical tells"), "{said}");
     }
     let degrees = MapGrid { epsg: 4326, west: -84.0, north: 32.0, cell: 0.5, width: 8, height: 8 };
-    desk.height("geoid.tif", degrees, &Grid2::filled(8, 8, -29.0));
+    // PROJ asks for this description and unit, if there are any.
+    let geoid_grid = |grid: MapGrid, undulation_m: f32| {
+        let cog = Cog { grid, metadata: &[], heights_from: None };
+        let raster = Grid2::filled(8, 8, undulation_m);
+        cog.write_f32(&desk.path("geoid.tif"), &[("geoid_undulation", "metre", &raster)]).unwrap();
+    };
+    geoid_grid(degrees, -29.0);
     let geoid = desk.path("geoid.tif");
     let (said, scores) = desk.scored("above_geoid.tif", &["--truth-vertical", geoid.to_str().unwrap()]);
     assert!(said.contains("lifted from the geoid (geoid.tif) to the ellipsoid"), "{said}");
     assert!(scores["registered_scores"][0]["dz_m"].as_f64().unwrap().abs() < 1e-5);
     std::fs::remove_dir_all(desk.path("eval")).unwrap();
-    desk.height("geoid.tif", MapGrid { west: 10.0, ..degrees }, &Grid2::filled(8, 8, 45.0));
+    geoid_grid(MapGrid { west: 10.0, ..degrees }, 45.0);
     desk.refused(
         "above_geoid.tif",
         &["--truth-vertical", geoid.to_str().unwrap()],

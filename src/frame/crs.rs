@@ -20,7 +20,9 @@ pub enum FrameError {
     },
     /// The grid of a geoid cannot be read.
     #[error("`{path}` is not a geoid grid that PROJ can read")]
-    #[diagnostic(help("a geoid grid is a .gtx file, or a GeoTIFF in degrees as those of cdn.proj.org"))]
+    #[diagnostic(help(
+        "a geoid grid is a .gtx file, or a GeoTIFF in degrees as those of cdn.proj.org, whose band is `geoid_undulation` in `metre` if it has a description and a unit"
+    ))]
     GeoidGrid {
         /// The file.
         path: PathBuf,

@@ -177,12 +177,12 @@ pub enum CloudError {
 pub enum VerticalError {
     /// The grid of a known geoid model is not installed.
     #[error("PROJ's folders hold no grid of `{name}`")]
-    #[diagnostic(help(
-        "install Debian's proj-data, or give the path of the model's grid (.gtx, .tif from cdn.proj.org)"
-    ))]
+    #[diagnostic(help("download https://cdn.proj.org/{grid} and give its path in place of the name"))]
     NoGrid {
         /// The geoid model.
         name: String,
+        /// The file of its grid in PROJ's data.
+        grid: String,
     },
     /// The text is neither the name of a vertical reference nor a file.
     #[error("`{name}` is not a known vertical reference")]

@@ -47,7 +47,9 @@ impl VerticalReference {
         }
         let found = match MODELS.iter().find(|m| m.0 == name) {
             Some((model, _, grids)) => {
-                in_folders(grids).ok_or_else(|| VerticalError::NoGrid { name: (*model).into() })?
+                let published = grids.iter().find(|grid| grid.ends_with(".tif")).unwrap_or(&grids[0]);
+                let absent = || VerticalError::NoGrid { name: (*model).into(), grid: (*published).into() };
+                in_folders(grids).ok_or_else(absent)?
             }
             None if Path::new(text).exists() => PathBuf::from(text),
             None => in_folders(&[text]).ok_or_else(|| VerticalError::Unknown { name: text.into() })?,

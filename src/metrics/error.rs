@@ -129,8 +129,8 @@ pub enum MetricsError {
          predicted cells on the truth's grid, {land} cells of land)"
     )]
     #[diagnostic(help(
-        "the prediction covers {extents} (west, south, east, north in metres); is one of them empty, elsewhere or \
-         all water?"
+        "the prediction covers {extents} (west, south, east, north in metres; a truth without a CRS is taken to be in the \
+         prediction's); is one of them empty, elsewhere or all water?"
     ))]
     NoOverlap {
         /// The prediction.
