@@ -47,7 +47,7 @@ impl<'a> Panels<'a> {
         Self { view, target, from: NovelView { camera, size, sun_shear } }
     }
 
-    /// Draws them with the picture that was rendered `from` there; `altitudes` are the lowest and highest.
+    /// Draws the panels with the picture rendered from [`Panels::from`]; `altitudes` are the lowest and highest, metres.
     #[must_use]
     pub fn draw(&self, picture: Picture, altitudes: (f64, f64)) -> RgbImage {
         draw_panels(self.view, &self.target, picture, altitudes)
