@@ -64,7 +64,7 @@ impl<'a> Training<'a> {
             }
             (None, Start::Surface) => return Err(MatchError::no_pair(views).into()),
             (None, Start::Points) => init::init_from_points(&self.sparse, setup.area, seed),
-            (None, Start::Box) => init::init_from_volume(setup.area, setup.altitudes, seed),
+            (None, Start::Volume) => init::init_from_volume(setup.area, setup.altitudes, seed),
         })
     }
 
