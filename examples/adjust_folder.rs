@@ -1,6 +1,6 @@
 //! Corrects the RPC cameras of a folder of images by bundle adjustment.
 //!
-//! `cargo run --release --example adjust_folder -- SCENE RUN`, or without arguments on a simulated scene.
+//! `cargo run --release --example adjust_folder -- SCENE RUN`, or without arguments on `data/town`.
 
 #![allow(clippy::print_stdout)]
 

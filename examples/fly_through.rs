@@ -1,7 +1,7 @@
 //! Renders an animation of a trained run: the camera turns around the scene.
 //!
-//! `cargo run --release --example fly_through -- RUN OUT.png`, or without arguments, and with 3 frames only, on a simulated
-//! scene.
+//! `cargo run --release --example fly_through -- RUN OUT.png`, or without arguments, and with 3 frames only, on
+//! `data/town`.
 
 #![allow(clippy::print_stdout)]
 

@@ -1,6 +1,6 @@
 //! Reads an RPC camera, projects a point of the ground into the image, and localises the pixel again.
 //!
-//! `cargo run --example project_point -- IMAGE_OR_RPC_FILE`, or without arguments on a simulated image.
+//! `cargo run --example project_point -- IMAGE_OR_RPC_FILE`, or without arguments on an image of `data/town`.
 
 #![allow(clippy::print_stdout)]
 

@@ -1,6 +1,6 @@
 //! Scores a surface model against lidar or another truth.
 //!
-//! `cargo run --release --example score_dsm -- DSM TRUTH`, or without arguments on a simulated scene.
+//! `cargo run --release --example score_dsm -- DSM TRUTH`, or without arguments on `data/town`.
 
 #![allow(clippy::print_stdout)]
 

@@ -1,7 +1,7 @@
 //! Trains splats on a folder of images and writes a surface model.
 //!
-//! `cargo run --release --example train_dsm -- SCENE RUN`, or without arguments, and for 20 iterations only, on a
-//! simulated scene. The same call continues an interrupted training.
+//! `cargo run --release --example train_dsm -- SCENE RUN`, or without arguments, and for 20 iterations only, on
+//! `data/town`. The same call continues an interrupted training.
 
 #![allow(clippy::print_stdout)]
 

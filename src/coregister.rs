@@ -48,7 +48,7 @@ pub enum CoregisterError {
         common: usize,
     },
     /// The best shift lies at the limit of the search.
-    #[error("`{reference}`: no shift of up to {REACH_M} m fits better than its neighbours")]
+    #[error("the best shift to `{reference}` lies at the limit of the search, {REACH_M} m")]
     #[diagnostic(help("does it show the same place, and buildings or relief?"))]
     TooFar {
         /// The reference.

@@ -317,11 +317,11 @@ fn heights_above_a_geoid_are_guessed_and_converted_when_told() {
         assert!(said.contains("--truth-vertical tells"), "{said}");
     }
     let degrees = MapGrid { epsg: 4326, west: -84.0, north: 32.0, cell: 0.5, width: 8, height: 8 };
-    // PROJ takes grids in `metre`, and refuses `m`.
+    // PROJ asks for this description and unit, if there are any.
     let geoid_grid = |grid: MapGrid, undulation_m: f32| {
         let cog = Cog { grid, metadata: &[], heights_from: None };
         let raster = Grid2::filled(8, 8, undulation_m);
-        cog.write_f32(&desk.path("geoid.tif"), &[("geoid", "metre", &raster)]).unwrap();
+        cog.write_f32(&desk.path("geoid.tif"), &[("geoid_undulation", "metre", &raster)]).unwrap();
     };
     geoid_grid(degrees, -29.0);
     let geoid = desk.path("geoid.tif");

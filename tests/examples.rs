@@ -1,4 +1,4 @@
-//! The examples run without arguments, on the scene that they simulate.
+//! The examples run without arguments, on `data/town`.
 
 #![allow(clippy::unwrap_used, clippy::duplicate_mod)]
 

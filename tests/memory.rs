@@ -1,4 +1,4 @@
-//! What a training iteration allocates, and what training needs in memory, by an allocator that counts.
+//! Training iterations allocate no memory, and training stays within a limit; measured by an allocator that counts.
 
 #![allow(clippy::print_stdout, clippy::unwrap_used, unsafe_code)]
 
@@ -16,17 +16,19 @@ use satgs::splat::state::TrainingState;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
 
-/// Bytes that training may take: for each splat, each pixel of the largest view, each pixel of every view.
-const BYTES_A_SPLAT: usize = 1500;
-const BYTES_A_PIXEL_DRAWN: usize = 400;
-const BYTES_A_PIXEL_KEPT: usize = 3;
+/// Bytes that training may use for each splat, for each pixel of the largest view, and for each pixel of all views.
+const BYTES_PER_SPLAT: usize = 1500;
+const BYTES_PER_RENDERED_PIXEL: usize = 400;
+const BYTES_PER_STORED_PIXEL: usize = 3;
 
 const SPLATS: usize = 100_000;
 const PIXELS: f64 = 0.64e6;
 const VIEWS: usize = 3;
 
+/// The system's allocator with counters.
 struct Counting;
 
+/// Number of allocations, bytes that are allocated, and the largest number of them so far.
 static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
 static HELD: AtomicUsize = AtomicUsize::new(0);
 static PEAK: AtomicUsize = AtomicUsize::new(0);
@@ -38,7 +40,7 @@ impl Counting {
     }
 }
 
-// SAFETY: every call goes to the system's allocator as it came.
+// SAFETY: every call is passed to the system's allocator unchanged.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         Self::grew(layout.size());
@@ -50,7 +52,7 @@ unsafe impl GlobalAlloc for Counting {
         unsafe { System.dealloc(memory, layout) }
     }
 
-    // While memory grows, the old and the new may both be held.
+    // During a reallocation the old and the new memory may both be allocated.
     unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         Self::grew(size);
         HELD.fetch_sub(layout.size(), SeqCst);
@@ -81,7 +83,7 @@ fn backend() -> CpuBackend {
     backend
 }
 
-/// An iteration of three renders that leaves the splats where they are: each does the same work.
+/// An iteration with three renders and learning rates of zero, so that every iteration does the same work.
 fn plan(iteration: u32) -> StepPlan {
     StepPlan {
         iteration,
@@ -104,10 +106,10 @@ fn plan(iteration: u32) -> StepPlan {
     }
 }
 
-/// One test, for what is counted is counted for the whole process.
+// There is only one test, as the counters are those of the whole process.
 #[test]
 fn an_iteration_allocates_nothing_and_training_stays_within_its_memory() {
-    // In the pool, as work that is handed to it from outside is put into a list.
+    // The test runs inside the pool, as work that is handed to a pool from outside is put into a list, which allocates.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     pool.install(|| {
         let before = HELD.load(SeqCst);
@@ -123,9 +125,10 @@ fn an_iteration_allocates_nothing_and_training_stays_within_its_memory() {
 
         let peak = PEAK.load(SeqCst) - before;
         let pixels = scene::side(PIXELS).pow(2);
-        let limit =
-            BYTES_A_SPLAT * SPLATS + BYTES_A_PIXEL_DRAWN * pixels + BYTES_A_PIXEL_KEPT * pixels * VIEWS;
-        let pixels_part = (BYTES_A_PIXEL_DRAWN + BYTES_A_PIXEL_KEPT * VIEWS) * pixels;
+        let limit = BYTES_PER_SPLAT * SPLATS
+            + BYTES_PER_RENDERED_PIXEL * pixels
+            + BYTES_PER_STORED_PIXEL * pixels * VIEWS;
+        let pixels_part = (BYTES_PER_RENDERED_PIXEL + BYTES_PER_STORED_PIXEL * VIEWS) * pixels;
         println!("{} bytes at most for {SPLATS} splats, of {limit} allowed", peak);
         assert!(peak < limit, "{peak} bytes at most, {limit} are allowed ({pixels_part} of them for pixels)");
 

@@ -38,15 +38,19 @@ fn heights_above_a_geoid_are_lifted_by_its_undulation() {
     let folder = two_views();
     let scene = read(folder.path(), &ReadOptions::default()).unwrap();
     let made = tempfile::tempdir().unwrap();
-    let write = |name: &str, grid: MapGrid, value: f32| {
+    // PROJ asks a geoid grid for its description and unit, if it has any.
+    let write = |name: &str, grid: MapGrid, value: f32, [description, unit]: [&str; 2]| {
         let raster = Grid2::filled(grid.width, grid.height, value);
         let path = made.path().join(name);
         let cog = Cog { grid, metadata: &[], heights_from: None };
-        cog.write_f32(&path, &[("height", "m", &raster)]).unwrap();
+        cog.write_f32(&path, &[(description, unit, &raster)]).unwrap();
         path
     };
     let degrees = MapGrid { epsg: 4326, west: 4.0, north: 45.0, cell: 0.5, width: 8, height: 8 };
-    let (dem, geoid) = (write("dem.tif", dem_grid(), 50.0), write("geoid.tif", degrees, 49.3));
+    let (dem, geoid) = (
+        write("dem.tif", dem_grid(), 50.0, ["height", "m"]),
+        write("geoid.tif", degrees, 49.3, ["geoid_undulation", "metre"]),
+    );
     let vertical = VerticalReference::read(geoid.to_str().unwrap()).unwrap();
     let dem = scene.dem(&dem, Some(&vertical)).unwrap();
     let (low, high) = dem.heights_to_search();

@@ -299,13 +299,13 @@ fn info_points_out_black_margins_that_no_file_declares() {
     let (folder, _) = small(&[holed(0, 100)], None, false);
     let output = satgs(&["info", folder.path().to_str().unwrap()]);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(text.contains("black along the border") && text.contains("a 3.1 %"), "{text}");
+    assert!(text.contains("black pixels along the border") && text.contains("a 3.1 %"), "{text}");
 
     let (folder, _) = small(&[holed(0, 100)], Some(0.0), false);
     let output = satgs(&["info", folder.path().to_str().unwrap()]);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(
-        text.contains("valid pixels") && text.contains("a 94.4 %") && !text.contains("black along"),
+        text.contains("valid pixels") && text.contains("a 94.4 %") && !text.contains("black pixels along"),
         "{text}"
     );
 }

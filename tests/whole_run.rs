@@ -299,5 +299,5 @@ fn assert_page(path: &Path, missing: usize) {
         let xml = roxmltree::Document::parse(&svg).unwrap();
         assert!(xml.root_element().attribute("aria-label").is_some());
     }
-    assert_eq!(page.matches("<svg ").count(), if missing == 0 { 7 } else { 0 });
+    assert_eq!(page.matches("<svg ").count(), if missing == 0 { 12 } else { 1 });
 }

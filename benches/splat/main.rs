@@ -1,6 +1,7 @@
-//! Times of an iteration's stages, fastest of several runs, as tables for `docs/performance.md`:
-//! `cargo bench --bench splat [-- THREADS... RUN/splats.ply]`, one and two threads if none are given; trained splats
-//! instead of the town where a file is given.
+//! Times of an iteration's stages as tables for `docs/performance.md`, each the fastest of several runs.
+//!
+//! `cargo bench --bench splat [-- THREADS... RUN/splats.ply]` measures with one and two threads if no numbers are given, and
+//! with simulated splats ([`scene::town`]) if no file of trained splats is given.
 
 #![allow(clippy::print_stdout)]
 
@@ -20,24 +21,25 @@ use satgs::splat::splats::{PerGroup, Splats};
 use satgs::splat::state::TrainingState;
 use std::time::Instant;
 
-/// Least number of runs of which the fastest counts.
+/// Smallest number of runs, of which the fastest counts.
 const RUNS: usize = 7;
-/// They last at least so long, or a moment in which the machine had other work would count.
+/// Shortest total time of the runs, so that a moment in which the machine is busy otherwise does not count.
 const RUNS_MS: f64 = 500.0;
+/// Lowest and highest altitude of the scene, metres.
 const ALTITUDES: (f64, f64) = (-3.0, 30.0);
-/// What plain AVX-512 kernels compute with one thread, forward and backward, G pairs/s.
+/// Rates of simple AVX-512 kernels with one thread, forward and backward, 10⁹ splat-pixel pairs per second.
 const KERNEL_RATES: [f64; 2] = [3.6, 1.65];
 
 /// A line of the table.
 struct Line {
     splats: usize,
     pixels: f64,
-    /// Pairs that count: alpha of at least 1/255.
+    /// Splat-pixel pairs with an alpha of at least 1/255.
     pairs: f64,
-    /// Pairs that are computed: whole blocks, but for hidden ones.
+    /// Splat-pixel pairs that are computed: whole blocks up to early termination.
     computed: f64,
-    /// Milliseconds by column.
-    prepare: f64,
+    /// Milliseconds of each column of the table.
+    sort: f64,
     project: f64,
     bin: f64,
     forward: f64,
@@ -51,6 +53,7 @@ struct Line {
     stages: String,
 }
 
+/// Time of the fastest run, milliseconds.
 fn fastest_ms(mut run: impl FnMut()) -> f64 {
     let mut once = || {
         let start = Instant::now();
@@ -66,7 +69,7 @@ fn fastest_ms(mut run: impl FnMut()) -> f64 {
     fastest
 }
 
-/// Pixels with alpha of at least 1/255 over all splats, were none hidden: the areas of their ellipses.
+/// Number of splat-pixel pairs with an alpha of at least 1/255, without early termination: the sum of the ellipses' areas.
 fn contributing_pairs(splats: &Splats, camera: &FrameCamera<AffineKernel<f32>>) -> f64 {
     let m = camera.kernel.linear.map(|l| l.map(f64::from));
     let area = |i: usize| {
@@ -90,54 +93,54 @@ fn noise(width: usize, height: usize, channels: usize) -> Image<f32> {
     out
 }
 
-fn measure(gaussians: Splats, pixels: f64) -> Line {
-    // In the order in which training stores splats.
-    let gaussians = TrainingState::start(gaussians, AppearanceKind::Affine, 1).splats;
-    let splats = gaussians.len();
+fn measure(splats: Splats, pixels: f64) -> Line {
+    // Training stores the splats in this order.
+    let splats = TrainingState::start(splats, AppearanceKind::Affine, 1).splats;
+    let count = splats.len();
     let side = scene::side(pixels);
     let affine = scene::camera(pixels);
     let camera = FrameCamera::<AffineKernel<f32>>::new(&affine, side, side);
-    let pairs = contributing_pairs(&gaussians, &camera);
+    let pairs = contributing_pairs(&splats, &camera);
 
-    let mut prepared = SortedSplats::default();
-    let prepare = fastest_ms(|| prepared.update(&gaussians));
-    let features: Vec<[f32; 4]> = prepared
+    let mut sorted = SortedSplats::default();
+    let sort = fastest_ms(|| sorted.update(&splats));
+    let features: Vec<[f32; 4]> = sorted
         .order()
         .iter()
         .map(|&i| {
-            let [r, g, b] = gaussians.f_dc[i as usize];
-            [r, g, b, gaussians.position[i as usize][2]]
+            let [r, g, b] = splats.f_dc[i as usize];
+            [r, g, b, splats.position[i as usize][2]]
         })
         .collect();
     let mut raster = Rasterizer::<f32, 4>::default();
-    let project = fastest_ms(|| raster.project(&prepared, &camera));
+    let project = fastest_ms(|| raster.project(&sorted, &camera));
     let bin = fastest_ms(|| raster.bin(&features));
     let forward = fastest_ms(|| raster.draw([0.0; 4]));
     let computed = raster.computed_pairs() as f64;
     let by_pixel = noise(side, side, 4);
-    let mut shared = vec![SplatGradient::default(); splats];
-    let mut by_feature = vec![[0.0; 4]; splats];
+    let mut gradients = vec![SplatGradient::default(); count];
+    let mut by_feature = vec![[0.0; 4]; count];
     let backward = fastest_ms(|| raster.pixels_backward(&by_pixel));
-    let gather = fastest_ms(|| raster.gather(&prepared, &mut shared, &mut by_feature));
+    let gather = fastest_ms(|| raster.gather(&sorted, &mut gradients, &mut by_feature));
 
-    let truth = noise(side, side, 3);
-    let mut picture = truth.clone();
+    let target = noise(side, side, 3);
+    let mut picture = target.clone();
     picture.data.reverse();
     let mut photometric = Photometric::default();
     let ssim = fastest_ms(|| {
-        photometric.compare(&picture, &truth);
+        photometric.compare(&picture, &target);
     });
 
     let rates = PerGroup { position: 1e-9, f_dc: 1e-9, opacity_logit: 1e-9, log_scale: 1e-9, rotation: 1e-9 };
-    let mut adam = SplatAdam::new(splats);
-    let mut trained = gaussians.clone();
-    let mut gradient = Gradient { splats: gaussians.clone(), ..Gradient::default() };
+    let mut adam = SplatAdam::new(count);
+    let mut trained = splats.clone();
+    let mut gradient = Gradient { splats: splats.clone(), ..Gradient::default() };
     let adam_time = fastest_ms(|| adam.step(&mut trained, &gradient.splats, &rates));
 
     let size = (side, side);
-    let mut shot = StepInput {
+    let mut input = StepInput {
         camera,
-        target: &truth,
+        target: &target,
         valid: &[],
         sun: None,
         virtual_view: None,
@@ -150,32 +153,32 @@ fn measure(gaussians: Splats, pixels: f64) -> Line {
         ("consistency_color", 0.1),
         ("shadow_entropy", 0.01),
     ];
-    let weights = LossWeights::of(&named).expect("terms that there are");
+    let weights = LossWeights::of(&named).expect("the terms are registered");
     let mut objective = Objective::<f32>::new(AppearanceKind::Affine, terms(None));
     let appearance = Appearance::default().values;
-    let mut iteration = |shot: &StepInput<f32>| {
+    let mut iteration = |input: &StepInput<f32>| {
         let mut run = |watch: &mut Stopwatch| {
             watch.begin();
-            objective.evaluate(&trained, &appearance, shot, &weights, &mut gradient, watch);
+            objective.evaluate(&trained, &appearance, input, &weights, &mut gradient, watch);
             adam.step(&mut trained, &gradient.splats, &rates);
             watch.lap("splats", "Adam");
         };
-        // The first makes room for what all others use again.
+        // The first run allocates the buffers.
         run(&mut Stopwatch::default());
         let mut watch = Stopwatch::default();
         (fastest_ms(|| run(&mut watch)), watch.table())
     };
-    let (one, _) = iteration(&shot);
-    shot.sun = Some(ShearedCamera::sun(&affine, size, [1.7, -2.1], ALTITUDES));
-    shot.virtual_view = Some(ShearedCamera::virtual_view(&affine, size, [0.4, 0.3]));
-    let (three, stages) = iteration(&shot);
+    let (one, _) = iteration(&input);
+    input.sun = Some(ShearedCamera::sun(&affine, size, [1.7, -2.1], ALTITUDES));
+    input.virtual_view = Some(ShearedCamera::virtual_view(&affine, size, [0.4, 0.3]));
+    let (three, stages) = iteration(&input);
     let adam = adam_time;
     Line {
-        splats,
+        splats: count,
         pixels,
         pairs,
         computed,
-        prepare,
+        sort,
         project,
         bin,
         forward,
@@ -190,7 +193,7 @@ fn measure(gaussians: Splats, pixels: f64) -> Line {
 }
 
 impl Line {
-    /// So many pairs in G/s, forward and backward.
+    /// Rates for this number of pairs, forward and backward, 10⁹ per second.
     fn rates(&self, pairs: f64) -> [f64; 2] {
         [self.forward, self.backward].map(|ms| pairs / ms * 1e-6)
     }
@@ -207,7 +210,7 @@ impl Line {
             self.head(),
             self.pairs * 1e-6,
             self.computed * 1e-6,
-            self.prepare,
+            self.sort,
             self.project,
             self.bin,
             self.forward,
@@ -224,7 +227,7 @@ impl Line {
 fn table(threads: usize, trained: Option<&Splats>) -> Vec<Line> {
     println!("\n{threads} thread(s), milliseconds:\n");
     println!(
-        "| splats | MP | M pairs | computed | prepare | project | bin | forward | G/s | backward | G/s | gather | SSIM \
+        "| splats | MP | M pairs | computed | sort | project | bin | forward | G/s | backward | G/s | gather | SSIM \
          | Adam | one render | three |\n|{}",
         "---|".repeat(16)
     );
@@ -244,9 +247,10 @@ fn table(threads: usize, trained: Option<&Splats>) -> Vec<Line> {
     }
 }
 
-/// How far the least rate of computed pairs lies below the greatest, over scenes of one size and of as many splats.
+/// Prints by how much the lowest rate of computed pairs is below the highest, over scenes of the same image size and over
+/// scenes with the same number of splats.
 fn print_evenness(counts: &[usize], tables: &[Vec<Line>]) {
-    println!("\nLeast rate of computed pairs, below the greatest:\n");
+    println!("\nLowest rate of computed pairs, relative to the highest:\n");
     println!("| threads | scenes | forward | backward |\n|---|---|---|---|");
     for (threads, table) in counts.iter().zip(tables) {
         let of_size = |l: &&Line| l.pixels == 0.64e6;
@@ -263,21 +267,21 @@ fn print_evenness(counts: &[usize], tables: &[Vec<Line>]) {
 }
 
 fn main() {
-    let asked: Vec<usize> = std::env::args().filter_map(|a| a.parse().ok()).collect();
+    let threads_given: Vec<usize> = std::env::args().filter_map(|a| a.parse().ok()).collect();
     let trained = std::env::args()
         .find(|a| a.ends_with(".ply"))
         .map(|path| satgs::splat::ply::read(path.as_ref()).expect("splats are read"));
-    let counts = if asked.is_empty() { vec![1, 2] } else { asked };
+    let counts = if threads_given.is_empty() { vec![1, 2] } else { threads_given };
     let mut tables = Vec::new();
     for &threads in &counts {
         let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
         tables.push(pool.install(|| table(threads, trained.as_ref())));
     }
     println!(
-        "\nSpeed-up by threads; pairs computed beside what plain AVX-512 kernels compute; pairs that count, G/s:\n"
+        "\nSpeed-up with threads; rate of computed pairs relative to simple AVX-512 kernels; rate of pairs above the alpha cut-off, G/s:\n"
     );
     println!(
-        "| splats | MP | threads | one render | three | forward | backward | counted forward | backward |\n|{}",
+        "| splats | MP | threads | one render | three | forward | backward | visible forward | backward |\n|{}",
         "---|".repeat(9)
     );
     for (threads, table) in counts.iter().zip(&tables) {

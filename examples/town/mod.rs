@@ -1,4 +1,4 @@
-//! A tiny simulated scene for the examples that are called without arguments, and runs of it.
+//! The scene in `data/town`, for the examples that are called without arguments, and runs of it.
 
 // Every example uses a part of it.
 #![allow(dead_code)]
@@ -6,27 +6,23 @@
 use satgs::pipeline::{AdjustOptions, DsmOptions, PipelineError, TrainOptions, adjust, dsm, train};
 use satgs::progress::NoProgress;
 use satgs::scene::{self, ReadOptions};
-use satgs::simulate::{SimulateOptions, simulate};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// A folder that is removed when it is dropped, with a scene of four images of 140 x 140 pixels in `scene`.
+/// The scene, and a folder for results that is removed when it is dropped.
 pub struct Town {
-    folder: TempDir,
+    results: TempDir,
 }
 
 impl Town {
-    /// Simulates the scene.
-    pub fn new() -> Result<Self, Box<dyn std::error::Error>> {
-        let town = Self { folder: tempfile::tempdir()? };
-        let options = SimulateOptions { views: 4, size_px: 140, ..SimulateOptions::default() };
-        simulate(&town.scene(), &options, &NoProgress)?;
-        Ok(town)
+    /// The scene, with an empty folder for results.
+    pub fn new() -> std::io::Result<Self> {
+        Ok(Self { results: tempfile::tempdir()? })
     }
 
     /// The folder with the images.
     pub fn scene(&self) -> PathBuf {
-        self.folder.path().join("scene")
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("data/town")
     }
 
     /// The exact surface model.
@@ -36,7 +32,7 @@ impl Town {
 
     /// A folder for results.
     pub fn run(&self) -> PathBuf {
-        self.folder.path().join("run")
+        self.results.path().join("run")
     }
 
     /// Adjusts, trains (far too briefly) and renders the scene.

@@ -23,7 +23,7 @@ pub enum FrameError {
     /// PROJ cannot read the grid of a geoid.
     #[error("`{path}` is not a geoid grid that PROJ can read")]
     #[diagnostic(help(
-        "a geoid grid is a .gtx file, or a GeoTIFF in degrees as those of cdn.proj.org, whose unit is `metre` if it states one"
+        "a geoid grid is a .gtx file, or a GeoTIFF in degrees as those of cdn.proj.org, whose band is `geoid_undulation` in `metre` if it has a description and a unit"
     ))]
     GeoidGrid {
         /// The file.

@@ -141,7 +141,7 @@ impl SensorImage<'_> {
 pub fn write_with_rpc(image: &Path, out: &Path, rpc: &[(String, String)]) -> Result<(), RasterError> {
     let source = ImageFile::open(image)?;
     let written = write_by(out, |temporary| {
-        // The copy is made first, because GDAL would store changed metadata of the image in a file beside it.
+        // Metadata are set on a virtual copy, because GDAL would store those set on the image in a file beside it.
         let vrt = DriverManager::get_driver_by_name("VRT")?;
         let mut copy = source.dataset.create_copy(&vrt, "", &RasterCreationOptions::default())?;
         for (key, value) in rpc {
@@ -167,7 +167,7 @@ pub fn write_moved(map: &Path, out: &Path, [east, north, up]: [f64; 3]) -> Resul
         let mut copy = source.dataset.create_copy(&memory, "", &RasterCreationOptions::default())?;
         copy.set_geo_transform(&moved.geo_transform())?;
         for i in 1..=copy.raster_count() {
-            // Not copied.
+            // The memory driver does not copy descriptions and units.
             let mut band = copy.rasterband(i)?;
             band.set_description(&source.dataset.rasterband(i)?.description()?)?;
             set_unit(&band, &source.unit(i)?)?;

@@ -1,4 +1,7 @@
-//! Adam (Kingma & Ba 2015), one step size a parameter group.
+//! Adam (Kingma & Ba 2015, algorithm 1), with one learning rate for each parameter group.
+//!
+//! It is written by hand so that one fused pass updates moments and parameters, with the same result for any number of
+//! threads.
 
 use crate::splat::appearance::Appearance;
 use crate::splat::edit::Edit;
@@ -7,30 +10,31 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+/// Decay rates of the moments (3DGS).
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.999;
-/// 3DGS's, for the splats.
+/// Added to the denominator for the splats' parameters (3DGS).
 const EPSILON: f32 = 1e-15;
 
-/// First and second moments of the splats' gradients.
+/// Moments of the splats' gradients.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SplatAdam {
-    /// Running means of the gradients.
+    /// First moments: running means of the gradients.
     pub first: Splats,
-    /// Running means of their squares.
+    /// Second moments: running means of the squared gradients.
     pub second: Splats,
-    /// Steps taken.
+    /// Number of steps taken.
     pub steps: u32,
 }
 
 impl SplatAdam {
-    /// Moments for `n` splats.
+    /// Zero moments for `n` splats.
     #[must_use]
     pub fn new(n: usize) -> Self {
         Self { first: Splats::zeros(n), second: Splats::zeros(n), steps: 0 }
     }
 
-    /// One step of the given length for each parameter group.
+    /// Takes one step with the given learning rate for each parameter group.
     pub fn step(&mut self, splats: &mut Splats, gradient: &Splats, rates: &PerGroup<f64>) {
         self.steps += 1;
         let correction = Correction::after(self.steps);
@@ -47,7 +51,7 @@ impl SplatAdam {
         }
     }
 
-    /// Follows an edit of the splats: new ones start without moments.
+    /// Applies an edit of the splats; the moments of new splats are zero.
     pub fn apply(&mut self, edit: &Edit) {
         for moments in [&mut self.first, &mut self.second] {
             moments.apply(edit);
@@ -56,7 +60,7 @@ impl SplatAdam {
     }
 }
 
-/// A view's moments; they advance only when the view is drawn.
+/// Moments of the gradients of one view's colour model; they change only in iterations with the view.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AppearanceAdam {
     first: Vec<f32>,
@@ -65,19 +69,20 @@ pub struct AppearanceAdam {
 }
 
 impl AppearanceAdam {
-    /// One step.
+    /// Takes one step with the given learning rate.
     pub fn step(&mut self, appearance: &mut Appearance, gradient: &[f32], rate: f64) {
         self.first.resize(gradient.len(), 0.0);
         self.second.resize(gradient.len(), 0.0);
         self.steps += 1;
         let correction = Correction::after(self.steps);
-        // PyTorch's default, which EOGS uses for the cameras.
+        // PyTorch's default, which EOGS uses for the parameters of the views.
         let epsilon = 1e-8;
         let (first, second) = (&mut self.first, &mut self.second);
         update(&mut appearance.values, gradient, first, second, rate as f32, epsilon, correction);
     }
 }
 
+/// Correction of the moments' bias towards zero after some steps.
 #[derive(Clone, Copy)]
 struct Correction {
     first: f32,
@@ -114,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn first_step_has_the_rate_as_length() {
+    fn the_first_step_has_the_length_of_the_learning_rate() {
         let mut g = Splats::zeros(1);
         let mut gradient = Splats::zeros(1);
         gradient.position[0] = [3.0, -1e-4, 0.0];

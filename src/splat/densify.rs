@@ -1,4 +1,4 @@
-//! Densification and pruning: which splats are doubled, which are removed (BAEOGS §3.3).
+//! Densification and pruning (BAEOGS §3.3): which splats are duplicated, split or removed.
 
 use crate::random::CounterRng;
 use crate::splat::edit::Edit;
@@ -8,29 +8,32 @@ use glam::{Quat, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// A split splat's parts are this much smaller (gsplat).
+/// The scales of a split splat are divided by this (gsplat).
 const SPLIT_SHRINKS: f32 = 1.6;
-/// Standard deviations in a projected radius (3DGS).
+/// Number of standard deviations in a projected radius (3DGS).
 const RADIUS_SIGMAS: f64 = 3.0;
+/// Purpose of the random numbers for the positions of split splats.
 const DRAW_SPLIT: u64 = 3;
 
-/// What the training views said of each splat since the last check.
+/// Statistics of each splat over the training views since the last check.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DensifyStats {
+    /// Sum over the views of the norm of the gradient by the 2-D mean, per half image side.
     gradient: Vec<f32>,
+    /// Number of views in which the splat was visible.
     views: Vec<u32>,
-    /// Largest radius of any view, pixels per metre over the longer side.
+    /// Largest ratio over the views of pixels per metre to pixels of the longer image side, 1/m.
     magnification: f64,
 }
 
 impl DensifyStats {
-    /// Number of splats that it is about.
+    /// Number of splats.
     #[must_use]
     pub fn splats(&self) -> usize {
         self.views.len().min(self.gradient.len())
     }
 
-    /// Follows an edit of the splats: new ones have no statistics.
+    /// Applies an edit of the splats; the statistics of new splats are zero.
     pub fn apply(&mut self, edit: &Edit) {
         edit.gather(&mut self.gradient);
         edit.gather(&mut self.views);
@@ -38,7 +41,7 @@ impl DensifyStats {
         self.views[edit.fresh()].fill(0);
     }
 
-    /// Forgets, for `n` splats.
+    /// Sets the statistics of `n` splats to zero.
     pub fn reset(&mut self, n: usize) {
         self.gradient.clear();
         self.gradient.resize(n, 0.0);
@@ -47,18 +50,18 @@ impl DensifyStats {
         self.magnification = 0.0;
     }
 
-    /// Adds a view of so many pixels per metre and so long a side; `seen` gives, of a splat that it saw, the
-    /// derivative by the image position, in half image sides.
-    pub fn rendered(
+    /// Adds the render of a view. `mean2d_gradient` returns the derivative of the loss by a splat's 2-D mean, per half image
+    /// side, or none if the splat was not visible; `longer_side` is in pixels.
+    pub fn add_view(
         &mut self,
-        seen: impl Fn(usize) -> Option<[f32; 2]> + Sync,
+        mean2d_gradient: impl Fn(usize) -> Option<[f32; 2]> + Sync,
         pixels_per_m: f64,
         longer_side: f64,
     ) {
         self.magnification = self.magnification.max(pixels_per_m / longer_side);
         let sums = self.gradient.par_iter_mut().zip(&mut self.views).with_min_len(1024).enumerate();
         sums.for_each(|(splat, (gradient, views))| {
-            if let Some([x, y]) = seen(splat) {
+            if let Some([x, y]) = mean2d_gradient(splat) {
                 *gradient += x.hypot(y);
                 *views += 1;
             }
@@ -66,29 +69,30 @@ impl DensifyStats {
     }
 }
 
-/// How many splats a check added and removed.
+/// Numbers of splats that a check densified and pruned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Change {
-    /// Doubled splats.
+    /// Duplicated and split splats.
     pub grown: usize,
-    /// Removed splats.
+    /// Pruned splats.
     pub pruned: usize,
 }
 
-/// A growth of the set of splats: an edit, and the copies that are parts of split splats.
+/// A planned densification: an edit, and which of its copies are parts of split splats.
 pub struct Growth {
     /// The edit.
     pub edit: Edit,
-    /// Splats that were copied or split.
+    /// Number of splats that are duplicated or split.
     pub count: usize,
-    /// Of each part of a split splat its index in the new set, and its random numbers.
+    /// Index in the new set of each part of a split splat, and its random numbers.
     parts: Vec<(usize, CounterRng)>,
 }
 
 impl Growth {
-    /// Which splats are doubled under a rule, in a site whose cube has this half side; `draw` is (seed, iteration).
+    /// Plans a densification. `half_side_m` is the half side in metres of the cube that the rule's lengths refer to; `draw`
+    /// is (seed, iteration) of the random positions.
     ///
-    /// Small splats are copied; large ones are removed and their two parts appended.
+    /// Small splats are duplicated; large ones are replaced by two parts.
     #[must_use]
     pub fn plan(
         splats: &Splats,
@@ -107,10 +111,10 @@ impl Growth {
             let scale = splats.log_scale[i].iter().fold(f32::MIN, |m, s| m.max(*s)).exp();
             let mean = statistics.gradient[i] / statistics.views[i].max(1) as f32;
             let radius = RADIUS_SIGMAS * f64::from(scale) * statistics.magnification;
-            let is_due = f64::from(mean) > rule.gradient
+            let is_densified = f64::from(mean) > rule.gradient
                 || f64::from(scale) > rule.max_scale * half_side_m
                 || radius > rule.max_radius;
-            if !is_due {
+            if !is_densified {
                 continue;
             }
             count += 1;
@@ -131,8 +135,8 @@ impl Growth {
         Self { edit, count, parts }
     }
 
-    /// Makes the copies of split splats into parts of them, once the edit is applied: each is smaller, at a place drawn from
-    /// the splat's own distribution.
+    /// After the edit was applied: makes the copies of split splats smaller and moves each to a position drawn from the split
+    /// splat's distribution.
     pub fn shrink_parts(self, splats: &mut Splats) {
         for (i, mut draw) in self.parts {
             let [w, x, y, z] = splats.rotation[i];
@@ -145,7 +149,8 @@ impl Growth {
     }
 }
 
-/// The edit that removes splats that are fainter than `opacity`, not finite, or outside `altitudes` (metres).
+/// The edit that removes splats whose opacity is below `opacity`, whose position or scale is not finite, or that lie
+/// outside `altitudes` (lowest and highest, metres).
 #[must_use]
 pub fn pruning(splats: &Splats, opacity: f64, altitudes: (f64, f64)) -> Edit {
     let is_kept = |i: usize| {
@@ -172,26 +177,27 @@ mod tests {
     }
 
     #[test]
-    fn small_splats_are_copied_large_ones_split_and_faint_ones_removed() {
+    fn small_splats_are_duplicated_large_ones_split_and_transparent_ones_removed() {
         let recipe = Recipe::named("baeogs").unwrap();
         let mut state = state();
-        let seen = |i| [Some([0.01, 0.0]), Some([0.0, 0.01]), None][i];
-        state.statistics.rendered(seen, 0.0, 1.0);
+        let mean2d_gradient = |i| [Some([0.01, 0.0]), Some([0.0, 0.01]), None][i];
+        state.statistics.add_view(mean2d_gradient, 0.0, 1.0);
         state.adam.first.position[0] = [1.0; 3];
         assert_eq!(state.grow(&recipe.growth.unwrap(), 226.0, (0, 100)), 2);
-        // The copied splat and the faint one, then the copy and the two parts, which have no moments.
+        // First the duplicated and the transparent splat, then the duplicate and the two parts, whose moments are zero.
         assert_eq!(state.splats.len(), 5);
         let moments: Vec<f32> = state.adam.first.position.iter().map(|m| m[0]).collect();
         assert_eq!(moments, [1.0, 0.0, 0.0, 0.0, 0.0]);
-        let halves = state.splats.log_scale.iter().filter(|l| (l[0].exp() - 4.0 / 1.6).abs() < 1e-4).count();
-        assert_eq!(halves, 2);
+        let parts_of_split =
+            state.splats.log_scale.iter().filter(|l| (l[0].exp() - 4.0 / 1.6).abs() < 1e-4).count();
+        assert_eq!(parts_of_split, 2);
         assert!(state.splats.position[3] != state.splats.position[4]);
         assert_eq!(state.prune(recipe.prune_below, (-50.0, 50.0)), 1);
         assert_eq!(state.splats.len(), 4);
     }
 
     #[test]
-    fn a_reset_lowers_only_what_is_higher() {
+    fn an_opacity_reset_lowers_only_higher_opacities() {
         let mut state = state();
         state.reset_opacity(0.005);
         let o: Vec<f32> = state.splats.opacity_logit.iter().map(|l| sigmoid(l[0])).collect();

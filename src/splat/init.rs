@@ -1,5 +1,5 @@
-//! Initialisation of the splats: on a matched surface; at and around every sparse point, with splats on a level ground
-//! plane that shadows can fall on (BAEOGS §3.1); or evenly in a volume (EOGS).
+//! Initialisation of the splats: on the surface of dense matching; at the sparse points of the bundle adjustment, with a level
+//! ground plane that receives shadows (BAEOGS §3.1); or evenly in a volume (EOGS).
 
 use crate::affine::TrainingView;
 use crate::frame::{Point, Site, SiteBox};
@@ -11,29 +11,29 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZero;
 
-/// Copies of each sparse point, and their distance from it in metres.
+/// Number of additional splats around each sparse point, and their distance from it, metres (BAEOGS §3.1).
 const COPIES: usize = 4;
 const COPY_DISTANCE_M: f64 = 0.02;
-/// Opacity at the start; the paper's 1.0 has no logit.
+/// Initial opacity; BAEOGS has 1.0, whose logit is infinite.
 const OPACITY: f64 = 0.99;
-/// Bounds of a splat's scale at the start, metres.
+/// Bounds of a splat's initial scale, metres.
 const SCALE_M: (f64, f64) = (0.05, 2.0);
-/// Spacing of the splats on a matched surface, metres, and their opacity.
+/// Spacing of the splats on a matched surface, metres, and their initial opacity.
 const SPACING_M: f64 = 1.0;
 const SURFACE_OPACITY: f32 = 0.9;
-/// Four neighbours that are this flat become one splat of twice the size, metres.
+/// Four neighbouring splats become one of twice the size if their altitudes differ from the mean by less, metres.
 const FLAT_M: f64 = 0.25;
-/// Splats of a volume: their number per cubic metre, their opacity and brightness (EOGS).
+/// Splats in a volume: their number per cubic metre, initial opacity, and linear value of each colour channel (EOGS).
 const VOLUME_DENSITY: f64 = 0.13;
 const VOLUME_OPACITY: f32 = 0.01;
-const VOLUME_BRIGHTNESS: f32 = 1.1;
-/// Purposes of random draws.
+const VOLUME_COLOR: f32 = 1.1;
+/// Purposes of the random numbers.
 const DRAW_COPY: u64 = 1;
 const DRAW_GROUND: u64 = 2;
 const DRAW_VOLUME: u64 = 3;
 
-/// Splats at the sparse points (site metres), five each, and one a square metre on the level plane below which 2 % of the
-/// sparse points lie (BAEOGS §3.1).
+/// Five splats at each sparse point (site frame, metres), and one for each square metre of `area` on the level plane below
+/// which 2 % of the sparse points lie (BAEOGS §3.1).
 #[must_use]
 pub fn init_from_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Splats {
     let mut points = Vec::with_capacity(sparse.len() * (COPIES + 1));
@@ -57,7 +57,7 @@ pub fn init_from_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Spl
         })
         .collect();
     let mut out = Splats::default();
-    // Neighbours are looked for among the sparse points, and among those of the ground plane, apart.
+    // The scales of sparse points and of ground plane splats are computed from neighbours of the same kind.
     for (points, gray) in [(points, 1.0), (ground, 0.0)] {
         for (p, scale) in points.iter().zip(neighbour_scales(&points)) {
             out.push(p.map(|v| v as f32), scale as f32, OPACITY as f32, [gray; 3]);
@@ -66,24 +66,25 @@ pub fn init_from_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Spl
     out
 }
 
-/// Faint splats spread evenly over the area (site metres) between two altitudes (EOGS).
+/// Splats of low opacity, evenly distributed over the area (west, south, east, north; site frame, metres) between two
+/// altitudes, metres (EOGS).
 #[must_use]
 pub fn init_from_volume((west, south, east, north): SiteBox, (low, high): (f64, f64), seed: u64) -> Splats {
     let count = VOLUME_DENSITY * (east - west) * (north - south) * (high - low);
-    let place = |i: u64| {
+    let position = |i: u64| {
         let mut draw = CounterRng::new(seed, DRAW_VOLUME, 0, i);
         [(west, east), (south, north), (low, high)].map(|(from, to)| from + (to - from) * draw.uniform())
     };
-    let places: Vec<[f64; 3]> = (0..count.max(0.0) as u64).map(place).collect();
+    let positions: Vec<[f64; 3]> = (0..count.max(0.0) as u64).map(position).collect();
     let mut out = Splats::default();
-    for (p, scale) in places.iter().zip(neighbour_scales(&places)) {
-        out.push(p.map(|v| v as f32), scale as f32, VOLUME_OPACITY, [VOLUME_BRIGHTNESS; 3]);
+    for (p, scale) in positions.iter().zip(neighbour_scales(&positions)) {
+        out.push(p.map(|v| v as f32), scale as f32, VOLUME_OPACITY, [VOLUME_COLOR; 3]);
     }
     out
 }
 
-/// Splats on a matched surface in the median colours of the views: larger ones where it is flat, and columns of them down
-/// its steps.
+/// Splats on a matched surface with the median colours of the views. Flat parts have larger splats; at steps of the surface,
+/// columns of splats fill the wall from the upper to the lower altitude.
 #[must_use]
 pub fn init_from_surface(surface: &MatchedSurface, views: &[TrainingView]) -> Splats {
     let cells = ((SPACING_M / surface.grid.cell).round() as usize).max(1);
@@ -120,20 +121,20 @@ pub fn init_from_surface(surface: &MatchedSurface, views: &[TrainingView]) -> Sp
     out
 }
 
-/// Linear, as splats are coloured; grey where no view has the place.
+/// The median of the views' linear colours at a position (site frame, metres); grey where no view shows it.
 fn median_color([x, y, z]: [f64; 3], views: &[TrainingView]) -> [f32; 3] {
-    let seen = |v: &TrainingView| {
+    let linear_color = |v: &TrainingView| {
         let color = v.color(v.camera.project(Point::new(x, y, z)))?;
         Some(color.map(|c| v.transfer_function.linear(c)))
     };
-    let colors: Vec<[f32; 3]> = views.iter().filter_map(seen).collect();
+    let colors: Vec<[f32; 3]> = views.iter().filter_map(linear_color).collect();
     std::array::from_fn(|k| {
         let values = colors.iter().map(|c| f64::from(c[k])).collect();
         quantile(values, 0.5).map_or(0.5, |v| v as f32)
     })
 }
 
-/// Root mean square distance to the three nearest others, clamped (3DGS).
+/// Root mean square distance of each point to its three nearest neighbours, clamped to [`SCALE_M`], metres (3DGS).
 fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
     const NEIGHBOURS: NonZero<usize> = NonZero::new(4).unwrap();
     let tree = ImmutableKdTree::<f64, 3>::new_from_slice(points);
@@ -141,7 +142,7 @@ fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
     points
         .par_iter()
         .map(|p| {
-            // The nearest is the point itself.
+            // The nearest neighbour is the point itself.
             let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(NEIGHBOURS).execute();
             let squares: Vec<f64> = near.iter().skip(1).map(|n| n.distance).collect();
             let mean = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
@@ -157,7 +158,7 @@ mod tests {
     use crate::frame::SiteGrid;
     use crate::io::{Grid2, MapGrid};
 
-    /// A block of 16 m by 12 m, 12 m high, on level ground, in cells of half a metre.
+    /// A block of 16 m x 12 m and 12 m high on level ground, in cells of half a metre.
     fn block() -> MatchedSurface {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let (west, north) = (436_200.0 - 25.0, 3_357_600.0 + 20.0);
@@ -171,14 +172,18 @@ mod tests {
     }
 
     #[test]
-    fn splats_start_on_the_surface_and_down_its_walls() {
+    fn splats_lie_on_the_surface_and_fill_its_walls() {
         let camera = AffineCamera { linear: [[2.0, 0.0, 0.0], [0.0, -2.0, 0.0]], offset: [79.5, 69.5] };
         let area = (-30.0, -25.0, 30.0, 25.0);
         let view = TrainingView::new("v".into(), camera, None, &[Grid2::filled(160, 140, 0.3)], area);
         let splats = init_from_surface(&block(), &[view]);
         let near = |p: &&[f32; 3], z: f32| p[0].abs() < 5.0 && p[1].abs() < 3.0 && (p[2] - z).abs() < 0.5;
         assert!(splats.position.iter().filter(|p| near(p, 12.0)).count() >= 10);
-        assert_eq!(splats.position.iter().filter(|p| near(p, 0.0)).count(), 0, "nothing under the roof");
+        assert_eq!(
+            splats.position.iter().filter(|p| near(p, 0.0)).count(),
+            0,
+            "no splat lies below the roof"
+        );
         let on_walls = splats.position.iter().filter(|p| (2.0..10.0).contains(&p[2])).count();
         assert!(on_walls >= 150, "{on_walls}");
     }
@@ -196,34 +201,34 @@ mod tests {
     #[test]
     fn the_ground_plane_has_one_splat_a_square_metre() {
         let sparse = slope();
-        let g = init_from_points(&sparse, (-100.0, -80.0, 100.0, 80.0), 0);
-        assert_eq!(g.len(), 5 * sparse.len() + 200 * 160);
+        let splats = init_from_points(&sparse, (-100.0, -80.0, 100.0, 80.0), 0);
+        assert_eq!(splats.len(), 5 * sparse.len() + 200 * 160);
     }
 
     #[test]
     fn a_volume_is_filled_evenly() {
-        let g = init_from_volume((-20.0, -10.0, 20.0, 10.0), (-5.0, 15.0), 0);
-        assert_eq!(g.len(), 2080, "0.13 a cubic metre");
-        let lower = g.position.iter().filter(|p| p[2] < 5.0).count();
+        let splats = init_from_volume((-20.0, -10.0, 20.0, 10.0), (-5.0, 15.0), 0);
+        assert_eq!(splats.len(), 2080, "0.13 splats per cubic metre");
+        let lower = splats.position.iter().filter(|p| p[2] < 5.0).count();
         assert!((lower as i64 - 1040).abs() < 100, "{lower}");
-        // The expected distance of the nearest three, root mean square, is 1.49 m far from walls.
-        let mean = g.log_scale.iter().map(|s| s[0].exp()).sum::<f32>() / 2080.0;
+        // Far from the volume's sides the expected root mean square distance of the nearest three is 1.49 m.
+        let mean = splats.log_scale.iter().map(|s| s[0].exp()).sum::<f32>() / 2080.0;
         assert!((1.4..1.7).contains(&mean), "{mean}");
     }
 
     #[test]
     fn the_plane_lies_below_all_but_two_percent() {
         let sparse = slope();
-        let g = init_from_points(&sparse, (-10.0, -10.0, 10.0, 10.0), 0);
-        let z = f64::from(g.position[5 * sparse.len()][2]);
+        let splats = init_from_points(&sparse, (-10.0, -10.0, 10.0, 10.0), 0);
+        let z = f64::from(splats.position[5 * sparse.len()][2]);
         let below = sparse.iter().filter(|p| p.z() < z - 1e-3).count();
         assert!((60..=90).contains(&below), "{below}");
     }
 
     #[test]
     fn scales_stay_within_their_bounds() {
-        let g = init_from_points(&slope(), (-100.0, -80.0, 100.0, 80.0), 0);
+        let splats = init_from_points(&slope(), (-100.0, -80.0, 100.0, 80.0), 0);
         let (lo, hi) = ((SCALE_M.0 * 0.999) as f32, (SCALE_M.1 * 1.001) as f32);
-        assert!(g.log_scale.iter().all(|s| (lo..=hi).contains(&s[0].exp())));
+        assert!(splats.log_scale.iter().all(|s| (lo..=hi).contains(&s[0].exp())));
     }
 }

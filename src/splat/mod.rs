@@ -1,4 +1,8 @@
-//! The Splats, their rendering and their training.
+//! Splats (3-D Gaussians, as in 3DGS), their rendering and their training.
+//!
+//! Positions are in the site frame: metres east, north and up from the site's origin. A name `by_x` holds derivatives of the
+//! loss with respect to `x`. The *picture* of a view is its render after shadows and colour model, which is compared with
+//! the view's image, the *target*.
 
 pub mod adam;
 pub mod appearance;

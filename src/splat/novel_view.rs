@@ -1,4 +1,4 @@
-//! Pictures of a trained scene from anywhere, under any sun.
+//! Rendering a trained scene from a new camera, under any sun (novel view synthesis).
 
 use crate::affine::SiteScene;
 use crate::affine::{AffineCamera, sun_direction};
@@ -10,35 +10,36 @@ use crate::splat::objective::{Objective, ShearedCamera, StepInput};
 use crate::splat::raster::{FrameCamera, Image, channel};
 use crate::splat::splats::Splats;
 
-/// A place to look from, and the light.
+/// A camera with its image size and the sun.
 #[derive(Clone, Copy, Debug)]
 pub struct NovelView {
     /// The camera.
     pub camera: AffineCamera,
-    /// Columns and rows.
+    /// Image size (columns, rows), pixels.
     pub size: (usize, usize),
-    /// Shear of the camera towards the sun, pixels per metre; none without shadows.
+    /// Shear from the camera to the sun, pixels per metre of altitude; none without shadows.
     pub sun_shear: Option<[f64; 2]>,
 }
 
-/// What is seen there.
+/// A rendered picture.
 pub struct Picture {
-    /// Light, 0 to 1; black where nothing is.
+    /// Linear red, green and blue in [0, 1]; black where there are no splats.
     pub colors: [Grid2; 3],
-    /// Altitudes in metres above the site's origin, the mean of the splats' by their light; NaN where most light passes.
+    /// Altitudes, metres above the site's origin: the alpha-composited mean of the splats' altitudes; NaN where the
+    /// transmittance exceeds one half.
     pub altitude: Grid2,
-    /// Share of sunlight, 1 without a sun.
+    /// Share of sunlight, 0 to 1; 1 without a sun.
     pub sunlight: Grid2,
 }
 
 impl SiteScene {
-    /// A view of the whole area from `azimuth_deg` (clockwise from north), `off_nadir_deg` from the zenith, that fits
-    /// into `size` pixels; north is up, and ground at the site's origin keeps its shape.
+    /// A camera that shows the whole area in `size` (columns, rows) pixels, from the direction with this azimuth (clockwise
+    /// from north) and angle from the zenith, degrees. North is up, and level ground is not distorted.
     #[must_use]
     pub fn view_from(&self, azimuth_deg: f64, off_nadir_deg: f64, size: (usize, usize)) -> AffineCamera {
         let (west, south, east, north) = self.area;
         let gsd = ((east - west) / size.0 as f64).max((north - south) / size.1 as f64);
-        // Along a ray, like along the sun's, higher points lie nearer to what looks.
+        // The direction to the camera is computed like that to the sun.
         let [x, y, z] =
             sun_direction(Sun { azimuth_deg, elevation_deg: 90.0 - off_nadir_deg }, &self.site).xyz();
         let linear = [[1.0, 0.0, -x / z], [0.0, -1.0, y / z]].map(|l| l.map(|v| v / gsd));
@@ -47,7 +48,7 @@ impl SiteScene {
         AffineCamera { linear, offset: [middle[0] - center[0], middle[1] - center[1]] }
     }
 
-    /// Columns and rows that the area has in the reference view's pixels.
+    /// Image size (columns, rows) of the area at the reference view's ground sampling distance.
     #[must_use]
     pub fn picture_size(&self) -> (usize, usize) {
         let (west, south, east, north) = self.area;
@@ -57,13 +58,14 @@ impl SiteScene {
 }
 
 impl NovelView {
-    /// The picture of splats that lie between the `altitudes`, in a view's radiometry.
+    /// Renders the picture of the splats with the colour model of a view. `altitudes` are the lowest and highest of the
+    /// scene, metres.
     #[must_use]
     pub fn picture(&self, splats: &Splats, appearance: &Appearance, altitudes: (f64, f64)) -> Picture {
-        let nothing = Image::default();
-        let shot = StepInput {
+        let no_target = Image::default();
+        let input = StepInput {
             camera: FrameCamera::new(&self.camera, self.size.0, self.size.1),
-            target: &nothing,
+            target: &no_target,
             valid: &[],
             sun: self.sun_shear.map(|s| ShearedCamera::sun(&self.camera, self.size, s, altitudes)),
             virtual_view: None,
@@ -71,7 +73,7 @@ impl NovelView {
             floor: 0.0,
         };
         let mut objective = Objective::new(appearance.kind, Vec::new());
-        objective.forward(splats, &appearance.values, &shot, &mut Stopwatch::default());
+        objective.forward(splats, &appearance.values, &input, &mut Stopwatch::default());
         let (picture, view) = (objective.picture(), objective.view());
         let (mut altitude, transmittance) =
             (view.plane(channel::ALTITUDE), view.plane(channel::TRANSMITTANCE));
@@ -88,7 +90,7 @@ mod tests {
     use super::*;
     use crate::frame::{Point, SiteGrid};
 
-    fn setup() -> SiteScene {
+    fn site_scene() -> SiteScene {
         let site = SiteGrid { epsg: 32617, origin: Point::new(500_000.0, 3_357_600.0, 10.0) };
         SiteScene {
             site,
@@ -101,17 +103,17 @@ mod tests {
     }
 
     #[test]
-    fn a_view_from_the_east_shows_roofs_west_of_their_feet() {
-        let camera = setup().view_from(90.0, 45.0, (120, 80));
-        let (foot, roof) =
+    fn in_a_view_from_the_east_roofs_appear_west_of_their_base() {
+        let camera = site_scene().view_from(90.0, 45.0, (120, 80));
+        let (base, roof) =
             (camera.project(Point::new(0.0, 0.0, 0.0)), camera.project(Point::new(0.0, 0.0, 10.0)));
-        assert!((foot.col - 59.5).abs() < 1e-9 && (foot.row - 39.5).abs() < 1e-9);
-        assert!((roof.col - foot.col + 20.0).abs() < 1e-6 && (roof.row - foot.row).abs() < 1e-6);
+        assert!((base.col - 59.5).abs() < 1e-9 && (base.row - 39.5).abs() < 1e-9);
+        assert!((roof.col - base.col + 20.0).abs() < 1e-6 && (roof.row - base.row).abs() < 1e-6);
     }
 
     #[test]
-    fn a_roof_throws_its_shadow_away_from_the_sun() {
-        let setup = setup();
+    fn the_shadow_of_a_roof_lies_on_the_side_away_from_the_sun() {
+        let scene = site_scene();
         let mut splats = Splats::default();
         for i in -120..=120 {
             for j in -80..=80 {
@@ -124,10 +126,10 @@ mod tests {
                 );
             }
         }
-        let camera = setup.view_from(0.0, 0.0, (120, 80));
-        let sun = sun_direction(Sun { azimuth_deg: 90.0, elevation_deg: 45.0 }, &setup.site);
+        let camera = scene.view_from(0.0, 0.0, (120, 80));
+        let sun = sun_direction(Sun { azimuth_deg: 90.0, elevation_deg: 45.0 }, &scene.site);
         let view = NovelView { camera, size: (120, 80), sun_shear: Some(camera.shear_towards(sun)) };
-        let picture = view.picture(&splats, &Appearance::default(), setup.altitudes);
+        let picture = view.picture(&splats, &Appearance::default(), scene.altitudes);
         let at = |x: f64| {
             let p = camera.project(Point::new(x, 0.0, 0.0));
             picture.colors[0].at(p.col.round() as usize, p.row.round() as usize)

@@ -1,8 +1,9 @@
-//! One iteration's loss and its gradient: the view, the sun and a virtual camera, rendered from one sorted set of splats.
+//! The loss of one iteration and its gradient (EOGS): renders of the view, the sun's image and a virtual view, from splats
+//! that are sorted once.
 //!
-//! EOGS's model. The view is rendered with four features (colour, altitude). The sun's image of altitudes tells each
-//! pixel's share of sunlight ([`ShadowModel`]), and the view's colour model makes the picture of both
-//! ([`AppearanceModel`]). The terms of the loss ([`LossTerm`]) compare picture, renders and splats.
+//! The view is rendered with four features: linear colour and altitude. A render of the altitudes from the sun gives each
+//! pixel's share of sunlight ([`ShadowModel`]). The view's colour model ([`AppearanceModel`]) computes the picture from
+//! colours and sunlight. The loss terms ([`LossTerm`]) compare picture, renders and splats with their targets.
 
 use super::appearance::{AppearanceKind, AppearanceModel, ShadingGradient, ShadingInput};
 use super::backend::stopwatch::Stopwatch;
@@ -16,12 +17,12 @@ use crate::camera::AffineKernel;
 use crate::simd::{Real, Simd, SimdKernel, SimdReal, SimdVec};
 use rayon::prelude::*;
 
-/// The renders, as the stopwatch calls them.
+/// Names of the renders in the table of times.
 const VIEW: &str = "view";
 const SUN: &str = "sun image";
 const VIRTUAL: &str = "virtual view";
 
-/// A sheared camera of a view, and where the view's pixels lie in its image.
+/// A view's camera with a shear, and the map from the view's pixels to its image.
 #[derive(Clone, Copy, Debug)]
 pub struct ShearedCamera<T> {
     camera: FrameCamera<AffineKernel<T>>,
@@ -29,7 +30,8 @@ pub struct ShearedCamera<T> {
 }
 
 impl<T: Real> ShearedCamera<T> {
-    /// The sun's image of all the view's pixels at altitudes `low..high`.
+    /// The camera of the sun's image, large enough for all pixels of the view at altitudes from `low` to `high`, metres.
+    /// `size` is (columns, rows) of the view, `shear` in pixels per metre of altitude.
     #[must_use]
     pub fn sun(view: &AffineCamera, size: (usize, usize), shear: [f64; 2], (low, high): (f64, f64)) -> Self {
         let axis = |s: f64, n: usize| {
@@ -44,7 +46,8 @@ impl<T: Real> ShearedCamera<T> {
         }
     }
 
-    /// A virtual view of the view's own size, pivoting at the site's origin.
+    /// The camera of a virtual view, for the random-shear consistency loss: of the view's `size` (columns, rows), with
+    /// `shear` in pixels per metre of altitude. Points at the altitude of the site's origin keep their place.
     #[must_use]
     pub fn virtual_view(view: &AffineCamera, size: (usize, usize), shear: [f64; 2]) -> Self {
         Self {
@@ -54,27 +57,27 @@ impl<T: Real> ShearedCamera<T> {
     }
 }
 
-/// What an iteration renders and compares.
+/// What one iteration renders and compares.
 pub struct StepInput<'a, T> {
     /// The view's camera.
     pub camera: FrameCamera<AffineKernel<T>>,
-    /// The view's image, linear colours in [0, 1]; zero where masked.
+    /// The view's image: linear colours in [0, 1], zero where masked.
     pub target: &'a Image<T>,
-    /// Pixels that count, row by row; empty when all do.
+    /// Which pixels are valid, row by row; empty if all are.
     pub valid: &'a [bool],
-    /// The sun's image, if shadows are modelled.
+    /// Camera of the sun's image; none without shadows.
     pub sun: Option<ShearedCamera<T>>,
-    /// The virtual camera, if consistency is asked for.
+    /// Camera of the virtual view; none without the consistency loss.
     pub virtual_view: Option<ShearedCamera<T>>,
-    /// Colour behind the splats.
+    /// Linear colour behind the splats.
     pub background: [T; 3],
     /// Altitude behind the splats, metres above the site's origin.
     pub floor: T,
 }
 
 impl<T: Real> StepInput<'_, T> {
-    /// Colours and altitude behind the splats.
-    fn behind(&self) -> [T; 4] {
+    /// Colour and altitude behind the splats.
+    fn background_features(&self) -> [T; 4] {
         let [r, g, b] = self.background;
         [r, g, b, self.floor]
     }
@@ -85,20 +88,20 @@ impl<T: Real> StepInput<'_, T> {
 pub struct Losses {
     /// The weighted sum of all terms.
     pub total: f64,
-    /// The terms' columns ([`loss::column_names`](crate::splat::loss::column_names)), unweighted.
+    /// The unweighted columns of the terms, named by [`column_names`](crate::splat::loss::column_names).
     pub columns: [f64; COLUMNS],
 }
 
-/// Derivatives of the loss by everything that is trained.
+/// Derivatives of the loss with respect to all trained parameters.
 #[derive(Clone, Debug, Default)]
 pub struct Gradient<T> {
-    /// By the splats' parameters.
+    /// With respect to the splats' parameters.
     pub splats: Splats<T>,
-    /// By the parameters of the view's colour model.
+    /// With respect to the parameters of the view's colour model.
     pub appearance: Vec<T>,
 }
 
-/// Computes losses and gradients; keeps every buffer between iterations.
+/// Computes losses and gradients; keeps all buffers between iterations.
 pub struct Objective<T: Real> {
     sorted: SortedSplats<T>,
     view: Rasterizer<T, 4>,
@@ -120,7 +123,7 @@ pub struct Objective<T: Real> {
 }
 
 impl<T: SimdReal> Objective<T> {
-    /// The loss of these terms, with a colour model.
+    /// The objective with this colour model and these loss terms.
     #[must_use]
     pub fn new(appearance: AppearanceKind, terms: Vec<Box<dyn LossTerm<T>>>) -> Self {
         Self {
@@ -144,7 +147,8 @@ impl<T: SimdReal> Objective<T> {
         }
     }
 
-    /// The loss of one step. Its gradient goes to `gradient`, the time of each part to `watch`.
+    /// Computes the loss of one iteration; writes the gradient to `gradient` and adds the time of each part to `watch`.
+    /// `appearance` holds the parameters of the view's colour model.
     pub fn evaluate(
         &mut self,
         splats: &Splats<T>,
@@ -156,8 +160,16 @@ impl<T: SimdReal> Objective<T> {
     ) -> Losses {
         self.forward(splats, appearance, input, watch);
         if let Some(v) = &input.virtual_view {
-            let behind = input.behind();
-            draw(&mut self.virtual_view, VIRTUAL, &self.sorted, &self.features, &v.camera, behind, watch);
+            let background = input.background_features();
+            render(
+                &mut self.virtual_view,
+                VIRTUAL,
+                &self.sorted,
+                &self.features,
+                &v.camera,
+                background,
+                watch,
+            );
         }
         let rendered = Rendered {
             view: self.view.image(),
@@ -181,7 +193,7 @@ impl<T: SimdReal> Objective<T> {
         losses
     }
 
-    /// Makes the picture of one step; its target and virtual view do not matter.
+    /// Renders the picture of one iteration without loss and gradient; target and virtual view of `input` are ignored.
     pub fn forward(
         &mut self,
         splats: &Splats<T>,
@@ -189,11 +201,19 @@ impl<T: SimdReal> Objective<T> {
         input: &StepInput<T>,
         watch: &mut Stopwatch,
     ) {
-        self.prepare(splats, appearance);
+        self.sort_and_color(splats, appearance);
         watch.lap("splats", "order and covariances");
-        draw(&mut self.view, VIEW, &self.sorted, &self.features, &input.camera, input.behind(), watch);
+        render(
+            &mut self.view,
+            VIEW,
+            &self.sorted,
+            &self.features,
+            &input.camera,
+            input.background_features(),
+            watch,
+        );
         if let Some(sun) = &input.sun {
-            draw(&mut self.sun, SUN, &self.sorted, &self.altitudes, &sun.camera, [input.floor], watch);
+            render(&mut self.sun, SUN, &self.sorted, &self.altitudes, &sun.camera, [input.floor], watch);
         }
         let (view, sun) = (self.view.image(), input.sun.map(|s| (s.warp, self.sun.image())));
         self.shadows.forward(view, sun);
@@ -202,31 +222,34 @@ impl<T: SimdReal> Objective<T> {
         watch.lap("pixels", "picture");
     }
 
-    /// The view's render of the last pass: colours, altitude, transmittance.
+    /// The view's render of the last forward pass: colour, altitude, transmittance
+    /// ([`channel`](crate::splat::raster::channel)).
     #[must_use]
     pub fn view(&self) -> &Image<T> {
         self.view.image()
     }
 
-    /// The picture of the last pass, three channels.
+    /// The picture of the last forward pass: linear colours, three channels.
     #[must_use]
     pub fn picture(&self) -> &Image<T> {
         &self.picture
     }
 
-    /// The share of sunlight in the last pass's picture, one channel.
+    /// The share of sunlight of the last forward pass, 0 to 1, one channel.
     #[must_use]
     pub fn sunlight(&self) -> &Image<T> {
         self.shadows.sunlight()
     }
 
-    /// The derivative by a splat's image position, pixels, if the last evaluation's view saw it.
+    /// Derivative of the loss with respect to a splat's 2-D mean (column, row) in the view, per pixel, as the last
+    /// evaluation computed it; none if the splat was not visible.
     #[must_use]
     pub fn mean2d_gradient(&self, splat: usize) -> Option<[T; 2]> {
         self.view.mean2d_gradient(self.sorted.rank(splat))
     }
 
-    fn prepare(&mut self, splats: &Splats<T>, appearance: &[T]) {
+    /// Sorts the splats and computes the features that are rendered.
+    fn sort_and_color(&mut self, splats: &Splats<T>, appearance: &[T]) {
         self.sorted.update(splats);
         self.appearance.splat_colors(appearance, splats, &mut self.colors);
         let (order, colors) = (self.sorted.order(), &self.colors);
@@ -240,7 +263,8 @@ impl<T: SimdReal> Objective<T> {
         });
     }
 
-    /// From the terms' derivatives by picture, sunlight and render to those by the renders' pixels and the colour model.
+    /// Computes the derivatives by the renders' pixels and by the colour model's parameters, from the terms' derivatives by
+    /// picture, sunlight and render.
     fn pixels_backward(
         &mut self,
         appearance: &[T],
@@ -266,7 +290,7 @@ impl<T: SimdReal> Objective<T> {
         watch.lap("pixels", "picture backward");
     }
 
-    /// From the renders' derivatives to those by the splats.
+    /// Computes the derivatives by the splats' parameters from those by the renders' pixels.
     fn splats_backward(
         &mut self,
         splats: &Splats<T>,
@@ -305,7 +329,7 @@ impl<T: SimdReal> Objective<T> {
     }
 }
 
-/// What the terms, and `own` before them, say of the same derivatives.
+/// The terms' derivatives by the same image, after `own`, which is computed elsewhere.
 fn parts<'a, T: SimdReal>(
     terms: &'a [Box<dyn LossTerm<T>>],
     own: Option<Scaled<'a, T>>,
@@ -319,7 +343,7 @@ fn parts<'a, T: SimdReal>(
     out
 }
 
-/// Adds derivatives of the same size to an image.
+/// Adds scaled derivatives to an image of the same size.
 fn add_scaled<T: SimdReal>(sum: &mut Image<T>, parts: &[Option<Scaled<T>>]) {
     let Image { width, channels, .. } = *sum;
     for part in parts.iter().flatten() {
@@ -347,14 +371,14 @@ impl<T: SimdReal> SimdKernel<T> for AddScaled<'_, T> {
     }
 }
 
-/// Makes a list of `n` zeros.
+/// Sets the vector to `n` zeros, in parallel.
 fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
     values.resize(n, V::default());
     values.par_chunks_mut(1 << 14).for_each(|v| v.fill(V::default()));
 }
 
-/// Renders, timed.
-fn draw<T: SimdReal, const C: usize>(
+/// Renders an image and measures the time of the steps.
+fn render<T: SimdReal, const C: usize>(
     raster: &mut Rasterizer<T, C>,
     part: &'static str,
     sorted: &SortedSplats<T>,
@@ -371,19 +395,19 @@ fn draw<T: SimdReal, const C: usize>(
     watch.lap(part, "forward");
 }
 
-/// Takes the derivatives by an image's pixels back to the splats, timed.
+/// Adds the derivatives by the splats that follow from those by an image's pixels, and measures the time of the steps.
 fn backward<T: SimdReal, const C: usize>(
     raster: &mut Rasterizer<T, C>,
     part: &'static str,
     sorted: &SortedSplats<T>,
     by_pixel: &Image<T>,
-    shared: &mut [SplatGradient<T>],
+    gradients: &mut [SplatGradient<T>],
     by_feature: &mut [[T; C]],
     watch: &mut Stopwatch,
 ) {
     raster.pixels_backward(by_pixel);
     watch.lap(part, "backward");
-    raster.gather(sorted, shared, by_feature);
+    raster.gather(sorted, gradients, by_feature);
     watch.lap(part, "gathering");
 }
 

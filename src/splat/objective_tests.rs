@@ -1,4 +1,4 @@
-//! The whole loss against central differences: rasteriser, shadows, colour model and all terms.
+//! The gradient of the whole loss (rasteriser, shadows, colour model and all terms) is compared with central differences.
 
 use super::*;
 use crate::frame::{Point, SiteGrid};
@@ -36,7 +36,7 @@ fn weights() -> LossWeights {
     LossWeights::of(&named).unwrap()
 }
 
-/// A surface 1 m above the site's origin that holds the splats of its western half.
+/// A surface 1 m above the site's origin, with a weight in its western half only.
 fn prior() -> Arc<Prior> {
     let site = SiteGrid { epsg: 32617, origin: Point::new(1000.0, 2000.0, 10.0) };
     let grid = MapGrid { epsg: 32617, west: 990.0, north: 2010.0, cell: 10.0, width: 2, height: 2 };
@@ -47,7 +47,7 @@ fn prior() -> Arc<Prior> {
 }
 
 struct Scene<T: Real> {
-    truth: Image<T>,
+    target: Image<T>,
     valid: Vec<bool>,
     objective: Objective<T>,
     has_sun: bool,
@@ -56,38 +56,38 @@ struct Scene<T: Real> {
 
 impl<T: SimdReal> Scene<T> {
     fn new() -> Self {
-        let mut setup = Self {
-            truth: Image::default(),
+        let mut scene = Self {
+            target: Image::default(),
             valid: Vec::new(),
             objective: Objective::new(AppearanceKind::Affine, terms(Some(&prior()))),
             has_sun: true,
             has_virtual_view: true,
         };
-        setup.resize(27, 25);
+        scene.resize(27, 25);
         for masked in [40, 41, 300] {
-            setup.valid[masked] = false;
+            scene.valid[masked] = false;
             for c in 0..3 {
-                *setup.truth.at_mut(c, masked % 27, masked / 27) = T::zero();
+                *scene.target.at_mut(c, masked % 27, masked / 27) = T::zero();
             }
         }
-        setup
+        scene
     }
 
-    /// Looks at an image of another size; all of its pixels count.
+    /// Replaces the target by an image of another size, whose pixels are all valid.
     fn resize(&mut self, width: usize, height: usize) {
         let mut draw = CounterRng::new(9, 0, 0, 0);
-        self.truth = Image::zeros(width, height, 3);
-        self.truth.data.iter_mut().for_each(|v| *v = T::from_f64(draw.uniform()));
+        self.target = Image::zeros(width, height, 3);
+        self.target.data.iter_mut().for_each(|v| *v = T::from_f64(draw.uniform()));
         self.valid = vec![true; width * height];
     }
 
     fn evaluate(&mut self, g: &Splats<T>, a: &Appearance<T>) -> (Losses, Gradient<T>) {
-        let size @ (width, height) = (self.truth.width, self.truth.height);
+        let size @ (width, height) = (self.target.width, self.target.height);
         let offset = [width as f64 / 2.0 - 0.2, height as f64 / 2.0 - 0.7];
         let camera = AffineCamera { linear: [[2.3, 0.2, 0.5], [0.3, -2.2, 0.7]], offset };
-        let shot = StepInput {
+        let input = StepInput {
             camera: FrameCamera::new(&camera, width, height),
-            target: &self.truth,
+            target: &self.target,
             valid: &self.valid,
             sun: self.has_sun.then(|| ShearedCamera::sun(&camera, size, [1.7, -1.1], (-5.0, 4.0))),
             virtual_view: self
@@ -100,7 +100,7 @@ impl<T: SimdReal> Scene<T> {
         let losses = self.objective.evaluate(
             g,
             &a.values,
-            &shot,
+            &input,
             &weights(),
             &mut gradient,
             &mut Stopwatch::default(),
@@ -109,7 +109,7 @@ impl<T: SimdReal> Scene<T> {
     }
 }
 
-fn narrow(a: &Appearance<f64>) -> Appearance {
+fn to_f32(a: &Appearance<f64>) -> Appearance {
     Appearance { kind: a.kind, values: a.values.iter().map(|v| *v as f32).collect() }
 }
 
@@ -120,8 +120,8 @@ fn appearance() -> Appearance<f64> {
     a
 }
 
-/// Largest disagreement of a derivative with its difference quotient, relative to `largest`; quotients of two
-/// steps that differ stand at a kink or cut-off and are left out, but at most one in ten.
+/// Largest difference between a derivative and its difference quotient, relative to `largest`. Where the quotients of two
+/// step sizes differ there is a kink or a cut-off; these parameters are left out, and may be one in ten at most.
 fn worst<F: FnMut(usize, f64) -> f64>(analytic: &[f64], largest: f64, mut at: F) -> f64 {
     let mut worst: f64 = 0.0;
     let mut left_out = 0;
@@ -144,9 +144,9 @@ fn largest(values: &[f64]) -> f64 {
 
 #[test]
 fn every_gradient_agrees_with_central_differences_in_f64() {
-    let mut setup = Scene::new();
+    let mut scene = Scene::new();
     let (g, a) = (splats(45, 1), appearance());
-    let (losses, gradient) = setup.evaluate(&g, &a);
+    let (losses, gradient) = scene.evaluate(&g, &a);
     for (name, value) in column_names().zip(losses.columns) {
         assert!(value > 0.0, "{name}");
     }
@@ -155,14 +155,14 @@ fn every_gradient_agrees_with_central_differences_in_f64() {
         let w = worst(&analytic, largest(&analytic), |k, e| {
             let mut moved = g.clone();
             moved.groups_mut()[group][k] += e;
-            setup.evaluate(&moved, &a).0.total
+            scene.evaluate(&moved, &a).0.total
         });
         assert!(w < 1e-6, "group {group}: {w:e}");
     }
     let w = worst(&gradient.appearance, largest(&gradient.appearance), |k, e| {
         let mut moved = a.clone();
         moved.values[k] += e;
-        setup.evaluate(&g, &moved).0.total
+        scene.evaluate(&g, &moved).0.total
     });
     assert!(w < 1e-6, "appearance: {w:e}");
 }
@@ -172,7 +172,7 @@ fn f32_agrees_with_f64() {
     for seed in 0..5 {
         let (g, a) = (splats(60, seed), appearance());
         let (_, exact) = Scene::new().evaluate(&g, &a);
-        let (_, fast) = Scene::new().evaluate(&g.narrow(), &narrow(&a));
+        let (_, fast) = Scene::new().evaluate(&g.narrow(), &to_f32(&a));
         assert_agree(&exact, &fast, &format!("seed {seed}"));
     }
 }
@@ -186,9 +186,9 @@ fn assert_agree(exact: &Gradient<f64>, fast: &Gradient<f32>, case: &str) {
 }
 
 #[test]
-fn images_of_any_size_agree_whatever_was_looked_at_before() {
+fn f32_agrees_with_f64_for_images_of_any_size_with_reused_buffers() {
     let (g, a) = (splats(60, 3), appearance());
-    let (few, radiometry) = (g.narrow(), narrow(&a));
+    let (narrow_splats, narrow_appearance) = (g.narrow(), to_f32(&a));
     let mut used = Scene::<f32>::new();
     let mut case = 0;
     for width in [17, 1, 2, 7, 8, 9, 15, 16, 20] {
@@ -199,7 +199,7 @@ fn images_of_any_size_agree_whatever_was_looked_at_before() {
             case += 1;
             (used.has_sun, used.has_virtual_view) = (case % 2 == 0, case % 3 == 0);
             (fresh.has_sun, fresh.has_virtual_view) = (used.has_sun, used.has_virtual_view);
-            let (exact, fast) = (fresh.evaluate(&g, &a), used.evaluate(&few, &radiometry));
+            let (exact, fast) = (fresh.evaluate(&g, &a), used.evaluate(&narrow_splats, &narrow_appearance));
             let name = format!("{width} x {height}, {} {}", used.has_sun, used.has_virtual_view);
             assert!((exact.0.total - fast.0.total).abs() < 1e-4, "{name}");
             assert_agree(&exact.1, &fast.1, &name);
@@ -208,7 +208,7 @@ fn images_of_any_size_agree_whatever_was_looked_at_before() {
 }
 
 #[test]
-fn a_box_darkens_what_lies_behind_it_from_the_sun() {
+fn a_block_casts_a_shadow_of_the_right_length() {
     // A floor of splats at 0 m, a block of them at 4 m; sun from the east at 45 degrees: 4 m of shadow to the west.
     let mut g = Splats::<f64>::default();
     for i in -24..=24 {
@@ -220,10 +220,10 @@ fn a_box_darkens_what_lies_behind_it_from_the_sun() {
     let camera = AffineCamera { linear: [[4.0, 0.0, 0.0], [0.0, -4.0, 0.0]], offset: [23.5, 23.5] };
     let size = (48, 48);
     let shear = camera.shear_towards(crate::frame::Vector::new(1.0, 0.0, 1.0));
-    let truth = Image::zeros(48, 48, 3);
-    let shot = StepInput {
+    let target = Image::zeros(48, 48, 3);
+    let input = StepInput {
         camera: FrameCamera::new(&camera, 48, 48),
-        target: &truth,
+        target: &target,
         valid: &[],
         sun: Some(ShearedCamera::sun(&camera, size, shear, (-1.0, 6.0))),
         virtual_view: None,
@@ -232,9 +232,9 @@ fn a_box_darkens_what_lies_behind_it_from_the_sun() {
     };
     let mut objective = Objective::new(AppearanceKind::Affine, terms(None));
     let values = Appearance::start(AppearanceKind::Affine).values;
-    objective.evaluate(&g, &values, &shot, &weights(), &mut Gradient::default(), &mut Stopwatch::default());
-    let brightness = |x: f64| objective.picture().at(0, (23.5 + 4.0 * x).round() as usize, 23);
-    assert!(brightness(-4.0) < 0.2, "in the shadow: {}", brightness(-4.0));
-    assert!(brightness(-5.5) > 0.4, "beyond it: {}", brightness(-5.5));
-    assert!(brightness(3.0) > 0.4, "on the sunny side: {}", brightness(3.0));
+    objective.evaluate(&g, &values, &input, &weights(), &mut Gradient::default(), &mut Stopwatch::default());
+    let red = |x: f64| objective.picture().at(0, (23.5 + 4.0 * x).round() as usize, 23);
+    assert!(red(-4.0) < 0.2, "in the shadow: {}", red(-4.0));
+    assert!(red(-5.5) > 0.4, "beyond it: {}", red(-5.5));
+    assert!(red(3.0) > 0.4, "on the sunny side: {}", red(3.0));
 }

@@ -1,4 +1,4 @@
-//! Splat files: the usual 3DGS PLY, which splat viewers open, with its place on Earth beside it.
+//! Splat files: the PLY format of 3DGS, which splat viewers open, with the georeference in a JSON file beside it.
 
 use crate::frame::SiteGrid;
 use crate::io::{WriteError, write_file};
@@ -6,7 +6,7 @@ use crate::splat::splats::{GROUP_INFO, Splats};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Columns that 3DGS writes after the position; always zero.
+/// Columns that 3DGS writes after the position; their values are zero.
 const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
 
 /// The columns of a vertex, all float32, in the order of 3DGS (spherical harmonics of degree 0).
@@ -19,29 +19,29 @@ fn columns() -> impl Iterator<Item = &'static str> {
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum PlyError {
-    /// The system does not give it.
+    /// The file cannot be read.
     #[error("`{path}` cannot be read: {reason}")]
     Io {
         /// The file.
         path: PathBuf,
-        /// The system's words.
+        /// The operating system's message.
         reason: String,
     },
-    /// It is no splat file of ours.
-    #[error("`{path}` is no splat file: {reason}")]
+    /// The file is not a supported splat file.
+    #[error("`{path}` is not a supported splat file: {reason}")]
     #[diagnostic(help("expected a binary little-endian PLY of float32 3DGS properties"))]
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The reason.
         reason: String,
     },
 }
 
-/// Writes splats and, as `NAME.georef.json` beside them, where they stand on Earth.
+/// Writes splats as a PLY file in the site frame (metres), and the frame's georeference as `NAME.georef.json` beside it.
 ///
 /// # Errors
-/// [`WriteError`].
+/// [`WriteError`] if one of the files cannot be written.
 pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteError> {
     let [east, north, height] = site.origin.xyz();
     let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
@@ -50,7 +50,7 @@ pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteE
         "comment satgs site frame: metres east, north, up of EPSG:{} {east} {north}, ellipsoidal height {height}",
         site.epsg
     );
-    // Splat files do not say which axis is up otherwise.
+    // The format does not define the vertical axis; viewers read it from this comment.
     header.push_str("comment Vertical Axis: z\n");
     let _ = writeln!(header, "element vertex {}", splats.len());
     for name in columns() {
@@ -82,16 +82,18 @@ pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteE
     write_file(&path.with_extension("georef.json"), format!("{georef:#}\n"))
 }
 
-/// Reads splats that [`write()`] or another 3DGS program wrote; properties that satgs does not use are skipped.
+/// Reads splats that [`write()`] or another 3DGS program wrote. Properties that splats do not have are ignored.
 ///
 /// # Errors
-/// [`PlyError`].
+/// [`PlyError`] if the file cannot be read, is cut off, lacks a property, or has values that are not finite or spherical
+/// harmonics above degree 0.
 pub fn read(path: &Path) -> Result<Splats, PlyError> {
     let bytes = std::fs::read(path).map_err(|e| PlyError::Io { path: path.into(), reason: e.to_string() })?;
     let refused = |reason: &str| PlyError::Format { path: path.into(), reason: reason.into() };
     const END: &[u8] = b"end_header\n";
-    let end = bytes.windows(END.len()).position(|w| w == END).ok_or_else(|| refused("it has no header"))?;
-    let header = std::str::from_utf8(&bytes[..end]).map_err(|_| refused("its header is no text"))?;
+    let end =
+        bytes.windows(END.len()).position(|w| w == END).ok_or_else(|| refused("it has no PLY header"))?;
+    let header = std::str::from_utf8(&bytes[..end]).map_err(|_| refused("its header is not text"))?;
     if !header.contains("format binary_little_endian 1.0") {
         return Err(refused("it is not binary little-endian"));
     }
@@ -107,21 +109,23 @@ pub fn read(path: &Path) -> Result<Splats, PlyError> {
             _ => {}
         }
     }
-    let count = count.ok_or_else(|| refused("it has no vertices"))?;
+    let count = count.ok_or_else(|| refused("it has no vertex element"))?;
     let stride = 4 * properties.len();
     let body = &bytes[end + END.len()..];
     if count.checked_mul(stride).is_none_or(|need| need > body.len()) {
-        return Err(refused(&format!("its header promises {count} vertices, the file ends before")));
+        return Err(refused(&format!(
+            "its header announces {count} vertices, but the file ends before the last"
+        )));
     }
     let at = |name: &str| {
-        let place = properties.iter().position(|p| p == name);
-        place.map(|p| 4 * p).ok_or_else(|| refused(&format!("property `{name}` is missing")))
+        let column = properties.iter().position(|p| p == name);
+        column.map(|c| 4 * c).ok_or_else(|| refused(&format!("property `{name}` is missing")))
     };
     let value = |vertex: &[u8], offset: usize| {
         f32::from_le_bytes([vertex[offset], vertex[offset + 1], vertex[offset + 2], vertex[offset + 3]])
     };
     let vertices = || body.chunks_exact(stride).take(count);
-    // Colours that depend on the direction would be lost.
+    // Colours that depend on the viewing direction would be lost.
     let rest: Vec<usize> =
         (0..properties.len()).filter(|k| properties[*k].starts_with("f_rest_")).map(|k| 4 * k).collect();
     if vertices().any(|vertex| rest.iter().any(|offset| value(vertex, *offset) != 0.0)) {
@@ -139,7 +143,7 @@ pub fn read(path: &Path) -> Result<Splats, PlyError> {
         }
     }
     if out.groups().iter().any(|g| g.iter().any(|v| !v.is_finite())) {
-        return Err(refused("a splat is not finite"));
+        return Err(refused("a value of a splat is not finite"));
     }
     Ok(out)
 }
@@ -150,7 +154,7 @@ mod tests {
     use crate::frame::Point;
 
     #[test]
-    fn what_is_written_is_read_back_and_a_cut_file_is_refused() {
+    fn written_splats_are_read_back_equal_and_a_truncated_file_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("splats.ply");
         let mut g = Splats::default();

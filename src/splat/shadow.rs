@@ -1,7 +1,9 @@
-//! Cast shadows: from the altitudes that the view and the sun see to each pixel's share of sunlight, and back (EOGS).
+//! Cast shadows by shadow mapping (EOGS): each pixel's share of sunlight from the altitudes in the view's and the sun's
+//! renders, and its gradient.
 //!
-//! From each pixel's altitude the sun's altitude image is looked up: where it lies `Δ` metres higher, the share of
-//! sunlight is `exp(ρ min(-Δ, 0))`.
+//! A pixel of the view is warped by its altitude z to the sun's render. With z' the altitude there, the share of sunlight is
+//! `exp(ρ min(z - z', 0))`: 1 in full sun, falling towards 0 the higher the surface above the pixel is. BAEOGS (§3.2) prints
+//! the opposite sign, which would darken what stands above its surroundings.
 
 use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
 use crate::splat::loss::Scaled;
@@ -9,23 +11,23 @@ use crate::splat::raster::{Image, channel, stripe_rows};
 use crate::splat::shear_warp::{GradientWindow, ShearWarp, sum_windows};
 use rayon::prelude::*;
 
-/// Extinction of sunlight per metre that the sun sees something higher (EOGS: fixed).
+/// The constant ρ, per metre of altitude difference (EOGS).
 const SHADOW_RATE_PER_M: f64 = 0.4;
 
-/// The sun's image of altitudes, and where a view's pixels lie in it.
+/// The sun's render of altitudes, and the map from a view's pixels to it.
 pub type SunImage<'a, T> = (ShearWarp<T>, &'a Image<T>);
 
-/// Computes shares of sunlight; keeps its buffers.
+/// Computes the share of sunlight of a view's pixels; keeps its buffers between calls.
 #[derive(Default)]
 pub struct ShadowModel<T> {
     sunlight: Image<T>,
     by_sun: Image<T>,
-    /// What each run of rows scatters.
+    /// Derivatives by the sun's render that the pixels of each stripe contribute.
     stripes: Vec<GradientWindow<T, 1>>,
 }
 
 impl<T: SimdReal> ShadowModel<T> {
-    /// The share of sunlight of every pixel of a view's render, one channel; 1 without a sun.
+    /// Computes the share of sunlight, 0 to 1, of every pixel of a view's render; it is 1 without a sun.
     pub fn forward(&mut self, view: &Image<T>, sun: Option<SunImage<T>>) {
         let Image { width, height, .. } = *view;
         self.sunlight.resize(width, height, 1);
@@ -39,8 +41,8 @@ impl<T: SimdReal> ShadowModel<T> {
         });
     }
 
-    /// From derivatives by the share of sunlight, the sum of all parts, to those by the view's altitudes, which are written,
-    /// and by the sun's image, which [`ShadowModel::by_sun`] gives.
+    /// Computes the derivatives by the view's altitudes, which are written to `by_view`, and by the sun's render
+    /// ([`ShadowModel::by_sun`]), from the sum of the derivatives `by_sunlight`.
     pub fn backward(
         &mut self,
         view: &Image<T>,
@@ -75,14 +77,14 @@ impl<T: SimdReal> ShadowModel<T> {
         &self.sunlight
     }
 
-    /// Derivatives by the altitudes in the sun's image.
+    /// Derivatives by the altitudes in the sun's render, per metre, as the last backward pass computed them.
     #[must_use]
     pub fn by_sun(&self) -> &Image<T> {
         &self.by_sun
     }
 }
 
-/// The shares of a run of rows.
+/// The share of sunlight of a stripe.
 struct Forward<'a, T> {
     view: &'a Image<T>,
     sun: SunImage<'a, T>,
@@ -100,16 +102,16 @@ impl<T: SimdReal> SimdKernel<T> for Forward<'_, T> {
             let row = first_row + k;
             for start in (0..width).step_by(S::WIDTH) {
                 let z = SimdVec::load_from(simd, view.row(channel::ALTITUDE, row), start);
-                let places = warp.places(simd, start..width, row, z, image);
-                let (higher, _) = places.values(simd, image, 0);
-                let s = (rate * (z - higher).select_or_zero(places.inside).min(zero)).exp();
+                let warped = warp.warp(simd, start..width, row, z, image);
+                let (higher, _) = warped.sample(simd, image, 0);
+                let s = (rate * (z - higher).select_or_zero(warped.inside).min(zero)).exp();
                 s.store_to(sunlight, start);
             }
         }
     }
 }
 
-/// The derivatives of a run of rows.
+/// The derivatives of a stripe.
 struct Backward<'a, T> {
     view: &'a Image<T>,
     sun: SunImage<'a, T>,
@@ -129,7 +131,7 @@ impl<T: SimdReal> SimdKernel<T> for Backward<'_, T> {
         let width = view.width;
         let rows = first_row..first_row + by_view.len() / (channels * width);
         let altitudes = rows.clone().flat_map(|r| view.row(channel::ALTITUDE, r));
-        by_sun.open(image.width, warp.rows(rows, altitudes, image.height));
+        by_sun.reset(image.width, warp.target_rows(rows, altitudes, image.height));
         let [zero, one, rate] = broadcast_each(simd, [T::zero(), T::one(), T::from_f64(SHADOW_RATE_PER_M)]);
         for (k, by_view) in by_view.chunks_mut(channels * width).enumerate() {
             let row = first_row + k;
@@ -141,12 +143,12 @@ impl<T: SimdReal> SimdKernel<T> for Backward<'_, T> {
                     by_s = part.add_to(simd, by_s, 0, row, start);
                 }
                 let z = SimdVec::load_from(simd, view.row(channel::ALTITUDE, row), start);
-                let places = warp.places(simd, start..width, row, z, image);
-                let (higher, slopes) = places.values(simd, image, 0);
-                let shaded = higher.greater_than(z).and(places.inside);
+                let warped = warp.warp(simd, start..width, row, z, image);
+                let (higher, slopes) = warped.sample(simd, image, 0);
+                let shaded = higher.greater_than(z).and(warped.inside);
                 let by_delta = (rate * s * by_s).select_or_zero(shaded);
-                places.scatter(simd, shaded, [zero - by_delta], by_sun);
-                (by_delta * (one - warp.by_altitude(simd, slopes))).store_to(by_altitude, start);
+                warped.scatter(simd, shaded, [zero - by_delta], by_sun);
+                (by_delta * (one - warp.altitude_derivative(simd, slopes))).store_to(by_altitude, start);
             }
         }
     }

@@ -1,5 +1,7 @@
-//! Looking up, from a view's pixels and their altitudes, another camera of the same family: the sun's image, or a
-//! virtual view's. A shear carries pixel (col, row) at altitude z to `(col, row) - shear * z - origin`.
+//! Warping a view's pixels, with their altitudes, to the image of a sheared camera: the sun's image or a virtual view.
+//!
+//! A sheared camera is the view's affine camera with a multiple of the altitude subtracted from its image coordinates. A pixel
+//! (col, row) of the view at altitude z appears there at `(col, row) - shear * z - origin`.
 
 use crate::simd::Real;
 use crate::simd::{MAX_LANES, Simd, SimdMask, SimdVec, broadcast_each};
@@ -7,28 +9,28 @@ use crate::splat::raster::{Image, STRIPES};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// How a view's pixels reach another image.
+/// The map from a view's pixels to the image of a sheared camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShearWarp<T> {
-    /// Pixels per metre of altitude.
+    /// Shear (column, row), pixels per metre of altitude.
     pub shear: [T; 2],
-    /// Position of the other image's first pixel in the sheared view, pixels.
+    /// Position (column, row) of the sheared image's first pixel in the view's sheared coordinates, pixels.
     pub origin: [T; 2],
 }
 
-/// Where neighbouring pixels of a view lie in another image: each between four pixels of it.
-pub struct Places<S: Simd> {
-    /// Which of them lie inside; the others' places say nothing.
+/// The places to which a vector of neighbouring pixels is warped, each between four pixels of the sheared image.
+pub struct WarpedPixels<S: Simd> {
+    /// Which of them lie inside the image; the places of the others are unspecified.
     pub inside: SimdMask<S>,
     col: [u32; MAX_LANES],
     row: [u32; MAX_LANES],
-    /// The pixel at (col, row) in the image's first channel.
+    /// Index of the upper left of the four pixels in the image's data, for the first channel.
     start: [usize; MAX_LANES],
-    /// Distance to the pixel at (col, row), in [0, 1].
-    part: [SimdVec<S>; 2],
+    /// Offsets (right, down) from the upper left pixel, in [0, 1).
+    fraction: [SimdVec<S>; 2],
 }
 
-/// Some rows of an image that derivatives are added to, all channels of a pixel side by side.
+/// Some rows of an image to which derivatives are added; the channels of a pixel are adjacent in memory.
 #[derive(Debug)]
 pub struct GradientWindow<T, const C: usize> {
     width: usize,
@@ -43,16 +45,17 @@ impl<T, const C: usize> Default for GradientWindow<T, C> {
 }
 
 impl<T: Real> ShearWarp<T> {
-    /// Where the pixels at `columns` of a row, as many as there are lanes, lie in `image`.
+    /// Warps the pixels of a row from `columns.start` on, one for each lane, to `image`. Lanes beyond `columns.end` count as
+    /// outside.
     #[inline(always)]
-    pub fn places<S: Simd<Scalar = T>>(
+    pub fn warp<S: Simd<Scalar = T>>(
         &self,
         simd: S,
         columns: Range<usize>,
         row: usize,
         altitude: SimdVec<S>,
         image: &Image<T>,
-    ) -> Places<S> {
+    ) -> WarpedPixels<S> {
         let [shear_x, shear_y] = broadcast_each(simd, self.shear);
         let (last_col, last_row) =
             (T::from_f64(image.width as f64 - 1.0), T::from_f64(image.height as f64 - 1.0));
@@ -66,21 +69,22 @@ impl<T: Real> ShearWarp<T> {
             .and(y.greater_equal(zero))
             .and(right.greater_than(x))
             .and(bottom.greater_than(y));
-        // Also where it is not a number: every place can be read.
+        // Places outside the image, and NaN, become zero, so that every place can be read.
         let (x, y) = (x.select_or_zero(inside), y.select_or_zero(inside));
         let (left, top) = (x.floor(), y.floor());
         let (mut col, mut row) = ([0; MAX_LANES], [0; MAX_LANES]);
-        left.store_whole(&mut col);
-        top.store_whole(&mut row);
+        left.store_u32(&mut col);
+        top.store_u32(&mut row);
         let mut start = [0; MAX_LANES];
         for lane in 0..S::WIDTH {
             start[lane] = row[lane] as usize * image.channels * image.width + col[lane] as usize;
         }
-        Places { inside, col, row, start, part: [x - left, y - top] }
+        WarpedPixels { inside, col, row, start, fraction: [x - left, y - top] }
     }
 
-    /// Rows of an image `height` high that pixels of `rows` are looked up in, of which `altitudes` are all.
-    pub fn rows<'a>(
+    /// The rows of a sheared image of this height to which the view's pixels of `rows` are warped, given all their
+    /// `altitudes`.
+    pub fn target_rows<'a>(
         &self,
         rows: Range<usize>,
         altitudes: impl Iterator<Item = &'a T>,
@@ -89,25 +93,26 @@ impl<T: Real> ShearWarp<T> {
         let (low, high) =
             altitudes.fold((T::infinity(), T::neg_infinity()), |(l, h), z| (l.min(*z), h.max(*z)));
         let [a, b] = [low, high].map(|z| self.shear[1] * z + self.origin[1]);
-        // A row more on either side, for rounding.
+        // One row more on either side allows for rounding.
         let first = T::from_f64(rows.start as f64 - 1.0) - a.max(b);
         let end = T::from_f64(rows.end as f64 + 2.0) - a.min(b);
         let inside = |row: T| row.max(T::zero()).min(T::from_f64(height as f64)).as_u32() as usize;
         inside(first)..inside(end).max(inside(first))
     }
 
-    /// Derivative of looked-up values by the altitude, from their slopes by column and row.
+    /// Derivative of sampled values by the altitude of the view's pixels, per metre, from the values' derivatives by column
+    /// and row in the sheared image.
     #[inline(always)]
-    pub fn by_altitude<S: Simd<Scalar = T>>(&self, simd: S, slopes: [SimdVec<S>; 2]) -> SimdVec<S> {
+    pub fn altitude_derivative<S: Simd<Scalar = T>>(&self, simd: S, slopes: [SimdVec<S>; 2]) -> SimdVec<S> {
         let [zero, x, y] = broadcast_each(simd, [T::zero(), self.shear[0], self.shear[1]]);
         zero - x * slopes[0] - y * slopes[1]
     }
 }
 
-impl<T: Real, S: Simd<Scalar = T>> Places<S> {
-    /// Bilinear values of a channel and their slopes by column and row; zero where outside.
+impl<T: Real, S: Simd<Scalar = T>> WarpedPixels<S> {
+    /// Bilinearly interpolated values of a channel and their derivatives by column and row; zero outside the image.
     #[inline(always)]
-    pub fn values(&self, simd: S, image: &Image<T>, channel: usize) -> (SimdVec<S>, [SimdVec<S>; 2]) {
+    pub fn sample(&self, simd: S, image: &Image<T>, channel: usize) -> (SimdVec<S>, [SimdVec<S>; 2]) {
         let zero = SimdVec::broadcast(simd, T::zero());
         if !self.inside.any() {
             return (zero, [zero; 2]);
@@ -116,8 +121,8 @@ impl<T: Real, S: Simd<Scalar = T>> Places<S> {
         let upper = &image.data[channel * image.width..];
         let lower = &upper[image.channels * image.width..];
         for lane in 0..S::WIDTH {
-            let [a, b] = *pair(&upper[self.start[lane]..]);
-            let [c, d] = *pair(&lower[self.start[lane]..]);
+            let [a, b] = *pixel_pair(&upper[self.start[lane]..]);
+            let [c, d] = *pixel_pair(&lower[self.start[lane]..]);
             (corners[0][lane], corners[1][lane]) = (a, b);
             (corners[2][lane], corners[3][lane]) = (c, d);
         }
@@ -125,7 +130,7 @@ impl<T: Real, S: Simd<Scalar = T>> Places<S> {
         for k in 0..4 {
             rows[k] = SimdVec::load(simd, &corners[k]);
         }
-        let ([a, b, c, d], [x, y]) = (rows, self.part);
+        let ([a, b, c, d], [x, y]) = (rows, self.fraction);
         let (along_upper, along_lower) = (b - a, d - c);
         let (upper, lower) = (along_upper.mul_add(x, a), along_lower.mul_add(x, c));
         let (down, along) = (lower - upper, (along_lower - along_upper).mul_add(y, along_upper));
@@ -136,7 +141,8 @@ impl<T: Real, S: Simd<Scalar = T>> Places<S> {
         )
     }
 
-    /// Adds derivatives by the values to those by the four pixels around, where `mask` and inside.
+    /// Adds derivatives by sampled values to those by the four pixels around each place, where `mask` holds and the place is
+    /// inside; the transpose of [`WarpedPixels::sample`].
     #[inline(always)]
     pub fn scatter<const C: usize>(
         &self,
@@ -149,12 +155,12 @@ impl<T: Real, S: Simd<Scalar = T>> Places<S> {
         if pending == 0 {
             return;
         }
-        let ([x, y], one) = (self.part, SimdVec::broadcast(simd, T::one()));
-        let mut shares = [[T::zero(); MAX_LANES]; 4];
-        ((one - x) * (one - y)).store_to(&mut shares[0], 0);
-        (x * (one - y)).store_to(&mut shares[1], 0);
-        ((one - x) * y).store_to(&mut shares[2], 0);
-        (x * y).store_to(&mut shares[3], 0);
+        let ([x, y], one) = (self.fraction, SimdVec::broadcast(simd, T::one()));
+        let mut weights = [[T::zero(); MAX_LANES]; 4];
+        ((one - x) * (one - y)).store_to(&mut weights[0], 0);
+        (x * (one - y)).store_to(&mut weights[1], 0);
+        ((one - x) * y).store_to(&mut weights[2], 0);
+        (x * y).store_to(&mut weights[3], 0);
         let mut by = [[T::zero(); MAX_LANES]; C];
         for c in 0..C {
             by_values[c].store_to(&mut by[c], 0);
@@ -170,35 +176,35 @@ impl<T: Real, S: Simd<Scalar = T>> Places<S> {
             for (start, k) in [(first, 0), (first + window.width, 2)] {
                 let [left, right] = window.data[start..].first_chunk_mut().expect("the next column exists");
                 for c in 0..C {
-                    left[c] = left[c] + shares[k][lane] * values[c];
-                    right[c] = right[c] + shares[k + 1][lane] * values[c];
+                    left[c] = left[c] + weights[k][lane] * values[c];
+                    right[c] = right[c] + weights[k + 1][lane] * values[c];
                 }
             }
         }
     }
 }
 
-/// The first two pixels.
+/// Two adjacent pixels.
 #[inline(always)]
-fn pair<P>(pixels: &[P]) -> &[P; 2] {
+fn pixel_pair<P>(pixels: &[P]) -> &[P; 2] {
     pixels.first_chunk().expect("the next column exists")
 }
 
 impl<T: Real, const C: usize> GradientWindow<T, C> {
-    /// Becomes zeros at these rows of an image.
-    pub fn open(&mut self, width: usize, rows: Range<usize>) {
+    /// Sets the window to zeros over these rows of an image.
+    pub fn reset(&mut self, width: usize, rows: Range<usize>) {
         (self.width, self.first_row) = (width, rows.start);
         self.data.clear();
         self.data.resize(width * rows.len(), [T::zero(); C]);
     }
 
-    /// A row of the image, if it is one of the window's.
+    /// A row of the image, if the window contains it.
     fn row(&self, row: usize) -> Option<&[[T; C]]> {
         self.data.chunks_exact(self.width.max(1)).nth(row.checked_sub(self.first_row)?)
     }
 }
 
-/// `scale` times the sum of the stripes' windows, channels apart again.
+/// Writes `scale` times the sum of the stripes' windows to `sum`, which is stored channel by channel.
 pub fn sum_windows<'a, T: Real, const C: usize>(
     sum: &mut Image<T>,
     scale: T,

@@ -1,22 +1,22 @@
-//! The splats: what is trained, as one array for each parameter group.
+//! The splats: one array for each parameter group.
 //!
-//! `parameter_groups!` below is the one list of a splat's parameters. Storage, learning rates ([`PerGroup`]), Adam's
-//! moments, growth and pruning ([`Edit`]), checkpoints and the columns of the PLY follow from it: a new parameter is a
-//! line there.
+//! `parameter_groups!` below is the only list of a splat's parameters. Storage, learning rates ([`PerGroup`]), Adam's
+//! moments, densification and pruning ([`Edit`]), checkpoints and the columns of the PLY file follow from it: a new parameter
+//! is one line there.
 
 use super::edit::Edit;
 use crate::simd::Real;
 use serde::{Deserialize, Serialize};
 
-/// Zeroth spherical harmonic: `rgb = SH_C0 * f_dc + 0.5`, as every 3DGS file means it.
+/// Value of the zeroth spherical harmonic: `rgb = SH_C0 * f_dc + 0.5`, as in 3DGS.
 const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// What is known of a parameter group beside its values.
+/// Name, size and file columns of a parameter group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GroupInfo {
     /// Its name.
     pub name: &'static str,
-    /// Scalars a splat.
+    /// Number of scalars for each splat.
     pub width: usize,
     /// Its columns in a PLY file.
     pub ply: &'static [&'static str],
@@ -24,8 +24,8 @@ pub struct GroupInfo {
 
 macro_rules! parameter_groups {
     ($($(#[$doc:meta])* $name:ident: $width:literal = $default:expr, ply $ply:expr;)*) => {
-        /// Splats in the site frame as a structure of arrays, in the parametrisation that is optimised: 3-D Gaussians. The same
-        /// structure holds gradients and moments.
+        /// Splats in the site frame: 3-D Gaussians as a structure of arrays, in the parametrisation that is optimised. The
+        /// same structure holds gradients and moments.
         #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
         pub struct Splats<T = f32> {
             $($(#[$doc])* pub $name: Vec<[T; $width]>,)*
@@ -35,7 +35,7 @@ macro_rules! parameter_groups {
         #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
         #[serde(deny_unknown_fields)]
         pub struct PerGroup<V> {
-            $(#[doc = concat!("Of [`Splats::", stringify!($name), "`].")] pub $name: V,)*
+            $(#[doc = concat!("The value of [`Splats::", stringify!($name), "`].")] pub $name: V,)*
         }
 
         /// Number of parameter groups.
@@ -54,18 +54,18 @@ macro_rules! parameter_groups {
         }
 
         impl<T: Real> Splats<T> {
-            /// As many splats, every parameter zero: a gradient or a moment to be summed into.
+            /// `n` splats whose parameters are all zero, such as gradients or moments before the first sum.
             #[must_use]
             pub fn zeros(n: usize) -> Self {
                 Self { $($name: vec![[T::zero(); $width]; n],)* }
             }
 
-            /// Takes this number of splats; new ones are zero.
+            /// Changes the number of splats; the parameters of new ones are zero.
             pub fn resize(&mut self, n: usize) {
                 $(self.$name.resize(n, [T::zero(); $width]);)*
             }
 
-            /// Appends a splat with the default of every parameter group.
+            /// Appends a splat with the default value of every parameter group.
             fn push_default(&mut self) {
                 $(self.$name.push($default.map(T::from_f64));)*
             }
@@ -75,7 +75,7 @@ macro_rules! parameter_groups {
                 $(edit.gather(&mut self.$name);)*
             }
 
-            /// Sets every parameter of the splats that an edit made to zero, as moments of new splats are.
+            /// Sets every parameter of an edit's new splats to zero, as needed for moments.
             pub fn zero_fresh(&mut self, edit: &Edit) {
                 for i in edit.fresh() {
                     $(self.$name[i] = [T::zero(); $width];)*
@@ -88,7 +88,7 @@ macro_rules! parameter_groups {
                 [$(self.$name.as_flattened()),*]
             }
 
-            /// As [`Splats::groups`], to be changed.
+            /// As [`Splats::groups`], mutable.
             pub fn groups_mut(&mut self) -> [&mut [T]; GROUPS] {
                 [$(self.$name.as_flattened_mut()),*]
             }
@@ -101,7 +101,7 @@ parameter_groups! {
     position: 3 = [0.0; 3], ply ["x", "y", "z"];
     /// Colour, `SH_C0 * f_dc + 0.5` (see [`color_from_f_dc`]).
     f_dc: 3 = [0.0; 3], ply ["f_dc_0", "f_dc_1", "f_dc_2"];
-    /// Opacity before the logistic function.
+    /// Logit of the opacity ([`logit`]).
     opacity_logit: 1 = [0.0], ply ["opacity"];
     /// Natural logarithm of the standard deviations along the splat's own axes, metres.
     log_scale: 3 = [0.0; 3], ply ["scale_0", "scale_1", "scale_2"];
@@ -128,7 +128,8 @@ impl<T: Real> Splats<T> {
         self.groups().iter().zip(GROUP_INFO).all(|(group, info)| group.len() == n * info.width)
     }
 
-    /// Appends a round splat: centre and standard deviation in metres, opacity and linear colour from 0 to 1.
+    /// Appends an isotropic splat: centre (site frame) and standard deviation in metres, opacity in (0, 1), and linear
+    /// colour in [0, 1].
     pub fn push(&mut self, position: [T; 3], scale_m: T, opacity: T, rgb: [T; 3]) {
         let i = self.len();
         self.push_default();
@@ -138,7 +139,7 @@ impl<T: Real> Splats<T> {
         self.f_dc[i] = f_dc_from_color(rgb);
     }
 
-    /// Changes each channel of every colour.
+    /// Applies `change` to each channel of every splat's linear colour.
     pub fn recolor(&mut self, change: impl Fn(T) -> T) {
         self.f_dc.iter_mut().for_each(|f| *f = f_dc_from_color(color_from_f_dc(*f).map(&change)));
     }
@@ -162,24 +163,24 @@ pub fn color_from_f_dc<T: Real>(f_dc: [T; 3]) -> [T; 3] {
     f_dc.map(|f| f * T::from_f64(SH_C0) + T::from_f64(0.5))
 }
 
-/// The inverse of [`color_from_f_dc`].
+/// Coefficients of the zeroth spherical harmonic from the linear colour; the inverse of [`color_from_f_dc`].
 #[inline(always)]
 pub fn f_dc_from_color<T: Real>(rgb: [T; 3]) -> [T; 3] {
     rgb.map(|v| (v - T::from_f64(0.5)) / T::from_f64(SH_C0))
 }
 
-/// Derivatives by the coefficients from those by the colour.
+/// Derivatives with respect to the coefficients, from those with respect to the colour.
 #[inline(always)]
 pub fn f_dc_gradient<T: Real>(by_color: [T; 3]) -> [T; 3] {
     by_color.map(|by| by * T::from_f64(SH_C0))
 }
 
-/// The logistic function.
+/// The logistic function `1 / (1 + exp(-x))`: an opacity from its logit.
 pub fn sigmoid<T: Real>(x: T) -> T {
     T::one() / (T::one() + (-x).exp())
 }
 
-/// Inverse of [`sigmoid`].
+/// The inverse of [`sigmoid`]: `ln(p / (1 - p))`.
 pub fn logit<T: Real>(p: T) -> T {
     (p / (T::one() - p)).ln()
 }

@@ -1,4 +1,4 @@
-//! The state of a training between two iterations: what a checkpoint holds.
+//! The state of a training between two iterations, which checkpoints store.
 
 use super::adam::{AppearanceAdam, SplatAdam};
 use super::appearance::{Appearance, AppearanceKind};
@@ -8,21 +8,21 @@ use super::splats::{Splats, logit};
 use super::train::recipe::Densification;
 use serde::{Deserialize, Serialize};
 
-/// Splats, their optimiser's moments, the views' colour models, and the statistics that growth asks for.
+/// Splats, optimiser moments, the views' colour models, and the statistics for densification.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TrainingState {
     /// The splats.
     pub splats: Splats,
-    /// Their moments.
+    /// Moments of the splats' gradients.
     pub adam: SplatAdam,
-    /// The colour model of every view, and its moments.
+    /// The colour model of each view, and the moments of its gradient.
     pub appearances: Vec<(Appearance, AppearanceAdam)>,
-    /// What the views said of the splats since the last check of their number.
+    /// Statistics of the splats' gradients since the last check.
     pub statistics: DensifyStats,
 }
 
 impl TrainingState {
-    /// The start of a training from these splats, for a number of views with a colour model.
+    /// The initial state of a training from these splats, for a number of views with this colour model.
     #[must_use]
     pub fn start(splats: Splats, appearance: AppearanceKind, views: usize) -> Self {
         let mut statistics = DensifyStats::default();
@@ -34,14 +34,14 @@ impl TrainingState {
         start
     }
 
-    /// Applies an edit to everything that holds a value for each splat.
+    /// Applies an edit to all values that belong to splats.
     pub fn apply(&mut self, edit: &Edit) {
         self.splats.apply(edit);
         self.adam.apply(edit);
         self.statistics.apply(edit);
     }
 
-    /// Stores splats from the highest to the lowest, so that cameras read memory in the order in which they draw.
+    /// Stores the splats from the highest to the lowest, so that rendering reads memory in order.
     pub fn sort_by_altitude(&mut self) {
         let mut order: Vec<u32> = (0..self.splats.len() as u32).collect();
         let altitude = |i: u32| self.splats.position[i as usize][2];
@@ -49,7 +49,8 @@ impl TrainingState {
         self.apply(&Edit::permute(order));
     }
 
-    /// Doubles splats by a rule in a site whose cube has this half side; `draw` is (seed, iteration). Gives how many.
+    /// Densifies: duplicates or splits splats. Returns how many. `half_side_m` is the half side in metres of the cube that
+    /// the rule's lengths refer to; `draw` is (seed, iteration) of the random positions.
     pub fn grow(&mut self, rule: &Densification, half_side_m: f64, draw: (u64, u64)) -> usize {
         let growth = Growth::plan(&self.splats, &self.statistics, rule, half_side_m, draw);
         let count = growth.count;
@@ -58,14 +59,15 @@ impl TrainingState {
         count
     }
 
-    /// Removes splats that are fainter than `opacity`, not finite, or outside `altitudes` (metres). Gives how many.
+    /// Removes splats whose opacity is below `opacity`, whose position or scale is not finite, or that lie outside `altitudes`
+    /// (lowest and highest, metres). Returns how many.
     pub fn prune(&mut self, opacity: f64, altitudes: (f64, f64)) -> usize {
         let before = self.splats.len();
         self.apply(&pruning(&self.splats, opacity, altitudes));
         before - self.splats.len()
     }
 
-    /// Lowers every opacity to at most `opacity` and forgets the moments of the opacities.
+    /// Opacity reset: lowers every opacity to at most `opacity` and sets the moments of the opacities to zero.
     pub fn reset_opacity(&mut self, opacity: f64) {
         let highest = logit(opacity as f32);
         for [logit] in &mut self.splats.opacity_logit {
@@ -75,7 +77,7 @@ impl TrainingState {
         self.adam.second.opacity_logit.fill([0.0]);
     }
 
-    /// Whether its parts are of as many splats, and of so many views.
+    /// Whether all parts have the same number of splats, and the state has this number of views.
     #[must_use]
     pub fn fits(&self, views: usize) -> bool {
         let n = self.splats.len();

@@ -1,6 +1,7 @@
-//! EOGS's colour model: each view has an affine map of colours and a share of them that is left in full shadow.
+//! EOGS's colour model: each view has an affine map of colours and an ambient light colour.
 //!
-//! `pixel = (s + (1 - s) κ) ⊙ (W rgb + t)` with `s` the share of sunlight; `W`, `t`, `κ` belong to the view.
+//! `pixel = (s + (1 - s) κ) ⊙ (W rgb + t)`, with `s` the share of sunlight in [0, 1]. The 3 x 3 matrix `W`, the vector `t` and
+//! the ambient light `κ`, relative to sunlight, are parameters of the view.
 
 use super::{AppearanceModel, ShadingGradient, ShadingInput};
 use crate::simd::{Arithmetic, MAX_LANES, Real, Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
@@ -8,18 +9,18 @@ use crate::splat::loss::Scaled;
 use crate::splat::raster::{Image, stripe_rows};
 use rayon::prelude::*;
 
-/// Parameters of a view: `W` row by row, `t`, `κ`.
+/// Number of parameters of a view: `W` row by row, `t`, `κ`.
 const PARAMETERS: usize = 15;
 
-/// The model, with its buffers.
+/// The model; keeps its buffers between calls.
 #[derive(Default)]
 pub struct AffineAppearance<T> {
-    /// Sums over a run of rows, by the parameters.
+    /// Sums of the derivatives by the parameters over each stripe.
     by_values: Vec<[T; PARAMETERS]>,
 }
 
 impl<T: SimdReal> AppearanceModel<T> for AffineAppearance<T> {
-    /// The colour as it is; a twentieth of it in full shadow (EOGS's start).
+    /// `W` is the identity, `t` is zero, and `κ` is 0.05 in each channel (EOGS).
     fn start(&self) -> Vec<T> {
         let (o, z, k) = (T::one(), T::zero(), T::from_f64(0.05));
         vec![o, z, z, z, o, z, z, z, o, z, z, z, k, k, k]
@@ -67,14 +68,14 @@ impl<T: SimdReal> AppearanceModel<T> for AffineAppearance<T> {
     }
 }
 
-/// A view's parameters: scalars, or vectors that hold each in every lane.
+/// A view's parameters: scalars, or vectors that hold the same parameter in all lanes.
 #[derive(Clone, Copy)]
 struct ColorMap<N> {
     values: [N; PARAMETERS],
 }
 
 impl<T: Real> ColorMap<T> {
-    /// Missing parameters are zero.
+    /// The parameters; missing ones are zero.
     fn new(values: &[T]) -> Self {
         let mut own = [T::zero(); PARAMETERS];
         own.iter_mut().zip(values).for_each(|(own, value)| *own = *value);
@@ -99,9 +100,9 @@ impl<N: Arithmetic> ColorMap<N> {
         out
     }
 
-    /// The share of the sunlit colour that is left at sunlight `s`.
+    /// The light relative to full sunlight at the share of sunlight `s`: `s + (1 - s) κ`.
     #[inline(always)]
-    fn dimming(&self, s: N) -> [N; 3] {
+    fn light(&self, s: N) -> [N; 3] {
         let mut out = [s; 3];
         for i in 0..3 {
             out[i] = s + self.values[12 + i] - s * self.values[12 + i];
@@ -109,17 +110,17 @@ impl<N: Arithmetic> ColorMap<N> {
         out
     }
 
-    /// Derivatives by `rgb` and `s` from those by the pixel; adds those by the parameters to `by_values`.
+    /// Returns the derivatives by `rgb` and by `s`, from those by the pixel; adds those by the parameters to `by_values`.
     #[inline(always)]
     fn backward(&self, rgb: [N; 3], s: N, by_pixel: [N; 3], by_values: &mut [N; PARAMETERS]) -> ([N; 3], N) {
-        let (sunlit, dimming) = (self.sunlit(rgb), self.dimming(s));
+        let (sunlit, light) = (self.sunlit(rgb), self.light(s));
         let v = &self.values;
-        let (mut by_sunlit, mut by_lit_share) = (by_pixel, by_pixel);
+        let (mut by_sunlit, mut by_share) = (by_pixel, by_pixel);
         for i in 0..3 {
-            by_sunlit[i] = by_pixel[i] * dimming[i];
-            let by_dimming = by_pixel[i] * sunlit[i];
-            by_lit_share[i] = by_dimming - by_dimming * v[12 + i];
-            by_values[12 + i] = by_values[12 + i] + by_dimming - by_dimming * s;
+            by_sunlit[i] = by_pixel[i] * light[i];
+            let by_light = by_pixel[i] * sunlit[i];
+            by_share[i] = by_light - by_light * v[12 + i];
+            by_values[12 + i] = by_values[12 + i] + by_light - by_light * s;
             by_values[9 + i] = by_values[9 + i] + by_sunlit[i];
             for k in 0..3 {
                 by_values[3 * i + k] = by_values[3 * i + k] + by_sunlit[i] * rgb[k];
@@ -129,13 +130,13 @@ impl<N: Arithmetic> ColorMap<N> {
         for k in 0..3 {
             by_rgb[k] = by_sunlit[0] * v[k] + by_sunlit[1] * v[3 + k] + by_sunlit[2] * v[6 + k];
         }
-        (by_rgb, by_lit_share[0] + by_lit_share[1] + by_lit_share[2])
+        (by_rgb, by_share[0] + by_share[1] + by_share[2])
     }
 }
 
-/// One where a pixel counts, else zero.
+/// One in the lanes of valid pixels, else zero.
 #[inline(always)]
-fn counts<S: Simd>(simd: S, valid: &[bool], start: usize) -> SimdVec<S> {
+fn validity<S: Simd>(simd: S, valid: &[bool], start: usize) -> SimdVec<S> {
     let (zero, one) = (S::Scalar::from_f64(0.0), S::Scalar::from_f64(1.0));
     if valid.is_empty() {
         return SimdVec::broadcast(simd, one);
@@ -147,7 +148,7 @@ fn counts<S: Simd>(simd: S, valid: &[bool], start: usize) -> SimdVec<S> {
     SimdVec::load(simd, &out)
 }
 
-/// The picture of a run of rows.
+/// The picture of a stripe.
 struct Forward<'a, T> {
     map: ColorMap<T>,
     input: ShadingInput<'a, T>,
@@ -169,23 +170,24 @@ impl<T: SimdReal> SimdKernel<T> for Forward<'_, T> {
                 for c in 0..3 {
                     rgb[c] = SimdVec::load_from(simd, render.row(c, row), start);
                 }
-                let (lit, dim) = (map.sunlit(rgb), map.dimming(s));
-                let counts = counts(simd, valid, row * width + start);
+                let (sunlit, light) = (map.sunlit(rgb), map.light(s));
+                let validity = validity(simd, valid, row * width + start);
                 for c in 0..3 {
-                    (counts * lit[c] * dim[c]).store_to(&mut picture[c * width..(c + 1) * width], start);
+                    (validity * sunlit[c] * light[c])
+                        .store_to(&mut picture[c * width..(c + 1) * width], start);
                 }
             }
         }
     }
 }
 
-/// The derivatives of a run of rows.
+/// The derivatives of a stripe.
 struct Backward<'a, T> {
     map: ColorMap<T>,
     input: ShadingInput<'a, T>,
     by_picture: &'a [Option<Scaled<'a, T>>],
     first_row: usize,
-    /// By all channels of the render but the last, which is the transmittance.
+    /// Derivatives by all channels of the render except the last, the transmittance.
     by_render: &'a mut [T],
     by_sunlight: &'a mut [T],
     by_values: &'a mut [T; PARAMETERS],
@@ -202,7 +204,7 @@ impl<T: SimdReal> SimdKernel<T> for Backward<'_, T> {
         for (k, (by_render, by_sunlight)) in by_rows.zip(self.by_sunlight.chunks_mut(width)).enumerate() {
             let row = self.first_row + k;
             for start in (0..width).step_by(S::WIDTH) {
-                let counts = counts(simd, valid, row * width + start);
+                let validity = validity(simd, valid, row * width + start);
                 let (mut rgb, mut by_pixel) = ([zero; 3], [zero; 3]);
                 for part in self.by_picture.iter().flatten() {
                     for c in 0..3 {
@@ -211,7 +213,7 @@ impl<T: SimdReal> SimdKernel<T> for Backward<'_, T> {
                 }
                 for c in 0..3 {
                     rgb[c] = SimdVec::load_from(simd, render.row(c, row), start);
-                    by_pixel[c] = counts * by_pixel[c];
+                    by_pixel[c] = validity * by_pixel[c];
                 }
                 let s = SimdVec::load_from(simd, sunlight.row(0, row), start);
                 let (by_rgb, by_s) = map.backward(rgb, s, by_pixel, &mut by_values);

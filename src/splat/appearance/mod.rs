@@ -1,8 +1,8 @@
-//! Colour models: how a view shows the splats' colours.
+//! Colour models: how the colours of a view's image follow from the colours of the splats.
 //!
-//! A model has two hooks. It gives every splat the colour that is rendered ([`AppearanceModel::splat_colors`]), and makes of
-//! rendered colours and sunlight the picture that is compared with the view's image ([`AppearanceModel::shade`]).
-//! A new model is a file beside [`affine`], and a line in [`AppearanceKind`] and in [`AppearanceKind::model`].
+//! A model has two parts. [`AppearanceModel::splat_colors`] computes the colour of each splat that is rendered.
+//! [`AppearanceModel::shade`] computes the picture, which is compared with the view's image, from the rendered colours and
+//! the share of sunlight. Each view has its own parameters. All colours are linear. A new model is a file beside [`affine`], and a line in [`AppearanceKind`] and in [`AppearanceKind::model`].
 
 pub mod affine;
 
@@ -14,17 +14,17 @@ use affine::AffineAppearance;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// The colour models there are.
+/// The available colour models.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AppearanceKind {
-    /// An affine map of colours and an ambient share of light for each view (EOGS): [`affine`].
+    /// An affine map of colours and an ambient light colour for each view (EOGS): [`affine`].
     #[default]
     Affine,
 }
 
 impl AppearanceKind {
-    /// The model.
+    /// An instance of the model, with its buffers.
     #[must_use]
     pub fn model<T: SimdReal>(self) -> Box<dyn AppearanceModel<T>> {
         match self {
@@ -33,7 +33,7 @@ impl AppearanceKind {
     }
 }
 
-/// The parameters of a view in a colour model.
+/// The colour model of one view with its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Appearance<T = f32> {
     /// The model.
@@ -50,7 +50,7 @@ impl<T: SimdReal> Appearance<T> {
         Self { kind, values: kind.model::<T>().start() }
     }
 
-    /// What makes of a linear colour the one that the view shows in full sunlight.
+    /// The map from a linear splat colour to the linear colour of the view in full sunlight.
     pub fn sunlit(&self) -> impl Fn([T; 3]) -> [T; 3] + '_ {
         let model = self.kind.model::<T>();
         move |rgb| model.sunlit(&self.values, rgb)
@@ -64,41 +64,41 @@ impl Default for Appearance {
     }
 }
 
-/// What a picture is made of.
+/// The input of [`AppearanceModel::shade`].
 #[derive(Clone, Copy)]
 pub struct ShadingInput<'a, T> {
-    /// The view's render: [`channel`](crate::splat::raster::channel) colours and altitude.
+    /// The view's render: linear colour, altitude and transmittance ([`channel`](crate::splat::raster::channel)).
     pub render: &'a Image<T>,
-    /// Share of sunlight, one channel.
+    /// Share of sunlight, 0 to 1, one channel.
     pub sunlight: &'a Image<T>,
-    /// Pixels that count, row by row; empty when all do. Others are black in the picture.
+    /// Which pixels are valid, row by row; empty if all are. The others are zero in the picture.
     pub valid: &'a [bool],
 }
 
-/// Where a model puts derivatives.
+/// The output of [`AppearanceModel::shade_backward`].
 pub struct ShadingGradient<'a, T> {
-    /// By the render: the model writes the colour channels.
+    /// Derivatives with respect to the render; the model writes the colour channels.
     pub by_render: &'a mut Image<T>,
-    /// By the share of sunlight, one channel.
+    /// Derivatives with respect to the share of sunlight, one channel.
     pub by_sunlight: &'a mut Image<T>,
-    /// By the view's parameters.
+    /// Derivatives with respect to the view's parameters.
     pub by_values: &'a mut [T],
 }
 
-/// A colour model; `values` are a view's parameters.
+/// A colour model. `values` are the parameters of a view.
 pub trait AppearanceModel<T: Real>: Send + Sync {
     /// Parameters of a view at the start of training.
     fn start(&self) -> Vec<T>;
 
-    /// The colours of all splats for a view, which are rendered.
+    /// Computes the linear colours of all splats that are rendered for a view.
     fn splat_colors(&mut self, _values: &[T], splats: &Splats<T>, colors: &mut Vec<[T; 3]>) {
         colors.resize(splats.len(), [T::zero(); 3]);
         let rows = colors.par_iter_mut().zip(&splats.f_dc).with_min_len(1024);
         rows.for_each(|(color, f_dc)| *color = color_from_f_dc(*f_dc));
     }
 
-    /// From derivatives by the colours of [`AppearanceModel::splat_colors`] to those by the splats' parameters, which are
-    /// written, and by the view's, which are added to.
+    /// The gradient of [`AppearanceModel::splat_colors`]: writes the derivatives with respect to the splats' parameters and
+    /// adds those with respect to the view's parameters.
     fn splat_colors_backward(
         &mut self,
         _values: &[T],
@@ -111,10 +111,11 @@ pub trait AppearanceModel<T: Real>: Send + Sync {
         rows.for_each(|(f_dc, by)| *f_dc = f_dc_gradient(*by));
     }
 
-    /// Makes the picture, three channels.
+    /// Computes the picture: linear colours, three channels.
     fn shade(&mut self, values: &[T], input: ShadingInput<T>, picture: &mut Image<T>);
 
-    /// From derivatives by the picture to those by its input and by the view's parameters, all of which are written.
+    /// The gradient of [`AppearanceModel::shade`]: writes all derivatives of `gradient`, from the sum of the derivatives
+    /// `by_picture`.
     fn shade_backward(
         &mut self,
         values: &[T],
@@ -123,6 +124,6 @@ pub trait AppearanceModel<T: Real>: Send + Sync {
         gradient: ShadingGradient<T>,
     );
 
-    /// A linear colour as the view shows it in full sunlight.
+    /// The linear colour of the view in full sunlight for a linear splat colour.
     fn sunlit(&self, values: &[T], rgb: [T; 3]) -> [T; 3];
 }

@@ -1,4 +1,4 @@
-//! Checkpoints: what an interrupted training goes on from.
+//! Checkpoint files, from which an interrupted training continues.
 
 use crate::checkpoint::{CheckpointError, read, write};
 use crate::io::WriteError;
@@ -9,39 +9,39 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// First line of the file; another content is another version.
+/// First line of the file; it changes with the format.
 const KIND: &str = "satgs checkpoint 3";
 
-/// A training between two iterations: borrowed from one that is running, owned when read.
+/// A training between two iterations. The parts are borrowed from a running training, or owned when read from a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint<'a> {
-    /// What is trained by and from, so that only the same training goes on from it.
+    /// Options and inputs of the training by name, so that only the same training continues from the checkpoint.
     pub origin: Cow<'a, BTreeMap<String, String>>,
-    /// Splats that training started from.
+    /// Initial number of splats.
     pub splats_at_start: usize,
-    /// The log, up to the last iteration done.
+    /// The log up to the last completed iteration.
     pub log: Cow<'a, [LogLine]>,
-    /// Splats, moments, radiometry.
+    /// Splats, moments and colour models.
     pub state: Cow<'a, TrainingState>,
 }
 
 impl Checkpoint<'_> {
-    /// Writes the file; an older one is replaced as a whole.
+    /// Writes the file atomically.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         write(path, KIND, self)
     }
 
-    /// Reads a checkpoint.
+    /// Reads a checkpoint file.
     ///
     /// # Errors
-    /// [`CheckpointError`].
+    /// [`CheckpointError`] if the file cannot be read, has another version, or is damaged.
     pub fn read(path: &Path) -> Result<Checkpoint<'static>, CheckpointError> {
         let checkpoint: Checkpoint<'static> = read(path, KIND)?;
         if !checkpoint.state.fits(checkpoint.state.appearances.len()) {
-            let reason = "its parts do not belong together";
+            let reason = "its parts have different numbers of splats";
             return Err(CheckpointError::Damaged { path: path.into(), reason });
         }
         Ok(checkpoint)
@@ -60,7 +60,7 @@ mod tests {
         }
         let mut state = TrainingState::start(splats, Default::default(), 3);
         state.adam.steps = 70_000;
-        state.statistics.rendered(|i| (i == 7).then_some([0.1, 0.2]), 3.0, 100.0);
+        state.statistics.add_view(|i| (i == 7).then_some([0.1, 0.2]), 3.0, 100.0);
         let log = vec![LogLine { iteration: 1, seconds: 0.1, ..LogLine::default() }];
         let origin = BTreeMap::from([("seed".into(), "0".into())]);
         Checkpoint {
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_back() {
+    fn a_written_checkpoint_is_read_back_equal() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("checkpoint.bin");
         checkpoint().write(&path).unwrap();

@@ -1,4 +1,4 @@
-//! The reference backend: iterations on the processor's cores. A submitted step is done when `submit` returns.
+//! The CPU backend. It executes an iteration within `submit`.
 
 use super::stopwatch::Stopwatch;
 use super::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, TrainingScene, Wait};
@@ -10,7 +10,7 @@ use crate::splat::objective::{Gradient, Losses, Objective, ShearedCamera, StepIn
 use crate::splat::raster::FrameCamera;
 use crate::splat::state::TrainingState;
 
-/// Splats, colour models and their moments in memory.
+/// Runs iterations on all threads of the current rayon pool.
 #[derive(Default)]
 pub struct CpuBackend {
     loaded: Option<Loaded>,
@@ -18,7 +18,7 @@ pub struct CpuBackend {
     watch: Stopwatch,
 }
 
-/// A training, and the buffers of its steps.
+/// A loaded training with the buffers of its iterations.
 struct Loaded {
     scene: TrainingScene,
     state: TrainingState,
@@ -28,7 +28,7 @@ struct Loaded {
 }
 
 impl CpuBackend {
-    /// Where the time of the steps went.
+    /// The time that each part of the iterations took.
     #[must_use]
     pub fn times(&self) -> &Stopwatch {
         &self.watch
@@ -60,7 +60,7 @@ impl TrainingBackend for CpuBackend {
         }
         let losses = loaded.step(plan, &mut self.watch);
         let change = loaded.densify(&plan.densify, plan.iteration);
-        self.watch.lap("splats", "growth and pruning");
+        self.watch.lap("splats", "densification and pruning");
         let splats = loaded.state.splats.len();
         self.reports.push(StepReport { iteration: plan.iteration, losses, splats, change });
         Ok(())
@@ -84,7 +84,7 @@ impl TrainingBackend for CpuBackend {
 }
 
 impl Loaded {
-    /// One iteration up to the optimiser's step.
+    /// One iteration up to and including the optimiser's step.
     fn step(&mut self, plan: &StepPlan, watch: &mut Stopwatch) -> Losses {
         watch.begin();
         let Self { scene, state, objective, gradient, target } = self;
@@ -115,7 +115,7 @@ impl Loaded {
         let in_half_sides = |i: usize| {
             objective.mean2d_gradient(i).map(|g| [g[0] * to_half_sides[0], g[1] * to_half_sides[1]])
         };
-        statistics.rendered(in_half_sides, 1.0 / camera.gsd_m(), size.0.max(size.1) as f64);
+        statistics.add_view(in_half_sides, 1.0 / camera.gsd_m(), size.0.max(size.1) as f64);
         watch.lap("splats", "statistics");
 
         appearance_adam.step(appearance, &gradient.appearance, plan.appearance_rate);
@@ -157,7 +157,7 @@ mod tests {
     use crate::splat::train::recipe::{Densification, Recipe, Reset};
     use crate::splat::train::{LogLine, Schedule, train};
 
-    /// Densification, shadows, consistency and a reset within 200 iterations.
+    /// A recipe with densification, shadows, consistency and an opacity reset within 200 iterations.
     fn compressed() -> Recipe {
         let mut recipe = Recipe::named("baeogs").unwrap();
         recipe.iterations = 200;
@@ -172,8 +172,8 @@ mod tests {
     fn backend() -> CpuBackend {
         let views: Vec<TrainingView> = (0..3u32)
             .map(|v| {
-                let lean = 0.2 * (f64::from(v) - 1.0);
-                let linear = [[2.0, 0.0, lean], [0.0, -2.0, 0.3 - lean]];
+                let slope = 0.2 * (f64::from(v) - 1.0);
+                let linear = [[2.0, 0.0, slope], [0.0, -2.0, 0.3 - slope]];
                 let camera = AffineCamera { linear, offset: [29.5, 27.5] };
                 let mut draw = CounterRng::new(7, u64::from(v), 0, 0);
                 let mut pattern = |c: f64, r: f64| {
@@ -212,27 +212,27 @@ mod tests {
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let nothing = |_: &mut CpuBackend, _: &[LogLine]| Ok::<_, BackendError>(());
-            train(&mut backend, &schedule, &mut log, &NoProgress, |_| false, nothing)
+            let no_callback = |_: &mut CpuBackend, _: &[LogLine]| Ok::<_, BackendError>(());
+            train(&mut backend, &schedule, &mut log, &NoProgress, |_| false, no_callback)
         })
         .unwrap();
         (backend.snapshot().unwrap().clone(), log.iter().map(|l| l.splats).collect())
     }
 
     #[test]
-    fn training_gives_the_same_bytes_for_1_2_and_16_threads() {
+    fn training_gives_the_same_bytes_with_1_2_and_16_threads() {
         let folder = tempfile::tempdir().unwrap();
         let bytes = |threads: usize| {
-            let (made, counts) = trained(threads);
+            let (state, counts) = trained(threads);
             let path = folder.path().join("splats.ply");
             let site = SiteGrid { epsg: 32617, origin: Point::new(436_211.0, 3_357_611.0, -20.0) };
-            ply::write(&path, &made.splats, &site).unwrap();
-            (std::fs::read(&path).unwrap(), made, counts)
+            ply::write(&path, &state.splats, &site).unwrap();
+            (std::fs::read(&path).unwrap(), state, counts)
         };
         let one = bytes(1);
         for threads in [2, 16] {
-            // Not by assert_eq, which would print megabytes.
-            assert!(bytes(threads) == one, "{threads} threads make other splats than one");
+            // `assert_eq` would print megabytes.
+            assert!(bytes(threads) == one, "{threads} threads and one thread give different splats");
         }
         let counts = one.2;
         assert!(

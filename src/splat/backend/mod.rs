@@ -1,7 +1,8 @@
-//! Where iterations run. `train` plans and decides; a backend owns the splats between steps.
+//! Backends run the iterations of a training: [`train`](super::train) plans each iteration, and a backend owns the splats and
+//! executes the plans.
 //!
-//! A backend answers later: a plan is submitted without waiting for the reports of those before it, so that a GPU need not
-//! hand its buffers back at every step. No plan depends on a report.
+//! Execution is asynchronous: a plan is submitted without waiting for the reports of earlier ones, so that a GPU need not
+//! copy results back in every iteration. No plan depends on a report.
 
 pub mod checkpoint;
 pub mod cpu;
@@ -19,135 +20,135 @@ use super::train::recipe::Densification;
 use crate::affine::TrainingView;
 use std::sync::Arc;
 
-/// What a training is of; it does not change.
+/// The input of a training, which does not change while it runs.
 pub struct TrainingScene {
-    /// The views.
+    /// The training views.
     pub views: Arc<Vec<TrainingView>>,
     /// Lowest and highest altitude of the scene, metres above the site's origin.
     pub altitudes: (f64, f64),
-    /// The surface that splats are held to.
+    /// The surface of the term [`surface_prior`](super::loss::surface_prior); none without the term.
     pub prior: Option<Arc<Prior>>,
-    /// The colour model.
+    /// The colour model of the views.
     pub appearance: AppearanceKind,
 }
 
-/// Everything one iteration does.
+/// The plan of one iteration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepPlan {
     /// Iteration, from 1.
     pub iteration: u32,
-    /// Index of the training view.
+    /// Index of the rendered training view.
     pub view: usize,
-    /// Resolution: 0 full, 1 half.
+    /// Resolution level: 0 full, 1 half.
     pub level: usize,
-    /// Whether sunlight is modelled, where the view has a sun.
+    /// Whether shadows are modelled; views without a known sun have none.
     pub shadows: bool,
-    /// The virtual camera's shear, half image sides per metre.
+    /// Random shear of the virtual view (column, row), half image sides per metre of altitude; none without a virtual view.
     pub virtual_shear: Option<[f64; 2]>,
-    /// Colour behind the splats.
+    /// Linear colour behind the splats.
     pub background: [f32; 3],
-    /// Weights of the loss's terms.
+    /// Weights of the loss terms.
     pub weights: LossWeights,
-    /// Number of splats by which the sum of opacities is divided for the loss (EOGS: that at the start); by default the
-    /// present number.
+    /// Number of splats by which the opacity loss divides the sum of opacities (EOGS: the initial number); the current
+    /// number if none is given.
     pub opacity_divisor: Option<usize>,
-    /// Adam's step lengths; that of positions in metres.
+    /// Learning rates of Adam; that of positions is in metres.
     pub rates: PerGroup<f64>,
-    /// Adam's step length for the colour model.
+    /// Learning rate of Adam for the colour model.
     pub appearance_rate: f64,
-    /// Changes of the splats' number after the step.
+    /// Densification, pruning and opacity reset after the optimiser's step.
     pub densify: DensifyPlan,
 }
 
-/// Changes to the splats' number and opacity after a step.
+/// Densification, pruning and opacity reset after an iteration, in this order; each is left out if none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DensifyPlan {
-    /// Double the splats that a rule names, in a cube of this half side, metres.
+    /// The rule of densification, and the half side in metres of the cube that its lengths refer to.
     pub grow: Option<(Densification, f64)>,
-    /// Remove splats fainter than this.
+    /// Splats with a smaller opacity are removed.
     pub prune_below: Option<f64>,
-    /// Lower opacities to this.
+    /// Opacities above this are lowered to it.
     pub reset_opacity: Option<f64>,
-    /// Seed of the random places of split splats.
+    /// Seed of the random positions of split splats.
     pub seed: u64,
 }
 
-/// The figures of a step that is done.
+/// The results of a completed iteration.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StepReport {
-    /// The iteration.
+    /// Iteration, from 1.
     pub iteration: u32,
-    /// The loss and its terms.
+    /// The loss and the columns of its terms.
     pub losses: Losses,
-    /// Splats after the step.
+    /// Number of splats after the iteration.
     pub splats: usize,
-    /// What growth and pruning did.
+    /// Numbers of densified and pruned splats.
     pub change: Change,
 }
 
-/// Whether to wait for steps that are not done yet.
+/// Whether to wait for iterations that are not complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wait {
-    /// Take the reports that are there.
+    /// Do not wait: return the reports that are available.
     No,
-    /// Wait until every submitted step is done.
+    /// Wait until all submitted iterations are complete.
     ForAll,
 }
 
-/// Why a backend cannot go on.
+/// Why a backend cannot execute a request.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum BackendError {
-    /// Nothing was loaded.
-    #[error("the training backend has no scene")]
+    /// No scene was loaded.
+    #[error("no scene was loaded into the training backend")]
     NotLoaded,
-    /// The state belongs to another scene.
-    #[error("the state of a training of {found} views was loaded for a scene of {expected}")]
+    /// The state has another number of views than the scene.
+    #[error("the training state has {found} views, but the scene has {expected}")]
     OtherScene {
-        /// Views of the state.
+        /// Number of views of the state.
         found: usize,
-        /// Views of the scene.
+        /// Number of views of the scene.
         expected: usize,
     },
     /// A plan names a view that the scene does not have.
-    #[error("view {view} of a scene of {views} views is to be rendered")]
+    #[error("view {view} was requested, but the scene has only {views} views")]
     NoView {
-        /// Index of the view.
+        /// Index of the view, from 0.
         view: usize,
-        /// Views there are.
+        /// Number of views of the scene.
         views: usize,
     },
 }
 
-/// Runs whole iterations on some hardware.
+/// Executes training iterations, on a CPU or another device.
 pub trait TrainingBackend {
-    /// Takes a scene and the state to go on from; what was loaded before is dropped.
+    /// Loads a scene and the state to start from; replaces what was loaded before.
     ///
     /// # Errors
-    /// [`BackendError`].
+    /// [`BackendError::OtherScene`] if the state has another number of views than the scene.
     fn load(&mut self, scene: TrainingScene, state: TrainingState) -> Result<(), BackendError>;
 
-    /// Queues an iteration.
+    /// Submits an iteration for execution.
     ///
     /// # Errors
-    /// [`BackendError`], of this step or of one before.
+    /// [`BackendError`] of this iteration or of an earlier one.
     fn submit(&mut self, plan: &StepPlan) -> Result<(), BackendError>;
 
-    /// Appends the reports of steps that are done and were not reported yet, in their order.
+    /// Appends the reports of completed iterations that were not reported yet to `into`, in their order.
     ///
     /// # Errors
-    /// [`BackendError`], of any submitted step.
+    /// [`BackendError`] of any submitted iteration.
     fn reports(&mut self, wait: Wait, into: &mut Vec<StepReport>) -> Result<(), BackendError>;
 
-    /// Renders the scene in the colours of a training view, after all submitted steps.
+    /// Renders a picture after all submitted iterations, with the colour model of the training view of this index.
     ///
     /// # Errors
-    /// [`BackendError`].
+    /// [`BackendError::NoView`] if there is no such view; [`BackendError`] of any submitted iteration.
     fn render(&mut self, from: &NovelView, view: usize) -> Result<Picture, BackendError>;
 
-    /// The state after all submitted steps.
+    /// The state after all submitted iterations.
     ///
     /// # Errors
-    /// [`BackendError`].
+    /// [`BackendError`] of any submitted iteration.
     fn snapshot(&mut self) -> Result<&TrainingState, BackendError>;
 }

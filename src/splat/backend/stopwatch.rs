@@ -1,30 +1,30 @@
-//! Where the time of the iterations goes.
+//! The time that each part of the iterations takes.
 
 use std::fmt::Write;
 use std::time::{Duration, Instant};
 
-/// Sums the time between laps by stage.
+/// Sums the time between laps for each stage.
 #[derive(Clone, Debug)]
 pub struct Stopwatch {
-    rounds: u32,
+    iterations: u32,
     last: Instant,
     stages: Vec<(&'static str, &'static str, Duration)>,
 }
 
 impl Default for Stopwatch {
     fn default() -> Self {
-        Self { rounds: 0, last: Instant::now(), stages: Vec::new() }
+        Self { iterations: 0, last: Instant::now(), stages: Vec::new() }
     }
 }
 
 impl Stopwatch {
-    /// Begins a round: what went before belongs to no stage.
+    /// Starts an iteration; the time since the last lap counts for no stage.
     pub fn begin(&mut self) {
-        self.rounds += 1;
+        self.iterations += 1;
         self.last = Instant::now();
     }
 
-    /// Adds the time since the last lap to a stage of a part, `("sun", "forward")`.
+    /// Adds the time since the last lap to a stage of a part, such as stage "forward" of part "view".
     pub fn lap(&mut self, part: &'static str, stage: &'static str) {
         let now = Instant::now();
         let time = now - self.last;
@@ -35,13 +35,13 @@ impl Stopwatch {
         }
     }
 
-    /// A table of the stages, in the order in which they first came: milliseconds a round, share of the total.
+    /// A table of the stages in the order of their first laps: milliseconds per iteration, and percentage of the total.
     #[must_use]
     pub fn table(&self) -> String {
         let total: Duration = self.stages.iter().map(|s| s.2).sum();
         let mut text = format!("{:<32} {:>12} {:>7}\n", "stage", "ms/iteration", "share");
         let mut row = |name: &str, time: Duration| {
-            let ms = time.as_secs_f64() * 1e3 / f64::from(self.rounds.max(1));
+            let ms = time.as_secs_f64() * 1e3 / f64::from(self.iterations.max(1));
             let share = 100.0 * time.as_secs_f64() / total.as_secs_f64().max(f64::MIN_POSITIVE);
             let _ = writeln!(text, "{name:<32} {ms:>12.2} {share:>5.1} %");
         };
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn laps_of_a_stage_add_up_and_shares_to_the_whole() {
+    fn laps_of_a_stage_are_summed_and_percentages_add_up_to_100() {
         let mut watch = Stopwatch::default();
         for _ in 0..2 {
             watch.begin();

@@ -1,5 +1,7 @@
-//! What a randomly sheared camera must show as well: the same altitude and colour, where it sees the same surface
-//! (EOGS).
+//! Consistency with a randomly sheared view (EOGS's `L_new_altitude` and `L_new_rgb`).
+//!
+//! The virtual view is a render with the view's camera and a random shear. Where both renders show the same surface, their
+//! altitudes and colours must agree.
 
 use super::surface_prior::Prior;
 use super::{LossTerm, Rendered, Scaled, TermInfo};
@@ -9,33 +11,34 @@ use crate::splat::shear_warp::{GradientWindow, ShearWarp, sum_windows};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Weights of a metre of altitude and of a colour; columns are the mean differences, that of altitudes in metres.
+/// The weights are per metre of altitude and per unit of linear colour; the columns are the mean absolute differences.
 pub const INFO: TermInfo = TermInfo {
     weights: &["consistency_altitude", "consistency_color"],
     columns: &["consistency_altitude_m", "consistency_color"],
 };
-/// Altitudes that differ by less are the same surface to the virtual camera, metres (EOGS).
+/// Two pixels show the same surface if their altitudes differ by less than this, metres (EOGS).
 const SAME_SURFACE_M: f64 = 0.30;
 
-/// Compares a view with a virtual one; keeps its buffers.
+/// The term; keeps its buffers between calls.
 #[derive(Default)]
 pub struct Consistency<T> {
     by_view: Image<T>,
     by_virtual: Image<T>,
-    share: T,
+    /// One over the number of compared pixels.
+    pixel_weight: T,
     /// Whether the last iteration had a virtual view.
     is_evaluated: bool,
     stripes: Vec<Stripe<T>>,
 }
 
-/// What a run of rows scatters, and sums.
+/// Results of the comparison over a stripe.
 #[derive(Default)]
 struct Stripe<T> {
     by_virtual: GradientWindow<T, 4>,
     sums: Sums,
 }
 
-/// Sums over pixels that see the same surface in the virtual view.
+/// Number of pixels that show the same surface in the virtual view, and sums over them.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     pixels: f64,
@@ -43,33 +46,32 @@ struct Sums {
     color: f64,
 }
 
-/// Weights of the differences.
+/// Weights of the mean absolute differences.
 #[derive(Clone, Copy, Debug)]
 struct Weights {
-    /// Of a metre of altitude.
+    /// Per metre of altitude.
     altitude: f64,
-    /// Of a colour.
+    /// Per unit of linear colour.
     color: f64,
 }
 
-/// Mean differences over the pixels that see the same surface.
+/// Mean absolute differences over the pixels that show the same surface.
 #[derive(Clone, Copy, Debug, Default)]
 struct Difference {
-    /// Of altitudes, metres.
+    /// Of the altitudes, metres.
     altitude: f64,
-    /// Of colours, three channels' sum.
+    /// Of the linear colours, summed over the three channels.
     color: f64,
 }
 
 impl<T: SimdReal> Consistency<T> {
-    /// Compares colours and altitudes of a view with those of a virtual view, whose pixels `lookup` finds.
-    ///
-    /// Derivatives are of `weights.altitude` times the altitudes' difference plus `weights.color` times the colours'.
+    /// Compares colours and altitudes of a view with those of a virtual view, to which `warp` maps the view's pixels, and
+    /// computes the derivatives of the weighted sum of the differences.
     fn compare(
         &mut self,
         view: &Image<T>,
         virtual_view: &Image<T>,
-        lookup: &ShearWarp<T>,
+        warp: &ShearWarp<T>,
         weights: Weights,
     ) -> Difference {
         let Image { width, height, .. } = *view;
@@ -80,13 +82,13 @@ impl<T: SimdReal> Consistency<T> {
         let by_view = self.by_view.data.par_chunks_mut(rows * 4 * width);
         by_view.zip(&mut self.stripes).enumerate().for_each(|(k, (by_view, stripe))| {
             let first_row = k * rows;
-            T::dispatch(Compare { view, virtual_view, lookup, weights, first_row, by_view, stripe });
+            T::dispatch(Compare { view, virtual_view, warp, weights, first_row, by_view, stripe });
         });
         let sum = |of: fn(&Sums) -> f64| self.stripes.iter().map(|s| of(&s.sums)).sum::<f64>();
         let pixels = sum(|s| s.pixels).max(1.0);
-        self.share = T::from_f64(1.0 / pixels);
+        self.pixel_weight = T::from_f64(1.0 / pixels);
         let stripes = &self.stripes;
-        sum_windows(&mut self.by_virtual, self.share, |k| stripes.get(k).map(|s| &s.by_virtual));
+        sum_windows(&mut self.by_virtual, self.pixel_weight, |k| stripes.get(k).map(|s| &s.by_virtual));
         Difference { altitude: sum(|s| s.altitude) / pixels, color: sum(|s| s.color) / pixels }
     }
 }
@@ -111,7 +113,7 @@ impl<T: SimdReal> LossTerm<T> for Consistency<T> {
     }
 
     fn by_view(&self) -> Option<Scaled<'_, T>> {
-        self.is_evaluated.then_some(Scaled { image: &self.by_view, factor: self.share })
+        self.is_evaluated.then_some(Scaled { image: &self.by_view, factor: self.pixel_weight })
     }
 
     fn by_virtual_view(&self) -> Option<&Image<T>> {
@@ -119,11 +121,12 @@ impl<T: SimdReal> LossTerm<T> for Consistency<T> {
     }
 }
 
-/// The comparison of a stripe's pixels, derivatives as if each counted in full.
+/// The comparison over a stripe. The derivatives are those of the sum over the pixels, still to be divided by their
+/// number.
 struct Compare<'a, T> {
     view: &'a Image<T>,
     virtual_view: &'a Image<T>,
-    lookup: &'a ShearWarp<T>,
+    warp: &'a ShearWarp<T>,
     weights: Weights,
     first_row: usize,
     by_view: &'a mut [T],
@@ -133,13 +136,13 @@ struct Compare<'a, T> {
 impl<T: SimdReal> SimdKernel<T> for Compare<'_, T> {
     #[inline(always)]
     fn run<S: Simd<Scalar = T>>(self, simd: S) {
-        let Self { view, virtual_view, lookup, weights, first_row, by_view, stripe } = self;
+        let Self { view, virtual_view, warp, weights, first_row, by_view, stripe } = self;
         let width = view.width;
         let rows = first_row..first_row + by_view.len() / (4 * width);
         let altitudes = rows.clone().flat_map(|r| view.row(channel::ALTITUDE, r));
-        stripe.by_virtual.open(virtual_view.width, lookup.rows(rows, altitudes, virtual_view.height));
+        stripe.by_virtual.reset(virtual_view.width, warp.target_rows(rows, altitudes, virtual_view.height));
         stripe.sums = Sums::default();
-        let [zero, one, nearness] = broadcast_each(simd, [0.0, 1.0, SAME_SURFACE_M].map(T::from_f64));
+        let [zero, one, same_surface_m] = broadcast_each(simd, [0.0, 1.0, SAME_SURFACE_M].map(T::from_f64));
         let Weights { altitude, color } = weights;
         let weights = broadcast_each(simd, [color, color, color, altitude].map(T::from_f64));
         for (k, by_view) in by_view.chunks_mut(4 * width).enumerate() {
@@ -147,30 +150,30 @@ impl<T: SimdReal> SimdKernel<T> for Compare<'_, T> {
             let (mut pixels, mut altitude, mut color) = (zero, zero, zero);
             for start in (0..width).step_by(S::WIDTH) {
                 let z = SimdVec::load_from(simd, view.row(channel::ALTITUDE, row), start);
-                let places = lookup.places(simd, start..width, row, z, virtual_view);
-                let (other_z, slopes) = places.values(simd, virtual_view, 3);
+                let warped = warp.warp(simd, start..width, row, z, virtual_view);
+                let (other_z, slopes) = warped.sample(simd, virtual_view, 3);
                 let difference = z - other_z;
-                let same = nearness.greater_than(difference.abs()).and(places.inside);
+                let same = same_surface_m.greater_than(difference.abs()).and(warped.inside);
                 let mut by = [zero; 4];
                 let mut by_slopes = zero;
                 if same.any() {
                     pixels += one.select_or_zero(same);
                     altitude += difference.abs().select_or_zero(same);
                     by[3] = difference.sign().select_or_zero(same) * weights[3];
-                    by_slopes = by[3] * lookup.by_altitude(simd, slopes);
+                    by_slopes = by[3] * warp.altitude_derivative(simd, slopes);
                     for c in 0..3 {
-                        let (other, slopes) = places.values(simd, virtual_view, c);
+                        let (other, slopes) = warped.sample(simd, virtual_view, c);
                         let difference =
                             (SimdVec::load_from(simd, view.row(c, row), start) - other).select_or_zero(same);
                         color += difference.abs();
                         by[c] = difference.sign() * weights[c];
-                        by_slopes += by[c] * lookup.by_altitude(simd, slopes);
+                        by_slopes += by[c] * warp.altitude_derivative(simd, slopes);
                     }
                     let mut by_others = [zero; 4];
                     for c in 0..4 {
                         by_others[c] = zero - by[c];
                     }
-                    places.scatter(simd, same, by_others, &mut stripe.by_virtual);
+                    warped.scatter(simd, same, by_others, &mut stripe.by_virtual);
                 }
                 by[3] = by[3] - by_slopes;
                 for c in 0..4 {

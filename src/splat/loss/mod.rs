@@ -1,7 +1,7 @@
-//! The training loss: a sum of terms.
+//! The training loss: a weighted sum of terms.
 //!
-//! A term ([`LossTerm`]) compares what was rendered with something, and gives the derivatives of its part of the loss by
-//! what it looked at. It has weights, which a recipe sets by name, and columns in `train.csv`. A new term is a file beside
+//! A term ([`LossTerm`]) computes its value from the renders and the splats, and its derivatives with respect to them. It has
+//! weights, which a recipe sets by name, and columns in `train.csv`. A new term is a file beside
 //! [`opacity`] and a line in `loss_terms!` below.
 
 pub mod consistency;
@@ -21,21 +21,21 @@ use crate::simd::{Real, Simd, SimdReal, SimdVec};
 use std::sync::Arc;
 use surface_prior::Prior;
 
-/// What is known of a term beside its values.
+/// Names of a term's weights and columns.
 #[derive(Clone, Copy, Debug)]
 pub struct TermInfo {
-    /// Its weights in a recipe.
+    /// Names of its weights in a recipe.
     pub weights: &'static [&'static str],
-    /// Its columns in `train.csv`: unweighted, with the unit in the name where there is one.
+    /// Names of its columns in `train.csv`, whose values are unweighted; with the unit where there is one.
     pub columns: &'static [&'static str],
 }
 
 macro_rules! loss_terms {
     ($($path:ident::$term:ident),* $(,)?) => {
-        /// The terms, in the order of [`terms`].
+        /// Names of the terms' weights and columns, in the order of [`terms`].
         pub const TERMS: &[TermInfo] = &[$($path::INFO),*];
 
-        /// The terms of a training. `prior` is the surface that splats are held to.
+        /// All loss terms. `prior` is the surface of the term [`surface_prior`], which is zero without one.
         #[must_use]
         pub fn terms<T: SimdReal>(prior: Option<&Arc<Prior>>) -> Vec<Box<dyn LossTerm<T>>> {
             vec![$(Box::new($path::$term::<T>::new(prior))),*]
@@ -51,9 +51,9 @@ loss_terms! {
     surface_prior::SurfacePrior,
 }
 
-/// Weights of all terms together.
+/// Number of weights of all terms.
 pub const WEIGHTS: usize = count(false);
-/// Columns of all terms together.
+/// Number of columns of all terms.
 pub const COLUMNS: usize = count(true);
 
 const fn count(columns: bool) -> usize {
@@ -65,40 +65,41 @@ const fn count(columns: bool) -> usize {
     sum
 }
 
-/// Names of all terms' columns in `train.csv`, in their order.
+/// Names of the columns of all terms in `train.csv`, in their order.
 pub fn column_names() -> impl Iterator<Item = &'static str> {
     TERMS.iter().flat_map(|term| term.columns.iter().copied())
 }
 
-/// What an iteration has rendered.
+/// What an iteration has rendered, as the input of the loss terms.
 pub struct Rendered<'a, T> {
-    /// The view's render: [`channel`](crate::splat::raster::channel)s.
+    /// The view's render: linear colour, altitude and transmittance ([`channel`](crate::splat::raster::channel)).
     pub view: &'a Image<T>,
-    /// The picture: the render as the view's image would show it, three channels.
+    /// The picture: the view's render after shadows and colour model, linear colours, three channels; zero where masked.
     pub picture: &'a Image<T>,
-    /// Share of sunlight, one channel; none where shadows are not modelled.
+    /// Share of sunlight, 0 to 1, one channel; none without shadows.
     pub sunlight: Option<&'a Image<T>>,
-    /// A render of the scene by a randomly sheared camera, and where the view's pixels lie in it.
+    /// The virtual view: a render with the view's camera and a random shear, and the map from the view's pixels to it. None
+    /// in iterations without one.
     pub virtual_view: Option<(&'a Image<T>, &'a ShearWarp<T>)>,
-    /// The view's image, three channels; zero where masked.
+    /// The view's image: linear colours in [0, 1], three channels; zero where masked.
     pub target: &'a Image<T>,
     /// The splats.
     pub splats: &'a Splats<T>,
-    /// The splats in depth order.
+    /// The splats in depth order, with their opacities.
     pub sorted: &'a SortedSplats<T>,
 }
 
-/// Derivatives that are still to be multiplied by a factor.
+/// Derivatives by an image's pixels, still to be multiplied by a factor.
 #[derive(Clone, Copy, Debug)]
 pub struct Scaled<'a, T> {
-    /// The derivatives, a channel for each channel of the image they are by.
+    /// The derivatives, with the channels of the image that they refer to.
     pub image: &'a Image<T>,
     /// The factor.
     pub factor: T,
 }
 
 impl<T: Real> Scaled<'_, T> {
-    /// `sum` plus the derivatives of a row's pixels from `start` on.
+    /// Returns `sum` plus the scaled derivatives of a vector of pixels, from column `start` of a row on.
     #[inline(always)]
     pub fn add_to<S: Simd<Scalar = T>>(
         &self,
@@ -115,35 +116,36 @@ impl<T: Real> Scaled<'_, T> {
 
 /// A term of the loss.
 ///
-/// [`LossTerm::evaluate`] computes value and derivatives; the other methods then give the derivatives by what the term
-/// looked at, those that it has.
+/// [`LossTerm::evaluate`] computes the value and all derivatives; the other methods then return those that the term has, with
+/// the weights applied.
 pub trait LossTerm<T: Real>: Send + Sync {
-    /// Evaluates the term. `weights` are those of its [`TermInfo`], `columns` are written. Gives the weighted value.
+    /// Computes value and derivatives; writes the unweighted `columns` and returns the weighted value. `weights` and `columns`
+    /// are in the order of the term's [`TermInfo`].
     fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64;
 
-    /// Derivatives by the picture.
+    /// Derivatives with respect to the picture.
     fn by_picture(&self) -> Option<Scaled<'_, T>> {
         None
     }
 
-    /// Derivatives by the share of sunlight.
+    /// Derivatives with respect to the share of sunlight.
     fn by_sunlight(&self) -> Option<Scaled<'_, T>> {
         None
     }
 
-    /// Derivatives by the view's colours and altitudes.
+    /// Derivatives with respect to the view's rendered colours and altitudes, four channels.
     fn by_view(&self) -> Option<Scaled<'_, T>> {
         None
     }
 
-    /// Derivatives by the virtual view's colours and altitudes.
+    /// Derivatives with respect to the virtual view's rendered colours and altitudes, four channels.
     fn by_virtual_view(&self) -> Option<&Image<T>> {
         None
     }
 
-    /// Adds derivatives by what cameras see of the splats, in depth order.
+    /// Adds derivatives with respect to centres, covariances and opacities, in depth order.
     fn add_by_sorted(&self, _sorted: &SortedSplats<T>, _by: &mut [SplatGradient<T>]) {}
 
-    /// Adds derivatives by the splats' parameters.
+    /// Adds derivatives with respect to the splats' parameters.
     fn add_by_splats(&self, _splats: &Splats<T>, _by: &mut Splats<T>) {}
 }

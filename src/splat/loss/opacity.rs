@@ -1,4 +1,4 @@
-//! Mean opacity of the splats (EOGS's `L_opacity`): splats that no view needs fade.
+//! The mean opacity of the splats (EOGS's `L_opacity`): splats that the images do not need become transparent.
 
 use super::surface_prior::Prior;
 use super::{LossTerm, Rendered, TermInfo};
@@ -7,12 +7,12 @@ use crate::splat::raster::{SortedSplats, SplatGradient};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Weight and column.
+/// One weight, and one column: the mean opacity.
 pub const INFO: TermInfo = TermInfo { weights: &["opacity"], columns: &["opacity"] };
 
 /// The term.
 pub struct Opacity<T> {
-    /// Derivative by each opacity.
+    /// Derivative by the opacity of each splat.
     by_opacity: T,
 }
 

@@ -1,6 +1,11 @@
-//! L1 and structural similarity with their gradient, fused and separable.
+//! The photometric loss of 3DGS and EOGS, `0.8 L1 + 0.2 (1 - SSIM)`, with its gradient.
 //!
-//! SSIM after Wang et al. 2004 with an 11 × 11 Gaussian window of σ 1.5, zeros beyond the border, as 3DGS uses it.
+//! SSIM after Wang et al. 2004 with an 11 × 11 Gaussian window of σ = 1.5 px and zeros beyond the border, as in 3DGS. It is
+//! written by hand because no library computes the gradient, and because the separable blurs are fused with the L1 loss:
+//! together they are a large part of an iteration.
+//!
+//! With `x` the picture and `y` the target, SSIM is a function of four blurred images: `x`, `y`, `xx + yy` and `xy`, the
+//! *moments*. Its gradient by `x` is the blur of its derivatives by the moments, as the window is symmetric.
 
 use super::surface_prior::Prior;
 use super::{LossTerm, Rendered, Scaled, TermInfo};
@@ -10,49 +15,51 @@ use crate::splat::raster::Image;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// It always counts in full; columns are the mean absolute difference and the mean SSIM.
+/// The term has weight 1; its columns are the mean absolute difference of linear colours and the mean SSIM.
 pub const INFO: TermInfo = TermInfo { weights: &[], columns: &["l1", "ssim"] };
-/// Taps of the window.
+/// Number of taps of the window along one axis.
 const TAPS: usize = 11;
+/// Standard deviation of the window, pixels.
 const SIGMA: f64 = 1.5;
+/// The constants of SSIM for values in [0, 1]: 0.01² and 0.03².
 const C1: f64 = 1e-4;
 const C2: f64 = 9e-4;
-/// Weight of SSIM against L1 (3DGS, EOGS).
+/// Weight λ of SSIM against L1 (3DGS, equation 7).
 pub const SSIM_WEIGHT: f64 = 0.2;
 
-/// Taps on either side of the middle.
-const REACH: usize = TAPS / 2;
-/// Rows that are worked on together.
-const ROWS: usize = 16;
-/// Rows that are blurred down the columns at once: most of what one reads the next needs, too.
-const PAIR: usize = 2;
-/// Rows that the windows of a pair cover.
-const COVERED: usize = TAPS + PAIR - 1;
+/// Number of taps on either side of the middle one.
+const RADIUS: usize = TAPS / 2;
+/// Number of rows of a strip, which one task processes.
+const STRIP_ROWS: usize = 16;
+/// Number of adjacent rows that are blurred along the columns together, as their windows share most rows.
+const ROW_PAIR: usize = 2;
+/// Number of rows that the windows of a pair cover together.
+const COVERED_ROWS: usize = TAPS + ROW_PAIR - 1;
 
-/// Compares a picture with the truth; keeps its buffers.
+/// The term; keeps its buffers between calls.
 #[derive(Default)]
 pub struct Photometric<T> {
-    /// Derivatives of the loss by the blurred x, xx + yy and xy of each color.
-    slopes: Image<T>,
+    /// Derivatives of the loss by the blurred `x`, `xx + yy` and `xy` of each colour channel: nine channels.
+    by_moments: Image<T>,
     by_picture: Image<T>,
     strips: Vec<Strip<T>>,
 }
 
-/// What a strip of rows needs besides.
+/// Buffers of a strip.
 #[derive(Default)]
 struct Strip<T> {
-    /// A pair of rows blurred down the columns, with zeros on either side.
-    columns: [[Vec<T>; 4]; PAIR],
+    /// Pairs of rows blurred along the columns, with zeros on either side.
+    columns: [[Vec<T>; 4]; ROW_PAIR],
     zeros: Vec<T>,
     sum: f64,
 }
 
-/// Mean absolute difference and mean SSIM.
+/// Mean absolute difference and mean SSIM of two images.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Similarity {
-    /// Mean absolute difference.
+    /// Mean absolute difference over pixels and channels.
     pub l1: f64,
-    /// Mean structural similarity.
+    /// Mean SSIM over pixels and channels.
     pub ssim: f64,
 }
 
@@ -64,26 +71,26 @@ impl Similarity {
     }
 }
 
-/// The window's first half and middle; it is symmetric.
-fn window<T: Real>() -> [T; REACH + 1] {
-    let g = |i: usize| (-((i as f64 - REACH as f64) / SIGMA).powi(2) / 2.0).exp();
+/// The first half of the window's taps and the middle one; the window is symmetric.
+fn window<T: Real>() -> [T; RADIUS + 1] {
+    let g = |i: usize| (-((i as f64 - RADIUS as f64) / SIGMA).powi(2) / 2.0).exp();
     let sum: f64 = (0..TAPS).map(g).sum();
     std::array::from_fn(|i| T::from_f64(g(i) / sum))
 }
 
-/// Blurs along a row that has zeros on either side; from column `start` on.
+/// Blurs a vector of pixels along a row that has zeros on either side, from column `start` on.
 #[inline(always)]
 fn blur_along<S: Simd>(
     simd: S,
-    window: &[SimdVec<S>; REACH + 1],
+    window: &[SimdVec<S>; RADIUS + 1],
     row: &[S::Scalar],
     start: usize,
 ) -> SimdVec<S> {
-    // Rows have sixteen zeros and more on either side: one check of the bounds is enough for all taps.
+    // Rows have at least sixteen zeros on either side, so that one check of the bounds suffices for all taps.
     let Some(near) = row[start..].first_chunk::<{ 3 * MAX_LANES }>() else { return window[0] };
-    let first = MAX_LANES - REACH;
-    let mut sum = window[REACH] * SimdVec::load_from(simd, near, first + REACH);
-    for t in 0..REACH {
+    let first = MAX_LANES - RADIUS;
+    let mut sum = window[RADIUS] * SimdVec::load_from(simd, near, first + RADIUS);
+    for t in 0..RADIUS {
         let pair =
             SimdVec::load_from(simd, near, first + t) + SimdVec::load_from(simd, near, first + TAPS - 1 - t);
         sum = window[t].mul_add(pair, sum);
@@ -91,47 +98,47 @@ fn blur_along<S: Simd>(
     sum
 }
 
-/// The weights with which a pair of rows takes what it covers.
+/// The weights with which each row of a pair takes the rows that the pair's windows cover.
 #[inline(always)]
-fn windows_of_pair<S: Simd>(simd: S) -> [[SimdVec<S>; COVERED]; PAIR] {
+fn pair_weights<S: Simd>(simd: S) -> [[SimdVec<S>; COVERED_ROWS]; ROW_PAIR] {
     let window = window();
-    let mut out = [[SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); COVERED]; PAIR];
-    for j in 0..PAIR {
+    let mut out = [[SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); COVERED_ROWS]; ROW_PAIR];
+    for j in 0..ROW_PAIR {
         for t in 0..TAPS {
-            out[j][j + t] = SimdVec::broadcast(simd, window[REACH - REACH.abs_diff(t)]);
+            out[j][j + t] = SimdVec::broadcast(simd, window[RADIUS - RADIUS.abs_diff(t)]);
         }
     }
     out
 }
 
-/// The rows of a channel that the windows around `row` and the next one cover; `zeros` beyond the border.
+/// The rows of a channel that the windows around `row` and the next row cover; `zeros` beyond the border.
 #[inline(always)]
-fn covered<'a, T: Real>(
+fn covered_rows<'a, T: Real>(
     image: &'a Image<T>,
     channel: usize,
     row: usize,
     zeros: &'a [T],
-) -> [&'a [T]; COVERED] {
-    std::array::from_fn(|t| match (row + t).checked_sub(REACH) {
+) -> [&'a [T]; COVERED_ROWS] {
+    std::array::from_fn(|t| match (row + t).checked_sub(RADIUS) {
         Some(r) if r < image.height => image.row(channel, r),
         _ => &zeros[..image.width],
     })
 }
 
-/// A pair of rows of x, y, xx + yy and xy, blurred down the columns, from the rows that it covers.
+/// Blurs `x`, `y`, `xx + yy` and `xy` along the columns, for a pair of rows, from the rows that its windows cover.
 #[inline(always)]
 fn blur_moments_down<S: Simd>(
     simd: S,
-    down: &[[SimdVec<S>; COVERED]; PAIR],
-    xs: &[&[S::Scalar]; COVERED],
-    ys: &[&[S::Scalar]; COVERED],
+    down: &[[SimdVec<S>; COVERED_ROWS]; ROW_PAIR],
+    xs: &[&[S::Scalar]; COVERED_ROWS],
+    ys: &[&[S::Scalar]; COVERED_ROWS],
     start: usize,
-) -> [[SimdVec<S>; 4]; PAIR] {
-    let mut sums = [[SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); 4]; PAIR];
-    for t in 0..COVERED {
+) -> [[SimdVec<S>; 4]; ROW_PAIR] {
+    let mut sums = [[SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); 4]; ROW_PAIR];
+    for t in 0..COVERED_ROWS {
         let (x, y) = (SimdVec::load_from(simd, xs[t], start), SimdVec::load_from(simd, ys[t], start));
         let (squares, xy) = (x.mul_add(x, y * y), x * y);
-        for j in 0..PAIR {
+        for j in 0..ROW_PAIR {
             let w = down[j][t];
             sums[j][0] = w.mul_add(x, sums[j][0]);
             sums[j][1] = w.mul_add(y, sums[j][1]);
@@ -142,18 +149,18 @@ fn blur_moments_down<S: Simd>(
     sums
 }
 
-/// A pair of rows blurred down the columns.
+/// Blurs a pair of rows along the columns.
 #[inline(always)]
 fn blur_down<S: Simd>(
     simd: S,
-    down: &[[SimdVec<S>; COVERED]; PAIR],
-    rows: &[&[S::Scalar]; COVERED],
+    down: &[[SimdVec<S>; COVERED_ROWS]; ROW_PAIR],
+    rows: &[&[S::Scalar]; COVERED_ROWS],
     start: usize,
-) -> [SimdVec<S>; PAIR] {
-    let mut sums = [SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); PAIR];
-    for t in 0..COVERED {
+) -> [SimdVec<S>; ROW_PAIR] {
+    let mut sums = [SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); ROW_PAIR];
+    for t in 0..COVERED_ROWS {
         let row = SimdVec::load_from(simd, rows[t], start);
-        for j in 0..PAIR {
+        for j in 0..ROW_PAIR {
             sums[j] = down[j][t].mul_add(row, sums[j]);
         }
     }
@@ -179,13 +186,12 @@ impl<T: SimdReal> Photometric<T> {
         Self::default()
     }
 
-    /// Compares `picture` with `truth` (three channels each); pixels equal in both contribute nothing.
-    ///
-    /// Returns the figures and the loss's derivatives by the picture.
-    pub fn compare(&mut self, picture: &Image<T>, truth: &Image<T>) -> (Similarity, &Image<T>) {
+    /// Compares `picture` with `target`, three channels each. Returns the similarity, and the derivatives of
+    /// [`Similarity::loss`] with respect to the picture. Masked pixels must be equal in both.
+    pub fn compare(&mut self, picture: &Image<T>, target: &Image<T>) -> (Similarity, &Image<T>) {
         let (width, height) = (picture.width, picture.height);
         let count = (3 * width * height) as f64;
-        self.strips.resize_with(height.div_ceil(ROWS), Strip::default);
+        self.strips.resize_with(height.div_ceil(STRIP_ROWS), Strip::default);
         for strip in &mut self.strips {
             for row in strip.columns.iter_mut().flatten().chain([&mut strip.zeros]) {
                 row.clear();
@@ -193,61 +199,70 @@ impl<T: SimdReal> Photometric<T> {
             }
         }
 
-        self.slopes.resize(width, height, 9);
-        let strips = self.slopes.data.par_chunks_mut(ROWS * 9 * width).zip(&mut self.strips);
-        strips.enumerate().for_each(|(k, (slopes, strip))| {
+        self.by_moments.resize(width, height, 9);
+        let strips = self.by_moments.data.par_chunks_mut(STRIP_ROWS * 9 * width).zip(&mut self.strips);
+        strips.enumerate().for_each(|(k, (by_moments, strip))| {
             let scale = T::from_f64(-SSIM_WEIGHT / count);
-            T::dispatch(Structure { picture, truth, first_row: k * ROWS, scale, slopes, strip });
+            T::dispatch(SsimForward { picture, target, first_row: k * STRIP_ROWS, scale, by_moments, strip });
         });
         let ssim = self.strips.iter().map(|s| s.sum).sum::<f64>() / count;
 
-        let slopes = &self.slopes;
+        let by_moments = &self.by_moments;
         self.by_picture.resize(width, height, 3);
-        let strips = self.by_picture.data.par_chunks_mut(ROWS * 3 * width).zip(&mut self.strips);
+        let strips = self.by_picture.data.par_chunks_mut(STRIP_ROWS * 3 * width).zip(&mut self.strips);
         strips.enumerate().for_each(|(k, (by_picture, strip))| {
             let scale = T::from_f64((1.0 - SSIM_WEIGHT) / count);
-            T::dispatch(Slope { picture, truth, slopes, first_row: k * ROWS, scale, by_picture, strip });
+            T::dispatch(SsimBackward {
+                picture,
+                target,
+                by_moments,
+                first_row: k * STRIP_ROWS,
+                scale,
+                by_picture,
+                strip,
+            });
         });
         let l1 = self.strips.iter().map(|s| s.sum).sum::<f64>() / count;
         (Similarity { l1, ssim }, &self.by_picture)
     }
 }
 
-/// SSIM of a strip, and `scale` times its derivatives by the blurred x, xx + yy and xy.
-struct Structure<'a, T> {
+/// The sum of SSIM over a strip, and `scale` times its derivatives by the blurred `x`, `xx + yy` and `xy`.
+struct SsimForward<'a, T> {
     picture: &'a Image<T>,
-    truth: &'a Image<T>,
+    target: &'a Image<T>,
     first_row: usize,
     scale: T,
-    slopes: &'a mut [T],
+    by_moments: &'a mut [T],
     strip: &'a mut Strip<T>,
 }
 
-impl<T: SimdReal> SimdKernel<T> for Structure<'_, T> {
+impl<T: SimdReal> SimdKernel<T> for SsimForward<'_, T> {
     #[inline(always)]
     fn run<S: Simd<Scalar = T>>(self, simd: S) {
-        let Self { picture, truth, first_row, scale, slopes, strip } = self;
+        let Self { picture, target, first_row, scale, by_moments, strip } = self;
         let width = picture.width;
-        let (window, down) = (broadcast_each(simd, window()), windows_of_pair(simd));
+        let (window, down) = (broadcast_each(simd, window()), pair_weights(simd));
         let [zero, one, two, c1, c2, scale] = broadcast_each(
             simd,
             [T::zero(), T::one(), T::from_f64(2.0), T::from_f64(C1), T::from_f64(C2), scale],
         );
         strip.sum = 0.0;
-        for (k, slopes) in slopes.chunks_mut(PAIR * 9 * width).enumerate() {
+        for (k, by_moments) in by_moments.chunks_mut(ROW_PAIR * 9 * width).enumerate() {
             for c in 0..3 {
-                let row = first_row + PAIR * k;
-                let (xs, ys) = (covered(picture, c, row, &strip.zeros), covered(truth, c, row, &strip.zeros));
+                let row = first_row + ROW_PAIR * k;
+                let (xs, ys) =
+                    (covered_rows(picture, c, row, &strip.zeros), covered_rows(target, c, row, &strip.zeros));
                 for start in (0..width).step_by(S::WIDTH) {
                     let blurred = blur_moments_down(simd, &down, &xs, &ys, start);
-                    for j in 0..PAIR {
+                    for j in 0..ROW_PAIR {
                         for n in 0..4 {
                             blurred[j][n].store_to(&mut strip.columns[j][n], MAX_LANES + start);
                         }
                     }
                 }
-                for (slopes, columns) in slopes.chunks_mut(9 * width).zip(&strip.columns) {
-                    let (by_x, rest) = slopes[3 * c * width..][..3 * width].split_at_mut(width);
+                for (by_moments, columns) in by_moments.chunks_mut(9 * width).zip(&strip.columns) {
+                    let (by_x, rest) = by_moments[3 * c * width..][..3 * width].split_at_mut(width);
                     let (by_xx, by_xy) = rest.split_at_mut(width);
                     let mut sum = zero;
                     for start in (0..width).step_by(S::WIDTH) {
@@ -276,41 +291,41 @@ impl<T: SimdReal> SimdKernel<T> for Structure<'_, T> {
     }
 }
 
-/// The loss's derivatives by a strip of the picture, and its sum of absolute differences.
-struct Slope<'a, T> {
+/// The derivatives of the loss by a strip of the picture, and the strip's sum of absolute differences.
+struct SsimBackward<'a, T> {
     picture: &'a Image<T>,
-    truth: &'a Image<T>,
-    slopes: &'a Image<T>,
+    target: &'a Image<T>,
+    by_moments: &'a Image<T>,
     first_row: usize,
-    /// Weight of one absolute difference.
+    /// Weight of one absolute difference in the loss.
     scale: T,
     by_picture: &'a mut [T],
     strip: &'a mut Strip<T>,
 }
 
-impl<T: SimdReal> SimdKernel<T> for Slope<'_, T> {
+impl<T: SimdReal> SimdKernel<T> for SsimBackward<'_, T> {
     #[inline(always)]
     fn run<S: Simd<Scalar = T>>(self, simd: S) {
-        let Self { picture, truth, slopes, first_row, scale, by_picture, strip } = self;
+        let Self { picture, target, by_moments, first_row, scale, by_picture, strip } = self;
         let width = picture.width;
-        let (window, down) = (broadcast_each(simd, window()), windows_of_pair(simd));
+        let (window, down) = (broadcast_each(simd, window()), pair_weights(simd));
         let [zero, two, scale] = broadcast_each(simd, [T::zero(), T::from_f64(2.0), scale]);
         strip.sum = 0.0;
-        for (k, by_picture) in by_picture.chunks_mut(PAIR * 3 * width).enumerate() {
+        for (k, by_picture) in by_picture.chunks_mut(ROW_PAIR * 3 * width).enumerate() {
             for c in 0..3 {
-                let row = first_row + PAIR * k;
+                let row = first_row + ROW_PAIR * k;
                 for n in 0..3 {
-                    let by = covered(slopes, 3 * c + n, row, &strip.zeros);
+                    let by = covered_rows(by_moments, 3 * c + n, row, &strip.zeros);
                     for start in (0..width).step_by(S::WIDTH) {
                         let blurred = blur_down(simd, &down, &by, start);
-                        for j in 0..PAIR {
+                        for j in 0..ROW_PAIR {
                             blurred[j].store_to(&mut strip.columns[j][n], MAX_LANES + start);
                         }
                     }
                 }
                 for (j, by_picture) in by_picture.chunks_mut(3 * width).enumerate() {
                     let by_picture = &mut by_picture[c * width..][..width];
-                    let (x, y) = (picture.row(c, row + j), truth.row(c, row + j));
+                    let (x, y) = (picture.row(c, row + j), target.row(c, row + j));
                     let mut sum = zero;
                     for start in (0..width).step_by(S::WIDTH) {
                         let mut by = [zero; 3];
@@ -354,9 +369,9 @@ mod tests {
     }
 
     #[test]
-    fn what_was_compared_before_does_not_matter() {
+    fn a_comparison_does_not_depend_on_earlier_ones_with_the_same_buffers() {
         let mut used = Photometric::default();
-        // Wider and higher, of another number of lanes and strips.
+        // The first images are larger, with another number of vectors and strips.
         let (x, y) = pictures(61, 70);
         used.compare(&x, &y);
         let (x, y) = pictures(37, 29);

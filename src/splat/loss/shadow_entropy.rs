@@ -1,4 +1,5 @@
-//! Entropy of the shares of sunlight (EOGS's `L_translucentshadows`): a pixel is in the sun or in shadow, not between.
+//! The mean binary entropy of the share of sunlight (EOGS's `L_translucentshadows`), which makes each pixel either sunlit or
+//! shadowed.
 
 use super::surface_prior::Prior;
 use super::{LossTerm, Rendered, Scaled, TermInfo};
@@ -7,19 +8,19 @@ use crate::splat::raster::{Image, stripe_rows};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Weight, and column in bits.
+/// One weight, and one column: the mean entropy in bits.
 pub const INFO: TermInfo = TermInfo { weights: &["shadow_entropy"], columns: &["shadow_entropy"] };
-/// Shares of sunlight nearer to 0 or 1 have the entropy of this (EOGS).
+/// Inside the logarithms the share of sunlight is clamped to this distance from 0 and 1 (EOGS).
 const CLIP: f64 = 0.05;
 
-/// The term: the mean binary entropy of the pixels; keeps its buffers.
+/// The term; keeps its buffers between calls.
 #[derive(Default)]
 pub struct ShadowEntropy<T> {
     /// Derivatives of each pixel's entropy by its share of sunlight.
-    slopes: Image<T>,
-    /// Sums of the runs of rows.
+    derivatives: Image<T>,
+    /// Sum of the entropy over each stripe.
     sums: Vec<f64>,
-    /// Weight of a pixel's entropy; none where shadows are not modelled.
+    /// Weight of one pixel's entropy; none without shadows.
     factor: Option<T>,
 }
 
@@ -37,11 +38,11 @@ impl<T: SimdReal> LossTerm<T> for ShadowEntropy<T> {
         let Some(sunlight) = rendered.sunlight else { return 0.0 };
         let Image { width, height, .. } = *sunlight;
         let rows = stripe_rows(height);
-        self.slopes.resize(width, height, 1);
+        self.derivatives.resize(width, height, 1);
         self.sums.resize(height.div_ceil(rows), 0.0);
-        let outputs = self.slopes.data.par_chunks_mut(rows * width).zip(&mut self.sums);
-        outputs.enumerate().for_each(|(k, (slopes, sum))| {
-            T::dispatch(Entropy { sunlight, first_row: k * rows, slopes, sum });
+        let outputs = self.derivatives.data.par_chunks_mut(rows * width).zip(&mut self.sums);
+        outputs.enumerate().for_each(|(k, (derivatives, sum))| {
+            T::dispatch(Entropy { sunlight, first_row: k * rows, derivatives, sum });
         });
         let pixels = (width * height) as f64;
         self.factor = Some(T::from_f64(weights[0] / pixels));
@@ -50,34 +51,34 @@ impl<T: SimdReal> LossTerm<T> for ShadowEntropy<T> {
     }
 
     fn by_sunlight(&self) -> Option<Scaled<'_, T>> {
-        self.factor.map(|factor| Scaled { image: &self.slopes, factor })
+        self.factor.map(|factor| Scaled { image: &self.derivatives, factor })
     }
 }
 
-/// A run of rows.
+/// The entropy of a stripe: its sum, and its derivatives by the share of sunlight.
 struct Entropy<'a, T> {
     sunlight: &'a Image<T>,
     first_row: usize,
-    slopes: &'a mut [T],
+    derivatives: &'a mut [T],
     sum: &'a mut f64,
 }
 
 impl<T: SimdReal> SimdKernel<T> for Entropy<'_, T> {
     #[inline(always)]
     fn run<S: Simd<Scalar = T>>(self, simd: S) {
-        let Self { sunlight, first_row, slopes, sum } = self;
+        let Self { sunlight, first_row, derivatives, sum } = self;
         let width = sunlight.width;
         let [zero, one, low, high] = broadcast_each(simd, [0.0, 1.0, CLIP, 1.0 - CLIP].map(T::from_f64));
         *sum = 0.0;
-        for (k, slopes) in slopes.chunks_mut(width).enumerate() {
+        for (k, derivatives) in derivatives.chunks_mut(width).enumerate() {
             let mut entropy = zero;
             for start in (0..width).step_by(S::WIDTH) {
                 let s = SimdVec::load_from(simd, sunlight.row(0, first_row + k), start);
-                // The logarithms alone follow the clip.
+                // Only the logarithms use the clamped value (EOGS).
                 let clipped = s.max(low).min(high);
                 let (a, b) = (clipped.log2(), (one - clipped).log2());
                 entropy += (s * a + (one - s) * b).select_or_zero(SimdMask::first(simd, width - start));
-                (b - a).store_to(slopes, start);
+                (b - a).store_to(derivatives, start);
             }
             *sum -= entropy.sum().as_f64();
         }

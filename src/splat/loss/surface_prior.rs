@@ -1,9 +1,9 @@
-//! The surface prior: where nothing in the images tells one altitude from another, splats stay near the matched surface.
+//! The surface prior: splats stay near the matched surface where the images do not determine their altitude.
 //!
-//! On a surface without texture (a white roof) the views let splats drift by metres, though the edges around are right;
-//! matching has bridged the textureless part from there. The term is the mean over the splats of
-//! `w r² / (r² + 1)` (Geman and McClure) with `r` the distance from the surface in metres and `w` the surface's weight
-//! there, [`MatchedSurface::prior_weight`].
+//! On a surface without texture, such as a white roof, the photometric loss lets splats drift by metres although the roof's
+//! edges are right. Dense matching has interpolated such areas from their edges. The term is the mean over the splats of
+//! `w r² / (r² + 1)` (the robust loss of Geman and McClure), with `r` the vertical distance from the surface in metres and
+//! `w` the surface's weight at the splat, [`MatchedSurface::prior_weight`].
 
 use super::{LossTerm, Rendered, TermInfo};
 use crate::frame::{Point, SiteGrid};
@@ -15,14 +15,14 @@ use rayon::prelude::*;
 use std::marker::PhantomData;
 use std::sync::Arc;
 
-/// Weight and column.
+/// One weight, and one column: the mean robust distance.
 pub const INFO: TermInfo = TermInfo { weights: &["surface_prior"], columns: &["surface_prior"] };
-/// Distance beyond which the force weakens, metres.
-const REACH_M: f64 = 1.0;
-/// Splats whose distances one task sums; fixed, so that sums do not depend on the number of threads.
+/// Scale of the robust loss, metres: splats much further from the surface are hardly pulled.
+const SCALE_M: f64 = 1.0;
+/// Number of splats that one task sums over; fixed, so that sums do not depend on the number of threads.
 const PIECE: usize = 4096;
 
-/// The surface that splats are held to, on its grid in the site frame.
+/// The surface of the prior: altitudes and weights on a UTM grid.
 #[derive(Clone, Debug)]
 pub struct Prior {
     site: SiteGrid,
@@ -39,29 +39,30 @@ impl Prior {
         Self { site: surface.site, grid: surface.grid, altitude, weight }
     }
 
-    /// Distance from the surface in units of [`REACH_M`], and the weight there; none where there is no surface or no weight.
+    /// Signed vertical distance from the surface in units of [`SCALE_M`], and the weight at a position in the site frame
+    /// (metres); none where there is no surface or the weight is zero.
     fn distance<T: Real>(&self, [x, y, z]: [T; 3]) -> Option<(T, T)> {
         let place = self.site.utm_from_site(Point::new(x.as_f64(), y.as_f64(), 0.0));
         let px = self.grid.corner_px_from_utm(place);
         let (col, row) = (px.col.floor() as i64, px.row.floor() as i64);
         let [altitude, weight] =
             [&self.altitude, &self.weight].map(|plane| T::from_f64(plane.get(col, row).into()));
-        let r = (z - altitude) / T::from_f64(REACH_M);
+        let r = (z - altitude) / T::from_f64(SCALE_M);
         (weight > T::zero() && !r.is_nan()).then_some((r, weight))
     }
 }
 
-/// The term.
+/// The term; zero without a prior.
 pub struct SurfacePrior<T> {
     prior: Option<Arc<Prior>>,
-    /// Weight of a splat's distance.
+    /// Weight of one splat's robust distance.
     factor: T,
     sums: Vec<f64>,
     scalar: PhantomData<T>,
 }
 
 impl<T: SimdReal> SurfacePrior<T> {
-    /// The term; nothing is held without a prior.
+    /// The term with this prior; zero without one.
     #[must_use]
     pub fn new(prior: Option<&Arc<Prior>>) -> Self {
         Self { prior: prior.cloned(), factor: T::zero(), sums: Vec::new(), scalar: PhantomData }
@@ -89,14 +90,14 @@ impl<T: SimdReal> LossTerm<T> for SurfacePrior<T> {
     fn add_by_splats(&self, splats: &Splats<T>, by: &mut Splats<T>) {
         let Some(prior) = self.prior.as_deref().filter(|_| self.factor != T::zero()) else { return };
         let two = T::from_f64(2.0);
-        let slope = |position: &[T; 3]| {
+        let derivative = |position: &[T; 3]| {
             let (r, weight) = prior.distance(*position)?;
-            Some(weight * (two * r / (T::from_f64(REACH_M) * (r * r + T::one()).powi(2))))
+            Some(weight * (two * r / (T::from_f64(SCALE_M) * (r * r + T::one()).powi(2))))
         };
         let rows = splats.position.par_iter().zip(&mut by.position).with_min_len(1024);
         rows.for_each(|(position, by)| {
-            if let Some(slope) = slope(position) {
-                by[2] = by[2] + self.factor * slope;
+            if let Some(derivative) = derivative(position) {
+                by[2] = by[2] + self.factor * derivative;
             }
         });
     }
@@ -107,7 +108,7 @@ mod tests {
     use super::*;
     use crate::splat::raster::{Image, SortedSplats};
 
-    /// Two cells of 2 m at an altitude of 5 m, of which the western one holds splats.
+    /// Two cells of 2 m at an altitude of 5 m, of which only the western one has a weight.
     fn prior() -> Prior {
         let site = SiteGrid { epsg: 32617, origin: Point::new(1000.0, 2000.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 998.0, north: 2001.0, cell: 2.0, width: 2, height: 1 };
@@ -115,7 +116,7 @@ mod tests {
         Prior { site, grid, altitude: plane([5.0; 2]), weight: plane([1.0, 0.0]) }
     }
 
-    /// Value and derivatives by the altitudes for splats at these places.
+    /// Value, and derivatives by the altitudes, for splats at these positions.
     fn evaluate(positions: &[[f64; 3]], weight: f64) -> (f64, Vec<f64>) {
         let mut splats = Splats::<f64>::default();
         positions.iter().for_each(|p| splats.push(*p, 1.0, 0.5, [0.5; 3]));
@@ -146,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn splats_on_texture_or_beyond_the_surface_are_free() {
+    fn splats_without_weight_or_beyond_the_grid_are_not_pulled() {
         let (value, by) = evaluate(&[[1.0, 0.5, 5.5], [-1.0, 3.0, 5.5]], 0.4);
         assert_eq!((value, by), (0.0, vec![0.0; 2]));
     }

@@ -1,24 +1,24 @@
-//! The image that a render is compared with, from a training view at a resolution.
+//! The image that a view's picture is compared with, at one resolution.
 
 use crate::affine::{AffineCamera, TrainingView};
 use crate::splat::raster::Image;
 use rayon::prelude::*;
 
-/// Coarsest level of resolution.
+/// Coarsest resolution level: each pixel is the mean of 16 x 16 pixels of the view.
 pub const COARSEST_LEVEL: usize = 4;
 
-/// The image that a render is compared with, at one resolution.
+/// The image that a view's picture is compared with, at one resolution.
 #[derive(Clone, Debug, Default)]
 pub struct TargetImage {
     /// Linear colours in [0, 1], three channels; zero where masked.
     pub colors: Image<f32>,
-    /// Pixels that count, row by row.
+    /// Which pixels are valid, row by row.
     pub valid: Vec<bool>,
 }
 
 impl TargetImage {
-    /// Loads a view's pixels at a resolution: 0 full, 1 half, and so on to [`COARSEST_LEVEL`]. Gives the camera of that
-    /// resolution.
+    /// Loads a view's image at a resolution level (0 full, 1 half, up to [`COARSEST_LEVEL`]) and returns the view's camera for
+    /// that resolution. A pixel is the mean of the linear values of the valid pixels that it covers.
     pub fn load(&mut self, view: &TrainingView, level: usize) -> AffineCamera {
         let side = 1 << level;
         let (width, height) = (view.width / side, view.height / side);
@@ -45,13 +45,13 @@ mod tests {
     use crate::scene::TransferFunction;
 
     #[test]
-    fn black_counts_and_what_is_unknown_or_outside_does_not() {
+    fn black_pixels_are_valid_and_unknown_or_outside_ones_are_not() {
         let plane = Grid2::from_fn(4, 2, |col, row| match (col, row) {
             (0, 0) => 0.0,
             (1, 0) => f32::NAN,
             (_, row) => 0.2 + 0.4 * row as f32,
         });
-        // One pixel a metre; the last column lies outside.
+        // A pixel is 1 m wide; the last column lies outside the area.
         let camera = AffineCamera { linear: [[1.0, 0.0, 0.3], [0.0, -1.0, 0.1]], offset: [0.0; 2] };
         let view = TrainingView::new("v".into(), camera, None, &[plane], (-0.5, -5.0, 2.5, 5.0));
         let mut target = TargetImage::default();
@@ -63,12 +63,12 @@ mod tests {
         assert!(near(target.colors.row(0, 0), &[0.0, 0.0, 0.2, 0.0]));
         assert_eq!(target.load(&view, 1), camera.rescaled(0.5));
         assert_eq!((target.colors.width, target.colors.height, target.valid.len()), (2, 1, 2));
-        // Of three and of two pixels that count.
+        // The means are over three and over two valid pixels.
         assert!(near(target.colors.row(0, 0), &[0.4, 0.4]));
     }
 
     #[test]
-    fn pixels_are_averaged_as_light_and_looked_up_as_stored() {
+    fn pixels_are_averaged_in_linear_values() {
         let transfer_function = TransferFunction::new(2.0).unwrap();
         let plane = Grid2::from_fn(2, 2, |col, _| if col == 0 { 0.2 } else { 1.0 });
         let camera = AffineCamera { linear: [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], offset: [0.0; 2] };
@@ -80,7 +80,7 @@ mod tests {
         assert_eq!(target.colors.row(1, 0), [dark, white]);
         let _ = target.load(&view, 1);
         assert!((target.colors.at(0, 0, 0) - 0.5 * (dark + white)).abs() < 1e-6);
-        assert!((view.root_of_light().at(1, 1) - 1.0).abs() < 1e-6);
-        assert!((view.root_of_light().at(0, 0) - dark.sqrt()).abs() < 1e-6);
+        assert!((view.sqrt_gray().at(1, 1) - 1.0).abs() < 1e-6);
+        assert!((view.sqrt_gray().at(0, 0) - dark.sqrt()).abs() < 1e-6);
     }
 }

@@ -1,21 +1,21 @@
-//! The weights of the loss's terms, by name.
+//! The weights of the loss terms, by name.
 
 use super::{TERMS, WEIGHTS};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// A weight for each name in [`TERMS`]; zero unless set.
+/// A weight for each name in [`TERMS`]; zero if it is not set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "BTreeMap<String, f64>", into = "BTreeMap<String, f64>")]
 pub struct LossWeights {
     values: [f64; WEIGHTS],
 }
 
-/// A weight that no term has.
+/// A name that no loss term has for a weight.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no loss term has the weight `{name}`, expected one of {}", names().collect::<Vec<_>>().join(", "))]
 pub struct WeightError {
-    /// Its name.
+    /// The name.
     pub name: String,
 }
 
@@ -25,37 +25,37 @@ fn names() -> impl Iterator<Item = &'static str> {
 }
 
 impl LossWeights {
-    /// These weights, the others zero.
+    /// The named weights; all others are zero.
     ///
     /// # Errors
-    /// [`WeightError`].
+    /// [`WeightError`] if no term has a weight of one of the names.
     pub fn of(named: &[(&str, f64)]) -> Result<Self, WeightError> {
         Self::default().with(named)
     }
 
-    /// The same weights but for these.
+    /// These weights, with the named ones replaced.
     ///
     /// # Errors
-    /// [`WeightError`].
+    /// [`WeightError`] if no term has a weight of one of the names.
     pub fn with(mut self, named: &[(&str, f64)]) -> Result<Self, WeightError> {
         for (name, value) in named {
-            *self.place(name)? = *value;
+            *self.weight_mut(name)? = *value;
         }
         Ok(self)
     }
 
-    /// Every name with its weight.
+    /// All names with their weights.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, f64)> + '_ {
         names().zip(self.values)
     }
 
-    /// A weight; zero of a name that no term has.
+    /// The weight of this name; zero if no term has it.
     #[must_use]
     pub fn get(&self, name: &str) -> f64 {
         self.iter().find(|(n, _)| *n == name).map_or(0.0, |(_, value)| value)
     }
 
-    /// The same weights, those of these names multiplied by a factor.
+    /// These weights, with those named in `scaled` multiplied by a factor.
     #[must_use]
     pub fn scaled(mut self, scaled: &[&str], factor: f64) -> Self {
         for (name, value) in names().zip(&mut self.values) {
@@ -66,7 +66,7 @@ impl LossWeights {
         self
     }
 
-    /// The weights of each term.
+    /// The weights of each term, in the order of [`TERMS`].
     pub(in crate::splat) fn by_term(&self) -> impl Iterator<Item = &[f64]> {
         let mut rest = &self.values[..];
         TERMS.iter().map(move |term| {
@@ -76,9 +76,9 @@ impl LossWeights {
         })
     }
 
-    fn place(&mut self, name: &str) -> Result<&mut f64, WeightError> {
-        let place = names().position(|n| n == name);
-        place.map(|k| &mut self.values[k]).ok_or_else(|| WeightError { name: name.into() })
+    fn weight_mut(&mut self, name: &str) -> Result<&mut f64, WeightError> {
+        let index = names().position(|n| n == name);
+        index.map(|k| &mut self.values[k]).ok_or_else(|| WeightError { name: name.into() })
     }
 }
 

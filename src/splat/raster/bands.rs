@@ -1,34 +1,37 @@
-//! A band: sixteen pixel rows, their tiles' lists of splats in altitude order, and each splat's gradient slot.
+//! A band of sixteen pixel rows: the list of splats of each of its tiles in depth order, and a gradient slot for each splat
+//! that touches the band.
 
-use super::kernel::GradientSlot;
+use super::backward::GradientSlot;
 use super::project::Chunk;
 use crate::simd::Real;
 use std::hint::black_box;
 
-/// A splat in a tile's list, with all that drawing it takes: the list is read from first to last.
+/// A splat in a tile's list, with everything that rendering needs, so that memory is read in order.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Entry<T, const C: usize> {
-    /// Numbers of its [`super::project::Footprint`].
+pub(super) struct TileEntry<T, const C: usize> {
+    /// The fields of its [`super::footprint::Footprint`].
     pub footprint: [T; 8],
+    /// Rendered features: colour, altitude or others.
     pub feature: [T; C],
-    /// The splat's slot within the band.
+    /// Index of the splat's gradient slot in the band.
     pub slot: u32,
 }
 
-/// Tiles whose lists are read ahead together: so few that they stay in a core's own cache.
-const WARMED: usize = 8;
+/// Number of tiles whose lists are prefetched together; few enough for the cache of one core.
+const PREFETCH_TILES: usize = 8;
 
 /// Tile lists and gradient slots of one band.
 pub(super) struct Band<T, const C: usize> {
-    /// Entries of tile `t` are `entries[tile_starts[t]..tile_starts[t + 1]]`.
+    /// The entries of tile `t` are `entries[tile_starts[t]..tile_starts[t + 1]]`.
     tile_starts: Vec<u32>,
-    entries: Vec<Entry<T, C>>,
-    /// Slots of chunk `k` begin at `chunk_slots[k]`, one a span.
+    entries: Vec<TileEntry<T, C>>,
+    /// Index of the first slot of each chunk, which has one slot for each of its spans in this band.
     chunk_slots: Vec<u32>,
+    /// Gradient sums of the splats, as the backward pass leaves them.
     pub slots: Vec<GradientSlot<T, C>>,
-    /// Room for what the backward pass computes of each pixel.
+    /// Buffer of the backward pass with one value for each pixel.
     pub products: Vec<T>,
-    /// Pairs of a splat and a pixel that the last forward pass computed.
+    /// Number of splat-pixel pairs that the last forward pass computed.
     pub computed_pairs: usize,
 }
 
@@ -46,9 +49,10 @@ impl<T, const C: usize> Default for Band<T, C> {
 }
 
 impl<T: Real, const C: usize> Band<T, C> {
-    /// Lists the splats of every tile by counting; chunks come in rank order, so lists are in altitude order.
+    /// Lists the splats of every tile with a counting sort. Chunks come in the order of ranks, so each list is in depth order.
     pub fn bin(&mut self, chunks: &[Chunk<T>], features: &[[T; C]], band: usize, tiles: usize) {
-        // First one more at a span's first tile and one less behind its last, which takes no loop over its tiles.
+        // A difference array: +1 at a span's first tile and -1 after its last. Its prefix sums are the numbers of splats in
+        // the tiles, without a loop over each span's tiles. Tile `t` stands at `t + 1`.
         self.tile_starts.clear();
         self.tile_starts.resize(tiles + 2, 0);
         self.chunk_slots.clear();
@@ -64,44 +68,45 @@ impl<T: Real, const C: usize> Band<T, C> {
         }
         self.chunk_slots.push(slot);
         self.tile_starts.truncate(tiles + 1);
-        // A tile's start stands one place further until its entries, as they are listed, have made it the tile's end.
+        // Prefix sum of the difference array, and the running total of its sums. `tile_starts[t + 1]` becomes the start of
+        // tile `t`; listing the tile's entries below advances it to the tile's end, which is the start of tile `t + 1`.
         let (mut start, mut splats) = (0, 0u32);
-        for place in &mut self.tile_starts[1..] {
-            splats = splats.wrapping_add(*place);
-            *place = start;
+        for value in &mut self.tile_starts[1..] {
+            splats = splats.wrapping_add(*value);
+            *value = start;
             start += splats;
         }
-        let empty = Entry { footprint: [T::zero(); 8], feature: [T::zero(); C], slot: 0 };
+        let empty = TileEntry { footprint: [T::zero(); 8], feature: [T::zero(); C], slot: 0 };
         self.entries.resize(start as usize, empty);
         let mut slot = 0;
         for chunk in chunks {
-            for (span, splat) in chunk.spans(band).iter().zip(chunk.drawn(band)) {
+            for (span, splat) in chunk.spans(band).iter().zip(chunk.splats(band)) {
                 let feature = features[splat.rank as usize];
                 for tile in span.first..=span.last {
-                    let place = &mut self.tile_starts[usize::from(tile) + 1];
-                    self.entries[*place as usize] = Entry { footprint: splat.footprint, feature, slot };
-                    *place += 1;
+                    let next = &mut self.tile_starts[usize::from(tile) + 1];
+                    self.entries[*next as usize] = TileEntry { footprint: splat.footprint, feature, slot };
+                    *next += 1;
                 }
                 slot += 1;
             }
         }
     }
 
-    /// Once every [`WARMED`] tiles: brings their lists into the cache. A processor fetches ahead of what is read from end to
-    /// end, but finds nothing to follow in a tile's few lines between all else that a tile takes.
+    /// Reads the lists of the next [`PREFETCH_TILES`] tiles into the cache, once for that many tiles. The processor's own
+    /// prefetcher does not do this: a tile's list is short, and other memory is read between two lists.
     #[inline(always)]
-    pub fn warm(&self, tile: usize) {
-        if tile.is_multiple_of(WARMED) {
-            let end = (tile + WARMED).min(self.tile_starts.len() - 1);
+    pub fn prefetch(&self, tile: usize) {
+        if tile.is_multiple_of(PREFETCH_TILES) {
+            let end = (tile + PREFETCH_TILES).min(self.tile_starts.len() - 1);
             for entry in &self.entries[self.tile_starts[tile] as usize..self.tile_starts[end] as usize] {
                 black_box(entry.slot);
             }
         }
     }
 
-    /// Splats of a tile, highest first.
+    /// The list of a tile, nearest splat first.
     #[inline(always)]
-    pub fn tile(&self, tile: usize) -> &[Entry<T, C>] {
+    pub fn tile(&self, tile: usize) -> &[TileEntry<T, C>] {
         &self.entries[self.tile_starts[tile] as usize..self.tile_starts[tile + 1] as usize]
     }
 
@@ -110,7 +115,7 @@ impl<T: Real, const C: usize> Band<T, C> {
         self.chunk_slots.last().map_or(0, |&n| n as usize)
     }
 
-    /// The slots of one chunk's spans.
+    /// The slots of one chunk's spans, in their order.
     pub fn slots_of_chunk(&self, chunk: usize) -> &[GradientSlot<T, C>] {
         &self.slots[self.chunk_slots[chunk] as usize..self.chunk_slots[chunk + 1] as usize]
     }

@@ -1,178 +1,187 @@
-//! Some of a tile's splats side by side, ready to be drawn: what alpha is over the tile, and which splats touch each
-//! block of pixels.
+//! A batch of a tile's splats, prepared for compositing: the polynomial of each splat's alpha over the tile, and the list of
+//! splats that touch each block of pixels.
 //!
-//! A block is drawn by itself, its pixels' state in registers from the first splat to the last; that takes a list of
-//! splats for every block. Lists are made a row of splats at a time: a lane finds its splat's edges in a block's rows.
+//! Each block is composited on its own, so that the state of its pixels stays in registers from the first splat to the last.
+//! The lists are computed for as many splats at once as a vector has lanes: each lane finds the columns of its splat's
+//! ellipse within the rows of a block.
 
-use super::bands::Entry;
-use super::block::{ACROSS, BLOCKS, BlockPixels, TILE, WIDE, deep, high, middle, offset};
-use super::project::Footprint;
+use super::bands::TileEntry;
+use super::block::{
+    BLOCK_WIDTH, BLOCKS_ACROSS, BlockPixels, MAX_BLOCKS, TILE, block_height, blocks_down, offset, tile_center,
+};
+use super::footprint::Footprint;
 use crate::simd::Real;
 use crate::simd::{MAX_LANES, Simd, SimdMask, SimdVec, broadcast_each, transpose_eights};
 
-/// Numbers of a batch's splats are bytes.
-pub(super) const NUMBERS: usize = 256;
-/// Most splats of a batch; the number of a splat that touches nothing.
-pub(super) const BATCH: usize = NUMBERS - 1;
-/// Splats that are taken back together.
-pub(super) const FOUR: usize = 4;
-/// What is added to the squared Mahalanobis radius of the cut-off: rounding and rough roots must not lose a block.
-const SLACK: f64 = 0.02;
+/// Number of indices that a byte can hold: splats of a batch have byte indices.
+pub(super) const CAPACITY: usize = 256;
+/// Largest number of splats in a batch; also the index of a padding splat that touches no pixel.
+pub(super) const BATCH: usize = CAPACITY - 1;
+/// Number of splats that the backward pass processes together.
+pub(super) const GROUP: usize = 4;
+/// Added to an ellipse's squared Mahalanobis radius, so that rounding and approximate square roots lose no block.
+const RADIUS2_TOLERANCE: f64 = 0.02;
 
-/// Up to [`BATCH`] splats of a tile.
+/// Up to [`BATCH`] splats of a tile, nearest first.
 pub(super) struct Batch<T, const C: usize> {
-    /// Coefficients 1, x, y, xx, xy, yy of alpha's binary exponent in the offset from the tile's middle.
-    exponent: [[T; NUMBERS]; 6],
-    /// Offsets of the splats' centres from the tile's middle.
-    center: [[T; NUMBERS]; 2],
-    features: [[T; C]; NUMBERS],
-    /// The splats that touch each block, highest first, and some that touch nothing; room for what [`SimdMask::list`] writes
-    /// beyond them.
-    lists: [[u8; NUMBERS + MAX_LANES]; BLOCKS],
-    lengths: [usize; BLOCKS],
+    /// Coefficients 1, x, y, xx, xy, yy of the base-2 logarithm of alpha, a polynomial in the offset from the tile's
+    /// centre, pixels.
+    log2_alpha: [[T; CAPACITY]; 6],
+    /// Offsets of the splats' centres from the tile's centre, pixels.
+    center: [[T; CAPACITY]; 2],
+    features: [[T; C]; CAPACITY],
+    /// Indices of the splats that touch each block, nearest first, followed by padding splats; with room for what
+    /// [`SimdMask::compress`] writes beyond them.
+    lists: [[u8; CAPACITY + MAX_LANES]; MAX_BLOCKS],
+    /// Number of splats in each list, without padding.
+    lengths: [usize; MAX_BLOCKS],
 }
 
 impl<T: Real, const C: usize> Batch<T, C> {
     #[inline(always)]
     pub fn new() -> Self {
         Self {
-            exponent: [[T::zero(); NUMBERS]; 6],
-            center: [[T::zero(); NUMBERS]; 2],
-            features: [[T::zero(); C]; NUMBERS],
-            lists: [[0; NUMBERS + MAX_LANES]; BLOCKS],
-            lengths: [0; BLOCKS],
+            log2_alpha: [[T::zero(); CAPACITY]; 6],
+            center: [[T::zero(); CAPACITY]; 2],
+            features: [[T::zero(); C]; CAPACITY],
+            lists: [[0; CAPACITY + MAX_LANES]; MAX_BLOCKS],
+            lengths: [0; MAX_BLOCKS],
         }
     }
 
-    /// Takes up splats of a tile.
+    /// Fills the batch with up to [`BATCH`] splats of a tile.
     #[inline(always)]
     pub fn fill<S: Simd<Scalar = T>>(
         &mut self,
         simd: S,
-        edges: &Edges<S>,
-        entries: &[Entry<T, C>],
+        edges: &BlockEdges<S>,
+        entries: &[TileEntry<T, C>],
         tile: usize,
         band: usize,
     ) {
-        self.lengths = [0; BLOCKS];
-        let middle = broadcast_each(simd, [middle(tile), middle(band)]);
+        self.lengths = [0; MAX_BLOCKS];
+        let tile_center = broadcast_each(simd, [tile_center(tile), tile_center(band)]);
         for (k, entries) in entries.chunks(S::WIDTH).enumerate() {
             let first = k * S::WIDTH;
             for (i, entry) in entries.iter().enumerate() {
                 self.features[first + i] = entry.feature;
             }
             let mut f = footprints(simd, entries);
-            f.mean = [f.mean[0] - middle[0], f.mean[1] - middle[1]];
-            let exponent = f.exponent(simd);
+            f.mean = [f.mean[0] - tile_center[0], f.mean[1] - tile_center[1]];
+            let log2_alpha = f.log2_alpha(simd);
             for k in 0..6 {
-                exponent[k].store_to(&mut self.exponent[k], first);
+                log2_alpha[k].store_to(&mut self.log2_alpha[k], first);
             }
             for k in 0..2 {
                 f.mean[k].store_to(&mut self.center[k], first);
             }
             let ellipses = Ellipses::new(simd, &f);
             let real = SimdMask::first(simd, entries.len());
-            for down in 0..deep::<S>() {
-                let [left, right] = ellipses.reach(edges, down);
-                for across in 0..ACROSS {
+            for down in 0..blocks_down::<S>() {
+                let [left, right] = ellipses.column_range(edges, down);
+                for across in 0..BLOCKS_ACROSS {
                     let [first_column, last_column] = edges.columns[across];
                     let touched =
                         right.greater_equal(first_column).and(last_column.greater_equal(left)).and(real);
-                    let block = down * ACROSS + across;
+                    let block = down * BLOCKS_ACROSS + across;
                     let after = &mut self.lists[block][self.lengths[block]..];
                     self.lengths[block] += touched.compress(first as u8, after);
                 }
             }
         }
-        for exponent in &mut self.exponent {
-            exponent[BATCH] = T::zero();
+        for coefficient in &mut self.log2_alpha {
+            coefficient[BATCH] = T::zero();
         }
-        self.exponent[0][BATCH] = T::from_f64(FAR_BELOW_CUT);
+        self.log2_alpha[0][BATCH] = T::from_f64(LOG2_ALPHA_OF_PADDING);
         self.features[BATCH] = [T::zero(); C];
         for (list, length) in self.lists.iter_mut().zip(self.lengths) {
-            list[length..length + FOUR].fill(BATCH as u8);
+            list[length..length + GROUP].fill(BATCH as u8);
         }
     }
 
-    /// The splats that touch a block, highest first.
+    /// Indices of the splats that touch a block, nearest first.
     #[inline(always)]
-    pub fn list_of(&self, block: usize) -> &[u8] {
+    pub fn list(&self, block: usize) -> &[u8] {
         &self.lists[block][..self.lengths[block]]
     }
 
-    /// As [`Batch::list_of`], with splats that touch nothing up to a multiple of [`FOUR`].
+    /// As [`Batch::list`], padded to a multiple of [`GROUP`] with splats that touch no pixel.
     #[inline(always)]
-    pub fn fours_of(&self, block: usize) -> &[u8] {
-        &self.lists[block][..self.lengths[block].next_multiple_of(FOUR)]
+    pub fn padded_list(&self, block: usize) -> &[u8] {
+        &self.lists[block][..self.lengths[block].next_multiple_of(GROUP)]
     }
 
-    /// The binary exponent of a splat's alpha at the pixels of a block.
+    /// Base-2 logarithm of a splat's alpha at the pixels of a block.
     #[inline(always)]
-    pub fn exponent_at<S: Simd<Scalar = T>>(&self, simd: S, splat: u8, at: &BlockPixels<S>) -> SimdVec<S> {
-        let coefficient = |k: usize| SimdVec::broadcast(simd, self.exponent[k][usize::from(splat)]);
-        // Two sums, which do not wait for each other.
+    pub fn log2_alpha_at<S: Simd<Scalar = T>>(&self, simd: S, splat: u8, at: &BlockPixels<S>) -> SimdVec<S> {
+        let coefficient = |k: usize| SimdVec::broadcast(simd, self.log2_alpha[k][usize::from(splat)]);
+        // Two independent sums, which the processor computes in parallel.
         let by_x = coefficient(3).mul_add(at.xx, coefficient(1).mul_add(at.x, coefficient(0)));
         let by_y = coefficient(5).mul_add(at.yy, coefficient(2) * at.y);
         coefficient(4).mul_add(at.xy, by_x) + by_y
     }
 
-    /// Offsets from the tile's middle of the centres of a row of splats.
+    /// Offsets from the tile's centre of the centres of a row of splats.
     #[inline(always)]
     pub fn centers<S: Simd<Scalar = T>>(&self, simd: S, first: usize) -> [SimdVec<S>; 2] {
         [SimdVec::load(simd, &self.center[0][first..]), SimdVec::load(simd, &self.center[1][first..])]
     }
 
-    /// A splat's features.
+    /// Features of a splat.
     #[inline(always)]
     pub fn features(&self, splat: u8) -> [T; C] {
         self.features[usize::from(splat)]
     }
 }
 
-/// A binary exponent of alpha that is not drawn.
-const FAR_BELOW_CUT: f64 = -100.0;
+/// Base-2 logarithm of a padding splat's alpha, far below that of [`ALPHA_CUT`](super::ALPHA_CUT).
+const LOG2_ALPHA_OF_PADDING: f64 = -100.0;
 
-/// A row of splats, a lane each; the last one again where there are fewer.
+/// The ellipses of up to [`Simd::WIDTH`] splats, one in each lane; the last is repeated where there are fewer.
 #[inline(always)]
-fn footprints<S: Simd, const C: usize>(simd: S, entries: &[Entry<S::Scalar, C>]) -> Footprint<SimdVec<S>> {
+fn footprints<S: Simd, const C: usize>(
+    simd: S,
+    entries: &[TileEntry<S::Scalar, C>],
+) -> Footprint<SimdVec<S>> {
     let mut rows = [SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); 8];
     for j in 0..8 {
         let last = entries.len() - 1;
-        let (low, high) = (&entries[j.min(last)].footprint, &entries[(j + 8).min(last)].footprint);
-        rows[j] = SimdVec::load_eights(simd, [low, high]);
+        let (low, block_height) = (&entries[j.min(last)].footprint, &entries[(j + 8).min(last)].footprint);
+        rows[j] = SimdVec::load_eights(simd, [low, block_height]);
     }
     Footprint::of(transpose_eights(rows))
 }
 
-/// What ellipses are compared with: the edges of a tile's blocks, from the tile's middle.
-pub(super) struct Edges<S: Simd> {
-    /// First and last rows.
-    rows: [[SimdVec<S>; 2]; BLOCKS / ACROSS],
-    /// First and last columns.
-    columns: [[SimdVec<S>; 2]; ACROSS],
+/// What ellipses are compared with: the edges of a tile's blocks, from the tile's centre, pixels.
+pub(super) struct BlockEdges<S: Simd> {
+    /// First and last row of each row of blocks.
+    rows: [[SimdVec<S>; 2]; MAX_BLOCKS / BLOCKS_ACROSS],
+    /// First and last column of each column of blocks.
+    columns: [[SimdVec<S>; 2]; BLOCKS_ACROSS],
 }
 
-impl<S: Simd> Edges<S> {
+impl<S: Simd> BlockEdges<S> {
     #[inline(always)]
     pub fn new(simd: S) -> Self {
         let ends =
             |first: usize, count: usize| broadcast_each(simd, [offset(first), offset(first + count - 1)]);
-        let mut rows = [ends(0, TILE); BLOCKS / ACROSS];
-        for down in 0..deep::<S>() {
-            rows[down] = ends(down * high::<S>(), high::<S>());
+        let mut rows = [ends(0, TILE); MAX_BLOCKS / BLOCKS_ACROSS];
+        for down in 0..blocks_down::<S>() {
+            rows[down] = ends(down * block_height::<S>(), block_height::<S>());
         }
-        let mut columns = [rows[0]; ACROSS];
-        for across in 0..ACROSS {
-            columns[across] = ends(across * WIDE, WIDE);
+        let mut columns = [rows[0]; BLOCKS_ACROSS];
+        for across in 0..BLOCKS_ACROSS {
+            columns[across] = ends(across * BLOCK_WIDTH, BLOCK_WIDTH);
         }
         Self { rows, columns }
     }
 }
 
 impl<S: Simd> Footprint<SimdVec<S>> {
-    /// Coefficients 1, x, y, xx, xy, yy of alpha's binary exponent where the centre's offset is from.
+    /// Coefficients 1, x, y, xx, xy, yy of the base-2 logarithm of alpha, a polynomial in the offset from the origin that
+    /// `mean` is relative to.
     #[inline(always)]
-    fn exponent(&self, simd: S) -> [SimdVec<S>; 6] {
+    fn log2_alpha(&self, simd: S) -> [SimdVec<S>; 6] {
         let [minus_half, minus_two] =
             broadcast_each(simd, [-0.5 * std::f64::consts::LOG2_E, -2.0].map(S::Scalar::from_f64));
         let [u, v] = self.mean;
@@ -184,51 +193,52 @@ impl<S: Simd> Footprint<SimdVec<S>> {
     }
 }
 
-/// A row of ellipses; centres from the tile's middle.
+/// Ellipses, one in each lane, with centres relative to the tile's centre.
 struct Ellipses<S: Simd> {
     mean: [SimdVec<S>; 2],
-    /// The middle between left and right edge moves so far from row to row.
+    /// Change from row to row of the column midway between the left and the right edge.
     slope: SimdVec<S>,
-    /// On the row of the centre, half the squared width.
-    square: SimdVec<S>,
-    /// What it loses with the square of the distance from that row.
-    drop: SimdVec<S>,
-    /// Rows, from the centre, of the rightmost and the leftmost column.
-    lean: [SimdVec<S>; 2],
+    /// Square of half the width on the row of the centre.
+    half_width2: SimdVec<S>,
+    /// Decrease of that square per squared distance from the row of the centre.
+    half_width2_decrease: SimdVec<S>,
+    /// Rows of the rightmost and of the leftmost point, relative to the centre.
+    extreme_dy: [SimdVec<S>; 2],
 }
 
 impl<S: Simd> Ellipses<S> {
     #[inline(always)]
     fn new(simd: S, f: &Footprint<SimdVec<S>>) -> Self {
-        let [slack, zero] = broadcast_each(simd, [SLACK, 0.0].map(S::Scalar::from_f64));
+        let [tolerance, zero] = broadcast_each(simd, [RADIUS2_TOLERANCE, 0.0].map(S::Scalar::from_f64));
         let [a, b, c] = f.conic;
         let by_a = a.reciprocal();
         Self {
             mean: f.mean,
             slope: (zero - b) * by_a,
-            square: (f.radius2 + slack) * by_a,
-            drop: (a * c - b * b) * by_a * by_a,
-            lean: [f.lean, zero - f.lean],
+            half_width2: (f.radius2 + tolerance) * by_a,
+            half_width2_decrease: (a * c - b * b) * by_a * by_a,
+            extreme_dy: [f.rightmost_dy, zero - f.rightmost_dy],
         }
     }
 
-    /// Leftmost and rightmost columns of the ellipses in a row of blocks; not numbers where an ellipse does not reach it.
+    /// Leftmost and rightmost columns of the ellipses within a row of blocks; NaN where an ellipse does not reach it.
     ///
-    /// An ellipse reaches furthest where it leans to, or on the row nearest to it.
+    /// The outermost point within the rows is the ellipse's own outermost point, or lies on the row nearest to it.
     #[inline(always)]
-    fn reach(&self, edges: &Edges<S>, down: usize) -> [SimdVec<S>; 2] {
+    fn column_range(&self, edges: &BlockEdges<S>, down: usize) -> [SimdVec<S>; 2] {
         let [u, v] = self.mean;
         let [top, bottom] = [edges.rows[down][0] - v, edges.rows[down][1] - v];
-        let [right, left] = [self.lean[0].max(top).min(bottom), self.lean[1].max(top).min(bottom)];
+        let [right, left] =
+            [self.extreme_dy[0].max(top).min(bottom), self.extreme_dy[1].max(top).min(bottom)];
         [
             self.slope.mul_add(left, u) - self.half_width(left),
             self.slope.mul_add(right, u) + self.half_width(right),
         ]
     }
 
-    /// Half the width on a row, from the centre; not a number beyond the ellipse.
+    /// Half of the width on a row relative to the centre; NaN beyond the ellipse.
     #[inline(always)]
     fn half_width(&self, row: SimdVec<S>) -> SimdVec<S> {
-        (self.square - self.drop * row * row).sqrt_approx()
+        (self.half_width2 - self.half_width2_decrease * row * row).sqrt_approx()
     }
 }

@@ -1,79 +1,84 @@
-//! Blocks of pixels: four columns and as many rows as fill a vector register; a tile's parts of an image in blocks.
+//! Blocks of pixels: four columns by as many rows as fill a vector register, and the layout of a tile in blocks.
+//!
+//! A block holds one pixel in each lane, row by row. The blocks of a tile are numbered row by row.
 
 use crate::simd::Real;
 use crate::simd::{MAX_LANES, Simd, SimdVec, blocks_of_lines, lines_of_blocks};
 use std::hint::black_box;
 
-/// Side of a tile, pixels.
+/// Side of a square tile, pixels.
 pub(super) const TILE: usize = 16;
 /// Columns of a block, pixels.
-pub(super) const WIDE: usize = 4;
-/// Blocks side by side in a tile.
-pub(super) const ACROSS: usize = TILE / WIDE;
-/// Most blocks on top of each other in a tile.
-const DEEPEST: usize = TILE / high_of(8);
-/// Most blocks of a tile. They are counted row by row.
-pub(super) const BLOCKS: usize = DEEPEST * ACROSS;
-/// Offset of a tile's middle from its first pixel.
-const MIDDLE: f64 = 0.5 * (TILE - 1) as f64;
+pub(super) const BLOCK_WIDTH: usize = 4;
+/// Number of blocks in a row of a tile.
+pub(super) const BLOCKS_ACROSS: usize = TILE / BLOCK_WIDTH;
+/// Largest number of block rows in a tile.
+const MAX_BLOCKS_DOWN: usize = TILE / height_with_lanes(8);
+/// Largest number of blocks in a tile.
+pub(super) const MAX_BLOCKS: usize = MAX_BLOCKS_DOWN * BLOCKS_ACROSS;
+/// Distance of a tile's centre from the centre of its first pixel, pixels.
+const CENTER_OFFSET: f64 = 0.5 * (TILE - 1) as f64;
 
-/// Rows of a block in a register of so many lanes.
-const fn high_of(simd: usize) -> usize {
-    simd / WIDE
+/// Rows of a block for a register with this number of lanes.
+const fn height_with_lanes(lanes: usize) -> usize {
+    lanes / BLOCK_WIDTH
 }
 
-/// Rows of a block.
+/// Rows of a block for an instruction set.
 #[inline(always)]
-pub(super) const fn high<S: Simd>() -> usize {
-    high_of(S::WIDTH)
+pub(super) const fn block_height<S: Simd>() -> usize {
+    height_with_lanes(S::WIDTH)
 }
 
-/// Blocks on top of each other in a tile.
+/// Number of block rows in a tile for an instruction set.
 #[inline(always)]
-pub(super) const fn deep<S: Simd>() -> usize {
-    TILE / high::<S>()
+pub(super) const fn blocks_down<S: Simd>() -> usize {
+    TILE / block_height::<S>()
 }
 
-/// Middle of a tile's columns or rows in the image.
+/// Centre of the tile with this column or row of tiles, in image pixels.
 #[inline(always)]
-pub(super) fn middle<T: Real>(tile: usize) -> T {
-    T::from_f64((tile * TILE) as f64 + MIDDLE)
+pub(super) fn tile_center<T: Real>(tile: usize) -> T {
+    T::from_f64((tile * TILE) as f64 + CENTER_OFFSET)
 }
 
-/// Offset from a tile's middle of one of its columns or rows.
+/// Offset of a pixel column or row from the tile's centre, pixels.
 #[inline(always)]
 pub(super) fn offset<T: Real>(column_or_row: usize) -> T {
-    T::from_f64(column_or_row as f64 - MIDDLE)
+    T::from_f64(column_or_row as f64 - CENTER_OFFSET)
 }
 
-/// The columns and rows of a tile that lie in the image.
+/// The part of a tile that lies in the image, within its band of rows.
 #[derive(Clone, Copy)]
-pub(super) struct Frame {
+pub(super) struct TileExtent {
+    /// Column of the tile, counted in tiles.
     pub tile: usize,
+    /// Columns of the image.
     width: usize,
+    /// Rows of the band.
     height: usize,
 }
 
-/// The tiles of a band of this size.
-pub(super) fn frames(width: usize, height: usize) -> impl Iterator<Item = Frame> {
-    (0..width.div_ceil(TILE)).map(move |tile| Frame { tile, width, height })
+/// The tiles of a band of `height` rows in an image of `width` columns.
+pub(super) fn tile_extents(width: usize, height: usize) -> impl Iterator<Item = TileExtent> {
+    (0..width.div_ceil(TILE)).map(move |tile| TileExtent { tile, width, height })
 }
 
-impl Frame {
-    /// Rows of blocks.
+impl TileExtent {
+    /// Number of block rows that hold pixels of the image.
     #[inline(always)]
-    pub fn down<S: Simd>(self) -> usize {
-        self.height.div_ceil(high::<S>())
+    pub fn block_rows<S: Simd>(self) -> usize {
+        self.height.div_ceil(block_height::<S>())
     }
 
-    /// The blocks that have pixels, as bits.
+    /// Bit mask of the blocks that hold pixels of the image.
     #[inline(always)]
     pub fn blocks<S: Simd>(self) -> u32 {
-        let row = (1u32 << self.columns().div_ceil(WIDE)) - 1;
-        (0..self.down::<S>()).fold(0, |bits, down| bits | row << (down * ACROSS))
+        let row = (1u32 << self.columns().div_ceil(BLOCK_WIDTH)) - 1;
+        (0..self.block_rows::<S>()).fold(0, |bits, down| bits | row << (down * BLOCKS_ACROSS))
     }
 
-    /// One channel of a row of blocks, from a band's rows of `channels`; zero outside the image.
+    /// Reads one channel of a row of blocks from a band with `channels` channels; pixels outside the image are zero.
     #[inline(always)]
     pub fn gather<S: Simd>(
         self,
@@ -82,24 +87,24 @@ impl Frame {
         channels: usize,
         channel: usize,
         down: usize,
-    ) -> [SimdVec<S>; ACROSS] {
-        let first = down * high::<S>();
-        let mut lines = [SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); ACROSS];
+    ) -> [SimdVec<S>; BLOCKS_ACROSS] {
+        let first = down * block_height::<S>();
+        let mut lines = [SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); BLOCKS_ACROSS];
         if self.is_whole::<S>(down) {
-            for k in 0..ACROSS {
+            for k in 0..BLOCKS_ACROSS {
                 let (row, col) = (k * S::WIDTH / TILE, k * S::WIDTH % TILE);
-                lines[k] = SimdVec::load(simd, &band[self.place(channels, channel, first + row) + col..]);
+                lines[k] = SimdVec::load(simd, &band[self.index(channels, channel, first + row) + col..]);
             }
         } else {
-            let pixels = self.read_at_edge(band, channels, channel, first, high::<S>());
-            for k in 0..ACROSS {
+            let pixels = self.read_at_edge(band, channels, channel, first, block_height::<S>());
+            for k in 0..BLOCKS_ACROSS {
                 lines[k] = SimdVec::load(simd, &pixels[k * S::WIDTH..]);
             }
         }
         blocks_of_lines(lines)
     }
 
-    /// Writes what [`Frame::gather`] reads.
+    /// Writes one channel of a row of blocks; the inverse of [`TileExtent::gather`].
     #[inline(always)]
     pub fn scatter<S: Simd>(
         self,
@@ -107,31 +112,31 @@ impl Frame {
         channels: usize,
         channel: usize,
         down: usize,
-        blocks: [SimdVec<S>; ACROSS],
+        blocks: [SimdVec<S>; BLOCKS_ACROSS],
     ) {
-        let first = down * high::<S>();
+        let first = down * block_height::<S>();
         let lines = lines_of_blocks(blocks);
         if self.is_whole::<S>(down) {
-            for k in 0..ACROSS {
+            for k in 0..BLOCKS_ACROSS {
                 let (row, col) = (k * S::WIDTH / TILE, k * S::WIDTH % TILE);
-                lines[k].store_to(band, self.place(channels, channel, first + row) + col);
+                lines[k].store_to(band, self.index(channels, channel, first + row) + col);
             }
         } else {
-            let mut pixels = [S::Scalar::from_f64(0.0); ACROSS * MAX_LANES];
-            for k in 0..ACROSS {
+            let mut pixels = [S::Scalar::from_f64(0.0); BLOCKS_ACROSS * MAX_LANES];
+            for k in 0..BLOCKS_ACROSS {
                 lines[k].store_to(&mut pixels, k * S::WIDTH);
             }
-            self.write_at_edge(band, channels, channel, first, high::<S>(), &pixels);
+            self.write_at_edge(band, channels, channel, first, block_height::<S>(), &pixels);
         }
     }
 
-    /// Where the tile's part of a row begins in a band's rows of `channels`.
+    /// Index in a band with `channels` channels at which the tile's part of a row begins.
     #[inline(always)]
-    fn place(self, channels: usize, channel: usize, row: usize) -> usize {
+    fn index(self, channels: usize, channel: usize, row: usize) -> usize {
         (row * channels + channel) * self.width + self.tile * TILE
     }
 
-    /// Columns of the tile.
+    /// Columns of the tile that lie in the image.
     #[inline(always)]
     fn columns(self) -> usize {
         (self.width - self.tile * TILE).min(TILE)
@@ -140,10 +145,10 @@ impl Frame {
     /// Whether all pixels of a row of blocks lie in the image.
     #[inline(always)]
     fn is_whole<S: Simd>(self, down: usize) -> bool {
-        self.columns() == TILE && (down + 1) * high::<S>() <= self.height
+        self.columns() == TILE && (down + 1) * block_height::<S>() <= self.height
     }
 
-    /// Some lines of the tile, one after the other, as far as they lie in the image.
+    /// Reads `count` lines of the tile one after the other; pixels outside the image are zero.
     #[cold]
     #[inline(never)]
     fn read_at_edge<T: Real>(
@@ -153,16 +158,16 @@ impl Frame {
         channel: usize,
         first: usize,
         count: usize,
-    ) -> [T; ACROSS * MAX_LANES] {
-        let mut pixels = [T::zero(); ACROSS * MAX_LANES];
+    ) -> [T; BLOCKS_ACROSS * MAX_LANES] {
+        let mut pixels = [T::zero(); BLOCKS_ACROSS * MAX_LANES];
         for (row, line) in (first..self.height.min(first + count)).zip(pixels.chunks_mut(TILE)) {
-            let place = self.place(channels, channel, row);
-            line[..self.columns()].copy_from_slice(&band[place..][..self.columns()]);
+            let index = self.index(channels, channel, row);
+            line[..self.columns()].copy_from_slice(&band[index..][..self.columns()]);
         }
         pixels
     }
 
-    /// Writes what [`Frame::read_at_edge`] reads.
+    /// Writes `count` lines of the tile; pixels outside the image are skipped.
     #[cold]
     #[inline(never)]
     fn write_at_edge<T: Real>(
@@ -172,16 +177,16 @@ impl Frame {
         channel: usize,
         first: usize,
         count: usize,
-        pixels: &[T; ACROSS * MAX_LANES],
+        pixels: &[T; BLOCKS_ACROSS * MAX_LANES],
     ) {
         for (row, line) in (first..self.height.min(first + count)).zip(pixels.chunks(TILE)) {
-            let place = self.place(channels, channel, row);
-            band[place..][..self.columns()].copy_from_slice(&line[..self.columns()]);
+            let index = self.index(channels, channel, row);
+            band[index..][..self.columns()].copy_from_slice(&line[..self.columns()]);
         }
     }
 }
 
-/// Offsets from a tile's middle of the pixels of a block, and their products.
+/// Offsets (x right, y down) of a block's pixels from the tile's centre, pixels, and their products.
 #[derive(Clone, Copy)]
 pub(super) struct BlockPixels<S: Simd> {
     pub x: SimdVec<S>,
@@ -192,25 +197,25 @@ pub(super) struct BlockPixels<S: Simd> {
 }
 
 impl<S: Simd> BlockPixels<S> {
-    /// Of all blocks of a tile.
+    /// The offsets for all blocks of a tile.
     #[inline(always)]
-    pub fn all(simd: S) -> [Self; BLOCKS] {
+    pub fn all(simd: S) -> [Self; MAX_BLOCKS] {
         let zero = SimdVec::broadcast(simd, S::Scalar::from_f64(0.0));
-        let mut blocks = [Self { x: zero, y: zero, xx: zero, xy: zero, yy: zero }; BLOCKS];
-        for b in 0..ACROSS * deep::<S>() {
-            let (across, down) = (b % ACROSS, b / ACROSS);
-            let x = row_of(simd, |i| offset(across * WIDE + i % WIDE));
-            let y = row_of(simd, |i| offset(down * high::<S>() + i / WIDE));
+        let mut blocks = [Self { x: zero, y: zero, xx: zero, xy: zero, yy: zero }; MAX_BLOCKS];
+        for b in 0..BLOCKS_ACROSS * blocks_down::<S>() {
+            let (across, down) = (b % BLOCKS_ACROSS, b / BLOCKS_ACROSS);
+            let x = vector_by_lane(simd, |i| offset(across * BLOCK_WIDTH + i % BLOCK_WIDTH));
+            let y = vector_by_lane(simd, |i| offset(down * block_height::<S>() + i / BLOCK_WIDTH));
             blocks[b] = Self { x, y, xx: x * x, xy: x * y, yy: y * y };
         }
-        // Hidden from the compiler, or it computes products anew.
+        // `black_box` keeps the compiler from computing the products anew wherever they are used.
         black_box(blocks)
     }
 }
 
-/// A row from numbers by lane.
+/// A vector whose lane `i` is `number(i)`.
 #[inline(always)]
-fn row_of<S: Simd>(simd: S, number: impl Fn(usize) -> S::Scalar) -> SimdVec<S> {
+fn vector_by_lane<S: Simd>(simd: S, number: impl Fn(usize) -> S::Scalar) -> SimdVec<S> {
     let mut values = [S::Scalar::from_f64(0.0); MAX_LANES];
     for i in 0..MAX_LANES {
         values[i] = number(i);

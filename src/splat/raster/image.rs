@@ -1,46 +1,47 @@
-//! Images of several channels, laid out so that a band of rows is one piece of memory.
+//! Images of several channels, stored so that a band of rows is contiguous in memory.
 
 use crate::simd::Real;
 
 /// Channels of a render of the splats' colours and altitudes.
 pub mod channel {
-    /// Altitude, metres above the site's origin, after the three channels of colour.
+    /// Altitude, metres above the site's origin; the three channels before it are linear colour.
     pub const ALTITUDE: usize = 3;
-    /// Transmittance: the share of light that no splat stopped.
+    /// Transmittance, 0 to 1: the fraction of light that passes all splats.
     pub const TRANSMITTANCE: usize = 4;
-    /// Channels that derivatives are taken by: colour and altitude.
+    /// Number of channels with derivatives: colour and altitude.
     pub const TRAINED: usize = 4;
 }
 
-/// Most runs of rows that an image is worked on in; fixed, so that sums over them do not depend on the threads.
+/// Largest number of stripes (runs of successive rows) that an image is processed in; fixed, so that sums do not depend on
+/// the number of threads.
 pub(in crate::splat) const STRIPES: usize = 8;
 
-/// Rows of such a run in an image of this height.
+/// Number of rows of a stripe in an image of this height.
 pub(in crate::splat) fn stripe_rows(height: usize) -> usize {
     height.div_ceil(STRIPES)
 }
 
-/// `channels` values a pixel, row by row, within a row channel by channel.
+/// An image with the value of channel `c` at (col, row) in `data[(row * channels + c) * width + col]`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image<T> {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// Channels.
+    /// Number of channels.
     pub channels: usize,
     /// The values.
     pub data: Vec<T>,
 }
 
 impl<T: Real> Image<T> {
-    /// Zeros of this size.
+    /// An image of this size whose values are zero.
     #[must_use]
     pub fn zeros(width: usize, height: usize, channels: usize) -> Self {
         Self { width, height, channels, data: vec![T::zero(); width * height * channels] }
     }
 
-    /// Takes this size; the values are whatever was there.
+    /// Changes the size; the values are unspecified.
     pub fn resize(&mut self, width: usize, height: usize, channels: usize) {
         (self.width, self.height, self.channels) = (width, height, channels);
         self.data.resize(width * height * channels, T::zero());
@@ -59,12 +60,12 @@ impl<T: Real> Image<T> {
         self.data[(row * self.channels + channel) * self.width + col]
     }
 
-    /// One value, to be changed.
+    /// One value, mutable.
     pub fn at_mut(&mut self, channel: usize, col: usize, row: usize) -> &mut T {
         &mut self.data[(row * self.channels + channel) * self.width + col]
     }
 
-    /// One channel as a plane.
+    /// One channel as a grid.
     #[must_use]
     pub fn plane(&self, channel: usize) -> crate::io::Grid2 {
         let data = (0..self.height).flat_map(|r| self.row(channel, r)).map(|v| v.as_f64() as f32).collect();

@@ -1,53 +1,56 @@
-//! Rendering splats through affine cameras, and the gradient of a render.
+//! Rasterisation of splats with EWA projection and alpha compositing (3DGS), and its gradient.
 //!
-//! Along any parallel ray that climbs, a higher point hides a lower one: the altitude of the centres orders the
-//! splats once for every camera of an iteration ([`SortedSplats`]). A camera projects them in chunks
-//! and each band of sixteen pixel rows is binned into tiles and rendered by one thread ([`Rasterizer`]).
-//! A splat's gradients are summed per band, tile by tile, into a slot of its own, and then over the bands, in a fixed
-//! order: no atomic sums, and the same bytes for any number of threads.
+//! In a parallel projection from above, of two points on a ray the higher one is nearer to the camera. Splats are therefore
+//! sorted once by the altitude of their centres for all such cameras of an iteration ([`SortedSplats`]). A camera projects
+//! them in chunks of successive ranks; each band of sixteen pixel rows is binned into tiles of 16 x 16 pixels and rendered
+//! by one thread ([`Rasterizer`]). The gradient of a splat is summed tile by tile into a slot for each band, then over the
+//! bands in a fixed order: there are no atomic sums, and results are identical for any number of threads.
 
+mod backward;
 mod bands;
 mod batch;
 mod block;
-mod kernel;
+mod covariance;
+mod depth_sort;
+mod footprint;
+mod forward;
 mod image;
-mod prepare;
 mod project;
+mod sorted;
 #[cfg(test)]
 mod tests;
 
 pub use image::{Image, channel};
 pub(in crate::splat) use image::{STRIPES, stripe_rows};
-pub use prepare::{SortedSplats, SplatGradient};
 pub use project::FrameCamera;
+pub use sorted::{SortedSplats, SplatGradient};
 
 use crate::camera::{AffineKernel, CameraKernel};
-use crate::simd::Real;
-use crate::simd::SimdReal;
+use crate::simd::{Real, SimdReal};
 use bands::Band;
 use block::TILE;
 use project::{CHUNK, Chunk, Projection};
 use rayon::prelude::*;
 
-/// Variance of the pixel's own footprint, px², added to every projected covariance (3DGS).
+/// Low-pass filter: variance in px² that is added to the diagonal of every projected covariance (3DGS).
 pub const LOW_PASS_PX2: f64 = 0.3;
-/// Alpha below which a splat does not touch a pixel.
+/// Smallest alpha that is composited; a splat with less does not touch the pixel (3DGS).
 pub const ALPHA_CUT: f64 = 1.0 / 255.0;
-/// Largest alpha.
+/// Largest alpha; larger ones are clamped (3DGS: 0.99).
 pub const ALPHA_MAX: f64 = 0.99;
-/// Transmittance that a pixel must fall below, with all others of its block, for nothing further to touch it. Blocks are
-/// asked after each row of splats.
-pub const SATURATED: f64 = 1e-4;
+/// Early-termination threshold: a block of pixels is complete when the transmittance of all its pixels is below this
+/// (3DGS). It is checked once for as many splats as a vector has lanes.
+pub const MIN_TRANSMITTANCE: f64 = 1e-4;
 
-/// Most columns or rows of an image: tiles are counted in 16 bits.
+/// Largest number of columns or rows of an image, as tile indices have 16 bits.
 pub const MAX_SIDE: usize = TILE << u16::BITS;
 
-/// Renders `C` features a splat through one camera and gives the gradient; keeps its buffers between calls.
+/// Renders `C` features of each splat with one camera and computes the gradient; keeps its buffers between calls.
 pub struct Rasterizer<T, const C: usize, K = AffineKernel<T>> {
     chunks: Vec<Chunk<T>>,
     bands: Vec<Band<T, C>>,
     image: Image<T>,
-    /// The last render's.
+    /// Camera of the last render.
     camera: FrameCamera<K>,
 }
 
@@ -63,35 +66,35 @@ impl<T: Real, const C: usize, K: Default> Default for Rasterizer<T, C, K> {
 }
 
 impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
-    /// Renders. `features` are in `prepared`'s order; the image has the `C` features over `background` and, as
-    /// its last channel, the transmittance left.
+    /// Renders an image of `C` + 1 channels: the features over `background`, and the transmittance as the last channel.
+    /// `features` are in the order of ranks of `sorted`.
     ///
-    /// The same as [`Rasterizer::project`], [`Rasterizer::bin`] and [`Rasterizer::draw`] in a row.
+    /// This calls [`Rasterizer::project`], [`Rasterizer::bin`] and [`Rasterizer::draw`] in turn.
     pub fn render(
         &mut self,
-        prepared: &SortedSplats<T>,
+        sorted: &SortedSplats<T>,
         features: &[[T; C]],
         camera: &FrameCamera<K>,
         background: [T; C],
     ) -> &Image<T> {
-        self.project(prepared, camera);
+        self.project(sorted, camera);
         self.bin(features);
         self.draw(background);
         &self.image
     }
 
-    /// Projects the splats.
-    pub fn project(&mut self, prepared: &SortedSplats<T>, camera: &FrameCamera<K>) {
+    /// First step of a render: projects the splats.
+    pub fn project(&mut self, sorted: &SortedSplats<T>, camera: &FrameCamera<K>) {
         self.camera = *camera;
-        let ranks = prepared.len();
+        let ranks = sorted.len();
         self.chunks.resize_with(ranks.div_ceil(CHUNK), Default::default);
         self.chunks.par_iter_mut().enumerate().for_each(|(k, chunk)| {
             let ranks = k * CHUNK..ranks.min((k + 1) * CHUNK);
-            T::dispatch(Projection { chunk, prepared, ranks, camera });
+            T::dispatch(Projection { chunk, sorted, ranks, camera });
         });
     }
 
-    /// Lists the projected splats of every tile.
+    /// Second step of a render: lists the splats that touch each tile. `features` are in the order of ranks.
     pub fn bin(&mut self, features: &[[T; C]]) {
         self.bands.resize_with(self.camera.height.div_ceil(TILE), Default::default);
         let (chunks, tiles) = (&self.chunks, self.camera.width.div_ceil(TILE));
@@ -100,13 +103,13 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
         });
     }
 
-    /// Draws what is listed.
+    /// Third step of a render: composites the tiles' splats over `background`.
     pub fn draw(&mut self, background: [T; C]) {
         let FrameCamera { width, height, .. } = self.camera;
         self.image.resize(width, height, C + 1);
         let rows = self.image.data.par_chunks_mut(TILE * (C + 1) * width);
         rows.zip(&mut self.bands).enumerate().for_each(|(index, (out, band))| {
-            T::dispatch(kernel::Forward { band, index, width, background, out });
+            T::dispatch(forward::Forward { band, index, width, background, out });
         });
     }
 
@@ -116,10 +119,10 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
         &self.image
     }
 
-    /// Adds to `gradients` and `by_feature` (both in the order of the render's [`SortedSplats`]) what the loss's
-    /// derivatives by the last render's pixels (`by_pixel`, `C` channels) mean for the splats.
+    /// Adds to `gradients` and `by_feature`, both in the order of ranks of the last render's `sorted`, the derivatives
+    /// that follow from `by_pixel`, the loss's derivatives by the `C` features of the last render's pixels.
     ///
-    /// The same as [`Rasterizer::pixels_backward`] and [`Rasterizer::gather`] in a row.
+    /// This calls [`Rasterizer::pixels_backward`] and [`Rasterizer::gather`] in turn.
     pub fn backward(
         &mut self,
         sorted: &SortedSplats<T>,
@@ -131,7 +134,7 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
         self.gather(sorted, gradients, by_feature);
     }
 
-    /// Takes derivatives by pixels back to each tile's splats.
+    /// First step of the gradient: sums the derivatives by pixels into a slot for each splat and band.
     pub fn pixels_backward(&mut self, by_pixel: &Image<T>) {
         let width = self.camera.width;
         let images = self.image.data.par_chunks(TILE * (C + 1) * width);
@@ -140,10 +143,10 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
             |(index, (band, (image, by_pixel)))| {
                 let mut slots = std::mem::take(&mut band.slots);
                 slots.clear();
-                slots.resize(band.slot_count(), kernel::GradientSlot::default());
+                slots.resize(band.slot_count(), backward::GradientSlot::default());
                 let mut products = std::mem::take(&mut band.products);
                 products.resize(by_pixel.len() / C, T::zero());
-                T::dispatch(kernel::Backward {
+                T::dispatch(backward::Backward {
                     band,
                     index,
                     width,
@@ -157,7 +160,7 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
         );
     }
 
-    /// Adds up what [`Rasterizer::pixels_backward`] found for each splat.
+    /// Second step of the gradient: sums each splat's slots over the bands and adds the derivatives that follow from them.
     pub fn gather(
         &mut self,
         sorted: &SortedSplats<T>,
@@ -173,14 +176,15 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
         );
     }
 
-    /// The loss's derivative by the image position (pixels) of the splat at a rank, as [`Rasterizer::gather`] found
-    /// it; none of a splat that the last render did not see.
+    /// Derivative of the loss with respect to the 2-D mean (column, row) of the splat at a rank, per pixel, as the last
+    /// [`Rasterizer::gather`] computed it; none if the splat was not visible in the last render.
     #[must_use]
     pub fn mean2d_gradient(&self, rank: usize) -> Option<[T; 2]> {
         self.chunks[rank / CHUNK].mean2d_gradient(rank % CHUNK)
     }
 
-    /// Number of pairs of a splat and a pixel that the last render computed: of whole blocks that were not hidden yet.
+    /// Number of splat-pixel pairs that the last render computed: all pixels of every block that a splat touches, up to
+    /// early termination.
     #[must_use]
     pub fn computed_pairs(&self) -> usize {
         self.bands.iter().map(|band| band.computed_pairs).sum()

@@ -1,9 +1,11 @@
-//! Splats through one camera: image ellipses, the tiles they touch, and the gradient's way back.
+//! Projection of the splats by one camera (EWA splatting; 3DGS, equation 5): image ellipses, and the spans of tiles that they
+//! touch in each band of the image.
 
+use super::backward::{GradientSlot, add};
 use super::bands::Band;
 use super::block::TILE;
-use super::kernel::{GradientSlot, add};
-use super::prepare::{ELEMENTS, SortedSplats, SplatBlock, SplatGradient};
+use super::footprint::Footprint;
+use super::sorted::{SortedSplats, SplatBlock, SplatGradient};
 use super::{ALPHA_CUT, LOW_PASS_PX2};
 use crate::camera::{CameraKernel, Linearized};
 use crate::simd::Real;
@@ -12,7 +14,7 @@ use crate::simd::{
 };
 use std::ops::Range;
 
-/// Ranks that are projected together; fixed, so that sums do not depend on the number of threads.
+/// Number of ranks that one task projects; fixed, so that sums do not depend on the number of threads.
 pub(super) const CHUNK: usize = 128 * MAX_LANES;
 
 /// A camera and the size of its image.
@@ -34,73 +36,48 @@ impl<K> FrameCamera<K> {
     }
 }
 
-/// The ellipse at which a splat's alpha falls to the cut-off; or, of rows, those of several splats.
+/// A splat whose ellipse touches the image.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Footprint<N> {
-    /// Centre, pixels.
-    pub mean: [N; 2],
-    /// Inverse covariance: xx, xy, yy; 1/px².
-    pub conic: [N; 3],
-    /// Binary logarithm of the opacity.
-    pub log2_opacity: N,
-    /// Squared Mahalanobis radius of the cut-off.
-    pub radius2: N,
-    /// SimdVec (from the centre) of the rightmost column at the cut-off.
-    pub lean: N,
-}
-
-impl<N: Copy> Footprint<N> {
-    /// Its numbers, as they are stored.
-    #[inline(always)]
-    fn numbers(self) -> [N; 8] {
-        let Self { mean: [u, v], conic: [a, b, c], log2_opacity, radius2, lean } = self;
-        [u, v, a, b, c, log2_opacity, radius2, lean]
-    }
-
-    /// From [`Footprint::numbers`].
-    #[inline(always)]
-    pub fn of([u, v, a, b, c, log2_opacity, radius2, lean]: [N; 8]) -> Self {
-        Self { mean: [u, v], conic: [a, b, c], log2_opacity, radius2, lean }
-    }
-}
-
-/// A splat that the camera sees.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Seen<T> {
+pub(super) struct VisibleSplat<T> {
     /// [`Footprint::numbers`].
     pub footprint: [T; 8],
     /// Rank of the splat.
     pub rank: u32,
 }
 
-/// The tiles `first..=last` of one band that a footprint of a chunk touches.
+/// The tile columns `first..=last` of one band that the ellipse of a chunk's splat touches.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Span {
-    /// Index of the splat among those that its chunk's camera sees.
+    /// Index of the splat in its chunk's list of visible splats.
     pub splat: u32,
+    /// First tile column.
     pub first: u16,
+    /// Last tile column.
     pub last: u16,
 }
 
-/// What a camera sees of a run of ranks, and where it lies.
+/// The projection of a run of successive ranks: the visible splats and their spans.
 pub(super) struct Chunk<T> {
+    /// First rank.
     start: usize,
-    seen: Vec<Seen<T>>,
-    /// Spans sorted by band, within a band by rank.
+    /// Splats whose ellipses touch the image, by rank.
+    visible: Vec<VisibleSplat<T>>,
+    /// Spans sorted by band, and within a band by rank.
     spans: Vec<Span>,
-    /// Each span's splat: a band reads its own from first to last.
-    drawn: Vec<Seen<T>>,
+    /// A copy of the splat of each span, so that a band reads memory in order.
+    span_splats: Vec<VisibleSplat<T>>,
     /// Spans of band `b` are `spans[band_starts[b]..band_starts[b + 1]]`.
     band_starts: Vec<u32>,
+    /// Band and span, by rank.
     unsorted: Vec<(u32, Span)>,
-    /// The derivative by each rank's image position; none where no pixel sees it.
-    by_mean: Vec<Option<[T; 2]>>,
+    /// Derivative with respect to the 2-D mean of each rank's splat, per pixel; none for splats that are not visible.
+    mean2d_gradients: Vec<Option<[T; 2]>>,
 }
 
-/// Projects a chunk; a kernel to be compiled with the processor's own rounding and fused instructions.
+/// The kernel that projects a chunk, compiled for each instruction set.
 pub(super) struct Projection<'a, T, K> {
     pub chunk: &'a mut Chunk<T>,
-    pub prepared: &'a SortedSplats<T>,
+    pub sorted: &'a SortedSplats<T>,
     pub ranks: Range<usize>,
     pub camera: &'a FrameCamera<K>,
 }
@@ -108,7 +85,7 @@ pub(super) struct Projection<'a, T, K> {
 impl<T: SimdReal, K: CameraKernel<T>> SimdKernel<T> for Projection<'_, T, K> {
     #[inline(always)]
     fn run<S: Simd<Scalar = T>>(self, simd: S) {
-        self.chunk.project(simd, self.prepared, self.ranks, self.camera);
+        self.chunk.project(simd, self.sorted, self.ranks, self.camera);
     }
 }
 
@@ -116,56 +93,56 @@ impl<T> Default for Chunk<T> {
     fn default() -> Self {
         Self {
             start: 0,
-            seen: Vec::new(),
+            visible: Vec::new(),
             spans: Vec::new(),
-            drawn: Vec::new(),
+            span_splats: Vec::new(),
             band_starts: Vec::new(),
             unsorted: Vec::new(),
-            by_mean: Vec::new(),
+            mean2d_gradients: Vec::new(),
         }
     }
 }
 
 impl<T: Real> Chunk<T> {
-    /// Projects the splats of `ranks`, leaving out those that no pixel sees.
+    /// Projects the splats of `ranks` and lists those whose ellipses touch a pixel.
     #[inline(always)]
     fn project<S: Simd<Scalar = T>, K: CameraKernel<T>>(
         &mut self,
         simd: S,
-        prepared: &SortedSplats<T>,
+        sorted: &SortedSplats<T>,
         ranks: Range<usize>,
         camera: &FrameCamera<K>,
     ) {
         self.start = ranks.start;
-        self.seen.clear();
+        self.visible.clear();
         self.unsorted.clear();
         self.band_starts.clear();
         self.band_starts.resize(camera.height.div_ceil(TILE) + 1, 0);
-        let eye = SimdCamera::<S, K>::new(simd, camera);
-        let blocks = &prepared.blocks[ranks.start / MAX_LANES..ranks.end.div_ceil(MAX_LANES)];
+        let simd_camera = SimdCamera::<S, K>::new(simd, camera);
+        let blocks = &sorted.blocks[ranks.start / MAX_LANES..ranks.end.div_ceil(MAX_LANES)];
         for (block, first) in blocks.iter().zip(ranks.step_by(MAX_LANES)) {
             for lane in (0..MAX_LANES).step_by(S::WIDTH) {
-                let sight = eye.look_at(simd, block, lane);
-                for i in set_bits(sight.seen) {
-                    self.take_up(&sight, i, (first + lane + i) as u32, camera.width);
+                let projected = simd_camera.project_block(simd, block, lane);
+                for i in set_bits(projected.visible) {
+                    self.push_spans(&projected, i, (first + lane + i) as u32, camera.width);
                 }
             }
         }
         self.sort_spans();
     }
 
-    /// Takes up the splat in a lane, if it has spans.
+    /// Adds the spans of the splat in a lane, and the splat if it has any.
     #[inline(always)]
-    fn take_up(&mut self, sight: &Projected<T>, lane: usize, rank: u32, width: usize) {
-        let [left, right, top, bottom] = [0, 1, 2, 3].map(|k| sight.tiles[k][lane]);
-        let footprint = sight.footprints[lane];
-        let (splat, before) = (self.seen.len() as u32, self.unsorted.len());
+    fn push_spans(&mut self, projected: &Projected<T>, lane: usize, rank: u32, width: usize) {
+        let [left, right, top, bottom] = [0, 1, 2, 3].map(|k| projected.tiles[k][lane]);
+        let footprint = projected.footprints[lane];
+        let (splat, before) = (self.visible.len() as u32, self.unsorted.len());
         for band in top..=bottom {
-            // Most splats are narrower than a tile: nothing is to be told apart.
+            // Most ellipses lie within one column of tiles, where the exact edges do not matter.
             let tiles = if left == right {
                 Some((left, right))
             } else {
-                Footprint::of(footprint).tiles(sight.half_cols[lane], band, width)
+                Footprint::of(footprint).tiles(projected.half_width[lane], band, width)
             };
             if let Some((first, last)) = tiles {
                 self.unsorted.push((band, Span { splat, first: first as u16, last: last as u16 }));
@@ -173,42 +150,44 @@ impl<T: Real> Chunk<T> {
             }
         }
         if self.unsorted.len() > before {
-            self.seen.push(Seen { footprint, rank });
+            self.visible.push(VisibleSplat { footprint, rank });
         }
     }
 
-    /// A counting sort by band, once spans are counted; equal bands keep their order.
+    /// Sorts the spans by band with a stable counting sort; `band_starts[b + 1]` holds the number of spans of band `b`.
     fn sort_spans(&mut self) {
-        // A band's start stands one place further until its spans have made it the band's end.
+        // The next free place of band `b` stands in `band_starts[b + 1]`; it ends as the start of band `b + 1`.
         let mut start = 0;
-        for place in &mut self.band_starts[1..] {
-            start += std::mem::replace(place, start);
+        for count in &mut self.band_starts[1..] {
+            start += std::mem::replace(count, start);
         }
         self.spans.resize(self.unsorted.len(), Span { splat: 0, first: 0, last: 0 });
-        self.drawn.resize(self.unsorted.len(), Seen::default());
+        self.span_splats.resize(self.unsorted.len(), VisibleSplat::default());
         for (band, span) in &self.unsorted {
-            let place = &mut self.band_starts[*band as usize + 1];
-            self.spans[*place as usize] = *span;
-            self.drawn[*place as usize] = self.seen[span.splat as usize];
-            *place += 1;
+            let next = &mut self.band_starts[*band as usize + 1];
+            self.spans[*next as usize] = *span;
+            self.span_splats[*next as usize] = self.visible[span.splat as usize];
+            *next += 1;
         }
     }
 
-    /// Spans in one band, by rank.
+    /// The spans of one band, by rank.
     pub fn spans(&self, band: usize) -> &[Span] {
-        &self.spans[self.places(band)]
+        &self.spans[self.band_range(band)]
     }
 
-    /// The splats of [`Chunk::spans`].
-    pub fn drawn(&self, band: usize) -> &[Seen<T>] {
-        &self.drawn[self.places(band)]
+    /// The splat of each of [`Chunk::spans`].
+    pub fn splats(&self, band: usize) -> &[VisibleSplat<T>] {
+        &self.span_splats[self.band_range(band)]
     }
 
-    fn places(&self, band: usize) -> Range<usize> {
+    /// The spans of one band, as a range of `spans`.
+    fn band_range(&self, band: usize) -> Range<usize> {
         self.band_starts[band] as usize..self.band_starts[band + 1] as usize
     }
 
-    /// Sums the bands' slots per footprint and adds them, taken back through the camera, to the splats' gradients.
+    /// Sums the gradient slots of each splat over the bands, in a fixed order, and adds the derivatives that follow from
+    /// them to `gradients` and `by_feature`, both of the chunk's ranks.
     pub fn gather<const C: usize, K: CameraKernel<T>>(
         &mut self,
         index: usize,
@@ -218,114 +197,48 @@ impl<T: Real> Chunk<T> {
         gradients: &mut [SplatGradient<T>],
         by_feature: &mut [[T; C]],
     ) {
-        // By splat: small enough to stay in the cache, while all else is read and written from first to last.
+        // One sum for each visible splat: this array stays in the cache, and all others are accessed in order.
         let mut sums = [GradientSlot::default(); CHUNK];
         for (b, band) in bands.iter().enumerate() {
             for (span, slot) in self.spans(b).iter().zip(band.slots_of_chunk(index)) {
                 sums[span.splat as usize].add(slot);
             }
         }
-        self.by_mean.clear();
-        self.by_mean.resize(gradients.len(), None);
-        for (splat, sum) in self.seen.iter().zip(&sums) {
-            let place = splat.rank as usize - self.start;
+        self.mean2d_gradients.clear();
+        self.mean2d_gradients.resize(gradients.len(), None);
+        for (splat, sum) in self.visible.iter().zip(&sums) {
+            let i = splat.rank as usize - self.start;
             let footprint = Footprint::of(splat.footprint);
-            let shape = sorted.position_and_covariance(splat.rank as usize);
-            self.by_mean[place] = Some(footprint.back_project(camera, shape, sum, &mut gradients[place]));
-            add(&mut by_feature[place], sum.feature);
+            let position_and_covariance = sorted.position_and_covariance(splat.rank as usize);
+            self.mean2d_gradients[i] =
+                Some(footprint.backward(camera, position_and_covariance, sum, &mut gradients[i]));
+            add(&mut by_feature[i], sum.feature);
         }
     }
 
-    /// The derivative by the image position of a splat, by its rank within the chunk; none if no pixel sees it.
+    /// Derivative with respect to the 2-D mean of a splat, per pixel, by its rank within the chunk; none if it is not
+    /// visible.
     pub fn mean2d_gradient(&self, rank: usize) -> Option<[T; 2]> {
-        self.by_mean[rank]
+        self.mean2d_gradients[rank]
     }
 }
 
-impl<T: Real> Footprint<T> {
-    /// Adds what the sums over the image mean for the splat; gives the derivative by the ellipse's centre.
-    #[inline(always)]
-    fn back_project<const C: usize, K: CameraKernel<T>>(
-        &self,
-        camera: &K,
-        (position, covariance): ([T; 3], [T; 6]),
-        by: &GradientSlot<T, C>,
-        out: &mut SplatGradient<T>,
-    ) -> [T; 2] {
-        let m = camera.jacobian(position);
-        let ([a, b, c], [sum, x, xx, y, xy, yy]) = (self.conic, by.moments);
-        let mean = [a * x + b * y, b * x + c * y];
-        out.log_opacity = out.log_opacity + sum;
-        // By the image's covariance: half of conic * moments * conic.
-        let half = T::from_f64(0.5);
-        let p = [[a * xx + b * xy, a * xy + b * yy], [b * xx + c * xy, b * xy + c * yy]];
-        let gxx = half * (p[0][0] * a + p[0][1] * b);
-        let gxy = half * (p[0][0] * b + p[0][1] * c);
-        let gyy = half * (p[1][0] * b + p[1][1] * c);
-        for (k, (i, j)) in ELEMENTS.into_iter().enumerate() {
-            let [u, v] = [gxx * m[0][j] + gxy * m[1][j], gxy * m[0][j] + gyy * m[1][j]];
-            out.covariance[k] = out.covariance[k] + m[0][i] * u + m[1][i] * v;
-        }
-        // The image's covariance is J S Jᵀ: its derivative by J is 2 G J S.
-        let mut by_jacobian = [[T::zero(); 3]; 2];
-        if K::IS_CURVED {
-            let [xx, xy, xz, yy, yz, zz] = covariance;
-            let twice = |a: T, b: T| {
-                let row: [T; 3] = std::array::from_fn(|k| a * m[0][k] + b * m[1][k]);
-                let row = row.map(|v| v + v);
-                let dot = |c: [T; 3]| row[0] * c[0] + row[1] * c[1] + row[2] * c[2];
-                [dot([xx, xy, xz]), dot([xy, yy, yz]), dot([xz, yz, zz])]
-            };
-            by_jacobian = [twice(gxx, gxy), twice(gxy, gyy)];
-        }
-        camera.add_position_gradient(position, mean, by_jacobian, &mut out.position);
-        mean
-    }
-
-    /// The first and the last tile that it touches in a band's rows, if any; `half_cols` is half its width.
-    #[inline(always)]
-    fn tiles(&self, half_cols: T, band: u32, width: usize) -> Option<(u32, u32)> {
-        let [mx, my] = self.mean;
-        let top = T::from_f64(f64::from(band) * TILE as f64) - my;
-        let bottom = top + T::from_f64(TILE as f64 - 1.0);
-        let left = mx + self.furthest(-T::one(), half_cols, top, bottom);
-        let right = mx + self.furthest(T::one(), half_cols, top, bottom);
-        let left = left.max(T::zero()).ceil();
-        let right = right.min(T::from_f64(width as f64 - 1.0)).floor();
-        (left <= right).then(|| (left.as_u32() / TILE as u32, right.as_u32() / TILE as u32))
-    }
-
-    /// Column (from the centre) of the ellipse's edge on one `side` (-1 or 1) within a band's rows.
-    #[inline(always)]
-    fn furthest(&self, side: T, half_cols: T, top: T, bottom: T) -> T {
-        let lean = side * self.lean;
-        if lean >= top && lean <= bottom {
-            return side * half_cols;
-        }
-        let dy = lean.max(top).min(bottom);
-        let [a, b, c] = self.conic;
-        let inside = b * b * dy * dy - a * (c * dy * dy - self.radius2);
-        // A band that the ellipse only grazes can miss it by rounding.
-        (side * inside.max(T::zero()).sqrt() - b * dy) / a
-    }
-}
-
-/// What a camera sees of a row of splats.
+/// The projections of as many splats as a vector has lanes.
 struct Projected<T> {
-    /// The lanes of those with a pixel in their ellipse's box, as bits.
-    seen: u32,
+    /// Bit mask of the lanes whose ellipse's bounding box holds a pixel.
+    visible: u32,
     /// [`Footprint::numbers`].
     footprints: [[T; 8]; MAX_LANES],
-    /// Half widths of the ellipses, pixels.
-    half_cols: [T; MAX_LANES],
-    /// First and last column of tiles that an ellipse's box touches, first and last row.
+    /// Half of the ellipses' widths, pixels.
+    half_width: [T; MAX_LANES],
+    /// First and last column of tiles that an ellipse's bounding box touches, then first and last row of tiles.
     tiles: [[u32; MAX_LANES]; 4],
 }
 
-/// A camera, each of its numbers in every lane.
+/// A camera whose numbers are broadcast to all lanes.
 struct SimdCamera<S: Simd, K: CameraKernel<S::Scalar>> {
     kernel: K::Broadcast<S>,
-    /// Columns and rows of its image.
+    /// Columns and rows of the image.
     size: [SimdVec<S>; 2],
 }
 
@@ -336,9 +249,9 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         Self { kernel: camera.kernel.broadcast(simd), size: broadcast_each(simd, size) }
     }
 
-    /// The ellipses of splats, and their half widths and heights.
+    /// The ellipses of the splats in the lanes, with half of their widths and heights in pixels.
     #[inline(always)]
-    fn project(
+    fn footprints(
         &self,
         simd: S,
         position: [SimdVec<S>; 3],
@@ -363,15 +276,15 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         let log2_opacity = opacity.log2();
         let radius2 = twice_ln_2 * (log2_opacity + above_cut);
         let half_size = [(radius2 * xx).sqrt(), (radius2 * yy).sqrt()];
-        // The regression line of row on column.
-        let lean = xy * xx.reciprocal() * half_size[0];
+        // The rightmost point lies on the regression line of row on column.
+        let rightmost_dy = xy * xx.reciprocal() * half_size[0];
         let conic = [yy * inverse, zero - xy * inverse, xx * inverse];
-        (Footprint { mean, conic, log2_opacity, radius2, lean }, half_size)
+        (Footprint { mean, conic, log2_opacity, radius2, rightmost_dy }, half_size)
     }
 
-    /// What it sees of the splats of a block from a lane on.
+    /// Projects the splats of a block from a lane on.
     #[inline(always)]
-    fn look_at(&self, simd: S, block: &SplatBlock<S::Scalar>, lane: usize) -> Projected<S::Scalar> {
+    fn project_block(&self, simd: S, block: &SplatBlock<S::Scalar>, lane: usize) -> Projected<S::Scalar> {
         let constants = [0.0, 1.0, 1.0 / TILE as f64, ALPHA_CUT, f32::MAX.into()];
         let [zero, one, sixteenth, cut, most] = broadcast_each(simd, constants.map(S::Scalar::from_f64));
         let (mut position, mut covariance) = ([zero; 3], [zero; 6]);
@@ -382,37 +295,37 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
             covariance[k] = SimdVec::load(simd, &block.covariance[k][lane..]);
         }
         let opacity = SimdVec::load(simd, &block.opacity[lane..]);
-        let (footprint, half_size) = self.project(simd, position, covariance, opacity);
+        let (footprint, half_size) = self.footprints(simd, position, covariance, opacity);
         let Footprint { mean, conic, radius2, .. } = footprint;
-        let mut seen = opacity.greater_than(cut);
+        let mut visible = opacity.greater_than(cut);
         if let Some(in_front) = K::in_front(simd, &self.kernel, position) {
-            seen = seen.and(in_front);
+            visible = visible.and(in_front);
         }
         for positive in [radius2, conic[0], conic[2]] {
-            seen = seen.and(positive.greater_than(zero)).and(most.greater_equal(positive));
+            visible = visible.and(positive.greater_than(zero)).and(most.greater_equal(positive));
         }
-        let mut sight = Projected {
-            seen: 0,
+        let mut projected = Projected {
+            visible: 0,
             footprints: arrays_of_lanes(footprint.numbers()),
-            half_cols: [S::Scalar::from_f64(0.0); MAX_LANES],
+            half_width: [S::Scalar::from_f64(0.0); MAX_LANES],
             tiles: [[0; MAX_LANES]; 4],
         };
         for i in 0..2 {
             let (low, high) = (mean[i] - half_size[i], mean[i] + half_size[i]);
-            // The first pixel from `low` and the last up to `high`, as far as there are any.
+            // The first pixel at or after `low` and the last at or before `high`, within the image.
             let low = low.max(zero).min(self.size[i]);
             let whole = low.floor();
             let first = whole + one.select_or_zero(low.greater_than(whole));
             let last = high.min(self.size[i] - one).max(zero).floor();
-            seen = seen
+            visible = visible
                 .and(most.greater_equal(mean[i].abs()))
                 .and(high.greater_equal(zero))
                 .and(last.greater_equal(first));
-            (first * sixteenth).floor().store_whole(&mut sight.tiles[2 * i]);
-            (last * sixteenth).floor().store_whole(&mut sight.tiles[2 * i + 1]);
+            (first * sixteenth).floor().store_u32(&mut projected.tiles[2 * i]);
+            (last * sixteenth).floor().store_u32(&mut projected.tiles[2 * i + 1]);
         }
-        sight.seen = seen.bitmask();
-        half_size[0].store_to(&mut sight.half_cols, 0);
-        sight
+        projected.visible = visible.bitmask();
+        half_size[0].store_to(&mut projected.half_width, 0);
+        projected
     }
 }

@@ -1,4 +1,4 @@
-//! Gradients against central differences in f64, f32 against f64, closed forms.
+//! Gradients are compared with central differences in f64, f32 with f64, and renders with closed forms.
 
 use super::*;
 use crate::camera::{DepthOrder, QuadraticKernel};
@@ -8,7 +8,7 @@ use crate::splat::edit::Edit;
 use crate::splat::splats::{GROUPS, Splats, color_from_f_dc, f_dc_gradient};
 use glam::{DMat3, DVec2, DVec3};
 
-/// Uniform numbers in [0, 1), by hashing a counter.
+/// Uniform random numbers in [0, 1) by hashing a counter (SplitMix64).
 fn uniform(counter: &mut u64) -> f64 {
     *counter += 1;
     let mut z = counter.wrapping_mul(0x9E37_79B9_7F4A_7C15);
@@ -37,15 +37,15 @@ fn camera<T: Real>() -> FrameCamera<AffineKernel<T>> {
     FrameCamera::new(&camera, 37, 35)
 }
 
-fn features<T: SimdReal>(g: &Splats<T>, prepared: &SortedSplats<T>) -> Vec<[T; 4]> {
+fn features<T: SimdReal>(g: &Splats<T>, sorted: &SortedSplats<T>) -> Vec<[T; 4]> {
     let of = |&i: &u32| {
         let [red, green, blue] = color_from_f_dc(g.f_dc[i as usize]);
         [red, green, blue, g.position[i as usize][2]]
     };
-    prepared.order().iter().map(of).collect()
+    sorted.order().iter().map(of).collect()
 }
 
-/// Weights of a linear loss on the image.
+/// Weights of the pixels in a linear loss.
 fn weights<T: Real>(width: usize, height: usize) -> Image<T> {
     let mut w = Image::zeros(width, height, 4);
     let mut counter = 77 << 32;
@@ -57,8 +57,8 @@ fn weights<T: Real>(width: usize, height: usize) -> Image<T> {
 
 const BACKGROUND: [f64; 4] = [0.2, 0.9, 0.4, -4.0];
 
-/// Splats in the order that a camera draws them in.
-fn sorted<T: SimdReal, K: CameraKernel<T>>(g: &Splats<T>, camera: &K) -> SortedSplats<T> {
+/// The splats in the depth order of a camera.
+fn sort<T: SimdReal, K: CameraKernel<T>>(g: &Splats<T>, camera: &K) -> SortedSplats<T> {
     let mut sorted = SortedSplats::default();
     match K::ORDER {
         DepthOrder::Altitude => sorted.update(g),
@@ -68,9 +68,9 @@ fn sorted<T: SimdReal, K: CameraKernel<T>>(g: &Splats<T>, camera: &K) -> SortedS
 }
 
 fn loss<K: CameraKernel<f64>>(g: &Splats<f64>, camera: &FrameCamera<K>) -> f64 {
-    let prepared = sorted(g, &camera.kernel);
+    let sorted = sort(g, &camera.kernel);
     let mut raster = Rasterizer::<f64, 4, K>::default();
-    let image = raster.render(&prepared, &features(g, &prepared), camera, BACKGROUND);
+    let image = raster.render(&sorted, &features(g, &sorted), camera, BACKGROUND);
     let w: Image<f64> = weights(camera.width, camera.height);
     let mut sum = 0.0;
     for row in 0..camera.height {
@@ -82,27 +82,28 @@ fn loss<K: CameraKernel<f64>>(g: &Splats<f64>, camera: &FrameCamera<K>) -> f64 {
 }
 
 fn gradient<T: SimdReal, K: CameraKernel<T>>(g: &Splats<T>, camera: &FrameCamera<K>) -> Splats<T> {
-    let prepared = sorted(g, &camera.kernel);
+    let sorted = sort(g, &camera.kernel);
     let mut raster = Rasterizer::<T, 4, K>::default();
-    let f = features(g, &prepared);
-    raster.render(&prepared, &f, camera, BACKGROUND.map(T::from_f64));
+    let f = features(g, &sorted);
+    raster.render(&sorted, &f, camera, BACKGROUND.map(T::from_f64));
     let mut shared = vec![SplatGradient::default(); g.len()];
     let mut by_feature = vec![[T::zero(); 4]; g.len()];
-    raster.backward(&prepared, &weights(camera.width, camera.height), &mut shared, &mut by_feature);
+    raster.backward(&sorted, &weights(camera.width, camera.height), &mut shared, &mut by_feature);
     let mut out = Splats::zeros(g.len());
-    prepared.parameter_gradients(g, &shared, &mut out);
+    sorted.parameter_gradients(g, &shared, &mut out);
     for i in 0..g.len() {
-        let by = by_feature[prepared.rank(i)];
+        let by = by_feature[sorted.rank(i)];
         out.f_dc[i] = f_dc_gradient([by[0], by[1], by[2]]);
         out.position[i][2] = out.position[i][2] + by[3];
     }
     out
 }
 
-/// Largest difference between analytic and central differences, relative to the group's largest gradient; of one
-/// parameter in `every` so many.
+/// Largest difference between analytic derivatives and central differences, relative to the largest derivative of the
+/// parameter group; only every `every`-th parameter is compared.
 ///
-/// The cut-off at 1/255 makes the loss jump; a difference quotient across a jump is dropped by comparing two steps.
+/// The alpha cut-off makes the loss discontinuous. A parameter is left out if the quotients of two step sizes differ, as
+/// they do across a jump.
 fn worst_disagreement<K: CameraKernel<f64>>(
     g: &Splats<f64>,
     analytic: &Splats<f64>,
@@ -142,7 +143,7 @@ fn gradients_agree_with_central_differences_in_f64() {
     }
 }
 
-/// A camera 20 m above the scene that looks down at it aslant.
+/// A camera 20 m from the site's origin that looks down at the scene obliquely.
 fn pinhole() -> PinholeCamera {
     let cam_from_site = DMat3::from_rotation_x(2.7) * DMat3::from_rotation_z(0.4);
     let center = cam_from_site.transpose() * DVec3::new(0.3, -0.4, -20.0);
@@ -178,7 +179,7 @@ fn gradients_of_a_quadratic_camera_agree_with_central_differences() {
 }
 
 #[test]
-fn a_pinhole_kernel_sees_points_where_its_camera_does_and_the_nearest_in_front() {
+fn a_pinhole_kernel_projects_as_its_camera_does_and_sorts_by_distance() {
     let camera = pinhole();
     let frame = FrameCamera::<PinholeKernel<f32>> { kernel: camera.kernel(), width: 37, height: 35 };
     let at = |depth: f64| {
@@ -190,9 +191,9 @@ fn a_pinhole_kernel_sees_points_where_its_camera_does_and_the_nearest_in_front()
     for (depth, rgb) in [(25.0, [0.0, 1.0, 0.0]), (12.0, [1.0, 0.0, 0.0])] {
         splats.push(at(depth).map(|v| v as f32), 0.02 * depth as f32, 0.98, rgb);
     }
-    let prepared = sorted(&splats, &frame.kernel);
+    let sorted = sort(&splats, &frame.kernel);
     let mut raster = Rasterizer::<f32, 4, _>::default();
-    let image = raster.render(&prepared, &features(&splats, &prepared), &frame, [0.0; 4]);
+    let image = raster.render(&sorted, &features(&splats, &sorted), &frame, [0.0; 4]);
     let [x, y, z] = at(12.0);
     let px = camera.project(Point::new(x, y, z)).unwrap();
     let (col, row) = (px.col.round() as usize, px.row.round() as usize);
@@ -203,7 +204,7 @@ fn a_pinhole_kernel_sees_points_where_its_camera_does_and_the_nearest_in_front()
 fn gradients_agree_where_a_tile_has_more_splats_than_one_batch() {
     let mut g = scene(1500, 9);
     for i in 0..g.len() {
-        // So clear that the last are still seen.
+        // The opacities are so low that the last splats are still visible.
         g.log_scale[i] = g.log_scale[i].map(|s| s - 0.7);
         g.opacity_logit[i][0] -= 3.0;
     }
@@ -212,7 +213,7 @@ fn gradients_agree_where_a_tile_has_more_splats_than_one_batch() {
 }
 
 #[test]
-fn a_broken_gradient_is_seen() {
+fn the_comparison_detects_a_gradient_that_is_wrong_by_a_thousandth() {
     let g = scene(40, 0);
     let mut broken = gradient(&g, &camera());
     for v in broken.groups_mut()[1].iter_mut() {
@@ -235,24 +236,24 @@ fn f32_kernels_agree_with_f64() {
 }
 
 #[test]
-fn what_was_rendered_before_leaves_no_trace() {
-    let (mut prepared, mut raster) = (SortedSplats::default(), Rasterizer::<f32, 4>::default());
+fn a_render_does_not_depend_on_earlier_renders_with_the_same_buffers() {
+    let (mut sorted, mut raster) = (SortedSplats::default(), Rasterizer::<f32, 4>::default());
     for (n, size) in [(40, 35), (700, 80), (7, 16), (0, 33), (18, 1)] {
         let g = scene(n, 3).narrow();
         let camera = FrameCamera { width: size, height: size, ..camera::<f32>() };
         let mut fresh = SortedSplats::default();
         fresh.update(&g);
-        prepared.update(&g);
+        sorted.update(&g);
         let f = features(&g, &fresh);
         let expected = Rasterizer::default().render(&fresh, &f, &camera, [0.5; 4]).clone();
-        assert_eq!(*raster.render(&prepared, &f, &camera, [0.5; 4]), expected, "{n} splats");
-        let opacities = (0..n).map(|rank| f64::from(prepared.opacity(rank))).sum::<f64>();
-        assert!((prepared.mean_opacity() - opacities / n.max(1) as f64).abs() < 1e-6);
+        assert_eq!(*raster.render(&sorted, &f, &camera, [0.5; 4]), expected, "{n} splats");
+        let opacities = (0..n).map(|rank| f64::from(sorted.opacity(rank))).sum::<f64>();
+        assert!((sorted.mean_opacity() - opacities / n.max(1) as f64).abs() < 1e-6);
     }
 }
 
 #[test]
-fn numbers_beyond_reason_neither_panic_nor_hide_other_splats() {
+fn non_finite_and_huge_parameters_neither_panic_nor_hide_other_splats() {
     let sound = scene(1, 0).narrow();
     let camera = camera::<f32>();
     for group in 0..GROUPS {
@@ -261,28 +262,28 @@ fn numbers_beyond_reason_neither_panic_nor_hide_other_splats() {
             g.apply(&Edit::permute(vec![0, 0]));
             let second = g.groups()[group].len() / 2..;
             g.groups_mut()[group][second].fill(wrong);
-            let mut prepared = SortedSplats::default();
-            prepared.update(&g);
-            let (mut raster, f) = (Rasterizer::<f32, 4>::default(), features(&g, &prepared));
-            raster.render(&prepared, &f, &camera, [0.0; 4]);
+            let mut sorted = SortedSplats::default();
+            sorted.update(&g);
+            let (mut raster, f) = (Rasterizer::<f32, 4>::default(), features(&g, &sorted));
+            raster.render(&sorted, &f, &camera, [0.0; 4]);
             let (mut shared, mut by_feature) = (vec![SplatGradient::default(); 2], vec![[0.0; 4]; 2]);
-            raster.backward(&prepared, &weights(camera.width, camera.height), &mut shared, &mut by_feature);
-            let seen = [0, 1].map(|splat| raster.mean2d_gradient(prepared.rank(splat)).is_some());
-            // A splat that is nowhere is not seen.
-            assert!(seen[0] && !(group == 0 && seen[1]), "{wrong} in group {group}: {seen:?}");
+            raster.backward(&sorted, &weights(camera.width, camera.height), &mut shared, &mut by_feature);
+            let visible = [0, 1].map(|splat| raster.mean2d_gradient(sorted.rank(splat)).is_some());
+            // A splat without a finite position is not visible.
+            assert!(visible[0] && !(group == 0 && visible[1]), "{wrong} in group {group}: {visible:?}");
         }
     }
 }
 
 #[test]
-fn one_splat_is_its_closed_form() {
+fn the_render_of_one_splat_agrees_with_its_closed_form() {
     let mut g = Splats::default();
     g.push([0.5, -0.25, 2.0], 0.8, 0.7, [0.3, 0.6, 0.9]);
-    let mut prepared = SortedSplats::default();
-    prepared.update(&g);
+    let mut sorted = SortedSplats::default();
+    sorted.update(&g);
     let camera = camera::<f64>();
     let mut raster = Rasterizer::<f64, 4>::default();
-    let image = raster.render(&prepared, &features(&g, &prepared), &camera, BACKGROUND);
+    let image = raster.render(&sorted, &features(&g, &sorted), &camera, BACKGROUND);
     let m = camera.kernel.linear;
     let p = g.position[0];
     let mean: [f64; 2] =
@@ -309,25 +310,25 @@ fn one_splat_is_its_closed_form() {
 }
 
 #[test]
-fn every_pixel_of_every_ellipse_is_reached() {
-    // Long thin splats at all angles, rendered whole and by the closed form's sum of weights.
+fn no_pixel_of_an_ellipse_is_lost_by_binning_into_tiles_and_blocks() {
+    // Long thin splats at random angles are rendered by two cameras whose images are shifted against each other.
     let mut counter = 5 << 32;
     for _ in 0..200 {
         let mut g = scene(1, counter);
         counter += 1 << 32;
         g.log_scale[0] = [1.6, -3.0, -3.0];
         g.opacity_logit[0][0] = 3.0;
-        let mut prepared = SortedSplats::default();
-        prepared.update(&g);
+        let mut sorted = SortedSplats::default();
+        sorted.update(&g);
         let camera = camera::<f64>();
         let mut raster = Rasterizer::<f64, 1>::default();
-        let image = raster.render(&prepared, &[[1.0]], &camera, [0.0]).clone();
-        let mut wide = camera;
-        // The same camera in a frame moved by a few pixels: other tiles, the same picture.
-        wide.kernel.offset = [camera.kernel.offset[0] + 5.0, camera.kernel.offset[1] + 9.0];
-        wide.width += 16;
-        wide.height += 16;
-        let moved = raster.render(&prepared, &[[1.0]], &wide, [0.0]);
+        let image = raster.render(&sorted, &[[1.0]], &camera, [0.0]).clone();
+        let mut shifted = camera;
+        // The shift by a few pixels changes the tiles and must not change the image.
+        shifted.kernel.offset = [camera.kernel.offset[0] + 5.0, camera.kernel.offset[1] + 9.0];
+        shifted.width += 16;
+        shifted.height += 16;
+        let moved = raster.render(&sorted, &[[1.0]], &shifted, [0.0]);
         for row in 0..camera.height {
             for col in 0..camera.width {
                 assert!((image.at(0, col, row) - moved.at(0, col + 5, row + 9)).abs() < 1e-9);

@@ -1,7 +1,7 @@
-//! What a scene can be expected to give, and what it takes: for a user to know before hours of work.
+//! The height error, time and memory to expect of a scene, before it is processed.
 //!
-//! Errors are those of simulated towns (docs/accuracy.md, "Few views"), in pixels of the images, so that they hold for
-//! other resolutions of alike scenes; times and memory are fitted to runs on two cores (docs/performance.md).
+//! Errors were measured on simulated towns (docs/accuracy.md, "Few views"). They are in pixels of the images, so that they
+//! apply to similar scenes at other resolutions. Times and memory are fitted to runs on two cores (docs/performance.md).
 
 use crate::affine::{SiteScene, SiteView};
 use crate::mvs::FEW_VIEWS;
@@ -9,57 +9,58 @@ use crate::scene::Role;
 use crate::splat::train::recipe::Recipe;
 use crate::stats::quantile;
 
-/// Numbers of views and the mean absolute height error that they left, pixels, by three towns of 0.5 m each.
+/// Numbers of views, and the mean absolute height error with them in pixels, averaged over three towns with pixels of
+/// 0.5 m.
 const ERROR_PX: [(usize, f64); 5] = [(2, 2.5), (3, 1.9), (4, 1.7), (5, 1.3), (10, 1.2)];
-/// Angles between two views for which the error of a pair was measured, degrees.
+/// Convergence angles for which the error of a pair was measured, degrees.
 const MEASURED_DEG: std::ops::RangeInclusive<f64> = 10.0..=30.0;
-/// The angle at which heights are best: enough base, and the views still look alike, degrees.
+/// The convergence angle with the best heights, degrees: the base is long enough, and the images are still similar.
 pub const BEST_CONVERGENCE_DEG: f64 = 20.0;
-/// Seconds of one core for an iteration with a million pixels.
+/// Seconds of one core for an iteration with a view of a million pixels.
 const ITERATION_S: f64 = 0.18;
-/// Seconds of one core to match a view's million pixels.
+/// Seconds of one core for the dense matching of a view of a million pixels.
 const MATCHING_S: f64 = 12.0;
-/// Memory without images, and for a million pixels of a view, gigabytes.
+/// Memory without images, and for a million pixels of each view, gigabytes.
 const BASE_GB: f64 = 0.3;
 const VIEW_GB: f64 = 0.05;
-/// Memory for matching and splats of a million pixels of the area, gigabytes.
+/// Memory of dense matching and splats for an area of a million pixels, gigabytes.
 const AREA_GB: f64 = 0.6;
 
-/// Of the angles between pairs of views the one nearest to that at which heights are best; NaN without pairs.
+/// The convergence angle, of those of all pairs of views, that is nearest to [`BEST_CONVERGENCE_DEG`]; NaN without pairs.
 #[must_use]
 pub fn best_convergence_deg(angles: impl Iterator<Item = f64>) -> f64 {
     let off = |deg: &f64| (deg - BEST_CONVERGENCE_DEG).abs();
     angles.min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(f64::NAN)
 }
 
-/// What a scene is made of.
+/// The size of a scene.
 #[derive(Clone, Copy, Debug)]
 pub struct Extent {
-    /// Training views.
+    /// Number of training views.
     pub views: usize,
     /// The convergence angle of the best pair of views, degrees: [`best_convergence_deg`].
     pub convergence_deg: f64,
-    /// Ground sampling distance, metres.
+    /// Median ground sampling distance of the training views, metres.
     pub gsd_m: f64,
-    /// Area that is trained, square metres.
+    /// Area of the scene, square metres.
     pub area_m2: f64,
 }
 
-/// What can be expected of it with recipe `best`.
+/// What to expect of a scene with recipe `best`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expectation {
-    /// Mean absolute error of the heights, metres.
+    /// Mean absolute height error, metres.
     pub error_m: f64,
-    /// Whether the angle of a pair is one for which that was measured.
+    /// Whether the error was measured for this convergence angle; always true for more than two views.
     pub is_measured: bool,
-    /// Minutes with so many threads.
+    /// Minutes with the given number of threads.
     pub minutes: f64,
     /// Memory, gigabytes.
     pub memory_gb: f64,
 }
 
 impl Extent {
-    /// Of the training views of a scene.
+    /// The extent of a scene with its training views.
     #[must_use]
     pub fn of(scene: &SiteScene) -> Self {
         let views: Vec<&SiteView> = scene.views.iter().filter(|v| v.role == Role::Train).collect();
@@ -77,7 +78,7 @@ impl Extent {
         }
     }
 
-    /// What `satgs run` can be expected to give and take with so many threads.
+    /// What to expect of `satgs run` with this number of threads.
     #[must_use]
     pub fn expectation(&self, recipe: &Recipe, threads: usize) -> Expectation {
         let megapixels = self.area_m2 / self.gsd_m.powi(2) / 1e6;
@@ -93,7 +94,7 @@ impl Extent {
 }
 
 impl Expectation {
-    /// The expectation in words; `threads` are those it was made for.
+    /// The expectation as a sentence; `threads` is the number that it was computed for.
     #[must_use]
     pub fn text(&self, extent: &Extent, threads: usize) -> String {
         let Self { error_m, minutes, memory_gb, .. } = self;
@@ -121,7 +122,7 @@ impl Expectation {
     }
 }
 
-/// The table's error, between its numbers of views in proportion; that of ten for more.
+/// Error in pixels, interpolated linearly in [`ERROR_PX`]; that of ten views for more.
 fn error_px(views: usize) -> f64 {
     let last = ERROR_PX[ERROR_PX.len() - 1].1;
     let pair = ERROR_PX.windows(2).find(|pair| views <= pair[1].0);
@@ -136,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn more_views_promise_more_and_take_longer() {
+    fn with_more_views_the_expected_error_falls_and_the_time_rises() {
         let of = |views: usize| {
             let extent = Extent { views, convergence_deg: 18.0, gsd_m: 0.5, area_m2: 250_000.0 };
             extent.expectation(&Recipe::named("best").unwrap(), 2)

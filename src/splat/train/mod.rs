@@ -1,4 +1,4 @@
-//! Training: plans every iteration by the recipe and lets a backend run it.
+//! Training: plans each iteration after the recipe; a backend executes it.
 
 pub mod expectation;
 pub mod pictures;
@@ -13,29 +13,29 @@ use crate::splat::splats::PerGroup;
 use crate::splat::train::recipe::Recipe;
 use serde::{Deserialize, Serialize};
 
-/// Iterations from one report of progress to the next.
+/// Number of iterations between two progress events.
 const STATUS_EVERY: u32 = 10;
-/// Purposes of random numbers.
+/// Purposes of the random numbers.
 const DRAW_ORDER: u64 = 10;
 const DRAW_BACKGROUND: u64 = 11;
 const DRAW_VIRTUAL: u64 = 12;
 
-/// One line of the training's log.
+/// One line of the training log: an iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LogLine {
     /// Iteration, from 1.
     pub iteration: u32,
-    /// Loss.
+    /// The loss: the weighted sum of all terms.
     pub loss: f64,
-    /// Columns of the loss's terms, unweighted: [`column_names`].
+    /// Unweighted columns of the loss terms, named by [`column_names`].
     pub columns: [f64; COLUMNS],
-    /// Splats after the iteration.
+    /// Number of splats after the iteration.
     pub splats: usize,
-    /// Splats doubled by this iteration's check.
+    /// Number of splats that were densified after the iteration.
     pub grown: usize,
-    /// Splats removed by it.
+    /// Number of splats that were pruned after the iteration.
     pub pruned: usize,
-    /// Seconds since the start, interruptions excepted.
+    /// Seconds of training since the start, without the time between interruption and restart.
     pub seconds: f64,
 }
 
@@ -46,13 +46,13 @@ impl LogLine {
         Self { iteration, loss: total, columns, splats, grown: change.grown, pruned: change.pruned, seconds }
     }
 
-    /// Names of the values of [`LogLine::record`].
+    /// Names of the values of [`LogLine::record`], in their order.
     pub fn header() -> impl Iterator<Item = &'static str> {
         let after = ["splats", "grown", "pruned", "seconds"];
         ["iteration", "loss"].into_iter().chain(column_names()).chain(after)
     }
 
-    /// The line's values as text.
+    /// The values of the line as text, for `train.csv`.
     pub fn record(&self) -> impl Iterator<Item = String> + '_ {
         let before = [self.iteration.to_string(), self.loss.to_string()];
         let after = [self.splats, self.grown, self.pruned].map(|n| n.to_string());
@@ -60,37 +60,37 @@ impl LogLine {
         before.into_iter().chain(columns).chain(after).chain([self.seconds.to_string()])
     }
 
-    /// The column of this name; zero if no term has it.
+    /// The value of a loss term's column; zero if no term has the column.
     #[must_use]
     pub fn column(&self, name: &str) -> f64 {
         column_names().position(|n| n == name).map_or(0.0, |k| self.columns[k])
     }
 }
 
-/// What is done at which iteration: a recipe at a site.
+/// The schedule of a training: a recipe applied to a scene.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule<'a> {
-    /// The training choices.
+    /// The training options.
     pub recipe: &'a Recipe,
-    /// Training views.
+    /// Number of training views.
     pub views: usize,
-    /// Half the diagonal of the area, metres.
+    /// Half of the area's diagonal, metres: the half side of the cube that the recipe's lengths refer to.
     pub half_side_m: f64,
-    /// Pixel of the training views, metres: [`median_pixel_m`](crate::affine::median_pixel_m).
+    /// Median pixel size of the training views, metres: [`median_pixel_m`](crate::affine::median_pixel_m).
     pub pixel_m: f64,
-    /// Splats that training starts with.
+    /// Initial number of splats.
     pub splats_at_start: usize,
-    /// Seed of every draw.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
-/// Trains to the recipe's end, from the iteration after the last of `log`.
+/// Trains from the iteration after the last of `log` to the end of the recipe.
 ///
-/// `at` is called with the backend and the complete log after iterations for which `is_due` holds, after the last one, and
-/// when `progress` asks to stop.
+/// `at` is called with the backend and the complete log after each iteration for which `is_due` is true, after the last one,
+/// and after each iteration while `progress` is cancelled.
 ///
 /// # Errors
-/// Those of the backend, and the first that `at` returns: training stops there.
+/// The first error of the backend or of `at`, which ends the training.
 pub fn train<B: TrainingBackend, E: From<BackendError>>(
     backend: &mut B,
     schedule: &Schedule,
@@ -128,7 +128,7 @@ pub fn train<B: TrainingBackend, E: From<BackendError>>(
 }
 
 impl Schedule<'_> {
-    /// What an iteration does.
+    /// The plan of an iteration, from 1.
     fn plan(&self, iteration: u32) -> StepPlan {
         let r = self.recipe;
         let mut background = CounterRng::new(self.seed, DRAW_BACKGROUND, iteration.into(), 0);
@@ -136,12 +136,12 @@ impl Schedule<'_> {
             let since = (iteration - 1) % reset.every + 1;
             (iteration > reset.every).then_some((reset, since))
         });
-        let rests = |span: fn(&crate::splat::train::recipe::Reset) -> u32| {
+        let is_paused = |span: fn(&crate::splat::train::recipe::Reset) -> u32| {
             past_reset.is_some_and(|(r, s)| s < span(&r))
         };
         let virtual_terms = ["consistency_altitude", "consistency_color"];
         let mut weights = r.weights.scaled(&virtual_terms, f64::from(r.virtual_every));
-        if rests(|r| r.opacity_loss_rests) {
+        if is_paused(|r| r.opacity_loss_rests) {
             weights = weights.scaled(&["opacity"], 0.0);
         }
         let has_consistency = virtual_terms.iter().any(|name| weights.get(name) > 0.0);
@@ -159,11 +159,11 @@ impl Schedule<'_> {
             opacity_divisor: r.opacity_by_start.then_some(self.splats_at_start),
             rates: self.rates(),
             appearance_rate: r.appearance_rate,
-            densify: self.densification(iteration, rests(|r| r.growth_rests)),
+            densify: self.densification(iteration, is_paused(|r| r.growth_rests)),
         }
     }
 
-    /// Views in random order without replacement, round after round.
+    /// The view of an iteration: each round goes through all views once, in random order.
     fn view(&self, iteration: u32) -> usize {
         let (round, turn) = ((iteration - 1) as usize / self.views, (iteration - 1) as usize % self.views);
         let mut order: Vec<usize> = (0..self.views).collect();
@@ -174,19 +174,22 @@ impl Schedule<'_> {
         order[turn]
     }
 
+    /// Random shear of the virtual view: normal, clamped to one standard deviation (EOGS).
     fn virtual_shear(&self, iteration: u32) -> [f64; 2] {
         let mut draw = CounterRng::new(self.seed, DRAW_VIRTUAL, iteration.into(), 0);
         std::array::from_fn(|_| self.recipe.virtual_shear * draw.normal().clamp(-1.0, 1.0))
     }
 
+    /// Learning rates, that of positions in metres.
     fn rates(&self) -> PerGroup<f64> {
         let rates = self.recipe.rates;
         PerGroup { position: rates.position * self.half_side_m, ..rates }
     }
 
-    fn densification(&self, iteration: u32, rests: bool) -> DensifyPlan {
+    /// Densification, pruning and opacity reset after an iteration.
+    fn densification(&self, iteration: u32, is_paused: bool) -> DensifyPlan {
         let r = self.recipe;
-        let due = iteration.is_multiple_of(r.check_every) && !rests;
+        let due = iteration.is_multiple_of(r.check_every) && !is_paused;
         let growth = r.growth.filter(|g| due && (g.from..=g.until).contains(&iteration));
         let resets =
             r.reset.filter(|reset| iteration.is_multiple_of(reset.every) && iteration < r.iterations);
@@ -207,7 +210,7 @@ mod tests {
     use crate::splat::novel_view::{NovelView, Picture};
     use crate::splat::state::TrainingState;
 
-    /// Records what it is asked to do, and reports a step only when the next but one is submitted, or when it must.
+    /// Records all plans, and reports an iteration only two submissions later or when it is asked to wait.
     #[derive(Default)]
     struct LateBackend {
         submitted: Vec<StepPlan>,
@@ -247,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_backend_that_answers_later_gets_the_same_plans_and_gives_a_complete_log_where_one_is_due() {
+    fn an_asynchronous_backend_gets_the_same_plans_and_the_log_is_complete_in_callbacks() {
         let recipe = Recipe { iterations: 50, ..Recipe::named("eogs").unwrap() };
         let schedule = of(&recipe);
         let (mut backend, mut log, mut lengths) = (LateBackend::default(), Vec::new(), Vec::new());
@@ -262,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn training_that_is_asked_to_stop_calls_back_with_the_complete_log() {
+    fn cancelled_training_calls_back_with_the_complete_log() {
         let recipe = Recipe { iterations: 50, ..Recipe::named("eogs").unwrap() };
         let stop = Recorder::cancelling(|e| matches!(e, Event::Advanced { done: 18, .. }));
         let (mut backend, mut log) = (LateBackend::default(), Vec::new());
@@ -274,24 +277,24 @@ mod tests {
         assert_eq!((log.len(), backend.submitted.len()), (21, 21));
     }
 
-    /// A recipe at a site of 452 m.
+    /// The schedule of a recipe for an area with a diagonal of 452 m.
     fn of(recipe: &Recipe) -> Schedule<'_> {
         Schedule { recipe, views: 7, half_side_m: 226.0, pixel_m: 0.3, splats_at_start: 10, seed: 1 }
     }
 
     #[test]
-    fn every_view_has_its_turn_in_every_round() {
+    fn every_round_has_every_view_once() {
         let recipe = Recipe::named("baeogs").unwrap();
         let schedule = of(&recipe);
         for round in 0..20 {
-            let mut seen: Vec<usize> = (1..=7).map(|i| schedule.plan(round * 7 + i).view).collect();
-            seen.sort_unstable();
-            assert_eq!(seen, [0, 1, 2, 3, 4, 5, 6]);
+            let mut views: Vec<usize> = (1..=7).map(|i| schedule.plan(round * 7 + i).view).collect();
+            views.sort_unstable();
+            assert_eq!(views, [0, 1, 2, 3, 4, 5, 6]);
         }
     }
 
     #[test]
-    fn half_resolution_comes_first_unless_its_pixels_are_too_wide() {
+    fn half_resolution_comes_first_unless_its_pixels_are_too_large() {
         let recipe = Recipe::named("best").unwrap();
         let levels = |pixel_m: f64| {
             let schedule = Schedule { pixel_m, ..of(&recipe) };
@@ -303,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_reset_the_loss_on_opacities_rests_until_growth_ends() {
+    fn after_a_reset_the_opacity_loss_is_paused_until_densification_ends() {
         let recipe = Recipe::named("baeogs").unwrap();
         let weight = |i| of(&recipe).plan(i).weights.get("opacity");
         assert!(weight(3000) > 0.0 && weight(3001) == 0.0 && weight(3999) == 0.0 && weight(4000) > 0.0);
@@ -311,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn every_reset_is_followed_by_its_own_rest() {
+    fn every_reset_is_followed_by_a_pause() {
         let recipe = Recipe { iterations: 9000, ..Recipe::named("baeogs").unwrap() };
         let plan = |i| of(&recipe).plan(i);
         assert!(plan(6000).weights.get("opacity") > 0.0 && plan(6000).densify.prune_below.is_some());
@@ -319,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn the_schedule_is_the_papers() {
+    fn the_schedule_of_baeogs_is_that_of_the_paper() {
         let recipe = Recipe::named("baeogs").unwrap();
         let schedule = of(&recipe);
         let grows = |i| schedule.plan(i).densify.grow.is_some();
@@ -332,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn no_virtual_view_is_drawn_where_consistency_weighs_nothing() {
+    fn no_virtual_view_is_rendered_without_a_consistency_weight() {
         let mut recipe = Recipe::named("best").unwrap();
         recipe.weights = recipe.weights.scaled(&["consistency_altitude", "consistency_color"], 0.0);
         let schedule = of(&recipe);
@@ -341,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn fewer_virtual_views_weigh_more() {
+    fn less_frequent_virtual_views_have_larger_weights() {
         let recipe = Recipe { virtual_every: 3, ..Recipe::named("baeogs").unwrap() };
         let schedule = of(&recipe);
         let plans: Vec<_> = (1200..1206).map(|i| schedule.plan(i)).collect();
@@ -351,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn opacities_of_eogs_count_by_the_splats_at_the_start() {
+    fn the_opacity_loss_of_eogs_divides_by_the_initial_number_of_splats() {
         let recipe = Recipe::named("eogs").unwrap();
         let schedule = Schedule { splats_at_start: 1000, ..of(&recipe) };
         let plan = schedule.plan(700);

@@ -1,4 +1,4 @@
-//! Training in pictures: what a view looks like by now, and how loss and number of splats went.
+//! Images of the training's progress: a view as it is rendered so far, and curves of loss and number of splats.
 
 use crate::affine::TrainingView;
 use crate::io::{Chart, RgbImage};
@@ -6,39 +6,39 @@ use crate::splat::loss::target::{COARSEST_LEVEL, TargetImage};
 use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::train::LogLine;
 
-/// Longest side of a panel (of views of up to 16 times that), and between panels, pixels.
+/// Longest side of a panel, for views of up to 16 times that, and the gap between panels, pixels.
 const PANEL: usize = 400;
 const GAP: usize = 8;
-/// Mean colour difference that is drawn in full red.
+/// Mean difference of encoded colours that is shown in full red.
 const LARGEST_ERROR: f32 = 0.25;
-/// Largest number of points of a curve; each is the mean of so many iterations.
+/// Largest number of points of a curve; each is the mean over successive iterations.
 const CURVE_POINTS: usize = 400;
-/// Where there is no image or no surface.
-const NOTHING: [u8; 3] = [160, 160, 160];
+/// Colour of pixels without image or surface.
+const NO_DATA: [u8; 3] = [160, 160, 160];
 
-/// Whether the last of `done` iterations, one at least, ends one of `snapshots` equal parts of `all`.
+/// Whether iteration `done`, from 1, is the last of one of `snapshots` equal parts of `all` iterations.
 #[must_use]
 pub fn is_snapshot_due(snapshots: u32, done: u32, all: u32) -> bool {
     let part = |done: u32| u64::from(done) * u64::from(snapshots) / u64::from(all);
     part(done) > part(done - 1)
 }
 
-/// Five panels of a training view: its image, its picture, the share of sunlight, altitudes (black at the lowest, white at
-/// the highest), and the difference of picture and image (white none, red large).
+/// Five panels of a training view: its image, the rendered picture, the share of sunlight, the altitudes (black is the
+/// lowest, white the highest), and the difference of picture and image (white is none, red is large).
 pub struct Panels<'a> {
     view: &'a TrainingView,
     target: TargetImage,
-    /// The view at the panels' resolution, of which they need the picture.
+    /// The camera at the panels' resolution, with which the picture must be rendered.
     pub from: NovelView,
 }
 
 impl<'a> Panels<'a> {
-    /// The panels of a view; without `shadows` there is no sun.
+    /// The panels of a view; `shadows` tells whether the picture has shadows.
     #[must_use]
     pub fn new(view: &'a TrainingView, shadows: bool) -> Self {
-        let times = view.width.max(view.height).div_ceil(PANEL);
-        let thin = view.width.min(view.height).ilog2() as usize;
-        let level = (times.next_power_of_two().ilog2() as usize).min(COARSEST_LEVEL).min(thin);
+        let factor = view.width.max(view.height).div_ceil(PANEL);
+        let max_level = view.width.min(view.height).ilog2() as usize;
+        let level = (factor.next_power_of_two().ilog2() as usize).min(COARSEST_LEVEL).min(max_level);
         let mut target = TargetImage::default();
         let camera = target.load(view, level);
         let size = (target.colors.width, target.colors.height);
@@ -47,7 +47,7 @@ impl<'a> Panels<'a> {
         Self { view, target, from: NovelView { camera, size, sun_shear } }
     }
 
-    /// Draws them with the picture that was made `from` there; `altitudes` are the lowest and highest.
+    /// Draws the panels with the picture rendered from [`Panels::from`]; `altitudes` are the lowest and highest, metres.
     #[must_use]
     pub fn draw(&self, picture: Picture, altitudes: (f64, f64)) -> RgbImage {
         draw_panels(self.view, &self.target, picture, altitudes)
@@ -56,32 +56,33 @@ impl<'a> Panels<'a> {
 
 fn draw_panels(
     view: &TrainingView,
-    truth: &TargetImage,
+    target: &TargetImage,
     mut picture: Picture,
     altitudes: (f64, f64),
 ) -> RgbImage {
-    let (width, height) = (truth.colors.width, truth.colors.height);
+    let (width, height) = (target.colors.width, target.colors.height);
     view.transfer_function.encode(&mut picture.colors);
     let mut panels = RgbImage::white(5 * (width + GAP) - GAP, height);
     let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
     let (low, high) = (altitudes.0 as f32, altitudes.1 as f32);
     for row in 0..height {
         for col in 0..width {
-            let counts = truth.valid[row * width + col];
-            let image = counts.then(|| {
-                std::array::from_fn(|c| view.transfer_function.encoded(truth.colors.at(c, col, row)))
+            let is_valid = target.valid[row * width + col];
+            let image = is_valid.then(|| {
+                std::array::from_fn(|c| view.transfer_function.encoded(target.colors.at(c, col, row)))
             });
-            let made = picture.colors.each_ref().map(|c| c.at(col, row));
+            let rendered = picture.colors.each_ref().map(|c| c.at(col, row));
             let altitude = picture.altitude.at(col, row);
-            let error = image
-                .map(|image: [f32; 3]| image.iter().zip(made).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0);
+            let error = image.map(|image: [f32; 3]| {
+                image.iter().zip(rendered).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0
+            });
             let white = error.map(|e| byte(1.0 - e / LARGEST_ERROR));
             let colors = [
-                image.map_or(NOTHING, |c| c.map(byte)),
-                made.map(byte),
+                image.map_or(NO_DATA, |c| c.map(byte)),
+                rendered.map(byte),
                 [byte(picture.sunlight.at(col, row)); 3],
-                if altitude.is_nan() { NOTHING } else { [byte((altitude - low) / (high - low)); 3] },
-                white.map_or(NOTHING, |w| [255, w, w]),
+                if altitude.is_nan() { NO_DATA } else { [byte((altitude - low) / (high - low)); 3] },
+                white.map_or(NO_DATA, |w| [255, w, w]),
             ];
             for (panel, color) in colors.into_iter().enumerate() {
                 panels.set(panel * (width + GAP) + col, row, color);
@@ -91,7 +92,7 @@ fn draw_panels(
     panels
 }
 
-/// Loss and number of splats over the iterations, each as a fraction of its largest value.
+/// Curves of loss and number of splats over the iterations, each as a fraction of its largest value.
 #[must_use]
 pub fn curves(log: &[LogLine]) -> Chart {
     let block = log.len().div_ceil(CURVE_POINTS).max(1);
@@ -128,7 +129,7 @@ mod tests {
         let view =
             TrainingView::new("v".into(), camera, Some([1.0, 0.0]), &[white], (-30.0, -30.0, 10.0, 30.0));
         let mut splats = Splats::default();
-        // Black ground, of which a roof hides a part from the sun.
+        // Black ground, a part of which lies in the shadow of a roof.
         for i in -12..=12 {
             for j in -12..=12 {
                 splats.push([2.0 * i as f32, 2.0 * j as f32, 0.0], 2.0, 0.99, [0.0; 3]);
@@ -144,16 +145,16 @@ mod tests {
         let image = panels.draw(picture, (-10.0, 10.0));
         assert_eq!((image.width, image.height), (5 * 48 - 8, 40));
         let at = |panel: usize, col: usize, row: usize| image.at(panel * 48 + col, row);
-        assert_eq!((at(0, 5, 30), at(0, 38, 30)), ([255; 3], NOTHING));
+        assert_eq!((at(0, 5, 30), at(0, 38, 30)), ([255; 3], NO_DATA));
         assert!(at(1, 5, 30)[0] < 10 && at(3, 5, 30)[0].abs_diff(127) < 3, "ground");
         assert!(at(3, 21, 20)[0] > 240, "roof");
         let light: Vec<u8> = (0..40).map(|col| at(2, col, 20)[0]).collect();
         assert!(light.iter().any(|l| *l < 100) && light[2] > 240, "{light:?}");
-        assert_eq!((at(4, 5, 30), at(4, 38, 30)), ([255, 0, 0], NOTHING));
+        assert_eq!((at(4, 5, 30), at(4, 38, 30)), ([255, 0, 0], NO_DATA));
     }
 
     #[test]
-    fn snapshots_end_equal_parts_of_the_training() {
+    fn snapshots_are_due_at_the_end_of_equal_parts_of_the_training() {
         let due = |snapshots: u32| -> Vec<u32> {
             (1..=100).filter(|done| is_snapshot_due(snapshots, *done, 100)).collect()
         };
@@ -162,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn curves_of_any_number_of_iterations_have_few_points_up_to_one() {
+    fn curves_have_a_limited_number_of_points_of_at_most_one() {
         for iterations in [0, 1, 2, 799, 4000] {
             let line =
                 |i: u32| LogLine { iteration: i, loss: 1.0 / f64::from(i), splats: 9, ..LogLine::default() };

@@ -1,0 +1,150 @@
+//! Alpha compositing of a band, front to back (3DGS, equation 3): a pixel is the sum over its splats of
+//! `alpha_k T_k f_k`, where `T_k` is the product of `1 - alpha_j` over the splats in front of splat `k`.
+
+use super::bands::Band;
+use super::batch::{BATCH, Batch, BlockEdges};
+use super::block::{BLOCKS_ACROSS, BlockPixels, MAX_BLOCKS, tile_extents};
+use super::{ALPHA_CUT, ALPHA_MAX, MIN_TRANSMITTANCE};
+use crate::simd::{Exp2, MAX_LANES, Real, Simd, SimdKernel, SimdReal, SimdVec, broadcast_each, set_bits};
+use std::hint::black_box;
+
+/// Broadcast constants of the forward and the backward kernel.
+pub(super) struct KernelConstants<S: Simd> {
+    pub simd: S,
+    /// Base-2 logarithm of [`ALPHA_CUT`].
+    log2_cut: SimdVec<S>,
+    min_transmittance: SimdVec<S>,
+    pub alpha_max: SimdVec<S>,
+    pub zero: SimdVec<S>,
+    pub one: SimdVec<S>,
+    exp2: Exp2<S>,
+}
+
+impl<S: Simd> KernelConstants<S> {
+    #[inline(always)]
+    pub fn new(simd: S) -> Self {
+        let broadcast = |v: f64| SimdVec::broadcast(simd, S::Scalar::from_f64(v));
+        // `black_box` hides the values from the compiler. It would otherwise broadcast a known number anew wherever
+        // registers are short, while an instruction can read a vector from memory at no extra cost.
+        black_box(Self {
+            simd,
+            log2_cut: broadcast(ALPHA_CUT.log2()),
+            min_transmittance: broadcast(MIN_TRANSMITTANCE),
+            alpha_max: broadcast(ALPHA_MAX),
+            zero: broadcast(0.0),
+            one: broadcast(1.0),
+            exp2: Exp2::new(simd),
+        })
+    }
+
+    /// Alphas of splats of a batch at the pixels of a block, not yet clamped to [`ALPHA_MAX`].
+    ///
+    /// They are computed for many splats before the first is composited: the processor overlaps the iterations of so short
+    /// a loop.
+    #[inline(always)]
+    pub fn alphas<const C: usize>(
+        &self,
+        batch: &Batch<S::Scalar, C>,
+        splats: &[u8],
+        at: &BlockPixels<S>,
+        alphas: &mut [SimdVec<S>; MAX_LANES],
+    ) {
+        for (splat, alpha) in splats.iter().zip(alphas) {
+            let log2_alpha = batch.log2_alpha_at(self.simd, *splat, at);
+            *alpha = log2_alpha.exp2_with(&self.exp2).select_or_zero(log2_alpha.greater_equal(self.log2_cut));
+        }
+    }
+
+    /// Whether a pixel of a block still transmits at least [`MIN_TRANSMITTANCE`].
+    #[inline(always)]
+    pub fn is_translucent(&self, transmittance: SimdVec<S>) -> bool {
+        transmittance.greater_equal(self.min_transmittance).any()
+    }
+}
+
+/// Renders a band into `out`, whose rows have `C` features and the transmittance as channels.
+pub(super) struct Forward<'a, T, const C: usize> {
+    pub band: &'a mut Band<T, C>,
+    /// Index of the band in the image.
+    pub index: usize,
+    /// Columns of the image.
+    pub width: usize,
+    pub background: [T; C],
+    pub out: &'a mut [T],
+}
+
+impl<T: SimdReal, const C: usize> SimdKernel<T> for Forward<'_, T, C> {
+    #[inline(always)]
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
+        let Self { band, index, width, background, out } = self;
+        let (k, pixels, edges) = (KernelConstants::new(simd), BlockPixels::all(simd), BlockEdges::new(simd));
+        // Filling whole lines needs no read from memory, and leaves them in the cache for the tiles, which write parts of
+        // lines.
+        out.fill(T::zero());
+        let background = broadcast_each(simd, background);
+        let (mut batch, mut alphas) = (Batch::new(), [k.zero; MAX_LANES]);
+        let mut computed = 0;
+        for extent in tile_extents(width, out.len() / ((C + 1) * width)) {
+            band.prefetch(extent.tile);
+            let mut states = [ForwardState { transmittance: k.one, color: [k.zero; C] }; MAX_BLOCKS];
+            let mut translucent = extent.blocks::<S>();
+            for entries in band.tile(extent.tile).chunks(BATCH) {
+                batch.fill(simd, &edges, entries, extent.tile, index);
+                for b in set_bits(translucent) {
+                    let mut block = states[b];
+                    for splats in batch.list(b).chunks(S::WIDTH) {
+                        if !k.is_translucent(block.transmittance) {
+                            translucent &= !(1 << b);
+                            break;
+                        }
+                        computed += splats.len();
+                        k.alphas(&batch, splats, &pixels[b], &mut alphas);
+                        for (splat, alpha) in splats.iter().zip(&alphas) {
+                            block.composite(&k, batch.features(*splat), *alpha);
+                        }
+                    }
+                    states[b] = block;
+                }
+                if translucent == 0 {
+                    break;
+                }
+            }
+            for down in 0..extent.block_rows::<S>() {
+                let mut row = [k.zero; BLOCKS_ACROSS];
+                for c in 0..C {
+                    for across in 0..BLOCKS_ACROSS {
+                        let block = &states[down * BLOCKS_ACROSS + across];
+                        row[across] = block.transmittance.mul_add(background[c], block.color[c]);
+                    }
+                    extent.scatter(out, C + 1, c, down, row);
+                }
+                for across in 0..BLOCKS_ACROSS {
+                    row[across] = states[down * BLOCKS_ACROSS + across].transmittance;
+                }
+                extent.scatter(out, C + 1, C, down, row);
+            }
+        }
+        band.computed_pairs = S::WIDTH * computed;
+    }
+}
+
+/// Features and transmittance of a block's pixels behind the splats that were composited so far.
+#[derive(Clone, Copy)]
+struct ForwardState<S: Simd, const C: usize> {
+    transmittance: SimdVec<S>,
+    color: [SimdVec<S>; C],
+}
+
+impl<S: Simd, const C: usize> ForwardState<S, C> {
+    /// Composites a splat behind those before it.
+    #[inline(always)]
+    fn composite(&mut self, k: &KernelConstants<S>, features: [S::Scalar; C], unclamped: SimdVec<S>) {
+        let alpha = unclamped.min(k.alpha_max);
+        let weight = self.transmittance * alpha;
+        self.transmittance = self.transmittance * (k.one - alpha);
+        let features = broadcast_each(k.simd, features);
+        for c in 0..C {
+            self.color[c] = weight.mul_add(features[c], self.color[c]);
+        }
+    }
+}

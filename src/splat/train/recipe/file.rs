@@ -1,0 +1,152 @@
+//! Reading and writing a recipe as TOML, with the checks of its values.
+
+use super::{Densification, Recipe};
+use std::path::{Path, PathBuf};
+
+/// Why a recipe could not be read.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum RecipeError {
+    /// The file cannot be read.
+    #[error("recipe `{path}` cannot be read: {reason}")]
+    #[diagnostic(help("--recipe takes the name of a recipe or a TOML file"))]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The operating system's message.
+        reason: String,
+    },
+    /// The file is not a valid recipe.
+    #[error("recipe `{path}`: {reason}")]
+    #[diagnostic(help("`satgs train --print-recipe best` prints one to start from"))]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// The error, with the line or the name of the value.
+        reason: String,
+    },
+}
+
+impl Recipe {
+    /// Reads a recipe from a TOML file, such as [`Recipe::to_toml`] writes, and checks its values.
+    ///
+    /// # Errors
+    /// [`RecipeError`] names the file, and the line or the value.
+    pub fn read(path: &Path) -> Result<Self, RecipeError> {
+        let refused = |reason: String| RecipeError::Format { path: path.into(), reason };
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| RecipeError::Io { path: path.into(), reason: e.to_string() })?;
+        let recipe: Self = toml::from_str(&text).map_err(|e| refused(e.to_string().trim_end().into()))?;
+        recipe.check().map_err(refused)?;
+        Ok(recipe)
+    }
+
+    /// The recipe as TOML.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).unwrap_or_default()
+    }
+
+    /// Checks the ranges of all values; an error names the first that is out of range.
+    fn check(&self) -> Result<(), String> {
+        let r = &self.rates;
+        let of_growth = |value: fn(&Densification) -> f64| self.growth.as_ref().map_or(0.0, value);
+        let numbers = [
+            ("rates.position", r.position),
+            ("rates.log_scale", r.log_scale),
+            ("rates.rotation", r.rotation),
+            ("rates.opacity_logit", r.opacity_logit),
+            ("rates.f_dc", r.f_dc),
+            ("appearance_rate", self.appearance_rate),
+            ("half_resolution_px_m", self.half_resolution_px_m),
+            ("white", self.white.into()),
+            ("virtual_shear", self.virtual_shear),
+            ("growth.max_scale", of_growth(|g| g.max_scale)),
+            ("growth.max_radius", of_growth(|g| g.max_radius)),
+            ("growth.gradient", of_growth(|g| g.gradient)),
+            ("growth.copy_below", of_growth(|g| g.copy_below)),
+        ];
+        let weights = self.weights.iter().map(|(name, value)| (format!("weights.{name}"), value));
+        let numbers = numbers.into_iter().map(|(name, value)| (name.to_owned(), value));
+        if let Some((name, value)) = numbers.chain(weights).find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
+            return Err(format!("{name} = {value}, but must be a finite number of at least 0"));
+        }
+        let opacities =
+            [("prune_below", Some(self.prune_below)), ("reset.opacity", self.reset.map(|r| r.opacity))];
+        for (name, value) in opacities {
+            if value.is_some_and(|v| !(v > 0.0 && v < 1.0)) {
+                return Err(format!(
+                    "{name} = {}, but must be an opacity between 0 and 1",
+                    value.unwrap_or_default()
+                ));
+            }
+        }
+        if self.white == 0.0 {
+            return Err("white = 0, but must be above 0".into());
+        }
+        let counts = [
+            ("iterations", self.iterations),
+            ("virtual_every", self.virtual_every),
+            ("check_every", self.check_every),
+            ("reset.every", self.reset.map_or(1, |r| r.every)),
+        ];
+        if let Some((name, _)) = counts.into_iter().find(|(_, v)| *v == 0) {
+            return Err(format!("{name} = 0, but must be at least 1"));
+        }
+        let Some(reset) = self.reset else { return Ok(()) };
+        let rests = [
+            ("reset.opacity_loss_rests", reset.opacity_loss_rests),
+            ("reset.growth_rests", reset.growth_rests),
+        ];
+        match rests.into_iter().find(|(_, span)| *span >= reset.every) {
+            Some((name, span)) => Err(format!("{name} = {span}, but must be less than reset.every")),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recipe_that_is_written_as_toml_is_read_back_equal() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        for name in Recipe::NAMES {
+            let recipe = Recipe::named(name).unwrap();
+            std::fs::write(&path, recipe.to_toml()).unwrap();
+            assert_eq!(Recipe::read(&path).unwrap(), recipe);
+        }
+    }
+
+    #[test]
+    fn an_invalid_recipe_is_refused_with_the_name_of_the_value_and_of_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bad.toml");
+        let text = Recipe::named("baeogs").unwrap().to_toml();
+        for (from, to, says) in [
+            ("opacity_logit = 0.05", "opacity_logit = nan", "rates.opacity_logit = NaN"),
+            ("gradient = 0.0006", "gradient = -1.0", "growth.gradient = -1"),
+            ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0,"),
+            ("virtual_every = 2", "virtual_every = 0", "virtual_every = 0"),
+            ("check_every = 100", "check_every = 0", "check_every = 0"),
+            ("growth_rests = 500", "growth_rests = 3000", "reset.growth_rests = 3000"),
+            ("iterations = 5000", "iterations = 0", "iterations = 0"),
+            ("white = 1.0", "white = 0.0", "white = 0"),
+            ("shadow_entropy = 0.01", "shadow_entropy = -1.0", "weights.shadow_entropy = -1"),
+            ("shadow_entropy = 0.01", "entropy = 0.01", "no loss term has the weight `entropy`"),
+            ("start = \"points\"", "begin = \"points\"", "unknown field `begin`"),
+            ("start = \"points\"", "start = \"sky\"", "line"),
+        ] {
+            let changed = text.replacen(from, to, 1);
+            assert_ne!(changed, text, "{from}");
+            std::fs::write(&path, changed).unwrap();
+            let error = Recipe::read(&path).unwrap_err().to_string();
+            assert!(error.contains(says) && error.contains("bad.toml"), "{error}");
+        }
+        assert!(
+            Recipe::read(&folder.path().join("none.toml")).unwrap_err().to_string().contains("none.toml")
+        );
+    }
+}

@@ -1,0 +1,186 @@
+//! A recipe: a named, complete set of training options.
+//!
+//! The papers scale the scene to the cube [-1, 1]³. Lengths marked *cube* are in half sides of that cube: multiplied by
+//! half the diagonal of the area in metres, they are metres.
+
+mod file;
+mod presets;
+
+pub use file::RecipeError;
+
+use crate::splat::appearance::AppearanceKind;
+use crate::splat::loss::LossWeights;
+use crate::splat::splats::PerGroup;
+use serde::{Deserialize, Serialize};
+
+/// Iterations for each of few training views, at most those of the recipe: fewer views converge in fewer iterations.
+const ITERATIONS_PER_VIEW: u32 = 500;
+
+/// How the splats are initialised.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Start {
+    /// On the surface that dense stereo matching gives. That surface also refines the DSM after training; with the other
+    /// initialisations the DSM comes from the splats alone.
+    Surface,
+    /// At the sparse points of the bundle adjustment, with a level ground plane of splats (BAEOGS §3.1).
+    Points,
+    /// Evenly in the volume over the area between the lowest and the highest altitude (EOGS).
+    #[serde(rename = "box")]
+    Volume,
+}
+
+/// Which altitude along a vertical ray through the splats becomes the height of the DSM.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RayHeight {
+    /// The altitude at which the transmittance from above falls below one half.
+    #[default]
+    Median,
+    /// The alpha-composited mean altitude, averaged over the cell and its eight neighbours; the remaining transmittance
+    /// counts as the lowest altitude of the scene (EOGS).
+    Mean,
+}
+
+/// Densification: when and which splats are duplicated or split (BAEOGS §3.3, on gsplat's default strategy).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Densification {
+    /// First iteration of densification.
+    pub from: u32,
+    /// Last iteration of densification.
+    pub until: u32,
+    /// Splats with a larger scale (the largest of the three) are densified, *cube* half sides.
+    pub max_scale: f64,
+    /// Splats with a larger projected radius are densified, as a fraction of the longer image side.
+    pub max_radius: f64,
+    /// Splats with a larger mean norm of the gradient by the 2-D mean are densified; per half image side.
+    pub gradient: f64,
+    /// Splats with a smaller scale are duplicated, larger ones are split in two, *cube* half sides.
+    pub copy_below: f64,
+    /// Largest number of splats.
+    pub max_splats: u32,
+}
+
+/// Opacity resets (BAEOGS §3.3).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reset {
+    /// Iterations between resets.
+    pub every: u32,
+    /// Opacities above this are lowered to it.
+    pub opacity: f64,
+    /// Number of iterations after a reset without the opacity loss.
+    pub opacity_loss_rests: u32,
+    /// Number of iterations after a reset without densification and pruning.
+    pub growth_rests: u32,
+}
+
+/// A named, complete set of training options.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// Name of the recipe.
+    pub name: String,
+    /// Number of iterations. The recipe's other iteration numbers scale with it ([`Recipe::with_iterations`]).
+    pub iterations: u32,
+    /// Number of iterations at half the images' resolution, before those at full resolution.
+    pub half_resolution_until: u32,
+    /// Largest pixel size at half resolution, metres. Where it would be exceeded, all iterations are at full resolution:
+    /// narrow trees and roof edges that half resolution loses do not come back.
+    #[serde(default = "widest_half_resolution_px_m")]
+    pub half_resolution_px_m: f64,
+    /// Linear value of white in images that are not stored linearly. A smaller value makes the photometric loss smaller,
+    /// so that the opacity loss weighs more.
+    #[serde(default = "white")]
+    pub white: f32,
+    /// How the splats are initialised.
+    pub start: Start,
+    /// Learning rates of Adam for each parameter group of the splats. That of positions is in *cube* half sides (EOGS:
+    /// 0.00016 times its radius of 2.2).
+    pub rates: PerGroup<f64>,
+    /// Learning rate of Adam for the parameters of the colour model.
+    pub appearance_rate: f64,
+    /// Weights of the loss terms by name; absent ones are zero. EOGS's `L_opacity` is `opacity`, `L_new_altitude` and
+    /// `L_new_rgb` are `consistency_altitude` (per metre) and `consistency_color`, and `L_translucentshadows` is
+    /// `shadow_entropy`. `surface_prior` is not in the papers; it needs an initialisation on the matched surface.
+    pub weights: LossWeights,
+    /// The colour model.
+    #[serde(default)]
+    pub appearance: AppearanceKind,
+    /// Whether the opacity loss divides the sum of opacities by the initial number of splats (EOGS) instead of the current
+    /// number (BAEOGS).
+    pub opacity_by_start: bool,
+    /// Number of iterations before shadows and the consistency loss are used (EOGS: 1000).
+    pub shadows_from: u32,
+    /// Largest shear of the virtual view, half image sides per metre of altitude (EOGS: 0.01). A virtual view is the
+    /// training view's camera with a random shear, for the consistency loss; none is rendered if that has no weight.
+    pub virtual_shear: f64,
+    /// A virtual view is rendered once in this number of iterations, and the consistency loss is multiplied by the number.
+    #[serde(default = "always")]
+    pub virtual_every: u32,
+    /// Number of iterations between checks, at which splats are pruned and densified.
+    pub check_every: u32,
+    /// Densification; none if absent.
+    pub growth: Option<Densification>,
+    /// Splats with a smaller opacity are removed (BAEOGS: 0.0025).
+    pub prune_below: f64,
+    /// Which altitude becomes the DSM's height, where the DSM comes from the splats alone.
+    #[serde(default)]
+    pub heights: RayHeight,
+    /// Opacity resets; none if absent.
+    pub reset: Option<Reset>,
+}
+
+/// Images of 0.35 m (0.7 m at half resolution) gain from half resolution, and images of 0.5 m (1 m) do not; this value
+/// lies between.
+fn widest_half_resolution_px_m() -> f64 {
+    0.9
+}
+
+/// The largest linear value of an image.
+fn white() -> f32 {
+    1.0
+}
+
+/// A virtual view in every iteration.
+fn always() -> u32 {
+    1
+}
+
+impl Recipe {
+    /// The recipe for this number of training views. If it initialises the splats on the matched surface and the views are
+    /// few, it has at most 500 iterations for each view.
+    #[must_use]
+    pub fn for_views(self, views: usize) -> Self {
+        let is_few = self.start == Start::Surface && views <= crate::mvs::FEW_VIEWS;
+        let enough = ITERATIONS_PER_VIEW * views.max(1) as u32;
+        if is_few && enough < self.iterations { self.with_iterations(enough) } else { self }
+    }
+
+    /// The same recipe with all iteration numbers scaled to another total.
+    ///
+    /// The interval between checks is not scaled: the gradient statistics need that number of views, and with a shorter
+    /// interval splats that have not converged yet would be densified at every check.
+    #[must_use]
+    pub fn with_iterations(&self, iterations: u32) -> Self {
+        let scale =
+            |t: u32| (u64::from(t) * u64::from(iterations) / u64::from(self.iterations.max(1))) as u32;
+        let at_least_one = |t: u32| scale(t).max(1);
+        let growth = self.growth.map(|g| Densification { from: scale(g.from), until: scale(g.until), ..g });
+        let reset = self.reset.map(|r| Reset {
+            every: at_least_one(r.every),
+            opacity_loss_rests: scale(r.opacity_loss_rests),
+            growth_rests: scale(r.growth_rests),
+            ..r
+        });
+        Self {
+            iterations,
+            half_resolution_until: scale(self.half_resolution_until),
+            shadows_from: scale(self.shadows_from),
+            growth,
+            reset,
+            ..self.clone()
+        }
+    }
+}

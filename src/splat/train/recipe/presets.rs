@@ -1,0 +1,102 @@
+//! The recipes that come with the program: `best`, and `baeogs` and `eogs` after the papers.
+
+use super::{Densification, RayHeight, Recipe, Reset, Start, always, white, widest_half_resolution_px_m};
+use crate::splat::appearance::AppearanceKind;
+use crate::splat::loss::LossWeights;
+use crate::splat::splats::PerGroup;
+
+/// Iterations of recipe `best`. The papers have 5000; an initialisation on the matched surface needs fewer.
+const BEST_ITERATIONS: u32 = 4000;
+/// The opacity whose logit is -6 (EOGS).
+const EOGS_PRUNES_BELOW: f64 = 0.002_472_6;
+
+/// Weights of the loss terms (EOGS).
+const EOGS_WEIGHTS: [(&str, f64); 4] =
+    [("opacity", 0.1), ("consistency_altitude", 0.01), ("consistency_color", 0.1), ("shadow_entropy", 0.01)];
+
+/// `others` with the named weights replaced.
+fn weights(others: LossWeights, named: &[(&str, f64)]) -> LossWeights {
+    others.with(named).expect("the terms of the built-in recipes are registered")
+}
+
+impl Recipe {
+    /// Names of the recipes that come with the program; the first is the default.
+    pub const NAMES: [&'static str; 3] = ["best", "baeogs", "eogs"];
+
+    /// The recipe of this name; none if there is no such recipe.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        let growth = Densification {
+            from: 500,
+            until: 4000,
+            max_scale: 0.03,
+            max_radius: 0.15,
+            gradient: 0.0006,
+            copy_below: 0.01,
+            max_splats: 2_000_000,
+        };
+        let baeogs = Self {
+            name: "baeogs".into(),
+            iterations: 5000,
+            // Half resolution and a virtual view in every second iteration only save time: the paper trains at full
+            // resolution with a virtual view in every iteration.
+            half_resolution_until: 3500,
+            half_resolution_px_m: widest_half_resolution_px_m(),
+            white: white(),
+            start: Start::Points,
+            rates: PerGroup {
+                position: 0.000_16 * 2.22,
+                log_scale: 0.005,
+                rotation: 0.001,
+                opacity_logit: 0.05,
+                f_dc: 0.0025,
+            },
+            appearance_rate: 0.01,
+            weights: weights(LossWeights::default(), &EOGS_WEIGHTS),
+            appearance: AppearanceKind::Affine,
+            opacity_by_start: false,
+            shadows_from: 1000,
+            virtual_shear: 0.01,
+            virtual_every: 2,
+            check_every: 100,
+            growth: Some(growth),
+            prune_below: 0.0025,
+            heights: RayHeight::Mean,
+            // The paper does not give these intervals. If the opacity loss returns before the rendered images have
+            // recovered from the reset, it removes splats that they need.
+            reset: Some(Reset { every: 3000, opacity: 0.005, opacity_loss_rests: 1000, growth_rests: 500 }),
+        };
+        match name {
+            "baeogs" => Some(baeogs),
+            // EOGS prunes in every iteration. Splats are invisible below the alpha cut-off of 1/255, before their opacity falls
+            // to this value, so that pruning every 100 iterations changes nothing.
+            "eogs" => Some(Self {
+                name: "eogs".into(),
+                half_resolution_until: 0,
+                // With this value the mean colour of the DFC2019 images is 0.15. That of the images which EOGS published
+                // is 0.13 to 0.2, judged by the first losses of an independent reproduction.
+                white: 0.4,
+                virtual_every: always(),
+                start: Start::Volume,
+                opacity_by_start: true,
+                growth: None,
+                prune_below: EOGS_PRUNES_BELOW,
+                reset: None,
+                ..baeogs
+            }),
+            "best" => {
+                let best = Self {
+                    name: "best".into(),
+                    start: Start::Surface,
+                    // Without the prior, splats on roofs without texture drift in altitude.
+                    weights: weights(baeogs.weights, &[("surface_prior", 0.1)]),
+                    heights: RayHeight::Median,
+                    reset: None,
+                    ..baeogs
+                };
+                Some(best.with_iterations(BEST_ITERATIONS))
+            }
+            _ => None,
+        }
+    }
+}
