@@ -76,7 +76,7 @@ fn assert_near(found: [f64; 3], expected: [f64; 3], tolerance: f64) {
 }
 
 #[test]
-fn a_run_follows_its_reference_with_all_it_holds_and_stays_there() {
+fn alignment_moves_all_files_of_a_run_and_is_idempotent() {
     let r = Run::new();
     assert!(r.aligned(&r.truth).contains("moved"));
     let before = r.places();
@@ -126,7 +126,7 @@ fn a_run_follows_its_reference_with_all_it_holds_and_stays_there() {
 }
 
 #[test]
-fn heights_above_a_geoid_do_not_move_a_run_down() {
+fn a_reference_above_a_geoid_is_converted_before_alignment() {
     let Ok(egm96) = satgs::io::VerticalReference::read("EGM96") else { return };
     let r = Run::new();
     r.aligned(&r.truth);
@@ -158,7 +158,7 @@ fn heights_above_a_geoid_do_not_move_a_run_down() {
 }
 
 #[test]
-fn surveyed_points_place_a_run() {
+fn a_run_is_aligned_to_surveyed_points() {
     let r = Run::new();
     let views = ["VIEW_01", "VIEW_02", "VIEW_03"];
     let mut csv = String::from("lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px\n");

@@ -159,14 +159,14 @@ fn results_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn truth_elsewhere_does_not_overlap() {
+fn a_truth_of_another_place_is_refused() {
     let desk = Desk::new();
     desk.height("far.tif", MapGrid { west: 440_000.0, ..GRID }, &relief());
     desk.refused("far.tif", &[], &["dsm.tif", "far.tif", "do not overlap", "0 common cells", "440000"]);
 }
 
 #[test]
-fn fewer_than_100_common_cells_do_not_overlap() {
+fn fewer_than_100_common_cells_are_refused() {
     let desk = Desk::new();
     desk.height(
         "corner.tif",
@@ -177,7 +177,7 @@ fn fewer_than_100_common_cells_do_not_overlap() {
 }
 
 #[test]
-fn nothing_but_nodata_or_water_does_not_overlap() {
+fn a_truth_of_nodata_or_water_alone_is_refused() {
     let desk = Desk::new();
     desk.height("empty.tif", GRID, &Grid2::filled(60, 60, f32::NAN));
     desk.refused("empty.tif", &[], &["do not overlap", "0 cells of land"]);
@@ -188,7 +188,7 @@ fn nothing_but_nodata_or_water_does_not_overlap() {
 }
 
 #[test]
-fn truth_in_degrees_is_refused_by_name() {
+fn a_truth_in_degrees_is_refused() {
     let desk = Desk::new();
     let degrees = MapGrid { epsg: 4326, west: -81.66, north: 30.35, cell: 5e-6, ..GRID };
     desk.height("degrees.tif", degrees, &relief());
@@ -206,7 +206,7 @@ fn classes_of_another_size_are_refused_with_both_sizes() {
 }
 
 #[test]
-fn classes_and_masks_elsewhere_are_refused() {
+fn classes_and_masks_of_another_place_are_refused() {
     let desk = Desk::new();
     desk.classes("TOWN_CLS.tif", MapGrid { west: GRID.west + 20.0, ..GRID }, vec![2; 3600]);
     desk.refused("TOWN_DSM.tif", &[], &["TOWN_CLS.tif", "does not lie on the grid"]);
@@ -222,7 +222,7 @@ fn classes_and_masks_elsewhere_are_refused() {
 }
 
 #[test]
-fn unknown_classes_are_told() {
+fn unknown_classes_give_a_warning() {
     let desk = Desk::new();
     desk.classes("TOWN_CLS.tif", GRID, (0..3600).map(|i| if i % 2 == 0 { 2 } else { 113 }).collect());
     assert!(desk.scored("TOWN_DSM.tif", &[]).0.contains("class codes 113 are none of DFC2019's"));
@@ -278,14 +278,14 @@ fn heights_in_feet_are_converted_and_other_units_refused() {
 }
 
 #[test]
-fn a_map_in_feet_is_refused_by_name() {
+fn a_map_in_feet_is_refused() {
     let desk = Desk::new();
     desk.height("florida.tif", MapGrid { epsg: 2236, ..GRID }, &relief());
     desk.refused("florida.tif", &[], &["florida.tif", "not in metres", "gdalwarp -t_srs EPSG:32617"]);
 }
 
 #[test]
-fn values_at_points_and_values_of_areas_lie_in_the_same_place() {
+fn pixel_is_point_and_pixel_is_area_are_georeferenced_alike() {
     let desk = Desk::new();
     let metadata = [("AREA_OR_POINT", "Point".to_owned())];
     let point = Cog { grid: GRID, metadata: &metadata, heights_from: None };
@@ -294,7 +294,7 @@ fn values_at_points_and_values_of_areas_lie_in_the_same_place() {
 }
 
 #[test]
-fn undeclared_nodata_is_left_out_and_told() {
+fn undeclared_nodata_is_left_out_with_a_warning() {
     let desk = Desk::new();
     let mut holes = relief();
     holes.data[..600].fill(-9999.0);
@@ -306,7 +306,7 @@ fn undeclared_nodata_is_left_out_and_told() {
 }
 
 #[test]
-fn heights_above_a_geoid_are_guessed_and_converted_when_told() {
+fn a_geoid_offset_is_suspected_and_converted_on_request() {
     let desk = Desk::new();
     let mut orthometric = relief();
     orthometric.data.iter_mut().for_each(|v| *v += 29.0);
@@ -341,7 +341,7 @@ fn heights_above_a_geoid_are_guessed_and_converted_when_told() {
 }
 
 #[test]
-fn references_that_the_files_tell_are_brought_together() {
+fn vertical_references_in_files_are_converted() {
     let desk = Desk::new();
     let (lon, lat) = Desk::lon_lat(15.0, 15.0);
     let Ok(egm96) = VerticalReference::read("EGM96") else { return };
@@ -378,7 +378,7 @@ fn points_are_rasterised_to_the_highest_of_every_cell() {
 }
 
 #[test]
-fn points_that_cannot_be_used_are_refused() {
+fn damaged_and_unusable_point_clouds_are_refused() {
     let desk = Desk::new();
     desk.points("lidar.las", "");
     desk.refused("lidar.las", &[], &["lidar.las", "CRS is not stated", "--truth-crs"]);
@@ -426,7 +426,7 @@ fn a_missing_truth_is_named() {
 }
 
 #[test]
-fn existing_output_stays_unless_told_otherwise() {
+fn existing_output_is_replaced_only_with_overwrite() {
     let desk = Desk::new();
     std::fs::create_dir(desk.path("eval")).unwrap();
     std::fs::write(desk.path("eval/error.tif"), "mine").unwrap();

@@ -1,4 +1,4 @@
-//! Bad input gets one clear line naming file and field, a hint, exit code 2, and leaves nothing behind.
+//! Invalid input gives one line that names file and field, a hint and exit code 2, and leaves no files.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -13,7 +13,7 @@ fn listing(folder: &Path) -> BTreeSet<PathBuf> {
     std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect()
 }
 
-/// Runs `satgs info` on a scene: exit code and standard error; the folder must stay as it was.
+/// Runs `satgs info` on a scene; returns exit code and standard error. The folder must be unchanged afterwards.
 fn info(scene: &Path, more: &[&str]) -> (Option<i32>, String) {
     let before = scene.is_dir().then(|| listing(scene));
     let mut args = vec!["info", scene.to_str().unwrap()];
@@ -35,7 +35,7 @@ fn refused(scene: &Path, more: &[&str], error: &str, hint: &str) {
 }
 
 #[test]
-fn n01_no_rpc_at_all() {
+fn n01_an_image_without_rpc_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     image(&folder.path().join("ortho.tif"), 1, None, &[]);
     refused(folder.path(), &[], "ortho.tif` has no RPC, neither inside nor beside it", "`satgs info SCENE`");
@@ -44,7 +44,7 @@ fn n01_no_rpc_at_all() {
 }
 
 #[test]
-fn n02_one_field_missing() {
+fn n02_a_missing_field_is_named() {
     let folder = two_views();
     let text = to_text(&camera(5.44, 0.2));
     let without: Vec<&str> = text.lines().filter(|l| !l.starts_with("LINE_OFF")).collect();
@@ -54,7 +54,7 @@ fn n02_one_field_missing() {
 }
 
 #[test]
-fn n03_n04_n06_spellings_that_are_read_and_those_that_are_not() {
+fn n03_n04_n06_known_spellings_are_read_and_others_refused() {
     let folder = two_views();
     let text = to_text(&camera(5.44, 0.2));
     let put = |changed: String| std::fs::write(folder.path().join("a_RPC.TXT"), changed).unwrap();
@@ -80,7 +80,7 @@ fn n03_n04_n06_spellings_that_are_read_and_those_that_are_not() {
 }
 
 #[test]
-fn n05_sidecar_that_differs_is_said_and_used() {
+fn n05_a_sidecar_that_differs_from_the_tag_is_used_with_a_warning() {
     let folder = two_views();
     let moved = camera(5.44, 0.2).shifted(3.0, 4.0);
     std::fs::write(folder.path().join("a_RPC.TXT"), to_text(&moved)).unwrap();
@@ -90,7 +90,7 @@ fn n05_sidecar_that_differs_is_said_and_used() {
 }
 
 #[test]
-fn n07_nan_and_zero() {
+fn n07_nan_and_zero_are_refused() {
     let folder = two_views();
     let text = to_text(&camera(5.44, 0.2));
     for (from, to, error, hint) in [
@@ -108,7 +108,7 @@ fn n07_nan_and_zero() {
 }
 
 #[test]
-fn n08_latitude_and_longitude_swapped() {
+fn n08_swapped_latitude_and_longitude_are_recognised() {
     let folder = two_views();
     let swapped =
         to_text(&camera(105.44, 0.2)).replace("LAT_", "XX_").replace("LONG_", "LAT_").replace("XX_", "LONG_");
@@ -117,7 +117,7 @@ fn n08_latitude_and_longitude_swapped() {
 }
 
 #[test]
-fn n10_rpc00a_is_refused_by_name() {
+fn n10_rpc00a_is_refused() {
     let folder = two_views();
     let rpb = to_rpb(&camera(5.44, 0.2)).replace("RPC00B", "RPC00A");
     std::fs::write(folder.path().join("a.RPB"), rpb).unwrap();
@@ -125,20 +125,25 @@ fn n10_rpc00a_is_refused_by_name() {
         folder.path(),
         &[],
         "a.RPB` holds an RPC00A, satgs reads RPC00B",
-        "order their terms differently",
+        "orders the polynomial terms differently",
     );
 }
 
 #[test]
-fn n11_an_area_that_no_view_sees() {
+fn n11_an_area_that_no_view_sees_is_refused() {
     let folder = two_views();
     let error =
         "no view sees the area (lon 5.5000 to 5.5100, lat 43.2600 to 43.2700); the first sees lon 5.43";
-    refused(folder.path(), &["--aoi", "5.5,43.26,5.51,43.27"], error, "a cropped image needs an RPC moved");
+    refused(
+        folder.path(),
+        &["--aoi", "5.5,43.26,5.51,43.27"],
+        error,
+        "a cropped image needs an RPC that was shifted",
+    );
 }
 
 #[test]
-fn n12_an_image_resampled_without_its_rpc() {
+fn n12_an_image_resampled_without_its_rpc_gives_a_warning() {
     let folder = two_views();
     std::fs::write(folder.path().join("a_RPC.TXT"), to_text(&resampled(&camera(5.44, 0.2), 2.0))).unwrap();
     let (code, said) = info(folder.path(), &[]);
@@ -150,23 +155,24 @@ fn n12_an_image_resampled_without_its_rpc() {
     std::fs::write(folder.path().join("b.IMD"), "BEGIN_GROUP = IMAGE_1\n\tmeanProductGSD = 0.25;\nEND;")
         .unwrap();
     let (_, said) = info(folder.path(), &[]);
-    assert!(said.contains("b: its metadata tell of pixels of 0.25 m, its camera makes them 0.5"), "{said}");
+    assert!(said.contains("b: its metadata state a GSD of 0.25 m, that of its camera is 0.5"), "{said}");
     std::fs::write(folder.path().join("b.IMD"), "BEGIN_GROUP = IMAGE_1\n\tmeanSatEl = 60.0;\nEND;").unwrap();
     let (_, said) = info(folder.path(), &[]);
     assert!(
-        said.contains("b: its metadata tell of a view 30.0° off nadir, its camera looks 5.8° off"),
+        said.contains("b: its metadata state an off-nadir angle of 30.0°, that of its camera is 5.8°"),
         "{said}"
     );
 }
 
 #[test]
-fn n14_a_tile_alone_is_named_a_tile() {
+fn n14_a_tile_without_its_product_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     image(&at("IMG_PHR1A_X_R2C1.TIF"), 1, None, &[]);
     let whole = camera(5.44, 0.2);
     std::fs::write(at("RPC_PHR1A_X.XML"), dimap(&whole)).unwrap();
-    let error = "IMG_PHR1A_X_R2C1.TIF` is tile R2C1 of a mosaic, and nothing beside it tells the tiles' size";
+    let error =
+        "IMG_PHR1A_X_R2C1.TIF` is tile R2C1 of a mosaic, and no file beside it states the size of the tiles";
     refused(folder.path(), &[], error, "DIM_*.XML");
     let product = "<Dimap_Document><Raster_Dimensions><NROWS>128</NROWS><NCOLS>64</NCOLS><Regular_Tiling>\
                    <NTILES_SIZE nrows=\"64\" ncols=\"64\"/><NTILES_COUNT ntiles_R=\"2\" ntiles_C=\"1\"/>\
@@ -199,7 +205,7 @@ fn dimap(rpc: &satgs::rpc::Rpc) -> String {
 }
 
 #[test]
-fn orthorectified_images_are_told_apart() {
+fn orthorectified_images_are_recognised() {
     let folder = two_views();
     let grid = |west: f64| satgs::io::MapGrid {
         epsg: 32631,
@@ -213,14 +219,17 @@ fn orthorectified_images_are_told_apart() {
     let path = folder.path().join("ortho.tif");
     ortho.write_u8(&path, vec![(0..64 * 64).map(|i| (i % 251) as u8).collect()], None).unwrap();
     let (code, said) = info(folder.path(), &[]);
-    assert!(code == Some(0) && said.contains("ortho.tif` is a map without an RPC, it is left out"), "{said}");
+    assert!(
+        code == Some(0) && said.contains("ortho.tif` is left out, because it is a map without an RPC"),
+        "{said}"
+    );
     std::fs::write(folder.path().join("ortho_RPC.TXT"), to_text(&camera(5.44, 0.2))).unwrap();
-    let error = "ortho.tif` is orthorectified: it has a map projection, and its RPC sees that place";
-    refused(folder.path(), &[], error, "take the sensor");
+    let error = "ortho.tif` is orthorectified: it has a map projection, from which its RPC differs by";
+    refused(folder.path(), &[], error, "use the sensor");
 }
 
 #[test]
-fn n15_files_that_are_no_whole_images() {
+fn n15_damaged_images_are_refused() {
     let folder = two_views();
     let bad = folder.path().join("c.tif");
     let whole = std::fs::read(folder.path().join("a.tif")).unwrap();
@@ -260,7 +269,7 @@ fn tiff_header(width: u32, height: u32) -> Vec<u8> {
     bytes
 }
 
-/// A raster of any type with a camera beside it.
+/// Writes a raster of any type with an RPC beside it.
 fn raster<T: gdal::raster::GdalType + Copy>(
     path: &Path,
     bands: usize,
@@ -279,7 +288,7 @@ fn raster<T: gdal::raster::GdalType + Copy>(
 }
 
 #[test]
-fn bright_8_bit_images_are_asked_whether_they_are_light() {
+fn bright_8_bit_images_give_a_hint_to_the_gamma_option() {
     let says_gamma = |first: u8, more: &[&str]| {
         let folder = tempfile::tempdir().unwrap();
         raster(&folder.path().join("a.tif"), 3, &camera(5.44, 0.1), |i| first + (i % 50) as u8);
@@ -294,10 +303,10 @@ fn bright_8_bit_images_are_asked_whether_they_are_light() {
 }
 
 #[test]
-fn nodata_is_what_reaches_the_border_and_black_pixels_within_are_black() {
+fn black_pixels_are_nodata_only_if_connected_with_the_border() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.tif");
-    // A margin ten columns wide with a bay, and a shadow of three by three pixels within.
+    // A margin of ten columns with a bulge, and a shadow of 3 x 3 pixels inside of the image.
     let is_black = |col: usize, row: usize| {
         col < 10 || (col < 20 && row == 40) || ((30..33).contains(&col) && (30..33).contains(&row))
     };
@@ -307,7 +316,7 @@ fn nodata_is_what_reaches_the_border_and_black_pixels_within_are_black() {
         gdal::DatasetOptions { open_flags: gdal::GdalOpenFlags::GDAL_OF_UPDATE, ..Default::default() },
     );
     let dataset = dataset.unwrap();
-    // Dark pixels beside the black ones: 0 is a value of the image like theirs.
+    // Beside other dark pixels, 0 is a value of the image.
     let pixels: Vec<u8> =
         (0..64 * 64).map(|i| if is_black(i % 64, i / 64) { 0 } else { 1 + (i % 150) as u8 }).collect();
     for band in 1..=3 {
@@ -354,13 +363,15 @@ fn n17_pixels_of_every_type_become_colours() {
 }
 
 #[test]
-fn n18_images_of_many_bands() {
+fn n18_bands_of_multispectral_images_are_chosen() {
     let folder = tempfile::tempdir().unwrap();
     raster(&folder.path().join("msi.tif"), 8, &camera(5.44, 0.1), |i| (i % 999) as u16);
     raster(&folder.path().join("pan.tif"), 1, &camera(5.44, 0.3), |i| (i % 999) as u16);
     let (code, said) = info(folder.path(), &[]);
     assert!(
-        code == Some(0) && said.contains("--bands R,G,B chooses (WorldView-3's eight: 5,3,2): msi (8)"),
+        code == Some(0)
+            && said
+                .contains("--bands R,G,B chooses others (5,3,2 for the eight bands of WorldView-3): msi (8)"),
         "{said}"
     );
     let (_, said) = info(folder.path(), &["--bands", "5,3,2"]);
@@ -383,12 +394,12 @@ fn n18_images_of_many_bands() {
 }
 
 #[test]
-fn n22_areas_that_cannot_be() {
+fn n22_invalid_areas_are_refused() {
     let folder = two_views();
     for (area, error) in [
         ("5.44,43.26,5.44,43.27", "the area is empty (0 x 1112 m)"),
         ("5,43,7,43.1", "is too large, at most 100 km a side"),
-        ("43.26,105.44,43.27,105.45", "is no place on Earth; are the axes swapped?"),
+        ("43.26,105.44,43.27,105.45", "is not a place on Earth; are the axes swapped?"),
         ("5.44,43.26,5.45", "cannot be read"),
     ] {
         refused(folder.path(), &["--aoi", area], error, "");
@@ -396,7 +407,7 @@ fn n22_areas_that_cannot_be() {
 }
 
 #[test]
-fn n23_scenes_beyond_utm() {
+fn n23_scenes_outside_of_utm_are_refused() {
     let mut c = satgs::rpc::RpcCoefficients::from(camera(5.44, 0.2));
     c.lat.offset = 86.0;
     let polar = satgs::rpc::Rpc::new(c).unwrap();
@@ -406,7 +417,7 @@ fn n23_scenes_beyond_utm() {
 }
 
 #[test]
-fn n24_heights_below_the_sea_and_on_everest_are_heights() {
+fn n24_heights_below_the_sea_and_on_everest_are_valid() {
     for height in [-430.0, 8849.0] {
         let folder = tempfile::tempdir().unwrap();
         for (name, seed, lean) in [("a.tif", 1, 0.2), ("b.tif", 2, -0.2)] {
@@ -422,7 +433,7 @@ fn n24_heights_below_the_sea_and_on_everest_are_heights() {
 }
 
 #[test]
-fn n19_the_same_image_twice() {
+fn n19_the_same_image_twice_is_refused() {
     let folder = two_views();
     std::fs::copy(folder.path().join("a.tif"), folder.path().join("c.tif")).unwrap();
     refused(folder.path(), &[], "c.tif` are the same image", "remove one of them");
@@ -431,7 +442,7 @@ fn n19_the_same_image_twice() {
 }
 
 #[test]
-fn n20_views_of_different_places() {
+fn n20_views_of_different_places_are_refused() {
     let folder = two_views();
     image(&folder.path().join("far.tif"), 3, Some(&camera(5.54, 0.0)), &[]);
     let error = "views do not share ground: `far` (lon 5.53";
@@ -441,7 +452,7 @@ fn n20_views_of_different_places() {
 }
 
 #[test]
-fn n21_suns_and_dates() {
+fn n21_implausible_suns_and_dates_give_warnings() {
     let folder = tempfile::tempdir().unwrap();
     let put = |name: &str, seed, items: &[(&str, &str)]| {
         image(&folder.path().join(name), seed, Some(&camera(5.44, f64::from(seed) * 0.05)), items);
@@ -457,7 +468,7 @@ fn n21_suns_and_dates() {
     let (code, said) = info(folder.path(), &[]);
     assert_eq!(code, Some(0), "{said}");
     for words in [
-        "warning: no sun is known, no shadows are modelled (--sun NAME=AZ,EL gives one): none\n",
+        "warning: the sun direction is unknown, so that no shadows are modelled (--sun NAME=AZ,EL sets it): none\n",
         "warning: night: its sun is below the horizon (-3.0°), no shadows are modelled",
         "warning: wrong: its sun (azimuth 90.0°, elevation 70.0°) is ",
         "warning: the views are 5.0 years apart",
@@ -466,14 +477,19 @@ fn n21_suns_and_dates() {
     }
     assert!(!said.contains("warning: noon"), "{said}");
     let (_, said) = info(folder.path(), &["--sun", "none=170,60"]);
-    assert!(!said.contains("no sun is known"), "{said}");
-    refused(folder.path(), &["--sun", "nobody=170,60"], "no view `nobody`", "night, none, noon, wrong");
+    assert!(!said.contains("the sun direction is unknown"), "{said}");
+    refused(
+        folder.path(),
+        &["--sun", "nobody=170,60"],
+        "the view `nobody`, which does not exist",
+        "night, none, noon, wrong",
+    );
     let (code, said) = info(folder.path(), &["--sun", "none=170"]);
     assert!(code == Some(2) && said.contains("NAME=AZ,EL"), "{said}");
 }
 
 #[test]
-fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
+fn n25_an_elevation_model_must_state_its_vertical_reference() {
     let folder = two_views();
     let dem = tempfile::tempdir().unwrap();
     let path = dem.path().join("dem.tif");
@@ -492,13 +508,13 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
         (out.status.code(), String::from_utf8(out.stderr).unwrap())
     };
     let (code, said) = ba(&[]);
-    assert!(code == Some(2) && said.contains("dem.tif` does not say what its heights count from"), "{said}");
-    assert!(said.contains("hint: --dem-vertical ellipsoid"), "{said}");
+    assert!(code == Some(2) && said.contains("dem.tif` does not state a known vertical reference"), "{said}");
+    assert!(said.contains("hint: name it: --dem-vertical ellipsoid"), "{said}");
     let scene = satgs::scene::read(folder.path(), &satgs::scene::ReadOptions::default()).unwrap();
     let vertical = satgs::io::VerticalReference::Ellipsoid;
     let (low, high) = scene.dem(&path, Some(&vertical)).unwrap().heights_to_search();
     assert!(60.0 < low && low < high && high < 190.0, "{low} {high}");
-    // In feet with a void that is not declared, the same model.
+    // The same model in feet, with an undeclared nodata value.
     let feet = satgs::io::Grid2::from_fn(60, 300, |col, row| {
         if (col, row) == (30, 150) { -32768.0 } else { (80.0 + row as f32 * 0.1) / 0.3048 }
     });
@@ -506,13 +522,13 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     cog.write_f32(&path, &[("height", "ft", &feet)]).unwrap();
     let (low_ft, high_ft) = scene.dem(&path, Some(&vertical)).unwrap().heights_to_search();
     assert!((low_ft - low).abs() < 0.01 && (high_ft - high).abs() < 0.01, "{low_ft} {high_ft}");
-    // A void that no rule knows is no height on Earth.
+    // An unknown nodata value is not a height on Earth.
     let void =
         satgs::io::Grid2::from_fn(60, 300, |col, row| if (col + row) % 5 == 0 { -999.0 } else { 80.0 });
     cog.write_f32(&path, &[("height", "m", &void)]).unwrap();
     let error = scene.dem(&path, Some(&vertical)).unwrap_err().to_string();
     assert!(error.contains("height of -999 m"), "{error}");
-    // A datum that is not known is named.
+    // The error names an unknown datum.
     let metadata = [("VERTICAL_REFERENCE", "NAVD88".to_owned())];
     satgs::io::Cog { metadata: &metadata, ..cog }.write_f32(&path, &[("height", "m", &raster)]).unwrap();
     let (code, said) = ba(&[]);
@@ -520,11 +536,11 @@ fn n25_an_elevation_model_must_say_what_its_heights_count_from() {
     let far = satgs::io::MapGrid { west: 600_000.0, ..grid };
     write(far);
     let error = scene.dem(&path, Some(&vertical)).unwrap_err().to_string();
-    assert!(error.contains("has no heights where the views look"), "{error}");
+    assert!(error.contains("has no heights in the area of the scene"), "{error}");
 }
 
 #[test]
-fn n34_paths() {
+fn n34_unusual_paths_are_handled() {
     let folder = tempfile::tempdir().unwrap();
     let odd = folder.path().join("a b: é'");
     std::fs::create_dir(&odd).unwrap();
@@ -552,7 +568,7 @@ fn n34_paths() {
 }
 
 #[test]
-fn one_view_is_enough_to_be_looked_at() {
+fn info_accepts_a_single_view() {
     let folder = tempfile::tempdir().unwrap();
     image(&folder.path().join("a.tif"), 1, Some(&camera(5.44, 0.1)), &[]);
     assert_eq!(info(folder.path(), &[]).0, Some(0));
@@ -604,7 +620,7 @@ fn one_view_cannot_be_adjusted() {
 }
 
 #[test]
-fn a_height_range_upside_down_is_refused() {
+fn a_reversed_height_range_is_refused() {
     let scene = two_views();
     let run = scene.path().join("../never-made");
     let (scene, run) = (scene.path().to_str().unwrap(), run.to_str().unwrap());
@@ -616,7 +632,7 @@ fn a_height_range_upside_down_is_refused() {
 }
 
 #[test]
-fn views_of_noise_do_not_become_a_wrong_adjustment() {
+fn views_of_noise_are_refused_by_the_adjustment() {
     let scene = two_views();
     let run = tempfile::tempdir().unwrap();
     let run = run.path().join("run");
@@ -628,7 +644,7 @@ fn views_of_noise_do_not_become_a_wrong_adjustment() {
 }
 
 #[test]
-fn a_run_cannot_lie_in_its_own_scene() {
+fn a_run_folder_must_not_be_the_scene() {
     let scene = two_views();
     let path = scene.path().to_str().unwrap();
     let output = satgs(&["ba", path, "-o", path]);
@@ -638,10 +654,10 @@ fn a_run_cannot_lie_in_its_own_scene() {
     assert_eq!(std::fs::read_dir(scene.path()).unwrap().count(), 2);
 }
 
-/// A limit on the size of files stands for the disk: a write beyond it fails as on a full one.
+/// A limit on the size of files simulates a full disk: a write beyond the limit fails.
 #[cfg(unix)]
 #[test]
-fn n35_a_full_disk_is_an_error_and_leaves_no_torn_file() {
+fn n35_a_full_disk_is_an_error_and_leaves_no_incomplete_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("scene");
     let program = env!("CARGO_BIN_EXE_satgs");
@@ -658,7 +674,7 @@ fn n35_a_full_disk_is_an_error_and_leaves_no_torn_file() {
 }
 
 #[test]
-fn n35_what_exists_is_not_replaced_unasked() {
+fn n35_existing_files_are_replaced_only_with_overwrite() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("scene");
     std::fs::create_dir(&out).unwrap();

@@ -51,7 +51,7 @@ fn true_cameras(folder: &Path, made: &Adjustment) -> Vec<(Rpc, Rpc)> {
 }
 
 #[test]
-fn images_exchanged_among_cameras_are_refused() {
+fn images_with_exchanged_cameras_are_refused() {
     let (_folder, mut scene) = town();
     let images: Vec<_> = scene.views.iter().map(|v| v.image.clone()).collect();
     for (i, view) in scene.views.iter_mut().enumerate() {
@@ -94,7 +94,7 @@ fn a_constant_image_is_left_out_and_constant_images_are_refused() {
 }
 
 #[test]
-fn an_adjustment_without_a_view_is_partial_and_says_so_again() {
+fn an_adjustment_that_leaves_out_a_view_reports_so_every_time() {
     let (folder, scene) = town();
     let image = &scene.views[1].image;
     write(&scene, 1, image, vec![90; SIZE * SIZE]);
@@ -125,7 +125,7 @@ fn heights_wrong_by_a_kilometre_are_refused() {
 }
 
 #[test]
-fn fixed_cameras_stay_and_the_report_tells_which_points_badly() {
+fn fixed_cameras_are_unchanged_and_bad_ones_are_reported() {
     let (folder, mut scene) = town();
     for view in &mut scene.views {
         view.rpc = formats::read(&folder.path().join(format!("truth/rpcs/{}.json", view.name))).unwrap().rpc;
@@ -146,7 +146,7 @@ fn fixed_cameras_stay_and_the_report_tells_which_points_badly() {
 }
 
 #[test]
-fn ground_control_puts_the_scene_where_the_survey_says() {
+fn ground_control_determines_the_position_of_the_scene() {
     let (folder, scene) = town();
     let file = folder.path().join("gcps.csv");
     let mut text = String::from("lon, lat, h, image, col, row, sigma_xy_m, sigma_h_m, sigma_px\n");
@@ -215,7 +215,7 @@ fn ground_control_puts_the_scene_where_the_survey_says() {
 }
 
 #[test]
-fn ground_control_that_cannot_be_is_refused_by_line_and_field() {
+fn invalid_ground_control_is_refused_by_line_and_field() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("gcps.csv");
     let header = "lon,lat,h,image,col,row,sigma_xy_m,sigma_h_m,sigma_px\n";
@@ -237,7 +237,7 @@ fn ground_control_that_cannot_be_is_refused_by_line_and_field() {
 }
 
 #[test]
-fn the_command_leaves_cameras_tie_points_and_pictures() {
+fn the_command_writes_cameras_tie_points_and_figures() {
     let (folder, _) = town();
     let run = tempfile::tempdir().unwrap();
     let (input, output) = (folder.path().to_str().unwrap(), run.path().to_str().unwrap());
@@ -282,7 +282,7 @@ fn a_view_that_keeps_no_track_is_left_out() {
 }
 
 #[test]
-fn an_adjustment_stops_when_it_is_asked_to() {
+fn an_adjustment_can_be_cancelled() {
     let (_folder, scene) = town();
     let options = BundleOptions { height_range: Some(HEIGHTS), ..BundleOptions::default() };
     for stage in ["finding features", "matching", "measuring patches"] {
@@ -346,7 +346,7 @@ fn views_of_one_direction_are_refused() {
 
 /// A view before it is left out: the reference is known by its name, not by its number.
 #[test]
-fn a_reference_view_stays_as_it_is_and_must_be_there() {
+fn a_reference_view_is_unchanged_and_must_exist() {
     let (folder, mut scene) = town();
     let plain = folder.path().join("plain.tif");
     write(&scene, 0, &plain, vec![90; SIZE * SIZE]);

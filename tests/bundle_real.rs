@@ -63,7 +63,7 @@ fn a_pleiades_triplet_is_adjusted_to_a_tenth_of_a_pixel() {
 }
 
 #[test]
-fn nineteen_dates_agree_with_an_independent_adjustment_one_view_36_pixels_off() {
+fn nineteen_dates_agree_with_an_independent_adjustment_although_one_view_is_36_pixels_off() {
     let Some(data) = data_dir() else { return };
     let folder = data.join("jax068");
     let made = adjusted(&folder, Some("rpcs_raw"));

@@ -47,12 +47,12 @@ fn worst_shift_px(relief: Relief) -> f64 {
 }
 
 #[test]
-fn shifts_on_gentle_ground_are_the_true_ones_to_a_tenth_of_a_pixel() {
+fn shifts_on_gentle_terrain_are_exact_to_a_tenth_of_a_pixel() {
     assert!(worst_shift_px(Relief::Rolling) < SHIFT_TOLERANCE_PX);
 }
 
 #[test]
-fn shifts_on_hilly_ground_are_the_true_ones_to_a_tenth_of_a_pixel() {
+fn shifts_on_hilly_terrain_are_exact_to_a_tenth_of_a_pixel() {
     assert!(worst_shift_px(Relief::Hilly) < SHIFT_TOLERANCE_PX);
 }
 
@@ -81,7 +81,7 @@ fn write_ground(surface: &HeightRaster, path: &Path) {
 }
 
 #[test]
-fn an_elevation_model_holds_the_height_of_the_scene() {
+fn an_elevation_model_fixes_the_height_of_the_scene() {
     let folder = tempfile::tempdir().unwrap();
     let made = simulate(folder.path(), &simulate::SimulateOptions::default(), &NoProgress).unwrap();
     let mut scene = read(folder.path(), &ReadOptions::default()).unwrap();

@@ -1,4 +1,4 @@
-//! Which RPC an image has: sidecars, chips, crops and maps of other images, and heights at which views share ground.
+//! Choice of the RPC of an image among sidecars, chips, crops and maps; overlap of views at different heights.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -34,10 +34,10 @@ fn spanning(rpc: &Rpc, size: f64) -> Rpc {
 }
 
 #[test]
-fn a_nitf_chip_has_the_rpc_of_its_place_in_the_full_image() {
+fn the_rpc_of_a_nitf_chip_is_shifted_to_its_position_in_the_full_image() {
     let Some(folder) = input("nitf-ichipb") else { return };
     let file = read_camera(&folder.join("VIEW_01.ntf"), false).unwrap();
-    // RPC00B rounds to a tenth of a pixel here.
+    // Offsets in RPC00B are rounded, which gives an error of a tenth of a pixel here.
     let px = file.rpc.project(satgs::frame::Point::new(5.499763161, 43.300094268, 160.0));
     assert!((px.col - 50.0).abs() < 0.1 && (px.row - 50.0).abs() < 0.1, "{px:?}");
     assert!(
@@ -47,7 +47,7 @@ fn a_nitf_chip_has_the_rpc_of_its_place_in_the_full_image() {
 }
 
 #[test]
-fn maps_of_sensor_images_are_refused_and_rough_places_are_not() {
+fn orthorectified_images_are_refused_and_approximate_geotransforms_accepted() {
     let Some(folder) = input("mapprojected-with-rpc") else { return };
     let error = scene(&folder).unwrap_err();
     assert!(error.contains("VIEW_01.tif` is orthorectified"), "{error}");
@@ -55,18 +55,18 @@ fn maps_of_sensor_images_are_refused_and_rough_places_are_not() {
     let Some(folder) = input("rough-geotransform") else { return };
     let read = scene(&folder).unwrap();
     assert_eq!(read.views.len(), 2);
-    assert!(read.warnings.iter().any(|w| w.contains("its place on the map is")), "{:?}", read.warnings);
+    assert!(read.warnings.iter().any(|w| w.contains("its map position and its")), "{:?}", read.warnings);
 }
 
 #[test]
-fn images_of_another_resolution_than_their_rpc_are_refused() {
+fn images_resampled_without_their_rpc_are_refused() {
     for size in [32.0, 128.0, 16.0, 256.0] {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.tif");
         image(&path, 1, Some(&spanning(&camera(5.44, 0.2), size)), &[]);
         let error = scene(folder.path()).unwrap_err();
         assert!(error.contains(&format!("for an image of about {size:.0} x {size:.0}")), "{error}");
-        // Of four times its volume an RPC sees nothing at all.
+        // Far outside of its validity volume, the RPC cannot be inverted.
         if size > 16.0 {
             assert_eq!(trusted(folder.path()).views.len(), 1);
         }
@@ -86,7 +86,7 @@ fn a_tile_with_its_own_rpb_is_read_beside_its_products_metadata() {
     let rpc = camera(5.44, 0.2);
     std::fs::write(tile.with_extension("RPB"), to_rpb(&rpc)).unwrap();
     assert_eq!(read_camera(&tile, false).unwrap().rpc, rpc);
-    // The product's RPB is moved to the tile by the .TIL.
+    // The offset in the .TIL file shifts the RPB of the product to the tile.
     std::fs::remove_file(tile.with_extension("RPB")).unwrap();
     std::fs::write(folder.path().join("17JUL-P1BS-05_P001.RPB"), to_rpb(&rpc.shifted(64.0, 0.0))).unwrap();
     let til = "bandId = \"P\";\nnumTiles = 2;\nBEGIN_GROUP = TILE_1\n\tfilename = \"17JUL-P1BS_R1C1-05_P001.TIF\";\n\
@@ -109,7 +109,7 @@ fn the_rpc_that_fits_is_taken_from_several() {
 }
 
 #[test]
-fn a_virtual_rasters_own_rpc_wins_and_its_sources_are_known() {
+fn the_rpc_in_a_virtual_raster_has_precedence() {
     let Some(folder) = input("vrt-sidecar") else { return };
     let read = scene(&folder.join("scene.toml")).unwrap();
     assert_eq!(read.views[0].rpc_source, "RPC read by GDAL");
@@ -119,7 +119,7 @@ fn a_virtual_rasters_own_rpc_wins_and_its_sources_are_known() {
 }
 
 #[test]
-fn crops_of_a_summit_share_ground_at_its_height() {
+fn views_that_overlap_only_at_the_terrain_height_are_accepted() {
     // Views 6° either side of the vertical (0.2 m a 0.5 m pixel and metre), of the same ground 900 m above the middle.
     let view = |lean: f64| {
         let mut c = camera(5.44, lean).coefficients().clone();
@@ -153,7 +153,7 @@ fn companions_are_masks_and_other_rasters_are_named() {
     assert_eq!(read.views[0].mask.as_deref(), Some(folder.path().join("a_udm2.tif").as_path()));
     let said = read.warnings.join("\n");
     assert!(
-        said.contains("a_udm2.tif` is taken as the mask of a") && said.contains("c.dat` holds no image"),
+        said.contains("a_udm2.tif` is used as the mask of a") && said.contains("c.dat` is left out"),
         "{said}"
     );
     let Some(folder) = input("planet-udm2") else { return };
@@ -161,7 +161,7 @@ fn companions_are_masks_and_other_rasters_are_named() {
 }
 
 #[test]
-fn spellings_of_rpc_text() {
+fn spelling_variants_of_rpc_text_are_read() {
     let rpc = camera(5.44, 0.2);
     let text = to_text(&rpc);
     let file = Path::new("a_RPC.TXT");
@@ -188,7 +188,7 @@ fn spellings_of_rpc_text() {
 }
 
 #[test]
-fn areas_of_several_polygons_and_byte_order_marks() {
+fn areas_may_have_several_polygons_and_byte_order_marks() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.geojson");
     let square =

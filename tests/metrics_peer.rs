@@ -40,7 +40,7 @@ fn assert_near(what: &str, found: f64, expected: f64) {
 }
 
 #[test]
-fn scores_of_the_peer_dsm_are_those_of_the_peer() {
+fn scores_agree_with_the_other_implementation() {
     let Some(scene) = jax_068() else { return };
     let prediction = HeightRaster::read(&scene.join("peer_s2p_dsm.tif")).unwrap();
     let truth = lidar(&scene);
@@ -83,7 +83,7 @@ fn scores_of_the_peer_dsm_are_those_of_the_peer() {
 }
 
 #[test]
-fn lidar_moved_by_whole_cells_is_brought_back_exactly() {
+fn lidar_shifted_by_whole_cells_is_registered_exactly() {
     let Some(scene) = jax_068() else { return };
     let truth = lidar(&scene);
     let mut prediction = truth.surface.clone();

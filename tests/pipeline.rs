@@ -48,7 +48,7 @@ fn bytes(run: &Path, name: &str) -> Vec<u8> {
 }
 
 #[test]
-fn every_stage_runs_is_kept_and_goes_on_to_the_same_bytes_after_an_interruption() {
+fn stages_give_the_same_bytes_after_an_interruption() {
     let town = Town::new();
     let (whole, broken) = (town.path("whole"), town.path("broken"));
 
@@ -120,7 +120,7 @@ fn every_stage_runs_is_kept_and_goes_on_to_the_same_bytes_after_an_interruption(
 }
 
 #[test]
-fn a_run_folder_is_for_one_call_at_a_time() {
+fn a_run_folder_is_locked_during_a_call() {
     let folder = tempfile::tempdir().unwrap();
     let lock = RunLock::make(folder.path()).unwrap();
     let refused = train(folder.path(), &training(), &NoProgress).unwrap_err();

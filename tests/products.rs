@@ -76,7 +76,7 @@ fn identity(path: &Path) -> u64 {
 }
 
 #[test]
-fn a_run_is_told_again_locked_and_added_to() {
+fn a_run_folder_keeps_summaries_is_locked_and_accepts_later_products() {
     let town = Town::new();
     let (scene, run) = (town.path("scene"), town.run());
     let adjusted = town.tells_the_same_again(&["ba", &scene, "-o", &run]);
@@ -250,7 +250,7 @@ impl Drop for Unmount {
 }
 
 #[test]
-fn an_output_that_is_lost_is_an_error_and_a_closed_pipe_is_none() {
+fn lost_output_is_an_error_and_a_closed_pipe_is_not() {
     let scene = two_views();
     let scene = scene.path().to_str().unwrap();
     let into = |args: &[&str], out: Stdio| {

@@ -25,7 +25,7 @@ fn jax_068_has_17_training_views_and_its_three_view_ground_holds_the_truth() {
 }
 
 #[test]
-fn jax_068_asks_which_cameras() {
+fn jax_068_requires_a_choice_of_cameras() {
     let Some(data) = common::data_dir() else { return };
     let error = read(&data.join("jax068"), &ReadOptions::default()).unwrap_err().to_string();
     assert!(error.ends_with("several folders of RPC files: rpcs_ba_v2, rpcs_raw"), "{error}");

@@ -125,7 +125,7 @@ fn assert_same(a: &[Vec<u8>; 3], b: &[Vec<u8>; 3]) {
 }
 
 #[test]
-fn interrupted_trainings_end_in_the_same_bytes_and_strange_checkpoints_are_told() {
+fn interrupted_trainings_give_the_same_bytes_and_foreign_checkpoints_are_reported() {
     let adjusted = Adjusted::new();
     let whole = adjusted.run("whole");
     let started = Instant::now();

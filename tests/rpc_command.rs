@@ -29,7 +29,7 @@ fn text_camera() -> (tempfile::TempDir, String) {
 }
 
 #[test]
-fn a_file_in_utf_16_is_text_and_no_image() {
+fn a_file_in_utf_16_is_read_as_text() {
     let (folder, path) = text_camera();
     let text = std::fs::read_to_string(&path).unwrap();
     let words = std::iter::once(0xfeff).chain(text.encode_utf16());
@@ -41,7 +41,7 @@ fn a_file_in_utf_16_is_text_and_no_image() {
 }
 
 #[test]
-fn points_go_there_and_back() {
+fn project_and_localize_are_inverse() {
     let (_folder, rpc) = text_camera();
     let (code, ground, _) = said(&satgs(&["rpc", "localize", &rpc, "10,20,130", "3.5 4.25 90"]));
     assert_eq!((code, ground.lines().count()), (Some(0), 2));
@@ -62,7 +62,7 @@ fn points_go_there_and_back() {
 }
 
 #[test]
-fn json_has_the_numbers_to_the_last_bit() {
+fn json_output_keeps_every_bit() {
     let (_folder, rpc) = text_camera();
     let (_, out, _) = said(&satgs(&["rpc", "project", &rpc, "5.4401,43.2599,130", "--json"]));
     let json: Value = serde_json::from_str(&out).unwrap();
@@ -72,7 +72,7 @@ fn json_has_the_numbers_to_the_last_bit() {
 }
 
 #[test]
-fn n13_a_pixel_without_ground_is_said_once_with_its_point_and_height() {
+fn n13_a_pixel_without_ground_is_reported_once_with_point_and_height() {
     let (_folder, rpc) = text_camera();
     let (code, out, err) = said(&satgs(&["rpc", "localize", &rpc, "1e9,0,100", "10,10,100", "0,1e9,100"]));
     assert_eq!(code, Some(3), "{err}");
@@ -85,7 +85,7 @@ fn n13_a_pixel_without_ground_is_said_once_with_its_point_and_height() {
 }
 
 #[test]
-fn lines_that_are_no_points_are_refused() {
+fn invalid_points_are_refused() {
     let (_folder, rpc) = text_camera();
     for bad in ["5.44,43.26", "5.44,43.26,nan", "a b c", "1,2,3,4"] {
         let (code, out, err) = said(&satgs(&["rpc", "project", &rpc, bad]));
@@ -97,7 +97,7 @@ fn lines_that_are_no_points_are_refused() {
 }
 
 #[test]
-fn cameras_are_converted_to_the_last_bit() {
+fn conversion_of_cameras_keeps_every_bit() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let exact = camera(5.44, 1.0 / 3.0).shifted(1.0 / 7.0, 2.0 / 7.0);
@@ -132,14 +132,14 @@ fn two_cameras_are_compared_over_the_first_ones_volume() {
 }
 
 #[test]
-fn help_teaches_with_an_example() {
+fn help_contains_an_example() {
     let (code, out, _) = said(&satgs(&["rpc", "project", "--help"]));
     assert_eq!(code, Some(0));
     assert!(out.contains("satgs rpc project img_RPC.TXT 5.4401,43.2603,120"), "{out}");
 }
 
 #[test]
-fn a_height_outside_the_cameras_own_is_said() {
+fn a_height_outside_of_the_validity_volume_gives_a_warning() {
     let (_folder, rpc) = text_camera();
     let (code, _, err) = said(&satgs(&["rpc", "localize", &rpc, "10,20,300"]));
     assert!(code == Some(0) && err.contains("1 of 1 points are outside the volume"), "{err}");

@@ -14,7 +14,7 @@ use std::path::Path;
 const PX: f64 = 1e-6;
 /// Localisations agree to this, degrees: a micrometre on the ground.
 const DEG: f64 = 1e-11;
-/// Derivatives agree to this share of the largest of their row.
+/// Relative tolerance of derivatives, with respect to the largest of their row.
 const SLOPE: f64 = 1e-9;
 
 /// The camera of a file.
@@ -63,7 +63,7 @@ fn files_agree_with_the_oracles() {
                     (ours.lon_deg() - ground.lon_deg()).abs().max((ours.lat_deg() - ground.lat_deg()).abs());
                 assert!(apart < DEG, "{name}: {apart}°");
                 worst_deg = worst_deg.max(apart);
-                // Equal bits are possible: a bit of a degree is 1e-9 px. That a wrong camera shows is the control.
+                // Results may have equal bits. A wrong camera must differ, as a check of the test itself.
                 let wrong = rpc.shifted(1e-4, 0.0).localize(target, ground.height_m()).unwrap();
                 let apart = (wrong.lon_deg() - ground.lon_deg())
                     .abs()
@@ -135,9 +135,9 @@ fn pleiades_agrees_with_shareloc_in_every_format() {
     }
 }
 
-/// Files that `oracles.json` does not hold: their own numbers and metadata (spec 5.1, the files).
+/// Files that are not in `oracles.json` are compared with the numbers and metadata in their text (specification 5.1).
 #[test]
-fn other_dialects_hold_what_their_files_say() {
+fn files_in_other_formats_give_the_numbers_that_they_state() {
     let Some(data) = common::data_dir() else { return };
     let read = |name: &str| formats::read(&data.join("rpc").join(name)).unwrap();
     let v1 = read("shareloc/PHRDIMAP_P1BP--2018122638935449CP.XML");
@@ -167,9 +167,9 @@ fn other_dialects_hold_what_their_files_say() {
     assert_eq!(geom.off_nadir_deg.map(f64::round), Some(16.0));
 }
 
-/// A shipped file whose direct model belongs to another strip (spec 5.1).
+/// A delivered file whose direct model belongs to another strip (specification 5.1).
 #[test]
-fn a_direct_model_that_disagrees_is_said() {
+fn a_direct_model_that_disagrees_gives_a_warning() {
     let Some(data) = common::data_dir() else { return };
     let read = |name: &str| formats::read(&data.join("rpc").join(name)).unwrap().warnings;
     let oise = read("shareloc/phr_oise/RPC_PHR1A_P_202503191043438_SEN_7342362101-1.XML");
@@ -181,7 +181,7 @@ fn a_direct_model_that_disagrees_is_said() {
 
 /// The skewed SkySat frame on which the rpcm library fails at 70 m and not at 90 m.
 #[test]
-fn skysat_is_localised_where_others_fail() {
+fn the_skewed_skysat_frame_is_localised() {
     let Some(data) = common::data_dir() else { return };
     let name = "rpc/rpcm/20191015_073816_ssc1d3_0011_basic_l1a_panchromatic_dn_RPC.TXT";
     let rpc = formats::read(&data.join(name)).unwrap().rpc;
@@ -194,9 +194,9 @@ fn skysat_is_localised_where_others_fail() {
     }
 }
 
-/// What satgs writes, GDAL reads as the same camera, and the tag comes back to the last bit.
+/// GDAL reads written files as the same camera, and the TIFF tag keeps every bit.
 #[test]
-fn gdal_reads_what_is_written() {
+fn gdal_reads_written_files_as_the_same_camera() {
     let folder = tempfile::tempdir().unwrap();
     let camera = common::camera(5.44, 1.0 / 3.0).shifted(1.0 / 7.0, 2.0 / 7.0);
     let px = |rpc: &Rpc| rpc.project(Point::new(5.440_1, 43.259_9, 130.0));
@@ -240,11 +240,12 @@ fn egm96_is_interpolated() {
     assert!(geoid.undulation_m(0.0, 91.0).is_nan());
 }
 
-/// What affine and quadratic cameras cost: RMS and maximum in pixels over a square and ± heights in metres (spec 4).
-/// The table's last digits are rounded: half a unit of them is added to a tenth of the value. It does not say which
-/// Pléiades image it is about: with this one the maximum is 0.137 px where the table has 0.123, so only its RMS counts.
+/// Errors of affine and quadratic cameras: RMS and maximum in pixels over a square and a height range in metres
+/// (specification 4). The tolerance is a tenth of the value and half a unit of the last digit of the table. The table does
+/// not state which Pléiades image it used: for this one the maximum is 0.137 px instead of 0.123 px, so that only the RMS
+/// is compared.
 #[test]
-fn approximations_cost_what_the_table_says() {
+fn errors_of_affine_and_quadratic_approximations_agree_with_the_table() {
     let Some(data) = common::data_dir() else { return };
     let jax = "rpc/rpcm/JAX_068_001_RGB_adjusted.json";
     let (wv3_20, wv3_30) = ("rpc/shareloc/wv3_20.NTF", "rpc/shareloc/wv3_30.NTF");

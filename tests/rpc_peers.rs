@@ -16,7 +16,7 @@ fn as_gdal_reads(image: &Path) -> Rpc {
 
 /// s2p's region of interest of a polygon at the camera's middle height: column, row, width, height.
 #[test]
-fn s2p_sees_a_polygon_in_the_same_place() {
+fn the_region_of_interest_of_a_polygon_agrees_with_s2p() {
     let Some(data) = common::data_dir() else { return };
     let rpc = as_gdal_reads(&data.join("s2p/input_pair/img_01.tif"));
     assert_eq!(rpc.center().height_m(), 1295.0);
@@ -36,7 +36,7 @@ fn s2p_sees_a_polygon_in_the_same_place() {
 
 /// s2p's virtual matches of a pair: pixels of the first image, localised at five heights, in the second.
 #[test]
-fn s2p_makes_the_same_virtual_matches() {
+fn virtual_matches_agree_with_s2p() {
     let Some(data) = common::data_dir() else { return };
     let [first, second] =
         ["img_01.tif", "img_02.tif"].map(|f| as_gdal_reads(&data.join("s2p/input_pair").join(f)));
@@ -58,7 +58,7 @@ fn s2p_makes_the_same_virtual_matches() {
 
 /// The fixed-width numbers of a NITF's RPC00B, and its pixels there and back.
 #[test]
-fn a_nitf_holds_the_numbers_that_shareloc_reads() {
+fn nitf_coefficients_agree_with_shareloc() {
     let Some(data) = common::data_dir() else { return };
     let rpc = as_gdal_reads(&data.join("rpc/shareloc/wv3_20.NTF"));
     let c = rpc.coefficients();
@@ -74,7 +74,7 @@ fn a_nitf_holds_the_numbers_that_shareloc_reads() {
 
 /// Two levels of one Planet frame: another sampling of the same camera (rpcm's `equal_projection`).
 #[test]
-fn planets_levels_share_their_polynomials() {
+fn two_processing_levels_of_planet_have_the_same_polynomials() {
     let Some(data) = common::data_dir() else { return };
     let [a, b] = ["rpc_PLANET_L1A.txt", "rpc_PLANET_L1B.txt"]
         .map(|f| formats::read(&data.join("rpc/rpcm").join(f)).unwrap().rpc.coefficients().clone());
@@ -84,7 +84,7 @@ fn planets_levels_share_their_polynomials() {
 
 /// GDAL finds these beside an image and reads them itself; it knows neither OSSIM's `.geom` nor DIMAP 1.
 #[test]
-fn gdal_reads_vendors_files_as_the_same_camera() {
+fn rpc_files_of_vendors_give_the_same_camera_as_in_gdal() {
     let Some(data) = common::data_dir() else { return };
     let (phr, neo) = ("PHR1B_P_201709281038045_SEN_PRG_FC_178608-001", "PNEO3_202111071029126_PAN_trimmed");
     for (file, image) in [

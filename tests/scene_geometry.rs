@@ -1,4 +1,4 @@
-//! Where scenes lie: map zones, heights above a geoid, images on a map that have a camera of their own.
+//! Georeferencing of scenes: UTM zones, heights above a geoid, ortho-ready images.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -10,7 +10,7 @@ use satgs::rpc::formats::to_text;
 use satgs::rpc::{Rpc, RpcCoefficients};
 use satgs::scene::{ReadOptions, read};
 
-/// One zone, of the scene's own place.
+/// All views of a scene use the UTM zone of its centre.
 #[test]
 fn scenes_across_zones_the_equator_and_the_antimeridian_have_one_zone() {
     for (lons, lat, zones) in [
@@ -34,7 +34,7 @@ fn scenes_across_zones_the_equator_and_the_antimeridian_have_one_zone() {
 
 /// Height above the ellipsoid = height above the geoid + undulation.
 #[test]
-fn heights_above_a_geoid_are_lifted_by_its_undulation() {
+fn heights_above_a_geoid_are_converted_by_its_undulation() {
     let folder = two_views();
     let scene = read(folder.path(), &ReadOptions::default()).unwrap();
     let made = tempfile::tempdir().unwrap();
@@ -58,7 +58,7 @@ fn heights_above_a_geoid_are_lifted_by_its_undulation() {
     assert!((dem.height_m(scene.center().unwrap()) - 99.3).abs() < 1e-3);
 }
 
-/// A map whose camera is its own (Maxar's OR2A) is an image like any other.
+/// An ortho-ready image (Maxar OR2A) is a map with an RPC of its own, and is accepted.
 #[test]
 fn an_ortho_ready_image_keeps_its_camera() {
     let folder = two_views();

@@ -70,16 +70,16 @@ fn a_stac_item_collection_is_a_scene() {
     std::fs::write(&list, item("one", "a.tif")).unwrap();
     assert_eq!(scene(&list).unwrap().views.len(), 1);
     std::fs::write(&list, item("one", "https://example.org/a.tif")).unwrap();
-    assert!(scene(&list).unwrap_err().contains("satgs fetches nothing, download it first"));
+    assert!(scene(&list).unwrap_err().contains("satgs does not download, fetch it first"));
     std::fs::write(&list, "{\"type\": \"Catalog\"}").unwrap();
     assert!(scene(&list).unwrap_err().contains("neither a STAC Item nor an ItemCollection"));
 }
 
 #[test]
-fn an_area_crops_images_and_their_cameras_alike() {
+fn an_area_crops_images_and_shifts_their_cameras() {
     let folder = tempfile::tempdir().unwrap();
     let rpc = resampled(&camera(5.44, 0.0), 5.0);
-    // A large image whose pixel values tell their place.
+    // A large image whose pixel values encode their position.
     let path = folder.path().join("a.tif");
     let driver = gdal::DriverManager::get_driver_by_name("GTiff").unwrap();
     let dataset = driver.create_with_band_type::<u16, _>(&path, 400, 400, 1).unwrap();
@@ -124,7 +124,7 @@ fn footprints_and_a_picture_are_written() {
         use gdal::vector::LayerAccess;
         let mut layer = dataset.layer(0).unwrap();
         let areas: Vec<f64> = layer.features().map(|f| f.geometry().unwrap().area()).collect();
-        // 64 pixels of 0.5 m a side.
+        // The sides have 64 pixels of 0.5 m.
         assert_eq!(areas.len(), 2);
         assert!(
             areas.iter().all(|a| (a * 111_200f64.powi(2) * 0.728 / 1024.0 - 1.0).abs() < 0.1),
@@ -137,9 +137,9 @@ fn footprints_and_a_picture_are_written() {
     assert!(drawing.starts_with("<svg") && drawing.matches("<polygon").count() >= 2, "{drawing}");
 }
 
-/// Each view's image is read in part, and its corrected camera is one of the whole image all the same.
+/// Only a part of each image is read, but its corrected camera is that of the whole image.
 #[test]
-fn corrected_cameras_fit_whole_images_whatever_the_area() {
+fn corrected_cameras_are_those_of_whole_images_for_any_area() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let run = |args: &[&str]| {
@@ -149,7 +149,7 @@ fn corrected_cameras_fit_whole_images_whatever_the_area() {
     run(&["simulate", &at("scene"), "--size", "300", "--views", "5", "-q"]);
     let center = scene(&folder.path().join("scene")).unwrap().center().unwrap();
     let (lon, lat) = (center.lon_deg(), center.lat_deg());
-    // 80 m by 90 m, of images of about 150 m.
+    // The area has 80 m x 90 m, the images cover about 150 m.
     let area = format!("{},{},{},{}", lon - 5e-4, lat - 4e-4, lon + 5e-4, lat + 4e-4);
     run(&["ba", &at("scene"), "-o", &at("whole"), "-q"]);
     run(&["ba", &at("scene"), "-o", &at("part"), "--aoi", &area, "-q"]);

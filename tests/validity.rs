@@ -1,4 +1,4 @@
-//! Which pixels count as image, whoever says so, and what becomes of ground that few valid pixels show.
+//! Valid pixels from all sources, and ground that is visible in few valid pixels.
 
 #![allow(clippy::unwrap_used)]
 
@@ -13,16 +13,16 @@ use satgs::rpc::formats::to_gdal;
 use satgs::scene::{ReadOptions, Scene, read};
 use std::path::Path;
 
-/// Who says what is no image.
+/// Source of the information which pixels are valid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Way {
-    /// A declared value of its own.
+    /// A declared nodata value.
     Nodata,
-    /// A band more.
+    /// An alpha band.
     Alpha,
-    /// A mask that GDAL keeps beside the file.
+    /// A mask file of GDAL beside the image.
     GdalMask,
-    /// A raster that the list of views names.
+    /// A mask in the list of views.
     UserMask,
 }
 
@@ -52,7 +52,7 @@ fn write(
     image.create_copy(&tiff, path, &RasterCreationOptions::default()).unwrap()
 }
 
-/// A copy of an image at sixteen bits without some of its pixels, and of these a mask if it takes one.
+/// Writes a 16-bit copy of an image in which some pixels are not valid, and a mask file if `way` needs one.
 fn twin(source: &Path, folder: &Path, way: Way, is_valid: impl Fn(usize, usize) -> bool) {
     let file = ImageFile::open(source).unwrap();
     let (width, height) = file.size();
@@ -94,7 +94,7 @@ fn succeed(folder: &Path, args: &[&str]) {
     assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// Files whose bytes tell of everything that was computed.
+/// The result files of a run, whose bytes are compared.
 fn results(run: &Path) -> Vec<(String, Vec<u8>)> {
     let mut files = vec![run.join("splats.ply"), run.join("confidence.tif"), run.join("dsm.tif")];
     for entry in walk(&run.join("ba")) {
@@ -116,7 +116,7 @@ fn walk(folder: &Path) -> Vec<std::path::PathBuf> {
 }
 
 #[test]
-fn a_cloud_is_the_same_as_nodata_alpha_mask_and_list() {
+fn invalid_pixels_give_the_same_result_as_nodata_alpha_mask_and_list() {
     let folder = tempfile::tempdir().unwrap();
     succeed(folder.path(), &["simulate", "town", "--size", "180", "--views", "5", "-q"]);
     let is_valid = |col: usize, row: usize| col.abs_diff(80) + row.abs_diff(100) > 40;
@@ -149,9 +149,9 @@ fn a_cloud_is_the_same_as_nodata_alpha_mask_and_list() {
     }
 }
 
-/// As crops of the images: cells that fewer than two valid views see are nodata, and the others are not spoilt.
+/// Cells that fewer than two valid views see become nodata, as for cropped images; the other cells are not affected.
 #[test]
-fn ground_that_few_valid_pixels_show_is_nodata() {
+fn ground_on_valid_pixels_of_fewer_than_two_views_is_nodata() {
     let folder = tempfile::tempdir().unwrap();
     succeed(folder.path(), &["simulate", "town", "--size", "180", "--views", "6", "-q"]);
     let own = folder.path().join("own");
@@ -166,7 +166,7 @@ fn ground_that_few_valid_pixels_show_is_nodata() {
         let name = run.to_str().unwrap();
         succeed(&own, &["ba", ".", "-o", name, "-q"]);
         succeed(&own, &["train", name, "--iterations", "20", "--recipe", recipe, "-q"]);
-        // The whole town's grid, not the area's.
+        // The grid covers the whole town, not the area alone.
         succeed(&own, &["dsm", name, "--like", "../town/truth/TOWN_DSM.tif", "-q"]);
         let setup: SiteScene =
             serde_json::from_str(&std::fs::read_to_string(run.join("cameras.json")).unwrap()).unwrap();
@@ -193,7 +193,7 @@ fn ground_that_few_valid_pixels_show_is_nodata() {
             }
         }
         assert!(cells > 5000, "{recipe}: {cells} cells");
-        // The area is that of the valid pixels.
+        // The area is derived from the valid pixels.
         let (west, _, east, _) = setup.area;
         assert!(east - west < 100.0, "{:?}", setup.area);
     }
@@ -222,7 +222,7 @@ fn holed(value: u16, low: u16) -> Vec<u16> {
 }
 
 #[test]
-fn a_nodata_value_is_a_colour_only_among_the_other_values() {
+fn a_nodata_value_within_the_image_is_a_colour_only_in_the_range_of_other_values() {
     let (margin, hole) = (2 * 64, 100);
     for (value, low, expected) in
         [(65535, 100, margin + hole), (0, 100, margin + hole), (0, 1, margin), (120, 100, 0)]
@@ -230,7 +230,7 @@ fn a_nodata_value_is_a_colour_only_among_the_other_values() {
         let (_folder, scene) = small(&[holed(value, low)], Some(f64::from(value)), false);
         let found = missing(&scene);
         if value == 120 {
-            // Some pixels of this value touch the margin.
+            // Some pixels with this value are connected with the margin.
             assert!((margin..margin + hole).contains(&found), "{found}");
             continue;
         }
@@ -240,14 +240,14 @@ fn a_nodata_value_is_a_colour_only_among_the_other_values() {
         assert_eq!((range.low, range.high), (f32::from(lowest), f32::from(low + 49)), "{value} {low}");
         let colors = &scene.views[0].read_colors().unwrap()[0];
         assert_eq!(colors.data.iter().filter(|v| v.is_nan()).count(), expected);
-        // Holes do not press all other values into black.
+        // Invalid pixels do not influence the stretch of the other values.
         let mean = colors.valid().sum::<f32>() / colors.valid().count() as f32;
         assert!((0.3..0.7).contains(&mean), "{mean}");
     }
 }
 
 #[test]
-fn an_alpha_band_is_no_colour() {
+fn an_alpha_band_is_not_used_as_a_colour() {
     let (gray, alpha) = (holed(3, 100), holed(0, 100));
     let (folder, scene) = small(&[gray.clone(), alpha.clone()], None, true);
     assert_eq!((scene.views[0].bands.clone(), missing(&scene)), (vec![1], 2 * 64 + 100));
@@ -263,7 +263,7 @@ fn an_alpha_band_is_no_colour() {
 }
 
 #[test]
-fn an_alpha_band_that_does_not_call_itself_one_is_known_by_its_values() {
+fn an_undeclared_alpha_band_is_recognised_by_its_values() {
     let folder = tempfile::tempdir().unwrap();
     let rpc = to_gdal(&camera(5.44, 0.2));
     let image = SensorImage { width: 64, height: 64, rpc: &rpc, metadata: &[] };
@@ -273,13 +273,13 @@ fn an_alpha_band_that_does_not_call_itself_one_is_known_by_its_values() {
     image.write_u8(&path, vec![byte(holed(3, 100)), alpha]).unwrap();
     let scene = read(folder.path(), &ReadOptions::default()).unwrap();
     assert_eq!((scene.views[0].bands.clone(), missing(&scene)), (vec![1], 2 * 64 + 100));
-    // What has other values is a colour.
+    // A band with other values is a colour.
     image.write_u8(&path, vec![byte(holed(3, 100)), byte(holed(0, 100))]).unwrap();
     assert_eq!(missing(&read(folder.path(), &ReadOptions::default()).unwrap()), 0);
 }
 
 #[test]
-fn planets_usable_data_mask_is_a_mask_and_no_image() {
+fn the_usable_data_mask_of_planet_is_used_as_a_mask() {
     let folder = two_views();
     let mask = SensorImage { width: 64, height: 64, rpc: &[], metadata: &[] };
     let clear = holed(0, 1).into_iter().map(|v| u8::from(v > 0)).collect();
@@ -288,14 +288,14 @@ fn planets_usable_data_mask_is_a_mask_and_no_image() {
     assert_eq!((scene.views.len(), missing(&scene)), (2, 2 * 64 + 100));
     assert!(scene.views[1].valid_pixels().unwrap().is_none());
     assert!(
-        scene.warnings.iter().any(|w| w.contains("a_udm2.tif` is taken as the mask of a")),
+        scene.warnings.iter().any(|w| w.contains("a_udm2.tif` is used as the mask of a")),
         "{:?}",
         scene.warnings
     );
 }
 
 #[test]
-fn info_points_out_black_margins_that_no_file_declares() {
+fn info_warns_of_undeclared_black_margins() {
     let (folder, _) = small(&[holed(0, 100)], None, false);
     let output = satgs(&["info", folder.path().to_str().unwrap()]);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();

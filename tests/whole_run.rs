@@ -28,7 +28,7 @@ fn json(path: &Path) -> Value {
 }
 
 #[test]
-fn simulated_images_become_a_surface_model() {
+fn a_surface_model_is_made_from_simulated_images() {
     let folder = tempfile::tempdir().unwrap();
     let (scene, run) = (folder.path().join("scene"), folder.path().join("run"));
     let (scene, run) = (scene.to_str().unwrap(), run.to_str().unwrap());
@@ -112,7 +112,7 @@ fn simulated_images_become_a_surface_model() {
 }
 
 #[test]
-fn a_scene_is_found_from_another_folder_and_after_it_moved() {
+fn a_run_finds_its_scene_from_another_folder_and_after_a_move() {
     let folder = tempfile::tempdir().unwrap();
     let from_folder = |args: &[&str]| {
         let output = satgs_in(folder.path(), args);
