@@ -225,7 +225,7 @@ fn classes_and_masks_of_another_place_are_refused() {
 fn unknown_classes_give_a_warning() {
     let desk = Desk::new();
     desk.classes("TOWN_CLS.tif", GRID, (0..3600).map(|i| if i % 2 == 0 { 2 } else { 113 }).collect());
-    assert!(desk.scored("TOWN_DSM.tif", &[]).0.contains("class codes 113 are none of DFC2019's"));
+    assert!(desk.scored("TOWN_DSM.tif", &[]).0.contains("class codes 113 are unknown in DFC2019"));
 }
 
 #[test]
@@ -326,7 +326,7 @@ fn a_geoid_offset_is_suspected_and_converted_on_request() {
     geoid_grid(degrees, -29.0);
     let geoid = desk.path("geoid.tif");
     let (said, scores) = desk.scored("above_geoid.tif", &["--truth-vertical", geoid.to_str().unwrap()]);
-    assert!(said.contains("lifted from the geoid (geoid.tif) to the ellipsoid"), "{said}");
+    assert!(said.contains("converted from the geoid (geoid.tif) to the ellipsoid"), "{said}");
     assert!(scores["registered_scores"][0]["dz_m"].as_f64().unwrap().abs() < 1e-5);
     std::fs::remove_dir_all(desk.path("eval")).unwrap();
     geoid_grid(MapGrid { west: 10.0, ..degrees }, 45.0);
@@ -355,13 +355,13 @@ fn vertical_references_in_files_are_converted() {
     write("dsm.tif", &VerticalReference::Ellipsoid, 0.0);
     write("egm96.tif", &egm96, -geoid_m);
     let (said, scores) = desk.scored("egm96.tif", &[]);
-    assert!(said.contains("lifted to the ellipsoid"), "{said}");
+    assert!(said.contains("converted to ellipsoidal heights"), "{said}");
     let dz = scores["registered_scores"][0]["dz_m"].as_f64().unwrap();
     assert!(dz.abs() < 0.05, "{dz}");
     // Two that count from the same geoid stay as they are.
     write("dsm.tif", &egm96, 0.0);
     let (said, scores) = desk.scored("egm96.tif", &[]);
-    assert!(!said.contains("lifted"), "{said}");
+    assert!(!said.contains("converted"), "{said}");
     assert!((scores["registered_scores"][0]["dz_m"].as_f64().unwrap() + geoid_m).abs() < 0.05);
 }
 
@@ -402,7 +402,7 @@ fn a_wrong_text_file_is_named() {
     for (text, words) in [
         ("436000 3357070 60", "holds 3 numbers"),
         ("436000 north 60 0.5", "`north` is not a number"),
-        ("3357070 436000 60 0.5", "is no UTM easting and northing"),
+        ("3357070 436000 60 0.5", "is not a UTM easting and northing"),
         ("436000 3357070 512 0.5", "says 512 x 512 cells, the raster is 60 x 60"),
         ("436000 3357070 60 0", "resolution"),
         ("", "holds 0 numbers"),

@@ -191,9 +191,9 @@ impl ImageFile {
     /// Number of bits per stored value of the first band.
     #[must_use]
     pub fn bit_depth(&self) -> u32 {
-        let told = self.metadata("NBITS", "IMAGE_STRUCTURE").and_then(|b| b.parse().ok());
+        let stated = self.metadata("NBITS", "IMAGE_STRUCTURE").and_then(|b| b.parse().ok());
         let stored = || self.dataset.rasterband(1).map_or(0, |b| u32::from(b.band_type().bits()));
-        told.unwrap_or_else(stored)
+        stated.unwrap_or_else(stored)
     }
 
     /// Whether the file has a geotransform and a CRS.

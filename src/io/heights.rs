@@ -47,8 +47,8 @@ impl HeightSystem {
     pub fn of_cloud(header: &las::Header) -> Self {
         super::gdal_setup::set_up_gdal();
         let wkt = header.get_wkt_crs_bytes().map(String::from_utf8_lossy);
-        let told = wkt.and_then(|w| SpatialRef::from_wkt(w.trim_end_matches('\0')).ok());
-        let part = told.map(|srs| vertical_part(&srs)).unwrap_or_else(|| of_geotiff_keys(header));
+        let srs = wkt.and_then(|w| SpatialRef::from_wkt(w.trim_end_matches('\0')).ok());
+        let part = srs.map(|srs| vertical_part(&srs)).unwrap_or_else(|| of_geotiff_keys(header));
         Self { metres: part.metres.unwrap_or(1.0), unit: part.unit, from: part.from }
     }
 

@@ -120,7 +120,7 @@ impl Labels {
 
     fn slopes(land: &Grid2, cell: f64) -> Self {
         let mut label = vec![NONE; land.data.len()];
-        // Of a hundred million cells arc tangents would be felt.
+        // Tangents are compared, because arc tangents of a hundred million cells would take noticeable time.
         let steeper = SLOPES_DEG[1..SLOPES_DEG.len() - 1].iter().map(|s| s.to_radians().tan());
         let steeper: Vec<f64> = steeper.collect();
         label.par_chunks_mut(land.width).enumerate().for_each(|(row, line)| {

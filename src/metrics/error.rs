@@ -12,7 +12,7 @@ pub enum MetricsError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Raster(#[from] RasterError),
-    /// The mask is no vector file that can be used.
+    /// The vector file of the mask cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Vector(#[from] VectorError),
@@ -20,11 +20,11 @@ pub enum MetricsError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Cloud(#[from] CloudError),
-    /// The two rasters' systems cannot be brought together.
+    /// There is no transform between the coordinate systems of the two rasters.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Frame(#[from] FrameError),
-    /// The truth has a geotransform, but none that heights in metres can be compared on.
+    /// The truth has no north-up map grid in metres.
     #[error("`{path}`: the truth cannot be used: {reason}")]
     #[diagnostic(help("`gdalwarp -t_srs {crs} -r bilinear` puts it on the prediction's map grid"))]
     TruthGrid {
@@ -35,7 +35,7 @@ pub enum MetricsError {
         /// The prediction's CRS, as `gdalwarp` takes it; a placeholder before it is known.
         crs: String,
     },
-    /// The truth has no georeference, and its text file is not there.
+    /// The truth has no georeference, and its text file does not exist.
     #[error("`{path}` has no georeference and `{txt}` does not exist")]
     #[diagnostic(help(
         "DFC2019's truth needs the .txt beside the .tif: easting and northing of the lower-left corner, size in \
@@ -47,7 +47,7 @@ pub enum MetricsError {
         /// The text file that was looked for.
         txt: PathBuf,
     },
-    /// The text file beside the truth does not say where it lies.
+    /// The text file beside the truth is invalid.
     #[error("`{txt}`: {reason}")]
     #[diagnostic(help(
         "expected four numbers: easting and northing of the lower-left corner in metres, size in cells, \
@@ -59,21 +59,21 @@ pub enum MetricsError {
         /// What is wrong with it.
         reason: String,
     },
-    /// Heights count from something whose height above the ellipsoid is not known.
-    #[error("`{path}`: its heights count from `{from}`, and {reason}")]
+    /// The vertical reference of the heights is not known, or cannot be used.
+    #[error("`{path}`: the vertical reference of its heights is `{from}`, and {reason}")]
     #[diagnostic(help(
-        "--vertical (of dsm-eval and run: --truth-vertical) says what they are to be taken for: `ellipsoid`, EGM84, EGM96, \
+        "--vertical (of dsm-eval and run: --truth-vertical) sets the vertical reference: `ellipsoid`, EGM84, EGM96, \
          EGM2008 or a geoid's grid (.gtx, .tif of PROJ)"
     ))]
     VerticalReference {
         /// The file.
         path: PathBuf,
-        /// What it says.
+        /// The vertical reference that the file states.
         from: String,
         /// Why that cannot be used.
         reason: Box<VerticalError>,
     },
-    /// It is not known where a point cloud lies.
+    /// The CRS of a point cloud is not known, or not in metres.
     #[error("`{path}`: {reason}")]
     #[diagnostic(help(
         "`satgs dsm-eval --truth-crs EPSG` says which map projection in metres its coordinates are in; `pdal translate` with \
@@ -88,13 +88,13 @@ pub enum MetricsError {
     /// The geoid's grid does not cover a file.
     #[error("the geoid's grid does not cover `{path}`")]
     #[diagnostic(help(
-        "--vertical or --truth-vertical takes a grid of the place, as those of PROJ's data are"
+        "--vertical or --truth-vertical takes a grid that covers the place, such as those in PROJ's data"
     ))]
     GeoidElsewhere {
         /// The file.
         path: PathBuf,
     },
-    /// The mask covers nothing of the truth.
+    /// The mask contains no cell of the truth.
     #[error("no cell of the truth `{truth}` is inside of the mask `{mask}`")]
     #[diagnostic(help("do both lie in the same place? a raster mask is not 0 inside"))]
     EmptyMask {

@@ -233,19 +233,20 @@ fn notes(prediction: &HeightRaster, truth: &Truth, sampling: Sampling, differenc
              (median of prediction minus truth {difference_m:+.2} m{})",
             of(prediction),
             of(&truth.surface),
-            geoid_clue(&truth.surface.grid, difference_m)
+            geoid_hint(&truth.surface.grid, difference_m)
         ));
     }
     notes
 }
 
 /// A hint for a median difference that is near the height of the geoid.
-fn geoid_clue(grid: &MapGrid, difference_m: f64) -> String {
+fn geoid_hint(grid: &MapGrid, difference_m: f64) -> String {
     let map = SiteGrid { epsg: grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
     let middle = map.geodetic_from_utm(grid.cell_center(grid.width / 2, grid.height / 2));
     let Ok(egm96) = VerticalReference::read("EGM96") else { return String::new() };
     let geoid_m = egm96.undulation_m(middle.lon_deg(), middle.lat_deg());
     let is_near = (difference_m.abs() - geoid_m.abs()).abs() < NEAR_GEOID_M && geoid_m.abs() > NEAR_GEOID_M;
-    let clue = "; as much: does one of them count from a geoid? --truth-vertical tells";
-    format!("; the geoid lies {geoid_m:+.2} m from the ellipsoid here{}", if is_near { clue } else { "" })
+    let hint =
+        ", about the same: is one of them above a geoid? --truth-vertical sets the reference of the truth";
+    format!("; the geoid lies {geoid_m:+.2} m from the ellipsoid here{}", if is_near { hint } else { "" })
 }

@@ -73,7 +73,7 @@ impl HeightRaster {
         let vertical = VerticalReference::read(&from).map_err(refused)?;
         let (low, high) = self.lift(&vertical)?;
         Ok(Some(format!(
-            "`{}` counts from the geoid ({}) and is lifted to the ellipsoid, by {low:+.2} to {high:+.2} m",
+            "`{}`: heights above the geoid ({}) are converted to ellipsoidal heights, by {low:+.2} to {high:+.2} m",
             self.path.display(),
             vertical.name()
         )))

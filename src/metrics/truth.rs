@@ -68,7 +68,8 @@ impl Truth {
     /// Checks the truth without reading its heights, so that errors are known before a long run. The CRS of the
     /// prediction is not needed.
     ///
-    /// # Errors [`MetricsError`] when the file is no raster or point cloud, has no map grid or an unknown unit, or is
+    /// # Errors
+    /// [`MetricsError`] if the file is not a raster or point cloud, has no map grid or an unknown unit, or is
     /// cut short.
     pub fn check(path: &Path, options: &TruthOptions) -> Result<(), MetricsError> {
         for file in [options.classes, options.mask].into_iter().flatten() {
@@ -88,7 +89,8 @@ impl Truth {
     ///
     /// `grid` is the prediction's: its CRS is that of DFC2019's text file, and points are put into its cells.
     ///
-    /// # Errors [`MetricsError`] when a file cannot be read, has no map grid, or has another grid than the truth.
+    /// # Errors
+    /// [`MetricsError`] if a file cannot be read, has no map grid, or has another grid than the truth.
     pub fn read(path: &Path, options: &TruthOptions, grid: &MapGrid) -> Result<Self, MetricsError> {
         let mut notes = Vec::new();
         let (mut surface, mut classes) = if cloud::is_cloud(path) {
@@ -102,20 +104,22 @@ impl Truth {
         if cloud::is_cloud(path) {
             let n = surface.height.valid().count();
             notes.push(format!(
-                "the highest of the truth's points is taken in every cell of the prediction's grid, {n} cells have one"
+                "the truth is rasterised to the highest point of every cell of the prediction's grid; {n} cells have points"
             ));
         }
         if let Some(vertical) = &options.vertical {
-            let told = surface.vertical.replace(VerticalReference::ELLIPSOID.into());
-            if let Some(told) = told.filter(|told| *told != VerticalReference::known_name(vertical.name())) {
+            let stated = surface.vertical.replace(VerticalReference::ELLIPSOID.into());
+            if let Some(stated) =
+                stated.filter(|stated| *stated != VerticalReference::known_name(vertical.name()))
+            {
                 notes.push(format!(
-                    "the truth says that it counts from {told}, and is taken as told otherwise"
+                    "the truth states the vertical reference {stated}, which is replaced by the given one"
                 ));
             }
             if let VerticalReference::Geoid { name, .. } = vertical {
                 let (low, high) = surface.lift(vertical)?;
                 notes.push(format!(
-                    "the truth is lifted from the geoid ({name}) to the ellipsoid, by {low:+.2} to {high:+.2} m"
+                    "the heights of the truth are converted from the geoid ({name}) to the ellipsoid, by {low:+.2} to {high:+.2} m"
                 ));
             }
         }
@@ -130,7 +134,7 @@ impl Truth {
                 codes.iter().filter(|c| class_name(**c) == "other").map(u8::to_string).collect();
             if !unknown.is_empty() {
                 notes.push(format!(
-                    "class codes {} are none of DFC2019's; only {WATER} is taken for water",
+                    "class codes {} are unknown in DFC2019; only {WATER} counts as water",
                     unknown.join(", ")
                 ));
             }
@@ -221,13 +225,13 @@ fn parse_txt(text: &str, (width, height): (usize, usize), epsg: u32) -> Result<M
         return Err(format!("holds {} numbers", numbers.len()));
     };
     if !(100_000.0..=900_000.0).contains(&west) || !(0.0..=10_000_000.0).contains(&south) {
-        return Err(format!("({west}, {south}) is no UTM easting and northing"));
+        return Err(format!("({west}, {south}) is not a UTM easting and northing"));
     }
     if !(cell > 0.0 && cell < 1000.0) {
-        return Err(format!("a resolution of {cell} m is not believed"));
+        return Err(format!("a resolution of {cell} m is not plausible"));
     }
     if (size - width as f64).abs() > 1e-6 || width != height {
-        return Err(format!("says {size} x {size} cells, the raster is {width} x {height}"));
+        return Err(format!("states {size} x {size} cells, the raster has {width} x {height}"));
     }
     Ok(MapGrid { epsg, west, north: south + size * cell, cell, width, height })
 }
@@ -245,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_text_files_are_told_apart() {
+    fn errors_of_text_files_name_the_cause() {
         let reason = |text: &str| parse_txt(text, (512, 512), 32617).unwrap_err();
         assert!(reason("1 2 3").contains("holds 3 numbers"));
         assert!(reason("436078 x 512 0.5").contains("`x`"));

@@ -253,8 +253,9 @@ mod tests {
         let (c, px, height_m) = (rpc.coefficients(), Pixel::new(199.5, 599.5), 125.0);
         let of = |value: f64, axis: crate::rpc::Axis| (value - axis.offset) / axis.scale;
         let place = [of(px.col, c.col), of(px.row, c.row), of(height_m, c.height)];
-        let (told, found) = (direct_ground(&direct, &rpc, place), rpc.localize(px, height_m).unwrap());
-        let apart = (told.lon_deg() - found.lon_deg()).abs().max((told.lat_deg() - found.lat_deg()).abs());
+        let (expected, found) = (direct_ground(&direct, &rpc, place), rpc.localize(px, height_m).unwrap());
+        let apart =
+            (expected.lon_deg() - found.lon_deg()).abs().max((expected.lat_deg() - found.lat_deg()).abs());
         assert!(apart < 9e-8, "{apart}°");
     }
 }
