@@ -1,12 +1,13 @@
-//! Random numbers by counting: a draw depends on what it is for, not on what was drawn before.
+//! A counter-based random number generator (as in Salmon et al. 2011): random numbers depend on a key, not on
+//! which numbers were drawn before. Results therefore do not depend on the order of parallel work.
 
-/// Seed, purpose, time and place of a draw.
+/// A stream of random numbers for one key: seed, purpose, step and item.
 #[derive(Clone, Copy, Debug)]
 pub struct CounterRng {
     state: u64,
 }
 
-/// The mixing function of SplitMix64 (Steele, Lea and Flood, 2014).
+/// A step of SplitMix64 (Steele, Lea and Flood 2014): maps an integer to pseudorandom bits.
 #[must_use]
 pub const fn mix(seed: u64) -> u64 {
     let z = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
@@ -15,42 +16,42 @@ pub const fn mix(seed: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// The upper 53 bits of random bits as a number in [0, 1).
+/// A uniform number in [0, 1) from the upper 53 of 64 random bits.
 #[must_use]
 pub fn unit_interval(bits: u64) -> f64 {
     (bits >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// A normal number with mean 0 and standard deviation 1 from two uniform ones in [0, 1) (Box and Muller, 1958).
+/// A standard normal number from two uniform numbers in [0, 1) (Box and Muller 1958).
 #[must_use]
 pub fn box_muller(u: f64, v: f64) -> f64 {
     (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 impl CounterRng {
-    /// The stream of draws for one purpose, step and item.
+    /// The stream of numbers for one purpose, step and item. Streams with different keys are independent.
     #[must_use]
     pub fn new(seed: u64, purpose: u64, step: u64, item: u64) -> Self {
         Self { state: mix(mix(mix(mix(seed) ^ purpose) ^ step) ^ item) }
     }
 
-    /// Uniform in [0, 1).
+    /// The next number, uniform in [0, 1).
     pub fn uniform(&mut self) -> f64 {
         self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
         unit_interval(mix(self.state))
     }
 
-    /// Normal with mean 0 and deviation 1 (Box and Muller).
+    /// The next number, normal with mean 0 and standard deviation 1.
     pub fn normal(&mut self) -> f64 {
         box_muller(self.uniform(), self.uniform())
     }
 
-    /// A whole number below `n`.
+    /// The next whole number, uniform from 0 to below `n`; 0 if `n` is 0.
     pub fn below(&mut self, n: usize) -> usize {
         ((self.uniform() * n as f64) as usize).min(n.saturating_sub(1))
     }
 
-    /// A direction, uniform on the sphere.
+    /// The next unit vector, uniform on the sphere.
     pub fn direction(&mut self) -> [f64; 3] {
         let z = 2.0 * self.uniform() - 1.0;
         let (sin, cos) = (std::f64::consts::TAU * self.uniform()).sin_cos();
@@ -64,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn draws_have_the_moments_they_should() {
+    fn normal_numbers_have_mean_0_and_standard_deviation_1() {
         let n = 20_000;
         let (mut mean, mut square) = (0.0, 0.0);
         for i in 0..n {

@@ -1,9 +1,10 @@
-//! Statistics of lists of numbers.
+//! Robust statistics of lists of numbers: quantiles.
 
 /// Factor from the median absolute deviation to the standard deviation of a normal distribution.
 pub const MAD_TO_SIGMA: f64 = 1.4826;
 
-/// The value below which a share of the values lies.
+/// The quantile of values at a share from 0 to 1, without interpolation: the value at the nearest rank. None
+/// for an empty list.
 #[must_use]
 pub fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     let last = values.len().checked_sub(1)?;
@@ -11,14 +12,14 @@ pub fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     Some(*values.select_nth_unstable_by(rank.min(last), f64::total_cmp).1)
 }
 
-/// The `q` quantile (0 to 1) of values without NaN, interpolated linearly between neighbours as `numpy` does by default;
-/// NaN of an empty list.
+/// The quantile of values at a share `q` from 0 to 1, interpolated linearly between neighbours as
+/// `numpy.quantile` does by default; NaN for an empty list. The values must not contain NaN.
 #[must_use]
 pub fn interpolated_quantile(values: &[f32], q: f64) -> f64 {
     interpolated_quantile_in_place(&mut values.to_vec(), q)
 }
 
-/// [`interpolated_quantile`] without a copy; the order of the values changes.
+/// [`interpolated_quantile`] without a copy of the values, whose order changes.
 pub fn interpolated_quantile_in_place(values: &mut [f32], q: f64) -> f64 {
     let Some(last) = values.len().checked_sub(1) else { return f64::NAN };
     let position = q * last as f64;
@@ -45,7 +46,7 @@ mod tests {
     }
 
     #[test]
-    fn interpolated_quantiles_of_all_ranks_are_the_sorted_values() {
+    fn interpolated_quantiles_at_ranks_are_the_sorted_values() {
         // 7919 and 1001 have no common divisor, so that every number from 0 to 1000 occurs once.
         let values: Vec<f32> = (0..1001).map(|i| (i * 7919 % 1001) as f32 - 300.5).collect();
         let mut sorted = values.clone();

@@ -11,8 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Modules whose circles are accepted: their types are written for each other.
-const ACCEPTED: [&str; 5] =
-    ["mvs <-> ", "mvs::stereo <-> ", "splat::appearance <-> ", "splat::loss <-> ", "splat::raster <-> "];
+const ACCEPTED: [&str; 3] = ["splat::appearance <-> ", "splat::loss <-> ", "splat::raster <-> "];
 
 /// Names of a module path below `src`, as `["mvs", "stereo", "rays"]`.
 type Module = Vec<String>;

@@ -1,46 +1,46 @@
-//! How well a polynomial of site coordinates stands for an RPC over a box of ground: what an affine camera costs.
+//! The error of polynomial approximations of an RPC over a box of ground, such as that of an affine camera.
 
 use super::FitError;
 use crate::frame::{Geodetic, Pixel, Point, SiteGrid};
 use crate::rpc::Rpc;
 use nalgebra::{DMatrix, DVector};
 
-/// Nodes along east, north and up.
+/// Number of grid points along east, north and up.
 const NODES: [usize; 3] = [9, 9, 7];
 
-/// The degree of the polynomial of (east, north, up).
+/// The degree of a polynomial of (east, north, up).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// Four terms an image axis.
+    /// Degree 1: four coefficients for each image axis.
     Affine,
-    /// Ten terms an image axis.
+    /// Degree 2: ten coefficients for each image axis.
     Quadratic,
 }
 
 /// A box of ground: a square on the map, and heights around its centre.
 #[derive(Clone, Copy, Debug)]
 pub struct GroundBox {
-    /// The middle, at the middle height.
+    /// Its centre, at the middle of the heights.
     pub center: Point<Geodetic>,
-    /// The square's side, metres.
+    /// Side of the square, metres.
     pub side_m: f64,
-    /// Heights reach so far above and below the centre, metres.
+    /// Half the range of heights, metres.
     pub half_height_m: f64,
 }
 
-/// Distances between an approximation and the RPC it stands for.
+/// Distances in the image between an approximation and the RPC.
 #[derive(Clone, Copy, Debug)]
 pub struct Residual {
-    /// Root of the mean squared distance, pixels.
+    /// Root mean square distance, pixels.
     pub rms_px: f64,
     /// Largest distance, pixels.
     pub max_px: f64,
 }
 
-/// The residual of the best polynomial of this order over a box, by linear least squares.
+/// The residual of the polynomial that fits an RPC best over a box, by linear least squares.
 ///
 /// # Errors
-/// [`FitError`] for a place outside UTM, or a box without extent.
+/// [`FitError`] if the box lies outside of UTM or has no extent.
 pub fn residual(rpc: &Rpc, ground: &GroundBox, order: Order) -> Result<Residual, FitError> {
     let h = ground.center.height_m();
     let degenerate =

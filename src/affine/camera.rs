@@ -1,4 +1,4 @@
-//! The affine camera and its shears.
+//! The affine camera, and shears of it.
 
 use crate::camera::AffineKernel;
 use crate::frame::{CenterPx, Pixel, Point, Site, SiteGrid, Vector};
@@ -30,7 +30,7 @@ impl AffineCamera {
         self.linear.map(|l| l[0] * v[0] + l[1] * v[1] + l[2] * v[2])
     }
 
-    /// The camera whose image is this one's sheared: `(col, row) - shear * altitude`.
+    /// The sheared camera, whose image of a point is `(col, row) - shear * altitude`. `shear` is in pixels per metre.
     #[must_use]
     pub fn sheared(&self, shear: [f64; 2]) -> Self {
         let mut out = *self;
@@ -40,15 +40,15 @@ impl AffineCamera {
         out
     }
 
-    /// The shear (pixels per metre of altitude) that turns this camera into the one looking along `direction`:
-    /// points along it then share a pixel. `direction` must climb.
+    /// The shear (pixels per metre of altitude) after which the camera looks along `direction`: points along
+    /// it then share a pixel. `direction` must point upwards.
     #[must_use]
     pub fn shear_towards(&self, direction: Vector<Site>) -> [f64; 2] {
         let d = direction.xyz();
         self.displace([d[0] / d[2], d[1] / d[2], 1.0])
     }
 
-    /// Ground displacement (east, north) per metre of height along the rays, which climb towards the camera.
+    /// Ground displacement (metres east and north) per metre of height along a line of sight, towards the camera.
     #[must_use]
     pub fn line_of_sight_slope(&self) -> [f64; 2] {
         let [east, north, up] = self.columns();
@@ -57,9 +57,9 @@ impl AffineCamera {
         [north.perp_dot(up) / det, up.perp_dot(east) / det]
     }
 
-    /// The place (east, north; site metres) that a pixel shows if it lies at an altitude.
+    /// The point (east and north, site metres) at a given altitude that a pixel shows.
     #[must_use]
-    pub fn place_at(&self, px: Pixel<CenterPx>, altitude: f64) -> [f64; 2] {
+    pub fn localize(&self, px: Pixel<CenterPx>, altitude: f64) -> [f64; 2] {
         let [east, north, up] = self.columns();
         let image =
             DVec2::new(px.col - self.offset[0] - up.x * altitude, px.row - self.offset[1] - up.y * altitude);
@@ -67,19 +67,20 @@ impl AffineCamera {
         [image.perp_dot(north) / det, east.perp_dot(image) / det]
     }
 
-    /// Image displacements of a metre to the east, to the north and up, pixels.
+    /// Columns of the linear part: image displacements of a metre to the east, to the north and up, pixels.
     fn columns(&self) -> [DVec2; 3] {
         let [col, row] = self.linear;
         std::array::from_fn(|k| DVec2::new(col[k], row[k]))
     }
 
-    /// The camera of the image whose pixel (0, 0) is this one's pixel `(col, row)`.
+    /// The camera of a window of the image, whose pixel (0, 0) is pixel `(col, row)` of this image.
     #[must_use]
     pub fn cropped(&self, col: f64, row: f64) -> Self {
         Self { offset: [self.offset[0] - col, self.offset[1] - row], ..*self }
     }
 
-    /// The camera of the image resampled by `factor` (new size / old size), half pixel included.
+    /// The camera of the image resampled by `factor` (new size / old size). The outer corners of the image
+    /// stay the same: the centre of the first pixel moves.
     #[must_use]
     pub fn rescaled(&self, factor: f64) -> Self {
         Self {
@@ -88,7 +89,7 @@ impl AffineCamera {
         }
     }
 
-    /// Metres on level ground a pixel covers: the square root of its area.
+    /// Ground sampling distance, metres: the square root of the area of level ground that a pixel covers.
     #[must_use]
     pub fn gsd_m(&self) -> f64 {
         let [east, north, _] = self.columns();
@@ -102,7 +103,8 @@ impl<T: Real> From<&AffineCamera> for AffineKernel<T> {
     }
 }
 
-/// Unit vector from the ground to the sun in site axes: true azimuth less the grid's convergence.
+/// Unit vector from the ground to the sun in site axes. The azimuth of the sun is relative to true north,
+/// from which the north of the map grid differs by the meridian convergence.
 #[must_use]
 pub fn sun_direction(sun: Sun, site: &SiteGrid) -> Vector<Site> {
     let azimuth = (sun.azimuth_deg - site.convergence_deg()).to_radians();
@@ -121,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn points_along_the_sun_ray_share_a_pixel_of_the_sun_camera() {
+    fn points_along_a_ray_of_the_sun_share_a_pixel_of_the_camera_sheared_towards_it() {
         let site = SiteGrid::at(Point::<Geodetic>::new(5.44, 43.26, 100.0)).unwrap();
         let d = sun_direction(Sun { azimuth_deg: 150.0, elevation_deg: 35.0 }, &site);
         let cam = camera();
@@ -133,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn sun_azimuth_is_turned_by_the_convergence() {
+    fn the_azimuth_of_the_sun_is_corrected_by_the_meridian_convergence() {
         // PROJ gives a convergence of 1.6727 degrees near Marseille.
         let site = SiteGrid::at(Point::<Geodetic>::new(5.44, 43.26, 0.0)).unwrap();
         let d = sun_direction(Sun { azimuth_deg: 180.0, elevation_deg: 45.0 }, &site).xyz();
@@ -142,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn rescaling_keeps_pixel_corners_where_they_were() {
+    fn rescaling_preserves_the_corners_of_the_image() {
         let p = Point::new(12.0, -7.0, 3.0);
         let (a, b) = (camera().project(p), camera().rescaled(0.5).project(p));
         assert!(((a.col + 0.5) * 0.5 - (b.col + 0.5)).abs() < 1e-12);

@@ -1,21 +1,21 @@
-//! The affine camera nearest to an RPC over an image and a range of heights, by linear least squares.
+//! The affine camera that fits an RPC best over an image and a range of heights, by linear least squares.
 
 use super::AffineCamera;
 use crate::frame::{Pixel, SiteGrid};
 use crate::rpc::{LocalizeError, Rpc};
 use nalgebra::{Matrix4, Vector4};
 
-/// Nodes along columns, rows and heights.
+/// Number of grid points along columns, rows and heights.
 const NODES: [usize; 3] = [15, 15, 7];
 
-/// A fitted camera and how well it stands for the RPC.
+/// A fitted camera and its distances from the RPC.
 #[derive(Clone, Copy, Debug)]
 pub struct AffineFit {
     /// The camera.
     pub camera: AffineCamera,
-    /// Root of the mean squared distance to the RPC's projection, pixels.
+    /// Root mean square distance to the projection of the RPC, pixels.
     pub rms_px: f64,
-    /// Largest distance, pixels.
+    /// Largest distance to the projection of the RPC, pixels.
     pub max_px: f64,
 }
 
@@ -23,16 +23,16 @@ pub struct AffineFit {
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum FitError {
-    /// The RPC does not see the image's volume.
+    /// The RPC has no inverse in the volume that the image shows.
     #[error("the RPC cannot be inverted over the image")]
-    #[diagnostic(help("does the RPC belong to this image?"))]
+    #[diagnostic(help("check that the RPC belongs to this image"))]
     Localize(#[from] LocalizeError),
-    /// A place outside UTM.
+    /// A point lies outside of UTM.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Place(#[from] crate::frame::FrameError),
-    /// No heights, or a camera that looks along the ground.
-    #[error("the image's volume is degenerate: heights {low_m} to {high_m} m")]
+    /// The range of heights is empty, or the camera looks along the ground.
+    #[error("no affine camera can be fitted over heights from {low_m} m to {high_m} m")]
     Degenerate {
         /// Lowest height, metres.
         low_m: f64,
@@ -45,7 +45,7 @@ pub enum FitError {
 /// `low_m..high_m`.
 ///
 /// # Errors
-/// [`FitError`] when the RPC cannot be inverted or the volume has no depth.
+/// [`FitError`] when the RPC cannot be inverted, or when the points do not determine an affine camera.
 pub fn fit(
     rpc: &Rpc,
     (width, height): (usize, usize),
@@ -67,10 +67,10 @@ pub fn fit(
             }
         }
     }
-    // Metres of very different size east and up: the normal equations are solved in units of their spread.
-    let spread: [f64; 3] =
+    // East and north have a far larger range than up. The normal equations are solved in units of each range.
+    let range: [f64; 3] =
         std::array::from_fn(|a| samples.iter().map(|(p, _)| p.xyz()[a].abs()).fold(1e-3, f64::max));
-    let row = |p: [f64; 3]| Vector4::new(p[0] / spread[0], p[1] / spread[1], p[2] / spread[2], 1.0);
+    let row = |p: [f64; 3]| Vector4::new(p[0] / range[0], p[1] / range[1], p[2] / range[2], 1.0);
     let mut normal = Matrix4::zeros();
     let mut right = [Vector4::zeros(), Vector4::zeros()];
     for (p, px) in &samples {
@@ -82,7 +82,7 @@ pub fn fit(
     let factor = normal.cholesky().ok_or_else(degenerate)?;
     let solution = right.map(|b| factor.solve(&b));
     let camera = AffineCamera {
-        linear: std::array::from_fn(|i| std::array::from_fn(|a| solution[i][a] / spread[a])),
+        linear: std::array::from_fn(|i| std::array::from_fn(|a| solution[i][a] / range[a])),
         offset: [solution[0][3], solution[1][3]],
     };
     if !camera.linear.as_flattened().iter().all(|v| v.is_finite()) {

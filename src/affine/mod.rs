@@ -1,8 +1,9 @@
-//! Affine cameras in the site frame: fitted to RPCs, and sheared into sun and virtual cameras.
+//! Affine cameras in the site frame, fitted to RPCs, and the training scene made of them.
 //!
-//! Every camera of an iteration is a shear of one view camera along the vertical: a point at altitude `z` (metres
-//! above the site's origin) moves by `-shear * z` pixels. The site's origin is the pivot. Third image coordinate
-//! is the altitude itself, whatever the camera.
+//! The cameras of the sun and of virtual views are sheared view cameras: a point at altitude `z` (metres
+//! above the site's origin) moves by `-shear * z` pixels in the image, and points at the altitude of the
+//! origin stay. The third image coordinate, by which splats are ordered, is the altitude for all of these
+//! cameras.
 
 mod approximation;
 mod camera;

@@ -1,4 +1,4 @@
-//! From adjusted cameras and sparse points to what training needs: the site, its area and heights, affine cameras.
+//! The training scene: the site, its area and altitudes, and affine cameras, from adjusted RPCs and sparse points.
 
 use super::{AffineCamera, FitError, TrainingView, fit, sun_direction};
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteBox, SiteGrid};
@@ -9,55 +9,57 @@ use crate::stats::quantile;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Shares of the sparse points below and above the heights that are swept and trained in, and the margins around
-/// them.
-const HEIGHT_SHARES: (f64, f64) = (0.005, 0.995);
+/// Quantiles of the heights of the sparse points that bound the range of matching and training, and the
+/// margins that are added below and above.
+const HEIGHT_QUANTILES: (f64, f64) = (0.005, 0.995);
 const MARGIN_BELOW_M: f64 = 5.0;
 const MARGIN_ABOVE_M: f64 = 15.0;
-/// Views and suns lower than this are refused: their shears have no end.
+/// Smallest elevation of views and suns: at lower ones, shears (the cotangent of the elevation) become too
+/// large. Lower views are an error, lower suns are not used.
 const LOWEST_ELEVATION_DEG: f64 = 15.0;
 
-/// Why training cannot be set up.
+/// Why a training scene cannot be set up.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum SiteSceneError {
-    /// Adjustment left too few points.
-    #[error("{found} sparse points are too few to train from (at least {needed})")]
-    #[diagnostic(help("`satgs ba` reports what was matched"))]
+    /// The bundle adjustment has left too few sparse points.
+    #[error("found {found} sparse points, but training needs at least {needed}")]
+    #[diagnostic(help("`satgs ba` reports the matches that it found between the views"))]
     FewPoints {
-        /// Points there are.
+        /// Number of sparse points.
         found: usize,
-        /// Points it takes.
+        /// Smallest number of sparse points.
         needed: usize,
     },
-    /// No ground is seen often enough.
-    #[error("no ground is seen by enough views")]
-    #[diagnostic(help("`satgs info` shows the footprints"))]
+    /// The footprints of the views do not overlap enough.
+    #[error("no part of the ground is seen by enough views")]
+    #[diagnostic(help("`satgs info` shows the footprints of the views"))]
     NoCommonGround,
-    /// No view may be trained on.
+    /// The scene has no training view.
     #[error("no training view is left")]
-    #[diagnostic(help("`test.txt` holds views back, `train.txt` lists those to train on"))]
+    #[diagnostic(help("`test.txt` holds views back, and `train.txt` lists those to train on"))]
     NoViews,
-    /// A view looks too flatly.
+    /// A view is too oblique.
     #[error(
-        "view `{view}` looks from {elevation_deg:.1}° above the horizon, at least {LOWEST_ELEVATION_DEG}° are needed"
+        "view `{view}` has an elevation of {elevation_deg:.1}° above the horizon, but at least {LOWEST_ELEVATION_DEG}° are needed"
     )]
+    #[diagnostic(help("leave the view out, or check that its RPC belongs to its image"))]
     LowView {
-        /// The view.
+        /// Name of the view.
         view: String,
-        /// Its elevation.
+        /// Elevation of the satellite, degrees.
         elevation_deg: f64,
     },
-    /// A view's RPC has no affine stand-in.
-    #[error("view `{view}`")]
+    /// The RPC of a view has no affine approximation.
+    #[error("view `{view}`: the RPC has no affine approximation")]
     Fit {
-        /// The view.
+        /// Name of the view.
         view: String,
-        /// Why.
+        /// The reason.
         #[source]
         source: FitError,
     },
-    /// No map zone.
+    /// The site lies outside of UTM.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Frame(#[from] FrameError),
@@ -67,32 +69,32 @@ pub enum SiteSceneError {
     Raster(#[from] RasterError),
 }
 
-/// A view's camera in the site frame.
+/// A view of the training scene, without its pixels.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SiteView {
-    /// Its name.
+    /// Name of the view.
     pub name: String,
-    /// Training or test.
+    /// Whether it is a training or a test view.
     pub role: Role,
-    /// Columns and rows of its image.
+    /// Columns and rows of the image.
     pub size: (usize, usize),
-    /// Whether some of the image's pixels are not valid.
+    /// Whether some pixels of the image are not valid.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_masked: bool,
-    /// The camera.
+    /// The affine camera in the site frame.
     pub camera: AffineCamera,
     /// Root mean square distance to the RPC, pixels.
     pub rms_px: f64,
     /// Largest distance to the RPC, pixels.
     pub max_px: f64,
-    /// Shear towards the sun, pixels per metre; none without a usable sun.
+    /// Shear of the camera towards the sun, pixels per metre of altitude; none if the sun is unknown or too low.
     pub sun_shear: Option<[f64; 2]>,
 }
 
-/// Where training takes place.
+/// The training scene: what matching, training and the DSM share.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SiteScene {
-    /// The site.
+    /// The site, whose frame all coordinates are in.
     pub site: SiteGrid,
     /// The area, site metres: west, south, east, north.
     pub area: SiteBox,
@@ -107,16 +109,18 @@ pub struct SiteScene {
     pub transfer_function: TransferFunction,
 }
 
-/// Sparse points fewer than this start nothing.
-const FEWEST_POINTS: usize = 20;
+/// Smallest number of sparse points.
+const MIN_POINTS: usize = 20;
 
 impl SiteScene {
-    /// Lays out the site of a scene whose views have the cameras `rpcs` (in the views' order).
+    /// Sets up the training scene. `rpcs` holds the adjusted cameras in the order of the scene's views,
+    /// `sparse` the sparse points.
     ///
     /// # Errors
-    /// [`SiteSceneError`].
+    /// [`SiteSceneError`] when there are too few points, no training view or no common ground, when a view is
+    /// too oblique, has no affine approximation or cannot be read, or when the site lies outside of UTM.
     pub fn new(scene: &Scene, rpcs: &[Rpc], sparse: &[Point<Geodetic>]) -> Result<Self, SiteSceneError> {
-        let (found, needed) = (sparse.len(), FEWEST_POINTS);
+        let (found, needed) = (sparse.len(), MIN_POINTS);
         if found < needed {
             return Err(SiteSceneError::FewPoints { found, needed });
         }
@@ -131,13 +135,13 @@ impl SiteScene {
         let (west, south, east, north) = match &scene.aoi {
             Some(aoi) => aoi.utm_box(&provisional),
             None => {
-                let seen: Vec<(Rpc, usize, usize)> =
-                    scene.views.iter().zip(rpcs).zip(&valid).filter_map(seen_part).collect();
-                let footprints: Vec<_> = seen.iter().map(|(rpc, w, h)| (rpc, *w, *h)).collect();
+                let parts: Vec<(Rpc, usize, usize)> =
+                    scene.views.iter().zip(rpcs).zip(&valid).filter_map(valid_part).collect();
+                let footprints: Vec<_> = parts.iter().map(|(rpc, w, h)| (rpc, *w, *h)).collect();
                 default_aoi(&footprints, &provisional, median).ok_or(SiteSceneError::NoCommonGround)?
             }
         };
-        // A whole-metre origin keeps the site readable.
+        // With an origin at whole metres, coordinates are easy to convert by hand.
         let origin = Point::new((0.5 * (west + east)).round(), (0.5 * (south + north)).round(), median);
         let site = SiteGrid { epsg: provisional.epsg, origin };
         let area = (west - origin.x(), south - origin.y(), east - origin.x(), north - origin.y());
@@ -178,7 +182,7 @@ impl SiteScene {
         })
     }
 
-    /// Sparse points in the site frame, those within the altitudes.
+    /// The sparse points in the site frame that lie within the area and the altitudes.
     #[must_use]
     pub fn sparse(&self, points: &[Point<Geodetic>]) -> Vec<Point<Site>> {
         let all = points.iter().map(|p| self.site.site_from_geodetic(*p));
@@ -191,10 +195,10 @@ impl SiteScene {
         .collect()
     }
 
-    /// Reads the training views' pixels.
+    /// The training views with their pixels, read from the images.
     ///
     /// # Errors
-    /// [`SiteSceneError::Raster`].
+    /// [`SiteSceneError::Raster`] when an image cannot be read.
     pub fn training_views(&self, scene: &Scene) -> Result<Vec<TrainingView>, SiteSceneError> {
         let pairs = self.views.iter().zip(&scene.views).filter(|(f, _)| f.role == Role::Train);
         pairs
@@ -206,36 +210,37 @@ impl SiteScene {
             .collect()
     }
 
-    /// Half the diagonal of the area: half the side of the papers' cube, metres.
+    /// Half the diagonal of the area, metres: the extent of the scene in the sense of 3DGS.
     #[must_use]
     pub fn half_side_m(&self) -> f64 {
         let (west, south, east, north) = self.area;
         0.5 * (east - west).hypot(north - south)
     }
 
-    /// Where the reference view stands among the training views.
+    /// Index of the reference view among the training views.
     #[must_use]
     pub fn reference_among_training(&self) -> usize {
         self.views[..self.reference].iter().filter(|v| v.role == Role::Train).count()
     }
 }
 
-/// From the heights of sparse points to those in which a surface is looked for, metres.
+/// Lowest and highest height, metres, between which the surface is searched, from the heights of sparse
+/// points. None without heights.
 #[must_use]
 pub fn height_range(heights: Vec<f64>) -> Option<(f64, f64)> {
-    let low = quantile(heights.clone(), HEIGHT_SHARES.0)?;
-    let high = quantile(heights, HEIGHT_SHARES.1)?;
+    let low = quantile(heights.clone(), HEIGHT_QUANTILES.0)?;
+    let high = quantile(heights, HEIGHT_QUANTILES.1)?;
     Some((low - MARGIN_BELOW_M, high + MARGIN_ABOVE_M))
 }
 
-/// The camera, columns and rows of the part of a view's image that holds all valid pixels; none without any.
-fn seen_part(((view, rpc), valid): ((&View, &Rpc), &Option<ValidPixels>)) -> Option<(Rpc, usize, usize)> {
+/// The bounding box of the valid pixels of a view: its camera, columns and rows. None without valid pixels.
+fn valid_part(((view, rpc), valid): ((&View, &Rpc), &Option<ValidPixels>)) -> Option<(Rpc, usize, usize)> {
     let Some(valid) = valid else { return Some((rpc.clone(), view.width, view.height)) };
     let part = valid.bounds()?;
     Some((rpc.cropped(part.col, part.row), part.width, part.height))
 }
 
-/// The training view nearest to nadir with a high sun: one degree off nadir weighs as much as one of the sun.
+/// The training view with the smallest sum of the angle off nadir and the angle of the sun from the zenith.
 fn reference_view(scene: &Scene, height_m: f64) -> Option<usize> {
     let cost = |i: &usize| {
         let v = &scene.views[*i];

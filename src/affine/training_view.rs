@@ -1,4 +1,4 @@
-//! The training views: cameras, pixels, which of them count.
+//! Training views: their cameras, pixels and masks.
 
 use super::AffineCamera;
 use crate::frame::{CenterPx, Pixel, SiteBox};
@@ -8,51 +8,54 @@ use crate::stats::quantile;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Stored where no pixel counts. A black one that does is stored as the darkest blue.
+/// Stored colour of pixels that are masked. Unmasked black pixels are stored as the darkest blue.
 const MASKED: [u8; 3] = [0; 3];
 const BLACK: [u8; 3] = [0, 0, 1];
 /// A view that is trained on.
 #[derive(Clone, Debug)]
 pub struct TrainingView {
-    /// Its name.
+    /// Name of the view.
     pub name: String,
-    /// The camera.
+    /// The affine camera in the site frame.
     pub camera: AffineCamera,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// Colours, 0 to 255, or [`MASKED`], row by row: all that is kept of an image, three bytes a pixel.
+    /// Colours (red, green, blue; 0 to 255) or [`MASKED`], row by row. This is all that is kept of an image:
+    /// three bytes a pixel.
     colors: Vec<[u8; 3]>,
-    /// Which pixels are image, if not all are; others may be masked for lying outside of the area.
+    /// Mask of the valid pixels of the image, if not all are valid. Valid pixels outside of the area are
+    /// masked as well.
     valid: Option<Arc<ValidPixels>>,
-    /// Shear of the camera towards the sun, pixels per metre; none without a sun.
+    /// Shear of the camera towards the sun, pixels per metre of altitude; none if the sun is unknown or too low.
     pub sun_shear: Option<[f64; 2]>,
     /// Relation between stored colours and linear radiance.
     pub transfer_function: TransferFunction,
-    /// Light by stored colour.
+    /// Linear radiance by stored colour.
     linear: [f32; 256],
 }
 
 impl TrainingView {
-    /// A view from its colours (three planes, or one for all), in [0, 1] with NaN where there is no pixel.
+    /// A view from its bands (red, green and blue, or a single one), in [0, 1] with NaN where the image has
+    /// no valid pixel.
     ///
-    /// Only pixels whose ground at the site's altitude lies in `area` count.
+    /// Pixels that show a point outside of `area` (site metres) at altitude 0 are masked.
     #[must_use]
     pub fn new(
         name: String,
         camera: AffineCamera,
         sun_shear: Option<[f64; 2]>,
-        planes: &[Grid2],
+        bands: &[Grid2],
         area: SiteBox,
     ) -> Self {
-        let (width, height) = (planes[0].width, planes[0].height);
+        let (width, height) = (bands[0].width, bands[0].height);
         let (west, south, east, north) = area;
         let color = |i: usize| {
             let (col, row) = (i % width, i / width);
-            let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), 0.0);
+            let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), 0.0);
             let inside = x >= west && x <= east && y >= south && y <= north;
-            let rgb: [f32; 3] = std::array::from_fn(|k| planes[k.min(planes.len() - 1)].at(col, row));
+            let rgb: [f32; 3] = std::array::from_fn(|k| bands[k.min(bands.len() - 1)].at(col, row));
             if !inside || rgb.iter().any(|v| v.is_nan()) {
                 return MASKED;
             }
@@ -60,22 +63,24 @@ impl TrainingView {
             if stored == MASKED { BLACK } else { stored }
         };
         let colors = (0..width * height).into_par_iter().map(color).collect();
-        let valid = ValidPixels::of_bands(planes).map(Arc::new);
+        let valid = ValidPixels::of_bands(bands).map(Arc::new);
         let (transfer_function, linear) =
             (TransferFunction::default(), linear_by_color(TransferFunction::default()));
         Self { name, camera, width, height, colors, valid, sun_shear, transfer_function, linear }
     }
 
-    /// The view with colours that stand for light in this way; for light itself without it.
+    /// The view with another relation between stored colours and linear radiance; by default, they are proportional.
     #[must_use]
     pub fn with_transfer_function(self, transfer_function: TransferFunction) -> Self {
         Self { transfer_function, linear: linear_by_color(transfer_function), ..self }
     }
 
-    /// Square root of the three colours' mean light, NaN where masked: what shadows hide in light stands out in it as
-    /// much as what the sun shows, and the noise of light is the same everywhere.
+    /// Gray values for matching: the square root of the mean linear radiance of the three colours; NaN where masked.
+    ///
+    /// The square root increases the contrast in shadows, and makes the variance of photon noise independent
+    /// of radiance.
     #[must_use]
-    pub fn root_of_light(&self) -> Grid2 {
+    pub fn sqrt_gray(&self) -> Grid2 {
         Grid2::from_fn(self.width, self.height, |col, row| {
             let stored = self.colors[row * self.width + col];
             let [r, g, b] = stored.map(|v| self.linear[usize::from(v)]);
@@ -83,13 +88,13 @@ impl TrainingView {
         })
     }
 
-    /// Which pixels are image, within the area or not; none if all are.
+    /// Mask of the valid pixels of the image, inside and outside of the area; none if all are valid.
     #[must_use]
     pub fn valid_pixels(&self) -> Option<&Arc<ValidPixels>> {
         self.valid.as_ref()
     }
 
-    /// Colour of the pixel nearest to a position, in [0, 1]; none outside and where masked.
+    /// Stored colour of the pixel nearest to a position, in [0, 1]; none outside of the image and where masked.
     #[must_use]
     pub fn color(&self, p: Pixel<CenterPx>) -> Option<[f32; 3]> {
         let (col, row) = (p.col.round(), p.row.round());
@@ -102,14 +107,14 @@ impl TrainingView {
         (stored != MASKED).then(|| stored.map(|v| f32::from(v) / 255.0))
     }
 
-    /// Mean linear colour of the pixels that count in a square block of `side` pixels whose first is (`col`, `row`); none
-    /// if none counts. The block lies within the image.
+    /// Mean linear radiance (red, green, blue) of the unmasked pixels of a square block of `side` pixels with
+    /// its upper left pixel at (`col`, `row`); none if all are masked. The block must lie within the image.
     #[inline]
     #[must_use]
     pub fn block_mean(&self, col: usize, row: usize, side: usize) -> Option<[f32; 3]> {
         let (mut sum, mut n) = ([0.0; 3], 0u16);
         for r in row..row + side {
-            // What is masked is black, which adds nothing.
+            // Masked pixels are black and do not change the sum.
             for stored in &self.colors[r * self.width + col..][..side] {
                 n += u16::from(*stored != MASKED);
                 for k in 0..3 {
@@ -122,11 +127,12 @@ impl TrainingView {
     }
 }
 
+/// Linear radiance of each stored value.
 fn linear_by_color(transfer_function: TransferFunction) -> [f32; 256] {
     std::array::from_fn(|v| transfer_function.linear(v as f32 / 255.0))
 }
 
-/// Metres on level ground that a pixel of the views covers, the median of them; NaN without views.
+/// Median ground sampling distance of views, metres; NaN without views.
 #[must_use]
 pub fn median_pixel_m(views: &[TrainingView]) -> f64 {
     quantile(views.iter().map(|v| v.camera.gsd_m()).collect(), 0.5).unwrap_or(f64::NAN)

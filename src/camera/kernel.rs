@@ -1,48 +1,50 @@
-//! The camera kernel: a camera as the rasteriser sees it, linearised around each splat (EWA splatting, Zwicker et al.
-//! 2001).
+//! The camera kernel: a camera linearised around the centre of each splat, as EWA splatting needs it (Zwicker
+//! et al. 2001).
 
 use crate::simd::{Real, Simd, SimdMask, SimdVec};
 
-/// What orders splats from front to back.
+/// The quantity by which splats are sorted from front to back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthOrder {
-    /// Altitude, the highest first. Along any parallel ray that climbs, a higher point hides a lower one: all such cameras
-    /// share one order.
+    /// Altitude, the highest first. In a parallel projection from above, a higher point occludes a lower one
+    /// on the same ray, so that all such cameras share one order.
     Altitude,
-    /// The camera's own depth: an order for each camera.
+    /// Depth in the frame of the camera, the nearest first. Each camera has its own order.
     Camera,
 }
 
-/// A camera around the centres of splats: a scalar for each quantity, or a vector with a lane for each splat.
+/// A camera linearised around the centre of a splat (`N` is a scalar), or of several splats (`N` is a vector
+/// with a lane for each).
 #[derive(Clone, Copy)]
 pub struct Linearized<N> {
-    /// Image of the centre, pixels (column, row).
+    /// Projection of the centre, pixels (column, row).
     pub mean: [N; 2],
-    /// Derivative by the position: rows (column, row), columns (east, north, up), pixels per metre.
+    /// Derivative of the projection by the position: rows (column, row), columns (east, north, up), pixels per metre.
     pub jacobian: [[N; 3]; 2],
 }
 
-/// A camera from the site frame (metres) to pixels, with centre-of-pixel coordinates.
+/// A projection from the site frame (metres east, north and up) to pixels, with (0, 0) at the centre of the
+/// first pixel.
 pub trait CameraKernel<T: Real>: Copy + Default + PartialEq + Send + Sync {
-    /// What orders splats for this camera.
+    /// The quantity by which splats are sorted for this camera.
     const ORDER: DepthOrder;
-    /// Whether the Jacobian depends on the position; [`CameraKernel::add_position_gradient`] then asks for the derivatives by
-    /// it.
+    /// Whether the Jacobian depends on the position. If so, [`CameraKernel::add_position_gradient`] needs the
+    /// derivatives by the Jacobian.
     const IS_CURVED: bool;
-    /// The camera's numbers, each in all lanes.
+    /// The parameters of the camera, each in all lanes of a vector.
     type Broadcast<S: Simd<Scalar = T>>: Copy;
 
-    /// Broadcasts the camera's numbers, once for many splats.
+    /// Broadcasts the parameters of the camera, once for many splats.
     fn broadcast<S: Simd<Scalar = T>>(&self, simd: S) -> Self::Broadcast<S>;
 
-    /// Linearises the camera around splats' centres.
+    /// Linearises the camera around the centres of splats (east, north, up; site metres).
     fn linearize<S: Simd<Scalar = T>>(
         simd: S,
         camera: &Self::Broadcast<S>,
         position: [SimdVec<S>; 3],
     ) -> Linearized<SimdVec<S>>;
 
-    /// Which centres lie in front of the camera; none where all do.
+    /// Which centres lie in front of the camera. None for cameras in front of which all points lie.
     fn in_front<S: Simd<Scalar = T>>(
         _simd: S,
         _camera: &Self::Broadcast<S>,
@@ -51,10 +53,11 @@ pub trait CameraKernel<T: Real>: Copy + Default + PartialEq + Send + Sync {
         None
     }
 
-    /// The Jacobian around one centre, as [`CameraKernel::linearize`] gives it.
+    /// The Jacobian at one centre, as [`CameraKernel::linearize`] gives it.
     fn jacobian(&self, position: [T; 3]) -> [[T; 3]; 2];
 
-    /// Adds to `out` the derivatives by a centre's position, from those by its image and by the Jacobian around it.
+    /// Adds to `out` the derivatives of the loss by the position of a centre, from its derivatives by the
+    /// projection of the centre (`by_mean`) and by the Jacobian there.
     fn add_position_gradient(
         &self,
         position: [T; 3],
@@ -63,6 +66,6 @@ pub trait CameraKernel<T: Real>: Copy + Default + PartialEq + Send + Sync {
         out: &mut [T; 3],
     );
 
-    /// What splats are ordered by, the largest first.
+    /// The sort key of a centre: splats are sorted from the largest key to the smallest.
     fn depth_key(&self, position: [T; 3]) -> T;
 }

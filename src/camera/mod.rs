@@ -1,7 +1,7 @@
-//! What the rasteriser asks of a camera: the kernel trait, and the kernels of parallel projections.
+//! The interface between cameras and the rasteriser: the kernel trait, and the kernels of parallel projections.
 //!
-//! A new camera is a type that implements [`CameraKernel`], in a file of its own: `perspective::PinholeKernel` is an
-//! example. The rasteriser is compiled for it.
+//! A new camera model is a type that implements [`CameraKernel`], such as `perspective::PinholeKernel`. The
+//! rasteriser is generic over it.
 
 mod kernel;
 mod parallel;

@@ -1,12 +1,13 @@
-//! Kernels of parallel projections: affine, and affine with a quadratic term for areas above some 500 m.
+//! Kernels of parallel projections: the affine camera, and one with a quadratic term for areas wider than
+//! about 500 m.
 
 use super::{CameraKernel, DepthOrder, Linearized};
 use crate::simd::{Real, Simd, SimdReal, SimdVec, broadcast_each};
 
-/// An affine camera: `(col, row) = linear p + offset`.
+/// An affine camera: `(col, row) = linear p + offset`, where `p` is a position in site metres.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AffineKernel<T> {
-    /// Rows (col, row), columns (east, north, up), pixels per metre.
+    /// Linear part: rows (col, row), columns (east, north, up), pixels per metre.
     pub linear: [[T; 3]; 2],
     /// Image position of the site's origin, pixels.
     pub offset: [T; 2],
@@ -68,8 +69,9 @@ const PRODUCTS: usize = 6;
 
 /// An affine camera with a quadratic term: `(col, row) = linear p + offset + quadratic (xx, xy, xz, yy, yz, zz)`.
 ///
-/// Affine cameras err by up to 0.6 px where an area is 580 m wide, with the quadratic term by less than 0.001 px. Only the
-/// image of the centre follows the term: over a splat's own extent it is nothing.
+/// Over an area of 580 m, an affine camera deviates from the RPC by up to 0.6 px, with the quadratic term by
+/// less than 0.001 px. The term moves the centres of splats only: within the extent of a splat it is
+/// negligible, so that the Jacobian is that of the affine part.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QuadraticKernel<T> {
     /// The affine part.
@@ -86,7 +88,8 @@ pub struct QuadraticVectors<S: Simd> {
 }
 
 impl<T: Real> QuadraticKernel<T> {
-    /// Derivatives of the quadratic term by the position.
+    /// Derivative of the quadratic term by the position: rows (col, row), columns (east, north, up), pixels
+    /// per metre.
     fn slope(&self, [x, y, z]: [T; 3]) -> [[T; 3]; 2] {
         self.quadratic.map(|[xx, xy, xz, yy, yz, zz]| {
             [

@@ -1,7 +1,8 @@
-//! Median altitudes: of each sample, the splat at which half of the light from straight above is gone.
+//! The altitude of the splats in each cell of a DSM: the median depth, seen from straight above.
 //!
-//! A mean over the splats along a ray would put a roof's rim and the street below it halfway up the wall, and pull
-//! a roof towards whatever shines through; the median is one or the other.
+//! It is the altitude of the splat at which the transmittance falls to one half. A mean over the splats along
+//! a ray would give altitudes between those of a roof and of the street at its edge, and would be biased by
+//! splats below a transparent roof.
 
 use super::nadir_camera;
 use crate::affine::AffineCamera;
@@ -13,24 +14,28 @@ use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Share of the light that is left at the median.
-const HALF: f32 = 0.5;
+/// Transmittance at the median depth.
+const MEDIAN_TRANSMITTANCE: f32 = 0.5;
 /// Samples along each side of a cell.
 const SAMPLES: usize = 3;
-/// Rows of cells that one thread draws at a time.
+/// Rows of cells that one thread processes at a time.
 const BAND_ROWS: usize = 16;
 
-/// A splat as it looks from straight above, in samples.
+/// The projection of a splat on the grid of samples, seen from straight above.
 struct Ellipse {
+    /// Centre (column, row), samples.
     center: [f32; 2],
+    /// Inverse of the covariance: xx, xy, yy.
     conic: [f32; 3],
+    /// Half the width and height of the part with an alpha above the threshold, samples.
     half_size: [f32; 2],
     opacity: f32,
+    /// Altitude of the centre, site metres.
     altitude: f32,
 }
 
 impl Ellipse {
-    /// None if it is too faint to be seen, or not finite.
+    /// None if the opacity of the splat is below the threshold of the rasteriser, or if the splat is not finite.
     fn new(splats: &Splats, i: usize, camera: &AffineCamera) -> Option<Self> {
         let position = splats.position[i];
         let opacity = sigmoid(splats.opacity_logit[i][0]);
@@ -38,7 +43,7 @@ impl Ellipse {
         let [w, x, y, z] = splats.rotation[i].map(f64::from);
         let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
         let scale = DVec3::from_array(splats.log_scale[i].map(|s| f64::from(s).exp()));
-        // The camera's plane is level: only the upper left of the covariance counts.
+        // The image plane is horizontal: only the upper left 2 x 2 block of the covariance counts.
         let [east, north]: [DVec3; 2] = std::array::from_fn(|r| camera.linear[r][r] * axes.row(r) * scale);
         let (xx, xy, yy) =
             (east.length_squared() + LOW_PASS_PX2, east.dot(north), north.length_squared() + LOW_PASS_PX2);
@@ -55,13 +60,14 @@ impl Ellipse {
         })
     }
 
-    /// Samples of an axis that the ellipse can touch.
+    /// Samples of an axis (0 for columns, 1 for rows) that the ellipse can reach, within a range.
     fn range(&self, axis: usize, within: Range<usize>) -> Range<usize> {
         let (c, h) = (self.center[axis], self.half_size[axis]);
         let (first, end) = ((c - h).ceil().max(0.0) as usize, (c + h + 1.0).floor().max(0.0) as usize);
         first.max(within.start)..end.min(within.end)
     }
 
+    /// Alpha of the splat at a sample.
     fn alpha(&self, col: usize, row: usize) -> f32 {
         let (dx, dy) = (col as f32 - self.center[0], row as f32 - self.center[1]);
         let [a, b, c] = self.conic;
@@ -69,15 +75,15 @@ impl Ellipse {
     }
 }
 
-/// Altitudes of the splats above the site's origin, in the cells of a grid; NaN where most of the light reaches the
-/// ground.
+/// Altitudes of the splats in the cells of a grid, metres above the origin of the site; NaN where the
+/// transmittance of all splats together is above one half.
 #[must_use]
 pub fn altitudes(splats: &Splats, site: &SiteGrid, grid: &MapGrid) -> Grid2 {
     let fine = sampled(grid);
     let camera = nadir_camera(&fine, site);
     let mut ellipses: Vec<Ellipse> =
         (0..splats.len()).into_par_iter().filter_map(|i| Ellipse::new(splats, i, &camera)).collect();
-    // Stable: splats of the same altitude stay in their own order.
+    // A stable sort: splats of the same altitude keep their order.
     ellipses.par_sort_by(|a, b| b.altitude.total_cmp(&a.altitude));
     let mut out = Grid2::filled(grid.width, grid.height, f32::NAN);
     out.data.par_chunks_mut(BAND_ROWS * grid.width).enumerate().for_each(|(k, band)| {
@@ -92,13 +98,14 @@ pub fn altitudes(splats: &Splats, site: &SiteGrid, grid: &MapGrid) -> Grid2 {
     out
 }
 
-/// The grid of the samples of a grid's cells.
+/// The grid of the samples, [`SAMPLES`] times as fine as the given grid.
 pub(super) fn sampled(grid: &MapGrid) -> MapGrid {
     let (width, height) = (grid.width * SAMPLES, grid.height * SAMPLES);
     MapGrid { cell: grid.cell / SAMPLES as f64, width, height, ..*grid }
 }
 
-/// The median of a cell's samples, asked for by (column, row) within the cell; NaN if most are.
+/// The median of the samples of a cell, given by column and row within the cell; NaN if most of them are NaN.
+/// `values` is working memory.
 pub(super) fn median(values: &mut Vec<f32>, sample: impl Fn(usize, usize) -> f32) -> f32 {
     values.clear();
     for row in 0..SAMPLES {
@@ -111,17 +118,18 @@ pub(super) fn median(values: &mut Vec<f32>, sample: impl Fn(usize, usize) -> f32
     0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2])
 }
 
-/// Altitudes of some rows of samples.
+/// Median altitudes of `rows` rows of samples from `first_row` on, by splatting the ellipses from the highest
+/// to the lowest.
 fn draw(ellipses: &[Ellipse], first_row: usize, rows: usize, width: usize) -> Vec<f32> {
     let mut altitudes = vec![f32::NAN; rows * width];
-    let mut light = vec![1.0f32; rows * width];
+    let mut transmittance = vec![1.0f32; rows * width];
     for e in ellipses {
         for row in e.range(1, first_row..first_row + rows) {
             for col in e.range(0, 0..width) {
                 let i = (row - first_row) * width + col;
-                if light[i] > HALF {
-                    light[i] *= 1.0 - e.alpha(col, row);
-                    if light[i] <= HALF {
+                if transmittance[i] > MEDIAN_TRANSMITTANCE {
+                    transmittance[i] *= 1.0 - e.alpha(col, row);
+                    if transmittance[i] <= MEDIAN_TRANSMITTANCE {
                         altitudes[i] = e.altitude;
                     }
                 }

@@ -1,22 +1,23 @@
-//! The ground below a scene, from its sparse points.
+//! The altitude of the ground, estimated from the sparse points of a scene.
 
 use crate::affine::height_range;
 use crate::frame::{Point, Site, SiteBox};
 use crate::stats::quantile;
 
-/// Share of the sparse points below the level plane that stands for the ground.
-const PLANE_SHARE: f64 = 0.02;
-/// Side of the cells in which the ground is looked for, metres, and the share of a cell's points below it.
+/// Quantile of the altitudes of all sparse points that is taken for a level ground plane.
+const PLANE_QUANTILE: f64 = 0.02;
+/// Side of the cells in which the ground is estimated, metres, and the quantile of the altitudes in a cell
+/// that is taken for it.
 const GROUND_CELL_M: f64 = 30.0;
-const GROUND_SHARE: f64 = 0.1;
+const GROUND_QUANTILE: f64 = 0.1;
 
-/// Altitude of the level plane below which 2 % of the sparse points lie, site metres; 0 without points.
+/// Altitude of a level ground plane, site metres: 2 % of the sparse points lie below it. It is 0 without points.
 #[must_use]
 pub fn ground_plane(sparse: &[Point<Site>]) -> f64 {
-    quantile(sparse.iter().map(|p| p.z()).collect(), PLANE_SHARE).unwrap_or(0.0)
+    quantile(sparse.iter().map(|p| p.z()).collect(), PLANE_QUANTILE).unwrap_or(0.0)
 }
 
-/// The altitude of the ground, from sparse points: a low percentile in each cell of 30 m, smoothed.
+/// The altitude of the ground: a low quantile of the sparse points in each cell of 30 m, smoothed.
 pub struct Ground {
     west: f64,
     south: f64,
@@ -27,7 +28,7 @@ pub struct Ground {
 }
 
 impl Ground {
-    /// The ground of an area.
+    /// Estimates the ground of an area (site metres) from sparse points.
     #[must_use]
     pub fn new(sparse: &[Point<Site>], (west, south, east, north): SiteBox) -> Self {
         let plane = ground_plane(sparse);
@@ -41,9 +42,8 @@ impl Ground {
                 cells[r as usize * columns + c as usize].push(p.z());
             }
         }
-        let low: Vec<Option<f64>> = cells.into_iter().map(|z| quantile(z, GROUND_SHARE)).collect();
-        // A cell without ground (a roof fills it, or no point fell there) asks a wider and wider neighbourhood;
-        // one pass of smoothing follows.
+        let low: Vec<Option<f64>> = cells.into_iter().map(|z| quantile(z, GROUND_QUANTILE)).collect();
+        // Cells without points take the mean of the nearest cells with points.
         let filled: Vec<f64> = (0..columns * rows)
             .map(|i| nearest_mean(&low, columns, rows, i % columns, i / columns).unwrap_or(plane))
             .collect();
@@ -52,13 +52,14 @@ impl Ground {
         Self { west, south, columns, rows, altitudes: altitudes.collect() }
     }
 
-    /// Lowest and highest height above the ground at which a surface is to be looked for, metres; none without points.
+    /// Lowest and highest height above the ground between which the surface is searched, metres; none without points.
     #[must_use]
     pub fn heights_above(&self, sparse: &[Point<Site>]) -> Option<(f64, f64)> {
         height_range(sparse.iter().map(|p| p.z() - self.altitude(p.x(), p.y())).collect())
     }
 
-    /// Bilinear between cell centres, constant beyond them.
+    /// Altitude of the ground at a place (east and north, site metres): bilinear between the centres of
+    /// cells, constant beyond them.
     #[must_use]
     pub fn altitude(&self, x: f64, y: f64) -> f64 {
         let axis = |v: f64, start: f64, n: usize| {
@@ -74,7 +75,7 @@ impl Ground {
     }
 }
 
-/// Mean of the cells with a value in the smallest square around a cell that has any.
+/// Mean of the known values in the smallest square of cells around a cell that contains any.
 fn nearest_mean(cells: &[Option<f64>], columns: usize, rows: usize, col: usize, row: usize) -> Option<f64> {
     (0..columns.max(rows)).find_map(|reach| {
         let square = window(cells, columns, rows, col, row, reach);
@@ -83,11 +84,13 @@ fn nearest_mean(cells: &[Option<f64>], columns: usize, rows: usize, col: usize, 
     })
 }
 
+/// Mean of a cell and its eight neighbours.
 fn smoothed(cells: &[f64], columns: usize, rows: usize, col: usize, row: usize) -> f64 {
     let values: Vec<f64> = window(cells, columns, rows, col, row, 1).collect();
     values.iter().sum::<f64>() / values.len() as f64
 }
 
+/// The values in the square of cells up to `reach` cells around a cell.
 fn window<V: Copy>(
     cells: &[V],
     columns: usize,
@@ -117,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ground_follows_a_slope_and_is_swept_around_all_heights() {
+    fn the_ground_follows_a_slope_and_the_searched_heights_include_all_points() {
         let sparse = slope();
         let ground = Ground::new(&sparse, (-100.0, -80.0, 100.0, 80.0));
         for x in [-70.0, -20.0, 35.0, 70.0] {

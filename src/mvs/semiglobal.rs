@@ -1,35 +1,39 @@
-//! Semi-global matching (Hirschmüller 2008, eqs. 13 and 14): costs summed along eight paths into every cell.
+//! Semi-global matching (SGM): aggregation of matching costs along eight paths.
+//!
+//! H. Hirschmüller, "Stereo Processing by Semiglobal Matching and Mutual Information", IEEE TPAMI 30(2),
+//! 2008, equations 13 and 14. Planes take the place of disparities. It is written by hand, because libraries
+//! match rectified pairs of images only, and the cells here may be those of a map grid.
 
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-/// Cells that one thread takes of a row.
+/// Number of cells of a row that one thread processes.
 const RUN: usize = 64;
-/// Cost of a plane that does not exist.
-const BEYOND: u16 = u16::MAX / 2;
+/// Cost of a plane below the lowest or above the highest.
+const NO_PLANE: u16 = u16::MAX / 2;
 
-/// What changes of the plane cost along a path.
+/// Penalties for a difference of plane between neighbours on a path, in the unit of the costs.
 #[derive(Clone, Copy)]
-pub(super) struct Steps<'a> {
-    /// Cost of a step of one plane between neighbours (Hirschmüller's P1).
-    pub step: u16,
-    /// Cost of a larger one (P2).
-    pub jump: Jump<'a>,
+pub(super) struct Penalties<'a> {
+    /// For a difference of one plane.
+    pub p1: u16,
+    /// For a larger difference.
+    pub p2: P2<'a>,
 }
 
-/// The cost of a step of more than one plane between neighbours.
+/// The penalty for a difference of more than one plane between neighbours.
 #[derive(Clone, Copy)]
-pub(super) enum Jump<'a> {
+pub(super) enum P2<'a> {
     /// The same everywhere.
     Constant(u16),
-    /// That of the cell which a path enters, row by row.
-    OfCell(&'a [u16]),
+    /// A penalty for each cell that a path enters, row by row.
+    PerCell(&'a [u16]),
 }
 
-/// Costs summed over the eight paths, cell by cell as in `costs`, which holds `planes` values a cell, in rows of `width`
-/// cells.
-pub(super) fn aggregate(costs: &[u8], width: usize, planes: usize, steps: Steps) -> Vec<u16> {
-    let paths = Paths { planes, steps };
+/// The aggregated costs: sums over the eight paths, in the order of `costs`. This is row by row of `width`
+/// cells, with `planes` values for each cell.
+pub(super) fn aggregate(costs: &[u8], width: usize, planes: usize, penalties: Penalties) -> Vec<u16> {
+    let paths = Paths { planes, penalties };
     let length = width * paths.planes;
     let rows: Vec<&[u8]> = costs.chunks_exact(length).collect();
     let border = paths.start(1);
@@ -39,7 +43,7 @@ pub(super) fn aggregate(costs: &[u8], width: usize, planes: usize, steps: Steps)
         along(&paths, sums, costs, row * width, true);
     });
     for upwards in [false, true] {
-        for lean in [-1, 0, 1] {
+        for shift in [-1, 0, 1] {
             let (mut before, mut now) = (paths.start(width), paths.start(width));
             for i in 0..rows.len() {
                 let row = if upwards { rows.len() - 1 - i } else { i };
@@ -48,7 +52,7 @@ pub(super) fn aggregate(costs: &[u8], width: usize, planes: usize, steps: Steps)
                     sums.par_chunks_mut(RUN * paths.planes).zip(rows[row].par_chunks(RUN * paths.planes));
                 let runs = runs.zip(now.par_chunks_mut(RUN * paths.stride())).enumerate();
                 runs.for_each(|(run, ((sums, costs), now))| {
-                    let cells = Run { first: row * width + run * RUN, from: (run * RUN) as i64 + lean };
+                    let cells = Run { first: row * width + run * RUN, from: (run * RUN) as i64 + shift };
                     across(&paths, sums, costs, now, (&before, &border), cells);
                 });
                 std::mem::swap(&mut before, &mut now);
@@ -58,44 +62,45 @@ pub(super) fn aggregate(costs: &[u8], width: usize, planes: usize, steps: Steps)
     sums
 }
 
+/// What is the same for all paths.
 struct Paths<'a> {
     planes: usize,
-    steps: Steps<'a>,
+    penalties: Penalties<'a>,
 }
 
-/// Cells of a row.
+/// Consecutive cells of a row.
 struct Run {
-    /// The first of them.
+    /// Index of the first cell.
     first: usize,
-    /// The cell of the row before from which its path comes, if there is one.
+    /// Column from which the path of the first cell comes, in the previous row; it may lie outside.
     from: i64,
 }
 
 impl Paths<'_> {
-    /// What steps into a cell cost: of one plane, and of more.
+    /// The penalties P1 and P2 for entering a cell.
     #[inline(always)]
-    fn costs(&self, cell: usize) -> [u16; 2] {
-        let jump = match self.steps.jump {
-            Jump::Constant(jump) => jump,
-            Jump::OfCell(jumps) => jumps[cell],
+    fn penalties(&self, cell: usize) -> [u16; 2] {
+        let p2 = match self.penalties.p2 {
+            P2::Constant(p2) => p2,
+            P2::PerCell(p2) => p2[cell],
         };
-        [self.steps.step, jump]
+        [self.penalties.p1, p2]
     }
 
-    /// A border that costs nothing, or the state of `cells` cells before a path has begun.
+    /// The state of `cells` cells before a path has begun: all planes cost 0.
     fn start(&self, cells: usize) -> Vec<u16> {
-        let mut state = vec![BEYOND; self.stride() * cells];
+        let mut state = vec![NO_PLANE; self.stride() * cells];
         state.chunks_mut(self.stride()).for_each(|s| s[1..=self.planes].fill(0));
         state
     }
 
-    /// A cell's state has one impossible plane below and one above.
+    /// Length of the state of a cell: its planes, and one plane of cost [`NO_PLANE`] below and one above.
     fn stride(&self) -> usize {
         self.planes + 2
     }
 }
 
-/// The path along a row whose first cell is `first`.
+/// Follows the path along a row whose first cell has the index `first`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx2", "x86_64+avx2"))]
 fn along(paths: &Paths, sums: &mut [u16], costs: &[u8], first: usize, backwards: bool) {
     let planes = paths.planes;
@@ -104,12 +109,13 @@ fn along(paths: &Paths, sums: &mut [u16], costs: &[u8], first: usize, backwards:
     for i in 0..cells {
         let cell = if backwards { cells - 1 - i } else { i };
         let at = cell * planes..(cell + 1) * planes;
-        step(paths.costs(first + cell), &costs[at.clone()], &before, &mut now, &mut sums[at]);
+        step(paths.penalties(first + cell), &costs[at.clone()], &before, &mut now, &mut sums[at]);
         std::mem::swap(&mut before, &mut now);
     }
 }
 
-/// A run of cells whose paths come from the row `before`, those beyond it from the border.
+/// Advances the paths from the row `before` into a run of cells. Paths that come from outside of the image
+/// start from `border`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx2", "x86_64+avx2"))]
 fn across(
     paths: &Paths,
@@ -124,14 +130,14 @@ fn across(
     for (i, ((sums, costs), now)) in cells.enumerate() {
         let from = usize::try_from(run.from + i as i64).ok();
         let before = from.and_then(|cell| before.get(cell * stride..(cell + 1) * stride));
-        step(paths.costs(run.first + i), costs, before.unwrap_or(border), now, sums);
+        step(paths.penalties(run.first + i), costs, before.unwrap_or(border), now, sums);
     }
 }
 
-/// One cell of a path, added to its sums.
+/// Advances a path by one cell, and adds its costs to the sums of the cell.
 #[inline(always)]
-fn step([one, jump]: [u16; 2], costs: &[u8], before: &[u16], now: &mut [u16], sums: &mut [u16]) {
-    let mut least = BEYOND;
+fn step([p1, p2]: [u16; 2], costs: &[u8], before: &[u16], now: &mut [u16], sums: &mut [u16]) {
+    let mut least = NO_PLANE;
     for b in before {
         least = least.min(*b);
     }
@@ -139,8 +145,8 @@ fn step([one, jump]: [u16; 2], costs: &[u8], before: &[u16], now: &mut [u16], su
     let (below, same, above) = (&before[..n], &before[1..=n], &before[2..n + 2]);
     let (now, sums) = (&mut now[1..=n], &mut sums[..n]);
     for k in 0..n {
-        let neighbour = below[k].min(above[k]) + one;
-        now[k] = same[k].min(neighbour).min(least + jump) - least + u16::from(costs[k]);
+        let neighbour = below[k].min(above[k]) + p1;
+        now[k] = same[k].min(neighbour).min(least + p2) - least + u16::from(costs[k]);
         sums[k] += now[k];
     }
 }

@@ -1,8 +1,10 @@
-//! A block on level ground, seen by six views of a textured world.
+//! Matching of a simulated scene: a block on level ground, seen by six views.
 
+use super::surface::CONFIDENT;
 use super::*;
-use crate::affine::AffineCamera;
-use crate::frame::SiteGrid;
+use crate::affine::{AffineCamera, SiteScene, TrainingView};
+use crate::frame::{Point, Site, SiteGrid};
+use crate::io::Grid2;
 use crate::progress::NoProgress;
 use crate::random::CounterRng;
 
@@ -22,27 +24,27 @@ pub(super) fn texture(x: f64, y: f64, z: f64) -> f64 {
     line(j) * (1.0 - fy) + line(j + 1.0) * fy
 }
 
-/// What a place looks like.
+/// Gray value of the surface at a place.
 pub(super) type Paint = fn(f64, f64, f64) -> f64;
 
-pub(super) fn plain(_: f64, _: f64, _: f64) -> f64 {
+pub(super) fn textureless(_: f64, _: f64, _: f64) -> f64 {
     0.5
 }
 
-/// Texture but in the middle of the block's roof.
+/// Textured except for the middle of the block's roof.
 fn white_roof(x: f64, y: f64, z: f64) -> f64 {
     if z > 0.1 && x.abs() < 5.0 && y.abs() < 3.5 { 0.9 } else { texture(x, y, z) }
 }
 
-pub(super) fn view(lean: [f64; 2], paint: Paint) -> TrainingView {
+pub(super) fn view(slope: [f64; 2], paint: Paint) -> TrainingView {
     let camera = AffineCamera {
-        linear: [[2.0, 0.0, -2.0 * lean[0]], [0.0, -2.0, 2.0 * lean[1]]],
+        linear: [[2.0, 0.0, -2.0 * slope[0]], [0.0, -2.0, 2.0 * slope[1]]],
         offset: [79.5, 69.5],
     };
-    // A ray climbs towards the camera: its highest point on the surface is what the pixel shows.
+    // A pixel shows the highest point of its ray on the surface, because rays rise towards the camera.
     let color = |col: usize, row: usize| {
         let ground = [(col as f64 - 79.5) / 2.0, (69.5 - row as f64) / 2.0];
-        let at = |z: f64| (ground[0] + lean[0] * z, ground[1] + lean[1] * z);
+        let at = |z: f64| (ground[0] + slope[0] * z, ground[1] + slope[1] * z);
         let steps = (0..=120).rev().map(|k| f64::from(k) * BLOCK_M / 120.0);
         let z = steps.into_iter().find(|z| height(at(*z).0, at(*z).1) >= *z).unwrap_or(0.0);
         paint(at(z).0, at(z).1, z) as f32
@@ -65,8 +67,8 @@ pub(super) fn setup() -> SiteScene {
 }
 
 fn views(paint: Paint) -> Vec<TrainingView> {
-    let leans = [[0.0, 0.0], [0.3, 0.05], [-0.3, 0.0], [0.05, 0.3], [0.0, -0.3], [0.2, -0.2]];
-    leans.into_iter().map(|lean| view(lean, paint)).collect()
+    let slopes = [[0.0, 0.0], [0.3, 0.05], [-0.3, 0.0], [0.05, 0.3], [0.0, -0.3], [0.2, -0.2]];
+    slopes.into_iter().map(|slope| view(slope, paint)).collect()
 }
 
 pub(super) fn sparse() -> Vec<Point<Site>> {
@@ -74,8 +76,8 @@ pub(super) fn sparse() -> Vec<Point<Site>> {
     (0..500).map(|i| Point::new(grid(i).0, grid(i).1, height(grid(i).0, grid(i).1))).collect()
 }
 
-/// Share of the cells that lie within half a metre of the truth.
-fn right(surface: &MatchedSurface) -> f64 {
+/// Share of the cells within half a metre of the truth.
+fn share_right(surface: &MatchedSurface) -> f64 {
     let (width, height_) = (surface.grid.width, surface.grid.height);
     let cells = (0..width * height_).map(|i| surface.point(i % width, i / width));
     let right = cells.filter(|p| (p.z() - height(p.x(), p.y())).abs() < 0.5).count();
@@ -83,16 +85,11 @@ fn right(surface: &MatchedSurface) -> f64 {
 }
 
 #[test]
-fn cells_are_as_wide_as_pixels_but_never_finer_than_the_dsm_s() {
-    assert_eq!([0.31, 0.515, 0.702].map(cell_m), [0.5, 0.5, 0.7]);
-}
-
-#[test]
 fn a_block_and_the_ground_around_it_are_found() {
     let views = views(texture);
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
     let surface = sweep.run(&NoProgress).unwrap();
-    assert!(right(&surface) > 0.95, "{}", right(&surface));
+    assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
     assert!(surface.score.data.iter().filter(|s| **s > CONFIDENT).count() * 2 > surface.score.data.len());
 }
 
@@ -105,27 +102,27 @@ fn raised(sweep: &PlaneSweep, up: f64) -> Grid2 {
 }
 
 #[test]
-fn a_prior_decides_where_views_show_nothing_and_no_first_surface_does() {
-    let views = views(plain);
+fn textureless_cells_follow_the_prior_if_there_is_no_first_surface() {
+    let views = views(textureless);
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
     let mut first = sweep.run(&NoProgress).unwrap();
     first.altitude.data.fill(f32::NAN);
     let surface = sweep.refine(&raised(&sweep, 0.0), &first);
-    assert!(right(&surface) > 0.95, "{}", right(&surface));
+    assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
 }
 
 #[test]
-fn what_is_plain_stays_on_the_first_surface_where_training_drifted() {
-    let views = views(plain);
+fn textureless_cells_stay_on_the_first_surface_if_training_drifted() {
+    let views = views(textureless);
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
     let mut first = sweep.run(&NoProgress).unwrap();
     first.altitude = raised(&sweep, 0.0);
     let surface = sweep.refine(&raised(&sweep, 4.0), &first);
-    assert!(right(&surface) > 0.95, "{}", right(&surface));
+    assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
 }
 
 #[test]
-fn a_prior_counts_near_the_first_surface_and_where_views_see_it() {
+fn a_prior_is_used_near_the_first_surface_and_where_views_see_it() {
     let views = views(texture);
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
     let first = raised(&sweep, 0.0);
@@ -135,7 +132,7 @@ fn a_prior_counts_near_the_first_surface_and_where_views_see_it() {
     };
     assert_eq!(kept(0.0), 1.0);
     assert!(kept(4.0) > 0.9, "{}", kept(4.0));
-    // Only beside the block is this no more than it is high.
+    // The first surface reaches this altitude near the block only.
     assert!(kept(BLOCK_M) < 0.6, "{}", kept(BLOCK_M));
     assert_eq!(kept(BLOCK_M + 6.0), 0.0);
     let unknown = Grid2::filled(first.width, first.height, f32::NAN);
@@ -143,7 +140,7 @@ fn a_prior_counts_near_the_first_surface_and_where_views_see_it() {
 }
 
 #[test]
-fn training_is_held_where_a_plain_roof_is_bridged_from_its_edges_and_nowhere_else() {
+fn the_prior_weight_is_high_only_where_a_textureless_roof_is_interpolated_from_its_edges() {
     let of = |paint: Paint| {
         let views = views(paint);
         PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap()
@@ -159,22 +156,11 @@ fn training_is_held_where_a_plain_roof_is_bridged_from_its_edges_and_nowhere_els
     assert!(mean(&white, middle) > 0.9, "{}", mean(&white, middle));
     let ground = |p: Point<Site>| p.x().abs() > 12.0;
     assert!(mean(&white, ground) < 0.1, "{}", mean(&white, ground));
-    assert!(mean(&of(plain), |_| true) < 0.01, "nothing is confident that it could be bridged from");
+    assert!(mean(&of(textureless), |_| true) < 0.01, "there is no confident cell to interpolate from");
 }
 
 #[test]
-fn views_of_one_direction_make_no_pair() {
+fn views_with_the_same_direction_make_no_pair() {
     let same = [view([0.1, 0.0], texture), view([0.1, 0.0], texture)];
     assert!(PlaneSweep::new(&setup(), &same, &sparse()).is_none());
-}
-
-#[test]
-fn altitudes_that_fewer_images_reach_count_less() {
-    let of = |ground: usize, needed: usize| Cover::new(ground, [10, 10, 8, 8, 5, 5, 5, 0], needed);
-    let cover = of(8, 8);
-    assert_eq!(cover.share(0.0), 1.0);
-    assert!((cover.share(1.5 / 7.0) - 0.9).abs() < 1e-6);
-    assert_eq!((cover.share(5.0 / 7.0), cover.share(1.0)), (0.5, 0.0));
-    assert!(cover.is_grounded && !of(8, 9).is_grounded);
-    assert!(!of(5, 3).is_grounded, "5 of 10 views are too few");
 }

@@ -1,81 +1,85 @@
-//! What an earlier pass tells the next one: what hides a cell, and what the views show there.
+//! What an earlier pass tells the next one about each cell: the views from which it is occluded, and its gray value.
 
-use super::PlaneSweep;
 use super::occlusion::{OCCLUSION_TOLERANCE_M, occlusion_height};
+use super::plane_sweep::PlaneSweep;
 use crate::io::Grid2;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Cells around a cell, each way, that tell whether it lies on something plain.
-const AROUND: i64 = 2;
-/// Contrast around a cell, standard deviations of the images, between which it ceases to be plain.
-const PLAIN: Range<f32> = 0.02..0.12;
+/// Radius of the square neighbourhood in which the texture around a cell is measured, cells.
+const TEXTURE_RADIUS: i64 = 2;
+/// The texture of a cell rises from 0 to 1 between these standard deviations of the gray values around it, in
+/// standard deviations of the whole image.
+const TEXTURE: Range<f32> = 0.02..0.12;
 
-/// A surface as the views see it.
+/// How the views see a surface.
 pub(super) struct Visibility {
-    /// Of every view, the altitude from which on it sees a cell.
-    seen_from: Vec<Grid2>,
-    /// Brightness of every cell, in standard deviations above the mean of an image; NaN where no view sees it.
-    brightness: Grid2,
+    /// For every view, the altitude in each cell from which on the cell is not occluded.
+    lowest_visible: Vec<Grid2>,
+    /// Gray value of every cell, in standard deviations above the mean of an image: the median of the views
+    /// that see it; NaN where none does.
+    gray: Grid2,
 }
 
 impl Visibility {
-    /// The look of `surface`, where the surface `hiding` hides what lies behind it.
-    pub fn new(sweep: &PlaneSweep, surface: &Grid2, hiding: &Grid2) -> Self {
-        let with_slack = |mut horizon: Grid2| {
-            horizon.data.iter_mut().for_each(|z| *z -= OCCLUSION_TOLERANCE_M);
-            horizon
+    /// The visibility of `surface`, behind the surface `occluders`. Both hold altitudes on the grid of the
+    /// sweep, site metres.
+    pub fn new(sweep: &PlaneSweep, surface: &Grid2, occluders: &Grid2) -> Self {
+        let with_tolerance = |mut height: Grid2| {
+            height.data.iter_mut().for_each(|z| *z -= OCCLUSION_TOLERANCE_M);
+            height
         };
-        let horizons = sweep
+        let occluded = sweep
             .images
             .iter()
-            .map(|i| occlusion_height(hiding, i.camera.line_of_sight_slope(), sweep.grid.cell));
-        let seen_from: Vec<Grid2> = horizons.map(with_slack).collect();
+            .map(|i| occlusion_height(occluders, i.camera.line_of_sight_slope(), sweep.grid.cell));
+        let lowest_visible: Vec<Grid2> = occluded.map(with_tolerance).collect();
         let median = |seen: &mut Vec<f32>, cell: usize| {
             let (col, row) = (cell % surface.width, cell / surface.width);
             let z = surface.data[cell];
             let p = sweep.site.site_from_utm(sweep.grid.cell_center(col, row)).at_height(f64::from(z));
-            let views = sweep.images.iter().zip(&seen_from);
-            let unhidden = views.filter(|(_, lowest)| z >= lowest.data[cell]);
+            let views = sweep.images.iter().zip(&lowest_visible);
+            let unoccluded = views.filter(|(_, lowest)| z >= lowest.data[cell]);
             seen.clear();
-            seen.extend(unhidden.map(|(image, _)| image.relative_brightness(p)).filter(|v| !v.is_nan()));
+            seen.extend(unoccluded.map(|(image, _)| image.normalized_gray(p)).filter(|v| !v.is_nan()));
             let middle = seen.len() / 2;
             if seen.is_empty() { f32::NAN } else { *seen.select_nth_unstable_by(middle, f32::total_cmp).1 }
         };
-        let mut brightness = Grid2::filled(surface.width, surface.height, f32::NAN);
-        let cells = brightness.data.par_iter_mut().enumerate();
+        let mut gray = Grid2::filled(surface.width, surface.height, f32::NAN);
+        let cells = gray.data.par_iter_mut().enumerate();
         cells.for_each_init(Vec::new, |seen, (cell, out)| *out = median(seen, cell));
-        Self { seen_from, brightness }
+        Self { lowest_visible, gray }
     }
 
-    /// Altitude from which on a view sees a cell.
-    pub fn seen_from(&self, view: usize, cell: usize) -> f32 {
-        self.seen_from[view].data[cell]
+    /// Altitude in a cell from which on a view sees it, site metres.
+    pub fn lowest_visible(&self, view: usize, cell: usize) -> f32 {
+        self.lowest_visible[view].data[cell]
     }
 
-    /// How much two cells differ in brightness; NaN if one is not seen.
-    pub fn difference(&self, a: usize, b: usize) -> f32 {
-        (self.brightness.data[a] - self.brightness.data[b]).abs()
+    /// Absolute difference of the gray values of two cells, in standard deviations of an image; NaN if no
+    /// view sees one of them.
+    pub fn gray_difference(&self, a: usize, b: usize) -> f32 {
+        (self.gray.data[a] - self.gray.data[b]).abs()
     }
 
-    /// From 0 on plain surfaces, which views cannot tell from a higher or a lower one, to 1; NaN where views see less
-    /// than half of the cells around.
+    /// Texture around a cell: 0 where it is textureless, so that all altitudes match equally well, up to 1.
+    /// NaN where the views see less than half of the neighbourhood.
     pub fn texture(&self, cell: usize) -> f32 {
-        let (col, row) = ((cell % self.brightness.width) as i64, (cell / self.brightness.width) as i64);
+        let (col, row) = ((cell % self.gray.width) as i64, (cell / self.gray.width) as i64);
         let (mut n, mut sum, mut squares) = (0.0f32, 0.0, 0.0);
-        for r in row - AROUND..=row + AROUND {
-            for c in col - AROUND..=col + AROUND {
-                let v = self.brightness.get(c, r);
+        for r in row - TEXTURE_RADIUS..=row + TEXTURE_RADIUS {
+            for c in col - TEXTURE_RADIUS..=col + TEXTURE_RADIUS {
+                let v = self.gray.get(c, r);
                 if !v.is_nan() {
                     (n, sum, squares) = (n + 1.0, sum + v, squares + v * v);
                 }
             }
         }
-        if 2.0 * n < ((2 * AROUND + 1) * (2 * AROUND + 1)) as f32 {
+        if 2.0 * n < ((2 * TEXTURE_RADIUS + 1) * (2 * TEXTURE_RADIUS + 1)) as f32 {
             return f32::NAN;
         }
         let mean = sum / n;
-        let contrast = (squares / n - mean * mean).max(0.0).sqrt();
-        ((contrast - PLAIN.start) / (PLAIN.end - PLAIN.start)).clamp(0.0, 1.0)
+        let std_dev = (squares / n - mean * mean).max(0.0).sqrt();
+        ((std_dev - TEXTURE.start) / (TEXTURE.end - TEXTURE.start)).clamp(0.0, 1.0)
     }
 }

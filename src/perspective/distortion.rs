@@ -1,13 +1,16 @@
-//! Lens distortion in OpenCV's model, which is removed when images are read: cameras behind it are pinholes.
+//! Lens distortion in OpenCV's model. It is removed when images are read, so that all perspective cameras are
+//! pinhole cameras.
 
 use crate::io::Grid2;
 use glam::DVec2;
 
-/// Steps of the iteration that inverts the model, and the step in normalised units below which it has converged.
-const STEPS: usize = 50;
+/// Largest number of fixed-point iterations that invert the model, and the change, in units of the focal
+/// length, below which they have converged.
+const MAX_STEPS: usize = 50;
 const CONVERGED: f64 = 1e-12;
 
-/// OpenCV's coefficients, for positions in units of the focal length from the principal point.
+/// Coefficients of OpenCV's distortion model, for positions relative to the principal point in units of the
+/// focal length.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
     /// Radial coefficients of the second, fourth and sixth power of the radius.
@@ -20,19 +23,22 @@ pub struct Distortion {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum DistortionError {
-    /// The model has no inverse there.
+    /// The model has no inverse at a position.
     #[error("the lens distortion has no inverse at {x:.3}, {y:.3} focal lengths from the principal point")]
-    #[diagnostic(help("the coefficients are wrong, or are of another camera model"))]
+    #[diagnostic(help(
+        "check that the coefficients are correct and belong to OpenCV's model with three radial and two tangential terms"
+    ))]
     NoInverse {
-        /// To the right.
+        /// Position to the right of the principal point, focal lengths.
         x: f64,
-        /// Down.
+        /// Position below the principal point, focal lengths.
         y: f64,
     },
 }
 
 impl Distortion {
-    /// Where the lens images what a pinhole would image at `p`.
+    /// The distorted image position of a point that a pinhole camera would show at `p` (relative to the
+    /// principal point, in units of the focal length).
     #[must_use]
     pub fn distorted(&self, p: DVec2) -> DVec2 {
         let r2 = p.length_squared();
@@ -47,13 +53,14 @@ impl Distortion {
         radial * p + tangential
     }
 
-    /// Where a pinhole would image what the lens images at `q`: the inverse of [`Distortion::distorted`].
+    /// The position at which a pinhole camera would show a point that the lens shows at `q`: the inverse of
+    /// [`Distortion::distorted`].
     ///
     /// # Errors
-    /// [`DistortionError`] when the iteration does not converge.
+    /// [`DistortionError::NoInverse`] when the iteration does not converge.
     pub fn undistorted(&self, q: DVec2) -> Result<DVec2, DistortionError> {
         let mut p = q;
-        for _ in 0..STEPS {
+        for _ in 0..MAX_STEPS {
             let step = q - self.distorted(p);
             p += step;
             if step.length() < CONVERGED {
@@ -63,8 +70,8 @@ impl Distortion {
         Err(DistortionError::NoInverse { x: q.x, y: q.y })
     }
 
-    /// The image that a pinhole of the same focal lengths and principal point (pixels) would have taken, sampled bilinearly;
-    /// NaN where the lens shows nothing.
+    /// The image that a pinhole camera with the same focal lengths and principal point (pixels) would have
+    /// taken, sampled bilinearly; NaN outside of the distorted image.
     #[must_use]
     pub fn undistort(&self, image: &Grid2, focal: DVec2, principal: DVec2) -> Grid2 {
         Grid2::from_fn(image.width, image.height, |col, row| {
@@ -75,7 +82,7 @@ impl Distortion {
     }
 }
 
-/// The value between four pixels; NaN outside.
+/// Bilinear interpolation at a position, pixels; NaN outside of the image.
 fn bilinear(image: &Grid2, at: DVec2) -> f32 {
     let (first, part) = (at.floor(), at.fract_gl());
     let value = |dc: i64, dr: i64, share: f64| match share {
@@ -91,7 +98,7 @@ fn bilinear(image: &Grid2, at: DVec2) -> f32 {
 mod tests {
     use super::*;
 
-    /// Of a phone camera.
+    /// Coefficients of a phone camera.
     const LENS: Distortion = Distortion { radial: [0.02, -0.05, 0.01], tangential: [0.0006, -0.0004] };
 
     #[test]
@@ -105,15 +112,15 @@ mod tests {
     }
 
     #[test]
-    fn a_fold_of_the_model_is_an_error() {
+    fn positions_without_an_inverse_are_an_error() {
         let folds = Distortion { radial: [-2.0, 0.0, 0.0], ..LENS };
         assert!(matches!(folds.undistorted(DVec2::new(0.9, 0.0)), Err(DistortionError::NoInverse { .. })));
     }
 
     #[test]
-    fn a_straight_line_is_straight_again() {
+    fn undistortion_restores_straight_lines() {
         let (focal, principal) = (DVec2::splat(80.0), DVec2::new(49.5, 39.5));
-        // What the lens makes of an image whose value is the pinhole's column.
+        // The distorted image of a scene in which the pinhole camera would see its own column numbers.
         let lens = Grid2::from_fn(100, 80, |col, row| {
             let q = (DVec2::new(col as f64, row as f64) - principal) / focal;
             (LENS.undistorted(q).unwrap().x * 80.0 + 49.5) as f32

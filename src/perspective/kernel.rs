@@ -1,4 +1,4 @@
-//! The pinhole camera's kernel.
+//! The kernel of the pinhole camera.
 
 use crate::camera::{CameraKernel, DepthOrder, Linearized};
 use crate::simd::{Real, Simd, SimdMask, SimdReal, SimdVec, broadcast_each};
@@ -6,11 +6,11 @@ use glam::{DMat3, DVec2, DVec3};
 
 /// Nearest depth at which a splat is drawn, metres (3DGS).
 const NEAREST_M: f64 = 0.2;
-/// The Jacobian is taken no further from the principal point than this multiple of half the image (3DGS): further out
-/// splats would be smeared all over it.
-const OUTERMOST: f64 = 1.3;
+/// The Jacobian is evaluated at most this far from the centre of the image, as a multiple of half its size
+/// (3DGS). Farther outside, the linearisation would stretch splats across the whole image.
+const MAX_EXTENT: f64 = 1.3;
 
-/// A pinhole camera in the numbers of the rasteriser.
+/// The parameters of a pinhole camera in the precision of the rasteriser.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PinholeKernel<T> {
     /// Rotation from site to camera axes (right, down, forward), row by row.
@@ -21,7 +21,7 @@ pub struct PinholeKernel<T> {
     focal: [T; 2],
     /// Principal point, pixels.
     principal: [T; 2],
-    /// Lowest and highest ratio of x and of y to the depth for the Jacobian.
+    /// Lowest and highest ratio of x to the depth, and of y to the depth, at which the Jacobian is evaluated.
     limits: [[T; 2]; 2],
 }
 
@@ -37,8 +37,8 @@ pub struct PinholeVectors<S: Simd> {
 }
 
 impl<T: Real> PinholeKernel<T> {
-    /// The kernel of a camera at `center` (site metres) with a rotation from site to camera axes, focal lengths and principal
-    /// point in pixels, and the columns and rows of its image.
+    /// The kernel of a camera at `center` (site metres) with a rotation from site to camera axes, focal
+    /// lengths and principal point in pixels, and the columns and rows of its image.
     #[must_use]
     pub fn new(
         cam_from_site: DMat3,
@@ -51,7 +51,7 @@ impl<T: Real> PinholeKernel<T> {
         let size = [width as f64, height as f64];
         let (focal, principal) = (focal.to_array(), principal.to_array());
         let limits = std::array::from_fn(|i| {
-            let half = OUTERMOST * 0.5 * size[i];
+            let half = MAX_EXTENT * 0.5 * size[i];
             let middle = 0.5 * (size[i] - 1.0) - principal[i];
             [(middle - half) / focal[i], (middle + half) / focal[i]].map(T::from_f64)
         });
@@ -73,7 +73,8 @@ impl<T: Real> PinholeKernel<T> {
         out
     }
 
-    /// A ratio to the depth within the limits of an axis, and its derivative by the unlimited one.
+    /// A ratio to the depth clamped to the limits of an axis, and the derivative of the clamped ratio by the
+    /// given one.
     fn limited(&self, axis: usize, ratio: T) -> (T, T) {
         let [low, high] = self.limits[axis];
         let inside = ratio >= low && ratio <= high;
@@ -115,7 +116,7 @@ impl<T: SimdReal> CameraKernel<T> for PinholeKernel<T> {
             let r = &camera.rotation[i];
             c[i] = c[i] + r[0] * p[0] + r[1] * p[1] + r[2] * p[2];
         }
-        // Far outside the image is as good as any other place for what lies behind the camera.
+        // Points behind the camera are not drawn: their projection only has to be finite.
         let inverse = c[2].max(camera.nearest).reciprocal();
         let (mut mean, mut jacobian) = (camera.principal, [camera.rotation[0], camera.rotation[1]]);
         for i in 0..2 {
@@ -166,10 +167,11 @@ impl<T: SimdReal> CameraKernel<T> for PinholeKernel<T> {
         for i in 0..2 {
             let (scale, ratio) = (self.focal[i] * inverse, c[i] * inverse);
             let (limited, slope) = self.limited(i, ratio);
-            // The image.
+            // By way of the projection.
             by_camera[i] = by_camera[i] + scale * by_mean[i];
             by_camera[2] = by_camera[2] - scale * ratio * by_mean[i];
-            // The Jacobian's row: scale (r_i - limited r_z), where scale falls with the depth and the ratio with all.
+            // By way of the Jacobian, whose row is scale (r_i - limited r_z): the scale depends on the depth,
+            // the ratio on both coordinates.
             let along = |row: &[T; 3]| {
                 row[0] * by_jacobian[i][0] + row[1] * by_jacobian[i][1] + row[2] * by_jacobian[i][2]
             };

@@ -1,4 +1,4 @@
-//! Perspective cameras: the pinhole camera, its kernel for the rasteriser, and lens distortion.
+//! Perspective cameras: the pinhole camera, its kernel for the rasteriser, and the removal of lens distortion.
 
 mod distortion;
 mod kernel;

@@ -21,7 +21,7 @@ pub struct PinholeCamera {
 }
 
 impl PinholeCamera {
-    /// Image position of a site point; none of a point that is not in front of the camera.
+    /// Image position of a site point, pixels; none if the point is not in front of the camera.
     #[must_use]
     pub fn project(&self, p: Point<Site>) -> Option<Pixel<CenterPx>> {
         let c = self.cam_from_site * (DVec3::from_array(p.xyz()) - self.center);
@@ -36,7 +36,7 @@ impl PinholeCamera {
         (self.cam_from_site.transpose() * image.extend(1.0)).normalize().to_array()
     }
 
-    /// The camera as the rasteriser sees it.
+    /// The kernel of the camera for the rasteriser.
     #[must_use]
     pub fn kernel<T: Real>(&self) -> PinholeKernel<T> {
         PinholeKernel::new(self.cam_from_site, self.center, [self.focal, self.principal], self.size)
@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ray_through_the_image_of_a_point_meets_it() {
+    fn the_ray_through_the_projection_of_a_point_passes_through_the_point() {
         let camera = PinholeCamera {
             cam_from_site: DMat3::from_rotation_x(2.2) * DMat3::from_rotation_z(0.4),
             center: DVec3::new(1.0, -2.0, 30.0),

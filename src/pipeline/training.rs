@@ -121,7 +121,7 @@ impl<'a> Training<'a> {
         let Self { run, recipe, setup, .. } = self;
         let made = backend.snapshot()?;
         if let Some((sweep, first)) = &swept {
-            let surface = if sweep.is_refined_by_training() {
+            let surface = if sweep.supports_refinement() {
                 let trained = altitudes(&made.splats, &setup.site, &sweep.grid());
                 &sweep.refine(&trained, first)
             } else {

@@ -1,8 +1,9 @@
-//! Simd of f64 in an array: gradients are checked with them.
+//! Vectors of f64 in arrays, with which tests compare the gradients of kernels with finite differences.
 
-use super::{MAX_LANES, Simd, SimdKernel, SimdReal, compress_eight};
+use super::compress::compress_eight;
+use super::{MAX_LANES, Simd, SimdKernel, SimdReal};
 
-/// Eight of them.
+/// Vectors of eight f64.
 #[derive(Clone, Copy)]
 pub(super) struct F64Array;
 
@@ -24,13 +25,13 @@ impl Simd for F64Array {
     fn load(self, values: &[f64]) -> [f64; 8] {
         std::array::from_fn(|i| values[i])
     }
-    fn store(self, a: [f64; 8], places: &mut [f64]) {
-        places[..8].copy_from_slice(&a);
+    fn store(self, a: [f64; 8], values: &mut [f64]) {
+        values[..8].copy_from_slice(&a);
     }
     fn concat_halves(self, a: [f64; 8], b: [f64; 8]) -> [[f64; 8]; 2] {
         [0, 4].map(|k| std::array::from_fn(|i| if i < 4 { a[k + i] } else { b[k + i - 4] }))
     }
-    fn interleave_quarters(self, a: [f64; 8], b: [f64; 8]) -> [[f64; 8]; 2] {
+    fn deinterleave_quarters(self, a: [f64; 8], b: [f64; 8]) -> [[f64; 8]; 2] {
         [a, b]
     }
     fn load_eights(self, [eight, _]: [&[f64; 8]; 2]) -> [f64; 8] {
@@ -87,8 +88,8 @@ impl Simd for F64Array {
     fn floor(self, a: [f64; 8]) -> [f64; 8] {
         a.map(f64::floor)
     }
-    fn store_whole(self, a: [f64; 8], places: &mut [u32; MAX_LANES]) {
-        places[..8].copy_from_slice(&a.map(|v| v as u32));
+    fn store_u32(self, a: [f64; 8], values: &mut [u32; MAX_LANES]) {
+        values[..8].copy_from_slice(&a.map(|v| v as u32));
     }
     fn greater_equal(self, a: [f64; 8], b: [f64; 8]) -> [bool; 8] {
         std::array::from_fn(|i| a[i] >= b[i])
@@ -102,8 +103,8 @@ impl Simd for F64Array {
     fn bitmask(self, a: [bool; 8]) -> u32 {
         a.iter().enumerate().fold(0, |bits, (i, holds)| bits | u32::from(*holds) << i)
     }
-    fn compress(self, a: [bool; 8], first: u8, places: &mut [u8]) -> usize {
-        compress_eight(self.bitmask(a) as u8, first, places)
+    fn compress(self, a: [bool; 8], first: u8, indices: &mut [u8]) -> usize {
+        compress_eight(self.bitmask(a) as u8, first, indices)
     }
     fn select_or_zero(self, mask: [bool; 8], a: [f64; 8]) -> [f64; 8] {
         std::array::from_fn(|i| if mask[i] { a[i] } else { 0.0 })

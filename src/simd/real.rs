@@ -1,15 +1,15 @@
-//! The scalars of the splatting core: f32 to train, f64 to check every gradient of the same code.
+//! The scalars that kernels compute with: f32 in training, f64 where tests check the gradients of the same code.
 
 use num_traits::Float;
 use std::iter::Sum;
 
-/// f32 or f64.
+/// A scalar: f32 or f64.
 pub trait Real: Float + Default + Sum + Send + Sync + std::fmt::Debug + 'static {
-    /// The nearest value to an f64.
+    /// Rounds an f64.
     fn from_f64(value: f64) -> Self;
-    /// As f64.
+    /// Converts to f64 without loss.
     fn as_f64(self) -> f64;
-    /// The whole part of a value from 0 to below 2^31.
+    /// The whole part of a value of at least 0 and below 2^31.
     fn as_u32(self) -> u32;
 }
 

@@ -73,8 +73,8 @@ impl<T: Real> ShearWarp<T> {
         let (x, y) = (x.select_or_zero(inside), y.select_or_zero(inside));
         let (left, top) = (x.floor(), y.floor());
         let (mut col, mut row) = ([0; MAX_LANES], [0; MAX_LANES]);
-        left.store_whole(&mut col);
-        top.store_whole(&mut row);
+        left.store_u32(&mut col);
+        top.store_u32(&mut row);
         let mut start = [0; MAX_LANES];
         for lane in 0..S::WIDTH {
             start[lane] = row[lane] as usize * image.channels * image.width + col[lane] as usize;

@@ -1,40 +1,39 @@
-//! The views' altitude maps as one surface on the map grid.
+//! Fusion of the views' altitude maps to one surface on the map grid.
 
-use super::Partners;
-use super::maps::AltitudeMap;
+use super::altitude_map::AltitudeMap;
+use super::fill::{close_gaps, fill};
+use super::reference::ReferenceView;
 use crate::affine::AffineCamera;
-use crate::frame::{Pixel, Point};
+use crate::frame::Pixel;
 use crate::io::{Grid2, MapGrid};
-use crate::mvs::{MatchedSurface, PlaneSweep};
+use crate::mvs::plane_sweep::PlaneSweep;
+use crate::mvs::surface::MatchedSurface;
 use rayon::prelude::*;
 
-/// Gaps between cells of a surface that the map's pixels have left, cells, and the difference they bridge, of a step.
-const GAP: i64 = 2;
+/// Largest difference of altitude across a gap between cells that is closed by interpolation, as a share of a
+/// discontinuity.
 const GAP_STEP: f32 = 2.0 / 3.0;
-/// How far away the cells may lie that others are filled from, metres.
-const FILL_M: f64 = 40.0;
-/// Which of the values in eight directions fills a cell, from the lowest: what is hidden lies below what hides it
-/// (Hirschmüller 2008, §2.6.3).
-const FILL_RANK: usize = 1;
-/// Directions of the eight in which there must be one: nothing is filled beyond the margins of what is known.
-const FILL_DIRECTIONS: usize = 5;
-const DIRECTIONS: [(i64, i64); 8] = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)];
 
-/// Altitudes and scores on the grid.
-type DrawnMap = (Grid2, Grid2);
+/// Altitudes and scores on the map grid.
+type ResampledMap = (Grid2, Grid2);
 
-/// The surface: in every cell the median of the views' maps; what they do not know filled from around, with a score of 0.
-pub(super) fn surface(sweep: &PlaneSweep, partners: &[Partners], maps: &[AltitudeMap]) -> MatchedSurface {
+/// The fused surface: in every cell the median of the altitude maps. Cells without altitude are filled from
+/// their surroundings, with a score of 0.
+pub(super) fn fused(
+    sweep: &PlaneSweep,
+    references: &[ReferenceView],
+    maps: &[AltitudeMap],
+) -> MatchedSurface {
     let PlaneSweep { site, grid, images, .. } = sweep;
-    let draw = |(own, map): (&Partners, &AltitudeMap)| {
-        let mut mesh = Mesh::new(grid, site.origin.xyz(), own.step_m);
+    let resample = |(own, map): (&ReferenceView, &AltitudeMap)| {
+        let mut mesh = Mesh::new(grid, site.origin.xyz(), own.discontinuity_m);
         mesh.draw(&images[own.view].camera, map);
         (mesh.altitude, mesh.score)
     };
-    let drawn: Vec<DrawnMap> = partners.par_iter().zip(maps).map(draw).collect();
-    let step_m = partners.iter().fold(0.0, |most: f32, p| most.max(p.step_m));
-    let middle = |i: usize| {
-        let mut known: Vec<(f32, f32)> = drawn.iter().map(|(z, s)| (z.data[i], s.data[i])).collect();
+    let resampled: Vec<ResampledMap> = references.par_iter().zip(maps).map(resample).collect();
+    let discontinuity_m = references.iter().fold(0.0, |most: f32, r| most.max(r.discontinuity_m));
+    let median = |i: usize| {
+        let mut known: Vec<(f32, f32)> = resampled.iter().map(|(z, s)| (z.data[i], s.data[i])).collect();
         known.retain(|(z, _)| !z.is_nan());
         known.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         let (Some(low), Some(high)) =
@@ -42,38 +41,39 @@ pub(super) fn surface(sweep: &PlaneSweep, partners: &[Partners], maps: &[Altitud
         else {
             return (f32::NAN, 0.0);
         };
-        // Windows fatten what stands out: of two altitudes at its edge the lower one is right.
-        let z = if high.0 - low.0 <= step_m { 0.5 * (low.0 + high.0) } else { low.0 };
+        // Matching in windows enlarges elevated objects. Where two altitudes differ at their edges, the lower
+        // one is right.
+        let z = if high.0 - low.0 <= discontinuity_m { 0.5 * (low.0 + high.0) } else { low.0 };
         (z, 0.5 * (low.1 + high.1))
     };
-    let (altitude, score) = (0..grid.width * grid.height).into_par_iter().map(middle).unzip();
-    let plane = |data| Grid2 { width: grid.width, height: grid.height, data };
-    let (mut altitude, mut score) = (plane(altitude), plane(score));
-    close_gaps(&mut altitude, &mut score, GAP_STEP * step_m);
+    let (altitude, score) = (0..grid.width * grid.height).into_par_iter().map(median).unzip();
+    let raster = |data| Grid2 { width: grid.width, height: grid.height, data };
+    let (mut altitude, mut score) = (raster(altitude), raster(score));
+    close_gaps(&mut altitude, &mut score, GAP_STEP * discontinuity_m);
     fill(sweep, &mut altitude, &mut score);
-    // Nothing but this surface tells training where what two views see lies.
+    // Two or three views do not determine the surface well enough for training without this prior.
     let prior_weight =
         Grid2::from_fn(grid.width, grid.height, |col, row| f32::from(!altitude.at(col, row).is_nan()));
     MatchedSurface { site: *site, grid: *grid, altitude, score, prior_weight }
 }
 
-/// A map as a mesh seen from above: in every cell the highest triangle.
+/// Draws an altitude map as a triangle mesh, seen from above: each cell takes the highest triangle.
 struct Mesh<'a> {
     grid: &'a MapGrid,
     /// Easting and northing of the site's origin.
     origin: [f64; 2],
-    /// Triangles that climb more hang over a step, metres.
-    step_m: f32,
+    /// Triangles with a larger difference of altitude cross a discontinuity and are not drawn, metres.
+    discontinuity_m: f32,
     altitude: Grid2,
     score: Grid2,
 }
 
 impl<'a> Mesh<'a> {
-    fn new(grid: &'a MapGrid, [east, north, _]: [f64; 3], step_m: f32) -> Self {
+    fn new(grid: &'a MapGrid, [east, north, _]: [f64; 3], discontinuity_m: f32) -> Self {
         Self {
             grid,
             origin: [east, north],
-            step_m,
+            discontinuity_m,
             altitude: Grid2::filled(grid.width, grid.height, f32::NAN),
             score: Grid2::filled(grid.width, grid.height, 0.0),
         }
@@ -92,20 +92,22 @@ impl<'a> Mesh<'a> {
         }
     }
 
-    /// Position of a pixel's point on the grid, in cells with centres at whole numbers, and its altitude.
+    /// Column and row on the map grid (centres of cells at whole numbers) of the point that a pixel shows,
+    /// and its altitude `z`.
     fn corner(&self, camera: &AffineCamera, col: usize, row: usize, z: f32) -> [f32; 3] {
-        let [x, y] = camera.place_at(Pixel::new(col as f64, row as f64), f64::from(z));
+        let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), f64::from(z));
         let east = (x + self.origin[0] - self.grid.west) / self.grid.cell - 0.5;
         let south = (self.grid.north - y - self.origin[1]) / self.grid.cell - 0.5;
         [east as f32, south as f32, z]
     }
 
+    /// Draws a triangle with corners as given by [`Mesh::corner`].
     fn triangle(&mut self, p: [[f32; 3]; 3], score: f32) {
         let [a, b, c] = p;
         let climb = a[2].max(b[2]).max(c[2]) - a[2].min(b[2]).min(c[2]);
         let area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
-        // NaN altitudes make NaN areas.
-        if area.is_nan() || area == 0.0 || climb > self.step_m {
+        // The area is NaN if an altitude is.
+        if area.is_nan() || area == 0.0 || climb > self.discontinuity_m {
             return;
         }
         let cells = |axis: usize, n: usize| {
@@ -129,54 +131,4 @@ impl<'a> Mesh<'a> {
             }
         }
     }
-}
-
-/// Closes gaps of few cells between cells of one surface, no further apart than `most_m`: the mean of both sides and
-/// their scores.
-fn close_gaps(altitude: &mut Grid2, score: &mut Grid2, most_m: f32) {
-    let (known, scores) = (altitude.clone(), score.clone());
-    let width = known.width;
-    let rows = altitude.data.par_chunks_mut(width).zip(score.data.par_chunks_mut(width));
-    rows.enumerate().for_each(|(row, (altitude, score))| {
-        for (col, (z, s)) in altitude.iter_mut().zip(score).enumerate().filter(|(_, (z, _))| z.is_nan()) {
-            let nearest = |c: i64, r: i64| {
-                let cells = (1..=GAP).map(|k| (col as i64 + c * k, row as i64 + r * k));
-                let mut values = cells.map(|(c, r)| (known.get(c, r), scores.get(c, r)));
-                values.find(|(z, _)| !z.is_nan())
-            };
-            let across = DIRECTIONS[..4].iter().filter_map(|(c, r)| nearest(*c, *r).zip(nearest(-c, -r)));
-            let flattest = across.min_by(|(a, b), (c, d)| (a.0 - b.0).abs().total_cmp(&(c.0 - d.0).abs()));
-            if let Some((a, b)) = flattest.filter(|(a, b)| (a.0 - b.0).abs() <= most_m) {
-                (*z, *s) = (0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1));
-            }
-        }
-    });
-}
-
-/// Fills what no two views agree on, where two views have it in their images; the score there is 0.
-fn fill(sweep: &PlaneSweep, altitude: &mut Grid2, score: &mut Grid2) {
-    let known = altitude.clone();
-    let reach = (FILL_M / sweep.grid.cell) as i64;
-    let filled = |col: usize, row: usize| {
-        let along = |(c, r): &(i64, i64)| {
-            let mut values = (1..=reach).map(|k| known.get(col as i64 + c * k, row as i64 + r * k));
-            values.find(|z| !z.is_nan())
-        };
-        let mut found: Vec<f32> = DIRECTIONS.iter().filter_map(along).collect();
-        found.sort_unstable_by(f32::total_cmp);
-        if found.len() < FILL_DIRECTIONS { None } else { found.get(FILL_RANK).copied() }
-    };
-    let width = known.width;
-    let rows = altitude.data.par_chunks_mut(width).zip(score.data.par_chunks_mut(width));
-    rows.enumerate().for_each(|(row, (altitude, score))| {
-        for (col, (z, s)) in altitude.iter_mut().zip(score).enumerate().filter(|(_, (z, _))| z.is_nan()) {
-            *s = 0.0;
-            let Some(from_around) = filled(col, row) else { continue };
-            let p = sweep.site.site_from_utm(sweep.grid.cell_center(col, row));
-            let place: Point<_> = p.at_height(f64::from(from_around));
-            if sweep.images.iter().filter(|i| i.has(place)).count() >= 2 {
-                *z = from_around;
-            }
-        }
-    });
 }

@@ -1,112 +1,87 @@
-//! The surface from two to five views, by stereo matching in the images.
+//! Stereo matching in the images, for two to five views.
 //!
-//! The plane sweep on the map grid compares the views where they would see a cell at an altitude. With few views that
-//! lets one pixel explain several cells, and false heights hide the ground from the only pair that sees it. Here every
-//! pixel of a view has one altitude: a cost volume along its rays (`volume`), semi-global matching and the check that
-//! another view's map has the same point (`maps`; Hirschmüller 2008, §2.3 and §2.6). The maps become one surface by
-//! drawing them as meshes and taking the median of the views in every cell (`fuse`). What no two maps agree on is filled
-//! from around and marked: its score is 0.
+//! With few views, the plane sweep over the map grid is unreliable: one pixel may explain several cells, and
+//! false surfaces may occlude the ground from the only pair that sees it. Here each pixel of a view has
+//! exactly one altitude.
+//!
+//! 1. Each view in turn is the reference view, its partners in the stereo pairs are the source views
+//!    (`reference`). A cost volume is computed along the rays of its pixels (`rays`): normalised
+//!    cross-correlation in windows of three sizes (`ray_costs`).
+//! 2. Semi-global matching (Hirschmüller 2008, §2.3) gives an altitude map of the reference view. The penalty
+//!    P2 is lower at strong edges of the image (`altitude_map`).
+//! 3. The consistency check keeps altitudes that the map of a source view confirms (§2.6 there, for any
+//!    number of views); small connected parts are removed (`consistency`).
+//! 4. The maps are resampled to the map grid as meshes. Each cell takes the median over the views (`fuse`).
+//!    Cells that no two maps agree on are filled from their surroundings, with a score of 0 (`fill`).
 
+mod altitude_map;
+mod consistency;
+mod fill;
 mod fuse;
-mod maps;
+mod ray_costs;
 mod rays;
-mod volume;
+mod reference;
 
-use super::correlation::MatchImage;
-use super::{MAX_VOLUME, MatchedSurface, PlaneSweep};
+use super::image::MatchImage;
+use super::plane_sweep::{MAX_VOLUME, PlaneSweep};
+use super::surface::MatchedSurface;
 use crate::io::{Grid2, Window};
 use crate::progress::{Event, Interrupted, Progress};
-use maps::AltitudeMap;
+use altitude_map::AltitudeMap;
+use ray_costs::RayCosts;
 use rays::Rays;
-use volume::CostVolume;
+use reference::{ReferenceView, reference_views};
 
-/// Views up to which the images are matched instead of the map grid's cells.
+/// Number of views up to which they are matched in the images instead of on the map grid.
 pub const FEW_VIEWS: usize = 5;
-/// Distance of the planes that are tried, pixels of the view that sees it largest.
-const STEP_PX: f64 = 0.5;
-/// A step between surfaces: so many cells, which a slope of 70° climbs from one to the next, or so many pixels' worth of
-/// altitude, which is more than noise.
-const STEP_CELLS: f64 = 3.0;
-const STEP_OF_PX: f64 = 0.7;
-/// Rows beyond those that are kept of a strip, from which the costs along its paths come.
+/// Distance between planes, pixels of the source view in which it is largest.
+const PLANE_STEP_PX: f64 = 0.5;
+/// Rows above and below a strip that are matched with it, so that the paths of semi-global matching have
+/// settled where the strip begins.
 const STRIP_MARGIN: usize = 64;
 
-/// A view and those that it is matched with.
-struct Partners {
-    view: usize,
-    others: Vec<usize>,
-    /// Altitude that moves a point by a pixel of the view where it moves it farthest, metres.
-    px_m: f64,
-    /// Difference of altitude between neighbouring pixels from which on they are of two surfaces, metres.
-    step_m: f32,
+/// Matches the images of a few views.
+pub(super) fn match_views(
+    sweep: &PlaneSweep,
+    progress: &dyn Progress,
+) -> Result<MatchedSurface, Interrupted> {
+    progress.event(Event::Started { stage: "matching the surface", total: sweep.images.len() as u64 });
+    let references = reference_views(sweep);
+    let mut maps = Vec::with_capacity(references.len());
+    for (done, reference) in (1..).zip(&references) {
+        progress.check()?;
+        maps.push(altitude_map(sweep, reference, strip_rows(sweep, reference)));
+        progress.event(Event::Advanced { done, status: String::new() });
+    }
+    let consistent = consistency::consistent(&sweep.images, &maps, &references);
+    let surface = fuse::fused(sweep, &references, &consistent);
+    progress.event(Event::Finished);
+    Ok(surface)
 }
 
-impl PlaneSweep {
-    /// Matches the few views' images.
-    pub(super) fn match_images(&self, progress: &dyn Progress) -> Result<MatchedSurface, Interrupted> {
-        progress.event(Event::Started { stage: "matching the surface", total: self.images.len() as u64 });
-        let partners = self.partners();
-        let mut maps = Vec::with_capacity(partners.len());
-        for (done, partners) in (1..).zip(&partners) {
-            progress.check()?;
-            maps.push(self.altitude_map(partners, self.strip_rows(partners)));
-            progress.event(Event::Advanced { done, status: String::new() });
-        }
-        let confirmed = maps::confirmed(&self.images, &maps, &partners);
-        let surface = fuse::surface(self, &partners, &confirmed);
-        progress.event(Event::Finished);
-        Ok(surface)
-    }
+/// Number of rows of a view that are matched at a time, so that their cost volume fits into [`MAX_VOLUME`].
+fn strip_rows(sweep: &PlaneSweep, reference: &ReferenceView) -> usize {
+    let planes = (sweep.stack.height_m() / (PLANE_STEP_PX * reference.metres_per_px)).ceil() + 1.0;
+    let rows = MAX_VOLUME / (sweep.images[reference.view].gray.width as f64 * planes);
+    (rows as usize).saturating_sub(2 * STRIP_MARGIN).max(STRIP_MARGIN)
+}
 
-    /// The views that have a partner.
-    fn partners(&self) -> Vec<Partners> {
-        let is_pair = |i: usize, j: usize| self.pairs.contains(&(i.min(j), i.max(j)));
-        let of = |view: usize| {
-            let others: Vec<usize> =
-                (0..self.images.len()).filter(|j| *j != view && is_pair(view, *j)).collect();
-            let camera = &self.images[view].camera;
-            let all = others.iter().map(|j| rays::metres_per_pixel(camera, &self.images[*j].camera));
-            let px_m = all.reduce(f64::min)?;
-            let step_m = (STEP_CELLS * self.grid.cell).max(STEP_OF_PX * px_m) as f32;
-            Some(Partners { view, others, px_m, step_m })
-        };
-        (0..self.images.len()).filter_map(of).collect()
+/// The altitude map of one view, matched in strips of `rows` rows.
+fn altitude_map(sweep: &PlaneSweep, reference: &ReferenceView, rows: usize) -> AltitudeMap {
+    let image = &sweep.images[reference.view];
+    let sources: Vec<&MatchImage> = reference.sources.iter().map(|j| &sweep.images[*j]).collect();
+    let step_m = PLANE_STEP_PX * reference.metres_per_px;
+    let Grid2 { width, height, .. } = image.gray;
+    let mut map = AltitudeMap::unknown(width, height);
+    for first in (0..height).step_by(rows) {
+        let last = (first + rows).min(height);
+        let (from, to) = (first.saturating_sub(STRIP_MARGIN), (last + STRIP_MARGIN).min(height));
+        let strip = image.cropped(Window { col: 0, row: from, width, height: to - from });
+        let rays = Rays::new(sweep, &strip, &sources, step_m);
+        let costs = RayCosts::new(&strip, &sources, &rays);
+        map.copy_rows(first..last, &AltitudeMap::optimized(&strip, &rays, &costs), from);
     }
-
-    /// Rows of a view that are matched at a time: as many as the memory for a volume holds.
-    fn strip_rows(&self, partners: &Partners) -> usize {
-        let planes = (self.stack.height_m() / (STEP_PX * partners.px_m)).ceil() + 1.0;
-        let rows = MAX_VOLUME / (self.images[partners.view].gray.width as f64 * planes);
-        (rows as usize).saturating_sub(2 * STRIP_MARGIN).max(STRIP_MARGIN)
-    }
-
-    /// The map of one view, matched strip by strip of so many rows.
-    fn altitude_map(&self, partners: &Partners, rows: usize) -> AltitudeMap {
-        let reference = &self.images[partners.view];
-        let others: Vec<&MatchImage> = partners.others.iter().map(|j| &self.images[*j]).collect();
-        let step_m = STEP_PX * partners.px_m;
-        let Grid2 { width, height, .. } = reference.gray;
-        let mut map = AltitudeMap::unknown(width, height);
-        for first in (0..height).step_by(rows) {
-            let last = (first + rows).min(height);
-            let (from, to) = (first.saturating_sub(STRIP_MARGIN), (last + STRIP_MARGIN).min(height));
-            let strip = reference.cropped(Window { col: 0, row: from, width, height: to - from });
-            let rays = Rays::new(self, &strip, &others, step_m);
-            let volume = CostVolume::new(&strip, &others, &rays);
-            map.take_rows(first..last, &AltitudeMap::pick(&strip, &rays, &volume), from);
-        }
-        map
-    }
-
-    /// Altitude of the ground at a place of the site, as the stack of planes has it.
-    fn ground_at(&self, x: f64, y: f64) -> f64 {
-        let [east, north, _] = self.site.origin.xyz();
-        let ground: &Grid2 = &self.stack.ground;
-        let col = (x + east - self.grid.west) / self.grid.cell - 0.5;
-        let row = (self.grid.north - y - north) / self.grid.cell - 0.5;
-        let within = |v: f64, n: usize| v.clamp(0.0, n as f64 - 1.0);
-        f64::from(ground.bilinear(within(col, ground.width), within(row, ground.height)))
-    }
+    map
 }
 
 #[cfg(test)]

@@ -1,13 +1,13 @@
-//! The block of the sweep's tests, seen by two and three views.
+//! The block of the plane sweep's tests, seen by two and three views.
 
 use super::*;
 use crate::mvs::MatchedSurface;
-use crate::mvs::tests::{BLOCK_M, height, plain, setup, sparse, texture, view};
+use crate::mvs::tests::{BLOCK_M, height, setup, sparse, texture, textureless, view};
 use crate::progress::NoProgress;
 
-/// Of the cells that are `meant`, by place and whether they were matched, the share that is within half a metre of the
-/// truth.
-fn right(surface: &MatchedSurface, is_meant: impl Fn([f64; 3], bool) -> bool) -> f64 {
+/// The share of cells within half a metre of the truth, among those for which `is_meant` holds: it takes the
+/// position of a cell, and whether it was matched.
+fn share_right(surface: &MatchedSurface, is_meant: impl Fn([f64; 3], bool) -> bool) -> f64 {
     let grid = surface.grid;
     let (mut right, mut all) = (0.0, 0.0f64);
     for i in 0..grid.width * grid.height {
@@ -21,20 +21,20 @@ fn right(surface: &MatchedSurface, is_meant: impl Fn([f64; 3], bool) -> bool) ->
 }
 
 #[test]
-fn a_pair_finds_a_block_and_the_ground_and_marks_what_only_one_view_sees() {
+fn a_pair_finds_a_block_and_the_ground_and_marks_cells_that_only_one_view_sees() {
     let views = [view([-0.2, 0.0], texture), view([0.2, 0.0], texture)];
     let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
-    let everywhere = right(&surface, |_, _| true);
+    let everywhere = share_right(&surface, |_, _| true);
     assert!(everywhere > 0.93, "{everywhere}");
-    let matched = right(&surface, |_, is_matched| is_matched);
+    let matched = share_right(&surface, |_, is_matched| is_matched);
     assert!(matched > 0.97, "{matched}");
     let blobs = surface.altitude.valid().filter(|z| f64::from(*z) > BLOCK_M + 1.0).count();
     assert_eq!(blobs, 0, "nothing stands higher than the block");
     // The western view does not see 2.4 m of ground east of the block, the eastern one none west of it.
     let hidden = |p: [f64; 3], _| (8.5..10.0).contains(&p[0].abs()) && p[1].abs() < 5.0;
-    let matched_there = right(&surface, |p, is_matched| hidden(p, is_matched) && is_matched);
+    let matched_there = share_right(&surface, |p, is_matched| hidden(p, is_matched) && is_matched);
     let filled = |p, is_matched: bool| hidden(p, is_matched) && !is_matched;
-    assert!(right(&surface, filled) > 0.9, "filled by the ground: {}", right(&surface, filled));
+    assert!(share_right(&surface, filled) > 0.9, "filled by the ground: {}", share_right(&surface, filled));
     let count = |is_meant: &dyn Fn([f64; 3], bool) -> bool| {
         let cells = surface.grid.width * surface.grid.height;
         let meant = (0..cells).filter(|i| {
@@ -48,32 +48,32 @@ fn a_pair_finds_a_block_and_the_ground_and_marks_what_only_one_view_sees() {
 }
 
 #[test]
-fn a_third_view_tells_what_the_pair_did_not_see() {
+fn a_third_view_matches_cells_that_the_pair_did_not_see() {
     let pair = [view([-0.2, 0.0], texture), view([0.2, 0.0], texture)];
     let three = [pair[0].clone(), pair[1].clone(), view([0.0, 0.0], texture)];
     let share = |views: &[_]| {
         let surface = PlaneSweep::new(&setup(), views, &sparse()).unwrap().run(&NoProgress).unwrap();
         let matched = surface.score.data.iter().filter(|s| **s > 0.0).count();
-        (matched as f64 / surface.score.data.len() as f64, right(&surface, |_, is_matched| is_matched))
+        (matched as f64 / surface.score.data.len() as f64, share_right(&surface, |_, is_matched| is_matched))
     };
     let ((of_two, _), (of_three, exact)) = (share(&pair), share(&three));
     assert!(of_three > of_two && exact > 0.97, "{of_two} {of_three} {exact}");
 }
 
 #[test]
-fn what_is_plain_is_not_matched() {
-    let views = [view([-0.2, 0.0], plain), view([0.2, 0.0], plain)];
+fn textureless_surfaces_are_not_matched() {
+    let views = [view([-0.2, 0.0], textureless), view([0.2, 0.0], textureless)];
     let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
-    assert!(surface.score.data.iter().all(|s| *s == 0.0), "nothing is known of it");
+    assert!(surface.score.data.iter().all(|s| *s == 0.0), "no cell is matched");
 }
 
 #[test]
-fn a_map_is_the_same_in_strips_but_for_where_paths_begin() {
+fn a_map_matched_in_strips_is_nearly_the_same_as_a_whole_one() {
     let views = [view([-0.2, 0.0], texture), view([0.2, 0.0], texture)];
     let sweep = PlaneSweep::new(&setup(), &views, &sparse()).unwrap();
-    let partners = &sweep.partners()[0];
-    let whole = sweep.altitude_map(partners, 1000).altitude;
-    let strips = sweep.altitude_map(partners, 50).altitude;
+    let reference = &reference_views(&sweep)[0];
+    let whole = altitude_map(&sweep, reference, 1000).altitude;
+    let strips = altitude_map(&sweep, reference, 50).altitude;
     let both = whole.data.iter().zip(&strips.data).filter(|(a, b)| !a.is_nan() && !b.is_nan());
     let near = both.clone().filter(|(a, b)| (*a - *b).abs() < 0.3).count();
     let all = both.count();

@@ -80,7 +80,7 @@ mod tests {
         assert_eq!(target.colors.row(1, 0), [dark, white]);
         let _ = target.load(&view, 1);
         assert!((target.colors.at(0, 0, 0) - 0.5 * (dark + white)).abs() < 1e-6);
-        assert!((view.root_of_light().at(1, 1) - 1.0).abs() < 1e-6);
-        assert!((view.root_of_light().at(0, 0) - dark.sqrt()).abs() < 1e-6);
+        assert!((view.sqrt_gray().at(1, 1) - 1.0).abs() < 1e-6);
+        assert!((view.sqrt_gray().at(0, 0) - dark.sqrt()).abs() < 1e-6);
     }
 }

@@ -321,8 +321,8 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
                 .and(most.greater_equal(mean[i].abs()))
                 .and(high.greater_equal(zero))
                 .and(last.greater_equal(first));
-            (first * sixteenth).floor().store_whole(&mut projected.tiles[2 * i]);
-            (last * sixteenth).floor().store_whole(&mut projected.tiles[2 * i + 1]);
+            (first * sixteenth).floor().store_u32(&mut projected.tiles[2 * i]);
+            (last * sixteenth).floor().store_u32(&mut projected.tiles[2 * i + 1]);
         }
         projected.visible = visible.bitmask();
         half_size[0].store_to(&mut projected.half_width, 0);

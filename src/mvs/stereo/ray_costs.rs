@@ -1,92 +1,93 @@
-//! The cost of every altitude along every ray of a reference view: how little the other views look like it there.
+//! The cost volume of a reference view: the matching cost of every altitude along the rays of its pixels.
 //!
-//! A plane of hypotheses is a surface parallel to the ground. Another view is resampled to where it sees that surface
-//! along the reference's rays, and compared by correlation in windows of several sizes: the small one keeps edges, the
-//! large ones tell apart what the small one confuses.
+//! For each plane parallel to the ground, the source views are resampled to the pixels of the reference view
+//! and compared by normalised cross-correlation in windows of three sizes. The smallest preserves edges, the
+//! larger ones resolve ambiguities.
 
 use super::rays::Rays;
 use crate::io::Grid2;
-use crate::mvs::correlation::MatchImage;
+use crate::mvs::image::MatchImage;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-/// Half sides of the windows, pixels, and what the correlation in each weighs, together 1.
+/// Radii of the windows, pixels, and the weights of their correlations, which add up to 1.
 const RADII: [usize; 3] = [1, 2, 4];
 const WEIGHTS: [f32; 3] = [1.0 / 1.4, 0.3 / 1.4, 0.1 / 1.4];
-/// Rows beyond those of a band that its windows reach.
+/// Rows above and below a band that its windows reach.
 const MARGIN: usize = RADII[2];
-/// Rows of the reference view that one thread takes.
+/// Rows of the reference view that one thread processes.
 const BAND: usize = 16;
-/// Variance of brightness, of the square root of light, in a window below which it has no texture.
-const FLAT: f32 = 1e-5;
+/// Variance of the gray values in a window up to which the window is textureless and has no correlation.
+const MIN_VARIANCE: f32 = 1e-5;
 
-/// Costs of every pixel of a view at every plane, pixel by pixel.
-pub(super) struct CostVolume {
+/// Matching costs of every pixel of a view at every plane, pixel by pixel: 0 for a perfect correlation,
+/// [`RayCosts::UNCORRELATED`] for none.
+pub(super) struct RayCosts {
     /// Number of planes.
     pub planes: usize,
-    /// From 0, the views look the same, over [`CostVolume::UNLIKE`] to twice that.
     pub costs: Vec<u8>,
 }
 
-impl CostVolume {
-    /// Cost where no other view sees the place.
+impl RayCosts {
+    /// Cost where no source view sees the point.
     pub const UNSEEN: u8 = 255;
-    /// Cost without correlation.
-    pub const UNLIKE: f32 = 127.0;
+    /// Cost of a correlation of 0.
+    pub const UNCORRELATED: f32 = 127.0;
 
-    /// The costs along the rays of a reference view, by the other views.
-    pub fn new(reference: &MatchImage, others: &[&MatchImage], rays: &Rays) -> Self {
+    /// Matches a reference view with source views along its rays.
+    pub fn new(reference: &MatchImage, sources: &[&MatchImage], rays: &Rays) -> Self {
         let Grid2 { width, height, .. } = reference.gray;
         let planes = rays.planes;
         let mut costs = vec![Self::UNSEEN; width * height * planes];
         costs.par_chunks_mut(BAND * width * planes).enumerate().for_each(|(k, costs)| {
-            Band::new(reference, others, rays, k * BAND).fill(costs);
+            Band::new(reference, sources, rays, k * BAND).fill(costs);
         });
         Self { planes, costs }
     }
 
-    /// A pixel's costs.
+    /// The costs of a pixel, plane by plane.
     pub fn pixel(&self, index: usize) -> &[u8] {
         &self.costs[index * self.planes..(index + 1) * self.planes]
     }
 }
 
-/// A few rows of the reference view with margins.
+/// Rows of the reference view, with margins.
 struct Band<'a> {
-    others: &'a [&'a MatchImage],
+    sources: &'a [&'a MatchImage],
     rays: &'a Rays,
     /// The first row inside the margins.
     first_row: usize,
     width: usize,
+    /// The reference view.
     own: Sampled,
-    /// Sums over the windows of each size.
+    /// Sums of the reference view over the windows of each size.
     own_sums: [WindowSums; RADII.len()],
 }
 
-/// Brightness less the image's mean, 0 where there is none.
+/// Gray values minus the mean of the image; 0 where the view has no valid pixel.
 struct Sampled {
     value: Vec<f32>,
-    /// 1 where there is none.
+    /// 1 where the view has no valid pixel, else 0.
     missing: Vec<f32>,
 }
 
-/// Sums of brightness and of its square over windows.
+/// Sums of the gray values and of their squares over windows.
 struct WindowSums {
     value: Vec<f32>,
     square: Vec<f32>,
 }
 
-/// Rows of a band and its margins.
+/// Number of rows of a band with its margins.
 const ROWS: usize = BAND + 2 * MARGIN;
 
 impl<'a> Band<'a> {
-    fn new(reference: &MatchImage, others: &'a [&'a MatchImage], rays: &'a Rays, first_row: usize) -> Self {
+    fn new(reference: &MatchImage, sources: &'a [&'a MatchImage], rays: &'a Rays, first_row: usize) -> Self {
         let Grid2 { width, height, .. } = reference.gray;
         let n = width * ROWS;
         let mut own = Sampled { value: vec![0.0; n], missing: vec![1.0; n] };
         for (line, row) in rows_of_band(first_row, height) {
             for (col, v) in reference.gray.row(row).iter().enumerate().filter(|(_, v)| !v.is_nan()) {
-                own.value[line * width + col] = v - reference.level as f32;
+                own.value[line * width + col] = v - reference.mean as f32;
                 own.missing[line * width + col] = 0.0;
             }
         }
@@ -100,16 +101,16 @@ impl<'a> Band<'a> {
             };
             WindowSums { value: sums(&own.value), square: sums(&squares) }
         });
-        Self { others, rays, first_row, width, own, own_sums }
+        Self { sources, rays, first_row, width, own, own_sums }
     }
 
-    /// Fills the costs of the rows inside the margins, as many as `costs` holds.
+    /// Computes the costs of the rows inside the margins, as many as `costs` holds.
     fn fill(&self, costs: &mut [u8]) {
         let zeros = || vec![0.0f32; self.width * ROWS];
         let mut view = Sampled { value: zeros(), missing: zeros() };
         let (mut square, mut product, mut scratch) = (zeros(), zeros(), zeros());
-        let mut sums = Sums { value: zeros(), square: zeros(), product: zeros(), missing: zeros() };
-        let mut scores: Vec<Vec<f32>> = self.others.iter().map(|_| zeros()).collect();
+        let mut sums = SourceSums { value: zeros(), square: zeros(), product: zeros(), missing: zeros() };
+        let mut scores: Vec<Vec<f32>> = self.sources.iter().map(|_| zeros()).collect();
         for plane in 0..self.rays.planes {
             for (k, score) in scores.iter_mut().enumerate() {
                 self.resample(k, plane, &mut view);
@@ -136,24 +137,32 @@ impl<'a> Band<'a> {
         }
     }
 
-    /// Another view where it sees a plane along the reference's rays.
+    /// Resamples source view `k` to the reference view by way of a plane.
     fn resample(&self, k: usize, plane: usize, out: &mut Sampled) {
-        let (other, [cols, rows]) = (self.others[k], &self.rays.start[k]);
-        let up = self.rays.step_px[k].map(|d| d * plane as f32);
+        let (source, [cols, rows]) = (self.sources[k], &self.rays.lowest_px[k]);
+        let shift = self.rays.step_px[k].map(|d| d * plane as f32);
         out.value.fill(0.0);
         out.missing.fill(1.0);
         for (line, row) in rows_of_band(self.first_row, cols.height) {
             let at = line * self.width..(line + 1) * self.width;
             let (value, missing) = (&mut out.value[at.clone()], &mut out.missing[at.clone()]);
-            sample_row(&other.gray, other.level as f32, [cols.row(row), rows.row(row)], up, value, missing);
+            sample_row(
+                &source.gray,
+                source.mean as f32,
+                [cols.row(row), rows.row(row)],
+                shift,
+                value,
+                missing,
+            );
             for (missing, own) in missing.iter_mut().zip(&self.own.missing[at]) {
                 *missing = missing.max(*own);
             }
         }
     }
 
-    /// The costs of one plane from the scores of the other views that see it: the cube of the correlations, whose mean
-    /// is taken, lets one good pair say more than three fair ones.
+    /// Stores the costs of one plane. The correlations with the source views that see a point are averaged as
+    /// cubes, so that one view that correlates well has more influence than several that correlate
+    /// moderately.
     fn store(&self, scores: &[Vec<f32>], plane: usize, costs: &mut [u8]) {
         let planes = self.rays.planes;
         for (i, cost) in costs[plane..].iter_mut().step_by(planes).enumerate() {
@@ -161,13 +170,13 @@ impl<'a> Band<'a> {
             let known = scores.iter().map(|s| s[at]).filter(|s| !s.is_nan()).map(|s| s.max(0.0));
             let (sum, n) = known.fold((0.0f32, 0.0f32), |(sum, n), s| (sum + s * s * s, n + 1.0));
             if n > 0.0 {
-                *cost = (CostVolume::UNLIKE * (1.0 - (sum / n).cbrt()) + 0.5).clamp(0.0, 254.0) as u8;
+                *cost = (RayCosts::UNCORRELATED * (1.0 - (sum / n).cbrt()) + 0.5).clamp(0.0, 254.0) as u8;
             }
         }
     }
 }
 
-/// Lines of a band with the rows of the image that they are.
+/// The rows of a band that lie in the image: their index in the band, and their row of the image.
 fn rows_of_band(first_row: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..ROWS).filter_map(move |line| {
         let row = (first_row + line).checked_sub(MARGIN)?;
@@ -175,19 +184,19 @@ fn rows_of_band(first_row: usize, height: usize) -> impl Iterator<Item = (usize,
     })
 }
 
-/// Sums over the windows of one size: of another view's brightness, its square, its product with the reference's, and
-/// the pixels that one of the two lacks.
-struct Sums {
+/// Sums over windows of a source view's gray values, of their squares, of their products with those of the
+/// reference view, and the number of pixels that are missing in either view.
+struct SourceSums {
     value: Vec<f32>,
     square: Vec<f32>,
     product: Vec<f32>,
     missing: Vec<f32>,
 }
 
-/// Adds the correlations of windows of `1 / share` pixels to scores, NaN before the first one; windows that are not
-/// whole say nothing.
+/// Adds the weighted correlations in windows of `1 / share` pixels to the scores, which are NaN before the
+/// first correlation. Windows with missing pixels are left out.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn add_correlation(score: &mut [f32], own: &WindowSums, sums: &Sums, share: f32, weight: f32) {
+fn add_correlation(score: &mut [f32], own: &WindowSums, sums: &SourceSums, share: f32, weight: f32) {
     let n = score.len();
     let (a, a2) = (&own.value[..n], &own.square[..n]);
     let (b, b2, ab) = (&sums.value[..n], &sums.square[..n], &sums.product[..n]);
@@ -195,7 +204,7 @@ fn add_correlation(score: &mut [f32], own: &WindowSums, sums: &Sums, share: f32,
     for i in 0..n {
         let covariance = (ab[i] - a[i] * b[i] * share) * share;
         let (own, other) = ((a2[i] - a[i] * a[i] * share) * share, (b2[i] - b[i] * b[i] * share) * share);
-        let is_textured = own > FLAT && other > FLAT;
+        let is_textured = own > MIN_VARIANCE && other > MIN_VARIANCE;
         let correlation =
             if is_textured { (covariance / (own * other).sqrt()).clamp(-1.0, 1.0) } else { 0.0 };
         let before = if score[i].is_nan() { 0.0 } else { score[i] };
@@ -203,6 +212,7 @@ fn add_correlation(score: &mut [f32], own: &WindowSums, sums: &Sums, share: f32,
     }
 }
 
+/// Products of the elements of two slices.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn multiply(a: &[f32], b: &[f32], out: &mut [f32]) {
     for ((out, a), b) in out.iter_mut().zip(a).zip(b) {
@@ -210,7 +220,7 @@ fn multiply(a: &[f32], b: &[f32], out: &mut [f32]) {
     }
 }
 
-/// Sums over square windows of `2 * radius + 1` pixels; beyond the borders there is nothing.
+/// Sums over square windows of `2 * radius + 1` pixels a side; pixels outside of the image count as 0.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn sum_windows(source: &[f32], width: usize, radius: usize, scratch: &mut [f32], out: &mut [f32]) {
     let rows = source.len() / width;
@@ -236,13 +246,13 @@ fn sum_windows(source: &[f32], width: usize, radius: usize, scratch: &mut [f32],
     }
 }
 
-/// A row of another view, bilinear, less `level`: at columns and rows `at`, moved by `up`.
+/// Samples an image bilinearly at the columns and rows `at`, displaced by `shift` pixels, and subtracts `mean`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn sample_row(
     gray: &Grid2,
-    level: f32,
+    mean: f32,
     at: [&[f32]; 2],
-    up: [f32; 2],
+    shift: [f32; 2],
     value: &mut [f32],
     missing: &mut [f32],
 ) {
@@ -251,7 +261,7 @@ fn sample_row(
     }
     let (last_col, last_row) = ((gray.width - 1) as f32, (gray.height - 1) as f32);
     for i in 0..value.len() {
-        let (x, y) = (at[0][i] + up[0], at[1][i] + up[1]);
+        let (x, y) = (at[0][i] + shift[0], at[1][i] + shift[1]);
         let inside = x >= 0.0 && y >= 0.0 && x < last_col && y < last_row;
         let (x, y) = if inside { (x, y) } else { (0.0, 0.0) };
         let (col, row) = (x as i32, y as i32);
@@ -263,7 +273,7 @@ fn sample_row(
         let below = low[0] + (low[1] - low[0]) * right;
         let sample = above + (below - above) * down;
         let known = inside && !sample.is_nan();
-        value[i] = if known { sample - level } else { 0.0 };
+        value[i] = if known { sample - mean } else { 0.0 };
         missing[i] = if known { 0.0 } else { 1.0 };
     }
 }
