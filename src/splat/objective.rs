@@ -277,6 +277,8 @@ impl<T: SimdReal> Objective<T> {
             backward(&mut self.sun, SUN, sorted, self.shadows.by_sun(), by_sorted, by_altitude, watch);
         }
         gradient.splats.resize(n);
+        // Groups that nothing below writes keep no gradient of the iteration before.
+        gradient.splats.groups_mut().into_par_iter().for_each(|group| group.fill(T::zero()));
         sorted.parameter_gradients(splats, by_sorted, &mut gradient.splats);
         self.by_colors.resize(n, [T::zero(); 3]);
         let rows = gradient.splats.position.par_iter_mut().zip(&mut self.by_colors).with_min_len(1024);

@@ -52,6 +52,7 @@ impl Recipe {
                 rotation: 0.001,
                 opacity_logit: 0.05,
                 f_dc: 0.0025,
+                ..PerGroup::default()
             },
             appearance_rate: 0.01,
             weights: weights(LossWeights::default(), &EOGS_WEIGHTS),
