@@ -38,7 +38,9 @@ const LEAST_SHARE: f64 = 0.5;
 pub enum CoregisterError {
     /// Too few points lie on the reference.
     #[error("{common} of the run's points lie on heights of `{reference}`, {FEWEST} are needed")]
-    #[diagnostic(help("is the reference of the same place, its CRS right, and does it hold heights?"))]
+    #[diagnostic(help(
+        "does the reference show the same place, is its CRS right, and does it hold heights?"
+    ))]
     NoOverlap {
         /// The reference.
         reference: PathBuf,
@@ -46,14 +48,14 @@ pub enum CoregisterError {
         common: usize,
     },
     /// The best shift lies at the limit of the search.
-    #[error("`{reference}` fits no better anywhere within {REACH_M} m of where the run stands")]
-    #[diagnostic(help("is it of the same place, and does it show buildings or relief?"))]
+    #[error("the best shift to `{reference}` lies at the limit of the search, {REACH_M} m")]
+    #[diagnostic(help("does it show the same place, and buildings or relief?"))]
     TooFar {
         /// The reference.
         reference: PathBuf,
     },
     /// No ground control point is observed in two views.
-    #[error("no point of `{reference}` is seen by two views of the run")]
+    #[error("no point of `{reference}` is observed in two views of the run")]
     #[diagnostic(help("a point needs a line for each of two images or more"))]
     NoControl {
         /// The reference.
@@ -72,11 +74,11 @@ pub enum CoregisterError {
 /// Translation of a scene on its map, metres.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Shift {
-    /// East.
+    /// To the east, metres.
     pub east_m: f64,
-    /// North.
+    /// To the north, metres.
     pub north_m: f64,
-    /// Up.
+    /// Upwards, metres.
     pub up_m: f64,
 }
 
@@ -137,7 +139,7 @@ pub fn to_surface(
     let search = TranslationSearch::new(points, epsg, reference)?;
     let no_overlap = |common| CoregisterError::NoOverlap { reference: reference.path.clone(), common };
     let mut best = search.best_around([0.0; 2]).map_err(no_overlap)?;
-    // Until nothing around it is better, so that an aligned scene is found to be aligned.
+    // The search is repeated until no shift around the best one is better, so that an aligned scene has the shift zero.
     for _ in 0..ROUNDS {
         let next = search.best_around(best.at).map_err(no_overlap)?;
         if next.mean_m >= best.mean_m {
@@ -210,7 +212,7 @@ impl<'a> TranslationSearch<'a> {
         let transform = (epsg != grid.epsg).then(|| Transform::new(epsg, grid.epsg)).transpose()?;
         let cell_of = |x: f64, y: f64| {
             let (x, y) = transform.map_or((x, y), |t| t.convert(x, y));
-            // Cell centres are whole numbers.
+            // Centres of cells are at whole numbers.
             [(x - grid.west) / grid.cell - 0.5, (grid.north - y) / grid.cell - 0.5]
         };
         let cells = points.iter().map(|p| (cell_of(p.x(), p.y()), p.z() as f32)).collect();
@@ -307,7 +309,7 @@ mod tests {
         }
     }
 
-    /// The town's points, `shift` away from where they belong; a tenth of them is something else.
+    /// Points of the town, shifted by `shift`; a tenth of them have wrong heights.
     fn points(shift: [f64; 3]) -> Vec<Point<Utm>> {
         (0..20_000)
             .map(|i| {
@@ -326,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn a_known_shift_is_found_among_what_has_changed() {
+    fn a_known_shift_is_found_although_some_buildings_changed() {
         for shift in [[0.0, 0.0, 0.0], [3.3, -7.1, 12.4], [-14.2, 9.6, -48.0]] {
             let found = to_surface(&points(shift), EPSG, &reference()).unwrap();
             for (f, s) in found.shift.enu().iter().zip(shift) {
@@ -336,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn another_zone_is_no_matter() {
+    fn points_and_reference_may_be_in_different_zones() {
         let to = Transform::new(EPSG, EPSG + 1).unwrap();
         let shift = [4.0, -2.0, 1.0];
         let moved: Vec<Point<Utm>> = points([0.0; 3])
@@ -353,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reference_that_is_elsewhere_empty_or_plain_is_refused() {
+    fn a_reference_that_is_elsewhere_empty_or_flat_is_refused() {
         let mut away = reference();
         away.grid.west += 5000.0;
         assert!(matches!(
@@ -372,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn surveyed_points_outvote_a_wrong_one() {
+    fn a_wrong_surveyed_point_does_not_change_the_median() {
         let map = SiteGrid::at(Point::new(5.44, 43.26, 100.0)).unwrap();
         let pair = |dx: f64| {
             let ours = Point::<Utm>::new(map.origin.x() + 10.0 * dx, map.origin.y(), 90.0);

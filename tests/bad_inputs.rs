@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{camera, dem_grid, image, satgs, two_views};
+use common::{camera, dem_grid, image, resampled, satgs, two_views};
 use satgs::io::Window;
 use satgs::rpc::formats::{ViewTags, to_json, to_rpb, to_text};
 use std::collections::BTreeSet;
@@ -140,7 +140,7 @@ fn n11_an_area_that_no_view_sees() {
 #[test]
 fn n12_an_image_resampled_without_its_rpc() {
     let folder = two_views();
-    std::fs::write(folder.path().join("a_RPC.TXT"), to_text(&camera(5.44, 0.2).rescaled(2.0))).unwrap();
+    std::fs::write(folder.path().join("a_RPC.TXT"), to_text(&resampled(&camera(5.44, 0.2), 2.0))).unwrap();
     let (code, said) = info(folder.path(), &[]);
     assert_eq!(code, Some(0), "{said}");
     assert!(

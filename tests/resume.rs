@@ -99,14 +99,17 @@ impl Run {
     /// Splats, cameras, and the log without its seconds.
     fn result(&self) -> [Vec<u8>; 3] {
         let read = |name: &str| std::fs::read(self.folder.join(name)).unwrap();
-        let log = String::from_utf8(read("train/train.csv")).unwrap();
-        let seconds = log.lines().next().unwrap().split(',').position(|c| c == "seconds").unwrap();
-        let others = |line: &str| {
-            let columns = line.split(',').enumerate().filter(|(k, _)| *k != seconds);
-            columns.map(|(_, c)| c.to_owned()).collect::<Vec<_>>().join(",")
-        };
-        let log: Vec<String> = log.lines().map(others).collect();
-        [read("splats.ply"), read("cameras.json"), log.join("\n").into_bytes()]
+        let log = read("train/train.csv");
+        let mut rows = csv::ReaderBuilder::new().has_headers(false).from_reader(log.as_slice());
+        let rows: Vec<csv::StringRecord> = rows.records().map(Result::unwrap).collect();
+        let seconds = rows[0].iter().position(|c| c == "seconds").unwrap();
+        let mut others = csv::Writer::from_writer(Vec::new());
+        for row in &rows {
+            others
+                .write_record(row.iter().enumerate().filter(|(k, _)| *k != seconds).map(|(_, c)| c))
+                .unwrap();
+        }
+        [read("splats.ply"), read("cameras.json"), others.into_inner().unwrap()]
     }
 }
 

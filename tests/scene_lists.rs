@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{camera, image, satgs, two_views};
+use common::{camera, image, resampled, satgs, two_views};
 use satgs::scene::{Aoi, ReadOptions, Role, Scene, read};
 use std::path::Path;
 
@@ -78,7 +78,7 @@ fn a_stac_item_collection_is_a_scene() {
 #[test]
 fn an_area_crops_images_and_their_cameras_alike() {
     let folder = tempfile::tempdir().unwrap();
-    let rpc = camera(5.44, 0.0).rescaled(5.0);
+    let rpc = resampled(&camera(5.44, 0.0), 5.0);
     // A large image whose pixel values tell their place.
     let path = folder.path().join("a.tif");
     let driver = gdal::DriverManager::get_driver_by_name("GTiff").unwrap();

@@ -276,7 +276,7 @@ fn assert_page(path: &Path, missing: usize) {
         assert!(page.contains(&format!("<section id=\"{id}\">")), "{id}");
         assert!(page.contains(&format!("href=\"#{id}\"")), "{id}");
     }
-    assert_eq!(page.matches("Not there yet").count(), missing);
+    assert_eq!(page.matches("Not available yet").count(), missing);
     for (i, _) in page.match_indices("src=\"").chain(page.match_indices("href=\"")) {
         let target = page[i..].split('"').nth(1).unwrap();
         assert!(target.starts_with("data:") || target.starts_with('#'), "{target:.40}");

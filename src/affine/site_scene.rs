@@ -16,7 +16,7 @@ const MARGIN_BELOW_M: f64 = 5.0;
 const MARGIN_ABOVE_M: f64 = 15.0;
 /// Smallest elevation of views and suns: at lower ones, shears (the cotangent of the elevation) become too
 /// large. Lower views are an error, lower suns are not used.
-const LOWEST_ELEVATION_DEG: f64 = 15.0;
+const LOWEST_ELEVATION_DEG: f64 = crate::scene::LOWEST_SUN_DEG;
 
 /// Why a training scene cannot be set up.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]

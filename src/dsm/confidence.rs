@@ -1,4 +1,4 @@
-//! How far a surface can be trusted, cell by cell, and what becomes of cells that cannot be.
+//! Confidence of a surface model in each cell, and removal and filling of cells.
 
 use super::Dsm;
 use crate::affine::AffineCamera;
@@ -7,26 +7,27 @@ use crate::io::{Grid2, ValidPixels};
 use crate::mvs::{MatchedSurface, OCCLUSION_TOLERANCE_M, occlusion_height};
 use rayon::prelude::*;
 
-/// A height is measured where at least so many views see it.
+/// Smallest number of views whose valid pixels must cover a cell for it to keep its height.
 const FEWEST_VIEWS: f32 = 2.0;
 
-/// How far a surface can be trusted.
+/// Confidence of the heights of a surface model, per cell.
 pub struct Confidence {
-    /// Share of the light that the splats of the cell hold back from straight above, 0 to 1.
+    /// Accumulated opacity of the splats along the vertical through the cell, 0 to 1.
     pub opacity: Grid2,
-    /// Standard deviation of the altitudes that a look straight down mixes, metres.
+    /// Standard deviation of the altitudes of the splats along the vertical, weighted as in the rendering, metres.
     pub spread: Grid2,
-    /// Number of views that see the cell: valid pixels of their image show it and nothing hides it. 0 where it was filled.
+    /// Number of views that see the cell: it lies on valid pixels of their image and is not occluded. 0 where the height
+    /// was filled.
     pub views: Grid2,
 }
 
-/// A view that may see a cell.
+/// A view for the counting of views per cell.
 pub struct Seeing {
-    /// Its camera.
+    /// Its camera, from site coordinates to pixels.
     pub camera: AffineCamera,
     /// Columns and rows of its image.
     pub size: (usize, usize),
-    /// Which of the pixels are valid, if not all are.
+    /// Its valid pixels; `None` if all are valid.
     pub valid: Option<ValidPixels>,
 }
 
@@ -39,9 +40,9 @@ impl Seeing {
 }
 
 impl Dsm {
-    /// Counts the views that see each cell; what valid pixels of too few images cover becomes nodata.
+    /// Counts the views that see each cell. Cells that lie on valid pixels of fewer than two images become nodata.
     ///
-    /// A cell that is covered but hidden keeps its height, which its neighbours gave it.
+    /// A cell that lies on valid pixels but is occluded keeps its height, which comes from its neighbours.
     pub fn count_views(&mut self, site: &SiteGrid, views: &[Seeing]) {
         let Self { grid, height, colors, confidence, .. } = self;
         let origin_m = site.origin.z() as f32;
@@ -55,7 +56,7 @@ impl Dsm {
                     let z = height.at(col, row);
                     let p = site.site_from_utm(grid.cell_center(col, row));
                     let px = view.camera.project(p.at_height(f64::from(z - origin_m)));
-                    // Not where there is no height: NaN lies in no image.
+                    // Cells without a height have a NaN position, which lies in no image.
                     if view.covers(px) {
                         *covering += 1.0;
                         *seeing +=
@@ -73,7 +74,7 @@ impl Dsm {
         confidence.views = seeing;
     }
 
-    /// Says 0 views where a matched surface was not measured but filled from around: its score is 0 there.
+    /// Sets the number of views to 0 where the matched surface was filled instead of measured, which its score of 0 marks.
     pub fn mark_filled(&mut self, matched: &MatchedSurface) {
         let Self { grid, confidence, .. } = self;
         confidence.views.data.par_chunks_mut(grid.width).enumerate().for_each(|(row, views)| {
@@ -86,8 +87,8 @@ impl Dsm {
         });
     }
 
-    /// Fills cells without a height that lie between others, no more than `reach_m` away along a row or column, with
-    /// the lowest of those: what is hidden lies below what hides it.
+    /// Fills cells without a height that have cells with heights on both sides, at most `reach_m` metres away along a row or
+    /// a column, with the lowest of those heights: occluded ground lies below what occludes it.
     pub fn fill(&mut self, reach_m: f64) {
         let known = self.height.clone();
         let reach = (reach_m / self.grid.cell).floor() as i64;
@@ -115,7 +116,7 @@ mod tests {
     use crate::dsm::render::tests::flat_surface;
 
     #[test]
-    fn a_wall_hides_a_cell_from_the_view_that_leans_over_it_and_what_one_image_covers_is_nodata() {
+    fn occluded_cells_are_not_counted_and_cells_in_a_single_image_are_nodata() {
         let (mut surface, site) = flat_surface(20, 10);
         for row in 0..10 {
             surface.height.data[row * 20 + 10] = 30.0;
@@ -150,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn what_matching_filled_is_seen_by_no_view() {
+    fn cells_that_matching_filled_count_no_views() {
         let (mut surface, site) = flat_surface(8, 3);
         surface.confidence.views = Grid2::filled(8, 3, 2.0);
         let cells = |value: f32| Grid2::filled(8, 3, value);
@@ -167,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn small_holes_are_filled_with_the_lower_side_and_large_ones_are_left() {
+    fn small_holes_are_filled_with_the_lower_height_and_large_ones_are_kept() {
         let (mut surface, _) = flat_surface(30, 3);
         surface.confidence.views = Grid2::filled(30, 3, 4.0);
         for col in [3, 4, 10, 11, 12, 13, 14, 15, 16] {

@@ -4,9 +4,10 @@ use super::Dsm;
 use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, VerticalReference, color_style};
 
-/// Geoids are smooth: their heights are computed at nodes this many cells apart and interpolated between them.
+/// Distance in cells between the nodes at which undulations are computed; they are smooth and are interpolated between
+/// the nodes.
 const GEOID_STEP: usize = 64;
-/// Matplotlib's viridis from low to high.
+/// Colour map viridis of Matplotlib, from low to high.
 const HEIGHT_COLORS: [[u8; 3]; 5] =
     [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
 /// Fraction of the cells that lie below the lowest and above the highest colour.
@@ -16,12 +17,12 @@ const STYLE_TAIL: f64 = 0.02;
 pub struct Heights<'a> {
     /// Heights in metres.
     pub raster: Grid2,
-    /// What they count from.
+    /// The vertical reference.
     pub above: &'a VerticalReference,
 }
 
 impl Dsm {
-    /// The heights above a vertical reference; NaN also where the height of that reference is not known.
+    /// Converts the ellipsoidal heights of the DSM to heights above a vertical reference; NaN also outside of the geoid grid.
     #[must_use]
     pub fn heights_above<'a>(&self, above: &'a VerticalReference) -> Heights<'a> {
         let VerticalReference::Geoid { .. } = above else {

@@ -2,7 +2,10 @@
 
 use crate::io::Grid2;
 
-/// A relief of heights lit from the north-west, 0 to 254, row by row; 255 where there is no height.
+/// Hillshade of heights on a grid of cells of `cell_m` metres, lit from the north-west: values from 0 to 254, row by row;
+/// 255 where there is no height.
+///
+/// `height` is in metres, NaN where there is none.
 #[must_use]
 pub fn hillshade(height: &Grid2, cell_m: f64) -> Vec<u8> {
     // Unit vector towards a light at azimuth 315° and elevation 45°, as is usual on maps.

@@ -1,27 +1,27 @@
 //! The surface as a textured mesh: binary glTF 2.0, which browsers, Blender and game engines open.
 //!
-//! glTF's axes are metres right, up and towards the viewer: here east, up and south of the grid's centre at height 0.
-//! Where that lies on Earth stands in the scene's `extras`.
+//! The axes of glTF point right, up and towards the viewer; here they point east, up and south, in metres from the centre of
+//! the grid at height 0. The map coordinates of this origin are in the `extras` of the glTF scene.
 
 use super::{Dsm, Heights};
 use crate::io::{WriteError, png_rgb, write_file};
 use serde_json::json;
 use std::path::Path;
 
-/// glTF's numbers for component types, buffers' uses and texture wrapping.
+/// Constants of glTF for component types, buffer targets and texture wrapping.
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
 const VERTICES: u32 = 34962;
 const INDICES: u32 = 34963;
 const CLAMP_TO_EDGE: u32 = 33071;
-/// No index.
+/// Marks vertices that do not exist.
 const NONE: u32 = u32::MAX;
 
 impl Dsm {
-    /// Writes the mesh of all cells with heights, coloured by the orthophoto, as `.glb`.
+    /// Writes a mesh of all cells with heights, textured with the orthophoto, as `.glb`. `heights` are those of this DSM.
     ///
     /// # Errors
-    /// [`WriteError`], also for more than the 4 GiB that the format can hold.
+    /// [`WriteError`], also if the mesh exceeds the 4 GiB that the format can hold.
     pub fn write_mesh(&self, path: &Path, heights: &Heights) -> Result<(), WriteError> {
         let failed = |reason: &str| WriteError::new(path, reason);
         let glb = self.glb(heights).ok_or_else(|| failed("the grid is too large for a mesh"))?;
@@ -129,7 +129,7 @@ mod tests {
     use crate::io::VerticalReference;
 
     #[test]
-    fn a_mesh_is_whole_where_heights_are() {
+    fn a_mesh_covers_all_cells_with_heights() {
         let (mut surface, _) = flat_surface(5, 4);
         surface.height.data[7] = f32::NAN;
         let glb = surface.glb(&surface.heights_above(&VerticalReference::Ellipsoid)).unwrap();
@@ -138,7 +138,7 @@ mod tests {
         let text = word(12);
         let json: serde_json::Value = serde_json::from_slice(&glb[20..20 + text]).unwrap();
         let count = |k: usize| json["accessors"][k]["count"].as_u64().unwrap();
-        // Of 4 x 3 quads of two triangles, the hole takes six triangles with it.
+        // Of the 4 x 3 quads of two triangles each, six triangles touch the hole and are left out.
         assert_eq!((count(0), count(2)), (19, 3 * (24 - 6)));
         assert_eq!(word(20 + text) + 28 + text, glb.len());
         assert_eq!(json["accessors"][0]["max"][0], 1.0);

@@ -1,7 +1,8 @@
-//! Georeferenced products of splats: a surface model, an orthophoto and its confidence on a map grid, points and a mesh.
+//! Georeferenced products of splats on a map grid: a surface model, an orthophoto and confidence; a point cloud and a mesh.
 //!
-//! The camera looks straight down and its pixels are the grid's cells: no point cloud, no resampling. Heights are those
-//! of a matched surface, or the splats' medians or means ([`HeightsFrom`]).
+//! Splats are rendered with a camera that looks straight down and whose pixels are the cells of the grid, without an
+//! intermediate point cloud or resampling. Heights are those of a matched surface, or medians or means of the splats
+//! ([`HeightsFrom`]).
 
 mod altitude;
 mod confidence;
@@ -24,14 +25,15 @@ use crate::io::{Grid2, MapGrid};
 
 /// A digital surface model with an orthophoto and its confidence, on a map grid.
 pub struct Dsm {
-    /// The map grid.
+    /// The map grid, of which every raster has the size.
     pub grid: MapGrid,
-    /// Ellipsoidal heights in metres; NaN where nothing was seen.
+    /// Ellipsoidal heights in metres; NaN where there is none.
     pub height: Grid2,
-    /// Colours in the reference view's radiometry, sunlit, 0 to 1, as the splats have them; NaN where nothing was seen.
+    /// Red, green and blue of the sunlit surface in the radiometry of the reference view, 0 to 1; NaN where there is no
+    /// height.
     pub colors: [Grid2; 3],
     /// Confidence of the heights.
     pub confidence: Confidence,
-    /// Metadata items of all raster files.
+    /// Metadata items that are written to all raster files.
     pub metadata: Vec<(&'static str, String)>,
 }

@@ -4,7 +4,8 @@ use crate::affine::AffineCamera;
 use crate::frame::SiteGrid;
 use crate::io::MapGrid;
 
-/// The affine camera that looks straight down and whose pixels are the cells of a grid.
+/// The affine camera that looks straight down and whose pixels are the cells of a map grid; it projects site coordinates in
+/// metres.
 #[must_use]
 pub fn nadir_camera(grid: &MapGrid, site: &SiteGrid) -> AffineCamera {
     let scale = grid.cell.recip();

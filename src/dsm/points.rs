@@ -5,10 +5,11 @@ use crate::io::{CloudPoint, PointCloud, WriteError};
 use std::path::Path;
 
 impl Dsm {
-    /// Writes a point with its colour for every cell that has a height, as LAS or LAZ.
+    /// Writes a coloured point for every cell that has a height, as LAS, or as LAZ if the path ends in `.laz`. `heights` are
+    /// those of this DSM.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write_points(&self, path: &Path, heights: &Heights) -> Result<(), WriteError> {
         let z = &heights.raster.data;
         let (west, _, _, north) = self.grid.bounds();
@@ -29,7 +30,7 @@ mod tests {
     use crate::io::VerticalReference;
 
     #[test]
-    fn every_cell_with_a_height_is_a_point_in_its_place_and_colour() {
+    fn every_cell_with_a_height_becomes_a_point_with_its_position_and_colour() {
         let dir = tempfile::tempdir().unwrap();
         let (mut surface, _) = flat_surface(4, 3);
         surface.height.data[5] = f32::NAN;

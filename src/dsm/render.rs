@@ -1,4 +1,4 @@
-//! DSMs rendered from splats.
+//! Rendering of DSMs from splats.
 
 use super::altitude::{altitudes, median, sampled};
 use super::nadir::nadir_camera;
@@ -11,22 +11,22 @@ use crate::splat::raster::{FrameCamera, Image, Rasterizer, SortedSplats};
 use crate::splat::splats::{Splats, color_from_f_dc};
 use rayon::prelude::*;
 
-/// Where a DSM's heights come from.
+/// Source of the heights of a DSM.
 #[derive(Clone, Copy, Debug)]
 pub enum HeightsFrom<'a> {
-    /// A surface that was matched with the views.
+    /// The surface that was matched in the views before training.
     Matched(&'a MatchedSurface),
-    /// The splats, by [`RayHeight::Median`](crate::splat::train::recipe::RayHeight::Median) of three by three samples a
-    /// cell; nodata where most light comes through.
+    /// The splats, by [`RayHeight::Median`](crate::splat::train::recipe::RayHeight::Median) of three by three samples per
+    /// cell; nodata where the accumulated opacity is below one half.
     Median,
     /// The splats, by [`RayHeight::Mean`](crate::splat::train::recipe::RayHeight::Mean); nodata where no splat is.
     Mean {
-        /// Altitude for what comes through, metres above the site's origin.
+        /// Altitude of the background behind the splats, metres above the origin of the site.
         floor: f32,
     },
 }
 
-/// Renders splats on a grid. The views that see a cell are not counted yet.
+/// Renders splats on a map grid. The numbers of views in the confidence are NaN until [`Dsm::count_views`] is called.
 #[must_use]
 pub fn render(
     splats: &Splats,
@@ -69,7 +69,8 @@ pub fn render(
     Dsm { grid, height, colors, confidence, metadata: Vec::new() }
 }
 
-/// The mean altitudes of a render, over a floor where light comes through; NaN where nothing was drawn.
+/// Mean altitudes of a rendering, in which the remaining transmittance has the altitude `floor`; NaN where no splat was
+/// drawn.
 fn with_floor(image: &Image<f32>, floor: f32) -> Grid2 {
     let (mut altitude, through) = (image.plane(3), image.plane(5));
     for (z, through) in altitude.data.iter_mut().zip(&through.data) {
@@ -78,7 +79,7 @@ fn with_floor(image: &Image<f32>, floor: f32) -> Grid2 {
     altitude
 }
 
-/// The mean of each cell and the eight around it, as the published DSMs are flattened; NaN stays.
+/// The mean of each cell and its eight neighbours, the smoothing of the published DSMs; NaN cells stay NaN.
 fn mean_around(raster: &Grid2) -> Grid2 {
     Grid2::from_fn(raster.width, raster.height, |col, row| {
         let center = raster.at(col, row);
@@ -95,7 +96,7 @@ fn mean_around(raster: &Grid2) -> Grid2 {
     })
 }
 
-/// Altitudes of a swept surface in the cells of a grid: medians of samples, NaN where most have none.
+/// Altitudes of a matched surface in the cells of a grid: medians of samples, NaN where most samples have none.
 fn resampled(surface: &MatchedSurface, grid: &MapGrid) -> Grid2 {
     let fine = sampled(grid);
     let altitude_at = |col: usize, row: usize| {
@@ -118,7 +119,7 @@ pub(super) mod tests {
     use super::*;
     use crate::frame::Point;
 
-    /// Level ground 10 m high, cells of half a metre.
+    /// A level surface 10 m high, in cells of half a metre.
     pub(in crate::dsm) fn flat_surface(width: usize, height: usize) -> (Dsm, SiteGrid) {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width, height };
@@ -136,10 +137,10 @@ pub(super) mod tests {
         )
     }
 
-    /// A plane of splats, tilted one way and the other. Higher neighbours hide lower ones, so that a slope is seen a
-    /// little high whichever way it falls; half the difference is free of that and must be exact at cell centres.
+    /// A plane of splats is tilted in two opposite directions. Higher splats partly cover lower ones, so that a slope is
+    /// rendered slightly too high in both directions; half the difference is free of this bias and must be exact.
     #[test]
-    fn a_tilted_plane_keeps_its_heights_and_its_place() {
+    fn a_tilted_plane_keeps_its_heights_and_its_position() {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.25, 3_357_600.75, 10.0) };
         let grid =
             MapGrid { epsg: 32617, west: 436_190.0, north: 3_357_610.0, cell: 0.5, width: 41, height: 37 };
@@ -179,7 +180,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_mean_of_nine_cells_counts_what_comes_through_as_the_floor() {
+    fn mean_heights_give_transmitted_light_the_altitude_of_the_floor() {
         let (Dsm { grid, .. }, site) = flat_surface(40, 40);
         let mut g = Splats::default();
         g.push([0.0, 0.0, 5.0], 0.5, 0.5, [0.5; 3]);

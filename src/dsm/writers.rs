@@ -5,38 +5,39 @@ use crate::io::{Cog, WriteError, write_file};
 use std::path::Path;
 
 impl Dsm {
-    /// Writes heights as a Cloud-Optimized GeoTIFF, float32 with NaN nodata, and its QGIS style.
+    /// Writes heights in metres as a Cloud-Optimized GeoTIFF (float32, nodata NaN), and a QGIS style beside it.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if a file cannot be written.
     pub fn write_dsm(&self, path: &Path, heights: &Heights) -> Result<(), WriteError> {
         let cog = Cog { heights_from: Some(heights.above), ..self.cog() };
         cog.write_f32(path, &[("height", "m", &heights.raster)])?;
         write_file(&path.with_extension("qml"), heights.style())
     }
 
-    /// Writes a relief lit from the north-west as an 8-bit Cloud-Optimized GeoTIFF; 255 is nodata.
+    /// Writes a hillshade lit from the north-west as an 8-bit Cloud-Optimized GeoTIFF; 255 is nodata.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write_hillshade(&self, path: &Path) -> Result<(), WriteError> {
         self.cog().write_u8(path, vec![hillshade(&self.height, self.grid.cell)], Some(255.0))
     }
 
-    /// Writes the colours as an 8-bit Cloud-Optimized GeoTIFF; 0 is nodata.
+    /// Writes the colours as an 8-bit Cloud-Optimized GeoTIFF of three bands; 0 is nodata.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write_ortho(&self, path: &Path) -> Result<(), WriteError> {
         let byte = |v: &f32| if v.is_nan() { 0 } else { (v.clamp(0.0, 1.0) * 254.0).round() as u8 + 1 };
         let bands = self.colors.iter().map(|p| p.data.iter().map(byte).collect()).collect();
         self.cog().write_u8(path, bands, Some(0.0))
     }
 
-    /// Writes the confidence: opacity, spread of the altitudes in metres, number of views.
+    /// Writes the confidence as a Cloud-Optimized GeoTIFF of three float32 bands: opacity (0 to 1), standard deviation of the
+    /// altitudes in metres, number of views.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write_confidence(&self, path: &Path) -> Result<(), WriteError> {
         let Confidence { opacity, spread, views } = &self.confidence;
         let bands = [("opacity", "", opacity), ("altitude spread", "m", spread), ("views", "", views)];

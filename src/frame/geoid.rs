@@ -15,7 +15,7 @@ pub struct GeoidGrid {
 }
 
 thread_local! {
-    /// PROJ objects belong to the thread that made them, and making one reads the grid's header.
+    /// PROJ objects of this thread; they cannot be shared between threads, and creating one reads the header of the grid.
     static CACHE: RefCell<BTreeMap<String, Option<Proj>>> = const { RefCell::new(BTreeMap::new()) };
 }
 
@@ -26,10 +26,10 @@ impl GeoidGrid {
     /// [`FrameError::GeoidGrid`] when PROJ cannot read it.
     pub fn open(path: &Path) -> Result<Self, FrameError> {
         let refused = || FrameError::GeoidGrid { path: path.into() };
-        // PROJ separates the names of several grids by commas.
+        // PROJ would take a comma for a separator of several grids.
         let file = path.canonicalize().ok().and_then(|file| file.to_str().map(str::to_owned));
         let file = file.filter(|file| !file.contains([',', '"'])).ok_or_else(refused)?;
-        // PROJ's interface for positions returns x and y only, so that the height is moved to x.
+        // The `proj` crate returns x and y only, so that the pipeline moves the height to x.
         let pipeline = format!(
             "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad \
              +step +proj=vgridshift +grids=\"{file}\" +multiplier=1 +step +proj=axisswap +order=3,2,1"

@@ -1,6 +1,7 @@
-//! Points, vectors and pixels that know their frame at compile time and cost nothing at run time.
+//! Points, vectors and pixels whose frame is part of their type, without cost at run time.
 //!
-//! Mixing frames does not compile. Each negative example has a positive twin that differs in one token.
+//! Code that mixes frames does not compile. Each example that does not compile is followed by one that does and differs in
+//! one token.
 //!
 //! A UTM point is not a site point:
 //! ```compile_fail,E0308
@@ -40,7 +41,7 @@ use serde::{Deserialize, Serialize};
 use std::marker::PhantomData;
 use std::ops::{Add, Sub};
 
-/// A named space.
+/// A coordinate frame.
 pub trait Frame: Copy + 'static {
     /// Name used in messages and files.
     const NAME: &'static str;
@@ -88,12 +89,12 @@ pub struct Pixel<F: Frame> {
 }
 
 impl<F: Frame> Point<F> {
-    /// The only place where bare numbers become a point.
+    /// A point from its coordinates, in the order and units of the frame `F`.
     #[must_use]
     pub const fn new(x: f64, y: f64, z: f64) -> Self {
         Self([x, y, z], PhantomData)
     }
-    /// The bare numbers, for solvers and buffers.
+    /// The coordinates, in the order and units of the frame `F`.
     #[must_use]
     pub const fn xyz(self) -> [f64; 3] {
         self.0
@@ -113,7 +114,7 @@ impl<F: Frame> Point<F> {
     pub const fn z(self) -> f64 {
         self.0[2]
     }
-    /// The same place on the map at another height.
+    /// The point with its third coordinate, height or altitude, replaced by `z`.
     #[must_use]
     pub const fn at_height(self, z: f64) -> Self {
         Self::new(self.0[0], self.0[1], z)
@@ -144,22 +145,22 @@ impl Point<Geodetic> {
 }
 
 impl<F: Frame> Vector<F> {
-    /// A displacement from its components.
+    /// A displacement from its components, in the order and units of the frame `F`.
     #[must_use]
     pub const fn new(x: f64, y: f64, z: f64) -> Self {
         Self([x, y, z], PhantomData)
     }
-    /// The bare numbers.
+    /// The components, in the order and units of the frame `F`.
     #[must_use]
     pub const fn xyz(self) -> [f64; 3] {
         self.0
     }
-    /// Euclidean length.
+    /// Euclidean length, in the unit of the frame.
     #[must_use]
     pub fn norm(self) -> f64 {
         self.dot(self).sqrt()
     }
-    /// Scalar product.
+    /// Scalar product with `o`.
     #[must_use]
     pub fn dot(self, o: Self) -> f64 {
         self.0.iter().zip(o.0).map(|(a, b)| a * b).sum()
@@ -181,12 +182,12 @@ impl<F: Frame> Add<Vector<F>> for Point<F> {
 }
 
 impl<F: Frame> Pixel<F> {
-    /// Column first, always.
+    /// An image position from its column and row, pixels.
     #[must_use]
     pub const fn new(col: f64, row: f64) -> Self {
         Self { col, row, frame: PhantomData }
     }
-    /// Euclidean distance in pixels.
+    /// Euclidean distance to `o`, pixels.
     #[must_use]
     pub fn distance(self, o: Self) -> f64 {
         (self.col - o.col).hypot(self.row - o.row)
@@ -210,7 +211,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_cost_nothing() {
+    fn points_and_pixels_have_the_size_of_their_coordinates() {
         assert_eq!(size_of::<Point<Site>>(), 24);
         assert_eq!(size_of::<Pixel<CenterPx>>(), 16);
     }

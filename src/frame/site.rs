@@ -1,15 +1,15 @@
-//! The site: a map grid with an origin, in which cameras and splats live.
+//! The site frame: metres east, north and up from an origin on a map grid. Cameras and splats use this frame.
 
 use super::crs::{FrameError, Transform, WGS84, utm_epsg};
 use super::{Geodetic, Point, Site, Utm};
 use serde::{Deserialize, Serialize};
 
-/// A box on the map grid, site metres: west, south, east, north.
+/// A box in the site frame: west, south, east, north, metres from the origin.
 pub type SiteBox = (f64, f64, f64, f64);
 
-/// A UTM grid and an origin on it: the value that converts between geodetic, map and site coordinates.
+/// A UTM zone and an origin in it. Its methods convert between geodetic, map and site coordinates.
 ///
-/// Site axes run along the map grid (east, north) and up, in metres.
+/// The axes of the site frame point along the map grid to the east and to the north, and up; the unit is metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SiteGrid {
     /// EPSG code of the UTM zone, e.g. 32617.
@@ -19,18 +19,18 @@ pub struct SiteGrid {
 }
 
 impl SiteGrid {
-    /// The site around `origin`, in the UTM zone of that place.
+    /// The site frame with the given origin, in the UTM zone of the origin.
     ///
     /// # Errors
-    /// [`FrameError`] outside UTM's latitudes or without PROJ's database.
+    /// [`FrameError`] if the origin is outside of UTM, or PROJ's database is missing.
     pub fn at(origin: Point<Geodetic>) -> Result<Self, FrameError> {
         Self::in_zone(utm_epsg(origin.lon_deg(), origin.lat_deg())?, origin)
     }
 
-    /// The site around `origin` in a given UTM zone.
+    /// The site frame with the given origin, in the map projection with the EPSG code `epsg`.
     ///
     /// # Errors
-    /// [`FrameError::UnknownCrs`] if `epsg` is no known system.
+    /// [`FrameError::UnknownCrs`] if PROJ does not know the code.
     pub fn in_zone(epsg: u32, origin: Point<Geodetic>) -> Result<Self, FrameError> {
         let (e, n) = Transform::new(WGS84, epsg)?.convert(origin.lon_deg(), origin.lat_deg());
         Transform::new(epsg, WGS84)?;
@@ -79,12 +79,12 @@ impl SiteGrid {
         self.geodetic_from_utm(self.utm_from_site(p))
     }
 
-    /// Grid convergence at the origin in degrees: positive east of the central meridian in the north.
+    /// Meridian convergence at the origin, degrees; positive east of the central meridian on the northern hemisphere.
     ///
-    /// The grid azimuth of a direction is its true azimuth minus this.
+    /// The grid azimuth of a direction is its true azimuth minus the convergence.
     #[must_use]
     pub fn convergence_deg(&self) -> f64 {
-        /// Step along the meridian; the projection is smooth, so a kilometre is as good as the limit.
+        /// Step along the meridian for the difference quotient, degrees.
         const STEP_DEG: f64 = 0.005;
         let o = self.geodetic_from_utm(self.origin);
         let north = self.utm_from_geodetic(Point::new(o.lon_deg(), o.lat_deg() + STEP_DEG, 0.0));
@@ -98,7 +98,7 @@ impl SiteGrid {
 mod tests {
     use super::*;
 
-    /// Values of `proj +proj=utm +zone=17 +ellps=WGS84`.
+    /// The expected values are those of `proj +proj=utm +zone=17 +ellps=WGS84`.
     #[test]
     fn utm_agrees_with_proj_and_round_trips() {
         let p = Point::<Geodetic>::new(-81.6637, 30.3487, -20.0);
@@ -111,9 +111,9 @@ mod tests {
         assert!((back - Point::new(100.0, -50.0, 3.0)).norm() < 1e-6);
     }
 
-    /// Meridian convergence as PROJ's factors give it (`proj -V +proj=utm`), east, west and south.
+    /// The expected values are those of `proj -V +proj=utm`.
     #[test]
-    fn convergence_agrees_with_projs_factors_east_west_and_south() {
+    fn convergence_agrees_with_proj() {
         for (lon, lat, expected) in
             [(-81.6637, 30.3487, -0.335_353_27), (5.44, 43.26, 1.672_698_64), (55.65, -21.23, 0.488_932_13)]
         {

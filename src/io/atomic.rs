@@ -1,29 +1,30 @@
-//! Files that appear whole or not at all, and whether they could.
+//! Atomic writing of files, and checks that a file can be written.
 
 use super::WriteError;
 use std::io::Write;
 use std::path::Path;
 
-/// What is written to see whether a disk takes it: more than file systems keep in an inode.
+/// Content that is written to check for free space; larger than what file systems store in an inode.
 const TRIAL_BYTES: usize = 16 << 10;
 
-/// Runs `write` on a temporary name beside `path`, then renames: `path` is the old file or the whole new one.
+/// Calls `write` with a temporary path in the folder of `path`, then renames that file to `path`. At any time, `path` is
+/// the complete old file or the complete new file. Missing folders are created.
 ///
 /// # Errors
-/// What `write` returns, or [`WriteError`] with the system's error.
+/// The error of `write`, or [`WriteError`] with the error of the file system.
 pub fn write_atomically<E: From<WriteError>>(
     path: &Path,
     write: impl FnOnce(&Path) -> Result<(), E>,
 ) -> Result<(), E> {
     let failed = |e: std::io::Error| WriteError::new(path, e);
-    refuse_what_is_no_file(path)?;
+    require_regular_file(path)?;
     let folder = folder_of(path);
     std::fs::create_dir_all(folder).map_err(failed)?;
     let suffix = path.file_name().map_or_else(String::new, |n| format!("-{}", n.to_string_lossy()));
     let temporary =
         tempfile::Builder::new().prefix(".satgs-").suffix(&suffix).tempfile_in(folder).map_err(failed)?;
     write(temporary.path())?;
-    // A full disk shows at the latest when the data must reach it.
+    // Errors of a full disk may be reported only when the data are flushed to it.
     std::fs::File::open(temporary.path()).and_then(|f| f.sync_all()).map_err(failed)?;
     let file = temporary.persist(path).map_err(|e| failed(e.error))?;
     let mut permissions = file.metadata().map_err(failed)?.permissions();
@@ -40,21 +41,21 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Devices and folders would be replaced by the file.
-fn refuse_what_is_no_file(path: &Path) -> Result<(), WriteError> {
+/// Returns an error if the path exists and is not a regular file, because renaming would replace a device.
+fn require_regular_file(path: &Path) -> Result<(), WriteError> {
     match std::fs::metadata(path) {
         Ok(there) if !there.is_file() => Err(WriteError::new(path, "it exists and is not a regular file")),
         _ => Ok(()),
     }
 }
 
-/// Asks whether a file could be written, for that to be known before long work. Leaves nothing behind.
+/// Checks that a file can be written, so that the error occurs before a long computation. No file is left behind.
 ///
 /// # Errors
-/// [`WriteError`].
+/// [`WriteError`] if the file cannot be written.
 pub fn check_writable(path: &Path) -> Result<(), WriteError> {
-    refuse_what_is_no_file(path)?;
-    // The folders that are missing are made when the file is.
+    require_regular_file(path)?;
+    // Missing folders are created when the file is written.
     let folder = folder_of(path).ancestors().find(|f| f.exists()).unwrap_or(Path::new("."));
     if !folder.is_dir() {
         return Err(WriteError::new(path, format!("`{}` is not a folder", folder.display())));
@@ -62,16 +63,16 @@ pub fn check_writable(path: &Path) -> Result<(), WriteError> {
     let try_it = || -> std::io::Result<()> {
         let mut file = tempfile::Builder::new().prefix(".satgs-").tempfile_in(folder)?;
         file.write_all(&[0; TRIAL_BYTES])?;
-        // A full disk shows at the latest when the data must reach it.
+        // Errors of a full disk may be reported only when the data are flushed to it.
         file.as_file().sync_all()
     };
     try_it().map_err(|e| WriteError::new(path, e))
 }
 
-/// Writes a file as a whole or not at all.
+/// Writes a file atomically: `path` is the complete old file or the complete new file. Missing folders are created.
 ///
 /// # Errors
-/// [`WriteError`].
+/// [`WriteError`] if the file cannot be written; an old file is unchanged then.
 pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), WriteError> {
     write_atomically(path, |temporary| {
         std::fs::write(temporary, content).map_err(|e| WriteError::new(path, e))
@@ -83,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_cannot_be_written_is_told_before_and_nothing_is_left() {
+    fn the_check_refuses_unwritable_paths_and_leaves_no_file() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("file");
         std::fs::write(&file, "old").unwrap();
@@ -102,7 +103,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
     }
 
-    /// Root may replace `/dev/null` by a file, after which nothing on the machine works.
+    /// Without the check, a process of the user root would replace `/dev/null` by a file.
     #[cfg(unix)]
     #[test]
     fn a_device_is_not_replaced() {
@@ -114,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_write_leaves_the_old_file_and_no_other() {
+    fn a_failed_write_leaves_only_the_old_file() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("x.txt");
         std::fs::write(&path, "old").unwrap();

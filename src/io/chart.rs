@@ -1,4 +1,4 @@
-//! Line charts as SVG. Text stays text; axes and letters take the text colour of the page around them.
+//! Line charts as SVG. Text is stored as text elements; axes and text have the text colour of the surrounding page.
 
 use super::svg::{BLUE, GREEN, ORANGE};
 use super::{WriteError, escape_xml, write_file};
@@ -16,18 +16,18 @@ const TICKS: f64 = 5.0;
 
 /// A chart of one or more lines over common axes.
 pub struct Chart {
-    /// Title.
+    /// Title, plain text.
     pub title: String,
     /// Name and unit of the horizontal axis.
     pub x: String,
     /// Name and unit of the vertical axis.
     pub y: String,
-    /// Name and points of each line; a point that is not finite leaves a gap.
+    /// Name and points (x, y) of each line; a point that is not finite leaves a gap.
     pub lines: Vec<(String, Vec<(f64, f64)>)>,
 }
 
 impl Chart {
-    /// The chart as an SVG element, which is also a complete SVG file; none without points.
+    /// The chart as an SVG element, which is also a complete SVG file; `None` if there are no finite points.
     #[must_use]
     pub fn svg(&self) -> Option<String> {
         let finite = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
@@ -110,10 +110,10 @@ impl Chart {
         Some(out)
     }
 
-    /// Writes the chart as an SVG file; a chart without points leaves no file.
+    /// Writes the chart as an SVG file. Nothing is written if the chart has no finite points.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         self.svg().map_or(Ok(()), |svg| write_file(path, svg))
     }
@@ -136,14 +136,14 @@ struct ChartAxis {
 }
 
 impl ChartAxis {
-    /// The axis that covers some numbers; none without any.
+    /// The axis that covers some numbers; `None` if none of them is finite.
     fn over(values: impl Iterator<Item = f64>) -> Option<Self> {
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         if low > high {
             return None;
         }
         let wide = if high > low { high - low } else { 1.0 };
-        // Ticks are 1, 2 or 5 times a power of ten apart.
+        // The distance between ticks is 1, 2 or 5 times a power of ten.
         let raw = wide / TICKS;
         let power = 10f64.powf(raw.log10().floor());
         let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= raw * 0.999);

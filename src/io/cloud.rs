@@ -12,45 +12,46 @@ use std::path::Path;
 /// Resolution of the coordinates, metres.
 const RESOLUTION_M: f64 = 0.001;
 
-/// EPSG code of the horizontal CRS of a LAS or LAZ file: from WKT, GeoTIFF keys, or a system identifier `EPSG:CODE`.
+/// EPSG code of the horizontal CRS of a LAS or LAZ file, from WKT, GeoTIFF keys, or a system identifier `EPSG:CODE`; `None`
+/// if the file states none.
 #[must_use]
 pub fn epsg_of_cloud(header: &las::Header) -> Option<u32> {
     let wkt = header.get_wkt_crs_bytes().map(String::from_utf8_lossy);
     wkt.and_then(|w| epsg_of_wkt(w.trim_end_matches('\0')))
         .or_else(|| {
             let keys = header.get_geotiff_crs().ok().flatten()?;
-            // 32767 stands for a projection without a code.
+            // The key 32767 marks a projection without a code.
             keys.get_projected_crs_geo_key_value().filter(|c| *c != 32767).map(u32::from)
         })
         .or_else(|| header.system_identifier().strip_prefix("EPSG:")?.parse().ok())
 }
 
-/// A point of a cloud.
+/// A point of a point cloud.
 #[derive(Clone, Copy, Debug)]
 pub struct CloudPoint {
-    /// Where.
+    /// Map position, and height above the vertical reference of the cloud, metres.
     pub place: Point<Utm>,
-    /// Red, green, blue, 0 to 1.
+    /// Red, green and blue, 0 to 1.
     pub color: [f32; 3],
-    /// Whatever is to be told of it.
+    /// Intensity, which the writer of the cloud may use for any value.
     pub intensity: u16,
 }
 
-/// Points with colours, on a map.
+/// A point cloud to be written.
 pub struct PointCloud<'a> {
     /// EPSG code of the map's CRS.
     pub epsg: u32,
-    /// What the heights count from.
+    /// Vertical reference of the heights.
     pub vertical: &'a VerticalReference,
-    /// A whole-metre point near all others.
+    /// Offset of the stored coordinates: a point in whole metres near the others.
     pub origin: Point<Utm>,
 }
 
 impl PointCloud<'_> {
-    /// Writes points; compressed if the path ends in `.laz`.
+    /// Writes points as LAS 1.4, compressed (LAZ) if the path ends in `.laz`.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write(&self, path: &Path, points: impl Iterator<Item = CloudPoint>) -> Result<(), WriteError> {
         write_by(path, |temporary| {
             let mut builder = Builder::from((1, 4));
@@ -60,7 +61,7 @@ impl PointCloud<'_> {
             let [x, y, z] = self.origin.xyz().map(|offset| Transform { scale: RESOLUTION_M, offset });
             builder.transforms = Vector { x, y, z };
             builder.generating_software = concat!("satgs ", env!("CARGO_PKG_VERSION")).into();
-            // The same points are the same bytes on any day.
+            // The date is left out, so that the same points give the same bytes on any day.
             builder.date = None;
             let mut header = builder.into_header()?;
             let vertical = self.vertical.epsg().map_or_else(String::new, |code| format!("+{code}"));
@@ -78,7 +79,7 @@ impl PointCloud<'_> {
                     color,
                     intensity,
                     gps_time,
-                    // LAS counts from 1.
+                    // Returns are counted from 1 in LAS.
                     return_number: 1,
                     number_of_returns: 1,
                     ..Default::default()
@@ -89,13 +90,13 @@ impl PointCloud<'_> {
     }
 }
 
-/// A file that remembers its first failure and takes everything after it: `las` writes once more when it is dropped, and
-/// panics if that fails, as it does on a full disk.
+/// A file that stores its first error and ignores later writes. It is needed because the writer of the crate `las` writes
+/// again when it is dropped, and panics if that fails, as on a full disk.
 #[derive(Debug)]
 struct Steady {
     file: BufWriter<File>,
     failure: Option<std::io::Error>,
-    /// Where the next byte goes, and where the last one went, as if nothing had failed: `laz` subtracts places.
+    /// Position of the next byte and end of the file as if no write had failed: the crate `laz` subtracts positions.
     place: u64,
     end: u64,
 }
@@ -111,7 +112,7 @@ impl Steady {
         }
     }
 
-    /// The first failure, if there was one.
+    /// Returns the first error, if there was one.
     fn finish(mut self) -> std::io::Result<()> {
         self.flush()?;
         self.failure.take().map_or(Ok(()), Err)
@@ -147,7 +148,7 @@ impl Seek for Steady {
         };
         self.place = target.ok_or(std::io::ErrorKind::InvalidInput)?;
         if self.failure.is_none() {
-            // It writes what is buffered.
+            // Buffered data are written before the position is changed.
             let result = self.file.seek(SeekFrom::Start(self.place)).map(|_| ());
             self.remember(result);
         }

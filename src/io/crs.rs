@@ -1,11 +1,11 @@
-//! What GDAL knows of coordinate systems.
+//! EPSG codes and vertical parts of coordinate reference systems, by GDAL and PROJ.
 
 use super::VerticalReference;
 use super::gdal_setup::{set_up_gdal, transform};
 use super::height_unit::{VerticalPart, metres_of};
 use gdal::spatial_ref::SpatialRef;
 
-/// EPSG code of the horizontal CRS that a WKT text describes.
+/// EPSG code of the horizontal CRS that a WKT text describes; `None` if it has none, or the text is not valid.
 #[must_use]
 pub fn epsg_of_wkt(wkt: &str) -> Option<u32> {
     set_up_gdal();
@@ -13,15 +13,15 @@ pub fn epsg_of_wkt(wkt: &str) -> Option<u32> {
     if srs.is_projected() {
         return epsg_of_map(&srs);
     }
-    // A compound system's own code would be that of map and heights together.
+    // The code of a compound CRS is that of map and heights together, so that the vertical part is removed first.
     (!srs.is_compound()).then(|| srs.auth_code().ok().and_then(|c| u32::try_from(c).ok())).flatten()
 }
 
-/// EPSG code of the map projection in a CRS, its vertical part aside: the code that the projection itself has, else the
-/// one of EPSG's systems that PROJ finds to be the same.
+/// EPSG code of the map projection in a CRS without its vertical part: the code in the definition of the projection, or
+/// that of an equivalent system that PROJ finds.
 #[must_use]
 pub(super) fn epsg_of_map(srs: &SpatialRef) -> Option<u32> {
-    // Without a code of its own the first found is that of a part, as the datum's.
+    // If the projection has no code, GDAL returns that of a part, such as the datum; it must be checked.
     let own = srs.get_attr_value("PROJCS|AUTHORITY", 1).ok().flatten().and_then(|code| code.parse().ok());
     own.filter(|code| is_same_map(srs, *code)).or_else(|| identified(srs))
 }
@@ -34,11 +34,11 @@ fn is_same_map(srs: &SpatialRef, code: u32) -> bool {
     }
     let name = |s: &SpatialRef| s.get_attr_value("PROJCS", 0).ok().flatten();
     let same_name = name(srs).is_some() && name(srs) == name(&of_code);
-    // Names are enough where both have one; others must put a place at the same coordinates.
+    // Equal names suffice if both systems have one; otherwise both must give the same coordinates.
     same_name || puts_places_alike(srs, &of_code)
 }
 
-/// Whether two projections put some places in the second one's area of use at the same coordinates, to a centimetre.
+/// Whether two projections give the same coordinates, to a centimetre, at some positions in the area of use of the second.
 fn puts_places_alike(a: &SpatialRef, b: &SpatialRef) -> bool {
     let Some(area) = b.area_of_use() else { return false };
     let middle = [
@@ -71,14 +71,14 @@ fn flat(srs: &SpatialRef) -> Option<SpatialRef> {
     (code == gdal_sys::OGRErr::OGRERR_NONE).then_some(copy)
 }
 
-/// EPSG code of the system that PROJ finds to be the same as a map projection without a code.
+/// EPSG code of the system that PROJ identifies with a map projection without a code.
 #[allow(unsafe_code)]
 fn identified(srs: &SpatialRef) -> Option<u32> {
-    /// PROJ's confidence in percent that two systems are the same but for their names.
+    /// Confidence of PROJ in percent at which two systems differ at most in their names.
     const SAME: i32 = 70;
     let flat = flat(srs)?;
     let (mut count, mut confidence) = (0, std::ptr::null_mut());
-    // SAFETY: the handles are valid for the call, and what it returns is freed by the functions that GDAL names.
+    // SAFETY: the handles are valid during the call, and its results are freed by the functions that GDAL documents.
     unsafe {
         let found =
             gdal_sys::OSRFindMatches(flat.to_c_hsrs(), std::ptr::null_mut(), &mut count, &mut confidence);
@@ -101,12 +101,12 @@ fn identified(srs: &SpatialRef) -> Option<u32> {
     }
 }
 
-/// What the vertical part of a CRS says of heights.
+/// The vertical part of a CRS: unit and reference of heights.
 pub(super) fn vertical_part(srs: &SpatialRef) -> VerticalPart {
     let value = |path: &str, child| srs.get_attr_value(path, child).ok().flatten();
     let has_vertical = srs.is_compound() || srs.is_vertical();
     let Some(name) = value("VERT_CS", 0).filter(|_| has_vertical) else {
-        // A projected or geographic system of three axes counts from its ellipsoid.
+        // In a projected or geographic system with three axes, heights are ellipsoidal.
         let is_3d = !has_vertical && srs.axes_count() == 3;
         let from = is_3d.then(|| VerticalReference::ELLIPSOID.to_owned());
         return VerticalPart { from, metres: Some(1.0), ..VerticalPart::default() };
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_code_of_a_datum_inside_is_not_that_of_the_map() {
+    fn the_code_of_a_datum_is_not_taken_for_that_of_the_map() {
         const BASE: &str = r#"GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563,
             AUTHORITY["EPSG","7030"]],AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0],
             UNIT["degree",0.0174532925199433],AUTHORITY["EPSG","4326"]]"#;
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn the_vertical_part_tells_reference_and_unit() {
+    fn reference_and_unit_are_read_from_the_vertical_part() {
         let of = |definition: &str| vertical_part(&SpatialRef::from_definition(definition).unwrap());
         let from = |definition: &str| of(definition).from;
         assert_eq!(from("EPSG:32631"), None);
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn feet_and_degrees_are_no_metric_maps() {
+    fn systems_in_feet_and_degrees_are_not_metric_maps() {
         assert!(is_metric_map(32617));
         assert!(!is_metric_map(2236), "Florida East in US survey feet");
         assert!(!is_metric_map(4326));

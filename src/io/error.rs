@@ -47,14 +47,14 @@ impl ReadError {
 pub enum RasterError {
     /// GDAL cannot open the file.
     #[error("`{path}` cannot be opened as a raster: {cause}")]
-    #[diagnostic(help("`gdalinfo` tells what GDAL makes of the file"))]
+    #[diagnostic(help("`gdalinfo` shows what GDAL reads from the file"))]
     Open {
         /// The file.
         path: PathBuf,
         /// Error of the file system or of GDAL.
         cause: Cause,
     },
-    /// The raster is too small to be an image, or larger than the file could hold.
+    /// The raster is too small to be an image, or the file is too small to hold it.
     #[error("`{path}` is {width} x {height} pixels in {bytes} bytes: {reason}")]
     #[diagnostic(help("is the file complete?"))]
     Size {
@@ -127,9 +127,11 @@ pub enum RasterError {
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum VectorError {
-    /// The file holds nothing that a raster can be masked with.
+    /// The file has no CRS or no polygons.
     #[error("`{path}` cannot be used as a mask: {cause}")]
-    #[diagnostic(help("a mask is a vector file of polygons with a CRS, or a raster that is not 0 inside"))]
+    #[diagnostic(help(
+        "a mask is a vector file of polygons with a CRS, or a raster whose values are not 0 inside the mask"
+    ))]
     Mask {
         /// The file.
         path: PathBuf,
@@ -144,7 +146,7 @@ pub enum VectorError {
 pub enum CloudError {
     /// The file cannot be opened or decoded.
     #[error("`{path}` cannot be read as a point cloud: {cause}")]
-    #[diagnostic(help("a complete LAS or LAZ file is needed; `pdal info` or `lasinfo` tells what is in it"))]
+    #[diagnostic(help("a complete LAS or LAZ file is needed; `pdal info` or `lasinfo` shows its content"))]
     Read {
         /// The file.
         path: PathBuf,
@@ -153,14 +155,14 @@ pub enum CloudError {
     },
     /// The file has a header but no points.
     #[error("`{path}`: the point cloud holds no points")]
-    #[diagnostic(help("a complete LAS or LAZ file is needed; `pdal info` or `lasinfo` tells what is in it"))]
+    #[diagnostic(help("a complete LAS or LAZ file is needed; `pdal info` or `lasinfo` shows its content"))]
     Empty {
         /// The file.
         path: PathBuf,
     },
     /// The file holds fewer points than its header says.
     #[error("`{path}`: the point cloud ends after {found} of {expected} points")]
-    #[diagnostic(help("a complete LAS or LAZ file is needed; `pdal info` or `lasinfo` tells what is in it"))]
+    #[diagnostic(help("a complete LAS or LAZ file is needed; `pdal info` or `lasinfo` shows its content"))]
     CutShort {
         /// The file.
         path: PathBuf,

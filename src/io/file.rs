@@ -1,4 +1,4 @@
-//! Reading: any GDAL raster, its bands, its metadata, its place on the map.
+//! Reading of rasters through GDAL: bands, metadata, position on the map.
 
 use super::gdal_setup::{set_up_gdal, transform};
 use super::{Cause, Grid2, MapGrid, RasterError, Window};
@@ -9,9 +9,9 @@ use gdal::{Dataset, Metadata};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// A header that promises more pixels per byte than any codec delivers is not believed.
+/// Largest number of pixels per byte of a file; a header that states more is damaged, as no codec compresses so much.
 const MAX_PIXELS_PER_BYTE: u64 = 20_000;
-/// Files below this size may be anything, as virtual rasters are.
+/// Size in bytes below which this limit does not apply, because virtual rasters (VRT) are small files.
 const SMALL_IS_SUSPECT_PIXELS: u64 = 1 << 24;
 
 /// An opened raster file.
@@ -23,19 +23,19 @@ pub struct ImageFile {
 /// Properties of a band.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BandInfo {
-    /// Pixels are whole numbers up to 255.
+    /// Whether values are 8-bit unsigned integers.
     pub is_byte: bool,
-    /// Pixels are whole numbers.
+    /// Whether values are integers.
     pub is_integer: bool,
-    /// The value that stands for no data.
+    /// The declared nodata value.
     pub nodata: Option<f64>,
 }
 
 impl ImageFile {
-    /// Opens a raster.
+    /// Opens a raster in any format of GDAL.
     ///
     /// # Errors
-    /// [`RasterError::Open`] when GDAL cannot, [`RasterError::Size`] for images that cannot be.
+    /// [`RasterError::Open`] if GDAL cannot open it, [`RasterError::Size`] if its size is not plausible.
     pub fn open(path: &Path) -> Result<Self, RasterError> {
         set_up_gdal();
         let refused = |cause: Cause| RasterError::Open { path: path.into(), cause };
@@ -56,13 +56,13 @@ impl ImageFile {
         Ok(Self { path: path.into(), dataset })
     }
 
-    /// The file.
+    /// Path of the file.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Columns and rows.
+    /// Number of columns and rows.
     #[must_use]
     pub fn size(&self) -> (usize, usize) {
         self.dataset.raster_size()
@@ -77,7 +77,7 @@ impl ImageFile {
     /// Properties of a band, counted from 1.
     ///
     /// # Errors
-    /// [`RasterError::NoBand`].
+    /// [`RasterError::NoBand`] if there is no such band.
     pub fn band(&self, index: usize) -> Result<BandInfo, RasterError> {
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
         let stored = band.band_type();
@@ -88,10 +88,10 @@ impl ImageFile {
         })
     }
 
-    /// Unit of a band's values, as the file names it; empty if it does not.
+    /// Unit of the values of a band, counted from 1, as the file names it; empty if it names none.
     ///
     /// # Errors
-    /// [`RasterError::NoBand`].
+    /// [`RasterError::NoBand`] if there is no such band.
     pub fn unit(&self, index: usize) -> Result<String, RasterError> {
         Ok(self.dataset.rasterband(index).map_err(|_| self.no_band(index))?.unit())
     }
@@ -99,13 +99,13 @@ impl ImageFile {
     /// Reads one band, counted from 1; its nodata value becomes NaN.
     ///
     /// # Errors
-    /// [`RasterError::NoBand`], or [`RasterError::Read`] for a file cut short.
+    /// [`RasterError::NoBand`] if there is no such band, [`RasterError::Read`] if the file is damaged or incomplete.
     pub fn read(&self, index: usize) -> Result<Grid2, RasterError> {
         let (width, height) = self.size();
         self.read_window(index, Window { col: 0, row: 0, width, height })
     }
 
-    /// As [`ImageFile::read`], of a window only.
+    /// Reads a window of a band; otherwise as [`ImageFile::read`].
     ///
     /// # Errors
     /// As [`ImageFile::read`].
@@ -113,7 +113,7 @@ impl ImageFile {
         self.read_scaled(index, window, (window.width, window.height))
     }
 
-    /// As [`ImageFile::read_window`], averaged down to another size.
+    /// Reads a window of a band, downsampled by averaging to `size` (columns, rows); otherwise as [`ImageFile::read`].
     ///
     /// # Errors
     /// As [`ImageFile::read`].
@@ -132,7 +132,7 @@ impl ImageFile {
         Ok(raster)
     }
 
-    /// Turns stored numbers into values by the band's scale and offset; a nodata value is one of the stored numbers.
+    /// Applies scale and offset of a band to stored values. The nodata value refers to stored values.
     pub(super) fn apply_scale(&self, index: usize, raster: &mut Grid2) -> Result<(), RasterError> {
         let band = self.dataset.rasterband(index).map_err(|_| self.no_band(index))?;
         let (scale, offset) = (band.scale().unwrap_or(1.0), band.offset().unwrap_or(0.0));
@@ -142,7 +142,8 @@ impl ImageFile {
         Ok(())
     }
 
-    /// As [`ImageFile::read_scaled`], but as stored: the nodata value stays what it is, scale and offset are not applied.
+    /// As [`ImageFile::read_scaled`], but returns stored values: nodata is not replaced by NaN, and scale and offset are not
+    /// applied.
     ///
     /// # Errors
     /// As [`ImageFile::read`].
@@ -160,7 +161,8 @@ impl ImageFile {
         Ok(Grid2 { width, height, data: pixels.into_shape_and_vec().1 })
     }
 
-    /// A metadata item of a domain (`""`: the default one, `"RPC"`, …).
+    /// A metadata item of a domain of GDAL: `""` is the default domain, others are `"RPC"`, `"IMAGE_STRUCTURE"`, …; `None`
+    /// if there is no such item.
     #[must_use]
     pub fn metadata(&self, key: &str, domain: &str) -> Option<String> {
         self.dataset.metadata_item(key, domain)
@@ -173,10 +175,10 @@ impl ImageFile {
         lines.iter().filter_map(|l| l.split_once('=')).map(|(k, v)| (k.into(), v.into())).collect()
     }
 
-    /// Reads the last pixel of the last band, which a file cut short no longer has.
+    /// Checks that the file is complete by reading the last pixel of the last band.
     ///
     /// # Errors
-    /// [`RasterError::Read`].
+    /// [`RasterError::Read`] if it cannot be read.
     pub fn check_complete(&self) -> Result<(), RasterError> {
         let (width, height) = self.size();
         let band = self.dataset.rasterband(self.bands()).map_err(|_| self.no_band(self.bands()))?;
@@ -186,7 +188,7 @@ impl ImageFile {
             .map_err(|e| RasterError::Read { path: self.path.clone(), cause: e })
     }
 
-    /// Bits of a pixel of the first band, as stored.
+    /// Number of bits per stored value of the first band.
     #[must_use]
     pub fn bit_depth(&self) -> u32 {
         let told = self.metadata("NBITS", "IMAGE_STRUCTURE").and_then(|b| b.parse().ok());
@@ -200,17 +202,18 @@ impl ImageFile {
         self.dataset.geo_transform().is_ok() && !self.dataset.projection().is_empty()
     }
 
-    /// Whether the raster is a map, as orthorectified images are: north-up in a CRS.
+    /// Whether the raster is a map, as orthorectified images are: it has a CRS and a north-up geotransform.
     ///
-    /// A rough place of a sensor image, as the corners in a NITF's header give, is turned and no map.
+    /// The approximate position of a sensor image, as from the corners in the header of a NITF, is rotated and does not
+    /// count.
     #[must_use]
     pub fn is_map(&self) -> bool {
         let north_up = self.dataset.geo_transform().is_ok_and(|t| t[2] == 0.0 && t[4] == 0.0);
         north_up && self.has_geotransform()
     }
 
-    /// Column and row that a geotransform without a CRS gives the first pixel's corner, if it counts pixels: unit cells,
-    /// rows down or, as OTB writes them, up.
+    /// Column and row of the corner of the first pixel in a larger image, from a geotransform in pixels: without a CRS, with
+    /// unit cells, and rows that count down or, as OTB writes them, up. `None` for other geotransforms.
     #[must_use]
     pub fn pixel_offset(&self) -> Option<(f64, f64)> {
         let t = self.dataset.geo_transform().ok()?;
@@ -218,7 +221,7 @@ impl ImageFile {
         (counts && self.dataset.projection().is_empty()).then_some((t[0], t[3] * t[5]))
     }
 
-    /// Longitude and latitude of an image position, in degrees; none for an image that is no map.
+    /// WGS 84 longitude and latitude of an image position, degrees; `None` if the image is not a map.
     #[must_use]
     pub fn lon_lat(&self, px: Pixel<CornerPx>) -> Option<(f64, f64)> {
         let t = self.is_map().then(|| self.dataset.geo_transform().ok())??;
@@ -228,7 +231,7 @@ impl ImageFile {
         Some((x[0], y[0]))
     }
 
-    /// The image positions of longitudes and latitudes in degrees; none for an image that is no map.
+    /// Image positions of (longitude, latitude) in degrees, WGS 84; `None` if the image is not a map.
     #[must_use]
     pub fn px_of_lon_lats(&self, places_deg: &[(f64, f64)]) -> Option<Vec<Pixel<CornerPx>>> {
         let t = self.is_map().then(|| self.dataset.geo_transform().ok())??;
@@ -238,10 +241,10 @@ impl ImageFile {
         Some(x.iter().zip(&y).map(|(x, y)| Pixel::new((x - t[0]) / t[1], (y - t[3]) / t[5])).collect())
     }
 
-    /// The raster's place on the map.
+    /// The map grid of the raster.
     ///
     /// # Errors
-    /// [`RasterError::NotAMap`] unless it is north-up with square cells in a projected CRS with an EPSG code.
+    /// [`RasterError::NotAMap`] unless it is north-up with square cells in a projected CRS in metres with an EPSG code.
     pub fn map_grid(&self) -> Result<MapGrid, RasterError> {
         let not = |reason: &'static str| RasterError::NotAMap { path: self.path.clone(), reason };
         let t = self.dataset.geo_transform().map_err(|_| not("the raster has no geotransform"))?;
@@ -255,9 +258,8 @@ impl ImageFile {
         if (srs.linear_units() - 1.0).abs() > 1e-9 {
             return Err(not("the raster's CRS is not in metres"));
         }
-        // Of a compound CRS only the map's part; the heights' is not the grid's.
-        let code = super::crs::epsg_of_map(&srs)
-            .ok_or_else(|| not("the raster's CRS is none that EPSG has a code of"))?;
+        // Only the horizontal part of a compound CRS belongs to the grid.
+        let code = super::crs::epsg_of_map(&srs).ok_or_else(|| not("the raster's CRS has no EPSG code"))?;
         let (width, height) = self.size();
         Ok(MapGrid { epsg: code, west: t[0], north: t[3], cell: t[1], width, height })
     }

@@ -1,9 +1,9 @@
-//! What all uses of GDAL share: its configuration, and coordinate transforms.
+//! Configuration of GDAL, and coordinate transforms.
 
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, SpatialRef};
 use std::sync::Once;
 
-/// Configures GDAL once. Its messages go to the log, because errors repeat them.
+/// Configures GDAL at the first call. Messages of GDAL are written to the log only, because errors contain them.
 pub(super) fn set_up_gdal() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -16,7 +16,7 @@ pub(super) fn set_up_gdal() {
     });
 }
 
-/// Transforms coordinates in place, x east and y north whatever the authority's order.
+/// Transforms coordinates in place. x is east or longitude and y north or latitude, whatever order the CRS defines.
 pub(super) fn transform(
     mut from: SpatialRef,
     mut to: SpatialRef,

@@ -1,9 +1,9 @@
-//! Where a raster lies on the map.
+//! Map grids of rasters.
 
 use crate::frame::{CornerPx, Pixel, Point, Utm};
 use serde::{Deserialize, Serialize};
 
-/// A north-up grid of square cells on a projected CRS.
+/// A north-up grid of square cells in a projected CRS in metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MapGrid {
     /// EPSG code of the CRS.
@@ -14,17 +14,18 @@ pub struct MapGrid {
     pub north: f64,
     /// Side of a cell, metres.
     pub cell: f64,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
 }
 
 impl MapGrid {
-    /// The smallest grid of whole cells (edges at multiples of `cell`) around a box.
+    /// The smallest grid that covers a box (west, south, east, north in metres) and whose edges are multiples of `cell`
+    /// metres.
     #[must_use]
     pub fn covering(epsg: u32, (w, s, e, n): (f64, f64, f64, f64), cell: f64) -> Self {
-        // A thousandth of a cell of slack, so that a box that lies on the grid keeps its size.
+        // A tolerance of a thousandth of a cell, so that a box with edges on the grid is not enlarged by rounding.
         let west = (w / cell + 1e-3).floor() * cell;
         let north = (n / cell - 1e-3).ceil() * cell;
         let width = ((e - west) / cell - 1e-3).ceil().max(1.0) as usize;
@@ -42,18 +43,18 @@ impl MapGrid {
         )
     }
 
-    /// Grid position of a map point, cell corners at whole numbers.
+    /// Position of a map point in columns and rows; corners of cells are at whole numbers.
     #[must_use]
     pub fn corner_px_from_utm(&self, p: Point<Utm>) -> Pixel<CornerPx> {
         Pixel::new((p.x() - self.west) / self.cell, (self.north - p.y()) / self.cell)
     }
 
-    /// GDAL's six numbers.
+    /// The geotransform of GDAL.
     pub(super) fn geo_transform(&self) -> [f64; 6] {
         [self.west, self.cell, 0.0, self.north, 0.0, -self.cell]
     }
 
-    /// Whether another grid has the same cells, to within `slack` of a cell.
+    /// Whether another grid has the same cells, with a tolerance of `slack` cells.
     #[must_use]
     pub fn is_same(&self, other: &Self, slack: f64) -> bool {
         let near = |a: f64, b: f64| (a - b).abs() <= slack * self.cell;
@@ -62,7 +63,7 @@ impl MapGrid {
         size(self) == size(other) && near(a.0, b.0) && near(a.1, b.1) && near(a.2, b.2) && near(a.3, b.3)
     }
 
-    /// West, south, east, north edges in metres.
+    /// The edges: west, south, east, north, metres.
     #[must_use]
     pub fn bounds(&self) -> (f64, f64, f64, f64) {
         (

@@ -5,12 +5,13 @@ use rayon::prelude::*;
 
 /// A two-dimensional grid of f32 values, row by row from the top; NaN marks cells without data.
 ///
-/// It holds one band of an image, or one value per cell of a map, as heights; where the cells lie is not part of it.
+/// It holds one band of an image, or one value for each cell of a map, such as heights. The map position is not part of it
+/// (see [`MapGrid`](super::MapGrid)).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid2 {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// `width * height` values, row by row.
     pub data: Vec<f32>,
@@ -36,51 +37,61 @@ impl Grid2 {
     /// A grid whose rows are computed in parallel; `fill` gets the number of a row and its cells, which are 0.
     #[must_use]
     pub fn from_rows(width: usize, height: usize, fill: impl Fn(usize, &mut [f32]) + Sync) -> Self {
-        // Zeros of the system's are first touched by the threads that fill them.
+        // Zeroed memory is first accessed by the threads that fill it.
         let mut data = vec![0.0; width * height];
         data.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| fill(row, line));
         Self { width, height, data }
     }
 
-    /// Value at a cell; panics outside.
+    /// Value at a cell.
+    ///
+    /// # Panics
+    /// Panics if the cell is outside of the grid.
     #[must_use]
     pub fn at(&self, col: usize, row: usize) -> f32 {
         self.data[row * self.width + col]
     }
 
-    /// One row.
+    /// The values of one row.
+    ///
+    /// # Panics
+    /// Panics if the row is outside of the grid.
     #[must_use]
     pub fn row(&self, row: usize) -> &[f32] {
         &self.data[row * self.width..(row + 1) * self.width]
     }
 
-    /// Value at a cell that may lie outside: NaN there.
+    /// Value at a cell; NaN outside of the grid.
     #[must_use]
     pub fn get(&self, col: i64, row: i64) -> f32 {
         let inside = (0..self.width as i64).contains(&col) && (0..self.height as i64).contains(&row);
         if inside { self.at(col as usize, row as usize) } else { f32::NAN }
     }
 
-    /// Bilinear value at a position (cell centres are whole numbers); NaN outside or next to NaN.
+    /// Value at a position, interpolated bilinearly; centres of cells are at whole numbers. NaN outside of the grid, and where
+    /// a cell with weight is NaN.
     #[must_use]
     pub fn bilinear(&self, col: f64, row: f64) -> f32 {
         let (c, r) = (col.floor(), row.floor());
         let (fc, fr) = ((col - c) as f32, (row - r) as f32);
         let (c, r) = (c as i64, r as i64);
-        // A weight of zero must not let the NaN beyond the border in.
+        // Cells with weight zero are left out, because those outside of the grid are NaN.
         let mix = |a: f32, b: f32, t: f32| if t == 0.0 { a } else { a + (b - a) * t };
         let line = |r: i64| mix(self.get(c, r), if fc == 0.0 { 0.0 } else { self.get(c + 1, r) }, fc);
         mix(line(r), if fr == 0.0 { 0.0 } else { line(r + 1) }, fr)
     }
 
-    /// A part; panics if it is not inside.
+    /// The part of the grid in a window.
+    ///
+    /// # Panics
+    /// Panics if the window is not inside of the grid.
     #[must_use]
     pub fn window(&self, w: Window) -> Self {
         let rows = (w.row..w.row + w.height).flat_map(|row| &self.row(row)[w.col..w.col + w.width]);
         Self { width: w.width, height: w.height, data: rows.copied().collect() }
     }
 
-    /// Half the size, each cell the mean of the four below it that are not NaN.
+    /// The grid at half the size; each cell is the mean of those of its four cells that are not NaN.
     #[must_use]
     pub fn halved(&self) -> Self {
         Self::from_rows(self.width / 2, self.height / 2, |row, line| {
@@ -98,7 +109,7 @@ impl Grid2 {
         })
     }
 
-    /// Values that are numbers, in order.
+    /// The values that are not NaN, row by row.
     pub fn valid(&self) -> impl Iterator<Item = f32> + '_ {
         self.data.iter().copied().filter(|v| !v.is_nan())
     }

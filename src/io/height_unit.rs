@@ -1,6 +1,6 @@
-//! Units of heights, and what the vertical part of a CRS says about them.
+//! Units of heights.
 
-/// What the vertical part of a CRS says; metres are none for a unit that is not known.
+/// Unit and vertical reference in the vertical part of a CRS; `metres` per unit is `None` for an unknown unit.
 #[derive(Default)]
 pub(super) struct VerticalPart {
     pub unit: String,
@@ -8,7 +8,7 @@ pub(super) struct VerticalPart {
     pub from: Option<String>,
 }
 
-/// Metres in a unit that GDAL names; an unnamed one is taken for metres.
+/// Metres per unit of height with a name that GDAL uses; `None` if it is unknown. An empty name means metres.
 pub(super) fn metres_of(unit: &str) -> Option<f64> {
     match unit.trim().to_ascii_lowercase().replace('_', " ").as_str() {
         "" | "m" | "metre" | "meter" | "metres" | "meters" => Some(1.0),

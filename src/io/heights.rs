@@ -88,7 +88,8 @@ fn of_geotiff_code(code: u32) -> VerticalPart {
 /// is longer than `longest`; NaN where there is no data. Also returns the factor, and the number of nodata values that
 /// the file does not declare.
 ///
-/// # Errors [`RasterError`] when the band cannot be read, or its unit is unknown.
+/// # Errors
+/// [`RasterError`] if the band cannot be read, or its unit is unknown.
 pub fn read_heights(
     file: &ImageFile,
     window: Window,
@@ -190,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn our_own_item_tells_the_reference() {
+    fn the_metadata_item_states_the_reference() {
         for (item, from) in [
             ("WGS 84 ellipsoid", "ellipsoid"),
             ("EGM96", "EGM96"),
@@ -205,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn voids_are_no_heights_also_where_cells_are_averaged() {
+    fn undeclared_nodata_is_left_out_also_where_cells_are_averaged() {
         for void in [-9999.0, -32768.0, f32::MIN, f32::MAX] {
             let file = written("m", None, |c, r| if (c, r) == (4, 5) { void } else { 50.0 });
             let (raster, factor, undeclared) = read_heights(&opened(&file), ALL, 10).unwrap();
@@ -215,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_of_geotiff_tell_reference_and_unit() {
+    fn geotiff_codes_state_reference_and_unit() {
         super::super::gdal_setup::set_up_gdal();
         assert_eq!(of_geotiff_code(5773).from.as_deref(), Some("EGM96"));
         assert_eq!(of_geotiff_code(5030).from.as_deref(), Some("ellipsoid"));

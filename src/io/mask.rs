@@ -1,13 +1,13 @@
-//! What a raster file itself says about which of its pixels are valid: alpha bands and GDAL's masks.
+//! Valid pixels according to a raster file: alpha bands and masks of GDAL.
 
 use super::{ImageFile, RasterError, Window};
 use gdal::raster::{ColorInterpretation, GdalDataType, RasterBand, ResampleAlg};
 
-/// Places along each side of an image at which a band is looked at, to tell what it is.
+/// Number of positions along each side of an image at which a band is sampled to find out whether it is an alpha band.
 const LATTICE: usize = 512;
 
 impl ImageFile {
-    /// Bands that hold what was imaged, from 1: all but alpha bands, or all if no other is there.
+    /// Bands with image data, counted from 1: all but alpha bands, or all bands if there are only alpha bands.
     #[must_use]
     pub fn color_bands(&self) -> Vec<usize> {
         let all = 1..=self.bands();
@@ -15,7 +15,7 @@ impl ImageFile {
         if colors.is_empty() { all.collect() } else { colors }
     }
 
-    /// Bands used when none are asked for: the first three colours, or one.
+    /// Bands that are used by default: the first three bands with image data, or the only one; counted from 1.
     #[must_use]
     pub fn default_bands(&self) -> Vec<usize> {
         let mut bands = self.color_bands();
@@ -23,8 +23,8 @@ impl ImageFile {
         bands
     }
 
-    /// Whether a band says how opaque the pixels of the others are: as the file tells, or, where it does not tell what the
-    /// last of two or of four 8-bit bands is, because that is 0 or 255 everywhere.
+    /// Whether a band, counted from 1, is an alpha band: because the file says so, or because it is the undescribed last one
+    /// of two or four 8-bit bands and holds only 0 and 255.
     #[must_use]
     pub fn is_alpha(&self, index: usize) -> bool {
         let Ok(band) = self.dataset.rasterband(index) else { return false };
@@ -38,14 +38,14 @@ impl ImageFile {
         }
     }
 
-    /// Whether a band's values are entries of a colour table.
+    /// Whether the values of a band, counted from 1, are indices into a colour table.
     #[must_use]
     pub fn is_palette(&self, index: usize) -> bool {
         let band = self.dataset.rasterband(index);
         band.is_ok_and(|b| b.color_interpretation() == ColorInterpretation::PaletteIndex)
     }
 
-    /// Whether a band is 0 or 255 at the nodes of a lattice, and both somewhere.
+    /// Whether a band is 0 or 255 at the nodes of a lattice, and has both values.
     fn is_all_or_nothing(&self, band: &RasterBand) -> bool {
         let (width, height) = self.size();
         let nodes = (width.min(LATTICE), height.min(LATTICE));
@@ -55,8 +55,8 @@ impl ImageFile {
         has(0) && has(255) && values.data().iter().all(|v| [0, 255].contains(v))
     }
 
-    /// The masks of some bands: the alpha bands among the others, and masks inside or beside the file (.msk). Nodata values
-    /// are none of them.
+    /// The masks that apply to some bands: alpha bands, and masks in or beside the file (.msk). Nodata values are not
+    /// included.
     pub(crate) fn masks(&self, bands: &[usize]) -> Masks<'_> {
         let alpha: Vec<usize> =
             (1..=self.bands()).filter(|b| self.is_alpha(*b) && !bands.contains(b)).collect();
@@ -91,10 +91,10 @@ impl Masks<'_> {
         self.alpha.is_empty() && self.of_bands.is_empty()
     }
 
-    /// Each mask in a window, row by row: what is 0 is no image.
+    /// The values of each mask in a window, row by row; 0 means not valid.
     ///
     /// # Errors
-    /// [`RasterError::Read`].
+    /// [`RasterError::Read`] if a mask cannot be read.
     pub fn read(&self, window: Window) -> Result<Vec<Vec<f32>>, RasterError> {
         let failed =
             |e: gdal::errors::GdalError| RasterError::Read { path: self.file.path().into(), cause: e };

@@ -1,4 +1,4 @@
-//! GDAL in and out: reading bands and metadata, writing Cloud-Optimized GeoTIFFs and PNGs.
+//! Reading and writing of files: rasters, point clouds, vector files, images, charts, JSON.
 
 mod atomic;
 mod chart;

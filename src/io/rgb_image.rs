@@ -6,11 +6,11 @@ use std::path::Path;
 /// An image of red, green and blue bytes, row by row from the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RgbImage {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// Three bytes for each pixel.
+    /// Red, green and blue of each pixel, row by row: `3 * width * height` bytes.
     pub data: Vec<u8>,
 }
 
@@ -21,14 +21,20 @@ impl RgbImage {
         Self { width, height, data: vec![255; 3 * width * height] }
     }
 
-    /// Colour of a pixel; panics outside of the image.
+    /// Red, green and blue of a pixel.
+    ///
+    /// # Panics
+    /// Panics if the pixel is outside of the image.
     #[must_use]
     pub fn at(&self, col: usize, row: usize) -> [u8; 3] {
         let i = 3 * (row * self.width + col);
         [self.data[i], self.data[i + 1], self.data[i + 2]]
     }
 
-    /// Sets the colour of a pixel; panics outside of the image.
+    /// Sets red, green and blue of a pixel.
+    ///
+    /// # Panics
+    /// Panics if the pixel is outside of the image.
     pub fn set(&mut self, col: usize, row: usize, color: [u8; 3]) {
         let i = 3 * (row * self.width + col);
         self.data[i..i + 3].copy_from_slice(&color);
@@ -37,7 +43,7 @@ impl RgbImage {
     /// Writes the image as PNG.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         write_png_rgb(path, self.width, self.height, &self.data)
     }

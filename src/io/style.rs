@@ -1,6 +1,7 @@
-//! QGIS layer styles: files with a raster's name that end in `.qml`, which QGIS takes up by itself.
+//! QGIS layer styles: files with the name of a raster and the extension `.qml`, which QGIS applies automatically.
 
-/// A style that shows the first band, in metres, in colours between those of rising values.
+/// The text of a QGIS style that colours the first band, in metres. `stops` are values in ascending order with their
+/// colours (red, green, blue); colours between them are interpolated.
 #[must_use]
 pub fn color_style(stops: &[(f32, [u8; 3])]) -> String {
     let item = |(value, [r, g, b]): &(f32, [u8; 3])| {

@@ -4,8 +4,8 @@ use super::{WriteError, write_file};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Blue of lines and dots. Together with [`ORANGE`] it can be told apart on white and on black, also by the colour-blind
-/// (Okabe and Ito), as the colours of charts can.
+/// Blue of lines and dots. It can be distinguished from [`ORANGE`] on white and on black, also by colour-blind readers
+/// (palette of Okabe and Ito).
 pub const BLUE: &str = "#0a84d6";
 /// Orange of lines and dots.
 pub const ORANGE: &str = "#d55e00";
@@ -14,20 +14,20 @@ pub const GREEN: &str = "#009e73";
 /// Gray of grids behind a drawing.
 pub const GRAY: &str = "#999999";
 
-/// A drawing of lines and circles; x counts right and y down, in units of one pixel on the screen.
+/// A drawing of lines and circles. x points right and y down; the unit is a pixel of the screen.
 pub struct Drawing {
     size: [f64; 2],
     body: String,
 }
 
 impl Drawing {
-    /// An empty drawing.
+    /// An empty drawing of a width and a height in pixels.
     #[must_use]
     pub fn new(width: f64, height: f64) -> Self {
         Self { size: [width, height], body: String::new() }
     }
 
-    /// A closed outline.
+    /// Adds a closed outline; `ring` holds its corners (x, y), `color` is a colour of SVG.
     pub fn outline(&mut self, ring: &[[f64; 2]], color: &str) {
         let corners: Vec<String> = ring.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
         let _ = writeln!(
@@ -37,7 +37,7 @@ impl Drawing {
         );
     }
 
-    /// Straight lines of one colour, each from a start to an end.
+    /// Adds straight lines of one colour, each from a start (x, y) to an end; `opacity` is from 0 to 1.
     pub fn lines(&mut self, lines: impl Iterator<Item = [[f64; 2]; 2]>, color: &str, opacity: f64) {
         let mut path = String::new();
         for [[x0, y0], [x1, y1]] in lines {
@@ -46,7 +46,7 @@ impl Drawing {
         let _ = writeln!(self.body, "<path d=\"{path}\" stroke=\"{color}\" opacity=\"{opacity:.2}\"/>");
     }
 
-    /// A circle, filled or hollow.
+    /// Adds a circle, filled or hollow, with its centre (x, y) and its radius in pixels.
     pub fn circle(&mut self, [x, y]: [f64; 2], radius: f64, color: &str, is_filled: bool) {
         let fill = if is_filled { color } else { "none" };
         let _ = writeln!(
@@ -55,7 +55,7 @@ impl Drawing {
         );
     }
 
-    /// The drawing as an SVG element, which is also a complete SVG file; `label` describes it to those who cannot see it.
+    /// The drawing as an SVG element, which is also a complete SVG file; `label` is the description for screen readers.
     #[must_use]
     pub fn svg(&self, label: &str) -> String {
         let [width, height] = self.size;
@@ -67,16 +67,16 @@ impl Drawing {
         )
     }
 
-    /// Writes the drawing as an SVG file.
+    /// Writes the drawing as an SVG file; `label` is the description for screen readers.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write(&self, path: &Path, label: &str) -> Result<(), WriteError> {
         write_file(path, self.svg(label))
     }
 }
 
-/// Text as the content or an attribute of an XML or HTML element.
+/// Escapes a text for the content or an attribute of an XML or HTML element.
 #[must_use]
 pub fn escape_xml(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")

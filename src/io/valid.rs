@@ -1,30 +1,30 @@
-//! Which pixels of an image are image: a bit each.
+//! Valid pixels of an image, one bit per pixel.
 
 use super::{Grid2, Window};
 use crate::frame::{CenterPx, Pixel};
 
-/// Bits of a word.
+/// Number of bits of a word.
 const BITS: usize = u64::BITS as usize;
 
-/// Which pixels of an image are image.
+/// The set of valid pixels of an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ValidPixels {
     width: usize,
     height: usize,
-    /// Words of a row.
+    /// Number of words per row.
     stride: usize,
     words: Vec<u64>,
 }
 
 impl ValidPixels {
-    /// All of them, or none.
+    /// An image whose pixels are all valid, or all not valid.
     #[must_use]
     pub fn filled(width: usize, height: usize, valid: bool) -> Self {
         let stride = width.div_ceil(BITS);
         Self { width, height, stride, words: vec![if valid { u64::MAX } else { 0 }; stride * height] }
     }
 
-    /// Those that are NaN in no raster; none when all are valid.
+    /// The pixels that are not NaN in any band; `None` if all pixels are valid. All bands have the same size.
     #[must_use]
     pub fn of_bands(bands: &[Grid2]) -> Option<Self> {
         let first = bands.first()?;
@@ -38,32 +38,38 @@ impl ValidPixels {
         out
     }
 
-    /// Columns and rows.
+    /// Number of columns and rows.
     #[must_use]
     pub fn size(&self) -> (usize, usize) {
         (self.width, self.height)
     }
 
-    /// Whether a pixel is valid; panics outside.
+    /// Whether a pixel is valid.
+    ///
+    /// # Panics
+    /// Panics if the pixel is outside of the image.
     #[must_use]
     pub fn at(&self, col: usize, row: usize) -> bool {
         self.words[row * self.stride + col / BITS] >> (col % BITS) & 1 == 1
     }
 
-    /// Says whether a pixel is valid; panics outside.
+    /// Sets whether a pixel is valid.
+    ///
+    /// # Panics
+    /// Panics if the pixel is outside of the image.
     pub fn set(&mut self, col: usize, row: usize, valid: bool) {
         let (word, bit) = (&mut self.words[row * self.stride + col / BITS], 1 << (col % BITS));
         *word = if valid { *word | bit } else { *word & !bit };
     }
 
-    /// Whether a bilinear sample at a position weighs valid pixels only; not outside of the image.
+    /// Whether a bilinear sample at a position depends on valid pixels only; false outside of the image.
     #[must_use]
     pub fn surround(&self, p: Pixel<CenterPx>) -> bool {
         let inside = |v: f64, n: usize| v >= 0.0 && v <= n as f64 - 1.0;
         if !(inside(p.col, self.width) && inside(p.row, self.height)) {
             return false;
         }
-        // On a pixel's centre its neighbours weigh nothing.
+        // At the centre of a pixel, its neighbours have weight zero.
         let (cols, rows) = ([p.col.floor(), p.col.ceil()], [p.row.floor(), p.row.ceil()]);
         rows.iter().all(|row| cols.iter().all(|col| self.at(*col as usize, *row as usize)))
     }
@@ -74,7 +80,7 @@ impl ValidPixels {
         self.rows().map(|row| row.filter(|valid| *valid).count()).sum()
     }
 
-    /// The smallest window with all valid pixels; none if there are none.
+    /// The smallest window that contains all valid pixels; `None` if there are none.
     #[must_use]
     pub fn bounds(&self) -> Option<Window> {
         let (mut cols, mut rows) = ((usize::MAX, 0), (usize::MAX, 0));
@@ -89,8 +95,8 @@ impl ValidPixels {
         Some(Window { col: cols.0, row: rows.0, width, height })
     }
 
-    /// Makes NaN what is not valid in a raster that holds a window of the image at some size; of a smaller size a pixel is
-    /// what the middle of its part of the image is.
+    /// Sets the pixels of `raster` that are not valid to NaN. `raster` shows a window of the image, possibly downsampled; then
+    /// the pixel at the centre of each of its pixels counts.
     pub fn clear(&self, raster: &mut Grid2, window: Window) {
         let middle = |i: usize, first: usize, from: usize, to: usize| first + (2 * i + 1) * from / (2 * to);
         let (width, height) = (raster.width, raster.height);
@@ -104,14 +110,14 @@ impl ValidPixels {
         }
     }
 
-    /// The pixels of `self` that hang together, side by side or one below the other, with the border.
+    /// The pixels of this set that are connected with the border of the image (4-connectivity).
     #[must_use]
     pub fn connected_with_border(&self) -> Self {
         let (width, height) = self.size();
         let mut out = Self::filled(width, height, false);
         let on_border =
             |col: usize, row: usize| col == 0 || row == 0 || col + 1 == width || row + 1 == height;
-        // Down and up over the rows until nothing is added: no list of open pixels, which would outgrow the image.
+        // Passes down and up over the rows until no pixel is added. A queue of pixels could need more memory than the image.
         let mut is_down = true;
         loop {
             let mut added = false;
@@ -141,7 +147,7 @@ impl ValidPixels {
         }
     }
 
-    /// A fingerprint of all of it.
+    /// A hash of size and pixels, as text.
     #[must_use]
     pub fn digest(&self) -> String {
         let mut hasher = blake3::Hasher::new();
@@ -164,7 +170,7 @@ impl ValidPixels {
 mod tests {
     use super::*;
 
-    /// From lines of text in which `#` is valid.
+    /// The set drawn by lines of text, in which `#` is valid.
     fn drawn(lines: &[&str]) -> ValidPixels {
         let mut out = ValidPixels::filled(lines[0].len(), lines.len(), false);
         for (row, line) in lines.iter().enumerate() {
@@ -174,8 +180,8 @@ mod tests {
     }
 
     #[test]
-    fn what_hangs_together_with_the_border_is_found_round_corners() {
-        // The first figure winds up and down from the right border, the dot in the middle touches nothing.
+    fn pixels_connected_with_the_border_are_found_around_corners() {
+        // The first figure winds up and down from the right border; the dot in the middle is not connected with it.
         let all = drawn(&[
             "..........",
             ".###.####.",
@@ -202,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_is_valid_if_all_that_it_weighs_is() {
+    fn a_sample_is_valid_if_all_pixels_with_weight_are() {
         let mut valid = ValidPixels::filled(70, 3, true);
         valid.set(66, 1, false);
         let at = |col: f64, row: f64| valid.surround(Pixel::new(col, row));
@@ -214,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn of_bands_only_what_is_known_in_all() {
+    fn pixels_are_valid_if_no_band_is_nan() {
         let known = Grid2::filled(3, 2, 0.5);
         assert!(ValidPixels::of_bands(std::slice::from_ref(&known)).is_none());
         let mut holed = known.clone();

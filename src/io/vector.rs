@@ -1,4 +1,4 @@
-//! Points and polygons on the map: written as GeoJSON or GeoPackage, polygons read from any vector file as a mask.
+//! Vector files: points and polygons are written as GeoJSON or GeoPackage; polygons are read from any format as a mask.
 
 use super::gdal_setup::set_up_gdal;
 use super::write::{encode, memory_dataset};
@@ -10,34 +10,34 @@ use gdal::vector::{Feature, Geometry, LayerAccess, LayerOptions, OGRFieldType, O
 use gdal::{Dataset, DatasetOptions, DriverManager, GdalOpenFlags};
 use std::path::Path;
 
-/// When GeoPackages say that they were changed last: the same content is to be the same bytes.
+/// Time of the last change in GeoPackages; it is fixed so that the same content gives the same bytes.
 const UNDATED: &str = "2000-01-01T00:00:00.000Z";
 
-/// What is known of a feature, NaN what is not; every feature of a layer has the same keys.
+/// Attributes of a feature: names and values, NaN if unknown. All features of a layer have the same names.
 pub type Numbers = Vec<(&'static str, f64)>;
 
 /// A named polygon in longitude and latitude.
 pub struct Outline {
-    /// Its name.
+    /// Name of the feature.
     pub name: String,
-    /// Its corners in order, (longitude, latitude) in degrees; the first is not repeated.
+    /// Corners in order, (longitude, latitude) in degrees, WGS 84; the first one is not repeated.
     pub ring: Vec<(f64, f64)>,
-    /// What else is known of it.
+    /// Attributes of the feature.
     pub numbers: Numbers,
 }
 
-/// A point in longitude, latitude (degrees) and height (metres above the ellipsoid).
+/// A point with attributes.
 pub struct Marker {
-    /// Where.
+    /// Longitude and latitude in degrees and ellipsoidal height in metres, WGS 84.
     pub place: [f64; 3],
-    /// What else is known of it.
+    /// Attributes of the feature.
     pub numbers: Numbers,
 }
 
 /// Writes polygons as one layer: a GeoPackage if `path` ends in `.gpkg`, else GeoJSON.
 ///
 /// # Errors
-/// [`WriteError`].
+/// [`WriteError`] if the file cannot be written.
 pub fn write_outlines(path: &Path, layer: &str, outlines: &[Outline]) -> Result<(), WriteError> {
     let features = outlines.iter().map(|o| {
         let corners = o.ring.iter().chain(o.ring.first());
@@ -50,7 +50,7 @@ pub fn write_outlines(path: &Path, layer: &str, outlines: &[Outline]) -> Result<
 /// Writes points as one layer: a GeoPackage if `path` ends in `.gpkg`, else GeoJSON.
 ///
 /// # Errors
-/// [`WriteError`].
+/// [`WriteError`] if the file cannot be written.
 pub fn write_markers(path: &Path, layer: &str, markers: &[Marker]) -> Result<(), WriteError> {
     let features = markers.iter().map(|m| {
         let [lon, lat, h] = m.place;
@@ -59,7 +59,7 @@ pub fn write_markers(path: &Path, layer: &str, markers: &[Marker]) -> Result<(),
     write_features(path, layer, OGRwkbGeometryType::wkbPoint25D, &features.collect::<Vec<_>>())
 }
 
-/// Writes features (name, geometry as WKT, numbers).
+/// Writes features: name, geometry as WKT, attributes.
 fn write_features(
     path: &Path,
     layer: &str,
@@ -99,10 +99,11 @@ fn write_features(
     })
 }
 
-/// Which cells of a grid have their centre inside of a vector file's polygons; none if it is no vector file.
+/// For each cell of a grid, row by row, whether its centre lies inside of the polygons of a vector file; `None` if the file
+/// is not a vector file.
 ///
 /// # Errors
-/// [`VectorError::Mask`] when it has no CRS or no polygon.
+/// [`VectorError::Mask`] if it has no CRS or no polygon.
 pub fn inside_polygons(path: &Path, grid: &MapGrid) -> Result<Option<Vec<bool>>, VectorError> {
     set_up_gdal();
     let flags = GdalOpenFlags::GDAL_OF_VECTOR;
@@ -142,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_same_features_are_the_same_bytes_whenever_they_are_written() {
+    fn the_same_features_give_the_same_bytes_at_any_time() {
         let dir = tempfile::tempdir().unwrap();
         let square = vec![(5.0, 43.0), (5.1, 43.0), (5.1, 43.1)];
         let outline = Outline { name: "a".into(), ring: square, numbers: vec![("gsd_m", 0.5)] };
@@ -156,7 +157,7 @@ mod tests {
         };
         for kind in ["gpkg", "geojson"] {
             let first = written(&format!("first.{kind}"));
-            // Longer than the clock of a GeoPackage's time of change.
+            // This is longer than the resolution of the time stamps of GeoPackages.
             std::thread::sleep(std::time::Duration::from_millis(20));
             assert!(first == written(&format!("second.{kind}")), "{kind}");
         }

@@ -39,7 +39,8 @@ impl VerticalReference {
     /// the name of a grid in PROJ's folders. All options and files that name a vertical reference are read by this
     /// function.
     ///
-    /// # Errors [`VerticalError`].
+    /// # Errors
+    /// [`VerticalError`] if the text is not known, or the grid is missing or cannot be read.
     pub fn read(text: &str) -> Result<Self, VerticalError> {
         let name = Self::known_name(text);
         if name == Self::ELLIPSOID {
@@ -114,7 +115,7 @@ impl VerticalReference {
     }
 }
 
-/// The first of some files that exists in PROJ's folders.
+/// The first of some files that exists in a folder of PROJ's data.
 fn in_folders(files: &[&str]) -> Option<PathBuf> {
     let listed = ["PROJ_DATA", "PROJ_LIB"].into_iter().filter_map(std::env::var_os);
     let folders: Vec<PathBuf> = listed
@@ -130,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_reference_has_one_name_whatever_files_call_it() {
+    fn names_of_references_in_files_are_recognised() {
         for (text, name) in [
             ("WGS 84 ellipsoid", "ellipsoid"),
             ("Ellipsoid", "ellipsoid"),
@@ -147,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_reference_is_told_what_is_known() {
+    fn the_error_for_an_unknown_reference_lists_the_known_ones() {
         let Err(error) = VerticalReference::read("NAVD88") else { panic!("there is no such model") };
         let help = miette::Diagnostic::help(&error).map(|h| h.to_string()).unwrap_or_default();
         assert!(error.to_string().contains("NAVD88"), "{error}");

@@ -2,15 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A rectangle of an image's pixels.
+/// A rectangle of whole pixels of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Window {
     /// First column.
     pub col: usize,
     /// First row.
     pub row: usize,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
 }

@@ -1,4 +1,4 @@
-//! Writing: Cloud-Optimized GeoTIFFs, sensor images with an RPC tag, PNGs. A file appears whole or not at all.
+//! Writing of rasters: Cloud-Optimized GeoTIFFs, sensor images with an RPC tag, PNGs. All files are written atomically.
 
 use super::atomic::{write_atomically, write_file};
 use super::gdal_setup::set_up_gdal;
@@ -10,9 +10,9 @@ use gdal::{Dataset, DriverManager, Metadata};
 use image::ImageEncoder;
 use std::path::Path;
 
-/// Rows handed to GDAL at a time.
+/// Number of rows that are passed to GDAL at a time.
 const ROWS_AT_ONCE: usize = 256;
-/// Descriptions of the bands that are the colours of a picture.
+/// Descriptions of the bands of a colour image.
 const COLORS: [(&str, ColorInterpretation); 3] = [
     ("red", ColorInterpretation::RedBand),
     ("green", ColorInterpretation::GreenBand),
@@ -22,29 +22,29 @@ const COLORS: [(&str, ColorInterpretation); 3] = [
 /// A georeferenced raster to be written as a Cloud-Optimized GeoTIFF.
 #[derive(Clone, Copy)]
 pub struct Cog<'a> {
-    /// Its place on the map.
+    /// The map grid, of which all bands have the size.
     pub grid: MapGrid,
-    /// Its metadata items of the default domain.
+    /// Metadata items of the default domain.
     pub metadata: &'a [(&'a str, String)],
-    /// What its heights count from, if it holds heights.
+    /// Vertical reference of the heights, if it holds heights; it is written to the CRS and to the metadata.
     pub heights_from: Option<&'a VerticalReference>,
 }
 
 impl Cog<'_> {
-    /// Writes float32 bands, each with its description and unit, with NaN as nodata.
+    /// Writes float32 bands, each with its description and unit; nodata is NaN.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Grid2)]) -> Result<(), WriteError> {
         let data: Vec<_> = bands.iter().map(|b| b.2.data.as_slice()).collect();
         let labels: Vec<_> = bands.iter().map(|b| (b.0, b.1)).collect();
         self.write(path, &data, Some(f64::NAN), &labels, "FLOATING_POINT")
     }
 
-    /// Writes 8-bit bands; three are red, green and blue.
+    /// Writes 8-bit bands, each row by row; three bands are red, green and blue.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>, nodata: Option<f64>) -> Result<(), WriteError> {
         let data: Vec<_> = bands.iter().map(Vec::as_slice).collect();
         self.write(path, &data, nodata, color_labels(data.len()), "STANDARD")
@@ -73,7 +73,7 @@ impl Cog<'_> {
             }
             label(&memory, labels)?;
             for i in 1..=memory.raster_count() {
-                // What GDAL computes stays in the band's metadata.
+                // Statistics that GDAL computes are stored in the metadata of the band.
                 let _ = memory.rasterband(i)?.get_statistics(true, false);
             }
             copy_as(&memory, "COG", temporary, &cog_options(predictor))
@@ -81,32 +81,32 @@ impl Cog<'_> {
     }
 }
 
-/// An image as a satellite takes it: no geotransform, an RPC instead.
+/// An image in sensor geometry to be written: it has an RPC and no geotransform.
 pub struct SensorImage<'a> {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// `KEY=VALUE` of the RPC domain, in RPC00B's names.
+    /// Keys and values of the RPC domain, with the names of RPC00B.
     pub rpc: &'a [(String, String)],
     /// Metadata items of the default domain.
     pub metadata: &'a [(String, String)],
 }
 
 impl SensorImage<'_> {
-    /// Writes 8-bit bands as a GeoTIFF with an RPC tag; three are red, green and blue.
+    /// Writes 8-bit bands, each row by row, as a GeoTIFF with an RPC tag; three bands are red, green and blue.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write_u8(&self, path: &Path, bands: Vec<Vec<u8>>) -> Result<(), WriteError> {
         let data: Vec<_> = bands.iter().map(Vec::as_slice).collect();
         self.write(path, &data, None, color_labels(data.len()))
     }
 
-    /// Writes float32 bands, each with its description and unit, with NaN as nodata, as a GeoTIFF with an RPC tag.
+    /// Writes float32 bands, each with its description and unit, as a GeoTIFF with an RPC tag; nodata is NaN.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn write_f32(&self, path: &Path, bands: &[(&str, &str, &Grid2)]) -> Result<(), WriteError> {
         let data: Vec<_> = bands.iter().map(|b| b.2.data.as_slice()).collect();
         self.write(path, &data, Some(f64::NAN), &bands.iter().map(|b| (b.0, b.1)).collect::<Vec<_>>())
@@ -133,14 +133,15 @@ impl SensorImage<'_> {
     }
 }
 
-/// Copies an image as a GeoTIFF with another RPC tag; the copy is made in memory.
+/// Copies an image to a GeoTIFF with another RPC tag; the whole copy is held in memory. `rpc` holds keys and values of the
+/// RPC domain, with the names of RPC00B.
 ///
 /// # Errors
-/// [`RasterError`].
+/// [`RasterError`] if the image cannot be read or the copy cannot be written.
 pub fn write_with_rpc(image: &Path, out: &Path, rpc: &[(String, String)]) -> Result<(), RasterError> {
     let source = ImageFile::open(image)?;
     let written = write_by(out, |temporary| {
-        // Metadata set on the image itself would be stored beside it.
+        // Metadata are set on a virtual copy, because GDAL would store those set on the image in a file beside it.
         let vrt = DriverManager::get_driver_by_name("VRT")?;
         let mut copy = source.dataset.create_copy(&vrt, "", &RasterCreationOptions::default())?;
         for (key, value) in rpc {
@@ -152,11 +153,11 @@ pub fn write_with_rpc(image: &Path, out: &Path, rpc: &[(String, String)]) -> Res
     Ok(written?)
 }
 
-/// Copies a map as a Cloud-Optimized GeoTIFF that lies elsewhere: metres east and north, and `up` metres added to its
-/// first band, which are heights if this is not zero.
+/// Copies a map to a Cloud-Optimized GeoTIFF that is translated by metres east, north and up. `up` is added to the first
+/// band, which must hold heights unless `up` is zero.
 ///
 /// # Errors
-/// [`RasterError`].
+/// [`RasterError`] if the map cannot be read or the copy cannot be written.
 pub fn write_moved(map: &Path, out: &Path, [east, north, up]: [f64; 3]) -> Result<(), RasterError> {
     let source = ImageFile::open(map)?;
     let grid = source.map_grid()?;
@@ -166,7 +167,7 @@ pub fn write_moved(map: &Path, out: &Path, [east, north, up]: [f64; 3]) -> Resul
         let mut copy = source.dataset.create_copy(&memory, "", &RasterCreationOptions::default())?;
         copy.set_geo_transform(&moved.geo_transform())?;
         for i in 1..=copy.raster_count() {
-            // Not copied.
+            // The memory driver does not copy descriptions and units.
             let mut band = copy.rasterband(i)?;
             band.set_description(&source.dataset.rasterband(i)?.description()?)?;
             set_unit(&band, &source.unit(i)?)?;
@@ -189,7 +190,7 @@ pub fn write_moved(map: &Path, out: &Path, [east, north, up]: [f64; 3]) -> Resul
     Ok(written?)
 }
 
-/// How Cloud-Optimized GeoTIFFs are encoded.
+/// Creation options of Cloud-Optimized GeoTIFFs.
 fn cog_options(predictor: &str) -> [(&'static str, String); 6] {
     [
         ("NUM_THREADS", rayon::current_num_threads().to_string()),
@@ -212,7 +213,7 @@ pub(super) fn memory_dataset<T: GdalType + Copy>(
     let dataset = driver.create_with_band_type::<T, _>("", width, height, bands.len())?;
     for (i, data) in bands.iter().enumerate() {
         let mut band = dataset.rasterband(i + 1)?;
-        // The buffer is a copy, which is kept small.
+        // Blocks of rows are written because the buffer of the `gdal` crate is a copy.
         for (k, rows) in data.chunks(width * ROWS_AT_ONCE).enumerate() {
             let size = (width, rows.len() / width);
             band.write((0, (k * ROWS_AT_ONCE) as isize), size, &mut Buffer::new(size, rows.to_vec()))?;
@@ -222,12 +223,12 @@ pub(super) fn memory_dataset<T: GdalType + Copy>(
     Ok(dataset)
 }
 
-/// Writes a file atomically by what may fail for many reasons.
+/// Writes a file atomically by a function that may fail with any error.
 pub(super) fn write_by(path: &Path, make: impl FnOnce(&Path) -> Result<(), Cause>) -> Result<(), WriteError> {
     write_atomically(path, |temporary| make(temporary).map_err(|e| WriteError::new(path, e)))
 }
 
-/// Lets GDAL encode a file in memory and writes the bytes: its own writing does not tell of a disk that is full.
+/// Encodes a file with GDAL in memory and writes the bytes, because GDAL does not report a full disk.
 ///
 /// `path` must be unique, as temporary names are.
 pub(super) fn encode(path: &Path, write: impl FnOnce(&Path) -> Result<(), Cause>) -> Result<(), Cause> {
@@ -247,12 +248,12 @@ fn copy_as(
     encode(path, |encoded| Ok(memory.create_copy(&driver, encoded, &options)?.close()?))
 }
 
-/// Descriptions, without units, of the bands of an 8-bit picture.
+/// Descriptions, without units, of the bands of an 8-bit image.
 fn color_labels(bands: usize) -> &'static [(&'static str, &'static str)] {
     if bands == COLORS.len() { &[("red", ""), ("green", ""), ("blue", "")] } else { &[] }
 }
 
-/// Gives bands their descriptions and units, and says which are colours; an only band is grey.
+/// Sets descriptions, units and colour interpretations of bands; a single band is grey.
 fn label(dataset: &Dataset, labels: &[(&str, &str)]) -> gdal::errors::Result<()> {
     if dataset.raster_count() == 1 {
         dataset.rasterband(1)?.set_color_interpretation(ColorInterpretation::GrayIndex)?;
@@ -268,7 +269,7 @@ fn label(dataset: &Dataset, labels: &[(&str, &str)]) -> gdal::errors::Result<()>
     Ok(())
 }
 
-/// Sets a band's unit, which the `gdal` crate cannot.
+/// Sets the unit of a band, for which the `gdal` crate has no function.
 #[allow(unsafe_code)]
 fn set_unit(band: &RasterBand, unit: &str) -> gdal::errors::Result<()> {
     let unit = std::ffi::CString::new(unit)?;
@@ -277,18 +278,18 @@ fn set_unit(band: &RasterBand, unit: &str) -> gdal::errors::Result<()> {
     Ok(())
 }
 
-/// Writes an 8-bit RGB picture, three bytes a pixel.
+/// Writes an 8-bit RGB image as PNG; `rgb` holds three bytes per pixel, row by row.
 ///
 /// # Errors
-/// [`WriteError`].
+/// [`WriteError`] if the file cannot be written, or the number of bytes is wrong.
 pub fn write_png_rgb(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<(), WriteError> {
     write_png(path, width, height, rgb, image::ExtendedColorType::Rgb8)
 }
 
-/// Writes an 8-bit grey picture.
+/// Writes an 8-bit grey image as PNG; `gray` holds one byte per pixel, row by row.
 ///
 /// # Errors
-/// [`WriteError`].
+/// [`WriteError`] if the file cannot be written, or the number of bytes is wrong.
 pub fn write_png_gray(path: &Path, width: usize, height: usize, gray: &[u8]) -> Result<(), WriteError> {
     write_png(path, width, height, gray, image::ExtendedColorType::L8)
 }
@@ -303,10 +304,10 @@ fn write_png(
     write_file(path, png(width, height, data, color).map_err(|e| WriteError::new(path, e))?)
 }
 
-/// An 8-bit RGB picture as the bytes of a PNG file, from three bytes a pixel.
+/// The bytes of a PNG file of an 8-bit RGB image; `rgb` holds three bytes per pixel, row by row.
 ///
 /// # Errors
-/// [`RasterError::Encode`] when there are not three bytes a pixel.
+/// [`RasterError::Encode`] if the number of bytes is not three per pixel.
 pub fn png_rgb(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>, RasterError> {
     png(width, height, rgb, image::ExtendedColorType::Rgb8).map_err(|cause| RasterError::Encode {
         width,
@@ -316,7 +317,7 @@ pub fn png_rgb(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>, Raste
 }
 
 fn png(width: usize, height: usize, data: &[u8], color: image::ExtendedColorType) -> Result<Vec<u8>, Cause> {
-    // The encoder would panic.
+    // The encoder would panic for a wrong number of bytes.
     if data.len() * 8 != width * height * usize::from(color.bits_per_pixel()) {
         return Err(format!("{} bytes for {width} x {height} pixels", data.len()).into());
     }
@@ -336,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn a_written_dsm_reads_back_with_its_place_and_nodata() {
+    fn a_round_trip_keeps_grid_values_and_nodata() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("dsm.tif");
         let mut raster = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
@@ -355,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moved_map_keeps_all_but_its_place_and_its_heights() {
+    fn a_translated_map_keeps_all_but_its_position_and_its_heights() {
         let dir = tempfile::tempdir().unwrap();
         let (path, out) = (dir.path().join("dsm.tif"), dir.path().join("moved.tif"));
         let mut raster = Grid2::from_fn(600, 300, |c, r| c as f32 * 0.1 - r as f32);
@@ -386,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn three_bytes_are_red_green_and_blue_and_stay_so() {
+    fn three_8_bit_bands_are_red_green_and_blue_also_after_a_copy() {
         use ColorInterpretation::{AlphaBand, BlueBand, GrayIndex, GreenBand, RedBand};
         let dir = tempfile::tempdir().unwrap();
         let colors = |path: &Path| -> Vec<ColorInterpretation> {

@@ -1,14 +1,14 @@
-//! The error map as a picture and as a QGIS style: red where the prediction is too high, blue where it is too low.
+//! The error map as an image and as a QGIS style: red where the prediction is too high, blue where it is too low.
 
 use crate::io::{Grid2, RgbImage, color_style};
 
-/// Errors of this size and more get the strongest colour, in metres.
+/// Absolute error from which on colours are saturated, metres.
 const FULL_COLOUR_M: f32 = 3.0;
-/// No side of the picture is longer, in pixels.
+/// Longest side of the image, pixels.
 const LARGEST_SIDE: usize = 2048;
 /// Colour of cells that are not scored.
 const NOT_SCORED: [f32; 3] = [90.0, 90.0, 90.0];
-/// ColorBrewer's RdBu from too low to too high.
+/// Colour map RdBu of ColorBrewer, from too low to too high.
 const DIVERGING: [[f32; 3]; 7] = [
     [33.0, 102.0, 172.0],
     [103.0, 169.0, 207.0],
@@ -19,7 +19,8 @@ const DIVERGING: [[f32; 3]; 7] = [
     [178.0, 24.0, 43.0],
 ];
 
-/// A diverging map of errors from -3 m (blue) over 0 (white) to 3 m (red), NaN grey; of large maps every so many cells.
+/// The image of an error map in metres: from -3 m (blue) over 0 (white) to 3 m (red), NaN grey. Large maps are
+/// downsampled by leaving out cells.
 #[must_use]
 pub fn error_picture(errors: &Grid2) -> RgbImage {
     let step = errors.width.max(errors.height).div_ceil(LARGEST_SIDE).max(1);
@@ -29,7 +30,7 @@ pub fn error_picture(errors: &Grid2) -> RgbImage {
     RgbImage { width, height, data }
 }
 
-/// A QGIS style for an error map, in the picture's colours, symmetric about 0.
+/// The text of a QGIS style for an error map, in the colours of [`error_picture`].
 #[must_use]
 pub fn error_style() -> String {
     let last = (DIVERGING.len() - 1) as f32;
@@ -54,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colours_say_too_high_and_too_low() {
+    fn errors_are_red_if_too_high_and_blue_if_too_low() {
         let p = Grid2 { width: 4, height: 1, data: vec![0.0, 99.0, -3.0, f32::NAN] };
         assert_eq!(error_picture(&p).data, [247, 247, 247, 178, 24, 43, 33, 102, 172, 90, 90, 90]);
     }

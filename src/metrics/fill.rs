@@ -1,11 +1,11 @@
-//! Holes filled by the nearest valid cell: an exact Euclidean distance transform that carries indices
-//! (Felzenszwalb and Huttenlocher 2012, lower envelope of parabolas; columns first, then rows).
+//! Filling of holes with the value of the nearest valid cell, by an exact Euclidean distance transform that keeps the index
+//! of the nearest cell (Felzenszwalb and Huttenlocher 2012: lower envelope of parabolas, columns first, then rows).
 
 use crate::io::Grid2;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The raster with every NaN replaced by the value of the nearest valid cell; all NaN stays all NaN.
+/// The raster with every NaN replaced by the value of the nearest valid cell; a raster without valid cells is unchanged.
 #[must_use]
 pub fn filled_by_nearest(raster: &Grid2) -> Grid2 {
     let (w, h) = (raster.width, raster.height);
@@ -45,12 +45,12 @@ pub fn filled_by_nearest(raster: &Grid2) -> Grid2 {
     })
 }
 
-/// Columns that one thread looks along at a time.
+/// Number of columns that one thread processes at a time.
 const STRIP: usize = 64;
 
-/// For every cell the row of the nearest valid cell of its column; `height` where the column has none.
+/// For every cell, the row of the nearest valid cell in its column; the height of the raster if the column has none.
 ///
-/// In strips of [`STRIP`] columns, each row by row.
+/// The result is a list of strips of [`STRIP`] columns, each row by row.
 fn nearest_valid_row(raster: &Grid2) -> Vec<Vec<u32>> {
     let strips = (0..raster.width).into_par_iter().step_by(STRIP);
     strips.map(|first| nearest_in_strip(raster, first..(first + STRIP).min(raster.width))).collect()
@@ -84,7 +84,8 @@ fn nearest_in_strip(raster: &Grid2, cols: Range<usize>) -> Vec<u32> {
     nearest
 }
 
-/// The parabolas `(x - col)² + height` that are lowest somewhere: their column and where each begins to be.
+/// The lower envelope of the parabolas `(x - col)² + height` of `sites`: the column of each parabola in it, and the position
+/// from which on it is the lowest.
 fn lower_envelope(sites: &[(usize, f64)]) -> Vec<(usize, f64)> {
     let mut hull: Vec<(usize, f64, f64)> = Vec::with_capacity(sites.len());
     for &(col, height) in sites {
@@ -108,14 +109,14 @@ fn lower_envelope(sites: &[(usize, f64)]) -> Vec<(usize, f64)> {
 mod tests {
     use super::*;
 
-    /// Numbers that look random and are the same everywhere.
+    /// Pseudo-random numbers that are the same on all machines.
     fn noise(i: usize) -> u32 {
         (i as u32).wrapping_mul(2_654_435_761).rotate_left(13).wrapping_mul(2_246_822_519)
     }
 
     #[test]
-    fn every_hole_gets_a_value_at_the_smallest_distance() {
-        // More than two strips.
+    fn every_hole_is_filled_from_a_nearest_valid_cell() {
+        // The raster is wider than two strips.
         const W: usize = 2 * STRIP + 31;
         for keep in [3, 17, 200] {
             let p = Grid2::from_fn(W, 23, |c, r| {
@@ -134,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_fill_from_stays_empty() {
+    fn a_raster_without_valid_cells_is_unchanged() {
         let p = Grid2::filled(4, 3, f32::NAN);
         assert_eq!(filled_by_nearest(&p).valid().count(), 0);
     }

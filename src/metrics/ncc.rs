@@ -1,17 +1,17 @@
-//! The whole-cell shift of the highest normalised cross-correlation, coarse to fine.
+//! The shift by whole cells with the highest normalised cross-correlation, found from coarse to fine.
 //!
-//! Follows EOGS's `dsmr.py`: both grids are halved while the shorter side exceeds 100 cells; at each level the
-//! best of all shifts within 5 cells of the doubled coarser one.
+//! The method is that of `dsmr.py` in EOGS: both grids are halved while their shorter side exceeds 100 cells; at each level,
+//! all shifts within 5 cells of twice the shift of the coarser level are compared.
 
 use crate::io::Grid2;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-/// Planes are halved while their shorter side exceeds this many cells.
+/// Grids are halved while their shorter side exceeds this number of cells.
 const SMALL_SIDE: usize = 100;
-/// Reach of the search at each level, in that level's cells.
+/// Search radius at each level, in cells of that level.
 const REACH: i64 = 5;
-/// A shift whose overlap is smaller than this share of the largest tells nothing.
+/// Smallest overlap of a shift, as a fraction of the largest overlap of all shifts.
 const LEAST_OVERLAP: f64 = 0.25;
 
 /// (dx, dy) for which `prediction[row + dy, col + dx]` correlates best with `truth[row, col]`.
@@ -26,7 +26,7 @@ pub(super) fn best_whole_shift(prediction: &Grid2, truth: &Grid2) -> (i64, i64) 
         .collect();
     let moments: Vec<Moments> = shifts.par_iter().map(|s| Moments::of(prediction, truth, *s)).collect();
     let enough = moments.iter().map(|m| m.n).fold(0.0, f64::max) * LEAST_OVERLAP;
-    // Of equal ones the nearest to no shift, so that a flat scene stays where it is.
+    // Of shifts with equal correlation the smallest one is taken, so that a flat scene is not shifted.
     let rank = |i: usize| {
         let (dx, dy) = shifts[i];
         let ncc = if moments[i].n >= enough { moments[i].correlation() } else { f64::NEG_INFINITY };
@@ -37,7 +37,7 @@ pub(super) fn best_whole_shift(prediction: &Grid2, truth: &Grid2) -> (i64, i64) 
         .map_or(center, |i| shifts[i])
 }
 
-/// Sums over the cells that two grids share.
+/// Sums over the cells that are valid in both grids.
 #[derive(Clone, Copy, Default)]
 struct Moments {
     n: f64,
@@ -48,9 +48,9 @@ struct Moments {
     ab: f64,
 }
 
-/// Cells that a correlation is taken over; of more, as many rows are left out as that takes.
+/// Largest number of cells for one correlation; rows are left out of larger grids.
 const ENOUGH_CELLS: usize = 1 << 22;
-/// Cells summed side by side, in vector registers.
+/// Number of partial sums, so that the compiler uses SIMD instructions.
 const LANES: usize = 8;
 
 impl Moments {
@@ -70,14 +70,14 @@ impl Moments {
         m
     }
 
-    /// Adds the cells of a row that are numbers in both grids.
+    /// Adds the cells of a row that are valid in both grids.
     fn add(&mut self, a: &[f32], b: &[f32]) {
         let sums = row_sums(a, b).map(|lanes| lanes.iter().sum::<f64>());
         let own = [&mut self.n, &mut self.a, &mut self.b, &mut self.aa, &mut self.bb, &mut self.ab];
         own.into_iter().zip(sums).for_each(|(own, sum)| *own += sum);
     }
 
-    /// Minus infinity where a raster is constant.
+    /// The correlation coefficient; minus infinity if a raster is constant.
     fn correlation(&self) -> f64 {
         let covariance = self.ab - self.a * self.b / self.n;
         let spread = (self.aa - self.a * self.a / self.n) * (self.bb - self.b * self.b / self.n);
@@ -86,13 +86,13 @@ impl Moments {
     }
 }
 
-/// Of a row: how many cells, and the sums of a, b, aa, bb, ab, each in lanes.
+/// Number of valid cells of a row, and the sums of a, b, a², b² and ab, each as partial sums.
 #[multiversion(targets("x86_64+avx2+fma"))]
 fn row_sums(a: &[f32], b: &[f32]) -> [[f64; LANES]; 6] {
     let mut sums = [[0.0; LANES]; 6];
     let (a, a_rest) = a.as_chunks::<LANES>();
     let (b, b_rest) = b.as_chunks::<LANES>();
-    // What does not fill the lanes is made up with cells that do not count.
+    // The remainder is padded with cells that are not valid.
     let filled_up = |rest: &[f32]| std::array::from_fn(|i| rest.get(i).copied().unwrap_or(f32::NAN));
     let last = [(filled_up(a_rest), filled_up(b_rest))];
     for (a, b) in a.iter().copied().zip(b.iter().copied()).chain(last) {
@@ -113,13 +113,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_flat_scene_stays_where_it_is() {
+    fn a_flat_scene_is_not_shifted() {
         let flat = Grid2::filled(120, 120, 5.0);
         assert_eq!(best_whole_shift(&flat, &flat), (0, 0));
     }
 
     #[test]
-    fn shifts_beyond_one_level_are_found() {
+    fn shifts_larger_than_the_search_radius_are_found() {
         let truth = Grid2::from_fn(260, 240, |c, r| {
             let (x, y) = (c as f32, r as f32);
             (0.05 * x + 0.0004 * x * y).sin() * 8.0 + (0.08 * y).cos() * 5.0

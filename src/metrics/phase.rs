@@ -1,15 +1,16 @@
-//! The whole-cell shift at the peak of the phase correlation: it finds shifts that are large beside what is shown.
+//! The shift at the peak of the phase correlation, which also finds shifts that are large compared with the objects in the
+//! raster.
 
 use crate::io::Grid2;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
-/// Planes are halved while their longer side exceeds this many cells, and put into a square of twice as many.
+/// Grids are halved while their longer side exceeds this number of cells, and padded to a square of twice that side.
 const LONGEST: usize = 256;
 
-/// (dx, dy) for which `prediction[row + dy, col + dx]` is like `truth[row, col]`, to as many cells as the grids were
-/// halved to; none for a raster without relief.
+/// (dx, dy) in cells for which `prediction[row + dy, col + dx]` matches `truth[row, col]` best, with the resolution of the
+/// halved grids; `None` for a raster without relief.
 pub(super) fn peak(prediction: &Grid2, truth: &Grid2) -> Option<(f64, f64)> {
     let (mut a, mut b, mut factor) = (prediction.clone(), truth.clone(), 1.0);
     while a.width.max(a.height) > LONGEST {
@@ -18,7 +19,7 @@ pub(super) fn peak(prediction: &Grid2, truth: &Grid2) -> Option<(f64, f64)> {
     }
     let size = (2 * a.width.max(a.height).max(b.width).max(b.height)).next_power_of_two();
     let (a, b) = (spectrum(&a, size)?, spectrum(&b, size)?);
-    // The conjugate's transform is the inverse but for a factor and the sign of what is imaginary.
+    // The transform of the conjugate is the inverse transform, apart from a factor and the sign of the imaginary part.
     let white = |(a, b): (&Complex<f64>, &Complex<f64>)| {
         let cross = a.conj() * b;
         cross / cross.norm().max(f64::MIN_POSITIVE)
@@ -30,14 +31,14 @@ pub(super) fn peak(prediction: &Grid2, truth: &Grid2) -> Option<(f64, f64)> {
     Some((signed(best % size) * factor, signed(best / size) * factor))
 }
 
-/// Two-dimensional spectrum of a raster's heights above their mean; holes are at the mean. None without relief.
+/// Two-dimensional spectrum of the heights minus their mean; holes have the mean. `None` for a raster without relief.
 fn spectrum(raster: &Grid2, size: usize) -> Option<Vec<Complex<f64>>> {
     let (sum, n) = raster.valid().fold((0.0, 0.0), |(s, n), v| (s + f64::from(v), n + 1.0));
     let mean = sum / n;
     let mut out = vec![Complex::default(); size * size];
     for row in 0..raster.height {
         for (col, v) in raster.row(row).iter().enumerate().filter(|(_, v)| !v.is_nan()) {
-            // Edges of the raster would be what correlates best.
+            // A window function removes the edges of the raster, which would otherwise dominate the correlation.
             let fade = |i: usize, n: usize| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / n as f64).cos();
             out[row * size + col].re =
                 (f64::from(*v) - mean) * fade(col, raster.width) * fade(row, raster.height);
@@ -48,7 +49,7 @@ fn spectrum(raster: &Grid2, size: usize) -> Option<Vec<Complex<f64>>> {
     has_relief.then_some(out)
 }
 
-/// The Fourier transform of a square, in place: rows, then columns.
+/// The two-dimensional Fourier transform of a square, in place: rows, then columns.
 fn transform(data: &mut [Complex<f64>], size: usize) {
     let rows = FftPlanner::new().plan_fft_forward(size);
     for _ in 0..2 {
@@ -66,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_shift_of_a_sixth_of_the_plane_is_found() {
+    fn a_shift_of_a_sixth_of_the_grid_is_found() {
         let height = |c: i64, r: i64| {
             let (i, j) = (c.div_euclid(13), r.div_euclid(11));
             ((i * 7 + j * 5 + i * j * 3).rem_euclid(11) * 3) as f32

@@ -1,36 +1,37 @@
-//! Profiles through buildings: truth and prediction along a row of cells.
+//! Height profiles through buildings: truth and prediction along a row of cells.
 
 use super::Evaluation;
 use super::breakdown::BUILDING;
 use crate::io::Grid2;
 
-/// Smaller buildings are not looked at, in square metres.
+/// Smallest building for a profile, square metres.
 const LEAST_AREA_M2: f64 = 100.0;
-/// Ground shown on either side of the building, in metres.
+/// Length of the profile on either side of the building, metres.
 const AROUND_M: f64 = 15.0;
 
-/// Heights along a row of the truth's grid, from west to east.
+/// Heights along a row of the grid of the truth, from west to east.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    /// MAE over the building, metres.
+    /// Mean absolute error over the building, metres.
     pub mae_m: f64,
-    /// Easting and northing of its beginning, metres.
+    /// Easting and northing of the western end, metres.
     pub start: (f64, f64),
-    /// Metres from the beginning, truth, registered prediction; NaN where there is none.
+    /// Distance from the western end, true height and registered predicted height, metres; heights are NaN where there is
+    /// none.
     pub heights: Vec<(f64, f32, f32)>,
 }
 
-/// Cells of one building.
+/// The cells of one building.
 struct Building {
     cells: Vec<usize>,
     mae_m: f64,
 }
 
 impl Evaluation {
-    /// Profiles through the building of the largest MAE and through the one of the median MAE; none without classes or
-    /// without a building of 100 m².
+    /// Profiles through the building with the largest MAE and through the one with the median MAE; `None` if the truth has no
+    /// classes, or no building of at least 100 m².
     ///
-    /// `errors` is an [`Evaluation::error_map`].
+    /// `errors` is the result of [`Evaluation::error_map`], in metres.
     #[must_use]
     pub fn profiles(&self, errors: &Grid2) -> Option<[Profile; 2]> {
         let least = (LEAST_AREA_M2 / (self.grid.cell * self.grid.cell)).ceil() as usize;
@@ -40,7 +41,7 @@ impl Evaluation {
         Some([worst, typical].map(|b| self.profile(b, errors)))
     }
 
-    /// Along the row that crosses most of the building.
+    /// The profile along the row with the most cells of the building.
     fn profile(&self, building: &Building, errors: &Grid2) -> Profile {
         let w = errors.width;
         let mut rows = std::collections::BTreeMap::<usize, usize>::new();
@@ -65,7 +66,7 @@ impl Evaluation {
     }
 }
 
-/// Buildings of at least so many scored cells; cells that share a side belong to one.
+/// Buildings of at least `least` scored cells, as connected components (4-connectivity).
 fn buildings(classes: &[u8], errors: &Grid2, least: usize) -> Vec<Building> {
     let (w, h) = (errors.width, errors.height);
     let mut is_new: Vec<bool> = classes.iter().map(|c| *c == BUILDING).collect();
@@ -104,8 +105,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn buildings_that_touch_at_a_corner_are_two() {
-        // 1 and 2 touch at a corner, 3 is one cell only.
+    fn buildings_that_touch_at_a_corner_are_separate() {
+        // Buildings 1 and 2 touch at a corner; building 3 has a single cell.
         let map = ["11......", "11......", "..22...3", "..22...."].concat();
         let classes: Vec<u8> = map.bytes().map(|b| if b == b'.' { 2 } else { BUILDING }).collect();
         let data = map.bytes().map(|b| if b == b'1' { -2.0 } else { 0.5 }).collect();

@@ -80,7 +80,7 @@ pub fn register(method: Method, prediction: &Grid2, land: &Grid2, bounds: (f32, 
     Registration { method, dx_cells, dy_cells, dz_m: dz_m + 0.0 }
 }
 
-/// Mean of `prediction[row + dy, col + dx] - land[row, col]` where both are numbers.
+/// Mean of `prediction[row + dy, col + dx] - land[row, col]` over the cells where both are valid.
 fn mean_difference(prediction: &Grid2, land: &Grid2, (dx, dy): (i64, i64)) -> f64 {
     let of_row = |row: usize| {
         let (mut sum, mut cells) = (0.0, 0usize);
@@ -93,7 +93,7 @@ fn mean_difference(prediction: &Grid2, land: &Grid2, (dx, dy): (i64, i64)) -> f6
         }
         (sum, cells)
     };
-    // Rows are added up in their order, whatever thread had them.
+    // The sums of rows are added in the order of the rows, so that the result does not depend on the threads.
     let rows: Vec<_> = (0..land.height).into_par_iter().map(of_row).collect();
     let (sum, cells) = rows.iter().fold((0.0, 0), |(s, n), row| (s + row.0, n + row.1));
     sum / cells as f64
@@ -103,7 +103,7 @@ fn mean_difference(prediction: &Grid2, land: &Grid2, (dx, dy): (i64, i64)) -> f6
 mod tests {
     use super::*;
 
-    /// A town: blocks of different heights on a slope, nothing periodic.
+    /// Heights of a town without periodic structures: blocks of different heights on a slope.
     fn town(size: usize) -> Grid2 {
         Grid2::from_fn(size, size, |c, r| {
             let (x, y) = (c as f32, r as f32);
@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn a_known_shift_is_found_exactly() {
         let truth = town(150);
-        // The prediction shows the town 2 cells further east, 3 further south and 3.7 m higher.
+        // In the prediction, the town lies 2 cells further east, 3 cells further south and 3.7 m higher.
         let prediction = Grid2::from_fn(150, 150, |c, r| truth.get(c as i64 - 2, r as i64 - 3) + 3.7);
         for method in [Method::Ncc, Method::Xyz] {
             let found = register(method, &prediction, &truth, ALL_HEIGHTS);
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn neither_noise_nor_holes_move_the_prediction() {
+    fn noise_and_holes_do_not_shift_the_prediction() {
         let truth = town(160);
         let mut state = 1u32;
         let mut random = || {

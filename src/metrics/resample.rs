@@ -1,30 +1,32 @@
-//! The prediction on the truth's grid: whole-cell windows are cut, anything else is interpolated bilinearly.
+//! Resampling of a prediction to the grid of the truth: a window of whole cells is copied if the cells coincide, otherwise
+//! values are interpolated bilinearly.
 
 use super::MetricsError;
 use crate::frame::{CenterPx, Pixel, Point, Transform};
 use crate::io::{Grid2, MapGrid};
 
-/// An origin this near to the other grid, in cells, counts as on it (JAX_068's truth is 0.008 off).
+/// Largest offset between two grids that counts as none, cells (0.008 for the truth of JAX_068).
 const WHOLE_CELL: f64 = 0.02;
-/// Relative difference of cell sizes that counts as none: 0.01 cells over 10,000.
+/// Largest relative difference of cell sizes that counts as none: 0.01 cells over 10,000 cells.
 const SAME_CELL: f64 = 1e-6;
 
-/// How the prediction came to the truth's grid.
+/// How a raster was resampled to another grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sampling {
-    /// Cells were copied.
+    /// Cells were copied without interpolation.
     WholeCells,
     /// Values were interpolated bilinearly between cell centres.
     Bilinear,
-    /// As `Bilinear`, after a transform between two map projections.
+    /// Values were interpolated bilinearly after a transform between two map projections.
     Reprojected,
 }
 
-/// `raster`, which lies on grid `from`, on grid `to`; NaN outside, and where the nearest cell is NaN.
+/// Resamples `raster`, which lies on the grid `from`, to the grid `to`; NaN outside of `from`, and where the nearest cell is
+/// NaN.
 ///
 /// # Errors
-/// [`MetricsError::Frame`] when PROJ knows no transform between the two grids' systems.
+/// [`MetricsError::Frame`] if PROJ knows no transform between the coordinate systems of the grids.
 pub fn onto_grid(raster: &Grid2, from: &MapGrid, to: &MapGrid) -> Result<(Grid2, Sampling), MetricsError> {
     if from.epsg != to.epsg {
         let transform = Transform::new(to.epsg, from.epsg)?;
@@ -63,8 +65,8 @@ fn interpolated(
     })
 }
 
-/// The value at a position, cell centres at whole numbers, bilinear of the valid ones of the four cells around it; NaN
-/// where the nearest cell is: a hole costs the cell that it is, whatever the shift.
+/// Value at a position, interpolated bilinearly between those of the four surrounding cells that are valid; centres of
+/// cells are at whole numbers. NaN if the nearest cell is NaN, so that a hole has the same size for every shift.
 pub(super) fn interpolate(raster: &Grid2, col: f64, row: f64) -> f32 {
     let nearest = raster.get(col.round() as i64, row.round() as i64);
     if nearest.is_nan() {
@@ -106,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn a_window_is_cut_without_touching_the_values() {
+    fn a_window_of_whole_cells_keeps_its_values() {
         let from = grid(436_000.0, 3_357_100.0, 0.5, 40);
         let to = grid(436_002.004, 3_357_098.999, 0.5, 50);
         let (out, how) = onto_grid(&ramp(&from), &from, &to).unwrap();
@@ -128,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hole_costs_one_cell_under_any_shift() {
+    fn a_hole_has_the_same_size_under_any_shift() {
         let from = grid(436_000.0, 3_357_100.0, 0.5, 40);
         let mut raster = ramp(&from);
         raster.data[20 * 40 + 20] = f32::NAN;

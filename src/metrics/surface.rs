@@ -5,7 +5,8 @@ use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, HeightSystem, ImageFile, MapGrid, VerticalReference, Window, read_heights};
 use std::path::{Path, PathBuf};
 
-/// Geoids are smooth: their heights are computed at nodes this many cells apart and interpolated between them.
+/// Distance in cells between the nodes at which undulations are computed; they are smooth and are interpolated between
+/// the nodes.
 const GEOID_STEP: usize = 64;
 
 /// Heights in metres on a map grid, NaN where there is no data.

@@ -1,21 +1,22 @@
-//! Figures of an evaluation: how errors are spread, and profiles through buildings.
+//! Figures of an evaluation: distributions of errors, and height profiles through buildings.
 
 use crate::io::{Chart, Grid2};
 use crate::metrics::{Evaluation, Profile};
 use rayon::prelude::*;
 
-/// Errors beyond this are not drawn, in metres.
+/// Largest absolute error in the figures, metres.
 const LARGEST_M: f64 = 5.0;
-/// Steps of the histogram and the curve, in metres.
+/// Width of the bins of histogram and cumulative curve, metres.
 const STEP_M: f64 = 0.1;
 
-/// Names of the figures in a folder of scores.
+/// File names of the figures in the output folder of an evaluation.
 pub const FIGURES: [&str; 4] =
     ["histogram.svg", "cumulative.svg", "profile_worst.svg", "profile_typical.svg"];
 
-/// The figures of an evaluation by file name; profiles only where classes tell buildings.
+/// The figures of an evaluation: file names and SVG texts. Profiles are included only if the truth has classes with
+/// buildings.
 ///
-/// `errors` is an [`Evaluation::error_map`].
+/// `errors` is the result of [`Evaluation::error_map`], in metres.
 #[must_use]
 pub fn figures(evaluation: &Evaluation, errors: &Grid2) -> Vec<(&'static str, String)> {
     let mut charts = vec![(FIGURES[0], histogram(errors)), (FIGURES[1], cumulative(errors))];
@@ -26,7 +27,7 @@ pub fn figures(evaluation: &Evaluation, errors: &Grid2) -> Vec<(&'static str, St
     charts.into_iter().filter_map(|(name, chart)| Some((name, chart.svg()?))).collect()
 }
 
-/// How many errors lie in each of so many bins, and how many errors there are.
+/// Number of errors in each of `bins` bins, and the total number of errors; `bin` gives the bin of an error.
 fn counted(errors: &Grid2, bins: usize, bin: impl Fn(f64) -> f64 + Sync) -> (Vec<u64>, u64) {
     let none = || (vec![0; bins], 0);
     let count = |(mut counts, mut n): (Vec<u64>, u64), row: &[f32]| {
@@ -46,7 +47,7 @@ fn counted(errors: &Grid2, bins: usize, bin: impl Fn(f64) -> f64 + Sync) -> (Vec
     errors.data.par_chunks(errors.width).fold(none, count).reduce(none, both)
 }
 
-/// Share of the cells in every step of error.
+/// Percentage of the cells in each bin of errors.
 fn histogram(errors: &Grid2) -> Chart {
     let bins = (2.0 * LARGEST_M / STEP_M).round() as usize;
     let (counts, n) = counted(errors, bins, |e| ((e + LARGEST_M) / STEP_M).floor());
@@ -54,14 +55,14 @@ fn histogram(errors: &Grid2) -> Chart {
     let shares: Vec<f64> = counts.into_iter().map(share).collect();
     let points = Chart::bars(&shares, -LARGEST_M, STEP_M);
     Chart {
-        title: "Errors after xyz".into(),
+        title: "Height errors after registration xyz".into(),
         x: "predicted minus true height, m".into(),
-        y: format!("% of cells a {STEP_M} m"),
+        y: format!("% of cells per {STEP_M} m"),
         lines: vec![("cells".into(), points)],
     }
 }
 
-/// Share of the cells whose error is at most so large.
+/// Percentage of the cells whose absolute error is at most a given one.
 fn cumulative(errors: &Grid2) -> Chart {
     let bins = (LARGEST_M / STEP_M).round() as usize;
     let (counts, n) = counted(errors, bins + 1, |e| (e.abs() / STEP_M).ceil());
@@ -71,8 +72,8 @@ fn cumulative(errors: &Grid2) -> Chart {
         (i as f64 * STEP_M, 100.0 * sum as f64 / n.max(1) as f64)
     });
     Chart {
-        title: "Cells within an error".into(),
-        x: "error at most, m".into(),
+        title: "Cumulative distribution of absolute errors".into(),
+        x: "absolute error, m".into(),
         y: "% of cells".into(),
         lines: vec![("cells".into(), points.collect())],
     }
@@ -95,13 +96,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_curves_count_every_cell_once() {
+    fn the_distributions_count_every_cell_once() {
         let errors = Grid2 { width: 5, height: 1, data: vec![0.25, -0.25, 4.95, 99.0, f32::NAN] };
         let points = &cumulative(&errors).lines[0].1;
         let at = |x: f64| points.iter().find(|p| (p.0 - x).abs() < 1e-9).unwrap().1;
         assert_eq!((at(0.2), at(0.3), at(5.0)), (0.0, 50.0, 75.0));
         let shares: f64 = histogram(&errors).lines[0].1.iter().map(|p| p.1).sum();
-        // Every step has two corners.
+        // Every bin has two corners in the outline.
         assert!((shares - 2.0 * 75.0).abs() < 1e-9, "{shares}");
     }
 }

@@ -1,6 +1,7 @@
-//! One self-contained page for a whole run: inputs, residuals, curves, surface, scores, commands.
+//! Report of a run as one self-contained HTML page: inputs, residuals, training curves, surface, scores, commands.
 //!
-//! It is made of what lies in the run's folder; a stage that is not there yet is said to be missing.
+//! The page is made from the files in the run's folder. A section whose stage has not run yet names the command that runs
+//! it.
 
 mod figures;
 mod pictures;
@@ -14,13 +15,13 @@ use crate::io::{RasterError, ReadError, WriteError, escape_xml, write_file};
 use crate::run_files::{PAGE, SCENE};
 use std::path::{Path, PathBuf};
 
-/// Why a report could not be made.
+/// Why a report could not be written.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// The folder holds no run.
+    /// The folder is not that of a run.
     #[error("`{run}` holds no run: `{run}/{SCENE}` does not exist")]
-    #[diagnostic(help("`satgs run SCENE -o RUN` makes one"))]
+    #[diagnostic(help("`satgs run SCENE -o RUN` creates a run"))]
     NoRun {
         /// The folder.
         run: PathBuf,
@@ -39,10 +40,10 @@ pub enum ReportError {
     Write(#[from] WriteError),
 }
 
-/// Writes `report.html` into a run's folder and returns its path.
+/// Writes `report.html` to the folder of a run and returns its path.
 ///
 /// # Errors
-/// [`ReportError`].
+/// [`ReportError`] if the folder holds no run, a file of the run is damaged, or the page cannot be written.
 pub fn write(run: &Path) -> Result<PathBuf, ReportError> {
     if !run.join(SCENE).exists() {
         return Err(ReportError::NoRun { run: run.into() });

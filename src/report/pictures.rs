@@ -1,13 +1,13 @@
-//! Pictures inside of the page.
+//! Images that are embedded in the page.
 
 use crate::io::{Grid2, ImageFile, MapGrid, RasterError, Window, escape_xml, png_rgb};
 use base64::prelude::{BASE64_STANDARD, Engine};
 use std::path::Path;
 
-/// No side of a picture is longer, in pixels.
+/// Longest side of an image of a map, pixels.
 const LARGEST_SIDE: usize = 900;
 
-/// An `<img>` that holds its picture; three bytes a pixel.
+/// An `<img>` element with an embedded PNG; `rgb` holds three bytes per pixel.
 pub(super) fn img(
     width: usize,
     height: usize,
@@ -23,20 +23,20 @@ pub(super) fn img(
     ))
 }
 
-/// Colours in [0, 1] as bytes, from one band or three; NaN is black.
+/// RGB bytes of colours in [0, 1], from one band or three; NaN becomes black.
 pub(super) fn rgb_of(bands: &[Grid2]) -> Vec<u8> {
     let band = |i: usize| &bands[i.min(bands.len() - 1)].data;
     let byte = |v: f32| (255.0 * v).round() as u8;
     (0..band(0).len()).flat_map(|i| [byte(band(0)[i]), byte(band(1)[i]), byte(band(2)[i])]).collect()
 }
 
-/// A map's bands, no larger than the page needs, and their grid.
+/// The bands of a map, downsampled to the size that the page needs, and their grid.
 pub(super) fn map(path: &Path) -> Result<(Vec<Grid2>, MapGrid), RasterError> {
     let file = ImageFile::open(path)?;
     let grid = file.map_grid()?;
     let step = grid.width.max(grid.height).div_ceil(LARGEST_SIDE);
     let (width, height) = ((grid.width / step).max(1), (grid.height / step).max(1));
-    // Whole steps only, so that cells stay square.
+    // The factor is a whole number, so that cells stay square.
     let window = Window {
         col: 0,
         row: 0,

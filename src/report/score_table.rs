@@ -1,20 +1,21 @@
-//! The tables of an evaluation, for the page and for the terminal alike.
+//! Tables of an evaluation, for the HTML page and for the terminal.
 
 use serde_json::Value;
 
-/// A table: what it is called, the headings of its columns, its rows.
+/// A table of texts.
 pub struct ScoreTable {
-    /// Name.
+    /// Name of the table.
     pub name: &'static str,
-    /// Headings.
+    /// Headings of the columns.
     pub head: &'static [&'static str],
-    /// Cells, as many a row as there are headings.
+    /// Cells by row; each row has as many cells as there are headings.
     pub rows: Vec<Vec<String>>,
 }
 
-/// The registrations, and the scores after each; after the last also those of parts of the land.
+/// Two tables: the registrations, and the scores after each of them; after the last one also the scores of parts of
+/// the land.
 ///
-/// `evaluation` is what `metrics.json` holds.
+/// `evaluation` is the content of `metrics.json`.
 #[must_use]
 pub fn score_tables(evaluation: &Value) -> [ScoreTable; 2] {
     let array = |v: &Value| v.as_array().cloned().unwrap_or_default();
@@ -44,7 +45,7 @@ pub fn score_tables(evaluation: &Value) -> [ScoreTable; 2] {
     ]
 }
 
-/// What the columns of scores mean.
+/// Explanation of the columns of the table of scores.
 pub const SCORE_NOTE: &str = "filled: MAE with holes filled by the nearest cell; median: of |error|; <: % of cells; \
                               complete: predicted cells / cells of land; parts of the land: after xyz";
 
@@ -59,7 +60,7 @@ fn score_row(name: String, scores: &Value) -> Vec<String> {
         .collect()
 }
 
-/// A number; of nothing, as where no cell is predicted, a dash.
+/// A number as text; a dash if there is none, for example because no cell is predicted.
 fn number(value: &Value, digits: usize) -> String {
     value.as_f64().map_or_else(|| "–".into(), |n| format!("{n:.digits$}"))
 }

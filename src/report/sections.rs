@@ -1,4 +1,4 @@
-//! The sections of the page, each from the files of one stage.
+//! The sections of the page; each is made from the files of one stage.
 
 use super::figures::FIGURES;
 use super::pictures::{img, map, rgb_of};
@@ -16,14 +16,14 @@ use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Sides of a thumbnail are at most this long, in pixels.
+/// Longest side of a thumbnail, pixels.
 const THUMBNAIL: usize = 240;
-/// Points of a curve; more are averaged.
+/// Largest number of points of a curve; more are averaged in groups.
 const CURVE_POINTS: usize = 240;
-/// Stages that leave a record.
+/// Stages that write a record of their command and inputs.
 const STAGES: [&str; 3] = [ADJUSTMENT, "train", "dsm"];
 
-/// The views: pictures, angles, sky.
+/// The views: thumbnails, table of angles, sky plot.
 pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
     let Some(scene) = read_if_present::<Scene>(&run.join(SCENE))? else {
         return Ok(missing("ba SCENE -o RUN"));
@@ -37,7 +37,7 @@ pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
     out.push_str("<div class=\"thumbnails\">\n");
     for view in &scene.views {
         let name = escape_xml(&view.name);
-        // Images may have been moved since.
+        // The images may have been moved since the run.
         let picture = match view.thumbnail(THUMBNAIL) {
             Ok(colors) => {
                 let (w, h) = (colors[0].width, colors[0].height);
@@ -69,7 +69,7 @@ pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
             "<figure>{}<figcaption>Left: footprints of the views (blue) and the area of interest (green), north up. Right: \
              the sky above the scene, with the zenith in the middle and a ring every 30°; satellites are blue, hollow for test \
              views, suns are orange.</figcaption></figure>",
-            drawing.svg("footprints of the views on the ground, and satellites and suns in the sky")
+            drawing.svg("footprints of the views, and sky plot of satellites and suns")
         );
     }
     Ok(out)
@@ -131,8 +131,8 @@ pub(super) fn training(run: &Path) -> Result<String, ReportError> {
         lines: lines.iter().map(|(name, column)| ((*name).to_owned(), curve(column))).collect(),
     };
     let charts = [
-        chart("Difference from the images", "loss, mean |colour|", &[("loss", "loss"), ("L1", "l1")]),
-        chart("Likeness to the images", "SSIM", &[("SSIM", "ssim")]),
+        chart("Loss", "loss, mean absolute colour difference", &[("loss", "loss"), ("L1", "l1")]),
+        chart("Structural similarity", "SSIM", &[("SSIM", "ssim")]),
         chart("Splats", "number", &[("splats", "splats")]),
     ];
     let (seconds, splats) = (numbers("seconds"), numbers("splats"));
@@ -180,7 +180,7 @@ pub(super) fn surface(run: &Path) -> Result<String, ReportError> {
     Ok(out)
 }
 
-/// The verdict: error map beside the surface, tables, figures.
+/// Scores: error map over the surface, tables, figures.
 pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
     let folder = run.join(EVALUATION);
     let Some(scores) = read_if_present::<Value>(&folder.join(METRICS))? else {
@@ -205,7 +205,7 @@ pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
     Ok(out)
 }
 
-/// What every stage was made by and from.
+/// Version, command and inputs of every stage.
 pub(super) fn commands(run: &Path) -> Result<String, ReportError> {
     let mut out = String::new();
     for stage in STAGES {
@@ -215,10 +215,10 @@ pub(super) fn commands(run: &Path) -> Result<String, ReportError> {
         let rows = made_from.map(|(k, v)| vec![k.clone(), v.as_str().unwrap_or_default().to_owned()]);
         let _ = writeln!(
             out,
-            "<h3>{stage}</h3>\n<p>satgs {}: <code>{}</code></p>\n<details><summary>Made from</summary>\n{}</details>",
+            "<h3>{stage}</h3>\n<p>satgs {}: <code>{}</code></p>\n<details><summary>Inputs and options</summary>\n{}</details>",
             text("satgs"),
             text("command"),
-            table(&format!("What {stage} was made from"), &["input or option", "value or hash"], rows)
+            table(&format!("Inputs and options of {stage}"), &["input or option", "value or hash"], rows)
         );
     }
     Ok(out)
@@ -226,16 +226,22 @@ pub(super) fn commands(run: &Path) -> Result<String, ReportError> {
 
 fn slider(surface: &Grid2, errors: &Grid2, grid: &MapGrid) -> Result<String, ReportError> {
     let picture = error_picture(errors);
-    let alt = "Errors after xyz: red where the prediction is too high, blue where it is too low";
+    let alt = "Height errors after registration xyz: red where the prediction is too high, blue where it is too low";
     let scale = error_picture(&Grid2::from_fn(61, 2, |col, _| 0.1 * (col as f32 - 30.0)));
     Ok(format!(
         "<figure class=\"compare\" style=\"--at:50%\">\n<div class=\"pair\">{}{}<span class=\"edge\"></span></div>\n\
-         <input type=\"range\" min=\"0\" max=\"100\" value=\"50\" aria-label=\"Where the surface ends and the error map \
-         begins\">\n<div class=\"scale\"><span>-3 m</span>{}<span>+3 m</span></div>\n<figcaption>Left the surface, right \
-         its errors; grey is not scored.</figcaption>\n</figure>\n",
+         <input type=\"range\" min=\"0\" max=\"100\" value=\"50\" aria-label=\"Position of the border between surface and error \
+         map\">\n<div class=\"scale\"><span>-3 m</span>{}<span>+3 m</span></div>\n<figcaption>Left: hillshade of \
+         the surface; right: its errors; grey cells are not scored.</figcaption>\n</figure>\n",
         shaded(surface, grid, "Hillshade of the surface model on the truth's grid")?,
         img(picture.width, picture.height, &picture.data, alt, "over")?,
-        img(scale.width, scale.height, &scale.data, "Colours of errors from -3 m, blue, to +3 m, red", "")?
+        img(
+            scale.width,
+            scale.height,
+            &scale.data,
+            "Colour scale of errors from -3 m, blue, to +3 m, red",
+            ""
+        )?
     ))
 }
 
@@ -267,7 +273,7 @@ fn degrees(angle: f64) -> String {
 }
 
 fn missing(command: &str) -> String {
-    format!("<p class=\"note\">Not there yet: <code>satgs {command}</code> makes it.</p>\n")
+    format!("<p class=\"note\">Not available yet: <code>satgs {command}</code> computes it.</p>\n")
 }
 
 /// A JSON file of the run; none if the file does not exist.

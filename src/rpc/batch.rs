@@ -1,52 +1,53 @@
-//! Many points at once, in vector registers: projection, and localisation without a start from the caller.
+//! Projection and localisation of many points at once with SIMD instructions.
 //!
-//! Localisation guesses the ground with cubic polynomials of column, row and height, fitted to the batch's own box,
-//! then takes steps with one fixed Jacobian until the exact model sees every pixel to 1e-8 px. Points for which that
-//! does not do are localised one by one, by Newton's method.
+//! Localisation starts from cubic polynomials that approximate the ground position as a function of column, row and
+//! height over the bounding box of the batch. Steps with one fixed Jacobian follow until the exact model projects every
+//! point to within 1e-8 px of its pixel. Points that do not converge are localised one by one by Newton's method.
 
 use super::Rpc;
-use super::kernel::{Guess, Localize, Numbers, Project};
+use super::kernel::{KernelModel, Localize, Project, StartPolynomials};
 use super::model::{TERMS, monomials};
 use crate::frame::{Pixel, Point, half_turn};
 use nalgebra::{DMatrix, Matrix2};
 
-/// Nodes of the guess along each axis of the batch's box; one more than a cubic needs.
+/// Nodes along each axis of the batch's bounding box to which the initial polynomials are fitted; one more than a cubic
+/// needs.
 const NODES: usize = 5;
-/// Below this number of points the fit of a guess costs more than it saves.
-const WORTH_A_GUESS: usize = 1000;
+/// Below this number of points, fitting the initial polynomials takes longer than it saves.
+const SMALLEST_FITTED_BATCH: usize = 1000;
 
-/// Ground points as three columns of one length.
+/// Ground points as three arrays of the same length.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GroundBatch {
-    /// Longitudes, degrees, between -360 and 360.
+    /// WGS 84 longitudes, degrees, between -360 and 360.
     pub lon_deg: Vec<f64>,
-    /// Latitudes, degrees.
+    /// WGS 84 latitudes, degrees.
     pub lat_deg: Vec<f64>,
-    /// Heights above the ellipsoid, metres.
+    /// Heights above the WGS 84 ellipsoid, metres.
     pub height_m: Vec<f64>,
 }
 
-/// Image positions as two columns of one length; (0, 0) is the centre of the first pixel.
+/// Image positions as two arrays of the same length; (0, 0) is the centre of the first pixel.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PixelBatch {
-    /// Columns.
+    /// Columns, pixels.
     pub col: Vec<f64>,
-    /// Rows.
+    /// Rows, pixels.
     pub row: Vec<f64>,
 }
 
 impl Rpc {
-    /// Image positions of ground points, written to `out`.
+    /// Projects ground points; writes their image positions to `out`, which is resized.
     ///
     /// # Panics
-    /// When the columns of `ground` differ in length.
+    /// Panics if the arrays of `ground` differ in length.
     pub fn project_batch(&self, ground: &GroundBatch, out: &mut PixelBatch) {
         let n = ground.lon_deg.len();
-        assert!(ground.lat_deg.len() == n && ground.height_m.len() == n, "columns of one length");
+        assert!(ground.lat_deg.len() == n && ground.height_m.len() == n, "arrays of the same length");
         out.col.resize(n, 0.0);
         out.row.resize(n, 0.0);
         pulp::Arch::new().dispatch(Project {
-            model: &self.numbers(half_turn(self.center().lon_deg())),
+            model: &self.kernel_model(half_turn(self.center().lon_deg())),
             lon: &ground.lon_deg,
             lat: &ground.lat_deg,
             height: &ground.height_m,
@@ -55,25 +56,28 @@ impl Rpc {
         });
     }
 
-    /// Ground points seen at image positions and heights, written to `out`: each projects to within 1e-8 px of its
-    /// position, or to within 1e-6 px where rounding allows no better. What no ground point projects to becomes NaN.
+    /// Localises image positions at given ellipsoidal heights in metres; writes the ground points to `out`, which is
+    /// resized.
+    ///
+    /// Each ground point projects to within 1e-8 px of its image position, or to within 1e-6 px where rounding allows
+    /// no better. Image positions to which no ground point projects give NaN.
     ///
     /// # Panics
-    /// When the columns differ in length.
+    /// Panics if the arrays differ in length.
     pub fn localize_batch(&self, pixels: &PixelBatch, height_m: &[f64], out: &mut GroundBatch) {
         let n = height_m.len();
-        assert!(pixels.col.len() == n && pixels.row.len() == n, "columns of one length");
+        assert!(pixels.col.len() == n && pixels.row.len() == n, "arrays of the same length");
         out.lon_deg.clear();
         out.lon_deg.resize(n, f64::NAN);
         out.lat_deg.clear();
         out.lat_deg.resize(n, f64::NAN);
         out.height_m.clear();
         out.height_m.extend_from_slice(height_m);
-        let guess = (n >= WORTH_A_GUESS).then(|| self.guess(pixels, height_m)).flatten();
-        if let Some(guess) = guess {
+        let start = (n >= SMALLEST_FITTED_BATCH).then(|| self.start_polynomials(pixels, height_m)).flatten();
+        if let Some(start) = start {
             pulp::Arch::new().dispatch(Localize {
-                model: &self.numbers(self.center().lon_deg()),
-                guess: &guess,
+                model: &self.kernel_model(self.center().lon_deg()),
+                start: &start,
                 col: &pixels.col,
                 row: &pixels.row,
                 height: height_m,
@@ -90,10 +94,10 @@ impl Rpc {
         }
     }
 
-    /// The model with its middle at this longitude, its own or turns away from it.
-    fn numbers(&self, lon: f64) -> Numbers {
+    /// The coefficients with the longitude offset replaced by `lon`, which differs from it by whole turns.
+    fn kernel_model(&self, lon: f64) -> KernelModel {
         let c = self.coefficients();
-        Numbers {
+        KernelModel {
             terms: [c.col_num, c.col_den, c.row_num, c.row_den],
             ground_offset: [lon, c.lat.offset, c.height.offset],
             ground_scale: [c.lon.scale, c.lat.scale, c.height.scale],
@@ -102,9 +106,9 @@ impl Rpc {
         }
     }
 
-    /// Polynomials from pixel and height to ground over the box of the points; none where the model does not see all
-    /// of that box.
-    fn guess(&self, pixels: &PixelBatch, height_m: &[f64]) -> Option<Guess> {
+    /// Polynomials from pixel and height to ground, fitted over the bounding box of the points; `None` where some node of
+    /// that box cannot be localised.
+    fn start_polynomials(&self, pixels: &PixelBatch, height_m: &[f64]) -> Option<StartPolynomials> {
         let boxes = [&pixels.col[..], &pixels.row[..], height_m].map(|values| {
             let low = values.iter().copied().fold(f64::INFINITY, f64::min);
             let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -114,7 +118,7 @@ impl Rpc {
             return None;
         }
         let offset = boxes.map(|(low, high)| 0.5 * (low + high));
-        // A box without extent still needs a slope: a pixel, a metre.
+        // A bounding box without extent is widened to one pixel or one metre, so that the fit has a slope.
         let scale = boxes.map(|(low, high)| (0.5 * (high - low)).max(1.0));
         let c = self.coefficients();
         let chebyshev = |i: usize| (std::f64::consts::PI * (i as f64 + 0.5) / NODES as f64).cos();
@@ -143,7 +147,7 @@ impl Rpc {
         let (_, [[a, b, _], [d, e, _]]) = self.project_with_jacobian(middle);
         let (x, y) = (c.lon.scale, c.lat.scale);
         let inverse = Matrix2::new(a * x, b * y, d * x, e * y).try_inverse()?;
-        Some(Guess {
+        Some(StartPolynomials {
             terms: [column(0), column(1)],
             offset,
             scale,
@@ -157,7 +161,7 @@ mod tests {
     use super::*;
     use crate::rpc::test_camera;
 
-    /// Pixels all over an image larger than the model's, heights over twice its range.
+    /// Pixels spread over an image larger than the model's volume, and heights over twice its height range.
     fn spread(n: usize) -> (PixelBatch, Vec<f64>) {
         let place = |i: usize, step: f64| (i as f64 * step).fract();
         let col = (0..n).map(|i| 1200.0 * place(i, 0.618_034) - 100.0).collect();
@@ -167,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_batch_is_projected_as_its_points_are() {
+    fn batch_projection_agrees_with_single_points() {
         let rpc = test_camera();
         for n in [0, 1, 3, 4, 7, 500] {
             let place = |i: usize, step: f64| (i as f64 * step).fract() - 0.5;
@@ -187,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn every_point_of_a_batch_is_localised_to_a_hundred_millionth_of_a_pixel() {
+    fn batch_localisation_is_exact_to_1e_8_px() {
         let rpc = test_camera();
         for n in [3, 2003] {
             let (pixels, height) = spread(n);
@@ -202,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_that_is_nowhere_does_not_spoil_its_batch() {
+    fn a_point_without_ground_is_nan_and_leaves_its_batch_unchanged() {
         let rpc = test_camera();
         let (mut pixels, mut height) = spread(2003);
         pixels.col[5] = f64::NAN;
@@ -215,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn the_antimeridian_is_no_border_for_a_batch() {
+    fn a_batch_may_cross_the_antimeridian() {
         let mut c = test_camera().coefficients().clone();
         c.lon.offset = 179.999;
         let rpc = Rpc::new(c).unwrap();

@@ -1,26 +1,27 @@
-//! How far two cameras of one image differ.
+//! Comparison of two RPCs of the same image.
 
 use super::{Axis, GroundBatch, PixelBatch, Rpc};
 
 /// Nodes along columns, rows and heights at which cameras are compared.
 const NODES: usize = 21;
 
-/// Distances in the image between where two cameras see the same ground, pixels.
+/// Differences between the projections of the same ground points by two cameras, pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct Difference {
-    /// Root of the mean squared distance.
+    /// Root mean square of the distances.
     pub rms_px: f64,
     /// Largest distance.
     pub max_px: f64,
-    /// Mean of the second camera's column and row minus the first's.
+    /// Mean of (column, row) of the second camera minus that of the first.
     pub mean_px: [f64; 2],
-    /// Places compared.
+    /// Number of compared points.
     pub places: usize,
 }
 
 impl Rpc {
-    /// The difference of another camera over the image and heights that this one is made for; none where this one sees
-    /// no ground in its own volume, or the other none of that.
+    /// The difference of `other` from this camera over this camera's validity volume.
+    ///
+    /// `None` if this camera cannot localise any pixel of its volume, or `other` projects none of the ground points.
     #[must_use]
     pub fn difference(&self, other: &Self) -> Option<Difference> {
         let (own, ground) = self.volume();
@@ -42,7 +43,7 @@ impl Rpc {
         (places > 0).then(|| Difference { rms_px, max_px, mean_px: sums.map(|s| s / n), places })
     }
 
-    /// Pixels over the image and heights, and the ground seen there.
+    /// A grid of pixels and heights over the validity volume, and their ground points.
     fn volume(&self) -> (PixelBatch, GroundBatch) {
         let c = self.coefficients();
         let node = |i: usize| 2.0 * (i % NODES) as f64 / (NODES - 1) as f64 - 1.0;
@@ -61,7 +62,7 @@ mod tests {
     use crate::rpc::test_camera;
 
     #[test]
-    fn a_shifted_camera_differs_by_its_shift() {
+    fn the_difference_of_a_shifted_camera_is_the_shift() {
         let d = test_camera().difference(&test_camera().shifted(3.0, -4.0)).unwrap();
         assert!((d.rms_px - 5.0).abs() < 1e-6 && (d.max_px - 5.0).abs() < 1e-6, "{d:?}");
         assert!((d.mean_px[0] - 3.0).abs() < 1e-6 && (d.mean_px[1] + 4.0).abs() < 1e-6, "{d:?}");

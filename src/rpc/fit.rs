@@ -1,41 +1,43 @@
-//! An RPC fitted to any camera by least squares: what vendors do with their rigorous models.
+//! Fit of an RPC to any camera by linear least squares, as vendors fit RPCs to their rigorous sensor models.
 //!
-//! Per axis the weighted linear problem `min Σ w² (num - t den)²`, den's constant 1, is solved by QR with a small
-//! ridge stacked below, and repeated with `w = 1 / den` until the weights stand still.
+//! For each image axis, the weighted linear problem `min Σ w² (num - t den)²`, in which the constant of `den` is 1, is
+//! solved by QR decomposition with ridge regularisation. It is solved repeatedly with `w = 1 / den` of the previous
+//! solution. Reference: Tao and Hu (2001), "A comprehensive study of the rational function model", iterative solution.
 
 use super::model::{TERMS, monomials};
 use super::{Axis, Rpc, RpcCoefficients, RpcError};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use nalgebra::{DMatrix, DVector};
 
-/// Free coefficients per axis: 20 above, 19 below the line.
+/// Free coefficients per image axis: 20 of the numerator, 19 of the denominator.
 const UNKNOWNS: usize = 2 * TERMS - 1;
-/// Weight of the pull towards zero; keeps the nearly dependent terms small at no cost in precision.
+/// Ridge weight. It keeps the coefficients of nearly dependent terms small and costs no precision.
 const RIDGE: f64 = 1e-6;
 /// Nodes along each axis of the ground volume.
 const NODES: usize = 12;
-/// Rounds of reweighting; the denominators differ from 1 by so little that two would do.
+/// Number of reweighted solutions. The denominators are so near to 1 that two would suffice.
 const ROUNDS: usize = 3;
 
-/// The ground volume and image for which a model is fitted.
+/// The ground volume and the image over which an RPC is fitted; their offsets and scales become those of the RPC.
 #[derive(Clone, Copy, Debug)]
 pub struct Volume {
-    /// Longitude, degrees.
+    /// WGS 84 longitude, degrees.
     pub lon: Axis,
-    /// Latitude, degrees.
+    /// WGS 84 latitude, degrees.
     pub lat: Axis,
-    /// Ellipsoidal height, metres.
+    /// Height above the WGS 84 ellipsoid, metres.
     pub height: Axis,
-    /// Column, pixels.
+    /// Column, pixels; 0 is the centre of the first pixel.
     pub col: Axis,
-    /// Row, pixels.
+    /// Row, pixels; 0 is the centre of the first pixel.
     pub row: Axis,
 }
 
-/// The RPC nearest to `camera` over a volume; it agrees with another RPC there to 1e-6 px.
+/// Fits an RPC to `camera`, a projection from ground to image, over a volume. A fit to another RPC agrees with it to
+/// 1e-6 px.
 ///
 /// # Errors
-/// [`RpcError`] when no model without poles is found.
+/// [`RpcError`] if the fitted model is not a valid RPC, for example because a denominator changes sign.
 pub fn fit(volume: &Volume, camera: impl Fn(Point<Geodetic>) -> Pixel<CenterPx>) -> Result<Rpc, RpcError> {
     let chebyshev = |i: usize| (std::f64::consts::PI * (i as f64 + 0.5) / NODES as f64).cos();
     let mut terms = Vec::with_capacity(NODES * NODES * NODES);
@@ -65,7 +67,7 @@ pub fn fit(volume: &Volume, camera: impl Fn(Point<Geodetic>) -> Pixel<CenterPx>)
 }
 
 impl Volume {
-    /// The ground point of normalised coordinates (longitude, latitude, height).
+    /// The ground point of normalised coordinates (longitude, latitude, height) in [-1, 1].
     #[must_use]
     pub fn ground(&self, [l, p, h]: [f64; 3]) -> Point<Geodetic> {
         Point::new(
@@ -113,7 +115,7 @@ mod tests {
     use crate::rpc::test_camera;
 
     #[test]
-    fn a_refit_over_half_the_heights_is_the_same_camera_there() {
+    fn a_fit_to_an_rpc_agrees_with_it_to_1e_6_px() {
         let rpc = test_camera();
         let c = rpc.coefficients();
         let height = Axis { offset: c.height.offset + 20.0, scale: 0.5 * c.height.scale };

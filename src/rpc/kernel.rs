@@ -1,17 +1,17 @@
-//! The RPC model for several points an instruction: f64 in vector registers, chosen at run time.
+//! SIMD kernels of the RPC model in f64. The instruction set is chosen at run time.
 
 use super::model::TERMS;
 use pulp::{Simd, WithSimd};
 
-/// Residual at which a point counts as found, pixels.
+/// Residual below which a localisation has converged, pixels.
 const TOLERANCE_PX: f64 = 0.5e-8;
-/// Steps with one and the same Jacobian; where that does not do, Newton's method follows.
+/// Number of steps with the fixed Jacobian; Newton's method continues with points that have not converged by then.
 const MAX_STEPS: usize = 6;
 
-/// A model as the kernels want it.
+/// Coefficients of an RPC in the layout of the kernels.
 #[derive(Clone, Copy)]
-pub(super) struct Numbers {
-    /// Column's numerator and denominator, row's; terms in RPC00B's order.
+pub(super) struct KernelModel {
+    /// Numerator and denominator of the column, then of the row; terms in the order of RPC00B.
     pub(super) terms: [[f64; TERMS]; 4],
     /// Offsets of longitude, latitude, height.
     pub(super) ground_offset: [f64; 3],
@@ -23,22 +23,23 @@ pub(super) struct Numbers {
     pub(super) image_scale: [f64; 2],
 }
 
-/// Cubic polynomials that guess the ground from (column, row, height), each normalised to [-1, 1].
+/// Cubic polynomials that approximate the ground position as a function of (column, row, height), each normalised to
+/// [-1, 1]. They give the starting points of localisation.
 #[derive(Clone, Copy)]
-pub(super) struct Guess {
-    /// Normalised longitude's and latitude's terms.
+pub(super) struct StartPolynomials {
+    /// Coefficients of normalised longitude and of normalised latitude.
     pub(super) terms: [[f64; TERMS]; 2],
-    /// Middles of column, row, height.
+    /// Centres of the ranges of column, row and height.
     pub(super) offset: [f64; 3],
-    /// Half their ranges.
+    /// Half widths of these ranges.
     pub(super) scale: [f64; 3],
-    /// Normalised (longitude, latitude) a pixel of (column, row), at the middle.
+    /// Inverse Jacobian at the centre: derivatives of normalised (longitude, latitude) by (column, row), per pixel.
     pub(super) inverse: [[f64; 2]; 2],
 }
 
-/// Projects; all slices are of one length.
+/// Projects points; all slices have the same length.
 pub(super) struct Project<'a> {
-    pub(super) model: &'a Numbers,
+    pub(super) model: &'a KernelModel,
     pub(super) lon: &'a [f64],
     pub(super) lat: &'a [f64],
     pub(super) height: &'a [f64],
@@ -46,10 +47,10 @@ pub(super) struct Project<'a> {
     pub(super) row: &'a mut [f64],
 }
 
-/// Localises; all slices are of one length. What is not found becomes NaN.
+/// Localises points; all slices have the same length. Points that do not converge become NaN.
 pub(super) struct Localize<'a> {
-    pub(super) model: &'a Numbers,
-    pub(super) guess: &'a Guess,
+    pub(super) model: &'a KernelModel,
+    pub(super) start: &'a StartPolynomials,
     pub(super) col: &'a [f64],
     pub(super) row: &'a [f64],
     pub(super) height: &'a [f64],
@@ -57,12 +58,12 @@ pub(super) struct Localize<'a> {
     pub(super) lat: &'a mut [f64],
 }
 
-/// A polynomial's terms in every lane.
+/// The coefficients of a polynomial, each broadcast to all SIMD lanes.
 type Terms<S> = [<S as Simd>::f64s; TERMS];
 
 #[inline(always)]
 fn splat_terms<S: Simd>(simd: S, terms: &[f64; TERMS]) -> Terms<S> {
-    // An index loop: a closure would not be compiled for the wide registers.
+    // This is a loop over indices because a closure would not be compiled for the wide instruction set.
     let mut out = [simd.splat_f64s(0.0); TERMS];
     for k in 0..TERMS {
         out[k] = simd.splat_f64s(terms[k]);
@@ -70,7 +71,7 @@ fn splat_terms<S: Simd>(simd: S, terms: &[f64; TERMS]) -> Terms<S> {
     out
 }
 
-/// A cubic by Horner's scheme in each variable: nineteen multiply-adds.
+/// A cubic polynomial by Horner's scheme in each variable, with nineteen multiply-adds.
 #[inline(always)]
 fn cubic<S: Simd>(s: S, c: &Terms<S>, l: S::f64s, p: S::f64s, h: S::f64s) -> S::f64s {
     let of_h = s.mul_add_e_f64s(h, s.mul_add_e_f64s(h, s.mul_add_e_f64s(h, c[19], c[9]), c[3]), c[0]);
@@ -84,7 +85,7 @@ fn cubic<S: Simd>(s: S, c: &Terms<S>, l: S::f64s, p: S::f64s, h: S::f64s) -> S::
     s.mul_add_e_f64s(l, of_l, s.mul_add_e_f64s(p, of_p, of_h))
 }
 
-/// A model in every lane.
+/// The coefficients of an RPC, broadcast to all SIMD lanes.
 struct Model<S: Simd> {
     terms: [Terms<S>; 4],
     image_offset: [S::f64s; 2],
@@ -93,7 +94,7 @@ struct Model<S: Simd> {
 
 impl<S: Simd> Model<S> {
     #[inline(always)]
-    fn new(simd: S, m: &Numbers) -> Self {
+    fn new(simd: S, m: &KernelModel) -> Self {
         Self {
             terms: [
                 splat_terms(simd, &m.terms[0]),
@@ -113,7 +114,7 @@ impl<S: Simd> Model<S> {
         let col_den = cubic(s, &self.terms[1], l, p, h);
         let row_num = cubic(s, &self.terms[2], l, p, h);
         let row_den = cubic(s, &self.terms[3], l, p, h);
-        // One division for both.
+        // One division serves both axes.
         let both = s.div_f64s(s.splat_f64s(1.0), s.mul_f64s(col_den, row_den));
         let col = s.mul_f64s(col_num, s.mul_f64s(row_den, both));
         let row = s.mul_f64s(row_num, s.mul_f64s(col_den, both));
@@ -124,7 +125,8 @@ impl<S: Simd> Model<S> {
     }
 }
 
-/// What projects one register of points. Methods, not closures: those would not be compiled for the wide registers.
+/// Projects one register of points at a time. These are methods because closures would not be compiled for the wide
+/// instruction set.
 struct Projection<S: Simd> {
     model: Model<S>,
     offset: [S::f64s; 3],
@@ -133,7 +135,7 @@ struct Projection<S: Simd> {
 
 impl<S: Simd> Projection<S> {
     #[inline(always)]
-    fn new(s: S, m: &Numbers) -> Self {
+    fn new(s: S, m: &KernelModel) -> Self {
         let o = m.ground_offset;
         let i = m.ground_scale;
         Self {
@@ -146,7 +148,7 @@ impl<S: Simd> Projection<S> {
     #[inline(always)]
     fn at(&self, s: S, lon: S::f64s, lat: S::f64s, height: S::f64s) -> [S::f64s; 2] {
         let l = s.sub_f64s(lon, self.offset[0]);
-        // Longitudes on either side of the antimeridian are neighbours.
+        // Longitude differences are wrapped at the antimeridian.
         let (half, turn) = (s.splat_f64s(180.0), s.splat_f64s(360.0));
         let l = s.select_f64s(s.greater_than_f64s(l, half), s.sub_f64s(l, turn), l);
         let l = s.select_f64s(s.less_than_f64s(l, s.neg_f64s(half)), s.add_f64s(l, turn), l);
@@ -178,14 +180,14 @@ impl WithSimd for Project<'_> {
     }
 }
 
-/// What localises one register of points.
+/// Localises one register of points at a time.
 struct Localization<S: Simd> {
     model: Model<S>,
-    guess: [Terms<S>; 2],
-    /// Of column, row, height for the guess.
+    start: [Terms<S>; 2],
+    /// Normalisation of column, row and height for the starting polynomials.
     offset: [S::f64s; 3],
     inverse: [S::f64s; 3],
-    /// Normalised ground a pixel.
+    /// Inverse Jacobian: normalised ground coordinates per pixel.
     step: [[S::f64s; 2]; 2],
     ground_offset: [S::f64s; 3],
     ground_scale: [S::f64s; 3],
@@ -195,12 +197,12 @@ struct Localization<S: Simd> {
 
 impl<S: Simd> Localization<S> {
     #[inline(always)]
-    fn new(s: S, m: &Numbers, g: &Guess) -> Self {
+    fn new(s: S, m: &KernelModel, g: &StartPolynomials) -> Self {
         let (o, i, j) = (g.offset, g.scale, g.inverse);
         let (go, gs) = (m.ground_offset, m.ground_scale);
         Self {
             model: Model::new(s, m),
-            guess: [splat_terms(s, &g.terms[0]), splat_terms(s, &g.terms[1])],
+            start: [splat_terms(s, &g.terms[0]), splat_terms(s, &g.terms[1])],
             offset: [s.splat_f64s(o[0]), s.splat_f64s(o[1]), s.splat_f64s(o[2])],
             inverse: [s.splat_f64s(1.0 / i[0]), s.splat_f64s(1.0 / i[1]), s.splat_f64s(1.0 / i[2])],
             step: [
@@ -219,8 +221,8 @@ impl<S: Simd> Localization<S> {
         let u = s.mul_f64s(s.sub_f64s(col, self.offset[0]), self.inverse[0]);
         let v = s.mul_f64s(s.sub_f64s(row, self.offset[1]), self.inverse[1]);
         let w = s.mul_f64s(s.sub_f64s(height, self.offset[2]), self.inverse[2]);
-        let mut l = cubic(s, &self.guess[0], u, v, w);
-        let mut p = cubic(s, &self.guess[1], u, v, w);
+        let mut l = cubic(s, &self.start[0], u, v, w);
+        let mut p = cubic(s, &self.start[1], u, v, w);
         let h = s.mul_f64s(s.sub_f64s(height, self.ground_offset[2]), self.height_inverse);
         let mut found;
         let mut steps = 0;
@@ -251,7 +253,7 @@ impl WithSimd for Localize<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, s: S) {
-        let localization = Localization::new(s, self.model, self.guess);
+        let localization = Localization::new(s, self.model, self.start);
         let (col, col_rest) = S::as_simd_f64s(self.col);
         let (row, row_rest) = S::as_simd_f64s(self.row);
         let (height, height_rest) = S::as_simd_f64s(self.height);

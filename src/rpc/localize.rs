@@ -1,43 +1,44 @@
-//! From an image position and a height to longitude and latitude: Newton's method on the exact Jacobian.
+//! Localisation: from an image position and a height to longitude and latitude, by Newton's method with the exact
+//! Jacobian.
 
 use super::Rpc;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 
-/// Residual at which the iteration stops, pixels. The floor of f64 is about 2e-9 px.
+/// Residual at which the iteration stops, pixels. Rounding of f64 limits it to about 2e-9 px.
 const TOLERANCE_PX: f64 = 1e-8;
-/// A 135,000-row strip needs 4 steps from the model's centre.
+/// Largest number of Newton steps. An image strip of 135,000 rows needs 4 steps from the centre of the model.
 const MAX_STEPS: usize = 20;
-/// Halvings of a step that makes the residual grow.
+/// Largest number of times that a step is halved because it increases the residual.
 const MAX_HALVINGS: usize = 8;
-/// Normalised ground coordinates beyond which cubic polynomials are not followed.
+/// Largest normalised ground coordinate that a step may reach; the cubic polynomials are meaningless beyond it.
 const FARTHEST: f64 = 3.0;
 
-/// No ground point projects to the position asked for.
+/// No ground point at the given height projects to the given image position.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "no ground point at height {height_m} m is seen at column {col}, row {row} (best is {residual_px} px off)"
 )]
 pub struct LocalizeError {
-    /// Column asked for.
+    /// Column, pixels.
     pub col: f64,
-    /// Row asked for.
+    /// Row, pixels.
     pub row: f64,
-    /// Height asked for.
+    /// Height above the ellipsoid, metres.
     pub height_m: f64,
-    /// Residual of the best point found.
+    /// Residual of the best point found, pixels.
     pub residual_px: f64,
 }
 
 impl Rpc {
-    /// The ground point at `height_m` that is seen at `px`.
+    /// The ground point at ellipsoidal height `height_m`, in metres, that projects to the image position `px`.
     ///
     /// # Errors
-    /// [`LocalizeError`] when Newton's method stalls, as it does far outside the model's volume.
+    /// [`LocalizeError`] if Newton's method does not converge, as happens far outside the validity volume of the RPC.
     pub fn localize(&self, px: Pixel<CenterPx>, height_m: f64) -> Result<Point<Geodetic>, LocalizeError> {
         self.localize_from(px, self.center().at_height(height_m))
     }
 
-    /// As [`Rpc::localize`], starting at a ground point known to be near; its height is the one kept.
+    /// As [`Rpc::localize`] at the height of `start`, from the position of `start`, which should be near to the result.
     ///
     /// # Errors
     /// As [`Rpc::localize`].
@@ -95,7 +96,7 @@ impl Rpc {
             let Some((q, e, j)) = better else { break };
             (point, error, jac) = (q, e, j);
         }
-        // Near the floor of f64 no step improves any more, and that is an answer.
+        // Near the limit of f64 rounding no step improves the residual any more; the point is accepted.
         if size(error) < 100.0 * TOLERANCE_PX {
             return Ok(point);
         }
@@ -116,7 +117,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn projecting_what_was_localised_gives_the_pixel_back(
+        fn projection_inverts_localisation(
             col in -100.0..1100.0f64, row in -100.0..1100.0f64, h in 70.0..310.0f64
         ) {
             let rpc = synthetic();
@@ -127,9 +128,9 @@ mod tests {
         }
     }
 
-    /// The skewed frame on which the rpcm library does not converge.
+    /// A skewed SkySat frame on which the rpcm library does not converge.
     #[test]
-    fn five_steps_are_enough_for_skysat() {
+    fn localisation_of_a_skysat_frame_converges_in_five_steps() {
         let name = "rpcm/20191015_073816_ssc1d3_0011_basic_l1a_panchromatic_dn_RPC.TXT";
         let Some(file) = crate::rpc::formats::tests::real_file(name) else { return };
         let rpc = crate::rpc::formats::read(&file).unwrap().rpc;
@@ -141,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_ground_point_projects_to_is_an_error() {
+    fn a_pixel_without_ground_is_an_error() {
         assert!(synthetic().localize(Pixel::new(1e9, 0.0), 190.0).is_err());
         assert!(synthetic().localize(Pixel::new(f64::NAN, 0.0), 190.0).is_err());
     }

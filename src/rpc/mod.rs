@@ -18,7 +18,7 @@ pub use localize::LocalizeError;
 pub(crate) use model::polynomial;
 pub use model::{Axis, Jacobian, Rpc, RpcCoefficients, RpcError};
 
-/// A made-up camera for the tests of other modules.
+/// A synthetic camera for the tests of other modules.
 #[cfg(test)]
 pub(crate) fn test_camera() -> Rpc {
     model::tests::synthetic()

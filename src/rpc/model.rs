@@ -10,16 +10,17 @@ use serde::{Deserialize, Serialize};
 /// Number of terms of a cubic polynomial in three variables.
 pub(super) const TERMS: usize = 20;
 
-/// Beyond these normalised coordinates a cubic model means nothing; denominators are checked inside.
+/// Half side of the cube of normalised coordinates in which the denominators must not change sign.
 const CHECKED_CUBE: f64 = 1.0;
 
-/// Normalised coordinates up to which a vendor vouches for the model; the files round them.
+/// Largest normalised coordinate of the validity volume; a little above 1 because files round the scales.
 const VALID_CUBE: f64 = 1.01;
 
-/// Normalised coordinates up to which neighbouring ground is likely to be asked for.
+/// Half side of the cube of normalised coordinates searched by [`Rpc::smallest_denominator`]: ground beside the
+/// validity volume is projected too.
 const WIDE_CUBE: f64 = 1.2;
 
-/// A coordinate's normalisation: `normalised = (value - offset) / scale`.
+/// Normalisation of a coordinate: `normalised = (value - offset) / scale`, in the unit of the coordinate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Axis {
     /// Value at the centre of the normalised range.
@@ -28,7 +29,8 @@ pub struct Axis {
     pub scale: f64,
 }
 
-/// The numbers of an RPC as files hold them, in satgs's conventions, not yet checked.
+/// The coefficients of an RPC, not yet checked. Pixel (0, 0) is the centre of the first pixel; terms are in the order
+/// of RPC00B.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RpcCoefficients {
     /// Column (sample) in pixels.
@@ -49,39 +51,39 @@ pub struct RpcCoefficients {
     pub row_num: [f64; TERMS],
     /// Denominator of the row.
     pub row_den: [f64; TERMS],
-    /// RMS bias error in metres per horizontal axis, if the file tells.
+    /// RMS bias error in metres per horizontal axis, if known (`ERR_BIAS`).
     pub err_bias_m: Option<f64>,
-    /// RMS random error in metres per horizontal axis, if the file tells.
+    /// RMS random error in metres per horizontal axis, if known (`ERR_RAND`).
     pub err_rand_m: Option<f64>,
 }
 
-/// Why numbers do not make an RPC. The file is named by the reader that adds it.
+/// Why coefficients do not form a valid RPC. Errors of file readers add the name of the file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RpcError {
-    /// NaN or infinite.
+    /// A coefficient is NaN or infinite.
     #[error("RPC field `{field}` is not a finite number")]
     NotFinite {
         /// The field in RPC00B's names.
         field: String,
     },
-    /// A scale of zero.
+    /// A scale is zero.
     #[error("RPC field `{field}` is zero")]
     ZeroScale {
         /// The field in RPC00B's names.
         field: &'static str,
     },
-    /// Offsets that are no place on Earth.
+    /// The longitude or latitude offset is outside of its range.
     #[error("RPC field `{field}` is {value}, outside ±{limit}")]
     OutOfRange {
         /// The field in RPC00B's names.
         field: &'static str,
-        /// What was found.
+        /// The value found, degrees.
         value: f64,
-        /// The largest magnitude that makes sense.
+        /// The largest valid magnitude, degrees.
         limit: f64,
     },
-    /// A pole inside the volume for which the model is made.
+    /// A denominator changes sign inside the validity volume, so that the model has a pole there.
     #[error("the denominator of the RPC's {axis} changes sign inside its own volume")]
     Pole {
         /// `column` or `row`.
@@ -89,7 +91,8 @@ pub enum RpcError {
     },
 }
 
-/// A checked RPC: finite, with non-zero scales, places on Earth, and no pole inside its volume.
+/// A valid RPC: its coefficients are finite, its scales are not zero, its offsets lie on Earth, and it has no pole
+/// inside its validity volume.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "RpcCoefficients", into = "RpcCoefficients")]
 pub struct Rpc(RpcCoefficients);
@@ -107,14 +110,15 @@ impl From<Rpc> for RpcCoefficients {
     }
 }
 
-/// Derivatives of (column, row) with respect to (longitude, latitude, height): pixels per degree, degree, metre.
+/// Derivatives of (column, row), the two rows, with respect to (longitude, latitude, height), the three columns, in
+/// pixels per degree, per degree and per metre.
 pub type Jacobian = [[f64; 3]; 2];
 
 impl Rpc {
-    /// Checks the numbers.
+    /// Checks coefficients.
     ///
     /// # Errors
-    /// [`RpcError`] names the first field that cannot be.
+    /// [`RpcError`] names the first invalid field.
     pub fn new(c: RpcCoefficients) -> Result<Self, RpcError> {
         for (name, axis) in
             [("SAMP", c.col), ("LINE", c.row), ("LONG", c.lon), ("LAT", c.lat), ("HEIGHT", c.height)]
@@ -159,19 +163,19 @@ impl Rpc {
         Ok(Self(c))
     }
 
-    /// The numbers, to write or to derive another model from.
+    /// The coefficients.
     #[must_use]
     pub const fn coefficients(&self) -> &RpcCoefficients {
         &self.0
     }
 
-    /// The ground point at the centre of the model's volume.
+    /// The ground point at the centre of the validity volume.
     #[must_use]
     pub const fn center(&self) -> Point<Geodetic> {
         Point::new(self.0.lon.offset, self.0.lat.offset, self.0.height.offset)
     }
 
-    /// The heights between which the model is made, in metres.
+    /// Lowest and highest ellipsoidal height of the validity volume, metres.
     #[must_use]
     pub fn height_range(&self) -> (f64, f64) {
         let h = self.0.height;
@@ -190,7 +194,7 @@ impl Rpc {
         )
     }
 
-    /// Image position of a ground point and its derivatives.
+    /// Image position of a ground point, and its derivatives by the ground coordinates.
     #[must_use]
     pub fn project_with_jacobian(&self, p: Point<Geodetic>) -> (Pixel<CenterPx>, Jacobian) {
         let c = &self.0;
@@ -211,7 +215,7 @@ impl Rpc {
         (Pixel::new(col, row), [dcol, drow])
     }
 
-    /// The same camera after `corrected = projected + (d_col, d_row)`: exact, by the offsets alone.
+    /// The camera whose projections are shifted by (`d_col`, `d_row`) pixels. Exact: only the offsets change.
     #[must_use]
     pub fn shifted(&self, d_col: f64, d_row: f64) -> Self {
         let mut c = self.0.clone();
@@ -220,9 +224,9 @@ impl Rpc {
         Self(c)
     }
 
-    /// The camera that sees at `p` plus a step on the ground what this one sees at `p`: exact, by the offsets alone.
+    /// The camera translated on the ground: it projects `p + step` to the image position to which this one projects `p`.
     ///
-    /// The step is in degrees of longitude and latitude and in metres of height.
+    /// The step is in degrees of longitude, degrees of latitude and metres of height. Exact: only the offsets change.
     #[must_use]
     pub fn moved_on_ground(&self, [lon_deg, lat_deg, height_m]: [f64; 3]) -> Self {
         let mut c = self.0.clone();
@@ -232,21 +236,21 @@ impl Rpc {
         Self(c)
     }
 
-    /// The camera of the part of the image whose first pixel is this image's pixel `(col, row)`: exact.
+    /// The camera of a crop whose first pixel is the pixel (`col`, `row`) of this image. Exact: only the offsets change.
     #[must_use]
     pub fn cropped(&self, col: usize, row: usize) -> Self {
         self.shifted(-(col as f64), -(row as f64))
     }
 
-    /// Whether a ground point is in the volume for which the model was made, give or take a hundredth.
+    /// Whether a ground point lies in the validity volume, with a tolerance of 1 % of its half size.
     #[must_use]
     pub fn is_valid_at(&self, p: Point<Geodetic>) -> bool {
         self.normalised(p).iter().all(|v| v.abs() <= VALID_CUBE)
     }
 
-    /// The smallest denominator in a volume a fifth wider than the model's, as a share of that at its centre.
+    /// The smallest ratio of a denominator to its value at the centre, in a volume 20 % larger than the validity volume.
     ///
-    /// Near zero the model has a pole there.
+    /// A value near or below zero means that the model has a pole there.
     #[must_use]
     pub fn smallest_denominator(&self) -> f64 {
         let least = |den| {
@@ -256,22 +260,11 @@ impl Rpc {
         least(&self.0.col_den).min(least(&self.0.row_den))
     }
 
-    /// The camera of an image resampled by `factor` (new size / old size), half pixel included.
-    #[must_use]
-    pub fn rescaled(&self, factor: f64) -> Self {
-        let mut c = self.0.clone();
-        for axis in [&mut c.col, &mut c.row] {
-            axis.offset = factor * (axis.offset + 0.5) - 0.5;
-            axis.scale *= factor;
-        }
-        Self(c)
-    }
-
     fn normalised(&self, p: Point<Geodetic>) -> [f64; 3] {
         let c = &self.0;
         let plain = p.lon_deg() - c.lon.offset;
-        // Longitudes on either side of the antimeridian are neighbours; the wrap rounds and takes its time, so that it
-        // is left out where there is nothing to wrap.
+        // Longitude differences are wrapped at the antimeridian. Wrapping rounds and takes time, so it is left out
+        // where it changes nothing.
         let d_lon = if plain.abs() <= 180.0 { plain } else { (plain + 540.0).rem_euclid(360.0) - 180.0 };
         [
             d_lon / c.lon.scale,
@@ -281,21 +274,22 @@ impl Rpc {
     }
 }
 
-/// Whether a denominator changes sign on a 9³ grid over the model's volume.
+/// Whether a denominator changes sign on a grid of 9³ nodes over the validity volume.
 fn has_pole(den: &[f64; TERMS]) -> bool {
     let at_center = polynomial(den, [0.0; 3]);
-    // NaN, of coefficients whose sum overflows, is no better.
+    // The comparison is negated so that NaN, from coefficients whose sum overflows, counts as a pole.
     !grid_9(CHECKED_CUBE).all(|p| polynomial(den, p) * at_center > 0.0)
 }
 
-/// The nodes of a 9³ grid over the cube of this half side.
+/// The nodes of a grid of 9³ nodes over the cube of half side `half`.
 fn grid_9(half: f64) -> impl Iterator<Item = [f64; 3]> {
     let node = move |i: i32| half * f64::from(i - 4) / 4.0;
     (0..9 * 9 * 9).map(move |i| [node(i % 9), node(i / 9 % 9), node(i / 81)])
 }
 
 fn dot(c: &[f64; TERMS], m: &[f64; TERMS]) -> f64 {
-    // Four running sums: the compiler keeps the order it is given, and one chain would wait on every addition.
+    // Four partial sums: the compiler keeps the order of additions, and in a single sum each addition would wait for
+    // the one before.
     let mut sum = [0.0f64; 4];
     for i in 0..TERMS / 4 {
         for k in 0..4 {
@@ -409,18 +403,6 @@ pub(crate) mod tests {
         let (p, step) = (Point::new(5.4391, 43.2604, 150.0), [3e-5, -2e-5, 7.0]);
         let q = Point::new(p.lon_deg() + step[0], p.lat_deg() + step[1], p.height_m() + step[2]);
         assert!(rpc.moved_on_ground(step).project(q).distance(rpc.project(p)) < 1e-6);
-    }
-
-    #[test]
-    fn rescaling_keeps_pixel_corners_where_they_were() {
-        use crate::frame::CornerPx;
-        let rpc = synthetic();
-        let p = Point::new(5.4391, 43.2604, 150.0);
-        for factor in [0.5, 1.0 / 3.0, 10.0] {
-            let a: Pixel<CornerPx> = rpc.project(p).into();
-            let b: Pixel<CornerPx> = rpc.rescaled(factor).project(p).into();
-            assert!((a.col * factor - b.col).abs() < 1e-9 && (a.row * factor - b.row).abs() < 1e-9);
-        }
     }
 
     #[test]

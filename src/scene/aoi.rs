@@ -1,4 +1,4 @@
-//! The area of interest: a polygon in longitude and latitude, and the part of each image that shows it.
+//! The area of interest, a polygon in longitude and latitude.
 
 use super::SceneError;
 use crate::frame::{Geodetic, Point, SiteGrid};
@@ -7,19 +7,21 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
 
-/// West, south, east, north in metres of a UTM zone.
+/// A box on the map: west, south, east, north in metres of a UTM zone.
 pub type UtmBox = (f64, f64, f64, f64);
 
-/// Places along each side of the polygon; sides are straight on the map, not in the image.
+/// Number of points along each side of the polygon that are projected; its sides are straight on the map, but not in
+/// images.
 const PLACES_A_SIDE: usize = 8;
-/// A side of an area beyond this is a mistake, or a task for tiles.
+/// Largest side of an area, metres; larger ones are mistakes, or have to be divided into tiles.
 const LARGEST_M: f64 = 100_000.0;
-/// A side of an area below this shows nothing.
+/// Smallest side of an area, metres.
 const SMALLEST_M: f64 = 1.0;
-/// Metres in a degree of latitude, near enough to measure with.
+/// Metres per degree of latitude, approximately.
 const DEGREE_M: f64 = 111_200.0;
 
-/// A closed ring of (longitude, latitude) in degrees. Across the antimeridian longitudes go on beyond 180.
+/// An area of interest: a ring of (longitude, latitude) in degrees, WGS 84. Longitudes of an area that crosses the
+/// antimeridian continue beyond 180.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<[f64; 2]>")]
 pub struct Aoi(Vec<[f64; 2]>);
@@ -33,10 +35,10 @@ impl TryFrom<Vec<[f64; 2]>> for Aoi {
 }
 
 impl Aoi {
-    /// A box; `west > east` means across the antimeridian.
+    /// A box in degrees; `west > east` means that it crosses the antimeridian.
     ///
     /// # Errors
-    /// [`SceneError::Area`] for a box that is empty, huge or nowhere on Earth.
+    /// [`SceneError::Area`] if the box is empty, too large, or outside of the ranges of longitude and latitude.
     pub fn from_box([west, south, east, north]: [f64; 4]) -> Result<Self, SceneError> {
         if south > north {
             return Err(SceneError::Area {
@@ -47,14 +49,15 @@ impl Aoi {
         Self::checked(vec![[west, south], [east, south], [east, north], [west, north]])
     }
 
-    /// The polygon of a GeoJSON file, its outer ring; of several polygons the convex hull of all.
+    /// The outer ring of the polygon in a GeoJSON file, or the convex hull of several polygons.
     ///
     /// # Errors
-    /// [`SceneError::Area`], [`SceneError::Unreadable`].
+    /// [`SceneError::Unreadable`] if the file cannot be read, [`SceneError::Area`] if it holds no valid polygon.
     pub fn from_geojson(path: &Path) -> Result<Self, SceneError> {
         let text = super::files::read_text(path)?;
         let wrong = |reason: String| SceneError::Area { reason: format!("`{}`: {reason}", path.display()) };
-        let json: Value = serde_json::from_str(&text).map_err(|e| wrong(format!("no valid JSON: {e}")))?;
+        let json: Value =
+            serde_json::from_str(&text).map_err(|e| wrong(format!("it is not valid JSON: {e}")))?;
         let rings = rings_of(&json);
         if rings.is_empty() {
             return Err(wrong("it holds no polygon".into()));
@@ -63,7 +66,7 @@ impl Aoi {
             ring.iter().map(|p| Some([p.get(0)?.as_f64()?, p.get(1)?.as_f64()?])).collect()
         };
         let rings: Option<Vec<Vec<[f64; 2]>>> = rings.iter().map(points).collect();
-        let rings = rings.ok_or_else(|| wrong("its polygon is not made of numbers".into()))?;
+        let rings = rings.ok_or_else(|| wrong("its polygon has coordinates that are not numbers".into()))?;
         if let [ring] = rings.as_slice() {
             return Self::checked(ring.clone());
         }
@@ -75,7 +78,7 @@ impl Aoi {
         let wrong = |reason: String| Err(SceneError::Area { reason });
         if let Some([lon, lat]) = ring.iter().find(|[lon, lat]| !(lon.abs() <= 540.0 && lat.abs() <= 90.0)) {
             let hint = if lat.abs() <= 180.0 && lon.abs() <= 90.0 { "; are the axes swapped?" } else { "" };
-            return wrong(format!("longitude {lon}, latitude {lat} is no place on Earth{hint}"));
+            return wrong(format!("longitude {lon}, latitude {lat} is not a place on Earth{hint}"));
         }
         let (low, high) = extent(&ring);
         let width = (high[0] - low[0]) * DEGREE_M * (0.5 * (low[1] + high[1])).to_radians().cos();
@@ -94,7 +97,7 @@ impl Aoi {
         Ok(Self(ring))
     }
 
-    /// The box around the area in metres of the grid's UTM zone.
+    /// Bounding box of the area in metres of the UTM zone of `grid`.
     #[must_use]
     pub fn utm_box(&self, grid: &SiteGrid) -> UtmBox {
         let points = self.outline().map(|p| grid.utm_from_geodetic(p.at_height(0.0)).xyz());
@@ -102,14 +105,14 @@ impl Aoi {
         (low[0], low[1], high[0], high[1])
     }
 
-    /// In words: `lon 5.4401 to 5.4523, lat 43.2611 to 43.2688`.
+    /// The extent as text: `lon 5.4401 to 5.4523, lat 43.2611 to 43.2688`.
     #[must_use]
     pub fn place(&self) -> String {
         let (low, high) = extent(&self.0);
         format!("lon {:.4} to {:.4}, lat {:.4} to {:.4}", low[0], high[0], low[1], high[1])
     }
 
-    /// Places along the outline, at height 0.
+    /// Points along the outline, at height 0.
     pub(super) fn outline(&self) -> impl Iterator<Item = Point<Geodetic>> {
         let n = self.0.len();
         (0..n * PLACES_A_SIDE).map(move |i| {
@@ -149,8 +152,8 @@ mod tests {
     }
 
     #[test]
-    fn areas_that_cannot_be_are_refused_with_their_size() {
-        assert!(wrong([43.2, 105.4, 43.3, 105.5]).contains("no place on Earth"));
+    fn invalid_areas_are_refused_with_their_size() {
+        assert!(wrong([43.2, 105.4, 43.3, 105.5]).contains("not a place on Earth"));
         assert!(wrong([5.4, 43.2, 5.4, 43.3]).contains("is empty (0 x 11120 m)"));
         assert!(wrong([5.4, 43.3, 5.5, 43.2]).contains("is empty"));
         assert!(wrong([5.0, 43.0, 7.0, 43.1]).contains("too large"));
@@ -159,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_across_the_antimeridian_is_one_box() {
+    fn a_box_may_cross_the_antimeridian() {
         let aoi = Aoi::from_box([179.999, -17.001, -179.999, -17.0]).unwrap();
         let grid = SiteGrid::at(Point::new(180.0, -17.0, 0.0)).unwrap();
         let (w, s, e, n) = aoi.utm_box(&grid);
@@ -167,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn geojson_of_every_kind_holds_a_polygon() {
+    fn polygons_are_read_from_every_kind_of_geojson() {
         let ring = "[[5.4,43.2],[5.41,43.2],[5.41,43.21],[5.4,43.2]]";
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.geojson");

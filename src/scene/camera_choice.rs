@@ -1,8 +1,8 @@
-//! Which of the RPCs found for an image is its own: the one place that decides it, whatever lists the image.
+//! Choice of the RPC of an image among those that were found for it. All scene layouts use this module.
 //!
-//! An RPC that is for more than the image (a whole image beside its crop, tile or NITF chip) is moved to the image
-//! where the offset is told. Of several the first that fits is taken; when none fits, what speaks against the first is
-//! the error. `--trust-rpc` takes the first as it is.
+//! An RPC of a larger image, of which the image is a crop, a tile or a NITF chip, is shifted if the offset is known. The
+//! first RPC that fits the image is taken. If none fits, the error is the reason against the first one. `--trust-rpc`
+//! takes the first RPC without these checks.
 
 use super::map_fit::{MapFit, five_places, map_fit};
 use super::sidecar::{Sidecars, Tile};
@@ -13,55 +13,55 @@ use crate::rpc::formats::{RpcFile, SAME_PX, ViewTags};
 use crate::rpc::{Axis, Rpc};
 use std::path::PathBuf;
 
-/// An RPC whose scales and offsets agree to this share is that of a whole image: it begins at the first pixel.
+/// Largest relative difference between scale and offset of an RPC that begins at the first pixel of its image.
 const WHOLE: f64 = 0.25;
-/// Factors of the two axes that agree to this share are one factor, and a factor this near a whole number is one.
+/// Largest relative difference of two scale factors that count as equal, and of a factor from a whole number.
 const ONE_FACTOR: f64 = 0.02;
-/// No RPC's volume is smaller than its image by this factor: outside it cubic polynomials run away.
+/// Factor by which an image must be larger than the validity volume of an RPC to be refused.
 const LARGER: f64 = 1.5;
-/// Images are scaled by whole numbers up to this; beyond, every size is near a whole part of another.
+/// Largest whole factor of resampling that is recognised; for larger ones, every size is near to a multiple of another.
 const MOST_TIMES: f64 = 8.5;
-/// Offsets this near the centre of an image, as a share of its size, and scales this near half of it are its own.
+/// Tolerances for offsets at the centre of an image and for scales of half its size, as fractions of its size.
 const CENTERED: f64 = 0.1;
 const SPAN: f64 = 0.005;
 
-/// Source of an RPC that GDAL shows as the image's, wherever it found it.
+/// Source of an RPC that GDAL found, in the image or in a sidecar.
 pub(super) const READ_BY_GDAL: &str = "RPC read by GDAL";
 
-/// An RPC that may be the image's.
+/// An RPC that may belong to the image.
 pub(super) struct Candidate {
     pub file: RpcFile,
-    /// Where it was found, as a user would name it.
+    /// Where it was found, for messages: a file name, `RPC tag`.
     pub source: String,
-    /// The sidecar; none for what the image itself holds.
+    /// The sidecar file; `None` for an RPC in the image file.
     pub path: Option<PathBuf>,
 }
 
-/// The RPC that was taken.
+/// The chosen RPC.
 pub(super) struct Choice {
     pub rpc: Rpc,
     pub source: String,
-    /// What its file tells, and the image's metadata files.
+    /// Metadata of its file, completed from the metadata files of the image.
     pub tags: ViewTags,
 }
 
-/// What metadata files tell about the image and about the product of which it may be a tile.
-pub(super) struct Told {
-    /// Of files named as the image, each with its tags.
+/// Content of the metadata files of an image and of the product of which it may be a tile.
+pub(super) struct SidecarTags {
+    /// Files of the image, each with its content.
     pub image: Vec<(PathBuf, ViewTags)>,
-    /// Of files named as the product.
+    /// Files of the product.
     pub product: Vec<(PathBuf, ViewTags)>,
 }
 
-/// Takes the RPC that fits the image, from those found in order of preference; none without any.
+/// Chooses the first RPC that fits the image; the candidates are in order of preference. `None` if there are none.
 ///
 /// # Errors
-/// What speaks against the first when none fits.
+/// The reason against the first candidate if none fits.
 pub(super) fn choose(
     image: &ImageFile,
     candidates: Vec<Candidate>,
     sidecars: &Sidecars,
-    told: &Told,
+    stated: &SidecarTags,
     trust_rpc: bool,
     warnings: &mut Vec<String>,
 ) -> Result<Option<Choice>, SceneError> {
@@ -73,11 +73,11 @@ pub(super) fn choose(
         let of_product = candidate.path.as_ref().is_some_and(|p| sidecars.of_product.contains(p));
         let mut notes = Vec::new();
         let tile = sidecars.tile.filter(|_| of_product);
-        let moved = moved(image, &candidate, own.as_ref(), tile, sidecars, told, &mut notes);
+        let moved = moved(image, &candidate, own.as_ref(), tile, sidecars, stated, &mut notes);
         let fits = match moved {
             Ok(rpc) if trust_rpc => Ok(rpc),
             Ok(rpc) => {
-                check(image, &candidate, &rpc, tile.is_some(), told, sidecars, &mut notes).map(|()| rpc)
+                check(image, &candidate, &rpc, tile.is_some(), stated, sidecars, &mut notes).map(|()| rpc)
             }
             Err(_) if trust_rpc => Ok(candidate.file.rpc.clone()),
             Err(e) => Err(e),
@@ -106,7 +106,7 @@ pub(super) fn choose(
                 }
             }
             (Err(e), None) if rejected.is_none() => rejected = Some((candidate.source, e)),
-            // What does not fit beside one that does is the whole image's, a twin's: nobody's problem.
+            // Further RPCs that do not fit, such as that of the whole image, are ignored.
             (Err(_), _) => {}
         }
     }
@@ -115,11 +115,11 @@ pub(super) fn choose(
     };
     warnings.append(&mut chosen.file.warnings);
     let tags =
-        told.image.iter().chain(&told.product).fold(chosen.file.tags, |t, (_, more)| t.or(more.clone()));
+        stated.image.iter().chain(&stated.product).fold(chosen.file.tags, |t, (_, more)| t.or(more.clone()));
     Ok(Some(Choice { rpc, source: chosen.source, tags }))
 }
 
-/// Leaves out what GDAL reads in the image's name if it is one of the sidecars: refused as that, it is not right as this.
+/// Removes the RPC that GDAL found if it is that of one of the sidecars, which is a candidate already.
 fn without_repeats(mut candidates: Vec<Candidate>, size: (usize, usize)) -> Vec<Candidate> {
     let beside: Vec<Rpc> =
         candidates.iter().filter(|c| c.path.is_some()).map(|c| c.file.rpc.clone()).collect();
@@ -128,29 +128,29 @@ fn without_repeats(mut candidates: Vec<Candidate>, size: (usize, usize)) -> Vec<
     candidates
 }
 
-/// The camera of the image, from one that may be for the image of which it is a part.
+/// The camera of the image, from a candidate that may be that of a larger image.
 fn moved(
     image: &ImageFile,
     candidate: &Candidate,
     own: Option<&Rpc>,
     tile: Option<Tile>,
     sidecars: &Sidecars,
-    told: &Told,
+    stated: &SidecarTags,
     notes: &mut Vec<String>,
 ) -> Result<Rpc, SceneError> {
     let rpc = &candidate.file.rpc;
     if let Some(tile) = tile {
         let product =
-            told.product.iter().fold(candidate.file.tags.clone(), |t, (_, more)| t.or(more.clone()));
+            stated.product.iter().fold(candidate.file.tags.clone(), |t, (_, more)| t.or(more.clone()));
         return tile.camera(image.path(), rpc, &product, sidecars.til.as_deref(), notes);
     }
-    // A sidecar that repeats the segment is for the whole image as well.
+    // A sidecar with the same RPC as the segment belongs to the full image too.
     let repeats = |own: &Rpc| distance_px(own, rpc, image.size()) <= SAME_PX;
     let is_full = candidate.path.is_none() || own.is_some_and(repeats);
     let chip = if is_full { chip::ichipb(image)? } else { None };
     if let Some((col, row)) = chip {
         notes.push(format!(
-            "`{}` is a chip that begins at column {col}, row {row} of the full image (ICHIPB): {} is moved there",
+            "`{}` is a chip that begins at column {col}, row {row} of the full image (ICHIPB): {} is shifted by this offset",
             image.path().display(),
             candidate.source
         ));
@@ -158,7 +158,7 @@ fn moved(
     }
     if let Some((col, row)) = chip::counted_from_whole(image, &candidate.file) {
         notes.push(format!(
-            "`{}` begins at column {col}, row {row} of the whole image by its geotransform: {} is moved there",
+            "`{}` begins at column {col}, row {row} of the whole image, according to its geotransform: {} is shifted by this offset",
             image.path().display(),
             candidate.source
         ));
@@ -167,52 +167,52 @@ fn moved(
     Ok(rpc.clone())
 }
 
-/// What speaks against a camera, as an error; what is only odd is added to `notes`.
+/// Returns an error if a camera does not belong to the image; adds warnings to `notes`.
 fn check(
     image: &ImageFile,
     candidate: &Candidate,
     rpc: &Rpc,
     is_tile: bool,
-    told: &Told,
+    stated: &SidecarTags,
     sidecars: &Sidecars,
     notes: &mut Vec<String>,
 ) -> Result<(), SceneError> {
     let size = image.size();
-    let told_size = told_size(candidate, told, sidecars);
-    // Tiles and crops that were moved know their place in the whole already.
-    let tiles = told.product.iter().find_map(|(_, tags)| tags.tiles).or(candidate.file.tags.tiles);
+    let stated_size = stated_size(candidate, stated, sidecars);
+    // The offset of tiles and crops in the whole image is applied already.
+    let tiles = stated.product.iter().find_map(|(_, tags)| tags.tiles).or(candidate.file.tags.tiles);
     let is_part = is_tile && tiles.is_none_or(|t| t.across.saturating_mul(t.down) > 1);
     let is_moved = is_part || *rpc != candidate.file.rpc;
-    let is_told = told_size.as_ref().is_some_and(|(told, _)| *told == size);
+    let is_stated = stated_size.as_ref().is_some_and(|(stated, _)| *stated == size);
     match map_fit(image, rpc) {
         MapFit::NoMap | MapFit::OwnGrid => {}
         MapFit::Other { distance_px, is_near } => {
-            if !(is_near && (is_told || spans(rpc, size))) {
+            if !(is_near && (is_stated || spans(rpc, size))) {
                 return Err(SceneError::Ortho { path: image.path().into(), distance_px });
             }
             notes.push(format!(
-                "`{}`: its place on the map is {distance_px:.0} px off where its {} sees it, which has the image's size: \
-                 the RPC counts",
+                "`{}`: its map position and its {} differ by {distance_px:.0} px; the RPC is used, because it has the \
+                 size of the image",
                 image.path().display(),
                 candidate.source
             ));
         }
     }
-    if let Some(((width, height), by)) = told_size.filter(|(told, _)| *told != size && !is_moved) {
+    if let Some(((width, height), by)) = stated_size.filter(|(stated, _)| *stated != size && !is_moved) {
         let is_whole = spans_about(rpc, (width, height));
-        // An image's own RPC that was moved with the crop is right beside the whole image's metadata.
+        // The RPC in a crop may have been shifted with it, while the metadata are still those of the whole image.
         if candidate.path.is_some() || is_whole {
             return Err(SceneError::OtherSize {
                 rpc: by,
                 image: image.path().into(),
-                told_width: width,
-                told_height: height,
+                expected_width: width,
+                expected_height: height,
                 width: size.0,
                 height: size.1,
             });
         }
         notes.push(format!(
-            "`{}` is for an image of {width} x {height} pixels, `{}` has {} x {}: taken for a part of it, its {} counts",
+            "`{}` is for an image of {width} x {height} pixels, `{}` has {} x {} and is taken for a part of it; its {} is used",
             by.display(),
             image.path().display(),
             size.0,
@@ -220,25 +220,29 @@ fn check(
             candidate.source
         ));
     }
-    if !is_told && !is_moved {
+    if !is_stated && !is_moved {
         refuse_other_scale(image, candidate, rpc)?;
     }
     Ok(())
 }
 
-/// The size that the files of a candidate tell, and the file.
-fn told_size(candidate: &Candidate, told: &Told, sidecars: &Sidecars) -> Option<((usize, usize), PathBuf)> {
+/// The image size that the files of a candidate state, and the file that states it.
+fn stated_size(
+    candidate: &Candidate,
+    stated: &SidecarTags,
+    sidecars: &Sidecars,
+) -> Option<((usize, usize), PathBuf)> {
     if let (Some(path), Some(size)) = (&candidate.path, candidate.file.tags.size) {
         return Some((size, path.clone()));
     }
-    // The product's size says nothing of a tile whose camera is its own.
+    // The size of the product is not that of a tile with a camera of its own.
     let of_product = candidate.path.as_ref().is_some_and(|p| sidecars.of_product.contains(p));
-    let product: &[_] = if sidecars.is_tile_by_name && !of_product { &[] } else { &told.product };
-    told.image.iter().chain(product).find_map(|(path, tags)| Some((tags.size?, path.clone())))
+    let product: &[_] = if sidecars.is_tile_by_name && !of_product { &[] } else { &stated.product };
+    stated.image.iter().chain(product).find_map(|(path, tags)| Some((tags.size?, path.clone())))
 }
 
-/// Refuses an image that is larger than all of its RPC's volume, or as many times smaller in both axes as the one of
-/// another resolution is.
+/// Returns an error for an image that is larger than the validity volume of its RPC, or smaller by the same whole factor
+/// along both axes, as an image of another resolution is.
 fn refuse_other_scale(image: &ImageFile, candidate: &Candidate, rpc: &Rpc) -> Result<(), SceneError> {
     let (width, height) = image.size();
     let c = rpc.coefficients();
@@ -256,14 +260,14 @@ fn refuse_other_scale(image: &ImageFile, candidate: &Candidate, rpc: &Rpc) -> Re
     Err(SceneError::OtherScale {
         image: image.path().into(),
         source_file: candidate.source.clone(),
-        told_width: 2.0 * c.col.scale,
-        told_height: 2.0 * c.row.scale,
+        expected_width: 2.0 * c.col.scale,
+        expected_height: 2.0 * c.row.scale,
         width,
         height,
     })
 }
 
-/// Whether an RPC's volume is that of an image of this size, to a few thousandths.
+/// Whether offsets and scales of an RPC are those of an image of this size.
 fn spans(rpc: &Rpc, (width, height): (usize, usize)) -> bool {
     let c = rpc.coefficients();
     let own = |axis: Axis, size: usize| {
@@ -274,25 +278,26 @@ fn spans(rpc: &Rpc, (width, height): (usize, usize)) -> bool {
     own(c.col, width) && own(c.row, height)
 }
 
-/// As [`spans`], of scales that may have a margin.
+/// Whether the offsets of an RPC are those of an image of this size; its scales may include a margin.
 fn spans_about(rpc: &Rpc, (width, height): (usize, usize)) -> bool {
     let c = rpc.coefficients();
     let own = |axis: Axis, size: usize| (axis.offset - 0.5 * size as f64).abs() <= CENTERED * size as f64;
     own(c.col, width) && own(c.row, height)
 }
 
-/// How far apart two cameras see the ground under an image's corners and centre, at most.
+/// Largest distance between the projections of the ground under the corners and the centre of an image by two cameras,
+/// pixels.
 pub(super) fn distance_px(a: &Rpc, b: &Rpc, size: (usize, usize)) -> f64 {
     let apart = five_places(size).map(|corner| {
         let px = corner.into();
         a.localize(px, a.center().height_m()).map_or(f64::INFINITY, |p| b.project(p).distance(px))
     });
-    // `f64::max` passes NaN over.
+    // `f64::max` ignores NaN.
     apart.into_iter().map(|d| if d.is_nan() { f64::INFINITY } else { d }).fold(0.0, f64::max)
 }
 
-impl Told {
-    /// Reads the metadata files; one that is broken costs only what it tells.
+impl SidecarTags {
+    /// Reads the metadata files; a damaged one gives a warning.
     pub(super) fn read(sidecars: &Sidecars, warnings: &mut Vec<String>) -> Self {
         let mut read = |files: &[PathBuf]| {
             let tags = |path: &PathBuf| match crate::rpc::formats::read_tags(path) {

@@ -6,8 +6,8 @@ use super::{Scene, SceneError, Sun, View};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Lowest sun elevation with which shadows are modelled, degrees; lower suns cast shadows longer than a scene. All
-/// rooms use this limit.
+/// Lowest sun elevation with which shadows are modelled, and lowest elevation of the line of sight of a view, degrees.
+/// Lower suns cast shadows longer than a scene. All modules use this limit.
 pub const LOWEST_SUN_DEG: f64 = 15.0;
 /// Largest off-nadir angle without a warning, degrees.
 pub const FARTHEST_OFF_NADIR_DEG: f64 = 75.0;
@@ -21,20 +21,19 @@ const WEAK_DENOMINATOR: f64 = 0.1;
 const LONG_TIME_YEARS: f64 = 3.0;
 
 impl Scene {
-    /// Returns an error for a scene of fewer than `needed` views.
+    /// Checks that the scene has at least `needed` views.
     ///
     /// # Errors
-    /// [`SceneError::TooFewViews`].
+    /// [`SceneError::TooFewViews`] if it has fewer.
     pub fn require_views(&self, needed: usize) -> Result<(), SceneError> {
         let found = self.views.len();
         if found < needed { Err(SceneError::TooFewViews { found, needed }) } else { Ok(()) }
     }
 
-    /// Returns an error for RPCs whose height ranges do not overlap, unless the metadata of the views state other
-    /// heights.
+    /// Checks that the height ranges of all RPCs overlap, unless the metadata of the views state other heights.
     ///
     /// # Errors
-    /// [`SceneError::NoSharedHeights`].
+    /// [`SceneError::NoSharedHeights`] names the view whose range differs most.
     pub fn require_shared_heights(&self) -> Result<(), SceneError> {
         let (low, high) = self.height_range();
         if low < high || self.views.iter().any(|v| v.height_range.is_some()) {
@@ -99,7 +98,7 @@ pub(super) fn warn(scene: &mut Scene) {
     let without = names(&|v| v.sun.is_none());
     if !without.is_empty() {
         warnings.push(format!(
-            "no sun is known, no shadows are modelled (--sun NAME=AZ,EL gives one): {without}"
+            "the sun direction is unknown, so that no shadows are modelled (--sun NAME=AZ,EL sets it): {without}"
         ));
     }
     for view in &scene.views {
@@ -131,7 +130,7 @@ pub(super) fn warn(scene: &mut Scene) {
         }
         let direction = view.direction_deg(view.rpc.center().height_m());
         if let Some((_, off)) = direction.filter(|d| d.1 > FARTHEST_OFF_NADIR_DEG) {
-            warnings.push(format!("{}: it looks {off:.0}° off nadir, almost along the ground", view.name));
+            warnings.push(format!("{}: its off-nadir angle is {off:.0}°, almost horizontal", view.name));
         }
     }
     let days: Vec<f64> = scene.views.iter().filter_map(|v| days_since_2000(v.acquired.as_deref()?)).collect();
@@ -139,7 +138,7 @@ pub(super) fn warn(scene: &mut Scene) {
     let years = (span(f64::max) - span(f64::min)) / 365.25;
     if years > LONG_TIME_YEARS {
         warnings
-            .push(format!("the views are {years:.1} years apart: what was built or felled in between blurs"));
+            .push(format!("the views are {years:.1} years apart: what changed in between becomes blurred"));
     }
     scene.warnings.extend(warnings);
     for view in &mut scene.views {

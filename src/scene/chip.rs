@@ -1,27 +1,29 @@
-//! Where an image lies in the larger one for which its RPC was made: NITF's ICHIPB, and geotransforms of crops.
+//! Position of an image in the larger image for which its RPC was made, from NITF's ICHIPB or the geotransform of a crop.
 
 use super::SceneError;
 use crate::io::ImageFile;
 use crate::rpc::Axis;
 use crate::rpc::formats::RpcFile;
 
-/// Corners of a chip that is cut out and nothing else are all this near to one offset, pixels.
+/// Largest difference between the offsets of the four corners of a chip that is only cropped, pixels.
 const SAME_OFFSET_PX: f64 = 0.01;
 
-/// Column and row of the full image at which a NITF chip begins, by its ICHIPB; none without one, or at (0, 0).
+/// Column and row in the full image of the first pixel of a NITF chip, from its ICHIPB extension; `None` without the
+/// extension, and for the offset (0, 0).
 ///
-/// The extension (STDI-0002, appendix B) gives the four corners in the chip (OP) and in the full image (FI).
+/// The extension (STDI-0002, appendix B) states the four corners in the chip (OP) and in the full image (FI).
 ///
 /// # Errors
-/// [`SceneError::Chip`] for one that is turned, scaled or warped, or does not say.
+/// [`SceneError::Chip`] if the chip was rotated, scaled or warped, or the extension is incomplete.
 pub(super) fn ichipb(image: &ImageFile) -> Result<Option<(f64, f64)>, SceneError> {
     let refused = |reason: String| SceneError::Chip { path: image.path().into(), reason };
     let number = |key: &str| image.metadata(&format!("ICHIP_{key}"), "")?.trim().parse::<f64>().ok();
     let Some(scale) = number("SCALE_FACTOR") else {
-        // GDAL tells nothing of one that says that its image was not made by cutting out alone.
+        // GDAL decodes the extension only if it states that the chip was made by cropping alone.
         let is_there = ["ICHIPB", "ICHIPA"].iter().find(|name| image.metadata(name, "TRE").is_some());
-        return is_there
-            .map_or(Ok(None), |name| Err(refused(format!("its {name} tells no place in the full image"))));
+        return is_there.map_or(Ok(None), |name| {
+            Err(refused(format!("its {name} states no position in the full image")))
+        });
     };
     if (scale - 1.0).abs() > 1e-9 {
         return Err(refused(format!("its scale is {scale}")));
@@ -39,16 +41,16 @@ pub(super) fn ichipb(image: &ImageFile) -> Result<Option<(f64, f64)>, SceneError
     }
     let (col, row) = offsets[0];
     if offsets.iter().any(|o| (o.0 - col).abs() > SAME_OFFSET_PX || (o.1 - row).abs() > SAME_OFFSET_PX) {
-        return Err(refused("it was turned, mirrored or resampled".into()));
+        return Err(refused("it was rotated, mirrored or resampled".into()));
     }
     Ok((col != 0.0 || row != 0.0).then_some((col, row)))
 }
 
-/// Column and row of the whole image at which a crop begins, by a geotransform that counts its pixels, as OTB, CARS
-/// and rasterio write; none if the camera is not for the whole image.
+/// Column and row in the whole image of the first pixel of a crop, from a geotransform in pixels, as OTB, CARS and
+/// rasterio write it; `None` if there is none, or the camera is not that of the whole image.
 pub(super) fn counted_from_whole(image: &ImageFile, camera: &RpcFile) -> Option<(f64, f64)> {
     let (col, row) = image.pixel_offset()?;
-    // OTB counts from the centre of the first pixel.
+    // In OTB's convention, the origin is the centre of the first pixel.
     let (col, row) = (col.floor(), row.floor());
     let (width, height) = image.size();
     if (col == 0.0 && row == 0.0) || col < 0.0 || row < 0.0 {
@@ -57,9 +59,9 @@ pub(super) fn counted_from_whole(image: &ImageFile, camera: &RpcFile) -> Option<
     let c = camera.rpc.coefficients();
     let whole =
         camera.tags.size.map_or((2.0 * c.col.scale, 2.0 * c.row.scale), |(w, h)| (w as f64, h as f64));
-    // A pixel or two more, because half of a size is rounded.
+    // Two pixels of tolerance, because half of a size is rounded.
     let is_inside = col + width as f64 <= whole.0 + 2.0 && row + height as f64 <= whole.1 + 2.0;
-    // An RPC that was moved with the crop is off the middle of its own volume by the crop's offset.
+    // The offset of an RPC that was shifted with the crop differs from its scale by the offset of the crop.
     let off_middle = |axis: Axis, moved: f64| (axis.offset + moved - axis.scale).abs();
     let as_it_is = off_middle(c.col, 0.0) + off_middle(c.row, 0.0);
     let if_moved = off_middle(c.col, col) + off_middle(c.row, row);

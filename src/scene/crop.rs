@@ -5,15 +5,16 @@ use super::{Aoi, Scene, SceneError, View};
 use crate::frame::Pixel;
 use crate::io::Window;
 
-/// Pixels read around what an area covers: keypoints and windows of its rim reach beyond it.
+/// Pixels added on each side of the part of an image that shows the area, because keypoints and matching windows at its
+/// border extend beyond it.
 const MARGIN_PX: f64 = 48.0;
 
 impl Scene {
-    /// Crops every view to the part of its image that may show an area between two heights; views that see nothing of it are
-    /// left out with a warning.
+    /// Crops every view to the part of its image that may show an area between two heights. Views that do not see the area
+    /// are left out with a warning.
     ///
     /// # Errors
-    /// [`SceneError::AreaNotSeen`] when no view sees it.
+    /// [`SceneError::AreaNotSeen`] if no view sees it.
     pub(super) fn crop(&mut self, aoi: Aoi, heights: (f64, f64)) -> Result<(), SceneError> {
         let (mut kept, mut without) = (Vec::new(), Vec::new());
         for view in &self.views {
@@ -28,8 +29,7 @@ impl Scene {
             return Err(SceneError::AreaNotSeen { area: aoi.place(), footprint });
         }
         if !without.is_empty() {
-            self.warnings
-                .push(format!("left out, because they see nothing of the area: {}", without.join(", ")));
+            self.warnings.push(format!("left out, because they do not see the area: {}", without.join(", ")));
         }
         self.views = kept;
         self.aoi = Some(aoi);
@@ -38,7 +38,7 @@ impl Scene {
 }
 
 impl View {
-    /// The view of a part of its image.
+    /// The view restricted to a window of its image.
     fn cropped(&self, window: Window) -> Self {
         let mut view = self.clone();
         view.rpc = self.rpc.cropped(window.col, window.row);
@@ -48,13 +48,13 @@ impl View {
     }
 }
 
-/// The part of a view's image that may show the area between two heights; none if it cannot.
+/// The part of the image of a view that may show the area between two heights; `None` if no part does.
 fn window(aoi: &Aoi, view: &View, (low, high): (f64, f64)) -> Option<Window> {
     let seen = aoi.outline().flat_map(|p| [low, high].map(|h| view.rpc.project(p.at_height(h))));
     let seen: Vec<Pixel<_>> = seen.filter(|px| px.col.is_finite() && px.row.is_finite()).collect();
     let (a, b) = extent(&seen.iter().map(|px| [px.col, px.row]).collect::<Vec<_>>());
     let span = |k: usize, size: usize| {
-        // An image that only the margin reaches shows nothing of the area.
+        // An image that overlaps with the margin alone does not show the area.
         if !(a[k] <= size as f64 && b[k] >= 0.0) {
             return None;
         }

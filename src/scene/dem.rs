@@ -1,4 +1,4 @@
-//! The heights of a scene from a digital elevation model.
+//! Heights of a scene from a digital elevation model.
 
 use super::{Scene, SceneError, footprint};
 use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid, half_turn};
@@ -6,20 +6,21 @@ use crate::io::{Grid2, HeightSystem, ImageFile, VerticalError, VerticalReference
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
 
-/// Elevation models lack quarries and cellars, and err.
+/// Depth below the elevation model that is searched, metres; quarries are missing in models, and their heights have
+/// errors.
 const BELOW_M: f64 = 20.0;
-/// Most lack buildings and trees.
+/// Height above the elevation model that is searched, metres; buildings and trees are missing in most models.
 const ABOVE_M: f64 = 80.0;
-/// No land is lower or higher, metres.
+/// Lowest and highest height of land on Earth, metres.
 const LOWEST_M: f64 = -500.0;
 const HIGHEST_M: f64 = 9000.0;
-/// No side of the grid of heights has more nodes.
+/// Largest number of nodes along a side of the grid of heights.
 const MOST_NODES: usize = 2048;
 
-/// Heights of an elevation model above the ellipsoid, on a grid in longitude and latitude.
+/// Ellipsoidal heights of an elevation model, on a regular grid in longitude and latitude.
 #[derive(Clone, Debug)]
 pub struct Dem {
-    /// Longitude and latitude of the first node, and from one node to the next, degrees.
+    /// Longitude and latitude of the first node, and spacing of the nodes, degrees.
     origin: [f64; 2],
     step: [f64; 2],
     heights: Grid2,
@@ -27,13 +28,15 @@ pub struct Dem {
 }
 
 impl Dem {
-    /// The lowest and the highest ellipsoidal height to search in metres: 20 m below the model's, 80 m above.
+    /// Lowest and highest ellipsoidal height to search, metres: from 20 m below the lowest to 80 m above the highest height
+    /// of the model.
     #[must_use]
     pub fn heights_to_search(&self) -> (f64, f64) {
         (self.range.0 - BELOW_M, self.range.1 + ABOVE_M)
     }
 
-    /// Ellipsoidal height of the model at a point's longitude and latitude, metres, bilinear; NaN where it has none.
+    /// Ellipsoidal height of the model at the longitude and latitude of a point, metres, interpolated bilinearly; NaN where
+    /// the model has none. The height of the point is not used.
     #[must_use]
     pub fn height_m(&self, p: Point<Geodetic>) -> f64 {
         let east = half_turn(p.lon_deg() - self.origin[0]);
@@ -43,23 +46,24 @@ impl Dem {
 }
 
 impl Scene {
-    /// An elevation model of the scene's area, or of its footprints.
+    /// Reads an elevation model in the area of interest of the scene, or in the footprints of its views.
     ///
-    /// Without `vertical` the model itself must say what its heights count from, by a compound CRS or `VERTICAL_REFERENCE`.
-    /// Heights in feet are converted, and voids that are not declared as nodata are left out.
+    /// Without `vertical`, the file must state its vertical reference, by a compound CRS or the metadata item
+    /// `VERTICAL_REFERENCE`. Heights in feet are converted. Known nodata values count as nodata even if the file does not
+    /// declare them.
     ///
     /// # Errors
-    /// [`SceneError::VerticalReference`] when what its heights count from is not known, [`SceneError::DemElsewhere`] when it does
-    /// not cover the scene, [`SceneError::GeoidElsewhere`] when the geoid's grid does not, [`SceneError::DemVoid`] for
-    /// heights that are none.
+    /// [`SceneError::VerticalReference`] if the vertical reference is not known, [`SceneError::DemElsewhere`] if the model
+    /// does not cover the scene, [`SceneError::GeoidElsewhere`] if the geoid grid does not, [`SceneError::DemVoid`] for
+    /// heights that do not occur on Earth.
     pub fn dem(&self, path: &Path, vertical: Option<&VerticalReference>) -> Result<Dem, SceneError> {
         let elsewhere = || SceneError::DemElsewhere { path: path.into() };
         let file = ImageFile::open(path)?;
-        let told = match vertical {
+        let stated = match vertical {
             Some(_) => None,
-            None => Some(told_reference(&file)?),
+            None => Some(stated_reference(&file)?),
         };
-        let vertical = vertical.or(told.as_ref());
+        let vertical = vertical.or(stated.as_ref());
         let corners = self.corners()?.ok_or_else(elsewhere)?;
         let places = file.px_of_lon_lats(&corners).ok_or_else(elsewhere)?;
         let window = window(&places, file.size()).ok_or_else(elsewhere)?;
@@ -71,7 +75,7 @@ impl Scene {
             of.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)))
         };
         let (lon, lat) = (span(0), span(1));
-        // A node more than there are cells, so that the last one is reached.
+        // One node more than there are cells, so that the grid covers the last cell.
         let step = [(lon.1 - lon.0) / size.0 as f64, (lat.1 - lat.0) / size.1 as f64];
         let (columns, rows) = (size.0 + 1, size.1 + 1);
         let node =
@@ -100,7 +104,7 @@ impl Scene {
             let height_m = if low < LOWEST_M { low } else { high };
             return Err(SceneError::DemVoid { path: path.into(), height_m });
         }
-        // Over a scene a geoid is as good as level.
+        // The undulation is nearly constant over a scene; for the range, that at the centre is used.
         let up = both[both.len() / 2].1;
         Ok(Dem {
             origin: [lon.0, lat.0],
@@ -110,7 +114,8 @@ impl Scene {
         })
     }
 
-    /// Longitudes and latitudes in degrees of the corners of the scene's area, or of its footprints; none without views.
+    /// Longitude and latitude, in degrees, of the corners of the bounding box of the area of interest, or of the footprints;
+    /// `None` without views.
     fn corners(&self) -> Result<Option<[(f64, f64); 4]>, SceneError> {
         let Some(center) = self.center() else { return Ok(None) };
         let grid = SiteGrid::at(center)?;
@@ -126,25 +131,25 @@ impl Scene {
         };
         Ok(Some([(w, s), (e, s), (e, n), (w, n)].map(|(x, y)| {
             let p = grid.geodetic_from_utm(Point::new(x, y, 0.0));
-            // On the same side of the antimeridian.
+            // Longitudes are counted from the first one, so that the box may cross the antimeridian.
             (center.lon_deg() + half_turn(p.lon_deg() - center.lon_deg()), p.lat_deg())
         })))
     }
 }
 
-/// What a model's heights count from, as it says itself.
-fn told_reference(file: &ImageFile) -> Result<VerticalReference, SceneError> {
-    let unknown = |told: String| SceneError::VerticalReference { path: file.path().into(), told };
+/// The vertical reference that an elevation model states.
+fn stated_reference(file: &ImageFile) -> Result<VerticalReference, SceneError> {
+    let unknown = |stated: String| SceneError::VerticalReference { path: file.path().into(), stated };
     let Some(from) = HeightSystem::of_raster(file)?.from else { return Err(unknown(String::new())) };
     match VerticalReference::read(&from) {
         Err(VerticalError::Unknown { .. } | VerticalError::NoGrid { .. }) => {
-            Err(unknown(format!(" by a reference that is known: it says `{from}`")))
+            Err(unknown(format!("; it states the unknown reference `{from}`")))
         }
         read => Ok(read?),
     }
 }
 
-/// The cells around some places, one more on each side.
+/// The window of cells around some positions, with a margin of one cell.
 fn window(places: &[Pixel<CornerPx>], (width, height): (usize, usize)) -> Option<Window> {
     let span = |of: fn(&Pixel<CornerPx>) -> f64, size: usize| {
         let low = places.iter().map(of).fold(f64::INFINITY, f64::min) - 1.0;

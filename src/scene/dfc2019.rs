@@ -1,7 +1,8 @@
-//! Layout 2, of sat-NeRF and DFC2019: `images/` and beside it one or more folders of RPC files (JSON, or text).
+//! Scene layout 2, that of sat-NeRF and DFC2019: a folder `images/`, and beside it one or more folders of RPC files (JSON
+//! or text).
 //!
-//! `test.txt` in such a folder lists views that are not trained on, one `NAME.json` a line; where there is a
-//! `train.txt`, only views it lists are trained on.
+//! A file `test.txt` in a folder of RPC files lists views that are not trained on, one `NAME.json` per line. If there is a
+//! file `train.txt`, only the views that it lists are trained on.
 
 use super::files::{read_text, stem};
 use super::sidecar::{Sidecars, camera_of};
@@ -10,10 +11,10 @@ use super::{Role, SceneError, View};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Where truth lies: its cameras are used only when asked for.
+/// Folder of the ground truth; its cameras are used only if the user chooses them by name.
 const TRUTH: &str = "truth";
 
-/// Folders beside `images/` that hold RPC files of its images, by name.
+/// Names of the folders beside `images/` that hold RPC files of its images.
 pub(super) fn rpc_folders(scene: &Path) -> Result<Vec<String>, SceneError> {
     let images = images_in(&scene.join("images"))?;
     let mut found = Vec::new();
@@ -22,7 +23,7 @@ pub(super) fn rpc_folders(scene: &Path) -> Result<Vec<String>, SceneError> {
         if name == "images" || name == TRUTH {
             continue;
         }
-        // A folder that may not be read is no candidate; chosen by name, it is an error.
+        // A folder that may not be read is not a candidate. If the user chooses it by name, reading it gives an error.
         let listing = files_in(&folder).unwrap_or_default();
         if images.iter().any(|i| camera_of(&stem(i), &listing).is_some()) {
             found.push(name);
@@ -32,7 +33,7 @@ pub(super) fn rpc_folders(scene: &Path) -> Result<Vec<String>, SceneError> {
     Ok(found)
 }
 
-/// Reads the views whose RPC files are in the folder `rpcs` of the scene.
+/// Reads the views that have an RPC file in the folder `rpcs` of the scene.
 pub(super) fn read(
     scene: &Path,
     rpcs: &str,
@@ -51,7 +52,7 @@ pub(super) fn read(
             without.push(name);
             continue;
         };
-        // The tag of a delivered image differs from a corrected RPC: that is what the folder is for.
+        // The RPC in the image is not compared: it is expected to differ from a corrected one.
         if let Some(mut view) = view(image, &Sidecars::with_camera(file, image, &[]), trust_rpc, warnings)? {
             view.role = roles.of(&name);
             view.rpc_source = format!("{rpcs}/{}", view.rpc_source);
@@ -64,12 +65,12 @@ pub(super) fn read(
     let names: BTreeSet<&str> = images.iter().filter_map(|i| i.file_stem()?.to_str()).collect();
     let unknown: Vec<&str> = roles.listed().filter(|n| !names.contains(n)).collect();
     if !unknown.is_empty() {
-        warnings.push(format!("`{rpcs}` lists views that are not there: {}", unknown.join(", ")));
+        warnings.push(format!("`{rpcs}` lists views that do not exist: {}", unknown.join(", ")));
     }
     Ok(views)
 }
 
-/// An RPC file without its image shows an incomplete copy.
+/// Checks that every RPC file has its image; a missing image means that the scene was copied incompletely.
 fn check_images_exist(images: &[PathBuf], listing: &[PathBuf], folder: &Path) -> Result<(), SceneError> {
     let names: BTreeSet<String> = images.iter().map(|i| stem(i).to_lowercase()).collect();
     let is_json = |p: &&PathBuf| p.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
@@ -79,7 +80,7 @@ fn check_images_exist(images: &[PathBuf], listing: &[PathBuf], folder: &Path) ->
         if names.contains(&lower) || names.contains(lower.trim_end_matches("_rpc")) {
             continue;
         }
-        // Other JSON files (settings, reports) may lie there too.
+        // Other JSON files, such as settings and reports, may be in the folder too.
         if let Ok(file) = crate::rpc::formats::read(rpc) {
             let image = file.tags.image.unwrap_or_else(|| format!("{name}.tif"));
             return Err(SceneError::NoImageForRpc { rpc: rpc.clone(), image: folder.join(image) });
@@ -88,7 +89,7 @@ fn check_images_exist(images: &[PathBuf], listing: &[PathBuf], folder: &Path) ->
     Ok(())
 }
 
-/// What `train.txt` and `test.txt` say.
+/// Content of `train.txt` and `test.txt`.
 struct Roles {
     train: Option<BTreeSet<String>>,
     test: BTreeSet<String>,
@@ -112,14 +113,14 @@ impl Roles {
     }
 }
 
-/// The views a list names, or none without the list.
+/// Names of the views in a list; `None` if the file does not exist.
 fn names_in(list: &Path) -> Result<Option<BTreeSet<String>>, SceneError> {
     if !list.exists() {
         return Ok(None);
     }
     let text = read_text(list)?;
     let lines = text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#'));
-    // Names may hold dots: only what is known to be an extension is cut off.
+    // Names may contain dots, so that only known extensions are removed.
     let bare = |l: &str| {
         let known = [".json", ".tif", ".tiff"];
         known.iter().find_map(|e| l.strip_suffix(e)).unwrap_or(l).to_owned()

@@ -9,18 +9,18 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum SceneError {
-    /// The path is not there, or may not be read.
-    #[error("scene `{path}` cannot be read: {reason}")]
+    /// The path does not exist, or may not be read.
+    #[error("scene `{path}` cannot be read: {cause}")]
     #[diagnostic(help(
         "SCENE is a folder of images with RPCs, or one with `images/` and a folder of JSON files"
     ))]
     Unreadable {
-        /// The path given.
+        /// The given path.
         path: PathBuf,
-        /// The system's words.
-        reason: String,
+        /// Error of the file system.
+        cause: std::io::Error,
     },
-    /// A file where a folder is expected.
+    /// The path is a file where a folder is expected.
     #[error("scene `{path}` is a file, a folder is expected")]
     #[diagnostic(help(
         "give the folder that holds the images, or a list of views: TOML, STAC JSON (`satgs info --help`)"
@@ -29,56 +29,56 @@ pub enum SceneError {
         /// The path given.
         path: PathBuf,
     },
-    /// A folder without images.
+    /// The folder holds no images.
     #[error("no images found in `{path}`")]
     #[diagnostic(help(
         "images end in .tif, .tiff, .ntf, .nitf, .nsf, .jp2, .j2k or .vrt; sub-folders other than `images/` are not searched"
     ))]
     NoImages {
-        /// The folder searched.
+        /// The folder that was searched.
         path: PathBuf,
     },
-    /// An image without a camera.
+    /// No RPC was found for an image.
     #[error("`{path}` has no RPC, neither inside nor beside it{what}")]
     #[diagnostic(help(
-        "orthorectified products have lost their camera: take the sensor (basic, primary, level 1) product, or put NAME_RPC.TXT or NAME.json beside it; `satgs info SCENE` lists each image's RPC"
+        "orthorectified products have no camera: use the sensor (basic, primary, level 1) product, or put NAME_RPC.TXT or NAME.json beside it; `satgs info SCENE` lists each image's RPC"
     ))]
     NoRpc {
         /// The image.
         path: PathBuf,
-        /// What it looks like instead.
+        /// What the image seems to be, after a semicolon; empty if that is not known.
         what: &'static str,
     },
-    /// A map-projected image with the RPC of the image it was made from.
+    /// An orthorectified image comes with the RPC of the sensor image from which it was made.
     #[error(
-        "`{path}` is orthorectified: it has a map projection, and its RPC sees that place {distance_px:.0} px away"
+        "`{path}` is orthorectified: it has a map projection, from which its RPC differs by {distance_px:.0} px"
     )]
     #[diagnostic(help(
-        "an RPC belongs to the sensor image: take the sensor (basic, primary, level 1) or ortho-ready product; if it is one, and only its place on the map is rough, --trust-rpc takes the RPC as it is"
+        "the RPC belongs to the sensor image: use the sensor (basic, primary, level 1) or ortho-ready product; if this is one and only its map position is approximate, --trust-rpc uses the RPC without this check"
     ))]
     Ortho {
         /// The image.
         path: PathBuf,
-        /// Distance between a corner or the centre and where its RPC sees it, pixels.
+        /// Largest distance between the corners or the centre and their projections by the RPC, pixels.
         distance_px: f64,
     },
-    /// A NITF chip that is more than a part of the image for which its RPC is.
+    /// A NITF chip was not only cropped from the image to which its RPC belongs.
     #[error("`{path}` is a chip of a larger image (ICHIPB), and {reason}")]
     #[diagnostic(help(
-        "its RPC is for the full image; only chips that are cut out without turning or resampling are read: take the full image"
+        "its RPC belongs to the full image; only chips that were cropped without rotation and resampling can be read: use the full image"
     ))]
     Chip {
         /// The image.
         path: PathBuf,
-        /// What makes it more than a cut.
+        /// What was done to it besides cropping, as a clause.
         reason: String,
     },
-    /// An image of another resolution than its RPC.
+    /// The resolution of an image is not that of its RPC.
     #[error(
-        "`{image}` has {width} x {height} pixels, its RPC ({source_file}) is for an image of about {told_width:.0} x {told_height:.0}"
+        "`{image}` has {width} x {height} pixels, its RPC ({source_file}) is for an image of about {expected_width:.0} x {expected_height:.0}"
     )]
     #[diagnostic(help(
-        "was the image resampled, or is this the RPC of a panchromatic image beside a multispectral one? `satgs rpc convert` writes other forms, no other scales: take the RPC of this image; --trust-rpc takes it as it is"
+        "was the image resampled, or is this the RPC of a panchromatic image beside a multispectral one? use the RPC of this image; --trust-rpc uses the RPC without this check"
     ))]
     OtherScale {
         /// The image.
@@ -86,17 +86,17 @@ pub enum SceneError {
         /// Where the RPC was found.
         source_file: String,
         /// Columns of the RPC's volume.
-        told_width: f64,
+        expected_width: f64,
         /// Rows of the RPC's volume.
-        told_height: f64,
+        expected_height: f64,
         /// Columns of the image.
         width: usize,
         /// Rows of the image.
         height: usize,
     },
-    /// A part of a product, without the file that says which.
+    /// An image is a tile of a product, and the position of the tile is not known.
     #[error("`{path}` is tile R{row}C{col} of a mosaic, and {reason}")]
-    #[diagnostic(help("put the product's own DIM_*.XML beside it: it tells how the product is cut"))]
+    #[diagnostic(help("put the DIM_*.XML of the product beside it, which states the layout of the tiles"))]
     TileOfMosaic {
         /// The image.
         path: PathBuf,
@@ -104,44 +104,44 @@ pub enum SceneError {
         row: usize,
         /// Column of the tile, from 1.
         col: usize,
-        /// What is not known of it.
+        /// What is missing or contradictory, as a clause.
         reason: String,
     },
-    /// Several folders of JSON files and none chosen.
+    /// There are several folders of RPC files, and none was chosen.
     #[error("`{path}` has several folders of RPC files: {}", folders.join(", "))]
     #[diagnostic(help("choose one with --rpcs NAME"))]
     SeveralRpcFolders {
         /// The scene.
         path: PathBuf,
-        /// Their names.
+        /// Names of the folders.
         folders: Vec<String>,
     },
-    /// A folder of RPC files that is not there.
+    /// The chosen folder of RPC files does not exist.
     #[error("`{path}` has no folder `{asked}` of RPC files")]
-    #[diagnostic(help("{}", if folders.is_empty() { "--rpcs is for scenes with `images/` and a folder of JSON files; this has none".to_owned() } else { format!("there is {}", folders.join(", ")) }))]
+    #[diagnostic(help("{}", if folders.is_empty() { "--rpcs is for scenes with `images/` and a folder of JSON files; this scene has none".to_owned() } else { format!("folders of RPC files in this scene: {}", folders.join(", ")) }))]
     NoSuchRpcFolder {
         /// The scene.
         path: PathBuf,
-        /// What was asked for.
+        /// The chosen name.
         asked: String,
-        /// What there is.
+        /// Names of the folders of RPC files that exist.
         folders: Vec<String>,
     },
-    /// An RPC file whose image is not there.
+    /// The image of an RPC file is missing.
     #[error("`{rpc}` is for the image `{image}`, which is missing")]
     #[diagnostic(help("put the image there, or remove the RPC file"))]
     NoImageForRpc {
         /// The RPC file.
         rpc: PathBuf,
-        /// The image expected.
+        /// The expected image.
         image: PathBuf,
     },
-    /// An image of another size than its metadata say.
+    /// The size of an image is not the one that its metadata state.
     #[error(
-        "`{rpc}` is for an image of {told_width} x {told_height} pixels, `{image}` has {width} x {height}"
+        "`{rpc}` is for an image of {expected_width} x {expected_height} pixels, `{image}` has {width} x {height}"
     )]
     #[diagnostic(help(
-        "an image that was cropped or resampled needs an RPC that was changed with it; --trust-rpc takes it as it is"
+        "an image that was cropped or resampled needs an RPC that was changed with it; --trust-rpc uses the RPC without this check"
     ))]
     OtherSize {
         /// The RPC file.
@@ -149,102 +149,102 @@ pub enum SceneError {
         /// The image.
         image: PathBuf,
         /// Columns according to the RPC file.
-        told_width: usize,
+        expected_width: usize,
         /// Rows according to the RPC file.
-        told_height: usize,
+        expected_height: usize,
         /// Columns of the image.
         width: usize,
         /// Rows of the image.
         height: usize,
     },
-    /// Two files with the same content.
+    /// Two image files have the same content.
     #[error("`{first}` and `{second}` are the same image")]
-    #[diagnostic(help("remove one of them: a view without a baseline only pretends to be one more"))]
+    #[diagnostic(help("remove one of them: there is no baseline between two copies of an image"))]
     SameImage {
         /// One file.
         first: PathBuf,
         /// The other.
         second: PathBuf,
     },
-    /// Two files that would be views of the same name.
+    /// Two image files would give views of the same name.
     #[error("`{first}` and `{second}` have the same name")]
-    #[diagnostic(help("views are known by their file names without extension: rename one"))]
+    #[diagnostic(help("the name of a view is its file name without the extension: rename one of them"))]
     SameName {
         /// One file.
         first: PathBuf,
         /// The other.
         second: PathBuf,
     },
-    /// `--sun` for a view that does not exist.
-    #[error("there is no view `{name}` to give a sun")]
+    /// `--sun` names a view that does not exist.
+    #[error("--sun names the view `{name}`, which does not exist")]
     #[diagnostic(help("the views are {}", names.join(", ")))]
     UnknownView {
-        /// The name given.
+        /// The given name.
         name: String,
-        /// The views there are.
+        /// Names of the views of the scene.
         names: Vec<String>,
     },
-    /// Too few views for what is asked.
+    /// The scene has too few views for the requested task.
     #[error("the scene has {found} view{}, at least {needed} are needed", if *found == 1 { "" } else { "s" })]
     #[diagnostic(help(
-        "heights come from seeing the same ground from different places; `satgs info` lists the views"
+        "heights are computed from several views of the same ground; `satgs info` lists the views"
     ))]
     TooFewViews {
-        /// Views in the scene.
+        /// Number of views in the scene.
         found: usize,
-        /// Views needed.
+        /// Number of views needed.
         needed: usize,
     },
-    /// A view that sees ground no other view sees.
+    /// A view sees ground that no other view sees.
     #[error(
         "views do not share ground: `{view}` ({footprint}) overlaps its nearest view `{nearest}` ({nearest_footprint}) by {percent:.1} %"
     )]
     #[diagnostic(help(
-        "are all images of the same place? a cropped image needs an RPC moved with the crop; `satgs info` lists the footprints"
+        "are all images of the same place? a cropped image needs an RPC that was shifted with the crop; `satgs info` lists the footprints"
     ))]
     NoSharedGround {
         /// The view.
         view: String,
-        /// Where it looks.
+        /// Extent of its footprint.
         footprint: String,
-        /// The view it overlaps most.
+        /// The view with which it overlaps most.
         nearest: String,
-        /// Where that looks.
+        /// Extent of the footprint of that view.
         nearest_footprint: String,
-        /// Share of the view's footprint.
+        /// Overlap in percent of the footprint of the view.
         percent: f64,
     },
-    /// RPCs of different heights.
+    /// The height ranges of the RPCs do not overlap.
     #[error(
-        "the RPC of `{view}` is made for heights of {low_m:.0} to {high_m:.0} m, those of others for {usual_m:.0} m or so"
+        "the RPC of `{view}` covers heights from {low_m:.0} to {high_m:.0} m, those of the other views heights around {usual_m:.0} m"
     )]
     #[diagnostic(help(
-        "does this RPC belong to this scene? --height-range LOW,HIGH says which heights to search"
+        "does this RPC belong to this scene? --height-range LOW,HIGH sets the heights to search"
     ))]
     NoSharedHeights {
         /// The view that differs most.
         view: String,
-        /// Its lowest height.
+        /// Lowest height of its RPC, metres.
         low_m: f64,
-        /// Its highest height.
+        /// Highest height of its RPC, metres.
         high_m: f64,
-        /// The middle of the others'.
+        /// Middle of the height ranges of the other views, metres.
         usual_m: f64,
     },
-    /// A camera that does not see the ground.
+    /// No ground point can be localised with a camera.
     #[error("the RPC of `{view}` ({source_file}) sees no ground at a height of {height_m} m")]
     #[diagnostic(help(
-        "does this RPC belong to this image? a cropped image needs an RPC moved with the crop"
+        "does this RPC belong to this image? a cropped image needs an RPC that was shifted with the crop"
     ))]
     SeesNoGround {
         /// The view.
         view: String,
-        /// Where its RPC is from.
+        /// Where its RPC was found.
         source_file: String,
-        /// Ellipsoidal height tried.
+        /// Ellipsoidal height that was tried, metres.
         height_m: f64,
     },
-    /// An area of interest that cannot be.
+    /// The area of interest is invalid.
     #[error("area of interest: {reason}")]
     #[diagnostic(help(
         "an area is WEST,SOUTH,EAST,NORTH in degrees, or a GeoJSON file with a polygon in lon/lat"
@@ -253,33 +253,35 @@ pub enum SceneError {
         /// What is wrong with it.
         reason: String,
     },
-    /// An area that no view sees.
+    /// No view sees the area of interest.
     #[error("no view sees the area ({area}); the first sees {footprint}")]
     #[diagnostic(help(
-        "`satgs info` without the area lists the footprints; a cropped image needs an RPC moved with the crop"
+        "`satgs info` without the area lists the footprints; a cropped image needs an RPC that was shifted with the crop"
     ))]
     AreaNotSeen {
-        /// The area.
+        /// Extent of the area.
         area: String,
-        /// Where the first view looks.
+        /// Extent of the footprint of the first view.
         footprint: String,
     },
-    /// An elevation model of unknown vertical reference.
-    #[error("`{path}` does not say what its heights count from{told}")]
+    /// The vertical reference of an elevation model is unknown.
+    #[error("`{path}` does not state a known vertical reference{stated}")]
     #[diagnostic(help(
-        "--dem-vertical ellipsoid, EGM84, EGM96 (SRTM), EGM2008 (Copernicus), or the path of a geoid's grid \
+        "name it: --dem-vertical ellipsoid, EGM84, EGM96 (SRTM), EGM2008 (Copernicus), or the path of a geoid's grid \
          (.gtx, .tif of PROJ)"
     ))]
     VerticalReference {
         /// The elevation model.
         path: PathBuf,
-        /// What it says instead, if anything: a phrase.
-        told: String,
+        /// The unknown reference that it states, as a clause after a semicolon; empty if there is none.
+        stated: String,
     },
-    /// An elevation model with heights that are none.
-    #[error("`{path}` has a height of {height_m:.0} m where the views look, which is none on Earth")]
+    /// An elevation model has a height that does not occur on Earth.
+    #[error(
+        "`{path}` has a height of {height_m:.0} m in the area of the scene, which does not occur on Earth"
+    )]
     #[diagnostic(help(
-        "is it a value for no data? `gdal_edit.py -a_nodata VALUE FILE` declares it; are the heights in another unit?"
+        "is it a nodata value? `gdal_edit.py -a_nodata VALUE FILE` declares it; are the heights in another unit?"
     ))]
     DemVoid {
         /// The elevation model.
@@ -287,18 +289,18 @@ pub enum SceneError {
         /// The height, metres.
         height_m: f64,
     },
-    /// An elevation model of another place.
-    #[error("`{path}` has no heights where the views look")]
+    /// An elevation model does not cover the scene.
+    #[error("`{path}` has no heights in the area of the scene")]
     #[diagnostic(help("`satgs info` lists the footprints; the model must be a north-up map"))]
     DemElsewhere {
         /// The elevation model.
         path: PathBuf,
     },
-    /// A geoid grid of another place.
-    #[error("the geoid grid has no undulation where the views look")]
-    #[diagnostic(help("EGM96 and EGM2008 grids of the whole Earth come with PROJ's data"))]
+    /// A geoid grid does not cover the scene.
+    #[error("the geoid grid does not cover the area of the scene")]
+    #[diagnostic(help("the EGM96 and EGM2008 grids in PROJ's data cover the whole Earth"))]
     GeoidElsewhere,
-    /// A list of views that cannot be read.
+    /// A list of views is invalid.
     #[error("`{path}`: {reason}")]
     #[diagnostic(help(
         "a scene file is TOML with `[[view]]` tables (image, rpc, name, sun = [azimuth, elevation], acquired, mask, test) and `aoi`, or a STAC Item or ItemCollection in JSON"
@@ -309,9 +311,9 @@ pub enum SceneError {
         /// What is wrong with it.
         reason: String,
     },
-    /// A mask of another size than its image.
+    /// The size of a mask is not that of its image.
     #[error("mask `{mask}` is {width} x {height} pixels, its image `{image}` is {of_width} x {of_height}")]
-    #[diagnostic(help("a mask has the size of its image; 0 is where there is none"))]
+    #[diagnostic(help("a mask has the size of its image, and is 0 at pixels without valid data"))]
     OtherMask {
         /// The mask.
         mask: PathBuf,
@@ -326,7 +328,7 @@ pub enum SceneError {
         /// The image's rows.
         of_height: usize,
     },
-    /// A band that an image does not have.
+    /// An image does not have a requested band.
     #[error("`{image}` has {found} band{}, band {asked} was asked for", if *found == 1 { "" } else { "s" })]
     #[diagnostic(help(
         "--bands counts from 1: three for red, green and blue, or one; `satgs info` lists the bands"
@@ -334,24 +336,26 @@ pub enum SceneError {
     NoBand {
         /// The image.
         image: PathBuf,
-        /// Bands it has.
+        /// Number of bands of the image.
         found: usize,
-        /// The band asked for.
+        /// The requested band, from 1.
         asked: usize,
     },
-    /// The band asked for says which pixels are image.
+    /// A requested band is an alpha band.
     #[error("`{image}`: band {asked} is an alpha band and holds no colour")]
-    #[diagnostic(help("--bands takes the others; where the alpha band is 0 there is no image in any case"))]
+    #[diagnostic(help(
+        "choose other bands with --bands; pixels where the alpha band is 0 are ignored in any case"
+    ))]
     AlphaBand {
         /// The image.
         image: PathBuf,
-        /// The band asked for.
+        /// The requested band, from 1.
         asked: usize,
     },
-    /// Pixels are entries of a colour table.
-    #[error("`{image}`: its pixels are numbers of a palette's colours, whose differences mean nothing")]
+    /// The pixel values of an image are indices into a colour table.
+    #[error("`{image}`: its pixel values are indices into a colour table, which are not intensities")]
     #[diagnostic(help(
-        "gdal_translate -expand rgb IN OUT writes the colours themselves; the RPC has to be kept beside OUT"
+        "gdal_translate -expand rgb IN OUT writes the colours; copy the RPC to a file beside OUT"
     ))]
     Palette {
         /// The image.

@@ -1,13 +1,12 @@
-//! Names and texts of files.
+//! Names and content of files.
 
 use super::SceneError;
 use crate::rpc::formats;
 use std::path::Path;
 
-/// Text of a list or an area, as editors write it.
+/// Text of a list of views or of an area of interest, in any encoding that [`formats::decode`] knows.
 pub(super) fn read_text(path: &Path) -> Result<String, SceneError> {
-    let bytes = std::fs::read(path)
-        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+    let bytes = std::fs::read(path).map_err(|cause| SceneError::Unreadable { path: path.into(), cause })?;
     Ok(formats::decode(&bytes))
 }
 
@@ -16,7 +15,7 @@ pub(super) fn stem(path: &Path) -> String {
     path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }
 
-/// A file's name for messages.
+/// The file name, for messages.
 pub(super) fn file_name(path: &Path) -> String {
     path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }

@@ -1,7 +1,7 @@
-//! Layout 1: a folder of images, each with its RPC inside (tag, NITF) or beside it.
+//! Scene layout 1: a folder of images, each with its RPC in the file (TIFF tag, NITF segment) or beside it.
 //!
-//! As in GDAL, what lies beside an image wins over what is in it ([`super::RPC_ORDER`] has the order). Where two
-//! differ by more than 0.1 px a warning says so.
+//! As in GDAL, an RPC beside an image has precedence over one in it ([`super::RPC_ORDER`] lists the order). RPCs that differ
+//! by more than 0.1 px give a warning.
 
 use super::files::stem;
 use super::sidecar::Sidecars;
@@ -19,13 +19,14 @@ pub(super) fn read(
     let mut images = images_in(folder)?;
     let listing = files_in(folder)?;
     for other in other_rasters(&listing) {
-        // A picture of an image (`NAME.png` beside `NAME.tif`) is for looking at.
+        // `NAME.png` beside `NAME.tif` is a preview.
         if images.iter().any(|i| stem(i) == stem(other)) {
             continue;
         }
         match ImageFile::open(other) {
             Ok(file) if !file.metadata_domain("RPC").is_empty() => images.push(other.clone()),
-            _ => warnings.push(format!("`{}` holds no image with an RPC, it is left out", other.display())),
+            _ => warnings
+                .push(format!("`{}` is left out, because it holds no image with an RPC", other.display())),
         }
     }
     let (mut views, mut without) = (Vec::new(), Vec::new());
@@ -41,11 +42,11 @@ pub(super) fn read(
         _ => {}
     }
     for image in without {
-        // A map among sensor images (a DEM, an orthophoto) is there for another purpose.
+        // A map among sensor images, such as a DEM or an orthophoto, is not a view.
         if !ImageFile::open(image)?.is_map() {
             return Err(no_rpc(image));
         }
-        warnings.push(format!("`{}` is a map without an RPC, it is left out", image.display()));
+        warnings.push(format!("`{}` is left out, because it is a map without an RPC", image.display()));
     }
     for companion in listing.iter().filter(|p| is_companion(p) && has_pixels(p)) {
         warnings.push(take_companion(companion, &mut views));
@@ -53,15 +54,16 @@ pub(super) fn read(
     Ok(views)
 }
 
-/// Whether a companion's name is that of a raster.
+/// Whether a companion file is a raster, by its name.
 fn has_pixels(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("tif") || e.eq_ignore_ascii_case("tiff"))
 }
 
-/// Takes a Planet `udm2`, whose first band is 1 where the image is clear, as the mask of its image; in words.
+/// Sets a Planet `udm2`, whose first band is 1 where the image is clear, as the mask of its image. Returns a sentence that
+/// says what was done with the file.
 fn take_companion(companion: &Path, views: &mut [View]) -> String {
     let (path, name) = (companion.display(), stem(companion).to_lowercase());
-    let left_out = format!("`{path}` tells of another image, it is left out");
+    let left_out = format!("`{path}` is left out, because it describes another image");
     let Some(scene) = name.strip_suffix("_udm2") else { return left_out };
     let mut masked = Vec::new();
     for view in views.iter_mut().filter(|v| v.name.to_lowercase().starts_with(scene)) {
@@ -72,6 +74,6 @@ fn take_companion(companion: &Path, views: &mut [View]) -> String {
     if masked.is_empty() {
         left_out
     } else {
-        format!("`{path}` is taken as the mask of {}", masked.join(", "))
+        format!("`{path}` is used as the mask of {}", masked.join(", "))
     }
 }

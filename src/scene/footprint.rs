@@ -1,21 +1,22 @@
-//! Footprints on the map, the ground that several views see, and how much of it they share.
+//! Footprints of views on the map, and the ground that several views see.
 //!
-//! A footprint is the quadrilateral of an image's outer corners at one height; its sides are straight on the map,
-//! which for a full swath of 15 km is right to a few metres.
+//! A footprint is the quadrilateral of the outer corners of an image on the ground at one height. Its sides are straight on
+//! the map; for a full swath of 15 km the error is a few metres.
 
 use super::{Scene, SceneError, UtmBox, View};
 use crate::frame::{CornerPx, Pixel, SiteGrid};
 use crate::rpc::Rpc;
 use geo::{Area, BooleanOps, BoundingRect, LineString, MultiPolygon, Polygon};
 
-/// A view that shares less of its ground with any other, in percent, is a view of another place.
+/// Smallest overlap of a view with some other view, in percent of its footprint.
 const LEAST_SHARED_PERCENT: f64 = 1.0;
-/// Where every view shares this much at the middle height, no other height is asked.
+/// Overlap in percent at the middle height above which other heights are not examined.
 const MUCH_SHARED_PERCENT: f64 = 50.0;
-/// Steps from the lowest to the highest height; RPCs' ranges are at most a few kilometres.
+/// Number of steps from the lowest to the highest height; height ranges of RPCs are at most a few kilometres.
 const HEIGHTS: i32 = 64;
 
-/// An image's outline on the grid's UTM map at an ellipsoidal height; none where the camera sees no ground.
+/// Footprint of an image of `width` x `height` pixels at an ellipsoidal height in metres, in metres of the UTM zone of
+/// `grid`; `None` if a corner cannot be localised at that height.
 #[must_use]
 pub fn footprint(
     rpc: &Rpc,
@@ -36,10 +37,10 @@ pub fn footprint(
     Some(Polygon::new(LineString::from(ring), Vec::new()))
 }
 
-/// The ground inside at least `min_views` of the footprints.
+/// The area inside at least `min_views` of the footprints, in their coordinates.
 ///
-/// `seen[k]` is the ground inside at least `k + 1` of the footprints so far; one more footprint `F` adds
-/// `seen[k - 1] ∩ F` to it.
+/// Footprints are added one by one: with `seen[k]` the area inside at least `k + 1` of those before, a footprint `F` adds
+/// `seen[k - 1] ∩ F` to `seen[k]`.
 #[must_use]
 pub fn ground_seen(footprints: &[Polygon<f64>], min_views: usize) -> MultiPolygon<f64> {
     let levels = min_views.max(1);
@@ -55,17 +56,18 @@ pub fn ground_seen(footprints: &[Polygon<f64>], min_views: usize) -> MultiPolygo
     seen.swap_remove(levels - 1)
 }
 
-/// How many views must see ground that counts: three, or two when there are fewer than four views.
+/// Number of views that must see a place for it to count as common ground: three, or two if there are fewer than four
+/// views.
 #[must_use]
 pub const fn views_needed(views: usize) -> usize {
     if views < 4 { 2 } else { 3 }
 }
 
-/// The default area of interest: the box around the ground that at least three views see at `height_m`
-/// (two when there are fewer than four); none when there is no such ground.
+/// The default area of interest: the bounding box of the ground at ellipsoidal height `height_m`, in metres, that at least
+/// [`views_needed`] views see; `None` if there is no such ground.
 ///
-/// The box is in metres of the grid's UTM zone and is not snapped to any cell. Its corners may be seen by fewer
-/// views than its middle.
+/// `views` holds the camera, columns and rows of each view. The box is in metres of the UTM zone of `grid` and is not
+/// aligned with cells. Its corners may be seen by fewer views than its centre.
 #[must_use]
 pub fn default_aoi(views: &[(&Rpc, usize, usize)], grid: &SiteGrid, height_m: f64) -> Option<UtmBox> {
     let footprints: Vec<_> =
@@ -75,30 +77,30 @@ pub fn default_aoi(views: &[(&Rpc, usize, usize)], grid: &SiteGrid, height_m: f6
     Some((r.min().x, r.min().y, r.max().x, r.max().y))
 }
 
-/// What the views of a scene see together, at one height.
+/// Footprints of the views of a scene at one height, and their overlap.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Overlap {
     /// EPSG code of the UTM zone.
     pub epsg: u32,
-    /// Ellipsoidal height at which the footprints are, metres.
+    /// Ellipsoidal height of the footprints, metres.
     pub height_m: f64,
     /// Each view's footprint at that height, square metres.
     pub footprint_m2: Vec<f64>,
-    /// For each view the one it shares most ground with, at the height where it shares most, and the share of its own
-    /// footprint in percent.
+    /// For each view, the index of the view with the largest overlap and that overlap in percent of its own footprint, at
+    /// the height where it is largest.
     pub nearest: Vec<Option<(usize, f64)>>,
-    /// Views that must see ground for it to count as common.
+    /// Number of views that must see a place for it to count as common ground.
     pub min_views: usize,
     /// Ground that at least `min_views` views see, square metres.
     pub common_m2: f64,
     /// Ground that all views see, square metres.
     pub all_m2: f64,
-    /// Box around the common ground.
+    /// Bounding box of the common ground.
     pub common_box: Option<UtmBox>,
 }
 
 impl Scene {
-    /// As [`Scene::overlap_within`], in the scene's own height range.
+    /// [`Scene::overlap_within`] the height range of the scene.
     ///
     /// # Errors
     /// As [`Scene::overlap_within`].
@@ -106,14 +108,15 @@ impl Scene {
         self.overlap_within(self.height_range())
     }
 
-    /// Footprints and what they have in common, at the middle of a height range; where views do not share half of
-    /// their ground there, at the height of the range at which most ground is common.
+    /// Footprints and their overlap at the middle of a range of ellipsoidal heights in metres; if some view shares less than
+    /// half of its footprint there, at the height of the range with the largest common ground.
     ///
-    /// Where the land is far from the middle, images of one place have footprints apart there: each degree of
-    /// convergence moves them by 1.7 m in 100 m of height. What a view shares most is asked at every height.
+    /// Other heights are needed where the terrain is far from the middle of the range: at a wrong height, footprints of the
+    /// same place are apart, by 1.7 m for each degree between the lines of sight and 100 m of height. The nearest view
+    /// is determined over all heights.
     ///
     /// # Errors
-    /// [`SceneError`] for a camera that sees no ground there, or a place outside UTM.
+    /// [`SceneError`] if a camera cannot be localised in the range, or the scene is outside of UTM.
     pub fn overlap_within(&self, (low, high): (f64, f64)) -> Result<Overlap, SceneError> {
         let middle = 0.5 * (low + high);
         let blind = |v: &View| SceneError::SeesNoGround {
@@ -153,7 +156,7 @@ impl Scene {
         Ok(best)
     }
 
-    /// Footprints and what they have in common at one height; none where a camera sees no ground.
+    /// Footprints and their overlap at one height; `None` if a camera cannot be localised there.
     fn overlap_at(&self, grid: &SiteGrid, height_m: f64) -> Option<Overlap> {
         let polygons: Vec<_> = self.views.iter().map(|v| v.outline(grid, height_m)).collect::<Option<_>>()?;
         let footprint_m2: Vec<f64> = polygons.iter().map(Area::unsigned_area).collect();
@@ -180,10 +183,10 @@ impl Scene {
         })
     }
 
-    /// Refuses a scene in which a view shares no ground with any other at any height of a range.
+    /// Checks that every view overlaps with another one at some height of a range of ellipsoidal heights in metres.
     ///
     /// # Errors
-    /// [`SceneError::NoSharedGround`], and those of [`Scene::overlap_within`].
+    /// [`SceneError::NoSharedGround`] names a view that does not; also the errors of [`Scene::overlap_within`].
     pub fn require_shared_ground(&self, heights: (f64, f64)) -> Result<(), SceneError> {
         let overlap = self.overlap_within(heights)?;
         for (i, nearest) in overlap.nearest.iter().enumerate() {
@@ -208,7 +211,7 @@ impl View {
         footprint(&self.rpc, (self.width, self.height), grid, height_m)
     }
 
-    /// The footprint's extent in words: `lon 5.4401 to 5.4523, lat 43.2611 to 43.2688`.
+    /// Extent of the footprint at an ellipsoidal height in metres, as text: `lon 5.4401 to 5.4523, lat 43.2611 to 43.2688`.
     #[must_use]
     pub fn place(&self, height_m: f64) -> String {
         let Some(corners) = self.footprint(height_m) else { return "nowhere".into() };
@@ -234,10 +237,10 @@ mod tests {
     }
 
     #[test]
-    fn ground_seen_counts_views() {
+    fn ground_seen_by_at_least_n_views_has_the_right_area() {
         let footprints = [square(0.0, 0.0), square(5.0, 0.0), square(0.0, 5.0), square(100.0, 0.0)];
         let area = |n| ground_seen(&footprints, n).unsigned_area();
-        // Inclusion and exclusion: four squares, the pairs that overlap, the triple.
+        // Expected areas by inclusion and exclusion: four squares, the overlapping pairs, the triple.
         let union = 4.0 * 100.0 - (50.0 + 50.0 + 25.0) + 25.0;
         assert!((area(1) - union).abs() < 1e-6, "{}", area(1));
         assert!((area(2) - 75.0).abs() < 1e-6, "{}", area(2));
@@ -247,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn area_of_interest_is_where_the_camera_looks() {
+    fn the_default_area_of_interest_is_the_footprint() {
         let rpc = crate::rpc::test_camera();
         let grid = SiteGrid::at(rpc.center()).unwrap();
         let shifted = rpc.shifted(100.0, 0.0);

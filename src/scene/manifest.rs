@@ -1,6 +1,6 @@
-//! Scenes that are listed instead of found: a TOML file, or a STAC Item or ItemCollection.
+//! Lists of views: a TOML file, or a STAC Item or ItemCollection.
 //!
-//! Paths are relative to the file that names them.
+//! Paths in a list are relative to the folder of the list.
 
 use super::files::read_text;
 use super::sidecar::Sidecars;
@@ -11,7 +11,7 @@ use serde::Deserialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// A scene in TOML.
+/// Content of a TOML list.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Listed {
@@ -33,20 +33,20 @@ enum ListedAoi {
 #[serde(deny_unknown_fields)]
 struct Entry {
     image: PathBuf,
-    /// An RPC file; without it the camera is looked for beside and in the image.
+    /// RPC file; without it, the RPC is searched beside and in the image.
     rpc: Option<PathBuf>,
     name: Option<String>,
     /// Azimuth and elevation, degrees.
     sun: Option<[f64; 2]>,
     /// ISO 8601.
     acquired: Option<String>,
-    /// A raster of the image's size: where it is 0 there is no image.
+    /// Raster of the size of the image, 0 at pixels without valid data.
     mask: Option<PathBuf>,
     #[serde(default)]
     test: bool,
 }
 
-/// Reads a list's views, and its area if it tells one.
+/// Reads the views of a list, and its area of interest if it has one.
 pub(super) fn read(
     path: &Path,
     trust_rpc: bool,
@@ -74,7 +74,7 @@ pub(super) fn read(
 }
 
 impl Entry {
-    /// The view; `list` is the file that names it, paths are relative to `folder`.
+    /// Reads the view. `list` is the file that names it, for messages; paths are relative to `folder`.
     fn view(
         self,
         list: &Path,
@@ -92,14 +92,16 @@ impl Entry {
         let wrong = |reason: String| SceneError::List { path: list.into(), reason };
         if let Some([azimuth, elevation]) = self.sun {
             let sun = Sun::new(azimuth, elevation);
-            view.sun = Some(sun.ok_or_else(|| wrong(format!("sun {azimuth}, {elevation} is no direction")))?);
+            view.sun = Some(sun.ok_or_else(|| {
+                wrong(format!("sun = [{azimuth}, {elevation}] is not an azimuth and an elevation in degrees"))
+            })?);
         }
         view.name = self.name.unwrap_or(view.name);
         if view.name.is_empty() || view.name.contains(['/', '\\']) {
-            return Err(wrong(format!("the name `{}` cannot name files", view.name)));
+            return Err(wrong(format!("the name `{}` cannot be used as a file name", view.name)));
         }
         if let Some(time) = self.acquired {
-            let date = iso_date(&time).ok_or_else(|| wrong(format!("`{time}` is no ISO 8601 date")));
+            let date = iso_date(&time).ok_or_else(|| wrong(format!("`{time}` is not an ISO 8601 date")));
             view.acquired = Some(date?);
         }
         view.role = if self.test { Role::Test } else { Role::Train };
@@ -110,7 +112,7 @@ impl Entry {
     }
 }
 
-/// The views of an Item, or of the Items of an ItemCollection.
+/// The views of a STAC Item, or of the Items of an ItemCollection.
 fn stac_entries(json: &Value) -> Result<Vec<Entry>, String> {
     match json.get("type").and_then(Value::as_str) {
         Some("Feature") => Ok(vec![stac_entry(json)?]),
@@ -138,7 +140,7 @@ fn stac_entry(item: &Value) -> Result<Entry, String> {
     for file in [Some(image), href("rpc"), href("data-mask")].into_iter().flatten() {
         if file.contains("://") {
             return Err(format!(
-                "item `{id}`: `{file}` is not a file; satgs fetches nothing, download it first"
+                "item `{id}`: `{file}` is not a local file; satgs does not download, fetch it first"
             ));
         }
     }

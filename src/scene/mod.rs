@@ -1,4 +1,4 @@
-//! What a user hands in: views (image, RPC, sun, date), and the readers that find them.
+//! Input scenes: views (image, RPC, sun, date), and the readers of all scene layouts.
 
 mod aoi;
 mod camera_choice;

@@ -1,38 +1,38 @@
-//! Pixels of a view as the stages want them: numbers in [0, 1], NaN where there is none.
+//! Pixel values of a view, scaled to [0, 1]; NaN at pixels without valid data.
 
 use super::validity::valid_pixels;
 use super::{SceneError, View};
 use crate::io::{Grid2, ImageFile, RasterError, ValidPixels, Window};
 use std::path::PathBuf;
 
-/// Share of pixels left out at each end when images of more than 8 bits are stretched.
+/// Fraction of the pixels that is clipped at each end when images of more than 8 bits are stretched.
 const STRETCH_TAIL: f64 = 0.005;
-/// The range of 8 bits that are taken as they are.
+/// Range of 8-bit values, which are not stretched.
 const BYTES: (f32, f32) = (0.0, 255.0);
 
-/// Windows along each side of an image in which its values are looked at, and the longest side of one: for their range,
-/// and for the stretch of an image that is read in parts.
+/// Numbers of windows along each side of an image in which its values are sampled, and longest side of a window in pixels:
+/// for the range of values, and for the stretch of an image that is read in parts.
 const FEW: (usize, usize) = (4, 64);
 const MANY: (usize, usize) = (8, 256);
 
-/// Medians of 8-bit images above this are hardly light, of which sunlit ground reflects less: half of white. DFC2019's
-/// colours, made for looking at, have 139 to 165.
+/// Median of 8-bit values above which an image is taken for one with display gamma: sunlit ground reflects less than half
+/// of the light. The images of DFC2019, which have display gamma, have medians from 139 to 165.
 const DISPLAYED: f32 = 127.5;
 
-/// What values an image has, as stored.
+/// Range of the stored values of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ValueRange {
-    /// The least.
+    /// Smallest value.
     pub low: f32,
-    /// Half of the values lie below.
+    /// Median value.
     pub median: f32,
-    /// The greatest.
+    /// Largest value.
     pub high: f32,
 }
 
 impl ValueRange {
-    /// Whether an image of so many bits is as bright as those made for looking at, which hold a root of the light. No
-    /// file says so; this is a guess.
+    /// Whether an image of `bits` bits is probably encoded with display gamma. Files do not state this; it is guessed from
+    /// the median.
     #[must_use]
     pub fn is_displayed(self, bits: u32) -> bool {
         bits == 8 && self.median > DISPLAYED
@@ -40,7 +40,8 @@ impl ValueRange {
 }
 
 impl View {
-    /// The values of the bands used, in windows spread over the image; none without valid ones.
+    /// The range of stored values of the selected bands, sampled in windows spread over the image; `None` without valid
+    /// values.
     ///
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
@@ -61,12 +62,13 @@ impl View {
         Ok(Some(ValueRange { low, median, high }))
     }
 
-    /// The part of the image that is used.
+    /// The window of the image that is used.
     pub(super) fn used_window(&self) -> Window {
         self.window.unwrap_or(Window { col: 0, row: 0, width: self.width, height: self.height })
     }
 
-    /// Windows spread over what is used of the image, so many along each side: all of it if they are wide enough.
+    /// Windows spread over the used part of the image, `count` along each side and at most `side` pixels wide; they cover it
+    /// completely if it is small enough.
     fn samples(&self, (count, side): (usize, usize)) -> impl Iterator<Item = Window> {
         let whole = self.used_window();
         let step = (whole.width.div_ceil(count), whole.height.div_ceil(count));
@@ -78,11 +80,11 @@ impl View {
         })
     }
 
-    /// The view's colours: three bands in [0, 1], or one for a panchromatic image; NaN where a pixel is not valid
-    /// ([`View::valid_pixels`]).
+    /// Colours of the view: three bands with values in [0, 1], or one for a panchromatic image, of the size of the view; NaN
+    /// at pixels that are not valid ([`View::valid_pixels`]).
     ///
-    /// 8-bit images are divided by 255; others, or all when a stretch is asked for, are stretched linearly between the
-    /// values below and above which the tails lie, the same for every band, so that colours keep their hue.
+    /// 8-bit values are divided by 255. Values of more bits, and all values if a stretch is requested, are stretched
+    /// linearly between two quantiles, which are the same for every band, so that hues are kept.
     ///
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
@@ -90,7 +92,7 @@ impl View {
         self.colors_at((self.width, self.height))
     }
 
-    /// As [`View::read_colors`], averaged down until no side is longer than `side` pixels.
+    /// As [`View::read_colors`], downsampled by averaging until no side is longer than `side` pixels.
     ///
     /// # Errors
     /// As [`View::read_colors`].
@@ -118,10 +120,10 @@ impl View {
         Ok(Files { view: self, image, valid })
     }
 
-    /// Takes a mask.
+    /// Sets the mask.
     ///
     /// # Errors
-    /// [`SceneError::OtherMask`] when it is of another size than the image, [`SceneError::Image`].
+    /// [`SceneError::OtherMask`] if its size is not that of the image, [`SceneError::Image`] if it cannot be opened.
     pub(super) fn set_mask(&mut self, mask: PathBuf) -> Result<(), SceneError> {
         let (width, height) = ImageFile::open(&mask)?.size();
         if (width, height) != (self.width, self.height) {
@@ -139,7 +141,7 @@ impl View {
         Ok(())
     }
 
-    /// The view as a gray image that is read window by window.
+    /// Opens the view as a gray image that is read window by window.
     ///
     /// # Errors
     /// As [`View::read_colors`].
@@ -155,22 +157,22 @@ impl View {
     }
 }
 
-/// A view as a gray image, the mean of its bands: values in [0, 1], NaN where there is no image. Only the requested window is
-/// in memory.
+/// A view as a gray image, the mean of its bands, with values in [0, 1] and NaN at pixels that are not valid. Only the
+/// requested windows are in memory.
 pub struct GrayImage<'a> {
     files: Files<'a>,
-    /// What becomes 0, and what 1.
+    /// Stored values that become 0 and 1.
     range: (f32, f32),
 }
 
 impl GrayImage<'_> {
-    /// Which pixels of what is used of the image are image; none if all of them are.
+    /// The valid pixels of the used part of the image; `None` if all are valid.
     #[must_use]
     pub fn valid_pixels(&self) -> Option<&ValidPixels> {
         self.files.valid.as_ref()
     }
 
-    /// Reads a window of what is used of the image.
+    /// Reads a window, in pixels of the used part of the image.
     ///
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
@@ -186,16 +188,17 @@ impl GrayImage<'_> {
     }
 }
 
-/// A view's opened files.
+/// The opened files of a view.
 struct Files<'a> {
     view: &'a View,
     image: ImageFile,
-    /// Which pixels of what is used are image, if not all are.
+    /// The valid pixels of the used part of the image; `None` if all are valid.
     valid: Option<ValidPixels>,
 }
 
 impl Files<'_> {
-    /// The bands used as they are stored, of a window of the whole image at another size; NaN where there is no image.
+    /// Stored values of the selected bands in a window of the whole image, resampled to `size`; NaN at pixels that are not
+    /// valid.
     fn stored(&self, window: Window, size: (usize, usize)) -> Result<Vec<Grid2>, RasterError> {
         let bands = self.view.bands.iter().map(|b| self.image.read_stored(*b, window, size));
         let mut bands = bands.collect::<Result<Vec<_>, _>>()?;
@@ -207,7 +210,7 @@ impl Files<'_> {
         Ok(bands)
     }
 
-    /// Share of the values that a stretch leaves out at each end; none for 8 bits that are taken as they are.
+    /// Fraction of the values that the stretch clips at each end; `None` for 8-bit values, which are not stretched.
     fn tail(&self) -> Result<Option<f64>, RasterError> {
         let first = self.view.bands.first().copied().unwrap_or_default();
         Ok(match self.view.stretch_percent {
@@ -217,14 +220,14 @@ impl Files<'_> {
     }
 }
 
-/// Makes the lower end of a range 0 and the upper 1.
+/// Scales values linearly so that `low` becomes 0 and `high` becomes 1, and clamps them.
 fn scale(raster: &mut Grid2, (low, high): (f32, f32)) {
     let scale = 1.0 / (high - low).max(f32::MIN_POSITIVE);
-    // NaN stays NaN through the clamp.
+    // Clamping keeps NaN.
     raster.data.iter_mut().for_each(|v| *v = ((*v - low) * scale).clamp(0.0, 1.0));
 }
 
-/// Values below and above which the tails lie.
+/// The quantiles of the values at `tail` and 1 - `tail`.
 fn stretch(values: impl Iterator<Item = f32>, tail: f64) -> (f32, f32) {
     let mut values: Vec<f32> = values.filter(|v| v.is_finite()).collect();
     if values.is_empty() {

@@ -1,44 +1,44 @@
-//! Reads a scene from disk, in either layout, and says what is odd about it.
+//! Reads a scene from disk, in any layout, and collects warnings.
 
 use super::source::{files_in, images_in, is_image};
 use super::{Aoi, Scene, SceneError, Sun, TransferFunction, View, checks, dfc2019, folder, manifest};
 use crate::io::ImageFile;
 use std::path::Path;
 
-/// What a user can choose when a scene is read.
+/// Options of [`read`].
 #[derive(Clone, Debug, Default)]
 pub struct ReadOptions {
-    /// The folder of RPC files, when the scene has several.
+    /// Name of the folder of RPC files; needed if the scene has several.
     pub rpcs: Option<String>,
-    /// Suns by view name; they win over what files tell.
+    /// Sun directions by view name; they replace those in files.
     pub suns: Vec<(String, Sun)>,
-    /// The area to which images are cropped.
+    /// Area of interest to which images are cropped.
     pub aoi: Option<Aoi>,
-    /// Lowest and highest ellipsoidal height in the area; without it what [`Scene::height_range`] tells.
+    /// Lowest and highest ellipsoidal height in the area, metres; the default is [`Scene::height_range`].
     pub height_range: Option<(f64, f64)>,
-    /// Bands to use, from 1, of images that have more than one: three or one; without any the first three.
+    /// Bands to use of images that have more than one, counted from 1: three or one. If empty, the first three.
     pub bands: Vec<usize>,
-    /// Percent of pixels cut off at each end when values are stretched.
+    /// Percent of the pixels that is clipped at each end when values are stretched.
     pub stretch_percent: Option<f64>,
     /// Relation between the images' pixel values and linear radiance.
     pub transfer_function: TransferFunction,
-    /// Takes the first RPC found for an image as it is, even if it seems to be another image's.
+    /// Whether the first RPC found for an image is used without checking that it belongs to the image.
     pub trust_rpc: bool,
 }
 
 /// Reads the scene at `path`.
 ///
-/// A folder with `images/` and a folder of RPC files for them is read as sat-NeRF and DFC2019 lay it out;
-/// `images/` alone, or a folder of images, as images with RPCs inside or beside them; a TOML or STAC file lists its
-/// views. Views are ordered by name; their files are found from any working directory.
+/// A folder with `images/` and a folder of RPC files is read in the layout of sat-NeRF and DFC2019. A folder of images, or
+/// with `images/` alone, holds images with RPCs in or beside them. A TOML or STAC file lists the views. Views are ordered
+/// by name; paths of their files are absolute.
 ///
 /// # Errors
-/// [`SceneError`], naming the file.
+/// [`SceneError`] names the file that cannot be read, or the view or option that is wrong.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
-    let path = &std::path::absolute(path)
-        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
-    let about = std::fs::metadata(path)
-        .map_err(|e| SceneError::Unreadable { path: path.into(), reason: e.to_string() })?;
+    let path =
+        &std::path::absolute(path).map_err(|cause| SceneError::Unreadable { path: path.into(), cause })?;
+    let about =
+        std::fs::metadata(path).map_err(|cause| SceneError::Unreadable { path: path.into(), cause })?;
     let mut warnings = Vec::new();
     let (views, listed_aoi) = if about.is_file() && !is_image(path) {
         manifest::read(path, options.trust_rpc, &mut warnings)?
@@ -85,7 +85,7 @@ fn in_folder(
     }
 }
 
-/// Gives every image its bands; one with a single band keeps it.
+/// Selects the bands of every view; images with a single band keep it.
 fn choose_bands(scene: &mut Scene, options: &ReadOptions) -> Result<(), SceneError> {
     let mut first_of = Vec::new();
     for view in &mut scene.views {
@@ -107,14 +107,14 @@ fn choose_bands(scene: &mut Scene, options: &ReadOptions) -> Result<(), SceneErr
     }
     if !first_of.is_empty() {
         scene.warnings.push(format!(
-            "only the first bands are used, --bands R,G,B chooses (WorldView-3's eight: 5,3,2): {}",
+            "only the first bands are used; --bands R,G,B chooses others (5,3,2 for the eight bands of WorldView-3): {}",
             first_of.join(", ")
         ));
     }
     Ok(())
 }
 
-/// The folder of RPC files: the one asked for, or the only one there is.
+/// Name of the folder of RPC files: the requested one, or the only one.
 fn choose(path: &Path, asked: Option<&str>) -> Result<Option<String>, SceneError> {
     let mut folders = dfc2019::rpc_folders(path)?;
     match asked {

@@ -1,4 +1,4 @@
-//! Files beside an image that belong to it, by the names that vendors and GDAL give them.
+//! Sidecar files of images, found by the naming conventions of vendors and GDAL.
 
 use super::SceneError;
 use super::files::{file_name, stem};
@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Endings of RPC files beside NAME, in the order in which they are preferred.
+/// Suffixes of the RPC files of the image NAME, in order of preference.
 const CAMERAS: [&str; 11] = [
     "_rpc.txt",
     "_rpc_org.txt",
@@ -22,39 +22,39 @@ const CAMERAS: [&str; 11] = [
     ".json",
     ".txt",
 ];
-/// Endings of files beside NAME that tell sun and date.
+/// Suffixes of the files of the image NAME that state sun and date.
 const METADATA: [&str; 2] = [".imd", ".xml"];
-/// Endings of those that are named after the beginning of NAME (Planet, GeoEye).
+/// Suffixes of such files whose names begin as NAME does (Planet, GeoEye).
 const ITEM_METADATA: [&str; 2] = ["_metadata.json", "_metadata.txt"];
-/// What Airbus adds to the image's name for the bands it holds.
+/// Suffixes of image names of Airbus for the bands in the image.
 const AIRBUS_BANDS: [&str; 8] = ["_p", "_ms", "_pms", "_rgb", "_ned", "_ms-fs", "_pms-fs", "_ms-n"];
 
-/// Text in which words of an RPC are looked for.
+/// Number of bytes at the beginning of a file in which field names of an RPC are searched.
 const SEARCHED_BYTES: u64 = 16 << 20;
 
-/// In words, for `satgs info`.
+/// Order in which RPCs of an image are preferred, as text for `satgs info`.
 pub const ORDER: &str = "NAME_RPC.TXT, NAME.RPB, NAME.XML or RPC_*.XML (Maxar, DIMAP), NAME.geom, NAME.json, \
                          NAME.txt, .aux.xml, then the RPC inside the image (of a VRT first); one that is for another \
                          image is passed over";
 
-/// The files of one image.
+/// Sidecar files of one image.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sidecars {
-    /// RPC files, the most preferred first.
+    /// RPC files in order of preference.
     pub cameras: Vec<PathBuf>,
-    /// Those of them that are the product's, of which the image is a tile.
+    /// Those of them that belong to the product of which the image is a tile.
     pub of_product: Vec<PathBuf>,
-    /// Files that tell sun, date and size.
+    /// Files that state sun, date and size.
     pub metadata: Vec<PathBuf>,
-    /// As `metadata`, of the product of which the image is a tile.
+    /// Such files of the product of which the image is a tile.
     pub product_metadata: Vec<PathBuf>,
-    /// Maxar's file of the places of a product's tiles.
+    /// Maxar's `.TIL` file, which states the positions of the tiles of a product.
     pub til: Option<PathBuf>,
-    /// Whether the image's name is that of a tile, whatever its files are.
+    /// Whether the name of the image is that of a tile.
     pub is_tile_by_name: bool,
-    /// Which part of a product the image is, when its files are the whole product's.
+    /// The tile of a product that the image is, if its RPC files are those of the whole product.
     pub tile: Option<Tile>,
-    /// Whether the user chose the camera: the image's own does not count.
+    /// Whether the user chose the RPC file, so that the RPC in the image is ignored.
     pub is_chosen: bool,
 }
 
@@ -66,7 +66,7 @@ pub(super) struct Tile {
 }
 
 impl Sidecars {
-    /// Those of `image` in a listing of its folder.
+    /// Finds the sidecar files of `image` in a listing of its folder.
     pub(super) fn of(image: &Path, listing: &[PathBuf]) -> Self {
         let name = stem(image).to_lowercase();
         let file = image.file_name().map_or_else(String::new, |n| n.to_string_lossy().to_lowercase());
@@ -92,7 +92,7 @@ impl Sidecars {
                 product_metadata.extend(exactly(&format!("dim_{base}.xml"), listing));
             }
             if base.is_empty() {
-                // DIMAP 1 calls every image IMG_R1C1; its one metadata file holds the model too.
+                // In DIMAP 1 every image is named IMG_R1C1, and its metadata file holds the RPC too.
                 of_product.extend(
                     listing.iter().filter(|p| stem(p).to_lowercase().starts_with("phrdimap")).cloned(),
                 );
@@ -106,7 +106,7 @@ impl Sidecars {
         Self { cameras, of_product, metadata, product_metadata, til, is_tile_by_name, tile, is_chosen: false }
     }
 
-    /// Those of `image`, with a camera of the user's choice.
+    /// The sidecar files of `image`, with an RPC file chosen by the user.
     pub(super) fn with_camera(camera: PathBuf, image: &Path, listing: &[PathBuf]) -> Self {
         let of_product = Vec::new();
         Self { cameras: vec![camera], of_product, tile: None, is_chosen: true, ..Self::of(image, listing) }
@@ -114,7 +114,7 @@ impl Sidecars {
 }
 
 impl Tile {
-    /// The camera of this tile, from that of the whole product.
+    /// The camera of this tile, derived from that of the whole product.
     pub(super) fn camera(
         self,
         image: &Path,
@@ -134,7 +134,7 @@ impl Tile {
             return if alone {
                 Ok(whole.clone())
             } else {
-                refused("nothing beside it tells the tiles' size".into())
+                refused("no file beside it states the size of the tiles".into())
             };
         };
         if col > tiles.across || row > tiles.down {
@@ -152,7 +152,7 @@ impl Tile {
     }
 }
 
-/// A name without its `_R1C2`, and the tile that says; `name` is in lower case.
+/// Splits `_R1C2` off the name of a tile; `name` is in lower case.
 fn split_tile(name: &str) -> (String, Option<Tile>) {
     for (at, _) in name.match_indices("_r") {
         let rest = &name[at + 2..];
@@ -165,13 +165,14 @@ fn split_tile(name: &str) -> (String, Option<Tile>) {
     (name.to_owned(), None)
 }
 
-/// The number that a text begins with, and the rest.
+/// The number at the beginning of a text, and the rest of the text.
 fn digits(text: &str) -> Option<(usize, &str)> {
     let end = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
     Some((text[..end].parse().ok()?, &text[end..]))
 }
 
-/// Metadata of the item that an image belongs to: the image's name begins with theirs; `name` is in lower case.
+/// Metadata files of the item to which an image belongs: the name of the image begins with theirs. `name` is in lower
+/// case.
 fn of_item<'a>(name: &'a str, listing: &'a [PathBuf]) -> impl Iterator<Item = PathBuf> + 'a {
     let is_its = move |path: &&PathBuf| {
         let file = file_name(path).to_lowercase();
@@ -181,12 +182,13 @@ fn of_item<'a>(name: &'a str, listing: &'a [PathBuf]) -> impl Iterator<Item = Pa
     listing.iter().filter(is_its).cloned()
 }
 
-/// The files of a listing called `name` and one of the endings, in the order of the endings; `name` is in lower case.
+/// Files of a listing that are named `name` with one of some suffixes, in the order of the suffixes; `name` is in lower
+/// case.
 pub(super) fn by_name(name: &str, endings: &[&str], listing: &[PathBuf]) -> Vec<PathBuf> {
     endings.iter().flat_map(|ending| exactly(&format!("{name}{ending}"), listing)).collect()
 }
 
-/// The RPC file of `name` in a folder of nothing but RPC files.
+/// The RPC file of the image `name` in a folder of RPC files.
 pub(super) fn camera_of(name: &str, listing: &[PathBuf]) -> Option<PathBuf> {
     by_name(&name.to_lowercase(), &CAMERAS, listing).into_iter().next()
 }
@@ -196,7 +198,7 @@ fn exactly(wanted: &str, listing: &[PathBuf]) -> Vec<PathBuf> {
     listing.iter().filter(named).cloned().collect()
 }
 
-/// Whether a file is about an RPC: endings of any text (`NAME.txt`, `NAME.xml`) only if words of one stand in it.
+/// Whether a file holds an RPC. Files with general suffixes (`NAME.txt`, `NAME.xml`) must contain field names of an RPC.
 fn is_about_rpc(path: &Path) -> bool {
     let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().to_lowercase());
     let says_so = |ending: &&&str| ending.contains("rp") || ending.contains("geom");
@@ -229,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn files_of_every_vendor_are_found_in_one_order() {
+    fn sidecar_files_of_every_vendor_are_found_in_order() {
         let maxar = ["a.tif", "A.XML", "A.IMD", "a.rpb", "a_RPC.TXT", "ab.rpb", "a.tif.aux.xml"];
         let (cameras, metadata, tile) = found("a.tif", &maxar);
         assert_eq!(cameras, ["a_RPC.TXT", "a.rpb", "A.XML", "a.tif.aux.xml"]);
@@ -252,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_only_look_like_tiles_are_no_tiles() {
+    fn names_that_resemble_tiles_are_not_taken_for_tiles() {
         assert_eq!(split_tile("img_r0c1").1, None);
         assert_eq!(split_tile("a_rc1").1, None);
         assert_eq!(split_tile("a_r1").1, None);

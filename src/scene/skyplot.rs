@@ -1,6 +1,6 @@
-//! A drawing of a scene's geometry: the footprints on the left, the sky on the right.
+//! Drawing of the geometry of a scene: footprints on the left, a sky plot on the right.
 //!
-//! North is up. On the sky the centre is the zenith and the rim the horizon, with a ring every 30°. Blue dots are
+//! North is up. The centre of the sky plot is the zenith, its border the horizon, and rings are 30° apart. Blue dots are
 //! satellites, hollow ones those of test views; orange dots are suns.
 
 use super::{Overlap, Role, Scene, SceneError};
@@ -8,15 +8,15 @@ use crate::frame::SiteGrid;
 use crate::io::Drawing;
 use crate::io::svg::{BLUE, GRAY, GREEN, ORANGE};
 
-/// Side of each half of the drawing, and the margin inside of it.
+/// Side of each half of the drawing and the margin inside of it, pixels.
 const SIDE: f64 = 480.0;
 const MARGIN: f64 = 24.0;
 
 impl Scene {
-    /// Draws footprints, satellites and suns.
+    /// Draws the footprints at the height of `overlap`, and the directions to satellites and suns.
     ///
     /// # Errors
-    /// [`SceneError`] for a place outside UTM.
+    /// [`SceneError`] if the scene is outside of UTM.
     pub fn skyplot(&self, overlap: &Overlap) -> Result<Drawing, SceneError> {
         let mut drawing = Drawing::new(2.0 * SIDE, SIDE);
         self.draw_footprints(overlap, &mut drawing)?;

@@ -1,6 +1,6 @@
-//! One image of a scene: the file, the cameras found in and beside it, its sun and date.
+//! Reading of one view: the image file, the RPCs in and beside it, its sun and date.
 
-use super::camera_choice::{Candidate, READ_BY_GDAL, Told, choose};
+use super::camera_choice::{Candidate, READ_BY_GDAL, SidecarTags, choose};
 use super::files::{file_name, read_text, stem};
 use super::sidecar::Sidecars;
 use super::{Role, SceneError, Sun, View};
@@ -8,13 +8,14 @@ use crate::io::ImageFile;
 use crate::rpc::formats::{self, FormatError, RpcFile, ViewTags};
 use std::path::{Path, PathBuf};
 
-/// Extensions of images, in lower case.
+/// File name extensions of images, in lower case.
 const IMAGES: [&str; 8] = ["tif", "tiff", "ntf", "nitf", "nsf", "jp2", "j2k", "vrt"];
-/// Extensions of rasters that are images if they hold an RPC: ENVI, PCIDSK, PNG, Erdas Imagine, raw.
+/// File name extensions of rasters that are views only if they hold an RPC: ENVI, PCIDSK, PNG, Erdas Imagine, raw.
 const OTHER_RASTERS: [&str; 8] = ["dat", "pix", "png", "img", "bil", "bip", "bsq", "jpg"];
-/// The GSD told and the camera's at mid height agree better than this factor, whatever the relief.
+/// Largest factor between the stated GSD and that of the camera at the middle height without a warning.
 const GSD_FACTOR: f64 = 1.35;
-/// The off-nadir angle told and the camera's agree better, wherever in the image the telling is meant.
+/// Largest difference between the stated off-nadir angle and that of the camera without a warning, degrees; it allows for
+/// the variation within an image.
 const OFF_NADIR_DEG: f64 = 5.0;
 
 /// Images of a folder, ordered by name; hidden files do not count.
@@ -30,9 +31,9 @@ pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     Ok(found)
 }
 
-/// Everything in a folder that is not hidden.
+/// Files and folders in a folder; hidden ones are left out.
 pub(super) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
-    let failed = |e: std::io::Error| SceneError::Unreadable { path: folder.into(), reason: e.to_string() };
+    let failed = |cause| SceneError::Unreadable { path: folder.into(), cause };
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
@@ -43,7 +44,7 @@ pub(super) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     Ok(found)
 }
 
-/// The images whose pixels a virtual raster shows, as it names them; none of any other file.
+/// Paths of the source images of a virtual raster (VRT), as it states them; empty for any other file.
 #[must_use]
 pub fn sources_of(image: &Path) -> Vec<PathBuf> {
     if !image.extension().is_some_and(|e| e.eq_ignore_ascii_case("vrt")) {
@@ -60,13 +61,13 @@ pub fn sources_of(image: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Whether a raster tells of another one, as Planet's `udm` and `udm2` do, and is no image itself.
+/// Whether a raster describes another one, as Planet's `udm` and `udm2` masks do, and is not an image itself.
 pub(super) fn is_companion(path: &Path) -> bool {
     let name = stem(path).to_lowercase();
     name.ends_with("_udm") || name.ends_with("_udm2") || name.contains("_udm2_") || name.contains("_udm_")
 }
 
-/// Rasters of a listing that satgs takes for no images: of other formats.
+/// Rasters of a listing in formats that are not searched for views.
 pub(super) fn other_rasters(listing: &[PathBuf]) -> impl Iterator<Item = &PathBuf> {
     listing.iter().filter(|p| {
         let extension = p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
@@ -74,9 +75,9 @@ pub(super) fn other_rasters(listing: &[PathBuf]) -> impl Iterator<Item = &PathBu
     })
 }
 
-/// Reads an image's view with the camera beside or in it that fits it; warnings are added to `warnings`.
+/// Reads the view of an image, with the RPC in or beside it that fits it; `None` if there is no RPC.
 ///
-/// None when there is no camera.
+/// Warnings are added to `warnings`.
 pub(super) fn view(
     image: &Path,
     sidecars: &Sidecars,
@@ -93,8 +94,8 @@ pub(super) fn view(
     if candidates.is_empty() {
         return Ok(None);
     }
-    let told = Told::read(sidecars, warnings);
-    let Some(chosen) = choose(&file, candidates, sidecars, &told, trust_rpc, warnings)? else {
+    let stated = SidecarTags::read(sidecars, warnings);
+    let Some(chosen) = choose(&file, candidates, sidecars, &stated, trust_rpc, warnings)? else {
         return Ok(None);
     };
     let tags = chosen.tags.or(image_tags(&file));
@@ -120,10 +121,11 @@ pub(super) fn view(
     Ok(Some(view))
 }
 
-/// The camera of an RPC file, or of an image with what lies beside it.
+/// Reads the camera of an RPC file, or of an image with its sidecars. `trust_rpc` takes the first RPC found without
+/// checking that it belongs to the image.
 ///
 /// # Errors
-/// [`SceneError`], naming the file.
+/// [`SceneError`], naming the file, if it cannot be read, or no RPC belongs to the image.
 pub fn read_camera(path: &Path, trust_rpc: bool) -> Result<RpcFile, SceneError> {
     if !is_image(path) {
         return Ok(formats::read(path)?);
@@ -135,7 +137,7 @@ pub fn read_camera(path: &Path, trust_rpc: bool) -> Result<RpcFile, SceneError> 
     Ok(RpcFile { tags: view.tags(), rpc: view.rpc, format: "image", warnings })
 }
 
-/// Whether a file is no text: RPC files are, images are not, but for the head of a NITF.
+/// Whether a file is an image: a binary file or a NITF, whose header is text. RPC files are text.
 pub(super) fn is_image(path: &Path) -> bool {
     use std::io::Read;
     let mut head = Vec::new();
@@ -144,17 +146,17 @@ pub(super) fn is_image(path: &Path) -> bool {
     read.is_ok() && (head.contains(&0) && !is_utf16 || head.starts_with(b"NITF") || head.starts_with(b"NSIF"))
 }
 
-/// The error for an image without a camera.
+/// The error for an image without an RPC.
 pub(super) fn no_rpc(image: &Path) -> SceneError {
     let is_map = ImageFile::open(image).is_ok_and(|f| f.is_map());
-    let what = if is_map { "; it has a map projection, as an ortho product" } else { "" };
+    let what = if is_map { "; it has a map projection, as an orthorectified product has" } else { "" };
     SceneError::NoRpc { path: image.into(), what }
 }
 
-/// The cameras of an image, the most preferred first: sidecars in their order, then what the file itself holds; of a
-/// virtual raster, whose sidecars are those of its source, its own comes first.
+/// RPCs of an image in order of preference: sidecars in their order, then the RPC in the file. The RPC in a virtual
+/// raster comes before its sidecars, which are those of its source.
 ///
-/// The first must be whole; a broken one below a good one is nobody's problem.
+/// An error in the most preferred file is returned; damaged files after a valid one are ignored.
 fn cameras(file: &ImageFile, sidecars: &Sidecars) -> Result<Vec<Candidate>, FormatError> {
     let mut found = Vec::new();
     let is_virtual = file.path().extension().is_some_and(|e| e.eq_ignore_ascii_case("vrt"));
@@ -181,7 +183,7 @@ fn cameras(file: &ImageFile, sidecars: &Sidecars) -> Result<Vec<Candidate>, Form
     Ok(found)
 }
 
-/// The camera in the file: a TIFF's tag to the last bit, else what GDAL shows.
+/// The RPC in an image file: from the TIFF tag with all bits, otherwise as GDAL reads it.
 fn own_camera(file: &ImageFile) -> Result<Option<Candidate>, FormatError> {
     let path = file.path();
     let camera =
@@ -189,7 +191,7 @@ fn own_camera(file: &ImageFile) -> Result<Option<Candidate>, FormatError> {
     if let Some(rpc) = formats::from_tiff(path)? {
         return Ok(Some(camera(rpc, "RPC tag")));
     }
-    // GDAL reads an RPC00A too; which order its own readers make of it nobody can check here.
+    // GDAL reads RPC00A too, but whether it reorders the terms is not known.
     if file.metadata("RPC00A", "TRE").is_some() {
         return Err(FormatError::Rpc00a { file: path.into() });
     }
@@ -197,19 +199,19 @@ fn own_camera(file: &ImageFile) -> Result<Option<Candidate>, FormatError> {
     Ok(formats::from_gdal(path, &file.metadata_domain("RPC"))?.map(|rpc| camera(rpc, source)))
 }
 
-/// A warning for a camera of another resolution than the metadata tell, or for a much larger image.
-fn other_resolution(view: &View, told_gsd_m: Option<f64>) -> Option<String> {
+/// A warning if the GSD of the camera is not the stated one, or the camera is that of a much larger image.
+fn other_resolution(view: &View, stated_gsd_m: Option<f64>) -> Option<String> {
     let c = view.rpc.coefficients();
     let (col, row) = view.gsd_m(c.height.offset)?;
     let gsd = (col * row).sqrt();
-    if let Some(told) = told_gsd_m.filter(|t| gsd / t > GSD_FACTOR || t / gsd > GSD_FACTOR) {
+    if let Some(stated) = stated_gsd_m.filter(|t| gsd / t > GSD_FACTOR || t / gsd > GSD_FACTOR) {
         return Some(format!(
-            "{}: its metadata tell of pixels of {told:.2} m, its camera makes them {gsd:.2} m; was the image \
+            "{}: its metadata state a GSD of {stated:.2} m, that of its camera is {gsd:.2} m; was the image \
              resampled without its RPC?",
             view.name
         ));
     }
-    // The offsets of a whole image's model are its middle, its scales half its sides.
+    // The offsets of an RPC of a whole image are near to its centre, the scales near to half its sides.
     let is_whole = |axis: crate::rpc::Axis| (axis.offset / axis.scale - 1.0).abs() < 0.25;
     let larger = |axis: crate::rpc::Axis, size: usize| 2.0 * axis.scale > 1.5 * size as f64;
     let is_other =
@@ -227,18 +229,18 @@ fn other_resolution(view: &View, told_gsd_m: Option<f64>) -> Option<String> {
     })
 }
 
-/// A warning for a camera that looks from elsewhere than the metadata tell.
-fn other_direction(view: &View, told_deg: Option<f64>) -> Option<String> {
+/// A warning if the off-nadir angle of the camera is not the stated one.
+fn other_direction(view: &View, stated_deg: Option<f64>) -> Option<String> {
     let (_, off_nadir) = view.direction_deg(view.rpc.center().height_m())?;
-    let told = told_deg.filter(|told| (told - off_nadir).abs() > OFF_NADIR_DEG)?;
+    let stated = stated_deg.filter(|stated| (stated - off_nadir).abs() > OFF_NADIR_DEG)?;
     Some(format!(
-        "{}: its metadata tell of a view {told:.1}° off nadir, its camera looks {off_nadir:.1}° off; are they the same \
-         image's?",
+        "{}: its metadata state an off-nadir angle of {stated:.1}°, that of its camera is {off_nadir:.1}°; do both belong \
+         to this image?",
         view.name
     ))
 }
 
-/// Sun and date that the image file itself tells.
+/// Sun and date in the metadata of the image file.
 fn image_tags(file: &ImageFile) -> ViewTags {
     let number = |keys: &[&str]| {
         let text = keys.iter().find_map(|k| file.metadata(k, ""))?;

@@ -1,13 +1,13 @@
-//! Where the sun stands at a time and place: the low-precision formulas of the Astronomical Almanac.
+//! Position of the sun at a time and place, by the low-precision formulas of the Astronomical Almanac.
 //!
-//! Good to 0.01° between 1950 and 2050, without refraction: enough to see that a date, a place and a sun angle
-//! do not belong together.
+//! The error is below 0.01° between 1950 and 2050, without refraction. That suffices to detect that a date, a place and a
+//! sun direction contradict each other.
 
 use super::Sun;
 use crate::frame::{Geodetic, Point};
 
 impl Sun {
-    /// The sun over a place at an ISO 8601 UTC time `YYYY-MM-DDThh:mm:ssZ`; none without a time of day.
+    /// The direction of the sun at a place and a UTC time `YYYY-MM-DDThh:mm:ssZ`; `None` without a time of day.
     #[must_use]
     pub fn at(time: &str, place: Point<Geodetic>) -> Option<Self> {
         let days = days_since_2000(time)?;
@@ -39,12 +39,12 @@ impl Sun {
     }
 }
 
-/// Days since noon of 1 January 2000, from an ISO time.
+/// Days since 1 January 2000, 12 h UTC, of an ISO 8601 time.
 pub(super) fn days_since_2000(time: &str) -> Option<f64> {
     let part = |from: usize, to: usize| time.get(from..to)?.parse::<i64>().ok();
     let (year, month, day) = (part(0, 4)?, part(5, 7)?, part(8, 10)?);
     let seconds = part(11, 13)? * 3600 + part(14, 16)? * 60 + part(17, 19)?;
-    // Fliegel and Van Flandern's Julian day number.
+    // Julian day number after Fliegel and Van Flandern (1968).
     let a = (month - 14) / 12;
     let julian = (1461 * (year + 4800 + a)) / 4 + (367 * (month - 2 - 12 * a)) / 12
         - (3 * ((year + 4900 + a) / 100)) / 4
@@ -57,19 +57,19 @@ pub(super) fn days_since_2000(time: &str) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Angles that Maxar delivered with the image (views.csv of JAX_068).
+    /// The expected angles are those that Maxar delivered with the image (views.csv of JAX_068).
     #[test]
-    fn sun_agrees_with_what_maxar_delivers() {
+    fn the_sun_agrees_with_the_metadata_of_maxar() {
         let place = Point::new(-81.6637, 30.3487, 0.0);
-        let told = Sun { azimuth_deg: 150.3, elevation_deg: 50.8 };
+        let stated = Sun { azimuth_deg: 150.3, elevation_deg: 50.8 };
         let ours = Sun::at("2014-10-05T16:01:38Z", place).unwrap();
-        assert!(ours.angle_to_deg(told) < 0.3, "{ours:?}");
+        assert!(ours.angle_to_deg(stated) < 0.3, "{ours:?}");
         assert!(Sun::at("2014-10-05", place).is_none());
         assert!(Sun::at("2014-10-05T04:00:00Z", place).unwrap().elevation_deg < -30.0);
     }
 
     #[test]
-    fn the_epoch_is_noon_of_the_first_of_january_2000() {
+    fn the_epoch_is_noon_on_1_january_2000() {
         assert_eq!(days_since_2000("2000-01-01T12:00:00Z"), Some(0.0));
         assert_eq!(days_since_2000("2001-01-01T00:00:00Z"), Some(365.5));
     }

@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn files_keep_a_tone_and_hold_no_impossible_one() {
+    fn a_round_trip_through_json_keeps_the_function_and_invalid_values_are_refused() {
         let function = TransferFunction::new(2.2).unwrap().with_white(0.4);
         assert_eq!(
             serde_json::from_str::<TransferFunction>(&serde_json::to_string(&function).unwrap()).unwrap(),

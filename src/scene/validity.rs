@@ -1,22 +1,23 @@
-//! Which pixels of a view are image: one answer from everything that says so, for every stage.
+//! The valid pixels of a view, from all sources, for all stages.
 //!
-//! Not valid is what an alpha band, a mask in or beside the file (`.msk`) or the user's mask has as 0, what is no finite
-//! number, and nodata, as the file or the product's metadata declare it. Of whole numbers a nodata value may be a colour
-//! as well, as 0 is in the shadows of an 8-bit image: among the image's other values it is nodata only where it is
-//! connected with the border; far from all of them it is nodata everywhere.
+//! A pixel is not valid if it is 0 in an alpha band, in a mask in or beside the file (`.msk`) or in the mask of the user, if
+//! its value is not finite, or if it is nodata as the file or the metadata of the product declare it. In images of whole
+//! numbers a nodata value may occur as a colour too, as 0 in the shadows of an 8-bit image: if it lies within the range of
+//! the other values, it is nodata only where it is connected with the border, otherwise everywhere.
 
 use super::View;
 use crate::io::{Grid2, ImageFile, RasterError, ValidPixels, Window};
 
-/// Pixels looked at in one go.
+/// Number of pixels that are read at a time.
 const STRIP_PX: usize = 1 << 22;
-/// A nodata value this far beyond all other values is none of them, as a share of their range.
+/// Distance of a nodata value from the range of the other values, as a fraction of that range, from which on it does not
+/// occur as a colour.
 const AMONG: f32 = 0.01;
-/// Share of an image, in percent, from which a black margin is worth a word.
+/// Smallest black margin that gives a warning, percent of the image.
 const WIDE_MARGIN_PERCENT: f64 = 1.0;
 
 impl View {
-    /// Which pixels of what is used of the image are image; none if all of them are.
+    /// The valid pixels of the used part of the image; `None` if all are valid.
     ///
     /// # Errors
     /// [`RasterError`] when a file cannot be read.
@@ -25,8 +26,8 @@ impl View {
         valid_pixels(self, &ImageFile::open(&self.image)?, mask.as_ref())
     }
 
-    /// How many percent of the pixels that count as image are 0 in all bands and connected with the border: such margins
-    /// are mostly no image, but no file says so. None where they are few.
+    /// Percentage of the valid pixels that are 0 in all bands and connected with the border. They are probably a margin
+    /// without data that no file declares. `None` if there are only few.
     ///
     /// # Errors
     /// As [`View::valid_pixels`].
@@ -53,7 +54,7 @@ impl View {
     }
 }
 
-/// As [`View::valid_pixels`], of opened files.
+/// The same as [`View::valid_pixels`], for opened files.
 pub(super) fn valid_pixels(
     view: &View,
     file: &ImageFile,
@@ -74,7 +75,7 @@ pub(super) fn valid_pixels(
     for window in strips(used) {
         let mut hidden = vec![false; window.width * window.height];
         let mut hide = |values: &[f32]| {
-            // A mask's own nodata is no image either.
+            // Nodata in a mask means not valid too.
             let zeros = hidden.iter_mut().zip(values).filter(|(_, v)| **v == 0.0 || v.is_nan());
             zeros.for_each(|(hidden, _)| *hidden = true);
         };
@@ -108,7 +109,7 @@ pub(super) fn valid_pixels(
     Ok((valid.count() < used.width * used.height).then_some(valid))
 }
 
-/// Where an image has its nodata value, and what other values it has.
+/// The pixels with the nodata value, and the range of the other values.
 struct Found {
     some_band: ValidPixels,
     all_bands: ValidPixels,
@@ -127,7 +128,7 @@ impl Found {
         }
     }
 
-    /// Takes a pixel's values with their bands' nodata.
+    /// Adds a pixel: the values of its bands, each with the nodata value of its band.
     fn look(&mut self, values: impl Iterator<Item = (f32, Option<f32>)>, col: usize, row: usize) {
         let (mut some, mut all) = (false, true);
         for (value, nodata) in values {
@@ -151,18 +152,18 @@ impl Found {
     }
 }
 
-/// The bands used, as they are stored.
+/// Stored values of the selected bands.
 fn bands(view: &View, file: &ImageFile, window: Window) -> Result<Vec<Grid2>, RasterError> {
     let size = (window.width, window.height);
     view.bands.iter().map(|b| file.read_stored(*b, window, size)).collect()
 }
 
-/// Column and row in `used` of the pixel `i` of a window of the whole image.
+/// Column and row, in the window `used`, of the pixel with index `i` in a window of the whole image.
 fn place(i: usize, window: Window, used: Window) -> (usize, usize) {
     (window.col - used.col + i % window.width, window.row - used.row + i / window.width)
 }
 
-/// A window in parts of whole rows.
+/// Divides a window into parts of whole rows.
 fn strips(used: Window) -> impl Iterator<Item = Window> {
     let rows = (STRIP_PX / used.width.max(1)).max(1);
     let parts = (0..used.height).step_by(rows);

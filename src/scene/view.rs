@@ -1,4 +1,4 @@
-//! A scene and its views: names, files and geometry; pixels are read when a stage needs them.
+//! A scene and its views: names, files and geometry. Pixels are read when they are needed.
 
 use super::{Aoi, TransferFunction};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point, half_turn};
@@ -8,17 +8,17 @@ use crate::rpc::formats::ViewTags;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// Where the sun stood.
+/// Direction to the sun at the time of acquisition.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sun {
-    /// Clockwise from true north, degrees.
+    /// Azimuth, clockwise from true north, degrees.
     pub azimuth_deg: f64,
-    /// Above the horizon, degrees.
+    /// Elevation above the horizon, degrees.
     pub elevation_deg: f64,
 }
 
 impl Sun {
-    /// A sun at these angles in degrees; none if they are no direction.
+    /// The sun at an azimuth and an elevation in degrees; `None` if they are outside of their ranges.
     #[must_use]
     pub fn new(azimuth_deg: f64, elevation_deg: f64) -> Option<Self> {
         let sound = (-360.0..=360.0).contains(&azimuth_deg) && (-90.0..=90.0).contains(&elevation_deg);
@@ -30,70 +30,69 @@ impl Sun {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
-    /// Adjusted and trained on.
+    /// The view is adjusted and trained on.
     Train,
-    /// Adjusted with the others, never trained on.
+    /// The view is adjusted with the others, but not trained on.
     Test,
 }
 
-/// One acquisition.
+/// One image with its camera and metadata.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct View {
-    /// The image's file name without its extension.
+    /// File name of the image without its extension.
     pub name: String,
     /// The image file.
     pub image: PathBuf,
-    /// Columns of the image, or of the window of it that is used.
+    /// Number of columns of the image, or of its used window.
     pub width: usize,
-    /// Rows of the image, or of the window.
+    /// Number of rows of the image, or of its used window.
     pub height: usize,
-    /// The part of the image that is used, if not all of it is; the camera is that part's.
+    /// The window of the image that is used, if not all of it is; the camera is that of the window.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub window: Option<Window>,
-    /// Bands used, from 1: three for red, green and blue, or one.
+    /// Selected bands, counted from 1: three for red, green and blue, or one.
     pub bands: Vec<usize>,
-    /// Percent of pixels cut off at each end when values are stretched; without it 8 bits are taken as they are and
-    /// others lose half a percent.
+    /// Percent of the pixels that is clipped at each end when values are stretched. By default 8-bit values are not
+    /// stretched, and half a percent of others is clipped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stretch_percent: Option<f64>,
-    /// A raster of the image's size: where it is 0 there is no image.
+    /// Raster of the size of the image, 0 at pixels that are not valid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask: Option<PathBuf>,
-    /// The value of pixels that are no image, when the product's metadata tell one; what the image file itself declares
-    /// comes first.
+    /// Nodata value in the metadata of the product; one that the image file declares has precedence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub nodata: Option<f64>,
-    /// The camera.
+    /// The camera of the used window.
     pub rpc: Rpc,
-    /// Where the RPC was read from, as a user would name it: `RPC tag`, or a file.
+    /// Where the RPC was found, for messages: a file name, `RPC tag`.
     pub rpc_source: String,
-    /// The sun, when known.
+    /// Direction to the sun, if known.
     pub sun: Option<Sun>,
-    /// Acquisition time as ISO 8601 `YYYY-MM-DDThh:mm:ssZ`, when known.
+    /// Acquisition time in UTC, `YYYY-MM-DDThh:mm:ssZ` or `YYYY-MM-DD`, if known.
     pub acquired: Option<String>,
-    /// Training or test.
+    /// Whether the view is trained on.
     pub role: Role,
-    /// Lowest and highest ellipsoidal height to search, when the view's metadata tells.
+    /// Lowest and highest ellipsoidal height on the ground in metres, if the metadata of the view state them.
     pub height_range: Option<(f64, f64)>,
 }
 
-/// All views of one place.
+/// Views of one place.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scene {
     /// The views, ordered by name.
     pub views: Vec<View>,
-    /// The area of interest, when one was given; images are cropped to it.
+    /// The area of interest to which images are cropped, if one was given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aoi: Option<Aoi>,
     /// Relation between the images' pixel values and linear radiance.
     #[serde(default, skip_serializing_if = "TransferFunction::is_linear")]
     pub transfer_function: TransferFunction,
-    /// What was odd when the scene was read, one sentence a cause.
+    /// Warnings of the reader, one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
 
-/// Angle in degrees between two directions given as (azimuth, angle from the zenith), degrees.
+/// Angle in degrees between two directions, each given as (azimuth, angle from the zenith) in degrees.
 #[must_use]
 pub fn angle_between_deg(a: (f64, f64), b: (f64, f64)) -> f64 {
     let unit = |(azimuth, zenith): (f64, f64)| {
@@ -112,12 +111,12 @@ impl Scene {
         self.views.iter().filter(|v| v.role == Role::Train)
     }
 
-    /// Heights between which matching searches: the widest of what the views' metadata tell, else what the
-    /// views' RPCs have in common.
+    /// Lowest and highest ellipsoidal height in metres to search: the union of the ranges in the metadata of the views, or,
+    /// if there are none, the intersection of the ranges of their RPCs.
     #[must_use]
     pub fn height_range(&self) -> (f64, f64) {
-        let told = self.views.iter().filter_map(|v| v.height_range);
-        let wide = told.fold(None, |acc: Option<(f64, f64)>, (lo, hi)| {
+        let stated = self.views.iter().filter_map(|v| v.height_range);
+        let wide = stated.fold(None, |acc: Option<(f64, f64)>, (lo, hi)| {
             Some(acc.map_or((lo, hi), |(a, b)| (a.min(lo), b.max(hi))))
         });
         wide.unwrap_or_else(|| {
@@ -126,7 +125,7 @@ impl Scene {
         })
     }
 
-    /// Mean of the cameras' views of their image centres at the middle of the height range.
+    /// Mean of the ground points at the image centres, at the middle of the height range; `None` if there are none.
     #[must_use]
     pub fn center(&self) -> Option<Point<Geodetic>> {
         let (lo, hi) = self.height_range();
@@ -135,38 +134,38 @@ impl Scene {
             self.views.iter().filter_map(|v| v.ground_center(h)).map(Point::xyz).collect();
         let [first_lon, ..] = *seen.first()?;
         let n = seen.len() as f64;
-        // Longitudes count from the first one: on either side of the antimeridian they are nearly a turn apart.
+        // Longitudes are averaged as differences from the first one, because the scene may cross the antimeridian.
         let east = seen.iter().map(|p| half_turn(p[0] - first_lon)).sum::<f64>() / n;
         Some(Point::new(first_lon + east, seen.iter().map(|p| p[1]).sum::<f64>() / n, h))
     }
 }
 
 impl View {
-    /// The camera of the whole image, from one of the window that is used.
+    /// The camera of the whole image, given that of the used window.
     #[must_use]
     pub fn camera_of_whole(&self, of_window: &Rpc) -> Rpc {
         self.window.map_or_else(|| of_window.clone(), |w| of_window.shifted(w.col as f64, w.row as f64))
     }
 
-    /// The camera of the window that is used, from one of the whole image.
+    /// The camera of the used window, given that of the whole image.
     #[must_use]
     pub fn camera_of_window(&self, of_whole: &Rpc) -> Rpc {
         self.window.map_or_else(|| of_whole.clone(), |w| of_whole.cropped(w.col, w.row))
     }
 
-    /// Where the whole image has a pixel of the window that is used.
+    /// Position in the whole image of a position in the used window.
     #[must_use]
     pub fn px_of_whole(&self, px: Pixel<CenterPx>) -> Pixel<CenterPx> {
         self.window.map_or(px, |w| Pixel::new(px.col + w.col as f64, px.row + w.row as f64))
     }
 
-    /// Where the window that is used has a pixel of the whole image.
+    /// Position in the used window of a position in the whole image.
     #[must_use]
     pub fn px_of_window(&self, px: Pixel<CenterPx>) -> Pixel<CenterPx> {
         self.window.map_or(px, |w| Pixel::new(px.col - w.col as f64, px.row - w.row as f64))
     }
 
-    /// What a file with the whole image's camera says beside it.
+    /// Metadata of the whole image, to be written beside its camera.
     #[must_use]
     pub fn tags(&self) -> ViewTags {
         ViewTags {
@@ -179,14 +178,15 @@ impl View {
         }
     }
 
-    /// The ground point seen at the image's centre at a height, if the camera has one.
+    /// The ground point at the centre of the image at an ellipsoidal height in metres; `None` if it cannot be localised.
     #[must_use]
     pub fn ground_center(&self, height_m: f64) -> Option<Point<Geodetic>> {
         let center = Pixel::new(0.5 * (self.width as f64 - 1.0), 0.5 * (self.height as f64 - 1.0));
         self.rpc.localize(center, height_m).ok()
     }
 
-    /// The image's four outer corners on the ground at a height, in order around it.
+    /// The ground points of the four outer corners of the image at an ellipsoidal height in metres, in order around the
+    /// image; `None` if one cannot be localised.
     #[must_use]
     pub fn footprint(&self, height_m: f64) -> Option<[Point<Geodetic>; 4]> {
         use crate::frame::CornerPx;
@@ -198,7 +198,8 @@ impl View {
         Some(corners)
     }
 
-    /// Direction from the ground to the satellite: (azimuth clockwise from north, off-nadir), degrees.
+    /// Direction from the ground to the satellite at the image centre and an ellipsoidal height in metres: azimuth clockwise
+    /// from true north and off-nadir angle (incidence at the ground), degrees.
     #[must_use]
     pub fn direction_deg(&self, height_m: f64) -> Option<(f64, f64)> {
         const RISE_M: f64 = 100.0;
@@ -211,7 +212,8 @@ impl View {
         Some((azimuth.rem_euclid(360.0), d[0].hypot(d[1]).atan2(d[2]).to_degrees()))
     }
 
-    /// Size of a pixel on the ground at the image's centre, along a row and along a column, metres.
+    /// Ground sampling distance at the image centre and an ellipsoidal height in metres: along a row and along a column,
+    /// metres per pixel.
     #[must_use]
     pub fn gsd_m(&self, height_m: f64) -> Option<(f64, f64)> {
         let center = self.ground_center(height_m)?;

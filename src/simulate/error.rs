@@ -1,4 +1,4 @@
-//! How a simulation fails.
+//! Errors of the simulation.
 
 use crate::frame::FrameError;
 use crate::io::WriteError;
@@ -10,31 +10,31 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum SimulateError {
-    /// An option out of its range.
+    /// An option is outside of its range.
     #[error("`{option}` is {found}, expected {expected}")]
-    #[diagnostic(help("`satgs simulate --help` tells the defaults"))]
+    #[diagnostic(help("`satgs simulate --help` lists the defaults"))]
     Option {
         /// Name of the option.
         option: &'static str,
-        /// What was found.
+        /// The given value.
         found: String,
-        /// What would do.
+        /// The valid values.
         expected: &'static str,
     },
-    /// The folder holds something.
+    /// The output folder is not empty.
     #[error("`{path}` is not empty")]
     #[diagnostic(help("--overwrite replaces an earlier simulation; another folder keeps both"))]
     NotEmpty {
         /// The folder.
         path: PathBuf,
     },
-    /// The folder cannot be read, made or cleared.
-    #[error("`{path}`: {reason}")]
+    /// The folder cannot be read, created or cleared.
+    #[error("`{path}`: {cause}")]
     Folder {
         /// The folder or file.
         path: PathBuf,
-        /// The system's words.
-        reason: String,
+        /// Error of the file system.
+        cause: std::io::Error,
     },
     /// An output could not be written.
     #[error(transparent)]
@@ -44,24 +44,24 @@ pub enum SimulateError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Interrupted(#[from] Interrupted),
-    /// No map projection.
+    /// The map projection is not available.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Frame(#[from] FrameError),
-    /// The fitted camera is no RPC.
-    #[error("the simulated camera of `{view}` is no RPC")]
+    /// The fitted camera of a view is not a valid RPC.
+    #[error("the simulated camera of `{view}` is not a valid RPC")]
     Rpc {
         /// The view.
         view: String,
         /// What is wrong with it.
         source: RpcError,
     },
-    /// A ray leaves the RPC's volume.
+    /// The line of sight of a pixel cannot be computed from the fitted RPC.
     #[error("the simulated camera of `{view}` has no line of sight for every pixel")]
     Ray {
         /// The view.
         view: String,
-        /// Where.
+        /// The pixel and height.
         source: LocalizeError,
     },
 }

@@ -1,4 +1,4 @@
-//! What the user gets: GeoTIFFs with an RPC tag that points a few pixels wrong, and the sun in their metadata.
+//! Delivered images: GeoTIFFs with an RPC tag that includes a pointing error, and the sun in their metadata.
 
 use super::SimulatedView;
 use crate::io::{SensorImage, WriteError};

@@ -1,9 +1,9 @@
-//! The scene as a height field: heights between fine nodes are bilinear, everything stands on the ground.
+//! The scene as a height field: heights are interpolated bilinearly between the nodes of a fine grid.
 //!
-//! Positions are metres east and north of the scene's centre along the map grid; heights are ellipsoidal. Rays are
-//! marched through the field itself, so the images and the exact DSM come from one surface.
+//! Positions are metres east and north of the centre of the scene along the map grid; heights are ellipsoidal. Rays are
+//! cast onto this field, so that images and exact DSM come from the same surface.
 
-/// What covers the ground at a node.
+/// Surface material at a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Material {
@@ -21,7 +21,7 @@ pub(super) struct Node {
     /// Ellipsoidal height, metres.
     pub(super) height_m: f64,
     pub(super) material: Material,
-    /// Which building it belongs to; 0: none.
+    /// Number of the building that it belongs to; 0 if none.
     pub(super) owner: u16,
     /// Reflectance in red, green, blue.
     pub(super) albedo: [f32; 3],
@@ -39,21 +39,21 @@ pub(super) struct Field {
     highest_m: f64,
 }
 
-/// A point in the field's space, metres: east, north, ellipsoidal height.
+/// A position in metres: east, north, ellipsoidal height.
 pub(super) type Place = [f64; 3];
 
-/// Side of the coarse cells over which rays leap, metres.
+/// Side of the coarse cells of the maximum heights that rays skip, metres.
 const LEAP_M: f64 = 2.0;
-/// A march takes so many steps per node.
+/// Number of steps of a ray per distance between nodes.
 const STEPS_PER_NODE: f64 = 2.0;
-/// Halvings that find the crossing within a step: 0.1 m / 2¹⁴ is 10 µm.
+/// Bisections that locate the intersection within a step: 0.1 m / 2¹⁴ is 6 µm.
 const HALVINGS: usize = 14;
 
 impl Field {
-    /// A field over ±`half_m` with a node every `step_m`, from its nodes row by row, southern row first.
+    /// A field over ±`half_m` with a node every `step_m`; nodes are ordered row by row from the south.
     pub(super) fn new(half_m: f64, step_m: f64, nodes: Vec<Node>) -> Self {
         let side = Self::nodes_per_side(half_m, step_m);
-        assert_eq!(nodes.len(), side * side, "a node for every place");
+        assert_eq!(nodes.len(), side * side, "one node for every position");
         let ceiling_side = (2.0 * half_m / LEAP_M).ceil() as usize + 1;
         let mut highest = vec![f32::NEG_INFINITY; ceiling_side * ceiling_side];
         let (mut lowest_m, mut highest_m) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -64,7 +64,7 @@ impl Field {
             lowest_m = lowest_m.min(node.height_m);
             highest_m = highest_m.max(node.height_m);
         }
-        // Whoever stands in a cell may look one cell further in any direction.
+        // A ceiling covers the neighbouring cells too, because a step may leave the cell in any direction.
         let around = |i: usize| i.saturating_sub(1)..(i + 2).min(ceiling_side);
         let ceiling = (0..ceiling_side * ceiling_side)
             .map(|k| {
@@ -92,18 +92,19 @@ impl Field {
         self.half_m
     }
 
-    /// The node nearest to a place.
+    /// The node nearest to a position.
     pub(super) fn nearest(&self, x: f64, y: f64) -> &Node {
         &self.nodes[self.nearest_index(x, y)]
     }
 
-    /// Index of the node nearest to a place.
+    /// Index of the node nearest to a position.
     pub(super) fn nearest_index(&self, x: f64, y: f64) -> usize {
         let index = |v: f64| (((v + self.half_m) / self.step_m).round().max(0.0) as usize).min(self.side - 1);
         index(y) * self.side + index(x)
     }
 
-    /// The four nodes around a place (south-west, south-east, north-west, north-east) and the place among them.
+    /// The four nodes around a position (south-west, south-east, north-west, north-east), and the position between them as
+    /// fractions of a cell.
     pub(super) fn around(&self, x: f64, y: f64) -> ([&Node; 4], f64, f64) {
         let last = (self.side - 2) as f64;
         let (u, v) = ((x + self.half_m) / self.step_m, (y + self.half_m) / self.step_m);
@@ -117,7 +118,7 @@ impl Field {
         )
     }
 
-    /// Height at a place; beyond the field that of its border.
+    /// Height at a position; outside of the field, that of its border.
     pub(super) fn height_m(&self, x: f64, y: f64) -> f64 {
         let ([a, b, c, d], u, v) = self.around(x, y);
         let south = a.height_m + (b.height_m - a.height_m) * u;
@@ -125,14 +126,15 @@ impl Field {
         south + (north - south) * v
     }
 
-    /// Slope to the east and to the north at a place.
+    /// Slope to the east and to the north at a position, metres per metre.
     pub(super) fn slope(&self, x: f64, y: f64) -> [f64; 2] {
         let ([a, b, c, d], u, v) = self.around(x, y);
         let [a, b, c, d] = [a, b, c, d].map(|n| n.height_m);
         [((b - a) * (1.0 - v) + (d - c) * v) / self.step_m, ((c - a) * (1.0 - u) + (d - b) * u) / self.step_m]
     }
 
-    /// Where a descending ray, `path(t)` for t from 0 (above everything) to 1 (below everything), meets the field.
+    /// First intersection of a descending ray with the field; `path(t)` is the ray for t from 0, above all heights, to 1,
+    /// below all heights.
     pub(super) fn first_hit(&self, path: impl Fn(f64) -> Place) -> Option<Place> {
         let (from, to) = (path(0.0), path(1.0));
         let run_m = (to[0] - from[0]).hypot(to[1] - from[1]).max(1e-6);
@@ -162,7 +164,7 @@ impl Field {
         None
     }
 
-    /// Whether nothing stands between a place and the sun in direction `sun` (a unit vector).
+    /// Whether a position is in sunlight; `sun` is the unit vector to the sun.
     pub(super) fn is_lit(&self, place: Place, sun: [f64; 3]) -> bool {
         let run = sun[0].hypot(sun[1]).max(1e-6);
         let along = |m: f64| -> Place { std::array::from_fn(|k| place[k] + sun[k] / run * m) };
@@ -209,11 +211,11 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_shadow_is_as_long_as_its_box_is_high() {
+    fn the_length_of_a_shadow_follows_from_height_and_sun_elevation() {
         let field = one_box();
         let (elevation, azimuth) = (40.0f64.to_radians(), 135.0f64.to_radians());
         let sun = [azimuth.sin() * elevation.cos(), azimuth.cos() * elevation.cos(), elevation.sin()];
-        // From the box's corner away from the sun: the last dark point lies h / tan(el) away.
+        // The shadow of the box's corner ends h / tan(elevation) away from the corner.
         let corner = [8.0 - 5.0, -6.0 + 3.0];
         let on_ground = |m: f64| {
             let place = [corner[0] - azimuth.sin() * m, corner[1] - azimuth.cos() * m, 150.0];

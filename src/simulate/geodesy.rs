@@ -1,7 +1,7 @@
-//! Geodesy of the simulator's own: Earth-centred coordinates, the sun's place, directions on the map grid.
+//! Geodesy of the simulator: Earth-centred coordinates, sun position, directions on the map grid.
 //!
-//! Kept apart from `frame` on purpose: a sign or a convention that is wrong there must show in the images. Only
-//! the map projection itself (PROJ) is shared.
+//! It is independent of the module `frame` on purpose: a wrong sign or convention there must become visible in the images.
+//! Only the map projection (PROJ) is shared.
 
 use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::scene::Sun;
@@ -37,7 +37,7 @@ pub(super) fn ecef_from_geodetic(p: Point<Geodetic>) -> Ecef {
     )
 }
 
-/// Geodetic coordinates of an Earth-centred point near the ground (fixed point on the latitude).
+/// Geodetic coordinates of an Earth-centred point near the ground, by fixed-point iteration of the latitude.
 pub(super) fn geodetic_from_ecef(p: Ecef) -> Point<Geodetic> {
     const ROUNDS: usize = 12;
     let axis_distance = p.x.hypot(p.y);
@@ -69,8 +69,8 @@ impl LocalAxes {
     }
 }
 
-/// Unit vector to the sun in the map's axes (easting, northing, up) at a place: a step towards the sun in space,
-/// seen on the map.
+/// Unit vector to the sun in map axes (easting, northing, up) at a position, from the map coordinates of a second point
+/// towards the sun.
 pub(super) fn sun_on_map(grid: &SiteGrid, place: Point<Geodetic>, sun: Sun) -> [f64; 3] {
     const STEP_M: f64 = 50.0;
     let here = ecef_from_geodetic(place);
@@ -81,7 +81,7 @@ pub(super) fn sun_on_map(grid: &SiteGrid, place: Point<Geodetic>, sun: Sun) -> [
     d.map(|c| c / length)
 }
 
-/// The sun's place in the sky, to about 0.05° (NOAA's short formulas after Spencer, 1971).
+/// Direction to the sun with an error of about 0.05° (NOAA's short formulas after Spencer, 1971).
 pub(super) fn sun_at(day_of_year: u32, utc_h: f64, place: Point<Geodetic>) -> Sun {
     let year_angle = std::f64::consts::TAU / 365.0 * (f64::from(day_of_year) - 1.0 + (utc_h - 12.0) / 24.0);
     let (s1, c1) = year_angle.sin_cos();
@@ -111,15 +111,15 @@ mod tests {
     const PLACE: Point<Geodetic> = Point::new(5.5, 43.3, 150.0);
 
     #[test]
-    fn earth_centred_coordinates_go_there_and_back() {
+    fn earth_centred_coordinates_round_trip() {
         let back = geodetic_from_ecef(ecef_from_geodetic(PLACE));
         assert!((back.lon_deg() - 5.5).abs() < 1e-12 && (back.lat_deg() - 43.3).abs() < 1e-11);
         assert!((back.height_m() - 150.0).abs() < 1e-7);
     }
 
     #[test]
-    fn on_the_map_the_sun_stands_left_of_its_true_azimuth_east_of_the_meridian() {
-        // Convergence of UTM 31N at this place: (5.5° - 3°) sin(43.3°), to the first order.
+    fn the_grid_azimuth_of_the_sun_is_its_true_azimuth_minus_the_convergence() {
+        // To first order, the convergence of UTM 31N at this position is (5.5° - 3°) sin(43.3°).
         let convergence_deg = 2.5 * 43.3f64.to_radians().sin();
         let grid = SiteGrid::at(PLACE).unwrap();
         let sun = Sun { azimuth_deg: 135.0, elevation_deg: 40.0 };
@@ -130,8 +130,8 @@ mod tests {
     }
 
     #[test]
-    fn the_sun_stands_where_almanacs_say() {
-        // Solstice and equinox noon elevations: 90° - latitude ± declination.
+    fn the_sun_position_agrees_with_almanacs() {
+        // The elevation at noon is 90° - latitude ± declination, at solstices and equinoxes.
         let noon_utc = |equation_min: f64| 12.0 - 5.5 / 15.0 - equation_min / 60.0;
         let june = sun_at(172, noon_utc(-1.7), PLACE);
         assert!((june.elevation_deg - (90.0 - 43.3 + 23.44)).abs() < 0.1, "{june:?}");

@@ -1,8 +1,8 @@
-//! A deterministic town imaged by satellites with true and disturbed RPCs, and its exact DSM.
+//! Simulation of satellite images of a deterministic town, with true and disturbed RPCs and the exact DSM.
 //!
-//! Images are made by casting rays through the RPCs onto a height field, with the sun's direction from geodesy of
-//! the simulator's own: nothing of the product's affine cameras, splats or shadows is used, so that a wrong
-//! convention there shows as an error against the truth.
+//! Images are rendered by casting rays through the RPCs onto a height field; the sun direction comes from the simulator's
+//! own geodesy. Affine cameras, splats and shadow models of the reconstruction are not used, so that a wrong convention
+//! there becomes visible as an error against the truth.
 
 mod cars;
 mod export;
@@ -30,17 +30,17 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use town::Town;
 
-/// Where the town stands: east of its zone's meridian, so that map north and true north differ by 1.7°.
+/// Position of the town, east of the central meridian of its UTM zone, so that grid north and true north differ by 1.7°.
 const PLACE: Point<Geodetic> = Point::new(5.5, 43.3, 150.0);
-/// Name of the truth's files.
+/// Name of the files of the ground truth.
 const TRUTH_NAME: &str = "TOWN";
-/// Half of the heights that an RPC is made for, at least, metres.
+/// Smallest half height range of an RPC, metres.
 const RPC_HALF_HEIGHT_M: f64 = 80.0;
 
-/// What to simulate.
+/// Options of [`simulate`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SimulateOptions {
-    /// Another number is another town.
+    /// Seed of the random numbers; another seed gives another town.
     pub seed: u64,
     /// Number of images.
     pub views: usize,
@@ -48,9 +48,9 @@ pub struct SimulateOptions {
     pub size_px: usize,
     /// Ground sampling distance at nadir, metres; also the cell of the exact DSM.
     pub gsd_m: f64,
-    /// The lie of the land.
+    /// Height differences of the terrain.
     pub relief: Relief,
-    /// Whether files of an earlier simulation are replaced.
+    /// Whether files of an earlier simulation in the folder are replaced.
     pub overwrite: bool,
 }
 
@@ -60,24 +60,24 @@ impl Default for SimulateOptions {
     }
 }
 
-/// Figures of the exact DSM by which a test scene is judged.
+/// Statistics of the exact DSM.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneFigures {
-    /// Mean distance of the heights from their mean, metres: what a flat guess would score.
+    /// Mean absolute deviation of the heights from their mean, metres: the MAE of a flat prediction.
     pub mean_absolute_deviation_m: f64,
-    /// Share of cells that are roofs.
+    /// Fraction of the cells that are roofs.
     pub roofs_share: f64,
-    /// Share of cells that are trees.
+    /// Fraction of the cells that are trees.
     pub trees_share: f64,
-    /// Share of cells that are water.
+    /// Fraction of the cells that are water.
     pub water_share: f64,
     /// Height of the tallest building above the ground, metres.
     pub tallest_building_m: f64,
-    /// Highest minus lowest ground, metres.
+    /// Difference between the highest and the lowest ground, metres.
     pub relief_m: f64,
 }
 
-/// One image as it was taken.
+/// Acquisition of one simulated image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewFigures {
     /// File name without extension.
@@ -90,22 +90,22 @@ pub struct ViewFigures {
     pub sun_azimuth_deg: f64,
     /// Elevation of the sun, degrees.
     pub sun_elevation_deg: f64,
-    /// ISO 8601, UTC.
+    /// Acquisition time, ISO 8601 in UTC.
     pub acquired: String,
-    /// Added to the columns of the true RPC in the delivered one, pixels.
+    /// Column of the delivered RPC minus that of the true RPC, pixels.
     pub d_col: f64,
-    /// Added to the rows of the true RPC in the delivered one, pixels.
+    /// Row of the delivered RPC minus that of the true RPC, pixels.
     pub d_row: f64,
 }
 
-/// What was simulated.
+/// Result of [`simulate`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// The scene's figures.
+    /// Statistics of the scene.
     pub scene: SceneFigures,
-    /// The images, by name.
+    /// The images, ordered by name.
     pub views: Vec<ViewFigures>,
-    /// The exact DSM.
+    /// Path of the exact DSM.
     pub truth: PathBuf,
 }
 
@@ -123,12 +123,13 @@ impl SimulatedView {
     }
 }
 
-/// Makes a scene in the folder `out`: `VIEW_nn.tif` and, apart from them, `truth/`.
+/// Simulates a scene and writes it to the folder `out`: images `VIEW_nn.tif`, and the ground truth in `truth/`.
 ///
-/// The same options give the same bytes, whatever the number of threads.
+/// The same options give the same bytes for any number of threads.
 ///
 /// # Errors
-/// [`SimulateError`]: an option out of range, a folder in use, a file that cannot be written, a request to stop.
+/// [`SimulateError`] if an option is outside of its range, the folder is not empty, a file cannot be written, or
+/// `progress` asks to stop.
 pub fn simulate(
     out: &Path,
     options: &SimulateOptions,
@@ -144,7 +145,7 @@ pub fn simulate(
     let grid = SiteGrid { epsg: map.epsg, origin: Point::new(e.round(), n.round(), 0.0) };
     let extent_m = options.size_px as f64 * options.gsd_m;
     let step_m = 0.5 * options.gsd_m;
-    // The corners of oblique images, the parallax of the highest roofs, shadows from outside.
+    // The margin covers the corners of oblique images, the parallax of the highest roofs, and shadows from outside.
     let half_m = ((0.82 * extent_m + 50.0) / step_m).ceil() * step_m;
     let town = Town::new(options.seed, half_m, step_m, 0.5 * extent_m, options.relief);
     let views = plan_views(options, &town, &grid)?;
@@ -187,10 +188,9 @@ fn check(options: &SimulateOptions) -> Result<(), SimulateError> {
     Ok(())
 }
 
-/// Makes the folder, or clears an earlier simulation from it: its own files and no others.
+/// Creates the folder, or removes the files of an earlier simulation from it; other files are kept.
 fn prepare_folder(out: &Path, overwrite: bool) -> Result<(), SimulateError> {
-    let failed =
-        |path: &Path, e: std::io::Error| SimulateError::Folder { path: path.into(), reason: e.to_string() };
+    let failed = |path: &Path, cause: std::io::Error| SimulateError::Folder { path: path.into(), cause };
     std::fs::create_dir_all(out).map_err(|e| failed(out, e))?;
     let entries = std::fs::read_dir(out).and_then(Iterator::collect::<Result<Vec<_>, _>>);
     let entries = entries.map_err(|e| failed(out, e))?;
@@ -272,7 +272,7 @@ fn view_figures(view: &SimulatedView) -> ViewFigures {
     }
 }
 
-/// `shifts.json`: by view, what was added to the true RPC's projections.
+/// Content of `shifts.json`: for each view, the shift of the delivered RPC, (column, row) in pixels.
 fn shifts(views: &[ViewFigures]) -> std::collections::BTreeMap<&str, [f64; 2]> {
     views.iter().map(|v| (v.name.as_str(), [v.d_col, v.d_row])).collect()
 }

@@ -1,12 +1,12 @@
-//! The town's plan: terrain, streets and blocks, buildings, a pond.
+//! The plan of the town: terrain, streets and blocks, buildings, a pond.
 //!
-//! Streets run along the town's own axes (a, b), turned against the map grid so that no wall lies along a row of
-//! pixels. Everything follows from the seed and from the block's indices.
+//! Streets run along the axes (a, b) of the town, which are rotated against the map grid so that no wall is parallel to
+//! rows of pixels. The plan depends on the seed and on the indices of blocks only.
 
 use super::keyed_rng::KeyedRng;
 use serde::{Deserialize, Serialize};
 
-/// Differences of height of the ground.
+/// Height differences of the terrain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Relief {
@@ -16,16 +16,16 @@ pub enum Relief {
     Hilly,
 }
 
-/// Places the trees of a block of the town, once its buildings stand.
+/// Places the trees of a block after its buildings.
 pub(super) type Trees = fn(&Plan, [i64; 2]) -> Vec<Tree>;
 
-/// Period of the streets along a and b, metres.
+/// Distance between streets along a and b, metres.
 pub(super) const PERIOD_M: [f64; 2] = [60.0, 45.0];
 /// Half the width of a carriageway, metres.
 pub(super) const STREET_HALF_M: f64 = 3.5;
-/// From a street's axis to the block's edge: the carriageway and a pavement.
+/// Distance from the axis of a street to the edge of the block, metres: half the carriageway and a pavement.
 pub(super) const BLOCK_EDGE_M: f64 = 5.2;
-/// Height of the ground at the scene's centre, metres above the ellipsoid.
+/// Ellipsoidal height of the ground at the centre of the scene, metres.
 const GROUND_M: f64 = 150.0;
 /// Height of the tower, metres.
 const TOWER_M: f64 = 33.0;
@@ -41,35 +41,35 @@ pub(super) enum LandUse {
     Pond,
 }
 
-/// How a building ends above.
+/// Shape of a roof.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Roof {
-    /// With a parapet and machines on it.
+    /// Flat, with a parapet and machines.
     Flat,
-    /// Two slopes; the ridge runs along a, and rises so many metres above the eaves.
+    /// Two slopes with the ridge along a; the number is the height of the ridge above the eaves, metres.
     Gable(f64),
-    /// Four slopes of the same steepness (metres per metre).
+    /// Four slopes; the number is their gradient, metres per metre.
     Hip(f64),
 }
 
-/// A box with a roof.
+/// A part of a building: a box with a roof.
 #[derive(Clone, Debug)]
 pub(super) struct Building {
-    /// Centre along the town's axes, metres.
+    /// Centre in town coordinates, metres.
     pub(super) center: [f64; 2],
     /// Half sides, metres.
     pub(super) half: [f64; 2],
     /// Height of the eaves above the ground at the centre, metres.
     pub(super) eaves_m: f64,
     pub(super) roof: Roof,
-    /// Parts of one building share it; never 0.
+    /// Number of the building, which its parts share; never 0.
     pub(super) owner: u16,
 }
 
 /// A tree with a round crown.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tree {
-    /// Position along the town's axes, metres.
+    /// Position in town coordinates, metres.
     pub(super) at: [f64; 2],
     pub(super) radius_m: f64,
     pub(super) height_m: f64,
@@ -89,7 +89,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// A town that fills ±`half_m`; what makes it a test scene lies within ±`core_half_m`.
+    /// Plans a town over ±`half_m`; pond and tower lie within ±`core_half_m`.
     pub(super) fn new(seed: u64, half_m: f64, core_half_m: f64, relief: Relief, trees: Trees) -> Self {
         let rng = KeyedRng::new(seed);
         let turn = rng.key(1).uniform_in(0.2, 0.5).sin_cos();
@@ -113,24 +113,24 @@ impl Plan {
         plan
     }
 
-    /// Town coordinates of a place on the map.
+    /// Town coordinates of a map position.
     pub(super) fn town_from_map(&self, x: f64, y: f64) -> [f64; 2] {
         let (s, c) = self.turn;
         [c * x + s * y, c * y - s * x]
     }
 
-    /// The place on the map of town coordinates.
+    /// Map position of town coordinates.
     pub(super) fn map_from_town(&self, [a, b]: [f64; 2]) -> (f64, f64) {
         let (s, c) = self.turn;
         (c * a - s * b, s * a + c * b)
     }
 
-    /// The block around a position.
+    /// Indices of the block that contains a position in town coordinates.
     pub(super) fn block_at(&self, at: [f64; 2]) -> [i64; 2] {
         std::array::from_fn(|k| ((at[k] - self.shift[k]) / PERIOD_M[k]).floor() as i64)
     }
 
-    /// Middle of a block.
+    /// Centre of a block in town coordinates.
     pub(super) fn block_center(&self, block: [i64; 2]) -> [f64; 2] {
         std::array::from_fn(|k| (block[k] as f64 + 0.5) * PERIOD_M[k] + self.shift[k])
     }
@@ -151,7 +151,7 @@ impl Plan {
         }
     }
 
-    /// A block's own chances.
+    /// The random numbers of a block.
     pub(super) fn block_rng(&self, block: [i64; 2]) -> KeyedRng {
         self.rng.key(100).key(block[0]).key(block[1])
     }
@@ -164,7 +164,7 @@ impl Plan {
         })
     }
 
-    /// How far a place lies outside the pond's shore: below 1 is water.
+    /// Distance from the centre of the pond relative to its shore: below 1 is water.
     pub(super) fn pond_distance(&self, at: [f64; 2]) -> f64 {
         let c = self.block_center(self.pond);
         let (da, db) = ((at[0] - c[0]) / 18.0, (at[1] - c[1]) / 12.0);
@@ -172,7 +172,7 @@ impl Plan {
         da.hypot(db) / (1.0 + 0.12 * (3.0 * angle + 1.0).sin() + 0.06 * (5.0 * angle).cos())
     }
 
-    /// Ground height at a place, metres above the ellipsoid.
+    /// Ellipsoidal height of the ground at a map position, metres.
     pub(super) fn ground_m(&self, x: f64, y: f64) -> f64 {
         let hills = self.hills_m(x, y);
         let q = self.pond_distance(self.town_from_map(x, y));
@@ -276,7 +276,7 @@ impl Plan {
         let owner = self.next_owner();
         self.buildings.push(Building { center, half, eaves_m, roof, owner });
         if rng.key(7).uniform() < 0.4 {
-            // A lower wing makes the house an L.
+            // A lower wing gives the house an L-shaped footprint.
             let side = if rng.key(8).uniform() < 0.5 { -1.0 } else { 1.0 };
             let center = [center[0] + 0.4 * half[0], center[1] + side * (half[1] + 1.2)];
             let half = [0.55 * half[0], 1.8];

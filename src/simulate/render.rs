@@ -1,4 +1,4 @@
-//! Images: every pixel's rays are cast through the RPC onto the height field and lit by the sun.
+//! Rendering of images: rays of every pixel are cast through the RPC onto the height field, which is lit by the sun.
 
 use super::cars::Cars;
 use super::field::{Field, Material, Place};
@@ -8,13 +8,13 @@ use crate::frame::{CenterPx, Pixel, SiteGrid};
 use crate::rpc::{LocalizeError, Rpc};
 use rayon::prelude::*;
 
-/// ViewRays per pixel along each side.
+/// Number of rays per pixel along each side.
 const RAYS: usize = 3;
-/// Pixels between exactly localised positions; rays between them are interpolated.
+/// Distance between localised positions, pixels; rays between them are interpolated.
 const LATTICE_PX: usize = 8;
-/// Steeper than this (metres per metre) is a wall.
+/// Slope from which on a surface counts as a wall, metres per metre.
 const WALL_SLOPE: f64 = 1.7;
-/// What the sky gives a horizontal surface, where the sun at right angles gives 1.
+/// Irradiance of a horizontal surface by the sky, relative to that of a surface perpendicular to the sun.
 const SKY: [f64; 3] = [0.25, 0.275, 0.32];
 
 /// The lines of sight of an image, localised on a lattice at three heights.
@@ -24,7 +24,7 @@ pub(super) struct ViewRays {
 }
 
 impl ViewRays {
-    /// ViewRays of a `size_px` square image from above `heights_m.1` to below `heights_m.0`.
+    /// The lines of sight of a square image of `size_px` pixels a side, from above `heights_m.1` to below `heights_m.0`.
     pub(super) fn new(
         rpc: &Rpc,
         grid: &SiteGrid,
@@ -45,7 +45,7 @@ impl ViewRays {
         Ok(Self { columns, lattice })
     }
 
-    /// The ray of a pixel position: a function of t, 0 at the highest and 1 at the lowest height.
+    /// The line of sight of an image position as a function of t, which is 0 at the highest and 1 at the lowest height.
     pub(super) fn ray(&self, px: Pixel<CenterPx>) -> impl Fn(f64) -> Place + use<> {
         let at = |v: f64| {
             let w = v / LATTICE_PX as f64 + 1.0;
@@ -61,7 +61,7 @@ impl ViewRays {
             })
         });
         move |t| {
-            // The parabola through the three places.
+            // Parabola through the three positions.
             std::array::from_fn(|k| {
                 let bend = 2.0 * (top[k] - 2.0 * middle[k] + bottom[k]);
                 top[k] + t * (bottom[k] - top[k] - bend + t * bend)
@@ -70,7 +70,7 @@ impl ViewRays {
     }
 }
 
-/// How a day and a sensor show reflectances.
+/// Radiometry of a view: illumination, season, gain and noise.
 #[derive(Clone, Debug)]
 pub(super) struct Radiometry {
     /// Unit vector to the sun on the map.
@@ -81,14 +81,14 @@ pub(super) struct Radiometry {
     pub(super) offset: [f64; 3],
     /// Standard deviation of the noise, grey levels.
     pub(super) noise: f64,
-    /// What the season makes of green things, by band.
+    /// Seasonal factor of the reflectance of vegetation, by band.
     pub(super) season: [f64; 3],
 }
 
 impl Radiometry {
     /// The radiometry of a view taken on a day of the year.
     pub(super) fn new(rng: KeyedRng, sun: [f64; 3], day_of_year: u32) -> Self {
-        // Exposure follows the light on level ground; band gains and haze differ from day to day.
+        // The exposure follows the light on level ground; gains and haze of the bands vary between days.
         let exposure = 255.0 * 1.3 / (sun[2] + 0.27) * rng.key(1).uniform_in(0.85, 1.15);
         let cast = [rng.key(2).uniform_in(0.94, 1.08), 1.0, rng.key(3).uniform_in(0.92, 1.08)];
         let haze = rng.key(4).uniform_in(2.0, 16.0);
@@ -104,7 +104,7 @@ impl Radiometry {
     }
 }
 
-/// An image as three bands of bytes, row by row.
+/// Renders an image: three bands of bytes, row by row.
 pub(super) fn render(
     field: &Field,
     rays: &ViewRays,
@@ -133,7 +133,7 @@ pub(super) fn render(
                 let level = radiometry.offset[b]
                     + radiometry.gain[b] * mean
                     + radiometry.noise * rng.key(b as i64).normal();
-                // 0 is left to those for whom it means no data.
+                // The value 0 is not used, because some readers take it for nodata.
                 level.round().clamp(1.0, 255.0) as u8
             })
         })
@@ -141,7 +141,7 @@ pub(super) fn render(
     (0..3).map(|b| pixels.iter().map(|p| p[b]).collect()).collect()
 }
 
-/// Light that a place sends to the satellite.
+/// Radiance of a surface point towards the satellite, by band.
 fn radiance(
     field: &Field,
     hit: Place,
@@ -160,7 +160,7 @@ fn radiance(
     let mut material = field.nearest(x, y).material;
     let mut albedo = [0.0f32; 3];
     if steep > WALL_SLOPE {
-        // A wall looks like what stands on top of it.
+        // Nodes of a wall have the material of the roof above them.
         let top = nodes.iter().fold(nodes[0], |a, b| if b.height_m > a.height_m { b } else { a });
         material = top.material;
         albedo = if material == Material::Roof {
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bright_roof_appears_where_the_rpc_projects_it() {
+    fn a_bright_roof_is_rendered_where_the_rpc_projects_it() {
         let field = one_box();
         for (grid, rpc) in views() {
             let rays = ViewRays::new(&rpc, &grid, 120, (149.0, 163.0)).unwrap();
@@ -241,7 +241,7 @@ mod tests {
             let image = render(&field, &rays, None, &radiometry, KeyedRng::new(0), KeyedRng::new(1), 120);
             let (mut sum, mut n) = ([0.0, 0.0], 0.0);
             for (k, level) in image[0].iter().enumerate() {
-                // Only the sunlit roof is so bright.
+                // Only the sunlit roof exceeds this grey level.
                 if *level > 190 {
                     sum[0] += (k % 120) as f64;
                     sum[1] += (k / 120) as f64;

@@ -1,7 +1,7 @@
-//! The satellites: when and from where each image is taken, and the line scanner that takes it.
+//! The satellites: time and direction of each acquisition, and the line scanner.
 //!
-//! The scanner sweeps the ground line by line while it flies, so the direction of view drifts over the image as it
-//! does for real. Its RPC is fitted, and from then on the RPC is the truth.
+//! The scanner records the ground line by line while it moves, so that the viewing direction varies over the image as in
+//! real images. An RPC is fitted to it, and the image is rendered with the RPC, which therefore is the exact camera.
 
 use super::geodesy::{Ecef, ecef_from_geodetic, local_axes, sun_at};
 use super::keyed_rng::KeyedRng;
@@ -15,16 +15,16 @@ const ALTITUDE_M: f64 = 617_000.0;
 const SPEED_M_S: f64 = 7_550.0;
 /// True heading of the descending, sun-synchronous orbit, degrees.
 const HEADING_DEG: f64 = 191.0;
-/// Image lines a second.
+/// Image lines per second.
 const LINES_PER_S: f64 = 14_000.0;
 /// Standard deviation of the pointing error of a delivered RPC, per axis, pixels.
 const POINTING_SIGMA_PX: f64 = 4.0;
-/// Every so many views the image is turned by 90°.
+/// One of this number of images is rotated by 90°.
 const TURNED_EVERY: usize = 5;
-/// The RPC reaches so much further than the image on the ground, on each side, as a share of its half width.
+/// Margin of the ground volume of the RPC around the image on each side, as a fraction of the half width of the image.
 const VOLUME_MARGIN: f64 = 0.35;
 
-/// Where and when one image is taken.
+/// Time and direction of one acquisition.
 #[derive(Clone, Debug)]
 pub(super) struct Acquisition {
     pub(super) name: String,
@@ -36,13 +36,13 @@ pub(super) struct Acquisition {
     pub(super) right_deg: f64,
     pub(super) sun: Sun,
     pub(super) day_of_year: u32,
-    /// ISO 8601, UTC.
+    /// Acquisition time, ISO 8601 in UTC.
     pub(super) acquired: String,
-    /// (column, row) added to every projection of the true RPC, pixels.
+    /// Shift of the delivered RPC against the true one, (column, row) in pixels.
     pub(super) pointing_error: (f64, f64),
 }
 
-/// Plans `count` acquisitions of a place.
+/// Plans `count` acquisitions of a position.
 pub(super) fn acquisitions(rng: KeyedRng, count: usize, place: Point<Geodetic>) -> Vec<Acquisition> {
     /// Fraction of a turn between consecutive views that spreads any number of them evenly.
     const GOLDEN: f64 = 0.618_033_988_749_895;
@@ -50,12 +50,12 @@ pub(super) fn acquisitions(rng: KeyedRng, count: usize, place: Point<Geodetic>) 
         .map(|i| {
             let rng = rng.key(i as i64);
             let spread = (i as f64 * GOLDEN).fract();
-            // Square roots spread the views evenly over the cap of directions.
+            // The square root distributes the views evenly over the spherical cap of directions.
             let outwards = (i as f64 / (count.max(2) - 1) as f64).sqrt();
             let off_nadir_deg = 5.5 + 23.5 * outwards * rng.key(1).uniform_in(0.9, 1.0);
             let azimuth_deg = (360.0 * spread + rng.key(2).uniform_in(-12.0, 12.0) + 20.0).rem_euclid(360.0);
             let turned = if i % TURNED_EVERY == 3 { 90.0 } else { 0.0 };
-            // March to October: in winter the sun is too low for satellites' tasking.
+            // March to October; in winter the sun is too low for good images.
             let season = ((i as f64 + 0.5) * GOLDEN * 2.0).fract();
             let day_of_year = 66 + (season * 215.0) as u32;
             let minute = 9 * 60 + 35 + (rng.key(3).uniform() * 75.0) as u32;
@@ -95,17 +95,17 @@ fn month_and_day(day_of_year: u32) -> (u32, u32) {
 pub(super) struct LineScanner {
     /// Ground point at the image's centre.
     target: Ecef,
-    /// Satellite when it takes the central line.
+    /// Position of the satellite at the central line.
     position: Ecef,
-    /// Satellite's motion per line, metres.
+    /// Motion of the satellite per line, metres.
     advance: Ecef,
-    /// Ground motion of the line of sight per line, metres.
+    /// Motion of the line of sight on the ground per line, metres.
     sweep: Ecef,
-    /// Direction of the detector's line.
+    /// Direction of the line of detectors.
     detector: Ecef,
     /// Pixels per unit of tangent.
     focal_px: f64,
-    /// The image's centre, column and row.
+    /// Column and row of the image centre.
     center: Pixel<CenterPx>,
 }
 
@@ -137,7 +137,7 @@ impl LineScanner {
     /// Image position of a ground point.
     pub(super) fn project(&self, p: Point<Geodetic>) -> Pixel<CenterPx> {
         let p = ecef_from_geodetic(p);
-        // Tangents along the flight and along the detector when `line` lines past the centre are being taken.
+        // Tangents of the viewing angles along the track and along the detectors, `line` lines after the central one.
         let tangents = |line: f64| {
             let satellite = self.position + self.advance * line;
             let axis = (self.target + self.sweep * line - satellite).normalize();
@@ -146,7 +146,7 @@ impl LineScanner {
             let depth = ray.dot(&axis);
             (ray.dot(&axis.cross(&detector)) / depth, ray.dot(&detector) / depth)
         };
-        // The instant at which the point crosses the detector: secant steps on a nearly linear function.
+        // The line that records the point is the root of a nearly linear function, found by the secant method.
         let (mut a, mut b) = (0.0, 10.0);
         let (mut fa, mut fb) = (tangents(a).0, tangents(b).0);
         for _ in 0..8 {
@@ -160,7 +160,7 @@ impl LineScanner {
         Pixel::new(self.center.col + self.focal_px * tangents(b).1, self.center.row + b)
     }
 
-    /// The scanner's RPC over its image and a range of heights.
+    /// Fits the RPC of the scanner over its image and a range of heights.
     pub(super) fn rpc(&self, target: Point<Geodetic>, height: Axis) -> Result<Rpc, RpcError> {
         fit(&self.volume(target, height), |p| self.project(p))
     }
@@ -168,7 +168,7 @@ impl LineScanner {
     fn volume(&self, target: Point<Geodetic>, height: Axis) -> Volume {
         let size = 2.0 * self.center.row + 1.0;
         let ground_px_m = self.sweep.norm();
-        // Half the image's diagonal, and the parallax of the lowest and highest ground.
+        // Half the diagonal of the image, and the parallax of the lowest and highest ground.
         let radius_m = (1.0 + VOLUME_MARGIN) * (0.72 * size * ground_px_m + 0.6 * height.scale);
         let degree_m = 111_200.0;
         let image = |offset: f64| Axis { offset, scale: 0.5 * size };
@@ -192,7 +192,7 @@ mod tests {
     const PLACE: Point<Geodetic> = Point::new(5.5, 43.3, 150.0);
 
     #[test]
-    fn the_fitted_rpc_is_the_scanner_to_a_thousandth_of_a_pixel() {
+    fn the_fitted_rpc_agrees_with_the_scanner_to_a_thousandth_of_a_pixel() {
         for view in acquisitions(KeyedRng::new(0), 10, PLACE) {
             let scanner = LineScanner::new(PLACE, &view, 400, 0.5);
             let height = Axis { offset: 160.0, scale: 80.0 };
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn the_satellite_stands_where_the_plan_says() {
+    fn lines_of_sight_have_the_planned_direction() {
         let view = &acquisitions(KeyedRng::new(0), 10, PLACE)[6];
         let scanner = LineScanner::new(PLACE, view, 400, 0.5);
         let rpc = scanner.rpc(PLACE, Axis { offset: 160.0, scale: 80.0 }).unwrap();
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn suns_and_directions_are_as_a_satellite_operator_delivers_them() {
+    fn suns_and_directions_are_in_realistic_ranges() {
         for view in acquisitions(KeyedRng::new(0), 16, PLACE) {
             assert!((5.0..=30.0).contains(&view.off_nadir_deg), "{view:?}");
             assert!((33.0..=72.0).contains(&view.sun.elevation_deg), "{view:?}");

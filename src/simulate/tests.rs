@@ -1,4 +1,4 @@
-//! Whole scenes: the same bytes every time, the figures a test scene must have, what is delivered.
+//! Tests of whole scenes: reproducible bytes, statistics, delivered files.
 
 use super::*;
 use crate::io::ImageFile;
@@ -41,7 +41,7 @@ fn the_same_seed_gives_the_same_bytes_for_any_number_of_threads() {
 }
 
 #[test]
-fn a_folder_in_use_is_left_alone() {
+fn a_folder_with_other_files_is_not_changed() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("thesis.txt"), "years of work").unwrap();
     let error = simulate(dir.path(), &small(), &NoProgress).unwrap_err();
@@ -50,7 +50,7 @@ fn a_folder_in_use_is_left_alone() {
 }
 
 #[test]
-fn a_delivered_image_has_its_rpc_and_its_sun() {
+fn a_delivered_image_states_its_rpc_and_its_sun() {
     let dir = tempfile::tempdir().unwrap();
     let summary = simulate(dir.path(), &small(), &NoProgress).unwrap();
     let file = ImageFile::open(&dir.path().join("VIEW_02.tif")).unwrap();
@@ -67,14 +67,14 @@ fn a_delivered_image_has_its_rpc_and_its_sun() {
 }
 
 #[test]
-fn scenes_have_what_a_test_scene_must_have() {
+fn scenes_have_relief_buildings_trees_and_water() {
     for (seed, relief, relief_m) in
         [(0, Relief::Rolling, 8.0), (0, Relief::Hilly, 60.0), (1, Relief::Rolling, 8.0)]
     {
         let options = SimulateOptions { seed, relief, ..SimulateOptions::default() };
         let map = SiteGrid::at(PLACE).unwrap();
         let grid = SiteGrid { epsg: map.epsg, origin: map.origin.at_height(0.0) };
-        // Coarser nodes than in the scene itself: the figures do not depend on them.
+        // The nodes are coarser than in the scene, which does not change the statistics.
         let town = Town::new(seed, 150.0, 0.5, 100.0, relief);
         let views = plan_views(&options, &town, &grid).unwrap();
         let truth = truth::ExactDsm::sample(&town.field, &grid, &views, options.size_px, 1.0);

@@ -1,4 +1,4 @@
-//! Colours: reflectances of ground, roofs, crowns and walls, with detail at every scale so that features match.
+//! Reflectances of ground, roofs, tree crowns and walls, with texture at all scales so that image features can be matched.
 
 use super::field::Material;
 use super::keyed_rng::KeyedRng;
@@ -78,7 +78,7 @@ pub(super) fn ground(plan: &Plan, rng: KeyedRng, x: f64, y: f64) -> (Material, A
     }
 }
 
-/// Whether a park's path runs here, given a distance across the paths.
+/// Whether a position lies on a path of a park, given its distance across the paths in metres.
 fn is_path(across_m: f64) -> bool {
     (across_m.rem_euclid(19.0) - 9.5).abs() < 0.9
 }
@@ -88,7 +88,7 @@ fn street(rng: KeyedRng, at: [f64; 2], [da, db]: [f64; 2], shade: f64) -> Albedo
     let patch = rng.key(6).key((at[0] / 5.0).floor() as i64).key((at[1] / 4.0).floor() as i64);
     let age = if patch.uniform() < 0.25 { 0.72 } else { 1.0 };
     let asphalt = scaled([0.235, 0.232, 0.23], shade * age);
-    // (distance to this street's axis, to the crossing one's, position along).
+    // Distance to the axis of this street, distance to the axis of the crossing street, position along this street.
     let (own, cross, along) = if da < db { (da, db, at[1]) } else { (db, da, at[0]) };
     let crossing = cross < STREET_HALF_M;
     let zebra = (5.4..8.2).contains(&cross) && (own / 1.1).rem_euclid(1.0) < 0.5;
@@ -97,7 +97,7 @@ fn street(rng: KeyedRng, at: [f64; 2], [da, db]: [f64; 2], shade: f64) -> Albedo
     if !crossing && (zebra || dash || edge) { mixed(asphalt, PAINT, 0.8) } else { asphalt }
 }
 
-/// A yard with parking bays and parked cars seen as paint.
+/// A yard with parking bays and parked cars, which are colours without height.
 fn parking(rng: KeyedRng, at: [f64; 2], shade: f64) -> Albedo {
     let yard = scaled([0.34, 0.33, 0.32], shade);
     let bay = [(at[0] / 2.6).floor() as i64, (at[1] / 5.4).floor() as i64];
@@ -128,7 +128,7 @@ pub(super) fn car_color(rng: KeyedRng) -> Albedo {
     COLORS[(rng.uniform() * COLORS.len() as f64) as usize]
 }
 
-/// Colour of a roof at (u, v) metres from its middle; `on_top` metres above the roof's own surface stand machines.
+/// Colour of a roof at (u, v) metres from its centre; `on_top_m` is the height above the roof of a machine on it.
 pub(super) fn roof(building: &Building, rng: KeyedRng, [u, v]: [f64; 2], on_top_m: f64) -> Albedo {
     let own = rng.key(20).key(i64::from(building.owner));
     let pick = |palette: &[Albedo]| palette[(own.key(1).uniform() * palette.len() as f64) as usize];
@@ -167,14 +167,14 @@ pub(super) fn roof(building: &Building, rng: KeyedRng, [u, v]: [f64; 2], on_top_
     scaled(pick(&TILES), shade * rows * ridge * gutter * (0.82 + 0.3 * tile + 0.45 * stain))
 }
 
-/// Colour of a crown.
+/// Colour of a tree crown.
 pub(super) fn crown(rng: KeyedRng, index: i64, x: f64, y: f64) -> Albedo {
     let own = rng.key(30).key(index);
     let base = mixed([0.10, 0.155, 0.065], [0.19, 0.22, 0.10], own.uniform());
     scaled(base, 1.0 + 0.5 * rng.key(31).fractal_noise(x, y, 1.6, 3))
 }
 
-/// Colour of a wall at a place; `along_m` runs along the wall.
+/// Colour of a wall; `along_m` is the position along the wall.
 pub(super) fn wall(rng: KeyedRng, owner: u16, along_m: f64, height_m: f64) -> Albedo {
     let own = rng.key(40).key(i64::from(owner));
     let plaster = PLASTERS[(own.uniform() * PLASTERS.len() as f64) as usize];

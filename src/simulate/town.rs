@@ -1,4 +1,4 @@
-//! The town as a height field: the plan's terrain, buildings and trees laid onto the nodes, with their colours.
+//! The town as a height field: heights and colours of terrain, buildings and trees of the plan at the nodes.
 
 use super::field::{Field, Material, Node};
 use super::keyed_rng::KeyedRng;
@@ -30,7 +30,7 @@ impl Town {
     }
 }
 
-/// The nodes while the town is being built.
+/// Nodes of the height field under construction.
 struct FieldBuilder {
     half_m: f64,
     step_m: f64,
@@ -52,7 +52,7 @@ impl FieldBuilder {
         Self { half_m, step_m, side, nodes }
     }
 
-    /// Calls `change` for every node within `radius_m` of a place on the map.
+    /// Calls `change` for every node within `radius_m` of a map position.
     fn around(&mut self, (x, y): (f64, f64), radius_m: f64, mut change: impl FnMut(f64, f64, &mut Node)) {
         let bounds = |v: f64| {
             let index = |w: f64| ((w + self.half_m) / self.step_m).clamp(0.0, self.side as f64);
@@ -75,7 +75,7 @@ impl FieldBuilder {
         });
         let mean = corners.iter().sum::<f64>() / 4.0;
         let top = corners.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        // On a slope a house is cut into the hill, though not so far that the hill reaches its windows.
+        // The base of a building is the mean ground height at its corners, but at most 2 m below the highest corner.
         let eaves_m = mean.max(top - 2.0) + building.eaves_m;
         let place = plan.map_from_town(building.center);
         self.around(place, ha.hypot(hb) + self.step_m, |x, y, node| {
@@ -112,7 +112,7 @@ impl FieldBuilder {
     }
 }
 
-/// Heights above the eaves: of the roof itself, and of what stands on it.
+/// Height of the roof above the eaves, and height above the roof of objects on it, metres.
 fn roof_shape(building: &Building, colors: KeyedRng, [u, v]: [f64; 2]) -> (f64, f64) {
     let [ha, hb] = building.half;
     let rim = (ha - u.abs()).min(hb - v.abs());

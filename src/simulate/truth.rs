@@ -1,4 +1,4 @@
-//! What lies apart under `truth/`: the exact DSM, its classes, the true RPCs and the shifts of the delivered ones.
+//! Ground truth in `truth/`: the exact DSM, its classes, the true RPCs, and the shifts of the delivered RPCs.
 
 use super::field::{Field, Material};
 use super::plan::Plan;
@@ -8,17 +8,17 @@ use crate::io::{Cog, Grid2, MapGrid, VerticalReference, WriteError, write_file};
 use crate::rpc::formats::{ViewTags, to_json};
 use std::path::Path;
 
-/// Classes of DFC2019.
+/// Class codes of DFC2019.
 const GROUND: u8 = 2;
 const TREES: u8 = 5;
 const BUILDING: u8 = 6;
 const WATER: u8 = 9;
-/// Views that must see the ground of the exact DSM; all of them if there are fewer.
+/// Number of views that must see the area of the exact DSM; all views if there are fewer.
 const SEEN_BY: usize = 3;
-/// The exact DSM is so much smaller than what these views see.
+/// Side of the exact DSM as a fraction of the side of the square that these views see.
 const CROP: f64 = 0.97;
 
-/// The exact DSM and its classes on the map.
+/// The exact DSM and its classes on the map grid.
 pub(super) struct ExactDsm {
     pub(super) grid: MapGrid,
     pub(super) heights: Grid2,
@@ -26,7 +26,7 @@ pub(super) struct ExactDsm {
 }
 
 impl ExactDsm {
-    /// Samples the field at the cells' centres over the square that at least three views see.
+    /// Samples the field at the centres of the cells, in the square that at least three views see.
     pub(super) fn sample(
         field: &Field,
         grid: &SiteGrid,
@@ -59,7 +59,7 @@ impl ExactDsm {
         Self { grid: map, heights, classes }
     }
 
-    /// The figures by which a test scene is judged.
+    /// Statistics of the DSM.
     pub(super) fn figures(&self, plan: &Plan, grid: &SiteGrid) -> SceneFigures {
         let n = self.classes.len() as f64;
         let share = |class| self.classes.iter().filter(|c| **c == class).count() as f64 / n;
@@ -94,7 +94,7 @@ impl ExactDsm {
     }
 }
 
-/// Half the side of the largest centred square whose border is seen by enough views.
+/// Half the side of the largest centred square whose border is seen by enough views, metres.
 fn seen_half_m(field: &Field, grid: &SiteGrid, views: &[SimulatedView], size_px: usize) -> f64 {
     const STEP_M: f64 = 1.0;
     let needed = SEEN_BY.min(views.len());

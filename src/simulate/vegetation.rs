@@ -41,7 +41,7 @@ fn inside(plan: &Plan, block: [i64; 2]) -> Vec<Tree> {
 
 fn along_streets(plan: &Plan, block: [i64; 2]) -> Vec<Tree> {
     const SPACING_M: f64 = 7.5;
-    /// Share of a block's sides that have a row of trees.
+    /// Fraction of the sides of blocks that have a row of trees.
     const ROWS: f64 = 0.6;
     let center = plan.block_center(block);
     let half = PERIOD_M.map(|p| 0.5 * p - BLOCK_EDGE_M + 0.3);
@@ -66,7 +66,8 @@ fn along_streets(plan: &Plan, block: [i64; 2]) -> Vec<Tree> {
     trees
 }
 
-/// Whether a tree has room: the block's buildings, which are the latest, and the pond keep away.
+/// Whether a tree of radius `room_m` is clear of the buildings of its block, which are the last in the plan, and of the
+/// pond.
 fn is_clear(plan: &Plan, at: [f64; 2], room_m: f64) -> bool {
     const BUILDINGS_IN_A_BLOCK: usize = 12;
     let beside = |b: &Building| (0..2).any(|k| (at[k] - b.center[k]).abs() > b.half[k] + room_m);

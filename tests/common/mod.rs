@@ -38,6 +38,16 @@ pub fn camera(lon: f64, lean: f64) -> Rpc {
     .unwrap()
 }
 
+/// The camera of an image resampled by `factor` (new size / old size), about the outer corner of the first pixel.
+pub fn resampled(rpc: &Rpc, factor: f64) -> Rpc {
+    let mut c = rpc.coefficients().clone();
+    for axis in [&mut c.col, &mut c.row] {
+        axis.offset = factor * (axis.offset + 0.5) - 0.5;
+        axis.scale *= factor;
+    }
+    Rpc::new(c).unwrap()
+}
+
 /// A 64×64 image of noise with an RPC tag (if `rpc`) and metadata items.
 pub fn image(path: &Path, seed: u32, rpc: Option<&Rpc>, items: &[(&str, &str)]) {
     let mut state = seed.wrapping_mul(2_654_435_761).wrapping_add(1);

@@ -1,17 +1,17 @@
-//! Acquisition times as vendors write them.
+//! Acquisition times in the formats of vendors.
 
-/// `YYYYMMDDHHMMSS` or ISO 8601 as `YYYY-MM-DDThh:mm:ssZ` (as `YYYY-MM-DD` without a time); none if it is
-/// neither.
+/// Converts a date in the format `YYYYMMDDHHMMSS` or ISO 8601 to `YYYY-MM-DDThh:mm:ssZ`, or to `YYYY-MM-DD` if it has
+/// no time of day; `None` for other formats, and for times with an offset from UTC.
 #[must_use]
 pub fn iso_date(text: &str) -> Option<String> {
     let separators = ['-', ':', 'T', 't', 'Z', 'z', ' ', '/'];
-    // An offset of zero is UTC; of another, the hour is not known here.
+    // An offset of zero means UTC.
     let text = text.trim();
     let text = text.strip_suffix("+00:00").or(text.strip_suffix("-00:00")).unwrap_or(text);
     if text.contains('+') {
         return None;
     }
-    // Fractions of a second are cut off: no stage needs them.
+    // Fractions of a second are dropped, as no stage needs them.
     let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
     if !fraction.chars().all(|c| c.is_ascii_digit() || c.eq_ignore_ascii_case(&'z')) {
         return None;

@@ -1,8 +1,8 @@
 //! Airbus DIMAP: version 1 (`DIMAP_PHR`), 2 (Pléiades, SPOT 6 and 7) and 3 (Pléiades Neo).
 //!
-//! The inverse model (ground to image) is the RPC. The direct model is only compared with it: satgs inverts the
-//! inverse model itself. Versions 1 and 2 count pixels from 1, version 3 from 0 (GDAL issue 5716); the validity
-//! domain's `FIRST_ROW` and `FIRST_COL` say nothing about that (GDAL pull request 7653).
+//! The inverse model (ground to image) is the RPC. The direct model (image to ground) is only compared with it, because
+//! localisation inverts the inverse model numerically. Versions 1 and 2 count pixels from 1, version 3 from 0 (GDAL issue
+//! 5716); `FIRST_ROW` and `FIRST_COL` of the validity domain do not state which (GDAL pull request 7653).
 
 use super::keys::{Fields, RPC00B, parse_number};
 use super::xml::{find, items, number, text};
@@ -16,7 +16,7 @@ use std::path::Path;
 /// Nodes along each axis of the volume in which the two models are compared.
 const NODES: i32 = 11;
 
-/// The names of a direct model in version 3; version 2 calls longitude SAMP and latitude LINE.
+/// Field names of the direct model in version 3; version 2 uses SAMP for longitude and LINE for latitude.
 const DIRECT_V3: [&str; 4] = ["LAT_NUM_COEFF", "LAT_DEN_COEFF", "LON_NUM_COEFF", "LON_DEN_COEFF"];
 
 /// Reads the `Global_RFM` element of any version.
@@ -32,7 +32,7 @@ pub(super) fn from_xml(file: &Path, root: Node, model: Node) -> Result<RpcFile, 
     } else {
         let inverse = inverse_v3.or_else(|| find(model, "Inverse_Model"));
         let inverse = inverse.ok_or_else(|| missing("Inverse_Model"))?;
-        // The errors are named by axis here (ERR_BIAS_X, ERR_BIAS_ROW), and mean the fit's: they are not taken.
+        // The errors in DIMAP (ERR_BIAS_X, ERR_BIAS_ROW) are those of the fit, not of the geolocation, and are not read.
         for (name, value) in items(validity).chain(items(inverse)) {
             fields.take(name, value)?;
         }
@@ -52,7 +52,7 @@ pub(super) fn from_xml(file: &Path, root: Node, model: Node) -> Result<RpcFile, 
     let gap = direct.and_then(|direct| direct_gap_px(&rpc, &direct));
     let warnings = gap.filter(|gap| *gap > SAME_PX).map(|gap| {
         format!(
-            "`{}`: its direct and inverse models differ by up to {gap:.1} px; the inverse one is used",
+            "`{}`: its direct and inverse models differ by up to {gap:.1} px; the inverse model is used",
             file.display()
         )
     });
@@ -60,7 +60,8 @@ pub(super) fn from_xml(file: &Path, root: Node, model: Node) -> Result<RpcFile, 
     Ok(RpcFile { rpc, tags, format, warnings: warnings.into_iter().collect() })
 }
 
-/// Version 1: forty numbers a function, numerator before denominator; scales are A, offsets B.
+/// Takes the coefficients of a version 1 file: each function has forty numbers, numerator before denominator; scales are
+/// named A, offsets B.
 fn take_v1(file: &Path, fields: &mut Fields, model: Node, validity: Node) -> Result<(), FormatError> {
     for (function, [num, den]) in
         [("F_ROW", ["LINE_NUM_COEFF", "LINE_DEN_COEFF"]), ("F_COL", ["SAMP_NUM_COEFF", "SAMP_DEN_COEFF"])]
@@ -90,7 +91,8 @@ fn take_v1(file: &Path, fields: &mut Fields, model: Node, validity: Node) -> Res
     Ok(())
 }
 
-/// A direct model: latitude's numerator and denominator, longitude's, of (column, row, height).
+/// Coefficients of a direct model: numerator and denominator of latitude, then of longitude, as functions of (column,
+/// row, height).
 type Direct = [[f64; TERMS]; 4];
 
 fn direct_terms(node: Node, names: [&str; 4]) -> Option<Direct> {
@@ -113,7 +115,8 @@ fn direct_v1(model: Node) -> Option<Direct> {
     Some([half(&lat, 0), half(&lat, TERMS), half(&lon, 0), half(&lon, TERMS)])
 }
 
-/// Where a direct model puts a pixel at a height, both normalised by the inverse model's offsets and scales.
+/// The ground point that the direct model gives for a pixel and a height; both are normalised by the offsets and scales
+/// of the inverse model.
 fn direct_ground(
     [lat_num, lat_den, lon_num, lon_den]: &Direct,
     rpc: &Rpc,
@@ -128,8 +131,8 @@ fn direct_ground(
     )
 }
 
-/// How far a pixel is from where the inverse model sees the ground that the direct one says it shows: the most over
-/// the volume, pixels.
+/// Largest distance over the validity volume between a pixel and the projection, by the inverse model, of the ground
+/// point that the direct model gives for it; pixels.
 fn direct_gap_px(rpc: &Rpc, direct: &Direct) -> Option<f64> {
     let c = rpc.coefficients();
     let node = |i: i32| 2.0 * f64::from(i) / f64::from(NODES - 1) - 1.0;
@@ -146,7 +149,7 @@ fn direct_gap_px(rpc: &Rpc, direct: &Direct) -> Option<f64> {
     Some(gap)
 }
 
-/// What a product file (`DIM_*.XML`) says about the image, or a version 1 file.
+/// Metadata of the image in a product file (`DIM_*.XML`) or in a version 1 file.
 pub(super) fn tags(root: Node) -> ViewTags {
     let is_center = |n: &Node| {
         n.tag_name().name() == "Located_Geometric_Values" && text(*n, "LOCATION_TYPE") == Some("Center")
@@ -171,7 +174,7 @@ pub(super) fn tags(root: Node) -> ViewTags {
     }
 }
 
-/// The value of pixels that are no image: the special value `NODATA`.
+/// Value of pixels without data: the special value `NODATA`.
 fn nodata(root: Node) -> Option<f64> {
     let special =
         root.descendants().filter(|n| matches!(n.tag_name().name(), "Special_Value" | "Special_Values"));
@@ -182,7 +185,7 @@ fn nodata(root: Node) -> Option<f64> {
         .find_map(|n| number(n, "SPECIAL_VALUE_COUNT").or_else(|| number(n, "SPECIAL_VALUE_INDEX")))
 }
 
-/// How a product is cut into files.
+/// Layout of the tiles of a product.
 fn tiles(raster: Node) -> Option<Tiles> {
     let tiling = find(raster, "Regular_Tiling")?;
     let (size, count) = (find(tiling, "NTILES_SIZE")?, find(tiling, "NTILES_COUNT")?);
@@ -201,7 +204,7 @@ mod tests {
     use super::*;
     use crate::rpc::formats::tests::real_file;
 
-    /// Both models of a file of version 1 or 2.
+    /// The inverse and the direct model of a file of version 1 or 2.
     fn models(file: &Path) -> (Rpc, Direct) {
         let text = std::fs::read_to_string(file).unwrap();
         let document = roxmltree::Document::parse(&text).unwrap();
@@ -213,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn the_special_value_of_no_data_is_told_in_all_versions() {
+    fn the_nodata_value_is_read_in_all_versions() {
         let value = |text: &str| nodata(roxmltree::Document::parse(text).unwrap().root_element());
         let v2 = "<Dimap_Document><Raster_Display>\
                   <Special_Value><SPECIAL_VALUE_TEXT>SATURATED</SPECIAL_VALUE_TEXT>\
@@ -225,9 +228,9 @@ mod tests {
         assert_eq!((value(&v1), value("<Dimap_Document/>")), (Some(7.0), None));
     }
 
-    /// Largest gaps in pixels (spec 5.1); the table's last digit is rounded.
+    /// Largest distances in pixels (specification, section 5.1); the last digit of the table is rounded.
     #[test]
-    fn direct_and_inverse_models_differ_by_what_the_table_says() {
+    fn direct_and_inverse_models_differ_as_specified() {
         for (name, gap) in [
             ("rpcm/rpc_PLEIADES.xml", 0.0020),
             ("rpcm/rpc_SPOT6.xml", 0.0221),
@@ -242,9 +245,9 @@ mod tests {
         }
     }
 
-    /// shareloc's test of version 1: the direct model and Newton's method on the inverse one agree to 9e-8 degrees.
+    /// A test of shareloc: the direct model and Newton's method on the inverse model agree to 9e-8 degrees.
     #[test]
-    fn version_1_is_localised_where_its_direct_model_says() {
+    fn localisation_agrees_with_the_direct_model_of_version_1() {
         let Some(file) = real_file("shareloc/PHRDIMAP_P1BP--2018122638935449CP.XML") else { return };
         let (rpc, direct) = models(&file);
         let (c, px, height_m) = (rpc.coefficients(), Pixel::new(199.5, 599.5), 125.0);

@@ -1,14 +1,16 @@
-//! GDAL's `RPC` metadata domain: what GDAL makes of a GeoTIFF's tag 50844, a NITF's RPC00B and many sidecars.
+//! GDAL's `RPC` metadata domain, which GDAL fills from the TIFF tag 50844, the RPC00B segment of NITF and many sidecar
+//! files.
 
 use super::FormatError;
 use super::keys::{Fields, RPC00B, format_number};
 use crate::rpc::Rpc;
 use std::path::Path;
 
-/// The camera of a metadata domain; none when the domain is empty. `file` is for messages.
+/// The camera of the `RPC` metadata domain, given as (key, value) pairs; `None` if the domain is empty. `file` names the
+/// image in messages.
 ///
 /// # Errors
-/// [`FormatError`].
+/// [`FormatError`] if a coefficient is missing or not a number, or the coefficients are not a valid RPC.
 pub fn from_gdal(file: &Path, domain: &[(String, String)]) -> Result<Option<Rpc>, FormatError> {
     if domain.is_empty() {
         return Ok(None);
@@ -20,7 +22,8 @@ pub fn from_gdal(file: &Path, domain: &[(String, String)]) -> Result<Option<Rpc>
     fields.rpc().map(Some)
 }
 
-/// The metadata domain of a camera, to the last bit; GDAL's own text of a tag has 15 digits.
+/// The (key, value) pairs of the `RPC` metadata domain for a camera, with all digits of each number; GDAL itself writes
+/// 15 digits.
 #[must_use]
 pub fn to_gdal(rpc: &Rpc) -> Vec<(String, String)> {
     let c = rpc.coefficients();
@@ -30,7 +33,7 @@ pub fn to_gdal(rpc: &Rpc) -> Vec<(String, String)> {
         let terms: Vec<String> = terms.iter().map(|t| format_number(*t)).collect();
         out.push((name.into(), terms.join(" ")));
     }
-    // GDAL wants both errors; -1 says that they are not known.
+    // GDAL requires both errors; -1 means unknown.
     for (name, value) in RPC00B.errors.into_iter().zip([c.err_bias_m, c.err_rand_m]) {
         out.push((name.into(), format_number(value.unwrap_or(-1.0))));
     }

@@ -5,7 +5,7 @@ use super::{FormatError, RpcFile, ViewTags, iso_date};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// OSSIM's names; its coefficients end in `_00` to `_19`.
+/// Field names of OSSIM. Names of coefficients end in `_00` to `_19`.
 const GEOM: Names = Names {
     offsets: ["line_off", "samp_off", "lat_off", "long_off", "height_off"],
     scales: ["line_scale", "samp_scale", "lat_scale", "long_scale", "height_scale"],
@@ -13,12 +13,12 @@ const GEOM: Names = Names {
     errors: ["bias_error", "rand_error"],
 };
 
-/// Whether text is such a list.
+/// Whether a text is an OSSIM keyword list with an RPC.
 pub(super) fn is_geom(content: &str) -> bool {
     content.contains("line_num_coeff_00") || content.contains("polynomial_format")
 }
 
-/// Reads such a list.
+/// Reads an OSSIM keyword list.
 pub(super) fn from_geom(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
     let lines = content.lines().filter_map(|l| l.split_once(':'));
     let items: BTreeMap<&str, &str> = lines.map(|(k, v)| (k.trim(), v.trim())).collect();
@@ -38,7 +38,7 @@ pub(super) fn from_geom(file: &Path, content: &str) -> Result<RpcFile, FormatErr
 fn tags(items: &BTreeMap<&str, &str>) -> ViewTags {
     let number = |name: &str| parse_number(items.get(name)?).filter(|v| v.is_finite());
     let count = |name: &str| number(name).filter(|v| *v >= 1.0).map(|v| v as usize);
-    // At several places along the image: the middle one stands for it.
+    // The angles are listed for several positions along the image; the middle one is taken.
     let middle = |name: &str| {
         let words: Vec<&str> = items.get(name)?.trim_matches('"').split_whitespace().collect();
         parse_number(words.get(words.len() / 2)?).filter(|v| v.is_finite())

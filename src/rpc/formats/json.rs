@@ -1,4 +1,4 @@
-//! The JSON of the rpcm library and the sat-NeRF family: `rpc` with rpcm's names, beside it sun, date, size.
+//! JSON files of the rpcm library and of sat-NeRF: an object `rpc` with rpcm's field names; beside it sun, date and size.
 
 use super::keys::{Fields, RPCM};
 use super::{FormatError, RpcFile, ViewTags, iso_date};
@@ -6,13 +6,13 @@ use crate::rpc::Rpc;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// Reads such a JSON; `file` is for messages. A JSON that is the `rpc` object itself is read too.
+/// Reads an rpcm JSON, or the `rpc` object alone; `file` names it in messages.
 ///
 /// # Errors
-/// [`FormatError`].
+/// [`FormatError`] for invalid JSON, and if the file does not hold a valid RPC.
 pub(super) fn from_json(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
-    let top: Map<String, Value> = serde_json::from_str(content)
-        .map_err(|e| FormatError::Json { file: file.into(), reason: e.to_string() })?;
+    let top: Map<String, Value> =
+        serde_json::from_str(content).map_err(|cause| FormatError::Json { file: file.into(), cause })?;
     let rpc = match top.get("rpc") {
         Some(Value::Object(rpc)) => rpc,
         None if top.contains_key(RPCM.polynomials[0]) => &top,
@@ -26,7 +26,7 @@ pub(super) fn from_json(file: &Path, content: &str) -> Result<RpcFile, FormatErr
     Ok(RpcFile { tags, ..RpcFile::new(fields.rpc()?, "rpcm JSON") })
 }
 
-/// The JSON of a view.
+/// The camera and metadata of a view as the text of an rpcm JSON file.
 #[must_use]
 pub fn to_json(camera: &Rpc, tags: &ViewTags) -> String {
     let c = camera.coefficients();
@@ -46,7 +46,7 @@ pub fn to_json(camera: &Rpc, tags: &ViewTags) -> String {
         top.insert("height".into(), json!(height));
     }
     if let Some((azimuth, elevation)) = tags.sun_deg {
-        // Strings, and the elevation with its sign, as those who read this format expect.
+        // Angles are strings, the elevation with its sign, as sat-NeRF writes and reads them.
         top.insert("sun_azimuth".into(), json!(format!("{azimuth}")));
         top.insert("sun_elevation".into(), json!(format!("{elevation:+}")));
     }
@@ -88,7 +88,7 @@ fn tags(file: &Path, top: &Map<String, Value>) -> Result<ViewTags, FormatError> 
     })
 }
 
-/// A JSON value as the text a number is parsed from: arrays become blank-separated words.
+/// A JSON value as text from which numbers are parsed; elements of arrays are separated by blanks.
 fn words(value: &Value) -> String {
     match value {
         Value::String(s) => s.clone(),

@@ -1,6 +1,6 @@
-//! Field names of an RPC in the formats satgs knows, and the numbers behind them.
+//! Field names of an RPC in the known formats.
 //!
-//! A format's reader fills [`Fields`] with numbers by name; [`Fields::rpc`] says which of the 90 is missing.
+//! The reader of a format collects numbers by name in [`Fields`]; [`Fields::rpc`] checks that all 90 are there.
 
 use super::FormatError;
 use crate::rpc::model::TERMS;
@@ -9,10 +9,10 @@ use std::array::from_fn;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Numbers an RPC cannot do without: five offsets, five scales, four polynomials.
+/// Number of required fields: five offsets, five scales, and four polynomials of 20 coefficients.
 pub(super) const REQUIRED: usize = 90;
 
-/// A format's names, in the order line, sample, latitude, longitude, height.
+/// Field names of a format, in the order line, sample, latitude, longitude, height.
 pub(super) struct Names {
     /// The offsets.
     pub offsets: [&'static str; 5],
@@ -41,7 +41,7 @@ pub(super) const RPCM: Names = Names {
 };
 
 impl Names {
-    /// Offsets and scales by name.
+    /// Names and values of offsets and scales.
     pub(super) fn axes(&self, c: &RpcCoefficients) -> [(&'static str, f64); 10] {
         let axes = [c.row, c.col, c.lat, c.lon, c.height];
         std::array::from_fn(|i| match i {
@@ -50,20 +50,20 @@ impl Names {
         })
     }
 
-    /// Polynomials by name.
+    /// Names and coefficients of the polynomials.
     pub(super) fn terms<'a>(&self, c: &'a RpcCoefficients) -> [(&'static str, &'a [f64; TERMS]); 4] {
         let polynomials = [&c.row_num, &c.row_den, &c.col_num, &c.col_den];
         std::array::from_fn(|i| (self.polynomials[i], polynomials[i]))
     }
 
-    /// Errors by name, those that are known.
+    /// Names and values of the errors that are known.
     pub(super) fn known_errors(&self, c: &RpcCoefficients) -> Vec<(&'static str, f64)> {
         let both = self.errors.into_iter().zip([c.err_bias_m, c.err_rand_m]);
         both.filter_map(|(name, value)| Some((name, value?))).collect()
     }
 }
 
-/// Numbers found in a file so far.
+/// Numbers of an RPC that were found in a file so far.
 pub(super) struct Fields<'a> {
     file: &'a Path,
     names: &'static Names,
@@ -71,21 +71,21 @@ pub(super) struct Fields<'a> {
 }
 
 impl<'a> Fields<'a> {
-    /// None yet.
+    /// No numbers yet.
     pub(super) const fn new(file: &'a Path, names: &'static Names) -> Self {
         Self { file, names, values: BTreeMap::new() }
     }
 
-    /// Whether anything of an RPC was found.
+    /// Whether no field of an RPC was found.
     pub(super) fn is_empty(&self) -> bool {
         self.values.is_empty()
     }
 
-    /// Takes `name` if it is a field of an RPC; a polynomial's twenty numbers may come in one.
+    /// Adds a field if `name` is one of an RPC; the twenty coefficients of a polynomial may come in one text.
     pub(super) fn take(&mut self, name: &str, text: &str) -> Result<(), FormatError> {
         let n = self.names;
         if n.errors.contains(&name) {
-            // They are optional: blank and `N/A` are not known.
+            // The errors are optional; a blank and `N/A` mean unknown.
             if let Some(value) = parse_number(text) {
                 self.put(name.into(), value)?;
             }
@@ -93,7 +93,7 @@ impl<'a> Fields<'a> {
             let value = self.number(name, text)?;
             self.put(name.into(), value)?;
         } else if n.polynomials.contains(&name) {
-            // Blanks or commas between the terms, and a comma behind the last.
+            // Coefficients are separated by blanks or commas; a comma may follow the last one.
             let terms: Vec<&str> =
                 text.split(|c: char| c == ',' || c.is_whitespace()).filter(|t| !t.is_empty()).collect();
             self.check_count(name, terms.len())?;
@@ -111,7 +111,7 @@ impl<'a> Fields<'a> {
         Ok(())
     }
 
-    /// The checked model.
+    /// Checks that all fields are there and form a valid RPC.
     pub(super) fn rpc(self) -> Result<Rpc, FormatError> {
         self.require_all()?;
         let n = self.names;
@@ -123,7 +123,7 @@ impl<'a> Fields<'a> {
             .map_err(|e| FormatError::invalid(self.file, e))
     }
 
-    /// Takes a field's value; another one than before is an error.
+    /// Adds the value of a field; a second, different value is an error.
     fn put(&mut self, field: String, value: f64) -> Result<(), FormatError> {
         match self.values.get(&field).copied() {
             Some(first) if first.to_bits() != value.to_bits() && first != value => {
@@ -145,7 +145,7 @@ impl<'a> Fields<'a> {
         }
         let found = required.iter().filter(|f| has(f)).count();
         let Some(first) = required.into_iter().find(|f| !has(f)) else { return Ok(()) };
-        // A polynomial that is missing as a whole is named as a whole.
+        // A polynomial without any coefficient is named itself, instead of its first coefficient.
         let whole = |p: &&str| (1..=TERMS).all(|i| !has(&format!("{p}_{i}")));
         let field = match n.split_term(&first) {
             Some((p, _)) if whole(&p) => p.to_owned(),
@@ -179,7 +179,7 @@ impl Names {
     }
 }
 
-/// A number as vendors write it: signs, `D` exponents, a unit behind.
+/// Parses a number as vendors write it: with a sign, an exponent marked by `D`, and a unit after it.
 pub(super) fn parse_number(text: &str) -> Option<f64> {
     let mut words = text.split_whitespace();
     let number = words.next()?;
@@ -190,14 +190,14 @@ pub(super) fn parse_number(text: &str) -> Option<f64> {
     number.parse().ok().or_else(|| number.replace(['D', 'd'], "E").parse().ok())
 }
 
-/// The shortest text that reads back as the same number.
+/// The shortest text that is parsed as the same number.
 pub(super) fn format_number(v: f64) -> String {
     let size = v.abs();
     if size == 0.0 || (1e-4..1e16).contains(&size) { format!("{v}") } else { format!("{v:e}") }
 }
 
-/// The model of numbers in the order of every format: axes of row, column, latitude, longitude, height; numerator and
-/// denominator of the row, then the column; bias and random error, negative where they are not known.
+/// A model from numbers in the order of files: axes of row, column, latitude, longitude and height; numerator and
+/// denominator of the row, then of the column; bias and random error, negative if unknown.
 pub(super) fn in_file_order(
     [row, col, lat, lon, height]: [Axis; 5],
     [row_num, row_den, col_num, col_den]: [[f64; TERMS]; 4],
@@ -224,7 +224,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_come_with_signs_units_and_fortran_exponents() {
+    fn numbers_with_signs_units_and_fortran_exponents_are_parsed() {
         assert_eq!(parse_number(" +005124.00 pixels\r"), Some(5124.0));
         assert_eq!(parse_number("1.0D-03"), Some(1e-3));
         assert_eq!(parse_number("-000.0070300e+01 degrees"), Some(-0.0703));

@@ -1,4 +1,5 @@
-//! Maxar (DigitalGlobe): the `.XML` with `RPB` and `IMD` elements, and the same as PVL text in `.RPB` and `.IMD`.
+//! Files of Maxar (DigitalGlobe): `.XML` with the elements `RPB` and `IMD`, and the same content as PVL text in `.RPB`
+//! and `.IMD`.
 
 use super::keys::{Fields, Names, format_number, parse_number};
 use super::xml::{find, items, text};
@@ -9,7 +10,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-/// The names in an `.RPB`.
+/// Field names of `.RPB` files.
 const RPB: Names = Names {
     offsets: ["lineOffset", "sampOffset", "latOffset", "longOffset", "heightOffset"],
     scales: ["lineScale", "sampScale", "latScale", "longScale", "heightScale"],
@@ -17,7 +18,7 @@ const RPB: Names = Names {
     errors: ["errBias", "errRand"],
 };
 
-/// The names in the XML.
+/// Field names of XML files.
 const XML: Names = Names {
     offsets: ["LINEOFFSET", "SAMPOFFSET", "LATOFFSET", "LONGOFFSET", "HEIGHTOFFSET"],
     scales: ["LINESCALE", "SAMPSCALE", "LATSCALE", "LONGSCALE", "HEIGHTSCALE"],
@@ -25,7 +26,7 @@ const XML: Names = Names {
     errors: ["ERRBIAS", "ERRRAND"],
 };
 
-/// Reads the `RPB` element; sun, date and size come from `IMD` beside it.
+/// Reads the RPC from the `RPB` element, and sun, date and size from the `IMD` element.
 pub(super) fn from_xml(file: &Path, root: Node, rpb: Node) -> Result<RpcFile, FormatError> {
     refuse_rpc00a(file, text(rpb, "SPECID"))?;
     let mut fields = Fields::new(file, &XML);
@@ -40,19 +41,19 @@ pub(super) fn from_xml(file: &Path, root: Node, rpb: Node) -> Result<RpcFile, Fo
     Ok(RpcFile { tags: tags(root), ..RpcFile::new(fields.rpc()?, "Maxar XML") })
 }
 
-/// What `IMD` says about the image.
+/// Metadata of the image in the `IMD` element.
 pub(super) fn tags(root: Node) -> ViewTags {
     let Some(imd) = find(root, "IMD") else { return ViewTags::default() };
     view_tags(|name| text(imd, &name.to_ascii_uppercase()).map(str::to_owned))
 }
 
-/// Whether text is an `.RPB` or an `.IMD`: both end their lines with a semicolon.
+/// Whether a text is an `.RPB` or `.IMD` file, whose statements end with a semicolon.
 pub(super) fn is_pvl(content: &str) -> bool {
     let known = ["lineOffset", "lineNumCoef", "BEGIN_GROUP", "specId"];
     known.iter().any(|word| content.contains(word)) && content.contains(';')
 }
 
-/// Reads an `.RPB`.
+/// Reads an `.RPB` file.
 ///
 /// # Errors
 /// [`FormatError`].
@@ -70,19 +71,20 @@ pub(super) fn from_rpb(file: &Path, content: &str) -> Result<RpcFile, FormatErro
     Ok(RpcFile { tags: imd_tags(content), ..RpcFile::new(fields.rpc()?, "RPB") })
 }
 
-/// What an `.IMD` says about the image.
+/// Metadata of the image in an `.IMD` file.
 pub(super) fn imd_tags(content: &str) -> ViewTags {
     let items = pvl(content);
     view_tags(|name| items.get(name).cloned())
 }
 
-/// Column and row of the product at which one of its tiles begins, by its `.TIL`; none if that does not list the tile.
+/// Column and row of the first pixel of a tile in its product, from the product's `.TIL` file; `None` if the file does not
+/// list the tile. `image` is the file name of the tile.
 ///
 /// # Errors
-/// [`FormatError::Unreadable`].
+/// [`FormatError::Unreadable`] if the `.TIL` file cannot be read.
 pub fn til_offset(til: &Path, image: &str) -> Result<Option<(f64, f64)>, FormatError> {
     let content = super::read_text(til)?;
-    // Each tile is a group of its own: `BEGIN_GROUP = TILE_1 … END_GROUP = TILE_1`.
+    // Each tile is a group: `BEGIN_GROUP = TILE_1 … END_GROUP = TILE_1`.
     for group in content.split("BEGIN_GROUP") {
         let items = pvl(group.split_once('\n').unwrap_or_default().1);
         if items.get("filename").is_some_and(|name| name.eq_ignore_ascii_case(image)) {
@@ -93,11 +95,11 @@ pub fn til_offset(til: &Path, image: &str) -> Result<Option<(f64, f64)>, FormatE
     Ok(None)
 }
 
-/// The text of an `.RPB`.
+/// A camera as the text of an `.RPB` file.
 #[must_use]
 pub fn to_rpb(rpc: &Rpc) -> String {
     let c = rpc.coefficients();
-    // The format's readers expect both errors; -1 says that they are not known.
+    // Readers of the format require both errors; -1 means unknown.
     let errors = RPB.errors.into_iter().zip([c.err_bias_m, c.err_rand_m].map(|e| e.unwrap_or(-1.0)));
     let mut out = String::from("satId = \"\";\nbandId = \"\";\nSpecId = \"RPC00B\";\nBEGIN_GROUP = IMAGE\n");
     for (name, value) in errors.chain(RPB.axes(c)) {
@@ -111,11 +113,11 @@ pub fn to_rpb(rpc: &Rpc) -> String {
     out
 }
 
-/// The statements `key = value;` of a PVL text, lists as blank-separated words, quotes taken off.
+/// The statements `key = value;` of a PVL text; elements of lists are separated by blanks, quotes are removed.
 fn pvl(content: &str) -> BTreeMap<String, String> {
     let mut items = BTreeMap::new();
     for statement in content.split(';') {
-        // Lines such as `BEGIN_GROUP = IMAGE` end without a semicolon: they are left out of the statement.
+        // Lines such as `BEGIN_GROUP = IMAGE` have no semicolon and would become part of the next statement.
         let groups = statement.lines().filter(|l| !l.contains("_GROUP")).collect::<Vec<_>>().join(" ");
         let Some((key, value)) = groups.split_once('=') else { continue };
         let key = if key.trim() == "SpecId" { "specId" } else { key.trim() };
@@ -125,18 +127,18 @@ fn pvl(content: &str) -> BTreeMap<String, String> {
     items
 }
 
-/// Tags by the names of an `.IMD`; the XML has the same in capitals.
+/// Metadata by the field names of `.IMD` files; `item` returns the text of a field. Names in XML are in capitals.
 fn view_tags(item: impl Fn(&str) -> Option<String>) -> ViewTags {
     let number = |name: &str| parse_number(&item(name)?).filter(|v| v.is_finite());
     let count = |name: &str| number(name).filter(|v| *v >= 1.0).map(|v| v as usize);
-    // Products that were mosaicked or orthorectified tell of the strip's times instead of a line's.
+    // Mosaicked and orthorectified products state the time of the strip instead of that of the first line.
     let time = ["firstLineTime", "TLCTime", "earliestAcqTime"].iter().find_map(|n| iso_date(&item(n)?));
     ViewTags {
         size: count("numColumns").zip(count("numRows")),
         sun_deg: number("meanSunAz").zip(number("meanSunEl")),
         acquired: time,
         gsd_m: number("meanProductGSD").or_else(|| number("meanCollectedGSD")),
-        // `meanOffNadirViewAngle` is the angle at the satellite.
+        // `meanOffNadirViewAngle` is not used because it is the angle at the satellite.
         off_nadir_deg: number("meanSatEl").map(|elevation| 90.0 - elevation),
         ..ViewTags::default()
     }

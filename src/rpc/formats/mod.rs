@@ -1,9 +1,10 @@
-//! RPC files of every vendor: what a file is shows in its content, not in its name.
+//! Readers and writers of RPC files. The format of a file is recognised by its content, not by its name.
 //!
-//! Read are `_RPC.TXT` text (IKONOS, GeoEye, Planet, SkySat), Maxar's `.XML` and `.RPB`, DIMAP 1, 2 and 3, OSSIM
-//! `.geom`, rpcm JSON, the TIFF tag 50844, GDAL's `.aux.xml` and VRT, and whatever else GDAL shows in its RPC
-//! domain. Written are text, RPB, JSON and, through GDAL, the tag; writing and reading back gives the same bits.
-//! Pixels count from the centre of the first, as in RPC00B; a reader of another convention converts.
+//! Formats read: `_RPC.TXT` text (IKONOS, GeoEye, Planet, SkySat), Maxar's `.XML` and `.RPB`, DIMAP 1, 2 and 3, OSSIM
+//! `.geom`, rpcm JSON, the TIFF tag 50844, GDAL's `.aux.xml` and VRT, and whatever else GDAL lists in its RPC
+//! metadata domain. Formats written: text, RPB, JSON and, through GDAL, the TIFF tag; a file that was written and read
+//! back gives the same bits. Pixel (0, 0) is the centre of the first pixel, as in RPC00B; readers of formats with another
+//! convention convert.
 
 mod date;
 mod dimap;
@@ -28,17 +29,17 @@ pub use tiff::{from_tiff, parse_tiff};
 use super::{Rpc, RpcError};
 use std::path::{Path, PathBuf};
 
-/// A sidecar larger than this is no RPC.
+/// Largest size of an RPC file.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// Two models of one image that differ by less, in pixels, are the same, rounded differently.
+/// Largest distance between the projections of two models that count as the same model, pixels; it allows for rounding.
 pub const SAME_PX: f64 = 0.1;
 
-/// Why a file gives no RPC.
+/// Why no RPC could be read from a file.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum FormatError {
-    /// A number that every RPC has is not there.
+    /// A required coefficient is missing.
     #[error("`{file}`: RPC field `{field}` is missing (found {found} of {of} fields)", of = keys::REQUIRED)]
     #[diagnostic(help(
         "the RPC is incomplete: ask for the original metadata; `satgs info` lists what was read"
@@ -46,12 +47,12 @@ pub enum FormatError {
     Missing {
         /// The file.
         file: PathBuf,
-        /// The first field that is missing, in the file's own names.
+        /// The first missing field, by its name in the file's format.
         field: String,
-        /// Numbers found.
+        /// Number of required coefficients found.
         found: usize,
     },
-    /// A polynomial with more or fewer terms than it must have.
+    /// A polynomial has the wrong number of coefficients.
     #[error("`{file}`: RPC field `{field}` has {found} coefficients, {expected} are expected")]
     #[diagnostic(help("RPC00B has 20 coefficients in each of its four polynomials"))]
     Count {
@@ -64,89 +65,89 @@ pub enum FormatError {
         /// Coefficients expected.
         expected: usize,
     },
-    /// Text where a number should be.
+    /// A field holds text that is not a number.
     #[error("`{file}`: `{field}` is `{text}`, a number is expected")]
     #[diagnostic(help(
-        "numbers have a decimal point, no comma, and at most a unit behind: `-0.0703 degrees`"
+        "numbers have a decimal point instead of a comma, and at most a unit after them: `-0.0703 degrees`"
     ))]
     NotANumber {
         /// The file.
         file: PathBuf,
         /// The field.
         field: String,
-        /// What was found.
+        /// The text found.
         text: String,
     },
-    /// Numbers that make no camera.
+    /// The coefficients do not form a valid RPC.
     #[error("`{file}`: {source}")]
     #[diagnostic(help("{hint}"))]
     Invalid {
         /// The file.
         file: PathBuf,
-        /// Which number, and why.
+        /// Which coefficient is invalid, and why.
         source: RpcError,
-        /// What to do about it.
+        /// What the user can do about it.
         hint: &'static str,
     },
-    /// Broken JSON.
-    #[error("`{file}` is no valid JSON: {reason}")]
-    #[diagnostic(help("NaN and Infinity are no JSON numbers; is the file complete?"))]
+    /// The file begins like JSON but cannot be parsed as JSON.
+    #[error("`{file}` is not valid JSON: {cause}")]
+    #[diagnostic(help("NaN and Infinity are not JSON numbers; is the file complete?"))]
     Json {
         /// The file.
         file: PathBuf,
-        /// Where and why.
-        reason: String,
+        /// Error of the parser.
+        cause: serde_json::Error,
     },
-    /// Broken XML.
-    #[error("`{file}` is no valid XML: {reason}")]
+    /// The file begins like XML but cannot be parsed as XML.
+    #[error("`{file}` is not valid XML: {cause}")]
     #[diagnostic(help("is the file complete?"))]
     Xml {
         /// The file.
         file: PathBuf,
-        /// Where and why.
-        reason: String,
+        /// Error of the parser.
+        cause: roxmltree::Error,
     },
-    /// The older form, whose terms come in another order.
+    /// The file holds an RPC00A, whose polynomial terms are in another order.
     #[error("`{file}` holds an RPC00A, satgs reads RPC00B")]
     #[diagnostic(help(
-        "the two order their terms differently; ask for RPC00B, or convert the image with a tool that reads RPC00A"
+        "RPC00A orders the polynomial terms differently; ask for RPC00B, or convert the image with a tool that reads RPC00A"
     ))]
     Rpc00a {
         /// The file.
         file: PathBuf,
     },
-    /// A field that is there twice with two values.
+    /// A field occurs twice with different values.
     #[error("`{file}`: `{field}` is given twice, as {first} and as {second}")]
-    #[diagnostic(help("which is right only its maker knows: remove the other"))]
+    #[diagnostic(help("remove the value that is wrong; the producer of the file knows which"))]
     Twice {
         /// The file.
         file: PathBuf,
         /// The field.
         field: String,
-        /// The value that comes first.
+        /// The first value.
         first: f64,
-        /// The other.
+        /// The second value.
         second: f64,
     },
-    /// None of the formats.
-    #[error("`{file}` is no RPC file that satgs reads{what}")]
+    /// The file is in none of the known formats.
+    #[error("`{file}` is not an RPC file in a known format{what}")]
     #[diagnostic(help(
-        "read are `_RPC.TXT` text, Maxar .RPB and .XML, DIMAP, OSSIM .geom, rpcm JSON, and what GDAL shows as RPC"
+        "known formats are `_RPC.TXT` text, Maxar .RPB and .XML, DIMAP, OSSIM .geom, rpcm JSON, and RPCs that GDAL reads"
     ))]
     Unrecognised {
         /// The file.
         file: PathBuf,
-        /// What it looks like, if that is known.
+        /// What the file seems to be, in parentheses after a space; empty if that is not known.
         what: &'static str,
     },
-    /// The file cannot be read at all.
-    #[error("`{file}` cannot be read: {reason}")]
+    /// The file cannot be read, is not a regular file, or is too large to be an RPC.
+    #[error("`{file}` cannot be read: {cause}")]
     #[diagnostic(help("does the file exist, and may you read it?"))]
     Unreadable {
         /// The file.
         file: PathBuf,
-        /// The system's words.
-        reason: String,
+        /// Error of the file system.
+        cause: std::io::Error,
     },
 }
 
@@ -161,44 +162,44 @@ impl FormatError {
     }
 }
 
-/// A view's metadata that some files hold beside the camera.
+/// Metadata of a view that some files hold beside the RPC. `None` means that the file does not state the value.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ViewTags {
     /// File name of the image.
     pub image: Option<String>,
-    /// Columns and rows of the image, of all its tiles together.
+    /// Columns and rows of the image; of a tiled product, those of all tiles together.
     pub size: Option<(usize, usize)>,
-    /// Sun's azimuth clockwise from north and elevation, degrees.
+    /// Azimuth of the sun, clockwise from true north, and its elevation above the horizon, degrees.
     pub sun_deg: Option<(f64, f64)>,
-    /// Acquisition time, ISO 8601.
+    /// Acquisition time in UTC, `YYYY-MM-DDThh:mm:ssZ` or `YYYY-MM-DD`.
     pub acquired: Option<String>,
     /// Lowest and highest ellipsoidal height on the ground, metres.
     pub height_range: Option<(f64, f64)>,
     /// Mean ground sampling distance, metres.
     pub gsd_m: Option<f64>,
-    /// Angle of the view from the vertical at the ground (incidence), degrees.
+    /// Incidence angle: between the line of sight and the vertical at the ground, degrees.
     pub off_nadir_deg: Option<f64>,
-    /// How the image is cut into files, if it is.
+    /// The tiles of a product that is delivered in several files.
     pub tiles: Option<Tiles>,
-    /// Value of pixels that are no image.
+    /// Value of pixels without data.
     pub nodata: Option<f64>,
 }
 
-/// A product that is cut into files `…_R1C1`, `…_R1C2`, ….
+/// Layout of a product that is delivered as tiles in files `…_R1C1`, `…_R1C2`, …, as DIMAP describes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tiles {
-    /// Columns from one tile to the next.
+    /// Distance from one tile to the next along a row, pixels.
     pub width: usize,
-    /// Rows from one tile to the next.
+    /// Distance from one tile to the next along a column, pixels.
     pub height: usize,
-    /// Tiles side by side.
+    /// Number of tiles in a row.
     pub across: usize,
-    /// Tiles one below the other.
+    /// Number of tiles in a column.
     pub down: usize,
 }
 
 impl ViewTags {
-    /// Takes from `other` what these tags do not tell.
+    /// These tags, completed by the values of `other` that these do not state.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         Self {
@@ -215,28 +216,28 @@ impl ViewTags {
     }
 }
 
-/// What an RPC file holds.
+/// Content of an RPC file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RpcFile {
     /// The camera.
     pub rpc: Rpc,
-    /// What else the file says.
+    /// Other metadata in the file.
     pub tags: ViewTags,
-    /// The format, as a user would name it.
+    /// Name of the format, for messages: `Maxar XML`, `DIMAP v2`.
     pub format: &'static str,
-    /// What is odd about it, one sentence a cause.
+    /// Warnings about the content, one sentence each.
     pub warnings: Vec<String>,
 }
 
 impl RpcFile {
-    /// A camera of which nothing else is known.
+    /// A camera without other metadata.
     #[must_use]
     pub fn new(rpc: Rpc, format: &'static str) -> Self {
         Self { rpc, tags: ViewTags::default(), format, warnings: Vec::new() }
     }
 }
 
-/// Reads a sidecar in any format, recognised by its content.
+/// Reads an RPC file; its format is recognised by its content.
 ///
 /// # Errors
 /// [`FormatError`], naming file and field.
@@ -244,7 +245,7 @@ pub fn read(file: &Path) -> Result<RpcFile, FormatError> {
     parse(file, &read_text(file)?)
 }
 
-/// As [`read`], of content in memory; `file` is for messages.
+/// Parses the content of an RPC file as [`read`] does; `file` names it in messages.
 ///
 /// # Errors
 /// As [`read`].
@@ -260,10 +261,11 @@ pub fn parse(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
     }
 }
 
-/// Reads what a metadata file (`.IMD`, `.XML`, `DIM_*.XML`) says about an image, camera or not.
+/// Reads the metadata of a view from a metadata file (`.IMD`, `.XML`, `DIM_*.XML`, Planet's and GeoEye's
+/// `_metadata.*`), with or without an RPC.
 ///
 /// # Errors
-/// [`FormatError`] when the file cannot be read or is broken XML.
+/// [`FormatError`] if the file cannot be read or is damaged XML.
 pub fn read_tags(file: &Path) -> Result<ViewTags, FormatError> {
     let content = read_text(file)?;
     let content = content.trim_start_matches('\u{feff}').trim_start();
@@ -276,23 +278,26 @@ pub fn read_tags(file: &Path) -> Result<ViewTags, FormatError> {
     })
 }
 
-/// Text of a regular file of reasonable size; bytes that are no UTF-8 do not matter, they are comments.
+/// Text of a regular file of at most [`MAX_BYTES`]. Bytes that are not UTF-8 are accepted, as they occur in comments
+/// only.
 fn read_text(file: &Path) -> Result<String, FormatError> {
-    let unreadable = |reason: String| FormatError::Unreadable { file: file.into(), reason };
-    let about = std::fs::metadata(file).map_err(|e| unreadable(e.to_string()))?;
-    if !about.is_file() {
-        return Err(unreadable("not a regular file".into()));
+    let unreadable = |cause| FormatError::Unreadable { file: file.into(), cause };
+    let metadata = std::fs::metadata(file).map_err(unreadable)?;
+    if !metadata.is_file() {
+        return Err(unreadable(std::io::Error::other("it is not a regular file")));
     }
-    if about.len() > MAX_BYTES {
-        return Err(unreadable(format!("{} bytes are too many for an RPC", about.len())));
+    if metadata.len() > MAX_BYTES {
+        let size = format!("{} bytes are too many for an RPC", metadata.len());
+        return Err(unreadable(std::io::Error::other(size)));
     }
-    let bytes = std::fs::read(file).map_err(|e| unreadable(e.to_string()))?;
+    let bytes = std::fs::read(file).map_err(unreadable)?;
     Ok(decode(&bytes))
 }
 
-/// Text as editors and Windows write it: UTF-16 by its byte-order mark, else UTF-8 with or without one.
+/// Decodes text: UTF-16 if it begins with a byte-order mark of UTF-16, otherwise UTF-8 with or without a byte-order
+/// mark.
 ///
-/// What is neither becomes replacement characters.
+/// Invalid bytes become replacement characters.
 #[must_use]
 pub fn decode(bytes: &[u8]) -> String {
     let utf16 = |rest: &[u8], number: fn([u8; 2]) -> u16| {

@@ -1,9 +1,9 @@
-//! Sun and date in the metadata of products without an RPC of their own format: Planet's JSON, GeoEye's and IKONOS' text.
+//! Sun and date in metadata files without an RPC: JSON of Planet, text of GeoEye and IKONOS.
 
 use super::{ViewTags, iso_date};
 use serde_json::Value;
 
-/// What a Planet item's `_metadata.json` tells: a GeoJSON feature with `properties`.
+/// Metadata in the `_metadata.json` of a Planet item, a GeoJSON feature with `properties`.
 pub(super) fn planet_tags(content: &str) -> ViewTags {
     let Ok(item) = serde_json::from_str::<Value>(content) else { return ViewTags::default() };
     let properties = item.get("properties").unwrap_or(&item);
@@ -17,13 +17,13 @@ pub(super) fn planet_tags(content: &str) -> ViewTags {
     }
 }
 
-/// Whether a text is GeoEye's `_metadata.txt`.
+/// Whether a text is a `_metadata.txt` of GeoEye or IKONOS.
 pub(super) fn is_geoeye(content: &str) -> bool {
     content.contains("Sun Angle Azimuth:")
 }
 
-/// What it tells, in lines `Key: value unit`; nothing that it tells differently of several images, for which of them is
-/// meant is not known here.
+/// Metadata in a `_metadata.txt`, which has lines `Key: value unit`. Values that differ between the images of the product
+/// are left out, because it is not known which image is meant.
 pub(super) fn geoeye_tags(content: &str) -> ViewTags {
     let value = |key: &str| {
         let lines = content.lines().filter_map(|line| line.trim().strip_prefix(key)?.strip_prefix(':'));
@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn planets_items_tell_sun_date_and_resolution() {
+    fn sun_date_and_resolution_are_read_from_planet_json() {
         let tags = planet_tags(
             r#"{"id": "x", "properties": {"acquired": "2023-07-17T09:56:10.25Z", "gsd": 0.8, "sun_azimuth": 121.5,
                 "sun_elevation": 58.3, "view_angle": -12.5}}"#,
@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn geoeyes_text_tells_the_sun_unless_it_tells_of_several() {
+    fn the_sun_is_read_from_geoeye_text_unless_it_is_ambiguous() {
         let text = "Product Image ID: 000\nNominal Collection Elevation: 70.5 degrees\nSun Angle Azimuth: 141.3 degrees\n\
                     Sun Angle Elevation: 62.1 degrees\nAcquisition Date/Time: 2010-06-15 18:44 GMT\n";
         assert!(is_geoeye(text));

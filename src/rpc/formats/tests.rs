@@ -1,4 +1,4 @@
-//! Formats against each other, against themselves, and against what vendors get wrong.
+//! Tests of the RPC formats: agreement between formats, round trips, and malformed files.
 
 use super::*;
 use crate::rpc::model::tests::synthetic;
@@ -9,7 +9,7 @@ fn here() -> &'static Path {
     Path::new("a_RPC.TXT")
 }
 
-/// A file of the real data under `rpc/`; none, and said, when that is absent.
+/// A file of the real data under `rpc/`; `None`, with a message, if it is absent.
 #[allow(clippy::print_stdout)]
 pub fn real_file(name: &str) -> Option<PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
@@ -21,7 +21,7 @@ pub fn real_file(name: &str) -> Option<PathBuf> {
     Some(file)
 }
 
-/// Any number a camera may hold, down to the last bit.
+/// Any number that a coefficient may have.
 fn value() -> impl Strategy<Value = f64> {
     (-1.0..1.0f64, -12..6i32).prop_map(|(m, e)| m * 10f64.powi(e))
 }
@@ -36,7 +36,7 @@ fn camera() -> impl Strategy<Value = Rpc> {
     (axes, terms(), terms(), terms(), terms(), proptest::option::of(0.0..10.0f64)).prop_map(
         |([col, row, lon, lat, height], cn, rn, cd, rd, err_bias_m)| {
             let array = |v: &[f64]| std::array::from_fn(|i| v[i]);
-            // Denominators near one have no pole.
+            // Denominators near 1 have no pole.
             let den = |v: &[f64]| std::array::from_fn(|i| if i == 0 { 1.0 } else { v[i] * 1e-8 });
             Rpc::new(RpcCoefficients {
                 col,
@@ -58,7 +58,7 @@ fn camera() -> impl Strategy<Value = Rpc> {
 
 proptest! {
     #[test]
-    fn writing_and_reading_back_gives_the_same_bits(rpc in camera()) {
+    fn a_round_trip_keeps_every_bit(rpc in camera()) {
         prop_assert_eq!(&parse(here(), &to_text(&rpc)).unwrap().rpc, &rpc);
         prop_assert_eq!(&parse(here(), &to_rpb(&rpc)).unwrap().rpc, &rpc);
         prop_assert_eq!(from_gdal(here(), &to_gdal(&rpc)).unwrap().unwrap(), rpc.clone());
@@ -86,7 +86,7 @@ proptest! {
 }
 
 #[test]
-fn vendors_spellings_are_the_same_camera() {
+fn spelling_variants_of_vendors_give_the_same_camera() {
     let rpc = synthetic();
     let text = to_text(&rpc);
     let same = |changed: String| assert_eq!(parse(here(), &changed).unwrap().rpc, rpc);
@@ -133,20 +133,20 @@ fn errors_name_file_and_field() {
 
     let refused = |content: &str| parse(here(), content).unwrap_err().to_string();
     assert!(refused("{\"a\": 1}").contains("`rpc` is missing"));
-    assert!(refused("{\"rpc\": {\"row_offset\": NaN}}").contains("no valid JSON"));
+    assert!(refused("{\"rpc\": {\"row_offset\": NaN}}").contains("not valid JSON"));
     assert!(refused("{\"rpc\": {\"row_offset\": 1}}").contains("`col_offset` is missing (found 1 of 90"));
     assert!(refused("<isd/>").contains("it is XML without an RPC"));
-    assert!(refused("<isd>").contains("is no valid XML"));
+    assert!(refused("<isd>").contains("is not valid XML"));
     assert!(refused("<isd><RPB/></isd>").contains("`LINEOFFSET` is missing (found 0 of 90"));
     assert!(refused("<a><Global_RFM/></a>").contains("`RFM_Validity` is missing"));
     assert!(refused("<level_X/>").contains("one RPC for each band"));
     assert!(refused(" \n").contains("it is empty"));
     assert!(refused("lineOffset = 3;").contains("`sampOffset` is missing (found 1 of 90"));
-    assert!(refused("FAKE").contains("no RPC file"));
+    assert!(refused("FAKE").contains("not an RPC file"));
 }
 
 #[test]
-fn rpc00a_is_refused_by_name_in_every_format_that_tells() {
+fn rpc00a_is_refused_in_every_format_that_states_it() {
     let is_refused = |content: &str| matches!(parse(here(), content), Err(FormatError::Rpc00a { .. }));
     let rpb = to_rpb(&synthetic());
     assert!(!is_refused(&rpb) && is_refused(&rpb.replace("RPC00B", "RPC00A")));
@@ -155,7 +155,7 @@ fn rpc00a_is_refused_by_name_in_every_format_that_tells() {
     assert!(is_refused(&format!("SPEC_ID: RPC00A\n{}", to_text(&synthetic()))));
 }
 
-/// The camera as Maxar's XML, DIMAP 1, 2 and 3 and a `.geom` would hold it, in the conventions of each.
+/// The camera as text in Maxar XML, DIMAP 1, 2 and 3, OSSIM `.geom` and GDAL metadata, each with its own conventions.
 fn in_every_dialect(rpc: &Rpc) -> Vec<(&'static str, String)> {
     let c = rpc.coefficients();
     let join = |t: &[f64; 20]| t.map(|v| v.to_string()).join(" ");
@@ -215,7 +215,7 @@ fn in_every_dialect(rpc: &Rpc) -> Vec<(&'static str, String)> {
 }
 
 #[test]
-fn every_dialect_is_the_same_camera() {
+fn every_format_gives_the_same_camera() {
     let rpc = synthetic();
     for (format, content) in in_every_dialect(&rpc) {
         let file = parse(here(), &content).unwrap_or_else(|e| panic!("{format}: {e}"));
@@ -225,7 +225,7 @@ fn every_dialect_is_the_same_camera() {
 }
 
 #[test]
-fn the_profile_decides_where_pixels_of_a_dimap_begin() {
+fn the_profile_of_a_dimap_file_decides_whether_pixels_count_from_0_or_1() {
     let rpc = synthetic();
     let (_, v2) = in_every_dialect(&rpc).swap_remove(2);
     let neo = parse(here(), &v2.replace("PHR_SENSOR", "PNEO_SENSOR")).unwrap().rpc;
@@ -233,7 +233,7 @@ fn the_profile_decides_where_pixels_of_a_dimap_begin() {
 }
 
 #[test]
-fn dates_become_iso() {
+fn dates_are_converted_to_iso_8601() {
     assert_eq!(iso_date("20141005160138").unwrap(), "2014-10-05T16:01:38Z");
     assert_eq!(iso_date("2014-10-05T16:01:38.250Z").unwrap(), "2014-10-05T16:01:38Z");
     assert_eq!(iso_date("2014-10-05").unwrap(), "2014-10-05");
@@ -244,16 +244,16 @@ fn dates_become_iso() {
     assert_eq!(iso_date("20141305160138"), None);
 }
 
-/// The seeds of `scripts/fuzz` are whole cameras, and what it found stays harmless.
+/// The seeds of `scripts/fuzz` are valid cameras; inputs that made readers fail in the past must be handled.
 #[test]
-fn seeds_are_read_and_what_fuzzing_found_does_no_harm() {
+fn fuzzing_seeds_are_read_and_found_cases_are_handled() {
     let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz");
     let files = |folder: &Path| -> Vec<PathBuf> {
         std::fs::read_dir(folder).into_iter().flatten().map(|e| e.unwrap().path()).collect()
     };
     let read = |path: &Path| {
         let bytes = std::fs::read(path).unwrap();
-        // Seeds end in it; cases begin with the reader's name.
+        // Names of TIFF seeds end in `.tif`; names of TIFF cases begin with the name of the reader.
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
         match name.ends_with(".tif") || name.starts_with("tiff-") {
             true => parse_tiff(path, std::io::Cursor::new(bytes)).map(|rpc| rpc.is_some()),

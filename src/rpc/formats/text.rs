@@ -1,4 +1,4 @@
-//! `_RPC.TXT`: one `KEY: value unit` a line, as IKONOS, GeoEye, Planet and GDAL write it.
+//! `_RPC.TXT` files of IKONOS, GeoEye, Planet and GDAL: one `KEY: value unit` per line.
 
 use super::keys::{Fields, RPC00B, format_number};
 use super::{FormatError, RpcFile};
@@ -6,17 +6,17 @@ use crate::rpc::Rpc;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Reads the text of such a file; `file` is for messages.
+/// Parses the text of an `_RPC.TXT` file; `file` names it in messages.
 ///
-/// Accepts units, signs, `D` exponents, any case of keys, `=` or a blank for `:`, no blank behind it, CRLF, a byte-order
-/// mark; fields it does not know are skipped, `ERR_BIAS` and `ERR_RAND` are optional.
+/// Units, signs, exponents marked by `D`, keys in any case, `=` or a blank instead of `:`, a missing blank after it, CRLF
+/// and a byte-order mark are accepted. Unknown fields are skipped; `ERR_BIAS` and `ERR_RAND` are optional.
 ///
 /// # Errors
-/// [`FormatError`].
+/// [`FormatError`] if a coefficient is missing or not a number, or the coefficients are not a valid RPC.
 pub(super) fn from_text(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
     let mut fields = Fields::new(file, &RPC00B);
     for line in content.lines() {
-        // `KEY: value`, `KEY = value`, or a blank alone between them.
+        // Key and value are separated by a colon, an equals sign or a blank.
         let parted = line.split_once([':', '=']).or_else(|| line.trim().split_once([' ', '\t']));
         let Some((key, value)) = parted else { continue };
         if value.trim().eq_ignore_ascii_case("RPC00A") {
@@ -30,7 +30,7 @@ pub(super) fn from_text(file: &Path, content: &str) -> Result<RpcFile, FormatErr
     Ok(RpcFile::new(fields.rpc()?, "RPC text"))
 }
 
-/// The text of an `_RPC.TXT` with units, as GDAL reads it too.
+/// A camera as the text of an `_RPC.TXT` file with units, which GDAL reads too.
 #[must_use]
 pub fn to_text(rpc: &Rpc) -> String {
     let c = rpc.coefficients();

@@ -1,6 +1,6 @@
 //! The TIFF tag 50844 (`RPCCoefficientTag`): 92 doubles.
 //!
-//! GDAL shows the tag as text of 15 digits; here it is read to the last bit. The layout is in "RPCs in GeoTIFF"
+//! GDAL returns the values as text of 15 digits; this module reads all bits. The layout is in "RPCs in GeoTIFF"
 //! (<http://geotiff.maptools.org/rpc_prop.html>).
 
 use super::FormatError;
@@ -12,25 +12,24 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// The tag.
+/// Number of the tag.
 const RPC_COEFFICIENTS: u16 = 50844;
-/// Its type, IEEE double.
+/// TIFF type of its values, IEEE double.
 const DOUBLE: u16 = 12;
-/// Its length.
+/// Number of its values.
 const COUNT: usize = 92;
-/// More entries than any image's first directory has.
+/// Largest number of entries of an image file directory that is read.
 const MAX_ENTRIES: u64 = 4096;
 
-/// The camera in a TIFF's tag; none when the file is no TIFF or has no such tag.
+/// The camera in the tag of a TIFF file; `None` if the file is not a TIFF, has no such tag, or cannot be read.
 ///
 /// # Errors
-/// [`FormatError::Invalid`] when the numbers are no camera. What cannot be read is no tag: opening the image tells
-/// why.
+/// [`FormatError::Invalid`] if the values are not a valid RPC.
 pub fn from_tiff(file: &Path) -> Result<Option<Rpc>, FormatError> {
     File::open(file).map_or(Ok(None), |content| parse_tiff(file, content))
 }
 
-/// As [`from_tiff`], of any content; `file` is for messages.
+/// Parses the content of a TIFF file as [`from_tiff`] does; `file` names it in messages.
 ///
 /// # Errors
 /// As [`from_tiff`].
@@ -39,7 +38,7 @@ pub fn parse_tiff(file: &Path, content: impl Read + Seek) -> Result<Option<Rpc>,
     camera(&values).map(Some).map_err(|e| FormatError::invalid(file, e))
 }
 
-/// The tag's values, if there are 92 doubles.
+/// The values of the tag; `None` unless there are 92 doubles.
 fn read_tag(mut file: impl Read + Seek) -> Option<[f64; COUNT]> {
     let mut head = [0; 8];
     file.read_exact(&mut head).ok()?;
@@ -78,7 +77,7 @@ fn read_tag(mut file: impl Read + Seek) -> Option<[f64; COUNT]> {
     None
 }
 
-/// A TIFF file and the order of its bytes.
+/// A TIFF file and its byte order.
 struct Tiff<F> {
     file: F,
     little: bool,

@@ -1,4 +1,4 @@
-//! XML files of all vendors: which vendor's a file is.
+//! Recognition of the format of an XML file.
 
 use super::keys::{Fields, RPC00B};
 use super::xml::{find, parse};
@@ -6,7 +6,7 @@ use super::{FormatError, RpcFile, ViewTags, dimap, maxar};
 use roxmltree::Node;
 use std::path::Path;
 
-/// Reads an XML file: Maxar's with an `RPB` element, Airbus's DIMAP, GDAL's VRT and `.aux.xml`.
+/// Reads an XML file: Maxar XML with an `RPB` element, DIMAP, or GDAL's VRT and `.aux.xml`.
 pub(super) fn from_xml(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
     let document = parse(file, content)?;
     let root = document.root_element();
@@ -23,14 +23,14 @@ pub(super) fn from_xml(file: &Path, content: &str) -> Result<RpcFile, FormatErro
     Err(FormatError::Unrecognised { file: file.into(), what: what_it_is(root) })
 }
 
-/// What an XML file says about an image, with or without a camera.
+/// Metadata of an image in an XML file, with or without an RPC.
 pub(super) fn tags_of_xml(file: &Path, content: &str) -> Result<ViewTags, FormatError> {
     let document = parse(file, content)?;
     let root = document.root_element();
     Ok(if find(root, "IMD").is_some() { maxar::tags(root) } else { dimap::tags(root) })
 }
 
-/// The `RPC` domain as GDAL stores it beside rasters.
+/// Reads the `RPC` metadata domain as GDAL stores it in XML files.
 fn from_gdal_xml(file: &Path, domain: Node) -> Result<RpcFile, FormatError> {
     let mut fields = Fields::new(file, &RPC00B);
     for item in domain.children().filter(|n| n.tag_name().name() == "MDI") {
@@ -40,7 +40,7 @@ fn from_gdal_xml(file: &Path, domain: Node) -> Result<RpcFile, FormatError> {
     Ok(RpcFile::new(fields.rpc()?, "GDAL metadata"))
 }
 
-/// Files that users take for an RPC's, by name.
+/// What a file without an RPC seems to be, for [`FormatError::Unrecognised`].
 fn what_it_is(root: Node) -> &'static str {
     match root.tag_name().name() {
         "level_X" => " (it is EnMAP metadata, which has one RPC for each band)",

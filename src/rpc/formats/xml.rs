@@ -1,20 +1,20 @@
-//! Elements of XML files.
+//! Parsing of XML files and search for elements.
 
 use super::FormatError;
 use roxmltree::{Document, Node, ParsingOptions};
 use std::path::Path;
 
-/// More elements than any vendor's file has: the largest seen, an EnMAP, has a tenth of them.
+/// Largest number of elements of an XML file; ten times that of the largest known file, of EnMAP.
 const MAX_ELEMENTS: u32 = 1_000_000;
 
 /// Parses an XML file.
 ///
 /// # Errors
-/// [`FormatError::Xml`].
+/// [`FormatError::Xml`] if the file is not valid XML or has more than [`MAX_ELEMENTS`] elements.
 pub(super) fn parse<'a>(file: &Path, content: &'a str) -> Result<Document<'a>, FormatError> {
     let options = ParsingOptions { nodes_limit: MAX_ELEMENTS, ..ParsingOptions::default() };
     Document::parse_with_options(content, options)
-        .map_err(|e| FormatError::Xml { file: file.into(), reason: e.to_string() })
+        .map_err(|cause| FormatError::Xml { file: file.into(), cause })
 }
 
 /// The first element of this name at any depth.
@@ -32,7 +32,7 @@ pub(super) fn number(node: Node, name: &str) -> Option<f64> {
     super::keys::parse_number(text(node, name)?).filter(|v| v.is_finite())
 }
 
-/// The children of an element as names and texts.
+/// Names and texts of the children of an element.
 pub(super) fn items<'a>(node: Node<'a, '_>) -> impl Iterator<Item = (&'a str, &'a str)> {
     node.children().filter(Node::is_element).map(|n| (n.tag_name().name(), n.text().unwrap_or_default()))
 }
