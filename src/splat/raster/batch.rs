@@ -196,7 +196,7 @@ impl<S: Simd> Footprint<SimdVec<S>> {
 /// Ellipses, one in each lane, with centres relative to the tile's centre.
 struct Ellipses<S: Simd> {
     mean: [SimdVec<S>; 2],
-    /// DensifyCounts from row to row of the column midway between the left and the right edge.
+    /// Change from row to row of the column midway between the left and the right edge.
     slope: SimdVec<S>,
     /// Square of half the width on the row of the centre.
     half_width2: SimdVec<S>,

@@ -95,11 +95,11 @@ impl Recipe {
             return Err(format!("{name} = 0, but must be at least 1"));
         }
         let Some(reset) = self.reset else { return Ok(()) };
-        let rests = [
+        let pauses = [
             ("reset.opacity_loss_pause", reset.opacity_loss_pause),
             ("reset.densification_pause", reset.densification_pause),
         ];
-        match rests.into_iter().find(|(_, span)| *span >= reset.every) {
+        match pauses.into_iter().find(|(_, span)| *span >= reset.every) {
             Some((name, span)) => Err(format!("{name} = {span}, but must be less than reset.every")),
             None => Ok(()),
         }
