@@ -215,6 +215,7 @@ mod tests {
             half_side_m: 20.0,
             pixel_m: 0.3,
             splats_at_start: 3000,
+            is_gray: false,
             seed: 0,
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

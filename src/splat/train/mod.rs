@@ -88,6 +88,8 @@ pub struct Schedule<'a> {
     pub pixel_m: f64,
     /// Initial number of splats.
     pub splats_at_start: usize,
+    /// Whether all training views are gray: a background of one value in all colours then leaves the splats gray.
+    pub is_gray: bool,
     /// Seed of all random numbers.
     pub seed: u64,
 }
@@ -162,7 +164,11 @@ impl Schedule<'_> {
             level: usize::from(is_half),
             shadows,
             virtual_shear: is_consistent.then(|| self.virtual_shear(iteration)),
-            background: std::array::from_fn(|_| background.uniform() as f32),
+            background: if self.is_gray {
+                [background.uniform() as f32; 3]
+            } else {
+                std::array::from_fn(|_| background.uniform() as f32)
+            },
             weights,
             opacity_divisor: r.opacity_by_start.then_some(self.splats_at_start),
             rates: self.rates(),
@@ -287,7 +293,15 @@ mod tests {
 
     /// The schedule of a recipe for an area with a diagonal of 452 m.
     fn of(recipe: &Recipe) -> Schedule<'_> {
-        Schedule { recipe, views: 7, half_side_m: 226.0, pixel_m: 0.3, splats_at_start: 10, seed: 1 }
+        Schedule {
+            recipe,
+            views: 7,
+            half_side_m: 226.0,
+            pixel_m: 0.3,
+            splats_at_start: 10,
+            is_gray: false,
+            seed: 1,
+        }
     }
 
     #[test]
@@ -299,6 +313,15 @@ mod tests {
             views.sort_unstable();
             assert_eq!(views, [0, 1, 2, 3, 4, 5, 6]);
         }
+    }
+
+    #[test]
+    fn gray_views_have_a_gray_background() {
+        let recipe = Recipe::named("best").unwrap();
+        let [r, g, b] = Schedule { is_gray: true, ..of(&recipe) }.plan(3).background;
+        assert!(r == g && g == b);
+        let [r, g, _] = of(&recipe).plan(3).background;
+        assert!(r != g);
     }
 
     #[test]
