@@ -22,6 +22,8 @@ pub struct TrainingView {
     pub width: usize,
     /// Number of rows.
     pub height: usize,
+    /// Whether the image has a single band, which stands for all colours.
+    pub is_gray: bool,
     /// Colours (red, green, blue; 0 to 255) or [`MASKED`], row by row. This is all that is kept of an image:
     /// three bytes a pixel.
     colors: Vec<[u8; 3]>,
@@ -66,7 +68,8 @@ impl TrainingView {
         let valid = ValidPixels::of_bands(bands).map(Arc::new);
         let (transfer_function, linear) =
             (TransferFunction::default(), linear_by_color(TransferFunction::default()));
-        Self { name, camera, width, height, colors, valid, sun_shear, transfer_function, linear }
+        let is_gray = bands.len() == 1;
+        Self { name, camera, width, height, is_gray, colors, valid, sun_shear, transfer_function, linear }
     }
 
     /// The view with another relation between stored colours and linear radiance; by default, they are proportional.

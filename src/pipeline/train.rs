@@ -105,6 +105,7 @@ pub(super) fn train_locked(
         half_side_m: training.setup.half_side_m(),
         pixel_m: median_pixel_m(&views),
         splats_at_start: at_start,
+        is_gray: views.iter().all(|view| view.is_gray),
         seed: options.seed,
     };
     let views = Arc::new(views);

@@ -71,15 +71,15 @@ impl DensifyStats {
 
 /// Numbers of splats that a check densified and pruned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Change {
+pub struct DensifyCounts {
     /// Duplicated and split splats.
-    pub grown: usize,
+    pub densified: usize,
     /// Pruned splats.
     pub pruned: usize,
 }
 
 /// A planned densification: an edit, and which of its copies are parts of split splats.
-pub struct Growth {
+pub struct DensifyEdit {
     /// The edit.
     pub edit: Edit,
     /// Number of splats that are duplicated or split.
@@ -88,7 +88,7 @@ pub struct Growth {
     parts: Vec<(usize, CounterRng)>,
 }
 
-impl Growth {
+impl DensifyEdit {
     /// Plans a densification. `half_side_m` is the half side in metres of the cube that the rule's lengths refer to; `draw`
     /// is (seed, iteration) of the random positions.
     ///
@@ -183,7 +183,7 @@ mod tests {
         let mean2d_gradient = |i| [Some([0.01, 0.0]), Some([0.0, 0.01]), None][i];
         state.statistics.add_view(mean2d_gradient, 0.0, 1.0);
         state.adam.first.position[0] = [1.0; 3];
-        assert_eq!(state.grow(&recipe.growth.unwrap(), 226.0, (0, 100)), 2);
+        assert_eq!(state.densify(&recipe.densification.unwrap(), 226.0, (0, 100)), 2);
         // First the duplicated and the transparent splat, then the duplicate and the two parts, whose moments are zero.
         assert_eq!(state.splats.len(), 5);
         let moments: Vec<f32> = state.adam.first.position.iter().map(|m| m[0]).collect();

@@ -43,7 +43,7 @@ pub fn score_picture(colors: &[Grid2; 3], target: &TargetImage) -> Option<Pictur
         }
     }
     let factor = normal.cholesky()?;
-    let change = right.map(|b| factor.solve(&b));
+    let color_map = right.map(|b| factor.solve(&b));
 
     let mut picture = Image::<f32>::zeros(width - half, height, 3);
     let mut image = Image::<f32>::zeros(width - half, height, 3);
@@ -53,9 +53,9 @@ pub fn score_picture(colors: &[Grid2; 3], target: &TargetImage) -> Option<Pictur
     {
         let [r, g, b] = color(col, row);
         pixels += 1;
-        for (k, change) in change.iter().enumerate() {
+        for (k, map_row) in color_map.iter().enumerate() {
             let expected = target.colors.at(k, col, row);
-            let found = change.dot(&Vector4::new(r, g, b, 1.0)).clamp(0.0, 1.0) as f32;
+            let found = map_row.dot(&Vector4::new(r, g, b, 1.0)).clamp(0.0, 1.0) as f32;
             squares += f64::from(found - expected).powi(2);
             *picture.at_mut(k, col - half, row) = found;
             *image.at_mut(k, col - half, row) = expected;

@@ -18,6 +18,7 @@ pub mod ply;
 pub mod raster;
 pub mod shadow;
 pub mod shear_warp;
+pub mod sheared_camera;
 pub mod splats;
 pub mod state;
 pub mod train;

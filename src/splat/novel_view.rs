@@ -6,8 +6,9 @@ use crate::io::Grid2;
 use crate::scene::Sun;
 use crate::splat::appearance::Appearance;
 use crate::splat::backend::stopwatch::Stopwatch;
-use crate::splat::objective::{Objective, ShearedCamera, StepInput};
+use crate::splat::objective::{Objective, StepInput};
 use crate::splat::raster::{FrameCamera, Image, channel};
+use crate::splat::sheared_camera::ShearedCamera;
 use crate::splat::splats::Splats;
 
 /// A camera with its image size and the sun.

@@ -10,9 +10,8 @@ use super::backend::stopwatch::Stopwatch;
 use super::loss::{COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
 use super::raster::{FrameCamera, Image, Rasterizer, SortedSplats, SplatGradient, channel};
 use super::shadow::ShadowModel;
-use super::shear_warp::ShearWarp;
+use super::sheared_camera::ShearedCamera;
 use super::splats::Splats;
-use crate::affine::AffineCamera;
 use crate::camera::AffineKernel;
 use crate::simd::{Real, Simd, SimdKernel, SimdReal, SimdVec};
 use rayon::prelude::*;
@@ -21,41 +20,6 @@ use rayon::prelude::*;
 const VIEW: &str = "view";
 const SUN: &str = "sun image";
 const VIRTUAL: &str = "virtual view";
-
-/// A view's camera with a shear, and the map from the view's pixels to its image.
-#[derive(Clone, Copy, Debug)]
-pub struct ShearedCamera<T> {
-    camera: FrameCamera<AffineKernel<T>>,
-    warp: ShearWarp<T>,
-}
-
-impl<T: Real> ShearedCamera<T> {
-    /// The camera of the sun's image, large enough for all pixels of the view at altitudes from `low` to `high`, metres.
-    /// `size` is (columns, rows) of the view, `shear` in pixels per metre of altitude.
-    #[must_use]
-    pub fn sun(view: &AffineCamera, size: (usize, usize), shear: [f64; 2], (low, high): (f64, f64)) -> Self {
-        let axis = |s: f64, n: usize| {
-            let (a, b) = ((-s * low).min(-s * high), (-s * low).max(-s * high));
-            let origin = a.floor();
-            (origin, n + (b - origin).ceil() as usize + 1)
-        };
-        let ((col, width), (row, height)) = (axis(shear[0], size.0), axis(shear[1], size.1));
-        Self {
-            camera: FrameCamera::new(&view.sheared(shear).cropped(col, row), width, height),
-            warp: ShearWarp { shear: shear.map(T::from_f64), origin: [T::from_f64(col), T::from_f64(row)] },
-        }
-    }
-
-    /// The camera of a virtual view, for the random-shear consistency loss: of the view's `size` (columns, rows), with
-    /// `shear` in pixels per metre of altitude. Points at the altitude of the site's origin keep their place.
-    #[must_use]
-    pub fn virtual_view(view: &AffineCamera, size: (usize, usize), shear: [f64; 2]) -> Self {
-        Self {
-            camera: FrameCamera::new(&view.sheared(shear), size.0, size.1),
-            warp: ShearWarp { shear: shear.map(T::from_f64), origin: [T::zero(); 2] },
-        }
-    }
-}
 
 /// What one iteration renders and compares.
 pub struct StepInput<'a, T> {
@@ -313,6 +277,8 @@ impl<T: SimdReal> Objective<T> {
             backward(&mut self.sun, SUN, sorted, self.shadows.by_sun(), by_sorted, by_altitude, watch);
         }
         gradient.splats.resize(n);
+        // Groups that nothing below writes keep no gradient of the iteration before.
+        gradient.splats.groups_mut().into_par_iter().for_each(|group| group.fill(T::zero()));
         sorted.parameter_gradients(splats, by_sorted, &mut gradient.splats);
         self.by_colors.resize(n, [T::zero(); 3]);
         let rows = gradient.splats.position.par_iter_mut().zip(&mut self.by_colors).with_min_len(1024);

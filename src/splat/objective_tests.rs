@@ -1,6 +1,7 @@
 //! The gradient of the whole loss (rasteriser, shadows, colour model and all terms) is compared with central differences.
 
 use super::*;
+use crate::affine::AffineCamera;
 use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, MapGrid};
 use crate::mvs::MatchedSurface;

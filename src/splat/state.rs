@@ -2,7 +2,7 @@
 
 use super::adam::{AppearanceAdam, SplatAdam};
 use super::appearance::{Appearance, AppearanceKind};
-use super::densify::{DensifyStats, Growth, pruning};
+use super::densify::{DensifyEdit, DensifyStats, pruning};
 use super::edit::Edit;
 use super::splats::{Splats, logit};
 use super::train::recipe::Densification;
@@ -51,11 +51,11 @@ impl TrainingState {
 
     /// Densifies: duplicates or splits splats. Returns how many. `half_side_m` is the half side in metres of the cube that
     /// the rule's lengths refer to; `draw` is (seed, iteration) of the random positions.
-    pub fn grow(&mut self, rule: &Densification, half_side_m: f64, draw: (u64, u64)) -> usize {
-        let growth = Growth::plan(&self.splats, &self.statistics, rule, half_side_m, draw);
-        let count = growth.count;
-        self.apply(&growth.edit);
-        growth.shrink_parts(&mut self.splats);
+    pub fn densify(&mut self, rule: &Densification, half_side_m: f64, draw: (u64, u64)) -> usize {
+        let densification = DensifyEdit::plan(&self.splats, &self.statistics, rule, half_side_m, draw);
+        let count = densification.count;
+        self.apply(&densification.edit);
+        densification.shrink_parts(&mut self.splats);
         count
     }
 

@@ -3,7 +3,7 @@
 //! `pixel = (s + (1 - s) κ) ⊙ (W rgb + t)`, with `s` the share of sunlight in [0, 1]. The 3 x 3 matrix `W`, the vector `t` and
 //! the ambient light `κ`, relative to sunlight, are parameters of the view.
 
-use super::{AppearanceModel, ShadingGradient, ShadingInput};
+use super::model::{AppearanceModel, ShadingGradient, ShadingInput};
 use crate::simd::{Arithmetic, MAX_LANES, Real, Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
 use crate::splat::loss::Scaled;
 use crate::splat::raster::{Image, stripe_rows};

@@ -2,12 +2,13 @@
 
 use super::stopwatch::Stopwatch;
 use super::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, TrainingScene, Wait};
-use crate::splat::densify::Change;
+use crate::splat::densify::DensifyCounts;
 use crate::splat::loss::target::TargetImage;
 use crate::splat::loss::terms;
 use crate::splat::novel_view::{NovelView, Picture};
-use crate::splat::objective::{Gradient, Losses, Objective, ShearedCamera, StepInput};
+use crate::splat::objective::{Gradient, Losses, Objective, StepInput};
 use crate::splat::raster::FrameCamera;
+use crate::splat::sheared_camera::ShearedCamera;
 use crate::splat::state::TrainingState;
 
 /// Runs iterations on all threads of the current rayon pool.
@@ -59,10 +60,10 @@ impl TrainingBackend for CpuBackend {
             return Err(BackendError::NoView { view: plan.view, views });
         }
         let losses = loaded.step(plan, &mut self.watch);
-        let change = loaded.densify(&plan.densify, plan.iteration);
+        let counts = loaded.edit_splats(&plan.densify, plan.iteration);
         self.watch.lap("splats", "densification and pruning");
         let splats = loaded.state.splats.len();
-        self.reports.push(StepReport { iteration: plan.iteration, losses, splats, change });
+        self.reports.push(StepReport { iteration: plan.iteration, losses, splats, counts });
         Ok(())
     }
 
@@ -124,13 +125,14 @@ impl Loaded {
         losses
     }
 
-    fn densify(&mut self, plan: &DensifyPlan, iteration: u32) -> Change {
-        let (state, mut change) = (&mut self.state, Change::default());
-        if let Some((rule, half_side_m)) = &plan.grow {
-            change.grown = state.grow(rule, *half_side_m, (plan.seed, u64::from(iteration)));
+    /// Densification, pruning and opacity reset after an iteration.
+    fn edit_splats(&mut self, plan: &DensifyPlan, iteration: u32) -> DensifyCounts {
+        let (state, mut counts) = (&mut self.state, DensifyCounts::default());
+        if let Some((rule, half_side_m)) = &plan.densify {
+            counts.densified = state.densify(rule, *half_side_m, (plan.seed, u64::from(iteration)));
         }
         if let Some(opacity) = plan.prune_below {
-            change.pruned = state.prune(opacity, self.scene.altitudes);
+            counts.pruned = state.prune(opacity, self.scene.altitudes);
             state.statistics.reset(state.splats.len());
         }
         if let Some(opacity) = plan.reset_opacity {
@@ -139,7 +141,7 @@ impl Loaded {
         if plan.prune_below.is_some() {
             state.sort_by_altitude();
         }
-        change
+        counts
     }
 }
 
@@ -154,7 +156,7 @@ mod tests {
     use crate::splat::appearance::AppearanceKind;
     use crate::splat::ply;
     use crate::splat::splats::Splats;
-    use crate::splat::train::recipe::{Densification, Recipe, Reset};
+    use crate::splat::train::recipe::{Densification, OpacityReset, Recipe};
     use crate::splat::train::{LogLine, Schedule, train};
 
     /// A recipe with densification, shadows, consistency and an opacity reset within 200 iterations.
@@ -164,8 +166,13 @@ mod tests {
         recipe.half_resolution_until = 30;
         recipe.shadows_from = 50;
         recipe.check_every = 10;
-        recipe.growth = recipe.growth.map(|g| Densification { from: 20, until: 150, ..g });
-        recipe.reset = Some(Reset { every: 100, opacity: 0.005, opacity_loss_rests: 10, growth_rests: 10 });
+        recipe.densification = recipe.densification.map(|g| Densification { from: 20, until: 150, ..g });
+        recipe.reset = Some(OpacityReset {
+            every: 100,
+            opacity: 0.005,
+            opacity_loss_pause: 10,
+            densification_pause: 10,
+        });
         recipe
     }
 
@@ -208,6 +215,7 @@ mod tests {
             half_side_m: 20.0,
             pixel_m: 0.3,
             splats_at_start: 3000,
+            is_gray: false,
             seed: 0,
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

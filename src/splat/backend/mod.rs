@@ -9,7 +9,7 @@ pub mod cpu;
 pub mod stopwatch;
 
 use super::appearance::AppearanceKind;
-use super::densify::Change;
+use super::densify::DensifyCounts;
 use super::loss::LossWeights;
 use super::loss::surface_prior::Prior;
 use super::novel_view::{NovelView, Picture};
@@ -64,7 +64,7 @@ pub struct StepPlan {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DensifyPlan {
     /// The rule of densification, and the half side in metres of the cube that its lengths refer to.
-    pub grow: Option<(Densification, f64)>,
+    pub densify: Option<(Densification, f64)>,
     /// Splats with a smaller opacity are removed.
     pub prune_below: Option<f64>,
     /// Opacities above this are lowered to it.
@@ -83,7 +83,7 @@ pub struct StepReport {
     /// Number of splats after the iteration.
     pub splats: usize,
     /// Numbers of densified and pruned splats.
-    pub change: Change,
+    pub counts: DensifyCounts,
 }
 
 /// Whether to wait for iterations that are not complete.

@@ -4,7 +4,7 @@
 //! altitudes and colours must agree.
 
 use super::surface_prior::Prior;
-use super::{LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{LossTerm, Rendered, Scaled, TermInfo};
 use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::{Image, channel, stripe_rows};
 use crate::splat::shear_warp::{GradientWindow, ShearWarp, sum_windows};

@@ -10,25 +10,15 @@ pub mod photometric;
 pub mod shadow_entropy;
 pub mod surface_prior;
 pub mod target;
+mod term;
 mod weights;
 
+pub use term::{LossTerm, Rendered, Scaled, TermInfo};
 pub use weights::{LossWeights, WeightError};
 
-use super::raster::{Image, SortedSplats, SplatGradient};
-use super::shear_warp::ShearWarp;
-use super::splats::Splats;
-use crate::simd::{Real, Simd, SimdReal, SimdVec};
+use crate::simd::SimdReal;
 use std::sync::Arc;
 use surface_prior::Prior;
-
-/// Names of a term's weights and columns.
-#[derive(Clone, Copy, Debug)]
-pub struct TermInfo {
-    /// Names of its weights in a recipe.
-    pub weights: &'static [&'static str],
-    /// Names of its columns in `train.csv`, whose values are unweighted; with the unit where there is one.
-    pub columns: &'static [&'static str],
-}
 
 macro_rules! loss_terms {
     ($($path:ident::$term:ident),* $(,)?) => {
@@ -68,84 +58,4 @@ const fn count(columns: bool) -> usize {
 /// Names of the columns of all terms in `train.csv`, in their order.
 pub fn column_names() -> impl Iterator<Item = &'static str> {
     TERMS.iter().flat_map(|term| term.columns.iter().copied())
-}
-
-/// What an iteration has rendered, as the input of the loss terms.
-pub struct Rendered<'a, T> {
-    /// The view's render: linear colour, altitude and transmittance ([`channel`](crate::splat::raster::channel)).
-    pub view: &'a Image<T>,
-    /// The picture: the view's render after shadows and colour model, linear colours, three channels; zero where masked.
-    pub picture: &'a Image<T>,
-    /// Share of sunlight, 0 to 1, one channel; none without shadows.
-    pub sunlight: Option<&'a Image<T>>,
-    /// The virtual view: a render with the view's camera and a random shear, and the map from the view's pixels to it. None
-    /// in iterations without one.
-    pub virtual_view: Option<(&'a Image<T>, &'a ShearWarp<T>)>,
-    /// The view's image: linear colours in [0, 1], three channels; zero where masked.
-    pub target: &'a Image<T>,
-    /// The splats.
-    pub splats: &'a Splats<T>,
-    /// The splats in depth order, with their opacities.
-    pub sorted: &'a SortedSplats<T>,
-}
-
-/// Derivatives by an image's pixels, still to be multiplied by a factor.
-#[derive(Clone, Copy, Debug)]
-pub struct Scaled<'a, T> {
-    /// The derivatives, with the channels of the image that they refer to.
-    pub image: &'a Image<T>,
-    /// The factor.
-    pub factor: T,
-}
-
-impl<T: Real> Scaled<'_, T> {
-    /// Returns `sum` plus the scaled derivatives of a vector of pixels, from column `start` of a row on.
-    #[inline(always)]
-    pub fn add_to<S: Simd<Scalar = T>>(
-        &self,
-        simd: S,
-        sum: SimdVec<S>,
-        channel: usize,
-        row: usize,
-        start: usize,
-    ) -> SimdVec<S> {
-        let factor = SimdVec::broadcast(simd, self.factor);
-        factor.mul_add(SimdVec::load_from(simd, self.image.row(channel, row), start), sum)
-    }
-}
-
-/// A term of the loss.
-///
-/// [`LossTerm::evaluate`] computes the value and all derivatives; the other methods then return those that the term has, with
-/// the weights applied.
-pub trait LossTerm<T: Real>: Send + Sync {
-    /// Computes value and derivatives; writes the unweighted `columns` and returns the weighted value. `weights` and `columns`
-    /// are in the order of the term's [`TermInfo`].
-    fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64;
-
-    /// Derivatives with respect to the picture.
-    fn by_picture(&self) -> Option<Scaled<'_, T>> {
-        None
-    }
-
-    /// Derivatives with respect to the share of sunlight.
-    fn by_sunlight(&self) -> Option<Scaled<'_, T>> {
-        None
-    }
-
-    /// Derivatives with respect to the view's rendered colours and altitudes, four channels.
-    fn by_view(&self) -> Option<Scaled<'_, T>> {
-        None
-    }
-
-    /// Derivatives with respect to the virtual view's rendered colours and altitudes, four channels.
-    fn by_virtual_view(&self) -> Option<&Image<T>> {
-        None
-    }
-
-    /// Adds derivatives with respect to centres, covariances and opacities, in depth order.
-    fn add_by_sorted(&self, _sorted: &SortedSplats<T>, _by: &mut [SplatGradient<T>]) {}
-
-    /// Adds derivatives with respect to the splats' parameters.
-    fn add_by_splats(&self, _splats: &Splats<T>, _by: &mut Splats<T>) {}
 }

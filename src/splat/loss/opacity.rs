@@ -1,7 +1,7 @@
 //! The mean opacity of the splats (EOGS's `L_opacity`): splats that the images do not need become transparent.
 
 use super::surface_prior::Prior;
-use super::{LossTerm, Rendered, TermInfo};
+use super::term::{LossTerm, Rendered, TermInfo};
 use crate::simd::SimdReal;
 use crate::splat::raster::{SortedSplats, SplatGradient};
 use rayon::prelude::*;

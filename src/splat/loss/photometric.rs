@@ -8,7 +8,7 @@
 //! *moments*. Its gradient by `x` is the blur of its derivatives by the moments, as the window is symmetric.
 
 use super::surface_prior::Prior;
-use super::{LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{LossTerm, Rendered, Scaled, TermInfo};
 use crate::simd::Real;
 use crate::simd::{MAX_LANES, Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::Image;

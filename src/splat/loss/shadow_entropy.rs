@@ -2,7 +2,7 @@
 //! shadowed.
 
 use super::surface_prior::Prior;
-use super::{LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{LossTerm, Rendered, Scaled, TermInfo};
 use crate::simd::{Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::{Image, stripe_rows};
 use rayon::prelude::*;

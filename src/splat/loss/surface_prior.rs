@@ -5,7 +5,7 @@
 //! `w r² / (r² + 1)` (the robust loss of Geman and McClure), with `r` the vertical distance from the surface in metres and
 //! `w` the surface's weight at the splat, [`MatchedSurface::prior_weight`].
 
-use super::{LossTerm, Rendered, TermInfo};
+use super::term::{LossTerm, Rendered, TermInfo};
 use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, MapGrid};
 use crate::mvs::MatchedSurface;

@@ -10,46 +10,11 @@ use super::bands::{Band, TileEntry};
 use super::batch::{BATCH, Batch, BlockEdges, CAPACITY, GROUP};
 use super::block::{BLOCK_WIDTH, BLOCKS_ACROSS, BlockPixels, MAX_BLOCKS, block_height, offset, tile_extents};
 use super::forward::KernelConstants;
+use super::gradient_slot::{GradientSlot, MOMENTS};
 use crate::simd::{
     MAX_LANES, Real, Simd, SimdKernel, SimdReal, SimdVec, arrays_of_lanes, blocks_of_lines, broadcast_each,
     set_bits, sum_fours, transpose_eights, transpose_fours,
 };
-
-/// Sums over the pixels of a band, or of an image, from which the derivatives with respect to one splat follow.
-#[derive(Clone, Copy, Debug)]
-pub struct GradientSlot<T, const C: usize> {
-    /// Moments 1, x, xx, y, xy, yy of alpha times the derivative by alpha, where (x, y) is the offset of the pixel from
-    /// the ellipse's centre.
-    pub(super) moments: [T; MOMENTS],
-    /// Derivatives with respect to the features.
-    pub(super) feature: [T; C],
-}
-
-/// Number of moments.
-const MOMENTS: usize = 6;
-
-impl<T: Real, const C: usize> Default for GradientSlot<T, C> {
-    fn default() -> Self {
-        Self { moments: [T::zero(); MOMENTS], feature: [T::zero(); C] }
-    }
-}
-
-impl<T: Real, const C: usize> GradientSlot<T, C> {
-    /// Adds the sums over other pixels.
-    #[inline(always)]
-    pub(super) fn add(&mut self, other: &Self) {
-        add(&mut self.moments, other.moments);
-        add(&mut self.feature, other.feature);
-    }
-}
-
-/// Adds arrays element by element.
-#[inline(always)]
-pub(super) fn add<T: Real, const N: usize>(sum: &mut [T; N], value: [T; N]) {
-    for (s, v) in sum.iter_mut().zip(value) {
-        *s = *s + v;
-    }
-}
 
 /// Adds the derivatives that follow from those by a band's pixels to the band's slots.
 pub(super) struct Backward<'a, T, const C: usize> {

@@ -1,7 +1,7 @@
 //! A band of sixteen pixel rows: the list of splats of each of its tiles in depth order, and a gradient slot for each splat
 //! that touches the band.
 
-use super::backward::GradientSlot;
+use super::gradient_slot::GradientSlot;
 use super::project::Chunk;
 use crate::simd::Real;
 use std::hint::black_box;

@@ -1,7 +1,7 @@
 //! Covariances `R S² Rᵀ` of the splats (3DGS, equation 6) from scales and quaternions, opacities from logits, and their
 //! gradients.
 
-use super::sorted::{SplatBlock, SplatGradient};
+use super::splat_block::{SplatBlock, SplatGradient};
 use crate::simd::Real;
 use crate::simd::{Arithmetic, MAX_LANES, Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
 use crate::splat::splats::Splats;

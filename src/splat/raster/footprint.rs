@@ -1,9 +1,9 @@
 //! The ellipse of a projected splat: the tiles that it touches, and the gradient from the ellipse to the splat.
 
-use super::backward::GradientSlot;
 use super::block::TILE;
 use super::covariance::ELEMENTS;
-use super::sorted::SplatGradient;
+use super::gradient_slot::GradientSlot;
+use super::splat_block::SplatGradient;
 use crate::camera::CameraKernel;
 use crate::simd::Real;
 

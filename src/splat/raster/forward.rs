@@ -4,7 +4,7 @@
 use super::bands::Band;
 use super::batch::{BATCH, Batch, BlockEdges};
 use super::block::{BLOCKS_ACROSS, BlockPixels, MAX_BLOCKS, tile_extents};
-use super::{ALPHA_CUT, ALPHA_MAX, MIN_TRANSMITTANCE};
+use super::constants::{ALPHA_CUT, ALPHA_MAX, MIN_TRANSMITTANCE};
 use crate::simd::{Exp2, MAX_LANES, Real, Simd, SimdKernel, SimdReal, SimdVec, broadcast_each, set_bits};
 use std::hint::black_box;
 

@@ -1,12 +1,11 @@
 //! Projection of the splats by one camera (EWA splatting; 3DGS, equation 5): image ellipses, and the spans of tiles that they
 //! touch in each band of the image.
 
-use super::backward::{GradientSlot, add};
-use super::bands::Band;
 use super::block::TILE;
+use super::constants::{ALPHA_CUT, LOW_PASS_PX2};
 use super::footprint::Footprint;
-use super::sorted::{SortedSplats, SplatBlock, SplatGradient};
-use super::{ALPHA_CUT, LOW_PASS_PX2};
+use super::sorted::SortedSplats;
+use super::splat_block::SplatBlock;
 use crate::camera::{CameraKernel, Linearized};
 use crate::simd::Real;
 use crate::simd::{
@@ -59,9 +58,9 @@ pub(super) struct Span {
 /// The projection of a run of successive ranks: the visible splats and their spans.
 pub(super) struct Chunk<T> {
     /// First rank.
-    start: usize,
+    pub(super) start: usize,
     /// Splats whose ellipses touch the image, by rank.
-    visible: Vec<VisibleSplat<T>>,
+    pub(super) visible: Vec<VisibleSplat<T>>,
     /// Spans sorted by band, and within a band by rank.
     spans: Vec<Span>,
     /// A copy of the splat of each span, so that a band reads memory in order.
@@ -71,7 +70,7 @@ pub(super) struct Chunk<T> {
     /// Band and span, by rank.
     unsorted: Vec<(u32, Span)>,
     /// Derivative with respect to the 2-D mean of each rank's splat, per pixel; none for splats that are not visible.
-    mean2d_gradients: Vec<Option<[T; 2]>>,
+    pub(super) mean2d_gradients: Vec<Option<[T; 2]>>,
 }
 
 /// The kernel that projects a chunk, compiled for each instruction set.
@@ -184,36 +183,6 @@ impl<T: Real> Chunk<T> {
     /// The spans of one band, as a range of `spans`.
     fn band_range(&self, band: usize) -> Range<usize> {
         self.band_starts[band] as usize..self.band_starts[band + 1] as usize
-    }
-
-    /// Sums the gradient slots of each splat over the bands, in a fixed order, and adds the derivatives that follow from
-    /// them to `gradients` and `by_feature`, both of the chunk's ranks.
-    pub fn gather<const C: usize, K: CameraKernel<T>>(
-        &mut self,
-        index: usize,
-        bands: &[Band<T, C>],
-        sorted: &SortedSplats<T>,
-        camera: &K,
-        gradients: &mut [SplatGradient<T>],
-        by_feature: &mut [[T; C]],
-    ) {
-        // One sum for each visible splat: this array stays in the cache, and all others are accessed in order.
-        let mut sums = [GradientSlot::default(); CHUNK];
-        for (b, band) in bands.iter().enumerate() {
-            for (span, slot) in self.spans(b).iter().zip(band.slots_of_chunk(index)) {
-                sums[span.splat as usize].add(slot);
-            }
-        }
-        self.mean2d_gradients.clear();
-        self.mean2d_gradients.resize(gradients.len(), None);
-        for (splat, sum) in self.visible.iter().zip(&sums) {
-            let i = splat.rank as usize - self.start;
-            let footprint = Footprint::of(splat.footprint);
-            let position_and_covariance = sorted.position_and_covariance(splat.rank as usize);
-            self.mean2d_gradients[i] =
-                Some(footprint.backward(camera, position_and_covariance, sum, &mut gradients[i]));
-            add(&mut by_feature[i], sum.feature);
-        }
     }
 
     /// Derivative with respect to the 2-D mean of a splat, per pixel, by its rank within the chunk; none if it is not

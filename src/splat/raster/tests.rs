@@ -1,9 +1,10 @@
 //! Gradients are compared with central differences in f64, f32 with f64, and renders with closed forms.
 
 use super::*;
-use crate::camera::{DepthOrder, QuadraticKernel};
+use crate::camera::{AffineKernel, CameraKernel, DepthOrder, QuadraticKernel};
 use crate::frame::Point;
 use crate::perspective::{PinholeCamera, PinholeKernel};
+use crate::simd::{Real, SimdReal};
 use crate::splat::edit::Edit;
 use crate::splat::splats::{GROUPS, Splats, color_from_f_dc, f_dc_gradient};
 use glam::{DMat3, DVec2, DVec3};

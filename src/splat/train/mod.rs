@@ -41,9 +41,17 @@ pub struct LogLine {
 
 impl LogLine {
     fn new(report: &StepReport, seconds: f64) -> Self {
-        let StepReport { iteration, losses, splats, change } = *report;
+        let StepReport { iteration, losses, splats, counts } = *report;
         let Losses { total, columns } = losses;
-        Self { iteration, loss: total, columns, splats, grown: change.grown, pruned: change.pruned, seconds }
+        Self {
+            iteration,
+            loss: total,
+            columns,
+            splats,
+            grown: counts.densified,
+            pruned: counts.pruned,
+            seconds,
+        }
     }
 
     /// Names of the values of [`LogLine::record`], in their order.
@@ -80,6 +88,8 @@ pub struct Schedule<'a> {
     pub pixel_m: f64,
     /// Initial number of splats.
     pub splats_at_start: usize,
+    /// Whether all training views are gray: a background of one value in all colours then leaves the splats gray.
+    pub is_gray: bool,
     /// Seed of all random numbers.
     pub seed: u64,
 }
@@ -136,12 +146,12 @@ impl Schedule<'_> {
             let since = (iteration - 1) % reset.every + 1;
             (iteration > reset.every).then_some((reset, since))
         });
-        let is_paused = |span: fn(&crate::splat::train::recipe::Reset) -> u32| {
+        let is_paused = |span: fn(&crate::splat::train::recipe::OpacityReset) -> u32| {
             past_reset.is_some_and(|(r, s)| s < span(&r))
         };
         let virtual_terms = ["consistency_altitude", "consistency_color"];
         let mut weights = r.weights.scaled(&virtual_terms, f64::from(r.virtual_every));
-        if is_paused(|r| r.opacity_loss_rests) {
+        if is_paused(|r| r.opacity_loss_pause) {
             weights = weights.scaled(&["opacity"], 0.0);
         }
         let has_consistency = virtual_terms.iter().any(|name| weights.get(name) > 0.0);
@@ -154,12 +164,16 @@ impl Schedule<'_> {
             level: usize::from(is_half),
             shadows,
             virtual_shear: is_consistent.then(|| self.virtual_shear(iteration)),
-            background: std::array::from_fn(|_| background.uniform() as f32),
+            background: if self.is_gray {
+                [background.uniform() as f32; 3]
+            } else {
+                std::array::from_fn(|_| background.uniform() as f32)
+            },
             weights,
             opacity_divisor: r.opacity_by_start.then_some(self.splats_at_start),
             rates: self.rates(),
             appearance_rate: r.appearance_rate,
-            densify: self.densification(iteration, is_paused(|r| r.growth_rests)),
+            densify: self.densification(iteration, is_paused(|r| r.densification_pause)),
         }
     }
 
@@ -190,11 +204,11 @@ impl Schedule<'_> {
     fn densification(&self, iteration: u32, is_paused: bool) -> DensifyPlan {
         let r = self.recipe;
         let due = iteration.is_multiple_of(r.check_every) && !is_paused;
-        let growth = r.growth.filter(|g| due && (g.from..=g.until).contains(&iteration));
+        let densification = r.densification.filter(|g| due && (g.from..=g.until).contains(&iteration));
         let resets =
             r.reset.filter(|reset| iteration.is_multiple_of(reset.every) && iteration < r.iterations);
         DensifyPlan {
-            grow: growth.map(|g| (g, self.half_side_m)),
+            densify: densification.map(|g| (g, self.half_side_m)),
             prune_below: due.then_some(r.prune_below),
             reset_opacity: resets.map(|reset| reset.opacity),
             seed: self.seed,
@@ -279,7 +293,15 @@ mod tests {
 
     /// The schedule of a recipe for an area with a diagonal of 452 m.
     fn of(recipe: &Recipe) -> Schedule<'_> {
-        Schedule { recipe, views: 7, half_side_m: 226.0, pixel_m: 0.3, splats_at_start: 10, seed: 1 }
+        Schedule {
+            recipe,
+            views: 7,
+            half_side_m: 226.0,
+            pixel_m: 0.3,
+            splats_at_start: 10,
+            is_gray: false,
+            seed: 1,
+        }
     }
 
     #[test]
@@ -291,6 +313,15 @@ mod tests {
             views.sort_unstable();
             assert_eq!(views, [0, 1, 2, 3, 4, 5, 6]);
         }
+    }
+
+    #[test]
+    fn gray_views_have_a_gray_background() {
+        let recipe = Recipe::named("best").unwrap();
+        let [r, g, b] = Schedule { is_gray: true, ..of(&recipe) }.plan(3).background;
+        assert!(r == g && g == b);
+        let [r, g, _] = of(&recipe).plan(3).background;
+        assert!(r != g);
     }
 
     #[test]
@@ -310,7 +341,7 @@ mod tests {
         let recipe = Recipe::named("baeogs").unwrap();
         let weight = |i| of(&recipe).plan(i).weights.get("opacity");
         assert!(weight(3000) > 0.0 && weight(3001) == 0.0 && weight(3999) == 0.0 && weight(4000) > 0.0);
-        assert_eq!(recipe.growth.unwrap().until, 4000);
+        assert_eq!(recipe.densification.unwrap().until, 4000);
     }
 
     #[test]
@@ -325,9 +356,9 @@ mod tests {
     fn the_schedule_of_baeogs_is_that_of_the_paper() {
         let recipe = Recipe::named("baeogs").unwrap();
         let schedule = of(&recipe);
-        let grows = |i| schedule.plan(i).densify.grow.is_some();
-        assert!(!grows(400) && grows(500) && !grows(550) && grows(3000) && !grows(3100));
-        assert!(grows(3500) && grows(4000) && !grows(4100));
+        let densifies = |i| schedule.plan(i).densify.densify.is_some();
+        assert!(!densifies(400) && densifies(500) && !densifies(550) && densifies(3000) && !densifies(3100));
+        assert!(densifies(3500) && densifies(4000) && !densifies(4100));
         assert!(schedule.plan(3000).densify.reset_opacity.is_some());
         assert!(!schedule.plan(1000).shadows && schedule.plan(1001).shadows);
         assert!((schedule.plan(1).rates.position - 0.080).abs() < 1e-3);
@@ -359,6 +390,6 @@ mod tests {
         let schedule = Schedule { splats_at_start: 1000, ..of(&recipe) };
         let plan = schedule.plan(700);
         assert_eq!((plan.weights.get("opacity"), plan.opacity_divisor), (0.1, Some(1000)));
-        assert!(plan.densify.grow.is_none() && plan.densify.prune_below.is_some());
+        assert!(plan.densify.densify.is_none() && plan.densify.prune_below.is_some());
     }
 }

@@ -50,7 +50,8 @@ impl Recipe {
     /// Checks the ranges of all values; an error names the first that is out of range.
     fn check(&self) -> Result<(), String> {
         let r = &self.rates;
-        let of_growth = |value: fn(&Densification) -> f64| self.growth.as_ref().map_or(0.0, value);
+        let of_densification =
+            |value: fn(&Densification) -> f64| self.densification.as_ref().map_or(0.0, value);
         let numbers = [
             ("rates.position", r.position),
             ("rates.log_scale", r.log_scale),
@@ -61,10 +62,10 @@ impl Recipe {
             ("half_resolution_px_m", self.half_resolution_px_m),
             ("white", self.white.into()),
             ("virtual_shear", self.virtual_shear),
-            ("growth.max_scale", of_growth(|g| g.max_scale)),
-            ("growth.max_radius", of_growth(|g| g.max_radius)),
-            ("growth.gradient", of_growth(|g| g.gradient)),
-            ("growth.copy_below", of_growth(|g| g.copy_below)),
+            ("densification.max_scale", of_densification(|g| g.max_scale)),
+            ("densification.max_radius", of_densification(|g| g.max_radius)),
+            ("densification.gradient", of_densification(|g| g.gradient)),
+            ("densification.copy_below", of_densification(|g| g.copy_below)),
         ];
         let weights = self.weights.iter().map(|(name, value)| (format!("weights.{name}"), value));
         let numbers = numbers.into_iter().map(|(name, value)| (name.to_owned(), value));
@@ -94,11 +95,11 @@ impl Recipe {
             return Err(format!("{name} = 0, but must be at least 1"));
         }
         let Some(reset) = self.reset else { return Ok(()) };
-        let rests = [
-            ("reset.opacity_loss_rests", reset.opacity_loss_rests),
-            ("reset.growth_rests", reset.growth_rests),
+        let pauses = [
+            ("reset.opacity_loss_pause", reset.opacity_loss_pause),
+            ("reset.densification_pause", reset.densification_pause),
         ];
-        match rests.into_iter().find(|(_, span)| *span >= reset.every) {
+        match pauses.into_iter().find(|(_, span)| *span >= reset.every) {
             Some((name, span)) => Err(format!("{name} = {span}, but must be less than reset.every")),
             None => Ok(()),
         }
@@ -127,11 +128,11 @@ mod tests {
         let text = Recipe::named("baeogs").unwrap().to_toml();
         for (from, to, says) in [
             ("opacity_logit = 0.05", "opacity_logit = nan", "rates.opacity_logit = NaN"),
-            ("gradient = 0.0006", "gradient = -1.0", "growth.gradient = -1"),
+            ("gradient = 0.0006", "gradient = -1.0", "densification.gradient = -1"),
             ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0,"),
             ("virtual_every = 2", "virtual_every = 0", "virtual_every = 0"),
             ("check_every = 100", "check_every = 0", "check_every = 0"),
-            ("growth_rests = 500", "growth_rests = 3000", "reset.growth_rests = 3000"),
+            ("densification_pause = 500", "densification_pause = 3000", "reset.densification_pause = 3000"),
             ("iterations = 5000", "iterations = 0", "iterations = 0"),
             ("white = 1.0", "white = 0.0", "white = 0"),
             ("shadow_entropy = 0.01", "shadow_entropy = -1.0", "weights.shadow_entropy = -1"),

@@ -65,15 +65,15 @@ pub struct Densification {
 /// Opacity resets (BAEOGS §3.3).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Reset {
+pub struct OpacityReset {
     /// Iterations between resets.
     pub every: u32,
     /// Opacities above this are lowered to it.
     pub opacity: f64,
     /// Number of iterations after a reset without the opacity loss.
-    pub opacity_loss_rests: u32,
+    pub opacity_loss_pause: u32,
     /// Number of iterations after a reset without densification and pruning.
-    pub growth_rests: u32,
+    pub densification_pause: u32,
 }
 
 /// A named, complete set of training options.
@@ -122,14 +122,14 @@ pub struct Recipe {
     /// Number of iterations between checks, at which splats are pruned and densified.
     pub check_every: u32,
     /// Densification; none if absent.
-    pub growth: Option<Densification>,
+    pub densification: Option<Densification>,
     /// Splats with a smaller opacity are removed (BAEOGS: 0.0025).
     pub prune_below: f64,
     /// Which altitude becomes the DSM's height, where the DSM comes from the splats alone.
     #[serde(default)]
     pub heights: RayHeight,
     /// Opacity resets; none if absent.
-    pub reset: Option<Reset>,
+    pub reset: Option<OpacityReset>,
 }
 
 /// Images of 0.35 m (0.7 m at half resolution) gain from half resolution, and images of 0.5 m (1 m) do not; this value
@@ -167,18 +167,19 @@ impl Recipe {
         let scale =
             |t: u32| (u64::from(t) * u64::from(iterations) / u64::from(self.iterations.max(1))) as u32;
         let at_least_one = |t: u32| scale(t).max(1);
-        let growth = self.growth.map(|g| Densification { from: scale(g.from), until: scale(g.until), ..g });
-        let reset = self.reset.map(|r| Reset {
+        let densification =
+            self.densification.map(|g| Densification { from: scale(g.from), until: scale(g.until), ..g });
+        let reset = self.reset.map(|r| OpacityReset {
             every: at_least_one(r.every),
-            opacity_loss_rests: scale(r.opacity_loss_rests),
-            growth_rests: scale(r.growth_rests),
+            opacity_loss_pause: scale(r.opacity_loss_pause),
+            densification_pause: scale(r.densification_pause),
             ..r
         });
         Self {
             iterations,
             half_resolution_until: scale(self.half_resolution_until),
             shadows_from: scale(self.shadows_from),
-            growth,
+            densification,
             reset,
             ..self.clone()
         }

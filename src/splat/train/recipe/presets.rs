@@ -1,6 +1,8 @@
 //! The recipes that come with the program: `best`, and `baeogs` and `eogs` after the papers.
 
-use super::{Densification, RayHeight, Recipe, Reset, Start, always, white, widest_half_resolution_px_m};
+use super::{
+    Densification, OpacityReset, RayHeight, Recipe, Start, always, white, widest_half_resolution_px_m,
+};
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::LossWeights;
 use crate::splat::splats::PerGroup;
@@ -26,7 +28,7 @@ impl Recipe {
     /// The recipe of this name; none if there is no such recipe.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
-        let growth = Densification {
+        let densification = Densification {
             from: 500,
             until: 4000,
             max_scale: 0.03,
@@ -50,6 +52,7 @@ impl Recipe {
                 rotation: 0.001,
                 opacity_logit: 0.05,
                 f_dc: 0.0025,
+                ..PerGroup::default()
             },
             appearance_rate: 0.01,
             weights: weights(LossWeights::default(), &EOGS_WEIGHTS),
@@ -59,12 +62,17 @@ impl Recipe {
             virtual_shear: 0.01,
             virtual_every: 2,
             check_every: 100,
-            growth: Some(growth),
+            densification: Some(densification),
             prune_below: 0.0025,
             heights: RayHeight::Mean,
             // The paper does not give these intervals. If the opacity loss returns before the rendered images have
             // recovered from the reset, it removes splats that they need.
-            reset: Some(Reset { every: 3000, opacity: 0.005, opacity_loss_rests: 1000, growth_rests: 500 }),
+            reset: Some(OpacityReset {
+                every: 3000,
+                opacity: 0.005,
+                opacity_loss_pause: 1000,
+                densification_pause: 500,
+            }),
         };
         match name {
             "baeogs" => Some(baeogs),
@@ -79,7 +87,7 @@ impl Recipe {
                 virtual_every: always(),
                 start: Start::Volume,
                 opacity_by_start: true,
-                growth: None,
+                densification: None,
                 prune_below: EOGS_PRUNES_BELOW,
                 reset: None,
                 ..baeogs
