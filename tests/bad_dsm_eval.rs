@@ -403,7 +403,7 @@ fn a_wrong_text_file_is_named() {
         ("436000 3357070 60", "holds 3 numbers"),
         ("436000 north 60 0.5", "`north` is not a number"),
         ("3357070 436000 60 0.5", "is not a UTM easting and northing"),
-        ("436000 3357070 512 0.5", "says 512 x 512 cells, the raster is 60 x 60"),
+        ("436000 3357070 512 0.5", "states 512 x 512 cells, the raster has 60 x 60"),
         ("436000 3357070 60 0", "resolution"),
         ("", "holds 0 numbers"),
     ] {
