@@ -314,7 +314,7 @@ fn a_geoid_offset_is_suspected_and_converted_on_request() {
     let (said, _) = desk.scored("above_geoid.tif", &[]);
     assert!(said.contains("vertical reference") && said.contains("-29.00 m"), "{said}");
     if VerticalReference::read("EGM96").is_ok() {
-        assert!(said.contains("--truth-vertical tells"), "{said}");
+        assert!(said.contains("--truth-vertical sets the reference"), "{said}");
     }
     let degrees = MapGrid { epsg: 4326, west: -84.0, north: 32.0, cell: 0.5, width: 8, height: 8 };
     // PROJ asks for this description and unit, if there are any.
