@@ -27,6 +27,7 @@ impl Recipe {
 
     /// The recipe of this name; none if there is no such recipe.
     #[must_use]
+    #[allow(clippy::needless_update, reason = "a new parameter group has a rate of 0 until it is given one")]
     pub fn named(name: &str) -> Option<Self> {
         let densification = Densification {
             from: 500,
