@@ -13,11 +13,13 @@ use satgs::progress::NoProgress;
 use satgs::run_files::{ADJUSTMENT, DSM, SPLATS};
 use satgs::scene::{self, ReadOptions};
 use satgs::simulate::{SimulateOptions, simulate};
+use satgs::splat::train::recipe::{Densification, Recipe};
 use std::path::Path;
 
 /// Processor, recipe, and the hashes of tie_points.csv, splats.ply and the heights of dsm.tif.
-const KNOWN: [(&str, &str, [&str; 3]); 3] = [
+const KNOWN: [(&str, &str, [&str; 3]); 4] = [
     ("GenuineIntel avx512", "best", ["e7a686dd4b3929ac", "5bd4d590e29cc1c4", "90f3638b8594d119"]),
+    ("GenuineIntel avx512", "growing", ["e7a686dd4b3929ac", "2560b9f82e7cb857", "de5e3d9953a31d9e"]),
     ("GenuineIntel avx512", "baeogs", ["e7a686dd4b3929ac", "a658630fda63cb7b", "2c3b9bf4dcf3b65e"]),
     ("GenuineIntel avx512", "eogs", ["e7a686dd4b3929ac", "b2c82cca427f5f22", "2a49d83102dd0ad6"]),
 ];
@@ -51,6 +53,14 @@ fn hashes(folder: &Path) -> [String; 3] {
     [hash(&tie_points), hash(&read(Path::new(SPLATS))), hash(&heights)]
 }
 
+/// Recipe `best` with so many checks that splats are cloned, split and removed within the few iterations of the test.
+fn growing() -> Recipe {
+    let best = Recipe::named("best").unwrap();
+    let densification =
+        best.densification.map(|d| Densification { gradient: 0.0003, copy_below: 0.004, ..d });
+    Recipe { check_every: 10, densification, ..best }
+}
+
 #[test]
 fn a_small_scene_gives_the_bytes_that_it_gave_before() {
     let processor = processor();
@@ -64,10 +74,12 @@ fn a_small_scene_gives_the_bytes_that_it_gave_before() {
     let options = SimulateOptions { views: 6, size_px: 160, ..SimulateOptions::default() };
     simulate(&images, &options, &NoProgress).unwrap();
     let scene = scene::read(&images, &ReadOptions::default()).unwrap();
+    let growing_file = folder.path().join("growing.toml");
+    std::fs::write(&growing_file, growing().to_toml()).unwrap();
     for (_, recipe, expected) in known {
         let out = folder.path().join(recipe);
-        let train =
-            TrainOptions { recipe: (*recipe).into(), iterations: Some(120), ..TrainOptions::default() };
+        let name = if *recipe == "growing" { growing_file.to_str().unwrap() } else { recipe };
+        let train = TrainOptions { recipe: name.into(), iterations: Some(120), ..TrainOptions::default() };
         run(&scene, &RunOptions { train, ..RunOptions::default() }, &out, &NoProgress, &mut |_| {}).unwrap();
         assert_eq!(hashes(&out), expected.map(str::to_owned), "{recipe}: tie points, splats, heights");
     }

@@ -9,7 +9,7 @@ use crate::affine::AffineCamera;
 use crate::frame::SiteGrid;
 use crate::io::{Grid2, MapGrid};
 use crate::splat::raster::{ALPHA_CUT, LOW_PASS_PX2};
-use crate::splat::splats::{Splats, sigmoid};
+use crate::splat::splats::{Splats, sigmoid, unit_quaternion};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -40,8 +40,8 @@ impl Ellipse {
         let position = splats.position[i];
         let opacity = sigmoid(splats.opacity_logit[i][0]);
         let radius2 = 2.0 * (f64::from(opacity) / ALPHA_CUT).ln();
-        let [w, x, y, z] = splats.rotation[i].map(f64::from);
-        let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let [w, x, y, z] = unit_quaternion(splats.rotation[i].map(f64::from));
+        let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w));
         let scale = DVec3::from_array(splats.log_scale[i].map(|s| f64::from(s).exp()));
         // The image plane is horizontal: only the upper left 2 x 2 block of the covariance counts.
         let [east, north]: [DVec3; 2] = std::array::from_fn(|r| camera.linear[r][r] * axes.row(r) * scale);

@@ -2,9 +2,9 @@
 
 use crate::random::CounterRng;
 use crate::splat::edit::Edit;
-use crate::splat::splats::{Splats, sigmoid};
+use crate::splat::splats::{Splats, sigmoid, unit_quaternion};
 use crate::splat::train::recipe::Densification;
-use glam::{Quat, Vec3};
+use glam::{Mat3, Quat, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -139,10 +139,10 @@ impl DensifyEdit {
     /// splat's distribution.
     pub fn shrink_parts(self, splats: &mut Splats) {
         for (i, mut draw) in self.parts {
-            let [w, x, y, z] = splats.rotation[i];
+            let [w, x, y, z] = unit_quaternion(splats.rotation[i]);
             let deviations = splats.log_scale[i].map(f32::exp);
             let along = Vec3::from_array(deviations.map(|deviation| draw.normal() as f32 * deviation));
-            let moved = Quat::from_xyzw(x, y, z, w).normalize() * along;
+            let moved = Mat3::from_quat(Quat::from_xyzw(x, y, z, w)) * along;
             splats.position[i] = (Vec3::from_array(splats.position[i]) + moved).to_array();
             splats.log_scale[i] = splats.log_scale[i].map(|s| s - SPLIT_SHRINKS.ln());
         }

@@ -187,7 +187,7 @@ impl<T: SimdReal> Objective<T> {
     }
 
     /// The view's render of the last forward pass: colour, altitude, transmittance
-    /// ([`channel`](crate::splat::raster::channel)).
+    /// ([`channel`]).
     #[must_use]
     pub fn view(&self) -> &Image<T> {
         self.view.image()

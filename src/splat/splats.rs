@@ -184,3 +184,9 @@ pub fn sigmoid<T: Real>(x: T) -> T {
 pub fn logit<T: Real>(p: T) -> T {
     (p / (T::one() - p)).ln()
 }
+
+/// The unit quaternion (w, x, y, z) of a splat's orientation; zero, which rotates nothing, stays zero.
+pub fn unit_quaternion<T: Real>(rotation: [T; 4]) -> [T; 4] {
+    let norm = rotation.iter().map(|v| *v * *v).sum::<T>().sqrt().max(T::from_f64(1e-12));
+    rotation.map(|v| v / norm)
+}
