@@ -46,25 +46,11 @@ pub struct Options {
     #[arg(long)]
     hillshade: bool,
     /// Also write the cells as a coloured point cloud (.laz or .las); a relative path counts from RUN
-    #[arg(long, value_name = "FILE", value_parser = ending(&["laz", "las"]))]
+    #[arg(long, value_name = "FILE", value_parser = super::ending(&["laz", "las"]))]
     points: Option<PathBuf>,
     /// Also write a mesh textured with the orthophoto (.glb); a relative path counts from RUN
-    #[arg(long, value_name = "FILE", value_parser = ending(&["glb"]))]
+    #[arg(long, value_name = "FILE", value_parser = super::ending(&["glb"]))]
     mesh: Option<PathBuf>,
-}
-
-/// Accepts paths with one of these endings.
-fn ending(
-    allowed: &'static [&'static str],
-) -> impl Fn(&str) -> Result<PathBuf, String> + Clone + Send + Sync + 'static {
-    move |text| {
-        let path = PathBuf::from(text);
-        let found = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        match found {
-            Some(e) if allowed.contains(&e.as_str()) => Ok(path),
-            _ => Err(format!("expected a file that ends in .{}", allowed.join(" or ."))),
-        }
-    }
 }
 
 impl Options {

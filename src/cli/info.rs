@@ -24,7 +24,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     footprints: Option<PathBuf>,
     /// Write a plot of the footprints, and a sky plot of satellites (blue) and suns (orange): north up, zenith in the centre
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_name = "FILE.svg", value_parser = super::ending(&["svg"]))]
     skyplot: Option<PathBuf>,
     /// Replace files that exist
     #[arg(long)]

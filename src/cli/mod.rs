@@ -21,6 +21,7 @@ mod train;
 use clap::{Parser, Subcommand};
 pub use error::{CliError, ExitStatus};
 pub use scene_args::SceneArgs;
+use std::path::PathBuf;
 pub use ui::Ui;
 
 /// Make a digital surface model, an orthophoto, corrected cameras and a Gaussian-splat model from a few satellite images
@@ -126,4 +127,18 @@ fn parse_metres(text: &str) -> Result<f64, String> {
 fn json(value: &impl serde::Serialize) -> Result<serde_json::Value, CliError> {
     serde_json::to_value(value)
         .map_err(|e| CliError::failed(format!("the summary cannot be written as JSON: {e}")))
+}
+
+/// Accepts paths with one of these endings.
+fn ending(
+    allowed: &'static [&'static str],
+) -> impl Fn(&str) -> Result<PathBuf, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let path = PathBuf::from(text);
+        let found = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+        match found {
+            Some(e) if allowed.contains(&e.as_str()) => Ok(path),
+            _ => Err(format!("expected a file that ends in .{}", allowed.join(" or ."))),
+        }
+    }
 }
