@@ -244,7 +244,7 @@ fn other_products(run: &str, folder: &Path) {
     for (args, says) in [
         (&["render", run, "--like", "VIEW_99", "-o", &like][..], "no view `VIEW_99`"),
         (&["render", run, "--view", "0,89", "-o", &like], "1° above the horizon"),
-        (&["render", run, "--view", "0,0", "-o", "x.jpg"], "`x.jpg` is no picture"),
+        (&["render", run, "--view", "0,0", "-o", "x.jpg"], "`x.jpg` is not the name of an image"),
         (&["nvs-eval", run], "no test view"),
         (&["dsm", run, "--overwrite", "--vertical", "EGM1066"], "EGM1066"),
         (&["dsm", run, "--points", "x.txt"], "ends in .laz or .las"),
