@@ -11,7 +11,7 @@ use super::loss::{COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
 use super::raster::{FrameCamera, Image, Rasterizer, SortedSplats, SplatGradient, channel};
 use super::shadow::ShadowModel;
 use super::sheared_camera::ShearedCamera;
-use super::splats::Splats;
+use super::splats::{GROUP_INFO, Splats};
 use crate::camera::AffineKernel;
 use crate::simd::{Real, Simd, SimdKernel, SimdReal, SimdVec};
 use rayon::prelude::*;
@@ -20,6 +20,10 @@ use rayon::prelude::*;
 const VIEW: &str = "view";
 const SUN: &str = "sun image";
 const VIRTUAL: &str = "virtual view";
+
+/// Parameter groups whose gradient rasteriser and colour model write; that of the others starts at zero for the terms to add
+/// to.
+const WRITTEN_GROUPS: [&str; 5] = ["position", "f_dc", "opacity_logit", "log_scale", "rotation"];
 
 /// What one iteration renders and compares.
 pub struct StepInput<'a, T> {
@@ -277,8 +281,9 @@ impl<T: SimdReal> Objective<T> {
             backward(&mut self.sun, SUN, sorted, self.shadows.by_sun(), by_sorted, by_altitude, watch);
         }
         gradient.splats.resize(n);
-        // Groups that nothing below writes keep no gradient of the iteration before.
-        gradient.splats.groups_mut().into_par_iter().for_each(|group| group.fill(T::zero()));
+        let groups = gradient.splats.groups_mut().into_iter().zip(GROUP_INFO);
+        let others = groups.filter(|(_, info)| !WRITTEN_GROUPS.contains(&info.name));
+        others.for_each(|(group, _)| group.fill(T::zero()));
         sorted.parameter_gradients(splats, by_sorted, &mut gradient.splats);
         self.by_colors.resize(n, [T::zero(); 3]);
         let rows = gradient.splats.position.par_iter_mut().zip(&mut self.by_colors).with_min_len(1024);
