@@ -5,18 +5,18 @@ use crate::coregister::Shift;
 use crate::pipeline::{AlignOptions, align};
 use std::path::PathBuf;
 
-/// Align a run to a reference: one shift east, north and up for everything it holds
+/// Align a run to a reference: one shift east, north and up of its cameras, points, splats and rasters
 ///
 /// The shift is estimated from RUN/dsm.tif, or from the sparse points of a run without one. It is applied to RUN/ba
 /// (corrected RPCs, points, tie points), cameras.json, the splats, the surfaces in RUN/train, dsm.tif, ortho.tif,
 /// confidence.tif and hillshade.tif: to all of them or, if the command fails, to none. RUN/align.json records the shift.
 /// Scores in RUN/eval and products such as point clouds, meshes and rendered images are not changed; `satgs dsm RUN`
-/// renders the surface again on a grid of whole cells.
+/// renders the surface again on a grid aligned to multiples of the cell size.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs ba`, or of later stages
     run: PathBuf,
-    /// Reference: a surface model (any GDAL raster on a map in metres, DFC2019's .tif with its .txt), lidar points (.las,
+    /// Reference: a surface model (any raster in a projected CRS in metres, DFC2019's .tif with its .txt), lidar points (.las,
     /// .laz), or ground control points (.csv, in the format of `satgs ba --gcps`)
     #[arg(long, value_name = "REFERENCE")]
     to: PathBuf,

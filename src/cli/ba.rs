@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 
 /// Correct the RPC cameras by bundle adjustment: writes RUN/ba
 ///
-/// Detects SIFT keypoints, matches them along epipolar curves within the height range, links the matches to tracks and
-/// estimates a shift in the image for every view. RUN/ba gets the corrected RPCs (rpcs/, a JSON and a _RPC.TXT file each,
+/// Detects SIFT keypoints, matches them along epipolar curves within the height range, links the matches into tracks and
+/// estimates a shift in the image for every view. RUN/ba gets the corrected RPCs (rpcs/, a JSON and a _RPC.TXT file per view,
 /// in which the shift is exact: it is added to the offsets), sparse points (points.laz, points.ply), tie points
 /// (tie_points.csv, tie_points.gpkg), plots of the residuals, and report.json.
 #[derive(clap::Args, Clone, Debug)]
@@ -22,7 +22,8 @@ pub struct Args {
     /// Run folder: the folder for all results
     #[arg(short, long, value_name = "RUN")]
     output: PathBuf,
-    /// Lowest and highest height to search, metres above the ellipsoid [default: from the images' metadata]
+    /// Lowest and highest height to search, metres above the ellipsoid [default: from
+    /// --dem, else from the images' metadata]
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_range, allow_hyphen_values = true)]
     height_range: Option<(f64, f64)>,
     /// Elevation model that sets the heights to search: from 20 m below its lowest to 80 m above its highest height
@@ -36,7 +37,8 @@ pub struct Args {
     /// Copernicus 5); points far above it, such as roofs, get little weight [default: the height follows the delivered RPCs]
     #[arg(long, value_name = "METRES", requires = "dem", conflicts_with = "fixed", value_parser = parse_metres)]
     dem_sigma: Option<f64>,
-    /// Correction of every camera: `shift` (images up to 8,000 pixels a side, and any small --aoi), `shift-scale` or
+    /// Correction of every camera: `shift` (recommended for images up to 8,000 pixels a side and for any small
+    /// --aoi), `shift-scale` or
     /// `affine`; the latter two need whole scenes, because crops are too small to tell a drift from noise
     #[arg(long, value_name = "MODEL", default_value = "shift", value_parser = parse_model)]
     model: CorrectionModel,
@@ -50,7 +52,7 @@ pub struct Args {
     /// Keep all RPCs as they are: compute tracks and points, and report how well the RPCs agree
     #[arg(long)]
     fixed: bool,
-    /// Replace what RUN holds, whether it was made with the same or with other input and options
+    /// Compute again. Without this option results of the same input and options are kept, and those of others are an error
     #[arg(long)]
     overwrite: bool,
 }

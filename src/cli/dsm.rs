@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 ///
 /// All are Cloud-Optimized GeoTIFFs on the UTM grid. dsm.tif holds heights in metres (float32, nodata NaN); with recipe
 /// `best` the surface of the splats is refined by matching the images once more, with `baeogs` and `eogs` a height is the
-/// mean altitude of the splats over 3 x 3 cells. ortho.tif is the orthophoto: the colours of the reference view without
+/// mean altitude of the splats over 3 x 3 cells. ortho.tif is the orthophoto: the colours of the reference view (the training view nearest to
+/// nadir with a high sun) without
 /// shadows. confidence.tif has three bands: opacity of the splats, standard deviation of their altitudes (m), and number
 /// of views that see the cell, 0 where the height is interpolated. Cells that fewer than two images cover are nodata.
 /// dsm.qml is a QGIS style for dsm.tif, hillshade.png a picture of the surface.
@@ -20,7 +21,7 @@ pub struct Args {
     run: PathBuf,
     #[command(flatten)]
     options: Options,
-    /// Render again even if RUN holds a surface, made with the same or with other input and options
+    /// Render again. Without this option a surface of the same input and options is kept, and one of others is an error
     #[arg(long)]
     overwrite: bool,
 }
@@ -35,7 +36,7 @@ pub struct Options {
     /// Use the grid and extent of this raster
     #[arg(long, value_name = "RASTER")]
     like: Option<PathBuf>,
-    /// Vertical reference of the heights: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
+    /// Vertical reference of dsm.tif: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)
     /// [default: that of RUN/dsm.tif if it exists, else the ellipsoid]
     #[arg(long, value_name = "REFERENCE")]
     vertical: Option<String>,
@@ -45,10 +46,10 @@ pub struct Options {
     /// Also write the shaded relief as a raster: RUN/hillshade.tif
     #[arg(long)]
     hillshade: bool,
-    /// Also write the cells as a coloured point cloud (.laz or .las); a relative path counts from RUN
+    /// Also write the cells as a coloured point cloud (.laz or .las); a relative path is resolved against RUN
     #[arg(long, value_name = "FILE", value_parser = super::ending(&["laz", "las"]))]
     points: Option<PathBuf>,
-    /// Also write a mesh textured with the orthophoto (.glb); a relative path counts from RUN
+    /// Also write a mesh textured with the orthophoto (.glb); a relative path is resolved against RUN
     #[arg(long, value_name = "FILE", value_parser = super::ending(&["glb"]))]
     mesh: Option<PathBuf>,
 }

@@ -7,22 +7,24 @@ use crate::report::{SCORE_NOTE, ScoreTable, score_tables};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Score a surface model against lidar: errors after three registrations, by class, at edges, on slopes; error map
+/// Score a surface model against lidar: errors after each of three alternative registrations, by class, at edges, on slopes; error map
 #[derive(clap::Args)]
 #[command(after_help = "\
 Registrations of the surface model to the truth:
   z    adds the median height offset (MAE_reg of the BAEOGS paper)
   ncc  shifts by whole cells to the best correlation and adds the mean offset (EOGS)
   xyz  is the shift in three dimensions with the smallest MAE
-dx, dy: where the surface model is sampled, in cells; east, north, dz: how far this moves it, m.
-Without classes water is scored like land. MAEs are comparable from a completeness of 0.99 on.
+dx, dy: offset in cells (columns, rows) at which the surface model is sampled; east, north, dz: the
+shift of the surface model that this is, in metres (east = -dx cells, north = dy cells).
+Without classes water is scored like land. Compare MAEs of several surface
+models only where their completeness is at least 0.99.
 
 Examples:
   satgs dsm-eval run/dsm.tif JAX_068_DSM.tif   (finds JAX_068_DSM.txt, JAX_068_CLS.tif by name)
   satgs dsm-eval dsm.tif lidar.laz -o eval     (the highest point of every cell; map and figures)
   satgs dsm-eval dsm.tif lidar.tif --mask roofs.gpkg --truth-vertical EGM96")]
 pub struct Args {
-    /// The surface model: a raster with a map grid in metres
+    /// The surface model: a raster in a projected CRS in metres
     dsm: PathBuf,
     #[command(flatten)]
     truth: TruthArgs,
@@ -37,7 +39,7 @@ pub struct Args {
 /// The truth and how it is read.
 #[derive(clap::Args)]
 struct TruthArgs {
-    /// The truth: a raster with a map grid, DFC2019's X_DSM.tif with X_DSM.txt beside it, or points (.las, .laz)
+    /// The truth: a raster in a projected CRS in metres, DFC2019's X_DSM.tif with X_DSM.txt beside it, or points (.las, .laz)
     truth: PathBuf,
     #[command(flatten)]
     options: TruthOptionArgs,
@@ -51,7 +53,7 @@ pub(super) struct TruthOptionArgs {
     #[arg(long, value_name = "CLS.tif", requires = "truth")]
     classes: Option<PathBuf>,
     /// Score the inside and the outside of a mask separately: polygons (any vector file), or a raster on the truth's grid
-    /// that is not 0 inside
+    /// of non-zero values inside
     #[arg(long, value_name = "FILE", requires = "truth")]
     mask: Option<PathBuf>,
     /// Vertical reference of the truth's heights: `ellipsoid`, EGM84, EGM96, EGM2008 or a geoid grid (.gtx, .tif of PROJ)

@@ -15,7 +15,7 @@ const LISTED_PAIRS: usize = 5;
 /// Views up to which a matrix fits a terminal.
 const MATRIX_VIEWS: usize = 8;
 
-/// Show what a scene contains: views, cameras, suns, dates, convergence angles, common ground
+/// Show what a scene contains: views, cameras, sun positions, dates, convergence angles, overlap on the ground
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]

@@ -5,7 +5,8 @@ use crate::pipeline::nvs_eval;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Score novel views of a trained run against images that were held back from training: PSNR and SSIM
+/// Score novel views of a trained run against images that were held back from training (listed in the scene's
+/// test.txt): PSNR and SSIM
 ///
 /// Each test view is rendered with its own camera and sun, in the colours of the reference view. A linear change of
 /// colours is fitted on the left half of the image, and the right half is scored.

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// pixel (m) as float32; with --like it has the corrected RPC of the view, with --view a map grid that
 /// is right for ground at the height of the site's origin. Angles are degrees, azimuths clockwise from
 /// north. With --frames the direction changes evenly to --view-to and the sun to --sun-to, with one
-/// numbered file a frame:
+/// numbered file per frame:
 ///
 ///   satgs render RUN --view 0,30 --view-to 360,30 --frames 90 -o orbit.png
 ///   satgs render RUN --view 0,0 --sun 95,20 --sun-to 265,20 --frames 60 -o day.png
@@ -25,7 +25,8 @@ pub struct Args {
     /// Use the camera, sun and colours of this view of the run
     #[arg(long, value_name = "VIEW", required_unless_present = "view")]
     like: Option<String>,
-    /// Direction of the camera: azimuth and angle off nadir, in the colours of the reference view
+    /// Direction of the camera: azimuth and angle off nadir, in the colours of the reference view (the training view nearest to
+    /// nadir with a high sun)
     #[arg(long, value_name = "AZIMUTH,OFF_NADIR", value_parser = direction, conflicts_with = "like")]
     view: Option<[f64; 2]>,
     /// Position of the sun [default: that of the view with --like, else no shadows]
@@ -40,7 +41,7 @@ pub struct Args {
     /// Position of the sun in the last frame
     #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = direction, requires_all = ["sun", "frames"])]
     sun_to: Option<[f64; 2]>,
-    /// Number of frames of an animation, written as FILE_0001 and so on
+    /// Number of frames of an animation: OUT.png becomes OUT_0001.png and so on
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=9999))]
     frames: Option<u32>,
 }

@@ -91,7 +91,7 @@ struct Fit {
     /// Side of the box on the ground, metres
     #[arg(long, default_value_t = 256.0, value_name = "METRES")]
     size: f64,
-    /// Half the height of the box, metres
+    /// The box reaches this far above and below its centre, metres
     #[arg(long, default_value_t = 20.0, value_name = "METRES")]
     heights: f64,
     /// Centre of the box [default: the centre of the RPC's volume]

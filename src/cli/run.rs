@@ -5,7 +5,7 @@ use crate::bundle::LeftOut;
 use crate::pipeline::{RunOptions, StageResult, run as run_all};
 use std::path::PathBuf;
 
-/// Do everything: adjust, train, render, score if there is a truth, and write a report
+/// Do everything: adjust, train, render, score if --truth is given, and write a report
 ///
 /// Stages that RUN holds already, made from the same input and options, are kept: the same command continues an
 /// interrupted run where it stopped.

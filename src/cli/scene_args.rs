@@ -19,7 +19,7 @@ pub struct SceneArgs {
     /// image's metadata]
     #[arg(long = "sun", value_name = "NAME=AZ,EL", value_parser = parse_sun)]
     pub suns: Vec<(String, Sun)>,
-    /// Area of interest: a box in degrees, or a GeoJSON file with a polygon; images are read only where they may show it
+    /// Area of interest: a box in degrees, or a GeoJSON file with a polygon; only the parts of images that may show it are read
     /// [default: the ground that at least three views see]
     #[arg(long, value_name = "W,S,E,N|FILE", allow_hyphen_values = true)]
     pub aoi: Option<String>,

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 /// Simulate a test scene: images of a small town with RPC cameras, and the exact surface model
 ///
-/// OUT gets 8-bit RGB GeoTIFFs; their RPC tags have pointing errors of several pixels, their metadata hold the sun's
+/// OUT gets 8-bit RGB GeoTIFFs; their RPC tags have pointing errors of several pixels, their metadata give the sun's
 /// position. OUT/truth gets the exact DSM, its classes (DFC2019's codes), the true RPCs and the pointing errors. The same
 /// options give the same bytes.
 #[derive(clap::Args)]

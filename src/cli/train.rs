@@ -21,7 +21,7 @@ pub struct Args {
     print_recipe: Option<String>,
     #[command(flatten)]
     options: Options,
-    /// Train again even if RUN holds splats, made with the same or with other input and options
+    /// Train again. Without this option splats of the same input and options are kept, and those of others are an error
     #[arg(long)]
     overwrite: bool,
 }
@@ -33,7 +33,7 @@ pub struct Options {
     /// Training recipe: `best`, `baeogs` or `eogs` (the latter two follow the papers), or a TOML file
     #[arg(long, default_value = Recipe::NAMES[0], value_name = "NAME|FILE")]
     recipe: String,
-    /// Number of iterations, to which the whole schedule is scaled [default: the recipe's]
+    /// Number of iterations; the schedule is scaled in proportion [default: the recipe's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     iterations: Option<u32>,
     /// Seed of all random numbers; the same seed gives the same bytes
@@ -42,7 +42,8 @@ pub struct Options {
     /// Iterations between checkpoints; an interrupted training continues from the last one
     #[arg(long, default_value_t = 500, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     checkpoint_every: u32,
-    /// Fail if there is no checkpoint to continue from; without this option training then starts from the beginning
+    /// Require a checkpoint. Training always continues from one if there is one; without this option it otherwise starts from the
+    /// beginning
     #[arg(long)]
     resume: bool,
     /// Number of pictures of the training's progress to write to RUN/train/snapshots: image, render, shadows, altitudes

@@ -55,7 +55,7 @@ pub fn utm_epsg(lon_deg: f64, lat_deg: f64) -> Result<u32, FrameError> {
 
 /// Wraps a longitude, or a difference of longitudes, into [-180, 180), degrees.
 #[must_use]
-pub fn half_turn(lon_deg: f64) -> f64 {
+pub fn wrap_longitude_deg(lon_deg: f64) -> f64 {
     if lon_deg.abs() <= 180.0 { lon_deg } else { (lon_deg + 180.0).rem_euclid(360.0) - 180.0 }
 }
 

@@ -1,7 +1,7 @@
 //! Heights of geoids above the ellipsoid, interpolated by PROJ from grid files.
 
 use super::FrameError;
-use super::crs::half_turn;
+use super::crs::wrap_longitude_deg;
 use proj::Proj;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -47,7 +47,7 @@ impl GeoidGrid {
         if !(-90.0..=90.0).contains(&lat_deg) {
             return f64::NAN;
         }
-        let place = (half_turn(lon_deg), lat_deg);
+        let place = (wrap_longitude_deg(lon_deg), lat_deg);
         self.with_proj(|proj| proj.and_then(|p| p.convert(place).ok())).map_or(f64::NAN, |(up, _)| up)
     }
 

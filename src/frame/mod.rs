@@ -8,7 +8,7 @@ mod geoid;
 mod point;
 mod site;
 
-pub use crs::{FrameError, Transform, half_turn, utm_epsg};
+pub use crs::{FrameError, Transform, utm_epsg, wrap_longitude_deg};
 pub use geoid::GeoidGrid;
 pub use point::{CenterPx, CornerPx, Frame, Geodetic, Pixel, Point, Site, Utm, Vector};
 pub use site::{SiteBox, SiteGrid};

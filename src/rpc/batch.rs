@@ -7,7 +7,7 @@
 use super::Rpc;
 use super::kernel::{KernelModel, Localize, Project, StartPolynomials};
 use super::model::{TERMS, monomials};
-use crate::frame::{Pixel, Point, half_turn};
+use crate::frame::{Pixel, Point, wrap_longitude_deg};
 use nalgebra::{DMatrix, Matrix2};
 
 /// Nodes along each axis of the batch's bounding box to which the initial polynomials are fitted; one more than a cubic
@@ -47,7 +47,7 @@ impl Rpc {
         out.col.resize(n, 0.0);
         out.row.resize(n, 0.0);
         pulp::Arch::new().dispatch(Project {
-            model: &self.kernel_model(half_turn(self.center().lon_deg())),
+            model: &self.kernel_model(wrap_longitude_deg(self.center().lon_deg())),
             lon: &ground.lon_deg,
             lat: &ground.lat_deg,
             height: &ground.height_m,

@@ -1,7 +1,7 @@
 //! Heights of a scene from a digital elevation model.
 
 use super::{Scene, SceneError, footprint};
-use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid, half_turn};
+use crate::frame::{CornerPx, Geodetic, Pixel, Point, SiteGrid, wrap_longitude_deg};
 use crate::io::{Grid2, HeightSystem, ImageFile, VerticalError, VerticalReference, Window, read_heights};
 use geo::{BoundingRect, MultiPolygon};
 use std::path::Path;
@@ -39,7 +39,7 @@ impl Dem {
     /// the model has none. The height of the point is not used.
     #[must_use]
     pub fn height_m(&self, p: Point<Geodetic>) -> f64 {
-        let east = half_turn(p.lon_deg() - self.origin[0]);
+        let east = wrap_longitude_deg(p.lon_deg() - self.origin[0]);
         let north = p.lat_deg() - self.origin[1];
         f64::from(self.heights.bilinear(east / self.step[0], north / self.step[1]))
     }
@@ -132,7 +132,7 @@ impl Scene {
         Ok(Some([(w, s), (e, s), (e, n), (w, n)].map(|(x, y)| {
             let p = grid.geodetic_from_utm(Point::new(x, y, 0.0));
             // Longitudes are counted from the first one, so that the box may cross the antimeridian.
-            (center.lon_deg() + half_turn(p.lon_deg() - center.lon_deg()), p.lat_deg())
+            (center.lon_deg() + wrap_longitude_deg(p.lon_deg() - center.lon_deg()), p.lat_deg())
         })))
     }
 }

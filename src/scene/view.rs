@@ -1,7 +1,7 @@
 //! A scene and its views: names, files and geometry. Pixels are read when they are needed.
 
 use super::{Aoi, TransferFunction};
-use crate::frame::{CenterPx, Geodetic, Pixel, Point, half_turn};
+use crate::frame::{CenterPx, Geodetic, Pixel, Point, wrap_longitude_deg};
 use crate::io::Window;
 use crate::rpc::Rpc;
 use crate::rpc::formats::ViewTags;
@@ -135,7 +135,7 @@ impl Scene {
         let [first_lon, ..] = *seen.first()?;
         let n = seen.len() as f64;
         // Longitudes are averaged as differences from the first one, because the scene may cross the antimeridian.
-        let east = seen.iter().map(|p| half_turn(p[0] - first_lon)).sum::<f64>() / n;
+        let east = seen.iter().map(|p| wrap_longitude_deg(p[0] - first_lon)).sum::<f64>() / n;
         Some(Point::new(first_lon + east, seen.iter().map(|p| p[1]).sum::<f64>() / n, h))
     }
 }
