@@ -57,6 +57,13 @@ impl AffineCamera {
         [north.perp_dot(up) / det, up.perp_dot(east) / det]
     }
 
+    /// The parallax of two cameras: ground displacement between them per metre of height, as in the base-to-height ratio.
+    #[must_use]
+    pub fn parallax(&self, other: &Self) -> f64 {
+        let [a, b] = [self, other].map(Self::line_of_sight_slope);
+        (a[0] - b[0]).hypot(a[1] - b[1])
+    }
+
     /// The point (east and north, site metres) at a given altitude that a pixel shows.
     #[must_use]
     pub fn localize(&self, px: Pixel<CenterPx>, altitude: f64) -> [f64; 2] {

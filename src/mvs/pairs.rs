@@ -51,7 +51,7 @@ impl MatchError {
             return Self::FewViews { found };
         }
         let pairs = views.iter().enumerate().flat_map(|(i, a)| views[i + 1..].iter().map(move |b| (a, b)));
-        let angles = pairs.map(|(a, b)| parallax(a, b).atan().to_degrees());
+        let angles = pairs.map(|(a, b)| a.camera.parallax(&b.camera).atan().to_degrees());
         let (least_deg, most_deg) = angles
             .fold((f64::INFINITY, 0.0), |(least, most), deg| (f64::min(least, deg), f64::max(most, deg)));
         Self::NoPair { least_deg, most_deg }
@@ -64,24 +64,16 @@ fn matched_angles() -> String {
     format!("{:.0}° to {:.0}°", deg(PARALLAX.start), deg(PARALLAX.end))
 }
 
-/// The parallax of two views: the ground displacement between them per metre of height, as in the
-/// base-to-height ratio.
-#[must_use]
-pub fn parallax(a: &TrainingView, b: &TrainingView) -> f64 {
-    distance(a.camera.line_of_sight_slope(), b.camera.line_of_sight_slope())
-}
-
 /// Pairs of views (indices) whose parallax is within [`PARALLAX`]. Pairs with similar suns are preferred,
 /// because their shadows fall alike.
 pub(super) fn stereo_pairs(views: &[TrainingView]) -> Vec<(usize, usize)> {
-    let shadow_slope =
-        |i: usize| views[i].sun_shear.map(|s| views[i].camera.sheared(s).line_of_sight_slope());
+    let sun = |i: usize| views[i].sun_shear.map(|s| views[i].camera.sheared(s));
     let mut rated = Vec::new();
     for i in 0..views.len() {
         for j in i + 1..views.len() {
-            let parallax = parallax(&views[i], &views[j]);
+            let parallax = views[i].camera.parallax(&views[j].camera);
             if PARALLAX.contains(&parallax) {
-                let suns = shadow_slope(i).zip(shadow_slope(j)).map_or(0.0, |(a, b)| distance(a, b));
+                let suns = sun(i).zip(sun(j)).map_or(0.0, |(a, b)| a.parallax(&b));
                 rated.push((suns + PARALLAX_WEIGHT * (parallax - BEST_PARALLAX).abs(), i, j));
             }
         }
@@ -89,8 +81,4 @@ pub(super) fn stereo_pairs(views: &[TrainingView]) -> Vec<(usize, usize)> {
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
     rated.truncate(PAIRS_PER_VIEW * views.len());
     rated.into_iter().map(|(_, i, j)| (i, j)).collect()
-}
-
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
 }

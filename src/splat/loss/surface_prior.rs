@@ -12,7 +12,6 @@ use crate::mvs::MatchedSurface;
 use crate::simd::{Real, SimdReal};
 use crate::splat::splats::Splats;
 use rayon::prelude::*;
-use std::marker::PhantomData;
 use std::sync::Arc;
 
 /// One weight, and one column: the mean robust distance.
@@ -57,49 +56,51 @@ pub struct SurfacePrior<T> {
     prior: Option<Arc<Prior>>,
     /// Weight of one splat's robust distance.
     factor: T,
+    /// Derivative of each splat's robust distance with respect to its altitude; empty where the term is zero.
+    slopes: Vec<T>,
     sums: Vec<f64>,
-    scalar: PhantomData<T>,
 }
 
 impl<T: SimdReal> SurfacePrior<T> {
     /// The term with this prior; zero without one.
     #[must_use]
     pub fn new(prior: Option<&Arc<Prior>>) -> Self {
-        Self { prior: prior.cloned(), factor: T::zero(), sums: Vec::new(), scalar: PhantomData }
+        Self { prior: prior.cloned(), factor: T::zero(), slopes: Vec::new(), sums: Vec::new() }
     }
 }
 
 impl<T: SimdReal> LossTerm<T> for SurfacePrior<T> {
     fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64 {
         columns[0] = 0.0;
-        self.factor = T::zero();
+        self.slopes.clear();
         let Some(prior) = self.prior.as_deref().filter(|_| weights[0] != 0.0) else { return 0.0 };
         let splats = rendered.splats;
         self.factor = T::from_f64(weights[0] / splats.len().max(1) as f64);
         self.sums.resize(splats.len().div_ceil(PIECE), 0.0);
-        let cost = |position: &[T; 3]| {
-            let weighted = prior.distance(*position).map(|(r, weight)| weight * r * r / (r * r + T::one()));
-            weighted.map_or(0.0, T::as_f64)
+        self.slopes.resize(splats.len(), T::zero());
+        let two = T::from_f64(2.0);
+        // The robust distance of a splat and its derivative.
+        let evaluate = |position: &[T; 3]| {
+            let (r, weight) = prior.distance(*position)?;
+            let slope = weight * (two * r / (T::from_f64(SCALE_M) * (r * r + T::one()).powi(2)));
+            Some((weight * r * r / (r * r + T::one()), slope))
         };
-        let pieces = splats.position.par_chunks(PIECE).zip(&mut self.sums);
-        pieces.for_each(|(positions, sum)| *sum = positions.iter().map(cost).sum());
+        let pieces = splats.position.par_chunks(PIECE).zip(self.slopes.par_chunks_mut(PIECE));
+        pieces.zip(&mut self.sums).for_each(|((positions, slopes), sum)| {
+            *sum = 0.0;
+            for (position, slope) in positions.iter().zip(slopes) {
+                let distance;
+                (distance, *slope) = evaluate(position).unwrap_or_default();
+                *sum += distance.as_f64();
+            }
+        });
         columns[0] = self.sums.iter().sum::<f64>() / splats.len().max(1) as f64;
         weights[0] * columns[0]
     }
 
-    fn add_by_splats(&self, splats: &Splats<T>, by: &mut Splats<T>) {
-        let Some(prior) = self.prior.as_deref().filter(|_| self.factor != T::zero()) else { return };
-        let two = T::from_f64(2.0);
-        let derivative = |position: &[T; 3]| {
-            let (r, weight) = prior.distance(*position)?;
-            Some(weight * (two * r / (T::from_f64(SCALE_M) * (r * r + T::one()).powi(2))))
-        };
-        let rows = splats.position.par_iter().zip(&mut by.position).with_min_len(1024);
-        rows.for_each(|(position, by)| {
-            if let Some(derivative) = derivative(position) {
-                by[2] = by[2] + self.factor * derivative;
-            }
-        });
+    fn add_by_splats(&self, _: &Splats<T>, by: &mut Splats<T>) {
+        let rows = self.slopes.par_iter().zip(&mut by.position).with_min_len(1024);
+        rows.for_each(|(slope, by)| by[2] = by[2] + self.factor * *slope);
     }
 }
 

@@ -65,10 +65,7 @@ impl Extent {
     pub fn of(scene: &SiteScene) -> Self {
         let views: Vec<&SiteView> = scene.views.iter().filter(|v| v.role == Role::Train).collect();
         let pairs = views.iter().enumerate().flat_map(|(i, a)| views[i + 1..].iter().map(move |b| (a, b)));
-        let angles = pairs.map(|(a, b)| {
-            let [a, b] = [a.camera.line_of_sight_slope(), b.camera.line_of_sight_slope()];
-            (a[0] - b[0]).hypot(a[1] - b[1]).atan().to_degrees()
-        });
+        let angles = pairs.map(|(a, b)| a.camera.parallax(&b.camera).atan().to_degrees());
         let (west, south, east, north) = scene.area;
         Self {
             views: views.len(),
