@@ -1,0 +1,20 @@
+//! Areas larger than one training: a plan of tiles, one job a tile, and one mosaic.
+//!
+//! A scene is adjusted as a whole; then each tile is an ordinary run on a box of ground, with nothing exchanged between
+//! tiles; then the tiles are blended along their seams. The files in the run folder are the interface between the jobs, so
+//! that any engine can start them on any machine that sees the folder:
+//!
+//! | file | what |
+//! |---|---|
+//! | `tiles.json` | the [`Plan`] |
+//! | `tiles/ID` | the run folder of a tile; `done.json` is written last |
+//! | `mosaic/ID_*.tif` | the core of a tile, blended with its neighbours |
+//! | `dsm.tif`, `ortho.tif`, `confidence.tif`, `seams.gpkg` | the mosaic, and the differences at its seams |
+//!
+//! A job writes the same bytes whenever it has the same input, so one that is killed, repeated or done twice does no harm.
+
+mod error;
+mod plan;
+
+pub use error::TilesError;
+pub use plan::{MapBox, Plan, Tile, TileCost, TileView};
