@@ -42,5 +42,6 @@ pub use nvs_eval::{NvsScores, ViewScore, nvs_eval};
 pub use render::{RenderOptions, RenderSummary, Viewpoint, render};
 pub use run::{RunOptions, StageResult, run};
 pub use stage::Outcome;
+pub(crate) use stage::{Fingerprint, Stage, hash, hash_file, or_none};
 pub use train::{Trained, train};
 pub use train_options::TrainOptions;

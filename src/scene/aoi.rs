@@ -49,6 +49,16 @@ impl Aoi {
         Self::checked(vec![[west, south], [east, south], [east, north], [west, north]])
     }
 
+    /// A box in metres of the UTM zone of `grid`.
+    ///
+    /// # Errors
+    /// [`SceneError::Area`] if the box is empty or too large.
+    pub fn from_utm_box((west, south, east, north): UtmBox, grid: &SiteGrid) -> Result<Self, SceneError> {
+        let corners = [(west, south), (east, south), (east, north), (west, north)];
+        let place = |(x, y): (f64, f64)| grid.geodetic_from_utm(Point::new(x, y, 0.0));
+        Self::checked(corners.map(place).map(|p| [p.lon_deg(), p.lat_deg()]).to_vec())
+    }
+
     /// The outer ring of the polygon in a GeoJSON file, or the convex hull of several polygons.
     ///
     /// # Errors

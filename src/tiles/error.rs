@@ -16,6 +16,31 @@ pub enum TilesError {
         /// The command that makes it.
         made_by: &'static str,
     },
+    /// The run is planned in UTM, of which it lies in several zones.
+    #[error("the area lies in two UTM zones: {zones}")]
+    #[diagnostic(help("cut it at the border of the zones, and give each part its own --aoi and run folder"))]
+    TwoZones {
+        /// The zones.
+        zones: String,
+    },
+    /// No tile is covered by enough views.
+    #[error("no part of the area is covered by {least} training views")]
+    #[diagnostic(help("`satgs info SCENE` shows where the views lie; --aoi chooses another area"))]
+    NoViews {
+        /// The number of views that a tile needs.
+        least: usize,
+    },
+    /// Even the smallest tile needs more memory than it may.
+    #[error("a tile needs {needed_mb:.0} MB of memory, --max-memory is {limit_mb:.0} MB")]
+    #[diagnostic(help(
+        "--resolution and fewer views reduce it; a machine with more memory allows a larger limit"
+    ))]
+    Memory {
+        /// Memory of the smallest tiles, megabytes.
+        needed_mb: f64,
+        /// The limit, megabytes.
+        limit_mb: f64,
+    },
     /// See [`PipelineError`].
     #[error(transparent)]
     #[diagnostic(transparent)]

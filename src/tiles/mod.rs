@@ -14,7 +14,10 @@
 //! A job writes the same bytes whenever it has the same input, so one that is killed, repeated or done twice does no harm.
 
 mod error;
+mod margins;
 mod plan;
+mod planner;
 
 pub use error::TilesError;
-pub use plan::{MapBox, Plan, Tile, TileCost, TileView};
+pub use plan::{MapBox, Plan, Tile, TileCost, TileSurface, TileTraining, TileView};
+pub use planner::{PlanOptions, needs_tiles, plan};
