@@ -14,10 +14,17 @@
 //! A job writes the same bytes whenever it has the same input, so one that is killed, repeated or done twice does no harm.
 
 mod error;
+mod job;
 mod margins;
 mod plan;
 mod planner;
+mod resources;
+mod run;
+mod status;
 
 pub use error::TilesError;
+pub use job::run_tile;
 pub use plan::{MapBox, Plan, Tile, TileCost, TileSurface, TileTraining, TileView};
 pub use planner::{PlanOptions, needs_tiles, plan};
+pub use run::{SceneOptions, SceneResult, run};
+pub use status::{Status, TileState, TileStatus, status};

@@ -3,6 +3,7 @@
 use super::TilesError;
 use crate::io::{MapGrid, Window, read_json};
 use crate::run_files::PLAN;
+use crate::splat::train::recipe::Recipe;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -123,6 +124,20 @@ impl Plan {
     #[must_use]
     pub fn tile(&self, id: &str) -> Option<&Tile> {
         self.tiles.iter().find(|tile| tile.id == id)
+    }
+
+    /// The IDs of all tiles, as text.
+    #[must_use]
+    pub fn ids(&self) -> String {
+        self.tiles.iter().map(|tile| tile.id.as_str()).collect::<Vec<_>>().join(", ")
+    }
+
+    /// The recipe as an option of training: a name, or the path of a file in the run folder.
+    #[must_use]
+    pub fn recipe_in(&self, run: &Path) -> String {
+        let recipe = &self.train.recipe;
+        let is_named = Recipe::NAMES.contains(&recipe.as_str());
+        if is_named { recipe.clone() } else { run.join(recipe).to_string_lossy().into_owned() }
     }
 
     /// The grid of a tile's core.
