@@ -13,8 +13,10 @@
 //!
 //! A job writes the same bytes whenever it has the same input, so one that is killed, repeated or done twice does no harm.
 
+mod done;
 mod error;
 mod plan;
 
+pub use done::{Done, Failure, FileSeal, Seals, seal, tile_folder};
 pub use error::TilesError;
 pub use plan::{MapBox, Plan, Tile, TileCost, TileView};
