@@ -13,6 +13,7 @@
 //!
 //! A job writes the same bytes whenever it has the same input, so one that is killed, repeated or done twice does no harm.
 
+mod done;
 mod error;
 mod job;
 mod margins;
@@ -22,6 +23,7 @@ mod resources;
 mod run;
 mod status;
 
+pub use done::{Done, Failure, FileSeal, Seals, seal, tile_folder};
 pub use error::TilesError;
 pub use job::run_tile;
 pub use plan::{MapBox, Plan, Tile, TileCost, TileSurface, TileTraining, TileView};
