@@ -1,6 +1,6 @@
 //! The affine camera that fits an RPC best over an image and a range of heights, by linear least squares.
 
-use super::AffineCamera;
+use super::ViewCamera;
 use crate::frame::{Pixel, SiteGrid};
 use crate::rpc::{LocalizeError, Rpc};
 use nalgebra::{Matrix4, Vector4};
@@ -12,7 +12,7 @@ const NODES: [usize; 3] = [15, 15, 7];
 #[derive(Clone, Copy, Debug)]
 pub struct AffineFit {
     /// The camera.
-    pub camera: AffineCamera,
+    pub camera: ViewCamera,
     /// Root mean square distance to the projection of the RPC, pixels.
     pub rms_px: f64,
     /// Largest distance to the projection of the RPC, pixels.
@@ -81,10 +81,10 @@ pub fn fit(
     }
     let factor = normal.cholesky().ok_or_else(degenerate)?;
     let solution = right.map(|b| factor.solve(&b));
-    let camera = AffineCamera {
-        linear: std::array::from_fn(|i| std::array::from_fn(|a| solution[i][a] / range[a])),
-        offset: [solution[0][3], solution[1][3]],
-    };
+    let camera = ViewCamera::affine(
+        std::array::from_fn(|i| std::array::from_fn(|a| solution[i][a] / range[a])),
+        [solution[0][3], solution[1][3]],
+    );
     if !camera.linear.as_flattened().iter().all(|v| v.is_finite()) {
         return Err(degenerate());
     }

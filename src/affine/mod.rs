@@ -12,7 +12,7 @@ mod site_scene;
 mod training_view;
 
 pub use approximation::{GroundBox, Order, Residual, residual};
-pub use camera::{AffineCamera, sun_direction};
+pub use camera::{ViewCamera, sun_direction};
 pub use fit::{AffineFit, FitError, fit};
 pub use site_scene::{SiteScene, SiteSceneError, SiteView, height_range};
 pub use training_view::{TrainingView, median_pixel_m};

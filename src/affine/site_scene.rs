@@ -1,6 +1,6 @@
 //! The training scene: the site, its area and altitudes, and affine cameras, from adjusted RPCs and sparse points.
 
-use super::{AffineCamera, FitError, TrainingView, fit, sun_direction};
+use super::{FitError, TrainingView, ViewCamera, fit, sun_direction};
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteBox, SiteGrid};
 use crate::io::{RasterError, ValidPixels};
 use crate::rpc::Rpc;
@@ -82,7 +82,7 @@ pub struct SiteView {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_masked: bool,
     /// The affine camera in the site frame.
-    pub camera: AffineCamera,
+    pub camera: ViewCamera,
     /// Root mean square distance to the RPC, pixels.
     pub rms_px: f64,
     /// Largest distance to the RPC, pixels.

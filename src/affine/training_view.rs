@@ -1,6 +1,6 @@
 //! Training views: their cameras, pixels and masks.
 
-use super::AffineCamera;
+use super::ViewCamera;
 use crate::frame::{CenterPx, Pixel, SiteBox};
 use crate::io::{Grid2, ValidPixels};
 use crate::scene::TransferFunction;
@@ -17,7 +17,7 @@ pub struct TrainingView {
     /// Name of the view.
     pub name: String,
     /// The affine camera in the site frame.
-    pub camera: AffineCamera,
+    pub camera: ViewCamera,
     /// Number of columns.
     pub width: usize,
     /// Number of rows.
@@ -46,7 +46,7 @@ impl TrainingView {
     #[must_use]
     pub fn new(
         name: String,
-        camera: AffineCamera,
+        camera: ViewCamera,
         sun_shear: Option<[f64; 2]>,
         bands: &[Grid2],
         area: SiteBox,
