@@ -48,7 +48,7 @@ pub(super) fn view(slope: [f64; 2], paint: Paint) -> TrainingView {
         paint(at(z).0, at(z).1, z) as f32
     };
     let plane = Grid2::from_fn(160, 140, color);
-    TrainingView::new("v".into(), camera, None, &[plane], (-30.0, -25.0, 30.0, 25.0))
+    TrainingView::new("v".into(), camera, None, &[plane], (-30.0, -25.0, 30.0, 25.0), (0.0, 0.0))
 }
 
 pub(super) fn setup() -> SiteScene {
@@ -60,6 +60,7 @@ pub(super) fn setup() -> SiteScene {
         altitudes: (-5.0, 20.0),
         views: Vec::new(),
         reference: 0,
+        is_framed: false,
         transfer_function: crate::scene::TransferFunction::default(),
     }
 }

@@ -99,6 +99,7 @@ mod tests {
             altitudes: (-5.0, 30.0),
             views: Vec::new(),
             reference: 0,
+            is_framed: false,
             transfer_function: crate::scene::TransferFunction::default(),
         }
     }

@@ -188,7 +188,7 @@ mod tests {
                 };
                 let plane = Grid2::from_fn(60, 56, |c, r| pattern(c as f64, r as f64));
                 let area = (-14.0, -13.0, 14.0, 13.0);
-                TrainingView::new(format!("v{v}"), camera, Some([1.1, -0.8]), &[plane], area)
+                TrainingView::new(format!("v{v}"), camera, Some([1.1, -0.8]), &[plane], area, (0.0, 0.0))
             })
             .collect();
         let mut start = Splats::default();

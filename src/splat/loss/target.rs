@@ -53,7 +53,7 @@ mod tests {
         });
         // A pixel is 1 m wide; the last column lies outside the area.
         let camera = ViewCamera::affine([[1.0, 0.0, 0.3], [0.0, -1.0, 0.1]], [0.0; 2]);
-        let view = TrainingView::new("v".into(), camera, None, &[plane], (-0.5, -5.0, 2.5, 5.0));
+        let view = TrainingView::new("v".into(), camera, None, &[plane], (-0.5, -5.0, 2.5, 5.0), (0.0, 0.0));
         let mut target = TargetImage::default();
         assert_eq!(target.load(&view, 0), camera);
         assert_eq!(target.valid, [true, false, true, false, true, true, true, false]);
@@ -72,7 +72,7 @@ mod tests {
         let transfer_function = TransferFunction::new(2.0).unwrap();
         let plane = Grid2::from_fn(2, 2, |col, _| if col == 0 { 0.2 } else { 1.0 });
         let camera = ViewCamera::affine([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], [0.0; 2]);
-        let view = TrainingView::new("v".into(), camera, None, &[plane], (-5.0, -5.0, 5.0, 5.0))
+        let view = TrainingView::new("v".into(), camera, None, &[plane], (-5.0, -5.0, 5.0, 5.0), (0.0, 0.0))
             .with_transfer_function(transfer_function);
         let mut target = TargetImage::default();
         let _ = target.load(&view, 0);
