@@ -122,6 +122,8 @@ impl TilesError {
     #[must_use]
     pub fn kind(&self) -> ErrorKind {
         match self {
+            // Another job makes the tile: the same call succeeds later.
+            Self::Pipeline(PipelineError::Locked { .. }) => ErrorKind::Failed,
             Self::Pipeline(e) => e.kind(),
             Self::AllFailed { .. } => ErrorKind::Failed,
             Self::Resources { .. } => ErrorKind::Resources,
