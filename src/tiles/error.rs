@@ -2,6 +2,7 @@
 
 use crate::io::{RasterError, ReadError, VectorError, WriteError};
 use crate::pipeline::{ErrorKind, PipelineError};
+use std::path::PathBuf;
 
 /// Why a plan, a tile job or a mosaic failed.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
@@ -16,6 +17,49 @@ pub enum TilesError {
         /// The command that makes it.
         made_by: &'static str,
     },
+    /// The plan has no such tile.
+    #[error("the plan has no tile `{id}`")]
+    #[diagnostic(help("`satgs tile status RUN` lists the tiles"))]
+    NoTile {
+        /// The ID.
+        id: String,
+    },
+    /// A tile that is needed is not done.
+    #[error("tile `{id}` is not done: `{file}` is missing, or files that it lists are")]
+    #[diagnostic(help("`satgs tile run RUN {id}` makes the tile"))]
+    NotDone {
+        /// The tile.
+        id: String,
+        /// Its `done.json`.
+        file: PathBuf,
+    },
+    /// A raster of a tile has not the grid that the plan gives it.
+    #[error("`{file}` has not the cells that the plan gives the tile")]
+    #[diagnostic(help("the tile was made from another plan; `satgs tile run RUN {id}` makes it anew"))]
+    Grid {
+        /// The tile.
+        id: String,
+        /// The raster.
+        file: PathBuf,
+    },
+    /// The cores do not form a lattice, or are too small.
+    #[error("tiles `{a}` and `{b}` cannot be blended: {reason}")]
+    #[diagnostic(help("`satgs plan SCENE -o RUN` makes a plan that can"))]
+    Cores {
+        /// A tile.
+        a: String,
+        /// Its neighbour.
+        b: String,
+        /// What is wrong.
+        reason: &'static str,
+    },
+    /// No tile is done, so that there is no mosaic.
+    #[error("no tile of `{run}` is done")]
+    #[diagnostic(help("`satgs tile run RUN ID` makes a tile"))]
+    NothingDone {
+        /// The run folder.
+        run: PathBuf,
+    },
     /// See [`PipelineError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -28,6 +72,7 @@ impl TilesError {
     pub fn kind(&self) -> ErrorKind {
         match self {
             Self::Pipeline(e) => e.kind(),
+            Self::NotDone { .. } | Self::NothingDone { .. } => ErrorKind::Failed,
             _ => ErrorKind::Input,
         }
     }
