@@ -12,6 +12,7 @@ mod grid;
 mod height_unit;
 mod heights;
 mod json;
+mod like;
 mod mask;
 mod grid2;
 mod rgb_image;
@@ -34,11 +35,14 @@ pub use grid::MapGrid;
 pub use grid2::Grid2;
 pub use heights::{HeightSystem, read_heights};
 pub use json::{read_json, write_json};
+pub use like::{MosaicPart, Template};
 pub use rgb_image::RgbImage;
 pub use style::color_style;
 pub use svg::{Drawing, escape_xml};
 pub use valid::ValidPixels;
-pub use vector::{Marker, Outline, inside_polygons, write_markers, write_outlines};
+pub use vector::{
+    MapFeature, MapShape, Marker, Outline, inside_polygons, write_map_features, write_markers, write_outlines,
+};
 pub use vertical_reference::VerticalReference;
 pub use window::Window;
 pub use write::{Cog, SensorImage, png_rgb, write_moved, write_png_gray, write_png_rgb, write_with_rpc};

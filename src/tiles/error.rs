@@ -42,15 +42,6 @@ pub enum TilesError {
         /// The limit, megabytes.
         limit_mb: f64,
     },
-    /// The plan has no such tile.
-    #[error("the plan has no tile `{id}`")]
-    #[diagnostic(help("its tiles are {tiles}"))]
-    NoTile {
-        /// The ID or index that was asked for.
-        id: String,
-        /// The IDs that exist.
-        tiles: String,
-    },
     /// The run was adjusted anew after it was planned.
     #[error("`{run}/tiles.json` was planned from another adjustment than `{run}/ba` holds now")]
     #[diagnostic(help("`satgs plan SCENE -o RUN --overwrite` plans again"))]
@@ -111,6 +102,49 @@ pub enum TilesError {
         /// Why the first tile failed.
         reason: String,
     },
+    /// The plan has no such tile.
+    #[error("the plan has no tile `{id}`")]
+    #[diagnostic(help("`satgs tile status RUN` lists the tiles"))]
+    NoTile {
+        /// The ID.
+        id: String,
+    },
+    /// A tile that is needed is not done.
+    #[error("tile `{id}` is not done: `{file}` is missing, or files that it lists are")]
+    #[diagnostic(help("`satgs tile run RUN {id}` makes the tile"))]
+    NotDone {
+        /// The tile.
+        id: String,
+        /// Its `done.json`.
+        file: PathBuf,
+    },
+    /// A raster of a tile has not the grid that the plan gives it.
+    #[error("`{file}` has not the cells that the plan gives the tile")]
+    #[diagnostic(help("the tile was made from another plan; `satgs tile run RUN {id}` makes it anew"))]
+    Grid {
+        /// The tile.
+        id: String,
+        /// The raster.
+        file: PathBuf,
+    },
+    /// The cores do not form a lattice, or are too small.
+    #[error("tiles `{a}` and `{b}` cannot be blended: {reason}")]
+    #[diagnostic(help("`satgs plan SCENE -o RUN` makes a plan that can"))]
+    Cores {
+        /// A tile.
+        a: String,
+        /// Its neighbour.
+        b: String,
+        /// What is wrong.
+        reason: &'static str,
+    },
+    /// No tile is done, so that there is no mosaic.
+    #[error("no tile of `{run}` is done")]
+    #[diagnostic(help("`satgs tile run RUN ID` makes a tile"))]
+    NothingDone {
+        /// The run folder.
+        run: PathBuf,
+    },
     /// See [`PipelineError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -127,6 +161,7 @@ impl TilesError {
             Self::Pipeline(e) => e.kind(),
             Self::AllFailed { .. } => ErrorKind::Failed,
             Self::Resources { .. } => ErrorKind::Resources,
+            Self::NotDone { .. } | Self::NothingDone { .. } => ErrorKind::Failed,
             _ => ErrorKind::Input,
         }
     }

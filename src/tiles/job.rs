@@ -52,7 +52,7 @@ pub fn run_tile(
 ) -> Result<Outcome<Done>, TilesError> {
     let plan = Plan::read(run)?;
     plan.require_current(run)?;
-    let tile = plan.tile(id).ok_or_else(|| TilesError::NoTile { id: id.into(), tiles: plan.ids() })?;
+    let tile = plan.tile(id).ok_or_else(|| TilesError::NoTile { id: id.into() })?;
     let folder = tile_folder(run, id);
     if let Some(done) = Done::read(&folder).filter(|done| done.input_hash == tile.input_hash) {
         if done.is_sound(&folder) {
