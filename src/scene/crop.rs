@@ -15,7 +15,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError::AreaNotSeen`] if no view sees it.
-    pub(super) fn crop(&mut self, aoi: Aoi, heights: (f64, f64)) -> Result<(), SceneError> {
+    pub(crate) fn crop(&mut self, aoi: Aoi, heights: (f64, f64)) -> Result<(), SceneError> {
         let (mut kept, mut without) = (Vec::new(), Vec::new());
         for view in &self.views {
             match window(&aoi, view, heights) {
@@ -38,12 +38,14 @@ impl Scene {
 }
 
 impl View {
-    /// The view restricted to a window of its image.
-    fn cropped(&self, window: Window) -> Self {
+    /// The view restricted to a window of its used part.
+    pub(super) fn cropped(&self, window: Window) -> Self {
         let mut view = self.clone();
         view.rpc = self.rpc.cropped(window.col, window.row);
         (view.width, view.height) = (window.width, window.height);
-        view.window = Some(window);
+        // A view that is cropped already is cropped further.
+        let used = self.used_window();
+        view.window = Some(Window { col: used.col + window.col, row: used.row + window.row, ..window });
         view
     }
 }
