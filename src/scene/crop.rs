@@ -15,7 +15,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError::AreaNotSeen`] if no view sees it.
-    pub(super) fn crop(&mut self, aoi: Aoi, heights: (f64, f64)) -> Result<(), SceneError> {
+    pub(crate) fn crop(&mut self, aoi: Aoi, heights: (f64, f64)) -> Result<(), SceneError> {
         let (mut kept, mut without) = (Vec::new(), Vec::new());
         for view in &self.views {
             match view.window_showing(&aoi, heights) {
