@@ -191,7 +191,7 @@ pub fn write_moved(map: &Path, out: &Path, [east, north, up]: [f64; 3]) -> Resul
 }
 
 /// Creation options of Cloud-Optimized GeoTIFFs.
-fn cog_options(predictor: &str) -> [(&'static str, String); 6] {
+pub(super) fn cog_options(predictor: &str) -> [(&'static str, String); 6] {
     [
         ("NUM_THREADS", rayon::current_num_threads().to_string()),
         ("COMPRESS", "DEFLATE".into()),
@@ -237,15 +237,25 @@ pub(super) fn encode(path: &Path, write: impl FnOnce(&Path) -> Result<(), Cause>
     Ok(std::fs::write(path, get_vsi_mem_file_bytes_owned(&encoded)?)?)
 }
 
-fn copy_as(
+pub(super) fn copy_as(
     memory: &Dataset,
+    driver: &str,
+    path: &Path,
+    options: &[(&str, impl std::fmt::Display)],
+) -> Result<(), Cause> {
+    encode(path, |encoded| copy_to_disk(memory, driver, encoded, options))
+}
+
+/// As [`copy_as`], but the file is not held in memory, and an error of the disk may go unnoticed.
+pub(super) fn copy_to_disk(
+    dataset: &Dataset,
     driver: &str,
     path: &Path,
     options: &[(&str, impl std::fmt::Display)],
 ) -> Result<(), Cause> {
     let driver = DriverManager::get_driver_by_name(driver)?;
     let options: RasterCreationOptions = options.iter().map(|(k, v)| format!("{k}={v}")).collect();
-    encode(path, |encoded| Ok(memory.create_copy(&driver, encoded, &options)?.close()?))
+    Ok(dataset.create_copy(&driver, path, &options)?.close()?)
 }
 
 /// Descriptions, without units, of the bands of an 8-bit image.
@@ -254,7 +264,7 @@ fn color_labels(bands: usize) -> &'static [(&'static str, &'static str)] {
 }
 
 /// Sets descriptions, units and colour interpretations of bands; a single band is grey.
-fn label(dataset: &Dataset, labels: &[(&str, &str)]) -> gdal::errors::Result<()> {
+pub(super) fn label(dataset: &Dataset, labels: &[(&str, &str)]) -> gdal::errors::Result<()> {
     if dataset.raster_count() == 1 {
         dataset.rasterband(1)?.set_color_interpretation(ColorInterpretation::GrayIndex)?;
     }

@@ -13,8 +13,31 @@
 //!
 //! A job writes the same bytes whenever it has the same input, so one that is killed, repeated or done twice does no harm.
 
+mod blend;
+mod cells;
+mod colour;
+mod cut;
+mod done;
 mod error;
+mod job;
+mod margins;
 mod plan;
+mod planner;
+mod resources;
+mod run;
+mod status;
+mod seam_summary;
+mod seams;
+mod tile_rasters;
 
+pub use blend::{Blended, blend};
+pub use colour::{ColorCorrection, TileColors};
+pub use done::{Done, Failure, FileSeal, Seals, seal, tile_folder};
 pub use error::TilesError;
-pub use plan::{MapBox, Plan, Tile, TileCost, TileView};
+pub use job::run_tile;
+pub use plan::{MapBox, Plan, Tile, TileCost, TileSurface, TileTraining, TileView};
+pub use planner::{PlanOptions, needs_tiles, plan};
+pub use run::{SceneOptions, SceneResult, run};
+pub use seam_summary::SeamSummary;
+pub use seams::{ColorPairs, Seam};
+pub use status::{Status, TileState, TileStatus, status};
