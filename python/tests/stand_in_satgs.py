@@ -20,17 +20,17 @@ def main() -> int:
     args = parse()
     run = args.run
     plan = json.loads((run / "tiles.json").read_text())
-    if args.exit_with_parent:
-        threading.Thread(target=watch_parent, daemon=True).start()
     signal.signal(signal.SIGTERM, lambda *_: os._exit(130))
     if args.command == "mosaic":
         return mosaic(run, plan)
+    if args.exit_with_parent:
+        threading.Thread(target=watch_parent, daemon=True).start()
     if args.index is not None:
         args.id = plan["tiles"][args.index]["id"]
     tile = next((tile for tile in plan["tiles"] if tile["id"] == args.id), None)
     if tile is None:
         return fail(2, f"the plan has no tile `{args.id}`")
-    return run_tile(run, tile, args.events) if args.task == "run" else blend(run, tile)
+    return run_tile(run, tile, args.events) if args.task == "run" else blend(run, tile, args.without)
 
 
 def parse() -> argparse.Namespace:
@@ -46,13 +46,18 @@ def parse() -> argparse.Namespace:
         job.add_argument("run", type=Path)
         job.add_argument("id", nargs="?")
         job.add_argument("--index", type=int)
-    commands.add_parser("mosaic", parents=[common]).add_argument("run", type=Path)
+        if task == "blend":
+            job.add_argument("--without", action="append", default=[])
+    mosaic = commands.add_parser("mosaic")
+    mosaic.add_argument("run", type=Path)
+    mosaic.add_argument("--threads", type=int)
     return parser.parse_args()
 
 
 def watch_parent() -> None:
     while os.read(0, 4096):
         pass
+    time.sleep(2.0)  # A checkpoint is written before the lock is released.
     os._exit(130)
 
 
@@ -114,8 +119,11 @@ def run_tile(run: Path, tile: dict, events: bool) -> int:
             os.kill(os.getpid(), -code)
         if code not in (0, 3):
             print("\n".join(f"line {n}" for n in range(30)), file=sys.stderr)
-            return fail(code, f"attempt {before + 1} of {tile['id']} is meant to fail")
+            reason = f"attempt {before + 1} of {tile['id']} is meant to fail"
+            write(folder / "failed.json", json.dumps({"reason": reason}))
+            return fail(code, reason)
         write(folder / "dsm.tif", tile["id"])
+        (folder / "failed.json").unlink(missing_ok=True)
         seconds = time.monotonic() - started
         write(folder / "done.json", json.dumps({"input_hash": tile["input_hash"], "seconds": seconds}))
         event(events, event="finished")
@@ -123,11 +131,11 @@ def run_tile(run: Path, tile: dict, events: bool) -> int:
         return code
 
 
-def blend(run: Path, tile: dict) -> int:
-    if not (run / "tiles" / tile["id"] / "done.json").exists():
-        return fail(1, f"tile `{tile['id']}` is not done")
-    around = [tile["id"], *tile["neighbours"]]
-    used = [name for name in around if (run / "tiles" / name / "done.json").exists()]
+def blend(run: Path, tile: dict, without: list[str]) -> int:
+    used = [tile["id"], *(name for name in tile["neighbours"] if name not in without)]
+    for name in used:
+        if not (run / "tiles" / name / "done.json").exists():
+            return fail(1, f"tile `{name}` is not done")
     path = run / "mosaic" / f"{tile['id']}.json"
     text = json.dumps({"tiles": used})
     if not path.exists() or path.read_text() != text:
@@ -137,10 +145,14 @@ def blend(run: Path, tile: dict) -> int:
 
 
 def mosaic(run: Path, plan: dict) -> int:
-    blended = [tile["id"] for tile in plan["tiles"] if (run / "mosaic" / f"{tile['id']}.json").exists()]
-    log(run, "mosaic", *blended)
-    write(run / "dsm.tif", " ".join(blended))
-    return 0 if len(blended) == len(plan["tiles"]) else 3
+    names = [tile["id"] for tile in plan["tiles"]]
+    failed = [name for name in names if (run / "tiles" / name / "failed.json").exists()]
+    missing = [name for name in names if name not in failed and not (run / "mosaic" / f"{name}.json").exists()]
+    if missing:
+        return fail(1, f"tile `{missing[0]}` is not blended")
+    log(run, "mosaic")
+    write(run / "dsm.tif", " ".join(name for name in names if name not in failed))
+    return 3 if failed else 0
 
 
 sys.exit(main())

@@ -162,6 +162,20 @@ def test_a_tile_that_always_fails_is_given_up_after_its_retries(client: Client, 
     assert (run / "dsm.tif").read_text().split() == [name for name in read_plan(run) if name != "x001_y000"]
 
 
+def test_a_tile_that_is_killed_each_time_is_a_hole_in_the_mosaic(client: Client, run: Path, satgs: str) -> None:
+    write_plan(run, {"x001_y000": {"exits": [-signal.SIGKILL]}}, columns=2)
+    result = run_tiles(client, run, Settings(satgs=satgs, retries=0))
+    assert (result.exit_code, result.mosaic) == (3, "done")
+    assert result.tiles["x001_y000"].reason == "ended by signal SIGKILL"
+    failure = json.loads((run / "tiles" / "x001_y000" / "failed.json").read_text())
+    assert failure == {"reason": "ended by signal SIGKILL"}
+    assert json.loads((run / "mosaic" / "x000_y000.json").read_text())["tiles"] == [
+        "x000_y000",
+        "x000_y001",
+        "x001_y001",
+    ]
+
+
 def test_wrong_input_is_not_tried_again(client: Client, run: Path, satgs: str) -> None:
     write_plan(run, {"x000_y000": {"exits": [2]}})
     result = run_tiles(client, run, Settings(satgs=satgs))

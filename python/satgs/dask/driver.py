@@ -10,7 +10,7 @@ import queue
 import time
 import uuid
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -18,15 +18,19 @@ from distributed import Client, Future, KilledWorker
 
 from . import job as jobs
 from .job import Job, Outcome
-from .plan import PlanError, Tile, is_done, read_plan
+from .plan import PlanError, Tile, is_done, read_plan, write_failure
 from .progress import Progress
-from .reason import reason_of
+from .reason import is_locked, reason_of
 
 BLEND_MB = 500.0
 """Memory that a blend or the mosaic asks of a worker, megabytes."""
 
 RETRY_DELAY = 1.0
-"""Seconds before a job that failed is tried again: another process on the same tile may still have to end."""
+"""Seconds before a job that failed is tried again."""
+
+LOCK_SECONDS = 60.0
+"""Time for which another program may be at work on the same tile before that counts as a failure, seconds. The program
+of a worker that was killed writes a checkpoint before it ends."""
 
 LOST = "the connection with the scheduler was lost"
 
@@ -91,7 +95,8 @@ class _Work:
     failures: int = 0
     attempts: int = 0
     not_before: float = 0.0
-    started: float = field(default=0.0)
+    started: float = 0.0
+    locked_since: float | None = None
 
 
 def run_tiles(
@@ -224,13 +229,9 @@ class _Driver:
     def _submit(self, work: _Work, memory_mb: float) -> None:
         work.attempts += 1
         work.started = time.monotonic()
-        command = [self.settings.satgs, *(["mosaic"] if work.kind == "mosaic" else ["tile", _TASK[work.kind]])]
-        command += [str(self.run), *([work.tile] if work.tile else []), "--exit-with-parent", "--events"]
-        if self.settings.threads is not None:
-            command += ["--threads", str(self.settings.threads)]
         folder = self.run / "tiles" / work.tile if work.tile else self.run
         log = str(folder / ("error.log" if work.kind == "tile" else f"{work.kind}-error.log"))
-        job = Job(work.kind, work.tile, work.attempts, tuple(command), log, self.topic)
+        job = Job(work.kind, work.tile, work.attempts, self._command(work), log, self.topic)
         future = self.client.submit(
             jobs.run,
             job,
@@ -242,6 +243,21 @@ class _Driver:
         if work.kind == "tile":
             self.tiles[work.tile].attempts = work.attempts
         future.add_done_callback(lambda future: self.ends.put((work, _outcome(future))))
+
+    def _command(self, work: _Work) -> tuple[str, ...]:
+        run = str(self.run)
+        supervised = ["--exit-with-parent", "--events"]
+        command = {
+            "tile": ["tile", "run", run, work.tile, *supervised],
+            "blend": ["tile", "blend", run, work.tile, *supervised],
+            "mosaic": ["mosaic", run],
+        }[work.kind]
+        if work.kind == "blend":
+            failed = [name for name in self.plan[work.tile].neighbours if self.tiles[name].state == "failed"]
+            command += [word for name in failed for word in ("--without", name)]
+        if self.settings.threads is not None:
+            command += ["--threads", str(self.settings.threads)]
+        return (self.settings.satgs, *command)
 
     def _end(self, work: _Work, outcome: Outcome | BaseException) -> None:
         """Takes the end of a job: it is done, tried again, or given up."""
@@ -263,6 +279,8 @@ class _Driver:
             if 2.0 * work.memory_mb > largest:
                 return self._fail(work, f"{reason}; no worker has {2.0 * work.memory_mb:.0f} MB")
             work.memory_mb *= 2.0
+        elif is_locked(outcome) and time.monotonic() - (work.locked_since or time.monotonic()) < LOCK_SECONDS:
+            work.locked_since = work.locked_since or time.monotonic()
         else:
             work.failures += 1
             if outcome.code == 2 or work.failures > self.settings.retries:
@@ -290,6 +308,7 @@ class _Driver:
         tile.state = "failed"
         tile.reason = reason if work.kind == "tile" else f"blending: {reason}"
         if work.kind == "tile":
+            write_failure(self.run, work.tile, reason)
             self._blend_around(work.tile)
 
     def _blend_around(self, name: str) -> None:
@@ -301,9 +320,6 @@ class _Driver:
         neighbours = self.plan[name].neighbours
         if self.tiles[name].state == "done" and all(self.tiles[n].state != "waiting" for n in neighbours):
             self.waiting.append(_Work("blend", name, 0.0, BLEND_MB))
-
-
-_TASK = {"tile": "run", "blend": "blend"}
 
 
 def _outcome(future: Future[Any]) -> Outcome | BaseException:

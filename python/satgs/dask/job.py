@@ -19,7 +19,7 @@ from distributed import get_worker
 LAST_LINES = 20
 """Lines of standard error that a failed job sends to the client; all of them are in its log."""
 
-STOP_SECONDS = 20.0
+STOP_SECONDS = 30.0
 """Time that an interrupted process has for writing its checkpoint."""
 
 _FORWARD_EVERY = 1.0

@@ -73,3 +73,11 @@ def is_done(run: Path, tile: Tile) -> bool:
         return bool(done["input_hash"] == tile.input_hash)
     except (OSError, ValueError, KeyError, TypeError):
         return False
+
+
+def write_failure(run: Path, tile: str, reason: str) -> None:
+    """Writes a tile's ``failed.json``, which the mosaic asks for, if the program was not able to write it itself."""
+    path = run / "tiles" / tile / "failed.json"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps({"reason": reason}), encoding="utf-8")

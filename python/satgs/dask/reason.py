@@ -26,3 +26,8 @@ def reason_of(outcome: Outcome) -> str:
     said = errors[-1] if errors else lines[-1] if lines else ""
     what = _CODES.get(outcome.code, "failed")
     return f"{what} (exit code {outcome.code})" + (f": {said}" if said else "")
+
+
+def is_locked(outcome: Outcome) -> bool:
+    """Whether a job failed because another program is at work on its tile."""
+    return outcome.code == 1 and "another satgs is at work" in outcome.last_lines
