@@ -1,8 +1,9 @@
 """A stand-in for the program satgs that keeps its contract with the engines and does no work.
 
-It is called as `satgs tile run RUN ID | --index N`, `satgs tile blend RUN ID`, `satgs mosaic RUN`. RUN/behaviour.json
-says how tiles behave: {"ID": {"seconds": [60, 1], "exits": [1, 1, 0]}} has the duration and the exit code of each
-attempt; the last ones hold for all further attempts. Each attempt adds a line to RUN/attempts.log.
+It is called as `satgs tile run RUN ID | --index N`, `satgs tile blend RUN ID`, `satgs tile status RUN --json`,
+`satgs mosaic RUN`. RUN/behaviour.json says how tiles behave: {"ID": {"seconds": [60, 1], "exits": [1, 1, 0]}} has the
+duration and the exit code of each attempt; the last ones hold for all further attempts. Each attempt adds a line to
+RUN/attempts.log.
 """
 
 import argparse
@@ -23,6 +24,9 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: os._exit(130))
     if args.command == "mosaic":
         return mosaic(run, plan)
+    if args.task == "status":
+        print(json.dumps({"tiles": [{"id": tile["id"], "state": state(run, tile)} for tile in plan["tiles"]]}))
+        return 0
     if args.exit_with_parent:
         threading.Thread(target=watch_parent, daemon=True).start()
     if args.index is not None:
@@ -48,6 +52,9 @@ def parse() -> argparse.Namespace:
         job.add_argument("--index", type=int)
         if task == "blend":
             job.add_argument("--without", action="append", default=[])
+    status = tasks.add_parser("status")
+    status.add_argument("run", type=Path)
+    status.add_argument("--json", action="store_true")
     mosaic = commands.add_parser("mosaic")
     mosaic.add_argument("run", type=Path)
     mosaic.add_argument("--threads", type=int)
@@ -88,6 +95,13 @@ def input_hash_of(path: Path) -> str | None:
         return str(json.loads(path.read_text())["input_hash"])
     except (OSError, ValueError, KeyError):
         return None
+
+
+def state(run: Path, tile: dict) -> str:
+    folder = run / "tiles" / tile["id"]
+    if input_hash_of(folder / "done.json") == tile["input_hash"]:
+        return "done"
+    return "failed" if (folder / "failed.json").exists() else "planned"
 
 
 def of_attempt(values: list, before: int) -> float:
