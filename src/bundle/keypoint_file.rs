@@ -4,7 +4,7 @@
 use super::features::{Keypoint, VALUES, detect};
 use crate::checkpoint;
 use crate::frame::Pixel;
-use crate::io::{RasterError, ValidPixels, WriteError};
+use crate::io::{RasterError, ValidPixels, WriteError, vsi};
 use crate::scene::View;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -46,9 +46,12 @@ pub fn keypoints(view: &View, folder: Option<&Path>) -> Result<Vec<Keypoint>, Ra
 /// Cache key of a view: it changes with the image file, the window, the bands, the stretch and the valid pixels.
 fn file_name(view: &View, valid: Option<String>) -> PathBuf {
     let identity = |path: &Path| {
+        if vsi::is_virtual(path) {
+            return Some(format!("{path:?}, {}", vsi::identity(path).ok()?));
+        }
         let file = std::fs::metadata(path).ok()?;
         let age = file.modified().ok()?.duration_since(SystemTime::UNIX_EPOCH).ok()?;
-        Some((path.canonicalize().ok()?, file.len(), age.as_nanos()))
+        Some(format!("{:?}", (path.canonicalize().ok()?, file.len(), age.as_nanos())))
     };
     let pixels = (identity(&view.image), valid, view.window, &view.bands, view.stretch_percent);
     format!("{}.bin", &blake3::hash(format!("{pixels:?}").as_bytes()).to_hex()[..32]).into()
