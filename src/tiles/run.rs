@@ -1,6 +1,6 @@
 //! All stages of a scene of any size in a row: `satgs run`.
 
-use super::blend::blend_locked;
+use super::blend::blend;
 use super::error::TilesError;
 use super::job::run_tile;
 use super::mosaic::{Mosaicked, mosaic_locked};
@@ -117,7 +117,7 @@ pub fn run(
     let failed = make_tiles(run, &plan, stages.train.checkpoint_every, progress)?;
     for tile in plan.tiles.iter().filter(|tile| !failed.contains(&tile.id)) {
         progress.check().map_err(PipelineError::from)?;
-        blend_locked(run, &tile.id, &failed, progress)?;
+        blend(run, &tile.id, &failed, progress)?;
     }
     completed(SceneResult::Mosaicked(mosaic_locked(run, progress)?));
     if let Some(truth) = &stages.truth {
