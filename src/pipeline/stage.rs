@@ -1,7 +1,7 @@
 //! Stages of a run: each records what it was made from, so that it is kept, resumed or refused.
 
 use super::PipelineError;
-use crate::io::{ReadError, WriteError, check_writable, read_json, write_json};
+use crate::io::{ReadError, WriteError, check_writable, read_json, vsi, write_json};
 use crate::run_files::{ADJUSTMENT, STAGE, SUMMARY, TILES};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::collections::BTreeMap;
@@ -170,11 +170,14 @@ pub fn hash(bytes: &[u8]) -> String {
     short(blake3::hash(bytes))
 }
 
-/// Hash of a file's content.
+/// Hash of a file's content; of a file that is read over a network, of its [`identity`](vsi::identity).
 pub fn hash_file(path: &Path) -> String {
-    let mut hasher = blake3::Hasher::new();
-    let read = std::fs::File::open(path).and_then(|mut file| std::io::copy(&mut file, &mut hasher));
-    read.map_or_else(|_| "absent".into(), |_| short(hasher.finalize()))
+    let hashed = if vsi::is_remote(path) {
+        vsi::identity(path).map(|identity| blake3::hash(identity.as_bytes()))
+    } else {
+        vsi::content_hash(path)
+    };
+    hashed.map_or_else(|_| "absent".into(), short)
 }
 
 fn short(hash: blake3::Hash) -> String {

@@ -1,7 +1,7 @@
 //! Views cropped to an area of interest.
 
 use super::aoi::extent;
-use super::{Aoi, Scene, SceneError, View};
+use super::{Aoi, Scene, SceneError, View, require_tiled_images};
 use crate::frame::Pixel;
 use crate::io::Window;
 
@@ -14,12 +14,12 @@ impl Scene {
     /// are left out with a warning.
     ///
     /// # Errors
-    /// [`SceneError::AreaNotSeen`] if no view sees it.
+    /// [`SceneError::AreaNotSeen`] if no view sees it, [`SceneError::Striped`] as [`require_tiled_images`] says.
     pub(crate) fn crop(&mut self, aoi: Aoi, heights: (f64, f64)) -> Result<(), SceneError> {
         let (mut kept, mut without) = (Vec::new(), Vec::new());
         for view in &self.views {
             match view.window_showing(&aoi, heights) {
-                Some(window) => kept.push(view.cropped(window)),
+                Some(window) => kept.push((view, window)),
                 None => without.push(view.name.clone()),
             }
         }
@@ -31,7 +31,8 @@ impl Scene {
         if !without.is_empty() {
             self.warnings.push(format!("left out, because they do not see the area: {}", without.join(", ")));
         }
-        self.views = kept;
+        require_tiled_images(kept.iter().copied())?;
+        self.views = kept.into_iter().map(|(view, window)| view.cropped(window)).collect();
         self.aoi = Some(aoi);
         Ok(())
     }

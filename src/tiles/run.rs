@@ -1,9 +1,9 @@
 //! All stages of a scene of any size in a row: `satgs run`.
 
-use super::blend::blend_locked;
 use super::error::TilesError;
 use super::job::run_tile;
-use super::mosaic::{Mosaicked, mosaic_locked};
+use super::mosaic::mosaic;
+use super::mosaicked::Mosaicked;
 use super::plan::{Plan, TileSurface};
 use super::planner::{PlanOptions, needs_tiles, plan_locked};
 use crate::metrics::Evaluation;
@@ -115,11 +115,7 @@ pub fn run(
     let plan = Plan::read(run)?;
     completed(SceneResult::Planned(planned));
     let failed = make_tiles(run, &plan, stages.train.checkpoint_every, progress)?;
-    for tile in plan.tiles.iter().filter(|tile| !failed.contains(&tile.id)) {
-        progress.check().map_err(PipelineError::from)?;
-        blend_locked(run, &tile.id, &failed, progress)?;
-    }
-    completed(SceneResult::Mosaicked(mosaic_locked(run, progress)?));
+    completed(SceneResult::Mosaicked(mosaic(run, progress)?));
     if let Some(truth) = &stages.truth {
         let scoring = EvaluateOptions { overwrite: true, ..stages.evaluate.clone() };
         let scores: Evaluation =
