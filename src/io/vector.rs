@@ -129,8 +129,7 @@ fn write_features(
             let layer =
                 dataset.create_layer(LayerOptions { name: layer, srs: Some(&srs), ty, options: None })?;
             let first = features.first();
-            let texts =
-                first.into_iter().flat_map(|f| &f.0).map(|(key, _)| (*key, OGRFieldType::OFTString));
+            let texts = first.into_iter().flat_map(|f| &f.0).map(|(key, _)| (*key, OGRFieldType::OFTString));
             let numbers = first.into_iter().flat_map(|f| f.2).map(|(key, _)| (*key, OGRFieldType::OFTReal));
             let offset = first.map_or(0, |f| f.0.len());
             layer.create_defn_fields(&texts.chain(numbers).collect::<Vec<_>>())?;

@@ -87,11 +87,8 @@ impl TileColors {
         let gray = |c: [f64; 3]| (c[0] + c[1] + c[2]) / 3.0;
         let of = |pair: &[u8; 6], at: usize| [0, 1, 2].map(|i| f64::from(pair[at + i]));
         let before = seam.colors.0.iter().map(|p| (gray(of(p, 0)) - gray(of(p, 3))).abs());
-        let after = seam
-            .colors
-            .0
-            .iter()
-            .map(|p| (gray(a.corrected(of(p, 0))) - gray(b.corrected(of(p, 3)))).abs());
+        let after =
+            seam.colors.0.iter().map(|p| (gray(a.corrected(of(p, 0))) - gray(b.corrected(of(p, 3)))).abs());
         [quantile(before.collect(), 0.5), quantile(after.collect(), 0.5)]
     }
 
@@ -111,7 +108,8 @@ impl TileColors {
             let equations = used().flat_map(|s| {
                 let colors = [band, band + 3].map(|at| quantiles(s.colors.0.iter().map(|p| p[at])));
                 let at = [place(&s.tiles[0]), place(&s.tiles[1])];
-                (0..QUANTILES.len()).map(move |q| Equation { tiles: at, colors: [colors[0][q], colors[1][q]] })
+                (0..QUANTILES.len())
+                    .map(move |q| Equation { tiles: at, colors: [colors[0][q], colors[1][q]] })
             });
             let solved = Band { equations: equations.collect(), tiles: ids.len() }.solve();
             for (id, [offset, gain]) in ids.iter().zip(solved) {
@@ -230,10 +228,11 @@ mod tests {
     /// A seam between two tiles that show the same colours with their own gain and offset, and some noise.
     fn seam(a: usize, b: usize, seen: impl Fn(usize, f64) -> f64) -> Seam {
         let value = |tile: usize, k: usize| {
-            let noise = 4.0 * ((k * 7919 + tile * 104_729) % 101) as f64 / 101.0 - 2.0;
-            (seen(tile, 30.0 + 190.0 * (k % 97) as f64 / 97.0) + noise).round().clamp(0.0, 255.0) as u8
+            let noise = 2.0 * ((k * 7919 + tile * 104_729) % 101) as f64 / 101.0 - 1.0;
+            (seen(tile, 30.0 + 160.0 * (k % 97) as f64 / 97.0) + noise).round().clamp(0.0, 255.0) as u8
         };
-        let pairs = (0..600).map(|k| [value(a, k), value(a, k), value(a, k), value(b, k), value(b, k), value(b, k)]);
+        let pairs =
+            (0..600).map(|k| [value(a, k), value(a, k), value(a, k), value(b, k), value(b, k), value(b, k)]);
         Seam {
             tiles: [a, b].map(|t| format!("t{t:02}")),
             line: [[0.0; 2]; 2],

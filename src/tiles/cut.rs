@@ -117,7 +117,11 @@ mod tests {
     #[test]
     fn the_cut_goes_around_differences_and_through_the_gap_between_them() {
         let gap = 3;
-        let d = Grid2::from_fn(16, 41, |col, row| if row == 20 && !(gap..gap + 2).contains(&col) { 4.0 } else { 0.0 });
+        let d = Grid2::from_fn(
+            16,
+            41,
+            |col, row| if row == 20 && !(gap..gap + 2).contains(&col) { 4.0 } else { 0.0 },
+        );
         let cut = least_cost_cut(&d, None, None);
         assert_eq!(cut[20], gap + 1);
         assert!(cut.windows(2).all(|w| w[0].abs_diff(w[1]) <= 1));
@@ -143,7 +147,10 @@ mod tests {
     fn a_cell_of_two_surfaces_is_never_between_them() {
         let cell = |height: f32| [height, 0.5, 0.5, 0.5, 1.0, 0.1, 4.0];
         for (k, expected) in [(0, 30.0), (19, 22.0)] {
-            assert_eq!(mixed(&cell(30.0), &cell(22.0), linear_share(k, 20), owned_share(k, 10)).0[0], expected);
+            assert_eq!(
+                mixed(&cell(30.0), &cell(22.0), linear_share(k, 20), owned_share(k, 10)).0[0],
+                expected
+            );
         }
         let (half, share) = mixed(&cell(30.0), &cell(30.4), 0.5, 0.0);
         assert!((half[0] - 30.2).abs() < 1e-5 && (share - 0.5).abs() < 1e-6);

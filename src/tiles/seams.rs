@@ -82,7 +82,8 @@ fn color_pairs(a: [&Grid2; 4], b: [&Grid2; 4]) -> ColorPairs {
     let pair = |(col, row): (usize, usize)| {
         let same = (a[0].at(col, row) - b[0].at(col, row)).abs() <= SAME_SURFACE_M;
         let values: [f32; 6] = std::array::from_fn(|i| [a, b][i / 3][1 + i % 3].at(col, row));
-        (same && values.iter().all(|v| !v.is_nan())).then(|| values.map(|v| v.round().clamp(0.0, 255.0) as u8))
+        (same && values.iter().all(|v| !v.is_nan()))
+            .then(|| values.map(|v| v.round().clamp(0.0, 255.0) as u8))
     };
     ColorPairs(cells.filter_map(pair).collect())
 }
@@ -101,7 +102,15 @@ pub(super) mod tests {
 
     #[test]
     fn the_step_is_the_median_and_gross_differences_are_counted() {
-        let s = seam(|col| if col == 0 { 14.0 } else if col == 1 { f32::NAN } else { 10.25 });
+        let s = seam(|col| {
+            if col == 0 {
+                14.0
+            } else if col == 1 {
+                f32::NAN
+            } else {
+                10.25
+            }
+        });
         assert_eq!((s.median_m, s.nmad_m, s.cells), (Some(0.25), Some(0.0), 190));
         assert!((s.over_1m.unwrap() - 10.0 / 190.0).abs() < 1e-12);
         assert_eq!(s.colors.0.len(), 180, "cells that show the same surface");
