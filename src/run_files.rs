@@ -52,6 +52,8 @@ pub const DONE: &str = "done.json";
 pub const FAILURE: &str = "failed.json";
 /// Folder of the blended cores of the tiles.
 pub const MOSAIC: &str = "mosaic";
+/// Corrections of the tiles' colours.
+pub const COLORS: &str = "colour.json";
 /// The seams between tiles, with the differences there.
 pub const SEAMS: &str = "seams.gpkg";
 /// The tiles that failed.

@@ -1,6 +1,7 @@
 //! Maps that are written like another one: with its CRS, metadata, bands and nodata value, over another grid.
 
-use super::write::{cog_options, copy_as, label, memory_dataset, write_by};
+use super::gdal_setup::set_up_gdal;
+use super::write::{cog_options, copy_as, copy_to_disk, keep_statistics, label, memory_dataset, write_by};
 use super::{Cause, Grid2, ImageFile, MapGrid, RasterError, Window, escape_xml};
 use gdal::raster::GdalDataType;
 use gdal::{Dataset, Metadata};
@@ -100,12 +101,12 @@ impl Template {
     /// [`RasterError`] if a part cannot be read or the file cannot be written.
     pub fn write_mosaic(&self, path: &Path, grid: &MapGrid, parts: &[MosaicPart]) -> Result<(), RasterError> {
         let written = write_by(path, |temporary| {
-            super::gdal_setup::set_up_gdal();
+            set_up_gdal();
             let vrt = Dataset::open(Path::new(&self.vrt(grid, parts)?))?;
             keep_statistics(&vrt)?;
             let options: Vec<_> =
                 cog_options(self.predictor()).into_iter().chain([("BIGTIFF", "IF_SAFER".into())]).collect();
-            super::write::copy_to_disk(&vrt, "COG", temporary, &options)?;
+            copy_to_disk(&vrt, "COG", temporary, &options)?;
             // GDAL does not report a full disk, and the file is too large to be encoded in memory.
             Ok(require_readable(&ImageFile::open(temporary)?)?)
         });
@@ -171,14 +172,6 @@ impl Template {
             _ => "Undefined",
         }
     }
-}
-
-/// Has GDAL store statistics in the metadata of the bands; a band without data has none.
-fn keep_statistics(dataset: &Dataset) -> gdal::errors::Result<()> {
-    for i in 1..=dataset.raster_count() {
-        let _ = dataset.rasterband(i)?.get_statistics(true, false);
-    }
-    Ok(())
 }
 
 /// Reads all of a file.

@@ -72,10 +72,7 @@ impl Cog<'_> {
                 memory.set_metadata_item(VerticalReference::ITEM, vertical.name(), "")?;
             }
             label(&memory, labels)?;
-            for i in 1..=memory.raster_count() {
-                // Statistics that GDAL computes are stored in the metadata of the band.
-                let _ = memory.rasterband(i)?.get_statistics(true, false);
-            }
+            keep_statistics(&memory)?;
             copy_as(&memory, "COG", temporary, &cog_options(predictor))
         })
     }
@@ -256,6 +253,14 @@ pub(super) fn copy_to_disk(
     let driver = DriverManager::get_driver_by_name(driver)?;
     let options: RasterCreationOptions = options.iter().map(|(k, v)| format!("{k}={v}")).collect();
     Ok(dataset.create_copy(&driver, path, &options)?.close()?)
+}
+
+/// Has GDAL store statistics in the metadata of the bands; a band without data has none.
+pub(super) fn keep_statistics(dataset: &Dataset) -> gdal::errors::Result<()> {
+    for i in 1..=dataset.raster_count() {
+        let _ = dataset.rasterband(i)?.get_statistics(true, false);
+    }
+    Ok(())
 }
 
 /// Descriptions, without units, of the bands of an 8-bit image.

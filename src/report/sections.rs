@@ -4,7 +4,7 @@ use super::figures::FIGURES;
 use super::pictures::{img, map_of_page, rgb_of, shaded};
 use super::{ReportError, SCORE_NOTE, ScoreTable, score_tables};
 use crate::bundle::{ADJUSTMENT_FIGURES, Report};
-use crate::io::{Chart, Grid2, MapGrid, RasterError, ReadError, escape_xml, read_json};
+use crate::io::{Chart, Grid2, MapGrid, ReadError, escape_xml, read_json};
 use crate::metrics::{error_picture, onto_grid};
 use crate::run_files::{
     ADJUSTMENT, ADJUSTMENT_REPORT, DSM, ERROR_MAP, EVALUATION, METRICS, ORTHO, SCENE, STAGE, TRAINING,

@@ -22,6 +22,8 @@ use crate::run_files::{CONFIDENCE, DSM, MOSAIC, ORTHO};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
+/// Cores are blended anew by another version.
+pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// The largest value of a weight in the file of shares.
 pub(super) const WHOLE_SHARE: f64 = 255.0;
 /// Name of the file of shares, which only the mosaic needs.
@@ -34,8 +36,8 @@ pub struct Blended {
     pub id: String,
     /// Hash of the files of the tile and of its neighbours.
     pub input_hash: String,
-    /// IDs of the tiles whose weights the bands of `mosaic/ID_shares.tif` hold, west and east of the middle of the core, each
-    /// north and south of it: see [`Blended::sharing`].
+    /// IDs of the tiles around, with the tile itself in the middle: rows from the north, columns from the west; none if a tile is
+    /// absent.
     pub neighbours: [[Option<String>; 3]; 3],
     /// The seams to the eastern and to the southern neighbour.
     pub seams: Vec<Seam>,
@@ -75,18 +77,32 @@ pub fn blend(
 ) -> Result<Outcome<Blended>, TilesError> {
     let plan = Plan::read(run)?;
     let tile = plan.tile(id).ok_or_else(|| TilesError::NoTile { id: id.into() })?;
-    let around = Surroundings::open(run, &plan, tile, without)?;
+    let (blended, is_kept) = blend_tile(run, &plan, tile, without)?;
+    if is_kept {
+        progress.event(Event::Note(format!("the core of tile `{id}` is blended already")));
+        return Ok(Outcome::Kept(Some(blended)));
+    }
+    Ok(Outcome::Made(blended))
+}
+
+/// As [`blend`], with the plan at hand; also returns whether the core was kept.
+pub(super) fn blend_tile(
+    run: &Path,
+    plan: &Plan,
+    tile: &Tile,
+    without: &[String],
+) -> Result<(Blended, bool), TilesError> {
+    let around = Surroundings::open(run, plan, tile, without)?;
     let input_hash = around.input_hash();
-    let record = run.join(MOSAIC).join(format!("{id}.json"));
+    let record = run.join(MOSAIC).join(format!("{}.json", tile.id));
     let kept = read_json::<Blended>(&record).ok();
     if let Some(kept) = kept.filter(|b| b.input_hash == input_hash && are_sound(&b.files, &run.join(MOSAIC)))
     {
-        progress.event(Event::Note(format!("the core of tile `{id}` is blended already")));
-        return Ok(Outcome::Kept(Some(kept)));
+        return Ok((kept, true));
     }
-    let blended = around.blend(id, input_hash)?;
+    let blended = around.blend(&tile.id, input_hash)?;
     write_json(&record, &blended)?;
-    Ok(Outcome::Made(blended))
+    Ok((blended, false))
 }
 
 impl<'a> Surroundings<'a> {
@@ -127,7 +143,7 @@ impl<'a> Surroundings<'a> {
     /// Hash of all that the core depends on.
     fn input_hash(&self) -> String {
         let mut hasher = blake3::Hasher::new();
-        let text = format!("{:?} {} {}", self.core, self.overlap, self.plan.resolution_m);
+        let text = format!("{VERSION} {:?} {} {}", self.core, self.overlap, self.plan.resolution_m);
         hasher.update(text.as_bytes());
         for tile in self.tiles.iter().flatten() {
             let text = tile.as_ref().map(|t| format!("{} {} {:?}", t.id, t.done.input_hash, t.done.files));
@@ -227,15 +243,11 @@ impl<'a> Surroundings<'a> {
         let o = self.overlap;
         let strip = Cells { north: border - o, south: border + o, ..self.core.grown(o) };
         let theirs = self.row_mosaic(next, strip)?;
-        // The first of both is the northern one, whosever core this is.
-        let difference = {
-            let heights =
-                |patch: &Patch, col: usize, row: usize| patch.bands[0].data[place(patch, strip, col, row)];
-            let sign = if next == 0 { -1.0 } else { 1.0 };
-            Grid2::from_fn(strip.height(), strip.width(), |across, along| {
-                sign * (heights(own, along, across) - heights(&theirs, along, across))
-            })
-        };
+        let height =
+            |patch: &Patch, col: usize, row: usize| patch.bands[0].data[place(patch, strip, col, row)];
+        let difference = Grid2::from_fn(strip.height(), strip.width(), |across, along| {
+            height(own, along, across) - height(&theirs, along, across)
+        });
         let cut = self.cut_of_rows(next, &difference);
         let Some(common) = strip.common(self.core) else { return Ok(()) };
         for r in 0..common.height() {

@@ -228,8 +228,8 @@ mod tests {
     /// A seam between two tiles that show the same colours with their own gain and offset, and some noise.
     fn seam(a: usize, b: usize, seen: impl Fn(usize, f64) -> f64) -> Seam {
         let value = |tile: usize, k: usize| {
-            let noise = 4.0 * ((k * 7919 + tile * 104_729) % 101) as f64 / 101.0 - 2.0;
-            (seen(tile, 30.0 + 190.0 * (k % 97) as f64 / 97.0) + noise).round().clamp(0.0, 255.0) as u8
+            let noise = 2.0 * ((k * 7919 + tile * 104_729) % 101) as f64 / 101.0 - 1.0;
+            (seen(tile, 30.0 + 160.0 * (k % 97) as f64 / 97.0) + noise).round().clamp(0.0, 255.0) as u8
         };
         let pairs =
             (0..600).map(|k| [value(a, k), value(a, k), value(a, k), value(b, k), value(b, k), value(b, k)]);

@@ -1,6 +1,7 @@
 //! What a job writes last: `done.json` of a complete tile, `failed.json` of one that failed.
 
 use super::TilesError;
+use super::plan::Tile;
 use crate::io::{ReadError, read_json, write_json};
 use crate::run_files::{DONE, FAILURE, TILES};
 use serde::{Deserialize, Serialize};
@@ -81,6 +82,13 @@ impl Done {
     #[must_use]
     pub fn read(folder: &Path) -> Option<Self> {
         read_json(&folder.join(DONE)).ok()
+    }
+
+    /// `done.json` of a tile that was made as the plan says and whose files are there; none if the tile is to be made.
+    #[must_use]
+    pub fn of_tile(run: &Path, tile: &Tile) -> Option<Self> {
+        let folder = tile_folder(run, &tile.id);
+        Self::read(&folder).filter(|done| done.input_hash == tile.input_hash && done.is_sound(&folder))
     }
 
     /// Writes `done.json` to the folder of a tile.

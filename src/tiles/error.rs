@@ -110,7 +110,9 @@ pub enum TilesError {
         id: String,
     },
     /// A tile that is needed is not done.
-    #[error("tile `{id}` is not done: `{file}` is missing, or files that it lists are")]
+    #[error(
+        "tile `{id}` is not done: `{file}` or a file that it lists is missing, or it was made from another plan"
+    )]
     #[diagnostic(help("`satgs tile run RUN {id}` makes the tile"))]
     NotDone {
         /// The tile.

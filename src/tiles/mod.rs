@@ -9,11 +9,14 @@
 //! | `tiles.json` | the [`Plan`] |
 //! | `tiles/ID` | the run folder of a tile; `done.json` is written last |
 //! | `mosaic/ID_*.tif` | the core of a tile, blended with its neighbours |
+//! | `colour.json` | corrections of the tiles' colours, see [`TileColors`] |
 //! | `dsm.tif`, `ortho.tif`, `confidence.tif`, `seams.gpkg` | the mosaic, and the differences at its seams |
 //!
 //! A job writes the same bytes whenever it has the same input, so one that is killed, repeated or done twice does no harm.
 
 mod blend;
+#[cfg(test)]
+mod blend_tests;
 mod cells;
 mod colour;
 mod cut;
@@ -21,6 +24,14 @@ mod done;
 mod error;
 mod job;
 mod margins;
+mod mosaic;
+mod mosaic_files;
+#[cfg(test)]
+mod mosaic_tests;
+mod mosaicked;
+mod page;
+#[cfg(test)]
+mod made_tests;
 mod plan;
 mod planner;
 mod resources;
@@ -35,6 +46,8 @@ pub use colour::{ColorCorrection, TileColors};
 pub use done::{Done, Failure, FileSeal, Seals, seal, tile_folder};
 pub use error::TilesError;
 pub use job::run_tile;
+pub use mosaic::mosaic;
+pub use mosaicked::{FailedTile, Mosaicked};
 pub use plan::{MapBox, Plan, Tile, TileCost, TileSurface, TileTraining, TileView};
 pub use planner::{PlanOptions, needs_tiles, plan};
 pub use run::{SceneOptions, SceneResult, run};

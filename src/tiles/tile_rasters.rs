@@ -36,9 +36,8 @@ impl TileRasters {
     /// [`TilesError::NotDone`], or [`TilesError::Grid`] if a raster does not have the tile's grid.
     pub(super) fn open(run: &Path, plan: &Plan, tile: &Tile) -> Result<Self, TilesError> {
         let folder = tile_folder(run, &tile.id);
-        let done = Done::read(&folder).filter(|done| done.is_sound(&folder));
-        let done =
-            done.ok_or_else(|| TilesError::NotDone { id: tile.id.clone(), file: folder.join(DONE) })?;
+        let done = Done::of_tile(run, tile)
+            .ok_or_else(|| TilesError::NotDone { id: tile.id.clone(), file: folder.join(DONE) })?;
         let grid = plan.overlap_grid(tile);
         let open = |name: &str| {
             let file = ImageFile::open(&folder.join(name))?;
@@ -69,12 +68,11 @@ impl TileRasters {
 
     /// Reads all bands over a box.
     pub(super) fn read_all(&self, cells: Cells) -> Result<[Grid2; BANDS], TilesError> {
-        let mut bands = Vec::with_capacity(BANDS);
-        for band in 0..BANDS {
-            bands.push(self.read(band, cells)?);
+        let mut bands = std::array::from_fn(|_| Grid2::filled(0, 0, f32::NAN));
+        for (band, grid) in bands.iter_mut().enumerate() {
+            *grid = self.read(band, cells)?;
         }
-        // The vector has as many elements as the array.
-        Ok(bands.try_into().unwrap_or_else(|_| std::array::from_fn(|_| Grid2::filled(0, 0, f32::NAN))))
+        Ok(bands)
     }
 }
 
