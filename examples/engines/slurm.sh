@@ -26,17 +26,10 @@ exit "$code"'
 blend_tile='failed=$(satgs tile status RUN --json | jq -r ".tiles[] | select(.state != \"done\") | \"--without \" + .id")
 satgs tile blend RUN --index "$SLURM_ARRAY_TASK_ID" $failed'
 
-# A job that SLURM ended had no time to write why its tile failed.
-make_mosaic='for id in $(satgs tile status RUN --json | jq -r ".tiles[] | select(.state == \"planned\") | .id"); do
-    mkdir -p RUN/tiles/$id
-    echo "{\"reason\": \"its job was ended from outside\"}" >RUN/tiles/$id/failed.json
-done
-satgs mosaic RUN'
-
 tiles=$(sbatch --parsable --job-name=satgs-tiles --array="0-$last" --cpus-per-task=2 --mem="${memory}M" \
     --output="$run/slurm/tile-%a.log" "$@" --wrap "${make_tile//RUN/$quoted}")
 blends=$(sbatch --parsable --job-name=satgs-blend --array="0-$last" --dependency="afterany:$tiles" --mem=1000M \
     --output="$run/slurm/blend-%a.log" --wrap "${blend_tile//RUN/$quoted}")
 mosaic=$(sbatch --parsable --job-name=satgs-mosaic --dependency="afterany:$blends" --mem=2000M \
-    --output="$run/slurm/mosaic.log" --wrap "${make_mosaic//RUN/$quoted}")
+    --output="$run/slurm/mosaic.log" --wrap "satgs mosaic $quoted")
 echo "tiles: job $tiles, blending: job $blends, mosaic: job $mosaic; \`satgs tile status $run\` shows how far they are"

@@ -90,17 +90,14 @@ def write(path: Path, text: str) -> None:
     temporary.rename(path)
 
 
-def input_hash_of(path: Path) -> str | None:
-    try:
-        return str(json.loads(path.read_text())["input_hash"])
-    except (OSError, ValueError, KeyError):
-        return None
-
-
 def state(run: Path, tile: dict) -> str:
     folder = run / "tiles" / tile["id"]
-    if input_hash_of(folder / "done.json") == tile["input_hash"]:
-        return "done"
+    try:
+        done = json.loads((folder / "done.json").read_text())
+        if done["input_hash"] == tile["input_hash"] and (folder / "dsm.tif").exists():
+            return "done"
+    except (OSError, ValueError, KeyError):
+        pass
     return "failed" if (folder / "failed.json").exists() else "planned"
 
 
@@ -110,7 +107,7 @@ def of_attempt(values: list, before: int) -> float:
 
 def run_tile(run: Path, tile: dict, events: bool) -> int:
     folder = run / "tiles" / tile["id"]
-    if input_hash_of(folder / "done.json") == tile["input_hash"]:
+    if state(run, tile) == "done":
         return 0
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / ".lock").open("w") as lock:
@@ -139,7 +136,9 @@ def run_tile(run: Path, tile: dict, events: bool) -> int:
         write(folder / "dsm.tif", tile["id"])
         (folder / "failed.json").unlink(missing_ok=True)
         seconds = time.monotonic() - started
-        write(folder / "done.json", json.dumps({"input_hash": tile["input_hash"], "seconds": seconds}))
+        files = {"dsm.tif": {"bytes": len(tile["id"])}}
+        done = {"input_hash": tile["input_hash"], "seconds": seconds, "files": files}
+        write(folder / "done.json", json.dumps(done))
         event(events, event="finished")
         event(events, event="summary", summary={"seconds": seconds})
         return code
@@ -159,14 +158,15 @@ def blend(run: Path, tile: dict, without: list[str]) -> int:
 
 
 def mosaic(run: Path, plan: dict) -> int:
-    names = [tile["id"] for tile in plan["tiles"]]
-    failed = [name for name in names if (run / "tiles" / name / "failed.json").exists()]
-    missing = [name for name in names if name not in failed and not (run / "mosaic" / f"{name}.json").exists()]
-    if missing:
-        return fail(1, f"tile `{missing[0]}` is not blended")
+    done = [tile for tile in plan["tiles"] if state(run, tile) == "done"]
+    absent = [tile["id"] for tile in plan["tiles"] if tile not in done]
+    if not done:
+        return fail(1, f"no tile of `{run}` is done")
+    for tile in done:
+        blend(run, tile, absent)
     log(run, "mosaic")
-    write(run / "dsm.tif", " ".join(name for name in names if name not in failed))
-    return 3 if failed else 0
+    write(run / "dsm.tif", " ".join(tile["id"] for tile in done))
+    return 3 if absent else 0
 
 
 sys.exit(main())

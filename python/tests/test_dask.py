@@ -1,21 +1,19 @@
-"""`satgs-dask` with a stand-in for the program satgs, and once with the program itself."""
+"""`satgs-dask` with a stand-in for the program satgs."""
 
 from __future__ import annotations
 
 import json
 import os
 import signal
-import subprocess
-import sys
 import threading
-import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
 import pytest
 from distributed import Client, LocalCluster, Nanny, Scheduler, SpecCluster
+from supervision import assert_no_process_is_left, command, until
 
 from satgs.dask import PlanError, Settings, run_tiles
 from satgs.dask.driver import _fit
@@ -23,20 +21,6 @@ from satgs.dask.plan import is_done, read_plan
 from stand_in import attempts, tile_attempts, write_plan, write_program
 
 pytestmark = pytest.mark.timeout(120)
-
-
-def until(condition: Callable[[], bool], seconds: float = 30.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "the time is over"
-        time.sleep(0.05)
-
-
-def assert_no_process_is_left(run: Path) -> None:
-    def left() -> list[psutil.Process]:
-        return [p for p in psutil.process_iter(["cmdline"]) if str(run) in (p.info["cmdline"] or [])]
-
-    until(lambda: not left(), 10.0)
 
 
 @pytest.fixture
@@ -61,18 +45,6 @@ def client() -> Iterator[Client]:
     with SpecCluster(workers=workers, scheduler=scheduler) as cluster, Client(cluster, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=60)
         yield client
-
-
-def command(run: Path, satgs: str, *options: str) -> subprocess.Popen[str]:
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    return subprocess.Popen(
-        [sys.executable, "-m", "satgs.dask", str(run), "--satgs", satgs, *options],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment,
-        start_new_session=True,
-    )
 
 
 def test_all_tiles_are_made_blended_and_put_into_the_mosaic(client: Client, run: Path, satgs: str) -> None:
@@ -102,9 +74,12 @@ def test_a_second_call_does_nothing_and_a_later_one_what_is_missing(client: Clie
     again = attempts(run)[len(before) :]
     assert {words[0] for words in again} == {"mosaic"}
 
+    # A tile that was made from another plan, and one whose file is gone.
     (run / "tiles" / "x000_y000" / "done.json").write_text('{"input_hash": "of another plan"}')
+    (run / "tiles" / "x001_y001" / "dsm.tif").unlink()
     assert run_tiles(client, run, Settings(satgs=satgs)).exit_code == 0
-    assert tile_attempts(run) == {name: 2 if name == "x000_y000" else 1 for name in read_plan(run)}
+    missing = ("x000_y000", "x001_y001")
+    assert tile_attempts(run) == {name: 2 if name in missing else 1 for name in read_plan(run)}
 
 
 def test_a_tile_that_always_fails_is_given_up_after_its_retries(client: Client, run: Path, satgs: str) -> None:

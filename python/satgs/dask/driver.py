@@ -137,15 +137,15 @@ class _Driver:
         self.waiting: list[_Work] = []
         self.running: dict[Future[Any], _Work] = {}
         self.tiles = {name: TileResult(name) for name in plan}
-        self.progress = Progress(run, plan, self.tiles, stream)
+        self.selected = settings.only or tuple(plan)
+        self.progress = Progress(run, plan, {name: self.tiles[name] for name in self.selected}, stream)
         self.mosaic = "waiting"
 
     def drive(self) -> Result:
-        selected = self.settings.only or tuple(self.plan)
         for name, tile in self.plan.items():
             if is_done(self.run, tile):
                 self.tiles[name].state = "done"
-            elif name in selected:
+            elif name in self.selected:
                 self.waiting.append(_Work("tile", name, tile.seconds, tile.memory_mb))
         self.client.subscribe_topic(self.topic, lambda event: self.ends.put(event[1]))
         try:
@@ -163,7 +163,7 @@ class _Driver:
         finally:
             self.client.unsubscribe_topic(self.topic)
             self.progress.close()
-        return Result(self.tiles, selected, self.mosaic)
+        return Result(self.tiles, self.selected, self.mosaic)
 
     def _loop(self) -> None:
         """Starts jobs and takes their ends until none is left."""

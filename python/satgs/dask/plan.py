@@ -67,16 +67,19 @@ def read_plan(run: Path) -> dict[str, Tile]:
 
 
 def is_done(run: Path, tile: Tile) -> bool:
-    """Whether the tile's ``done.json`` is there and was written for the input of the present plan."""
+    """Whether the tile was made from the present plan and its files have the sizes that ``done.json`` lists."""
+    folder = run / "tiles" / tile.id
     try:
-        done: Any = json.loads((run / "tiles" / tile.id / "done.json").read_text(encoding="utf-8"))
-        return bool(done["input_hash"] == tile.input_hash)
-    except (OSError, ValueError, KeyError, TypeError):
+        done: Any = json.loads((folder / "done.json").read_text(encoding="utf-8"))
+        sizes = {name: file["bytes"] for name, file in done["files"].items()}
+        are_sound = bool(sizes) and all((folder / name).stat().st_size == size for name, size in sizes.items())
+        return are_sound and bool(done["input_hash"] == tile.input_hash)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return False
 
 
 def write_failure(run: Path, tile: str, reason: str) -> None:
-    """Writes a tile's ``failed.json``, which the mosaic asks for, if the program was not able to write it itself."""
+    """Writes a tile's ``failed.json``, the reason in the mosaic, if the program was not able to write it itself."""
     path = run / "tiles" / tile / "failed.json"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
