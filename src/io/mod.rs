@@ -1,12 +1,15 @@
 //! Reading and writing of files: rasters, point clouds, vector files, images, charts, JSON.
 
 mod atomic;
+mod blocks;
 mod chart;
 mod cloud;
 mod crs;
+mod disk;
 mod error;
 mod file;
 mod gdal_setup;
+mod gdal_vsi;
 mod grid;
 mod height_unit;
 mod heights;
@@ -20,13 +23,16 @@ pub mod svg;
 mod valid;
 mod vector;
 mod vertical_reference;
+pub mod vsi;
 mod window;
 mod write;
 
 pub use atomic::{check_writable, write_atomically, write_file};
+pub use blocks::Blocks;
 pub use chart::Chart;
 pub use cloud::{CloudPoint, PointCloud, epsg_of_cloud};
 pub use crs::{epsg_of_wkt, is_metric_map};
+pub use disk::free_disk_bytes;
 pub use error::{Cause, CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
 pub use file::{BandInfo, ImageFile};
 pub use grid::MapGrid;

@@ -22,25 +22,35 @@ mod colour;
 mod cut;
 mod done;
 mod error;
+mod job;
+#[cfg(test)]
+mod made_tests;
+mod margins;
 mod mosaic;
 mod mosaic_files;
 #[cfg(test)]
 mod mosaic_tests;
 mod mosaicked;
 mod page;
-#[cfg(test)]
-mod made_tests;
 mod plan;
+mod planner;
+mod resources;
+mod run;
 mod seam_summary;
 mod seams;
+mod status;
 mod tile_rasters;
 
 pub use blend::{Blended, blend};
 pub use colour::{ColorCorrection, TileColors};
 pub use done::{Done, Failure, FileSeal, Seals, seal, tile_folder};
 pub use error::TilesError;
+pub use job::run_tile;
 pub use mosaic::mosaic;
 pub use mosaicked::{FailedTile, Mosaicked};
-pub use plan::{MapBox, Plan, Tile, TileCost, TileView};
+pub use plan::{MapBox, Plan, Tile, TileCost, TileSurface, TileTraining, TileView};
+pub use planner::{PlanOptions, needs_tiles, plan};
+pub use run::{SceneOptions, SceneResult, run};
 pub use seam_summary::SeamSummary;
 pub use seams::{ColorPairs, Seam};
+pub use status::{Status, TileState, TileStatus, status};
