@@ -110,12 +110,15 @@ pub fn write_markers(path: &Path, layer: &str, markers: &[Marker]) -> Result<(),
     write_features(path, layer, (WGS84, OGRwkbGeometryType::wkbPoint25D), &features.collect::<Vec<_>>())
 }
 
-/// Writes features: texts, geometry as WKT, numbers. The CRS is given by its EPSG code.
+/// A feature as it is written: texts, geometry as WKT, numbers.
+type WrittenFeature<'a> = (Vec<(&'static str, &'a str)>, String, &'a Numbers);
+
+/// Writes features. The CRS is given by its EPSG code.
 fn write_features(
     path: &Path,
     layer: &str,
     (epsg, ty): (u32, OGRwkbGeometryType::Type),
-    features: &[(Vec<(&'static str, &str)>, String, &Numbers)],
+    features: &[WrittenFeature],
 ) -> Result<(), WriteError> {
     set_up_gdal();
     let is_package = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gpkg"));
