@@ -21,10 +21,10 @@ pub fn adjust(
     py: Python<'_>,
     scene: PathBuf,
     run: PathBuf,
-    options: (SceneArgs, AdjustArgs),
+    options: Bound<'_, PyAny>,
     progress: Py<PyAny>,
 ) -> PyResult<Figures> {
-    let (reading, adjusting) = options;
+    let (reading, adjusting): (SceneArgs, AdjustArgs) = (options.extract()?, options.extract()?);
     work::run(py, &progress, |progress| {
         let options = adjusting.options()?;
         let adjusted = pipeline::adjust(&read(&scene, &reading, progress)?, &options, &run, progress)?;
@@ -67,10 +67,10 @@ pub fn run(
     py: Python<'_>,
     scene: PathBuf,
     run: PathBuf,
-    options: (SceneArgs, RunArgs),
+    options: Bound<'_, PyAny>,
     progress: Py<PyAny>,
 ) -> PyResult<Vec<(&'static str, Figures)>> {
-    let (reading, stages) = options;
+    let (reading, stages): (SceneArgs, RunArgs) = (options.extract()?, options.extract()?);
     work::run(py, &progress, |progress| {
         let options = stages.options()?;
         options.check(&run)?;

@@ -103,7 +103,11 @@ impl AdjustArgs {
             sigma_m: self.dem_sigma_m,
         });
         if options.dem.is_none() && (self.dem_vertical.is_some() || self.dem_sigma_m.is_some()) {
-            return Err(wrong("dem", "None", "an elevation model, because dem_vertical or dem_sigma_m is given"));
+            return Err(wrong(
+                "dem",
+                "None",
+                "an elevation model, because dem_vertical or dem_sigma_m is given",
+            ));
         }
         Ok(options)
     }
