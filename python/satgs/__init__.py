@@ -13,10 +13,11 @@ Python's lock is released while satgs works. Ctrl-C during a call leaves a check
 
 from satgs import events
 from satgs._calls import adjust, compare, dsm, run, set_threads, train
-from satgs._satgs import Rpc, __version__
-from satgs.errors import FailedError, InputError, SatgsError, SatgsWarning
+from satgs._rpc import Rpc
+from satgs._satgs import __version__
+from satgs.errors import FailedError, InputError, PartialError, SatgsError, SatgsWarning
 from satgs.events import Event
-from satgs.results import Adjusted, DsmSummary, Evaluation, RunResult, Trained
+from satgs.results import Adjusted, DsmSummary, Evaluation, Mosaicked, RunResult, Trained
 
 __all__ = [
     "Adjusted",
@@ -25,6 +26,8 @@ __all__ = [
     "Event",
     "FailedError",
     "InputError",
+    "Mosaicked",
+    "PartialError",
     "Rpc",
     "RunResult",
     "SatgsError",

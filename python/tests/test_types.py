@@ -24,7 +24,7 @@ def test_mypy_accepts_a_program_that_uses_the_package(tmp_path: Path) -> None:
 
 
 def test_mypy_accepts_the_package(tmp_path: Path) -> None:
-    modules = ["satgs", "satgs.errors", "satgs.events", "satgs.results", "satgs._calls", "satgs._command"]
+    modules = ["satgs", "satgs.errors", "satgs.events", "satgs.results", "satgs._calls", "satgs._command", "satgs._rpc"]
     mypy("mypy", "--strict", *[word for name in modules for word in ("-m", name)], cwd=tmp_path)
 
 
