@@ -19,10 +19,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from satgs import events
     from satgs._calls import adjust, compare, dsm, run, set_threads, train
-    from satgs._satgs import Rpc, __version__
-    from satgs.errors import FailedError, InputError, SatgsError, SatgsWarning
+    from satgs._rpc import Rpc
+    from satgs._satgs import __version__
+    from satgs.errors import FailedError, InputError, PartialError, SatgsError, SatgsWarning
     from satgs.events import Event
-    from satgs.results import Adjusted, DsmSummary, Evaluation, RunResult, Trained
+    from satgs.results import Adjusted, DsmSummary, Evaluation, Mosaicked, RunResult, Trained
 
 __all__ = [
     "Adjusted",
@@ -31,6 +32,8 @@ __all__ = [
     "Event",
     "FailedError",
     "InputError",
+    "Mosaicked",
+    "PartialError",
     "Rpc",
     "RunResult",
     "SatgsError",
@@ -48,10 +51,11 @@ __all__ = [
 
 _HOMES = {
     "satgs._calls": ("adjust", "compare", "dsm", "run", "set_threads", "train"),
-    "satgs._satgs": ("Rpc", "__version__"),
-    "satgs.errors": ("FailedError", "InputError", "SatgsError", "SatgsWarning"),
+    "satgs._rpc": ("Rpc",),
+    "satgs._satgs": ("__version__",),
+    "satgs.errors": ("FailedError", "InputError", "PartialError", "SatgsError", "SatgsWarning"),
     "satgs.events": ("Event",),
-    "satgs.results": ("Adjusted", "DsmSummary", "Evaluation", "RunResult", "Trained"),
+    "satgs.results": ("Adjusted", "DsmSummary", "Evaluation", "Mosaicked", "RunResult", "Trained"),
 }
 """The module of each name. It is imported at first use, so that :mod:`satgs.dask` works without the extension module."""
 

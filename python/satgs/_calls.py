@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 from satgs import _satgs, events
 from satgs.errors import FailedError, SatgsWarning
 from satgs.events import Event, Progress
-from satgs.results import Adjusted, DsmSummary, Evaluation, RunResult, Trained, from_json
+from satgs.results import Adjusted, DsmSummary, Evaluation, Mosaicked, RunResult, Trained, from_json
 
 PathLike = str | os.PathLike[str]
+T = TypeVar("T")
 
 
 def adjust(
@@ -230,37 +231,47 @@ def run(
     mask: PathLike | None = None,
     truth_vertical: str | None = None,
     truth_epsg: int | None = None,
+    core_m: float | None = None,
+    overlap_m: float | None = None,
+    max_memory_mb: float | None = None,
     overwrite: bool | None = None,
     progress: Progress | None = None,
 ) -> RunResult:
     """Does everything: adjusts, trains, renders, scores if there is a truth, and writes ``RUN/report.html``.
 
     Stages that the run folder holds already, made from the same input and options, are kept: the same call goes on where it
-    was interrupted.
+    was interrupted. An area that is larger than one tile is cut into tiles, which are trained one after the other and blended.
 
     Args:
         scene: As for :func:`adjust`, as are all arguments up to ``reference_views``.
         run: The run folder.
         recipe: As for :func:`train`, as are all arguments up to ``snapshots``.
         resolution_m: As for :func:`dsm`, as are all arguments up to ``mesh``.
-        truth: A surface model or points to score the result against, and how it is read, as for :func:`compare`.
+        truth: A surface model or points to score the result against; the four arguments after it as for :func:`compare`.
+        core_m: Largest side of an area that is trained as a whole, and of the core of a tile, metres.
+        overlap_m: Width of the ground around a core that is trained as well, metres; seams are cut there.
+        max_memory_mb: Memory that a tile may take, megabytes. ``None``: there is no limit.
         overwrite: Make everything again, whatever the run folder holds.
         progress: As for :func:`adjust`.
 
     Raises:
         InputError: The scene or an option is wrong, or the run folder was made from something else or is in use.
+        PartialError: Some tiles failed; everything else is complete.
         FailedError: A file cannot be written, or no solution was found.
     """
     options = locals()
     results = dict(_satgs.run(scene, run, options, progress or _warn))
-    scores = results.get("dsm-eval")
-    report, _ = results["report"]
+
+    def of(stage: str, made: Callable[[tuple[str | None, bool]], T]) -> T | None:
+        return made(results[stage]) if stage in results else None
+
     return RunResult(
         adjusted=_adjusted(results["ba"]),
-        trained=_trained(results["train"]),
-        dsm=_dsm_summary(results["dsm"]),
-        evaluation=from_json(Evaluation, scores[0]) if scores and scores[0] else None,
-        report=Path(report or ""),
+        trained=of("train", _trained),
+        dsm=of("dsm", _dsm_summary),
+        mosaic=of("mosaic", _mosaicked),
+        evaluation=of("dsm-eval", lambda figures: from_json(Evaluation, _recorded(figures))),
+        report=of("report", lambda path: Path(_recorded(path))),
     )
 
 
@@ -287,6 +298,10 @@ def _trained(figures: tuple[str | None, bool]) -> Trained:
 
 def _dsm_summary(figures: tuple[str | None, bool]) -> DsmSummary:
     return from_json(DsmSummary, _recorded(figures), was_complete=figures[1])
+
+
+def _mosaicked(figures: tuple[str | None, bool]) -> Mosaicked:
+    return from_json(Mosaicked, _recorded(figures), was_complete=figures[1])
 
 
 def _recorded(figures: tuple[str | None, bool]) -> str:

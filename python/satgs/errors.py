@@ -29,7 +29,12 @@ class InputError(SatgsError, ValueError):
 
 
 class FailedError(SatgsError, RuntimeError):
-    """The input may be right, but the work failed: a file could not be written, a solver did not converge."""
+    """The input may be right, but the work failed: a file could not be written, a solver did not converge, the machine
+    has too little memory or disk."""
+
+
+class PartialError(FailedError):
+    """A part of the work is done: some tiles of a large scene failed; the same call tries them again."""
 
 
 class SatgsWarning(UserWarning):

@@ -63,6 +63,25 @@ class ControlReport:
 
 
 @dataclass(frozen=True)
+class CellReport:
+    """Statistics of a cell of ground.
+
+    Attributes:
+        id: Column from the west and row from the south: ``x003_y000``.
+        center_deg: Longitude and latitude of its middle, degrees.
+        tracks: Number of its tracks that survived the adjustment of the whole scene.
+        rms_px: Root mean square reprojection error of these, pixels; ``None`` without tracks.
+        skipped: Why the cell has no tie points, if it has none.
+    """
+
+    id: str
+    center_deg: tuple[float, float]
+    tracks: int
+    rms_px: float | None
+    skipped: str | None = None
+
+
+@dataclass(frozen=True)
 class Adjusted:
     """Result of :func:`satgs.adjust`.
 
@@ -81,6 +100,7 @@ class Adjusted:
         views: Statistics of each view.
         control: Agreement of each observation of a ground control point.
         left_out: Views that could not be adjusted: name and reason. With any the result is partial.
+        cells: Statistics of each cell of ground, where a large scene was matched by cells.
         seconds: Time of the adjustment, seconds; ``None`` if its record is missing.
         was_complete: Whether the run folder was adjusted already.
     """
@@ -100,6 +120,7 @@ class Adjusted:
     left_out: tuple[tuple[str, str], ...]
     seconds: float | None
     was_complete: bool
+    cells: tuple[CellReport, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -267,22 +288,78 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
+class SeamSummary:
+    """Differences at the seams between tiles; ``None`` where there is no seam.
+
+    Attributes:
+        seams: Number of seams.
+        step_m: Median over the seams of the absolute median difference of heights, metres.
+        step_p95_m: 95th percentile of the same, metres.
+        over_1m: Share of the cells along the seams that differ by more than 1 m.
+        ortho_before: Median over the seams of the median absolute difference of grey values, of 255, before colours are
+            corrected.
+        ortho_after: The same after the correction.
+    """
+
+    seams: int
+    step_m: float | None
+    step_p95_m: float | None
+    over_1m: float | None
+    ortho_before: float | None
+    ortho_after: float | None
+
+
+@dataclass(frozen=True)
+class FailedTile:
+    """A tile that the mosaic lacks.
+
+    Attributes:
+        id: ID of the tile.
+        reason: Why it failed.
+    """
+
+    id: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Mosaicked:
+    """The mosaic of the tiles of a large scene.
+
+    Attributes:
+        grid: Grid of the rasters.
+        tiles: Number of tiles in the mosaic.
+        failed: Tiles that are not done: their cores have no data.
+        seams: Differences at the seams.
+        was_complete: Whether the mosaic was there already.
+    """
+
+    grid: MapGrid
+    tiles: int
+    failed: tuple[FailedTile, ...]
+    seams: SeamSummary
+    was_complete: bool
+
+
+@dataclass(frozen=True)
 class RunResult:
     """Result of :func:`satgs.run`.
 
     Attributes:
         adjusted: Result of the adjustment.
-        trained: Result of the training.
-        dsm: Result of rendering the surface model.
+        trained: Result of the training; ``None`` of a scene that is cut into tiles.
+        dsm: Result of rendering the surface model; ``None`` of a scene that is cut into tiles.
+        mosaic: The mosaic of the tiles; ``None`` of a scene that is trained as a whole.
         evaluation: Scores against the truth; ``None`` without a truth.
-        report: The page ``report.html``.
+        report: The page ``report.html``; ``None`` where there is none.
     """
 
     adjusted: Adjusted
-    trained: Trained
-    dsm: DsmSummary
+    trained: Trained | None
+    dsm: DsmSummary | None
+    mosaic: Mosaicked | None
     evaluation: Evaluation | None
-    report: Path
+    report: Path | None
 
 
 def from_json(result: type[T], text: str, **more: object) -> T:
@@ -292,9 +369,11 @@ def from_json(result: type[T], text: str, **more: object) -> T:
 
 def _made(kind: Any, value: Any) -> Any:
     """A value of JSON as an annotated type."""
-    if dataclasses.is_dataclass(kind):
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         types_of = typing.get_type_hints(kind)
-        return kind(**{f.name: _made(types_of[f.name], value[f.name]) for f in dataclasses.fields(kind)})  # type: ignore[operator]
+        # Only fields with a default may be missing.
+        known = [f.name for f in dataclasses.fields(kind) if f.name in value or f.default is dataclasses.MISSING]
+        return kind(**{name: _made(types_of[name], value[name]) for name in known})
     arguments = typing.get_args(kind)
     if typing.get_origin(kind) is tuple:
         of_all = arguments[:1] * len(value) if arguments[-1] is Ellipsis else arguments

@@ -1,4 +1,4 @@
-//! The calls of `satgs::pipeline`. Their results go to Python as the JSON that the commands print with `--json`, from
+//! The calls of `satgs::pipeline` and `satgs::tiles`. Their results go to Python as the JSON that the commands print with `--json`, from
 //! which `satgs.results` makes objects.
 
 use crate::error::exception;
@@ -9,6 +9,7 @@ use satgs::cli::CliError;
 use satgs::pipeline::{self, Outcome, PipelineError, StageResult};
 use satgs::progress::{Event, Progress};
 use satgs::scene::Scene;
+use satgs::tiles::{self, SceneResult, TilesError};
 use serde::Serialize;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -21,14 +22,14 @@ pub fn adjust(
     py: Python<'_>,
     scene: PathBuf,
     run: PathBuf,
-    options: (SceneArgs, AdjustArgs),
+    options: Bound<'_, PyAny>,
     progress: Py<PyAny>,
 ) -> PyResult<Figures> {
-    let (reading, adjusting) = options;
+    let (reading, adjusting): (SceneArgs, AdjustArgs) = (options.extract()?, options.extract()?);
     work::run(py, &progress, |progress| {
         let options = adjusting.options()?;
         let adjusted = pipeline::adjust(&read(&scene, &reading, progress)?, &options, &run, progress)?;
-        Ok((Some(json(&adjusted)?), adjusted.was_complete))
+        Ok::<_, PipelineError>((Some(json(&adjusted)?), adjusted.was_complete))
     })
 }
 
@@ -67,17 +68,17 @@ pub fn run(
     py: Python<'_>,
     scene: PathBuf,
     run: PathBuf,
-    options: (SceneArgs, RunArgs),
+    options: Bound<'_, PyAny>,
     progress: Py<PyAny>,
 ) -> PyResult<Vec<(&'static str, Figures)>> {
-    let (reading, stages) = options;
+    let (reading, stages): (SceneArgs, RunArgs) = (options.extract()?, options.extract()?);
     work::run(py, &progress, |progress| {
         let options = stages.options()?;
         options.check(&run)?;
         let scene = read(&scene, &reading, progress)?;
         let mut results = Vec::new();
-        pipeline::run(&scene, &options, &run, progress, &mut |result| results.push(stage(&result)))?;
-        results.into_iter().collect()
+        tiles::run(&scene, &options, &run, progress, &mut |result| results.push(stage(&result)))?;
+        Ok::<_, TilesError>(results.into_iter().collect::<Result<_, PipelineError>>()?)
     })
 }
 
@@ -108,13 +109,21 @@ fn read(path: &Path, options: &SceneArgs, progress: &dyn Progress) -> Result<Sce
     Ok(scene)
 }
 
-fn stage(result: &StageResult) -> Result<(&'static str, Figures), PipelineError> {
+fn stage(result: &SceneResult) -> Result<(&'static str, Figures), PipelineError> {
     Ok(match result {
-        StageResult::Adjusted(adjusted) => ("ba", (Some(json(adjusted)?), adjusted.was_complete)),
-        StageResult::Trained(outcome) => ("train", figures(outcome)?),
-        StageResult::Dsm(outcome) => ("dsm", figures(outcome)?),
-        StageResult::Evaluated(evaluation) => ("dsm-eval", (Some(json(evaluation)?), false)),
-        StageResult::Reported(page) => ("report", (Some(page.to_string_lossy().into_owned()), false)),
+        SceneResult::Planned(outcome) => ("plan", figures(outcome)?),
+        SceneResult::Mosaicked(outcome) => ("mosaic", figures(outcome)?),
+        SceneResult::Stage(StageResult::Adjusted(adjusted)) => {
+            ("ba", (Some(json(adjusted)?), adjusted.was_complete))
+        }
+        SceneResult::Stage(StageResult::Trained(outcome)) => ("train", figures(outcome)?),
+        SceneResult::Stage(StageResult::Dsm(outcome)) => ("dsm", figures(outcome)?),
+        SceneResult::Stage(StageResult::Evaluated(evaluation)) => {
+            ("dsm-eval", (Some(json(evaluation)?), false))
+        }
+        SceneResult::Stage(StageResult::Reported(page)) => {
+            ("report", (Some(page.to_string_lossy().into_owned()), false))
+        }
     })
 }
 

@@ -9,7 +9,8 @@ pub fn exception(py: Python<'_>, error: impl Into<CliError>) -> PyErr {
     let class = match status {
         ExitStatus::WrongInput => "InputError",
         ExitStatus::Interrupted => return pyo3::exceptions::PyKeyboardInterrupt::new_err(message),
-        ExitStatus::Failed | ExitStatus::Partial => "FailedError",
+        ExitStatus::Partial => "PartialError",
+        ExitStatus::Failed | ExitStatus::Resources => "FailedError",
     };
     let made = py.import("satgs.errors").and_then(|errors| errors.getattr(class)?.call1((message, hint)));
     made.map_or_else(|failure| failure, PyErr::from_value)

@@ -6,6 +6,7 @@ use satgs::pipeline::{
     AdjustOptions, DemOptions, DsmOptions, EvaluateOptions, PipelineError, RunOptions, TrainOptions,
 };
 use satgs::scene::{Aoi, ReadOptions, Scene, Sun, TransferFunction};
+use satgs::tiles::SceneOptions;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -103,7 +104,11 @@ impl AdjustArgs {
             sigma_m: self.dem_sigma_m,
         });
         if options.dem.is_none() && (self.dem_vertical.is_some() || self.dem_sigma_m.is_some()) {
-            return Err(wrong("dem", "None", "an elevation model, because dem_vertical or dem_sigma_m is given"));
+            return Err(wrong(
+                "dem",
+                "None",
+                "an elevation model, because dem_vertical or dem_sigma_m is given",
+            ));
         }
         Ok(options)
     }
@@ -134,6 +139,7 @@ impl TrainArgs {
             resume: self.resume.unwrap_or(default.resume),
             snapshots: self.snapshots.unwrap_or(default.snapshots),
             overwrite: self.overwrite.unwrap_or(default.overwrite),
+            ..default
         };
         if options.checkpoint_every == 0 {
             return Err(wrong("checkpoint_every", 0, "a number from 1 on"));
@@ -168,6 +174,7 @@ impl DsmArgs {
             points: self.points.or(default.points),
             mesh: self.mesh.or(default.mesh),
             overwrite: self.overwrite.unwrap_or(default.overwrite),
+            ..default
         }
     }
 }
@@ -196,13 +203,23 @@ impl TruthArgs {
     }
 }
 
-/// All stages of a run.
+/// All stages of a scene of any size.
 pub struct RunArgs {
     adjust: AdjustArgs,
     train: TrainArgs,
     dsm: DsmArgs,
-    truth: Option<PathBuf>,
     evaluate: TruthArgs,
+    own: SizeArgs,
+}
+
+/// Arguments of `run` that no other call has.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct SizeArgs {
+    truth: Option<PathBuf>,
+    core_m: Option<f64>,
+    overlap_m: Option<f64>,
+    max_memory_mb: Option<f64>,
 }
 
 impl<'py> FromPyObject<'_, 'py> for RunArgs {
@@ -213,20 +230,27 @@ impl<'py> FromPyObject<'_, 'py> for RunArgs {
             adjust: given.extract()?,
             train: given.extract()?,
             dsm: given.extract()?,
-            truth: given.get_item("truth")?.extract()?,
             evaluate: given.extract()?,
+            own: given.extract()?,
         })
     }
 }
 
 impl RunArgs {
-    pub fn options(self) -> Result<RunOptions, PipelineError> {
-        Ok(RunOptions {
+    pub fn options(self) -> Result<SceneOptions, PipelineError> {
+        let stages = RunOptions {
             adjust: self.adjust.options()?,
             train: self.train.options()?,
             dsm: self.dsm.options(),
-            truth: self.truth,
+            truth: self.own.truth,
             evaluate: self.evaluate.options(),
+        };
+        let default = SceneOptions::default();
+        Ok(SceneOptions {
+            stages,
+            core_m: self.own.core_m.unwrap_or(default.core_m),
+            overlap_m: self.own.overlap_m.unwrap_or(default.overlap_m),
+            max_memory_mb: self.own.max_memory_mb.or(default.max_memory_mb),
         })
     }
 }

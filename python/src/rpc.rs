@@ -1,4 +1,4 @@
-//! `satgs.Rpc`: the rational polynomial camera with arrays of NumPy.
+//! What `satgs.Rpc`, the rational polynomial camera with arrays of NumPy, calls. `satgs/_rpc.py` documents it.
 
 use crate::error::exception;
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
@@ -10,7 +10,7 @@ use satgs::scene::read_camera;
 use std::path::{Path, PathBuf};
 
 /// Rational polynomial camera (RPC00B).
-#[pyclass(frozen, eq, module = "satgs")]
+#[pyclass(frozen, eq, module = "satgs._satgs")]
 pub struct Rpc {
     rpc: satgs::rpc::Rpc,
     /// Name of the format that it was read from.
@@ -153,11 +153,6 @@ impl Rpc {
             2.0 * c.row.scale.abs(),
             self.format
         )
-    }
-
-    /// For `pickle`: the text from which an equal camera is made.
-    fn __getnewargs__(&self) -> (String,) {
-        (self.to_json(),)
     }
 }
 

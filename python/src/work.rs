@@ -3,8 +3,7 @@
 
 use crate::error::exception;
 use pyo3::prelude::*;
-use satgs::cli::CliError;
-use satgs::pipeline::{ErrorKind, PipelineError};
+use satgs::cli::{CliError, ExitStatus};
 use satgs::progress::{Event, Progress};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
@@ -41,10 +40,10 @@ impl Progress for Reporter<'_> {
 ///
 /// # Errors
 /// That exception, or that of the work's failure.
-pub fn run<T: Send>(
+pub fn run<T: Send, E: Into<CliError> + Send>(
     py: Python<'_>,
     callback: &Py<PyAny>,
-    work: impl FnOnce(&dyn Progress) -> Result<T, PipelineError> + Send,
+    work: impl FnOnce(&dyn Progress) -> Result<T, E> + Send,
 ) -> PyResult<T> {
     let is_cancelled = AtomicBool::new(false);
     let (sender, events) = sync_channel(WAITING_EVENTS);
@@ -79,13 +78,14 @@ pub fn run<T: Send>(
     let outcome = outcome.map_err(|e: std::io::Error| {
         exception(py, CliError::failed(format!("a thread for the work cannot be started: {e}")))
     })?;
+    let outcome: Result<T, CliError> = outcome.map_err(E::into);
     match (raised, outcome) {
         (None, Ok(result)) => Ok(result),
         (None, Err(failure)) => Err(exception(py, failure)),
         (Some(raised), outcome) => {
             // A checkpoint that could not be written, for example, is told too.
             if let Err(failure) = outcome
-                && failure.kind() != ErrorKind::Interrupted
+                && failure.status != ExitStatus::Interrupted
                 && raised.cause(py).is_none()
             {
                 raised.set_cause(py, Some(exception(py, failure)));

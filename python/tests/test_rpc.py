@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -111,12 +112,13 @@ def test_projection_is_20_times_as_fast_as_rpcm(rpc: satgs.Rpc, capsys: pytest.C
     places = np.random.default_rng(0).uniform(-1.0, 1.0, (3, n))
     lon, lat, h = rpc.ground_offset[:, np.newaxis] + places * rpc.ground_scale[:, np.newaxis]
 
-    def seconds(project: object) -> tuple[float, np.ndarray]:
+    def seconds(project: Callable[..., object]) -> tuple[float, np.ndarray]:
+        # Both work in one thread; other programs on the machine do not count.
         best, result = np.inf, None
         for _ in range(5):
-            start = time.perf_counter()
+            start = time.process_time()
             result = project(lon, lat, h)
-            best = min(best, time.perf_counter() - start)
+            best = min(best, time.process_time() - start)
         return best, np.array(result)
 
     ours_s, ours_px = seconds(rpc.project)

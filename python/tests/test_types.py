@@ -24,8 +24,13 @@ def test_mypy_accepts_a_program_that_uses_the_package(tmp_path: Path) -> None:
 
 
 def test_mypy_accepts_the_package(tmp_path: Path) -> None:
-    modules = ["satgs", "satgs.errors", "satgs.events", "satgs.results", "satgs._calls", "satgs._command"]
+    modules = ["satgs", "satgs.errors", "satgs.events", "satgs.results", "satgs._calls", "satgs._command", "satgs._rpc"]
     mypy("mypy", "--strict", *[word for name in modules for word in ("-m", name)], cwd=tmp_path)
+
+
+def test_mypy_accepts_the_driver_of_clusters(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="distributed is not installed")
+    mypy("mypy", "--strict", "-p", "satgs.dask", cwd=tmp_path)
 
 
 def test_the_stubs_fit_the_extension_module(tmp_path: Path) -> None:

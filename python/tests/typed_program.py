@@ -35,7 +35,7 @@ def surface(scene: Path, run: Path) -> float:
         print(trained.splats, made.grid.epsg)
         evaluation: satgs.Evaluation = satgs.compare(run / "dsm.tif", "lidar.laz", truth_epsg=32617)
         everything: satgs.RunResult = satgs.run(scene, run, suns={"a": (150.0, 50.0)}, truth="lidar.laz")
-        return evaluation.after("xyz").mae_m + len(everything.report.name)
+        return evaluation.after("xyz").mae_m + everything.adjusted.mean_px
     except satgs.InputError as error:
         print(error.message, error.hint or "")
         raise
