@@ -62,7 +62,7 @@ def test_all_tiles_are_made_blended_and_put_into_the_mosaic(client: Client, run:
     # The longest come first.
     assert {words[1] for words in attempts(run)[:2]} == {"x002_y000", "x002_y001"}
     events = [json.loads(line) for line in (run / "events.jsonl").read_text().splitlines()]
-    assert Counter(e["event"] for e in events if e["job"] == "tile")["summary"] == 6
+    assert Counter(e["event"] for e in events if e["job"] == "tile")["finished"] == 6
     assert all(e["worker"] and e["attempt"] == 1 for e in events)
 
 

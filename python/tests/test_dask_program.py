@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -22,9 +23,9 @@ pytestmark = pytest.mark.timeout(600)
 
 @pytest.fixture
 def satgs() -> str:
-    """The program: $SATGS, the one of a build in this repository, or the one on the PATH."""
+    """The program: $SATGS, that of the installed package, or a build in this repository."""
     built = [str(ROOT / "target" / kind / "satgs") for kind in ("release", "debug")]
-    for program in (os.environ.get("SATGS", ""), *built, "satgs"):
+    for program in (os.environ.get("SATGS", ""), str(Path(sys.executable).parent / "satgs"), *built):
         path = shutil.which(program)
         if path and subprocess.run([path, "tile", "--help"], capture_output=True, check=False).returncode == 0:
             return path

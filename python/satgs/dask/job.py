@@ -118,8 +118,8 @@ def _forward(process: subprocess.Popen[str], send: Any) -> None:
             event = json.loads(line)
         except ValueError:
             continue  # Output that is not an event, of a program that the command called.
-        if not isinstance(event, dict):
-            continue
+        if not isinstance(event, dict) or event.get("event") == "summary":
+            continue  # The summary is long, and in the job's files.
         if event.get("event") == "advanced":
             if time.monotonic() - last_sent < _FORWARD_EVERY:
                 continue
