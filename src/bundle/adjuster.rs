@@ -1,7 +1,7 @@
 //! The views of an adjustment, their delivered cameras, and the pairs of them that are matched.
 
-use super::correction::{ImageFrame, Parameters};
 use super::control::tracks_of;
+use super::correction::{ImageFrame, Parameters};
 use super::error::BundleError;
 use super::features::Keypoint;
 use super::network::{Estimate, HEIGHT_MARGIN_M, Network};
@@ -98,11 +98,7 @@ impl<'a> Adjuster<'a> {
     ///
     /// # Errors
     /// [`BundleError::Reference`], [`BundleError::ControlImage`].
-    pub(super) fn set_datum(
-        &mut self,
-        scene: &Scene,
-        options: &'a BundleOptions,
-    ) -> Result<(), BundleError> {
+    pub(super) fn set_datum(&mut self, scene: &Scene, options: &'a BundleOptions) -> Result<(), BundleError> {
         self.fix_views(&options.reference)?;
         self.network.height_prior = options.height_prior.as_ref();
         let names: Vec<&str> = self.views.iter().map(|v| v.view.name.as_str()).collect();

@@ -37,7 +37,8 @@ impl CellGrid {
         let center = scene.center().unwrap_or_else(|| scene.views[0].rpc.center());
         let map = SiteGrid::at(center).map_err(SceneError::from)?;
         let height_m = overlap.height_m;
-        let outlines = scene.views.iter().filter_map(|v| footprint(&v.rpc, (v.width, v.height), &map, height_m));
+        let outlines =
+            scene.views.iter().filter_map(|v| footprint(&v.rpc, (v.width, v.height), &map, height_m));
         let mut seen = ground_seen(&outlines.collect::<Vec<_>>(), 2);
         if let Some(aoi) = &scene.aoi {
             seen = seen.intersection(&rectangle(aoi.utm_box(&map)));
@@ -55,9 +56,8 @@ impl CellGrid {
             }
         };
         let places = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
-        let share = |cell: &GroundCell| {
-            seen.intersection(&rectangle(cell.bounds)).unsigned_area() / (width * height)
-        };
+        let share =
+            |cell: &GroundCell| seen.intersection(&rectangle(cell.bounds)).unsigned_area() / (width * height);
         let cells = places.map(cell).filter(|c| columns * rows == 1 || share(c) >= MIN_SEEN).collect();
         Ok(Self { map, cells, height_m })
     }

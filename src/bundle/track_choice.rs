@@ -79,7 +79,11 @@ mod tests {
     #[test]
     fn tracks_of_many_views_and_small_residuals_come_first_and_rare_views_are_not_passed_over() {
         let here = [0.5, 0.5];
-        let all = [candidate(here, &[0, 1], 0.1), candidate(here, &[0, 1, 2], 0.4), candidate(here, &[0, 1, 2], 0.1)];
+        let all = [
+            candidate(here, &[0, 1], 0.1),
+            candidate(here, &[0, 1, 2], 0.4),
+            candidate(here, &[0, 1, 2], 0.1),
+        ];
         assert_eq!(choose(&all, 1), [2]);
         let mut all: Vec<Candidate> = (0..100).map(|_| candidate(here, &[0, 1, 2], 0.1)).collect();
         all.extend((0..5).map(|_| candidate(here, &[0, 3], 0.1)));

@@ -127,6 +127,9 @@ mod tests {
 
     #[test]
     fn views_without_common_tracks_are_components_of_their_own() {
-        assert_eq!(components(3, [[0, 2]].map(<[usize; 2]>::into_iter).into_iter()), vec![vec![0, 2], vec![1]]);
+        assert_eq!(
+            components(3, [[0, 2]].map(<[usize; 2]>::into_iter).into_iter()),
+            vec![vec![0, 2], vec![1]]
+        );
     }
 }

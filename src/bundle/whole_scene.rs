@@ -196,7 +196,8 @@ impl<'a> Adjuster<'a> {
             let is_tied = observations.len() >= 2;
             is_tied.then(|| Track { observations, gray: track.gray, prior: None, cell: cell as u32 })
         };
-        let of_cells = results.iter().enumerate().filter_map(|(cell, result)| Some((cell, result.as_ref().ok()?)));
+        let of_cells =
+            results.iter().enumerate().filter_map(|(cell, result)| Some((cell, result.as_ref().ok()?)));
         of_cells.flat_map(|(cell, tracks)| tracks.iter().filter_map(move |t| track(cell, t))).collect()
     }
 }

@@ -89,7 +89,7 @@ pub fn adjust(
 }
 
 /// As [`adjust`]; the caller holds the lock.
-pub(super) fn adjust_locked(
+pub(crate) fn adjust_locked(
     scene: &Scene,
     options: &AdjustOptions,
     run: &Path,
