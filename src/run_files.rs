@@ -48,8 +48,12 @@ pub const PLAN: &str = "tiles.json";
 pub const TILES: &str = "tiles";
 /// Written last by a tile job, in the tile's folder: what it was made from, and its files.
 pub const DONE: &str = "done.json";
+/// Written by a tile job that failed, in the tile's folder: the reason.
+pub const FAILURE: &str = "failed.json";
 /// Folder of the blended cores of the tiles.
 pub const MOSAIC: &str = "mosaic";
+/// Corrections of the tiles' colours.
+pub const COLORS: &str = "colour.json";
 /// The seams between tiles, with the differences there.
 pub const SEAMS: &str = "seams.gpkg";
 /// The tiles that failed.

@@ -72,7 +72,14 @@ fn backend() -> CpuBackend {
                 0.5 + 0.4 * ((c * (v + 1)) as f32 * 0.1).sin() * (r as f32 * 0.2).cos()
             });
             let area = (-half_m, -half_m, half_m, half_m);
-            TrainingView::new(format!("v{v}"), scene::camera(PIXELS), Some([1.7, -2.1]), &[raster], area)
+            TrainingView::new(
+                format!("v{v}"),
+                scene::camera(PIXELS),
+                Some([1.7, -2.1]),
+                &[raster],
+                area,
+                (0.0, 0.0),
+            )
         })
         .collect();
     let appearance = AppearanceKind::Affine;

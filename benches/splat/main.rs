@@ -9,7 +9,7 @@ mod scene;
 
 use glam::{DQuat, DVec3};
 use rayon::ThreadPoolBuilder;
-use satgs::camera::AffineKernel;
+use satgs::camera::QuadraticKernel;
 use satgs::splat::adam::SplatAdam;
 use satgs::splat::appearance::{Appearance, AppearanceKind};
 use satgs::splat::backend::stopwatch::Stopwatch;
@@ -71,7 +71,7 @@ fn fastest_ms(mut run: impl FnMut()) -> f64 {
 }
 
 /// Number of splat-pixel pairs with an alpha of at least 1/255, without early termination: the sum of the ellipses' areas.
-fn contributing_pairs(splats: &Splats, camera: &FrameCamera<AffineKernel<f32>>) -> f64 {
+fn contributing_pairs(splats: &Splats, camera: &FrameCamera<QuadraticKernel<f32>>) -> f64 {
     let m = camera.kernel.linear.map(|l| l.map(f64::from));
     let area = |i: usize| {
         let [w, x, y, z] = splats.rotation[i].map(f64::from);
@@ -100,7 +100,7 @@ fn measure(splats: Splats, pixels: f64) -> Line {
     let count = splats.len();
     let side = scene::side(pixels);
     let affine = scene::camera(pixels);
-    let camera = FrameCamera::<AffineKernel<f32>>::new(&affine, side, side);
+    let camera = FrameCamera::<QuadraticKernel<f32>>::new(&affine, side, side);
     let pairs = contributing_pairs(&splats, &camera);
 
     let mut sorted = SortedSplats::default();

@@ -3,7 +3,7 @@
 //! Quartiles after 5,000 iterations on JAX_068 (140 k splats, 0.35 m pixels): smallest axis 0.05, 0.12, 0.29 m;
 //! middle axis 0.27, 0.52, 1.0 m; largest axis 0.7, 1.2, 2.0 m; opacity 0.01, 0.03, 0.09, with 5 % above 0.6.
 
-use satgs::affine::AffineCamera;
+use satgs::affine::ViewCamera;
 use satgs::random::CounterRng;
 use satgs::splat::splats::Splats;
 
@@ -23,9 +23,9 @@ pub fn side(pixels: f64) -> usize {
 }
 
 /// A camera that looks down at the town obliquely.
-pub fn camera(pixels: f64) -> AffineCamera {
+pub fn camera(pixels: f64) -> ViewCamera {
     let middle = 0.5 * side(pixels) as f64;
-    AffineCamera { linear: [[SCALE, 0.02, -0.9], [0.02, -SCALE, 0.6]], offset: [middle; 2] }
+    ViewCamera::affine([[SCALE, 0.02, -0.9], [0.02, -SCALE, 0.6]], [middle; 2])
 }
 
 /// Height of the town's surface at a place, metres: blocks of 20 m, half of them with a building.

@@ -1,12 +1,8 @@
 //! The error of polynomial approximations of an RPC over a box of ground, such as that of an affine camera.
 
-use super::FitError;
-use crate::frame::{Geodetic, Pixel, Point, SiteGrid};
+use super::{CameraFit, FitError, fit_over_box};
+use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::rpc::Rpc;
-use nalgebra::{DMatrix, DVector};
-
-/// Number of grid points along east, north and up.
-const NODES: [usize; 3] = [9, 9, 7];
 
 /// The degree of a polynomial of (east, north, up).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,42 +38,10 @@ pub struct Residual {
 /// # Errors
 /// [`FitError`] if the box lies outside of UTM or has no extent.
 pub fn residual(rpc: &Rpc, ground: &GroundBox, order: Order) -> Result<Residual, FitError> {
-    let h = ground.center.height_m();
-    let degenerate =
-        || FitError::Degenerate { low_m: h - ground.half_height_m, high_m: h + ground.half_height_m };
-    let half = [0.5 * ground.side_m, 0.5 * ground.side_m, ground.half_height_m];
-    if !half.iter().all(|v| v.is_finite() && *v > 0.0) {
-        return Err(degenerate());
-    }
+    let (half, half_height) = (0.5 * ground.side_m, ground.half_height_m);
     let site = SiteGrid::at(ground.center)?;
-    let count = NODES.iter().product();
-    let terms = |[x, y, z]: [f64; 3]| [1.0, x, y, z, x * y, x * z, y * z, x * x, y * y, z * z];
-    let unknowns = match order {
-        Order::Affine => 4,
-        Order::Quadratic => 10,
-    };
-    let mut design = DMatrix::zeros(count, unknowns);
-    let (mut cols, mut rows) = (DVector::zeros(count), DVector::zeros(count));
-    for i in 0..count {
-        let index = [i % NODES[0], i / NODES[0] % NODES[1], i / (NODES[0] * NODES[1])];
-        let node: [f64; 3] = std::array::from_fn(|k| 2.0 * index[k] as f64 / (NODES[k] - 1) as f64 - 1.0);
-        let place = Point::new(node[0] * half[0], node[1] * half[1], node[2] * half[2]);
-        let px: Pixel<_> = rpc.project(site.geodetic_from_site(place));
-        (cols[i], rows[i]) = (px.col, px.row);
-        design.row_mut(i).copy_from_slice(&terms(node)[..unknowns]);
-    }
-    let qr = design.clone().qr();
-    let rest = |b: &DVector<f64>| {
-        let mut projected = b.clone();
-        qr.q_tr_mul(&mut projected);
-        let x = qr.r().solve_upper_triangular(&projected.rows(0, unknowns))?;
-        Some(b - &design * x)
-    };
-    let (col, row) = rest(&cols).zip(rest(&rows)).ok_or_else(degenerate)?;
-    let squares: Vec<f64> = col.iter().zip(&row).map(|(c, r)| c * c + r * r).collect();
-    let mean = squares.iter().sum::<f64>() / count as f64;
-    if !mean.is_finite() {
-        return Err(degenerate());
-    }
-    Ok(Residual { rms_px: mean.sqrt(), max_px: squares.into_iter().fold(0.0, f64::max).sqrt() })
+    let area = (-half, -half, half, half);
+    let CameraFit { rms_px, max_px, .. } =
+        fit_over_box(rpc, area, (-half_height, half_height), &site, order)?;
+    Ok(Residual { rms_px, max_px })
 }

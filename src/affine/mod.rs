@@ -1,4 +1,5 @@
-//! Affine cameras in the site frame, fitted to RPCs, and the training scene made of them.
+//! Cameras of views in the site frame, fitted to RPCs, and the training scene made of them. They are affine; over areas
+//! wider than about 500 m, they have a quadratic term besides.
 //!
 //! The cameras of the sun and of virtual views are sheared view cameras: a point at altitude `z` (metres
 //! above the site's origin) moves by `-shear * z` pixels in the image, and points at the altitude of the
@@ -8,11 +9,13 @@
 mod approximation;
 mod camera;
 mod fit;
+mod site_frame;
 mod site_scene;
 mod training_view;
 
 pub use approximation::{GroundBox, Order, Residual, residual};
-pub use camera::{AffineCamera, sun_direction};
-pub use fit::{AffineFit, FitError, fit};
-pub use site_scene::{SiteScene, SiteSceneError, SiteView, height_range};
+pub use camera::{ViewCamera, sun_direction};
+pub use fit::{CameraFit, FitError, fit, fit_over_box};
+pub use site_frame::SiteFrame;
+pub use site_scene::{MIN_POINTS, SiteScene, SiteSceneError, SiteView, height_range};
 pub use training_view::{TrainingView, median_pixel_m};

@@ -1,6 +1,9 @@
-//! The training scene: the site, its area and altitudes, and affine cameras, from adjusted RPCs and sparse points.
+//! The training scene: the site, its area and altitudes, and the views' cameras, from adjusted RPCs and sparse points.
 
-use super::{AffineCamera, FitError, TrainingView, fit, sun_direction};
+use super::site_frame::REFERENCE_HALF_DIAGONAL_M;
+use super::{
+    CameraFit, FitError, Order, SiteFrame, TrainingView, ViewCamera, fit, fit_over_box, sun_direction,
+};
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteBox, SiteGrid};
 use crate::io::{RasterError, ValidPixels};
 use crate::rpc::Rpc;
@@ -50,7 +53,14 @@ pub enum SiteSceneError {
         /// Elevation of the satellite, degrees.
         elevation_deg: f64,
     },
-    /// The RPC of a view has no affine approximation.
+    /// The frame of the scene names a reference view that is not trained on.
+    #[error("the reference view `{view}` is not among the training views")]
+    #[diagnostic(help("name a training view of the scene, or none"))]
+    NoReference {
+        /// Name of the view.
+        view: String,
+    },
+    /// The RPC of a view cannot be approximated by a [`ViewCamera`].
     #[error("view `{view}`: the RPC has no affine approximation")]
     Fit {
         /// Name of the view.
@@ -81,8 +91,8 @@ pub struct SiteView {
     /// Whether some pixels of the image are not valid.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_masked: bool,
-    /// The affine camera in the site frame.
-    pub camera: AffineCamera,
+    /// The camera in the site frame.
+    pub camera: ViewCamera,
     /// Root mean square distance to the RPC, pixels.
     pub rms_px: f64,
     /// Largest distance to the RPC, pixels.
@@ -104,13 +114,16 @@ pub struct SiteScene {
     pub views: Vec<SiteView>,
     /// Index of the view whose colours the orthophoto takes.
     pub reference: usize,
+    /// Whether site, area and altitudes are those of a [`SiteFrame`].
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_framed: bool,
     /// Relation between the images' pixel values and linear radiance.
     #[serde(default, skip_serializing_if = "TransferFunction::is_linear")]
     pub transfer_function: TransferFunction,
 }
 
-/// Smallest number of sparse points.
-const MIN_POINTS: usize = 20;
+/// Smallest number of sparse points that determine a range of heights.
+pub const MIN_POINTS: usize = 20;
 
 impl SiteScene {
     /// Sets up the training scene. `rpcs` holds the adjusted cameras in the order of the scene's views,
@@ -131,7 +144,7 @@ impl SiteScene {
 
         let provisional =
             SiteGrid::at(scene.center().ok_or(SiteSceneError::NoCommonGround)?.at_height(median))?;
-        let valid = scene.views.par_iter().map(View::valid_pixels).collect::<Result<Vec<_>, _>>()?;
+        let valid = valid_pixels(scene)?;
         let (west, south, east, north) = match &scene.aoi {
             Some(aoi) => aoi.utm_box(&provisional),
             None => {
@@ -146,40 +159,67 @@ impl SiteScene {
         let site = SiteGrid { epsg: provisional.epsg, origin };
         let area = (west - origin.x(), south - origin.y(), east - origin.x(), north - origin.y());
 
-        let views = scene
-            .views
-            .iter()
-            .zip(rpcs)
-            .zip(&valid)
-            .map(|((view, rpc), valid)| {
-                let elevation_deg = view.direction_deg(median).map_or(0.0, |(_, off_nadir)| 90.0 - off_nadir);
-                if elevation_deg < LOWEST_ELEVATION_DEG {
-                    return Err(SiteSceneError::LowView { view: view.name.clone(), elevation_deg });
-                }
-                let f = fit(rpc, (view.width, view.height), (low, high), &site)
-                    .map_err(|source| SiteSceneError::Fit { view: view.name.clone(), source })?;
-                let sun = view.sun.filter(|s| s.elevation_deg >= LOWEST_ELEVATION_DEG);
-                Ok(SiteView {
-                    name: view.name.clone(),
-                    role: view.role,
-                    size: (view.width, view.height),
-                    is_masked: valid.is_some(),
-                    camera: f.camera,
-                    rms_px: f.rms_px,
-                    max_px: f.max_px,
-                    sun_shear: sun.map(|s| f.camera.shear_towards(sun_direction(s, &site))),
-                })
+        let altitudes = (low - median, high - median);
+        let frame = SiteFrame { site, area, altitudes, reference: None };
+        let fit = |rpc: &Rpc, view: &View| fit(rpc, (view.width, view.height), (low, high), &site);
+        Ok(Self { is_framed: false, ..Self::with_cameras(scene, rpcs, &valid, frame, fit)? })
+    }
+
+    /// Sets up the training scene in a given frame, as part of a larger scene. `rpcs` holds the adjusted cameras in the order
+    /// of the scene's views.
+    ///
+    /// The cameras have a quadratic term, fitted over the frame's area and altitudes. Pixels are trained on if their whole ray
+    /// between the altitudes lies in the area.
+    ///
+    /// # Errors
+    /// [`SiteSceneError`] when there is no training view or the frame names another one, when a view is too oblique, has no
+    /// approximation or cannot be read.
+    pub fn in_frame(scene: &Scene, rpcs: &[Rpc], frame: SiteFrame) -> Result<Self, SiteSceneError> {
+        let valid = valid_pixels(scene)?;
+        let SiteFrame { site, area, altitudes, .. } = frame;
+        let fit = |rpc: &Rpc, _: &View| fit_over_box(rpc, area, altitudes, &site, Order::Quadratic);
+        Self::with_cameras(scene, rpcs, &valid, frame, fit)
+    }
+
+    /// The training scene in a frame, with the cameras that `fit` makes. `valid` holds the valid pixels of every view.
+    fn with_cameras(
+        scene: &Scene,
+        rpcs: &[Rpc],
+        valid: &[Option<ValidPixels>],
+        frame: SiteFrame,
+        fit: impl Fn(&Rpc, &View) -> Result<CameraFit, FitError>,
+    ) -> Result<Self, SiteSceneError> {
+        let SiteFrame { site, area, altitudes, reference } = frame;
+        let height = site.origin.z();
+        let view = |((view, rpc), valid): ((&View, &Rpc), &Option<ValidPixels>)| {
+            let elevation_deg = view.direction_deg(height).map_or(0.0, |(_, off_nadir)| 90.0 - off_nadir);
+            if elevation_deg < LOWEST_ELEVATION_DEG {
+                return Err(SiteSceneError::LowView { view: view.name.clone(), elevation_deg });
+            }
+            let f =
+                fit(rpc, view).map_err(|source| SiteSceneError::Fit { view: view.name.clone(), source })?;
+            let sun = view.sun.filter(|s| s.elevation_deg >= LOWEST_ELEVATION_DEG);
+            Ok(SiteView {
+                name: view.name.clone(),
+                role: view.role,
+                size: (view.width, view.height),
+                is_masked: valid.is_some(),
+                camera: f.camera,
+                rms_px: f.rms_px,
+                max_px: f.max_px,
+                sun_shear: sun.map(|s| f.camera.shear_towards(sun_direction(s, &site))),
             })
-            .collect::<Result<Vec<_>, SiteSceneError>>()?;
-        let reference = reference_view(scene, median).ok_or(SiteSceneError::NoViews)?;
-        Ok(Self {
-            site,
-            area,
-            altitudes: (low - median, high - median),
-            views,
-            reference,
-            transfer_function: scene.transfer_function,
-        })
+        };
+        let views = scene.views.iter().zip(rpcs).zip(valid).map(view).collect::<Result<Vec<_>, _>>()?;
+        let reference = match reference {
+            Some(name) => {
+                let is_named = |v: &SiteView| v.role == Role::Train && v.name == name;
+                views.iter().position(is_named).ok_or(SiteSceneError::NoReference { view: name })?
+            }
+            None => reference_view(scene, height).ok_or(SiteSceneError::NoViews)?,
+        };
+        let transfer_function = scene.transfer_function;
+        Ok(Self { site, area, altitudes, views, reference, is_framed: true, transfer_function })
     }
 
     /// The sparse points in the site frame that lie within the area and the altitudes.
@@ -204,15 +244,27 @@ impl SiteScene {
         pairs
             .map(|(f, view)| {
                 let planes = view.read_colors()?;
-                let view = TrainingView::new(f.name.clone(), f.camera, f.sun_shear, &planes, self.area);
+                let (area, altitudes) = (self.area, self.ray_altitudes());
+                let view = TrainingView::new(f.name.clone(), f.camera, f.sun_shear, &planes, area, altitudes);
                 Ok(view.with_transfer_function(self.transfer_function))
             })
             .collect()
     }
 
-    /// Half the diagonal of the area, metres: the extent of the scene in the sense of 3DGS.
+    /// The altitudes between which the ray of a pixel must lie in the area for the pixel to be used: all in a
+    /// [`SiteFrame`], because pixels at its border also show what lies beyond; that of the site's origin otherwise.
+    #[must_use]
+    pub fn ray_altitudes(&self) -> (f64, f64) {
+        if self.is_framed { self.altitudes } else { (0.0, 0.0) }
+    }
+
+    /// The extent of the scene in the sense of 3DGS, metres: half the diagonal of the area, or of a typical area if the scene
+    /// is part of a larger one.
     #[must_use]
     pub fn half_side_m(&self) -> f64 {
+        if self.is_framed {
+            return REFERENCE_HALF_DIAGONAL_M;
+        }
         let (west, south, east, north) = self.area;
         0.5 * (east - west).hypot(north - south)
     }
@@ -231,6 +283,11 @@ pub fn height_range(heights: Vec<f64>) -> Option<(f64, f64)> {
     let low = quantile(heights.clone(), HEIGHT_QUANTILES.0)?;
     let high = quantile(heights, HEIGHT_QUANTILES.1)?;
     Some((low - MARGIN_BELOW_M, high + MARGIN_ABOVE_M))
+}
+
+/// The valid pixels of every view of a scene; none where all are valid.
+fn valid_pixels(scene: &Scene) -> Result<Vec<Option<ValidPixels>>, RasterError> {
+    scene.views.par_iter().map(View::valid_pixels).collect()
 }
 
 /// The bounding box of the valid pixels of a view: its camera, columns and rows. None without valid pixels.

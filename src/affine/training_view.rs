@@ -1,6 +1,6 @@
 //! Training views: their cameras, pixels and masks.
 
-use super::AffineCamera;
+use super::ViewCamera;
 use crate::frame::{CenterPx, Pixel, SiteBox};
 use crate::io::{Grid2, ValidPixels};
 use crate::scene::TransferFunction;
@@ -16,8 +16,8 @@ const BLACK: [u8; 3] = [0, 0, 1];
 pub struct TrainingView {
     /// Name of the view.
     pub name: String,
-    /// The affine camera in the site frame.
-    pub camera: AffineCamera,
+    /// The camera in the site frame.
+    pub camera: ViewCamera,
     /// Number of columns.
     pub width: usize,
     /// Number of rows.
@@ -42,21 +42,25 @@ impl TrainingView {
     /// A view from its bands (red, green and blue, or a single one), in [0, 1] with NaN where the image has
     /// no valid pixel.
     ///
-    /// Pixels that show a point outside of `area` (site metres) at altitude 0 are masked.
+    /// Pixels whose ray leaves `area` (site metres) between the lowest and the highest of `altitudes` are masked.
     #[must_use]
     pub fn new(
         name: String,
-        camera: AffineCamera,
+        camera: ViewCamera,
         sun_shear: Option<[f64; 2]>,
         bands: &[Grid2],
         area: SiteBox,
+        (low, high): (f64, f64),
     ) -> Self {
         let (width, height) = (bands[0].width, bands[0].height);
         let (west, south, east, north) = area;
         let color = |i: usize| {
             let (col, row) = (i % width, i / width);
-            let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), 0.0);
-            let inside = x >= west && x <= east && y >= south && y <= north;
+            // A ray is straight but for millimetres, and the area is convex.
+            let inside = [low, high].into_iter().all(|altitude| {
+                let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), altitude);
+                x >= west && x <= east && y >= south && y <= north
+            });
             let rgb: [f32; 3] = std::array::from_fn(|k| bands[k.min(bands.len() - 1)].at(col, row));
             if !inside || rgb.iter().any(|v| v.is_nan()) {
                 return MASKED;

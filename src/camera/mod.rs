@@ -1,4 +1,4 @@
-//! The interface between cameras and the rasteriser: the kernel trait, and the kernels of parallel projections.
+//! The interface between cameras and the rasteriser: the kernel trait, and the kernel of parallel projections.
 //!
 //! A new camera model is a type that implements [`CameraKernel`], such as `perspective::PinholeKernel`. The
 //! rasteriser is generic over it.
@@ -7,4 +7,4 @@ mod kernel;
 mod parallel;
 
 pub use kernel::{CameraKernel, DepthOrder, Linearized};
-pub use parallel::{AffineKernel, QuadraticKernel};
+pub use parallel::{PRODUCTS, QuadraticKernel};

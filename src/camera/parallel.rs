@@ -1,71 +1,10 @@
-//! Kernels of parallel projections: the affine camera, and one with a quadratic term for areas wider than
-//! about 500 m.
+//! The kernel of parallel projections: an affine camera, with a quadratic term for areas wider than about 500 m.
 
 use super::{CameraKernel, DepthOrder, Linearized};
 use crate::simd::{Real, Simd, SimdReal, SimdVec, broadcast_each};
 
-/// An affine camera: `(col, row) = linear p + offset`, where `p` is a position in site metres.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct AffineKernel<T> {
-    /// Linear part: rows (col, row), columns (east, north, up), pixels per metre.
-    pub linear: [[T; 3]; 2],
-    /// Image position of the site's origin, pixels.
-    pub offset: [T; 2],
-}
-
-/// [`AffineKernel`], broadcast.
-#[derive(Clone, Copy)]
-pub struct AffineVectors<S: Simd> {
-    linear: [[SimdVec<S>; 3]; 2],
-    offset: [SimdVec<S>; 2],
-}
-
-impl<T: SimdReal> CameraKernel<T> for AffineKernel<T> {
-    const ORDER: DepthOrder = DepthOrder::Altitude;
-    const IS_CURVED: bool = false;
-    type Broadcast<S: Simd<Scalar = T>> = AffineVectors<S>;
-
-    #[inline(always)]
-    fn broadcast<S: Simd<Scalar = T>>(&self, simd: S) -> AffineVectors<S> {
-        let [col, row] = self.linear;
-        let linear = [broadcast_each(simd, col), broadcast_each(simd, row)];
-        AffineVectors { linear, offset: broadcast_each(simd, self.offset) }
-    }
-
-    #[inline(always)]
-    fn linearize<S: Simd<Scalar = T>>(
-        _: S,
-        camera: &AffineVectors<S>,
-        [x, y, z]: [SimdVec<S>; 3],
-    ) -> Linearized<SimdVec<S>> {
-        let mut mean = camera.offset;
-        for i in 0..2 {
-            let [a, b, c] = camera.linear[i];
-            mean[i] = a.mul_add(x, b.mul_add(y, c.mul_add(z, camera.offset[i])));
-        }
-        Linearized { mean, jacobian: camera.linear }
-    }
-
-    #[inline(always)]
-    fn jacobian(&self, _: [T; 3]) -> [[T; 3]; 2] {
-        self.linear
-    }
-
-    #[inline(always)]
-    fn add_position_gradient(&self, _: [T; 3], by_mean: [T; 2], _: [[T; 3]; 2], out: &mut [T; 3]) {
-        for k in 0..3 {
-            out[k] = out[k] + self.linear[0][k] * by_mean[0] + self.linear[1][k] * by_mean[1];
-        }
-    }
-
-    #[inline(always)]
-    fn depth_key(&self, position: [T; 3]) -> T {
-        position[2]
-    }
-}
-
 /// Number of the products xx, xy, xz, yy, yz, zz of a position's coordinates.
-const PRODUCTS: usize = 6;
+pub const PRODUCTS: usize = 6;
 
 /// An affine camera with a quadratic term: `(col, row) = linear p + offset + quadratic (xx, xy, xz, yy, yz, zz)`.
 ///
@@ -74,16 +13,19 @@ const PRODUCTS: usize = 6;
 /// negligible, so that the Jacobian is that of the affine part.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QuadraticKernel<T> {
-    /// The affine part.
-    pub affine: AffineKernel<T>,
-    /// Coefficients for col and row, pixels per square metre.
+    /// Linear part: rows (col, row), columns (east, north, up), pixels per metre.
+    pub linear: [[T; 3]; 2],
+    /// Image position of the site's origin, pixels.
+    pub offset: [T; 2],
+    /// Coefficients of the quadratic term for col and row, pixels per square metre; zero for an affine camera.
     pub quadratic: [[T; PRODUCTS]; 2],
 }
 
 /// [`QuadraticKernel`], broadcast.
 #[derive(Clone, Copy)]
 pub struct QuadraticVectors<S: Simd> {
-    affine: AffineVectors<S>,
+    linear: [[SimdVec<S>; 3]; 2],
+    offset: [SimdVec<S>; 2],
     quadratic: [[SimdVec<S>; PRODUCTS]; 2],
 }
 
@@ -108,42 +50,41 @@ impl<T: SimdReal> CameraKernel<T> for QuadraticKernel<T> {
 
     #[inline(always)]
     fn broadcast<S: Simd<Scalar = T>>(&self, simd: S) -> QuadraticVectors<S> {
-        let [col, row] = self.quadratic;
-        let quadratic = [broadcast_each(simd, col), broadcast_each(simd, row)];
-        QuadraticVectors { affine: self.affine.broadcast(simd), quadratic }
+        let ([a, b], [p, q]) = (self.linear, self.quadratic);
+        QuadraticVectors {
+            linear: [broadcast_each(simd, a), broadcast_each(simd, b)],
+            offset: broadcast_each(simd, self.offset),
+            quadratic: [broadcast_each(simd, p), broadcast_each(simd, q)],
+        }
     }
 
     #[inline(always)]
     fn linearize<S: Simd<Scalar = T>>(
-        simd: S,
+        _: S,
         camera: &QuadraticVectors<S>,
         [x, y, z]: [SimdVec<S>; 3],
     ) -> Linearized<SimdVec<S>> {
-        let mut out = AffineKernel::linearize(simd, &camera.affine, [x, y, z]);
+        let mut mean = camera.offset;
         for i in 0..2 {
+            let [a, b, c] = camera.linear[i];
+            let affine = a.mul_add(x, b.mul_add(y, c.mul_add(z, camera.offset[i])));
             let [xx, xy, xz, yy, yz, zz] = camera.quadratic[i];
-            let (by_x, by_y) = (xx * x + xy * y + xz * z, yy * y + yz * z);
-            out.mean[i] = out.mean[i] + by_x * x + by_y * y + zz * z * z;
+            let (by_x, by_y) = (xx.mul_add(x, xy.mul_add(y, xz * z)), yy.mul_add(y, yz * z));
+            mean[i] = by_x.mul_add(x, by_y.mul_add(y, (zz * z).mul_add(z, affine)));
         }
-        out
+        Linearized { mean, jacobian: camera.linear }
     }
 
     #[inline(always)]
-    fn jacobian(&self, position: [T; 3]) -> [[T; 3]; 2] {
-        self.affine.jacobian(position)
+    fn jacobian(&self, _: [T; 3]) -> [[T; 3]; 2] {
+        self.linear
     }
 
     #[inline(always)]
-    fn add_position_gradient(
-        &self,
-        position: [T; 3],
-        by_mean: [T; 2],
-        by_jacobian: [[T; 3]; 2],
-        out: &mut [T; 3],
-    ) {
-        self.affine.add_position_gradient(position, by_mean, by_jacobian, out);
+    fn add_position_gradient(&self, position: [T; 3], by_mean: [T; 2], _: [[T; 3]; 2], out: &mut [T; 3]) {
         let slope = self.slope(position);
         for k in 0..3 {
+            out[k] = out[k] + self.linear[0][k] * by_mean[0] + self.linear[1][k] * by_mean[1];
             out[k] = out[k] + slope[0][k] * by_mean[0] + slope[1][k] * by_mean[1];
         }
     }

@@ -59,6 +59,7 @@ impl Options {
     pub fn options(&self, overwrite: bool) -> DsmOptions {
         DsmOptions {
             resolution_m: self.resolution,
+            area: None,
             like: self.like.clone(),
             vertical: self.vertical.clone(),
             fill_m: self.fill,

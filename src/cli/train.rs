@@ -62,6 +62,7 @@ impl Options {
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,
             snapshots: self.snapshots,
+            frame: None,
             overwrite,
         }
     }

@@ -5,7 +5,7 @@
 //! splats below a transparent roof.
 
 use super::nadir_camera;
-use crate::affine::AffineCamera;
+use crate::affine::ViewCamera;
 use crate::frame::SiteGrid;
 use crate::io::{Grid2, MapGrid};
 use crate::splat::raster::{ALPHA_CUT, LOW_PASS_PX2};
@@ -36,7 +36,7 @@ struct Ellipse {
 
 impl Ellipse {
     /// None if the opacity of the splat is below the threshold of the rasteriser, or if the splat is not finite.
-    fn new(splats: &Splats, i: usize, camera: &AffineCamera) -> Option<Self> {
+    fn new(splats: &Splats, i: usize, camera: &ViewCamera) -> Option<Self> {
         let position = splats.position[i];
         let opacity = sigmoid(splats.opacity_logit[i][0]);
         let radius2 = 2.0 * (f64::from(opacity) / ALPHA_CUT).ln();

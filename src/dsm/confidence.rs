@@ -1,7 +1,7 @@
 //! Confidence of a surface model in each cell, and removal and filling of cells.
 
 use super::Dsm;
-use crate::affine::AffineCamera;
+use crate::affine::ViewCamera;
 use crate::frame::{CenterPx, Pixel, SiteGrid};
 use crate::io::{Grid2, ValidPixels};
 use crate::mvs::{MatchedSurface, OCCLUSION_TOLERANCE_M, occlusion_height};
@@ -24,7 +24,7 @@ pub struct Confidence {
 /// A view for the counting of views per cell.
 pub struct Seeing {
     /// Its camera, from site coordinates to pixels.
-    pub camera: AffineCamera,
+    pub camera: ViewCamera,
     /// Columns and rows of its image.
     pub size: (usize, usize),
     /// Its valid pixels; `None` if all are valid.

@@ -139,6 +139,8 @@ struct Samples<'a> {
     /// Image positions of the cells at altitude 0, pixels.
     column: Lines,
     row: Lines,
+    /// Their displacements per metre of altitude at altitude 0, columns and rows, pixels.
+    px_per_m: [Lines; 2],
     /// Altitude below which the cell is occluded.
     occluded_below: Lines,
     /// Gray values; 0 where the view has none.
@@ -159,6 +161,7 @@ impl<'a> Tile<'a> {
             image,
             column: ZEROS,
             row: ZEROS,
+            px_per_m: [ZEROS; 2],
             occluded_below: ZEROS,
             gray: ZEROS,
             seen: ZEROS,
@@ -188,8 +191,11 @@ impl<'a> Tile<'a> {
                 let p = self.sweep.site.site_from_utm(grid.cell_center(col, row));
                 self.cells[r][c] = cell as u32;
                 for (index, view) in self.views.iter_mut().enumerate() {
-                    let px = view.image.camera.project(Point::new(p.x(), p.y(), 0.0));
+                    let level = Point::new(p.x(), p.y(), 0.0);
+                    let px = view.image.camera.project(level);
                     (view.column[r][c], view.row[r][c]) = (px.col as f32, px.row as f32);
+                    let linear = view.image.camera.tangent_at(level).linear;
+                    (0..2).for_each(|axis| view.px_per_m[axis][r][c] = linear[axis][2] as f32);
                     view.occluded_below[r][c] =
                         visibility.map_or(f32::NEG_INFINITY, |v| v.lowest_visible(index, cell));
                 }
@@ -260,14 +266,16 @@ impl<'a> Tile<'a> {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn sample(view: &mut Samples, altitudes: &Lines) {
     let MatchImage { gray, camera, .. } = view.image;
-    let px_per_m = camera.linear.map(|l| l[2] as f32);
+    // Coefficients of the square of the altitude.
+    let [square_col, square_row] = camera.quadratic.map(|q| q[5] as f32);
     let (last_column, last_row) = ((gray.width - 1) as f32, (gray.height - 1) as f32);
     for line in 0..ROWS {
         let (mut index, mut right, mut down, mut known) =
             ([0u32; COLUMNS], [0.0; COLUMNS], [0.0; COLUMNS], [false; COLUMNS]);
         for k in 0..COLUMNS {
             let z = altitudes[line][k];
-            let (u, v) = (view.column[line][k] + px_per_m[0] * z, view.row[line][k] + px_per_m[1] * z);
+            let u = view.column[line][k] + view.px_per_m[0][line][k] * z + square_col * z * z;
+            let v = view.row[line][k] + view.px_per_m[1][line][k] * z + square_row * z * z;
             known[k] = u >= 0.0 && v >= 0.0 && u < last_column && v < last_row;
             let (u, v) = if known[k] { (u, v) } else { (0.0, 0.0) };
             let (column, row) = (u as i32, v as i32);

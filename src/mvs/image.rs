@@ -1,6 +1,6 @@
 //! A view as it is matched: its gray values and its camera.
 
-use crate::affine::{AffineCamera, TrainingView};
+use crate::affine::{TrainingView, ViewCamera};
 use crate::frame::{Point, Site};
 use crate::io::{Grid2, ValidPixels, Window};
 use std::sync::Arc;
@@ -11,7 +11,7 @@ pub(super) struct MatchImage {
     pub gray: Grid2,
     /// Mask of the valid pixels; none if all pixels are valid, or if the NaN in `gray` say which are.
     valid: Option<Arc<ValidPixels>>,
-    pub camera: AffineCamera,
+    pub camera: ViewCamera,
     /// Mean of the gray values of the whole image.
     pub mean: f64,
     /// Standard deviation of the gray values of the whole image.

@@ -4,7 +4,7 @@ use crate::affine::TrainingView;
 use std::ops::Range;
 
 /// Parallaxes (ground displacement per metre of height, see
-/// [`AffineCamera::parallax`](crate::affine::AffineCamera::parallax)) of views that can be matched. With less, the heights
+/// [`ViewCamera::parallax`](crate::affine::ViewCamera::parallax)) of views that can be matched. With less, the heights
 /// are too uncertain; with more, the views see different walls.
 pub const PARALLAX: Range<f64> = 0.08..0.9;
 /// The preferred parallax, and the weight of a deviation from it against a difference between the suns of two views.

@@ -4,7 +4,7 @@ use super::coverage::{ALTITUDES, Coverage};
 use super::ground::Ground;
 use super::image::MatchImage;
 use super::pairs::stereo_pairs;
-use crate::affine::{SiteScene, TrainingView, median_pixel_m};
+use crate::affine::{MIN_POINTS, SiteScene, TrainingView, median_pixel_m};
 use crate::frame::{Point, Site, SiteGrid};
 use crate::io::{Grid2, MapGrid};
 use crate::scene::views_needed;
@@ -55,6 +55,9 @@ impl PlaneStack {
 impl PlaneSweep {
     /// Prepares the matching of `views` over the area of a site. The range of altitudes is that of the sparse
     /// points `sparse`. Returns none if there are no sparse points or no two views make a stereo pair.
+    ///
+    /// Parts of a larger scene may have few points or none, over water for instance. Their range is that of the
+    /// [frame](crate::affine::SiteFrame).
     #[must_use]
     pub fn new(setup: &SiteScene, views: &[TrainingView], sparse: &[Point<Site>]) -> Option<Self> {
         let pairs = stereo_pairs(views);
@@ -62,8 +65,9 @@ impl PlaneSweep {
             return None;
         }
         let images: Vec<MatchImage> = views.iter().map(MatchImage::new).collect();
-        let ground = Ground::new(sparse, setup.area);
-        let (low, high) = ground.heights_above(sparse)?;
+        let are_few = setup.is_framed && sparse.len() < MIN_POINTS;
+        let ground = Ground::new(if are_few { &[] } else { sparse }, setup.area);
+        let (low, high) = if are_few { setup.altitudes } else { ground.heights_above(sparse)? };
         let (west, south, east, north) = setup.area;
         let [x, y, _] = setup.site.origin.xyz();
         let cell = cell_m(median_pixel_m(views));

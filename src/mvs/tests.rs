@@ -2,7 +2,7 @@
 
 use super::surface::CONFIDENT;
 use super::*;
-use crate::affine::{AffineCamera, SiteScene, TrainingView};
+use crate::affine::{SiteScene, TrainingView, ViewCamera};
 use crate::frame::{Point, Site, SiteGrid};
 use crate::io::Grid2;
 use crate::progress::NoProgress;
@@ -37,10 +37,8 @@ fn white_roof(x: f64, y: f64, z: f64) -> f64 {
 }
 
 pub(super) fn view(slope: [f64; 2], paint: Paint) -> TrainingView {
-    let camera = AffineCamera {
-        linear: [[2.0, 0.0, -2.0 * slope[0]], [0.0, -2.0, 2.0 * slope[1]]],
-        offset: [79.5, 69.5],
-    };
+    let linear = [[2.0, 0.0, -2.0 * slope[0]], [0.0, -2.0, 2.0 * slope[1]]];
+    let camera = ViewCamera::affine(linear, [79.5, 69.5]);
     // A pixel shows the highest point of its ray on the surface, because rays rise towards the camera.
     let color = |col: usize, row: usize| {
         let ground = [(col as f64 - 79.5) / 2.0, (69.5 - row as f64) / 2.0];
@@ -50,7 +48,7 @@ pub(super) fn view(slope: [f64; 2], paint: Paint) -> TrainingView {
         paint(at(z).0, at(z).1, z) as f32
     };
     let plane = Grid2::from_fn(160, 140, color);
-    TrainingView::new("v".into(), camera, None, &[plane], (-30.0, -25.0, 30.0, 25.0))
+    TrainingView::new("v".into(), camera, None, &[plane], (-30.0, -25.0, 30.0, 25.0), (0.0, 0.0))
 }
 
 pub(super) fn setup() -> SiteScene {
@@ -62,6 +60,7 @@ pub(super) fn setup() -> SiteScene {
         altitudes: (-5.0, 20.0),
         views: Vec::new(),
         reference: 0,
+        is_framed: false,
         transfer_function: crate::scene::TransferFunction::default(),
     }
 }

@@ -111,6 +111,7 @@ mod tests {
             altitudes: (0.0, 1.0),
             views: vec![],
             reference: 0,
+            is_framed: false,
             transfer_function,
         };
         let recipe = Recipe::named("best").unwrap();

@@ -24,8 +24,11 @@ const MAX_CELLS: f64 = 1.6e9;
 /// Which products to write, on which grid.
 #[derive(Clone, Debug)]
 pub struct DsmOptions {
-    /// Side of a cell, metres. The extent is the trained area, snapped outwards to whole cells.
+    /// Side of a cell, metres.
     pub resolution_m: f64,
+    /// Extent in the run's map projection: west, south, east and north, metres; by default the trained area. It is snapped
+    /// outwards to whole cells.
+    pub area: Option<(f64, f64, f64, f64)>,
     /// A raster whose grid and extent are taken instead.
     pub like: Option<PathBuf>,
     /// VerticalReference reference of the heights: `ellipsoid`, a geoid model or a geoid's grid; by default that of an existing
@@ -47,6 +50,7 @@ impl Default for DsmOptions {
     fn default() -> Self {
         Self {
             resolution_m: DSM_CELL_M,
+            area: None,
             like: None,
             vertical: None,
             fill_m: None,
@@ -106,7 +110,7 @@ pub fn dsm(
 }
 
 /// As [`dsm`]; the caller holds the lock.
-pub(super) fn dsm_locked(
+pub(crate) fn dsm_locked(
     run: &Path,
     options: &DsmOptions,
     progress: &dyn Progress,
@@ -260,7 +264,8 @@ fn grid(options: &DsmOptions, cameras: &TrainedCameras) -> Result<MapGrid, Pipel
         None => {
             let (w, s, e, n) = cameras.setup.area;
             let [x, y, _] = site.origin.xyz();
-            MapGrid::covering(site.epsg, (x + w, y + s, x + e, y + n), options.resolution_m)
+            let area = options.area.unwrap_or((x + w, y + s, x + e, y + n));
+            MapGrid::covering(site.epsg, area, options.resolution_m)
         }
     };
     if grid.epsg != site.epsg {

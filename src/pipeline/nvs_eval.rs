@@ -60,7 +60,8 @@ pub fn nvs_eval(run: &Path, names: &[String], progress: &dyn Progress) -> Result
         let source = source.ok_or_else(|| PipelineError::ViewNotInScene { run: run.into(), name: name() })?;
         let planes = source.read_colors()?;
         let mut truth = TargetImage::default();
-        truth.load(&TrainingView::new(view.name.clone(), view.camera, None, &planes, setup.area), 0);
+        let (area, altitudes) = (setup.area, setup.ray_altitudes());
+        truth.load(&TrainingView::new(name(), view.camera, None, &planes, area, altitudes), 0);
         let novel = NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear };
         let mut picture = novel.picture(&splats, &reference, setup.altitudes);
         // Scored as the images show it.

@@ -31,7 +31,7 @@ pub struct Trained {
     pub splats_start: usize,
     /// Number of splats at the end.
     pub splats: usize,
-    /// Mean over the views of the root mean square distance between affine camera and RPC, pixels.
+    /// Mean over the views of the root mean square distance between fitted camera and RPC, pixels.
     pub affine_rms_px: f64,
     /// Largest such distance in any view, pixels.
     pub affine_max_px: f64,
@@ -60,7 +60,7 @@ pub fn train(
 }
 
 /// As [`train`]; the caller holds the lock.
-pub(super) fn train_locked(
+pub(crate) fn train_locked(
     run: &Path,
     options: &TrainOptions,
     progress: &dyn Progress,
@@ -153,12 +153,19 @@ fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fi
     // As written, so that another --iterations is not reported as a change of the whole recipe.
     let choices = serde_json::to_string(&options.recipe_as_written()?)
         .map_err(|source| PipelineError::Json { what: "the recipe", source })?;
-    Ok(Fingerprint::from([
+    let frame = options.frame.as_ref().map(|frame| {
+        let text = serde_json::to_string(frame);
+        text.map(|text| ("frame".to_owned(), text))
+            .map_err(|source| PipelineError::Json { what: "the frame", source })
+    });
+    let mut fingerprint = Fingerprint::from([
         // It covers the scene, but not where its files lie.
         ("adjustment".into(), hash_file(&run.join(ADJUSTMENT).join(STAGE))),
         ("--recipe".into(), recipe.name.clone()),
         ("content of the recipe".into(), hash(choices.as_bytes())),
         ("--iterations".into(), recipe.iterations.to_string()),
         ("--seed".into(), options.seed.to_string()),
-    ]))
+    ]);
+    fingerprint.extend(frame.transpose()?);
+    Ok(fingerprint)
 }

@@ -1,6 +1,7 @@
 //! The options of a training.
 
 use super::PipelineError;
+use crate::affine::SiteFrame;
 use crate::splat::train::recipe::Recipe;
 use std::path::Path;
 
@@ -19,6 +20,8 @@ pub struct TrainOptions {
     pub resume: bool,
     /// Number of pictures of the progress to write; 0 for none.
     pub snapshots: u32,
+    /// The frame of the training scene, if it is part of a larger scene; by default, views and sparse points determine it.
+    pub frame: Option<SiteFrame>,
     /// Train again, whatever the run folder holds.
     pub overwrite: bool,
 }
@@ -32,6 +35,7 @@ impl Default for TrainOptions {
             checkpoint_every: 500,
             resume: false,
             snapshots: 0,
+            frame: None,
             overwrite: false,
         }
     }

@@ -38,7 +38,11 @@ impl<'a> Training<'a> {
     ) -> Result<Self, PipelineError> {
         let adjustment = Adjustment::read(&run.join(ADJUSTMENT))?;
         let points = adjustment.positions();
-        let mut setup = SiteScene::new(scene, &adjustment.cameras_of(scene)?, &points)?;
+        let cameras = adjustment.cameras_of(scene)?;
+        let mut setup = match &options.frame {
+            Some(frame) => SiteScene::in_frame(scene, &cameras, frame.clone())?,
+            None => SiteScene::new(scene, &cameras, &points)?,
+        };
         setup.transfer_function = setup.transfer_function.with_white(recipe.white);
         for view in setup.views.iter().filter(|v| v.sun_shear.is_none()) {
             tracing::info!("view `{}` has no usable sun: it trains without shadows", view.name);

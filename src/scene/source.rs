@@ -112,6 +112,7 @@ pub(super) fn view(
         window: None,
         bands: file.default_bands(),
         stretch_percent: None,
+        stretch: None,
         mask: None,
         nodata: tags.nodata,
         rpc: chosen.rpc,

@@ -154,7 +154,7 @@ fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::affine::AffineCamera;
+    use crate::affine::ViewCamera;
     use crate::frame::SiteGrid;
     use crate::io::{Grid2, MapGrid};
 
@@ -173,9 +173,10 @@ mod tests {
 
     #[test]
     fn splats_lie_on_the_surface_and_fill_its_walls() {
-        let camera = AffineCamera { linear: [[2.0, 0.0, 0.0], [0.0, -2.0, 0.0]], offset: [79.5, 69.5] };
+        let camera = ViewCamera::affine([[2.0, 0.0, 0.0], [0.0, -2.0, 0.0]], [79.5, 69.5]);
         let area = (-30.0, -25.0, 30.0, 25.0);
-        let view = TrainingView::new("v".into(), camera, None, &[Grid2::filled(160, 140, 0.3)], area);
+        let view =
+            TrainingView::new("v".into(), camera, None, &[Grid2::filled(160, 140, 0.3)], area, (0.0, 0.0));
         let splats = init_from_surface(&block(), &[view]);
         let near = |p: &&[f32; 3], z: f32| p[0].abs() < 5.0 && p[1].abs() < 3.0 && (p[2] - z).abs() < 0.5;
         assert!(splats.position.iter().filter(|p| near(p, 12.0)).count() >= 10);

@@ -1,7 +1,7 @@
 //! Rendering a trained scene from a new camera, under any sun (novel view synthesis).
 
 use crate::affine::SiteScene;
-use crate::affine::{AffineCamera, sun_direction};
+use crate::affine::{ViewCamera, sun_direction};
 use crate::io::Grid2;
 use crate::scene::Sun;
 use crate::splat::appearance::Appearance;
@@ -15,7 +15,7 @@ use crate::splat::splats::Splats;
 #[derive(Clone, Copy, Debug)]
 pub struct NovelView {
     /// The camera.
-    pub camera: AffineCamera,
+    pub camera: ViewCamera,
     /// Image size (columns, rows), pixels.
     pub size: (usize, usize),
     /// Shear from the camera to the sun, pixels per metre of altitude; none without shadows.
@@ -37,7 +37,7 @@ impl SiteScene {
     /// A camera that shows the whole area in `size` (columns, rows) pixels, from the direction with this azimuth (clockwise
     /// from north) and angle from the zenith, degrees. North is up, and level ground is not distorted.
     #[must_use]
-    pub fn view_from(&self, azimuth_deg: f64, off_nadir_deg: f64, size: (usize, usize)) -> AffineCamera {
+    pub fn view_from(&self, azimuth_deg: f64, off_nadir_deg: f64, size: (usize, usize)) -> ViewCamera {
         let (west, south, east, north) = self.area;
         let gsd = ((east - west) / size.0 as f64).max((north - south) / size.1 as f64);
         // The direction to the camera is computed like that to the sun.
@@ -46,7 +46,7 @@ impl SiteScene {
         let linear = [[1.0, 0.0, -x / z], [0.0, -1.0, y / z]].map(|l| l.map(|v| v / gsd));
         let center = [0.5 * (west + east) / gsd, -0.5 * (south + north) / gsd];
         let middle = [0.5 * (size.0 as f64 - 1.0), 0.5 * (size.1 as f64 - 1.0)];
-        AffineCamera { linear, offset: [middle[0] - center[0], middle[1] - center[1]] }
+        ViewCamera::affine(linear, [middle[0] - center[0], middle[1] - center[1]])
     }
 
     /// Image size (columns, rows) of the area at the reference view's ground sampling distance.
@@ -99,6 +99,7 @@ mod tests {
             altitudes: (-5.0, 30.0),
             views: Vec::new(),
             reference: 0,
+            is_framed: false,
             transfer_function: crate::scene::TransferFunction::default(),
         }
     }

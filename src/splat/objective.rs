@@ -12,7 +12,7 @@ use super::raster::{FrameCamera, Image, Rasterizer, SortedSplats, SplatGradient,
 use super::shadow::ShadowModel;
 use super::sheared_camera::ShearedCamera;
 use super::splats::{GROUP_INFO, Splats};
-use crate::camera::AffineKernel;
+use crate::camera::QuadraticKernel;
 use crate::simd::{Real, Simd, SimdKernel, SimdReal, SimdVec};
 use rayon::prelude::*;
 
@@ -28,7 +28,7 @@ const WRITTEN_GROUPS: [&str; 5] = ["position", "f_dc", "opacity_logit", "log_sca
 /// What one iteration renders and compares.
 pub struct StepInput<'a, T> {
     /// The view's camera.
-    pub camera: FrameCamera<AffineKernel<T>>,
+    pub camera: FrameCamera<QuadraticKernel<T>>,
     /// The view's image: linear colours in [0, 1], zero where masked.
     pub target: &'a Image<T>,
     /// Which pixels are valid, row by row; empty if all are.
@@ -354,7 +354,7 @@ fn render<T: SimdReal, const C: usize>(
     part: &'static str,
     sorted: &SortedSplats<T>,
     features: &[[T; C]],
-    camera: &FrameCamera<AffineKernel<T>>,
+    camera: &FrameCamera<QuadraticKernel<T>>,
     background: [T; C],
     watch: &mut Stopwatch,
 ) {

@@ -1,7 +1,7 @@
 //! The gradient of the whole loss (rasteriser, shadows, colour model and all terms) is compared with central differences.
 
 use super::*;
-use crate::affine::AffineCamera;
+use crate::affine::ViewCamera;
 use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, MapGrid};
 use crate::mvs::MatchedSurface;
@@ -85,7 +85,7 @@ impl<T: SimdReal> Scene<T> {
     fn evaluate(&mut self, g: &Splats<T>, a: &Appearance<T>) -> (Losses, Gradient<T>) {
         let size @ (width, height) = (self.target.width, self.target.height);
         let offset = [width as f64 / 2.0 - 0.2, height as f64 / 2.0 - 0.7];
-        let camera = AffineCamera { linear: [[2.3, 0.2, 0.5], [0.3, -2.2, 0.7]], offset };
+        let camera = ViewCamera::affine([[2.3, 0.2, 0.5], [0.3, -2.2, 0.7]], offset);
         let input = StepInput {
             camera: FrameCamera::new(&camera, width, height),
             target: &self.target,
@@ -218,7 +218,7 @@ fn a_block_casts_a_shadow_of_the_right_length() {
             g.push([x, y, if x.abs() < 0.6 && y.abs() < 0.6 { 4.0 } else { 0.0 }], 0.2, 0.97, [0.5; 3]);
         }
     }
-    let camera = AffineCamera { linear: [[4.0, 0.0, 0.0], [0.0, -4.0, 0.0]], offset: [23.5, 23.5] };
+    let camera = ViewCamera::affine([[4.0, 0.0, 0.0], [0.0, -4.0, 0.0]], [23.5, 23.5]);
     let size = (48, 48);
     let shear = camera.shear_towards(crate::frame::Vector::new(1.0, 0.0, 1.0));
     let target = Image::zeros(48, 48, 3);

@@ -2,15 +2,15 @@
 
 use super::raster::FrameCamera;
 use super::shear_warp::ShearWarp;
-use crate::affine::AffineCamera;
-use crate::camera::AffineKernel;
+use crate::affine::ViewCamera;
+use crate::camera::QuadraticKernel;
 use crate::simd::Real;
 
 /// A view's camera with a shear, and the map from the view's pixels to its image.
 #[derive(Clone, Copy, Debug)]
 pub struct ShearedCamera<T> {
     /// The camera and its image size.
-    pub camera: FrameCamera<AffineKernel<T>>,
+    pub camera: FrameCamera<QuadraticKernel<T>>,
     /// The map from the view's pixels to the image.
     pub warp: ShearWarp<T>,
 }
@@ -19,7 +19,7 @@ impl<T: Real> ShearedCamera<T> {
     /// The camera of the sun's image, large enough for all pixels of the view at altitudes from `low` to `high`, metres.
     /// `size` is (columns, rows) of the view, `shear` in pixels per metre of altitude.
     #[must_use]
-    pub fn sun(view: &AffineCamera, size: (usize, usize), shear: [f64; 2], (low, high): (f64, f64)) -> Self {
+    pub fn sun(view: &ViewCamera, size: (usize, usize), shear: [f64; 2], (low, high): (f64, f64)) -> Self {
         let axis = |s: f64, n: usize| {
             let (a, b) = ((-s * low).min(-s * high), (-s * low).max(-s * high));
             let origin = a.floor();
@@ -35,7 +35,7 @@ impl<T: Real> ShearedCamera<T> {
     /// The camera of a virtual view, for the random-shear consistency loss: of the view's `size` (columns, rows), with
     /// `shear` in pixels per metre of altitude. Points at the altitude of the site's origin keep their place.
     #[must_use]
-    pub fn virtual_view(view: &AffineCamera, size: (usize, usize), shear: [f64; 2]) -> Self {
+    pub fn virtual_view(view: &ViewCamera, size: (usize, usize), shear: [f64; 2]) -> Self {
         Self {
             camera: FrameCamera::new(&view.sheared(shear), size.0, size.1),
             warp: ShearWarp { shear: shear.map(T::from_f64), origin: [T::zero(); 2] },

@@ -9,12 +9,48 @@
 //! | `tiles.json` | the [`Plan`] |
 //! | `tiles/ID` | the run folder of a tile; `done.json` is written last |
 //! | `mosaic/ID_*.tif` | the core of a tile, blended with its neighbours |
+//! | `colour.json` | corrections of the tiles' colours, see [`TileColors`] |
 //! | `dsm.tif`, `ortho.tif`, `confidence.tif`, `seams.gpkg` | the mosaic, and the differences at its seams |
 //!
 //! A job writes the same bytes whenever it has the same input, so one that is killed, repeated or done twice does no harm.
 
+mod blend;
+#[cfg(test)]
+mod blend_tests;
+mod cells;
+mod colour;
+mod cut;
+mod done;
 mod error;
+mod job;
+mod margins;
+mod mosaic;
+mod mosaic_files;
+#[cfg(test)]
+mod mosaic_tests;
+mod mosaicked;
+mod page;
+#[cfg(test)]
+mod made_tests;
 mod plan;
+mod planner;
+mod resources;
+mod run;
+mod status;
+mod seam_summary;
+mod seams;
+mod tile_rasters;
 
+pub use blend::{Blended, blend};
+pub use colour::{ColorCorrection, TileColors};
+pub use done::{Done, Failure, FileSeal, Seals, seal, tile_folder};
 pub use error::TilesError;
-pub use plan::{MapBox, Plan, Tile, TileCost, TileView};
+pub use job::run_tile;
+pub use mosaic::mosaic;
+pub use mosaicked::{FailedTile, Mosaicked};
+pub use plan::{MapBox, Plan, Tile, TileCost, TileSurface, TileTraining, TileView};
+pub use planner::{PlanOptions, needs_tiles, plan};
+pub use run::{SceneOptions, SceneResult, run};
+pub use seam_summary::SeamSummary;
+pub use seams::{ColorPairs, Seam};
+pub use status::{Status, TileState, TileStatus, status};

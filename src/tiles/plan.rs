@@ -3,8 +3,12 @@
 use super::TilesError;
 use crate::io::{MapGrid, Window, read_json};
 use crate::run_files::PLAN;
+use crate::splat::train::recipe::Recipe;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+/// Version of the layout of `tiles.json`.
+pub(super) const SCHEMA: u32 = 1;
 
 /// A box on the map: west, south, east, north, metres of the plan's UTM zone. Its edges are multiples of the cell.
 pub type MapBox = [f64; 4];
@@ -24,12 +28,40 @@ pub struct Plan {
     pub origin_height_m: f64,
     /// Side of a cell of the rasters, metres.
     pub resolution_m: f64,
+    /// How the tiles are trained.
+    pub train: TileTraining,
+    /// How their surfaces are rendered.
+    pub surface: TileSurface,
+    /// Hash of the record of the adjustment that the plan was made from.
+    pub adjustment_hash: String,
     /// Largest side of a core, metres.
     pub core_m: f64,
     /// Width of the overlap around each core, metres.
     pub overlap_m: f64,
     /// The tiles, by rows from the south and by columns from the west.
     pub tiles: Vec<Tile>,
+    /// Sum of the tiles' costs; its memory is the largest of any tile.
+    pub total: TileCost,
+}
+
+/// How tiles are trained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TileTraining {
+    /// Name of the recipe, or its TOML file, whose path counts from the run folder.
+    pub recipe: String,
+    /// Number of iterations; without one the recipe's own.
+    pub iterations: Option<u32>,
+    /// Seed of all random numbers.
+    pub seed: u64,
+}
+
+/// How the surfaces of tiles are rendered.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TileSurface {
+    /// Vertical reference of the heights; without one the ellipsoid.
+    pub vertical: Option<String>,
+    /// Fill holes up to this distance between cells with heights, metres.
+    pub fill_m: Option<f64>,
 }
 
 /// A tile: what one job makes.
@@ -45,7 +77,7 @@ pub struct Tile {
     pub heights_m: [f64; 2],
     /// The views that are trained on or tested, with the parts of their images that show the splat box.
     pub views: Vec<TileView>,
-    /// Name of the view whose colours the orthophoto takes.
+    /// Name of the view whose colours the orthophoto takes: the same for all tiles that it covers.
     pub reference: String,
     /// IDs of the tiles that share a side or a corner.
     pub neighbours: Vec<String>,
@@ -60,8 +92,11 @@ pub struct Tile {
 pub struct TileView {
     /// Name of the view.
     pub name: String,
-    /// Window of the image: first column and row, columns and rows, pixels.
+    /// Window of the whole image: first column and row, columns and rows, pixels.
     pub window: [usize; 4],
+    /// Stored values that become 0 and 1, the same for all tiles; none for 8-bit images.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stretch: Option<[f32; 2]>,
 }
 
 /// Predicted cost of a tile.
@@ -89,6 +124,20 @@ impl Plan {
     #[must_use]
     pub fn tile(&self, id: &str) -> Option<&Tile> {
         self.tiles.iter().find(|tile| tile.id == id)
+    }
+
+    /// The IDs of all tiles, as text.
+    #[must_use]
+    pub fn ids(&self) -> String {
+        self.tiles.iter().map(|tile| tile.id.as_str()).collect::<Vec<_>>().join(", ")
+    }
+
+    /// The recipe as an option of training: a name, or the path of a file in the run folder.
+    #[must_use]
+    pub fn recipe_in(&self, run: &Path) -> String {
+        let recipe = &self.train.recipe;
+        let is_named = Recipe::NAMES.contains(&recipe.as_str());
+        if is_named { recipe.clone() } else { run.join(recipe).to_string_lossy().into_owned() }
     }
 
     /// The grid of a tile's core.

@@ -3,7 +3,7 @@
 use super::altitude_map::AltitudeMap;
 use super::fill::{close_gaps, fill};
 use super::reference::ReferenceView;
-use crate::affine::AffineCamera;
+use crate::affine::ViewCamera;
 use crate::frame::Pixel;
 use crate::io::{Grid2, MapGrid};
 use crate::mvs::plane_sweep::PlaneSweep;
@@ -80,7 +80,7 @@ impl<'a> Mesh<'a> {
     }
 
     /// Draws two triangles for every four neighbouring pixels.
-    fn draw(&mut self, camera: &AffineCamera, map: &AltitudeMap) {
+    fn draw(&mut self, camera: &ViewCamera, map: &AltitudeMap) {
         for row in 0..map.altitude.height - 1 {
             for col in 0..map.altitude.width - 1 {
                 let corners = [(col, row), (col + 1, row), (col, row + 1), (col + 1, row + 1)];
@@ -94,7 +94,7 @@ impl<'a> Mesh<'a> {
 
     /// Column and row on the map grid (centres of cells at whole numbers) of the point that a pixel shows,
     /// and its altitude `z`.
-    fn corner(&self, camera: &AffineCamera, col: usize, row: usize, z: f32) -> [f32; 3] {
+    fn corner(&self, camera: &ViewCamera, col: usize, row: usize, z: f32) -> [f32; 3] {
         let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), f64::from(z));
         let east = (x + self.origin[0] - self.grid.west) / self.grid.cell - 0.5;
         let south = (self.grid.north - y - self.origin[1]) / self.grid.cell - 0.5;

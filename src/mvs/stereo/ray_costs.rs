@@ -140,7 +140,7 @@ impl<'a> Band<'a> {
     /// Resamples source view `k` to the reference view by way of a plane.
     fn resample(&self, k: usize, plane: usize, out: &mut Sampled) {
         let (source, [cols, rows]) = (self.sources[k], &self.rays.lowest_px[k]);
-        let shift = self.rays.step_px[k].map(|d| d * plane as f32);
+        let [step_cols, step_rows] = &self.rays.step_px[k];
         out.value.fill(0.0);
         out.missing.fill(1.0);
         for (line, row) in rows_of_band(self.first_row, cols.height) {
@@ -150,7 +150,8 @@ impl<'a> Band<'a> {
                 &source.gray,
                 source.mean as f32,
                 [cols.row(row), rows.row(row)],
-                shift,
+                [step_cols.row(row), step_rows.row(row)],
+                plane as f32,
                 value,
                 missing,
             );
@@ -246,13 +247,15 @@ fn sum_windows(source: &[f32], width: usize, radius: usize, scratch: &mut [f32],
     }
 }
 
-/// Samples an image bilinearly at the columns and rows `at`, displaced by `shift` pixels, and subtracts `mean`.
+/// Samples an image bilinearly at the columns and rows `at`, displaced by `steps` times `step` pixels, and
+/// subtracts `mean`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
 fn sample_row(
     gray: &Grid2,
     mean: f32,
     at: [&[f32]; 2],
-    shift: [f32; 2],
+    step: [&[f32]; 2],
+    steps: f32,
     value: &mut [f32],
     missing: &mut [f32],
 ) {
@@ -261,7 +264,7 @@ fn sample_row(
     }
     let (last_col, last_row) = ((gray.width - 1) as f32, (gray.height - 1) as f32);
     for i in 0..value.len() {
-        let (x, y) = (at[0][i] + shift[0], at[1][i] + shift[1]);
+        let (x, y) = (at[0][i] + step[0][i] * steps, at[1][i] + step[1][i] * steps);
         let inside = x >= 0.0 && y >= 0.0 && x < last_col && y < last_row;
         let (x, y) = if inside { (x, y) } else { (0.0, 0.0) };
         let (col, row) = (x as i32, y as i32);

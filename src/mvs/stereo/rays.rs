@@ -1,7 +1,7 @@
 //! The rays of a reference view's pixels, and where the source views see the points on them.
 
-use crate::affine::AffineCamera;
-use crate::frame::Pixel;
+use crate::affine::ViewCamera;
+use crate::frame::{Pixel, Point};
 use crate::io::Grid2;
 use crate::mvs::image::MatchImage;
 use crate::mvs::plane_sweep::PlaneSweep;
@@ -20,8 +20,9 @@ pub(super) struct Rays {
     pub step_m: f32,
     /// For every source view, the columns and rows at which it sees the lowest plane on every ray, pixels.
     pub lowest_px: Vec<[Grid2; 2]>,
-    /// For every source view, the displacement (columns, rows) in its image from one plane to the next, pixels.
-    pub step_px: Vec<[f32; 2]>,
+    /// For every source view, the displacement (columns, rows) in its image from one plane to the next on every
+    /// ray, pixels.
+    pub step_px: Vec<[Grid2; 2]>,
 }
 
 impl Rays {
@@ -41,23 +42,38 @@ impl Rays {
                 *lowest = ground as f32 + sweep.stack.low;
             }
         });
-        let lowest_px = |source: &&MatchImage| {
+        // The point on a ray at a height above its lowest plane.
+        let point = |col: usize, row: usize, above_m: f64| {
+            let z = f64::from(lowest.at(col, row)) + above_m;
+            let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), z);
+            Point::new(x, y, z)
+        };
+        // A grid of columns and one of rows.
+        let columns_and_rows = |of: &(dyn Fn(usize, usize) -> [f64; 2] + Sync)| {
             [0, 1].map(|axis| {
                 Grid2::from_rows(width, height, |row, line| {
-                    for (col, at) in line.iter_mut().enumerate() {
-                        let z = f64::from(lowest.at(col, row));
-                        let [x, y] = camera.localize(Pixel::new(col as f64, row as f64), z);
-                        let [u, v] = source.camera.displace([x, y, z]);
-                        *at = ([u, v][axis] + source.camera.offset[axis]) as f32;
-                    }
+                    line.iter_mut().enumerate().for_each(|(col, at)| *at = of(col, row)[axis] as f32);
                 })
             })
         };
-        let step_px = sources.iter().map(|s| px_per_metre(camera, &s.camera).map(|d| (d * step_m) as f32));
+        let lowest_px = |source: &&MatchImage| {
+            columns_and_rows(&|col, row| {
+                let px = source.camera.project(point(col, row, 0.0));
+                [px.col, px.row]
+            })
+        };
+        // Half way up, the derivative of a quadratic is its mean over the ray.
+        let step_px = |source: &&MatchImage| {
+            columns_and_rows(&|col, row| {
+                let middle = point(col, row, 0.5 * sweep.stack.height_m());
+                let cameras = [camera, &source.camera].map(|camera| camera.tangent_at(middle));
+                px_per_metre(&cameras[0], &cameras[1]).map(|d| d * step_m)
+            })
+        };
         Self {
             planes,
             lowest_px: sources.iter().map(lowest_px).collect(),
-            step_px: step_px.collect(),
+            step_px: sources.iter().map(step_px).collect(),
             lowest,
             step_m: step_m as f32,
         }
@@ -66,14 +82,14 @@ impl Rays {
 
 /// Displacement in the image of a source view, pixels, of a point that moves up by one metre on a ray of the
 /// reference view.
-fn px_per_metre(reference: &AffineCamera, source: &AffineCamera) -> [f64; 2] {
+fn px_per_metre(reference: &ViewCamera, source: &ViewCamera) -> [f64; 2] {
     let [east, north] = reference.line_of_sight_slope();
     source.displace([east, north, 1.0])
 }
 
 /// Difference of altitude, metres, that moves a point on the rays of the reference view by one pixel of a
 /// source view.
-pub(super) fn metres_per_pixel(reference: &AffineCamera, source: &AffineCamera) -> f64 {
+pub(super) fn metres_per_pixel(reference: &ViewCamera, source: &ViewCamera) -> f64 {
     let [u, v] = px_per_metre(reference, source);
     u.hypot(v).recip()
 }

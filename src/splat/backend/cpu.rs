@@ -148,7 +148,7 @@ impl Loaded {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::affine::{AffineCamera, TrainingView};
+    use crate::affine::{TrainingView, ViewCamera};
     use crate::frame::{Point, SiteGrid};
     use crate::io::Grid2;
     use crate::progress::NoProgress;
@@ -181,14 +181,14 @@ mod tests {
             .map(|v| {
                 let slope = 0.2 * (f64::from(v) - 1.0);
                 let linear = [[2.0, 0.0, slope], [0.0, -2.0, 0.3 - slope]];
-                let camera = AffineCamera { linear, offset: [29.5, 27.5] };
+                let camera = ViewCamera::affine(linear, [29.5, 27.5]);
                 let mut draw = CounterRng::new(7, u64::from(v), 0, 0);
                 let mut pattern = |c: f64, r: f64| {
                     (0.5 + 0.3 * (c * 0.3).sin() * (r * 0.2).cos() + 0.1 * draw.uniform()) as f32
                 };
                 let plane = Grid2::from_fn(60, 56, |c, r| pattern(c as f64, r as f64));
                 let area = (-14.0, -13.0, 14.0, 13.0);
-                TrainingView::new(format!("v{v}"), camera, Some([1.1, -0.8]), &[plane], area)
+                TrainingView::new(format!("v{v}"), camera, Some([1.1, -0.8]), &[plane], area, (0.0, 0.0))
             })
             .collect();
         let mut start = Splats::default();

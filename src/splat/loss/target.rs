@@ -1,6 +1,6 @@
 //! The image that a view's picture is compared with, at one resolution.
 
-use crate::affine::{AffineCamera, TrainingView};
+use crate::affine::{TrainingView, ViewCamera};
 use crate::splat::raster::Image;
 use rayon::prelude::*;
 
@@ -19,7 +19,7 @@ pub struct TargetImage {
 impl TargetImage {
     /// Loads a view's image at a resolution level (0 full, 1 half, up to [`COARSEST_LEVEL`]) and returns the view's camera for
     /// that resolution. A pixel is the mean of the linear values of the valid pixels that it covers.
-    pub fn load(&mut self, view: &TrainingView, level: usize) -> AffineCamera {
+    pub fn load(&mut self, view: &TrainingView, level: usize) -> ViewCamera {
         let side = 1 << level;
         let (width, height) = (view.width / side, view.height / side);
         self.colors.resize(width, height, 3);
@@ -52,8 +52,8 @@ mod tests {
             (_, row) => 0.2 + 0.4 * row as f32,
         });
         // A pixel is 1 m wide; the last column lies outside the area.
-        let camera = AffineCamera { linear: [[1.0, 0.0, 0.3], [0.0, -1.0, 0.1]], offset: [0.0; 2] };
-        let view = TrainingView::new("v".into(), camera, None, &[plane], (-0.5, -5.0, 2.5, 5.0));
+        let camera = ViewCamera::affine([[1.0, 0.0, 0.3], [0.0, -1.0, 0.1]], [0.0; 2]);
+        let view = TrainingView::new("v".into(), camera, None, &[plane], (-0.5, -5.0, 2.5, 5.0), (0.0, 0.0));
         let mut target = TargetImage::default();
         assert_eq!(target.load(&view, 0), camera);
         assert_eq!(target.valid, [true, false, true, false, true, true, true, false]);
@@ -71,8 +71,8 @@ mod tests {
     fn pixels_are_averaged_in_linear_values() {
         let transfer_function = TransferFunction::new(2.0).unwrap();
         let plane = Grid2::from_fn(2, 2, |col, _| if col == 0 { 0.2 } else { 1.0 });
-        let camera = AffineCamera { linear: [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], offset: [0.0; 2] };
-        let view = TrainingView::new("v".into(), camera, None, &[plane], (-5.0, -5.0, 5.0, 5.0))
+        let camera = ViewCamera::affine([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], [0.0; 2]);
+        let view = TrainingView::new("v".into(), camera, None, &[plane], (-5.0, -5.0, 5.0, 5.0), (0.0, 0.0))
             .with_transfer_function(transfer_function);
         let mut target = TargetImage::default();
         let _ = target.load(&view, 0);

@@ -7,7 +7,7 @@ use super::project::{CHUNK, Chunk, FrameCamera, Projection};
 use super::sorted::SortedSplats;
 use super::splat_block::SplatGradient;
 use super::{backward, forward};
-use crate::camera::{AffineKernel, CameraKernel};
+use crate::camera::{CameraKernel, QuadraticKernel};
 use crate::simd::{Real, SimdReal};
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ use rayon::prelude::*;
 pub const MAX_SIDE: usize = TILE << u16::BITS;
 
 /// Renders `C` features of each splat with one camera and computes the gradient; keeps its buffers between calls.
-pub struct Rasterizer<T, const C: usize, K = AffineKernel<T>> {
+pub struct Rasterizer<T, const C: usize, K = QuadraticKernel<T>> {
     chunks: Vec<Chunk<T>>,
     bands: Vec<Band<T, C>>,
     image: Image<T>,

@@ -1,7 +1,7 @@
 //! Gradients are compared with central differences in f64, f32 with f64, and renders with closed forms.
 
 use super::*;
-use crate::camera::{AffineKernel, CameraKernel, DepthOrder, QuadraticKernel};
+use crate::camera::{CameraKernel, DepthOrder, QuadraticKernel};
 use crate::frame::Point;
 use crate::perspective::{PinholeCamera, PinholeKernel};
 use crate::simd::{Real, SimdReal};
@@ -32,9 +32,8 @@ fn scene(n: usize, seed: u64) -> Splats<f64> {
     g
 }
 
-fn camera<T: Real>() -> FrameCamera<AffineKernel<T>> {
-    let camera =
-        crate::affine::AffineCamera { linear: [[2.9, 0.2, 0.5], [0.3, -2.8, 0.7]], offset: [18.3, 16.8] };
+fn camera<T: Real>() -> FrameCamera<QuadraticKernel<T>> {
+    let camera = crate::affine::ViewCamera::affine([[2.9, 0.2, 0.5], [0.3, -2.8, 0.7]], [18.3, 16.8]);
     FrameCamera::new(&camera, 37, 35)
 }
 
@@ -172,7 +171,7 @@ fn gradients_of_a_pinhole_camera_agree_with_central_differences() {
 #[test]
 fn gradients_of_a_quadratic_camera_agree_with_central_differences() {
     let quadratic = [[0.02, -0.01, 0.015, 0.01, 0.02, -0.03], [-0.01, 0.02, 0.01, -0.02, 0.015, 0.01]];
-    let kernel = QuadraticKernel::<f64> { affine: camera::<f64>().kernel, quadratic };
+    let kernel = QuadraticKernel::<f64> { quadratic, ..camera::<f64>().kernel };
     let camera = FrameCamera::<QuadraticKernel<f64>> { kernel, width: 37, height: 35 };
     let g = scene(40, 0);
     let worst = worst_disagreement(&g, &gradient(&g, &camera), &camera, 1);

@@ -117,17 +117,23 @@ pub fn curves(log: &[LogLine]) -> Chart {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::affine::AffineCamera;
+    use crate::affine::ViewCamera;
     use crate::io::Grid2;
     use crate::splat::appearance::Appearance;
     use crate::splat::splats::Splats;
 
     #[test]
     fn panels_show_image_picture_shadow_altitude_and_error() {
-        let camera = AffineCamera { linear: [[1.0, 0.0, 0.2], [0.0, -1.0, 0.1]], offset: [19.5, 19.5] };
+        let camera = ViewCamera::affine([[1.0, 0.0, 0.2], [0.0, -1.0, 0.1]], [19.5, 19.5]);
         let white = Grid2::filled(40, 40, 1.0);
-        let view =
-            TrainingView::new("v".into(), camera, Some([1.0, 0.0]), &[white], (-30.0, -30.0, 10.0, 30.0));
+        let view = TrainingView::new(
+            "v".into(),
+            camera,
+            Some([1.0, 0.0]),
+            &[white],
+            (-30.0, -30.0, 10.0, 30.0),
+            (0.0, 0.0),
+        );
         let mut splats = Splats::default();
         // Black ground, a part of which lies in the shadow of a roof.
         for i in -12..=12 {
