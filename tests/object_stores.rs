@@ -95,15 +95,21 @@ fn another_image_on_the_server_is_told_without_reading_it_whole() {
 #[test]
 fn rpc_files_beside_remote_images_are_found_whether_the_folder_is_listed_or_not() {
     let town = Town::new();
+    let above = tempfile::tempdir().unwrap();
+    let folder = above.path().join("town");
+    std::fs::create_dir(&folder).unwrap();
+    for entry in std::fs::read_dir(town.0.path()).unwrap() {
+        let file = entry.unwrap().path();
+        std::fs::copy(&file, folder.join(file.file_name().unwrap())).unwrap();
+    }
     for folders in [Folders::Hidden, Folders::Listed] {
-        let server = WebServer::of(town.0.path(), folders);
-        let scene = read_scene(town.list("remote.toml", |file| server.url(file))).unwrap();
+        let server = WebServer::of(above.path(), folders);
+        let scene = read_scene(town.list("remote.toml", |file| server.url(&format!("town/{file}")))).unwrap();
         let found: Vec<&str> = scene.views.iter().map(|v| v.rpc_source.as_str()).collect();
         assert_eq!(found, ["VIEW_01_RPC.TXT", "VIEW_02.RPB", "VIEW_03_RPC.json"]);
         if folders == Folders::Listed {
-            // The folder itself is a scene then; GDAL's name of it needs no slash at its end.
-            let whole = read_scene(server.path("").trim_end_matches('/')).unwrap();
-            assert_eq!(whole.views.len(), 3);
+            // The folder itself is a scene then.
+            assert_eq!(read_scene(server.path("town")).unwrap().views.len(), 3);
         }
     }
 }

@@ -86,7 +86,11 @@ fn answer(
     requests.lock().unwrap().push(format!("{method} {target}"));
     let path = root.join(target.trim_start_matches('/'));
     let content = if path.is_dir() {
-        if folders == Folders::Listed { Ok(listing(&path)) } else { Err(std::io::ErrorKind::NotFound.into()) }
+        if folders == Folders::Listed {
+            Ok(listing(&path, target))
+        } else {
+            Err(std::io::ErrorKind::NotFound.into())
+        }
     } else {
         std::fs::read(&path)
     };
@@ -116,18 +120,19 @@ fn parse_range(text: &str) -> Option<(usize, usize)> {
     Some((from.parse().ok()?, if to.is_empty() { usize::MAX - 1 } else { to.parse().ok()? }))
 }
 
-/// A page that lists a folder, as GDAL understands it.
-fn listing(folder: &Path) -> Vec<u8> {
+/// A page that lists the folder of a URL, as Apache writes it and GDAL understands it.
+fn listing(folder: &Path, target: &str) -> Vec<u8> {
     let mut names: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
     names.sort();
     let line = |path: &PathBuf| {
         let name = path.file_name().unwrap().to_string_lossy();
         let slash = if path.is_dir() { "/" } else { "" };
-        format!("<li><a href=\"{name}{slash}\">{name}{slash}</a></li>\n")
+        format!("<a href=\"{name}{slash}\">{name}{slash}</a> 2023-07-17 10:27 70K\n")
     };
-    let lines: String = names.iter().map(line).collect();
-    format!(
-        "<html><head><title>Directory listing for /</title></head><body><ul>\n{lines}</ul></body></html>\n"
-    )
-    .into_bytes()
+    let (lines, title) = (names.iter().map(line).collect::<String>(), target.trim_end_matches('/'));
+    let page = format!(
+        "<html><head>\n<title>Index of {title}</title>\n</head><body>\n<h1>Index of {title}</h1>\n<pre>\n\
+         {lines}</pre></body></html>\n"
+    );
+    page.into_bytes()
 }
