@@ -61,8 +61,8 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    if name == "events":
-        return import_module("satgs.events")
+    if name in ("errors", "events", "results"):
+        return import_module(f"satgs.{name}")
     for home, names in _HOMES.items():
         if name in names:
             return getattr(import_module(home), name)
