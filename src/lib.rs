@@ -77,6 +77,7 @@ pub mod metrics;
 pub mod coregister;
 pub mod report;
 pub mod pipeline;
+pub mod tiles;
 #[cfg(feature = "cli")]
 #[cfg_attr(docsrs, doc(cfg(feature = "cli")))]
 pub mod cli;

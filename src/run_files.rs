@@ -42,6 +42,22 @@ pub const STAGE: &str = "stage.json";
 pub const SUMMARY: &str = "summary.json";
 /// Which products beside the rasters were made of the surface.
 pub const PRODUCTS: &str = "dsm/products.json";
+/// The plan of the tiles of a scene larger than one tile.
+pub const PLAN: &str = "tiles.json";
+/// Folder of the tiles; each is a run folder.
+pub const TILES: &str = "tiles";
+/// Written last by a tile job, in the tile's folder: what it was made from, and its files.
+pub const DONE: &str = "done.json";
+/// Written by a tile job that failed, in the tile's folder: the reason.
+pub const FAILURE: &str = "failed.json";
+/// Folder of the blended cores of the tiles.
+pub const MOSAIC: &str = "mosaic";
+/// Corrections of the tiles' colours.
+pub const COLORS: &str = "colour.json";
+/// The seams between tiles, with the differences there.
+pub const SEAMS: &str = "seams.gpkg";
+/// The tiles that failed.
+pub const FAILED: &str = "failed.gpkg";
 /// Locked while a command works in the folder.
 pub const LOCK: &str = ".lock";
 /// The page that shows all of it.

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 23] = [
+const LAYERS: [(&str, Option<&[&str]>); 24] = [
     ("random", Some(&[])),
     ("stats", Some(&["random"])),
     ("simd", Some(&[])),
@@ -31,6 +31,7 @@ const LAYERS: [(&str, Option<&[&str]>); 23] = [
     ("coregister", Some(&["stats", "frame", "io", "metrics"])),
     ("report", None),
     ("pipeline", None),
+    ("tiles", None),
     ("cli", None),
 ];
 

@@ -1,9 +1,11 @@
 //! The views of an adjustment, their delivered cameras, and the pairs of them that are matched.
 
+use super::control::tracks_of;
 use super::correction::{ImageFrame, Parameters};
 use super::error::BundleError;
 use super::features::Keypoint;
-use super::network::Network;
+use super::network::{Estimate, HEIGHT_MARGIN_M, Network};
+use super::options::BundleOptions;
 use super::problem::Track;
 use super::report::LeftOut;
 use super::used_view::UsedView;
@@ -37,10 +39,11 @@ pub(super) struct Adjuster<'a> {
 
 impl<'a> Adjuster<'a> {
     /// Takes all views of a scene but those in `left_out`, those with too few keypoints, and those whose RPC cannot be
-    /// localised at the scene's heights; the latter two are added to `left_out`.
+    /// localised at the scene's heights; the latter two are added to `left_out`. Without keypoints there are no pairs of
+    /// views to match.
     pub(super) fn new(
         scene: &'a Scene,
-        keypoints: &'a [Vec<Keypoint>],
+        keypoints: Option<&'a [Vec<Keypoint>]>,
         heights: (f64, f64),
         mut left_out: Vec<LeftOut>,
         progress: &'a dyn Progress,
@@ -58,11 +61,12 @@ impl<'a> Adjuster<'a> {
             heights,
             height_prior: None,
         };
-        for (view, keypoints) in scene.views.iter().zip(keypoints) {
+        for (i, view) in scene.views.iter().enumerate() {
             if left_out.iter().any(|l| l.0 == view.name) {
                 continue;
             }
-            let found = keypoints.len();
+            let of_view = keypoints.map(|all| all[i].as_slice());
+            let found = of_view.map_or(MIN_KEYPOINTS, <[Keypoint]>::len);
             match view.direction_deg(middle) {
                 _ if found < MIN_KEYPOINTS => {
                     left_out.push((
@@ -73,12 +77,12 @@ impl<'a> Adjuster<'a> {
                 None => left_out
                     .push((view.name.clone(), "its RPC cannot be localised at the scene's heights".into())),
                 Some(direction) => {
-                    tracing::debug!("{}: {found} keypoints", view.name);
+                    tracing::debug!("{}: {} keypoints", view.name, of_view.map_or(0, <[Keypoint]>::len));
                     network.rpcs.push(&view.rpc);
                     network.frames.push(ImageFrame::new((view.width, view.height)));
                     network.is_fixed.push(false);
                     network.directions.push(direction);
-                    views.push(UsedView { view, keypoints });
+                    views.push(UsedView { view, keypoints: of_view.unwrap_or_default() });
                 }
             }
         }
@@ -86,8 +90,54 @@ impl<'a> Adjuster<'a> {
         if views.len() < 2 {
             return Err(too_few(views.len(), scene.views.len(), &left_out));
         }
-        let pairs = overlapping_pairs(&views, &network)?;
+        let pairs = if keypoints.is_some() { overlapping_pairs(&views, &network)? } else { Vec::new() };
         Ok(Self { views, network, pairs, control: Vec::new(), left_out, progress })
+    }
+
+    /// Takes over what defines the datum: reference views, an elevation model, ground control.
+    ///
+    /// # Errors
+    /// [`BundleError::Reference`], [`BundleError::ControlImage`].
+    pub(super) fn set_datum(&mut self, scene: &Scene, options: &'a BundleOptions) -> Result<(), BundleError> {
+        self.fix_views(&options.reference)?;
+        self.network.height_prior = options.height_prior.as_ref();
+        let names: Vec<&str> = self.views.iter().map(|v| v.view.name.as_str()).collect();
+        self.control = tracks_of(&options.control, scene, &names, &self.network.block())?;
+        Ok(())
+    }
+
+    /// Marks views as reference views, whose cameras are not corrected.
+    fn fix_views(&mut self, reference: &[String]) -> Result<(), BundleError> {
+        for name in reference {
+            let refused = |reason: String| BundleError::Reference { view: name.clone(), reason };
+            if let Some((_, why)) = self.left_out.iter().find(|l| l.0 == *name) {
+                return Err(refused(format!("is left out: {why}")));
+            }
+            let view = self.views.iter().position(|v| v.view.name == *name);
+            self.network.is_fixed[view.ok_or_else(|| refused("is not in the scene".into()))?] = true;
+        }
+        Ok(())
+    }
+
+    /// The error that says which views tracks join.
+    pub(super) fn not_connected(&self, groups: &[Vec<usize>]) -> BundleError {
+        let list = |g: &Vec<usize>| {
+            let names: Vec<&str> = g.iter().map(|v| self.views[*v].view.name.as_str()).collect();
+            format!("{{{}}}", names.join(", "))
+        };
+        BundleError::NotConnected { components: groups.iter().map(list).collect::<Vec<_>>().join(" | ") }
+    }
+
+    /// Narrows the range of heights to that of the points, outliers excepted, with a margin.
+    pub(super) fn narrow_heights(&mut self, estimate: &Estimate) {
+        let mut z: Vec<f64> = estimate.points.iter().map(|p| p[2] + self.network.center.height_m()).collect();
+        z.sort_by(f64::total_cmp);
+        let at = |share: f64| z[(share * (z.len() - 1) as f64) as usize];
+        let (low, high) = self.network.heights;
+        self.network.heights = (
+            (at(0.005) - HEIGHT_MARGIN_M).max(low - HEIGHT_MARGIN_M),
+            (at(0.995) + HEIGHT_MARGIN_M).min(high + HEIGHT_MARGIN_M),
+        );
     }
 
     /// Ground sampling distance, the mean of all views, metres.
@@ -119,6 +169,35 @@ impl<'a> Adjuster<'a> {
             counts[seen.view] += 1;
         }
         counts
+    }
+}
+
+/// Result of one attempt.
+pub(super) enum Outcome {
+    Adjusted(Estimate),
+    /// These views contradict the others or are not connected with them; another attempt is made without them.
+    Rejected(Vec<LeftOut>),
+}
+
+/// Makes attempts, each without the views that those before rejected, until one rejects none.
+///
+/// # Errors
+/// Those of `start` and `run`.
+pub(super) fn attempt<'a>(
+    start: impl Fn(Vec<LeftOut>) -> Result<Adjuster<'a>, BundleError>,
+    run: impl Fn(&mut Adjuster<'a>) -> Result<Outcome, BundleError>,
+) -> Result<(Adjuster<'a>, Estimate), BundleError> {
+    let mut left_out = Vec::new();
+    loop {
+        let mut adjuster = start(left_out)?;
+        match run(&mut adjuster)? {
+            Outcome::Adjusted(estimate) => return Ok((adjuster, estimate)),
+            Outcome::Rejected(rejected) => {
+                rejected.iter().for_each(|view| warn_left_out(adjuster.progress, view));
+                left_out = adjuster.left_out;
+                left_out.extend(rejected);
+            }
+        }
     }
 }
 

@@ -61,6 +61,15 @@ pub enum BundleError {
         /// Groups of connected views.
         components: String,
     },
+    /// No cell of a large scene's ground gave tie points.
+    #[error("none of the {cells} cells of the ground has tie points: {reasons}")]
+    #[diagnostic(help("do the views show the same place without clouds? a wider --height-range may help"))]
+    NoCell {
+        /// Number of cells.
+        cells: usize,
+        /// The cells with the reasons.
+        reasons: String,
+    },
     /// All views see the scene from nearly the same direction.
     #[error("no two views differ by {needed_deg}° in direction: heights cannot be measured")]
     #[diagnostic(help("`satgs info` lists the convergence angles"))]

@@ -7,6 +7,10 @@
 //! replaces the positions of the keypoints. Surveyed points define the datum if there are any; otherwise the mean of
 //! the delivered cameras does, with the heights of an elevation model if one is given.
 //!
+//! A scene of more than a square kilometre is cut into cells of ground. Each is cropped, matched and adjusted as if it were
+//! a scene of its own, and keeps some hundred tracks that are spread over it; all cells' tracks together are then
+//! adjusted at once. Memory is that of one cell, and cells that are done are stored.
+//!
 //! The words of this module, in the order of processing: a *keypoint* is a feature of one image; a *match* is a pair of
 //! keypoints of two views; a *track* is a set of keypoints (its *track elements*), at most one per view, that are taken
 //! for one point on the ground; an *observation* is the position of that point in a view, with a weight; a *tie point*
@@ -14,6 +18,9 @@
 
 mod adjust;
 mod adjuster;
+mod cell;
+mod cell_grid;
+mod cell_tracks;
 mod control;
 mod control_check;
 mod correction;
@@ -21,9 +28,9 @@ mod error;
 mod features;
 mod figures;
 mod height_prior;
-mod keypoint_file;
 mod matching;
 mod network;
+mod options;
 mod output;
 mod patches;
 mod point_heights;
@@ -33,13 +40,16 @@ mod report;
 mod result;
 mod scale_space;
 mod solver;
+mod stages;
 mod tie_point_refinement;
+mod track_choice;
 mod tracks;
 mod used_view;
 mod view_pairs;
 mod view_rejection;
+mod whole_scene;
 
-pub use adjust::{BundleOptions, adjust};
+pub use adjust::adjust;
 pub use control::{ControlPoint, control_pairs, read_control};
 pub use control_check::check_control;
 pub use correction::{CorrectionModel, Parameters};
@@ -47,5 +57,6 @@ pub use error::BundleError;
 pub use features::{Keypoint, detect};
 pub use figures::ADJUSTMENT_FIGURES;
 pub use height_prior::HeightPrior;
+pub use options::{BundleOptions, CellStore};
 pub use output::{Adjustment, PointQuality, SparsePoint, TiePointObservation};
-pub use report::{ControlReport, LeftOut, Report, ViewReport};
+pub use report::{CellReport, ControlReport, LeftOut, Report, ViewReport};

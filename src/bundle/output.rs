@@ -87,6 +87,15 @@ impl Adjustment {
     /// # Errors
     /// [`BundleError`].
     pub fn write(&self, folder: &Path, scene: &Scene) -> Result<(), BundleError> {
+        self.write_cameras(folder, scene)?;
+        self.write_points(folder)?;
+        self.write_tie_points(folder)?;
+        self.write_figures(folder, scene)?;
+        Ok(write_json(&folder.join(ADJUSTMENT_REPORT), &self.report)?)
+    }
+
+    /// Writes `rpcs/NAME.json` and `rpcs/NAME_RPC.TXT`.
+    fn write_cameras(&self, folder: &Path, scene: &Scene) -> Result<(), BundleError> {
         for (name, rpc) in &self.cameras {
             let Some(view) = scene.views.iter().find(|v| v.name == *name) else { continue };
             let json = formats::to_json(rpc, &view.tags());
@@ -94,10 +103,26 @@ impl Adjustment {
             write_file(&rpcs.join(format!("{name}.json")), &json)?;
             write_file(&rpcs.join(format!("{name}_RPC.TXT")), formats::to_text(rpc))?;
         }
+        Ok(())
+    }
+
+    /// Writes what [`Adjustment::read`] reads: cameras, points and report.
+    ///
+    /// # Errors
+    /// [`BundleError`].
+    pub fn write_result(&self, folder: &Path, scene: &Scene) -> Result<(), BundleError> {
+        self.write_cameras(folder, scene)?;
         self.write_points(folder)?;
-        self.write_tie_points(folder)?;
-        self.write_figures(folder, scene)?;
         Ok(write_json(&folder.join(ADJUSTMENT_REPORT), &self.report)?)
+    }
+
+    /// Keeps some of the views, by name, and some of the points, by place; the observations are dropped.
+    pub fn keep(&mut self, view: impl Fn(&str) -> bool, place: impl Fn(Point<Geodetic>) -> bool) {
+        self.cameras.retain(|camera| view(&camera.0));
+        self.report.views.retain(|report| view(&report.name));
+        self.points.retain(|point| place(point.position));
+        self.observations.clear();
+        self.quality.clear();
     }
 
     /// Reads cameras, points and report as written by [`Adjustment::write`], without observations and accuracies.

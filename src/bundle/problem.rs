@@ -57,6 +57,8 @@ pub struct Track {
     pub gray: u8,
     /// Surveyed position, for ground control.
     pub prior: Option<PositionPrior>,
+    /// Index of the cell of ground that it is from; 0 in a scene of one cell.
+    pub cell: u32,
 }
 
 /// The unknowns: corrections and points.

@@ -107,6 +107,40 @@ pub struct Report {
     pub control: Vec<ControlReport>,
     /// Views that were left out, with the reasons.
     pub left_out: Vec<LeftOut>,
+    /// Statistics of each cell of ground, where a large scene was matched by cells.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cells: Vec<CellReport>,
+}
+
+/// Statistics of a cell of ground.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CellReport {
+    /// Column from the west and row from the south: `x003_y000`.
+    pub id: String,
+    /// Longitude and latitude of its middle, degrees.
+    pub center_deg: [f64; 2],
+    /// Number of its tracks that survived the adjustment of the whole scene.
+    pub tracks: usize,
+    /// Root mean square reprojection error of these; none without tracks.
+    pub rms_px: Option<f64>,
+    /// Why the cell has no tie points, if it has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skipped: Option<String>,
+}
+
+impl CellReport {
+    /// Statistics from the residuals of the observations of a cell's tracks, pixels.
+    #[must_use]
+    pub fn new(
+        id: &str,
+        center_deg: [f64; 2],
+        tracks: usize,
+        residuals_px: &[f64],
+        skipped: Option<String>,
+    ) -> Self {
+        let rms_px = (!residuals_px.is_empty()).then(|| rms(residuals_px));
+        Self { id: id.into(), center_deg, tracks, rms_px, skipped }
+    }
 }
 
 /// Name of a view that is left out, and the reason.

@@ -1,13 +1,15 @@
 //! The result of an adjustment: corrected cameras, sparse points, residuals, precision and the report.
 
-use super::adjust::BundleOptions;
 use super::adjuster::Adjuster;
 use super::control_check::control_report;
 use super::error::BundleError;
 use super::network::Estimate;
+use super::options::BundleOptions;
 use super::output::{Adjustment, PointQuality, SparsePoint, TiePointObservation};
 use super::report::{Report, ViewReport};
+use super::used_view::UsedView;
 use crate::progress::Event;
+use crate::rpc::Rpc;
 
 impl Adjuster<'_> {
     /// What defines the datum.
@@ -99,21 +101,23 @@ impl Adjuster<'_> {
                 angle_deg: self.network.angle_deg(track),
             })
             .collect();
-        let names = self.views.iter().map(|v| v.view.name.clone());
         let tied = tracks.iter().zip(points).filter(|(t, _)| t.prior.is_none()).enumerate();
         let (points, observations): (Vec<_>, Vec<_>) = tied
             .map(|(id, (track, p))| {
                 let seen = track.observations.iter().map(|m| {
                     let predicted = block.project(m.view, &corrections[m.view], *p);
                     let residual_px = [m.px.col - predicted.col, m.px.row - predicted.row];
-                    TiePointObservation { point: id, view: m.view, px: m.px, residual_px }
+                    // The adjustment works in the pixels of the views' windows; the result is in those of whole images.
+                    let px = self.views[m.view].view.px_of_whole(m.px);
+                    TiePointObservation { point: id, view: m.view, px, residual_px }
                 });
                 let position = block.geodetic(*p);
                 let views = track.observations.len() as u8;
                 (SparsePoint { position, views, gray: track.gray }, seen.collect::<Vec<_>>())
             })
             .unzip();
-        let cameras = names.zip(self.corrected(corrections)?).collect();
+        let whole = |(used, rpc): (&UsedView, Rpc)| (used.view.name.clone(), used.view.camera_of_whole(&rpc));
+        let cameras = self.views.iter().zip(self.corrected(corrections)?).map(whole).collect();
         Ok(Adjustment { cameras, points, observations: observations.concat(), quality, report })
     }
 }

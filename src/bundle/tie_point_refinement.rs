@@ -16,7 +16,7 @@ const MIN_VIEWS: usize = 4;
 /// are negligible for all other views.
 const UNCONFIRMED_WEIGHT: f64 = 0.01;
 /// Observations with residuals below this are never rejected, pixels.
-const MIN_PATCH_LIMIT_PX: f64 = 0.4;
+pub(super) const MIN_PATCH_LIMIT_PX: f64 = 0.4;
 /// Points whose height has a larger standard deviation are dropped, in ground sampling distances.
 const MAX_HEIGHT_SIGMA_PX: f64 = 10.0;
 /// Side of the tiles of ground whose points are measured at a time, pixels.

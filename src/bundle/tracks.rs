@@ -74,14 +74,17 @@ fn root(parent: &mut [usize], mut id: usize) -> usize {
     id
 }
 
-/// Groups of views that tracks connect, the largest group first.
+/// Groups of views that tracks connect, the largest group first. A track is the indices of its views.
 #[must_use]
-pub fn components(views: usize, tracks: &[Vec<TrackElement>]) -> Vec<Vec<usize>> {
+pub fn components<T: Iterator<Item = usize>>(
+    views: usize,
+    tracks: impl Iterator<Item = T>,
+) -> Vec<Vec<usize>> {
     let mut parent: Vec<usize> = (0..views).collect();
-    for track in tracks {
-        for pair in track.windows(2) {
-            let a = root(&mut parent, pair[0].view as usize);
-            let b = root(&mut parent, pair[1].view as usize);
+    for mut track in tracks {
+        let Some(first) = track.next() else { continue };
+        for view in track {
+            let (a, b) = (root(&mut parent, first), root(&mut parent, view));
             parent[a.max(b)] = a.min(b);
         }
     }
@@ -124,7 +127,9 @@ mod tests {
 
     #[test]
     fn views_without_common_tracks_are_components_of_their_own() {
-        let tracks = build(&[2, 2, 2], &[((0, 2), vec![link(1, 1, 0.9)])]);
-        assert_eq!(components(3, &tracks), vec![vec![0, 2], vec![1]]);
+        assert_eq!(
+            components(3, [[0, 2]].map(<[usize; 2]>::into_iter).into_iter()),
+            vec![vec![0, 2], vec![1]]
+        );
     }
 }

@@ -88,6 +88,7 @@ mod tests {
             window: None,
             bands: vec![1],
             stretch_percent: None,
+            stretch: None,
             mask: None,
             nodata: None,
             rpc: rpc.clone(),

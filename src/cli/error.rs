@@ -1,6 +1,7 @@
 //! How a command ends when it is not complete: one line, perhaps a hint, an exit code.
 
 use crate::pipeline::{ErrorKind, PipelineError};
+use crate::tiles::TilesError;
 use miette::Diagnostic;
 
 /// Exit codes of commands that are not complete.
@@ -13,6 +14,8 @@ pub enum ExitStatus {
     WrongInput = 2,
     /// A part of the work is done.
     Partial = 3,
+    /// The machine has too little memory or disk for the work. 75 is EX_TEMPFAIL of sysexits.h.
+    Resources = 75,
     /// The work was interrupted and can be resumed.
     Interrupted = 130,
 }
@@ -22,6 +25,7 @@ impl From<ErrorKind> for ExitStatus {
         match kind {
             ErrorKind::Input => Self::WrongInput,
             ErrorKind::Failed => Self::Failed,
+            ErrorKind::Resources => Self::Resources,
             ErrorKind::Interrupted => Self::Interrupted,
         }
     }
@@ -61,6 +65,14 @@ impl CliError {
     #[must_use]
     pub fn is_partial(&self) -> bool {
         self.status == ExitStatus::Partial
+    }
+}
+
+impl From<TilesError> for CliError {
+    fn from(error: TilesError) -> Self {
+        let is_partial = matches!(error, TilesError::Partial { .. });
+        let status = if is_partial { ExitStatus::Partial } else { error.kind().into() };
+        Self { message: error.chain(), hint: error.help().map(|h| h.to_string()), status }
     }
 }
 

@@ -59,7 +59,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         scene.skyplot(&overlap)?.write(file, "footprints of the views, satellites and suns")?;
     }
     ui.summary("info", Some(&text), &summary(&scene, &rows, &pairs, &overlap))?;
-    Ok(scene.require_shared_ground(scene.height_range())?)
+    scene.require_shared_ground(scene.height_range())?;
+    Ok(())
 }
 
 /// What the table says about a view.

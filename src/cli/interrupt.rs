@@ -4,8 +4,9 @@
 use super::ExitStatus;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::sync::atomic::{AtomicU8, Ordering::SeqCst};
+use std::time::Duration;
 
 /// The running work leaves no checkpoint: the process ends at once.
 const AT_ONCE: u8 = 0;
@@ -34,6 +35,23 @@ fn on_signal(_: i32) {
         let _ = writeln!(std::io::stderr(), "\ninterrupted");
         std::process::exit(ExitStatus::Interrupted as i32);
     }
+}
+
+/// How long work that leaves a checkpoint may go on after the program that started it has gone.
+const GRACE: Duration = Duration::from_secs(30);
+
+/// Stops the process as a signal does when standard input is closed, which happens when the program that holds its other
+/// end exits, however it does.
+pub(super) fn stop_with_parent() {
+    let wait = || {
+        let mut rest = [0; 256];
+        let mut input = std::io::stdin().lock();
+        while !matches!(input.read(&mut rest), Ok(0) | Err(_)) {}
+        on_signal(0);
+        std::thread::sleep(GRACE);
+        std::process::exit(ExitStatus::Interrupted as i32);
+    };
+    let _ = std::thread::Builder::new().name("parent".into()).spawn(wait);
 }
 
 /// Says whether the running work leaves a checkpoint when it is asked to stop: then a first signal only asks.

@@ -1,6 +1,7 @@
 //! The command line: arguments in, a library call, a summary out. It holds no algorithm.
 
 mod error;
+mod event_lines;
 mod interrupt;
 mod ui;
 
@@ -9,13 +10,16 @@ mod ba;
 mod dsm;
 mod dsm_eval;
 mod info;
+mod mosaic;
 mod nvs_eval;
+mod plan;
 mod render;
 mod report;
 mod rpc;
 mod run;
 mod scene_args;
 mod simulate;
+mod tile;
 mod train;
 
 use clap::{Parser, Subcommand};
@@ -34,7 +38,8 @@ pub use ui::Ui;
     version,
     max_term_width = 100,
     after_help = "\
-Exit codes: 0 complete, 1 failed, 2 wrong input or usage, 3 partly complete, 130 interrupted."
+Exit codes: 0 complete, 1 failed, 2 wrong input or usage, 3 partly complete, 75 too little memory or
+disk, 130 interrupted."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -73,6 +78,9 @@ enum Command {
     Render(render::Args),
     NvsEval(nvs_eval::Args),
     Run(Box<run::Args>),
+    Plan(Box<plan::Args>),
+    Tile(tile::Args),
+    Mosaic(mosaic::Args),
     Report(report::Args),
 }
 
@@ -104,6 +112,9 @@ pub fn main() -> std::process::ExitCode {
         Command::Render(args) => render::run(args, &ui),
         Command::NvsEval(args) => nvs_eval::run(args, &ui),
         Command::Run(args) => run::run(args, &ui),
+        Command::Plan(args) => plan::run(args, &ui),
+        Command::Tile(args) => tile::run(args, &ui),
+        Command::Mosaic(args) => mosaic::run(args, &ui),
         Command::Report(args) => report::run(args, &ui),
     });
     if result.as_ref().err().is_none_or(CliError::is_partial) {

@@ -102,6 +102,11 @@ impl Ui {
         }
     }
 
+    /// Prints a line on standard output, whatever else is asked for.
+    pub(super) fn print_line(&self, text: &str) {
+        self.print_out(text);
+    }
+
     fn print_out(&self, text: &str) {
         let mut out = std::io::stdout().lock();
         if let Err(e) = writeln!(out, "{}", text.trim_end()).and_then(|()| out.flush()) {

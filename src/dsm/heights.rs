@@ -42,16 +42,15 @@ impl Dsm {
     }
 }
 
-impl Heights<'_> {
-    /// A QGIS style that colours the heights from low to high.
-    pub(super) fn style(&self) -> String {
-        let mut sorted: Vec<f32> = self.raster.valid().collect();
-        sorted.sort_unstable_by(f32::total_cmp);
-        let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
-        let (low, high) = (at(STYLE_TAIL), at(1.0 - STYLE_TAIL));
-        let step = (high - low) / (HEIGHT_COLORS.len() - 1) as f32;
-        let value = |i: usize| (10.0 * (low + step * i as f32)).round() / 10.0;
-        let stops = HEIGHT_COLORS.iter().enumerate().map(|(i, color)| (value(i), *color));
-        color_style(&stops.collect::<Vec<_>>())
-    }
+/// A QGIS style that colours heights in metres from low to high.
+#[must_use]
+pub fn height_style(heights: &Grid2) -> String {
+    let mut sorted: Vec<f32> = heights.valid().collect();
+    sorted.sort_unstable_by(f32::total_cmp);
+    let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
+    let (low, high) = (at(STYLE_TAIL), at(1.0 - STYLE_TAIL));
+    let step = (high - low) / (HEIGHT_COLORS.len() - 1) as f32;
+    let value = |i: usize| (10.0 * (low + step * i as f32)).round() / 10.0;
+    let stops = HEIGHT_COLORS.iter().enumerate().map(|(i, color)| (value(i), *color));
+    color_style(&stops.collect::<Vec<_>>())
 }

@@ -16,7 +16,7 @@ mod writers;
 
 pub use altitude::altitudes;
 pub use confidence::{Confidence, Seeing};
-pub use heights::Heights;
+pub use heights::{Heights, height_style};
 pub use hillshade::hillshade;
 pub use nadir::nadir_camera;
 pub use render::{HeightsFrom, render};

@@ -1,6 +1,6 @@
 //! The raster files of a DSM.
 
-use super::{Confidence, Dsm, Heights, hillshade};
+use super::{Confidence, Dsm, Heights, height_style, hillshade};
 use crate::io::{Cog, WriteError, write_file};
 use std::path::Path;
 
@@ -12,7 +12,7 @@ impl Dsm {
     pub fn write_dsm(&self, path: &Path, heights: &Heights) -> Result<(), WriteError> {
         let cog = Cog { heights_from: Some(heights.above), ..self.cog() };
         cog.write_f32(path, &[("height", "m", &heights.raster)])?;
-        write_file(&path.with_extension("qml"), heights.style())
+        write_file(&path.with_extension("qml"), height_style(&heights.raster))
     }
 
     /// Writes a hillshade lit from the north-west as an 8-bit Cloud-Optimized GeoTIFF; 255 is nodata.

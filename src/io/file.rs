@@ -1,11 +1,11 @@
 //! Reading of rasters through GDAL: bands, metadata, position on the map.
 
-use super::gdal_setup::{set_up_gdal, transform};
-use super::{Cause, Grid2, MapGrid, RasterError, Window};
+use super::gdal_setup::{listing_is_off, remote_options, set_up_gdal, transform};
+use super::{Cause, Grid2, MapGrid, RasterError, Window, vsi};
 use crate::frame::{CornerPx, Pixel};
 use gdal::raster::{GdalDataType, ResampleAlg};
 use gdal::spatial_ref::SpatialRef;
-use gdal::{Dataset, Metadata};
+use gdal::{Dataset, DatasetOptions, Metadata};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -32,25 +32,22 @@ pub struct BandInfo {
 }
 
 impl ImageFile {
-    /// Opens a raster in any format of GDAL.
+    /// Opens a raster in any format of GDAL, on disk or in one of its virtual file systems ([`vsi`]).
     ///
     /// # Errors
     /// [`RasterError::Open`] if GDAL cannot open it, [`RasterError::Size`] if its size is not plausible.
     pub fn open(path: &Path) -> Result<Self, RasterError> {
         set_up_gdal();
         let refused = |cause: Cause| RasterError::Open { path: path.into(), cause };
-        let file = std::fs::metadata(path).map_err(|e| refused(e.into()))?;
-        if !file.is_file() {
-            return Err(refused("not a regular file".into()));
-        }
-        let dataset = Dataset::open(path).map_err(|e| refused(e.into()))?;
+        let bytes = vsi::size(path).map_err(|e| refused(e.into()))?;
+        let dataset = open(path).map_err(|e| refused(e.into()))?;
         let (width, height) = dataset.raster_size();
-        let size = |reason| RasterError::Size { path: path.into(), width, height, bytes: file.len(), reason };
+        let size = |reason| RasterError::Size { path: path.into(), width, height, bytes, reason };
         let pixels = width as u64 * height as u64;
         if width < 2 || height < 2 || dataset.raster_count() == 0 {
             return Err(size("too small for an image"));
         }
-        if pixels > SMALL_IS_SUSPECT_PIXELS && pixels / MAX_PIXELS_PER_BYTE > file.len() {
+        if pixels > SMALL_IS_SUSPECT_PIXELS && pixels / MAX_PIXELS_PER_BYTE > bytes {
             return Err(size("the file cannot hold that many pixels"));
         }
         Ok(Self { path: path.into(), dataset })
@@ -264,7 +261,20 @@ impl ImageFile {
         Ok(MapGrid { epsg: code, west: t[0], north: t[3], cell: t[1], width, height })
     }
 
-    fn no_band(&self, asked: usize) -> RasterError {
+    pub(super) fn no_band(&self, asked: usize) -> RasterError {
         RasterError::NoBand { path: self.path.clone(), found: self.bands(), asked }
     }
+}
+
+/// Opens a dataset. Of a virtual folder GDAL learns which files stand beside the raster from [`vsi::siblings`], so that it
+/// reads the same ones as of a local folder without a request for every name that there might be.
+fn open(path: &Path) -> gdal::errors::Result<Dataset> {
+    if !vsi::is_virtual(path) || listing_is_off() {
+        return Dataset::open(path);
+    }
+    let siblings = vsi::siblings(path);
+    let siblings: Vec<&str> = siblings.iter().map(String::as_str).collect();
+    let _options = remote_options();
+    let options = DatasetOptions { sibling_files: Some(&siblings), ..DatasetOptions::default() };
+    Dataset::open_ex(path, options)
 }

@@ -1,16 +1,20 @@
 //! Reading and writing of files: rasters, point clouds, vector files, images, charts, JSON.
 
 mod atomic;
+mod blocks;
 mod chart;
 mod cloud;
 mod crs;
+mod disk;
 mod error;
 mod file;
 mod gdal_setup;
+mod gdal_vsi;
 mod grid;
 mod height_unit;
 mod heights;
 mod json;
+mod like;
 mod mask;
 mod grid2;
 mod rgb_image;
@@ -19,24 +23,30 @@ pub mod svg;
 mod valid;
 mod vector;
 mod vertical_reference;
+pub mod vsi;
 mod window;
 mod write;
 
 pub use atomic::{check_writable, write_atomically, write_file};
+pub use blocks::Blocks;
 pub use chart::Chart;
 pub use cloud::{CloudPoint, PointCloud, epsg_of_cloud};
 pub use crs::{epsg_of_wkt, is_metric_map};
+pub use disk::free_disk_bytes;
 pub use error::{Cause, CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
 pub use file::{BandInfo, ImageFile};
 pub use grid::MapGrid;
 pub use grid2::Grid2;
 pub use heights::{HeightSystem, read_heights};
 pub use json::{read_json, write_json};
+pub use like::{MosaicPart, Template};
 pub use rgb_image::RgbImage;
 pub use style::color_style;
 pub use svg::{Drawing, escape_xml};
 pub use valid::ValidPixels;
-pub use vector::{Marker, Outline, inside_polygons, write_markers, write_outlines};
+pub use vector::{
+    MapFeature, MapShape, Marker, Outline, inside_polygons, write_map_features, write_markers, write_outlines,
+};
 pub use vertical_reference::VerticalReference;
 pub use window::Window;
 pub use write::{Cog, SensorImage, png_rgb, write_moved, write_png_gray, write_png_rgb, write_with_rpc};

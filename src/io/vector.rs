@@ -13,6 +13,9 @@ use std::path::Path;
 /// Time of the last change in GeoPackages; it is fixed so that the same content gives the same bytes.
 const UNDATED: &str = "2000-01-01T00:00:00.000Z";
 
+/// EPSG code of longitude and latitude, WGS 84.
+const WGS84: u32 = 4326;
+
 /// Attributes of a feature: names and values, NaN if unknown. All features of a layer have the same names.
 pub type Numbers = Vec<(&'static str, f64)>;
 
@@ -34,6 +37,54 @@ pub struct Marker {
     pub numbers: Numbers,
 }
 
+/// A line or polygon in the coordinates of a map, with attributes.
+pub struct MapFeature {
+    /// Corners in order, (east, north) in metres; the first corner of a polygon is not repeated.
+    pub corners: Vec<(f64, f64)>,
+    /// Attributes that are texts. All features of a layer have the same names.
+    pub texts: Vec<(&'static str, String)>,
+    /// Attributes that are numbers.
+    pub numbers: Numbers,
+}
+
+/// Whether features are lines or polygons.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MapShape {
+    /// Open lines.
+    Line,
+    /// Closed polygons.
+    Polygon,
+}
+
+/// Writes lines or polygons in the CRS of an EPSG code as one layer: a GeoPackage if `path` ends in `.gpkg`, else GeoJSON.
+///
+/// # Errors
+/// [`WriteError`] if the file cannot be written.
+pub fn write_map_features(
+    path: &Path,
+    layer: &str,
+    epsg: u32,
+    shape: MapShape,
+    features: &[MapFeature],
+) -> Result<(), WriteError> {
+    let written = features.iter().map(|f| {
+        let closing = f.corners.first().filter(|_| shape == MapShape::Polygon);
+        let corners: Vec<String> =
+            f.corners.iter().chain(closing).map(|(east, north)| format!("{east} {north}")).collect();
+        let corners = corners.join(", ");
+        let geometry = match shape {
+            MapShape::Line => format!("LINESTRING ({corners})"),
+            MapShape::Polygon => format!("POLYGON (({corners}))"),
+        };
+        (f.texts.iter().map(|(key, text)| (*key, text.as_str())).collect(), geometry, &f.numbers)
+    });
+    let ty = match shape {
+        MapShape::Line => OGRwkbGeometryType::wkbLineString,
+        MapShape::Polygon => OGRwkbGeometryType::wkbPolygon,
+    };
+    write_features(path, layer, (epsg, ty), &written.collect::<Vec<_>>())
+}
+
 /// Writes polygons as one layer: a GeoPackage if `path` ends in `.gpkg`, else GeoJSON.
 ///
 /// # Errors
@@ -42,9 +93,9 @@ pub fn write_outlines(path: &Path, layer: &str, outlines: &[Outline]) -> Result<
     let features = outlines.iter().map(|o| {
         let corners = o.ring.iter().chain(o.ring.first());
         let corners: Vec<String> = corners.map(|(lon, lat)| format!("{lon} {lat}")).collect();
-        (Some(o.name.as_str()), format!("POLYGON (({}))", corners.join(", ")), &o.numbers)
+        (vec![("name", o.name.as_str())], format!("POLYGON (({}))", corners.join(", ")), &o.numbers)
     });
-    write_features(path, layer, OGRwkbGeometryType::wkbPolygon, &features.collect::<Vec<_>>())
+    write_features(path, layer, (WGS84, OGRwkbGeometryType::wkbPolygon), &features.collect::<Vec<_>>())
 }
 
 /// Writes points as one layer: a GeoPackage if `path` ends in `.gpkg`, else GeoJSON.
@@ -54,17 +105,20 @@ pub fn write_outlines(path: &Path, layer: &str, outlines: &[Outline]) -> Result<
 pub fn write_markers(path: &Path, layer: &str, markers: &[Marker]) -> Result<(), WriteError> {
     let features = markers.iter().map(|m| {
         let [lon, lat, h] = m.place;
-        (None, format!("POINT Z ({lon} {lat} {h})"), &m.numbers)
+        (Vec::new(), format!("POINT Z ({lon} {lat} {h})"), &m.numbers)
     });
-    write_features(path, layer, OGRwkbGeometryType::wkbPoint25D, &features.collect::<Vec<_>>())
+    write_features(path, layer, (WGS84, OGRwkbGeometryType::wkbPoint25D), &features.collect::<Vec<_>>())
 }
 
-/// Writes features: name, geometry as WKT, attributes.
+/// A feature as it is written: texts, geometry as WKT, numbers.
+type WrittenFeature<'a> = (Vec<(&'static str, &'a str)>, String, &'a Numbers);
+
+/// Writes features. The CRS is given by its EPSG code.
 fn write_features(
     path: &Path,
     layer: &str,
-    ty: OGRwkbGeometryType::Type,
-    features: &[(Option<&str>, String, &Numbers)],
+    (epsg, ty): (u32, OGRwkbGeometryType::Type),
+    features: &[WrittenFeature],
 ) -> Result<(), WriteError> {
     set_up_gdal();
     let is_package = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gpkg"));
@@ -73,20 +127,20 @@ fn write_features(
         let make = |encoded: &Path| -> Result<(), Cause> {
             set_thread_local_config_option("OGR_CURRENT_DATE", UNDATED)?;
             let mut dataset = DriverManager::get_driver_by_name(driver)?.create_vector_only(encoded)?;
-            let mut srs = SpatialRef::from_epsg(4326)?;
+            let mut srs = SpatialRef::from_epsg(epsg)?;
             srs.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
             let layer =
                 dataset.create_layer(LayerOptions { name: layer, srs: Some(&srs), ty, options: None })?;
             let first = features.first();
-            let names = first.and_then(|f| f.0).map(|_| ("name", OGRFieldType::OFTString));
+            let texts = first.into_iter().flat_map(|f| &f.0).map(|(key, _)| (*key, OGRFieldType::OFTString));
             let numbers = first.into_iter().flat_map(|f| f.2).map(|(key, _)| (*key, OGRFieldType::OFTReal));
-            let offset = usize::from(names.is_some());
-            layer.create_defn_fields(&names.into_iter().chain(numbers).collect::<Vec<_>>())?;
-            for (name, geometry, numbers) in features {
+            let offset = first.map_or(0, |f| f.0.len());
+            layer.create_defn_fields(&texts.chain(numbers).collect::<Vec<_>>())?;
+            for (texts, geometry, numbers) in features {
                 let mut feature = Feature::new(layer.defn())?;
                 feature.set_geometry(Geometry::from_wkt(geometry)?)?;
-                if let Some(name) = name {
-                    feature.set_field_string(0, name)?;
+                for (i, (_, text)) in texts.iter().enumerate() {
+                    feature.set_field_string(i, text)?;
                 }
                 for (i, (_, value)) in numbers.iter().enumerate().filter(|(_, n)| n.1.is_finite()) {
                     feature.set_field_double(i + offset, *value)?;
@@ -160,6 +214,30 @@ mod tests {
             // This is longer than the resolution of the time stamps of GeoPackages.
             std::thread::sleep(std::time::Duration::from_millis(20));
             assert!(first == written(&format!("second.{kind}")), "{kind}");
+        }
+    }
+
+    #[test]
+    fn lines_and_polygons_keep_their_map_and_attributes() {
+        let dir = tempfile::tempdir().unwrap();
+        let feature = MapFeature {
+            corners: vec![(435_000.0, 3_354_000.0), (435_100.0, 3_354_000.0), (435_100.0, 3_354_100.0)],
+            texts: vec![("first", "x000_y000".into()), ("second", "x001_y000".into())],
+            numbers: vec![("step_m", -0.25), ("nmad_m", f64::NAN)],
+        };
+        for (shape, area) in [(MapShape::Line, 0.0), (MapShape::Polygon, 5000.0)] {
+            let path = dir.path().join("seams.gpkg");
+            write_map_features(&path, "seams", 32617, shape, std::slice::from_ref(&feature)).unwrap();
+            let read = Dataset::open(&path).unwrap();
+            let mut layer = read.layer_by_name("seams").unwrap();
+            assert_eq!(layer.spatial_ref().unwrap().auth_code().unwrap(), 32617);
+            let found = layer.features().next().unwrap();
+            let field = |name: &str| found.field(found.field_index(name).unwrap()).unwrap();
+            assert_eq!(field("second").and_then(|v| v.into_string()).as_deref(), Some("x001_y000"));
+            assert_eq!(field("step_m").and_then(|v| v.into_real()), Some(-0.25));
+            assert!(field("nmad_m").is_none());
+            let geometry = found.geometry().unwrap();
+            assert!((geometry.area() - area).abs() < 1e-6, "a line has no area");
         }
     }
 }

@@ -72,10 +72,7 @@ impl Cog<'_> {
                 memory.set_metadata_item(VerticalReference::ITEM, vertical.name(), "")?;
             }
             label(&memory, labels)?;
-            for i in 1..=memory.raster_count() {
-                // Statistics that GDAL computes are stored in the metadata of the band.
-                let _ = memory.rasterband(i)?.get_statistics(true, false);
-            }
+            keep_statistics(&memory)?;
             copy_as(&memory, "COG", temporary, &cog_options(predictor))
         })
     }
@@ -191,7 +188,7 @@ pub fn write_moved(map: &Path, out: &Path, [east, north, up]: [f64; 3]) -> Resul
 }
 
 /// Creation options of Cloud-Optimized GeoTIFFs.
-fn cog_options(predictor: &str) -> [(&'static str, String); 6] {
+pub(super) fn cog_options(predictor: &str) -> [(&'static str, String); 6] {
     [
         ("NUM_THREADS", rayon::current_num_threads().to_string()),
         ("COMPRESS", "DEFLATE".into()),
@@ -237,15 +234,33 @@ pub(super) fn encode(path: &Path, write: impl FnOnce(&Path) -> Result<(), Cause>
     Ok(std::fs::write(path, get_vsi_mem_file_bytes_owned(&encoded)?)?)
 }
 
-fn copy_as(
+pub(super) fn copy_as(
     memory: &Dataset,
+    driver: &str,
+    path: &Path,
+    options: &[(&str, impl std::fmt::Display)],
+) -> Result<(), Cause> {
+    encode(path, |encoded| copy_to_disk(memory, driver, encoded, options))
+}
+
+/// As [`copy_as`], but the file is not held in memory, and an error of the disk may go unnoticed.
+pub(super) fn copy_to_disk(
+    dataset: &Dataset,
     driver: &str,
     path: &Path,
     options: &[(&str, impl std::fmt::Display)],
 ) -> Result<(), Cause> {
     let driver = DriverManager::get_driver_by_name(driver)?;
     let options: RasterCreationOptions = options.iter().map(|(k, v)| format!("{k}={v}")).collect();
-    encode(path, |encoded| Ok(memory.create_copy(&driver, encoded, &options)?.close()?))
+    Ok(dataset.create_copy(&driver, path, &options)?.close()?)
+}
+
+/// Has GDAL store statistics in the metadata of the bands; a band without data has none.
+pub(super) fn keep_statistics(dataset: &Dataset) -> gdal::errors::Result<()> {
+    for i in 1..=dataset.raster_count() {
+        let _ = dataset.rasterband(i)?.get_statistics(true, false);
+    }
+    Ok(())
 }
 
 /// Descriptions, without units, of the bands of an 8-bit image.
@@ -254,7 +269,7 @@ fn color_labels(bands: usize) -> &'static [(&'static str, &'static str)] {
 }
 
 /// Sets descriptions, units and colour interpretations of bands; a single band is grey.
-fn label(dataset: &Dataset, labels: &[(&str, &str)]) -> gdal::errors::Result<()> {
+pub(super) fn label(dataset: &Dataset, labels: &[(&str, &str)]) -> gdal::errors::Result<()> {
     if dataset.raster_count() == 1 {
         dataset.rasterband(1)?.set_color_interpretation(ColorInterpretation::GrayIndex)?;
     }

@@ -5,7 +5,7 @@
 //! is square) and resolution in metres. Its UTM zone is that of the prediction.
 
 use super::{HeightRaster, MetricsError, cloud};
-use crate::io::{HeightSystem, ImageFile, MapGrid, RasterError, VerticalReference, inside_polygons};
+use crate::io::{HeightSystem, ImageFile, MapGrid, RasterError, VerticalReference, inside_polygons, vsi};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -73,7 +73,7 @@ impl Truth {
     /// cut short.
     pub fn check(path: &Path, options: &TruthOptions) -> Result<(), MetricsError> {
         for file in [options.classes, options.mask].into_iter().flatten() {
-            std::fs::metadata(file).map_err(|e| RasterError::Open { path: file.into(), cause: e.into() })?;
+            vsi::size(file).map_err(|e| RasterError::Open { path: file.into(), cause: e.into() })?;
         }
         if cloud::is_cloud(path) {
             cloud::open(path, options.epsg)?;
@@ -174,7 +174,7 @@ fn open_raster(path: &Path, epsg: Option<u32>) -> Result<(ImageFile, MapGrid), M
 fn classes_beside(path: &Path) -> Option<PathBuf> {
     let scene = path.file_stem()?.to_str()?.strip_suffix("_DSM")?;
     let found = path.with_file_name(format!("{scene}_CLS.tif"));
-    found.exists().then_some(found)
+    vsi::exists(&found).then_some(found)
 }
 
 /// Values of a raster that has the truth's grid, or the truth's size and no georeference.
@@ -207,11 +207,12 @@ fn read_mask(path: &Path, truth: &HeightRaster) -> Result<Vec<bool>, MetricsErro
 
 fn grid_of_txt(file: &ImageFile, epsg: u32) -> Result<MapGrid, MetricsError> {
     let txt = file.path().with_extension("txt");
-    if !txt.exists() {
+    if !vsi::exists(&txt) {
         return Err(MetricsError::NoPlace { path: file.path().into(), txt });
     }
     let wrong = |reason: String| MetricsError::Txt { txt: txt.clone(), reason };
-    let text = std::fs::read_to_string(&txt).map_err(|e| wrong(e.to_string()))?;
+    let text = vsi::read(&txt).map_err(|e| wrong(e.to_string()))?;
+    let text = String::from_utf8_lossy(&text);
     parse_txt(&text, file.size(), epsg).map_err(wrong)
 }
 

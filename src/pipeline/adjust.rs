@@ -1,10 +1,10 @@
 //! Bundle adjustment of a scene into a run folder: `satgs ba`.
 
 use super::scene_fingerprint::scene_fingerprint;
-use super::stage::{Fingerprint, Stage, hash_file, or_none};
+use super::stage::{Fingerprint, Stage, hash, hash_file, or_none};
 use super::{PipelineError, RunLock, read_scene, relocation};
 use crate::bundle::{
-    self, Adjustment, BundleOptions, CorrectionModel, HeightPrior, LeftOut, Report, check_control,
+    self, Adjustment, BundleOptions, CellStore, CorrectionModel, HeightPrior, LeftOut, Report, check_control,
     read_control,
 };
 use crate::io::{VerticalReference, write_json};
@@ -89,7 +89,7 @@ pub fn adjust(
 }
 
 /// As [`adjust`]; the caller holds the lock.
-pub(super) fn adjust_locked(
+pub(crate) fn adjust_locked(
     scene: &Scene,
     options: &AdjustOptions,
     run: &Path,
@@ -99,10 +99,10 @@ pub(super) fn adjust_locked(
     let heights = dem.as_ref().map(scene::Dem::heights_to_search).or(options.height_range);
     let folder = run.join(ADJUSTMENT);
     let outputs = vec![run.join(SCENE), folder.join(ADJUSTMENT_REPORT), folder.join(SPARSE_POINTS)];
-    let stage = Stage::new(run, ADJUSTMENT, outputs, fingerprint(scene, options, heights)?);
-    let keypoints = folder.join("keypoints");
+    let of_scene = scene_fingerprint(scene)?;
+    let scene_hash = hash(format!("{of_scene:?}").as_bytes());
+    let stage = Stage::new(run, ADJUSTMENT, outputs, fingerprint(of_scene, options, heights));
     if stage.is_done(options.overwrite)? {
-        forget(&keypoints);
         update_image_paths(run, scene)?;
         progress.event(Event::Note(format!("`{}` is adjusted already", run.display())));
         let report = Adjustment::read(&folder)?.report;
@@ -123,7 +123,8 @@ pub(super) fn adjust_locked(
         control,
         reference: options.reference_views.clone(),
         height_prior: dem.zip(sigma_m).map(|(dem, sigma_m)| HeightPrior { dem, sigma_m }),
-        keypoints: Some(keypoints.clone()),
+        cell_m: None,
+        cell_store: Some(CellStore { folder: folder.join("cells"), scene_hash }),
     };
     let adjustment = bundle::adjust(scene, &choices, progress)?;
     let is_used = |name: &String| adjustment.cameras.iter().any(|c| c.0 == *name);
@@ -135,7 +136,6 @@ pub(super) fn adjust_locked(
     let seconds = started.elapsed().as_secs_f64();
     // The other figures are in the report, which alignment changes.
     stage.complete(&Timing { seconds })?;
-    forget(&keypoints);
     Ok(Adjusted { report: adjustment.report, seconds: Some(seconds), was_complete: false })
 }
 
@@ -144,13 +144,8 @@ fn read_dem(dem: &DemOptions, scene: &Scene) -> Result<scene::Dem, PipelineError
     Ok(scene.dem(&dem.path, vertical.as_ref())?)
 }
 
-/// What an adjustment is made from; its keys are the names of options on the command line.
-fn fingerprint(
-    scene: &Scene,
-    options: &AdjustOptions,
-    heights: Option<(f64, f64)>,
-) -> Result<Fingerprint, PipelineError> {
-    let mut out = scene_fingerprint(scene)?;
+/// What an adjustment is made from, the scene and the options; the keys are the names of options on the command line.
+fn fingerprint(mut out: Fingerprint, options: &AdjustOptions, heights: Option<(f64, f64)>) -> Fingerprint {
     out.insert("--height-range".into(), or_none(heights.map(|(low, high)| format!("{low},{high}"))));
     out.insert("--fixed".into(), options.fixed.to_string());
     out.insert("--model".into(), format!("{:?}", options.model));
@@ -165,7 +160,7 @@ fn fingerprint(
     if let Some(gcps) = &options.gcps {
         out.insert("--gcps".into(), hash_file(gcps));
     }
-    Ok(out)
+    out
 }
 
 /// Stores where the scene's images are now: they may have moved since the run was adjusted.
@@ -178,9 +173,4 @@ fn update_image_paths(run: &Path, scene: &Scene) -> Result<(), PipelineError> {
         }
     }
     if used == before { Ok(()) } else { Ok(write_json(&run.join(SCENE), &used)?) }
-}
-
-/// Removes the keypoints that an adjustment keeps while it runs; a file that cannot be removed does no harm.
-fn forget(keypoints: &Path) {
-    let _ = std::fs::remove_dir_all(keypoints);
 }

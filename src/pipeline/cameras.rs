@@ -2,7 +2,7 @@
 
 use super::PipelineError;
 use crate::affine::SiteScene;
-use crate::io::read_json;
+use crate::io::{ImageFile, read_json, vsi};
 use crate::run_files::{CAMERAS, SCENE, SPLATS};
 use crate::scene::{Scene, View};
 use crate::splat::appearance::Appearance;
@@ -84,6 +84,10 @@ pub(super) fn require_images(scene: &Scene) -> Result<(), PipelineError> {
 
 /// As [`require_images`], of one view.
 pub(super) fn require_image(view: &View) -> Result<(), PipelineError> {
+    if vsi::is_virtual(&view.image) {
+        // What GDAL says tells a server that is down from an image that is gone.
+        return Ok(ImageFile::open(&view.image).map(drop)?);
+    }
     if view.image.exists() {
         return Ok(());
     }

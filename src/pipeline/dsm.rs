@@ -110,7 +110,7 @@ pub fn dsm(
 }
 
 /// As [`dsm`]; the caller holds the lock.
-pub(super) fn dsm_locked(
+pub(crate) fn dsm_locked(
     run: &Path,
     options: &DsmOptions,
     progress: &dyn Progress,

@@ -25,6 +25,8 @@ pub enum ErrorKind {
     Input,
     /// The input may be right, but the work failed: a file could not be written, a solver did not converge.
     Failed,
+    /// The machine has less memory or disk than the work needs: another machine may do it.
+    Resources,
     /// The caller asked to stop.
     Interrupted,
 }

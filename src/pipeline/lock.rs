@@ -50,6 +50,13 @@ impl RunLock {
         Self::hold(run, Vec::new())
     }
 
+    /// Whether a call or process holds the lock of a run folder now.
+    #[must_use]
+    pub fn is_held(run: &Path) -> bool {
+        let file = File::options().write(true).open(run.join(LOCK));
+        file.is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
+    }
+
     fn hold(run: &Path, made: Vec<PathBuf>) -> Result<Self, PipelineError> {
         let unlocked = Self { held: None };
         let Ok(folder) = std::fs::canonicalize(run) else { return Ok(unlocked) };

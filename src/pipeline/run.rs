@@ -73,6 +73,16 @@ pub fn run(
     options.check(run)?;
     let _lock = RunLock::make(run)?;
     completed(StageResult::Adjusted(adjust_locked(scene, &options.adjust, run, progress)?));
+    run_adjusted(run, options, progress, completed)
+}
+
+/// The stages of [`run`] after the adjustment; the caller holds the lock.
+pub(crate) fn run_adjusted(
+    run: &Path,
+    options: &RunOptions,
+    progress: &dyn Progress,
+    completed: &mut dyn FnMut(StageResult),
+) -> Result<(), PipelineError> {
     completed(StageResult::Trained(train_locked(run, &options.train, progress)?));
     completed(StageResult::Dsm(dsm_locked(run, &options.dsm, progress)?));
     if let Some(truth) = &options.truth {

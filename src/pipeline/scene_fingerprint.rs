@@ -29,8 +29,8 @@ pub(super) fn scene_fingerprint(scene: &Scene) -> Result<Fingerprint, PipelineEr
     content.warnings.clear();
     for view in &mut content.views {
         // Which pixels are valid may be declared in a file beside the image as well.
-        if let Ok(Some(valid)) = view.valid_pixels() {
-            out.insert(format!("valid pixels {}", view.name), valid.digest());
+        if let Ok(Some(digest)) = view.valid_pixels_digest() {
+            out.insert(format!("valid pixels {}", view.name), digest);
         }
         for (i, source) in sources_of(&view.image).iter().enumerate() {
             out.insert(format!("image {}, source {}", view.name, i + 1), hash_file(source));

@@ -1,8 +1,8 @@
 //! Stages of a run: each records what it was made from, so that it is kept, resumed or refused.
 
 use super::PipelineError;
-use crate::io::{ReadError, WriteError, check_writable, read_json, write_json};
-use crate::run_files::{ADJUSTMENT, STAGE, SUMMARY};
+use crate::io::{ReadError, WriteError, check_writable, read_json, vsi, write_json};
+use crate::run_files::{ADJUSTMENT, STAGE, SUMMARY, TILES};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -85,7 +85,7 @@ impl Stage {
         let folder = self.record.parent().unwrap_or(&self.record).to_path_buf();
         let differences = differences.collect::<Vec<_>>().join("; ");
         let hint = match self.name {
-            ADJUSTMENT => "--overwrite makes it anew, another -o keeps both".into(),
+            ADJUSTMENT | TILES => "--overwrite makes it anew, another -o keeps both".into(),
             name => format!("`satgs {name} RUN --overwrite` makes it anew; a copy of RUN keeps both"),
         };
         Err(PipelineError::Changed { folder, differences, hint })
@@ -106,6 +106,7 @@ impl Stage {
         let made_by = match self.name {
             ADJUSTMENT => "`satgs ba SCENE -o RUN --overwrite` makes it anew",
             "train" => "`satgs train RUN --overwrite` makes it anew",
+            TILES => "`satgs plan SCENE -o RUN --overwrite` makes it anew",
             _ => "`satgs dsm RUN --overwrite` makes it anew",
         };
         PipelineError::RunFile { source, made_by }
@@ -118,12 +119,18 @@ impl Stage {
 
     /// Records that the stage is complete, and its summary.
     pub fn complete(&self, summary: &impl Serialize) -> Result<(), PipelineError> {
+        let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+        self.complete_as(&words.collect::<Vec<_>>().join(" "), summary)
+    }
+
+    /// As [`Stage::complete`], made by this command. A record that must not depend on who started the work names a fixed
+    /// one.
+    pub fn complete_as(&self, command: &str, summary: &impl Serialize) -> Result<(), PipelineError> {
         // Not in the record: later stages hash its bytes, and a summary holds seconds.
         write_json(&self.record.with_file_name(SUMMARY), summary)?;
-        let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
         let record = Record {
             satgs: env!("CARGO_PKG_VERSION").into(),
-            command: words.collect::<Vec<_>>().join(" "),
+            command: command.into(),
             made_from: self.fingerprint.clone(),
         };
         Ok(write_json(&self.record, &record)?)
@@ -163,11 +170,14 @@ pub fn hash(bytes: &[u8]) -> String {
     short(blake3::hash(bytes))
 }
 
-/// Hash of a file's content.
+/// Hash of a file's content; of a file that is read over a network, of its [`identity`](vsi::identity).
 pub fn hash_file(path: &Path) -> String {
-    let mut hasher = blake3::Hasher::new();
-    let read = std::fs::File::open(path).and_then(|mut file| std::io::copy(&mut file, &mut hasher));
-    read.map_or_else(|_| "absent".into(), |_| short(hasher.finalize()))
+    let hashed = if vsi::is_remote(path) {
+        vsi::identity(path).map(|identity| blake3::hash(identity.as_bytes()))
+    } else {
+        vsi::content_hash(path)
+    };
+    hashed.map_or_else(|_| "absent".into(), short)
 }
 
 fn short(hash: blake3::Hash) -> String {

@@ -60,7 +60,7 @@ pub fn train(
 }
 
 /// As [`train`]; the caller holds the lock.
-pub(super) fn train_locked(
+pub(crate) fn train_locked(
     run: &Path,
     options: &TrainOptions,
     progress: &dyn Progress,

@@ -9,7 +9,9 @@ mod score_table;
 mod sections;
 
 pub use figures::{FIGURES, figures};
+pub use pictures::{map_of_page, shaded};
 pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
+pub use sections::{adjustment, surface, table};
 
 use crate::io::{RasterError, ReadError, WriteError, escape_xml, write_file};
 use crate::run_files::{PAGE, SCENE};
@@ -48,8 +50,6 @@ pub fn write(run: &Path) -> Result<PathBuf, ReportError> {
     if !run.join(SCENE).exists() {
         return Err(ReportError::NoRun { run: run.into() });
     }
-    let name = run.canonicalize().ok().and_then(|r| Some(r.file_name()?.to_string_lossy().into_owned()));
-    let name = escape_xml(&name.unwrap_or_else(|| "run".into()));
     let sections = [
         ("inputs", "Inputs", sections::inputs(run)?),
         ("adjustment", "Adjustment", sections::adjustment(run)?),
@@ -58,13 +58,24 @@ pub fn write(run: &Path) -> Result<PathBuf, ReportError> {
         ("scores", "Scores", sections::scores(run)?),
         ("commands", "Versions and commands", sections::commands(run)?),
     ];
+    let path = run.join(PAGE);
+    write_file(&path, page(run, &sections))?;
+    Ok(path)
+}
+
+/// The text of a page that shows a run folder; each section has an ID, a title and a content as HTML. The page needs no
+/// other file.
+#[must_use]
+pub fn page(run: &Path, sections: &[(&str, &str, String)]) -> String {
+    let name = run.canonicalize().ok().and_then(|r| Some(r.file_name()?.to_string_lossy().into_owned()));
+    let name = escape_xml(&name.unwrap_or_else(|| "run".into()));
     let links: String =
         sections.iter().map(|(id, title, _)| format!("<a href=\"#{id}\">{title}</a>\n")).collect();
     let body: String = sections
         .iter()
         .map(|(id, title, html)| format!("<section id=\"{id}\">\n<h2>{title}</h2>\n{html}</section>\n"))
         .collect();
-    let page = format!(
+    format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
@@ -76,8 +87,5 @@ pub fn write(run: &Path) -> Result<PathBuf, ReportError> {
         include_str!("page.css"),
         env!("CARGO_PKG_VERSION"),
         include_str!("page.js"),
-    );
-    let path = run.join(PAGE);
-    write_file(&path, page)?;
-    Ok(path)
+    )
 }

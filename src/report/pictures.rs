@@ -1,5 +1,6 @@
 //! Images that are embedded in the page.
 
+use crate::dsm::hillshade;
 use crate::io::{Grid2, ImageFile, MapGrid, RasterError, Window, escape_xml, png_rgb};
 use base64::prelude::{BASE64_STANDARD, Engine};
 use std::path::Path;
@@ -30,8 +31,11 @@ pub(super) fn rgb_of(bands: &[Grid2]) -> Vec<u8> {
     (0..band(0).len()).flat_map(|i| [byte(band(0)[i]), byte(band(1)[i]), byte(band(2)[i])]).collect()
 }
 
-/// The bands of a map, downsampled to the size that the page needs, and their grid.
-pub(super) fn map(path: &Path) -> Result<(Vec<Grid2>, MapGrid), RasterError> {
+/// The bands of a map, downsampled to the size that a page needs, and their grid.
+///
+/// # Errors
+/// [`RasterError`] if the map cannot be read.
+pub fn map_of_page(path: &Path) -> Result<(Vec<Grid2>, MapGrid), RasterError> {
     let file = ImageFile::open(path)?;
     let grid = file.map_grid()?;
     let step = grid.width.max(grid.height).div_ceil(LARGEST_SIDE);
@@ -46,4 +50,13 @@ pub(super) fn map(path: &Path) -> Result<(Vec<Grid2>, MapGrid), RasterError> {
     let bands = (1..=file.bands()).map(|b| file.read_scaled(b, window, (width, height)));
     let bands = bands.collect::<Result<Vec<_>, _>>()?;
     Ok((bands, MapGrid { width, height, cell: grid.cell * step as f64, ..grid }))
+}
+
+/// The hillshade of heights in metres as an `<img>` element.
+///
+/// # Errors
+/// [`RasterError`] if the picture cannot be encoded.
+pub fn shaded(height: &Grid2, grid: &MapGrid, alt: &str) -> Result<String, RasterError> {
+    let rgb: Vec<u8> = hillshade(height, grid.cell).into_iter().flat_map(|v| [v; 3]).collect();
+    img(grid.width, grid.height, &rgb, alt, "")
 }

@@ -1,11 +1,10 @@
 //! The sections of the page; each is made from the files of one stage.
 
 use super::figures::FIGURES;
-use super::pictures::{img, map, rgb_of};
+use super::pictures::{img, map_of_page, rgb_of, shaded};
 use super::{ReportError, SCORE_NOTE, ScoreTable, score_tables};
 use crate::bundle::{ADJUSTMENT_FIGURES, Report};
-use crate::dsm::hillshade;
-use crate::io::{Chart, Grid2, MapGrid, RasterError, ReadError, escape_xml, read_json};
+use crate::io::{Chart, Grid2, MapGrid, ReadError, escape_xml, read_json};
 use crate::metrics::{error_picture, onto_grid};
 use crate::run_files::{
     ADJUSTMENT, ADJUSTMENT_REPORT, DSM, ERROR_MAP, EVALUATION, METRICS, ORTHO, SCENE, STAGE, TRAINING,
@@ -75,8 +74,11 @@ pub(super) fn inputs(run: &Path) -> Result<String, ReportError> {
     Ok(out)
 }
 
-/// Residuals of the bundle adjustment.
-pub(super) fn adjustment(run: &Path) -> Result<String, ReportError> {
+/// Residuals of the bundle adjustment of a run, as HTML.
+///
+/// # Errors
+/// [`ReportError`] if a file is damaged.
+pub fn adjustment(run: &Path) -> Result<String, ReportError> {
     let Some(report) = read_if_present::<Report>(&run.join(ADJUSTMENT).join(ADJUSTMENT_REPORT))? else {
         return Ok(missing("ba SCENE -o RUN"));
     };
@@ -146,13 +148,16 @@ pub(super) fn training(run: &Path) -> Result<String, ReportError> {
     ))
 }
 
-/// Hillshade and orthophoto.
-pub(super) fn surface(run: &Path) -> Result<String, ReportError> {
+/// Hillshade and orthophoto of a run, as HTML.
+///
+/// # Errors
+/// [`ReportError`] if a raster cannot be read.
+pub fn surface(run: &Path) -> Result<String, ReportError> {
     let path = run.join(DSM);
     if !path.exists() {
         return Ok(missing("dsm RUN"));
     }
-    let (bands, grid) = map(&path)?;
+    let (bands, grid) = map_of_page(&path)?;
     let height = &bands[0];
     let (low, high) =
         height.valid().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
@@ -167,7 +172,7 @@ pub(super) fn surface(run: &Path) -> Result<String, ReportError> {
     );
     let ortho = run.join(ORTHO);
     if ortho.exists() {
-        let (mut bands, grid) = map(&ortho)?;
+        let (mut bands, grid) = map_of_page(&ortho)?;
         bands.truncate(3);
         for v in bands.iter_mut().flat_map(|b| &mut b.data) {
             *v /= 255.0;
@@ -189,7 +194,7 @@ pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
     let mut out = String::new();
     let (dsm, errors) = (run.join(DSM), folder.join(ERROR_MAP));
     if dsm.exists() && errors.exists() {
-        let ((surface, from), (errors, grid)) = (map(&dsm)?, map(&errors)?);
+        let ((surface, from), (errors, grid)) = (map_of_page(&dsm)?, map_of_page(&errors)?);
         if let Ok((surface, _)) = onto_grid(&surface[0], &from, &grid) {
             out.push_str(&slider(&surface, &errors[0], &grid)?);
         }
@@ -245,17 +250,14 @@ fn slider(surface: &Grid2, errors: &Grid2, grid: &MapGrid) -> Result<String, Rep
     ))
 }
 
-fn shaded(height: &Grid2, grid: &MapGrid, alt: &str) -> Result<String, RasterError> {
-    let rgb: Vec<u8> = hillshade(height, grid.cell).into_iter().flat_map(|v| [v; 3]).collect();
-    img(grid.width, grid.height, &rgb, alt, "")
-}
-
 fn figures(svgs: impl Iterator<Item = String>) -> String {
     let all: String = svgs.map(|svg| format!("<figure>{svg}</figure>\n")).collect();
     format!("<div class=\"charts\">\n{all}</div>\n")
 }
 
-fn table(name: &str, head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
+/// A table as HTML. `name` describes it for screen readers; each row has as many cells as `head`.
+#[must_use]
+pub fn table(name: &str, head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
     let cells = |tag: &str, texts: &mut dyn Iterator<Item = String>| -> String {
         let end = tag.split(' ').next().unwrap_or(tag);
         texts.map(|t| format!("<{tag}>{}</{end}>", escape_xml(&t))).collect()

@@ -1,7 +1,7 @@
 //! The area of interest, a polygon in longitude and latitude.
 
 use super::SceneError;
-use crate::frame::{Geodetic, Point, SiteGrid};
+use crate::frame::{Geodetic, Point, SiteGrid, wrap_longitude_deg};
 use geo::{ConvexHull, LineString, MultiPoint, Polygon, Validation};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -47,6 +47,22 @@ impl Aoi {
         }
         let east = if west > east { east + 360.0 } else { east };
         Self::checked(vec![[west, south], [east, south], [east, north], [west, north]])
+    }
+
+    /// A box on the map, in metres of the UTM zone of `grid`.
+    ///
+    /// # Errors
+    /// [`SceneError::Area`] if the box is empty or too large.
+    pub fn from_utm_box((west, south, east, north): UtmBox, grid: &SiteGrid) -> Result<Self, SceneError> {
+        let corners = [(west, south), (east, south), (east, north), (west, north)];
+        let ring: Vec<[f64; 2]> = corners
+            .iter()
+            .map(|(x, y)| grid.geodetic_from_utm(Point::new(*x, *y, 0.0)))
+            .map(|p| [p.lon_deg(), p.lat_deg()])
+            .collect();
+        // Longitudes continue beyond 180 where the box crosses the antimeridian.
+        let first = ring[0][0];
+        Self::checked(ring.iter().map(|[lon, lat]| [first + wrap_longitude_deg(lon - first), *lat]).collect())
     }
 
     /// The outer ring of the polygon in a GeoJSON file, or the convex hull of several polygons.
@@ -167,6 +183,19 @@ mod tests {
         let grid = SiteGrid::at(Point::new(180.0, -17.0, 0.0)).unwrap();
         let (w, s, e, n) = aoi.utm_box(&grid);
         assert!((e - w - 213.0).abs() < 10.0 && (n - s - 111.0).abs() < 10.0, "{w} {s} {e} {n}");
+    }
+
+    #[test]
+    fn a_box_on_the_map_is_the_area_that_it_came_from() {
+        for lon in [5.44, 180.0] {
+            let grid = SiteGrid::at(Point::new(lon, -17.0, 0.0)).unwrap();
+            let (x, y) = (grid.origin.x(), grid.origin.y());
+            let given = (x - 400.0, y - 300.0, x + 600.0, y + 700.0);
+            let back = Aoi::from_utm_box(given, &grid).unwrap().utm_box(&grid);
+            for (a, b) in [(given.0, back.0), (given.1, back.1), (given.2, back.2), (given.3, back.3)] {
+                assert!((a - b).abs() < 0.1, "{given:?} {back:?}");
+            }
+        }
     }
 
     #[test]

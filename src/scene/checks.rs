@@ -3,6 +3,7 @@
 
 use super::sun::days_since_2000;
 use super::{Scene, SceneError, Sun, View};
+use crate::io::vsi;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -61,14 +62,14 @@ pub(super) fn refuse_duplicates(scene: &Scene) -> Result<(), SceneError> {
     // Only files of the same size can be the same, so most are never read.
     let mut by_size: BTreeMap<u64, Vec<&View>> = BTreeMap::new();
     for view in &scene.views {
-        let size = std::fs::metadata(&view.image).map_or(0, |m| m.len());
+        let size = vsi::size(&view.image).unwrap_or_default();
         by_size.entry(size).or_default().push(view);
     }
     for group in by_size.values().filter(|g| g.len() > 1) {
         let mut seen: BTreeMap<[u8; 32], &Path> = BTreeMap::new();
         for view in group {
-            let Some(hash) = content_hash(&view.image) else { continue };
-            if let Some(first) = seen.insert(hash, &view.image) {
+            let Ok(hash) = vsi::content_hash(&view.image) else { continue };
+            if let Some(first) = seen.insert(*hash.as_bytes(), &view.image) {
                 return Err(SceneError::SameImage { first: first.into(), second: view.image.clone() });
             }
         }
@@ -152,11 +153,4 @@ fn contradiction(view: &View, sun: Sun) -> Option<(Sun, f64)> {
     let computed = Sun::at(view.acquired.as_deref()?, place)?;
     let apart = computed.angle_to_deg(sun);
     (apart > SUN_TOLERANCE_DEG).then_some((computed, apart))
-}
-
-fn content_hash(path: &Path) -> Option<[u8; 32]> {
-    let mut file = std::fs::File::open(path).ok()?;
-    let mut hasher = blake3::Hasher::new();
-    std::io::copy(&mut file, &mut hasher).ok()?;
-    Some(*hasher.finalize().as_bytes())
 }

@@ -8,6 +8,7 @@ use super::files::{read_text, stem};
 use super::sidecar::{Sidecars, camera_of};
 use super::source::{files_in, images_in, view};
 use super::{Role, SceneError, View};
+use crate::io::vsi;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -18,7 +19,7 @@ const TRUTH: &str = "truth";
 pub(super) fn rpc_folders(scene: &Path) -> Result<Vec<String>, SceneError> {
     let images = images_in(&scene.join("images"))?;
     let mut found = Vec::new();
-    for folder in files_in(scene)?.into_iter().filter(|p| p.is_dir()) {
+    for folder in files_in(scene)?.into_iter().filter(|p| vsi::is_dir(p)) {
         let name = folder.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         if name == "images" || name == TRUTH {
             continue;
@@ -115,7 +116,7 @@ impl Roles {
 
 /// Names of the views in a list; `None` if the file does not exist.
 fn names_in(list: &Path) -> Result<Option<BTreeSet<String>>, SceneError> {
-    if !list.exists() {
+    if !vsi::exists(list) {
         return Ok(None);
     }
     let text = read_text(list)?;

@@ -361,6 +361,23 @@ pub enum SceneError {
         /// The image.
         image: PathBuf,
     },
+    /// Windows of an image are to be read, and the image is stored as strips of whole rows.
+    #[error(
+        "`{image}` is stored as strips of whole rows: for {needed_gb:.1} GB of pixels, {read_gb:.1} GB would be read{}", if *others == 0 { String::new() } else { format!("; so are {others} other images") }
+    )]
+    #[diagnostic(help(
+        "`gdal_translate -of COG IN OUT` writes a tiled copy, of which parts can be read; copy the RPC files beside it"
+    ))]
+    Striped {
+        /// The image with the largest waste.
+        image: PathBuf,
+        /// Bytes that would be read of it, in units of 10⁹.
+        read_gb: f64,
+        /// Bytes of its pixels that are needed, in units of 10⁹.
+        needed_gb: f64,
+        /// Number of other images that are stored so.
+        others: usize,
+    },
     /// An RPC file cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -183,11 +183,12 @@ impl Scene {
         })
     }
 
-    /// Checks that every view overlaps with another one at some height of a range of ellipsoidal heights in metres.
+    /// Checks that every view overlaps with another one at some height of a range of ellipsoidal heights in metres, and
+    /// returns the overlap.
     ///
     /// # Errors
     /// [`SceneError::NoSharedGround`] names a view that does not; also the errors of [`Scene::overlap_within`].
-    pub fn require_shared_ground(&self, heights: (f64, f64)) -> Result<(), SceneError> {
+    pub fn require_shared_ground(&self, heights: (f64, f64)) -> Result<Overlap, SceneError> {
         let overlap = self.overlap_within(heights)?;
         for (i, nearest) in overlap.nearest.iter().enumerate() {
             let Some((j, percent)) = *nearest else { continue };
@@ -202,7 +203,7 @@ impl Scene {
                 });
             }
         }
-        Ok(())
+        Ok(overlap)
     }
 }
 

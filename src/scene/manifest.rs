@@ -1,11 +1,12 @@
 //! Lists of views: a TOML file, or a STAC Item or ItemCollection.
 //!
-//! Paths in a list are relative to the folder of the list.
+//! Paths in a list are relative to the folder of the list, or URLs that GDAL reads ([`vsi::from_url`]).
 
 use super::files::read_text;
 use super::sidecar::Sidecars;
-use super::source::{files_in, no_rpc, view};
+use super::source::{files_beside, no_rpc, view};
 use super::{Aoi, Role, SceneError, Sun, View};
+use crate::io::vsi;
 use crate::rpc::formats::iso_date;
 use serde::Deserialize;
 use serde_json::Value;
@@ -63,7 +64,7 @@ pub(super) fn read(
             toml::from_str(&text).map_err(|e| wrong(e.to_string().trim().replace('\n', " ")))?;
         let aoi = match listed.aoi {
             Some(ListedAoi::Box(area)) => Some(Aoi::from_box(area)?),
-            Some(ListedAoi::File(file)) => Some(Aoi::from_geojson(&folder.join(file))?),
+            Some(ListedAoi::File(file)) => Some(Aoi::from_geojson(&vsi::join(folder, &file))?),
             None => None,
         };
         (listed.views, aoi)
@@ -82,14 +83,24 @@ impl Entry {
         trust_rpc: bool,
         warnings: &mut Vec<String>,
     ) -> Result<View, SceneError> {
-        let image = folder.join(&self.image);
-        let beside = image.parent().unwrap_or(folder);
+        let wrong = |reason: String| SceneError::List { path: list.into(), reason };
+        for file in [Some(&self.image), self.rpc.as_ref(), self.mask.as_ref()].into_iter().flatten() {
+            let text = file.to_string_lossy();
+            if let Some((scheme, _)) = text.split_once("://")
+                && !vsi::is_virtual(file)
+                && vsi::from_url(&text).is_none()
+            {
+                return Err(wrong(format!(
+                    "`{text}`: URLs of `{scheme}` cannot be read; known are https, http, ftp, s3, gs, az and file"
+                )));
+            }
+        }
+        let image = vsi::join(folder, &self.image);
         let sidecars = match &self.rpc {
-            Some(rpc) => Sidecars::with_camera(folder.join(rpc), &image, &files_in(beside)?),
-            None => Sidecars::of(&image, &files_in(beside)?),
+            Some(rpc) => Sidecars::with_camera(vsi::join(folder, rpc), &image, &files_beside(&image)?),
+            None => Sidecars::of(&image, &files_beside(&image)?),
         };
         let mut view = view(&image, &sidecars, trust_rpc, warnings)?.ok_or_else(|| no_rpc(&image))?;
-        let wrong = |reason: String| SceneError::List { path: list.into(), reason };
         if let Some([azimuth, elevation]) = self.sun {
             let sun = Sun::new(azimuth, elevation);
             view.sun = Some(sun.ok_or_else(|| {
@@ -106,7 +117,7 @@ impl Entry {
         }
         view.role = if self.test { Role::Test } else { Role::Train };
         if let Some(mask) = self.mask {
-            view.set_mask(folder.join(mask))?;
+            view.set_mask(vsi::join(folder, &mask))?;
         }
         Ok(view)
     }
@@ -137,13 +148,6 @@ fn stac_entry(item: &Value) -> Result<Entry, String> {
     };
     let image = ["image", "data", "visual"].iter().find_map(|n| href(n));
     let image = image.ok_or(format!("item `{id}` has no asset with the role `data`"))?;
-    for file in [Some(image), href("rpc"), href("data-mask")].into_iter().flatten() {
-        if file.contains("://") {
-            return Err(format!(
-                "item `{id}`: `{file}` is not a local file; satgs does not download, fetch it first"
-            ));
-        }
-    }
     let property = |name: &str| item.get("properties")?.get(name);
     let angle = |name| property(name).and_then(Value::as_f64);
     Ok(Entry {

@@ -105,9 +105,10 @@ impl View {
     fn colors_at(&self, size: (usize, usize)) -> Result<Vec<Grid2>, RasterError> {
         let files = self.open()?;
         let mut bands = files.stored(self.used_window(), size)?;
-        let range = match files.tail()? {
-            Some(tail) => stretch(bands.iter().flat_map(Grid2::valid), tail),
-            None => BYTES,
+        let range = match (self.stretch, files.tail()?) {
+            (Some([low, high]), _) => (low, high),
+            (None, Some(tail)) => stretch(bands.iter().flat_map(Grid2::valid), tail),
+            (None, None) => BYTES,
         };
         bands.iter_mut().for_each(|raster| scale(raster, range));
         Ok(bands)
@@ -147,13 +148,22 @@ impl View {
     /// As [`View::read_colors`].
     pub fn gray_image(&self) -> Result<GrayImage<'_>, RasterError> {
         let files = self.open()?;
-        let Some(tail) = files.tail()? else { return Ok(GrayImage { files, range: BYTES }) };
-        let mut values = Vec::new();
-        for window in self.samples(MANY) {
-            let bands = files.stored(window, (window.width, window.height))?;
-            values.extend(bands.iter().flat_map(Grid2::valid));
-        }
-        Ok(GrayImage { files, range: stretch(values.into_iter(), tail) })
+        let range = match self.stretch {
+            Some([low, high]) => (low, high),
+            None => files.sampled_range()?.unwrap_or(BYTES),
+        };
+        Ok(GrayImage { files, range })
+    }
+
+    /// The stored values that become 0 and 1, from samples of the used part of the image; `None` for 8-bit images, which
+    /// are not stretched.
+    ///
+    /// Parts of an image have the same brightness only if this range is determined once and set as [`View::stretch`].
+    ///
+    /// # Errors
+    /// As [`View::read_colors`].
+    pub fn sampled_stretch(&self) -> Result<Option<[f32; 2]>, RasterError> {
+        Ok(self.open()?.sampled_range()?.map(|(low, high)| [low, high]))
     }
 }
 
@@ -208,6 +218,17 @@ impl Files<'_> {
             bands.iter_mut().for_each(|raster| valid.clear(raster, place));
         }
         Ok(bands)
+    }
+
+    /// Stored values that become 0 and 1, from samples; `None` for values that are not stretched.
+    fn sampled_range(&self) -> Result<Option<(f32, f32)>, RasterError> {
+        let Some(tail) = self.tail()? else { return Ok(None) };
+        let mut values = Vec::new();
+        for window in self.view.samples(MANY) {
+            let bands = self.stored(window, (window.width, window.height))?;
+            values.extend(bands.iter().flat_map(Grid2::valid));
+        }
+        Ok(Some(stretch(values.into_iter(), tail)))
     }
 
     /// Fraction of the values that the stretch clips at each end; `None` for 8-bit values, which are not stretched.

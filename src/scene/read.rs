@@ -2,7 +2,7 @@
 
 use super::source::{files_in, images_in, is_image};
 use super::{Aoi, Scene, SceneError, Sun, TransferFunction, View, checks, dfc2019, folder, manifest};
-use crate::io::ImageFile;
+use crate::io::{ImageFile, vsi};
 use std::path::Path;
 
 /// Options of [`read`].
@@ -30,19 +30,21 @@ pub struct ReadOptions {
 ///
 /// A folder with `images/` and a folder of RPC files is read in the layout of sat-NeRF and DFC2019. A folder of images, or
 /// with `images/` alone, holds images with RPCs in or beside them. A TOML or STAC file lists the views. Views are ordered
-/// by name; paths of their files are absolute.
+/// by name; paths of their files are absolute. `path`, and paths in a list, may be those of GDAL's virtual file systems
+/// ([`vsi`]), or URLs.
 ///
 /// # Errors
 /// [`SceneError`] names the file that cannot be read, or the view or option that is wrong.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
-    let path =
-        &std::path::absolute(path).map_err(|cause| SceneError::Unreadable { path: path.into(), cause })?;
-    let about =
-        std::fs::metadata(path).map_err(|cause| SceneError::Unreadable { path: path.into(), cause })?;
+    let path = &vsi::absolute(path).map_err(|cause| SceneError::Unreadable { path: path.into(), cause })?;
+    let is_folder = vsi::is_dir(path);
+    if !is_folder && let Err(cause) = vsi::size(path) {
+        return Err(SceneError::Unreadable { path: path.into(), cause });
+    }
     let mut warnings = Vec::new();
-    let (views, listed_aoi) = if about.is_file() && !is_image(path) {
+    let (views, listed_aoi) = if !is_folder && !is_image(path) {
         manifest::read(path, options.trust_rpc, &mut warnings)?
-    } else if about.is_dir() {
+    } else if is_folder {
         (in_folder(path, options, &mut warnings)?, None)
     } else {
         return Err(SceneError::NotAFolder { path: path.into() });
@@ -72,7 +74,7 @@ fn in_folder(
 ) -> Result<Vec<View>, SceneError> {
     files_in(path)?;
     let images = path.join("images");
-    if images.is_dir() && !images_in(&images)?.is_empty() {
+    if vsi::is_dir(&images) && !images_in(&images)?.is_empty() {
         match choose(path, options.rpcs.as_deref())? {
             Some(rpcs) => dfc2019::read(path, &rpcs, options.trust_rpc, warnings),
             None => folder::read(&images, options.trust_rpc, warnings),
@@ -118,7 +120,7 @@ fn choose_bands(scene: &mut Scene, options: &ReadOptions) -> Result<(), SceneErr
 fn choose(path: &Path, asked: Option<&str>) -> Result<Option<String>, SceneError> {
     let mut folders = dfc2019::rpc_folders(path)?;
     match asked {
-        Some(name) if path.join(name).is_dir() => Ok(Some(name.trim_end_matches('/').into())),
+        Some(name) if vsi::is_dir(&path.join(name)) => Ok(Some(name.trim_end_matches('/').into())),
         Some(name) => Err(SceneError::NoSuchRpcFolder { path: path.into(), asked: name.into(), folders }),
         None if folders.len() > 1 => Err(SceneError::SeveralRpcFolders { path: path.into(), folders }),
         None => Ok(folders.pop()),

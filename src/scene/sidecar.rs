@@ -2,9 +2,9 @@
 
 use super::SceneError;
 use super::files::{file_name, stem};
+use crate::io::vsi;
 use crate::rpc::Rpc;
 use crate::rpc::formats::{self, ViewTags};
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -152,6 +152,42 @@ impl Tile {
     }
 }
 
+/// Names that the sidecar files of an image usually have, for folders that cannot be listed.
+pub(super) fn likely_names(image: &Path) -> Vec<String> {
+    let (name, file) = (stem(image), file_name(image));
+    let product = split_tile(&name.to_lowercase()).0;
+    let mut bases = vec![name.clone()];
+    if product.len() < name.len() {
+        // `_R1C2` is cut out of the name as it is written; in lower case only the length is known.
+        let at = product.bytes().zip(name.to_lowercase().bytes()).take_while(|(a, b)| a == b).count();
+        let rest = name.len() - (product.len() - at);
+        bases.extend(name.get(..at).zip(name.get(rest..)).map(|(start, end)| format!("{start}{end}")));
+    }
+    let mut names: Vec<String> =
+        [".aux.xml", ".rpc", ".msk", ".ovr"].map(|end| format!("{file}{end}")).into();
+    names.push(format!("rpc_{name}.txt"));
+    for base in &bases {
+        for ending in CAMERAS.iter().chain(&METADATA).chain(&ITEM_METADATA).chain(&[".til"]) {
+            let (start, extension) = ending.split_once('.').unwrap_or((ending, ""));
+            let upper = start.to_uppercase();
+            names.extend([
+                format!("{base}{ending}"),
+                format!("{base}{upper}.{extension}"),
+                format!("{base}{upper}.{}", extension.to_uppercase()),
+            ]);
+        }
+        if let Some(scene) = base.strip_prefix("IMG_") {
+            let short = AIRBUS_BANDS.iter().find_map(|b| scene.strip_suffix(&b.to_uppercase()));
+            for scene in std::iter::once(scene).chain(short) {
+                names.extend(["RPC", "DIM"].map(|kind| format!("{kind}_{scene}.XML")));
+            }
+        }
+    }
+    names.sort();
+    names.dedup();
+    names
+}
+
 /// Splits `_R1C2` off the name of a tile; `name` is in lower case.
 fn split_tile(name: &str) -> (String, Option<Tile>) {
     for (at, _) in name.match_indices("_r") {
@@ -206,7 +242,7 @@ fn is_about_rpc(path: &Path) -> bool {
         return true;
     }
     let mut bytes = Vec::new();
-    let Ok(_) = File::open(path).and_then(|f| f.take(SEARCHED_BYTES).read_to_end(&mut bytes)) else {
+    let Ok(_) = vsi::open(path).and_then(|f| f.take(SEARCHED_BYTES).read_to_end(&mut bytes)) else {
         return true;
     };
     let text = String::from_utf8_lossy(&bytes);
@@ -251,6 +287,23 @@ mod tests {
         assert_eq!(metadata, [planet[0]]);
         let strip = found("10NOV-M1BS_R1C2-0523.TIF", &["10NOV-M1BS-0523.XML"]);
         assert_eq!((strip.0.len(), strip.2), (1, Some(Tile { row: 1, col: 2 })));
+    }
+
+    #[test]
+    fn the_usual_names_of_sidecar_files_are_likely() {
+        for (image, beside) in [
+            ("a.TIF", "a_RPC.TXT"),
+            ("a.tif", "a_RPC.json"),
+            ("a.tif", "a.RPB"),
+            ("a.tif", "a.IMD"),
+            ("a.tif", "a.tif.aux.xml"),
+            ("10NOV-M1BS_R1C2-0523.TIF", "10NOV-M1BS-0523.XML"),
+            ("IMG_PHR1B_X-001_R2C1.JP2", "RPC_PHR1B_X-001.XML"),
+            ("IMG_PNEO3_X_F_1_P_R1C1.JP2", "DIM_PNEO3_X_F_1.XML"),
+        ] {
+            let names = likely_names(Path::new(image));
+            assert!(names.iter().any(|n| n == beside), "{image}: {names:?}");
+        }
     }
 
     #[test]

@@ -2,9 +2,9 @@
 
 use super::camera_choice::{Candidate, READ_BY_GDAL, SidecarTags, choose};
 use super::files::{file_name, read_text, stem};
-use super::sidecar::Sidecars;
+use super::sidecar::{Sidecars, likely_names};
 use super::{Role, SceneError, Sun, View};
-use crate::io::ImageFile;
+use crate::io::{ImageFile, vsi};
 use crate::rpc::formats::{self, FormatError, RpcFile, ViewTags};
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
         .into_iter()
         .filter(|p| {
             let extension = p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-            extension.is_some_and(|e| IMAGES.contains(&e.as_str())) && !p.is_dir() && !is_companion(p)
+            extension.is_some_and(|e| IMAGES.contains(&e.as_str())) && !is_folder(p) && !is_companion(p)
         })
         .collect();
     found.sort();
@@ -33,15 +33,19 @@ pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
 
 /// Files and folders in a folder; hidden ones are left out.
 pub(super) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
-    let failed = |cause| SceneError::Unreadable { path: folder.into(), cause };
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        if !path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.')) {
-            found.push(path);
-        }
-    }
-    Ok(found)
+    vsi::list(folder).map_err(|cause| SceneError::Unreadable { path: folder.into(), cause })
+}
+
+/// Files in the folder of an image; those with its sidecars' names if a virtual folder cannot be listed.
+pub(super) fn files_beside(image: &Path) -> Result<Vec<PathBuf>, SceneError> {
+    let folder = image.parent().unwrap_or(Path::new(".")).to_path_buf();
+    vsi::files_beside(image, &likely_names(image))
+        .map_err(|cause| SceneError::Unreadable { path: folder, cause })
+}
+
+/// Whether a path with the extension of an image is a local folder. Virtual ones are not asked, each would be a request.
+fn is_folder(path: &Path) -> bool {
+    !vsi::is_virtual(path) && path.is_dir()
 }
 
 /// Paths of the source images of a virtual raster (VRT), as it states them; empty for any other file.
@@ -55,7 +59,8 @@ pub fn sources_of(image: &Path) -> Vec<PathBuf> {
     let folder = image.parent().unwrap_or(Path::new("."));
     let named =
         document.descendants().filter(|n| ["SourceFilename", "SourceDataset"].contains(&n.tag_name().name()));
-    let mut found: Vec<PathBuf> = named.filter_map(|n| Some(folder.join(n.text()?.trim()))).collect();
+    let mut found: Vec<PathBuf> =
+        named.filter_map(|n| Some(vsi::join(folder, n.text()?.trim().as_ref()))).collect();
     found.sort();
     found.dedup();
     found
@@ -71,7 +76,7 @@ pub(super) fn is_companion(path: &Path) -> bool {
 pub(super) fn other_rasters(listing: &[PathBuf]) -> impl Iterator<Item = &PathBuf> {
     listing.iter().filter(|p| {
         let extension = p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-        extension.is_some_and(|e| OTHER_RASTERS.contains(&e.as_str())) && !p.is_dir()
+        extension.is_some_and(|e| OTHER_RASTERS.contains(&e.as_str())) && !is_folder(p)
     })
 }
 
@@ -107,6 +112,7 @@ pub(super) fn view(
         window: None,
         bands: file.default_bands(),
         stretch_percent: None,
+        stretch: None,
         mask: None,
         nodata: tags.nodata,
         rpc: chosen.rpc,
@@ -130,9 +136,8 @@ pub fn read_camera(path: &Path, trust_rpc: bool) -> Result<RpcFile, SceneError> 
     if !is_image(path) {
         return Ok(formats::read(path)?);
     }
-    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut warnings = Vec::new();
-    let sidecars = Sidecars::of(path, &files_in(folder)?);
+    let sidecars = Sidecars::of(path, &files_beside(path)?);
     let view = view(path, &sidecars, trust_rpc, &mut warnings)?.ok_or_else(|| no_rpc(path))?;
     Ok(RpcFile { tags: view.tags(), rpc: view.rpc, format: "image", warnings })
 }
@@ -141,7 +146,7 @@ pub fn read_camera(path: &Path, trust_rpc: bool) -> Result<RpcFile, SceneError> 
 pub(super) fn is_image(path: &Path) -> bool {
     use std::io::Read;
     let mut head = Vec::new();
-    let read = std::fs::File::open(path).and_then(|f| f.take(512).read_to_end(&mut head));
+    let read = vsi::open(path).and_then(|f| f.take(512).read_to_end(&mut head));
     let is_utf16 = head.starts_with(&[0xff, 0xfe]) || head.starts_with(&[0xfe, 0xff]);
     read.is_ok() && (head.contains(&0) && !is_utf16 || head.starts_with(b"NITF") || head.starts_with(b"NSIF"))
 }

@@ -10,6 +10,8 @@ use crate::io::{Grid2, ImageFile, RasterError, ValidPixels, Window};
 
 /// Number of pixels that are read at a time.
 const STRIP_PX: usize = 1 << 22;
+/// Side of the parts of a large view whose valid pixels are digested, pixels.
+const PART_PX: usize = 8192;
 /// Distance of a nodata value from the range of the other values, as a fraction of that range, from which on it does not
 /// occur as a colour.
 const AMONG: f32 = 0.01;
@@ -24,6 +26,27 @@ impl View {
     pub fn valid_pixels(&self) -> Result<Option<ValidPixels>, RasterError> {
         let mask = self.mask.as_deref().map(ImageFile::open).transpose()?;
         valid_pixels(self, &ImageFile::open(&self.image)?, mask.as_ref())
+    }
+
+    /// A digest of the valid pixels; `None` if all are valid. That of a large view is made of those of its parts, so that
+    /// no mask of all of it is in memory.
+    ///
+    /// # Errors
+    /// As [`View::valid_pixels`].
+    pub fn valid_pixels_digest(&self) -> Result<Option<String>, RasterError> {
+        if self.width * self.height <= PART_PX * PART_PX {
+            return Ok(self.valid_pixels()?.map(|valid| valid.digest()));
+        }
+        let (mut hasher, mut all_valid) = (blake3::Hasher::new(), true);
+        for row in (0..self.height).step_by(PART_PX) {
+            for col in (0..self.width).step_by(PART_PX) {
+                let (width, height) = (PART_PX.min(self.width - col), PART_PX.min(self.height - row));
+                let part = self.cropped(Window { col, row, width, height }).valid_pixels()?;
+                all_valid &= part.is_none();
+                hasher.update(part.map_or_else(|| "valid".into(), |p| p.digest()).as_bytes());
+            }
+        }
+        Ok((!all_valid).then(|| hasher.finalize().to_hex().to_string()))
     }
 
     /// Percentage of the valid pixels that are 0 in all bands and connected with the border. They are probably a margin

@@ -56,6 +56,10 @@ pub struct View {
     /// stretched, and half a percent of others is clipped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stretch_percent: Option<f64>,
+    /// The stored values that become 0 and 1, where all parts of an image must be stretched alike; by default they are
+    /// determined from the pixels that are read.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stretch: Option<[f32; 2]>,
     /// Raster of the size of the image, 0 at pixels that are not valid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask: Option<PathBuf>,

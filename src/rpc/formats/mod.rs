@@ -27,6 +27,7 @@ pub use text::to_text;
 pub use tiff::{from_tiff, parse_tiff};
 
 use super::{Rpc, RpcError};
+use crate::io::vsi;
 use std::path::{Path, PathBuf};
 
 /// Largest size of an RPC file.
@@ -282,16 +283,12 @@ pub fn read_tags(file: &Path) -> Result<ViewTags, FormatError> {
 /// only.
 fn read_text(file: &Path) -> Result<String, FormatError> {
     let unreadable = |cause| FormatError::Unreadable { file: file.into(), cause };
-    let metadata = std::fs::metadata(file).map_err(unreadable)?;
-    if !metadata.is_file() {
-        return Err(unreadable(std::io::Error::other("it is not a regular file")));
-    }
-    if metadata.len() > MAX_BYTES {
-        let size = format!("{} bytes are too many for an RPC", metadata.len());
+    let bytes = vsi::size(file).map_err(unreadable)?;
+    if bytes > MAX_BYTES {
+        let size = format!("{bytes} bytes are too many for an RPC");
         return Err(unreadable(std::io::Error::other(size)));
     }
-    let bytes = std::fs::read(file).map_err(unreadable)?;
-    Ok(decode(&bytes))
+    Ok(decode(&vsi::read(file).map_err(unreadable)?))
 }
 
 /// Decodes text: UTF-16 if it begins with a byte-order mark of UTF-16, otherwise UTF-8 with or without a byte-order

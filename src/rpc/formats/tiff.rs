@@ -5,10 +5,10 @@
 
 use super::FormatError;
 use super::keys::in_file_order;
+use crate::io::vsi;
 use crate::rpc::model::TERMS;
 use crate::rpc::{Axis, Rpc, RpcError};
 use std::array::from_fn;
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
@@ -26,7 +26,7 @@ const MAX_ENTRIES: u64 = 4096;
 /// # Errors
 /// [`FormatError::Invalid`] if the values are not a valid RPC.
 pub fn from_tiff(file: &Path) -> Result<Option<Rpc>, FormatError> {
-    File::open(file).map_or(Ok(None), |content| parse_tiff(file, content))
+    vsi::open(file).map_or(Ok(None), |content| parse_tiff(file, content))
 }
 
 /// Parses the content of a TIFF file as [`from_tiff`] does; `file` names it in messages.

@@ -1,0 +1,173 @@
+//! `satgs tile`: the jobs of a plan, one at a time.
+
+use super::event_lines::EventLines;
+use super::plan::duration;
+use super::{CliError, Ui, interrupt};
+use crate::pipeline::Outcome;
+use crate::progress::Progress;
+use crate::tiles::{Blended, Done, Plan, Status, TileState, blend, run_tile, status};
+use clap::Subcommand;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Make one tile of a plan: the jobs that a cluster runs
+///
+/// `satgs plan` writes the plan. Each job is one command that can be repeated: what is done is kept, an interrupted job
+/// continues from its checkpoint, and the results depend on the plan alone. Exit codes: 0 done, 1 failed, try again; 2
+/// wrong input, do not try again; 75 the machine has too little memory or disk; 130 interrupted.
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Train and render one tile: writes RUN/tiles/ID
+    Run(RunArgs),
+    /// Blend one tile with its neighbours, which must be done: writes RUN/mosaic/ID_*.tif
+    Blend(BlendArgs),
+    /// Show which tiles are done, running, planned or failed
+    Status(StatusArgs),
+}
+
+/// A tile of a plan.
+#[derive(clap::Args, Clone, Debug)]
+struct TileArgs {
+    /// Run folder of `satgs plan`
+    run: PathBuf,
+    /// ID of the tile, as in RUN/tiles.json
+    #[arg(required_unless_present = "index")]
+    id: Option<String>,
+    /// Number of the tile in RUN/tiles.json, counted from 0, for job arrays
+    #[arg(long, value_name = "N", conflicts_with = "id")]
+    index: Option<usize>,
+    #[command(flatten)]
+    job: JobArgs,
+}
+
+/// How a job is supervised.
+#[derive(clap::Args, Clone, Debug)]
+struct JobArgs {
+    /// Print every progress event as one JSON object a line on standard output, and the summary as the last one
+    #[arg(long, conflicts_with = "json")]
+    events: bool,
+    /// Stop when standard input is closed, so that no job outlives the program that started it
+    #[arg(long)]
+    exit_with_parent: bool,
+}
+
+#[derive(clap::Args, Clone, Debug)]
+struct RunArgs {
+    #[command(flatten)]
+    tile: TileArgs,
+    /// Iterations between checkpoints; an interrupted training continues from the last one
+    #[arg(long, default_value_t = 500, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    checkpoint_every: u32,
+}
+
+#[derive(clap::Args, Clone, Debug)]
+struct BlendArgs {
+    #[command(flatten)]
+    tile: TileArgs,
+    /// ID of a neighbour that failed, and is left out; repeatable
+    #[arg(long, value_name = "ID")]
+    without: Vec<String>,
+}
+
+#[derive(clap::Args, Clone, Debug)]
+struct StatusArgs {
+    /// Run folder of `satgs plan`
+    run: PathBuf,
+}
+
+impl TileArgs {
+    fn id(&self) -> Result<String, CliError> {
+        let Some(index) = self.index else { return Ok(self.id.clone().unwrap_or_default()) };
+        let plan = Plan::read(&self.run)?;
+        let tile = plan.tiles.get(index).ok_or_else(|| {
+            let message = format!("--index {index}: the plan has {} tiles", plan.tiles.len());
+            CliError::input(message, "tiles are counted from 0")
+        })?;
+        Ok(tile.id.clone())
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
+    match &args.command {
+        Command::Run(args) => args.tile.job.supervised(ui, "tile", |progress| {
+            let id = args.tile.id()?;
+            let outcome = run_tile(&args.tile.run, &id, args.checkpoint_every, progress)?;
+            let text = |done: &Done| {
+                let memory =
+                    done.peak_memory_mb.map_or_else(String::new, |mb| format!(", {:.1} GB", mb / 1e3));
+                format!("tile {id}: {} splats in {}{memory}", done.splats, duration(done.seconds))
+            };
+            Ok((shown(&outcome, text), outcome))
+        }),
+        Command::Blend(args) => args.tile.job.supervised(ui, "blend", |progress| {
+            let id = args.tile.id()?;
+            let outcome = blend(&args.tile.run, &id, &args.without, progress)?;
+            let text = |blended: &Blended| format!("tile {id}: blended along {} seams", blended.seams.len());
+            Ok((shown(&outcome, text), outcome))
+        }),
+        Command::Status(args) => {
+            let status = status(&args.run)?;
+            ui.summary("status", Some(&table(&status)), &status)
+        }
+    }
+}
+
+fn shown<T>(outcome: &Outcome<T>, text: impl Fn(&T) -> String) -> Option<String> {
+    match outcome {
+        Outcome::Made(made) => Some(text(made)),
+        Outcome::Kept(_) => None,
+    }
+}
+
+impl JobArgs {
+    /// Runs a job whose events are printed as lines of JSON if they are asked for.
+    fn supervised<T: serde::Serialize>(
+        &self,
+        ui: &Ui,
+        name: &str,
+        job: impl FnOnce(&dyn Progress) -> Result<(Option<String>, Outcome<T>), CliError>,
+    ) -> Result<(), CliError> {
+        if self.exit_with_parent {
+            interrupt::stop_with_parent();
+        }
+        if !self.events {
+            let (text, outcome) = job(ui)?;
+            return ui.summary(name, text.as_deref(), &outcome.summary());
+        }
+        let lines = EventLines::new(ui);
+        let (_, outcome) = job(&lines)?;
+        lines.summary(&super::json(&outcome.summary())?)
+    }
+}
+
+fn table(status: &Status) -> String {
+    let Status { planned, running, done, failed, .. } = status;
+    let mut out = format!("{done} done, {running} running, {planned} planned, {failed} failed");
+    if status.seconds_left > 0.0 {
+        let _ = write!(out, "; predicted time left, one after the other: {}", duration(status.seconds_left));
+    }
+    for tile in &status.tiles {
+        let state = match tile.state {
+            TileState::Planned => "planned",
+            TileState::Running => "running",
+            TileState::Done => "done",
+            TileState::Failed => "failed",
+        };
+        let _ = write!(out, "\n{}  {state:<8}", tile.id);
+        if let Some(seconds) = tile.seconds {
+            let memory = tile.peak_memory_mb.unwrap_or(f64::NAN) / 1e3;
+            let _ = write!(out, " {:>9}  {memory:.1} GB", duration(seconds));
+        }
+        if let Some(reason) = &tile.reason {
+            let _ = write!(out, " {reason}");
+        }
+    }
+    out
+}

@@ -1,0 +1,210 @@
+//! Why a plan, a tile job or a mosaic failed.
+
+use crate::io::{RasterError, ReadError, VectorError, WriteError};
+use crate::pipeline::{ErrorKind, PipelineError};
+use std::path::PathBuf;
+
+/// Why a plan, a tile job or a mosaic failed.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum TilesError {
+    /// A file of the run folder is missing or damaged.
+    #[error("{source}")]
+    #[diagnostic(help("{made_by}"))]
+    RunFile {
+        /// The file, and why it cannot be read.
+        source: ReadError,
+        /// The command that makes it.
+        made_by: &'static str,
+    },
+    /// The run is planned in UTM, of which it lies in several zones.
+    #[error("the area lies in two UTM zones: {zones}")]
+    #[diagnostic(help("cut it at the border of the zones, and give each part its own --aoi and run folder"))]
+    TwoZones {
+        /// The zones.
+        zones: String,
+    },
+    /// No tile is covered by enough views.
+    #[error("no part of the area is covered by {least} training views")]
+    #[diagnostic(help("`satgs info SCENE` shows where the views lie; --aoi chooses another area"))]
+    NoViews {
+        /// The number of views that a tile needs.
+        least: usize,
+    },
+    /// Even the smallest tile needs more memory than it may.
+    #[error("a tile needs {needed_mb:.0} MB of memory, --max-memory is {limit_mb:.0} MB")]
+    #[diagnostic(help(
+        "--resolution and fewer views reduce it; a machine with more memory allows a larger limit"
+    ))]
+    Memory {
+        /// Memory of the smallest tiles, megabytes.
+        needed_mb: f64,
+        /// The limit, megabytes.
+        limit_mb: f64,
+    },
+    /// The run was adjusted anew after it was planned.
+    #[error("`{run}/tiles.json` was planned from another adjustment than `{run}/ba` holds now")]
+    #[diagnostic(help("`satgs plan SCENE -o RUN --overwrite` plans again"))]
+    OtherAdjustment {
+        /// The run folder.
+        run: PathBuf,
+    },
+    /// The plan names a view that the scene does not have.
+    #[error("tile `{id}` of tiles.json names view `{view}`, which scene.json does not have")]
+    #[diagnostic(help("`satgs plan SCENE -o RUN --overwrite` plans again"))]
+    NoView {
+        /// The tile.
+        id: String,
+        /// The view.
+        view: String,
+    },
+    /// A window of the plan lies outside of its image.
+    #[error("tile `{id}` of tiles.json: the window of view `{view}` is not inside its image")]
+    #[diagnostic(help("`satgs plan SCENE -o RUN --overwrite` plans again"))]
+    Window {
+        /// The tile.
+        id: String,
+        /// The view.
+        view: String,
+    },
+    /// The machine has less memory or disk than a tile needs.
+    #[error("tile `{id}` needs {needed_mb:.0} MB of {what}, this machine has {available_mb:.0} MB")]
+    #[diagnostic(help(
+        "a larger machine can do it; `satgs plan` makes smaller tiles by --core or --max-memory"
+    ))]
+    Resources {
+        /// The tile.
+        id: String,
+        /// Memory or disk space.
+        what: &'static str,
+        /// What the tile needs, megabytes.
+        needed_mb: f64,
+        /// What there is, megabytes.
+        available_mb: f64,
+    },
+    /// A product that only areas of one tile have.
+    #[error("{option} is for areas of one tile, and this one is cut into several")]
+    #[diagnostic(help("the tools of GDAL make it from RUN/dsm.tif; a larger --core cuts fewer tiles"))]
+    OneTileOnly {
+        /// The option that asks for the product.
+        option: &'static str,
+    },
+    /// Some tiles failed; everything else is complete.
+    #[error("these tiles failed, and the mosaic has no data there: {failed}")]
+    #[diagnostic(help("`satgs tile status RUN` tells why; the same command tries them again"))]
+    Partial {
+        /// IDs of the tiles.
+        failed: String,
+    },
+    /// All tiles failed.
+    #[error("all tiles failed; the first: {reason}")]
+    AllFailed {
+        /// Why the first tile failed.
+        reason: String,
+    },
+    /// The plan has no such tile.
+    #[error("the plan has no tile `{id}`")]
+    #[diagnostic(help("`satgs tile status RUN` lists the tiles"))]
+    NoTile {
+        /// The ID.
+        id: String,
+    },
+    /// A tile that is needed is not done.
+    #[error(
+        "tile `{id}` is not done: `{file}` or a file that it lists is missing, or it was made from another plan"
+    )]
+    #[diagnostic(help("`satgs tile run RUN {id}` makes the tile"))]
+    NotDone {
+        /// The tile.
+        id: String,
+        /// Its `done.json`.
+        file: PathBuf,
+    },
+    /// A raster of a tile has not the grid that the plan gives it.
+    #[error("`{file}` has not the cells that the plan gives the tile")]
+    #[diagnostic(help("the tile was made from another plan; `satgs tile run RUN {id}` makes it anew"))]
+    Grid {
+        /// The tile.
+        id: String,
+        /// The raster.
+        file: PathBuf,
+    },
+    /// The cores do not form a lattice, or are too small.
+    #[error("tiles `{a}` and `{b}` cannot be blended: {reason}")]
+    #[diagnostic(help("`satgs plan SCENE -o RUN` makes a plan that can"))]
+    Cores {
+        /// A tile.
+        a: String,
+        /// Its neighbour.
+        b: String,
+        /// What is wrong.
+        reason: &'static str,
+    },
+    /// No tile is done, so that there is no mosaic.
+    #[error("no tile of `{run}` is done")]
+    #[diagnostic(help("`satgs tile run RUN ID` makes a tile"))]
+    NothingDone {
+        /// The run folder.
+        run: PathBuf,
+    },
+    /// See [`PipelineError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Pipeline(#[from] PipelineError),
+}
+
+impl TilesError {
+    /// Whose fault the failure is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            // Another job makes the tile: the same call succeeds later.
+            Self::Pipeline(PipelineError::Locked { .. }) => ErrorKind::Failed,
+            Self::Pipeline(e) => e.kind(),
+            Self::AllFailed { .. } => ErrorKind::Failed,
+            Self::Resources { .. } => ErrorKind::Resources,
+            Self::NotDone { .. } | Self::NothingDone { .. } => ErrorKind::Failed,
+            _ => ErrorKind::Input,
+        }
+    }
+}
+
+impl TilesError {
+    /// The error of a file that a tile job has just made.
+    pub(super) fn of_tile(source: ReadError) -> Self {
+        Self::RunFile { source, made_by: "`satgs tile run RUN ID` makes it" }
+    }
+
+    /// The message with those of all causes, as one sentence.
+    #[must_use]
+    pub fn chain(&self) -> String {
+        let mut message = self.to_string();
+        let mut source = std::error::Error::source(self);
+        while let Some(cause) = source {
+            let text = cause.to_string();
+            if !message.contains(&text) {
+                message = format!("{message}: {text}");
+            }
+            source = cause.source();
+        }
+        message
+    }
+}
+
+impl From<WriteError> for TilesError {
+    fn from(e: WriteError) -> Self {
+        Self::Pipeline(e.into())
+    }
+}
+
+impl From<RasterError> for TilesError {
+    fn from(e: RasterError) -> Self {
+        Self::Pipeline(e.into())
+    }
+}
+
+impl From<VectorError> for TilesError {
+    fn from(e: VectorError) -> Self {
+        Self::Pipeline(e.into())
+    }
+}

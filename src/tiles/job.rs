@@ -1,0 +1,251 @@
+//! The job of one tile: an ordinary training and surface on the tile's box of ground.
+
+use super::done::{Done, Failure, seal, tile_folder};
+use super::error::TilesError;
+use super::plan::{Plan, Tile};
+use super::resources::{available_mb, free_disk_mb, peak_mb, reset_peak};
+use crate::affine::SiteFrame;
+use crate::bundle::Adjustment;
+use crate::frame::{Point, SiteGrid, Utm};
+use crate::io::{Window, WriteError, read_json, write_json};
+use crate::pipeline::{
+    DsmOptions, ErrorKind, Fingerprint, Outcome, PipelineError, RunLock, Stage, TrainOptions, Trained,
+    dsm_locked, hash_file, read_scene, train_locked,
+};
+use crate::progress::{Event, Progress};
+use crate::run_files::{
+    ADJUSTMENT, ADJUSTMENT_REPORT, CAMERAS, CONFIDENCE, DONE, DSM, FAILURE, ORTHO, SCENE, SPARSE_POINTS,
+    SPLATS, STAGE,
+};
+use crate::scene::{Scene, View};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Files of a tile that `done.json` vouches for.
+const FILES: [&str; 5] = [SPLATS, CAMERAS, DSM, ORTHO, CONFIDENCE];
+/// Record of what is being made in a tile's folder.
+const INPUT: &str = "input.json";
+/// Megabytes of disk that a tile needs, as a share of its memory: checkpoints and products.
+const DISK_SHARE: f64 = 0.5;
+/// Metres around a splat box in which sparse points are kept.
+const POINTS_MARGIN_M: f64 = 1.0;
+
+/// What a tile's folder is being made from.
+#[derive(Serialize, Deserialize)]
+struct Input {
+    input_hash: String,
+}
+
+/// Trains and renders one tile, unless that was done with the same input; goes on from its checkpoint.
+///
+/// Writes `RUN/tiles/ID`, and `done.json` in it last.
+///
+/// # Errors
+/// [`TilesError`]: there is no plan or no such tile in it, the run was adjusted anew since, memory or disk do not suffice,
+/// another job works on the tile; also the errors of training and of the surface. A failure is recorded in the tile's
+/// folder as `failed.json`.
+pub fn run_tile(
+    run: &Path,
+    id: &str,
+    checkpoint_every: u32,
+    progress: &dyn Progress,
+) -> Result<Outcome<Done>, TilesError> {
+    let plan = Plan::read(run)?;
+    plan.require_current(run)?;
+    let tile = plan.tile(id).ok_or_else(|| TilesError::NoTile { id: id.into() })?;
+    let folder = tile_folder(run, id);
+    if let Some(done) = Done::read(&folder).filter(|done| done.input_hash == tile.input_hash) {
+        if done.is_sound(&folder) {
+            progress.event(Event::Note(format!("tile `{id}` is done already")));
+            return Ok(Outcome::Kept(Some(done)));
+        }
+        let text = format!("tile `{id}`: its files are not those that done.json names; it is made again");
+        progress.event(Event::Warning(text));
+    }
+    let job = Job { run, plan: &plan, tile, folder, checkpoint_every };
+    let lock = RunLock::make(&job.folder)?;
+    let made = job.make(progress);
+    match &made {
+        Ok(_) => forget(&job.folder.join(FAILURE))?,
+        // Whoever interrupts a job starts it again; nothing has failed.
+        Err(e) if e.kind() == ErrorKind::Interrupted => {}
+        Err(e) => Failure { reason: e.chain() }.write(&job.folder)?,
+    }
+    drop(lock);
+    made.map(Outcome::Made)
+}
+
+struct Job<'a> {
+    run: &'a Path,
+    plan: &'a Plan,
+    tile: &'a Tile,
+    folder: PathBuf,
+    checkpoint_every: u32,
+}
+
+impl Job<'_> {
+    fn make(&self, progress: &dyn Progress) -> Result<Done, TilesError> {
+        self.require_resources()?;
+        let started = std::time::Instant::now();
+        reset_peak();
+        self.set_up()?;
+        let options = self.train_options();
+        let trained = train_locked(&self.folder, &options, progress)?;
+        dsm_locked(&self.folder, &self.dsm_options(), progress)?;
+        let done = Done {
+            input_hash: self.tile.input_hash.clone(),
+            satgs: env!("CARGO_PKG_VERSION").into(),
+            seconds: started.elapsed().as_secs_f64(),
+            peak_memory_mb: peak_mb(),
+            splats: trained.summary().map_or(0, |t: &Trained| t.splats),
+            files: seal(&self.folder, &FILES.map(String::from)).map_err(TilesError::of_tile)?,
+        };
+        done.write(&self.folder)?;
+        Ok(done)
+    }
+
+    /// An error if the machine has less memory or disk than the tile needs.
+    fn require_resources(&self) -> Result<(), TilesError> {
+        let needed_mb = self.tile.cost.memory_mb;
+        let short = |what, available_mb: Option<f64>, needed_mb: f64| match available_mb {
+            Some(available_mb) if available_mb < needed_mb => {
+                Err(TilesError::Resources { id: self.tile.id.clone(), what, needed_mb, available_mb })
+            }
+            _ => Ok(()),
+        };
+        short("memory", available_mb(), needed_mb)?;
+        short("disk space", free_disk_mb(&self.folder), DISK_SHARE * needed_mb)
+    }
+
+    /// Makes the tile's run folder: its part of the scene and of the adjustment.
+    ///
+    /// What is there from other input is removed; what is there from the same is gone on with.
+    fn set_up(&self) -> Result<(), TilesError> {
+        let record = self.folder.join(INPUT);
+        let before: Option<Input> = read_json(&record).ok();
+        forget(&self.folder.join(DONE))?;
+        if before.is_some_and(|input| input.input_hash == self.tile.input_hash)
+            && self.folder.join(ADJUSTMENT).join(STAGE).exists()
+        {
+            return Ok(());
+        }
+        clear(&self.folder)?;
+        let (scene, adjustment) = self.part()?;
+        write_json(&self.folder.join(SCENE), &scene)?;
+        let ba = self.folder.join(ADJUSTMENT);
+        adjustment.write_result(&ba, &scene).map_err(PipelineError::from)?;
+        write_json(&record, &Input { input_hash: self.tile.input_hash.clone() })?;
+        let outputs = vec![self.folder.join(SCENE), ba.join(ADJUSTMENT_REPORT), ba.join(SPARSE_POINTS)];
+        let made_from = Fingerprint::from([("tile".into(), self.tile.input_hash.clone())]);
+        Ok(Stage::new(&self.folder, ADJUSTMENT, outputs, made_from).complete_as("satgs tile run", &())?)
+    }
+
+    /// The tile's views, cropped to their windows, and the adjustment of these views and of the points in the box.
+    fn part(&self) -> Result<(Scene, Adjustment), TilesError> {
+        let whole = read_scene(self.run)?;
+        let mut adjustment = Adjustment::read(&self.run.join(ADJUSTMENT)).map_err(PipelineError::from)?;
+        let rpcs = adjustment.cameras_of(&whole).map_err(PipelineError::from)?;
+        let mut views = Vec::new();
+        for planned in &self.tile.views {
+            let found = whole.views.iter().zip(&rpcs).find(|(view, _)| view.name == planned.name);
+            let (view, rpc) = found
+                .ok_or_else(|| TilesError::NoView { id: self.tile.id.clone(), view: planned.name.clone() })?;
+            let view = View { rpc: rpc.clone(), stretch: planned.stretch, ..view.clone() };
+            let outside = || TilesError::Window { id: self.tile.id.clone(), view: planned.name.clone() };
+            views.push(view.cropped(within(&view, Window::from(planned)).ok_or_else(outside)?));
+        }
+        let [w, s, e, n] = self.tile.splat_box;
+        let m = POINTS_MARGIN_M;
+        let site = self.site();
+        adjustment.keep(
+            |name| self.tile.views.iter().any(|view| view.name == name),
+            |place| {
+                let p = site.utm_from_geodetic(place);
+                (w - m..=e + m).contains(&p.x()) && (s - m..=n + m).contains(&p.y())
+            },
+        );
+        let scene = Scene { views, aoi: None, warnings: Vec::new(), ..whole };
+        Ok((scene, adjustment))
+    }
+
+    fn site(&self) -> SiteGrid {
+        let [w, s, e, n] = self.tile.core;
+        let origin: Point<Utm> =
+            Point::new((0.5 * (w + e)).round(), (0.5 * (s + n)).round(), self.plan.origin_height_m);
+        SiteGrid { epsg: self.plan.epsg, origin }
+    }
+
+    fn train_options(&self) -> TrainOptions {
+        let site = self.site();
+        let ([w, s, e, n], [x, y, z]) = (self.tile.splat_box, site.origin.xyz());
+        let [low, high] = self.tile.heights_m;
+        let frame = SiteFrame {
+            site,
+            area: (w - x, s - y, e - x, n - y),
+            altitudes: (low - z, high - z),
+            reference: Some(self.tile.reference.clone()),
+        };
+        TrainOptions {
+            recipe: self.plan.recipe_in(self.run),
+            iterations: self.plan.train.iterations,
+            seed: self.plan.train.seed,
+            checkpoint_every: self.checkpoint_every,
+            frame: Some(frame),
+            ..TrainOptions::default()
+        }
+    }
+
+    fn dsm_options(&self) -> DsmOptions {
+        let (w, s, e, n) = self.plan.overlap_grid(self.tile).bounds();
+        DsmOptions {
+            resolution_m: self.plan.resolution_m,
+            area: Some((w, s, e, n)),
+            vertical: self.plan.surface.vertical.clone(),
+            fill_m: self.plan.surface.fill_m,
+            ..DsmOptions::default()
+        }
+    }
+}
+
+/// A window of the whole image in pixels of the view's used part; none if it is not inside.
+fn within(view: &View, whole: Window) -> Option<Window> {
+    let used = view.window.unwrap_or(Window { col: 0, row: 0, width: view.width, height: view.height });
+    let (col, row) = (whole.col.checked_sub(used.col)?, whole.row.checked_sub(used.row)?);
+    let is_inside = whole.width > 0
+        && whole.height > 0
+        && col.checked_add(whole.width)? <= used.width
+        && row.checked_add(whole.height)? <= used.height;
+    is_inside.then_some(Window { col, row, ..whole })
+}
+
+/// Removes what an earlier job left in a tile's folder, but for its lock.
+fn clear(folder: &Path) -> Result<(), TilesError> {
+    let failed = |e: std::io::Error| WriteError::new(folder, e);
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        if path.ends_with(crate::run_files::LOCK) {
+            continue;
+        }
+        let removed =
+            if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+        removed.map_err(|e| WriteError::new(&path, e))?;
+    }
+    Ok(())
+}
+
+fn forget(path: &Path) -> Result<(), TilesError> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(WriteError::new(path, e).into()),
+        _ => Ok(()),
+    }
+}
+
+impl Plan {
+    /// An error if the run was adjusted anew after it was planned.
+    pub(super) fn require_current(&self, run: &Path) -> Result<(), TilesError> {
+        if hash_file(&run.join(ADJUSTMENT).join(STAGE)) == self.adjustment_hash {
+            return Ok(());
+        }
+        Err(TilesError::OtherAdjustment { run: run.into() })
+    }
+}

@@ -1,0 +1,552 @@
+//! Makes the plan of an adjusted scene's tiles.
+
+use super::error::TilesError;
+use super::margins::{Margins, exceeds_cap};
+use super::plan::{MapBox, Plan, SCHEMA, Tile, TileCost, TileSurface, TileTraining, TileView};
+use crate::affine::{SiteScene, height_range, sun_direction};
+use crate::bundle::Adjustment;
+use crate::frame::{Point, SiteGrid, Utm, utm_epsg};
+use crate::io::{MapGrid, ValidPixels, write_file, write_json};
+use crate::mvs::DSM_CELL_M;
+use crate::pipeline::{
+    Fingerprint, Outcome, PipelineError, RunLock, Stage, TrainOptions, hash, hash_file, or_none, read_scene,
+};
+use crate::progress::{Event, Progress};
+use crate::run_files::{ADJUSTMENT, PLAN, STAGE, TILES};
+use crate::scene::{Aoi, Role, Scene, View, angle_between_deg};
+use crate::splat::train::expectation::{BEST_CONVERGENCE_DEG, Extent};
+use crate::splat::train::recipe::Recipe;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Smallest side of a core, as a multiple of the overlap: strips on opposite sides of a tile must not touch.
+const CORE_PER_OVERLAP: f64 = 2.0;
+/// Smallest side of a core that planning chooses to stay within a given memory, metres.
+const SMALLEST_CORE_M: f64 = 64.0;
+/// A view belongs to a tile if it shows this share of the overlap box.
+const LEAST_COVERED: f64 = 0.3;
+/// Number of places along each side of the overlap box at which the views' coverage is examined.
+const PLACES: usize = 16;
+/// Largest number of training views of a tile.
+const MAX_VIEWS: usize = 30;
+/// Smallest number of sparse points from which a tile takes its own range of heights.
+const MIN_POINTS: usize = 20;
+/// File of a recipe that is not one of the built-in ones, in the run folder.
+const RECIPE: &str = "tiles/recipe.toml";
+/// Bytes in a megabyte.
+const MEGABYTE: f64 = 1e6;
+
+/// How to cut a scene into tiles.
+#[derive(Clone, Debug)]
+pub struct PlanOptions {
+    /// Largest side of the core of a tile, metres.
+    pub core_m: f64,
+    /// Width of the overlap around a core, metres.
+    pub overlap_m: f64,
+    /// Memory that a tile may take, megabytes; cores are halved until the prediction is below it.
+    pub max_memory_mb: Option<f64>,
+    /// Side of a cell of the rasters, metres.
+    pub resolution_m: f64,
+    /// How the surfaces are rendered.
+    pub surface: TileSurface,
+    /// How tiles are trained: recipe, iterations and seed.
+    pub train: TrainOptions,
+    /// Plan again, whatever the run folder holds.
+    pub overwrite: bool,
+}
+
+impl Default for PlanOptions {
+    fn default() -> Self {
+        Self {
+            core_m: 512.0,
+            overlap_m: 32.0,
+            max_memory_mb: None,
+            resolution_m: DSM_CELL_M,
+            surface: TileSurface::default(),
+            train: TrainOptions::default(),
+            overwrite: false,
+        }
+    }
+}
+
+impl PlanOptions {
+    /// Checks the options that need no scene.
+    ///
+    /// # Errors
+    /// [`PipelineError`] of the option that is wrong.
+    pub fn check(&self) -> Result<(), PipelineError> {
+        let wrong = |option, found: f64, expected| {
+            Err(PipelineError::Option { option, found: found.to_string(), expected })
+        };
+        if !(self.resolution_m.is_finite() && self.resolution_m > 0.0) {
+            return wrong("--resolution", self.resolution_m, "metres above 0");
+        }
+        if !(self.overlap_m.is_finite() && self.overlap_m >= 4.0 * self.resolution_m) {
+            return wrong("--overlap", self.overlap_m, "metres, at least four cells of the surface model");
+        }
+        if !(self.core_m.is_finite() && self.core_m >= CORE_PER_OVERLAP * self.overlap_m) {
+            return wrong("--core", self.core_m, "metres, at least twice the overlap");
+        }
+        self.train.recipe().map(|_| ())
+    }
+}
+
+/// Whether an adjusted run is larger than one tile.
+///
+/// # Errors
+/// [`TilesError`] if the run is not adjusted.
+pub fn needs_tiles(run: &Path, options: &PlanOptions) -> Result<bool, TilesError> {
+    let (west, south, east, north) = adjusted(run)?.setup.area;
+    Ok((east - west).max(north - south) > options.core_m + options.resolution_m)
+}
+
+/// Plans the tiles of an adjusted run, unless that was done with the same input and options. Writes `RUN/tiles.json`.
+///
+/// # Errors
+/// [`TilesError`]: the run is not adjusted or holds another plan, an option is wrong, the area lies in two UTM zones, no
+/// views cover a part of it, the memory of the smallest tile is above the limit.
+pub fn plan(run: &Path, options: &PlanOptions, progress: &dyn Progress) -> Result<Outcome<Plan>, TilesError> {
+    let _lock = RunLock::existing(run)?;
+    plan_locked(run, options, progress)
+}
+
+/// As [`plan`]; the caller holds the lock.
+pub(super) fn plan_locked(
+    run: &Path,
+    options: &PlanOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<Plan>, TilesError> {
+    options.check()?;
+    let stage = Stage::new(run, TILES, vec![run.join(PLAN)], fingerprint(run, options)?);
+    if stage.is_done(options.overwrite)? {
+        progress.event(Event::Note(format!("`{}` has its plan already", run.display())));
+        return Ok(Outcome::Kept(Some(Plan::read(run)?)));
+    }
+    stage.require_writable()?;
+    let planner = Planner::new(run, options, adjusted(run)?)?;
+    let (plan, notes) = planner.within_memory()?;
+    notes.into_iter().for_each(|note| progress.event(Event::Warning(note)));
+    if plan.train.recipe == RECIPE {
+        write_file(&run.join(RECIPE), options.train.recipe()?.to_toml())?;
+    }
+    write_json(&run.join(PLAN), &plan)?;
+    stage.complete(&plan.total)?;
+    Ok(Outcome::Made(plan))
+}
+
+/// What a plan is made from; its keys are the names of options on the command line.
+fn fingerprint(run: &Path, options: &PlanOptions) -> Result<Fingerprint, TilesError> {
+    let recipe = options.train.recipe()?;
+    Ok(Fingerprint::from([
+        ("adjustment".into(), hash_file(&run.join(ADJUSTMENT).join(STAGE))),
+        ("--core".into(), options.core_m.to_string()),
+        ("--overlap".into(), options.overlap_m.to_string()),
+        ("--max-memory".into(), or_none(options.max_memory_mb)),
+        ("--resolution".into(), options.resolution_m.to_string()),
+        ("--vertical".into(), or_none(options.surface.vertical.as_ref())),
+        ("--fill".into(), or_none(options.surface.fill_m)),
+        ("--recipe".into(), recipe.name.clone()),
+        ("content of the recipe".into(), hash(recipe.to_toml().as_bytes())),
+        ("--iterations".into(), recipe.iterations.to_string()),
+        ("--seed".into(), options.train.seed.to_string()),
+    ]))
+}
+
+/// An adjusted scene.
+struct Adjusted {
+    scene: Scene,
+    setup: SiteScene,
+    /// The sparse points on the map.
+    points: Vec<Point<Utm>>,
+}
+
+fn adjusted(run: &Path) -> Result<Adjusted, TilesError> {
+    let mut scene = read_scene(run)?;
+    let adjustment = Adjustment::read(&run.join(ADJUSTMENT)).map_err(PipelineError::from)?;
+    let rpcs = adjustment.cameras_of(&scene).map_err(PipelineError::from)?;
+    let positions = adjustment.positions();
+    let setup = SiteScene::new(&scene, &rpcs, &positions).map_err(PipelineError::from)?;
+    let points = positions.iter().map(|p| setup.site.utm_from_geodetic(*p)).collect();
+    scene.views.iter_mut().zip(rpcs).for_each(|(view, rpc)| view.rpc = rpc);
+    Ok(Adjusted { scene, setup, points })
+}
+
+/// What of a view decides its tiles.
+struct Candidate<'a> {
+    view: &'a View,
+    valid: Option<ValidPixels>,
+    /// Ground displacement (east, north) of the line of sight, metres per metre of height.
+    sight: [f64; 2],
+    /// Likewise of the rays towards the sun; none if there is no usable sun.
+    sun: Option<[f64; 2]>,
+    stretch: Option<[f32; 2]>,
+    gsd_m: f64,
+}
+
+struct Planner<'a> {
+    options: &'a PlanOptions,
+    recipe: Recipe,
+    site: SiteGrid,
+    area: MapBox,
+    /// Lowest and highest ellipsoidal height of the scene, metres.
+    heights_m: [f64; 2],
+    points: Vec<Point<Utm>>,
+    adjustment_hash: String,
+    scene: Scene,
+    setup: SiteScene,
+}
+
+impl<'a> Planner<'a> {
+    fn new(run: &Path, options: &'a PlanOptions, from: Adjusted) -> Result<Self, TilesError> {
+        let Adjusted { scene, setup, points } = from;
+        let (site, [x, y, z]) = (setup.site, setup.site.origin.xyz());
+        let (w, s, e, n) = setup.area;
+        let grid = MapGrid::covering(site.epsg, (x + w, y + s, x + e, y + n), options.resolution_m);
+        let (w, s, e, n) = grid.bounds();
+        require_one_zone(&site, [w, s, e, n])?;
+        let heights_m = [z + setup.altitudes.0, z + setup.altitudes.1];
+        let adjustment_hash = hash_file(&run.join(ADJUSTMENT).join(STAGE));
+        let recipe = options.train.recipe()?;
+        Ok(Self {
+            options,
+            recipe,
+            site,
+            area: [w, s, e, n],
+            heights_m,
+            points,
+            adjustment_hash,
+            scene,
+            setup,
+        })
+    }
+
+    /// The plan with the largest cores whose memory is below the limit, and notes about it.
+    fn within_memory(&self) -> Result<(Plan, Vec<String>), TilesError> {
+        let candidates = self.candidates()?;
+        let mut core_m = self.options.core_m;
+        loop {
+            let (plan, notes) = self.plan(core_m, &candidates)?;
+            let limit = self.options.max_memory_mb.unwrap_or(f64::INFINITY);
+            if plan.total.memory_mb <= limit {
+                return Ok((plan, notes));
+            }
+            core_m *= 0.5;
+            if core_m < SMALLEST_CORE_M.max(CORE_PER_OVERLAP * self.options.overlap_m) {
+                return Err(TilesError::Memory { needed_mb: plan.total.memory_mb, limit_mb: limit });
+            }
+        }
+    }
+
+    fn candidates(&self) -> Result<Vec<Candidate<'_>>, TilesError> {
+        let views = self.scene.views.iter().zip(&self.setup.views);
+        views
+            .map(|(view, on_site)| {
+                let sun = view.sun.filter(|_| on_site.sun_shear.is_some());
+                let sun = sun.map(|sun| {
+                    let [e, n, up] = sun_direction(sun, &self.site).xyz();
+                    [e / up, n / up]
+                });
+                Ok(Candidate {
+                    view,
+                    valid: view.valid_pixels()?,
+                    sight: on_site.camera.line_of_sight_slope(),
+                    sun,
+                    stretch: match view.stretch {
+                        Some(stretch) => Some(stretch),
+                        None => view.sampled_stretch()?,
+                    },
+                    gsd_m: on_site.camera.gsd_m(),
+                })
+            })
+            .collect()
+    }
+
+    fn plan(&self, core_m: f64, candidates: &[Candidate]) -> Result<(Plan, Vec<String>), TilesError> {
+        let cell = self.options.resolution_m;
+        let (columns, width) = cut(self.area[2] - self.area[0], core_m, cell);
+        let (rows, height) = cut(self.area[3] - self.area[1], core_m, cell);
+        let (mut tiles, mut empty, mut capped) = (Vec::new(), Vec::new(), 0);
+        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+            let west = self.area[0] + column as f64 * width;
+            let south = self.area[1] + row as f64 * height;
+            let core = [west, south, (west + width).min(self.area[2]), (south + height).min(self.area[3])];
+            match self.tile(id(column, row), core, candidates)? {
+                Some((tile, is_capped)) => {
+                    capped += usize::from(is_capped);
+                    tiles.push(tile);
+                }
+                None => empty.push(id(column, row)),
+            }
+        }
+        if tiles.is_empty() {
+            return Err(TilesError::NoViews { least: 2 });
+        }
+        let ids: Vec<String> = tiles.iter().map(|t: &Tile| t.id.clone()).collect();
+        for tile in &mut tiles {
+            tile.neighbours = neighbours(&tile.id).filter(|n| ids.contains(n)).collect();
+        }
+        let mut notes = Vec::new();
+        if !empty.is_empty() {
+            notes.push(format!("no two views cover {}: the mosaic has no data there", empty.join(", ")));
+        }
+        if capped > 0 {
+            notes.push(format!(
+                "{capped} tiles have shadows longer than {} m; those of casters farther away are not modelled",
+                super::margins::SHADOW_CAP_M
+            ));
+        }
+        let total = tiles.iter().fold(TileCost::default(), |sum, tile| TileCost {
+            seconds_2core: sum.seconds_2core + tile.cost.seconds_2core,
+            memory_mb: sum.memory_mb.max(tile.cost.memory_mb),
+            read_mb: sum.read_mb + tile.cost.read_mb,
+        });
+        let is_named = Recipe::named(&self.options.train.recipe).is_some();
+        let mut plan = Plan {
+            schema: SCHEMA,
+            satgs: env!("CARGO_PKG_VERSION").into(),
+            plan_hash: String::new(),
+            epsg: self.site.epsg,
+            origin_height_m: self.site.origin.z(),
+            resolution_m: cell,
+            train: TileTraining {
+                recipe: if is_named { self.options.train.recipe.clone() } else { RECIPE.into() },
+                iterations: self.options.train.iterations,
+                seed: self.options.train.seed,
+            },
+            surface: self.options.surface.clone(),
+            adjustment_hash: self.adjustment_hash.clone(),
+            core_m,
+            overlap_m: self.options.overlap_m,
+            tiles,
+            total,
+        };
+        self.seal(&mut plan)?;
+        Ok((plan, notes))
+    }
+
+    /// Sets the hashes of a plan and of its tiles.
+    fn seal(&self, plan: &mut Plan) -> Result<(), TilesError> {
+        let frame =
+            (plan.schema, &plan.satgs, plan.epsg, plan.origin_height_m, plan.resolution_m, plan.overlap_m);
+        let recipe = hash(self.recipe.to_toml().as_bytes());
+        let common = to_json(&(frame, &plan.train, recipe, &plan.surface, &plan.adjustment_hash))?;
+        for tile in &mut plan.tiles {
+            // The cost is a prediction, on which no byte depends; neighbours are used by blending only.
+            let bare = Tile { cost: TileCost::default(), neighbours: Vec::new(), ..tile.clone() };
+            tile.input_hash = hash(format!("{common}{}", to_json(&bare)?).as_bytes());
+        }
+        plan.plan_hash = hash(to_json(plan)?.as_bytes());
+        Ok(())
+    }
+
+    /// A tile, and whether its margin for shadows is limited; none if fewer than two training views cover it.
+    fn tile(
+        &self,
+        id: String,
+        core: MapBox,
+        candidates: &[Candidate],
+    ) -> Result<Option<(Tile, bool)>, TilesError> {
+        let o = self.options.overlap_m;
+        let overlap = [core[0] - o, core[1] - o, core[2] + o, core[3] + o];
+        let heights_m = self.heights_of(overlap);
+        let middle = 0.5 * (heights_m[0] + heights_m[1]);
+        let covering: Vec<&Candidate> =
+            candidates.iter().filter(|c| self.coverage(c, overlap, middle) >= LEAST_COVERED).collect();
+        let chosen = spread(&covering, self.setup_reference(), middle);
+        let is_training = |c: &&&Candidate| c.view.role == Role::Train;
+        if chosen.iter().filter(is_training).count() < 2 {
+            return Ok(None);
+        }
+        let height = heights_m[1] - heights_m[0];
+        let sight: Vec<_> = chosen.iter().map(|c| c.sight).collect();
+        let sun: Vec<_> = chosen.iter().filter_map(|c| c.sun).collect();
+        let splat_box = Margins::new(height, &sight, &sun).around(overlap, self.options.resolution_m);
+        let [w, s, e, n] = splat_box;
+        let aoi = Aoi::from_utm_box((w, s, e, n), &self.site).map_err(PipelineError::from)?;
+        let mut views = Vec::new();
+        let mut pixels = 0;
+        for c in &chosen {
+            let Some(window) = c.view.window_showing(&aoi, (heights_m[0], heights_m[1])) else { continue };
+            pixels += window.width * window.height;
+            let whole = c.view.cropped(window).window.unwrap_or(window);
+            views.push(TileView {
+                name: c.view.name.clone(),
+                window: [whole.col, whole.row, whole.width, whole.height],
+                stretch: c.stretch,
+            });
+        }
+        let reference = self.setup_reference();
+        let reference = chosen.iter().find(|c| c.view.name == reference).or(chosen.iter().find(is_training));
+        let cost = self.cost(splat_box, &chosen, pixels);
+        let tile = Tile {
+            id,
+            core,
+            splat_box,
+            heights_m,
+            views,
+            reference: reference.map(|c| c.view.name.clone()).unwrap_or_default(),
+            neighbours: Vec::new(),
+            cost,
+            input_hash: String::new(),
+        };
+        Ok(Some((tile, exceeds_cap(height, &sun))))
+    }
+
+    /// Name of the scene's reference view.
+    fn setup_reference(&self) -> &str {
+        self.setup.views.get(self.setup.reference).map_or("", |v| &v.name)
+    }
+
+    /// Range of heights of a box: that of the sparse points in it, or of the scene if there are few.
+    fn heights_of(&self, [w, s, e, n]: MapBox) -> [f64; 2] {
+        let inside = self.points.iter().filter(|p| (w..=e).contains(&p.x()) && (s..=n).contains(&p.y()));
+        let [low, high] = self.heights_m;
+        let heights: Vec<f64> = inside.map(|p| p.z()).filter(|z| (low..=high).contains(z)).collect();
+        if heights.len() < MIN_POINTS {
+            return self.heights_m;
+        }
+        height_range(heights).map_or(self.heights_m, |(a, b)| [a.max(low), b.min(high)])
+    }
+
+    /// Share of a box on the map that a view shows at a height.
+    fn coverage(&self, candidate: &Candidate, [w, s, e, n]: MapBox, height_m: f64) -> f64 {
+        let at = |k: usize, low: f64, high: f64| low + (high - low) * (k as f64 + 0.5) / PLACES as f64;
+        let view = candidate.view;
+        let is_seen = |i: &usize| {
+            let place = Point::new(at(i % PLACES, w, e), at(i / PLACES, s, n), height_m);
+            let px = view.rpc.project(self.site.geodetic_from_utm(place));
+            let (col, row) = (px.col.round(), px.row.round());
+            let inside = col >= 0.0 && row >= 0.0 && col < view.width as f64 && row < view.height as f64;
+            inside && candidate.valid.as_ref().is_none_or(|v| v.at(col as usize, row as usize))
+        };
+        (0..PLACES * PLACES).filter(is_seen).count() as f64 / (PLACES * PLACES) as f64
+    }
+
+    /// Predicted cost of a tile whose views have windows of so many pixels in all.
+    fn cost(&self, [w, s, e, n]: MapBox, chosen: &[&Candidate], pixels: usize) -> TileCost {
+        let training: Vec<_> = chosen.iter().filter(|c| c.view.role == Role::Train).collect();
+        let gsd_m = training.iter().map(|c| c.gsd_m).sum::<f64>() / training.len().max(1) as f64;
+        let extent = Extent {
+            views: training.len(),
+            convergence_deg: BEST_CONVERGENCE_DEG,
+            gsd_m,
+            area_m2: (e - w) * (n - s),
+        };
+        let expected = extent.expectation(&self.recipe, 2);
+        TileCost {
+            seconds_2core: (60.0 * expected.minutes).ceil(),
+            memory_mb: (1000.0 * expected.memory_gb).ceil(),
+            read_mb: (pixels * chosen.first().map_or(3, |c| c.view.bands.len())) as f64 / MEGABYTE,
+        }
+    }
+}
+
+/// Number of parts and length of each, a multiple of `cell`, of a length cut into parts of at most `longest`.
+fn cut(length: f64, longest: f64, cell: f64) -> (usize, f64) {
+    let cells = (length / cell).round().max(1.0);
+    let most = (longest / cell + 1e-6).floor().max(1.0);
+    let parts = (cells / most).ceil();
+    let each = (cells / parts).ceil();
+    ((cells / each).ceil() as usize, each * cell)
+}
+
+fn id(column: usize, row: usize) -> String {
+    format!("x{column:03}_y{row:03}")
+}
+
+/// IDs of the eight places around a tile.
+fn neighbours(id: &str) -> impl Iterator<Item = String> {
+    let number = |part: Option<&str>| part.and_then(|p| p.get(1..)?.parse::<i64>().ok()).unwrap_or(0);
+    let mut parts = id.split('_');
+    let (x, y) = (number(parts.next()), number(parts.next()));
+    let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|d| *d != (0, 0));
+    let places = around.map(move |(dx, dy)| (x + dx, y + dy)).filter(|(x, y)| *x >= 0 && *y >= 0);
+    places.map(|(x, y)| self::id(x as usize, y as usize))
+}
+
+/// At most [`MAX_VIEWS`] training views, spread over directions and suns, and all test views; in the order of the scene.
+///
+/// The reference view comes first; each next one is that with the largest angle to the chosen ones.
+fn spread<'a, 'b>(covering: &[&'a Candidate<'b>], reference: &str, height_m: f64) -> Vec<&'a Candidate<'b>> {
+    let training: Vec<&Candidate> = covering.iter().copied().filter(|c| c.view.role == Role::Train).collect();
+    if training.len() <= MAX_VIEWS {
+        return covering.to_vec();
+    }
+    let directions: Vec<_> = training.iter().map(|c| directions_of(c.view, height_m)).collect();
+    let first = training.iter().position(|c| c.view.name == reference).unwrap_or(0);
+    let (mut chosen, mut nearest) = (vec![first], vec![f64::INFINITY; training.len()]);
+    while chosen.len() < MAX_VIEWS {
+        let last = directions[chosen[chosen.len() - 1]];
+        for (near, d) in nearest.iter_mut().zip(&directions) {
+            let (sight, sun) = (angle_between_deg(last.0, d.0), angle_between_deg(last.1, d.1));
+            *near = near.min(sight.hypot(sun));
+        }
+        let free = (0..training.len()).filter(|i| !chosen.contains(i));
+        let Some(next) = free.max_by(|a, b| nearest[*a].total_cmp(&nearest[*b]).then(b.cmp(a))) else {
+            break;
+        };
+        chosen.push(next);
+    }
+    let is_chosen = |c: &&Candidate| {
+        c.view.role == Role::Test || chosen.iter().any(|i| training[*i].view.name == c.view.name)
+    };
+    covering.iter().copied().filter(is_chosen).collect()
+}
+
+/// Directions to the satellite and to the sun: azimuth and angle from the zenith, degrees.
+fn directions_of(view: &View, height_m: f64) -> ((f64, f64), (f64, f64)) {
+    let sun = view.sun.map_or((0.0, 45.0), |s| (s.azimuth_deg, 90.0 - s.elevation_deg));
+    (view.direction_deg(height_m).unwrap_or((0.0, 0.0)), sun)
+}
+
+/// An error if a box reaches into another UTM zone than that of the site.
+fn require_one_zone(site: &SiteGrid, [w, s, e, n]: MapBox) -> Result<(), TilesError> {
+    let mut zones = BTreeMap::new();
+    for (x, y) in [(w, s), (e, s), (e, n), (w, n)] {
+        let p = site.geodetic_from_utm(Point::new(x, y, 0.0));
+        let epsg = utm_epsg(p.lon_deg(), p.lat_deg()).map_err(PipelineError::from)?;
+        zones.entry(epsg).or_insert(p.lon_deg());
+    }
+    if zones.len() < 2 {
+        return Ok(());
+    }
+    let zones: Vec<String> = zones.keys().map(|epsg| format!("EPSG:{epsg}")).collect();
+    Err(TilesError::TwoZones { zones: zones.join(", ") })
+}
+
+fn to_json(value: &impl serde::Serialize) -> Result<String, TilesError> {
+    let failed = |source| PipelineError::Json { what: "the plan", source };
+    Ok(serde_json::to_string(value).map_err(failed)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn parts_cover_a_length_exactly(cells in 1usize..5000, longest in 20.0..600.0f64, cell in 0.2..2.0f64) {
+            let length = cells as f64 * cell;
+            let (parts, each) = cut(length, longest.max(cell), cell);
+            prop_assert!(each <= longest.max(cell) + 1e-6);
+            prop_assert!((each / cell - (each / cell).round()).abs() < 1e-6);
+            prop_assert!(each * parts as f64 >= length - 1e-6);
+            prop_assert!(each * (parts - 1) as f64 + 1e-6 < length);
+        }
+    }
+
+    #[test]
+    fn parts_are_of_nearly_the_same_length() {
+        assert_eq!(cut(1000.0, 512.0, 0.5), (2, 500.0));
+        assert_eq!(cut(512.0, 512.0, 0.5), (1, 512.0));
+        assert_eq!(cut(1030.0, 512.0, 0.5), (3, 343.5));
+    }
+
+    #[test]
+    fn neighbours_are_the_eight_places_around() {
+        assert_eq!(neighbours("x001_y001").count(), 8);
+        let corner: Vec<String> = neighbours("x000_y000").collect();
+        assert_eq!(corner, ["x001_y000", "x000_y001", "x001_y001"]);
+    }
+}

@@ -1,0 +1,157 @@
+//! All stages of a scene of any size in a row: `satgs run`.
+
+use super::error::TilesError;
+use super::job::run_tile;
+use super::mosaic::mosaic;
+use super::mosaicked::Mosaicked;
+use super::plan::{Plan, TileSurface};
+use super::planner::{PlanOptions, needs_tiles, plan_locked};
+use crate::metrics::Evaluation;
+use crate::pipeline::{
+    self, DsmOptions, ErrorKind, EvaluateOptions, Outcome, PipelineError, RunLock, RunOptions, StageResult,
+    adjust_locked, evaluate,
+};
+use crate::progress::{Event, Progress};
+use crate::run_files::{DSM, EVALUATION, PLAN};
+use crate::scene::Scene;
+use std::path::Path;
+
+/// Options of a scene of any size.
+#[derive(Clone, Debug)]
+pub struct SceneOptions {
+    /// Options of all stages.
+    pub stages: RunOptions,
+    /// Largest side of an area that is trained as a whole, and of the core of a tile, metres.
+    pub core_m: f64,
+    /// Width of the overlap around a core, metres.
+    pub overlap_m: f64,
+    /// Memory that a tile may take, megabytes.
+    pub max_memory_mb: Option<f64>,
+}
+
+impl Default for SceneOptions {
+    fn default() -> Self {
+        let PlanOptions { core_m, overlap_m, max_memory_mb, .. } = PlanOptions::default();
+        Self { stages: RunOptions::default(), core_m, overlap_m, max_memory_mb }
+    }
+}
+
+/// The result of one stage of a scene of any size.
+#[derive(Debug)]
+pub enum SceneResult {
+    /// A stage as of a scene of one tile.
+    Stage(StageResult),
+    /// The tiles are planned.
+    Planned(Outcome<Plan>),
+    /// The tiles are blended into one surface.
+    Mosaicked(Outcome<Mosaicked>),
+}
+
+impl SceneOptions {
+    /// Opens the files that late stages read, so that errors are found before a long training.
+    ///
+    /// # Errors
+    /// [`TilesError`] of the option that is wrong.
+    pub fn check(&self, run: &Path) -> Result<(), TilesError> {
+        self.stages.check(run)?;
+        Ok(self.plan_options().check()?)
+    }
+
+    fn plan_options(&self) -> PlanOptions {
+        let DsmOptions { resolution_m, vertical, fill_m, overwrite, .. } = self.stages.dsm.clone();
+        PlanOptions {
+            core_m: self.core_m,
+            overlap_m: self.overlap_m,
+            max_memory_mb: self.max_memory_mb,
+            resolution_m,
+            surface: TileSurface { vertical, fill_m },
+            train: self.stages.train.clone(),
+            overwrite,
+        }
+    }
+
+    /// An error if a product is asked for that only areas of one tile have.
+    fn require_no_products(&self) -> Result<(), TilesError> {
+        let dsm = &self.stages.dsm;
+        let asked = [
+            (dsm.like.is_some(), "--like"),
+            (dsm.hillshade, "--hillshade"),
+            (dsm.points.is_some(), "--points"),
+            (dsm.mesh.is_some(), "--mesh"),
+        ];
+        match asked.into_iter().find(|(is_asked, _)| *is_asked) {
+            Some((_, option)) => Err(TilesError::OneTileOnly { option }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Does everything: adjusts, trains, renders, scores if there is a truth, and writes a report; an area larger than
+/// `core_m` is cut into tiles, which are made one after the other and blended. `completed` receives the result of every
+/// stage as soon as it is there. What is complete already is kept.
+///
+/// # Errors
+/// [`TilesError`] of the first stage that fails. A tile that fails does not stop the others:
+/// [`TilesError::Partial`] lists those that did, when everything else is complete.
+pub fn run(
+    scene: &Scene,
+    options: &SceneOptions,
+    run: &Path,
+    progress: &dyn Progress,
+    completed: &mut dyn FnMut(SceneResult),
+) -> Result<(), TilesError> {
+    options.check(run)?;
+    let _lock = RunLock::make(run)?;
+    let stages = &options.stages;
+    let adjusted = adjust_locked(scene, &stages.adjust, run, progress)?;
+    completed(SceneResult::Stage(StageResult::Adjusted(adjusted)));
+    let planning = options.plan_options();
+    if !run.join(PLAN).exists() && !needs_tiles(run, &planning)? {
+        let mut of_stage = |result| completed(SceneResult::Stage(result));
+        return Ok(pipeline::run_adjusted(run, stages, progress, &mut of_stage)?);
+    }
+    options.require_no_products()?;
+    let planned = plan_locked(run, &planning, progress)?;
+    let plan = Plan::read(run)?;
+    completed(SceneResult::Planned(planned));
+    let failed = make_tiles(run, &plan, stages.train.checkpoint_every, progress)?;
+    completed(SceneResult::Mosaicked(mosaic(run, progress)?));
+    if let Some(truth) = &stages.truth {
+        let scoring = EvaluateOptions { overwrite: true, ..stages.evaluate.clone() };
+        let scores: Evaluation =
+            evaluate(&run.join(DSM), truth, &scoring, Some(&run.join(EVALUATION)), progress)?;
+        completed(SceneResult::Stage(StageResult::Evaluated(Box::new(scores))));
+    }
+    if failed.is_empty() { Ok(()) } else { Err(TilesError::Partial { failed: failed.join(", ") }) }
+}
+
+/// Makes all tiles, one after the other, and returns the IDs of those that failed.
+fn make_tiles(
+    run: &Path,
+    plan: &Plan,
+    checkpoint_every: u32,
+    progress: &dyn Progress,
+) -> Result<Vec<String>, TilesError> {
+    let mut failed = Vec::new();
+    for (i, tile) in plan.tiles.iter().enumerate() {
+        progress.check().map_err(PipelineError::from)?;
+        progress.event(Event::Note(format!("tile {} of {}: {}", i + 1, plan.tiles.len(), tile.id)));
+        match run_tile(run, &tile.id, checkpoint_every, progress) {
+            Ok(_) => {}
+            Err(e) if e.kind() == ErrorKind::Interrupted => return Err(e),
+            Err(e) => {
+                progress.event(Event::Warning(format!("tile `{}` failed: {}", tile.id, e.chain())));
+                failed.push(tile.id.clone());
+            }
+        }
+    }
+    if failed.len() == plan.tiles.len() {
+        return Err(TilesError::AllFailed { reason: reason_of(run, &failed[0]) });
+    }
+    Ok(failed)
+}
+
+fn reason_of(run: &Path, id: &str) -> String {
+    let folder = super::done::tile_folder(run, id);
+    super::done::Failure::read(&folder).map_or_else(|| "its reason is not known".into(), |f| f.reason)
+}
