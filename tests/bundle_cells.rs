@@ -51,7 +51,8 @@ fn worst_shift_px(folder: &Path, made: &Adjustment) -> f64 {
 fn files(scene: &Scene, made: &Adjustment) -> [Vec<u8>; 3] {
     let folder = tempfile::tempdir().unwrap();
     made.write(folder.path(), scene).unwrap();
-    ["tie_points.csv", "points.ply", "report.json"].map(|name| std::fs::read(folder.path().join(name)).unwrap())
+    ["tie_points.csv", "points.ply", "report.json"]
+        .map(|name| std::fs::read(folder.path().join(name)).unwrap())
 }
 
 /// The cells that were matched, in order.

@@ -84,19 +84,26 @@ enum Command {
     Report(report::Args),
 }
 
-/// Parses the command line, runs one command, reports its error.
+/// Runs the command line of this process.
 #[must_use]
 pub fn main() -> std::process::ExitCode {
-    let cli = match Cli::try_parse() {
+    std::process::ExitCode::from(run_command_line(std::env::args_os()))
+}
+
+/// Parses a command line, whose first word is the program's name, runs one command, reports its error; returns the exit
+/// code.
+#[must_use]
+pub fn run_command_line(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
+    let cli = match Cli::try_parse_from(words) {
         Ok(cli) => cli,
         Err(e) => {
             // Help and version are no errors; clap prints each to its own stream and knows its exit code.
             let code = e.exit_code();
             let printed = e.print().or_else(ui::output_lost);
             if printed.is_err() && code == 0 {
-                return std::process::ExitCode::FAILURE;
+                return ExitStatus::Failed as u8;
             }
-            return std::process::ExitCode::from(u8::try_from(code).unwrap_or(2));
+            return u8::try_from(code).unwrap_or(ExitStatus::WrongInput as u8);
         }
     };
     let ui = Ui::new(&cli.common);
@@ -125,7 +132,7 @@ pub fn main() -> std::process::ExitCode {
     let errors = [result.err(), lost.err()].into_iter().flatten().collect::<Vec<_>>();
     errors.iter().for_each(|error| ui.report(error));
     let decides = errors.iter().find(|error| !error.is_partial()).or(errors.first());
-    decides.map_or(std::process::ExitCode::SUCCESS, |error| std::process::ExitCode::from(error.status as u8))
+    decides.map_or(0, |error| error.status as u8)
 }
 
 /// A length above 0.
