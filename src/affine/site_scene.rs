@@ -5,7 +5,7 @@ use super::{
     CameraFit, FitError, Order, SiteFrame, TrainingView, ViewCamera, fit, fit_over_box, sun_direction,
 };
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteBox, SiteGrid};
-use crate::io::{RasterError, ValidPixels};
+use crate::io::{RasterError, Window};
 use crate::rpc::Rpc;
 use crate::scene::{Role, Scene, TransferFunction, View, default_aoi};
 use crate::stats::quantile;
@@ -144,12 +144,12 @@ impl SiteScene {
 
         let provisional =
             SiteGrid::at(scene.center().ok_or(SiteSceneError::NoCommonGround)?.at_height(median))?;
-        let valid = valid_pixels(scene)?;
+        let valid = valid_parts(scene)?;
         let (west, south, east, north) = match &scene.aoi {
             Some(aoi) => aoi.utm_box(&provisional),
             None => {
                 let parts: Vec<(Rpc, usize, usize)> =
-                    scene.views.iter().zip(rpcs).zip(&valid).filter_map(valid_part).collect();
+                    rpcs.iter().zip(&valid).filter_map(footprint_part).collect();
                 let footprints: Vec<_> = parts.iter().map(|(rpc, w, h)| (rpc, *w, *h)).collect();
                 default_aoi(&footprints, &provisional, median).ok_or(SiteSceneError::NoCommonGround)?
             }
@@ -175,23 +175,23 @@ impl SiteScene {
     /// [`SiteSceneError`] when there is no training view or the frame names another one, when a view is too oblique, has no
     /// approximation or cannot be read.
     pub fn in_frame(scene: &Scene, rpcs: &[Rpc], frame: SiteFrame) -> Result<Self, SiteSceneError> {
-        let valid = valid_pixels(scene)?;
+        let valid = valid_parts(scene)?;
         let SiteFrame { site, area, altitudes, .. } = frame;
         let fit = |rpc: &Rpc, _: &View| fit_over_box(rpc, area, altitudes, &site, Order::Quadratic);
         Self::with_cameras(scene, rpcs, &valid, frame, fit)
     }
 
-    /// The training scene in a frame, with the cameras that `fit` makes. `valid` holds the valid pixels of every view.
+    /// The training scene in a frame, with the cameras that `fit` makes. `valid` holds the valid part of every view.
     fn with_cameras(
         scene: &Scene,
         rpcs: &[Rpc],
-        valid: &[Option<ValidPixels>],
+        valid: &[ValidPart],
         frame: SiteFrame,
         fit: impl Fn(&Rpc, &View) -> Result<CameraFit, FitError>,
     ) -> Result<Self, SiteSceneError> {
         let SiteFrame { site, area, altitudes, reference } = frame;
         let height = site.origin.z();
-        let view = |((view, rpc), valid): ((&View, &Rpc), &Option<ValidPixels>)| {
+        let view = |((view, rpc), valid): ((&View, &Rpc), &ValidPart)| {
             let elevation_deg = view.direction_deg(height).map_or(0.0, |(_, off_nadir)| 90.0 - off_nadir);
             if elevation_deg < LOWEST_ELEVATION_DEG {
                 return Err(SiteSceneError::LowView { view: view.name.clone(), elevation_deg });
@@ -203,7 +203,7 @@ impl SiteScene {
                 name: view.name.clone(),
                 role: view.role,
                 size: (view.width, view.height),
-                is_masked: valid.is_some(),
+                is_masked: valid.is_masked,
                 camera: f.camera,
                 rms_px: f.rms_px,
                 max_px: f.max_px,
@@ -285,16 +285,32 @@ pub fn height_range(heights: Vec<f64>) -> Option<(f64, f64)> {
     Some((low - MARGIN_BELOW_M, high + MARGIN_ABOVE_M))
 }
 
-/// The valid pixels of every view of a scene; none where all are valid.
-fn valid_pixels(scene: &Scene) -> Result<Vec<Option<ValidPixels>>, RasterError> {
-    scene.views.par_iter().map(View::valid_pixels).collect()
+/// Where the valid pixels of a view are.
+struct ValidPart {
+    /// Whether some pixels are not valid.
+    is_masked: bool,
+    /// Their bounding box; none without valid pixels.
+    bounds: Option<Window>,
 }
 
-/// The bounding box of the valid pixels of a view: its camera, columns and rows. None without valid pixels.
-fn valid_part(((view, rpc), valid): ((&View, &Rpc), &Option<ValidPixels>)) -> Option<(Rpc, usize, usize)> {
-    let Some(valid) = valid else { return Some((rpc.clone(), view.width, view.height)) };
-    let part = valid.bounds()?;
-    Some((rpc.cropped(part.col, part.row), part.width, part.height))
+/// The valid parts of all views of a scene. Masks are as large as whole images and are dropped one by one.
+fn valid_parts(scene: &Scene) -> Result<Vec<ValidPart>, RasterError> {
+    let part = |view: &View| {
+        let valid = view.valid_pixels()?;
+        let whole = Window { col: 0, row: 0, width: view.width, height: view.height };
+        Ok(ValidPart {
+            is_masked: valid.is_some(),
+            bounds: valid.map_or(Some(whole), |valid| valid.bounds()),
+        })
+    };
+    scene.views.par_iter().map(part).collect()
+}
+
+/// The camera, columns and rows of the valid part of a view. None without valid pixels.
+fn footprint_part((rpc, valid): (&Rpc, &ValidPart)) -> Option<(Rpc, usize, usize)> {
+    let part = valid.bounds?;
+    let rpc = if valid.is_masked { rpc.cropped(part.col, part.row) } else { rpc.clone() };
+    Some((rpc, part.width, part.height))
 }
 
 /// The training view with the smallest sum of the angle off nadir and the angle of the sun from the zenith.

@@ -6,14 +6,14 @@ use super::plan::{MapBox, Plan, SCHEMA, Tile, TileCost, TileSurface, TileTrainin
 use crate::affine::{SiteScene, height_range, sun_direction};
 use crate::bundle::Adjustment;
 use crate::frame::{Point, SiteGrid, Utm, utm_epsg};
-use crate::io::{MapGrid, ValidPixels, write_file, write_json};
+use crate::io::{MapGrid, Window, write_file, write_json};
 use crate::mvs::DSM_CELL_M;
 use crate::pipeline::{
     Fingerprint, Outcome, PipelineError, RunLock, Stage, TrainOptions, hash, hash_file, or_none, read_scene,
 };
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, PLAN, STAGE, TILES};
-use crate::scene::{Aoi, Role, Scene, View, angle_between_deg};
+use crate::scene::{Aoi, Role, Scene, View, angle_between_deg, require_tiled_images};
 use crate::splat::train::expectation::{BEST_CONVERGENCE_DEG, Extent};
 use crate::splat::train::recipe::Recipe;
 use std::collections::BTreeMap;
@@ -174,13 +174,20 @@ fn adjusted(run: &Path) -> Result<Adjusted, TilesError> {
 /// What of a view decides its tiles.
 struct Candidate<'a> {
     view: &'a View,
-    valid: Option<ValidPixels>,
     /// Ground displacement (east, north) of the line of sight, metres per metre of height.
     sight: [f64; 2],
     /// Likewise of the rays towards the sun; none if there is no usable sun.
     sun: Option<[f64; 2]>,
     stretch: Option<[f32; 2]>,
     gsd_m: f64,
+}
+
+/// Where a tile lies.
+struct Place {
+    id: String,
+    core: MapBox,
+    overlap: MapBox,
+    heights_m: [f64; 2],
 }
 
 struct Planner<'a> {
@@ -248,7 +255,6 @@ impl<'a> Planner<'a> {
                 });
                 Ok(Candidate {
                     view,
-                    valid: view.valid_pixels()?,
                     sight: on_site.camera.line_of_sight_slope(),
                     sun,
                     stretch: match view.stretch {
@@ -263,24 +269,25 @@ impl<'a> Planner<'a> {
 
     fn plan(&self, core_m: f64, candidates: &[Candidate]) -> Result<(Plan, Vec<String>), TilesError> {
         let cell = self.options.resolution_m;
-        let (columns, width) = cut(self.area[2] - self.area[0], core_m, cell);
-        let (rows, height) = cut(self.area[3] - self.area[1], core_m, cell);
+        let places = self.places(core_m);
+        let coverage = candidates.iter().map(|c| self.coverage(c, &places)).collect::<Result<Vec<_>, _>>()?;
         let (mut tiles, mut empty, mut capped) = (Vec::new(), Vec::new(), 0);
-        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
-            let west = self.area[0] + column as f64 * width;
-            let south = self.area[1] + row as f64 * height;
-            let core = [west, south, (west + width).min(self.area[2]), (south + height).min(self.area[3])];
-            match self.tile(id(column, row), core, candidates)? {
+        for (i, place) in places.into_iter().enumerate() {
+            let is_covering = |c: &usize| coverage[*c][i] >= LEAST_COVERED;
+            let covering = (0..candidates.len()).filter(is_covering).map(|c| &candidates[c]).collect();
+            let id = place.id.clone();
+            match self.tile(place, covering)? {
                 Some((tile, is_capped)) => {
                     capped += usize::from(is_capped);
                     tiles.push(tile);
                 }
-                None => empty.push(id(column, row)),
+                None => empty.push(id),
             }
         }
         if tiles.is_empty() {
             return Err(TilesError::NoViews { least: 2 });
         }
+        self.require_tiled_images(&tiles)?;
         let ids: Vec<String> = tiles.iter().map(|t: &Tile| t.id.clone()).collect();
         for tile in &mut tiles {
             tile.neighbours = neighbours(&tile.id).filter(|n| ids.contains(n)).collect();
@@ -339,19 +346,26 @@ impl<'a> Planner<'a> {
         Ok(())
     }
 
+    /// The cores of all tiles, with the ranges of heights around them.
+    fn places(&self, core_m: f64) -> Vec<Place> {
+        let cell = self.options.resolution_m;
+        let (columns, width) = cut(self.area[2] - self.area[0], core_m, cell);
+        let (rows, height) = cut(self.area[3] - self.area[1], core_m, cell);
+        let place = |(row, column): (usize, usize)| {
+            let west = self.area[0] + column as f64 * width;
+            let south = self.area[1] + row as f64 * height;
+            let core = [west, south, (west + width).min(self.area[2]), (south + height).min(self.area[3])];
+            let o = self.options.overlap_m;
+            let overlap = [core[0] - o, core[1] - o, core[2] + o, core[3] + o];
+            Place { id: id(column, row), core, overlap, heights_m: self.heights_of(overlap) }
+        };
+        (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))).map(place).collect()
+    }
+
     /// A tile, and whether its margin for shadows is limited; none if fewer than two training views cover it.
-    fn tile(
-        &self,
-        id: String,
-        core: MapBox,
-        candidates: &[Candidate],
-    ) -> Result<Option<(Tile, bool)>, TilesError> {
-        let o = self.options.overlap_m;
-        let overlap = [core[0] - o, core[1] - o, core[2] + o, core[3] + o];
-        let heights_m = self.heights_of(overlap);
+    fn tile(&self, place: Place, covering: Vec<&Candidate>) -> Result<Option<(Tile, bool)>, TilesError> {
+        let Place { id, core, overlap, heights_m } = place;
         let middle = 0.5 * (heights_m[0] + heights_m[1]);
-        let covering: Vec<&Candidate> =
-            candidates.iter().filter(|c| self.coverage(c, overlap, middle) >= LEAST_COVERED).collect();
         let chosen = spread(&covering, self.setup_reference(), middle);
         let is_training = |c: &&&Candidate| c.view.role == Role::Train;
         if chosen.iter().filter(is_training).count() < 2 {
@@ -363,12 +377,11 @@ impl<'a> Planner<'a> {
         let splat_box = Margins::new(height, &sight, &sun).around(overlap, self.options.resolution_m);
         let [w, s, e, n] = splat_box;
         let aoi = Aoi::from_utm_box((w, s, e, n), &self.site).map_err(PipelineError::from)?;
-        let mut views = Vec::new();
-        let mut pixels = 0;
+        let (mut views, mut read_bytes) = (Vec::new(), 0);
         for c in &chosen {
             let Some(window) = c.view.window_showing(&aoi, (heights_m[0], heights_m[1])) else { continue };
-            pixels += window.width * window.height;
             let whole = c.view.cropped(window).window.unwrap_or(window);
+            read_bytes += c.view.read_cost(whole)?.stored_bytes;
             views.push(TileView {
                 name: c.view.name.clone(),
                 window: [whole.col, whole.row, whole.width, whole.height],
@@ -377,7 +390,7 @@ impl<'a> Planner<'a> {
         }
         let reference = self.setup_reference();
         let reference = chosen.iter().find(|c| c.view.name == reference).or(chosen.iter().find(is_training));
-        let cost = self.cost(splat_box, &chosen, pixels);
+        let cost = self.cost(splat_box, &chosen, read_bytes);
         let tile = Tile {
             id,
             core,
@@ -408,22 +421,38 @@ impl<'a> Planner<'a> {
         height_range(heights).map_or(self.heights_m, |(a, b)| [a.max(low), b.min(high)])
     }
 
-    /// Share of a box on the map that a view shows at a height.
-    fn coverage(&self, candidate: &Candidate, [w, s, e, n]: MapBox, height_m: f64) -> f64 {
-        let at = |k: usize, low: f64, high: f64| low + (high - low) * (k as f64 + 0.5) / PLACES as f64;
+    /// The shares of the overlap boxes of tiles that a view shows, each at the middle height of its tile.
+    fn coverage(&self, candidate: &Candidate, places: &[Place]) -> Result<Vec<f64>, TilesError> {
         let view = candidate.view;
-        let is_seen = |i: &usize| {
-            let place = Point::new(at(i % PLACES, w, e), at(i / PLACES, s, n), height_m);
-            let px = view.rpc.project(self.site.geodetic_from_utm(place));
-            let (col, row) = (px.col.round(), px.row.round());
-            let inside = col >= 0.0 && row >= 0.0 && col < view.width as f64 && row < view.height as f64;
-            inside && candidate.valid.as_ref().is_none_or(|v| v.at(col as usize, row as usize))
+        // As large as the whole image, so that only one is in memory at a time.
+        let valid = view.valid_pixels()?;
+        let share = |place: &Place| {
+            let [w, s, e, n] = place.overlap;
+            let height_m = 0.5 * (place.heights_m[0] + place.heights_m[1]);
+            let at = |k: usize, low: f64, high: f64| low + (high - low) * (k as f64 + 0.5) / PLACES as f64;
+            let is_seen = |i: &usize| {
+                let ground = Point::new(at(i % PLACES, w, e), at(i / PLACES, s, n), height_m);
+                let px = view.rpc.project(self.site.geodetic_from_utm(ground));
+                let (col, row) = (px.col.round(), px.row.round());
+                let inside = col >= 0.0 && row >= 0.0 && col < view.width as f64 && row < view.height as f64;
+                inside && valid.as_ref().is_none_or(|v| v.at(col as usize, row as usize))
+            };
+            (0..PLACES * PLACES).filter(is_seen).count() as f64 / (PLACES * PLACES) as f64
         };
-        (0..PLACES * PLACES).filter(is_seen).count() as f64 / (PLACES * PLACES) as f64
+        Ok(places.iter().map(share).collect())
     }
 
-    /// Predicted cost of a tile whose views have windows of so many pixels in all.
-    fn cost(&self, [w, s, e, n]: MapBox, chosen: &[&Candidate], pixels: usize) -> TileCost {
+    /// An error if an image is stored so that reading the windows of all tiles would read it many times.
+    fn require_tiled_images(&self, tiles: &[Tile]) -> Result<(), TilesError> {
+        let reads = tiles.iter().flat_map(|tile| &tile.views).filter_map(|planned| {
+            let view = self.scene.views.iter().find(|view| view.name == planned.name)?;
+            Some((view, Window::from(planned)))
+        });
+        Ok(require_tiled_images(reads).map_err(PipelineError::from)?)
+    }
+
+    /// Predicted cost of a tile whose views' windows take so many bytes of their files.
+    fn cost(&self, [w, s, e, n]: MapBox, chosen: &[&Candidate], read_bytes: u64) -> TileCost {
         let training: Vec<_> = chosen.iter().filter(|c| c.view.role == Role::Train).collect();
         let gsd_m = training.iter().map(|c| c.gsd_m).sum::<f64>() / training.len().max(1) as f64;
         let extent = Extent {
@@ -436,7 +465,7 @@ impl<'a> Planner<'a> {
         TileCost {
             seconds_2core: (60.0 * expected.minutes).ceil(),
             memory_mb: (1000.0 * expected.memory_gb).ceil(),
-            read_mb: (pixels * chosen.first().map_or(3, |c| c.view.bands.len())) as f64 / MEGABYTE,
+            read_mb: read_bytes as f64 / MEGABYTE,
         }
     }
 }
