@@ -69,8 +69,8 @@ fn a_stac_item_collection_is_a_scene() {
     assert_eq!(read.views[1].sun.unwrap().azimuth_deg, 170.5);
     std::fs::write(&list, item("one", "a.tif")).unwrap();
     assert_eq!(scene(&list).unwrap().views.len(), 1);
-    std::fs::write(&list, item("one", "https://example.org/a.tif")).unwrap();
-    assert!(scene(&list).unwrap_err().contains("satgs does not download, fetch it first"));
+    std::fs::write(&list, item("one", "odd://example.org/a.tif")).unwrap();
+    assert!(scene(&list).unwrap_err().contains("URLs of `odd` cannot be read"));
     std::fs::write(&list, "{\"type\": \"Catalog\"}").unwrap();
     assert!(scene(&list).unwrap_err().contains("neither a STAC Item nor an ItemCollection"));
 }

@@ -28,6 +28,11 @@ def test_mypy_accepts_the_package(tmp_path: Path) -> None:
     mypy("mypy", "--strict", *[word for name in modules for word in ("-m", name)], cwd=tmp_path)
 
 
+def test_mypy_accepts_the_driver_of_clusters(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="distributed is not installed")
+    mypy("mypy", "--strict", "-p", "satgs.dask", cwd=tmp_path)
+
+
 def test_the_stubs_fit_the_extension_module(tmp_path: Path) -> None:
     mypy("mypy.stubtest", "satgs._satgs", cwd=tmp_path)
 

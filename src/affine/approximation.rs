@@ -1,17 +1,8 @@
 //! The error of polynomial approximations of an RPC over a box of ground, such as that of an affine camera.
 
-use super::{CameraFit, FitError, fit_over_box};
+use super::{CameraFit, FitError, Order, fit_over_box};
 use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::rpc::Rpc;
-
-/// The degree of a polynomial of (east, north, up).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Order {
-    /// Degree 1: four coefficients for each image axis.
-    Affine,
-    /// Degree 2: ten coefficients for each image axis.
-    Quadratic,
-}
 
 /// A box of ground: a square on the map, and heights around its centre.
 #[derive(Clone, Copy, Debug)]

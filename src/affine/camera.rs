@@ -1,6 +1,6 @@
 //! The camera of a view, and shears of it.
 
-use crate::camera::{PRODUCTS, QuadraticKernel};
+use crate::camera::QuadraticKernel;
 use crate::frame::{CenterPx, Pixel, Point, Site, SiteGrid, Vector};
 use crate::scene::Sun;
 use crate::simd::Real;
@@ -20,14 +20,14 @@ pub struct ViewCamera {
     pub offset: [f64; 2],
     /// Rows (col, row), pixels per square metre; zero for an affine camera.
     #[serde(default, skip_serializing_if = "is_zero")]
-    pub quadratic: [[f64; PRODUCTS]; 2],
+    pub quadratic: [[f64; 6]; 2],
 }
 
 /// Number of fixed-point steps by which [`ViewCamera::localize`] accounts for the quadratic term. The term changes
 /// by less than a hundredth of a pixel while a point moves by a pixel, so that each step gains two digits.
 const LOCALIZE_STEPS: usize = 4;
 
-fn is_zero(quadratic: &[[f64; PRODUCTS]; 2]) -> bool {
+fn is_zero(quadratic: &[[f64; 6]; 2]) -> bool {
     quadratic.as_flattened().iter().all(|v| *v == 0.0)
 }
 

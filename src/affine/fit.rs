@@ -1,9 +1,18 @@
 //! The camera of a view that fits an RPC best, by linear least squares: over an image, or over a box of ground.
 
-use super::{Order, ViewCamera};
+use super::ViewCamera;
 use crate::frame::{CenterPx, Pixel, Point, Site, SiteBox, SiteGrid};
 use crate::rpc::{LocalizeError, Rpc};
 use nalgebra::{DMatrix, Matrix3, Matrix4, Vector3, Vector4};
+
+/// The degree of a polynomial of (east, north, up).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Degree 1: four coefficients for each image axis.
+    Affine,
+    /// Degree 2: ten coefficients for each image axis.
+    Quadratic,
+}
 
 /// Number of grid points along columns, rows and heights of an image.
 const NODES: [usize; 3] = [15, 15, 7];

@@ -13,9 +13,9 @@ mod site_frame;
 mod site_scene;
 mod training_view;
 
-pub use approximation::{GroundBox, Order, Residual, residual};
+pub use approximation::{GroundBox, Residual, residual};
 pub use camera::{ViewCamera, sun_direction};
-pub use fit::{CameraFit, FitError, fit, fit_over_box};
+pub use fit::{CameraFit, FitError, Order, fit, fit_over_box};
 pub use site_frame::SiteFrame;
 pub use site_scene::{MIN_POINTS, SiteScene, SiteSceneError, SiteView, height_range};
 pub use training_view::{TrainingView, median_pixel_m};

@@ -144,3 +144,24 @@ fn linear_by_color(transfer_function: TransferFunction) -> [f32; 256] {
 pub fn median_pixel_m(views: &[TrainingView]) -> f64 {
     quantile(views.iter().map(|v| v.camera.gsd_m()).collect(), 0.5).unwrap_or(f64::NAN)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_whose_ray_leaves_the_area_between_the_altitudes_are_masked() {
+        // A pixel is 1 m wide; points move by half a pixel to the left for every metre up, so rays lean east.
+        let camera = ViewCamera::affine([[1.0, 0.0, -0.5], [0.0, -1.0, 0.0]], [10.0, 2.0]);
+        let bands = [Grid2::filled(21, 5, 0.5)];
+        let trained = |altitudes: (f64, f64)| {
+            let area = (-10.0, -2.0, 10.0, 2.0);
+            let view = TrainingView::new("v".into(), camera, None, &bands, area, altitudes);
+            let columns = (0..view.width).filter(|c| view.color(Pixel::new(*c as f64, 2.0)).is_some());
+            columns.collect::<Vec<_>>()
+        };
+        assert_eq!(trained((0.0, 0.0)), (0..21).collect::<Vec<_>>());
+        assert_eq!(trained((0.0, 8.0)), (0..17).collect::<Vec<_>>());
+        assert_eq!(trained((-4.0, 8.0)), (2..17).collect::<Vec<_>>());
+    }
+}

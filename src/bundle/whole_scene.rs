@@ -194,7 +194,7 @@ impl<'a> Adjuster<'a> {
             });
             let observations: Vec<Observation> = seen.collect();
             let is_tied = observations.len() >= 2;
-            is_tied.then(|| Track { observations, gray: track.gray, prior: None, cell: cell as u32 })
+            is_tied.then_some(Track { observations, gray: track.gray, prior: None, cell: cell as u32 })
         };
         let of_cells =
             results.iter().enumerate().filter_map(|(cell, result)| Some((cell, result.as_ref().ok()?)));

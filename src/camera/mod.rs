@@ -7,4 +7,4 @@ mod kernel;
 mod parallel;
 
 pub use kernel::{CameraKernel, DepthOrder, Linearized};
-pub use parallel::{PRODUCTS, QuadraticKernel};
+pub use parallel::QuadraticKernel;

@@ -4,7 +4,7 @@ use super::{CameraKernel, DepthOrder, Linearized};
 use crate::simd::{Real, Simd, SimdReal, SimdVec, broadcast_each};
 
 /// Number of the products xx, xy, xz, yy, yz, zz of a position's coordinates.
-pub const PRODUCTS: usize = 6;
+const PRODUCTS: usize = 6;
 
 /// An affine camera with a quadratic term: `(col, row) = linear p + offset + quadratic (xx, xy, xz, yy, yz, zz)`.
 ///

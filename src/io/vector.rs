@@ -110,12 +110,15 @@ pub fn write_markers(path: &Path, layer: &str, markers: &[Marker]) -> Result<(),
     write_features(path, layer, (WGS84, OGRwkbGeometryType::wkbPoint25D), &features.collect::<Vec<_>>())
 }
 
-/// Writes features: texts, geometry as WKT, numbers. The CRS is given by its EPSG code.
+/// A feature as it is written: texts, geometry as WKT, numbers.
+type WrittenFeature<'a> = (Vec<(&'static str, &'a str)>, String, &'a Numbers);
+
+/// Writes features. The CRS is given by its EPSG code.
 fn write_features(
     path: &Path,
     layer: &str,
     (epsg, ty): (u32, OGRwkbGeometryType::Type),
-    features: &[(Vec<(&'static str, &str)>, String, &Numbers)],
+    features: &[WrittenFeature],
 ) -> Result<(), WriteError> {
     set_up_gdal();
     let is_package = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gpkg"));
@@ -211,6 +214,30 @@ mod tests {
             // This is longer than the resolution of the time stamps of GeoPackages.
             std::thread::sleep(std::time::Duration::from_millis(20));
             assert!(first == written(&format!("second.{kind}")), "{kind}");
+        }
+    }
+
+    #[test]
+    fn lines_and_polygons_keep_their_map_and_attributes() {
+        let dir = tempfile::tempdir().unwrap();
+        let feature = MapFeature {
+            corners: vec![(435_000.0, 3_354_000.0), (435_100.0, 3_354_000.0), (435_100.0, 3_354_100.0)],
+            texts: vec![("first", "x000_y000".into()), ("second", "x001_y000".into())],
+            numbers: vec![("step_m", -0.25), ("nmad_m", f64::NAN)],
+        };
+        for (shape, area) in [(MapShape::Line, 0.0), (MapShape::Polygon, 5000.0)] {
+            let path = dir.path().join("seams.gpkg");
+            write_map_features(&path, "seams", 32617, shape, std::slice::from_ref(&feature)).unwrap();
+            let read = Dataset::open(&path).unwrap();
+            let mut layer = read.layer_by_name("seams").unwrap();
+            assert_eq!(layer.spatial_ref().unwrap().auth_code().unwrap(), 32617);
+            let found = layer.features().next().unwrap();
+            let field = |name: &str| found.field(found.field_index(name).unwrap()).unwrap();
+            assert_eq!(field("second").and_then(|v| v.into_string()).as_deref(), Some("x001_y000"));
+            assert_eq!(field("step_m").and_then(|v| v.into_real()), Some(-0.25));
+            assert!(field("nmad_m").is_none());
+            let geometry = found.geometry().unwrap();
+            assert!((geometry.area() - area).abs() < 1e-6, "a line has no area");
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::surface::CONFIDENT;
 use super::*;
 use crate::affine::{SiteScene, TrainingView, ViewCamera};
-use crate::frame::{Point, Site, SiteGrid};
+use crate::frame::{Pixel, Point, Site, SiteGrid};
 use crate::io::Grid2;
 use crate::progress::NoProgress;
 use crate::random::CounterRng;
@@ -38,14 +38,24 @@ fn white_roof(x: f64, y: f64, z: f64) -> f64 {
 
 pub(super) fn view(slope: [f64; 2], paint: Paint) -> TrainingView {
     let linear = [[2.0, 0.0, -2.0 * slope[0]], [0.0, -2.0, 2.0 * slope[1]]];
-    let camera = ViewCamera::affine(linear, [79.5, 69.5]);
+    view_of(ViewCamera::affine(linear, [79.5, 69.5]), paint)
+}
+
+/// A view whose camera has a quadratic term of up to three pixels, more over this area than that of any satellite.
+pub(super) fn curved_view(slope: [f64; 2], paint: Paint) -> TrainingView {
+    let s = 1.0 + slope[0] - 2.0 * slope[1];
+    let quadratic =
+        [[3e-3, -1e-3, 6e-3 * s, 1e-3, -3e-3, 2e-3], [-1e-3, 2e-3, -3e-3, -3e-3, 5e-3 * s, -1e-3]];
+    view_of(ViewCamera { quadratic, ..view(slope, paint).camera }, paint)
+}
+
+fn view_of(camera: ViewCamera, paint: Paint) -> TrainingView {
     // A pixel shows the highest point of its ray on the surface, because rays rise towards the camera.
     let color = |col: usize, row: usize| {
-        let ground = [(col as f64 - 79.5) / 2.0, (69.5 - row as f64) / 2.0];
-        let at = |z: f64| (ground[0] + slope[0] * z, ground[1] + slope[1] * z);
+        let at = |z: f64| camera.localize(Pixel::new(col as f64, row as f64), z);
         let steps = (0..=120).rev().map(|k| f64::from(k) * BLOCK_M / 120.0);
-        let z = steps.into_iter().find(|z| height(at(*z).0, at(*z).1) >= *z).unwrap_or(0.0);
-        paint(at(z).0, at(z).1, z) as f32
+        let z = steps.into_iter().find(|z| height(at(*z)[0], at(*z)[1]) >= *z).unwrap_or(0.0);
+        paint(at(z)[0], at(z)[1], z) as f32
     };
     let plane = Grid2::from_fn(160, 140, color);
     TrainingView::new("v".into(), camera, None, &[plane], (-30.0, -25.0, 30.0, 25.0), (0.0, 0.0))
@@ -65,9 +75,10 @@ pub(super) fn setup() -> SiteScene {
     }
 }
 
+const SLOPES: [[f64; 2]; 6] = [[0.0, 0.0], [0.3, 0.05], [-0.3, 0.0], [0.05, 0.3], [0.0, -0.3], [0.2, -0.2]];
+
 fn views(paint: Paint) -> Vec<TrainingView> {
-    let slopes = [[0.0, 0.0], [0.3, 0.05], [-0.3, 0.0], [0.05, 0.3], [0.0, -0.3], [0.2, -0.2]];
-    slopes.into_iter().map(|slope| view(slope, paint)).collect()
+    SLOPES.into_iter().map(|slope| view(slope, paint)).collect()
 }
 
 pub(super) fn sparse() -> Vec<Point<Site>> {
@@ -90,6 +101,22 @@ fn a_block_and_the_ground_around_it_are_found() {
     let surface = sweep.run(&NoProgress).unwrap();
     assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
     assert!(surface.score.data.iter().filter(|s| **s > CONFIDENT).count() * 2 > surface.score.data.len());
+}
+
+#[test]
+fn cameras_with_a_quadratic_term_find_the_same_surface() {
+    let views: Vec<_> = SLOPES.into_iter().map(|slope| curved_view(slope, texture)).collect();
+    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
+    assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
+}
+
+#[test]
+fn a_framed_scene_without_sparse_points_is_matched_over_its_altitudes() {
+    let views = views(texture);
+    assert!(PlaneSweep::new(&setup(), &views, &[]).is_none());
+    let framed = SiteScene { is_framed: true, ..setup() };
+    let surface = PlaneSweep::new(&framed, &views, &[]).unwrap().run(&NoProgress).unwrap();
+    assert!(share_right(&surface) > 0.95, "{}", share_right(&surface));
 }
 
 /// The true surface, raised.

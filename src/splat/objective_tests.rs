@@ -53,6 +53,7 @@ struct Scene<T: Real> {
     objective: Objective<T>,
     has_sun: bool,
     has_virtual_view: bool,
+    quadratic: [[f64; 6]; 2],
 }
 
 impl<T: SimdReal> Scene<T> {
@@ -63,6 +64,7 @@ impl<T: SimdReal> Scene<T> {
             objective: Objective::new(AppearanceKind::Affine, terms(Some(&prior()))),
             has_sun: true,
             has_virtual_view: true,
+            quadratic: Default::default(),
         };
         scene.resize(27, 25);
         for masked in [40, 41, 300] {
@@ -85,7 +87,8 @@ impl<T: SimdReal> Scene<T> {
     fn evaluate(&mut self, g: &Splats<T>, a: &Appearance<T>) -> (Losses, Gradient<T>) {
         let size @ (width, height) = (self.target.width, self.target.height);
         let offset = [width as f64 / 2.0 - 0.2, height as f64 / 2.0 - 0.7];
-        let camera = ViewCamera::affine([[2.3, 0.2, 0.5], [0.3, -2.2, 0.7]], offset);
+        let linear = [[2.3, 0.2, 0.5], [0.3, -2.2, 0.7]];
+        let camera = ViewCamera { linear, offset, quadratic: self.quadratic };
         let input = StepInput {
             camera: FrameCamera::new(&camera, width, height),
             target: &self.target,
@@ -145,7 +148,13 @@ fn largest(values: &[f64]) -> f64 {
 
 #[test]
 fn every_gradient_agrees_with_central_differences_in_f64() {
-    let mut scene = Scene::new();
+    let curved = [[0.02, -0.01, 0.015, 0.01, 0.02, -0.03], [-0.01, 0.02, 0.01, -0.02, 0.015, 0.01]];
+    for quadratic in [Default::default(), curved] {
+        check_gradients(Scene { quadratic, ..Scene::new() });
+    }
+}
+
+fn check_gradients(mut scene: Scene<f64>) {
     let (g, a) = (splats(45, 1), appearance());
     let (losses, gradient) = scene.evaluate(&g, &a);
     for (name, value) in column_names().zip(losses.columns) {

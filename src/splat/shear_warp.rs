@@ -1,6 +1,6 @@
 //! Warping a view's pixels, with their altitudes, to the image of a sheared camera: the sun's image or a virtual view.
 //!
-//! A sheared camera is the view's affine camera with a multiple of the altitude subtracted from its image coordinates. A pixel
+//! A sheared camera is the view's camera with a multiple of the altitude subtracted from its image coordinates. A pixel
 //! (col, row) of the view at altitude z appears there at `(col, row) - shear * z - origin`.
 
 use crate::simd::Real;

@@ -1,4 +1,4 @@
-//! Cameras of the sun's image and of virtual views: a view's affine camera with a shear.
+//! Cameras of the sun's image and of virtual views: a view's camera with a shear.
 
 use super::raster::FrameCamera;
 use super::shear_warp::ShearWarp;

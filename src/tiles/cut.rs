@@ -88,7 +88,9 @@ pub(super) fn mixed(
     linear_share: f32,
     owned_share: f32,
 ) -> ([f32; BANDS], f32) {
-    let confidence = |v: &[f32; BANDS]| v[OPACITY].max(LEAST_CONFIDENCE).min(1.0);
+    let confidence = |v: &[f32; BANDS]| {
+        if v[OPACITY].is_nan() { LEAST_CONFIDENCE } else { v[OPACITY].clamp(LEAST_CONFIDENCE, 1.0) }
+    };
     let share = match (a[HEIGHT].is_nan(), b[HEIGHT].is_nan()) {
         (true, false) => 1.0,
         (false, true) => 0.0,

@@ -1,7 +1,7 @@
 //! Runs of tiles that are made without training, for tests of blending and of the mosaic.
 
 use super::cut::BANDS;
-use super::{Done, Plan, Tile, TileCost, seal, tile_folder};
+use super::{Done, Plan, Tile, TileCost, TileSurface, TileTraining, seal, tile_folder};
 use crate::io::{Cog, Grid2, VerticalReference, write_json};
 use crate::run_files::{CONFIDENCE, DSM, ORTHO, PLAN};
 use std::path::Path;
@@ -63,6 +63,10 @@ impl Made<'_> {
             epsg: EPSG,
             origin_height_m: 0.0,
             resolution_m: CELL_M,
+            train: TileTraining { recipe: "best".into(), iterations: None, seed: 0 },
+            surface: TileSurface::default(),
+            adjustment_hash: "0".into(),
+            total: TileCost::default(),
             core_m: self.columns[0] as f64 * CELL_M,
             overlap_m: OVERLAP as f64 * CELL_M,
             tiles: tiles.collect(),

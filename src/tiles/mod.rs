@@ -23,6 +23,8 @@ mod cut;
 mod done;
 mod error;
 mod job;
+#[cfg(test)]
+mod made_tests;
 mod margins;
 mod mosaic;
 mod mosaic_files;
@@ -30,15 +32,13 @@ mod mosaic_files;
 mod mosaic_tests;
 mod mosaicked;
 mod page;
-#[cfg(test)]
-mod made_tests;
 mod plan;
 mod planner;
 mod resources;
 mod run;
-mod status;
 mod seam_summary;
 mod seams;
+mod status;
 mod tile_rasters;
 
 pub use blend::{Blended, blend};

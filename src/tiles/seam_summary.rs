@@ -51,7 +51,7 @@ mod tests {
     fn strips_without_common_cells_do_not_count() {
         let empty = seam(|_| f32::NAN);
         assert_eq!((empty.median_m, empty.over_1m, empty.cells), (None, None, 0));
-        let none = SeamSummary::of(&[empty.clone()], &TileColors::default());
+        let none = SeamSummary::of(std::slice::from_ref(&empty), &TileColors::default());
         assert_eq!((none.seams, none.step_m, none.over_1m, none.ortho_before), (1, None, None, None));
         let three = [empty, seam(|_| 9.9), seam(|_| 10.3)];
         let summary = SeamSummary::of(&three, &TileColors::default());

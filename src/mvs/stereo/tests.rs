@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::mvs::MatchedSurface;
-use crate::mvs::tests::{BLOCK_M, height, setup, sparse, texture, textureless, view};
+use crate::mvs::tests::{BLOCK_M, curved_view, height, setup, sparse, texture, textureless, view};
 use crate::progress::NoProgress;
 
 /// The share of cells within half a metre of the truth, among those for which `is_meant` holds: it takes the
@@ -45,6 +45,14 @@ fn a_pair_finds_a_block_and_the_ground_and_marks_cells_that_only_one_view_sees()
     };
     let (all, marked) = (count(&hidden), count(&filled));
     assert!(marked as f64 > 0.7 * all as f64, "{marked} of {all}, matched and right {matched_there}");
+}
+
+#[test]
+fn a_pair_of_cameras_with_a_quadratic_term_finds_the_same_surface() {
+    let views = [[-0.2, 0.0], [0.2, 0.0]].map(|slope| curved_view(slope, texture));
+    let surface = PlaneSweep::new(&setup(), &views, &sparse()).unwrap().run(&NoProgress).unwrap();
+    let (everywhere, matched) = (share_right(&surface, |_, _| true), share_right(&surface, |_, m| m));
+    assert!(everywhere > 0.93 && matched > 0.97, "{everywhere} {matched}");
 }
 
 #[test]

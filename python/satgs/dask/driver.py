@@ -1,0 +1,337 @@
+"""Submits the jobs of a plan to a Dask cluster and decides what follows from their ends.
+
+As many jobs are submitted as there are workers for them, and no more: jobs that wait in the queue of a worker that is
+killed would count as suspects of its death and be given up by Dask after some deaths that they had no part in.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from distributed import Client, Future, KilledWorker
+
+from . import job as jobs
+from .job import Job, Outcome
+from .plan import PlanError, Tile, is_done, read_plan, write_failure
+from .progress import Progress
+from .reason import is_locked, reason_of
+
+BLEND_MB = 500.0
+"""Memory that a blend or the mosaic asks of a worker, megabytes."""
+
+RETRY_DELAY = 1.0
+"""Seconds before a job that failed is tried again."""
+
+LOCK_SECONDS = 60.0
+"""Time for which another program may be at work on the same tile before that counts as a failure, seconds. The program
+of a worker that was killed writes a checkpoint before it ends."""
+
+LOST = "the connection with the scheduler was lost"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the jobs are run."""
+
+    satgs: str = "satgs"
+    """The program, as the workers find it."""
+    threads: int | None = None
+    """Threads of each process; by default the program's own choice, one per core of the machine."""
+    retries: int = 2
+    """How often a job that failed is tried again."""
+    only: tuple[str, ...] = ()
+    """IDs of the tiles to be made; all of the plan's tiles if empty."""
+
+
+@dataclass
+class TileResult:
+    """What became of a tile."""
+
+    id: str
+    state: str = "waiting"
+    """`waiting`, `done` or `failed`."""
+    attempts: int = 0
+    seconds: float = 0.0
+    """Time of the last attempt."""
+    reason: str = ""
+    """Why it failed."""
+
+
+@dataclass
+class Result:
+    """What became of a call."""
+
+    tiles: dict[str, TileResult]
+    """All tiles of the plan."""
+    selected: tuple[str, ...]
+    """The tiles that were to be made."""
+    mosaic: str
+    """`done`, `waiting` (for tiles that were not selected), or why it failed."""
+
+    @property
+    def exit_code(self) -> int:
+        """0 done, 3 some tiles failed, 1 nothing was made."""
+        states = {self.tiles[name].state for name in self.selected}
+        if states == {"failed"} or self.mosaic not in ("done", "waiting"):
+            return 1
+        return 3 if "failed" in states else 0
+
+
+@dataclass
+class _Work:
+    """A job that is to be done, or under way."""
+
+    kind: str
+    tile: str
+    seconds: float
+    """Predicted time: the longest jobs start first, so that none is left for the end."""
+    memory_mb: float
+    failures: int = 0
+    attempts: int = 0
+    not_before: float = 0.0
+    started: float = 0.0
+    locked_since: float | None = None
+
+
+def run_tiles(
+    client: Client, run: str | Path, settings: Settings | None = None, stream: IO[str] | None = None
+) -> Result:
+    """Makes the tiles of a plan on the workers of a Dask client, blends them and makes the mosaic.
+
+    Tiles that are done are left as they are. A tile that fails does not stop the others.
+
+    Args:
+        client: a client of a cluster whose workers have the resources ``tile=1`` and ``MEM``, the memory in megabytes.
+        run: the run folder with ``tiles.json``, under a path that is the same on all workers.
+        settings: how the jobs are run.
+        stream: receives one line of progress, by default none.
+
+    Raises:
+        PlanError: there is no plan, or the plan has no tile of a given ID, or no worker has the resources.
+        ConnectionError: the scheduler was lost; what is done is kept.
+        KeyboardInterrupt: after Ctrl-C, when the programs on the workers have ended.
+    """
+    settings = settings or Settings()
+    run = Path(run).absolute()
+    plan = read_plan(run)
+    unknown = [name for name in settings.only if name not in plan]
+    if unknown:
+        raise PlanError(f"the plan has no tile `{unknown[0]}`\nhint: `satgs tile status {run}` lists the tiles")
+    return _Driver(client, run, plan, settings, stream).drive()
+
+
+class _Driver:
+    def __init__(self, client: Client, run: Path, plan: dict[str, Tile], settings: Settings, stream: IO[str] | None):
+        self.client: Any = client
+        self.run = run
+        self.plan = plan
+        self.settings = settings
+        self.topic = f"satgs-{uuid.uuid4().hex}"
+        self.ends: queue.Queue[tuple[_Work, Outcome | BaseException] | dict[str, Any]] = queue.Queue()
+        self.waiting: list[_Work] = []
+        self.running: dict[Future[Any], _Work] = {}
+        self.tiles = {name: TileResult(name) for name in plan}
+        self.selected = settings.only or tuple(plan)
+        self.progress = Progress(run, plan, {name: self.tiles[name] for name in self.selected}, stream)
+        self.mosaic = "waiting"
+
+    def drive(self) -> Result:
+        for name, tile in self.plan.items():
+            if is_done(self.run, tile):
+                self.tiles[name].state = "done"
+            elif name in self.selected:
+                self.waiting.append(_Work("tile", name, tile.seconds, tile.memory_mb))
+        self.client.subscribe_topic(self.topic, lambda event: self.ends.put(event[1]))
+        try:
+            for name in self.plan:
+                self._blend_if_ready(name)
+            self._loop()
+            states = {tile.state for tile in self.tiles.values()}
+            if "waiting" not in states and "done" in states:
+                self.waiting.append(_Work("mosaic", "", 0.0, BLEND_MB))
+                self._loop()
+        except KeyboardInterrupt:
+            self.progress.note("interrupted: the programs on the workers are stopped")
+            self.client.run(jobs.stop, self.topic, on_error="ignore")
+            raise
+        finally:
+            self.client.unsubscribe_topic(self.topic)
+            self.progress.close()
+        return Result(self.tiles, self.selected, self.mosaic)
+
+    def _loop(self) -> None:
+        """Starts jobs and takes their ends until none is left."""
+        looked_at = 0.0
+        while self.waiting or self.running:
+            # Workers come and go, so that the cluster is looked at every second even if no job has ended.
+            if time.monotonic() - looked_at > 1.0:
+                looked_at = time.monotonic()
+                self._start()
+            try:
+                item = self.ends.get(timeout=1.0)
+            except queue.Empty:
+                if self.client.status == "closed":
+                    raise ConnectionError(LOST) from None
+            else:
+                if isinstance(item, dict):
+                    self.progress.event(item)
+                else:
+                    self._end(*item)
+                    looked_at = 0.0
+            self.progress.show([work.tile for work in self.running.values() if work.kind == "tile"])
+
+    def _start(self) -> None:
+        """Starts the longest jobs for which there are workers."""
+        if not self.waiting:
+            return
+        slots = self._slots()
+        self.progress.slots = len(slots)
+        if not slots:
+            return
+        self.waiting.sort(key=lambda work: -work.seconds)
+        for work in list(self.waiting):
+            needed = work.memory_mb if work.kind == "tile" else min(work.memory_mb, slots[0])
+            if needed > slots[0]:
+                self.waiting.remove(work)
+                self._fail(work, f"needs {needed:.0f} MB; the largest worker has {slots[0]:.0f} MB")
+            elif work.not_before <= time.monotonic() and _fit([needed, *self._memory_in_use(slots[0])], slots):
+                self.waiting.remove(work)
+                self._submit(work, needed)
+
+    def _slots(self) -> list[float]:
+        """Memory of each job that the cluster can run at once, megabytes, the largest first.
+
+        Raises:
+            PlanError: there are workers, but none that declares the resources.
+        """
+        workers = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"].values()
+        slots: list[float] = []
+        for worker in workers:
+            resources = worker["resources"]
+            count = min(int(resources.get("tile", 0)), int(worker["nthreads"]))
+            slots += [resources.get("MEM", 0.0) / max(count, 1)] * count if "MEM" in resources else []
+        if workers and not slots:
+            raise PlanError(
+                "no worker of the cluster has the resources `tile` and `MEM`\n"
+                "hint: `dask worker SCHEDULER --nthreads 1 --resources tile=1,MEM=4000`, with the memory in megabytes"
+            )
+        return sorted(slots, reverse=True)
+
+    def _memory_in_use(self, largest: float) -> list[float]:
+        return [min(work.memory_mb, largest) for work in self.running.values()]
+
+    def _submit(self, work: _Work, memory_mb: float) -> None:
+        work.attempts += 1
+        work.started = time.monotonic()
+        folder = self.run / "tiles" / work.tile if work.tile else self.run
+        log = str(folder / ("error.log" if work.kind == "tile" else f"{work.kind}-error.log"))
+        job = Job(work.kind, work.tile, work.attempts, self._command(work), log, self.topic)
+        future = self.client.submit(
+            jobs.run,
+            job,
+            key=f"{work.kind}-{work.tile or 'all'}-{work.attempts}-{self.topic}",
+            resources={"tile": 1, "MEM": memory_mb},
+            pure=False,
+        )
+        self.running[future] = work
+        if work.kind == "tile":
+            self.tiles[work.tile].attempts = work.attempts
+        future.add_done_callback(lambda future: self.ends.put((work, _outcome(future))))
+
+    def _command(self, work: _Work) -> tuple[str, ...]:
+        run = str(self.run)
+        supervised = ["--exit-with-parent", "--events"]
+        command = {
+            "tile": ["tile", "run", run, work.tile, *supervised],
+            "blend": ["tile", "blend", run, work.tile, *supervised],
+            "mosaic": ["mosaic", run],
+        }[work.kind]
+        if work.kind == "blend":
+            failed = [name for name in self.plan[work.tile].neighbours if self.tiles[name].state == "failed"]
+            command += [word for name in failed for word in ("--without", name)]
+        if self.settings.threads is not None:
+            command += ["--threads", str(self.settings.threads)]
+        return (self.settings.satgs, *command)
+
+    def _end(self, work: _Work, outcome: Outcome | BaseException) -> None:
+        """Takes the end of a job: it is done, tried again, or given up."""
+        self.running = {future: other for future, other in self.running.items() if other is not work}
+        seconds = time.monotonic() - work.started
+        if isinstance(outcome, KilledWorker):
+            return self._fail(work, "the workers that tried it died, one after the other")
+        if isinstance(outcome, BaseException):
+            if self.client.status != "running":
+                raise ConnectionError(LOST) from outcome
+            outcome = Outcome(1, seconds, "", f"error: {outcome!r}")
+        if work.kind == "tile":
+            self.tiles[work.tile].seconds = outcome.seconds
+        if outcome.code in (0, 3):
+            return self._succeed(work, outcome)
+        reason = reason_of(outcome)
+        if outcome.code == 75:
+            largest = max(self._slots(), default=0.0)
+            if 2.0 * work.memory_mb > largest:
+                return self._fail(work, f"{reason}; no worker has {2.0 * work.memory_mb:.0f} MB")
+            work.memory_mb *= 2.0
+        elif is_locked(outcome) and time.monotonic() - (work.locked_since or time.monotonic()) < LOCK_SECONDS:
+            work.locked_since = work.locked_since or time.monotonic()
+        else:
+            work.failures += 1
+            if outcome.code == 2 or work.failures > self.settings.retries:
+                return self._fail(work, reason)
+        self.progress.note(f"{work.kind} {work.tile}: {reason}; it is tried again")
+        work.not_before = time.monotonic() + RETRY_DELAY
+        self.waiting.append(work)
+
+    def _succeed(self, work: _Work, outcome: Outcome) -> None:
+        if work.kind == "tile":
+            self.tiles[work.tile].state = "done"
+            self.progress.finished(work.tile, outcome.seconds)
+            self._blend_around(work.tile)
+        elif work.kind == "blend":
+            self.progress.blended += 1
+        else:
+            self.mosaic = "done"
+
+    def _fail(self, work: _Work, reason: str) -> None:
+        self.progress.note(f"{work.kind} {work.tile}: {reason}; it is given up after {work.attempts} attempts")
+        if work.kind == "mosaic":
+            self.mosaic = reason
+            return
+        tile = self.tiles[work.tile]
+        tile.state = "failed"
+        tile.reason = reason if work.kind == "tile" else f"blending: {reason}"
+        if work.kind == "tile":
+            write_failure(self.run, work.tile, reason)
+            self._blend_around(work.tile)
+
+    def _blend_around(self, name: str) -> None:
+        """Blends a tile and its neighbours as far as they waited for this one."""
+        for other in (name, *self.plan[name].neighbours):
+            self._blend_if_ready(other)
+
+    def _blend_if_ready(self, name: str) -> None:
+        neighbours = self.plan[name].neighbours
+        if self.tiles[name].state == "done" and all(self.tiles[n].state != "waiting" for n in neighbours):
+            self.waiting.append(_Work("blend", name, 0.0, BLEND_MB))
+
+
+def _outcome(future: Future[Any]) -> Outcome | BaseException:
+    try:
+        result = future.result()
+        assert isinstance(result, Outcome)
+        return result
+    except BaseException as error:  # Also `CancelledError`, when the scheduler is gone.
+        return error
+
+
+def _fit(needed: Sequence[float], slots: Sequence[float]) -> bool:
+    """Whether jobs that need so much memory can run at once in slots of so much memory, largest first."""
+    ordered = sorted(needed, reverse=True)
+    return len(ordered) <= len(slots) and all(need <= slot for need, slot in zip(ordered, slots, strict=False))
