@@ -177,7 +177,7 @@ class DsmSummary:
 
     Attributes:
         grid: Grid of the rasters.
-        vertical: Vertical reference of the heights: ``ellipsoid`` or a geoid.
+        vertical: Name of the vertical reference of the heights, for example ``WGS 84 ellipsoid``.
         seen_percent: Share of the cells with a height, percent.
         was_complete: Whether the surface model was there already.
     """

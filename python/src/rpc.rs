@@ -20,6 +20,9 @@ pub struct Rpc {
     warnings: Vec<String>,
 }
 
+/// Two arrays of one shape, for Python.
+type TwoArrays<'py> = (Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>);
+
 /// Three arrays of one shape, and that shape.
 struct Arrays {
     columns: [Vec<f64>; 3],
@@ -56,7 +59,7 @@ impl Rpc {
         lon: &Bound<'py, PyAny>,
         lat: &Bound<'py, PyAny>,
         h: &Bound<'py, PyAny>,
-    ) -> PyResult<(Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>)> {
+    ) -> PyResult<TwoArrays<'py>> {
         let Arrays { columns: [lon_deg, lat_deg, height_m], shape } = Arrays::broadcast(py, [lon, lat, h])?;
         let ground = GroundBatch { lon_deg, lat_deg, height_m };
         let mut seen = PixelBatch::default();
@@ -70,7 +73,7 @@ impl Rpc {
         col: &Bound<'py, PyAny>,
         row: &Bound<'py, PyAny>,
         h: &Bound<'py, PyAny>,
-    ) -> PyResult<(Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>)> {
+    ) -> PyResult<TwoArrays<'py>> {
         let Arrays { columns: [col, row, height_m], shape } = Arrays::broadcast(py, [col, row, h])?;
         let pixels = PixelBatch { col, row };
         let mut ground = GroundBatch::default();
@@ -184,10 +187,6 @@ impl Arrays {
 }
 
 /// Two arrays of a shape.
-fn shaped<'py>(
-    py: Python<'py>,
-    [a, b]: [Vec<f64>; 2],
-    shape: &[usize],
-) -> PyResult<(Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>)> {
+fn shaped<'py>(py: Python<'py>, [a, b]: [Vec<f64>; 2], shape: &[usize]) -> PyResult<TwoArrays<'py>> {
     Ok((a.into_pyarray(py).reshape(shape)?, b.into_pyarray(py).reshape(shape)?))
 }

@@ -12,7 +12,7 @@ use std::time::Duration;
 /// How often the calling thread looks for signals while no event comes.
 const SIGNALS_EVERY: Duration = Duration::from_millis(50);
 /// Number of events that may wait for the caller's function; the work waits for it beyond that.
-const WAITING_EVENTS: usize = 64;
+const WAITING_EVENTS: usize = 16;
 /// As much as the main thread of a program has, bytes.
 const STACK: usize = 8 << 20;
 

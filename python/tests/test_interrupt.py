@@ -6,11 +6,12 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import satgs
 
-ITERATIONS = 200
+ITERATIONS = 120
 TRAIN = f"""
 import sys, satgs
 def progress(event):
@@ -49,12 +50,12 @@ def test_the_command_of_the_package_works_and_handles_interrupts(run: Path) -> N
     version = subprocess.run([command, "--version"], capture_output=True, text=True, check=True)
     assert version.stdout == f"satgs {satgs.__version__}\n"
     assert subprocess.run([command, "train"], capture_output=True).returncode == 2
-    arguments = [command, "train", str(run), "--iterations", "20000"]
+    arguments = [command, "train", str(run), "--iterations", "20000", "--checkpoint-every", "20"]
     process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True)
     checkpoint = run / "train" / "checkpoint.bin"
     # The first checkpoint tells that it trains.
     while not checkpoint.exists() and process.poll() is None:
-        pass
+        time.sleep(0.02)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=120)
     assert process.returncode == 130 and "interrupted: writing a checkpoint" in said, said
