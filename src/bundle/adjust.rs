@@ -44,7 +44,7 @@ pub fn adjust(
     let overlap = scene.require_shared_ground(heights)?;
     let grid = CellGrid::of(scene, &overlap, options.cell_m.unwrap_or(CELL_M))?;
     let is_large = scene.views.iter().any(|v| v.width * v.height > LARGE_PX);
-    if grid.cells.len() > 1 || (is_large && !grid.cells.is_empty()) {
+    if grid.is_cut || (is_large && !grid.cells.is_empty()) {
         return adjust_by_cells(scene, &grid, heights, options, progress);
     }
     let keypoints = find_keypoints(scene, Extent::Scene, progress)?;

@@ -51,6 +51,7 @@ fn is_of_cell(error: &BundleError) -> bool {
             | BundleError::NotConnected { .. }
             | BundleError::NoBaseline { .. }
             | BundleError::Solver { .. }
+            | BundleError::Refit { .. }
             | BundleError::Scene(SceneError::TooFewViews { .. } | SceneError::AreaNotSeen { .. })
     )
 }

@@ -2,7 +2,7 @@
 
 use super::error::BundleError;
 use crate::frame::{Geodetic, Point, SiteGrid, Utm};
-use crate::scene::{Aoi, Overlap, Scene, SceneError, UtmBox, footprint, ground_seen};
+use crate::scene::{Aoi, Overlap, Scene, SceneError, UtmBox, footprint, ground_seen, require_tiled_images};
 use geo::{Area, BooleanOps, BoundingRect, Rect};
 
 /// Smallest share of a cell that two views must see, and that a view must see in order to be matched in the cell.
@@ -14,6 +14,8 @@ pub(super) struct CellGrid {
     pub(super) map: SiteGrid,
     /// The cells that two views see, row by row from the south-west.
     pub(super) cells: Vec<GroundCell>,
+    /// Whether the ground is larger than one cell.
+    pub(super) is_cut: bool,
     /// Ellipsoidal height at which views are laid over the cells, metres.
     height_m: f64,
 }
@@ -43,7 +45,9 @@ impl CellGrid {
         if let Some(aoi) = &scene.aoi {
             seen = seen.intersection(&rectangle(aoi.utm_box(&map)));
         }
-        let Some(extent) = seen.bounding_rect() else { return Ok(Self { map, cells: Vec::new(), height_m }) };
+        let Some(extent) = seen.bounding_rect() else {
+            return Ok(Self { map, cells: Vec::new(), is_cut: false, height_m });
+        };
         let [columns, rows] = [extent.width(), extent.height()].map(|side| (side / side_m).ceil().max(1.0));
         let (width, height) = (extent.width() / columns, extent.height() / rows);
         let (columns, rows) = (columns as usize, rows as usize);
@@ -58,8 +62,28 @@ impl CellGrid {
         let places = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
         let share =
             |cell: &GroundCell| seen.intersection(&rectangle(cell.bounds)).unsigned_area() / (width * height);
-        let cells = places.map(cell).filter(|c| columns * rows == 1 || share(c) >= MIN_SEEN).collect();
-        Ok(Self { map, cells, height_m })
+        let all: Vec<GroundCell> = places.map(cell).collect();
+        let well_seen: Vec<GroundCell> = all.iter().filter(|c| share(c) >= MIN_SEEN).cloned().collect();
+        // A narrow strip may fill no cell well.
+        let cells = if well_seen.is_empty() { all } else { well_seen };
+        Ok(Self { map, cells, is_cut: columns * rows > 1, height_m })
+    }
+
+    /// An error if images are stored so that reading them cell by cell would read them many times.
+    ///
+    /// # Errors
+    /// [`SceneError::Striped`]; [`SceneError`] if an image cannot be opened.
+    pub(super) fn require_tiled_images(&self, scene: &Scene, heights: (f64, f64)) -> Result<(), SceneError> {
+        let areas = self.cells.iter().map(|cell| Aoi::from_utm_box(cell.bounds, &self.map));
+        let areas = areas.collect::<Result<Vec<_>, _>>()?;
+        let mut reads = Vec::new();
+        for area in &areas {
+            reads.extend(scene.views.iter().filter_map(|view| {
+                let window = view.window_showing(area, heights)?;
+                Some((view, view.cropped(window).window.unwrap_or(window)))
+            }));
+        }
+        require_tiled_images(reads)
     }
 
     /// The scene cropped to a cell; views that see little of the cell are left out.

@@ -1,6 +1,6 @@
 //! Adjustment of a large scene: tie points are found cell by cell of the ground, and adjusted all at once.
 
-use super::adjuster::{Adjuster, Outcome, attempt};
+use super::adjuster::{Adjuster, Outcome, attempt, warn_left_out};
 use super::cell::tracks_of_cell;
 use super::cell_grid::{CellGrid, GroundCell};
 use super::cell_tracks::{CellFile, CellResult, CellTrack};
@@ -19,6 +19,9 @@ use crate::scene::Scene;
 /// A cell with a larger root mean square reprojection error is named in a warning, pixels.
 const WARN_RMS_PX: f64 = 0.5;
 
+/// Number of cells that a message lists.
+const LISTED: usize = 5;
+
 /// Finds the tie points of each cell, and adjusts those of all cells at once.
 ///
 /// # Errors
@@ -30,6 +33,7 @@ pub(super) fn adjust_by_cells(
     options: &BundleOptions,
     progress: &dyn Progress,
 ) -> Result<Adjustment, BundleError> {
+    grid.require_tiled_images(scene, heights)?;
     let results = results_of_cells(scene, grid, heights, options, progress)?;
     let skipped: Vec<String> = grid
         .cells
@@ -38,17 +42,18 @@ pub(super) fn adjust_by_cells(
         .filter_map(|(cell, result)| Some(format!("{} ({})", cell.id, result.as_ref().err()?)))
         .collect();
     if skipped.len() == results.len() {
-        return Err(BundleError::NoCell { cells: results.len(), reasons: skipped.join("; ") });
+        return Err(BundleError::NoCell { cells: results.len(), reasons: first_of(&skipped, "; ") });
     }
     if !skipped.is_empty() {
         progress.event(Event::Warning(format!(
             "{} of {} cells of the ground have no tie points: {}",
             skipped.len(),
             results.len(),
-            skipped.join("; ")
+            first_of(&skipped, "; ")
         )));
     }
     let without = views_without_tracks(scene, &results);
+    without.iter().for_each(|view| warn_left_out(progress, view));
     let (adjuster, estimate) = attempt(
         |mut left_out| {
             left_out.extend(without.iter().filter(|w| !left_out.contains(w)).cloned().collect::<Vec<_>>());
@@ -64,10 +69,19 @@ pub(super) fn adjust_by_cells(
     if !bad.is_empty() {
         progress.event(Event::Warning(format!(
             "the reprojection error is above {WARN_RMS_PX} px in cells of the ground: {}",
-            bad.join(", ")
+            first_of(&bad, ", ")
         )));
     }
     Ok(adjustment)
+}
+
+/// The first few of a list that may have hundreds, as text.
+fn first_of(list: &[String], separator: &str) -> String {
+    let shown = list[..list.len().min(LISTED)].join(separator);
+    match list.len().saturating_sub(LISTED) {
+        0 => shown,
+        more => format!("{shown}{separator}and {more} more, which `cells` in ba/report.json lists"),
+    }
 }
 
 /// The result of every cell, from its file if it is stored.
@@ -103,6 +117,7 @@ fn results_of_cells(
         progress.event(Event::Advanced { done: done as u64 + 1, status: String::new() });
     }
     progress.event(Event::Finished);
+    progress.check()?;
     progress.event(Event::Resumable(false));
     Ok(results)
 }

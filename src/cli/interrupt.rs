@@ -47,7 +47,10 @@ pub(super) fn stop_with_parent() {
         let mut rest = [0; 256];
         let mut input = std::io::stdin().lock();
         while !matches!(input.read(&mut rest), Ok(0) | Err(_)) {}
-        on_signal(0);
+        // The end may follow a signal, which asked for a checkpoint already.
+        if !is_requested() {
+            on_signal(0);
+        }
         std::thread::sleep(GRACE);
         std::process::exit(ExitStatus::Interrupted as i32);
     };
@@ -56,7 +59,9 @@ pub(super) fn stop_with_parent() {
 
 /// Says whether the running work leaves a checkpoint when it is asked to stop: then a first signal only asks.
 pub(super) fn set_resumable(is_resumable: bool) {
-    STATE.store(if is_resumable { RESUMABLE } else { AT_ONCE }, SeqCst);
+    let state = if is_resumable { RESUMABLE } else { AT_ONCE };
+    // A request that came in the last moment is not forgotten: the next work that asks stops.
+    let _ = STATE.fetch_update(SeqCst, SeqCst, |before| (before != REQUESTED).then_some(state));
 }
 
 /// Whether the running work should stop.

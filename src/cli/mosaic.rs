@@ -1,7 +1,9 @@
 //! `satgs mosaic`: tiles to one surface model and one orthophoto.
 
+use super::tile::JobArgs;
 use super::{CliError, Ui};
 use crate::pipeline::Outcome;
+use crate::progress::Progress;
 use crate::run_files::{DSM, FAILED, ORTHO};
 use crate::tiles::{Mosaicked, mosaic};
 use std::fmt::Write;
@@ -15,12 +17,14 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Run folder of `satgs plan`
     run: PathBuf,
+    #[command(flatten)]
+    job: JobArgs,
 }
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let outcome = mosaic(&args.run, ui)?;
-    show(&args.run, &outcome, ui)?;
+    let job = |progress: &dyn Progress| Ok(mosaic(&args.run, progress)?);
+    let outcome = args.job.supervised(ui, "mosaic", job, |m| text(&args.run, m))?;
     match outcome.summary() {
         Some(m) if !m.failed.is_empty() => {
             let ids: Vec<&str> = m.failed.iter().map(|tile| tile.id.as_str()).collect();
@@ -36,9 +40,11 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
 
 /// Shows the summary of a mosaic.
 pub fn show(run: &Path, outcome: &Outcome<Mosaicked>, ui: &Ui) -> Result<(), CliError> {
-    let text =
-        |m: &Mosaicked| format!("{}\n{}\n{}", seams(m), run.join(DSM).display(), run.join(ORTHO).display());
-    ui.outcome("mosaic", outcome, text)
+    ui.outcome("mosaic", outcome, |m| text(run, m))
+}
+
+fn text(run: &Path, m: &Mosaicked) -> String {
+    format!("{}\n{}\n{}", seams(m), run.join(DSM).display(), run.join(ORTHO).display())
 }
 
 /// The number of tiles, and the differences at their seams.

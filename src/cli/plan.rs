@@ -50,7 +50,8 @@ pub struct Options {
 
 /// A size in bytes with a decimal unit, in megabytes.
 fn parse_megabytes(text: &str) -> Result<f64, String> {
-    let digits = text.trim_end_matches(|c: char| c.is_alphabetic()).trim();
+    let text = text.trim();
+    let digits = text.trim_end_matches(|c: char| c.is_alphabetic()).trim_end();
     let factor = match text[digits.len()..].trim().to_ascii_uppercase().as_str() {
         "MB" | "M" => 1.0,
         "GB" | "G" => 1e3,
@@ -70,7 +71,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         overlap_m: args.tiling.overlap,
         max_memory_mb: args.tiling.max_memory,
         resolution_m: args.resolution,
-        surface: TileSurface { vertical: args.vertical.clone(), fill_m: args.fill },
+        surface: TileSurface { vertical: args.vertical.clone(), fill_m: args.fill, ..TileSurface::default() },
         train: args.training.options(overwrite),
         overwrite,
     };
@@ -120,6 +121,7 @@ mod tests {
     fn sizes_have_a_unit() {
         assert_eq!(parse_megabytes("3GB"), Ok(3000.0));
         assert_eq!(parse_megabytes("512 MB"), Ok(512.0));
+        assert_eq!(parse_megabytes("\u{a0}3GB "), Ok(3000.0));
         for wrong in ["3", "GB", "-1GB", "3 parsec", "", "é"] {
             assert!(parse_megabytes(wrong).is_err(), "{wrong}");
         }

@@ -1,7 +1,7 @@
 //! `satgs report`: one page for a whole run.
 
 use super::{CliError, Ui};
-use crate::pipeline::report;
+use crate::tiles::report;
 use std::path::{Path, PathBuf};
 
 /// Write RUN/report.html: inputs, residuals, training curves, surface, scores and commands on one page

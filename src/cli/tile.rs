@@ -48,7 +48,7 @@ struct TileArgs {
 
 /// How a job is supervised.
 #[derive(clap::Args, Clone, Debug)]
-struct JobArgs {
+pub struct JobArgs {
     /// Print every progress event as one JSON object a line on standard output, and the summary as the last one
     #[arg(long, conflicts_with = "json")]
     events: bool,
@@ -96,22 +96,23 @@ impl TileArgs {
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     match &args.command {
-        Command::Run(args) => args.tile.job.supervised(ui, "tile", |progress| {
+        Command::Run(args) => {
             let id = args.tile.id()?;
-            let outcome = run_tile(&args.tile.run, &id, args.checkpoint_every, progress)?;
+            let job =
+                |progress: &dyn Progress| Ok(run_tile(&args.tile.run, &id, args.checkpoint_every, progress)?);
             let text = |done: &Done| {
                 let memory =
                     done.peak_memory_mb.map_or_else(String::new, |mb| format!(", {:.1} GB", mb / 1e3));
                 format!("tile {id}: {} splats in {}{memory}", done.splats, duration(done.seconds))
             };
-            Ok((shown(&outcome, text), outcome))
-        }),
-        Command::Blend(args) => args.tile.job.supervised(ui, "blend", |progress| {
+            args.tile.job.supervised(ui, "tile", job, text).map(|_| ())
+        }
+        Command::Blend(args) => {
             let id = args.tile.id()?;
-            let outcome = blend(&args.tile.run, &id, &args.without, progress)?;
+            let job = |progress: &dyn Progress| Ok(blend(&args.tile.run, &id, &args.without, progress)?);
             let text = |blended: &Blended| format!("tile {id}: blended along {} seams", blended.seams.len());
-            Ok((shown(&outcome, text), outcome))
-        }),
+            args.tile.job.supervised(ui, "blend", job, text).map(|_| ())
+        }
         Command::Status(args) => {
             let status = status(&args.run)?;
             ui.summary("status", Some(&table(&status)), &status)
@@ -119,31 +120,27 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     }
 }
 
-fn shown<T>(outcome: &Outcome<T>, text: impl Fn(&T) -> String) -> Option<String> {
-    match outcome {
-        Outcome::Made(made) => Some(text(made)),
-        Outcome::Kept(_) => None,
-    }
-}
-
 impl JobArgs {
-    /// Runs a job whose events are printed as lines of JSON if they are asked for.
-    fn supervised<T: serde::Serialize>(
+    /// Runs a job whose events are printed as lines of JSON if they are asked for, and shows its summary.
+    pub fn supervised<T: serde::Serialize>(
         &self,
         ui: &Ui,
         name: &str,
-        job: impl FnOnce(&dyn Progress) -> Result<(Option<String>, Outcome<T>), CliError>,
-    ) -> Result<(), CliError> {
+        job: impl FnOnce(&dyn Progress) -> Result<Outcome<T>, CliError>,
+        text: impl Fn(&T) -> String,
+    ) -> Result<Outcome<T>, CliError> {
         if self.exit_with_parent {
             interrupt::stop_with_parent();
         }
-        if !self.events {
-            let (text, outcome) = job(ui)?;
-            return ui.summary(name, text.as_deref(), &outcome.summary());
+        if self.events {
+            let lines = EventLines::new(ui);
+            let outcome = job(&lines)?;
+            lines.summary(&super::json(&outcome.summary())?)?;
+            return Ok(outcome);
         }
-        let lines = EventLines::new(ui);
-        let (_, outcome) = job(&lines)?;
-        lines.summary(&super::json(&outcome.summary())?)
+        let outcome = job(ui)?;
+        ui.outcome(name, &outcome, text)?;
+        Ok(outcome)
     }
 }
 
@@ -162,8 +159,10 @@ fn table(status: &Status) -> String {
         };
         let _ = write!(out, "\n{}  {state:<8}", tile.id);
         if let Some(seconds) = tile.seconds {
-            let memory = tile.peak_memory_mb.unwrap_or(f64::NAN) / 1e3;
-            let _ = write!(out, " {:>9}  {memory:.1} GB", duration(seconds));
+            let _ = write!(out, " {:>10}", duration(seconds));
+        }
+        if let Some(mb) = tile.peak_memory_mb {
+            let _ = write!(out, "  {:.1} GB", mb / 1e3);
         }
         if let Some(reason) = &tile.reason {
             let _ = write!(out, " {reason}");

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 pub const DSM_CELL_M: f64 = 0.5;
 /// Largest size of a cost volume, cells times planes, at three bytes each. For larger areas the cells are
 /// made larger.
-pub(super) const MAX_VOLUME: f64 = 600e6;
+pub const MAX_VOLUME: f64 = 600e6;
 
 /// Matching of a site's training views by plane sweep over a map grid; see the [module's page](super).
 pub struct PlaneSweep {
@@ -110,7 +110,7 @@ impl PlaneSweep {
 /// Side of the grid's cells, metres, for pixels of `pixel_m` metres: the pixel size rounded to a tenth of a
 /// metre, at least [`DSM_CELL_M`]. Pixels of about half a metre thus give the default cells of the DSM, which
 /// then needs no resampling.
-fn cell_m(pixel_m: f64) -> f64 {
+pub fn cell_m(pixel_m: f64) -> f64 {
     ((10.0 * pixel_m).round() / 10.0).max(DSM_CELL_M)
 }
 

@@ -8,7 +8,7 @@ use crate::frame::{Geodetic, Point, SiteGrid, Utm};
 use crate::io::{MapGrid, VerticalReference, check_writable};
 use crate::metrics::{HeightRaster, Truth, TruthOptions};
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, CHECKPOINT, DSM};
+use crate::run_files::{ADJUSTMENT, CHECKPOINT, DSM, PLAN};
 use crate::scene::Scene;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -51,6 +51,9 @@ pub struct Aligned {
 pub fn align(run: &Path, options: &AlignOptions, progress: &dyn Progress) -> Result<Aligned, PipelineError> {
     let _lock = RunLock::existing(run)?;
     relocation::finish_locked(run)?;
+    if run.join(PLAN).exists() {
+        return Err(PipelineError::OfTiles { run: run.into() });
+    }
     let scene = read_scene(run)?;
     check_writable(&run.join(RECORD))?;
     if run.join(CHECKPOINT).exists() {

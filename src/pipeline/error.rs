@@ -110,6 +110,13 @@ pub enum PipelineError {
         /// The run folder.
         run: PathBuf,
     },
+    /// A run of several tiles cannot be moved.
+    #[error("`{run}` is planned as several tiles, which `satgs align` does not move")]
+    #[diagnostic(help("ground control points (--gcps) or --dem-sigma fix its datum in the adjustment"))]
+    OfTiles {
+        /// The run folder.
+        run: PathBuf,
+    },
     /// The adjustment has no sparse points.
     #[error("`{run}` has no sparse points")]
     #[diagnostic(help("`satgs ba` makes them"))]

@@ -6,9 +6,12 @@ use crate::run_files::LOCK;
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
+/// How long a lock is tried that another holds.
+const PATIENCE: Duration = Duration::from_millis(200);
 /// How often a lock is tried whose file the previous holder has removed.
-const TRIES: usize = 16;
+const TRIES: usize = 32;
 
 /// The lock of a run folder, held until it is dropped. The system releases it when the process ends, however it ends.
 ///
@@ -64,6 +67,7 @@ impl RunLock {
             return Ok(unlocked);
         }
         let path = folder.join(LOCK);
+        let began = Instant::now();
         for _ in 0..TRIES {
             let file = match File::options().create(true).truncate(false).write(true).open(&path) {
                 Ok(file) => file,
@@ -76,6 +80,10 @@ impl RunLock {
                 // The previous holder may have removed the file since it was opened here.
                 Ok(()) if !is_at(&file, &path) => {}
                 Ok(()) => return Ok(Self { held: Some(Held { folder, file: Some(file), made }) }),
+                // A call of `is_held` holds the lock for a moment.
+                Err(TryLockError::WouldBlock) if began.elapsed() < PATIENCE => {
+                    std::thread::sleep(PATIENCE / 10)
+                }
                 Err(TryLockError::WouldBlock) => return Err(PipelineError::Locked { run: run.into() }),
                 // Some network file systems have no locks.
                 Err(TryLockError::Error(e)) => {

@@ -45,7 +45,7 @@ pub use render::{RenderOptions, RenderSummary, Viewpoint, render};
 pub(crate) use run::run_adjusted;
 pub use run::{RunOptions, StageResult, run};
 pub use stage::Outcome;
-pub(crate) use stage::{Fingerprint, Stage, hash, hash_file, or_none};
+pub(crate) use stage::{Fingerprint, Stage, hash, hash_file, made_from, or_none};
 pub(crate) use train::train_locked;
 pub use train::{Trained, train};
 pub use train_options::TrainOptions;

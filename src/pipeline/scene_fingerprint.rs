@@ -2,6 +2,7 @@
 
 use super::PipelineError;
 use super::stage::{Fingerprint, hash, hash_file};
+use crate::io::vsi;
 use crate::scene::{Scene, sources_of};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -28,8 +29,10 @@ pub(super) fn scene_fingerprint(scene: &Scene) -> Result<Fingerprint, PipelineEr
     let mut content = scene.clone();
     content.warnings.clear();
     for view in &mut content.views {
-        // Which pixels are valid may be declared in a file beside the image as well.
-        if let Ok(Some(digest)) = view.valid_pixels_digest() {
+        // Which pixels are valid may be declared in a file beside the image as well. All pixels are read to find out, which an
+        // image on the network is too far away for.
+        let valid = if vsi::is_remote(&view.image) { None } else { view.valid_pixels_digest()? };
+        if let Some(digest) = valid {
             out.insert(format!("valid pixels {}", view.name), digest);
         }
         for (i, source) in sources_of(&view.image).iter().enumerate() {

@@ -160,6 +160,13 @@ fn difference(key: &str, before: Option<&String>, now: Option<&String>) -> Optio
     }
 }
 
+/// What a stage was made from, by its record.
+pub fn made_from(record: &Path) -> Result<Fingerprint, PipelineError> {
+    let made_by = "the command that made the stage makes it anew with --overwrite";
+    let read: Record = read_json(record).map_err(|source| PipelineError::RunFile { source, made_by })?;
+    Ok(read.made_from)
+}
+
 /// A value of an option that may not be given.
 pub fn or_none(value: Option<impl std::fmt::Display>) -> String {
     value.map_or_else(|| "none".into(), |v| v.to_string())

@@ -61,7 +61,7 @@ impl TrainOptions {
 
     /// The recipe for a number of training views: few of them need fewer iterations than it has, unless a number is
     /// asked for.
-    pub(super) fn recipe_for(&self, views: usize) -> Result<Recipe, PipelineError> {
+    pub(crate) fn recipe_for(&self, views: usize) -> Result<Recipe, PipelineError> {
         let recipe = self.recipe()?;
         Ok(if self.iterations.is_some() { recipe } else { recipe.for_views(views) })
     }

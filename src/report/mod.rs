@@ -11,7 +11,7 @@ mod sections;
 pub use figures::{FIGURES, figures};
 pub use pictures::{map_of_page, shaded};
 pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
-pub use sections::{adjustment, surface, table};
+pub use sections::{adjustment, scores, surface, table};
 
 use crate::io::{RasterError, ReadError, WriteError, escape_xml, write_file};
 use crate::run_files::{PAGE, SCENE};

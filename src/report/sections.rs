@@ -186,7 +186,7 @@ pub fn surface(run: &Path) -> Result<String, ReportError> {
 }
 
 /// Scores: error map over the surface, tables, figures.
-pub(super) fn scores(run: &Path) -> Result<String, ReportError> {
+pub fn scores(run: &Path) -> Result<String, ReportError> {
     let folder = run.join(EVALUATION);
     let Some(scores) = read_if_present::<Value>(&folder.join(METRICS))? else {
         return Ok(missing("run SCENE -o RUN --truth DSM"));

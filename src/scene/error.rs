@@ -363,7 +363,7 @@ pub enum SceneError {
     },
     /// Windows of an image are to be read, and the image is stored as strips of whole rows.
     #[error(
-        "`{image}` is stored as strips of whole rows: for {needed_gb:.1} GB of pixels, {read_gb:.1} GB would be read{}", if *others == 0 { String::new() } else { format!("; so are {others} other images") }
+        "`{image}` is stored as strips of whole rows: for {needed_gb:.1} GB of pixels, {read_gb:.1} GB would be read{}", if *others == 0 { String::new() } else { format!("; {others} more images are stored so") }
     )]
     #[diagnostic(help(
         "`gdal_translate -of COG IN OUT` writes a tiled copy, of which parts can be read; copy the RPC files beside it"

@@ -38,7 +38,11 @@ impl View {
 }
 
 impl ReadCost {
-    fn of(file: &ImageFile, bands: &[usize], window: Window) -> Result<Self, RasterError> {
+    /// The cost of reading bands in a window of an image that is open.
+    ///
+    /// # Errors
+    /// [`RasterError`] if the image does not have the bands.
+    pub fn of(file: &ImageFile, bands: &[usize], window: Window) -> Result<Self, RasterError> {
         let blocks = file.blocks(bands.first().copied().unwrap_or(1))?;
         let read = if blocks.holds_all_bands { 1 } else { bands.len() as u64 };
         let pixel = read * blocks.pixel_bytes as u64;

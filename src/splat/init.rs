@@ -19,7 +19,7 @@ const OPACITY: f64 = 0.99;
 /// Bounds of a splat's initial scale, metres.
 const SCALE_M: (f64, f64) = (0.05, 2.0);
 /// Spacing of the splats on a matched surface, metres, and their initial opacity.
-const SPACING_M: f64 = 1.0;
+pub const SPACING_M: f64 = 1.0;
 const SURFACE_OPACITY: f32 = 0.9;
 /// Four neighbouring splats become one of twice the size if their altitudes differ from the mean by less, metres.
 const FLAT_M: f64 = 0.25;

@@ -107,12 +107,12 @@ pub(super) fn blend_tile(
 
 impl<'a> Surroundings<'a> {
     fn open(run: &'a Path, plan: &'a Plan, tile: &Tile, without: &[String]) -> Result<Self, TilesError> {
-        let core = Cells::core(plan, tile);
-        let overlap = (plan.overlap_m / plan.resolution_m).round() as i64;
+        let core = Cells::core(tile, plan.resolution_m);
+        let overlap = plan.overlap_cells();
         let mut tiles: [[Option<TileRasters>; 3]; 3] = Default::default();
         let mut rows = [None; 3];
         for other in std::iter::once(tile).chain(tile.neighbours.iter().filter_map(|id| plan.tile(id))) {
-            let its = Cells::core(plan, other);
+            let its = Cells::core(other, plan.resolution_m);
             let wrong = |reason| TilesError::Cores { a: tile.id.clone(), b: other.id.clone(), reason };
             let at = |low: i64, high: i64, of_low: i64, of_high: i64| match () {
                 () if (of_low, of_high) == (low, high) => Some(1),
@@ -123,14 +123,17 @@ impl<'a> Surroundings<'a> {
             let column = at(core.west, core.east, its.west, its.east);
             let row = at(core.north, core.south, its.north, its.south);
             let (Some(row), Some(column)) = (row, column) else {
-                return Err(wrong("their cores are not of one lattice"));
+                return Err(wrong("their cores are not in rows and columns"));
             };
-            if (its.width() as i64) < 2 * overlap || (its.height() as i64) < 2 * overlap {
+            let is_narrow = |side: usize, place: usize| place != 1 && (side as i64) < 2 * overlap;
+            if is_narrow(core.width().min(its.width()), column)
+                || is_narrow(core.height().min(its.height()), row)
+            {
                 return Err(wrong("a core is narrower than twice the overlap"));
             }
             let its_rows = (its.north, its.south);
             if rows[row].is_some_and(|rows| rows != its_rows) {
-                return Err(wrong("their cores are not of one lattice"));
+                return Err(wrong("their cores are not in rows and columns"));
             }
             rows[row] = Some(its_rows);
             if !without.contains(&other.id) || other.id == tile.id {

@@ -230,7 +230,7 @@ fn a_neighbour_that_is_not_done_must_be_left_out_by_name() {
 }
 
 #[test]
-fn cores_that_are_too_narrow_or_of_no_lattice_are_refused() {
+fn cores_that_are_too_narrow_or_not_in_rows_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path();
     let narrow = Made { columns: &[20, 15], rows: &[20], at: &town(4) };
@@ -240,5 +240,5 @@ fn cores_that_are_too_narrow_or_of_no_lattice_are_refused() {
     let mut plan: Plan = Made { columns: &[20, 20], ..narrow }.plan();
     plan.tiles[1].core[1] -= 1.0;
     write_json(&run.join(PLAN), &plan).unwrap();
-    assert!(refused(run).contains("not of one lattice"));
+    assert!(refused(run).contains("not in rows and columns"));
 }

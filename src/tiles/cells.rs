@@ -1,6 +1,6 @@
-//! Boxes of cells: the grids of all tiles lie on one lattice, so that only whole numbers of cells separate them.
+//! Boxes of cells: all tiles share one grid, so that only whole numbers of cells separate them.
 
-use super::plan::{MapBox, Plan, Tile};
+use super::plan::{MapBox, Tile};
 use crate::io::{MapGrid, Window};
 
 /// A box of cells, counted east and south from the origin of the map projection; its ends are excluded.
@@ -23,9 +23,9 @@ impl Cells {
         Self { west: count(w), north: -count(n), east: count(e), south: -count(s) }
     }
 
-    /// The core of a tile.
-    pub(super) fn core(plan: &Plan, tile: &Tile) -> Self {
-        Self::of_box(tile.core, plan.resolution_m)
+    /// The core of a tile, of cells of this side.
+    pub(super) fn core(tile: &Tile, cell_m: f64) -> Self {
+        Self::of_box(tile.core, cell_m)
     }
 
     /// All cells within a distance in cells.

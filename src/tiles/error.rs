@@ -34,7 +34,7 @@ pub enum TilesError {
     /// Even the smallest tile needs more memory than it may.
     #[error("a tile needs {needed_mb:.0} MB of memory, --max-memory is {limit_mb:.0} MB")]
     #[diagnostic(help(
-        "--resolution and fewer views reduce it; a machine with more memory allows a larger limit"
+        "a smaller --overlap and fewer views reduce it; a machine with more memory allows a larger limit"
     ))]
     Memory {
         /// Memory of the smallest tiles, megabytes.
@@ -97,9 +97,25 @@ pub enum TilesError {
         failed: String,
     },
     /// All tiles failed.
-    #[error("all tiles failed; the first: {reason}")]
+    #[error("all tiles failed; the first: {}", first.chain())]
     AllFailed {
         /// Why the first tile failed.
+        first: Box<TilesError>,
+    },
+    /// The run folder holds the training of the area as a whole.
+    #[error("`{run}` holds a training of the whole area, which tiles would replace")]
+    #[diagnostic(help("another -o keeps both"))]
+    WholeRun {
+        /// The run folder.
+        run: PathBuf,
+    },
+    /// The content of `tiles.json` is not that of a plan.
+    #[error("`{run}/tiles.json`: {reason}")]
+    #[diagnostic(help("`satgs plan SCENE -o RUN --overwrite` plans again"))]
+    Damaged {
+        /// The run folder.
+        run: PathBuf,
+        /// What is wrong, with the field.
         reason: String,
     },
     /// The plan has no such tile.
@@ -121,15 +137,15 @@ pub enum TilesError {
         file: PathBuf,
     },
     /// A raster of a tile has not the grid that the plan gives it.
-    #[error("`{file}` has not the cells that the plan gives the tile")]
-    #[diagnostic(help("the tile was made from another plan; `satgs tile run RUN {id}` makes it anew"))]
+    #[error("`{file}` does not have the cells that the plan gives the tile")]
+    #[diagnostic(help("remove `RUN/tiles/{id}`, then `satgs tile run RUN {id}` makes the tile again"))]
     Grid {
         /// The tile.
         id: String,
         /// The raster.
         file: PathBuf,
     },
-    /// The cores do not form a lattice, or are too small.
+    /// The cores are not in rows and columns, or are too small.
     #[error("tiles `{a}` and `{b}` cannot be blended: {reason}")]
     #[diagnostic(help("`satgs plan SCENE -o RUN` makes a plan that can"))]
     Cores {
@@ -161,7 +177,7 @@ impl TilesError {
             // Another job makes the tile: the same call succeeds later.
             Self::Pipeline(PipelineError::Locked { .. }) => ErrorKind::Failed,
             Self::Pipeline(e) => e.kind(),
-            Self::AllFailed { .. } => ErrorKind::Failed,
+            Self::AllFailed { first } => first.kind(),
             Self::Resources { .. } => ErrorKind::Resources,
             Self::NotDone { .. } | Self::NothingDone { .. } => ErrorKind::Failed,
             _ => ErrorKind::Input,
@@ -170,9 +186,9 @@ impl TilesError {
 }
 
 impl TilesError {
-    /// The error of a file that a tile job has just made.
-    pub(super) fn of_tile(source: ReadError) -> Self {
-        Self::RunFile { source, made_by: "`satgs tile run RUN ID` makes it" }
+    /// The error of a file that was just written and cannot be read: not the input is wrong.
+    pub(super) fn of_own_file(source: ReadError) -> Self {
+        WriteError { path: source.path, cause: source.cause }.into()
     }
 
     /// The message with those of all causes, as one sentence.

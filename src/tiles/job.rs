@@ -9,8 +9,8 @@ use crate::bundle::Adjustment;
 use crate::frame::{Point, SiteGrid, Utm};
 use crate::io::{Window, WriteError, read_json, write_json};
 use crate::pipeline::{
-    DsmOptions, ErrorKind, Fingerprint, Outcome, PipelineError, RunLock, Stage, TrainOptions, Trained,
-    dsm_locked, hash_file, read_scene, train_locked,
+    DsmOptions, ErrorKind, Fingerprint, Outcome, PipelineError, RunLock, Stage, TrainOptions, dsm_locked,
+    read_scene, train_locked,
 };
 use crate::progress::{Event, Progress};
 use crate::run_files::{
@@ -21,7 +21,7 @@ use crate::scene::{Scene, View};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Files of a tile that `done.json` vouches for.
+/// Files of a tile that `done.json` lists.
 const FILES: [&str; 5] = [SPLATS, CAMERAS, DSM, ORTHO, CONFIDENCE];
 /// Record of what is being made in a tile's folder.
 const INPUT: &str = "input.json";
@@ -54,24 +54,23 @@ pub fn run_tile(
     plan.require_current(run)?;
     let tile = plan.tile(id).ok_or_else(|| TilesError::NoTile { id: id.into() })?;
     let folder = tile_folder(run, id);
-    if let Some(done) = Done::read(&folder).filter(|done| done.input_hash == tile.input_hash) {
-        if done.is_sound(&folder) {
-            progress.event(Event::Note(format!("tile `{id}` is done already")));
-            return Ok(Outcome::Kept(Some(done)));
-        }
-        let text = format!("tile `{id}`: its files are not those that done.json names; it is made again");
-        progress.event(Event::Warning(text));
+    if let Some(done) = Done::of_tile(run, tile) {
+        progress.event(Event::Note(format!("tile `{id}` is done already")));
+        return Ok(Outcome::Kept(Some(done)));
     }
     let job = Job { run, plan: &plan, tile, folder, checkpoint_every };
-    let lock = RunLock::make(&job.folder)?;
+    let _lock = RunLock::make(&job.folder)?;
     let made = job.make(progress);
-    match &made {
-        Ok(_) => forget(&job.folder.join(FAILURE))?,
+    let noted = match &made {
+        Ok(_) => forget(&job.folder.join(FAILURE)),
         // Whoever interrupts a job starts it again; nothing has failed.
-        Err(e) if e.kind() == ErrorKind::Interrupted => {}
-        Err(e) => Failure { reason: e.chain() }.write(&job.folder)?,
+        Err(e) if e.kind() == ErrorKind::Interrupted => Ok(()),
+        Err(e) => Failure { reason: e.chain() }.write(&job.folder),
+    };
+    // The failure itself matters more than that it cannot be recorded, on a full disk for instance.
+    if let Err(e) = noted {
+        progress.event(Event::Warning(e.chain()));
     }
-    drop(lock);
     made.map(Outcome::Made)
 }
 
@@ -88,17 +87,17 @@ impl Job<'_> {
         self.require_resources()?;
         let started = std::time::Instant::now();
         reset_peak();
-        self.set_up()?;
-        let options = self.train_options();
-        let trained = train_locked(&self.folder, &options, progress)?;
+        self.set_up(progress)?;
+        let trained = train_locked(&self.folder, &self.train_options(), progress)?;
+        let trained = trained.summary();
         dsm_locked(&self.folder, &self.dsm_options(), progress)?;
         let done = Done {
             input_hash: self.tile.input_hash.clone(),
             satgs: env!("CARGO_PKG_VERSION").into(),
-            seconds: started.elapsed().as_secs_f64(),
+            seconds: trained.map_or(0.0, |t| t.seconds).max(started.elapsed().as_secs_f64()),
             peak_memory_mb: peak_mb(),
-            splats: trained.summary().map_or(0, |t: &Trained| t.splats),
-            files: seal(&self.folder, &FILES.map(String::from)).map_err(TilesError::of_tile)?,
+            splats: trained.map_or(0, |t| t.splats),
+            files: seal(&self.folder, &FILES.map(String::from)).map_err(TilesError::of_own_file)?,
         };
         done.write(&self.folder)?;
         Ok(done)
@@ -119,15 +118,20 @@ impl Job<'_> {
 
     /// Makes the tile's run folder: its part of the scene and of the adjustment.
     ///
-    /// What is there from other input is removed; what is there from the same is gone on with.
-    fn set_up(&self) -> Result<(), TilesError> {
+    /// An interrupted job of the same input is continued. Everything else that is there is removed: what was made from other
+    /// input, and a complete tile whose files have changed since.
+    fn set_up(&self, progress: &dyn Progress) -> Result<(), TilesError> {
         let record = self.folder.join(INPUT);
         let before: Option<Input> = read_json(&record).ok();
-        forget(&self.folder.join(DONE))?;
-        if before.is_some_and(|input| input.input_hash == self.tile.input_hash)
-            && self.folder.join(ADJUSTMENT).join(STAGE).exists()
-        {
+        let is_same = before.is_some_and(|input| input.input_hash == self.tile.input_hash);
+        let was_done = self.folder.join(DONE).exists();
+        if is_same && !was_done && self.folder.join(ADJUSTMENT).join(STAGE).exists() {
             return Ok(());
+        }
+        if is_same && was_done {
+            let id = &self.tile.id;
+            let text = format!("tile `{id}`: its files are not those that done.json names; it is made again");
+            progress.event(Event::Warning(text));
         }
         clear(&self.folder)?;
         let (scene, adjustment) = self.part()?;
@@ -237,15 +241,5 @@ fn forget(path: &Path) -> Result<(), TilesError> {
     match std::fs::remove_file(path) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(WriteError::new(path, e).into()),
         _ => Ok(()),
-    }
-}
-
-impl Plan {
-    /// An error if the run was adjusted anew after it was planned.
-    pub(super) fn require_current(&self, run: &Path) -> Result<(), TilesError> {
-        if hash_file(&run.join(ADJUSTMENT).join(STAGE)) == self.adjustment_hash {
-            return Ok(());
-        }
-        Err(TilesError::OtherAdjustment { run: run.into() })
     }
 }

@@ -11,11 +11,11 @@ use super::plan::Plan;
 use super::seam_summary::SeamSummary;
 use super::seams::Seam;
 use crate::io::{WriteError, read_json, write_json};
-use crate::pipeline::{Outcome, PipelineError};
+use crate::pipeline::{Outcome, PipelineError, RunLock};
 use crate::progress::{Event, Progress};
 use crate::run_files::{COLORS, FAILED, MOSAIC};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What the mosaic was made from, in its folder.
 const RECORD: &str = "mosaic.json";
@@ -25,6 +25,7 @@ struct Record {
     input_hash: String,
     files: Seals,
     summary: Mosaicked,
+    seams: Vec<Seam>,
 }
 
 /// Assembles the tiles that are done into `dsm.tif`, `ortho.tif` and `confidence.tif`; also writes `seams.gpkg`, `colour.json`,
@@ -36,6 +37,14 @@ struct Record {
 /// # Errors
 /// [`TilesError::NothingDone`] if no tile is done, or [`TilesError`] if a file is damaged or cannot be written.
 pub fn mosaic(run: &Path, progress: &dyn Progress) -> Result<Outcome<Mosaicked>, TilesError> {
+    let _lock = RunLock::existing(run)?;
+    let outcome = mosaic_locked(run, progress)?;
+    report(run)?;
+    Ok(outcome)
+}
+
+/// As [`mosaic`], without the report; the caller holds the lock.
+pub(super) fn mosaic_locked(run: &Path, progress: &dyn Progress) -> Result<Outcome<Mosaicked>, TilesError> {
     let plan = Plan::read(run)?;
     let (done, absent): (Vec<_>, Vec<_>) =
         plan.tiles.iter().partition(|tile| Done::of_tile(run, tile).is_some());
@@ -63,6 +72,8 @@ pub fn mosaic(run: &Path, progress: &dyn Progress) -> Result<Outcome<Mosaicked>,
         progress.event(Event::Note(format!("`{}` has its mosaic already", run.display())));
         return Ok(Outcome::Kept(Some(kept.summary)));
     }
+    // Files of two states must not pass for one.
+    remove(&record)?;
     let seams: Vec<Seam> = cores.iter().flat_map(|core| core.seams.iter().cloned()).collect();
     let colors = TileColors::solve(&seams, input_hash.clone());
     write_json(&run.join(COLORS), &colors)?;
@@ -76,11 +87,25 @@ pub fn mosaic(run: &Path, progress: &dyn Progress) -> Result<Outcome<Mosaicked>,
     } else {
         names.extend(files.write_failed(&summary.failed)?);
     }
-    names.extend(write_page(run, &plan, &summary, &seams, &colors)?);
-    let made_by = "`satgs mosaic RUN` makes it";
-    let files = seal(run, &names).map_err(|source| TilesError::RunFile { source, made_by })?;
-    write_json(&record, &Record { input_hash, files, summary: summary.clone() })?;
+    let files = seal(run, &names).map_err(TilesError::of_own_file)?;
+    write_json(&record, &Record { input_hash, files, summary: summary.clone(), seams })?;
     Ok(Outcome::Made(summary))
+}
+
+/// Writes the page of a run, with its seams and tiles if it has several, and returns the path of the page.
+///
+/// # Errors
+/// [`TilesError`] if the folder holds no run, a file is damaged, or the page cannot be written.
+pub fn report(run: &Path) -> Result<PathBuf, TilesError> {
+    if !run.join(MOSAIC).join(RECORD).exists() {
+        return Ok(crate::pipeline::report(run).map_err(PipelineError::from)?);
+    }
+    let plan = Plan::read(run)?;
+    let made_by = "`satgs mosaic RUN` makes it";
+    let damaged = |source| TilesError::RunFile { source, made_by };
+    let record: Record = read_json(&run.join(MOSAIC).join(RECORD)).map_err(damaged)?;
+    let colors: TileColors = read_json(&run.join(COLORS)).map_err(damaged)?;
+    write_page(run, &plan, &record.summary, &record.seams, &colors)
 }
 
 /// Hash of all that the mosaic depends on.

@@ -21,6 +21,8 @@ use std::path::{Path, PathBuf};
 
 /// Metadata item that lists the views of a raster.
 const INPUTS: &str = "INPUTS";
+/// Folder of the orthophotos with corrected colours, while the mosaic is written.
+const CORRECTED: &str = "corrected";
 /// The style of the surface model.
 const STYLE: &str = "dsm.qml";
 
@@ -38,17 +40,24 @@ impl MosaicFiles<'_> {
     pub(super) fn write_rasters(&self, progress: &dyn Progress) -> Result<Vec<String>, TilesError> {
         progress.event(Event::Started { stage: "writing the mosaic", total: 3 });
         let folder = self.run.join(MOSAIC);
-        let corrected = tempfile::tempdir_in(&folder).map_err(|e| WriteError::new(&folder, e))?;
-        self.cores.par_iter().try_for_each(|core| self.correct(core, corrected.path()))?;
+        // Of a fixed name, so that what a killed call left is replaced.
+        let corrected = folder.join(CORRECTED);
+        let failed = |e: std::io::Error| WriteError::new(&corrected, e);
+        if corrected.exists() {
+            std::fs::remove_dir_all(&corrected).map_err(failed)?;
+        }
+        std::fs::create_dir_all(&corrected).map_err(failed)?;
+        self.cores.par_iter().try_for_each(|core| self.correct(core, &corrected))?;
         for (i, name) in [DSM, ORTHO, CONFIDENCE].into_iter().enumerate() {
             let path_of = |id: &str| match name {
-                ORTHO => corrected.path().join(format!("{id}.tif")),
+                ORTHO => corrected.join(format!("{id}.tif")),
                 _ => core_file(self.run, id, name),
             };
             self.write_raster(name, path_of)?;
             progress.event(Event::Advanced { done: i as u64 + 1, status: String::new() });
         }
         progress.event(Event::Finished);
+        std::fs::remove_dir_all(&corrected).map_err(failed)?;
         let (bands, _) = map_of_page(&self.run.join(DSM))?;
         write_file(&self.run.join(STYLE), height_style(&bands[0]))?;
         Ok([DSM, ORTHO, CONFIDENCE, STYLE].map(str::to_owned).to_vec())
@@ -61,7 +70,7 @@ impl MosaicFiles<'_> {
         let mut parts = Vec::new();
         for core in self.cores {
             let tile = self.plan.tile(&core.id).ok_or_else(|| TilesError::NoTile { id: core.id.clone() })?;
-            let window = Cells::core(self.plan, tile).window_in(all);
+            let window = Cells::core(tile, self.plan.resolution_m).window_in(all);
             parts.push(MosaicPart { path: path_of(&core.id), window });
             let file = ImageFile::open(&tile_folder(self.run, &core.id).join(name))?;
             views.extend(
@@ -79,9 +88,11 @@ impl MosaicFiles<'_> {
         let ortho = ImageFile::open(&core_file(self.run, &core.id, ORTHO))?;
         let shares = ImageFile::open(&core_file(self.run, &core.id, SHARES))?;
         let (width, height) = ortho.size();
-        let read = |file: &ImageFile| Ok([file.read(1)?, file.read(2)?, file.read(3)?]);
-        let mut bands: [Grid2; 3] = read(&ortho).map_err(|e: crate::io::RasterError| e)?;
-        let shares: [Grid2; 3] = read(&shares).map_err(|e: crate::io::RasterError| e)?;
+        let read = |file: &ImageFile| -> Result<[Grid2; 3], TilesError> {
+            Ok([file.read(1)?, file.read(2)?, file.read(3)?])
+        };
+        let mut bands: [Grid2; 3] = read(&ortho)?;
+        let shares: [Grid2; 3] = read(&shares)?;
         let own = self.colors.of(&core.id);
         let correction = |id: Option<&str>| id.map_or(own, |id| self.colors.of(id));
         let around =

@@ -11,7 +11,7 @@ use crate::pipeline::PipelineError;
 use crate::report;
 use crate::run_files::{DSM, PAGE};
 use std::fmt::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Figures that the seams of a mosaic should not exceed: median and 95th percentile of the steps in metres, share of the
 /// cells that differ by more than 1 m, difference of grey values after the correction, of 255.
@@ -21,23 +21,25 @@ const STEP_COLORS: [(f64, &str); 3] = [(0.05, "#009e73"), (0.10, "#f0e442"), (0.
 const LARGEST_STEP_COLOR: &str = "#d7191c";
 const NO_STEP_COLOR: &str = "#999999";
 
-/// Writes the page; returns the name of the file.
+/// Writes the page; returns its path.
 pub(super) fn write_page(
     run: &Path,
     plan: &Plan,
     summary: &Mosaicked,
     seams: &[Seam],
     colors: &TileColors,
-) -> Result<Vec<String>, TilesError> {
+) -> Result<PathBuf, TilesError> {
     let adjustment = report::adjustment(run).map_err(PipelineError::from)?;
     let sections = [
         ("surface", "Surface", report::surface(run).map_err(PipelineError::from)?),
         ("seams", "Seams", seam_section(run, summary, seams, colors)?),
         ("tiles", "Tiles", tile_section(run, plan, summary)),
+        ("scores", "Scores", report::scores(run).map_err(PipelineError::from)?),
         ("adjustment", "Adjustment", adjustment),
     ];
-    write_file(&run.join(PAGE), report::page(run, &sections))?;
-    Ok(vec![PAGE.into()])
+    let path = run.join(PAGE);
+    write_file(&path, report::page(run, &sections))?;
+    Ok(path)
 }
 
 fn number(value: Option<f64>, digits: usize) -> String {

@@ -1,11 +1,13 @@
 //! The plan of a scene's tiles: `tiles.json`.
 
 use super::TilesError;
+use super::cells::Cells;
 use crate::io::{MapGrid, Window, read_json};
-use crate::run_files::PLAN;
+use crate::pipeline::{PipelineError, hash, hash_file, made_from};
+use crate::run_files::{ADJUSTMENT, PLAN, SPARSE_POINTS, STAGE};
 use crate::splat::train::recipe::Recipe;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Version of the layout of `tiles.json`.
 pub(super) const SCHEMA: u32 = 1;
@@ -49,6 +51,8 @@ pub struct Plan {
 pub struct TileTraining {
     /// Name of the recipe, or its TOML file, whose path counts from the run folder.
     pub recipe: String,
+    /// Hash of the content of the recipe.
+    pub recipe_hash: String,
     /// Number of iterations; without one the recipe's own.
     pub iterations: Option<u32>,
     /// Seed of all random numbers.
@@ -58,8 +62,11 @@ pub struct TileTraining {
 /// How the surfaces of tiles are rendered.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TileSurface {
-    /// Vertical reference of the heights; without one the ellipsoid.
+    /// Vertical reference of the heights, the absolute path of a grid for instance; without one the ellipsoid.
     pub vertical: Option<String>,
+    /// Hash of the content of the grid, if the vertical reference is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vertical_hash: Option<String>,
     /// Fill holes up to this distance between cells with heights, metres.
     pub fill_m: Option<f64>,
 }
@@ -117,7 +124,65 @@ impl Plan {
     /// [`TilesError::RunFile`].
     pub fn read(run: &Path) -> Result<Self, TilesError> {
         let made_by = "`satgs plan SCENE -o RUN` makes it";
-        read_json(&run.join(PLAN)).map_err(|source| TilesError::RunFile { source, made_by })
+        let read = read_json(&run.join(PLAN));
+        let mut plan: Self = read.map_err(|source| TilesError::RunFile { source, made_by })?;
+        plan.check().map_err(|reason| TilesError::Damaged { run: run.into(), reason })?;
+        // The plan may have been edited: another list of views is another tile.
+        plan.set_input_hashes()?;
+        Ok(plan)
+    }
+
+    /// What is wrong with a plan that was read from a file.
+    fn check(&self) -> Result<(), String> {
+        if self.schema != SCHEMA {
+            return Err(format!("`schema` is {}, this version of satgs reads {SCHEMA}", self.schema));
+        }
+        let is_length = |v: f64| v.is_finite() && v > 0.0;
+        if !is_length(self.resolution_m) || !is_length(self.overlap_m) || !self.origin_height_m.is_finite() {
+            return Err("`resolution_m`, `overlap_m` or `origin_height_m` is not a length".into());
+        }
+        let mut ids = std::collections::BTreeSet::new();
+        for tile in &self.tiles {
+            let id = &tile.id;
+            let digits = |text: &str| text.len() >= 3 && text.bytes().all(|b| b.is_ascii_digit());
+            let parts = id.strip_prefix('x').and_then(|rest| rest.split_once("_y"));
+            if !parts.is_some_and(|(x, y)| digits(x) && digits(y)) || !ids.insert(id) {
+                return Err(format!("`{id}` is not the `id` of a tile, or another tile has it too"));
+            }
+            let is_box =
+                |b: &MapBox| b.iter().all(|v| v.is_finite() && v.abs() < 1e8) && b[0] < b[2] && b[1] < b[3];
+            let [low, high] = tile.heights_m;
+            if !is_box(&tile.core) || !is_box(&tile.splat_box) || !is_length(high - low) {
+                return Err(format!("tile `{id}`: `core`, `splat_box` or `heights_m` is empty"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Computes what the files of every tile depend on.
+    pub(super) fn set_input_hashes(&mut self) -> Result<(), TilesError> {
+        let frame =
+            (self.schema, &self.satgs, self.epsg, self.origin_height_m, self.resolution_m, self.overlap_m);
+        let common = to_json(&(frame, &self.train, &self.surface, &self.adjustment_hash))?;
+        for tile in &mut self.tiles {
+            // The cost is a prediction, on which no byte depends; neighbours matter to blending only.
+            let bare = Tile {
+                cost: TileCost::default(),
+                neighbours: Vec::new(),
+                input_hash: String::new(),
+                ..tile.clone()
+            };
+            tile.input_hash = hash(format!("{common}{}", to_json(&bare)?).as_bytes());
+        }
+        Ok(())
+    }
+
+    /// An error if the run was adjusted anew after it was planned.
+    pub(super) fn require_current(&self, run: &Path) -> Result<(), TilesError> {
+        if adjustment_hash(run)? == self.adjustment_hash {
+            return Ok(());
+        }
+        Err(TilesError::OtherAdjustment { run: run.into() })
     }
 
     /// The tile with this ID.
@@ -136,22 +201,19 @@ impl Plan {
     #[must_use]
     pub fn recipe_in(&self, run: &Path) -> String {
         let recipe = &self.train.recipe;
-        let is_named = Recipe::NAMES.contains(&recipe.as_str());
+        let is_named = Recipe::named(recipe).is_some();
         if is_named { recipe.clone() } else { run.join(recipe).to_string_lossy().into_owned() }
     }
 
-    /// The grid of a tile's core.
-    #[must_use]
-    pub fn core_grid(&self, tile: &Tile) -> MapGrid {
-        let [w, s, e, n] = tile.core;
-        MapGrid::covering(self.epsg, (w, s, e, n), self.resolution_m)
+    /// Width of the overlap in cells.
+    pub(super) fn overlap_cells(&self) -> i64 {
+        (self.overlap_m / self.resolution_m).round() as i64
     }
 
     /// The grid of a tile's rasters: its core and the overlap around it.
     #[must_use]
     pub fn overlap_grid(&self, tile: &Tile) -> MapGrid {
-        let ([w, s, e, n], o) = (tile.core, self.overlap_m);
-        MapGrid::covering(self.epsg, (w - o, s - o, e + o, n + o), self.resolution_m)
+        Cells::core(tile, self.resolution_m).grown(self.overlap_cells()).grid(self.epsg, self.resolution_m)
     }
 
     /// The grid of the mosaic: all cores.
@@ -161,7 +223,7 @@ impl Plan {
         let [w, s, e, n] = all.fold([f64::MAX, f64::MAX, f64::MIN, f64::MIN], |a, b| {
             [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
         });
-        MapGrid::covering(self.epsg, (w, s, e, n), self.resolution_m)
+        Cells::of_box([w, s, e, n], self.resolution_m).grid(self.epsg, self.resolution_m)
     }
 }
 
@@ -170,4 +232,24 @@ impl From<&TileView> for Window {
         let [col, row, width, height] = view.window;
         Self { col, row, width, height }
     }
+}
+
+/// Hash of the result of an adjustment and of what it was made from, whatever the command line was.
+pub(super) fn adjustment_hash(run: &Path) -> Result<String, TilesError> {
+    let folder = run.join(ADJUSTMENT);
+    let mut text = to_json(&made_from(&folder.join(STAGE))?)?;
+    let mut cameras: Vec<PathBuf> = std::fs::read_dir(folder.join("rpcs"))
+        .map(|files| files.filter_map(|file| Some(file.ok()?.path())).collect())
+        .unwrap_or_default();
+    cameras.retain(|path| path.extension().is_some_and(|e| e == "json"));
+    cameras.sort();
+    for path in cameras.into_iter().chain([folder.join(SPARSE_POINTS)]) {
+        text += &hash_file(&path);
+    }
+    Ok(hash(text.as_bytes()))
+}
+
+pub(super) fn to_json(value: &impl Serialize) -> Result<String, TilesError> {
+    let failed = |source| PipelineError::Json { what: "the plan", source };
+    Ok(serde_json::to_string(value).map_err(failed)?)
 }

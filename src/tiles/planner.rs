@@ -1,20 +1,22 @@
 //! Makes the plan of an adjusted scene's tiles.
 
+use super::cost::TileSize;
 use super::error::TilesError;
 use super::margins::{Margins, exceeds_cap};
-use super::plan::{MapBox, Plan, SCHEMA, Tile, TileCost, TileSurface, TileTraining, TileView};
-use crate::affine::{SiteScene, height_range, sun_direction};
+use super::plan::{
+    MapBox, Plan, SCHEMA, Tile, TileCost, TileSurface, TileTraining, TileView, adjustment_hash, to_json,
+};
+use crate::affine::{MIN_POINTS, SiteScene, height_range, sun_direction};
 use crate::bundle::Adjustment;
 use crate::frame::{Point, SiteGrid, Utm, utm_epsg};
-use crate::io::{MapGrid, Window, write_file, write_json};
+use crate::io::{ImageFile, MapGrid, VerticalReference, Window, write_file, write_json};
 use crate::mvs::DSM_CELL_M;
 use crate::pipeline::{
     Fingerprint, Outcome, PipelineError, RunLock, Stage, TrainOptions, hash, hash_file, or_none, read_scene,
 };
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, PLAN, STAGE, TILES};
-use crate::scene::{Aoi, Role, Scene, View, angle_between_deg, require_tiled_images};
-use crate::splat::train::expectation::{BEST_CONVERGENCE_DEG, Extent};
+use crate::run_files::{ADJUSTMENT, PLAN, TILES};
+use crate::scene::{Aoi, ReadCost, Role, Scene, View, angle_between_deg, require_tiled_images};
 use crate::splat::train::recipe::Recipe;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -29,12 +31,8 @@ const LEAST_COVERED: f64 = 0.3;
 const PLACES: usize = 16;
 /// Largest number of training views of a tile.
 const MAX_VIEWS: usize = 30;
-/// Smallest number of sparse points from which a tile takes its own range of heights.
-const MIN_POINTS: usize = 20;
 /// File of a recipe that is not one of the built-in ones, in the run folder.
 const RECIPE: &str = "tiles/recipe.toml";
-/// Bytes in a megabyte.
-const MEGABYTE: f64 = 1e6;
 
 /// How to cut a scene into tiles.
 #[derive(Clone, Debug)]
@@ -87,17 +85,41 @@ impl PlanOptions {
         if !(self.core_m.is_finite() && self.core_m >= CORE_PER_OVERLAP * self.overlap_m) {
             return wrong("--core", self.core_m, "metres, at least twice the overlap");
         }
+        self.surface.found()?;
         self.train.recipe().map(|_| ())
     }
 }
 
-/// Whether an adjusted run is larger than one tile.
+impl TileSurface {
+    /// The same with the absolute path and the hash of a grid, because jobs run in other folders.
+    fn found(&self) -> Result<Self, PipelineError> {
+        let Some(vertical) = &self.vertical else { return Ok(self.clone()) };
+        VerticalReference::read(vertical)?;
+        let path = Path::new(vertical);
+        if !path.is_file() {
+            return Ok(self.clone());
+        }
+        let absolute =
+            path.canonicalize().map_or_else(|_| vertical.clone(), |p| p.to_string_lossy().into_owned());
+        Ok(Self { vertical: Some(absolute), vertical_hash: Some(hash_file(path)), ..self.clone() })
+    }
+}
+
+/// Whether an adjusted run is larger than one tile, in metres or in memory.
 ///
 /// # Errors
 /// [`TilesError`] if the run is not adjusted.
 pub fn needs_tiles(run: &Path, options: &PlanOptions) -> Result<bool, TilesError> {
-    let (west, south, east, north) = adjusted(run)?.setup.area;
-    Ok((east - west).max(north - south) > options.core_m + options.resolution_m)
+    let from = adjusted(run)?;
+    let (west, south, east, north) = from.setup.area;
+    let side = (east - west).max(north - south);
+    if side > options.core_m + options.resolution_m {
+        return Ok(true);
+    }
+    let Some(limit) = options.max_memory_mb else { return Ok(false) };
+    let planner = Planner::new(run, options, from)?;
+    let (plan, _) = planner.plan(side + options.resolution_m, &planner.candidates()?)?;
+    Ok(plan.total.memory_mb > limit)
 }
 
 /// Plans the tiles of an adjusted run, unless that was done with the same input and options. Writes `RUN/tiles.json`.
@@ -136,15 +158,16 @@ pub(super) fn plan_locked(
 
 /// What a plan is made from; its keys are the names of options on the command line.
 fn fingerprint(run: &Path, options: &PlanOptions) -> Result<Fingerprint, TilesError> {
-    let recipe = options.train.recipe()?;
+    let (recipe, surface) = (options.train.recipe()?, options.surface.found()?);
     Ok(Fingerprint::from([
-        ("adjustment".into(), hash_file(&run.join(ADJUSTMENT).join(STAGE))),
+        ("adjustment".into(), adjustment_hash(run)?),
         ("--core".into(), options.core_m.to_string()),
         ("--overlap".into(), options.overlap_m.to_string()),
         ("--max-memory".into(), or_none(options.max_memory_mb)),
         ("--resolution".into(), options.resolution_m.to_string()),
-        ("--vertical".into(), or_none(options.surface.vertical.as_ref())),
-        ("--fill".into(), or_none(options.surface.fill_m)),
+        ("--vertical".into(), or_none(surface.vertical.as_ref())),
+        ("content of --vertical".into(), or_none(surface.vertical_hash.as_ref())),
+        ("--fill".into(), or_none(surface.fill_m)),
         ("--recipe".into(), recipe.name.clone()),
         ("content of the recipe".into(), hash(recipe.to_toml().as_bytes())),
         ("--iterations".into(), recipe.iterations.to_string()),
@@ -174,9 +197,10 @@ fn adjusted(run: &Path) -> Result<Adjusted, TilesError> {
 /// What of a view decides its tiles.
 struct Candidate<'a> {
     view: &'a View,
-    /// Ground displacement (east, north) of the line of sight, metres per metre of height.
-    sight: [f64; 2],
-    /// Likewise of the rays towards the sun; none if there is no usable sun.
+    /// Opened once, because the files of many tiles may lie in an object store.
+    file: ImageFile,
+    /// Ground displacement (east, north) of the rays towards the sun, metres per metre of height; none if there is no usable
+    /// sun.
     sun: Option<[f64; 2]>,
     stretch: Option<[f32; 2]>,
     gsd_m: f64,
@@ -193,6 +217,9 @@ struct Place {
 struct Planner<'a> {
     options: &'a PlanOptions,
     recipe: Recipe,
+    surface: TileSurface,
+    /// Width of the overlap, a multiple of the cell, metres.
+    overlap_m: f64,
     site: SiteGrid,
     area: MapBox,
     /// Lowest and highest ellipsoidal height of the scene, metres.
@@ -212,11 +239,15 @@ impl<'a> Planner<'a> {
         let (w, s, e, n) = grid.bounds();
         require_one_zone(&site, [w, s, e, n])?;
         let heights_m = [z + setup.altitudes.0, z + setup.altitudes.1];
-        let adjustment_hash = hash_file(&run.join(ADJUSTMENT).join(STAGE));
-        let recipe = options.train.recipe()?;
+        let adjustment_hash = adjustment_hash(run)?;
+        let (recipe, surface) = (options.train.recipe()?, options.surface.found()?);
+        // Strips of a whole number of cells.
+        let overlap_m = (options.overlap_m / options.resolution_m - 1e-6).ceil() * options.resolution_m;
         Ok(Self {
             options,
             recipe,
+            surface,
+            overlap_m,
             site,
             area: [w, s, e, n],
             heights_m,
@@ -238,7 +269,7 @@ impl<'a> Planner<'a> {
                 return Ok((plan, notes));
             }
             core_m *= 0.5;
-            if core_m < SMALLEST_CORE_M.max(CORE_PER_OVERLAP * self.options.overlap_m) {
+            if core_m < SMALLEST_CORE_M.max(CORE_PER_OVERLAP * self.overlap_m) {
                 return Err(TilesError::Memory { needed_mb: plan.total.memory_mb, limit_mb: limit });
             }
         }
@@ -255,7 +286,7 @@ impl<'a> Planner<'a> {
                 });
                 Ok(Candidate {
                     view,
-                    sight: on_site.camera.line_of_sight_slope(),
+                    file: ImageFile::open(&view.image)?,
                     sun,
                     stretch: match view.stretch {
                         Some(stretch) => Some(stretch),
@@ -317,45 +348,33 @@ impl<'a> Planner<'a> {
             resolution_m: cell,
             train: TileTraining {
                 recipe: if is_named { self.options.train.recipe.clone() } else { RECIPE.into() },
+                recipe_hash: hash(self.recipe.to_toml().as_bytes()),
                 iterations: self.options.train.iterations,
                 seed: self.options.train.seed,
             },
-            surface: self.options.surface.clone(),
+            surface: self.surface.clone(),
             adjustment_hash: self.adjustment_hash.clone(),
             core_m,
-            overlap_m: self.options.overlap_m,
+            overlap_m: self.overlap_m,
             tiles,
             total,
         };
-        self.seal(&mut plan)?;
+        plan.set_input_hashes()?;
+        plan.plan_hash = hash(to_json(&plan)?.as_bytes());
         Ok((plan, notes))
-    }
-
-    /// Sets the hashes of a plan and of its tiles.
-    fn seal(&self, plan: &mut Plan) -> Result<(), TilesError> {
-        let frame =
-            (plan.schema, &plan.satgs, plan.epsg, plan.origin_height_m, plan.resolution_m, plan.overlap_m);
-        let recipe = hash(self.recipe.to_toml().as_bytes());
-        let common = to_json(&(frame, &plan.train, recipe, &plan.surface, &plan.adjustment_hash))?;
-        for tile in &mut plan.tiles {
-            // The cost is a prediction, on which no byte depends; neighbours are used by blending only.
-            let bare = Tile { cost: TileCost::default(), neighbours: Vec::new(), ..tile.clone() };
-            tile.input_hash = hash(format!("{common}{}", to_json(&bare)?).as_bytes());
-        }
-        plan.plan_hash = hash(to_json(plan)?.as_bytes());
-        Ok(())
     }
 
     /// The cores of all tiles, with the ranges of heights around them.
     fn places(&self, core_m: f64) -> Vec<Place> {
         let cell = self.options.resolution_m;
-        let (columns, width) = cut(self.area[2] - self.area[0], core_m, cell);
-        let (rows, height) = cut(self.area[3] - self.area[1], core_m, cell);
+        let o = self.overlap_m;
+        let least = CORE_PER_OVERLAP * o;
+        let (columns, width) = cut(self.area[2] - self.area[0], core_m, least, cell);
+        let (rows, height) = cut(self.area[3] - self.area[1], core_m, least, cell);
         let place = |(row, column): (usize, usize)| {
             let west = self.area[0] + column as f64 * width;
             let south = self.area[1] + row as f64 * height;
             let core = [west, south, (west + width).min(self.area[2]), (south + height).min(self.area[3])];
-            let o = self.options.overlap_m;
             let overlap = [core[0] - o, core[1] - o, core[2] + o, core[3] + o];
             Place { id: id(column, row), core, overlap, heights_m: self.heights_of(overlap) }
         };
@@ -371,17 +390,22 @@ impl<'a> Planner<'a> {
         if chosen.iter().filter(is_training).count() < 2 {
             return Ok(None);
         }
-        let height = heights_m[1] - heights_m[0];
-        let sight: Vec<_> = chosen.iter().map(|c| c.sight).collect();
+        let sight = self.lines_of_sight(&chosen, overlap, heights_m);
         let sun: Vec<_> = chosen.iter().filter_map(|c| c.sun).collect();
-        let splat_box = Margins::new(height, &sight, &sun).around(overlap, self.options.resolution_m);
+        let around = |[low, high]: [f64; 2]| {
+            Margins::new(high - low, &sight, &sun).around(overlap, self.options.resolution_m)
+        };
+        // What stands around the overlap may be higher than what stands in it, and occlude or shade it.
+        let heights_m = self.heights_of(around(heights_m));
+        let (height, splat_box) = (heights_m[1] - heights_m[0], around(heights_m));
         let [w, s, e, n] = splat_box;
         let aoi = Aoi::from_utm_box((w, s, e, n), &self.site).map_err(PipelineError::from)?;
-        let (mut views, mut read_bytes) = (Vec::new(), 0);
+        let (mut views, mut pixels, mut read_bytes) = (Vec::new(), 0, 0);
         for c in &chosen {
             let Some(window) = c.view.window_showing(&aoi, (heights_m[0], heights_m[1])) else { continue };
             let whole = c.view.cropped(window).window.unwrap_or(window);
-            read_bytes += c.view.read_cost(whole)?.stored_bytes;
+            pixels += whole.width * whole.height;
+            read_bytes += ReadCost::of(&c.file, &c.view.bands, whole)?.stored_bytes;
             views.push(TileView {
                 name: c.view.name.clone(),
                 window: [whole.col, whole.row, whole.width, whole.height],
@@ -390,7 +414,16 @@ impl<'a> Planner<'a> {
         }
         let reference = self.setup_reference();
         let reference = chosen.iter().find(|c| c.view.name == reference).or(chosen.iter().find(is_training));
-        let cost = self.cost(splat_box, &chosen, read_bytes);
+        let training: Vec<_> = chosen.iter().filter(is_training).collect();
+        let size = TileSize {
+            area_m2: (e - w) * (n - s),
+            height_m: height,
+            gsd_m: training.iter().map(|c| c.gsd_m).sum::<f64>() / training.len() as f64,
+            views: training.len(),
+            pixels,
+            iterations: self.options.train.recipe_for(training.len())?.iterations,
+            read_bytes,
+        };
         let tile = Tile {
             id,
             core,
@@ -399,10 +432,31 @@ impl<'a> Planner<'a> {
             views,
             reference: reference.map(|c| c.view.name.clone()).unwrap_or_default(),
             neighbours: Vec::new(),
-            cost,
+            cost: size.cost(),
             input_hash: String::new(),
         };
         Ok(Some((tile, exceeds_cap(height, &sun))))
+    }
+
+    /// Ground displacements (east, north) of lines of sight through the corners of a box, metres per metre of height.
+    fn lines_of_sight(
+        &self,
+        views: &[&Candidate],
+        [w, s, e, n]: MapBox,
+        [low, high]: [f64; 2],
+    ) -> Vec<[f64; 2]> {
+        let corners = [(w, s), (e, s), (e, n), (w, n)];
+        let of_view = |c: &&Candidate| {
+            corners.map(|(x, y)| {
+                let ground = self.site.geodetic_from_utm(Point::new(x, y, low));
+                let above =
+                    c.view.rpc.localize_from(c.view.rpc.project(ground), ground.at_height(high)).ok()?;
+                let p = self.site.utm_from_geodetic(above);
+                let slope = [(p.x() - x) / (high - low), (p.y() - y) / (high - low)];
+                slope.iter().all(|v| v.is_finite()).then_some(slope)
+            })
+        };
+        views.iter().flat_map(of_view).flatten().collect()
     }
 
     /// Name of the scene's reference view.
@@ -427,7 +481,9 @@ impl<'a> Planner<'a> {
         // As large as the whole image, so that only one is in memory at a time.
         let valid = view.valid_pixels()?;
         let share = |place: &Place| {
-            let [w, s, e, n] = place.overlap;
+            let ([w, s, e, n], a) = (place.overlap, self.area);
+            // Images may be cropped to the area, so that nothing is known of the overlap beyond it.
+            let [w, s, e, n] = [w.max(a[0]), s.max(a[1]), e.min(a[2]), n.min(a[3])];
             let height_m = 0.5 * (place.heights_m[0] + place.heights_m[1]);
             let at = |k: usize, low: f64, high: f64| low + (high - low) * (k as f64 + 0.5) / PLACES as f64;
             let is_seen = |i: &usize| {
@@ -450,33 +506,20 @@ impl<'a> Planner<'a> {
         });
         Ok(require_tiled_images(reads).map_err(PipelineError::from)?)
     }
-
-    /// Predicted cost of a tile whose views' windows take so many bytes of their files.
-    fn cost(&self, [w, s, e, n]: MapBox, chosen: &[&Candidate], read_bytes: u64) -> TileCost {
-        let training: Vec<_> = chosen.iter().filter(|c| c.view.role == Role::Train).collect();
-        let gsd_m = training.iter().map(|c| c.gsd_m).sum::<f64>() / training.len().max(1) as f64;
-        let extent = Extent {
-            views: training.len(),
-            convergence_deg: BEST_CONVERGENCE_DEG,
-            gsd_m,
-            area_m2: (e - w) * (n - s),
-        };
-        let expected = extent.expectation(&self.recipe, 2);
-        TileCost {
-            seconds_2core: (60.0 * expected.minutes).ceil(),
-            memory_mb: (1000.0 * expected.memory_gb).ceil(),
-            read_mb: read_bytes as f64 / MEGABYTE,
-        }
-    }
 }
 
-/// Number of parts and length of each, a multiple of `cell`, of a length cut into parts of at most `longest`.
-fn cut(length: f64, longest: f64, cell: f64) -> (usize, f64) {
+/// Number of parts and length of each, a multiple of `cell`, of a length cut into parts of at most `longest`, all of at least
+/// `least`: for that, parts may be a little longer than `longest`, and a short length is one part.
+fn cut(length: f64, longest: f64, least: f64, cell: f64) -> (usize, f64) {
     let cells = (length / cell).round().max(1.0);
     let most = (longest / cell + 1e-6).floor().max(1.0);
-    let parts = (cells / most).ceil();
-    let each = (cells / parts).ceil();
-    ((cells / each).ceil() as usize, each * cell)
+    let mut parts = (cells / most).ceil();
+    let each = |parts: f64| (cells / parts).ceil();
+    let last = |parts: f64| cells - (parts - 1.0) * each(parts);
+    while parts > 1.0 && last(parts) * cell < least - 1e-6 {
+        parts -= 1.0;
+    }
+    (parts as usize, each(parts) * cell)
 }
 
 fn id(column: usize, row: usize) -> String {
@@ -543,11 +586,6 @@ fn require_one_zone(site: &SiteGrid, [w, s, e, n]: MapBox) -> Result<(), TilesEr
     Err(TilesError::TwoZones { zones: zones.join(", ") })
 }
 
-fn to_json(value: &impl serde::Serialize) -> Result<String, TilesError> {
-    let failed = |source| PipelineError::Json { what: "the plan", source };
-    Ok(serde_json::to_string(value).map_err(failed)?)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -557,8 +595,10 @@ mod tests {
         #[test]
         fn parts_cover_a_length_exactly(cells in 1usize..5000, longest in 20.0..600.0f64, cell in 0.2..2.0f64) {
             let length = cells as f64 * cell;
-            let (parts, each) = cut(length, longest.max(cell), cell);
-            prop_assert!(each <= longest.max(cell) + 1e-6);
+            let least = 0.25 * longest;
+            let (parts, each) = cut(length, longest.max(cell), least, cell);
+            prop_assert!(each <= 2.0 * longest.max(cell) + 1e-6);
+            prop_assert!(parts == 1 || length - each * (parts - 1) as f64 >= least - 1e-6);
             prop_assert!((each / cell - (each / cell).round()).abs() < 1e-6);
             prop_assert!(each * parts as f64 >= length - 1e-6);
             prop_assert!(each * (parts - 1) as f64 + 1e-6 < length);
@@ -567,9 +607,10 @@ mod tests {
 
     #[test]
     fn parts_are_of_nearly_the_same_length() {
-        assert_eq!(cut(1000.0, 512.0, 0.5), (2, 500.0));
-        assert_eq!(cut(512.0, 512.0, 0.5), (1, 512.0));
-        assert_eq!(cut(1030.0, 512.0, 0.5), (3, 343.5));
+        assert_eq!(cut(1000.0, 512.0, 64.0, 0.5), (2, 500.0));
+        assert_eq!(cut(512.0, 512.0, 64.0, 0.5), (1, 512.0));
+        assert_eq!(cut(1030.0, 512.0, 64.0, 0.5), (3, 343.5));
+        assert_eq!(cut(100.0, 64.0, 64.0, 0.5), (1, 100.0));
     }
 
     #[test]

@@ -6,15 +6,21 @@ use std::path::Path;
 /// Bytes in a megabyte, and in a kilobyte of Linux.
 const MEGABYTE: f64 = 1e6;
 const KIBIBYTE: f64 = 1024.0;
-/// Limits of memory of the control group, version 2 and version 1.
-const GROUP_LIMITS: [&str; 2] = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
+/// Where control groups are, and the files with their limits of memory: version 2 and version 1.
+const GROUPS: [(&str, &str); 2] =
+    [("/sys/fs/cgroup", "memory.max"), ("/sys/fs/cgroup/memory", "memory.limit_in_bytes")];
 
-/// Memory of the machine or of the control group that the process runs in, megabytes.
+/// Memory of the machine, or of the control groups that the process runs in, as batch systems and containers set them,
+/// megabytes.
 pub fn available_mb() -> Option<f64> {
     let machine = field(Path::new("/proc/meminfo"), "MemTotal:");
-    let limits =
-        GROUP_LIMITS.iter().filter_map(|path| fs::read_to_string(path).ok()?.trim().parse::<f64>().ok());
-    limits.map(|bytes| bytes / MEGABYTE).chain(machine).min_by(f64::total_cmp)
+    let own = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
+    // Lines are `0::/path` in version 2, `4:memory:/path` in version 1.
+    let paths = own.lines().filter_map(|line| line.rsplit_once(':')).map(|(_, path)| Path::new(path));
+    let groups = paths.flat_map(Path::ancestors).filter_map(|path| path.strip_prefix("/").ok());
+    let limits = groups.flat_map(|group| GROUPS.map(|(root, file)| Path::new(root).join(group).join(file)));
+    let bytes = limits.filter_map(|path| fs::read_to_string(path).ok()?.trim().parse::<f64>().ok());
+    bytes.map(|bytes| bytes / MEGABYTE).chain(machine).min_by(f64::total_cmp)
 }
 
 /// Free disk space for files in a folder that exists or can be made, megabytes.

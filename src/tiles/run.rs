@@ -2,7 +2,7 @@
 
 use super::error::TilesError;
 use super::job::run_tile;
-use super::mosaic::mosaic;
+use super::mosaic::{mosaic_locked, report};
 use super::mosaicked::Mosaicked;
 use super::plan::{Plan, TileSurface};
 use super::planner::{PlanOptions, needs_tiles, plan_locked};
@@ -12,9 +12,12 @@ use crate::pipeline::{
     adjust_locked, evaluate,
 };
 use crate::progress::{Event, Progress};
-use crate::run_files::{DSM, EVALUATION, PLAN};
+use crate::run_files::{DSM, EVALUATION, PLAN, STAGE};
 use crate::scene::Scene;
 use std::path::Path;
+
+/// Folder of the training of an area as a whole.
+const WHOLE_TRAINING: &str = "train";
 
 /// Options of a scene of any size.
 #[derive(Clone, Debug)]
@@ -64,7 +67,7 @@ impl SceneOptions {
             overlap_m: self.overlap_m,
             max_memory_mb: self.max_memory_mb,
             resolution_m,
-            surface: TileSurface { vertical, fill_m },
+            surface: TileSurface { vertical, fill_m, ..TileSurface::default() },
             train: self.stages.train.clone(),
             overwrite,
         }
@@ -111,17 +114,21 @@ pub fn run(
         return Ok(pipeline::run_adjusted(run, stages, progress, &mut of_stage)?);
     }
     options.require_no_products()?;
+    if !run.join(PLAN).exists() && run.join(WHOLE_TRAINING).join(STAGE).exists() {
+        return Err(TilesError::WholeRun { run: run.into() });
+    }
     let planned = plan_locked(run, &planning, progress)?;
     let plan = Plan::read(run)?;
     completed(SceneResult::Planned(planned));
     let failed = make_tiles(run, &plan, stages.train.checkpoint_every, progress)?;
-    completed(SceneResult::Mosaicked(mosaic(run, progress)?));
+    completed(SceneResult::Mosaicked(mosaic_locked(run, progress)?));
     if let Some(truth) = &stages.truth {
         let scoring = EvaluateOptions { overwrite: true, ..stages.evaluate.clone() };
         let scores: Evaluation =
             evaluate(&run.join(DSM), truth, &scoring, Some(&run.join(EVALUATION)), progress)?;
         completed(SceneResult::Stage(StageResult::Evaluated(Box::new(scores))));
     }
+    completed(SceneResult::Stage(StageResult::Reported(report(run)?)));
     if failed.is_empty() { Ok(()) } else { Err(TilesError::Partial { failed: failed.join(", ") }) }
 }
 
@@ -132,7 +139,7 @@ fn make_tiles(
     checkpoint_every: u32,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, TilesError> {
-    let mut failed = Vec::new();
+    let (mut failed, mut first) = (Vec::new(), None);
     for (i, tile) in plan.tiles.iter().enumerate() {
         progress.check().map_err(PipelineError::from)?;
         progress.event(Event::Note(format!("tile {} of {}: {}", i + 1, plan.tiles.len(), tile.id)));
@@ -142,16 +149,14 @@ fn make_tiles(
             Err(e) => {
                 progress.event(Event::Warning(format!("tile `{}` failed: {}", tile.id, e.chain())));
                 failed.push(tile.id.clone());
+                first.get_or_insert(e);
             }
         }
     }
-    if failed.len() == plan.tiles.len() {
-        return Err(TilesError::AllFailed { reason: reason_of(run, &failed[0]) });
+    match first {
+        Some(first) if failed.len() == plan.tiles.len() => {
+            Err(TilesError::AllFailed { first: Box::new(first) })
+        }
+        _ => Ok(failed),
     }
-    Ok(failed)
-}
-
-fn reason_of(run: &Path, id: &str) -> String {
-    let folder = super::done::tile_folder(run, id);
-    super::done::Failure::read(&folder).map_or_else(|| "its reason is not known".into(), |f| f.reason)
 }

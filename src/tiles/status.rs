@@ -82,7 +82,7 @@ pub fn status(run: &Path) -> Result<Status, TilesError> {
 
 fn of_tile(run: &Path, tile: &Tile) -> TileStatus {
     let folder = tile_folder(run, &tile.id);
-    let done = Done::read(&folder).filter(|d| d.input_hash == tile.input_hash && d.is_sound(&folder));
+    let done = Done::of_tile(run, tile);
     let failure = Failure::read(&folder);
     let state = match (&done, &failure) {
         (Some(_), _) => TileState::Done,

@@ -47,8 +47,13 @@ impl TileRasters {
             Ok(file)
         };
         let files = [open(DSM)?, open(ORTHO)?, open(CONFIDENCE)?];
-        let overlap = (plan.overlap_m / plan.resolution_m).round() as i64;
-        Ok(Self { id: tile.id.clone(), done, files, cells: Cells::core(plan, tile).grown(overlap) })
+        let overlap = plan.overlap_cells();
+        Ok(Self {
+            id: tile.id.clone(),
+            done,
+            files,
+            cells: Cells::core(tile, plan.resolution_m).grown(overlap),
+        })
     }
 
     /// Reads one of the [`BANDS`] bands over a box; NaN outside of the tile.

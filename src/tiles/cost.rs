@@ -1,0 +1,93 @@
+//! Predicted time and memory of a tile. The constants are fitted to measured tiles; docs/performance.md has the figures.
+
+use super::plan::TileCost;
+use crate::mvs::{MAX_VOLUME, cell_m};
+use crate::splat::init::SPACING_M;
+
+/// Number of splats for each square of [`SPACING_M`], or of a cell if cells are larger: the most that was seen, because the
+/// memory of a tile must not exceed its prediction. Pixels of half a metre give smooth surfaces, of which four squares often
+/// share a splat; larger pixels do not.
+const SPLATS: f64 = 1.1;
+const SPLATS_OF_COARSE_CELLS: f64 = 1.75;
+/// Seconds of one core for an iteration: of each splat, and of each pixel of one view.
+const SPLAT_S: f64 = 0.6e-6;
+const PIXEL_S: f64 = 0.036e-6;
+/// Seconds of one core for the matching of each pixel of every view.
+const MATCHING_S: f64 = 12e-6;
+/// Bytes of memory: of each splat in training, of each pixel of every view, and of each entry of the matching's cost volume.
+const SPLAT_BYTES: f64 = 2000.0;
+const PIXEL_BYTES: f64 = 30.0;
+const ENTRY_BYTES: f64 = 3.0;
+/// Memory without images and splats, megabytes.
+const BASE_MB: f64 = 250.0;
+/// Bytes in a megabyte.
+const MEGABYTE: f64 = 1e6;
+/// Cores for which times are predicted.
+const CORES: f64 = 2.0;
+
+/// The size of a tile.
+pub struct TileSize {
+    /// Area in which splats may live, square metres.
+    pub area_m2: f64,
+    /// Range of heights, metres.
+    pub height_m: f64,
+    /// Ground sampling distance, metres.
+    pub gsd_m: f64,
+    /// Number of training views.
+    pub views: usize,
+    /// Pixels of the windows of all views.
+    pub pixels: usize,
+    /// Iterations of training.
+    pub iterations: u32,
+    /// Bytes read from the images.
+    pub read_bytes: u64,
+}
+
+impl TileSize {
+    /// The predicted cost.
+    pub fn cost(&self) -> TileCost {
+        let cell = cell_m(self.gsd_m);
+        let cells = self.area_m2 / cell.powi(2);
+        let spacing = (SPACING_M / cell).round().max(1.0) * cell;
+        let density = if spacing > cell { SPLATS } else { SPLATS_OF_COARSE_CELLS };
+        let splats = density * self.area_m2 / spacing.powi(2);
+        let (all, views) = (self.pixels as f64, self.views.max(1) as f64);
+        // A volume is over the cells of the map, or, of few views, over the pixels of one.
+        let entries = cells.max(all / views) * (self.height_m / cell).max(1.0);
+        let matching = ENTRY_BYTES * entries.min(MAX_VOLUME);
+        let iteration = SPLAT_S * splats + PIXEL_S * all / views;
+        TileCost {
+            seconds_2core: ((f64::from(self.iterations) * iteration + MATCHING_S * all) / CORES).ceil(),
+            memory_mb: (BASE_MB + (matching.max(SPLAT_BYTES * splats) + PIXEL_BYTES * all) / MEGABYTE).ceil(),
+            read_mb: self.read_bytes as f64 / MEGABYTE,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_larger_tile_costs_more_and_a_volume_is_limited() {
+        let tile = |side: f64, height_m: f64| {
+            let pixels = (10.0 * (side / 0.5).powi(2)) as usize;
+            let size = TileSize {
+                area_m2: side * side,
+                height_m,
+                gsd_m: 0.5,
+                views: 10,
+                pixels,
+                iterations: 4000,
+                read_bytes: 1,
+            };
+            size.cost()
+        };
+        let (small, large) = (tile(300.0, 60.0), tile(600.0, 60.0));
+        assert!(large.memory_mb > small.memory_mb && large.seconds_2core > 3.5 * small.seconds_2core);
+        // 600 million entries at three bytes are the limit of a cost volume.
+        let (high, higher) = (tile(700.0, 2000.0), tile(700.0, 4000.0));
+        assert_eq!(high.memory_mb, higher.memory_mb);
+        assert!(high.memory_mb > 2000.0);
+    }
+}
