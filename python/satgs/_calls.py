@@ -80,7 +80,7 @@ def adjust(
         FailedError: A file cannot be written, or no solution was found.
     """
     options = locals()
-    return _adjusted(_satgs.adjust(scene, run, options, progress or _warn))
+    return _adjusted(_satgs.adjust(scene, run, options, _warn if progress is None else progress))
 
 
 def train(
@@ -116,7 +116,7 @@ def train(
         FailedError: A file cannot be written.
     """
     options = locals()
-    return _trained(_satgs.train(run, options, progress or _warn))
+    return _trained(_satgs.train(run, options, _warn if progress is None else progress))
 
 
 def dsm(
@@ -155,7 +155,7 @@ def dsm(
         FailedError: A file cannot be written.
     """
     options = locals()
-    return _dsm_summary(_satgs.dsm(run, options, progress or _warn))
+    return _dsm_summary(_satgs.dsm(run, options, _warn if progress is None else progress))
 
 
 def compare(
@@ -191,7 +191,7 @@ def compare(
         FailedError: A file cannot be written.
     """
     options = locals()
-    return from_json(Evaluation, _satgs.compare(dsm, truth, output, options, progress or _warn))
+    return from_json(Evaluation, _satgs.compare(dsm, truth, output, options, _warn if progress is None else progress))
 
 
 def run(
@@ -260,7 +260,7 @@ def run(
         FailedError: A file cannot be written, or no solution was found.
     """
     options = locals()
-    results = dict(_satgs.run(scene, run, options, progress or _warn))
+    results = dict(_satgs.run(scene, run, options, _warn if progress is None else progress))
 
     def of(stage: str, made: Callable[[tuple[str | None, bool]], T]) -> T | None:
         return made(results[stage]) if stage in results else None

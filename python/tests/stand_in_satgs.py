@@ -2,7 +2,8 @@
 
 It is called as `satgs tile run RUN ID | --index N`, `satgs tile blend RUN ID`, `satgs tile status RUN --json`,
 `satgs mosaic RUN`. RUN/behaviour.json says how tiles behave: {"ID": {"seconds": [60, 1], "exits": [1, 1, 0]}} has the
-duration and the exit code of each attempt; the last ones hold for all further attempts. Each attempt adds a line to
+duration and the exit code of each attempt; the last ones hold for all further attempts. "lacks" is what exit code 75
+complains about, "blend" the exit code of blending. Each attempt adds a line to
 RUN/attempts.log.
 """
 
@@ -22,13 +23,13 @@ def main() -> int:
     run = args.run
     plan = json.loads((run / "tiles.json").read_text())
     signal.signal(signal.SIGTERM, lambda *_: os._exit(130))
+    if getattr(args, "exit_with_parent", False):
+        threading.Thread(target=watch_parent, daemon=True).start()
     if args.command == "mosaic":
         return mosaic(run, plan)
     if args.task == "status":
         print(json.dumps({"tiles": [{"id": tile["id"], "state": state(run, tile)} for tile in plan["tiles"]]}))
         return 0
-    if args.exit_with_parent:
-        threading.Thread(target=watch_parent, daemon=True).start()
     if args.index is not None:
         args.id = plan["tiles"][args.index]["id"]
     tile = next((tile for tile in plan["tiles"] if tile["id"] == args.id), None)
@@ -55,9 +56,8 @@ def parse() -> argparse.Namespace:
     status = tasks.add_parser("status")
     status.add_argument("run", type=Path)
     status.add_argument("--json", action="store_true")
-    mosaic = commands.add_parser("mosaic")
+    mosaic = commands.add_parser("mosaic", parents=[common])
     mosaic.add_argument("run", type=Path)
-    mosaic.add_argument("--threads", type=int)
     return parser.parse_args()
 
 
@@ -105,6 +105,11 @@ def of_attempt(values: list, before: int) -> float:
     return values[min(before, len(values) - 1)]
 
 
+def behaviour_of(run: Path, tile: dict) -> dict:
+    path = run / "behaviour.json"
+    return json.loads(path.read_text()).get(tile["id"], {}) if path.exists() else {}
+
+
 def run_tile(run: Path, tile: dict, events: bool) -> int:
     folder = run / "tiles" / tile["id"]
     if state(run, tile) == "done":
@@ -115,8 +120,7 @@ def run_tile(run: Path, tile: dict, events: bool) -> int:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             return fail(1, f"another satgs is at work in `{folder}`")
-        path = run / "behaviour.json"
-        behaviour = json.loads(path.read_text()).get(tile["id"], {}) if path.exists() else {}
+        behaviour = behaviour_of(run, tile)
         lines = (run / "attempts.log").read_text().splitlines() if (run / "attempts.log").exists() else []
         before = sum(line.startswith(f"tile {tile['id']} ") for line in lines)
         log(run, "tile", tile["id"], os.getpid(), os.getppid())
@@ -131,6 +135,8 @@ def run_tile(run: Path, tile: dict, events: bool) -> int:
         if code not in (0, 3):
             print("\n".join(f"line {n}" for n in range(30)), file=sys.stderr)
             reason = f"attempt {before + 1} of {tile['id']} is meant to fail"
+            if code == 75:
+                reason = f"tile `{tile['id']}` needs 9 MB of {behaviour.get('lacks', 'memory')}, this machine has 8 MB"
             write(folder / "failed.json", json.dumps({"reason": reason}))
             return fail(code, reason)
         write(folder / "dsm.tif", tile["id"])
@@ -149,6 +155,9 @@ def blend(run: Path, tile: dict, without: list[str]) -> int:
     for name in used:
         if not (run / "tiles" / name / "done.json").exists():
             return fail(1, f"tile `{name}` is not done")
+    if "blend" in behaviour_of(run, tile):
+        log(run, "blend", tile["id"])
+        return fail(behaviour_of(run, tile)["blend"], f"tile `{tile['id']}` is not to be blended")
     path = run / "mosaic" / f"{tile['id']}.json"
     text = json.dumps({"tiles": used})
     if not path.exists() or path.read_text() != text:
@@ -162,8 +171,10 @@ def mosaic(run: Path, plan: dict) -> int:
     absent = [tile["id"] for tile in plan["tiles"] if tile not in done]
     if not done:
         return fail(1, f"no tile of `{run}` is done")
-    for tile in done:
-        blend(run, tile, absent)
+    for tile in list(done):
+        if blend(run, tile, absent) != 0:
+            done.remove(tile)
+            absent.append(tile["id"])
     log(run, "mosaic")
     write(run / "dsm.tif", " ".join(tile["id"] for tile in done))
     return 3 if absent else 0

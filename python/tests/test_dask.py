@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -15,9 +18,10 @@ import pytest
 from distributed import Client, LocalCluster, Nanny, Scheduler, SpecCluster
 from supervision import assert_no_process_is_left, command, until
 
-from satgs.dask import PlanError, Settings, run_tiles
+from satgs.dask import PlanError, Settings, driver, job, main, run_tiles
 from satgs.dask.driver import _fit
-from satgs.dask.plan import is_done, read_plan
+from satgs.dask.plan import is_done, read_plan, write_failure
+from satgs.dask.progress import Progress
 from stand_in import attempts, tile_attempts, write_plan, write_program
 
 pytestmark = pytest.mark.timeout(120)
@@ -129,15 +133,97 @@ def test_a_tile_without_memory_is_tried_on_a_larger_worker_if_there_is_one(
     assert result.exit_code == 3
     assert result.tiles["x000_y000"].state == "done"
     failed = result.tiles["x001_y000"]
-    assert (failed.state, failed.attempts) == ("failed", 2)
-    assert failed.reason.endswith("no worker has 1200 MB")
+    # It asked for 300, 600 and 1000 MB.
+    assert (failed.state, failed.attempts) == ("failed", 3)
+    assert failed.reason.endswith("this machine has 8 MB; the largest worker has 1000 MB")
     events = [json.loads(line) for line in (run / "events.jsonl").read_text().splitlines()]
     workers = client.run(lambda dask_worker: dask_worker.state.total_resources["MEM"])
-    second = [e["worker"] for e in events if e.get("attempt") == 2 and e["event"] == "job-started"]
-    assert [workers[address] for address in second] == [1000, 1000]
+    later = [e["worker"] for e in events if e.get("attempt", 1) > 1 and e["event"] == "job-started"]
+    assert [workers[address] for address in later] == [1000, 1000, 1000]
 
 
-def test_a_tile_that_no_worker_can_hold_is_not_started(client: Client, run: Path, satgs: str) -> None:
+def test_too_little_disk_space_is_a_failure_like_others(client: Client, run: Path, satgs: str) -> None:
+    write_plan(run, {"x000_y000": {"exits": [75], "lacks": "disk space"}}, columns=2)
+    result = run_tiles(client, run, Settings(satgs=satgs, retries=1))
+    assert result.tiles["x000_y000"].attempts == 2
+    assert "MB of disk space" in result.tiles["x000_y000"].reason
+
+
+def test_a_failed_blend_leaves_its_tile_done_and_the_mosaic_decides(client: Client, run: Path, satgs: str) -> None:
+    write_plan(run, {"x000_y000": {"blend": 1}}, columns=2)
+    result = run_tiles(client, run, Settings(satgs=satgs, retries=0))
+    assert {tile.state for tile in result.tiles.values()} == {"done"}
+    assert (result.mosaic, result.mosaic_is_partial, result.exit_code) == ("done", True, 3)
+
+
+def test_a_reason_that_the_program_could_not_write_replaces_an_older_one(tmp_path: Path) -> None:
+    path = tmp_path / "tiles" / "x000_y000" / "failed.json"
+    write_failure(tmp_path, "x000_y000", "old", is_recorded=True)
+    write_failure(tmp_path, "x000_y000", "of the program", is_recorded=True)
+    assert json.loads(path.read_text()) == {"reason": "old"}
+    write_failure(tmp_path, "x000_y000", "ended by signal SIGKILL", is_recorded=False)
+    assert json.loads(path.read_text()) == {"reason": "ended by signal SIGKILL"}
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_records_that_cannot_be_written_are_warned_of_once(client: Client, run: Path, satgs: str) -> None:
+    write_plan(run, {"x000_y000": {"exits": [-signal.SIGKILL]}}, columns=2)
+    (run / "events.jsonl").mkdir()
+    (run / "tiles" / "x000_y000" / "failed.json").mkdir(parents=True)
+    said = io.StringIO()
+    result = run_tiles(client, run, Settings(satgs=satgs, retries=0), said)
+    assert (result.exit_code, result.mosaic) == (3, "done")
+    assert said.getvalue().count("cannot be written") == 1
+
+
+def test_an_error_of_the_client_stops_the_programs(
+    client: Client, run: Path, satgs: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_plan(run, {"x002_y000": {"seconds": [100.0]}})
+
+    def show(_self: Progress, _running: list[str]) -> None:
+        if tile_attempts(run)["x002_y000"]:
+            raise RuntimeError("the terminal is gone")
+
+    monkeypatch.setattr(Progress, "show", show)
+    with pytest.raises(RuntimeError, match="the terminal is gone"):
+        run_tiles(client, run, Settings(satgs=satgs))
+    assert_no_process_is_left(run)
+
+
+def test_tiles_wait_for_a_larger_worker(run: Path, satgs: str) -> None:
+    write_plan(run, memory_mb=900.0, columns=2)
+    options = {"processes": False, "threads_per_worker": 1, "memory_limit": 0, "dashboard_address": ":0"}
+    with (
+        LocalCluster(n_workers=1, resources={"tile": 1, "MEM": 400}, **options) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+
+        def add_worker() -> None:
+            cluster.new_spec["options"]["resources"] = {"tile": 1, "MEM": 1000}
+            cluster.scale(2)
+
+        timer = threading.Timer(3.0, add_worker)
+        timer.start()
+        result = run_tiles(client, run, Settings(satgs=satgs))
+        timer.join()
+    assert result.exit_code == 0
+
+
+def test_a_process_that_does_not_end_in_time_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(job, "STOP_SECONDS", 0.2)
+    script = "import signal, time; signal.signal(15, signal.SIG_IGN); print(flush=True); time.sleep(60)"
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        job._end(process)
+        assert process.returncode == -signal.SIGKILL
+
+
+def test_a_tile_that_no_worker_can_hold_is_not_started(
+    client: Client, run: Path, satgs: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driver, "WORKER_SECONDS", 1.0)
     write_plan(run, memory_mb=2000.0)
     result = run_tiles(client, run, Settings(satgs=satgs))
     assert result.exit_code == 1
@@ -164,7 +250,8 @@ def test_a_program_that_is_missing_on_the_workers_is_named(client: Client, run: 
     assert "`/nowhere/satgs` cannot be started" in result.tiles["x000_y000"].reason
 
 
-def test_workers_without_the_resources_are_refused(run: Path, satgs: str) -> None:
+def test_workers_without_the_resources_are_refused(run: Path, satgs: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driver, "WORKER_SECONDS", 1.0)
     write_plan(run)
     with (
         LocalCluster(n_workers=1, processes=False, dashboard_address=":0") as cluster,
@@ -225,6 +312,7 @@ def test_the_command_interrupted_keeps_what_is_done_and_goes_on(run: Path, satgs
         (["--local", "1", "--scheduler", "tcp://127.0.0.1:1"], "not allowed with"),
         (["--satgs", "no-such-program"], "there is no program `no-such-program`"),
         ([], "`satgs plan SCENE -o"),
+        (["--only"], "expected at least one argument"),
     ],
 )
 def test_wrong_usage_is_explained(run: Path, options: list[str], said: str) -> None:
@@ -234,6 +322,13 @@ def test_wrong_usage_is_explained(run: Path, options: list[str], said: str) -> N
     _, err = process.communicate(timeout=60)
     assert process.returncode == 2, err
     assert said in err
+
+
+def test_a_run_after_only_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as error:
+        main(["--only", "x000_y000", "x001_y000", "run"])
+    assert error.value.code == 2
+    assert "RUN is missing; it stands before --only" in capsys.readouterr().err
 
 
 def test_jobs_fit_when_each_has_a_worker_of_its_own() -> None:

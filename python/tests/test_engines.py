@@ -62,7 +62,7 @@ def test_the_slurm_script_makes_all_tiles_but_those_that_fail(tmp_path: Path, sa
     sbatch = satgs / "sbatch"
     sbatch.write_text(SBATCH)
     sbatch.chmod(sbatch.stat().st_mode | stat.S_IXUSR)
-    run = tmp_path / "a run"
+    run = tmp_path / "it's a & b\\c"
     behaviour = {"x000_y000": {"exits": [1, 0]}, "x001_y000": {"exits": [2]}, "x002_y001": {"exits": [1]}}
     write_plan(run, {**behaviour, "x002_y000": {"exits": [-9]}})
 
@@ -74,12 +74,12 @@ def test_the_slurm_script_makes_all_tiles_but_those_that_fail(tmp_path: Path, sa
     jobs = [line.split(maxsplit=2) for line in (satgs / "jobs").read_text().splitlines()]
     assert [job[1] for job in jobs] == ["0-5", "0-5", "0-0"]
     assert "--mem=120M" in jobs[0][2]
-    assert "--partition=short" in jobs[0][2]
+    assert all("--partition=short" in job[2] for job in jobs)
     assert "--dependency=afterany:100" in jobs[1][2]
     assert "--dependency=afterany:101" in jobs[2][2]
-    # Exit code 1 is tried three times, 2 and a signal once.
+    # Exit code 1 and a signal are tried three times, 2 once.
     counts = tile_attempts(run)
-    assert [counts[f"x{x:03}_y{y:03}"] for y in range(2) for x in range(3)] == [2, 1, 1, 1, 1, 3]
+    assert [counts[f"x{x:03}_y{y:03}"] for y in range(2) for x in range(3)] == [2, 1, 3, 1, 1, 3]
     assert (run / "dsm.tif").read_text().split() == ["x000_y000", "x000_y001", "x001_y001"]
     assert (satgs / "codes").read_text().splitlines()[-1] == "102 0 3"
 

@@ -7,10 +7,9 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import dask
@@ -29,8 +28,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     0 done, 1 nothing was made or the scheduler was lost, 2 wrong usage, 3 some tiles failed, 130 interrupted.
     """
-    args = _parser().parse_args(arguments)
-    signal.signal(signal.SIGTERM, _interrupt)
+    parser = _parser()
+    args = parser.parse_args(arguments)
+    if args.run is None:
+        parser.error("RUN is missing" + ("; it stands before --only, which takes all words after it" if args.only else ""))
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         plan = read_plan(args.run)
         if args.scheduler is None and shutil.which(args.satgs) is None:
@@ -58,8 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="satgs-dask",
-        usage="%(prog)s RUN [--local N | --scheduler ADDRESS] [--retries N] [--only ID ...] [--threads N] "
-        "[--satgs PATH]",
+        usage="%(prog)s RUN [--local N | --scheduler ADDRESS] [--retries N] [--threads N] [--satgs PATH] "
+        "[--only ID ...]",
         description="Makes the tiles of a plan on a Dask cluster, blends them and makes the mosaic. Tiles that are "
         "done are left as they are, so the same command goes on after an interruption.",
         epilog="Exit codes: 0 done, 1 nothing was made, 2 wrong usage, 3 some tiles failed (they are empty in the "
@@ -67,23 +69,33 @@ def _parser() -> argparse.ArgumentParser:
         "and the resources tile and MEM: `dask worker SCHEDULER --nthreads 1 --resources tile=1,MEM=4000`, with the "
         "memory in megabytes.",
     )
-    parser.add_argument("run", metavar="RUN", type=Path, help="run folder with tiles.json, which `satgs plan` makes")
+    # Optional for argparse only, so that RUN after --only gets an error of its own.
+    parser.add_argument(
+        "run", metavar="RUN", type=Path, nargs="?", help="run folder with tiles.json, which `satgs plan` makes"
+    )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--local",
         metavar="N",
-        type=_positive,
+        type=_number(1),
         help="work on this machine, N tiles at once [default: as many as memory and pairs of cores allow]",
     )
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="address of a Dask scheduler, such as tcp://10.0.0.1:8786"
     )
-    parser.add_argument("--retries", metavar="N", type=_count, default=2, help="tries after a failure [default: 2]")
-    parser.add_argument("--only", metavar="ID", nargs="+", default=[], help="make only these tiles")
+    parser.add_argument("--retries", metavar="N", type=_number(0), default=2, help="tries after a failure [default: 2]")
+    parser.add_argument(
+        "--only",
+        metavar="ID",
+        nargs="+",
+        action="extend",
+        default=[],
+        help="make only these tiles: `satgs-dask RUN --only x000_y000 x001_y000`",
+    )
     parser.add_argument(
         "--threads",
         metavar="N",
-        type=_positive,
+        type=_number(1),
         help="threads of each tile [default: cores divided by N of --local; on a cluster all cores of the machine]",
     )
     parser.add_argument(
@@ -92,22 +104,13 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _positive(text: str) -> int:
-    return _whole_number(text, 1)
+def _number(least: int) -> Callable[[str], int]:
+    def read(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"`{text}` is not a whole number of {least} or more")
+        return int(text)
 
-
-def _count(text: str) -> int:
-    return _whole_number(text, 0)
-
-
-def _whole_number(text: str, least: int) -> int:
-    if not text.isdecimal() or int(text) < least:
-        raise argparse.ArgumentTypeError(f"`{text}` is not a whole number of {least} or more")
-    return int(text)
-
-
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
+    return read
 
 
 def _cores() -> int:
@@ -164,3 +167,5 @@ def _print(run: Path, result: Result) -> None:
         print(f"\nThe mosaic was not made: {result.mosaic}")
     else:
         print(f"\nmosaic: {run / 'dsm.tif'}, {run / 'ortho.tif'}, {run / 'confidence.tif'}")
+        if result.mosaic_is_partial:
+            print(f"It has no data where tiles failed; {run / 'failed.gpkg'} has their outlines and reasons.")

@@ -9,10 +9,11 @@ from __future__ import annotations
 import queue
 import time
 import uuid
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, cast
 
 from distributed import Client, Future, KilledWorker
 
@@ -20,7 +21,6 @@ from . import job as jobs
 from .job import Job, Outcome
 from .plan import PlanError, Tile, is_done, read_plan, write_failure
 from .progress import Progress
-from .reason import is_locked, reason_of
 
 BLEND_MB = 500.0
 """Memory that a blend or the mosaic asks of a worker, megabytes."""
@@ -31,6 +31,9 @@ RETRY_DELAY = 1.0
 LOCK_SECONDS = 60.0
 """Time for which another program may be at work on the same tile before that counts as a failure, seconds. The program
 of a worker that was killed writes a checkpoint before it ends."""
+
+WORKER_SECONDS = 60.0
+"""Time for which jobs that no worker can take wait for one that can, seconds: workers join one after the other."""
 
 LOST = "the connection with the scheduler was lost"
 
@@ -71,19 +74,21 @@ class Result:
     """All tiles of the plan."""
     selected: tuple[str, ...]
     """The tiles that were to be made."""
-    mosaic: str
+    mosaic: str = "waiting"
     """`done`, `waiting` (for tiles that were not selected), or why it failed."""
+    mosaic_is_partial: bool = False
+    """Whether the mosaic has no data where tiles failed."""
 
     @property
     def exit_code(self) -> int:
-        """0 done, 3 some tiles failed, 1 nothing was made."""
+        """0 done, 3 some tiles failed or are empty in the mosaic, 1 nothing was made."""
         states = {self.tiles[name].state for name in self.selected}
         if states == {"failed"} or self.mosaic not in ("done", "waiting"):
             return 1
-        return 3 if "failed" in states else 0
+        return 3 if "failed" in states or self.mosaic_is_partial else 0
 
 
-@dataclass
+@dataclass(eq=False)
 class _Work:
     """A job that is to be done, or under way."""
 
@@ -95,7 +100,6 @@ class _Work:
     failures: int = 0
     attempts: int = 0
     not_before: float = 0.0
-    started: float = 0.0
     locked_since: float | None = None
 
 
@@ -135,35 +139,44 @@ class _Driver:
         self.topic = f"satgs-{uuid.uuid4().hex}"
         self.ends: queue.Queue[tuple[_Work, Outcome | BaseException] | dict[str, Any]] = queue.Queue()
         self.waiting: list[_Work] = []
-        self.running: dict[Future[Any], _Work] = {}
-        self.tiles = {name: TileResult(name) for name in plan}
-        self.selected = settings.only or tuple(plan)
-        self.progress = Progress(run, plan, {name: self.tiles[name] for name in self.selected}, stream)
-        self.mosaic = "waiting"
+        self.running: dict[_Work, Any] = {}
+        """The jobs under way, with their futures."""
+        tiles = {name: TileResult(name) for name in plan}
+        self.result = Result(tiles, tuple(dict.fromkeys(settings.only)) or tuple(plan))
+        self.progress = Progress(run, plan, (tiles[name] for name in self.result.selected), stream)
+        self.largest_mb = 0.0
+        """Memory of the largest worker, at the last time when there was one."""
+        self.stuck_since: float | None = None
 
     def drive(self) -> Result:
+        tiles = self.result.tiles
         for name, tile in self.plan.items():
             if is_done(self.run, tile):
-                self.tiles[name].state = "done"
-            elif name in self.selected:
+                tiles[name].state = "done"
+            elif name in self.result.selected:
                 self.waiting.append(_Work("tile", name, tile.seconds, tile.memory_mb))
         self.client.subscribe_topic(self.topic, lambda event: self.ends.put(event[1]))
         try:
             for name in self.plan:
                 self._blend_if_ready(name)
             self._loop()
-            states = {tile.state for tile in self.tiles.values()}
+            states = {tile.state for tile in tiles.values()}
             if "waiting" not in states and "done" in states:
                 self.waiting.append(_Work("mosaic", "", 0.0, BLEND_MB))
                 self._loop()
-        except KeyboardInterrupt:
-            self.progress.note("interrupted: the programs on the workers are stopped")
-            self.client.run(jobs.stop, self.topic, on_error="ignore")
+        except BaseException:
+            with suppress(Exception):
+                self.progress.note("the programs on the workers are stopped")
+            # Without a scheduler the workers end, and their programs with them.
+            if self.client.status == "running":
+                with suppress(Exception):
+                    self.client.run(jobs.stop, self.topic, on_error="ignore")
             raise
         finally:
-            self.client.unsubscribe_topic(self.topic)
+            with suppress(Exception):
+                self.client.unsubscribe_topic(self.topic)
             self.progress.close()
-        return Result(self.tiles, self.selected, self.mosaic)
+        return self.result
 
     def _loop(self) -> None:
         """Starts jobs and takes their ends until none is left."""
@@ -184,51 +197,52 @@ class _Driver:
                 else:
                     self._end(*item)
                     looked_at = 0.0
-            self.progress.show([work.tile for work in self.running.values() if work.kind == "tile"])
+            self.progress.show([work.tile for work in self.running if work.kind == "tile"])
 
     def _start(self) -> None:
-        """Starts the longest jobs for which there are workers."""
-        if not self.waiting:
-            return
-        slots = self._slots()
-        self.progress.slots = len(slots)
-        if not slots:
-            return
-        self.waiting.sort(key=lambda work: -work.seconds)
-        for work in list(self.waiting):
-            needed = work.memory_mb if work.kind == "tile" else min(work.memory_mb, slots[0])
-            if needed > slots[0]:
-                self.waiting.remove(work)
-                self._fail(work, f"needs {needed:.0f} MB; the largest worker has {slots[0]:.0f} MB")
-            elif work.not_before <= time.monotonic() and _fit([needed, *self._memory_in_use(slots[0])], slots):
-                self.waiting.remove(work)
-                self._submit(work, needed)
-
-    def _slots(self) -> list[float]:
-        """Memory of each job that the cluster can run at once, megabytes, the largest first.
+        """Starts the longest jobs for which there are workers, and gives up jobs for which no worker has come in time.
 
         Raises:
-            PlanError: there are workers, but none that declares the resources.
+            PlanError: there are workers, but for some time none that declares the resources.
         """
         workers = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"].values()
-        slots: list[float] = []
-        for worker in workers:
-            resources = worker["resources"]
-            count = min(int(resources.get("tile", 0)), int(worker["nthreads"]))
-            slots += [resources.get("MEM", 0.0) / max(count, 1)] * count if "MEM" in resources else []
-        if workers and not slots:
+        slots = _slots(workers)
+        self.progress.slots = len(slots)
+        self.largest_mb = slots[0] if slots else self.largest_mb
+        # A job that no worker can hold has lost its worker, and waits in the scheduler for another one.
+        in_use = [self._needed(work) for work in self.running if slots and self._needed(work) <= slots[0]]
+        is_stuck = bool(workers) and not in_use
+        self.waiting.sort(key=lambda work: -work.seconds)
+        for work in list(self.waiting):
+            needed = self._needed(work)
+            if slots and needed <= slots[0]:
+                is_stuck = False
+                if work.not_before <= time.monotonic() and _fit([needed, *in_use], slots):
+                    in_use.append(needed)
+                    self.waiting.remove(work)
+                    self._submit(work, needed)
+        if not is_stuck:
+            self.stuck_since = None
+        elif self.stuck_since is None:
+            self.stuck_since = time.monotonic()
+            self.progress.note(f"no worker can take a job; one may come within {WORKER_SECONDS:.0f} s")
+        elif time.monotonic() - self.stuck_since < WORKER_SECONDS:
+            return
+        elif slots:
+            for work in [*self.waiting, *self.running]:
+                self._fail(work, f"needs {work.memory_mb:.0f} MB; the largest worker has {slots[0]:.0f} MB")
+        elif self.largest_mb == 0.0:
             raise PlanError(
                 "no worker of the cluster has the resources `tile` and `MEM`\n"
                 "hint: `dask worker SCHEDULER --nthreads 1 --resources tile=1,MEM=4000`, with the memory in megabytes"
             )
-        return sorted(slots, reverse=True)
 
-    def _memory_in_use(self, largest: float) -> list[float]:
-        return [min(work.memory_mb, largest) for work in self.running.values()]
+    def _needed(self, work: _Work) -> float:
+        """Memory that a job asks for, megabytes; blends and the mosaic take the largest worker that there is."""
+        return work.memory_mb if work.kind == "tile" else min(work.memory_mb, self.largest_mb)
 
     def _submit(self, work: _Work, memory_mb: float) -> None:
         work.attempts += 1
-        work.started = time.monotonic()
         folder = self.run / "tiles" / work.tile if work.tile else self.run
         log = str(folder / ("error.log" if work.kind == "tile" else f"{work.kind}-error.log"))
         job = Job(work.kind, work.tile, work.attempts, self._command(work), log, self.topic)
@@ -239,77 +253,83 @@ class _Driver:
             resources={"tile": 1, "MEM": memory_mb},
             pure=False,
         )
-        self.running[future] = work
+        self.running[work] = future
         if work.kind == "tile":
-            self.tiles[work.tile].attempts = work.attempts
+            self.result.tiles[work.tile].attempts = work.attempts
         future.add_done_callback(lambda future: self.ends.put((work, _outcome(future))))
 
-    def _command(self, work: _Work) -> tuple[str, ...]:
-        run = str(self.run)
-        supervised = ["--exit-with-parent", "--events"]
-        command = {
-            "tile": ["tile", "run", run, work.tile, *supervised],
-            "blend": ["tile", "blend", run, work.tile, *supervised],
-            "mosaic": ["mosaic", run],
-        }[work.kind]
+    def _command(self, work: _Work) -> list[str]:
+        job = ["mosaic"] if work.kind == "mosaic" else ["tile", "run" if work.kind == "tile" else "blend"]
+        command = [self.settings.satgs, *job, str(self.run), *([work.tile] if work.tile else [])]
+        command += ["--exit-with-parent", "--events"]
         if work.kind == "blend":
-            failed = [name for name in self.plan[work.tile].neighbours if self.tiles[name].state == "failed"]
-            command += [word for name in failed for word in ("--without", name)]
+            for name in self.plan[work.tile].neighbours:
+                command += ["--without", name] if self.result.tiles[name].state == "failed" else []
         if self.settings.threads is not None:
             command += ["--threads", str(self.settings.threads)]
-        return (self.settings.satgs, *command)
+        return command
 
     def _end(self, work: _Work, outcome: Outcome | BaseException) -> None:
         """Takes the end of a job: it is done, tried again, or given up."""
-        self.running = {future: other for future, other in self.running.items() if other is not work}
-        seconds = time.monotonic() - work.started
+        if self.running.pop(work, None) is None:
+            return  # It was given up before.
         if isinstance(outcome, KilledWorker):
             return self._fail(work, "the workers that tried it died, one after the other")
         if isinstance(outcome, BaseException):
             if self.client.status != "running":
                 raise ConnectionError(LOST) from outcome
-            outcome = Outcome(1, seconds, "", f"error: {outcome!r}")
+            outcome = Outcome(126, 0.0, f"error: {outcome!r}")
         if work.kind == "tile":
-            self.tiles[work.tile].seconds = outcome.seconds
+            self.result.tiles[work.tile].seconds = outcome.seconds
         if outcome.code in (0, 3):
             return self._succeed(work, outcome)
-        reason = reason_of(outcome)
-        if outcome.code == 75:
-            largest = max(self._slots(), default=0.0)
-            if 2.0 * work.memory_mb > largest:
-                return self._fail(work, f"{reason}; no worker has {2.0 * work.memory_mb:.0f} MB")
-            work.memory_mb *= 2.0
-        elif is_locked(outcome) and time.monotonic() - (work.locked_since or time.monotonic()) < LOCK_SECONDS:
+        reason = outcome.reason
+        if outcome.lacks_memory:
+            more = min(2.0 * work.memory_mb, self.largest_mb)
+            if more <= work.memory_mb:
+                reason += f"; the largest worker has {self.largest_mb:.0f} MB"
+                return self._fail(work, reason, outcome.is_by_program)
+            work.memory_mb = more
+        elif outcome.is_locked and time.monotonic() - (work.locked_since or time.monotonic()) < LOCK_SECONDS:
             work.locked_since = work.locked_since or time.monotonic()
         else:
             work.failures += 1
             if outcome.code == 2 or work.failures > self.settings.retries:
-                return self._fail(work, reason)
+                return self._fail(work, reason, outcome.is_by_program)
         self.progress.note(f"{work.kind} {work.tile}: {reason}; it is tried again")
         work.not_before = time.monotonic() + RETRY_DELAY
         self.waiting.append(work)
 
     def _succeed(self, work: _Work, outcome: Outcome) -> None:
         if work.kind == "tile":
-            self.tiles[work.tile].state = "done"
+            self.result.tiles[work.tile].state = "done"
             self.progress.finished(work.tile, outcome.seconds)
             self._blend_around(work.tile)
         elif work.kind == "blend":
             self.progress.blended += 1
         else:
-            self.mosaic = "done"
+            self.result.mosaic = "done"
+            self.result.mosaic_is_partial = outcome.code == 3
 
-    def _fail(self, work: _Work, reason: str) -> None:
+    def _fail(self, work: _Work, reason: str, is_recorded: bool = False) -> None:
+        """Gives a job up. `is_recorded`: the program has written a reason of its own into the tile's folder."""
+        if work in self.waiting:
+            self.waiting.remove(work)
+        future = self.running.pop(work, None)
+        if future is not None:
+            future.cancel()
         self.progress.note(f"{work.kind} {work.tile}: {reason}; it is given up after {work.attempts} attempts")
         if work.kind == "mosaic":
-            self.mosaic = reason
-            return
-        tile = self.tiles[work.tile]
-        tile.state = "failed"
-        tile.reason = reason if work.kind == "tile" else f"blending: {reason}"
-        if work.kind == "tile":
-            write_failure(self.run, work.tile, reason)
-            self._blend_around(work.tile)
+            self.result.mosaic = reason
+        if work.kind != "tile":
+            return  # The mosaic blends what is not blended yet, and tells whether that fails.
+        tile = self.result.tiles[work.tile]
+        tile.state, tile.reason = "failed", reason
+        try:
+            write_failure(self.run, work.tile, reason, is_recorded)
+        except OSError as error:
+            self.progress.cannot_write(error)
+        self._blend_around(work.tile)
 
     def _blend_around(self, name: str) -> None:
         """Blends a tile and its neighbours as far as they waited for this one."""
@@ -317,18 +337,26 @@ class _Driver:
             self._blend_if_ready(other)
 
     def _blend_if_ready(self, name: str) -> None:
-        neighbours = self.plan[name].neighbours
-        if self.tiles[name].state == "done" and all(self.tiles[n].state != "waiting" for n in neighbours):
+        tiles = self.result.tiles
+        if tiles[name].state == "done" and all(tiles[n].state != "waiting" for n in self.plan[name].neighbours):
             self.waiting.append(_Work("blend", name, 0.0, BLEND_MB))
 
 
 def _outcome(future: Future[Any]) -> Outcome | BaseException:
     try:
-        result = future.result()
-        assert isinstance(result, Outcome)
-        return result
+        return cast(Outcome, future.result())
     except BaseException as error:  # Also `CancelledError`, when the scheduler is gone.
         return error
+
+
+def _slots(workers: Iterable[dict[str, Any]]) -> list[float]:
+    """Memory of each job that the workers can run at once, megabytes, the largest first."""
+    slots: list[float] = []
+    for worker in workers:
+        resources = worker["resources"]
+        count = min(int(resources.get("tile", 0)), int(worker["nthreads"]))
+        slots += [resources.get("MEM", 0.0) / max(count, 1)] * count if "MEM" in resources else []
+    return sorted(slots, reverse=True)
 
 
 def _fit(needed: Sequence[float], slots: Sequence[float]) -> bool:

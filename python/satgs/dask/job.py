@@ -22,8 +22,7 @@ LAST_LINES = 20
 STOP_SECONDS = 30.0
 """Time that an interrupted process has for writing its checkpoint."""
 
-_FORWARD_EVERY = 1.0
-"""Seconds between two forwarded events of the kind `advanced`."""
+_REASONS = {2: "its input or options are wrong", 75: "not enough memory or disk", 130: "it was interrupted"}
 
 _processes: dict[str, set[subprocess.Popen[str]]] = defaultdict(set)
 """The processes of this worker, by the topic of the call that they belong to."""
@@ -41,7 +40,7 @@ class Job:
     tile: str
     """ID of the tile; empty for the mosaic."""
     attempt: int
-    command: tuple[str, ...]
+    command: list[str]
     log: str
     """File that receives standard error if the command fails."""
     topic: str
@@ -55,9 +54,34 @@ class Outcome:
     code: int
     """Exit code; negative: the signal that ended the process."""
     seconds: float
-    worker: str
     last_lines: str
     """The last lines of standard error."""
+
+    @property
+    def reason(self) -> str:
+        """The exit code or signal of a job that failed, and its error message if it left one."""
+        if self.code < 0:
+            names = {item.value: item.name for item in signal.Signals}
+            return f"ended by signal {names.get(-self.code, -self.code)}"
+        lines = [line.strip() for line in self.last_lines.splitlines() if line.strip()]
+        errors = [line.removeprefix("error:").strip() for line in lines if line.startswith("error:")]
+        said = (errors or lines)[-1:]
+        return ": ".join([f"{_REASONS.get(self.code, 'failed')} (exit code {self.code})", *said])
+
+    @property
+    def is_by_program(self) -> bool:
+        """Whether the program ended by itself with an error of the tile, which it then wrote to ``failed.json``."""
+        return 0 < self.code < 126 and not self.is_locked
+
+    @property
+    def is_locked(self) -> bool:
+        """Whether another program is at work on the tile."""
+        return self.code == 1 and "another satgs is at work" in self.last_lines
+
+    @property
+    def lacks_memory(self) -> bool:
+        """Whether the machine had too little memory. Too little disk space has the same exit code."""
+        return self.code == 75 and "of memory" in self.last_lines
 
 
 def run(job: Job) -> Outcome:
@@ -67,11 +91,10 @@ def run(job: Job) -> Outcome:
     ends when that pipe closes, that is, also when this worker is killed.
     """
     worker: Any = get_worker()
-    where = str(worker.address)
+    about = {"job": job.kind, "tile": job.tile, "attempt": job.attempt, "worker": str(worker.address)}
     started = time.monotonic()
 
     def send(event: dict[str, Any]) -> None:
-        about = {"job": job.kind, "tile": job.tile, "attempt": job.attempt, "worker": where}
         worker.log_event(job.topic, {"time": time.time(), **about, **event})
 
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
@@ -79,7 +102,7 @@ def run(job: Job) -> Outcome:
         try:
             with _guard:
                 if job.topic in _stopped:
-                    return Outcome(130, 0.0, where, "interrupted")
+                    return Outcome(130, 0.0, "")
                 # In a session of its own, so that Ctrl-C in a terminal reaches it once, through `stop`.
                 process = subprocess.Popen(
                     job.command,
@@ -92,28 +115,37 @@ def run(job: Job) -> Outcome:
                 )
                 _processes[job.topic].add(process)
         except OSError as error:
-            return Outcome(127, 0.0, where, f"`{job.command[0]}` cannot be started on {where}: {error}")
-        try:
-            send({"event": "job-started", "pid": process.pid})
-            _forward(process, send)
-            code = process.wait()
-        finally:
-            process.kill()  # Does nothing if it has ended.
-            with _guard:
-                _processes[job.topic].discard(process)
+            return Outcome(127, 0.0, f"`{job.command[0]}` cannot be started on {worker.address}: {error}")
+        with process:
+            try:
+                send({"event": "job-started", "pid": process.pid})
+                _forward(process, send)
+                code = process.wait()
+            finally:
+                _end(process)
+                with _guard:
+                    _processes[job.topic].discard(process)
         seconds = time.monotonic() - started
         send({"event": "job-ended", "code": code, "seconds": round(seconds, 3)})
         errors.seek(0)
         said = errors.read()
-    _write_log(job, code, where, said)
-    return Outcome(code, seconds, where, "\n".join(said.splitlines()[-LAST_LINES:]))
+    path = Path(job.log)
+    try:
+        if code in (0, 3):
+            path.unlink(missing_ok=True)
+        else:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            header = f"{' '.join(job.command)}\nattempt {job.attempt} on {worker.address}: exit code {code}\n"
+            path.write_text(header + said, encoding="utf-8")
+    except OSError:
+        pass  # The log is a copy of what the client is told anyway, and a full disk may be why the job failed.
+    return Outcome(code, seconds, "\n".join(said.splitlines()[-LAST_LINES:]))
 
 
 def _forward(process: subprocess.Popen[str], send: Any) -> None:
     """Sends the events that a process prints; of the frequent ones not more than one a second."""
-    assert process.stdout is not None
     last_sent = 0.0
-    for line in process.stdout:
+    for line in process.stdout or ():
         try:
             event = json.loads(line)
         except ValueError:
@@ -121,24 +153,20 @@ def _forward(process: subprocess.Popen[str], send: Any) -> None:
         if not isinstance(event, dict) or event.get("event") == "summary":
             continue  # The summary is long, and in the job's files.
         if event.get("event") == "advanced":
-            if time.monotonic() - last_sent < _FORWARD_EVERY:
+            if time.monotonic() - last_sent < 1.0:
                 continue
             last_sent = time.monotonic()
         send(event)
 
 
-def _write_log(job: Job, code: int, where: str, said: str) -> None:
-    """Keeps what a failed process said; the log of a job that succeeded is removed."""
-    path = Path(job.log)
+def _end(process: subprocess.Popen[str]) -> None:
+    """Interrupts a process if it has not ended, and kills it if it does not end in time."""
+    process.terminate()  # Does nothing if it has ended.
     try:
-        if code in (0, 3):
-            path.unlink(missing_ok=True)
-        else:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            header = f"{' '.join(job.command)}\nattempt {job.attempt} on {where}: exit code {code}\n"
-            path.write_text(header + said, encoding="utf-8")
-    except OSError:
-        pass  # The log is a copy of what the client is told anyway, and a full disk may be why the job failed.
+        process.wait(STOP_SECONDS)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 async def stop(topic: str) -> None:
@@ -146,10 +174,4 @@ async def stop(topic: str) -> None:
     with _guard:
         _stopped.add(topic)
         processes = list(_processes[topic])
-    for process in processes:
-        process.send_signal(signal.SIGTERM)
-    deadline = time.monotonic() + STOP_SECONDS
-    while any(process.poll() is None for process in processes) and time.monotonic() < deadline:
-        await asyncio.sleep(0.05)
-    for process in processes:
-        process.kill()
+    await asyncio.gather(*(asyncio.to_thread(_end, process) for process in processes))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,9 +79,16 @@ def is_done(run: Path, tile: Tile) -> bool:
         return False
 
 
-def write_failure(run: Path, tile: str, reason: str) -> None:
-    """Writes a tile's ``failed.json``, the reason in the mosaic, if the program was not able to write it itself."""
+def write_failure(run: Path, tile: str, reason: str, is_recorded: bool) -> None:
+    """Writes a tile's ``failed.json``, the reason in the mosaic, unless the program has recorded the failure there.
+
+    Raises:
+        OSError: it cannot be written.
+    """
     path = run / "tiles" / tile / "failed.json"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps({"reason": reason}), encoding="utf-8")
+    if is_recorded and path.exists():
+        return
+    temporary = path.with_name(f".failed.json.{os.getpid()}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary.write_text(json.dumps({"reason": reason}), encoding="utf-8")
+    os.replace(temporary, path)
