@@ -64,6 +64,16 @@ def test_events_come_in_order_and_in_the_calling_thread(whole: Whole, run: Path)
     assert threads == {threading.get_ident()}
 
 
+def test_a_callback_that_is_false_as_a_truth_value_is_called(run: Path) -> None:
+    class Events(list[satgs.Event]):
+        def __call__(self, event: satgs.Event) -> None:
+            self.append(event)
+
+    seen = Events()
+    satgs.train(run, iterations=2, progress=seen)
+    assert seen
+
+
 def test_a_complete_run_is_kept(whole: Whole) -> None:
     run, result, _ = whole
     again = satgs.run(TOWN, run, iterations=60, truth=TRUTH)
