@@ -8,7 +8,7 @@ import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     args = parser.parse_args(arguments)
     if args.run is None:
-        parser.error("RUN is missing" + ("; it stands before --only, which takes all words after it" if args.only else ""))
+        parser.error(
+            "RUN is missing" + ("; it stands before --only, which takes all words after it" if args.only else "")
+        )
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         plan = read_plan(args.run)
@@ -127,26 +129,20 @@ def _client(scheduler: str | None, jobs: int) -> Iterator[Any]:
     # Dask's constructors have no types.
     client_of: Any = Client
     cluster_of: Any = LocalCluster
-    if scheduler is not None:
-        with client_of(scheduler, set_as_default=False) as client:
-            yield client
-        return
-    # Workers inherit that Ctrl-C is ignored: the client ends their work in order.
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        with dask.config.set({"distributed.scheduler.allowed-failures": ALLOWED_FAILURES}):
-            cluster = cluster_of(
-                n_workers=jobs,
-                threads_per_worker=1,
-                # Work is done by child processes, whose memory Dask does not see.
-                memory_limit=0,
-                resources={"tile": 1, "MEM": MEMORY_LIMIT / 1e6 / jobs},
-                dashboard_address=":0",
-            )
-    finally:
-        signal.signal(signal.SIGINT, handler)
-    with cluster, client_of(cluster, set_as_default=False) as client:
-        yield client
+    cluster: Any = scheduler
+    with ExitStack() as stack:
+        if scheduler is None:
+            # Workers inherit that Ctrl-C is ignored: the client ends their work in order.
+            handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+            try:
+                # Work is done by child processes, whose memory Dask does not see: it is to set no limit.
+                with dask.config.set({"distributed.scheduler.allowed-failures": ALLOWED_FAILURES}):
+                    resources = {"tile": 1, "MEM": MEMORY_LIMIT / 1e6 / jobs}
+                    options = {"threads_per_worker": 1, "memory_limit": 0, "dashboard_address": ":0"}
+                    cluster = stack.enter_context(cluster_of(n_workers=jobs, resources=resources, **options))
+            finally:
+                signal.signal(signal.SIGINT, handler)
+        yield stack.enter_context(client_of(cluster, set_as_default=False))
 
 
 def _print(run: Path, result: Result) -> None:

@@ -13,12 +13,12 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any
 
 from distributed import Client, Future, KilledWorker
 
-from . import job as jobs
-from .job import Job, Outcome
+from . import job
+from .job import Outcome
 from .plan import PlanError, Tile, is_done, read_plan, write_failure
 from .progress import Progress
 
@@ -170,7 +170,7 @@ class _Driver:
             # Without a scheduler the workers end, and their programs with them.
             if self.client.status == "running":
                 with suppress(Exception):
-                    self.client.run(jobs.stop, self.topic, on_error="ignore")
+                    self.client.run(job.stop, self.topic, on_error="ignore")
             raise
         finally:
             with suppress(Exception):
@@ -244,11 +244,12 @@ class _Driver:
     def _submit(self, work: _Work, memory_mb: float) -> None:
         work.attempts += 1
         folder = self.run / "tiles" / work.tile if work.tile else self.run
-        log = str(folder / ("error.log" if work.kind == "tile" else f"{work.kind}-error.log"))
-        job = Job(work.kind, work.tile, work.attempts, self._command(work), log, self.topic)
         future = self.client.submit(
-            jobs.run,
-            job,
+            job.run,
+            self._command(work),
+            folder / ("error.log" if work.kind == "tile" else f"{work.kind}-error.log"),
+            self.topic,
+            {"job": work.kind, "tile": work.tile, "attempt": work.attempts},
             key=f"{work.kind}-{work.tile or 'all'}-{work.attempts}-{self.topic}",
             resources={"tile": 1, "MEM": memory_mb},
             pure=False,
@@ -256,11 +257,18 @@ class _Driver:
         self.running[work] = future
         if work.kind == "tile":
             self.result.tiles[work.tile].attempts = work.attempts
-        future.add_done_callback(lambda future: self.ends.put((work, _outcome(future))))
+
+        def ended(future: Future[Any]) -> None:
+            try:
+                self.ends.put((work, future.result()))
+            except BaseException as error:  # Also `CancelledError`, when the scheduler is gone.
+                self.ends.put((work, error))
+
+        future.add_done_callback(ended)
 
     def _command(self, work: _Work) -> list[str]:
-        job = ["mosaic"] if work.kind == "mosaic" else ["tile", "run" if work.kind == "tile" else "blend"]
-        command = [self.settings.satgs, *job, str(self.run), *([work.tile] if work.tile else [])]
+        words = {"tile": ["tile", "run"], "blend": ["tile", "blend"], "mosaic": ["mosaic"]}[work.kind]
+        command = [self.settings.satgs, *words, str(self.run), *([work.tile] if work.tile else [])]
         command += ["--exit-with-parent", "--events"]
         if work.kind == "blend":
             for name in self.plan[work.tile].neighbours:
@@ -340,13 +348,6 @@ class _Driver:
         tiles = self.result.tiles
         if tiles[name].state == "done" and all(tiles[n].state != "waiting" for n in self.plan[name].neighbours):
             self.waiting.append(_Work("blend", name, 0.0, BLEND_MB))
-
-
-def _outcome(future: Future[Any]) -> Outcome | BaseException:
-    try:
-        return cast(Outcome, future.result())
-    except BaseException as error:  # Also `CancelledError`, when the scheduler is gone.
-        return error
 
 
 def _slots(workers: Iterable[dict[str, Any]]) -> list[float]:

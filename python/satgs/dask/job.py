@@ -32,22 +32,6 @@ _guard = threading.Lock()
 
 
 @dataclass(frozen=True)
-class Job:
-    """A command to be run on a worker."""
-
-    kind: str
-    """`tile`, `blend` or `mosaic`."""
-    tile: str
-    """ID of the tile; empty for the mosaic."""
-    attempt: int
-    command: list[str]
-    log: str
-    """File that receives standard error if the command fails."""
-    topic: str
-    """Topic of the events, unique to the call."""
-
-
-@dataclass(frozen=True)
 class Outcome:
     """How a command ended."""
 
@@ -84,28 +68,33 @@ class Outcome:
         return self.code == 75 and "of memory" in self.last_lines
 
 
-def run(job: Job) -> Outcome:
-    """Runs a job's command to its end, on a worker.
+def run(command: list[str], log: Path, topic: str, about: dict[str, Any]) -> Outcome:
+    """Runs the command of a job to its end, on a worker.
 
     The process holds the reading end of a pipe from this worker as its standard input. With ``--exit-with-parent`` it
     ends when that pipe closes, that is, also when this worker is killed.
+
+    Args:
+        command: the program and its arguments.
+        log: file that receives standard error if the command fails.
+        topic: topic of the events, unique to the call of :func:`run_tiles`.
+        about: what each event says about the job: its kind, tile and attempt.
     """
     worker: Any = get_worker()
-    about = {"job": job.kind, "tile": job.tile, "attempt": job.attempt, "worker": str(worker.address)}
     started = time.monotonic()
 
     def send(event: dict[str, Any]) -> None:
-        worker.log_event(job.topic, {"time": time.time(), **about, **event})
+        worker.log_event(topic, {"time": time.time(), "worker": worker.address, **about, **event})
 
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
         pipe = subprocess.PIPE
         try:
             with _guard:
-                if job.topic in _stopped:
+                if topic in _stopped:
                     return Outcome(130, 0.0, "")
                 # In a session of its own, so that Ctrl-C in a terminal reaches it once, through `stop`.
                 process = subprocess.Popen(
-                    job.command,
+                    command,
                     stdin=pipe,
                     stdout=pipe,
                     stderr=errors,
@@ -113,9 +102,9 @@ def run(job: Job) -> Outcome:
                     errors="replace",
                     start_new_session=True,
                 )
-                _processes[job.topic].add(process)
+                _processes[topic].add(process)
         except OSError as error:
-            return Outcome(127, 0.0, f"`{job.command[0]}` cannot be started on {worker.address}: {error}")
+            return Outcome(127, 0.0, f"`{command[0]}` cannot be started on {worker.address}: {error}")
         with process:
             try:
                 send({"event": "job-started", "pid": process.pid})
@@ -124,19 +113,18 @@ def run(job: Job) -> Outcome:
             finally:
                 _end(process)
                 with _guard:
-                    _processes[job.topic].discard(process)
+                    _processes[topic].discard(process)
         seconds = time.monotonic() - started
         send({"event": "job-ended", "code": code, "seconds": round(seconds, 3)})
         errors.seek(0)
         said = errors.read()
-    path = Path(job.log)
     try:
         if code in (0, 3):
-            path.unlink(missing_ok=True)
+            log.unlink(missing_ok=True)
         else:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            header = f"{' '.join(job.command)}\nattempt {job.attempt} on {worker.address}: exit code {code}\n"
-            path.write_text(header + said, encoding="utf-8")
+            log.parent.mkdir(parents=True, exist_ok=True)
+            header = f"{' '.join(command)}\nattempt {about['attempt']} on {worker.address}: exit code {code}\n"
+            log.write_text(header + said, encoding="utf-8")
     except OSError:
         pass  # The log is a copy of what the client is told anyway, and a full disk may be why the job failed.
     return Outcome(code, seconds, "\n".join(said.splitlines()[-LAST_LINES:]))
