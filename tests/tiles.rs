@@ -189,6 +189,11 @@ fn what_is_wrong_with_a_done_tile_is_found(town: &Town, run: &Path, expected: &B
     assert_code(&again, 0);
     assert!(text(&again).contains("done.json"), "{}", text(&again));
     assert_same(run, expected);
+    // A file is cut short.
+    let splats = std::fs::read(tile.join("splats.ply")).unwrap();
+    std::fs::write(tile.join("splats.ply"), &splats[..splats.len() / 2]).unwrap();
+    assert_code(&satgs(&["tile", "run", run.to_str().unwrap(), "x000_y000"]), 0);
+    assert_same(run, expected);
     // done.json is of another plan.
     let mut done = json(&tile.join("done.json"));
     done["input_hash"] = "0123456789abcdef".into();
