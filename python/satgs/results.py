@@ -296,9 +296,11 @@ class SeamSummary:
         step_m: Median over the seams of the absolute median difference of heights, metres.
         step_p95_m: 95th percentile of the same, metres.
         over_1m: Share of the cells along the seams that differ by more than 1 m.
-        ortho_before: Median over the seams of the median absolute difference of grey values, of 255, before colours are
+        ortho_before: Median over the seams of the absolute median difference of grey values, of 255, before colours are
             corrected.
         ortho_after: The same after the correction.
+        ortho_spread: Median over the seams of the median absolute difference of grey values in a cell, of 255, after the
+            correction.
     """
 
     seams: int
@@ -307,6 +309,7 @@ class SeamSummary:
     over_1m: float | None
     ortho_before: float | None
     ortho_after: float | None
+    ortho_spread: float | None
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,15 @@ use crate::io::{ImageFile, Outline, check_writable, write_outlines};
 use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, ValueRange, View, angle_between_deg};
 use crate::splat::train::expectation::{BEST_CONVERGENCE_DEG, Extent, best_convergence_deg};
 use crate::splat::train::recipe::Recipe;
+use crate::tiles::PlanOptions;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Pairs listed when there are too many views for a matrix.
 const LISTED_PAIRS: usize = 5;
+/// Area of a tile with its overlap and margins, as a multiple of its core.
+const TILE_AND_MARGINS: f64 = 1.7;
 /// Views up to which a matrix fits a terminal.
 const MATRIX_VIEWS: usize = 8;
 
@@ -316,7 +319,16 @@ fn expectation(rows: &[Row], pairs: &Pairs, o: &Overlap) -> String {
         area_m2: (east - west) * (north - south),
     };
     let threads = rayon::current_num_threads();
-    extent.expectation(&recipe, threads).text(&extent, threads) + "\n"
+    let mut expected = extent.expectation(&recipe, threads);
+    let core_m = PlanOptions::default().core_m;
+    let is_tiled = (east - west).max(north - south) > core_m;
+    if is_tiled {
+        // Tiles are in memory one at a time.
+        let tile = Extent { area_m2: extent.area_m2.min(TILE_AND_MARGINS * core_m * core_m), ..extent };
+        expected.memory_gb = tile.expectation(&recipe, threads).memory_gb;
+    }
+    let tiles = if is_tiled { "; the area is cut into tiles, of which `satgs plan` tells more" } else { "" };
+    format!("{}{tiles}\n", expected.text(&extent, threads))
 }
 
 fn summary(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> Value {

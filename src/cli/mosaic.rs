@@ -59,8 +59,11 @@ fn seams(m: &Mosaicked) -> String {
             s.seams
         );
     }
-    if let (Some(before), Some(after)) = (s.ortho_before, s.ortho_after) {
-        let _ = write!(out, "\ncolours differ by {before:.1} of 255 (median), {after:.1} after correction");
+    if let (Some(before), Some(after), Some(spread)) = (s.ortho_before, s.ortho_after, s.ortho_spread) {
+        let _ = write!(
+            out,
+            "\nsteps of the colours: {before:.1} of 255 (median), {after:.1} after correction; a cell differs by {spread:.1}"
+        );
     }
     out
 }

@@ -63,6 +63,18 @@ impl ColorCorrection {
     }
 }
 
+/// Differences of grey values across a seam, of 255.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ColorStep {
+    /// Absolute value of the median difference before colours are corrected: how visible the seam would be.
+    pub before: f64,
+    /// The same after the correction.
+    pub after: f64,
+    /// Median of the absolute differences after the correction, with what two trainings of the same ground differ by in each
+    /// cell.
+    pub spread: f64,
+}
+
 /// The corrections of all tiles: `colour.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TileColors {
@@ -79,17 +91,21 @@ impl TileColors {
         self.tiles.get(id).copied().unwrap_or_default()
     }
 
-    /// Median absolute difference of grey values across a seam, of 255: before and after the colours are
-    /// corrected; none without colours of both tiles.
+    /// How far the grey values of two tiles differ across a seam; none without colours of both tiles.
     #[must_use]
-    pub fn steps(&self, seam: &Seam) -> [Option<f64>; 2] {
+    pub fn step(&self, seam: &Seam) -> Option<ColorStep> {
         let [a, b] = [0, 1].map(|i| self.of(&seam.tiles[i]));
         let gray = |c: [f64; 3]| (c[0] + c[1] + c[2]) / 3.0;
         let of = |pair: &[u8; 6], at: usize| [0, 1, 2].map(|i| f64::from(pair[at + i]));
-        let before = seam.colors.0.iter().map(|p| (gray(of(p, 0)) - gray(of(p, 3))).abs());
-        let after =
-            seam.colors.0.iter().map(|p| (gray(a.corrected(of(p, 0))) - gray(b.corrected(of(p, 3)))).abs());
-        [quantile(before.collect(), 0.5), quantile(after.collect(), 0.5)]
+        let pairs = || seam.colors.0.iter();
+        let before = pairs().map(|p| gray(of(p, 0)) - gray(of(p, 3)));
+        let after: Vec<f64> =
+            pairs().map(|p| gray(a.corrected(of(p, 0))) - gray(b.corrected(of(p, 3)))).collect();
+        Some(ColorStep {
+            before: quantile(before.collect(), 0.5)?.abs(),
+            after: quantile(after.clone(), 0.5)?.abs(),
+            spread: quantile(after.into_iter().map(f64::abs).collect(), 0.5)?,
+        })
     }
 
     /// The corrections that make the colours of tiles agree along seams with the least change: least squares with Huber

@@ -56,7 +56,7 @@ impl Made<'_> {
                 input_hash: "0".into(),
             }
         });
-        Plan {
+        let mut plan = Plan {
             schema: 1,
             satgs: "0.1.0".into(),
             plan_hash: "0".into(),
@@ -75,7 +75,9 @@ impl Made<'_> {
             core_m: self.columns[0] as f64 * CELL_M,
             overlap_m: OVERLAP as f64 * CELL_M,
             tiles: tiles.collect(),
-        }
+        };
+        plan.set_input_hashes().unwrap();
+        plan
     }
 
     /// Writes the plan and all tiles.
@@ -104,9 +106,9 @@ impl Made<'_> {
             [("opacity", "", &bands[4]), ("altitude spread", "m", &bands[5]), ("views", "", &bands[6])];
         cog.write_f32(&folder.join(CONFIDENCE), &names).unwrap();
         let files = seal(&folder, &[DSM, ORTHO, CONFIDENCE].map(str::to_owned)).unwrap();
-        Done { input_hash: "0".into(), seconds: 7.0, files, splats: 11, ..Done::default() }
-            .write(&folder)
-            .unwrap();
+        let input_hash = plan.tile(&id).unwrap().input_hash.clone();
+        let done = Done { input_hash, seconds: 7.0, files, splats: 11, ..Done::default() };
+        done.write(&folder).unwrap();
     }
 
     /// The bands of a tile over its core and the overlap.

@@ -43,7 +43,7 @@ mod status;
 mod tile_rasters;
 
 pub use blend::{Blended, blend};
-pub use colour::{ColorCorrection, TileColors};
+pub use colour::{ColorCorrection, ColorStep, TileColors};
 pub use done::{Done, Failure, FileSeal, Seals, seal, tile_folder};
 pub use error::TilesError;
 pub use job::run_tile;

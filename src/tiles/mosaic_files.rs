@@ -123,7 +123,7 @@ impl MosaicFiles<'_> {
     pub(super) fn write_seams(&self, seams: &[Seam]) -> Result<Vec<String>, TilesError> {
         let number = |v: Option<f64>| v.unwrap_or(f64::NAN);
         let features = seams.iter().map(|s| {
-            let [before, after] = self.colors.steps(s);
+            let color = self.colors.step(s);
             MapFeature {
                 corners: s.line.iter().map(|p| (p[0], p[1])).collect(),
                 texts: vec![("first", s.tiles[0].clone()), ("second", s.tiles[1].clone())],
@@ -132,8 +132,9 @@ impl MosaicFiles<'_> {
                     ("nmad_m", number(s.nmad_m)),
                     ("over_1m", number(s.over_1m)),
                     ("cells", s.cells as f64),
-                    ("ortho_before", number(before)),
-                    ("ortho_after", number(after)),
+                    ("ortho_before", number(color.map(|c| c.before))),
+                    ("ortho_after", number(color.map(|c| c.after))),
+                    ("ortho_spread", number(color.map(|c| c.spread))),
                 ],
             }
         });

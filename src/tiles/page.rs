@@ -61,8 +61,14 @@ fn seam_section(
         row("median over the seams of |median height difference|, m", s.step_m, 3, Some(BARS[0])),
         row("95th percentile of the same, m", s.step_p95_m, 3, Some(BARS[1])),
         row("share of the cells that differ by more than 1 m", s.over_1m, 4, Some(BARS[2])),
-        row("median difference of grey values before correction, of 255", s.ortho_before, 1, None),
+        row(
+            "median over the seams of |median difference of grey values| before correction, of 255",
+            s.ortho_before,
+            1,
+            None,
+        ),
         row("the same after correction", s.ortho_after, 1, Some(BARS[3])),
+        row("median absolute difference of grey values in a cell, of 255", s.ortho_spread, 1, None),
     ];
     let mut out = format!("<p>{} seams between {} tiles.</p>\n", s.seams, summary.tiles);
     out.push_str(&report::table("Seams", &["figure", "value", "at most", "kept"], rows.into_iter()));
@@ -82,15 +88,15 @@ fn seam_section(
         b.median_m.map(f64::abs).unwrap_or(0.0).total_cmp(&a.median_m.map(f64::abs).unwrap_or(0.0))
     });
     let rows = largest.into_iter().map(|seam| {
-        let [before, after] = colors.steps(seam);
+        let color = colors.step(seam);
         vec![
             seam.tiles.join(", "),
             number(seam.median_m, 3),
             number(seam.nmad_m, 3),
             number(seam.over_1m, 4),
             seam.cells.to_string(),
-            number(before, 1),
-            number(after, 1),
+            number(color.map(|c| c.before), 1),
+            number(color.map(|c| c.after), 1),
         ]
     });
     let head = ["tiles", "step m", "NMAD m", ">1 m", "cells", "grey before", "grey after"];

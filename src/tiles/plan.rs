@@ -253,3 +253,88 @@ pub(super) fn to_json(value: &impl Serialize) -> Result<String, TilesError> {
     let failed = |source| PipelineError::Json { what: "the plan", source };
     Ok(serde_json::to_string(value).map_err(failed)?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(core: MapBox, resolution_m: f64, overlap_m: f64) -> Plan {
+        let tile = Tile {
+            id: "x000_y000".into(),
+            core,
+            splat_box: core,
+            heights_m: [0.0, 1.0],
+            views: Vec::new(),
+            reference: String::new(),
+            neighbours: Vec::new(),
+            cost: TileCost::default(),
+            input_hash: String::new(),
+        };
+        Plan {
+            schema: SCHEMA,
+            satgs: String::new(),
+            plan_hash: String::new(),
+            epsg: 32631,
+            origin_height_m: 0.0,
+            resolution_m,
+            train: TileTraining {
+                recipe: "best".into(),
+                recipe_hash: String::new(),
+                iterations: None,
+                seed: 0,
+            },
+            surface: TileSurface::default(),
+            adjustment_hash: String::new(),
+            core_m: 512.0,
+            overlap_m,
+            tiles: vec![tile],
+            total: TileCost::default(),
+        }
+    }
+
+    #[test]
+    fn the_overlap_is_a_whole_number_of_cells_whatever_their_size() {
+        for (cell, overlap) in [(0.6, 32.4), (0.35, 32.2), (1.1, 33.0), (0.5, 32.0)] {
+            let core =
+                [702_000.0, 4_797_000.0, 702_300.0, 4_797_300.0].map(|v: f64| (v / cell).round() * cell);
+            let plan = plan(core, cell, overlap);
+            let grid = plan.overlap_grid(&plan.tiles[0]);
+            let cells = (overlap / cell).round();
+            assert!((grid.west - (core[0] - cells * cell)).abs() < 1e-6, "{cell}");
+            assert!((grid.north - (core[3] + cells * cell)).abs() < 1e-6, "{cell}");
+            assert_eq!(grid.width as f64, ((core[2] - core[0]) / cell).round() + 2.0 * cells);
+        }
+    }
+
+    #[test]
+    fn plans_that_are_not_plans_are_refused() {
+        let good = plan([0.0, 0.0, 10.0, 10.0], 0.5, 32.0);
+        assert!(good.check().is_ok());
+        for id in ["", ".", "..", "x0_y0", "x000_y000/..", "y000_x000"] {
+            let mut wrong = good.clone();
+            wrong.tiles[0].id = id.into();
+            assert!(wrong.check().unwrap_err().contains("id"), "{id}");
+        }
+        let mut wrong = good.clone();
+        wrong.tiles.push(good.tiles[0].clone());
+        assert!(wrong.check().is_err(), "two tiles of one ID");
+        assert!(Plan { schema: 2, ..good.clone() }.check().unwrap_err().contains("schema"));
+        assert!(Plan { resolution_m: f64::NAN, ..good.clone() }.check().is_err());
+        let mut wrong = good.clone();
+        wrong.tiles[0].core[2] = f64::INFINITY;
+        assert!(wrong.check().unwrap_err().contains("core"));
+    }
+
+    #[test]
+    fn an_edited_tile_has_another_hash_and_its_cost_does_not_matter() {
+        let mut plan = plan([0.0, 0.0, 10.0, 10.0], 0.5, 32.0);
+        plan.set_input_hashes().unwrap();
+        let before = plan.tiles[0].input_hash.clone();
+        plan.tiles[0].cost.memory_mb = 7.0;
+        plan.set_input_hashes().unwrap();
+        assert_eq!(plan.tiles[0].input_hash, before);
+        plan.tiles[0].heights_m[1] = 2.0;
+        plan.set_input_hashes().unwrap();
+        assert_ne!(plan.tiles[0].input_hash, before);
+    }
+}

@@ -1,6 +1,6 @@
 //! What the seams say of a mosaic.
 
-use super::colour::TileColors;
+use super::colour::{ColorStep, TileColors};
 use super::seams::Seam;
 use crate::stats::quantile;
 use serde::{Deserialize, Serialize};
@@ -16,10 +16,13 @@ pub struct SeamSummary {
     pub step_p95_m: Option<f64>,
     /// Share of the cells of all strips that differ by more than 1 m.
     pub over_1m: Option<f64>,
-    /// Median over the seams of the median absolute difference of grey values, of 255, before colours are corrected.
+    /// Median over the seams of the absolute median difference of grey values, of 255, before colours are corrected.
     pub ortho_before: Option<f64>,
     /// The same after the correction.
     pub ortho_after: Option<f64>,
+    /// Median over the seams of the median absolute difference of grey values after the correction: with what two trainings
+    /// of the same ground differ by in each cell.
+    pub ortho_spread: Option<f64>,
 }
 
 impl SeamSummary {
@@ -29,15 +32,16 @@ impl SeamSummary {
         let steps: Vec<f64> = seams.iter().filter_map(|s| s.median_m).map(f64::abs).collect();
         let cells: usize = seams.iter().map(|s| s.cells).sum();
         let gross: f64 = seams.iter().filter_map(|s| Some(s.over_1m? * s.cells as f64)).sum();
-        let ortho: Vec<_> = seams.iter().map(|s| colors.steps(s)).collect();
-        let median = |i: usize| quantile(ortho.iter().filter_map(|o| o[i]).collect(), 0.5);
+        let ortho: Vec<ColorStep> = seams.iter().filter_map(|s| colors.step(s)).collect();
+        let median = |of: fn(&ColorStep) -> f64| quantile(ortho.iter().map(of).collect(), 0.5);
         Self {
             seams: seams.len(),
             step_m: quantile(steps.clone(), 0.5),
             step_p95_m: quantile(steps, 0.95),
             over_1m: (cells > 0).then(|| gross / cells as f64),
-            ortho_before: median(0),
-            ortho_after: median(1),
+            ortho_before: median(|o| o.before),
+            ortho_after: median(|o| o.after),
+            ortho_spread: median(|o| o.spread),
         }
     }
 }
@@ -60,6 +64,7 @@ mod tests {
 
     #[test]
     fn the_step_of_the_orthophoto_is_that_of_grey_values() {
-        assert_eq!(TileColors::default().steps(&seam(|_| 10.25)), [Some(4.0), Some(4.0)]);
+        let step = TileColors::default().step(&seam(|_| 10.25)).unwrap();
+        assert_eq!((step.before, step.after, step.spread), (4.0, 4.0, 4.0));
     }
 }
