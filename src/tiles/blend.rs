@@ -107,12 +107,12 @@ pub(super) fn blend_tile(
 
 impl<'a> Surroundings<'a> {
     fn open(run: &'a Path, plan: &'a Plan, tile: &Tile, without: &[String]) -> Result<Self, TilesError> {
-        let core = Cells::core(tile, plan.resolution_m);
+        let core = Cells::of_box(tile.core, plan.resolution_m);
         let overlap = plan.overlap_cells();
         let mut tiles: [[Option<TileRasters>; 3]; 3] = Default::default();
         let mut rows = [None; 3];
         for other in std::iter::once(tile).chain(tile.neighbours.iter().filter_map(|id| plan.tile(id))) {
-            let its = Cells::core(other, plan.resolution_m);
+            let its = Cells::of_box(other.core, plan.resolution_m);
             let wrong = |reason| TilesError::Cores { a: tile.id.clone(), b: other.id.clone(), reason };
             let at = |low: i64, high: i64, of_low: i64, of_high: i64| match () {
                 () if (of_low, of_high) == (low, high) => Some(1),

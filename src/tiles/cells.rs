@@ -1,7 +1,9 @@
 //! Boxes of cells: all tiles share one grid, so that only whole numbers of cells separate them.
 
-use super::plan::{MapBox, Tile};
 use crate::io::{MapGrid, Window};
+
+/// A box on the map: west, south, east, north, metres of the plan's UTM zone. Its edges are multiples of the cell.
+pub type MapBox = [f64; 4];
 
 /// A box of cells, counted east and south from the origin of the map projection; its ends are excluded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,11 +23,6 @@ impl Cells {
     pub(super) fn of_box([w, s, e, n]: MapBox, cell_m: f64) -> Self {
         let count = |v: f64| (v / cell_m).round() as i64;
         Self { west: count(w), north: -count(n), east: count(e), south: -count(s) }
-    }
-
-    /// The core of a tile, of cells of this side.
-    pub(super) fn core(tile: &Tile, cell_m: f64) -> Self {
-        Self::of_box(tile.core, cell_m)
     }
 
     /// All cells within a distance in cells.

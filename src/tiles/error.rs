@@ -109,6 +109,13 @@ pub enum TilesError {
         /// The run folder.
         run: PathBuf,
     },
+    /// Another job makes the same tile or mosaic.
+    #[error("another satgs is at work in `{folder}`")]
+    #[diagnostic(help("wait until it is done: what it has made is kept"))]
+    AtWork {
+        /// The folder.
+        folder: PathBuf,
+    },
     /// The content of `tiles.json` is not that of a plan.
     #[error("`{run}/tiles.json`: {reason}")]
     #[diagnostic(help("`satgs plan SCENE -o RUN --overwrite` plans again"))]
@@ -174,10 +181,10 @@ impl TilesError {
     #[must_use]
     pub fn kind(&self) -> ErrorKind {
         match self {
-            // Another job makes the tile: the same call succeeds later.
-            Self::Pipeline(PipelineError::Locked { .. }) => ErrorKind::Failed,
             Self::Pipeline(e) => e.kind(),
             Self::AllFailed { first } => first.kind(),
+            // The same call succeeds when the other job is done.
+            Self::AtWork { .. } => ErrorKind::Failed,
             Self::Resources { .. } => ErrorKind::Resources,
             Self::NotDone { .. } | Self::NothingDone { .. } => ErrorKind::Failed,
             _ => ErrorKind::Input,
@@ -189,6 +196,14 @@ impl TilesError {
     /// The error of a file that was just written and cannot be read: not the input is wrong.
     pub(super) fn of_own_file(source: ReadError) -> Self {
         WriteError { path: source.path, cause: source.cause }.into()
+    }
+
+    /// The error of a folder that could not be locked for a job.
+    pub(super) fn of_lock(error: PipelineError) -> Self {
+        match error {
+            PipelineError::Locked { run } => Self::AtWork { folder: run },
+            error => error.into(),
+        }
     }
 
     /// The message with those of all causes, as one sentence.

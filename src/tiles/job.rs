@@ -59,7 +59,7 @@ pub fn run_tile(
         return Ok(Outcome::Kept(Some(done)));
     }
     let job = Job { run, plan: &plan, tile, folder, checkpoint_every };
-    let _lock = RunLock::make(&job.folder)?;
+    let _lock = RunLock::make(&job.folder).map_err(TilesError::of_lock)?;
     let made = job.make(progress);
     let noted = match &made {
         Ok(_) => forget(&job.folder.join(FAILURE)),

@@ -3,7 +3,7 @@
 //! Projection is parallel within a tile, so the extent can be computed exactly: a line of sight that climbs from the lowest
 //! to the highest altitude moves by its slope times the difference, and a ray of the sun likewise.
 
-use super::plan::MapBox;
+use super::cells::MapBox;
 
 /// Largest margin for shadows, metres. What casts a longer one lies outside of the box, and its shadow is not modelled.
 pub const SHADOW_CAP_M: f64 = 200.0;

@@ -43,13 +43,14 @@ mod status;
 mod tile_rasters;
 
 pub use blend::{Blended, blend};
+pub use cells::MapBox;
 pub use colour::{ColorCorrection, ColorStep, TileColors};
 pub use done::{Done, Failure, FileSeal, Seals, seal, tile_folder};
 pub use error::TilesError;
 pub use job::run_tile;
 pub use mosaic::{mosaic, report};
 pub use mosaicked::{FailedTile, Mosaicked};
-pub use plan::{MapBox, Plan, Tile, TileCost, TileSurface, TileTraining, TileView};
+pub use plan::{Plan, Tile, TileCost, TileSurface, TileTraining, TileView};
 pub use planner::{PlanOptions, needs_tiles, plan};
 pub use run::{SceneOptions, SceneResult, run};
 pub use seam_summary::SeamSummary;

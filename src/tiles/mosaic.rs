@@ -37,7 +37,7 @@ struct Record {
 /// # Errors
 /// [`TilesError::NothingDone`] if no tile is done, or [`TilesError`] if a file is damaged or cannot be written.
 pub fn mosaic(run: &Path, progress: &dyn Progress) -> Result<Outcome<Mosaicked>, TilesError> {
-    let _lock = RunLock::existing(run)?;
+    let _lock = RunLock::existing(run).map_err(TilesError::of_lock)?;
     let outcome = mosaic_locked(run, progress)?;
     report(run)?;
     Ok(outcome)

@@ -70,7 +70,7 @@ impl MosaicFiles<'_> {
         let mut parts = Vec::new();
         for core in self.cores {
             let tile = self.plan.tile(&core.id).ok_or_else(|| TilesError::NoTile { id: core.id.clone() })?;
-            let window = Cells::core(tile, self.plan.resolution_m).window_in(all);
+            let window = Cells::of_box(tile.core, self.plan.resolution_m).window_in(all);
             parts.push(MosaicPart { path: path_of(&core.id), window });
             let file = ImageFile::open(&tile_folder(self.run, &core.id).join(name))?;
             views.extend(

@@ -1,7 +1,7 @@
 //! The plan of a scene's tiles: `tiles.json`.
 
 use super::TilesError;
-use super::cells::Cells;
+use super::cells::{Cells, MapBox};
 use crate::io::{MapGrid, Window, read_json};
 use crate::pipeline::{PipelineError, hash, hash_file, made_from};
 use crate::run_files::{ADJUSTMENT, PLAN, SPARSE_POINTS, STAGE};
@@ -11,9 +11,6 @@ use std::path::{Path, PathBuf};
 
 /// Version of the layout of `tiles.json`.
 pub(super) const SCHEMA: u32 = 1;
-
-/// A box on the map: west, south, east, north, metres of the plan's UTM zone. Its edges are multiples of the cell.
-pub type MapBox = [f64; 4];
 
 /// The tiles of a scene, and how they are trained and rendered.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -213,7 +210,9 @@ impl Plan {
     /// The grid of a tile's rasters: its core and the overlap around it.
     #[must_use]
     pub fn overlap_grid(&self, tile: &Tile) -> MapGrid {
-        Cells::core(tile, self.resolution_m).grown(self.overlap_cells()).grid(self.epsg, self.resolution_m)
+        Cells::of_box(tile.core, self.resolution_m)
+            .grown(self.overlap_cells())
+            .grid(self.epsg, self.resolution_m)
     }
 
     /// The grid of the mosaic: all cores.

@@ -1,10 +1,11 @@
 //! Makes the plan of an adjusted scene's tiles.
 
+use super::cells::MapBox;
 use super::cost::TileSize;
 use super::error::TilesError;
 use super::margins::{Margins, exceeds_cap};
 use super::plan::{
-    MapBox, Plan, SCHEMA, Tile, TileCost, TileSurface, TileTraining, TileView, adjustment_hash, to_json,
+    Plan, SCHEMA, Tile, TileCost, TileSurface, TileTraining, TileView, adjustment_hash, to_json,
 };
 use crate::affine::{MIN_POINTS, SiteScene, height_range, sun_direction};
 use crate::bundle::Adjustment;

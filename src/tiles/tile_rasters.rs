@@ -52,7 +52,7 @@ impl TileRasters {
             id: tile.id.clone(),
             done,
             files,
-            cells: Cells::core(tile, plan.resolution_m).grown(overlap),
+            cells: Cells::of_box(tile.core, plan.resolution_m).grown(overlap),
         })
     }
 
