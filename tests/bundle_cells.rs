@@ -21,7 +21,7 @@ const CELL_M: f64 = 130.0;
 const CELLS: [&str; 4] = ["x000_y000", "x001_y000", "x000_y001", "x001_y001"];
 /// Largest distance of a corrected camera from the true one, pixels, once the common translation is taken out.
 const SHIFT_TOLERANCE_PX: f64 = 0.1;
-const MOST_TRACKS: usize = 300;
+const MOST_TRACKS: usize = 2000;
 
 fn town(views: usize) -> (tempfile::TempDir, Scene) {
     let folder = tempfile::tempdir().unwrap();

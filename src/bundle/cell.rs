@@ -11,8 +11,18 @@ use super::track_choice::{Candidate, choose};
 use crate::progress::Progress;
 use crate::scene::{Scene, SceneError};
 
-/// Largest number of tracks that a cell keeps.
-const MOST_TRACKS: usize = 300;
+/// Largest number of tracks that a cell keeps. Three hundred determine the cameras; training takes the ground between which it
+/// searches the surface from the points, and needs many more.
+const MOST_TRACKS: usize = 2000;
+/// Largest number of tracks of all cells, so that the memory of the adjustment is limited; a cell keeps [`FEWEST_TRACKS`] in
+/// any case.
+const MOST_TRACKS_OF_ALL: usize = 200_000;
+const FEWEST_TRACKS: usize = 300;
+
+/// Number of tracks that each of so many cells may keep.
+pub(super) fn most_tracks(cells: usize) -> usize {
+    (MOST_TRACKS_OF_ALL / cells.max(1)).clamp(FEWEST_TRACKS, MOST_TRACKS)
+}
 
 /// Matches and adjusts the views of a cell, and chooses tracks.
 ///
@@ -89,7 +99,7 @@ fn chosen(
         .filter_map(|used| scene.views.iter().position(|v| v.name == used.view.name))
         .map(|i| i as u32)
         .collect();
-    let kept = choose(&candidates, MOST_TRACKS).into_iter().map(|i| CellTrack {
+    let kept = choose(&candidates, most_tracks(grid.cells.len())).into_iter().map(|i| CellTrack {
         gray: inside[i].gray,
         observations: inside[i]
             .observations

@@ -1,7 +1,7 @@
 //! Adjustment of a large scene: tie points are found cell by cell of the ground, and adjusted all at once.
 
 use super::adjuster::{Adjuster, Outcome, attempt, warn_left_out};
-use super::cell::tracks_of_cell;
+use super::cell::{most_tracks, tracks_of_cell};
 use super::cell_grid::{CellGrid, GroundCell};
 use super::cell_tracks::{CellFile, CellResult, CellTrack};
 use super::error::BundleError;
@@ -98,7 +98,8 @@ fn results_of_cells(
     for (done, cell) in grid.cells.iter().enumerate() {
         progress.check()?;
         let file = options.cell_store.as_ref().map(|store| {
-            let made_from = (&store.scene_hash, &cell.bounds, heights, options.fixed);
+            let most = most_tracks(grid.cells.len());
+            let made_from = (&store.scene_hash, &cell.bounds, heights, options.fixed, most);
             CellFile::new(&store.folder, &cell.id, &format!("{made_from:?}"))
         });
         let stored = file.as_ref().and_then(CellFile::read);
