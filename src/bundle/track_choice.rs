@@ -3,7 +3,7 @@
 use super::problem::SIGMA_PX;
 
 /// Number of squares along each side of a cell over which tracks are spread.
-const SQUARES: usize = 20;
+const SQUARES: usize = 5;
 
 /// A track that may be kept.
 pub(super) struct Candidate {
