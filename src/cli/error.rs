@@ -1,6 +1,6 @@
 //! How a command ends when it is not complete: one line, perhaps a hint, an exit code.
 
-use crate::pipeline::{ErrorKind, PipelineError};
+use crate::pipeline::{ErrorKind, PipelineError, message_with_causes};
 use crate::tiles::TilesError;
 use miette::Diagnostic;
 
@@ -83,15 +83,7 @@ where
 {
     fn from(error: E) -> Self {
         let error = PipelineError::from(error);
-        let mut message = error.to_string();
-        let mut source = std::error::Error::source(&error);
-        while let Some(cause) = source {
-            let cause_text = cause.to_string();
-            if !message.contains(&cause_text) {
-                message = format!("{message}: {cause_text}");
-            }
-            source = cause.source();
-        }
+        let message = message_with_causes(&error);
         let hint = error.help().map(|h| h.to_string());
         Self { message, hint, status: error.kind().into() }
     }

@@ -49,6 +49,17 @@ fn require_regular_file(path: &Path) -> Result<(), WriteError> {
     }
 }
 
+/// Removes a file, if there is one.
+///
+/// # Errors
+/// [`WriteError`] if the file is there and cannot be removed.
+pub fn remove_if_there(path: &Path) -> Result<(), WriteError> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(WriteError::new(path, e)),
+        _ => Ok(()),
+    }
+}
+
 /// Checks that a file can be written, so that the error occurs before a long computation. No file is left behind.
 ///
 /// # Errors

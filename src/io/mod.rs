@@ -27,7 +27,7 @@ pub mod vsi;
 mod window;
 mod write;
 
-pub use atomic::{check_writable, write_atomically, write_file};
+pub use atomic::{check_writable, remove_if_there, write_atomically, write_file};
 pub use blocks::Blocks;
 pub use chart::Chart;
 pub use cloud::{CloudPoint, PointCloud, epsg_of_cloud};

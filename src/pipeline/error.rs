@@ -18,6 +18,21 @@ use crate::splat::ply::PlyError;
 use crate::splat::train::recipe::RecipeError;
 use std::path::PathBuf;
 
+/// The message of an error with those of all its causes, as one sentence.
+#[must_use]
+pub fn message_with_causes(error: &dyn std::error::Error) -> String {
+    let mut message = error.to_string();
+    let mut source = error.source();
+    while let Some(cause) = source {
+        let text = cause.to_string();
+        if !message.contains(&text) {
+            message = format!("{message}: {text}");
+        }
+        source = cause.source();
+    }
+    message
+}
+
 /// Whose fault a failure is, which decides the exit code of the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ErrorKind {

@@ -37,7 +37,7 @@ pub use align::{AlignOptions, Aligned, align};
 pub use cameras::{TrainedCameras, read_scene};
 pub(crate) use dsm::dsm_locked;
 pub use dsm::{DsmOptions, DsmSummary, dsm};
-pub use error::{ErrorKind, PipelineError};
+pub use error::{ErrorKind, PipelineError, message_with_causes};
 pub use evaluate::{EvaluateOptions, evaluate};
 pub use lock::RunLock;
 pub use nvs_eval::{NvsScores, ViewScore, nvs_eval};

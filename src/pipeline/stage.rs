@@ -1,7 +1,7 @@
 //! Stages of a run: each records what it was made from, so that it is kept, resumed or refused.
 
 use super::PipelineError;
-use crate::io::{ReadError, WriteError, check_writable, read_json, vsi, write_json};
+use crate::io::{ReadError, check_writable, read_json, remove_if_there, vsi, write_json};
 use crate::run_files::{ADJUSTMENT, STAGE, SUMMARY, TILES};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::collections::BTreeMap;
@@ -138,12 +138,7 @@ impl Stage {
 
     /// Forgets that the stage is complete, if it is.
     pub fn forget(&self) -> Result<(), PipelineError> {
-        match std::fs::remove_file(&self.record) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-                Err(WriteError::new(&self.record, e).into())
-            }
-            _ => Ok(()),
-        }
+        Ok(remove_if_there(&self.record)?)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Why a plan, a tile job or a mosaic failed.
 
 use crate::io::{RasterError, ReadError, VectorError, WriteError};
-use crate::pipeline::{ErrorKind, PipelineError};
+use crate::pipeline::{ErrorKind, PipelineError, message_with_causes};
 use std::path::PathBuf;
 
 /// Why a plan, a tile job or a mosaic failed.
@@ -209,16 +209,7 @@ impl TilesError {
     /// The message with those of all causes, as one sentence.
     #[must_use]
     pub fn chain(&self) -> String {
-        let mut message = self.to_string();
-        let mut source = std::error::Error::source(self);
-        while let Some(cause) = source {
-            let text = cause.to_string();
-            if !message.contains(&text) {
-                message = format!("{message}: {text}");
-            }
-            source = cause.source();
-        }
-        message
+        message_with_causes(self)
     }
 }
 

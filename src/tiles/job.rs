@@ -7,7 +7,7 @@ use super::resources::{available_mb, free_disk_mb, peak_mb, reset_peak};
 use crate::affine::SiteFrame;
 use crate::bundle::Adjustment;
 use crate::frame::{Point, SiteGrid, Utm};
-use crate::io::{Window, WriteError, read_json, write_json};
+use crate::io::{Window, WriteError, read_json, remove_if_there, write_json};
 use crate::pipeline::{
     DsmOptions, ErrorKind, Fingerprint, Outcome, PipelineError, RunLock, Stage, TrainOptions, dsm_locked,
     read_scene, train_locked,
@@ -62,7 +62,7 @@ pub fn run_tile(
     let _lock = RunLock::make(&job.folder).map_err(TilesError::of_lock)?;
     let made = job.make(progress);
     let noted = match &made {
-        Ok(_) => forget(&job.folder.join(FAILURE)),
+        Ok(_) => remove_if_there(&job.folder.join(FAILURE)).map_err(TilesError::from),
         // Whoever interrupts a job starts it again; nothing has failed.
         Err(e) if e.kind() == ErrorKind::Interrupted => Ok(()),
         Err(e) => Failure { reason: e.chain() }.write(&job.folder),
@@ -235,11 +235,4 @@ fn clear(folder: &Path) -> Result<(), TilesError> {
         removed.map_err(|e| WriteError::new(&path, e))?;
     }
     Ok(())
-}
-
-fn forget(path: &Path) -> Result<(), TilesError> {
-    match std::fs::remove_file(path) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(WriteError::new(path, e).into()),
-        _ => Ok(()),
-    }
 }

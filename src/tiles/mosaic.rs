@@ -10,7 +10,7 @@ use super::page::write_page;
 use super::plan::Plan;
 use super::seam_summary::SeamSummary;
 use super::seams::Seam;
-use crate::io::{WriteError, read_json, write_json};
+use crate::io::{read_json, remove_if_there, write_json};
 use crate::pipeline::{Outcome, PipelineError, RunLock};
 use crate::progress::{Event, Progress};
 use crate::run_files::{COLORS, FAILED, MOSAIC};
@@ -73,7 +73,7 @@ pub(super) fn mosaic_locked(run: &Path, progress: &dyn Progress) -> Result<Outco
         return Ok(Outcome::Kept(Some(kept.summary)));
     }
     // Files of two states must not pass for one.
-    remove(&record)?;
+    remove_if_there(&record)?;
     let seams: Vec<Seam> = cores.iter().flat_map(|core| core.seams.iter().cloned()).collect();
     let colors = TileColors::solve(&seams, input_hash.clone());
     write_json(&run.join(COLORS), &colors)?;
@@ -83,7 +83,7 @@ pub(super) fn mosaic_locked(run: &Path, progress: &dyn Progress) -> Result<Outco
     let mut names = files.write_rasters(progress)?;
     names.extend(files.write_seams(&seams)?);
     if summary.failed.is_empty() {
-        remove(&run.join(FAILED))?;
+        remove_if_there(&run.join(FAILED))?;
     } else {
         names.extend(files.write_failed(&summary.failed)?);
     }
@@ -116,11 +116,4 @@ fn input_hash(plan: &Plan, cores: &[Blended], failed: &[FailedTile]) -> String {
         hasher.update(format!("{} {} {:?}\n", core.id, core.input_hash, core.files).as_bytes());
     }
     hasher.finalize().to_hex()[..32].to_owned()
-}
-
-fn remove(path: &Path) -> Result<(), WriteError> {
-    match std::fs::remove_file(path) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(WriteError::new(path, e)),
-        _ => Ok(()),
-    }
 }
