@@ -7,9 +7,11 @@ use crate::simd::{Real, Simd, SimdMask, SimdVec};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthOrder {
     /// Altitude, the highest first. In a parallel projection from above, a higher point occludes a lower one
-    /// on the same ray, so that all such cameras share one order.
+    /// on the same ray, so that all such cameras share one order. The altitude of a plane is linear in the
+    /// pixel.
     Altitude,
-    /// Depth in the frame of the camera, the nearest first. Each camera has its own order.
+    /// Depth in the frame of the camera, the nearest first. Each camera has its own order. The reciprocal of the
+    /// depth of a plane is linear in the pixel.
     Camera,
 }
 
@@ -66,6 +68,48 @@ pub trait CameraKernel<T: Real>: Copy + Default + PartialEq + Send + Sync {
         out: &mut [T; 3],
     );
 
+    /// The slopes of planes through the centres of splats, with unit normals in site axes.
+    ///
+    /// At an offset `d` of pixels from the projection of the centre, the plane has the altitude `z + slope . d`
+    /// ([`DepthOrder::Altitude`]; metres per pixel) or the depth `z / (1 + slope . d)` ([`DepthOrder::Camera`];
+    /// 1/pixel), where `z` is that of the centre. A plane that contains the viewing direction has slope 0.
+    fn plane_slope<S: Simd<Scalar = T>>(
+        simd: S,
+        camera: &Self::Broadcast<S>,
+        position: [SimdVec<S>; 3],
+        normal: [SimdVec<S>; 3],
+    ) -> [SimdVec<S>; 2];
+
+    /// Adds the derivatives of the loss by a centre and by its normal, from those by the slope of its plane
+    /// ([`CameraKernel::plane_slope`]). Returns the slope.
+    fn add_slope_gradient(
+        &self,
+        position: [T; 3],
+        normal: [T; 3],
+        by_slope: [T; 2],
+        by_position: &mut [T; 3],
+        by_normal: &mut [T; 3],
+    ) -> [T; 2];
+
     /// The sort key of a centre: splats are sorted from the largest key to the smallest.
     fn depth_key(&self, position: [T; 3]) -> T;
+}
+
+/// Squared denominator, of unit vectors, below which [`damped_quotient`] departs from the quotient.
+const DAMPING: f64 = 1e-12;
+
+/// `a / b` with `b / (b² + 1e-12)` in place of `1 / b`: the quotient of a number by the cosine of an angle, which is finite,
+/// and smooth, when the angle passes through 90 degrees.
+#[inline(always)]
+pub fn damped_quotient<S: Simd>(simd: S, a: SimdVec<S>, b: SimdVec<S>) -> SimdVec<S> {
+    let damping = SimdVec::broadcast(simd, S::Scalar::from_f64(DAMPING));
+    a * b * b.mul_add(b, damping).reciprocal()
+}
+
+/// The factor `b / (b² + 1e-12)` of [`damped_quotient`], and its derivative by `b`.
+#[inline(always)]
+pub fn damped_quotient_gradient<T: Real>(b: T) -> (T, T) {
+    let damping = T::from_f64(DAMPING);
+    let inverse = (b * b + damping).recip();
+    (b * inverse, (damping - b * b) * inverse * inverse)
 }

@@ -6,5 +6,5 @@
 mod kernel;
 mod parallel;
 
-pub use kernel::{CameraKernel, DepthOrder, Linearized};
+pub use kernel::{CameraKernel, DepthOrder, Linearized, damped_quotient, damped_quotient_gradient};
 pub use parallel::QuadraticKernel;

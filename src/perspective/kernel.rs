@@ -1,6 +1,6 @@
 //! The kernel of the pinhole camera.
 
-use crate::camera::{CameraKernel, DepthOrder, Linearized};
+use crate::camera::{CameraKernel, DepthOrder, Linearized, damped_quotient, damped_quotient_gradient};
 use crate::simd::{Real, Simd, SimdMask, SimdReal, SimdVec, broadcast_each};
 use glam::{DMat3, DVec2, DVec3};
 
@@ -62,6 +62,13 @@ impl<T: Real> PinholeKernel<T> {
             principal: principal.map(T::from_f64),
             limits,
         }
+    }
+
+    /// The same camera, whose Jacobian is evaluated at every centre. Discs are drawn without approximation, so that they
+    /// need no limit.
+    #[must_use]
+    pub fn without_limits(self) -> Self {
+        Self { limits: [[-T::infinity(), T::infinity()]; 2], ..self }
     }
 
     /// Camera coordinates of a site position, metres.
@@ -187,6 +194,61 @@ impl<T: SimdReal> CameraKernel<T> for PinholeKernel<T> {
                 + self.rotation[1][k] * by_camera[1]
                 + self.rotation[2][k] * by_camera[2];
         }
+    }
+
+    #[inline(always)]
+    fn plane_slope<S: Simd<Scalar = T>>(
+        simd: S,
+        camera: &PinholeVectors<S>,
+        p: [SimdVec<S>; 3],
+        normal: [SimdVec<S>; 3],
+    ) -> [SimdVec<S>; 2] {
+        let (mut c, mut n) = (camera.translation, normal);
+        for i in 0..3 {
+            let r = &camera.rotation[i];
+            c[i] = c[i] + r[0] * p[0] + r[1] * p[1] + r[2] * p[2];
+            n[i] = r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2];
+        }
+        let inverse = c[2].max(camera.nearest).reciprocal();
+        let along = n[0].mul_add(c[0] * inverse, n[1].mul_add(c[1] * inverse, n[2]));
+        let mut slope = camera.focal;
+        for i in 0..2 {
+            slope[i] = damped_quotient(simd, n[i] * camera.focal[i].reciprocal(), along);
+        }
+        slope
+    }
+
+    #[inline(always)]
+    fn add_slope_gradient(
+        &self,
+        position: [T; 3],
+        normal: [T; 3],
+        by_slope: [T; 2],
+        by_position: &mut [T; 3],
+        by_normal: &mut [T; 3],
+    ) -> [T; 2] {
+        let c = self.cam_from_site(position);
+        let n: [T; 3] = self.rotation.map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
+        let inverse = c[2].max(T::from_f64(NEAREST_M)).recip();
+        let ray = [c[0] * inverse, c[1] * inverse];
+        let along = n[0] * ray[0] + n[1] * ray[1] + n[2];
+        let (factor, change) = damped_quotient_gradient(along);
+        let scaled = [n[0] / self.focal[0], n[1] / self.focal[1]];
+        let by_along = (scaled[0] * by_slope[0] + scaled[1] * by_slope[1]) * change;
+        let mut by_camera = [T::zero(); 3];
+        let mut by_n = [T::zero(), T::zero(), by_along];
+        for i in 0..2 {
+            by_n[i] = by_slope[i] * factor / self.focal[i] + ray[i] * by_along;
+            by_camera[i] = n[i] * inverse * by_along;
+            by_camera[2] = by_camera[2] - n[i] * ray[i] * inverse * by_along;
+        }
+        for k in 0..3 {
+            for i in 0..3 {
+                by_position[k] = by_position[k] + self.rotation[i][k] * by_camera[i];
+                by_normal[k] = by_normal[k] + self.rotation[i][k] * by_n[i];
+            }
+        }
+        scaled.map(|s| s * factor)
     }
 
     #[inline(always)]

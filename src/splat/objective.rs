@@ -284,7 +284,7 @@ impl<T: SimdReal> Objective<T> {
         let groups = gradient.splats.groups_mut().into_iter().zip(GROUP_INFO);
         let others = groups.filter(|(_, info)| !WRITTEN_GROUPS.contains(&info.name));
         others.for_each(|(group, _)| group.fill(T::zero()));
-        sorted.parameter_gradients(splats, by_sorted, &mut gradient.splats);
+        sorted.parameter_gradients(splats, by_sorted, &[], &mut gradient.splats);
         self.by_colors.resize(n, [T::zero(); 3]);
         let rows = gradient.splats.position.par_iter_mut().zip(&mut self.by_colors).with_min_len(1024);
         rows.enumerate().for_each(|(i, (position, by_color))| {

@@ -2,15 +2,18 @@
 //! that touches the band.
 
 use super::gradient_slot::GradientSlot;
+use super::primitive::Primitive;
 use super::project::Chunk;
 use crate::simd::Real;
 use std::hint::black_box;
 
 /// A splat in a tile's list, with everything that rendering needs, so that memory is read in order.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct TileEntry<T, const C: usize> {
+pub(super) struct TileEntry<T: Real, const C: usize, P: Primitive> {
     /// The fields of its [`super::footprint::Footprint`].
     pub footprint: [T; 8],
+    /// Slope of its plane.
+    pub slope: P::Slope<T>,
     /// Rendered features: colour, altitude or others.
     pub feature: [T; C],
     /// Index of the splat's gradient slot in the band.
@@ -21,21 +24,21 @@ pub(super) struct TileEntry<T, const C: usize> {
 const PREFETCH_TILES: usize = 8;
 
 /// Tile lists and gradient slots of one band.
-pub(super) struct Band<T, const C: usize> {
+pub(super) struct Band<T: Real, const C: usize, P: Primitive> {
     /// The entries of tile `t` are `entries[tile_starts[t]..tile_starts[t + 1]]`.
     tile_starts: Vec<u32>,
-    entries: Vec<TileEntry<T, C>>,
+    entries: Vec<TileEntry<T, C, P>>,
     /// Index of the first slot of each chunk, which has one slot for each of its spans in this band.
     chunk_slots: Vec<u32>,
     /// Gradient sums of the splats, as the backward pass leaves them.
-    pub slots: Vec<GradientSlot<T, C>>,
+    pub slots: Vec<GradientSlot<T, C, P>>,
     /// Buffer of the backward pass with one value for each pixel.
     pub products: Vec<T>,
     /// Number of splat-pixel pairs that the last forward pass computed.
     pub computed_pairs: usize,
 }
 
-impl<T, const C: usize> Default for Band<T, C> {
+impl<T: Real, const C: usize, P: Primitive> Default for Band<T, C, P> {
     fn default() -> Self {
         Self {
             tile_starts: Vec::new(),
@@ -48,9 +51,9 @@ impl<T, const C: usize> Default for Band<T, C> {
     }
 }
 
-impl<T: Real, const C: usize> Band<T, C> {
+impl<T: Real, const C: usize, P: Primitive> Band<T, C, P> {
     /// Lists the splats of every tile with a counting sort. Chunks come in the order of ranks, so each list is in depth order.
-    pub fn bin(&mut self, chunks: &[Chunk<T>], features: &[[T; C]], band: usize, tiles: usize) {
+    pub fn bin(&mut self, chunks: &[Chunk<T, P>], features: &[[T; C]], band: usize, tiles: usize) {
         // A difference array: +1 at a span's first tile and -1 after its last. Its prefix sums are the numbers of splats in
         // the tiles, without a loop over each span's tiles. Tile `t` stands at `t + 1`.
         self.tile_starts.clear();
@@ -76,7 +79,12 @@ impl<T: Real, const C: usize> Band<T, C> {
             *value = start;
             start += splats;
         }
-        let empty = TileEntry { footprint: [T::zero(); 8], feature: [T::zero(); C], slot: 0 };
+        let empty = TileEntry {
+            footprint: [T::zero(); 8],
+            slope: P::Slope::default(),
+            feature: [T::zero(); C],
+            slot: 0,
+        };
         self.entries.resize(start as usize, empty);
         let mut slot = 0;
         for chunk in chunks {
@@ -84,7 +92,8 @@ impl<T: Real, const C: usize> Band<T, C> {
                 let feature = features[splat.rank as usize];
                 for tile in span.first..=span.last {
                     let next = &mut self.tile_starts[usize::from(tile) + 1];
-                    self.entries[*next as usize] = TileEntry { footprint: splat.footprint, feature, slot };
+                    let (footprint, slope) = (splat.footprint, splat.slope);
+                    self.entries[*next as usize] = TileEntry { footprint, slope, feature, slot };
                     *next += 1;
                 }
                 slot += 1;
@@ -106,7 +115,7 @@ impl<T: Real, const C: usize> Band<T, C> {
 
     /// The list of a tile, nearest splat first.
     #[inline(always)]
-    pub fn tile(&self, tile: usize) -> &[TileEntry<T, C>] {
+    pub fn tile(&self, tile: usize) -> &[TileEntry<T, C, P>] {
         &self.entries[self.tile_starts[tile] as usize..self.tile_starts[tile + 1] as usize]
     }
 
@@ -116,7 +125,7 @@ impl<T: Real, const C: usize> Band<T, C> {
     }
 
     /// The slots of one chunk's spans, in their order.
-    pub fn slots_of_chunk(&self, chunk: usize) -> &[GradientSlot<T, C>] {
+    pub fn slots_of_chunk(&self, chunk: usize) -> &[GradientSlot<T, C, P>] {
         &self.slots[self.chunk_slots[chunk] as usize..self.chunk_slots[chunk + 1] as usize]
     }
 }

@@ -9,9 +9,13 @@ use super::bands::TileEntry;
 use super::block::{
     BLOCK_WIDTH, BLOCKS_ACROSS, BlockPixels, MAX_BLOCKS, TILE, block_height, blocks_down, offset, tile_center,
 };
+use super::channel;
 use super::footprint::Footprint;
+use super::primitive::{Numbers, Primitive};
+use crate::camera::{CameraKernel, DepthOrder};
 use crate::simd::Real;
 use crate::simd::{MAX_LANES, Simd, SimdMask, SimdVec, broadcast_each, transpose_eights};
+use std::marker::PhantomData;
 
 /// Number of indices that a byte can hold: splats of a batch have byte indices.
 pub(super) const CAPACITY: usize = 256;
@@ -23,10 +27,16 @@ pub(super) const GROUP: usize = 4;
 const RADIUS2_TOLERANCE: f64 = 0.02;
 
 /// Up to [`BATCH`] splats of a tile, nearest first.
-pub(super) struct Batch<T, const C: usize> {
+pub(super) struct Batch<T, const C: usize, K, P> {
     /// Coefficients 1, x, y, xx, xy, yy of the base-2 logarithm of alpha, a polynomial in the offset from the tile's
-    /// centre, pixels.
+    /// centre, pixels. For discs in a perspective projection, those of the same without the opacity and times the square of
+    /// the plane's denominator.
     log2_alpha: [[T; CAPACITY]; 6],
+    /// Of discs in a perspective projection: base-2 logarithms of the opacities.
+    log2_opacity: [T; CAPACITY],
+    /// Of discs: coefficients 1, x, y of the plane, which is the altitude or the denominator of the depth, and the mapped
+    /// depth of the centre (see [`Batch::mapped_depth`]).
+    plane: [[T; CAPACITY]; 4],
     /// Offsets of the splats' centres from the tile's centre, pixels.
     center: [[T; CAPACITY]; 2],
     features: [[T; C]; CAPACITY],
@@ -35,17 +45,26 @@ pub(super) struct Batch<T, const C: usize> {
     lists: [[u8; CAPACITY + MAX_LANES]; MAX_BLOCKS],
     /// Number of splats in each list, without padding.
     lengths: [usize; MAX_BLOCKS],
+    kinds: PhantomData<(K, P)>,
 }
 
-impl<T: Real, const C: usize> Batch<T, C> {
+impl<T: Real, const C: usize, K: CameraKernel<T>, P: Primitive> Batch<T, C, K, P> {
+    /// Whether the splats are discs in a perspective projection.
+    pub const IS_PERSPECTIVE_DISC: bool = P::IS_FLAT && matches!(K::ORDER, DepthOrder::Camera);
+    /// Index of the feature that is the depth.
+    pub const DEPTH: usize = if C == 1 { 0 } else { channel::DEPTH };
+
     #[inline(always)]
     pub fn new() -> Self {
         Self {
             log2_alpha: [[T::zero(); CAPACITY]; 6],
+            log2_opacity: [T::zero(); CAPACITY],
+            plane: [[T::zero(); CAPACITY]; 4],
             center: [[T::zero(); CAPACITY]; 2],
             features: [[T::zero(); C]; CAPACITY],
             lists: [[0; CAPACITY + MAX_LANES]; MAX_BLOCKS],
             lengths: [0; MAX_BLOCKS],
+            kinds: PhantomData,
         }
     }
 
@@ -55,7 +74,7 @@ impl<T: Real, const C: usize> Batch<T, C> {
         &mut self,
         simd: S,
         edges: &BlockEdges<S>,
-        entries: &[TileEntry<T, C>],
+        entries: &[TileEntry<T, C, P>],
         tile: usize,
         band: usize,
     ) {
@@ -68,12 +87,23 @@ impl<T: Real, const C: usize> Batch<T, C> {
             }
             let mut f = footprints(simd, entries);
             f.mean = [f.mean[0] - tile_center[0], f.mean[1] - tile_center[1]];
+            let log2_opacity = f.log2_opacity;
+            if Self::IS_PERSPECTIVE_DISC {
+                f.log2_opacity = SimdVec::broadcast(simd, T::zero());
+            }
             let log2_alpha = f.log2_alpha(simd);
+            if P::IS_FLAT {
+                self.fill_planes(simd, f.mean, entries, first);
+            }
             for k in 0..6 {
                 log2_alpha[k].store_to(&mut self.log2_alpha[k], first);
             }
             for k in 0..2 {
                 f.mean[k].store_to(&mut self.center[k], first);
+            }
+            if Self::IS_PERSPECTIVE_DISC {
+                log2_opacity.store_to(&mut self.log2_opacity, first);
+                f = outline(simd, f, slopes(simd, entries));
             }
             let ellipses = Ellipses::new(simd, &f);
             let real = SimdMask::first(simd, entries.len());
@@ -94,9 +124,65 @@ impl<T: Real, const C: usize> Batch<T, C> {
         }
         self.log2_alpha[0][BATCH] = T::from_f64(LOG2_ALPHA_OF_PADDING);
         self.features[BATCH] = [T::zero(); C];
+        if P::IS_FLAT {
+            self.log2_opacity[BATCH] = T::zero();
+            for k in 0..4 {
+                self.plane[k][BATCH] = if k == 0 { T::one() } else { T::zero() };
+            }
+        }
         for (list, length) in self.lists.iter_mut().zip(self.lengths) {
             list[length..length + GROUP].fill(BATCH as u8);
         }
+    }
+
+    /// Computes the planes of a row of discs whose projected centres are given relative to the tile's centre.
+    #[inline(always)]
+    fn fill_planes<S: Simd<Scalar = T>>(
+        &mut self,
+        simd: S,
+        mean: [SimdVec<S>; 2],
+        entries: &[TileEntry<T, C, P>],
+        first: usize,
+    ) {
+        let slope = slopes(simd, entries);
+        let mut depths = [T::one(); MAX_LANES];
+        for (depth, entry) in depths.iter_mut().zip(entries) {
+            *depth = entry.feature.get(Self::DEPTH).copied().unwrap_or(T::one());
+        }
+        let depth = SimdVec::load(simd, &depths);
+        let one = SimdVec::broadcast(simd, T::one());
+        let (constant, mapped) =
+            if Self::IS_PERSPECTIVE_DISC { (one, depth.reciprocal()) } else { (depth, depth) };
+        (constant - slope[0] * mean[0] - slope[1] * mean[1]).store_to(&mut self.plane[0], first);
+        slope[0].store_to(&mut self.plane[1], first);
+        slope[1].store_to(&mut self.plane[2], first);
+        mapped.store_to(&mut self.plane[3], first);
+    }
+
+    /// The plane of a disc at the pixels of a block: its altitude, or the denominator of its depth.
+    #[inline(always)]
+    pub fn plane_at<S: Simd<Scalar = T>>(&self, simd: S, splat: u8, at: &BlockPixels<S>) -> SimdVec<S> {
+        let coefficient = |k: usize| SimdVec::broadcast(simd, self.plane[k][usize::from(splat)]);
+        coefficient(2).mul_add(at.y, coefficient(1).mul_add(at.x, coefficient(0)))
+    }
+
+    /// The mapped depth of a disc's centre: its altitude in a parallel projection, the reciprocal of its depth in a perspective
+    /// one.
+    #[inline(always)]
+    pub fn mapped_depth(&self, splat: u8) -> T {
+        self.plane[3][usize::from(splat)]
+    }
+
+    /// Depth of a disc's centre.
+    #[inline(always)]
+    pub fn depth(&self, splat: u8) -> T {
+        self.features[usize::from(splat)].get(Self::DEPTH).copied().unwrap_or(T::one())
+    }
+
+    /// Base-2 logarithm of the opacity of a disc in a perspective projection.
+    #[inline(always)]
+    pub fn log2_opacity(&self, splat: u8) -> T {
+        self.log2_opacity[usize::from(splat)]
     }
 
     /// Indices of the splats that touch a block, nearest first.
@@ -127,6 +213,12 @@ impl<T: Real, const C: usize> Batch<T, C> {
         [SimdVec::load(simd, &self.center[0][first..]), SimdVec::load(simd, &self.center[1][first..])]
     }
 
+    /// Offset from the tile's centre of the centre of a splat.
+    #[inline(always)]
+    pub fn center(&self, splat: usize) -> [T; 2] {
+        [self.center[0][splat], self.center[1][splat]]
+    }
+
     /// Features of a splat.
     #[inline(always)]
     pub fn features(&self, splat: u8) -> [T; C] {
@@ -139,9 +231,9 @@ const LOG2_ALPHA_OF_PADDING: f64 = -100.0;
 
 /// The ellipses of up to [`Simd::WIDTH`] splats, one in each lane; the last is repeated where there are fewer.
 #[inline(always)]
-fn footprints<S: Simd, const C: usize>(
+fn footprints<S: Simd, const C: usize, P: Primitive>(
     simd: S,
-    entries: &[TileEntry<S::Scalar, C>],
+    entries: &[TileEntry<S::Scalar, C, P>],
 ) -> Footprint<SimdVec<S>> {
     let mut rows = [SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)); 8];
     for j in 0..8 {
@@ -150,6 +242,31 @@ fn footprints<S: Simd, const C: usize>(
         rows[j] = SimdVec::load_eights(simd, [low, block_height]);
     }
     Footprint::of(transpose_eights(rows))
+}
+
+/// The slopes of up to [`Simd::WIDTH`] discs, one in each lane.
+#[inline(always)]
+fn slopes<S: Simd, const C: usize, P: Primitive>(
+    simd: S,
+    entries: &[TileEntry<S::Scalar, C, P>],
+) -> [SimdVec<S>; 2] {
+    let mut slopes = [[S::Scalar::from_f64(0.0); MAX_LANES]; 2];
+    for (i, entry) in entries.iter().enumerate() {
+        let slope = entry.slope.get();
+        for k in 0..2 {
+            slopes[k][i] = slope[k];
+        }
+    }
+    [SimdVec::load(simd, &slopes[0]), SimdVec::load(simd, &slopes[1])]
+}
+
+/// The ellipses on which the alphas of discs in a perspective projection equal the cut-off.
+#[inline(always)]
+fn outline<S: Simd>(simd: S, f: Footprint<SimdVec<S>>, slope: [SimdVec<S>; 2]) -> Footprint<SimdVec<S>> {
+    let ([a, b, c], zero) = (f.conic, SimdVec::broadcast(simd, S::Scalar::from_f64(0.0)));
+    let inverse = (a * c - b * b).reciprocal();
+    let covariance = [c * inverse, (zero - b) * inverse, a * inverse];
+    f.silhouette(simd, slope, covariance).0
 }
 
 /// What ellipses are compared with: the edges of a tile's blocks, from the tile's centre, pixels.

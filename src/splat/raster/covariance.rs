@@ -90,6 +90,29 @@ impl<T: SimdReal> SimdKernel<T> for CovarianceForward<'_, T> {
     }
 }
 
+/// Computes the normals of the discs with the indices `order`: unit vectors along their third axes.
+pub(super) struct NormalForward<'a, T> {
+    pub splats: &'a Splats<T>,
+    pub order: &'a [u32],
+    pub normals: &'a mut [[[T; MAX_LANES]; 3]],
+}
+
+impl<T: SimdReal> SimdKernel<T> for NormalForward<'_, T> {
+    #[inline(always)]
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
+        for (normals, order) in self.normals.iter_mut().zip(self.order.chunks(MAX_LANES)) {
+            for first in (0..MAX_LANES).step_by(S::WIDTH) {
+                let order = order.get(first..).unwrap_or_default();
+                let rotation = gather(simd, order.len(), |i| self.splats.rotation[order[i] as usize]);
+                let matrix = Rotation::new(simd, rotation).matrix;
+                for k in 0..3 {
+                    matrix[k][2].store_to(&mut normals[k], first);
+                }
+            }
+        }
+    }
+}
+
 /// Computes the derivatives with respect to scales and quaternions from those with respect to covariances, for the splats
 /// with indices from `first` on.
 pub(super) struct CovarianceBackward<'a, T> {
@@ -99,6 +122,8 @@ pub(super) struct CovarianceBackward<'a, T> {
     pub first: usize,
     /// Rank of each of the splats.
     pub rank: &'a [AtomicU32],
+    /// Derivatives with respect to the normals of discs, in the order of ranks; empty for ellipsoids.
+    pub by_normal: &'a [[T; 3]],
     pub log_scale: &'a mut [[T; 3]],
     pub rotation: &'a mut [[T; 4]],
 }
@@ -106,7 +131,8 @@ pub(super) struct CovarianceBackward<'a, T> {
 impl<T: SimdReal> SimdKernel<T> for CovarianceBackward<'_, T> {
     #[inline(always)]
     fn run<S: Simd<Scalar = T>>(self, simd: S) {
-        let Self { splats, gradients, .. } = self;
+        let Self { splats, gradients, by_normal, .. } = self;
+        let zero = SimdVec::broadcast(simd, T::zero());
         let outputs = self.log_scale.chunks_mut(S::WIDTH).zip(self.rotation.chunks_mut(S::WIDTH));
         for (k, ((by_log_scale, by_rotation), rank)) in outputs.zip(self.rank.chunks(S::WIDTH)).enumerate() {
             let (n, first) = (rank.len(), self.first + k * S::WIDTH);
@@ -117,7 +143,16 @@ impl<T: SimdReal> SimdKernel<T> for CovarianceBackward<'_, T> {
             for k in 0..3 {
                 scale[k] = log_scale[k].exp();
             }
-            let (by_scale, by_quaternion) = Rotation::new(simd, rotation).gradient(scale, by_covariance);
+            let rotation = Rotation::new(simd, rotation);
+            let (mut by_scale, mut by_matrix) = rotation.gradient(scale, by_covariance);
+            if !by_normal.is_empty() {
+                let by_normal = gather(simd, n, |i| by_normal[rank[i].load(Relaxed) as usize]);
+                for k in 0..3 {
+                    by_matrix[k][2] = by_normal[k];
+                }
+                by_scale[2] = zero;
+            }
+            let by_quaternion = rotation.quaternion_gradient(&by_matrix);
             scatter(by_scale, n, |i, v| by_log_scale[i] = v);
             scatter(by_quaternion, n, |i, v| by_rotation[i] = v);
         }
@@ -167,13 +202,14 @@ impl<N: Arithmetic> Rotation<N> {
         out
     }
 
-    /// Derivatives with respect to the log scales and the quaternion from `g`, those with respect to the covariance
+    /// Derivatives with respect to the log scales and the matrix from `g`, those with respect to the covariance
     /// ([`SplatGradient::covariance`]).
     #[inline(always)]
-    fn gradient(&self, scale: [N; 3], g: [N; 6]) -> ([N; 3], [N; 4]) {
+    fn gradient(&self, scale: [N; 3], g: [N; 6]) -> ([N; 3], [[N; 3]; 3]) {
         let r = &self.matrix;
         let full = [[g[0], g[1], g[2]], [g[1], g[3], g[4]], [g[2], g[4], g[5]]];
-        // With M = R S the covariance is M Mᵀ, and the derivative by M is 2 G M; here `m` is that times the scale.
+        // With M = R S the covariance is M Mᵀ, and the derivative by M is 2 G M; here `m` is that times the scale, which is
+        // the derivative by R.
         let mut m = *r;
         let mut by_log_scale = scale;
         for j in 0..3 {
@@ -183,6 +219,12 @@ impl<N: Arithmetic> Rotation<N> {
             }
             by_log_scale[j] = r[0][j] * m[0][j] + r[1][j] * m[1][j] + r[2][j] * m[2][j];
         }
+        (by_log_scale, m)
+    }
+
+    /// Derivatives with respect to the quaternion from those with respect to the matrix.
+    #[inline(always)]
+    fn quaternion_gradient(&self, m: &[[N; 3]; 3]) -> [N; 4] {
         let [w, x, y, z] = self.quaternion;
         // Half the derivative by the unit quaternion, times the quaternion's length.
         let by = [
@@ -199,7 +241,7 @@ impl<N: Arithmetic> Rotation<N> {
         for k in 0..4 {
             by_quaternion[k] = (self.inverse + self.inverse) * (by[k] - self.quaternion[k] * along);
         }
-        (by_log_scale, by_quaternion)
+        by_quaternion
     }
 }
 
@@ -221,7 +263,8 @@ mod tests {
             let covariance = rotation(q).covariance(s.map(|s| (2.0 * s).exp()));
             (0..6).map(|k| weight[k] * g[k] * covariance[k]).sum()
         };
-        let (by_s, by_q) = rotation(q).gradient(s.map(f64::exp), g);
+        let (by_s, by_matrix) = rotation(q).gradient(s.map(f64::exp), g);
+        let by_q = rotation(q).quaternion_gradient(&by_matrix);
         let e = 1e-6;
         for k in 0..3 {
             let (mut a, mut b) = (s, s);

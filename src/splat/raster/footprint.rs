@@ -3,8 +3,10 @@
 use super::block::TILE;
 use super::covariance::ELEMENTS;
 use super::gradient_slot::GradientSlot;
+use super::primitive::{Numbers, Primitive};
+use super::slope::SlopeGradient;
 use super::splat_block::SplatGradient;
-use crate::camera::CameraKernel;
+use crate::camera::{CameraKernel, DepthOrder};
 use crate::simd::Real;
 
 /// The ellipse on which a splat's alpha equals [`ALPHA_CUT`](super::ALPHA_CUT): a scalar for each number, or a vector with
@@ -40,25 +42,41 @@ impl<N: Copy> Footprint<N> {
 
 impl<T: Real> Footprint<T> {
     /// Adds to `out` the derivatives that follow from the sums `by` over the image's pixels; returns the derivative with
-    /// respect to the ellipse's centre, per pixel.
+    /// respect to the ellipse's centre, per pixel. A disc has a normal and a slope, and `by_normal` receives the derivatives
+    /// with respect to its normal.
     #[inline(always)]
-    pub fn backward<const C: usize, K: CameraKernel<T>>(
+    pub fn backward<const C: usize, K: CameraKernel<T>, P: Primitive>(
         &self,
         camera: &K,
         (position, covariance): ([T; 3], [T; 6]),
-        by: &GradientSlot<T, C>,
+        (normal, slope): ([T; 3], [T; 2]),
+        by: &GradientSlot<T, C, P>,
         out: &mut SplatGradient<T>,
+        by_normal: &mut [T; 3],
     ) -> [T; 2] {
         let m = camera.jacobian(position);
         let ([a, b, c], [sum, x, xx, y, xy, yy]) = (self.conic, by.moments);
-        let mean = [a * x + b * y, b * x + c * y];
-        out.log_opacity = out.log_opacity + sum;
+        let mut mean = [a * x + b * y, b * x + c * y];
+        let [undivided_sum, by_plane, by_plane_x, by_plane_y] = by.slope.get();
+        let is_perspective = matches!(K::ORDER, DepthOrder::Camera);
+        out.log_opacity = out.log_opacity + if P::IS_FLAT && is_perspective { undivided_sum } else { sum };
         // The derivative with respect to the 2-D covariance is conic * second moments * conic / 2.
         let half = T::from_f64(0.5);
         let p = [[a * xx + b * xy, a * xy + b * yy], [b * xx + c * xy, b * xy + c * yy]];
-        let gxx = half * (p[0][0] * a + p[0][1] * b);
-        let gxy = half * (p[0][0] * b + p[0][1] * c);
-        let gyy = half * (p[1][0] * b + p[1][1] * c);
+        let mut gxx = half * (p[0][0] * a + p[0][1] * b);
+        let mut gxy = half * (p[0][0] * b + p[0][1] * c);
+        let mut gyy = half * (p[1][0] * b + p[1][1] * c);
+        if P::IS_FLAT {
+            mean = [mean[0] - slope[0] * by_plane, mean[1] - slope[1] * by_plane];
+            let image = image_covariance(&m, covariance);
+            let by_slope = [by_plane_x, by_plane_y];
+            let disc = (position, normal);
+            let by = SlopeGradient::new(camera, disc, image, self.radius2, by_slope, &mut out.position);
+            gxx = gxx + by.covariance[0];
+            gxy = gxy + half * by.covariance[1];
+            gyy = gyy + by.covariance[2];
+            *by_normal = by.normal;
+        }
         for (k, (i, j)) in ELEMENTS.into_iter().enumerate() {
             let [u, v] = [gxx * m[0][j] + gxy * m[1][j], gxy * m[0][j] + gyy * m[1][j]];
             out.covariance[k] = out.covariance[k] + m[0][i] * u + m[1][i] * v;
@@ -107,4 +125,14 @@ impl<T: Real> Footprint<T> {
         // Where the ellipse only touches the band, rounding can make the discriminant negative.
         (side * discriminant.max(T::zero()).sqrt() - b * dy) / a
     }
+}
+
+/// The covariance (xx, xy, yy) of a splat's image without the low-pass filter, px².
+#[inline(always)]
+fn image_covariance<T: Real>(jacobian: &[[T; 3]; 2], [xx, xy, xz, yy, yz, zz]: [T; 6]) -> [T; 3] {
+    let times =
+        |[a, b, c]: [T; 3]| [a * xx + b * xy + c * xz, a * xy + b * yy + c * yz, a * xz + b * yz + c * zz];
+    let dot = |a: [T; 3], b: [T; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let [u, v] = *jacobian;
+    [dot(times(u), u), dot(times(u), v), dot(times(v), v)]
 }

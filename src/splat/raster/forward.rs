@@ -1,23 +1,32 @@
 //! Alpha compositing of a band, front to back (3DGS, equation 3): a pixel is the sum over its splats of
 //! `alpha_k T_k f_k`, where `T_k` is the product of `1 - alpha_j` over the splats in front of splat `k`.
+//!
+//! The planes of an image are the features, two moments of the mapped depth, the transmittance and the median depth; those
+//! that a primitive lacks are left out (`primitive`).
 
 use super::bands::Band;
 use super::batch::{BATCH, Batch, BlockEdges};
 use super::block::{BLOCKS_ACROSS, BlockPixels, MAX_BLOCKS, tile_extents};
 use super::constants::{ALPHA_CUT, ALPHA_MAX, MIN_TRANSMITTANCE};
+use super::disc::{DiscSample, reference_depth};
+use super::primitive::Primitive;
+use crate::camera::CameraKernel;
 use crate::simd::{Exp2, MAX_LANES, Real, Simd, SimdKernel, SimdReal, SimdVec, broadcast_each, set_bits};
 use std::hint::black_box;
+use std::marker::PhantomData;
 
 /// Broadcast constants of the forward and the backward kernel.
 pub(super) struct KernelConstants<S: Simd> {
     pub simd: S,
     /// Base-2 logarithm of [`ALPHA_CUT`].
-    log2_cut: SimdVec<S>,
+    pub log2_cut: SimdVec<S>,
     min_transmittance: SimdVec<S>,
     pub alpha_max: SimdVec<S>,
     pub zero: SimdVec<S>,
     pub one: SimdVec<S>,
-    exp2: Exp2<S>,
+    pub half: SimdVec<S>,
+    pub minus_two_ln_2: SimdVec<S>,
+    pub exp2: Exp2<S>,
 }
 
 impl<S: Simd> KernelConstants<S> {
@@ -33,6 +42,8 @@ impl<S: Simd> KernelConstants<S> {
             alpha_max: broadcast(ALPHA_MAX),
             zero: broadcast(0.0),
             one: broadcast(1.0),
+            half: broadcast(0.5),
+            minus_two_ln_2: broadcast(-2.0 * std::f64::consts::LN_2),
             exp2: Exp2::new(simd),
         })
     }
@@ -42,9 +53,9 @@ impl<S: Simd> KernelConstants<S> {
     /// They are computed for many splats before the first is composited: the processor overlaps the iterations of so short
     /// a loop.
     #[inline(always)]
-    pub fn alphas<const C: usize>(
+    pub fn alphas<const C: usize, K: CameraKernel<S::Scalar>, P: Primitive>(
         &self,
-        batch: &Batch<S::Scalar, C>,
+        batch: &Batch<S::Scalar, C, K, P>,
         splats: &[u8],
         at: &BlockPixels<S>,
         alphas: &mut [SimdVec<S>; MAX_LANES],
@@ -62,9 +73,10 @@ impl<S: Simd> KernelConstants<S> {
     }
 }
 
-/// Renders a band into `out`, whose rows have `C` features and the transmittance as channels.
-pub(super) struct Forward<'a, T, const C: usize> {
-    pub band: &'a mut Band<T, C>,
+/// Renders a band into `out`, whose rows have the planes of the primitive as channels.
+pub(super) struct Forward<'a, T: Real, const C: usize, K, P: Primitive> {
+    pub band: &'a mut Band<T, C, P>,
+    pub kernel: PhantomData<K>,
     /// Index of the band in the image.
     pub index: usize,
     /// Columns of the image.
@@ -73,20 +85,31 @@ pub(super) struct Forward<'a, T, const C: usize> {
     pub out: &'a mut [T],
 }
 
-impl<T: SimdReal, const C: usize> SimdKernel<T> for Forward<'_, T, C> {
+impl<T: SimdReal, const C: usize, K: CameraKernel<T>, P: Primitive> SimdKernel<T>
+    for Forward<'_, T, C, K, P>
+{
     #[inline(always)]
     fn run<S: Simd<Scalar = T>>(self, simd: S) {
-        let Self { band, index, width, background, out } = self;
+        let Self { band, index, width, background, out, .. } = self;
+        let planes = P::planes(C);
         let (k, pixels, edges) = (KernelConstants::new(simd), BlockPixels::all(simd), BlockEdges::new(simd));
         // Filling whole lines needs no read from memory, and leaves them in the cache for the tiles, which write parts of
         // lines.
         out.fill(T::zero());
         let background = broadcast_each(simd, background);
-        let (mut batch, mut alphas) = (Batch::new(), [k.zero; MAX_LANES]);
+        let (mut batch, mut alphas) = (Batch::<T, C, K, P>::new(), [k.zero; MAX_LANES]);
+        let mut samples = [DiscSample::none(&k); MAX_LANES];
         let mut computed = 0;
-        for extent in tile_extents(width, out.len() / ((C + 1) * width)) {
+        for extent in tile_extents(width, out.len() / (planes * width)) {
             band.prefetch(extent.tile);
-            let mut states = [ForwardState { transmittance: k.one, color: [k.zero; C] }; MAX_BLOCKS];
+            let start = ForwardState {
+                transmittance: k.one,
+                color: [k.zero; C],
+                moments: [k.zero; 2],
+                median: k.zero,
+            };
+            let mut states = [start; MAX_BLOCKS];
+            let reference = SimdVec::broadcast(simd, reference_depth::<T, C, K, P>(band.tile(extent.tile)));
             let mut translucent = extent.blocks::<S>();
             for entries in band.tile(extent.tile).chunks(BATCH) {
                 batch.fill(simd, &edges, entries, extent.tile, index);
@@ -98,9 +121,16 @@ impl<T: SimdReal, const C: usize> SimdKernel<T> for Forward<'_, T, C> {
                             break;
                         }
                         computed += splats.len();
-                        k.alphas(&batch, splats, &pixels[b], &mut alphas);
-                        for (splat, alpha) in splats.iter().zip(&alphas) {
-                            block.composite(&k, batch.features(*splat), *alpha);
+                        if P::IS_FLAT {
+                            k.disc_samples(&batch, splats, &pixels[b], reference, &mut samples);
+                            for (splat, sample) in splats.iter().zip(&samples) {
+                                block.composite_disc::<P>(&k, batch.features(*splat), sample);
+                            }
+                        } else {
+                            k.alphas(&batch, splats, &pixels[b], &mut alphas);
+                            for (splat, alpha) in splats.iter().zip(&alphas) {
+                                block.composite(&k, batch.features(*splat), *alpha);
+                            }
                         }
                     }
                     states[b] = block;
@@ -116,12 +146,24 @@ impl<T: SimdReal, const C: usize> SimdKernel<T> for Forward<'_, T, C> {
                         let block = &states[down * BLOCKS_ACROSS + across];
                         row[across] = block.transmittance.mul_add(background[c], block.color[c]);
                     }
-                    extent.scatter(out, C + 1, c, down, row);
+                    extent.scatter(out, planes, c, down, row);
+                }
+                for m in 0..P::MOMENTS {
+                    for across in 0..BLOCKS_ACROSS {
+                        row[across] = states[down * BLOCKS_ACROSS + across].moments[m];
+                    }
+                    extent.scatter(out, planes, C + m, down, row);
                 }
                 for across in 0..BLOCKS_ACROSS {
                     row[across] = states[down * BLOCKS_ACROSS + across].transmittance;
                 }
-                extent.scatter(out, C + 1, C, down, row);
+                extent.scatter(out, planes, C + P::MOMENTS, down, row);
+                if P::MEDIANS > 0 {
+                    for across in 0..BLOCKS_ACROSS {
+                        row[across] = states[down * BLOCKS_ACROSS + across].median;
+                    }
+                    extent.scatter(out, planes, C + P::MOMENTS + 1, down, row);
+                }
             }
         }
         band.computed_pairs = S::WIDTH * computed;
@@ -133,6 +175,8 @@ impl<T: SimdReal, const C: usize> SimdKernel<T> for Forward<'_, T, C> {
 struct ForwardState<S: Simd, const C: usize> {
     transmittance: SimdVec<S>,
     color: [SimdVec<S>; C],
+    moments: [SimdVec<S>; 2],
+    median: SimdVec<S>,
 }
 
 impl<S: Simd, const C: usize> ForwardState<S, C> {
@@ -145,6 +189,34 @@ impl<S: Simd, const C: usize> ForwardState<S, C> {
         let features = broadcast_each(k.simd, features);
         for c in 0..C {
             self.color[c] = weight.mul_add(features[c], self.color[c]);
+        }
+    }
+
+    /// As [`ForwardState::composite`], for a disc.
+    #[inline(always)]
+    fn composite_disc<P: Primitive>(
+        &mut self,
+        k: &KernelConstants<S>,
+        features: [S::Scalar; C],
+        sample: &DiscSample<S>,
+    ) {
+        let alpha = sample.alpha.min(k.alpha_max);
+        let (before, weight) = (self.transmittance, self.transmittance * alpha);
+        self.transmittance = before * (k.one - alpha);
+        let mut features = broadcast_each(k.simd, features);
+        for c in 0..C {
+            if P::is_depth(c, C) {
+                features[c] = sample.depth;
+            }
+            self.color[c] = weight.mul_add(features[c], self.color[c]);
+        }
+        if P::MOMENTS > 0 {
+            let weighted = weight * sample.mapped;
+            self.moments[0] = self.moments[0] + weighted;
+            self.moments[1] = weighted.mul_add(sample.mapped, self.moments[1]);
+        }
+        if P::MEDIANS > 0 {
+            self.median = self.median + sample.depth.select_or_zero(k.is_median(before, self.transmittance));
         }
     }
 }

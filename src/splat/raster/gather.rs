@@ -3,19 +3,20 @@
 use super::bands::Band;
 use super::footprint::Footprint;
 use super::gradient_slot::{GradientSlot, add};
+use super::primitive::{Numbers, Primitive};
 use super::project::{CHUNK, Chunk};
 use super::sorted::SortedSplats;
 use super::splat_block::SplatGradient;
 use crate::camera::CameraKernel;
 use crate::simd::Real;
 
-impl<T: Real> Chunk<T> {
+impl<T: Real, P: Primitive> Chunk<T, P> {
     /// Sums the gradient slots of each splat over the bands, in a fixed order, and adds the derivatives that follow from
     /// them to `gradients` and `by_feature`, both of the chunk's ranks.
     pub fn gather<const C: usize, K: CameraKernel<T>>(
         &mut self,
         index: usize,
-        bands: &[Band<T, C>],
+        bands: &[Band<T, C, P>],
         sorted: &SortedSplats<T>,
         camera: &K,
         gradients: &mut [SplatGradient<T>],
@@ -30,12 +31,26 @@ impl<T: Real> Chunk<T> {
         }
         self.mean2d_gradients.clear();
         self.mean2d_gradients.resize(gradients.len(), None);
+        self.normal_gradients.clear();
+        if P::IS_FLAT {
+            self.normal_gradients.resize(gradients.len(), [T::zero(); 3]);
+        }
+        let mut no_normal = [T::zero(); 3];
         for (splat, sum) in self.visible.iter().zip(&sums) {
             let i = splat.rank as usize - self.start;
-            let footprint = Footprint::of(splat.footprint);
-            let position_and_covariance = sorted.position_and_covariance(splat.rank as usize);
-            self.mean2d_gradients[i] =
-                Some(footprint.backward(camera, position_and_covariance, sum, &mut gradients[i]));
+            let (footprint, rank) = (Footprint::of(splat.footprint), splat.rank as usize);
+            let (normal, by_normal) = match P::IS_FLAT {
+                true => (sorted.normal(rank), &mut self.normal_gradients[i]),
+                false => ([T::zero(); 3], &mut no_normal),
+            };
+            self.mean2d_gradients[i] = Some(footprint.backward(
+                camera,
+                sorted.position_and_covariance(rank),
+                (normal, splat.slope.get()),
+                sum,
+                &mut gradients[i],
+                by_normal,
+            ));
             add(&mut by_feature[i], sum.feature);
         }
     }

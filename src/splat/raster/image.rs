@@ -4,8 +4,13 @@ use crate::simd::Real;
 
 /// Channels of a render of the splats' colours and altitudes.
 pub mod channel {
-    /// Altitude, metres above the site's origin; the three channels before it are linear colour.
-    pub const ALTITUDE: usize = 3;
+    /// Depth as the camera orders splats by: altitude above the site's origin or distance along the axis of a perspective
+    /// camera, metres. The three channels before it are colour.
+    pub const DEPTH: usize = 3;
+    /// Altitude, metres above the site's origin: the depth of parallel projections.
+    pub const ALTITUDE: usize = DEPTH;
+    /// First of the three components of the normal of discs, in site axes.
+    pub const NORMAL: usize = 4;
     /// Transmittance, 0 to 1: the fraction of light that passes all splats.
     pub const TRANSMITTANCE: usize = 4;
     /// Number of channels with derivatives: colour and altitude.

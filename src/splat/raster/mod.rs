@@ -13,21 +13,27 @@ mod block;
 mod constants;
 mod covariance;
 mod depth_sort;
+mod disc;
 mod footprint;
 mod forward;
 mod gather;
 mod gradient_slot;
 mod image;
+mod primitive;
 mod project;
 mod rasterizer;
+mod slope;
 mod sorted;
 mod splat_block;
+#[cfg(test)]
+mod disc_tests;
 #[cfg(test)]
 mod tests;
 
 pub use constants::{ALPHA_CUT, ALPHA_MAX, LOW_PASS_PX2, MIN_TRANSMITTANCE};
 pub use image::{Image, channel};
 pub(in crate::splat) use image::{STRIPES, stripe_rows};
+pub use primitive::{Disc, DiscWithMoments, Ellipsoid, FLAT_LOG_SCALE, Primitive, PrimitiveKind};
 pub use project::FrameCamera;
 pub use rasterizer::{MAX_SIDE, Rasterizer};
 pub use sorted::SortedSplats;

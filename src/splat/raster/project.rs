@@ -1,12 +1,14 @@
-//! Projection of the splats by one camera (EWA splatting; 3DGS, equation 5): image ellipses, and the spans of tiles that they
-//! touch in each band of the image.
+//! Projection of the splats by one camera (EWA splatting; 3DGS, equation 5): image ellipses, the slopes of the planes of
+//! discs, and the spans of tiles that they touch in each band of the image.
 
 use super::block::TILE;
 use super::constants::{ALPHA_CUT, LOW_PASS_PX2};
 use super::footprint::Footprint;
+use super::primitive::{Numbers, Primitive};
+use super::slope::{slope_damping, slope_in_front};
 use super::sorted::SortedSplats;
 use super::splat_block::SplatBlock;
-use crate::camera::{CameraKernel, Linearized};
+use crate::camera::{CameraKernel, DepthOrder, Linearized};
 use crate::simd::Real;
 use crate::simd::{
     MAX_LANES, Simd, SimdKernel, SimdReal, SimdVec, arrays_of_lanes, broadcast_each, set_bits,
@@ -37,9 +39,11 @@ impl<K> FrameCamera<K> {
 
 /// A splat whose ellipse touches the image.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct VisibleSplat<T> {
+pub(super) struct VisibleSplat<T: Real, P: Primitive> {
     /// [`Footprint::numbers`].
     pub footprint: [T; 8],
+    /// Slope of its plane.
+    pub slope: P::Slope<T>,
     /// Rank of the splat.
     pub rank: u32,
 }
@@ -56,39 +60,41 @@ pub(super) struct Span {
 }
 
 /// The projection of a run of successive ranks: the visible splats and their spans.
-pub(super) struct Chunk<T> {
+pub(super) struct Chunk<T: Real, P: Primitive> {
     /// First rank.
     pub(super) start: usize,
     /// Splats whose ellipses touch the image, by rank.
-    pub(super) visible: Vec<VisibleSplat<T>>,
+    pub(super) visible: Vec<VisibleSplat<T, P>>,
     /// Spans sorted by band, and within a band by rank.
     spans: Vec<Span>,
     /// A copy of the splat of each span, so that a band reads memory in order.
-    span_splats: Vec<VisibleSplat<T>>,
+    span_splats: Vec<VisibleSplat<T, P>>,
     /// Spans of band `b` are `spans[band_starts[b]..band_starts[b + 1]]`.
     band_starts: Vec<u32>,
     /// Band and span, by rank.
     unsorted: Vec<(u32, Span)>,
     /// Derivative with respect to the 2-D mean of each rank's splat, per pixel; none for splats that are not visible.
     pub(super) mean2d_gradients: Vec<Option<[T; 2]>>,
+    /// Derivatives with respect to the normals of discs, by rank; zero for discs that are not visible.
+    pub(super) normal_gradients: Vec<[T; 3]>,
 }
 
 /// The kernel that projects a chunk, compiled for each instruction set.
-pub(super) struct Projection<'a, T, K> {
-    pub chunk: &'a mut Chunk<T>,
+pub(super) struct Projection<'a, T: Real, K, P: Primitive> {
+    pub chunk: &'a mut Chunk<T, P>,
     pub sorted: &'a SortedSplats<T>,
     pub ranks: Range<usize>,
     pub camera: &'a FrameCamera<K>,
 }
 
-impl<T: SimdReal, K: CameraKernel<T>> SimdKernel<T> for Projection<'_, T, K> {
+impl<T: SimdReal, K: CameraKernel<T>, P: Primitive> SimdKernel<T> for Projection<'_, T, K, P> {
     #[inline(always)]
     fn run<S: Simd<Scalar = T>>(self, simd: S) {
         self.chunk.project(simd, self.sorted, self.ranks, self.camera);
     }
 }
 
-impl<T> Default for Chunk<T> {
+impl<T: Real, P: Primitive> Default for Chunk<T, P> {
     fn default() -> Self {
         Self {
             start: 0,
@@ -98,11 +104,12 @@ impl<T> Default for Chunk<T> {
             band_starts: Vec::new(),
             unsorted: Vec::new(),
             mean2d_gradients: Vec::new(),
+            normal_gradients: Vec::new(),
         }
     }
 }
 
-impl<T: Real> Chunk<T> {
+impl<T: Real, P: Primitive> Chunk<T, P> {
     /// Projects the splats of `ranks` and lists those whose ellipses touch a pixel.
     #[inline(always)]
     fn project<S: Simd<Scalar = T>, K: CameraKernel<T>>(
@@ -118,10 +125,11 @@ impl<T: Real> Chunk<T> {
         self.band_starts.clear();
         self.band_starts.resize(camera.height.div_ceil(TILE) + 1, 0);
         let simd_camera = SimdCamera::<S, K>::new(simd, camera);
-        let blocks = &sorted.blocks[ranks.start / MAX_LANES..ranks.end.div_ceil(MAX_LANES)];
-        for (block, first) in blocks.iter().zip(ranks.step_by(MAX_LANES)) {
+        let blocks = ranks.start / MAX_LANES..ranks.end.div_ceil(MAX_LANES);
+        for (b, first) in blocks.zip(ranks.step_by(MAX_LANES)) {
+            let (block, normals) = (&sorted.blocks[b], P::IS_FLAT.then(|| &sorted.normals[b]));
             for lane in (0..MAX_LANES).step_by(S::WIDTH) {
-                let projected = simd_camera.project_block(simd, block, lane);
+                let projected = simd_camera.project_block(simd, block, normals, lane);
                 for i in set_bits(projected.visible) {
                     self.push_spans(&projected, i, (first + lane + i) as u32, camera.width);
                 }
@@ -135,13 +143,14 @@ impl<T: Real> Chunk<T> {
     fn push_spans(&mut self, projected: &Projected<T>, lane: usize, rank: u32, width: usize) {
         let [left, right, top, bottom] = [0, 1, 2, 3].map(|k| projected.tiles[k][lane]);
         let footprint = projected.footprints[lane];
+        let silhouette = projected.silhouettes.as_ref().map_or(footprint, |numbers| numbers[lane]);
         let (splat, before) = (self.visible.len() as u32, self.unsorted.len());
         for band in top..=bottom {
             // Most ellipses lie within one column of tiles, where the exact edges do not matter.
             let tiles = if left == right {
                 Some((left, right))
             } else {
-                Footprint::of(footprint).tiles(projected.half_width[lane], band, width)
+                Footprint::of(silhouette).tiles(projected.half_width[lane], band, width)
             };
             if let Some((first, last)) = tiles {
                 self.unsorted.push((band, Span { splat, first: first as u16, last: last as u16 }));
@@ -149,7 +158,8 @@ impl<T: Real> Chunk<T> {
             }
         }
         if self.unsorted.len() > before {
-            self.visible.push(VisibleSplat { footprint, rank });
+            let slope = P::Slope::of(projected.slopes[lane]);
+            self.visible.push(VisibleSplat { footprint, slope, rank });
         }
     }
 
@@ -176,7 +186,7 @@ impl<T: Real> Chunk<T> {
     }
 
     /// The splat of each of [`Chunk::spans`].
-    pub fn splats(&self, band: usize) -> &[VisibleSplat<T>] {
+    pub fn splats(&self, band: usize) -> &[VisibleSplat<T, P>] {
         &self.span_splats[self.band_range(band)]
     }
 
@@ -198,6 +208,11 @@ struct Projected<T> {
     visible: u32,
     /// [`Footprint::numbers`].
     footprints: [[T; 8]; MAX_LANES],
+    /// [`Footprint::numbers`] of the ellipses on which alpha equals the cut-off, if they are others: those of discs in a
+    /// perspective projection.
+    silhouettes: Option<[[T; 8]; MAX_LANES]>,
+    /// Slopes of the planes; zero for ellipsoids.
+    slopes: [[T; 2]; MAX_LANES],
     /// Half of the ellipses' widths, pixels.
     half_width: [T; MAX_LANES],
     /// First and last column of tiles that an ellipse's bounding box touches, then first and last row of tiles.
@@ -218,7 +233,8 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         Self { kernel: camera.kernel.broadcast(simd), size: broadcast_each(simd, size) }
     }
 
-    /// The ellipses of the splats in the lanes, with half of their widths and heights in pixels.
+    /// The ellipses of the splats in the lanes, with half of their widths and heights in pixels, and the covariances (xx, xy,
+    /// yy) of their images, px².
     #[inline(always)]
     fn footprints(
         &self,
@@ -226,7 +242,7 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         position: [SimdVec<S>; 3],
         covariance: [SimdVec<S>; 6],
         opacity: SimdVec<S>,
-    ) -> (Footprint<SimdVec<S>>, [SimdVec<S>; 2]) {
+    ) -> (Footprint<SimdVec<S>>, [SimdVec<S>; 2], [SimdVec<S>; 3]) {
         let constants = [-ALPHA_CUT.log2(), 2.0 * std::f64::consts::LN_2, LOW_PASS_PX2, 0.0];
         let [above_cut, twice_ln_2, low_pass, zero] =
             broadcast_each(simd, constants.map(S::Scalar::from_f64));
@@ -248,12 +264,39 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         // The rightmost point lies on the regression line of row on column.
         let rightmost_dy = xy * xx.reciprocal() * half_size[0];
         let conic = [yy * inverse, zero - xy * inverse, xx * inverse];
-        (Footprint { mean, conic, log2_opacity, radius2, rightmost_dy }, half_size)
+        (Footprint { mean, conic, log2_opacity, radius2, rightmost_dy }, half_size, [xx, xy, yy])
+    }
+
+    /// The slopes of discs with these normals and images; zero where the plane meets the camera's plane close by.
+    #[inline(always)]
+    fn slopes(
+        &self,
+        simd: S,
+        position: [SimdVec<S>; 3],
+        normal: [SimdVec<S>; 3],
+        covariance: [SimdVec<S>; 3],
+        radius2: SimdVec<S>,
+    ) -> [SimdVec<S>; 2] {
+        let low_pass = SimdVec::broadcast(simd, S::Scalar::from_f64(LOW_PASS_PX2));
+        let [xx, xy, yy] = covariance;
+        let damping = slope_damping(simd, [xx - low_pass, xy, yy - low_pass]);
+        let [x, y] = K::plane_slope(simd, &self.kernel, position, normal);
+        let slope = [x * damping, y * damping];
+        match K::ORDER {
+            DepthOrder::Altitude => slope,
+            DepthOrder::Camera => slope_in_front(simd, slope, covariance, radius2),
+        }
     }
 
     /// Projects the splats of a block from a lane on.
     #[inline(always)]
-    fn project_block(&self, simd: S, block: &SplatBlock<S::Scalar>, lane: usize) -> Projected<S::Scalar> {
+    fn project_block(
+        &self,
+        simd: S,
+        block: &SplatBlock<S::Scalar>,
+        normals: Option<&[[S::Scalar; MAX_LANES]; 3]>,
+        lane: usize,
+    ) -> Projected<S::Scalar> {
         let constants = [0.0, 1.0, 1.0 / TILE as f64, ALPHA_CUT, f32::MAX.into()];
         let [zero, one, sixteenth, cut, most] = broadcast_each(simd, constants.map(S::Scalar::from_f64));
         let (mut position, mut covariance) = ([zero; 3], [zero; 6]);
@@ -264,8 +307,20 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
             covariance[k] = SimdVec::load(simd, &block.covariance[k][lane..]);
         }
         let opacity = SimdVec::load(simd, &block.opacity[lane..]);
-        let (footprint, half_size) = self.footprints(simd, position, covariance, opacity);
-        let Footprint { mean, conic, radius2, .. } = footprint;
+        let (footprint, mut half_size, covariance) = self.footprints(simd, position, covariance, opacity);
+        let Footprint { conic, radius2, .. } = footprint;
+        let (mut slope, mut silhouette) = ([zero; 2], footprint);
+        if let Some(normals) = normals {
+            let mut normal = [zero; 3];
+            for k in 0..3 {
+                normal[k] = SimdVec::load(simd, &normals[k][lane..]);
+            }
+            slope = self.slopes(simd, position, normal, covariance, radius2);
+            if matches!(K::ORDER, DepthOrder::Camera) {
+                (silhouette, half_size) = footprint.silhouette(simd, slope, covariance);
+            }
+        }
+        let mean = silhouette.mean;
         let mut visible = opacity.greater_than(cut);
         if let Some(in_front) = K::in_front(simd, &self.kernel, position) {
             visible = visible.and(in_front);
@@ -276,9 +331,14 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         let mut projected = Projected {
             visible: 0,
             footprints: arrays_of_lanes(footprint.numbers()),
+            silhouettes: None,
+            slopes: [[S::Scalar::from_f64(0.0); 2]; MAX_LANES],
             half_width: [S::Scalar::from_f64(0.0); MAX_LANES],
             tiles: [[0; MAX_LANES]; 4],
         };
+        if normals.is_some() && matches!(K::ORDER, DepthOrder::Camera) {
+            projected.silhouettes = Some(arrays_of_lanes(silhouette.numbers()));
+        }
         for i in 0..2 {
             let (low, high) = (mean[i] - half_size[i], mean[i] + half_size[i]);
             // The first pixel at or after `low` and the last at or before `high`, within the image.
@@ -295,6 +355,13 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         }
         projected.visible = visible.bitmask();
         half_size[0].store_to(&mut projected.half_width, 0);
+        let mut slopes = [[S::Scalar::from_f64(0.0); MAX_LANES]; 2];
+        for k in 0..2 {
+            slope[k].store_to(&mut slopes[k], 0);
+            for i in 0..MAX_LANES {
+                projected.slopes[i][k] = slopes[k][i];
+            }
+        }
         projected
     }
 }

@@ -3,6 +3,7 @@
 use super::bands::Band;
 use super::block::TILE;
 use super::image::Image;
+use super::primitive::{Ellipsoid, Primitive};
 use super::project::{CHUNK, Chunk, FrameCamera, Projection};
 use super::sorted::SortedSplats;
 use super::splat_block::SplatGradient;
@@ -10,20 +11,21 @@ use super::{backward, forward};
 use crate::camera::{CameraKernel, QuadraticKernel};
 use crate::simd::{Real, SimdReal};
 use rayon::prelude::*;
+use std::marker::PhantomData;
 
 /// Largest number of columns or rows of an image, as tile indices have 16 bits.
 pub const MAX_SIDE: usize = TILE << u16::BITS;
 
 /// Renders `C` features of each splat with one camera and computes the gradient; keeps its buffers between calls.
-pub struct Rasterizer<T, const C: usize, K = QuadraticKernel<T>> {
-    chunks: Vec<Chunk<T>>,
-    bands: Vec<Band<T, C>>,
+pub struct Rasterizer<T: Real, const C: usize, K = QuadraticKernel<T>, P: Primitive = Ellipsoid> {
+    chunks: Vec<Chunk<T, P>>,
+    bands: Vec<Band<T, C, P>>,
     image: Image<T>,
     /// Camera of the last render.
     camera: FrameCamera<K>,
 }
 
-impl<T: Real, const C: usize, K: Default> Default for Rasterizer<T, C, K> {
+impl<T: Real, const C: usize, K: Default, P: Primitive> Default for Rasterizer<T, C, K, P> {
     fn default() -> Self {
         Self {
             chunks: Vec::new(),
@@ -34,9 +36,10 @@ impl<T: Real, const C: usize, K: Default> Default for Rasterizer<T, C, K> {
     }
 }
 
-impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
-    /// Renders an image of `C` + 1 channels: the features over `background`, and the transmittance as the last channel.
-    /// `features` are in the order of ranks of `sorted`.
+impl<T: SimdReal, const C: usize, K: CameraKernel<T>, P: Primitive> Rasterizer<T, C, K, P> {
+    /// Renders an image: the features over `background`, and the transmittance; of [`DiscWithMoments`](super::DiscWithMoments)
+    /// all planes. `features` are in the order of ranks of `sorted`; those of discs have the depth of the centre in
+    /// channel 3, or as their only one, as [`CameraKernel::ORDER`] has it: altitude or distance.
     ///
     /// This calls [`Rasterizer::project`], [`Rasterizer::bin`] and [`Rasterizer::draw`] in turn.
     pub fn render(
@@ -75,10 +78,10 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
     /// Third step of a render: composites the tiles' splats over `background`.
     pub fn draw(&mut self, background: [T; C]) {
         let FrameCamera { width, height, .. } = self.camera;
-        self.image.resize(width, height, C + 1);
-        let rows = self.image.data.par_chunks_mut(TILE * (C + 1) * width);
+        self.image.resize(width, height, P::planes(C));
+        let rows = self.image.data.par_chunks_mut(TILE * P::planes(C) * width);
         rows.zip(&mut self.bands).enumerate().for_each(|(index, (out, band))| {
-            T::dispatch(forward::Forward { band, index, width, background, out });
+            T::dispatch(forward::Forward { band, kernel: PhantomData::<K>, index, width, background, out });
         });
     }
 
@@ -89,7 +92,8 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
     }
 
     /// Adds to `gradients` and `by_feature`, both in the order of ranks of the last render's `sorted`, the derivatives
-    /// that follow from `by_pixel`, the loss's derivatives by the `C` features of the last render's pixels.
+    /// that follow from `by_pixel`, the loss's derivatives by the last render's pixels: by the `C` features, and of discs by
+    /// the other planes too.
     ///
     /// This calls [`Rasterizer::pixels_backward`] and [`Rasterizer::gather`] in turn.
     pub fn backward(
@@ -106,17 +110,19 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
     /// First step of the gradient: sums the derivatives by pixels into a slot for each splat and band.
     pub fn pixels_backward(&mut self, by_pixel: &Image<T>) {
         let width = self.camera.width;
-        let images = self.image.data.par_chunks(TILE * (C + 1) * width);
-        let derivatives = by_pixel.data.par_chunks(TILE * C * width);
+        let trained = P::trained_planes(C);
+        let images = self.image.data.par_chunks(TILE * P::planes(C) * width);
+        let derivatives = by_pixel.data.par_chunks(TILE * trained * width);
         self.bands.par_iter_mut().zip(images.zip(derivatives)).enumerate().for_each(
             |(index, (band, (image, by_pixel)))| {
                 let mut slots = std::mem::take(&mut band.slots);
                 slots.clear();
                 slots.resize(band.slot_count(), super::gradient_slot::GradientSlot::default());
                 let mut products = std::mem::take(&mut band.products);
-                products.resize(by_pixel.len() / C, T::zero());
+                products.resize(by_pixel.len() / trained, T::zero());
                 T::dispatch(backward::Backward {
                     band,
+                    kernel: PhantomData::<K>,
                     index,
                     width,
                     image,
@@ -150,6 +156,16 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>> Rasterizer<T, C, K> {
     #[must_use]
     pub fn mean2d_gradient(&self, rank: usize) -> Option<[T; 2]> {
         self.chunks[rank / CHUNK].mean2d_gradient(rank % CHUNK)
+    }
+
+    /// Adds to `by_normal`, in the order of ranks, the derivatives of the loss by the normals of discs, as the last
+    /// [`Rasterizer::gather`] computed them.
+    pub fn add_normal_gradients(&self, by_normal: &mut [[T; 3]]) {
+        by_normal.par_chunks_mut(CHUNK).zip(&self.chunks).for_each(|(sums, chunk)| {
+            for (sum, by) in sums.iter_mut().zip(&chunk.normal_gradients) {
+                super::gradient_slot::add(sum, *by);
+            }
+        });
     }
 
     /// Number of splat-pixel pairs that the last render computed: all pixels of every block that a splat touches, up to

@@ -1,8 +1,9 @@
 //! Splats in depth order with their 3-D covariances and opacities, which all cameras of an iteration share, and the
 //! gradient from those quantities to the splats' parameters.
 
-use super::covariance::{CovarianceBackward, CovarianceForward};
+use super::covariance::{CovarianceBackward, CovarianceForward, NormalForward};
 use super::depth_sort::{DepthKeys, RadixSort};
+use super::primitive::PrimitiveKind;
 use super::splat_block::{SplatBlock, SplatGradient};
 use crate::camera::CameraKernel;
 use crate::simd::{MAX_LANES, Real, SimdReal};
@@ -22,6 +23,9 @@ pub struct SortedSplats<T> {
     rank: Vec<AtomicU32>,
     depth_sort: RadixSort,
     pub(super) blocks: Vec<SplatBlock<T>>,
+    primitive: PrimitiveKind,
+    /// Normals of discs in blocks as above; empty for ellipsoids.
+    pub(super) normals: Vec<[[T; MAX_LANES]; 3]>,
     /// Sum of the opacities of each task's splats.
     opacities: Vec<f64>,
 }
@@ -33,9 +37,21 @@ impl<T: Real> SortedSplats<T> {
         let (block, lane) = (&self.blocks[rank / MAX_LANES], rank % MAX_LANES);
         (block.position.map(|p| p[lane]), block.covariance.map(|c| c[lane]))
     }
+
+    /// Normal of the disc at a rank, a unit vector in the site frame.
+    #[inline(always)]
+    pub fn normal(&self, rank: usize) -> [T; 3] {
+        self.normals[rank / MAX_LANES].map(|n| n[rank % MAX_LANES])
+    }
 }
 
 impl<T: SimdReal> SortedSplats<T> {
+    /// No splats yet, of this kind.
+    #[must_use]
+    pub fn of(primitive: PrimitiveKind) -> Self {
+        Self { primitive, ..Self::default() }
+    }
+
     /// Number of splats.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -85,6 +101,13 @@ impl<T: SimdReal> SortedSplats<T> {
         blocks.zip(order.par_chunks(PIECE)).for_each(|((blocks, opacity_sum), order)| {
             T::dispatch(CovarianceForward { splats, order, blocks, opacity_sum });
         });
+        if self.primitive == PrimitiveKind::Disc {
+            self.normals.resize(n.div_ceil(MAX_LANES), [[T::zero(); MAX_LANES]; 3]);
+            let normals = self.normals.par_chunks_mut(PIECE / MAX_LANES);
+            normals.zip(order.par_chunks(PIECE)).for_each(|(normals, order)| {
+                T::dispatch(NormalForward { splats, order, normals });
+            });
+        }
     }
 
     /// Opacity of the splat at a rank.
@@ -100,11 +123,13 @@ impl<T: SimdReal> SortedSplats<T> {
     }
 
     /// Writes to `out` the derivatives with respect to the splats' parameters, except colours, from `gradients`, which are in
-    /// the order of ranks.
+    /// the order of ranks. `by_normal` are those with respect to the normals of discs, in the same order; empty for ellipsoids.
+    /// The extent of a disc along its normal has none.
     pub fn parameter_gradients(
         &self,
         splats: &Splats<T>,
         gradients: &[SplatGradient<T>],
+        by_normal: &[[T; 3]],
         out: &mut Splats<T>,
     ) {
         let scales = out.log_scale.par_chunks_mut(PIECE).zip(out.rotation.par_chunks_mut(PIECE));
@@ -119,7 +144,15 @@ impl<T: SimdReal> SortedSplats<T> {
                     *logit = [g.log_opacity * (T::one() - self.opacity(rank))];
                 }
                 let first = k * PIECE;
-                T::dispatch(CovarianceBackward { splats, gradients, first, rank, log_scale, rotation });
+                T::dispatch(CovarianceBackward {
+                    splats,
+                    gradients,
+                    first,
+                    rank,
+                    by_normal,
+                    log_scale,
+                    rotation,
+                });
             },
         );
     }

@@ -90,7 +90,7 @@ fn gradient<T: SimdReal, K: CameraKernel<T>>(g: &Splats<T>, camera: &FrameCamera
     let mut by_feature = vec![[T::zero(); 4]; g.len()];
     raster.backward(&sorted, &weights(camera.width, camera.height), &mut shared, &mut by_feature);
     let mut out = Splats::zeros(g.len());
-    sorted.parameter_gradients(g, &shared, &mut out);
+    sorted.parameter_gradients(g, &shared, &[], &mut out);
     for i in 0..g.len() {
         let by = by_feature[sorted.rank(i)];
         out.f_dc[i] = f_dc_gradient([by[0], by[1], by[2]]);
@@ -245,7 +245,7 @@ fn a_render_does_not_depend_on_earlier_renders_with_the_same_buffers() {
         fresh.update(&g);
         sorted.update(&g);
         let f = features(&g, &fresh);
-        let expected = Rasterizer::default().render(&fresh, &f, &camera, [0.5; 4]).clone();
+        let expected = Rasterizer::<f32, 4>::default().render(&fresh, &f, &camera, [0.5; 4]).clone();
         assert_eq!(*raster.render(&sorted, &f, &camera, [0.5; 4]), expected, "{n} splats");
         let opacities = (0..n).map(|rank| f64::from(sorted.opacity(rank))).sum::<f64>();
         assert!((sorted.mean_opacity() - opacities / n.max(1) as f64).abs() < 1e-6);
