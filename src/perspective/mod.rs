@@ -4,19 +4,26 @@
 pub mod colmap;
 mod draft;
 mod error;
+mod from_depths;
 mod georeference;
+mod georeference_source;
 mod kernel;
 mod lens;
+mod levir;
 mod options;
 mod pinhole;
 mod pose;
+mod rgbd;
 mod scene;
 mod scene_parts;
+mod similarity;
 mod transforms;
 mod undistort;
 mod view;
+mod words;
 
 pub use error::PerspectiveError;
+pub use from_depths::points_from_depths;
 pub use georeference::Georeference;
 pub use kernel::PinholeKernel;
 pub use lens::{LensCamera, LensModel};

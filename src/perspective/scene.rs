@@ -1,14 +1,15 @@
 //! Perspective scenes, and the choice of the reader.
 
-use super::colmap;
 use super::draft::Drafts;
 use super::error::PerspectiveError;
 use super::georeference::Georeference;
+use super::georeference_source::georeference;
 use super::options::PerspectiveOptions;
 use super::scene_parts::{Layout, ScenePoint};
-use super::transforms;
 use super::view::PerspectiveView;
+use super::{colmap, levir, rgbd, transforms};
 use crate::scene::Role;
+use glam::DVec3;
 use std::path::Path;
 
 /// Photographs with pinhole cameras of one place.
@@ -50,8 +51,11 @@ impl PerspectiveScene {
                 hint: "a view is an image with its camera and pose",
             });
         }
-        let georeference = None::<Georeference>;
         let (layout, mut points) = (drafts.layout, std::mem::take(&mut drafts.points));
+        let positions: Vec<DVec3> = points.iter().map(|p| DVec3::from_array(p.position.xyz())).collect();
+        let source = options.georeference.as_ref();
+        let georeference =
+            source.map(|source| georeference(path, source, &drafts.views, &positions)).transpose()?;
         if let Some(georeference) = &georeference {
             for point in &mut points {
                 point.position = georeference.site_from_file(point.position.xyz());
@@ -60,6 +64,24 @@ impl PerspectiveScene {
         let skipped = std::mem::take(&mut drafts.skipped);
         let views = drafts.views(options, georeference.as_ref())?;
         Ok(Self { layout, views, points, georeference, skipped })
+    }
+
+    /// Lowest and highest coordinates of the points and the camera centres.
+    #[must_use]
+    pub fn extent(&self) -> Option<[[f64; 3]; 2]> {
+        let points = self.points.iter().map(|p| DVec3::from_array(p.position.xyz()));
+        let all = points.chain(self.views.iter().map(|v| v.camera.center));
+        let both = all.map(|p| (p, p)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
+        Some([both.0.to_array(), both.1.to_array()])
+    }
+
+    /// How well the points of the COLMAP model at a path fit its images; none for other scenes and models without tracks.
+    ///
+    /// # Errors
+    /// [`PerspectiveError`] if the model cannot be read.
+    pub fn reprojection(path: &Path) -> Result<Option<colmap::Reprojection>, PerspectiveError> {
+        let project = colmap::project(path);
+        Ok(project.map(|p| colmap::read(&p.model)).transpose()?.and_then(|model| model.reprojection()))
     }
 
     /// Views that may be trained on.
@@ -74,6 +96,10 @@ fn layout_of(path: &Path) -> Option<Layout> {
         Some(Layout::Colmap)
     } else if transforms::file_of(path).is_some() {
         Some(Layout::Transforms)
+    } else if rgbd::is_one(path) {
+        Some(Layout::RgbD)
+    } else if levir::is_one(path) {
+        Some(Layout::Levir)
     } else {
         None
     }
@@ -84,6 +110,7 @@ fn read_drafts(path: &Path) -> Result<Drafts, PerspectiveError> {
     match layout_of(path).ok_or_else(no_layout)? {
         Layout::Colmap => colmap::read_project(&colmap::project(path).ok_or_else(no_layout)?),
         Layout::Transforms => transforms::read(&transforms::file_of(path).ok_or_else(no_layout)?),
-        Layout::RgbD | Layout::Levir => Err(no_layout()),
+        Layout::RgbD => rgbd::read(path),
+        Layout::Levir => levir::read(path),
     }
 }
