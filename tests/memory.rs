@@ -10,7 +10,7 @@ use satgs::io::Grid2;
 use satgs::splat::appearance::AppearanceKind;
 use satgs::splat::backend::cpu::CpuBackend;
 use satgs::splat::backend::{DensifyPlan, StepPlan, StepReport, TrainingBackend, TrainingScene, Wait};
-use satgs::splat::loss::LossWeights;
+use satgs::splat::loss::{LossWeights, SurfaceDepth};
 use satgs::splat::splats::PerGroup;
 use satgs::splat::state::TrainingState;
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -108,6 +108,7 @@ fn plan(iteration: u32) -> StepPlan {
         .unwrap(),
         opacity_divisor: None,
         sh_degree: 0,
+        surface: SurfaceDepth::Mean,
         rates: PerGroup::default(),
         appearance_rate: 0.0,
         densify: DensifyPlan::default(),

@@ -16,7 +16,9 @@ use satgs::splat::backend::stopwatch::Stopwatch;
 use satgs::splat::loss::photometric::Photometric;
 use satgs::splat::loss::{LossWeights, terms};
 use satgs::splat::objective::{Gradient, Objective, StepInput};
-use satgs::splat::raster::{FrameCamera, Image, LOW_PASS_PX2, Rasterizer, SortedSplats, SplatGradient};
+use satgs::splat::raster::{
+    FrameCamera, Image, LOW_PASS_PX2, PrimitiveKind, Rasterizer, SortedSplats, SplatGradient,
+};
 use satgs::splat::sheared_camera::ShearedCamera;
 use satgs::splat::splats::{PerGroup, Splats};
 use satgs::splat::state::TrainingState;
@@ -162,7 +164,7 @@ fn measure(splats: Splats, pixels: f64) -> Line {
         ("shadow_entropy", 0.01),
     ];
     let weights = LossWeights::of(&named).expect("the terms are registered");
-    let mut objective = Objective::<f32>::new(AppearanceKind::Affine, terms(None));
+    let mut objective = Objective::<f32>::new(PrimitiveKind::Ellipsoid, AppearanceKind::Affine, terms(None));
     let appearance = Appearance::default().values;
     let mut iteration = |input: &StepInput<f32>| {
         let mut run = |watch: &mut Stopwatch| {

@@ -3,6 +3,7 @@
 use super::{CliError, Ui};
 use crate::pipeline::{Outcome, TrainOptions, Trained, train};
 use crate::run_files::SPLATS;
+use crate::splat::raster::PrimitiveKind;
 use crate::splat::train::recipe::Recipe;
 use std::path::{Path, PathBuf};
 
@@ -26,6 +27,26 @@ pub struct Args {
     overwrite: bool,
 }
 
+/// Kinds of splats.
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum Primitive {
+    /// Ellipsoids
+    #[value(name = "3d")]
+    Ellipsoid,
+    /// Flat discs
+    #[value(name = "2d")]
+    Disc,
+}
+
+impl From<Primitive> for PrimitiveKind {
+    fn from(primitive: Primitive) -> Self {
+        match primitive {
+            Primitive::Ellipsoid => Self::Ellipsoid,
+            Primitive::Disc => Self::Disc,
+        }
+    }
+}
+
 /// How to train.
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "training")]
@@ -33,6 +54,10 @@ pub struct Options {
     /// Training recipe: `best`, `baeogs` or `eogs` (the latter two follow the papers), or a TOML file
     #[arg(long, default_value = Recipe::NAMES[0], value_name = "NAME|FILE")]
     recipe: String,
+    /// Kind of splats: `3d` for ellipsoids, `2d` for flat discs, which have normals [default: the recipe's, 3d unless it says
+    /// otherwise]
+    #[arg(long, value_name = "3d|2d")]
+    primitive: Option<Primitive>,
     /// Number of iterations; the schedule is scaled in proportion [default: the recipe's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     iterations: Option<u32>,
@@ -57,6 +82,7 @@ impl Options {
     pub fn options(&self, overwrite: bool) -> TrainOptions {
         TrainOptions {
             recipe: self.recipe.clone(),
+            primitive: self.primitive.map(PrimitiveKind::from),
             iterations: self.iterations,
             seed: self.seed,
             checkpoint_every: self.checkpoint_every,

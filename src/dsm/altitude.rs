@@ -6,9 +6,10 @@
 
 use super::nadir_camera;
 use crate::affine::ViewCamera;
+use crate::camera::QuadraticKernel;
 use crate::frame::SiteGrid;
 use crate::io::{Grid2, MapGrid};
-use crate::splat::raster::{ALPHA_CUT, LOW_PASS_PX2};
+use crate::splat::raster::{ALPHA_CUT, LOW_PASS_PX2, PrimitiveKind, parallel_slope};
 use crate::splat::splats::{Splats, sigmoid, unit_quaternion};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
@@ -30,13 +31,14 @@ struct Ellipse {
     /// Half the width and height of the part with an alpha above the threshold, samples.
     half_size: [f32; 2],
     opacity: f32,
-    /// Altitude of the centre, site metres.
+    /// Altitude of the centre, site metres, and its change per sample to the right and down: that of the plane of a disc.
     altitude: f32,
+    slope: [f32; 2],
 }
 
 impl Ellipse {
     /// None if the opacity of the splat is below the threshold of the rasteriser, or if the splat is not finite.
-    fn new(splats: &Splats, i: usize, camera: &ViewCamera) -> Option<Self> {
+    fn new(splats: &Splats, i: usize, is_disc: bool, camera: &ViewCamera) -> Option<Self> {
         let position = splats.position[i];
         let opacity = sigmoid(splats.opacity_logit[i][0]);
         let radius2 = 2.0 * (f64::from(opacity) / ALPHA_CUT).ln();
@@ -50,6 +52,7 @@ impl Ellipse {
         let det = xx * yy - xy * xy;
         let [dc, dr] = camera.displace(position.map(f64::from));
         let center = [dc + camera.offset[0], dr + camera.offset[1]];
+        let slope = if is_disc { disc_slope(camera, axes.z_axis, [xx, xy, yy]) } else { [0.0; 2] };
         let seen = radius2 > 0.0 && det > 0.0 && center.iter().all(|v| v.is_finite());
         seen.then(|| Self {
             center: center.map(|v| v as f32),
@@ -57,6 +60,7 @@ impl Ellipse {
             half_size: [(radius2 * xx).sqrt(), (radius2 * yy).sqrt()].map(|v| v as f32),
             opacity,
             altitude: position[2],
+            slope: slope.map(|v| v as f32),
         })
     }
 
@@ -67,6 +71,12 @@ impl Ellipse {
         first.max(within.start)..end.min(within.end)
     }
 
+    /// Altitude of the splat at a sample.
+    fn altitude(&self, col: usize, row: usize) -> f32 {
+        let (dx, dy) = (col as f32 - self.center[0], row as f32 - self.center[1]);
+        self.altitude + self.slope[0] * dx + self.slope[1] * dy
+    }
+
     /// Alpha of the splat at a sample.
     fn alpha(&self, col: usize, row: usize) -> f32 {
         let (dx, dy) = (col as f32 - self.center[0], row as f32 - self.center[1]);
@@ -75,14 +85,22 @@ impl Ellipse {
     }
 }
 
+/// The slope of a disc (metres per sample) as the rasteriser draws it, from its normal and the covariance (xx, xy, yy) of its
+/// image with the low-pass filter, samples².
+fn disc_slope(camera: &ViewCamera, normal: DVec3, [xx, xy, yy]: [f64; 3]) -> [f64; 2] {
+    let kernel = QuadraticKernel::<f64>::from(camera);
+    parallel_slope(&kernel, normal.to_array(), [xx - LOW_PASS_PX2, xy, yy - LOW_PASS_PX2])
+}
+
 /// Altitudes of the splats in the cells of a grid, metres above the origin of the site; NaN where the
 /// transmittance of all splats together is above one half.
 #[must_use]
 pub fn altitudes(splats: &Splats, site: &SiteGrid, grid: &MapGrid) -> Grid2 {
     let fine = sampled(grid);
     let camera = nadir_camera(&fine, site);
-    let mut ellipses: Vec<Ellipse> =
-        (0..splats.len()).into_par_iter().filter_map(|i| Ellipse::new(splats, i, &camera)).collect();
+    let is_disc = splats.primitive() == PrimitiveKind::Disc;
+    let of = |i| Ellipse::new(splats, i, is_disc, &camera);
+    let mut ellipses: Vec<Ellipse> = (0..splats.len()).into_par_iter().filter_map(of).collect();
     // A stable sort: splats of the same altitude keep their order.
     ellipses.par_sort_by(|a, b| b.altitude.total_cmp(&a.altitude));
     let mut out = Grid2::filled(grid.width, grid.height, f32::NAN);
@@ -130,7 +148,7 @@ fn draw(ellipses: &[Ellipse], first_row: usize, rows: usize, width: usize) -> Ve
                 if transmittance[i] > MEDIAN_TRANSMITTANCE {
                     transmittance[i] *= 1.0 - e.alpha(col, row);
                     if transmittance[i] <= MEDIAN_TRANSMITTANCE {
-                        altitudes[i] = e.altitude;
+                        altitudes[i] = e.altitude(col, row);
                     }
                 }
             }

@@ -2,6 +2,7 @@
 
 use super::PipelineError;
 use crate::affine::SiteFrame;
+use crate::splat::raster::PrimitiveKind;
 use crate::splat::train::recipe::Recipe;
 use std::path::Path;
 
@@ -10,6 +11,8 @@ use std::path::Path;
 pub struct TrainOptions {
     /// Name of a recipe ([`Recipe::NAMES`]) or path of a TOML file with one.
     pub recipe: String,
+    /// The kind of splats; by default the recipe's.
+    pub primitive: Option<PrimitiveKind>,
     /// Number of iterations, to which the recipe's schedule is scaled; by default the recipe's own.
     pub iterations: Option<u32>,
     /// Seed of all random numbers. The same seed gives the same bytes.
@@ -30,6 +33,7 @@ impl Default for TrainOptions {
     fn default() -> Self {
         Self {
             recipe: Recipe::NAMES[0].into(),
+            primitive: None,
             iterations: None,
             seed: 0,
             checkpoint_every: 500,
@@ -66,11 +70,12 @@ impl TrainOptions {
         Ok(if self.iterations.is_some() { recipe } else { recipe.for_views(views) })
     }
 
-    /// The recipe with its own number of iterations.
+    /// The recipe with its own number of iterations, for the kind of splats that is asked for.
     pub(super) fn recipe_as_written(&self) -> Result<Recipe, PipelineError> {
-        match Recipe::named(&self.recipe) {
-            Some(recipe) => Ok(recipe),
-            None => Ok(Recipe::read(Path::new(&self.recipe))?),
-        }
+        let recipe = match Recipe::named(&self.recipe) {
+            Some(recipe) => recipe,
+            None => Recipe::read(Path::new(&self.recipe))?,
+        };
+        Ok(Recipe { primitive: self.primitive.unwrap_or(recipe.primitive), ..recipe })
     }
 }

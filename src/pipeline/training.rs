@@ -13,6 +13,7 @@ use crate::scene::Scene;
 use crate::splat::backend::TrainingBackend;
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::init;
+use crate::splat::raster::PrimitiveKind;
 use crate::splat::splats::Splats;
 use crate::splat::train::recipe::{Recipe, Start};
 use crate::splat::train::{LogLine, pictures};
@@ -60,16 +61,21 @@ impl<'a> Training<'a> {
         let _ = std::fs::remove_file(self.run.join(FIRST_SURFACE));
         let _ = std::fs::remove_dir_all(self.run.join(SNAPSHOTS));
         let (setup, seed) = (&self.setup, self.options.seed);
-        Ok(match (self.sweep(views), self.recipe.start) {
+        let primitive = self.recipe.primitive;
+        let mut splats = match (self.sweep(views), self.recipe.start) {
             (Some(sweep), _) => {
                 let first = sweep.run(progress)?;
                 first.write(&self.run.join(FIRST_SURFACE))?;
-                init::init_from_surface(&first, views)
+                init::init_from_surface(&first, views, primitive)
             }
             (None, Start::Surface) => return Err(MatchError::no_pair(views).into()),
             (None, Start::Points) => init::init_from_points(&self.sparse, setup.area, seed),
             (None, Start::Volume) => init::init_from_volume(setup.area, setup.altitudes, seed),
-        })
+        };
+        if primitive == PrimitiveKind::Disc {
+            splats.flatten();
+        }
+        Ok(splats)
     }
 
     /// The sweep that finds the surface, if the recipe has one and two views can be matched.

@@ -5,8 +5,10 @@ use crate::affine::TrainingView;
 use crate::frame::{Point, Site, SiteBox};
 use crate::mvs::{MatchedSurface, ground_plane};
 use crate::random::CounterRng;
+use crate::splat::raster::PrimitiveKind;
 use crate::splat::splats::Splats;
 use crate::stats::quantile;
+use glam::{DQuat, DVec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZero;
@@ -84,9 +86,14 @@ pub fn init_from_volume((west, south, east, north): SiteBox, (low, high): (f64, 
 }
 
 /// Splats on a matched surface with the median colours of the views. Flat parts have larger splats; at steps of the surface,
-/// columns of splats fill the wall from the upper to the lower altitude.
+/// columns of splats fill the wall from the upper to the lower altitude. The third axis of each splat is the surface's normal
+/// if they are to be discs.
 #[must_use]
-pub fn init_from_surface(surface: &MatchedSurface, views: &[TrainingView]) -> Splats {
+pub fn init_from_surface(
+    surface: &MatchedSurface,
+    views: &[TrainingView],
+    primitive: PrimitiveKind,
+) -> Splats {
     let cells = ((SPACING_M / surface.grid.cell).round() as usize).max(1);
     let (columns, rows) = (surface.grid.width / cells, surface.grid.height / cells);
     let at = |col: usize, row: usize| {
@@ -101,22 +108,31 @@ pub fn init_from_surface(surface: &MatchedSurface, views: &[TrainingView]) -> Sp
         let points = places.map(|(c, r)| at(c, r));
         let mean: [f64; 3] = std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / 4.0);
         if points.iter().all(|p| (p[2] - mean[2]).abs() < FLAT_M) {
-            return vec![(mean, 2.0 * spacing)];
+            return vec![(mean, 2.0 * spacing, DVec3::Z)];
         }
         let mut splats = Vec::new();
         for ((c, r), p) in places.into_iter().zip(points).filter(|(_, p)| !p[2].is_nan()) {
             let around = [(c + 1, r), (c, r + 1), (c.saturating_sub(1), r), (c, r.saturating_sub(1))];
-            let lowest = around.map(|(c, r)| at(c, r)[2]).into_iter().fold(p[2], f64::min);
+            let around = around.map(|(c, r)| at(c, r));
+            let lowest = around.iter().fold(p[2], |m, q| m.min(q[2]));
             let steps = ((p[2] - lowest) / spacing - 0.5).ceil().max(1.0) as usize;
-            splats.extend((0..steps).map(|k| ([p[0], p[1], p[2] - spacing * k as f64], spacing)));
+            let rise = |ahead: [f64; 3], behind: [f64; 3]| (ahead[2] - behind[2]) / (2.0 * spacing);
+            // Rows run southwards.
+            let normal = DVec3::new(-rise(around[0], around[2]), rise(around[1], around[3]), 1.0);
+            let normal = normal.try_normalize().unwrap_or(DVec3::Z);
+            splats.extend((0..steps).map(|k| ([p[0], p[1], p[2] - spacing * k as f64], spacing, normal)));
         }
         splats
     };
     let splats: Vec<_> = quads.par_iter().flat_map_iter(splats_of_quad).collect();
-    let colors: Vec<[f32; 3]> = splats.par_iter().map(|(p, _)| median_color(*p, views)).collect();
+    let colors: Vec<[f32; 3]> = splats.par_iter().map(|(p, _, _)| median_color(*p, views)).collect();
     let mut out = Splats::default();
-    for ((p, size), rgb) in splats.into_iter().zip(colors) {
+    for ((p, size, normal), rgb) in splats.into_iter().zip(colors) {
         out.push(p.map(|v| v as f32), 0.5 * size as f32, SURFACE_OPACITY, rgb);
+        if primitive == PrimitiveKind::Disc {
+            let turn = DQuat::from_rotation_arc(DVec3::Z, normal);
+            out.rotation[out.position.len() - 1] = [turn.w, turn.x, turn.y, turn.z].map(|v| v as f32);
+        }
     }
     out
 }
@@ -182,7 +198,7 @@ mod tests {
         let area = (-30.0, -25.0, 30.0, 25.0);
         let view =
             TrainingView::new("v".into(), camera, None, &[Grid2::filled(160, 140, 0.3)], area, (0.0, 0.0));
-        let splats = init_from_surface(&block(), &[view]);
+        let splats = init_from_surface(&block(), &[view], PrimitiveKind::Disc);
         let near = |p: &&[f32; 3], z: f32| p[0].abs() < 5.0 && p[1].abs() < 3.0 && (p[2] - z).abs() < 0.5;
         assert!(splats.position.iter().filter(|p| near(p, 12.0)).count() >= 10);
         assert_eq!(
@@ -192,6 +208,12 @@ mod tests {
         );
         let on_walls = splats.position.iter().filter(|p| (2.0..10.0).contains(&p[2])).count();
         assert!(on_walls >= 150, "{on_walls}");
+        let leans = |i: usize| {
+            let [w, x, y, z] = splats.rotation[i].map(f64::from);
+            (DQuat::from_xyzw(x, y, z, w) * DVec3::Z).z
+        };
+        let walls = (0..splats.len()).filter(|i| (2.0..10.0).contains(&splats.position[*i][2]));
+        assert!(walls.map(leans).all(|z| z < 0.3), "the normals of walls are level");
     }
 
     fn slope() -> Vec<Point<Site>> {

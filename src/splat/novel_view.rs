@@ -73,7 +73,7 @@ impl NovelView {
             background: [0.0; 3],
             floor: 0.0,
         };
-        let mut objective = Objective::new(appearance.kind, Vec::new());
+        let mut objective = Objective::new(splats.primitive(), appearance.kind, Vec::new());
         objective.forward(splats, &appearance.values, &input, &mut Stopwatch::default());
         let (picture, view) = (objective.picture(), objective.view());
         let (mut altitude, transmittance) =

@@ -8,7 +8,9 @@
 use super::appearance::{AppearanceKind, AppearanceModel, ShadingGradient, ShadingInput};
 use super::backend::stopwatch::Stopwatch;
 use super::loss::{COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
-use super::raster::{FrameCamera, Image, Rasterizer, SortedSplats, SplatGradient, channel};
+use super::raster::{
+    FrameCamera, Image, PrimitiveKind, Renderer, SortedSplats, SplatGradient, channel, renderer,
+};
 use super::shadow::ShadowModel;
 use super::sheared_camera::ShearedCamera;
 use super::splats::{GROUP_INFO, Splats};
@@ -69,12 +71,15 @@ pub struct Gradient<T> {
     pub appearance: Vec<T>,
 }
 
+/// A rasteriser of satellite views.
+type BoxedRenderer<T, const C: usize> = Box<dyn Renderer<T, C, QuadraticKernel<T>>>;
+
 /// Computes losses and gradients; keeps all buffers between iterations.
 pub struct Objective<T: Real> {
     sorted: SortedSplats<T>,
-    view: Rasterizer<T, 4>,
-    sun: Rasterizer<T, 1>,
-    virtual_view: Rasterizer<T, 4>,
+    view: BoxedRenderer<T, 4>,
+    sun: BoxedRenderer<T, 1>,
+    virtual_view: BoxedRenderer<T, 4>,
     colors: Vec<[T; 3]>,
     features: Vec<[T; 4]>,
     altitudes: Vec<[T; 1]>,
@@ -82,6 +87,9 @@ pub struct Objective<T: Real> {
     by_feature: Vec<[T; 4]>,
     by_altitude: Vec<[T; 1]>,
     by_sorted: Vec<SplatGradient<T>>,
+    /// Derivatives by the normals of discs; empty for ellipsoids.
+    by_normal: Vec<[T; 3]>,
+    primitive: PrimitiveKind,
     shadows: ShadowModel<T>,
     appearance: Box<dyn AppearanceModel<T>>,
     picture: Image<T>,
@@ -91,14 +99,19 @@ pub struct Objective<T: Real> {
 }
 
 impl<T: SimdReal> Objective<T> {
-    /// The objective with this colour model and these loss terms.
+    /// The objective for splats of this kind with this colour model and these loss terms.
     #[must_use]
-    pub fn new(appearance: AppearanceKind, terms: Vec<Box<dyn LossTerm<T>>>) -> Self {
+    pub fn new(
+        primitive: PrimitiveKind,
+        appearance: AppearanceKind,
+        terms: Vec<Box<dyn LossTerm<T>>>,
+    ) -> Self {
         Self {
-            sorted: SortedSplats::default(),
-            view: Rasterizer::default(),
-            sun: Rasterizer::default(),
-            virtual_view: Rasterizer::default(),
+            primitive,
+            sorted: SortedSplats::of(primitive),
+            view: renderer(primitive),
+            sun: renderer(primitive),
+            virtual_view: renderer(primitive),
             colors: Vec::new(),
             features: Vec::new(),
             altitudes: Vec::new(),
@@ -106,6 +119,7 @@ impl<T: SimdReal> Objective<T> {
             by_feature: Vec::new(),
             by_altitude: Vec::new(),
             by_sorted: Vec::new(),
+            by_normal: Vec::new(),
             shadows: ShadowModel::default(),
             appearance: appearance.model(),
             picture: Image::default(),
@@ -130,7 +144,7 @@ impl<T: SimdReal> Objective<T> {
         if let Some(v) = &input.virtual_view {
             let background = input.background_features();
             render(
-                &mut self.virtual_view,
+                self.virtual_view.as_mut(),
                 VIRTUAL,
                 &self.sorted,
                 &self.features,
@@ -141,6 +155,7 @@ impl<T: SimdReal> Objective<T> {
         }
         let rendered = Rendered {
             view: self.view.image(),
+            discs: None,
             picture: &self.picture,
             sunlight: input.sun.is_some().then_some(self.shadows.sunlight()),
             virtual_view: input.virtual_view.as_ref().map(|v| (self.virtual_view.image(), &v.warp)),
@@ -172,7 +187,7 @@ impl<T: SimdReal> Objective<T> {
         self.sort_and_color(splats, appearance);
         watch.lap("splats", "order and covariances");
         render(
-            &mut self.view,
+            self.view.as_mut(),
             VIEW,
             &self.sorted,
             &self.features,
@@ -181,7 +196,7 @@ impl<T: SimdReal> Objective<T> {
             watch,
         );
         if let Some(sun) = &input.sun {
-            render(&mut self.sun, SUN, &self.sorted, &self.altitudes, &sun.camera, [input.floor], watch);
+            render(self.sun.as_mut(), SUN, &self.sorted, &self.altitudes, &sun.camera, [input.floor], watch);
         }
         let (view, sun) = (self.view.image(), input.sun.map(|s| (s.warp, self.sun.image())));
         self.shadows.forward(view, sun);
@@ -271,20 +286,25 @@ impl<T: SimdReal> Objective<T> {
         zeros(&mut self.by_sorted, n);
         zeros(&mut self.by_feature, n);
         zeros(&mut self.by_altitude, n);
-        let Self { terms, sorted, by_sorted, by_feature, by_altitude, .. } = self;
+        let normals = if self.primitive == PrimitiveKind::Disc { n } else { 0 };
+        zeros(&mut self.by_normal, normals);
+        let Self { terms, sorted, by_sorted, by_normal, by_feature, by_altitude, .. } = self;
         terms.iter().for_each(|term| term.add_by_sorted(sorted, by_sorted));
-        backward(&mut self.view, VIEW, sorted, &self.by_view, by_sorted, by_feature, watch);
+        let mut by = (&mut by_sorted[..], &mut by_normal[..]);
+        backward(self.view.as_mut(), VIEW, sorted, &self.by_view, &mut by, by_feature, watch);
         for by_virtual in terms.iter().filter_map(|term| term.by_virtual_view()) {
-            backward(&mut self.virtual_view, VIRTUAL, sorted, by_virtual, by_sorted, by_feature, watch);
+            let raster = self.virtual_view.as_mut();
+            backward(raster, VIRTUAL, sorted, by_virtual, &mut by, by_feature, watch);
         }
         if input.sun.is_some() {
-            backward(&mut self.sun, SUN, sorted, self.shadows.by_sun(), by_sorted, by_altitude, watch);
+            let by_sun = self.shadows.by_sun();
+            backward(self.sun.as_mut(), SUN, sorted, by_sun, &mut by, by_altitude, watch);
         }
         gradient.splats.resize_like(splats);
         let groups = gradient.splats.groups_mut().into_iter().zip(GROUP_INFO);
         let others = groups.filter(|(_, info)| !WRITTEN_GROUPS.contains(&info.name));
         others.for_each(|(group, _)| group.fill(T::zero()));
-        sorted.parameter_gradients(splats, by_sorted, &[], &mut gradient.splats);
+        sorted.parameter_gradients(splats, by_sorted, by_normal, &mut gradient.splats);
         self.by_colors.resize(n, [T::zero(); 3]);
         let rows = gradient.splats.position.par_iter_mut().zip(&mut self.by_colors).with_min_len(1024);
         rows.enumerate().for_each(|(i, (position, by_color))| {
@@ -350,7 +370,7 @@ pub(super) fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: us
 
 /// Renders an image and measures the time of the steps.
 fn render<T: SimdReal, const C: usize>(
-    raster: &mut Rasterizer<T, C>,
+    raster: &mut dyn Renderer<T, C, QuadraticKernel<T>>,
     part: &'static str,
     sorted: &SortedSplats<T>,
     features: &[[T; C]],
@@ -368,17 +388,17 @@ fn render<T: SimdReal, const C: usize>(
 
 /// Adds the derivatives by the splats that follow from those by an image's pixels, and measures the time of the steps.
 fn backward<T: SimdReal, const C: usize>(
-    raster: &mut Rasterizer<T, C>,
+    raster: &mut dyn Renderer<T, C, QuadraticKernel<T>>,
     part: &'static str,
     sorted: &SortedSplats<T>,
     by_pixel: &Image<T>,
-    gradients: &mut [SplatGradient<T>],
+    (gradients, by_normal): &mut (&mut [SplatGradient<T>], &mut [[T; 3]]),
     by_feature: &mut [[T; C]],
     watch: &mut Stopwatch,
 ) {
     raster.pixels_backward(by_pixel);
     watch.lap(part, "backward");
-    raster.gather(sorted, gradients, by_feature);
+    raster.gather(sorted, gradients, by_normal, by_feature);
     watch.lap(part, "gathering");
 }
 

@@ -1,5 +1,6 @@
 //! The gradient of the whole loss (rasteriser, shadows, colour model and all terms) is compared with central differences.
 
+use super::PrimitiveKind;
 use super::*;
 use crate::affine::ViewCamera;
 use crate::frame::{Point, SiteGrid};
@@ -61,7 +62,11 @@ impl<T: SimdReal> Scene<T> {
         let mut scene = Self {
             target: Image::default(),
             valid: Vec::new(),
-            objective: Objective::new(AppearanceKind::Affine, terms(Some(&prior()))),
+            objective: Objective::new(
+                PrimitiveKind::Ellipsoid,
+                AppearanceKind::Affine,
+                terms(Some(&prior())),
+            ),
             has_sun: true,
             has_virtual_view: true,
             quadratic: Default::default(),
@@ -240,7 +245,7 @@ fn a_block_casts_a_shadow_of_the_right_length() {
         background: [0.0; 3],
         floor: -1.0,
     };
-    let mut objective = Objective::new(AppearanceKind::Affine, terms(None));
+    let mut objective = Objective::new(PrimitiveKind::Ellipsoid, AppearanceKind::Affine, terms(None));
     let values = Appearance::start(AppearanceKind::Affine).values;
     objective.evaluate(&g, &values, &input, &weights(), &mut Gradient::default(), &mut Stopwatch::default());
     let red = |x: f64| objective.picture().at(0, (23.5 + 4.0 * x).round() as usize, 23);

@@ -5,6 +5,7 @@
 //! is one line there.
 
 use super::edit::Edit;
+use super::raster::{FLAT_LOG_SCALE, PrimitiveKind};
 use crate::simd::Real;
 use serde::{Deserialize, Serialize};
 
@@ -143,11 +144,51 @@ parameter_groups! {
 
 /// The columns of `f_rest` in a PLY file.
 const F_REST_COLUMNS: [&str; 45] = [
-    "f_rest_0", "f_rest_1", "f_rest_2", "f_rest_3", "f_rest_4", "f_rest_5", "f_rest_6", "f_rest_7", "f_rest_8", "f_rest_9",
-    "f_rest_10", "f_rest_11", "f_rest_12", "f_rest_13", "f_rest_14", "f_rest_15", "f_rest_16", "f_rest_17", "f_rest_18",
-    "f_rest_19", "f_rest_20", "f_rest_21", "f_rest_22", "f_rest_23", "f_rest_24", "f_rest_25", "f_rest_26", "f_rest_27",
-    "f_rest_28", "f_rest_29", "f_rest_30", "f_rest_31", "f_rest_32", "f_rest_33", "f_rest_34", "f_rest_35", "f_rest_36",
-    "f_rest_37", "f_rest_38", "f_rest_39", "f_rest_40", "f_rest_41", "f_rest_42", "f_rest_43", "f_rest_44",
+    "f_rest_0",
+    "f_rest_1",
+    "f_rest_2",
+    "f_rest_3",
+    "f_rest_4",
+    "f_rest_5",
+    "f_rest_6",
+    "f_rest_7",
+    "f_rest_8",
+    "f_rest_9",
+    "f_rest_10",
+    "f_rest_11",
+    "f_rest_12",
+    "f_rest_13",
+    "f_rest_14",
+    "f_rest_15",
+    "f_rest_16",
+    "f_rest_17",
+    "f_rest_18",
+    "f_rest_19",
+    "f_rest_20",
+    "f_rest_21",
+    "f_rest_22",
+    "f_rest_23",
+    "f_rest_24",
+    "f_rest_25",
+    "f_rest_26",
+    "f_rest_27",
+    "f_rest_28",
+    "f_rest_29",
+    "f_rest_30",
+    "f_rest_31",
+    "f_rest_32",
+    "f_rest_33",
+    "f_rest_34",
+    "f_rest_35",
+    "f_rest_36",
+    "f_rest_37",
+    "f_rest_38",
+    "f_rest_39",
+    "f_rest_40",
+    "f_rest_41",
+    "f_rest_42",
+    "f_rest_43",
+    "f_rest_44",
 ];
 
 /// Whether a value is that of its type's `Default`.
@@ -215,6 +256,19 @@ impl<T: Real> Splats<T> {
         self.log_scale[i] = [scale_m.ln(); 3];
         self.opacity_logit[i] = [logit(opacity)];
         self.f_dc[i] = f_dc_from_color(rgb);
+    }
+
+    /// Discs if no splat has an extent along its third axis, else ellipsoids.
+    #[must_use]
+    pub fn primitive(&self) -> PrimitiveKind {
+        let flat = T::from_f64(0.9 * f64::from(FLAT_LOG_SCALE));
+        let is_flat = !self.is_empty() && self.log_scale.iter().all(|s| s[2] < flat);
+        if is_flat { PrimitiveKind::Disc } else { PrimitiveKind::Ellipsoid }
+    }
+
+    /// Removes the extent of every splat along its third axis, which becomes the normal of a disc.
+    pub fn flatten(&mut self) {
+        self.log_scale.iter_mut().for_each(|s| s[2] = T::from_f64(FLAT_LOG_SCALE.into()));
     }
 
     /// Applies `change` to each channel of every splat's linear colour.

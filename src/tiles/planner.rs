@@ -339,7 +339,8 @@ impl<'a> Planner<'a> {
             memory_mb: sum.memory_mb.max(tile.cost.memory_mb),
             read_mb: sum.read_mb + tile.cost.read_mb,
         });
-        let is_named = Recipe::named(&self.options.train.recipe).is_some();
+        let train = &self.options.train;
+        let is_named = Recipe::named(&train.recipe).is_some() && train.primitive.is_none();
         let mut plan = Plan {
             schema: SCHEMA,
             satgs: env!("CARGO_PKG_VERSION").into(),

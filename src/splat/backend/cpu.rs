@@ -50,7 +50,8 @@ impl TrainingBackend for CpuBackend {
         if found != expected {
             return Err(BackendError::OtherScene { found, expected });
         }
-        let objective = Objective::new(scene.appearance, terms(scene.prior.as_ref()));
+        let primitive = state.splats.primitive();
+        let objective = Objective::new(primitive, scene.appearance, terms(scene.prior.as_ref()));
         let (gradient, target) = (Gradient::default(), TargetImage::default());
         self.loaded = Some(Loaded { scene, state, objective, gradient, target });
         self.reports.clear();
@@ -136,7 +137,8 @@ impl Loaded {
             counts.densified = state.densify(rule, *half_side_m, (plan.seed, u64::from(iteration)));
         }
         if let Some(opacity) = plan.prune_below {
-            counts.pruned = state.prune(opacity, plan.prune_above_m.unwrap_or(f64::INFINITY), self.scene.altitudes);
+            counts.pruned =
+                state.prune(opacity, plan.prune_above_m.unwrap_or(f64::INFINITY), self.scene.altitudes);
             state.statistics.reset(state.splats.len());
         }
         if let Some(opacity) = plan.reset_opacity {

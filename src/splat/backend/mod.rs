@@ -10,8 +10,8 @@ pub mod stopwatch;
 
 use super::appearance::AppearanceKind;
 use super::densify::DensifyCounts;
-use super::loss::LossWeights;
 use super::loss::surface_prior::Prior;
+use super::loss::{LossWeights, SurfaceDepth};
 use super::objective::Losses;
 use super::splats::PerGroup;
 use super::state::TrainingState;
@@ -53,6 +53,8 @@ pub struct StepPlan {
     pub opacity_divisor: Option<usize>,
     /// Degree of the spherical harmonics that are used, 0 to 3; satellite scenes have none above 0.
     pub sh_degree: usize,
+    /// Which depth of discs in perspective scenes is the surface's.
+    pub surface: SurfaceDepth,
     /// Learning rates of Adam; that of positions is in metres.
     pub rates: PerGroup<f64>,
     /// Learning rate of Adam for the colour model.

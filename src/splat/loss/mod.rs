@@ -5,6 +5,8 @@
 //! [`opacity`] and a line in `loss_terms!` below.
 
 pub mod consistency;
+pub mod depth_distortion;
+pub mod normal_consistency;
 pub mod opacity;
 pub mod photometric;
 pub mod shadow_entropy;
@@ -13,7 +15,7 @@ pub mod target;
 mod term;
 mod weights;
 
-pub use term::{LossTerm, Rendered, Scaled, TermInfo};
+pub use term::{DiscView, LossTerm, Rendered, Scaled, SurfaceDepth, TermInfo};
 pub use weights::{LossWeights, WeightError};
 
 use crate::simd::SimdReal;
@@ -39,6 +41,8 @@ loss_terms! {
     consistency::Consistency,
     shadow_entropy::ShadowEntropy,
     surface_prior::SurfacePrior,
+    normal_consistency::NormalConsistency,
+    depth_distortion::DepthDistortion,
 }
 
 /// Number of weights of all terms.

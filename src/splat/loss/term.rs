@@ -1,9 +1,11 @@
 //! The interface of a loss term.
 
+use crate::perspective::PinholeCamera;
 use crate::simd::{Real, Simd, SimdVec};
 use crate::splat::raster::{Image, SortedSplats, SplatGradient};
 use crate::splat::shear_warp::ShearWarp;
 use crate::splat::splats::Splats;
+use serde::{Deserialize, Serialize};
 
 /// Names of a term's weights and columns.
 #[derive(Clone, Copy, Debug)]
@@ -14,10 +16,33 @@ pub struct TermInfo {
     pub columns: &'static [&'static str],
 }
 
+/// Which depth of a pixel is that of the surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SurfaceDepth {
+    /// The alpha-composited mean (2DGS, for scenes without bounds).
+    #[default]
+    Mean,
+    /// The depth at which the transmittance falls to one half (2DGS, for bounded scenes).
+    Median,
+}
+
+/// A perspective view of discs.
+#[derive(Clone, Copy, Debug)]
+pub struct DiscView<'a> {
+    /// The camera.
+    pub camera: &'a PinholeCamera,
+    /// Which depth is the surface's.
+    pub surface: SurfaceDepth,
+}
+
 /// What an iteration has rendered, as the input of the loss terms.
 pub struct Rendered<'a, T> {
     /// The view's render: linear colour, altitude and transmittance ([`channel`](crate::splat::raster::channel)).
     pub view: &'a Image<T>,
+    /// Of a perspective view of discs, which has all planes ([`disc_plane`](crate::splat::raster::disc_plane)): its camera, and
+    /// which depth is the surface's. None for other splats and for satellite views.
+    pub discs: Option<DiscView<'a>>,
     /// The picture: the view's render after shadows and colour model, linear colours, three channels; zero where masked.
     pub picture: &'a Image<T>,
     /// Share of sunlight, 0 to 1, one channel; none without shadows.

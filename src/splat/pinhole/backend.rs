@@ -8,7 +8,7 @@ use super::super::objective::Losses;
 use super::super::raster::Image;
 use super::super::splats::Splats;
 use super::super::state::TrainingState;
-use super::objective::{PinholeObjective, PinholeStep};
+use super::objective::{AnyPinholeObjective, PinholeStep, objective};
 use super::picture::PinholePicture;
 use super::view::PinholeView;
 use crate::perspective::PinholeCamera;
@@ -32,7 +32,7 @@ pub struct PinholeBackend {
 struct Loaded {
     scene: PinholeScene,
     state: TrainingState,
-    objective: PinholeObjective<f32>,
+    objective: Box<dyn AnyPinholeObjective<f32>>,
     gradient: Splats,
     target: Image<f32>,
     valid: Vec<bool>,
@@ -62,9 +62,9 @@ impl TrainingBackend for PinholeBackend {
             return Err(BackendError::OtherScene { found, expected: 0 });
         }
         self.loaded = Some(Loaded {
+            objective: objective(state.splats.primitive(), terms(None)),
             scene,
             state,
-            objective: PinholeObjective::new(terms(None)),
             gradient: Splats::default(),
             target: Image::default(),
             valid: Vec::new(),
@@ -106,8 +106,14 @@ impl Loaded {
         let view = scene.views.get(view).ok_or(BackendError::NoView { view, views })?;
         view.load(target, valid);
         watch.lap("view", "image");
-        let (sh_degree, background) = (plan.sh_degree, plan.background);
-        let input = PinholeStep { camera: &view.camera, target, valid, background, sh_degree };
+        let input = PinholeStep {
+            camera: &view.camera,
+            target,
+            valid,
+            background: plan.background,
+            sh_degree: plan.sh_degree,
+            surface: plan.surface,
+        };
         let TrainingState { splats, adam, statistics, .. } = state;
         let losses = objective.evaluate(splats, &input, &plan.weights, gradient, watch);
         let (width, height) = view.camera.size;

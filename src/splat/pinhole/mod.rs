@@ -11,7 +11,9 @@ mod start;
 mod view;
 
 pub use backend::{PinholeBackend, PinholeScene};
-pub use objective::{PinholeObjective, PinholeStep};
-pub use picture::{PinholePicture, comparison};
+pub use objective::{
+    AnyPinholeObjective, DiscObjective, EllipsoidObjective, PinholeObjective, PinholeStep, objective,
+};
+pub use picture::{DiscPlanes, PinholePicture, comparison};
 pub use start::{splats_at_points, splats_on_rays};
 pub use view::{PinholeView, extent_m};

@@ -2,9 +2,10 @@
 
 use super::super::backend::stopwatch::Stopwatch;
 use super::super::harmonics::MAX_DEGREE;
-use super::super::raster::Image;
+use super::super::loss::SurfaceDepth;
+use super::super::raster::{Image, PrimitiveKind, channel, disc_plane};
 use super::super::splats::Splats;
-use super::objective::{PinholeObjective, PinholeStep};
+use super::objective::{PinholeStep, objective};
 use super::view::PinholeView;
 use crate::io::{Grid2, RgbImage};
 use crate::perspective::PinholeCamera;
@@ -25,6 +26,32 @@ pub struct PinholePicture {
     pub depth: Grid2,
     /// The share of light that the splats do not let through, 0 to 1.
     pub opacity: Grid2,
+    /// Of discs: what follows from their planes.
+    pub discs: Option<DiscPlanes>,
+}
+
+/// What discs show beside colour and mean depth; NaN where the transmittance exceeds one half.
+pub struct DiscPlanes {
+    /// Depth along the optical axis at which the transmittance falls to one half, site metres.
+    pub median_depth: Grid2,
+    /// Unit normals in site axes, on the side of the camera.
+    pub normals: [Grid2; 3],
+}
+
+impl DiscPlanes {
+    fn of(view: &Image<f32>, opacity: &Grid2) -> Self {
+        let mut median_depth = view.plane(disc_plane::MEDIAN_DEPTH);
+        let mut normals = [0, 1, 2].map(|k| view.plane(channel::NORMAL + k));
+        for (i, opaque) in opacity.data.iter().enumerate() {
+            let length = normals.iter().map(|n| n.data[i] * n.data[i]).sum::<f32>().sqrt();
+            let inverse = if *opaque < 0.5 { f32::NAN } else { 1.0 / length };
+            normals.iter_mut().for_each(|n| n.data[i] *= inverse);
+            if *opaque < 0.5 {
+                median_depth.data[i] = f32::NAN;
+            }
+        }
+        Self { median_depth, normals }
+    }
 }
 
 impl PinholePicture {
@@ -33,19 +60,24 @@ impl PinholePicture {
     pub fn render(splats: &Splats, camera: &PinholeCamera) -> Self {
         let no_target = Image::default();
         let (background, sh_degree) = ([0.0; 3], MAX_DEGREE);
-        let input = PinholeStep { camera, target: &no_target, valid: &[], background, sh_degree };
-        let mut objective = PinholeObjective::new(Vec::new());
+        let surface = SurfaceDepth::Mean;
+        let input = PinholeStep { camera, target: &no_target, valid: &[], background, sh_degree, surface };
+        let primitive = splats.primitive();
+        let mut objective = objective(primitive, Vec::new());
         objective.forward(splats, &input, &mut Stopwatch::default());
         let view = objective.view();
         let mut colors = [0, 1, 2].map(|c| view.plane(c));
         colors.iter_mut().flat_map(|c| &mut c.data).for_each(|v| *v = v.clamp(0.0, 1.0));
-        let (mut depth, mut opacity) = (view.plane(3), view.plane(4));
+        let is_disc = primitive == PrimitiveKind::Disc;
+        let through = if is_disc { disc_plane::TRANSMITTANCE } else { channel::TRANSMITTANCE };
+        let (mut depth, mut opacity) = (view.plane(channel::DEPTH), view.plane(through));
         for (depth, through) in depth.data.iter_mut().zip(&mut opacity.data) {
             let opaque = 1.0 - *through;
             *depth = if opaque < 0.5 { f32::NAN } else { *depth / opaque };
             *through = opaque;
         }
-        Self { colors, depth, opacity }
+        let discs = is_disc.then(|| DiscPlanes::of(view, &opacity));
+        Self { colors, depth, opacity, discs }
     }
 }
 

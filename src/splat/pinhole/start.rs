@@ -1,11 +1,16 @@
 //! The splats that training of a perspective scene begins with.
 
 use super::super::init::neighbour_scales;
+use super::super::raster::PrimitiveKind;
 use super::super::splats::Splats;
 use super::view::PinholeView;
 use crate::frame::{CenterPx, Pixel, Point, Site};
 use crate::random::CounterRng;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use rayon::prelude::*;
+use std::num::NonZero;
 
 /// Initial opacity (3DGS).
 const OPACITY: f32 = 0.1;
@@ -15,13 +20,15 @@ const SMALLEST_M: f64 = 3.2e-4;
 const RANDOM_SPLATS: u64 = 100_000;
 /// Depths of those splats, as a multiple of the distance from the camera to the place that the cameras look at.
 const DEPTHS: (f64, f64) = (0.3, 4.0);
+/// Number of neighbours, the point itself among them, that give a disc its normal.
+const NEIGHBOURS: NonZero<usize> = NonZero::new(9).unwrap();
 /// Purpose of the random numbers.
 const DRAW_RAY: u64 = 20;
 
 /// A splat at each point (site metres) of the point's colour (as displayed, 0 to 1), as large as the distances to its nearest
-/// neighbours, with coefficients of spherical harmonics that are zero (3DGS).
+/// neighbours, with coefficients of spherical harmonics that are zero (3DGS). Discs lie in the planes of their neighbours.
 #[must_use]
-pub fn splats_at_points(points: &[(Point<Site>, [f32; 3])]) -> Splats {
+pub fn splats_at_points(points: &[(Point<Site>, [f32; 3])], primitive: PrimitiveKind) -> Splats {
     let positions: Vec<[f64; 3]> = points.iter().map(|p| p.0.xyz()).collect();
     let mut out = Splats::default();
     for ((position, rgb), scale) in points.iter().zip(neighbour_scales(&positions)) {
@@ -29,13 +36,36 @@ pub fn splats_at_points(points: &[(Point<Site>, [f32; 3])]) -> Splats {
         out.push(position.xyz().map(|v| v as f32), scale as f32, OPACITY, *rgb);
     }
     out.f_rest.resize(points.len(), [0.0; 45]);
+    if primitive == PrimitiveKind::Disc {
+        out.flatten();
+        for (rotation, normal) in out.rotation.iter_mut().zip(normals(&positions)) {
+            let turn = DQuat::from_rotation_arc(DVec3::Z, normal);
+            *rotation = [turn.w, turn.x, turn.y, turn.z].map(|v| v as f32);
+        }
+    }
     out
+}
+
+/// Normals of the planes through each point's nearest neighbours, in the sense of least squares.
+fn normals(points: &[[f64; 3]]) -> Vec<DVec3> {
+    let tree = ImmutableKdTree::<f64, 3>::new_from_slice(points);
+    let Ok(tree) = tree else { return vec![DVec3::Z; points.len()] };
+    let normal = |p: &[f64; 3]| {
+        let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(NEIGHBOURS).execute();
+        let near: Vec<Vector3<f64>> = near.iter().map(|n| Vector3::from(points[n.item as usize])).collect();
+        let mean = near.iter().sum::<Vector3<f64>>() / near.len() as f64;
+        let spread: Matrix3<f64> = near.iter().map(|q| (q - mean) * (q - mean).transpose()).sum();
+        let eigen = SymmetricEigen::new(spread);
+        let across = eigen.eigenvectors.column(eigen.eigenvalues.imin());
+        DVec3::new(across[0], across[1], across[2]).try_normalize().unwrap_or(DVec3::Z)
+    };
+    points.par_iter().map(normal).collect()
 }
 
 /// Splats of a scene without points: at random depths behind random pixels of the views, in the pixels' colours. The depths
 /// are around the place that the cameras look at.
 #[must_use]
-pub fn splats_on_rays(views: &[PinholeView], seed: u64) -> Splats {
+pub fn splats_on_rays(views: &[PinholeView], primitive: PrimitiveKind, seed: u64) -> Splats {
     let focus = focus(views);
     let point = |i: u64| {
         let mut draw = CounterRng::new(seed, DRAW_RAY, 0, i);
@@ -51,7 +81,7 @@ pub fn splats_on_rays(views: &[PinholeView], seed: u64) -> Splats {
         Some((Point::new(p.x, p.y, p.z), view.color(col, row)?))
     };
     let points: Vec<(Point<Site>, [f32; 3])> = (0..RANDOM_SPLATS).filter_map(point).collect();
-    splats_at_points(&points)
+    splats_at_points(&points, primitive)
 }
 
 /// The place that is nearest to all optical axes, in the sense of least squares; of parallel axes one that lies ahead of the
@@ -88,11 +118,11 @@ mod tests {
         let points: Vec<_> = (0..100)
             .map(|i| (Point::new(f64::from(i % 10) * 0.02, f64::from(i / 10) * 0.02, 0.0), [0.1, 0.2, 0.3]))
             .collect();
-        let splats = splats_at_points(&points);
+        let splats = splats_at_points(&points, PrimitiveKind::Ellipsoid);
         assert!((splats.log_scale[55][0].exp() - 0.02).abs() < 1e-4);
         assert!(splats.f_rest.len() == 100 && (splats.opacity_logit[0][0] + 9f32.ln()).abs() < 1e-4);
-        assert_eq!(splats_at_points(&[]).len(), 0);
-        assert!(splats_at_points(&points[..1]).log_scale[0][0].is_finite());
+        assert_eq!(splats_at_points(&[], PrimitiveKind::Ellipsoid).len(), 0);
+        assert!(splats_at_points(&points[..1], PrimitiveKind::Ellipsoid).log_scale[0][0].is_finite());
     }
 
     #[test]
@@ -111,7 +141,7 @@ mod tests {
         };
         let views: Vec<_> = (0..9).map(view).collect();
         assert!(focus(&views).distance(DVec3::new(0.0, 0.0, 1.0)) < 1e-9);
-        let splats = splats_on_rays(&views, 0);
+        let splats = splats_on_rays(&views, PrimitiveKind::Ellipsoid, 0);
         assert_eq!(splats.len(), RANDOM_SPLATS as usize);
         let near = splats.position.iter().filter(|p| p[0].hypot(p[1]) < 2.0).count();
         assert!(near > splats.len() / 4, "{near}");

@@ -30,7 +30,7 @@ pub(super) struct Backward<'a, T: Real, const C: usize, K, P: Primitive> {
     pub width: usize,
     /// The rendered pixels of the band: the planes of the primitive.
     pub image: &'a [T],
-    /// The loss's derivatives by the trained planes of the pixels: the features, and of discs the others too.
+    /// The loss's derivatives by the trained planes of the pixels.
     pub by_pixel: &'a [T],
     /// Buffer for `pixel . g` of each pixel.
     pub products: &'a mut [T],
@@ -147,7 +147,7 @@ fn dot_pixels_with_gradient<S: Simd, const C: usize, P: Primitive>(
 ) {
     let trained = P::trained_planes(C);
     // The median depth does not depend on the weights of the splats.
-    let planes = trained - P::MEDIANS;
+    let planes = trained - if trained > C { P::MEDIANS } else { 0 };
     let inputs = image.chunks(width * P::planes(C)).zip(by_pixel.chunks(width * trained));
     for (out, (image, by_pixel)) in out.chunks_mut(width).zip(inputs) {
         for first in (0..width).step_by(S::WIDTH) {

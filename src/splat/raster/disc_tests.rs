@@ -247,13 +247,13 @@ fn f32_kernels_of_discs_agree_with_f64() {
         let sorted = sort(&g, &wide.kernel);
         let mut raster = Rasterizer::<f64, 7, K64, Disc>::default();
         raster.render(&sorted, &features(&g, &sorted, &wide.kernel), wide, BACKGROUND);
-        let exact = finish(&g, &sorted, raster, &weights(8), &wide.kernel);
+        let exact = finish(&g, &sorted, raster, &weights(7), &wide.kernel);
         let g = g.narrow();
         let sorted = sort(&g, &narrow.kernel);
         let mut raster = Rasterizer::<f32, 7, K32, Disc>::default();
         let background = BACKGROUND.map(|v| v as f32);
         raster.render(&sorted, &features(&g, &sorted, &narrow.kernel), narrow, background);
-        let fast = finish(&g, &sorted, raster, &weights(8), &narrow.kernel);
+        let fast = finish(&g, &sorted, raster, &weights(7), &narrow.kernel);
         for (k, (a, b)) in exact.groups().iter().zip(fast.groups()).enumerate() {
             let largest = a.iter().fold(0.0f64, |m, v| m.max(v.abs()));
             let off = a.iter().zip(b).map(|(x, y)| (x - f64::from(*y)).abs()).fold(0.0, f64::max);

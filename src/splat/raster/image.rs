@@ -17,6 +17,20 @@ pub mod channel {
     pub const TRAINED: usize = 4;
 }
 
+/// Planes of a render of discs with all planes: colours, depth, normals ([`channel`]), then these.
+pub mod disc_plane {
+    /// Number of features: colours, depth, normals.
+    pub const FEATURES: usize = 7;
+    /// First moment of the mapped depths about the reference of the tile.
+    pub const FIRST_MOMENT: usize = FEATURES;
+    /// Second moment of the mapped depths about the reference of the tile.
+    pub const SECOND_MOMENT: usize = FEATURES + 1;
+    /// Transmittance, 0 to 1.
+    pub const TRANSMITTANCE: usize = FEATURES + 2;
+    /// Depth of the disc at which the transmittance falls to one half; zero where it does not.
+    pub const MEDIAN_DEPTH: usize = FEATURES + 3;
+}
+
 /// Largest number of stripes (runs of successive rows) that an image is processed in; fixed, so that sums do not depend on
 /// the number of threads.
 pub(in crate::splat) const STRIPES: usize = 8;

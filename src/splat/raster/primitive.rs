@@ -28,6 +28,14 @@ pub enum PrimitiveKind {
     Disc,
 }
 
+impl PrimitiveKind {
+    /// Whether this is the default kind.
+    #[must_use]
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// Numbers of type `T` that a primitive stores, or none.
 pub trait Numbers<T: Real, const N: usize>: Copy + Debug + Default + Send + Sync {
     /// Stores the numbers.
@@ -99,7 +107,7 @@ pub trait Primitive: Copy + Debug + Default + Send + Sync + 'static {
     /// Number of planes by which the loss has derivatives.
     #[inline(always)]
     fn trained_planes(features: usize) -> usize {
-        if Self::IS_FLAT { Self::planes(features) } else { features }
+        if Self::MOMENTS > 0 { Self::planes(features) } else { features }
     }
 }
 
@@ -127,7 +135,8 @@ impl Primitive for Disc {
     type SlopeSums<T: Real> = [T; 4];
 }
 
-/// A flat disc with all planes: features, two moments of the mapped depth, transmittance, median depth.
+/// A flat disc with all planes, and derivatives by all of them: features, two moments of the mapped depth, transmittance,
+/// median depth.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct DiscWithMoments;
 

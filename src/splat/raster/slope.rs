@@ -83,6 +83,15 @@ impl<S: Simd> Footprint<SimdVec<S>> {
     }
 }
 
+/// The slope with which a disc is drawn in a parallel projection, metres per pixel, from its unit normal and the covariance
+/// (xx, xy, yy) of its image without the low-pass filter, px².
+pub fn parallel_slope<K: CameraKernel<f64>>(camera: &K, normal: [f64; 3], covariance: [f64; 3]) -> [f64; 2] {
+    let ([mut by_position, mut by_normal], zero) = ([[0.0; 3]; 2], [0.0; 3]);
+    let slope = camera.add_slope_gradient(zero, normal, [0.0; 2], &mut by_position, &mut by_normal);
+    let (damping, _) = slope_damping_gradient(covariance);
+    slope.map(|v| v * damping)
+}
+
 /// Derivatives that follow from those by the slope of a disc as it is drawn.
 pub(super) struct SlopeGradient<T> {
     /// By the covariance (xx, xy, yy) of the image; that by xy counts both places in the matrix.

@@ -7,7 +7,7 @@ pub mod recipe;
 use crate::progress::{Event, Progress};
 use crate::random::CounterRng;
 use crate::splat::backend::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, Wait};
-use crate::splat::loss::{COLUMNS, column_names};
+use crate::splat::loss::{COLUMNS, SurfaceDepth, column_names};
 use crate::splat::objective::Losses;
 use crate::splat::splats::PerGroup;
 use crate::splat::train::recipe::{Background, OpacityReset, PerspectiveRecipe, Recipe};
@@ -147,13 +147,16 @@ impl Schedule<'_> {
             let since = (iteration - 1) % reset.every + 1;
             (iteration > reset.every).then_some((reset, since))
         });
-        let is_paused = |span: fn(&OpacityReset) -> u32| {
-            past_reset.is_some_and(|(r, s)| s < span(&r))
-        };
+        let is_paused = |span: fn(&OpacityReset) -> u32| past_reset.is_some_and(|(r, s)| s < span(&r));
         let virtual_terms = ["consistency_altitude", "consistency_color"];
         let mut weights = r.weights.scaled(&virtual_terms, f64::from(r.virtual_every));
         if is_paused(|r| r.opacity_loss_pause) {
             weights = weights.scaled(&["opacity"], 0.0);
+        }
+        for (name, from) in r.perspective.iter().flat_map(PerspectiveRecipe::weights_from) {
+            if iteration < from {
+                weights = weights.scaled(&[name], 0.0);
+            }
         }
         let has_consistency = virtual_terms.iter().any(|name| weights.get(name) > 0.0);
         let shadows = iteration > r.shadows_from;
@@ -176,6 +179,7 @@ impl Schedule<'_> {
                 let risen = (iteration - 1) / p.sh_degree_every.max(1);
                 risen.min(p.sh_degree) as usize
             }),
+            surface: r.perspective.map_or(SurfaceDepth::default(), |p| p.surface),
             rates: self.rates(iteration),
             appearance_rate: r.appearance_rate,
             densify: self.densification(iteration, is_paused(|r| r.densification_pause)),

@@ -10,7 +10,8 @@ mod presets;
 pub use file::RecipeError;
 
 use crate::splat::appearance::AppearanceKind;
-use crate::splat::loss::LossWeights;
+use crate::splat::loss::{LossWeights, SurfaceDepth};
+use crate::splat::raster::PrimitiveKind;
 use crate::splat::splats::PerGroup;
 use serde::{Deserialize, Serialize};
 
@@ -106,6 +107,23 @@ pub struct PerspectiveRecipe {
     /// The colour behind the splats.
     #[serde(default)]
     pub background: Background,
+    /// Which depth of discs is the surface's, for the consistency with normals.
+    #[serde(default)]
+    pub surface: SurfaceDepth,
+    /// First iteration with the loss term `normal_consistency` of discs.
+    #[serde(default)]
+    pub normals_from: u32,
+    /// First iteration with the loss term `depth_distortion` of discs.
+    #[serde(default)]
+    pub distortion_from: u32,
+}
+
+impl PerspectiveRecipe {
+    /// Names of weights, and the first iteration with each.
+    #[must_use]
+    pub fn weights_from(&self) -> [(&'static str, u32); 2] {
+        [("normal_consistency", self.normals_from), ("depth_distortion", self.distortion_from)]
+    }
 }
 
 /// A named, complete set of training options.
@@ -126,6 +144,9 @@ pub struct Recipe {
     /// so that the opacity loss weighs more.
     #[serde(default = "white")]
     pub white: f32,
+    /// The kind of splats: `3d` for ellipsoids, `2d` for flat discs.
+    #[serde(default, skip_serializing_if = "PrimitiveKind::is_default")]
+    pub primitive: PrimitiveKind,
     /// How the splats are initialised.
     pub start: Start,
     /// Learning rates of Adam for each parameter group of the splats. That of positions is in *cube* half sides (EOGS:
@@ -212,9 +233,12 @@ impl Recipe {
             until: r.until.map(scale),
             ..r
         });
-        let perspective = self
-            .perspective
-            .map(|p| PerspectiveRecipe { sh_degree_every: at_least_one(p.sh_degree_every), ..p });
+        let perspective = self.perspective.map(|p| PerspectiveRecipe {
+            sh_degree_every: at_least_one(p.sh_degree_every),
+            normals_from: scale(p.normals_from),
+            distortion_from: scale(p.distortion_from),
+            ..p
+        });
         Self {
             iterations,
             half_resolution_until: scale(self.half_resolution_until),

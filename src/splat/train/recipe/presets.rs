@@ -1,12 +1,13 @@
-//! The recipes that come with the program: `best`, and `baeogs` and `eogs` after the papers, for satellite scenes; `3dgs` for
-//! perspective scenes.
+//! The recipes that come with the program: `best`, and `baeogs` and `eogs` after the papers, for satellite scenes; `3dgs` and
+//! `2dgs` for perspective scenes.
 
 use super::{
     Background, Densification, OpacityReset, PerspectiveRecipe, RayHeight, Recipe, Start, always, white,
     widest_half_resolution_px_m,
 };
 use crate::splat::appearance::AppearanceKind;
-use crate::splat::loss::LossWeights;
+use crate::splat::loss::{LossWeights, SurfaceDepth};
+use crate::splat::raster::PrimitiveKind;
 use crate::splat::splats::PerGroup;
 
 /// Iterations of recipe `best`. The papers have 5000; an initialisation on the matched surface needs fewer.
@@ -25,7 +26,7 @@ fn weights(others: LossWeights, named: &[(&str, f64)]) -> LossWeights {
 
 impl Recipe {
     /// Names of the recipes that come with the program; the first is the default.
-    pub const NAMES: [&'static str; 4] = ["best", "baeogs", "eogs", "3dgs"];
+    pub const NAMES: [&'static str; 5] = ["best", "baeogs", "eogs", "3dgs", "2dgs"];
     /// The default recipe of perspective scenes.
     pub const OF_PERSPECTIVE_SCENES: &'static str = "3dgs";
 
@@ -50,6 +51,7 @@ impl Recipe {
             half_resolution_until: 3500,
             half_resolution_px_m: widest_half_resolution_px_m(),
             white: white(),
+            primitive: PrimitiveKind::Ellipsoid,
             start: Start::Points,
             rates: PerGroup {
                 position: 0.000_16 * 2.22,
@@ -112,6 +114,7 @@ impl Recipe {
                 Some(best.with_iterations(BEST_ITERATIONS))
             }
             "3dgs" => Some(three_d_gaussians()),
+            "2dgs" => Some(two_d_gaussians()),
             _ => None,
         }
     }
@@ -128,6 +131,7 @@ fn three_d_gaussians() -> Recipe {
         half_resolution_until: 0,
         half_resolution_px_m: widest_half_resolution_px_m(),
         white: white(),
+        primitive: PrimitiveKind::Ellipsoid,
         start: Start::Points,
         rates: PerGroup {
             position: 1.6e-4,
@@ -170,6 +174,26 @@ fn three_d_gaussians() -> Recipe {
             sh_degree_every: 1000,
             prune_above: 0.1,
             background: Background::Black,
+            surface: SurfaceDepth::Mean,
+            normals_from: 0,
+            distortion_from: 0,
         }),
+    }
+}
+
+/// Huang et al., 2D Gaussian Splatting for Geometrically Accurate Radiance Fields, 2024, with the values of the authors' program.
+fn two_d_gaussians() -> Recipe {
+    let volumes = three_d_gaussians();
+    Recipe {
+        name: "2dgs".into(),
+        primitive: PrimitiveKind::Disc,
+        weights: weights(volumes.weights, &[("normal_consistency", 0.05)]),
+        prune_below: 0.05,
+        perspective: volumes.perspective.map(|p| PerspectiveRecipe {
+            normals_from: 7000,
+            distortion_from: 3000,
+            ..p
+        }),
+        ..volumes
     }
 }

@@ -1,0 +1,72 @@
+//! Depth distortion (2DGS, Huang et al. 2024, equation 13, in the squared form of the authors' program): the discs along a ray
+//! lie close together.
+//!
+//! Of a pixel with the weights `w` and mapped depths `m` of its discs, it is the sum of `w_i w_j (m_i - m_j)²` over all pairs,
+//! which is `A M2 - M1²` with the opacity `A` and the moments of the mapped depths.
+
+use super::surface_prior::Prior;
+use super::term::{LossTerm, Rendered, Scaled, TermInfo};
+use crate::simd::SimdReal;
+use crate::splat::raster::{Image, disc_plane};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Weight and column are those of mapped depths `far / (far - near) (1 - near / z)` between 0.2 and 100 (2DGS).
+pub const INFO: TermInfo = TermInfo { weights: &["depth_distortion"], columns: &["depth_distortion"] };
+/// Square of the change of the mapped depth of 2DGS with the reciprocal of the depth.
+const SCALE: f64 = (100.0 * 0.2 / (100.0 - 0.2)) * (100.0 * 0.2 / (100.0 - 0.2));
+
+/// The term; keeps its buffer between calls.
+#[derive(Default)]
+pub struct DepthDistortion<T> {
+    by_view: Image<T>,
+    factor: T,
+    is_evaluated: bool,
+}
+
+impl<T: SimdReal> DepthDistortion<T> {
+    /// The term.
+    #[must_use]
+    pub fn new(_: Option<&Arc<Prior>>) -> Self {
+        Self::default()
+    }
+}
+
+impl<T: SimdReal> LossTerm<T> for DepthDistortion<T> {
+    fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64 {
+        columns.fill(0.0);
+        self.is_evaluated = rendered.discs.is_some() && weights[0] > 0.0;
+        if !self.is_evaluated {
+            return 0.0;
+        }
+        let view = rendered.view;
+        let (width, planes) = (view.width, view.channels);
+        self.by_view.resize(width, view.height, planes);
+        let rows = self.by_view.data.par_chunks_mut(planes * width).enumerate();
+        let sums: Vec<f64> = rows
+            .map(|(row, by)| {
+                by.fill(T::zero());
+                let value = |plane: usize, col: usize| view.row(plane, row)[col];
+                let mut sum = 0.0;
+                for col in 0..width {
+                    let (first, second) =
+                        (value(disc_plane::FIRST_MOMENT, col), value(disc_plane::SECOND_MOMENT, col));
+                    let opacity = T::one() - value(disc_plane::TRANSMITTANCE, col);
+                    sum += (opacity * second - first * first).as_f64();
+                    by[disc_plane::FIRST_MOMENT * width + col] = -(first + first);
+                    by[disc_plane::SECOND_MOMENT * width + col] = opacity;
+                    by[disc_plane::TRANSMITTANCE * width + col] = -second;
+                }
+                sum
+            })
+            .collect();
+        let per_pixel = SCALE / (width * view.height) as f64;
+        self.factor = T::from_f64(weights[0] * per_pixel);
+        columns[0] = sums.iter().sum::<f64>() * per_pixel;
+        weights[0] * columns[0]
+    }
+
+    fn by_view(&self) -> Option<Scaled<'_, T>> {
+        self.is_evaluated.then_some(Scaled { image: &self.by_view, factor: self.factor })
+    }
+}
