@@ -220,3 +220,88 @@ impl<T: SimdReal> NormalConsistency<T> {
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::perspective::PinholeCamera;
+    use crate::random::CounterRng;
+    use crate::splat::raster::SortedSplats;
+    use crate::splat::splats::Splats;
+    use glam::{DMat3, DVec2, DVec3};
+
+    const SIZE: (usize, usize) = (8, 7);
+    const PLANES: usize = disc_plane::FEATURES + 4;
+
+    fn camera() -> PinholeCamera {
+        let cam_from_site = DMat3::from_rotation_x(2.7) * DMat3::from_rotation_z(0.4);
+        let (focal, principal) = (DVec2::new(12.0, 11.0), DVec2::new(3.3, 3.1));
+        PinholeCamera { cam_from_site, center: DVec3::ZERO, focal, principal, size: SIZE }
+    }
+
+    /// Random planes of an uneven surface; one pixel is transparent.
+    fn view() -> Image<f64> {
+        let mut view = Image::zeros(SIZE.0, SIZE.1, PLANES);
+        let mut draw = CounterRng::new(3, 0, 0, 0);
+        for row in 0..SIZE.1 {
+            for col in 0..SIZE.0 {
+                let through = if (col, row) == (6, 5) { 0.9 } else { 0.1 + 0.3 * draw.uniform() };
+                let depth = 5.0 + 0.2 * col as f64 + draw.uniform();
+                *view.at_mut(channel::DEPTH, col, row) = (1.0 - through) * depth;
+                *view.at_mut(disc_plane::MEDIAN_DEPTH, col, row) = depth + 0.1;
+                *view.at_mut(disc_plane::TRANSMITTANCE, col, row) = through;
+                for k in 0..3 {
+                    *view.at_mut(channel::NORMAL + k, col, row) = draw.uniform() - 0.5;
+                }
+            }
+        }
+        view
+    }
+
+    fn evaluate(term: &mut NormalConsistency<f64>, view: &Image<f64>, surface: SurfaceDepth) -> f64 {
+        let (none, sorted, splats) = (Image::default(), SortedSplats::default(), Splats::default());
+        let rendered = Rendered {
+            view,
+            discs: Some(DiscView { camera: &camera(), surface }),
+            picture: &none,
+            sunlight: None,
+            virtual_view: None,
+            target: &none,
+            splats: &splats,
+            sorted: &sorted,
+        };
+        term.evaluate(&rendered, &[0.7], &mut [0.0])
+    }
+
+    #[test]
+    fn derivatives_by_all_planes_agree_with_central_differences() {
+        for surface in [SurfaceDepth::Mean, SurfaceDepth::Median] {
+            let (view, mut term) = (view(), NormalConsistency::default());
+            evaluate(&mut term, &view, surface);
+            let (by, factor) = (term.by_view.clone(), term.factor);
+            let mut largest = [0.0f64; PLANES];
+            for i in 0..view.data.len() {
+                let plane = i / SIZE.0 % PLANES;
+                let (row, col) = (i / SIZE.0 / PLANES, i % SIZE.0);
+                let mut quotient = |e: f64| {
+                    let (mut a, mut b) = (view.clone(), view.clone());
+                    a.data[i] += e;
+                    b.data[i] -= e;
+                    (evaluate(&mut term, &a, surface) - evaluate(&mut term, &b, surface)) / (2.0 * e)
+                };
+                let mut expected = factor * by.data[i];
+                if plane == disc_plane::TRANSMITTANCE {
+                    // The derivative by way of the weight, which the term leaves out, is the product of the normals.
+                    let opacity = 1.0 - view.data[i];
+                    let at = |image: &Image<f64>, k: usize| image.at(channel::NORMAL + k, col, row);
+                    expected -= factor * (0..3).map(|k| at(&view, k) * at(&by, k)).sum::<f64>() / opacity;
+                }
+                let found = quotient(1e-6);
+                assert!((found - expected).abs() < 1e-9, "{surface:?} plane {plane}: {found} and {expected}");
+                largest[plane] = largest[plane].max(expected.abs());
+            }
+            let depth = if surface == SurfaceDepth::Mean { channel::DEPTH } else { disc_plane::MEDIAN_DEPTH };
+            assert!(largest[depth] > 1e-3 && largest[channel::NORMAL] > 1e-3);
+        }
+    }
+}
