@@ -2,7 +2,7 @@
 //!
 //! A run folder holds what one stage writes and the next ones read; [`run_files`](crate::run_files) has the names.
 //! [`adjust`] starts one from a [`Scene`](crate::scene::Scene), [`train`], [`dsm`], [`evaluate`], [`render`],
-//! [`nvs_eval`], [`align`] and [`report`] work on it, and [`run`] calls the main stages in a row. Options are plain
+//! [`nvs_eval`], [`align`], [`report`], [`write_page`] and [`export_colmap`] work on it, and [`run`] calls the main stages in a row. Options are plain
 //! structs whose [`Default`] is what the command line takes without arguments, results are plain structs that serialise
 //! to what `satgs COMMAND --json` prints, and all errors are [`PipelineError`]s. Long work reports to a
 //! [`Progress`](crate::progress::Progress), which can also stop it.
@@ -18,6 +18,7 @@ mod checkpoints;
 mod dsm;
 mod error;
 mod evaluate;
+mod export;
 mod lock;
 mod nvs_eval;
 mod products;
@@ -29,6 +30,7 @@ mod stage;
 mod train;
 mod train_options;
 mod training;
+mod view;
 
 pub use crate::report::write as report;
 pub(crate) use adjust::adjust_locked;
@@ -39,6 +41,7 @@ pub(crate) use dsm::dsm_locked;
 pub use dsm::{DsmOptions, DsmSummary, dsm};
 pub use error::{ErrorKind, PipelineError, message_with_causes};
 pub use evaluate::{EvaluateOptions, evaluate};
+pub use export::{ExportedPly, ExportedViews, export_colmap, export_ply};
 pub use lock::RunLock;
 pub use nvs_eval::{NvsScores, ViewScore, nvs_eval};
 pub use render::{RenderOptions, RenderSummary, Viewpoint, render};
@@ -49,3 +52,4 @@ pub(crate) use stage::{Fingerprint, Stage, hash, hash_file, made_from, or_none};
 pub(crate) use train::train_locked;
 pub use train::{Trained, train};
 pub use train_options::TrainOptions;
+pub use view::{WrittenPage, serve_page, view_page, write_page};

@@ -43,6 +43,27 @@ pub enum PlyError {
 /// # Errors
 /// [`WriteError`] if one of the files cannot be written.
 pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteError> {
+    write_file(path, encode(splats, site))?;
+    write_file(&path.with_extension("georef.json"), format!("{:#}\n", georeference(site)))
+}
+
+/// The site frame as JSON, to be written beside files whose coordinates are in it.
+#[must_use]
+pub fn georeference(site: &SiteGrid) -> serde_json::Value {
+    let [east, north, height] = site.origin.xyz();
+    serde_json::json!({
+        "epsg": site.epsg,
+        "origin": { "easting_m": east, "northing_m": north, "height_m": height },
+        "axes": ["east", "north", "up"],
+        "unit": "m",
+        "vertical_reference": "WGS 84 ellipsoid",
+        "grid_convergence_deg": site.convergence_deg(),
+    })
+}
+
+/// The content of a PLY file of splats in the site frame (metres).
+#[must_use]
+pub fn encode(splats: &Splats, site: &SiteGrid) -> Vec<u8> {
     let [east, north, height] = site.origin.xyz();
     let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
     let _ = writeln!(
@@ -70,16 +91,7 @@ pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteE
             }
         }
     }
-    write_file(path, bytes)?;
-    let georef = serde_json::json!({
-        "epsg": site.epsg,
-        "origin": { "easting_m": east, "northing_m": north, "height_m": height },
-        "axes": ["east", "north", "up"],
-        "unit": "m",
-        "vertical_reference": "WGS 84 ellipsoid",
-        "grid_convergence_deg": site.convergence_deg(),
-    });
-    write_file(&path.with_extension("georef.json"), format!("{georef:#}\n"))
+    bytes
 }
 
 /// Reads splats that [`write()`] or another 3DGS program wrote. Properties that splats do not have are ignored.
