@@ -27,6 +27,13 @@ pub enum ExportError {
         /// The run folder.
         run: PathBuf,
     },
+    /// A file of the run would be overwritten.
+    #[error("`{path}` holds the run's own splats")]
+    #[diagnostic(help("choose another file name"))]
+    OwnFile {
+        /// The file.
+        path: PathBuf,
+    },
     /// Splats whose colours depend on the direction are not turned.
     #[error("the colours of these splats depend on the direction, and are not turned")]
     #[diagnostic(help("--variant 3dgs keeps the axes of the run"))]

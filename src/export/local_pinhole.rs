@@ -14,7 +14,7 @@ use glam::{DMat3, DVec2, DVec3};
 
 /// Root mean square of the displacement by perspective over the area, pixels, from which the distance follows. A camera
 /// further away would be more exact, but programs that compute depths as f32 resolve 8 mm at 100 km.
-const PERSPECTIVE_RMS_PX: f64 = 0.03;
+const PERSPECTIVE_RMS_PX: f64 = 0.05;
 /// Smallest distance, in half diagonals of the area.
 const NEAREST: f64 = 20.0;
 /// Nodes along the columns and rows of the image and along altitudes, for the fit and for the check of it.

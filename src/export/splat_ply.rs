@@ -22,6 +22,15 @@ pub enum PlyVariant {
 }
 
 impl PlyVariant {
+    /// The directions of x, y and z.
+    #[must_use]
+    pub fn axes(self) -> [&'static str; 3] {
+        match self {
+            Self::Full => ["east", "north", "up"],
+            Self::YDown => ["east", "down", "north"],
+        }
+    }
+
     /// The content of the file.
     ///
     /// # Errors
@@ -29,10 +38,8 @@ impl PlyVariant {
     /// direction.
     pub fn encode(self, splats: &Splats, site: &SiteGrid) -> Result<Vec<u8>, ExportError> {
         let [east, north, height] = site.origin.xyz();
-        let (axes, vertical) = match self {
-            Self::Full => ("east, north, up", "z"),
-            Self::YDown => ("east, down, north", "-y"),
-        };
+        let axes = self.axes().join(", ");
+        let vertical = if self == Self::Full { "z" } else { "-y" };
         let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
         let _ = writeln!(
             header,

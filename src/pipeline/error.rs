@@ -9,6 +9,7 @@ use crate::frame::FrameError;
 use crate::io::{CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
 use crate::metrics::MetricsError;
 use crate::mvs::MatchError;
+use crate::perspective::PerspectiveError;
 use crate::progress::Interrupted;
 use crate::report::ReportError;
 use crate::rpc::formats::FormatError;
@@ -312,6 +313,10 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Report(#[from] ReportError),
+    /// See [`PerspectiveError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Perspective(#[from] PerspectiveError),
     /// See [`ViewerError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -333,6 +338,7 @@ impl PipelineError {
             | Self::Simulate(SimulateError::Interrupted(_)) => ErrorKind::Interrupted,
             Self::Json { .. }
             | Self::Write(_)
+            | Self::Perspective(PerspectiveError::Write(_))
             | Self::Backend(_)
             | Self::Raster(RasterError::Write(_) | RasterError::Encode { .. })
             | Self::Bundle(

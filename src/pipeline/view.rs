@@ -15,7 +15,7 @@ use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
 
 /// Distance at which satellites are drawn, in half diagonals of the area.
-const SATELLITE_DISTANCE: f64 = 1.5;
+const SATELLITE_DISTANCE: f64 = 1.0;
 
 /// A page that was written.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -3,7 +3,7 @@
 use super::ViewerError;
 use crate::frame::SiteGrid;
 use crate::io::{
-    Grid2, HeightSystem, ImageFile, MapGrid, RasterError, VerticalReference, Window, png_rgb, read_heights,
+    Grid2, HeightSystem, ImageFile, MapGrid, VerticalReference, Window, png_rgb, read_heights,
 };
 use std::path::Path;
 

@@ -81,9 +81,7 @@ const color = (sRgb) => new L.Color(sRgb);
 
 const makers = {
   async splats({ file }) {
-    // Straight above its target, a camera turns without limit; splats have no such direction.
     const mesh = new L.SplatMesh({ fileBytes: await bytesOf(file), fileName: file, extSplats: true });
-    mesh.minRaycastOpacity = 0.5;
     await mesh.initialized;
     return mesh;
   },
@@ -120,13 +118,40 @@ const makers = {
       const picture = new L.Texture(await createImageBitmap(new Blob([await bytesOf(texture)]), { imageOrientation: "flipY" }));
       Object.assign(picture, { colorSpace: L.SRGBColorSpace, flipY: false, needsUpdate: true, anisotropy: 8 });
       draped = new L.MeshBasicMaterial({ map: picture, side: L.DoubleSide });
-      $("colors").hidden = false;
     }
     const mesh = new L.Mesh(shape, draped);
     $("colors").addEventListener("change", ({ target }) => {
       mesh.material = target.value === "shade" ? shaded : draped;
       redraw();
     });
+    // Comparing a ray with every triangle would take too long under a moving pointer: it is followed over the grid.
+    shape.computeBoundingBox();
+    const heightAt = (x, y) => {
+      const [c, r] = [(x - west) / cell - 0.5, (north - y) / cell - 0.5];
+      const [col, row] = [Math.floor(c), Math.floor(r)];
+      if (!(col >= 0 && row >= 0 && col < columns - 1 && row < rows - 1)) return NaN;
+      const [u, v, i] = [c - col, r - row, row * columns + col];
+      const line = (k) => heights[k] * (1 - u) + heights[k + 1] * u;
+      return line(i) * (1 - v) + line(i + columns) * v;
+    };
+    mesh.raycast = ({ ray }, hits) => {
+      const [box, at] = [shape.boundingBox, new L.Vector3()];
+      const inside = box.containsPoint(ray.origin) ? ray.origin : ray.intersectBox(box, new L.Vector3());
+      if (!inside) return;
+      const above = (t) => ray.at(t, at).z - heightAt(at.x, at.y);
+      const [first, step] = [inside.distanceTo(ray.origin), cell / 2];
+      const last = first + box.getSize(new L.Vector3()).length();
+      for (let t = first, before = NaN; t < last; t += step) {
+        const now = above(t);
+        if (before >= 0 && now < 0) {
+          let [high, low] = [t - step, t];
+          for (let k = 0; k < 12; k++) above((high + low) / 2) >= 0 ? (high = (high + low) / 2) : (low = (high + low) / 2);
+          hits.push({ distance: low, point: ray.at(low, new L.Vector3()), object: mesh });
+          return;
+        }
+        before = now;
+      }
+    };
     return mesh;
   },
 
@@ -185,6 +210,7 @@ const addLayer = (layer) => {
   Object.assign(box, { type: "checkbox", checked: layer.isShown, name: layer.kind });
   box.addEventListener("change", () => {
     layer.object.visible = box.checked;
+    showColors();
     redraw();
   });
   const label = document.createElement("label");
@@ -196,6 +222,7 @@ const addLayer = (layer) => {
   scene.add(layer.object);
   layers.push(layer);
 };
+const showColors = () => ($("colors").hidden = !visible("relief").some((l) => l.texture));
 const visible = (...kinds) => layers.filter((l) => kinds.includes(l.kind) && l.object.visible);
 
 // ---- Places: what is under the pointer, and map coordinates
@@ -211,8 +238,13 @@ const pick = (event) => {
   );
   const ray = new L.Raycaster();
   ray.setFromCamera(at, camera);
-  const hits = visible("splats", "relief", "mesh").flatMap((l) => ray.intersectObject(l.object, true));
-  return hits.reduce((a, b) => (a && a.distance <= b.distance ? a : b), null)?.point;
+  // Splats have no sharp surface: where there is a surface model, it stands for them.
+  const relief = layers.filter((l) => l.kind === "relief");
+  const surfaces = [...visible("mesh"), ...(visible("relief", "splats").length ? relief : [])];
+  const hit = [...surfaces, ...(relief.length ? [] : visible("splats"))]
+    .flatMap((layer) => ray.intersectObject(layer.object, true).map((found) => ({ ...found, layer })))
+    .reduce((a, b) => (a && a.distance <= b.distance ? a : b), null);
+  return hit && { point: hit.point, on: hit.layer.label };
 };
 
 // The camera whose picture of itself is near the pointer.
@@ -240,13 +272,13 @@ const showPlace = () => {
     Object.assign($("hint").style, { left: `${pointer.clientX}px`, top: `${pointer.clientY}px` });
   }
   renderer.domElement.style.cursor = view ? "pointer" : "crosshair";
-  const point = pick(pointer);
+  const found = pick(pointer);
   $("place").replaceChildren();
-  if (point) {
-    const [e, n, h] = map(point).map(metres);
+  if (found) {
+    const [e, n, h] = map(found.point).map(metres);
     const frame = document.createElement("small");
-    frame.textContent = run.frame;
-    $("place").append(run.isOnMap ? `E ${e}  N ${n}  height ${h} m` : `x ${e}  y ${n}  z ${h}`, frame);
+    frame.textContent = `${found.on}${run.frame ? ", " : ""}${run.frame}`;
+    $("place").append(run.isOnMap ? `E ${e}   N ${n}   height ${h} m` : `x ${e}   y ${n}   z ${h}`, frame);
   }
   pointer = null;
 };
@@ -308,10 +340,10 @@ renderer.domElement.addEventListener("pointerup", (event) => {
     redraw();
     return;
   }
-  const point = pick(event);
-  if (!point) return;
+  const found = pick(event);
+  if (!found) return;
   if (marks.length === 2) marks.length = 0;
-  marks.push(point);
+  marks.push(found.point);
   showMeasure();
 });
 addEventListener("keydown", ({ key }) => {
