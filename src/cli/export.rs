@@ -10,9 +10,9 @@ use std::path::PathBuf;
 /// Export a run for other programs: a COLMAP project, or splats in another variant of PLY
 ///
 /// --colmap writes images/, sparse/0/ (cameras, images, points3D) and georef.json. Satellite views become pinhole cameras
-/// far away on their lines of sight, with images resampled to square pixels and cropped to the area; COLMAP, gsplat, Brush
-/// and nerfstudio open them. Coordinates are metres east, north and up from the run's origin. The run needs no more than
-/// `satgs ba`.
+/// far away on their lines of sight, with images resampled to square pixels and cropped to the area; photographs are written
+/// without distortion, as they were trained on. COLMAP, gsplat, Brush and nerfstudio open them. Coordinates are metres east,
+/// north and up from the run's origin. A satellite run needs no more than `satgs ba`.
 #[derive(clap::Args, Clone, Debug)]
 #[command(group = clap::ArgGroup::new("form").required(true))]
 pub struct Args {
@@ -75,26 +75,24 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
 
 fn table(exported: &ExportedViews) -> String {
     let heads = ["image", "size", "distance km", "rms px", "max px"];
-    let mut text = format!("{:28} {:>11} {:>11} {:>7} {:>7}\n", heads[0], heads[1], heads[2], heads[3], heads[4]);
+    let mut text =
+        format!("{:28} {:>11} {:>11} {:>7} {:>7}\n", heads[0], heads[1], heads[2], heads[3], heads[4]);
     for v in &exported.views {
         let size = format!("{} x {}", v.size.0, v.size.1);
-        let (km, test) = (v.distance_m / 1000.0, if v.is_test { "  held back" } else { "" });
-        let _ = writeln!(
-            text,
-            "{:28} {size:>11} {km:11.1} {:7.3} {:7.3}{test}",
-            v.image, v.rms_px, v.max_px
-        );
+        let fit = v.fit.map_or_else(String::new, |fit| {
+            format!(" {:11.1} {:7.3} {:7.3}", fit.distance_m / 1000.0, fit.rms_px, fit.max_px)
+        });
+        let _ = writeln!(text, "{:28} {size:>11}{fit}{}", v.image, if v.is_test { "  held back" } else { "" });
+    }
+    if exported.views.iter().all(|v| v.fit.is_none()) {
+        text.clear();
     }
     for name in &exported.left_out {
         let _ = writeln!(text, "{name:28} left out: it does not show the area");
     }
-    let reprojection = exported.reprojection_px.map_or_else(String::new, |px| format!(", reprojection error {px:.2} px"));
-    let _ = write!(
-        text,
-        "{}: {} views, {} points{reprojection}",
-        exported.folder.display(),
-        exported.views.len(),
-        exported.points
-    );
+    let reprojection =
+        exported.reprojection_px.map_or_else(String::new, |px| format!(", reprojection error {px:.2} px"));
+    let (folder, views, points) = (exported.folder.display(), exported.views.len(), exported.points);
+    let _ = write!(text, "{folder}: {views} views, {points} points{reprojection}");
     text
 }

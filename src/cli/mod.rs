@@ -13,6 +13,8 @@ mod export;
 mod info;
 mod mosaic;
 mod nvs_eval;
+mod perspective_args;
+mod perspective_info;
 mod plan;
 mod render;
 mod report;
@@ -26,6 +28,7 @@ mod view;
 
 use clap::{Parser, Subcommand};
 pub use error::{CliError, ExitStatus};
+pub use perspective_args::PerspectiveArgs;
 pub use scene_args::SceneArgs;
 use std::path::PathBuf;
 pub use ui::Ui;

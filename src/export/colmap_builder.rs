@@ -2,7 +2,7 @@
 
 use super::{LocalPinhole, Resampled};
 use crate::frame::{CenterPx, CornerPx, Pixel, Point, Site};
-use crate::perspective::LensModel;
+use crate::perspective::{LensModel, PinholeCamera, ScenePoint};
 use crate::perspective::colmap::{ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint};
 use glam::DQuat;
 
@@ -46,8 +46,6 @@ impl ColmapBuilder {
     ) {
         let LocalPinhole { camera, map, .. } = pinhole;
         let id = self.model.images.len() as u32 + 1;
-        let corner = |px: Pixel<CenterPx>| Pixel::<CornerPx>::from(px);
-        let principal = corner(Pixel::new(camera.principal.x, camera.principal.y));
         let mut observations = Vec::new();
         for (point, px) in seen {
             let Some(position) = self.positions.get(point) else { continue };
@@ -59,26 +57,11 @@ impl ColmapBuilder {
                 *sum += f64::from(value);
             }
             self.distances[point] += projected.distance(px);
-            let Pixel { col: x, row: y, .. } = corner(px);
+            let Pixel { col: x, row: y, .. } = Pixel::<CornerPx>::from(px);
             // Points are numbered from 1.
             observations.push(ColmapObservation { x, y, point: Some(point as u64 + 1) });
         }
-        let [x, y, z, w] = DQuat::from_mat3(&camera.cam_from_site).normalize().to_array();
-        self.model.cameras.push(ColmapCamera {
-            id,
-            model: LensModel::Pinhole,
-            width: camera.size.0 as u64,
-            height: camera.size.1 as u64,
-            parameters: vec![camera.focal.x, camera.focal.y, principal.col, principal.row],
-        });
-        self.model.images.push(ColmapImage {
-            id,
-            rotation: [w, x, y, z],
-            translation: (-(camera.cam_from_site * camera.center)).to_array(),
-            camera: id,
-            name,
-            observations,
-        });
+        self.model.push_view(id, name, camera, observations);
     }
 
     /// The model with the points that two or more of its views see.
@@ -99,6 +82,53 @@ impl ColmapBuilder {
             });
         }
         self.model
+    }
+}
+
+impl ColmapModel {
+    /// A model of photographs, each an image file and its camera, with points that are not linked to pixels.
+    #[must_use]
+    pub fn of_photographs<'a>(
+        views: impl Iterator<Item = (&'a str, PinholeCamera)>,
+        points: &[ScenePoint],
+    ) -> Self {
+        let mut model = Self { cameras: vec![], images: vec![], points: vec![] };
+        for (id, (name, camera)) in (1..).zip(views) {
+            model.push_view(id, name.into(), &camera, vec![]);
+        }
+        let point = |(id, p): (u64, &ScenePoint)| {
+            let (position, rgb) = (p.position.xyz(), p.rgb);
+            ColmapPoint { id, position, rgb, error: 0.0, track: vec![] }
+        };
+        model.points = (1..).zip(points).map(point).collect();
+        model
+    }
+
+    /// Adds an image with a camera of its own.
+    fn push_view(
+        &mut self,
+        id: u32,
+        name: String,
+        camera: &PinholeCamera,
+        observations: Vec<ColmapObservation>,
+    ) {
+        let [x, y, z, w] = DQuat::from_mat3(&camera.cam_from_site).normalize().to_array();
+        let principal = Pixel::<CornerPx>::from(Pixel::<CenterPx>::new(camera.principal.x, camera.principal.y));
+        self.cameras.push(ColmapCamera {
+            id,
+            model: LensModel::Pinhole,
+            width: camera.size.0 as u64,
+            height: camera.size.1 as u64,
+            parameters: vec![camera.focal.x, camera.focal.y, principal.col, principal.row],
+        });
+        self.images.push(ColmapImage {
+            id,
+            rotation: [w, x, y, z],
+            translation: (-(camera.cam_from_site * camera.center)).to_array(),
+            camera: id,
+            name,
+            observations,
+        });
     }
 }
 

@@ -21,14 +21,27 @@ impl Resampled {
     /// # Panics
     /// Panics without bands.
     #[must_use]
-    pub fn new(bands: &[Grid2], map: &ImageMap, (width, height): (usize, usize)) -> Self {
+    pub fn new(bands: &[Grid2], map: &ImageMap, size: (usize, usize)) -> Self {
+        Self::of(size, |col, row| {
+            let from = map.original_from_resampled(Pixel::new(col as f64, row as f64));
+            std::array::from_fn(|k| cubic(&bands[k.min(bands.len() - 1)], from))
+        })
+    }
+
+    /// The image as it is.
+    #[must_use]
+    pub fn unchanged(bands: &[Grid2; 3]) -> Self {
+        let [first, ..] = bands;
+        Self::of((first.width, first.height), |col, row| bands.each_ref().map(|band| band.at(col, row)))
+    }
+
+    fn of((width, height): (usize, usize), color: impl Fn(usize, usize) -> [f32; 3] + Sync) -> Self {
         let mut colors = RgbImage::white(width, height);
         let mut mask = vec![255; width * height];
         let rows = colors.data.par_chunks_mut(3 * width).zip(mask.par_chunks_mut(width)).enumerate();
         rows.for_each(|(row, (line, valid))| {
             for (col, (pixel, valid)) in line.chunks_exact_mut(3).zip(valid).enumerate() {
-                let from = map.original_from_resampled(Pixel::new(col as f64, row as f64));
-                let rgb: [f32; 3] = std::array::from_fn(|k| cubic(&bands[k.min(bands.len() - 1)], from));
+                let rgb = color(col, row);
                 let has_data = rgb.iter().all(|v| !v.is_nan());
                 *valid = if has_data { 255 } else { 0 };
                 for (byte, value) in pixel.iter_mut().zip(rgb) {
@@ -109,8 +122,9 @@ mod tests {
     #[test]
     fn an_image_with_data_everywhere_has_no_mask() {
         let bands = [0.0, 0.5, 1.0].map(|v| Grid2::filled(10, 10, v));
-        let resampled = Resampled::new(&bands, &shift(0.25), (10, 10));
-        assert_eq!(resampled.mask, None);
-        assert_eq!(resampled.colors.at(9, 9), [0, 128, 255]);
+        for resampled in [Resampled::new(&bands, &shift(0.25), (10, 10)), Resampled::unchanged(&bands)] {
+            assert_eq!(resampled.mask, None);
+            assert_eq!(resampled.colors.at(9, 9), [0, 128, 255]);
+        }
     }
 }

@@ -31,23 +31,27 @@ impl PlyVariant {
         }
     }
 
-    /// The content of the file.
+    /// The content of the file, of splats in the frame of a site or, without one, in a frame that is not on the map.
     ///
     /// # Errors
     /// [`ExportError::DirectionalColor`] if the axes would have to be changed of splats whose colours depend on the
     /// direction.
-    pub fn encode(self, splats: &Splats, site: &SiteGrid) -> Result<Vec<u8>, ExportError> {
-        let [east, north, height] = site.origin.xyz();
-        let axes = self.axes().join(", ");
-        let vertical = if self == Self::Full { "z" } else { "-y" };
+    pub fn encode(self, splats: &Splats, site: Option<&SiteGrid>) -> Result<Vec<u8>, ExportError> {
+        if self == Self::YDown && !splats.f_rest.is_empty() {
+            return Err(ExportError::DirectionalColor);
+        }
         let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
-        let _ = writeln!(
-            header,
-            "comment metres {axes} from EPSG:{} {east} {north}, ellipsoidal height {height}\n\
-             comment Vertical Axis: {vertical}\nelement vertex {}",
-            site.epsg,
-            splats.len()
-        );
+        if let Some(site) = site {
+            let ([east, north, height], axes) = (site.origin.xyz(), self.axes().join(", "));
+            let vertical = if self == Self::Full { "z" } else { "-y" };
+            let _ = writeln!(
+                header,
+                "comment metres {axes} from EPSG:{} {east} {north}, ellipsoidal height {height}\n\
+                 comment Vertical Axis: {vertical}",
+                site.epsg
+            );
+        }
+        let _ = writeln!(header, "element vertex {}", splats.len());
         let rest: Vec<String> = (0..REST).map(|k| format!("f_rest_{k}")).collect();
         let first = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"];
         let last = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
@@ -71,7 +75,7 @@ impl PlyVariant {
                 .into_iter()
                 .chain([0.0; 3])
                 .chain(splats.f_dc[i])
-                .chain([0.0; REST])
+                .chain(splats.f_rest.get(i).copied().unwrap_or([0.0; REST]))
                 .chain(splats.opacity_logit[i])
                 .chain(splats.log_scale[i])
                 .chain(rotation);
@@ -106,7 +110,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let read = |variant: PlyVariant| {
             let path = folder.path().join("splats.ply");
-            let bytes = variant.encode(&splats, &site).unwrap();
+            let bytes = variant.encode(&splats, Some(&site)).unwrap();
             let head = String::from_utf8_lossy(&bytes).into_owned();
             assert_eq!(head.matches("property float").count(), 62);
             std::fs::write(&path, bytes).unwrap();
@@ -119,5 +123,11 @@ mod tests {
         let expected = turn * covariance(&splats) * turn.transpose();
         assert!((covariance(&turned) - expected).abs_diff_eq(DMat3::ZERO, 1e-6));
         assert_eq!(turned.f_dc, splats.f_dc);
+        splats.f_rest.push([0.25; REST]);
+        let path = folder.path().join("directional.ply");
+        std::fs::write(&path, PlyVariant::Full.encode(&splats, None).unwrap()).unwrap();
+        assert_eq!(ply::read(&path).unwrap(), splats);
+        let refused = PlyVariant::YDown.encode(&splats, None);
+        assert!(matches!(refused, Err(ExportError::DirectionalColor)));
     }
 }

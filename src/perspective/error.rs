@@ -18,6 +18,17 @@ pub enum PerspectiveError {
         /// The given path.
         path: PathBuf,
     },
+    /// A perspective scene was given where a satellite scene is needed.
+    #[error("`{path}` is a perspective scene ({layout}), which this command cannot use")]
+    #[diagnostic(help(
+        "this command needs satellite images with RPC cameras; `satgs info SCENE` shows a perspective scene"
+    ))]
+    NotSatellite {
+        /// The scene.
+        path: PathBuf,
+        /// How its files are arranged.
+        layout: &'static str,
+    },
     /// A file has a value that cannot be.
     #[error("`{path}`: {field} is {found}, expected {expected}")]
     #[diagnostic(help("is the file complete, and of the format that its name says?"))]

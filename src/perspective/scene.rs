@@ -37,6 +37,16 @@ impl PerspectiveScene {
         layout_of(path).is_some()
     }
 
+    /// Refuses a perspective scene where one of satellite images is needed.
+    ///
+    /// # Errors
+    /// [`PerspectiveError::NotSatellite`] if the path is a perspective scene.
+    pub fn require_satellite(path: &Path) -> Result<(), PerspectiveError> {
+        let refused =
+            |layout: Layout| PerspectiveError::NotSatellite { path: path.into(), layout: layout.name() };
+        layout_of(path).map_or(Ok(()), |layout| Err(refused(layout)))
+    }
+
     /// Reads a scene: its cameras and points. Pixels are read when they are needed
     /// ([`PerspectiveView::read_image`]).
     ///

@@ -1,21 +1,29 @@
 //! The page that shows a run: `satgs view`.
 
-use super::{PipelineError, TrainedCameras, relocation};
-use crate::affine::SiteScene;
-use crate::bundle::Adjustment;
-use crate::frame::{Geodetic, Point, SiteGrid};
+use super::page_layers::{add_mesh, add_points, add_relief, add_splats, add_tie_points, grouped};
+use super::{
+    PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, TrainedPhoto, perspective, relocation,
+};
+use crate::affine::{SiteScene, SiteView};
 use crate::io::{check_writable, write_file};
 use crate::progress::Progress;
-use crate::run_files::{ADJUSTMENT, DSM, MESHES, ORTHO, PLAN, SPARSE_POINTS, SPLATS, TILES};
+use crate::run_files::{PLAN, SPLATS, TILES};
 use crate::scene::Role;
 use crate::splat::ply;
-use crate::viewer::{CameraMark, PageFile, PageLayer, Relief, ShownLayer, ViewerError, ViewerPage, serve};
+use crate::splat::splats::Splats;
+use crate::stats::quantile;
+use crate::viewer::{CameraMark, PageLayer, PageScope, ShownLayer, ViewerError, ViewerPage, serve};
+use glam::DVec3;
 use serde::Serialize;
 use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
 
 /// Distance at which satellites are drawn, in half diagonals of the area.
 const SATELLITE_DISTANCE: f64 = 1.0;
+/// Depth of the pyramid of a photograph, in radii of the scene.
+const PHOTOGRAPH_DEPTH: f64 = 0.08;
+/// Share of the splats of a perspective scene that the page looks at; far ones belong to the background.
+const LOOKED_AT: f64 = 0.8;
 
 /// A page that was written.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -73,24 +81,69 @@ pub fn view_page(run: &Path) -> Result<ViewerPage, PipelineError> {
     if !run.join(SPLATS).exists() {
         return Err(no_splats(run).into());
     }
+    let folder = run.canonicalize().unwrap_or_else(|_| run.into());
+    let title = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    if perspective::is_run(run) { perspective_page(run, title) } else { satellite_page(run, title) }
+}
+
+fn satellite_page(run: &Path, title: String) -> Result<ViewerPage, PipelineError> {
     relocation::finish(run)?;
     let cameras = TrainedCameras::read(run)?;
     let setup = &cameras.setup;
-    let folder = run.canonicalize().unwrap_or_else(|_| run.into());
-    let title = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    let mut page = ViewerPage::new(title, &setup.site, setup.area);
-
+    let mut page = ViewerPage::new(title, Some(&setup.site), PageScope::of_area(setup.area));
     let splats = cameras.read_shown_splats(run)?;
-    let layer = PageLayer::Splats { file: "splats.ply" };
-    page.files.push(PageFile { name: "splats.ply", bytes: ply::encode(&splats, &setup.site) });
-    page.layers.push(ShownLayer { layer, label: "Splats", note: grouped(splats.len()), is_shown: true });
-    add_mesh(&mut page, run, &setup.site)?;
+    add_splats(&mut page, ply::encode(&splats, &setup.site), splats.len());
+    add_mesh(&mut page, run, Some(&setup.site))?;
     add_relief(&mut page, run, &setup.site)?;
-    add_sparse_points(&mut page, run, setup)?;
-    let views = satellites(setup);
+    add_tie_points(&mut page, run, setup)?;
+    add_cameras(&mut page, satellites(setup));
+    Ok(page)
+}
+
+fn perspective_page(run: &Path, title: String) -> Result<ViewerPage, PipelineError> {
+    let cameras = PerspectiveCameras::read(run)?;
+    let splats = PerspectiveCameras::read_splats(run)?;
+    let site = cameras.site.as_ref();
+    let scope = scope_of(&splats, &cameras);
+    let mut page = ViewerPage::new(title, site, scope);
+    let ply = site.map_or_else(|| ply::encode_local(&splats), |site| ply::encode(&splats, site));
+    add_splats(&mut page, ply, splats.len());
+    add_mesh(&mut page, run, site)?;
+    if let Some(site) = site {
+        add_relief(&mut page, run, site)?;
+    }
+    // The points are in the files of the scene; if these have gone, the page is without them.
+    if let Ok(scene) = PerspectiveManifest::read(run)?.read_scene()
+        && !scene.points.is_empty()
+    {
+        let points: Vec<_> = scene.points.iter().map(|p| (p.position, p.rgb)).collect();
+        add_points(&mut page, &points);
+    }
+    let depth = PHOTOGRAPH_DEPTH * scope.radius;
+    let mark = |v: &TrainedPhoto| CameraMark::of_pinhole(&v.name, v.role == Role::Test, &v.camera(), depth);
+    add_cameras(&mut page, cameras.views.iter().map(mark).collect());
+    Ok(page)
+}
+
+/// The ball around the median of the splats that holds most of them. Without a map, up is the mean of the upward directions
+/// of the images.
+fn scope_of(splats: &Splats, cameras: &PerspectiveCameras) -> PageScope {
+    let axis = |k: usize| quantile(splats.position.iter().map(|p| f64::from(p[k])).collect(), 0.5);
+    let middle = DVec3::from_array([0, 1, 2].map(|k| axis(k).unwrap_or_default()));
+    let distance = |p: &[f32; 3]| DVec3::from_array(p.map(f64::from)).distance(middle);
+    let radius = quantile(splats.position.iter().map(distance).collect(), LOOKED_AT);
+    let up: DVec3 = cameras.views.iter().map(|v| -v.camera().cam_from_site.row(1)).sum();
+    let up = if cameras.site.is_some() { DVec3::Z } else { up.try_normalize().unwrap_or(DVec3::Z) };
+    PageScope {
+        middle: middle.to_array(),
+        radius: radius.filter(|r| *r > 0.0).unwrap_or(1.0),
+        up: up.to_array(),
+    }
+}
+
+fn add_cameras(page: &mut ViewerPage, views: Vec<CameraMark>) {
     let (note, layer) = (grouped(views.len()), PageLayer::Cameras { views });
     page.layers.push(ShownLayer { layer, label: "Cameras", note, is_shown: true });
-    Ok(page)
 }
 
 fn no_splats(run: &Path) -> ViewerError {
@@ -105,139 +158,13 @@ fn no_splats(run: &Path) -> ViewerError {
     ViewerError::OfTiles { run: run.into(), example: example.display().to_string() }
 }
 
-/// Adds the mesh of the run, if there is one.
-fn add_mesh(page: &mut ViewerPage, run: &Path, site: &SiteGrid) -> Result<(), PipelineError> {
-    let Some(file) = MESHES.into_iter().find(|name| run.join(name).exists()) else { return Ok(()) };
-    let path = run.join(file);
-    let damaged = |reason: String| ViewerError::Mesh { path: path.clone(), reason };
-    let bytes = std::fs::read(&path).map_err(|e| damaged(e.to_string()))?;
-    let offset = if file.ends_with(".glb") {
-        glb_offset(&bytes, site).ok_or_else(|| damaged("it is not a GLB file".into()))?
-    } else {
-        [0.0; 3]
-    };
-    let note = format!("{} MB", bytes.len().div_ceil(1_000_000));
-    page.files.push(PageFile { name: file, bytes });
-    let layer = PageLayer::Mesh { file, offset };
-    page.layers.push(ShownLayer { layer, label: "Mesh", note, is_shown: false });
-    Ok(())
-}
-
-/// What is added to the coordinates of a GLB file to give site coordinates: its scene's `extras` name the place of its
-/// origin on the map, at height 0; without them it is in the site frame. None for other files.
-fn glb_offset(bytes: &[u8], site: &SiteGrid) -> Option<[f64; 3]> {
-    let length = u32::from_le_bytes(bytes.get(12..16)?.try_into().ok()?) as usize;
-    let text = bytes.get(20..20usize.checked_add(length)?)?;
-    let document: serde_json::Value = serde_json::from_slice(text).ok()?;
-    let extras = &document["scenes"][0]["extras"];
-    let [east, north, up] = site.origin.xyz();
-    Some(match (extras["east_m"].as_f64(), extras["north_m"].as_f64()) {
-        (Some(e), Some(n)) => [e - east, n - north, extras["height_m"].as_f64().unwrap_or(0.0) - up],
-        _ => [0.0; 3],
-    })
-}
-
-/// Adds the surface model, if there is one, in the colours of the orthophoto.
-fn add_relief(page: &mut ViewerPage, run: &Path, site: &SiteGrid) -> Result<(), PipelineError> {
-    let (dsm, ortho) = (run.join(DSM), run.join(ORTHO));
-    if !dsm.exists() {
-        return Ok(());
-    }
-    let relief = Relief::read(&dsm, ortho.exists().then_some(ortho.as_path()), site)?;
-    page.files.push(PageFile { name: "relief.bin", bytes: relief.bytes() });
-    let layer = PageLayer::Relief {
-        file: "relief.bin",
-        texture: relief.texture.is_some().then_some("ortho.png"),
-        columns: relief.altitudes.width,
-        rows: relief.altitudes.height,
-        west: relief.west,
-        north: relief.north,
-        cell: relief.cell,
-    };
-    if let Some(bytes) = relief.texture {
-        page.files.push(PageFile { name: "ortho.png", bytes });
-    }
-    page.layers.push(ShownLayer {
-        layer,
-        label: "DSM",
-        note: format!("{} m", relief.cell),
-        is_shown: false,
-    });
-    Ok(())
-}
-
-/// Adds the sparse points of the adjustment, if there are some.
-fn add_sparse_points(page: &mut ViewerPage, run: &Path, setup: &SiteScene) -> Result<(), PipelineError> {
-    let folder = run.join(ADJUSTMENT);
-    if !folder.join(SPARSE_POINTS).exists() {
-        return Ok(());
-    }
-    let points = Adjustment::read(&folder)?.points;
-    let place = |p: Point<Geodetic>| setup.site.site_from_geodetic(p).xyz();
-    let mut bytes: Vec<u8> =
-        points.iter().flat_map(|p| place(p.position)).flat_map(|v| (v as f32).to_le_bytes()).collect();
-    bytes.extend(points.iter().flat_map(|p| [p.gray; 3]));
-    page.files.push(PageFile { name: "points.bin", bytes });
-    let layer = PageLayer::Points { file: "points.bin", count: points.len() };
-    page.layers.push(ShownLayer {
-        layer,
-        label: "Sparse points",
-        note: grouped(points.len()),
-        is_shown: false,
-    });
-    Ok(())
-}
-
 /// The views of a satellite run, whose lines of sight end in the middle of the area.
 fn satellites(setup: &SiteScene) -> Vec<CameraMark> {
     let (west, south, east, north) = setup.area;
     let middle = [0.5 * (west + east), 0.5 * (south + north), 0.0];
     let distance = SATELLITE_DISTANCE * 0.5 * (east - west).hypot(north - south);
-    let mark = |v: &crate::affine::SiteView| {
+    let mark = |v: &SiteView| {
         CameraMark::of_satellite(&v.name, v.role == Role::Test, &v.camera, middle, distance)
     };
     setup.views.iter().map(mark).collect()
-}
-
-/// A number with a space between groups of three digits.
-fn grouped(number: usize) -> String {
-    let digits = number.to_string();
-    let mut text = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i) % 3 == 0 {
-            text.push('\u{202f}');
-        }
-        text.push(digit);
-    }
-    text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn digits_are_grouped() {
-        for (number, text) in [(7, "7"), (123, "123"), (1234, "1\u{202f}234"), (1234567, "1\u{202f}234\u{202f}567")] {
-            assert_eq!(grouped(number), text);
-        }
-    }
-
-    #[test]
-    fn a_mesh_with_a_place_on_the_map_is_moved_into_the_site_frame() {
-        let site = SiteGrid { epsg: 32617, origin: Point::new(100.0, 200.0, 30.0) };
-        let glb = |text: &str| {
-            let mut bytes = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
-            bytes.extend((text.len() as u32).to_le_bytes());
-            bytes.extend(b"JSON");
-            bytes.extend(text.bytes());
-            bytes
-        };
-        let placed = glb(r#"{"scenes":[{"extras":{"east_m":110.5,"north_m":190.0}}]}"#);
-        assert_eq!(glb_offset(&placed, &site), Some([10.5, -10.0, -30.0]));
-        assert_eq!(glb_offset(&glb(r#"{"scenes":[{}]}"#), &site), Some([0.0; 3]));
-        for cut in 0..placed.len() {
-            assert_eq!(glb_offset(&placed[..cut], &site), None);
-        }
-    }
 }

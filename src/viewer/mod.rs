@@ -15,6 +15,6 @@ mod server;
 
 pub use camera_mark::CameraMark;
 pub use error::ViewerError;
-pub use page::{PageFile, PageLayer, ShownLayer, ViewerPage};
+pub use page::{PageFile, PageLayer, PageScope, ShownLayer, ViewerPage};
 pub use relief::Relief;
 pub use server::serve;

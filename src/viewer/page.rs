@@ -91,22 +91,41 @@ pub struct ShownLayer {
     pub is_shown: bool,
 }
 
+/// What a page looks at: a ball around a place, in the site frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PageScope {
+    /// Its middle.
+    pub middle: [f64; 3],
+    /// Its radius.
+    pub radius: f64,
+    /// The upward direction.
+    pub up: [f64; 3],
+}
+
+impl PageScope {
+    /// The area of a site, whose ground is about at the site's origin.
+    #[must_use]
+    pub fn of_area((west, south, east, north): SiteBox) -> Self {
+        let middle = [0.5 * (west + east), 0.5 * (south + north), 0.0];
+        Self { middle, radius: 0.5 * (east - west).hypot(north - south), up: [0.0, 0.0, 1.0] }
+    }
+}
+
 /// A page that shows a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "camelCase")]
 pub struct ViewerPage {
     /// The title.
     pub title: String,
-    /// Map coordinates of the site's origin: easting, northing, ellipsoidal height in metres.
+    /// Map coordinates of the site's origin: easting, northing, ellipsoidal height in metres; zero without a map.
     origin: [f64; 3],
-    /// What map coordinates refer to.
+    /// What map coordinates refer to; empty without a map.
     frame: String,
     /// Whether positions are on the map; otherwise they have no unit.
     is_on_map: bool,
-    /// The area to be shown at the start, site metres.
-    area: SiteBox,
-    /// An altitude of the ground, metres above the site's origin.
-    ground: f64,
+    /// What is looked at.
+    #[serde(flatten)]
+    scope: PageScope,
     /// The layers in the order of the list.
     pub layers: Vec<ShownLayer>,
     /// The files of the layers.
@@ -115,16 +134,16 @@ pub struct ViewerPage {
 }
 
 impl ViewerPage {
-    /// A page without layers for an area of a site, whose ground is about at the site's origin.
+    /// A page without layers, of a site or, without one, in a frame that is not on the map.
     #[must_use]
-    pub fn new(title: String, site: &SiteGrid, area: SiteBox) -> Self {
+    pub fn new(title: String, site: Option<&SiteGrid>, scope: PageScope) -> Self {
+        let frame = |site: &SiteGrid| format!("EPSG:{}, height above the WGS 84 ellipsoid", site.epsg);
         Self {
             title,
-            origin: site.origin.xyz(),
-            frame: format!("EPSG:{}, height above the WGS 84 ellipsoid", site.epsg),
-            is_on_map: true,
-            area,
-            ground: 0.0,
+            origin: site.map_or([0.0; 3], |site| site.origin.xyz()),
+            frame: site.map_or_else(String::new, frame),
+            is_on_map: site.is_some(),
+            scope,
             layers: Vec::new(),
             files: Vec::new(),
         }
@@ -180,7 +199,7 @@ mod tests {
 
     fn page(title: &str) -> ViewerPage {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_211.125, 3_357_611.5, -20.25) };
-        let mut page = ViewerPage::new(title.into(), &site, (-1.0, -2.0, 3.0, 4.0));
+        let mut page = ViewerPage::new(title.into(), Some(&site), PageScope::of_area((-1.0, -2.0, 3.0, 4.0)));
         let layer = PageLayer::Points { file: "points.bin", count: 0 };
         page.layers.push(ShownLayer { layer, label: "Points", note: "0".into(), is_shown: false });
         page.files.push(PageFile { name: "points.bin", bytes: vec![1, 2, 3] });

@@ -109,7 +109,7 @@ fn answer(
 
 #[cfg(test)]
 mod tests {
-    use super::super::PageFile;
+    use super::super::{PageFile, PageScope};
     use super::*;
     use crate::frame::{Point, SiteGrid};
     use crate::progress::Event;
@@ -138,7 +138,7 @@ mod tests {
     #[test]
     fn it_serves_the_page_and_its_files_to_this_machine_alone() {
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_211.0, 3_357_611.0, -20.0) };
-        let mut page = ViewerPage::new("run".into(), &site, (-1.0, -1.0, 1.0, 1.0));
+        let mut page = ViewerPage::new("run".into(), Some(&site), PageScope::of_area((-1.0, -1.0, 1.0, 1.0)));
         page.files.push(PageFile { name: "splats.ply", bytes: b"ply data".to_vec() });
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let address = listener.local_addr().unwrap();

@@ -62,9 +62,14 @@ const sun = new L.DirectionalLight(0xffffff, 2.6);
 sun.position.set(-0.5, 0.5, 0.7);
 scene.add(sun);
 
-const [west, south, east, north] = run.area;
-const middle = new L.Vector3((west + east) / 2, (south + north) / 2, run.ground);
-const radius = Math.max(Math.hypot(east - west, north - south) / 2, 1e-3);
+// Everything of the run stands in one group, which turns its upward direction to z.
+const world = new L.Group();
+world.quaternion.setFromUnitVectors(new L.Vector3(...run.up).normalize(), new L.Vector3(0, 0, 1));
+world.updateMatrixWorld();
+scene.add(world);
+const turned = (place) => new L.Vector3(...place).applyQuaternion(world.quaternion);
+const middle = turned(run.middle);
+const { radius } = run;
 
 // Looks at a point from a direction, azimuth clockwise from north and elevation, degrees.
 const lookFrom = (azimuth, elevation, target = middle, distance = radius * 3) => {
@@ -106,7 +111,7 @@ const makers = {
       }
     }
     // A vertex without height is in no triangle, but boxes and normals are computed from all.
-    for (let i = 2; i < positions.length; i += 3) if (Number.isNaN(positions[i])) positions[i] = run.ground;
+    for (let i = 2; i < positions.length; i += 3) if (Number.isNaN(positions[i])) positions[i] = run.middle[2];
     const shape = new L.BufferGeometry();
     shape.setAttribute("position", new L.BufferAttribute(positions, 3));
     shape.setAttribute("uv", new L.BufferAttribute(places, 2));
@@ -160,8 +165,11 @@ const makers = {
     const group = new L.Group();
     if (file.endsWith(".glb")) {
       const gltf = await new L.GLTFLoader().parseAsync(bytes, "");
-      // glTF has y up; here it is z.
-      gltf.scene.rotation.x = Math.PI / 2;
+      // glTF has y up. A mesh of `satgs mesh` has its own axes and a node that turns them; other files are turned to z up.
+      const nodes = [];
+      gltf.scene.traverse((node) => nodes.push(node));
+      if (nodes.some((node) => Math.abs(node.quaternion.w) < 0.999)) nodes.forEach((node) => node.quaternion.identity());
+      else gltf.scene.rotation.x = Math.PI / 2;
       group.add(gltf.scene);
     } else {
       const shape = new L.PLYLoader().parse(bytes);
@@ -219,7 +227,7 @@ const addLayer = (layer) => {
   label.append(box, layer.label, count);
   $("layers").append(label);
   layer.object.visible = layer.isShown;
-  scene.add(layer.object);
+  world.add(layer.object);
   layers.push(layer);
 };
 const showColors = () => ($("colors").hidden = !visible("relief").some((l) => l.texture));
@@ -227,7 +235,7 @@ const visible = (...kinds) => layers.filter((l) => kinds.includes(l.kind) && l.o
 
 // ---- Places: what is under the pointer, and map coordinates
 
-const map = ({ x, y, z }) => [x, y, z].map((v, k) => v + run.origin[k]);
+const map = (place) => world.worldToLocal(place.clone()).toArray().map((v, k) => v + run.origin[k]);
 const metres = (v) => (Math.abs(v) < 0.005 ? 0 : v).toFixed(2).replace("-", "\u2212");
 
 const pick = (event) => {
@@ -251,7 +259,7 @@ const pick = (event) => {
 const cameraAt = (event) => {
   const size = new L.Vector2(innerWidth, innerHeight);
   const near = ({ at }) => {
-    const p = new L.Vector3(...at).project(camera);
+    const p = turned(at).project(camera);
     if (p.z > 1) return Infinity;
     return Math.hypot(((p.x + 1) / 2) * size.x - event.clientX, ((1 - p.y) / 2) * size.y - event.clientY);
   };
@@ -326,16 +334,11 @@ renderer.domElement.addEventListener("pointerup", (event) => {
   if (!isClick) return;
   const view = cameraAt(event);
   if (view) {
-    const at = new L.Vector3(...view.at);
-    if (view.to) {
-      controls.target.set(...view.to);
-      camera.position.copy(at);
-    } else {
-      const ahead = view.corners.reduce((sum, c) => sum.add(new L.Vector3(...c)), new L.Vector3());
-      ahead.divideScalar(view.corners.length).sub(at).setLength(radius * 0.5);
-      controls.target.copy(at).add(ahead);
-      camera.position.copy(at);
-    }
+    const at = turned(view.at);
+    const base = view.corners.map(turned).reduce((sum, c) => sum.add(c), new L.Vector3()).divideScalar(view.corners.length);
+    const ahead = base.sub(at).setLength(radius);
+    controls.target.copy(view.to ? turned(view.to) : at.clone().add(ahead));
+    camera.position.copy(at);
     controls.update();
     redraw();
     return;
