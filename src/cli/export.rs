@@ -82,7 +82,8 @@ fn table(exported: &ExportedViews) -> String {
         let fit = v.fit.map_or_else(String::new, |fit| {
             format!(" {:11.1} {:7.3} {:7.3}", fit.distance_m / 1000.0, fit.rms_px, fit.max_px)
         });
-        let _ = writeln!(text, "{:28} {size:>11}{fit}{}", v.image, if v.is_test { "  held back" } else { "" });
+        let _ =
+            writeln!(text, "{:28} {size:>11}{fit}{}", v.image, if v.is_test { "  held back" } else { "" });
     }
     if exported.views.iter().all(|v| v.fit.is_none()) {
         text.clear();

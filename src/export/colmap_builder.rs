@@ -2,8 +2,8 @@
 
 use super::{LocalPinhole, Resampled};
 use crate::frame::{CenterPx, CornerPx, Pixel, Point, Site};
-use crate::perspective::{LensModel, PinholeCamera, ScenePoint};
 use crate::perspective::colmap::{ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint};
+use crate::perspective::{LensModel, PinholeCamera, ScenePoint};
 use glam::DQuat;
 
 /// Fewest observations of a point.
@@ -113,7 +113,8 @@ impl ColmapModel {
         observations: Vec<ColmapObservation>,
     ) {
         let [x, y, z, w] = DQuat::from_mat3(&camera.cam_from_site).normalize().to_array();
-        let principal = Pixel::<CornerPx>::from(Pixel::<CenterPx>::new(camera.principal.x, camera.principal.y));
+        let principal =
+            Pixel::<CornerPx>::from(Pixel::<CenterPx>::new(camera.principal.x, camera.principal.y));
         self.cameras.push(ColmapCamera {
             id,
             model: LensModel::Pinhole,

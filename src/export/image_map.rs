@@ -66,7 +66,10 @@ impl ImageMap {
             let [_, u, v, ..] = self.monomials(found);
             // Derivatives of column and row.
             let [[a, b], [c, d]] = self.terms.map(|t| {
-                [(t[1] + 2.0 * t[3] * u + t[4] * v) / self.scale, (t[2] + t[4] * u + 2.0 * t[5] * v) / self.scale]
+                [
+                    (t[1] + 2.0 * t[3] * u + t[4] * v) / self.scale,
+                    (t[2] + t[4] * u + 2.0 * t[5] * v) / self.scale,
+                ]
             });
             let det = a * d - b * c;
             found = Pixel::new(

@@ -175,10 +175,7 @@ fn pairs(
     let (width, height) = (camera.size.0 as f64 - 0.5, camera.size.1 as f64 - 0.5);
     let all = (0..nodes.iter().product()).map(|i: usize| {
         let [cols, rows, altitudes] = nodes;
-        let px = Pixel::new(
-            node(i % cols, cols, -0.5, width),
-            node(i / cols % rows, rows, -0.5, height),
-        );
+        let px = Pixel::new(node(i % cols, cols, -0.5, width), node(i / cols % rows, rows, -0.5, height));
         let altitude = node(i / cols / rows, altitudes, low, high);
         let ray = DVec3::from_array(camera.ray(px));
         let seen = camera.center + ray * ((altitude - camera.center.z) / ray.z);
@@ -213,7 +210,9 @@ mod tests {
         for view in [oblique(), turned, mirrored] {
             let found = pinhole(&view, (800, 790));
             assert!(found.rms_px < 0.05 && found.max_px < 0.2, "{} {}", found.rms_px, found.max_px);
-            for p in [Point::new(0.0, 0.0, 0.0), Point::new(60.0, -80.0, 40.0), Point::new(-90.0, 70.0, -15.0)] {
+            for p in
+                [Point::new(0.0, 0.0, 0.0), Point::new(60.0, -80.0, 40.0), Point::new(-90.0, 70.0, -15.0)]
+            {
                 let px = found.camera.project(p).unwrap();
                 let error = found.map.original_from_resampled(px).distance(view.project(p));
                 assert!(error < 0.15, "{error}");

@@ -4,7 +4,8 @@ use super::cameras::require_image;
 use super::colmap_folder::ColmapFolder;
 use super::exported::{ExportedPly, ExportedView, ExportedViews, PinholeFit};
 use super::{
-    PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, perspective, read_scene, relocation,
+    PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, perspective, read_scene,
+    relocation,
 };
 use crate::affine::SiteScene;
 use crate::bundle::{Adjustment, TiePointObservation};
@@ -118,11 +119,17 @@ fn photographs(run: &Path, target: &ColmapFolder, progress: &dyn Progress) -> Re
         // Names of views may hold folders.
         let name = format!("{}.png", view.name.replace(['/', '\\'], "_"));
         target.write_image(&name, &image)?;
-        views.push(ExportedView { image: name, size: view.size, is_test: view.role == Role::Test, fit: None });
+        views.push(ExportedView {
+            image: name,
+            size: view.size,
+            is_test: view.role == Role::Test,
+            fit: None,
+        });
         progress.event(Event::Advanced { done: views.len() as u64, status: view.name.clone() });
     }
     progress.event(Event::Finished);
-    let photographs = views.iter().zip(&cameras.views).map(|(v, trained)| (v.image.as_str(), trained.camera()));
+    let photographs =
+        views.iter().zip(&cameras.views).map(|(v, trained)| (v.image.as_str(), trained.camera()));
     let model = ColmapModel::of_photographs(photographs, &scene.points);
     Ok(Parts { model, views, left_out: Vec::new(), site: cameras.site })
 }

@@ -16,7 +16,11 @@ pub(super) fn add_splats(page: &mut ViewerPage, ply: Vec<u8>, count: usize) {
 }
 
 /// Adds the mesh of the run, if there is one.
-pub(super) fn add_mesh(page: &mut ViewerPage, run: &Path, site: Option<&SiteGrid>) -> Result<(), PipelineError> {
+pub(super) fn add_mesh(
+    page: &mut ViewerPage,
+    run: &Path,
+    site: Option<&SiteGrid>,
+) -> Result<(), PipelineError> {
     let Some(file) = MESHES.into_iter().find(|name| run.join(name).exists()) else { return Ok(()) };
     let path = run.join(file);
     let damaged = |reason: String| ViewerError::Mesh { path: path.clone(), reason };
@@ -68,17 +72,16 @@ pub(super) fn add_relief(page: &mut ViewerPage, run: &Path, site: &SiteGrid) -> 
     if let Some(bytes) = relief.texture {
         page.files.push(PageFile { name: "ortho.png", bytes });
     }
-    page.layers.push(ShownLayer {
-        layer,
-        label: "DSM",
-        note: format!("{} m", relief.cell),
-        is_shown: false,
-    });
+    page.layers.push(ShownLayer { layer, label: "DSM", note: format!("{} m", relief.cell), is_shown: false });
     Ok(())
 }
 
 /// Adds the sparse points of the adjustment, if there are some.
-pub(super) fn add_tie_points(page: &mut ViewerPage, run: &Path, setup: &SiteScene) -> Result<(), PipelineError> {
+pub(super) fn add_tie_points(
+    page: &mut ViewerPage,
+    run: &Path,
+    setup: &SiteScene,
+) -> Result<(), PipelineError> {
     let folder = run.join(ADJUSTMENT);
     if !folder.join(SPARSE_POINTS).exists() {
         return Ok(());
@@ -120,7 +123,9 @@ mod tests {
 
     #[test]
     fn digits_are_grouped() {
-        for (number, text) in [(7, "7"), (123, "123"), (1234, "1\u{202f}234"), (1234567, "1\u{202f}234\u{202f}567")] {
+        for (number, text) in
+            [(7, "7"), (123, "123"), (1234, "1\u{202f}234"), (1234567, "1\u{202f}234\u{202f}567")]
+        {
             assert_eq!(grouped(number), text);
         }
     }

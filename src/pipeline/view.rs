@@ -2,7 +2,8 @@
 
 use super::page_layers::{add_mesh, add_points, add_relief, add_splats, add_tie_points, grouped};
 use super::{
-    PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, TrainedPhoto, perspective, relocation,
+    PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, TrainedPhoto, perspective,
+    relocation,
 };
 use crate::affine::{SiteScene, SiteView};
 use crate::io::{check_writable, write_file};
@@ -163,8 +164,7 @@ fn satellites(setup: &SiteScene) -> Vec<CameraMark> {
     let (west, south, east, north) = setup.area;
     let middle = [0.5 * (west + east), 0.5 * (south + north), 0.0];
     let distance = SATELLITE_DISTANCE * 0.5 * (east - west).hypot(north - south);
-    let mark = |v: &SiteView| {
-        CameraMark::of_satellite(&v.name, v.role == Role::Test, &v.camera, middle, distance)
-    };
+    let mark =
+        |v: &SiteView| CameraMark::of_satellite(&v.name, v.role == Role::Test, &v.camera, middle, distance);
     setup.views.iter().map(mark).collect()
 }

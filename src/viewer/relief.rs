@@ -2,9 +2,7 @@
 
 use super::ViewerError;
 use crate::frame::SiteGrid;
-use crate::io::{
-    Grid2, HeightSystem, ImageFile, MapGrid, VerticalReference, Window, png_rgb, read_heights,
-};
+use crate::io::{Grid2, HeightSystem, ImageFile, MapGrid, VerticalReference, Window, png_rgb, read_heights};
 use std::path::Path;
 
 /// Largest number of cells; each has two triangles.

@@ -21,11 +21,7 @@ const NOT_FOUND: &str = "404 Not Found";
 ///
 /// # Errors
 /// [`Interrupted`].
-pub fn serve(
-    listener: &TcpListener,
-    page: &ViewerPage,
-    progress: &dyn Progress,
-) -> Result<(), Interrupted> {
+pub fn serve(listener: &TcpListener, page: &ViewerPage, progress: &dyn Progress) -> Result<(), Interrupted> {
     let index = page.index().into_bytes();
     let address = listener.local_addr().ok();
     // A listener that cannot be polled is only interrupted with the process.
@@ -75,7 +71,8 @@ fn answer(
     let mut words = request.split(' ');
     let (method, path) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
     // Pages of other sites must not read this one through a name that they let point here.
-    let is_local = address.is_some_and(|a| host == a.to_string() || host == format!("localhost:{}", a.port()));
+    let is_local =
+        address.is_some_and(|a| host == a.to_string() || host == format!("localhost:{}", a.port()));
     let name = path.strip_prefix('/').unwrap_or(path);
     let name = name.split(['?', '#']).next().unwrap_or_default();
     let found: Result<(&str, &[u8]), &str> = match (is_local, method, name) {

@@ -147,9 +147,7 @@ impl Schedule<'_> {
             let since = (iteration - 1) % reset.every + 1;
             (iteration > reset.every).then_some((reset, since))
         });
-        let is_paused = |span: fn(&OpacityReset) -> u32| {
-            past_reset.is_some_and(|(r, s)| s < span(&r))
-        };
+        let is_paused = |span: fn(&OpacityReset) -> u32| past_reset.is_some_and(|(r, s)| s < span(&r));
         let virtual_terms = ["consistency_altitude", "consistency_color"];
         let mut weights = r.weights.scaled(&virtual_terms, f64::from(r.virtual_every));
         if is_paused(|r| r.opacity_loss_pause) {
