@@ -76,6 +76,8 @@ pub mod dsm;
 pub mod metrics;
 pub mod coregister;
 pub mod report;
+pub mod viewer;
+pub mod export;
 pub mod pipeline;
 pub mod tiles;
 #[cfg(feature = "cli")]

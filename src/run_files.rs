@@ -30,6 +30,8 @@ pub const ORTHO: &str = "ortho.tif";
 pub const CONFIDENCE: &str = "confidence.tif";
 /// The surface model in relief.
 pub const HILLSHADE: &str = "hillshade.tif";
+/// The mesh, by format.
+pub const MESHES: [&str; 2] = ["mesh.glb", "mesh.ply"];
 /// Folder of the scores.
 pub const EVALUATION: &str = "eval";
 /// Scores of the views of a perspective scene that were held back.

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 24] = [
+const LAYERS: [(&str, Option<&[&str]>); 26] = [
     ("random", Some(&[])),
     ("stats", Some(&["random"])),
     ("simd", Some(&[])),
@@ -30,6 +30,8 @@ const LAYERS: [(&str, Option<&[&str]>); 24] = [
     ("metrics", Some(&["stats", "random", "progress", "frame", "io"])),
     ("coregister", Some(&["stats", "frame", "io", "metrics"])),
     ("report", None),
+    ("viewer", None),
+    ("export", None),
     ("pipeline", None),
     ("tiles", None),
     ("cli", None),

@@ -9,6 +9,7 @@ mod align;
 mod ba;
 mod dsm;
 mod dsm_eval;
+mod export;
 mod info;
 mod mosaic;
 mod nvs_eval;
@@ -23,6 +24,7 @@ mod scene_args;
 mod simulate;
 mod tile;
 mod train;
+mod view;
 
 use clap::{Parser, Subcommand};
 pub use error::{CliError, ExitStatus};
@@ -85,6 +87,8 @@ enum Command {
     Tile(tile::Args),
     Mosaic(mosaic::Args),
     Report(report::Args),
+    View(view::Args),
+    Export(export::Args),
 }
 
 /// Runs the command line of this process.
@@ -126,6 +130,8 @@ pub fn run_command_line(words: impl IntoIterator<Item = std::ffi::OsString>) -> 
         Command::Tile(args) => tile::run(args, &ui),
         Command::Mosaic(args) => mosaic::run(args, &ui),
         Command::Report(args) => report::run(args, &ui),
+        Command::View(args) => view::run(args, &ui),
+        Command::Export(args) => export::run(args, &ui),
     });
     if result.as_ref().err().is_none_or(CliError::is_partial) {
         ui.finish_json();

@@ -7,7 +7,7 @@ use crate::run_files::{CAMERAS, SCENE, SPLATS};
 use crate::scene::{Scene, View};
 use crate::splat::appearance::Appearance;
 use crate::splat::ply::{self, PlyError};
-use crate::splat::splats::Splats;
+use crate::splat::splats::{Splats, color_from_f_dc, f_dc_from_color};
 use crate::splat::train::recipe::Recipe;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -66,6 +66,22 @@ impl TrainedCameras {
             shown.to_mut().recolor(|v| self.setup.transfer_function.encoded(v));
         }
         Ok(ply::write(&run.join(SPLATS), &shown, &self.setup.site)?)
+    }
+
+    /// Reads the splats of a run folder in the colours of the orthophoto: those of the reference view in full sunlight,
+    /// encoded for display.
+    ///
+    /// # Errors
+    /// [`PipelineError::Ply`].
+    pub fn read_shown_splats(&self, run: &Path) -> Result<Splats, PipelineError> {
+        let mut splats = self.read_splats(run)?;
+        let reference = self.reference_appearance();
+        let sunlit = reference.sunlit();
+        let encode = |v| self.setup.transfer_function.encoded(v);
+        for f_dc in &mut splats.f_dc {
+            *f_dc = f_dc_from_color(sunlit(color_from_f_dc(*f_dc)).map(encode));
+        }
+        Ok(splats)
     }
 
     /// The colour model of the view whose colours the orthophoto takes.

@@ -4,6 +4,7 @@ use crate::affine::{FitError, SiteSceneError};
 use crate::bundle::BundleError;
 use crate::checkpoint::CheckpointError;
 use crate::coregister::CoregisterError;
+use crate::export::ExportError;
 use crate::frame::FrameError;
 use crate::io::{CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
 use crate::metrics::MetricsError;
@@ -17,6 +18,7 @@ use crate::simulate::SimulateError;
 use crate::splat::backend::BackendError;
 use crate::splat::ply::PlyError;
 use crate::splat::train::recipe::RecipeError;
+use crate::viewer::ViewerError;
 use std::path::PathBuf;
 
 /// The message of an error with those of all its causes, as one sentence.
@@ -357,6 +359,14 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Report(#[from] ReportError),
+    /// See [`ViewerError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Viewer(#[from] ViewerError),
+    /// See [`ExportError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Export(#[from] ExportError),
 }
 
 impl PipelineError {
@@ -370,8 +380,8 @@ impl PipelineError {
             | Self::Simulate(SimulateError::Interrupted(_)) => ErrorKind::Interrupted,
             Self::Json { .. }
             | Self::Write(_)
-            | Self::Backend(_)
             | Self::Perspective(PerspectiveError::Write(_))
+            | Self::Backend(_)
             | Self::Raster(RasterError::Write(_) | RasterError::Encode { .. })
             | Self::Bundle(
                 BundleError::Write(_)

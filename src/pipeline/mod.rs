@@ -2,7 +2,7 @@
 //!
 //! A run folder holds what one stage writes and the next ones read; [`run_files`](crate::run_files) has the names.
 //! [`adjust`] starts one from a [`Scene`](crate::scene::Scene), [`train`], [`dsm`], [`evaluate`], [`render`],
-//! [`nvs_eval`], [`align`] and [`report`] work on it, and [`run`] calls the main stages in a row. Options are plain
+//! [`nvs_eval`], [`align`], [`report`], [`write_page`] and [`export_colmap`] work on it, and [`run`] calls the main stages in a row. Options are plain
 //! structs whose [`Default`] is what the command line takes without arguments, results are plain structs that serialise
 //! to what `satgs COMMAND --json` prints, and all errors are [`PipelineError`]s. Long work reports to a
 //! [`Progress`](crate::progress::Progress), which can also stop it.
@@ -15,12 +15,16 @@ mod adjust;
 mod align;
 mod cameras;
 mod checkpoints;
+mod colmap_folder;
 mod dsm;
 mod error;
 mod evaluate;
+mod export;
+mod exported;
 mod lock;
 mod nvs_eval;
 mod nvs_scores;
+mod page_layers;
 mod perspective;
 mod products;
 mod relocation;
@@ -36,6 +40,7 @@ mod train_options;
 mod trained;
 mod training;
 mod training_files;
+mod view;
 
 pub use crate::report::write as report;
 pub(crate) use adjust::adjust_locked;
@@ -46,6 +51,8 @@ pub(crate) use dsm::dsm_locked;
 pub use dsm::{DsmOptions, DsmSummary, dsm};
 pub use error::{ErrorKind, PipelineError, message_with_causes};
 pub use evaluate::{EvaluateOptions, evaluate};
+pub use export::{export_colmap, export_ply};
+pub use exported::{ExportedPly, ExportedView, ExportedViews, PinholeFit};
 pub use lock::RunLock;
 pub use nvs_eval::nvs_eval;
 pub use nvs_scores::{NvsScores, ViewScore};
@@ -63,3 +70,4 @@ pub use train::train;
 pub(crate) use train::train_locked;
 pub use train_options::TrainOptions;
 pub use trained::Trained;
+pub use view::{WrittenPage, serve_page, view_page, write_page};

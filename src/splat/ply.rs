@@ -45,22 +45,34 @@ pub enum PlyError {
 /// # Errors
 /// [`WriteError`] if one of the files cannot be written.
 pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteError> {
+    write_file(path, encode(splats, site))?;
+    write_file(&path.with_extension("georef.json"), format!("{:#}\n", georeference(site)))
+}
+
+/// The site frame as JSON, to be written beside files whose coordinates are in it.
+#[must_use]
+pub fn georeference(site: &SiteGrid) -> serde_json::Value {
     let [east, north, height] = site.origin.xyz();
-    let comment = format!(
-        "satgs site frame: metres east, north, up of EPSG:{} {east} {north}, ellipsoidal height {height}",
-        site.epsg
-    );
-    // The format does not define the vertical axis; viewers read it from this comment.
-    write_file(path, encoded(splats, &[&comment, "Vertical Axis: z"]))?;
-    let georef = serde_json::json!({
+    serde_json::json!({
         "epsg": site.epsg,
         "origin": { "easting_m": east, "northing_m": north, "height_m": height },
         "axes": ["east", "north", "up"],
         "unit": "m",
         "vertical_reference": "WGS 84 ellipsoid",
         "grid_convergence_deg": site.convergence_deg(),
-    });
-    write_file(&path.with_extension("georef.json"), format!("{georef:#}\n"))
+    })
+}
+
+/// The content of a PLY file of splats in the site frame (metres).
+#[must_use]
+pub fn encode(splats: &Splats, site: &SiteGrid) -> Vec<u8> {
+    let [east, north, height] = site.origin.xyz();
+    let comment = format!(
+        "satgs site frame: metres east, north, up of EPSG:{} {east} {north}, ellipsoidal height {height}",
+        site.epsg
+    );
+    // The format does not define the vertical axis; viewers read it from this comment.
+    encoded(splats, &[&comment, "Vertical Axis: z"])
 }
 
 /// Writes splats as a PLY file in a frame that has no place on Earth.
@@ -68,7 +80,13 @@ pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteE
 /// # Errors
 /// [`WriteError`] if the file cannot be written.
 pub fn write_local(path: &Path, splats: &Splats) -> Result<(), WriteError> {
-    write_file(path, encoded(splats, &["satgs frame of the cameras"]))
+    write_file(path, encode_local(splats))
+}
+
+/// The content of a PLY file of splats in a frame that has no place on Earth.
+#[must_use]
+pub fn encode_local(splats: &Splats) -> Vec<u8> {
+    encoded(splats, &["satgs frame of the cameras"])
 }
 
 /// The bytes of a PLY file.

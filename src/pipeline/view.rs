@@ -1,0 +1,170 @@
+//! The page that shows a run: `satgs view`.
+
+use super::page_layers::{add_mesh, add_points, add_relief, add_splats, add_tie_points, grouped};
+use super::{
+    PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, TrainedPhoto, perspective,
+    relocation,
+};
+use crate::affine::{SiteScene, SiteView};
+use crate::io::{check_writable, write_file};
+use crate::progress::Progress;
+use crate::run_files::{PLAN, SPLATS, TILES};
+use crate::scene::Role;
+use crate::splat::ply;
+use crate::splat::splats::Splats;
+use crate::stats::quantile;
+use crate::viewer::{CameraMark, PageLayer, PageScope, ShownLayer, ViewerError, ViewerPage, serve};
+use glam::DVec3;
+use serde::Serialize;
+use std::net::{Ipv4Addr, TcpListener};
+use std::path::{Path, PathBuf};
+
+/// Distance at which satellites are drawn, in half diagonals of the area.
+const SATELLITE_DISTANCE: f64 = 1.0;
+/// Depth of the pyramid of a photograph, in radii of the scene.
+const PHOTOGRAPH_DEPTH: f64 = 0.08;
+/// Share of the splats of a perspective scene that the page looks at; far ones belong to the background.
+const LOOKED_AT: f64 = 0.8;
+
+/// A page that was written.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WrittenPage {
+    /// The HTML file.
+    pub page: PathBuf,
+    /// Its size.
+    pub bytes: u64,
+    /// Names of its layers.
+    pub layers: Vec<&'static str>,
+}
+
+/// Writes the page of a run as one HTML file, which opens without a network connection.
+///
+/// # Errors
+/// [`PipelineError`] as [`view_page`]; the file exists and `overwrite` is not set, it cannot be written, or would be too
+/// large for browsers.
+pub fn write_page(run: &Path, file: &Path, overwrite: bool) -> Result<WrittenPage, PipelineError> {
+    if file.exists() && !overwrite {
+        return Err(PipelineError::Exists { path: file.into() });
+    }
+    check_writable(file)?;
+    let page = view_page(run)?;
+    let html = page.html()?;
+    write_file(file, &html)?;
+    let layers = page.layers.iter().map(|l| l.label).collect();
+    Ok(WrittenPage { page: file.into(), bytes: html.len() as u64, layers })
+}
+
+/// Serves the page of a run to the browser of this machine, on a port or a free one, until `progress` asks to stop.
+/// `started` gets the address of the page.
+///
+/// # Errors
+/// [`PipelineError`] as [`view_page`]; the port is in use. [`PipelineError::Interrupted`] at the end.
+pub fn serve_page(
+    run: &Path,
+    port: Option<u16>,
+    started: impl FnOnce(&str) -> Result<(), PipelineError>,
+    progress: &dyn Progress,
+) -> Result<(), PipelineError> {
+    let taken = |cause| ViewerError::Port { port: port.unwrap_or_default(), cause };
+    // A port in use is said before the files are read.
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port.unwrap_or(0))).map_err(taken)?;
+    let page = view_page(run)?;
+    let address = listener.local_addr().map_err(taken)?;
+    started(&format!("http://{address}/"))?;
+    Ok(serve(&listener, &page, progress)?)
+}
+
+/// The page of a run, with a layer for each of its results that exists.
+///
+/// # Errors
+/// [`PipelineError`]: the run has no splats or has several tiles, a file is damaged.
+pub fn view_page(run: &Path) -> Result<ViewerPage, PipelineError> {
+    if !run.join(SPLATS).exists() {
+        return Err(no_splats(run).into());
+    }
+    let folder = run.canonicalize().unwrap_or_else(|_| run.into());
+    let title = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    if perspective::is_run(run) { perspective_page(run, title) } else { satellite_page(run, title) }
+}
+
+fn satellite_page(run: &Path, title: String) -> Result<ViewerPage, PipelineError> {
+    relocation::finish(run)?;
+    let cameras = TrainedCameras::read(run)?;
+    let setup = &cameras.setup;
+    let mut page = ViewerPage::new(title, Some(&setup.site), PageScope::of_area(setup.area));
+    let splats = cameras.read_shown_splats(run)?;
+    add_splats(&mut page, ply::encode(&splats, &setup.site), splats.len());
+    add_mesh(&mut page, run, Some(&setup.site))?;
+    add_relief(&mut page, run, &setup.site)?;
+    add_tie_points(&mut page, run, setup)?;
+    add_cameras(&mut page, satellites(setup));
+    Ok(page)
+}
+
+fn perspective_page(run: &Path, title: String) -> Result<ViewerPage, PipelineError> {
+    let cameras = PerspectiveCameras::read(run)?;
+    let splats = PerspectiveCameras::read_splats(run)?;
+    let site = cameras.site.as_ref();
+    let scope = scope_of(&splats, &cameras);
+    let mut page = ViewerPage::new(title, site, scope);
+    let ply = site.map_or_else(|| ply::encode_local(&splats), |site| ply::encode(&splats, site));
+    add_splats(&mut page, ply, splats.len());
+    add_mesh(&mut page, run, site)?;
+    if let Some(site) = site {
+        add_relief(&mut page, run, site)?;
+    }
+    // The points are in the files of the scene; if these have gone, the page is without them.
+    if let Ok(scene) = PerspectiveManifest::read(run)?.read_scene()
+        && !scene.points.is_empty()
+    {
+        let points: Vec<_> = scene.points.iter().map(|p| (p.position, p.rgb)).collect();
+        add_points(&mut page, &points);
+    }
+    let depth = PHOTOGRAPH_DEPTH * scope.radius;
+    let mark = |v: &TrainedPhoto| CameraMark::of_pinhole(&v.name, v.role == Role::Test, &v.camera(), depth);
+    add_cameras(&mut page, cameras.views.iter().map(mark).collect());
+    Ok(page)
+}
+
+/// The ball around the median of the splats that holds most of them. Without a map, up is the mean of the upward directions
+/// of the images.
+fn scope_of(splats: &Splats, cameras: &PerspectiveCameras) -> PageScope {
+    let axis = |k: usize| quantile(splats.position.iter().map(|p| f64::from(p[k])).collect(), 0.5);
+    let middle = DVec3::from_array([0, 1, 2].map(|k| axis(k).unwrap_or_default()));
+    let distance = |p: &[f32; 3]| DVec3::from_array(p.map(f64::from)).distance(middle);
+    let radius = quantile(splats.position.iter().map(distance).collect(), LOOKED_AT);
+    let up: DVec3 = cameras.views.iter().map(|v| -v.camera().cam_from_site.row(1)).sum();
+    let up = if cameras.site.is_some() { DVec3::Z } else { up.try_normalize().unwrap_or(DVec3::Z) };
+    PageScope {
+        middle: middle.to_array(),
+        radius: radius.filter(|r| *r > 0.0).unwrap_or(1.0),
+        up: up.to_array(),
+    }
+}
+
+fn add_cameras(page: &mut ViewerPage, views: Vec<CameraMark>) {
+    let (note, layer) = (grouped(views.len()), PageLayer::Cameras { views });
+    page.layers.push(ShownLayer { layer, label: "Cameras", note, is_shown: true });
+}
+
+fn no_splats(run: &Path) -> ViewerError {
+    if !run.join(PLAN).exists() {
+        return ViewerError::NoSplats { run: run.into() };
+    }
+    let tiles = std::fs::read_dir(run.join(TILES)).into_iter().flatten().flatten();
+    let mut trained: Vec<PathBuf> =
+        tiles.map(|tile| tile.path()).filter(|t| t.join(SPLATS).exists()).collect();
+    trained.sort();
+    let example = trained.first().cloned().unwrap_or_else(|| run.join(TILES).join("ID"));
+    ViewerError::OfTiles { run: run.into(), example: example.display().to_string() }
+}
+
+/// The views of a satellite run, whose lines of sight end in the middle of the area.
+fn satellites(setup: &SiteScene) -> Vec<CameraMark> {
+    let (west, south, east, north) = setup.area;
+    let middle = [0.5 * (west + east), 0.5 * (south + north), 0.0];
+    let distance = SATELLITE_DISTANCE * 0.5 * (east - west).hypot(north - south);
+    let mark =
+        |v: &SiteView| CameraMark::of_satellite(&v.name, v.role == Role::Test, &v.camera, middle, distance);
+    setup.views.iter().map(mark).collect()
+}

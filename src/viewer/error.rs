@@ -1,0 +1,61 @@
+//! Why a run cannot be shown.
+
+use crate::io::{RasterError, VerticalError};
+use std::path::PathBuf;
+
+/// Why a run cannot be shown.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum ViewerError {
+    /// The folder holds no splats.
+    #[error("`{run}` holds no splats")]
+    #[diagnostic(help("`satgs train RUN` makes splats.ply"))]
+    NoSplats {
+        /// The folder.
+        run: PathBuf,
+    },
+    /// The run has several tiles, which are shown one by one.
+    #[error("`{run}` is planned as several tiles, each of which has its own splats")]
+    #[diagnostic(help("`{example}` is the folder of one tile, which can be given in place of the run"))]
+    OfTiles {
+        /// The run folder.
+        run: PathBuf,
+        /// The folder of the first tile.
+        example: String,
+    },
+    /// The page would be larger than what browsers open.
+    #[error("a page with all layers would have {megabytes} MB, and browsers open pages up to {limit} MB")]
+    #[diagnostic(help("without --html the run is served, which has no such limit"))]
+    TooLarge {
+        /// Size of the page, MB.
+        megabytes: u64,
+        /// Largest size, MB.
+        limit: u64,
+    },
+    /// A mesh cannot be placed.
+    #[error("`{path}` cannot be shown: {reason}")]
+    #[diagnostic(help("`satgs mesh RUN -o FILE` makes it again"))]
+    Mesh {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The page cannot be served on this port.
+    #[error("port {port} of this machine cannot be used: {cause}")]
+    #[diagnostic(help("name another --port, or none: then a free one is chosen"))]
+    Port {
+        /// The port.
+        port: u16,
+        /// Error of the operating system.
+        cause: std::io::Error,
+    },
+    /// See [`RasterError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Raster(#[from] RasterError),
+    /// See [`VerticalError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Vertical(#[from] VerticalError),
+}
