@@ -76,6 +76,12 @@ impl PerspectiveScene {
         Ok(Self { layout, views, points, georeference, skipped })
     }
 
+    /// Whether positions are in metres: the scene has a georeference, or depth maps in metres.
+    #[must_use]
+    pub fn is_metric(&self) -> bool {
+        self.georeference.is_some() || matches!(self.layout, Layout::RgbD | Layout::Levir)
+    }
+
     /// Lowest and highest coordinates of the points and the camera centres.
     #[must_use]
     pub fn extent(&self) -> Option<[[f64; 3]; 2]> {
