@@ -332,6 +332,21 @@ fn damaged_pictures_are_refused_when_they_are_read() {
 }
 
 #[test]
+fn a_photograph_that_is_cut_short_is_refused_and_not_filled_with_grey() {
+    let Some(data) = common::data_dir() else { return };
+    let mut scene =
+        PerspectiveScene::read(&data.join("perspective/office"), &PerspectiveOptions::default()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let view = &mut scene.views[0];
+    assert!(view.read_image().is_ok());
+    let whole = std::fs::read(&view.image).unwrap();
+    view.image = folder.path().join("cut.jpg");
+    std::fs::write(&view.image, &whole[..whole.len() / 2]).unwrap();
+    let text = view.read_image().unwrap_err().to_string();
+    assert!(text.contains("cut.jpg") && text.contains("ends before its picture does"), "{text}");
+}
+
+#[test]
 fn only_some_downsamplings_are_possible() {
     let folder = changed(Format::Binary, |_| ());
     for downsampling in [0, 3, 16] {

@@ -1,10 +1,11 @@
 //! A view of a perspective scene, and its pixels and depths.
 
 use super::error::PerspectiveError;
+use super::jpeg;
 use super::lens::LensCamera;
 use super::pinhole::PinholeCamera;
 use super::undistort::Undistortion;
-use crate::io::{Grid2, ImageFile, Window};
+use crate::io::{Grid2, ImageFile, ReadError, Window, vsi};
 use crate::scene::Role;
 use std::path::{Path, PathBuf};
 
@@ -73,7 +74,11 @@ impl PerspectiveView {
     /// [`PerspectiveError`] if the image or its mask cannot be read, or is not of the size of the camera.
     pub fn read_image(&self) -> Result<ViewImage, PerspectiveError> {
         let file = self.open(&self.image)?;
-        let colors = file.color_bands();
+        if !jpeg::is_complete(&vsi::read(&self.image).map_err(|e| ReadError::new(&self.image, e))?) {
+            let cause = "the file ends before its picture does";
+            return Err(ReadError::new(&self.image, cause).into());
+        }
+        let colors = file.default_bands();
         if colors.is_empty() || colors.iter().any(|b| file.is_palette(*b)) {
             let found = "a colour table or no colour at all";
             return Err(PerspectiveError::field(
