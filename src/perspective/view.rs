@@ -79,8 +79,8 @@ impl PerspectiveView {
             return Err(ReadError::new(&self.image, cause).into());
         }
         let colors = file.default_bands();
-        if colors.is_empty() || colors.iter().any(|b| file.is_palette(*b)) {
-            let found = "a colour table or no colour at all";
+        if colors.iter().any(|b| file.is_palette(*b)) {
+            let found = "an index into a colour table";
             return Err(PerspectiveError::field(
                 &self.image,
                 "the image's band",
@@ -101,9 +101,18 @@ impl PerspectiveView {
         };
         let mut planes = match *colors.as_slice() {
             [red, green, blue, ..] => [read(red)?, read(green)?, read(blue)?],
-            _ => {
-                let gray = read(colors[0])?;
+            [gray, ..] => {
+                let gray = read(gray)?;
                 [gray.clone(), gray.clone(), gray]
+            }
+            [] => {
+                let found = "missing";
+                return Err(PerspectiveError::field(
+                    &self.image,
+                    "the image's band",
+                    found,
+                    "colours or grey values",
+                ));
             }
         };
         if let Some(alpha) = (1..=file.bands()).find(|b| file.is_alpha(*b)) {
