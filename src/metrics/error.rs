@@ -148,4 +148,13 @@ pub enum MetricsError {
         /// Bounds and CRS of both, as text.
         extents: String,
     },
+    /// A mesh to be scored, or its reference, has no vertices.
+    #[error("a mesh of {vertices} vertices cannot be compared with one of {reference_vertices}")]
+    #[diagnostic(help("both need vertices"))]
+    EmptyMesh {
+        /// Vertices of the one.
+        vertices: usize,
+        /// Vertices of the other.
+        reference_vertices: usize,
+    },
 }

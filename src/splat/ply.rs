@@ -1,7 +1,7 @@
 //! Splat files: the PLY format of 3DGS, which splat viewers open, with the georeference in a JSON file beside it.
 
 use crate::frame::SiteGrid;
-use crate::io::{WriteError, write_file};
+use crate::io::{WriteError, georeference_comment, write_file, write_georeference};
 use crate::splat::splats::{GROUP_INFO, Splats};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -43,13 +43,8 @@ pub enum PlyError {
 /// # Errors
 /// [`WriteError`] if one of the files cannot be written.
 pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteError> {
-    let [east, north, height] = site.origin.xyz();
     let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
-    let _ = writeln!(
-        header,
-        "comment satgs site frame: metres east, north, up of EPSG:{} {east} {north}, ellipsoidal height {height}",
-        site.epsg
-    );
+    let _ = writeln!(header, "comment {}", georeference_comment(site));
     // The format does not define the vertical axis; viewers read it from this comment.
     header.push_str("comment Vertical Axis: z\n");
     let _ = writeln!(header, "element vertex {}", splats.len());
@@ -71,15 +66,7 @@ pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteE
         }
     }
     write_file(path, bytes)?;
-    let georef = serde_json::json!({
-        "epsg": site.epsg,
-        "origin": { "easting_m": east, "northing_m": north, "height_m": height },
-        "axes": ["east", "north", "up"],
-        "unit": "m",
-        "vertical_reference": "WGS 84 ellipsoid",
-        "grid_convergence_deg": site.convergence_deg(),
-    });
-    write_file(&path.with_extension("georef.json"), format!("{georef:#}\n"))
+    write_georeference(path, site)
 }
 
 /// Reads splats that [`write()`] or another 3DGS program wrote. Properties that splats do not have are ignored.
