@@ -23,7 +23,7 @@ const LAYERS: [(&str, Option<&[&str]>); 25] = [
     ("bundle", Some(&["stats", "progress", "run_files", "frame", "io", "checkpoint", "rpc", "scene"])),
     ("camera", Some(&["simd"])),
     ("affine", Some(&["stats", "random", "simd", "frame", "io", "rpc", "scene", "camera"])),
-    ("perspective", Some(&["simd", "frame", "io", "camera"])),
+    ("perspective", Some(&["stats", "simd", "frame", "io", "scene", "camera"])),
     ("mvs", Some(&["stats", "random", "progress", "frame", "io", "scene", "affine"])),
     ("splat", None),
     ("mesh", Some(&["stats", "random", "progress", "frame", "io", "camera", "affine", "perspective"])),

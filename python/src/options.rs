@@ -2,6 +2,7 @@
 //! option's default.
 
 use pyo3::prelude::*;
+use satgs::perspective::PerspectiveScene;
 use satgs::pipeline::{
     AdjustOptions, DemOptions, DsmOptions, EvaluateOptions, PipelineError, RunOptions, TrainOptions,
 };
@@ -65,6 +66,7 @@ impl SceneArgs {
         }
         options.trust_rpc = self.trust_rpc.unwrap_or(options.trust_rpc);
         options.height_range = self.height_range;
+        PerspectiveScene::require_satellite(path)?;
         Ok(satgs::scene::read(path, &options)?)
     }
 }

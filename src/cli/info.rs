@@ -1,8 +1,10 @@
 //! `satgs info`.
 
+use super::perspective_args::PerspectiveArgs;
 use super::scene_args::SceneArgs;
-use super::{CliError, Ui};
+use super::{CliError, Ui, perspective_info};
 use crate::io::{ImageFile, Outline, check_writable, write_outlines};
+use crate::perspective::PerspectiveScene;
 use crate::scene::{Overlap, RPC_ORDER, Role, Scene, Sun, ValueRange, View, angle_between_deg};
 use crate::splat::train::expectation::{BEST_CONVERGENCE_DEG, Extent, best_convergence_deg};
 use crate::splat::train::recipe::Recipe;
@@ -19,10 +21,15 @@ const TILE_AND_MARGINS: f64 = 1.7;
 const MATRIX_VIEWS: usize = 8;
 
 /// Show what a scene contains: views, cameras, sun positions, dates, convergence angles, overlap on the ground
+///
+/// SCENE may also be a perspective scene: a COLMAP project, a transforms.json of instant-ngp or nerfstudio, RGB-D frames in
+/// the form of 7-Scenes, a scene of LEVIR-NVS. Then views, lenses, points, reprojection errors and the extent are shown.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
+    #[command(flatten)]
+    perspective: PerspectiveArgs,
     /// Write the footprints of the images at the middle of the height range: GeoJSON, or GeoPackage if FILE ends in .gpkg
     #[arg(long, value_name = "FILE")]
     footprints: Option<PathBuf>,
@@ -36,6 +43,13 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
+    if PerspectiveScene::is_one(args.scene.path()) {
+        let given = [("--footprints", args.footprints.is_some()), ("--skyplot", args.skyplot.is_some())];
+        super::perspective_args::refuse(&given, "satellite scenes", args.scene.path())?;
+        args.scene.require_no_satellite_option()?;
+        return perspective_info::run(args.scene.path(), &args.perspective.options(), ui);
+    }
+    args.perspective.require_default(args.scene.path())?;
     for file in [&args.footprints, &args.skyplot].into_iter().flatten() {
         if file.exists() && !args.overwrite {
             return Err(CliError::input(format!("`{}` exists", file.display()), "--overwrite replaces it"));

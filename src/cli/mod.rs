@@ -12,6 +12,8 @@ mod dsm_eval;
 mod info;
 mod mosaic;
 mod nvs_eval;
+mod perspective_args;
+mod perspective_info;
 mod plan;
 mod render;
 mod report;
@@ -24,6 +26,7 @@ mod train;
 
 use clap::{Parser, Subcommand};
 pub use error::{CliError, ExitStatus};
+pub use perspective_args::PerspectiveArgs;
 pub use scene_args::SceneArgs;
 use std::path::PathBuf;
 pub use ui::Ui;

@@ -1,6 +1,7 @@
 //! The arguments of every command that reads a scene.
 
 use super::{CliError, Ui};
+use crate::perspective::PerspectiveScene;
 use crate::progress::{Event, Progress};
 use crate::scene::{self, Aoi, ReadOptions, Scene, SceneError, Sun, TransferFunction};
 use std::path::{Path, PathBuf};
@@ -49,8 +50,23 @@ impl SceneArgs {
         &self.scene
     }
 
+    /// Refuses options that a perspective scene does not have.
+    pub fn require_no_satellite_option(&self) -> Result<(), CliError> {
+        let given = [
+            ("--rpcs", self.rpcs.is_some()),
+            ("--sun", !self.suns.is_empty()),
+            ("--aoi", self.aoi.is_some()),
+            ("--bands", self.bands.is_some()),
+            ("--stretch", self.stretch.is_some()),
+            ("--gamma", self.gamma.is_some()),
+            ("--trust-rpc", self.trust_rpc),
+        ];
+        super::perspective_args::refuse(&given, "satellite scenes", &self.scene)
+    }
+
     /// Reads the scene and shows its warnings.
     pub fn read(&self, height_range: Option<(f64, f64)>, ui: &Ui) -> Result<Scene, CliError> {
+        PerspectiveScene::require_satellite(&self.scene)?;
         let options = ReadOptions {
             rpcs: self.rpcs.clone(),
             suns: self.suns.clone(),

@@ -1,9 +1,34 @@
-//! Perspective cameras: the pinhole camera, its kernel for the rasteriser, and the removal of lens distortion.
+//! Perspective cameras and scenes: the pinhole camera and its kernel for the rasteriser, lenses and the removal of their
+//! distortion, and the readers of scenes: COLMAP, `transforms.json`, RGB-D frames, LEVIR-NVS.
 
-mod distortion;
+pub mod colmap;
+mod draft;
+mod error;
+mod from_depths;
+mod georeference;
+mod georeference_source;
 mod kernel;
+mod lens;
+mod levir;
+mod options;
 mod pinhole;
+mod pose;
+mod rgbd;
+mod scene;
+mod scene_parts;
+mod similarity;
+mod transforms;
+mod undistort;
+mod view;
+mod words;
 
-pub use distortion::{Distortion, DistortionError};
+pub use error::PerspectiveError;
+pub use from_depths::points_from_depths;
+pub use georeference::Georeference;
 pub use kernel::PinholeKernel;
+pub use lens::{LensCamera, LensModel};
+pub use options::{GeoreferenceSource, PerspectiveOptions, TEST_EVERY, TestViews};
 pub use pinhole::PinholeCamera;
+pub use scene::PerspectiveScene;
+pub use scene_parts::{Layout, ScenePoint};
+pub use view::{DepthFile, PerspectiveView, ViewImage};

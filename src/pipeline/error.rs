@@ -8,6 +8,7 @@ use crate::frame::FrameError;
 use crate::io::{CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
 use crate::metrics::MetricsError;
 use crate::mvs::MatchError;
+use crate::perspective::PerspectiveError;
 use crate::progress::Interrupted;
 use crate::report::ReportError;
 use crate::rpc::formats::FormatError;
@@ -262,6 +263,10 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Scene(#[from] SceneError),
+    /// See [`PerspectiveError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Perspective(#[from] PerspectiveError),
     /// See [`SimulateError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -324,6 +329,7 @@ impl PipelineError {
             Self::Json { .. }
             | Self::Write(_)
             | Self::Backend(_)
+            | Self::Perspective(PerspectiveError::Write(_))
             | Self::Raster(RasterError::Write(_) | RasterError::Encode { .. })
             | Self::Bundle(
                 BundleError::Write(_)

@@ -1,0 +1,63 @@
+//! The arguments of every command that reads a perspective scene.
+
+use super::CliError;
+use crate::perspective::{GeoreferenceSource, PerspectiveOptions, TEST_EVERY, TestViews};
+use std::path::{Path, PathBuf};
+
+/// How a perspective scene is read.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct PerspectiveArgs {
+    /// Perspective scenes: where the scene lies on Earth, from the GPS positions in its photographs (`exif`), or from a file:
+    /// JSON with epsg, scale, rotation, translation, or a line `EPSG:CODE` and lines `image easting northing height`
+    #[arg(long, value_name = "exif|FILE", value_parser = parse_georeference)]
+    pub georef: Option<GeoreferenceSource>,
+    /// Perspective scenes: views to hold back for tests, every N-th image or those listed in a file; `none` holds back none
+    /// [default: every 8th, or the scene's own list]
+    #[arg(long, value_name = "N|FILE|none", value_parser = parse_test_views)]
+    pub test_views: Option<TestViews>,
+    /// Perspective scenes: use images at 1/N of their size [default: 1]
+    #[arg(long, value_name = "N", value_parser = ["1", "2", "4", "8"])]
+    pub downsampling: Option<String>,
+}
+
+impl PerspectiveArgs {
+    /// The options of the library.
+    pub fn options(&self) -> PerspectiveOptions {
+        let downsampling = self.downsampling.as_deref().and_then(|n| n.parse().ok()).unwrap_or(1);
+        PerspectiveOptions {
+            test_views: self.test_views.clone().unwrap_or(TestViews::Every(TEST_EVERY)),
+            georeference: self.georef.clone(),
+            downsampling,
+        }
+    }
+
+    /// Refuses these options for a scene that is no perspective scene.
+    pub fn require_default(&self, scene: &Path) -> Result<(), CliError> {
+        let given = [
+            ("--georef", self.georef.is_some()),
+            ("--test-views", self.test_views.is_some()),
+            ("--downsampling", self.downsampling.is_some()),
+        ];
+        refuse(&given, "perspective scenes", scene)
+    }
+}
+
+/// An error if one of the options is given.
+pub fn refuse(given: &[(&str, bool)], only_for: &str, scene: &Path) -> Result<(), CliError> {
+    let Some((option, _)) = given.iter().find(|(_, is_given)| *is_given) else { return Ok(()) };
+    let message = format!("{option} is for {only_for}, which `{}` is not", scene.display());
+    Err(CliError::input(message, "`satgs info SCENE` without options shows what a scene is"))
+}
+
+fn parse_georeference(text: &str) -> Result<GeoreferenceSource, String> {
+    Ok(if text == "exif" { GeoreferenceSource::Exif } else { GeoreferenceSource::File(text.into()) })
+}
+
+fn parse_test_views(text: &str) -> Result<TestViews, String> {
+    match text.parse::<usize>() {
+        Ok(0 | 1) => Err("every 2nd image or fewer can be held back".to_owned()),
+        Ok(n) => Ok(TestViews::Every(n)),
+        Err(_) if text == "none" => Ok(TestViews::None),
+        Err(_) => Ok(TestViews::List(PathBuf::from(text))),
+    }
+}

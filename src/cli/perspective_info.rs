@@ -1,0 +1,188 @@
+//! `satgs info` of a perspective scene.
+
+use super::{CliError, Ui};
+use crate::perspective::colmap::Reprojection;
+use crate::perspective::{LensModel, PerspectiveOptions, PerspectiveScene, PerspectiveView};
+use crate::scene::Role;
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::Path;
+
+/// Names that are listed of what was left out and of the test views.
+const LISTED: usize = 5;
+
+/// Reads the scene and shows it.
+pub fn run(path: &Path, options: &PerspectiveOptions, ui: &Ui) -> Result<(), CliError> {
+    let scene = PerspectiveScene::read(path, options)?;
+    let reprojection = PerspectiveScene::reprojection(path)?;
+    let lenses = lenses(&scene);
+    let text = text(&scene, &lenses, reprojection);
+    ui.summary("info", Some(&text), &summary(&scene, &lenses, reprojection))
+}
+
+/// The cameras of one model.
+struct Lenses<'a> {
+    model: LensModel,
+    views: Vec<&'a PerspectiveView>,
+    cameras: usize,
+    distortion_px: f64,
+}
+
+impl Lenses<'_> {
+    /// Smallest and largest value over the views.
+    fn range(&self, value: impl Fn(&PerspectiveView) -> f64) -> (f64, f64) {
+        let values = self.views.iter().map(|v| value(v));
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+    }
+
+    fn focal_px(&self) -> (f64, f64) {
+        let (x, y) = (self.range(|v| v.lens_camera.focal.x), self.range(|v| v.lens_camera.focal.y));
+        (x.0.min(y.0), x.1.max(y.1))
+    }
+}
+
+fn lenses(scene: &PerspectiveScene) -> Vec<Lenses<'_>> {
+    let mut out: Vec<Lenses> = Vec::new();
+    for view in &scene.views {
+        let lens = view.lens_camera;
+        let place = out.iter().position(|l| l.model == lens.model);
+        let group = match place {
+            Some(place) => &mut out[place],
+            None => {
+                out.push(Lenses { model: lens.model, views: Vec::new(), cameras: 0, distortion_px: 0.0 });
+                let last = out.len() - 1;
+                &mut out[last]
+            }
+        };
+        if group.views.iter().all(|v| v.lens_camera != lens) {
+            group.cameras += 1;
+            group.distortion_px = group.distortion_px.max(lens.largest_distortion_px());
+        }
+        group.views.push(view);
+    }
+    out
+}
+
+fn plural(n: usize, word: &str) -> String {
+    format!("{n} {word}{}", if n == 1 { "" } else { "s" })
+}
+
+/// `a` or `a to b`.
+fn span((low, high): (f64, f64), digits: usize) -> String {
+    let (low, high) = (format!("{low:.digits$}"), format!("{high:.digits$}"));
+    if low == high { low } else { format!("{low} to {high}") }
+}
+
+fn text(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Reprojection>) -> String {
+    let (tests, trained): (Vec<&PerspectiveView>, Vec<_>) =
+        scene.views.iter().partition(|v| v.role == Role::Test);
+    let mut out = format!(
+        "{}: {}, {} to train on, {} held back",
+        scene.layout.name(),
+        plural(scene.views.len(), "view"),
+        trained.len(),
+        tests.len()
+    );
+    if !tests.is_empty() {
+        let _ = write!(out, " ({})", listed(tests.iter().map(|v| v.name.clone())));
+    }
+    out.push('\n');
+    for lens in lenses {
+        let (width, height) =
+            (lens.range(|v| v.lens_camera.size.0 as f64), lens.range(|v| v.lens_camera.size.1 as f64));
+        let _ = write!(
+            out,
+            "{}: {} of {}, {} x {} px, focal length {} px",
+            lens.model.name(),
+            plural(lens.cameras, "camera"),
+            plural(lens.views.len(), "view"),
+            span(width, 0),
+            span(height, 0),
+            span(lens.focal_px(), 1)
+        );
+        let _ = match lens.distortion_px {
+            0.0 => writeln!(out, ", no distortion"),
+            px if px.is_finite() => writeln!(out, ", distortion up to {px:.1} px"),
+            _ => writeln!(out, ", distortion without an inverse in parts of the image, which are left out"),
+        };
+    }
+    let count = |has: fn(&PerspectiveView) -> bool| scene.views.iter().filter(|v| has(v)).count();
+    for (what, n) in [("depth maps", count(|v| v.depth.is_some())), ("masks", count(|v| v.mask.is_some()))] {
+        if n > 0 {
+            let _ = writeln!(out, "{what}: {n}");
+        }
+    }
+    let _ = writeln!(out, "points: {}", scene.points.len());
+    if let Some(r) = reprojection {
+        let _ = writeln!(
+            out,
+            "reprojection error: {:.3} px, mean over the points and their {} observations; the file states {:.3} px",
+            r.mean_px, r.observations, r.stated_px
+        );
+    }
+    if let Some([low, high]) = scene.extent() {
+        let unit = if scene.georeference.is_some() { "m" } else { "units of the file" };
+        let [x, y, z] = std::array::from_fn(|i| format!("{:.2} to {:.2}", low[i], high[i]));
+        let _ = writeln!(out, "extent of points and cameras: x {x}, y {y}, z {z} {unit}");
+    }
+    let _ = match &scene.georeference {
+        None => writeln!(out, "georeference: none"),
+        Some(g) => {
+            let origin = g.grid.origin;
+            let fit = g.rms_m.map_or(String::new(), |rms| {
+                format!("; {} fitted with an RMS of {rms:.2} m", plural(g.positions, "camera position"))
+            });
+            writeln!(
+                out,
+                "georeference: EPSG:{}, origin {:.0} {:.0} {:.0}, {:.4} m a unit of the file{fit}",
+                g.grid.epsg,
+                origin.x(),
+                origin.y(),
+                origin.z(),
+                g.scale
+            )
+        }
+    };
+    if !scene.skipped.is_empty() {
+        let named = listed(scene.skipped.iter().map(|(name, reason)| format!("{name} ({reason})")));
+        let _ = writeln!(out, "left out: {}: {named}", scene.skipped.len());
+    }
+    out
+}
+
+/// The first names, and how many more there are.
+fn listed(names: impl ExactSizeIterator<Item = String>) -> String {
+    let more = names.len().saturating_sub(LISTED);
+    let first = names.take(LISTED).collect::<Vec<_>>().join(", ");
+    if more > 0 { format!("{first} and {more} more") } else { first }
+}
+
+fn summary(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Reprojection>) -> Value {
+    let view = |v: &PerspectiveView| {
+        json!({
+            "name": v.name, "image": v.image, "role": v.role, "model": v.lens_camera.model.name(),
+            "width": v.lens_camera.size.0, "height": v.lens_camera.size.1,
+            "focal_px": v.lens_camera.focal.to_array(), "center": v.camera.center.to_array(),
+            "mask": v.mask, "depth": v.depth.as_ref().map(|d| &d.path),
+        })
+    };
+    let lens = |l: &Lenses| {
+        let (low, high) = l.focal_px();
+        json!({
+            "model": l.model.name(), "views": l.views.len(), "cameras": l.cameras, "focal_px": [low, high],
+            "distortion_px": Some(l.distortion_px).filter(|d| d.is_finite()),
+        })
+    };
+    let count = |role: Role| scene.views.iter().filter(|v| v.role == role).count();
+    json!({
+        "layout": scene.layout,
+        "train": count(Role::Train), "test": count(Role::Test),
+        "cameras": lenses.iter().map(lens).collect::<Vec<_>>(),
+        "views": scene.views.iter().map(view).collect::<Vec<_>>(),
+        "points": scene.points.len(),
+        "reprojection": reprojection,
+        "extent": scene.extent(),
+        "georeference": scene.georeference,
+        "skipped": scene.skipped,
+    })
+}

@@ -1,0 +1,123 @@
+//! COLMAP projects: a model and the images it was made from.
+
+use super::super::draft::{Draft, Drafts};
+use super::super::error::PerspectiveError;
+use super::super::scene_parts::{Layout, ScenePoint};
+use super::{ColmapModel, format_of, read};
+use crate::frame::Point;
+use crate::io::vsi;
+use std::path::{Path, PathBuf};
+
+/// Where a model may lie in a project, and where images may lie relative to the model's folder.
+const MODELS: [&str; 3] = ["sparse/0", "sparse", ""];
+const IMAGES: [&str; 5] = ["images", "../images", "../../images", "", "../.."];
+/// Folder of masks beside that of images; a mask has the name of its image and `.png` (COLMAP), or `.png` in place of
+/// its extension.
+const MASKS: &str = "masks";
+
+/// Folders of a COLMAP project.
+pub(in super::super) struct Project {
+    /// The folder of the model.
+    pub model: PathBuf,
+}
+
+/// The model of a project; none if the folder holds no COLMAP model.
+pub(in super::super) fn project(path: &Path) -> Option<Project> {
+    let model = MODELS.iter().map(|m| if m.is_empty() { path.into() } else { path.join(m) });
+    model.into_iter().find(|m: &PathBuf| format_of(m).is_some()).map(|model| Project { model })
+}
+
+/// Whether a folder holds a COLMAP model.
+pub(in super::super) fn is_project(path: &Path) -> bool {
+    project(path).is_some()
+}
+
+/// Reads the views and points of a project.
+pub(in super::super) fn read_project(project: &Project) -> Result<Drafts, PerspectiveError> {
+    let model = read(&project.model)?;
+    let mut drafts = drafts(&model, &project.model)?;
+    let (folder, name) = (project.model.parent(), project.model.file_name());
+    if let Some(folder) = folder.filter(|f| name.is_some_and(|n| n == "0") && f.ends_with("sparse")) {
+        let others = vsi::list(folder).unwrap_or_default().into_iter();
+        let mut others: Vec<PathBuf> =
+            others.filter(|o| *o != project.model && format_of(o).is_some()).collect();
+        others.sort();
+        let reason = "another model of the project; only sparse/0 is read";
+        drafts.skipped.extend(others.iter().map(|o| (o.display().to_string(), reason.to_owned())));
+    }
+    Ok(drafts)
+}
+
+fn drafts(model: &ColmapModel, folder: &Path) -> Result<Drafts, PerspectiveError> {
+    let cameras: std::collections::BTreeMap<u32, _> =
+        model.cameras.iter().map(|c| (c.id, c.lens())).collect();
+    let root = image_root(model, folder)?;
+    let masks = root.parent().map(|p| p.join(MASKS)).filter(|m| vsi::is_dir(m));
+    let mut views = Vec::with_capacity(model.images.len());
+    for image in &model.images {
+        // `read` has checked that the camera and the pose are right.
+        if let (Some(Some(lens)), Ok(pose)) = (cameras.get(&image.camera), image.pose()) {
+            let of_mask = |m: &PathBuf| {
+                let beside =
+                    [m.join(format!("{}.png", image.name)), m.join(&image.name).with_extension("png")];
+                beside.into_iter().find(|p| vsi::exists(p))
+            };
+            views.push(Draft {
+                name: image.name.clone(),
+                image: root.join(&image.name),
+                size: Some(lens.size),
+                lens: *lens,
+                pose,
+                mask: masks.as_ref().and_then(of_mask),
+                depth: None,
+                role: None,
+            });
+        }
+    }
+    let points = model.points.iter().map(|p| {
+        let [x, y, z] = p.position;
+        ScenePoint { position: Point::new(x, y, z), rgb: p.rgb }
+    });
+    Ok(Drafts { layout: Layout::Colmap, views, points: points.collect(), skipped: Vec::new() })
+}
+
+/// The folder of the images: the one that holds most of them.
+fn image_root(model: &ColmapModel, folder: &Path) -> Result<PathBuf, PerspectiveError> {
+    const HINT: &str = "images are looked for in `images` beside the model or one or two folders above it; copy them all, or remove \
+         the images from the model";
+    let candidates = IMAGES.map(|i| if i.is_empty() { folder.to_path_buf() } else { vsi_join(folder, i) });
+    let missing = |root: &PathBuf| model.images.iter().filter(|i| !vsi::exists(&root.join(&i.name))).count();
+    let of = model.images.len();
+    let mut best: Option<(usize, PathBuf)> = None;
+    for root in candidates {
+        let missing = missing(&root);
+        if missing == 0 {
+            return Ok(root);
+        }
+        if best.as_ref().is_none_or(|b| missing < b.0) {
+            best = Some((missing, root));
+        }
+    }
+    let (missing, root) = best.unwrap_or((of, folder.join("images")));
+    let root = if missing == of {
+        vsi_join(folder, if folder.ends_with("0") { "../../images" } else { "images" })
+    } else {
+        root
+    };
+    let first = model.images.iter().map(|i| root.join(&i.name)).find(|p| !vsi::exists(p)).unwrap_or(root);
+    Err(PerspectiveError::NoImages { missing, of, first, hint: HINT })
+}
+
+/// A path relative to a folder with `..` resolved by name.
+fn vsi_join(folder: &Path, relative: &str) -> PathBuf {
+    let mut out = folder.to_path_buf();
+    let mut rest = relative;
+    while let Some(up) = rest.strip_prefix("..") {
+        // A folder that is given by a short relative path has no name to remove.
+        if out.file_name().is_none() || !out.pop() {
+            return folder.join(relative);
+        }
+        rest = up.trim_start_matches('/');
+    }
+    if rest.is_empty() { out } else { out.join(rest) }
+}

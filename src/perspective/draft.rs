@@ -1,0 +1,164 @@
+//! What the readers of all layouts find, before views are made of it.
+
+use super::error::PerspectiveError;
+use super::georeference::Georeference;
+use super::lens::LensCamera;
+use super::options::{PerspectiveOptions, TestViews};
+use super::pose::Pose;
+use super::scene_parts::{Layout, ScenePoint};
+use super::view::{DepthFile, PerspectiveView};
+use crate::io::{ImageFile, ReadError, vsi};
+use crate::scene::Role;
+use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// Largest difference in pixels between the size of an image and the size for which its camera is, scaled alike along
+/// both axes; sizes are rounded when images are resampled.
+const ROUNDING_PX: f64 = 1.5;
+
+/// An image and its camera as a reader found them.
+#[derive(Clone, Debug)]
+pub(super) struct Draft {
+    /// Name of the image in the scene, by which views are sorted.
+    pub name: String,
+    /// The image file.
+    pub image: PathBuf,
+    /// The size for which the camera is, if the scene states it; otherwise it is for the image.
+    pub size: Option<(usize, usize)>,
+    /// The camera, for an image of the stated size.
+    pub lens: LensCamera,
+    /// The pose in the frame of the file.
+    pub pose: Pose,
+    /// The mask.
+    pub mask: Option<PathBuf>,
+    /// The depth map, in units of the file's frame.
+    pub depth: Option<DepthFile>,
+    /// What the scene's own list of test views says.
+    pub role: Option<Role>,
+}
+
+/// All that a reader found.
+#[derive(Clone, Debug)]
+pub(super) struct Drafts {
+    /// The layout.
+    pub layout: Layout,
+    /// The images.
+    pub views: Vec<Draft>,
+    /// Points in the frame of the file.
+    pub points: Vec<ScenePoint>,
+    /// What was left out, and why.
+    pub skipped: Vec<(String, String)>,
+}
+
+impl Drafts {
+    /// The views, ordered by the names of their images.
+    pub(super) fn views(
+        mut self,
+        options: &PerspectiveOptions,
+        georeference: Option<&Georeference>,
+    ) -> Result<Vec<PerspectiveView>, PerspectiveError> {
+        let downsampling = options.downsampling;
+        if ![1, 2, 4, 8].contains(&downsampling) {
+            return Err(PerspectiveError::Downsampling { found: downsampling });
+        }
+        self.views.sort_by(|a, b| a.name.cmp(&b.name));
+        let names = view_names(&self.views)?;
+        let roles = roles(&self.views, &names, &options.test_views)?;
+        let scale = georeference.map_or(1.0, |g| g.scale);
+        let view = |((draft, name), role): ((Draft, String), Role)| {
+            let lens = lens_of_image(&draft)?;
+            let pose = georeference.map_or(draft.pose, |g| g.pose(draft.pose));
+            let camera =
+                PerspectiveView::undistorted_camera(&lens, pose.cam_from_world, pose.center, downsampling);
+            if camera.size.0 == 0 || camera.size.1 == 0 {
+                return Err(PerspectiveError::Downsampling { found: downsampling });
+            }
+            Ok(PerspectiveView {
+                name,
+                image: draft.image,
+                role,
+                lens_camera: lens,
+                camera,
+                downsampling,
+                mask: draft.mask,
+                depth: draft.depth.map(|d| DepthFile { metres_per_unit: d.metres_per_unit * scale, ..d }),
+            })
+        };
+        self.views.into_par_iter().zip(names).zip(roles).map(view).collect::<Vec<_>>().into_iter().collect()
+    }
+}
+
+/// The camera of the image file, whose size may be another one than that for which the scene states the camera.
+fn lens_of_image(draft: &Draft) -> Result<LensCamera, PerspectiveError> {
+    let (width, height) = ImageFile::open(&draft.image)?.size();
+    let Some((of_width, of_height)) = draft.size else {
+        return Ok(LensCamera { size: (width, height), ..draft.lens });
+    };
+    let factor = (width as f64 / of_width as f64, height as f64 / of_height as f64);
+    let off = (factor.0 - factor.1).abs();
+    if off * of_width as f64 > ROUNDING_PX && off * of_height as f64 > ROUNDING_PX {
+        return Err(PerspectiveError::Size {
+            path: draft.image.clone(),
+            width,
+            height,
+            of: "the image of its camera",
+            expected_width: of_width,
+            expected_height: of_height,
+            hint: "images may be resampled, alike along both axes, but not be cropped or turned",
+        });
+    }
+    Ok(LensCamera { size: (of_width, of_height), ..draft.lens }.resized((width, height)))
+}
+
+/// Names of the views: the names of the images without folders and extensions if these differ, otherwise with folders.
+fn view_names(views: &[Draft]) -> Result<Vec<String>, PerspectiveError> {
+    let short = |d: &Draft| {
+        Path::new(&d.name).file_stem().map_or_else(|| d.name.clone(), |s| s.to_string_lossy().into_owned())
+    };
+    let long = |d: &Draft| Path::new(&d.name).with_extension("").to_string_lossy().replace(['/', '\\'], "_");
+    let names: Vec<String> = views.iter().map(short).collect();
+    if names.iter().collect::<BTreeSet<_>>().len() == names.len() {
+        return Ok(names);
+    }
+    let names: Vec<String> = views.iter().map(long).collect();
+    let mut first = BTreeMap::new();
+    for (name, view) in names.iter().zip(views) {
+        if let Some(first) = first.insert(name, &view.name) {
+            return Err(PerspectiveError::SameName { first: first.clone(), second: view.name.clone() });
+        }
+    }
+    Ok(names)
+}
+
+fn roles(views: &[Draft], names: &[String], tests: &TestViews) -> Result<Vec<Role>, PerspectiveError> {
+    let role = |is_test: bool| if is_test { Role::Test } else { Role::Train };
+    match tests {
+        TestViews::None => Ok(vec![Role::Train; views.len()]),
+        TestViews::Every(n) => {
+            let every = |(i, view): (usize, &Draft)| view.role.unwrap_or(role(*n > 0 && i % n == 0));
+            Ok(views.iter().enumerate().map(every).collect())
+        }
+        TestViews::List(path) => {
+            let text = vsi::read(path).map_err(|e| ReadError::new(path, e))?;
+            let text = String::from_utf8_lossy(&text);
+            let lines = text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#'));
+            let mut out = vec![Role::Train; views.len()];
+            for line in lines {
+                let is_it = |(view, name): (&Draft, &String)| {
+                    let file = Path::new(&view.name).file_name().is_some_and(|f| f == line);
+                    file || view.name == line || name == line
+                };
+                let place = views.iter().zip(names).position(is_it);
+                let first = names.first().cloned().unwrap_or_default();
+                let place = place.ok_or_else(|| PerspectiveError::UnknownView {
+                    path: path.clone(),
+                    name: line.into(),
+                    first,
+                })?;
+                out[place] = Role::Test;
+            }
+            Ok(out)
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! Errors of perspective scenes.
+
+use crate::frame::FrameError;
+use crate::io::{RasterError, ReadError, WriteError};
+use std::path::{Path, PathBuf};
+
+/// Why a perspective scene, its images or its depth maps cannot be read, or a COLMAP model not be written.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum PerspectiveError {
+    /// The path is none of the known layouts.
+    #[error("`{path}` is no perspective scene")]
+    #[diagnostic(help(
+        "expected a COLMAP project (cameras.bin or cameras.txt, in the folder, in `sparse` or in `sparse/0`), a \
+         transforms.json, an RGB-D folder with camera-intrinsics.txt, or a scene of LEVIR-NVS (`Images` and `Cams`)"
+    ))]
+    NoLayout {
+        /// The given path.
+        path: PathBuf,
+    },
+    /// A perspective scene was given where a satellite scene is needed.
+    #[error("`{path}` is a perspective scene ({layout}), which this command cannot use")]
+    #[diagnostic(help(
+        "this command needs satellite images with RPC cameras; `satgs info SCENE` shows a perspective scene"
+    ))]
+    NotSatellite {
+        /// The scene.
+        path: PathBuf,
+        /// How its files are arranged.
+        layout: &'static str,
+    },
+    /// A file has a value that cannot be.
+    #[error("`{path}`: {field} is {found}, expected {expected}")]
+    #[diagnostic(help("is the file complete, and of the format that its name says?"))]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// Name and place of the value.
+        field: String,
+        /// The value.
+        found: String,
+        /// What it must be.
+        expected: String,
+    },
+    /// A binary file ends too early.
+    #[error("`{path}` ends in {field}: {needed} more bytes are needed, {left} are left")]
+    #[diagnostic(help("is the file complete? copy it again, or write the model anew"))]
+    CutShort {
+        /// The file.
+        path: PathBuf,
+        /// The value that is not complete.
+        field: String,
+        /// Bytes that the value needs at least.
+        needed: u64,
+        /// Bytes that are left in the file.
+        left: u64,
+    },
+    /// A file of the scene is missing.
+    #[error("`{path}` is missing: {purpose}")]
+    #[diagnostic(help("{hint}"))]
+    Missing {
+        /// The file or folder.
+        path: PathBuf,
+        /// What it is needed for.
+        purpose: &'static str,
+        /// What to do about it.
+        hint: &'static str,
+    },
+    /// Images of the scene are missing.
+    #[error("{missing} of {of} images are missing, the first is `{first}`")]
+    #[diagnostic(help("{hint}"))]
+    NoImages {
+        /// Number of missing images.
+        missing: usize,
+        /// Number of images of the scene.
+        of: usize,
+        /// The first missing one.
+        first: PathBuf,
+        /// Where images are looked for.
+        hint: &'static str,
+    },
+    /// A camera model is not one of those that can be undistorted.
+    #[error("`{path}`: {field} has the camera model {found}, which is not known")]
+    #[diagnostic(help(
+        "known are COLMAP's models 0 to 10: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, \
+         FULL_OPENCV, FOV, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, THIN_PRISM_FISHEYE; `colmap image_undistorter` \
+         writes images of pinhole cameras"
+    ))]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// Which camera.
+        field: String,
+        /// Number or name of the model.
+        found: String,
+    },
+    /// The size of an image, a mask or a depth map is not the expected one.
+    #[error("`{path}` is {width} x {height} pixels, {of} is {expected_width} x {expected_height}")]
+    #[diagnostic(help("{hint}"))]
+    Size {
+        /// The raster.
+        path: PathBuf,
+        /// Its columns.
+        width: usize,
+        /// Its rows.
+        height: usize,
+        /// What it is compared with.
+        of: &'static str,
+        /// Expected columns.
+        expected_width: usize,
+        /// Expected rows.
+        expected_height: usize,
+        /// What to do about it.
+        hint: &'static str,
+    },
+    /// Two images would give views of the same name.
+    #[error("`{first}` and `{second}` give views of the same name")]
+    #[diagnostic(help(
+        "the name of a view is the name of its image without the extension: rename one of them"
+    ))]
+    SameName {
+        /// One image.
+        first: String,
+        /// The other.
+        second: String,
+    },
+    /// A list names a view that does not exist.
+    #[error("`{path}` names the view `{name}`, which does not exist")]
+    #[diagnostic(help(
+        "a line is the name of an image, with or without its extension; the first view is `{first}`"
+    ))]
+    UnknownView {
+        /// The list.
+        path: PathBuf,
+        /// The name in the list.
+        name: String,
+        /// Name of the first view of the scene.
+        first: String,
+    },
+    /// The scene has no view that can be used.
+    #[error("`{path}` has no views")]
+    #[diagnostic(help("{hint}"))]
+    NoViews {
+        /// The scene.
+        path: PathBuf,
+        /// What a view needs.
+        hint: &'static str,
+    },
+    /// Positions do not determine the georeference.
+    #[error("`{path}` does not determine where the scene lies: {reason}")]
+    #[diagnostic(help(
+        "a similarity needs three images with positions that are not on a line; a list has the line `EPSG:CODE`, then \
+         `image easting northing height` for each image"
+    ))]
+    Georeference {
+        /// The list, or the scene whose photographs were asked.
+        path: PathBuf,
+        /// What is missing.
+        reason: String,
+    },
+    /// A number of an option is not one of those that are possible.
+    #[error("downsampling by {found} is not possible")]
+    #[diagnostic(help("1, 2, 4 and 8 are"))]
+    Downsampling {
+        /// The given number.
+        found: u32,
+    },
+    /// A view has no depth map.
+    #[error("view `{view}` has no depth map")]
+    #[diagnostic(help("depth maps come with RGB-D folders and LEVIR-NVS"))]
+    NoDepth {
+        /// The view.
+        view: String,
+    },
+    /// A text or JSON file cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Read(#[from] ReadError),
+    /// An image, mask or depth map cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Raster(#[from] RasterError),
+    /// A file cannot be written.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Write(#[from] WriteError),
+    /// The place cannot be mapped.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Place(#[from] FrameError),
+}
+
+impl PerspectiveError {
+    /// The error of a value in a file.
+    pub(super) fn field(
+        path: &Path,
+        field: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self::Field { path: path.into(), field: field.into(), found: found.into(), expected: expected.into() }
+    }
+}

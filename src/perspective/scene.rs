@@ -1,0 +1,126 @@
+//! Perspective scenes, and the choice of the reader.
+
+use super::draft::Drafts;
+use super::error::PerspectiveError;
+use super::georeference::Georeference;
+use super::georeference_source::georeference;
+use super::options::PerspectiveOptions;
+use super::scene_parts::{Layout, ScenePoint};
+use super::view::PerspectiveView;
+use super::{colmap, levir, rgbd, transforms};
+use crate::scene::Role;
+use glam::DVec3;
+use std::path::Path;
+
+/// Photographs with pinhole cameras of one place.
+///
+/// With a georeference, the frame of all positions is the site frame: metres east, north and up from an origin near the
+/// middle of the scene. Without one it is the frame of the file, whose axes and unit may be any.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PerspectiveScene {
+    /// How its files are arranged.
+    pub layout: Layout,
+    /// The views, ordered by the names of their images.
+    pub views: Vec<PerspectiveView>,
+    /// The points that the scene comes with.
+    pub points: Vec<ScenePoint>,
+    /// Where the scene lies on Earth, if that is known.
+    pub georeference: Option<Georeference>,
+    /// Images and files that were left out, and why.
+    pub skipped: Vec<(String, String)>,
+}
+
+impl PerspectiveScene {
+    /// Whether a path is a perspective scene, by the names of its files alone.
+    #[must_use]
+    pub fn is_one(path: &Path) -> bool {
+        layout_of(path).is_some()
+    }
+
+    /// Refuses a perspective scene where one of satellite images is needed.
+    ///
+    /// # Errors
+    /// [`PerspectiveError::NotSatellite`] if the path is a perspective scene.
+    pub fn require_satellite(path: &Path) -> Result<(), PerspectiveError> {
+        let refused =
+            |layout: Layout| PerspectiveError::NotSatellite { path: path.into(), layout: layout.name() };
+        layout_of(path).map_or(Ok(()), |layout| Err(refused(layout)))
+    }
+
+    /// Reads a scene: its cameras and points. Pixels are read when they are needed
+    /// ([`PerspectiveView::read_image`]).
+    ///
+    /// # Errors
+    /// [`PerspectiveError`] if the path is no perspective scene, a file is missing or damaged, an image is not of the size
+    /// of its camera, or the georeference cannot be determined.
+    pub fn read(path: &Path, options: &PerspectiveOptions) -> Result<Self, PerspectiveError> {
+        let mut drafts = read_drafts(path)?;
+        if drafts.views.is_empty() {
+            return Err(PerspectiveError::NoViews {
+                path: path.into(),
+                hint: "a view is an image with its camera and pose",
+            });
+        }
+        let (layout, mut points) = (drafts.layout, std::mem::take(&mut drafts.points));
+        let positions: Vec<DVec3> = points.iter().map(|p| DVec3::from_array(p.position.xyz())).collect();
+        let source = options.georeference.as_ref();
+        let georeference =
+            source.map(|source| georeference(path, source, &drafts.views, &positions)).transpose()?;
+        if let Some(georeference) = &georeference {
+            for point in &mut points {
+                point.position = georeference.site_from_file(point.position.xyz());
+            }
+        }
+        let skipped = std::mem::take(&mut drafts.skipped);
+        let views = drafts.views(options, georeference.as_ref())?;
+        Ok(Self { layout, views, points, georeference, skipped })
+    }
+
+    /// Lowest and highest coordinates of the points and the camera centres.
+    #[must_use]
+    pub fn extent(&self) -> Option<[[f64; 3]; 2]> {
+        let points = self.points.iter().map(|p| DVec3::from_array(p.position.xyz()));
+        let all = points.chain(self.views.iter().map(|v| v.camera.center));
+        let both = all.map(|p| (p, p)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
+        Some([both.0.to_array(), both.1.to_array()])
+    }
+
+    /// How well the points of the COLMAP model at a path fit its images; none for other scenes and models without tracks.
+    ///
+    /// # Errors
+    /// [`PerspectiveError`] if the model cannot be read.
+    pub fn reprojection(path: &Path) -> Result<Option<colmap::Reprojection>, PerspectiveError> {
+        let project = colmap::project(path);
+        Ok(project.map(|p| colmap::read(&p.model)).transpose()?.and_then(|model| model.reprojection()))
+    }
+
+    /// Views that may be trained on.
+    pub fn training(&self) -> impl Iterator<Item = &PerspectiveView> {
+        self.views.iter().filter(|v| v.role == Role::Train)
+    }
+}
+
+/// The layout of a scene, by the names of its files.
+fn layout_of(path: &Path) -> Option<Layout> {
+    if colmap::is_project(path) {
+        Some(Layout::Colmap)
+    } else if transforms::file_of(path).is_some() {
+        Some(Layout::Transforms)
+    } else if rgbd::is_one(path) {
+        Some(Layout::RgbD)
+    } else if levir::is_one(path) {
+        Some(Layout::Levir)
+    } else {
+        None
+    }
+}
+
+fn read_drafts(path: &Path) -> Result<Drafts, PerspectiveError> {
+    let no_layout = || PerspectiveError::NoLayout { path: path.into() };
+    match layout_of(path).ok_or_else(no_layout)? {
+        Layout::Colmap => colmap::read_project(&colmap::project(path).ok_or_else(no_layout)?),
+        Layout::Transforms => transforms::read(&transforms::file_of(path).ok_or_else(no_layout)?),
+        Layout::RgbD => rgbd::read(path),
+        Layout::Levir => levir::read(path),
+    }
+}

@@ -1,0 +1,40 @@
+//! The parts of a perspective scene that all layouts share.
+
+use crate::frame::{Point, Site};
+use serde::{Deserialize, Serialize};
+
+/// How the files of a perspective scene are arranged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Layout {
+    /// A COLMAP project: a binary or text model and its images.
+    Colmap,
+    /// A `transforms.json` of instant-ngp or nerfstudio.
+    Transforms,
+    /// Frames with depth maps in the form of 7-Scenes.
+    RgbD,
+    /// A scene of LEVIR-NVS.
+    Levir,
+}
+
+impl Layout {
+    /// What users call it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Colmap => "COLMAP model",
+            Self::Transforms => "transforms.json",
+            Self::RgbD => "RGB-D frames",
+            Self::Levir => "LEVIR-NVS",
+        }
+    }
+}
+
+/// A point of a perspective scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScenePoint {
+    /// Its position.
+    pub position: Point<Site>,
+    /// Red, green, blue.
+    pub rgb: [u8; 3],
+}

@@ -1,0 +1,167 @@
+//! A view of a perspective scene, and its pixels and depths.
+
+use super::error::PerspectiveError;
+use super::lens::LensCamera;
+use super::pinhole::PinholeCamera;
+use super::undistort::Undistortion;
+use crate::io::{Grid2, ImageFile, Window};
+use crate::scene::Role;
+use std::path::{Path, PathBuf};
+
+/// Largest value of a 16-bit integer: in depth maps it marks pixels without a depth, as 0 does (7-Scenes).
+const NO_DEPTH: f32 = 65535.0;
+
+/// A depth map: distances along the optical axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthFile {
+    /// The raster, of the size of the image.
+    pub path: PathBuf,
+    /// Metres, or units of the scene, of a stored 1.
+    pub metres_per_unit: f64,
+}
+
+/// One image of a perspective scene with its camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PerspectiveView {
+    /// Name of the image without its extension.
+    pub name: String,
+    /// The image file.
+    pub image: PathBuf,
+    /// Whether the view is trained on.
+    pub role: Role,
+    /// The camera of the image file, with its lens.
+    pub lens_camera: LensCamera,
+    /// The camera of the image that [`PerspectiveView::read_image`] returns: undistorted, downsampled.
+    pub camera: PinholeCamera,
+    /// Pixels of the image file over a side of a pixel that is read: 1, 2, 4 or 8.
+    pub downsampling: u32,
+    /// Raster of the size of the image, 0 at pixels that are not to be used.
+    pub mask: Option<PathBuf>,
+    /// The depth map of the image, if there is one.
+    pub depth: Option<DepthFile>,
+}
+
+/// An undistorted, downsampled image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ViewImage {
+    /// Red, green and blue from 0 to 1 as displayed, without linearisation; NaN where the image has no data.
+    pub planes: [Grid2; 3],
+}
+
+impl PerspectiveView {
+    /// The pinhole camera of a lens without its distortion, downsampled.
+    #[must_use]
+    pub fn undistorted_camera(
+        lens: &LensCamera,
+        cam_from_site: glam::DMat3,
+        center: glam::DVec3,
+        downsampling: u32,
+    ) -> PinholeCamera {
+        let factor = f64::from(downsampling.max(1));
+        PinholeCamera {
+            cam_from_site,
+            center,
+            focal: lens.focal / factor,
+            principal: (lens.principal + 0.5) / factor - 0.5,
+            size: Undistortion::new(lens, downsampling).size(),
+        }
+    }
+
+    /// Reads the image, undistorted and downsampled to the size of [`PerspectiveView::camera`].
+    ///
+    /// # Errors
+    /// [`PerspectiveError`] if the image or its mask cannot be read, or is not of the size of the camera.
+    pub fn read_image(&self) -> Result<ViewImage, PerspectiveError> {
+        let file = self.open(&self.image)?;
+        let colors = file.color_bands();
+        if colors.is_empty() || colors.iter().any(|b| file.is_palette(*b)) {
+            let found = "a colour table or no colour at all";
+            return Err(PerspectiveError::field(
+                &self.image,
+                "the image's band",
+                found,
+                "colours or grey values",
+            ));
+        }
+        let read = |band: usize| -> Result<Grid2, PerspectiveError> {
+            let info = file.band(band)?;
+            let scale = match (info.is_byte, info.is_integer) {
+                (true, _) => 1.0 / 255.0,
+                (false, true) => 1.0 / 65535.0,
+                (false, false) => 1.0,
+            };
+            let mut plane = file.read(band)?;
+            plane.data.iter_mut().for_each(|v| *v *= scale);
+            Ok(plane)
+        };
+        let mut planes = match *colors.as_slice() {
+            [red, green, blue, ..] => [read(red)?, read(green)?, read(blue)?],
+            _ => {
+                let gray = read(colors[0])?;
+                [gray.clone(), gray.clone(), gray]
+            }
+        };
+        if let Some(alpha) = (1..=file.bands()).find(|b| file.is_alpha(*b)) {
+            hide(&mut planes, &stored(&file, alpha)?);
+        }
+        if let Some(mask) = &self.mask {
+            hide(&mut planes, &stored(&self.open(mask)?, 1)?);
+        }
+        Ok(ViewImage { planes: Undistortion::new(&self.lens_camera, self.downsampling).colors(&planes) })
+    }
+
+    /// Reads the depth map for [`PerspectiveView::camera`]: metres (units of the scene, if it has no metres) along the
+    /// optical axis, NaN where there is no depth. Values are not mixed: undistortion takes the nearest one, downsampling
+    /// the median.
+    ///
+    /// # Errors
+    /// [`PerspectiveError::NoDepth`] if the view has none, otherwise as [`PerspectiveView::read_image`].
+    pub fn read_depth(&self) -> Result<Grid2, PerspectiveError> {
+        let depth =
+            self.depth.as_ref().ok_or_else(|| PerspectiveError::NoDepth { view: self.name.clone() })?;
+        let file = self.open(&depth.path)?;
+        let is_integer = file.band(1)?.is_integer;
+        let mut plane = stored(&file, 1)?;
+        for value in &mut plane.data {
+            let is_depth = value.is_finite() && *value > 0.0 && !(is_integer && *value >= NO_DEPTH);
+            *value = if is_depth { (f64::from(*value) * depth.metres_per_unit) as f32 } else { f32::NAN };
+        }
+        Ok(Undistortion::new(&self.lens_camera, self.downsampling).nearest(&plane))
+    }
+
+    /// Opens a raster that must have the size of the image.
+    fn open(&self, path: &Path) -> Result<ImageFile, PerspectiveError> {
+        let file = ImageFile::open(path)?;
+        let ((width, height), expected) = (file.size(), self.lens_camera.size);
+        if (width, height) == expected {
+            return Ok(file);
+        }
+        let (expected_width, expected_height) = expected;
+        Err(PerspectiveError::Size {
+            path: path.into(),
+            width,
+            height,
+            of: "its image",
+            expected_width,
+            expected_height,
+            hint: "an image, its mask and its depth map have the same size",
+        })
+    }
+}
+
+/// Stored values of a whole band, counted from 1.
+fn stored(file: &ImageFile, band: usize) -> Result<Grid2, PerspectiveError> {
+    let (width, height) = file.size();
+    Ok(file.read_stored(band, Window { col: 0, row: 0, width, height }, (width, height))?)
+}
+
+/// Sets pixels to NaN where a mask is 0.
+fn hide(planes: &mut [Grid2; 3], mask: &Grid2) {
+    for plane in planes {
+        for (value, mask) in plane.data.iter_mut().zip(&mask.data) {
+            if *mask == 0.0 {
+                *value = f32::NAN;
+            }
+        }
+    }
+}
