@@ -6,6 +6,7 @@ use crate::checkpoint::CheckpointError;
 use crate::coregister::CoregisterError;
 use crate::frame::FrameError;
 use crate::io::{CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
+use crate::mesh::MeshError;
 use crate::metrics::MetricsError;
 use crate::mvs::MatchError;
 use crate::perspective::PerspectiveError;
@@ -303,6 +304,10 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Backend(#[from] BackendError),
+    /// See [`MeshError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Mesh(#[from] MeshError),
     /// See [`MetricsError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -329,6 +334,7 @@ impl PipelineError {
             Self::Json { .. }
             | Self::Write(_)
             | Self::Backend(_)
+            | Self::Mesh(MeshError::Write(_))
             | Self::Perspective(PerspectiveError::Write(_))
             | Self::Raster(RasterError::Write(_) | RasterError::Encode { .. })
             | Self::Bundle(

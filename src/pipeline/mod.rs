@@ -2,7 +2,7 @@
 //!
 //! A run folder holds what one stage writes and the next ones read; [`run_files`](crate::run_files) has the names.
 //! [`adjust`] starts one from a [`Scene`](crate::scene::Scene), [`train`], [`dsm`], [`evaluate`], [`render`],
-//! [`nvs_eval`], [`align`] and [`report`] work on it, and [`run`] calls the main stages in a row. Options are plain
+//! [`nvs_eval`], [`mesh()`], [`align`] and [`report`] work on it, and [`run`] calls the main stages in a row. Options are plain
 //! structs whose [`Default`] is what the command line takes without arguments, results are plain structs that serialise
 //! to what `satgs COMMAND --json` prints, and all errors are [`PipelineError`]s. Long work reports to a
 //! [`Progress`](crate::progress::Progress), which can also stop it.
@@ -15,10 +15,13 @@ mod adjust;
 mod align;
 mod cameras;
 mod checkpoints;
+mod depth_views;
 mod dsm;
 mod error;
 mod evaluate;
 mod lock;
+mod mesh;
+mod mesh_eval;
 mod nvs_eval;
 mod products;
 mod relocation;
@@ -40,6 +43,8 @@ pub use dsm::{DsmOptions, DsmSummary, dsm};
 pub use error::{ErrorKind, PipelineError, message_with_causes};
 pub use evaluate::{EvaluateOptions, evaluate};
 pub use lock::RunLock;
+pub use mesh::{MeshOptions, MeshSummary, mesh};
+pub use mesh_eval::{MeshAlignment, MeshEvalOptions, MeshEvaluation, mesh_eval};
 pub use nvs_eval::{NvsScores, ViewScore, nvs_eval};
 pub use render::{RenderOptions, RenderSummary, Viewpoint, render};
 pub(crate) use run::run_adjusted;
