@@ -90,7 +90,6 @@ mod tests {
         let (mut surface, _) = flat_surface(5, 4);
         surface.height.data[7] = f32::NAN;
         let glb = surface.glb(&surface.heights_above(&VerticalReference::Ellipsoid)).unwrap();
-        println!("HASH {}", blake3::hash(&glb));
         let word = |at: usize| u32::from_le_bytes(glb[at..at + 4].try_into().unwrap()) as usize;
         assert_eq!((&glb[..4], word(4), word(8)), (&b"glTF"[..], 2, glb.len()));
         let text = word(12);

@@ -29,7 +29,9 @@ fn beside(path: &Path) -> PathBuf {
 pub fn georeference_comment(site: &SiteGrid) -> String {
     let [east, north, height] = site.origin.xyz();
     let epsg = site.epsg;
-    format!("satgs site frame: metres east, north, up of EPSG:{epsg} {east} {north}, ellipsoidal height {height}")
+    format!(
+        "satgs site frame: metres east, north, up of EPSG:{epsg} {east} {north}, ellipsoidal height {height}"
+    )
 }
 
 /// Writes the georeference of a file in the site frame beside it.

@@ -10,11 +10,8 @@ use std::sync::LazyLock;
 pub type CubeEdge = (usize, usize);
 
 /// The twelve edges.
-pub const EDGES: [CubeEdge; 12] = [
-    (0, 0), (2, 0), (4, 0), (6, 0),
-    (0, 1), (1, 1), (4, 1), (5, 1),
-    (0, 2), (1, 2), (2, 2), (3, 2),
-];
+pub const EDGES: [CubeEdge; 12] =
+    [(0, 0), (2, 0), (4, 0), (6, 0), (0, 1), (1, 1), (4, 1), (5, 1), (0, 2), (1, 2), (2, 2), (3, 2)];
 
 /// For each case (bit `c` is set if corner `c` is inside) the edges of the triangles' corners, counter-clockwise seen from
 /// outside.

@@ -114,7 +114,8 @@ fn draw([a, b, c]: [ImageCorner; 3], nearest: &mut [f64], first: usize, rows: us
     }
     let (from_col, to_col) = (low.x.max(0.0).ceil() as usize, high.x.min(last[0]).floor() as usize);
     let (from_row, to_row) = (low.y.max(first as f64).ceil() as usize, high.y.min(last[1]).floor() as usize);
-    let share = |p: DVec2, q: DVec3, r: DVec3| (r.truncate() - q.truncate()).perp_dot(p - q.truncate()) / area;
+    let share =
+        |p: DVec2, q: DVec3, r: DVec3| (r.truncate() - q.truncate()).perp_dot(p - q.truncate()) / area;
     for row in from_row..=to_row {
         for col in from_col..=to_col {
             let p = DVec2::new(col as f64, row as f64);

@@ -3,8 +3,8 @@
 //! A vertex belongs to the edge of voxels that it lies on, an edge to the voxel that it begins at. Cubes with an unknown corner
 //! have no triangles.
 
-use super::cube_table::{EDGES, TRIANGLES};
 use super::TriangleMesh;
+use super::cube_table::{EDGES, TRIANGLES};
 use super::tsdf::{BlockKey, SIDE, TsdfVolume, VOXELS, VoxelBlock};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -95,7 +95,9 @@ impl TsdfVolume {
             _ => 0..2,
         };
         for d in (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1]) {
-            let Some(block) = self.block(std::array::from_fn(|k| key[k].wrapping_add(d[k]))) else { continue };
+            let Some(block) = self.block(std::array::from_fn(|k| key[k].wrapping_add(d[k]))) else {
+                continue;
+            };
             let shift = d.map(|d| (d * SIDE as i32 + 1) as usize);
             for z in part(d[2]) {
                 for y in part(d[1]) {

@@ -81,9 +81,7 @@ impl TriangleMesh {
         let bytes = match MeshFormat::of_output(path)? {
             MeshFormat::Ply => ply_writer::bytes(self),
             MeshFormat::Obj => obj::bytes(self),
-            MeshFormat::Glb => {
-                glb::bytes(self).ok_or_else(|| MeshError::FileSize { path: path.into() })?
-            }
+            MeshFormat::Glb => glb::bytes(self).ok_or_else(|| MeshError::FileSize { path: path.into() })?,
         };
         write_file(path, bytes)?;
         Ok(self.write_place(path)?)
@@ -119,7 +117,9 @@ pub(super) mod tests {
         let folder = tempfile::tempdir().unwrap();
         for name in ["a.ply", "b.obj", "C.PLY"] {
             let path = folder.path().join(name);
-            for site in [Some(SiteGrid { epsg: 32617, origin: Point::new(436_211.0, 3_357_611.5, -20.0) }), None] {
+            for site in
+                [Some(SiteGrid { epsg: 32617, origin: Point::new(436_211.0, 3_357_611.5, -20.0) }), None]
+            {
                 let mesh = TriangleMesh { site, ..tetrahedron() };
                 mesh.write(&path).unwrap();
                 assert_eq!(TriangleMesh::read(&path).unwrap(), mesh, "{name}");

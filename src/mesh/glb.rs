@@ -88,6 +88,6 @@ mod tests {
 
     #[test]
     fn colours_of_vertices_are_linear() {
-        assert_eq!(linear(&[[0, 188, 255]]), [[0, 32_937, 65_535, 65_535]]);
+        assert_eq!(linear(&[[0, 188, 255]]), [[0, 32_957, 65_535, 65_535]]);
     }
 }

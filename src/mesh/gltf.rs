@@ -72,9 +72,8 @@ impl GltfData {
     /// Adds an accessor of the last buffer view.
     fn accessor(&mut self, component: u32, count: usize, kind: &str) -> usize {
         let view = self.views.len() - 1;
-        self.accessors.push(
-            json!({ "bufferView": view, "componentType": component, "count": count, "type": kind }),
-        );
+        self.accessors
+            .push(json!({ "bufferView": view, "componentType": component, "count": count, "type": kind }));
         self.accessors.len() - 1
     }
 
@@ -93,6 +92,8 @@ impl GltfData {
         let words = |a: u32, b: &[u8; 4]| [a.to_le_bytes(), *b].concat();
         let header = [b"glTF".to_vec(), 2u32.to_le_bytes().to_vec(), total.to_le_bytes().to_vec()].concat();
         let (text_length, binary_length) = (text.len() as u32, self.binary.len() as u32);
-        Some([header, words(text_length, b"JSON"), text, words(binary_length, b"BIN\0"), self.binary].concat())
+        Some(
+            [header, words(text_length, b"JSON"), text, words(binary_length, b"BIN\0"), self.binary].concat(),
+        )
     }
 }

@@ -93,7 +93,8 @@ mod tests {
 
     #[test]
     fn faces_may_count_backwards_and_have_more_than_three_corners() {
-        let mesh = parse(b"# x\no quad\nv 0 0 0\nv 1 0 0\r\nv 1 1 0\nv 0 1 0\nf -4/1 2/2/2 3//1 4\n").unwrap();
+        let mesh =
+            parse(b"# x\no quad\nv 0 0 0\nv 1 0 0\r\nv 1 1 0\nv 0 1 0\nf -4/1 2/2/2 3//1 4\n").unwrap();
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
         assert!(mesh.colors.is_empty());
     }

@@ -102,7 +102,11 @@ fn read_vertices(body: &mut Body, element: &Element, mesh: &mut TriangleMesh) ->
 }
 
 /// None at the end of the file, an error if a face has no list of vertices.
-fn read_faces(body: &mut Body, element: &Element, triangles: &mut Vec<[u32; 3]>) -> Option<Result<(), String>> {
+fn read_faces(
+    body: &mut Body,
+    element: &Element,
+    triangles: &mut Vec<[u32; 3]>,
+) -> Option<Result<(), String>> {
     let Some(list) = FACE_LISTS.iter().find_map(|name| element.place(name)) else {
         return Some(Err("its faces have no list `vertex_indices`".into()));
     };

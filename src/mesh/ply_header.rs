@@ -117,7 +117,11 @@ impl Header {
                 }
                 ["property", rest @ ..] => {
                     let property = property(rest).map_err(|e| format!("{e}, in `{line}`"))?;
-                    elements.last_mut().ok_or("a property stands before all elements")?.properties.push(property);
+                    elements
+                        .last_mut()
+                        .ok_or("a property stands before all elements")?
+                        .properties
+                        .push(property);
                 }
                 _ => {}
             }

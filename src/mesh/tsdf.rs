@@ -169,7 +169,9 @@ impl VoxelBlock {
         for i in 0..VOXELS {
             let step = Vec3::new((i % SIDE) as f32, (i / SIDE % SIDE) as f32, (i / (SIDE * SIDE)) as f32);
             let Some(seen) = camera.see(first + voxel * step) else { continue };
-            let Some((surface, pixel)) = depth_at(&map.depth, seen.col, seen.row, truncation) else { continue };
+            let Some((surface, pixel)) = depth_at(&map.depth, seen.col, seen.row, truncation) else {
+                continue;
+            };
             let normal = map.normal.as_ref().map(|n| Vec3::from_array(n.each_ref().map(|n| n.data[pixel])));
             let scale = camera.distance_by_depth(&seen, normal.filter(|n| !n.is_nan()));
             let distance = camera.nearer(seen.depth, surface) * scale;
@@ -198,12 +200,12 @@ impl VoxelBlock {
     }
 }
 
-/// The depth at an image position and the nearest pixel: interpolated between the four pixels around where these agree to a
+/// The depth at an image position between centres of pixels, and the nearest pixel: interpolated between the four pixels around where these agree to a
 /// tolerance, else that of the nearest pixel, because there is no surface between the two sides of a depth edge.
 fn depth_at(depth: &Grid2, col: f32, row: f32, tolerance: f32) -> Option<(f32, usize)> {
     let (width, height) = (depth.width, depth.height);
-    let is_inside = col > -0.5 && row > -0.5 && col < width as f32 - 0.5 && row < height as f32 - 0.5;
-    if !is_inside {
+    let is_inside = col >= 0.0 && row >= 0.0 && col <= width as f32 - 1.0 && row <= height as f32 - 1.0;
+    if !is_inside || width < 2 || height < 2 {
         return None;
     }
     let nearest = (row + 0.5) as usize * width + (col + 0.5) as usize;
@@ -211,20 +213,14 @@ fn depth_at(depth: &Grid2, col: f32, row: f32, tolerance: f32) -> Option<(f32, u
     if z.is_nan() {
         return None;
     }
-    if col < 0.0 || row < 0.0 {
-        return Some((z, nearest));
-    }
-    let (c, r) = (col as usize, row as usize);
-    if c + 1 >= width || r + 1 >= height {
-        return Some((z, nearest));
-    }
+    let (c, r) = ((col as usize).min(width - 2), (row as usize).min(height - 2));
     let i = r * width + c;
     let [a, b, c, d] = [i, i + 1, i + width, i + width + 1].map(|i| depth.data[i]);
     let spread = a.max(b).max(c).max(d) - a.min(b).min(c).min(d);
     if (a + b + c + d).is_nan() || spread > tolerance {
         return Some((z, nearest));
     }
-    let (u, v) = (col.fract(), row.fract());
+    let (u, v) = (col - (i % width) as f32, row - (i / width) as f32);
     let (upper, lower) = (a + (b - a) * u, c + (d - c) * u);
     Some((upper + (lower - upper) * v, nearest))
 }

@@ -75,8 +75,8 @@ pub fn error_mesh(
     reference: &TriangleMesh,
     threshold_m: f64,
 ) -> Result<TriangleMesh, MetricsError> {
-    let theirs = merged(&reference.vertices, CELL_SHARE * threshold_m);
-    let colors = distances(&mesh.vertices, &theirs)?.iter().map(|d| error_color(d / threshold_m)).collect();
+    let distances = distances(&mesh.vertices, &reference.vertices)?;
+    let colors = distances.iter().map(|d| error_color(d / threshold_m)).collect();
     Ok(TriangleMesh { colors, ..mesh.clone() })
 }
 
@@ -90,8 +90,7 @@ fn error_color(thresholds: f64) -> [u8; 3] {
 /// The mean of the points in each cell of a grid, ordered by cells.
 fn merged(points: &[[f64; 3]], cell: f64) -> Vec<[f64; 3]> {
     let key = |p: &[f64; 3]| p.map(|v| (v / cell).floor() as i64);
-    let mut order: Vec<([i64; 3], usize)> =
-        points.par_iter().enumerate().map(|(i, p)| (key(p), i)).collect();
+    let mut order: Vec<([i64; 3], usize)> = points.par_iter().enumerate().map(|(i, p)| (key(p), i)).collect();
     order.par_sort_unstable();
     let mean = |cell: &[([i64; 3], usize)]| {
         let sum = cell.iter().fold([0.0; 3], |sum, (_, i)| std::array::from_fn(|k| sum[k] + points[*i][k]));
@@ -107,7 +106,8 @@ fn distances(points: &[[f64; 3]], others: &[[f64; 3]]) -> Result<Vec<f64>, Metri
         return Err(empty());
     }
     let tree = ImmutableKdTree::<f64, 3>::new_from_slice(others).map_err(|_| empty())?;
-    let nearest = |p: &[f64; 3]| tree.query(p).nearest_one::<SquaredEuclidean<f64>>().execute().distance.sqrt();
+    let nearest =
+        |p: &[f64; 3]| tree.query(p).nearest_one::<SquaredEuclidean<f64>>().execute().distance.sqrt();
     Ok(points.par_iter().map(nearest).collect())
 }
 

@@ -126,7 +126,9 @@ fn fuse_options(options: &MeshOptions, is_scene: bool) -> Result<FuseOptions, Pi
             let expected = "no limit: views of satellites have altitudes, not depths";
             return Err(PipelineError::Option { option: "--depth-max", found: given.to_string(), expected });
         }
-        given => is_scene.then(|| checked("--depth-max", given.unwrap_or(ROOM_DEPTH_M), 0.0, "metres above 0")),
+        given => {
+            is_scene.then(|| checked("--depth-max", given.unwrap_or(ROOM_DEPTH_M), 0.0, "metres above 0"))
+        }
     };
     Ok(FuseOptions {
         voxel_m,
@@ -180,9 +182,8 @@ fn of_satellite_run(
     check_size(&grid)?;
     let nadir = (nadir_camera(&grid, &setup.site), (grid.width, grid.height), NADIR_WEIGHT);
     let training = setup.views.iter().filter(|v| v.role == Role::Train);
-    let mut views: Vec<_> = training
-        .filter_map(|v| seen_part(v, setup).map(|(camera, size)| (camera, size, 1.0)))
-        .collect();
+    let mut views: Vec<_> =
+        training.filter_map(|v| seen_part(v, setup).map(|(camera, size)| (camera, size, 1.0))).collect();
     views.push(nadir);
     let render = |(camera, size, weight): &(ViewCamera, (usize, usize), f32)| -> Result<_, PipelineError> {
         let view = NovelView { camera: *camera, size: *size, sun_shear: None };
