@@ -193,7 +193,8 @@ fn another_frame_is_aligned(folder: &Folder, scene: &str, reference: &str) {
     let aligned = succeeds(&["mesh-eval", &mesh, reference, "--views", scene, "--align", &other]);
     let scale = aligned["alignment"]["scale"].as_f64().unwrap();
     assert!((scale - 2.0).abs() < 1e-6 && aligned["f1"].as_f64().unwrap() > 0.97, "{aligned}");
-    refused(&["mesh-eval", &mesh, reference, "--align", &other], 2, &["--views"]);
+    let lacking = satgs(&["mesh-eval", &mesh, reference, "--align", &other]);
+    assert!(lacking.status.code() == Some(2) && text(&lacking).contains("--views"), "{}", text(&lacking));
     let few = folder.path("few");
     write_scene(Path::new(&few), 1.0);
     for i in 2..12 {
@@ -237,7 +238,7 @@ fn a_satellite_run_becomes_a_georeferenced_mesh_with_walls() {
     let site: SiteGrid = serde_json::from_value(cameras["site"].clone()).unwrap();
     assert_eq!(town.site, Some(site));
     let [low, high] = town.bounds().unwrap();
-    assert!((100.0..160.0).contains(&(high[0] - low[0])) && high[2] - low[2] > 5.0, "{low:?} {high:?}");
+    assert!((60.0..100.0).contains(&(high[0] - low[0])) && high[2] - low[2] > 5.0, "{low:?} {high:?}");
     let area = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|v| DVec3::from_array(town.vertices[v as usize]));
         0.5 * (b - a).cross(c - a)
@@ -246,7 +247,7 @@ fn a_satellite_run_becomes_a_georeferenced_mesh_with_walls() {
     let sum = |keep: fn(&DVec3) -> bool| areas.iter().filter(|n| keep(n)).map(|n| n.length()).sum::<f64>();
     let (walls, level) = (sum(|n| n.z.abs() < 0.3 * n.length()), sum(|n| n.z > 0.9 * n.length()));
     println!("walls {walls:.0} m2, level ground and roofs {level:.0} m2");
-    assert!(walls > 0.02 * level && level > 5000.0, "{walls} {level}");
+    assert!(walls > 0.02 * level && level > 3000.0, "{walls} {level}");
     let glb = folder.path("town.glb");
     succeeds(&["mesh", &run, "-o", &glb, "--voxel", "1"]);
     assert!(folder.file("town.georef.json").exists());

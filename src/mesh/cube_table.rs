@@ -7,15 +7,16 @@
 use std::sync::LazyLock;
 
 /// An edge of a cube: the corner it begins at (bits x, y, z), and its axis.
-pub type CubeEdge = (usize, usize);
+pub(super) type CubeEdge = (usize, usize);
 
 /// The twelve edges.
-pub const EDGES: [CubeEdge; 12] =
+pub(super) const EDGES: [CubeEdge; 12] =
     [(0, 0), (2, 0), (4, 0), (6, 0), (0, 1), (1, 1), (4, 1), (5, 1), (0, 2), (1, 2), (2, 2), (3, 2)];
 
 /// For each case (bit `c` is set if corner `c` is inside) the edges of the triangles' corners, counter-clockwise seen from
 /// outside.
-pub static TRIANGLES: LazyLock<Vec<Vec<[u8; 3]>>> = LazyLock::new(|| (0..256).map(triangles).collect());
+pub(super) static TRIANGLES: LazyLock<Vec<Vec<[u8; 3]>>> =
+    LazyLock::new(|| (0..256).map(triangles).collect());
 
 /// The number of the edge between two neighbouring corners.
 fn edge(a: usize, b: usize) -> usize {

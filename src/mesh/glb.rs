@@ -9,7 +9,7 @@ use glam::{DQuat, DVec3};
 use serde_json::json;
 
 /// The file of a mesh; none above 4 GiB.
-pub fn bytes(mesh: &TriangleMesh) -> Option<Vec<u8>> {
+pub(super) fn bytes(mesh: &TriangleMesh) -> Option<Vec<u8>> {
     let mut data = GltfData::default();
     let positions: Vec<[f32; 3]> = mesh.vertices.iter().map(|p| p.map(|v| v as f32)).collect();
     let mut attributes = json!({ "POSITION": data.positions(&positions) });

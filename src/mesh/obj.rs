@@ -5,7 +5,7 @@ use crate::io::georeference_comment;
 use std::fmt::Write;
 
 /// The file of a mesh.
-pub fn bytes(mesh: &TriangleMesh) -> Vec<u8> {
+pub(super) fn bytes(mesh: &TriangleMesh) -> Vec<u8> {
     let mut out = String::new();
     if let Some(site) = &mesh.site {
         let _ = writeln!(out, "# {}", georeference_comment(site));
@@ -33,7 +33,7 @@ pub fn bytes(mesh: &TriangleMesh) -> Vec<u8> {
 }
 
 /// The mesh of a file: vertices, their colours, normals if there is one for each vertex, and faces.
-pub fn parse(bytes: &[u8]) -> Result<TriangleMesh, String> {
+pub(super) fn parse(bytes: &[u8]) -> Result<TriangleMesh, String> {
     let text = std::str::from_utf8(bytes).map_err(|_| "it is not text")?;
     let mut mesh = TriangleMesh::default();
     for (number, line) in text.lines().enumerate() {

@@ -27,7 +27,7 @@ impl Body<'_> {
 }
 
 /// The mesh of a file. Elements and properties that a mesh does not have are skipped.
-pub fn parse(bytes: &[u8]) -> Result<TriangleMesh, String> {
+pub(super) fn parse(bytes: &[u8]) -> Result<TriangleMesh, String> {
     let header = Header::parse(bytes)?;
     let body = &bytes[header.length..];
     let mut rest = if header.is_ascii {
@@ -132,6 +132,7 @@ mod tests {
     use super::*;
     use crate::mesh::file::tests::tetrahedron;
     use crate::mesh::ply_writer;
+    use crate::random::CounterRng;
 
     const QUAD: &str = "ply\nformat ascii 1.0\ncomment by hand\nelement camera 1\nproperty list uchar int k\n\
         element vertex 4\nproperty double x\nproperty float y\nproperty float z\nproperty float red\n\
@@ -153,6 +154,21 @@ mod tests {
         let bytes = ply_writer::bytes(&tetrahedron());
         for length in 0..bytes.len() {
             assert!(parse(&bytes[..length]).is_err(), "{length}");
+        }
+    }
+
+    #[test]
+    fn files_with_wrong_bytes_are_read_or_refused() {
+        for (k, good) in [QUAD.as_bytes().to_vec(), ply_writer::bytes(&tetrahedron())].iter().enumerate() {
+            for step in 0..3000 {
+                let mut draw = CounterRng::new(0, k as u64, step, 0);
+                let mut bytes = good.clone();
+                for _ in 0..1 + draw.below(4) {
+                    let at = draw.below(bytes.len());
+                    bytes[at] = draw.below(256) as u8;
+                }
+                let _ = parse(&bytes);
+            }
         }
     }
 

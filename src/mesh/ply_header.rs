@@ -2,7 +2,7 @@
 
 /// The type of a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Scalar {
+pub(super) enum Scalar {
     I8,
     U8,
     I16,
@@ -55,7 +55,7 @@ impl Scalar {
 
 /// A property of an element: a number, or a list with the type of its length.
 #[derive(Clone, Debug)]
-pub struct Property {
+pub(super) struct Property {
     pub name: String,
     pub length: Option<Scalar>,
     pub item: Scalar,
@@ -63,7 +63,7 @@ pub struct Property {
 
 /// A kind of element, in the order of the file.
 #[derive(Clone, Debug)]
-pub struct Element {
+pub(super) struct Element {
     pub name: String,
     pub count: usize,
     pub properties: Vec<Property>,
@@ -84,7 +84,7 @@ impl Element {
 
 /// A parsed header.
 #[derive(Clone, Debug)]
-pub struct Header {
+pub(super) struct Header {
     pub is_ascii: bool,
     pub elements: Vec<Element>,
     /// Bytes of the header.

@@ -8,7 +8,7 @@ use std::fmt::Write;
 const FLOAT_REACH_M: f64 = 8192.0;
 
 /// The file of a mesh.
-pub fn bytes(mesh: &TriangleMesh) -> Vec<u8> {
+pub(super) fn bytes(mesh: &TriangleMesh) -> Vec<u8> {
     let is_far = mesh.vertices.as_flattened().iter().any(|v| v.abs() >= FLOAT_REACH_M);
     let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
     if let Some(site) = &mesh.site {

@@ -275,7 +275,7 @@ fn grid(options: &DsmOptions, cameras: &TrainedCameras) -> Result<MapGrid, Pipel
     Ok(grid)
 }
 
-pub(super) fn check_size(grid: &MapGrid) -> Result<(), PipelineError> {
+fn check_size(grid: &MapGrid) -> Result<(), PipelineError> {
     if grid.width.max(grid.height) > MAX_SIDE || grid.width as f64 * grid.height as f64 > MAX_CELLS {
         return Err(PipelineError::GridSize { width: grid.width, height: grid.height });
     }

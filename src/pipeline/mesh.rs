@@ -1,7 +1,6 @@
 //! The surface of a run or of a scene with depth maps as a mesh: `satgs mesh`.
 
 use super::depth_views::{is_run, read_perspective, seen_part, trained_box};
-use super::dsm::check_size;
 use super::{PipelineError, TrainedCameras, relocation};
 use crate::affine::ViewCamera;
 use crate::dsm::{nadir_camera, view_altitudes};
@@ -178,8 +177,10 @@ fn of_satellite_run(
     let setup = &cameras.setup;
     let ((west, south, east, north), [x, y, _]) = (setup.area, setup.site.origin.xyz());
     let map_box = (x + west, y + south, x + east, y + north);
-    let grid = MapGrid::covering(setup.site.epsg, map_box, options.voxel_m);
-    check_size(&grid)?;
+    // Finer cells than pixels of the images would only cost time.
+    let gsd_m = setup.views.get(setup.reference).map_or(0.0, |v| v.camera.gsd_m());
+    let cell_m = options.voxel_m.max(gsd_m);
+    let grid = MapGrid::covering(setup.site.epsg, map_box, cell_m);
     let nadir = (nadir_camera(&grid, &setup.site), (grid.width, grid.height), NADIR_WEIGHT);
     let training = setup.views.iter().filter(|v| v.role == Role::Train);
     let mut views: Vec<_> =
