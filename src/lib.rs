@@ -19,6 +19,7 @@
 //! | train and render splats | [`splat::train`], [`splat::raster`], [`splat::ply`] |
 //! | render a DSM, an orthophoto, points or a mesh | [`dsm`](mod@dsm) |
 //! | read photographs with pinhole cameras, COLMAP models | [`perspective::PerspectiveScene`], [`perspective::colmap`] |
+//! | fuse depth maps to a mesh, read and write meshes | [`mesh`](mod@mesh) |
 //! | compare a DSM with lidar | [`metrics::evaluate`], [`metrics::Truth`] |
 //! | make a scene with a known answer | [`simulate::simulate`] |
 //! | convert between geodetic, UTM and site coordinates | [`frame`] |
@@ -73,6 +74,7 @@ pub mod affine;
 pub mod perspective;
 pub mod mvs;
 pub mod splat;
+pub mod mesh;
 pub mod dsm;
 pub mod metrics;
 pub mod coregister;

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 26] = [
+const LAYERS: [(&str, Option<&[&str]>); 27] = [
     ("random", Some(&[])),
     ("stats", Some(&["random"])),
     ("simd", Some(&[])),
@@ -26,8 +26,9 @@ const LAYERS: [(&str, Option<&[&str]>); 26] = [
     ("perspective", Some(&["stats", "simd", "frame", "io", "scene", "camera"])),
     ("mvs", Some(&["stats", "random", "progress", "frame", "io", "scene", "affine"])),
     ("splat", None),
+    ("mesh", Some(&["stats", "random", "progress", "frame", "io", "camera", "affine", "perspective"])),
     ("dsm", None),
-    ("metrics", Some(&["stats", "random", "progress", "frame", "io"])),
+    ("metrics", Some(&["stats", "random", "progress", "frame", "io", "mesh"])),
     ("coregister", Some(&["stats", "frame", "io", "metrics"])),
     ("report", None),
     ("viewer", None),

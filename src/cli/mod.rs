@@ -11,6 +11,8 @@ mod dsm;
 mod dsm_eval;
 mod export;
 mod info;
+mod mesh;
+mod mesh_eval;
 mod mosaic;
 mod nvs_eval;
 mod perspective_args;
@@ -82,6 +84,8 @@ enum Command {
     DsmEval(dsm_eval::Args),
     Render(render::Args),
     NvsEval(nvs_eval::Args),
+    Mesh(mesh::Args),
+    MeshEval(mesh_eval::Args),
     Run(Box<run::Args>),
     Plan(Box<plan::Args>),
     Tile(tile::Args),
@@ -125,6 +129,8 @@ pub fn run_command_line(words: impl IntoIterator<Item = std::ffi::OsString>) -> 
         Command::DsmEval(args) => dsm_eval::run(args, &ui),
         Command::Render(args) => render::run(args, &ui),
         Command::NvsEval(args) => nvs_eval::run(args, &ui),
+        Command::Mesh(args) => mesh::run(args, &ui),
+        Command::MeshEval(args) => mesh_eval::run(args, &ui),
         Command::Run(args) => run::run(args, &ui),
         Command::Plan(args) => plan::run(args, &ui),
         Command::Tile(args) => tile::run(args, &ui),

@@ -1,4 +1,4 @@
-//! The altitude of the splats in each cell of a DSM: the median depth, seen from straight above.
+//! The altitude of the splats in each cell of a DSM and in each pixel of a view: the median depth.
 //!
 //! It is the altitude of the splat at which the transmittance falls to one half. A mean over the splats along
 //! a ray would give altitudes between those of a roof and of the street at its edge, and would be biased by
@@ -7,7 +7,7 @@
 use super::nadir_camera;
 use crate::affine::ViewCamera;
 use crate::camera::QuadraticKernel;
-use crate::frame::SiteGrid;
+use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, MapGrid};
 use crate::splat::raster::{ALPHA_CUT, LOW_PASS_PX2, PrimitiveKind, parallel_slope};
 use crate::splat::splats::{Splats, sigmoid, unit_quaternion};
@@ -22,7 +22,7 @@ const SAMPLES: usize = 3;
 /// Rows of cells that one thread processes at a time.
 const BAND_ROWS: usize = 16;
 
-/// The projection of a splat on the grid of samples, seen from straight above.
+/// The projection of a splat on the grid of samples, or on an image.
 struct Ellipse {
     /// Centre (column, row), samples.
     center: [f32; 2],
@@ -45,13 +45,17 @@ impl Ellipse {
         let [w, x, y, z] = unit_quaternion(splats.rotation[i].map(f64::from));
         let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w));
         let scale = DVec3::from_array(splats.log_scale[i].map(|s| f64::from(s).exp()));
-        // The image plane is horizontal: only the upper left 2 x 2 block of the covariance counts.
-        let [east, north]: [DVec3; 2] = std::array::from_fn(|r| camera.linear[r][r] * axes.row(r) * scale);
+        let [x, y, z] = position.map(f64::from);
+        let place = Point::new(x, y, z);
+        let [col, row]: [DVec3; 2] = camera
+            .tangent_at(place)
+            .linear
+            .map(|[a, b, c]| (a * axes.row(0) + b * axes.row(1) + c * axes.row(2)) * scale);
         let (xx, xy, yy) =
-            (east.length_squared() + LOW_PASS_PX2, east.dot(north), north.length_squared() + LOW_PASS_PX2);
+            (col.length_squared() + LOW_PASS_PX2, col.dot(row), row.length_squared() + LOW_PASS_PX2);
         let det = xx * yy - xy * xy;
-        let [dc, dr] = camera.displace(position.map(f64::from));
-        let center = [dc + camera.offset[0], dr + camera.offset[1]];
+        let px = camera.project(place);
+        let center = [px.col, px.row];
         let slope = if is_disc { disc_slope(camera, axes.z_axis, [xx, xy, yy]) } else { [0.0; 2] };
         let seen = radius2 > 0.0 && det > 0.0 && center.iter().all(|v| v.is_finite());
         seen.then(|| Self {
@@ -97,12 +101,7 @@ fn disc_slope(camera: &ViewCamera, normal: DVec3, [xx, xy, yy]: [f64; 3]) -> [f6
 #[must_use]
 pub fn altitudes(splats: &Splats, site: &SiteGrid, grid: &MapGrid) -> Grid2 {
     let fine = sampled(grid);
-    let camera = nadir_camera(&fine, site);
-    let is_disc = splats.primitive() == PrimitiveKind::Disc;
-    let of = |i| Ellipse::new(splats, i, is_disc, &camera);
-    let mut ellipses: Vec<Ellipse> = (0..splats.len()).into_par_iter().filter_map(of).collect();
-    // A stable sort: splats of the same altitude keep their order.
-    ellipses.par_sort_by(|a, b| b.altitude.total_cmp(&a.altitude));
+    let ellipses = sorted_ellipses(splats, &nadir_camera(&fine, site));
     let mut out = Grid2::filled(grid.width, grid.height, f32::NAN);
     out.data.par_chunks_mut(BAND_ROWS * grid.width).enumerate().for_each(|(k, band)| {
         let rows = band.len() / grid.width * SAMPLES;
@@ -114,6 +113,29 @@ pub fn altitudes(splats: &Splats, site: &SiteGrid, grid: &MapGrid) -> Grid2 {
         }
     });
     out
+}
+
+/// Altitudes of the splats in the pixels of a view of a size (columns, rows), metres above the origin of the site; NaN
+/// where the transmittance of all splats together is above one half.
+#[must_use]
+pub fn view_altitudes(splats: &Splats, camera: &ViewCamera, (width, height): (usize, usize)) -> Grid2 {
+    let ellipses = sorted_ellipses(splats, camera);
+    let mut out = Grid2::filled(width, height, f32::NAN);
+    let rows = BAND_ROWS * SAMPLES;
+    out.data.par_chunks_mut((rows * width).max(1)).enumerate().for_each(|(k, band)| {
+        band.copy_from_slice(&draw(&ellipses, k * rows, band.len() / width, width));
+    });
+    out
+}
+
+/// The projections of the splats that are seen, from the highest to the lowest.
+fn sorted_ellipses(splats: &Splats, camera: &ViewCamera) -> Vec<Ellipse> {
+    let is_disc = splats.primitive() == PrimitiveKind::Disc;
+    let of = |i| Ellipse::new(splats, i, is_disc, camera);
+    let mut ellipses: Vec<Ellipse> = (0..splats.len()).into_par_iter().filter_map(of).collect();
+    // A stable sort: splats of the same altitude keep their order.
+    ellipses.par_sort_by(|a, b| b.altitude.total_cmp(&a.altitude));
+    ellipses
 }
 
 /// The grid of the samples, [`SAMPLES`] times as fine as the given grid.

@@ -5,14 +5,11 @@
 
 use super::{Dsm, Heights};
 use crate::io::{WriteError, png_rgb, write_file};
+use crate::mesh::gltf::GltfData;
 use serde_json::json;
 use std::path::Path;
 
-/// Constants of glTF for component types, buffer targets and texture wrapping.
-const FLOAT: u32 = 5126;
-const UNSIGNED_INT: u32 = 5125;
-const VERTICES: u32 = 34962;
-const INDICES: u32 = 34963;
+/// The constant of glTF for textures that are not repeated.
 const CLAMP_TO_EDGE: u32 = 33071;
 /// Marks vertices that do not exist.
 const NONE: u32 = u32::MAX;
@@ -55,32 +52,12 @@ impl Dsm {
         let pixels = (0..z.len()).flat_map(|i| self.colors.each_ref().map(|c| byte(c.data[i])));
         let texture = png_rgb(grid.width, grid.height, &pixels.collect::<Vec<u8>>()).ok()?;
 
-        let bound = |pick: fn(f32, f32) -> f32, start: f32| {
-            positions.iter().fold([start; 3], |m, p| std::array::from_fn(|k| pick(m[k], p[k])))
-        };
-        let (low, high) = (bound(f32::min, f32::INFINITY), bound(f32::max, f32::NEG_INFINITY));
-        let mut binary = Vec::new();
-        let mut append = |bytes: &mut dyn Iterator<Item = [u8; 4]>| {
-            let start = binary.len();
-            bytes.for_each(|b| binary.extend(b));
-            (start, binary.len() - start)
-        };
-        let parts = [
-            append(&mut positions.as_flattened().iter().map(|v| v.to_le_bytes())),
-            append(&mut places.as_flattened().iter().map(|v| v.to_le_bytes())),
-            append(&mut triangles.as_flattened().iter().map(|v| v.to_le_bytes())),
-            append(&mut texture.chunks(4).map(|c| std::array::from_fn(|k| c.get(k).copied().unwrap_or(0)))),
-        ];
-        let view = |k: usize, target: Option<u32>| {
-            let length = if k == 3 { texture.len() } else { parts[k].1 };
-            let mut view = json!({ "buffer": 0, "byteOffset": parts[k].0, "byteLength": length });
-            if let Some(target) = target {
-                view["target"] = json!(target);
-            }
-            view
-        };
-        let document = json!({
-            "asset": { "version": "2.0", "generator": concat!("satgs ", env!("CARGO_PKG_VERSION")) },
+        let mut data = GltfData::default();
+        let position = data.positions(&positions);
+        let place = data.floats(&places);
+        let indices = data.triangles(&triangles);
+        let image = data.file(&texture);
+        data.into_file(json!({
             "extensionsUsed": ["KHR_materials_unlit"],
             "scene": 0,
             "scenes": [{ "nodes": [0], "extras": {
@@ -88,7 +65,7 @@ impl Dsm {
             } }],
             "nodes": [{ "mesh": 0, "name": "surface" }],
             "meshes": [{ "primitives": [{
-                "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "indices": 2, "material": 0,
+                "attributes": { "POSITION": position, "TEXCOORD_0": place }, "indices": indices, "material": 0,
             }] }],
             "materials": [{
                 "pbrMetallicRoughness": {
@@ -98,28 +75,8 @@ impl Dsm {
             }],
             "textures": [{ "source": 0, "sampler": 0 }],
             "samplers": [{ "wrapS": CLAMP_TO_EDGE, "wrapT": CLAMP_TO_EDGE }],
-            "images": [{ "bufferView": 3, "mimeType": "image/png" }],
-            "accessors": [
-                {
-                    "bufferView": 0, "componentType": FLOAT, "count": positions.len(), "type": "VEC3",
-                    "min": low, "max": high,
-                },
-                { "bufferView": 1, "componentType": FLOAT, "count": places.len(), "type": "VEC2" },
-                {
-                    "bufferView": 2, "componentType": UNSIGNED_INT, "count": 3 * triangles.len(),
-                    "type": "SCALAR",
-                },
-            ],
-            "bufferViews": [view(0, Some(VERTICES)), view(1, Some(VERTICES)), view(2, Some(INDICES)), view(3, None)],
-            "buffers": [{ "byteLength": binary.len() }],
-        });
-        let mut text = document.to_string().into_bytes();
-        text.resize(text.len().next_multiple_of(4), b' ');
-        let total = u32::try_from(12 + 8 + text.len() + 8 + binary.len()).ok()?;
-        let words = |a: u32, b: &[u8; 4]| [a.to_le_bytes(), *b].concat();
-        let header = [b"glTF".to_vec(), 2u32.to_le_bytes().to_vec(), total.to_le_bytes().to_vec()].concat();
-        let (text_length, binary_length) = (text.len() as u32, binary.len() as u32);
-        Some([header, words(text_length, b"JSON"), text, words(binary_length, b"BIN\0"), binary].concat())
+            "images": [{ "bufferView": image, "mimeType": "image/png" }],
+        }))
     }
 }
 

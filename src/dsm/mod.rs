@@ -14,7 +14,7 @@ mod points;
 mod render;
 mod writers;
 
-pub use altitude::altitudes;
+pub use altitude::{altitudes, view_altitudes};
 pub use confidence::{Confidence, Seeing};
 pub use heights::{Heights, height_style};
 pub use hillshade::hillshade;

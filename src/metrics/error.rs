@@ -148,4 +148,64 @@ pub enum MetricsError {
         /// Bounds and CRS of both, as text.
         extents: String,
     },
+    /// A mesh to be scored, or its reference, has no vertices.
+    #[error("a mesh of {vertices} vertices cannot be compared with one of {reference_vertices}")]
+    #[diagnostic(help("both need vertices"))]
+    EmptyMesh {
+        /// Vertices of the one.
+        vertices: usize,
+        /// Vertices of the other.
+        reference_vertices: usize,
+    },
+    /// A mesh is in another CRS than what it is compared with.
+    #[error("`{path}` is in EPSG:{found}, what it is compared with in EPSG:{expected}")]
+    #[diagnostic(help("meshes are compared on one map; its georeference is in the .georef.json beside it"))]
+    MeshCrs {
+        /// The mesh.
+        path: PathBuf,
+        /// EPSG code of the mesh.
+        found: u32,
+        /// EPSG code of the other mesh or the views.
+        expected: u32,
+    },
+    /// Two meshes have no place in common.
+    #[error("`{mesh}` and `{reference}` do not overlap: {extents}")]
+    #[diagnostic(help(
+        "are both in the same frame and unit? --align and --views bring a mesh to its reference by the cameras of both"
+    ))]
+    MeshesApart {
+        /// The mesh.
+        mesh: PathBuf,
+        /// The reference.
+        reference: PathBuf,
+        /// Lowest and highest coordinates of both, as text.
+        extents: String,
+    },
+    /// The views see no part of a mesh.
+    #[error("the {views} views see no part of `{path}`")]
+    #[diagnostic(help("--views is a run or scene in the frame of the reference"))]
+    NotSeen {
+        /// The mesh.
+        path: PathBuf,
+        /// Number of views.
+        views: usize,
+    },
+    /// An alignment lacks the cameras of the reference.
+    #[error("--align needs the cameras of the reference too")]
+    #[diagnostic(help(
+        "--views names a run or scene in the frame of the reference, --align the one in the frame of the mesh, with images \
+         of the same names"
+    ))]
+    AlignNeedsViews,
+    /// A mesh cannot be aligned by the cameras of its run or scene.
+    #[error("--align: the cameras of `{path}` cannot be brought to those of --views: {reason}")]
+    #[diagnostic(help(
+        "a similarity needs three images or more of the same names in both, taken by pinhole cameras that are not on a line"
+    ))]
+    Alignment {
+        /// The run or scene of the mesh.
+        path: PathBuf,
+        /// What is missing.
+        reason: String,
+    },
 }

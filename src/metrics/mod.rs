@@ -1,4 +1,4 @@
-//! Scores of surface models against lidar: three registrations, errors after each, completeness.
+//! Scores of surface models against lidar: three registrations, errors after each, completeness. Scores of meshes.
 //!
 //! The order of work: [`HeightRaster::read`] and [`Truth::read`], [`evaluate`], then [`Evaluation::error_map`],
 //! [`Evaluation::profiles`] and [`error_picture`]. Signs: `dz` is metres added to the prediction, `(dx, dy)` is where
@@ -11,6 +11,7 @@ mod error;
 mod evaluation;
 mod figure;
 mod fill;
+mod mesh_scores;
 mod ncc;
 mod pattern_search;
 mod phase;
@@ -28,6 +29,7 @@ pub use error::MetricsError;
 pub use evaluation::{Evaluation, RegisteredScores, evaluate};
 pub use figure::{error_picture, error_style};
 pub use fill::filled_by_nearest;
+pub use mesh_scores::{MeshScores, error_mesh, mesh_scores};
 pub(crate) use pattern_search::PatternSearch;
 pub use profile::Profile;
 pub use registration::{Method, Registration, register};

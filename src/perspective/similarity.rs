@@ -8,7 +8,7 @@ const LEAST_WIDTH: f64 = 1e-3;
 
 /// A similarity `to = scale * rotation * from + translation` and how well it fits.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Fitted {
+pub struct Fitted {
     /// Scale.
     pub scale: f64,
     /// Rotation.
@@ -21,13 +21,17 @@ pub(super) struct Fitted {
 
 impl Fitted {
     /// The image of a point.
-    pub(super) fn apply(&self, p: DVec3) -> DVec3 {
+    #[must_use]
+    pub fn apply(&self, p: DVec3) -> DVec3 {
         self.scale * (self.rotation * p) + self.translation
     }
 
     /// The least-squares similarity of pairs (from, to): Umeyama, Least-squares estimation of transformation parameters
-    /// between two point patterns, 1991, equations 40 to 43. An error says what is missing.
-    pub(super) fn to(pairs: &[(DVec3, DVec3)]) -> Result<Self, String> {
+    /// between two point patterns, 1991, equations 40 to 43.
+    ///
+    /// # Errors
+    /// What is missing, as text.
+    pub fn to(pairs: &[(DVec3, DVec3)]) -> Result<Self, String> {
         if pairs.len() < 3 {
             return Err(format!("{} of its images have positions, 3 are needed", pairs.len()));
         }

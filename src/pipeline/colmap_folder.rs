@@ -6,7 +6,6 @@ use crate::export::{ExportError, Resampled};
 use crate::frame::SiteGrid;
 use crate::io::{WriteError, write_file, write_json, write_png_gray};
 use crate::perspective::colmap::{self, ColmapModel, Format};
-use crate::splat::ply;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -71,7 +70,7 @@ impl ColmapFolder {
             write_file(&path(MODEL).join(TEST_LIST), test.join("\n") + "\n")?;
         }
         if let Some(site) = site {
-            write_json(&path(GEOREFERENCE), &ply::georeference(site))?;
+            write_json(&path(GEOREFERENCE), &crate::io::georeference(site))?;
         }
         let moved = || -> std::io::Result<()> {
             fs::create_dir_all(&self.target)?;

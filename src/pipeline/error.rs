@@ -7,6 +7,7 @@ use crate::coregister::CoregisterError;
 use crate::export::ExportError;
 use crate::frame::FrameError;
 use crate::io::{CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
+use crate::mesh::MeshError;
 use crate::metrics::MetricsError;
 use crate::mvs::MatchError;
 use crate::perspective::PerspectiveError;
@@ -347,6 +348,10 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Backend(#[from] BackendError),
+    /// See [`MeshError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Mesh(#[from] MeshError),
     /// See [`MetricsError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -380,6 +385,7 @@ impl PipelineError {
             | Self::Simulate(SimulateError::Interrupted(_)) => ErrorKind::Interrupted,
             Self::Json { .. }
             | Self::Write(_)
+            | Self::Mesh(MeshError::Write(_))
             | Self::Perspective(PerspectiveError::Write(_))
             | Self::Backend(_)
             | Self::Raster(RasterError::Write(_) | RasterError::Encode { .. })

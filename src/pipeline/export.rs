@@ -16,7 +16,6 @@ use crate::perspective::colmap::{ColmapModel, Format};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, SPLATS};
 use crate::scene::{Role, View};
-use crate::splat::ply;
 use std::path::Path;
 
 /// Exports the views of a run as a COLMAP project, which appears when it is complete; `overwrite` replaces what an earlier
@@ -170,7 +169,7 @@ pub fn export_ply(
     let bytes = variant.encode(&splats, site.as_ref())?;
     write_file(file, &bytes)?;
     if let Some(site) = &site {
-        let mut place = ply::georeference(site);
+        let mut place = crate::io::georeference(site);
         place["axes"] = serde_json::json!(variant.axes());
         write_json(&georeference, &place)?;
     }

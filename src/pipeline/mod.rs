@@ -2,7 +2,7 @@
 //!
 //! A run folder holds what one stage writes and the next ones read; [`run_files`](crate::run_files) has the names.
 //! [`adjust`] starts one from a [`Scene`](crate::scene::Scene), [`train`], [`dsm`], [`evaluate`], [`render`],
-//! [`nvs_eval`], [`align`], [`report`], [`write_page`] and [`export_colmap`] work on it, and [`run`] calls the main stages in a row. Options are plain
+//! [`nvs_eval`], [`mesh()`], [`align`], [`report`], [`write_page`] and [`export_colmap`] work on it, and [`run`] calls the main stages in a row. Options are plain
 //! structs whose [`Default`] is what the command line takes without arguments, results are plain structs that serialise
 //! to what `satgs COMMAND --json` prints, and all errors are [`PipelineError`]s. Long work reports to a
 //! [`Progress`](crate::progress::Progress), which can also stop it.
@@ -16,12 +16,15 @@ mod align;
 mod cameras;
 mod checkpoints;
 mod colmap_folder;
+mod depth_views;
 mod dsm;
 mod error;
 mod evaluate;
 mod export;
 mod exported;
 mod lock;
+mod mesh;
+mod mesh_eval;
 mod nvs_eval;
 mod nvs_scores;
 mod page_layers;
@@ -54,6 +57,8 @@ pub use evaluate::{EvaluateOptions, evaluate};
 pub use export::{export_colmap, export_ply};
 pub use exported::{ExportedPly, ExportedView, ExportedViews, PinholeFit};
 pub use lock::RunLock;
+pub use mesh::{MeshOptions, MeshSummary, mesh};
+pub use mesh_eval::{MeshAlignment, MeshEvalOptions, MeshEvaluation, mesh_eval};
 pub use nvs_eval::nvs_eval;
 pub use nvs_scores::{NvsScores, ViewScore};
 pub use perspective::{

@@ -1,7 +1,7 @@
 //! Splat files: the PLY format of 3DGS, which splat viewers open, with the georeference in a JSON file beside it.
 
 use crate::frame::SiteGrid;
-use crate::io::{WriteError, write_file};
+use crate::io::{WriteError, georeference_comment, write_file, write_georeference};
 use crate::splat::splats::{GROUP_INFO, GroupInfo, Splats};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -46,31 +46,13 @@ pub enum PlyError {
 /// [`WriteError`] if one of the files cannot be written.
 pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteError> {
     write_file(path, encode(splats, site))?;
-    write_file(&path.with_extension("georef.json"), format!("{:#}\n", georeference(site)))
-}
-
-/// The site frame as JSON, to be written beside files whose coordinates are in it.
-#[must_use]
-pub fn georeference(site: &SiteGrid) -> serde_json::Value {
-    let [east, north, height] = site.origin.xyz();
-    serde_json::json!({
-        "epsg": site.epsg,
-        "origin": { "easting_m": east, "northing_m": north, "height_m": height },
-        "axes": ["east", "north", "up"],
-        "unit": "m",
-        "vertical_reference": "WGS 84 ellipsoid",
-        "grid_convergence_deg": site.convergence_deg(),
-    })
+    write_georeference(path, site)
 }
 
 /// The content of a PLY file of splats in the site frame (metres).
 #[must_use]
 pub fn encode(splats: &Splats, site: &SiteGrid) -> Vec<u8> {
-    let [east, north, height] = site.origin.xyz();
-    let comment = format!(
-        "satgs site frame: metres east, north, up of EPSG:{} {east} {north}, ellipsoidal height {height}",
-        site.epsg
-    );
+    let comment = georeference_comment(site);
     // The format does not define the vertical axis; viewers read it from this comment.
     encoded(splats, &[&comment, "Vertical Axis: z"])
 }
