@@ -41,9 +41,14 @@ pub struct Args {
     /// Position of the sun in the last frame
     #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = direction, requires_all = ["sun", "frames"])]
     sun_to: Option<[f64; 2]>,
-    /// Perspective scenes: write only the depth along the optical axis, float32, NaN where nothing is seen (.tif)
+    /// Write only the depth (.tif, float32, NaN where nothing is seen): of satellite scenes the height of what is seen, of
+    /// perspective ones the distance along the optical axis
     #[arg(long)]
     depth: bool,
+    /// Write the unit normals of flat splats (.tif, float32): bands east, north, up, of perspective scenes x, y, z of the
+    /// scene's axes. With --depth the depth follows as a fourth band
+    #[arg(long)]
+    normals: bool,
     /// Number of frames of an animation: OUT.png becomes OUT_0001.png and so on
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=9999))]
     frames: Option<u32>,
@@ -81,6 +86,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         sun_to_deg: args.sun_to,
         frames: args.frames,
         depth: args.depth,
+        normals: args.normals,
     };
     let rendered = render(&args.run, &args.output, &options, ui)?;
     let text = format!("{}, images: {}", rendered.output.display(), rendered.frames);

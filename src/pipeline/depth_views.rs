@@ -1,5 +1,6 @@
 //! The cameras of a run or a scene as cameras of depth maps.
 
+use super::perspective::{self, PerspectiveCameras};
 use super::{PipelineError, TrainedCameras};
 use crate::affine::{SiteScene, SiteView, ViewCamera};
 use crate::frame::{Point, SiteGrid};
@@ -27,6 +28,12 @@ impl DepthViews {
             let scene = read_perspective(path)?;
             let cameras = scene.views.iter().map(|v| (v.name.clone(), DepthCamera::Pinhole(v.camera)));
             return Ok(Self { cameras: cameras.collect(), site: scene.georeference.map(|g| g.grid) });
+        }
+        if perspective::is_run(path) {
+            let PerspectiveCameras { views, site, .. } = PerspectiveCameras::read(path)?;
+            let training = views.iter().filter(|v| v.role == Role::Train);
+            let cameras = training.map(|v| (v.name.clone(), DepthCamera::Pinhole(v.camera())));
+            return Ok(Self { cameras: cameras.collect(), site });
         }
         let setup = TrainedCameras::read(path)?.setup;
         let training = setup.views.iter().filter(|v| v.role == Role::Train);

@@ -1,18 +1,15 @@
 //! The surface of a run or of a scene with depth maps as a mesh: `satgs mesh`.
 
-use super::depth_views::{is_run, read_perspective, seen_part, trained_box};
-use super::{PipelineError, TrainedCameras, relocation};
-use crate::affine::ViewCamera;
-use crate::dsm::{nadir_camera, view_altitudes};
-use crate::io::{MapGrid, check_writable};
-use crate::mesh::{DepthCamera, DepthMap, FuseOptions, FusedMesh, KeptPieces, MeshFormat, fuse};
+use super::PipelineError;
+use super::depth_views::is_run;
+use super::mesh_sources::{of_perspective_run, of_satellite_run, of_scene};
+use super::perspective::{self, PerspectiveCameras, PerspectiveManifest};
+use crate::io::check_writable;
+use crate::mesh::{FuseOptions, FusedMesh, KeptPieces, MeshFormat};
 use crate::mvs::DSM_CELL_M;
-use crate::perspective::{PerspectiveError, PerspectiveScene, PerspectiveView};
+use crate::perspective::{Layout, PerspectiveScene};
 use crate::progress::Progress;
-use crate::scene::Role;
-use crate::splat::novel_view::NovelView;
-use crate::splat::splats::Splats;
-use glam::DVec3;
+use crate::splat::pinhole::focus;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -24,17 +21,21 @@ const TRUNCATION_VOXELS: f64 = 4.0;
 const LEAST_TRUNCATION_VOXELS: f64 = 2.0;
 /// Greatest depth that is used in scenes with depth maps, metres (IndoorSplat).
 const ROOM_DEPTH_M: f64 = 5.0;
-/// Weight of the view from straight above, in which most of a satellite scene's surface is seen best, against one of a view.
-const NADIR_WEIGHT: f32 = 4.0;
+/// Greatest depth of photographs without depth maps as a multiple of the least distance of a camera from the place that all
+/// look at, and the number of voxels in it (2D Gaussian splatting, for scenes of any unit).
+const PHOTOGRAPH_DEPTH: f64 = 2.0;
+const PHOTOGRAPH_VOXELS: f64 = 1024.0;
 
 /// How a mesh is made.
 #[derive(Clone, Debug, Default)]
 pub struct MeshOptions {
-    /// Side of a voxel, metres; by default 0.5 for satellite runs, 0.02 for scenes with depth maps.
+    /// Side of a voxel, metres; by default 0.5 for satellite runs, 0.02 for scenes with depth maps and runs of them, for other
+    /// photographs a 1024th of the greatest depth.
     pub voxel_m: Option<f64>,
     /// Distance from a surface up to which a depth map tells of it, metres; by default four voxels.
     pub truncation_m: Option<f64>,
-    /// Depths beyond this are not used, metres; by default 5. Not for satellite runs.
+    /// Depths beyond this are not used, metres; by default 5 for scenes with depth maps, for other photographs twice the distance
+    /// from the nearest camera to the place that all look at. Not for satellite runs.
     pub depth_max_m: Option<f64>,
     /// Replace an existing file.
     pub overwrite: bool,
@@ -68,7 +69,7 @@ pub struct MeshSummary {
 }
 
 /// Fuses depth maps to a mesh (.ply, .obj, .glb) of the largest pieces, with colours: the altitudes that a trained satellite
-/// run shows in its views and from straight above, or the depth maps of a scene.
+/// run shows in its views and from straight above, the depths that a trained perspective run shows, or the depth maps of a scene.
 ///
 /// # Errors
 /// [`PipelineError`]: the input is neither a trained run nor a scene with depth maps, an option is out of its range, the output
@@ -84,12 +85,12 @@ pub fn mesh(
         return Err(PipelineError::Exists { path: output.into() });
     }
     check_writable(output)?;
-    let is_scene = !is_run(input) && PerspectiveScene::is_one(input);
-    let fuse_options = fuse_options(options, is_scene)?;
-    let FusedMesh { mesh, maps, pieces, volume_bytes } = if is_scene {
-        of_scene(input, &fuse_options, progress)?
-    } else {
-        of_satellite_run(input, fuse_options, progress)?
+    let source = Source::of(input)?;
+    let fuse_options = fuse_options(options, &source)?;
+    let FusedMesh { mesh, maps, pieces, volume_bytes } = match source {
+        Source::Scene => of_scene(input, &fuse_options, progress)?,
+        Source::PerspectiveRun { .. } => of_perspective_run(input, &fuse_options, progress)?,
+        Source::SatelliteRun => of_satellite_run(input, fuse_options, progress)?,
     };
     mesh.write(output)?;
     Ok(MeshSummary {
@@ -107,7 +108,45 @@ pub fn mesh(
     })
 }
 
-fn fuse_options(options: &MeshOptions, is_scene: bool) -> Result<FuseOptions, PipelineError> {
+/// What a mesh is made from.
+enum Source {
+    /// The depth maps of a scene.
+    Scene,
+    /// A trained perspective scene, with its default voxel and greatest depth, metres.
+    PerspectiveRun { voxel_m: f64, depth_max_m: f64 },
+    /// A trained satellite scene.
+    SatelliteRun,
+}
+
+impl Source {
+    fn of(input: &Path) -> Result<Self, PipelineError> {
+        if !is_run(input) {
+            return Ok(if PerspectiveScene::is_one(input) { Self::Scene } else { Self::SatelliteRun });
+        }
+        if !perspective::is_run(input) {
+            return Ok(Self::SatelliteRun);
+        }
+        if PerspectiveManifest::read(input)?.layout == Layout::RgbD {
+            return Ok(Self::PerspectiveRun { voxel_m: ROOM_VOXEL_M, depth_max_m: ROOM_DEPTH_M });
+        }
+        let cameras = PerspectiveCameras::read(input)?.training_cameras();
+        let focus = focus(&cameras);
+        let distance = cameras.iter().map(|c| c.center.distance(focus)).fold(f64::INFINITY, f64::min);
+        let depth_max_m = PHOTOGRAPH_DEPTH * distance;
+        Ok(Self::PerspectiveRun { voxel_m: depth_max_m / PHOTOGRAPH_VOXELS, depth_max_m })
+    }
+
+    /// Default voxel and greatest depth, metres.
+    fn defaults(&self) -> (f64, Option<f64>) {
+        match *self {
+            Self::Scene => (ROOM_VOXEL_M, Some(ROOM_DEPTH_M)),
+            Self::PerspectiveRun { voxel_m, depth_max_m } => (voxel_m, Some(depth_max_m)),
+            Self::SatelliteRun => (SATELLITE_VOXEL_M, None),
+        }
+    }
+}
+
+fn fuse_options(options: &MeshOptions, source: &Source) -> Result<FuseOptions, PipelineError> {
     let checked = |option, value: f64, least: f64, expected| {
         let found = value.to_string();
         if value.is_finite() && value > 0.0 && value >= least {
@@ -115,20 +154,17 @@ fn fuse_options(options: &MeshOptions, is_scene: bool) -> Result<FuseOptions, Pi
         }
         Err(PipelineError::Option { option, found, expected })
     };
-    let default_voxel_m = if is_scene { ROOM_VOXEL_M } else { SATELLITE_VOXEL_M };
+    let (default_voxel_m, default_depth_max_m) = source.defaults();
     let voxel_m = checked("--voxel", options.voxel_m.unwrap_or(default_voxel_m), 0.0, "metres above 0")?;
     let truncation_m = options.truncation_m.unwrap_or(TRUNCATION_VOXELS * voxel_m);
     let least = LEAST_TRUNCATION_VOXELS * voxel_m;
     let truncation_m = checked("--truncation", truncation_m, least, "two voxels or more, in metres")?;
-    let depth_max_m = match options.depth_max_m {
-        Some(given) if !is_scene => {
-            let expected = "no limit: views of satellites have altitudes, not depths";
-            return Err(PipelineError::Option { option: "--depth-max", found: given.to_string(), expected });
-        }
-        given => {
-            is_scene.then(|| checked("--depth-max", given.unwrap_or(ROOM_DEPTH_M), 0.0, "metres above 0"))
-        }
-    };
+    if let (Some(given), None) = (options.depth_max_m, default_depth_max_m) {
+        let expected = "no limit: views of satellites have altitudes, not depths";
+        return Err(PipelineError::Option { option: "--depth-max", found: given.to_string(), expected });
+    }
+    let depth_max_m = options.depth_max_m.or(default_depth_max_m);
+    let depth_max_m = depth_max_m.map(|given| checked("--depth-max", given, 0.0, "metres above 0"));
     Ok(FuseOptions {
         voxel_m,
         truncation_m,
@@ -136,72 +172,4 @@ fn fuse_options(options: &MeshOptions, is_scene: bool) -> Result<FuseOptions, Pi
         bounds: None,
         kept: KeptPieces::LARGEST,
     })
-}
-
-/// The depth maps of a scene's own files.
-fn of_scene(path: &Path, options: &FuseOptions, progress: &dyn Progress) -> Result<FusedMesh, PipelineError> {
-    let scene = read_perspective(path)?;
-    let views: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.depth.is_some()).collect();
-    if views.is_empty() {
-        let view = scene.views.first().map(|v| v.name.clone()).unwrap_or_default();
-        return Err(PerspectiveError::NoDepth { view }.into());
-    }
-    let read = |view: &&PerspectiveView| -> Result<DepthMap, PipelineError> {
-        let color = Some(view.read_image()?.planes);
-        Ok(DepthMap { color, ..DepthMap::new(DepthCamera::Pinhole(view.camera), view.read_depth()?) })
-    };
-    let mut fused = fuse(views.iter().map(read), options, progress)?;
-    match &scene.georeference {
-        Some(georeference) => fused.mesh.site = Some(georeference.grid),
-        None => fused.mesh.up = mean_up(&scene).to_array(),
-    }
-    Ok(fused)
-}
-
-/// The upward direction of a scene without georeference: the mean of that of its images.
-fn mean_up(scene: &PerspectiveScene) -> DVec3 {
-    let up = scene.views.iter().map(|v| -v.camera.cam_from_site.row(1)).sum::<DVec3>();
-    up.try_normalize().unwrap_or(DVec3::Z)
-}
-
-/// The altitudes of the trained splats: in each training view, where their transmittance falls to one half, and seen from
-/// straight above.
-fn of_satellite_run(
-    run: &Path,
-    options: FuseOptions,
-    progress: &dyn Progress,
-) -> Result<FusedMesh, PipelineError> {
-    relocation::finish(run)?;
-    let cameras = TrainedCameras::read(run)?;
-    let splats = cameras.read_splats(run)?;
-    let setup = &cameras.setup;
-    let ((west, south, east, north), [x, y, _]) = (setup.area, setup.site.origin.xyz());
-    let map_box = (x + west, y + south, x + east, y + north);
-    // Finer cells than pixels of the images would only cost time.
-    let gsd_m = setup.views.get(setup.reference).map_or(0.0, |v| v.camera.gsd_m());
-    let cell_m = options.voxel_m.max(gsd_m);
-    let grid = MapGrid::covering(setup.site.epsg, map_box, cell_m);
-    let nadir = (nadir_camera(&grid, &setup.site), (grid.width, grid.height), NADIR_WEIGHT);
-    let training = setup.views.iter().filter(|v| v.role == Role::Train);
-    let mut views: Vec<_> =
-        training.filter_map(|v| seen_part(v, setup).map(|(camera, size)| (camera, size, 1.0))).collect();
-    views.push(nadir);
-    let render = |(camera, size, weight): &(ViewCamera, (usize, usize), f32)| -> Result<_, PipelineError> {
-        let view = NovelView { camera: *camera, size: *size, sun_shear: None };
-        Ok(DepthMap { weight: *weight, ..rendered(&cameras, &splats, &view) })
-    };
-    let options = FuseOptions { bounds: Some(trained_box(setup)), ..options };
-    let mut fused = fuse(views.iter().map(render), &options, progress)?;
-    fused.mesh.site = Some(setup.site);
-    Ok(fused)
-}
-
-/// Altitudes and colours of a view, without shadows and in the radiometry of the reference view.
-fn rendered(cameras: &TrainedCameras, splats: &Splats, view: &NovelView) -> DepthMap {
-    let setup = &cameras.setup;
-    let mut colors = view.picture(splats, &cameras.reference_appearance(), setup.altitudes).colors;
-    setup.transfer_function.encode(&mut colors);
-    let depth = view_altitudes(splats, &view.camera, view.size);
-    let camera = DepthCamera::Parallel { camera: view.camera, size: view.size };
-    DepthMap { color: Some(colors), ..DepthMap::new(camera, depth) }
 }

@@ -25,6 +25,7 @@ mod exported;
 mod lock;
 mod mesh;
 mod mesh_eval;
+mod mesh_sources;
 mod nvs_eval;
 mod nvs_scores;
 mod page_layers;

@@ -4,12 +4,13 @@ use super::render_options::{RenderOptions, RenderSummary, Viewpoint};
 use super::{PipelineError, TrainedCameras, perspective, read_scene, relocation};
 use crate::affine::{SiteScene, SiteView, sun_direction};
 use crate::bundle::Adjustment;
-use crate::io::{Cog, MapGrid, SensorImage, VerticalReference, check_writable, write_png_rgb};
+use crate::io::{Cog, Grid2, MapGrid, SensorImage, VerticalReference, check_writable, write_png_rgb};
 use crate::progress::{Event, Progress};
 use crate::rpc::{Rpc, formats};
 use crate::run_files::ADJUSTMENT;
 use crate::scene::Sun;
 use crate::splat::novel_view::{NovelView, Picture};
+use crate::splat::raster::PrimitiveKind;
 use std::path::{Path, PathBuf};
 
 /// Views and suns lower than this are refused: their displacement by height is too large.
@@ -31,20 +32,20 @@ pub fn render(
         Some("tif") => true,
         _ => return Err(PipelineError::ImageFormat { path: output.into() }),
     };
-    if options.depth && !is_raster {
+    if (options.depth || options.normals) && !is_raster {
         return Err(PipelineError::ImageFormat { path: output.into() });
     }
     if perspective::is_run(run) {
         return perspective::render(run, output, is_raster, options, progress);
-    }
-    if options.depth {
-        return Err(PipelineError::OfSatellites { run: run.into() });
     }
     relocation::finish(run)?;
     let cameras = TrainedCameras::read(run)?;
     check_writable(output)?;
     let setup = &cameras.setup;
     let splats = cameras.read_splats(run)?;
+    if options.normals && splats.primitive() != PrimitiveKind::Disc {
+        return Err(PipelineError::NoNormals { run: run.into() });
+    }
     let like = match &options.viewpoint {
         Viewpoint::Like(name) => Some(find(setup, name)?),
         Viewpoint::Direction { .. } => None,
@@ -62,7 +63,14 @@ pub fn render(
         setup.transfer_function.encode(&mut picture.colors);
         let path = if options.frames.is_some() { numbered(output, frame + 1) } else { output.into() };
         if is_raster {
-            write_raster(&path, &picture, &view, rpc.as_ref(), setup)?;
+            let normals = options.normals.then(|| view.normals(&splats));
+            write_raster(
+                &path,
+                &bands_of(&picture, normals.as_ref(), options, setup),
+                &view,
+                rpc.as_ref(),
+                setup,
+            )?;
         } else {
             let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
             let pixels = 0..view.size.0 * view.size.1;
@@ -133,19 +141,42 @@ fn corrected_camera(run: &Path, name: &str) -> Result<Rpc, PipelineError> {
         .ok_or_else(|| PipelineError::ViewNotInScene { run: run.into(), name: name.into() })
 }
 
-/// Writes colours and heights with the view's RPC, if it has one, else on the map.
+/// A band: its name, unit and values.
+type Band = (&'static str, &'static str, Grid2);
+
+/// The bands to write: colours and heights, or what the options ask for.
+fn bands_of(
+    picture: &Picture,
+    normals: Option<&[Grid2; 3]>,
+    options: &RenderOptions,
+    setup: &SiteScene,
+) -> Vec<Band> {
+    let mut height = picture.altitude.clone();
+    height.data.iter_mut().for_each(|z| *z += setup.site.origin.z() as f32);
+    let named = |names: [&'static str; 3], grids: &[Grid2; 3]| {
+        names.into_iter().zip(grids).map(|(name, grid)| (name, "", grid.clone())).collect::<Vec<Band>>()
+    };
+    let mut bands = match normals {
+        Some(normals) => named(["east", "north", "up"], normals),
+        None if options.depth => Vec::new(),
+        None => named(["red", "green", "blue"], &picture.colors),
+    };
+    if normals.is_none() || options.depth {
+        bands.push(("height", "m", height));
+    }
+    bands
+}
+
+/// Writes bands with the view's RPC, if it has one, else on the map.
 fn write_raster(
     path: &Path,
-    picture: &Picture,
+    bands: &[Band],
     view: &NovelView,
     rpc: Option<&Rpc>,
     setup: &SiteScene,
 ) -> Result<(), PipelineError> {
-    let ([east, north, up], (width, height)) = (setup.site.origin.xyz(), view.size);
-    let mut altitude = picture.altitude.clone();
-    altitude.data.iter_mut().for_each(|z| *z += up as f32);
-    let [red, green, blue] = &picture.colors;
-    let bands = [("red", "", red), ("green", "", green), ("blue", "", blue), ("height", "m", &altitude)];
+    let ([east, north, _], (width, height)) = (setup.site.origin.xyz(), view.size);
+    let bands: Vec<_> = bands.iter().map(|(name, unit, grid)| (*name, *unit, grid)).collect();
     if let Some(rpc) = rpc {
         let image = SensorImage { width, height, rpc: &formats::to_gdal(rpc), metadata: &[] };
         return Ok(image.write_f32(path, &bands)?);

@@ -38,8 +38,11 @@ pub struct RenderOptions {
     pub sun_to_deg: Option<[f64; 2]>,
     /// Number of frames of an animation, written as `FILE_0001` and so on; by default one image.
     pub frames: Option<u32>,
-    /// Write only the depth along the optical axis, as a `.tif`; of views of perspective scenes.
+    /// Write only the depth along the optical axis, in satellite scenes the height of what is seen, as a `.tif`.
     pub depth: bool,
+    /// Write only the unit normals of discs (three bands: x, y, z of the scene's frame, which on a map are east, north, up),
+    /// as a `.tif`.
+    pub normals: bool,
 }
 
 /// What was rendered.

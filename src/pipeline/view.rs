@@ -10,7 +10,7 @@ use crate::io::{check_writable, write_file};
 use crate::progress::Progress;
 use crate::run_files::{PLAN, SPLATS, TILES};
 use crate::scene::Role;
-use crate::splat::ply;
+use crate::splat::ply::{self, ScaleColumns};
 use crate::splat::splats::Splats;
 use crate::stats::quantile;
 use crate::viewer::{CameraMark, PageLayer, PageScope, ShownLayer, ViewerError, ViewerPage, serve};
@@ -93,7 +93,7 @@ fn satellite_page(run: &Path, title: String) -> Result<ViewerPage, PipelineError
     let setup = &cameras.setup;
     let mut page = ViewerPage::new(title, Some(&setup.site), PageScope::of_area(setup.area));
     let splats = cameras.read_shown_splats(run)?;
-    add_splats(&mut page, ply::encode(&splats, &setup.site), splats.len());
+    add_splats(&mut page, ply::encode(&splats, &setup.site, ScaleColumns::Three), splats.len());
     add_mesh(&mut page, run, Some(&setup.site))?;
     add_relief(&mut page, run, &setup.site)?;
     add_tie_points(&mut page, run, setup)?;
@@ -107,7 +107,9 @@ fn perspective_page(run: &Path, title: String) -> Result<ViewerPage, PipelineErr
     let site = cameras.site.as_ref();
     let scope = scope_of(&splats, &cameras);
     let mut page = ViewerPage::new(title, site, scope);
-    let ply = site.map_or_else(|| ply::encode_local(&splats), |site| ply::encode(&splats, site));
+    let columns = ScaleColumns::Three;
+    let ply =
+        site.map_or_else(|| ply::encode_local(&splats, columns), |site| ply::encode(&splats, site, columns));
     add_splats(&mut page, ply, splats.len());
     add_mesh(&mut page, run, site)?;
     if let Some(site) = site {

@@ -2,12 +2,13 @@
 
 use crate::affine::SiteScene;
 use crate::affine::{ViewCamera, sun_direction};
+use crate::camera::QuadraticKernel;
 use crate::io::Grid2;
 use crate::scene::Sun;
 use crate::splat::appearance::Appearance;
 use crate::splat::backend::stopwatch::Stopwatch;
 use crate::splat::objective::{Objective, StepInput};
-use crate::splat::raster::{FrameCamera, Image, channel};
+use crate::splat::raster::{Disc, FrameCamera, Image, PrimitiveKind, Rasterizer, SortedSplats, channel};
 use crate::splat::sheared_camera::ShearedCamera;
 use crate::splat::splats::Splats;
 
@@ -83,6 +84,33 @@ impl NovelView {
         }
         let sunlight = objective.sunlight().plane(0);
         Picture { colors: std::array::from_fn(|c| picture.plane(c)), altitude, sunlight }
+    }
+}
+
+impl NovelView {
+    /// Unit normals of discs (east, north, up) on the side of the camera; NaN where the transmittance exceeds one half.
+    #[must_use]
+    pub fn normals(&self, splats: &Splats) -> [Grid2; 3] {
+        let mut sorted = SortedSplats::of(PrimitiveKind::Disc);
+        sorted.update(splats);
+        let frame = FrameCamera::<QuadraticKernel<f32>>::new(&self.camera, self.size.0, self.size.1);
+        let [east, north] = self.camera.line_of_sight_slope();
+        let sight = [east as f32, north as f32, 1.0];
+        let feature = |(rank, &i): (usize, &u32)| {
+            let [x, y, z] = sorted.normal(rank);
+            let side = (x * sight[0] + y * sight[1] + z * sight[2]).signum();
+            [side * x, side * y, side * z, splats.position[i as usize][2]]
+        };
+        let features: Vec<[f32; 4]> = sorted.order().iter().enumerate().map(feature).collect();
+        let mut rasterizer = Rasterizer::<f32, 4, _, Disc>::default();
+        let image = rasterizer.render(&sorted, &features, &frame, [0.0; 4]);
+        let (mut normals, through) = ([0, 1, 2].map(|c| image.plane(c)), image.plane(channel::TRANSMITTANCE));
+        for (i, through) in through.data.iter().enumerate() {
+            let length = normals.iter().map(|n| n.data[i] * n.data[i]).sum::<f32>().sqrt();
+            let inverse = if *through > 0.5 { f32::NAN } else { 1.0 / length };
+            normals.iter_mut().for_each(|n| n.data[i] *= inverse);
+        }
+        normals
     }
 }
 

@@ -1,13 +1,27 @@
-//! Splat files: the PLY format of 3DGS, which splat viewers open, with the georeference in a JSON file beside it.
+//! Splat files: the PLY format of 3DGS, which splat viewers open, with the georeference in a JSON file beside it. Discs have the
+//! columns of 2DGS: no third scale, and their normals.
 
 use crate::frame::SiteGrid;
 use crate::io::{WriteError, georeference_comment, write_file, write_georeference};
-use crate::splat::splats::{GROUP_INFO, GroupInfo, Splats};
+use crate::splat::raster::{FLAT_LOG_SCALE, PrimitiveKind};
+use crate::splat::splats::{GROUP_INFO, GroupInfo, Splats, unit_quaternion};
+use glam::{Quat, Vec3};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Columns that 3DGS writes after the position; their values are zero.
+/// Columns that 3DGS writes after the position: the normals of discs, zero for ellipsoids.
 const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
+/// The group whose last column discs lack.
+const SCALES: &str = "log_scale";
+
+/// Which columns the scales have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ScaleColumns {
+    /// Two of discs (2DGS), three of ellipsoids (3DGS).
+    OfPrimitive,
+    /// Three, for programs that know only ellipsoids.
+    Three,
+}
 
 /// The parameter groups that splats have, in the order of the columns (that of 3DGS), and the values of each.
 fn groups_of(splats: &Splats) -> impl Iterator<Item = (GroupInfo, &[f32])> {
@@ -45,16 +59,16 @@ pub enum PlyError {
 /// # Errors
 /// [`WriteError`] if one of the files cannot be written.
 pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteError> {
-    write_file(path, encode(splats, site))?;
+    write_file(path, encode(splats, site, ScaleColumns::OfPrimitive))?;
     write_georeference(path, site)
 }
 
 /// The content of a PLY file of splats in the site frame (metres).
 #[must_use]
-pub fn encode(splats: &Splats, site: &SiteGrid) -> Vec<u8> {
+pub fn encode(splats: &Splats, site: &SiteGrid, scales: ScaleColumns) -> Vec<u8> {
     let comment = georeference_comment(site);
     // The format does not define the vertical axis; viewers read it from this comment.
-    encoded(splats, &[&comment, "Vertical Axis: z"])
+    encoded(splats, scales, &[&comment, "Vertical Axis: z"])
 }
 
 /// Writes splats as a PLY file in a frame that has no place on Earth.
@@ -62,17 +76,20 @@ pub fn encode(splats: &Splats, site: &SiteGrid) -> Vec<u8> {
 /// # Errors
 /// [`WriteError`] if the file cannot be written.
 pub fn write_local(path: &Path, splats: &Splats) -> Result<(), WriteError> {
-    write_file(path, encode_local(splats))
+    write_file(path, encode_local(splats, ScaleColumns::OfPrimitive))
 }
 
 /// The content of a PLY file of splats in a frame that has no place on Earth.
 #[must_use]
-pub fn encode_local(splats: &Splats) -> Vec<u8> {
-    encoded(splats, &["satgs frame of the cameras"])
+pub fn encode_local(splats: &Splats, scales: ScaleColumns) -> Vec<u8> {
+    encoded(splats, scales, &["satgs frame of the cameras"])
 }
 
 /// The bytes of a PLY file.
-fn encoded(splats: &Splats, comments: &[&str]) -> Vec<u8> {
+fn encoded(splats: &Splats, scales: ScaleColumns, comments: &[&str]) -> Vec<u8> {
+    let is_disc = splats.primitive() == PrimitiveKind::Disc;
+    let is_flat = is_disc && scales == ScaleColumns::OfPrimitive;
+    let columns_of = |info: &GroupInfo| info.width - usize::from(is_flat && info.name == SCALES);
     let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
     for comment in comments {
         let _ = writeln!(header, "comment {comment}");
@@ -81,7 +98,7 @@ fn encoded(splats: &Splats, comments: &[&str]) -> Vec<u8> {
     let mut stride = 0;
     for (g, (info, _)) in groups_of(splats).enumerate() {
         let normals = NORMALS.iter().filter(|_| g == 0);
-        for name in info.ply.iter().chain(normals) {
+        for name in info.ply[..columns_of(&info)].iter().chain(normals) {
             let _ = writeln!(header, "property float {name}");
             stride += 4;
         }
@@ -91,15 +108,22 @@ fn encoded(splats: &Splats, comments: &[&str]) -> Vec<u8> {
     bytes.reserve(splats.len() * stride);
     for i in 0..splats.len() {
         for (g, (info, values)) in groups_of(splats).enumerate() {
-            for value in &values[i * info.width..(i + 1) * info.width] {
+            for value in &values[i * info.width..][..columns_of(&info)] {
                 bytes.extend_from_slice(&value.to_le_bytes());
             }
             if g == 0 {
-                bytes.extend_from_slice(&[0; 4 * NORMALS.len()]);
+                let normal = if is_disc { normal(splats.rotation[i]) } else { [0.0; NORMALS.len()] };
+                normal.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
             }
         }
     }
     bytes
+}
+
+/// The normal of a disc: its third axis.
+fn normal(rotation: [f32; 4]) -> [f32; 3] {
+    let [w, x, y, z] = unit_quaternion(rotation);
+    (Quat::from_xyzw(x, y, z, w) * Vec3::Z).to_array()
 }
 
 /// The columns of coefficients above degree 0 that a file has, each with its place in `f_rest`. Files of lower degrees have
@@ -117,7 +141,7 @@ fn rest_columns(properties: &[String]) -> Option<Vec<(usize, usize)>> {
 }
 
 /// Reads splats that [`write()`] or another 3DGS program wrote, with spherical harmonics of any degree up to 3. Properties that
-/// splats do not have are ignored. If all spherical harmonics above degree 0 are zero, the splats have none.
+/// splats do not have are ignored. Splats without a third scale are discs. If all spherical harmonics above degree 0 are zero, the splats have none.
 ///
 /// # Errors
 /// [`PlyError`] if the file cannot be read, is cut off, lacks a property, or has values that are not finite.
@@ -170,8 +194,11 @@ pub fn read(path: &Path) -> Result<Splats, PlyError> {
         }
     }
     for (values, info) in out.groups_mut().into_iter().zip(GROUP_INFO).filter(|(_, info)| !info.is_optional) {
-        let offsets = info.ply.iter().map(|name| at(name)).collect::<Result<Vec<_>, _>>()?;
+        let is_flat = info.name == SCALES && at(info.ply[info.width - 1]).is_err();
+        let present = &info.ply[..info.width - usize::from(is_flat)];
+        let offsets = present.iter().map(|name| at(name)).collect::<Result<Vec<_>, _>>()?;
         for (vertex, values) in vertices().zip(values.chunks_exact_mut(info.width)) {
+            values[info.width - 1] = FLAT_LOG_SCALE;
             for (value_of_splat, offset) in values.iter_mut().zip(&offsets) {
                 *value_of_splat = value(vertex, *offset);
             }
@@ -208,6 +235,27 @@ mod tests {
             std::fs::write(&path, &bytes[..bytes.len() * part / 100]).unwrap();
             assert!(matches!(read(&path), Err(PlyError::Format { .. })));
         }
+    }
+
+    #[test]
+    fn discs_are_written_with_two_scales_and_their_normals() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("splats.ply");
+        let mut g = Splats::default();
+        g.push([1.0, 2.0, 3.0], 0.5, 0.3, [0.1, 0.2, 0.3]);
+        g.rotation[0] = [0.5, 0.5, 0.5, 0.5];
+        g.flatten();
+        write_local(&path, &g).unwrap();
+        assert_eq!(read(&path).unwrap(), g);
+        let bytes = encode_local(&g, ScaleColumns::OfPrimitive);
+        assert!(!String::from_utf8_lossy(&bytes).contains("scale_2"));
+        // A turn that takes x to y, y to z and z to x.
+        let first: Vec<f32> = bytes[bytes.len() - 4 * 16..]
+            .chunks(4)
+            .map(|v| f32::from_le_bytes(v.try_into().unwrap()))
+            .collect();
+        assert_eq!(first[..6], [1.0, 2.0, 3.0, 1.0, 0.0, 0.0]);
+        assert!(String::from_utf8_lossy(&encode_local(&g, ScaleColumns::Three)).contains("scale_2"));
     }
 
     #[test]

@@ -97,6 +97,12 @@ impl PerspectiveCameras {
         Ok(ply::read(&run.join(SPLATS))?)
     }
 
+    /// The cameras of the views that were trained on.
+    #[must_use]
+    pub fn training_cameras(&self) -> Vec<PinholeCamera> {
+        self.views.iter().filter(|v| v.role == Role::Train).map(TrainedPhoto::camera).collect()
+    }
+
     /// The view of this name.
     ///
     /// # Errors

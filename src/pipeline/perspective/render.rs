@@ -31,10 +31,17 @@ pub fn render(
     if is_raster {
         let [red, green, blue] = &picture.colors;
         let mut bands = vec![("red", "", red), ("green", "", green), ("blue", "", blue)];
-        if options.depth {
+        if options.depth || options.normals {
             bands.clear();
         }
-        bands.push(("depth", if cameras.site.is_some() { "m" } else { "" }, &picture.depth));
+        if options.normals {
+            let discs = picture.discs.as_ref();
+            let [x, y, z] = &discs.ok_or_else(|| PipelineError::NoNormals { run: run.into() })?.normals;
+            bands.extend([("x", "", x), ("y", "", y), ("z", "", z)]);
+        }
+        if options.depth || !options.normals {
+            bands.push(("depth", if cameras.site.is_some() { "m" } else { "" }, &picture.depth));
+        }
         SensorImage { width, height, rpc: &[], metadata: &[] }.write_f32(output, &bands)?;
     } else {
         let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;

@@ -15,5 +15,5 @@ pub use objective::{
     AnyPinholeObjective, DiscObjective, EllipsoidObjective, PinholeObjective, PinholeStep, objective,
 };
 pub use picture::{DiscPlanes, PinholePicture, comparison};
-pub use start::{splats_at_points, splats_on_rays};
+pub use start::{focus, splats_at_points, splats_on_rays};
 pub use view::{PinholeView, extent_m};

@@ -5,6 +5,7 @@ use super::super::raster::PrimitiveKind;
 use super::super::splats::Splats;
 use super::view::PinholeView;
 use crate::frame::{CenterPx, Pixel, Point, Site};
+use crate::perspective::PinholeCamera;
 use crate::random::CounterRng;
 use glam::{DMat3, DQuat, DVec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -66,7 +67,8 @@ fn normals(points: &[[f64; 3]]) -> Vec<DVec3> {
 /// are around the place that the cameras look at.
 #[must_use]
 pub fn splats_on_rays(views: &[PinholeView], primitive: PrimitiveKind, seed: u64) -> Splats {
-    let focus = focus(views);
+    let cameras: Vec<PinholeCamera> = views.iter().map(|v| v.camera).collect();
+    let focus = focus(&cameras);
     let point = |i: u64| {
         let mut draw = CounterRng::new(seed, DRAW_RAY, 0, i);
         let view = &views[draw.below(views.len())];
@@ -86,31 +88,30 @@ pub fn splats_on_rays(views: &[PinholeView], primitive: PrimitiveKind, seed: u64
 
 /// The place that is nearest to all optical axes, in the sense of least squares; of parallel axes one that lies ahead of the
 /// cameras by the extent of the cameras.
-fn focus(views: &[PinholeView]) -> DVec3 {
+#[must_use]
+pub fn focus(cameras: &[PinholeCamera]) -> DVec3 {
     let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
-    for camera in views.iter().map(|v| &v.camera) {
+    for camera in cameras {
         let axis = camera.cam_from_site.row(2);
         let across = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
         normal += across;
         right += across * camera.center;
     }
     let nearest = normal.inverse() * right;
-    let is_ahead = |v: &&PinholeView| (v.camera.cam_from_site * (nearest - v.camera.center)).z > 0.0;
-    if nearest.is_finite() && views.iter().filter(is_ahead).count() * 2 > views.len() {
+    let is_ahead = |c: &&PinholeCamera| (c.cam_from_site * (nearest - c.center)).z > 0.0;
+    if nearest.is_finite() && cameras.iter().filter(is_ahead).count() * 2 > cameras.len() {
         return nearest;
     }
-    let count = views.len().max(1) as f64;
-    let middle = views.iter().map(|v| v.camera.center).sum::<DVec3>() / count;
-    let axis = views.iter().map(|v| v.camera.cam_from_site.row(2)).sum::<DVec3>() / count;
-    let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
-    middle + super::view::extent_m(&cameras) * axis
+    let count = cameras.len().max(1) as f64;
+    let middle = cameras.iter().map(|c| c.center).sum::<DVec3>() / count;
+    let axis = cameras.iter().map(|c| c.cam_from_site.row(2)).sum::<DVec3>() / count;
+    middle + super::view::extent_m(cameras) * axis
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::io::Grid2;
-    use crate::perspective::PinholeCamera;
     use glam::DVec2;
 
     #[test]

@@ -1,0 +1,114 @@
+//! The depth maps that a mesh is fused from: a scene's own, or those that a trained run shows.
+
+use super::depth_views::{read_perspective, seen_part, trained_box};
+use super::perspective::PerspectiveCameras;
+use super::{PipelineError, TrainedCameras, relocation};
+use crate::affine::ViewCamera;
+use crate::dsm::{nadir_camera, view_altitudes};
+use crate::io::MapGrid;
+use crate::mesh::{DepthCamera, DepthMap, FuseOptions, FusedMesh, fuse};
+use crate::perspective::{PerspectiveError, PerspectiveView, PinholeCamera};
+use crate::progress::Progress;
+use crate::scene::Role;
+use crate::splat::novel_view::NovelView;
+use crate::splat::pinhole::PinholePicture;
+use crate::splat::splats::Splats;
+use glam::DVec3;
+use std::path::Path;
+
+/// Weight of the view from straight above, in which most of a satellite scene's surface is seen best, against one of a view.
+const NADIR_WEIGHT: f32 = 4.0;
+
+/// The depth maps of a scene's own files.
+pub(super) fn of_scene(
+    path: &Path,
+    options: &FuseOptions,
+    progress: &dyn Progress,
+) -> Result<FusedMesh, PipelineError> {
+    let scene = read_perspective(path)?;
+    let views: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.depth.is_some()).collect();
+    if views.is_empty() {
+        let view = scene.views.first().map(|v| v.name.clone()).unwrap_or_default();
+        return Err(PerspectiveError::NoDepth { view }.into());
+    }
+    let read = |view: &&PerspectiveView| -> Result<DepthMap, PipelineError> {
+        let color = Some(view.read_image()?.planes);
+        Ok(DepthMap { color, ..DepthMap::new(DepthCamera::Pinhole(view.camera), view.read_depth()?) })
+    };
+    let mut fused = fuse(views.iter().map(read), options, progress)?;
+    match &scene.georeference {
+        Some(georeference) => fused.mesh.site = Some(georeference.grid),
+        None => fused.mesh.up = mean_up(scene.views.iter().map(|v| v.camera)),
+    }
+    Ok(fused)
+}
+
+/// The upward direction of a scene without georeference: the mean of that of its images.
+fn mean_up(cameras: impl Iterator<Item = PinholeCamera>) -> [f64; 3] {
+    let up = cameras.map(|camera| -camera.cam_from_site.row(1)).sum::<DVec3>();
+    up.try_normalize().unwrap_or(DVec3::Z).to_array()
+}
+
+/// The depths that the training views of a perspective run show: of discs those at which the transmittance falls to one half, of
+/// ellipsoids the mean.
+pub(super) fn of_perspective_run(
+    run: &Path,
+    options: &FuseOptions,
+    progress: &dyn Progress,
+) -> Result<FusedMesh, PipelineError> {
+    let (cameras, splats) = (PerspectiveCameras::read(run)?, PerspectiveCameras::read_splats(run)?);
+    let training: Vec<PinholeCamera> = cameras.training_cameras();
+    let render = |camera: &PinholeCamera| -> Result<DepthMap, PipelineError> {
+        let PinholePicture { colors, depth, discs, .. } = PinholePicture::render(&splats, camera);
+        let depth = discs.map_or(depth, |discs| discs.median_depth);
+        Ok(DepthMap { color: Some(colors), ..DepthMap::new(DepthCamera::Pinhole(*camera), depth) })
+    };
+    let mut fused = fuse(training.iter().map(render), options, progress)?;
+    match cameras.site {
+        Some(site) => fused.mesh.site = Some(site),
+        None => fused.mesh.up = mean_up(training.iter().copied()),
+    }
+    Ok(fused)
+}
+
+/// The altitudes of the trained splats: in each training view, where their transmittance falls to one half, and seen from
+/// straight above.
+pub(super) fn of_satellite_run(
+    run: &Path,
+    options: FuseOptions,
+    progress: &dyn Progress,
+) -> Result<FusedMesh, PipelineError> {
+    relocation::finish(run)?;
+    let cameras = TrainedCameras::read(run)?;
+    let splats = cameras.read_splats(run)?;
+    let setup = &cameras.setup;
+    let ((west, south, east, north), [x, y, _]) = (setup.area, setup.site.origin.xyz());
+    let map_box = (x + west, y + south, x + east, y + north);
+    // Finer cells than pixels of the images would only cost time.
+    let gsd_m = setup.views.get(setup.reference).map_or(0.0, |v| v.camera.gsd_m());
+    let cell_m = options.voxel_m.max(gsd_m);
+    let grid = MapGrid::covering(setup.site.epsg, map_box, cell_m);
+    let nadir = (nadir_camera(&grid, &setup.site), (grid.width, grid.height), NADIR_WEIGHT);
+    let training = setup.views.iter().filter(|v| v.role == Role::Train);
+    let mut views: Vec<_> =
+        training.filter_map(|v| seen_part(v, setup).map(|(camera, size)| (camera, size, 1.0))).collect();
+    views.push(nadir);
+    let render = |(camera, size, weight): &(ViewCamera, (usize, usize), f32)| -> Result<_, PipelineError> {
+        let view = NovelView { camera: *camera, size: *size, sun_shear: None };
+        Ok(DepthMap { weight: *weight, ..rendered(&cameras, &splats, &view) })
+    };
+    let options = FuseOptions { bounds: Some(trained_box(setup)), ..options };
+    let mut fused = fuse(views.iter().map(render), &options, progress)?;
+    fused.mesh.site = Some(setup.site);
+    Ok(fused)
+}
+
+/// Altitudes and colours of a view, without shadows and in the radiometry of the reference view.
+fn rendered(cameras: &TrainedCameras, splats: &Splats, view: &NovelView) -> DepthMap {
+    let setup = &cameras.setup;
+    let mut colors = view.picture(splats, &cameras.reference_appearance(), setup.altitudes).colors;
+    setup.transfer_function.encode(&mut colors);
+    let depth = view_altitudes(splats, &view.camera, view.size);
+    let camera = DepthCamera::Parallel { camera: view.camera, size: view.size };
+    DepthMap { color: Some(colors), ..DepthMap::new(camera, depth) }
+}
