@@ -15,6 +15,9 @@ const SMALLEST_M: f64 = 3.2e-4;
 const RANDOM_SPLATS: u64 = 100_000;
 /// Depths of those splats, as a multiple of the distance from the camera to the place that the cameras look at.
 const DEPTHS: (f64, f64) = (0.3, 4.0);
+/// Their scales as a multiple of the distances to their neighbours: at random places in a volume many lie on every ray, and
+/// with the full distances those in front would hide all others.
+const RANDOM_SCALE: f64 = 0.5;
 /// Purpose of the random numbers.
 const DRAW_RAY: u64 = 20;
 
@@ -51,7 +54,9 @@ pub fn splats_on_rays(views: &[PinholeView], seed: u64) -> Splats {
         Some((Point::new(p.x, p.y, p.z), view.color(col, row)?))
     };
     let points: Vec<(Point<Site>, [f32; 3])> = (0..RANDOM_SPLATS).filter_map(point).collect();
-    splats_at_points(&points)
+    let mut out = splats_at_points(&points);
+    out.log_scale.as_flattened_mut().iter_mut().for_each(|s| *s += RANDOM_SCALE.ln() as f32);
+    out
 }
 
 /// The place that is nearest to all optical axes, in the sense of least squares; of parallel axes one that lies ahead of the
