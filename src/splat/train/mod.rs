@@ -398,7 +398,10 @@ mod tests {
         let short = recipe.with_iterations(3000);
         let plan = |i| of(&short).plan(i);
         assert_eq!([100, 101, 301].map(|i| plan(i).sh_degree), [0, 1, 3]);
-        assert!(plan(300).densify.reset_opacity.is_some() && plan(1500).densify.reset_opacity.is_none());
+        assert!((1..3000).all(|i| plan(i).densify.reset_opacity.is_none()), "there is no time to recover");
+        let shorter = recipe.with_iterations(7000);
+        let resets = |i: &u32| of(&shorter).plan(*i).densify.reset_opacity.is_some();
+        assert!((1..7000).filter(resets).eq([3000]));
     }
 
     #[test]
