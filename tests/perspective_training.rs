@@ -5,8 +5,8 @@
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use satgs::perspective::{PerspectiveOptions, PinholeCamera};
 use satgs::pipeline::{
-    DsmOptions, Outcome, PerspectiveRunOptions, PipelineError, RenderOptions, StageResult, TrainOptions, Viewpoint, dsm,
-    nvs_eval, render, run_perspective, train,
+    DsmOptions, Outcome, PerspectiveRunOptions, PipelineError, RenderOptions, StageResult, TrainOptions,
+    Viewpoint, dsm, nvs_eval, render, run_perspective, train,
 };
 use satgs::progress::{Event, NoProgress, Progress, Recorder};
 use satgs::random::CounterRng;
@@ -52,12 +52,14 @@ fn make_scene(folder: &Path) -> PathBuf {
         let camera = camera(k);
         let picture = PinholePicture::render(&splats, &camera);
         let pixels = 0..SIZE.0 * SIZE.1;
-        let rgb: Vec<u8> =
-            pixels.flat_map(|i| picture.colors.each_ref().map(|c| (255.0 * c.data[i]).round() as u8)).collect();
+        let rgb: Vec<u8> = pixels
+            .flat_map(|i| picture.colors.each_ref().map(|c| (255.0 * c.data[i]).round() as u8))
+            .collect();
         satgs::io::write_png_rgb(&scene.join(format!("images/{k}.png")), SIZE.0, SIZE.1, &rgb).unwrap();
         let q = DQuat::from_mat3(&camera.cam_from_site);
         let t = -(camera.cam_from_site * camera.center);
-        writeln!(images, "{} {} {} {} {} {} {} {} 1 {k}.png\n", k + 1, q.w, q.x, q.y, q.z, t.x, t.y, t.z).unwrap();
+        writeln!(images, "{} {} {} {} {} {} {} {} 1 {k}.png\n", k + 1, q.w, q.x, q.y, q.z, t.x, t.y, t.z)
+            .unwrap();
     }
     std::fs::write(model.join("cameras.txt"), "1 PINHOLE 64 48 55 55 32 24\n").unwrap();
     std::fs::write(model.join("images.txt"), images).unwrap();
@@ -71,7 +73,13 @@ fn options(iterations: u32) -> PerspectiveRunOptions {
     PerspectiveRunOptions { train, ..defaults }
 }
 
-fn run(scene: &Path, run: &Path, iterations: u32, threads: usize, progress: &dyn Progress) -> Result<f64, PipelineError> {
+fn run(
+    scene: &Path,
+    run: &Path,
+    iterations: u32,
+    threads: usize,
+    progress: &dyn Progress,
+) -> Result<f64, PipelineError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let mut psnr_db = 0.0;
     let mut completed = |result: StageResult| {
@@ -104,7 +112,9 @@ fn a_run_gives_the_same_bytes_for_any_number_of_threads_and_after_an_interruptio
     // The splats have harmonics, the number of splats changes, and the products are there.
     let trained = ply::read(&path("one/splats.ply")).unwrap();
     assert!(trained.f_rest.len() == trained.len() && trained.len() > 100);
-    for file in ["scene.json", "cameras.json", "train/train.csv", "train/curves.svg", "eval/nvs.json", "report.html"] {
+    for file in
+        ["scene.json", "cameras.json", "train/train.csv", "train/curves.svg", "eval/nvs.json", "report.html"]
+    {
         assert!(path("one").join(file).exists(), "{file}");
     }
     assert!(!path("one/splats.georef.json").exists() && !path("one/dsm.tif").exists());
@@ -120,7 +130,8 @@ fn a_run_gives_the_same_bytes_for_any_number_of_threads_and_after_an_interruptio
 }
 
 fn render_and_refuse(run: &Path) {
-    let like = |name: &str| RenderOptions { viewpoint: Viewpoint::Like(name.into()), ..RenderOptions::default() };
+    let like =
+        |name: &str| RenderOptions { viewpoint: Viewpoint::Like(name.into()), ..RenderOptions::default() };
     render(run, &run.join("view.png"), &like("3"), &NoProgress).unwrap();
     render(run, &run.join("depth.tif"), &RenderOptions { depth: true, ..like("3") }, &NoProgress).unwrap();
     let file = satgs::io::ImageFile::open(&run.join("depth.tif")).unwrap();
@@ -140,7 +151,8 @@ fn render_and_refuse(run: &Path) {
         train(run, &TrainOptions::default(), &NoProgress).err().unwrap().to_string(),
         satgs::pipeline::read_scene(run).err().unwrap().to_string(),
     ];
-    let says = ["none", "--view", "georeference", "recipe `best` is for satellite scenes", "perspective scene"];
+    let says =
+        ["none", "--view", "georeference", "recipe `best` is for satellite scenes", "perspective scene"];
     for (refusal, says) in refusals.iter().zip(says) {
         assert!(refusal.contains(says), "{refusal}");
     }

@@ -53,7 +53,8 @@ pub fn print(threads: usize) {
         size: SIZE,
     };
     let target = noise(SIZE.0, SIZE.1, 3);
-    let input = PinholeStep { camera: &camera, target: &target, valid: &[], background: [0.0; 3], sh_degree: 3 };
+    let input =
+        PinholeStep { camera: &camera, target: &target, valid: &[], background: [0.0; 3], sh_degree: 3 };
     let rates = PerGroup {
         position: 1e-9,
         f_dc: 1e-9,

@@ -4,8 +4,8 @@ use super::{CliError, Ui, ba, parse_metres, train};
 use crate::mvs::DSM_CELL_M;
 use crate::pipeline::{Outcome, adjust};
 use crate::run_files::PLAN;
-use crate::tiles::{Plan, PlanOptions, TileSurface, plan};
 use crate::splat::train::recipe::Recipe;
+use crate::tiles::{Plan, PlanOptions, TileSurface, plan};
 use std::path::Path;
 
 /// Plan the tiles of a large scene: writes RUN/tiles.json with each tile's predicted time and memory

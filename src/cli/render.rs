@@ -75,8 +75,13 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
             size: args.size,
         },
     };
-    let options =
-        RenderOptions { viewpoint, sun_deg: args.sun, sun_to_deg: args.sun_to, frames: args.frames, depth: args.depth };
+    let options = RenderOptions {
+        viewpoint,
+        sun_deg: args.sun,
+        sun_to_deg: args.sun_to,
+        frames: args.frames,
+        depth: args.depth,
+    };
     let rendered = render(&args.run, &args.output, &options, ui)?;
     let text = format!("{}, images: {}", rendered.output.display(), rendered.frames);
     ui.summary("render", Some(&text), &rendered)

@@ -96,7 +96,11 @@ fn show_stage(run: &Path, result: &StageResult, ui: &Ui) -> Result<(), CliError>
 fn run_photographs(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let (run, overwrite) = (args.ba.output(), args.ba.overwrite());
     args.ba.require_perspective()?;
-    super::perspective_args::refuse(&[("--truth", args.truth.is_some())], "satellite scenes", args.ba.scene())?;
+    super::perspective_args::refuse(
+        &[("--truth", args.truth.is_some())],
+        "satellite scenes",
+        args.ba.scene(),
+    )?;
     let options = PerspectiveRunOptions {
         scene: args.perspective.options(),
         train: args.training.options(Recipe::OF_PERSPECTIVE_SCENES, overwrite),

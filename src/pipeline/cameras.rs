@@ -46,7 +46,8 @@ impl TrainedCameras {
         let path = run.join(SPLATS);
         let mut splats = ply::read(&path)?;
         if !splats.f_rest.is_empty() {
-            let reason = "it has spherical harmonics above degree 0 (`f_rest_*`), which satellite runs do not have";
+            let reason =
+                "it has spherical harmonics above degree 0 (`f_rest_*`), which satellite runs do not have";
             return Err(PlyError::Format { path, reason: reason.into() }.into());
         }
         if !self.setup.transfer_function.is_linear() {

@@ -1,8 +1,8 @@
 //! Sections of the page of a perspective scene.
 
+use super::ReportError;
 use super::pictures::img_of_file;
 use super::sections::{missing, read_if_present, table};
-use super::ReportError;
 use crate::io::escape_xml;
 use crate::run_files::{NVS_PICTURES, NVS_SCORES, SCENE};
 use serde_json::Value;
@@ -34,7 +34,8 @@ pub(super) fn views(run: &Path) -> Result<String, ReportError> {
     );
     for skipped in scene["skipped"].as_array().into_iter().flatten() {
         let (name, reason) = (text(&skipped[0]), text(&skipped[1]));
-        let _ = writeln!(out, "<p class=\"note\">Left out: {}, {}</p>", escape_xml(&name), escape_xml(&reason));
+        let _ =
+            writeln!(out, "<p class=\"note\">Left out: {}, {}</p>", escape_xml(&name), escape_xml(&reason));
     }
     let rows = views.iter().map(|view| {
         let role = if view["role"] == "test" { "test" } else { "training" };
@@ -50,9 +51,15 @@ pub(super) fn held_back(run: &Path) -> Result<String, ReportError> {
     let Some(scores) = read_if_present::<Value>(&run.join(NVS_SCORES))? else {
         return Ok("<p class=\"note\">No view was held back.</p>\n".to_owned());
     };
-    let number = |value: &Value, digits: usize| value.as_f64().map_or("–".into(), |v| format!("{v:.digits$}"));
+    let number =
+        |value: &Value, digits: usize| value.as_f64().map_or("–".into(), |v| format!("{v:.digits$}"));
     let row = |name: &str, score: &Value| {
-        vec![name.to_owned(), number(&score["psnr_db"], 2), number(&score["ssim"], 3), number(&score["pixels"], 0)]
+        vec![
+            name.to_owned(),
+            number(&score["psnr_db"], 2),
+            number(&score["ssim"], 3),
+            number(&score["pixels"], 0),
+        ]
     };
     let views = scores["views"].as_array().cloned().unwrap_or_default();
     let name = |view: &Value| view["view"].as_str().unwrap_or_default().to_owned();

@@ -124,7 +124,8 @@ impl<S: Simd> Factors<SimdVec<S>> {
     #[inline(always)]
     fn broadcast(simd: S) -> Self {
         let plain = Factors::plain();
-        let [two, three, four] = broadcast_each(simd, [plain.two, plain.three, plain.four].map(Real::from_f64));
+        let [two, three, four] =
+            broadcast_each(simd, [plain.two, plain.three, plain.four].map(Real::from_f64));
         Self {
             c1: broadcast_each(simd, plain.c1.map(Real::from_f64)),
             c2: broadcast_each(simd, plain.c2.map(Real::from_f64)),
@@ -215,7 +216,8 @@ fn directions<S: Simd>(
             axes[k][i] = p[k] - center[k];
         }
     }
-    let [x, y, z] = [SimdVec::load(simd, &axes[0]), SimdVec::load(simd, &axes[1]), SimdVec::load(simd, &axes[2])];
+    let [x, y, z] =
+        [SimdVec::load(simd, &axes[0]), SimdVec::load(simd, &axes[1]), SimdVec::load(simd, &axes[2])];
     let least = SimdVec::broadcast(simd, S::Scalar::from_f64(1e-24));
     let inverse = (x * x + y * y + z * z).max(least).sqrt().reciprocal();
     ([x * inverse, y * inverse, z * inverse], inverse)
@@ -272,7 +274,8 @@ impl<T: SimdReal> SimdKernel<T> for Colors<'_, T> {
                 *color = color_from_f_dc(splats.f_dc[first + i]);
             }
             if used > 0 {
-                let (direction, _) = directions(simd, &splats.position[first..first + colors.len()], from.center);
+                let (direction, _) =
+                    directions(simd, &splats.position[first..first + colors.len()], from.center);
                 let rows = basis_rows(simd, direction, used);
                 for (i, color) in colors.iter_mut().enumerate() {
                     for c in 0..3 {
@@ -423,7 +426,10 @@ mod tests {
                     };
                     let expected = (shifted(1e-6) - shifted(-1e-6)) / 2e-6;
                     let value = gradient.groups()[group][k];
-                    assert!((value - expected).abs() < 1e-6 * expected.abs().max(1.0), "degree {degree}, group {group}, {k}: {value} {expected}");
+                    assert!(
+                        (value - expected).abs() < 1e-6 * expected.abs().max(1.0),
+                        "degree {degree}, group {group}, {k}: {value} {expected}"
+                    );
                 }
             }
         }

@@ -11,7 +11,10 @@ const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
 
 /// The parameter groups that splats have, in the order of the columns (that of 3DGS), and the values of each.
 fn groups_of(splats: &Splats) -> impl Iterator<Item = (GroupInfo, &[f32])> {
-    GROUP_INFO.into_iter().zip(splats.groups()).filter(|(info, values)| !(info.is_optional && values.is_empty()))
+    GROUP_INFO
+        .into_iter()
+        .zip(splats.groups())
+        .filter(|(info, values)| !(info.is_optional && values.is_empty()))
 }
 
 /// Why a splat file could not be read.
@@ -108,8 +111,9 @@ fn rest_columns(properties: &[String]) -> Option<Vec<(usize, usize)>> {
     let of_channel = found.len() / 3;
     let is_degree = [0, 3, 8, 15].contains(&of_channel) && found.len() == 3 * of_channel;
     let is_whole = (0..found.len()).all(|k| found.iter().filter(|f| f.1 == k).count() == 1);
-    (is_degree && is_whole)
-        .then(|| found.into_iter().map(|(column, k)| (column, k / of_channel * 15 + k % of_channel)).collect())
+    (is_degree && is_whole).then(|| {
+        found.into_iter().map(|(column, k)| (column, k / of_channel * 15 + k % of_channel)).collect()
+    })
 }
 
 /// Reads splats that [`write()`] or another 3DGS program wrote, with spherical harmonics of any degree up to 3. Properties that
@@ -220,13 +224,16 @@ mod tests {
         let bytes = std::fs::read(&path).unwrap();
         let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap();
         let header = String::from_utf8(bytes[..end].to_vec()).unwrap();
-        let names: Vec<&str> = header.lines().filter_map(|line| line.strip_prefix("property float ")).collect();
+        let names: Vec<&str> =
+            header.lines().filter_map(|line| line.strip_prefix("property float ")).collect();
         assert_eq!(names[..10], ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "f_rest_0"]);
         assert_eq!((names.len(), names[53], names[54]), (62, "f_rest_44", "opacity"));
         // Of degree 1 each channel has three coefficients.
         let without = |dropped: &dyn Fn(usize) -> bool| {
-            let kept = |c: &usize| !names[*c].strip_prefix("f_rest_").is_some_and(|k| dropped(k.parse().unwrap()));
-            let mut header: String = header.lines().filter(|l| !l.contains("property")).flat_map(|l| [l, "\n"]).collect();
+            let kept =
+                |c: &usize| !names[*c].strip_prefix("f_rest_").is_some_and(|k| dropped(k.parse().unwrap()));
+            let mut header: String =
+                header.lines().filter(|l| !l.contains("property")).flat_map(|l| [l, "\n"]).collect();
             (0..62).filter(&kept).for_each(|c| header += &format!("property float {}\n", names[c]));
             let mut out = (header + "end_header\n").into_bytes();
             for vertex in bytes[end + 11..].chunks(4 * 62) {

@@ -2,7 +2,9 @@
 
 use super::super::PipelineError;
 use crate::io::{read_json, write_json};
-use crate::perspective::{Georeference, GeoreferenceSource, Layout, PerspectiveOptions, PerspectiveScene, TestViews};
+use crate::perspective::{
+    Georeference, GeoreferenceSource, Layout, PerspectiveOptions, PerspectiveScene, TestViews,
+};
 use crate::run_files::SCENE;
 use crate::scene::Role;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! Scores of renders against photographs that were held back from training.
 
-use super::super::nvs_scores::{NvsScores, ViewScore};
 use super::super::PipelineError;
+use super::super::nvs_scores::{NvsScores, ViewScore};
 use super::cameras::PerspectiveCameras;
 use super::manifest::PerspectiveManifest;
 use super::train::read_view;
@@ -55,9 +55,8 @@ pub fn nvs_eval(
         progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });
     }
     progress.event(Event::Finished);
-    let mean = |of: fn(&PictureScore) -> f64| {
-        scores.iter().map(|v| of(&v.score)).sum::<f64>() / scores.len() as f64
-    };
+    let mean =
+        |of: fn(&PictureScore) -> f64| scores.iter().map(|v| of(&v.score)).sum::<f64>() / scores.len() as f64;
     let pixels = scores.iter().map(|v| v.score.pixels).sum();
     let mean = PictureScore { psnr_db: mean(|s| s.psnr_db), ssim: mean(|s| s.ssim), pixels };
     let scores = NvsScores { views: scores, mean: Some(mean) };

@@ -1,11 +1,11 @@
 //! Training of a perspective scene.
 
+use super::super::PipelineError;
 use super::super::checkpoints::Checkpoints;
 use super::super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
 use super::super::train_options::TrainOptions;
 use super::super::trained::{Trained, mean_of_last};
 use super::super::training_files::write_log;
-use super::super::PipelineError;
 use super::cameras::{PerspectiveCameras, TrainedPhoto};
 use super::manifest::PerspectiveManifest;
 use crate::affine::SiteSceneError;
@@ -143,7 +143,8 @@ fn read_views(scene: &PerspectiveScene, progress: &dyn Progress) -> Result<Vec<P
     // As many at a time as there are threads: an undistorted image is several times as large as what is kept of it.
     for some in training.chunks(rayon::current_num_threads().max(1)) {
         progress.check()?;
-        let read: Vec<Result<PinholeView, PipelineError>> = some.par_iter().map(|view| read_view(view)).collect();
+        let read: Vec<Result<PinholeView, PipelineError>> =
+            some.par_iter().map(|view| read_view(view)).collect();
         for view in read {
             views.push(view?);
         }
@@ -159,7 +160,11 @@ pub(super) fn read_view(view: &PerspectiveView) -> Result<PinholeView, PipelineE
 }
 
 /// The splats that training begins with: at the scene's points, else at those of its depth maps, else at random.
-fn splats_at_start(scene: &PerspectiveScene, views: &[PinholeView], seed: u64) -> Result<Splats, PipelineError> {
+fn splats_at_start(
+    scene: &PerspectiveScene,
+    views: &[PinholeView],
+    seed: u64,
+) -> Result<Splats, PipelineError> {
     let has_depths = scene.training().any(|v| v.depth.is_some());
     let points = match scene.points.is_empty() && has_depths {
         true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO_M)?,

@@ -136,7 +136,8 @@ impl Loaded {
             counts.densified = state.densify(rule, *half_side_m, (plan.seed, u64::from(iteration)));
         }
         if let Some(opacity) = plan.prune_below {
-            counts.pruned = state.prune(opacity, plan.prune_above_m.unwrap_or(f64::INFINITY), self.scene.altitudes);
+            counts.pruned =
+                state.prune(opacity, plan.prune_above_m.unwrap_or(f64::INFINITY), self.scene.altitudes);
             state.statistics.reset(state.splats.len());
         }
         if let Some(opacity) = plan.reset_opacity {

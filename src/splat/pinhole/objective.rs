@@ -285,13 +285,20 @@ mod tests {
     #[test]
     fn gradients_of_the_whole_loss_agree_with_central_differences() {
         let (camera, (target, valid), splats) = (camera(), target(), scene(40));
-        let input =
-            PinholeStep { camera: &camera, target: &target, valid: &valid, background: [0.1, 0.2, 0.3], sh_degree: 3 };
+        let input = PinholeStep {
+            camera: &camera,
+            target: &target,
+            valid: &valid,
+            background: [0.1, 0.2, 0.3],
+            sh_degree: 3,
+        };
         let weights = LossWeights::of(&[("opacity", 0.05)]).unwrap();
         let mut objective = PinholeObjective::<f64>::new(terms(None));
         let (mut gradient, mut watch) = (Splats::default(), Stopwatch::default());
         let losses = objective.evaluate(&splats, &input, &weights, &mut gradient, &mut watch);
-        assert!(losses.total > 0.1 && (0..40).filter(|i| objective.mean2d_gradient(*i).is_some()).count() > 30);
+        assert!(
+            losses.total > 0.1 && (0..40).filter(|i| objective.mean2d_gradient(*i).is_some()).count() > 30
+        );
         let mut unused = Splats::default();
         let mut loss = |s: &Splats<f64>| {
             objective.evaluate(s, &input, &weights, &mut unused, &mut Stopwatch::default()).total

@@ -147,9 +147,7 @@ impl Schedule<'_> {
             let since = (iteration - 1) % reset.every + 1;
             (iteration > reset.every).then_some((reset, since))
         });
-        let is_paused = |span: fn(&OpacityReset) -> u32| {
-            past_reset.is_some_and(|(r, s)| s < span(&r))
-        };
+        let is_paused = |span: fn(&OpacityReset) -> u32| past_reset.is_some_and(|(r, s)| s < span(&r));
         let virtual_terms = ["consistency_altitude", "consistency_color"];
         let mut weights = r.weights.scaled(&virtual_terms, f64::from(r.virtual_every));
         if is_paused(|r| r.opacity_loss_pause) {
@@ -386,7 +384,9 @@ mod tests {
         let recipe = Recipe::named("3dgs").unwrap();
         let plan = |i| of(&recipe).plan(i);
         let densifies = |i| plan(i).densify.densify.is_some();
-        assert!(!densifies(500) && densifies(600) && densifies(3000) && densifies(14_900) && !densifies(15_000));
+        assert!(
+            !densifies(500) && densifies(600) && densifies(3000) && densifies(14_900) && !densifies(15_000)
+        );
         let resets = |i| plan(i).densify.reset_opacity.is_some();
         assert!(resets(3000) && resets(12_000) && !resets(15_000) && !resets(18_000));
         let prunes_large = |i| plan(i).densify.prune_above_m.is_some();
