@@ -1,10 +1,12 @@
 //! Times of an iteration's stages as tables for `docs/performance.md`, each the fastest of several runs.
 //!
 //! `cargo bench --bench splat [-- THREADS... RUN/splats.ply]` measures with one and two threads if no numbers are given, and
-//! with simulated splats ([`scene::town`]) if no file of trained splats is given.
+//! with simulated splats ([`scene::town`]) if no file of trained splats is given. With the word `room` it measures an iteration
+//! on a photograph instead ([`room`]).
 
 #![allow(clippy::print_stdout)]
 
+mod room;
 mod scene;
 
 use glam::{DQuat, DVec3};
@@ -282,6 +284,13 @@ fn main() {
         .find(|a| a.ends_with(".ply"))
         .map(|path| satgs::splat::ply::read(path.as_ref()).expect("splats are read"));
     let counts = if threads_given.is_empty() { vec![1, 2] } else { threads_given };
+    if std::env::args().any(|a| a == "room") {
+        for &threads in &counts {
+            let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
+            pool.install(|| room::print(threads));
+        }
+        return;
+    }
     let mut tables = Vec::new();
     for &threads in &counts {
         let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");

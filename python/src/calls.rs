@@ -117,6 +117,7 @@ fn stage(result: &SceneResult) -> Result<(&'static str, Figures), PipelineError>
             ("ba", (Some(json(adjusted)?), adjusted.was_complete))
         }
         SceneResult::Stage(StageResult::Trained(outcome)) => ("train", figures(outcome)?),
+        SceneResult::Stage(StageResult::Scored(scores)) => ("nvs-eval", (Some(json(scores)?), false)),
         SceneResult::Stage(StageResult::Dsm(outcome)) => ("dsm", figures(outcome)?),
         SceneResult::Stage(StageResult::Evaluated(evaluation)) => {
             ("dsm-eval", (Some(json(evaluation)?), false))

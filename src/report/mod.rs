@@ -4,6 +4,7 @@
 //! it.
 
 mod figures;
+mod photographs;
 mod pictures;
 mod score_table;
 mod sections;
@@ -14,7 +15,7 @@ pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
 pub use sections::{adjustment, scores, surface, table};
 
 use crate::io::{RasterError, ReadError, WriteError, escape_xml, write_file};
-use crate::run_files::{PAGE, SCENE};
+use crate::run_files::{DSM, PAGE, SCENE};
 use std::path::{Path, PathBuf};
 
 /// Why a report could not be written.
@@ -50,17 +51,37 @@ pub fn write(run: &Path) -> Result<PathBuf, ReportError> {
     if !run.join(SCENE).exists() {
         return Err(ReportError::NoRun { run: run.into() });
     }
-    let sections = [
+    let sections = if photographs::is_perspective(run)? { of_photographs(run)? } else { of_satellites(run)? };
+    let path = run.join(PAGE);
+    write_file(&path, page(run, &sections))?;
+    Ok(path)
+}
+
+/// ID, title and content of a section.
+type Section = (&'static str, &'static str, String);
+
+fn of_satellites(run: &Path) -> Result<Vec<Section>, ReportError> {
+    Ok(vec![
         ("inputs", "Inputs", sections::inputs(run)?),
         ("adjustment", "Adjustment", sections::adjustment(run)?),
         ("training", "Training", sections::training(run)?),
         ("surface", "Surface", sections::surface(run)?),
         ("scores", "Scores", sections::scores(run)?),
         ("commands", "Versions and commands", sections::commands(run)?),
+    ])
+}
+
+fn of_photographs(run: &Path) -> Result<Vec<Section>, ReportError> {
+    let mut sections = vec![
+        ("inputs", "Inputs", photographs::views(run)?),
+        ("training", "Training", sections::training(run)?),
+        ("views", "Views held back", photographs::held_back(run)?),
     ];
-    let path = run.join(PAGE);
-    write_file(&path, page(run, &sections))?;
-    Ok(path)
+    if run.join(DSM).exists() {
+        sections.push(("surface", "Surface", sections::surface(run)?));
+    }
+    sections.push(("commands", "Versions and commands", sections::commands(run)?));
+    Ok(sections)
 }
 
 /// The text of a page that shows a run folder; each section has an ID, a title and a content as HTML. The page needs no
@@ -81,7 +102,7 @@ pub fn page(run: &Path, sections: &[(&str, &str, String)]) -> String {
          <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
          style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n\
          <link rel=\"icon\" href=\"data:,\">\n<title>{name}: satgs</title>\n<style>\n{}</style>\n</head>\n<body>\n\
-         <header>\n<h1>{name}</h1>\n<p>Satellite photogrammetry by satgs {}</p>\n\
+         <header>\n<h1>{name}</h1>\n<p>Made by satgs {}</p>\n\
          <nav aria-label=\"Sections\">\n{links}</nav>\n</header>\n<main>\n{body}</main>\n\
          <script>\n{}</script>\n</body>\n</html>\n",
         include_str!("page.css"),

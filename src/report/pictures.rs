@@ -24,6 +24,15 @@ pub(super) fn img(
     ))
 }
 
+/// An `<img>` element with an embedded PNG file.
+pub(super) fn img_of_file(path: &Path, alt: &str) -> Result<String, RasterError> {
+    let file = ImageFile::open(path)?;
+    let (width, height) = file.size();
+    let bands = (1..=3).map(|band| file.read(band)).collect::<Result<Vec<_>, _>>()?;
+    let rgb: Vec<u8> = (0..width * height).flat_map(|i| [0, 1, 2].map(|k| bands[k].data[i] as u8)).collect();
+    img(width, height, &rgb, alt, "")
+}
+
 /// RGB bytes of colours in [0, 1], from one band or three; NaN becomes black.
 pub(super) fn rgb_of(bands: &[Grid2]) -> Vec<u8> {
     let band = |i: usize| &bands[i.min(bands.len() - 1)].data;

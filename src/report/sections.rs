@@ -274,11 +274,11 @@ fn degrees(angle: f64) -> String {
     format!("{angle:.1}°")
 }
 
-fn missing(command: &str) -> String {
+pub(super) fn missing(command: &str) -> String {
     format!("<p class=\"note\">Not available yet: <code>satgs {command}</code> computes it.</p>\n")
 }
 
 /// A JSON file of the run; none if the file does not exist.
-fn read_if_present<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
+pub(super) fn read_if_present<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
     if path.exists() { Ok(Some(read_json(path)?)) } else { Ok(None) }
 }

@@ -5,16 +5,21 @@
 
 use crate::splat::appearance::Appearance;
 use crate::splat::edit::Edit;
-use crate::splat::splats::{PerGroup, Splats};
+use crate::splat::splats::{GROUP_INFO, PerGroup, Splats};
 use multiversion::multiversion;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Decay rates of the moments (3DGS).
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.999;
 /// Added to the denominator for the splats' parameters (3DGS).
 const EPSILON: f32 = 1e-15;
+
+/// Number of values that one task works on, and number of splats of an optional group.
+const PIECE: usize = 1 << 14;
+const SPARSE_PIECE: usize = 512;
 
 /// Moments of the splats' gradients.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -37,18 +42,30 @@ impl SplatAdam {
     }
 
     /// Takes one step with the given learning rate for each parameter group.
+    ///
+    /// Optional groups are large. Of these, splats whose gradient is zero, as it is where a view does not show them, keep
+    /// their values and moments (the sparse Adam of 3DGS's program).
     pub fn step(&mut self, splats: &mut Splats, gradient: &Splats, rates: &PerGroup<f64>) {
         self.steps += 1;
         let correction = Correction::after(self.steps);
         let moments = self.first.groups_mut().into_iter().zip(self.second.groups_mut());
         let groups =
             splats.groups_mut().into_iter().zip(gradient.groups()).zip(moments).zip(rates.to_array());
-        for (((values, gradient), (first, second)), rate) in groups {
-            const PIECE: usize = 1 << 14;
-            let moments = first.par_chunks_mut(PIECE).zip(second.par_chunks_mut(PIECE));
-            let pieces = values.par_chunks_mut(PIECE).zip(gradient.par_chunks(PIECE)).zip(moments);
+        for ((((values, gradient), (first, second)), rate), info) in groups.zip(GROUP_INFO) {
+            let piece = if info.is_optional { SPARSE_PIECE * info.width } else { PIECE };
+            let moments = first.par_chunks_mut(piece).zip(second.par_chunks_mut(piece));
+            let pieces = values.par_chunks_mut(piece).zip(gradient.par_chunks(piece)).zip(moments);
             pieces.for_each(|((values, gradient), (first, second))| {
-                update(values, gradient, first, second, rate as f32, EPSILON, correction);
+                let mut run = |range: Range<usize>| {
+                    let (first, second) = (&mut first[range.clone()], &mut second[range.clone()]);
+                    let (values, gradient) = (&mut values[range.clone()], &gradient[range]);
+                    update(values, gradient, first, second, rate as f32, EPSILON, correction);
+                };
+                if info.is_optional {
+                    runs_of_nonzero(gradient, info.width).for_each(run);
+                } else {
+                    run(0..gradient.len());
+                }
             });
         }
     }
@@ -60,6 +77,19 @@ impl SplatAdam {
             moments.zero_fresh(edit);
         }
     }
+}
+
+/// Runs of successive splats, with `width` values each, whose gradients are not zero, as ranges of values.
+fn runs_of_nonzero(gradient: &[f32], width: usize) -> impl Iterator<Item = Range<usize>> + '_ {
+    let is_zero = move |splat: usize| gradient[splat * width..(splat + 1) * width].iter().all(|g| *g == 0.0);
+    let count = gradient.len() / width;
+    let mut next = 0;
+    std::iter::from_fn(move || {
+        let start = (next..count).find(|splat| !is_zero(*splat))?;
+        let end = (start + 1..count).find(|splat| is_zero(*splat)).unwrap_or(count);
+        next = end + 1;
+        Some(start * width..end * width)
+    })
 }
 
 /// Moments of the gradients of one view's colour model; they change only in iterations with the view.
@@ -129,5 +159,24 @@ mod tests {
         for (a, b) in g.position[0].iter().zip([-0.1, 0.1, 0.0]) {
             assert!((a - b).abs() < 1e-6, "{:?}", g.position[0]);
         }
+    }
+
+    #[test]
+    fn harmonics_of_splats_that_a_view_does_not_show_wait() {
+        let mut g = Splats::zeros(5);
+        g.f_rest.resize(5, [0.0; 45]);
+        let mut gradient = g.clone();
+        for shown in [1, 2, 4] {
+            gradient.f_rest[shown][44] = 2.0;
+        }
+        let rates = PerGroup { f_rest: 0.1, ..PerGroup::default() };
+        let mut adam = SplatAdam::new(&g);
+        adam.step(&mut g, &gradient, &rates);
+        let moved: Vec<bool> = g.f_rest.iter().map(|f| (f[44] + 0.1).abs() < 1e-6).collect();
+        assert_eq!(moved, [false, true, true, false, true]);
+        let (values, moments) = (g.f_rest[1], adam.first.f_rest[1]);
+        gradient.f_rest[1] = [0.0; 45];
+        adam.step(&mut g, &gradient, &rates);
+        assert!(g.f_rest[1] == values && adam.first.f_rest[1] == moments && g.f_rest[2] != values);
     }
 }

@@ -131,6 +131,19 @@ mod tests {
     }
 
     #[test]
+    fn photographs_are_scored_whole_and_without_a_change_of_colours() {
+        let picture: [Grid2; 3] = std::array::from_fn(|k| Grid2::from_fn(80, 60, |c, r| texture(c, r, k)));
+        let mut truth = picture.clone();
+        truth.iter_mut().flat_map(|c| &mut c.data).for_each(|v| *v += 0.1);
+        truth[1].data[7] = f32::NAN;
+        let score = score_photograph(&picture, &truth).unwrap();
+        assert!((score.psnr_db - 20.0).abs() < 1e-3 && score.ssim < 1.0, "{score:?}");
+        assert_eq!(score.pixels, 80 * 60 - 1);
+        truth[0].data.fill(f32::NAN);
+        assert!(score_photograph(&picture, &truth).is_none());
+    }
+
+    #[test]
     fn invalid_pixels_are_not_scored() {
         let picture: [Grid2; 3] = std::array::from_fn(|k| Grid2::from_fn(80, 60, |c, r| texture(c, r, k)));
         let mut masked = target(texture);

@@ -23,6 +23,9 @@ const RANDOM_SPLATS: u64 = 100_000;
 const DEPTHS: (f64, f64) = (0.3, 4.0);
 /// Number of neighbours, the point itself among them, that give a disc its normal.
 const NEIGHBOURS: NonZero<usize> = NonZero::new(9).unwrap();
+/// Their scales as a multiple of the distances to their neighbours: at random places in a volume many lie on every ray, and
+/// with the full distances those in front would hide all others.
+const RANDOM_SCALE: f64 = 0.5;
 /// Purpose of the random numbers.
 const DRAW_RAY: u64 = 20;
 
@@ -83,7 +86,9 @@ pub fn splats_on_rays(views: &[PinholeView], primitive: PrimitiveKind, seed: u64
         Some((Point::new(p.x, p.y, p.z), view.color(col, row)?))
     };
     let points: Vec<(Point<Site>, [f32; 3])> = (0..RANDOM_SPLATS).filter_map(point).collect();
-    splats_at_points(&points, primitive)
+    let mut out = splats_at_points(&points, primitive);
+    out.log_scale.as_flattened_mut().iter_mut().for_each(|s| *s += RANDOM_SCALE.ln() as f32);
+    out
 }
 
 /// The place that is nearest to all optical axes, in the sense of least squares; of parallel axes one that lies ahead of the
@@ -114,6 +119,10 @@ mod tests {
     use crate::io::Grid2;
     use glam::DVec2;
 
+    fn cameras_of(views: &[PinholeView]) -> Vec<PinholeCamera> {
+        views.iter().map(|v| v.camera).collect()
+    }
+
     #[test]
     fn splats_are_as_large_as_the_gaps_between_points() {
         let points: Vec<_> = (0..100)
@@ -141,12 +150,12 @@ mod tests {
             PinholeView::new(format!("{k}"), camera, &[plane.clone(), plane.clone(), plane])
         };
         let views: Vec<_> = (0..9).map(view).collect();
-        assert!(focus(&views).distance(DVec3::new(0.0, 0.0, 1.0)) < 1e-9);
+        assert!(focus(&cameras_of(&views)).distance(DVec3::new(0.0, 0.0, 1.0)) < 1e-9);
         let splats = splats_on_rays(&views, PrimitiveKind::Ellipsoid, 0);
         assert_eq!(splats.len(), RANDOM_SPLATS as usize);
         let near = splats.position.iter().filter(|p| p[0].hypot(p[1]) < 2.0).count();
         assert!(near > splats.len() / 4, "{near}");
         let parallel: Vec<_> = (0..3).map(|_| view(0)).collect();
-        assert!(focus(&parallel).is_finite());
+        assert!(focus(&cameras_of(&parallel)).is_finite());
     }
 }

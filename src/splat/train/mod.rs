@@ -386,6 +386,31 @@ mod tests {
     }
 
     #[test]
+    fn the_schedule_of_3dgs_is_that_of_its_program() {
+        let recipe = Recipe::named("3dgs").unwrap();
+        let plan = |i| of(&recipe).plan(i);
+        let densifies = |i| plan(i).densify.densify.is_some();
+        assert!(
+            !densifies(500) && densifies(600) && densifies(3000) && densifies(14_900) && !densifies(15_000)
+        );
+        let resets = |i| plan(i).densify.reset_opacity.is_some();
+        assert!(resets(3000) && resets(12_000) && !resets(15_000) && !resets(18_000));
+        let prunes_large = |i| plan(i).densify.prune_above_m.is_some();
+        assert!(!prunes_large(3000) && prunes_large(3100) && !prunes_large(15_100));
+        assert_eq!([1, 1000, 1001, 3001, 30_000].map(|i| plan(i).sh_degree), [0, 0, 1, 3, 3]);
+        assert_eq!(plan(7).background, [0.0; 3]);
+        let rate = |i| plan(i).rates.position / 226.0;
+        assert!((rate(15_000) - 1.6e-5).abs() < 1e-9 && (rate(30_000) - 1.6e-6).abs() < 1e-10);
+        let short = recipe.with_iterations(3000);
+        let plan = |i| of(&short).plan(i);
+        assert_eq!([100, 101, 301].map(|i| plan(i).sh_degree), [0, 1, 3]);
+        assert!((1..3000).all(|i| plan(i).densify.reset_opacity.is_none()), "there is no time to recover");
+        let shorter = recipe.with_iterations(7000);
+        let resets = |i: &u32| of(&shorter).plan(*i).densify.reset_opacity.is_some();
+        assert!((1..7000).filter(resets).eq([3000]));
+    }
+
+    #[test]
     fn no_virtual_view_is_rendered_without_a_consistency_weight() {
         let mut recipe = Recipe::named("best").unwrap();
         recipe.weights = recipe.weights.scaled(&["consistency_altitude", "consistency_color"], 0.0);

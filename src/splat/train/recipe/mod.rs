@@ -218,7 +218,8 @@ impl Recipe {
     /// The same recipe with all iteration numbers scaled to another total.
     ///
     /// The interval between checks is not scaled: the gradient statistics need that number of views, and with a shorter
-    /// interval splats that have not converged yet would be densified at every check.
+    /// interval splats that have not converged yet would be densified at every check. Nor is the interval between opacity
+    /// resets of perspective scenes, whose splats need that many iterations to become opaque again.
     #[must_use]
     pub fn with_iterations(&self, iterations: u32) -> Self {
         let scale =
@@ -227,7 +228,7 @@ impl Recipe {
         let densification =
             self.densification.map(|g| Densification { from: scale(g.from), until: scale(g.until), ..g });
         let reset = self.reset.map(|r| OpacityReset {
-            every: at_least_one(r.every),
+            every: if self.perspective.is_some() { r.every } else { at_least_one(r.every) },
             opacity_loss_pause: scale(r.opacity_loss_pause),
             densification_pause: scale(r.densification_pause),
             until: r.until.map(scale),

@@ -1,0 +1,86 @@
+//! An iteration on a photograph of 640 x 480 pixels: a simulated room of 300,000 splats with spherical harmonics of degree 3,
+//! of which the camera sees about a third.
+
+use super::{fastest_ms, noise};
+use glam::{DMat3, DVec2, DVec3};
+use satgs::perspective::PinholeCamera;
+use satgs::random::CounterRng;
+use satgs::splat::adam::SplatAdam;
+use satgs::splat::backend::stopwatch::Stopwatch;
+use satgs::splat::loss::{LossWeights, terms};
+use satgs::splat::pinhole::{PinholeObjective, PinholeStep};
+use satgs::splat::splats::{PerGroup, Splats};
+
+const SPLATS: usize = 300_000;
+const SIZE: (usize, usize) = (640, 480);
+/// Half sides of the room, metres.
+const ROOM_M: [f64; 3] = [3.0, 3.0, 1.5];
+/// Medians of the scales along the axes, metres, and the standard deviation of their logarithms.
+const AXES: [(f64, f64); 3] = [(0.003, 0.8), (0.012, 0.6), (0.025, 0.6)];
+
+/// Splats on the walls, the floor and the ceiling of the room, and in its middle.
+fn splats() -> Splats {
+    let mut out = Splats::zeros(SPLATS);
+    out.f_rest.resize(SPLATS, [0.0; 45]);
+    for i in 0..SPLATS {
+        let mut draw = CounterRng::new(1, 0, 0, i as u64);
+        let mut p = ROOM_M.map(|half| half * (2.0 * draw.uniform() - 1.0));
+        if draw.uniform() < 0.8 {
+            let axis = draw.below(3);
+            p[axis] = ROOM_M[axis] * p[axis].signum() + 0.02 * draw.normal();
+        } else {
+            p = p.map(|v| 0.5 * v);
+        }
+        out.position[i] = p.map(|v| v as f32);
+        out.log_scale[i] = AXES.map(|(median, deviation)| (median.ln() + deviation * draw.normal()) as f32);
+        out.rotation[i] = [0; 4].map(|_| draw.normal() as f32);
+        out.opacity_logit[i][0] = (2.0 * draw.normal() - 1.0) as f32;
+        out.f_dc[i] = [0; 3].map(|_| draw.normal() as f32);
+        out.f_rest[i] = [0; 45].map(|_| 0.1 * draw.normal() as f32);
+    }
+    out
+}
+
+/// Prints the time of an iteration and of its parts.
+pub fn print(threads: usize) {
+    let splats = splats();
+    let cam_from_site = DMat3::from_cols(-DVec3::Y, -DVec3::Z, DVec3::X).transpose();
+    let camera = PinholeCamera {
+        cam_from_site,
+        center: DVec3::new(-2.5, 0.3, 0.1),
+        focal: DVec2::splat(585.0),
+        principal: DVec2::new(319.5, 239.5),
+        size: SIZE,
+    };
+    let target = noise(SIZE.0, SIZE.1, 3);
+    let input =
+        PinholeStep { camera: &camera, target: &target, valid: &[], background: [0.0; 3], sh_degree: 3 };
+    let rates = PerGroup {
+        position: 1e-9,
+        f_dc: 1e-9,
+        opacity_logit: 1e-9,
+        log_scale: 1e-9,
+        rotation: 1e-9,
+        f_rest: 1e-9,
+    };
+    let mut objective = PinholeObjective::<f32>::new(terms(None));
+    let (mut adam, mut trained, mut gradient) = (SplatAdam::new(&splats), splats, Splats::default());
+    let mut step = |watch: &mut Stopwatch| {
+        watch.begin();
+        objective.evaluate(&trained, &input, &LossWeights::default(), &mut gradient, watch);
+        watch.lap("splats", "end");
+        adam.step(&mut trained, &gradient, &rates);
+        watch.lap("splats", "Adam");
+    };
+    // The first run allocates the buffers.
+    step(&mut Stopwatch::default());
+    let mut watch = Stopwatch::default();
+    let ms = fastest_ms(|| step(&mut watch));
+    println!(
+        "\nPhotograph of {} x {} pixels, {} k splats of degree 3, {threads} thread(s): {ms:.1} ms; on average:\n\n{}",
+        SIZE.0,
+        SIZE.1,
+        SPLATS / 1000,
+        watch.table()
+    );
+}

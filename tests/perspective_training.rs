@@ -1,0 +1,186 @@
+//! Training of a small made perspective scene, from its COLMAP project to scores, pictures and a report.
+
+#![allow(clippy::unwrap_used)]
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use satgs::perspective::{PerspectiveOptions, PinholeCamera};
+use satgs::pipeline::{
+    DsmOptions, Outcome, PerspectiveRunOptions, PipelineError, RenderOptions, StageResult, TrainOptions,
+    Viewpoint, dsm, nvs_eval, render, run_perspective, train,
+};
+use satgs::progress::{Event, NoProgress, Progress, Recorder};
+use satgs::random::CounterRng;
+use satgs::splat::pinhole::PinholePicture;
+use satgs::splat::ply;
+use satgs::splat::splats::Splats;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+const SIZE: (usize, usize) = (64, 48);
+const VIEWS: u32 = 9;
+
+/// Cameras on a circle of 4 m that look at the origin from above.
+fn camera(k: u32) -> PinholeCamera {
+    let (sin, cos) = (f64::from(k) * 0.35).sin_cos();
+    let center = DVec3::new(4.0 * cos, 4.0 * sin, 1.5);
+    let forward = (-center).normalize();
+    let right = forward.cross(DVec3::Z).normalize();
+    let cam_from_site = DMat3::from_cols(right, forward.cross(right), forward).transpose();
+    let principal = DVec2::new(31.5, 23.5);
+    PinholeCamera { cam_from_site, center, focal: DVec2::splat(55.0), principal, size: SIZE }
+}
+
+/// A ball of coloured splats, photographed from all cameras, as a COLMAP project in text form.
+fn make_scene(folder: &Path) -> PathBuf {
+    let scene = folder.join("scene");
+    let model = scene.join("sparse/0");
+    std::fs::create_dir_all(&model).unwrap();
+    std::fs::create_dir_all(scene.join("images")).unwrap();
+    let mut splats = Splats::default();
+    let mut points = String::new();
+    for i in 0..400 {
+        let mut draw = CounterRng::new(5, 0, 0, i);
+        let p = draw.direction();
+        let rgb = p.map(|v| (0.5 + 0.45 * (3.0 * v).sin()) as f32);
+        splats.push(p.map(|v| v as f32), 0.12, 0.95, rgb);
+        let [r, g, b] = rgb.map(|v| (255.0 * v) as u8);
+        let near = p.map(|v| v + 0.02 * draw.normal());
+        writeln!(points, "{} {} {} {} {r} {g} {b} 0.5", i + 1, near[0], near[1], near[2]).unwrap();
+    }
+    let mut images = String::new();
+    for k in 0..VIEWS {
+        let camera = camera(k);
+        let picture = PinholePicture::render(&splats, &camera);
+        let pixels = 0..SIZE.0 * SIZE.1;
+        let rgb: Vec<u8> = pixels
+            .flat_map(|i| picture.colors.each_ref().map(|c| (255.0 * c.data[i]).round() as u8))
+            .collect();
+        satgs::io::write_png_rgb(&scene.join(format!("images/{k}.png")), SIZE.0, SIZE.1, &rgb).unwrap();
+        let q = DQuat::from_mat3(&camera.cam_from_site);
+        let t = -(camera.cam_from_site * camera.center);
+        writeln!(images, "{} {} {} {} {} {} {} {} 1 {k}.png\n", k + 1, q.w, q.x, q.y, q.z, t.x, t.y, t.z)
+            .unwrap();
+    }
+    std::fs::write(model.join("cameras.txt"), "1 PINHOLE 64 48 55 55 32 24\n").unwrap();
+    std::fs::write(model.join("images.txt"), images).unwrap();
+    std::fs::write(model.join("points3D.txt"), points).unwrap();
+    scene
+}
+
+fn options(iterations: u32) -> PerspectiveRunOptions {
+    let defaults = PerspectiveRunOptions::default();
+    let train = TrainOptions { iterations: Some(iterations), checkpoint_every: 50, ..defaults.train };
+    PerspectiveRunOptions { train, ..defaults }
+}
+
+fn run(
+    scene: &Path,
+    run: &Path,
+    iterations: u32,
+    threads: usize,
+    progress: &dyn Progress,
+) -> Result<f64, PipelineError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let mut psnr_db = 0.0;
+    let mut completed = |result: StageResult| {
+        if let StageResult::Scored(scores) = result {
+            psnr_db = scores.mean.unwrap().psnr_db;
+        }
+    };
+    pool.install(|| run_perspective(scene, &options(iterations), run, progress, &mut completed))?;
+    Ok(psnr_db)
+}
+
+#[test]
+fn a_run_gives_the_same_bytes_for_any_number_of_threads_and_after_an_interruption() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = make_scene(folder.path());
+    let splats = |name: &str| std::fs::read(folder.path().join(name).join("splats.ply")).unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let psnr_db = run(&scene, &path("one"), 240, 1, &NoProgress).unwrap();
+    assert!(psnr_db > 22.0, "{psnr_db}");
+    run(&scene, &path("two"), 240, 2, &NoProgress).unwrap();
+    assert!(splats("one") == splats("two"), "one and two threads give different splats");
+    let stop = Recorder::cancelling(|e| matches!(e, Event::Advanced { done: 130, .. }));
+    let interrupted = run(&scene, &path("three"), 240, 2, &stop).unwrap_err();
+    assert!(matches!(interrupted, PipelineError::TrainingInterrupted { .. }), "{interrupted}");
+    assert!(path("three/train/checkpoint.bin").exists());
+    run(&scene, &path("three"), 240, 1, &NoProgress).unwrap();
+    assert!(splats("one") == splats("three"), "an interruption changes the splats");
+    assert!(!path("three/train/checkpoint.bin").exists());
+
+    // The splats have harmonics, the number of splats changes, and the products are there.
+    let trained = ply::read(&path("one/splats.ply")).unwrap();
+    assert!(trained.f_rest.len() == trained.len() && trained.len() > 100);
+    for file in
+        ["scene.json", "cameras.json", "train/train.csv", "train/curves.svg", "eval/nvs.json", "report.html"]
+    {
+        assert!(path("one").join(file).exists(), "{file}");
+    }
+    assert!(!path("one/splats.georef.json").exists() && !path("one/dsm.tif").exists());
+    let page = std::fs::read_to_string(path("one/report.html")).unwrap();
+    assert!(page.contains("Views held back") && page.contains("data:image/png"));
+
+    // The same again is kept, another number of iterations is refused.
+    let same = train(&path("one"), &options(240).train, &NoProgress).unwrap();
+    assert!(matches!(same, Outcome::Kept(Some(_))));
+    let other = train(&path("one"), &options(100).train, &NoProgress).unwrap_err().to_string();
+    assert!(other.contains("--iterations was 240, is 100"), "{other}");
+    render_and_refuse(&path("one"));
+}
+
+fn render_and_refuse(run: &Path) {
+    let like =
+        |name: &str| RenderOptions { viewpoint: Viewpoint::Like(name.into()), ..RenderOptions::default() };
+    render(run, &run.join("view.png"), &like("3"), &NoProgress).unwrap();
+    render(run, &run.join("depth.tif"), &RenderOptions { depth: true, ..like("3") }, &NoProgress).unwrap();
+    let file = satgs::io::ImageFile::open(&run.join("depth.tif")).unwrap();
+    assert_eq!((file.size(), file.bands()), (SIZE, 1));
+    let depth = file.read(1).unwrap();
+    // The ball's nearest point is 1 m nearer than its middle.
+    let middle = camera(3).center.length();
+    assert!((f64::from(depth.at(31, 23)) - (middle - 1.0)).abs() < 0.3, "{}", depth.at(31, 23));
+    assert!(depth.at(0, 0).is_nan());
+
+    let scores = nvs_eval(run, &["1".to_owned()], &NoProgress).unwrap();
+    assert!(scores.views.len() == 1 && scores.views[0].score.pixels == SIZE.0 * SIZE.1);
+    let refusals = [
+        render(run, &run.join("a.png"), &like("none"), &NoProgress).err().unwrap().to_string(),
+        render(run, &run.join("a.png"), &RenderOptions::default(), &NoProgress).err().unwrap().to_string(),
+        dsm(run, &DsmOptions::default(), &NoProgress).err().unwrap().to_string(),
+        train(run, &TrainOptions::default(), &NoProgress).err().unwrap().to_string(),
+        satgs::pipeline::read_scene(run).err().unwrap().to_string(),
+    ];
+    let says =
+        ["none", "--view", "georeference", "recipe `best` is for satellite scenes", "perspective scene"];
+    for (refusal, says) in refusals.iter().zip(says) {
+        assert!(refusal.contains(says), "{refusal}");
+    }
+}
+
+#[test]
+fn what_cannot_be_trained_is_refused_before_training() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = make_scene(folder.path());
+    let out = folder.path().join("run");
+    let refused = |options: &PerspectiveRunOptions| {
+        run_perspective(&scene, options, &out, &NoProgress, &mut |_| {}).unwrap_err().to_string()
+    };
+    let mut other = options(10);
+    other.train.recipe = "baeogs".into();
+    assert!(refused(&other).contains("recipe `baeogs` is for satellite scenes"));
+    other.train.recipe = "2dgs".into();
+    assert!(refused(&other).contains("2dgs"));
+    let missing = PerspectiveRunOptions {
+        scene: PerspectiveOptions {
+            test_views: satgs::perspective::TestViews::List(folder.path().join("no.txt")),
+            ..PerspectiveOptions::default()
+        },
+        ..options(10)
+    };
+    assert!(refused(&missing).contains("no.txt"));
+    assert!(!out.join("scene.json").exists());
+    std::fs::write(scene.join("images/4.png"), "no image").unwrap();
+    let broken = refused(&options(10));
+    assert!(broken.contains("4.png"), "{broken}");
+}
