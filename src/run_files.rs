@@ -32,6 +32,10 @@ pub const CONFIDENCE: &str = "confidence.tif";
 pub const HILLSHADE: &str = "hillshade.tif";
 /// Folder of the scores.
 pub const EVALUATION: &str = "eval";
+/// Scores of the views of a perspective scene that were held back.
+pub const NVS_SCORES: &str = "eval/nvs.json";
+/// Folder of comparisons of such views with their renders.
+pub const NVS_PICTURES: &str = "eval/nvs";
 /// The scores, in such a folder.
 pub const METRICS: &str = "metrics.json";
 /// The map of errors, in such a folder.

@@ -107,6 +107,7 @@ fn plan(iteration: u32) -> StepPlan {
         ])
         .unwrap(),
         opacity_divisor: None,
+        sh_degree: 0,
         rates: PerGroup::default(),
         appearance_rate: 0.0,
         densify: DensifyPlan::default(),

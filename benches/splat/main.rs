@@ -132,8 +132,15 @@ fn measure(splats: Splats, pixels: f64) -> Line {
         photometric.compare(&picture, &target);
     });
 
-    let rates = PerGroup { position: 1e-9, f_dc: 1e-9, opacity_logit: 1e-9, log_scale: 1e-9, rotation: 1e-9 };
-    let mut adam = SplatAdam::new(count);
+    let rates = PerGroup {
+        position: 1e-9,
+        f_dc: 1e-9,
+        opacity_logit: 1e-9,
+        log_scale: 1e-9,
+        rotation: 1e-9,
+        f_rest: 0.0,
+    };
+    let mut adam = SplatAdam::new(&splats);
     let mut trained = splats.clone();
     let mut gradient = Gradient { splats: splats.clone(), ..Gradient::default() };
     let adam_time = fastest_ms(|| adam.step(&mut trained, &gradient.splats, &rates));

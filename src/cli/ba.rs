@@ -78,6 +78,25 @@ impl Args {
         &self.output
     }
 
+    /// Path of the scene.
+    pub fn scene(&self) -> &Path {
+        self.scene.path()
+    }
+
+    /// Refuses options that a perspective scene does not have, and an output inside of the scene.
+    pub fn require_perspective(&self) -> Result<(), CliError> {
+        self.scene.require_no_satellite_option()?;
+        let given = [
+            ("--height-range", self.height_range.is_some()),
+            ("--dem", self.dem.is_some()),
+            ("--gcps", self.gcps.is_some()),
+            ("--reference", !self.reference.is_empty()),
+            ("--fixed", self.fixed),
+        ];
+        super::perspective_args::refuse(&given, "satellite scenes", self.scene.path())?;
+        refuse_output_inside(&self.output, self.scene.path())
+    }
+
     /// Whether to replace what is there.
     pub fn overwrite(&self) -> bool {
         self.overwrite

@@ -4,6 +4,7 @@ use super::{CliError, Ui, ba, parse_metres, train};
 use crate::mvs::DSM_CELL_M;
 use crate::pipeline::{Outcome, adjust};
 use crate::run_files::PLAN;
+use crate::splat::train::recipe::Recipe;
 use crate::tiles::{Plan, PlanOptions, TileSurface, plan};
 use std::path::Path;
 
@@ -72,7 +73,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         max_memory_mb: args.tiling.max_memory,
         resolution_m: args.resolution,
         surface: TileSurface { vertical: args.vertical.clone(), fill_m: args.fill, ..TileSurface::default() },
-        train: args.training.options(overwrite),
+        train: args.training.options(Recipe::NAMES[0], overwrite),
         overwrite,
     };
     options.check()?;

@@ -41,6 +41,9 @@ pub struct Args {
     /// Position of the sun in the last frame
     #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = direction, requires_all = ["sun", "frames"])]
     sun_to: Option<[f64; 2]>,
+    /// Perspective scenes: write only the depth along the optical axis, float32, NaN where nothing is seen (.tif)
+    #[arg(long)]
+    depth: bool,
     /// Number of frames of an animation: OUT.png becomes OUT_0001.png and so on
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=9999))]
     frames: Option<u32>,
@@ -72,8 +75,13 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
             size: args.size,
         },
     };
-    let options =
-        RenderOptions { viewpoint, sun_deg: args.sun, sun_to_deg: args.sun_to, frames: args.frames };
+    let options = RenderOptions {
+        viewpoint,
+        sun_deg: args.sun,
+        sun_to_deg: args.sun_to,
+        frames: args.frames,
+        depth: args.depth,
+    };
     let rendered = render(&args.run, &args.output, &options, ui)?;
     let text = format!("{}, images: {}", rendered.output.display(), rendered.frames);
     ui.summary("render", Some(&text), &rendered)

@@ -1,16 +1,22 @@
 //! `satgs run`: every stage in a row.
 
-use super::{CliError, Ui, ba, dsm, dsm_eval, mosaic, plan, report, train};
+use super::perspective_args::PerspectiveArgs;
+use super::{CliError, Ui, ba, dsm, dsm_eval, mosaic, nvs_eval, plan, report, train};
 use crate::bundle::LeftOut;
-use crate::pipeline::{RunOptions, StageResult};
+use crate::perspective::PerspectiveScene;
+use crate::pipeline::{PerspectiveRunOptions, RunOptions, StageResult, run_perspective};
+use crate::splat::train::recipe::Recipe;
 use crate::tiles::{SceneOptions, SceneResult, run as run_all};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Do everything: adjust, train, render, score if --truth is given, and write a report
 ///
 /// Stages that RUN holds already, made from the same input and options, are kept: the same command continues an
 /// interrupted run where it stopped. An area larger than --core is cut into tiles, which are made one after the other and
 /// blended: RUN/tiles, RUN/mosaic and RUN/seams.gpkg are added then.
+///
+/// A perspective scene (a COLMAP project, transforms.json, RGB-D frames, LEVIR-NVS) is trained with recipe `3dgs`; views that
+/// are held back are scored, and a surface model is made if --georef says where the scene lies.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
@@ -26,14 +32,20 @@ pub struct Args {
     truth: Option<PathBuf>,
     #[command(flatten)]
     scoring: dsm_eval::TruthOptionArgs,
+    #[command(flatten)]
+    perspective: PerspectiveArgs,
 }
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let (run, overwrite) = (args.ba.output(), args.ba.overwrite());
+    if PerspectiveScene::is_one(args.ba.scene()) {
+        return run_photographs(args, ui);
+    }
+    args.perspective.require_default(args.ba.scene())?;
     let stages = RunOptions {
         adjust: args.ba.options(),
-        train: args.training.options(overwrite),
+        train: args.training.options(Recipe::NAMES[0], overwrite),
         dsm: args.surface.options(overwrite),
         truth: args.truth.clone(),
         evaluate: args.scoring.options(true),
@@ -57,10 +69,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
                 left_out = adjusted.left_out().to_vec();
                 ba::show(&adjusted, ui)
             }
-            SceneResult::Stage(StageResult::Trained(outcome)) => train::show(run, &outcome, ui),
-            SceneResult::Stage(StageResult::Dsm(outcome)) => dsm::show(run, &outcome, ui),
-            SceneResult::Stage(StageResult::Evaluated(evaluation)) => dsm_eval::show(&evaluation, ui),
-            SceneResult::Stage(StageResult::Reported(page)) => report::show(&page, ui),
+            SceneResult::Stage(result) => show_stage(run, &result, ui),
         };
         if shown.is_ok() {
             shown = done;
@@ -69,4 +78,41 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     run_all(&scene, &options, run, ui, &mut show)?;
     shown?;
     ba::require_all(run, &left_out)
+}
+
+/// Shows the summary of a stage.
+fn show_stage(run: &Path, result: &StageResult, ui: &Ui) -> Result<(), CliError> {
+    match result {
+        StageResult::Adjusted(adjusted) => ba::show(adjusted, ui),
+        StageResult::Trained(outcome) => train::show(run, outcome, ui),
+        StageResult::Scored(scores) => nvs_eval::show(scores, ui),
+        StageResult::Dsm(outcome) => dsm::show(run, outcome, ui),
+        StageResult::Evaluated(evaluation) => dsm_eval::show(evaluation, ui),
+        StageResult::Reported(page) => report::show(page, ui),
+    }
+}
+
+/// Runs the stages of a perspective scene.
+fn run_photographs(args: &Args, ui: &Ui) -> Result<(), CliError> {
+    let (run, overwrite) = (args.ba.output(), args.ba.overwrite());
+    args.ba.require_perspective()?;
+    super::perspective_args::refuse(
+        &[("--truth", args.truth.is_some())],
+        "satellite scenes",
+        args.ba.scene(),
+    )?;
+    let options = PerspectiveRunOptions {
+        scene: args.perspective.options(),
+        train: args.training.options(Recipe::OF_PERSPECTIVE_SCENES, overwrite),
+        dsm: args.surface.options(overwrite),
+    };
+    let mut shown = Ok(());
+    let mut show = |result: StageResult| {
+        let done = show_stage(run, &result, ui);
+        if shown.is_ok() {
+            shown = done;
+        }
+    };
+    run_perspective(args.ba.scene(), &options, run, ui, &mut show)?;
+    shown
 }

@@ -1,7 +1,7 @@
 //! `satgs train`: affine cameras, splats, training.
 
 use super::{CliError, Ui};
-use crate::pipeline::{Outcome, TrainOptions, Trained, train};
+use crate::pipeline::{Outcome, PerspectiveManifest, TrainOptions, Trained, train};
 use crate::run_files::SPLATS;
 use crate::splat::train::recipe::Recipe;
 use std::path::{Path, PathBuf};
@@ -30,9 +30,10 @@ pub struct Args {
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "training")]
 pub struct Options {
-    /// Training recipe: `best`, `baeogs` or `eogs` (the latter two follow the papers), or a TOML file
-    #[arg(long, default_value = Recipe::NAMES[0], value_name = "NAME|FILE")]
-    recipe: String,
+    /// Training recipe: `best`, `baeogs` or `eogs` (the latter two follow the papers), `3dgs` of perspective scenes, or a TOML
+    /// file [default: `best`, of perspective scenes `3dgs`]
+    #[arg(long, value_name = "NAME|FILE")]
+    recipe: Option<String>,
     /// Number of iterations; the schedule is scaled in proportion [default: the recipe's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     iterations: Option<u32>,
@@ -53,10 +54,10 @@ pub struct Options {
 }
 
 impl Options {
-    /// The options as the library takes them.
-    pub fn options(&self, overwrite: bool) -> TrainOptions {
+    /// The options as the library takes them, with the recipe of this name by default.
+    pub fn options(&self, default_recipe: &str, overwrite: bool) -> TrainOptions {
         TrainOptions {
-            recipe: self.recipe.clone(),
+            recipe: self.recipe.clone().unwrap_or_else(|| default_recipe.into()),
             iterations: self.iterations,
             seed: self.seed,
             checkpoint_every: self.checkpoint_every,
@@ -74,23 +75,25 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         ui.summary("recipe", Some(&recipe.to_toml()), &recipe)?;
     }
     let Some(run) = &args.run else { return Ok(()) };
-    show(run, &train(run, &args.options.options(args.overwrite), ui)?, ui)
+    let is_perspective = PerspectiveManifest::read(run).is_ok();
+    let recipe = if is_perspective { Recipe::OF_PERSPECTIVE_SCENES } else { Recipe::NAMES[0] };
+    show(run, &train(run, &args.options.options(recipe, args.overwrite), ui)?, ui)
 }
 
 /// Shows the summary of a training.
 pub fn show(run: &Path, outcome: &Outcome<Trained>, ui: &Ui) -> Result<(), CliError> {
     let text = |t: &Trained| {
+        let cameras = t.affine_rms_px.zip(t.affine_max_px).map_or(String::new(), |(rms, most)| {
+            format!("affine cameras: distance to the RPCs {rms:.3} px RMS, {most:.3} px at most\n")
+        });
         format!(
-            "trained {} iterations in {:.0} s: {} splats at the start, {} at the end\n\
-             affine cameras: distance to the RPCs {:.3} px RMS, {:.3} px at most\n\
+            "trained {} iterations in {:.0} s: {} splats at the start, {} at the end\n{cameras}\
              rendered images: L1 {:.4}, SSIM {:.3}\n\
              {}",
             t.iterations,
             t.seconds,
             t.splats_start,
             t.splats,
-            t.affine_rms_px,
-            t.affine_max_px,
             t.l1,
             t.ssim,
             run.join(SPLATS).display()

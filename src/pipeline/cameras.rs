@@ -1,12 +1,12 @@
 //! The files of a run folder that later stages read: the scene, and the cameras with what was trained beside splats.
 
-use super::PipelineError;
+use super::{PipelineError, perspective};
 use crate::affine::SiteScene;
 use crate::io::{ImageFile, read_json, vsi};
 use crate::run_files::{CAMERAS, SCENE, SPLATS};
 use crate::scene::{Scene, View};
 use crate::splat::appearance::Appearance;
-use crate::splat::ply;
+use crate::splat::ply::{self, PlyError};
 use crate::splat::splats::Splats;
 use crate::splat::train::recipe::Recipe;
 use serde::{Deserialize, Serialize};
@@ -33,6 +33,7 @@ impl TrainedCameras {
     /// # Errors
     /// [`PipelineError::RunFile`].
     pub fn read(run: &Path) -> Result<Self, PipelineError> {
+        perspective::refuse(run)?;
         let made_by = "`satgs train RUN` makes it";
         read_json(&run.join(CAMERAS)).map_err(|source| PipelineError::RunFile { source, made_by })
     }
@@ -42,7 +43,13 @@ impl TrainedCameras {
     /// # Errors
     /// [`PipelineError::Ply`].
     pub fn read_splats(&self, run: &Path) -> Result<Splats, PipelineError> {
-        let mut splats = ply::read(&run.join(SPLATS))?;
+        let path = run.join(SPLATS);
+        let mut splats = ply::read(&path)?;
+        if !splats.f_rest.is_empty() {
+            let reason =
+                "it has spherical harmonics above degree 0 (`f_rest_*`), which satellite runs do not have";
+            return Err(PlyError::Format { path, reason: reason.into() }.into());
+        }
         if !self.setup.transfer_function.is_linear() {
             splats.recolor(|v| self.setup.transfer_function.linear(v));
         }
@@ -73,6 +80,7 @@ impl TrainedCameras {
 /// # Errors
 /// [`PipelineError::RunFile`].
 pub fn read_scene(run: &Path) -> Result<Scene, PipelineError> {
+    perspective::refuse(run)?;
     let made_by = "`satgs ba SCENE -o RUN` makes it";
     read_json(&run.join(SCENE)).map_err(|source| PipelineError::RunFile { source, made_by })
 }

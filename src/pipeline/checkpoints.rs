@@ -5,7 +5,6 @@ use super::stage::Stage;
 use crate::progress::{Event, Progress};
 use crate::splat::backend::TrainingBackend;
 use crate::splat::backend::checkpoint::Checkpoint;
-use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::train::LogLine;
 use std::borrow::Cow;
 use std::path::PathBuf;
@@ -62,7 +61,7 @@ impl Checkpoints<'_> {
         &self,
         splats_at_start: usize,
         log: &[LogLine],
-        backend: &mut CpuBackend,
+        backend: &mut impl TrainingBackend,
         progress: &dyn Progress,
     ) -> Result<(), PipelineError> {
         let interrupted = progress.is_cancelled();

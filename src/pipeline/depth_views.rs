@@ -1,6 +1,6 @@
 //! The cameras of a run or a scene as cameras of depth maps.
 
-use super::{PipelineError, TrainedCameras};
+use super::{PerspectiveCameras, PipelineError, TrainedCameras, perspective};
 use crate::affine::{SiteScene, SiteView, ViewCamera};
 use crate::frame::{Point, SiteGrid};
 use crate::mesh::DepthCamera;
@@ -27,6 +27,12 @@ impl DepthViews {
             let scene = read_perspective(path)?;
             let cameras = scene.views.iter().map(|v| (v.name.clone(), DepthCamera::Pinhole(v.camera)));
             return Ok(Self { cameras: cameras.collect(), site: scene.georeference.map(|g| g.grid) });
+        }
+        if perspective::is_run(path) {
+            let run = PerspectiveCameras::read(path)?;
+            let training = run.views.iter().filter(|v| v.role == Role::Train);
+            let cameras = training.map(|v| (v.name.clone(), DepthCamera::Pinhole(v.camera())));
+            return Ok(Self { cameras: cameras.collect(), site: run.site });
         }
         let setup = TrainedCameras::read(path)?.setup;
         let training = setup.views.iter().filter(|v| v.role == Role::Train);

@@ -1,20 +1,17 @@
 //! Surface model, orthophoto and confidence of a trained run: `satgs dsm`.
 
-use super::cameras::require_image;
 use super::products::Products;
 use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
-use super::{PipelineError, RunLock, TrainedCameras, read_scene, relocation};
-use crate::affine::SiteView;
-use crate::dsm::{Dsm, Heights, HeightsFrom, Seeing, hillshade, render};
+use super::surface_source::SurfaceSource;
+use super::{PipelineError, RunLock};
+use crate::dsm::{Dsm, Heights, hillshade};
 use crate::io::{HeightSystem, ImageFile, MapGrid, VerticalReference, check_writable, write_png_gray};
-use crate::mvs::{DSM_CELL_M, MatchedSurface};
+use crate::mvs::DSM_CELL_M;
 use crate::progress::{Event, Progress};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, HILLSHADE, ORTHO, SPARSE_POINTS, SPLATS, SURFACE,
 };
-use crate::scene::{Role, View};
 use crate::splat::raster::MAX_SIDE;
-use crate::splat::train::recipe::RayHeight;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -115,10 +112,8 @@ pub(crate) fn dsm_locked(
     options: &DsmOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome<DsmSummary>, PipelineError> {
-    relocation::finish_locked(run)?;
-    let cameras = TrainedCameras::read(run)?;
-    let setup = &cameras.setup;
-    let grid = grid(options, &cameras)?;
+    let source = SurfaceSource::read(run)?;
+    let grid = grid(options, &source)?;
     let above = vertical_name(run, options)?;
     let vertical = VerticalReference::read(&above)?;
     let outputs = [DSM, "dsm.qml", ORTHO, CONFIDENCE].map(|name| run.join(name)).to_vec();
@@ -136,24 +131,7 @@ pub(crate) fn dsm_locked(
         stage.require_writable()?;
     }
     products.iter().try_for_each(|product| product.check(run))?;
-    let splats = cameras.read_splats(run)?;
-    let reference = cameras.reference_appearance();
-    let read = || MatchedSurface::read(&run.join(SURFACE), &setup.site);
-    let matched = cameras.is_matched.then(read).transpose()?;
-    let source = match (&matched, cameras.recipe.heights) {
-        (Some(surface), _) => HeightsFrom::Matched(surface),
-        (None, RayHeight::Median) => HeightsFrom::Median,
-        (None, RayHeight::Mean) => HeightsFrom::Mean { floor: setup.altitudes.0 as f32 },
-    };
-    let mut surface = render(&splats, &setup.site, grid, &reference, source);
-    setup.transfer_function.encode(&mut surface.colors);
-    let views: Vec<_> = setup.views.iter().filter(|v| v.role == Role::Train).collect();
-    let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
-    surface.metadata = vec![("INPUTS", names.join(", "))];
-    surface.count_views(&setup.site, &seeing(run, &views)?);
-    if let Some(matched) = &matched {
-        surface.mark_filled(matched);
-    }
+    let mut surface = source.surface(run, grid)?;
     if let Some(reach_m) = options.fill_m {
         surface.fill(reach_m);
     }
@@ -182,20 +160,6 @@ pub(crate) fn dsm_locked(
     let summary = DsmSummary { grid, vertical: vertical.name().into(), seen_percent };
     stage.complete(&summary)?;
     Ok(Outcome::Made(summary))
-}
-
-/// The views with their valid pixels, which are read from their images again where some are not.
-fn seeing(run: &Path, views: &[&SiteView]) -> Result<Vec<Seeing>, PipelineError> {
-    let is_masked = views.iter().any(|v| v.is_masked);
-    let scene = is_masked.then(|| read_scene(run)).transpose()?;
-    let of_view = |v: &&SiteView| {
-        let mut views = scene.iter().flat_map(|s| &s.views);
-        let view = views.find(|s| v.is_masked && s.name == v.name);
-        view.map(require_image).transpose()?;
-        let valid = view.map(View::valid_pixels).transpose()?.flatten();
-        Ok(Seeing { camera: v.camera, size: v.size, valid })
-    };
-    views.iter().map(of_view).collect()
 }
 
 /// An optional product, which can be added to a complete surface. Paths count from the run folder.
@@ -257,12 +221,12 @@ fn vertical_name(run: &Path, options: &DsmOptions) -> Result<String, PipelineErr
     Ok(from.unwrap_or_else(|| VerticalReference::ELLIPSOID.into()))
 }
 
-fn grid(options: &DsmOptions, cameras: &TrainedCameras) -> Result<MapGrid, PipelineError> {
-    let site = &cameras.setup.site;
+fn grid(options: &DsmOptions, source: &SurfaceSource) -> Result<MapGrid, PipelineError> {
+    let site = source.site();
     let grid = match &options.like {
         Some(path) => ImageFile::open(path)?.map_grid()?,
         None => {
-            let (w, s, e, n) = cameras.setup.area;
+            let (w, s, e, n) = source.area();
             let [x, y, _] = site.origin.xyz();
             let area = options.area.unwrap_or((x + w, y + s, x + e, y + n));
             MapGrid::covering(site.epsg, area, options.resolution_m)

@@ -134,6 +134,48 @@ pub enum PipelineError {
         /// The run folder.
         run: PathBuf,
     },
+    /// The run is of a perspective scene, for which the command does not exist.
+    #[error("`{run}` is the run of a perspective scene, on which this command does not work")]
+    #[diagnostic(help("train, render --like VIEW, nvs-eval, report and, with a georeference, dsm do"))]
+    OfPerspective {
+        /// The run folder.
+        run: PathBuf,
+    },
+    /// The run is of a satellite scene.
+    #[error("`{run}` is the run of a satellite scene, not of a perspective one")]
+    #[diagnostic(help("choose another run folder, or leave out options of perspective scenes"))]
+    OfSatellites {
+        /// The run folder.
+        run: PathBuf,
+    },
+    /// The recipe is for satellite scenes.
+    #[error("recipe `{recipe}` is for satellite scenes, this scene is a perspective one")]
+    #[diagnostic(help("--recipe 3dgs trains perspective scenes"))]
+    RecipeOfSatellites {
+        /// Name of the recipe.
+        recipe: String,
+    },
+    /// The recipe is for perspective scenes.
+    #[error("recipe `{recipe}` is for perspective scenes, this scene is a satellite one")]
+    #[diagnostic(help("--recipe best, baeogs and eogs train satellite scenes"))]
+    RecipeOfPerspective {
+        /// Name of the recipe.
+        recipe: String,
+    },
+    /// An option that runs of perspective scenes do not have.
+    #[error("{option}: runs of perspective scenes are rendered from their views only")]
+    #[diagnostic(help("--like VIEW renders what a view sees"))]
+    OnlyViews {
+        /// The option.
+        option: &'static str,
+    },
+    /// A map is to be made of a scene whose place on Earth is not known.
+    #[error("`{run}` has no georeference, which a surface model needs")]
+    #[diagnostic(help("`satgs run SCENE -o RUN --georef exif|FILE` trains the scene at its place on Earth"))]
+    NoGeoreference {
+        /// The run folder.
+        run: PathBuf,
+    },
     /// The adjustment has no sparse points.
     #[error("`{run}` has no sparse points")]
     #[diagnostic(help("`satgs ba` makes them"))]

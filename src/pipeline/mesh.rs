@@ -1,16 +1,20 @@
 //! The surface of a run or of a scene with depth maps as a mesh: `satgs mesh`.
 
 use super::depth_views::{is_run, read_perspective, seen_part, trained_box};
-use super::{PipelineError, TrainedCameras, relocation};
+use super::{
+    PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, TrainedPhoto, perspective,
+    relocation,
+};
 use crate::affine::ViewCamera;
 use crate::dsm::{nadir_camera, view_altitudes};
 use crate::io::{MapGrid, check_writable};
 use crate::mesh::{DepthCamera, DepthMap, FuseOptions, FusedMesh, KeptPieces, MeshFormat, fuse};
 use crate::mvs::DSM_CELL_M;
-use crate::perspective::{PerspectiveError, PerspectiveScene, PerspectiveView};
+use crate::perspective::{Layout, PerspectiveError, PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::progress::Progress;
 use crate::scene::Role;
 use crate::splat::novel_view::NovelView;
+use crate::splat::pinhole::PinholePicture;
 use crate::splat::splats::Splats;
 use glam::DVec3;
 use serde::Serialize;
@@ -19,6 +23,10 @@ use std::path::{Path, PathBuf};
 /// Voxels of satellite runs, and of scenes with depth maps (IndoorSplat's rooms), metres.
 const SATELLITE_VOXEL_M: f64 = DSM_CELL_M;
 const ROOM_VOXEL_M: f64 = 0.02;
+/// Greatest depth in runs of other photographs, as a multiple of the extent of their cameras, and voxels along it (the authors'
+/// code of 2D Gaussian splatting).
+const DEPTH_EXTENTS: f64 = 2.0;
+const VOXELS_OF_DEPTH: f64 = 1024.0;
 /// Truncation distance in voxels (the scripts of 2D Gaussian splatting for DTU), and the fewest that leave no holes.
 const TRUNCATION_VOXELS: f64 = 4.0;
 const LEAST_TRUNCATION_VOXELS: f64 = 2.0;
@@ -30,11 +38,13 @@ const NADIR_WEIGHT: f32 = 4.0;
 /// How a mesh is made.
 #[derive(Clone, Debug, Default)]
 pub struct MeshOptions {
-    /// Side of a voxel, metres; by default 0.5 for satellite runs, 0.02 for scenes with depth maps.
+    /// Side of a voxel, metres; by default 0.5 for satellite runs, 0.02 for RGB-D scenes, and 1/1024 of the greatest depth for
+    /// other photographs.
     pub voxel_m: Option<f64>,
     /// Distance from a surface up to which a depth map tells of it, metres; by default four voxels.
     pub truncation_m: Option<f64>,
-    /// Depths beyond this are not used, metres; by default 5. Not for satellite runs.
+    /// Depths beyond this are not used, metres; by default 5 for RGB-D scenes, twice the extent of the cameras for other
+    /// photographs. Not for satellite runs.
     pub depth_max_m: Option<f64>,
     /// Replace an existing file.
     pub overwrite: bool,
@@ -68,7 +78,8 @@ pub struct MeshSummary {
 }
 
 /// Fuses depth maps to a mesh (.ply, .obj, .glb) of the largest pieces, with colours: the altitudes that a trained satellite
-/// run shows in its views and from straight above, or the depth maps of a scene.
+/// run shows in its views and from straight above, the depths that a run of photographs shows in its training views, or the
+/// depth maps of a scene.
 ///
 /// # Errors
 /// [`PipelineError`]: the input is neither a trained run nor a scene with depth maps, an option is out of its range, the output
@@ -84,12 +95,12 @@ pub fn mesh(
         return Err(PipelineError::Exists { path: output.into() });
     }
     check_writable(output)?;
-    let is_scene = !is_run(input) && PerspectiveScene::is_one(input);
-    let fuse_options = fuse_options(options, is_scene)?;
-    let FusedMesh { mesh, maps, pieces, volume_bytes } = if is_scene {
-        of_scene(input, &fuse_options, progress)?
-    } else {
-        of_satellite_run(input, fuse_options, progress)?
+    let source = Source::of(input)?;
+    let fuse_options = fuse_options(options, &source)?;
+    let FusedMesh { mesh, maps, pieces, volume_bytes } = match source {
+        Source::Scene => of_scene(input, &fuse_options, progress)?,
+        Source::Photographs { cameras, .. } => of_photographs(input, &cameras, &fuse_options, progress)?,
+        Source::Satellites => of_satellite_run(input, fuse_options, progress)?,
     };
     mesh.write(output)?;
     Ok(MeshSummary {
@@ -107,7 +118,39 @@ pub fn mesh(
     })
 }
 
-fn fuse_options(options: &MeshOptions, is_scene: bool) -> Result<FuseOptions, PipelineError> {
+/// Where depth maps come from.
+enum Source {
+    /// The depth maps of a scene's own files.
+    Scene,
+    /// Renders of a run of photographs; those of RGB-D frames are of a room.
+    Photographs { cameras: Box<PerspectiveCameras>, is_room: bool },
+    /// Renders of a satellite run.
+    Satellites,
+}
+
+impl Source {
+    fn of(input: &Path) -> Result<Self, PipelineError> {
+        if perspective::is_run(input) {
+            let is_room = PerspectiveManifest::read(input)?.layout == Layout::RgbD;
+            return Ok(Self::Photographs { cameras: Box::new(PerspectiveCameras::read(input)?), is_room });
+        }
+        Ok(if !is_run(input) && PerspectiveScene::is_one(input) { Self::Scene } else { Self::Satellites })
+    }
+
+    /// Voxel and greatest depth by default, metres.
+    fn defaults(&self) -> (f64, Option<f64>) {
+        match self {
+            Self::Satellites => (SATELLITE_VOXEL_M, None),
+            Self::Photographs { cameras, is_room: false } => {
+                let depth_max_m = DEPTH_EXTENTS * cameras.extent_m;
+                (depth_max_m / VOXELS_OF_DEPTH, Some(depth_max_m))
+            }
+            Self::Scene | Self::Photographs { .. } => (ROOM_VOXEL_M, Some(ROOM_DEPTH_M)),
+        }
+    }
+}
+
+fn fuse_options(options: &MeshOptions, source: &Source) -> Result<FuseOptions, PipelineError> {
     let checked = |option, value: f64, least: f64, expected| {
         let found = value.to_string();
         if value.is_finite() && value > 0.0 && value >= least {
@@ -115,20 +158,17 @@ fn fuse_options(options: &MeshOptions, is_scene: bool) -> Result<FuseOptions, Pi
         }
         Err(PipelineError::Option { option, found, expected })
     };
-    let default_voxel_m = if is_scene { ROOM_VOXEL_M } else { SATELLITE_VOXEL_M };
+    let (default_voxel_m, default_depth_m) = source.defaults();
     let voxel_m = checked("--voxel", options.voxel_m.unwrap_or(default_voxel_m), 0.0, "metres above 0")?;
     let truncation_m = options.truncation_m.unwrap_or(TRUNCATION_VOXELS * voxel_m);
     let least = LEAST_TRUNCATION_VOXELS * voxel_m;
     let truncation_m = checked("--truncation", truncation_m, least, "two voxels or more, in metres")?;
-    let depth_max_m = match options.depth_max_m {
-        Some(given) if !is_scene => {
-            let expected = "no limit: views of satellites have altitudes, not depths";
-            return Err(PipelineError::Option { option: "--depth-max", found: given.to_string(), expected });
-        }
-        given => {
-            is_scene.then(|| checked("--depth-max", given.unwrap_or(ROOM_DEPTH_M), 0.0, "metres above 0"))
-        }
-    };
+    if let (Some(given), Source::Satellites) = (options.depth_max_m, source) {
+        let expected = "no limit: views of satellites have altitudes, not depths";
+        return Err(PipelineError::Option { option: "--depth-max", found: given.to_string(), expected });
+    }
+    let depth_max_m = options.depth_max_m.or(default_depth_m);
+    let depth_max_m = depth_max_m.map(|depth| checked("--depth-max", depth, 0.0, "metres above 0"));
     Ok(FuseOptions {
         voxel_m,
         truncation_m,
@@ -153,15 +193,38 @@ fn of_scene(path: &Path, options: &FuseOptions, progress: &dyn Progress) -> Resu
     let mut fused = fuse(views.iter().map(read), options, progress)?;
     match &scene.georeference {
         Some(georeference) => fused.mesh.site = Some(georeference.grid),
-        None => fused.mesh.up = mean_up(&scene).to_array(),
+        None => fused.mesh.up = mean_up(scene.views.iter().map(|v| v.camera)),
     }
     Ok(fused)
 }
 
 /// The upward direction of a scene without georeference: the mean of that of its images.
-fn mean_up(scene: &PerspectiveScene) -> DVec3 {
-    let up = scene.views.iter().map(|v| -v.camera.cam_from_site.row(1)).sum::<DVec3>();
-    up.try_normalize().unwrap_or(DVec3::Z)
+fn mean_up(cameras: impl Iterator<Item = PinholeCamera>) -> [f64; 3] {
+    let up = cameras.map(|c| -c.cam_from_site.row(1)).sum::<DVec3>();
+    up.try_normalize().unwrap_or(DVec3::Z).to_array()
+}
+
+/// The depths of the trained splats in each training view.
+fn of_photographs(
+    run: &Path,
+    cameras: &PerspectiveCameras,
+    options: &FuseOptions,
+    progress: &dyn Progress,
+) -> Result<FusedMesh, PipelineError> {
+    let splats = PerspectiveCameras::read_splats(run)?;
+    let views: Vec<&TrainedPhoto> = cameras.views.iter().filter(|v| v.role == Role::Train).collect();
+    let render = |view: &&TrainedPhoto| -> Result<DepthMap, PipelineError> {
+        let camera = view.camera();
+        let picture = PinholePicture::render(&splats, &camera);
+        let color = Some(picture.colors);
+        Ok(DepthMap { color, ..DepthMap::new(DepthCamera::Pinhole(camera), picture.depth) })
+    };
+    let mut fused = fuse(views.iter().map(render), options, progress)?;
+    fused.mesh.site = cameras.site;
+    if cameras.site.is_none() {
+        fused.mesh.up = mean_up(views.iter().map(|v| v.camera()));
+    }
+    Ok(fused)
 }
 
 /// The altitudes of the trained splats: in each training view, where their transmittance falls to one half, and seen from

@@ -1,33 +1,16 @@
 //! Scores of rendered images against images that were held back from training: `satgs nvs-eval`.
 
 use super::cameras::require_images;
+use super::nvs_scores::{NvsScores, ViewScore};
 use super::render::find;
-use super::{PipelineError, TrainedCameras, read_scene, relocation};
+use super::{PipelineError, TrainedCameras, perspective, read_scene, relocation};
 use crate::affine::TrainingView;
 use crate::progress::{Event, Progress};
 use crate::scene::Role;
-use crate::splat::image_score::PictureScore;
 use crate::splat::image_score::score_picture;
 use crate::splat::loss::target::TargetImage;
 use crate::splat::novel_view::NovelView;
-use serde::Serialize;
 use std::path::Path;
-
-/// Scores of the views.
-#[derive(Clone, Debug, Serialize)]
-pub struct NvsScores {
-    /// One entry a view.
-    pub views: Vec<ViewScore>,
-}
-
-/// Score of one view.
-#[derive(Clone, Debug, Serialize)]
-pub struct ViewScore {
-    /// Name of the view.
-    pub view: String,
-    /// PSNR and SSIM of the right half of the image, after a linear change of colours fitted on the left half.
-    pub score: PictureScore,
-}
 
 /// Renders views of a trained run and compares them with their images: the views of these names, or all test views if
 /// there are no names.
@@ -36,6 +19,9 @@ pub struct ViewScore {
 /// [`PipelineError`]: the run is not trained or has no such view or no test view, an image is gone, the caller asked to
 /// stop.
 pub fn nvs_eval(run: &Path, names: &[String], progress: &dyn Progress) -> Result<NvsScores, PipelineError> {
+    if perspective::is_run(run) {
+        return perspective::nvs_eval(run, names, false, progress);
+    }
     let scene = read_scene(run)?;
     require_images(&scene)?;
     relocation::finish(run)?;
@@ -72,5 +58,5 @@ pub fn nvs_eval(run: &Path, names: &[String], progress: &dyn Progress) -> Result
         progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });
     }
     progress.event(Event::Finished);
-    Ok(NvsScores { views: scores })
+    Ok(NvsScores { views: scores, mean: None })
 }

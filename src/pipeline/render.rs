@@ -1,6 +1,7 @@
 //! Images of a trained run from any direction, under any sun: `satgs render`.
 
-use super::{PipelineError, TrainedCameras, read_scene, relocation};
+use super::render_options::{RenderOptions, RenderSummary, Viewpoint};
+use super::{PipelineError, TrainedCameras, perspective, read_scene, relocation};
 use crate::affine::{SiteScene, SiteView, sun_direction};
 use crate::bundle::Adjustment;
 use crate::io::{Cog, MapGrid, SensorImage, VerticalReference, check_writable, write_png_rgb};
@@ -9,57 +10,10 @@ use crate::rpc::{Rpc, formats};
 use crate::run_files::ADJUSTMENT;
 use crate::scene::Sun;
 use crate::splat::novel_view::{NovelView, Picture};
-use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Views and suns lower than this are refused: their displacement by height is too large.
 const LOWEST_ELEVATION_DEG: f64 = 5.0;
-
-/// Where an image is taken from.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Viewpoint {
-    /// The camera, sun and colours of a view of the run.
-    Like(String),
-    /// A direction, in the colours of the reference view.
-    Direction {
-        /// Azimuth (clockwise from north) and angle off nadir, degrees.
-        from_deg: [f64; 2],
-        /// The same for the last frame.
-        to_deg: Option<[f64; 2]>,
-        /// Columns and rows; by default the area in pixels of the reference view.
-        size: Option<(usize, usize)>,
-    },
-}
-
-impl Default for Viewpoint {
-    /// Straight down.
-    fn default() -> Self {
-        Self::Direction { from_deg: [0.0; 2], to_deg: None, size: None }
-    }
-}
-
-/// What to render.
-#[derive(Clone, Debug, Default)]
-pub struct RenderOptions {
-    /// Where the image is taken from.
-    pub viewpoint: Viewpoint,
-    /// Azimuth (clockwise from north) and elevation of the sun, degrees; by default the sun of a [`Viewpoint::Like`], else
-    /// no shadows.
-    pub sun_deg: Option<[f64; 2]>,
-    /// The same for the last frame.
-    pub sun_to_deg: Option<[f64; 2]>,
-    /// Number of frames of an animation, written as `FILE_0001` and so on; by default one image.
-    pub frames: Option<u32>,
-}
-
-/// What was rendered.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct RenderSummary {
-    /// The file as it was asked for; frames have a number in their name.
-    pub output: PathBuf,
-    /// Number of images.
-    pub frames: u32,
-}
 
 /// Renders images of a trained run. A `.png` holds colours, a `.tif` also the height of what is seen, and its place.
 ///
@@ -77,6 +31,15 @@ pub fn render(
         Some("tif") => true,
         _ => return Err(PipelineError::ImageFormat { path: output.into() }),
     };
+    if options.depth && !is_raster {
+        return Err(PipelineError::ImageFormat { path: output.into() });
+    }
+    if perspective::is_run(run) {
+        return perspective::render(run, output, is_raster, options, progress);
+    }
+    if options.depth {
+        return Err(PipelineError::OfSatellites { run: run.into() });
+    }
     relocation::finish(run)?;
     let cameras = TrainedCameras::read(run)?;
     check_writable(output)?;

@@ -4,10 +4,10 @@ use super::adjust::adjust_locked;
 use super::dsm::dsm_locked;
 use super::train::train_locked;
 use super::{
-    AdjustOptions, Adjusted, DsmOptions, DsmSummary, EvaluateOptions, Outcome, PipelineError, RunLock,
-    TrainOptions, Trained, evaluate, report,
+    AdjustOptions, DsmOptions, EvaluateOptions, PipelineError, RunLock, StageResult, TrainOptions, evaluate,
+    report,
 };
-use crate::metrics::{Evaluation, Truth};
+use crate::metrics::Truth;
 use crate::progress::Progress;
 use crate::run_files::{DSM, EVALUATION};
 use crate::scene::Scene;
@@ -41,21 +41,6 @@ impl RunOptions {
             None => Ok(()),
         }
     }
-}
-
-/// The result of one stage.
-#[derive(Debug)]
-pub enum StageResult {
-    /// The adjustment is complete.
-    Adjusted(Adjusted),
-    /// The training is complete.
-    Trained(Outcome<Trained>),
-    /// The surface model is rendered.
-    Dsm(Outcome<DsmSummary>),
-    /// The surface model is scored.
-    Evaluated(Box<Evaluation>),
-    /// The report is written to this file.
-    Reported(PathBuf),
 }
 
 /// Adjusts, trains, renders, scores if there is a truth, and writes a report. `completed` receives the result of every

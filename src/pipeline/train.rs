@@ -4,8 +4,9 @@ use super::cameras::require_images;
 use super::checkpoints::Checkpoints;
 use super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
 use super::train_options::TrainOptions;
+use super::trained::{Trained, mean, mean_of_last};
 use super::training::Training;
-use super::{PipelineError, RunLock, TrainedCameras, read_scene, relocation};
+use super::{PipelineError, RunLock, TrainedCameras, perspective, read_scene, relocation};
 use crate::affine::{SiteSceneError, median_pixel_m};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, SPLATS, STAGE};
@@ -16,32 +17,10 @@ use crate::splat::state::TrainingState;
 use crate::splat::train::expectation::Extent;
 use crate::splat::train::recipe::Recipe;
 use crate::splat::train::{LogLine, Schedule, train as optimize};
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
 
-/// The figures of a training.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Trained {
-    /// Iterations.
-    pub iterations: u32,
-    /// Time of the iterations, seconds.
-    pub seconds: f64,
-    /// Number of splats at the start.
-    pub splats_start: usize,
-    /// Number of splats at the end.
-    pub splats: usize,
-    /// Mean over the views of the root mean square distance between fitted camera and RPC, pixels.
-    pub affine_rms_px: f64,
-    /// Largest such distance in any view, pixels.
-    pub affine_max_px: f64,
-    /// Mean absolute difference between rendered and real image, mean of the last iteration of every view.
-    pub l1: f64,
-    /// SSIM of rendered and real image, likewise.
-    pub ssim: f64,
-}
-
-/// Trains an adjusted run, unless that was done with the same input and options; goes on from a checkpoint of the same
+/// Trains an adjusted run, or that of a perspective scene, unless that was done with the same input and options; goes on from a checkpoint of the same
 /// input and options.
 ///
 /// Writes `RUN/splats.ply`, `RUN/cameras.json` and `RUN/train`.
@@ -65,9 +44,15 @@ pub(crate) fn train_locked(
     options: &TrainOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome<Trained>, PipelineError> {
+    if perspective::is_run(run) {
+        return perspective::train_locked(run, options, progress);
+    }
     relocation::finish_locked(run)?;
     let scene = read_scene(run)?;
     let recipe = options.recipe_for(scene.training().count())?;
+    if recipe.perspective.is_some() {
+        return Err(PipelineError::RecipeOfPerspective { recipe: recipe.name });
+    }
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
     let stage = Stage::new(run, "train", outputs, fingerprint(run, options, &recipe)?);
     if stage.is_done(options.overwrite)? {
@@ -130,22 +115,17 @@ pub(crate) fn train_locked(
 
 fn figures(cameras: &TrainedCameras, log: &[LogLine], splats_start: usize, splats: usize) -> Trained {
     let fits = &cameras.setup.views;
-    let tail = &log[log.len().saturating_sub(cameras.appearances.len())..];
+    let views = cameras.appearances.len();
     Trained {
         iterations: cameras.recipe.iterations,
         seconds: log.last().map_or(0.0, |l| l.seconds),
         splats_start,
         splats,
-        affine_rms_px: mean(fits.iter().map(|v| v.rms_px)),
-        affine_max_px: fits.iter().map(|v| v.max_px).fold(0.0, f64::max),
-        l1: mean(tail.iter().map(|l| l.column("l1"))),
-        ssim: mean(tail.iter().map(|l| l.column("ssim"))),
+        affine_rms_px: Some(mean(fits.iter().map(|v| v.rms_px))),
+        affine_max_px: Some(fits.iter().map(|v| v.max_px).fold(0.0, f64::max)),
+        l1: mean_of_last(log, views, "l1"),
+        ssim: mean_of_last(log, views, "ssim"),
     }
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, n) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
-    sum / f64::max(n, 1.0)
 }
 
 /// What a training is made from; its keys are the names of options on the command line.

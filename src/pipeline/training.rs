@@ -1,11 +1,12 @@
 //! One training of a run: what it reads, starts from and writes.
 
+use super::training_files::write_log;
 use super::{PipelineError, TrainOptions, TrainedCameras};
 use crate::affine::{SiteScene, TrainingView};
 use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
 use crate::frame::{Point, Site};
-use crate::io::{WriteError, write_atomically, write_json};
+use crate::io::write_json;
 use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, SNAPSHOTS, SURFACE, TRAINING};
@@ -141,17 +142,4 @@ impl<'a> Training<'a> {
         write_json(&run.join(CAMERAS), &cameras)?;
         Ok(cameras)
     }
-}
-
-fn write_log(path: &Path, log: &[LogLine]) -> Result<(), PipelineError> {
-    let failed = |reason: String| WriteError::new(path, reason);
-    write_atomically(path, |t| {
-        let mut writer = csv::Writer::from_path(t).map_err(|e| failed(e.to_string()))?;
-        writer.write_record(LogLine::header()).map_err(|e| failed(e.to_string()))?;
-        for line in log {
-            writer.write_record(line.record()).map_err(|e| failed(e.to_string()))?;
-        }
-        writer.flush().map_err(|e| failed(e.to_string()))
-    })?;
-    Ok(())
 }

@@ -28,10 +28,12 @@ pub struct SplatAdam {
 }
 
 impl SplatAdam {
-    /// Zero moments for `n` splats.
+    /// Zero moments for these splats.
     #[must_use]
-    pub fn new(n: usize) -> Self {
-        Self { first: Splats::zeros(n), second: Splats::zeros(n), steps: 0 }
+    pub fn new(splats: &Splats) -> Self {
+        let mut zeros = Splats::default();
+        zeros.resize_like(splats);
+        Self { first: zeros.clone(), second: zeros, steps: 0 }
     }
 
     /// Takes one step with the given learning rate for each parameter group.
@@ -123,7 +125,7 @@ mod tests {
         let mut g = Splats::zeros(1);
         let mut gradient = Splats::zeros(1);
         gradient.position[0] = [3.0, -1e-4, 0.0];
-        SplatAdam::new(1).step(&mut g, &gradient, &PerGroup { position: 0.1, ..PerGroup::default() });
+        SplatAdam::new(&g).step(&mut g, &gradient, &PerGroup { position: 0.1, ..PerGroup::default() });
         for (a, b) in g.position[0].iter().zip([-0.1, 0.1, 0.0]) {
             assert!((a - b).abs() < 1e-6, "{:?}", g.position[0]);
         }

@@ -112,8 +112,8 @@ impl DensifyEdit {
             let mean = statistics.gradient[i] / statistics.views[i].max(1) as f32;
             let radius = RADIUS_SIGMAS * f64::from(scale) * statistics.magnification;
             let is_densified = f64::from(mean) > rule.gradient
-                || f64::from(scale) > rule.max_scale * half_side_m
-                || radius > rule.max_radius;
+                || rule.max_scale.is_some_and(|most| f64::from(scale) > most * half_side_m)
+                || rule.max_radius.is_some_and(|most| radius > most);
             if !is_densified {
                 continue;
             }
@@ -149,15 +149,16 @@ impl DensifyEdit {
     }
 }
 
-/// The edit that removes splats whose opacity is below `opacity`, whose position or scale is not finite, or that lie
-/// outside `altitudes` (lowest and highest, metres).
+/// The edit that removes splats whose opacity is below `opacity`, whose largest scale exceeds `largest_m`, whose position or
+/// scale is not finite, or that lie outside `altitudes` (lowest and highest, metres).
 #[must_use]
-pub fn pruning(splats: &Splats, opacity: f64, altitudes: (f64, f64)) -> Edit {
+pub fn pruning(splats: &Splats, opacity: f64, largest_m: f64, altitudes: (f64, f64)) -> Edit {
     let is_kept = |i: usize| {
         let z = f64::from(splats.position[i][2]);
         let is_finite = splats.position[i].iter().chain(&splats.log_scale[i]).all(|v| v.is_finite());
         let is_inside = z >= altitudes.0 && z <= altitudes.1;
-        is_finite && is_inside && f64::from(sigmoid(splats.opacity_logit[i][0])) >= opacity
+        let is_small = splats.log_scale[i].iter().all(|s| f64::from(*s) <= largest_m.ln());
+        is_finite && is_inside && is_small && f64::from(sigmoid(splats.opacity_logit[i][0])) >= opacity
     };
     Edit::retain(&(0..splats.len()).map(is_kept).collect::<Vec<_>>())
 }
@@ -192,7 +193,7 @@ mod tests {
             state.splats.log_scale.iter().filter(|l| (l[0].exp() - 4.0 / 1.6).abs() < 1e-4).count();
         assert_eq!(parts_of_split, 2);
         assert!(state.splats.position[3] != state.splats.position[4]);
-        assert_eq!(state.prune(recipe.prune_below, (-50.0, 50.0)), 1);
+        assert_eq!(state.prune(recipe.prune_below, f64::INFINITY, (-50.0, 50.0)), 1);
         assert_eq!(state.splats.len(), 4);
     }
 

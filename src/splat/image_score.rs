@@ -72,6 +72,35 @@ pub fn score_picture(colors: &[Grid2; 3], target: &TargetImage) -> Option<Pictur
     Some(PictureScore { psnr_db: -10.0 * (squares / (3 * pixels) as f64).log10(), ssim, pixels })
 }
 
+/// Scores a picture against a photograph of the same size, both as displayed, 0 to 1: all pixels that have data, without a
+/// change of colours (3DGS). None if no pixel has data.
+#[must_use]
+pub fn score_photograph(colors: &[Grid2; 3], truth: &[Grid2; 3]) -> Option<PictureScore> {
+    let (width, height) = (truth[0].width, truth[0].height);
+    let mut picture = Image::<f32>::zeros(width, height, 3);
+    let mut image = Image::<f32>::zeros(width, height, 3);
+    let (mut squares, mut pixels) = (0.0, 0);
+    for (col, row) in (0..height).flat_map(|r| (0..width).map(move |c| (c, r))) {
+        let expected = truth.each_ref().map(|plane| plane.at(col, row));
+        if expected.iter().any(|v| v.is_nan()) {
+            continue;
+        }
+        pixels += 1;
+        for (k, (found, expected)) in colors.iter().map(|c| c.at(col, row)).zip(expected).enumerate() {
+            squares += f64::from(found - expected).powi(2);
+            *picture.at_mut(k, col, row) = found;
+            *image.at_mut(k, col, row) = expected;
+        }
+    }
+    (pixels > 0).then(|| {
+        let (similarity, _) = Photometric::default().compare(&picture, &image);
+        // Pixels without data are zero in both images, and there SSIM is 1.
+        let all = (width * height) as f64;
+        let ssim = (similarity.ssim * all - (all - pixels as f64)) / pixels as f64;
+        PictureScore { psnr_db: -10.0 * (squares / (3 * pixels) as f64).log10(), ssim, pixels }
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

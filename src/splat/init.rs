@@ -59,7 +59,7 @@ pub fn init_from_points(sparse: &[Point<Site>], area: SiteBox, seed: u64) -> Spl
     let mut out = Splats::default();
     // The scales of sparse points and of ground plane splats are computed from neighbours of the same kind.
     for (points, gray) in [(points, 1.0), (ground, 0.0)] {
-        for (p, scale) in points.iter().zip(neighbour_scales(&points)) {
+        for (p, scale) in points.iter().zip(clamped_scales(&points)) {
             out.push(p.map(|v| v as f32), scale as f32, OPACITY as f32, [gray; 3]);
         }
     }
@@ -77,7 +77,7 @@ pub fn init_from_volume((west, south, east, north): SiteBox, (low, high): (f64, 
     };
     let positions: Vec<[f64; 3]> = (0..count.max(0.0) as u64).map(position).collect();
     let mut out = Splats::default();
-    for (p, scale) in positions.iter().zip(neighbour_scales(&positions)) {
+    for (p, scale) in positions.iter().zip(clamped_scales(&positions)) {
         out.push(p.map(|v| v as f32), scale as f32, VOLUME_OPACITY, [VOLUME_COLOR; 3]);
     }
     out
@@ -134,11 +134,16 @@ fn median_color([x, y, z]: [f64; 3], views: &[TrainingView]) -> [f32; 3] {
     })
 }
 
-/// Root mean square distance of each point to its three nearest neighbours, clamped to [`SCALE_M`], metres (3DGS).
-fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
+/// [`neighbour_scales`] clamped to [`SCALE_M`], metres.
+fn clamped_scales(points: &[[f64; 3]]) -> Vec<f64> {
+    neighbour_scales(points).into_iter().map(|scale| scale.clamp(SCALE_M.0, SCALE_M.1)).collect()
+}
+
+/// Root mean square distance of each point to its three nearest neighbours, metres (3DGS); infinite where the points cannot be searched.
+pub(super) fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
     const NEIGHBOURS: NonZero<usize> = NonZero::new(4).unwrap();
     let tree = ImmutableKdTree::<f64, 3>::new_from_slice(points);
-    let Ok(tree) = tree else { return vec![SCALE_M.1; points.len()] };
+    let Ok(tree) = tree else { return vec![f64::INFINITY; points.len()] };
     points
         .par_iter()
         .map(|p| {
@@ -146,7 +151,7 @@ fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
             let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(NEIGHBOURS).execute();
             let squares: Vec<f64> = near.iter().skip(1).map(|n| n.distance).collect();
             let mean = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
-            mean.sqrt().clamp(SCALE_M.0, SCALE_M.1)
+            mean.sqrt()
         })
         .collect()
 }

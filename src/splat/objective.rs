@@ -280,7 +280,7 @@ impl<T: SimdReal> Objective<T> {
         if input.sun.is_some() {
             backward(&mut self.sun, SUN, sorted, self.shadows.by_sun(), by_sorted, by_altitude, watch);
         }
-        gradient.splats.resize(n);
+        gradient.splats.resize_like(splats);
         let groups = gradient.splats.groups_mut().into_iter().zip(GROUP_INFO);
         let others = groups.filter(|(_, info)| !WRITTEN_GROUPS.contains(&info.name));
         others.for_each(|(group, _)| group.fill(T::zero()));
@@ -301,7 +301,7 @@ impl<T: SimdReal> Objective<T> {
 }
 
 /// The terms' derivatives by the same image, after `own`, which is computed elsewhere.
-fn parts<'a, T: SimdReal>(
+pub(super) fn parts<'a, T: SimdReal>(
     terms: &'a [Box<dyn LossTerm<T>>],
     own: Option<Scaled<'a, T>>,
     of: impl Fn(&'a dyn LossTerm<T>) -> Option<Scaled<'a, T>>,
@@ -315,7 +315,7 @@ fn parts<'a, T: SimdReal>(
 }
 
 /// Adds scaled derivatives to an image of the same size.
-fn add_scaled<T: SimdReal>(sum: &mut Image<T>, parts: &[Option<Scaled<T>>]) {
+pub(super) fn add_scaled<T: SimdReal>(sum: &mut Image<T>, parts: &[Option<Scaled<T>>]) {
     let Image { width, channels, .. } = *sum;
     for part in parts.iter().flatten() {
         let rows =
@@ -343,7 +343,7 @@ impl<T: SimdReal> SimdKernel<T> for AddScaled<'_, T> {
 }
 
 /// Sets the vector to `n` zeros, in parallel.
-fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
+pub(super) fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
     values.resize(n, V::default());
     values.par_chunks_mut(1 << 14).for_each(|v| v.fill(V::default()));
 }

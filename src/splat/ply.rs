@@ -2,17 +2,19 @@
 
 use crate::frame::SiteGrid;
 use crate::io::{WriteError, georeference_comment, write_file, write_georeference};
-use crate::splat::splats::{GROUP_INFO, Splats};
+use crate::splat::splats::{GROUP_INFO, GroupInfo, Splats};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Columns that 3DGS writes after the position; their values are zero.
 const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
 
-/// The columns of a vertex, all float32, in the order of 3DGS (spherical harmonics of degree 0).
-fn columns() -> impl Iterator<Item = &'static str> {
-    let [position, others @ ..] = &GROUP_INFO;
-    position.ply.iter().chain(&NORMALS).chain(others.iter().flat_map(|group| group.ply)).copied()
+/// The parameter groups that splats have, in the order of the columns (that of 3DGS), and the values of each.
+fn groups_of(splats: &Splats) -> impl Iterator<Item = (GroupInfo, &[f32])> {
+    GROUP_INFO
+        .into_iter()
+        .zip(splats.groups())
+        .filter(|(info, values)| !(info.is_optional && values.is_empty()))
 }
 
 /// Why a splat file could not be read.
@@ -43,20 +45,39 @@ pub enum PlyError {
 /// # Errors
 /// [`WriteError`] if one of the files cannot be written.
 pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteError> {
-    let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
-    let _ = writeln!(header, "comment {}", georeference_comment(site));
     // The format does not define the vertical axis; viewers read it from this comment.
-    header.push_str("comment Vertical Axis: z\n");
+    write_file(path, encoded(splats, &[&georeference_comment(site), "Vertical Axis: z"]))?;
+    write_georeference(path, site)
+}
+
+/// Writes splats as a PLY file in a frame that has no place on Earth.
+///
+/// # Errors
+/// [`WriteError`] if the file cannot be written.
+pub fn write_local(path: &Path, splats: &Splats) -> Result<(), WriteError> {
+    write_file(path, encoded(splats, &["satgs frame of the cameras"]))
+}
+
+/// The bytes of a PLY file.
+fn encoded(splats: &Splats, comments: &[&str]) -> Vec<u8> {
+    let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
+    for comment in comments {
+        let _ = writeln!(header, "comment {comment}");
+    }
     let _ = writeln!(header, "element vertex {}", splats.len());
-    for name in columns() {
-        let _ = writeln!(header, "property float {name}");
+    let mut stride = 0;
+    for (g, (info, _)) in groups_of(splats).enumerate() {
+        let normals = NORMALS.iter().filter(|_| g == 0);
+        for name in info.ply.iter().chain(normals) {
+            let _ = writeln!(header, "property float {name}");
+            stride += 4;
+        }
     }
     header.push_str("end_header\n");
     let mut bytes = header.into_bytes();
-    bytes.reserve(splats.len() * columns().count() * 4);
-    let groups = splats.groups();
+    bytes.reserve(splats.len() * stride);
     for i in 0..splats.len() {
-        for (g, (values, info)) in groups.iter().zip(GROUP_INFO).enumerate() {
+        for (g, (info, values)) in groups_of(splats).enumerate() {
             for value in &values[i * info.width..(i + 1) * info.width] {
                 bytes.extend_from_slice(&value.to_le_bytes());
             }
@@ -65,15 +86,28 @@ pub fn write(path: &Path, splats: &Splats, site: &SiteGrid) -> Result<(), WriteE
             }
         }
     }
-    write_file(path, bytes)?;
-    write_georeference(path, site)
+    bytes
 }
 
-/// Reads splats that [`write()`] or another 3DGS program wrote. Properties that splats do not have are ignored.
+/// The columns of coefficients above degree 0 that a file has, each with its place in `f_rest`. Files of lower degrees have
+/// fewer for each channel.
+fn rest_columns(properties: &[String]) -> Option<Vec<(usize, usize)>> {
+    let rest = |name: &String| name.strip_prefix("f_rest_").and_then(|k| k.parse::<usize>().ok());
+    let found: Vec<(usize, usize)> =
+        properties.iter().enumerate().filter_map(|(column, name)| Some((column, rest(name)?))).collect();
+    let of_channel = found.len() / 3;
+    let is_degree = [0, 3, 8, 15].contains(&of_channel) && found.len() == 3 * of_channel;
+    let is_whole = (0..found.len()).all(|k| found.iter().filter(|f| f.1 == k).count() == 1);
+    (is_degree && is_whole).then(|| {
+        found.into_iter().map(|(column, k)| (column, k / of_channel * 15 + k % of_channel)).collect()
+    })
+}
+
+/// Reads splats that [`write()`] or another 3DGS program wrote, with spherical harmonics of any degree up to 3. Properties that
+/// splats do not have are ignored. If all spherical harmonics above degree 0 are zero, the splats have none.
 ///
 /// # Errors
-/// [`PlyError`] if the file cannot be read, is cut off, lacks a property, or has values that are not finite or spherical
-/// harmonics above degree 0.
+/// [`PlyError`] if the file cannot be read, is cut off, lacks a property, or has values that are not finite.
 pub fn read(path: &Path) -> Result<Splats, PlyError> {
     let bytes = std::fs::read(path).map_err(|e| PlyError::Io { path: path.into(), reason: e.to_string() })?;
     let refused = |reason: &str| PlyError::Format { path: path.into(), reason: reason.into() };
@@ -112,16 +146,17 @@ pub fn read(path: &Path) -> Result<Splats, PlyError> {
         f32::from_le_bytes([vertex[offset], vertex[offset + 1], vertex[offset + 2], vertex[offset + 3]])
     };
     let vertices = || body.chunks_exact(stride).take(count);
-    // Colours that depend on the viewing direction would be lost.
-    let rest: Vec<usize> =
-        (0..properties.len()).filter(|k| properties[*k].starts_with("f_rest_")).map(|k| 4 * k).collect();
-    if vertices().any(|vertex| rest.iter().any(|offset| value(vertex, *offset) != 0.0)) {
-        return Err(refused(
-            "it has spherical harmonics above degree 0 (`f_rest_*`), which are not supported",
-        ));
-    }
+    let rest = rest_columns(&properties)
+        .ok_or_else(|| refused("its `f_rest_*` are not those of spherical harmonics of degree 1, 2 or 3"))?;
     let mut out = Splats::zeros(count);
-    for (values, info) in out.groups_mut().into_iter().zip(GROUP_INFO) {
+    let is_zero = |vertex: &[u8]| rest.iter().all(|(column, _)| value(vertex, 4 * column) == 0.0);
+    if !vertices().all(is_zero) {
+        out.f_rest.resize(count, [0.0; 45]);
+        for (vertex, values) in vertices().zip(&mut out.f_rest) {
+            rest.iter().for_each(|(column, k)| values[*k] = value(vertex, 4 * column));
+        }
+    }
+    for (values, info) in out.groups_mut().into_iter().zip(GROUP_INFO).filter(|(_, info)| !info.is_optional) {
         let offsets = info.ply.iter().map(|name| at(name)).collect::<Result<Vec<_>, _>>()?;
         for (vertex, values) in vertices().zip(values.chunks_exact_mut(info.width)) {
             for (value_of_splat, offset) in values.iter_mut().zip(&offsets) {
@@ -160,5 +195,43 @@ mod tests {
             std::fs::write(&path, &bytes[..bytes.len() * part / 100]).unwrap();
             assert!(matches!(read(&path), Err(PlyError::Format { .. })));
         }
+    }
+
+    #[test]
+    fn spherical_harmonics_are_written_channel_by_channel_and_read_in_any_degree() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("splats.ply");
+        let mut g = Splats::default();
+        g.push([1.0, 2.0, 3.0], 0.1, 0.3, [0.1, 0.2, 0.9]);
+        g.push([3.0, 2.0, 1.0], 0.1, 0.3, [0.1, 0.2, 0.9]);
+        g.f_rest = vec![std::array::from_fn(|k| k as f32 + 0.5), [0.0; 45]];
+        write_local(&path, &g).unwrap();
+        assert_eq!(read(&path).unwrap(), g);
+        assert!(!dir.path().join("splats.georef.json").exists());
+        let bytes = std::fs::read(&path).unwrap();
+        let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap();
+        let header = String::from_utf8(bytes[..end].to_vec()).unwrap();
+        let names: Vec<&str> =
+            header.lines().filter_map(|line| line.strip_prefix("property float ")).collect();
+        assert_eq!(names[..10], ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "f_rest_0"]);
+        assert_eq!((names.len(), names[53], names[54]), (62, "f_rest_44", "opacity"));
+        // Of degree 1 each channel has three coefficients.
+        let without = |dropped: &dyn Fn(usize) -> bool| {
+            let kept =
+                |c: &usize| !names[*c].strip_prefix("f_rest_").is_some_and(|k| dropped(k.parse().unwrap()));
+            let mut header: String =
+                header.lines().filter(|l| !l.contains("property")).flat_map(|l| [l, "\n"]).collect();
+            (0..62).filter(&kept).for_each(|c| header += &format!("property float {}\n", names[c]));
+            let mut out = (header + "end_header\n").into_bytes();
+            for vertex in bytes[end + 11..].chunks(4 * 62) {
+                (0..62).filter(&kept).for_each(|c| out.extend(&vertex[4 * c..4 * c + 4]));
+            }
+            std::fs::write(&path, out).unwrap();
+            read(&path)
+        };
+        let low = without(&|k| k >= 9).unwrap().f_rest[0];
+        assert_eq!((low[0], low[2], low[3], low[15], low[17], low[30]), (0.5, 2.5, 0.0, 3.5, 5.5, 6.5));
+        assert!(without(&|k| k == 7).unwrap_err().to_string().contains("f_rest"));
+        assert!(without(&|_| true).unwrap().f_rest.is_empty());
     }
 }

@@ -9,7 +9,7 @@ use crate::simd::Real;
 use serde::{Deserialize, Serialize};
 
 /// Value of the zeroth spherical harmonic: `rgb = SH_C0 * f_dc + 0.5`, as in 3DGS.
-const SH_C0: f64 = 0.282_094_791_773_878_14;
+pub(super) const SH_C0: f64 = 0.282_094_791_773_878_14;
 
 /// Name, size and file columns of a parameter group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,13 +20,17 @@ pub struct GroupInfo {
     pub width: usize,
     /// Its columns in a PLY file.
     pub ply: &'static [&'static str],
+    /// Whether splats may be without it: then its array is empty.
+    pub is_optional: bool,
 }
 
 macro_rules! parameter_groups {
-    ($($(#[$doc:meta])* $name:ident: $width:literal = $default:expr, ply $ply:expr;)*) => {
+    ($($(#[$doc:meta])* $name:ident: $width:literal = $default:expr, ply $ply:expr
+        $(, optional $(#[$of_value:meta])*)?;)*) => {
         /// Splats in the site frame: 3-D Gaussians as a structure of arrays, in the parametrisation that is optimised. The
         /// same structure holds gradients and moments.
         #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+        #[serde(bound(deserialize = "T: Deserialize<'de> + Copy"))]
         pub struct Splats<T = f32> {
             $($(#[$doc])* pub $name: Vec<[T; $width]>,)*
         }
@@ -34,8 +38,14 @@ macro_rules! parameter_groups {
         /// A value for each parameter group, such as its learning rate.
         #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
         #[serde(deny_unknown_fields)]
+        #[serde(bound(serialize = "V: Serialize + Default + PartialEq"))]
+        #[serde(bound(deserialize = "V: Deserialize<'de> + Default"))]
         pub struct PerGroup<V> {
-            $(#[doc = concat!("The value of [`Splats::", stringify!($name), "`].")] pub $name: V,)*
+            $(
+                #[doc = concat!("The value of [`Splats::", stringify!($name), "`].")]
+                $($(#[$of_value])*)?
+                pub $name: V,
+            )*
         }
 
         /// Number of parameter groups.
@@ -43,7 +53,12 @@ macro_rules! parameter_groups {
 
         /// The parameter groups, in the order of [`Splats::groups`] and of the columns of a PLY file.
         pub const GROUP_INFO: [GroupInfo; GROUPS] =
-            [$(GroupInfo { name: stringify!($name), width: $width, ply: &$ply }),*];
+            [$(GroupInfo {
+                name: stringify!($name),
+                width: $width,
+                ply: &$ply,
+                is_optional: !stringify!($($(#[$of_value])*)?).is_empty(),
+            }),*];
 
         impl<V: Copy> PerGroup<V> {
             /// The values in the order of [`Splats::groups`].
@@ -54,32 +69,45 @@ macro_rules! parameter_groups {
         }
 
         impl<T: Real> Splats<T> {
-            /// `n` splats whose parameters are all zero, such as gradients or moments before the first sum.
+            /// `n` splats whose parameters are all zero, without the optional groups.
             #[must_use]
             pub fn zeros(n: usize) -> Self {
-                Self { $($name: vec![[T::zero(); $width]; n],)* }
+                let of_group = |info: &GroupInfo| if info.is_optional { 0 } else { n };
+                let mut groups = GROUP_INFO.iter().map(of_group);
+                Self { $($name: vec![[T::zero(); $width]; groups.next().unwrap_or(0)],)* }
             }
 
-            /// Changes the number of splats; the parameters of new ones are zero.
-            pub fn resize(&mut self, n: usize) {
-                $(self.$name.resize(n, [T::zero(); $width]);)*
+            /// Changes the number of splats, and which groups they have, to those of `other`; new parameters are zero.
+            pub fn resize_like<U>(&mut self, other: &Splats<U>) {
+                $(self.$name.resize(other.$name.len(), [T::zero(); $width]);)*
             }
 
-            /// Appends a splat with the default value of every parameter group.
+            /// Appends a splat with the default value of every parameter group that the splats have.
             fn push_default(&mut self) {
-                $(self.$name.push($default.map(T::from_f64));)*
+                let mut groups = self.groups().map(<[T]>::is_empty).into_iter().zip(GROUP_INFO);
+                $(
+                    if groups.next().is_some_and(|(is_empty, info)| !(is_empty && info.is_optional)) {
+                        self.$name.push($default.map(T::from_f64));
+                    }
+                )*
             }
 
             /// Applies an edit: splat `i` becomes a copy of what splat `edit.source[i]` was.
             pub fn apply(&mut self, edit: &Edit) {
-                $(edit.gather(&mut self.$name);)*
+                $(
+                    if !self.$name.is_empty() {
+                        edit.gather(&mut self.$name);
+                    }
+                )*
             }
 
             /// Sets every parameter of an edit's new splats to zero, as needed for moments.
             pub fn zero_fresh(&mut self, edit: &Edit) {
-                for i in edit.fresh() {
-                    $(self.$name[i] = [T::zero(); $width];)*
-                }
+                $(
+                    if !self.$name.is_empty() {
+                        self.$name[edit.fresh()].fill([T::zero(); $width]);
+                    }
+                )*
             }
 
             /// Every parameter group as a flat slice, in the order of [`GROUP_INFO`].
@@ -101,12 +129,94 @@ parameter_groups! {
     position: 3 = [0.0; 3], ply ["x", "y", "z"];
     /// Colour, `SH_C0 * f_dc + 0.5` (see [`color_from_f_dc`]).
     f_dc: 3 = [0.0; 3], ply ["f_dc_0", "f_dc_1", "f_dc_2"];
+    /// Coefficients of the spherical harmonics of degrees 1 to 3, channel by channel: fifteen for red, green, blue each. The
+    /// colour of splats without them does not depend on the direction ([`harmonics`](super::harmonics)).
+    #[serde(with = "flat")]
+    f_rest: 45 = [0.0; 45], ply F_REST_COLUMNS, optional #[serde(default, skip_serializing_if = "is_default")];
     /// Logit of the opacity ([`logit`]).
     opacity_logit: 1 = [0.0], ply ["opacity"];
     /// Natural logarithm of the standard deviations along the splat's own axes, metres.
     log_scale: 3 = [0.0; 3], ply ["scale_0", "scale_1", "scale_2"];
     /// Orientation, a quaternion (w, x, y, z) of any length.
     rotation: 4 = [1.0, 0.0, 0.0, 0.0], ply ["rot_0", "rot_1", "rot_2", "rot_3"];
+}
+
+/// The columns of `f_rest` in a PLY file.
+const F_REST_COLUMNS: [&str; 45] = [
+    "f_rest_0",
+    "f_rest_1",
+    "f_rest_2",
+    "f_rest_3",
+    "f_rest_4",
+    "f_rest_5",
+    "f_rest_6",
+    "f_rest_7",
+    "f_rest_8",
+    "f_rest_9",
+    "f_rest_10",
+    "f_rest_11",
+    "f_rest_12",
+    "f_rest_13",
+    "f_rest_14",
+    "f_rest_15",
+    "f_rest_16",
+    "f_rest_17",
+    "f_rest_18",
+    "f_rest_19",
+    "f_rest_20",
+    "f_rest_21",
+    "f_rest_22",
+    "f_rest_23",
+    "f_rest_24",
+    "f_rest_25",
+    "f_rest_26",
+    "f_rest_27",
+    "f_rest_28",
+    "f_rest_29",
+    "f_rest_30",
+    "f_rest_31",
+    "f_rest_32",
+    "f_rest_33",
+    "f_rest_34",
+    "f_rest_35",
+    "f_rest_36",
+    "f_rest_37",
+    "f_rest_38",
+    "f_rest_39",
+    "f_rest_40",
+    "f_rest_41",
+    "f_rest_42",
+    "f_rest_43",
+    "f_rest_44",
+];
+
+/// Whether a value is that of its type's `Default`.
+fn is_default<V: Default + PartialEq>(value: &V) -> bool {
+    *value == V::default()
+}
+
+/// Arrays that are too long for serde, as one flat sequence.
+mod flat {
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<T: Serialize, S: Serializer, const W: usize>(
+        values: &[[T; W]],
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        values.as_flattened().serialize(serializer)
+    }
+
+    pub fn deserialize<'de, T: Deserialize<'de> + Copy, D: Deserializer<'de>, const W: usize>(
+        deserializer: D,
+    ) -> Result<Vec<[T; W]>, D::Error> {
+        let values = Vec::<T>::deserialize(deserializer)?;
+        let (whole, rest) = values.as_chunks::<W>();
+        if !rest.is_empty() {
+            return Err(D::Error::custom("the last splat is cut off"));
+        }
+        Ok(whole.to_vec())
+    }
 }
 
 impl<T: Real> Splats<T> {
@@ -122,10 +232,18 @@ impl<T: Real> Splats<T> {
         self.position.is_empty()
     }
 
-    /// Whether every parameter group has a value for each of `n` splats.
+    /// Whether every parameter group has a value for each of `n` splats, or none if it is optional.
     #[must_use]
     pub fn is_whole(&self, n: usize) -> bool {
-        self.groups().iter().zip(GROUP_INFO).all(|(group, info)| group.len() == n * info.width)
+        let is_absent = |len: usize, info: &GroupInfo| len == 0 && info.is_optional;
+        let groups = self.groups().map(<[T]>::len).into_iter().zip(&GROUP_INFO);
+        groups.into_iter().all(|(len, info)| len == n * info.width || is_absent(len, info))
+    }
+
+    /// Whether the number of splats and the groups they have are those of `other`.
+    #[must_use]
+    pub fn is_like(&self, other: &Self) -> bool {
+        self.groups().map(<[T]>::len) == other.groups().map(<[T]>::len)
     }
 
     /// Appends an isotropic splat: centre (site frame) and standard deviation in metres, opacity in (0, 1), and linear
@@ -149,7 +267,8 @@ impl<T: Real> Splats<T> {
 impl Splats<f64> {
     /// As f32.
     pub fn narrow(&self) -> Splats {
-        let mut out = Splats::zeros(self.len());
+        let mut out = Splats::default();
+        out.resize_like(self);
         for (narrow, wide) in out.groups_mut().into_iter().zip(self.groups()) {
             narrow.iter_mut().zip(wide).for_each(|(n, w)| *n = *w as f32);
         }

@@ -27,7 +27,7 @@ impl TrainingState {
     pub fn start(splats: Splats, appearance: AppearanceKind, views: usize) -> Self {
         let mut statistics = DensifyStats::default();
         statistics.reset(splats.len());
-        let adam = SplatAdam::new(splats.len());
+        let adam = SplatAdam::new(&splats);
         let appearances = vec![(Appearance::start(appearance), AppearanceAdam::default()); views];
         let mut start = Self { splats, adam, appearances, statistics };
         start.sort_by_altitude();
@@ -59,11 +59,11 @@ impl TrainingState {
         count
     }
 
-    /// Removes splats whose opacity is below `opacity`, whose position or scale is not finite, or that lie outside `altitudes`
-    /// (lowest and highest, metres). Returns how many.
-    pub fn prune(&mut self, opacity: f64, altitudes: (f64, f64)) -> usize {
+    /// Removes splats whose opacity is below `opacity`, whose largest scale exceeds `largest_m`, whose position or scale is
+    /// not finite, or that lie outside `altitudes` (lowest and highest, metres). Returns how many.
+    pub fn prune(&mut self, opacity: f64, largest_m: f64, altitudes: (f64, f64)) -> usize {
         let before = self.splats.len();
-        self.apply(&pruning(&self.splats, opacity, altitudes));
+        self.apply(&pruning(&self.splats, opacity, largest_m, altitudes));
         before - self.splats.len()
     }
 
@@ -82,7 +82,7 @@ impl TrainingState {
     pub fn fits(&self, views: usize) -> bool {
         let n = self.splats.len();
         let parts = [&self.splats, &self.adam.first, &self.adam.second];
-        parts.into_iter().all(|part| part.is_whole(n))
+        parts.into_iter().all(|part| part.is_whole(n) && part.is_like(&self.splats))
             && self.statistics.splats() == n
             && self.appearances.len() == views
     }

@@ -41,6 +41,10 @@ impl CpuBackend {
 }
 
 impl TrainingBackend for CpuBackend {
+    type Scene = TrainingScene;
+    type Viewpoint = NovelView;
+    type Picture = Picture;
+
     fn load(&mut self, scene: TrainingScene, state: TrainingState) -> Result<(), BackendError> {
         let (found, expected) = (state.appearances.len(), scene.views.len());
         if found != expected {
@@ -132,7 +136,8 @@ impl Loaded {
             counts.densified = state.densify(rule, *half_side_m, (plan.seed, u64::from(iteration)));
         }
         if let Some(opacity) = plan.prune_below {
-            counts.pruned = state.prune(opacity, self.scene.altitudes);
+            counts.pruned =
+                state.prune(opacity, plan.prune_above_m.unwrap_or(f64::INFINITY), self.scene.altitudes);
             state.statistics.reset(state.splats.len());
         }
         if let Some(opacity) = plan.reset_opacity {
@@ -172,6 +177,7 @@ mod tests {
             opacity: 0.005,
             opacity_loss_pause: 10,
             densification_pause: 10,
+            until: None,
         });
         recipe
     }

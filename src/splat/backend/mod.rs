@@ -12,7 +12,6 @@ use super::appearance::AppearanceKind;
 use super::densify::DensifyCounts;
 use super::loss::LossWeights;
 use super::loss::surface_prior::Prior;
-use super::novel_view::{NovelView, Picture};
 use super::objective::Losses;
 use super::splats::PerGroup;
 use super::state::TrainingState;
@@ -20,7 +19,7 @@ use super::train::recipe::Densification;
 use crate::affine::TrainingView;
 use std::sync::Arc;
 
-/// The input of a training, which does not change while it runs.
+/// The input of a training of a satellite scene.
 pub struct TrainingScene {
     /// The training views.
     pub views: Arc<Vec<TrainingView>>,
@@ -52,6 +51,8 @@ pub struct StepPlan {
     /// Number of splats by which the opacity loss divides the sum of opacities (EOGS: the initial number); the current
     /// number if none is given.
     pub opacity_divisor: Option<usize>,
+    /// Degree of the spherical harmonics that are used, 0 to 3; satellite scenes have none above 0.
+    pub sh_degree: usize,
     /// Learning rates of Adam; that of positions is in metres.
     pub rates: PerGroup<f64>,
     /// Learning rate of Adam for the colour model.
@@ -67,6 +68,8 @@ pub struct DensifyPlan {
     pub densify: Option<(Densification, f64)>,
     /// Splats with a smaller opacity are removed.
     pub prune_below: Option<f64>,
+    /// Splats with a larger scale are removed where others are, metres.
+    pub prune_above_m: Option<f64>,
     /// Opacities above this are lowered to it.
     pub reset_opacity: Option<f64>,
     /// Seed of the random positions of split splats.
@@ -122,11 +125,18 @@ pub enum BackendError {
 
 /// Executes training iterations, on a CPU or another device.
 pub trait TrainingBackend {
+    /// The input of a training, which does not change while it runs.
+    type Scene;
+    /// What a picture is rendered from.
+    type Viewpoint;
+    /// A rendered picture.
+    type Picture;
+
     /// Loads a scene and the state to start from; replaces what was loaded before.
     ///
     /// # Errors
     /// [`BackendError::OtherScene`] if the state has another number of views than the scene.
-    fn load(&mut self, scene: TrainingScene, state: TrainingState) -> Result<(), BackendError>;
+    fn load(&mut self, scene: Self::Scene, state: TrainingState) -> Result<(), BackendError>;
 
     /// Submits an iteration for execution.
     ///
@@ -140,11 +150,12 @@ pub trait TrainingBackend {
     /// [`BackendError`] of any submitted iteration.
     fn reports(&mut self, wait: Wait, into: &mut Vec<StepReport>) -> Result<(), BackendError>;
 
-    /// Renders a picture after all submitted iterations, with the colour model of the training view of this index.
+    /// Renders a picture after all submitted iterations, with the colour model of the training view of this index, if the scene
+    /// has colour models.
     ///
     /// # Errors
     /// [`BackendError::NoView`] if there is no such view; [`BackendError`] of any submitted iteration.
-    fn render(&mut self, from: &NovelView, view: usize) -> Result<Picture, BackendError>;
+    fn render(&mut self, from: &Self::Viewpoint, view: usize) -> Result<Self::Picture, BackendError>;
 
     /// The state after all submitted iterations.
     ///

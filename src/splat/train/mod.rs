@@ -10,7 +10,7 @@ use crate::splat::backend::{BackendError, DensifyPlan, StepPlan, StepReport, Tra
 use crate::splat::loss::{COLUMNS, column_names};
 use crate::splat::objective::Losses;
 use crate::splat::splats::PerGroup;
-use crate::splat::train::recipe::Recipe;
+use crate::splat::train::recipe::{Background, OpacityReset, PerspectiveRecipe, Recipe};
 use serde::{Deserialize, Serialize};
 
 /// Number of iterations between two progress events.
@@ -82,7 +82,8 @@ pub struct Schedule<'a> {
     pub recipe: &'a Recipe,
     /// Number of training views.
     pub views: usize,
-    /// Half of the area's diagonal, metres: the half side of the cube that the recipe's lengths refer to.
+    /// Half of the area's diagonal, metres: the half side of the cube that the recipe's lengths refer to. In perspective
+    /// scenes it is the extent of the cameras ([`extent_m`](crate::splat::pinhole::extent_m)).
     pub half_side_m: f64,
     /// Median pixel size of the training views, metres: [`median_pixel_m`](crate::affine::median_pixel_m).
     pub pixel_m: f64,
@@ -146,9 +147,7 @@ impl Schedule<'_> {
             let since = (iteration - 1) % reset.every + 1;
             (iteration > reset.every).then_some((reset, since))
         });
-        let is_paused = |span: fn(&crate::splat::train::recipe::OpacityReset) -> u32| {
-            past_reset.is_some_and(|(r, s)| s < span(&r))
-        };
+        let is_paused = |span: fn(&OpacityReset) -> u32| past_reset.is_some_and(|(r, s)| s < span(&r));
         let virtual_terms = ["consistency_altitude", "consistency_color"];
         let mut weights = r.weights.scaled(&virtual_terms, f64::from(r.virtual_every));
         if is_paused(|r| r.opacity_loss_pause) {
@@ -164,14 +163,18 @@ impl Schedule<'_> {
             level: usize::from(is_half),
             shadows,
             virtual_shear: is_consistent.then(|| self.virtual_shear(iteration)),
-            background: if self.is_gray {
-                [background.uniform() as f32; 3]
-            } else {
-                std::array::from_fn(|_| background.uniform() as f32)
+            background: match r.perspective {
+                Some(PerspectiveRecipe { background: Background::Black, .. }) => [0.0; 3],
+                _ if self.is_gray => [background.uniform() as f32; 3],
+                _ => std::array::from_fn(|_| background.uniform() as f32),
             },
             weights,
             opacity_divisor: r.opacity_by_start.then_some(self.splats_at_start),
-            rates: self.rates(),
+            sh_degree: r.perspective.map_or(0, |p| {
+                let risen = (iteration - 1) / p.sh_degree_every.max(1);
+                risen.min(p.sh_degree) as usize
+            }),
+            rates: self.rates(iteration),
             appearance_rate: r.appearance_rate,
             densify: self.densification(iteration, is_paused(|r| r.densification_pause)),
         }
@@ -195,9 +198,13 @@ impl Schedule<'_> {
     }
 
     /// Learning rates, that of positions in metres.
-    fn rates(&self) -> PerGroup<f64> {
+    fn rates(&self, iteration: u32) -> PerGroup<f64> {
         let rates = self.recipe.rates;
-        PerGroup { position: rates.position * self.half_side_m, ..rates }
+        let decay = self.recipe.perspective.map_or(1.0, |p| {
+            let part = f64::from(iteration) / f64::from(self.recipe.iterations);
+            (p.last_position_rate / rates.position).powf(part)
+        });
+        PerGroup { position: rates.position * decay * self.half_side_m, ..rates }
     }
 
     /// Densification, pruning and opacity reset after an iteration.
@@ -205,11 +212,14 @@ impl Schedule<'_> {
         let r = self.recipe;
         let due = iteration.is_multiple_of(r.check_every) && !is_paused;
         let densification = r.densification.filter(|g| due && (g.from..=g.until).contains(&iteration));
-        let resets =
-            r.reset.filter(|reset| iteration.is_multiple_of(reset.every) && iteration < r.iterations);
+        let is_last = |reset: &OpacityReset| iteration >= reset.until.unwrap_or(r.iterations);
+        let resets = r.reset.filter(|reset| iteration.is_multiple_of(reset.every) && !is_last(reset));
+        let is_past_reset = r.reset.is_none_or(|reset| iteration > reset.every);
+        let prune_above = r.perspective.filter(|_| densification.is_some() && is_past_reset);
         DensifyPlan {
             densify: densification.map(|g| (g, self.half_side_m)),
             prune_below: due.then_some(r.prune_below),
+            prune_above_m: prune_above.map(|p| p.prune_above * self.half_side_m),
             reset_opacity: resets.map(|reset| reset.opacity),
             seed: self.seed,
         }
@@ -233,6 +243,10 @@ mod tests {
     }
 
     impl TrainingBackend for LateBackend {
+        type Scene = TrainingScene;
+        type Viewpoint = NovelView;
+        type Picture = Picture;
+
         fn load(&mut self, _: TrainingScene, state: TrainingState) -> Result<(), BackendError> {
             self.state = state;
             Ok(())

@@ -58,12 +58,14 @@ impl Recipe {
             ("rates.rotation", r.rotation),
             ("rates.opacity_logit", r.opacity_logit),
             ("rates.f_dc", r.f_dc),
+            ("rates.f_rest", r.f_rest),
+            ("perspective.prune_above", self.perspective.map_or(0.0, |p| p.prune_above)),
             ("appearance_rate", self.appearance_rate),
             ("half_resolution_px_m", self.half_resolution_px_m),
             ("white", self.white.into()),
             ("virtual_shear", self.virtual_shear),
-            ("densification.max_scale", of_densification(|g| g.max_scale)),
-            ("densification.max_radius", of_densification(|g| g.max_radius)),
+            ("densification.max_scale", of_densification(|g| g.max_scale.unwrap_or_default())),
+            ("densification.max_radius", of_densification(|g| g.max_radius.unwrap_or_default())),
             ("densification.gradient", of_densification(|g| g.gradient)),
             ("densification.copy_below", of_densification(|g| g.copy_below)),
         ];
@@ -85,7 +87,19 @@ impl Recipe {
         if self.white == 0.0 {
             return Err("white = 0, but must be above 0".into());
         }
+        if let Some(p) = &self.perspective {
+            let (first, last) = (r.position, p.last_position_rate);
+            if !(first > 0.0 && last > 0.0 && last.is_finite()) {
+                return Err(format!(
+                    "rates.position = {first} and perspective.last_position_rate = {last}, but both must be above 0"
+                ));
+            }
+            if p.sh_degree > 3 {
+                return Err(format!("perspective.sh_degree = {}, but must be from 0 to 3", p.sh_degree));
+            }
+        }
         let counts = [
+            ("perspective.sh_degree_every", self.perspective.map_or(1, |p| p.sh_degree_every)),
             ("iterations", self.iterations),
             ("virtual_every", self.virtual_every),
             ("check_every", self.check_every),

@@ -1,7 +1,8 @@
 //! A recipe: a named, complete set of training options.
 //!
 //! The papers scale the scene to the cube [-1, 1]³. Lengths marked *cube* are in half sides of that cube: multiplied by
-//! half the diagonal of the area in metres, they are metres.
+//! half the diagonal of the area in metres, they are metres. In perspective scenes they are multiplied by the extent of the
+//! cameras instead (3DGS).
 
 mod file;
 mod presets;
@@ -51,9 +52,9 @@ pub struct Densification {
     /// Last iteration of densification.
     pub until: u32,
     /// Splats with a larger scale (the largest of the three) are densified, *cube* half sides.
-    pub max_scale: f64,
+    pub max_scale: Option<f64>,
     /// Splats with a larger projected radius are densified, as a fraction of the longer image side.
-    pub max_radius: f64,
+    pub max_radius: Option<f64>,
     /// Splats with a larger mean norm of the gradient by the 2-D mean are densified; per half image side.
     pub gradient: f64,
     /// Splats with a smaller scale are duplicated, larger ones are split in two, *cube* half sides.
@@ -74,6 +75,37 @@ pub struct OpacityReset {
     pub opacity_loss_pause: u32,
     /// Number of iterations after a reset without densification and pruning.
     pub densification_pause: u32,
+    /// Iteration from which on there are no more resets; by default the last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until: Option<u32>,
+}
+
+/// The colour behind the splats while a perspective scene is trained.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Background {
+    /// Black in every iteration.
+    #[default]
+    Black,
+    /// A random colour in every iteration, so that splats cover whatever the images cover.
+    Random,
+}
+
+/// What only recipes of perspective scenes have.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PerspectiveRecipe {
+    /// Learning rate of positions at the last iteration, *cube* half sides; it decays exponentially from `rates.position`.
+    pub last_position_rate: f64,
+    /// Highest degree of the spherical harmonics, 0 to 3.
+    pub sh_degree: u32,
+    /// Number of iterations after which the degree that is used rises by one, from 0.
+    pub sh_degree_every: u32,
+    /// Splats with a larger scale are removed while there is densification after the first opacity reset, *cube* half sides.
+    pub prune_above: f64,
+    /// The colour behind the splats.
+    #[serde(default)]
+    pub background: Background,
 }
 
 /// A named, complete set of training options.
@@ -130,6 +162,10 @@ pub struct Recipe {
     pub heights: RayHeight,
     /// Opacity resets; none if absent.
     pub reset: Option<OpacityReset>,
+    /// What only recipes of perspective scenes have; none in those of satellite scenes. Of the values above, those of half
+    /// resolution, white, colour model, shadows and virtual views are not used in perspective scenes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub perspective: Option<PerspectiveRecipe>,
 }
 
 /// Images of 0.35 m (0.7 m at half resolution) gain from half resolution, and images of 0.5 m (1 m) do not; this value
@@ -173,14 +209,19 @@ impl Recipe {
             every: at_least_one(r.every),
             opacity_loss_pause: scale(r.opacity_loss_pause),
             densification_pause: scale(r.densification_pause),
+            until: r.until.map(scale),
             ..r
         });
+        let perspective = self
+            .perspective
+            .map(|p| PerspectiveRecipe { sh_degree_every: at_least_one(p.sh_degree_every), ..p });
         Self {
             iterations,
             half_resolution_until: scale(self.half_resolution_until),
             shadows_from: scale(self.shadows_from),
             densification,
             reset,
+            perspective,
             ..self.clone()
         }
     }

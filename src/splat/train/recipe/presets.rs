@@ -1,7 +1,9 @@
-//! The recipes that come with the program: `best`, and `baeogs` and `eogs` after the papers.
+//! The recipes that come with the program: `best`, and `baeogs` and `eogs` after the papers, for satellite scenes; `3dgs` for
+//! perspective scenes.
 
 use super::{
-    Densification, OpacityReset, RayHeight, Recipe, Start, always, white, widest_half_resolution_px_m,
+    Background, Densification, OpacityReset, PerspectiveRecipe, RayHeight, Recipe, Start, always, white,
+    widest_half_resolution_px_m,
 };
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::LossWeights;
@@ -23,7 +25,9 @@ fn weights(others: LossWeights, named: &[(&str, f64)]) -> LossWeights {
 
 impl Recipe {
     /// Names of the recipes that come with the program; the first is the default.
-    pub const NAMES: [&'static str; 3] = ["best", "baeogs", "eogs"];
+    pub const NAMES: [&'static str; 4] = ["best", "baeogs", "eogs", "3dgs"];
+    /// The default recipe of perspective scenes.
+    pub const OF_PERSPECTIVE_SCENES: &'static str = "3dgs";
 
     /// The recipe of this name; none if there is no such recipe.
     #[must_use]
@@ -32,8 +36,8 @@ impl Recipe {
         let densification = Densification {
             from: 500,
             until: 4000,
-            max_scale: 0.03,
-            max_radius: 0.15,
+            max_scale: Some(0.03),
+            max_radius: Some(0.15),
             gradient: 0.0006,
             copy_below: 0.01,
             max_splats: 2_000_000,
@@ -73,7 +77,9 @@ impl Recipe {
                 opacity: 0.005,
                 opacity_loss_pause: 1000,
                 densification_pause: 500,
+                until: None,
             }),
+            perspective: None,
         };
         match name {
             "baeogs" => Some(baeogs),
@@ -105,7 +111,65 @@ impl Recipe {
                 };
                 Some(best.with_iterations(BEST_ITERATIONS))
             }
+            "3dgs" => Some(three_d_gaussians()),
             _ => None,
         }
+    }
+}
+
+/// Kerbl et al., 3D Gaussian Splatting for Real-Time Radiance Field Rendering, 2023, with the values of the authors' program.
+/// It also removes splats that cover more than 20 px, but forgets what they cover before it looks; so this does not.
+#[allow(clippy::needless_update, reason = "a new parameter group has a rate of 0 until it is given one")]
+fn three_d_gaussians() -> Recipe {
+    let (iterations, densified_until) = (30_000, 15_000);
+    Recipe {
+        name: "3dgs".into(),
+        iterations,
+        half_resolution_until: 0,
+        half_resolution_px_m: widest_half_resolution_px_m(),
+        white: white(),
+        start: Start::Points,
+        rates: PerGroup {
+            position: 1.6e-4,
+            log_scale: 0.005,
+            rotation: 0.001,
+            opacity_logit: 0.05,
+            f_dc: 0.0025,
+            f_rest: 0.0025 / 20.0,
+            ..PerGroup::default()
+        },
+        appearance_rate: 0.0,
+        weights: LossWeights::default(),
+        appearance: AppearanceKind::default(),
+        opacity_by_start: false,
+        shadows_from: iterations,
+        virtual_shear: 0.0,
+        virtual_every: always(),
+        check_every: 100,
+        densification: Some(Densification {
+            from: 600,
+            until: densified_until - 1,
+            max_scale: None,
+            max_radius: None,
+            gradient: 0.0002,
+            copy_below: 0.01,
+            max_splats: 2_000_000,
+        }),
+        prune_below: 0.005,
+        heights: RayHeight::Median,
+        reset: Some(OpacityReset {
+            every: 3000,
+            opacity: 0.01,
+            opacity_loss_pause: 0,
+            densification_pause: 0,
+            until: Some(densified_until),
+        }),
+        perspective: Some(PerspectiveRecipe {
+            last_position_rate: 1.6e-6,
+            sh_degree: 3,
+            sh_degree_every: 1000,
+            prune_above: 0.1,
+            background: Background::Black,
+        }),
     }
 }

@@ -1,0 +1,110 @@
+//! `cameras.json` of the run of a perspective scene.
+
+use super::super::PipelineError;
+use crate::frame::{SiteBox, SiteGrid};
+use crate::io::read_json;
+use crate::perspective::{PerspectiveView, PinholeCamera};
+use crate::run_files::{CAMERAS, SPLATS};
+use crate::scene::Role;
+use crate::splat::ply;
+use crate::splat::splats::Splats;
+use crate::splat::train::recipe::Recipe;
+use glam::{DMat3, DVec2, DVec3};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The content of `cameras.json`: pinhole cameras, the frame they are in, and the recipe that was trained by.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct PerspectiveCameras {
+    /// The site frame; none if positions are in the frame of the scene's own files.
+    pub site: Option<SiteGrid>,
+    /// 1.1 times the largest distance of a training camera from their mean, metres.
+    pub extent_m: f64,
+    /// The ground below the splats: west, south, east, north, site metres.
+    pub area: SiteBox,
+    /// Lowest and highest altitude of the splats, site metres.
+    pub altitudes: (f64, f64),
+    /// All views.
+    pub views: Vec<TrainedPhoto>,
+    /// What was trained by.
+    pub recipe: Recipe,
+}
+
+/// A view with the pinhole camera of its image after undistortion and downsampling. Axes are those of COLMAP: right, down,
+/// forward; pixel (0, 0) is the centre of the first pixel.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct TrainedPhoto {
+    /// Its name.
+    pub name: String,
+    /// Whether it was trained on.
+    pub role: Role,
+    /// Columns and rows.
+    pub size: (usize, usize),
+    /// Focal lengths, pixels.
+    pub focal: [f64; 2],
+    /// Principal point (column, row), pixels.
+    pub principal: [f64; 2],
+    /// Rotation from site to camera axes, row by row.
+    pub cam_from_site: [[f64; 3]; 3],
+    /// Projection centre, site metres.
+    pub center: [f64; 3],
+}
+
+impl TrainedPhoto {
+    /// Of a view of a scene.
+    #[must_use]
+    pub fn new(view: &PerspectiveView) -> Self {
+        let camera = &view.camera;
+        Self {
+            name: view.name.clone(),
+            role: view.role,
+            size: camera.size,
+            focal: camera.focal.to_array(),
+            principal: camera.principal.to_array(),
+            cam_from_site: camera.cam_from_site.transpose().to_cols_array_2d(),
+            center: camera.center.to_array(),
+        }
+    }
+
+    /// Its camera.
+    #[must_use]
+    pub fn camera(&self) -> PinholeCamera {
+        PinholeCamera {
+            cam_from_site: DMat3::from_cols_array_2d(&self.cam_from_site).transpose(),
+            center: DVec3::from_array(self.center),
+            focal: DVec2::from_array(self.focal),
+            principal: DVec2::from_array(self.principal),
+            size: self.size,
+        }
+    }
+}
+
+impl PerspectiveCameras {
+    /// Reads the cameras of a run folder.
+    ///
+    /// # Errors
+    /// [`PipelineError::RunFile`].
+    pub fn read(run: &Path) -> Result<Self, PipelineError> {
+        let made_by = "`satgs train RUN` makes it";
+        read_json(&run.join(CAMERAS)).map_err(|source| PipelineError::RunFile { source, made_by })
+    }
+
+    /// Reads the splats of a run folder; their colours are those of the images, as displayed.
+    ///
+    /// # Errors
+    /// [`PipelineError::Ply`].
+    pub fn read_splats(run: &Path) -> Result<Splats, PipelineError> {
+        Ok(ply::read(&run.join(SPLATS))?)
+    }
+
+    /// The view of this name.
+    ///
+    /// # Errors
+    /// [`PipelineError::NoView`] lists those that there are.
+    pub fn find(&self, name: &str) -> Result<&TrainedPhoto, PipelineError> {
+        self.views.iter().find(|v| v.name == name).ok_or_else(|| {
+            let views: Vec<&str> = self.views.iter().map(|v| v.name.as_str()).collect();
+            PipelineError::NoView { name: name.into(), views: views.join(", ") }
+        })
+    }
+}

@@ -1,0 +1,112 @@
+//! `scene.json` of the run of a perspective scene.
+
+use super::super::PipelineError;
+use crate::io::{read_json, write_json};
+use crate::perspective::{
+    Georeference, GeoreferenceSource, Layout, PerspectiveOptions, PerspectiveScene, TestViews,
+};
+use crate::run_files::SCENE;
+use crate::scene::Role;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// What `kind` says in the `scene.json` of a perspective scene.
+const KIND: &str = "perspective";
+
+/// The content of `scene.json`: where the scene lies, how it is read, and what was found.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct PerspectiveManifest {
+    /// `perspective`.
+    pub kind: String,
+    /// The scene.
+    pub scene: PathBuf,
+    /// How it is read.
+    pub options: PerspectiveOptions,
+    /// How its files are arranged.
+    pub layout: Layout,
+    /// Where it lies on Earth, if that is known.
+    pub georeference: Option<Georeference>,
+    /// Number of points that it comes with.
+    pub points: usize,
+    /// Its views.
+    pub views: Vec<ManifestView>,
+    /// Images and files that were left out, and why.
+    pub skipped: Vec<(String, String)>,
+}
+
+/// A view in `scene.json`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ManifestView {
+    /// Its name.
+    pub name: String,
+    /// Its image file.
+    pub image: PathBuf,
+    /// Whether it is trained on.
+    pub role: Role,
+    /// Columns and rows as it is read.
+    pub size: (usize, usize),
+}
+
+impl PerspectiveManifest {
+    /// The manifest of a scene that was read from a path. Paths become absolute, so that the run can be used from anywhere.
+    #[must_use]
+    pub fn new(path: &Path, options: &PerspectiveOptions, scene: &PerspectiveScene) -> Self {
+        let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.into());
+        let mut options = options.clone();
+        if let TestViews::List(list) = &mut options.test_views {
+            *list = absolute(list);
+        }
+        if let Some(GeoreferenceSource::File(file)) = &mut options.georeference {
+            *file = absolute(file);
+        }
+        let view = |v: &crate::perspective::PerspectiveView| ManifestView {
+            name: v.name.clone(),
+            image: absolute(&v.image),
+            role: v.role,
+            size: v.camera.size,
+        };
+        Self {
+            kind: KIND.into(),
+            scene: absolute(path),
+            options,
+            layout: scene.layout,
+            georeference: scene.georeference,
+            points: scene.points.len(),
+            views: scene.views.iter().map(view).collect(),
+            skipped: scene.skipped.clone(),
+        }
+    }
+
+    /// Reads the manifest of a run.
+    ///
+    /// # Errors
+    /// [`PipelineError::RunFile`].
+    pub fn read(run: &Path) -> Result<Self, PipelineError> {
+        let made_by = "`satgs run SCENE -o RUN` makes it";
+        read_json(&run.join(SCENE)).map_err(|source| PipelineError::RunFile { source, made_by })
+    }
+
+    /// Writes it into a run.
+    pub(super) fn write(&self, run: &Path) -> Result<(), PipelineError> {
+        Ok(write_json(&run.join(SCENE), self)?)
+    }
+
+    /// Reads the scene again.
+    ///
+    /// # Errors
+    /// [`PipelineError::Perspective`] when it is no longer there or has changed for the worse.
+    pub fn read_scene(&self) -> Result<PerspectiveScene, PipelineError> {
+        Ok(PerspectiveScene::read(&self.scene, &self.options)?)
+    }
+}
+
+/// Whether a folder holds the run of a perspective scene.
+pub fn is_run(run: &Path) -> bool {
+    let read = read_json::<serde_json::Value>(&run.join(SCENE));
+    read.is_ok_and(|manifest| manifest["kind"] == KIND)
+}
+
+/// An error if a folder holds the run of a perspective scene, which the caller cannot work on.
+pub fn refuse(run: &Path) -> Result<(), PipelineError> {
+    if is_run(run) { Err(PipelineError::OfPerspective { run: run.into() }) } else { Ok(()) }
+}

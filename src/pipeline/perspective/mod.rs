@@ -1,0 +1,19 @@
+//! Runs of perspective scenes: photographs with pinhole cameras.
+//!
+//! The run folder is that of satellite scenes without an adjustment. `scene.json` says where the scene lies and how it is read;
+//! commands that need its images read it again.
+
+mod cameras;
+mod manifest;
+mod render;
+mod run;
+mod scores;
+mod train;
+
+pub use cameras::{PerspectiveCameras, TrainedPhoto};
+pub use manifest::PerspectiveManifest;
+pub(super) use manifest::{is_run, refuse};
+pub(super) use render::render;
+pub use run::{PerspectiveRunOptions, run_perspective};
+pub(super) use scores::nvs_eval;
+pub(super) use train::train_locked;

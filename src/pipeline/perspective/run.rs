@@ -1,0 +1,74 @@
+//! All stages of the run of a perspective scene.
+
+use super::super::dsm::dsm_locked;
+use super::super::stage_result::StageResult;
+use super::super::{DsmOptions, PipelineError, RunLock, TrainOptions, report};
+use super::manifest::{PerspectiveManifest, is_run};
+use super::scores::nvs_eval;
+use super::train::train_locked;
+use crate::perspective::{PerspectiveOptions, PerspectiveScene};
+use crate::progress::{Event, Progress};
+use crate::run_files::SCENE;
+use crate::scene::Role;
+use crate::splat::train::recipe::Recipe;
+use std::path::Path;
+
+/// Options of all stages.
+#[derive(Clone, Debug)]
+pub struct PerspectiveRunOptions {
+    /// How the scene is read.
+    pub scene: PerspectiveOptions,
+    /// Of the training.
+    pub train: TrainOptions,
+    /// Of the surface model, which scenes with a place on Earth have.
+    pub dsm: DsmOptions,
+}
+
+impl Default for PerspectiveRunOptions {
+    fn default() -> Self {
+        let recipe = Recipe::OF_PERSPECTIVE_SCENES.into();
+        Self {
+            scene: PerspectiveOptions::default(),
+            train: TrainOptions { recipe, ..TrainOptions::default() },
+            dsm: DsmOptions::default(),
+        }
+    }
+}
+
+/// Trains a perspective scene, scores the views that were held back, renders the surface model if the scene has a place on
+/// Earth, and writes a report. `completed` receives the result of every stage as soon as it is there. Stages that are complete
+/// already are kept.
+///
+/// # Errors
+/// [`PipelineError`] of the first stage that fails.
+pub fn run_perspective(
+    scene: &Path,
+    options: &PerspectiveRunOptions,
+    run: &Path,
+    progress: &dyn Progress,
+    completed: &mut dyn FnMut(StageResult),
+) -> Result<(), PipelineError> {
+    let recipe = options.train.recipe()?;
+    if recipe.perspective.is_none() {
+        return Err(PipelineError::RecipeOfSatellites { recipe: recipe.name });
+    }
+    options.dsm.check(run)?;
+    let read = PerspectiveScene::read(scene, &options.scene)?;
+    let _lock = RunLock::make(run)?;
+    if run.join(SCENE).exists() && !is_run(run) {
+        return Err(PipelineError::OfSatellites { run: run.into() });
+    }
+    for (name, reason) in &read.skipped {
+        progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
+    }
+    PerspectiveManifest::new(scene, &options.scene, &read).write(run)?;
+    completed(StageResult::Trained(train_locked(run, &options.train, progress)?));
+    if read.views.iter().any(|v| v.role == Role::Test) {
+        completed(StageResult::Scored(nvs_eval(run, &[], true, progress)?));
+    }
+    if read.georeference.is_some() {
+        completed(StageResult::Dsm(dsm_locked(run, &options.dsm, progress)?));
+    }
+    completed(StageResult::Reported(report(run)?));
+    Ok(())
+}

@@ -1,0 +1,67 @@
+//! Scores of renders against photographs that were held back from training.
+
+use super::super::PipelineError;
+use super::super::nvs_scores::{NvsScores, ViewScore};
+use super::cameras::PerspectiveCameras;
+use super::manifest::PerspectiveManifest;
+use super::train::read_view;
+use crate::io::write_json;
+use crate::progress::{Event, Progress};
+use crate::run_files::{NVS_PICTURES, NVS_SCORES};
+use crate::scene::Role;
+use crate::splat::image_score::{PictureScore, score_photograph};
+use crate::splat::pinhole::{PinholePicture, comparison};
+use std::path::Path;
+
+/// Largest number of comparisons that are written for the report.
+const PICTURES: usize = 12;
+
+/// Renders views of a trained run and compares them with their images: those of these names, else all test views. With
+/// `written`, scores and comparisons are written into the run for the report.
+pub fn nvs_eval(
+    run: &Path,
+    names: &[String],
+    written: bool,
+    progress: &dyn Progress,
+) -> Result<NvsScores, PipelineError> {
+    let scene = PerspectiveManifest::read(run)?.read_scene()?;
+    let cameras = PerspectiveCameras::read(run)?;
+    let views = if names.is_empty() {
+        cameras.views.iter().filter(|v| v.role == Role::Test).collect()
+    } else {
+        names.iter().map(|name| cameras.find(name)).collect::<Result<Vec<_>, _>>()?
+    };
+    if views.is_empty() {
+        return Err(PipelineError::NoTestView);
+    }
+    let splats = PerspectiveCameras::read_splats(run)?;
+    let mut scores = Vec::new();
+    let step = views.len().div_ceil(PICTURES).max(1);
+    progress.event(Event::Started { stage: "scoring views", total: views.len() as u64 });
+    for (i, view) in views.iter().enumerate() {
+        progress.check()?;
+        let name = || view.name.clone();
+        let source = scene.views.iter().find(|v| v.name == view.name && v.camera.size == view.size);
+        let source = source.ok_or_else(|| PipelineError::ViewNotInScene { run: run.into(), name: name() })?;
+        let truth = source.read_image()?.planes;
+        let picture = PinholePicture::render(&splats, &view.camera());
+        let score = score_photograph(&picture.colors, &truth);
+        let score = score.ok_or_else(|| PipelineError::NothingToScore { name: name() })?;
+        if written && i % step == 0 {
+            let shown = comparison(&read_view(source)?, &picture);
+            shown.write(&run.join(format!("{NVS_PICTURES}/{i:04}.png")))?;
+        }
+        scores.push(ViewScore { view: name(), score });
+        progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });
+    }
+    progress.event(Event::Finished);
+    let mean =
+        |of: fn(&PictureScore) -> f64| scores.iter().map(|v| of(&v.score)).sum::<f64>() / scores.len() as f64;
+    let pixels = scores.iter().map(|v| v.score.pixels).sum();
+    let mean = PictureScore { psnr_db: mean(|s| s.psnr_db), ssim: mean(|s| s.ssim), pixels };
+    let scores = NvsScores { views: scores, mean: Some(mean) };
+    if written {
+        write_json(&run.join(NVS_SCORES), &scores)?;
+    }
+    Ok(scores)
+}

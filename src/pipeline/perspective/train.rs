@@ -1,0 +1,226 @@
+//! Training of a perspective scene.
+
+use super::super::PipelineError;
+use super::super::checkpoints::Checkpoints;
+use super::super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
+use super::super::train_options::TrainOptions;
+use super::super::trained::{Trained, mean_of_last};
+use super::super::training_files::write_log;
+use super::cameras::{PerspectiveCameras, TrainedPhoto};
+use super::manifest::PerspectiveManifest;
+use crate::affine::SiteSceneError;
+use crate::io::write_json;
+use crate::perspective::{PerspectiveScene, PerspectiveView, points_from_depths};
+use crate::progress::{Event, Progress};
+use crate::run_files::{CAMERAS, CHECKPOINT, SNAPSHOTS, SPLATS, TRAINING};
+use crate::scene::Role;
+use crate::splat::appearance::AppearanceKind;
+use crate::splat::backend::TrainingBackend;
+use crate::splat::pinhole::{
+    PinholeBackend, PinholeScene, PinholeView, comparison, extent_m, splats_at_points, splats_on_rays,
+};
+use crate::splat::ply;
+use crate::splat::splats::Splats;
+use crate::splat::state::TrainingState;
+use crate::splat::train::recipe::Recipe;
+use crate::splat::train::{Schedule, pictures, train as optimize};
+use crate::stats::quantile;
+use rayon::prelude::*;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Depth maps give a point cloud to start from: that of every n-th view with one, thinned to one point in a cube of this side,
+/// metres.
+const DEPTHS_OF_EVERY: usize = 10;
+const DEPTHS_THINNED_TO_M: f64 = 0.05;
+/// The box of the splats leaves out this share at each side: a few float far away.
+const OUTSIDE: f64 = 0.02;
+
+/// Trains the perspective scene of a run, unless that was done with the same input and options; goes on from a checkpoint of
+/// the same input and options. The caller holds the lock.
+///
+/// Writes `RUN/splats.ply`, `RUN/cameras.json` and `RUN/train`.
+pub fn train_locked(
+    run: &Path,
+    options: &TrainOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<Trained>, PipelineError> {
+    let scene = PerspectiveManifest::read(run)?.read_scene()?;
+    let recipe = options.recipe()?;
+    if recipe.perspective.is_none() {
+        return Err(PipelineError::RecipeOfSatellites { recipe: recipe.name });
+    }
+    let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
+    let stage = Stage::new(run, "train", outputs, fingerprint(&scene, options, &recipe)?);
+    if stage.is_done(options.overwrite)? {
+        progress.event(Event::Note(format!("`{}` is trained already", run.display())));
+        return Ok(Outcome::Kept(stage.summary()?));
+    }
+    stage.require_writable()?;
+    let views = read_views(&scene, progress)?;
+    let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
+    let extent_m = extent_m(&cameras);
+    let (every, is_required) = (options.checkpoint_every, options.resume);
+    let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
+    let (at_start, mut log, state) = match checkpoints.take_up(0, options.overwrite, progress)? {
+        Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
+        None => {
+            let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
+            let splats = splats_at_start(&scene, &views, options.seed)?;
+            (splats.len(), Vec::new(), TrainingState::start(splats, AppearanceKind::default(), 0))
+        }
+    };
+    let schedule = Schedule {
+        recipe: &recipe,
+        views: views.len(),
+        half_side_m: extent_m,
+        pixel_m: 0.0,
+        splats_at_start: at_start,
+        is_gray: false,
+        seed: options.seed,
+    };
+    let views = Arc::new(views);
+    let mut backend = PinholeBackend::default();
+    backend.load(PinholeScene { views: views.clone() }, state)?;
+    progress.event(Event::Resumable(true));
+    let is_picture_due = |done: u32| pictures::is_snapshot_due(options.snapshots, done, recipe.iterations);
+    let is_due = |done: u32| is_picture_due(done) || checkpoints.is_due(done);
+    optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {
+        let done = log.len() as u32;
+        if is_picture_due(done) {
+            let shown = comparison(&views[0], &backend.render(&views[0].camera, 0)?);
+            // A picture less is no reason to stop.
+            if let Err(e) = shown.write(&run.join(format!("{SNAPSHOTS}/{done:06}.png"))) {
+                progress.event(Event::Warning(e.to_string()));
+            }
+        }
+        checkpoints.keep(at_start, log, backend, progress)
+    })?;
+    progress.event(Event::Resumable(false));
+
+    tracing::info!("{}", backend.times().table());
+    let splats = &backend.snapshot()?.splats;
+    write_log(&run.join(TRAINING), &log)?;
+    pictures::curves(&log).write(&run.join("train/curves.svg"))?;
+    let site = scene.georeference.map(|g| g.grid);
+    match &site {
+        Some(site) => ply::write(&run.join(SPLATS), splats, site)?,
+        None => ply::write_local(&run.join(SPLATS), splats)?,
+    }
+    let [x, y, z] = [0, 1, 2].map(|k| range(splats, k));
+    let cameras = PerspectiveCameras {
+        site,
+        extent_m,
+        area: (x.0, y.0, x.1, y.1),
+        altitudes: z,
+        views: scene.views.iter().map(TrainedPhoto::new).collect(),
+        recipe,
+    };
+    write_json(&run.join(CAMERAS), &cameras)?;
+    let trained = Trained {
+        iterations: cameras.recipe.iterations,
+        seconds: log.last().map_or(0.0, |l| l.seconds),
+        splats_start: at_start,
+        splats: splats.len(),
+        affine_rms_px: None,
+        affine_max_px: None,
+        l1: mean_of_last(&log, views.len(), "l1"),
+        ssim: mean_of_last(&log, views.len(), "ssim"),
+    };
+    stage.complete(&trained)?;
+    checkpoints.remove();
+    Ok(Outcome::Made(trained))
+}
+
+/// Reads the images of the training views.
+fn read_views(scene: &PerspectiveScene, progress: &dyn Progress) -> Result<Vec<PinholeView>, PipelineError> {
+    let training: Vec<&PerspectiveView> = scene.training().collect();
+    if training.is_empty() {
+        return Err(SiteSceneError::NoViews.into());
+    }
+    progress.event(Event::Started { stage: "reading images", total: training.len() as u64 });
+    let mut views = Vec::with_capacity(training.len());
+    // As many at a time as there are threads: an undistorted image is several times as large as what is kept of it.
+    for some in training.chunks(rayon::current_num_threads().max(1)) {
+        progress.check()?;
+        let read: Vec<Result<PinholeView, PipelineError>> =
+            some.par_iter().map(|view| read_view(view)).collect();
+        for view in read {
+            views.push(view?);
+        }
+        progress.event(Event::Advanced { done: views.len() as u64, status: String::new() });
+    }
+    progress.event(Event::Finished);
+    Ok(views)
+}
+
+/// A view with its pixels.
+pub(super) fn read_view(view: &PerspectiveView) -> Result<PinholeView, PipelineError> {
+    Ok(PinholeView::new(view.name.clone(), view.camera, &view.read_image()?.planes))
+}
+
+/// The splats that training begins with: at the scene's points, else at those of its depth maps, else at random.
+fn splats_at_start(
+    scene: &PerspectiveScene,
+    views: &[PinholeView],
+    seed: u64,
+) -> Result<Splats, PipelineError> {
+    let has_depths = scene.training().any(|v| v.depth.is_some());
+    let points = match scene.points.is_empty() && has_depths {
+        true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO_M)?,
+        false => scene.points.clone(),
+    };
+    if points.is_empty() {
+        return Ok(splats_on_rays(views, seed));
+    }
+    let points: Vec<_> = points.iter().map(|p| (p.position, p.rgb.map(|v| f32::from(v) / 255.0))).collect();
+    Ok(splats_at_points(&points))
+}
+
+/// Lowest and highest coordinate of the splats, without the outermost.
+fn range(splats: &Splats, axis: usize) -> (f64, f64) {
+    let values = || splats.position.iter().map(|p| f64::from(p[axis])).collect();
+    let at = |share: f64| quantile(values(), share).unwrap_or(0.0);
+    (at(OUTSIDE), at(1.0 - OUTSIDE))
+}
+
+/// What a training is made from; its keys are the names of options on the command line.
+fn fingerprint(
+    scene: &PerspectiveScene,
+    options: &TrainOptions,
+    recipe: &Recipe,
+) -> Result<Fingerprint, PipelineError> {
+    let json = |what: &'static str, value: Result<String, serde_json::Error>| {
+        value.map_err(|source| PipelineError::Json { what, source })
+    };
+    let choices = json("the recipe", serde_json::to_string(&options.recipe_as_written()?))?;
+    let cameras: Vec<_> = scene.views.iter().map(TrainedPhoto::new).collect();
+    let cameras = json("the cameras", serde_json::to_string(&(cameras, scene.georeference)))?;
+    let roles = scene.views.iter().filter(|v| v.role == Role::Test).map(|v| v.name.as_str());
+    let points: Vec<u8> = scene
+        .points
+        .iter()
+        .flat_map(|p| p.position.xyz().into_iter().flat_map(f64::to_le_bytes).chain(p.rgb))
+        .collect();
+    let downsampling = scene.views.first().map_or(1, |v| v.downsampling);
+    let mut out = Fingerprint::from([
+        ("cameras".into(), hash(cameras.as_bytes())),
+        ("points".into(), hash(&points)),
+        ("--downsampling".into(), downsampling.to_string()),
+        ("--test-views".into(), roles.collect::<Vec<_>>().join(", ")),
+        ("--recipe".into(), recipe.name.clone()),
+        ("content of the recipe".into(), hash(choices.as_bytes())),
+        ("--iterations".into(), recipe.iterations.to_string()),
+        ("--seed".into(), options.seed.to_string()),
+    ]);
+    for view in scene.training() {
+        out.insert(format!("image {}", view.name), hash_file(&view.image));
+        if let Some(mask) = &view.mask {
+            out.insert(format!("mask {}", view.name), hash_file(mask));
+        }
+        if let Some(depth) = view.depth.as_ref().filter(|_| scene.points.is_empty()) {
+            out.insert(format!("depth map {}", view.name), hash_file(&depth.path));
+        }
+    }
+    Ok(out)
+}

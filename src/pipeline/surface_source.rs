@@ -1,0 +1,106 @@
+//! What a surface model is made of: a trained satellite scene, or a perspective scene with a place on Earth.
+
+use super::cameras::require_image;
+use super::{PerspectiveCameras, PipelineError, TrainedCameras, perspective, read_scene, relocation};
+use crate::affine::SiteView;
+use crate::dsm::{Dsm, HeightsFrom, Seeing, render};
+use crate::frame::{SiteBox, SiteGrid};
+use crate::io::MapGrid;
+use crate::mvs::MatchedSurface;
+use crate::run_files::SURFACE;
+use crate::scene::{Role, View};
+use crate::splat::appearance::Appearance;
+use crate::splat::harmonics::seen_along;
+use crate::splat::train::recipe::RayHeight;
+use std::path::Path;
+
+/// Down: the direction in which a map looks.
+const DOWN: [f64; 3] = [0.0, 0.0, -1.0];
+
+/// A trained run of which a surface model can be made.
+pub(super) enum SurfaceSource {
+    /// Of a satellite scene.
+    Satellite(Box<TrainedCameras>),
+    /// Of a perspective scene, with its site.
+    Perspective(Box<PerspectiveCameras>, SiteGrid),
+}
+
+impl SurfaceSource {
+    /// Reads the cameras of a run; the caller holds the lock.
+    pub fn read(run: &Path) -> Result<Self, PipelineError> {
+        if perspective::is_run(run) {
+            let cameras = PerspectiveCameras::read(run)?;
+            let site = cameras.site.ok_or_else(|| PipelineError::NoGeoreference { run: run.into() })?;
+            return Ok(Self::Perspective(Box::new(cameras), site));
+        }
+        relocation::finish_locked(run)?;
+        Ok(Self::Satellite(Box::new(TrainedCameras::read(run)?)))
+    }
+
+    /// The site frame.
+    pub fn site(&self) -> &SiteGrid {
+        match self {
+            Self::Satellite(cameras) => &cameras.setup.site,
+            Self::Perspective(_, site) => site,
+        }
+    }
+
+    /// The trained area.
+    pub fn area(&self) -> SiteBox {
+        match self {
+            Self::Satellite(cameras) => cameras.setup.area,
+            Self::Perspective(cameras, _) => cameras.area,
+        }
+    }
+
+    /// Renders the surface on a map grid.
+    pub fn surface(&self, run: &Path, grid: MapGrid) -> Result<Dsm, PipelineError> {
+        match self {
+            Self::Satellite(cameras) => satellite_surface(cameras, run, grid),
+            Self::Perspective(cameras, site) => {
+                let splats = seen_along(PerspectiveCameras::read_splats(run)?, DOWN);
+                let mut surface = render(&splats, site, grid, &Appearance::default(), HeightsFrom::Median);
+                let names = cameras.views.iter().filter(|v| v.role == Role::Train).map(|v| v.name.as_str());
+                surface.metadata = vec![("INPUTS", names.collect::<Vec<_>>().join(", "))];
+                Ok(surface)
+            }
+        }
+    }
+}
+
+fn satellite_surface(cameras: &TrainedCameras, run: &Path, grid: MapGrid) -> Result<Dsm, PipelineError> {
+    let setup = &cameras.setup;
+    let splats = cameras.read_splats(run)?;
+    let reference = cameras.reference_appearance();
+    let read = || MatchedSurface::read(&run.join(SURFACE), &setup.site);
+    let matched = cameras.is_matched.then(read).transpose()?;
+    let source = match (&matched, cameras.recipe.heights) {
+        (Some(surface), _) => HeightsFrom::Matched(surface),
+        (None, RayHeight::Median) => HeightsFrom::Median,
+        (None, RayHeight::Mean) => HeightsFrom::Mean { floor: setup.altitudes.0 as f32 },
+    };
+    let mut surface = render(&splats, &setup.site, grid, &reference, source);
+    setup.transfer_function.encode(&mut surface.colors);
+    let views: Vec<_> = setup.views.iter().filter(|v| v.role == Role::Train).collect();
+    let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
+    surface.metadata = vec![("INPUTS", names.join(", "))];
+    surface.count_views(&setup.site, &seeing(run, &views)?);
+    if let Some(matched) = &matched {
+        surface.mark_filled(matched);
+    }
+    Ok(surface)
+}
+
+/// The views with their valid pixels, which are read from their images again where some are not.
+fn seeing(run: &Path, views: &[&SiteView]) -> Result<Vec<Seeing>, PipelineError> {
+    let is_masked = views.iter().any(|v| v.is_masked);
+    let scene = is_masked.then(|| read_scene(run)).transpose()?;
+    let of_view = |v: &&SiteView| {
+        let mut views = scene.iter().flat_map(|s| &s.views);
+        let view = views.find(|s| v.is_masked && s.name == v.name);
+        view.map(require_image).transpose()?;
+        let valid = view.map(View::valid_pixels).transpose()?.flatten();
+        Ok(Seeing { camera: v.camera, size: v.size, valid })
+    };
+    views.iter().map(of_view).collect()
+}

@@ -1,0 +1,17 @@
+//! Training of perspective scenes: photographs with pinhole cameras, and splats whose colour depends on the direction of view
+//! (Kerbl et al., 3D Gaussian Splatting for Real-Time Radiance Field Rendering, 2023).
+//!
+//! An iteration renders one view and compares it with its image, both as displayed: there is no sun, and no colour model.
+//! Schedule, optimiser, densification and checkpoints are those of satellite scenes.
+
+mod backend;
+mod objective;
+mod picture;
+mod start;
+mod view;
+
+pub use backend::{PinholeBackend, PinholeScene};
+pub use objective::{PinholeObjective, PinholeStep};
+pub use picture::{PinholePicture, comparison};
+pub use start::{splats_at_points, splats_on_rays};
+pub use view::{PinholeView, extent_m};

@@ -1,0 +1,348 @@
+//! The loss of one iteration on a photograph, and its gradient (3DGS).
+//!
+//! The view is rendered with four features: colour as displayed, and depth along the optical axis. The terms of the loss
+//! ([`LossTerm`]) are those of satellite scenes; the ones about the sun and virtual views are zero.
+
+use super::super::backend::stopwatch::Stopwatch;
+use super::super::harmonics::{SeenFrom, colors, colors_backward};
+use super::super::loss::{LossTerm, LossWeights, Rendered, Scaled, TERMS};
+use super::super::objective::{Losses, add_scaled, parts, zeros};
+use super::super::raster::{FrameCamera, Image, Rasterizer, SortedSplats, SplatGradient};
+use super::super::splats::Splats;
+use crate::camera::CameraKernel;
+use crate::perspective::{PinholeCamera, PinholeKernel};
+use crate::simd::{Real, SimdReal};
+use rayon::prelude::*;
+
+/// Number of rendered features: red, green, blue, depth.
+const FEATURES: usize = 4;
+/// The part of an iteration in the table of times.
+const VIEW: &str = "view";
+
+/// What one iteration renders and compares.
+pub struct PinholeStep<'a, T> {
+    /// The camera.
+    pub camera: &'a PinholeCamera,
+    /// The photograph: colours as displayed, 0 to 1, zero where masked.
+    pub target: &'a Image<T>,
+    /// Which pixels are valid, row by row; empty if all are.
+    pub valid: &'a [bool],
+    /// Colour behind the splats.
+    pub background: [T; 3],
+    /// Degree of the spherical harmonics that are used.
+    pub sh_degree: usize,
+}
+
+impl<T: SimdReal> PinholeStep<'_, T> {
+    fn seen_from(&self) -> SeenFrom<T> {
+        SeenFrom { center: self.camera.center.to_array().map(T::from_f64), degree: self.sh_degree }
+    }
+
+    fn frame(&self) -> FrameCamera<PinholeKernel<T>> {
+        let (width, height) = self.camera.size;
+        FrameCamera { kernel: self.camera.kernel(), width, height }
+    }
+}
+
+/// Computes losses and gradients; keeps all buffers between iterations.
+pub struct PinholeObjective<T: Real> {
+    sorted: SortedSplats<T>,
+    view: Rasterizer<T, FEATURES, PinholeKernel<T>>,
+    colors: Vec<[T; 3]>,
+    features: Vec<[T; FEATURES]>,
+    by_colors: Vec<[T; 3]>,
+    by_feature: Vec<[T; FEATURES]>,
+    by_sorted: Vec<SplatGradient<T>>,
+    picture: Image<T>,
+    by_view: Image<T>,
+    terms: Vec<Box<dyn LossTerm<T>>>,
+}
+
+impl<T: SimdReal> PinholeObjective<T> {
+    /// The objective with these loss terms, in the order of [`TERMS`].
+    #[must_use]
+    pub fn new(terms: Vec<Box<dyn LossTerm<T>>>) -> Self {
+        Self {
+            sorted: SortedSplats::default(),
+            view: Rasterizer::default(),
+            colors: Vec::new(),
+            features: Vec::new(),
+            by_colors: Vec::new(),
+            by_feature: Vec::new(),
+            by_sorted: Vec::new(),
+            picture: Image::default(),
+            by_view: Image::default(),
+            terms,
+        }
+    }
+
+    /// Computes the loss of one iteration; writes the derivatives by the splats' parameters to `gradient` and adds the time of
+    /// each part to `watch`.
+    pub fn evaluate(
+        &mut self,
+        splats: &Splats<T>,
+        input: &PinholeStep<T>,
+        weights: &LossWeights,
+        gradient: &mut Splats<T>,
+        watch: &mut Stopwatch,
+    ) -> Losses {
+        self.forward(splats, input, watch);
+        let rendered = Rendered {
+            view: self.view.image(),
+            picture: &self.picture,
+            sunlight: None,
+            virtual_view: None,
+            target: input.target,
+            splats,
+            sorted: &self.sorted,
+        };
+        let mut losses = Losses::default();
+        let mut columns = &mut losses.columns[..];
+        for ((term, info), weights) in self.terms.iter_mut().zip(TERMS).zip(weights.by_term()) {
+            let (own, others) = columns.split_at_mut(info.columns.len());
+            losses.total += term.evaluate(&rendered, weights, own);
+            columns = others;
+        }
+        watch.lap("pixels", "loss terms");
+        self.pixels_backward(input.valid);
+        watch.lap("pixels", "picture backward");
+        self.splats_backward(splats, input, gradient, watch);
+        losses
+    }
+
+    /// Renders the view without loss and gradient; the target of `input` is ignored.
+    pub fn forward(&mut self, splats: &Splats<T>, input: &PinholeStep<T>, watch: &mut Stopwatch) {
+        let camera = input.frame();
+        self.sorted.update_for(splats, &camera.kernel);
+        watch.lap("splats", "order and covariances");
+        colors(splats, &input.seen_from(), &mut self.colors);
+        let (order, colors) = (self.sorted.order(), &self.colors);
+        self.features.resize(order.len(), [T::zero(); FEATURES]);
+        let features = self.features.par_iter_mut().zip(order).with_min_len(1024);
+        features.for_each(|(feature, &i)| {
+            let ([r, g, b], position) = (colors[i as usize], splats.position[i as usize]);
+            *feature = [r, g, b, T::zero() - camera.kernel.depth_key(position)];
+        });
+        watch.lap("splats", "colours");
+        self.view.project(&self.sorted, &camera);
+        watch.lap(VIEW, "projection");
+        self.view.bin(&self.features);
+        watch.lap(VIEW, "binning");
+        let [r, g, b] = input.background;
+        self.view.draw([r, g, b, T::zero()]);
+        watch.lap(VIEW, "forward");
+        self.draw_picture(input.valid);
+        watch.lap("pixels", "picture");
+    }
+
+    /// The render of the last forward pass: colour, depth times opacity, transmittance.
+    #[must_use]
+    pub fn view(&self) -> &Image<T> {
+        self.view.image()
+    }
+
+    /// Derivative of the loss with respect to a splat's 2-D mean (column, row), per pixel, as the last evaluation computed
+    /// it; none if the splat was not visible.
+    #[must_use]
+    pub fn mean2d_gradient(&self, splat: usize) -> Option<[T; 2]> {
+        self.view.mean2d_gradient(self.sorted.rank(splat))
+    }
+
+    /// Copies the colours of the render; zero where masked.
+    fn draw_picture(&mut self, valid: &[bool]) {
+        let view = self.view.image();
+        let width = view.width;
+        self.picture.resize(width, view.height, 3);
+        let rows = self.picture.data.par_chunks_mut(3 * width).with_min_len(16);
+        rows.enumerate().for_each(|(row, out)| {
+            for (c, out) in out.chunks_exact_mut(width).enumerate() {
+                out.copy_from_slice(view.row(c, row));
+                mask(out, valid, row);
+            }
+        });
+    }
+
+    /// Computes the derivatives by the render's pixels from those of the terms by picture and render.
+    fn pixels_backward(&mut self, valid: &[bool]) {
+        let (width, height) = (self.picture.width, self.picture.height);
+        let by_view = &mut self.by_view;
+        by_view.resize(width, height, FEATURES);
+        let by_picture = parts(&self.terms, None, |term| term.by_picture());
+        let rows = by_view.data.par_chunks_mut(FEATURES * width).with_min_len(16);
+        rows.enumerate().for_each(|(row, out)| {
+            out.fill(T::zero());
+            for (c, out) in out.chunks_exact_mut(width).take(3).enumerate() {
+                for part in by_picture.iter().flatten() {
+                    add_row(out, part, c, row);
+                }
+                mask(out, valid, row);
+            }
+        });
+        add_scaled(by_view, &parts(&self.terms, None, |term| term.by_view()));
+    }
+
+    /// Computes the derivatives by the splats' parameters from those by the render's pixels.
+    fn splats_backward(
+        &mut self,
+        splats: &Splats<T>,
+        input: &PinholeStep<T>,
+        gradient: &mut Splats<T>,
+        watch: &mut Stopwatch,
+    ) {
+        let n = splats.len();
+        zeros(&mut self.by_sorted, n);
+        zeros(&mut self.by_feature, n);
+        let Self { terms, sorted, by_sorted, by_feature, .. } = self;
+        terms.iter().for_each(|term| term.add_by_sorted(sorted, by_sorted));
+        self.view.pixels_backward(&self.by_view);
+        watch.lap(VIEW, "backward");
+        self.view.gather(sorted, by_sorted, by_feature);
+        watch.lap(VIEW, "gathering");
+        gradient.resize_like(splats);
+        sorted.parameter_gradients(splats, by_sorted, gradient);
+        watch.lap("splats", "parameters backward");
+        let forward = input.camera.cam_from_site.row(2).to_array().map(T::from_f64);
+        self.by_colors.resize(n, [T::zero(); 3]);
+        let rows = gradient.position.par_iter_mut().zip(&mut self.by_colors).with_min_len(1024);
+        rows.enumerate().for_each(|(i, (position, by_color))| {
+            let [r, g, b, depth] = by_feature[sorted.rank(i)];
+            *by_color = [r, g, b];
+            for k in 0..3 {
+                position[k] = position[k] + forward[k] * depth;
+            }
+        });
+        colors_backward(splats, &input.seen_from(), &self.colors, &self.by_colors, gradient);
+        watch.lap("splats", "colours backward");
+        terms.iter().for_each(|term| term.add_by_splats(splats, gradient));
+    }
+}
+
+/// Sets pixels of a row without data to zero.
+fn mask<T: Real>(out: &mut [T], valid: &[bool], row: usize) {
+    let width = out.len();
+    // Without masked pixels the list is empty.
+    if let Some(valid) = valid.get(row * width..(row + 1) * width) {
+        for (out, is_valid) in out.iter_mut().zip(valid) {
+            *out = if *is_valid { *out } else { T::zero() };
+        }
+    }
+}
+
+/// Adds a row of scaled derivatives.
+fn add_row<T: Real>(sum: &mut [T], part: &Scaled<T>, channel: usize, row: usize) {
+    for (sum, by) in sum.iter_mut().zip(part.image.row(channel, row)) {
+        *sum = *sum + part.factor * *by;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::CounterRng;
+    use crate::splat::loss::terms;
+    use crate::splat::splats::{GROUP_INFO, GROUPS};
+    use glam::{DMat3, DVec2, DVec3};
+
+    fn camera() -> PinholeCamera {
+        let cam_from_site = DMat3::from_rotation_x(2.7) * DMat3::from_rotation_z(0.4);
+        let center = cam_from_site.transpose() * DVec3::new(0.3, -0.4, -20.0);
+        PinholeCamera {
+            cam_from_site,
+            center,
+            focal: DVec2::new(55.0, 52.0),
+            principal: DVec2::new(18.3, 16.8),
+            size: (37, 35),
+        }
+    }
+
+    fn scene(n: usize) -> Splats<f64> {
+        let mut out = Splats::<f64>::zeros(n);
+        out.f_rest.resize(n, [0.0; 45]);
+        let spread = [5.0, 0.8, 0.2, 0.8, 0.4, 0.6];
+        for (g, (group, spread)) in out.groups_mut().into_iter().zip(spread).enumerate() {
+            for (i, v) in group.iter_mut().enumerate() {
+                *v = spread * (2.0 * CounterRng::new(11, g as u64, 0, i as u64).uniform() - 1.0);
+            }
+        }
+        out
+    }
+
+    fn target() -> (Image<f64>, Vec<bool>) {
+        let (width, height) = camera().size;
+        let mut image = Image::zeros(width, height, 3);
+        let valid: Vec<bool> = (0..width * height).map(|i| i % 7 != 3).collect();
+        for row in 0..height {
+            for col in 0..width {
+                for c in 0..3 {
+                    let value = 0.5 + 0.4 * ((col * (c + 1)) as f64 * 0.31).sin() * (row as f64 * 0.23).cos();
+                    *image.at_mut(c, col, row) = if valid[row * width + col] { value } else { 0.0 };
+                }
+            }
+        }
+        (image, valid)
+    }
+
+    #[test]
+    fn gradients_of_the_whole_loss_agree_with_central_differences() {
+        let (camera, (target, valid), splats) = (camera(), target(), scene(40));
+        let input = PinholeStep {
+            camera: &camera,
+            target: &target,
+            valid: &valid,
+            background: [0.1, 0.2, 0.3],
+            sh_degree: 3,
+        };
+        let weights = LossWeights::of(&[("opacity", 0.05)]).unwrap();
+        let mut objective = PinholeObjective::<f64>::new(terms(None));
+        let (mut gradient, mut watch) = (Splats::default(), Stopwatch::default());
+        let losses = objective.evaluate(&splats, &input, &weights, &mut gradient, &mut watch);
+        assert!(
+            losses.total > 0.1 && (0..40).filter(|i| objective.mean2d_gradient(*i).is_some()).count() > 30
+        );
+        let mut unused = Splats::default();
+        let mut loss = |s: &Splats<f64>| {
+            objective.evaluate(s, &input, &weights, &mut unused, &mut Stopwatch::default()).total
+        };
+        for group in 0..GROUPS {
+            let (name, values) = (GROUP_INFO[group].name, gradient.groups()[group]);
+            let largest = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+            assert!(largest > 0.0, "{name}");
+            let (mut asked, mut compared) = (0, 0);
+            for k in (0..values.len()).step_by(if name == "f_rest" { 13 } else { 1 }) {
+                let mut quotient = |e: f64| {
+                    let (mut a, mut b) = (splats.clone(), splats.clone());
+                    a.groups_mut()[group][k] += e;
+                    b.groups_mut()[group][k] -= e;
+                    (loss(&a) - loss(&b)) / (2.0 * e)
+                };
+                let (q, q2) = (quotient(1e-6), quotient(2e-6));
+                asked += 1;
+                // The loss jumps where a splat's alpha crosses the cut-off, and bends where colours are equal.
+                if (q - q2).abs() > 1e-6 * largest {
+                    continue;
+                }
+                compared += 1;
+                assert!((q - values[k]).abs() < 2e-6 * largest, "{name} {k}: {} {q}", values[k]);
+            }
+            assert!(compared * 10 > asked * 8, "{name}: {compared} of {asked}");
+        }
+    }
+
+    #[test]
+    fn the_depth_of_a_lonely_opaque_splat_is_its_distance_along_the_axis() {
+        let camera = camera();
+        let at = camera.center + camera.cam_from_site.transpose() * DVec3::new(0.5, -0.2, 12.0);
+        let mut splats = Splats::<f64>::default();
+        splats.push(at.to_array(), 0.3, 0.9, [0.2, 0.4, 0.6]);
+        let none = Image::default();
+        let input =
+            PinholeStep { camera: &camera, target: &none, valid: &[], background: [0.0; 3], sh_degree: 3 };
+        let mut objective = PinholeObjective::<f64>::new(Vec::new());
+        objective.forward(&splats, &input, &mut Stopwatch::default());
+        let px = camera.project(crate::frame::Point::new(at.x, at.y, at.z)).unwrap();
+        let (col, row) = (px.col.round() as usize, px.row.round() as usize);
+        let (view, opaque) = (objective.view(), 1.0 - objective.view().at(4, col, row));
+        assert!(opaque > 0.5 && (view.at(3, col, row) / opaque - 12.0).abs() < 1e-9);
+        assert!((view.at(2, col, row) / opaque - 0.6).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,74 @@
+//! Renders of splats by pinhole cameras, and their comparison with photographs.
+
+use super::super::backend::stopwatch::Stopwatch;
+use super::super::harmonics::MAX_DEGREE;
+use super::super::raster::Image;
+use super::super::splats::Splats;
+use super::objective::{PinholeObjective, PinholeStep};
+use super::view::PinholeView;
+use crate::io::{Grid2, RgbImage};
+use crate::perspective::PinholeCamera;
+
+/// Gap between the panels of a comparison, pixels.
+const GAP: usize = 8;
+/// Mean difference of colours that is shown in full red.
+const LARGEST_ERROR: f32 = 0.25;
+/// Colour of pixels without data.
+const NO_DATA: [u8; 3] = [160, 160, 160];
+
+/// A picture of splats as a pinhole camera sees them.
+pub struct PinholePicture {
+    /// Red, green and blue as displayed, 0 to 1, on black.
+    pub colors: [Grid2; 3],
+    /// Depths along the optical axis, site metres: the alpha-composited mean of the splats' depths; NaN where the
+    /// transmittance exceeds one half.
+    pub depth: Grid2,
+    /// The share of light that the splats do not let through, 0 to 1.
+    pub opacity: Grid2,
+}
+
+impl PinholePicture {
+    /// Renders the splats.
+    #[must_use]
+    pub fn render(splats: &Splats, camera: &PinholeCamera) -> Self {
+        let no_target = Image::default();
+        let (background, sh_degree) = ([0.0; 3], MAX_DEGREE);
+        let input = PinholeStep { camera, target: &no_target, valid: &[], background, sh_degree };
+        let mut objective = PinholeObjective::new(Vec::new());
+        objective.forward(splats, &input, &mut Stopwatch::default());
+        let view = objective.view();
+        let mut colors = [0, 1, 2].map(|c| view.plane(c));
+        colors.iter_mut().flat_map(|c| &mut c.data).for_each(|v| *v = v.clamp(0.0, 1.0));
+        let (mut depth, mut opacity) = (view.plane(3), view.plane(4));
+        for (depth, through) in depth.data.iter_mut().zip(&mut opacity.data) {
+            let opaque = 1.0 - *through;
+            *depth = if opaque < 0.5 { f32::NAN } else { *depth / opaque };
+            *through = opaque;
+        }
+        Self { colors, depth, opacity }
+    }
+}
+
+/// Three panels: the photograph, the picture, and their difference (white is none, red is large).
+#[must_use]
+pub fn comparison(view: &PinholeView, picture: &PinholePicture) -> RgbImage {
+    let (width, height) = view.camera.size;
+    let mut panels = RgbImage::white(3 * (width + GAP) - GAP, height);
+    let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
+    for row in 0..height {
+        for col in 0..width {
+            let (truth, rendered) = (view.color(col, row), picture.colors.each_ref().map(|c| c.at(col, row)));
+            let error = truth.map(|truth| {
+                let sum: f32 = truth.iter().zip(rendered).map(|(a, b)| (a - b).abs()).sum();
+                let white = byte(1.0 - sum / 3.0 / LARGEST_ERROR);
+                [255, white, white]
+            });
+            let shown =
+                [truth.map_or(NO_DATA, |c| c.map(byte)), rendered.map(byte), error.unwrap_or(NO_DATA)];
+            for (panel, color) in shown.into_iter().enumerate() {
+                panels.set(panel * (width + GAP) + col, row, color);
+            }
+        }
+    }
+    panels
+}

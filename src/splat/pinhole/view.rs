@@ -1,0 +1,104 @@
+//! A photograph with its camera, as training holds it in memory.
+
+use crate::io::Grid2;
+use crate::perspective::PinholeCamera;
+use crate::splat::raster::Image;
+use glam::DVec3;
+
+/// The extent of a scene is the largest distance of a camera from their middle times this (3DGS).
+const EXTENT: f64 = 1.1;
+
+/// A photograph and its pinhole camera.
+#[derive(Clone, Debug)]
+pub struct PinholeView {
+    /// Name of the view.
+    pub name: String,
+    /// Its camera.
+    pub camera: PinholeCamera,
+    /// Red, green and blue as displayed, 0 to 255, and whether the pixel has data, row by row.
+    pixels: Vec<([u8; 3], bool)>,
+}
+
+impl PinholeView {
+    /// A view with its colours as displayed, 0 to 1; pixels where one of them is NaN have no data. Planes that are not of
+    /// the size of the camera have no data at all.
+    #[must_use]
+    pub fn new(name: String, camera: PinholeCamera, planes: &[Grid2; 3]) -> Self {
+        let count = camera.size.0 * camera.size.1;
+        let pixel = |i: usize| {
+            let rgb = planes.each_ref().map(|plane| plane.data.get(i).copied().unwrap_or(f32::NAN));
+            let is_valid = rgb.iter().all(|v| v.is_finite());
+            (rgb.map(|v| (255.0 * v).round() as u8), is_valid)
+        };
+        Self { name, camera, pixels: (0..count).map(pixel).collect() }
+    }
+
+    /// The colour of a pixel, as displayed, 0 to 1; none outside of the image and where it has no data.
+    #[must_use]
+    pub fn color(&self, col: usize, row: usize) -> Option<[f32; 3]> {
+        let (width, height) = self.camera.size;
+        let (rgb, is_valid) = *self.pixels.get(row * width + col)?;
+        (col < width && row < height && is_valid).then(|| rgb.map(|v| f32::from(v) / 255.0))
+    }
+
+    /// Writes the colours, three channels from 0 to 1, and which pixels have data; the others are zero.
+    pub fn load(&self, colors: &mut Image<f32>, valid: &mut Vec<bool>) {
+        let (width, height) = self.camera.size;
+        colors.resize(width, height, 3);
+        valid.clear();
+        valid.extend(self.pixels.iter().map(|p| p.1));
+        let rows = colors.data.chunks_exact_mut(3 * width.max(1)).zip(self.pixels.chunks_exact(width.max(1)));
+        for (out, pixels) in rows {
+            for (c, out) in out.chunks_exact_mut(width).enumerate() {
+                for (out, (rgb, is_valid)) in out.iter_mut().zip(pixels) {
+                    *out = if *is_valid { f32::from(rgb[c]) / 255.0 } else { 0.0 };
+                }
+            }
+        }
+    }
+}
+
+/// The extent of a scene, to which the lengths of recipes refer: 1.1 times the largest distance of a camera's centre from the
+/// mean of all, site metres (3DGS). Of a single camera it is 1.
+#[must_use]
+pub fn extent_m(cameras: &[PinholeCamera]) -> f64 {
+    let mean = cameras.iter().map(|c| c.center).sum::<DVec3>() / cameras.len().max(1) as f64;
+    let farthest = cameras.iter().map(|c| c.center.distance(mean)).fold(0.0, f64::max);
+    if farthest > 0.0 { EXTENT * farthest } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DMat3, DVec2};
+
+    fn camera(x: f64) -> PinholeCamera {
+        PinholeCamera {
+            cam_from_site: DMat3::IDENTITY,
+            center: DVec3::new(x, 0.0, 0.0),
+            focal: DVec2::splat(10.0),
+            principal: DVec2::splat(1.0),
+            size: (3, 2),
+        }
+    }
+
+    #[test]
+    fn black_pixels_are_valid_and_those_without_data_are_not() {
+        let plane = Grid2::from_fn(3, 2, |col, row| match (col, row) {
+            (1, 0) => f32::NAN,
+            (col, row) => 0.2 * col as f32 + 0.4 * row as f32,
+        });
+        let view = PinholeView::new("v".into(), camera(0.0), &[plane.clone(), plane.clone(), plane]);
+        let (mut colors, mut valid) = (Image::default(), Vec::new());
+        view.load(&mut colors, &mut valid);
+        assert_eq!(valid, [true, false, true, true, true, true]);
+        assert_eq!(colors.row(1, 0), [0.0, 0.0, 0.4]);
+        assert_eq!((view.color(2, 1), view.color(1, 0), view.color(3, 0)), (Some([0.8; 3]), None, None));
+    }
+
+    #[test]
+    fn the_extent_is_that_of_the_cameras() {
+        assert!((extent_m(&[camera(0.0), camera(1.0), camera(5.0)]) - 1.1 * 3.0).abs() < 1e-12);
+        assert_eq!((extent_m(&[camera(4.0)]), extent_m(&[])), (1.0, 1.0));
+    }
+}
