@@ -266,5 +266,7 @@ fn rendered(cameras: &TrainedCameras, splats: &Splats, view: &NovelView) -> Dept
     setup.transfer_function.encode(&mut colors);
     let depth = view_altitudes(splats, &view.camera, view.size);
     let camera = DepthCamera::Parallel { camera: view.camera, size: view.size };
-    DepthMap { color: Some(colors), ..DepthMap::new(camera, depth) }
+    let mut map = DepthMap { color: Some(colors), ..DepthMap::new(camera, depth) };
+    map.estimate_normals();
+    map
 }
