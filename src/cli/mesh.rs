@@ -10,11 +10,13 @@ use std::path::PathBuf;
 /// surface is taken by marching cubes; the 50 largest pieces of at least 50 triangles are kept.
 /// Of a satellite run the maps are the altitudes of its splats in each training view and from straight
 /// above; the mesh is georeferenced: coordinates are metres from the site's origin, which stands in
-/// FILE.georef.json beside the mesh. Of an RGB-D scene they are its own depth maps.
+/// FILE.georef.json beside the mesh. Of a run of photographs they are the depths of its splats in each
+/// training view, of an RGB-D scene its own depth maps.
 ///
-///   input          voxel   truncation   greatest depth
-///   satellite run  0.5 m   2 m
-///   RGB-D scene    0.02 m  0.08 m       5 m
+///   input                   voxel                   truncation  greatest depth
+///   satellite run           0.5 m                   2 m
+///   RGB-D scene, run of it  0.02 m                  0.08 m      5 m
+///   run of other photos     greatest depth / 1024   4 voxels    2 x nearest camera to the place all look at
 ///
 ///   satgs mesh run -o town.glb
 ///   satgs mesh kitchen -o reference.ply --voxel 0.01
@@ -27,13 +29,13 @@ pub struct Args {
     /// The mesh
     #[arg(short, long, value_name = "FILE", value_parser = ending(&["ply", "obj", "glb"]))]
     output: PathBuf,
-    /// Side of a voxel, metres [default: 0.5 for satellite runs, else 0.02]
+    /// Side of a voxel, metres [default: see above]
     #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     voxel: Option<f64>,
     /// Distance from a surface up to which a depth map tells of it, metres [default: 4 voxels]
     #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     truncation: Option<f64>,
-    /// Leave out depths beyond this, metres [default: 5]; not for satellite runs
+    /// Leave out depths beyond this, metres [default: see above]; not for satellite runs
     #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     depth_max: Option<f64>,
     /// Replace the mesh if it exists

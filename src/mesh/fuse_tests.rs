@@ -159,6 +159,11 @@ fn a_step_has_a_wall_where_cameras_see_it_and_none_where_they_do_not() {
         });
         DepthMap::new(camera, depth)
     };
+    let with_normals = |slope: f64| {
+        let mut map = view(slope);
+        map.estimate_normals();
+        map
+    };
     let wall = |maps: Vec<DepthMap>| {
         let mesh = fused(maps.into_iter(), &options(0.5)).unwrap().mesh;
         let is_wall = |t: &&[u32; 3]| {
@@ -170,6 +175,8 @@ fn a_step_has_a_wall_where_cameras_see_it_and_none_where_they_do_not() {
     };
     assert!(wall(vec![view(0.0), view(0.5), view(0.6)]) > 200);
     assert_eq!(wall(vec![view(0.0)]), 0);
+    assert!(wall([0.0, 0.5, 0.6].map(with_normals).to_vec()) > 200);
+    assert_eq!(wall(vec![with_normals(0.0)]), 0);
 }
 
 #[test]

@@ -18,6 +18,9 @@ const BYTES_IN_GIB: f64 = (1u64 << 30) as f64;
 /// Rows of pixels that are searched for blocks at a time, and the number of blocks that are remembered meanwhile.
 const ROWS_AT_ONCE: usize = 16;
 const REMEMBERED: usize = 1024;
+/// Blocks are searched along a ray up to the distance at which it is the truncation distance from the surface, but not if their
+/// angle has a smaller cosine.
+const LEAST_COSINE: f64 = 0.25;
 /// Largest coordinate of a block; greater ones are no places.
 const FARTHEST: f64 = 1e8;
 
@@ -130,9 +133,12 @@ impl TsdfVolume {
                 let (col, row) = ((i % width) as f64, (chunk * ROWS_AT_ONCE + i / width) as f64);
                 let p = map.camera.point(col, row, f64::from(*depth));
                 let along = map.camera.step(col, row).normalize_or_zero();
-                let steps = (4.0 * self.truncation_m / side).ceil().max(1.0);
+                let pixel = chunk * ROWS_AT_ONCE * width + i;
+                let normal = map.normal_at(pixel).map_or(along, Vec3::as_dvec3);
+                let reach = self.truncation_m / along.dot(normal).abs().max(LEAST_COSINE);
+                let steps = (4.0 * reach / side).ceil().max(1.0);
                 for k in 0..=steps as u32 {
-                    let t = self.truncation_m * (2.0 * f64::from(k) / steps - 1.0);
+                    let t = reach * (2.0 * f64::from(k) / steps - 1.0);
                     let place = ((p + t * along) / side).floor();
                     if !(place.abs().max_element() < FARTHEST) {
                         continue;
@@ -172,8 +178,7 @@ impl VoxelBlock {
             let Some((surface, pixel)) = depth_at(&map.depth, seen.col, seen.row, truncation) else {
                 continue;
             };
-            let normal = map.normal.as_ref().map(|n| Vec3::from_array(n.each_ref().map(|n| n.data[pixel])));
-            let scale = camera.distance_by_depth(&seen, normal.filter(|n| !n.is_nan()));
+            let scale = camera.distance_by_depth(&seen, map.normal_at(pixel));
             let distance = camera.nearer(seen.depth, surface) * scale;
             if distance < -truncation {
                 continue;

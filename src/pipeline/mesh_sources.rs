@@ -12,6 +12,7 @@ use crate::progress::Progress;
 use crate::scene::Role;
 use crate::splat::novel_view::NovelView;
 use crate::splat::pinhole::PinholePicture;
+use crate::splat::raster::PrimitiveKind;
 use crate::splat::splats::Splats;
 use glam::DVec3;
 use std::path::Path;
@@ -110,5 +111,10 @@ fn rendered(cameras: &TrainedCameras, splats: &Splats, view: &NovelView) -> Dept
     setup.transfer_function.encode(&mut colors);
     let depth = view_altitudes(splats, &view.camera, view.size);
     let camera = DepthCamera::Parallel { camera: view.camera, size: view.size };
-    DepthMap { color: Some(colors), ..DepthMap::new(camera, depth) }
+    let mut map = DepthMap { color: Some(colors), ..DepthMap::new(camera, depth) };
+    match splats.primitive() {
+        PrimitiveKind::Disc => map.normal = Some(view.normals(splats)),
+        PrimitiveKind::Ellipsoid => map.estimate_normals(),
+    }
+    map
 }
