@@ -195,6 +195,22 @@ fn a_page_in_one_file_draws_the_splats_and_reads_the_heights_of_the_surface() {
 }
 
 #[test]
+fn photographs_and_splats_without_a_map_are_shown_upright() {
+    let folder = tempfile::tempdir().unwrap();
+    common::photographs::make_run(folder.path());
+    let (run, html) = (folder.path().join("run"), folder.path().join("ball.html"));
+    let page = satgs::pipeline::write_page(&run, &html, false).unwrap();
+    assert_eq!(page.layers, ["Splats", "Sparse points", "Cameras"]);
+    let Some(chromium) = chromium() else { return };
+    let mut browser = Browser::open(&chromium, &format!("file://{}", html.display()));
+    let data = browser.drawn();
+    assert!(data["failures"].is_null() && browser.complaints.is_empty(), "{data} {:?}", browser.complaints);
+    // Up is minus y in this scene, and z on the page.
+    let up = browser.value("turned([0, -1, 0]).z");
+    assert!(up.as_f64().unwrap() > 0.9, "{up}");
+}
+
+#[test]
 fn a_served_page_draws_the_splats() {
     let mut server = Command::new(env!("CARGO_BIN_EXE_satgs"))
         .args(["view", run().to_str().unwrap(), "--no-open"])

@@ -379,8 +379,12 @@ const showFrame = () => {
   $("scale").lastChild.textContent = `${Number(length.toPrecision(1))}${run.isOnMap ? " m" : ""}`;
 };
 
-// The share of the canvas that something is drawn on.
+// The share of the canvas that splats are drawn on.
 const coverage = () => {
+  const shown = layers.map((layer) => layer.object.visible);
+  for (const layer of layers) layer.object.visible = layer.kind === "splats";
+  renderer.render(scene, camera);
+  layers.forEach((layer, k) => (layer.object.visible = shown[k]));
   const gl = renderer.getContext();
   const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
   const pixels = new Uint8Array(4 * w * h);
@@ -400,14 +404,15 @@ const animate = () => {
   camera.near = Math.max(distance / 200, reach / 1e5);
   camera.far = reach;
   camera.updateProjectionMatrix();
-  renderer.render(scene, camera);
-  showFrame();
+  // Splats appear when they are sorted, some frames after they are read.
   if (isLoaded && root.dataset.state !== "drawn") {
     const share = coverage();
     root.dataset.coverage = share.toFixed(4);
     if (share > 0) root.dataset.state = "drawn";
     else redraw();
   }
+  renderer.render(scene, camera);
+  showFrame();
 };
 
 const start = async () => {
