@@ -180,6 +180,12 @@ fn a_perspective_run_is_exported_as_it_was_trained() {
     let gone = satgs(&["export", &path("run"), "--colmap", &path("other")]);
     let said = String::from_utf8_lossy(&gone.stderr).into_owned();
     assert!(!gone.status.success() && said.contains('1') && !Path::new(&path("other")).exists(), "{said}");
+
+    // Cameras of a satellite run in the folder of a perspective one.
+    std::fs::copy(run().join("cameras.json"), folder.path().join("run/cameras.json")).unwrap();
+    let mixed = satgs(&["export", &path("run"), "--colmap", &path("other")]);
+    let said = String::from_utf8_lossy(&mixed.stderr).into_owned();
+    assert!(mixed.status.code() == Some(2) && said.contains("run/cameras.json"), "{said}");
 }
 
 #[test]
