@@ -6,7 +6,7 @@ mod common;
 
 use common::satgs;
 use satgs::frame::Point;
-use satgs::perspective::colmap;
+use satgs::perspective::{PerspectiveOptions, PerspectiveScene, colmap};
 use satgs::pipeline::{TrainedCameras, export_colmap};
 use satgs::progress::NoProgress;
 use satgs::splat::ply;
@@ -146,6 +146,46 @@ fn the_same_run_gives_the_same_project_and_text_holds_what_binary_holds() {
     assert!(folder.path().join("a/notes.txt").exists() && !folder.path().join("a/images/old.png").exists());
     assert!(folder.path().join("a/sparse/0/images.txt").exists());
     assert!(!folder.path().join("a/sparse/0/images.bin").exists());
+}
+
+#[test]
+fn a_perspective_run_is_exported_as_it_was_trained() {
+    let folder = tempfile::tempdir().unwrap();
+    common::photographs::make_run(folder.path());
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let exported = satgs(&["export", &path("run"), "--colmap", &path("project")]);
+    let said = String::from_utf8_lossy(&exported.stdout).into_owned();
+    assert!(exported.status.success() && said.contains("3 views, 400 points"), "{said}");
+    let options = PerspectiveOptions::default();
+    let read = |name: &str| PerspectiveScene::read(&folder.path().join(name), &options).unwrap();
+    let (before, after) = (read("scene"), read("project"));
+    assert_eq!(before.points, after.points);
+    for (a, b) in before.views.iter().zip(&after.views) {
+        assert_eq!((&a.name, a.camera.size, a.camera.focal), (&b.name, b.camera.size, b.camera.focal));
+        assert_eq!(a.camera.principal, b.camera.principal);
+        assert!(a.camera.center.distance(b.camera.center) < 1e-9);
+        assert_eq!(a.read_image().unwrap(), b.read_image().unwrap());
+    }
+    assert!(!folder.path().join("project/georef.json").exists());
+
+    let full = path("full.ply");
+    assert!(satgs(&["export", &path("run"), "--ply", &full]).status.success());
+    let own = ply::read(&folder.path().join("run/splats.ply")).unwrap();
+    assert_eq!(ply::read(Path::new(&full)).unwrap(), own);
+    let turned = satgs(&["export", &path("run"), "--ply", &path("turned.ply"), "--variant", "y-down"]);
+    let said = String::from_utf8_lossy(&turned.stderr).into_owned();
+    assert!(turned.status.code() == Some(2) && said.contains("depend on the direction"), "{said}");
+
+    std::fs::remove_file(folder.path().join("scene/images/1.png")).unwrap();
+    let gone = satgs(&["export", &path("run"), "--colmap", &path("other")]);
+    let said = String::from_utf8_lossy(&gone.stderr).into_owned();
+    assert!(!gone.status.success() && said.contains('1') && !Path::new(&path("other")).exists(), "{said}");
+
+    // Cameras of a satellite run in the folder of a perspective one.
+    std::fs::copy(run().join("cameras.json"), folder.path().join("run/cameras.json")).unwrap();
+    let mixed = satgs(&["export", &path("run"), "--colmap", &path("other")]);
+    let said = String::from_utf8_lossy(&mixed.stderr).into_owned();
+    assert!(mixed.status.code() == Some(2) && said.contains("run/cameras.json"), "{said}");
 }
 
 #[test]

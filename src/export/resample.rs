@@ -84,7 +84,9 @@ fn nearest_bilinear(band: &Grid2, px: Pixel<CenterPx>) -> f32 {
     if !inside {
         return f32::NAN;
     }
-    band.bilinear(px.col.clamp(0.0, last_col), px.row.clamp(0.0, last_row))
+    // Positions at the centre of a pixel but for rounding need no other pixel, which may be without data.
+    let snapped = |v: f64| if (v - v.round()).abs() < 1e-6 { v.round() } else { v };
+    band.bilinear(snapped(px.col).clamp(0.0, last_col), snapped(px.row).clamp(0.0, last_row))
 }
 
 #[cfg(test)]

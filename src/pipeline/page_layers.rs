@@ -5,7 +5,7 @@ use crate::affine::SiteScene;
 use crate::bundle::Adjustment;
 use crate::frame::{Geodetic, Point, Site, SiteGrid};
 use crate::run_files::{ADJUSTMENT, DSM, MESHES, ORTHO, SPARSE_POINTS};
-use crate::viewer::{PageFile, PageLayer, Relief, ShownLayer, ViewerError, ViewerPage};
+use crate::viewer::{PageFile, PageLayer, ReliefLayer, ShownLayer, ViewerError, ViewerPage};
 use std::path::Path;
 
 /// Adds splats, from the content of a PLY file.
@@ -58,7 +58,7 @@ pub(super) fn add_relief(page: &mut ViewerPage, run: &Path, site: &SiteGrid) -> 
     if !dsm.exists() {
         return Ok(());
     }
-    let relief = Relief::read(&dsm, ortho.exists().then_some(ortho.as_path()), site)?;
+    let relief = ReliefLayer::read(&dsm, ortho.exists().then_some(ortho.as_path()), site)?;
     page.files.push(PageFile { name: "relief.bin", bytes: relief.bytes() });
     let layer = PageLayer::Relief {
         file: "relief.bin",
@@ -109,7 +109,7 @@ pub(super) fn grouped(number: usize) -> String {
     let digits = number.to_string();
     let mut text = String::new();
     for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i) % 3 == 0 {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
             text.push('\u{202f}');
         }
         text.push(digit);

@@ -23,7 +23,9 @@ use std::path::{Path, PathBuf};
 const SATELLITE_DISTANCE: f64 = 1.0;
 /// Depth of the pyramid of a photograph, in radii of the scene.
 const PHOTOGRAPH_DEPTH: f64 = 0.08;
-/// Share of the splats of a perspective scene that the page looks at; far ones belong to the background.
+/// The page looks at this many times the distance from the middle within which this share of the splats of a perspective
+/// scene lies; the others belong to the background.
+const MARGIN: f64 = 1.5;
 const LOOKED_AT: f64 = 0.8;
 
 /// A page that was written.
@@ -139,7 +141,7 @@ fn scope_of(splats: &Splats, cameras: &PerspectiveCameras) -> PageScope {
     let up = if cameras.site.is_some() { DVec3::Z } else { up.try_normalize().unwrap_or(DVec3::Z) };
     PageScope {
         middle: middle.to_array(),
-        radius: radius.filter(|r| *r > 0.0).unwrap_or(1.0),
+        radius: MARGIN * radius.filter(|r| *r > 0.0).unwrap_or(1.0),
         up: up.to_array(),
     }
 }

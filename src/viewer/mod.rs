@@ -16,5 +16,5 @@ mod server;
 pub use camera_mark::CameraMark;
 pub use error::ViewerError;
 pub use page::{PageFile, PageLayer, PageScope, ShownLayer, ViewerPage};
-pub use relief::Relief;
+pub use relief::ReliefLayer;
 pub use server::serve;

@@ -14,7 +14,7 @@ const SLACK: f64 = 0.01;
 
 /// A surface model in the site frame.
 #[derive(Clone, Debug)]
-pub struct Relief {
+pub struct ReliefLayer {
     /// Altitudes, metres above the site's origin; NaN where there are none.
     pub altitudes: Grid2,
     /// Western edge, site metres.
@@ -27,7 +27,7 @@ pub struct Relief {
     pub texture: Option<Vec<u8>>,
 }
 
-impl Relief {
+impl ReliefLayer {
     /// Reads a surface model, averaged down if it has too many cells, and an orthophoto on the same grid.
     ///
     /// # Errors
@@ -114,7 +114,7 @@ mod tests {
         let colors = Cog { heights_from: None, ..cog };
         colors.write_u8(&ortho, vec![band(200), band(100), band(50)], None).unwrap();
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_100.0, 3_357_600.0, -20.0) };
-        let relief = Relief::read(&dsm, Some(&ortho), &site).unwrap();
+        let relief = ReliefLayer::read(&dsm, Some(&ortho), &site).unwrap();
         let cells = &relief.altitudes;
         assert!(cells.data.len() <= MOST_CELLS && relief.cell == 1.0);
         assert_eq!((cells.width, cells.height), (800, 600));

@@ -2,6 +2,7 @@
 #![allow(dead_code, clippy::print_stdout, clippy::unwrap_used)]
 
 pub mod perspective;
+pub mod photographs;
 pub mod web_server;
 
 use satgs::frame::{CenterPx, Pixel, Point, SiteGrid};

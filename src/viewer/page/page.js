@@ -1,5 +1,5 @@
 // The page of `satgs view`: layers of a run in the site frame (metres east, north, up from the site's origin), drawn with
-// three.js and Spark, which `libraries` holds. Positions on the card are f32; the origin is added to them in f64.
+// three.js and Spark, which `libraries` holds. Positions on the graphics card are f32; the origin is added to them in f64.
 "use strict";
 
 const L = libraries;
@@ -379,14 +379,23 @@ const showFrame = () => {
   $("scale").lastChild.textContent = `${Number(length.toPrecision(1))}${run.isOnMap ? " m" : ""}`;
 };
 
-// The share of the canvas that something is drawn on.
+// The share of the canvas that splats are drawn on.
 const coverage = () => {
+  const shown = layers.map((layer) => layer.object.visible);
+  for (const layer of layers) layer.object.visible = layer.kind === "splats";
+  renderer.render(scene, camera);
+  layers.forEach((layer, k) => (layer.object.visible = shown[k]));
   const gl = renderer.getContext();
   const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
   const pixels = new Uint8Array(4 * w * h);
+  // Spark reads pixels into a buffer of its own at any time.
+  const bound = gl.getParameter(gl.PIXEL_PACK_BUFFER_BINDING);
+  gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
   gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+  gl.bindBuffer(gl.PIXEL_PACK_BUFFER, bound);
+  const isDrawn = (i) => Math.abs(pixels[i] - 0x12) + Math.abs(pixels[i + 1] - 0x17) > 6 && pixels[i + 3] > 0;
   let n = 0;
-  for (let i = 0; i < pixels.length; i += 4) n += Math.abs(pixels[i] - 0x12) + Math.abs(pixels[i + 1] - 0x17) > 6;
+  for (let i = 0; i < pixels.length; i += 4) n += isDrawn(i);
   return n / (w * h);
 };
 
@@ -400,18 +409,20 @@ const animate = () => {
   camera.near = Math.max(distance / 200, reach / 1e5);
   camera.far = reach;
   camera.updateProjectionMatrix();
-  renderer.render(scene, camera);
-  showFrame();
+  // Splats appear when they are sorted, some frames after they are read.
   if (isLoaded && root.dataset.state !== "drawn") {
     const share = coverage();
     root.dataset.coverage = share.toFixed(4);
     if (share > 0) root.dataset.state = "drawn";
     else redraw();
   }
+  renderer.render(scene, camera);
+  showFrame();
 };
 
 const start = async () => {
   document.title = $("title").textContent = run.title;
+  $("north").style.display = run.isOnMap ? "" : "none";
   resize();
   lookFrom(180, 45);
   $("home").addEventListener("click", () => lookFrom(180, 45));
