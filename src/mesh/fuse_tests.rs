@@ -87,7 +87,6 @@ fn a_sphere_is_recovered_closed_with_outward_faces_normals_and_colours() {
         mesh.vertices.iter().map(|p| (DVec3::from_array(*p).length() - 1.0).abs()).collect();
     let mean = errors.iter().sum::<f64>() / errors.len() as f64;
     let worst = errors.iter().copied().fold(0.0, f64::max);
-    println!("mean error {mean:.5} m, largest {worst:.5} m of voxels of {voxel} m");
     assert!(mean < 0.25 * voxel && worst < voxel, "{mean} {worst}");
     assert_eq!((result.maps, result.pieces.0), (24, 1));
     // Euler's formula of a closed surface without holes: V - E + F = 2, with three half edges a face.
@@ -103,7 +102,6 @@ fn a_sphere_is_recovered_closed_with_outward_faces_normals_and_colours() {
     let cosines: Vec<f64> = mesh.vertices.iter().zip(&mesh.normals).map(cosine).collect();
     let off = cosines.iter().filter(|c| **c < 0.98).count() as f64 / cosines.len() as f64;
     let least = cosines.iter().copied().fold(1.0, f64::min);
-    println!("least cosine of a normal {least:.3}, {:.2} % below 0.98", 100.0 * off);
     assert!(off < 0.1 && least > 0.9, "{off} {least}");
     assert!(mesh.colors.iter().all(|c| *c == [51, 102, 153]));
 }
@@ -131,7 +129,6 @@ fn a_tilted_plane_under_parallel_rays_lies_where_it_is() {
         assert!(mesh.triangles.len() > 5000);
         let worst = mesh.vertices.iter().map(|[x, y, z]| (z - (0.3 * x - 0.2 * y + 1.0)).abs());
         let worst = worst.fold(0.0, f64::max);
-        println!("largest error {worst:.5} m, with normals: {with_normals}");
         // Without normals, distances are those along rays, which voxels that fewer views see mix differently.
         assert!(worst < if with_normals { 1e-3 } else { 0.01 }, "{worst}");
     }

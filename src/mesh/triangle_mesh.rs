@@ -69,10 +69,8 @@ impl TriangleMesh {
         });
         let mut place = vec![UNUSED; self.vertices.len()];
         self.triangles.as_flattened().iter().for_each(|v| place[*v as usize] = 0);
-        let mut next = 0;
-        for place in place.iter_mut().filter(|p| **p != UNUSED) {
+        for (next, place) in (0..).zip(place.iter_mut().filter(|p| **p != UNUSED)) {
             *place = next;
-            next += 1;
         }
         retain_used(&mut self.vertices, &place);
         retain_used(&mut self.colors, &place);

@@ -140,7 +140,7 @@ impl TsdfVolume {
                 for k in 0..=steps as u32 {
                     let t = reach * (2.0 * f64::from(k) / steps - 1.0);
                     let place = ((p + t * along) / side).floor();
-                    if !(place.abs().max_element() < FARTHEST) {
+                    if place.is_nan() || place.abs().max_element() >= FARTHEST {
                         continue;
                     }
                     let key = place.to_array().map(|v| v as i32);
