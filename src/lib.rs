@@ -18,6 +18,7 @@
 //! | match images to a surface (plane sweep, semi-global matching) | [`mvs::PlaneSweep`], [`mvs::MatchedSurface`] |
 //! | train and render splats | [`splat::train`], [`splat::raster`], [`splat::ply`] |
 //! | render a DSM, an orthophoto, points or a mesh | [`dsm`](mod@dsm) |
+//! | read photographs with pinhole cameras, COLMAP models | [`perspective::PerspectiveScene`], [`perspective::colmap`] |
 //! | compare a DSM with lidar | [`metrics::evaluate`], [`metrics::Truth`] |
 //! | make a scene with a known answer | [`simulate::simulate`] |
 //! | convert between geodetic, UTM and site coordinates | [`frame`] |

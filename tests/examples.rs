@@ -11,6 +11,9 @@ mod fly_through;
 #[path = "../examples/project_point.rs"]
 #[allow(dead_code)]
 mod project_point;
+#[path = "../examples/rewrite_colmap.rs"]
+#[allow(dead_code)]
+mod rewrite_colmap;
 #[path = "../examples/score_dsm.rs"]
 #[allow(dead_code)]
 mod score_dsm;
@@ -26,6 +29,11 @@ fn a_point_is_projected() {
 #[test]
 fn a_folder_is_adjusted() {
     adjust_folder::run(&[]).unwrap();
+}
+
+#[test]
+fn a_colmap_model_is_rewritten() {
+    rewrite_colmap::run(&[]).unwrap();
 }
 
 #[test]

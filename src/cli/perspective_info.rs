@@ -114,14 +114,15 @@ fn text(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Reproj
     }
     let _ = writeln!(out, "points: {}", scene.points.len());
     if let Some(r) = reprojection {
+        let stated = r.stated_px.map_or(String::new(), |px| format!("; the file states {px:.3} px"));
         let _ = writeln!(
             out,
-            "reprojection error: {:.3} px, mean over the points and their {} observations; the file states {:.3} px",
-            r.mean_px, r.observations, r.stated_px
+            "reprojection error: {:.3} px, mean over the points and their {} observations{stated}",
+            r.mean_px, r.observations
         );
     }
     if let Some([low, high]) = scene.extent() {
-        let unit = if scene.georeference.is_some() { "m" } else { "units of the file" };
+        let unit = if scene.is_metric() { "m" } else { "units of the file" };
         let [x, y, z] = std::array::from_fn(|i| format!("{:.2} to {:.2}", low[i], high[i]));
         let _ = writeln!(out, "extent of points and cameras: x {x}, y {y}, z {z} {unit}");
     }

@@ -9,7 +9,7 @@ use super::similarity::Fitted;
 use crate::io::{ImageFile, ReadError, is_metric_map, vsi};
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A similarity to map coordinates as a file states it: `map = scale * rotation * file + translation`.
 #[derive(Deserialize)]
@@ -69,7 +69,7 @@ fn exif_position(item: impl Fn(&str) -> Option<String>) -> Option<Position> {
 }
 
 /// The similarity of a file: JSON, or a list of image positions.
-fn from_file(path: &PathBuf, views: &[Draft]) -> Result<MapSimilarity, PerspectiveError> {
+fn from_file(path: &Path, views: &[Draft]) -> Result<MapSimilarity, PerspectiveError> {
     let bytes = vsi::read(path).map_err(|e| ReadError::new(path, e))?;
     let text = String::from_utf8(bytes).map_err(|e| ReadError::new(path, e))?;
     if text.trim_start().starts_with('{') {

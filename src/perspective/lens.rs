@@ -19,6 +19,8 @@ const STEP: f64 = 1e-6;
 /// in units of the focal length: 84 degrees from the optical axis.
 const RADIUS_STEPS: usize = 2000;
 const LARGEST_RADIUS: f64 = 10.0;
+/// Angle from the optical axis up to which the inverse of a fisheye lens is searched from the tangent of the angle.
+const FISHEYE_START_RAD: f64 = 1.45;
 /// Below these, COLMAP evaluates the model FOV by its series.
 const FOV_SERIES: f64 = 1e-4;
 
@@ -94,6 +96,14 @@ impl LensModel {
                 | Self::Radial
                 | Self::SimpleRadialFisheye
                 | Self::RadialFisheye
+        )
+    }
+
+    /// Whether the model is a polynomial of the angle from the optical axis.
+    fn is_fisheye(self) -> bool {
+        matches!(
+            self,
+            Self::OpenCvFisheye | Self::SimpleRadialFisheye | Self::RadialFisheye | Self::ThinPrismFisheye
         )
     }
 
@@ -209,7 +219,11 @@ impl LensCamera {
         if self.model.is_pinhole() {
             return Some(q);
         }
+        let angle = q.length();
         let mut p = q;
+        if self.model.is_fisheye() && angle > f64::EPSILON && angle < FISHEYE_START_RAD {
+            p *= angle.tan() / angle;
+        }
         for _ in 0..MAX_STEPS {
             let residual = q - self.distorted(p);
             if residual.length() < CONVERGED {
@@ -238,7 +252,7 @@ impl LensCamera {
             // The tangential terms are left out by taking the mean of opposite directions.
             let there =
                 self.distorted(DVec2::new(radius, 0.0)).x - self.distorted(DVec2::new(-radius, 0.0)).x;
-            if !(there > last) {
+            if there.is_nan() || there <= last {
                 return LARGEST_RADIUS * (i - 1) as f64 / RADIUS_STEPS as f64;
             }
             last = there;
@@ -343,7 +357,8 @@ mod tests {
     #[test]
     fn every_model_is_inverted_within_the_image() {
         for lens in lenses() {
-            for (x, y) in [(-0.45, -0.34), (0.0, 0.0), (0.003, 0.002), (0.45, 0.34), (0.2, -0.3)] {
+            for (x, y) in [(-0.45, -0.34), (0.0, 0.0), (0.003, 0.002), (0.45, 0.34), (0.2, -0.3), (0.9, 0.6)]
+            {
                 let p = DVec2::new(x, y);
                 let back = lens.undistorted(lens.distorted(p)).unwrap();
                 assert!((back - p).length() < 1e-10, "{} {p} {back}", lens.model.name());

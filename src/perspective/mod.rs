@@ -7,6 +7,7 @@ mod error;
 mod from_depths;
 mod georeference;
 mod georeference_source;
+mod jpeg;
 mod kernel;
 mod lens;
 mod levir;

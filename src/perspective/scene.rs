@@ -8,6 +8,7 @@ use super::options::PerspectiveOptions;
 use super::scene_parts::{Layout, ScenePoint};
 use super::view::PerspectiveView;
 use super::{colmap, levir, rgbd, transforms};
+use crate::io::vsi;
 use crate::scene::Role;
 use glam::DVec3;
 use std::path::Path;
@@ -76,6 +77,12 @@ impl PerspectiveScene {
         Ok(Self { layout, views, points, georeference, skipped })
     }
 
+    /// Whether positions are in metres: the scene has a georeference, or depth maps in metres.
+    #[must_use]
+    pub fn is_metric(&self) -> bool {
+        self.georeference.is_some() || matches!(self.layout, Layout::RgbD | Layout::Levir)
+    }
+
     /// Lowest and highest coordinates of the points and the camera centres.
     #[must_use]
     pub fn extent(&self) -> Option<[[f64; 3]; 2]> {
@@ -100,9 +107,12 @@ impl PerspectiveScene {
     }
 }
 
-/// The layout of a scene, by the names of its files.
+/// The layout of a scene, by the names of its files. Remote folders are not looked at, because every name that is tried there
+/// is a request.
 fn layout_of(path: &Path) -> Option<Layout> {
-    if colmap::is_project(path) {
+    if vsi::is_remote(path) {
+        None
+    } else if colmap::is_project(path) {
         Some(Layout::Colmap)
     } else if transforms::file_of(path).is_some() {
         Some(Layout::Transforms)

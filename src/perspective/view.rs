@@ -1,10 +1,11 @@
 //! A view of a perspective scene, and its pixels and depths.
 
 use super::error::PerspectiveError;
+use super::jpeg;
 use super::lens::LensCamera;
 use super::pinhole::PinholeCamera;
 use super::undistort::Undistortion;
-use crate::io::{Grid2, ImageFile, Window};
+use crate::io::{Grid2, ImageFile, ReadError, Window, vsi};
 use crate::scene::Role;
 use std::path::{Path, PathBuf};
 
@@ -73,9 +74,13 @@ impl PerspectiveView {
     /// [`PerspectiveError`] if the image or its mask cannot be read, or is not of the size of the camera.
     pub fn read_image(&self) -> Result<ViewImage, PerspectiveError> {
         let file = self.open(&self.image)?;
-        let colors = file.color_bands();
-        if colors.is_empty() || colors.iter().any(|b| file.is_palette(*b)) {
-            let found = "a colour table or no colour at all";
+        if !jpeg::is_complete(&vsi::read(&self.image).map_err(|e| ReadError::new(&self.image, e))?) {
+            let cause = "the file ends before its picture does";
+            return Err(ReadError::new(&self.image, cause).into());
+        }
+        let colors = file.default_bands();
+        if colors.iter().any(|b| file.is_palette(*b)) {
+            let found = "an index into a colour table";
             return Err(PerspectiveError::field(
                 &self.image,
                 "the image's band",
@@ -96,9 +101,18 @@ impl PerspectiveView {
         };
         let mut planes = match *colors.as_slice() {
             [red, green, blue, ..] => [read(red)?, read(green)?, read(blue)?],
-            _ => {
-                let gray = read(colors[0])?;
+            [gray, ..] => {
+                let gray = read(gray)?;
                 [gray.clone(), gray.clone(), gray]
+            }
+            [] => {
+                let found = "missing";
+                return Err(PerspectiveError::field(
+                    &self.image,
+                    "the image's band",
+                    found,
+                    "colours or grey values",
+                ));
             }
         };
         if let Some(alpha) = (1..=file.bands()).find(|b| file.is_alpha(*b)) {

@@ -1,6 +1,7 @@
 //! What several test files need: the folder of real data, a made-up camera, images, the binary.
 #![allow(dead_code, clippy::print_stdout, clippy::unwrap_used)]
 
+pub mod perspective;
 pub mod photographs;
 pub mod web_server;
 

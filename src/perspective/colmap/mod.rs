@@ -82,7 +82,8 @@ pub fn read(folder: &Path) -> Result<ColmapModel, PerspectiveError> {
 }
 
 /// Writes a model into a folder, which is made if it does not exist. Files of an earlier model in the other format, and
-/// its rigs and frames, are removed.
+/// its rigs and frames, are removed. COLMAP's reader of text files cuts the name of an image at its first blank; binary
+/// files keep it.
 ///
 /// # Errors
 /// [`PerspectiveError::Write`] if a file cannot be written.

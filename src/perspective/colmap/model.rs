@@ -84,8 +84,9 @@ pub struct Reprojection {
     /// Mean distance of the observations from the projections of their points, pixels: as COLMAP, the mean over points of
     /// the mean over the track of a point.
     pub mean_px: f64,
-    /// The mean of the errors that the file states for its points, pixels.
-    pub stated_px: f64,
+    /// The mean of the errors that the file states for its points, if it states any, pixels. They are those of the images
+    /// that were reconstructed, which are larger than undistorted and resized ones.
+    pub stated_px: Option<f64>,
 }
 
 impl ColmapCamera {
@@ -153,7 +154,8 @@ impl ColmapModel {
             .iter()
             .filter_map(|i| Some((i.id, (i, i.pose().ok()?, *cameras.get(&i.camera)?))))
             .collect();
-        let (mut observations, mut sum, mut stated, mut points) = (0, 0.0, 0.0, 0usize);
+        let (mut observations, mut sum, mut points) = (0, 0.0, 0usize);
+        let (mut stated_sum, mut stated) = (0.0, 0usize);
         for point in &self.points {
             let error = |(image, index): &(u32, u32)| {
                 let (image, pose, lens) = images.get(image)?;
@@ -166,11 +168,18 @@ impl ColmapModel {
             if !errors.is_empty() {
                 observations += errors.len();
                 sum += errors.iter().sum::<f64>() / errors.len() as f64;
-                stated += point.error;
                 points += 1;
+                // An error below zero is COLMAP's mark of one that is not known.
+                if point.error >= 0.0 {
+                    stated_sum += point.error;
+                    stated += 1;
+                }
             }
         }
-        let n = points as f64;
-        (points > 0).then_some(Reprojection { observations, mean_px: sum / n, stated_px: stated / n })
+        (points > 0).then(|| Reprojection {
+            observations,
+            mean_px: sum / points as f64,
+            stated_px: (stated > 0).then(|| stated_sum / stated as f64),
+        })
     }
 }

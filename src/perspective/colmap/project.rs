@@ -9,7 +9,7 @@ use crate::io::vsi;
 use std::path::{Path, PathBuf};
 
 /// Where a model may lie in a project, and where images may lie relative to the model's folder.
-const MODELS: [&str; 3] = ["sparse/0", "sparse", ""];
+const MODELS: [&str; 4] = ["sparse/0", "sparse", "0", ""];
 const IMAGES: [&str; 5] = ["images", "../images", "../../images", "", "../.."];
 /// Folder of masks beside that of images; a mask has the name of its image and `.png` (COLMAP), or `.png` in place of
 /// its extension.
