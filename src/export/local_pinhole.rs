@@ -212,13 +212,13 @@ mod tests {
         let mirrored = ViewCamera::affine([[-2.9, 0.1, 0.3], [0.1, -3.0, 0.5]], [410.0, 395.0]);
         for view in [oblique(), turned, mirrored] {
             let found = pinhole(&view, (800, 790));
-            assert!(found.rms_px < 0.07 && found.max_px < 0.2, "{} {}", found.rms_px, found.max_px);
+            assert!(found.rms_px < 0.1 && found.max_px < 0.3, "{} {}", found.rms_px, found.max_px);
             for p in
                 [Point::new(0.0, 0.0, 0.0), Point::new(60.0, -80.0, 40.0), Point::new(-90.0, 70.0, -15.0)]
             {
                 let px = found.camera.project(p).unwrap();
                 let error = found.map.original_from_resampled(px).distance(view.project(p));
-                assert!(error < 0.15, "{error}");
+                assert!(error < 0.3, "{error}");
             }
         }
     }
