@@ -126,6 +126,12 @@ fn a_run_gives_the_same_bytes_for_any_number_of_threads_and_after_an_interruptio
     assert!(matches!(same, Outcome::Kept(Some(_))));
     let other = train(&path("one"), &options(100).train, &NoProgress).unwrap_err().to_string();
     assert!(other.contains("--iterations was 240, is 100"), "{other}");
+    let smaller = PerspectiveOptions { downsampling: 2, ..PerspectiveOptions::default() };
+    let smaller = PerspectiveRunOptions { scene: smaller, ..options(240) };
+    let refused =
+        run_perspective(&scene, &smaller, &path("one"), &NoProgress, &mut |_| {}).unwrap_err().to_string();
+    assert!(refused.contains("--downsampling was 1, is 2"), "{refused}");
+    // The refused call has changed nothing: the run is scored with the images that it was trained on.
     render_and_refuse(&path("one"));
 }
 

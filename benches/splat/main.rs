@@ -18,9 +18,8 @@ use satgs::splat::backend::stopwatch::Stopwatch;
 use satgs::splat::loss::photometric::Photometric;
 use satgs::splat::loss::{LossWeights, terms};
 use satgs::splat::objective::{Gradient, Objective, StepInput};
-use satgs::splat::raster::{
-    FrameCamera, Image, LOW_PASS_PX2, PrimitiveKind, Rasterizer, SortedSplats, SplatGradient,
-};
+use satgs::splat::primitive::PrimitiveKind;
+use satgs::splat::raster::{FrameCamera, Image, LOW_PASS_PX2, Rasterizer, SortedSplats, SplatGradient};
 use satgs::splat::sheared_camera::ShearedCamera;
 use satgs::splat::splats::{PerGroup, Splats};
 use satgs::splat::state::TrainingState;

@@ -3,7 +3,7 @@
 use super::{CliError, Ui};
 use crate::pipeline::{Outcome, PerspectiveManifest, TrainOptions, Trained, train};
 use crate::run_files::SPLATS;
-use crate::splat::raster::PrimitiveKind;
+use crate::splat::primitive::PrimitiveKind;
 use crate::splat::train::recipe::Recipe;
 use std::path::{Path, PathBuf};
 

@@ -12,7 +12,7 @@ use crate::progress::Progress;
 use crate::scene::Role;
 use crate::splat::novel_view::NovelView;
 use crate::splat::pinhole::PinholePicture;
-use crate::splat::raster::PrimitiveKind;
+use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
 use glam::DVec3;
 use std::path::Path;

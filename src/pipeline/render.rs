@@ -10,7 +10,7 @@ use crate::rpc::{Rpc, formats};
 use crate::run_files::ADJUSTMENT;
 use crate::scene::Sun;
 use crate::splat::novel_view::{NovelView, Picture};
-use crate::splat::raster::PrimitiveKind;
+use crate::splat::primitive::PrimitiveKind;
 use std::path::{Path, PathBuf};
 
 /// Views and suns lower than this are refused: their displacement by height is too large.

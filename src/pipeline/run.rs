@@ -34,7 +34,7 @@ impl RunOptions {
     /// # Errors
     /// [`PipelineError`] of the option that is wrong.
     pub fn check(&self, run: &Path) -> Result<(), PipelineError> {
-        self.train.recipe()?;
+        self.train.satellite_recipe()?;
         self.dsm.check(run)?;
         match &self.truth {
             Some(truth) => Ok(Truth::check(truth, &self.evaluate.truth_options()?)?),

@@ -50,9 +50,6 @@ pub(crate) fn train_locked(
     relocation::finish_locked(run)?;
     let scene = read_scene(run)?;
     let recipe = options.recipe_for(scene.training().count())?;
-    if recipe.perspective.is_some() {
-        return Err(PipelineError::RecipeOfPerspective { recipe: recipe.name });
-    }
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
     let stage = Stage::new(run, "train", outputs, fingerprint(run, options, &recipe)?);
     if stage.is_done(options.overwrite)? {

@@ -2,7 +2,7 @@
 
 use super::PipelineError;
 use crate::affine::SiteFrame;
-use crate::splat::raster::PrimitiveKind;
+use crate::splat::primitive::PrimitiveKind;
 use crate::splat::train::recipe::Recipe;
 use std::path::Path;
 
@@ -63,10 +63,34 @@ impl TrainOptions {
         }
     }
 
+    /// As [`TrainOptions::recipe`], of a satellite scene.
+    ///
+    /// # Errors
+    /// Also [`PipelineError::RecipeOfPerspective`].
+    pub fn satellite_recipe(&self) -> Result<Recipe, PipelineError> {
+        let recipe = self.recipe()?;
+        match recipe.perspective {
+            Some(_) => Err(PipelineError::RecipeOfPerspective { recipe: recipe.name }),
+            None => Ok(recipe),
+        }
+    }
+
+    /// As [`TrainOptions::recipe`], of a perspective scene.
+    ///
+    /// # Errors
+    /// Also [`PipelineError::RecipeOfSatellites`].
+    pub fn perspective_recipe(&self) -> Result<Recipe, PipelineError> {
+        let recipe = self.recipe()?;
+        match recipe.perspective {
+            Some(_) => Ok(recipe),
+            None => Err(PipelineError::RecipeOfSatellites { recipe: recipe.name }),
+        }
+    }
+
     /// The recipe for a number of training views: few of them need fewer iterations than it has, unless a number is
     /// asked for.
     pub(crate) fn recipe_for(&self, views: usize) -> Result<Recipe, PipelineError> {
-        let recipe = self.recipe()?;
+        let recipe = self.satellite_recipe()?;
         Ok(if self.iterations.is_some() { recipe } else { recipe.for_views(views) })
     }
 

@@ -14,7 +14,7 @@ use crate::scene::Scene;
 use crate::splat::backend::TrainingBackend;
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::init;
-use crate::splat::raster::PrimitiveKind;
+use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
 use crate::splat::train::recipe::{Recipe, Start};
 use crate::splat::train::{LogLine, pictures};

@@ -5,7 +5,7 @@ use crate::affine::TrainingView;
 use crate::frame::{Point, Site, SiteBox};
 use crate::mvs::{MatchedSurface, ground_plane};
 use crate::random::CounterRng;
-use crate::splat::raster::PrimitiveKind;
+use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
 use crate::stats::quantile;
 use glam::{DQuat, DVec3};

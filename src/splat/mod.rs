@@ -17,6 +17,7 @@ pub mod novel_view;
 pub mod objective;
 pub mod pinhole;
 pub mod ply;
+pub mod primitive;
 pub mod raster;
 pub mod shadow;
 pub mod shear_warp;

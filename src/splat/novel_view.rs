@@ -8,7 +8,8 @@ use crate::scene::Sun;
 use crate::splat::appearance::Appearance;
 use crate::splat::backend::stopwatch::Stopwatch;
 use crate::splat::objective::{Objective, StepInput};
-use crate::splat::raster::{Disc, FrameCamera, Image, PrimitiveKind, Rasterizer, SortedSplats, channel};
+use crate::splat::primitive::PrimitiveKind;
+use crate::splat::raster::{Disc, FrameCamera, Image, Rasterizer, SortedSplats, channel};
 use crate::splat::sheared_camera::ShearedCamera;
 use crate::splat::splats::Splats;
 

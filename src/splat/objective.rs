@@ -8,9 +8,8 @@
 use super::appearance::{AppearanceKind, AppearanceModel, ShadingGradient, ShadingInput};
 use super::backend::stopwatch::Stopwatch;
 use super::loss::{COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
-use super::raster::{
-    FrameCamera, Image, PrimitiveKind, Renderer, SortedSplats, SplatGradient, channel, renderer,
-};
+use super::primitive::PrimitiveKind;
+use super::raster::{FrameCamera, Image, Renderer, SortedSplats, SplatGradient, channel, renderer};
 use super::shadow::ShadowModel;
 use super::sheared_camera::ShearedCamera;
 use super::splats::{GROUP_INFO, Splats};

@@ -3,7 +3,7 @@
 
 use crate::frame::SiteGrid;
 use crate::io::{WriteError, georeference_comment, write_file, write_georeference};
-use crate::splat::raster::{FLAT_LOG_SCALE, PrimitiveKind};
+use crate::splat::primitive::{FLAT_LOG_SCALE, PrimitiveKind};
 use crate::splat::splats::{GROUP_INFO, GroupInfo, Splats, unit_quaternion};
 use glam::{Quat, Vec3};
 use std::fmt::Write as _;

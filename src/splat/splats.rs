@@ -5,7 +5,7 @@
 //! is one line there.
 
 use super::edit::Edit;
-use super::raster::{FLAT_LOG_SCALE, PrimitiveKind};
+use super::primitive::{FLAT_LOG_SCALE, PrimitiveKind};
 use crate::simd::Real;
 use serde::{Deserialize, Serialize};
 

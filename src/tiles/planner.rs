@@ -87,7 +87,7 @@ impl PlanOptions {
             return wrong("--core", self.core_m, "metres, at least twice the overlap");
         }
         self.surface.found()?;
-        self.train.recipe().map(|_| ())
+        self.train.satellite_recipe().map(|_| ())
     }
 }
 

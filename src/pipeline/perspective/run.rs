@@ -5,7 +5,7 @@ use super::super::stage_result::StageResult;
 use super::super::{DsmOptions, PipelineError, RunLock, TrainOptions, report};
 use super::manifest::{PerspectiveManifest, is_run};
 use super::scores::nvs_eval;
-use super::train::train_locked;
+use super::train::train_scene;
 use crate::perspective::{PerspectiveOptions, PerspectiveScene};
 use crate::progress::{Event, Progress};
 use crate::run_files::SCENE;
@@ -48,10 +48,7 @@ pub fn run_perspective(
     progress: &dyn Progress,
     completed: &mut dyn FnMut(StageResult),
 ) -> Result<(), PipelineError> {
-    let recipe = options.train.recipe()?;
-    if recipe.perspective.is_none() {
-        return Err(PipelineError::RecipeOfSatellites { recipe: recipe.name });
-    }
+    options.train.perspective_recipe()?;
     options.dsm.check(run)?;
     let read = PerspectiveScene::read(scene, &options.scene)?;
     let _lock = RunLock::make(run)?;
@@ -61,8 +58,8 @@ pub fn run_perspective(
     for (name, reason) in &read.skipped {
         progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
     }
-    PerspectiveManifest::new(scene, &options.scene, &read).write(run)?;
-    completed(StageResult::Trained(train_locked(run, &options.train, progress)?));
+    let manifest = PerspectiveManifest::new(scene, &options.scene, &read);
+    completed(StageResult::Trained(train_scene(run, &manifest, &read, &options.train, progress)?));
     if read.views.iter().any(|v| v.role == Role::Test) {
         completed(StageResult::Scored(nvs_eval(run, &[], true, progress)?));
     }

@@ -20,7 +20,7 @@ use crate::splat::pinhole::{
     PinholeBackend, PinholeScene, PinholeView, comparison, extent_m, splats_at_points, splats_on_rays,
 };
 use crate::splat::ply;
-use crate::splat::raster::PrimitiveKind;
+use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
 use crate::splat::train::recipe::Recipe;
@@ -46,28 +46,40 @@ pub fn train_locked(
     options: &TrainOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome<Trained>, PipelineError> {
-    let scene = PerspectiveManifest::read(run)?.read_scene()?;
-    let recipe = options.recipe()?;
-    if recipe.perspective.is_none() {
-        return Err(PipelineError::RecipeOfSatellites { recipe: recipe.name });
-    }
+    let manifest = PerspectiveManifest::read(run)?;
+    let scene = manifest.read_scene()?;
+    train_scene(run, &manifest, &scene, options, progress)
+}
+
+/// As [`train_locked`], of a scene that was read already. Its manifest is written unless the run was made from another scene.
+pub(super) fn train_scene(
+    run: &Path,
+    manifest: &PerspectiveManifest,
+    scene: &PerspectiveScene,
+    options: &TrainOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<Trained>, PipelineError> {
+    let recipe = options.perspective_recipe()?;
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
-    let stage = Stage::new(run, "train", outputs, fingerprint(&scene, options, &recipe)?);
-    if stage.is_done(options.overwrite)? {
+    let stage = Stage::new(run, "train", outputs, fingerprint(scene, options, &recipe)?);
+    let is_done = stage.is_done(options.overwrite)?;
+    let (every, is_required) = (options.checkpoint_every, options.resume);
+    let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
+    let taken_up = if is_done { None } else { checkpoints.take_up(0, options.overwrite, progress)? };
+    manifest.write(run)?;
+    if is_done {
         progress.event(Event::Note(format!("`{}` is trained already", run.display())));
         return Ok(Outcome::Kept(stage.summary()?));
     }
     stage.require_writable()?;
-    let views = read_views(&scene, progress)?;
+    let views = read_views(scene, progress)?;
     let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
     let extent_m = extent_m(&cameras);
-    let (every, is_required) = (options.checkpoint_every, options.resume);
-    let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
-    let (at_start, mut log, state) = match checkpoints.take_up(0, options.overwrite, progress)? {
+    let (at_start, mut log, state) = match taken_up {
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
             let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
-            let splats = splats_at_start(&scene, &views, recipe.primitive, options.seed)?;
+            let splats = splats_at_start(scene, &views, recipe.primitive, options.seed)?;
             (splats.len(), Vec::new(), TrainingState::start(splats, AppearanceKind::default(), 0))
         }
     };

@@ -7,9 +7,10 @@ use super::super::backend::stopwatch::Stopwatch;
 use super::super::harmonics::{SeenFrom, colors, colors_backward};
 use super::super::loss::{DiscView, LossTerm, LossWeights, Rendered, Scaled, SurfaceDepth, TERMS};
 use super::super::objective::{Losses, add_scaled, parts, zeros};
+use super::super::primitive::PrimitiveKind;
 use super::super::raster::{
-    DiscWithMoments, Ellipsoid, FrameCamera, Image, Primitive, PrimitiveKind, Rasterizer, SortedSplats,
-    SplatGradient, channel, disc_plane,
+    DiscWithMoments, Ellipsoid, FrameCamera, Image, Primitive, Rasterizer, SortedSplats, SplatGradient,
+    channel, disc_plane,
 };
 use super::super::splats::Splats;
 use crate::camera::CameraKernel;

@@ -3,7 +3,8 @@
 use super::super::backend::stopwatch::Stopwatch;
 use super::super::harmonics::MAX_DEGREE;
 use super::super::loss::SurfaceDepth;
-use super::super::raster::{Image, PrimitiveKind, channel, disc_plane};
+use super::super::primitive::PrimitiveKind;
+use super::super::raster::{Image, channel, disc_plane};
 use super::super::splats::Splats;
 use super::objective::{PinholeStep, objective};
 use super::view::PinholeView;

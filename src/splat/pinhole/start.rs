@@ -1,7 +1,7 @@
 //! The splats that training of a perspective scene begins with.
 
 use super::super::init::neighbour_scales;
-use super::super::raster::PrimitiveKind;
+use super::super::primitive::PrimitiveKind;
 use super::super::splats::Splats;
 use super::view::PinholeView;
 use crate::frame::{CenterPx, Pixel, Point, Site};

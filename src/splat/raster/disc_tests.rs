@@ -5,6 +5,7 @@ use crate::camera::{CameraKernel, DepthOrder, QuadraticKernel};
 use crate::perspective::{PinholeCamera, PinholeKernel};
 use crate::random::CounterRng;
 use crate::simd::{Real, SimdReal};
+use crate::splat::primitive::{FLAT_LOG_SCALE, PrimitiveKind};
 use crate::splat::splats::{GROUPS, Splats, color_from_f_dc, f_dc_gradient};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 

@@ -34,7 +34,7 @@ mod tests;
 pub use constants::{ALPHA_CUT, ALPHA_MAX, LOW_PASS_PX2, MIN_TRANSMITTANCE};
 pub use image::{Image, channel, disc_plane};
 pub(in crate::splat) use image::{STRIPES, stripe_rows};
-pub use primitive::{Disc, DiscWithMoments, Ellipsoid, FLAT_LOG_SCALE, Primitive, PrimitiveKind};
+pub use primitive::{Disc, DiscWithMoments, Ellipsoid, Primitive};
 pub use project::FrameCamera;
 pub use rasterizer::{MAX_SIDE, Rasterizer};
 pub use renderer::{Renderer, renderer};

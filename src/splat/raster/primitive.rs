@@ -10,31 +10,7 @@
 //!   but for the low-pass filter (2DGS §4.1, solved for the pixel).
 
 use crate::simd::Real;
-use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
-
-/// Standard deviation of a disc along its normal, as a natural logarithm of metres: so small that it has no effect.
-pub const FLAT_LOG_SCALE: f32 = -30.0;
-
-/// The kind of all splats of a training.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum PrimitiveKind {
-    /// Ellipsoids (3DGS).
-    #[default]
-    #[serde(rename = "3d")]
-    Ellipsoid,
-    /// Flat discs (2DGS).
-    #[serde(rename = "2d")]
-    Disc,
-}
-
-impl PrimitiveKind {
-    /// Whether this is the default kind.
-    #[must_use]
-    pub fn is_default(&self) -> bool {
-        *self == Self::default()
-    }
-}
 
 /// Numbers of type `T` that a primitive stores, or none.
 pub trait Numbers<T: Real, const N: usize>: Copy + Debug + Default + Send + Sync {

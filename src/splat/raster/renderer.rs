@@ -1,9 +1,10 @@
 //! A rasteriser for a kind of splat that is chosen while the program runs.
 
-use super::primitive::{Disc, Ellipsoid, Primitive, PrimitiveKind};
+use super::primitive::{Disc, Ellipsoid, Primitive};
 use super::{FrameCamera, Image, Rasterizer, SortedSplats, SplatGradient};
 use crate::camera::CameraKernel;
 use crate::simd::SimdReal;
+use crate::splat::primitive::PrimitiveKind;
 
 /// The steps of [`Rasterizer`], for any primitive. The derivatives by pixels are those by the features.
 pub trait Renderer<T, const C: usize, K>: Send + Sync {

@@ -3,10 +3,10 @@
 
 use super::covariance::{CovarianceBackward, CovarianceForward, NormalForward};
 use super::depth_sort::{DepthKeys, RadixSort};
-use super::primitive::PrimitiveKind;
 use super::splat_block::{SplatBlock, SplatGradient};
 use crate::camera::CameraKernel;
 use crate::simd::{MAX_LANES, Real, SimdReal};
+use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};

@@ -11,7 +11,7 @@ pub use file::RecipeError;
 
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::{LossWeights, SurfaceDepth};
-use crate::splat::raster::PrimitiveKind;
+use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::PerGroup;
 use serde::{Deserialize, Serialize};
 

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::{LossWeights, SurfaceDepth};
-use crate::splat::raster::PrimitiveKind;
+use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::PerGroup;
 
 /// Iterations of recipe `best`. The papers have 5000; an initialisation on the matched surface needs fewer.
