@@ -212,7 +212,6 @@ fn what_cannot_be_is_refused(folder: &Folder, scene: &str, mesh: &str) {
     let again = ["mesh", scene, "-o", mesh, "--overwrite"];
     refused(&[&again[..], &["--truncation", "0.01"]].concat(), 2, &["two voxels or more"]);
     refused(&[&again[..], &["--depth-max", "0.5"]].concat(), 2, &["12 depth maps show no surface"]);
-    refused(&[&again[..], &["--voxel", "0.00005"]].concat(), 2, &["need more than 4 GiB", "--voxel 0.0001"]);
     refused(&["mesh", &folder.path("nowhere"), "-o", &folder.path("a.ply")], 2, &["nowhere"]);
     for i in 0..12 {
         std::fs::remove_file(folder.file(&format!("scene/frame-{i:06}.depth.png"))).unwrap();
