@@ -113,7 +113,7 @@ impl<T: SimdReal> CameraKernel<T> for QuadraticKernel<T> {
     ) -> [SimdVec<S>; 2] {
         let ([east, north], sight) = (camera.ground_per_pixel, camera.sight);
         let along = sight[0].mul_add(x, sight[1].mul_add(y, z));
-        let zero = x - x;
+        let zero = SimdVec::broadcast(simd, T::zero());
         let mut slope = east;
         for k in 0..2 {
             slope[k] = zero - damped_quotient(simd, east[k].mul_add(x, north[k] * y), along);

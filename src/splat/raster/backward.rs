@@ -126,7 +126,7 @@ impl<T: SimdReal, const C: usize, K: CameraKernel<T>, P: Primitive> SimdKernel<T
                     }
                     states[b] = block;
                 }
-                add_to_slots(simd, &batch, entries, (&sums, &plane_sums), slots);
+                add_to_slots(simd, &batch, entries, &sums, &plane_sums, slots);
                 if translucent == 0 {
                     break;
                 }
@@ -387,7 +387,8 @@ fn add_to_slots<S: Simd, const C: usize, K: CameraKernel<S::Scalar>, P: Primitiv
     simd: S,
     batch: &Batch<S::Scalar, C, K, P>,
     entries: &[TileEntry<S::Scalar, C, P>],
-    (sums, plane_sums): (&[SplatSums<S::Scalar>; CAPACITY], &[[S::Scalar; 2]; CAPACITY]),
+    sums: &[SplatSums<S::Scalar>; CAPACITY],
+    plane_sums: &[[S::Scalar; 2]; CAPACITY],
     slots: &mut [GradientSlot<S::Scalar, C, P>],
 ) {
     for (row, entries) in entries.chunks(S::WIDTH).enumerate() {

@@ -172,11 +172,11 @@ impl<S: Simd> DiscSample<S> {
                 let reciprocal = self.mapped + reference;
                 by_mapped = k.zero - by_mapped * reciprocal * reciprocal;
             }
-            by_depth = by_depth + by_mapped;
+            by_depth += by_mapped;
         }
         by_depth = by_depth * weight;
         if P::MEDIANS > 0 {
-            by_depth = by_depth + by.median.select_or_zero(k.is_median(before, after));
+            by_depth += by.median.select_or_zero(k.is_median(before, after));
         }
         let (mut by_exponent, mut by_plane) = (by_log_alpha, by_depth);
         if is_perspective {

@@ -212,11 +212,11 @@ impl<S: Simd, const C: usize> ForwardState<S, C> {
         }
         if P::MOMENTS > 0 {
             let weighted = weight * sample.mapped;
-            self.moments[0] = self.moments[0] + weighted;
+            self.moments[0] += weighted;
             self.moments[1] = weighted.mul_add(sample.mapped, self.moments[1]);
         }
         if P::MEDIANS > 0 {
-            self.median = self.median + sample.depth.select_or_zero(k.is_median(before, self.transmittance));
+            self.median += sample.depth.select_or_zero(k.is_median(before, self.transmittance));
         }
     }
 }

@@ -219,6 +219,15 @@ struct Projected<T> {
     tiles: [[u32; MAX_LANES]; 4],
 }
 
+/// The images of the splats in the lanes.
+struct Footprints<S: Simd> {
+    footprint: Footprint<SimdVec<S>>,
+    /// Half of their widths and heights, pixels.
+    half_size: [SimdVec<S>; 2],
+    /// Their covariances (xx, xy, yy), px².
+    covariance: [SimdVec<S>; 3],
+}
+
 /// A camera whose numbers are broadcast to all lanes.
 struct SimdCamera<S: Simd, K: CameraKernel<S::Scalar>> {
     kernel: K::Broadcast<S>,
@@ -233,8 +242,7 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         Self { kernel: camera.kernel.broadcast(simd), size: broadcast_each(simd, size) }
     }
 
-    /// The ellipses of the splats in the lanes, with half of their widths and heights in pixels, and the covariances (xx, xy,
-    /// yy) of their images, px².
+    /// The footprints of the splats in the lanes.
     #[inline(always)]
     fn footprints(
         &self,
@@ -242,7 +250,7 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         position: [SimdVec<S>; 3],
         covariance: [SimdVec<S>; 6],
         opacity: SimdVec<S>,
-    ) -> (Footprint<SimdVec<S>>, [SimdVec<S>; 2], [SimdVec<S>; 3]) {
+    ) -> Footprints<S> {
         let constants = [-ALPHA_CUT.log2(), 2.0 * std::f64::consts::LN_2, LOW_PASS_PX2, 0.0];
         let [above_cut, twice_ln_2, low_pass, zero] =
             broadcast_each(simd, constants.map(S::Scalar::from_f64));
@@ -264,7 +272,8 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         // The rightmost point lies on the regression line of row on column.
         let rightmost_dy = xy * xx.reciprocal() * half_size[0];
         let conic = [yy * inverse, zero - xy * inverse, xx * inverse];
-        (Footprint { mean, conic, log2_opacity, radius2, rightmost_dy }, half_size, [xx, xy, yy])
+        let footprint = Footprint { mean, conic, log2_opacity, radius2, rightmost_dy };
+        Footprints { footprint, half_size, covariance: [xx, xy, yy] }
     }
 
     /// The slopes of discs with these normals and images; zero where the plane meets the camera's plane close by.
@@ -307,7 +316,8 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
             covariance[k] = SimdVec::load(simd, &block.covariance[k][lane..]);
         }
         let opacity = SimdVec::load(simd, &block.opacity[lane..]);
-        let (footprint, mut half_size, covariance) = self.footprints(simd, position, covariance, opacity);
+        let Footprints { footprint, mut half_size, covariance } =
+            self.footprints(simd, position, covariance, opacity);
         let Footprint { conic, radius2, .. } = footprint;
         let (mut slope, mut silhouette) = ([zero; 2], footprint);
         if let Some(normals) = normals {
