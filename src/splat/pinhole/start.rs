@@ -23,9 +23,14 @@ const RANDOM_SPLATS: u64 = 100_000;
 const DEPTHS: (f64, f64) = (0.3, 4.0);
 /// Number of neighbours, the point itself among them, that give a disc its normal.
 const NEIGHBOURS: NonZero<usize> = NonZero::new(9).unwrap();
-/// Their scales as a multiple of the distances to their neighbours: at random places in a volume many lie on every ray, and
-/// with the full distances those in front would hide all others.
-const RANDOM_SCALE: f64 = 0.5;
+/// Number of random depths on a ray, of which the one is taken where other views agree best.
+const CANDIDATES: usize = 32;
+/// Largest number of views that are compared.
+const COMPARED_VIEWS: usize = 64;
+/// Fewest other views that must see a place for a comparison.
+const FEWEST_OTHERS: usize = 2;
+/// Greatest difference of colours that is told apart: beyond it something else may hide the place.
+const GREATEST_DIFFERENCE: f32 = 0.2;
 /// Purpose of the random numbers.
 const DRAW_RAY: u64 = 20;
 
@@ -66,29 +71,51 @@ fn normals(points: &[[f64; 3]]) -> Vec<DVec3> {
     points.par_iter().map(normal).collect()
 }
 
-/// Splats of a scene without points: at random depths behind random pixels of the views, in the pixels' colours. The depths
-/// are around the place that the cameras look at.
+/// Splats of a scene without points: behind random pixels of the views, in the pixels' colours; of several random depths around
+/// the place that the cameras look at, at the one where other views have that colour too.
 #[must_use]
 pub fn splats_on_rays(views: &[PinholeView], primitive: PrimitiveKind, seed: u64) -> Splats {
     let cameras: Vec<PinholeCamera> = views.iter().map(|v| v.camera).collect();
     let focus = focus(&cameras);
+    let compared: Vec<&PinholeView> =
+        views.iter().step_by(views.len().div_ceil(COMPARED_VIEWS).max(1)).collect();
     let point = |i: u64| {
         let mut draw = CounterRng::new(seed, DRAW_RAY, 0, i);
         let view = &views[draw.below(views.len())];
         let (width, height) = view.camera.size;
         let (col, row) = (draw.below(width), draw.below(height));
+        let rgb = view.color(col, row)?;
         let ray = DVec3::from_array(view.camera.ray(Pixel::<CenterPx>::new(col as f64, row as f64)));
         let distance = view.camera.center.distance(focus);
         let (near, far) = (DEPTHS.0 * distance, DEPTHS.1 * distance);
-        // Even in the inverse of the depth, as are the images.
-        let depth = 1.0 / (1.0 / near + draw.uniform() * (1.0 / far - 1.0 / near));
-        let p = view.camera.center + depth * ray;
-        Some((Point::new(p.x, p.y, p.z), view.color(col, row)?))
+        let candidates = (0..CANDIDATES).map(|_| {
+            // Even in the inverse of the depth, as are the images.
+            let depth = 1.0 / (1.0 / near + draw.uniform() * (1.0 / far - 1.0 / near));
+            let place = view.camera.center + depth * ray;
+            let others = compared.iter().filter(|v| !std::ptr::eq(**v, view));
+            (color_difference(others.copied(), place, rgb), place)
+        });
+        // The first of equal ones, as where no others see the place.
+        let (_, place) = candidates.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some((Point::new(place.x, place.y, place.z), rgb))
     };
-    let points: Vec<(Point<Site>, [f32; 3])> = (0..RANDOM_SPLATS).filter_map(point).collect();
-    let mut out = splats_at_points(&points, primitive);
-    out.log_scale.as_flattened_mut().iter_mut().for_each(|s| *s += RANDOM_SCALE.ln() as f32);
-    out
+    let points: Vec<(Point<Site>, [f32; 3])> = (0..RANDOM_SPLATS).into_par_iter().filter_map(point).collect();
+    splats_at_points(&points, primitive)
+}
+
+/// Mean difference between a colour and those that views show at a place; infinite if too few see the place.
+fn color_difference<'a>(views: impl Iterator<Item = &'a PinholeView>, place: DVec3, rgb: [f32; 3]) -> f32 {
+    let (mut sum, mut count) = (0.0, 0);
+    for view in views {
+        let Some(px) = view.camera.project(Point::new(place.x, place.y, place.z)) else { continue };
+        let (col, row) = (px.col.round(), px.row.round());
+        let found = if col >= 0.0 && row >= 0.0 { view.color(col as usize, row as usize) } else { None };
+        let Some(found) = found else { continue };
+        let difference = found.iter().zip(rgb).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0;
+        sum += difference.min(GREATEST_DIFFERENCE);
+        count += 1;
+    }
+    if count < FEWEST_OTHERS { f32::INFINITY } else { sum / count as f32 }
 }
 
 /// The place that is nearest to all optical axes, in the sense of least squares; of parallel axes one that lies ahead of the
@@ -136,25 +163,35 @@ mod tests {
     }
 
     #[test]
-    fn without_points_splats_lie_before_the_cameras_around_what_they_look_at() {
-        // Cameras on a circle of 4 m that look at a place 1 m above its middle.
+    fn without_points_splats_lie_where_the_views_agree() {
+        // Cameras on a circle of 4 m that look at a textured ball of 1 m around a place 1 m above its middle.
+        let middle = DVec3::new(0.0, 0.0, 1.0);
         let view = |k: u32| {
             let (sin, cos) = (f64::from(k) * 0.7).sin_cos();
             let center = DVec3::new(4.0 * cos, 4.0 * sin, 1.0);
             let forward = DVec3::new(-cos, -sin, 0.0);
             let down = -DVec3::Z;
             let cam_from_site = DMat3::from_cols(down.cross(forward), down, forward).transpose();
-            let (focal, principal) = (DVec2::splat(50.0), DVec2::splat(24.5));
+            let (focal, principal) = (DVec2::splat(80.0), DVec2::splat(24.5));
             let camera = PinholeCamera { cam_from_site, center, focal, principal, size: (50, 50) };
-            let plane = Grid2::filled(50, 50, 0.25);
-            PinholeView::new(format!("{k}"), camera, &[plane.clone(), plane.clone(), plane])
+            let color = |channel: usize, col: usize, row: usize| {
+                let ray = DVec3::from_array(camera.ray(Pixel::new(col as f64, row as f64))).normalize();
+                let to_middle = middle - center;
+                let half_chord = (1.0 - to_middle.cross(ray).length_squared()).sqrt();
+                let place = (to_middle.dot(ray) - half_chord) * ray - to_middle;
+                (0.5 + 0.4 * (5.0 * place[channel]).sin()) as f32
+            };
+            // Rays that miss the ball have no data.
+            let planes = [0, 1, 2].map(|channel| Grid2::from_fn(50, 50, |col, row| color(channel, col, row)));
+            PinholeView::new(format!("{k}"), camera, &planes)
         };
         let views: Vec<_> = (0..9).map(view).collect();
-        assert!(focus(&cameras_of(&views)).distance(DVec3::new(0.0, 0.0, 1.0)) < 1e-9);
+        assert!(focus(&cameras_of(&views)).distance(middle) < 1e-9);
         let splats = splats_on_rays(&views, PrimitiveKind::Ellipsoid, 0);
-        assert_eq!(splats.len(), RANDOM_SPLATS as usize);
-        let near = splats.position.iter().filter(|p| p[0].hypot(p[1]) < 2.0).count();
-        assert!(near > splats.len() / 4, "{near}");
+        assert!(splats.len() > 20_000, "{}", splats.len());
+        let distance = |p: &[f32; 3]| f64::from(p[0].hypot(p[1]).hypot(p[2] - 1.0));
+        let on_ball = splats.position.iter().filter(|p| (distance(p) - 1.0).abs() < 0.2).count();
+        assert!(on_ball * 10 > splats.len() * 6, "{on_ball} of {}", splats.len());
         let parallel: Vec<_> = (0..3).map(|_| view(0)).collect();
         assert!(focus(&cameras_of(&parallel)).is_finite());
     }
