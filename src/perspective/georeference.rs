@@ -2,7 +2,7 @@
 
 use super::error::PerspectiveError;
 use super::pose::Pose;
-use super::similarity::Fitted;
+use super::similarity::SimilarityTransform;
 use crate::frame::{Point, Site, SiteGrid, Transform, Utm, utm_epsg};
 use crate::io::is_metric_map;
 use glam::{DMat3, DVec3};
@@ -38,7 +38,7 @@ pub(super) struct MapSimilarity {
     /// EPSG code of the map projection, metres.
     pub epsg: u32,
     /// The similarity from file to map coordinates.
-    pub fitted: Fitted,
+    pub fitted: SimilarityTransform,
     /// See [`Georeference::positions`]; 0 if the similarity was given.
     pub positions: usize,
 }
@@ -119,6 +119,6 @@ pub(super) fn fit_positions(
         DVec3::new(east, north, height)
     };
     let pairs: Vec<(DVec3, DVec3)> = pairs.iter().map(|(c, p)| (*c, map(*p))).collect();
-    let fitted = Fitted::to(&pairs).map_err(refused)?;
+    let fitted = SimilarityTransform::to(&pairs).map_err(refused)?;
     Ok(MapSimilarity { epsg: map_epsg, fitted, positions: pairs.len() })
 }

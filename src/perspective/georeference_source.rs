@@ -5,7 +5,7 @@ use super::error::PerspectiveError;
 use super::georeference::{Georeference, LON_LAT, MapSimilarity, Position, fit_positions};
 use super::options::GeoreferenceSource;
 use super::pose::Pose;
-use super::similarity::Fitted;
+use super::similarity::SimilarityTransform;
 use crate::io::{ImageFile, ReadError, is_metric_map, vsi};
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
@@ -95,7 +95,7 @@ fn given_similarity(path: &Path, given: &SimilarityFile) -> Result<MapSimilarity
         PerspectiveError::field(path, "`rotation`, `translation`", found, expected)
     })?;
     let rotation: DMat3 = pose.cam_from_world.transpose();
-    let fitted = Fitted { scale: given.scale, rotation, translation: pose.center, rms: 0.0 };
+    let fitted = SimilarityTransform { scale: given.scale, rotation, translation: pose.center, rms: 0.0 };
     Ok(MapSimilarity { epsg: given.epsg, fitted, positions: 0 })
 }
 

@@ -32,5 +32,5 @@ pub use options::{GeoreferenceSource, PerspectiveOptions, TEST_EVERY, TestViews}
 pub use pinhole::PinholeCamera;
 pub use scene::PerspectiveScene;
 pub use scene_parts::{Layout, ScenePoint};
-pub use similarity::Fitted;
+pub use similarity::SimilarityTransform;
 pub use view::{DepthFile, PerspectiveView, ViewImage};

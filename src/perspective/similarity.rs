@@ -8,7 +8,7 @@ const LEAST_WIDTH: f64 = 1e-3;
 
 /// A similarity `to = scale * rotation * from + translation` and how well it fits.
 #[derive(Clone, Copy, Debug)]
-pub struct Fitted {
+pub struct SimilarityTransform {
     /// Scale.
     pub scale: f64,
     /// Rotation.
@@ -19,7 +19,7 @@ pub struct Fitted {
     pub rms: f64,
 }
 
-impl Fitted {
+impl SimilarityTransform {
     /// The image of a point.
     #[must_use]
     pub fn apply(&self, p: DVec3) -> DVec3 {
@@ -79,12 +79,13 @@ mod tests {
     #[test]
     fn a_similarity_is_recovered_from_its_images() {
         let rotation = DMat3::from_euler(glam::EulerRot::XYZ, 2.9, -0.4, 1.1);
-        let truth = Fitted { scale: 3.5, rotation, translation: DVec3::new(5e5, 4e6, 120.0), rms: 0.0 };
+        let truth =
+            SimilarityTransform { scale: 3.5, rotation, translation: DVec3::new(5e5, 4e6, 120.0), rms: 0.0 };
         // All in one plane, as the centres of a drone's photographs are: a mirrored solution fits as well.
         let plane = [(0.0, 0.0), (1.0, 0.2), (0.3, 2.0), (-1.0, 0.7), (2.0, 2.0)];
         let pairs: Vec<(DVec3, DVec3)> =
             plane.iter().map(|(x, y)| DVec3::new(*x, *y, 0.5)).map(|p| (p, truth.apply(p))).collect();
-        let fitted = Fitted::to(&pairs).unwrap();
+        let fitted = SimilarityTransform::to(&pairs).unwrap();
         assert!((fitted.scale - 3.5).abs() < 1e-6 && fitted.rms < 1e-6);
         assert!((fitted.rotation.determinant() - 1.0).abs() < 1e-9);
         let above = DVec3::new(0.0, 0.0, 2.0);
@@ -94,10 +95,12 @@ mod tests {
     #[test]
     fn points_on_a_line_or_in_one_place_are_refused() {
         let pairs = |at: fn(f64) -> DVec3| [0.0, 1.0, 2.0, 3.0].map(|t| (at(t), at(t))).to_vec();
-        assert!(Fitted::to(&pairs(|t| DVec3::new(t, 2.0 * t, 1.0))).unwrap_err().contains("line"));
-        assert!(Fitted::to(&pairs(|_| DVec3::ONE)).is_err());
-        assert!(Fitted::to(&pairs(|t| DVec3::new(t, t * t, 1.0))[..2]).is_err());
+        assert!(
+            SimilarityTransform::to(&pairs(|t| DVec3::new(t, 2.0 * t, 1.0))).unwrap_err().contains("line")
+        );
+        assert!(SimilarityTransform::to(&pairs(|_| DVec3::ONE)).is_err());
+        assert!(SimilarityTransform::to(&pairs(|t| DVec3::new(t, t * t, 1.0))[..2]).is_err());
         let one_place = [DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| (p, DVec3::ONE));
-        assert!(Fitted::to(&one_place).is_err());
+        assert!(SimilarityTransform::to(&one_place).is_err());
     }
 }

@@ -9,7 +9,7 @@ use crate::mesh::{
 };
 use crate::metrics::{MeshScores, MetricsError, error_mesh, mesh_scores};
 use crate::mvs::DSM_CELL_M;
-use crate::perspective::Fitted;
+use crate::perspective::SimilarityTransform;
 use crate::progress::{Event, Progress};
 use glam::DVec3;
 use serde::Serialize;
@@ -131,7 +131,7 @@ fn align(mesh: &mut TriangleMesh, path: &Path, views: &DepthViews) -> Result<Mes
         let found = pairs.len();
         return Err(failed(format!("{found} of its images are among those of --views, 3 are needed")).into());
     }
-    let fitted = Fitted::to(&pairs).map_err(failed)?;
+    let fitted = SimilarityTransform::to(&pairs).map_err(failed)?;
     mesh.transform(fitted.scale, fitted.rotation, fitted.translation);
     mesh.site = views.site;
     Ok(MeshAlignment { images: pairs.len(), scale: fitted.scale, rms_m: fitted.rms })

@@ -10,9 +10,9 @@ use super::bands::{Band, TileEntry};
 use super::batch::{BATCH, Batch, BlockEdges, CAPACITY, GROUP};
 use super::block::{BLOCK_WIDTH, BLOCKS_ACROSS, BlockPixels, MAX_BLOCKS, block_height, offset, tile_extents};
 use super::disc::{ByPlanes, DiscSample, DiscStep, reference_depth};
-use super::forward::KernelConstants;
 use super::gradient_slot::{GradientSlot, MOMENTS};
-use super::primitive::{Numbers, Primitive};
+use super::kernel_constants::KernelConstants;
+use super::primitive::{Primitive, StoredNumbers};
 use crate::camera::CameraKernel;
 use crate::simd::{
     MAX_LANES, Real, Simd, SimdKernel, SimdReal, SimdVec, arrays_of_lanes, blocks_of_lines, broadcast_each,

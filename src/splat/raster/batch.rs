@@ -11,7 +11,7 @@ use super::block::{
 };
 use super::channel;
 use super::footprint::Footprint;
-use super::primitive::{Numbers, Primitive};
+use super::primitive::{Primitive, StoredNumbers};
 use crate::camera::{CameraKernel, DepthOrder};
 use crate::simd::Real;
 use crate::simd::{MAX_LANES, Simd, SimdMask, SimdVec, broadcast_each, transpose_eights};

@@ -3,7 +3,7 @@
 use super::bands::TileEntry;
 use super::batch::Batch;
 use super::block::BlockPixels;
-use super::forward::KernelConstants;
+use super::kernel_constants::KernelConstants;
 use super::primitive::Primitive;
 use crate::camera::{CameraKernel, DepthOrder};
 use crate::simd::{MAX_LANES, Real, Simd, SimdMask, SimdVec, broadcast_each};

@@ -3,11 +3,11 @@
 use super::block::TILE;
 use super::covariance::ELEMENTS;
 use super::gradient_slot::GradientSlot;
-use super::primitive::{Numbers, Primitive};
+use super::primitive::{Primitive, StoredNumbers};
 use super::slope::SlopeGradient;
 use super::splat_block::SplatGradient;
 use crate::camera::{CameraKernel, DepthOrder};
-use crate::simd::Real;
+use crate::simd::{Real, Simd, SimdVec};
 
 /// The ellipse on which a splat's alpha equals [`ALPHA_CUT`](super::ALPHA_CUT): a scalar for each number, or a vector with
 /// a lane for each splat.
@@ -37,6 +37,37 @@ impl<N: Copy> Footprint<N> {
     #[inline(always)]
     pub fn of([u, v, a, b, c, log2_opacity, radius2, rightmost_dy]: [N; 8]) -> Self {
         Self { mean: [u, v], conic: [a, b, c], log2_opacity, radius2, rightmost_dy }
+    }
+}
+
+impl<S: Simd> Footprint<SimdVec<S>> {
+    /// The ellipse on which the alpha of a disc with this slope equals the cut-off in a perspective projection, with half of
+    /// its width and height in pixels. `covariance` (xx, xy, yy) is the inverse of the conic.
+    ///
+    /// With the conic `L`, the slope `g` and the squared radius `r²`, alpha equals the cut-off where `d L d = r² (1 + g . d)²`.
+    #[inline(always)]
+    pub fn silhouette(
+        self,
+        simd: S,
+        [gx, gy]: [SimdVec<S>; 2],
+        [xx, xy, yy]: [SimdVec<S>; 3],
+    ) -> (Self, [SimdVec<S>; 2]) {
+        let one = SimdVec::broadcast(simd, S::Scalar::from_f64(1.0));
+        let (r2, [a, b, c]) = (self.radius2, self.conic);
+        let (sx, sy) = (xx * gx + xy * gy, xy * gx + yy * gy);
+        let widening = (one - r2 * (gx * sx + gy * sy)).reciprocal();
+        let shift = r2 * widening;
+        let (cxx, cxy, cyy) = (xx + shift * sx * sx, xy + shift * sx * sy, yy + shift * sy * sy);
+        let radius2 = r2 * widening;
+        let half_size = [(radius2 * cxx).sqrt(), (radius2 * cyy).sqrt()];
+        let ellipse = Self {
+            mean: [self.mean[0] + shift * sx, self.mean[1] + shift * sy],
+            conic: [a - r2 * gx * gx, b - r2 * gx * gy, c - r2 * gy * gy],
+            log2_opacity: self.log2_opacity,
+            radius2,
+            rightmost_dy: cxy * cxx.reciprocal() * half_size[0],
+        };
+        (ellipse, half_size)
     }
 }
 

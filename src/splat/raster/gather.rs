@@ -3,7 +3,7 @@
 use super::bands::Band;
 use super::footprint::Footprint;
 use super::gradient_slot::{GradientSlot, add};
-use super::primitive::{Numbers, Primitive};
+use super::primitive::{Primitive, StoredNumbers};
 use super::project::{CHUNK, Chunk};
 use super::sorted::SortedSplats;
 use super::splat_block::SplatGradient;

@@ -1,6 +1,6 @@
 //! Gradient sums of a splat.
 
-use super::primitive::{Numbers, Primitive};
+use super::primitive::{Primitive, StoredNumbers};
 use crate::simd::Real;
 
 /// Sums over the pixels of a band, or of an image, from which the derivatives with respect to one splat follow.

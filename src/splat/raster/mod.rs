@@ -19,6 +19,7 @@ mod forward;
 mod gather;
 mod gradient_slot;
 mod image;
+mod kernel_constants;
 mod primitive;
 mod project;
 mod rasterizer;

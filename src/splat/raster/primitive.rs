@@ -13,14 +13,14 @@ use crate::simd::Real;
 use std::fmt::Debug;
 
 /// Numbers of type `T` that a primitive stores, or none.
-pub trait Numbers<T: Real, const N: usize>: Copy + Debug + Default + Send + Sync {
+pub trait StoredNumbers<T: Real, const N: usize>: Copy + Debug + Default + Send + Sync {
     /// Stores the numbers.
     fn of(numbers: [T; N]) -> Self;
     /// The numbers; zeros if none are stored.
     fn get(self) -> [T; N];
 }
 
-impl<T: Real, const N: usize> Numbers<T, N> for () {
+impl<T: Real, const N: usize> StoredNumbers<T, N> for () {
     #[inline(always)]
     fn of(_: [T; N]) -> Self {}
 
@@ -30,7 +30,7 @@ impl<T: Real, const N: usize> Numbers<T, N> for () {
     }
 }
 
-impl<T: Real> Numbers<T, 2> for [T; 2] {
+impl<T: Real> StoredNumbers<T, 2> for [T; 2] {
     #[inline(always)]
     fn of(numbers: [T; 2]) -> Self {
         numbers
@@ -42,7 +42,7 @@ impl<T: Real> Numbers<T, 2> for [T; 2] {
     }
 }
 
-impl<T: Real> Numbers<T, 4> for [T; 4] {
+impl<T: Real> StoredNumbers<T, 4> for [T; 4] {
     #[inline(always)]
     fn of(numbers: [T; 4]) -> Self {
         numbers
@@ -63,9 +63,9 @@ pub trait Primitive: Copy + Debug + Default + Send + Sync + 'static {
     /// Number of planes after the transmittance: the median depth.
     const MEDIANS: usize;
     /// The slope of the plane.
-    type Slope<T: Real>: Numbers<T, 2>;
+    type Slope<T: Real>: StoredNumbers<T, 2>;
     /// Sums over pixels from which the derivative by the slope follows.
-    type SlopeSums<T: Real>: Numbers<T, 4>;
+    type SlopeSums<T: Real>: StoredNumbers<T, 4>;
 
     /// Index of the feature that is the depth of the centre and varies over the image of a disc: the only one, or the one
     /// after the colours.

@@ -4,7 +4,7 @@
 use super::block::TILE;
 use super::constants::{ALPHA_CUT, LOW_PASS_PX2};
 use super::footprint::Footprint;
-use super::primitive::{Numbers, Primitive};
+use super::primitive::{Primitive, StoredNumbers};
 use super::slope::{slope_damping, slope_in_front};
 use super::sorted::SortedSplats;
 use super::splat_block::SplatBlock;
