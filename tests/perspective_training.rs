@@ -175,8 +175,8 @@ fn what_cannot_be_trained_is_refused_before_training() {
     let mut other = options(10);
     other.train.recipe = "baeogs".into();
     assert!(refused(&other).contains("recipe `baeogs` is for satellite scenes"));
-    other.train.recipe = "2dgs".into();
-    assert!(refused(&other).contains("2dgs"));
+    other.train.recipe = "4dgs".into();
+    assert!(refused(&other).contains("4dgs"));
     let missing = PerspectiveRunOptions {
         scene: PerspectiveOptions {
             test_views: satgs::perspective::TestViews::List(folder.path().join("no.txt")),
