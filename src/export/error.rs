@@ -6,6 +6,13 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum ExportError {
+    /// The folder holds the images of the scene.
+    #[error("`{folder}` holds images of the scene itself, which the project would replace")]
+    #[diagnostic(help("name a new folder"))]
+    OwnScene {
+        /// The folder.
+        folder: PathBuf,
+    },
     /// The folder holds something already.
     #[error("`{folder}` is not empty")]
     #[diagnostic(help("name a new folder, or replace what an earlier export wrote by --overwrite"))]

@@ -44,6 +44,16 @@ impl ColmapFolder {
         Ok(Self { target: target.into(), staging })
     }
 
+    /// Refuses a folder that holds an image of the scene itself, which the project would replace.
+    pub fn require_other_than(&self, source: &Path) -> Result<(), PipelineError> {
+        match (source.canonicalize(), self.target.canonicalize()) {
+            (Ok(source), Ok(target)) if source.starts_with(&target) => {
+                Err(ExportError::OwnScene { folder: self.target.clone() }.into())
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Writes an image, and its mask under the name that COLMAP looks for.
     pub fn write_image(&self, name: &str, image: &Resampled) -> Result<(), PipelineError> {
         let Resampled { colors, mask } = image;
@@ -88,5 +98,22 @@ impl ColmapFolder {
             Ok(())
         };
         Ok(moved().map_err(|e| WriteError::new(&self.target, e))?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_with_images_of_the_scene_is_refused() {
+        let scene = tempfile::tempdir().unwrap();
+        let image = scene.path().join("images/a.jpg");
+        fs::create_dir(scene.path().join("images")).unwrap();
+        fs::write(&image, "").unwrap();
+        let onto_it = ColmapFolder::new(scene.path(), true).unwrap();
+        assert!(onto_it.require_other_than(&image).is_err());
+        let beside_it = ColmapFolder::new(&scene.path().join("new"), false).unwrap();
+        assert!(beside_it.require_other_than(&image).is_ok());
     }
 }

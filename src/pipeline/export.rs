@@ -11,7 +11,7 @@ use crate::affine::SiteScene;
 use crate::bundle::{Adjustment, TiePointObservation};
 use crate::export::{ColmapBuilder, ExportError, Fitted, LocalPinhole, PlyVariant, Resampled};
 use crate::frame::{CenterPx, Pixel};
-use crate::io::{check_writable, write_file, write_json};
+use crate::io::{WriteError, check_writable, write_file, write_json};
 use crate::perspective::colmap::{ColmapModel, Format};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, SPLATS};
@@ -78,6 +78,7 @@ fn satellites(run: &Path, target: &ColmapFolder, progress: &dyn Progress) -> Res
             Fitted::OutsideOfImage => left_out.push(view.name.clone()),
             Fitted::Pinhole(pinhole) => {
                 require_image(source)?;
+                target.require_other_than(&source.image)?;
                 let size = pinhole.camera.size;
                 let image = Resampled::new(&source.read_colors()?, &pinhole.map, size);
                 let name = format!("{}.png", view.name);
@@ -114,6 +115,7 @@ fn photographs(run: &Path, target: &ColmapFolder, progress: &dyn Progress) -> Re
         progress.check()?;
         let missing = || PipelineError::ViewNotInScene { run: run.into(), name: view.name.clone() };
         let source = scene.views.iter().find(|v| v.name == view.name).ok_or_else(missing)?;
+        target.require_other_than(&source.image)?;
         let image = Resampled::unchanged(&source.read_image()?.planes);
         // Names of views may hold folders.
         let name = format!("{}.png", view.name.replace(['/', '\\'], "_"));
@@ -172,6 +174,9 @@ pub fn export_ply(
         let mut place = crate::io::georeference(site);
         place["axes"] = serde_json::json!(variant.axes());
         write_json(&georeference, &place)?;
+    } else if georeference.exists() {
+        // It is of the file that was replaced.
+        std::fs::remove_file(&georeference).map_err(|e| WriteError::new(&georeference, e))?;
     }
     Ok(ExportedPly { file: file.into(), splats: splats.len(), bytes: bytes.len() as u64 })
 }
