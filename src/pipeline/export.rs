@@ -11,7 +11,7 @@ use crate::affine::SiteScene;
 use crate::bundle::{Adjustment, TiePointObservation};
 use crate::export::{ColmapBuilder, ExportError, Fitted, LocalPinhole, PlyVariant, Resampled};
 use crate::frame::{CenterPx, Pixel};
-use crate::io::{WriteError, check_writable, write_file, write_json};
+use crate::io::{check_writable, remove_if_there, write_file, write_json};
 use crate::perspective::colmap::{ColmapModel, Format};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, SPLATS};
@@ -174,9 +174,9 @@ pub fn export_ply(
         let mut place = crate::io::georeference(site);
         place["axes"] = serde_json::json!(variant.axes());
         write_json(&georeference, &place)?;
-    } else if georeference.exists() {
-        // It is of the file that was replaced.
-        std::fs::remove_file(&georeference).map_err(|e| WriteError::new(&georeference, e))?;
+    } else {
+        // That of a file that was replaced.
+        remove_if_there(&georeference)?;
     }
     Ok(ExportedPly { file: file.into(), splats: splats.len(), bytes: bytes.len() as u64 })
 }

@@ -2,7 +2,7 @@
 //! columns of 2DGS: no third scale, and their normals.
 
 use crate::frame::SiteGrid;
-use crate::io::{WriteError, georeference_comment, write_file, write_georeference};
+use crate::io::{WriteError, georeference_comment, remove_if_there, write_file, write_georeference};
 use crate::splat::primitive::{FLAT_LOG_SCALE, PrimitiveKind};
 use crate::splat::splats::{GROUP_INFO, GroupInfo, Splats, unit_quaternion};
 use glam::{Quat, Vec3};
@@ -76,7 +76,9 @@ pub fn encode(splats: &Splats, site: &SiteGrid, scales: ScaleColumns) -> Vec<u8>
 /// # Errors
 /// [`WriteError`] if the file cannot be written.
 pub fn write_local(path: &Path, splats: &Splats) -> Result<(), WriteError> {
-    write_file(path, encode_local(splats, ScaleColumns::OfPrimitive))
+    write_file(path, encode_local(splats, ScaleColumns::OfPrimitive))?;
+    // That of earlier splats is not theirs.
+    remove_if_there(&path.with_extension("georef.json"))
 }
 
 /// The content of a PLY file of splats in a frame that has no place on Earth.
@@ -168,6 +170,9 @@ pub fn read(path: &Path) -> Result<Splats, PlyError> {
         }
     }
     let count = count.ok_or_else(|| refused("it has no vertex element"))?;
+    if properties.is_empty() {
+        return Err(refused("its vertices have no properties"));
+    }
     let stride = 4 * properties.len();
     let body = &bytes[end + END.len()..];
     if count.checked_mul(stride).is_none_or(|need| need > body.len()) {

@@ -216,9 +216,13 @@ fn fingerprint(
         .iter()
         .flat_map(|p| p.position.xyz().into_iter().flat_map(f64::to_le_bytes).chain(p.rgb))
         .collect();
+    // The cameras above are those of undistorted images.
+    let lenses: Vec<_> =
+        scene.views.iter().map(|v| (v.lens_camera, v.depth.as_ref().map(|d| d.metres_per_unit))).collect();
     let downsampling = scene.views.first().map_or(1, |v| v.downsampling);
     let mut out = Fingerprint::from([
         ("cameras".into(), hash(cameras.as_bytes())),
+        ("lenses".into(), hash(format!("{lenses:?}").as_bytes())),
         ("points".into(), hash(&points)),
         ("--downsampling".into(), downsampling.to_string()),
         ("--test-views".into(), roles.collect::<Vec<_>>().join(", ")),

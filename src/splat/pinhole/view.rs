@@ -37,8 +37,11 @@ impl PinholeView {
     #[must_use]
     pub fn color(&self, col: usize, row: usize) -> Option<[f32; 3]> {
         let (width, height) = self.camera.size;
+        if col >= width || row >= height {
+            return None;
+        }
         let (rgb, is_valid) = *self.pixels.get(row * width + col)?;
-        (col < width && row < height && is_valid).then(|| rgb.map(|v| f32::from(v) / 255.0))
+        is_valid.then(|| rgb.map(|v| f32::from(v) / 255.0))
     }
 
     /// Writes the colours, three channels from 0 to 1, and which pixels have data; the others are zero.

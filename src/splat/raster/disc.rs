@@ -62,11 +62,13 @@ impl<S: Simd> KernelConstants<S> {
             if Batch::<S::Scalar, C, K, P>::IS_PERSPECTIVE_DISC {
                 let [log2_opacity, mapped] =
                     broadcast_each(self.simd, [batch.log2_opacity(*splat), batch.mapped_depth(*splat)]);
-                sample.inverse = plane.reciprocal();
+                // Behind the line where the plane meets the camera's plane, its denominator is negative; on it the reciprocal
+                // is no number, which even a weight of zero would spread.
+                let is_in_front = plane.greater_than(self.zero);
+                sample.inverse = plane.reciprocal().select_or_zero(is_in_front);
                 sample.exponent = exponent * sample.inverse * sample.inverse;
                 let log2_alpha = sample.exponent + log2_opacity;
-                // Behind the line where the plane meets the camera's plane, its denominator is negative.
-                let is_seen = log2_alpha.greater_equal(self.log2_cut).and(plane.greater_than(self.zero));
+                let is_seen = log2_alpha.greater_equal(self.log2_cut).and(is_in_front);
                 sample.alpha = log2_alpha.exp2_with(&self.exp2).select_or_zero(is_seen);
                 let depth = SimdVec::broadcast(self.simd, batch.depth(*splat));
                 sample.depth = depth * sample.inverse;
