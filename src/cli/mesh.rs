@@ -11,12 +11,12 @@ use std::path::PathBuf;
 /// Of a satellite run the maps are the altitudes of its splats in each training view and from straight
 /// above; the mesh is georeferenced: coordinates are metres from the site's origin, which stands in
 /// FILE.georef.json beside the mesh. Of a run of photographs they are the depths of its splats in each
-/// training view, of an RGB-D scene its own depth maps.
+/// training view, of a scene with depth maps these.
 ///
 ///   input                   voxel                   truncation  greatest depth
 ///   satellite run           0.5 m                   2 m
 ///   RGB-D scene, run of it  0.02 m                  0.08 m      5 m
-///   run of other photos     greatest depth / 1024   4 voxels    2 x nearest camera to the place all look at
+///   other perspective ones  greatest depth / 1024   4 voxels    2 x nearest camera to the place all look at
 ///
 ///   satgs mesh run -o town.glb
 ///   satgs mesh kitchen -o reference.ply --voxel 0.01

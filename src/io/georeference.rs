@@ -57,6 +57,14 @@ pub fn write_georeference(path: &Path, site: &SiteGrid) -> Result<(), WriteError
     write_file(&beside(path), format!("{georef:#}\n"))
 }
 
+/// Whether the georeference of `path`, or that it has none, would replace another one that is there.
+#[must_use]
+pub fn replaces_georeference(path: &Path, site: Option<&SiteGrid>) -> bool {
+    let beside = beside(path);
+    let there = || read_json::<serde_json::Value>(&beside).ok();
+    beside.exists() && site.is_none_or(|site| there() != Some(georeference(site)))
+}
+
 /// Reads the georeference beside a file; none if there is none.
 ///
 /// # Errors

@@ -36,7 +36,9 @@ pub use crs::{epsg_of_wkt, is_metric_map};
 pub use disk::free_disk_bytes;
 pub use error::{Cause, CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};
 pub use file::{BandInfo, ImageFile};
-pub use georeference::{georeference, georeference_comment, read_georeference, write_georeference};
+pub use georeference::{
+    georeference, georeference_comment, read_georeference, replaces_georeference, write_georeference,
+};
 pub use grid::MapGrid;
 pub use grid2::Grid2;
 pub use heights::{HeightSystem, read_heights};

@@ -30,7 +30,10 @@ pub(super) fn bytes(mesh: &TriangleMesh) -> Option<Vec<u8>> {
     let mut document = json!({
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
-        "nodes": [{ "mesh": 0, "name": "surface", "rotation": DQuat::from_rotation_arc(up, DVec3::Y).to_array() }],
+        "nodes": [{
+            "mesh": 0, "name": "surface", "extras": { "axes": "run" },
+            "rotation": DQuat::from_rotation_arc(up, DVec3::Y).to_array(),
+        }],
         "meshes": [{ "primitives": [{ "attributes": attributes, "indices": indices, "material": 0 }] }],
         "materials": [material],
     });

@@ -131,6 +131,29 @@ fn view_names(views: &[Draft]) -> Result<Vec<String>, PerspectiveError> {
     Ok(names)
 }
 
+/// Index of the view whose image a list names: with its folder, or without it, if there is one such image only, and with or
+/// without the extension. None if there is none.
+///
+/// # Errors
+/// [`PerspectiveError::Field`] for a name that several images have.
+pub(super) fn named(list: &Path, views: &[Draft], name: &str) -> Result<Option<usize>, PerspectiveError> {
+    if let Some(place) = views.iter().position(|v| v.name == name) {
+        return Ok(Some(place));
+    }
+    let is_it = |v: &Draft| {
+        let file = Path::new(&v.name);
+        file.file_name().is_some_and(|f| f == name) || file.file_stem().is_some_and(|f| f == name)
+    };
+    let mut places = (0..views.len()).filter(|i| is_it(&views[*i]));
+    match (places.next(), places.next()) {
+        (Some(_), Some(_)) => {
+            let (found, expected) = ("of several images", "a name with its folder");
+            Err(PerspectiveError::field(list, format!("the name `{name}`"), found, expected))
+        }
+        (place, _) => Ok(place),
+    }
+}
+
 fn roles(views: &[Draft], names: &[String], tests: &TestViews) -> Result<Vec<Role>, PerspectiveError> {
     let role = |is_test: bool| if is_test { Role::Test } else { Role::Train };
     match tests {
@@ -145,11 +168,10 @@ fn roles(views: &[Draft], names: &[String], tests: &TestViews) -> Result<Vec<Rol
             let lines = text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#'));
             let mut out = vec![Role::Train; views.len()];
             for line in lines {
-                let is_it = |(view, name): (&Draft, &String)| {
-                    let file = Path::new(&view.name).file_name().is_some_and(|f| f == line);
-                    file || view.name == line || name == line
+                let place = match names.iter().position(|name| name == line) {
+                    Some(place) => Some(place),
+                    None => named(path, views, line)?,
                 };
-                let place = views.iter().zip(names).position(is_it);
                 let first = names.first().cloned().unwrap_or_default();
                 let place = place.ok_or_else(|| PerspectiveError::UnknownView {
                     path: path.clone(),

@@ -1,6 +1,6 @@
 //! Reading of georeferences: GPS positions in photographs, lists of image positions, given similarities.
 
-use super::draft::Draft;
+use super::draft::{Draft, named};
 use super::error::PerspectiveError;
 use super::georeference::{Georeference, LON_LAT, MapSimilarity, Position, fit_positions};
 use super::options::GeoreferenceSource;
@@ -133,14 +133,8 @@ fn listed_positions(
             PerspectiveError::field(path, format!("line {number}"), format!("`{line}`"), expected)
         })?;
         let name = words.first().copied().unwrap_or_default();
-        let is_it = |v: &&Draft| {
-            let file = Path::new(&v.name);
-            v.name == name
-                || file.file_name().is_some_and(|f| f == name)
-                || file.file_stem().is_some_and(|f| f == name)
-        };
-        if let Some(view) = views.iter().find(is_it) {
-            pairs.push((view.pose.center, position));
+        if let Some(place) = named(path, views, name)? {
+            pairs.push((views[place].pose.center, position));
         }
     }
     Ok((epsg, pairs))

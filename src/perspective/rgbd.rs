@@ -62,7 +62,8 @@ pub(super) fn read(folder: &Path) -> Result<Drafts, PerspectiveError> {
             .map_err(|(found, expected)| PerspectiveError::field(&pose_file, "the pose", found, expected))?;
         let depth = folder.join(format!("{stem}.depth.png"));
         views.push(Draft {
-            name: stem.into(),
+            // What follows the last point of a name is its extension.
+            name: format!("{stem}.color"),
             image: image.clone(),
             size: None,
             lens,

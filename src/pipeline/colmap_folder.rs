@@ -16,6 +16,8 @@ const MASKS: &str = "masks";
 const SPARSE: &str = "sparse";
 const MODEL: &str = "sparse/0";
 const TEST_LIST: &str = "test.txt";
+/// What was exported, by which a later export knows a folder whose contents it may replace.
+const SUMMARY: &str = "export.json";
 /// The place on Earth.
 const GEOREFERENCE: &str = "georef.json";
 
@@ -35,7 +37,7 @@ impl ColmapFolder {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => None,
             Err(e) => return Err(failed(e).into()),
         };
-        if first.is_some() && !overwrite {
+        if first.is_some() && !(overwrite && target.join(SUMMARY).exists()) {
             return Err(ExportError::NotEmpty { folder: target.into() }.into());
         }
         let parent = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -75,6 +77,7 @@ impl ColmapFolder {
     ) -> Result<(), PipelineError> {
         let path = |name: &str| self.staging.path().join(name);
         colmap::write(&path(MODEL), model, format)?;
+        write_json(&path(SUMMARY), &views)?;
         let test: Vec<&str> = views.iter().filter(|v| v.is_test).map(|v| v.image.as_str()).collect();
         if !test.is_empty() {
             write_file(&path(MODEL).join(TEST_LIST), test.join("\n") + "\n")?;
@@ -84,7 +87,7 @@ impl ColmapFolder {
         }
         let moved = || -> std::io::Result<()> {
             fs::create_dir_all(&self.target)?;
-            for name in [IMAGES, MASKS, SPARSE, GEOREFERENCE] {
+            for name in [SUMMARY, IMAGES, MASKS, SPARSE, GEOREFERENCE] {
                 let (from, to) = (path(name), self.target.join(name));
                 if to.is_dir() {
                     fs::remove_dir_all(&to)?;
@@ -111,6 +114,8 @@ mod tests {
         let image = scene.path().join("images/a.jpg");
         fs::create_dir(scene.path().join("images")).unwrap();
         fs::write(&image, "").unwrap();
+        assert!(ColmapFolder::new(scene.path(), true).is_err(), "no export made the folder");
+        fs::write(scene.path().join(SUMMARY), "[]").unwrap();
         let onto_it = ColmapFolder::new(scene.path(), true).unwrap();
         assert!(onto_it.require_other_than(&image).is_err());
         let beside_it = ColmapFolder::new(&scene.path().join("new"), false).unwrap();

@@ -178,6 +178,19 @@ pub enum PipelineError {
         /// The option.
         option: &'static str,
     },
+    /// The coordinates of a scene are too large for splats.
+    #[error(
+        "cameras stand {farthest:.0} units from the origin and {extent:.3} from each other: splats cannot be placed there"
+    )]
+    #[diagnostic(help(
+        "--georef FILE trains in a frame with its origin in the scene; see `satgs run --help`"
+    ))]
+    FarFromOrigin {
+        /// Largest coordinate of a camera centre.
+        farthest: f64,
+        /// Extent of the cameras.
+        extent: f64,
+    },
     /// A map is to be made of a scene whose place on Earth is not known.
     #[error("`{run}` has no georeference, which a surface model needs")]
     #[diagnostic(help("`satgs run SCENE -o RUN --georef exif|FILE` trains the scene at its place on Earth"))]
@@ -202,7 +215,7 @@ pub enum PipelineError {
         views: String,
     },
     /// `scene.json` and `cameras.json` do not hold the same views.
-    #[error("`{run}/scene.json` has no view `{name}`, `{run}/cameras.json` has")]
+    #[error("`{run}/scene.json` has no view `{name}` with the camera that `{run}/cameras.json` has")]
     #[diagnostic(help("`satgs train RUN --overwrite` writes cameras.json anew"))]
     ViewNotInScene {
         /// The run folder.

@@ -113,8 +113,7 @@ fn photographs(run: &Path, target: &ColmapFolder, progress: &dyn Progress) -> Re
     progress.event(Event::Started { stage: "writing images", total: cameras.views.len() as u64 });
     for view in &cameras.views {
         progress.check()?;
-        let missing = || PipelineError::ViewNotInScene { run: run.into(), name: view.name.clone() };
-        let source = scene.views.iter().find(|v| v.name == view.name).ok_or_else(missing)?;
+        let source = view.view_of(&scene, run)?;
         target.require_other_than(&source.image)?;
         let image = Resampled::unchanged(&source.read_image()?.planes);
         // Names of views may hold folders.

@@ -1,27 +1,29 @@
 //! The surface of a run or of a scene with depth maps as a mesh: `satgs mesh`.
 
 use super::PipelineError;
-use super::depth_views::is_run;
+use super::depth_views::{is_run, read_perspective};
 use super::mesh_sources::{of_perspective_run, of_satellite_run, of_scene};
 use super::perspective::{self, PerspectiveCameras, PerspectiveManifest};
-use crate::io::check_writable;
+use crate::io::{check_writable, replaces_georeference};
 use crate::mesh::{FuseOptions, FusedMesh, KeptPieces, MeshFormat};
 use crate::mvs::DSM_CELL_M;
-use crate::perspective::{Layout, PerspectiveScene};
+use crate::perspective::{Layout, PerspectiveScene, PinholeCamera};
 use crate::progress::Progress;
 use crate::splat::pinhole::focus;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Voxels of satellite runs, and of scenes with depth maps (IndoorSplat's rooms), metres.
+/// Voxels of satellite runs, and of RGB-D scenes (IndoorSplat's rooms), metres.
 const SATELLITE_VOXEL_M: f64 = DSM_CELL_M;
 const ROOM_VOXEL_M: f64 = 0.02;
 /// Truncation distance in voxels (the scripts of 2D Gaussian splatting for DTU), and the fewest that leave no holes.
 const TRUNCATION_VOXELS: f64 = 4.0;
 const LEAST_TRUNCATION_VOXELS: f64 = 2.0;
-/// Greatest depth that is used in scenes with depth maps, metres (IndoorSplat).
+/// Memory and time grow with the truncation distance in voxels: this is far beyond what a depth map can tell.
+const MOST_TRUNCATION_VOXELS: f64 = 64.0;
+/// Greatest depth that is used in RGB-D scenes, metres (IndoorSplat).
 const ROOM_DEPTH_M: f64 = 5.0;
-/// Greatest depth of photographs without depth maps as a multiple of the least distance of a camera from the place that all
+/// Greatest depth of other perspective scenes as a multiple of the least distance of a camera from the place that all
 /// look at, and the number of voxels in it (2D Gaussian splatting, for scenes of any unit).
 const PHOTOGRAPH_DEPTH: f64 = 2.0;
 const PHOTOGRAPH_VOXELS: f64 = 1024.0;
@@ -29,13 +31,13 @@ const PHOTOGRAPH_VOXELS: f64 = 1024.0;
 /// How a mesh is made.
 #[derive(Clone, Debug, Default)]
 pub struct MeshOptions {
-    /// Side of a voxel, metres; by default 0.5 for satellite runs, 0.02 for scenes with depth maps and runs of them, for other
-    /// photographs a 1024th of the greatest depth.
+    /// Side of a voxel, metres; by default 0.5 for satellite runs, 0.02 for RGB-D scenes and runs of them, for other perspective
+    /// scenes a 1024th of the greatest depth.
     pub voxel_m: Option<f64>,
     /// Distance from a surface up to which a depth map tells of it, metres; by default four voxels.
     pub truncation_m: Option<f64>,
-    /// Depths beyond this are not used, metres; by default 5 for scenes with depth maps, for other photographs twice the distance
-    /// from the nearest camera to the place that all look at. Not for satellite runs.
+    /// Depths beyond this are not used, metres; by default 5 for RGB-D scenes, for other perspective scenes twice the distance from
+    /// the nearest camera to the place that all look at. Not for satellite runs.
     pub depth_max_m: Option<f64>,
     /// Replace an existing file.
     pub overwrite: bool,
@@ -88,10 +90,13 @@ pub fn mesh(
     let source = Source::of(input)?;
     let fuse_options = fuse_options(options, &source)?;
     let FusedMesh { mesh, maps, pieces, volume_bytes } = match source {
-        Source::Scene => of_scene(input, &fuse_options, progress)?,
-        Source::PerspectiveRun { .. } => of_perspective_run(input, &fuse_options, progress)?,
+        Source::Scene(_) => of_scene(input, &fuse_options, progress)?,
+        Source::PerspectiveRun(_) => of_perspective_run(input, &fuse_options, progress)?,
         Source::SatelliteRun => of_satellite_run(input, fuse_options, progress)?,
     };
+    if !options.overwrite && replaces_georeference(output, mesh.site.as_ref()) {
+        return Err(PipelineError::Exists { path: output.with_extension("georef.json") });
+    }
     mesh.write(output)?;
     Ok(MeshSummary {
         output: output.into(),
@@ -111,36 +116,55 @@ pub fn mesh(
 /// What a mesh is made from.
 enum Source {
     /// The depth maps of a scene.
-    Scene,
-    /// A trained perspective scene, with its default voxel and greatest depth, metres.
-    PerspectiveRun { voxel_m: f64, depth_max_m: f64 },
+    Scene(DepthDefaults),
+    /// A trained perspective scene.
+    PerspectiveRun(DepthDefaults),
     /// A trained satellite scene.
     SatelliteRun,
+}
+
+/// Voxel and greatest depth of perspective scenes unless others are asked for, metres or units of the scene.
+#[derive(Clone, Copy)]
+struct DepthDefaults {
+    voxel_m: f64,
+    depth_max_m: f64,
+}
+
+impl DepthDefaults {
+    const OF_ROOMS: Self = Self { voxel_m: ROOM_VOXEL_M, depth_max_m: ROOM_DEPTH_M };
+
+    fn of(layout: Layout, cameras: &[PinholeCamera]) -> Self {
+        if layout == Layout::RgbD {
+            return Self::OF_ROOMS;
+        }
+        let focus = focus(cameras);
+        let distance = cameras.iter().map(|c| c.center.distance(focus)).fold(f64::INFINITY, f64::min);
+        let depth_max_m = PHOTOGRAPH_DEPTH * distance;
+        Self { voxel_m: depth_max_m / PHOTOGRAPH_VOXELS, depth_max_m }
+    }
 }
 
 impl Source {
     fn of(input: &Path) -> Result<Self, PipelineError> {
         if !is_run(input) {
-            return Ok(if PerspectiveScene::is_one(input) { Self::Scene } else { Self::SatelliteRun });
+            if !PerspectiveScene::is_one(input) {
+                return Ok(Self::SatelliteRun);
+            }
+            let scene = read_perspective(input)?;
+            let cameras: Vec<PinholeCamera> = scene.views.iter().map(|v| v.camera).collect();
+            return Ok(Self::Scene(DepthDefaults::of(scene.layout, &cameras)));
         }
         if !perspective::is_run(input) {
             return Ok(Self::SatelliteRun);
         }
-        if PerspectiveManifest::read(input)?.layout == Layout::RgbD {
-            return Ok(Self::PerspectiveRun { voxel_m: ROOM_VOXEL_M, depth_max_m: ROOM_DEPTH_M });
-        }
         let cameras = PerspectiveCameras::read(input)?.training_cameras();
-        let focus = focus(&cameras);
-        let distance = cameras.iter().map(|c| c.center.distance(focus)).fold(f64::INFINITY, f64::min);
-        let depth_max_m = PHOTOGRAPH_DEPTH * distance;
-        Ok(Self::PerspectiveRun { voxel_m: depth_max_m / PHOTOGRAPH_VOXELS, depth_max_m })
+        Ok(Self::PerspectiveRun(DepthDefaults::of(PerspectiveManifest::read(input)?.layout, &cameras)))
     }
 
     /// Default voxel and greatest depth, metres.
     fn defaults(&self) -> (f64, Option<f64>) {
         match *self {
-            Self::Scene => (ROOM_VOXEL_M, Some(ROOM_DEPTH_M)),
-            Self::PerspectiveRun { voxel_m, depth_max_m } => (voxel_m, Some(depth_max_m)),
+            Self::Scene(own) | Self::PerspectiveRun(own) => (own.voxel_m, Some(own.depth_max_m)),
             Self::SatelliteRun => (SATELLITE_VOXEL_M, None),
         }
     }
@@ -159,6 +183,10 @@ fn fuse_options(options: &MeshOptions, source: &Source) -> Result<FuseOptions, P
     let truncation_m = options.truncation_m.unwrap_or(TRUNCATION_VOXELS * voxel_m);
     let least = LEAST_TRUNCATION_VOXELS * voxel_m;
     let truncation_m = checked("--truncation", truncation_m, least, "two voxels or more, in metres")?;
+    if truncation_m > MOST_TRUNCATION_VOXELS * voxel_m {
+        let (found, expected) = (truncation_m.to_string(), "64 voxels or fewer, in metres");
+        return Err(PipelineError::Option { option: "--truncation", found, expected });
+    }
     if let (Some(given), None) = (options.depth_max_m, default_depth_max_m) {
         let expected = "no limit: views of satellites have altitudes, not depths";
         return Err(PipelineError::Option { option: "--depth-max", found: given.to_string(), expected });

@@ -3,7 +3,7 @@
 use super::PipelineError;
 use super::depth_views::DepthViews;
 use crate::frame::SiteGrid;
-use crate::io::check_writable;
+use crate::io::{check_writable, replaces_georeference};
 use crate::mesh::{
     DepthCamera, DepthMap, FuseOptions, KeptPieces, MeshError, MeshFormat, TriangleMesh, fuse, render_depth,
 };
@@ -108,7 +108,11 @@ pub fn mesh_eval(
     progress.check()?;
     let scores = mesh_scores(&ours, &theirs, options.threshold_m)?;
     if let Some(path) = &options.error_mesh {
-        error_mesh(&ours, &theirs, options.threshold_m)?.write(path)?;
+        let colored = error_mesh(&ours, &theirs, options.threshold_m)?;
+        if !options.overwrite && replaces_georeference(path, colored.site.as_ref()) {
+            return Err(PipelineError::Exists { path: path.with_extension("georef.json") });
+        }
+        colored.write(path)?;
     }
     Ok(MeshEvaluation { scores, views: views.map(|v| v.cameras.len()), alignment })
 }

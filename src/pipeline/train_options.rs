@@ -100,6 +100,11 @@ impl TrainOptions {
             Some(recipe) => recipe,
             None => Recipe::read(Path::new(&self.recipe))?,
         };
-        Ok(Recipe { primitive: self.primitive.unwrap_or(recipe.primitive), ..recipe })
+        let recipe = Recipe { primitive: self.primitive.unwrap_or(recipe.primitive), ..recipe };
+        if recipe.idle_weight().is_some() {
+            let expected = "2d: the recipe has loss terms of discs";
+            return Err(PipelineError::Option { option: "--primitive", found: "3d".into(), expected });
+        }
+        Ok(recipe)
     }
 }

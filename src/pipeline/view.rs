@@ -117,9 +117,10 @@ fn perspective_page(run: &Path, title: String) -> Result<ViewerPage, PipelineErr
     if let Some(site) = site {
         add_relief(&mut page, run, site)?;
     }
-    // The points are in the files of the scene; if these have gone, the page is without them.
+    // The points are in the files of the scene; if these have gone or changed, the page is without them.
     if let Ok(scene) = PerspectiveManifest::read(run)?.read_scene()
         && !scene.points.is_empty()
+        && cameras.views.iter().all(|v| v.view_of(&scene, run).is_ok())
     {
         let points: Vec<_> = scene.points.iter().map(|p| (p.position, p.rgb)).collect();
         add_points(&mut page, &points);

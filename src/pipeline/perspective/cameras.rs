@@ -3,7 +3,7 @@
 use super::super::PipelineError;
 use crate::frame::{SiteBox, SiteGrid};
 use crate::io::read_json;
-use crate::perspective::{PerspectiveView, PinholeCamera};
+use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::run_files::{CAMERAS, SPLATS};
 use crate::scene::Role;
 use crate::splat::ply;
@@ -12,6 +12,9 @@ use crate::splat::train::recipe::Recipe;
 use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+/// Differences that writing a number may make.
+const SAME: f64 = 1e-6;
 
 /// The content of `cameras.json`: pinhole cameras, the frame they are in, and the recipe that was trained by.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -64,6 +67,27 @@ impl TrainedPhoto {
             cam_from_site: camera.cam_from_site.transpose().to_cols_array_2d(),
             center: camera.center.to_array(),
         }
+    }
+
+    /// The view of a scene, read again, that it was made from.
+    ///
+    /// # Errors
+    /// [`PipelineError::ViewNotInScene`] if there is no view of its name with its camera: the scene is read in another way
+    /// since, or its files have changed.
+    pub(in super::super) fn view_of<'a>(
+        &self,
+        scene: &'a PerspectiveScene,
+        run: &Path,
+    ) -> Result<&'a PerspectiveView, PipelineError> {
+        let trained = self.camera();
+        let is_it = |v: &&PerspectiveView| {
+            let c = &v.camera;
+            let off_px = (c.focal - trained.focal).abs() + (c.principal - trained.principal).abs();
+            let off = c.center.distance(trained.center) / (1.0 + c.center.length());
+            v.name == self.name && c.size == self.size && off_px.max_element() < SAME && off < SAME
+        };
+        let missing = || PipelineError::ViewNotInScene { run: run.into(), name: self.name.clone() };
+        scene.views.iter().find(is_it).ok_or_else(missing)
     }
 
     /// Its camera.

@@ -22,6 +22,9 @@ pub fn render(
     if options.sun_deg.is_some() {
         return Err(PipelineError::OnlyViews { option: "--sun" });
     }
+    if options.frames.is_some() {
+        return Err(PipelineError::OnlyViews { option: "--frames" });
+    }
     let cameras = PerspectiveCameras::read(run)?;
     check_writable(output)?;
     let view = cameras.find(name)?;

@@ -41,8 +41,7 @@ pub fn nvs_eval(
     for (i, view) in views.iter().enumerate() {
         progress.check()?;
         let name = || view.name.clone();
-        let source = scene.views.iter().find(|v| v.name == view.name && v.camera.size == view.size);
-        let source = source.ok_or_else(|| PipelineError::ViewNotInScene { run: run.into(), name: name() })?;
+        let source = view.view_of(&scene, run)?;
         let truth = source.read_image()?.planes;
         let picture = PinholePicture::render(&splats, &view.camera());
         let score = score_photograph(&picture.colors, &truth);

@@ -10,7 +10,7 @@ use super::cameras::{PerspectiveCameras, TrainedPhoto};
 use super::manifest::PerspectiveManifest;
 use crate::affine::SiteSceneError;
 use crate::io::write_json;
-use crate::perspective::{PerspectiveScene, PerspectiveView, points_from_depths};
+use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera, points_from_depths};
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, CHECKPOINT, SNAPSHOTS, SPLATS, TRAINING};
 use crate::scene::Role;
@@ -34,6 +34,8 @@ use std::sync::Arc;
 /// metres.
 const DEPTHS_OF_EVERY: usize = 10;
 const DEPTHS_THINNED_TO_M: f64 = 0.05;
+/// Largest spacing of coordinates as a share of the extent of the cameras.
+const COARSEST: f64 = 1e-4;
 /// The box of the splats leaves out this share at each side: a few float far away.
 const OUTSIDE: f64 = 0.02;
 
@@ -75,6 +77,7 @@ pub(super) fn train_scene(
     let views = read_views(scene, progress)?;
     let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
     let extent_m = extent_m(&cameras);
+    require_fine_coordinates(&cameras, extent_m)?;
     let (at_start, mut log, state) = match taken_up {
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
@@ -143,6 +146,15 @@ pub(super) fn train_scene(
     stage.complete(&trained)?;
     checkpoints.remove();
     Ok(Outcome::Made(trained))
+}
+
+/// Splats have coordinates of single precision: far from the origin, as on a map, they cannot be placed.
+fn require_fine_coordinates(cameras: &[PinholeCamera], extent_m: f64) -> Result<(), PipelineError> {
+    let farthest = cameras.iter().map(|c| c.center.abs().max_element()).fold(0.0, f64::max);
+    if farthest * f64::from(f32::EPSILON) > COARSEST * extent_m {
+        return Err(PipelineError::FarFromOrigin { farthest, extent: extent_m });
+    }
+    Ok(())
 }
 
 /// Reads the images of the training views.

@@ -1,4 +1,4 @@
-//! The slopes of discs (see `primitive`): their damping, the outline of a disc in a perspective projection, and the gradient.
+//! The slopes of discs (see `primitive`): their damping and their gradient.
 
 use super::constants::LOW_PASS_PX2;
 use crate::camera::{CameraKernel, DepthOrder};

@@ -165,10 +165,10 @@ const makers = {
     const group = new L.Group();
     if (file.endsWith(".glb")) {
       const gltf = await new L.GLTFLoader().parseAsync(bytes, "");
-      // glTF has y up. A mesh of `satgs mesh` has its own axes and a node that turns them; other files are turned to z up.
+      // glTF has y up. A mesh of `satgs mesh` has the run's axes and a node that turns them; other files are turned to z up.
       const nodes = [];
       gltf.scene.traverse((node) => nodes.push(node));
-      if (nodes.some((node) => Math.abs(node.quaternion.w) < 0.999)) nodes.forEach((node) => node.quaternion.identity());
+      if (nodes.some((node) => node.userData.axes === "run")) nodes.forEach((node) => node.quaternion.identity());
       else gltf.scene.rotation.x = Math.PI / 2;
       group.add(gltf.scene);
     } else {
@@ -246,10 +246,11 @@ const pick = (event) => {
   );
   const ray = new L.Raycaster();
   ray.setFromCamera(at, camera);
-  // Splats have no sharp surface: where there is a surface model, it stands for them.
+  // Splats have no sharp surface: where there is a surface model or a mesh, it stands for them.
   const relief = layers.filter((l) => l.kind === "relief");
   const surfaces = [...visible("mesh"), ...(visible("relief", "splats").length ? relief : [])];
-  const hit = [...surfaces, ...(relief.length ? [] : visible("splats"))]
+  const hasSurface = relief.length || visible("mesh").length;
+  const hit = [...surfaces, ...(hasSurface ? [] : visible("splats"))]
     .flatMap((layer) => ray.intersectObject(layer.object, true).map((found) => ({ ...found, layer })))
     .reduce((a, b) => (a && a.distance <= b.distance ? a : b), null);
   return hit && { point: hit.point, on: hit.layer.label };

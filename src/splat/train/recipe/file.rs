@@ -1,6 +1,7 @@
 //! Reading and writing a recipe as TOML, with the checks of its values.
 
 use super::{Densification, Recipe};
+use crate::splat::primitive::PrimitiveKind;
 use std::path::{Path, PathBuf};
 
 /// Why a recipe could not be read.
@@ -45,6 +46,13 @@ impl Recipe {
     #[must_use]
     pub fn to_toml(&self) -> String {
         toml::to_string(self).unwrap_or_default()
+    }
+
+    /// A weight of a term of discs in perspective scenes, if the recipe is for other splats or scenes.
+    pub fn idle_weight(&self) -> Option<&'static str> {
+        let has_discs = self.perspective.is_some() && self.primitive == PrimitiveKind::Disc;
+        let is_idle = |name: &&str| !has_discs && self.weights.get(name) > 0.0;
+        ["normal_consistency", "depth_distortion"].into_iter().find(is_idle)
     }
 
     /// Checks the ranges of all values; an error names the first that is out of range.
@@ -94,9 +102,15 @@ impl Recipe {
                     "rates.position = {first} and perspective.last_position_rate = {last}, but both must be above 0"
                 ));
             }
+            if p.prune_above == 0.0 {
+                return Err("perspective.prune_above = 0, but must be above 0".into());
+            }
             if p.sh_degree > 3 {
                 return Err(format!("perspective.sh_degree = {}, but must be from 0 to 3", p.sh_degree));
             }
+        }
+        if let Some(name) = self.idle_weight() {
+            return Err(format!("weights.{name} is above 0, but is of discs in perspective scenes"));
         }
         let counts = [
             ("perspective.sh_degree_every", self.perspective.map_or(1, |p| p.sh_degree_every)),
