@@ -65,6 +65,7 @@ pub mod run_files;
 pub mod frame;
 pub mod io;
 pub mod checkpoint;
+pub mod nn;
 pub mod rpc;
 pub mod scene;
 pub mod simulate;

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 27] = [
+const LAYERS: [(&str, Option<&[&str]>); 28] = [
     ("random", Some(&[])),
     ("stats", Some(&["random"])),
     ("simd", Some(&[])),
@@ -16,6 +16,7 @@ const LAYERS: [(&str, Option<&[&str]>); 27] = [
     ("frame", Some(&[])),
     ("io", Some(&["frame"])),
     ("checkpoint", Some(&["io"])),
+    ("nn", Some(&["random", "simd", "io"])),
     ("rpc", None),
     ("scene", None),
     // The simulator makes the truth: it must share nothing with what is tested against it.
