@@ -20,6 +20,14 @@ pub const SNAPSHOTS: &str = "train/snapshots";
 pub const SPLATS: &str = "splats.ply";
 /// The trained surface, matched with the views.
 pub const SURFACE: &str = "train/surface.tif";
+/// The splats of the training for heights, where a training of colours follows.
+pub const HEIGHT_SPLATS: &str = "train/splats.ply";
+/// The trained colours for novel views: networks, embeddings, and the splats' colours before them.
+pub const APPEARANCE: &str = "appearance.safetensors";
+/// Folder of the training of colours, its log and its checkpoint.
+pub const APPEARANCE_STAGE: &str = "appearance";
+pub const APPEARANCE_TRAINING: &str = "appearance/train.csv";
+pub const APPEARANCE_CHECKPOINT: &str = "appearance/checkpoint.bin";
 /// The surface that training started on.
 pub const FIRST_SURFACE: &str = "train/first_surface.tif";
 /// The surface model.

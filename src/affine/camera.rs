@@ -90,6 +90,14 @@ impl ViewCamera {
         self.displace([d[0] / d[2], d[1] / d[2], 1.0])
     }
 
+    /// The unit vector towards which [`ViewCamera::sheared`] by `shear` looks; the inverse of [`ViewCamera::shear_towards`].
+    #[must_use]
+    pub fn direction_of(&self, shear: [f64; 2]) -> [f64; 3] {
+        let [east, north] = self.sheared(shear).line_of_sight_slope();
+        let length = (east * east + north * north + 1.0).sqrt();
+        [east / length, north / length, 1.0 / length]
+    }
+
     /// Ground displacement (metres east and north) per metre of height along a line of sight, towards the camera.
     #[must_use]
     pub fn line_of_sight_slope(&self) -> [f64; 2] {
@@ -197,6 +205,8 @@ mod tests {
         let p = Point::new(12.0, -7.0, 3.0);
         let q = p + Vector::new(20.0 * d.xyz()[0], 20.0 * d.xyz()[1], 20.0 * d.xyz()[2]);
         assert!(sun.project(p).distance(sun.project(q)) < 1e-9);
+        let back = cam.direction_of(cam.shear_towards(d));
+        assert!(back.iter().zip(d.xyz()).all(|(a, b)| (a - b).abs() < 1e-12), "{back:?}");
         assert!(cam.project(p).distance(cam.project(q)) > 1.0);
     }
 

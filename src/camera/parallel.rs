@@ -33,6 +33,16 @@ pub struct QuadraticVectors<S: Simd> {
 }
 
 impl<T: Real> QuadraticKernel<T> {
+    /// Projection of a point, pixels (column, row).
+    pub fn project(&self, [x, y, z]: [T; 3]) -> [T; 2] {
+        std::array::from_fn(|i| {
+            let [a, b, c] = self.linear[i];
+            let [xx, xy, xz, yy, yz, zz] = self.quadratic[i];
+            let curved = (xx * x + xy * y + xz * z) * x + (yy * y + yz * z) * y + zz * z * z;
+            a * x + b * y + c * z + self.offset[i] + curved
+        })
+    }
+
     /// Derivative of the quadratic term by the position: rows (col, row), columns (east, north, up), pixels
     /// per metre.
     fn slope(&self, [x, y, z]: [T; 3]) -> [[T; 3]; 2] {

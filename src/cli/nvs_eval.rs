@@ -1,16 +1,20 @@
 //! `satgs nvs-eval`: scores of rendered images against images that were held back.
 
 use super::{CliError, Ui};
-use crate::pipeline::{NvsScores, nvs_eval};
+use crate::pipeline::{NvsScores, Protocol, nvs_eval};
 use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Score novel views of a trained run against images that were held back from training (listed in the scene's
 /// test.txt): PSNR and SSIM
 ///
-/// Each test view is rendered with its own camera and sun, in the colours of the reference view. A linear change of
-/// colours is fitted on the left half of the image, and the right half is scored. Of perspective scenes whole images are scored,
-/// as displayed, without a change of colours.
+/// Each test view is rendered with its own camera and sun. A run of recipe `satgs` has colours for any view: its embedding
+/// is fitted on the image (--protocol full, as in the paper) or on its left half, with the right half scored (half), or it is
+/// that of the training view taken at the nearest time (nearest). Other runs have the colours of the reference view, with
+/// a linear change that is fitted on the left half, and the right half is scored. Of perspective scenes whole images are
+/// scored, as displayed, without a change of colours.
+///
+/// SSIM has a window of 11 x 11 pixels, SSIM 3 one of 3 x 3, as most papers on satellite images have it.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs train`
@@ -18,20 +22,50 @@ pub struct Args {
     /// Score this view, even if it was trained on; repeatable [default: all test views]
     #[arg(long, value_name = "NAME")]
     view: Vec<String>,
+    /// How the colours of a view are chosen [default: full for runs of recipe satgs, else half]
+    #[arg(long, value_enum)]
+    protocol: Option<ProtocolArg>,
+}
+
+/// [`Protocol`] on the command line.
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum ProtocolArg {
+    /// Fitted on the whole image, which is scored
+    Full,
+    /// Fitted on the left half; the right half is scored
+    Half,
+    /// Those of the training view taken at the nearest time
+    Nearest,
+}
+
+impl From<ProtocolArg> for Protocol {
+    fn from(arg: ProtocolArg) -> Self {
+        match arg {
+            ProtocolArg::Full => Self::Full,
+            ProtocolArg::Half => Self::Half,
+            ProtocolArg::Nearest => Self::Nearest,
+        }
+    }
 }
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let scores = nvs_eval(&args.run, &args.view, ui)?;
+    let scores = nvs_eval(&args.run, &args.view, args.protocol.map(Protocol::from), ui)?;
     show(&scores, ui)
 }
 
 /// Shows scores of views.
 pub fn show(scores: &NvsScores, ui: &Ui) -> Result<(), CliError> {
-    let mut text = format!("{:24} {:>9} {:>7} {:>10}\n", "view", "PSNR dB", "SSIM", "pixels");
+    let head = ["view", "PSNR dB", "SSIM", "SSIM 3", "LPIPS", "pixels"];
+    let mut text = format!(
+        "{:24} {:>9} {:>7} {:>7} {:>7} {:>10}\n",
+        head[0], head[1], head[2], head[3], head[4], head[5]
+    );
     let views = scores.views.iter().map(|v| (v.view.as_str(), &v.score));
     for (name, s) in views.chain(scores.mean.as_ref().map(|mean| ("mean", mean))) {
-        let _ = writeln!(text, "{name:24} {:9.2} {:7.3} {:10}", s.psnr_db, s.ssim, s.pixels);
+        let lpips = s.lpips.map_or_else(|| "–".into(), |d| format!("{d:.3}"));
+        let (psnr, ssim, ssim_3px, pixels) = (s.psnr_db, s.ssim, s.ssim_3px, s.pixels);
+        let _ = writeln!(text, "{name:24} {psnr:9.2} {ssim:7.3} {ssim_3px:7.3} {lpips:>7} {pixels:10}");
     }
     ui.summary("nvs-eval", Some(text.trim_end()), scores)
 }

@@ -111,9 +111,15 @@ pub fn show(run: &Path, outcome: &Outcome<Trained>, ui: &Ui) -> Result<(), CliEr
         let cameras = t.affine_rms_px.zip(t.affine_max_px).map_or(String::new(), |(rms, most)| {
             format!("affine cameras: distance to the RPCs {rms:.3} px RMS, {most:.3} px at most\n")
         });
+        let colors = t.colors.as_ref().map_or(String::new(), |c| {
+            format!(
+                "trained colours in {} iterations in {:.0} s: {} splats; displayed images: L1 {:.4}, SSIM {:.3}\n",
+                c.iterations, c.seconds, c.splats, c.l1, c.ssim
+            )
+        });
         format!(
             "trained {} iterations in {:.0} s: {} splats at the start, {} at the end\n{cameras}\
-             rendered images: L1 {:.4}, SSIM {:.3}\n\
+             rendered images: L1 {:.4}, SSIM {:.3}\n{colors}\
              {}",
             t.iterations,
             t.seconds,

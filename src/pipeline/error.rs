@@ -17,6 +17,7 @@ use crate::rpc::formats::FormatError;
 use crate::scene::SceneError;
 use crate::simulate::SimulateError;
 use crate::splat::backend::BackendError;
+use crate::splat::appearance::satgs::AppearanceError;
 use crate::splat::ply::PlyError;
 use crate::splat::train::recipe::RecipeError;
 use crate::viewer::ViewerError;
@@ -229,6 +230,36 @@ pub enum PipelineError {
         "`test.txt` beside the images names views to hold back; --view NAME scores one that was trained on"
     ))]
     NoTestView,
+    /// A view of which shadows are needed has no usable sun.
+    #[error("view `{name}` has no usable sun, which its shadows depend on")]
+    #[diagnostic(help("the metadata beside the image state the sun; `satgs info SCENE` shows what was read"))]
+    NoSun {
+        /// The view.
+        name: String,
+    },
+    /// A date is needed that is not known.
+    #[error("view `{name}` has no acquisition date, or no training view has one")]
+    #[diagnostic(help("`--protocol full` and `--protocol half` need no dates"))]
+    NoDate {
+        /// The view.
+        name: String,
+    },
+    /// The run has no trained colours.
+    #[error("`{run}` has no colours for {what}")]
+    #[diagnostic(help("`satgs train RUN --recipe satgs --overwrite` trains them"))]
+    NoTrainedColors {
+        /// The run.
+        run: PathBuf,
+        /// What they are needed for.
+        what: &'static str,
+    },
+    /// Too few training views have a date for colours in between.
+    #[error("`{run}`: fewer than two training views have a date, so that there are no colours for another one")]
+    #[diagnostic(help("`--appearance VIEW` takes the colours of a view"))]
+    NoSeason {
+        /// The run.
+        run: PathBuf,
+    },
     /// A view has no valid pixels inside the area.
     #[error("view `{name}` has no valid pixels to score")]
     #[diagnostic(help("`satgs info SCENE` shows the valid pixels of every view"))]
@@ -364,6 +395,10 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Ply(#[from] PlyError),
+    /// See [`AppearanceError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Appearance(#[from] AppearanceError),
     /// See [`BackendError`].
     #[error(transparent)]
     #[diagnostic(transparent)]

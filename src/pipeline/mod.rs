@@ -13,6 +13,7 @@
 
 mod adjust;
 mod align;
+mod appearance;
 mod cameras;
 mod checkpoints;
 mod colmap_folder;
@@ -49,6 +50,7 @@ mod view;
 pub use crate::report::write as report;
 pub(crate) use adjust::adjust_locked;
 pub use adjust::{AdjustOptions, Adjusted, DemOptions, adjust};
+pub use appearance::TrainedColors;
 pub use align::{AlignOptions, Aligned, align};
 pub use cameras::{TrainedCameras, read_scene};
 pub(crate) use dsm::dsm_locked;
@@ -61,7 +63,7 @@ pub use lock::RunLock;
 pub use mesh::{MeshOptions, MeshSummary, mesh};
 pub use mesh_eval::{MeshAlignment, MeshEvalOptions, MeshEvaluation, mesh_eval};
 pub use nvs_eval::nvs_eval;
-pub use nvs_scores::{NvsScores, ViewScore};
+pub use nvs_scores::{NvsScores, Protocol, ViewScore};
 pub use perspective::{
     PerspectiveCameras, PerspectiveManifest, PerspectiveRunOptions, TrainedPhoto, run_perspective,
 };

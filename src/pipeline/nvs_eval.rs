@@ -1,7 +1,8 @@
 //! Scores of rendered images against images that were held back from training: `satgs nvs-eval`.
 
 use super::cameras::require_images;
-use super::nvs_scores::{NvsScores, ViewScore};
+use super::appearance::{self, SceneColors};
+use super::nvs_scores::{NvsScores, Protocol, ViewScore};
 use super::render::find;
 use super::{PipelineError, TrainedCameras, perspective, read_scene, relocation};
 use crate::affine::TrainingView;
@@ -13,12 +14,18 @@ use crate::splat::novel_view::NovelView;
 use std::path::Path;
 
 /// Renders views of a trained run and compares them with their images: the views of these names, or all test views if
-/// there are no names.
+/// there are no names. By default the protocol is [`Protocol::Full`] where the run has trained colours, else
+/// [`Protocol::Half`].
 ///
 /// # Errors
-/// [`PipelineError`]: the run is not trained or has no such view or no test view, an image is gone, the caller asked to
-/// stop.
-pub fn nvs_eval(run: &Path, names: &[String], progress: &dyn Progress) -> Result<NvsScores, PipelineError> {
+/// [`PipelineError`]: the run is not trained or has no such view, no test view or no colours for the protocol, an image is
+/// gone, the caller asked to stop.
+pub fn nvs_eval(
+    run: &Path,
+    names: &[String],
+    protocol: Option<Protocol>,
+    progress: &dyn Progress,
+) -> Result<NvsScores, PipelineError> {
     if perspective::is_run(run) {
         return perspective::nvs_eval(run, names, false, progress);
     }
@@ -34,6 +41,14 @@ pub fn nvs_eval(run: &Path, names: &[String], progress: &dyn Progress) -> Result
     };
     if views.is_empty() {
         return Err(PipelineError::NoTestView);
+    }
+    if let Some(colors) = SceneColors::read(run)? {
+        let protocol = protocol.unwrap_or(Protocol::Full);
+        return appearance::nvs_eval(run, &colors, &scene, &views, protocol, progress);
+    }
+    if protocol.is_some_and(|p| p != Protocol::Half) {
+        let what = "this protocol of scores";
+        return Err(PipelineError::NoTrainedColors { run: run.into(), what });
     }
     let splats = cameras.read_splats(run)?;
     let reference = cameras.reference_appearance();
@@ -58,5 +73,5 @@ pub fn nvs_eval(run: &Path, names: &[String], progress: &dyn Progress) -> Result
         progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });
     }
     progress.event(Event::Finished);
-    Ok(NvsScores { views: scores, mean: None })
+    Ok(NvsScores { protocol: Some(Protocol::Half), ..NvsScores::with_mean(scores) })
 }

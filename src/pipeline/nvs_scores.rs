@@ -6,9 +6,12 @@ use serde::Serialize;
 /// Scores of the views.
 #[derive(Clone, Debug, Serialize)]
 pub struct NvsScores {
+    /// How the colours of satellite views that were not trained on are chosen; none for perspective scenes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub protocol: Option<Protocol>,
     /// One entry a view.
     pub views: Vec<ViewScore>,
-    /// Means over the views of a perspective scene.
+    /// Means over the views, where there is one colour model for all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mean: Option<PictureScore>,
 }
@@ -18,7 +21,37 @@ pub struct NvsScores {
 pub struct ViewScore {
     /// Name of the view.
     pub view: String,
-    /// PSNR and SSIM of the right half of the image, after a linear change of colours fitted on the left half;
-    /// of the whole image and without a change of colours in perspective scenes.
+    /// The score of the view's image by the [`Protocol`]; of the whole image and without a change of colours in perspective
+    /// scenes.
     pub score: PictureScore,
+}
+
+/// How the colours of a satellite view that was not trained on are chosen before its render is scored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Protocol {
+    /// They are fitted on the whole image, and the whole image is scored (SatGS): the embedding of a colour model with networks.
+    Full,
+    /// They are fitted on the left half, and the right half is scored (NeRF in the Wild): the embedding, or a linear map of
+    /// colours for models without networks.
+    Half,
+    /// They are those of the training view taken at the nearest time, and the whole image is scored (Sat-NeRF).
+    Nearest,
+}
+
+impl NvsScores {
+    /// Scores with their means.
+    pub(super) fn with_mean(views: Vec<ViewScore>) -> Self {
+        let n = views.len().max(1) as f64;
+        let mean = |of: &dyn Fn(&PictureScore) -> f64| views.iter().map(|v| of(&v.score)).sum::<f64>() / n;
+        let has_lpips = views.iter().all(|v| v.score.lpips.is_some());
+        let mean = PictureScore {
+            psnr_db: mean(&|s| s.psnr_db),
+            ssim: mean(&|s| s.ssim),
+            ssim_3px: mean(&|s| s.ssim_3px),
+            lpips: has_lpips.then(|| mean(&|s| s.lpips.unwrap_or(f64::NAN))),
+            pixels: views.iter().map(|v| v.score.pixels).sum(),
+        };
+        Self { protocol: None, views, mean: Some(mean) }
+    }
 }

@@ -6,10 +6,12 @@ use super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
 use super::train_options::TrainOptions;
 use super::trained::{Trained, mean, mean_of_last};
 use super::training::Training;
-use super::{PipelineError, RunLock, TrainedCameras, perspective, read_scene, relocation};
+use super::{PipelineError, RunLock, TrainedCameras, appearance, perspective, read_scene, relocation};
 use crate::affine::{SiteSceneError, median_pixel_m};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, SPLATS, STAGE};
+use crate::scene::Scene;
+use crate::splat::appearance::satgs::Cube;
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::backend::{TrainingBackend, TrainingScene};
 use crate::splat::loss::surface_prior::Prior;
@@ -50,6 +52,21 @@ pub(crate) fn train_locked(
     relocation::finish_locked(run)?;
     let scene = read_scene(run)?;
     let recipe = options.recipe_for(scene.training().count())?;
+    let then = recipe.then.clone();
+    let trained = train_heights(run, options, recipe, &scene, progress)?;
+    let Some(then) = then else { return Ok(trained) };
+    let colors = appearance::train_locked(run, options, &then, &scene, progress)?;
+    Ok(trained.with_colors(colors))
+}
+
+/// The training for heights.
+fn train_heights(
+    run: &Path,
+    options: &TrainOptions,
+    recipe: Recipe,
+    scene: &Scene,
+    progress: &dyn Progress,
+) -> Result<Outcome<Trained>, PipelineError> {
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
     let stage = Stage::new(run, "train", outputs, fingerprint(run, options, &recipe)?);
     if stage.is_done(options.overwrite)? {
@@ -57,14 +74,14 @@ pub(crate) fn train_locked(
         return Ok(Outcome::Kept(stage.summary()?));
     }
     stage.require_writable()?;
-    require_images(&scene)?;
-    let training = Training::new(run, options, recipe, &scene)?;
+    require_images(scene)?;
+    let training = Training::new(run, options, recipe, scene)?;
     let (extent, threads) = (Extent::of(&training.setup), rayon::current_num_threads());
     if training.recipe.name == Recipe::NAMES[0] && options.iterations.is_none() && extent.views > 1 {
         let expected = extent.expectation(&training.recipe, threads);
         progress.event(Event::Note(expected.text(&extent, threads)));
     }
-    let views = training.setup.training_views(&scene)?;
+    let views = training.setup.training_views(scene)?;
     if views.is_empty() {
         return Err(SiteSceneError::NoViews.into());
     }
@@ -75,7 +92,7 @@ pub(crate) fn train_locked(
         None => {
             let splats = training.splats_at_start(&views, progress)?;
             let start = splats.len();
-            (start, Vec::new(), TrainingState::start(splats, training.recipe.appearance, views.len()))
+            (start, Vec::new(), TrainingState::start(splats, training.recipe.appearance, views.len(), options.seed))
         }
     };
     // Read from the file whether or not training was interrupted, so that both give the same bytes.
@@ -92,8 +109,9 @@ pub(crate) fn train_locked(
     };
     let views = Arc::new(views);
     let (altitudes, appearance) = (training.setup.altitudes, training.recipe.appearance);
+    let cube = Cube::around(training.setup.area, altitudes);
     let mut backend = CpuBackend::default();
-    backend.load(TrainingScene { views: views.clone(), altitudes, prior, appearance }, state)?;
+    backend.load(TrainingScene { views: views.clone(), altitudes, prior, appearance, cube }, state)?;
     progress.event(Event::Resumable(true));
     let is_due = |done: u32| training.is_picture_due(done) || checkpoints.is_due(done);
     optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {
@@ -122,13 +140,16 @@ fn figures(cameras: &TrainedCameras, log: &[LogLine], splats_start: usize, splat
         affine_max_px: Some(fits.iter().map(|v| v.max_px).fold(0.0, f64::max)),
         l1: mean_of_last(log, views, "l1"),
         ssim: mean_of_last(log, views, "ssim"),
+        colors: None,
     }
 }
 
 /// What a training is made from; its keys are the names of options on the command line.
 fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fingerprint, PipelineError> {
     // As written, so that another --iterations is not reported as a change of the whole recipe.
-    let choices = serde_json::to_string(&options.recipe_as_written()?)
+    // The training of colours that may follow is a stage of its own.
+    let own = Recipe { then: None, ..options.recipe_as_written()? };
+    let choices = serde_json::to_string(&own)
         .map_err(|source| PipelineError::Json { what: "the recipe", source })?;
     let frame = options.frame.as_ref().map(|frame| {
         let text = serde_json::to_string(frame);

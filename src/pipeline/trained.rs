@@ -1,5 +1,7 @@
 //! The figures of a training.
 
+use super::appearance::TrainedColors;
+use super::stage::Outcome;
 use crate::splat::train::LogLine;
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +27,22 @@ pub struct Trained {
     pub l1: f64,
     /// SSIM of rendered and real image, likewise.
     pub ssim: f64,
+    /// The training of colours for novel views that follows in some recipes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub colors: Option<TrainedColors>,
+}
+
+impl Outcome<Trained> {
+    /// The figures with those of the training of colours that followed; made if one of the two was.
+    pub(super) fn with_colors(self, colors: Outcome<TrainedColors>) -> Self {
+        let is_made = matches!(self, Self::Made(_)) || matches!(colors, Outcome::Made(_));
+        let with = |trained: Trained| Trained { colors: colors.summary().cloned(), ..trained };
+        match self {
+            Self::Made(trained) | Self::Kept(Some(trained)) if is_made => Self::Made(with(trained)),
+            Self::Made(trained) => Self::Made(trained),
+            Self::Kept(trained) => Self::Kept(trained.map(with)),
+        }
+    }
 }
 
 /// Mean of a column of the log over the last iteration of each of so many views.

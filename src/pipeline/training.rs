@@ -9,11 +9,12 @@ use crate::frame::{Point, Site};
 use crate::io::write_json;
 use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, SNAPSHOTS, SURFACE, TRAINING};
+use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SNAPSHOTS, SURFACE, TRAINING};
 use crate::scene::Scene;
 use crate::splat::backend::TrainingBackend;
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::init;
+use crate::splat::ply;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
 use crate::splat::train::recipe::{Recipe, Start};
@@ -145,6 +146,10 @@ impl<'a> Training<'a> {
         let appearances = names.zip(made.appearances.iter().map(|a| a.0.clone())).collect();
         let cameras = TrainedCameras { setup, appearances, recipe, is_matched: swept.is_some() };
         cameras.write_splats(run, &made.splats)?;
+        if cameras.recipe.then.is_some() {
+            let shown = cameras.read_shown_splats(run)?;
+            ply::write(&run.join(HEIGHT_SPLATS), &shown, &cameras.setup.site)?;
+        }
         write_json(&run.join(CAMERAS), &cameras)?;
         Ok(cameras)
     }

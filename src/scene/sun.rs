@@ -10,7 +10,12 @@ impl Sun {
     /// The direction of the sun at a place and a UTC time `YYYY-MM-DDThh:mm:ssZ`; `None` without a time of day.
     #[must_use]
     pub fn at(time: &str, place: Point<Geodetic>) -> Option<Self> {
-        let days = days_since_2000(time)?;
+        Some(Self::at_day(days_since_2000(time)?, place))
+    }
+
+    /// The direction of the sun at a place, so many days after 1 January 2000, 12 h UTC.
+    #[must_use]
+    pub fn at_day(days: f64, place: Point<Geodetic>) -> Self {
         let mean_longitude = 280.460 + 0.985_647_4 * days;
         let anomaly = (357.528 + 0.985_600_3 * days).to_radians();
         let longitude = (mean_longitude + 1.915 * anomaly.sin() + 0.020 * (2.0 * anomaly).sin()).to_radians();
@@ -23,10 +28,10 @@ impl Sun {
         let up = lat.sin() * declination.sin() + lat.cos() * declination.cos() * hour.cos();
         let east = -declination.cos() * hour.sin();
         let north = lat.cos() * declination.sin() - lat.sin() * declination.cos() * hour.cos();
-        Some(Self {
+        Self {
             azimuth_deg: east.atan2(north).to_degrees().rem_euclid(360.0),
             elevation_deg: up.clamp(-1.0, 1.0).asin().to_degrees(),
-        })
+        }
     }
 
     /// Angle between two directions to the sun, degrees.
@@ -53,6 +58,18 @@ pub(super) fn days_since_2000(time: &str) -> Option<f64> {
     Some((julian - 2_451_545) as f64 + seconds as f64 / 86_400.0 - 0.5)
 }
 
+/// Days since 1 January 2000, 12 h UTC, of an ISO 8601 time, or of noon of a date.
+#[must_use]
+pub fn days_of(time: &str) -> Option<f64> {
+    days_since_2000(time).or_else(|| days_since_2000(&format!("{}T12:00:00Z", time.get(..10)?)))
+}
+
+/// Days since the beginning of the year of an ISO 8601 time, or of noon of a date.
+#[must_use]
+pub fn day_of_year(time: &str) -> Option<f64> {
+    Some(days_of(time)? - days_since_2000(&format!("{}-01-01T00:00:00Z", time.get(..4)?))?)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -72,5 +89,6 @@ mod tests {
     fn the_epoch_is_noon_on_1_january_2000() {
         assert_eq!(days_since_2000("2000-01-01T12:00:00Z"), Some(0.0));
         assert_eq!(days_since_2000("2001-01-01T00:00:00Z"), Some(365.5));
+        assert_eq!((days_of("2000-01-02"), day_of_year("2000-03-01")), (Some(1.0), Some(60.5)));
     }
 }

@@ -1,21 +1,14 @@
-//! Adam (Kingma & Ba 2015, algorithm 1), with one learning rate for each parameter group.
-//!
-//! It is written by hand so that one fused pass updates moments and parameters, with the same result for any number of
-//! threads.
+//! Adam for the splats, with one learning rate for each parameter group.
 
-use crate::splat::appearance::Appearance;
+use crate::nn::adam::{AdamRule, AdamStep};
 use crate::splat::edit::Edit;
 use crate::splat::splats::{GROUP_INFO, PerGroup, Splats};
-use multiversion::multiversion;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Decay rates of the moments (3DGS).
-const BETA1: f32 = 0.9;
-const BETA2: f32 = 0.999;
-/// Added to the denominator for the splats' parameters (3DGS).
-const EPSILON: f32 = 1e-15;
+/// The constants of the splats' parameters (3DGS).
+const RULE: AdamRule = AdamRule { epsilon: 1e-15, ..AdamRule::DEFAULT };
 
 /// Number of values that one task works on, and number of splats of an optional group.
 const PIECE: usize = 1 << 14;
@@ -47,11 +40,11 @@ impl SplatAdam {
     /// their values and moments (the sparse Adam of 3DGS's program).
     pub fn step(&mut self, splats: &mut Splats, gradient: &Splats, rates: &PerGroup<f64>) {
         self.steps += 1;
-        let correction = Correction::after(self.steps);
         let moments = self.first.groups_mut().into_iter().zip(self.second.groups_mut());
         let groups =
             splats.groups_mut().into_iter().zip(gradient.groups()).zip(moments).zip(rates.to_array());
         for ((((values, gradient), (first, second)), rate), info) in groups.zip(GROUP_INFO) {
+            let step = AdamStep::new(RULE, rate, self.steps);
             let piece = if info.is_optional { SPARSE_PIECE * info.width } else { PIECE };
             let moments = first.par_chunks_mut(piece).zip(second.par_chunks_mut(piece));
             let pieces = values.par_chunks_mut(piece).zip(gradient.par_chunks(piece)).zip(moments);
@@ -59,7 +52,7 @@ impl SplatAdam {
                 let mut run = |range: Range<usize>| {
                     let (first, second) = (&mut first[range.clone()], &mut second[range.clone()]);
                     let (values, gradient) = (&mut values[range.clone()], &gradient[range]);
-                    update(values, gradient, first, second, rate as f32, EPSILON, correction);
+                    step.update(values, gradient, first, second);
                 };
                 if info.is_optional {
                     runs_of_nonzero(gradient, info.width).for_each(run);
@@ -90,60 +83,6 @@ fn runs_of_nonzero(gradient: &[f32], width: usize) -> impl Iterator<Item = Range
         next = end + 1;
         Some(start * width..end * width)
     })
-}
-
-/// Moments of the gradients of one view's colour model; they change only in iterations with the view.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct AppearanceAdam {
-    first: Vec<f32>,
-    second: Vec<f32>,
-    steps: u32,
-}
-
-impl AppearanceAdam {
-    /// Takes one step with the given learning rate.
-    pub fn step(&mut self, appearance: &mut Appearance, gradient: &[f32], rate: f64) {
-        self.first.resize(gradient.len(), 0.0);
-        self.second.resize(gradient.len(), 0.0);
-        self.steps += 1;
-        let correction = Correction::after(self.steps);
-        // PyTorch's default, which EOGS uses for the parameters of the views.
-        let epsilon = 1e-8;
-        let (first, second) = (&mut self.first, &mut self.second);
-        update(&mut appearance.values, gradient, first, second, rate as f32, epsilon, correction);
-    }
-}
-
-/// Correction of the moments' bias towards zero after some steps.
-#[derive(Clone, Copy)]
-struct Correction {
-    first: f32,
-    root_second: f32,
-}
-
-impl Correction {
-    fn after(steps: u32) -> Self {
-        let left = |beta: f32| 1.0 - f64::from(beta).powi(steps as i32);
-        Self { first: left(BETA1) as f32, root_second: left(BETA2).sqrt() as f32 }
-    }
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn update(
-    values: &mut [f32],
-    gradient: &[f32],
-    first: &mut [f32],
-    second: &mut [f32],
-    rate: f32,
-    epsilon: f32,
-    correction: Correction,
-) {
-    let step = rate / correction.first;
-    for (((v, g), m), s) in values.iter_mut().zip(gradient).zip(first).zip(second) {
-        *m = BETA1 * *m + (1.0 - BETA1) * g;
-        *s = BETA2 * *s + (1.0 - BETA2) * g * g;
-        *v -= step * *m / (s.sqrt() / correction.root_second + epsilon);
-    }
 }
 
 #[cfg(test)]

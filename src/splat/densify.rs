@@ -174,7 +174,7 @@ mod tests {
         splats.push([0.0; 3], 0.3, 0.9, [0.5; 3]);
         splats.push([1.0, 0.0, 0.0], 4.0, 0.9, [0.5; 3]);
         splats.push([2.0, 0.0, 0.0], 0.3, 0.001, [0.5; 3]);
-        TrainingState::start(splats, Default::default(), 1)
+        TrainingState::start(splats, Default::default(), 1, 0)
     }
 
     #[test]

@@ -1,7 +1,4 @@
 //! PSNR and SSIM of a rendered picture against the image of a view that was not trained on.
-//!
-//! Such a view has no trained colour model. As in the papers, an affine map of colours is fitted on the left half of the
-//! image, and the right half is scored.
 
 use crate::io::Grid2;
 use crate::splat::loss::photometric::Photometric;
@@ -9,31 +6,151 @@ use crate::splat::loss::target::TargetImage;
 use crate::splat::raster::Image;
 use nalgebra::{Matrix4, Vector4};
 use serde::Serialize;
+use std::ops::Range;
 
 /// Similarity of a picture to an image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PictureScore {
-    /// Peak signal-to-noise ratio, dB, of linear colours in [0, 1].
+    /// Peak signal-to-noise ratio, dB, of colours in [0, 1].
     pub psnr_db: f64,
     /// Mean structural similarity (11 x 11 Gaussian window of σ = 1.5 px).
     pub ssim: f64,
+    /// The same with a window of 3 x 3 pixels, as publications on satellite images have it.
+    pub ssim_3px: f64,
+    /// Perceptual distance (LPIPS), if a network was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lpips: Option<f64>,
     /// Number of scored pixels.
     pub pixels: usize,
 }
 
-/// Scores a picture (red, green, blue; linear) against an image of the same size; none if a half of the image has too few
-/// valid pixels.
+/// Which part of an image is scored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ScoredPart {
+    /// The whole image.
+    Whole,
+    /// The right half; the left half may have been used to choose the colours of the picture.
+    RightHalf,
+}
+
+impl ScoredPart {
+    /// The columns of the part in an image of this width.
+    #[must_use]
+    pub fn columns(self, width: usize) -> Range<usize> {
+        match self {
+            Self::Whole => 0..width,
+            Self::RightHalf => width / 2..width,
+        }
+    }
+}
+
+/// The pixels of a picture and of an image that are compared: zero in both where the image has no data.
+pub struct ScoredPair {
+    /// The picture, values in [0, 1].
+    pub picture: Image<f32>,
+    /// The image.
+    pub image: Image<f32>,
+    /// Number of pixels with data.
+    pub pixels: usize,
+}
+
+impl ScoredPair {
+    /// The columns of two images of the same height. `at` gives the colours of picture and image at a column and row; none
+    /// where the image has no data.
+    fn new(
+        columns: Range<usize>,
+        height: usize,
+        at: impl Fn(usize, usize) -> Option<([f32; 3], [f32; 3])>,
+    ) -> Self {
+        let zeros = || Image::zeros(columns.len(), height, 3);
+        let mut pair = Self { picture: zeros(), image: zeros(), pixels: 0 };
+        for (col, row) in (0..height).flat_map(|row| columns.clone().map(move |col| (col, row))) {
+            let Some((found, expected)) = at(col, row) else { continue };
+            pair.pixels += 1;
+            for k in 0..3 {
+                *pair.picture.at_mut(k, col - columns.start, row) = found[k].clamp(0.0, 1.0);
+                *pair.image.at_mut(k, col - columns.start, row) = expected[k];
+            }
+        }
+        pair
+    }
+
+    /// A part of a picture (red, green, blue) and of an image of the same size.
+    #[must_use]
+    pub fn of_view(colors: &[Grid2; 3], target: &TargetImage, part: ScoredPart) -> Self {
+        let Image { width, height, .. } = target.colors;
+        Self::new(part.columns(width), height, |col, row| {
+            let expected = || std::array::from_fn(|k| target.colors.at(k, col, row));
+            target.valid[row * width + col].then(|| (colors.each_ref().map(|c| c.at(col, row)), expected()))
+        })
+    }
+
+    /// The scores; none if no pixel has data.
+    #[must_use]
+    pub fn score(&self) -> Option<PictureScore> {
+        if self.pixels == 0 {
+            return None;
+        }
+        let differences = self.picture.data.iter().zip(&self.image.data);
+        let squares: f64 = differences.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        let (similarity, _) = Photometric::default().compare(&self.picture, &self.image);
+        // Pixels without data are zero in both images, and there SSIM is 1.
+        let all = (self.image.width * self.image.height) as f64;
+        let pixels = self.pixels as f64;
+        let of_data = |ssim: f64| (ssim * all - (all - pixels)) / pixels;
+        Some(PictureScore {
+            psnr_db: -10.0 * (squares / (3.0 * pixels)).log10(),
+            ssim: of_data(similarity.ssim),
+            ssim_3px: of_data(ssim_3px(&self.picture, &self.image)),
+            lpips: None,
+            pixels: self.pixels,
+        })
+    }
+}
+
+/// Mean SSIM over pixels and channels with a Gaussian window of 3 x 3 pixels and σ = 1.5 px; pixels beyond the border repeat
+/// those at it.
+fn ssim_3px(picture: &Image<f32>, image: &Image<f32>) -> f64 {
+    const C1: f64 = 1e-4;
+    const C2: f64 = 9e-4;
+    let side = (-1.0 / (2.0 * 1.5f64.powi(2))).exp();
+    let taps = [side, 1.0, side].map(|t| t / (1.0 + 2.0 * side));
+    let (width, height) = (image.width, image.height);
+    let mut sum = 0.0;
+    for (k, row, col) in
+        (0..3 * height).flat_map(|kr| (0..width).map(move |col| (kr / height, kr % height, col)))
+    {
+        let mut moments = [0.0; 5];
+        for (j, i) in (0..9).map(|t| (t / 3, t % 3)) {
+            let c = (col + i).saturating_sub(1).min(width - 1);
+            let r = (row + j).saturating_sub(1).min(height - 1);
+            let (x, y) = (f64::from(picture.at(k, c, r)), f64::from(image.at(k, c, r)));
+            let weight = taps[i] * taps[j];
+            for (moment, value) in moments.iter_mut().zip([x, y, x * x, y * y, x * y]) {
+                *moment += weight * value;
+            }
+        }
+        let [x, y, xx, yy, xy] = moments;
+        let (of_x, of_y, covariance) = (xx - x * x, yy - y * y, xy - x * y);
+        sum += (2.0 * x * y + C1) * (2.0 * covariance + C2)
+            / ((x * x + y * y + C1) * (of_x + of_y + C2));
+    }
+    sum / (3 * width * height) as f64
+}
+
+/// Scores the right half of a picture (red, green, blue) against an image of the same size, after an affine map of colours
+/// that is fitted on the left half: for pictures whose colours were not made for the view. None if a half of the image has
+/// too few valid pixels.
 #[must_use]
 pub fn score_picture(colors: &[Grid2; 3], target: &TargetImage) -> Option<PictureScore> {
     let (width, height) = (target.colors.width, target.colors.height);
-    let half = width / 2;
     let color = |col: usize, row: usize| colors.each_ref().map(|c| f64::from(c.at(col, row)));
     let is_valid = |col: usize, row: usize| target.valid[row * width + col];
 
     let mut normal = Matrix4::zeros();
     let mut right = [Vector4::zeros(); 3];
     for (col, row) in
-        (0..height).flat_map(|r| (0..half).map(move |c| (c, r))).filter(|(c, r)| is_valid(*c, *r))
+        (0..height).flat_map(|r| (0..width / 2).map(move |c| (c, r))).filter(|(c, r)| is_valid(*c, *r))
     {
         let [r, g, b] = color(col, row);
         let unknowns = Vector4::new(r, g, b, 1.0);
@@ -45,31 +162,14 @@ pub fn score_picture(colors: &[Grid2; 3], target: &TargetImage) -> Option<Pictur
     let factor = normal.cholesky()?;
     let color_map = right.map(|b| factor.solve(&b));
 
-    let mut picture = Image::<f32>::zeros(width - half, height, 3);
-    let mut image = Image::<f32>::zeros(width - half, height, 3);
-    let (mut squares, mut pixels) = (0.0, 0);
-    for (col, row) in
-        (0..height).flat_map(|r| (half..width).map(move |c| (c, r))).filter(|(c, r)| is_valid(*c, *r))
-    {
+    let columns = ScoredPart::RightHalf.columns(width);
+    let pair = ScoredPair::new(columns, height, |col, row| {
         let [r, g, b] = color(col, row);
-        pixels += 1;
-        for (k, map_row) in color_map.iter().enumerate() {
-            let expected = target.colors.at(k, col, row);
-            let found = map_row.dot(&Vector4::new(r, g, b, 1.0)).clamp(0.0, 1.0) as f32;
-            squares += f64::from(found - expected).powi(2);
-            *picture.at_mut(k, col - half, row) = found;
-            *image.at_mut(k, col - half, row) = expected;
-        }
-    }
-    if pixels == 0 {
-        return None;
-    }
-    let (similarity, _) = Photometric::default().compare(&picture, &image);
-    // Invalid pixels are zero in both images, and there SSIM is 1.
-    let all = ((width - half) * height) as f64;
-    let invalid = all - pixels as f64;
-    let ssim = (similarity.ssim * all - invalid) / pixels as f64;
-    Some(PictureScore { psnr_db: -10.0 * (squares / (3 * pixels) as f64).log10(), ssim, pixels })
+        let found = color_map.map(|map_row| map_row.dot(&Vector4::new(r, g, b, 1.0)) as f32);
+        let expected = || std::array::from_fn(|k| target.colors.at(k, col, row));
+        is_valid(col, row).then(|| (found, expected()))
+    });
+    pair.score()
 }
 
 /// Scores a picture against a photograph of the same size, both as displayed, 0 to 1: all pixels that have data, without a
@@ -77,28 +177,12 @@ pub fn score_picture(colors: &[Grid2; 3], target: &TargetImage) -> Option<Pictur
 #[must_use]
 pub fn score_photograph(colors: &[Grid2; 3], truth: &[Grid2; 3]) -> Option<PictureScore> {
     let (width, height) = (truth[0].width, truth[0].height);
-    let mut picture = Image::<f32>::zeros(width, height, 3);
-    let mut image = Image::<f32>::zeros(width, height, 3);
-    let (mut squares, mut pixels) = (0.0, 0);
-    for (col, row) in (0..height).flat_map(|r| (0..width).map(move |c| (c, r))) {
+    let pair = ScoredPair::new(0..width, height, |col, row| {
         let expected = truth.each_ref().map(|plane| plane.at(col, row));
-        if expected.iter().any(|v| v.is_nan()) {
-            continue;
-        }
-        pixels += 1;
-        for (k, (found, expected)) in colors.iter().map(|c| c.at(col, row)).zip(expected).enumerate() {
-            squares += f64::from(found - expected).powi(2);
-            *picture.at_mut(k, col, row) = found;
-            *image.at_mut(k, col, row) = expected;
-        }
-    }
-    (pixels > 0).then(|| {
-        let (similarity, _) = Photometric::default().compare(&picture, &image);
-        // Pixels without data are zero in both images, and there SSIM is 1.
-        let all = (width * height) as f64;
-        let ssim = (similarity.ssim * all - (all - pixels as f64)) / pixels as f64;
-        PictureScore { psnr_db: -10.0 * (squares / (3 * pixels) as f64).log10(), ssim, pixels }
-    })
+        let has_data = expected.iter().all(|v| !v.is_nan());
+        has_data.then(|| (colors.each_ref().map(|c| c.at(col, row)), expected))
+    });
+    pair.score()
 }
 
 #[cfg(test)]
@@ -122,12 +206,13 @@ mod tests {
         let picture: [Grid2; 3] = std::array::from_fn(|k| Grid2::from_fn(80, 60, |c, r| texture(c, r, k)));
         let dimmed = target(|c, r, k| 0.1 + 0.6 * texture(c, r, k));
         let score = score_picture(&picture, &dimmed).unwrap();
-        assert!(score.psnr_db > 90.0 && score.ssim > 0.9999, "{score:?}");
+        assert!(score.psnr_db > 90.0 && score.ssim > 0.9999 && score.ssim_3px > 0.9999, "{score:?}");
         assert_eq!(score.pixels, 40 * 60);
         let sign = |c: usize, r: usize| if (c * 7 + r * 13).is_multiple_of(2) { 1.0 } else { -1.0 };
         let noisy = target(|c, r, k| texture(c, r, k) + 0.05 * sign(c, r));
         let score = score_picture(&picture, &noisy).unwrap();
         assert!((score.psnr_db - 26.02).abs() < 0.1 && score.ssim < 0.97, "{score:?}");
+        assert!(score.ssim_3px < 0.97, "{score:?}");
     }
 
     #[test]

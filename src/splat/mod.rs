@@ -24,4 +24,6 @@ pub mod shear_warp;
 pub mod sheared_camera;
 pub mod splats;
 pub mod state;
+pub mod sun_visibility;
+pub mod test_time;
 pub mod train;

@@ -5,7 +5,8 @@ use crate::affine::{ViewCamera, sun_direction};
 use crate::camera::QuadraticKernel;
 use crate::io::Grid2;
 use crate::scene::Sun;
-use crate::splat::appearance::Appearance;
+use crate::splat::appearance::satgs::Cube;
+use crate::splat::appearance::{Appearance, AppearanceModel, ModelParameters};
 use crate::splat::backend::stopwatch::Stopwatch;
 use crate::splat::objective::{Objective, StepInput};
 use crate::splat::primitive::PrimitiveKind;
@@ -61,22 +62,42 @@ impl SiteScene {
 }
 
 impl NovelView {
+    /// Unit vector to the sun in site axes; none without shadows.
+    #[must_use]
+    pub fn sun_direction(&self) -> Option<[f32; 3]> {
+        self.sun_shear.map(|shear| self.camera.direction_of(shear).map(|v| v as f32))
+    }
+
     /// Renders the picture of the splats with the colour model of a view. `altitudes` are the lowest and highest of the
     /// scene, metres.
     #[must_use]
     pub fn picture(&self, splats: &Splats, appearance: &Appearance, altitudes: (f64, f64)) -> Picture {
+        let parameters = ModelParameters { shared: &[], view: &appearance.values };
+        self.picture_of(splats, appearance.kind.model(Cube::default()), parameters, altitudes)
+    }
+
+    /// Renders the picture of the splats with a colour model. `altitudes` are the lowest and highest of the scene, metres.
+    #[must_use]
+    pub fn picture_of(
+        &self,
+        splats: &Splats,
+        model: Box<dyn AppearanceModel<f32>>,
+        parameters: ModelParameters<f32>,
+        altitudes: (f64, f64),
+    ) -> Picture {
         let no_target = Image::default();
         let input = StepInput {
             camera: FrameCamera::new(&self.camera, self.size.0, self.size.1),
             target: &no_target,
             valid: &[],
             sun: self.sun_shear.map(|s| ShearedCamera::sun(&self.camera, self.size, s, altitudes)),
+            sun_direction: self.sun_direction(),
             virtual_view: None,
             background: [0.0; 3],
             floor: 0.0,
         };
-        let mut objective = Objective::new(splats.primitive(), appearance.kind, Vec::new());
-        objective.forward(splats, &appearance.values, &input, &mut Stopwatch::default());
+        let mut objective = Objective::new(splats.primitive(), model, Vec::new());
+        objective.forward(splats, parameters, &input, &mut Stopwatch::default());
         let (picture, view) = (objective.picture(), objective.view());
         let (mut altitude, transmittance) =
             (view.plane(channel::ALTITUDE), view.plane(channel::TRANSMITTANCE));

@@ -5,12 +5,15 @@
 //! pixel's share of sunlight ([`ShadowModel`]). The view's colour model ([`AppearanceModel`]) computes the picture from
 //! colours and sunlight. The loss terms ([`LossTerm`]) compare picture, renders and splats with their targets.
 
-use super::appearance::{AppearanceKind, AppearanceModel, ShadingGradient, ShadingInput};
+use super::appearance::{
+    AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput,
+};
 use super::backend::stopwatch::Stopwatch;
 use super::loss::{COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
 use super::primitive::PrimitiveKind;
 use super::raster::{FrameCamera, Image, Renderer, SortedSplats, SplatGradient, channel, renderer};
 use super::shadow::ShadowModel;
+use super::sun_visibility::sun_visibility;
 use super::sheared_camera::ShearedCamera;
 use super::splats::{GROUP_INFO, Splats};
 use crate::camera::QuadraticKernel;
@@ -36,6 +39,8 @@ pub struct StepInput<'a, T> {
     pub valid: &'a [bool],
     /// Camera of the sun's image; none without shadows.
     pub sun: Option<ShearedCamera<T>>,
+    /// Unit vector to the sun in site axes; none if it is unknown.
+    pub sun_direction: Option<[T; 3]>,
     /// Camera of the virtual view; none without the consistency loss.
     pub virtual_view: Option<ShearedCamera<T>>,
     /// Linear colour behind the splats.
@@ -68,6 +73,8 @@ pub struct Gradient<T> {
     pub splats: Splats<T>,
     /// With respect to the parameters of the view's colour model.
     pub appearance: Vec<T>,
+    /// With respect to the parameters of the colour model that all views share.
+    pub shared: Vec<T>,
 }
 
 /// A rasteriser of satellite views.
@@ -90,6 +97,8 @@ pub struct Objective<T: Real> {
     by_normal: Vec<[T; 3]>,
     primitive: PrimitiveKind,
     shadows: ShadowModel<T>,
+    /// Visibility of the sun from each splat, 0 to 1; empty if the colour model does not separate light and colours.
+    sun_visibility: Vec<T>,
     appearance: Box<dyn AppearanceModel<T>>,
     picture: Image<T>,
     by_view: Image<T>,
@@ -102,7 +111,7 @@ impl<T: SimdReal> Objective<T> {
     #[must_use]
     pub fn new(
         primitive: PrimitiveKind,
-        appearance: AppearanceKind,
+        appearance: Box<dyn AppearanceModel<T>>,
         terms: Vec<Box<dyn LossTerm<T>>>,
     ) -> Self {
         Self {
@@ -120,7 +129,8 @@ impl<T: SimdReal> Objective<T> {
             by_sorted: Vec::new(),
             by_normal: Vec::new(),
             shadows: ShadowModel::default(),
-            appearance: appearance.model(),
+            sun_visibility: Vec::new(),
+            appearance,
             picture: Image::default(),
             by_view: Image::default(),
             by_sunlight: Image::default(),
@@ -129,11 +139,11 @@ impl<T: SimdReal> Objective<T> {
     }
 
     /// Computes the loss of one iteration; writes the gradient to `gradient` and adds the time of each part to `watch`.
-    /// `appearance` holds the parameters of the view's colour model.
+    /// `appearance` holds the parameters of the colour model.
     pub fn evaluate(
         &mut self,
         splats: &Splats<T>,
-        appearance: &[T],
+        appearance: ModelParameters<T>,
         input: &StepInput<T>,
         weights: &LossWeights,
         gradient: &mut Gradient<T>,
@@ -152,7 +162,12 @@ impl<T: SimdReal> Objective<T> {
                 watch,
             );
         }
+        let light = self.appearance.light().zip(input.sun.as_ref());
+        if let Some((_, sun)) = light {
+            sun_visibility(splats, sun, self.sun.image(), &mut self.sun_visibility);
+        }
         let rendered = Rendered {
+            light: light.map(|(light, _)| (light, &self.sun_visibility[..])),
             view: self.view.image(),
             discs: None,
             picture: &self.picture,
@@ -179,12 +194,11 @@ impl<T: SimdReal> Objective<T> {
     pub fn forward(
         &mut self,
         splats: &Splats<T>,
-        appearance: &[T],
+        appearance: ModelParameters<T>,
         input: &StepInput<T>,
         watch: &mut Stopwatch,
     ) {
-        self.sort_and_color(splats, appearance);
-        watch.lap("splats", "order and covariances");
+        self.sort_and_color(splats, appearance, input.sun_direction, watch);
         render(
             self.view.as_mut(),
             VIEW,
@@ -200,7 +214,7 @@ impl<T: SimdReal> Objective<T> {
         let (view, sun) = (self.view.image(), input.sun.map(|s| (s.warp, self.sun.image())));
         self.shadows.forward(view, sun);
         let shading = ShadingInput { render: view, sunlight: self.shadows.sunlight(), valid: input.valid };
-        self.appearance.shade(appearance, shading, &mut self.picture);
+        self.appearance.shade(appearance.view, shading, &mut self.picture);
         watch.lap("pixels", "picture");
     }
 
@@ -231,9 +245,16 @@ impl<T: SimdReal> Objective<T> {
     }
 
     /// Sorts the splats and computes the features that are rendered.
-    fn sort_and_color(&mut self, splats: &Splats<T>, appearance: &[T]) {
+    fn sort_and_color(
+        &mut self,
+        splats: &Splats<T>,
+        parameters: ModelParameters<T>,
+        sun: Option<[T; 3]>,
+        watch: &mut Stopwatch,
+    ) {
         self.sorted.update(splats);
-        self.appearance.splat_colors(appearance, splats, &mut self.colors);
+        watch.lap("splats", "order and covariances");
+        self.appearance.splat_colors(ColorInput { parameters, splats, sun }, &mut self.colors);
         let (order, colors) = (self.sorted.order(), &self.colors);
         self.features.resize(order.len(), [T::zero(); 4]);
         self.altitudes.resize(order.len(), [T::zero(); 1]);
@@ -243,28 +264,34 @@ impl<T: SimdReal> Objective<T> {
             *feature = [r, g, b, z];
             *altitude = [z];
         });
+        watch.lap("splats", "colours");
     }
 
     /// Computes the derivatives by the renders' pixels and by the colour model's parameters, from the terms' derivatives by
     /// picture, sunlight and render.
     fn pixels_backward(
         &mut self,
-        appearance: &[T],
+        appearance: ModelParameters<T>,
         input: &StepInput<T>,
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
     ) {
-        let (view, sun) = (self.view.image(), input.sun.map(|s| (s.warp, self.sun.image())));
+        let sun = input.sun.filter(|_| self.appearance.uses_sunlight());
+        let (view, sun) = (self.view.image(), sun.map(|s| (s.warp, self.sun.image())));
         let shading = ShadingInput { render: view, sunlight: self.shadows.sunlight(), valid: input.valid };
         self.by_view.resize(view.width, view.height, channel::TRAINED);
-        gradient.appearance.resize(appearance.len(), T::zero());
+        self.by_sunlight.resize(view.width, view.height, 1);
+        gradient.appearance.resize(appearance.view.len(), T::zero());
+        gradient.appearance.fill(T::zero());
+        gradient.shared.resize(appearance.shared.len(), T::zero());
+        gradient.shared.fill(T::zero());
         let by = ShadingGradient {
             by_render: &mut self.by_view,
             by_sunlight: &mut self.by_sunlight,
             by_values: &mut gradient.appearance,
         };
         let by_picture = parts(&self.terms, None, |term| term.by_picture());
-        self.appearance.shade_backward(appearance, shading, &by_picture, by);
+        self.appearance.shade_backward(appearance.view, shading, &by_picture, by);
         let own = Scaled { image: &self.by_sunlight, factor: T::one() };
         let by_sunlight = parts(&self.terms, Some(own), |term| term.by_sunlight());
         self.shadows.backward(view, sun, &by_sunlight, &mut self.by_view);
@@ -276,7 +303,7 @@ impl<T: SimdReal> Objective<T> {
     fn splats_backward(
         &mut self,
         splats: &Splats<T>,
-        appearance: &[T],
+        appearance: ModelParameters<T>,
         input: &StepInput<T>,
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
@@ -295,7 +322,7 @@ impl<T: SimdReal> Objective<T> {
             let raster = self.virtual_view.as_mut();
             backward(raster, VIRTUAL, sorted, by_virtual, &mut by, by_feature, watch);
         }
-        if input.sun.is_some() {
+        if input.sun.is_some() && self.appearance.uses_sunlight() {
             let by_sun = self.shadows.by_sun();
             backward(self.sun.as_mut(), SUN, sorted, by_sun, &mut by, by_altitude, watch);
         }
@@ -312,8 +339,13 @@ impl<T: SimdReal> Objective<T> {
             *by_color = [r, g, b];
             position[2] = position[2] + z + by_altitude[rank][0];
         });
-        let (by_colors, by_values) = (&self.by_colors, &mut gradient.appearance);
-        self.appearance.splat_colors_backward(appearance, splats, by_colors, &mut gradient.splats, by_values);
+        watch.lap("splats", "parameters backward");
+        let colors = ColorInput { parameters: appearance, splats, sun: input.sun_direction };
+        let by_light = terms.iter().find_map(|term| term.by_light());
+        let Gradient { splats: by_splats, appearance: view, shared } = gradient;
+        let by_parameters = ParameterGradient { shared, view };
+        self.appearance.splat_colors_backward(colors, &self.by_colors, by_light, by_splats, by_parameters);
+        watch.lap("splats", "colours backward");
         terms.iter().for_each(|term| term.add_by_splats(splats, &mut gradient.splats));
         watch.lap("splats", "parameters backward");
     }

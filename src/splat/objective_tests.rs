@@ -7,7 +7,9 @@ use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, MapGrid};
 use crate::mvs::MatchedSurface;
 use crate::random::CounterRng;
-use crate::splat::appearance::Appearance;
+use crate::splat::appearance::satgs::{Cube, Networks, SatGs};
+use crate::splat::appearance::{Appearance, AppearanceKind};
+use crate::nn::hash_grid::HashGrid;
 use crate::splat::loss::surface_prior::Prior;
 use crate::splat::loss::{column_names, terms};
 use crate::splat::splats::GROUPS;
@@ -55,6 +57,14 @@ struct Scene<T: Real> {
     has_sun: bool,
     has_virtual_view: bool,
     quadratic: [[f64; 6]; 2],
+    /// Parameters of the colour model that all views share.
+    shared: Vec<T>,
+    weights: LossWeights,
+}
+
+/// The objective with EOGS's colour model.
+fn affine<T: SimdReal>(primitive: PrimitiveKind, prior: Option<&Arc<Prior>>) -> Objective<T> {
+    Objective::new(primitive, AppearanceKind::Affine.model(Cube::default()), terms(prior))
 }
 
 impl<T: SimdReal> Scene<T> {
@@ -62,14 +72,12 @@ impl<T: SimdReal> Scene<T> {
         let mut scene = Self {
             target: Image::default(),
             valid: Vec::new(),
-            objective: Objective::new(
-                PrimitiveKind::Ellipsoid,
-                AppearanceKind::Affine,
-                terms(Some(&prior())),
-            ),
+            objective: affine(PrimitiveKind::Ellipsoid, Some(&prior())),
             has_sun: true,
             has_virtual_view: true,
             quadratic: Default::default(),
+            shared: Vec::new(),
+            weights: weights(),
         };
         scene.resize(27, 25);
         for masked in [40, 41, 300] {
@@ -102,15 +110,16 @@ impl<T: SimdReal> Scene<T> {
             virtual_view: self
                 .has_virtual_view
                 .then(|| ShearedCamera::virtual_view(&camera, size, [-0.4, 0.3])),
+            sun_direction: self.has_sun.then(|| camera.direction_of([1.7, -1.1]).map(T::from_f64)),
             background: [0.3, 0.8, 0.1].map(T::from_f64),
             floor: T::from_f64(-5.0),
         };
         let mut gradient = Gradient::default();
         let losses = self.objective.evaluate(
             g,
-            &a.values,
+            ModelParameters { shared: &self.shared, view: &a.values },
             &input,
-            &weights(),
+            &self.weights,
             &mut gradient,
             &mut Stopwatch::default(),
         );
@@ -124,7 +133,7 @@ fn to_f32(a: &Appearance<f64>) -> Appearance {
 
 fn appearance() -> Appearance<f64> {
     let mut draw = CounterRng::new(4, 0, 0, 0);
-    let mut a = Appearance::start(AppearanceKind::Affine);
+    let mut a = Appearance::start(AppearanceKind::Affine, 0, 0);
     a.values.iter_mut().for_each(|v| *v += 0.2 * draw.uniform());
     a
 }
@@ -161,17 +170,98 @@ fn every_gradient_agrees_with_central_differences_in_f64() {
 
 #[test]
 fn every_gradient_of_discs_agrees_with_central_differences_in_f64() {
-    let objective = Objective::new(PrimitiveKind::Disc, AppearanceKind::Affine, terms(Some(&prior())));
+    let objective = affine(PrimitiveKind::Disc, Some(&prior()));
     let mut discs = splats(45, 1);
     discs.flatten();
     check_gradients(Scene { objective, ..Scene::new() }, &discs);
 }
 
+/// Networks of the shape of SatGS's that are small enough to check.
+fn small_networks() -> Networks {
+    let mut networks = Networks::default();
+    networks.grid = HashGrid { levels: 2, log2_entries: 6, cells: [3, 9] };
+    networks.tone.inputs = networks.grid.outputs() + 3;
+    networks.shadow.inputs = networks.grid.outputs();
+    networks.tone.hidden = vec![6, 5];
+    networks.shadow.hidden = vec![5];
+    networks.sky.hidden = vec![4];
+    networks
+}
+
+/// A scene with SatGS's colour model, whose parameters are random.
+fn satgs_scene(named: &[(&str, f64)]) -> (Scene<f64>, Appearance<f64>) {
+    let networks = small_networks();
+    let mut draw = CounterRng::new(11, 0, 0, 0);
+    let mut normal = |n: usize| -> Vec<f64> { (0..n).map(|_| 0.4 * draw.normal()).collect() };
+    let (shared, values) = (normal(networks.parameters()), normal(networks.embedding));
+    let model = SatGs::new(networks, Cube { corner: [-7.0, -6.0, -2.0], side_m: 14.0 });
+    let objective = Objective::new(PrimitiveKind::Ellipsoid, Box::new(model), terms(None));
+    let weights = LossWeights::of(named).unwrap();
+    let scene = Scene { objective, shared, weights, has_virtual_view: false, ..Scene::new() };
+    (scene, Appearance { kind: AppearanceKind::SatGs, values })
+}
+
+#[test]
+fn gradients_by_satgs_s_networks_and_embedding_agree_with_central_differences_in_f64() {
+    let named = [("sun_visibility", 0.7), ("dark_tones", 0.9), ("bright_shadows", 0.5)];
+    let (mut scene, a) = satgs_scene(&named);
+    let g = splats(45, 1);
+    let (losses, gradient) = scene.evaluate(&g, &a);
+    for name in ["sun_visibility", "dark_tones", "bright_shadows"] {
+        let column = column_names().position(|n| n == name).unwrap();
+        assert!(losses.columns[column] > 0.0, "{name}");
+    }
+    let shared = scene.shared.clone();
+    for range in small_networks().ranges() {
+        let by = &gradient.shared[range.clone()];
+        assert!(largest(by) > 0.0, "{range:?}");
+        let w = worst(by, largest(by), |k, e| {
+            scene.shared.clone_from(&shared);
+            scene.shared[range.start + k] += e;
+            scene.evaluate(&g, &a).0.total
+        });
+        assert!(w < 1e-6, "{range:?}: {w:e}");
+    }
+    scene.shared = shared;
+    let w = worst(&gradient.appearance, largest(&gradient.appearance), |k, e| {
+        let mut moved = a.clone();
+        moved.values[k] += e;
+        scene.evaluate(&g, &moved).0.total
+    });
+    assert!(w < 1e-6, "embedding: {w:e}");
+}
+
+/// The visibility of the sun and the inputs of the networks count as constants, so that the term of the former is left out,
+/// and the weights of the latter are zero.
+#[test]
+fn gradients_by_splats_agree_with_central_differences_in_f64_with_satgs_s_colours() {
+    let (mut scene, a) = satgs_scene(&[("dark_tones", 0.9)]);
+    let networks = small_networks();
+    let [tables, tone, ..] = networks.ranges();
+    scene.shared[tables].fill(0.0);
+    let stride = networks.tone.inputs + networks.tone.shared;
+    for row in scene.shared[tone].chunks_mut(stride).take(networks.tone.hidden[0]) {
+        row[networks.grid.outputs()..networks.tone.inputs].fill(0.0);
+    }
+    let g = splats(45, 1);
+    let (_, gradient) = scene.evaluate(&g, &a);
+    for group in 0..GROUPS {
+        let analytic = gradient.splats.groups()[group].to_vec();
+        let w = worst(&analytic, largest(&analytic), |k, e| {
+            let mut moved = g.clone();
+            moved.groups_mut()[group][k] += e;
+            scene.evaluate(&moved, &a).0.total
+        });
+        assert!(w < 1e-6, "group {group}: {w:e}");
+    }
+}
+
 fn check_gradients(mut scene: Scene<f64>, g: &Splats<f64>) {
     let a = appearance();
     let (losses, gradient) = scene.evaluate(g, &a);
-    // These two are of perspective views of discs.
-    let absent = ["normal_consistency", "depth_distortion"];
+    // The first two are of perspective views of discs, the others of colour models that separate light and colours.
+    let absent =
+        ["normal_consistency", "depth_distortion", "sun_visibility", "dark_tones", "bright_shadows"];
     for (name, value) in column_names().zip(losses.columns) {
         assert_eq!(value > 0.0, !absent.contains(&name), "{name}");
     }
@@ -251,13 +341,15 @@ fn a_block_casts_a_shadow_of_the_right_length() {
         target: &target,
         valid: &[],
         sun: Some(ShearedCamera::sun(&camera, size, shear, (-1.0, 6.0))),
+        sun_direction: None,
         virtual_view: None,
         background: [0.0; 3],
         floor: -1.0,
     };
-    let mut objective = Objective::new(PrimitiveKind::Ellipsoid, AppearanceKind::Affine, terms(None));
-    let values = Appearance::start(AppearanceKind::Affine).values;
-    objective.evaluate(&g, &values, &input, &weights(), &mut Gradient::default(), &mut Stopwatch::default());
+    let mut objective = affine(PrimitiveKind::Ellipsoid, None);
+    let values = Appearance::start(AppearanceKind::Affine, 0, 0).values;
+    let values = ModelParameters { shared: &[], view: &values };
+    objective.evaluate(&g, values, &input, &weights(), &mut Gradient::default(), &mut Stopwatch::default());
     let red = |x: f64| objective.picture().at(0, (23.5 + 4.0 * x).round() as usize, 23);
     assert!(red(-4.0) < 0.2, "in the shadow: {}", red(-4.0));
     assert!(red(-5.5) > 0.4, "beyond it: {}", red(-5.5));

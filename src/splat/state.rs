@@ -1,12 +1,38 @@
 //! The state of a training between two iterations, which checkpoints store.
 
-use super::adam::{AppearanceAdam, SplatAdam};
+use super::adam::SplatAdam;
+use super::appearance::satgs::{NetworkGroup, Networks};
 use super::appearance::{Appearance, AppearanceKind};
 use super::densify::{DensifyEdit, DensifyStats, pruning};
 use super::edit::Edit;
 use super::splats::{Splats, logit};
-use super::train::recipe::Densification;
+use super::train::recipe::{Densification, NetworkRates};
+use crate::nn::adam::Adam;
 use serde::{Deserialize, Serialize};
+
+/// Parameters of a colour model that all views share.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SharedParameters {
+    /// The parameters.
+    pub values: Vec<f32>,
+    /// The moments of the gradient of each group of networks.
+    pub moments: Vec<Adam>,
+}
+
+impl SharedParameters {
+    /// Takes one step with these learning rates.
+    pub fn step(&mut self, gradient: &[f32], rates: &NetworkRates) {
+        if self.values.is_empty() {
+            return;
+        }
+        let groups = Networks::default().groups();
+        self.moments.resize_with(groups.len(), Adam::default);
+        for (NetworkGroup { range, rule, is_tables }, moments) in groups.into_iter().zip(&mut self.moments) {
+            let rate = if is_tables { rates.tables } else { rates.networks };
+            moments.step(rule, &mut self.values[range.clone()], &gradient[range], rate);
+        }
+    }
+}
 
 /// Splats, optimiser moments, the views' colour models, and the statistics for densification.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -16,20 +42,25 @@ pub struct TrainingState {
     /// Moments of the splats' gradients.
     pub adam: SplatAdam,
     /// The colour model of each view, and the moments of its gradient.
-    pub appearances: Vec<(Appearance, AppearanceAdam)>,
+    pub appearances: Vec<(Appearance, Adam)>,
+    /// Parameters of the colour model that all views share.
+    pub shared: SharedParameters,
     /// Statistics of the splats' gradients since the last check.
     pub statistics: DensifyStats,
 }
 
 impl TrainingState {
-    /// The initial state of a training from these splats, for a number of views with this colour model.
+    /// The initial state of a training from these splats, for a number of views with this colour model, whose networks start
+    /// at random.
     #[must_use]
-    pub fn start(splats: Splats, appearance: AppearanceKind, views: usize) -> Self {
+    pub fn start(splats: Splats, appearance: AppearanceKind, views: usize, seed: u64) -> Self {
         let mut statistics = DensifyStats::default();
         statistics.reset(splats.len());
         let adam = SplatAdam::new(&splats);
-        let appearances = vec![(Appearance::start(appearance), AppearanceAdam::default()); views];
-        let mut start = Self { splats, adam, appearances, statistics };
+        let of_view = |view| (Appearance::start(appearance, seed, view), Adam::default());
+        let appearances = (0..views as u64).map(of_view).collect();
+        let shared = SharedParameters { values: appearance.start_shared(seed), moments: Vec::new() };
+        let mut start = Self { splats, adam, appearances, shared, statistics };
         start.sort_by_altitude();
         start
     }

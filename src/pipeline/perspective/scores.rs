@@ -9,7 +9,7 @@ use crate::io::write_json;
 use crate::progress::{Event, Progress};
 use crate::run_files::{NVS_PICTURES, NVS_SCORES};
 use crate::scene::Role;
-use crate::splat::image_score::{PictureScore, score_photograph};
+use crate::splat::image_score::score_photograph;
 use crate::splat::pinhole::{PinholePicture, comparison};
 use std::path::Path;
 
@@ -54,11 +54,7 @@ pub fn nvs_eval(
         progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });
     }
     progress.event(Event::Finished);
-    let mean =
-        |of: fn(&PictureScore) -> f64| scores.iter().map(|v| of(&v.score)).sum::<f64>() / scores.len() as f64;
-    let pixels = scores.iter().map(|v| v.score.pixels).sum();
-    let mean = PictureScore { psnr_db: mean(|s| s.psnr_db), ssim: mean(|s| s.ssim), pixels };
-    let scores = NvsScores { views: scores, mean: Some(mean) };
+    let scores = NvsScores::with_mean(scores);
     if written {
         write_json(&run.join(NVS_SCORES), &scores)?;
     }

@@ -83,7 +83,7 @@ pub(super) fn train_scene(
         None => {
             let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
             let splats = splats_at_start(scene, &views, recipe.primitive, options.seed)?;
-            (splats.len(), Vec::new(), TrainingState::start(splats, AppearanceKind::default(), 0))
+            (splats.len(), Vec::new(), TrainingState::start(splats, AppearanceKind::default(), 0, options.seed))
         }
     };
     let schedule = Schedule {
@@ -142,6 +142,7 @@ pub(super) fn train_scene(
         affine_max_px: None,
         l1: mean_of_last(&log, views.len(), "l1"),
         ssim: mean_of_last(&log, views.len(), "ssim"),
+        colors: None,
     };
     stage.complete(&trained)?;
     checkpoints.remove();

@@ -2,32 +2,49 @@
 //!
 //! A model has two parts. [`AppearanceModel::splat_colors`] computes the colour of each splat that is rendered.
 //! [`AppearanceModel::shade`] computes the picture, which is compared with the view's image, from the rendered colours and
-//! the share of sunlight. Each view has its own parameters. All colours are linear. A new model is a file beside [`affine`], and a line in [`AppearanceKind`] and in [`AppearanceKind::model`].
+//! the share of sunlight. Each view has its own parameters, and a model may have more, which all views share. A new model is
+//! a file beside [`affine`], and a line in [`AppearanceKind`] and in its methods.
 
 pub mod affine;
 mod model;
+pub mod satgs;
 
-pub use model::{AppearanceModel, ShadingGradient, ShadingInput};
+pub use model::{
+    AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput, SplatLight,
+};
 
-use crate::simd::SimdReal;
+use crate::simd::{Real, SimdReal};
 use affine::AffineAppearance;
+use satgs::{Cube, Networks, SatGs};
 use serde::{Deserialize, Serialize};
 
 /// The available colour models.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AppearanceKind {
-    /// An affine map of colours and an ambient light colour for each view (EOGS): [`affine`].
+    /// An affine map of linear colours and an ambient light colour for each view (EOGS): [`affine`].
     #[default]
     Affine,
+    /// Networks that tone and shade each splat for each view (SatGS): [`satgs`]. Colours are those that images show.
+    SatGs,
 }
 
 impl AppearanceKind {
-    /// An instance of the model, with its buffers.
+    /// An instance of the model for a scene within a cube, with its buffers.
     #[must_use]
-    pub fn model<T: SimdReal>(self) -> Box<dyn AppearanceModel<T>> {
+    pub fn model<T: SimdReal>(self, cube: Cube) -> Box<dyn AppearanceModel<T>> {
         match self {
             Self::Affine => Box::<AffineAppearance<T>>::default(),
+            Self::SatGs => Box::new(SatGs::new(Networks::default(), cube)),
+        }
+    }
+
+    /// Initial parameters that all views share.
+    #[must_use]
+    pub fn start_shared<T: Real>(self, seed: u64) -> Vec<T> {
+        match self {
+            Self::Affine => Vec::new(),
+            Self::SatGs => Networks::default().start(seed),
         }
     }
 }
@@ -42,23 +59,30 @@ pub struct Appearance<T = f32> {
     pub values: Vec<T>,
 }
 
-impl<T: SimdReal> Appearance<T> {
-    /// The parameters at the start of training.
+impl<T: Real> Appearance<T> {
+    /// The parameters of a view at the start of training; those of networks are random.
     #[must_use]
-    pub fn start(kind: AppearanceKind) -> Self {
-        Self { kind, values: kind.model::<T>().start() }
+    pub fn start(kind: AppearanceKind, seed: u64, view: u64) -> Self {
+        let values = match kind {
+            AppearanceKind::Affine => affine::start(),
+            AppearanceKind::SatGs => Networks::default().start_embedding(seed, view),
+        };
+        Self { kind, values }
     }
 
-    /// The map from a linear splat colour to the linear colour of the view in full sunlight.
+    /// The map from a linear splat colour to the linear colour of the view in full sunlight; the identity for models that
+    /// colour each splat on its own.
     pub fn sunlit(&self) -> impl Fn([T; 3]) -> [T; 3] + '_ {
-        let model = self.kind.model::<T>();
-        move |rgb| model.sunlit(&self.values, rgb)
+        move |rgb| match self.kind {
+            AppearanceKind::Affine => affine::sunlit(&self.values, rgb),
+            AppearanceKind::SatGs => rgb,
+        }
     }
 }
 
 impl Default for Appearance {
     /// The default model at the start of training.
     fn default() -> Self {
-        Self::start(AppearanceKind::default())
+        Self::start(AppearanceKind::default(), 0, 0)
     }
 }

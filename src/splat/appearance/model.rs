@@ -27,27 +27,76 @@ pub struct ShadingGradient<'a, T> {
     pub by_values: &'a mut [T],
 }
 
+/// The parameters of a colour model.
+#[derive(Clone, Copy, Debug)]
+pub struct ModelParameters<'a, T> {
+    /// Those that all views share; most models have none.
+    pub shared: &'a [T],
+    /// Those of the view.
+    pub view: &'a [T],
+}
+
+/// Derivatives by the parameters of a colour model.
+#[derive(Debug)]
+pub struct ParameterGradient<'a, T> {
+    /// By those that all views share.
+    pub shared: &'a mut [T],
+    /// By those of the view.
+    pub view: &'a mut [T],
+}
+
+/// What the colours of splats follow from.
+#[derive(Clone, Copy)]
+pub struct ColorInput<'a, T> {
+    /// The model's parameters.
+    pub parameters: ModelParameters<'a, T>,
+    /// The splats.
+    pub splats: &'a Splats<T>,
+    /// Unit vector to the sun in site axes; none if it is unknown.
+    pub sun: Option<[T; 3]>,
+}
+
+/// Light and colours of splats apart, or derivatives by them: of a model in which the colour of a splat is its colour in
+/// full sunlight times `s + (1 - s) a`, with `s` its share of sunlight and `a` the ambient light.
+#[derive(Clone, Debug, Default)]
+pub struct SplatLight<T> {
+    /// Colours in full sunlight.
+    pub toned: Vec<[T; 3]>,
+    /// Shares of sunlight, 0 to 1.
+    pub sunlit: Vec<T>,
+    /// Ambient light relative to sunlight.
+    pub ambient: [T; 3],
+}
+
 /// A colour model. `values` are the parameters of a view.
 pub trait AppearanceModel<T: Real>: Send + Sync {
-    /// Parameters of a view at the start of training.
-    fn start(&self) -> Vec<T>;
+    /// Whether the picture depends on the share of sunlight that [`ShadowModel`](crate::splat::shadow::ShadowModel) computes.
+    fn uses_sunlight(&self) -> bool {
+        true
+    }
 
-    /// Computes the linear colours of all splats that are rendered for a view.
-    fn splat_colors(&mut self, _values: &[T], splats: &Splats<T>, colors: &mut Vec<[T; 3]>) {
-        colors.resize(splats.len(), [T::zero(); 3]);
-        let rows = colors.par_iter_mut().zip(&splats.f_dc).with_min_len(1024);
+    /// Computes the colours of all splats that are rendered for a view.
+    fn splat_colors(&mut self, input: ColorInput<T>, colors: &mut Vec<[T; 3]>) {
+        colors.resize(input.splats.len(), [T::zero(); 3]);
+        let rows = colors.par_iter_mut().zip(&input.splats.f_dc).with_min_len(1024);
         rows.for_each(|(color, f_dc)| *color = color_from_f_dc(*f_dc));
     }
 
+    /// Light and colours apart, as the last [`AppearanceModel::splat_colors`] computed them; none if the model does not
+    /// separate them or the sun is unknown.
+    fn light(&self) -> Option<&SplatLight<T>> {
+        None
+    }
+
     /// The gradient of [`AppearanceModel::splat_colors`]: writes the derivatives with respect to the splats' parameters and
-    /// adds those with respect to the view's parameters.
+    /// adds those with respect to the model's parameters. `by_light` holds further derivatives by [`AppearanceModel::light`].
     fn splat_colors_backward(
         &mut self,
-        _values: &[T],
-        _splats: &Splats<T>,
+        _input: ColorInput<T>,
         by_colors: &[[T; 3]],
+        _by_light: Option<&SplatLight<T>>,
         by_splats: &mut Splats<T>,
-        _by_values: &mut [T],
+        _by_parameters: ParameterGradient<T>,
     ) {
         let rows = by_splats.f_dc.par_iter_mut().zip(by_colors).with_min_len(1024);
         rows.for_each(|(f_dc, by)| *f_dc = f_dc_gradient(*by));
@@ -65,7 +114,4 @@ pub trait AppearanceModel<T: Real>: Send + Sync {
         by_picture: &[Option<Scaled<T>>],
         gradient: ShadingGradient<T>,
     );
-
-    /// The linear colour of the view in full sunlight for a linear splat colour.
-    fn sunlit(&self, values: &[T], rgb: [T; 3]) -> [T; 3];
 }

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// First line of the file; it changes with the format.
-const KIND: &str = "satgs checkpoint 4";
+const KIND: &str = "satgs checkpoint 5";
 
 /// A training between two iterations. The parts are borrowed from a running training, or owned when read from a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -58,7 +58,7 @@ mod tests {
         for i in 0..40 {
             splats.push([i as f32, f32::MIN_POSITIVE, -0.0], 0.3, 0.2, [0.1, 0.2, 0.3]);
         }
-        let mut state = TrainingState::start(splats, Default::default(), 3);
+        let mut state = TrainingState::start(splats, Default::default(), 3, 0);
         state.adam.steps = 70_000;
         state.statistics.add_view(|i| (i == 7).then_some([0.1, 0.2]), 3.0, 100.0);
         let log = vec![LogLine { iteration: 1, seconds: 0.1, ..LogLine::default() }];

@@ -2,10 +2,12 @@
 
 use super::stopwatch::Stopwatch;
 use super::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, TrainingScene, Wait};
+use crate::nn::adam::AdamRule;
 use crate::splat::densify::DensifyCounts;
 use crate::splat::loss::target::TargetImage;
 use crate::splat::loss::terms;
 use crate::splat::novel_view::{NovelView, Picture};
+use crate::splat::appearance::ModelParameters;
 use crate::splat::objective::{Gradient, Losses, Objective, StepInput};
 use crate::splat::raster::FrameCamera;
 use crate::splat::sheared_camera::ShearedCamera;
@@ -51,7 +53,7 @@ impl TrainingBackend for CpuBackend {
             return Err(BackendError::OtherScene { found, expected });
         }
         let primitive = state.splats.primitive();
-        let objective = Objective::new(primitive, scene.appearance, terms(scene.prior.as_ref()));
+        let objective = Objective::new(primitive, scene.appearance.model(scene.cube), terms(scene.prior.as_ref()));
         let (gradient, target) = (Gradient::default(), TargetImage::default());
         self.loaded = Some(Loaded { scene, state, objective, gradient, target });
         self.reports.clear();
@@ -81,7 +83,9 @@ impl TrainingBackend for CpuBackend {
         let Loaded { scene, state, .. } = self.loaded()?;
         let no_view = BackendError::NoView { view, views: scene.views.len() };
         let (appearance, _) = state.appearances.get(view).ok_or(no_view)?;
-        Ok(from.picture(&state.splats, appearance, scene.altitudes))
+        let parameters = ModelParameters { shared: &state.shared.values, view: &appearance.values };
+        let model = scene.appearance.model(scene.cube);
+        Ok(from.picture_of(&state.splats, model, parameters, scene.altitudes))
     }
 
     fn snapshot(&mut self) -> Result<&TrainingState, BackendError> {
@@ -107,15 +111,17 @@ impl Loaded {
             target: &target.colors,
             valid: &target.valid,
             sun: sun.map(|s| ShearedCamera::sun(&camera, size, s, scene.altitudes)),
+            sun_direction: view.sun_shear.map(|s| view.camera.direction_of(s).map(|v| v as f32)),
             virtual_view: virtual_shear.map(|s| ShearedCamera::virtual_view(&camera, size, s)),
             background: plan.background,
             floor: scene.altitudes.0 as f32,
         };
-        let TrainingState { splats, adam, appearances, statistics } = state;
+        let TrainingState { splats, adam, appearances, shared, statistics } = state;
         let (appearance, appearance_adam) = &mut appearances[plan.view];
         let share = plan.opacity_divisor.map_or(1.0, |divisor| splats.len() as f64 / divisor as f64);
+        let parameters = ModelParameters { shared: &shared.values, view: &appearance.values };
         let weights = plan.weights.scaled(&["opacity"], share);
-        let losses = objective.evaluate(splats, &appearance.values, &input, &weights, gradient, watch);
+        let losses = objective.evaluate(splats, parameters, &input, &weights, gradient, watch);
 
         let to_half_sides = half_sides.map(|h| h as f32);
         let in_half_sides = |i: usize| {
@@ -124,7 +130,13 @@ impl Loaded {
         statistics.add_view(in_half_sides, 1.0 / camera.gsd_m(), size.0.max(size.1) as f64);
         watch.lap("splats", "statistics");
 
-        appearance_adam.step(appearance, &gradient.appearance, plan.appearance_rate);
+        appearance_adam.step(
+            AdamRule::DEFAULT,
+            &mut appearance.values,
+            &gradient.appearance,
+            plan.appearance_rate,
+        );
+        shared.step(&gradient.shared, &plan.network_rates);
         adam.step(splats, &gradient.splats, &plan.rates);
         watch.lap("splats", "Adam");
         losses
@@ -160,6 +172,7 @@ mod tests {
     use crate::progress::NoProgress;
     use crate::random::CounterRng;
     use crate::splat::appearance::AppearanceKind;
+    use crate::splat::appearance::satgs::Cube;
     use crate::splat::ply;
     use crate::splat::splats::Splats;
     use crate::splat::train::recipe::{Densification, OpacityReset, Recipe};
@@ -204,11 +217,11 @@ mod tests {
             let p = [28.0 * d.uniform() - 14.0, 26.0 * d.uniform() - 13.0, 3.0 * d.uniform()];
             start.push(p.map(|v| v as f32), 0.4, 0.9, [0.5; 3]);
         }
-        let state = TrainingState::start(start, AppearanceKind::Affine, views.len());
-        let (altitudes, appearance) = ((-5.0, 10.0), AppearanceKind::Affine);
+        let state = TrainingState::start(start, AppearanceKind::Affine, views.len(), 0);
+        let (altitudes, appearance, cube) = ((-5.0, 10.0), AppearanceKind::Affine, Cube::default());
         let mut backend = CpuBackend::default();
         backend
-            .load(TrainingScene { views: views.into(), altitudes, prior: None, appearance }, state)
+            .load(TrainingScene { views: views.into(), altitudes, prior: None, appearance, cube }, state)
             .unwrap();
         backend
     }

@@ -9,13 +9,14 @@ pub mod cpu;
 pub mod stopwatch;
 
 use super::appearance::AppearanceKind;
+use super::appearance::satgs::Cube;
 use super::densify::DensifyCounts;
 use super::loss::surface_prior::Prior;
 use super::loss::{LossWeights, SurfaceDepth};
 use super::objective::Losses;
 use super::splats::PerGroup;
 use super::state::TrainingState;
-use super::train::recipe::Densification;
+use super::train::recipe::{Densification, NetworkRates};
 use crate::affine::TrainingView;
 use std::sync::Arc;
 
@@ -29,6 +30,8 @@ pub struct TrainingScene {
     pub prior: Option<Arc<Prior>>,
     /// The colour model of the views.
     pub appearance: AppearanceKind,
+    /// The cube that networks of the colour model cover.
+    pub cube: Cube,
 }
 
 /// The plan of one iteration.
@@ -59,6 +62,8 @@ pub struct StepPlan {
     pub rates: PerGroup<f64>,
     /// Learning rate of Adam for the colour model.
     pub appearance_rate: f64,
+    /// Learning rates of Adam for what all views share of the colour model.
+    pub network_rates: NetworkRates,
     /// Densification, pruning and opacity reset after the optimiser's step.
     pub densify: DensifyPlan,
 }

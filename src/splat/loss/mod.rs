@@ -6,6 +6,7 @@
 
 pub mod consistency;
 pub mod depth_distortion;
+pub mod light_separation;
 pub mod normal_consistency;
 pub mod opacity;
 pub mod photometric;
@@ -43,6 +44,7 @@ loss_terms! {
     surface_prior::SurfacePrior,
     normal_consistency::NormalConsistency,
     depth_distortion::DepthDistortion,
+    light_separation::LightSeparation,
 }
 
 /// Number of weights of all terms.

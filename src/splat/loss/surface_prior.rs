@@ -123,6 +123,7 @@ mod tests {
         positions.iter().for_each(|p| splats.push(*p, 1.0, 0.5, [0.5; 3]));
         let (nothing, sorted) = (Image::default(), SortedSplats::default());
         let rendered = Rendered {
+            light: None,
             discs: None,
             view: &nothing,
             picture: &nothing,

@@ -2,6 +2,7 @@
 
 use crate::perspective::PinholeCamera;
 use crate::simd::{Real, Simd, SimdVec};
+use crate::splat::appearance::SplatLight;
 use crate::splat::raster::{Image, SortedSplats, SplatGradient};
 use crate::splat::shear_warp::ShearWarp;
 use crate::splat::splats::Splats;
@@ -47,6 +48,9 @@ pub struct Rendered<'a, T> {
     pub picture: &'a Image<T>,
     /// Share of sunlight, 0 to 1, one channel; none without shadows.
     pub sunlight: Option<&'a Image<T>>,
+    /// Light and colours of the splats apart, and the visibility of the sun from each splat as the splats above it leave it, 0
+    /// to 1. None if the colour model does not separate them, or without a sun.
+    pub light: Option<(&'a SplatLight<T>, &'a [T])>,
     /// The virtual view: a render with the view's camera and a random shear, and the map from the view's pixels to it. None
     /// in iterations without one.
     pub virtual_view: Option<(&'a Image<T>, &'a ShearWarp<T>)>,
@@ -109,6 +113,11 @@ pub trait LossTerm<T: Real>: Send + Sync {
 
     /// Derivatives with respect to the virtual view's rendered colours and altitudes, four channels.
     fn by_virtual_view(&self) -> Option<&Image<T>> {
+        None
+    }
+
+    /// Derivatives with respect to light and colours of the splats.
+    fn by_light(&self) -> Option<&SplatLight<T>> {
         None
     }
 

@@ -156,6 +156,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
     ) -> Losses {
         self.forward(splats, input, watch);
         let rendered = Rendered {
+            light: None,
             view: self.view.image(),
             discs: P::IS_FLAT.then_some(DiscView { camera: input.camera, surface: input.surface }),
             picture: &self.picture,

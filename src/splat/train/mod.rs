@@ -182,6 +182,7 @@ impl Schedule<'_> {
             surface: r.perspective.map_or(SurfaceDepth::default(), |p| p.surface),
             rates: self.rates(iteration),
             appearance_rate: r.appearance_rate,
+            network_rates: r.network_rates.unwrap_or_default(),
             densify: self.densification(iteration, is_paused(|r| r.densification_pause)),
         }
     }

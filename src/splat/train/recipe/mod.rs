@@ -126,6 +126,16 @@ impl PerspectiveRecipe {
     }
 }
 
+/// Learning rates of Adam for the networks of a colour model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NetworkRates {
+    /// Of the tables of the position encoding.
+    pub tables: f64,
+    /// Of weights and biases.
+    pub networks: f64,
+}
+
 /// A named, complete set of training options.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -154,6 +164,9 @@ pub struct Recipe {
     pub rates: PerGroup<f64>,
     /// Learning rate of Adam for the parameters of the colour model.
     pub appearance_rate: f64,
+    /// Learning rates of Adam for the networks of the colour model; none for models without networks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub network_rates: Option<NetworkRates>,
     /// Weights of the loss terms by name; absent ones are zero. EOGS's `L_opacity` is `opacity`, `L_new_altitude` and
     /// `L_new_rgb` are `consistency_altitude` (per metre) and `consistency_color`, and `L_translucentshadows` is
     /// `shadow_entropy`. `surface_prior` is not in the papers; it needs an initialisation on the matched surface.
@@ -187,6 +200,10 @@ pub struct Recipe {
     /// resolution, white, colour model, shadows and virtual views are not used in perspective scenes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub perspective: Option<PerspectiveRecipe>,
+    /// A second training, of the colours for novel views, from the splats of this one; none if absent. Height products come
+    /// from this training in any case.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub then: Option<Box<Recipe>>,
 }
 
 /// Images of 0.35 m (0.7 m at half resolution) gain from half resolution, and images of 0.5 m (1 m) do not; this value
@@ -247,6 +264,7 @@ impl Recipe {
             densification,
             reset,
             perspective,
+            then: self.then.as_ref().map(|then| Box::new(then.with_iterations(scale(then.iterations)))),
             ..self.clone()
         }
     }

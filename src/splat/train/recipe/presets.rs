@@ -2,7 +2,7 @@
 //! `2dgs` for perspective scenes.
 
 use super::{
-    Background, Densification, OpacityReset, PerspectiveRecipe, RayHeight, Recipe, Start, always, white,
+    Background, Densification, NetworkRates, OpacityReset, PerspectiveRecipe, RayHeight, Recipe, Start, always, white,
     widest_half_resolution_px_m,
 };
 use crate::splat::appearance::AppearanceKind;
@@ -26,7 +26,7 @@ fn weights(others: LossWeights, named: &[(&str, f64)]) -> LossWeights {
 
 impl Recipe {
     /// Names of the recipes that come with the program; the first is the default.
-    pub const NAMES: [&'static str; 5] = ["best", "baeogs", "eogs", "3dgs", "2dgs"];
+    pub const NAMES: [&'static str; 6] = ["best", "baeogs", "eogs", "satgs", "3dgs", "2dgs"];
     /// The default recipe of perspective scenes.
     pub const OF_PERSPECTIVE_SCENES: &'static str = "3dgs";
 
@@ -62,6 +62,7 @@ impl Recipe {
                 ..PerGroup::default()
             },
             appearance_rate: 0.01,
+            network_rates: None,
             weights: weights(LossWeights::default(), &EOGS_WEIGHTS),
             appearance: AppearanceKind::Affine,
             opacity_by_start: false,
@@ -82,6 +83,7 @@ impl Recipe {
                 until: None,
             }),
             perspective: None,
+            then: None,
         };
         match name {
             "baeogs" => Some(baeogs),
@@ -113,10 +115,45 @@ impl Recipe {
                 };
                 Some(best.with_iterations(BEST_ITERATIONS))
             }
+            "satgs" => {
+                let best = Self::named("best")?;
+                let then = Some(Box::new(satgs_colors(&best)));
+                Some(Self { name: "satgs".into(), then, ..best })
+            }
             "3dgs" => Some(three_d_gaussians()),
             "2dgs" => Some(two_d_gaussians()),
             _ => None,
         }
+    }
+}
+
+/// The training of colours of recipe `satgs` (Bai et al., SatGS, 2025), from the splats of a training for heights.
+#[allow(clippy::needless_update, reason = "a new parameter group has a rate of 0 until it is given one")]
+fn satgs_colors(heights: &Recipe) -> Recipe {
+    let iterations = 6000;
+    let named = [("sun_visibility", 1.0), ("dark_tones", 1.0), ("bright_shadows", 1.0)];
+    Recipe {
+        name: "satgs-colors".into(),
+        iterations,
+        half_resolution_until: 0,
+        rates: PerGroup { position: 3e-5, opacity_logit: 0.02, ..heights.rates },
+        appearance_rate: 1e-3,
+        network_rates: Some(NetworkRates { tables: 1e-2, networks: 5e-4 }),
+        weights: weights(LossWeights::default(), &named),
+        appearance: AppearanceKind::SatGs,
+        shadows_from: 0,
+        virtual_every: always(),
+        densification: Some(Densification {
+            from: 300,
+            until: 4000,
+            max_scale: None,
+            max_radius: None,
+            gradient: 0.0002,
+            copy_below: 0.002,
+            max_splats: 500_000,
+        }),
+        prune_below: 0.005,
+        ..heights.clone()
     }
 }
 
@@ -143,6 +180,7 @@ fn three_d_gaussians() -> Recipe {
             ..PerGroup::default()
         },
         appearance_rate: 0.0,
+        network_rates: None,
         weights: LossWeights::default(),
         appearance: AppearanceKind::default(),
         opacity_by_start: false,
@@ -178,6 +216,7 @@ fn three_d_gaussians() -> Recipe {
             normals_from: 0,
             distortion_from: 0,
         }),
+        then: None,
     }
 }
 

@@ -1,0 +1,162 @@
+//! The second training of a run, of colours for novel views.
+
+use super::super::checkpoints::Checkpoints;
+use super::super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
+use super::super::trained::mean_of_last;
+use super::super::training_files::write_log;
+use super::super::{PipelineError, TrainOptions, TrainedCameras};
+use super::trained::{bake, hash_of};
+use crate::affine::{SiteScene, median_pixel_m};
+use crate::progress::{Event, Progress};
+use crate::run_files::{
+    APPEARANCE, APPEARANCE_CHECKPOINT, APPEARANCE_STAGE, APPEARANCE_TRAINING, CAMERAS, HEIGHT_SPLATS,
+    SPLATS, STAGE,
+};
+use crate::scene::{Role, Scene, TransferFunction};
+use crate::io::write_json;
+use crate::splat::appearance::{Appearance, ModelParameters};
+use crate::splat::appearance::satgs::{AppearanceContent, Cube, Networks, TrainedAppearance, TrainedView};
+use crate::splat::backend::cpu::CpuBackend;
+use crate::splat::backend::{TrainingBackend, TrainingScene};
+use crate::splat::ply;
+use crate::splat::state::TrainingState;
+use crate::splat::train::recipe::Recipe;
+use crate::splat::train::{Schedule, train as optimize};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::sync::Arc;
+
+/// The figures of a training of colours.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrainedColors {
+    /// Iterations.
+    pub iterations: u32,
+    /// Time of the iterations, seconds.
+    pub seconds: f64,
+    /// Number of splats at the end.
+    pub splats: usize,
+    /// Mean absolute difference between rendered and real image as displayed, mean of the last iteration of every view.
+    pub l1: f64,
+    /// SSIM of rendered and real image, likewise.
+    pub ssim: f64,
+}
+
+/// Trains colours for novel views by a recipe, from the splats of the training for heights, unless that was done with the
+/// same input. Writes `RUN/appearance.safetensors`, and `RUN/splats.ply` anew, in the colours of the reference view. The
+/// caller holds the lock.
+///
+/// # Errors
+/// [`PipelineError`]: an image is gone, a file cannot be written. When `progress` asks to stop, a checkpoint is written and the
+/// error is [`PipelineError::TrainingInterrupted`].
+pub fn train_locked(
+    run: &Path,
+    options: &TrainOptions,
+    recipe: &Recipe,
+    scene: &Scene,
+    progress: &dyn Progress,
+) -> Result<Outcome<TrainedColors>, PipelineError> {
+    let outputs = [APPEARANCE, SPLATS].map(|name| run.join(name)).into();
+    let stage = Stage::new(run, APPEARANCE_STAGE, outputs, fingerprint(run, options, recipe)?);
+    if stage.is_done(options.overwrite)? {
+        return Ok(Outcome::Kept(stage.summary()?));
+    }
+    stage.require_writable()?;
+    let cameras = TrainedCameras::read(run)?;
+    // Colours are trained as the images show them.
+    let setup = SiteScene { transfer_function: TransferFunction::default(), ..cameras.setup.clone() };
+    let views = Arc::new(setup.training_views(scene)?);
+    let checkpoints = Checkpoints {
+        path: run.join(APPEARANCE_CHECKPOINT),
+        stage: &stage,
+        every: options.checkpoint_every,
+        is_required: false,
+    };
+    let (splats_at_start, mut log, state) =
+        match checkpoints.take_up(views.len(), options.overwrite, progress)? {
+            Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
+            None => {
+                let splats = ply::read(&run.join(HEIGHT_SPLATS))?;
+                let start = splats.len();
+                let state = TrainingState::start(splats, recipe.appearance, views.len(), options.seed);
+                (start, Vec::new(), state)
+            }
+        };
+    let schedule = Schedule {
+        recipe,
+        views: views.len(),
+        half_side_m: setup.half_side_m(),
+        pixel_m: median_pixel_m(&views),
+        splats_at_start,
+        is_gray: views.iter().all(|view| view.is_gray),
+        seed: options.seed,
+    };
+    let cube = Cube::around(setup.area, setup.altitudes);
+    let mut backend = CpuBackend::default();
+    let (altitudes, appearance) = (setup.altitudes, recipe.appearance);
+    backend.load(TrainingScene { views: views.clone(), altitudes, prior: None, appearance, cube }, state)?;
+    progress.event(Event::Resumable(true));
+    optimize(
+        &mut backend,
+        &schedule,
+        &mut log,
+        progress,
+        |done| checkpoints.is_due(done),
+        |backend, log| checkpoints.keep(splats_at_start, log, backend, progress),
+    )?;
+    progress.event(Event::Resumable(false));
+    tracing::info!("{}", backend.times().table());
+    write_log(&run.join(APPEARANCE_TRAINING), &log)?;
+    let trained = TrainedColors {
+        iterations: recipe.iterations,
+        seconds: log.last().map_or(0.0, |l| l.seconds),
+        splats: backend.snapshot()?.splats.len(),
+        l1: mean_of_last(&log, views.len(), "l1"),
+        ssim: mean_of_last(&log, views.len(), "ssim"),
+    };
+    write(run, &setup, scene, cube, recipe, backend.snapshot()?)?;
+    // The splats have the colours of the reference view now.
+    let as_they_are = cameras.appearances.iter().map(|(name, _)| (name.clone(), Appearance::default()));
+    write_json(&run.join(CAMERAS), &TrainedCameras { appearances: as_they_are.collect(), ..cameras })?;
+    stage.complete(&trained)?;
+    checkpoints.remove();
+    Ok(Outcome::Made(trained))
+}
+
+/// Writes the colour model, and the splats in the colours and under the sun of the reference view.
+fn write(
+    run: &Path,
+    setup: &SiteScene,
+    scene: &Scene,
+    cube: Cube,
+    recipe: &Recipe,
+    made: &TrainingState,
+) -> Result<(), PipelineError> {
+    let acquired = |name: &str| scene.views.iter().find(|v| v.name == name)?.acquired.clone();
+    let views = setup.views.iter().filter(|v| v.role == Role::Train).map(|v| TrainedView {
+        name: v.name.clone(),
+        acquired: acquired(&v.name),
+        sun: v.sun_shear.map(|shear| v.camera.direction_of(shear).map(|x| x as f32)),
+    });
+    let views: Vec<TrainedView> = views.collect();
+    let embeddings: Vec<Vec<f32>> = made.appearances.iter().map(|(a, _)| a.values.clone()).collect();
+    let reference = setup.reference_among_training();
+    let parameters = ModelParameters { shared: &made.shared.values, view: &embeddings[reference] };
+    let baked = bake(&made.splats, recipe.appearance.model(cube), parameters, views[reference].sun);
+    let path = run.join(SPLATS);
+    ply::write(&path, &baked, &setup.site)?;
+    let content =
+        AppearanceContent { networks: Networks::default(), cube, views, reference, splats: hash_of(&path)? };
+    let (shared, colors) = (made.shared.values.clone(), made.splats.f_dc.clone());
+    Ok(TrainedAppearance { content, shared, embeddings, colors }.write(&run.join(APPEARANCE))?)
+}
+
+/// What the colours are made from; its keys are the names of options on the command line.
+fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fingerprint, PipelineError> {
+    let choices = serde_json::to_string(recipe)
+        .map_err(|source| PipelineError::Json { what: "the recipe", source })?;
+    Ok(Fingerprint::from([
+        ("training for heights".into(), hash_file(&run.join("train").join(STAGE))),
+        ("content of the recipe".into(), hash(choices.as_bytes())),
+        ("--seed".into(), options.seed.to_string()),
+    ]))
+}

@@ -1,0 +1,90 @@
+//! The trained colours of a run: its splats with the colour model that they belong to.
+
+use super::super::PipelineError;
+use crate::affine::SiteScene;
+use crate::run_files::{APPEARANCE, SPLATS};
+use crate::splat::appearance::satgs::{AppearanceError, SatGs, TrainedAppearance};
+use crate::splat::appearance::{AppearanceModel, ColorInput, ModelParameters};
+use crate::splat::novel_view::{NovelView, Picture};
+use crate::splat::ply;
+use crate::splat::splats::{Splats, f_dc_from_color};
+use std::path::Path;
+
+/// Splats and the colour model that they belong to.
+pub struct SceneColors {
+    /// The splats, with the colours that the model takes.
+    pub splats: Splats,
+    /// The colour model.
+    pub appearance: TrainedAppearance,
+}
+
+impl SceneColors {
+    /// Reads the trained colours of a run; none if the run was trained by a recipe without them.
+    ///
+    /// # Errors
+    /// [`PipelineError`]: a file is damaged, or the two belong to different trainings.
+    pub fn read(run: &Path) -> Result<Option<Self>, PipelineError> {
+        let (path, of_splats) = (run.join(APPEARANCE), run.join(SPLATS));
+        if !path.exists() {
+            return Ok(None);
+        }
+        let appearance = TrainedAppearance::read(&path)?;
+        let mut splats = ply::read(&of_splats)?;
+        if appearance.content.splats != hash_of(&of_splats)? || appearance.colors.len() != splats.len() {
+            return Err(AppearanceError::OtherSplats { path, splats: of_splats }.into());
+        }
+        splats.f_dc.clone_from(&appearance.colors);
+        Ok(Some(Self { splats, appearance }))
+    }
+
+    /// The model, with its buffers.
+    pub fn model(&self) -> Box<dyn AppearanceModel<f32>> {
+        let content = &self.appearance.content;
+        Box::new(SatGs::new(content.networks.clone(), content.cube))
+    }
+
+    /// The parameters with this embedding.
+    pub fn parameters<'a>(&'a self, embedding: &'a [f32]) -> ModelParameters<'a, f32> {
+        ModelParameters { shared: &self.appearance.shared, view: embedding }
+    }
+
+    /// The embedding of the reference view.
+    pub fn reference(&self) -> &[f32] {
+        &self.appearance.embeddings[self.appearance.content.reference]
+    }
+
+    /// Renders a view with an embedding.
+    pub fn picture(&self, view: &NovelView, embedding: &[f32], setup: &SiteScene) -> Picture {
+        view.picture_of(&self.splats, self.model(), self.parameters(embedding), setup.altitudes)
+    }
+
+    /// The splats in their colours for an embedding and a direction to the sun; without one, all are in full sunlight.
+    pub fn baked(&self, embedding: &[f32], sun: Option<[f32; 3]>) -> Splats {
+        bake(&self.splats, self.model(), self.parameters(embedding), sun)
+    }
+}
+
+/// The splats in the colours that a model gives them.
+pub fn bake(
+    splats: &Splats,
+    mut model: Box<dyn AppearanceModel<f32>>,
+    parameters: ModelParameters<f32>,
+    sun: Option<[f32; 3]>,
+) -> Splats {
+    let mut colors = Vec::new();
+    model.splat_colors(ColorInput { parameters, splats, sun }, &mut colors);
+    let mut baked = splats.clone();
+    for (f_dc, color) in baked.f_dc.iter_mut().zip(colors) {
+        *f_dc = f_dc_from_color(color);
+    }
+    baked
+}
+
+/// The hash of a file of splats.
+pub fn hash_of(splats: &Path) -> Result<String, PipelineError> {
+    let failed = |e: std::io::Error| AppearanceError::Io { path: splats.into(), reason: e.to_string() };
+    let mut hasher = blake3::Hasher::new();
+    let mut file = std::fs::File::open(splats).map_err(failed)?;
+    std::io::copy(&mut file, &mut hasher).map_err(failed)?;
+    Ok(hasher.finalize().to_hex().to_string())
+}

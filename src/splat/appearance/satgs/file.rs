@@ -1,0 +1,260 @@
+//! The file of a trained colour model: `appearance.safetensors`.
+//!
+//! Tensors, all float32: `networks` (all parameters, in the order of [`Networks::ranges`]), `embeddings` (a row for each
+//! view) and `colors` (a row of `f_dc` for each splat, as the networks take them). The metadata hold the shapes of the
+//! networks, the cube, the views' names, times and suns, and the hash of the splats that the colours belong to.
+
+use super::{Cube, Networks};
+use crate::io::{WriteError, write_file};
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// The kind and version of the file.
+const FORMAT: &str = "satgs appearance 1";
+/// Keys of the metadata.
+const FORMAT_KEY: &str = "format";
+const CONTENT_KEY: &str = "content";
+/// Largest numbers of levels, of entries of a table (as a power of two) and of outputs of a layer that are read.
+const MOST_LEVELS: usize = 32;
+const MOST_LOG2_ENTRIES: u32 = 24;
+const MOST_OUTPUTS: usize = 1024;
+
+/// Why the file of a colour model cannot be used.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum AppearanceError {
+    /// The file cannot be read.
+    #[error("`{path}` cannot be read: {reason}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The operating system's message.
+        reason: String,
+    },
+    /// The file is damaged or not one of this version.
+    #[error("`{path}` is not a colour model of this version: {reason}")]
+    #[diagnostic(help("`satgs train RUN --recipe satgs --overwrite` makes it anew"))]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The colours belong to other splats.
+    #[error("`{path}` belongs to other splats than `{splats}`")]
+    #[diagnostic(help("the two files of a run are made together; copy both, or train again"))]
+    OtherSplats {
+        /// The file of the colour model.
+        path: PathBuf,
+        /// The file of the splats.
+        splats: PathBuf,
+    },
+}
+
+/// A view of the training.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrainedView {
+    /// Its name.
+    pub name: String,
+    /// When it was taken, UTC, if known.
+    pub acquired: Option<String>,
+    /// Unit vector to the sun in site axes, if known.
+    pub sun: Option<[f32; 3]>,
+}
+
+/// What the metadata hold.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AppearanceContent {
+    /// The shapes of the networks.
+    pub networks: Networks,
+    /// The cube that the encoding of positions covers.
+    pub cube: Cube,
+    /// The views, in the order of the embeddings.
+    pub views: Vec<TrainedView>,
+    /// Index of the view whose colours and sun `splats.ply` has.
+    pub reference: usize,
+    /// BLAKE3 hash of the file of the splats.
+    pub splats: String,
+}
+
+/// A trained colour model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrainedAppearance {
+    /// Shapes, views and origin.
+    pub content: AppearanceContent,
+    /// Parameters of the networks.
+    pub shared: Vec<f32>,
+    /// The embedding of each view.
+    pub embeddings: Vec<Vec<f32>>,
+    /// `f_dc` of each splat, before the networks.
+    pub colors: Vec<[f32; 3]>,
+}
+
+impl TrainedAppearance {
+    /// Writes the file atomically.
+    ///
+    /// # Errors
+    /// [`WriteError`] if the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
+        let content = serde_json::to_string(&self.content).map_err(|e| WriteError::new(path, e))?;
+        let metadata =
+            HashMap::from([(FORMAT_KEY.into(), FORMAT.into()), (CONTENT_KEY.to_owned(), content)]);
+        let bytes = |values: &mut dyn Iterator<Item = f32>| values.flat_map(f32::to_le_bytes).collect::<Vec<u8>>();
+        let embedding = self.content.networks.embedding;
+        let tensors = [
+            ("networks", vec![self.shared.len()], bytes(&mut self.shared.iter().copied())),
+            ("embeddings", vec![self.embeddings.len(), embedding], bytes(&mut self.embeddings.iter().flatten().copied())),
+            ("colors", vec![self.colors.len(), 3], bytes(&mut self.colors.iter().flatten().copied())),
+        ];
+        let views: Result<Vec<_>, _> = tensors
+            .iter()
+            .map(|(name, shape, bytes)| TensorView::new(Dtype::F32, shape.clone(), bytes).map(|view| (*name, view)))
+            .collect();
+        let views = views.map_err(|e| WriteError::new(path, e))?;
+        let file = safetensors::serialize(views, Some(metadata)).map_err(|e| WriteError::new(path, e))?;
+        write_file(path, file)
+    }
+
+    /// Reads the file.
+    ///
+    /// # Errors
+    /// [`AppearanceError`] if it cannot be read, is cut short, of another version, or its parts do not fit together.
+    pub fn read(path: &Path) -> Result<Self, AppearanceError> {
+        let bytes =
+            std::fs::read(path).map_err(|e| AppearanceError::Io { path: path.into(), reason: e.to_string() })?;
+        decode(&bytes).map_err(|reason| AppearanceError::Format { path: path.into(), reason })
+    }
+
+    /// Index of the view of this name.
+    #[must_use]
+    pub fn view(&self, name: &str) -> Option<usize> {
+        self.content.views.iter().position(|view| view.name == name)
+    }
+}
+
+/// The colour model in the bytes of a file; an error says what is wrong.
+fn decode(bytes: &[u8]) -> Result<TrainedAppearance, String> {
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
+    let metadata = header.metadata().clone().unwrap_or_default();
+    match metadata.get(FORMAT_KEY) {
+        Some(format) if format == FORMAT => {}
+        Some(other) => return Err(format!("its format is `{other}`, expected `{FORMAT}`")),
+        None => return Err(format!("its metadata lack `{FORMAT_KEY}`")),
+    }
+    let text = metadata.get(CONTENT_KEY).ok_or_else(|| format!("its metadata lack `{CONTENT_KEY}`"))?;
+    let content: AppearanceContent = serde_json::from_str(text).map_err(|e| format!("`{CONTENT_KEY}`: {e}"))?;
+    check(&content)?;
+    let tensors = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
+    let (views, embedding) = (content.views.len(), content.networks.embedding);
+    let shared = values(&tensors, "networks", &[Some(content.networks.parameters())])?;
+    let embeddings = values(&tensors, "embeddings", &[Some(views), Some(embedding)])?;
+    let colors = values(&tensors, "colors", &[None, Some(3)])?;
+    let embeddings = embeddings.chunks(embedding).map(<[f32]>::to_vec).collect();
+    let colors = colors.chunks_exact(3).map(|rgb| [rgb[0], rgb[1], rgb[2]]).collect();
+    Ok(TrainedAppearance { content, shared, embeddings, colors })
+}
+
+/// Checks the shapes that the metadata state, before anything of their size is allocated.
+fn check(content: &AppearanceContent) -> Result<(), String> {
+    let Networks { embedding, grid, tone, shadow, sky } = &content.networks;
+    let is_size = |n: usize| (1..=MOST_OUTPUTS).contains(&n);
+    let widths = [tone, shadow, sky].map(|mlp| mlp.hidden.iter().all(|n| is_size(*n)) && mlp.hidden.len() <= 8);
+    if !is_size(*embedding)
+        || !(1..=MOST_LEVELS).contains(&grid.levels)
+        || !(1..=MOST_LOG2_ENTRIES).contains(&grid.log2_entries)
+        || grid.cells.iter().any(|n| !(1..=1 << 20).contains(n))
+        || widths != [true; 3]
+    {
+        return Err("the shapes of its networks are out of range".into());
+    }
+    let features = grid.outputs();
+    let shapes = [
+        (tone, [features + 3, *embedding, 6]),
+        (shadow, [features, 3, 1]),
+        (sky, [3, 0, 3]),
+    ];
+    if shapes.iter().any(|(mlp, shape)| [mlp.inputs, mlp.shared, mlp.outputs] != *shape) {
+        return Err("its networks do not fit together".into());
+    }
+    let is_sound = content.cube.side_m > 0.0 && content.cube.corner.iter().all(|v| v.is_finite());
+    if !is_sound || content.reference >= content.views.len() {
+        return Err("its cube or its reference view is out of range".into());
+    }
+    Ok(())
+}
+
+/// The values of a tensor of finite float32, whose shape must be as given where a size is given.
+fn values(tensors: &SafeTensors, name: &str, expected: &[Option<usize>]) -> Result<Vec<f32>, String> {
+    let tensor = tensors.tensor(name).map_err(|_| format!("it has no tensor `{name}`"))?;
+    let fits = tensor.shape().len() == expected.len()
+        && tensor.shape().iter().zip(expected).all(|(n, expected)| expected.is_none_or(|e| e == *n));
+    if tensor.dtype() != Dtype::F32 || !fits {
+        let shape = |n: &Option<usize>| n.map_or_else(|| "any".into(), |n| n.to_string());
+        let expected: Vec<String> = expected.iter().map(shape).collect();
+        return Err(format!(
+            "tensor `{name}` is {:?} {:?}, expected F32 [{}]",
+            tensor.dtype(),
+            tensor.shape(),
+            expected.join(", ")
+        ));
+    }
+    let floats = tensor.data().as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes));
+    let values: Vec<f32> = floats.collect();
+    if values.iter().all(|v| v.is_finite()) { Ok(values) } else { Err(format!("tensor `{name}` has values that are not finite")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nn::hash_grid::HashGrid;
+
+    fn appearance() -> TrainedAppearance {
+        let grid = HashGrid { levels: 8, log2_entries: 4, cells: [2, 9] };
+        let networks = Networks { grid, ..Networks::default() };
+        let view = |name: &str| TrainedView { name: name.into(), acquired: None, sun: Some([0.0, 0.6, 0.8]) };
+        let shared = networks.start(1);
+        let embeddings = (0..2).map(|v| networks.start_embedding(1, v)).collect();
+        let cube = Cube { corner: [-1.0, -2.0, -3.0], side_m: 9.0 };
+        let views = vec![view("a"), view("b")];
+        let content = AppearanceContent { networks, cube, views, reference: 1, splats: "hash".into() };
+        TrainedAppearance { content, shared, embeddings, colors: vec![[0.1, 0.2, 0.3]; 5] }
+    }
+
+    #[test]
+    fn a_written_model_is_read_back_equal() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("appearance.safetensors");
+        appearance().write(&path).unwrap();
+        assert_eq!(TrainedAppearance::read(&path).unwrap(), appearance());
+    }
+
+    #[test]
+    fn damaged_files_and_files_of_other_shapes_are_refused_with_their_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("appearance.safetensors");
+        appearance().write(&path).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let message = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            TrainedAppearance::read(&path).unwrap_err().to_string()
+        };
+        for length in [0, 7, 100, bytes.len() / 2, bytes.len() - 1] {
+            assert!(message(&bytes[..length]).contains("appearance.safetensors"), "{length}");
+        }
+        let mut nan = bytes.clone();
+        let end = nan.len();
+        nan[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+        assert!(message(&nan).contains("not finite"));
+        let mut other = appearance();
+        other.shared.pop();
+        other.write(&path).unwrap();
+        assert!(TrainedAppearance::read(&path).unwrap_err().to_string().contains("tensor `networks`"));
+        let mut other = appearance();
+        other.content.reference = 2;
+        other.write(&path).unwrap();
+        assert!(matches!(TrainedAppearance::read(&path), Err(AppearanceError::Format { .. })));
+    }
+}

@@ -1,0 +1,52 @@
+//! Test-time optimisation: the embedding of a view that was not trained on (SatGS, algorithm 1).
+//!
+//! Splats and networks do not change; only the view's own parameters do, by the photometric loss.
+
+use crate::nn::adam::{Adam, AdamRule};
+use crate::progress::{Interrupted, Progress};
+use crate::splat::appearance::{AppearanceModel, ModelParameters};
+use crate::splat::backend::stopwatch::Stopwatch;
+use crate::splat::loss::{LossWeights, terms};
+use crate::splat::objective::{Gradient, Objective, StepInput};
+use crate::splat::splats::Splats;
+
+/// Most steps (SatGS), learning rate, and the steps after which fitting ends if they have not lowered the loss by the
+/// gain.
+const MOST_STEPS: u32 = 5000;
+const RATE: f64 = 0.02;
+const PATIENCE: u32 = 50;
+const GAIN: f64 = 1e-5;
+
+/// The parameters of a view that reproduce an image best, searched from those of `start`. `input` holds the image, with a
+/// mask of the pixels that count.
+///
+/// # Errors
+/// [`Interrupted`] if the caller asks to stop.
+pub fn fit_view(
+    splats: &Splats,
+    model: Box<dyn AppearanceModel<f32>>,
+    start: ModelParameters<f32>,
+    input: &StepInput<f32>,
+    progress: &dyn Progress,
+) -> Result<Vec<f32>, Interrupted> {
+    let mut objective = Objective::new(splats.primitive(), model, terms(None));
+    let (mut values, mut adam, mut gradient) = (start.view.to_vec(), Adam::default(), Gradient::default());
+    let mut best = (f64::INFINITY, values.clone());
+    let mut last_gain = 0;
+    for step in 0..MOST_STEPS {
+        progress.check()?;
+        let parameters = ModelParameters { view: &values, ..start };
+        let watch = &mut Stopwatch::default();
+        let losses =
+            objective.evaluate(splats, parameters, input, &LossWeights::default(), &mut gradient, watch);
+        if losses.total < best.0 - GAIN {
+            best = (losses.total, values.clone());
+            last_gain = step;
+        }
+        if step - last_gain >= PATIENCE {
+            break;
+        }
+        adam.step(AdamRule::DEFAULT, &mut values, &gradient.appearance, RATE);
+    }
+    Ok(best.1)
+}
