@@ -24,9 +24,11 @@ pub const SURFACE: &str = "train/surface.tif";
 pub const HEIGHT_SPLATS: &str = "train/splats.ply";
 /// The trained colours for novel views: networks, embeddings, and the splats' colours before them.
 pub const APPEARANCE: &str = "appearance.safetensors";
-/// Folder of the training of colours, its log and its checkpoint.
+/// Folder of the training of colours.
 pub const APPEARANCE_STAGE: &str = "appearance";
+/// Its log.
 pub const APPEARANCE_TRAINING: &str = "appearance/train.csv";
+/// Its checkpoint, while it goes on.
 pub const APPEARANCE_CHECKPOINT: &str = "appearance/checkpoint.bin";
 /// The surface that training started on.
 pub const FIRST_SURFACE: &str = "train/first_surface.tif";

@@ -1,7 +1,9 @@
 //! `satgs render`: images of a trained run from any direction, under any sun.
 
 use super::{CliError, Ui};
-use crate::pipeline::{RenderOptions, Viewpoint, render};
+use crate::pipeline::{Colors, Moment, RenderOptions, Viewpoint, render};
+use crate::rpc::formats::iso_date;
+use crate::scene::days_of;
 use std::path::PathBuf;
 
 /// Render images of a trained run from any direction, under any sun
@@ -14,6 +16,12 @@ use std::path::PathBuf;
 ///
 ///   satgs render RUN --view 0,30 --view-to 360,30 --frames 90 -o orbit.png
 ///   satgs render RUN --view 0,0 --sun 95,20 --sun-to 265,20 --frames 60 -o day.png
+///
+/// A run of recipe satgs has colours for every season, between those of its views before and after a
+/// date in the course of a year, and shadows for every sun:
+///
+///   satgs render RUN --view 0,0 --date 2015-03-10 -o march.png
+///   satgs render RUN --view 0,0 --date 2015-01-01 --date-to 2015-12-31 --frames 6 --strip -o year.png
 #[derive(clap::Args, Clone, Debug)]
 #[command(verbatim_doc_comment)]
 pub struct Args {
@@ -29,7 +37,22 @@ pub struct Args {
     /// nadir with a high sun)
     #[arg(long, value_name = "AZIMUTH,OFF_NADIR", value_parser = direction, conflicts_with = "like")]
     view: Option<[f64; 2]>,
-    /// Position of the sun [default: that of the view with --like, else no shadows]
+    /// The colours of this training view (recipe satgs)
+    #[arg(long, value_name = "VIEW", conflicts_with = "date")]
+    appearance: Option<String>,
+    /// The colours at this date, and the sun at its --time (recipe satgs)
+    #[arg(long, value_name = "YYYY-MM-DD", value_parser = date)]
+    date: Option<f64>,
+    /// The date of the last frame
+    #[arg(long, value_name = "YYYY-MM-DD", value_parser = date, requires_all = ["date", "frames"])]
+    date_to: Option<f64>,
+    /// The time of day of --date, UTC [default: the median of the training views]
+    #[arg(long, value_name = "HH:MM", value_parser = time, requires = "date")]
+    time: Option<f64>,
+    /// The time of day of the last frame
+    #[arg(long, value_name = "HH:MM", value_parser = time, requires_all = ["date", "frames"])]
+    time_to: Option<f64>,
+    /// Position of the sun [default: that of --date, else that of the view with --like, else no shadows]
     #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = direction)]
     sun: Option<[f64; 2]>,
     /// Columns and rows [default: the trained area in pixels of the reference view]
@@ -52,6 +75,23 @@ pub struct Args {
     /// Number of frames of an animation: OUT.png becomes OUT_0001.png and so on
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=9999))]
     frames: Option<u32>,
+    /// Write the frames side by side into one image (.png)
+    #[arg(long, requires = "frames", conflicts_with_all = ["depth", "normals"])]
+    strip: bool,
+}
+
+fn date(text: &str) -> Result<f64, String> {
+    let is_date = text.len() == 10 && iso_date(text).is_some();
+    let noon = is_date.then(|| days_of(text)).flatten();
+    noon.ok_or_else(|| "expected a date such as 2015-03-10".into())
+}
+
+fn time(text: &str) -> Result<f64, String> {
+    let parts = text.split_once(':').and_then(|(h, m)| Some((h.parse::<u8>().ok()?, m.parse::<u8>().ok()?)));
+    match parts {
+        Some((h, m)) if h < 24 && m < 60 => Ok(f64::from(h) + f64::from(m) / 60.0),
+        _ => Err("expected hours and minutes, UTC, e.g. 16:05".into()),
+    }
 }
 
 fn direction(text: &str) -> Result<[f64; 2], String> {
@@ -80,8 +120,19 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
             size: args.size,
         },
     };
+    let moment = |noon| Moment { noon, hour: args.time };
+    let colors = match (&args.appearance, args.date) {
+        (Some(view), _) => Colors::OfView(view.clone()),
+        (None, Some(noon)) => {
+            let last = Moment { noon: args.date_to.unwrap_or(noon), hour: args.time_to.or(args.time) };
+            Colors::At { from: moment(noon), to: Some(last) }
+        }
+        (None, None) => Colors::OfViewpoint,
+    };
     let options = RenderOptions {
         viewpoint,
+        colors,
+        strip: args.strip,
         sun_deg: args.sun,
         sun_to_deg: args.sun_to,
         frames: args.frames,

@@ -5,6 +5,8 @@
 //! in `f64`. Sums are taken over fixed blocks in fixed order, so that results do not depend on the number of threads.
 
 pub mod adam;
+pub mod features;
 pub mod hash_grid;
 pub mod linear;
 pub mod mlp;
+pub mod uncertainty;

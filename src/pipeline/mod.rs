@@ -68,7 +68,7 @@ pub use perspective::{
     PerspectiveCameras, PerspectiveManifest, PerspectiveRunOptions, TrainedPhoto, run_perspective,
 };
 pub use render::render;
-pub use render_options::{RenderOptions, RenderSummary, Viewpoint};
+pub use render_options::{Colors, Moment, RenderOptions, RenderSummary, Viewpoint};
 pub(crate) use run::run_adjusted;
 pub use run::{RunOptions, run};
 pub use stage::Outcome;

@@ -1,9 +1,11 @@
 //! Images of a trained run from any direction, under any sun: `satgs render`.
 
-use super::render_options::{RenderOptions, RenderSummary, Viewpoint};
+use super::appearance::{SceneColors, embedding_at};
+use super::render_options::{Colors, RenderOptions, RenderSummary, Viewpoint};
 use super::{PipelineError, TrainedCameras, perspective, read_scene, relocation};
 use crate::affine::{SiteScene, SiteView, sun_direction};
 use crate::bundle::Adjustment;
+use crate::frame::Point;
 use crate::io::{Cog, Grid2, MapGrid, SensorImage, VerticalReference, check_writable, write_png_rgb};
 use crate::progress::{Event, Progress};
 use crate::rpc::{Rpc, formats};
@@ -13,6 +15,8 @@ use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::primitive::PrimitiveKind;
 use std::path::{Path, PathBuf};
 
+/// Noon, hours.
+const NOON_H: f64 = 12.0;
 /// Views and suns lower than this are refused: their displacement by height is too large.
 const LOWEST_ELEVATION_DEG: f64 = 5.0;
 
@@ -32,7 +36,7 @@ pub fn render(
         Some("tif") => true,
         _ => return Err(PipelineError::ImageFormat { path: output.into() }),
     };
-    if (options.depth || options.normals) && !is_raster {
+    if ((options.depth || options.normals) && !is_raster) || (options.strip && is_raster) {
         return Err(PipelineError::ImageFormat { path: output.into() });
     }
     if perspective::is_run(run) {
@@ -42,6 +46,10 @@ pub fn render(
     let cameras = TrainedCameras::read(run)?;
     check_writable(output)?;
     let setup = &cameras.setup;
+    let trained = SceneColors::read(run)?;
+    if trained.is_none() && options.colors != Colors::OfViewpoint {
+        return Err(PipelineError::NoTrainedColors { run: run.into(), what: "another view or date" });
+    }
     let splats = cameras.read_splats(run)?;
     if options.normals && splats.primitive() != PrimitiveKind::Disc {
         return Err(PipelineError::NoNormals { run: run.into() });
@@ -55,14 +63,29 @@ pub fn render(
         .and_then(|v| cameras.appearances.iter().find(|a| a.0 == v.name))
         .map_or_else(|| cameras.reference_appearance(), |a| a.1.clone());
     let frames = options.frames.unwrap_or(1);
+    let mut strip = Strip::default();
     progress.event(Event::Started { stage: "rendering", total: frames.into() });
     for frame in 0..frames {
         progress.check()?;
-        let view = frame_view(setup, options, f64::from(frame) / f64::from(frames.max(2) - 1))?;
-        let mut picture = view.picture(&splats, &appearance, setup.altitudes);
-        setup.transfer_function.encode(&mut picture.colors);
-        let path = if options.frames.is_some() { numbered(output, frame + 1) } else { output.into() };
-        if is_raster {
+        let part = f64::from(frame) / f64::from(frames.max(2) - 1);
+        let mut view = frame_view(setup, options, part)?;
+        let picture = match &trained {
+            Some(colors) => {
+                let (embedding, sun) = frame_colors(run, colors, setup, options, part)?;
+                let sun_shear = sun.map(|sun| view.camera.shear_towards(sun_direction(sun, &setup.site)));
+                view.sun_shear = if options.sun_deg.is_some() { view.sun_shear } else { sun_shear.or(view.sun_shear) };
+                colors.picture(&view, &embedding, setup)
+            }
+            None => {
+                let mut picture = view.picture(&splats, &appearance, setup.altitudes);
+                setup.transfer_function.encode(&mut picture.colors);
+                picture
+            }
+        };
+        let path = if options.frames.is_some() && !options.strip { numbered(output, frame + 1) } else { output.into() };
+        if options.strip {
+            strip.push(&picture);
+        } else if is_raster {
             let normals = options.normals.then(|| view.normals(&splats));
             write_raster(
                 &path,
@@ -72,16 +95,80 @@ pub fn render(
                 setup,
             )?;
         } else {
-            let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
-            let pixels = 0..view.size.0 * view.size.1;
-            let rgb: Vec<u8> =
-                pixels.flat_map(|i| picture.colors.each_ref().map(|c| byte(c.data[i]))).collect();
-            write_png_rgb(&path, view.size.0, view.size.1, &rgb)?;
+            write_png_rgb(&path, view.size.0, view.size.1, &bytes_of(&picture))?;
         }
         progress.event(Event::Advanced { done: u64::from(frame) + 1, status: String::new() });
     }
+    if options.strip {
+        strip.write(output)?;
+    }
     progress.event(Event::Finished);
     Ok(RenderSummary { output: output.into(), frames })
+}
+
+/// Red, green and blue of each pixel, row by row.
+fn bytes_of(picture: &Picture) -> Vec<u8> {
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
+    let pixels = 0..picture.colors[0].data.len();
+    pixels.flat_map(|i| picture.colors.each_ref().map(|c| byte(c.data[i]))).collect()
+}
+
+/// Pictures of the same size side by side.
+#[derive(Default)]
+struct Strip {
+    size: (usize, usize),
+    pictures: Vec<Vec<u8>>,
+}
+
+impl Strip {
+    fn push(&mut self, picture: &Picture) {
+        self.size = (picture.colors[0].width, picture.colors[0].height);
+        self.pictures.push(bytes_of(picture));
+    }
+
+    fn write(&self, path: &Path) -> Result<(), PipelineError> {
+        let ((width, height), count) = (self.size, self.pictures.len());
+        let rows = (0..height).flat_map(|row| self.pictures.iter().map(move |p| (row, p)));
+        let rgb: Vec<u8> =
+            rows.flat_map(|(row, p)| p[3 * width * row..3 * width * (row + 1)].iter().copied()).collect();
+        Ok(write_png_rgb(path, count * width, height, &rgb)?)
+    }
+}
+
+/// Embedding and sun of a frame; `part` goes from 0 at the first frame to 1 at the last. Without a date there is no sun.
+fn frame_colors(
+    run: &Path,
+    colors: &SceneColors,
+    setup: &SiteScene,
+    options: &RenderOptions,
+    part: f64,
+) -> Result<(Vec<f32>, Option<Sun>), PipelineError> {
+    let of_view = |name: &str| {
+        let views = || colors.appearance.content.views.iter().map(|v| v.name.as_str()).collect::<Vec<_>>();
+        let no_view = || PipelineError::NoView { name: name.into(), views: views().join(", ") };
+        let index = colors.appearance.view(name).ok_or_else(no_view)?;
+        Ok::<_, PipelineError>(colors.appearance.embeddings[index].clone())
+    };
+    match (&options.colors, &options.viewpoint) {
+        (Colors::At { from, to }, _) => {
+            let to = to.unwrap_or(*from);
+            let between = |a: f64, b: f64| a + part * (b - a);
+            let usual = || colors.usual_hour().unwrap_or(NOON_H);
+            let hour = between(from.hour.unwrap_or_else(usual), to.hour.unwrap_or_else(usual));
+            let day = between(from.noon, to.noon).round() + (hour - NOON_H) / 24.0;
+            let embedding = embedding_at(colors, day).ok_or_else(|| PipelineError::NoSeason { run: run.into() })?;
+            let sun = Sun::at_day(day, setup.site.geodetic_from_site(Point::new(0.0, 0.0, 0.0)));
+            if options.sun_deg.is_none() {
+                high_enough("--time", sun.elevation_deg)?;
+            }
+            Ok((embedding, Some(sun)))
+        }
+        (Colors::OfView(name), _) => Ok((of_view(name)?, None)),
+        (Colors::OfViewpoint, Viewpoint::Like(name)) if colors.appearance.view(name).is_some() => {
+            Ok((of_view(name)?, None))
+        }
+        (Colors::OfViewpoint, _) => Ok((colors.reference().to_vec(), None)),
+    }
 }
 
 /// Camera and sun of a frame; `part` goes from 0 at the first frame to 1 at the last.

@@ -26,18 +26,48 @@ impl Default for Viewpoint {
     }
 }
 
+/// A time within a year and a day.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment {
+    /// Days since 1 January 2000, 12 h UTC, of noon of the date ([`days_of`](crate::scene::days_of)).
+    pub noon: f64,
+    /// Time of day, hours UTC; by default the median of the training views.
+    pub hour: Option<f64>,
+}
+
+/// Whose colours an image has, in a run with trained colours.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Colors {
+    /// Those of the view of [`Viewpoint::Like`], else of the reference view.
+    #[default]
+    OfViewpoint,
+    /// Those of a training view.
+    OfView(String),
+    /// Those between the training views before and after a date in the course of a year, under the sun of the time.
+    At {
+        /// The moment.
+        from: Moment,
+        /// The moment of the last frame.
+        to: Option<Moment>,
+    },
+}
+
 /// What to render.
 #[derive(Clone, Debug, Default)]
 pub struct RenderOptions {
     /// Where the image is taken from.
     pub viewpoint: Viewpoint,
-    /// Azimuth (clockwise from north) and elevation of the sun, degrees; by default the sun of a [`Viewpoint::Like`], else
+    /// Whose colours the image has.
+    pub colors: Colors,
+    /// Azimuth (clockwise from north) and elevation of the sun, degrees; by default that of a date, else the sun of a [`Viewpoint::Like`], else
     /// no shadows.
     pub sun_deg: Option<[f64; 2]>,
     /// The same for the last frame.
     pub sun_to_deg: Option<[f64; 2]>,
     /// Number of frames of an animation, written as `FILE_0001` and so on; by default one image.
     pub frames: Option<u32>,
+    /// Whether the frames become one image, side by side.
+    pub strip: bool,
     /// Write only the depth along the optical axis, in satellite scenes the height of what is seen, as a `.tif`.
     pub depth: bool,
     /// Write only the unit normals of discs (three bands: x, y, z of the scene's frame, which on a map are east, north, up),

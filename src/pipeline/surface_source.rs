@@ -1,5 +1,6 @@
 //! What a surface model is made of: a trained satellite scene, or a perspective scene with a place on Earth.
 
+use super::appearance::SceneColors;
 use super::cameras::require_image;
 use super::{PerspectiveCameras, PipelineError, TrainedCameras, perspective, read_scene, relocation};
 use crate::affine::SiteView;
@@ -7,10 +8,12 @@ use crate::dsm::{Dsm, HeightsFrom, Seeing, render};
 use crate::frame::{SiteBox, SiteGrid};
 use crate::io::MapGrid;
 use crate::mvs::MatchedSurface;
-use crate::run_files::SURFACE;
+use crate::run_files::{HEIGHT_SPLATS, SURFACE};
 use crate::scene::{Role, View};
 use crate::splat::appearance::Appearance;
 use crate::splat::harmonics::seen_along;
+use crate::splat::ply;
+use crate::splat::splats::Splats;
 use crate::splat::train::recipe::RayHeight;
 use std::path::Path;
 
@@ -70,7 +73,7 @@ impl SurfaceSource {
 
 fn satellite_surface(cameras: &TrainedCameras, run: &Path, grid: MapGrid) -> Result<Dsm, PipelineError> {
     let setup = &cameras.setup;
-    let splats = cameras.read_splats(run)?;
+    let splats = surface_splats(cameras, run)?;
     let reference = cameras.reference_appearance();
     let read = || MatchedSurface::read(&run.join(SURFACE), &setup.site);
     let matched = cameras.is_matched.then(read).transpose()?;
@@ -89,6 +92,21 @@ fn satellite_surface(cameras: &TrainedCameras, run: &Path, grid: MapGrid) -> Res
         surface.mark_filled(matched);
     }
     Ok(surface)
+}
+
+/// The splats of heights and orthophoto, in linear colours. Where colours for novel views were trained, those of the reference
+/// view in full sunlight, without shadows and what moves; but the splats of the training for heights if these are not
+/// matched.
+fn surface_splats(cameras: &TrainedCameras, run: &Path) -> Result<Splats, PipelineError> {
+    let linear = |mut splats: Splats| {
+        splats.recolor(|v| cameras.setup.transfer_function.linear(v));
+        splats
+    };
+    match SceneColors::read(run)? {
+        None => cameras.read_splats(run),
+        Some(_) if !cameras.is_matched => Ok(linear(ply::read(&run.join(HEIGHT_SPLATS))?)),
+        Some(colors) => Ok(linear(colors.baked(colors.reference(), None))),
+    }
 }
 
 /// The views with their valid pixels, which are read from their images again where some are not.

@@ -34,6 +34,6 @@ pub use read::{ReadOptions, read};
 pub use read_cost::{ReadCost, require_tiled_images};
 pub use sidecar::ORDER as RPC_ORDER;
 pub use source::{read_camera, sources_of};
-pub use sun::{day_of_year, days_of};
+pub use sun::days_of;
 pub use transfer_function::TransferFunction;
 pub use view::{Role, Scene, Sun, View, angle_between_deg};

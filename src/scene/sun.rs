@@ -64,12 +64,6 @@ pub fn days_of(time: &str) -> Option<f64> {
     days_since_2000(time).or_else(|| days_since_2000(&format!("{}T12:00:00Z", time.get(..10)?)))
 }
 
-/// Days since the beginning of the year of an ISO 8601 time, or of noon of a date.
-#[must_use]
-pub fn day_of_year(time: &str) -> Option<f64> {
-    Some(days_of(time)? - days_since_2000(&format!("{}-01-01T00:00:00Z", time.get(..4)?))?)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -89,6 +83,6 @@ mod tests {
     fn the_epoch_is_noon_on_1_january_2000() {
         assert_eq!(days_since_2000("2000-01-01T12:00:00Z"), Some(0.0));
         assert_eq!(days_since_2000("2001-01-01T00:00:00Z"), Some(365.5));
-        assert_eq!((days_of("2000-01-02"), day_of_year("2000-03-01")), (Some(1.0), Some(60.5)));
+        assert_eq!(days_of("2000-01-02"), Some(1.0));
     }
 }

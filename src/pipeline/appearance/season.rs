@@ -1,21 +1,24 @@
 //! Colours at a date: embeddings interpolated along the year (SatGS, figure 8).
 
 use super::trained::SceneColors;
-use crate::scene::day_of_year;
+use crate::scene::days_of;
 
 /// Days of a year, on average.
 const YEAR: f64 = 365.25;
 
-/// The embedding at a day of the year (from 0 on 1 January): interpolated between the views taken before and after it in the
+/// The embedding at a day ([`days_of`]): interpolated between the views taken before and after it in the
 /// course of a year, whichever year they are of. None if fewer than two views have a known date.
 pub fn embedding_at(colors: &SceneColors, day: f64) -> Option<Vec<f32>> {
     let views = colors.appearance.content.views.iter().zip(&colors.appearance.embeddings);
     let mut dated: Vec<(f64, &Vec<f32>)> = views
-        .filter_map(|(view, embedding)| Some((day_of_year(view.acquired.as_deref()?)?, embedding)))
+        .filter_map(|(view, embedding)| Some((days_of(view.acquired.as_deref()?)?, embedding)))
         .collect();
     if dated.len() < 2 {
         return None;
     }
+    let in_year = |day: f64| day.rem_euclid(YEAR);
+    let day = in_year(day);
+    dated.iter_mut().for_each(|(d, _)| *d = in_year(*d));
     dated.sort_by(|a, b| a.0.total_cmp(&b.0));
     let after = dated.iter().position(|(d, _)| *d > day).unwrap_or(0);
     let before = (after + dated.len() - 1) % dated.len();
@@ -51,7 +54,7 @@ mod tests {
     #[test]
     fn embeddings_are_interpolated_within_the_year_and_across_its_end() {
         let colors = colors(&["2015-03-02", "2014-12-22T10:00:00Z", "2016-01-11"]);
-        let at = |date: &str| embedding_at(&colors, day_of_year(date).unwrap()).unwrap()[0];
+        let at = |date: &str| embedding_at(&colors, days_of(date).unwrap()).unwrap()[0];
         assert!((at("2020-03-02") - 0.0).abs() < 0.02 && (at("2020-12-22") - 1.0).abs() < 0.02);
         // Half way between 22 December and 11 January.
         assert!((at("2021-01-01") - 1.5).abs() < 0.05, "{}", at("2021-01-01"));

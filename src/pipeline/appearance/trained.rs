@@ -2,6 +2,8 @@
 
 use super::super::PipelineError;
 use crate::affine::SiteScene;
+use crate::scene::days_of;
+use crate::stats::quantile;
 use crate::run_files::{APPEARANCE, SPLATS};
 use crate::splat::appearance::satgs::{AppearanceError, SatGs, TrainedAppearance};
 use crate::splat::appearance::{AppearanceModel, ColorInput, ModelParameters};
@@ -51,6 +53,14 @@ impl SceneColors {
     /// The embedding of the reference view.
     pub fn reference(&self) -> &[f32] {
         &self.appearance.embeddings[self.appearance.content.reference]
+    }
+
+    /// Median time of day of the training views, hours UTC; none if no view has one.
+    pub fn usual_hour(&self) -> Option<f64> {
+        let times = self.appearance.content.views.iter().filter_map(|v| v.acquired.as_deref());
+        // Days count from noon.
+        let hours = times.filter(|t| t.contains('T')).filter_map(|t| Some((days_of(t)? + 0.5).rem_euclid(1.0)));
+        quantile(hours.map(|day| 24.0 * day).collect(), 0.5)
     }
 
     /// Renders a view with an embedding.
