@@ -8,6 +8,8 @@ mod scene;
 use satgs::affine::TrainingView;
 use satgs::io::Grid2;
 use satgs::splat::appearance::AppearanceKind;
+use satgs::splat::appearance::satgs::Cube;
+use satgs::splat::train::recipe::NetworkRates;
 use satgs::splat::backend::cpu::CpuBackend;
 use satgs::splat::backend::{DensifyPlan, StepPlan, StepReport, TrainingBackend, TrainingScene, Wait};
 use satgs::splat::loss::{LossWeights, SurfaceDepth};
@@ -83,9 +85,16 @@ fn backend() -> CpuBackend {
         })
         .collect();
     let appearance = AppearanceKind::Affine;
-    let state = TrainingState::start(scene::town(SPLATS, PIXELS, 1), appearance, VIEWS);
+    let state = TrainingState::start(scene::town(SPLATS, PIXELS, 1), appearance, VIEWS, 0);
     let mut backend = CpuBackend::default();
-    let scene = TrainingScene { views: views.into(), altitudes: (-3.0, 30.0), prior: None, appearance };
+    let scene = TrainingScene {
+        views: views.into(),
+        altitudes: (-3.0, 30.0),
+        prior: None,
+        appearance,
+        cube: Cube::default(),
+        visibility: None,
+    };
     backend.load(scene, state).unwrap();
     backend
 }
@@ -111,7 +120,10 @@ fn plan(iteration: u32) -> StepPlan {
         surface: SurfaceDepth::Mean,
         rates: PerGroup::default(),
         appearance_rate: 0.0,
+        network_rates: NetworkRates::default(),
         densify: DensifyPlan::default(),
+        visibility: None,
+        seed: 0,
     }
 }
 

@@ -114,8 +114,8 @@ fn stages_give_the_same_bytes_after_an_interruption() {
     let image = town.path("nadir.png");
     let rendered = render(&broken, &image, &RenderOptions::default(), &NoProgress).unwrap();
     assert!(rendered.frames == 1 && image.exists());
-    assert!(matches!(nvs_eval(&broken, &[], &NoProgress), Err(PipelineError::NoTestView)));
-    let scores = nvs_eval(&broken, &[view], &NoProgress).unwrap();
+    assert!(matches!(nvs_eval(&broken, &[], None, &NoProgress), Err(PipelineError::NoTestView)));
+    let scores = nvs_eval(&broken, &[view], None, &NoProgress).unwrap();
     assert!(scores.views[0].score.psnr_db > 5.0);
 }
 

@@ -13,7 +13,8 @@ use glam::{DQuat, DVec3};
 use rayon::ThreadPoolBuilder;
 use satgs::camera::QuadraticKernel;
 use satgs::splat::adam::SplatAdam;
-use satgs::splat::appearance::{Appearance, AppearanceKind};
+use satgs::splat::appearance::satgs::Cube;
+use satgs::splat::appearance::{Appearance, AppearanceKind, ModelParameters};
 use satgs::splat::backend::stopwatch::Stopwatch;
 use satgs::splat::loss::photometric::Photometric;
 use satgs::splat::loss::{LossWeights, terms};
@@ -99,7 +100,7 @@ fn noise(width: usize, height: usize, channels: usize) -> Image<f32> {
 
 fn measure(splats: Splats, pixels: f64) -> Line {
     // Training stores the splats in this order.
-    let splats = TrainingState::start(splats, AppearanceKind::Affine, 1).splats;
+    let splats = TrainingState::start(splats, AppearanceKind::Affine, 1, 0).splats;
     let count = splats.len();
     let side = scene::side(pixels);
     let affine = scene::camera(pixels);
@@ -153,7 +154,9 @@ fn measure(splats: Splats, pixels: f64) -> Line {
         camera,
         target: &target,
         valid: &[],
+        visibility: None,
         sun: None,
+        sun_direction: None,
         virtual_view: None,
         background: [0.3; 3],
         floor: ALTITUDES.0 as f32,
@@ -165,12 +168,17 @@ fn measure(splats: Splats, pixels: f64) -> Line {
         ("shadow_entropy", 0.01),
     ];
     let weights = LossWeights::of(&named).expect("the terms are registered");
-    let mut objective = Objective::<f32>::new(PrimitiveKind::Ellipsoid, AppearanceKind::Affine, terms(None));
-    let appearance = Appearance::default().values;
+    let mut objective = Objective::<f32>::new(
+        PrimitiveKind::Ellipsoid,
+        AppearanceKind::Affine.model(Cube::default()),
+        terms(None),
+    );
+    let values = Appearance::default().values;
+    let appearance = ModelParameters { shared: &[], view: &values };
     let mut iteration = |input: &StepInput<f32>| {
         let mut run = |watch: &mut Stopwatch| {
             watch.begin();
-            objective.evaluate(&trained, &appearance, input, &weights, &mut gradient, watch);
+            objective.evaluate(&trained, appearance, input, &weights, &mut gradient, watch);
             adam.step(&mut trained, &gradient.splats, &rates);
             watch.lap("splats", "Adam");
         };

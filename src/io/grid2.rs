@@ -2,12 +2,13 @@
 
 use super::Window;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// A two-dimensional grid of f32 values, row by row from the top; NaN marks cells without data.
 ///
 /// It holds one band of an image, or one value for each cell of a map, such as heights. The map position is not part of it
 /// (see [`MapGrid`](super::MapGrid)).
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Grid2 {
     /// Number of columns.
     pub width: usize,

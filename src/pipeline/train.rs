@@ -111,7 +111,7 @@ fn train_heights(
     let (altitudes, appearance) = (training.setup.altitudes, training.recipe.appearance);
     let cube = Cube::around(training.setup.area, altitudes);
     let mut backend = CpuBackend::default();
-    backend.load(TrainingScene { views: views.clone(), altitudes, prior, appearance, cube }, state)?;
+    backend.load(TrainingScene { views: views.clone(), altitudes, prior, appearance, cube, visibility: None }, state)?;
     progress.event(Event::Resumable(true));
     let is_due = |done: u32| training.is_picture_due(done) || checkpoints.is_due(done);
     optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {

@@ -27,3 +27,4 @@ pub mod state;
 pub mod sun_visibility;
 pub mod test_time;
 pub mod train;
+pub mod visibility;

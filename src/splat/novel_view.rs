@@ -91,6 +91,7 @@ impl NovelView {
             target: &no_target,
             valid: &[],
             sun: self.sun_shear.map(|s| ShearedCamera::sun(&self.camera, self.size, s, altitudes)),
+            visibility: None,
             sun_direction: self.sun_direction(),
             virtual_view: None,
             background: [0.0; 3],

@@ -37,6 +37,8 @@ pub struct StepInput<'a, T> {
     pub target: &'a Image<T>,
     /// Which pixels are valid, row by row; empty if all are.
     pub valid: &'a [bool],
+    /// Visibility of each pixel, 0 to 1, one channel; none if all are visible.
+    pub visibility: Option<&'a Image<T>>,
     /// Camera of the sun's image; none without shadows.
     pub sun: Option<ShearedCamera<T>>,
     /// Unit vector to the sun in site axes; none if it is unknown.
@@ -167,6 +169,7 @@ impl<T: SimdReal> Objective<T> {
             sun_visibility(splats, sun, self.sun.image(), &mut self.sun_visibility);
         }
         let rendered = Rendered {
+            visibility: input.visibility,
             light: light.map(|(light, _)| (light, &self.sun_visibility[..])),
             view: self.view.image(),
             discs: None,

@@ -60,6 +60,7 @@ struct Scene<T: Real> {
     /// Parameters of the colour model that all views share.
     shared: Vec<T>,
     weights: LossWeights,
+    visibility: Option<Image<T>>,
 }
 
 /// The objective with EOGS's colour model.
@@ -78,6 +79,7 @@ impl<T: SimdReal> Scene<T> {
             quadratic: Default::default(),
             shared: Vec::new(),
             weights: weights(),
+            visibility: None,
         };
         scene.resize(27, 25);
         for masked in [40, 41, 300] {
@@ -110,6 +112,7 @@ impl<T: SimdReal> Scene<T> {
             virtual_view: self
                 .has_virtual_view
                 .then(|| ShearedCamera::virtual_view(&camera, size, [-0.4, 0.3])),
+            visibility: self.visibility.as_ref(),
             sun_direction: self.has_sun.then(|| camera.direction_of([1.7, -1.1]).map(T::from_f64)),
             background: [0.3, 0.8, 0.1].map(T::from_f64),
             floor: T::from_f64(-5.0),
@@ -256,6 +259,14 @@ fn gradients_by_splats_agree_with_central_differences_in_f64_with_satgs_s_colour
     }
 }
 
+#[test]
+fn every_gradient_agrees_with_central_differences_in_f64_where_some_pixels_are_less_visible() {
+    let mut visibility = Image::zeros(27, 25, 1);
+    let mut draw = CounterRng::new(21, 0, 0, 0);
+    visibility.data.iter_mut().for_each(|v| *v = draw.uniform());
+    check_gradients(Scene { visibility: Some(visibility), ..Scene::new() }, &splats(45, 1));
+}
+
 fn check_gradients(mut scene: Scene<f64>, g: &Splats<f64>) {
     let a = appearance();
     let (losses, gradient) = scene.evaluate(g, &a);
@@ -341,6 +352,7 @@ fn a_block_casts_a_shadow_of_the_right_length() {
         target: &target,
         valid: &[],
         sun: Some(ShearedCamera::sun(&camera, size, shear, (-1.0, 6.0))),
+        visibility: None,
         sun_direction: None,
         virtual_view: None,
         background: [0.0; 3],

@@ -6,6 +6,7 @@ use super::appearance::{Appearance, AppearanceKind};
 use super::densify::{DensifyEdit, DensifyStats, pruning};
 use super::edit::Edit;
 use super::splats::{Splats, logit};
+use super::visibility::VisibilityState;
 use super::train::recipe::{Densification, NetworkRates};
 use crate::nn::adam::Adam;
 use serde::{Deserialize, Serialize};
@@ -45,6 +46,8 @@ pub struct TrainingState {
     pub appearances: Vec<(Appearance, Adam)>,
     /// Parameters of the colour model that all views share.
     pub shared: SharedParameters,
+    /// Visibility of the views' pixels.
+    pub visibility: VisibilityState,
     /// Statistics of the splats' gradients since the last check.
     pub statistics: DensifyStats,
 }
@@ -60,7 +63,8 @@ impl TrainingState {
         let of_view = |view| (Appearance::start(appearance, seed, view), Adam::default());
         let appearances = (0..views as u64).map(of_view).collect();
         let shared = SharedParameters { values: appearance.start_shared(seed), moments: Vec::new() };
-        let mut start = Self { splats, adam, appearances, shared, statistics };
+        let visibility = VisibilityState::default();
+        let mut start = Self { splats, adam, appearances, shared, visibility, statistics };
         start.sort_by_altitude();
         start
     }

@@ -94,6 +94,7 @@ fn fit(
         target: &target.colors,
         valid: &target.valid,
         sun: view.sun_shear.map(|s| ShearedCamera::sun(&view.camera, view.size, s, setup.altitudes)),
+        visibility: None,
         sun_direction: view.sun_direction(),
         virtual_view: None,
         background: [0.0; 3],

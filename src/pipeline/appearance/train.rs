@@ -20,6 +20,8 @@ use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::backend::{TrainingBackend, TrainingScene};
 use crate::splat::ply;
 use crate::splat::state::TrainingState;
+use crate::nn::features::HandFeatures;
+use crate::splat::visibility::VisibilityModel;
 use crate::splat::train::recipe::Recipe;
 use crate::splat::train::{Schedule, train as optimize};
 use serde::{Deserialize, Serialize};
@@ -93,7 +95,10 @@ pub fn train_locked(
     let cube = Cube::around(setup.area, setup.altitudes);
     let mut backend = CpuBackend::default();
     let (altitudes, appearance) = (setup.altitudes, recipe.appearance);
-    backend.load(TrainingScene { views: views.clone(), altitudes, prior: None, appearance, cube }, state)?;
+    let visibility = recipe.uncertainty.map(|u| VisibilityModel::new(Box::<HandFeatures>::default(), u, views.len()));
+    let prior = None;
+    let training = TrainingScene { views: views.clone(), altitudes, prior, appearance, cube, visibility };
+    backend.load(training, state)?;
     progress.event(Event::Resumable(true));
     optimize(
         &mut backend,

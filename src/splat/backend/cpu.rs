@@ -66,7 +66,7 @@ impl TrainingBackend for CpuBackend {
         if plan.view >= views {
             return Err(BackendError::NoView { view: plan.view, views });
         }
-        let losses = loaded.step(plan, &mut self.watch);
+        let losses = loaded.step(plan, &mut self.watch)?;
         let counts = loaded.edit_splats(&plan.densify, plan.iteration);
         self.watch.lap("splats", "densification and pruning");
         let splats = loaded.state.splats.len();
@@ -95,7 +95,7 @@ impl TrainingBackend for CpuBackend {
 
 impl Loaded {
     /// One iteration up to and including the optimiser's step.
-    fn step(&mut self, plan: &StepPlan, watch: &mut Stopwatch) -> Losses {
+    fn step(&mut self, plan: &StepPlan, watch: &mut Stopwatch) -> Result<Losses, BackendError> {
         watch.begin();
         let Self { scene, state, objective, gradient, target } = self;
         let view = &scene.views[plan.view];
@@ -106,8 +106,14 @@ impl Loaded {
         let half_sides = [0.5 * size.0 as f64, 0.5 * size.1 as f64];
         let sun = view.sun_shear.filter(|_| plan.shadows).map(|s| s.map(|s| s * scale));
         let virtual_shear = plan.virtual_shear.map(|s| [s[0] * half_sides[0], s[1] * half_sides[1]]);
+        let TrainingState { splats, adam, appearances, shared, visibility, statistics } = state;
+        let mask = match (&mut scene.visibility, plan.visibility) {
+            (Some(model), Some(share)) => model.mask(visibility, plan.view, size, share)?,
+            _ => None,
+        };
         let input = StepInput {
             camera: FrameCamera::new(&camera, size.0, size.1),
+            visibility: mask,
             target: &target.colors,
             valid: &target.valid,
             sun: sun.map(|s| ShearedCamera::sun(&camera, size, s, scene.altitudes)),
@@ -116,7 +122,6 @@ impl Loaded {
             background: plan.background,
             floor: scene.altitudes.0 as f32,
         };
-        let TrainingState { splats, adam, appearances, shared, statistics } = state;
         let (appearance, appearance_adam) = &mut appearances[plan.view];
         let share = plan.opacity_divisor.map_or(1.0, |divisor| splats.len() as f64 / divisor as f64);
         let parameters = ModelParameters { shared: &shared.values, view: &appearance.values };
@@ -139,7 +144,12 @@ impl Loaded {
         shared.step(&gradient.shared, &plan.network_rates);
         adam.step(splats, &gradient.splats, &plan.rates);
         watch.lap("splats", "Adam");
-        losses
+        if let (Some(_), 0, Some(model)) = (plan.visibility, plan.level, &mut scene.visibility) {
+            let draw = (plan.seed, plan.iteration.into());
+            model.observe(visibility, plan.view, &target.colors, objective.picture(), draw)?;
+            watch.lap("pixels", "visibility");
+        }
+        Ok(losses)
     }
 
     /// Densification, pruning and opacity reset after an iteration.
@@ -221,7 +231,7 @@ mod tests {
         let (altitudes, appearance, cube) = ((-5.0, 10.0), AppearanceKind::Affine, Cube::default());
         let mut backend = CpuBackend::default();
         backend
-            .load(TrainingScene { views: views.into(), altitudes, prior: None, appearance, cube }, state)
+            .load(TrainingScene { views: views.into(), altitudes, prior: None, appearance, cube, visibility: None }, state)
             .unwrap();
         backend
     }

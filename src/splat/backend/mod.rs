@@ -16,6 +16,7 @@ use super::loss::{LossWeights, SurfaceDepth};
 use super::objective::Losses;
 use super::splats::PerGroup;
 use super::state::TrainingState;
+use super::visibility::{VisibilityError, VisibilityModel};
 use super::train::recipe::{Densification, NetworkRates};
 use crate::affine::TrainingView;
 use std::sync::Arc;
@@ -32,6 +33,8 @@ pub struct TrainingScene {
     pub appearance: AppearanceKind,
     /// The cube that networks of the colour model cover.
     pub cube: Cube,
+    /// What compares images with pictures, to find pixels that other images do not confirm; none if all pixels count alike.
+    pub visibility: Option<VisibilityModel>,
 }
 
 /// The plan of one iteration.
@@ -66,6 +69,10 @@ pub struct StepPlan {
     pub network_rates: NetworkRates,
     /// Densification, pruning and opacity reset after the optimiser's step.
     pub densify: DensifyPlan,
+    /// The share, 0 to 1, to which the visibility of pixels counts; none while images and pictures are not compared.
+    pub visibility: Option<f64>,
+    /// Seed of random numbers within the iteration.
+    pub seed: u64,
 }
 
 /// Densification, pruning and opacity reset after an iteration, in this order; each is left out if none.
@@ -109,6 +116,10 @@ pub enum Wait {
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum BackendError {
+    /// See [`VisibilityError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Visibility(#[from] VisibilityError),
     /// No scene was loaded.
     #[error("no scene was loaded into the training backend")]
     NotLoaded,

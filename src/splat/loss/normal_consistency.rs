@@ -262,6 +262,7 @@ mod tests {
         let (none, sorted, splats) = (Image::default(), SortedSplats::default(), Splats::default());
         let rendered = Rendered {
             light: None,
+            visibility: None,
             view,
             discs: Some(DiscView { camera: &camera(), surface }),
             picture: &none,

@@ -42,6 +42,8 @@ pub struct Photometric<T> {
     /// Derivatives of the loss by the blurred `x`, `xx + yy` and `xy` of each colour channel: nine channels.
     by_moments: Image<T>,
     by_picture: Image<T>,
+    /// Picture and target times visibility.
+    visible: [Image<T>; 2],
     strips: Vec<Strip<T>>,
 }
 
@@ -169,7 +171,10 @@ fn blur_down<S: Simd>(
 
 impl<T: SimdReal> LossTerm<T> for Photometric<T> {
     fn evaluate(&mut self, rendered: &Rendered<T>, _: &[f64], columns: &mut [f64]) -> f64 {
-        let (similarity, _) = self.compare(rendered.picture, rendered.target);
+        let similarity = match rendered.visibility {
+            None => self.compare(rendered.picture, rendered.target).0,
+            Some(visibility) => self.compare_visible(rendered.picture, rendered.target, visibility),
+        };
         columns.copy_from_slice(&[similarity.l1, similarity.ssim]);
         similarity.loss()
     }
@@ -184,6 +189,26 @@ impl<T: SimdReal> Photometric<T> {
     #[must_use]
     pub fn new(_: Option<&Arc<Prior>>) -> Self {
         Self::default()
+    }
+
+    /// Compares `picture` with `target`, both multiplied by the visibility of each pixel (SatGS, equation 15).
+    fn compare_visible(
+        &mut self,
+        picture: &Image<T>,
+        target: &Image<T>,
+        visibility: &Image<T>,
+    ) -> Similarity {
+        let [mut seen_picture, mut seen_target] = std::mem::take(&mut self.visible);
+        multiply(picture, visibility, &mut seen_picture);
+        multiply(target, visibility, &mut seen_target);
+        let (similarity, _) = self.compare(&seen_picture, &seen_target);
+        self.visible = [seen_picture, seen_target];
+        let width = visibility.width;
+        let rows = self.by_picture.data.par_chunks_mut(width).enumerate();
+        rows.for_each(|(line, by)| {
+            by.iter_mut().zip(visibility.row(0, line / 3)).for_each(|(by, v)| *by = *by * *v);
+        });
+        similarity
     }
 
     /// Compares `picture` with `target`, three channels each. Returns the similarity, and the derivatives of
@@ -225,6 +250,16 @@ impl<T: SimdReal> Photometric<T> {
         let l1 = self.strips.iter().map(|s| s.sum).sum::<f64>() / count;
         (Similarity { l1, ssim }, &self.by_picture)
     }
+}
+
+/// Multiplies the three channels of an image by the single one of another.
+fn multiply<T: Real>(image: &Image<T>, by: &Image<T>, out: &mut Image<T>) {
+    out.resize(image.width, image.height, 3);
+    let rows = out.data.par_chunks_mut(image.width).zip(image.data.par_chunks(image.width)).enumerate();
+    rows.for_each(|(line, (out, values))| {
+        let factors = by.row(0, line / 3);
+        out.iter_mut().zip(values).zip(factors).for_each(|((out, v), f)| *out = *v * *f);
+    });
 }
 
 /// The sum of SSIM over a strip, and `scale` times its derivatives by the blurred `x`, `xx + yy` and `xy`.

@@ -124,6 +124,7 @@ mod tests {
         let (nothing, sorted) = (Image::default(), SortedSplats::default());
         let rendered = Rendered {
             light: None,
+            visibility: None,
             discs: None,
             view: &nothing,
             picture: &nothing,

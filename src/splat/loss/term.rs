@@ -51,6 +51,8 @@ pub struct Rendered<'a, T> {
     /// Light and colours of the splats apart, and the visibility of the sun from each splat as the splats above it leave it, 0
     /// to 1. None if the colour model does not separate them, or without a sun.
     pub light: Option<(&'a SplatLight<T>, &'a [T])>,
+    /// Visibility of each pixel, 0 to 1, one channel; none if all are visible.
+    pub visibility: Option<&'a Image<T>>,
     /// The virtual view: a render with the view's camera and a random shear, and the map from the view's pixels to it. None
     /// in iterations without one.
     pub virtual_view: Option<(&'a Image<T>, &'a ShearWarp<T>)>,

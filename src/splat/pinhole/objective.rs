@@ -157,6 +157,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
         self.forward(splats, input, watch);
         let rendered = Rendered {
             light: None,
+            visibility: None,
             view: self.view.image(),
             discs: P::IS_FLAT.then_some(DiscView { camera: input.camera, surface: input.surface }),
             picture: &self.picture,

@@ -183,6 +183,8 @@ impl Schedule<'_> {
             rates: self.rates(iteration),
             appearance_rate: r.appearance_rate,
             network_rates: r.network_rates.unwrap_or_default(),
+            visibility: r.uncertainty.and_then(|u| u.share(iteration)),
+            seed: self.seed,
             densify: self.densification(iteration, is_paused(|r| r.densification_pause)),
         }
     }

@@ -13,6 +13,7 @@ use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::{LossWeights, SurfaceDepth};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::PerGroup;
+use crate::splat::visibility::UncertaintyRecipe;
 use serde::{Deserialize, Serialize};
 
 /// Iterations for each of few training views, at most those of the recipe: fewer views converge in fewer iterations.
@@ -200,6 +201,9 @@ pub struct Recipe {
     /// resolution, white, colour model, shadows and virtual views are not used in perspective scenes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub perspective: Option<PerspectiveRecipe>,
+    /// How pixels that other images do not confirm are left out; all count alike if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<UncertaintyRecipe>,
     /// A second training, of the colours for novel views, from the splats of this one; none if absent. Height products come
     /// from this training in any case.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -251,6 +255,11 @@ impl Recipe {
             until: r.until.map(scale),
             ..r
         });
+        let uncertainty = self.uncertainty.map(|u| UncertaintyRecipe {
+            from: scale(u.from),
+            full_from: scale(u.full_from),
+            ..u
+        });
         let perspective = self.perspective.map(|p| PerspectiveRecipe {
             sh_degree_every: at_least_one(p.sh_degree_every),
             normals_from: scale(p.normals_from),
@@ -264,6 +273,7 @@ impl Recipe {
             densification,
             reset,
             perspective,
+            uncertainty,
             then: self.then.as_ref().map(|then| Box::new(then.with_iterations(scale(then.iterations)))),
             ..self.clone()
         }
