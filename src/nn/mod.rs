@@ -5,8 +5,12 @@
 //! in `f64`. Sums are taken over fixed blocks in fixed order, so that results do not depend on the number of threads.
 
 pub mod adam;
+mod convolution;
+mod feature_map;
 pub mod features;
 pub mod hash_grid;
 pub mod linear;
+pub mod lpips;
+mod max_pool;
 pub mod mlp;
 pub mod uncertainty;
