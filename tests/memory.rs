@@ -9,12 +9,12 @@ use satgs::affine::TrainingView;
 use satgs::io::Grid2;
 use satgs::splat::appearance::AppearanceKind;
 use satgs::splat::appearance::satgs::Cube;
-use satgs::splat::train::recipe::NetworkRates;
 use satgs::splat::backend::cpu::CpuBackend;
 use satgs::splat::backend::{DensifyPlan, StepPlan, StepReport, TrainingBackend, TrainingScene, Wait};
-use satgs::splat::loss::{LossWeights, SurfaceDepth};
+use satgs::splat::loss::{LossWeights, SurfaceDepth, TermInputs};
 use satgs::splat::splats::PerGroup;
 use satgs::splat::state::TrainingState;
+use satgs::splat::train::recipe::NetworkRates;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
 
@@ -90,7 +90,7 @@ fn backend() -> CpuBackend {
     let scene = TrainingScene {
         views: views.into(),
         altitudes: (-3.0, 30.0),
-        prior: None,
+        inputs: TermInputs::default(),
         appearance,
         cube: Cube::default(),
         visibility: None,
@@ -123,6 +123,7 @@ fn plan(iteration: u32) -> StepPlan {
         network_rates: NetworkRates::default(),
         densify: DensifyPlan::default(),
         visibility: None,
+        crop: None,
         seed: 0,
     }
 }

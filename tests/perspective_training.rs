@@ -5,8 +5,8 @@
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use satgs::perspective::{PerspectiveOptions, PinholeCamera};
 use satgs::pipeline::{
-    DsmOptions, Outcome, PerspectiveRunOptions, PipelineError, RenderOptions, StageResult, TrainOptions,
-    Viewpoint, dsm, nvs_eval, render, run_perspective, train,
+    DsmOptions, NvsOptions, Outcome, PerspectiveRunOptions, PipelineError, RenderOptions, StageResult,
+    TrainOptions, Viewpoint, dsm, nvs_eval, render, run_perspective, train,
 };
 use satgs::progress::{Event, NoProgress, Progress, Recorder};
 use satgs::random::CounterRng;
@@ -148,7 +148,9 @@ fn render_and_refuse(run: &Path) {
     assert!((f64::from(depth.at(31, 23)) - (middle - 1.0)).abs() < 0.3, "{}", depth.at(31, 23));
     assert!(depth.at(0, 0).is_nan());
 
-    let scores = nvs_eval(run, &["1".to_owned()], None, &NoProgress).unwrap();
+    let scores =
+        nvs_eval(run, &NvsOptions { views: vec!["1".to_owned()], ..NvsOptions::default() }, &NoProgress)
+            .unwrap();
     assert!(scores.views.len() == 1 && scores.views[0].score.pixels == SIZE.0 * SIZE.1);
     let refusals = [
         render(run, &run.join("a.png"), &like("none"), &NoProgress).err().unwrap().to_string(),

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use satgs::pipeline::{
-    AdjustOptions, AlignOptions, DsmOptions, ErrorKind, EvaluateOptions, Outcome, PipelineError,
+    AdjustOptions, AlignOptions, DsmOptions, ErrorKind, EvaluateOptions, NvsOptions, Outcome, PipelineError,
     RenderOptions, RunLock, RunOptions, StageResult, TrainOptions, TrainedCameras, adjust, align, dsm,
     evaluate, nvs_eval, render, run, train,
 };
@@ -114,8 +114,9 @@ fn stages_give_the_same_bytes_after_an_interruption() {
     let image = town.path("nadir.png");
     let rendered = render(&broken, &image, &RenderOptions::default(), &NoProgress).unwrap();
     assert!(rendered.frames == 1 && image.exists());
-    assert!(matches!(nvs_eval(&broken, &[], None, &NoProgress), Err(PipelineError::NoTestView)));
-    let scores = nvs_eval(&broken, &[view], None, &NoProgress).unwrap();
+    assert!(matches!(nvs_eval(&broken, &NvsOptions::default(), &NoProgress), Err(PipelineError::NoTestView)));
+    let scores =
+        nvs_eval(&broken, &NvsOptions { views: vec![view], ..NvsOptions::default() }, &NoProgress).unwrap();
     assert!(scores.views[0].score.psnr_db > 5.0);
 }
 

@@ -17,7 +17,7 @@ use satgs::splat::appearance::satgs::Cube;
 use satgs::splat::appearance::{Appearance, AppearanceKind, ModelParameters};
 use satgs::splat::backend::stopwatch::Stopwatch;
 use satgs::splat::loss::photometric::Photometric;
-use satgs::splat::loss::{LossWeights, terms};
+use satgs::splat::loss::{LossWeights, TermInputs, terms};
 use satgs::splat::objective::{Gradient, Objective, StepInput};
 use satgs::splat::primitive::PrimitiveKind;
 use satgs::splat::raster::{FrameCamera, Image, LOW_PASS_PX2, Rasterizer, SortedSplats, SplatGradient};
@@ -155,6 +155,7 @@ fn measure(splats: Splats, pixels: f64) -> Line {
         target: &target,
         valid: &[],
         visibility: None,
+        crop: None,
         sun: None,
         sun_direction: None,
         virtual_view: None,
@@ -171,7 +172,7 @@ fn measure(splats: Splats, pixels: f64) -> Line {
     let mut objective = Objective::<f32>::new(
         PrimitiveKind::Ellipsoid,
         AppearanceKind::Affine.model(Cube::default()),
-        terms(None),
+        terms(TermInputs::default()),
     );
     let values = Appearance::default().values;
     let appearance = ModelParameters { shared: &[], view: &values };

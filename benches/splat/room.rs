@@ -7,7 +7,7 @@ use satgs::perspective::PinholeCamera;
 use satgs::random::CounterRng;
 use satgs::splat::adam::SplatAdam;
 use satgs::splat::backend::stopwatch::Stopwatch;
-use satgs::splat::loss::{LossWeights, SurfaceDepth, terms};
+use satgs::splat::loss::{LossWeights, SurfaceDepth, TermInputs, terms};
 use satgs::splat::pinhole::{PinholeStep, objective};
 use satgs::splat::splats::{PerGroup, Splats};
 
@@ -78,7 +78,7 @@ fn print_for(splats: Splats, name: &str, weights: &[(&str, f64)], threads: usize
         rotation: 1e-9,
         f_rest: 1e-9,
     };
-    let mut objective = objective::<f32>(splats.primitive(), terms(None));
+    let mut objective = objective::<f32>(splats.primitive(), terms(TermInputs::default()));
     let (mut adam, mut trained, mut gradient) = (SplatAdam::new(&splats), splats, Splats::default());
     let mut step = |watch: &mut Stopwatch| {
         watch.begin();

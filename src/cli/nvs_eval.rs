@@ -1,7 +1,7 @@
 //! `satgs nvs-eval`: scores of rendered images against images that were held back.
 
 use super::{CliError, Ui};
-use crate::pipeline::{NvsScores, Protocol, nvs_eval};
+use crate::pipeline::{NvsOptions, NvsScores, Protocol, nvs_eval};
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -25,6 +25,10 @@ pub struct Args {
     /// How the colours of a view are chosen [default: full for runs of recipe satgs, else half]
     #[arg(long, value_enum)]
     protocol: Option<ProtocolArg>,
+    /// Network (safetensors, made by scripts/fetch-weights) of the perceptual distance LPIPS; papers have that of AlexNet [default:
+    /// no LPIPS]
+    #[arg(long, value_name = "FILE")]
+    lpips: Option<PathBuf>,
 }
 
 /// [`Protocol`] on the command line.
@@ -50,7 +54,12 @@ impl From<ProtocolArg> for Protocol {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let scores = nvs_eval(&args.run, &args.view, args.protocol.map(Protocol::from), ui)?;
+    let options = NvsOptions {
+        views: args.view.clone(),
+        protocol: args.protocol.map(Protocol::from),
+        lpips: args.lpips.clone(),
+    };
+    let scores = nvs_eval(&args.run, &options, ui)?;
     show(&scores, ui)
 }
 

@@ -75,6 +75,13 @@ pub struct Options {
     /// and errors of one view [default: none]
     #[arg(long, default_value_t = 0, value_name = "N", hide_default_value = true)]
     snapshots: u32,
+    /// Network (ONNX, such as DINOv2) whose features find cars and the like, which recipe satgs leaves out [default: features
+    /// that need no network]
+    #[arg(long, value_name = "FILE")]
+    features: Option<PathBuf>,
+    /// Network (safetensors, made by scripts/fetch-weights) of the perceptual loss of recipe satgs [default: train without]
+    #[arg(long, value_name = "FILE")]
+    lpips: Option<PathBuf>,
 }
 
 impl Options {
@@ -89,6 +96,8 @@ impl Options {
             resume: self.resume,
             snapshots: self.snapshots,
             frame: None,
+            features: self.features.clone(),
+            lpips: self.lpips.clone(),
             overwrite,
         }
     }

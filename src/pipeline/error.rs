@@ -10,14 +10,16 @@ use crate::io::{CloudError, RasterError, ReadError, VectorError, VerticalError, 
 use crate::mesh::MeshError;
 use crate::metrics::MetricsError;
 use crate::mvs::MatchError;
+use crate::nn::features::FeatureError;
+use crate::nn::lpips::LpipsError;
 use crate::perspective::PerspectiveError;
 use crate::progress::Interrupted;
 use crate::report::ReportError;
 use crate::rpc::formats::FormatError;
 use crate::scene::SceneError;
 use crate::simulate::SimulateError;
-use crate::splat::backend::BackendError;
 use crate::splat::appearance::satgs::AppearanceError;
+use crate::splat::backend::BackendError;
 use crate::splat::ply::PlyError;
 use crate::splat::train::recipe::RecipeError;
 use crate::viewer::ViewerError;
@@ -232,7 +234,9 @@ pub enum PipelineError {
     NoTestView,
     /// A view of which shadows are needed has no usable sun.
     #[error("view `{name}` has no usable sun, which its shadows depend on")]
-    #[diagnostic(help("the metadata beside the image state the sun; `satgs info SCENE` shows what was read"))]
+    #[diagnostic(help(
+        "the metadata beside the image state the sun; `satgs info SCENE` shows what was read"
+    ))]
     NoSun {
         /// The view.
         name: String,
@@ -254,7 +258,9 @@ pub enum PipelineError {
         what: &'static str,
     },
     /// Too few training views have a date for colours in between.
-    #[error("`{run}`: fewer than two training views have a date, so that there are no colours for another one")]
+    #[error(
+        "`{run}`: fewer than two training views have a date, so that there are no colours for another one"
+    )]
     #[diagnostic(help("`--appearance VIEW` takes the colours of a view"))]
     NoSeason {
         /// The run.
@@ -399,6 +405,14 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Appearance(#[from] AppearanceError),
+    /// See [`FeatureError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Feature(#[from] FeatureError),
+    /// See [`LpipsError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Lpips(#[from] LpipsError),
     /// See [`BackendError`].
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -50,8 +50,8 @@ mod view;
 pub use crate::report::write as report;
 pub(crate) use adjust::adjust_locked;
 pub use adjust::{AdjustOptions, Adjusted, DemOptions, adjust};
-pub use appearance::TrainedColors;
 pub use align::{AlignOptions, Aligned, align};
+pub use appearance::TrainedColors;
 pub use cameras::{TrainedCameras, read_scene};
 pub(crate) use dsm::dsm_locked;
 pub use dsm::{DsmOptions, DsmSummary, dsm};
@@ -63,7 +63,7 @@ pub use lock::RunLock;
 pub use mesh::{MeshOptions, MeshSummary, mesh};
 pub use mesh_eval::{MeshAlignment, MeshEvalOptions, MeshEvaluation, mesh_eval};
 pub use nvs_eval::nvs_eval;
-pub use nvs_scores::{NvsScores, Protocol, ViewScore};
+pub use nvs_scores::{NvsOptions, NvsScores, Protocol, ViewScore};
 pub use perspective::{
     PerspectiveCameras, PerspectiveManifest, PerspectiveRunOptions, TrainedPhoto, run_perspective,
 };

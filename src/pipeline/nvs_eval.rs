@@ -1,33 +1,33 @@
 //! Scores of rendered images against images that were held back from training: `satgs nvs-eval`.
 
-use super::cameras::require_images;
 use super::appearance::{self, SceneColors};
-use super::nvs_scores::{NvsScores, Protocol, ViewScore};
+use super::cameras::require_images;
+use super::nvs_scores::{NvsOptions, NvsScores, Protocol, ViewScore};
 use super::render::find;
 use super::{PipelineError, TrainedCameras, perspective, read_scene, relocation};
 use crate::affine::TrainingView;
+use crate::nn::lpips::Lpips;
 use crate::progress::{Event, Progress};
 use crate::scene::Role;
-use crate::splat::image_score::score_picture;
+use crate::splat::image_score::fitted_pair;
 use crate::splat::loss::target::TargetImage;
 use crate::splat::novel_view::NovelView;
 use std::path::Path;
 
-/// Renders views of a trained run and compares them with their images: the views of these names, or all test views if
-/// there are no names. By default the protocol is [`Protocol::Full`] where the run has trained colours, else
-/// [`Protocol::Half`].
+/// Renders views of a trained run and compares them with their images.
 ///
 /// # Errors
 /// [`PipelineError`]: the run is not trained or has no such view, no test view or no colours for the protocol, an image is
 /// gone, the caller asked to stop.
 pub fn nvs_eval(
     run: &Path,
-    names: &[String],
-    protocol: Option<Protocol>,
+    options: &NvsOptions,
     progress: &dyn Progress,
 ) -> Result<NvsScores, PipelineError> {
+    let NvsOptions { views: names, protocol, lpips } = options;
+    let lpips = lpips.as_deref().map(Lpips::read).transpose()?;
     if perspective::is_run(run) {
-        return perspective::nvs_eval(run, names, false, progress);
+        return perspective::nvs_eval(run, names, lpips.as_ref(), false, progress);
     }
     let scene = read_scene(run)?;
     require_images(&scene)?;
@@ -43,8 +43,8 @@ pub fn nvs_eval(
         return Err(PipelineError::NoTestView);
     }
     if let Some(colors) = SceneColors::read(run)? {
-        let protocol = protocol.unwrap_or(Protocol::Full);
-        return appearance::nvs_eval(run, &colors, &scene, &views, protocol, progress);
+        let scoring = (protocol.unwrap_or(Protocol::Full), lpips.as_ref());
+        return appearance::nvs_eval(run, &colors, &scene, &views, scoring, progress);
     }
     if protocol.is_some_and(|p| p != Protocol::Half) {
         let what = "this protocol of scores";
@@ -67,7 +67,8 @@ pub fn nvs_eval(
         let mut picture = novel.picture(&splats, &reference, setup.altitudes);
         // Scored as the images show it.
         setup.transfer_function.encode(&mut picture.colors);
-        let score = score_picture(&picture.colors, &truth);
+        let pair = fitted_pair(&picture.colors, &truth);
+        let score = pair.map(|pair| pair.score_with(lpips.as_ref())).transpose()?.flatten();
         let score = score.ok_or_else(|| PipelineError::NothingToScore { name: name() })?;
         scores.push(ViewScore { view: name(), score });
         progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });

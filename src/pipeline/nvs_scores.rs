@@ -2,6 +2,7 @@
 
 use crate::splat::image_score::PictureScore;
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// Scores of the views.
 #[derive(Clone, Debug, Serialize)]
@@ -37,6 +38,18 @@ pub enum Protocol {
     Half,
     /// They are those of the training view taken at the nearest time, and the whole image is scored (Sat-NeRF).
     Nearest,
+}
+
+/// What is scored, and how.
+#[derive(Clone, Debug, Default)]
+pub struct NvsOptions {
+    /// Names of the views; all test views if there are none.
+    pub views: Vec<String>,
+    /// How the colours of a satellite view are chosen; by default [`Protocol::Full`] where the run has trained colours, else
+    /// [`Protocol::Half`].
+    pub protocol: Option<Protocol>,
+    /// Safetensors file of the network of the perceptual distance; none for scores without it.
+    pub lpips: Option<PathBuf>,
 }
 
 impl NvsScores {

@@ -73,7 +73,8 @@ pub fn render(
             Some(colors) => {
                 let (embedding, sun) = frame_colors(run, colors, setup, options, part)?;
                 let sun_shear = sun.map(|sun| view.camera.shear_towards(sun_direction(sun, &setup.site)));
-                view.sun_shear = if options.sun_deg.is_some() { view.sun_shear } else { sun_shear.or(view.sun_shear) };
+                view.sun_shear =
+                    if options.sun_deg.is_some() { view.sun_shear } else { sun_shear.or(view.sun_shear) };
                 colors.picture(&view, &embedding, setup)
             }
             None => {
@@ -82,7 +83,11 @@ pub fn render(
                 picture
             }
         };
-        let path = if options.frames.is_some() && !options.strip { numbered(output, frame + 1) } else { output.into() };
+        let path = if options.frames.is_some() && !options.strip {
+            numbered(output, frame + 1)
+        } else {
+            output.into()
+        };
         if options.strip {
             strip.push(&picture);
         } else if is_raster {
@@ -156,7 +161,8 @@ fn frame_colors(
             let usual = || colors.usual_hour().unwrap_or(NOON_H);
             let hour = between(from.hour.unwrap_or_else(usual), to.hour.unwrap_or_else(usual));
             let day = between(from.noon, to.noon).round() + (hour - NOON_H) / 24.0;
-            let embedding = embedding_at(colors, day).ok_or_else(|| PipelineError::NoSeason { run: run.into() })?;
+            let embedding =
+                embedding_at(colors, day).ok_or_else(|| PipelineError::NoSeason { run: run.into() })?;
             let sun = Sun::at_day(day, setup.site.geodetic_from_site(Point::new(0.0, 0.0, 0.0)));
             if options.sun_deg.is_none() {
                 high_enough("--time", sun.elevation_deg)?;

@@ -1,5 +1,6 @@
 //! Training of an adjusted run: `satgs train`.
 
+use super::appearance::OtherNetworks;
 use super::cameras::require_images;
 use super::checkpoints::Checkpoints;
 use super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
@@ -14,7 +15,7 @@ use crate::scene::Scene;
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::backend::{TrainingBackend, TrainingScene};
-use crate::splat::loss::surface_prior::Prior;
+use crate::splat::loss::{Prior, TermInputs};
 use crate::splat::state::TrainingState;
 use crate::splat::train::expectation::Extent;
 use crate::splat::train::recipe::Recipe;
@@ -53,9 +54,11 @@ pub(crate) fn train_locked(
     let scene = read_scene(run)?;
     let recipe = options.recipe_for(scene.training().count())?;
     let then = recipe.then.clone();
+    // Files are read before the long training.
+    let networks = then.as_ref().map(|_| OtherNetworks::read(options)).transpose()?;
     let trained = train_heights(run, options, recipe, &scene, progress)?;
-    let Some(then) = then else { return Ok(trained) };
-    let colors = appearance::train_locked(run, options, &then, &scene, progress)?;
+    let Some((then, networks)) = then.zip(networks) else { return Ok(trained) };
+    let colors = appearance::train_locked(run, options, &then, networks, &scene, progress)?;
     Ok(trained.with_colors(colors))
 }
 
@@ -92,12 +95,17 @@ fn train_heights(
         None => {
             let splats = training.splats_at_start(&views, progress)?;
             let start = splats.len();
-            (start, Vec::new(), TrainingState::start(splats, training.recipe.appearance, views.len(), options.seed))
+            (
+                start,
+                Vec::new(),
+                TrainingState::start(splats, training.recipe.appearance, views.len(), options.seed),
+            )
         }
     };
     // Read from the file whether or not training was interrupted, so that both give the same bytes.
     let first = training.first_surface()?;
     let prior = first.as_ref().map(|first| Arc::new(Prior::new(first)));
+    let inputs = TermInputs { prior, lpips: None };
     let schedule = Schedule {
         recipe: &training.recipe,
         views: views.len(),
@@ -111,7 +119,10 @@ fn train_heights(
     let (altitudes, appearance) = (training.setup.altitudes, training.recipe.appearance);
     let cube = Cube::around(training.setup.area, altitudes);
     let mut backend = CpuBackend::default();
-    backend.load(TrainingScene { views: views.clone(), altitudes, prior, appearance, cube, visibility: None }, state)?;
+    backend.load(
+        TrainingScene { views: views.clone(), altitudes, inputs, appearance, cube, visibility: None },
+        state,
+    )?;
     progress.event(Event::Resumable(true));
     let is_due = |done: u32| training.is_picture_due(done) || checkpoints.is_due(done);
     optimize(&mut backend, &schedule, &mut log, progress, is_due, |backend, log| {
@@ -149,8 +160,8 @@ fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fi
     // As written, so that another --iterations is not reported as a change of the whole recipe.
     // The training of colours that may follow is a stage of its own.
     let own = Recipe { then: None, ..options.recipe_as_written()? };
-    let choices = serde_json::to_string(&own)
-        .map_err(|source| PipelineError::Json { what: "the recipe", source })?;
+    let choices =
+        serde_json::to_string(&own).map_err(|source| PipelineError::Json { what: "the recipe", source })?;
     let frame = options.frame.as_ref().map(|frame| {
         let text = serde_json::to_string(frame);
         text.map(|text| ("frame".to_owned(), text))

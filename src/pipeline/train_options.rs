@@ -4,7 +4,7 @@ use super::PipelineError;
 use crate::affine::SiteFrame;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::train::recipe::Recipe;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// How to train.
 #[derive(Clone, Debug)]
@@ -25,6 +25,11 @@ pub struct TrainOptions {
     pub snapshots: u32,
     /// The frame of the training scene, if it is part of a larger scene; by default, views and sparse points determine it.
     pub frame: Option<SiteFrame>,
+    /// ONNX file of a network whose features find pixels that other images do not confirm, for recipes that leave these out;
+    /// by default, features that need no network.
+    pub features: Option<PathBuf>,
+    /// Safetensors file of the network of the perceptual loss, for recipes with that loss; without one they train without.
+    pub lpips: Option<PathBuf>,
     /// Train again, whatever the run folder holds.
     pub overwrite: bool,
 }
@@ -40,6 +45,8 @@ impl Default for TrainOptions {
             resume: false,
             snapshots: 0,
             frame: None,
+            features: None,
+            lpips: None,
             overwrite: false,
         }
     }

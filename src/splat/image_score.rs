@@ -1,6 +1,7 @@
 //! PSNR and SSIM of a rendered picture against the image of a view that was not trained on.
 
 use crate::io::Grid2;
+use crate::nn::lpips::{Lpips, LpipsError, PlanarRgb};
 use crate::splat::loss::photometric::Photometric;
 use crate::splat::loss::target::TargetImage;
 use crate::splat::raster::Image;
@@ -85,6 +86,25 @@ impl ScoredPair {
         })
     }
 
+    /// The perceptual distance of the two (LPIPS).
+    fn lpips(&self, network: &Lpips<f32>) -> Result<f64, LpipsError> {
+        let planes = [&self.picture, &self.image].map(|image| [0, 1, 2].map(|c| image.plane(c).data));
+        let (width, height) = (self.image.width, self.image.height);
+        let [picture, image] = planes
+            .each_ref()
+            .map(|planes| PlanarRgb::new(width, height, planes.each_ref().map(|plane| &plane[..])));
+        network.distance(picture?, image?)
+    }
+
+    /// The scores, with the perceptual distance if there is a network; none if no pixel has data.
+    ///
+    /// # Errors
+    /// [`LpipsError`] if the images are too small for the network.
+    pub fn score_with(&self, network: Option<&Lpips<f32>>) -> Result<Option<PictureScore>, LpipsError> {
+        let Some(score) = self.score() else { return Ok(None) };
+        Ok(Some(PictureScore { lpips: network.map(|n| self.lpips(n)).transpose()?, ..score }))
+    }
+
     /// The scores; none if no pixel has data.
     #[must_use]
     pub fn score(&self) -> Option<PictureScore> {
@@ -132,17 +152,16 @@ fn ssim_3px(picture: &Image<f32>, image: &Image<f32>) -> f64 {
         }
         let [x, y, xx, yy, xy] = moments;
         let (of_x, of_y, covariance) = (xx - x * x, yy - y * y, xy - x * y);
-        sum += (2.0 * x * y + C1) * (2.0 * covariance + C2)
-            / ((x * x + y * y + C1) * (of_x + of_y + C2));
+        sum += (2.0 * x * y + C1) * (2.0 * covariance + C2) / ((x * x + y * y + C1) * (of_x + of_y + C2));
     }
     sum / (3 * width * height) as f64
 }
 
-/// Scores the right half of a picture (red, green, blue) against an image of the same size, after an affine map of colours
-/// that is fitted on the left half: for pictures whose colours were not made for the view. None if a half of the image has
-/// too few valid pixels.
+/// The right half of a picture (red, green, blue) and of an image of the same size, after an affine map of colours that is
+/// fitted on the left half: for pictures whose colours were not made for the view. None if the left half of the image has too
+/// few valid pixels.
 #[must_use]
-pub fn score_picture(colors: &[Grid2; 3], target: &TargetImage) -> Option<PictureScore> {
+pub fn fitted_pair(colors: &[Grid2; 3], target: &TargetImage) -> Option<ScoredPair> {
     let (width, height) = (target.colors.width, target.colors.height);
     let color = |col: usize, row: usize| colors.each_ref().map(|c| f64::from(c.at(col, row)));
     let is_valid = |col: usize, row: usize| target.valid[row * width + col];
@@ -163,26 +182,24 @@ pub fn score_picture(colors: &[Grid2; 3], target: &TargetImage) -> Option<Pictur
     let color_map = right.map(|b| factor.solve(&b));
 
     let columns = ScoredPart::RightHalf.columns(width);
-    let pair = ScoredPair::new(columns, height, |col, row| {
+    Some(ScoredPair::new(columns, height, |col, row| {
         let [r, g, b] = color(col, row);
         let found = color_map.map(|map_row| map_row.dot(&Vector4::new(r, g, b, 1.0)) as f32);
         let expected = || std::array::from_fn(|k| target.colors.at(k, col, row));
         is_valid(col, row).then(|| (found, expected()))
-    });
-    pair.score()
+    }))
 }
 
-/// Scores a picture against a photograph of the same size, both as displayed, 0 to 1: all pixels that have data, without a
-/// change of colours (3DGS). None if no pixel has data.
+/// A picture and a photograph of the same size, both as displayed, 0 to 1: all pixels that have data, without a change of
+/// colours (3DGS).
 #[must_use]
-pub fn score_photograph(colors: &[Grid2; 3], truth: &[Grid2; 3]) -> Option<PictureScore> {
+pub fn photograph_pair(colors: &[Grid2; 3], truth: &[Grid2; 3]) -> ScoredPair {
     let (width, height) = (truth[0].width, truth[0].height);
-    let pair = ScoredPair::new(0..width, height, |col, row| {
+    ScoredPair::new(0..width, height, |col, row| {
         let expected = truth.each_ref().map(|plane| plane.at(col, row));
         let has_data = expected.iter().all(|v| !v.is_nan());
         has_data.then(|| (colors.each_ref().map(|c| c.at(col, row)), expected))
-    });
-    pair.score()
+    })
 }
 
 #[cfg(test)]
@@ -205,12 +222,12 @@ mod tests {
     fn an_affine_change_of_colours_costs_nothing_and_noise_has_the_expected_psnr() {
         let picture: [Grid2; 3] = std::array::from_fn(|k| Grid2::from_fn(80, 60, |c, r| texture(c, r, k)));
         let dimmed = target(|c, r, k| 0.1 + 0.6 * texture(c, r, k));
-        let score = score_picture(&picture, &dimmed).unwrap();
+        let score = fitted_pair(&picture, &dimmed).and_then(|p| p.score()).unwrap();
         assert!(score.psnr_db > 90.0 && score.ssim > 0.9999 && score.ssim_3px > 0.9999, "{score:?}");
         assert_eq!(score.pixels, 40 * 60);
         let sign = |c: usize, r: usize| if (c * 7 + r * 13).is_multiple_of(2) { 1.0 } else { -1.0 };
         let noisy = target(|c, r, k| texture(c, r, k) + 0.05 * sign(c, r));
-        let score = score_picture(&picture, &noisy).unwrap();
+        let score = fitted_pair(&picture, &noisy).and_then(|p| p.score()).unwrap();
         assert!((score.psnr_db - 26.02).abs() < 0.1 && score.ssim < 0.97, "{score:?}");
         assert!(score.ssim_3px < 0.97, "{score:?}");
     }
@@ -221,11 +238,11 @@ mod tests {
         let mut truth = picture.clone();
         truth.iter_mut().flat_map(|c| &mut c.data).for_each(|v| *v += 0.1);
         truth[1].data[7] = f32::NAN;
-        let score = score_photograph(&picture, &truth).unwrap();
+        let score = photograph_pair(&picture, &truth).score().unwrap();
         assert!((score.psnr_db - 20.0).abs() < 1e-3 && score.ssim < 1.0, "{score:?}");
         assert_eq!(score.pixels, 80 * 60 - 1);
         truth[0].data.fill(f32::NAN);
-        assert!(score_photograph(&picture, &truth).is_none());
+        assert!(photograph_pair(&picture, &truth).score().is_none());
     }
 
     #[test]
@@ -236,7 +253,7 @@ mod tests {
             masked.valid[i] = false;
             (0..3).for_each(|k| *masked.colors.at_mut(k, i % 80, i / 80) = 0.0);
         }
-        let score = score_picture(&picture, &masked).unwrap();
+        let score = fitted_pair(&picture, &masked).and_then(|p| p.score()).unwrap();
         assert!(score.psnr_db > 90.0 && score.ssim > 0.99 && score.pixels == 21 * 60, "{score:?}");
     }
 }

@@ -92,6 +92,7 @@ impl NovelView {
             valid: &[],
             sun: self.sun_shear.map(|s| ShearedCamera::sun(&self.camera, self.size, s, altitudes)),
             visibility: None,
+            crop: None,
             sun_direction: self.sun_direction(),
             virtual_view: None,
             background: [0.0; 3],

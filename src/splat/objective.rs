@@ -13,9 +13,9 @@ use super::loss::{COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
 use super::primitive::PrimitiveKind;
 use super::raster::{FrameCamera, Image, Renderer, SortedSplats, SplatGradient, channel, renderer};
 use super::shadow::ShadowModel;
-use super::sun_visibility::sun_visibility;
 use super::sheared_camera::ShearedCamera;
 use super::splats::{GROUP_INFO, Splats};
+use super::sun_visibility::sun_visibility;
 use crate::camera::QuadraticKernel;
 use crate::simd::{Real, Simd, SimdKernel, SimdReal, SimdVec};
 use rayon::prelude::*;
@@ -39,6 +39,8 @@ pub struct StepInput<'a, T> {
     pub valid: &'a [bool],
     /// Visibility of each pixel, 0 to 1, one channel; none if all are visible.
     pub visibility: Option<&'a Image<T>>,
+    /// Place of the crop that the perceptual term compares; none without the term.
+    pub crop: Option<[f64; 2]>,
     /// Camera of the sun's image; none without shadows.
     pub sun: Option<ShearedCamera<T>>,
     /// Unit vector to the sun in site axes; none if it is unknown.
@@ -170,6 +172,7 @@ impl<T: SimdReal> Objective<T> {
         }
         let rendered = Rendered {
             visibility: input.visibility,
+            crop: input.crop,
             light: light.map(|(light, _)| (light, &self.sun_visibility[..])),
             view: self.view.image(),
             discs: None,

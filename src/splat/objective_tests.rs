@@ -6,12 +6,12 @@ use crate::affine::ViewCamera;
 use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, MapGrid};
 use crate::mvs::MatchedSurface;
+use crate::nn::hash_grid::HashGrid;
 use crate::random::CounterRng;
 use crate::splat::appearance::satgs::{Cube, Networks, SatGs};
 use crate::splat::appearance::{Appearance, AppearanceKind};
-use crate::nn::hash_grid::HashGrid;
-use crate::splat::loss::surface_prior::Prior;
-use crate::splat::loss::{column_names, terms};
+use crate::splat::loss::Prior;
+use crate::splat::loss::{TermInputs, column_names, terms};
 use crate::splat::splats::GROUPS;
 use std::sync::Arc;
 
@@ -65,7 +65,11 @@ struct Scene<T: Real> {
 
 /// The objective with EOGS's colour model.
 fn affine<T: SimdReal>(primitive: PrimitiveKind, prior: Option<&Arc<Prior>>) -> Objective<T> {
-    Objective::new(primitive, AppearanceKind::Affine.model(Cube::default()), terms(prior))
+    Objective::new(
+        primitive,
+        AppearanceKind::Affine.model(Cube::default()),
+        terms(TermInputs { prior: prior.cloned(), lpips: None }),
+    )
 }
 
 impl<T: SimdReal> Scene<T> {
@@ -112,6 +116,7 @@ impl<T: SimdReal> Scene<T> {
             virtual_view: self
                 .has_virtual_view
                 .then(|| ShearedCamera::virtual_view(&camera, size, [-0.4, 0.3])),
+            crop: Some([0.3, 0.8]),
             visibility: self.visibility.as_ref(),
             sun_direction: self.has_sun.then(|| camera.direction_of([1.7, -1.1]).map(T::from_f64)),
             background: [0.3, 0.8, 0.1].map(T::from_f64),
@@ -198,7 +203,7 @@ fn satgs_scene(named: &[(&str, f64)]) -> (Scene<f64>, Appearance<f64>) {
     let mut normal = |n: usize| -> Vec<f64> { (0..n).map(|_| 0.4 * draw.normal()).collect() };
     let (shared, values) = (normal(networks.parameters()), normal(networks.embedding));
     let model = SatGs::new(networks, Cube { corner: [-7.0, -6.0, -2.0], side_m: 14.0 });
-    let objective = Objective::new(PrimitiveKind::Ellipsoid, Box::new(model), terms(None));
+    let objective = Objective::new(PrimitiveKind::Ellipsoid, Box::new(model), terms(TermInputs::default()));
     let weights = LossWeights::of(named).unwrap();
     let scene = Scene { objective, shared, weights, has_virtual_view: false, ..Scene::new() };
     (scene, Appearance { kind: AppearanceKind::SatGs, values })
@@ -271,8 +276,14 @@ fn check_gradients(mut scene: Scene<f64>, g: &Splats<f64>) {
     let a = appearance();
     let (losses, gradient) = scene.evaluate(g, &a);
     // The first two are of perspective views of discs, the others of colour models that separate light and colours.
-    let absent =
-        ["normal_consistency", "depth_distortion", "sun_visibility", "dark_tones", "bright_shadows"];
+    let absent = [
+        "normal_consistency",
+        "depth_distortion",
+        "sun_visibility",
+        "dark_tones",
+        "bright_shadows",
+        "perceptual",
+    ];
     for (name, value) in column_names().zip(losses.columns) {
         assert_eq!(value > 0.0, !absent.contains(&name), "{name}");
     }
@@ -353,6 +364,7 @@ fn a_block_casts_a_shadow_of_the_right_length() {
         valid: &[],
         sun: Some(ShearedCamera::sun(&camera, size, shear, (-1.0, 6.0))),
         visibility: None,
+        crop: None,
         sun_direction: None,
         virtual_view: None,
         background: [0.0; 3],

@@ -6,8 +6,8 @@ use super::appearance::{Appearance, AppearanceKind};
 use super::densify::{DensifyEdit, DensifyStats, pruning};
 use super::edit::Edit;
 use super::splats::{Splats, logit};
-use super::visibility::VisibilityState;
 use super::train::recipe::{Densification, NetworkRates};
+use super::visibility::VisibilityState;
 use crate::nn::adam::Adam;
 use serde::{Deserialize, Serialize};
 

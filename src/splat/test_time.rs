@@ -6,7 +6,7 @@ use crate::nn::adam::{Adam, AdamRule};
 use crate::progress::{Interrupted, Progress};
 use crate::splat::appearance::{AppearanceModel, ModelParameters};
 use crate::splat::backend::stopwatch::Stopwatch;
-use crate::splat::loss::{LossWeights, terms};
+use crate::splat::loss::{LossWeights, TermInputs, terms};
 use crate::splat::objective::{Gradient, Objective, StepInput};
 use crate::splat::splats::Splats;
 
@@ -29,7 +29,7 @@ pub fn fit_view(
     input: &StepInput<f32>,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, Interrupted> {
-    let mut objective = Objective::new(splats.primitive(), model, terms(None));
+    let mut objective = Objective::new(splats.primitive(), model, terms(TermInputs::default()));
     let (mut values, mut adam, mut gradient) = (start.view.to_vec(), Adam::default(), Gradient::default());
     let mut best = (f64::INFINITY, values.clone());
     let mut last_gain = 0;

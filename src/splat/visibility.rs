@@ -124,8 +124,7 @@ impl VisibilityModel {
             *mean += NEWEST * (newest - *mean);
         }
         if self.recipe.model == UncertaintyModel::Head {
-            let (own, mut adam) =
-                state.head.take().unzip();
+            let (own, mut adam) = state.head.take().unzip();
             let mut head = match own {
                 Some(own) => UncertaintyHead::from_state(own)?,
                 None => UncertaintyHead::new(of_image.channels, draw.0),
@@ -196,12 +195,18 @@ mod tests {
 
     #[test]
     fn a_car_that_the_picture_lacks_is_less_visible_than_the_street() {
-        let mut model = VisibilityModel::new(Box::<HandFeatures>::default(), recipe(UncertaintyModel::Closed), 2);
+        let mut model =
+            VisibilityModel::new(Box::<HandFeatures>::default(), recipe(UncertaintyModel::Closed), 2);
         let mut state = VisibilityState::default();
         assert!(model.mask(&state, 1, (96, 80), 1.0).unwrap().is_none());
         model.observe(&mut state, 1, &image(true), &image(false), (0, 1)).unwrap();
         let mask = model.mask(&state, 1, (96, 80), 1.0).unwrap().unwrap();
-        assert!(mask.at(0, 48, 36) < 0.7 && mask.at(0, 10, 70) > 0.95, "{} {}", mask.at(0, 48, 36), mask.at(0, 10, 70));
+        assert!(
+            mask.at(0, 48, 36) < 0.7 && mask.at(0, 10, 70) > 0.95,
+            "{} {}",
+            mask.at(0, 48, 36),
+            mask.at(0, 10, 70)
+        );
         let half = mask.at(0, 48, 36);
         let mask = model.mask(&state, 1, (96, 80), 0.5).unwrap().unwrap();
         assert!((mask.at(0, 48, 36) - (1.0 + half) / 2.0).abs() < 1e-6);
@@ -210,7 +215,8 @@ mod tests {
 
     #[test]
     fn the_head_learns_in_steps_that_the_state_holds() {
-        let mut model = VisibilityModel::new(Box::<HandFeatures>::default(), recipe(UncertaintyModel::Head), 1);
+        let mut model =
+            VisibilityModel::new(Box::<HandFeatures>::default(), recipe(UncertaintyModel::Head), 1);
         let (mut state, mut split) = (VisibilityState::default(), VisibilityState::default());
         for step in 0..20 {
             model.observe(&mut state, 0, &image(true), &image(false), (0, step)).unwrap();

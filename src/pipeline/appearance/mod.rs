@@ -7,6 +7,6 @@ mod trained;
 
 pub(super) use scores::nvs_eval;
 pub(super) use season::embedding_at;
-pub(super) use train::train_locked;
-pub(super) use trained::SceneColors;
 pub use train::TrainedColors;
+pub(super) use train::{OtherNetworks, train_locked};
+pub(super) use trained::SceneColors;

@@ -4,6 +4,7 @@ use super::super::nvs_scores::{NvsScores, Protocol, ViewScore};
 use super::super::{PipelineError, TrainedCameras};
 use super::trained::SceneColors;
 use crate::affine::{SiteScene, SiteView, TrainingView};
+use crate::nn::lpips::Lpips;
 use crate::progress::{Event, Progress};
 use crate::scene::{Scene, days_of};
 use crate::splat::image_score::{ScoredPair, ScoredPart};
@@ -25,7 +26,7 @@ pub fn nvs_eval(
     colors: &SceneColors,
     scene: &Scene,
     views: &[&SiteView],
-    protocol: Protocol,
+    (protocol, lpips): (Protocol, Option<&Lpips<f32>>),
     progress: &dyn Progress,
 ) -> Result<NvsScores, PipelineError> {
     let setup = TrainedCameras::read(run)?.setup;
@@ -47,12 +48,20 @@ pub fn nvs_eval(
         let nearest = nearest(colors, source.acquired.as_deref());
         let embedding = match protocol {
             Protocol::Nearest => nearest.ok_or_else(|| PipelineError::NoDate { name: name() })?.to_vec(),
-            _ => fit(colors, &novel, &target, protocol, nearest.unwrap_or(colors.reference()), &setup, progress)?,
+            _ => fit(
+                colors,
+                &novel,
+                &target,
+                protocol,
+                nearest.unwrap_or(colors.reference()),
+                &setup,
+                progress,
+            )?,
         };
         let part = if protocol == Protocol::Half { ScoredPart::RightHalf } else { ScoredPart::Whole };
         let picture = colors.picture(&novel, &embedding, &setup);
         let pair = ScoredPair::of_view(&picture.colors, &target, part);
-        let score = pair.score().ok_or_else(|| PipelineError::NothingToScore { name: name() })?;
+        let score = pair.score_with(lpips)?.ok_or_else(|| PipelineError::NothingToScore { name: name() })?;
         scores.push(ViewScore { view: name(), score });
         progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });
     }
@@ -95,6 +104,7 @@ fn fit(
         valid: &target.valid,
         sun: view.sun_shear.map(|s| ShearedCamera::sun(&view.camera, view.size, s, setup.altitudes)),
         visibility: None,
+        crop: None,
         sun_direction: view.sun_direction(),
         virtual_view: None,
         background: [0.0; 3],

@@ -38,7 +38,8 @@ mod tests {
     use crate::splat::splats::Splats;
 
     fn colors(dates: &[&str]) -> SceneColors {
-        let view = |date: &&str| TrainedView { name: (*date).into(), acquired: Some((*date).into()), sun: None };
+        let view =
+            |date: &&str| TrainedView { name: (*date).into(), acquired: Some((*date).into()), sun: None };
         let content = AppearanceContent {
             networks: Networks::default(),
             cube: Cube::default(),

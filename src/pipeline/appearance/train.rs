@@ -7,25 +7,27 @@ use super::super::training_files::write_log;
 use super::super::{PipelineError, TrainOptions, TrainedCameras};
 use super::trained::{bake, hash_of};
 use crate::affine::{SiteScene, median_pixel_m};
+use crate::io::write_json;
+use crate::nn::features::{DenseFeatures, HandFeatures, OnnxFeatures};
+use crate::nn::lpips::Lpips;
 use crate::progress::{Event, Progress};
 use crate::run_files::{
-    APPEARANCE, APPEARANCE_CHECKPOINT, APPEARANCE_STAGE, APPEARANCE_TRAINING, CAMERAS, HEIGHT_SPLATS,
-    SPLATS, STAGE,
+    APPEARANCE, APPEARANCE_CHECKPOINT, APPEARANCE_STAGE, APPEARANCE_TRAINING, CAMERAS, HEIGHT_SPLATS, SPLATS,
+    STAGE,
 };
 use crate::scene::{Role, Scene, TransferFunction};
-use crate::io::write_json;
-use crate::splat::appearance::{Appearance, ModelParameters};
 use crate::splat::appearance::satgs::{AppearanceContent, Cube, Networks, TrainedAppearance, TrainedView};
+use crate::splat::appearance::{Appearance, ModelParameters};
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::backend::{TrainingBackend, TrainingScene};
+use crate::splat::loss::TermInputs;
 use crate::splat::ply;
 use crate::splat::state::TrainingState;
-use crate::nn::features::HandFeatures;
-use crate::splat::visibility::VisibilityModel;
 use crate::splat::train::recipe::Recipe;
 use crate::splat::train::{Schedule, train as optimize};
+use crate::splat::visibility::VisibilityModel;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// The figures of a training of colours.
@@ -43,6 +45,29 @@ pub struct TrainedColors {
     pub ssim: f64,
 }
 
+/// Networks of others that a training of colours uses.
+pub struct OtherNetworks {
+    /// The features by which images and pictures are compared.
+    features: Box<dyn DenseFeatures>,
+    /// The network of the perceptual loss; none without the loss.
+    lpips: Option<Lpips<f32>>,
+}
+
+impl OtherNetworks {
+    /// Reads the files that the options name.
+    ///
+    /// # Errors
+    /// [`PipelineError`] of the file that cannot be used.
+    pub fn read(options: &TrainOptions) -> Result<Self, PipelineError> {
+        let features: Box<dyn DenseFeatures> = match &options.features {
+            Some(path) => Box::new(OnnxFeatures::load(path)?),
+            None => Box::<HandFeatures>::default(),
+        };
+        let lpips = options.lpips.as_deref().map(Lpips::read).transpose()?;
+        Ok(Self { features, lpips })
+    }
+}
+
 /// Trains colours for novel views by a recipe, from the splats of the training for heights, unless that was done with the
 /// same input. Writes `RUN/appearance.safetensors`, and `RUN/splats.ply` anew, in the colours of the reference view. The
 /// caller holds the lock.
@@ -54,6 +79,7 @@ pub fn train_locked(
     run: &Path,
     options: &TrainOptions,
     recipe: &Recipe,
+    networks: OtherNetworks,
     scene: &Scene,
     progress: &dyn Progress,
 ) -> Result<Outcome<TrainedColors>, PipelineError> {
@@ -95,9 +121,14 @@ pub fn train_locked(
     let cube = Cube::around(setup.area, setup.altitudes);
     let mut backend = CpuBackend::default();
     let (altitudes, appearance) = (setup.altitudes, recipe.appearance);
-    let visibility = recipe.uncertainty.map(|u| VisibilityModel::new(Box::<HandFeatures>::default(), u, views.len()));
-    let prior = None;
-    let training = TrainingScene { views: views.clone(), altitudes, prior, appearance, cube, visibility };
+    let OtherNetworks { features, lpips } = networks;
+    let visibility = recipe.uncertainty.map(|u| VisibilityModel::new(features, u, views.len()));
+    if lpips.is_none() && recipe.weights.get("perceptual") > 0.0 {
+        let text = "without --lpips, colours are trained without the perceptual loss";
+        progress.event(Event::Note(text.into()));
+    }
+    let inputs = TermInputs { prior: None, lpips };
+    let training = TrainingScene { views: views.clone(), altitudes, inputs, appearance, cube, visibility };
     backend.load(training, state)?;
     progress.event(Event::Resumable(true));
     optimize(
@@ -157,9 +188,12 @@ fn write(
 
 /// What the colours are made from; its keys are the names of options on the command line.
 fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fingerprint, PipelineError> {
-    let choices = serde_json::to_string(recipe)
-        .map_err(|source| PipelineError::Json { what: "the recipe", source })?;
+    let choices =
+        serde_json::to_string(recipe).map_err(|source| PipelineError::Json { what: "the recipe", source })?;
+    let file = |path: &Option<PathBuf>| path.as_deref().map_or_else(|| "none".into(), hash_file);
     Ok(Fingerprint::from([
+        ("--features".into(), file(&options.features)),
+        ("--lpips".into(), file(&options.lpips)),
         ("training for heights".into(), hash_file(&run.join("train").join(STAGE))),
         ("content of the recipe".into(), hash(choices.as_bytes())),
         ("--seed".into(), options.seed.to_string()),

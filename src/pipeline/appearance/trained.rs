@@ -2,14 +2,14 @@
 
 use super::super::PipelineError;
 use crate::affine::SiteScene;
-use crate::scene::days_of;
-use crate::stats::quantile;
 use crate::run_files::{APPEARANCE, SPLATS};
+use crate::scene::days_of;
 use crate::splat::appearance::satgs::{AppearanceError, SatGs, TrainedAppearance};
 use crate::splat::appearance::{AppearanceModel, ColorInput, ModelParameters};
 use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::ply;
 use crate::splat::splats::{Splats, f_dc_from_color};
+use crate::stats::quantile;
 use std::path::Path;
 
 /// Splats and the colour model that they belong to.
@@ -59,7 +59,8 @@ impl SceneColors {
     pub fn usual_hour(&self) -> Option<f64> {
         let times = self.appearance.content.views.iter().filter_map(|v| v.acquired.as_deref());
         // Days count from noon.
-        let hours = times.filter(|t| t.contains('T')).filter_map(|t| Some((days_of(t)? + 0.5).rem_euclid(1.0)));
+        let hours =
+            times.filter(|t| t.contains('T')).filter_map(|t| Some((days_of(t)? + 0.5).rem_euclid(1.0)));
         quantile(hours.map(|day| 24.0 * day).collect(), 0.5)
     }
 

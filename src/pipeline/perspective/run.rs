@@ -61,7 +61,7 @@ pub fn run_perspective(
     let manifest = PerspectiveManifest::new(scene, &options.scene, &read);
     completed(StageResult::Trained(train_scene(run, &manifest, &read, &options.train, progress)?));
     if read.views.iter().any(|v| v.role == Role::Test) {
-        completed(StageResult::Scored(nvs_eval(run, &[], true, progress)?));
+        completed(StageResult::Scored(nvs_eval(run, &[], None, true, progress)?));
     }
     if read.georeference.is_some() {
         completed(StageResult::Dsm(dsm_locked(run, &options.dsm, progress)?));

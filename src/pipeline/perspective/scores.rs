@@ -6,10 +6,11 @@ use super::cameras::PerspectiveCameras;
 use super::manifest::PerspectiveManifest;
 use super::train::read_view;
 use crate::io::write_json;
+use crate::nn::lpips::Lpips;
 use crate::progress::{Event, Progress};
 use crate::run_files::{NVS_PICTURES, NVS_SCORES};
 use crate::scene::Role;
-use crate::splat::image_score::score_photograph;
+use crate::splat::image_score::photograph_pair;
 use crate::splat::pinhole::{PinholePicture, comparison};
 use std::path::Path;
 
@@ -21,6 +22,7 @@ const PICTURES: usize = 12;
 pub fn nvs_eval(
     run: &Path,
     names: &[String],
+    lpips: Option<&Lpips<f32>>,
     written: bool,
     progress: &dyn Progress,
 ) -> Result<NvsScores, PipelineError> {
@@ -44,7 +46,7 @@ pub fn nvs_eval(
         let source = view.view_of(&scene, run)?;
         let truth = source.read_image()?.planes;
         let picture = PinholePicture::render(&splats, &view.camera());
-        let score = score_photograph(&picture.colors, &truth);
+        let score = photograph_pair(&picture.colors, &truth).score_with(lpips)?;
         let score = score.ok_or_else(|| PipelineError::NothingToScore { name: name() })?;
         if written && i % step == 0 {
             let shown = comparison(&read_view(source)?, &picture);

@@ -83,7 +83,11 @@ pub(super) fn train_scene(
         None => {
             let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
             let splats = splats_at_start(scene, &views, recipe.primitive, options.seed)?;
-            (splats.len(), Vec::new(), TrainingState::start(splats, AppearanceKind::default(), 0, options.seed))
+            (
+                splats.len(),
+                Vec::new(),
+                TrainingState::start(splats, AppearanceKind::default(), 0, options.seed),
+            )
         }
     };
     let schedule = Schedule {

@@ -10,7 +10,8 @@ mod model;
 pub mod satgs;
 
 pub use model::{
-    AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput, SplatLight,
+    AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput,
+    SplatLight,
 };
 
 use crate::simd::{Real, SimdReal};

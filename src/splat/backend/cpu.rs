@@ -3,11 +3,11 @@
 use super::stopwatch::Stopwatch;
 use super::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, TrainingScene, Wait};
 use crate::nn::adam::AdamRule;
+use crate::splat::appearance::ModelParameters;
 use crate::splat::densify::DensifyCounts;
 use crate::splat::loss::target::TargetImage;
 use crate::splat::loss::terms;
 use crate::splat::novel_view::{NovelView, Picture};
-use crate::splat::appearance::ModelParameters;
 use crate::splat::objective::{Gradient, Losses, Objective, StepInput};
 use crate::splat::raster::FrameCamera;
 use crate::splat::sheared_camera::ShearedCamera;
@@ -47,13 +47,17 @@ impl TrainingBackend for CpuBackend {
     type Viewpoint = NovelView;
     type Picture = Picture;
 
-    fn load(&mut self, scene: TrainingScene, state: TrainingState) -> Result<(), BackendError> {
+    fn load(&mut self, mut scene: TrainingScene, state: TrainingState) -> Result<(), BackendError> {
         let (found, expected) = (state.appearances.len(), scene.views.len());
         if found != expected {
             return Err(BackendError::OtherScene { found, expected });
         }
         let primitive = state.splats.primitive();
-        let objective = Objective::new(primitive, scene.appearance.model(scene.cube), terms(scene.prior.as_ref()));
+        let objective = Objective::new(
+            primitive,
+            scene.appearance.model(scene.cube),
+            terms(std::mem::take(&mut scene.inputs)),
+        );
         let (gradient, target) = (Gradient::default(), TargetImage::default());
         self.loaded = Some(Loaded { scene, state, objective, gradient, target });
         self.reports.clear();
@@ -114,6 +118,7 @@ impl Loaded {
         let input = StepInput {
             camera: FrameCamera::new(&camera, size.0, size.1),
             visibility: mask,
+            crop: plan.crop,
             target: &target.colors,
             valid: &target.valid,
             sun: sun.map(|s| ShearedCamera::sun(&camera, size, s, scene.altitudes)),
@@ -183,6 +188,7 @@ mod tests {
     use crate::random::CounterRng;
     use crate::splat::appearance::AppearanceKind;
     use crate::splat::appearance::satgs::Cube;
+    use crate::splat::loss::TermInputs;
     use crate::splat::ply;
     use crate::splat::splats::Splats;
     use crate::splat::train::recipe::{Densification, OpacityReset, Recipe};
@@ -231,7 +237,17 @@ mod tests {
         let (altitudes, appearance, cube) = ((-5.0, 10.0), AppearanceKind::Affine, Cube::default());
         let mut backend = CpuBackend::default();
         backend
-            .load(TrainingScene { views: views.into(), altitudes, prior: None, appearance, cube, visibility: None }, state)
+            .load(
+                TrainingScene {
+                    views: views.into(),
+                    altitudes,
+                    inputs: TermInputs::default(),
+                    appearance,
+                    cube,
+                    visibility: None,
+                },
+                state,
+            )
             .unwrap();
         backend
     }

@@ -11,13 +11,12 @@ pub mod stopwatch;
 use super::appearance::AppearanceKind;
 use super::appearance::satgs::Cube;
 use super::densify::DensifyCounts;
-use super::loss::surface_prior::Prior;
-use super::loss::{LossWeights, SurfaceDepth};
+use super::loss::{LossWeights, SurfaceDepth, TermInputs};
 use super::objective::Losses;
 use super::splats::PerGroup;
 use super::state::TrainingState;
-use super::visibility::{VisibilityError, VisibilityModel};
 use super::train::recipe::{Densification, NetworkRates};
+use super::visibility::{VisibilityError, VisibilityModel};
 use crate::affine::TrainingView;
 use std::sync::Arc;
 
@@ -27,8 +26,8 @@ pub struct TrainingScene {
     pub views: Arc<Vec<TrainingView>>,
     /// Lowest and highest altitude of the scene, metres above the site's origin.
     pub altitudes: (f64, f64),
-    /// The surface of the term [`surface_prior`](super::loss::surface_prior); none without the term.
-    pub prior: Option<Arc<Prior>>,
+    /// What some loss terms need.
+    pub inputs: TermInputs<f32>,
     /// The colour model of the views.
     pub appearance: AppearanceKind,
     /// The cube that networks of the colour model cover.
@@ -69,6 +68,9 @@ pub struct StepPlan {
     pub network_rates: NetworkRates,
     /// Densification, pruning and opacity reset after the optimiser's step.
     pub densify: DensifyPlan,
+    /// Place of the crop that the perceptual term compares: 0 to 1 from the left and from the top of where it may lie; none in
+    /// iterations without the term.
+    pub crop: Option<[f64; 2]>,
     /// The share, 0 to 1, to which the visibility of pixels counts; none while images and pictures are not compared.
     pub visibility: Option<f64>,
     /// Seed of random numbers within the iteration.

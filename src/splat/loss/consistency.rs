@@ -3,13 +3,12 @@
 //! The virtual view is a render with the view's camera and a random shear. Where both renders show the same surface, their
 //! altitudes and colours must agree.
 
-use super::surface_prior::Prior;
 use super::term::{LossTerm, Rendered, Scaled, TermInfo};
+use super::terms::TermInputs;
 use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::{Image, channel, stripe_rows};
 use crate::splat::shear_warp::{GradientWindow, ShearWarp, sum_windows};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// The weights are per metre of altitude and per unit of linear colour; the columns are the mean absolute differences.
 pub const INFO: TermInfo = TermInfo {
@@ -96,7 +95,7 @@ impl<T: SimdReal> Consistency<T> {
 impl<T: SimdReal> Consistency<T> {
     /// The term.
     #[must_use]
-    pub fn new(_: Option<&Arc<Prior>>) -> Self {
+    pub fn new(_: &mut TermInputs<T>) -> Self {
         Self::default()
     }
 }

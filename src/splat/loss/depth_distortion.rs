@@ -4,12 +4,11 @@
 //! Of a pixel with the weights `w` and mapped depths `m` of its discs, it is the sum of `w_i w_j (m_i - m_j)²` over all pairs,
 //! which is `A M2 - M1²` with the opacity `A` and the moments of the mapped depths.
 
-use super::surface_prior::Prior;
 use super::term::{LossTerm, Rendered, Scaled, TermInfo};
+use super::terms::TermInputs;
 use crate::simd::SimdReal;
 use crate::splat::raster::{Image, disc_plane};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// Weight and column are those of mapped depths `far / (far - near) (1 - near / z)` between 0.2 and 100 (2DGS).
 pub const INFO: TermInfo = TermInfo { weights: &["depth_distortion"], columns: &["depth_distortion"] };
@@ -27,7 +26,7 @@ pub struct DepthDistortion<T> {
 impl<T: SimdReal> DepthDistortion<T> {
     /// The term.
     #[must_use]
-    pub fn new(_: Option<&Arc<Prior>>) -> Self {
+    pub fn new(_: &mut TermInputs<T>) -> Self {
         Self::default()
     }
 }

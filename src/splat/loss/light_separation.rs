@@ -6,12 +6,11 @@
 //! - `dark_tones`: the mean of `(1 - min(t, τ) / τ)²` over the splats' toned colours `t`: darkness is for shadows.
 //! - `bright_shadows`: the sum of `(a / η - 1)²` over the channels of the ambient light `a` above η.
 
-use super::surface_prior::Prior;
 use super::term::{LossTerm, Rendered, TermInfo};
+use super::terms::TermInputs;
 use crate::simd::{Real, SimdReal};
 use crate::splat::appearance::SplatLight;
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// The weights of the three terms, and their columns.
 pub const INFO: TermInfo =
@@ -33,7 +32,7 @@ pub struct LightSeparation<T> {
 impl<T: Real> LightSeparation<T> {
     /// The term; it does not need the prior.
     #[must_use]
-    pub fn new(_: Option<&Arc<Prior>>) -> Self {
+    pub fn new(_: &mut TermInputs<T>) -> Self {
         Self { by_light: SplatLight::default(), is_used: false }
     }
 }
@@ -63,11 +62,8 @@ impl<T: SimdReal> LossTerm<T> for LightSeparation<T> {
         let SplatLight { toned: by_toned, sunlit: by_sunlit, ambient: by_ambient } = &mut self.by_light;
         by_toned.resize(n, [T::zero(); 3]);
         by_sunlit.resize(n, T::zero());
-        let [to_sunlit, to_toned, to_ambient] = [
-            weights[0] / n.max(1) as f64,
-            weights[1] / (3 * n.max(1)) as f64,
-            weights[2],
-        ];
+        let [to_sunlit, to_toned, to_ambient] =
+            [weights[0] / n.max(1) as f64, weights[1] / (3 * n.max(1)) as f64, weights[2]];
         let outputs = by_sunlit.par_chunks_mut(PIECE).zip(by_toned.par_chunks_mut(PIECE));
         let inputs = light.sunlit.par_chunks(PIECE).zip(visible.par_chunks(PIECE));
         let pieces = inputs.zip(light.toned.par_chunks(PIECE)).zip(outputs);

@@ -9,29 +9,32 @@ pub mod depth_distortion;
 pub mod light_separation;
 pub mod normal_consistency;
 pub mod opacity;
+pub mod perceptual;
 pub mod photometric;
+mod prior;
 pub mod shadow_entropy;
 pub mod surface_prior;
 pub mod target;
 mod term;
+mod terms;
 mod weights;
 
+pub use prior::Prior;
 pub use term::{DiscView, LossTerm, Rendered, Scaled, SurfaceDepth, TermInfo};
+pub use terms::TermInputs;
 pub use weights::{LossWeights, WeightError};
 
 use crate::simd::SimdReal;
-use std::sync::Arc;
-use surface_prior::Prior;
 
 macro_rules! loss_terms {
     ($($path:ident::$term:ident),* $(,)?) => {
         /// Names of the terms' weights and columns, in the order of [`terms`].
         pub const TERMS: &[TermInfo] = &[$($path::INFO),*];
 
-        /// All loss terms. `prior` is the surface of the term [`surface_prior`], which is zero without one.
+        /// All loss terms.
         #[must_use]
-        pub fn terms<T: SimdReal>(prior: Option<&Arc<Prior>>) -> Vec<Box<dyn LossTerm<T>>> {
-            vec![$(Box::new($path::$term::<T>::new(prior))),*]
+        pub fn terms<T: SimdReal>(mut inputs: TermInputs<T>) -> Vec<Box<dyn LossTerm<T>>> {
+            vec![$(Box::new($path::$term::<T>::new(&mut inputs))),*]
         }
     };
 }
@@ -45,6 +48,7 @@ loss_terms! {
     normal_consistency::NormalConsistency,
     depth_distortion::DepthDistortion,
     light_separation::LightSeparation,
+    perceptual::Perceptual,
 }
 
 /// Number of weights of all terms.

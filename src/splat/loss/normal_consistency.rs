@@ -5,12 +5,11 @@
 //! the left, right, upper and lower pixels; it counts with the opacity, through which no derivative goes, as in the authors'
 //! program. Pixels on the border, and those that are or touch pixels with an opacity below one half, have none.
 
-use super::surface_prior::Prior;
 use super::term::{DiscView, LossTerm, Rendered, Scaled, SurfaceDepth, TermInfo};
+use super::terms::TermInputs;
 use crate::simd::{Real, SimdReal};
 use crate::splat::raster::{Image, channel, disc_plane};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// The column is the mean of one minus the product of the two normals.
 pub const INFO: TermInfo = TermInfo { weights: &["normal_consistency"], columns: &["normal_consistency"] };
@@ -32,7 +31,7 @@ pub struct NormalConsistency<T> {
 impl<T: SimdReal> NormalConsistency<T> {
     /// The term.
     #[must_use]
-    pub fn new(_: Option<&Arc<Prior>>) -> Self {
+    pub fn new(_: &mut TermInputs<T>) -> Self {
         Self::default()
     }
 }
@@ -263,6 +262,7 @@ mod tests {
         let rendered = Rendered {
             light: None,
             visibility: None,
+            crop: None,
             view,
             discs: Some(DiscView { camera: &camera(), surface }),
             picture: &none,

@@ -1,11 +1,10 @@
 //! The mean opacity of the splats (EOGS's `L_opacity`): splats that the images do not need become transparent.
 
-use super::surface_prior::Prior;
 use super::term::{LossTerm, Rendered, TermInfo};
+use super::terms::TermInputs;
 use crate::simd::SimdReal;
 use crate::splat::raster::{SortedSplats, SplatGradient};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// One weight, and one column: the mean opacity.
 pub const INFO: TermInfo = TermInfo { weights: &["opacity"], columns: &["opacity"] };
@@ -19,7 +18,7 @@ pub struct Opacity<T> {
 impl<T: SimdReal> Opacity<T> {
     /// The term.
     #[must_use]
-    pub fn new(_: Option<&Arc<Prior>>) -> Self {
+    pub fn new(_: &mut TermInputs<T>) -> Self {
         Self { by_opacity: T::zero() }
     }
 }

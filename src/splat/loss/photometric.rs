@@ -7,13 +7,12 @@
 //! With `x` the picture and `y` the target, SSIM is a function of four blurred images: `x`, `y`, `xx + yy` and `xy`, the
 //! *moments*. Its gradient by `x` is the blur of its derivatives by the moments, as the window is symmetric.
 
-use super::surface_prior::Prior;
 use super::term::{LossTerm, Rendered, Scaled, TermInfo};
+use super::terms::TermInputs;
 use crate::simd::Real;
 use crate::simd::{MAX_LANES, Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::Image;
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// The term has weight 1; its columns are the mean absolute difference of linear colours and the mean SSIM.
 pub const INFO: TermInfo = TermInfo { weights: &[], columns: &["l1", "ssim"] };
@@ -187,7 +186,7 @@ impl<T: SimdReal> LossTerm<T> for Photometric<T> {
 impl<T: SimdReal> Photometric<T> {
     /// The term.
     #[must_use]
-    pub fn new(_: Option<&Arc<Prior>>) -> Self {
+    pub fn new(_: &mut TermInputs<T>) -> Self {
         Self::default()
     }
 

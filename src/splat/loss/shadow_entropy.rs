@@ -1,12 +1,11 @@
 //! The mean binary entropy of the share of sunlight (EOGS's `L_translucentshadows`), which makes each pixel either sunlit or
 //! shadowed.
 
-use super::surface_prior::Prior;
 use super::term::{LossTerm, Rendered, Scaled, TermInfo};
+use super::terms::TermInputs;
 use crate::simd::{Simd, SimdKernel, SimdMask, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::{Image, stripe_rows};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// One weight, and one column: the mean entropy in bits.
 pub const INFO: TermInfo = TermInfo { weights: &["shadow_entropy"], columns: &["shadow_entropy"] };
@@ -27,7 +26,7 @@ pub struct ShadowEntropy<T> {
 impl<T: SimdReal> ShadowEntropy<T> {
     /// The term.
     #[must_use]
-    pub fn new(_: Option<&Arc<Prior>>) -> Self {
+    pub fn new(_: &mut TermInputs<T>) -> Self {
         Self::default()
     }
 }

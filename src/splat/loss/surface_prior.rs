@@ -3,53 +3,20 @@
 //! On a surface without texture, such as a white roof, the photometric loss lets splats drift by metres although the roof's
 //! edges are right. Dense matching has interpolated such areas from their edges. The term is the mean over the splats of
 //! `w r² / (r² + 1)` (the robust loss of Geman and McClure), with `r` the vertical distance from the surface in metres and
-//! `w` the surface's weight at the splat, [`MatchedSurface::prior_weight`].
+//! `w` the surface's weight at the splat, [`MatchedSurface::prior_weight`](crate::mvs::MatchedSurface::prior_weight).
 
+use super::prior::Prior;
 use super::term::{LossTerm, Rendered, TermInfo};
-use crate::frame::{Point, SiteGrid};
-use crate::io::{Grid2, MapGrid};
-use crate::mvs::MatchedSurface;
-use crate::simd::{Real, SimdReal};
+use super::terms::TermInputs;
+use crate::simd::SimdReal;
 use crate::splat::splats::Splats;
 use rayon::prelude::*;
 use std::sync::Arc;
 
 /// One weight, and one column: the mean robust distance.
 pub const INFO: TermInfo = TermInfo { weights: &["surface_prior"], columns: &["surface_prior"] };
-/// Scale of the robust loss, metres: splats much further from the surface are hardly pulled.
-const SCALE_M: f64 = 1.0;
 /// Number of splats that one task sums over; fixed, so that sums do not depend on the number of threads.
 const PIECE: usize = 4096;
-
-/// The surface of the prior: altitudes and weights on a UTM grid.
-#[derive(Clone, Debug)]
-pub struct Prior {
-    site: SiteGrid,
-    grid: MapGrid,
-    altitude: Grid2,
-    weight: Grid2,
-}
-
-impl Prior {
-    /// The prior of a matched surface.
-    #[must_use]
-    pub fn new(surface: &MatchedSurface) -> Self {
-        let (altitude, weight) = (surface.altitude.clone(), surface.prior_weight.clone());
-        Self { site: surface.site, grid: surface.grid, altitude, weight }
-    }
-
-    /// Signed vertical distance from the surface in units of [`SCALE_M`], and the weight at a position in the site frame
-    /// (metres); none where there is no surface or the weight is zero.
-    fn distance<T: Real>(&self, [x, y, z]: [T; 3]) -> Option<(T, T)> {
-        let place = self.site.utm_from_site(Point::new(x.as_f64(), y.as_f64(), 0.0));
-        let px = self.grid.corner_px_from_utm(place);
-        let (col, row) = (px.col.floor() as i64, px.row.floor() as i64);
-        let [altitude, weight] =
-            [&self.altitude, &self.weight].map(|plane| T::from_f64(plane.get(col, row).into()));
-        let r = (z - altitude) / T::from_f64(SCALE_M);
-        (weight > T::zero() && !r.is_nan()).then_some((r, weight))
-    }
-}
 
 /// The term; zero without a prior.
 pub struct SurfacePrior<T> {
@@ -64,8 +31,8 @@ pub struct SurfacePrior<T> {
 impl<T: SimdReal> SurfacePrior<T> {
     /// The term with this prior; zero without one.
     #[must_use]
-    pub fn new(prior: Option<&Arc<Prior>>) -> Self {
-        Self { prior: prior.cloned(), factor: T::zero(), slopes: Vec::new(), sums: Vec::new() }
+    pub fn new(inputs: &mut TermInputs<T>) -> Self {
+        Self { prior: inputs.prior.take(), factor: T::zero(), slopes: Vec::new(), sums: Vec::new() }
     }
 }
 
@@ -82,7 +49,7 @@ impl<T: SimdReal> LossTerm<T> for SurfacePrior<T> {
         // The robust distance of a splat and its derivative.
         let evaluate = |position: &[T; 3]| {
             let (r, weight) = prior.distance(*position)?;
-            let slope = weight * (two * r / (T::from_f64(SCALE_M) * (r * r + T::one()).powi(2)));
+            let slope = weight * (two * r / (T::from_f64(Prior::SCALE_M) * (r * r + T::one()).powi(2)));
             Some((weight * r * r / (r * r + T::one()), slope))
         };
         let pieces = splats.position.par_chunks(PIECE).zip(self.slopes.par_chunks_mut(PIECE));
@@ -107,6 +74,9 @@ impl<T: SimdReal> LossTerm<T> for SurfacePrior<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::{Point, SiteGrid};
+    use crate::io::{Grid2, MapGrid};
+    use crate::mvs::MatchedSurface;
     use crate::splat::raster::{Image, SortedSplats};
 
     /// Two cells of 2 m at an altitude of 5 m, of which only the western one has a weight.
@@ -114,7 +84,9 @@ mod tests {
         let site = SiteGrid { epsg: 32617, origin: Point::new(1000.0, 2000.0, 10.0) };
         let grid = MapGrid { epsg: 32617, west: 998.0, north: 2001.0, cell: 2.0, width: 2, height: 1 };
         let plane = |data: [f32; 2]| Grid2 { width: 2, height: 1, data: data.into() };
-        Prior { site, grid, altitude: plane([5.0; 2]), weight: plane([1.0, 0.0]) }
+        let altitude = plane([5.0; 2]);
+        let (score, prior_weight) = (altitude.clone(), plane([1.0, 0.0]));
+        Prior::new(&MatchedSurface { site, grid, altitude, score, prior_weight })
     }
 
     /// Value, and derivatives by the altitudes, for splats at these positions.
@@ -125,6 +97,7 @@ mod tests {
         let rendered = Rendered {
             light: None,
             visibility: None,
+            crop: None,
             discs: None,
             view: &nothing,
             picture: &nothing,
@@ -134,7 +107,7 @@ mod tests {
             splats: &splats,
             sorted: &sorted,
         };
-        let mut term = SurfacePrior::new(Some(&Arc::new(prior())));
+        let mut term = SurfacePrior::new(&mut TermInputs { prior: Some(Arc::new(prior())), lpips: None });
         let value = term.evaluate(&rendered, &[weight], &mut [0.0]);
         let mut by = Splats::zeros(splats.len());
         term.add_by_splats(&splats, &mut by);

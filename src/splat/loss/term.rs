@@ -53,6 +53,9 @@ pub struct Rendered<'a, T> {
     pub light: Option<(&'a SplatLight<T>, &'a [T])>,
     /// Visibility of each pixel, 0 to 1, one channel; none if all are visible.
     pub visibility: Option<&'a Image<T>>,
+    /// Place of the crop that the perceptual term compares: 0 to 1 from the left and from the top of where it may lie; none
+    /// without the term.
+    pub crop: Option<[f64; 2]>,
     /// The virtual view: a render with the view's camera and a random shear, and the map from the view's pixels to it. None
     /// in iterations without one.
     pub virtual_view: Option<(&'a Image<T>, &'a ShearWarp<T>)>,

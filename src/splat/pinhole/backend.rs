@@ -3,7 +3,7 @@
 use super::super::backend::stopwatch::Stopwatch;
 use super::super::backend::{BackendError, DensifyPlan, StepPlan, StepReport, TrainingBackend, Wait};
 use super::super::densify::DensifyCounts;
-use super::super::loss::terms;
+use super::super::loss::{TermInputs, terms};
 use super::super::objective::Losses;
 use super::super::raster::Image;
 use super::super::splats::Splats;
@@ -62,7 +62,7 @@ impl TrainingBackend for PinholeBackend {
             return Err(BackendError::OtherScene { found, expected: 0 });
         }
         self.loaded = Some(Loaded {
-            objective: objective(state.splats.primitive(), terms(None)),
+            objective: objective(state.splats.primitive(), terms(TermInputs::default())),
             scene,
             state,
             gradient: Splats::default(),

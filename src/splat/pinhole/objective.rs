@@ -158,6 +158,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
         let rendered = Rendered {
             light: None,
             visibility: None,
+            crop: None,
             view: self.view.image(),
             discs: P::IS_FLAT.then_some(DiscView { camera: input.camera, surface: input.surface }),
             picture: &self.picture,
@@ -341,7 +342,7 @@ fn add_row<T: Real>(sum: &mut [T], part: &Scaled<T>, channel: usize, row: usize)
 mod tests {
     use super::*;
     use crate::random::CounterRng;
-    use crate::splat::loss::terms;
+    use crate::splat::loss::{TermInputs, terms};
     use crate::splat::splats::{GROUP_INFO, GROUPS};
     use glam::{DMat3, DVec2, DVec3};
 
@@ -431,7 +432,7 @@ mod tests {
     #[test]
     fn gradients_of_the_whole_loss_agree_with_central_differences() {
         let weights = LossWeights::of(&[("opacity", 0.05)]).unwrap();
-        let objective = objective(PrimitiveKind::Ellipsoid, terms(None));
+        let objective = objective(PrimitiveKind::Ellipsoid, terms(TermInputs::default()));
         compare_with_differences(objective, &scene(40), &weights, SurfaceDepth::Mean);
     }
 
@@ -440,7 +441,7 @@ mod tests {
         let mut splats = scene(40);
         splats.flatten();
         let weights = LossWeights::of(&[("depth_distortion", 500.0)]).unwrap();
-        let objective = objective(PrimitiveKind::Disc, terms(None));
+        let objective = objective(PrimitiveKind::Disc, terms(TermInputs::default()));
         compare_with_differences(objective, &splats, &weights, SurfaceDepth::Mean);
     }
 

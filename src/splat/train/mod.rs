@@ -19,6 +19,9 @@ const STATUS_EVERY: u32 = 10;
 const DRAW_ORDER: u64 = 10;
 const DRAW_BACKGROUND: u64 = 11;
 const DRAW_VIRTUAL: u64 = 12;
+const DRAW_CROP: u64 = 13;
+/// Number of iterations of which one has the perceptual loss.
+const CROP_EVERY: u32 = 4;
 
 /// One line of the training log: an iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -183,6 +186,7 @@ impl Schedule<'_> {
             rates: self.rates(iteration),
             appearance_rate: r.appearance_rate,
             network_rates: r.network_rates.unwrap_or_default(),
+            crop: self.crop(iteration),
             visibility: r.uncertainty.and_then(|u| u.share(iteration)),
             seed: self.seed,
             densify: self.densification(iteration, is_paused(|r| r.densification_pause)),
@@ -198,6 +202,13 @@ impl Schedule<'_> {
             order.swap(i, draw.below(i + 1));
         }
         order[turn]
+    }
+
+    /// Place of the crop of the perceptual loss: random, in every fourth iteration.
+    fn crop(&self, iteration: u32) -> Option<[f64; 2]> {
+        let is_due = self.recipe.weights.get("perceptual") > 0.0 && iteration.is_multiple_of(CROP_EVERY);
+        let mut draw = CounterRng::new(self.seed, DRAW_CROP, iteration.into(), 0);
+        is_due.then(|| std::array::from_fn(|_| draw.uniform()))
     }
 
     /// Random shear of the virtual view: normal, clamped to one standard deviation (EOGS).

@@ -100,18 +100,24 @@ impl TrainedAppearance {
     /// [`WriteError`] if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         let content = serde_json::to_string(&self.content).map_err(|e| WriteError::new(path, e))?;
-        let metadata =
-            HashMap::from([(FORMAT_KEY.into(), FORMAT.into()), (CONTENT_KEY.to_owned(), content)]);
-        let bytes = |values: &mut dyn Iterator<Item = f32>| values.flat_map(f32::to_le_bytes).collect::<Vec<u8>>();
+        let metadata = HashMap::from([(FORMAT_KEY.into(), FORMAT.into()), (CONTENT_KEY.to_owned(), content)]);
+        let bytes =
+            |values: &mut dyn Iterator<Item = f32>| values.flat_map(f32::to_le_bytes).collect::<Vec<u8>>();
         let embedding = self.content.networks.embedding;
         let tensors = [
             ("networks", vec![self.shared.len()], bytes(&mut self.shared.iter().copied())),
-            ("embeddings", vec![self.embeddings.len(), embedding], bytes(&mut self.embeddings.iter().flatten().copied())),
+            (
+                "embeddings",
+                vec![self.embeddings.len(), embedding],
+                bytes(&mut self.embeddings.iter().flatten().copied()),
+            ),
             ("colors", vec![self.colors.len(), 3], bytes(&mut self.colors.iter().flatten().copied())),
         ];
         let views: Result<Vec<_>, _> = tensors
             .iter()
-            .map(|(name, shape, bytes)| TensorView::new(Dtype::F32, shape.clone(), bytes).map(|view| (*name, view)))
+            .map(|(name, shape, bytes)| {
+                TensorView::new(Dtype::F32, shape.clone(), bytes).map(|view| (*name, view))
+            })
             .collect();
         let views = views.map_err(|e| WriteError::new(path, e))?;
         let file = safetensors::serialize(views, Some(metadata)).map_err(|e| WriteError::new(path, e))?;
@@ -123,8 +129,8 @@ impl TrainedAppearance {
     /// # Errors
     /// [`AppearanceError`] if it cannot be read, is cut short, of another version, or its parts do not fit together.
     pub fn read(path: &Path) -> Result<Self, AppearanceError> {
-        let bytes =
-            std::fs::read(path).map_err(|e| AppearanceError::Io { path: path.into(), reason: e.to_string() })?;
+        let bytes = std::fs::read(path)
+            .map_err(|e| AppearanceError::Io { path: path.into(), reason: e.to_string() })?;
         decode(&bytes).map_err(|reason| AppearanceError::Format { path: path.into(), reason })
     }
 
@@ -145,7 +151,8 @@ fn decode(bytes: &[u8]) -> Result<TrainedAppearance, String> {
         None => return Err(format!("its metadata lack `{FORMAT_KEY}`")),
     }
     let text = metadata.get(CONTENT_KEY).ok_or_else(|| format!("its metadata lack `{CONTENT_KEY}`"))?;
-    let content: AppearanceContent = serde_json::from_str(text).map_err(|e| format!("`{CONTENT_KEY}`: {e}"))?;
+    let content: AppearanceContent =
+        serde_json::from_str(text).map_err(|e| format!("`{CONTENT_KEY}`: {e}"))?;
     check(&content)?;
     let tensors = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
     let (views, embedding) = (content.views.len(), content.networks.embedding);
@@ -161,7 +168,8 @@ fn decode(bytes: &[u8]) -> Result<TrainedAppearance, String> {
 fn check(content: &AppearanceContent) -> Result<(), String> {
     let Networks { embedding, grid, tone, shadow, sky } = &content.networks;
     let is_size = |n: usize| (1..=MOST_OUTPUTS).contains(&n);
-    let widths = [tone, shadow, sky].map(|mlp| mlp.hidden.iter().all(|n| is_size(*n)) && mlp.hidden.len() <= 8);
+    let widths =
+        [tone, shadow, sky].map(|mlp| mlp.hidden.iter().all(|n| is_size(*n)) && mlp.hidden.len() <= 8);
     if !is_size(*embedding)
         || !(1..=MOST_LEVELS).contains(&grid.levels)
         || !(1..=MOST_LOG2_ENTRIES).contains(&grid.log2_entries)
@@ -171,11 +179,7 @@ fn check(content: &AppearanceContent) -> Result<(), String> {
         return Err("the shapes of its networks are out of range".into());
     }
     let features = grid.outputs();
-    let shapes = [
-        (tone, [features + 3, *embedding, 6]),
-        (shadow, [features, 3, 1]),
-        (sky, [3, 0, 3]),
-    ];
+    let shapes = [(tone, [features + 3, *embedding, 6]), (shadow, [features, 3, 1]), (sky, [3, 0, 3])];
     if shapes.iter().any(|(mlp, shape)| [mlp.inputs, mlp.shared, mlp.outputs] != *shape) {
         return Err("its networks do not fit together".into());
     }
@@ -203,7 +207,11 @@ fn values(tensors: &SafeTensors, name: &str, expected: &[Option<usize>]) -> Resu
     }
     let floats = tensor.data().as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes));
     let values: Vec<f32> = floats.collect();
-    if values.iter().all(|v| v.is_finite()) { Ok(values) } else { Err(format!("tensor `{name}` has values that are not finite")) }
+    if values.iter().all(|v| v.is_finite()) {
+        Ok(values)
+    } else {
+        Err(format!("tensor `{name}` has values that are not finite"))
+    }
 }
 
 #[cfg(test)]

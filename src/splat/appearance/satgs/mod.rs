@@ -44,7 +44,10 @@ impl Cube {
     pub fn around(area: (f64, f64, f64, f64), altitudes: (f64, f64)) -> Self {
         let (west, south, east, north) = area;
         let sides = [east - west, north - south, altitudes.1 - altitudes.0];
-        Self { corner: [west, south, altitudes.0], side_m: sides.into_iter().fold(f64::MIN_POSITIVE, f64::max) }
+        Self {
+            corner: [west, south, altitudes.0],
+            side_m: sides.into_iter().fold(f64::MIN_POSITIVE, f64::max),
+        }
     }
 }
 
@@ -119,9 +122,8 @@ impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
 
     fn splat_colors(&mut self, input: ColorInput<T>, colors: &mut Vec<[T; 3]>) {
         let Cube { corner, side_m } = self.cube;
-        let unit = |p: &[T; 3]| {
-            std::array::from_fn(|k| (p[k] - T::from_f64(corner[k])) * T::from_f64(1.0 / side_m))
-        };
+        let unit =
+            |p: &[T; 3]| std::array::from_fn(|k| (p[k] - T::from_f64(corner[k])) * T::from_f64(1.0 / side_m));
         let n = input.splats.len();
         input.splats.position.par_iter().with_min_len(1024).map(unit).collect_into_vec(&mut self.positions);
         let f_dc = input.splats.f_dc.par_iter().with_min_len(1024);
@@ -179,26 +181,30 @@ impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
         let inputs = self.features.par_chunks(size / BLOCK * block_size).zip(self.colors.par_chunks(size));
         let outputs = self.by_features.par_chunks_mut(size / BLOCK * block_size);
         let outputs = outputs.zip(self.by_splat_colors.par_chunks_mut(size)).zip(&mut self.parts);
-        inputs.zip(outputs).enumerate().for_each(|(k, ((features, colors), ((by_features, by_own), part)))| {
-            let inputs = features.chunks(block_size).zip(colors.chunks(BLOCK));
-            let outputs = by_features.chunks_mut(block_size).zip(by_own.chunks_mut(BLOCK));
-            for (b, ((features, colors), (by_features, by_splat_colors))) in inputs.zip(outputs).enumerate() {
-                let first = k * size + b * BLOCK;
-                let items = first..first + colors.len();
-                T::dispatch(Backward {
-                    input: BlockInput { networks: &networks, features, colors },
-                    buffers: &mut part.buffers,
-                    toned: &light.toned[items.clone()],
-                    sunlit: &light.sunlit[items.clone()],
-                    by_colors: &by_colors[items],
-                    by_light,
-                    first,
-                    by_features,
-                    by_splat_colors,
-                    sums: &mut part.sums,
-                });
-            }
-        });
+        inputs.zip(outputs).enumerate().for_each(
+            |(k, ((features, colors), ((by_features, by_own), part)))| {
+                let inputs = features.chunks(block_size).zip(colors.chunks(BLOCK));
+                let outputs = by_features.chunks_mut(block_size).zip(by_own.chunks_mut(BLOCK));
+                for (b, ((features, colors), (by_features, by_splat_colors))) in
+                    inputs.zip(outputs).enumerate()
+                {
+                    let first = k * size + b * BLOCK;
+                    let items = first..first + colors.len();
+                    T::dispatch(Backward {
+                        input: BlockInput { networks: &networks, features, colors },
+                        buffers: &mut part.buffers,
+                        toned: &light.toned[items.clone()],
+                        sunlit: &light.sunlit[items.clone()],
+                        by_colors: &by_colors[items],
+                        by_light,
+                        first,
+                        by_features,
+                        by_splat_colors,
+                        sums: &mut part.sums,
+                    });
+                }
+            },
+        );
         let [tables, tone, shadow, sky] = self.networks.ranges();
         let (shared, by_shared) = (input.parameters.shared, by_parameters.shared);
         self.networks.grid.encode_backward(&self.positions, &self.by_features, &mut by_shared[tables]);

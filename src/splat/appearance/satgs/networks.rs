@@ -67,12 +67,8 @@ impl Networks {
     /// Where the parameters of tables, tone, shadow and sky are.
     #[must_use]
     pub fn ranges(&self) -> [Range<usize>; 4] {
-        let sizes = [
-            self.grid.parameters(),
-            self.tone.parameters(),
-            self.shadow.parameters(),
-            self.sky.parameters(),
-        ];
+        let sizes =
+            [self.grid.parameters(), self.tone.parameters(), self.shadow.parameters(), self.sky.parameters()];
         let mut end = 0;
         sizes.map(|size| {
             end += size;

@@ -2,8 +2,8 @@
 //! `2dgs` for perspective scenes.
 
 use super::{
-    Background, Densification, NetworkRates, OpacityReset, PerspectiveRecipe, RayHeight, Recipe, Start, always, white,
-    widest_half_resolution_px_m,
+    Background, Densification, NetworkRates, OpacityReset, PerspectiveRecipe, RayHeight, Recipe, Start,
+    always, white, widest_half_resolution_px_m,
 };
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::{LossWeights, SurfaceDepth};
@@ -133,7 +133,8 @@ impl Recipe {
 #[allow(clippy::needless_update, reason = "a new parameter group has a rate of 0 until it is given one")]
 fn satgs_colors(heights: &Recipe) -> Recipe {
     let iterations = 6000;
-    let named = [("sun_visibility", 1.0), ("dark_tones", 1.0), ("bright_shadows", 1.0)];
+    let named =
+        [("sun_visibility", 1.0), ("dark_tones", 1.0), ("bright_shadows", 1.0), ("perceptual", 0.005)];
     Recipe {
         name: "satgs-colors".into(),
         iterations,
