@@ -31,8 +31,12 @@ pub struct Args {
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Use the camera, sun and colours of this view of the run
-    #[arg(long, value_name = "VIEW", required_unless_present = "view")]
+    #[arg(long, value_name = "VIEW", required_unless_present_any = ["view", "visibility"])]
     like: Option<String>,
+    /// Write the visibility of the pixels of this training view (recipe satgs): 1 where other images show the same, lower for
+    /// cars, clouds and the like
+    #[arg(long, value_name = "VIEW", conflicts_with_all = ["like", "view", "appearance", "date", "sun", "frames", "depth", "normals"])]
+    visibility: Option<String>,
     /// Direction of the camera: azimuth and angle off nadir, in the colours of the reference view (the training view nearest to
     /// nadir with a high sun)
     #[arg(long, value_name = "AZIMUTH,OFF_NADIR", value_parser = direction, conflicts_with = "like")]
@@ -112,9 +116,10 @@ fn size(text: &str) -> Result<(usize, usize), String> {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let viewpoint = match &args.like {
-        Some(view) => Viewpoint::Like(view.clone()),
-        None => Viewpoint::Direction {
+    let viewpoint = match (&args.like, &args.visibility) {
+        (_, Some(view)) => Viewpoint::Visibility(view.clone()),
+        (Some(view), None) => Viewpoint::Like(view.clone()),
+        (None, None) => Viewpoint::Direction {
             from_deg: args.view.unwrap_or_default(),
             to_deg: args.view_to,
             size: args.size,

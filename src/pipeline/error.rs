@@ -257,6 +257,15 @@ pub enum PipelineError {
         /// What they are needed for.
         what: &'static str,
     },
+    /// The visibility of a view's pixels is not known.
+    #[error("`{run}` has no visibility of the pixels of view `{name}`")]
+    #[diagnostic(help("training views of recipe `satgs` have one"))]
+    NoVisibility {
+        /// The run.
+        run: PathBuf,
+        /// The view.
+        name: String,
+    },
     /// Too few training views have a date for colours in between.
     #[error(
         "`{run}`: fewer than two training views have a date, so that there are no colours for another one"

@@ -55,10 +55,16 @@ pub fn render(
         return Err(PipelineError::NoNormals { run: run.into() });
     }
     let like = match &options.viewpoint {
-        Viewpoint::Like(name) => Some(find(setup, name)?),
+        Viewpoint::Like(name) | Viewpoint::Visibility(name) => Some(find(setup, name)?),
         Viewpoint::Direction { .. } => None,
     };
     let rpc = like.map(|view| corrected_camera(run, &view.name)).transpose()?;
+    if let (Viewpoint::Visibility(_), Some(view), Some(rpc)) = (&options.viewpoint, like, &rpc) {
+        let visibility = trained.as_ref().and_then(|colors| colors.visibility(&view.name, view.size));
+        let no_visibility = || PipelineError::NoVisibility { run: run.into(), name: view.name.clone() };
+        write_visibility(output, is_raster, &visibility.ok_or_else(no_visibility)?, rpc)?;
+        return Ok(RenderSummary { output: output.into(), frames: 1 });
+    }
     let appearance = like
         .and_then(|v| cameras.appearances.iter().find(|a| a.0 == v.name))
         .map_or_else(|| cameras.reference_appearance(), |a| a.1.clone());
@@ -183,7 +189,7 @@ fn frame_view(setup: &SiteScene, options: &RenderOptions, part: f64) -> Result<N
         b.map_or(a, |b| std::array::from_fn(|k| a[k] + part * (b[k] - a[k])))
     };
     let mut view = match &options.viewpoint {
-        Viewpoint::Like(name) => {
+        Viewpoint::Like(name) | Viewpoint::Visibility(name) => {
             let view = find(setup, name)?;
             NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear }
         }
@@ -258,6 +264,22 @@ fn bands_of(
         bands.push(("height", "m", height));
     }
     bands
+}
+
+/// Writes the visibility of a view's pixels: gray, or a band with the view's RPC.
+fn write_visibility(
+    path: &Path,
+    is_raster: bool,
+    visibility: &Grid2,
+    rpc: &Rpc,
+) -> Result<(), PipelineError> {
+    let Grid2 { width, height, .. } = *visibility;
+    if is_raster {
+        let image = SensorImage { width, height, rpc: &formats::to_gdal(rpc), metadata: &[] };
+        return Ok(image.write_f32(path, &[("visibility", "", visibility)])?);
+    }
+    let rgb: Vec<u8> = visibility.data.iter().flat_map(|v| [(v * 255.0).round() as u8; 3]).collect();
+    Ok(write_png_rgb(path, width, height, &rgb)?)
 }
 
 /// Writes bands with the view's RPC, if it has one, else on the map.

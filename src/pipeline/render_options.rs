@@ -8,6 +8,9 @@ use std::path::PathBuf;
 pub enum Viewpoint {
     /// The camera, sun and colours of a view of the run.
     Like(String),
+    /// The camera of a training view of a run with trained colours; not its colours are rendered but the visibility of its
+    /// pixels: low where its image shows what the others do not.
+    Visibility(String),
     /// A direction, in the colours of the reference view.
     Direction {
         /// Azimuth (clockwise from north) and angle off nadir, degrees.

@@ -4,6 +4,7 @@
 //! it.
 
 mod figures;
+mod held_back;
 mod photographs;
 mod pictures;
 mod score_table;
@@ -15,7 +16,7 @@ pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
 pub use sections::{adjustment, scores, surface, table};
 
 use crate::io::{RasterError, ReadError, WriteError, escape_xml, write_file};
-use crate::run_files::{DSM, PAGE, SCENE};
+use crate::run_files::{DSM, NVS_SCORES, PAGE, SCENE};
 use std::path::{Path, PathBuf};
 
 /// Why a report could not be written.
@@ -61,21 +62,25 @@ pub fn write(run: &Path) -> Result<PathBuf, ReportError> {
 type Section = (&'static str, &'static str, String);
 
 fn of_satellites(run: &Path) -> Result<Vec<Section>, ReportError> {
-    Ok(vec![
+    let mut sections = vec![
         ("inputs", "Inputs", sections::inputs(run)?),
         ("adjustment", "Adjustment", sections::adjustment(run)?),
         ("training", "Training", sections::training(run)?),
         ("surface", "Surface", sections::surface(run)?),
         ("scores", "Scores", sections::scores(run)?),
-        ("commands", "Versions and commands", sections::commands(run)?),
-    ])
+    ];
+    if run.join(NVS_SCORES).exists() {
+        sections.push(("views", "Novel views", held_back::held_back(run)?));
+    }
+    sections.push(("commands", "Versions and commands", sections::commands(run)?));
+    Ok(sections)
 }
 
 fn of_photographs(run: &Path) -> Result<Vec<Section>, ReportError> {
     let mut sections = vec![
         ("inputs", "Inputs", photographs::views(run)?),
         ("training", "Training", sections::training(run)?),
-        ("views", "Views held back", photographs::held_back(run)?),
+        ("views", "Views held back", held_back::held_back(run)?),
     ];
     if run.join(DSM).exists() {
         sections.push(("surface", "Surface", sections::surface(run)?));

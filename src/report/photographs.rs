@@ -1,10 +1,9 @@
 //! Sections of the page of a perspective scene.
 
 use super::ReportError;
-use super::pictures::img_of_file;
 use super::sections::{missing, read_if_present, table};
 use crate::io::escape_xml;
-use crate::run_files::{NVS_PICTURES, NVS_SCORES, SCENE};
+use crate::run_files::SCENE;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -43,40 +42,5 @@ pub(super) fn views(run: &Path) -> Result<String, ReportError> {
         vec![text(&view["name"]), size, role.to_owned()]
     });
     out.push_str(&table("Views", &["view", "pixels", "used for"], rows));
-    Ok(out)
-}
-
-/// Views that were held back: scores, and pictures of image, render and difference.
-pub(super) fn held_back(run: &Path) -> Result<String, ReportError> {
-    let Some(scores) = read_if_present::<Value>(&run.join(NVS_SCORES))? else {
-        return Ok("<p class=\"note\">No view was held back.</p>\n".to_owned());
-    };
-    let number =
-        |value: &Value, digits: usize| value.as_f64().map_or("–".into(), |v| format!("{v:.digits$}"));
-    let row = |name: &str, score: &Value| {
-        vec![
-            name.to_owned(),
-            number(&score["psnr_db"], 2),
-            number(&score["ssim"], 3),
-            number(&score["pixels"], 0),
-        ]
-    };
-    let views = scores["views"].as_array().cloned().unwrap_or_default();
-    let name = |view: &Value| view["view"].as_str().unwrap_or_default().to_owned();
-    let rows = views.iter().map(|view| row(&name(view), &view["score"]));
-    let rows = rows.chain([row("mean", &scores["mean"])]);
-    let mut out = table("Scores of views that were held back", &["view", "PSNR dB", "SSIM", "pixels"], rows);
-    for (i, view) in views.iter().enumerate() {
-        let path = run.join(format!("{NVS_PICTURES}/{i:04}.png"));
-        let name = name(view);
-        let alt = format!("Image of {name}, its render, and their difference");
-        if let Some(picture) = path.exists().then(|| img_of_file(&path, &alt)).transpose()? {
-            let _ = writeln!(
-                out,
-                "<figure>{picture}<figcaption>{}: image, render, difference (white is none)</figcaption></figure>",
-                escape_xml(&name)
-            );
-        }
-    }
     Ok(out)
 }

@@ -28,8 +28,10 @@ impl SharedParameters {
         }
         let groups = Networks::default().groups();
         self.moments.resize_with(groups.len(), Adam::default);
-        for (NetworkGroup { range, rule, is_tables }, moments) in groups.into_iter().zip(&mut self.moments) {
-            let rate = if is_tables { rates.tables } else { rates.networks };
+        let rates = [rates.tables, rates.tone, rates.shadow];
+        for ((NetworkGroup { range, rule }, moments), rate) in
+            groups.into_iter().zip(&mut self.moments).zip(rates)
+        {
             moments.step(rule, &mut self.values[range.clone()], &gradient[range], rate);
         }
     }

@@ -68,6 +68,23 @@ pub struct VisibilityState {
     head: Option<(HeadState<f32>, Adam)>,
 }
 
+/// The visibility of a view's patches.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PatchVisibility {
+    /// Columns and rows of a patch, pixels.
+    pub patch_px: usize,
+    /// The visibility of each patch, 0 to 1.
+    pub patches: Grid2,
+}
+
+impl PatchVisibility {
+    /// The visibility of the pixels of an image of this size (columns, rows).
+    #[must_use]
+    pub fn at_pixels(&self, (width, height): (usize, usize)) -> Grid2 {
+        upsample(&self.patches, self.patch_px, width, height)
+    }
+}
+
 /// Why visibility cannot be computed.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
@@ -141,13 +158,18 @@ impl VisibilityModel {
     ///
     /// # Errors
     /// [`VisibilityError`] if the head cannot be evaluated.
-    pub fn patches(&self, state: &VisibilityState, view: usize) -> Result<Option<Grid2>, VisibilityError> {
+    pub fn patches(
+        &self,
+        state: &VisibilityState,
+        view: usize,
+    ) -> Result<Option<PatchVisibility>, VisibilityError> {
         let Some(Some(difference)) = state.differences.get(view) else { return Ok(None) };
+        let of_patches = |patches| PatchVisibility { patch_px: self.features.patch_px(), patches };
         if let (Some((own, _)), Some(of_image)) = (&state.head, &self.of_images[view]) {
             let head = UncertaintyHead::from_state(own.clone())?;
-            return Ok(Some(visibility_of_sigma(&head.sigma(of_image)?)));
+            return Ok(Some(of_patches(visibility_of_sigma(&head.sigma(of_image)?))));
         }
-        Ok(Some(self.recipe.loss().visibility(difference)))
+        Ok(Some(of_patches(self.recipe.loss().visibility(difference))))
     }
 
     /// The visibility of a view's pixels in an image of this size, counted to a share; one channel. None before the view's
@@ -163,7 +185,7 @@ impl VisibilityModel {
         share: f64,
     ) -> Result<Option<&Image<f32>>, VisibilityError> {
         let Some(patches) = self.patches(state, view)? else { return Ok(None) };
-        let visibility = upsample(&patches, self.features.patch_px(), width, height);
+        let visibility = patches.at_pixels((width, height));
         self.mask.resize(width, height, 1);
         for (mask, visibility) in self.mask.data.iter_mut().zip(&visibility.data) {
             *mask = 1.0 + share as f32 * (visibility - 1.0);
@@ -225,7 +247,9 @@ mod tests {
             other.observe(&mut split, 0, &image(true), &image(false), (0, step)).unwrap();
         }
         assert!(state == split);
-        assert!(model.patches(&state, 0).unwrap().unwrap().data.iter().all(|v| (0.0..=1.0).contains(v)));
+        assert!(
+            model.patches(&state, 0).unwrap().unwrap().patches.data.iter().all(|v| (0.0..=1.0).contains(v))
+        );
     }
 
     #[test]

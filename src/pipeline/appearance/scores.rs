@@ -1,20 +1,29 @@
 //! Scores of novel views with trained colours, by three protocols.
 
 use super::super::nvs_scores::{NvsScores, Protocol, ViewScore};
-use super::super::{PipelineError, TrainedCameras};
+use super::super::{PipelineError, TrainedCameras, report};
 use super::trained::SceneColors;
 use crate::affine::{SiteScene, SiteView, TrainingView};
+use crate::io::{Grid2, RgbImage, write_json};
 use crate::nn::lpips::Lpips;
 use crate::progress::{Event, Progress};
+use crate::run_files::{NVS_PICTURES, NVS_SCORES};
 use crate::scene::{Scene, days_of};
 use crate::splat::image_score::{ScoredPair, ScoredPart};
 use crate::splat::loss::target::TargetImage;
-use crate::splat::novel_view::NovelView;
+use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::objective::StepInput;
 use crate::splat::raster::FrameCamera;
 use crate::splat::sheared_camera::ShearedCamera;
 use crate::splat::test_time::fit_view;
 use std::path::Path;
+
+/// Gap between panels, pixels.
+const GAP: usize = 8;
+/// Mean difference of colours that is shown in full red.
+const LARGEST_ERROR: f32 = 0.25;
+/// Colour of pixels without an image.
+const NO_DATA: [u8; 3] = [160; 3];
 
 /// Renders views with trained colours and compares them with their images.
 ///
@@ -61,12 +70,37 @@ pub fn nvs_eval(
         let part = if protocol == Protocol::Half { ScoredPart::RightHalf } else { ScoredPart::Whole };
         let picture = colors.picture(&novel, &embedding, &setup);
         let pair = ScoredPair::of_view(&picture.colors, &target, part);
+        let panels = panels(&target, &picture, &colors.sunlit(&novel, &setup));
+        panels.write(&run.join(format!("{NVS_PICTURES}/{:04}.png", scores.len())))?;
         let score = pair.score_with(lpips)?.ok_or_else(|| PipelineError::NothingToScore { name: name() })?;
         scores.push(ViewScore { view: name(), score });
         progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });
     }
     progress.event(Event::Finished);
-    Ok(NvsScores { protocol: Some(protocol), ..NvsScores::with_mean(scores) })
+    let scores = NvsScores { protocol: Some(protocol), ..NvsScores::with_mean(scores) };
+    write_json(&run.join(NVS_SCORES), &scores)?;
+    report(run)?;
+    Ok(scores)
+}
+
+/// Four panels: image, picture, their difference (white is none, red is large), and the share of sunlight.
+fn panels(target: &TargetImage, picture: &Picture, sunlit: &Grid2) -> RgbImage {
+    let Grid2 { width, height, .. } = *sunlit;
+    let mut panels = RgbImage::white(4 * (width + GAP) - GAP, height);
+    let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
+    for (col, row) in (0..height).flat_map(|row| (0..width).map(move |col| (col, row))) {
+        let image: [f32; 3] = std::array::from_fn(|c| target.colors.at(c, col, row));
+        let found = picture.colors.each_ref().map(|c| c.at(col, row).clamp(0.0, 1.0));
+        let error = image.iter().zip(found).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0;
+        let white = byte(1.0 - error / LARGEST_ERROR);
+        let is_valid = target.valid[row * width + col];
+        let difference = if is_valid { [255, white, white] } else { NO_DATA };
+        let colors = [image.map(byte), found.map(byte), difference, [byte(sunlit.at(col, row)); 3]];
+        for (panel, color) in colors.into_iter().enumerate() {
+            panels.set(panel * (width + GAP) + col, row, color);
+        }
+    }
+    panels
 }
 
 /// The embedding of the training view taken at the nearest time; none if the times are not known.

@@ -38,8 +38,12 @@ mod tests {
     use crate::splat::splats::Splats;
 
     fn colors(dates: &[&str]) -> SceneColors {
-        let view =
-            |date: &&str| TrainedView { name: (*date).into(), acquired: Some((*date).into()), sun: None };
+        let view = |date: &&str| TrainedView {
+            name: (*date).into(),
+            acquired: Some((*date).into()),
+            sun: None,
+            patch_px: None,
+        };
         let content = AppearanceContent {
             networks: Networks::default(),
             cube: Cube::default(),
@@ -48,7 +52,13 @@ mod tests {
             splats: String::new(),
         };
         let embeddings = (0..dates.len()).map(|k| vec![k as f32]).collect();
-        let appearance = TrainedAppearance { content, shared: Vec::new(), embeddings, colors: Vec::new() };
+        let appearance = TrainedAppearance {
+            content,
+            shared: Vec::new(),
+            embeddings,
+            colors: Vec::new(),
+            visibility: Vec::new(),
+        };
         SceneColors { splats: Splats::default(), appearance }
     }
 

@@ -25,7 +25,7 @@ use crate::splat::ply;
 use crate::splat::state::TrainingState;
 use crate::splat::train::recipe::Recipe;
 use crate::splat::train::{Schedule, train as optimize};
-use crate::splat::visibility::VisibilityModel;
+use crate::splat::visibility::{PatchVisibility, VisibilityModel};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -149,7 +149,8 @@ pub fn train_locked(
         l1: mean_of_last(&log, views.len(), "l1"),
         ssim: mean_of_last(&log, views.len(), "ssim"),
     };
-    write(run, &setup, scene, cube, recipe, backend.snapshot()?)?;
+    let visibility = (0..views.len()).map(|view| backend.visibility(view)).collect::<Result<Vec<_>, _>>()?;
+    write(run, &setup, scene, visibility, (cube, recipe), backend.snapshot()?)?;
     // The splats have the colours of the reference view now.
     let as_they_are = cameras.appearances.iter().map(|(name, _)| (name.clone(), Appearance::default()));
     write_json(&run.join(CAMERAS), &TrainedCameras { appearances: as_they_are.collect(), ..cameras })?;
@@ -163,15 +164,17 @@ fn write(
     run: &Path,
     setup: &SiteScene,
     scene: &Scene,
-    cube: Cube,
-    recipe: &Recipe,
+    visibility: Vec<Option<PatchVisibility>>,
+    (cube, recipe): (Cube, &Recipe),
     made: &TrainingState,
 ) -> Result<(), PipelineError> {
     let acquired = |name: &str| scene.views.iter().find(|v| v.name == name)?.acquired.clone();
-    let views = setup.views.iter().filter(|v| v.role == Role::Train).map(|v| TrainedView {
+    let views = setup.views.iter().filter(|v| v.role == Role::Train).zip(&visibility);
+    let views = views.map(|(v, visibility)| TrainedView {
         name: v.name.clone(),
         acquired: acquired(&v.name),
         sun: v.sun_shear.map(|shear| v.camera.direction_of(shear).map(|x| x as f32)),
+        patch_px: visibility.as_ref().map(|v| v.patch_px),
     });
     let views: Vec<TrainedView> = views.collect();
     let embeddings: Vec<Vec<f32>> = made.appearances.iter().map(|(a, _)| a.values.clone()).collect();
@@ -183,7 +186,9 @@ fn write(
     let content =
         AppearanceContent { networks: Networks::default(), cube, views, reference, splats: hash_of(&path)? };
     let (shared, colors) = (made.shared.values.clone(), made.splats.f_dc.clone());
-    Ok(TrainedAppearance { content, shared, embeddings, colors }.write(&run.join(APPEARANCE))?)
+    let visibility = visibility.into_iter().map(|v| v.map(|v| v.patches)).collect();
+    let trained = TrainedAppearance { content, shared, embeddings, colors, visibility };
+    Ok(trained.write(&run.join(APPEARANCE))?)
 }
 
 /// What the colours are made from; its keys are the names of options on the command line.

@@ -2,13 +2,15 @@
 
 use super::super::PipelineError;
 use crate::affine::SiteScene;
+use crate::io::Grid2;
 use crate::run_files::{APPEARANCE, SPLATS};
 use crate::scene::days_of;
 use crate::splat::appearance::satgs::{AppearanceError, SatGs, TrainedAppearance};
-use crate::splat::appearance::{AppearanceModel, ColorInput, ModelParameters};
+use crate::splat::appearance::{Appearance, AppearanceModel, ColorInput, ModelParameters};
 use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::ply;
 use crate::splat::splats::{Splats, f_dc_from_color};
+use crate::splat::visibility::PatchVisibility;
 use crate::stats::quantile;
 use std::path::Path;
 
@@ -64,9 +66,32 @@ impl SceneColors {
         quantile(hours.map(|day| 24.0 * day).collect(), 0.5)
     }
 
+    /// The visibility of the pixels of a training view of this size (columns, rows), 0 to 1; none where pixels count alike.
+    pub fn visibility(&self, name: &str, size: (usize, usize)) -> Option<Grid2> {
+        let index = self.appearance.view(name)?;
+        let patches = self.appearance.visibility[index].clone()?;
+        let patch_px = self.appearance.content.views[index].patch_px?;
+        Some(PatchVisibility { patch_px, patches }.at_pixels(size))
+    }
+
     /// Renders a view with an embedding.
     pub fn picture(&self, view: &NovelView, embedding: &[f32], setup: &SiteScene) -> Picture {
         view.picture_of(&self.splats, self.model(), self.parameters(embedding), setup.altitudes)
+    }
+
+    /// The share of sunlight that the model gives each pixel of a view, 0 to 1; 1 without a sun.
+    pub fn sunlit(&self, view: &NovelView, setup: &SiteScene) -> Grid2 {
+        let (mut model, parameters) = (self.model(), self.parameters(self.reference()));
+        let input = ColorInput { parameters, splats: &self.splats, sun: view.sun_direction() };
+        model.splat_colors(input, &mut Vec::new());
+        let mut splats = self.splats.clone();
+        let shares = model.light().map(|light| light.sunlit.clone());
+        for (i, f_dc) in splats.f_dc.iter_mut().enumerate() {
+            *f_dc = f_dc_from_color([shares.as_ref().map_or(1.0, |s| s[i]); 3]);
+        }
+        let plain = NovelView { sun_shear: None, ..*view };
+        let [sunlit, ..] = plain.picture(&splats, &Appearance::default(), setup.altitudes).colors;
+        sunlit
     }
 
     /// The splats in their colours for an embedding and a direction to the sun; without one, all are in full sunlight.

@@ -12,6 +12,7 @@ use crate::splat::objective::{Gradient, Losses, Objective, StepInput};
 use crate::splat::raster::FrameCamera;
 use crate::splat::sheared_camera::ShearedCamera;
 use crate::splat::state::TrainingState;
+use crate::splat::visibility::PatchVisibility;
 
 /// Runs iterations on all threads of the current rayon pool.
 #[derive(Default)]
@@ -35,6 +36,16 @@ impl CpuBackend {
     #[must_use]
     pub fn times(&self) -> &Stopwatch {
         &self.watch
+    }
+
+    /// The visibility of a view's patches; none where pixels count alike.
+    ///
+    /// # Errors
+    /// [`BackendError`] if no scene is loaded or it cannot be computed.
+    pub fn visibility(&self, view: usize) -> Result<Option<PatchVisibility>, BackendError> {
+        let Loaded { scene, state, .. } = self.loaded()?;
+        let patches = scene.visibility.as_ref().map(|model| model.patches(&state.visibility, view));
+        Ok(patches.transpose()?.flatten())
     }
 
     fn loaded(&self) -> Result<&Loaded, BackendError> {

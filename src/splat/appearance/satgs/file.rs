@@ -1,11 +1,12 @@
 //! The file of a trained colour model: `appearance.safetensors`.
 //!
 //! Tensors, all float32: `networks` (all parameters, in the order of [`Networks::ranges`]), `embeddings` (a row for each
-//! view) and `colors` (a row of `f_dc` for each splat, as the networks take them). The metadata hold the shapes of the
+//! view), `colors` (a row of `f_dc` for each splat, as the networks take them) and `visibility.N` (the visibility of the
+//! patches of view N, row by row; absent where pixels count alike). The metadata hold the shapes of the
 //! networks, the cube, the views' names, times and suns, and the hash of the splats that the colours belong to.
 
 use super::{Cube, Networks};
-use crate::io::{WriteError, write_file};
+use crate::io::{Grid2, WriteError, write_file};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
@@ -63,6 +64,9 @@ pub struct TrainedView {
     pub acquired: Option<String>,
     /// Unit vector to the sun in site axes, if known.
     pub sun: Option<[f32; 3]>,
+    /// Columns and rows of the patches whose visibility is known, pixels; none where pixels count alike.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub patch_px: Option<usize>,
 }
 
 /// What the metadata hold.
@@ -91,6 +95,8 @@ pub struct TrainedAppearance {
     pub embeddings: Vec<Vec<f32>>,
     /// `f_dc` of each splat, before the networks.
     pub colors: Vec<[f32; 3]>,
+    /// The visibility of the patches of each view, 0 to 1; none where pixels count alike.
+    pub visibility: Vec<Option<Grid2>>,
 }
 
 impl TrainedAppearance {
@@ -104,19 +110,27 @@ impl TrainedAppearance {
         let bytes =
             |values: &mut dyn Iterator<Item = f32>| values.flat_map(f32::to_le_bytes).collect::<Vec<u8>>();
         let embedding = self.content.networks.embedding;
-        let tensors = [
-            ("networks", vec![self.shared.len()], bytes(&mut self.shared.iter().copied())),
+        let mut tensors = vec![
+            ("networks".to_owned(), vec![self.shared.len()], bytes(&mut self.shared.iter().copied())),
             (
-                "embeddings",
+                "embeddings".to_owned(),
                 vec![self.embeddings.len(), embedding],
                 bytes(&mut self.embeddings.iter().flatten().copied()),
             ),
-            ("colors", vec![self.colors.len(), 3], bytes(&mut self.colors.iter().flatten().copied())),
+            (
+                "colors".to_owned(),
+                vec![self.colors.len(), 3],
+                bytes(&mut self.colors.iter().flatten().copied()),
+            ),
         ];
+        for (view, visibility) in self.visibility.iter().enumerate() {
+            let Some(Grid2 { width, height, data }) = visibility else { continue };
+            tensors.push((visibility_name(view), vec![*height, *width], bytes(&mut data.iter().copied())));
+        }
         let views: Result<Vec<_>, _> = tensors
             .iter()
             .map(|(name, shape, bytes)| {
-                TensorView::new(Dtype::F32, shape.clone(), bytes).map(|view| (*name, view))
+                TensorView::new(Dtype::F32, shape.clone(), bytes).map(|view| (name.clone(), view))
             })
             .collect();
         let views = views.map_err(|e| WriteError::new(path, e))?;
@@ -141,6 +155,11 @@ impl TrainedAppearance {
     }
 }
 
+/// The name of the tensor of a view's visibility.
+fn visibility_name(view: usize) -> String {
+    format!("visibility.{view}")
+}
+
 /// The colour model in the bytes of a file; an error says what is wrong.
 fn decode(bytes: &[u8]) -> Result<TrainedAppearance, String> {
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
@@ -161,7 +180,17 @@ fn decode(bytes: &[u8]) -> Result<TrainedAppearance, String> {
     let colors = values(&tensors, "colors", &[None, Some(3)])?;
     let embeddings = embeddings.chunks(embedding).map(<[f32]>::to_vec).collect();
     let colors = colors.chunks_exact(3).map(|rgb| [rgb[0], rgb[1], rgb[2]]).collect();
-    Ok(TrainedAppearance { content, shared, embeddings, colors })
+    let visibility = content.views.iter().enumerate().map(|(k, view)| {
+        let name = visibility_name(k);
+        let of_patches = |_| {
+            let data = values(&tensors, &name, &[None, None])?;
+            let shape = tensors.tensor(&name).map_err(|e| e.to_string())?.shape().to_vec();
+            Ok::<_, String>(Grid2 { width: shape[1], height: shape[0], data })
+        };
+        view.patch_px.map(of_patches).transpose()
+    });
+    let visibility = visibility.collect::<Result<_, _>>()?;
+    Ok(TrainedAppearance { content, shared, embeddings, colors, visibility })
 }
 
 /// Checks the shapes that the metadata state, before anything of their size is allocated.
@@ -184,7 +213,10 @@ fn check(content: &AppearanceContent) -> Result<(), String> {
         return Err("its networks do not fit together".into());
     }
     let is_sound = content.cube.side_m > 0.0 && content.cube.corner.iter().all(|v| v.is_finite());
-    if !is_sound || content.reference >= content.views.len() {
+    if !is_sound
+        || content.reference >= content.views.len()
+        || content.views.iter().any(|v| v.patch_px == Some(0))
+    {
         return Err("its cube or its reference view is out of range".into());
     }
     Ok(())
@@ -222,13 +254,19 @@ mod tests {
     fn appearance() -> TrainedAppearance {
         let grid = HashGrid { levels: 8, log2_entries: 4, cells: [2, 9] };
         let networks = Networks { grid, ..Networks::default() };
-        let view = |name: &str| TrainedView { name: name.into(), acquired: None, sun: Some([0.0, 0.6, 0.8]) };
+        let view = |name: &str, patch_px: Option<usize>| TrainedView {
+            name: name.into(),
+            acquired: None,
+            sun: Some([0.0, 0.6, 0.8]),
+            patch_px,
+        };
         let shared = networks.start(1);
         let embeddings = (0..2).map(|v| networks.start_embedding(1, v)).collect();
         let cube = Cube { corner: [-1.0, -2.0, -3.0], side_m: 9.0 };
-        let views = vec![view("a"), view("b")];
+        let views = vec![view("a", None), view("b", Some(8))];
+        let visibility = vec![None, Some(Grid2::from_fn(3, 2, |col, row| 0.1 * (col + 3 * row) as f32))];
         let content = AppearanceContent { networks, cube, views, reference: 1, splats: "hash".into() };
-        TrainedAppearance { content, shared, embeddings, colors: vec![[0.1, 0.2, 0.3]; 5] }
+        TrainedAppearance { content, shared, embeddings, colors: vec![[0.1, 0.2, 0.3]; 5], visibility }
     }
 
     #[test]

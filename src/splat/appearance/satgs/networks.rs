@@ -43,8 +43,6 @@ pub struct NetworkGroup {
     pub range: Range<usize>,
     /// The optimiser's rule.
     pub rule: AdamRule,
-    /// Whether it holds the tables of the position encoding.
-    pub is_tables: bool,
 }
 
 impl Default for Networks {
@@ -103,13 +101,14 @@ impl Networks {
         (0..self.embedding).map(|_| T::from_f64(EMBEDDING_SIGMA * draw.normal())).collect()
     }
 
-    /// The groups of parameters.
+    /// The groups of parameters: tables, tone, and shadow with sky.
     #[must_use]
-    pub fn groups(&self) -> [NetworkGroup; 2] {
-        let [tables, tone, _, sky] = self.ranges();
+    pub fn groups(&self) -> [NetworkGroup; 3] {
+        let [tables, tone, shadow, sky] = self.ranges();
         [
-            NetworkGroup { range: tables, rule: AdamRule::HASH_TABLES, is_tables: true },
-            NetworkGroup { range: tone.start..sky.end, rule: AdamRule::DEFAULT, is_tables: false },
+            NetworkGroup { range: tables, rule: AdamRule::HASH_TABLES },
+            NetworkGroup { range: tone, rule: AdamRule::DEFAULT },
+            NetworkGroup { range: shadow.start..sky.end, rule: AdamRule::DEFAULT },
         ]
     }
 }

@@ -133,8 +133,10 @@ impl PerspectiveRecipe {
 pub struct NetworkRates {
     /// Of the tables of the position encoding.
     pub tables: f64,
-    /// Of weights and biases.
-    pub networks: f64,
+    /// Of the network that tones colours; 0 for colours that differ only by light.
+    pub tone: f64,
+    /// Of the networks of shadows and sky; 0 for colours without shadows.
+    pub shadow: f64,
 }
 
 /// A named, complete set of training options.

@@ -141,7 +141,7 @@ fn satgs_colors(heights: &Recipe) -> Recipe {
         half_resolution_until: 0,
         rates: PerGroup { position: 3e-5, opacity_logit: 0.02, ..heights.rates },
         appearance_rate: 1e-3,
-        network_rates: Some(NetworkRates { tables: 1e-2, networks: 5e-4 }),
+        network_rates: Some(NetworkRates { tables: 1e-2, tone: 5e-4, shadow: 5e-4 }),
         weights: weights(LossWeights::default(), &named),
         appearance: AppearanceKind::SatGs,
         shadows_from: 0,
