@@ -45,14 +45,14 @@ pub struct Args {
     /// 33 degrees high, so that dates go from mid-February to the end of October.
     #[arg(long)]
     seasons: bool,
-    /// Percent of the pixels of every image that show a moving car or its shadow, 0 to 4 [default: light traffic, about 0.5]
+    /// Percent of the pixels of every image that show a moving car or its shadow, 0 to 8 [default: light traffic, 1 to 2]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     cars: Option<f64>,
     /// Make N more images, TEST_01.tif and so on, that OUT/test.txt holds back from training
     ///
     /// They have no cars and no noise, and dates, suns and directions between those of the other images. `satgs nvs-eval`
     /// compares a trained run with them.
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    #[arg(long, default_value_t = 0, value_name = "N", allow_negative_numbers = true)]
     held_out: usize,
     /// Replace the files of an earlier simulation in OUT
     #[arg(long)]

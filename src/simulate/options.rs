@@ -13,8 +13,8 @@ const HELD_OUT: RangeInclusive<usize> = 0..=99;
 const SIZE_PX: RangeInclusive<usize> = 64..=2048;
 /// Ground sampling distances, metres.
 const GSD_M: RangeInclusive<f64> = 0.2..=2.0;
-/// Percent of the pixels that show cars or their shadows. When all streets are jammed, about 6 % do.
-const CARS_PERCENT: RangeInclusive<f64> = 0.0..=4.0;
+/// Percent of the pixels that show cars or their shadows; streets full of cars reach the highest one.
+const CARS_PERCENT: RangeInclusive<f64> = 0.0..=8.0;
 
 /// Options of [`simulate`](super::simulate()).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -76,7 +76,7 @@ impl SimulateOptions {
         if let Some(percent) = self.cars_percent
             && !CARS_PERCENT.contains(&percent)
         {
-            return wrong("--cars", percent.to_string(), "0 to 4 percent of the pixels");
+            return wrong("--cars", percent.to_string(), "0 to 8 percent of the pixels");
         }
         if !HELD_OUT.contains(&self.held_out) {
             return wrong("--held-out", self.held_out.to_string(), "0 to 99");

@@ -83,10 +83,7 @@ impl Shot<'_> {
             .filter_map(|k| self.hits(k).filter_map(covering).min_by(f64::total_cmp))
             .collect();
         fills.sort_by(f64::total_cmp);
-        match (0.01 * percent * pixels as f64).round() as usize {
-            0 => 0.0,
-            wanted => fills.get(wanted - 1).copied().unwrap_or(1.0),
-        }
+        nearest_fill(&fills, (0.01 * percent * pixels as f64).round() as usize)
     }
 
     /// Where the rays of a pixel end.
@@ -159,6 +156,19 @@ impl Shot<'_> {
     }
 }
 
+/// The fraction of slots to fill so that about `wanted` pixels are covered, if the fractions from which on each pixel is
+/// covered are `fills`, in ascending order. A car is there or not, so that numbers of pixels come in steps.
+fn nearest_fill(fills: &[f64], wanted: usize) -> f64 {
+    let Some(before) = wanted.checked_sub(1) else { return 0.0 };
+    let Some(&fill) = fills.get(before) else { return 1.0 };
+    let with_last_car = fills.partition_point(|f| *f <= fill);
+    let without = fills.partition_point(|f| *f < fill);
+    if with_last_car - wanted <= wanted - without {
+        return fill;
+    }
+    without.checked_sub(1).map_or(0.0, |last| fills[last])
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::field::tests::one_box;
@@ -177,6 +187,14 @@ mod tests {
         // On this day the mild palette leaves the grass dark.
         let palette = &Palette::mild(66, colors);
         Shot { field, rays, cars: None, palette, radiometry, colors, grain, size_px: 120 }.picture()
+    }
+
+    #[test]
+    fn as_many_cars_are_there_as_come_nearest_to_the_wanted_pixels() {
+        // Three cars, of two, three and one pixels.
+        let fills = [0.1, 0.1, 0.4, 0.4, 0.4, 0.7];
+        let found: Vec<f64> = (0..8).map(|wanted| nearest_fill(&fills, wanted)).collect();
+        assert_eq!(found, [0.0, 0.1, 0.1, 0.1, 0.4, 0.4, 0.7, 1.0]);
     }
 
     #[test]

@@ -13,8 +13,10 @@ const GRASS: [[f64; 3]; 4] =
 /// Mean reflectance of tree crowns on the key days.
 const TREES: [[f64; 3]; 4] =
     [[0.17, 0.14, 0.115], [0.15, 0.27, 0.07], [0.065, 0.145, 0.05], [0.36, 0.20, 0.055]];
-/// Mean reflectance of the grass and of the crowns of the texture, to which the factors of the seasons refer.
-const TEXTURE_MEAN: [[f64; 3]; 2] = [[0.29, 0.31, 0.18], [0.145, 0.188, 0.083]];
+/// Mean colour of the grass of the texture.
+const GRASS_TEXTURE: [f64; 3] = [0.29, 0.31, 0.18];
+/// Mean colour of the tree crowns of the texture.
+const TREES_TEXTURE: [f64; 3] = [0.145, 0.188, 0.083];
 /// Reflectance of snow: neutral, so that a thin cover leaves the hue of the ground.
 const SNOW: f64 = 0.78;
 /// Largest fraction of the ground's colour that is snow.
@@ -28,34 +30,49 @@ const YEAR_DAYS: f64 = 365.0;
 /// The colours of a day.
 #[derive(Clone, Debug)]
 pub(super) struct Palette {
-    /// Factors of the reflectance of grass, by band.
-    grass: [f64; 3],
-    /// Factors of the reflectance of tree crowns, by band.
-    trees: [f64; 3],
+    grass: Tint,
+    trees: Tint,
     /// Fraction of the colour that is snow where most of it lies.
     pub(super) snow: f64,
     /// Address of the random numbers that place the snow.
     patches: KeyedRng,
 }
 
+/// How a season changes the colours of vegetation.
+#[derive(Clone, Copy, Debug)]
+enum Tint {
+    /// Factors of the texture's colours, by band.
+    Factors([f64; 3]),
+    /// Reflectance per unit of the texture's brightness, by band: the hue is that of the season everywhere.
+    OfBrightness([f64; 3]),
+}
+
+impl Tint {
+    fn apply(self, texture: [f64; 3]) -> [f64; 3] {
+        match self {
+            Self::Factors(factors) => std::array::from_fn(|b| texture[b] * factors[b]),
+            Self::OfBrightness(color) => color.map(|c| c * brightness(texture)),
+        }
+    }
+}
+
 impl Palette {
     /// Vegetation that dries a little from spring to autumn; `town` is the address of the town's colours.
     pub(super) fn mild(day_of_year: u32, town: KeyedRng) -> Self {
         let summer = ((f64::from(day_of_year) - 120.0) / 120.0).clamp(0.0, 1.0);
-        let factors = [0.9 + 0.4 * summer, 1.08 - 0.06 * summer, 0.95];
-        Self { grass: factors, trees: factors, snow: 0.0, patches: town.key(60) }
+        let tint = Tint::Factors([0.9 + 0.4 * summer, 1.08 - 0.06 * summer, 0.95]);
+        Self { grass: tint, trees: tint, snow: 0.0, patches: town.key(60) }
     }
 
     /// Spring green, the dark green of summer, yellow-brown autumn, grey-brown winter with thin snow.
     pub(super) fn seasonal(day_of_year: u32, town: KeyedRng) -> Self {
         let day = f64::from(day_of_year);
-        let factors = |kind: usize, colors| {
-            let color = between_key_days(day, colors);
-            std::array::from_fn(|b| color[b] / TEXTURE_MEAN[kind][b])
+        let tint = |colors, texture_mean| {
+            Tint::OfBrightness(between_key_days(day, colors).map(|c| c / brightness(texture_mean)))
         };
         Self {
-            grass: factors(0, GRASS),
-            trees: factors(1, TREES),
+            grass: tint(GRASS, GRASS_TEXTURE),
+            trees: tint(TREES, TREES_TEXTURE),
             snow: DEEPEST_SNOW * snow_of_day(day),
             patches: town.key(60),
         }
@@ -63,19 +80,17 @@ impl Palette {
 
     /// Mean reflectance of grass and of tree crowns, by band.
     pub(super) fn means(&self) -> [[f64; 3]; 2] {
-        let mean =
-            |kind: usize, factors: [f64; 3]| std::array::from_fn(|b| factors[b] * TEXTURE_MEAN[kind][b]);
-        [mean(0, self.grass), mean(1, self.trees)]
+        [self.grass.apply(GRASS_TEXTURE), self.trees.apply(TREES_TEXTURE)]
     }
 
     /// Reflectance on this day, by band, of a surface that the texture gives the colour `albedo`.
     pub(super) fn reflectance(&self, surface: &Surface, albedo: Albedo) -> [f64; 3] {
-        let factors = match surface.material {
-            Material::Grass => self.grass,
-            Material::Tree => self.trees,
-            _ => [1.0; 3],
+        let texture = albedo.map(f64::from);
+        let bare = match surface.material {
+            Material::Grass => self.grass.apply(texture),
+            Material::Tree => self.trees.apply(texture),
+            _ => texture,
         };
-        let bare = std::array::from_fn(|b| f64::from(albedo[b]) * factors[b]);
         // Streets are cleared of snow.
         let keeps_snow = matches!(surface.material, Material::Grass | Material::Paving | Material::Roof);
         if self.snow == 0.0 || surface.is_wall || !keeps_snow {
@@ -105,6 +120,10 @@ fn between_key_days(day: f64, colors: [[f64; 3]; 4]) -> [f64; 3] {
 fn snow_of_day(day: f64) -> f64 {
     let apart = (day - KEY_DAYS[0]).rem_euclid(YEAR_DAYS);
     smoothstep(1.0 - apart.min(YEAR_DAYS - apart) / SNOW_DAYS)
+}
+
+fn brightness(color: [f64; 3]) -> f64 {
+    color.iter().sum::<f64>() / 3.0
 }
 
 fn smoothstep(t: f64) -> f64 {

@@ -174,12 +174,22 @@ fn images_differ_from_the_clean_pictures_only_by_noise_and_by_cars_in_the_mask()
 }
 
 #[test]
+fn streets_have_room_for_the_highest_percentage_of_cars() {
+    let dir = tempfile::tempdir().unwrap();
+    let options = SimulateOptions { cars_percent: Some(8.0), size_px: 120, views: 3, ..small() };
+    for view in simulate(dir.path(), &options, &NoProgress).unwrap().views {
+        let percent = view.appearance.unwrap().cars_percent;
+        assert!((percent - 8.0).abs() < 0.3, "{} {percent}", view.name);
+    }
+}
+
+#[test]
 fn options_outside_of_their_ranges_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let wrong =
         |options: SimulateOptions| simulate(dir.path(), &options, &NoProgress).unwrap_err().to_string();
     let cars = |percent| SimulateOptions { cars_percent: Some(percent), ..small() };
-    assert_eq!(wrong(cars(-1.0)), "`--cars` is -1, expected 0 to 4 percent of the pixels");
+    assert_eq!(wrong(cars(-1.0)), "`--cars` is -1, expected 0 to 8 percent of the pixels");
     assert!(wrong(cars(50.0)).contains("50") && wrong(cars(f64::NAN)).contains("NaN"));
     assert!(wrong(SimulateOptions { held_out: 100, ..small() }).contains("`--held-out` is 100"));
 }
