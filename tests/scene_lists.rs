@@ -137,6 +137,29 @@ fn footprints_and_a_picture_are_written() {
     assert!(drawing.starts_with("<svg") && drawing.matches("<polygon").count() >= 2, "{drawing}");
 }
 
+#[test]
+fn a_list_beside_the_images_of_a_folder_holds_views_back() {
+    let folder = two_views();
+    let roles = |path: &Path| scene(path).unwrap().views.iter().map(|v| v.role).collect::<Vec<_>>();
+    assert_eq!(roles(folder.path()), [Role::Train, Role::Train]);
+    std::fs::write(folder.path().join("test.txt"), "b.tif\nc.tif\n").unwrap();
+    assert_eq!(roles(folder.path()), [Role::Train, Role::Test]);
+    let warnings = scene(folder.path()).unwrap().warnings.join("\n");
+    assert!(warnings.contains("lists views that do not exist: c"), "{warnings}");
+}
+
+#[test]
+fn the_rpc_of_an_image_named_test_is_no_list() {
+    let folder = tempfile::tempdir().unwrap();
+    let rpc = camera(5.44, 0.4);
+    image(&folder.path().join("test.tif"), 9, None, &[]);
+    image(&folder.path().join("other.tif"), 8, Some(&rpc), &[]);
+    std::fs::write(folder.path().join("test.txt"), satgs::rpc::formats::to_text(&rpc)).unwrap();
+    let read = scene(folder.path()).unwrap();
+    assert_eq!(read.views.len(), 2);
+    assert!(!read.warnings.iter().any(|w| w.contains("do not exist")), "{:?}", read.warnings);
+}
+
 /// Only a part of each image is read, but its corrected camera is that of the whole image.
 #[test]
 fn corrected_cameras_are_those_of_whole_images_for_any_area() {

@@ -1,13 +1,13 @@
 //! Scene layout 2, that of sat-NeRF and DFC2019: a folder `images/`, and beside it one or more folders of RPC files (JSON
 //! or text).
 //!
-//! A file `test.txt` in a folder of RPC files lists views that are not trained on, one `NAME.json` per line. If there is a
-//! file `train.txt`, only the views that it lists are trained on.
+//! The lists `test.txt` and `train.txt` ([`Roles`]) lie in the folder of RPC files and hold names `NAME.json`.
 
-use super::files::{read_text, stem};
+use super::files::stem;
+use super::roles::Roles;
 use super::sidecar::{Sidecars, camera_of};
 use super::source::{files_in, images_in, view};
-use super::{Role, SceneError, View};
+use super::{SceneError, View};
 use crate::io::vsi;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -45,7 +45,7 @@ pub(super) fn read(
     let listing = files_in(&folder)?;
     let images = images_in(&scene.join("images"))?;
     check_images_exist(&images, &listing, &scene.join("images"))?;
-    let roles = Roles::read(&folder)?;
+    let roles = Roles::read(&listing)?;
     let (mut views, mut without) = (Vec::new(), Vec::new());
     for image in &images {
         let name = stem(image);
@@ -55,7 +55,6 @@ pub(super) fn read(
         };
         // The RPC in the image is not compared: it is expected to differ from a corrected one.
         if let Some(mut view) = view(image, &Sidecars::with_camera(file, image, &[]), trust_rpc, warnings)? {
-            view.role = roles.of(&name);
             view.rpc_source = format!("{rpcs}/{}", view.rpc_source);
             views.push(view);
         }
@@ -63,8 +62,7 @@ pub(super) fn read(
     if !without.is_empty() {
         warnings.push(format!("left out, because `{rpcs}` has no RPC for them: {}", without.join(", ")));
     }
-    let names: BTreeSet<&str> = images.iter().filter_map(|i| i.file_stem()?.to_str()).collect();
-    let unknown: Vec<&str> = roles.listed().filter(|n| !names.contains(n)).collect();
+    let unknown = roles.assign(&mut views, &images);
     if !unknown.is_empty() {
         warnings.push(format!("`{rpcs}` lists views that do not exist: {}", unknown.join(", ")));
     }
@@ -88,43 +86,4 @@ fn check_images_exist(images: &[PathBuf], listing: &[PathBuf], folder: &Path) ->
         }
     }
     Ok(())
-}
-
-/// Content of `train.txt` and `test.txt`.
-struct Roles {
-    train: Option<BTreeSet<String>>,
-    test: BTreeSet<String>,
-}
-
-impl Roles {
-    fn read(folder: &Path) -> Result<Self, SceneError> {
-        Ok(Self {
-            train: names_in(&folder.join("train.txt"))?,
-            test: names_in(&folder.join("test.txt"))?.unwrap_or_default(),
-        })
-    }
-
-    fn of(&self, name: &str) -> Role {
-        let trained = self.train.as_ref().is_none_or(|t| t.contains(name));
-        if trained && !self.test.contains(name) { Role::Train } else { Role::Test }
-    }
-
-    fn listed(&self) -> impl Iterator<Item = &str> {
-        self.train.iter().flatten().chain(&self.test).map(String::as_str)
-    }
-}
-
-/// Names of the views in a list; `None` if the file does not exist.
-fn names_in(list: &Path) -> Result<Option<BTreeSet<String>>, SceneError> {
-    if !vsi::exists(list) {
-        return Ok(None);
-    }
-    let text = read_text(list)?;
-    let lines = text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#'));
-    // Names may contain dots, so that only known extensions are removed.
-    let bare = |l: &str| {
-        let known = [".json", ".tif", ".tiff"];
-        known.iter().find_map(|e| l.strip_suffix(e)).unwrap_or(l).to_owned()
-    };
-    Ok(Some(lines.map(bare).collect()))
 }

@@ -1,14 +1,15 @@
 //! Scene layout 1: a folder of images, each with its RPC in the file (TIFF tag, NITF segment) or beside it.
 //!
 //! As in GDAL, an RPC beside an image has precedence over one in it ([`super::RPC_ORDER`] lists the order). RPCs that differ
-//! by more than 0.1 px give a warning.
+//! by more than 0.1 px give a warning. The lists `test.txt` and `train.txt` ([`Roles`]) lie beside the images.
 
 use super::files::stem;
+use super::roles::Roles;
 use super::sidecar::Sidecars;
 use super::source::{files_in, images_in, is_companion, no_rpc, other_rasters, view};
 use super::{SceneError, View};
 use crate::io::ImageFile;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Reads the views of a folder.
 pub(super) fn read(
@@ -51,7 +52,19 @@ pub(super) fn read(
     for companion in listing.iter().filter(|p| is_companion(p) && has_pixels(p)) {
         warnings.push(take_companion(companion, &mut views));
     }
+    let roles = Roles::read(&without_sidecars(listing, &images))?;
+    let unknown = roles.assign(&mut views, &images);
+    if !unknown.is_empty() {
+        let (folder, unknown) = (folder.display(), unknown.join(", "));
+        warnings.push(format!("`{folder}` lists views that do not exist: {unknown}"));
+    }
     Ok(views)
+}
+
+/// The files that are not named like an image: `test.txt` beside `test.tif` is its RPC and no list.
+fn without_sidecars(mut listing: Vec<PathBuf>, images: &[PathBuf]) -> Vec<PathBuf> {
+    listing.retain(|file| !images.iter().any(|image| stem(image) == stem(file)));
+    listing
 }
 
 /// Whether a companion file is a raster, by its name.

@@ -16,6 +16,7 @@ mod map_fit;
 mod pixels;
 mod read;
 mod read_cost;
+mod roles;
 mod sidecar;
 mod skyplot;
 mod source;

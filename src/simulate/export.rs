@@ -1,9 +1,12 @@
 //! Delivered images: GeoTIFFs with an RPC tag that includes a pointing error, and the sun in their metadata.
 
-use super::SimulatedView;
-use crate::io::{SensorImage, WriteError};
+use super::view::SimulatedView;
+use crate::io::{SensorImage, WriteError, write_file};
 use crate::rpc::formats::to_gdal;
 use std::path::Path;
+
+/// Name of the list of views that are held out.
+pub(super) const TEST_LIST: &str = "test.txt";
 
 /// Writes a view's image with its delivered RPC, sun and date.
 pub(super) fn write_view(
@@ -19,4 +22,13 @@ pub(super) fn write_view(
     ];
     let rpc = to_gdal(&view.delivered_rpc());
     SensorImage { width: size_px, height: size_px, rpc: &rpc, metadata: &metadata }.write_u8(path, bands)
+}
+
+/// Writes `test.txt`, which holds views back from training, unless there are none.
+pub(super) fn write_test_list(folder: &Path, names: &[&str]) -> Result<(), WriteError> {
+    if names.is_empty() {
+        return Ok(());
+    }
+    let lines: String = names.iter().map(|name| format!("{name}.tif\n")).collect();
+    write_file(&folder.join(TEST_LIST), lines)
 }

@@ -3,7 +3,8 @@
 //! The scanner records the ground line by line while it moves, so that the viewing direction varies over the image as in
 //! real images. An RPC is fitted to it, and the image is rendered with the RPC, which therefore is the exact camera.
 
-use super::geodesy::{Ecef, ecef_from_geodetic, local_axes, sun_at};
+use super::calendar::{Calendar, Moment};
+use super::geodesy::{Ecef, ecef_from_geodetic, local_axes};
 use super::keyed_rng::KeyedRng;
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
 use crate::rpc::{Axis, Rpc, RpcError, Volume, fit};
@@ -42,53 +43,99 @@ pub(super) struct Acquisition {
     pub(super) pointing_error: (f64, f64),
 }
 
+/// Fraction of a turn between consecutive views that spreads any number of them evenly.
+const GOLDEN: f64 = 0.618_033_988_749_895;
+
 /// Plans `count` acquisitions of a position.
-pub(super) fn acquisitions(rng: KeyedRng, count: usize, place: Point<Geodetic>) -> Vec<Acquisition> {
-    /// Fraction of a turn between consecutive views that spreads any number of them evenly.
-    const GOLDEN: f64 = 0.618_033_988_749_895;
+pub(super) fn acquisitions(
+    rng: KeyedRng,
+    calendar: Calendar,
+    count: usize,
+    place: Point<Geodetic>,
+) -> Vec<Acquisition> {
     (0..count)
         .map(|i| {
             let rng = rng.key(i as i64);
-            let spread = (i as f64 * GOLDEN).fract();
-            // The square root distributes the views evenly over the spherical cap of directions.
-            let outwards = (i as f64 / (count.max(2) - 1) as f64).sqrt();
-            let off_nadir_deg = 5.5 + 23.5 * outwards * rng.key(1).uniform_in(0.9, 1.0);
-            let azimuth_deg = (360.0 * spread + rng.key(2).uniform_in(-12.0, 12.0) + 20.0).rem_euclid(360.0);
+            let day = calendar.day(((i as f64 + 0.5) * GOLDEN * 2.0).fract());
+            let moment = calendar.moment(i, day, rng, place);
             let turned = if i % TURNED_EVERY == 3 { 90.0 } else { 0.0 };
-            // March to October; in winter the sun is too low for good images.
-            let season = ((i as f64 + 0.5) * GOLDEN * 2.0).fract();
-            let day_of_year = 66 + (season * 215.0) as u32;
-            let minute = 9 * 60 + 35 + (rng.key(3).uniform() * 75.0) as u32;
-            let second = (rng.key(4).uniform() * 60.0) as u32;
-            let utc_h = (f64::from(minute) + f64::from(second) / 60.0) / 60.0;
-            let (month, day) = month_and_day(day_of_year);
-            let (hour, minute) = (minute / 60, minute % 60);
-            Acquisition {
-                name: format!("VIEW_{:02}", i + 1),
-                off_nadir_deg,
-                azimuth_deg,
-                right_deg: 90.0 + rng.key(5).uniform_in(-9.0, 9.0) + turned,
-                sun: sun_at(day_of_year, utc_h, place),
-                day_of_year,
-                acquired: format!("2023-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z"),
-                pointing_error: (
-                    POINTING_SIGMA_PX * rng.key(6).normal(),
-                    POINTING_SIGMA_PX * rng.key(7).normal(),
-                ),
-            }
+            Acquisition::new(
+                format!("VIEW_{:02}", i + 1),
+                i as f64 / spaces(count),
+                i as f64,
+                turned,
+                moment,
+                rng,
+            )
         })
         .collect()
 }
 
-fn month_and_day(day_of_year: u32) -> (u32, u32) {
-    let mut day = day_of_year;
-    for (month, length) in (1..).zip([31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31]) {
-        if day <= length {
-            return (month, day);
+/// Plans `count` acquisitions on days and from directions between those of the images to train on.
+pub(super) fn held_out(
+    rng: KeyedRng,
+    calendar: Calendar,
+    training: &[Acquisition],
+    count: usize,
+    place: Point<Geodetic>,
+) -> Vec<Acquisition> {
+    let mut days: Vec<f64> = training.iter().map(|view| f64::from(view.day_of_year)).collect();
+    days.sort_by(f64::total_cmp);
+    let between = positions_between(days.len(), count);
+    between
+        .into_iter()
+        .enumerate()
+        .map(|(i, position)| {
+            let rng = rng.key(i as i64);
+            let before = position as usize;
+            let day = days[before] + (days[before + 1] - days[before]) * position.fract();
+            let moment = calendar.moment(i, day.round() as u32, rng, place);
+            let outwards = position / spaces(training.len());
+            Acquisition::new(format!("TEST_{:02}", i + 1), outwards, position, 0.0, moment, rng)
+        })
+        .collect()
+}
+
+/// Number of spaces between `count` views, at least 1.
+fn spaces(count: usize) -> f64 {
+    (count.max(2) - 1) as f64
+}
+
+/// `count` positions in the spaces between `n` points at 0, 1, 2, …: distributed over the spaces evenly, and in each space
+/// too. Of a single one in a space this is the middle.
+fn positions_between(n: usize, count: usize) -> Vec<f64> {
+    let space_of = |i: usize| (2 * i + 1) * (n - 1) / (2 * count);
+    let place = |i: usize| {
+        let space = space_of(i);
+        let in_space = (0..count).filter(|k| space_of(*k) == space).count();
+        let before = (0..i).filter(|k| space_of(*k) == space).count();
+        space as f64 + (before + 1) as f64 / (in_space + 1) as f64
+    };
+    (0..count).map(place).collect()
+}
+
+impl Acquisition {
+    /// A view from a direction of the spiral over the cap of directions: `outwards` is 0 in its middle and 1 at its border,
+    /// `step` counts the steps along it. `turned_deg` turns the image.
+    fn new(name: String, outwards: f64, step: f64, turned_deg: f64, moment: Moment, rng: KeyedRng) -> Self {
+        let spread = (step * GOLDEN).fract();
+        // The square root distributes the views evenly over the spherical cap of directions.
+        let off_nadir_deg = 5.5 + 23.5 * outwards.sqrt() * rng.key(1).uniform_in(0.9, 1.0);
+        let azimuth_deg = (360.0 * spread + rng.key(2).uniform_in(-12.0, 12.0) + 20.0).rem_euclid(360.0);
+        Self {
+            name,
+            off_nadir_deg,
+            azimuth_deg,
+            right_deg: 90.0 + rng.key(5).uniform_in(-9.0, 9.0) + turned_deg,
+            sun: moment.sun,
+            day_of_year: moment.day_of_year,
+            acquired: moment.acquired,
+            pointing_error: (
+                POINTING_SIGMA_PX * rng.key(6).normal(),
+                POINTING_SIGMA_PX * rng.key(7).normal(),
+            ),
         }
-        day -= length;
     }
-    (12, 31)
 }
 
 /// A line scanner in motion.
@@ -193,7 +240,7 @@ mod tests {
 
     #[test]
     fn the_fitted_rpc_agrees_with_the_scanner_to_a_thousandth_of_a_pixel() {
-        for view in acquisitions(KeyedRng::new(0), 10, PLACE) {
+        for view in acquisitions(KeyedRng::new(0), Calendar::Mild, 10, PLACE) {
             let scanner = LineScanner::new(PLACE, &view, 400, 0.5);
             let height = Axis { offset: 160.0, scale: 80.0 };
             let rpc = scanner.rpc(PLACE, height).unwrap();
@@ -209,7 +256,7 @@ mod tests {
 
     #[test]
     fn lines_of_sight_have_the_planned_direction() {
-        let view = &acquisitions(KeyedRng::new(0), 10, PLACE)[6];
+        let view = &acquisitions(KeyedRng::new(0), Calendar::Mild, 10, PLACE)[6];
         let scanner = LineScanner::new(PLACE, view, 400, 0.5);
         let rpc = scanner.rpc(PLACE, Axis { offset: 160.0, scale: 80.0 }).unwrap();
         let px = Pixel::new(199.5, 199.5);
@@ -222,10 +269,28 @@ mod tests {
 
     #[test]
     fn suns_and_directions_are_in_realistic_ranges() {
-        for view in acquisitions(KeyedRng::new(0), 16, PLACE) {
+        for view in acquisitions(KeyedRng::new(0), Calendar::Mild, 16, PLACE) {
             assert!((5.0..=30.0).contains(&view.off_nadir_deg), "{view:?}");
             assert!((33.0..=72.0).contains(&view.sun.elevation_deg), "{view:?}");
             assert!((105.0..=168.0).contains(&view.sun.azimuth_deg), "{view:?}");
         }
+    }
+
+    #[test]
+    fn held_out_images_are_taken_on_days_and_from_directions_between_the_others() {
+        let calendar = Calendar::Seasons;
+        let training = acquisitions(KeyedRng::new(0), calendar, 12, PLACE);
+        let days: Vec<u32> = training.iter().map(|v| v.day_of_year).collect();
+        for view in held_out(KeyedRng::new(1), calendar, &training, 11, PLACE) {
+            assert!(!days.contains(&view.day_of_year), "{view:?}");
+            assert!(days.iter().any(|d| *d < view.day_of_year) && days.iter().any(|d| *d > view.day_of_year));
+            let axes = local_axes(PLACE);
+            let direction = |v: &Acquisition| axes.direction(v.azimuth_deg, 90.0 - v.off_nadir_deg);
+            let nearest = training.iter().map(|t| direction(t).angle(&direction(&view)).to_degrees());
+            let nearest = nearest.fold(f64::INFINITY, f64::min);
+            assert!((1.0..15.0).contains(&nearest), "{nearest}° {view:?}");
+        }
+        assert_eq!(positions_between(3, 2), [0.5, 1.5]);
+        assert_eq!(positions_between(3, 3), [0.5, 1.0 + 1.0 / 3.0, 1.0 + 2.0 / 3.0]);
     }
 }

@@ -4,6 +4,7 @@ use super::*;
 use crate::io::ImageFile;
 use crate::progress::NoProgress;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 fn small() -> SimulateOptions {
     SimulateOptions { views: 4, size_px: 72, gsd_m: 1.0, ..SimulateOptions::default() }
@@ -85,4 +86,110 @@ fn scenes_have_relief_buildings_trees_and_water() {
         assert!(f.trees_share > 0.03 && f.water_share > 0.005, "{f:?}");
         assert!(f.tallest_building_m > 25.0 && f.relief_m > relief_m, "{f:?}");
     }
+}
+
+/// A small scene with everything that can be asked for.
+fn varied() -> SimulateOptions {
+    SimulateOptions { views: 5, seasons: true, cars_percent: Some(2.0), held_out: 2, ..small() }
+}
+
+/// A picture in `truth/appearance/`, row by row.
+fn gray(path: &Path) -> Vec<u8> {
+    image::open(path).unwrap().to_luma8().into_raw()
+}
+
+/// Grey levels of a band of an image.
+fn levels(path: &Path, band: usize) -> Vec<f32> {
+    ImageFile::open(path).unwrap().read(band).unwrap().data
+}
+
+/// The scene in the repository was made by the first version of the simulator.
+#[test]
+fn a_plain_scene_is_that_of_the_first_version() {
+    /// Grey levels that another mathematics library may round differently, of 76,800 in an image.
+    const ROUNDED: usize = 8;
+    let dir = tempfile::tempdir().unwrap();
+    let options = SimulateOptions { seed: 1, views: 3, size_px: 160, ..SimulateOptions::default() };
+    simulate(dir.path(), &options, &NoProgress).unwrap();
+    let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/town");
+    for name in ["VIEW_01.tif", "VIEW_02.tif", "VIEW_03.tif"] {
+        let both =
+            |band| levels(&dir.path().join(name), band).into_iter().zip(levels(&kept.join(name), band));
+        let differences: Vec<f32> =
+            (1..=3).flat_map(both).map(|(a, b)| (a - b).abs()).filter(|d| *d > 0.0).collect();
+        assert!(
+            differences.len() <= ROUNDED && differences.iter().all(|d| *d <= 1.0),
+            "{name} {differences:?}"
+        );
+    }
+    let shifts = |folder: &Path| std::fs::read_to_string(folder.join("truth/shifts.json")).unwrap();
+    assert_eq!(shifts(dir.path()), shifts(&kept));
+    assert!(!dir.path().join("truth/appearance").exists() && !dir.path().join("test.txt").exists());
+}
+
+#[test]
+fn appearance_truth_is_the_same_for_any_number_of_threads_and_goes_with_the_options() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("scene");
+    let run = |threads: usize, options: &SimulateOptions| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| simulate(&out, options, &NoProgress).unwrap());
+        files(&out)
+    };
+    let first = run(1, &varied());
+    assert_eq!(first.len(), 7 + 7 + 3 + 1 + 3 * 7 + 1, "{:?}", first.keys());
+    assert!(first == run(3, &SimulateOptions { overwrite: true, ..varied() }), "bytes differ");
+    let plain = run(2, &SimulateOptions { overwrite: true, ..small() });
+    assert_eq!(plain.len(), 4 + 4 + 3, "{:?}", plain.keys());
+    assert!(!out.join("truth/appearance").exists());
+}
+
+#[test]
+fn images_differ_from_the_clean_pictures_only_by_noise_and_by_cars_in_the_mask() {
+    let dir = tempfile::tempdir().unwrap();
+    let summary =
+        simulate(dir.path(), &SimulateOptions { size_px: 160, gsd_m: 0.5, ..varied() }, &NoProgress).unwrap();
+    for view in &summary.views {
+        let appearance = view.appearance.as_ref().unwrap();
+        let shown = levels(&dir.path().join(format!("{}.tif", view.name)), 1);
+        let clean = image::open(&appearance.clean).unwrap().to_rgb8();
+        let cars = gray(&appearance.cars);
+        let differences: Vec<f32> =
+            shown.iter().zip(clean.pixels()).map(|(s, c)| (s - f32::from(c.0[0])).abs()).collect();
+        if view.role == Role::Test {
+            assert!(differences.iter().all(|d| *d == 0.0), "{} is not clean", view.name);
+            assert_eq!(appearance.cars_percent, 0.0);
+            continue;
+        }
+        assert!((appearance.cars_percent - 2.0).abs() < 0.3, "{} {}", view.name, appearance.cars_percent);
+        let share = |in_mask: bool, from: f32| {
+            let there = differences.iter().zip(&cars).filter(|(_, c)| (**c > 0) == in_mask);
+            let (total, large) = there.fold((0, 0), |(n, k), (d, _)| (n + 1, k + i32::from(*d > from)));
+            f64::from(large) / f64::from(total)
+        };
+        // Noise has at most 1.8 grey levels.
+        assert_eq!(share(false, 10.0), 0.0, "{}", view.name);
+        assert!(share(true, 10.0) > 0.5, "{} {}", view.name, share(true, 10.0));
+    }
+}
+
+#[test]
+fn streets_have_room_for_the_highest_percentage_of_cars() {
+    let dir = tempfile::tempdir().unwrap();
+    let options = SimulateOptions { cars_percent: Some(8.0), size_px: 120, views: 3, ..small() };
+    for view in simulate(dir.path(), &options, &NoProgress).unwrap().views {
+        let percent = view.appearance.unwrap().cars_percent;
+        assert!((percent - 8.0).abs() < 0.3, "{} {percent}", view.name);
+    }
+}
+
+#[test]
+fn options_outside_of_their_ranges_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let wrong =
+        |options: SimulateOptions| simulate(dir.path(), &options, &NoProgress).unwrap_err().to_string();
+    let cars = |percent| SimulateOptions { cars_percent: Some(percent), ..small() };
+    assert_eq!(wrong(cars(-1.0)), "`--cars` is -1, expected 0 to 8 percent of the pixels");
+    assert!(wrong(cars(50.0)).contains("50") && wrong(cars(f64::NAN)).contains("NaN"));
+    assert!(wrong(SimulateOptions { held_out: 100, ..small() }).contains("`--held-out` is 100"));
 }

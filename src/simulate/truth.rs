@@ -2,7 +2,8 @@
 
 use super::field::{Field, Material};
 use super::plan::Plan;
-use super::{SceneFigures, SimulatedView};
+use super::summary::SceneFigures;
+use super::view::SimulatedView;
 use crate::frame::{Point, Site, SiteGrid};
 use crate::io::{Cog, Grid2, MapGrid, VerticalReference, WriteError, write_file};
 use crate::rpc::formats::{ViewTags, to_json};
