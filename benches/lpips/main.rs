@@ -71,8 +71,7 @@ fn measure(file: &Path) -> Result<(), LpipsError> {
         let forward = 1e-9 * operations_per_pixel(lpips.backbone()) * (side * side) as f64;
         let score = fastest(|| lpips.distance(picture, target).map(drop))?;
         let mut by_picture = Vec::new();
-        let loss =
-            fastest(|| lpips.distance_with_gradient(picture, target, &mut by_picture).map(drop))?;
+        let loss = fastest(|| lpips.distance_with_gradient(picture, target, &mut by_picture).map(drop))?;
         println!(
             "{:8} {side:4}²   distance {:7.1} ms, {:4.0} Gop/s   with gradient {:7.1} ms, {:4.0} Gop/s",
             lpips.backbone().name(),
