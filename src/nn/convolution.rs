@@ -55,8 +55,10 @@ impl<T: SimdReal> Convolution<T> {
     }
 }
 
-/// Weights of a block of input channels (rows) and a block of output channels (columns) at one place of the kernel.
-type Tap<T> = [Pixel16<T>; LANES];
+/// Weights of a block of input channels (rows) and a block of output channels (columns) at one place of the kernel. A row of
+/// f32 is one line of the cache.
+#[repr(align(64))]
+struct Tap<T>([Pixel16<T>; LANES]);
 
 /// The linear part of a convolution.
 struct Correlation<T> {
@@ -72,8 +74,8 @@ impl<T: SimdReal> Correlation<T> {
         for first_output in (0..outputs).step_by(LANES) {
             for first_input in (0..inputs).step_by(LANES) {
                 for (t, u) in (0..side).flat_map(|t| (0..side).map(move |u| (t, u))) {
-                    let mut tap = [[T::zero(); LANES]; LANES];
-                    for (i, row) in (first_input..inputs).zip(&mut tap) {
+                    let mut tap = Tap([[T::zero(); LANES]; LANES]);
+                    for (i, row) in (first_input..inputs).zip(&mut tap.0) {
                         for (o, value) in (first_output..outputs).zip(row) {
                             *value = weight(o, i, t, u);
                         }
@@ -97,7 +99,7 @@ impl<T: SimdReal> Correlation<T> {
         Self::new(shape, |o, i, t, u| {
             let place = (side - 1 - t) * side + side - 1 - u;
             let tap = i / LANES * self.taps_of_block() + o / LANES * side.pow(2) + place;
-            self.taps[tap][o % LANES][i % LANES]
+            self.taps[tap].0[o % LANES][i % LANES]
         })
     }
 
@@ -189,7 +191,7 @@ impl<T: Real> StripeKernel<'_, T> {
             for i in 0..LANES {
                 let mut weights = [zero; V];
                 for v in 0..V {
-                    weights[v] = SimdVec::load(simd, &tap[i][v * S::WIDTH..]);
+                    weights[v] = SimdVec::load(simd, &tap.0[i][v * S::WIDTH..]);
                 }
                 for r in 0..R {
                     for c in 0..C {

@@ -110,3 +110,35 @@ impl<T: SimdReal> SimdKernel<T> for Backward<'_, T> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_window_gives_its_gradient_to_its_first_maximum() {
+        // Three columns and rows: one window of 3 x 3 pixels, with two maxima.
+        let mut input = FeatureMap::<f32>::default();
+        input.resize(3, 3, 1);
+        for (row, values) in [[0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [2.0, 0.0, 0.0]].iter().enumerate() {
+            for (col, value) in values.iter().enumerate() {
+                input.stripes_mut()[0].rows[row][col][0] = *value;
+            }
+        }
+        let pool = MaxPool { side: 3 };
+        let (mut output, mut by_output, mut by_input) =
+            (FeatureMap::default(), FeatureMap::default(), FeatureMap::default());
+        pool.forward(&input, &mut output);
+        assert_eq!((output.width(), output.height(), output.value(0, 0, 0)), (1, 1, 2.0));
+        by_output.resize(1, 1, 1);
+        by_output.stripes_mut()[0].rows[0][0][0] = 5.0;
+        // What the first call leaves is not added to.
+        for _ in 0..2 {
+            pool.backward(&input, &output, &by_output, &mut by_input);
+        }
+        for (row, col) in (0..3).flat_map(|row| (0..3).map(move |col| (row, col))) {
+            let expected = if (row, col) == (1, 2) { 5.0 } else { 0.0 };
+            assert_eq!(by_input.value(0, col, row), expected, "row {row}, column {col}");
+        }
+    }
+}

@@ -186,8 +186,8 @@ fn every_gradient_of_discs_agrees_with_central_differences_in_f64() {
 
 /// Networks of the shape of SatGS's that are small enough to check.
 fn small_networks() -> Networks {
-    let mut networks = Networks::default();
-    networks.grid = HashGrid { levels: 2, log2_entries: 6, cells: [3, 9] };
+    let grid = HashGrid { levels: 2, log2_entries: 6, cells: [3, 9] };
+    let mut networks = Networks { grid, ..Networks::default() };
     networks.tone.inputs = networks.grid.outputs() + 3;
     networks.shadow.inputs = networks.grid.outputs();
     networks.tone.hidden = vec![6, 5];

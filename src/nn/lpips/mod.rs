@@ -67,7 +67,7 @@ impl<T: SimdReal> Lpips<T> {
     /// The distance of a picture from a target. Sets `by_picture` to its derivatives by the values of the picture, in [0, 1]: red,
     /// then green, then blue, row by row.
     ///
-    /// It takes about 2.5 kB of memory for each pixel with VGG16 (f32), which are kept for the next call.
+    /// It takes about 3 kB of memory for each pixel with VGG16 (f32), which are kept for the next call.
     ///
     /// # Errors
     /// As [`Lpips::distance`].

@@ -23,6 +23,10 @@ const PLAIN: Architecture = Architecture {
     others: &[compared(1, 4, 3, 1), pool(2), compared(2, 20, 3, 1)],
 };
 
+/// Windows that leave pixels of the image over.
+const COARSE: Architecture =
+    Architecture { first: ConvolutionLayer::new(0, 3, 4, 0).compared(), stride: 4, others: &[] };
+
 /// Random weights of the size with which features keep theirs from layer to layer.
 fn random_tensors(architecture: &Architecture) -> BTreeMap<String, Vec<f64>> {
     let mut tensors = BTreeMap::new();
@@ -61,8 +65,8 @@ fn rgb<T>(width: usize, height: usize, data: &[T]) -> PlanarRgb<'_, T> {
 }
 
 /// The networks with an image size that is the smallest or leaves pixels over at every tile, stripe and window.
-fn cases() -> [(Architecture, usize, usize); 4] {
-    [(STRIDED, 15, 15), (STRIDED, 54, 33), (PLAIN, 2, 2), (PLAIN, 19, 13)]
+fn cases() -> [(Architecture, usize, usize); 5] {
+    [(STRIDED, 15, 15), (STRIDED, 42, 29), (PLAIN, 2, 2), (PLAIN, 17, 11), (COARSE, 7, 9)]
 }
 
 #[test]
@@ -108,7 +112,7 @@ fn gradients_are_central_differences() {
         );
         assert_eq!(distance, network.distance([rgb(width, height, &picture), target]));
         let largest = by_picture.iter().fold(0.0f64, |largest, by| largest.max(by.abs()));
-        for k in (0..picture.len()).step_by(picture.len() / 12) {
+        for k in (0..picture.len()).step_by(picture.len() / 8) {
             let start = picture[k];
             let mut at = |value| {
                 picture[k] = value;
@@ -128,7 +132,7 @@ fn gradients_are_central_differences() {
 
 #[test]
 fn the_number_of_threads_changes_no_bit() {
-    let (width, height) = (150, 41);
+    let (width, height) = (70, 37);
     let [picture, target] = [0, 1].map(|item| random_image::<f32>(width, height, item));
     for architecture in [STRIDED, PLAIN] {
         let compute = || {
@@ -166,7 +170,8 @@ fn images_that_cannot_be_compared_are_refused() {
     assert!(matches!(PlanarRgb::new(3, 3, planes), Err(LpipsError::Plane { channel: 2, found: 8, .. })));
 }
 
-/// The example images of the authors' package.
+/// An example image of the authors' package, channel after channel, with its columns and rows.
+#[allow(clippy::print_stdout)]
 fn example(name: &str) -> Option<(usize, usize, Vec<f32>)> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     let folder = std::env::var_os("SATGS_DATA").map_or(here, PathBuf::from).join("lpips");
@@ -181,6 +186,7 @@ fn example(name: &str) -> Option<(usize, usize, Vec<f32>)> {
 }
 
 #[test]
+#[allow(clippy::print_stdout)]
 fn distances_are_the_published_ones() {
     let Some(weights) = std::env::var_os("SATGS_LPIPS").map(PathBuf::from) else {
         println!("skipped: SATGS_LPIPS names no folder that scripts/fetch-weights has filled");
@@ -191,15 +197,11 @@ fn distances_are_the_published_ones() {
     let image = |data| rgb(width, height, data);
     let files = [("lpips-alexnet", [0.7219, 0.1376]), ("lpips-vgg16", [0.5686, 0.4217])];
     for (file, expected) in files {
-        let mut lpips = Lpips::<f32>::read(&weights.join(file).with_extension("safetensors")).unwrap();
+        let lpips = Lpips::<f32>::read(&weights.join(file).with_extension("safetensors")).unwrap();
         for (picture, expected) in [&p0, &p1].into_iter().zip(expected) {
             let found = lpips.distance(image(picture), image(&reference)).unwrap();
             println!("{file}: {found:.5}, published {expected}");
             assert!((found - expected).abs() < 1e-3);
-            let mut by_picture = Vec::new();
-            let with_gradient =
-                lpips.distance_with_gradient(image(picture), image(&reference), &mut by_picture);
-            assert_eq!(with_gradient.unwrap(), found);
         }
     }
 }
