@@ -158,6 +158,12 @@ impl<T: Real> SharedMlp<T> {
         }
     }
 
+    /// Number of inputs that differ between items.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        self.layers.first().map_or(0, |l| l.inputs)
+    }
+
     /// Number of parameters, without those of shared inputs.
     #[must_use]
     pub fn parameters(&self) -> usize {

@@ -105,7 +105,7 @@ fn surface_splats(cameras: &TrainedCameras, run: &Path) -> Result<Splats, Pipeli
     match SceneColors::read(run)? {
         None => cameras.read_splats(run),
         Some(_) if !cameras.is_matched => Ok(linear(ply::read(&run.join(HEIGHT_SPLATS))?)),
-        Some(colors) => Ok(linear(colors.baked(colors.reference(), None))),
+        Some(colors) => Ok(linear(colors.baked_in_sunlight(colors.reference()))),
     }
 }
 

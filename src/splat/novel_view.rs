@@ -10,9 +10,10 @@ use crate::splat::appearance::{Appearance, AppearanceModel, ModelParameters};
 use crate::splat::backend::stopwatch::Stopwatch;
 use crate::splat::objective::{Objective, StepInput};
 use crate::splat::primitive::PrimitiveKind;
-use crate::splat::raster::{Disc, FrameCamera, Image, Rasterizer, SortedSplats, channel};
+use crate::splat::raster::{Disc, FrameCamera, Image, Rasterizer, SortedSplats, channel, renderer};
 use crate::splat::sheared_camera::ShearedCamera;
 use crate::splat::splats::Splats;
+use crate::splat::sun_visibility::sun_visibility;
 
 /// A camera with its image size and the sun.
 #[derive(Clone, Copy, Debug)]
@@ -66,6 +67,26 @@ impl NovelView {
     #[must_use]
     pub fn sun_direction(&self) -> Option<[f32; 3]> {
         self.sun_shear.map(|shear| self.camera.direction_of(shear).map(|v| v as f32))
+    }
+
+    /// Visibility of the sun from each splat, 0 to 1; empty without shadows. `altitudes` are the lowest and highest of the
+    /// scene, metres.
+    #[must_use]
+    pub fn sun_visibility(&self, splats: &Splats, altitudes: (f64, f64)) -> Vec<f32> {
+        let mut visibility = Vec::new();
+        if let Some(shear) = self.sun_shear {
+            let sun = ShearedCamera::sun(&self.camera, self.size, shear, altitudes);
+            let mut sorted = SortedSplats::of(splats.primitive());
+            sorted.update(splats);
+            let altitude = |i: &u32| [splats.position[*i as usize][2]];
+            let features: Vec<[f32; 1]> = sorted.order().iter().map(altitude).collect();
+            let mut raster = renderer(splats.primitive());
+            raster.project(&sorted, &sun.camera);
+            raster.bin(&features);
+            raster.draw([altitudes.0 as f32]);
+            sun_visibility(splats, &sun, raster.image(), &mut visibility);
+        }
+        visibility
     }
 
     /// Renders the picture of the splats with the colour model of a view. `altitudes` are the lowest and highest of the

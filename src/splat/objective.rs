@@ -6,7 +6,7 @@
 //! colours and sunlight. The loss terms ([`LossTerm`]) compare picture, renders and splats with their targets.
 
 use super::appearance::{
-    AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput,
+    AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput, SplatSun,
 };
 use super::backend::stopwatch::Stopwatch;
 use super::loss::{COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
@@ -43,7 +43,7 @@ pub struct StepInput<'a, T> {
     pub crop: Option<[f64; 2]>,
     /// Camera of the sun's image; none without shadows.
     pub sun: Option<ShearedCamera<T>>,
-    /// Unit vector to the sun in site axes; none if it is unknown.
+    /// Unit vector to the sun in site axes; given with the camera of its image.
     pub sun_direction: Option<[T; 3]>,
     /// Camera of the virtual view; none without the consistency loss.
     pub virtual_view: Option<ShearedCamera<T>>,
@@ -154,6 +154,7 @@ impl<T: SimdReal> Objective<T> {
         watch: &mut Stopwatch,
     ) -> Losses {
         self.forward(splats, appearance, input, watch);
+        let light = self.appearance.light();
         if let Some(v) = &input.virtual_view {
             let background = input.background_features();
             render(
@@ -166,14 +167,10 @@ impl<T: SimdReal> Objective<T> {
                 watch,
             );
         }
-        let light = self.appearance.light().zip(input.sun.as_ref());
-        if let Some((_, sun)) = light {
-            sun_visibility(splats, sun, self.sun.image(), &mut self.sun_visibility);
-        }
         let rendered = Rendered {
             visibility: input.visibility,
             crop: input.crop,
-            light: light.map(|(light, _)| (light, &self.sun_visibility[..])),
+            light: light.map(|light| (light, &self.sun_visibility[..])),
             view: self.view.image(),
             discs: None,
             picture: &self.picture,
@@ -204,7 +201,19 @@ impl<T: SimdReal> Objective<T> {
         input: &StepInput<T>,
         watch: &mut Stopwatch,
     ) {
-        self.sort_and_color(splats, appearance, input.sun_direction, watch);
+        self.sorted.update(splats);
+        let order = self.sorted.order();
+        self.altitudes.resize(order.len(), [T::zero(); 1]);
+        let altitudes = self.altitudes.par_iter_mut().zip(order).with_min_len(1024);
+        altitudes.for_each(|(altitude, &i)| *altitude = [splats.position[i as usize][2]]);
+        watch.lap("splats", "order and covariances");
+        if let Some(sun) = &input.sun {
+            render(self.sun.as_mut(), SUN, &self.sorted, &self.altitudes, &sun.camera, [input.floor], watch);
+            if self.appearance.has_shaded_splats() {
+                sun_visibility(splats, sun, self.sun.image(), &mut self.sun_visibility);
+            }
+        }
+        self.color(splats, appearance, input, watch);
         render(
             self.view.as_mut(),
             VIEW,
@@ -214,9 +223,6 @@ impl<T: SimdReal> Objective<T> {
             input.background_features(),
             watch,
         );
-        if let Some(sun) = &input.sun {
-            render(self.sun.as_mut(), SUN, &self.sorted, &self.altitudes, &sun.camera, [input.floor], watch);
-        }
         let (view, sun) = (self.view.image(), input.sun.map(|s| (s.warp, self.sun.image())));
         self.shadows.forward(view, sun);
         let shading = ShadingInput { render: view, sunlight: self.shadows.sunlight(), valid: input.valid };
@@ -250,25 +256,22 @@ impl<T: SimdReal> Objective<T> {
         self.view.mean2d_gradient(self.sorted.rank(splat))
     }
 
-    /// Sorts the splats and computes the features that are rendered.
-    fn sort_and_color(
+    /// Computes the features that are rendered: the colours of the splats for the view, and their altitudes.
+    fn color(
         &mut self,
         splats: &Splats<T>,
         parameters: ModelParameters<T>,
-        sun: Option<[T; 3]>,
+        input: &StepInput<T>,
         watch: &mut Stopwatch,
     ) {
-        self.sorted.update(splats);
-        watch.lap("splats", "order and covariances");
+        let sun = splat_sun(input, &self.sun_visibility);
         self.appearance.splat_colors(ColorInput { parameters, splats, sun }, &mut self.colors);
         let (order, colors) = (self.sorted.order(), &self.colors);
         self.features.resize(order.len(), [T::zero(); 4]);
-        self.altitudes.resize(order.len(), [T::zero(); 1]);
-        let features = self.features.par_iter_mut().zip(&mut self.altitudes).zip(order);
-        features.with_min_len(1024).for_each(|((feature, altitude), &i)| {
-            let ([r, g, b], z) = (colors[i as usize], splats.position[i as usize][2]);
-            *feature = [r, g, b, z];
-            *altitude = [z];
+        let features = self.features.par_iter_mut().zip(&self.altitudes).zip(order);
+        features.with_min_len(1024).for_each(|((feature, [z]), &i)| {
+            let [r, g, b] = colors[i as usize];
+            *feature = [r, g, b, *z];
         });
         watch.lap("splats", "colours");
     }
@@ -282,7 +285,7 @@ impl<T: SimdReal> Objective<T> {
         gradient: &mut Gradient<T>,
         watch: &mut Stopwatch,
     ) {
-        let sun = input.sun.filter(|_| self.appearance.uses_sunlight());
+        let sun = input.sun.filter(|_| !self.appearance.has_shaded_splats());
         let (view, sun) = (self.view.image(), sun.map(|s| (s.warp, self.sun.image())));
         let shading = ShadingInput { render: view, sunlight: self.shadows.sunlight(), valid: input.valid };
         self.by_view.resize(view.width, view.height, channel::TRAINED);
@@ -328,7 +331,7 @@ impl<T: SimdReal> Objective<T> {
             let raster = self.virtual_view.as_mut();
             backward(raster, VIRTUAL, sorted, by_virtual, &mut by, by_feature, watch);
         }
-        if input.sun.is_some() && self.appearance.uses_sunlight() {
+        if input.sun.is_some() && !self.appearance.has_shaded_splats() {
             let by_sun = self.shadows.by_sun();
             backward(self.sun.as_mut(), SUN, sorted, by_sun, &mut by, by_altitude, watch);
         }
@@ -346,7 +349,8 @@ impl<T: SimdReal> Objective<T> {
             position[2] = position[2] + z + by_altitude[rank][0];
         });
         watch.lap("splats", "parameters backward");
-        let colors = ColorInput { parameters: appearance, splats, sun: input.sun_direction };
+        let sun = splat_sun(input, &self.sun_visibility);
+        let colors = ColorInput { parameters: appearance, splats, sun };
         let by_light = terms.iter().find_map(|term| term.by_light());
         let Gradient { splats: by_splats, appearance: view, shared } = gradient;
         let by_parameters = ParameterGradient { shared, view };
@@ -403,6 +407,11 @@ impl<T: SimdReal> SimdKernel<T> for AddScaled<'_, T> {
 pub(super) fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: usize) {
     values.resize(n, V::default());
     values.par_chunks_mut(1 << 14).for_each(|v| v.fill(V::default()));
+}
+
+/// The sun as the splats see it; none without shadows.
+fn splat_sun<'a, T: Real>(input: &StepInput<T>, visibility: &'a [T]) -> Option<SplatSun<'a, T>> {
+    input.sun.and(input.sun_direction).map(|direction| SplatSun { direction, visibility })
 }
 
 /// Renders an image and measures the time of the steps.

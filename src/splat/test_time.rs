@@ -10,12 +10,10 @@ use crate::splat::loss::{LossWeights, TermInputs, terms};
 use crate::splat::objective::{Gradient, Objective, StepInput};
 use crate::splat::splats::Splats;
 
-/// Most steps (SatGS), learning rate, and the steps after which fitting ends if they have not lowered the loss by the
-/// gain.
-const MOST_STEPS: u32 = 5000;
-const RATE: f64 = 0.02;
-const PATIENCE: u32 = 50;
-const GAIN: f64 = 1e-5;
+/// Number of steps, and the learning rate of the first of them (WildGaussians); the rate falls linearly to zero. SatGS takes
+/// 5000 steps, at a rate that it does not state.
+const STEPS: u32 = 128;
+const RATE: f64 = 0.1;
 
 /// The parameters of a view that reproduce an image best, searched from those of `start`. `input` holds the image, with a
 /// mask of the pixels that count.
@@ -32,21 +30,17 @@ pub fn fit_view(
     let mut objective = Objective::new(splats.primitive(), model, terms(TermInputs::default()));
     let (mut values, mut adam, mut gradient) = (start.view.to_vec(), Adam::default(), Gradient::default());
     let mut best = (f64::INFINITY, values.clone());
-    let mut last_gain = 0;
-    for step in 0..MOST_STEPS {
+    for step in 0..STEPS {
         progress.check()?;
         let parameters = ModelParameters { view: &values, ..start };
         let watch = &mut Stopwatch::default();
         let losses =
             objective.evaluate(splats, parameters, input, &LossWeights::default(), &mut gradient, watch);
-        if losses.total < best.0 - GAIN {
+        if losses.total < best.0 {
             best = (losses.total, values.clone());
-            last_gain = step;
         }
-        if step - last_gain >= PATIENCE {
-            break;
-        }
-        adam.step(AdamRule::DEFAULT, &mut values, &gradient.appearance, RATE);
+        let rate = RATE * f64::from(STEPS - step) / f64::from(STEPS);
+        adam.step(AdamRule::DEFAULT, &mut values, &gradient.appearance, rate);
     }
     Ok(best.1)
 }

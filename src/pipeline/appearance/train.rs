@@ -17,10 +17,11 @@ use crate::run_files::{
 };
 use crate::scene::{Role, Scene, TransferFunction};
 use crate::splat::appearance::satgs::{AppearanceContent, Cube, Networks, TrainedAppearance, TrainedView};
-use crate::splat::appearance::{Appearance, ModelParameters};
+use crate::splat::appearance::{Appearance, ModelParameters, SplatSun};
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::backend::{TrainingBackend, TrainingScene};
 use crate::splat::loss::TermInputs;
+use crate::splat::novel_view::NovelView;
 use crate::splat::ply;
 use crate::splat::state::TrainingState;
 use crate::splat::train::recipe::Recipe;
@@ -180,7 +181,11 @@ fn write(
     let embeddings: Vec<Vec<f32>> = made.appearances.iter().map(|(a, _)| a.values.clone()).collect();
     let reference = setup.reference_among_training();
     let parameters = ModelParameters { shared: &made.shared.values, view: &embeddings[reference] };
-    let baked = bake(&made.splats, recipe.appearance.model(cube), parameters, views[reference].sun);
+    let view = &setup.views[setup.reference];
+    let novel = NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear };
+    let visibility_of_sun = novel.sun_visibility(&made.splats, setup.altitudes);
+    let sun = novel.sun_direction().map(|direction| SplatSun { direction, visibility: &visibility_of_sun });
+    let baked = bake(&made.splats, recipe.appearance.model(cube), parameters, sun);
     let path = run.join(SPLATS);
     ply::write(&path, &baked, &setup.site)?;
     let content =

@@ -6,7 +6,7 @@ use crate::io::Grid2;
 use crate::run_files::{APPEARANCE, SPLATS};
 use crate::scene::days_of;
 use crate::splat::appearance::satgs::{AppearanceError, SatGs, TrainedAppearance};
-use crate::splat::appearance::{Appearance, AppearanceModel, ColorInput, ModelParameters};
+use crate::splat::appearance::{Appearance, AppearanceModel, ColorInput, ModelParameters, SplatSun};
 use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::ply;
 use crate::splat::splats::{Splats, f_dc_from_color};
@@ -82,7 +82,9 @@ impl SceneColors {
     /// The share of sunlight that the model gives each pixel of a view, 0 to 1; 1 without a sun.
     pub fn sunlit(&self, view: &NovelView, setup: &SiteScene) -> Grid2 {
         let (mut model, parameters) = (self.model(), self.parameters(self.reference()));
-        let input = ColorInput { parameters, splats: &self.splats, sun: view.sun_direction() };
+        let visibility = view.sun_visibility(&self.splats, setup.altitudes);
+        let sun = view.sun_direction().map(|direction| SplatSun { direction, visibility: &visibility });
+        let input = ColorInput { parameters, splats: &self.splats, sun };
         model.splat_colors(input, &mut Vec::new());
         let mut splats = self.splats.clone();
         let shares = model.light().map(|light| light.sunlit.clone());
@@ -94,18 +96,18 @@ impl SceneColors {
         sunlit
     }
 
-    /// The splats in their colours for an embedding and a direction to the sun; without one, all are in full sunlight.
-    pub fn baked(&self, embedding: &[f32], sun: Option<[f32; 3]>) -> Splats {
-        bake(&self.splats, self.model(), self.parameters(embedding), sun)
+    /// The splats in their colours for an embedding in full sunlight.
+    pub fn baked_in_sunlight(&self, embedding: &[f32]) -> Splats {
+        bake(&self.splats, self.model(), self.parameters(embedding), None)
     }
 }
 
-/// The splats in the colours that a model gives them.
+/// The splats in the colours that a model gives them; without a sun, all are in full sunlight.
 pub fn bake(
     splats: &Splats,
     mut model: Box<dyn AppearanceModel<f32>>,
     parameters: ModelParameters<f32>,
-    sun: Option<[f32; 3]>,
+    sun: Option<SplatSun<f32>>,
 ) -> Splats {
     let mut colors = Vec::new();
     model.splat_colors(ColorInput { parameters, splats, sun }, &mut colors);

@@ -11,7 +11,7 @@ pub mod satgs;
 
 pub use model::{
     AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput,
-    SplatLight,
+    SplatLight, SplatSun,
 };
 
 use crate::simd::{Real, SimdReal};

@@ -52,8 +52,17 @@ pub struct ColorInput<'a, T> {
     pub parameters: ModelParameters<'a, T>,
     /// The splats.
     pub splats: &'a Splats<T>,
-    /// Unit vector to the sun in site axes; none if it is unknown.
-    pub sun: Option<[T; 3]>,
+    /// The sun; none if it is unknown.
+    pub sun: Option<SplatSun<'a, T>>,
+}
+
+/// The sun as the splats see it.
+#[derive(Clone, Copy, Debug)]
+pub struct SplatSun<'a, T> {
+    /// Unit vector to the sun in site axes.
+    pub direction: [T; 3],
+    /// Visibility of the sun from each splat, 0 to 1 ([`sun_visibility`](crate::splat::sun_visibility)).
+    pub visibility: &'a [T],
 }
 
 /// Light and colours of splats apart, or derivatives by them: of a model in which the colour of a splat is its colour in
@@ -70,9 +79,10 @@ pub struct SplatLight<T> {
 
 /// A colour model. `values` are the parameters of a view.
 pub trait AppearanceModel<T: Real>: Send + Sync {
-    /// Whether the picture depends on the share of sunlight that [`ShadowModel`](crate::splat::shadow::ShadowModel) computes.
-    fn uses_sunlight(&self) -> bool {
-        true
+    /// Whether the colours of splats depend on the visibility of the sun from each. If not, the picture depends on the share
+    /// of sunlight of each pixel, which [`ShadowModel`](crate::splat::shadow::ShadowModel) computes.
+    fn has_shaded_splats(&self) -> bool {
+        false
     }
 
     /// Computes the colours of all splats that are rendered for a view.

@@ -16,10 +16,14 @@ pub(super) struct ViewNetworks<T> {
     pub ambient: [T; 3],
 }
 
+/// Values of the colours of a block.
+const COLORS: usize = 3 * BLOCK;
+
 /// Buffers of a block.
 #[derive(Default)]
 pub(super) struct BlockBuffers<T> {
-    /// Position features and splat colours.
+    /// Splat colours, position features and visibility of the sun: the first rows are the inputs of the tone network, the
+    /// last ones those of the shadow network.
     inputs: Vec<T>,
     tone: MlpBlock<T>,
     shadow: MlpBlock<T>,
@@ -27,12 +31,14 @@ pub(super) struct BlockBuffers<T> {
     by_logit: Vec<T>,
 }
 
-/// A block's splats: their position features, and colours.
+/// A block's splats: their position features, colours, and visibility of the sun.
 #[derive(Clone, Copy)]
 pub(super) struct BlockInput<'a, T> {
     pub networks: &'a ViewNetworks<T>,
     pub features: &'a [T],
     pub colors: &'a [[T; 3]],
+    /// Empty if the sun is unknown.
+    pub visible: &'a [T],
 }
 
 /// Computes toned colours and shares of sunlight.
@@ -56,16 +62,17 @@ pub(super) fn logistic<T: Real>(x: T) -> T {
 }
 
 impl<T: Real> BlockBuffers<T> {
-    /// Fills the inputs of the tone network, whose first rows are those of the shadow network.
+    /// Fills the inputs.
     #[inline(always)]
     fn fill(&mut self, input: &BlockInput<T>) {
         self.inputs.clear();
-        self.inputs.extend_from_slice(input.features);
-        self.inputs.resize(input.features.len() + 3 * BLOCK, T::zero());
-        for (c, row) in self.inputs[input.features.len()..].chunks_mut(BLOCK).enumerate() {
-            row.fill(T::zero());
+        self.inputs.resize(COLORS, T::zero());
+        for (c, row) in self.inputs.chunks_mut(BLOCK).enumerate() {
             row.iter_mut().zip(input.colors).for_each(|(value, color)| *value = color[c]);
         }
+        self.inputs.extend_from_slice(input.features);
+        self.inputs.extend_from_slice(input.visible);
+        self.inputs.resize(COLORS + input.features.len() + BLOCK, T::zero());
     }
 }
 
@@ -74,7 +81,8 @@ impl<T: Real> SimdKernel<T> for Forward<'_, T> {
     fn run<S: Simd<Scalar = T>>(self, simd: S) {
         let Self { input, buffers, toned, sunlit } = self;
         buffers.fill(&input);
-        let outputs = buffers.tone.forward(simd, &input.networks.tone, &buffers.inputs);
+        let tone = &input.networks.tone;
+        let outputs = buffers.tone.forward(simd, tone, &buffers.inputs[..tone.inputs() * BLOCK]);
         for (i, (toned, color)) in toned.iter_mut().zip(input.colors).enumerate() {
             for c in 0..3 {
                 let (factor, offset) = tone_of(outputs, i, c);
@@ -84,7 +92,7 @@ impl<T: Real> SimdKernel<T> for Forward<'_, T> {
         match &input.networks.shadow {
             None => sunlit.fill(T::one()),
             Some(shadow) => {
-                let logits = buffers.shadow.forward(simd, shadow, input.features);
+                let logits = buffers.shadow.forward(simd, shadow, &buffers.inputs[COLORS..]);
                 sunlit.iter_mut().zip(logits).for_each(|(s, logit)| *s = logistic(*logit));
             }
         }
@@ -118,16 +126,18 @@ pub(super) struct GradientSums<T> {
 impl<T: Real> SimdKernel<T> for Backward<'_, T> {
     #[inline(always)]
     fn run<S: Simd<Scalar = T>>(mut self, simd: S) {
-        let rows = self.input.features.len();
         self.buffers.fill(&self.input);
         self.by_outputs(simd);
         let Self { input, buffers, by_features, sums, .. } = self;
         let BlockBuffers { inputs, tone, shadow, by_tone, by_logit } = buffers;
-        let by = tone.backward(simd, &input.networks.tone, inputs, by_tone, &mut sums.tone);
-        by_features.copy_from_slice(&by[..rows]);
+        let network = &input.networks.tone;
+        let by = tone.backward(simd, network, &inputs[..network.inputs() * BLOCK], by_tone, &mut sums.tone);
+        by_features.fill(T::zero());
+        by_features.iter_mut().zip(&by[COLORS..]).for_each(|(sum, by)| *sum = *by);
         if let Some(network) = &input.networks.shadow {
-            shadow.forward(simd, network, input.features);
-            let by = shadow.backward(simd, network, input.features, by_logit, &mut sums.shadow);
+            let inputs = &inputs[COLORS..];
+            shadow.forward(simd, network, inputs);
+            let by = shadow.backward(simd, network, inputs, by_logit, &mut sums.shadow);
             by_features.iter_mut().zip(by).for_each(|(sum, by)| *sum = *sum + *by);
         }
     }
@@ -140,7 +150,8 @@ impl<T: Real> Backward<'_, T> {
         let Self { input, buffers, .. } = self;
         let ambient = input.networks.ambient;
         let has_sun = input.networks.shadow.is_some();
-        let outputs = buffers.tone.forward(simd, &input.networks.tone, &buffers.inputs);
+        let tone = &input.networks.tone;
+        let outputs = buffers.tone.forward(simd, tone, &buffers.inputs[..tone.inputs() * BLOCK]);
         buffers.by_tone.resize(6 * BLOCK, T::zero());
         buffers.by_logit.resize(BLOCK, T::zero());
         buffers.by_tone.fill(T::zero());

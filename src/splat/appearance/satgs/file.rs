@@ -208,7 +208,9 @@ fn check(content: &AppearanceContent) -> Result<(), String> {
         return Err("the shapes of its networks are out of range".into());
     }
     let features = grid.outputs();
-    let shapes = [(tone, [features + 3, *embedding, 6]), (shadow, [features, 3, 1]), (sky, [3, 0, 3])];
+    // The tone network has the features of the coarsest levels.
+    let of_tone = tone.inputs.clamp(4, features + 3);
+    let shapes = [(tone, [of_tone, *embedding, 6]), (shadow, [features + 1, 3, 1]), (sky, [3, 0, 3])];
     if shapes.iter().any(|(mlp, shape)| [mlp.inputs, mlp.shared, mlp.outputs] != *shape) {
         return Err("its networks do not fit together".into());
     }

@@ -14,7 +14,7 @@ pub use file::{AppearanceContent, AppearanceError, TrainedAppearance, TrainedVie
 pub use networks::{NetworkGroup, Networks};
 
 use super::model::{
-    AppearanceModel, ColorInput, ParameterGradient, ShadingGradient, ShadingInput, SplatLight,
+    AppearanceModel, ColorInput, ParameterGradient, ShadingGradient, ShadingInput, SplatLight, SplatSun,
 };
 use crate::nn::linear::BLOCK;
 use crate::nn::mlp::MlpBlock;
@@ -100,8 +100,10 @@ impl<T: SimdReal> SatGs<T> {
         let [_, tone, shadow, _] = self.networks.ranges().map(|range| &input.parameters.shared[range]);
         ViewNetworks {
             tone: self.networks.tone.with(tone, input.parameters.view),
-            shadow: input.sun.map(|sun| self.networks.shadow.with(shadow, &sun)),
-            ambient: input.sun.map_or([T::one(); 3], |sun| self.sky(input.parameters.shared, sun, None)),
+            shadow: input.sun.map(|sun| self.networks.shadow.with(shadow, &sun.direction)),
+            ambient: input
+                .sun
+                .map_or([T::one(); 3], |sun| self.sky(input.parameters.shared, sun.direction, None)),
         }
     }
 
@@ -116,8 +118,8 @@ impl<T: SimdReal> SatGs<T> {
 }
 
 impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
-    fn uses_sunlight(&self) -> bool {
-        false
+    fn has_shaded_splats(&self) -> bool {
+        true
     }
 
     fn splat_colors(&mut self, input: ColorInput<T>, colors: &mut Vec<[T; 3]>) {
@@ -138,13 +140,17 @@ impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
         colors.resize(n, [T::zero(); 3]);
         let (block_size, size) = (self.networks.grid.outputs() * BLOCK, part_size(n));
         let features = self.features.par_chunks(size / BLOCK * block_size);
+        let visible = input.sun.map_or(&[][..], |sun| sun.visibility);
         let light = self.light.toned.par_chunks_mut(size).zip(self.light.sunlit.par_chunks_mut(size));
         let parts = features.zip(self.colors.par_chunks(size)).zip(light).zip(colors.par_chunks_mut(size));
-        parts.zip(&mut self.parts).for_each(|((((features, own), (toned, sunlit)), colors), part)| {
+        let parts = parts.zip(&mut self.parts).enumerate();
+        parts.for_each(|(k, ((((features, own), (toned, sunlit)), colors), part))| {
             let blocks = features.chunks(block_size).zip(own.chunks(BLOCK));
-            let blocks = blocks.zip(toned.chunks_mut(BLOCK).zip(sunlit.chunks_mut(BLOCK)));
-            for ((features, colors), (toned, sunlit)) in blocks {
-                let input = BlockInput { networks: &networks, features, colors };
+            let blocks = blocks.zip(toned.chunks_mut(BLOCK).zip(sunlit.chunks_mut(BLOCK))).enumerate();
+            for (b, ((features, colors), (toned, sunlit))) in blocks {
+                let first = k * size + b * BLOCK;
+                let visible = visible.get(first..first + colors.len()).unwrap_or_default();
+                let input = BlockInput { networks: &networks, features, colors, visible };
                 T::dispatch(Forward { input, buffers: &mut part.buffers, toned, sunlit });
             }
             for ((color, toned), s) in colors.iter_mut().zip(toned).zip(sunlit) {
@@ -178,6 +184,7 @@ impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
             restart(&mut sums.shadow, shadow_size);
         }
         let light = &self.light;
+        let visible = input.sun.map_or(&[][..], |sun| sun.visibility);
         let inputs = self.features.par_chunks(size / BLOCK * block_size).zip(self.colors.par_chunks(size));
         let outputs = self.by_features.par_chunks_mut(size / BLOCK * block_size);
         let outputs = outputs.zip(self.by_splat_colors.par_chunks_mut(size)).zip(&mut self.parts);
@@ -191,7 +198,12 @@ impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
                     let first = k * size + b * BLOCK;
                     let items = first..first + colors.len();
                     T::dispatch(Backward {
-                        input: BlockInput { networks: &networks, features, colors },
+                        input: BlockInput {
+                            networks: &networks,
+                            features,
+                            colors,
+                            visible: visible.get(items.clone()).unwrap_or_default(),
+                        },
                         buffers: &mut part.buffers,
                         toned: &light.toned[items.clone()],
                         sunlit: &light.sunlit[items.clone()],
@@ -211,7 +223,7 @@ impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
         let sums = total(&self.parts);
         let (values, by) = (&shared[tone.clone()], &mut by_shared[tone]);
         self.networks.tone.add_gradient(&sums.tone, values, input.parameters.view, by, by_parameters.view);
-        if let Some(sun) = input.sun {
+        if let Some(SplatSun { direction: sun, .. }) = input.sun {
             let (values, by) = (&shared[shadow.clone()], &mut by_shared[shadow]);
             self.networks.shadow.add_gradient(&sums.shadow, values, &sun, by, &mut [T::zero(); 3]);
             let own = by_light.map_or([T::zero(); 3], |l| l.ambient);

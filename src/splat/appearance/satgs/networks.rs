@@ -28,9 +28,9 @@ pub struct Networks {
     pub embedding: usize,
     /// The encoding of positions.
     pub grid: HashGrid,
-    /// From position features, colour and embedding to a factor and an offset of each colour channel.
+    /// From colour, the coarsest position features and the embedding to a factor and an offset of each colour channel.
     pub tone: Mlp,
-    /// From position features and the direction to the sun to the logit of the share of sunlight.
+    /// From position features, the visibility of the sun and the direction to it to the logit of the share of sunlight.
     pub shadow: Mlp,
     /// From the direction to the sun to the logits of the ambient light.
     pub sky: Mlp,
@@ -51,10 +51,12 @@ impl Default for Networks {
         let (embedding, width) = (32, 64);
         let grid = HashGrid { levels: 8, log2_entries: 17, cells: [16, 512] };
         let features = grid.outputs();
+        // Cells from 4 m: from finer ones the network would learn each image by heart.
+        let of_tone = features / 2;
         Self {
             embedding,
-            tone: Mlp { inputs: features + 3, shared: embedding, hidden: vec![width; 2], outputs: 6 },
-            shadow: Mlp { inputs: features, shared: 3, hidden: vec![width; 2], outputs: 1 },
+            tone: Mlp { inputs: 3 + of_tone, shared: embedding, hidden: vec![width; 2], outputs: 6 },
+            shadow: Mlp { inputs: features + 1, shared: 3, hidden: vec![width; 2], outputs: 1 },
             sky: Mlp { inputs: 3, shared: 0, hidden: vec![64], outputs: 3 },
             grid,
         }
