@@ -1,6 +1,5 @@
 //! The figures of a training.
 
-use super::appearance::TrainedColors;
 use super::stage::Outcome;
 use crate::splat::train::LogLine;
 use serde::{Deserialize, Serialize};
@@ -30,6 +29,21 @@ pub struct Trained {
     /// The training of colours for novel views that follows in some recipes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colors: Option<TrainedColors>,
+}
+
+/// The figures of a training of colours.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrainedColors {
+    /// Iterations.
+    pub iterations: u32,
+    /// Time of the iterations, seconds.
+    pub seconds: f64,
+    /// Number of splats at the end.
+    pub splats: usize,
+    /// Mean absolute difference between rendered and real image as displayed, mean of the last iteration of every view.
+    pub l1: f64,
+    /// SSIM of rendered and real image, likewise.
+    pub ssim: f64,
 }
 
 impl Outcome<Trained> {

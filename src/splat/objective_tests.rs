@@ -7,6 +7,7 @@ use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, MapGrid};
 use crate::mvs::MatchedSurface;
 use crate::nn::hash_grid::HashGrid;
+use crate::nn::mlp::Mlp;
 use crate::random::CounterRng;
 use crate::splat::appearance::satgs::{Cube, Networks, SatGs};
 use crate::splat::appearance::{Appearance, AppearanceKind};
@@ -188,8 +189,8 @@ fn every_gradient_of_discs_agrees_with_central_differences_in_f64() {
 fn small_networks() -> Networks {
     let grid = HashGrid { levels: 2, log2_entries: 6, cells: [3, 9] };
     let mut networks = Networks { grid, ..Networks::default() };
-    networks.tone.inputs = networks.grid.outputs() + 3;
-    networks.shadow.inputs = networks.grid.outputs();
+    networks.tone.inputs = networks.grid.outputs() / 2 + 3;
+    networks.shadow.inputs = networks.grid.outputs() + 1;
     networks.tone.hidden = vec![6, 5];
     networks.shadow.hidden = vec![5];
     networks.sky.hidden = vec![4];
@@ -239,18 +240,19 @@ fn gradients_by_satgs_s_networks_and_embedding_agree_with_central_differences_in
     assert!(w < 1e-6, "embedding: {w:e}");
 }
 
-/// The visibility of the sun and the inputs of the networks count as constants, so that the term of the former is left out,
-/// and the weights of the latter are zero.
+/// The inputs of the networks count as constants, so that the weights of those that follow from the splats are zero, and the term
+/// of the visibility of the sun is left out.
 #[test]
 fn gradients_by_splats_agree_with_central_differences_in_f64_with_satgs_s_colours() {
     let (mut scene, a) = satgs_scene(&[("dark_tones", 0.9)]);
     let networks = small_networks();
-    let [tables, tone, ..] = networks.ranges();
+    let [tables, tone, shadow, _] = networks.ranges();
     scene.shared[tables].fill(0.0);
-    let stride = networks.tone.inputs + networks.tone.shared;
-    for row in scene.shared[tone].chunks_mut(stride).take(networks.tone.hidden[0]) {
-        row[networks.grid.outputs()..networks.tone.inputs].fill(0.0);
-    }
+    let rows = |mlp: &Mlp| (mlp.inputs + mlp.shared, mlp.hidden[0]);
+    let (stride, count) = rows(&networks.tone);
+    scene.shared[tone].chunks_mut(stride).take(count).for_each(|row| row[..3].fill(0.0));
+    let (stride, count) = rows(&networks.shadow);
+    scene.shared[shadow].chunks_mut(stride).take(count).for_each(|row| row[networks.grid.outputs()] = 0.0);
     let g = splats(45, 1);
     let (_, gradient) = scene.evaluate(&g, &a);
     for group in 0..GROUPS {

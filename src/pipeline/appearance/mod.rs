@@ -7,6 +7,5 @@ mod trained;
 
 pub(super) use scores::nvs_eval;
 pub(super) use season::embedding_at;
-pub use train::TrainedColors;
 pub(super) use train::{OtherNetworks, train_locked};
 pub(super) use trained::SceneColors;

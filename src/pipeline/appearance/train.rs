@@ -2,7 +2,7 @@
 
 use super::super::checkpoints::Checkpoints;
 use super::super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
-use super::super::trained::mean_of_last;
+use super::super::trained::{TrainedColors, mean_of_last};
 use super::super::training_files::write_log;
 use super::super::{PipelineError, TrainOptions, TrainedCameras};
 use super::trained::{bake, hash_of};
@@ -27,24 +27,8 @@ use crate::splat::state::TrainingState;
 use crate::splat::train::recipe::Recipe;
 use crate::splat::train::{Schedule, train as optimize};
 use crate::splat::visibility::{PatchVisibility, VisibilityModel};
-use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// The figures of a training of colours.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TrainedColors {
-    /// Iterations.
-    pub iterations: u32,
-    /// Time of the iterations, seconds.
-    pub seconds: f64,
-    /// Number of splats at the end.
-    pub splats: usize,
-    /// Mean absolute difference between rendered and real image as displayed, mean of the last iteration of every view.
-    pub l1: f64,
-    /// SSIM of rendered and real image, likewise.
-    pub ssim: f64,
-}
 
 /// Networks of others that a training of colours uses.
 pub struct OtherNetworks {

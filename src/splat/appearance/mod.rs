@@ -6,12 +6,13 @@
 //! a file beside [`affine`], and a line in [`AppearanceKind`] and in its methods.
 
 pub mod affine;
+mod light;
 mod model;
 pub mod satgs;
 
+pub use light::SplatLight;
 pub use model::{
-    AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput,
-    SplatLight, SplatSun,
+    AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput, SplatSun,
 };
 
 use crate::simd::{Real, SimdReal};

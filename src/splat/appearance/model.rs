@@ -1,5 +1,6 @@
 //! The interface of a colour model.
 
+use super::light::SplatLight;
 use crate::simd::Real;
 use crate::splat::loss::Scaled;
 use crate::splat::raster::Image;
@@ -63,18 +64,6 @@ pub struct SplatSun<'a, T> {
     pub direction: [T; 3],
     /// Visibility of the sun from each splat, 0 to 1 ([`sun_visibility`](crate::splat::sun_visibility)).
     pub visibility: &'a [T],
-}
-
-/// Light and colours of splats apart, or derivatives by them: of a model in which the colour of a splat is its colour in
-/// full sunlight times `s + (1 - s) a`, with `s` its share of sunlight and `a` the ambient light.
-#[derive(Clone, Debug, Default)]
-pub struct SplatLight<T> {
-    /// Colours in full sunlight.
-    pub toned: Vec<[T; 3]>,
-    /// Shares of sunlight, 0 to 1.
-    pub sunlit: Vec<T>,
-    /// Ambient light relative to sunlight.
-    pub ambient: [T; 3],
 }
 
 /// A colour model. `values` are the parameters of a view.

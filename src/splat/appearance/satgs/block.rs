@@ -6,7 +6,7 @@
 use crate::nn::linear::BLOCK;
 use crate::nn::mlp::{MlpBlock, SharedMlp};
 use crate::simd::{Real, Simd, SimdKernel};
-use crate::splat::appearance::model::SplatLight;
+use crate::splat::appearance::light::SplatLight;
 
 /// The networks of a view, with embedding and sun as parts of their biases.
 pub(super) struct ViewNetworks<T> {

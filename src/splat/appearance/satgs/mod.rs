@@ -13,9 +13,8 @@ mod networks;
 pub use file::{AppearanceContent, AppearanceError, TrainedAppearance, TrainedView};
 pub use networks::{NetworkGroup, Networks};
 
-use super::model::{
-    AppearanceModel, ColorInput, ParameterGradient, ShadingGradient, ShadingInput, SplatLight, SplatSun,
-};
+use super::light::SplatLight;
+use super::model::{AppearanceModel, ColorInput, ParameterGradient, ShadingGradient, ShadingInput, SplatSun};
 use crate::nn::linear::BLOCK;
 use crate::nn::mlp::MlpBlock;
 use crate::simd::{Real, Simd, SimdKernel, SimdReal};
