@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{data_dir, satgs};
+use common::{data_dir, satgs, text};
 use gdal::DriverManager;
 use gdal::raster::{Buffer, RasterCreationOptions};
 use glam::{DMat3, DVec2, DVec3};
@@ -17,7 +17,6 @@ use satgs::pipeline::PipelineError;
 use satgs::progress::NoProgress;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::process::Output;
 
 const SIZE: (usize, usize) = (160, 120);
 const FOCAL_PX: f64 = 150.0;
@@ -93,25 +92,16 @@ fn write_u16(path: &Path, values: Vec<u16>) {
     dataset.create_copy(&png, path, &RasterCreationOptions::default()).unwrap();
 }
 
-fn text(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
 fn succeeds(args: &[&str]) -> Value {
-    let output = satgs(&[args, &["--json"]].concat());
-    assert!(output.status.success(), "{args:?}: {}", text(&output));
+    let output = common::succeeds(&[args, &["--json"]].concat());
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
 fn refused(args: &[&str], code: i32, says: &[&str]) {
-    let output = satgs(args);
-    assert_eq!(output.status.code(), Some(code), "{args:?}: {}", text(&output));
-    for words in says {
-        assert!(text(&output).contains(words), "{args:?}: {}", text(&output));
-    }
+    let error = common::refused(args, code, says);
     // Either a hint, or the values that an option may have.
     let helps = ["hint: ", ", expected "];
-    assert!(helps.iter().any(|help| text(&output).contains(help)), "{args:?}: {}", text(&output));
+    assert!(helps.iter().any(|help| error.contains(help)), "{args:?}: {error}");
 }
 
 struct Folder(tempfile::TempDir);
@@ -196,8 +186,7 @@ fn another_frame_is_aligned(folder: &Folder, scene: &str, reference: &str) {
     let aligned = succeeds(&["mesh-eval", &mesh, reference, "--views", scene, "--align", &other]);
     let scale = aligned["alignment"]["scale"].as_f64().unwrap();
     assert!((scale - 2.0).abs() < 1e-6 && aligned["f1"].as_f64().unwrap() > 0.97, "{aligned}");
-    let lacking = satgs(&["mesh-eval", &mesh, reference, "--align", &other]);
-    assert!(lacking.status.code() == Some(2) && text(&lacking).contains("--views"), "{}", text(&lacking));
+    refused(&["mesh-eval", &mesh, reference, "--align", &other], 2, &["--views"]);
     let few = folder.path("few");
     write_scene(Path::new(&few), 1.0);
     for i in 2..12 {

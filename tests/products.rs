@@ -6,13 +6,13 @@
 
 mod common;
 
-use common::{satgs, two_views};
+use common::{refused, succeeds, text, two_views};
 use gdal::raster::ColorInterpretation::{BlueBand, GrayIndex, GreenBand, RedBand};
 use serde_json::Value;
 use std::fs::File;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// A small scene and its run.
@@ -23,7 +23,7 @@ struct Town {
 impl Town {
     fn new() -> Self {
         let town = Self { folder: tempfile::tempdir().unwrap() };
-        town.succeeds(&["simulate", &town.path("scene"), "--size", "140", "--views", "4", "-q"]);
+        succeeds(&["simulate", &town.path("scene"), "--size", "140", "--views", "4", "-q"]);
         town
     }
 
@@ -39,16 +39,10 @@ impl Town {
         self.folder.path().join("run").join(name)
     }
 
-    fn succeeds(&self, args: &[&str]) -> Output {
-        let output = satgs(args);
-        assert!(output.status.success(), "{args:?}: {}", text(&output));
-        output
-    }
-
     /// What a command tells a machine, the first time and once it is done.
     fn tells_the_same_again(&self, args: &[&str]) -> Value {
         let told = || {
-            let output = self.succeeds(&[args, &["--json"]].concat());
+            let output = succeeds(&[args, &["--json"]].concat());
             serde_json::from_slice::<Value>(&output.stdout).unwrap()
         };
         let (first, again) = (told(), told());
@@ -56,18 +50,6 @@ impl Town {
         assert_eq!(first, again, "{args:?}");
         first
     }
-
-    fn refused(&self, args: &[&str], code: i32, says: &[&str]) {
-        let output = satgs(args);
-        assert_eq!(output.status.code(), Some(code), "{args:?}: {}", text(&output));
-        for words in says {
-            assert!(text(&output).contains(words), "{args:?}: {}", text(&output));
-        }
-    }
-}
-
-fn text(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// A file that is written anew is another.
@@ -97,7 +79,7 @@ fn a_run_folder_keeps_summaries_is_locked_and_accepts_later_products() {
 fn the_same_bytes_elsewhere(town: &Town) {
     // In a file no escapes, which only a terminal understands.
     let other = town.path("other");
-    let output = town.succeeds(&["ba", &town.path("scene"), "-o", &other, "-vv"]);
+    let output = succeeds(&["ba", &town.path("scene"), "-o", &other, "-vv"]);
     assert!(text(&output).contains("INFO") && !output.stderr.contains(&0x1b), "{}", text(&output));
     for name in ["ba/tie_points.gpkg", "ba/points.laz", "ba/points.ply", "scene.json"] {
         let bytes = |run: &str| std::fs::read(Path::new(run).join(name)).unwrap();
@@ -121,7 +103,7 @@ fn stops_at_a_signal(town: &Town) {
         assert!(start.elapsed() < Duration::from_secs(120), "no checkpoint appears");
         std::thread::sleep(Duration::from_millis(2));
     }
-    town.refused(&["train", &run], 2, &["another satgs is at work in", "hint: wait"]);
+    refused(&["train", &run], 2, &["another satgs is at work in", "hint: wait"]);
     assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output));
@@ -133,16 +115,16 @@ fn products_are_added(town: &Town) {
     let (dsm, points, mesh) = (town.file("dsm.tif"), town.file("more/dsm.laz"), town.file("dsm.glb"));
     let before = identity(&dsm);
     let all = ["dsm", &run, "--points", "more/dsm.laz", "--mesh", "dsm.glb", "--hillshade"];
-    town.succeeds(&all);
+    succeeds(&all);
     assert_eq!(identity(&dsm), before, "the surface was there");
     assert!(std::fs::read(&mesh).unwrap().starts_with(b"glTF") && town.file("hillshade.tif").exists());
     let written = identity(&points);
-    let again = town.succeeds(&all);
+    let again = succeeds(&all);
     assert!(text(&again).contains("has its surface already"), "{}", text(&again));
     assert_eq!(identity(&points), written, "it was there");
-    town.succeeds(&["dsm", &run, "--points", &town.path("elsewhere.laz")]);
+    succeeds(&["dsm", &run, "--points", &town.path("elsewhere.laz")]);
     assert!(Path::new(&town.path("elsewhere.laz")).exists());
-    town.refused(&["dsm", &run, "--points", "ba/points.laz"], 2, &["sparse points"]);
+    refused(&["dsm", &run, "--points", "ba/points.laz"], 2, &["sparse points"]);
 
     let colors = |name: &str| {
         let raster = gdal::Dataset::open(town.file(name)).unwrap();
@@ -153,22 +135,22 @@ fn products_are_added(town: &Town) {
     assert_eq!(colors("hillshade.tif"), [GrayIndex]);
 
     // Points of a surface that has been replaced are not the new one's.
-    town.succeeds(&["dsm", &run, "--resolution", "1", "--overwrite"]);
-    town.succeeds(&["dsm", &run, "--resolution", "1", "--points", "more/dsm.laz"]);
+    succeeds(&["dsm", &run, "--resolution", "1", "--overwrite"]);
+    succeeds(&["dsm", &run, "--resolution", "1", "--points", "more/dsm.laz"]);
     assert_ne!(identity(&points), written);
 }
 
 fn what_differs_is_named(town: &Town) {
     let (scene, run) = (town.path("scene"), town.run());
     let cells = ["cells of 1 m from", "cells of 0.5 m from", "hint: `satgs dsm RUN --overwrite`"];
-    town.refused(&["dsm", &run, "--resolution", "0.5"], 2, &cells);
+    refused(&["dsm", &run, "--resolution", "0.5"], 2, &cells);
     let iterations = "made with other options or input: --iterations was 60, is 61\n";
-    town.refused(
+    refused(
         &["train", &run, "--recipe", "baeogs", "--iterations", "61"],
         2,
         &[iterations, "hint: `satgs train RUN --overwrite`"],
     );
-    town.refused(
+    refused(
         &["ba", &scene, "-o", &run, "--bands", "1", "--height-range", "-10,90"],
         2,
         &["--bands was [1,2,3], is [1]", "--height-range was none, is -10,90", "another -o keeps both"],
@@ -187,12 +169,12 @@ fn one_at_a_time(town: &Town) {
         &["dsm", &run],
         &["align", &run, "--to", &truth],
     ] {
-        town.refused(args, 2, &["another satgs is at work in"]);
+        refused(args, 2, &["another satgs is at work in"]);
     }
     // The page shows how far a run is.
-    town.succeeds(&["report", &run]);
+    succeeds(&["report", &run]);
     drop(lock);
-    town.succeeds(&["dsm", &run, "--resolution", "1"]);
+    succeeds(&["dsm", &run, "--resolution", "1"]);
     assert!(!town.file(".lock").exists(), "nothing of a lock is left");
 }
 
@@ -202,17 +184,17 @@ fn places_that_cannot_be_written(town: &Town) {
     std::fs::write(&file, "").unwrap();
     let inside = format!("{file}/run");
     let new = town.path("new");
-    town.refused(&["ba", &scene, "-o", &inside], 1, &["writing", &inside]);
-    town.refused(&["run", &scene, "-o", "/proc/run"], 1, &["writing `/proc/run"]);
-    town.refused(&["run", &scene, "-o", &new, "--mesh", "/sys/dsm.glb"], 1, &["writing `/sys/dsm.glb`"]);
+    refused(&["ba", &scene, "-o", &inside], 1, &["writing", &inside]);
+    refused(&["run", &scene, "-o", "/proc/run"], 1, &["writing `/proc/run"]);
+    refused(&["run", &scene, "-o", &new, "--mesh", "/sys/dsm.glb"], 1, &["writing `/sys/dsm.glb`"]);
     assert!(!Path::new(&new).exists(), "it was told too late");
-    town.refused(&["dsm", &run, "--resolution", "1", "--points", "/sys/dsm.las"], 1, &["/sys/dsm.las"]);
-    town.refused(&["render", &run, "--view", "0,0", "-o", "/sys/a.png"], 1, &["/sys/a.png"]);
+    refused(&["dsm", &run, "--resolution", "1", "--points", "/sys/dsm.las"], 1, &["/sys/dsm.las"]);
+    refused(&["render", &run, "--view", "0,0", "-o", "/sys/a.png"], 1, &["/sys/a.png"]);
     let truth = town.path("scene/truth/TOWN_DSM.tif");
     let dsm = town.file("dsm.tif");
-    town.refused(&["dsm-eval", dsm.to_str().unwrap(), &truth, "-o", &inside], 1, &["is not a folder"]);
-    town.refused(&["info", &scene, "--footprints", "/dev/full", "--overwrite"], 1, &["not a regular file"]);
-    town.refused(&["simulate", &inside], 1, &[&inside]);
+    refused(&["dsm-eval", dsm.to_str().unwrap(), &truth, "-o", &inside], 1, &["is not a folder"]);
+    refused(&["info", &scene, "--footprints", "/dev/full", "--overwrite"], 1, &["not a regular file"]);
+    refused(&["simulate", &inside], 1, &[&inside]);
 }
 
 /// Whatever does not fit, what was there stays.
@@ -228,16 +210,12 @@ fn a_disk_that_is_full(town: &Town) {
     let run = format!("{disk}/run");
     assert!(Command::new("cp").args(["-r", &town.run(), &run]).status().unwrap().success());
     let dsm = std::fs::read(Path::new(&run).join("dsm.tif")).unwrap();
-    town.refused(
-        &["dsm", &run, "--resolution", "0.02", "--overwrite"],
-        1,
-        &["No space left", "error: writing"],
-    );
+    refused(&["dsm", &run, "--resolution", "0.02", "--overwrite"], 1, &["No space left", "error: writing"]);
     assert!(std::fs::read(Path::new(&run).join("dsm.tif")).unwrap() == dsm, "the old surface is lost");
     let fill = vec![0; 16 << 20];
     let _ = std::fs::write(Path::new(&disk).join("fill"), fill);
     let train = ["train", &run, "--recipe", "baeogs", "--iterations", "30", "--overwrite"];
-    town.refused(&train, 1, &["No space left"]);
+    refused(&train, 1, &["No space left"]);
     assert!(Path::new(&run).join("splats.ply").exists());
 }
 

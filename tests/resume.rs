@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::satgs;
+use common::{satgs, text};
 use satgs::random::CounterRng;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -111,10 +111,6 @@ impl Run {
         }
         [read("splats.ply"), read("cameras.json"), others.into_inner().unwrap()]
     }
-}
-
-fn text(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// Not by `assert_eq`, which would print megabytes.

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::satgs;
+use common::{satgs, text};
 use satgs::io::ImageFile;
 use satgs::random::CounterRng;
 use satgs::tiles::{Done, Plan};
@@ -52,10 +52,6 @@ impl Town {
         let all: Vec<&str> = arguments.iter().map(String::as_str).chain(more.iter().copied()).collect();
         satgs(&all)
     }
-}
-
-fn text(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 fn assert_code(output: &Output, code: i32) {

@@ -5,7 +5,7 @@
 mod common;
 
 use base64::prelude::{BASE64_STANDARD, Engine};
-use common::{disagreement_px, satgs, satgs_in};
+use common::{disagreement_px, satgs, satgs_in, text};
 use satgs::frame::Pixel;
 use satgs::io::ImageFile;
 use satgs::rpc::{Rpc, formats};
@@ -18,10 +18,6 @@ const SHIFT_TOLERANCE_PX: f64 = 0.1;
 /// Mean absolute error of the surface after a short training on small images: 0.63 m was seen; the town's own mean
 /// absolute deviation is over 5 m.
 const MAE_TOLERANCE_M: f64 = 1.0;
-
-fn text(output: &std::process::Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
 
 fn json(path: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()

@@ -21,7 +21,7 @@ use satgs::splat::loss::{LossWeights, TermInputs, terms};
 use satgs::splat::objective::{Gradient, Objective, StepInput};
 use satgs::splat::primitive::PrimitiveKind;
 use satgs::splat::raster::{FrameCamera, Image, LOW_PASS_PX2, Rasterizer, SortedSplats, SplatGradient};
-use satgs::splat::sheared_camera::ShearedCamera;
+use satgs::splat::sheared_camera::{ShearedCamera, SunView};
 use satgs::splat::splats::{PerGroup, Splats};
 use satgs::splat::state::TrainingState;
 use std::time::Instant;
@@ -157,7 +157,6 @@ fn measure(splats: Splats, pixels: f64) -> Line {
         visibility: None,
         crop: None,
         sun: None,
-        sun_direction: None,
         virtual_view: None,
         background: [0.3; 3],
         floor: ALTITUDES.0 as f32,
@@ -189,7 +188,7 @@ fn measure(splats: Splats, pixels: f64) -> Line {
         (fastest_ms(|| run(&mut watch)), watch.table())
     };
     let (one, _) = iteration(&input);
-    input.sun = Some(ShearedCamera::sun(&affine, size, [1.7, -2.1], ALTITUDES));
+    input.sun = Some(SunView::new(&affine, size, [1.7, -2.1], ALTITUDES));
     input.virtual_view = Some(ShearedCamera::virtual_view(&affine, size, [0.4, 0.3]));
     let (three, stages) = iteration(&input);
     let adam = adam_time;

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// a linear change that is fitted on the left half, and the right half is scored. Of perspective scenes whole images are
 /// scored, as displayed, without a change of colours.
 ///
-/// SSIM has a window of 11 x 11 pixels, SSIM 3 one of 3 x 3, as most papers on satellite images have it.
+/// SSIM has a window of 11 x 11 pixels, SSIM 3 one of 3 x 3, as the program of Sat-NeRF has it.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs train`

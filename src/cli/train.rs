@@ -76,7 +76,7 @@ pub struct Options {
     /// and errors of one view [default: none]
     #[arg(long, default_value_t = 0, value_name = "N", hide_default_value = true)]
     snapshots: u32,
-    /// Network (ONNX, such as DINOv2) whose features find cars and the like, which recipe satgs leaves out [default: features
+    /// Network (ONNX, such as DINOv2) by whose features recipe satgs finds what images and pictures do not share [default: features
     /// that need no network]
     #[arg(long, value_name = "FILE")]
     features: Option<PathBuf>,

@@ -158,10 +158,9 @@ impl<T: Real> SharedMlp<T> {
         }
     }
 
-    /// Number of inputs that differ between items.
-    #[must_use]
-    pub fn inputs(&self) -> usize {
-        self.layers.first().map_or(0, |l| l.inputs)
+    /// The rows of a block's inputs that the network has.
+    fn own<'a>(&self, inputs: &'a [T]) -> &'a [T] {
+        &inputs[..self.layers[0].inputs * BLOCK]
     }
 
     /// Number of parameters, without those of shared inputs.
@@ -181,7 +180,7 @@ pub struct MlpBlock<T> {
 }
 
 impl<T: Real> MlpBlock<T> {
-    /// The outputs of a block of [`BLOCK`] items, from its inputs; both feature by feature.
+    /// The outputs of a block of [`BLOCK`] items, from its inputs; both feature by feature. Further rows of inputs are ignored.
     #[inline(always)]
     pub fn forward<S: Simd<Scalar = T>>(&mut self, simd: S, network: &SharedMlp<T>, inputs: &[T]) -> &[T] {
         self.outputs.resize_with(network.layers.len(), Vec::new);
@@ -190,7 +189,7 @@ impl<T: Real> MlpBlock<T> {
             let (before, own) = self.outputs.split_at_mut(k);
             own[0].resize(layer.outputs * BLOCK, T::zero());
             let activation = if k == last { Activation::Identity } else { Activation::Relu };
-            let x = before.last().map_or(inputs, |x| &x[..]);
+            let x = before.last().map_or(network.own(inputs), |x| &x[..]);
             let weights = &network.values[layer.weights(layer.inputs)];
             multiply(simd, weights, &network.values[layer.biases(layer.inputs)], x, activation, &mut own[0]);
         }
@@ -212,7 +211,7 @@ impl<T: Real> MlpBlock<T> {
         by_y.clear();
         by_y.extend_from_slice(by_outputs);
         for (k, layer) in network.layers.iter().enumerate().rev() {
-            let x = if k == 0 { inputs } else { &self.outputs[k - 1] };
+            let x = if k == 0 { network.own(inputs) } else { &self.outputs[k - 1] };
             let (weights, biases) = (layer.weights(layer.inputs), layer.biases(layer.inputs));
             let (by_weights, by_biases) =
                 by_values[weights.start..biases.end].split_at_mut(layer.outputs * layer.inputs);

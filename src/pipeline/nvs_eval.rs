@@ -63,7 +63,7 @@ pub fn nvs_eval(
         let mut truth = TargetImage::default();
         let (area, altitudes) = (setup.area, setup.ray_altitudes());
         truth.load(&TrainingView::new(name(), view.camera, None, &planes, area, altitudes), 0);
-        let novel = NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear };
+        let novel = NovelView::from(view);
         let mut picture = novel.picture(&splats, &reference, setup.altitudes);
         // Scored as the images show it.
         setup.transfer_function.encode(&mut picture.colors);

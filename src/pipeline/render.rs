@@ -189,10 +189,7 @@ fn frame_view(setup: &SiteScene, options: &RenderOptions, part: f64) -> Result<N
         b.map_or(a, |b| std::array::from_fn(|k| a[k] + part * (b[k] - a[k])))
     };
     let mut view = match &options.viewpoint {
-        Viewpoint::Like(name) | Viewpoint::Visibility(name) => {
-            let view = find(setup, name)?;
-            NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear }
-        }
+        Viewpoint::Like(name) | Viewpoint::Visibility(name) => find(setup, name)?.into(),
         Viewpoint::Direction { from_deg, to_deg, size } => {
             let [azimuth, off_nadir] = between(*from_deg, *to_deg);
             high_enough("--view", 90.0 - off_nadir)?;

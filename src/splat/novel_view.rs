@@ -1,17 +1,16 @@
 //! Rendering a trained scene from a new camera, under any sun (novel view synthesis).
 
-use crate::affine::SiteScene;
-use crate::affine::{ViewCamera, sun_direction};
+use crate::affine::{SiteScene, SiteView, ViewCamera, sun_direction};
 use crate::camera::QuadraticKernel;
 use crate::io::Grid2;
 use crate::scene::Sun;
 use crate::splat::appearance::satgs::Cube;
-use crate::splat::appearance::{Appearance, AppearanceModel, ModelParameters};
+use crate::splat::appearance::{Appearance, AppearanceModel, ColorInput, ModelParameters, SplatSun};
 use crate::splat::backend::stopwatch::Stopwatch;
 use crate::splat::objective::{Objective, StepInput};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::raster::{Disc, FrameCamera, Image, Rasterizer, SortedSplats, channel, renderer};
-use crate::splat::sheared_camera::ShearedCamera;
+use crate::splat::sheared_camera::SunView;
 use crate::splat::splats::Splats;
 use crate::splat::sun_visibility::sun_visibility;
 
@@ -62,31 +61,43 @@ impl SiteScene {
     }
 }
 
+impl From<&SiteView> for NovelView {
+    fn from(view: &SiteView) -> Self {
+        Self { camera: view.camera, size: view.size, sun_shear: view.sun_shear }
+    }
+}
+
 impl NovelView {
-    /// Unit vector to the sun in site axes; none without shadows.
+    /// The sun; none without shadows. `altitudes` are the lowest and highest of the scene, metres.
     #[must_use]
-    pub fn sun_direction(&self) -> Option<[f32; 3]> {
-        self.sun_shear.map(|shear| self.camera.direction_of(shear).map(|v| v as f32))
+    pub fn sun(&self, altitudes: (f64, f64)) -> Option<SunView<f32>> {
+        self.sun_shear.map(|shear| SunView::new(&self.camera, self.size, shear, altitudes))
     }
 
-    /// Visibility of the sun from each splat, 0 to 1; empty without shadows. `altitudes` are the lowest and highest of the
-    /// scene, metres.
-    #[must_use]
-    pub fn sun_visibility(&self, splats: &Splats, altitudes: (f64, f64)) -> Vec<f32> {
-        let mut visibility = Vec::new();
-        if let Some(shear) = self.sun_shear {
-            let sun = ShearedCamera::sun(&self.camera, self.size, shear, altitudes);
+    /// The colours that a model gives the splats in this view; without a sun, all are in full sunlight. `altitudes` are the
+    /// lowest and highest of the scene, metres.
+    pub fn splat_colors(
+        &self,
+        splats: &Splats,
+        model: &mut dyn AppearanceModel<f32>,
+        parameters: ModelParameters<f32>,
+        altitudes: (f64, f64),
+    ) -> Vec<[f32; 3]> {
+        let (sun, mut visibility, mut colors) = (self.sun(altitudes), Vec::new(), Vec::new());
+        if let Some(sun) = sun.filter(|_| model.has_shaded_splats()) {
             let mut sorted = SortedSplats::of(splats.primitive());
             sorted.update(splats);
             let altitude = |i: &u32| [splats.position[*i as usize][2]];
             let features: Vec<[f32; 1]> = sorted.order().iter().map(altitude).collect();
             let mut raster = renderer(splats.primitive());
-            raster.project(&sorted, &sun.camera);
+            raster.project(&sorted, &sun.image.camera);
             raster.bin(&features);
             raster.draw([altitudes.0 as f32]);
-            sun_visibility(splats, &sun, raster.image(), &mut visibility);
+            sun_visibility(splats, &sun.image, raster.image(), &mut visibility);
         }
-        visibility
+        let sun = sun.map(|sun| SplatSun { direction: sun.direction, visibility: &visibility });
+        model.splat_colors(ColorInput { parameters, splats, sun }, &mut colors);
+        colors
     }
 
     /// Renders the picture of the splats with the colour model of a view. `altitudes` are the lowest and highest of the
@@ -111,10 +122,9 @@ impl NovelView {
             camera: FrameCamera::new(&self.camera, self.size.0, self.size.1),
             target: &no_target,
             valid: &[],
-            sun: self.sun_shear.map(|s| ShearedCamera::sun(&self.camera, self.size, s, altitudes)),
+            sun: self.sun(altitudes),
             visibility: None,
             crop: None,
-            sun_direction: self.sun_direction(),
             virtual_view: None,
             background: [0.0; 3],
             floor: 0.0,

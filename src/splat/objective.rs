@@ -13,7 +13,7 @@ use super::loss::{COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
 use super::primitive::PrimitiveKind;
 use super::raster::{FrameCamera, Image, Renderer, SortedSplats, SplatGradient, channel, renderer};
 use super::shadow::ShadowModel;
-use super::sheared_camera::ShearedCamera;
+use super::sheared_camera::{ShearedCamera, SunView};
 use super::splats::{GROUP_INFO, Splats};
 use super::sun_visibility::sun_visibility;
 use crate::camera::QuadraticKernel;
@@ -41,10 +41,8 @@ pub struct StepInput<'a, T> {
     pub visibility: Option<&'a Image<T>>,
     /// Place of the crop that the perceptual term compares; none without the term.
     pub crop: Option<[f64; 2]>,
-    /// Camera of the sun's image; none without shadows.
-    pub sun: Option<ShearedCamera<T>>,
-    /// Unit vector to the sun in site axes; given with the camera of its image.
-    pub sun_direction: Option<[T; 3]>,
+    /// The sun; none without shadows.
+    pub sun: Option<SunView<T>>,
     /// Camera of the virtual view; none without the consistency loss.
     pub virtual_view: Option<ShearedCamera<T>>,
     /// Linear colour behind the splats.
@@ -154,7 +152,6 @@ impl<T: SimdReal> Objective<T> {
         watch: &mut Stopwatch,
     ) -> Losses {
         self.forward(splats, appearance, input, watch);
-        let light = self.appearance.light();
         if let Some(v) = &input.virtual_view {
             let background = input.background_features();
             render(
@@ -170,7 +167,7 @@ impl<T: SimdReal> Objective<T> {
         let rendered = Rendered {
             visibility: input.visibility,
             crop: input.crop,
-            light: light.map(|light| (light, &self.sun_visibility[..])),
+            light: self.appearance.light().map(|light| (light, &self.sun_visibility[..])),
             view: self.view.image(),
             discs: None,
             picture: &self.picture,
@@ -208,9 +205,10 @@ impl<T: SimdReal> Objective<T> {
         altitudes.for_each(|(altitude, &i)| *altitude = [splats.position[i as usize][2]]);
         watch.lap("splats", "order and covariances");
         if let Some(sun) = &input.sun {
-            render(self.sun.as_mut(), SUN, &self.sorted, &self.altitudes, &sun.camera, [input.floor], watch);
+            let camera = &sun.image.camera;
+            render(self.sun.as_mut(), SUN, &self.sorted, &self.altitudes, camera, [input.floor], watch);
             if self.appearance.has_shaded_splats() {
-                sun_visibility(splats, sun, self.sun.image(), &mut self.sun_visibility);
+                sun_visibility(splats, &sun.image, self.sun.image(), &mut self.sun_visibility);
             }
         }
         self.color(splats, appearance, input, watch);
@@ -223,7 +221,7 @@ impl<T: SimdReal> Objective<T> {
             input.background_features(),
             watch,
         );
-        let (view, sun) = (self.view.image(), input.sun.map(|s| (s.warp, self.sun.image())));
+        let (view, sun) = (self.view.image(), input.sun.map(|s| (s.image.warp, self.sun.image())));
         self.shadows.forward(view, sun);
         let shading = ShadingInput { render: view, sunlight: self.shadows.sunlight(), valid: input.valid };
         self.appearance.shade(appearance.view, shading, &mut self.picture);
@@ -286,7 +284,7 @@ impl<T: SimdReal> Objective<T> {
         watch: &mut Stopwatch,
     ) {
         let sun = input.sun.filter(|_| !self.appearance.has_shaded_splats());
-        let (view, sun) = (self.view.image(), sun.map(|s| (s.warp, self.sun.image())));
+        let (view, sun) = (self.view.image(), sun.map(|s| (s.image.warp, self.sun.image())));
         let shading = ShadingInput { render: view, sunlight: self.shadows.sunlight(), valid: input.valid };
         self.by_view.resize(view.width, view.height, channel::TRAINED);
         self.by_sunlight.resize(view.width, view.height, 1);
@@ -411,7 +409,7 @@ pub(super) fn zeros<V: Clone + Default + Send + Sync>(values: &mut Vec<V>, n: us
 
 /// The sun as the splats see it; none without shadows.
 fn splat_sun<'a, T: Real>(input: &StepInput<T>, visibility: &'a [T]) -> Option<SplatSun<'a, T>> {
-    input.sun.and(input.sun_direction).map(|direction| SplatSun { direction, visibility })
+    input.sun.map(|sun| SplatSun { direction: sun.direction, visibility })
 }
 
 /// Renders an image and measures the time of the steps.

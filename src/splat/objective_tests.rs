@@ -113,13 +113,12 @@ impl<T: SimdReal> Scene<T> {
             camera: FrameCamera::new(&camera, width, height),
             target: &self.target,
             valid: &self.valid,
-            sun: self.has_sun.then(|| ShearedCamera::sun(&camera, size, [1.7, -1.1], (-5.0, 4.0))),
+            sun: self.has_sun.then(|| SunView::new(&camera, size, [1.7, -1.1], (-5.0, 4.0))),
             virtual_view: self
                 .has_virtual_view
                 .then(|| ShearedCamera::virtual_view(&camera, size, [-0.4, 0.3])),
             crop: Some([0.3, 0.8]),
             visibility: self.visibility.as_ref(),
-            sun_direction: self.has_sun.then(|| camera.direction_of([1.7, -1.1]).map(T::from_f64)),
             background: [0.3, 0.8, 0.1].map(T::from_f64),
             floor: T::from_f64(-5.0),
         };
@@ -364,10 +363,9 @@ fn a_block_casts_a_shadow_of_the_right_length() {
         camera: FrameCamera::new(&camera, 48, 48),
         target: &target,
         valid: &[],
-        sun: Some(ShearedCamera::sun(&camera, size, shear, (-1.0, 6.0))),
+        sun: Some(SunView::new(&camera, size, shear, (-1.0, 6.0))),
         visibility: None,
         crop: None,
-        sun_direction: None,
         virtual_view: None,
         background: [0.0; 3],
         floor: -1.0,

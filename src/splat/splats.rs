@@ -271,6 +271,13 @@ impl<T: Real> Splats<T> {
         self.log_scale.iter_mut().for_each(|s| s[2] = T::from_f64(FLAT_LOG_SCALE.into()));
     }
 
+    /// The same splats in these colours, one for each.
+    #[must_use]
+    pub fn colored(&self, colors: &[[T; 3]]) -> Self {
+        let f_dc = colors.iter().map(|color| f_dc_from_color(*color)).collect();
+        Self { f_dc, ..self.clone() }
+    }
+
     /// Applies `change` to each channel of every splat's linear colour.
     pub fn recolor(&mut self, change: impl Fn(T) -> T) {
         self.f_dc.iter_mut().for_each(|f| *f = f_dc_from_color(color_from_f_dc(*f).map(&change)));

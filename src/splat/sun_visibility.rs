@@ -49,12 +49,13 @@ fn sample<T: SimdReal>(image: &Image<T>, [col, row]: [T; 2]) -> Option<T> {
 mod tests {
     use super::*;
     use crate::affine::ViewCamera;
+    use crate::splat::sheared_camera::SunView;
 
     #[test]
     fn the_sun_is_hidden_below_a_roof_and_visible_from_the_roof_and_beside_it() {
         let camera = ViewCamera::affine([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], [20.0, 20.0]);
         // The sun stands in the south-east: what is 1 m higher appears one pixel up and left of its place in its image.
-        let sun = ShearedCamera::<f64>::sun(&camera, (41, 41), [1.0, 1.0], (0.0, 10.0));
+        let sun = SunView::<f64>::new(&camera, (41, 41), [1.0, 1.0], (0.0, 10.0)).image;
         let mut image = Image::zeros(sun.camera.width, sun.camera.height, 2);
         let roof = sun.camera.kernel.project([0.0, 0.0, 10.0]).map(|v| v.round() as usize);
         for (col, row) in (0..25).map(|i| (roof[0] + i % 5 - 2, roof[1] + i / 5 - 2)) {

@@ -85,6 +85,27 @@ pub fn satgs_in(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_satgs")).args(args).current_dir(folder).output().unwrap()
 }
 
+/// What a command wrote to standard error.
+pub fn text(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Runs `satgs`, which must succeed.
+pub fn succeeds(args: &[&str]) -> Output {
+    let output = satgs(args);
+    assert!(output.status.success(), "{args:?}: {}", text(&output));
+    output
+}
+
+/// Runs `satgs`, which must end with this code and an error that has these words. Returns the error.
+pub fn refused(args: &[&str], code: i32, says: &[&str]) -> String {
+    let output = satgs(args);
+    let error = text(&output);
+    assert_eq!(output.status.code(), Some(code), "{args:?}: {error}");
+    says.iter().for_each(|words| assert!(error.contains(words), "{args:?}: no `{words}` in {error}"));
+    error
+}
+
 /// Distance of each camera from its counterpart at a pixel, once the one translation of the ground that tie points
 /// leave open is taken out of all.
 pub fn disagreement_px(pairs: &[(Rpc, Rpc)], px: Pixel<CenterPx>) -> Vec<f64> {

@@ -14,7 +14,6 @@ use crate::splat::loss::target::TargetImage;
 use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::objective::StepInput;
 use crate::splat::raster::FrameCamera;
-use crate::splat::sheared_camera::ShearedCamera;
 use crate::splat::test_time::fit_view;
 use std::path::Path;
 
@@ -46,7 +45,7 @@ pub fn nvs_eval(
         let name = || view.name.clone();
         let source = scene.views.iter().find(|v| v.name == view.name);
         let source = source.ok_or_else(|| PipelineError::ViewNotInScene { run: run.into(), name: name() })?;
-        let novel = NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear };
+        let novel = NovelView::from(*view);
         if novel.sun_shear.is_none() {
             return Err(PipelineError::NoSun { name: name() });
         }
@@ -136,10 +135,9 @@ fn fit(
         camera: FrameCamera::new(&view.camera, view.size.0, view.size.1),
         target: &target.colors,
         valid: &target.valid,
-        sun: view.sun_shear.map(|s| ShearedCamera::sun(&view.camera, view.size, s, setup.altitudes)),
+        sun: view.sun(setup.altitudes),
         visibility: None,
         crop: None,
-        sun_direction: view.sun_direction(),
         virtual_view: None,
         background: [0.0; 3],
         floor: setup.altitudes.0 as f32,

@@ -5,7 +5,7 @@ use super::super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
 use super::super::trained::{TrainedColors, mean_of_last};
 use super::super::training_files::write_log;
 use super::super::{PipelineError, TrainOptions, TrainedCameras};
-use super::trained::{bake, hash_of};
+use super::trained::hash_of;
 use crate::affine::{SiteScene, median_pixel_m};
 use crate::io::write_json;
 use crate::nn::features::{DenseFeatures, HandFeatures, OnnxFeatures};
@@ -17,7 +17,7 @@ use crate::run_files::{
 };
 use crate::scene::{Role, Scene, TransferFunction};
 use crate::splat::appearance::satgs::{AppearanceContent, Cube, Networks, TrainedAppearance, TrainedView};
-use crate::splat::appearance::{Appearance, ModelParameters, SplatSun};
+use crate::splat::appearance::{Appearance, ModelParameters};
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::backend::{TrainingBackend, TrainingScene};
 use crate::splat::loss::TermInputs;
@@ -165,11 +165,10 @@ fn write(
     let embeddings: Vec<Vec<f32>> = made.appearances.iter().map(|(a, _)| a.values.clone()).collect();
     let reference = setup.reference_among_training();
     let parameters = ModelParameters { shared: &made.shared.values, view: &embeddings[reference] };
-    let view = &setup.views[setup.reference];
-    let novel = NovelView { camera: view.camera, size: view.size, sun_shear: view.sun_shear };
-    let visibility_of_sun = novel.sun_visibility(&made.splats, setup.altitudes);
-    let sun = novel.sun_direction().map(|direction| SplatSun { direction, visibility: &visibility_of_sun });
-    let baked = bake(&made.splats, recipe.appearance.model(cube), parameters, sun);
+    let view = NovelView::from(&setup.views[setup.reference]);
+    let mut model = recipe.appearance.model(cube);
+    let colors = view.splat_colors(&made.splats, model.as_mut(), parameters, setup.altitudes);
+    let baked = made.splats.colored(&colors);
     let path = run.join(SPLATS);
     ply::write(&path, &baked, &setup.site)?;
     let content =

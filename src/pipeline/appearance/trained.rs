@@ -6,10 +6,10 @@ use crate::io::Grid2;
 use crate::run_files::{APPEARANCE, SPLATS};
 use crate::scene::days_of;
 use crate::splat::appearance::satgs::{AppearanceError, SatGs, TrainedAppearance};
-use crate::splat::appearance::{Appearance, AppearanceModel, ColorInput, ModelParameters, SplatSun};
+use crate::splat::appearance::{Appearance, AppearanceModel, ColorInput, ModelParameters};
 use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::ply;
-use crate::splat::splats::{Splats, f_dc_from_color};
+use crate::splat::splats::Splats;
 use crate::splat::visibility::PatchVisibility;
 use crate::stats::quantile;
 use std::path::Path;
@@ -82,15 +82,10 @@ impl SceneColors {
     /// The share of sunlight that the model gives each pixel of a view, 0 to 1; 1 without a sun.
     pub fn sunlit(&self, view: &NovelView, setup: &SiteScene) -> Grid2 {
         let (mut model, parameters) = (self.model(), self.parameters(self.reference()));
-        let visibility = view.sun_visibility(&self.splats, setup.altitudes);
-        let sun = view.sun_direction().map(|direction| SplatSun { direction, visibility: &visibility });
-        let input = ColorInput { parameters, splats: &self.splats, sun };
-        model.splat_colors(input, &mut Vec::new());
-        let mut splats = self.splats.clone();
-        let shares = model.light().map(|light| light.sunlit.clone());
-        for (i, f_dc) in splats.f_dc.iter_mut().enumerate() {
-            *f_dc = f_dc_from_color([shares.as_ref().map_or(1.0, |s| s[i]); 3]);
-        }
+        view.splat_colors(&self.splats, model.as_mut(), parameters, setup.altitudes);
+        let share = |i: usize| model.light().map_or(1.0, |light| light.sunlit[i]);
+        let shares: Vec<[f32; 3]> = (0..self.splats.len()).map(|i| [share(i); 3]).collect();
+        let splats = self.splats.colored(&shares);
         let plain = NovelView { sun_shear: None, ..*view };
         let [sunlit, ..] = plain.picture(&splats, &Appearance::default(), setup.altitudes).colors;
         sunlit
@@ -98,24 +93,10 @@ impl SceneColors {
 
     /// The splats in their colours for an embedding in full sunlight.
     pub fn baked_in_sunlight(&self, embedding: &[f32]) -> Splats {
-        bake(&self.splats, self.model(), self.parameters(embedding), None)
+        let (parameters, mut colors) = (self.parameters(embedding), Vec::new());
+        self.model().splat_colors(ColorInput { parameters, splats: &self.splats, sun: None }, &mut colors);
+        self.splats.colored(&colors)
     }
-}
-
-/// The splats in the colours that a model gives them; without a sun, all are in full sunlight.
-pub fn bake(
-    splats: &Splats,
-    mut model: Box<dyn AppearanceModel<f32>>,
-    parameters: ModelParameters<f32>,
-    sun: Option<SplatSun<f32>>,
-) -> Splats {
-    let mut colors = Vec::new();
-    model.splat_colors(ColorInput { parameters, splats, sun }, &mut colors);
-    let mut baked = splats.clone();
-    for (f_dc, color) in baked.f_dc.iter_mut().zip(colors) {
-        *f_dc = f_dc_from_color(color);
-    }
-    baked
 }
 
 /// The hash of a file of splats.

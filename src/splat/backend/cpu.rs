@@ -10,7 +10,7 @@ use crate::splat::loss::terms;
 use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::objective::{Gradient, Losses, Objective, StepInput};
 use crate::splat::raster::FrameCamera;
-use crate::splat::sheared_camera::ShearedCamera;
+use crate::splat::sheared_camera::{ShearedCamera, SunView};
 use crate::splat::state::TrainingState;
 use crate::splat::visibility::PatchVisibility;
 
@@ -132,8 +132,7 @@ impl Loaded {
             crop: plan.crop,
             target: &target.colors,
             valid: &target.valid,
-            sun: sun.map(|s| ShearedCamera::sun(&camera, size, s, scene.altitudes)),
-            sun_direction: view.sun_shear.map(|s| view.camera.direction_of(s).map(|v| v as f32)),
+            sun: sun.map(|s| SunView::new(&camera, size, s, scene.altitudes)),
             virtual_view: virtual_shear.map(|s| ShearedCamera::virtual_view(&camera, size, s)),
             background: plan.background,
             floor: scene.altitudes.0 as f32,

@@ -81,8 +81,7 @@ impl<T: Real> SimdKernel<T> for Forward<'_, T> {
     fn run<S: Simd<Scalar = T>>(self, simd: S) {
         let Self { input, buffers, toned, sunlit } = self;
         buffers.fill(&input);
-        let tone = &input.networks.tone;
-        let outputs = buffers.tone.forward(simd, tone, &buffers.inputs[..tone.inputs() * BLOCK]);
+        let outputs = buffers.tone.forward(simd, &input.networks.tone, &buffers.inputs);
         for (i, (toned, color)) in toned.iter_mut().zip(input.colors).enumerate() {
             for c in 0..3 {
                 let (factor, offset) = tone_of(outputs, i, c);
@@ -130,8 +129,7 @@ impl<T: Real> SimdKernel<T> for Backward<'_, T> {
         self.by_outputs(simd);
         let Self { input, buffers, by_features, sums, .. } = self;
         let BlockBuffers { inputs, tone, shadow, by_tone, by_logit } = buffers;
-        let network = &input.networks.tone;
-        let by = tone.backward(simd, network, &inputs[..network.inputs() * BLOCK], by_tone, &mut sums.tone);
+        let by = tone.backward(simd, &input.networks.tone, inputs, by_tone, &mut sums.tone);
         by_features.fill(T::zero());
         by_features.iter_mut().zip(&by[COLORS..]).for_each(|(sum, by)| *sum = *by);
         if let Some(network) = &input.networks.shadow {
@@ -150,8 +148,7 @@ impl<T: Real> Backward<'_, T> {
         let Self { input, buffers, .. } = self;
         let ambient = input.networks.ambient;
         let has_sun = input.networks.shadow.is_some();
-        let tone = &input.networks.tone;
-        let outputs = buffers.tone.forward(simd, tone, &buffers.inputs[..tone.inputs() * BLOCK]);
+        let outputs = buffers.tone.forward(simd, &input.networks.tone, &buffers.inputs);
         buffers.by_tone.resize(6 * BLOCK, T::zero());
         buffers.by_logit.resize(BLOCK, T::zero());
         buffers.by_tone.fill(T::zero());

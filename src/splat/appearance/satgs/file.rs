@@ -207,11 +207,7 @@ fn check(content: &AppearanceContent) -> Result<(), String> {
     {
         return Err("the shapes of its networks are out of range".into());
     }
-    let features = grid.outputs();
-    // The tone network has the features of the coarsest levels.
-    let of_tone = tone.inputs.clamp(4, features + 3);
-    let shapes = [(tone, [of_tone, *embedding, 6]), (shadow, [features + 1, 3, 1]), (sky, [3, 0, 3])];
-    if shapes.iter().any(|(mlp, shape)| [mlp.inputs, mlp.shared, mlp.outputs] != *shape) {
+    if !content.networks.fit_together() {
         return Err("its networks do not fit together".into());
     }
     let is_sound = content.cube.side_m > 0.0 && content.cube.corner.iter().all(|v| v.is_finite());

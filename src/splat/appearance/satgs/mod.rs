@@ -3,7 +3,8 @@
 //! The colour of a splat is toned for the view by a network, from an encoding of its position and the embedding of the view,
 //! and darkened where another network finds it in the shadow for the direction to the sun. The ambient light follows from
 //! that direction. Colours are those that images show, not linear ones. All networks start such that toned colours are the
-//! colours of the splats. The encoding of a position is also the splat's own embedding, and no derivative goes to
+//! colours of the splats. Unlike the paper's, the shadow network also takes the visibility of the sun, which follows from the
+//! heights, and the tone network only the coarser features. The encoding of a position is also the splat's own embedding, and no derivative goes to
 //! positions, nor to colours as inputs of the network.
 
 mod block;
@@ -24,6 +25,7 @@ use crate::splat::splats::{Splats, color_from_f_dc, f_dc_gradient};
 use block::{Backward, BlockBuffers, BlockInput, Forward, GradientSums, ViewNetworks, logistic};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Number of parts of the splats whose gradients are summed apart; fixed, so that sums do not depend on the threads.
 const PARTS: usize = 16;
@@ -139,7 +141,6 @@ impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
         colors.resize(n, [T::zero(); 3]);
         let (block_size, size) = (self.networks.grid.outputs() * BLOCK, part_size(n));
         let features = self.features.par_chunks(size / BLOCK * block_size);
-        let visible = input.sun.map_or(&[][..], |sun| sun.visibility);
         let light = self.light.toned.par_chunks_mut(size).zip(self.light.sunlit.par_chunks_mut(size));
         let parts = features.zip(self.colors.par_chunks(size)).zip(light).zip(colors.par_chunks_mut(size));
         let parts = parts.zip(&mut self.parts).enumerate();
@@ -148,7 +149,7 @@ impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
             let blocks = blocks.zip(toned.chunks_mut(BLOCK).zip(sunlit.chunks_mut(BLOCK))).enumerate();
             for (b, ((features, colors), (toned, sunlit))) in blocks {
                 let first = k * size + b * BLOCK;
-                let visible = visible.get(first..first + colors.len()).unwrap_or_default();
+                let visible = visibility(input.sun, first..first + colors.len());
                 let input = BlockInput { networks: &networks, features, colors, visible };
                 T::dispatch(Forward { input, buffers: &mut part.buffers, toned, sunlit });
             }
@@ -183,7 +184,6 @@ impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
             restart(&mut sums.shadow, shadow_size);
         }
         let light = &self.light;
-        let visible = input.sun.map_or(&[][..], |sun| sun.visibility);
         let inputs = self.features.par_chunks(size / BLOCK * block_size).zip(self.colors.par_chunks(size));
         let outputs = self.by_features.par_chunks_mut(size / BLOCK * block_size);
         let outputs = outputs.zip(self.by_splat_colors.par_chunks_mut(size)).zip(&mut self.parts);
@@ -201,7 +201,7 @@ impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
                             networks: &networks,
                             features,
                             colors,
-                            visible: visible.get(items.clone()).unwrap_or_default(),
+                            visible: visibility(input.sun, items.clone()),
                         },
                         buffers: &mut part.buffers,
                         toned: &light.toned[items.clone()],
@@ -264,6 +264,11 @@ impl<T: SimdReal> AppearanceModel<T> for SatGs<T> {
             }
         });
     }
+}
+
+/// Visibility of the sun from some splats; empty without a sun.
+fn visibility<T>(sun: Option<SplatSun<'_, T>>, items: Range<usize>) -> &[T] {
+    sun.map_or(&[], |sun| &sun.visibility[items])
 }
 
 /// Number of splats of a part: whole blocks.

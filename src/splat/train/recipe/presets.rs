@@ -1,5 +1,5 @@
-//! The recipes that come with the program: `best`, and `baeogs` and `eogs` after the papers, for satellite scenes; `3dgs` and
-//! `2dgs` for perspective scenes.
+//! The recipes that come with the program: `best`, `baeogs` and `eogs` after the papers, and `satgs`, which trains colours after
+//! `best`, for satellite scenes; `3dgs` and `2dgs` for perspective scenes.
 
 use super::{
     Background, Densification, NetworkRates, OpacityReset, PerspectiveRecipe, RayHeight, Recipe, Start,
