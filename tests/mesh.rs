@@ -99,8 +99,8 @@ fn succeeds(args: &[&str]) -> Value {
 
 fn refused(args: &[&str], code: i32, says: &[&str]) {
     let error = common::refused(args, code, says);
-    // Either a hint, or the values that an option may have.
-    let helps = ["hint: ", ", expected "];
+    // A hint, the values that an option may have, or the options that are missing.
+    let helps = ["hint: ", ", expected ", "required arguments"];
     assert!(helps.iter().any(|help| error.contains(help)), "{args:?}: {error}");
 }
 

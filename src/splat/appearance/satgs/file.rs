@@ -13,11 +13,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// The kind and version of the file.
+/// The only key of the metadata: the kind and version of the file. Several keys would be written in any order.
 const FORMAT: &str = "satgs appearance 1";
-/// Keys of the metadata.
-const FORMAT_KEY: &str = "format";
-const CONTENT_KEY: &str = "content";
 /// Largest numbers of levels, of entries of a table (as a power of two) and of outputs of a layer that are read.
 const MOST_LEVELS: usize = 32;
 const MOST_LOG2_ENTRIES: u32 = 24;
@@ -106,7 +103,7 @@ impl TrainedAppearance {
     /// [`WriteError`] if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         let content = serde_json::to_string(&self.content).map_err(|e| WriteError::new(path, e))?;
-        let metadata = HashMap::from([(FORMAT_KEY.into(), FORMAT.into()), (CONTENT_KEY.to_owned(), content)]);
+        let metadata = HashMap::from([(FORMAT.to_owned(), content)]);
         let bytes =
             |values: &mut dyn Iterator<Item = f32>| values.flat_map(f32::to_le_bytes).collect::<Vec<u8>>();
         let embedding = self.content.networks.embedding;
@@ -164,14 +161,8 @@ fn visibility_name(view: usize) -> String {
 fn decode(bytes: &[u8]) -> Result<TrainedAppearance, String> {
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
     let metadata = header.metadata().clone().unwrap_or_default();
-    match metadata.get(FORMAT_KEY) {
-        Some(format) if format == FORMAT => {}
-        Some(other) => return Err(format!("its format is `{other}`, expected `{FORMAT}`")),
-        None => return Err(format!("its metadata lack `{FORMAT_KEY}`")),
-    }
-    let text = metadata.get(CONTENT_KEY).ok_or_else(|| format!("its metadata lack `{CONTENT_KEY}`"))?;
-    let content: AppearanceContent =
-        serde_json::from_str(text).map_err(|e| format!("`{CONTENT_KEY}`: {e}"))?;
+    let text = metadata.get(FORMAT).ok_or_else(|| format!("its metadata lack `{FORMAT}`"))?;
+    let content: AppearanceContent = serde_json::from_str(text).map_err(|e| format!("`{FORMAT}`: {e}"))?;
     check(&content)?;
     let tensors = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
     let (views, embedding) = (content.views.len(), content.networks.embedding);
