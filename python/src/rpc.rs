@@ -7,6 +7,7 @@ use pyo3::types::PyTuple;
 use satgs::rpc::formats::{self, RpcFile, ViewTags};
 use satgs::rpc::{GroundBatch, PixelBatch};
 use satgs::scene::read_camera;
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 /// Rational polynomial camera (RPC00B).
@@ -23,9 +24,12 @@ pub struct Rpc {
 /// Two arrays of one shape, for Python.
 type TwoArrays<'py> = (Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>);
 
+/// Number of points that are projected at once: their numbers stay in the cache of a core.
+const BLOCK: usize = 4096;
+
 /// Three arrays of one shape, and that shape.
-struct Arrays {
-    columns: [Vec<f64>; 3],
+struct Arrays<'py> {
+    arrays: [PyReadonlyArrayDyn<'py, f64>; 3],
     shape: Vec<usize>,
 }
 
@@ -60,11 +64,26 @@ impl Rpc {
         lat: &Bound<'py, PyAny>,
         h: &Bound<'py, PyAny>,
     ) -> PyResult<TwoArrays<'py>> {
-        let Arrays { columns: [lon_deg, lat_deg, height_m], shape } = Arrays::broadcast(py, [lon, lat, h])?;
-        let ground = GroundBatch { lon_deg, lat_deg, height_m };
-        let mut seen = PixelBatch::default();
-        py.detach(|| self.rpc.project_batch(&ground, &mut seen));
-        shaped(py, [seen.col, seen.row], &shape)
+        let points = Arrays::broadcast(py, [lon, lat, h])?;
+        let columns = points.columns();
+        let n = columns[0].len();
+        let (mut col, mut row) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        py.detach(|| {
+            let (mut ground, mut seen) = (GroundBatch::default(), PixelBatch::default());
+            for start in (0..n).step_by(BLOCK) {
+                let block = start..n.min(start + BLOCK);
+                for (into, from) in
+                    [&mut ground.lon_deg, &mut ground.lat_deg, &mut ground.height_m].into_iter().zip(&columns)
+                {
+                    into.clear();
+                    into.extend_from_slice(&from[block.clone()]);
+                }
+                self.rpc.project_batch(&ground, &mut seen);
+                col.extend_from_slice(&seen.col);
+                row.extend_from_slice(&seen.row);
+            }
+        });
+        shaped(py, [col, row], &points.shape)
     }
 
     fn localize<'py>(
@@ -74,11 +93,12 @@ impl Rpc {
         row: &Bound<'py, PyAny>,
         h: &Bound<'py, PyAny>,
     ) -> PyResult<TwoArrays<'py>> {
-        let Arrays { columns: [col, row, height_m], shape } = Arrays::broadcast(py, [col, row, h])?;
+        let points = Arrays::broadcast(py, [col, row, h])?;
+        let [col, row, height_m] = points.columns().map(Cow::into_owned);
         let pixels = PixelBatch { col, row };
         let mut ground = GroundBatch::default();
         py.detach(|| self.rpc.localize_batch(&pixels, &height_m, &mut ground));
-        shaped(py, [ground.lon_deg, ground.lat_deg], &shape)
+        shaped(py, [ground.lon_deg, ground.lat_deg], &points.shape)
     }
 
     #[getter]
@@ -166,9 +186,9 @@ impl PartialEq for Rpc {
     }
 }
 
-impl Arrays {
+impl<'py> Arrays<'py> {
     /// Numbers or arrays by NumPy's rules of broadcasting.
-    fn broadcast<'py>(py: Python<'py>, given: [&Bound<'py, PyAny>; 3]) -> PyResult<Self> {
+    fn broadcast(py: Python<'py>, given: [&Bound<'py, PyAny>; 3]) -> PyResult<Self> {
         let numpy = py.import("numpy")?;
         let double = numpy.getattr("float64")?;
         let mut arrays = Vec::new();
@@ -176,13 +196,17 @@ impl Arrays {
             arrays.push(numpy.call_method1("asarray", (value, &double))?);
         }
         let alike = numpy.call_method1("broadcast_arrays", PyTuple::new(py, arrays)?)?;
-        let [a, b, c]: [PyReadonlyArrayDyn<'py, f64>; 3] = alike.extract()?;
-        let shape = a.shape().to_vec();
-        let column = |array: PyReadonlyArrayDyn<'py, f64>| match array.as_slice() {
-            Ok(values) => values.to_vec(),
+        let arrays: [PyReadonlyArrayDyn<'py, f64>; 3] = alike.extract()?;
+        let shape = arrays[0].shape().to_vec();
+        Ok(Self { arrays, shape })
+    }
+
+    /// The values of each array; a copy only where they do not lie one after the other.
+    fn columns(&self) -> [Cow<'_, [f64]>; 3] {
+        self.arrays.each_ref().map(|array| match array.as_slice() {
+            Ok(values) => Cow::Borrowed(values),
             Err(_) => array.as_array().iter().copied().collect(),
-        };
-        Ok(Self { columns: [column(a), column(b), column(c)], shape })
+        })
     }
 }
 

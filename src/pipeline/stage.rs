@@ -2,7 +2,7 @@
 
 use super::PipelineError;
 use crate::io::{ReadError, check_writable, read_json, remove_if_there, vsi, write_json};
-use crate::run_files::{ADJUSTMENT, STAGE, SUMMARY, TILES};
+use crate::run_files::{ADJUSTMENT, APPEARANCE_STAGE, STAGE, SUMMARY, TILES};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -86,7 +86,7 @@ impl Stage {
         let differences = differences.collect::<Vec<_>>().join("; ");
         let hint = match self.name {
             ADJUSTMENT | TILES => "--overwrite makes it anew, another -o keeps both".into(),
-            name => format!("`satgs {name} RUN --overwrite` makes it anew; a copy of RUN keeps both"),
+            _ => format!("{}; a copy of RUN keeps both", self.made_by()),
         };
         Err(PipelineError::Changed { folder, differences, hint })
     }
@@ -102,14 +102,18 @@ impl Stage {
         path.exists().then(|| read_json(&path)).transpose().map_err(|e| self.damaged(e))
     }
 
-    fn damaged(&self, source: ReadError) -> PipelineError {
-        let made_by = match self.name {
+    /// The command that makes the stage anew.
+    fn made_by(&self) -> &'static str {
+        match self.name {
             ADJUSTMENT => "`satgs ba SCENE -o RUN --overwrite` makes it anew",
-            "train" => "`satgs train RUN --overwrite` makes it anew",
+            "train" | APPEARANCE_STAGE => "`satgs train RUN --overwrite` makes it anew",
             TILES => "`satgs plan SCENE -o RUN --overwrite` makes it anew",
             _ => "`satgs dsm RUN --overwrite` makes it anew",
-        };
-        PipelineError::RunFile { source, made_by }
+        }
+    }
+
+    fn damaged(&self, source: ReadError) -> PipelineError {
+        PipelineError::RunFile { source, made_by: self.made_by() }
     }
 
     /// What the stage is made from.
@@ -219,6 +223,7 @@ mod tests {
         assert_eq!(differences, expected);
         assert!(!differences.contains(&one[..8]), "{differences}");
         assert!(hint.contains("satgs dsm RUN --overwrite") && !hint.contains("-o "), "{hint}");
+        assert!(stage(run, "appearance", &[]).made_by().contains("satgs train RUN --overwrite"));
         stage(run, "ba", &text(&before)).complete(&()).unwrap();
         let refusal = stage(run, "ba", &text(&now)).is_done(false).unwrap_err();
         let PipelineError::Changed { hint, .. } = refusal else { panic!("{refusal}") };
