@@ -92,6 +92,8 @@ def train(
     checkpoint_every: int | None = None,
     resume: bool | None = None,
     snapshots: int | None = None,
+    features: PathLike | None = None,
+    lpips: PathLike | None = None,
     overwrite: bool | None = None,
     progress: Progress | None = None,
 ) -> Trained:
@@ -102,12 +104,14 @@ def train(
 
     Args:
         run: The run folder of :func:`adjust`.
-        recipe: Name of a recipe (``best``, ``baeogs``, ``eogs``) or a TOML file. ``None``: ``best``.
+        recipe: Name of a recipe (``best``, ``baeogs``, ``eogs``, ``satgs``) or a TOML file. ``None``: ``best``.
         iterations: Number of iterations, to which the recipe's schedule is scaled. ``None``: the recipe's own.
         seed: Seed of all random numbers; the same seed gives the same bytes. ``None``: 0.
         checkpoint_every: Number of iterations from one checkpoint to the next.
         resume: Fail unless there is a checkpoint to go on from.
         snapshots: Number of pictures of the progress to write to ``RUN/train/snapshots``. ``None``: 0.
+        features: For ``satgs``, a network (ONNX) by whose features cars and the like are found.
+        lpips: For ``satgs``, a safetensors file of ``scripts/fetch-weights``, for the perceptual loss.
         overwrite: Train again, whatever the run folder holds.
         progress: As for :func:`adjust`.
 
@@ -219,6 +223,8 @@ def run(
     checkpoint_every: int | None = None,
     resume: bool | None = None,
     snapshots: int | None = None,
+    features: PathLike | None = None,
+    lpips: PathLike | None = None,
     resolution_m: float | None = None,
     like: PathLike | None = None,
     vertical: str | None = None,
@@ -245,7 +251,7 @@ def run(
     Args:
         scene: As for :func:`adjust`, as are all arguments up to ``reference_views``.
         run: The run folder.
-        recipe: As for :func:`train`, as are all arguments up to ``snapshots``.
+        recipe: As for :func:`train`, as are all arguments up to ``lpips``.
         resolution_m: As for :func:`dsm`, as are all arguments up to ``mesh``.
         truth: A surface model or points to score the result against; the four arguments after it as for :func:`compare`.
         core_m: Largest side of an area that is trained as a whole, and of the core of a tile, metres.

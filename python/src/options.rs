@@ -126,6 +126,8 @@ pub struct TrainArgs {
     checkpoint_every: Option<u32>,
     resume: Option<bool>,
     snapshots: Option<u32>,
+    features: Option<PathBuf>,
+    lpips: Option<PathBuf>,
     overwrite: Option<bool>,
 }
 
@@ -140,6 +142,8 @@ impl TrainArgs {
             checkpoint_every: self.checkpoint_every.unwrap_or(default.checkpoint_every),
             resume: self.resume.unwrap_or(default.resume),
             snapshots: self.snapshots.unwrap_or(default.snapshots),
+            features: self.features.clone(),
+            lpips: self.lpips.clone(),
             overwrite: self.overwrite.unwrap_or(default.overwrite),
             ..default
         };

@@ -218,6 +218,8 @@ def test_bad_input_is_an_input_error(run: Path, tmp_path: Path) -> None:
         ("--iterations", lambda: satgs.train(run, iterations=0)),
         ("checkpoint_every", lambda: satgs.train(run, checkpoint_every=0)),
         ("none.toml", lambda: satgs.train(run, recipe="none.toml")),
+        ("none.onnx", lambda: satgs.train(run, recipe="satgs", features="none.onnx")),
+        ("none.safetensors", lambda: satgs.train(run, recipe="satgs", lpips="none.safetensors")),
         ("checkpoint.bin", lambda: satgs.train(run, resume=True)),
         ("cameras.json", lambda: satgs.dsm(run)),
         ("--resolution", lambda: satgs.dsm(run, resolution_m=-1.0)),
