@@ -5,7 +5,9 @@
 
 use super::super::backend::stopwatch::Stopwatch;
 use super::super::harmonics::{SeenFrom, colors, colors_backward};
-use super::super::loss::{DiscView, LossTerm, LossWeights, Rendered, Scaled, SurfaceDepth, TERMS};
+use super::super::loss::{
+    DiscView, LossTerm, LossWeights, PriorTargets, Rendered, Scaled, SurfaceDepth, TERMS,
+};
 use super::super::objective::{Losses, add_scaled, parts, zeros};
 use super::super::primitive::PrimitiveKind;
 use super::super::raster::{
@@ -29,6 +31,8 @@ pub struct PinholeStep<'a, T> {
     pub target: &'a Image<T>,
     /// Which pixels are valid, row by row; empty if all are.
     pub valid: &'a [bool],
+    /// Depths and normals that are expected of the view; none without priors.
+    pub priors: Option<&'a PriorTargets>,
     /// Colour behind the splats.
     pub background: [T; 3],
     /// Degree of the spherical harmonics that are used.
@@ -159,6 +163,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
             light: None,
             visibility: None,
             crop: None,
+            priors: input.priors,
             view: self.view.image(),
             discs: P::IS_FLAT.then_some(DiscView { camera: input.camera, surface: input.surface }),
             picture: &self.picture,
@@ -341,6 +346,8 @@ fn add_row<T: Real>(sum: &mut [T], part: &Scaled<T>, channel: usize, row: usize)
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::Grid2;
+    use crate::prior::{DepthKind, DepthPrior, NormalPrior, ViewPriors};
     use crate::random::CounterRng;
     use crate::splat::loss::{TermInputs, terms};
     use crate::splat::splats::{GROUP_INFO, GROUPS};
@@ -390,12 +397,12 @@ mod tests {
         mut objective: Box<dyn AnyPinholeObjective<f64>>,
         splats: &Splats<f64>,
         weights: &LossWeights,
-        surface: SurfaceDepth,
+        priors: Option<&PriorTargets>,
     ) {
         let (camera, (target, valid)) = (camera(), target());
-        let (background, sh_degree) = ([0.1, 0.2, 0.3], 3);
-        let input =
-            PinholeStep { camera: &camera, target: &target, valid: &valid, background, sh_degree, surface };
+        let (background, sh_degree, surface) = ([0.1, 0.2, 0.3], 3, SurfaceDepth::Mean);
+        let (target, valid) = (&target, &valid[..]);
+        let input = PinholeStep { camera: &camera, target, valid, priors, background, sh_degree, surface };
         let (mut gradient, mut watch) = (Splats::default(), Stopwatch::default());
         let losses = objective.evaluate(splats, &input, weights, &mut gradient, &mut watch);
         let seen = (0..splats.len()).filter(|i| objective.mean2d_gradient(*i).is_some()).count();
@@ -431,9 +438,9 @@ mod tests {
 
     #[test]
     fn gradients_of_the_whole_loss_agree_with_central_differences() {
-        let weights = LossWeights::of(&[("opacity", 0.05)]).unwrap();
+        let weights = LossWeights::of(&[("opacity", 0.05), ("opacity_sum", 0.003)]).unwrap();
         let objective = objective(PrimitiveKind::Ellipsoid, terms(TermInputs::default()));
-        compare_with_differences(objective, &scene(40), &weights, SurfaceDepth::Mean);
+        compare_with_differences(objective, &scene(40), &weights, None);
     }
 
     #[test]
@@ -442,7 +449,49 @@ mod tests {
         splats.flatten();
         let weights = LossWeights::of(&[("depth_distortion", 500.0)]).unwrap();
         let objective = objective(PrimitiveKind::Disc, terms(TermInputs::default()));
-        compare_with_differences(objective, &splats, &weights, SurfaceDepth::Mean);
+        compare_with_differences(objective, &splats, &weights, None);
+    }
+
+    /// Random priors of the tests' camera, with a tenth of the pixels unknown.
+    fn priors(kind: DepthKind) -> ViewPriors {
+        let (width, height) = camera().size;
+        let mut draw = CounterRng::new(5, 0, 0, 0);
+        let mut plane = |low: f64| {
+            Grid2::from_fn(width, height, |_, _| match draw.uniform() {
+                u if u < 0.1 => f32::NAN,
+                u => (low + u) as f32,
+            })
+        };
+        let depth = Some(DepthPrior { values: plane(0.0), kind });
+        ViewPriors { depth, normal: Some(NormalPrior { planes: [-0.5, -0.5, -1.5].map(&mut plane) }) }
+    }
+
+    fn compare_with_priors(kind: DepthKind, weights: &[(&str, f64)]) {
+        let mut splats = scene(40);
+        splats.flatten();
+        let objective = objective(PrimitiveKind::Disc, terms(TermInputs::default()));
+        let priors = PriorTargets::new(priors(kind), &camera());
+        compare_with_differences(objective, &splats, &LossWeights::of(weights).unwrap(), Some(&priors));
+    }
+
+    #[test]
+    fn gradients_of_discs_with_a_depth_prior_agree_with_central_differences() {
+        compare_with_priors(DepthKind::Relative, &[("depth_prior", 3.0)]);
+    }
+
+    #[test]
+    fn gradients_of_discs_with_a_prior_of_disparity_agree_with_central_differences() {
+        compare_with_priors(DepthKind::Disparity, &[("depth_prior", 3.0)]);
+    }
+
+    #[test]
+    fn gradients_of_discs_with_smooth_depths_agree_with_central_differences() {
+        compare_with_priors(DepthKind::Metric, &[("depth_smoothness", 2.0)]);
+    }
+
+    #[test]
+    fn gradients_of_discs_with_a_normal_prior_agree_with_central_differences() {
+        compare_with_priors(DepthKind::Metric, &[("normal_prior", 3.0)]);
     }
 
     #[test]
@@ -456,6 +505,7 @@ mod tests {
             camera: &camera,
             target: &none,
             valid: &[],
+            priors: None,
             background: [0.0; 3],
             sh_degree: 3,
             surface: SurfaceDepth::Mean,

@@ -38,13 +38,15 @@ pub struct LogLine {
     pub grown: usize,
     /// Number of splats that were pruned after the iteration.
     pub pruned: usize,
+    /// Number of splats that were active after the iteration; 0 without active growth.
+    pub active: usize,
     /// Seconds of training since the start, without the time between interruption and restart.
     pub seconds: f64,
 }
 
 impl LogLine {
     fn new(report: &StepReport, seconds: f64) -> Self {
-        let StepReport { iteration, losses, splats, counts } = *report;
+        let StepReport { iteration, losses, splats, active, counts } = *report;
         let Losses { total, columns } = losses;
         Self {
             iteration,
@@ -53,20 +55,21 @@ impl LogLine {
             splats,
             grown: counts.densified,
             pruned: counts.pruned,
+            active,
             seconds,
         }
     }
 
     /// Names of the values of [`LogLine::record`], in their order.
     pub fn header() -> impl Iterator<Item = &'static str> {
-        let after = ["splats", "grown", "pruned", "seconds"];
+        let after = ["splats", "grown", "pruned", "active", "seconds"];
         ["iteration", "loss"].into_iter().chain(column_names()).chain(after)
     }
 
     /// The values of the line as text, for `train.csv`.
     pub fn record(&self) -> impl Iterator<Item = String> + '_ {
         let before = [self.iteration.to_string(), self.loss.to_string()];
-        let after = [self.splats, self.grown, self.pruned].map(|n| n.to_string());
+        let after = [self.splats, self.grown, self.pruned, self.active].map(|n| n.to_string());
         let columns = self.columns.iter().map(f64::to_string);
         before.into_iter().chain(columns).chain(after).chain([self.seconds.to_string()])
     }
@@ -160,6 +163,11 @@ impl Schedule<'_> {
             if iteration < from {
                 weights = weights.scaled(&[name], 0.0);
             }
+        }
+        if let Some(last) = r.perspective.and_then(|p| p.last_opacity_sum) {
+            let part = f64::from(iteration - 1) / f64::from((r.iterations - 1).max(1));
+            let weight = weights.get("opacity_sum");
+            weights = weights.with(&[("opacity_sum", weight + (last - weight) * part)]).unwrap_or(weights);
         }
         let has_consistency = virtual_terms.iter().any(|name| weights.get(name) > 0.0);
         let shadows = iteration > r.shadows_from;
