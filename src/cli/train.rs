@@ -52,8 +52,8 @@ impl From<Primitive> for PrimitiveKind {
 #[group(id = "training")]
 pub struct Options {
     /// Training recipe: `best`, `baeogs` or `eogs` (the latter two follow the papers), `satgs` (`best`, then colours for any
-    /// date and sun), `3dgs` and `2dgs` of perspective scenes, or a TOML file [default: `best`, of perspective scenes
-    /// `3dgs`]
+    /// date and sun), `3dgs`, `2dgs` and `indoor` of perspective scenes, or a TOML file [default: `best`, of perspective
+    /// scenes `3dgs`]
     #[arg(long, value_name = "NAME|FILE")]
     recipe: Option<String>,
     /// Kind of splats: `3d` for ellipsoids, `2d` for flat discs, which have normals [default: the recipe's]

@@ -67,7 +67,7 @@ impl ActiveSplats {
         let mut asked = Vec::new();
         for (i, rounds) in self.rounds.iter_mut().enumerate() {
             let gradient = statistics.mean_gradient(i);
-            if f64::from(gradient) >= rule.gradient {
+            if gradient >= rule.gradient as f32 {
                 asked.push((*rounds > 0, gradient, i));
             } else {
                 *rounds = rounds.saturating_sub(1);

@@ -433,6 +433,27 @@ mod tests {
     }
 
     #[test]
+    fn the_schedule_of_indoor_is_that_of_the_paper() {
+        let recipe = Recipe::named("indoor").unwrap();
+        let plan = |i| of(&recipe).plan(i);
+        let weights = |i| {
+            let weights = plan(i).weights;
+            ["depth_prior", "depth_smoothness", "normal_prior", "normal_consistency"].map(|n| weights.get(n))
+        };
+        assert_eq!((weights(6999), weights(7000)), ([0.0; 4], [0.2, 0.2, 0.05, 0.05]));
+        let opacity = |i| plan(i).weights.get("opacity_sum");
+        for (i, expected) in [(1, 1e-10), (15_000, 5.5e-10), (30_000, 1e-9)] {
+            assert!((opacity(i) - expected).abs() < 1e-13, "{i}: {}", opacity(i));
+        }
+        assert!((1..30_000).all(|i| plan(i).densify.reset_opacity.is_none()));
+        let growth = |i| plan(i).densify.densify.and_then(|(rule, _)| rule.active);
+        assert!(growth(14_900).is_some_and(|active| active.idle_rounds == 5) && growth(15_000).is_none());
+        let half = recipe.with_iterations(15_000);
+        assert!(of(&half).plan(3499).weights.get("depth_prior") == 0.0);
+        assert!(of(&half).plan(3500).weights.get("depth_prior") > 0.0);
+    }
+
+    #[test]
     fn no_virtual_view_is_rendered_without_a_consistency_weight() {
         let mut recipe = Recipe::named("best").unwrap();
         recipe.weights = recipe.weights.scaled(&["consistency_altitude", "consistency_color"], 0.0);
