@@ -4,9 +4,9 @@
 
 mod common;
 
-use common::{satgs, text};
+use common::{copy_folder, satgs, text};
 use satgs::random::CounterRng;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
@@ -37,21 +37,8 @@ impl Adjusted {
     /// A copy of the run's folder, to be trained.
     fn run(&self, name: &str) -> Run {
         let to = self.folder.path().join(name);
-        copy(&self.folder.path().join("adjusted"), &to);
+        copy_folder(&self.folder.path().join("adjusted"), &to);
         Run { folder: to }
-    }
-}
-
-fn copy(from: &Path, to: &Path) {
-    std::fs::create_dir_all(to).unwrap();
-    for entry in std::fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        if entry.path().is_dir() {
-            copy(&entry.path(), &target);
-        } else {
-            std::fs::copy(entry.path(), target).unwrap();
-        }
     }
 }
 

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// Render images of a trained run from any direction, under any sun
 ///
 /// A .png holds colours. A .tif holds red, green, blue (0 to 1) and the height of the surface in the
-/// pixel (m) as float32; with --like it has the corrected RPC of the view, with --view a map grid that
+/// pixel (m) as float32, of recipe satgs also the share of sunlight (0 to 1); with --like it has the corrected RPC of the view, with --view a map grid that
 /// is right for ground at the height of the site's origin. Angles are degrees, azimuths clockwise from
 /// north. With --frames the direction changes evenly to --view-to and the sun to --sun-to, with one
 /// numbered file per frame:

@@ -20,7 +20,8 @@ const NOON_H: f64 = 12.0;
 /// Views and suns lower than this are refused: their displacement by height is too large.
 const LOWEST_ELEVATION_DEG: f64 = 5.0;
 
-/// Renders images of a trained run. A `.png` holds colours, a `.tif` also the height of what is seen, and its place.
+/// Renders images of a trained run. A `.png` holds colours; a `.tif` also the height of what is seen, of trained
+/// colours the share of sunlight, and its place.
 ///
 /// # Errors
 /// [`PipelineError`]: the run is not trained or has no such view, a direction is too near to the horizon, a file cannot
@@ -98,13 +99,11 @@ pub fn render(
             strip.push(&picture);
         } else if is_raster {
             let normals = options.normals.then(|| view.normals(&splats));
-            write_raster(
-                &path,
-                &bands_of(&picture, normals.as_ref(), options, setup),
-                &view,
-                rpc.as_ref(),
-                setup,
-            )?;
+            let mut bands = bands_of(&picture, normals.as_ref(), options, setup);
+            if let Some(colors) = trained.as_ref().filter(|_| !options.normals && !options.depth) {
+                bands.push(("sunlight", "", colors.sunlit(&view, setup)));
+            }
+            write_raster(&path, &bands, &view, rpc.as_ref(), setup)?;
         } else {
             write_png_rgb(&path, view.size.0, view.size.1, &bytes_of(&picture))?;
         }

@@ -106,6 +106,20 @@ pub fn refused(args: &[&str], code: i32, says: &[&str]) -> String {
     error
 }
 
+/// Copies a folder with all it holds.
+pub fn copy_folder(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        let to = to.join(path.file_name().unwrap());
+        if path.is_dir() {
+            copy_folder(&path, &to);
+        } else {
+            std::fs::copy(&path, &to).unwrap();
+        }
+    }
+}
+
 /// Distance of each camera from its counterpart at a pixel, once the one translation of the ground that tie points
 /// leave open is taken out of all.
 pub fn disagreement_px(pairs: &[(Rpc, Rpc)], px: Pixel<CenterPx>) -> Vec<f64> {
