@@ -13,6 +13,7 @@ use crate::mvs::MatchError;
 use crate::nn::features::FeatureError;
 use crate::nn::lpips::LpipsError;
 use crate::perspective::PerspectiveError;
+use crate::prior::PriorError;
 use crate::progress::Interrupted;
 use crate::report::ReportError;
 use crate::rpc::formats::FormatError;
@@ -378,6 +379,10 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Perspective(#[from] PerspectiveError),
+    /// See [`PriorError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Prior(#[from] PriorError),
     /// See [`SimulateError`].
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -14,6 +14,16 @@ pub enum DepthKind {
     Disparity,
 }
 
+impl std::fmt::Display for DepthKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Metric => "metric",
+            Self::Relative => "relative",
+            Self::Disparity => "disparity",
+        })
+    }
+}
+
 /// A value for each pixel of a view that says how far away the surface is.
 #[derive(Clone, Debug)]
 pub struct DepthPrior {

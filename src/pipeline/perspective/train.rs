@@ -10,7 +10,8 @@ use super::cameras::{PerspectiveCameras, TrainedPhoto};
 use super::manifest::PerspectiveManifest;
 use crate::affine::SiteSceneError;
 use crate::io::write_json;
-use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera, points_from_depths};
+use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera, ScenePoint, points_from_depths};
+use crate::prior::{PriorFolder, ViewPriors, read_priors};
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, CHECKPOINT, SNAPSHOTS, SPLATS, TRAINING};
 use crate::scene::Role;
@@ -74,7 +75,7 @@ pub(super) fn train_scene(
         return Ok(Outcome::Kept(stage.summary()?));
     }
     stage.require_writable()?;
-    let views = read_views(scene, progress)?;
+    let views = with_priors(read_views(scene, progress)?, scene, options, progress)?;
     let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
     let extent_m = extent_m(&cameras);
     require_fine_coordinates(&cameras, extent_m)?;
@@ -184,6 +185,42 @@ fn read_views(scene: &PerspectiveScene, progress: &dyn Progress) -> Result<Vec<P
     Ok(views)
 }
 
+/// The views with the priors that are asked for. Says which loss terms are idle without them.
+fn with_priors(
+    views: Vec<PinholeView>,
+    scene: &PerspectiveScene,
+    options: &TrainOptions,
+    progress: &dyn Progress,
+) -> Result<Vec<PinholeView>, PipelineError> {
+    let sources = &options.priors;
+    let weights = options.recipe_as_written()?.weights;
+    for (path, weight, option) in [
+        (&sources.depths, "depth_prior", "--depth-prior"),
+        (&sources.normals, "normal_prior", "--normal-prior"),
+    ] {
+        if path.is_none() && weights.get(weight) > 0.0 {
+            let text = format!("without {option} the recipe's loss term {weight} is left out");
+            progress.event(Event::Note(text));
+        }
+    }
+    if sources.depths.is_none() && sources.normals.is_none() {
+        return Ok(views);
+    }
+    let training: Vec<&PerspectiveView> = scene.training().collect();
+    let points: Vec<_> = start_points(scene)?.iter().map(|p| p.position).collect();
+    let priors: Vec<ViewPriors> = read_priors(sources, &training, &points, progress)?;
+    Ok(views.into_iter().zip(priors).map(|(view, priors)| view.with_priors(priors)).collect())
+}
+
+/// The points of the scene, else those of its depth maps.
+fn start_points(scene: &PerspectiveScene) -> Result<Vec<ScenePoint>, PipelineError> {
+    let has_depths = scene.training().any(|v| v.depth.is_some());
+    Ok(match scene.points.is_empty() && has_depths {
+        true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO_M)?,
+        false => scene.points.clone(),
+    })
+}
+
 /// A view with its pixels.
 pub(super) fn read_view(view: &PerspectiveView) -> Result<PinholeView, PipelineError> {
     Ok(PinholeView::new(view.name.clone(), view.camera, &view.read_image()?.planes))
@@ -196,11 +233,7 @@ fn splats_at_start(
     primitive: PrimitiveKind,
     seed: u64,
 ) -> Result<Splats, PipelineError> {
-    let has_depths = scene.training().any(|v| v.depth.is_some());
-    let points = match scene.points.is_empty() && has_depths {
-        true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO_M)?,
-        false => scene.points.clone(),
-    };
+    let points = start_points(scene)?;
     if points.is_empty() {
         return Ok(splats_on_rays(views, primitive, seed));
     }
@@ -256,6 +289,17 @@ fn fingerprint(
         if let Some(depth) = view.depth.as_ref().filter(|_| scene.points.is_empty()) {
             out.insert(format!("depth map {}", view.name), hash_file(&depth.path));
         }
+    }
+    let sources = [("--depth-prior", &options.priors.depths), ("--normal-prior", &options.priors.normals)];
+    for (option, path) in sources {
+        let Some(path) = path else { continue };
+        let folder = PriorFolder::open(path)?;
+        let files: Vec<String> = scene
+            .training()
+            .map(|view| folder.file(view).map_or(String::new(), |file| hash_file(&file)))
+            .collect();
+        let described = format!("{:?} {:?} {}", options.priors.kind, folder.description(), files.join(" "));
+        out.insert(option.into(), hash(described.as_bytes()));
     }
     Ok(out)
 }
