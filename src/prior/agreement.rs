@@ -16,7 +16,7 @@ const CELLS: usize = 20;
 /// A point that is deeper than the nearest one of its cell by more than this share is hidden.
 const HIDDEN: f64 = 0.1;
 /// Fewest points of a view that say something.
-pub(super) const FEWEST_POINTS: usize = 30;
+pub(super) const FEWEST_POINTS: usize = 50;
 
 /// A point that a view sees.
 pub(super) struct SeenPoint {

@@ -15,6 +15,12 @@ pub struct PriorTargets {
 }
 
 impl PriorTargets {
+    /// The prior of the depths.
+    #[must_use]
+    pub fn depth(&self) -> Option<&DepthPrior> {
+        self.depth.as_ref()
+    }
+
     /// Turns the normals of priors into site axes. Priors that are not of the size of the camera are left out.
     #[must_use]
     pub fn new(priors: ViewPriors, camera: &PinholeCamera) -> Self {

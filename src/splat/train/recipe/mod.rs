@@ -133,6 +133,9 @@ pub struct PerspectiveRecipe {
     /// `normal_prior`.
     #[serde(default)]
     pub priors_from: u32,
+    /// Whether to start from more points than the scene has, which priors of depths give (IndoorSplat §4.1).
+    #[serde(default)]
+    pub dense_start: bool,
     /// Weight of the loss term `opacity_sum` at the last iteration, to which it goes linearly; that of the first if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_opacity_sum: Option<f64>,

@@ -231,6 +231,7 @@ fn three_d_gaussians() -> Recipe {
             normals_from: 0,
             distortion_from: 0,
             priors_from: 0,
+            dense_start: false,
             last_opacity_sum: None,
         }),
         uncertainty: None,
@@ -276,6 +277,7 @@ fn indoor() -> Recipe {
         reset: None,
         perspective: discs.perspective.map(|p| PerspectiveRecipe {
             priors_from: 7000,
+            dense_start: true,
             last_opacity_sum: Some(1e-9),
             ..p
         }),
