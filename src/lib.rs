@@ -73,6 +73,7 @@ pub mod bundle;
 pub mod camera;
 pub mod affine;
 pub mod perspective;
+pub mod prior;
 pub mod mvs;
 pub mod splat;
 pub mod mesh;

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 28] = [
+const LAYERS: [(&str, Option<&[&str]>); 29] = [
     ("random", Some(&[])),
     ("stats", Some(&["random"])),
     ("simd", Some(&[])),
@@ -25,6 +25,7 @@ const LAYERS: [(&str, Option<&[&str]>); 28] = [
     ("camera", Some(&["simd"])),
     ("affine", Some(&["stats", "random", "simd", "frame", "io", "rpc", "scene", "camera"])),
     ("perspective", Some(&["stats", "simd", "frame", "io", "scene", "camera"])),
+    ("prior", Some(&["stats", "random", "progress", "frame", "io", "nn", "perspective"])),
     ("mvs", Some(&["stats", "random", "progress", "frame", "io", "scene", "affine"])),
     ("splat", None),
     ("mesh", Some(&["stats", "random", "progress", "frame", "io", "camera", "affine", "perspective"])),

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
+use satgs::io::NpyArray;
 use satgs::perspective::{PerspectiveOptions, PinholeCamera};
 use satgs::pipeline::{
     DsmOptions, NvsOptions, Outcome, PerspectiveRunOptions, PipelineError, RenderOptions, StageResult,
@@ -191,4 +192,57 @@ fn what_cannot_be_trained_is_refused_before_training() {
     std::fs::write(scene.join("images/4.png"), "no image").unwrap();
     let broken = refused(&options(10));
     assert!(broken.contains("4.png"), "{broken}");
+}
+
+/// Writes the depth of the ball at each pixel of all images.
+fn write_depths(folder: &Path, scale: f64) {
+    std::fs::create_dir_all(folder).unwrap();
+    for k in 0..VIEWS {
+        let camera = camera(k);
+        let pixel = |i: usize| {
+            let px = satgs::frame::Pixel::new((i % SIZE.0) as f64, (i / SIZE.0) as f64);
+            let ray = DVec3::from_array(camera.ray(px));
+            let middle = ray.dot(camera.center);
+            let p = ray * (-middle - (middle * middle - camera.center.length_squared() + 1.0).sqrt());
+            (scale * (camera.cam_from_site * p).z) as f32
+        };
+        let values = (0..SIZE.0 * SIZE.1).map(pixel).collect();
+        let array = NpyArray { shape: vec![SIZE.1, SIZE.0], values, is_integer: false };
+        array.write(&folder.join(format!("{k}.npy"))).unwrap();
+    }
+}
+
+#[test]
+fn recipe_indoor_trains_with_priors_and_notices_when_they_change() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, run, depths) =
+        (make_scene(folder.path()), folder.path().join("run"), folder.path().join("depths"));
+    write_depths(&depths, 1.0);
+    let mut with_depths = options(60);
+    with_depths.train.recipe = "indoor".into();
+    with_depths.train.priors.depths = Some(depths.clone());
+    let told = Recorder::default();
+    run_perspective(&scene, &with_depths, &run, &told, &mut |_| {}).unwrap();
+    let notes = format!("{:?}", told.events());
+    assert!(notes.contains("are relative, as the points of the scene show"), "{notes}");
+    assert!(
+        notes.contains("without --normal-prior the recipe's loss term normal_prior is left out"),
+        "{notes}"
+    );
+    let log = std::fs::read_to_string(run.join("train/train.csv")).unwrap();
+    let column = log.lines().next().unwrap().split(',').position(|name| name == "depth_prior").unwrap();
+    let values = log.lines().skip(1).map(|line| line.split(',').nth(column).unwrap().parse::<f64>().unwrap());
+    let values: Vec<f64> = values.collect();
+    assert!(values[..10].iter().all(|v| *v == 0.0) && values[50..].iter().all(|v| *v > 0.0), "{values:?}");
+
+    let again = train(&run, &with_depths.train, &NoProgress).unwrap();
+    assert!(matches!(again, Outcome::Kept(_)));
+    write_depths(&depths, 2.0);
+    let changed = train(&run, &with_depths.train, &NoProgress).unwrap_err().to_string();
+    assert!(changed.contains("--depth-prior has changed"), "{changed}");
+    let mut without_terms = options(60);
+    without_terms.train.priors.depths = Some(depths);
+    let refused = run_perspective(&scene, &without_terms, &folder.path().join("2"), &NoProgress, &mut |_| {});
+    let refused = refused.unwrap_err().to_string();
+    assert!(refused.contains("`--depth-prior` is") && refused.contains("indoor uses it"), "{refused}");
 }

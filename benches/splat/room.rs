@@ -66,6 +66,7 @@ fn print_for(splats: Splats, name: &str, weights: &[(&str, f64)], threads: usize
         camera: &camera,
         target: &target,
         valid: &[],
+        priors: None,
         background: [0.0; 3],
         sh_degree: 3,
         surface: SurfaceDepth::Mean,

@@ -2,6 +2,7 @@
 
 use super::{CliError, Ui};
 use crate::pipeline::{Outcome, PerspectiveManifest, TrainOptions, Trained, train};
+use crate::prior::{DepthKind, PriorSources};
 use crate::run_files::SPLATS;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::train::recipe::Recipe;
@@ -47,13 +48,34 @@ impl From<Primitive> for PrimitiveKind {
     }
 }
 
+/// What the values of depths are.
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum PriorKind {
+    /// Depths in the unit of the scene
+    Metric,
+    /// Depths up to a scale and a shift, larger where the scene is farther
+    Relative,
+    /// Inverse depths up to a scale and a shift, larger where the scene is nearer
+    Disparity,
+}
+
+impl From<PriorKind> for DepthKind {
+    fn from(kind: PriorKind) -> Self {
+        match kind {
+            PriorKind::Metric => Self::Metric,
+            PriorKind::Relative => Self::Relative,
+            PriorKind::Disparity => Self::Disparity,
+        }
+    }
+}
+
 /// How to train.
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "training")]
 pub struct Options {
     /// Training recipe: `best`, `baeogs` or `eogs` (the latter two follow the papers), `satgs` (`best`, then colours for any
-    /// date and sun), `3dgs` and `2dgs` of perspective scenes, or a TOML file [default: `best`, of perspective scenes
-    /// `3dgs`]
+    /// date and sun), `3dgs`, `2dgs` and `indoor` of perspective scenes, or a TOML file [default: `best`, of perspective
+    /// scenes `3dgs`]
     #[arg(long, value_name = "NAME|FILE")]
     recipe: Option<String>,
     /// Kind of splats: `3d` for ellipsoids, `2d` for flat discs, which have normals [default: the recipe's]
@@ -83,6 +105,17 @@ pub struct Options {
     /// Network (safetensors, made by scripts/fetch-weights) of the perceptual loss of recipe satgs [default: train without]
     #[arg(long, value_name = "FILE")]
     lpips: Option<PathBuf>,
+    /// Folder with depths of the images for recipe indoor: NAME.npy, NAME.png or NAME.tif for each image, from a network or a
+    /// sensor [default: train without]
+    #[arg(long, value_name = "DIR")]
+    depth_prior: Option<PathBuf>,
+    /// What the values of --depth-prior are [default: what its prior.json says, else what the points of the scene show]
+    #[arg(long, value_name = "KIND", requires = "depth_prior")]
+    prior_kind: Option<PriorKind>,
+    /// Folder with normals of the images for recipe indoor, in camera axes (right, down, forward) with any signs [default: train
+    /// without]
+    #[arg(long, value_name = "DIR")]
+    normal_prior: Option<PathBuf>,
 }
 
 impl Options {
@@ -99,6 +132,11 @@ impl Options {
             frame: None,
             features: self.features.clone(),
             lpips: self.lpips.clone(),
+            priors: PriorSources {
+                depths: self.depth_prior.clone(),
+                kind: self.prior_kind.map(DepthKind::from),
+                normals: self.normal_prior.clone(),
+            },
             overwrite,
         }
     }

@@ -121,7 +121,7 @@ impl PerspectiveView {
         if let Some(mask) = &self.mask {
             hide(&mut planes, &stored(&self.open(mask)?, 1)?);
         }
-        Ok(ViewImage { planes: Undistortion::new(&self.lens_camera, self.downsampling).colors(&planes) })
+        Ok(ViewImage { planes: self.undistorted_planes(&planes) })
     }
 
     /// Reads the depth map for [`PerspectiveView::camera`]: metres (units of the scene, if it has no metres) along the
@@ -140,7 +140,21 @@ impl PerspectiveView {
             let is_depth = value.is_finite() && *value > 0.0 && !(is_integer && *value >= NO_DEPTH);
             *value = if is_depth { (f64::from(*value) * depth.metres_per_unit) as f32 } else { f32::NAN };
         }
-        Ok(Undistortion::new(&self.lens_camera, self.downsampling).nearest(&plane))
+        Ok(self.undistorted_values(&plane))
+    }
+
+    /// The values of a plane of the size of the image file that must not be mixed, such as depths, at the pixels of
+    /// [`PerspectiveView::camera`]: undistortion takes the nearest one, downsampling the median.
+    #[must_use]
+    pub fn undistorted_values(&self, plane: &Grid2) -> Grid2 {
+        Undistortion::new(&self.lens_camera, self.downsampling).nearest(plane)
+    }
+
+    /// The planes of an image of the size of the image file at the pixels of [`PerspectiveView::camera`], sampled bilinearly
+    /// and averaged.
+    #[must_use]
+    pub fn undistorted_planes(&self, planes: &[Grid2; 3]) -> [Grid2; 3] {
+        Undistortion::new(&self.lens_camera, self.downsampling).colors(planes)
     }
 
     /// Opens a raster that must have the size of the image.

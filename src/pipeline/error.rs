@@ -13,6 +13,7 @@ use crate::mvs::MatchError;
 use crate::nn::features::FeatureError;
 use crate::nn::lpips::LpipsError;
 use crate::perspective::PerspectiveError;
+use crate::prior::PriorError;
 use crate::progress::Interrupted;
 use crate::report::ReportError;
 use crate::rpc::formats::FormatError;
@@ -155,14 +156,14 @@ pub enum PipelineError {
     },
     /// The splats have no normals.
     #[error("the splats of `{run}` are ellipsoids, which have no normals")]
-    #[diagnostic(help("train with --primitive 2d, or a perspective scene with --recipe 2dgs"))]
+    #[diagnostic(help("train with --primitive 2d, or a perspective scene with --recipe 2dgs or indoor"))]
     NoNormals {
         /// The run folder.
         run: PathBuf,
     },
     /// The recipe is for satellite scenes.
     #[error("recipe `{recipe}` is for satellite scenes, this scene is a perspective one")]
-    #[diagnostic(help("--recipe 3dgs and 2dgs train perspective scenes"))]
+    #[diagnostic(help("--recipe 3dgs, 2dgs and indoor train perspective scenes"))]
     RecipeOfSatellites {
         /// Name of the recipe.
         recipe: String,
@@ -378,6 +379,10 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Perspective(#[from] PerspectiveError),
+    /// See [`PriorError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Prior(#[from] PriorError),
     /// See [`SimulateError`].
     #[error(transparent)]
     #[diagnostic(transparent)]

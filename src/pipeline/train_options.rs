@@ -2,6 +2,7 @@
 
 use super::PipelineError;
 use crate::affine::SiteFrame;
+use crate::prior::PriorSources;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::train::recipe::Recipe;
 use std::path::{Path, PathBuf};
@@ -30,6 +31,8 @@ pub struct TrainOptions {
     pub features: Option<PathBuf>,
     /// Safetensors file of the network of the perceptual loss, for recipes with that loss; without one they train without.
     pub lpips: Option<PathBuf>,
+    /// Depths and normals of the images, for recipes that compare the splats with them.
+    pub priors: PriorSources,
     /// Train again, whatever the run folder holds.
     pub overwrite: bool,
 }
@@ -47,6 +50,7 @@ impl Default for TrainOptions {
             frame: None,
             features: None,
             lpips: None,
+            priors: PriorSources::default(),
             overwrite: false,
         }
     }
@@ -78,7 +82,7 @@ impl TrainOptions {
         let recipe = self.recipe()?;
         match recipe.perspective {
             Some(_) => Err(PipelineError::RecipeOfPerspective { recipe: recipe.name }),
-            None => Ok(recipe),
+            None => self.require_use(recipe),
         }
     }
 
@@ -89,9 +93,29 @@ impl TrainOptions {
     pub fn perspective_recipe(&self) -> Result<Recipe, PipelineError> {
         let recipe = self.recipe()?;
         match recipe.perspective {
-            Some(_) => Ok(recipe),
+            Some(_) => self.require_use(recipe),
             None => Err(PipelineError::RecipeOfSatellites { recipe: recipe.name }),
         }
+    }
+
+    /// The recipe, unless it makes nothing of a file that is given.
+    fn require_use(&self, recipe: Recipe) -> Result<Recipe, PipelineError> {
+        let weighs = |names: &[&str]| names.iter().any(|name| recipe.weights.get(name) > 0.0);
+        let PriorSources { depths, normals, .. } = &self.priors;
+        let of_colors = (recipe.then.is_some(), "none: of the recipes, satgs uses it");
+        let of_priors = |names: &[&str]| (weighs(names), "none: of the recipes, indoor uses it");
+        let given = [
+            ("--features", &self.features, of_colors),
+            ("--lpips", &self.lpips, of_colors),
+            ("--depth-prior", depths, of_priors(&["depth_prior", "depth_smoothness"])),
+            ("--normal-prior", normals, of_priors(&["normal_prior"])),
+        ];
+        for (option, path, (is_used, expected)) in given {
+            if let Some(path) = path.as_ref().filter(|_| !is_used) {
+                return Err(PipelineError::Option { option, found: path.display().to_string(), expected });
+            }
+        }
+        Ok(recipe)
     }
 
     /// The recipe for a number of training views: few of them need fewer iterations than it has, unless a number is

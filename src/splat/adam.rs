@@ -101,6 +101,15 @@ mod tests {
     }
 
     #[test]
+    fn a_tiny_gradient_steps_as_far_as_a_large_one() {
+        let (mut g, mut gradient) = (Splats::zeros(2), Splats::zeros(2));
+        gradient.opacity_logit = vec![[1.0], [2e-12]];
+        let rates = PerGroup { opacity_logit: 0.05, ..PerGroup::default() };
+        SplatAdam::new(&g).step(&mut g, &gradient, &rates);
+        assert!(g.opacity_logit.iter().all(|l| (l[0] + 0.05).abs() < 1e-4), "{:?}", g.opacity_logit);
+    }
+
+    #[test]
     fn harmonics_of_splats_that_a_view_does_not_show_wait() {
         let mut g = Splats::zeros(5);
         g.f_rest.resize(5, [0.0; 45]);

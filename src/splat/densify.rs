@@ -8,12 +8,10 @@ use glam::{Mat3, Quat, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// The scales of a split splat are divided by this (gsplat).
-const SPLIT_SHRINKS: f32 = 1.6;
+/// What replaces a split splat (gsplat).
+const IN_TWO: SplitInto = SplitInto { parts: 2, shrinks: 1.6, draw: 3 };
 /// Number of standard deviations in a projected radius (3DGS).
 const RADIUS_SIGMAS: f64 = 3.0;
-/// Purpose of the random numbers for the positions of split splats.
-const DRAW_SPLIT: u64 = 3;
 
 /// Statistics of each splat over the training views since the last check.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -31,6 +29,12 @@ impl DensifyStats {
     #[must_use]
     pub fn splats(&self) -> usize {
         self.views.len().min(self.gradient.len())
+    }
+
+    /// Mean over the views that show a splat of the norm of the gradient by its 2-D mean, per half image side.
+    #[must_use]
+    pub fn mean_gradient(&self, splat: usize) -> f32 {
+        self.gradient[splat] / self.views[splat].max(1) as f32
     }
 
     /// Applies an edit of the splats; the statistics of new splats are zero.
@@ -84,8 +88,87 @@ pub struct DensifyEdit {
     pub edit: Edit,
     /// Number of splats that are duplicated or split.
     pub count: usize,
-    /// Index in the new set of each part of a split splat, and its random numbers.
-    parts: Vec<(usize, CounterRng)>,
+    parts: Vec<Part>,
+}
+
+/// A part of a split splat.
+struct Part {
+    /// Its index in the new set.
+    place: usize,
+    /// Its random numbers.
+    draw: CounterRng,
+    /// Its scales are those of the split splat divided by this.
+    shrinks: f32,
+}
+
+/// How a splat is split.
+#[derive(Clone, Copy)]
+pub(super) struct SplitInto {
+    /// Number of parts.
+    pub parts: usize,
+    /// The scales of the parts are divided by this.
+    pub shrinks: f32,
+    /// Purpose of the random numbers for the position of the first part; those of the others follow.
+    pub draw: u64,
+}
+
+/// Collects the splats that a densification duplicates and splits.
+pub(super) struct Selection {
+    keep: Vec<bool>,
+    copies: Vec<u32>,
+    parts: Vec<Part>,
+    count: usize,
+    /// Number of splats that are split.
+    split: usize,
+    draw: (u64, u64),
+}
+
+impl Selection {
+    /// Nothing yet of `n` splats; `draw` is (seed, iteration) of the random positions.
+    pub fn new(n: usize, draw: (u64, u64)) -> Self {
+        Self { keep: vec![true; n], copies: Vec::new(), parts: Vec::new(), count: 0, split: 0, draw }
+    }
+
+    /// Number of splats after the densification.
+    pub fn splats(&self) -> usize {
+        self.keep.len() + self.copies.len() - self.split
+    }
+
+    /// Duplicates a splat whose largest scale is below `copy_below_m`; splits another in two.
+    pub fn duplicate_or_split(&mut self, splats: &Splats, splat: usize, copy_below_m: f64) {
+        if f64::from(largest_scale(splats, splat)) < copy_below_m {
+            self.count += 1;
+            self.copies.push(splat as u32);
+        } else {
+            self.split(splat, IN_TWO);
+        }
+    }
+
+    /// Replaces a splat by parts.
+    pub fn split(&mut self, splat: usize, into: SplitInto) {
+        self.count += 1;
+        self.split += 1;
+        self.keep[splat] = false;
+        for part in 0..into.parts as u64 {
+            let draw = CounterRng::new(self.draw.0, into.draw + part, self.draw.1, splat as u64);
+            self.parts.push(Part { place: self.copies.len(), draw, shrinks: into.shrinks });
+            self.copies.push(splat as u32);
+        }
+    }
+
+    /// The densification.
+    pub fn finish(mut self) -> DensifyEdit {
+        let mut edit = Edit::retain(&self.keep);
+        let kept = edit.fresh_from;
+        self.copies.into_iter().for_each(|i| edit.push_fresh(i));
+        self.parts.iter_mut().for_each(|part| part.place += kept);
+        DensifyEdit { edit, count: self.count, parts: self.parts }
+    }
+}
+
+/// The largest scale of a splat, metres.
+fn largest_scale(splats: &Splats, splat: usize) -> f32 {
+    splats.log_scale[splat].iter().fold(f32::MIN, |m, s| m.max(*s)).exp()
 }
 
 impl DensifyEdit {
@@ -102,49 +185,34 @@ impl DensifyEdit {
         draw: (u64, u64),
     ) -> Self {
         let n = splats.len();
-        let mut keep = vec![true; n];
-        let (mut copies, mut parts, mut count) = (Vec::new(), Vec::new(), 0);
+        let mut selection = Selection::new(n, draw);
         for i in 0..n {
-            if n + copies.len() >= rule.max_splats as usize {
+            if n + selection.copies.len() >= rule.max_splats as usize {
                 break;
             }
-            let scale = splats.log_scale[i].iter().fold(f32::MIN, |m, s| m.max(*s)).exp();
-            let mean = statistics.gradient[i] / statistics.views[i].max(1) as f32;
+            let scale = largest_scale(splats, i);
+            let mean = statistics.mean_gradient(i);
             let radius = RADIUS_SIGMAS * f64::from(scale) * statistics.magnification;
             let is_densified = f64::from(mean) > rule.gradient
                 || rule.max_scale.is_some_and(|most| f64::from(scale) > most * half_side_m)
                 || rule.max_radius.is_some_and(|most| radius > most);
-            if !is_densified {
-                continue;
-            }
-            count += 1;
-            if f64::from(scale) < rule.copy_below * half_side_m {
-                copies.push(i as u32);
-                continue;
-            }
-            keep[i] = false;
-            for part in 0..2 {
-                parts.push((copies.len(), CounterRng::new(draw.0, DRAW_SPLIT + part, draw.1, i as u64)));
-                copies.push(i as u32);
+            if is_densified {
+                selection.duplicate_or_split(splats, i, rule.copy_below * half_side_m);
             }
         }
-        let mut edit = Edit::retain(&keep);
-        let kept = edit.fresh_from;
-        copies.into_iter().for_each(|i| edit.push_fresh(i));
-        parts.iter_mut().for_each(|(place, _)| *place += kept);
-        Self { edit, count, parts }
+        selection.finish()
     }
 
     /// After the edit was applied: makes the copies of split splats smaller and moves each to a position drawn from the split
     /// splat's distribution.
     pub fn shrink_parts(self, splats: &mut Splats) {
-        for (i, mut draw) in self.parts {
+        for Part { place: i, mut draw, shrinks } in self.parts {
             let [w, x, y, z] = unit_quaternion(splats.rotation[i]);
             let deviations = splats.log_scale[i].map(f32::exp);
             let along = Vec3::from_array(deviations.map(|deviation| draw.normal() as f32 * deviation));
             let moved = Mat3::from_quat(Quat::from_xyzw(x, y, z, w)) * along;
             splats.position[i] = (Vec3::from_array(splats.position[i]) + moved).to_array();
-            splats.log_scale[i] = splats.log_scale[i].map(|s| s - SPLIT_SHRINKS.ln());
+            splats.log_scale[i] = splats.log_scale[i].map(|s| s - shrinks.ln());
         }
     }
 }

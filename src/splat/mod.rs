@@ -9,6 +9,7 @@ pub mod appearance;
 pub mod backend;
 pub mod densify;
 pub mod edit;
+pub mod growth;
 pub mod harmonics;
 pub mod image_score;
 pub mod init;

@@ -165,6 +165,7 @@ impl<T: SimdReal> Objective<T> {
             );
         }
         let rendered = Rendered {
+            priors: None,
             visibility: input.visibility,
             crop: input.crop,
             light: self.appearance.light().map(|light| (light, &self.sun_visibility[..])),

@@ -276,10 +276,13 @@ fn every_gradient_agrees_with_central_differences_in_f64_where_some_pixels_are_l
 fn check_gradients(mut scene: Scene<f64>, g: &Splats<f64>) {
     let a = appearance();
     let (losses, gradient) = scene.evaluate(g, &a);
-    // The first two are of perspective views of discs, the others of colour models that separate light and colours.
+    // The first five are of perspective views of discs, the others of colour models that separate light and colours.
     let absent = [
         "normal_consistency",
         "depth_distortion",
+        "depth_prior",
+        "depth_smoothness_m",
+        "normal_prior",
         "sun_visibility",
         "dark_tones",
         "bright_shadows",

@@ -5,6 +5,7 @@ use super::appearance::satgs::{NetworkGroup, Networks};
 use super::appearance::{Appearance, AppearanceKind};
 use super::densify::{DensifyEdit, DensifyStats, pruning};
 use super::edit::Edit;
+use super::growth::ActiveSplats;
 use super::splats::{Splats, logit};
 use super::train::recipe::{Densification, NetworkRates};
 use super::visibility::VisibilityState;
@@ -52,6 +53,8 @@ pub struct TrainingState {
     pub visibility: VisibilityState,
     /// Statistics of the splats' gradients since the last check.
     pub statistics: DensifyStats,
+    /// Which splats are active, for active growth.
+    pub active: ActiveSplats,
 }
 
 impl TrainingState {
@@ -66,7 +69,8 @@ impl TrainingState {
         let appearances = (0..views as u64).map(of_view).collect();
         let shared = SharedParameters { values: appearance.start_shared(seed), moments: Vec::new() };
         let visibility = VisibilityState::default();
-        let mut start = Self { splats, adam, appearances, shared, visibility, statistics };
+        let active = ActiveSplats::none(splats.len());
+        let mut start = Self { splats, adam, appearances, shared, visibility, statistics, active };
         start.sort_by_altitude();
         start
     }
@@ -76,6 +80,7 @@ impl TrainingState {
         self.splats.apply(edit);
         self.adam.apply(edit);
         self.statistics.apply(edit);
+        self.active.apply(edit);
     }
 
     /// Stores the splats from the highest to the lowest, so that rendering reads memory in order.
@@ -89,9 +94,16 @@ impl TrainingState {
     /// Densifies: duplicates or splits splats. Returns how many. `half_side_m` is the half side in metres of the cube that
     /// the rule's lengths refer to; `draw` is (seed, iteration) of the random positions.
     pub fn densify(&mut self, rule: &Densification, half_side_m: f64, draw: (u64, u64)) -> usize {
-        let densification = DensifyEdit::plan(&self.splats, &self.statistics, rule, half_side_m, draw);
+        let Self { splats, statistics, active, .. } = self;
+        let densification = match rule.active {
+            Some(growth) => active.plan(splats, statistics, (rule, growth), half_side_m, draw),
+            None => DensifyEdit::plan(splats, statistics, rule, half_side_m, draw),
+        };
         let count = densification.count;
         self.apply(&densification.edit);
+        if let Some(growth) = rule.active {
+            self.active.activate(densification.edit.fresh(), growth);
+        }
         densification.shrink_parts(&mut self.splats);
         count
     }
@@ -121,6 +133,7 @@ impl TrainingState {
         let parts = [&self.splats, &self.adam.first, &self.adam.second];
         parts.into_iter().all(|part| part.is_whole(n) && part.is_like(&self.splats))
             && self.statistics.splats() == n
+            && self.active.splats() == n
             && self.appearances.len() == views
     }
 }

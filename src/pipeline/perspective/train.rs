@@ -10,7 +10,8 @@ use super::cameras::{PerspectiveCameras, TrainedPhoto};
 use super::manifest::PerspectiveManifest;
 use crate::affine::SiteSceneError;
 use crate::io::write_json;
-use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera, points_from_depths};
+use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera, ScenePoint, points_from_depths};
+use crate::prior::{DenseSummary, DenseView, PriorFolder, ViewPriors, dense_start, read_priors};
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, CHECKPOINT, SNAPSHOTS, SPLATS, TRAINING};
 use crate::scene::Role;
@@ -20,7 +21,6 @@ use crate::splat::pinhole::{
     PinholeBackend, PinholeScene, PinholeView, comparison, extent_m, splats_at_points, splats_on_rays,
 };
 use crate::splat::ply;
-use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
 use crate::splat::train::recipe::Recipe;
@@ -38,6 +38,8 @@ const DEPTHS_THINNED_TO_M: f64 = 0.05;
 const COARSEST: f64 = 1e-4;
 /// The box of the splats leaves out this share at each side: a few float far away.
 const OUTSIDE: f64 = 0.02;
+/// Least distance of points of a dense start, as a share of the scene's diagonal.
+const SPACING: f64 = 0.002;
 
 /// Trains the perspective scene of a run, unless that was done with the same input and options; goes on from a checkpoint of
 /// the same input and options. The caller holds the lock.
@@ -74,7 +76,7 @@ pub(super) fn train_scene(
         return Ok(Outcome::Kept(stage.summary()?));
     }
     stage.require_writable()?;
-    let views = read_views(scene, progress)?;
+    let views = with_priors(read_views(scene, progress)?, scene, options, progress)?;
     let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
     let extent_m = extent_m(&cameras);
     require_fine_coordinates(&cameras, extent_m)?;
@@ -82,7 +84,7 @@ pub(super) fn train_scene(
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
             let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
-            let splats = splats_at_start(scene, &views, recipe.primitive, options.seed)?;
+            let splats = splats_at_start(scene, &views, &recipe, options.seed, progress)?;
             (
                 splats.len(),
                 Vec::new(),
@@ -184,28 +186,105 @@ fn read_views(scene: &PerspectiveScene, progress: &dyn Progress) -> Result<Vec<P
     Ok(views)
 }
 
+/// The views with the priors that are asked for. Says which loss terms are idle without them.
+fn with_priors(
+    views: Vec<PinholeView>,
+    scene: &PerspectiveScene,
+    options: &TrainOptions,
+    progress: &dyn Progress,
+) -> Result<Vec<PinholeView>, PipelineError> {
+    let sources = &options.priors;
+    let weights = options.recipe_as_written()?.weights;
+    for (path, weight, option) in [
+        (&sources.depths, "depth_prior", "--depth-prior"),
+        (&sources.normals, "normal_prior", "--normal-prior"),
+    ] {
+        if path.is_none() && weights.get(weight) > 0.0 {
+            let text = format!("without {option} the recipe's loss term {weight} is left out");
+            progress.event(Event::Note(text));
+        }
+    }
+    if sources.depths.is_none() && sources.normals.is_none() {
+        return Ok(views);
+    }
+    let training: Vec<&PerspectiveView> = scene.training().collect();
+    let points: Vec<_> = start_points(scene)?.iter().map(|p| p.position).collect();
+    let priors: Vec<ViewPriors> = read_priors(sources, &training, &points, progress)?;
+    Ok(views.into_iter().zip(priors).map(|(view, priors)| view.with_priors(priors)).collect())
+}
+
+/// The points of the scene, else those of its depth maps.
+fn start_points(scene: &PerspectiveScene) -> Result<Vec<ScenePoint>, PipelineError> {
+    let has_depths = scene.training().any(|v| v.depth.is_some());
+    Ok(match scene.points.is_empty() && has_depths {
+        true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO_M)?,
+        false => scene.points.clone(),
+    })
+}
+
 /// A view with its pixels.
 pub(super) fn read_view(view: &PerspectiveView) -> Result<PinholeView, PipelineError> {
     Ok(PinholeView::new(view.name.clone(), view.camera, &view.read_image()?.planes))
 }
 
-/// The splats that training begins with: at the scene's points, else at those of its depth maps, else at random.
+/// The splats that training begins with: at the scene's points, else at those of its depth maps, else at random. A recipe with a
+/// dense start adds points by the priors of depths.
 fn splats_at_start(
     scene: &PerspectiveScene,
     views: &[PinholeView],
-    primitive: PrimitiveKind,
+    recipe: &Recipe,
     seed: u64,
+    progress: &dyn Progress,
 ) -> Result<Splats, PipelineError> {
-    let has_depths = scene.training().any(|v| v.depth.is_some());
-    let points = match scene.points.is_empty() && has_depths {
-        true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO_M)?,
-        false => scene.points.clone(),
-    };
+    let mut points = start_points(scene)?;
     if points.is_empty() {
-        return Ok(splats_on_rays(views, primitive, seed));
+        return Ok(splats_on_rays(views, recipe.primitive, seed));
+    }
+    if recipe.perspective.is_some_and(|p| p.dense_start) {
+        points = denser(points, views, seed, progress);
     }
     let points: Vec<_> = points.iter().map(|p| (p.position, p.rgb.map(|v| f32::from(v) / 255.0))).collect();
-    Ok(splats_at_points(&points, primitive))
+    Ok(splats_at_points(&points, recipe.primitive))
+}
+
+/// The points, and more where views with priors of depths see few.
+fn denser(
+    points: Vec<ScenePoint>,
+    views: &[PinholeView],
+    seed: u64,
+    progress: &dyn Progress,
+) -> Vec<ScenePoint> {
+    let with_depth = views.iter().filter_map(|view| Some((view, view.priors().depth()?)));
+    let dense = |(view, depth)| {
+        let view: &PinholeView = view;
+        let color = move |col, row| Some(view.color(col, row)?.map(|v| (255.0 * v).round() as u8));
+        DenseView { camera: &view.camera, depth, color: Box::new(color) }
+    };
+    let dense: Vec<DenseView> = with_depth.map(dense).collect();
+    if dense.is_empty() {
+        return points;
+    }
+    progress.event(Event::Started { stage: "adding points where there are few", total: 0 });
+    let (points, summary) = dense_start(&points, &dense, spacing_m(&points), seed);
+    progress.event(Event::Finished);
+    let DenseSummary { patches, sparse, filled, without_points, without_fit, added, residual } = summary;
+    progress.event(Event::Note(format!(
+        "dense start: {sparse} of {patches} patches of views have few points; {added} points fill {filled} of them, {:.2} % of the \
+         depth from those around; {without_points} are too far from points, {without_fit} do not fit them",
+        100.0 * residual
+    )));
+    points
+}
+
+/// Least distance of points that are added: a share of the scene's diagonal without the outermost points.
+fn spacing_m(points: &[ScenePoint]) -> f64 {
+    let side = |axis: usize| {
+        let values = || points.iter().map(|p| p.position.xyz()[axis]).collect();
+        let at = |share: f64| quantile(values(), share).unwrap_or_default();
+        at(1.0 - OUTSIDE) - at(OUTSIDE)
+    };
+    let diagonal = (0..3).map(|axis| side(axis).powi(2)).sum::<f64>().sqrt();
+    (SPACING * diagonal).max(f64::MIN_POSITIVE)
 }
 
 /// Lowest and highest coordinate of the splats, without the outermost.
@@ -256,6 +335,17 @@ fn fingerprint(
         if let Some(depth) = view.depth.as_ref().filter(|_| scene.points.is_empty()) {
             out.insert(format!("depth map {}", view.name), hash_file(&depth.path));
         }
+    }
+    let sources = [("--depth-prior", &options.priors.depths), ("--normal-prior", &options.priors.normals)];
+    for (option, path) in sources {
+        let Some(path) = path else { continue };
+        let folder = PriorFolder::open(path)?;
+        let files: Vec<String> = scene
+            .training()
+            .map(|view| folder.file(view).map_or(String::new(), |file| hash_file(&file)))
+            .collect();
+        let described = format!("{:?} {:?} {}", options.priors.kind, folder.description(), files.join(" "));
+        out.insert(option.into(), hash(described.as_bytes()));
     }
     Ok(out)
 }

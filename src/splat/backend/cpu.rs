@@ -84,8 +84,8 @@ impl TrainingBackend for CpuBackend {
         let losses = loaded.step(plan, &mut self.watch)?;
         let counts = loaded.edit_splats(&plan.densify, plan.iteration);
         self.watch.lap("splats", "densification and pruning");
-        let splats = loaded.state.splats.len();
-        self.reports.push(StepReport { iteration: plan.iteration, losses, splats, counts });
+        let (splats, active) = (loaded.state.splats.len(), loaded.state.active.count());
+        self.reports.push(StepReport { iteration: plan.iteration, losses, splats, active, counts });
         Ok(())
     }
 
@@ -121,7 +121,7 @@ impl Loaded {
         let half_sides = [0.5 * size.0 as f64, 0.5 * size.1 as f64];
         let sun = view.sun_shear.filter(|_| plan.shadows).map(|s| s.map(|s| s * scale));
         let virtual_shear = plan.virtual_shear.map(|s| [s[0] * half_sides[0], s[1] * half_sides[1]]);
-        let TrainingState { splats, adam, appearances, shared, visibility, statistics } = state;
+        let TrainingState { splats, adam, appearances, shared, visibility, statistics, .. } = state;
         let mask = match (&mut scene.visibility, plan.visibility) {
             (Some(model), Some(share)) => model.mask(visibility, plan.view, size, share)?,
             _ => None,

@@ -101,6 +101,8 @@ pub struct StepReport {
     pub losses: Losses,
     /// Number of splats after the iteration.
     pub splats: usize,
+    /// Number of active splats after the iteration, for active growth.
+    pub active: usize,
     /// Numbers of densified and pruned splats.
     pub counts: DensifyCounts,
 }

@@ -6,12 +6,15 @@
 
 pub mod consistency;
 pub mod depth_distortion;
+pub mod depth_prior;
 pub mod light_separation;
 pub mod normal_consistency;
+pub mod normal_prior;
 pub mod opacity;
 pub mod perceptual;
 pub mod photometric;
 mod prior;
+mod prior_targets;
 pub mod shadow_entropy;
 pub mod surface_prior;
 pub mod target;
@@ -20,6 +23,7 @@ mod terms;
 mod weights;
 
 pub use prior::Prior;
+pub use prior_targets::PriorTargets;
 pub use term::{DiscView, LossTerm, Rendered, Scaled, SurfaceDepth, TermInfo};
 pub use terms::TermInputs;
 pub use weights::{LossWeights, WeightError};
@@ -47,6 +51,8 @@ loss_terms! {
     surface_prior::SurfacePrior,
     normal_consistency::NormalConsistency,
     depth_distortion::DepthDistortion,
+    depth_prior::DepthPriorAgreement,
+    normal_prior::NormalPriorAgreement,
     light_separation::LightSeparation,
     perceptual::Perceptual,
 }

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 /// The column is the mean of one minus the product of the two normals.
 pub const INFO: TermInfo = TermInfo { weights: &["normal_consistency"], columns: &["normal_consistency"] };
 /// Added to the opacity that a mean depth is divided by (2DGS).
-const OPACITY_OFFSET: f64 = 1e-8;
+pub(super) const OPACITY_OFFSET: f64 = 1e-8;
 
 /// The term; keeps its buffers between calls.
 #[derive(Default)]
@@ -263,6 +263,7 @@ mod tests {
             light: None,
             visibility: None,
             crop: None,
+            priors: None,
             view,
             discs: Some(DiscView { camera: &camera(), surface }),
             picture: &none,

@@ -1,4 +1,10 @@
-//! The mean opacity of the splats (EOGS's `L_opacity`): splats that the images do not need become transparent.
+//! The mean opacity of the splats (EOGS's `L_opacity`), or their sum (IndoorSplat, equation 12): splats that the images do not
+//! need become transparent.
+//!
+//! The sum has a weight of 1e-10 to 1e-9 only, and takes the place of opacity resets. Adam divides a gradient by its own size, so
+//! that a splat which no image needs loses opacity at the full learning rate, whatever the weight, while others do not feel it.
+//! That relies on the optimiser's small epsilon, and on steps of splats that the view does not show
+//! ([`SplatAdam`](crate::splat::adam::SplatAdam)).
 
 use super::term::{LossTerm, Rendered, TermInfo};
 use super::terms::TermInputs;
@@ -6,8 +12,8 @@ use crate::simd::SimdReal;
 use crate::splat::raster::{SortedSplats, SplatGradient};
 use rayon::prelude::*;
 
-/// One weight, and one column: the mean opacity.
-pub const INFO: TermInfo = TermInfo { weights: &["opacity"], columns: &["opacity"] };
+/// Weights of the mean and of the sum, and one column: the mean opacity.
+pub const INFO: TermInfo = TermInfo { weights: &["opacity", "opacity_sum"], columns: &["opacity"] };
 
 /// The term.
 pub struct Opacity<T> {
@@ -26,8 +32,9 @@ impl<T: SimdReal> Opacity<T> {
 impl<T: SimdReal> LossTerm<T> for Opacity<T> {
     fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64 {
         columns[0] = rendered.sorted.mean_opacity();
-        self.by_opacity = T::from_f64(weights[0] / rendered.splats.len().max(1) as f64);
-        weights[0] * columns[0]
+        let splats = rendered.splats.len() as f64;
+        self.by_opacity = T::from_f64(weights[0] / splats.max(1.0) + weights[1]);
+        (weights[0] + weights[1] * splats) * columns[0]
     }
 
     fn add_by_sorted(&self, sorted: &SortedSplats<T>, by: &mut [SplatGradient<T>]) {

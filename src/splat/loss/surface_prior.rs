@@ -98,6 +98,7 @@ mod tests {
             light: None,
             visibility: None,
             crop: None,
+            priors: None,
             discs: None,
             view: &nothing,
             picture: &nothing,

@@ -1,5 +1,6 @@
 //! The interface of a loss term.
 
+use super::prior_targets::PriorTargets;
 use crate::perspective::PinholeCamera;
 use crate::simd::{Real, Simd, SimdVec};
 use crate::splat::appearance::SplatLight;
@@ -44,6 +45,8 @@ pub struct Rendered<'a, T> {
     /// Of a perspective view of discs, which has all planes ([`disc_plane`](crate::splat::raster::disc_plane)): its camera, and
     /// which depth is the surface's. None for other splats and for satellite views.
     pub discs: Option<DiscView<'a>>,
+    /// Depths and normals that are expected of the view, of its size; none without priors, as of satellite views.
+    pub priors: Option<&'a PriorTargets>,
     /// The picture: the view's render after shadows and colour model, linear colours, three channels; zero where masked.
     pub picture: &'a Image<T>,
     /// Share of sunlight, 0 to 1, one channel; none without shadows.

@@ -78,8 +78,8 @@ impl TrainingBackend for PinholeBackend {
         let losses = loaded.step(plan, &mut self.watch)?;
         let counts = loaded.edit_splats(&plan.densify, plan.iteration);
         self.watch.lap("splats", "densification and pruning");
-        let splats = loaded.state.splats.len();
-        self.reports.push(StepReport { iteration: plan.iteration, losses, splats, counts });
+        let (splats, active) = (loaded.state.splats.len(), loaded.state.active.count());
+        self.reports.push(StepReport { iteration: plan.iteration, losses, splats, active, counts });
         Ok(())
     }
 
@@ -110,6 +110,7 @@ impl Loaded {
             camera: &view.camera,
             target,
             valid,
+            priors: Some(view.priors()),
             background: plan.background,
             sh_degree: plan.sh_degree,
             surface: plan.surface,

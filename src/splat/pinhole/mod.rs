@@ -5,6 +5,8 @@
 //! Schedule, optimiser, densification and checkpoints are those of satellite scenes.
 
 mod backend;
+#[cfg(test)]
+mod indoor_tests;
 mod objective;
 mod picture;
 mod start;

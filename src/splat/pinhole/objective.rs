@@ -5,7 +5,9 @@
 
 use super::super::backend::stopwatch::Stopwatch;
 use super::super::harmonics::{SeenFrom, colors, colors_backward};
-use super::super::loss::{DiscView, LossTerm, LossWeights, Rendered, Scaled, SurfaceDepth, TERMS};
+use super::super::loss::{
+    DiscView, LossTerm, LossWeights, PriorTargets, Rendered, Scaled, SurfaceDepth, TERMS,
+};
 use super::super::objective::{Losses, add_scaled, parts, zeros};
 use super::super::primitive::PrimitiveKind;
 use super::super::raster::{
@@ -29,6 +31,8 @@ pub struct PinholeStep<'a, T> {
     pub target: &'a Image<T>,
     /// Which pixels are valid, row by row; empty if all are.
     pub valid: &'a [bool],
+    /// Depths and normals that are expected of the view; none without priors.
+    pub priors: Option<&'a PriorTargets>,
     /// Colour behind the splats.
     pub background: [T; 3],
     /// Degree of the spherical harmonics that are used.
@@ -159,6 +163,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
             light: None,
             visibility: None,
             crop: None,
+            priors: input.priors,
             view: self.view.image(),
             discs: P::IS_FLAT.then_some(DiscView { camera: input.camera, surface: input.surface }),
             picture: &self.picture,
@@ -339,133 +344,5 @@ fn add_row<T: Real>(sum: &mut [T], part: &Scaled<T>, channel: usize, row: usize)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::random::CounterRng;
-    use crate::splat::loss::{TermInputs, terms};
-    use crate::splat::splats::{GROUP_INFO, GROUPS};
-    use glam::{DMat3, DVec2, DVec3};
-
-    fn camera() -> PinholeCamera {
-        let cam_from_site = DMat3::from_rotation_x(2.7) * DMat3::from_rotation_z(0.4);
-        let center = cam_from_site.transpose() * DVec3::new(0.3, -0.4, -20.0);
-        PinholeCamera {
-            cam_from_site,
-            center,
-            focal: DVec2::new(55.0, 52.0),
-            principal: DVec2::new(18.3, 16.8),
-            size: (37, 35),
-        }
-    }
-
-    fn scene(n: usize) -> Splats<f64> {
-        let mut out = Splats::<f64>::zeros(n);
-        out.f_rest.resize(n, [0.0; 45]);
-        let spread = [5.0, 0.8, 0.2, 0.8, 0.4, 0.6];
-        for (g, (group, spread)) in out.groups_mut().into_iter().zip(spread).enumerate() {
-            for (i, v) in group.iter_mut().enumerate() {
-                *v = spread * (2.0 * CounterRng::new(11, g as u64, 0, i as u64).uniform() - 1.0);
-            }
-        }
-        out
-    }
-
-    fn target() -> (Image<f64>, Vec<bool>) {
-        let (width, height) = camera().size;
-        let mut image = Image::zeros(width, height, 3);
-        let valid: Vec<bool> = (0..width * height).map(|i| i % 7 != 3).collect();
-        for row in 0..height {
-            for col in 0..width {
-                for c in 0..3 {
-                    let value = 0.5 + 0.4 * ((col * (c + 1)) as f64 * 0.31).sin() * (row as f64 * 0.23).cos();
-                    *image.at_mut(c, col, row) = if valid[row * width + col] { value } else { 0.0 };
-                }
-            }
-        }
-        (image, valid)
-    }
-
-    /// Compares the derivatives of the whole loss with central differences.
-    fn compare_with_differences(
-        mut objective: Box<dyn AnyPinholeObjective<f64>>,
-        splats: &Splats<f64>,
-        weights: &LossWeights,
-        surface: SurfaceDepth,
-    ) {
-        let (camera, (target, valid)) = (camera(), target());
-        let (background, sh_degree) = ([0.1, 0.2, 0.3], 3);
-        let input =
-            PinholeStep { camera: &camera, target: &target, valid: &valid, background, sh_degree, surface };
-        let (mut gradient, mut watch) = (Splats::default(), Stopwatch::default());
-        let losses = objective.evaluate(splats, &input, weights, &mut gradient, &mut watch);
-        let seen = (0..splats.len()).filter(|i| objective.mean2d_gradient(*i).is_some()).count();
-        assert!(losses.total > 0.1 && seen > 30);
-        let mut unused = Splats::default();
-        let mut loss = |s: &Splats<f64>| {
-            objective.evaluate(s, &input, weights, &mut unused, &mut Stopwatch::default()).total
-        };
-        for group in 0..GROUPS {
-            let (name, values) = (GROUP_INFO[group].name, gradient.groups()[group]);
-            let largest = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-            assert!(largest > 0.0, "{name}");
-            let (mut asked, mut compared) = (0, 0);
-            for k in (0..values.len()).step_by(if name == "f_rest" { 13 } else { 1 }) {
-                let mut quotient = |e: f64| {
-                    let (mut a, mut b) = (splats.clone(), splats.clone());
-                    a.groups_mut()[group][k] += e;
-                    b.groups_mut()[group][k] -= e;
-                    (loss(&a) - loss(&b)) / (2.0 * e)
-                };
-                let (q, q2) = (quotient(1e-6), quotient(2e-6));
-                asked += 1;
-                // The loss jumps where a splat's alpha crosses the cut-off, and bends where colours are equal.
-                if (q - q2).abs() > 1e-6 * largest {
-                    continue;
-                }
-                compared += 1;
-                assert!((q - values[k]).abs() < 2e-6 * largest, "{name} {k}: {} {q}", values[k]);
-            }
-            assert!(compared * 10 > asked * 7, "{name}: {compared} of {asked}");
-        }
-    }
-
-    #[test]
-    fn gradients_of_the_whole_loss_agree_with_central_differences() {
-        let weights = LossWeights::of(&[("opacity", 0.05)]).unwrap();
-        let objective = objective(PrimitiveKind::Ellipsoid, terms(TermInputs::default()));
-        compare_with_differences(objective, &scene(40), &weights, SurfaceDepth::Mean);
-    }
-
-    #[test]
-    fn gradients_of_discs_with_distortion_agree_with_central_differences() {
-        let mut splats = scene(40);
-        splats.flatten();
-        let weights = LossWeights::of(&[("depth_distortion", 500.0)]).unwrap();
-        let objective = objective(PrimitiveKind::Disc, terms(TermInputs::default()));
-        compare_with_differences(objective, &splats, &weights, SurfaceDepth::Mean);
-    }
-
-    #[test]
-    fn the_depth_of_a_lonely_opaque_splat_is_its_distance_along_the_axis() {
-        let camera = camera();
-        let at = camera.center + camera.cam_from_site.transpose() * DVec3::new(0.5, -0.2, 12.0);
-        let mut splats = Splats::<f64>::default();
-        splats.push(at.to_array(), 0.3, 0.9, [0.2, 0.4, 0.6]);
-        let none = Image::default();
-        let input = PinholeStep {
-            camera: &camera,
-            target: &none,
-            valid: &[],
-            background: [0.0; 3],
-            sh_degree: 3,
-            surface: SurfaceDepth::Mean,
-        };
-        let mut objective = EllipsoidObjective::<f64>::new(Vec::new());
-        objective.forward(&splats, &input, &mut Stopwatch::default());
-        let px = camera.project(crate::frame::Point::new(at.x, at.y, at.z)).unwrap();
-        let (col, row) = (px.col.round() as usize, px.row.round() as usize);
-        let (view, opaque) = (objective.view(), 1.0 - objective.view().at(4, col, row));
-        assert!(opaque > 0.5 && (view.at(3, col, row) / opaque - 12.0).abs() < 1e-9);
-        assert!((view.at(2, col, row) / opaque - 0.6).abs() < 1e-9);
-    }
-}
+#[path = "objective_tests.rs"]
+mod tests;

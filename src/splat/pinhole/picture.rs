@@ -62,7 +62,15 @@ impl PinholePicture {
         let no_target = Image::default();
         let (background, sh_degree) = ([0.0; 3], MAX_DEGREE);
         let surface = SurfaceDepth::Mean;
-        let input = PinholeStep { camera, target: &no_target, valid: &[], background, sh_degree, surface };
+        let input = PinholeStep {
+            camera,
+            target: &no_target,
+            valid: &[],
+            priors: None,
+            background,
+            sh_degree,
+            surface,
+        };
         let primitive = splats.primitive();
         let mut objective = objective(primitive, Vec::new());
         objective.forward(splats, &input, &mut Stopwatch::default());

@@ -5,11 +5,9 @@ use super::super::primitive::PrimitiveKind;
 use super::super::splats::Splats;
 use super::view::PinholeView;
 use crate::frame::{CenterPx, Pixel, Point, Site};
-use crate::perspective::PinholeCamera;
+use crate::perspective::{PinholeCamera, point_normals};
 use crate::random::CounterRng;
 use glam::{DMat3, DQuat, DVec3};
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 use std::num::NonZero;
 
@@ -47,28 +45,12 @@ pub fn splats_at_points(points: &[(Point<Site>, [f32; 3])], primitive: Primitive
     out.f_rest.resize(points.len(), [0.0; 45]);
     if primitive == PrimitiveKind::Disc {
         out.flatten();
-        for (rotation, normal) in out.rotation.iter_mut().zip(normals(&positions)) {
+        for (rotation, normal) in out.rotation.iter_mut().zip(point_normals(&positions, NEIGHBOURS)) {
             let turn = DQuat::from_rotation_arc(DVec3::Z, normal);
             *rotation = [turn.w, turn.x, turn.y, turn.z].map(|v| v as f32);
         }
     }
     out
-}
-
-/// Normals of the planes through each point's nearest neighbours, in the sense of least squares.
-fn normals(points: &[[f64; 3]]) -> Vec<DVec3> {
-    let tree = ImmutableKdTree::<f64, 3>::new_from_slice(points);
-    let Ok(tree) = tree else { return vec![DVec3::Z; points.len()] };
-    let normal = |p: &[f64; 3]| {
-        let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(NEIGHBOURS).execute();
-        let near: Vec<Vector3<f64>> = near.iter().map(|n| Vector3::from(points[n.item as usize])).collect();
-        let mean = near.iter().sum::<Vector3<f64>>() / near.len() as f64;
-        let spread: Matrix3<f64> = near.iter().map(|q| (q - mean) * (q - mean).transpose()).sum();
-        let eigen = SymmetricEigen::new(spread);
-        let across = eigen.eigenvectors.column(eigen.eigenvalues.imin());
-        DVec3::new(across[0], across[1], across[2]).try_normalize().unwrap_or(DVec3::Z)
-    };
-    points.par_iter().map(normal).collect()
 }
 
 /// Splats of a scene without points: behind random pixels of the views, in the pixels' colours; of several random depths around

@@ -2,6 +2,8 @@
 
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
+use crate::prior::ViewPriors;
+use crate::splat::loss::PriorTargets;
 use crate::splat::raster::Image;
 use glam::DVec3;
 
@@ -17,6 +19,8 @@ pub struct PinholeView {
     pub camera: PinholeCamera,
     /// Red, green and blue as displayed, 0 to 255, and whether the pixel has data, row by row.
     pixels: Vec<([u8; 3], bool)>,
+    /// Depths and normals that are expected.
+    priors: PriorTargets,
 }
 
 impl PinholeView {
@@ -30,7 +34,19 @@ impl PinholeView {
             let is_valid = rgb.iter().all(|v| v.is_finite());
             (rgb.map(|v| (255.0 * v).round() as u8), is_valid)
         };
-        Self { name, camera, pixels: (0..count).map(pixel).collect() }
+        Self { name, camera, pixels: (0..count).map(pixel).collect(), priors: PriorTargets::default() }
+    }
+
+    /// The same view with priors of its depths and normals. Those that are not of the size of the camera are left out.
+    #[must_use]
+    pub fn with_priors(self, priors: ViewPriors) -> Self {
+        Self { priors: PriorTargets::new(priors, &self.camera), ..self }
+    }
+
+    /// The priors of its depths and normals.
+    #[must_use]
+    pub fn priors(&self) -> &PriorTargets {
+        &self.priors
     }
 
     /// The colour of a pixel, as displayed, 0 to 1; none outside of the image and where it has no data.

@@ -38,13 +38,15 @@ pub struct LogLine {
     pub grown: usize,
     /// Number of splats that were pruned after the iteration.
     pub pruned: usize,
+    /// Number of splats that were active after the iteration; 0 without active growth.
+    pub active: usize,
     /// Seconds of training since the start, without the time between interruption and restart.
     pub seconds: f64,
 }
 
 impl LogLine {
     fn new(report: &StepReport, seconds: f64) -> Self {
-        let StepReport { iteration, losses, splats, counts } = *report;
+        let StepReport { iteration, losses, splats, active, counts } = *report;
         let Losses { total, columns } = losses;
         Self {
             iteration,
@@ -53,20 +55,21 @@ impl LogLine {
             splats,
             grown: counts.densified,
             pruned: counts.pruned,
+            active,
             seconds,
         }
     }
 
     /// Names of the values of [`LogLine::record`], in their order.
     pub fn header() -> impl Iterator<Item = &'static str> {
-        let after = ["splats", "grown", "pruned", "seconds"];
+        let after = ["splats", "grown", "pruned", "active", "seconds"];
         ["iteration", "loss"].into_iter().chain(column_names()).chain(after)
     }
 
     /// The values of the line as text, for `train.csv`.
     pub fn record(&self) -> impl Iterator<Item = String> + '_ {
         let before = [self.iteration.to_string(), self.loss.to_string()];
-        let after = [self.splats, self.grown, self.pruned].map(|n| n.to_string());
+        let after = [self.splats, self.grown, self.pruned, self.active].map(|n| n.to_string());
         let columns = self.columns.iter().map(f64::to_string);
         before.into_iter().chain(columns).chain(after).chain([self.seconds.to_string()])
     }
@@ -160,6 +163,11 @@ impl Schedule<'_> {
             if iteration < from {
                 weights = weights.scaled(&[name], 0.0);
             }
+        }
+        if let Some(last) = r.perspective.and_then(|p| p.last_opacity_sum) {
+            let part = f64::from(iteration - 1) / f64::from((r.iterations - 1).max(1));
+            let weight = weights.get("opacity_sum");
+            weights = weights.with(&[("opacity_sum", weight + (last - weight) * part)]).unwrap_or(weights);
         }
         let has_consistency = virtual_terms.iter().any(|name| weights.get(name) > 0.0);
         let shadows = iteration > r.shadows_from;
@@ -422,6 +430,27 @@ mod tests {
         let shorter = recipe.with_iterations(7000);
         let resets = |i: &u32| of(&shorter).plan(*i).densify.reset_opacity.is_some();
         assert!((1..7000).filter(resets).eq([3000]));
+    }
+
+    #[test]
+    fn the_schedule_of_indoor_is_that_of_the_paper() {
+        let recipe = Recipe::named("indoor").unwrap();
+        let plan = |i| of(&recipe).plan(i);
+        let weights = |i| {
+            let weights = plan(i).weights;
+            ["depth_prior", "depth_smoothness", "normal_prior", "normal_consistency"].map(|n| weights.get(n))
+        };
+        assert_eq!((weights(6999), weights(7000)), ([0.0; 4], [0.2, 0.2, 0.05, 0.05]));
+        let opacity = |i| plan(i).weights.get("opacity_sum");
+        for (i, expected) in [(1, 1e-10), (15_000, 5.5e-10), (30_000, 1e-9)] {
+            assert!((opacity(i) - expected).abs() < 1e-13, "{i}: {}", opacity(i));
+        }
+        assert!((1..30_000).all(|i| plan(i).densify.reset_opacity.is_none()));
+        let growth = |i| plan(i).densify.densify.and_then(|(rule, _)| rule.active);
+        assert!(growth(14_900).is_some_and(|active| active.idle_rounds == 5) && growth(15_000).is_none());
+        let half = recipe.with_iterations(15_000);
+        assert!(of(&half).plan(3499).weights.get("depth_prior") == 0.0);
+        assert!(of(&half).plan(3500).weights.get("depth_prior") > 0.0);
     }
 
     #[test]

@@ -52,7 +52,9 @@ impl Recipe {
     pub fn idle_weight(&self) -> Option<&'static str> {
         let has_discs = self.perspective.is_some() && self.primitive == PrimitiveKind::Disc;
         let is_idle = |name: &&str| !has_discs && self.weights.get(name) > 0.0;
-        ["normal_consistency", "depth_distortion"].into_iter().find(is_idle)
+        let of_discs =
+            ["normal_consistency", "depth_distortion", "depth_prior", "depth_smoothness", "normal_prior"];
+        of_discs.into_iter().find(is_idle)
     }
 
     /// Checks the ranges of all values; an error names the first that is out of range.
@@ -68,6 +70,10 @@ impl Recipe {
             ("rates.f_dc", r.f_dc),
             ("rates.f_rest", r.f_rest),
             ("perspective.prune_above", self.perspective.map_or(0.0, |p| p.prune_above)),
+            (
+                "perspective.last_opacity_sum",
+                self.perspective.and_then(|p| p.last_opacity_sum).unwrap_or_default(),
+            ),
             ("appearance_rate", self.appearance_rate),
             ("half_resolution_px_m", self.half_resolution_px_m),
             ("white", self.white.into()),
@@ -112,7 +118,13 @@ impl Recipe {
         if let Some(name) = self.idle_weight() {
             return Err(format!("weights.{name} is above 0, but is of discs in perspective scenes"));
         }
+        let unequal = self.densification.filter(|g| g.active.is_some());
+        if unequal.is_some_and(|g| g.max_scale.is_some() || g.max_radius.is_some()) {
+            return Err("densification.active is by gradients, without max_scale and max_radius".into());
+        }
+        let idle_rounds = unequal.and_then(|g| g.active).map_or(1, |growth| growth.idle_rounds);
         let counts = [
+            ("densification.active.idle_rounds", idle_rounds.into()),
             ("perspective.sh_degree_every", self.perspective.map_or(1, |p| p.sh_degree_every)),
             ("iterations", self.iterations),
             ("virtual_every", self.virtual_every),
@@ -158,6 +170,7 @@ mod tests {
             ("opacity_logit = 0.05", "opacity_logit = nan", "rates.opacity_logit = NaN"),
             ("gradient = 0.0006", "gradient = -1.0", "densification.gradient = -1"),
             ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0,"),
+            ("copy_below = 0.01", "copy_below = 0.01\nactive = { idle_rounds = 5 }", "densification.active"),
             ("virtual_every = 2", "virtual_every = 0", "virtual_every = 0"),
             ("check_every = 100", "check_every = 0", "check_every = 0"),
             ("densification_pause = 500", "densification_pause = 3000", "reset.densification_pause = 3000"),

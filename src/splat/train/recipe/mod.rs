@@ -45,6 +45,15 @@ pub enum RayHeight {
     Mean,
 }
 
+/// Active growth: splats that have grown are replaced by four parts at once as long as the images ask for more (IndoorSplat
+/// §4.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActiveGrowth {
+    /// Number of checks without growth after which a splat is active no longer.
+    pub idle_rounds: u8,
+}
+
 /// Densification: when and which splats are duplicated or split (BAEOGS §3.3, on gsplat's default strategy).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -63,6 +72,9 @@ pub struct Densification {
     pub copy_below: f64,
     /// Largest number of splats.
     pub max_splats: u32,
+    /// Active growth; splats grow equally if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub active: Option<ActiveGrowth>,
 }
 
 /// Opacity resets (BAEOGS §3.3).
@@ -117,13 +129,29 @@ pub struct PerspectiveRecipe {
     /// First iteration with the loss term `depth_distortion` of discs.
     #[serde(default)]
     pub distortion_from: u32,
+    /// First iteration with the loss terms of discs that compare with priors, `depth_prior`, `depth_smoothness` and
+    /// `normal_prior`.
+    #[serde(default)]
+    pub priors_from: u32,
+    /// Whether to start from more points than the scene has, which priors of depths give (IndoorSplat §4.1).
+    #[serde(default)]
+    pub dense_start: bool,
+    /// Weight of the loss term `opacity_sum` at the last iteration, to which it goes linearly; that of the first if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub last_opacity_sum: Option<f64>,
 }
 
 impl PerspectiveRecipe {
     /// Names of weights, and the first iteration with each.
     #[must_use]
-    pub fn weights_from(&self) -> [(&'static str, u32); 2] {
-        [("normal_consistency", self.normals_from), ("depth_distortion", self.distortion_from)]
+    pub fn weights_from(&self) -> [(&'static str, u32); 5] {
+        [
+            ("normal_consistency", self.normals_from),
+            ("depth_distortion", self.distortion_from),
+            ("depth_prior", self.priors_from),
+            ("depth_smoothness", self.priors_from),
+            ("normal_prior", self.priors_from),
+        ]
     }
 }
 
@@ -266,6 +294,7 @@ impl Recipe {
             sh_degree_every: at_least_one(p.sh_degree_every),
             normals_from: scale(p.normals_from),
             distortion_from: scale(p.distortion_from),
+            priors_from: scale(p.priors_from),
             ..p
         });
         Self {

@@ -1,9 +1,9 @@
 //! The recipes that come with the program: `best`, `baeogs` and `eogs` after the papers, and `satgs`, which trains colours after
-//! `best`, for satellite scenes; `3dgs` and `2dgs` for perspective scenes.
+//! `best`, for satellite scenes; `3dgs`, `2dgs` and `indoor` for perspective scenes.
 
 use super::{
-    Background, Densification, NetworkRates, OpacityReset, PerspectiveRecipe, RayHeight, Recipe, Start,
-    always, white, widest_half_resolution_px_m,
+    ActiveGrowth, Background, Densification, NetworkRates, OpacityReset, PerspectiveRecipe, RayHeight,
+    Recipe, Start, always, white, widest_half_resolution_px_m,
 };
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::{LossWeights, SurfaceDepth};
@@ -27,7 +27,7 @@ fn weights(others: LossWeights, named: &[(&str, f64)]) -> LossWeights {
 
 impl Recipe {
     /// Names of the recipes that come with the program; the first is the default.
-    pub const NAMES: [&'static str; 6] = ["best", "baeogs", "eogs", "satgs", "3dgs", "2dgs"];
+    pub const NAMES: [&'static str; 7] = ["best", "baeogs", "eogs", "satgs", "3dgs", "2dgs", "indoor"];
     /// The default recipe of perspective scenes.
     pub const OF_PERSPECTIVE_SCENES: &'static str = "3dgs";
 
@@ -43,6 +43,7 @@ impl Recipe {
             gradient: 0.0006,
             copy_below: 0.01,
             max_splats: 2_000_000,
+            active: None,
         };
         let baeogs = Self {
             name: "baeogs".into(),
@@ -124,6 +125,7 @@ impl Recipe {
             }
             "3dgs" => Some(three_d_gaussians()),
             "2dgs" => Some(two_d_gaussians()),
+            "indoor" => Some(indoor()),
             _ => None,
         }
     }
@@ -154,6 +156,7 @@ fn satgs_colors(heights: &Recipe) -> Recipe {
             gradient: 0.0002,
             copy_below: 0.002,
             max_splats: 500_000,
+            active: None,
         }),
         prune_below: 0.005,
         uncertainty: Some(UncertaintyRecipe {
@@ -207,6 +210,7 @@ fn three_d_gaussians() -> Recipe {
             gradient: 0.0002,
             copy_below: 0.01,
             max_splats: 2_000_000,
+            active: None,
         }),
         prune_below: 0.005,
         heights: RayHeight::Median,
@@ -226,6 +230,9 @@ fn three_d_gaussians() -> Recipe {
             surface: SurfaceDepth::Mean,
             normals_from: 0,
             distortion_from: 0,
+            priors_from: 0,
+            dense_start: false,
+            last_opacity_sum: None,
         }),
         uncertainty: None,
         then: None,
@@ -246,5 +253,34 @@ fn two_d_gaussians() -> Recipe {
             ..p
         }),
         ..volumes
+    }
+}
+
+/// IndoorSplat, with the values of the paper where it gives them: flat discs that follow priors of depths and normals, and grow
+/// while active; the sum of opacities takes the place of resets.
+fn indoor() -> Recipe {
+    let discs = two_d_gaussians();
+    let (depths, normals, evenness) = (0.2, 0.05, 1.0);
+    let named = [
+        ("depth_prior", depths),
+        ("depth_smoothness", depths * evenness),
+        ("normal_prior", normals),
+        ("opacity_sum", 1e-10),
+    ];
+    Recipe {
+        name: "indoor".into(),
+        weights: weights(discs.weights, &named),
+        // The paper says that a prolonged time without growth ends the activity of a splat, not how long it is.
+        densification: discs
+            .densification
+            .map(|g| Densification { active: Some(ActiveGrowth { idle_rounds: 5 }), ..g }),
+        reset: None,
+        perspective: discs.perspective.map(|p| PerspectiveRecipe {
+            priors_from: 7000,
+            dense_start: true,
+            last_opacity_sum: Some(1e-9),
+            ..p
+        }),
+        ..discs
     }
 }

@@ -1,0 +1,158 @@
+//! Arrays of numbers in NumPy's `.npy` files (NumPy Enhancement Proposal 1).
+
+use super::error::{ReadError, WriteError};
+use super::{vsi, write_file};
+use std::path::Path;
+
+/// First bytes of a file, before its version.
+const MAGIC: &[u8] = b"\x93NUMPY";
+/// The header ends at a multiple of this many bytes.
+const ALIGNMENT: usize = 64;
+/// Largest number of values that is read: a damaged header may ask for any.
+const MOST_VALUES: usize = 1 << 30;
+
+/// An array of numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NpyArray {
+    /// Number of values along each axis; the last axis changes fastest.
+    pub shape: Vec<usize>,
+    /// The values, as f32.
+    pub values: Vec<f32>,
+    /// Whether the file has whole numbers.
+    pub is_integer: bool,
+}
+
+impl NpyArray {
+    /// Reads an array of f4, f8, u1, u2, u4, i2 or i4 in little-endian bytes and C order.
+    ///
+    /// # Errors
+    /// [`ReadError`] if the file cannot be read, is cut short, or has other numbers.
+    pub fn read(path: &Path) -> Result<Self, ReadError> {
+        let bytes = vsi::read(path).map_err(|e| ReadError::new(path, e))?;
+        parse(&bytes).map_err(|cause| ReadError::new(path, cause))
+    }
+
+    /// Writes the values as f4.
+    ///
+    /// # Errors
+    /// [`WriteError`] if the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
+        let sizes: Vec<String> = self.shape.iter().map(|n| format!("{n},")).collect();
+        let shape = sizes.join(" ");
+        let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({shape}), }}");
+        let before = MAGIC.len() + 4;
+        let padded = (before + header.len() + 1).next_multiple_of(ALIGNMENT) - before;
+        header.extend(std::iter::repeat_n(' ', padded - header.len() - 1));
+        header.push('\n');
+        let mut bytes = [MAGIC, &[1, 0], &(padded as u16).to_le_bytes()[..], header.as_bytes()].concat();
+        bytes.extend(self.values.iter().flat_map(|v| v.to_le_bytes()));
+        write_file(path, &bytes)
+    }
+}
+
+fn parse(bytes: &[u8]) -> Result<NpyArray, String> {
+    let rest = bytes.strip_prefix(MAGIC).ok_or("the file is no NumPy array")?;
+    let (length, rest) = match *rest {
+        [1, _, a, b, ref rest @ ..] => (usize::from(u16::from_le_bytes([a, b])), rest),
+        [2 | 3, _, a, b, c, d, ref rest @ ..] => (u32::from_le_bytes([a, b, c, d]) as usize, rest),
+        _ => return Err("the version of the format is unknown".into()),
+    };
+    let (header, data) = rest.split_at_checked(length).ok_or("the file ends in its header")?;
+    let header = std::str::from_utf8(header).map_err(|_| "the header is no text")?;
+    let shape = shape(header).ok_or_else(|| format!("the header has no shape: {}", header.trim_end()))?;
+    let value_of = |name: &str| {
+        let (_, after) = header.split_once(&format!("'{name}':"))?;
+        after.split(',').next().map(str::trim)
+    };
+    if value_of("fortran_order") != Some("False") {
+        return Err("the array is in Fortran order; numpy.ascontiguousarray changes that".into());
+    }
+    let kind = value_of("descr").unwrap_or_default().trim_matches('\'');
+    let decode: (usize, fn(&[u8]) -> f32) = match kind {
+        "<f4" => (4, |b| f32::from_le_bytes(array(b))),
+        "<f8" => (8, |b| f64::from_le_bytes(array(b)) as f32),
+        "|u1" => (1, |b| b[0].into()),
+        "<u2" => (2, |b| u16::from_le_bytes(array(b)).into()),
+        "<i2" => (2, |b| i16::from_le_bytes(array(b)).into()),
+        "<u4" => (4, |b| u32::from_le_bytes(array(b)) as f32),
+        "<i4" => (4, |b| i32::from_le_bytes(array(b)) as f32),
+        _ => {
+            return Err(format!(
+                "the numbers are `{kind}`, expected float32, float64 or integers of at most 32 bits"
+            ));
+        }
+    };
+    let count = shape.iter().try_fold(1usize, |n, size| n.checked_mul(*size)).filter(|n| *n <= MOST_VALUES);
+    let count = count.ok_or_else(|| format!("the shape {shape:?} is too large"))?;
+    if data.len() != count * decode.0 {
+        let (expected, found) = (count * decode.0, data.len());
+        return Err(format!("{found} bytes follow the header, the shape {shape:?} needs {expected}"));
+    }
+    let values = data.chunks_exact(decode.0).map(decode.1).collect();
+    Ok(NpyArray { shape, values, is_integer: !kind.contains('f') })
+}
+
+fn shape(header: &str) -> Option<Vec<usize>> {
+    let (_, after) = header.split_once("'shape':")?;
+    let (inside, _) = after.trim_start().strip_prefix('(')?.split_once(')')?;
+    let sizes = inside.split(',').map(str::trim).filter(|size| !size.is_empty());
+    sizes.map(|size| size.parse().ok()).collect()
+}
+
+/// The bytes of a number; the caller gives as many as it has.
+fn array<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    std::array::from_fn(|k| bytes[k])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(header: &str, data: &[u8]) -> Vec<u8> {
+        let length = (header.len() as u16).to_le_bytes();
+        [MAGIC, &[1, 0], &length, header.as_bytes(), data].concat()
+    }
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let array = NpyArray {
+            shape: vec![2, 3],
+            values: vec![1.0, 2.5, f32::MAX, -1.0, 0.0, 7.0],
+            is_integer: false,
+        };
+        array.write(&path).unwrap();
+        assert_eq!(NpyArray::read(&path).unwrap(), array);
+        assert_eq!((std::fs::metadata(&path).unwrap().len() - 24) % 64, 0);
+    }
+
+    #[test]
+    fn whole_numbers_are_read_as_they_are() {
+        let of = |kind: &str, data: &[u8]| {
+            parse(&file(&format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': (2,), }}\n"), data))
+                .unwrap()
+        };
+        let shorts = of("<u2", &[1, 0, 255, 255]);
+        assert!(shorts.is_integer && shorts.values == [1.0, 65535.0]);
+        let doubles = of("<f8", &[1.5f64.to_le_bytes(), (-2f64).to_le_bytes()].concat());
+        assert!(!doubles.is_integer && doubles.values == [1.5, -2.0]);
+    }
+
+    #[test]
+    fn damaged_files_are_refused() {
+        let good = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 2), }\n";
+        for (bytes, expected) in [
+            (b"no array".to_vec(), "no NumPy array"),
+            (file(good, &[0; 7]), "7 bytes follow"),
+            (file(&good.replace("<f4", ">f4"), &[0; 8]), ">f4"),
+            (file(&good.replace("False", "True"), &[0; 8]), "Fortran order"),
+            (file(&good.replace("(1, 2)", "(-1, 2)"), &[0; 8]), "no shape"),
+            (file(&good.replace("(1, 2)", "(99999999999, 99999999999)"), &[0; 8]), "too large"),
+            (file(good, &[0; 8])[..20].to_vec(), "ends in its header"),
+        ] {
+            let error = parse(&bytes).unwrap_err();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+}

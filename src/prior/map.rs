@@ -1,0 +1,51 @@
+//! Depths and normals of a view, as a network, a sensor or a surface gives them.
+
+use crate::io::Grid2;
+
+/// What the values of a depth prior are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DepthKind {
+    /// Depths along the optical axis, in the unit of the scene.
+    Metric,
+    /// Depths up to an unknown scale and shift; larger is farther.
+    Relative,
+    /// Inverse depths up to an unknown scale and shift; larger is nearer.
+    Disparity,
+}
+
+impl std::fmt::Display for DepthKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Metric => "metric",
+            Self::Relative => "relative",
+            Self::Disparity => "disparity",
+        })
+    }
+}
+
+/// A value for each pixel of a view that says how far away the surface is.
+#[derive(Clone, Debug)]
+pub struct DepthPrior {
+    /// The values, of the size of the view's undistorted image; NaN where nothing is known.
+    pub values: Grid2,
+    /// What the values are.
+    pub kind: DepthKind,
+}
+
+/// A normal for each pixel of a view.
+#[derive(Clone, Debug)]
+pub struct NormalPrior {
+    /// The components of unit vectors that face the camera, in its axes (right, down, forward), of the size of the view's
+    /// undistorted image; NaN where nothing is known.
+    pub planes: [Grid2; 3],
+}
+
+/// The priors of a view, each if there is one.
+#[derive(Clone, Debug, Default)]
+pub struct ViewPriors {
+    /// Depths.
+    pub depth: Option<DepthPrior>,
+    /// Normals.
+    pub normal: Option<NormalPrior>,
+}

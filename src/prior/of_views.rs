@@ -1,0 +1,198 @@
+//! The priors of all training views, compared with the points of the scene.
+
+use super::agreement::{FEWEST_POINTS, SeenPoint, correlation, normal_products, seen_points};
+use super::error::PriorError;
+use super::folder::PriorFolder;
+use super::map::{DepthKind, ViewPriors};
+use crate::frame::{Point, Site};
+use crate::perspective::{PerspectiveView, point_normals};
+use crate::progress::{Event, Progress};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::num::NonZero;
+use std::path::PathBuf;
+
+/// Number of views whose depths are compared with the points of the scene.
+const COMPARED_DEPTHS: usize = 8;
+/// Number of views whose normals are compared with those of the points.
+const COMPARED_NORMALS: usize = 5;
+/// Smallest correlation, in absolute value, of depths that are of the scene.
+const LEAST_CORRELATION: f64 = 0.2;
+/// Smallest difference of the mean cosines with the best and second best signs of the axes.
+const LEAST_DIFFERENCE: f64 = 0.1;
+/// Neighbours that give a point its normal.
+const NEIGHBOURS: NonZero<usize> = NonZero::new(16).unwrap();
+
+/// Where priors come from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PriorSources {
+    /// Folder with depths of the images.
+    pub depths: Option<PathBuf>,
+    /// What the values of the depths are; by default what `prior.json` says, else what the points of the scene say.
+    pub kind: Option<DepthKind>,
+    /// Folder with normals of the images.
+    pub normals: Option<PathBuf>,
+}
+
+/// The files of a folder, by views: none where a view has none.
+type Files<'a> = Vec<(&'a PerspectiveView, Option<PathBuf>)>;
+
+/// Reads the priors of these views, in their order, and reports what is missing. `points` are those of the scene.
+///
+/// # Errors
+/// [`PriorError`] if a folder has no file for any view, a file is damaged or has another shape than its image, or values contradict
+/// the points of the scene.
+pub fn read_priors(
+    sources: &PriorSources,
+    views: &[&PerspectiveView],
+    points: &[Point<Site>],
+    progress: &dyn Progress,
+) -> Result<Vec<ViewPriors>, PriorError> {
+    let mut priors = vec![ViewPriors::default(); views.len()];
+    if let Some(path) = &sources.depths {
+        let folder = PriorFolder::open(path)?;
+        let files = files(&folder, views, progress)?;
+        let kind = depth_kind(&folder, sources.kind, &files, points, progress)?;
+        let read = |(view, file): &(&PerspectiveView, Option<PathBuf>)| {
+            file.as_ref().map(|file| folder.depth(file, view, kind)).transpose()
+        };
+        let depths: Vec<_> = files.par_iter().map(read).collect();
+        for (prior, depth) in priors.iter_mut().zip(depths) {
+            prior.depth = depth?;
+        }
+    }
+    if let Some(path) = &sources.normals {
+        let folder = PriorFolder::open(path)?;
+        let files = files(&folder, views, progress)?;
+        let signs = signs_of_axes(&folder, &files, points, progress)?;
+        let read = |(view, file): &(&PerspectiveView, Option<PathBuf>)| {
+            file.as_ref().map(|file| folder.normal(file, view, signs)).transpose()
+        };
+        let normals: Vec<_> = files.par_iter().map(read).collect();
+        for (prior, normal) in priors.iter_mut().zip(normals) {
+            prior.normal = normal?;
+        }
+    }
+    Ok(priors)
+}
+
+/// The files of the views; says how many are missing.
+fn files<'a>(
+    folder: &PriorFolder,
+    views: &[&'a PerspectiveView],
+    progress: &dyn Progress,
+) -> Result<Files<'a>, PriorError> {
+    let files: Files = views.iter().map(|view| (*view, folder.file(view))).collect();
+    let missing: Vec<&str> =
+        files.iter().filter(|(_, file)| file.is_none()).map(|(view, _)| &*view.name).collect();
+    let folder = folder.path();
+    if missing.len() == views.len() {
+        let example = missing.first().map(ToString::to_string).unwrap_or_default();
+        return Err(PriorError::NoFiles { folder: folder.into(), views: views.len(), example });
+    }
+    if let Some(first) = missing.first() {
+        let (n, of) = (missing.len(), views.len());
+        let text = format!(
+            "`{}` has no file for {n} of {of} training views, the first is {first}",
+            folder.display()
+        );
+        progress.event(Event::Warning(text));
+    }
+    Ok(files)
+}
+
+/// The first views with a file, and the points that they see; only views that see enough points.
+fn compared<'a>(
+    files: &'a Files,
+    points: &[Point<Site>],
+    most: usize,
+) -> Vec<(&'a PerspectiveView, &'a PathBuf, Vec<SeenPoint>)> {
+    let with_file = files.iter().filter_map(|(view, file)| Some((*view, file.as_ref()?)));
+    let seen = with_file.map(|(view, file)| (view, file, seen_points(points, &view.camera)));
+    seen.filter(|(_, _, seen)| seen.len() >= FEWEST_POINTS).take(most).collect()
+}
+
+/// What the values of depths are: what `given` or `prior.json` says, unless the points of the scene contradict it, else what
+/// they say.
+fn depth_kind(
+    folder: &PriorFolder,
+    given: Option<DepthKind>,
+    files: &Files,
+    points: &[Point<Site>],
+    progress: &dyn Progress,
+) -> Result<DepthKind, PriorError> {
+    let path = || folder.path().to_path_buf();
+    let stated = given.or(folder.description().kind);
+    let compared = compared(files, points, COMPARED_DEPTHS);
+    let median = |kind| -> Result<Option<(f64, usize)>, PriorError> {
+        let mut found = Vec::new();
+        for (view, file, seen) in &compared {
+            found.extend(correlation(&folder.depth(file, view, kind)?, seen));
+        }
+        found.sort_by(f64::total_cmp);
+        Ok(found.get(found.len() / 2).map(|median| (*median, found.len())))
+    };
+    let Some((correlation, views)) = median(stated.unwrap_or(DepthKind::Relative))? else {
+        return stated.ok_or_else(|| PriorError::NoKind { folder: path() });
+    };
+    match stated {
+        _ if correlation.abs() < LEAST_CORRELATION => {
+            Err(PriorError::OtherScene { folder: path(), correlation, views })
+        }
+        Some(kind) if correlation < 0.0 => Err(PriorError::Opposite { folder: path(), kind, correlation }),
+        Some(kind) => Ok(kind),
+        None => {
+            let kind = if correlation > 0.0 { DepthKind::Relative } else { DepthKind::Disparity };
+            let text =
+                format!("the values of `{}` are {kind}, as the points of the scene show", path().display());
+            progress.event(Event::Note(text));
+            Ok(kind)
+        }
+    }
+}
+
+/// The signs of the components of normals with which they agree best with the normals of the scene's points; positive ones, with
+/// a warning, if there are too few points.
+fn signs_of_axes(
+    folder: &PriorFolder,
+    files: &Files,
+    points: &[Point<Site>],
+    progress: &dyn Progress,
+) -> Result<[f32; 3], PriorError> {
+    let compared = compared(files, points, COMPARED_NORMALS);
+    let positions: Vec<[f64; 3]> = points.iter().map(|p| p.xyz()).collect();
+    let normals = if compared.is_empty() { Vec::new() } else { point_normals(&positions, NEIGHBOURS) };
+    let (mut products, mut count) = (DVec3::ZERO, 0);
+    for (view, file, seen) in &compared {
+        let prior = folder.normal(file, view, [1.0; 3])?;
+        let (more, n) = normal_products(&prior, seen, points, &normals, &view.camera);
+        (products, count) = (products + more, count + n);
+    }
+    if count < FEWEST_POINTS {
+        let text = format!(
+            "the scene has too few points to compare the normals of `{}` with: they are taken to be in camera axes, right, down \
+             and forward",
+            folder.path().display()
+        );
+        progress.event(Event::Warning(text));
+        return Ok([1.0; 3]);
+    }
+    let means = products / count as f64;
+    let best = means.abs().element_sum();
+    let second = best - 2.0 * means.abs().min_element();
+    if best - second < LEAST_DIFFERENCE {
+        return Err(PriorError::Normals { folder: folder.path().into(), best, second });
+    }
+    let signs = means.signum().as_vec3().to_array();
+    if signs != [1.0; 3] {
+        let axes = ["right", "down", "forward"].into_iter().zip(signs);
+        let turned: Vec<&str> = axes.filter(|(_, sign)| *sign < 0.0).map(|(axis, _)| axis).collect();
+        let text = format!(
+            "the normals of `{}` are turned round along: {}",
+            folder.path().display(),
+            turned.join(", ")
+        );
+        progress.event(Event::Note(text));
+    }
+    Ok(signs)
+}
