@@ -35,7 +35,7 @@ pub(super) fn seen_points(points: &[Point<Site>], camera: &PinholeCamera) -> Vec
         let (col, row) = (px.col.round(), px.row.round());
         let is_inside = (0.0..width as f64).contains(&col) && (0.0..height as f64).contains(&row);
         let depth = camera.cam_from_site.row(2).dot(DVec3::from_array(p.xyz()) - camera.center);
-        is_inside.then(|| SeenPoint { index, at: (col as usize, row as usize), depth })
+        is_inside.then_some(SeenPoint { index, at: (col as usize, row as usize), depth })
     };
     let mut seen: Vec<SeenPoint> = points.iter().enumerate().filter_map(of).collect();
     let side = width.max(height).div_ceil(CELLS).max(1);

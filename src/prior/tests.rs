@@ -73,9 +73,8 @@ fn read(sources: &PriorSources, views: &[PerspectiveView]) -> Result<Vec<ViewPri
 #[test]
 fn the_kind_of_depths_is_found_from_the_points_of_the_scene() {
     let views = [view(0), view(1)];
-    let changes: [(DepthKind, fn(f32) -> f32); 2] =
-        [(DepthKind::Relative, |d| 3.0 * d + 2.0), (DepthKind::Disparity, |d| 7.0 / d + 0.1)];
-    for (kind, change) in changes {
+    for kind in [DepthKind::Relative, DepthKind::Disparity] {
+        let change = |d: f32| if kind == DepthKind::Relative { 3.0 * d + 2.0 } else { 7.0 / d + 0.1 };
         let folder = tempfile::tempdir().unwrap();
         write_depths(folder.path(), &views, SIZE, change);
         let priors = read(&depths(folder.path(), None), &views).unwrap();

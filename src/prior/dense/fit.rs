@@ -85,7 +85,7 @@ mod tests {
             let mut draw = CounterRng::new(1, 0, 0, i);
             let x = 1.0 + 3.0 * draw.uniform();
             let y = 0.7 * x + 0.4 + 0.005 * draw.normal();
-            (x, if i % 5 == 0 { y + 1.0 + draw.uniform() } else { y })
+            (x, if i.is_multiple_of(5) { y + 1.0 + draw.uniform() } else { y })
         };
         let found = align(&(0..200).map(pair).collect::<Vec<_>>()).unwrap();
         assert!(

@@ -12,7 +12,8 @@ const HOLE_M: f64 = 0.6;
 fn cameras() -> Vec<PinholeCamera> {
     let of = |k: u32| {
         let angle = f64::from(k) * std::f64::consts::TAU / 16.0;
-        let forward = DVec3::new(angle.cos(), angle.sin(), if k % 2 == 0 { 0.25 } else { -0.35 }).normalize();
+        let forward =
+            DVec3::new(angle.cos(), angle.sin(), if k.is_multiple_of(2) { 0.25 } else { -0.35 }).normalize();
         let right = forward.cross(DVec3::Z).normalize();
         let center = 0.5 * ROOM - 1.2 * forward.with_z(0.0);
         let cam_from_site = DMat3::from_cols(right, forward.cross(right), forward).transpose();
