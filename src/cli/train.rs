@@ -74,7 +74,7 @@ impl From<PriorKind> for DepthKind {
 #[group(id = "training")]
 pub struct Options {
     /// Training recipe: `best`, `baeogs` or `eogs` (the latter two follow the papers), `satgs` (`best`, then colours for any
-    /// date and sun), `3dgs`, `2dgs` and `indoor` of perspective scenes, or a TOML file [default: `best`, of perspective
+    /// date and sun; `satgs-fast` with a quarter of the iterations of colours), `3dgs`, `2dgs` and `indoor` of perspective scenes, or a TOML file [default: `best`, of perspective
     /// scenes `3dgs`]
     #[arg(long, value_name = "NAME|FILE")]
     recipe: Option<String>,
