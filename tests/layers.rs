@@ -25,7 +25,7 @@ const LAYERS: [(&str, Option<&[&str]>); 29] = [
     ("camera", Some(&["simd"])),
     ("affine", Some(&["stats", "random", "simd", "frame", "io", "rpc", "scene", "camera"])),
     ("perspective", Some(&["stats", "simd", "frame", "io", "scene", "camera"])),
-    ("prior", Some(&["stats", "random", "progress", "frame", "io", "nn", "perspective"])),
+    ("prior", Some(&["stats", "random", "progress", "frame", "io", "nn", "scene", "perspective"])),
     ("mvs", Some(&["stats", "random", "progress", "frame", "io", "scene", "affine"])),
     ("splat", None),
     ("mesh", Some(&["stats", "random", "progress", "frame", "io", "camera", "affine", "perspective"])),

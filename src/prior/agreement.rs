@@ -11,9 +11,9 @@ use crate::frame::{Point, Site};
 use crate::perspective::PinholeCamera;
 use glam::DVec3;
 
-/// Number of cells along the longer side of a view; in each, the nearest point hides those behind it.
+/// Number of cells along the longer side of a view.
 const CELLS: usize = 20;
-/// A point that is deeper than the nearest one of its cell by more than this share is hidden.
+/// A point is hidden if it is deeper by more than this share than the nearest one in its cell and the eight around it.
 const HIDDEN: f64 = 0.1;
 /// Fewest points of a view that say something.
 pub(super) const FEWEST_POINTS: usize = 50;
@@ -39,12 +39,18 @@ pub(super) fn seen_points(points: &[Point<Site>], camera: &PinholeCamera) -> Vec
     };
     let mut seen: Vec<SeenPoint> = points.iter().enumerate().filter_map(of).collect();
     let side = width.max(height).div_ceil(CELLS).max(1);
-    let cell = |p: &SeenPoint| p.at.1 / side * CELLS + p.at.0 / side;
-    let mut nearest = vec![f64::INFINITY; CELLS * CELLS];
+    // A border of one cell on each side spares the bounds.
+    let stride = CELLS + 2;
+    let cell = |p: &SeenPoint| (p.at.1 / side + 1) * stride + p.at.0 / side + 1;
+    let mut nearest = vec![f64::INFINITY; stride * stride];
     for p in &seen {
         nearest[cell(p)] = nearest[cell(p)].min(p.depth);
     }
-    seen.retain(|p| p.depth <= (1.0 + HIDDEN) * nearest[cell(p)]);
+    let nearest_around = |cell: usize| {
+        let rows = [cell - stride, cell, cell + stride];
+        rows.iter().flat_map(|c| &nearest[c - 1..=c + 1]).copied().fold(f64::INFINITY, f64::min)
+    };
+    seen.retain(|p| p.depth <= (1.0 + HIDDEN) * nearest_around(cell(p)));
     seen
 }
 
