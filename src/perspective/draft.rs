@@ -36,6 +36,8 @@ pub(super) struct Draft {
     pub depth: Option<DepthFile>,
     /// What the scene's own list of test views says.
     pub role: Option<Role>,
+    /// Indices of the points that the image is known to show.
+    pub observed: Vec<u32>,
 }
 
 /// All that a reader found.
@@ -83,6 +85,7 @@ impl Drafts {
                 downsampling,
                 mask: draft.mask,
                 depth: draft.depth.map(|d| DepthFile { metres_per_unit: d.metres_per_unit * scale, ..d }),
+                observed: draft.observed,
             })
         };
         self.views.into_par_iter().zip(names).zip(roles).map(view).collect::<Vec<_>>().into_iter().collect()

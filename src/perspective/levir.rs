@@ -72,6 +72,7 @@ pub(super) fn read(folder: &Path) -> Result<Drafts, PerspectiveError> {
             mask: None,
             depth: depth.map(|path| DepthFile { path, metres_per_unit: 1.0 }),
             role: tests.as_ref().map(role),
+            observed: Vec::new(),
         });
     }
     if views.is_empty() {

@@ -71,6 +71,7 @@ pub(super) fn read(folder: &Path) -> Result<Drafts, PerspectiveError> {
             mask: None,
             depth: files.contains(&depth).then_some(DepthFile { path: depth, metres_per_unit: MILLIMETRE }),
             role: None,
+            observed: Vec::new(),
         });
     }
     if views.is_empty() {

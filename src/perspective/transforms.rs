@@ -104,6 +104,7 @@ pub(super) fn read(path: &Path) -> Result<Drafts, PerspectiveError> {
                 metres_per_unit: file.depth_unit_scale_factor.unwrap_or(DEPTH_UNIT),
             }),
             role: None,
+            observed: Vec::new(),
         });
     }
     if let (true, Some(first)) = (views.is_empty(), first_missing) {

@@ -40,6 +40,8 @@ pub struct PerspectiveView {
     pub mask: Option<PathBuf>,
     /// The depth map of the image, if there is one.
     pub depth: Option<DepthFile>,
+    /// Indices of the scene's points that the image is known to show, as tracks of COLMAP models say; empty if nothing says so.
+    pub observed: Vec<u32>,
 }
 
 /// An undistorted, downsampled image.

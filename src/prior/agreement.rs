@@ -7,59 +7,20 @@
 //! `|m_k|`.
 
 use super::map::{DepthKind, DepthPrior, NormalPrior};
+use super::seen::SeenPoint;
 use crate::frame::{Point, Site};
 use crate::perspective::PinholeCamera;
 use glam::DVec3;
 
-/// Number of cells along the longer side of a view.
-const CELLS: usize = 20;
-/// A point is hidden if it is deeper by more than this share than the nearest one in its cell and the eight around it.
-const HIDDEN: f64 = 0.1;
 /// Fewest points of a view that say something.
 pub(super) const FEWEST_POINTS: usize = 50;
-
-/// A point that a view sees.
-pub(super) struct SeenPoint {
-    /// Its index among the points.
-    index: usize,
-    /// The pixel.
-    at: (usize, usize),
-    depth: f64,
-}
-
-/// The points that a camera sees, as far as points hide each other.
-pub(super) fn seen_points(points: &[Point<Site>], camera: &PinholeCamera) -> Vec<SeenPoint> {
-    let (width, height) = camera.size;
-    let of = |(index, p): (usize, &Point<Site>)| {
-        let px = camera.project(*p)?;
-        let (col, row) = (px.col.round(), px.row.round());
-        let is_inside = (0.0..width as f64).contains(&col) && (0.0..height as f64).contains(&row);
-        let depth = camera.cam_from_site.row(2).dot(DVec3::from_array(p.xyz()) - camera.center);
-        is_inside.then_some(SeenPoint { index, at: (col as usize, row as usize), depth })
-    };
-    let mut seen: Vec<SeenPoint> = points.iter().enumerate().filter_map(of).collect();
-    let side = width.max(height).div_ceil(CELLS).max(1);
-    // A border of one cell on each side spares the bounds.
-    let stride = CELLS + 2;
-    let cell = |p: &SeenPoint| (p.at.1 / side + 1) * stride + p.at.0 / side + 1;
-    let mut nearest = vec![f64::INFINITY; stride * stride];
-    for p in &seen {
-        nearest[cell(p)] = nearest[cell(p)].min(p.depth);
-    }
-    let nearest_around = |cell: usize| {
-        let rows = [cell - stride, cell, cell + stride];
-        rows.iter().flat_map(|c| &nearest[c - 1..=c + 1]).copied().fold(f64::INFINITY, f64::min)
-    };
-    seen.retain(|p| p.depth <= (1.0 + HIDDEN) * nearest_around(cell(p)));
-    seen
-}
 
 /// Pearson's correlation of the values of a prior with the depths of points, of a disparity with their inverse depths; none with
 /// too few points.
 pub(super) fn correlation(prior: &DepthPrior, seen: &[SeenPoint]) -> Option<f64> {
     let known = seen
         .iter()
-        .map(|p| (f64::from(prior.values.at(p.at.0, p.at.1)), p.depth))
+        .map(|p| (f64::from(p.nearest(&prior.values)), p.depth))
         .filter(|(v, _)| v.is_finite());
     let compared = |depth: f64| if prior.kind == DepthKind::Disparity { depth.recip() } else { depth };
     let pairs: Vec<(f64, f64)> = known.map(|(value, depth)| (value, compared(depth))).collect();
@@ -83,7 +44,7 @@ pub(super) fn normal_products(
     camera: &PinholeCamera,
 ) -> (DVec3, usize) {
     seen.iter().fold((DVec3::ZERO, 0), |(sum, count), p| {
-        let [x, y, z] = prior.planes.each_ref().map(|plane| f64::from(plane.at(p.at.0, p.at.1)));
+        let [x, y, z] = prior.planes.each_ref().map(|plane| f64::from(p.nearest(plane)));
         let given = DVec3::new(x, y, z);
         let towards = camera.center - DVec3::from_array(points[p.index].xyz());
         let normal = normals[p.index] * normals[p.index].dot(towards).signum();

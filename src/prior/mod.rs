@@ -6,9 +6,11 @@
 mod agreement;
 mod dense;
 mod error;
+mod fit;
 mod folder;
 mod map;
 mod of_views;
+mod seen;
 
 pub use dense::{DenseSummary, DenseView, dense_start};
 pub use error::PriorError;

@@ -1,9 +1,10 @@
 //! The priors of all training views, compared with the points of the scene.
 
-use super::agreement::{FEWEST_POINTS, SeenPoint, correlation, normal_products, seen_points};
+use super::agreement::{FEWEST_POINTS, correlation, normal_products};
 use super::error::PriorError;
 use super::folder::PriorFolder;
 use super::map::{DepthKind, ViewPriors};
+use super::seen::{SeenPoint, seen_points};
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveView, point_normals};
 use crate::progress::{Event, Progress};
@@ -108,7 +109,7 @@ fn compared<'a>(
     most: usize,
 ) -> Vec<(&'a PerspectiveView, &'a PathBuf, Vec<SeenPoint>)> {
     let with_file = files.iter().filter_map(|(view, file)| Some((*view, file.as_ref()?)));
-    let seen = with_file.map(|(view, file)| (view, file, seen_points(points, &view.camera)));
+    let seen = with_file.map(|(view, file)| (view, file, seen_points(points, view)));
     seen.filter(|(_, _, seen)| seen.len() >= FEWEST_POINTS).take(most).collect()
 }
 

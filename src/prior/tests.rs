@@ -29,6 +29,7 @@ fn view(k: usize) -> PerspectiveView {
         downsampling: 1,
         mask: None,
         depth: None,
+        observed: Vec::new(),
     }
 }
 

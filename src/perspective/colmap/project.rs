@@ -51,6 +51,14 @@ pub(in super::super) fn read_project(project: &Project) -> Result<Drafts, Perspe
 fn drafts(model: &ColmapModel, folder: &Path) -> Result<Drafts, PerspectiveError> {
     let cameras: std::collections::BTreeMap<u32, _> =
         model.cameras.iter().map(|c| (c.id, c.lens())).collect();
+    let mut observed: std::collections::BTreeMap<u32, Vec<u32>> = Default::default();
+    for (i, point) in model.points.iter().enumerate() {
+        for (image, _) in &point.track {
+            observed.entry(*image).or_default().push(i as u32);
+        }
+    }
+    // A track may name an image twice.
+    observed.values_mut().for_each(Vec::dedup);
     let root = image_root(model, folder)?;
     let masks = root.parent().map(|p| p.join(MASKS)).filter(|m| vsi::is_dir(m));
     let mut views = Vec::with_capacity(model.images.len());
@@ -71,6 +79,7 @@ fn drafts(model: &ColmapModel, folder: &Path) -> Result<Drafts, PerspectiveError
                 mask: masks.as_ref().and_then(of_mask),
                 depth: None,
                 role: None,
+                observed: observed.remove(&image.id).unwrap_or_default(),
             });
         }
     }

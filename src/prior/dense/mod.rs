@@ -6,15 +6,14 @@
 //! pixels of the patch. Later views see those of earlier ones. The paper asks for 300 points in a patch; here a patch also needs no
 //! more than one for each cube of the spacing that its surface passes, of which each keeps one point.
 
-mod fit;
-
+use super::fit::align;
 use super::map::{DepthKind, DepthPrior};
+use super::seen::SeenPoint;
 use crate::frame::{CenterPx, Pixel, Point, Site};
 use crate::io::Grid2;
 use crate::perspective::{PinholeCamera, ScenePoint};
 use crate::random::CounterRng;
 use crate::stats::quantile;
-use fit::align;
 use glam::DVec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
@@ -33,6 +32,8 @@ const FEW: f64 = 0.5;
 /// Fewest points for a fit, and most times that the window grows by half a patch at each side to have them.
 const FEWEST_POINTS: usize = 100;
 const MOST_GROWTHS: usize = 6;
+/// Greatest median of the absolute residuals of a fit, as a share of the median of the known values.
+const GREATEST_RESIDUAL: f64 = 0.02;
 /// The picture of points that hide others has a pixel for so many of the view's, and each point covers 3 x 3 of them.
 const HIDING_PX: usize = 4;
 /// A point that is deeper by more than this share is hidden.
@@ -76,13 +77,6 @@ pub struct DenseSummary {
     pub added: usize,
     /// Median over filled patches of the median residual of the fit, as a share of the depth; zero without filled patches.
     pub residual: f64,
-}
-
-/// A point in a view.
-struct Seen {
-    col: f64,
-    row: f64,
-    depth: f64,
 }
 
 /// What became of a patch.
@@ -133,19 +127,11 @@ pub fn dense_start(
 }
 
 /// The points that a camera sees and that no nearer ones hide.
-fn seen(points: &[ScenePoint], camera: &PinholeCamera) -> Vec<Seen> {
+fn seen(points: &[ScenePoint], camera: &PinholeCamera) -> Vec<SeenPoint> {
     let (width, height) = (camera.size.0.div_ceil(HIDING_PX), camera.size.1.div_ceil(HIDING_PX));
-    let of = |p: &ScenePoint| {
-        let px = camera.project(p.position)?;
-        let depth = (camera.cam_from_site * (DVec3::from_array(p.position.xyz()) - camera.center)).z;
-        let is_inside = px.col > -0.5
-            && px.row > -0.5
-            && px.col < camera.size.0 as f64 - 0.5
-            && px.row < camera.size.1 as f64 - 0.5;
-        is_inside.then_some(Seen { col: px.col, row: px.row, depth })
-    };
-    let mut seen: Vec<Seen> = points.par_iter().filter_map(of).collect();
-    let cell = |p: &Seen| ((p.col + 0.5) as usize / HIDING_PX, (p.row + 0.5) as usize / HIDING_PX);
+    let of = |(i, p): (usize, &ScenePoint)| SeenPoint::new(i, p.position, camera);
+    let mut seen: Vec<SeenPoint> = points.par_iter().enumerate().filter_map(of).collect();
+    let cell = |p: &SeenPoint| ((p.col + 0.5) as usize / HIDING_PX, (p.row + 0.5) as usize / HIDING_PX);
     let mut nearest = vec![f64::INFINITY; width * height];
     for p in &seen {
         let (col, row) = cell(p);
@@ -164,8 +150,8 @@ fn seen(points: &[ScenePoint], camera: &PinholeCamera) -> Vec<Seen> {
 }
 
 /// The points of each patch, row by row.
-fn in_cells(seen: Vec<Seen>, camera: &PinholeCamera) -> Vec<Vec<Seen>> {
-    let mut cells: Vec<Vec<Seen>> = (0..PATCHES * PATCHES).map(|_| Vec::new()).collect();
+fn in_cells(seen: Vec<SeenPoint>, camera: &PinholeCamera) -> Vec<Vec<SeenPoint>> {
+    let mut cells: Vec<Vec<SeenPoint>> = (0..PATCHES * PATCHES).map(|_| Vec::new()).collect();
     let index =
         |at: f64, size: usize| (((at + 0.5) / size as f64 * PATCHES as f64) as usize).min(PATCHES - 1);
     for p in seen {
@@ -175,7 +161,7 @@ fn in_cells(seen: Vec<Seen>, camera: &PinholeCamera) -> Vec<Vec<Seen>> {
 }
 
 /// Adds points to a patch of a view if it has few; `draw` is (seed, item) of the random numbers.
-fn patch(view: &DenseView, cells: &[Vec<Seen>], i: usize, spacing_m: f64, draw: (u64, u64)) -> Patch {
+fn patch(view: &DenseView, cells: &[Vec<SeenPoint>], i: usize, spacing_m: f64, draw: (u64, u64)) -> Patch {
     let (width, height) = (view.camera.size.0 as f64, view.camera.size.1 as f64);
     let side = [width / PATCHES as f64, height / PATCHES as f64];
     let first = [(i % PATCHES) as f64 * side[0] - 0.5, (i / PATCHES) as f64 * side[1] - 0.5];
@@ -185,15 +171,17 @@ fn patch(view: &DenseView, cells: &[Vec<Seen>], i: usize, spacing_m: f64, draw: 
     }
     let Some(window) = window(cells, i, &first, &side) else { return Patch::WithoutPoints };
     let compared = |depth: f64| if view.depth.kind == DepthKind::Disparity { depth.recip() } else { depth };
-    let pair = |p: &&Seen| {
-        let value = f64::from(view.depth.values.get(p.col.round() as i64, p.row.round() as i64));
+    let pair = |p: &&SeenPoint| {
+        let value = f64::from(p.nearest(&view.depth.values));
         value.is_finite().then(|| (value, compared(p.depth)))
     };
     let pairs: Vec<(f64, f64)> = window.iter().filter_map(pair).collect();
     if pairs.len() < FEWEST_POINTS {
         return Patch::WithoutPoints;
     }
-    let Some(alignment) = align(&pairs) else { return Patch::WithoutFit };
+    let Some(alignment) = align(&pairs).filter(|a| a.residual <= GREATEST_RESIDUAL) else {
+        return Patch::WithoutFit;
+    };
     let depth_of = |value: f64| compared(alignment.apply(value));
     let median = median_depth(&view.depth.values, &first, &side, depth_of);
     let (Some(median), false) = (median, has_edge(&view.depth.values, &first, &side, depth_of)) else {
@@ -216,7 +204,7 @@ fn patch(view: &DenseView, cells: &[Vec<Seen>], i: usize, spacing_m: f64, draw: 
 }
 
 /// The points in the smallest window around a patch that has enough of them.
-fn window<'a>(cells: &'a [Vec<Seen>], i: usize, first: &[f64; 2], side: &[f64; 2]) -> Option<Vec<&'a Seen>> {
+fn window<'a>(cells: &'a [Vec<SeenPoint>], i: usize, first: &[f64; 2], side: &[f64; 2]) -> Option<Vec<&'a SeenPoint>> {
     let (col, row) = (i % PATCHES, i / PATCHES);
     (0..=MOST_GROWTHS).find_map(|growths| {
         let grown = [side[0], side[1]].map(|s| 0.5 * s * growths as f64);
@@ -227,7 +215,7 @@ fn window<'a>(cells: &'a [Vec<Seen>], i: usize, first: &[f64; 2], side: &[f64; 2
             columns.flat_map(move |c| &cells[r * PATCHES + c])
         });
         let is_inside = |at: f64, k: usize| at >= first[k] - grown[k] && at < first[k] + side[k] + grown[k];
-        let inside: Vec<&Seen> = near.filter(|p| is_inside(p.col, 0) && is_inside(p.row, 1)).collect();
+        let inside: Vec<&SeenPoint> = near.filter(|p| is_inside(p.col, 0) && is_inside(p.row, 1)).collect();
         (inside.len() >= FEWEST_POINTS).then_some(inside)
     })
 }
