@@ -16,6 +16,8 @@ pub const CHECKPOINT: &str = "train/checkpoint.bin";
 pub const TRAINING: &str = "train/train.csv";
 /// Folder of pictures of the training's progress.
 pub const SNAPSHOTS: &str = "train/snapshots";
+/// Folder of pictures of what priors of depths gave the training of photographs to start from.
+pub const START: &str = "train/start";
 /// The trained splats.
 pub const SPLATS: &str = "splats.ply";
 /// The trained surface, matched with the views.

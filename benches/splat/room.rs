@@ -63,6 +63,7 @@ fn print_for(splats: Splats, name: &str, weights: &[(&str, f64)], threads: usize
     };
     let target = noise(SIZE.0, SIZE.1, 3);
     let input = PinholeStep {
+        anchored: &[],
         camera: &camera,
         target: &target,
         valid: &[],

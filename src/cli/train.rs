@@ -5,7 +5,7 @@ use crate::pipeline::{Outcome, PerspectiveManifest, TrainOptions, Trained, train
 use crate::prior::{DepthKind, PriorSources};
 use crate::run_files::SPLATS;
 use crate::splat::primitive::PrimitiveKind;
-use crate::splat::train::recipe::Recipe;
+use crate::splat::train::recipe::{Recipe, StartPoints};
 use std::path::{Path, PathBuf};
 
 /// Train Gaussian splats on an adjusted run: writes RUN/splats.ply and RUN/cameras.json
@@ -69,18 +69,45 @@ impl From<PriorKind> for DepthKind {
     }
 }
 
+/// Points to start from.
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum Start {
+    /// Those of the scene
+    Scene,
+    /// Those of the scene, and more where views have few (IndoorSplat)
+    Patches,
+    /// One behind each pixel, by depths that are aligned with the points of the scene (GeoProp-GS)
+    Hdd,
+    /// As hdd, and more where no view sees anything (GeoProp-GS)
+    Gva,
+}
+
+impl From<Start> for StartPoints {
+    fn from(start: Start) -> Self {
+        match start {
+            Start::Scene => Self::Scene,
+            Start::Patches => Self::Patches,
+            Start::Hdd => Self::Hdd,
+            Start::Gva => Self::Gva,
+        }
+    }
+}
+
 /// How to train.
 #[derive(clap::Args, Clone, Debug)]
 #[group(id = "training")]
 pub struct Options {
     /// Training recipe: `best`, `baeogs` or `eogs` (the latter two follow the papers), `satgs` (`best`, then colours for any
-    /// date and sun; `satgs-fast` with a quarter of the iterations of colours), `3dgs`, `2dgs` and `indoor` of perspective scenes, or a TOML file [default: `best`, of perspective
-    /// scenes `3dgs`]
+    /// date and sun; `satgs-fast` with a quarter of the iterations of colours), of perspective scenes `3dgs`, `2dgs`, `indoor`
+    /// and `geoprop` (three to ten aerial views), or a TOML file [default: `best`, of perspective scenes `3dgs`]
     #[arg(long, value_name = "NAME|FILE")]
     recipe: Option<String>,
     /// Kind of splats: `3d` for ellipsoids, `2d` for flat discs, which have normals [default: the recipe's]
     #[arg(long, value_name = "3d|2d")]
     primitive: Option<Primitive>,
+    /// Points that training of a perspective scene starts from; all but the first need --depth-prior [default: the recipe's]
+    #[arg(long, value_name = "POINTS")]
+    start: Option<Start>,
     /// Number of iterations; the schedule is scaled in proportion [default: the recipe's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     iterations: Option<u32>,
@@ -105,8 +132,8 @@ pub struct Options {
     /// Network (safetensors, made by scripts/fetch-weights) of the perceptual loss of recipe satgs [default: train without]
     #[arg(long, value_name = "FILE")]
     lpips: Option<PathBuf>,
-    /// Folder with depths of the images for recipe indoor: NAME.npy, NAME.png or NAME.tif for each image, from a network or a
-    /// sensor [default: train without]
+    /// Folder with depths of the images for recipes indoor and geoprop: NAME.npy, NAME.png or NAME.tif for each image, from
+    /// a network or a sensor [default: train without]
     #[arg(long, value_name = "DIR")]
     depth_prior: Option<PathBuf>,
     /// What the values of --depth-prior are [default: what its prior.json says, else what the points of the scene show]
@@ -124,6 +151,7 @@ impl Options {
         TrainOptions {
             recipe: self.recipe.clone().unwrap_or_else(|| default_recipe.into()),
             primitive: self.primitive.map(PrimitiveKind::from),
+            start: self.start.map(StartPoints::from),
             iterations: self.iterations,
             seed: self.seed,
             checkpoint_every: self.checkpoint_every,

@@ -4,7 +4,7 @@ use super::PipelineError;
 use crate::affine::SiteFrame;
 use crate::prior::PriorSources;
 use crate::splat::primitive::PrimitiveKind;
-use crate::splat::train::recipe::Recipe;
+use crate::splat::train::recipe::{PerspectiveRecipe, Recipe, StartPoints};
 use std::path::{Path, PathBuf};
 
 /// How to train.
@@ -14,6 +14,8 @@ pub struct TrainOptions {
     pub recipe: String,
     /// The kind of splats; by default the recipe's.
     pub primitive: Option<PrimitiveKind>,
+    /// The points that training of photographs starts from; by default the recipe's.
+    pub start: Option<StartPoints>,
     /// Number of iterations, to which the recipe's schedule is scaled; by default the recipe's own.
     pub iterations: Option<u32>,
     /// Seed of all random numbers. The same seed gives the same bytes.
@@ -42,6 +44,7 @@ impl Default for TrainOptions {
         Self {
             recipe: Recipe::NAMES[0].into(),
             primitive: None,
+            start: None,
             iterations: None,
             seed: 0,
             checkpoint_every: 500,
@@ -103,12 +106,17 @@ impl TrainOptions {
         let weighs = |names: &[&str]| names.iter().any(|name| recipe.weights.get(name) > 0.0);
         let PriorSources { depths, normals, .. } = &self.priors;
         let of_colors = (recipe.then.is_some(), "none: of the recipes, satgs uses it");
-        let of_priors = |names: &[&str]| (weighs(names), "none: of the recipes, indoor uses it");
+        let needs_depths = recipe.perspective.is_some_and(|p| p.start_points.needs_depths());
+        let of_depths = weighs(&["depth_prior", "depth_smoothness"]) || needs_depths;
         let given = [
             ("--features", &self.features, of_colors),
             ("--lpips", &self.lpips, of_colors),
-            ("--depth-prior", depths, of_priors(&["depth_prior", "depth_smoothness"])),
-            ("--normal-prior", normals, of_priors(&["normal_prior"])),
+            (
+                "--depth-prior",
+                depths,
+                (of_depths, "none: recipes indoor and geoprop use it, and --start does"),
+            ),
+            ("--normal-prior", normals, (weighs(&["normal_prior"]), "none: of the recipes, indoor uses it")),
         ];
         for (option, path, (is_used, expected)) in given {
             if let Some(path) = path.as_ref().filter(|_| !is_used) {
@@ -131,7 +139,15 @@ impl TrainOptions {
             Some(recipe) => recipe,
             None => Recipe::read(Path::new(&self.recipe))?,
         };
-        let recipe = Recipe { primitive: self.primitive.unwrap_or(recipe.primitive), ..recipe };
+        let mut recipe = Recipe { primitive: self.primitive.unwrap_or(recipe.primitive), ..recipe };
+        if let Some(start_points) = self.start {
+            let perspective = recipe.perspective.ok_or_else(|| PipelineError::Option {
+                option: "--start",
+                found: format!("given with recipe `{}`", recipe.name),
+                expected: "a recipe of perspective scenes",
+            })?;
+            recipe.perspective = Some(PerspectiveRecipe { start_points, ..perspective });
+        }
         if recipe.idle_weight().is_some() {
             let expected = "2d: the recipe has loss terms of discs";
             return Err(PipelineError::Option { option: "--primitive", found: "3d".into(), expected });

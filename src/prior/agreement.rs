@@ -18,10 +18,8 @@ pub(super) const FEWEST_POINTS: usize = 50;
 /// Pearson's correlation of the values of a prior with the depths of points, of a disparity with their inverse depths; none with
 /// too few points.
 pub(super) fn correlation(prior: &DepthPrior, seen: &[SeenPoint]) -> Option<f64> {
-    let known = seen
-        .iter()
-        .map(|p| (f64::from(p.nearest(&prior.values)), p.depth))
-        .filter(|(v, _)| v.is_finite());
+    let known =
+        seen.iter().map(|p| (f64::from(p.nearest(&prior.values)), p.depth)).filter(|(v, _)| v.is_finite());
     let compared = |depth: f64| if prior.kind == DepthKind::Disparity { depth.recip() } else { depth };
     let pairs: Vec<(f64, f64)> = known.map(|(value, depth)| (value, compared(depth))).collect();
     if pairs.len() < FEWEST_POINTS {

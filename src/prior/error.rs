@@ -84,6 +84,15 @@ pub enum PriorError {
         /// The folder.
         folder: PathBuf,
     },
+    /// The depths of no view can be aligned with the points of the scene.
+    #[error("the depths of no view can be aligned with the points of the scene: `{view}`: {reason}")]
+    #[diagnostic(help("train without --start, or reconstruct the images with more points"))]
+    Unaligned {
+        /// The first view.
+        view: String,
+        /// Why its depths cannot be aligned.
+        reason: String,
+    },
     /// No convention of axes makes normals and points agree.
     #[error(
         "the normals of `{folder}` do not fit the scene's points: the mean cosine is {best:.2} with the best choice of \

@@ -5,6 +5,7 @@
 //! the view's image, the *target*.
 
 pub mod adam;
+pub mod anchored;
 pub mod appearance;
 pub mod backend;
 pub mod densify;

@@ -165,6 +165,7 @@ impl<T: SimdReal> Objective<T> {
             );
         }
         let rendered = Rendered {
+            anchored: &[],
             priors: None,
             visibility: input.visibility,
             crop: input.crop,

@@ -83,6 +83,11 @@ macro_rules! parameter_groups {
                 $(self.$name.resize(other.$name.len(), [T::zero(); $width]);)*
             }
 
+            /// Appends splats that have the same groups.
+            pub fn append(&mut self, more: Self) {
+                $(self.$name.extend(more.$name);)*
+            }
+
             /// Appends a splat with the default value of every parameter group that the splats have.
             fn push_default(&mut self) {
                 let mut groups = self.groups().map(<[T]>::is_empty).into_iter().zip(GROUP_INFO);

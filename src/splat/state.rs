@@ -1,6 +1,7 @@
 //! The state of a training between two iterations, which checkpoints store.
 
 use super::adam::SplatAdam;
+use super::anchored::{AnchoredSplats, Anchoring};
 use super::appearance::satgs::{NetworkGroup, Networks};
 use super::appearance::{Appearance, AppearanceKind};
 use super::densify::{DensifyEdit, DensifyStats, pruning};
@@ -55,6 +56,8 @@ pub struct TrainingState {
     pub statistics: DensifyStats,
     /// Which splats are active, for active growth.
     pub active: ActiveSplats,
+    /// Splats that are anchored to others.
+    pub anchored: AnchoredSplats,
 }
 
 impl TrainingState {
@@ -62,6 +65,19 @@ impl TrainingState {
     /// at random.
     #[must_use]
     pub fn start(splats: Splats, appearance: AppearanceKind, views: usize, seed: u64) -> Self {
+        Self::start_anchored(splats, Vec::new(), appearance, views, seed)
+    }
+
+    /// As [`TrainingState::start`], with splats that are anchored to others.
+    #[must_use]
+    pub fn start_anchored(
+        mut splats: Splats,
+        anchorings: Vec<Anchoring>,
+        appearance: AppearanceKind,
+        views: usize,
+        seed: u64,
+    ) -> Self {
+        let anchored = AnchoredSplats::new(&mut splats, anchorings);
         let mut statistics = DensifyStats::default();
         statistics.reset(splats.len());
         let adam = SplatAdam::new(&splats);
@@ -70,13 +86,14 @@ impl TrainingState {
         let shared = SharedParameters { values: appearance.start_shared(seed), moments: Vec::new() };
         let visibility = VisibilityState::default();
         let active = ActiveSplats::none(splats.len());
-        let mut start = Self { splats, adam, appearances, shared, visibility, statistics, active };
+        let mut start = Self { splats, adam, appearances, shared, visibility, statistics, active, anchored };
         start.sort_by_altitude();
         start
     }
 
     /// Applies an edit to all values that belong to splats.
     pub fn apply(&mut self, edit: &Edit) {
+        self.anchored.apply(edit, self.splats.len());
         self.splats.apply(edit);
         self.adam.apply(edit);
         self.statistics.apply(edit);
@@ -134,6 +151,7 @@ impl TrainingState {
         parts.into_iter().all(|part| part.is_whole(n) && part.is_like(&self.splats))
             && self.statistics.splats() == n
             && self.active.splats() == n
+            && self.anchored.fits(n)
             && self.appearances.len() == views
     }
 }

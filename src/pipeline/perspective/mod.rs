@@ -8,6 +8,8 @@ mod manifest;
 mod render;
 mod run;
 mod scores;
+mod start;
+mod start_pictures;
 mod train;
 
 pub use cameras::{PerspectiveCameras, TrainedPhoto};

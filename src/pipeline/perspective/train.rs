@@ -8,18 +8,17 @@ use super::super::trained::{Trained, mean_of_last};
 use super::super::training_files::write_log;
 use super::cameras::{PerspectiveCameras, TrainedPhoto};
 use super::manifest::PerspectiveManifest;
+use super::start::{splats_at_start, start_points};
 use crate::affine::SiteSceneError;
 use crate::io::write_json;
-use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera, ScenePoint, points_from_depths};
-use crate::prior::{DenseSummary, DenseView, PriorFolder, ViewPriors, dense_start, read_priors};
+use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
+use crate::prior::{PriorFolder, ViewPriors, read_priors};
 use crate::progress::{Event, Progress};
-use crate::run_files::{CAMERAS, CHECKPOINT, SNAPSHOTS, SPLATS, TRAINING};
+use crate::run_files::{CAMERAS, CHECKPOINT, SNAPSHOTS, SPLATS, START, TRAINING};
 use crate::scene::Role;
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::TrainingBackend;
-use crate::splat::pinhole::{
-    PinholeBackend, PinholeScene, PinholeView, comparison, extent_m, splats_at_points, splats_on_rays,
-};
+use crate::splat::pinhole::{PinholeBackend, PinholeScene, PinholeView, comparison, extent_m};
 use crate::splat::ply;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
@@ -30,16 +29,10 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Depth maps give a point cloud to start from: that of every n-th view with one, thinned to one point in a cube of this side,
-/// metres.
-const DEPTHS_OF_EVERY: usize = 10;
-const DEPTHS_THINNED_TO_M: f64 = 0.05;
 /// Largest spacing of coordinates as a share of the extent of the cameras.
 const COARSEST: f64 = 1e-4;
 /// The box of the splats leaves out this share at each side: a few float far away.
 const OUTSIDE: f64 = 0.02;
-/// Least distance of points of a dense start, as a share of the scene's diagonal.
-const SPACING: f64 = 0.002;
 
 /// Trains the perspective scene of a run, unless that was done with the same input and options; goes on from a checkpoint of
 /// the same input and options. The caller holds the lock.
@@ -84,12 +77,13 @@ pub(super) fn train_scene(
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
             let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
-            let splats = splats_at_start(scene, &views, &recipe, options.seed, progress)?;
-            (
-                splats.len(),
-                Vec::new(),
-                TrainingState::start(splats, AppearanceKind::default(), 0, options.seed),
-            )
+            let pictures = run.join(START);
+            let _ = std::fs::remove_dir_all(&pictures);
+            let start = splats_at_start(scene, &views, &recipe, options.seed, &pictures, progress)?;
+            let (count, appearance) = (start.splats.len(), AppearanceKind::default());
+            let state =
+                TrainingState::start_anchored(start.splats, start.anchorings, appearance, 0, options.seed);
+            (count, Vec::new(), state)
         }
     };
     let schedule = Schedule {
@@ -213,78 +207,9 @@ fn with_priors(
     Ok(views.into_iter().zip(priors).map(|(view, priors)| view.with_priors(priors)).collect())
 }
 
-/// The points of the scene, else those of its depth maps.
-fn start_points(scene: &PerspectiveScene) -> Result<Vec<ScenePoint>, PipelineError> {
-    let has_depths = scene.training().any(|v| v.depth.is_some());
-    Ok(match scene.points.is_empty() && has_depths {
-        true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO_M)?,
-        false => scene.points.clone(),
-    })
-}
-
 /// A view with its pixels.
 pub(super) fn read_view(view: &PerspectiveView) -> Result<PinholeView, PipelineError> {
     Ok(PinholeView::new(view.name.clone(), view.camera, &view.read_image()?.planes))
-}
-
-/// The splats that training begins with: at the scene's points, else at those of its depth maps, else at random. A recipe with a
-/// dense start adds points by the priors of depths.
-fn splats_at_start(
-    scene: &PerspectiveScene,
-    views: &[PinholeView],
-    recipe: &Recipe,
-    seed: u64,
-    progress: &dyn Progress,
-) -> Result<Splats, PipelineError> {
-    let mut points = start_points(scene)?;
-    if points.is_empty() {
-        return Ok(splats_on_rays(views, recipe.primitive, seed));
-    }
-    if recipe.perspective.is_some_and(|p| p.dense_start) {
-        points = denser(points, views, seed, progress);
-    }
-    let points: Vec<_> = points.iter().map(|p| (p.position, p.rgb.map(|v| f32::from(v) / 255.0))).collect();
-    Ok(splats_at_points(&points, recipe.primitive))
-}
-
-/// The points, and more where views with priors of depths see few.
-fn denser(
-    points: Vec<ScenePoint>,
-    views: &[PinholeView],
-    seed: u64,
-    progress: &dyn Progress,
-) -> Vec<ScenePoint> {
-    let with_depth = views.iter().filter_map(|view| Some((view, view.priors().depth()?)));
-    let dense = |(view, depth)| {
-        let view: &PinholeView = view;
-        let color = move |col, row| Some(view.color(col, row)?.map(|v| (255.0 * v).round() as u8));
-        DenseView { camera: &view.camera, depth, color: Box::new(color) }
-    };
-    let dense: Vec<DenseView> = with_depth.map(dense).collect();
-    if dense.is_empty() {
-        return points;
-    }
-    progress.event(Event::Started { stage: "adding points where there are few", total: 0 });
-    let (points, summary) = dense_start(&points, &dense, spacing_m(&points), seed);
-    progress.event(Event::Finished);
-    let DenseSummary { patches, sparse, filled, without_points, without_fit, added, residual } = summary;
-    progress.event(Event::Note(format!(
-        "dense start: {sparse} of {patches} patches of views have few points; {added} points fill {filled} of them, {:.2} % of the \
-         depth from those around; {without_points} are too far from points, {without_fit} do not fit them",
-        100.0 * residual
-    )));
-    points
-}
-
-/// Least distance of points that are added: a share of the scene's diagonal without the outermost points.
-fn spacing_m(points: &[ScenePoint]) -> f64 {
-    let side = |axis: usize| {
-        let values = || points.iter().map(|p| p.position.xyz()[axis]).collect();
-        let at = |share: f64| quantile(values(), share).unwrap_or_default();
-        at(1.0 - OUTSIDE) - at(OUTSIDE)
-    };
-    let diagonal = (0..3).map(|axis| side(axis).powi(2)).sum::<f64>().sqrt();
-    (SPACING * diagonal).max(f64::MIN_POSITIVE)
 }
 
 /// Lowest and highest coordinate of the splats, without the outermost.

@@ -6,6 +6,7 @@
 //! pixels of the patch. Later views see those of earlier ones. The paper asks for 300 points in a patch; here a patch also needs no
 //! more than one for each cube of the spacing that its surface passes, of which each keeps one point.
 
+use super::aligned_start::PixelColor;
 use super::fit::align;
 use super::map::{DepthKind, DepthPrior};
 use super::seen::SeenPoint;
@@ -56,8 +57,8 @@ pub struct DenseView<'a> {
     pub camera: &'a PinholeCamera,
     /// Its depths.
     pub depth: &'a DepthPrior,
-    /// The colour of a pixel (column, row), red, green, blue; none where the image has no data.
-    pub color: Box<dyn Fn(usize, usize) -> Option<[u8; 3]> + Sync + 'a>,
+    /// Its colours.
+    pub color: PixelColor<'a>,
 }
 
 /// What a dense start did.
@@ -204,7 +205,12 @@ fn patch(view: &DenseView, cells: &[Vec<SeenPoint>], i: usize, spacing_m: f64, d
 }
 
 /// The points in the smallest window around a patch that has enough of them.
-fn window<'a>(cells: &'a [Vec<SeenPoint>], i: usize, first: &[f64; 2], side: &[f64; 2]) -> Option<Vec<&'a SeenPoint>> {
+fn window<'a>(
+    cells: &'a [Vec<SeenPoint>],
+    i: usize,
+    first: &[f64; 2],
+    side: &[f64; 2],
+) -> Option<Vec<&'a SeenPoint>> {
     let (col, row) = (i % PATCHES, i / PATCHES);
     (0..=MOST_GROWTHS).find_map(|growths| {
         let grown = [side[0], side[1]].map(|s| 0.5 * s * growths as f64);

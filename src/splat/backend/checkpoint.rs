@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// First line of the file; it changes with the format.
-const KIND: &str = "satgs checkpoint 6";
+const KIND: &str = "satgs checkpoint 7";
 
 /// A training between two iterations. The parts are borrowed from a running training, or owned when read from a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,6 +4,7 @@
 //! weights, which a recipe sets by name, and columns in `train.csv`. A new term is a file beside
 //! [`opacity`] and a line in `loss_terms!` below.
 
+pub mod color_statistics;
 pub mod consistency;
 pub mod depth_distortion;
 pub mod depth_prior;
@@ -55,6 +56,7 @@ loss_terms! {
     normal_prior::NormalPriorAgreement,
     light_separation::LightSeparation,
     perceptual::Perceptual,
+    color_statistics::ColorStatistics,
 }
 
 /// Number of weights of all terms.

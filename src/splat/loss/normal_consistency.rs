@@ -260,6 +260,7 @@ mod tests {
     fn evaluate(term: &mut NormalConsistency<f64>, view: &Image<f64>, surface: SurfaceDepth) -> f64 {
         let (none, sorted, splats) = (Image::default(), SortedSplats::default(), Splats::default());
         let rendered = Rendered {
+            anchored: &[],
             light: None,
             visibility: None,
             crop: None,

@@ -95,6 +95,7 @@ mod tests {
         positions.iter().for_each(|p| splats.push(*p, 1.0, 0.5, [0.5; 3]));
         let (nothing, sorted) = (Image::default(), SortedSplats::default());
         let rendered = Rendered {
+            anchored: &[],
             light: None,
             visibility: None,
             crop: None,

@@ -3,6 +3,7 @@
 use super::prior_targets::PriorTargets;
 use crate::perspective::PinholeCamera;
 use crate::simd::{Real, Simd, SimdVec};
+use crate::splat::anchored::Anchoring;
 use crate::splat::appearance::SplatLight;
 use crate::splat::raster::{Image, SortedSplats, SplatGradient};
 use crate::splat::shear_warp::ShearWarp;
@@ -47,6 +48,8 @@ pub struct Rendered<'a, T> {
     pub discs: Option<DiscView<'a>>,
     /// Depths and normals that are expected of the view, of its size; none without priors, as of satellite views.
     pub priors: Option<&'a PriorTargets>,
+    /// The splats that are anchored to others.
+    pub anchored: &'a [Anchoring],
     /// The picture: the view's render after shadows and colour model, linear colours, three channels; zero where masked.
     pub picture: &'a Image<T>,
     /// Share of sunlight, 0 to 1, one channel; none without shadows.

@@ -106,16 +106,17 @@ impl Loaded {
         let view = scene.views.get(view).ok_or(BackendError::NoView { view, views })?;
         view.load(target, valid);
         watch.lap("view", "image");
+        let TrainingState { splats, adam, statistics, anchored, .. } = state;
         let input = PinholeStep {
             camera: &view.camera,
             target,
             valid,
             priors: Some(view.priors()),
+            anchored: anchored.anchorings(),
             background: plan.background,
             sh_degree: plan.sh_degree,
             surface: plan.surface,
         };
-        let TrainingState { splats, adam, statistics, .. } = state;
         let losses = objective.evaluate(splats, &input, &plan.weights, gradient, watch);
         let (width, height) = view.camera.size;
         let half_sides = [0.5 * width as f32, 0.5 * height as f32];
@@ -124,7 +125,8 @@ impl Loaded {
         // Magnification differs from splat to splat; recipes of perspective scenes have no limit that needs it.
         statistics.add_view(in_half_sides, 0.0, 1.0);
         watch.lap("splats", "statistics");
-        adam.step(splats, gradient, &plan.rates);
+        anchored.add_to_anchors(gradient);
+        anchored.step(splats, |splats| adam.step(splats, gradient, &plan.rates));
         watch.lap("splats", "Adam");
         Ok(losses)
     }

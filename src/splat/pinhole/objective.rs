@@ -3,6 +3,7 @@
 //! The view is rendered with four features: colour as displayed, and depth along the optical axis. The terms of the loss
 //! ([`LossTerm`]) are those of satellite scenes; the ones about the sun and virtual views are zero.
 
+use super::super::anchored::Anchoring;
 use super::super::backend::stopwatch::Stopwatch;
 use super::super::harmonics::{SeenFrom, colors, colors_backward};
 use super::super::loss::{
@@ -33,6 +34,8 @@ pub struct PinholeStep<'a, T> {
     pub valid: &'a [bool],
     /// Depths and normals that are expected of the view; none without priors.
     pub priors: Option<&'a PriorTargets>,
+    /// The splats that are anchored to others.
+    pub anchored: &'a [Anchoring],
     /// Colour behind the splats.
     pub background: [T; 3],
     /// Degree of the spherical harmonics that are used.
@@ -164,6 +167,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
             visibility: None,
             crop: None,
             priors: input.priors,
+            anchored: input.anchored,
             view: self.view.image(),
             discs: P::IS_FLAT.then_some(DiscView { camera: input.camera, surface: input.surface }),
             picture: &self.picture,

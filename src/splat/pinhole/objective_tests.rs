@@ -57,7 +57,8 @@ fn compare_with_differences(
     let (camera, (target, valid)) = (camera(), target());
     let (background, sh_degree, surface) = ([0.1, 0.2, 0.3], 3, SurfaceDepth::Mean);
     let (target, valid) = (&target, &valid[..]);
-    let input = PinholeStep { camera: &camera, target, valid, priors, background, sh_degree, surface };
+    let input =
+        PinholeStep { camera: &camera, target, valid, priors, anchored: &[], background, sh_degree, surface };
     let (mut gradient, mut watch) = (Splats::default(), Stopwatch::default());
     let losses = objective.evaluate(splats, &input, weights, &mut gradient, &mut watch);
     let seen = (0..splats.len()).filter(|i| objective.mean2d_gradient(*i).is_some()).count();
@@ -157,6 +158,7 @@ fn the_depth_of_a_lonely_opaque_splat_is_its_distance_along_the_axis() {
     splats.push(at.to_array(), 0.3, 0.9, [0.2, 0.4, 0.6]);
     let none = Image::default();
     let input = PinholeStep {
+        anchored: &[],
         camera: &camera,
         target: &none,
         valid: &[],

@@ -63,6 +63,7 @@ impl PinholePicture {
         let (background, sh_degree) = ([0.0; 3], MAX_DEGREE);
         let surface = SurfaceDepth::Mean;
         let input = PinholeStep {
+            anchored: &[],
             camera,
             target: &no_target,
             valid: &[],

@@ -105,6 +105,29 @@ pub enum Background {
     Random,
 }
 
+/// The points that training of a perspective scene starts from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum StartPoints {
+    /// Those of the scene, else those of its depth maps, else random ones.
+    #[default]
+    Scene,
+    /// Those of the scene, and more in patches of views that have few, by priors of depths (IndoorSplat §4.1).
+    Patches,
+    /// One for each pixel, by priors of depths that are aligned with the points of the scene (GeoProp-GS §3.1, HDD).
+    Hdd,
+    /// As `hdd`, and anchored ones where no view sees anything (GeoProp-GS §3.2, GVA).
+    Gva,
+}
+
+impl StartPoints {
+    /// Whether priors of depths are used.
+    #[must_use]
+    pub fn needs_depths(self) -> bool {
+        self != Self::Scene
+    }
+}
+
 /// What only recipes of perspective scenes have.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -133,9 +156,9 @@ pub struct PerspectiveRecipe {
     /// `normal_prior`.
     #[serde(default)]
     pub priors_from: u32,
-    /// Whether to start from more points than the scene has, which priors of depths give (IndoorSplat §4.1).
+    /// The points to start from.
     #[serde(default)]
-    pub dense_start: bool,
+    pub start_points: StartPoints,
     /// Weight of the loss term `opacity_sum` at the last iteration, to which it goes linearly; that of the first if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_opacity_sum: Option<f64>,

@@ -1,9 +1,9 @@
 //! The recipes that come with the program: `best`, `baeogs` and `eogs` after the papers, and `satgs`, which trains colours after
-//! `best`, for satellite scenes, in a quarter of the time as `satgs-fast`; `3dgs`, `2dgs` and `indoor` for perspective scenes.
+//! `best`, for satellite scenes, in a quarter of the time as `satgs-fast`; `3dgs`, `2dgs`, `indoor` and `geoprop` for perspective scenes.
 
 use super::{
     ActiveGrowth, Background, Densification, NetworkRates, OpacityReset, PerspectiveRecipe, RayHeight,
-    Recipe, Start, always, white, widest_half_resolution_px_m,
+    Recipe, Start, StartPoints, always, white, widest_half_resolution_px_m,
 };
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::loss::{LossWeights, SurfaceDepth};
@@ -29,8 +29,8 @@ fn weights(others: LossWeights, named: &[(&str, f64)]) -> LossWeights {
 
 impl Recipe {
     /// Names of the recipes that come with the program; the first is the default.
-    pub const NAMES: [&'static str; 8] =
-        ["best", "baeogs", "eogs", "satgs", "satgs-fast", "3dgs", "2dgs", "indoor"];
+    pub const NAMES: [&'static str; 9] =
+        ["best", "baeogs", "eogs", "satgs", "satgs-fast", "3dgs", "2dgs", "indoor", "geoprop"];
     /// The default recipe of perspective scenes.
     pub const OF_PERSPECTIVE_SCENES: &'static str = "3dgs";
 
@@ -130,6 +130,7 @@ impl Recipe {
             "3dgs" => Some(three_d_gaussians()),
             "2dgs" => Some(two_d_gaussians()),
             "indoor" => Some(indoor()),
+            "geoprop" => Some(geoprop()),
             _ => None,
         }
     }
@@ -235,7 +236,7 @@ fn three_d_gaussians() -> Recipe {
             normals_from: 0,
             distortion_from: 0,
             priors_from: 0,
-            dense_start: false,
+            start_points: StartPoints::Scene,
             last_opacity_sum: None,
         }),
         uncertainty: None,
@@ -281,10 +282,31 @@ fn indoor() -> Recipe {
         reset: None,
         perspective: discs.perspective.map(|p| PerspectiveRecipe {
             priors_from: 7000,
-            dense_start: true,
+            start_points: StartPoints::Patches,
             last_opacity_sum: Some(1e-9),
             ..p
         }),
         ..discs
+    }
+}
+
+/// GeoProp-GS, which trains as FSGS does, without growth, pruning and resets, from aligned depths; what no view sees is anchored to
+/// what lies nearby.
+fn geoprop() -> Recipe {
+    let volumes = three_d_gaussians();
+    Recipe {
+        name: "geoprop".into(),
+        iterations: 10_000,
+        shadows_from: 10_000,
+        weights: weights(volumes.weights, &[("color_statistics", 0.01)]),
+        densification: None,
+        prune_below: 0.0,
+        reset: None,
+        perspective: volumes.perspective.map(|p| PerspectiveRecipe {
+            sh_degree_every: 500,
+            start_points: StartPoints::Gva,
+            ..p
+        }),
+        ..volumes
     }
 }

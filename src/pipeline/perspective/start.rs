@@ -1,0 +1,188 @@
+//! What the training of a perspective scene starts from.
+
+use super::super::PipelineError;
+use super::start_pictures::write_pictures;
+use crate::frame::{Point, Site};
+use crate::perspective::{PerspectiveScene, PerspectiveView, ScenePoint, points_from_depths};
+use crate::prior::{
+    AlignedStart, DenseSummary, DenseView, PixelColor, StartView, aligned_start, dense_start,
+};
+use crate::progress::{Event, Progress};
+use crate::splat::anchored::Anchoring;
+use crate::splat::pinhole::{PinholeView, splats_at_points, splats_on_rays};
+use crate::splat::splats::Splats;
+use crate::splat::train::recipe::{Recipe, StartPoints};
+use crate::stats::quantile;
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
+use std::num::NonZero;
+use std::path::Path;
+
+/// Depth maps give a point cloud to start from: that of every n-th view with one, thinned to one point in a cube of this side,
+/// metres.
+const DEPTHS_OF_EVERY: usize = 10;
+const DEPTHS_THINNED_TO_M: f64 = 0.05;
+/// The box of the points leaves out this share at each side: a few float far away.
+const OUTSIDE: f64 = 0.02;
+/// Least distance of points of a dense start, as a share of the scene's diagonal.
+const SPACING: f64 = 0.002;
+/// Largest number of points of aligned depths: more take longer to train than they gain.
+const MOST_ALIGNED: usize = 250_000;
+
+/// Splats and which of them are anchored.
+#[derive(Default)]
+pub(super) struct StartSplats {
+    pub splats: Splats,
+    pub anchorings: Vec<Anchoring>,
+}
+
+/// The points of the scene, else those of its depth maps.
+pub(super) fn start_points(scene: &PerspectiveScene) -> Result<Vec<ScenePoint>, PipelineError> {
+    let has_depths = scene.training().any(|v| v.depth.is_some());
+    Ok(match scene.points.is_empty() && has_depths {
+        true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO_M)?,
+        false => scene.points.clone(),
+    })
+}
+
+/// The splats that training begins with: at the scene's points, else at those of its depth maps, else at random; by priors of
+/// depths where the recipe has it so. Pictures of what priors gave go to the folder `pictures`.
+pub(super) fn splats_at_start(
+    scene: &PerspectiveScene,
+    views: &[PinholeView],
+    recipe: &Recipe,
+    seed: u64,
+    pictures: &Path,
+    progress: &dyn Progress,
+) -> Result<StartSplats, PipelineError> {
+    let points = start_points(scene)?;
+    let start = recipe.perspective.map_or(StartPoints::default(), |p| p.start_points);
+    let has_depths = views.iter().any(|view| view.priors().depth().is_some());
+    let free = |points: &[ScenePoint]| StartSplats {
+        splats: splats_at_points(&colored(points), recipe.primitive),
+        anchorings: Vec::new(),
+    };
+    Ok(match start {
+        _ if points.is_empty() => {
+            StartSplats { splats: splats_on_rays(views, recipe.primitive, seed), anchorings: Vec::new() }
+        }
+        StartPoints::Patches if has_depths => free(&denser(points, views, seed, progress)),
+        StartPoints::Hdd | StartPoints::Gva if has_depths => {
+            let with_proposals = start == StartPoints::Gva;
+            let start = aligned(scene, &points, views, with_proposals, progress)?;
+            // A picture less is no reason to stop.
+            if let Err(e) = write_pictures(pictures, &start) {
+                progress.event(Event::Warning(e.to_string()));
+            }
+            with_anchored(&start, recipe)
+        }
+        StartPoints::Scene | StartPoints::Patches | StartPoints::Hdd | StartPoints::Gva => free(&points),
+    })
+}
+
+/// Positions and colours.
+fn colored(points: &[ScenePoint]) -> Vec<(Point<Site>, [f32; 3])> {
+    points.iter().map(|p| (p.position, p.rgb.map(|v| f32::from(v) / 255.0))).collect()
+}
+
+/// The colours of a view for points.
+fn color_of(view: &PinholeView) -> PixelColor<'_> {
+    Box::new(|col, row| Some(view.color(col, row)?.map(|v| (255.0 * v).round() as u8)))
+}
+
+/// Points by aligned depths of the views.
+fn aligned(
+    scene: &PerspectiveScene,
+    points: &[ScenePoint],
+    views: &[PinholeView],
+    with_proposals: bool,
+    progress: &dyn Progress,
+) -> Result<AlignedStart, PipelineError> {
+    let training: Vec<&PerspectiveView> = scene.training().collect();
+    let with_depth = training.into_iter().zip(views).filter_map(|(view, pixels)| {
+        Some(StartView { view, depth: pixels.priors().depth()?, color: color_of(pixels) })
+    });
+    let with_depth: Vec<StartView> = with_depth.collect();
+    let positions: Vec<Point<Site>> = points.iter().map(|p| p.position).collect();
+    progress.event(Event::Started { stage: "aligning depths", total: 0 });
+    let start = aligned_start(&positions, &with_depth, MOST_ALIGNED, with_proposals, progress)?;
+    progress.event(Event::Finished);
+    let percent = |of: fn(&crate::prior::AlignmentQuality) -> f64| {
+        100.0 * quantile(start.views.iter().map(|v| of(&v.quality)).collect(), 0.5).unwrap_or_default()
+    };
+    progress.event(Event::Note(format!(
+        "depths of {} views are aligned: they differ from points by {:.2} % of the depth after the fit of scale and shift, by \
+         {:.2} % from points that a local correction leaves out (medians); {} points",
+        start.views.len(),
+        percent(|q| q.global),
+        percent(|q| q.local),
+        start.points.len()
+    )));
+    if with_proposals {
+        let used = start.pseudo_views.iter().filter(|view| view.is_used).count();
+        progress.event(Event::Note(format!(
+            "{used} of {} pseudo-views have holes to fill; {} proposals where no view sees anything",
+            start.pseudo_views.len(),
+            start.proposals.len()
+        )));
+    }
+    Ok(start)
+}
+
+/// Splats at the points, and at the proposals, each anchored to the splat nearest to it, with its colour.
+fn with_anchored(start: &AlignedStart, recipe: &Recipe) -> StartSplats {
+    let mut splats = splats_at_points(&colored(&start.points), recipe.primitive);
+    let reliable = start.points.len();
+    let positions: Vec<[f64; 3]> = start.points.iter().map(|p| p.position.xyz()).collect();
+    let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(&positions) else {
+        return StartSplats { splats, anchorings: Vec::new() };
+    };
+    let nearest = |p: &ScenePoint| {
+        let at = p.position.xyz();
+        let near = tree.query(&at).nearest_n::<SquaredEuclidean<f64>>(NonZero::<usize>::MIN).execute();
+        near.first().map_or(0, |n| n.item as usize)
+    };
+    let anchors: Vec<usize> = start.proposals.par_iter().map(nearest).collect();
+    let proposals = start.proposals.iter().zip(&anchors);
+    let proposals: Vec<ScenePoint> =
+        proposals.map(|(p, a)| ScenePoint { position: p.position, rgb: start.points[*a].rgb }).collect();
+    let more = splats_at_points(&colored(&proposals), recipe.primitive);
+    let anchoring = |(k, a): (usize, &usize)| Anchoring { splat: (reliable + k) as u32, anchor: *a as u32 };
+    let anchorings = anchors.iter().enumerate().map(anchoring).collect();
+    splats.append(more);
+    StartSplats { splats, anchorings }
+}
+
+/// The points, and more where views with priors of depths see few.
+fn denser(
+    points: Vec<ScenePoint>,
+    views: &[PinholeView],
+    seed: u64,
+    progress: &dyn Progress,
+) -> Vec<ScenePoint> {
+    let with_depth = views.iter().filter_map(|view| Some((view, view.priors().depth()?)));
+    let dense: Vec<DenseView> = with_depth
+        .map(|(view, depth)| DenseView { camera: &view.camera, depth, color: color_of(view) })
+        .collect();
+    progress.event(Event::Started { stage: "adding points where there are few", total: 0 });
+    let (points, summary) = dense_start(&points, &dense, spacing_m(&points), seed);
+    progress.event(Event::Finished);
+    let DenseSummary { patches, sparse, filled, without_points, without_fit, added, residual } = summary;
+    progress.event(Event::Note(format!(
+        "dense start: {sparse} of {patches} patches of views have few points; {added} points fill {filled} of them, {:.2} % of the \
+         depth from those around; {without_points} are too far from points, {without_fit} do not fit them",
+        100.0 * residual
+    )));
+    points
+}
+
+/// Least distance of points that are added: a share of the scene's diagonal without the outermost points.
+fn spacing_m(points: &[ScenePoint]) -> f64 {
+    let side = |axis: usize| {
+        let values = || points.iter().map(|p| p.position.xyz()[axis]).collect();
+        let at = |share: f64| quantile(values(), share).unwrap_or_default();
+        at(1.0 - OUTSIDE) - at(OUTSIDE)
+    };
+    let diagonal = (0..3).map(|axis| side(axis).powi(2)).sum::<f64>().sqrt();
+    (SPACING * diagonal).max(f64::MIN_POSITIVE)
+}

@@ -1,0 +1,110 @@
+//! Points for training to start from, by priors of depths that are aligned with the points of the scene (GeoProp-GS §3.1, §3.2).
+
+use super::error::PriorError;
+use super::hdd::cloud::{AlignedView, SurfacePoint, cloud};
+use super::hdd::{AlignmentQuality, Unaligned, align_depth};
+use super::map::DepthPrior;
+use super::pseudo_views::{PseudoView, propose};
+use super::seen::seen_points;
+use crate::frame::{Point, Site};
+use crate::io::Grid2;
+use crate::perspective::{PerspectiveView, PinholeCamera, ScenePoint};
+use crate::progress::{Event, Progress};
+use rayon::prelude::*;
+
+/// The colour of a pixel (column, row), red, green, blue; none where an image has no data.
+pub type PixelColor<'a> = Box<dyn Fn(usize, usize) -> Option<[u8; 3]> + Sync + 'a>;
+
+/// A view with a prior of its depths.
+pub struct StartView<'a> {
+    /// The view.
+    pub view: &'a PerspectiveView,
+    /// The prior.
+    pub depth: &'a DepthPrior,
+    /// Its colours.
+    pub color: PixelColor<'a>,
+}
+
+/// A view after the alignment of its depths.
+#[derive(Clone, Debug)]
+pub struct AlignedDepth {
+    /// Name of the view.
+    pub name: String,
+    /// Depths along the optical axis, units of the scene; NaN where they are unknown.
+    pub depth: Grid2,
+    /// Natural logarithm of the factor by which the depths were corrected after the fit of scale and shift.
+    pub correction: Grid2,
+    /// How well the depths follow the points.
+    pub quality: AlignmentQuality,
+}
+
+/// What training starts from.
+#[derive(Clone, Debug)]
+pub struct AlignedStart {
+    /// Points behind the pixels of the views.
+    pub points: Vec<ScenePoint>,
+    /// Points where no view sees anything, black: they take the colours of points nearby.
+    pub proposals: Vec<ScenePoint>,
+    /// The views whose depths were aligned.
+    pub views: Vec<AlignedDepth>,
+    /// The pseudo-views that proposals come from.
+    pub pseudo_views: Vec<PseudoView>,
+}
+
+/// Aligns the depths of all views with the points of the scene that they see, and puts a point behind each pixel, but not more than
+/// about `most` in all; with `proposals` also where pseudo-views have holes. Says which views cannot be aligned, and goes on without
+/// them.
+///
+/// # Errors
+/// [`PriorError::Unaligned`] if the depths of no view can be aligned.
+pub fn aligned_start(
+    points: &[Point<Site>],
+    views: &[StartView],
+    most: usize,
+    proposals: bool,
+    progress: &dyn Progress,
+) -> Result<AlignedStart, PriorError> {
+    let aligned: Vec<_> =
+        views.par_iter().map(|v| align_depth(v.depth, &seen_points(points, v.view))).collect();
+    let (mut found, mut of_cloud) = (Vec::new(), Vec::<(&PinholeCamera, &PixelColor)>::new());
+    let mut first = None;
+    for (view, aligned) in views.iter().zip(aligned) {
+        let name = &view.view.name;
+        match aligned {
+            Ok(aligned) => {
+                of_cloud.push((&view.view.camera, &view.color));
+                let (depth, correction, quality) = (aligned.depth, aligned.correction, aligned.quality);
+                found.push(AlignedDepth { name: name.clone(), depth, correction, quality });
+            }
+            Err(why) => {
+                let text = reason(why);
+                progress.event(Event::Warning(format!("the depths of `{name}` are not used: {text}")));
+                first.get_or_insert((name.clone(), text));
+            }
+        }
+    }
+    if let (true, Some((view, reason))) = (found.is_empty(), first) {
+        return Err(PriorError::Unaligned { view, reason });
+    }
+    let of_cloud = of_cloud.into_iter().zip(&found);
+    let of_cloud: Vec<AlignedView> = of_cloud
+        .map(|((camera, color), aligned)| AlignedView { camera, depth: &aligned.depth, color })
+        .collect();
+    let surface = cloud(&of_cloud, most);
+    let (proposals, pseudo_views) =
+        if proposals { propose(&of_cloud, &surface) } else { (Vec::new(), Vec::new()) };
+    let points = |surface: Vec<SurfacePoint>| {
+        surface.iter().map(|p| ScenePoint { position: p.point(), rgb: p.rgb }).collect()
+    };
+    Ok(AlignedStart { points: points(surface), proposals: points(proposals), views: found, pseudo_views })
+}
+
+fn reason(why: Unaligned) -> String {
+    match why {
+        Unaligned::FewPoints(points) => format!(
+            "the view sees {points} points of the scene with a value of the prior, and {} are needed",
+            super::hdd::FEWEST_POINTS
+        ),
+        Unaligned::NoFit => "no scale and shift bring half of its values to the points of the scene".into(),
+    }
+}
