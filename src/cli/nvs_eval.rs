@@ -63,6 +63,21 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     show(&scores, ui)
 }
 
+/// The scores of parts that training views see and do not see; empty if no view has them.
+fn parts_text(scores: &NvsScores) -> String {
+    let parts: Vec<_> = scores.views.iter().filter_map(|v| Some((&v.view, v.parts?))).collect();
+    if parts.is_empty() {
+        return String::new();
+    }
+    let mut text = format!("\n{:24} {:>9} {:>12} {:>12}\n", "view", "unseen %", "unseen dB", "seen dB");
+    let number = |v: Option<f64>| v.map_or_else(|| "–".into(), |v| format!("{v:.2}"));
+    for (name, p) in parts {
+        let (unseen, seen) = (number(p.unseen_psnr_db), number(p.seen_psnr_db));
+        let _ = writeln!(text, "{name:24} {:9.1} {unseen:>12} {seen:>12}", 100.0 * p.unseen_share);
+    }
+    text
+}
+
 /// Shows scores of views.
 pub fn show(scores: &NvsScores, ui: &Ui) -> Result<(), CliError> {
     let head = ["view", "PSNR dB", "SSIM", "SSIM 3", "LPIPS", "pixels"];
@@ -76,5 +91,6 @@ pub fn show(scores: &NvsScores, ui: &Ui) -> Result<(), CliError> {
         let (psnr, ssim, ssim_3px, pixels) = (s.psnr_db, s.ssim, s.ssim_3px, s.pixels);
         let _ = writeln!(text, "{name:24} {psnr:9.2} {ssim:7.3} {ssim_3px:7.3} {lpips:>7} {pixels:10}");
     }
+    text += &parts_text(scores);
     ui.summary("nvs-eval", Some(text.trim_end()), scores)
 }

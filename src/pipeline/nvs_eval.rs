@@ -70,7 +70,7 @@ pub fn nvs_eval(
         let pair = fitted_pair(&picture.colors, &truth);
         let score = pair.map(|pair| pair.score_with(lpips.as_ref())).transpose()?.flatten();
         let score = score.ok_or_else(|| PipelineError::NothingToScore { name: name() })?;
-        scores.push(ViewScore { view: name(), score });
+        scores.push(ViewScore { view: name(), score, parts: None });
         progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });
     }
     progress.event(Event::Finished);

@@ -25,6 +25,20 @@ pub struct ViewScore {
     /// The score of the view's image by the [`Protocol`]; of the whole image and without a change of colours in perspective
     /// scenes.
     pub score: PictureScore,
+    /// Of a view of a perspective scene that started from aligned depths: the parts that training views see and do not see.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub parts: Option<PartScores>,
+}
+
+/// Peak signal-to-noise ratios of the parts of a view, dB; none for parts without pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PartScores {
+    /// Share of the pixels that show what no training view sees.
+    pub unseen_share: f64,
+    /// Of these pixels.
+    pub unseen_psnr_db: Option<f64>,
+    /// Of the others.
+    pub seen_psnr_db: Option<f64>,
 }
 
 /// How the colours of a satellite view that was not trained on are chosen before its render is scored.

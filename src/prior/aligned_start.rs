@@ -4,7 +4,7 @@ use super::error::PriorError;
 use super::hdd::cloud::{AlignedView, SurfacePoint, cloud};
 use super::hdd::{AlignmentQuality, Unaligned, align_depth};
 use super::map::DepthPrior;
-use super::pseudo_views::{PseudoView, propose};
+use super::pseudo_views::{PseudoView, holes_of, propose};
 use super::seen::seen_points;
 use crate::frame::{Point, Site};
 use crate::io::Grid2;
@@ -49,17 +49,31 @@ pub struct AlignedStart {
     pub views: Vec<AlignedDepth>,
     /// The pseudo-views that proposals come from.
     pub pseudo_views: Vec<PseudoView>,
+    /// For each of the other views, whether a pixel shows what no view sees.
+    pub unseen: Vec<UnseenPixels>,
+}
+
+/// The pixels of a view that show what no view with a prior sees.
+#[derive(Clone, Debug)]
+pub struct UnseenPixels {
+    /// Name of the view.
+    pub name: String,
+    /// Columns and rows.
+    pub size: (usize, usize),
+    /// Whether each pixel does, row by row.
+    pub pixels: Vec<bool>,
 }
 
 /// Aligns the depths of all views with the points of the scene that they see, and puts a point behind each pixel, but not more than
-/// about `most` in all; with `proposals` also where pseudo-views have holes. Says which views cannot be aligned, and goes on without
-/// them.
+/// about `most` in all; with `proposals` also where pseudo-views have holes. `others` are views that are not trained on. Says which views
+/// cannot be aligned, and goes on without them.
 ///
 /// # Errors
 /// [`PriorError::Unaligned`] if the depths of no view can be aligned.
 pub fn aligned_start(
     points: &[Point<Site>],
     views: &[StartView],
+    others: &[&PerspectiveView],
     most: usize,
     proposals: bool,
     progress: &dyn Progress,
@@ -93,10 +107,22 @@ pub fn aligned_start(
     let surface = cloud(&of_cloud, most);
     let (proposals, pseudo_views) =
         if proposals { propose(&of_cloud, &surface) } else { (Vec::new(), Vec::new()) };
+    let unseen = others.par_iter().map(|view| UnseenPixels {
+        name: view.name.clone(),
+        size: view.camera.size,
+        pixels: holes_of(&surface, &view.camera),
+    });
+    let unseen = unseen.collect();
     let points = |surface: Vec<SurfacePoint>| {
         surface.iter().map(|p| ScenePoint { position: p.point(), rgb: p.rgb }).collect()
     };
-    Ok(AlignedStart { points: points(surface), proposals: points(proposals), views: found, pseudo_views })
+    Ok(AlignedStart {
+        points: points(surface),
+        proposals: points(proposals),
+        views: found,
+        pseudo_views,
+        unseen,
+    })
 }
 
 fn reason(why: Unaligned) -> String {

@@ -15,7 +15,7 @@ mod of_views;
 mod pseudo_views;
 mod seen;
 
-pub use aligned_start::{AlignedDepth, AlignedStart, PixelColor, StartView, aligned_start};
+pub use aligned_start::{AlignedDepth, AlignedStart, PixelColor, StartView, UnseenPixels, aligned_start};
 pub use dense::{DenseSummary, DenseView, dense_start};
 pub use error::PriorError;
 pub use folder::{PriorDescription, PriorFolder};

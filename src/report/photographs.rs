@@ -1,9 +1,10 @@
 //! Sections of the page of a perspective scene.
 
 use super::ReportError;
+use super::pictures::img_of_file;
 use super::sections::{missing, read_if_present, table};
-use crate::io::escape_xml;
-use crate::run_files::SCENE;
+use crate::io::{ReadError, escape_xml};
+use crate::run_files::{SCENE, START};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -42,5 +43,29 @@ pub(super) fn views(run: &Path) -> Result<String, ReportError> {
         vec![text(&view["name"]), size, role.to_owned()]
     });
     out.push_str(&table("Views", &["view", "pixels", "used for"], rows));
+    Ok(out)
+}
+
+/// The depths that training started from, and the pseudo-views that show where no view sees anything.
+pub(super) fn start(run: &Path) -> Result<String, ReportError> {
+    let folder = run.join(START);
+    let mut names: Vec<String> = std::fs::read_dir(&folder)
+        .map_err(|e| ReadError::new(&folder, e))?
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| name.ends_with(".png"))
+        .collect();
+    names.sort();
+    let mut out = String::new();
+    for name in names {
+        let stem = name.trim_end_matches(".png");
+        let shown = if stem.starts_with("pseudo-") {
+            "points of the views, holes (purple), and depths with the holes filled (near is light)"
+        } else {
+            "aligned depths (near is light), and their local correction (red: farther, blue: nearer; 10 % in full colour)"
+        };
+        let alt = format!("{stem}: {shown}");
+        let picture = img_of_file(&folder.join(&name), &alt)?;
+        let _ = writeln!(out, "<figure>{picture}<figcaption>{}</figcaption></figure>", escape_xml(&alt));
+    }
     Ok(out)
 }

@@ -202,6 +202,20 @@ pub fn photograph_pair(colors: &[Grid2; 3], truth: &[Grid2; 3]) -> ScoredPair {
     })
 }
 
+/// Peak signal-to-noise ratio, dB, of the pixels with data that `keep` chooses by their index; none without pixels.
+#[must_use]
+pub fn psnr_db_where(colors: &[Grid2; 3], truth: &[Grid2; 3], keep: impl Fn(usize) -> bool) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for i in (0..truth[0].data.len()).filter(|i| keep(*i)) {
+        let square = |k: usize| f64::from(colors[k].data[i].clamp(0.0, 1.0) - truth[k].data[i]).powi(2);
+        let square = (0..3).map(square).sum::<f64>();
+        if square.is_finite() {
+            (sum, count) = (sum + square, count + 3.0);
+        }
+    }
+    (count > 0.0).then(|| -10.0 * (sum / f64::max(count, 1.0)).max(1e-12).log10())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -72,7 +72,7 @@ pub fn nvs_eval(
         let panels = panels(&target, &picture, &colors.sunlit(&novel, &setup));
         panels.write(&run.join(format!("{NVS_PICTURES}/{:04}.png", scores.len())))?;
         let score = pair.score_with(lpips)?.ok_or_else(|| PipelineError::NothingToScore { name: name() })?;
-        scores.push(ViewScore { view: name(), score });
+        scores.push(ViewScore { view: name(), score, parts: None });
         progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });
     }
     progress.event(Event::Finished);

@@ -1,16 +1,17 @@
 //! Scores of renders against photographs that were held back from training.
 
 use super::super::PipelineError;
-use super::super::nvs_scores::{NvsScores, ViewScore};
+use super::super::nvs_scores::{NvsScores, PartScores, ViewScore};
 use super::cameras::PerspectiveCameras;
 use super::manifest::PerspectiveManifest;
+use super::start_pictures::read_unseen;
 use super::train::read_view;
-use crate::io::write_json;
+use crate::io::{Grid2, write_json};
 use crate::nn::lpips::Lpips;
 use crate::progress::{Event, Progress};
 use crate::run_files::{NVS_PICTURES, NVS_SCORES};
 use crate::scene::Role;
-use crate::splat::image_score::photograph_pair;
+use crate::splat::image_score::{photograph_pair, psnr_db_where};
 use crate::splat::pinhole::{PinholePicture, comparison};
 use std::path::Path;
 
@@ -52,7 +53,9 @@ pub fn nvs_eval(
             let shown = comparison(&read_view(source)?, &picture);
             shown.write(&run.join(format!("{NVS_PICTURES}/{i:04}.png")))?;
         }
-        scores.push(ViewScore { view: name(), score });
+        let unseen = read_unseen(run, &view.name);
+        let parts = unseen.and_then(|unseen| part_scores(&picture.colors, &truth, &unseen));
+        scores.push(ViewScore { view: name(), score, parts });
         progress.event(Event::Advanced { done: scores.len() as u64, status: String::new() });
     }
     progress.event(Event::Finished);
@@ -61,4 +64,19 @@ pub fn nvs_eval(
         write_json(&run.join(NVS_SCORES), &scores)?;
     }
     Ok(scores)
+}
+
+/// Scores of the pixels that training views do not see, where the mask is not zero, and of the others; none if the mask is of
+/// another size.
+fn part_scores(colors: &[Grid2; 3], truth: &[Grid2; 3], unseen: &Grid2) -> Option<PartScores> {
+    if (unseen.width, unseen.height) != (truth[0].width, truth[0].height) {
+        return None;
+    }
+    let is_unseen = |i: usize| unseen.data[i] > 0.0;
+    let count = (0..unseen.data.len()).filter(|i| is_unseen(*i)).count();
+    Some(PartScores {
+        unseen_share: count as f64 / unseen.data.len().max(1) as f64,
+        unseen_psnr_db: psnr_db_where(colors, truth, is_unseen),
+        seen_psnr_db: psnr_db_where(colors, truth, |i| !is_unseen(i)),
+    })
 }

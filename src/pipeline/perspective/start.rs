@@ -8,6 +8,7 @@ use crate::prior::{
     AlignedStart, DenseSummary, DenseView, PixelColor, StartView, aligned_start, dense_start,
 };
 use crate::progress::{Event, Progress};
+use crate::scene::Role;
 use crate::splat::anchored::Anchoring;
 use crate::splat::pinhole::{PinholeView, splats_at_points, splats_on_rays};
 use crate::splat::splats::Splats;
@@ -105,7 +106,8 @@ fn aligned(
     let with_depth: Vec<StartView> = with_depth.collect();
     let positions: Vec<Point<Site>> = points.iter().map(|p| p.position).collect();
     progress.event(Event::Started { stage: "aligning depths", total: 0 });
-    let start = aligned_start(&positions, &with_depth, MOST_ALIGNED, with_proposals, progress)?;
+    let others: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.role == Role::Test).collect();
+    let start = aligned_start(&positions, &with_depth, &others, MOST_ALIGNED, with_proposals, progress)?;
     progress.event(Event::Finished);
     let percent = |of: fn(&crate::prior::AlignmentQuality) -> f64| {
         100.0 * quantile(start.views.iter().map(|v| of(&v.quality)).collect(), 0.5).unwrap_or_default()

@@ -1,9 +1,10 @@
-//! Pictures of what priors of depths gave training to start from.
+//! Pictures of what priors of depths gave training to start from, and masks of what no view sees.
 
-use crate::io::{Grid2, RgbImage, WriteError};
+use crate::io::{Grid2, ImageFile, RgbImage, WriteError, write_png_gray};
 use crate::prior::{AlignedDepth, AlignedStart, PseudoView};
+use crate::run_files::START;
 use crate::stats::quantile;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Gap between panels, pixels.
 const GAP: usize = 8;
@@ -24,7 +25,22 @@ pub(super) fn write_pictures(folder: &Path, start: &AlignedStart) -> Result<(), 
     for (i, view) in start.pseudo_views.iter().enumerate().filter(|(_, view)| view.is_used) {
         of_pseudo_view(view).write(&folder.join(format!("pseudo-{i}.png")))?;
     }
+    for view in &start.unseen {
+        let bytes: Vec<u8> = view.pixels.iter().map(|unseen| if *unseen { 255 } else { 0 }).collect();
+        let (width, height) = view.size;
+        write_png_gray(&unseen_path(folder, &view.name), width, height, &bytes)?;
+    }
     Ok(())
+}
+
+/// The mask of a view that was held back: 255 at pixels that show what no training view sees.
+fn unseen_path(start: &Path, name: &str) -> PathBuf {
+    start.join("unseen").join(format!("{name}.png"))
+}
+
+/// Whether each pixel of a view that was held back shows what no training view sees; none if the run does not know.
+pub(super) fn read_unseen(run: &Path, name: &str) -> Option<Grid2> {
+    ImageFile::open(&unseen_path(&run.join(START), name)).ok()?.read(1).ok()
 }
 
 fn of_view(view: &AlignedDepth) -> RgbImage {

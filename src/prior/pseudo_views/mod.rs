@@ -62,6 +62,11 @@ pub(super) fn propose(views: &[AlignedView], cloud: &[SurfacePoint]) -> (Vec<Sur
     (proposals, pseudo)
 }
 
+/// Whether each pixel of a camera shows no point, row by row.
+pub(super) fn holes_of(cloud: &[SurfacePoint], camera: &PinholeCamera) -> Vec<bool> {
+    draw(cloud, camera).hole
+}
+
 fn pseudo_view(cloud: &[SurfacePoint], camera: PinholeCamera) -> PseudoView {
     let Drawn { mut depth, colors, hole } = draw(cloud, &camera);
     let holes = hole.iter().filter(|h| **h).count() as f64 / hole.len().max(1) as f64;

@@ -91,7 +91,8 @@ impl Recipe {
         let opacities =
             [("prune_below", Some(self.prune_below)), ("reset.opacity", self.reset.map(|r| r.opacity))];
         for (name, value) in opacities {
-            if value.is_some_and(|v| !(v > 0.0 && v < 1.0)) {
+            let may_be_zero = name == "prune_below";
+            if value.is_some_and(|v| !((v > 0.0 || may_be_zero && v == 0.0) && v < 1.0)) {
                 return Err(format!(
                     "{name} = {}, but must be an opacity between 0 and 1",
                     value.unwrap_or_default()
