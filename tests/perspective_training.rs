@@ -14,6 +14,7 @@ use satgs::random::CounterRng;
 use satgs::splat::pinhole::PinholePicture;
 use satgs::splat::ply;
 use satgs::splat::splats::Splats;
+use satgs::splat::train::recipe::StartPoints;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -245,4 +246,36 @@ fn recipe_indoor_trains_with_priors_and_notices_when_they_change() {
     let refused = run_perspective(&scene, &without_terms, &folder.path().join("2"), &NoProgress, &mut |_| {});
     let refused = refused.unwrap_err().to_string();
     assert!(refused.contains("`--depth-prior` is") && refused.contains("indoor uses it"), "{refused}");
+}
+
+#[test]
+fn recipe_geoprop_starts_from_aligned_depths() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, run, depths) =
+        (make_scene(folder.path()), folder.path().join("run"), folder.path().join("depths"));
+    write_depths(&depths, 0.2);
+    let mut with_depths = options(40);
+    with_depths.train.recipe = "geoprop".into();
+    with_depths.train.priors.depths = Some(depths);
+    let told = Recorder::default();
+    run_perspective(&scene, &with_depths, &run, &told, &mut |_| {}).unwrap();
+    let notes = format!("{:?}", told.events());
+    assert!(notes.contains("depths of 7 views are aligned"), "{notes}");
+    let splats = ply::read(&run.join("splats.ply")).unwrap();
+    assert!(splats.len() > 1500, "{} splats", splats.len());
+    let middle = |p: &[f32; 3]| p[0].hypot(p[1]).hypot(p[2]);
+    let on_ball = splats.position.iter().filter(|p| (middle(p) - 1.0).abs() < 0.1).count();
+    assert!(on_ball * 10 > splats.len() * 9, "{on_ball} of {}", splats.len());
+    assert!(run.join("train/start/1.png").exists());
+    assert!(std::fs::read_to_string(run.join("report.html")).unwrap().contains("Aligned depths"));
+
+    // Any recipe may start so, and geoprop runs without priors, and says so.
+    with_depths.train.recipe = "3dgs".into();
+    with_depths.train.start = Some(StartPoints::Hdd);
+    run_perspective(&scene, &with_depths, &folder.path().join("2"), &NoProgress, &mut |_| {}).unwrap();
+    let mut without = options(20);
+    without.train.recipe = "geoprop".into();
+    let told = Recorder::default();
+    run_perspective(&scene, &without, &folder.path().join("3"), &told, &mut |_| {}).unwrap();
+    assert!(format!("{:?}", told.events()).contains("starts from the points of the scene"));
 }

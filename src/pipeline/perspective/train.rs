@@ -188,7 +188,11 @@ fn with_priors(
     progress: &dyn Progress,
 ) -> Result<Vec<PinholeView>, PipelineError> {
     let sources = &options.priors;
-    let weights = options.recipe_as_written()?.weights;
+    let Recipe { weights, perspective, .. } = options.recipe_as_written()?;
+    if sources.depths.is_none() && perspective.is_some_and(|p| p.start_points.needs_depths()) {
+        let text = "without --depth-prior training starts from the points of the scene";
+        progress.event(Event::Note(text.into()));
+    }
     for (path, weight, option) in [
         (&sources.depths, "depth_prior", "--depth-prior"),
         (&sources.normals, "normal_prior", "--normal-prior"),

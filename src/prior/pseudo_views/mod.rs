@@ -22,7 +22,7 @@ use std::collections::HashMap;
 use std::num::NonZero;
 
 /// Least and greatest share of pixels in holes with which a pseudo-view is used.
-const HOLES: (f64, f64) = (0.03, 0.4);
+const HOLES: (f64, f64) = (0.03, 0.6);
 /// A proposal is left out if it is nearer to a point than this many times the median spacing.
 const APART: f64 = 2.0;
 /// A proposal that lies in front of what a view sees by more than this share of the depth is left out.

@@ -7,13 +7,15 @@ use crate::perspective::PinholeCamera;
 use glam::{DMat3, DQuat, DVec3};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
+/// Focal length as a share of that of the scene's cameras: other views show what lies beside those of the scene.
+const WIDER: f64 = 0.8;
 /// Displacement along the principal axes, in standard deviations of the cameras.
 const DISPLACEMENT: f64 = 1.0;
 /// Tilt of the other pseudo-views, degrees, at this number of azimuths.
 const TILT_DEG: f64 = 25.0;
 const AZIMUTHS: u32 = 4;
 
-/// Cameras that look at `target`, with the intrinsic values of the first camera; none without cameras.
+/// Cameras that look at `target`, with the image size of the first camera and a wider field of view; none without cameras.
 pub(super) fn poses(cameras: &[PinholeCamera], target: DVec3) -> Vec<PinholeCamera> {
     let Some(first) = cameras.first() else { return Vec::new() };
     let count = cameras.len() as f64;
@@ -41,10 +43,11 @@ pub(super) fn poses(cameras: &[PinholeCamera], target: DVec3) -> Vec<PinholeCame
         let axis = DQuat::from_axis_angle(sight.normalize_or(DVec3::Z), azimuth) * across;
         target + DQuat::from_axis_angle(axis, TILT_DEG.to_radians()) * sight
     });
+    let focal = WIDER * first.focal;
     displaced
         .chain(tilted)
         .filter_map(|center| {
-            Some(PinholeCamera { cam_from_site: looking(target - center, down)?, center, ..*first })
+            Some(PinholeCamera { cam_from_site: looking(target - center, down)?, center, focal, ..*first })
         })
         .collect()
 }
