@@ -245,7 +245,7 @@ fn recipe_indoor_trains_with_priors_and_notices_when_they_change() {
     without_terms.train.priors.depths = Some(depths);
     let refused = run_perspective(&scene, &without_terms, &folder.path().join("2"), &NoProgress, &mut |_| {});
     let refused = refused.unwrap_err().to_string();
-    assert!(refused.contains("`--depth-prior` is") && refused.contains("indoor uses it"), "{refused}");
+    assert!(refused.contains("`--depth-prior` is") && refused.contains("indoor and geoprop use it"), "{refused}");
 }
 
 #[test]
@@ -277,5 +277,5 @@ fn recipe_geoprop_starts_from_aligned_depths() {
     without.train.recipe = "geoprop".into();
     let told = Recorder::default();
     run_perspective(&scene, &without, &folder.path().join("3"), &told, &mut |_| {}).unwrap();
-    assert!(format!("{:?}", told.events()).contains("starts from the points of the scene"));
+    assert!(format!("{:?}", told.events()).contains("depths are interpolated between the points"));
 }

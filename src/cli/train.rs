@@ -105,7 +105,8 @@ pub struct Options {
     /// Kind of splats: `3d` for ellipsoids, `2d` for flat discs, which have normals [default: the recipe's]
     #[arg(long, value_name = "3d|2d")]
     primitive: Option<Primitive>,
-    /// Points that training of a perspective scene starts from; all but the first need --depth-prior [default: the recipe's]
+    /// Points that training of a perspective scene starts from; without --depth-prior, hdd and gva interpolate depths between the
+    /// points of the scene [default: the recipe's]
     #[arg(long, value_name = "POINTS")]
     start: Option<Start>,
     /// Number of iterations; the schedule is scaled in proportion [default: the recipe's]

@@ -33,6 +33,14 @@ pub struct DepthPrior {
     pub kind: DepthKind,
 }
 
+impl DepthPrior {
+    /// The same depth everywhere, which alignment with points makes one that is interpolated between them.
+    #[must_use]
+    pub fn level((width, height): (usize, usize)) -> Self {
+        Self { values: Grid2::filled(width, height, 1.0), kind: DepthKind::Relative }
+    }
+}
+
 /// A normal for each pixel of a view.
 #[derive(Clone, Debug)]
 pub struct NormalPrior {

@@ -19,7 +19,7 @@ pub use aligned_start::{AlignedDepth, AlignedStart, PixelColor, StartView, Unsee
 pub use dense::{DenseSummary, DenseView, dense_start};
 pub use error::PriorError;
 pub use folder::{PriorDescription, PriorFolder};
-pub use hdd::AlignmentQuality;
+pub use hdd::{AlignmentQuality, FEWEST_POINTS};
 pub use map::{DepthKind, DepthPrior, NormalPrior, ViewPriors};
 pub use of_views::{PriorSources, read_priors};
 pub use pseudo_views::PseudoView;

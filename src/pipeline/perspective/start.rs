@@ -5,7 +5,8 @@ use super::start_pictures::write_pictures;
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveScene, PerspectiveView, ScenePoint, points_from_depths};
 use crate::prior::{
-    AlignedStart, DenseSummary, DenseView, PixelColor, StartView, aligned_start, dense_start,
+    AlignedStart, DenseSummary, DenseView, DepthPrior, FEWEST_POINTS, PixelColor, StartView, aligned_start,
+    dense_start,
 };
 use crate::progress::{Event, Progress};
 use crate::scene::Role;
@@ -59,6 +60,7 @@ pub(super) fn splats_at_start(
     let points = start_points(scene)?;
     let start = recipe.perspective.map_or(StartPoints::default(), |p| p.start_points);
     let has_depths = views.iter().any(|view| view.priors().depth().is_some());
+    let has_enough = points.len() >= FEWEST_POINTS;
     let free = |points: &[ScenePoint]| StartSplats {
         splats: splats_at_points(&colored(points), recipe.primitive),
         anchorings: Vec::new(),
@@ -68,7 +70,7 @@ pub(super) fn splats_at_start(
             StartSplats { splats: splats_on_rays(views, recipe.primitive, seed), anchorings: Vec::new() }
         }
         StartPoints::Patches if has_depths => free(&denser(points, views, seed, progress)),
-        StartPoints::Hdd | StartPoints::Gva if has_depths => {
+        StartPoints::Hdd | StartPoints::Gva if has_depths || has_enough => {
             let with_proposals = start == StartPoints::Gva;
             let start = aligned(scene, &points, views, with_proposals, progress)?;
             // A picture less is no reason to stop.
@@ -100,8 +102,15 @@ fn aligned(
     progress: &dyn Progress,
 ) -> Result<AlignedStart, PipelineError> {
     let training: Vec<&PerspectiveView> = scene.training().collect();
-    let with_depth = training.into_iter().zip(views).filter_map(|(view, pixels)| {
-        Some(StartView { view, depth: pixels.priors().depth()?, color: color_of(pixels) })
+    // Without any priors depths are interpolated between the points.
+    let level: Vec<DepthPrior> = if views.iter().all(|view| view.priors().depth().is_none()) {
+        views.iter().map(|view| DepthPrior::level(view.camera.size)).collect()
+    } else {
+        Vec::new()
+    };
+    let with_depth = training.into_iter().zip(views).enumerate().filter_map(|(i, (view, pixels))| {
+        let depth = pixels.priors().depth().or_else(|| level.get(i))?;
+        Some(StartView { view, depth, color: color_of(pixels) })
     });
     let with_depth: Vec<StartView> = with_depth.collect();
     let positions: Vec<Point<Site>> = points.iter().map(|p| p.position).collect();

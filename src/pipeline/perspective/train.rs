@@ -22,7 +22,7 @@ use crate::splat::pinhole::{PinholeBackend, PinholeScene, PinholeView, compariso
 use crate::splat::ply;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
-use crate::splat::train::recipe::Recipe;
+use crate::splat::train::recipe::{Recipe, StartPoints};
 use crate::splat::train::{Schedule, pictures, train as optimize};
 use crate::stats::quantile;
 use rayon::prelude::*;
@@ -190,7 +190,12 @@ fn with_priors(
     let sources = &options.priors;
     let Recipe { weights, perspective, .. } = options.recipe_as_written()?;
     if sources.depths.is_none() && perspective.is_some_and(|p| p.start_points.needs_depths()) {
-        let text = "without --depth-prior training starts from the points of the scene";
+        let text = match perspective.map(|p| p.start_points) {
+            Some(StartPoints::Patches) => {
+                "without --depth-prior training starts from the points of the scene"
+            }
+            _ => "without --depth-prior depths are interpolated between the points of the scene",
+        };
         progress.event(Event::Note(text.into()));
     }
     for (path, weight, option) in [

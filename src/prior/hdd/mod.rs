@@ -20,8 +20,8 @@ use global::global_fit;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Fewest points of a view for a fit.
-pub(super) const FEWEST_POINTS: usize = 20;
+/// Fewest points that a view must see for the alignment of its depths.
+pub const FEWEST_POINTS: usize = 20;
 /// A disparity gives no depth beyond that of the farthest point times this.
 const FARTHEST: f64 = 1.5;
 /// The border of a view, as a share of its width, gets the median of the 5 x 5 pixels around.
