@@ -7,6 +7,8 @@ use std::path::Path;
 
 /// Name of the list of views that are held out.
 pub(super) const TEST_LIST: &str = "test.txt";
+/// Name of the list of views to train on.
+pub(super) const TRAIN_LIST: &str = "train.txt";
 
 /// Writes a view's image with its delivered RPC, sun and date.
 pub(super) fn write_view(

@@ -87,6 +87,11 @@ impl Field {
         (self.lowest_m, self.highest_m)
     }
 
+    /// Distance between nodes, metres.
+    pub(super) fn step_m(&self) -> f64 {
+        self.step_m
+    }
+
     /// Half the field's side, metres.
     pub(super) fn half_m(&self) -> f64 {
         self.half_m

@@ -1,8 +1,10 @@
 //! The folder of a scene: created, or cleared of an earlier simulation.
 
+use super::TRUTH_NAME;
 use super::appearance::{LIST, PICTURES};
 use super::error::SimulateError;
-use super::export::TEST_LIST;
+use super::export::{TEST_LIST, TRAIN_LIST};
+use super::perspective::{DESCRIPTION, DISPARITIES, IMAGES, MAPS, MESH, MODEL};
 use std::path::{Path, PathBuf};
 
 /// Folder of the truth of appearance in `truth/`.
@@ -23,8 +25,12 @@ pub(super) fn prepare(out: &Path, overwrite: bool) -> Result<(), SimulateError> 
     for path in of_earlier_simulation(out) {
         std::fs::remove_file(&path).map_err(|e| failed(&path, e))?;
     }
-    // The folder stays if it holds other files, which is no failure.
-    let _ = std::fs::remove_dir(out.join("truth").join(APPEARANCE));
+    // A folder stays if it holds other files, which is no failure.
+    let of_photographs = [IMAGES, MODEL, "sparse"].into_iter().chain(MAPS).chain(["priors"]);
+    for folder in of_photographs.map(Into::into).chain([Path::new("truth").join(APPEARANCE), "truth/rpcs".into()]) {
+        let folder: PathBuf = folder;
+        let _ = std::fs::remove_dir(out.join(folder));
+    }
     Ok(())
 }
 
@@ -44,6 +50,20 @@ fn of_earlier_simulation(out: &Path) -> Vec<PathBuf> {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
         found.extend(entries.filter(|e| is_view(&e.file_name().to_string_lossy(), ends)).map(|e| e.path()));
     }
-    found.extend([out.join(TEST_LIST), appearance.join(LIST)].into_iter().filter(|path| path.exists()));
+    for (folder, end) in [(IMAGES, ".png")].into_iter().chain(MAPS.map(|folder| (folder, ".npy"))) {
+        let entries = std::fs::read_dir(out.join(folder)).into_iter().flatten().flatten();
+        found.extend(entries.filter(|e| is_numbered(&e.file_name().to_string_lossy(), end)).map(|e| e.path()));
+    }
+    let model = Path::new(MODEL);
+    let single = ["cameras.txt", "images.txt", "points3D.txt"].map(|file| model.join(file)).into_iter();
+    let single = single.chain([TEST_LIST, TRAIN_LIST, MESH, DISPARITIES, "truth/shifts.json"].map(Into::into));
+    let single = single.chain(["DSM", "CLS"].map(|what| format!("truth/{TRUTH_NAME}_{what}.tif").into()));
+    let single = single.chain([Path::new(MAPS[2]).join(DESCRIPTION)]).map(|file| out.join(file));
+    found.extend(single.chain([appearance.join(LIST)]).filter(|path| path.exists()));
     found
+}
+
+/// Whether a file is called as those of photographs are: four digits and an end.
+fn is_numbered(name: &str, end: &str) -> bool {
+    name.strip_suffix(end).is_some_and(|n| n.len() == 4 && n.bytes().all(|b| b.is_ascii_digit()))
 }

@@ -4,6 +4,7 @@
 //! own geodesy. Affine cameras, splats and shadow models of the reconstruction are not used, so that a wrong convention
 //! there becomes visible as an error against the truth.
 
+mod aerial;
 mod appearance;
 mod calendar;
 mod cars;
@@ -17,8 +18,10 @@ mod imaging;
 mod options;
 mod texture;
 mod plan;
+mod perspective;
 mod radiometry;
 mod rays;
+mod room;
 mod vegetation;
 mod render;
 mod season;
@@ -35,10 +38,13 @@ use crate::progress::{Event, Progress};
 use crate::rpc::Axis;
 use crate::scene::Role;
 use calendar::Calendar;
+pub use aerial::{AerialOptions, simulate_aerial};
 pub use error::SimulateError;
 use keyed_rng::KeyedRng;
 pub use options::SimulateOptions;
+pub use perspective::{DisparityMap, TestSetSummary, TestSetView};
 pub use plan::Relief;
+pub use room::{RoomOptions, simulate_room};
 use sensor::{Acquisition, LineScanner};
 use std::path::Path;
 pub use summary::{AppearanceFigures, SceneFigures, Summary, ViewFigures};

@@ -1,12 +1,18 @@
 //! The lines of sight of an image, from its RPC.
 
-use super::field::Place;
+use super::field::{Field, Place};
 use crate::frame::{CenterPx, Pixel, SiteGrid};
 use crate::rpc::{LocalizeError, Rpc};
 use rayon::prelude::*;
 
 /// Distance between localised positions, pixels; rays between them are interpolated.
 const LATTICE_PX: usize = 8;
+
+/// The lines of sight of the pixels of an image.
+pub(super) trait Sight: Sync {
+    /// Where the line of sight of an image position first meets the field.
+    fn first_hit(&self, field: &Field, px: Pixel<CenterPx>) -> Option<Place>;
+}
 
 /// The lines of sight of an image, localised on a lattice at three heights.
 pub(super) struct ViewRays {
@@ -58,6 +64,12 @@ impl ViewRays {
                 top[k] + t * (bottom[k] - top[k] - bend + t * bend)
             })
         }
+    }
+}
+
+impl Sight for ViewRays {
+    fn first_hit(&self, field: &Field, px: Pixel<CenterPx>) -> Option<Place> {
+        field.first_hit(self.ray(px))
     }
 }
 

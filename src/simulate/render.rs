@@ -4,7 +4,7 @@ use super::cars::{Cars, Cover};
 use super::field::{Field, Material, Place};
 use super::keyed_rng::KeyedRng;
 use super::radiometry::Radiometry;
-use super::rays::ViewRays;
+use super::rays::Sight;
 use super::season::Palette;
 use super::surface::Surface;
 use super::texture::Albedo;
@@ -17,7 +17,7 @@ const RAYS: usize = 3;
 /// Everything that an image shows.
 pub(super) struct Shot<'a> {
     pub(super) field: &'a Field,
-    pub(super) rays: &'a ViewRays,
+    pub(super) rays: &'a dyn Sight,
     pub(super) cars: Option<Cars<'a>>,
     pub(super) palette: &'a Palette,
     pub(super) radiometry: &'a Radiometry,
@@ -92,7 +92,7 @@ impl Shot<'_> {
         (0..RAYS * RAYS).filter_map(move |s| {
             let inside = |i: usize| (i as f64 + 0.5) / RAYS as f64 - 0.5;
             let px = Pixel::new(col + inside(s % RAYS), row + inside(s / RAYS));
-            self.field.first_hit(self.rays.ray(px))
+            self.rays.first_hit(self.field, px)
         })
     }
 
@@ -127,6 +127,13 @@ impl Shot<'_> {
             sunlit: (255.0 * sunlit as f64 / rays).round() as u8,
             cars,
         }
+    }
+
+    /// Grey levels of a surface without cars and noise.
+    pub(super) fn color(&self, surface: &Surface) -> [u8; 3] {
+        let direct = surface.direct_light(self.field, self.radiometry.sun);
+        let radiance = self.radiance(surface, surface.albedo, direct);
+        std::array::from_fn(|b| self.radiometry.level(b, radiance[b], 0.0))
     }
 
     /// What a surface shows of a car.
@@ -172,6 +179,7 @@ fn nearest_fill(fills: &[f64], wanted: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::field::tests::one_box;
+    use super::super::rays::ViewRays;
     use super::super::rays::tests::views;
     use super::*;
     use crate::frame::{Point, Site, SiteGrid};
