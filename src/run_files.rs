@@ -16,6 +16,8 @@ pub const CHECKPOINT: &str = "train/checkpoint.bin";
 pub const TRAINING: &str = "train/train.csv";
 /// Folder of pictures of the training's progress.
 pub const SNAPSHOTS: &str = "train/snapshots";
+/// Folder of the depths and normals that a network or a command has made of the images.
+pub const PRIORS: &str = "priors";
 /// The trained splats.
 pub const SPLATS: &str = "splats.ply";
 /// The trained surface, matched with the views.

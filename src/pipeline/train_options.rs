@@ -2,7 +2,7 @@
 
 use super::PipelineError;
 use crate::affine::SiteFrame;
-use crate::prior::PriorSources;
+use crate::prior::{PriorSource, PriorSources};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::train::recipe::Recipe;
 use std::path::{Path, PathBuf};
@@ -104,15 +104,17 @@ impl TrainOptions {
         let PriorSources { depths, normals, .. } = &self.priors;
         let of_colors = (recipe.then.is_some(), "none: of the recipes, satgs uses it");
         let of_priors = |names: &[&str]| (weighs(names), "none: of the recipes, indoor uses it");
+        let file = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
+        let source = |source: &Option<PriorSource>| source.as_ref().map(ToString::to_string);
         let given = [
-            ("--features", &self.features, of_colors),
-            ("--lpips", &self.lpips, of_colors),
-            ("--depth-prior", depths, of_priors(&["depth_prior", "depth_smoothness"])),
-            ("--normal-prior", normals, of_priors(&["normal_prior"])),
+            ("--features", file(&self.features), of_colors),
+            ("--lpips", file(&self.lpips), of_colors),
+            ("--depth-prior", source(depths), of_priors(&["depth_prior", "depth_smoothness"])),
+            ("--normal-prior", source(normals), of_priors(&["normal_prior"])),
         ];
-        for (option, path, (is_used, expected)) in given {
-            if let Some(path) = path.as_ref().filter(|_| !is_used) {
-                return Err(PipelineError::Option { option, found: path.display().to_string(), expected });
+        for (option, found, (is_used, expected)) in given {
+            if let Some(found) = found.filter(|_| !is_used) {
+                return Err(PipelineError::Option { option, found, expected });
             }
         }
         Ok(recipe)
