@@ -27,19 +27,14 @@ use std::path::PathBuf;
 ///   satgs run kitchen -o run --recipe indoor --depth-prior depths --normal-prior normals
 #[derive(clap::Args, Clone, Debug)]
 #[command(verbatim_doc_comment)]
-#[group(id = "maker", args = ["model", "command"], required = true, multiple = false)]
 pub struct Args {
     /// The scene: a COLMAP project, transforms.json, RGB-D frames, LEVIR-NVS
     scene: PathBuf,
     /// Folder of the maps
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Network that gives a map of a picture
-    #[arg(long, value_name = "FILE.onnx")]
-    model: Option<PathBuf>,
-    /// Command that writes the map {out} of the image {image}
-    #[arg(long, value_name = "CMD", value_parser = PriorCommand::parse)]
-    command: Option<PriorCommand>,
+    #[command(flatten)]
+    maker: Maker,
     /// The maps are of normals, in camera axes (right, down, forward) with any signs [default: of depths]
     #[arg(long)]
     normals: bool,
@@ -51,10 +46,22 @@ pub struct Args {
     overwrite: bool,
 }
 
+/// What makes the maps.
+#[derive(clap::Args, Clone, Debug)]
+#[group(required = true, multiple = false)]
+struct Maker {
+    /// Network that gives a map of a picture
+    #[arg(long, value_name = "FILE.onnx")]
+    model: Option<PathBuf>,
+    /// Command that writes the map {out} of the image {image}
+    #[arg(long, value_name = "CMD", value_parser = PriorCommand::parse)]
+    command: Option<PriorCommand>,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let of_model = args.model.clone().map(PriorMaker::Network);
-    let Some(maker) = of_model.or_else(|| args.command.clone().map(PriorMaker::Command)) else {
+    let of_model = args.maker.model.clone().map(PriorMaker::Network);
+    let Some(maker) = of_model.or_else(|| args.maker.command.clone().map(PriorMaker::Command)) else {
         return Ok(());
     };
     let options = PriorMapOptions {

@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-/// A graph with the input `x`, as ONNX bytes.
+/// A graph with the input `x`, as ONNX bytes; sides of -1 are open.
 #[derive(Default)]
 pub struct Graph {
     pub input: &'static [i64],
@@ -16,7 +16,8 @@ pub struct Graph {
 impl Graph {
     /// Writes the file into a new folder, which lives as long as the first value.
     pub fn write(&self) -> (tempfile::TempDir, PathBuf) {
-        let dims: Vec<u8> = self.input.iter().flat_map(|d| block(1, &number(1, *d))).collect();
+        let dim = |d: &i64| block(1, &if *d < 0 { block(2, b"side") } else { number(1, *d) });
+        let dims: Vec<u8> = self.input.iter().flat_map(dim).collect();
         let float = number(1, 1);
         let input =
             [block(1, b"x"), block(2, &block(1, &[float.clone(), block(2, &dims)].concat()))].concat();
