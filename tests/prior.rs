@@ -129,7 +129,18 @@ fn training_calls_a_command_once_for_each_training_image() {
     // The folder of maps may be given as one.
     let maps = format!("{run}/priors/depths");
     let other = case.path("other");
-    succeeds(&["run", &scene, "-o", &other, "--recipe", "indoor", "--iterations", "6", "--depth-prior", &maps]);
+    succeeds(&[
+        "run",
+        &scene,
+        "-o",
+        &other,
+        "--recipe",
+        "indoor",
+        "--iterations",
+        "6",
+        "--depth-prior",
+        &maps,
+    ]);
     refused(&[&all[..], &["--seed", "1"]].concat(), 2, &["--seed was 0, is 1"]);
     case.script("depth.sh", "exit 1\n");
     refused(&all, 2, &["--depth-prior has changed"]);

@@ -8,22 +8,22 @@ use std::path::PathBuf;
 
 /// Make maps of depths or normals of all images of a perspective scene, by a network or a command
 ///
-/// Training takes the folder as `--depth-prior DIR` or `--normal-prior DIR`. It holds NAME.npy for each
-/// image, prior.json, and made_from.json, by which the same call keeps the maps that are there: it goes
-/// on after an interruption, and makes only the maps of images that are new.
+/// Training takes the folder as `--depth-prior DIR` or `--normal-prior DIR`. It holds NAME.npy for
+/// each image, prior.json, and made_from.json, by which the same call keeps the maps that are there:
+/// it goes on after an interruption, and makes only the maps of images that are new.
 ///
-/// --model takes an ONNX file such as Depth Anything V2: one picture in, f32 [1, 3, rows, columns]; the
-/// first output is f32 [1, rows, columns] or [1, 1, rows, columns] for depths, [1, 3, rows, columns] or
-/// [1, rows, columns, 3] for normals. Pictures of any size are brought to that of the input, and maps to
-/// the proportions of the image.
+/// --model takes an ONNX file such as Depth Anything V2: one picture in, f32 [1, 3, rows, columns];
+/// the first output is f32 [1, rows, columns] or [1, 1, rows, columns] for depths, and
+/// [1, 3, rows, columns] or [1, rows, columns, 3] for normals. Images are brought to the size of
+/// the input, and maps back to the proportions of the image.
 ///
-/// --command is called for each image, for at most 600 s. {image} stands for the image, {out} for the
-/// file to write, NAME.npy; {out}.png and {out}.tif are pictures. It is split into words as a shell does,
-/// but no shell runs it: pipes and variables need `sh -c '...'`.
+/// --command is called for each image, for at most 600 s. {image} stands for the image, {out} for
+/// the file to write, NAME.npy; {out}.png and {out}.tif are pictures. It is split into words as a
+/// shell does, but no shell runs it: pipes need `sh -c 'depth "$0" > "$1"' {image} {out}`.
 ///
 ///   satgs prior kitchen -o depths --model depth_anything_v2_vits.onnx --kind disparity
 ///   satgs prior kitchen -o depths --command 'python3 depth.py {image} {out}'
-///   satgs prior kitchen -o normals --normals --command 'python3 normals.py --in {image} --out {out}.png'
+///   satgs prior kitchen -o normals --normals --command 'python3 normals.py {image} {out}.png'
 ///   satgs run kitchen -o run --recipe indoor --depth-prior depths --normal-prior normals
 #[derive(clap::Args, Clone, Debug)]
 #[command(verbatim_doc_comment)]

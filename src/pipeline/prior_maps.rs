@@ -50,7 +50,9 @@ pub fn prior_maps(
     progress: &dyn Progress,
 ) -> Result<PriorMapSummary, PipelineError> {
     let PriorMapOptions { content, kind, overwrite } = *options;
-    if content == PriorContent::Normals && let Some(kind) = kind {
+    if content == PriorContent::Normals
+        && let Some(kind) = kind
+    {
         let (option, found) = ("--kind", kind.to_string());
         return Err(PipelineError::Option { option, found, expected: "none: normals have no kinds" });
     }

@@ -38,12 +38,17 @@ impl PriorCommand {
     /// # Errors
     /// [`PriorError::NoSource`] if it does not name `{image}` and `{out}`, [`PriorError::Words`] if a quotation mark is open.
     pub fn parse(text: &str) -> Result<Self, PriorError> {
+        let no_source = || PriorError::NoSource { text: text.into() };
         if !(text.contains(IMAGE) && text.contains(OUT)) {
-            return Err(PriorError::NoSource { text: text.into() });
+            return Err(no_source());
         }
-        match shlex::split(text) {
-            Some(words) if !words.is_empty() => Ok(Self { text: text.into(), words }),
-            _ => Err(PriorError::Words { text: text.into() }),
+        let words = shlex::split(text).ok_or_else(|| PriorError::Words { text: text.into() })?;
+        // What follows a lone # is a comment.
+        let is_named = |mark| words.iter().any(|word| word.contains(mark));
+        if is_named(IMAGE) && is_named(OUT) {
+            Ok(Self { text: text.into(), words })
+        } else {
+            Err(no_source())
         }
     }
 
@@ -218,6 +223,7 @@ mod tests {
         assert_eq!((filled("{out}.png", image, stem), command.end()), ("/maps/c.1.png".into(), "png"));
         assert_eq!(PriorCommand::parse("f {image} {out}.tiff").unwrap().end(), "tiff");
         assert!(matches!(PriorCommand::parse("f {image}"), Err(PriorError::NoSource { .. })));
+        assert!(matches!(PriorCommand::parse("f {image} # {out}"), Err(PriorError::NoSource { .. })));
         assert!(matches!(PriorCommand::parse("f '{image} {out}"), Err(PriorError::Words { .. })));
     }
 }

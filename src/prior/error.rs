@@ -116,7 +116,9 @@ pub enum PriorError {
         text: String,
     },
     /// A command has an open quotation mark, or does not name its program.
-    #[error("`{text}` cannot be split into words as a shell does: a quotation mark is open, or a backslash at its end")]
+    #[error(
+        "`{text}` cannot be split into words as a shell does: a quotation mark is open, or a backslash at its end"
+    )]
     #[diagnostic(help("each quotation mark needs a second one"))]
     Words {
         /// The command.
@@ -127,8 +129,12 @@ pub enum PriorError {
     #[diagnostic(transparent)]
     Network(#[from] OnnxError),
     /// The first output of a network is no map of the whole picture.
-    #[error("`{path}` gives {found} for a picture of {columns} x {rows} pixels; expected {content} of the whole picture, f32 {expected}")]
-    #[diagnostic(help("the first output of the graph is used; other networks can be called by a command, or write a folder"))]
+    #[error(
+        "`{path}` gives {found} for a picture of {columns} x {rows} pixels; expected {content} of the whole picture, f32 {expected}"
+    )]
+    #[diagnostic(help(
+        "the first output of the graph is used; other networks can be called by a command, or write a folder"
+    ))]
     Output {
         /// The file.
         path: PathBuf,
@@ -145,8 +151,10 @@ pub enum PriorError {
     },
     /// The program of a command cannot be started.
     #[error("`{command}`: its program `{program}` cannot be started: {cause}")]
-    #[diagnostic(help("is it installed, and on the PATH? a script that is not executable is started by its interpreter: 'sh \
-         depth.sh {{image}} {{out}}'"))]
+    #[diagnostic(help(
+        "is it installed, and on the PATH? a script that is not executable is started by its interpreter: 'sh \
+         depth.sh {{image}} {{out}}'"
+    ))]
     CommandStart {
         /// The command.
         command: String,
@@ -198,7 +206,9 @@ pub enum PriorError {
     },
     /// A map that was made cannot be used.
     #[error("the map that `{maker}` gives for `{image}` {fault}")]
-    #[diagnostic(help("a map shows all of its image in the same proportion of sides; see docs/guide/priors.md"))]
+    #[diagnostic(help(
+        "a map shows all of its image in the same proportion of sides; see docs/guide/priors.md"
+    ))]
     Unusable {
         /// The network or the command.
         maker: String,

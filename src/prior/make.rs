@@ -72,7 +72,7 @@ pub fn make_maps(
 
 /// A maker that is ready.
 enum Loaded<'a> {
-    Network(PriorNetwork),
+    Network(Box<PriorNetwork>),
     Command(&'a PriorCommand),
 }
 
@@ -137,7 +137,7 @@ impl Work<'_> {
         progress: &dyn Progress,
     ) -> Result<(), PriorError> {
         let maker = match self.maker {
-            PriorMaker::Network(path) => Loaded::Network(PriorNetwork::load(path, self.content)?),
+            PriorMaker::Network(path) => Loaded::Network(Box::new(PriorNetwork::load(path, self.content)?)),
             PriorMaker::Command(command) => Loaded::Command(command),
         };
         let mut fault = None;

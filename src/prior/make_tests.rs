@@ -275,8 +275,9 @@ fn a_command_that_hangs_is_stopped_with_all_that_it_has_started() {
     let (late, maps) = (folder.path().join("late"), folder.path().join("maps"));
     let script = format!("echo waiting >&2\n(sleep 1.5; touch '{}') &\nwait\n", late.display());
     let maker = command(folder.path(), &script);
-    let depths =
-        |progress: &dyn Progress| make(&maker, PriorContent::Depths, &views, &maps, ExistingMaps::Keep, progress);
+    let depths = |progress: &dyn Progress| {
+        make(&maker, PriorContent::Depths, &views, &maps, ExistingMaps::Keep, progress)
+    };
     let error = depths(&NoProgress).unwrap_err();
     assert!(matches!(&error, PriorError::CommandTime { said, .. } if said == "waiting"), "{error}");
     let error = depths(&After(Instant::now())).unwrap_err();

@@ -52,7 +52,8 @@ impl PriorNetwork {
         if fitted.len() > 1 {
             shape.push(fitted.len());
         }
-        let values = (0..map_width * map_height).flat_map(|i| fitted.iter().map(move |p| p.data[i])).collect();
+        let values =
+            (0..map_width * map_height).flat_map(|i| fitted.iter().map(move |p| p.data[i])).collect();
         Ok(NpyArray { shape, values, is_integer: false })
     }
 
@@ -84,8 +85,7 @@ fn input_size([rows, columns]: [Option<usize>; 2], width: usize, height: usize) 
 
 /// The values that a network sees of a whole picture at its input's size.
 fn values(rgb: [Grid2; 3], size: [usize; 2]) -> Vec<f32> {
-    let normalization =
-        if size == DEPTH_PRO { Normalization::SYMMETRIC } else { Normalization::IMAGENET };
+    let normalization = if size == DEPTH_PRO { Normalization::SYMMETRIC } else { Normalization::IMAGENET };
     let mut values = Vec::with_capacity(3 * size[0] * size[1]);
     for (color, mut plane) in rgb.into_iter().enumerate() {
         // Pixels without data must not spread to those around.

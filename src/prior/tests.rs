@@ -166,7 +166,9 @@ fn views_without_a_map_are_trained_without_and_named() {
     write_depths(folder.path(), &views[1..], SIZE, |d| d);
     let recorder = Recorder::default();
     let sources = depths(folder.path(), None);
-    let priors = read_priors(&sources, &views.iter().collect::<Vec<_>>(), &points(), Path::new("unused"), &recorder).unwrap();
+    let priors =
+        read_priors(&sources, &views.iter().collect::<Vec<_>>(), &points(), Path::new("unused"), &recorder)
+            .unwrap();
     assert!(priors[0].depth.is_none() && priors[1].depth.is_some());
     let events = recorder.events();
     let is_said = |text: &str| text.contains("for 1 of 2 training views, the first is photo.0");
@@ -178,7 +180,8 @@ fn without_points_the_kind_of_depths_must_be_said() {
     let views = [view(0)];
     let folder = tempfile::tempdir().unwrap();
     write_depths(folder.path(), &views, SIZE, |d| d);
-    let read = |kind| read_priors(&depths(folder.path(), kind), &[&views[0]], &[], Path::new("unused"), &NoProgress);
+    let read =
+        |kind| read_priors(&depths(folder.path(), kind), &[&views[0]], &[], Path::new("unused"), &NoProgress);
     assert!(matches!(read(None), Err(PriorError::NoKind { .. })));
     assert_eq!(read(Some(DepthKind::Relative)).unwrap()[0].depth.as_ref().unwrap().kind, DepthKind::Relative);
 }

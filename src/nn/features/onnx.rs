@@ -122,7 +122,8 @@ impl DenseFeatures for OnnxFeatures {
         let mut counts = vec![0.0; width * height];
         for row in tile_starts(height, self.side, OVERLAP_PATCHES) {
             for col in tile_starts(width, self.side, OVERLAP_PATCHES) {
-                let values = tile_values(rgb, col * patch_px, row * patch_px, self.side_px, Normalization::IMAGENET);
+                let values =
+                    tile_values(rgb, col * patch_px, row * patch_px, self.side_px, Normalization::IMAGENET);
                 let tile = self.evaluate(values)?;
                 if layout(&tile.shape, self.side_px) != Some((self.layout, self.side, self.channels)) {
                     return Err(self.wrong_output(tile.description()));

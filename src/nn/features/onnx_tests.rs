@@ -98,7 +98,10 @@ fn a_cubic_resize_is_refused_also_within_a_branch() {
     for node in [resize("cubic"), inside] {
         let (_folder, path) = graph(node).write();
         let error = OnnxFeatures::load(&path).err().unwrap();
-        assert!(matches!(&error, FeatureError::Onnx(OnnxError::CubicResize { node, .. }) if node == "resize"), "{error}");
+        assert!(
+            matches!(&error, FeatureError::Onnx(OnnxError::CubicResize { node, .. }) if node == "resize"),
+            "{error}"
+        );
     }
 }
 
@@ -151,7 +154,10 @@ fn a_damaged_file_is_an_error_wherever_it_is_damaged() {
     // What follows the graph is the version of the operators, without which the graph is whole.
     let end_of_graph = whole.len() - 6;
     for length in (0..end_of_graph).step_by(7) {
-        assert!(matches!(refuse(&whole[..length]), Some(FeatureError::Onnx(OnnxError::Damaged { .. }))), "{length} bytes");
+        assert!(
+            matches!(refuse(&whole[..length]), Some(FeatureError::Onnx(OnnxError::Damaged { .. }))),
+            "{length} bytes"
+        );
     }
     for k in (0..whole.len()).step_by(3) {
         let mut bytes = whole.clone();
@@ -160,5 +166,8 @@ fn a_damaged_file_is_an_error_wherever_it_is_damaged() {
         refuse(&bytes);
     }
     let absent = OnnxFeatures::load(Path::new("absent.onnx")).err().unwrap();
-    assert!(matches!(absent, FeatureError::Onnx(OnnxError::Read { .. })) && absent.to_string().contains("absent.onnx"));
+    assert!(
+        matches!(absent, FeatureError::Onnx(OnnxError::Read { .. }))
+            && absent.to_string().contains("absent.onnx")
+    );
 }

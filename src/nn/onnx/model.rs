@@ -73,7 +73,9 @@ impl OnnxOutput {
         let found = output.dtype().to_string();
         match output.into_shape_vec::<f32, 4>() {
             Ok((shape, values)) => Self::Tensor(OnnxTensor { shape: shape.into(), values }),
-            Err(TryFromValueError::WrongRank { actual, .. }) => Self::Other(format!("{found} of rank {actual}")),
+            Err(TryFromValueError::WrongRank { actual, .. }) => {
+                Self::Other(format!("{found} of rank {actual}"))
+            }
             Err(_) => Self::Other(found),
         }
     }
@@ -87,8 +89,8 @@ impl OnnxModel {
     /// output, or if it has operators that rten does not compute or computes as others (cubic `Resize`).
     pub fn load(path: &Path) -> Result<Self, OnnxError> {
         check_file(path)?;
-        let model =
-            caused(|| Model::load_file(path)).map_err(|cause| OnnxError::Load { path: path.into(), cause })?;
+        let model = caused(|| Model::load_file(path))
+            .map_err(|cause| OnnxError::Load { path: path.into(), cause })?;
         let Some((input, [rows, columns])) = picture_input(&model) else {
             return Err(wrong_input(&model, path, "[1, 3, rows, columns]"));
         };
