@@ -18,6 +18,8 @@ pub const TRAINING: &str = "train/train.csv";
 pub const SNAPSHOTS: &str = "train/snapshots";
 /// Folder of pictures of what priors of depths gave the training of photographs to start from.
 pub const START: &str = "train/start";
+/// Folder of the depths and normals that a network or a command has made of the images.
+pub const PRIORS: &str = "priors";
 /// The trained splats.
 pub const SPLATS: &str = "splats.ply";
 /// The trained surface, matched with the views.

@@ -9,6 +9,7 @@ use satgs::pipeline::{
     DsmOptions, NvsOptions, Outcome, PerspectiveRunOptions, PipelineError, RenderOptions, StageResult,
     TrainOptions, Viewpoint, dsm, nvs_eval, render, run_perspective, train,
 };
+use satgs::prior::PriorSource;
 use satgs::progress::{Event, NoProgress, Progress, Recorder};
 use satgs::random::CounterRng;
 use satgs::splat::pinhole::PinholePicture;
@@ -221,7 +222,7 @@ fn recipe_indoor_trains_with_priors_and_notices_when_they_change() {
     write_depths(&depths, 1.0);
     let mut with_depths = options(60);
     with_depths.train.recipe = "indoor".into();
-    with_depths.train.priors.depths = Some(depths.clone());
+    with_depths.train.priors.depths = Some(PriorSource::Folder(depths.clone()));
     let told = Recorder::default();
     run_perspective(&scene, &with_depths, &run, &told, &mut |_| {}).unwrap();
     let notes = format!("{:?}", told.events());
@@ -242,10 +243,13 @@ fn recipe_indoor_trains_with_priors_and_notices_when_they_change() {
     let changed = train(&run, &with_depths.train, &NoProgress).unwrap_err().to_string();
     assert!(changed.contains("--depth-prior has changed"), "{changed}");
     let mut without_terms = options(60);
-    without_terms.train.priors.depths = Some(depths);
+    without_terms.train.priors.depths = Some(PriorSource::Folder(depths));
     let refused = run_perspective(&scene, &without_terms, &folder.path().join("2"), &NoProgress, &mut |_| {});
     let refused = refused.unwrap_err().to_string();
-    assert!(refused.contains("`--depth-prior` is") && refused.contains("indoor and geoprop use it"), "{refused}");
+    assert!(
+        refused.contains("`--depth-prior` is") && refused.contains("indoor and geoprop use it"),
+        "{refused}"
+    );
 }
 
 #[test]

@@ -135,8 +135,8 @@ fn priors_are_found_by_the_names_of_the_views() {
     let folder = tempfile::tempdir().unwrap();
     room(folder.path(), false);
     let scene = PerspectiveScene::read(folder.path(), &PerspectiveOptions::default()).unwrap();
-    let [depths, normals] =
-        ["depths", "normals"].map(|kind| PriorFolder::open(&folder.path().join("priors").join(kind)).unwrap());
+    let [depths, normals] = ["depths", "normals"]
+        .map(|kind| PriorFolder::open(&folder.path().join("priors").join(kind)).unwrap());
     assert_eq!(depths.description().kind, Some(DepthKind::Disparity));
     for view in &scene.views {
         let file = depths.file(view).unwrap();
@@ -153,8 +153,7 @@ fn photographs_from_the_air_are_read_with_their_lists_and_their_truth_fits() {
     let summary = aerial(out, false);
     points_agree_with_depths(out, 0.3, 300);
     let list = summary.test_list.clone().unwrap();
-    let options =
-        PerspectiveOptions { test_views: TestViews::List(list), ..PerspectiveOptions::default() };
+    let options = PerspectiveOptions { test_views: TestViews::List(list), ..PerspectiveOptions::default() };
     let scene = PerspectiveScene::read(out, &options).unwrap();
     let training: Vec<_> =
         scene.views.iter().filter(|v| v.role == Role::Train).map(|v| format!("{}.png\n", v.name)).collect();

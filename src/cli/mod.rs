@@ -18,6 +18,7 @@ mod nvs_eval;
 mod perspective_args;
 mod perspective_info;
 mod plan;
+mod prior;
 mod render;
 mod report;
 mod rpc;
@@ -86,6 +87,7 @@ enum Command {
     NvsEval(nvs_eval::Args),
     Mesh(mesh::Args),
     MeshEval(mesh_eval::Args),
+    Prior(prior::Args),
     Run(Box<run::Args>),
     Plan(Box<plan::Args>),
     Tile(tile::Args),
@@ -131,6 +133,7 @@ pub fn run_command_line(words: impl IntoIterator<Item = std::ffi::OsString>) -> 
         Command::NvsEval(args) => nvs_eval::run(args, &ui),
         Command::Mesh(args) => mesh::run(args, &ui),
         Command::MeshEval(args) => mesh_eval::run(args, &ui),
+        Command::Prior(args) => prior::run(args, &ui),
         Command::Run(args) => run::run(args, &ui),
         Command::Plan(args) => plan::run(args, &ui),
         Command::Tile(args) => tile::run(args, &ui),

@@ -76,7 +76,13 @@ pub struct Args {
     ///
     /// They have no cars and no noise, and dates, suns and directions between those of the other images. `satgs nvs-eval`
     /// compares a trained run with them.
-    #[arg(long, default_value_t = 0, value_name = "N", allow_negative_numbers = true, conflicts_with = "photographs")]
+    #[arg(
+        long,
+        default_value_t = 0,
+        value_name = "N",
+        allow_negative_numbers = true,
+        conflicts_with = "photographs"
+    )]
     held_out: usize,
     /// Replace the files of an earlier simulation in OUT
     #[arg(long)]

@@ -2,7 +2,7 @@
 
 use super::{CliError, Ui};
 use crate::pipeline::{Outcome, PerspectiveManifest, TrainOptions, Trained, train};
-use crate::prior::{DepthKind, PriorSources};
+use crate::prior::{DepthKind, PriorSource, PriorSources};
 use crate::run_files::SPLATS;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::train::recipe::{Recipe, StartPoints};
@@ -50,7 +50,7 @@ impl From<Primitive> for PrimitiveKind {
 
 /// What the values of depths are.
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum PriorKind {
+pub enum PriorKind {
     /// Depths in the unit of the scene
     Metric,
     /// Depths up to a scale and a shift, larger where the scene is farther
@@ -133,17 +133,18 @@ pub struct Options {
     /// Network (safetensors, made by scripts/fetch-weights) of the perceptual loss of recipe satgs [default: train without]
     #[arg(long, value_name = "FILE")]
     lpips: Option<PathBuf>,
-    /// Folder with depths of the images for recipes indoor and geoprop: NAME.npy, NAME.png or NAME.tif for each image, from
-    /// a network or a sensor [default: train without]
-    #[arg(long, value_name = "DIR")]
-    depth_prior: Option<PathBuf>,
+    /// Depths of the images for recipes indoor and geoprop: a folder with NAME.npy, NAME.png or NAME.tif for each image; a network (ONNX, such
+    /// as Depth Anything V2); or a command that writes the map {out} of the image {image}, as 'python3 depth.py {image} {out}'.
+    /// Maps that are made are kept in RUN/priors; `satgs prior` makes them once for several runs [default: train without]
+    #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse)]
+    depth_prior: Option<PriorSource>,
     /// What the values of --depth-prior are [default: what its prior.json says, else what the points of the scene show]
     #[arg(long, value_name = "KIND", requires = "depth_prior")]
     prior_kind: Option<PriorKind>,
-    /// Folder with normals of the images for recipe indoor, in camera axes (right, down, forward) with any signs [default: train
-    /// without]
-    #[arg(long, value_name = "DIR")]
-    normal_prior: Option<PathBuf>,
+    /// Normals of the images for recipe indoor, in camera axes (right, down, forward) with any signs: a folder, a network or a
+    /// command, as --depth-prior [default: train without]
+    #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse)]
+    normal_prior: Option<PriorSource>,
 }
 
 impl Options {

@@ -13,4 +13,5 @@ pub mod linear;
 pub mod lpips;
 mod max_pool;
 pub mod mlp;
+pub mod onnx;
 pub mod uncertainty;

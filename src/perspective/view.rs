@@ -76,6 +76,26 @@ impl PerspectiveView {
     /// [`PerspectiveError`] if the image or its mask cannot be read, or is not of the size of the camera.
     pub fn read_image(&self) -> Result<ViewImage, PerspectiveError> {
         let file = self.open(&self.image)?;
+        let mut planes = self.colors(&file)?;
+        if let Some(alpha) = (1..=file.bands()).find(|b| file.is_alpha(*b)) {
+            hide(&mut planes, &stored(&file, alpha)?);
+        }
+        if let Some(mask) = &self.mask {
+            hide(&mut planes, &stored(&self.open(mask)?, 1)?);
+        }
+        Ok(ViewImage { planes: self.undistorted_planes(&planes) })
+    }
+
+    /// Reads red, green and blue of the whole image file as displayed, from 0 to 1, with the distortion of its lens, without mask
+    /// and transparency; NaN where the file has no data.
+    ///
+    /// # Errors
+    /// [`PerspectiveError`] if the image cannot be read, or is not of the size of the camera.
+    pub fn read_file(&self) -> Result<[Grid2; 3], PerspectiveError> {
+        self.colors(&self.open(&self.image)?)
+    }
+
+    fn colors(&self, file: &ImageFile) -> Result<[Grid2; 3], PerspectiveError> {
         if !jpeg::is_complete(&vsi::read(&self.image).map_err(|e| ReadError::new(&self.image, e))?) {
             let cause = "the file ends before its picture does";
             return Err(ReadError::new(&self.image, cause).into());
@@ -101,7 +121,7 @@ impl PerspectiveView {
             plane.data.iter_mut().for_each(|v| *v *= scale);
             Ok(plane)
         };
-        let mut planes = match *colors.as_slice() {
+        Ok(match *colors.as_slice() {
             [red, green, blue, ..] => [read(red)?, read(green)?, read(blue)?],
             [gray, ..] => {
                 let gray = read(gray)?;
@@ -116,14 +136,7 @@ impl PerspectiveView {
                     "colours or grey values",
                 ));
             }
-        };
-        if let Some(alpha) = (1..=file.bands()).find(|b| file.is_alpha(*b)) {
-            hide(&mut planes, &stored(&file, alpha)?);
-        }
-        if let Some(mask) = &self.mask {
-            hide(&mut planes, &stored(&self.open(mask)?, 1)?);
-        }
-        Ok(ViewImage { planes: self.undistorted_planes(&planes) })
+        })
     }
 
     /// Reads the depth map for [`PerspectiveView::camera`]: metres (units of the scene, if it has no metres) along the

@@ -465,10 +465,14 @@ impl PipelineError {
             Self::Interrupted(_)
             | Self::TrainingInterrupted { .. }
             | Self::Bundle(BundleError::Interrupted(_))
+            | Self::Prior(PriorError::Interrupted { .. })
             | Self::Simulate(SimulateError::Interrupted(_)) => ErrorKind::Interrupted,
             Self::Json { .. }
             | Self::Write(_)
             | Self::Mesh(MeshError::Write(_))
+            | Self::Prior(
+                PriorError::Write(_) | PriorError::CommandFailed { .. } | PriorError::CommandTime { .. },
+            )
             | Self::Perspective(PerspectiveError::Write(_))
             | Self::Backend(_)
             | Self::Raster(RasterError::Write(_) | RasterError::Encode { .. })

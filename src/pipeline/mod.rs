@@ -2,7 +2,8 @@
 //!
 //! A run folder holds what one stage writes and the next ones read; [`run_files`](crate::run_files) has the names.
 //! [`adjust`] starts one from a [`Scene`](crate::scene::Scene), [`train`], [`dsm`], [`evaluate`], [`render`],
-//! [`nvs_eval`], [`mesh()`], [`align`], [`report`], [`write_page`] and [`export_colmap`] work on it, and [`run`] calls the main stages in a row. Options are plain
+//! [`nvs_eval`], [`mesh()`], [`align`], [`report`], [`write_page`] and [`export_colmap`] work on it, and [`run`] calls the main stages in a row.
+//! [`prior_maps`] makes maps that training takes. Options are plain
 //! structs whose [`Default`] is what the command line takes without arguments, results are plain structs that serialise
 //! to what `satgs COMMAND --json` prints, and all errors are [`PipelineError`]s. Long work reports to a
 //! [`Progress`](crate::progress::Progress), which can also stop it.
@@ -31,6 +32,7 @@ mod nvs_eval;
 mod nvs_scores;
 mod page_layers;
 mod perspective;
+mod prior_maps;
 mod products;
 mod relocation;
 mod render;
@@ -66,6 +68,7 @@ pub use nvs_scores::{NvsOptions, NvsScores, Protocol, ViewScore};
 pub use perspective::{
     PerspectiveCameras, PerspectiveManifest, PerspectiveRunOptions, TrainedPhoto, run_perspective,
 };
+pub use prior_maps::{PriorMapOptions, PriorMapSummary, prior_maps};
 pub use render::render;
 pub use render_options::{Colors, Moment, RenderOptions, RenderSummary, Viewpoint};
 pub(crate) use run::run_adjusted;

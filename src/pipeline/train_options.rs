@@ -2,7 +2,7 @@
 
 use super::PipelineError;
 use crate::affine::SiteFrame;
-use crate::prior::PriorSources;
+use crate::prior::{PriorSource, PriorSources};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::train::recipe::{PerspectiveRecipe, Recipe, StartPoints};
 use std::path::{Path, PathBuf};
@@ -108,19 +108,19 @@ impl TrainOptions {
         let of_colors = (recipe.then.is_some(), "none: of the recipes, satgs uses it");
         let needs_depths = recipe.perspective.is_some_and(|p| p.start_points.needs_depths());
         let of_depths = weighs(&["depth_prior", "depth_smoothness"]) || needs_depths;
+        let file = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
+        let source = |source: &Option<PriorSource>| source.as_ref().map(ToString::to_string);
+        let depths_expected = "none: recipes indoor and geoprop use it, and --start does";
+        let normals_expected = "none: of the recipes, indoor uses it";
         let given = [
-            ("--features", &self.features, of_colors),
-            ("--lpips", &self.lpips, of_colors),
-            (
-                "--depth-prior",
-                depths,
-                (of_depths, "none: recipes indoor and geoprop use it, and --start does"),
-            ),
-            ("--normal-prior", normals, (weighs(&["normal_prior"]), "none: of the recipes, indoor uses it")),
+            ("--features", file(&self.features), of_colors),
+            ("--lpips", file(&self.lpips), of_colors),
+            ("--depth-prior", source(depths), (of_depths, depths_expected)),
+            ("--normal-prior", source(normals), (weighs(&["normal_prior"]), normals_expected)),
         ];
-        for (option, path, (is_used, expected)) in given {
-            if let Some(path) = path.as_ref().filter(|_| !is_used) {
-                return Err(PipelineError::Option { option, found: path.display().to_string(), expected });
+        for (option, found, (is_used, expected)) in given {
+            if let Some(found) = found.filter(|_| !is_used) {
+                return Err(PipelineError::Option { option, found, expected });
             }
         }
         Ok(recipe)

@@ -1,8 +1,11 @@
 //! Errors of priors.
 
-use super::map::DepthKind;
+use super::map::{DepthKind, PriorContent};
 use crate::io::{RasterError, ReadError, WriteError};
+use crate::nn::onnx::OnnxError;
+use crate::perspective::PerspectiveError;
 use std::path::PathBuf;
+use std::process::ExitStatus;
 
 /// Why priors cannot be used.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
@@ -109,6 +112,142 @@ pub enum PriorError {
         /// Mean cosine with the second best signs.
         second: f64,
     },
+    /// A text names no source of priors.
+    #[error(
+        "`{text}` is neither an existing folder, nor an existing file that ends in .onnx, nor a command with {{image}} and {{out}}"
+    )]
+    #[diagnostic(help(
+        "a folder has a map for each image; a file .onnx is a network; a command is called for each image: 'python3 depth.py \
+         {{image}} {{out}}'"
+    ))]
+    NoSource {
+        /// The text.
+        text: String,
+    },
+    /// A command has an open quotation mark, or does not name its program.
+    #[error(
+        "`{text}` cannot be split into words as a shell does: a quotation mark is open, or a backslash at its end"
+    )]
+    #[diagnostic(help("each quotation mark needs a second one"))]
+    Words {
+        /// The command.
+        text: String,
+    },
+    /// A network cannot be read or evaluated.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Network(#[from] OnnxError),
+    /// The first output of a network is no map of the whole picture.
+    #[error(
+        "`{path}` gives {found} for a picture of {columns} x {rows} pixels; expected {content} of the whole picture, f32 {expected}"
+    )]
+    #[diagnostic(help(
+        "the first output of the graph is used; other networks can be called by a command, or write a folder"
+    ))]
+    Output {
+        /// The file.
+        path: PathBuf,
+        /// Type and shape of the output.
+        found: String,
+        /// What it is to be.
+        content: PriorContent,
+        /// Its shapes.
+        expected: &'static str,
+        /// Columns of the picture.
+        columns: usize,
+        /// Rows of the picture.
+        rows: usize,
+    },
+    /// The program of a command cannot be started.
+    #[error("`{command}`: its program `{program}` cannot be started: {cause}")]
+    #[diagnostic(help(
+        "is it installed, and on the PATH? a script that is not executable is started by its interpreter: 'sh \
+         depth.sh {{image}} {{out}}'"
+    ))]
+    CommandStart {
+        /// The command.
+        command: String,
+        /// Its first word.
+        program: String,
+        /// Error of the system.
+        cause: std::io::Error,
+    },
+    /// A command ends with an error.
+    #[error("`{command}` failed for `{image}` ({status}): {said}")]
+    #[diagnostic(help("the maps made so far are kept; the same call of satgs goes on with the next one"))]
+    CommandFailed {
+        /// The command.
+        command: String,
+        /// The image.
+        image: PathBuf,
+        /// How it ended.
+        status: ExitStatus,
+        /// The last lines of its standard error.
+        said: String,
+    },
+    /// A command takes too long.
+    #[error("`{command}` was stopped after {limit_s} s at `{image}`: {said}")]
+    #[diagnostic(help(
+        "does it wait for something? a program that needs longer for an image can write a folder of maps by itself"
+    ))]
+    CommandTime {
+        /// The command.
+        command: String,
+        /// The image.
+        image: PathBuf,
+        /// The time limit, seconds.
+        limit_s: f64,
+        /// The last lines of its standard error.
+        said: String,
+    },
+    /// A command has not written its map.
+    #[error("`{command}` ended without an error but has not written the map of `{image}`: {said}")]
+    #[diagnostic(help(
+        "it must write the file that {{out}} stands for, NAME.npy; `{{out}}.png` and `{{out}}.tif` are called so"
+    ))]
+    CommandSilent {
+        /// The command.
+        command: String,
+        /// The image.
+        image: PathBuf,
+        /// The last lines of its standard error.
+        said: String,
+    },
+    /// A map that was made cannot be used.
+    #[error("the map that `{maker}` gives for `{image}` {fault}")]
+    #[diagnostic(help(
+        "a map shows all of its image in the same proportion of sides; see docs/guide/priors.md"
+    ))]
+    Unusable {
+        /// The network or the command.
+        maker: String,
+        /// The image.
+        image: PathBuf,
+        /// What is wrong with it.
+        fault: String,
+    },
+    /// A file would be replaced.
+    #[error("`{path}` exists, and was not made from the same image by `{maker}`")]
+    #[diagnostic(help("--overwrite replaces it, another output keeps both"))]
+    OtherMap {
+        /// The file.
+        path: PathBuf,
+        /// The network or the command.
+        maker: String,
+    },
+    /// The caller's [`Progress`](crate::progress::Progress) asked to stop.
+    #[error("interrupted after {made} of {total} maps")]
+    #[diagnostic(help("the same command goes on with the next one"))]
+    Interrupted {
+        /// Maps that are made.
+        made: usize,
+        /// Maps that were to be made.
+        total: usize,
+    },
+    /// An image cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Image(#[from] PerspectiveError),
     /// A file cannot be read.
     #[error(transparent)]
     #[diagnostic(transparent)]

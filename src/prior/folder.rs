@@ -1,16 +1,16 @@
 //! Priors in the files of a folder, one for each image.
 
 use super::error::PriorError;
-use super::map::{DepthKind, DepthPrior, NormalPrior};
+use super::map::{DepthKind, DepthPrior, NormalPrior, PriorContent};
 use crate::io::{Grid2, ImageFile, NpyArray, read_json, vsi};
 use crate::perspective::PerspectiveView;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Ends of the names of files, in the order in which they are looked for.
-const ENDS: [&str; 4] = ["npy", "png", "tif", "tiff"];
+pub(super) const ENDS: [&str; 4] = ["npy", "png", "tif", "tiff"];
 /// Name of the file that says what the values of a folder are.
-const DESCRIPTION: &str = "prior.json";
+pub(super) const DESCRIPTION: &str = "prior.json";
 /// Largest value of a 16-bit integer: together with 0 it marks pixels without a depth.
 const NO_DEPTH: f32 = 65535.0;
 /// Largest difference between the ratio of the sides of a map and that of its image, as a share.
@@ -146,6 +146,24 @@ impl PriorFolder {
             });
         }
         Ok(NormalPrior { planes })
+    }
+}
+
+impl PriorFolder {
+    /// Checks that a file can be used as the map of a view.
+    ///
+    /// # Errors
+    /// As [`PriorFolder::depth`] and [`PriorFolder::normal`].
+    pub(super) fn check(
+        &self,
+        file: &Path,
+        view: &PerspectiveView,
+        content: PriorContent,
+    ) -> Result<(), PriorError> {
+        match content {
+            PriorContent::Depths => self.depth(file, view, DepthKind::Relative).map(drop),
+            PriorContent::Normals => self.normal(file, view, [1.0; 3]).map(drop),
+        }
     }
 }
 

@@ -24,6 +24,24 @@ impl std::fmt::Display for DepthKind {
     }
 }
 
+/// What a prior says of each pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PriorContent {
+    /// How far away the surface is.
+    Depths,
+    /// Where the surface faces.
+    Normals,
+}
+
+impl std::fmt::Display for PriorContent {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Depths => "depths",
+            Self::Normals => "normals",
+        })
+    }
+}
+
 /// A value for each pixel of a view that says how far away the surface is.
 #[derive(Clone, Debug)]
 pub struct DepthPrior {

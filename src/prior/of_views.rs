@@ -2,16 +2,18 @@
 
 use super::agreement::{FEWEST_POINTS, correlation, normal_products};
 use super::error::PriorError;
-use super::folder::PriorFolder;
-use super::map::{DepthKind, ViewPriors};
+use super::folder::{PriorDescription, PriorFolder};
+use super::make::{ExistingMaps, make_maps};
+use super::map::{DepthKind, PriorContent, ViewPriors};
 use super::seen::{SeenPoint, seen_points};
+use super::source::PriorSource;
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveView, point_normals};
 use crate::progress::{Event, Progress};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::num::NonZero;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Number of views whose depths are compared with the points of the scene.
 const COMPARED_DEPTHS: usize = 8;
@@ -27,31 +29,34 @@ const NEIGHBOURS: NonZero<usize> = NonZero::new(16).unwrap();
 /// Where priors come from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PriorSources {
-    /// Folder with depths of the images.
-    pub depths: Option<PathBuf>,
+    /// Of depths of the images.
+    pub depths: Option<PriorSource>,
     /// What the values of the depths are; by default what `prior.json` says, else what the points of the scene say.
     pub kind: Option<DepthKind>,
-    /// Folder with normals of the images.
-    pub normals: Option<PathBuf>,
+    /// Of normals of the images.
+    pub normals: Option<PriorSource>,
 }
 
 /// The files of a folder, by views: none where a view has none.
 type Files<'a> = Vec<(&'a PerspectiveView, Option<PathBuf>)>;
 
-/// Reads the priors of these views, in their order, and reports what is missing. `points` are those of the scene.
+/// Reads the priors of these views, in their order, and reports what is missing. `points` are those of the scene. What a network
+/// or a command makes is kept in the folders `depths` and `normals` of `cache`, and not made again for the same images.
 ///
 /// # Errors
-/// [`PriorError`] if a folder has no file for any view, a file is damaged or has another shape than its image, or values contradict
+/// [`PriorError`] if maps cannot be made, a folder has no file for any view, a file is damaged or has another shape than its image, or values contradict
 /// the points of the scene.
 pub fn read_priors(
     sources: &PriorSources,
     views: &[&PerspectiveView],
     points: &[Point<Site>],
+    cache: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<ViewPriors>, PriorError> {
     let mut priors = vec![ViewPriors::default(); views.len()];
-    if let Some(path) = &sources.depths {
-        let folder = PriorFolder::open(path)?;
+    if let Some(source) = &sources.depths {
+        let description = PriorDescription { kind: sources.kind, scale: None };
+        let folder = folder(source, PriorContent::Depths, &description, views, cache, progress)?;
         let files = files(&folder, views, progress)?;
         let kind = depth_kind(&folder, sources.kind, &files, points, progress)?;
         let read = |(view, file): &(&PerspectiveView, Option<PathBuf>)| {
@@ -62,8 +67,9 @@ pub fn read_priors(
             prior.depth = depth?;
         }
     }
-    if let Some(path) = &sources.normals {
-        let folder = PriorFolder::open(path)?;
+    if let Some(source) = &sources.normals {
+        let description = PriorDescription::default();
+        let folder = folder(source, PriorContent::Normals, &description, views, cache, progress)?;
         let files = files(&folder, views, progress)?;
         let signs = signs_of_axes(&folder, &files, points, progress)?;
         let read = |(view, file): &(&PerspectiveView, Option<PathBuf>)| {
@@ -75,6 +81,25 @@ pub fn read_priors(
         }
     }
     Ok(priors)
+}
+
+/// The folder of a source, with the maps that it has to make.
+fn folder(
+    source: &PriorSource,
+    content: PriorContent,
+    description: &PriorDescription,
+    views: &[&PerspectiveView],
+    cache: &Path,
+    progress: &dyn Progress,
+) -> Result<PriorFolder, PriorError> {
+    match source {
+        PriorSource::Folder(path) => PriorFolder::open(path),
+        PriorSource::Maker(maker) => {
+            let folder = cache.join(content.to_string());
+            make_maps(maker, content, views, &folder, description, ExistingMaps::Update, progress)?;
+            PriorFolder::open(&folder)
+        }
+    }
 }
 
 /// The files of the views; says how many are missing.

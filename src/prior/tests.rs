@@ -10,10 +10,10 @@ use crate::scene::Role;
 use glam::{DMat3, DVec2, DVec3};
 use std::path::{Path, PathBuf};
 
-const SIZE: (usize, usize) = (64, 48);
+pub(super) const SIZE: (usize, usize) = (64, 48);
 
 /// A view from 4 m away of a ball of radius 1 m around the origin.
-fn view(k: usize) -> PerspectiveView {
+pub(super) fn view(k: usize) -> PerspectiveView {
     let (sin, cos) = (0.5 * k as f64).sin_cos();
     let center = DVec3::new(4.0 * cos, 4.0 * sin, 1.5);
     let forward = (-center).normalize();
@@ -64,11 +64,11 @@ fn write_depths(folder: &Path, views: &[PerspectiveView], size: (usize, usize), 
 }
 
 fn depths(folder: &Path, kind: Option<DepthKind>) -> PriorSources {
-    PriorSources { depths: Some(folder.into()), kind, normals: None }
+    PriorSources { depths: Some(PriorSource::Folder(folder.into())), kind, normals: None }
 }
 
 fn read(sources: &PriorSources, views: &[PerspectiveView]) -> Result<Vec<ViewPriors>, PriorError> {
-    read_priors(sources, &views.iter().collect::<Vec<_>>(), &points(), &NoProgress)
+    read_priors(sources, &views.iter().collect::<Vec<_>>(), &points(), Path::new("unused"), &NoProgress)
 }
 
 #[test]
@@ -167,7 +167,9 @@ fn views_without_a_map_are_trained_without_and_named() {
     write_depths(folder.path(), &views[1..], SIZE, |d| d);
     let recorder = Recorder::default();
     let sources = depths(folder.path(), None);
-    let priors = read_priors(&sources, &views.iter().collect::<Vec<_>>(), &points(), &recorder).unwrap();
+    let priors =
+        read_priors(&sources, &views.iter().collect::<Vec<_>>(), &points(), Path::new("unused"), &recorder)
+            .unwrap();
     assert!(priors[0].depth.is_none() && priors[1].depth.is_some());
     let events = recorder.events();
     let is_said = |text: &str| text.contains("for 1 of 2 training views, the first is photo.0");
@@ -179,7 +181,8 @@ fn without_points_the_kind_of_depths_must_be_said() {
     let views = [view(0)];
     let folder = tempfile::tempdir().unwrap();
     write_depths(folder.path(), &views, SIZE, |d| d);
-    let read = |kind| read_priors(&depths(folder.path(), kind), &[&views[0]], &[], &NoProgress);
+    let read =
+        |kind| read_priors(&depths(folder.path(), kind), &[&views[0]], &[], Path::new("unused"), &NoProgress);
     assert!(matches!(read(None), Err(PriorError::NoKind { .. })));
     assert_eq!(read(Some(DepthKind::Relative)).unwrap()[0].depth.as_ref().unwrap().kind, DepthKind::Relative);
 }
@@ -195,7 +198,7 @@ fn write_normals(
         let array = NpyArray { shape: vec![SIZE.1, SIZE.0, 3], values, is_integer: false };
         array.write(&folder.join(format!("{}.npy", view.name))).unwrap();
     }
-    PriorSources { normals: Some(folder.into()), ..PriorSources::default() }
+    PriorSources { normals: Some(PriorSource::Folder(folder.into())), ..PriorSources::default() }
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Errors of features.
 
-use crate::io::Cause;
+use crate::nn::onnx::OnnxError;
 use std::path::PathBuf;
 
 /// Why features could not be computed, or a network not be read.
@@ -21,55 +21,10 @@ pub enum FeatureError {
         /// Smallest side, pixels.
         least: usize,
     },
-    /// The file of a network cannot be read.
-    #[error("reading the network `{path}` failed: {cause}")]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Error of the file system.
-        cause: std::io::Error,
-    },
-    /// The file is cut short, or no ONNX model.
-    #[error("`{path}` is not a valid ONNX model: {reason} (at byte {at})")]
-    #[diagnostic(help("is the file complete?"))]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-        /// Where in the file.
-        at: usize,
-        /// What is wrong there.
-        reason: &'static str,
-    },
-    /// The graph interpolates with cubic polynomials, which the runtime would replace by linear interpolation.
-    #[error("`{path}`: node `{node}` is a `Resize` with mode `cubic`, which cannot be computed exactly")]
-    #[diagnostic(help(
-        "export the network for a fixed size of its input, so that position embeddings are constants"
-    ))]
-    CubicResize {
-        /// The file.
-        path: PathBuf,
-        /// Name of the node; its first output where it has none.
-        node: String,
-    },
-    /// The runtime refuses the graph.
-    #[error("`{path}` cannot be loaded: {cause}")]
-    #[diagnostic(help(
-        "expected an ONNX model whose name ends in `.onnx`, with weights inside or in a `.data` file beside it"
-    ))]
-    Load {
-        /// The file.
-        path: PathBuf,
-        /// Error of the runtime.
-        cause: Cause,
-    },
-    /// The graph's input is no picture.
-    #[error("`{path}` takes {found}; expected one picture, f32 [1, 3, side, side]")]
-    Input {
-        /// The file.
-        path: PathBuf,
-        /// Names, types and shapes of the inputs.
-        found: String,
-    },
+    /// See [`OnnxError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Onnx(#[from] OnnxError),
     /// The graph's first output holds no features of patches.
     #[error(
         "`{path}` gives {found} for a picture of {side_px} x {side_px} pixels; expected f32 [1, patches, channels] with at most \
@@ -85,14 +40,6 @@ pub enum FeatureError {
         side_px: usize,
         /// Largest number of leading tokens that are not patches.
         most_leading: usize,
-    },
-    /// The network cannot be evaluated.
-    #[error("evaluating `{path}` failed: {cause}")]
-    Run {
-        /// The file.
-        path: PathBuf,
-        /// Error of the runtime.
-        cause: Cause,
     },
     /// The network gives infinite features, or none.
     #[error("`{path}` gives features that are not finite")]

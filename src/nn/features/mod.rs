@@ -8,7 +8,6 @@ mod error;
 mod hand;
 mod map;
 mod onnx;
-mod onnx_graph;
 mod tiles;
 
 pub use error::FeatureError;

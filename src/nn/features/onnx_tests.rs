@@ -2,6 +2,8 @@
 
 use super::{DenseFeatures, FeatureError, FeatureMap, OnnxFeatures};
 use crate::io::Grid2;
+use crate::nn::onnx::OnnxError;
+use crate::nn::onnx::made_graph::{Graph, block, float_tensor, int, int64_tensor, ints, node, text};
 use crate::random::CounterRng;
 use std::path::{Path, PathBuf};
 
@@ -96,7 +98,10 @@ fn a_cubic_resize_is_refused_also_within_a_branch() {
     for node in [resize("cubic"), inside] {
         let (_folder, path) = graph(node).write();
         let error = OnnxFeatures::load(&path).err().unwrap();
-        assert!(matches!(&error, FeatureError::CubicResize { node, .. } if node == "resize"), "{error}");
+        assert!(
+            matches!(&error, FeatureError::Onnx(OnnxError::CubicResize { node, .. }) if node == "resize"),
+            "{error}"
+        );
     }
 }
 
@@ -122,7 +127,7 @@ fn graphs_that_take_or_give_something_else_are_refused() {
     {
         let (_folder, path) = relu(input).write();
         let error = OnnxFeatures::load(&path).err().unwrap();
-        assert!(matches!(error, FeatureError::Input { .. }), "{input:?}: {error}");
+        assert!(matches!(error, FeatureError::Onnx(OnnxError::Input { .. })), "{input:?}: {error}");
     }
     for (op_type, found) in [("Flatten", "rank 2"), ("Shape", "tensor(i32)")] {
         let nodes = vec![node(op_type, &["x"], &["y"], &[])];
@@ -149,7 +154,10 @@ fn a_damaged_file_is_an_error_wherever_it_is_damaged() {
     // What follows the graph is the version of the operators, without which the graph is whole.
     let end_of_graph = whole.len() - 6;
     for length in (0..end_of_graph).step_by(7) {
-        assert!(matches!(refuse(&whole[..length]), Some(FeatureError::Damaged { .. })), "{length} bytes");
+        assert!(
+            matches!(refuse(&whole[..length]), Some(FeatureError::Onnx(OnnxError::Damaged { .. }))),
+            "{length} bytes"
+        );
     }
     for k in (0..whole.len()).step_by(3) {
         let mut bytes = whole.clone();
@@ -158,85 +166,8 @@ fn a_damaged_file_is_an_error_wherever_it_is_damaged() {
         refuse(&bytes);
     }
     let absent = OnnxFeatures::load(Path::new("absent.onnx")).err().unwrap();
-    assert!(matches!(absent, FeatureError::Read { .. }) && absent.to_string().contains("absent.onnx"));
-}
-
-/// A graph with the input `x`, as ONNX bytes.
-#[derive(Default)]
-struct Graph {
-    input: &'static [i64],
-    nodes: Vec<Vec<u8>>,
-    constants: Vec<Vec<u8>>,
-    output: &'static str,
-}
-
-impl Graph {
-    /// Writes the file into a new folder, which lives as long as the first value.
-    fn write(&self) -> (tempfile::TempDir, PathBuf) {
-        let dims: Vec<u8> = self.input.iter().flat_map(|d| block(1, &number(1, *d))).collect();
-        let float = number(1, 1);
-        let input =
-            [block(1, b"x"), block(2, &block(1, &[float.clone(), block(2, &dims)].concat()))].concat();
-        let output = [block(1, self.output.as_bytes()), block(2, &block(1, &float))].concat();
-        let mut graph: Vec<u8> = self.nodes.iter().flat_map(|n| block(1, n)).collect();
-        graph.extend(self.constants.iter().flat_map(|c| block(5, c)));
-        graph.extend([block(11, &input), block(12, &output)].concat());
-        let bytes = [number(1, 8), block(7, &graph), block(8, &number(2, 17))].concat();
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("graph.onnx");
-        std::fs::write(&path, bytes).unwrap();
-        (folder, path)
-    }
-}
-
-fn varint(mut value: u64) -> Vec<u8> {
-    let mut out = Vec::new();
-    while value > 0x7F {
-        out.push(value as u8 | 0x80);
-        value >>= 7;
-    }
-    out.push(value as u8);
-    out
-}
-
-fn number(field: u64, value: i64) -> Vec<u8> {
-    [varint(field << 3), varint(value as u64)].concat()
-}
-
-fn block(field: u64, content: &[u8]) -> Vec<u8> {
-    [varint(field << 3 | 2), varint(content.len() as u64), content.to_vec()].concat()
-}
-
-fn node(op_type: &str, inputs: &[&str], outputs: &[&str], attributes: &[Vec<u8>]) -> Vec<u8> {
-    let name = op_type.to_lowercase();
-    let names =
-        inputs.iter().map(|i| block(1, i.as_bytes())).chain(outputs.iter().map(|o| block(2, o.as_bytes())));
-    let own = [block(3, name.as_bytes()), block(4, op_type.as_bytes())];
-    names.chain(own).chain(attributes.iter().cloned()).flatten().collect()
-}
-
-fn ints(name: &str, values: &[i64]) -> Vec<u8> {
-    let values: Vec<u8> = values.iter().flat_map(|v| number(8, *v)).collect();
-    block(5, &[block(1, name.as_bytes()), values, number(20, 7)].concat())
-}
-
-fn int(name: &str, value: i64) -> Vec<u8> {
-    block(5, &[block(1, name.as_bytes()), number(3, value), number(20, 2)].concat())
-}
-
-fn text(name: &str, value: &str) -> Vec<u8> {
-    block(5, &[block(1, name.as_bytes()), block(4, value.as_bytes()), number(20, 3)].concat())
-}
-
-fn float_tensor(name: &str, dims: &[i64], values: &[f32]) -> Vec<u8> {
-    tensor(name, dims, 1, values.iter().flat_map(|v| v.to_le_bytes()).collect())
-}
-
-fn int64_tensor(name: &str, values: &[i64]) -> Vec<u8> {
-    tensor(name, &[values.len() as i64], 7, values.iter().flat_map(|v| v.to_le_bytes()).collect())
-}
-
-fn tensor(name: &str, dims: &[i64], data_type: i64, raw: Vec<u8>) -> Vec<u8> {
-    let dims: Vec<u8> = dims.iter().flat_map(|d| number(1, *d)).collect();
-    [dims, number(2, data_type), block(8, name.as_bytes()), block(9, &raw)].concat()
+    assert!(
+        matches!(absent, FeatureError::Onnx(OnnxError::Read { .. }))
+            && absent.to_string().contains("absent.onnx")
+    );
 }

@@ -1,7 +1,7 @@
 //! Pictures of any size in square tiles of whole patches.
 
-use super::map::displayed;
 use crate::io::Grid2;
+use crate::nn::onnx::Normalization;
 
 /// The first patch of each tile along an axis of `patches`: tiles of `tile` patches cover the axis, neighbours share at least
 /// `overlap`, and the last one ends where the axis does. One tile, which reaches beyond the axis, if that is shorter.
@@ -11,22 +11,21 @@ pub(super) fn tile_starts(patches: usize, tile: usize, overlap: usize) -> Vec<us
     (0..last).step_by(step).chain([last]).collect()
 }
 
-/// The values that a network sees of a tile, colour by colour and row by row: `(value - mean) / deviation`, with the picture
-/// mirrored at its borders as often as needed.
+/// The values that a network sees of a tile, colour by colour and row by row: normalised, with the picture mirrored
+/// at its borders as often as needed.
 pub(super) fn tile_values(
     rgb: &[Grid2; 3],
     first_col: usize,
     first_row: usize,
     side: usize,
-    mean: [f32; 3],
-    deviation: [f32; 3],
+    normalization: Normalization,
 ) -> Vec<f32> {
     let columns: Vec<usize> = (0..side).map(|k| mirrored(first_col + k, rgb[0].width)).collect();
     let mut values = Vec::with_capacity(3 * side * side);
     for (c, plane) in rgb.iter().enumerate() {
         for row in first_row..first_row + side {
             let line = plane.row(mirrored(row, plane.height));
-            values.extend(columns.iter().map(|&col| (displayed(line[col]) - mean[c]) / deviation[c]));
+            values.extend(columns.iter().map(|&col| normalization.of(c, line[col])));
         }
     }
     values
@@ -56,7 +55,7 @@ mod tests {
     fn a_small_picture_is_mirrored_as_often_as_needed() {
         let plane = Grid2::from_fn(3, 1, |col, _| [0.1, 0.2, f32::NAN][col]);
         let rgb = [plane.clone(), plane.clone(), plane];
-        let values = tile_values(&rgb, 0, 0, 8, [0.0; 3], [1.0; 3]);
+        let values = tile_values(&rgb, 0, 0, 8, Normalization::NONE);
         assert_eq!(values[..8], [0.1, 0.2, 0.0, 0.0, 0.2, 0.1, 0.1, 0.2]);
         assert_eq!(values.len(), 3 * 64);
     }

@@ -12,9 +12,9 @@ use super::start::{splats_at_start, start_points};
 use crate::affine::SiteSceneError;
 use crate::io::write_json;
 use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
-use crate::prior::{PriorFolder, ViewPriors, read_priors};
+use crate::prior::{PriorContent, PriorFolder, PriorSource, ViewPriors, read_priors};
 use crate::progress::{Event, Progress};
-use crate::run_files::{CAMERAS, CHECKPOINT, SNAPSHOTS, SPLATS, START, TRAINING};
+use crate::run_files::{CAMERAS, CHECKPOINT, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
 use crate::scene::Role;
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::TrainingBackend;
@@ -69,7 +69,10 @@ pub(super) fn train_scene(
         return Ok(Outcome::Kept(stage.summary()?));
     }
     stage.require_writable()?;
-    let views = with_priors(read_views(scene, progress)?, scene, options, progress)?;
+    // Before the images, which need memory that networks may need too.
+    let priors = priors(run, scene, options, progress)?;
+    let views = read_views(scene, progress)?.into_iter().zip(priors);
+    let views: Vec<PinholeView> = views.map(|(view, priors)| view.with_priors(priors)).collect();
     let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
     let extent_m = extent_m(&cameras);
     require_fine_coordinates(&cameras, extent_m)?;
@@ -180,13 +183,13 @@ fn read_views(scene: &PerspectiveScene, progress: &dyn Progress) -> Result<Vec<P
     Ok(views)
 }
 
-/// The views with the priors that are asked for. Says which loss terms are idle without them.
-fn with_priors(
-    views: Vec<PinholeView>,
+/// The priors that are asked for, of all training views. Says which loss terms are idle without them.
+fn priors(
+    run: &Path,
     scene: &PerspectiveScene,
     options: &TrainOptions,
     progress: &dyn Progress,
-) -> Result<Vec<PinholeView>, PipelineError> {
+) -> Result<Vec<ViewPriors>, PipelineError> {
     let sources = &options.priors;
     let Recipe { weights, perspective, .. } = options.recipe_as_written()?;
     if sources.depths.is_none() && perspective.is_some_and(|p| p.start_points.needs_depths()) {
@@ -198,22 +201,21 @@ fn with_priors(
         };
         progress.event(Event::Note(text.into()));
     }
-    for (path, weight, option) in [
+    for (source, weight, option) in [
         (&sources.depths, "depth_prior", "--depth-prior"),
         (&sources.normals, "normal_prior", "--normal-prior"),
     ] {
-        if path.is_none() && weights.get(weight) > 0.0 {
+        if source.is_none() && weights.get(weight) > 0.0 {
             let text = format!("without {option} the recipe's loss term {weight} is left out");
             progress.event(Event::Note(text));
         }
     }
-    if sources.depths.is_none() && sources.normals.is_none() {
-        return Ok(views);
-    }
     let training: Vec<&PerspectiveView> = scene.training().collect();
+    if sources.depths.is_none() && sources.normals.is_none() {
+        return Ok(vec![ViewPriors::default(); training.len()]);
+    }
     let points: Vec<_> = start_points(scene)?.iter().map(|p| p.position).collect();
-    let priors: Vec<ViewPriors> = read_priors(sources, &training, &points, progress)?;
-    Ok(views.into_iter().zip(priors).map(|(view, priors)| view.with_priors(priors)).collect())
+    Ok(read_priors(sources, &training, &points, &run.join(PRIORS), progress)?)
 }
 
 /// A view with its pixels.
@@ -270,15 +272,22 @@ fn fingerprint(
             out.insert(format!("depth map {}", view.name), hash_file(&depth.path));
         }
     }
-    let sources = [("--depth-prior", &options.priors.depths), ("--normal-prior", &options.priors.normals)];
-    for (option, path) in sources {
-        let Some(path) = path else { continue };
-        let folder = PriorFolder::open(path)?;
-        let files: Vec<String> = scene
-            .training()
-            .map(|view| folder.file(view).map_or(String::new(), |file| hash_file(&file)))
-            .collect();
-        let described = format!("{:?} {:?} {}", options.priors.kind, folder.description(), files.join(" "));
+    let sources = [
+        ("--depth-prior", &options.priors.depths, PriorContent::Depths),
+        ("--normal-prior", &options.priors.normals, PriorContent::Normals),
+    ];
+    for (option, source, content) in sources {
+        let described = match source {
+            None => continue,
+            Some(PriorSource::Folder(path)) => {
+                let folder = PriorFolder::open(path)?;
+                let file = |view| folder.file(view).map_or(String::new(), |file| hash_file(&file));
+                let files: Vec<String> = scene.training().map(file).collect();
+                format!("{:?} {:?} {}", options.priors.kind, folder.description(), files.join(" "))
+            }
+            // The images are part of the fingerprint already.
+            Some(PriorSource::Maker(maker)) => format!("{:?} {}", options.priors.kind, maker.hash(content)?),
+        };
         out.insert(option.into(), hash(described.as_bytes()));
     }
     Ok(out)

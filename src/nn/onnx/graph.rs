@@ -9,7 +9,7 @@ const MOST_NESTED: usize = 64;
 
 /// Why a file is refused.
 #[derive(Debug, PartialEq)]
-pub(super) enum Fault {
+pub enum Fault {
     /// The bytes are no whole ONNX model.
     Damaged { at: usize, reason: &'static str },
     /// A `Resize` with cubic polynomials, by its name or its first output.
@@ -17,7 +17,7 @@ pub(super) enum Fault {
 }
 
 /// Checks a file.
-pub(super) fn check(bytes: &[u8]) -> Result<(), Fault> {
+pub fn check(bytes: &[u8]) -> Result<(), Fault> {
     let model = Slice { bytes, start: 0 };
     let mut graphs = 0;
     for field in model.fields() {

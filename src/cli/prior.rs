@@ -1,0 +1,83 @@
+//! `satgs prior`: maps of depths or normals of all images of a perspective scene.
+
+use super::train::PriorKind;
+use super::{CliError, Ui};
+use crate::pipeline::{PriorMapOptions, PriorMapSummary, prior_maps};
+use crate::prior::{DepthKind, PriorCommand, PriorContent, PriorMaker};
+use std::path::PathBuf;
+
+/// Make maps of depths or normals of all images of a perspective scene, by a network or a command
+///
+/// Training takes the folder as `--depth-prior DIR` or `--normal-prior DIR`. It holds NAME.npy for
+/// each image, prior.json, and made_from.json, by which the same call keeps the maps that are there:
+/// it goes on after an interruption, and makes only the maps of images that are new.
+///
+/// --model takes an ONNX file such as Depth Anything V2: one picture in, f32 [1, 3, rows, columns];
+/// the first output is f32 [1, rows, columns] or [1, 1, rows, columns] for depths, and
+/// [1, 3, rows, columns] or [1, rows, columns, 3] for normals. Images are brought to the size of
+/// the input, and maps back to the proportions of the image.
+///
+/// --command is called for each image, for at most 600 s. {image} stands for the image, {out} for
+/// the file to write, NAME.npy; {out}.png and {out}.tif are pictures. It is split into words as a
+/// shell does, but no shell runs it: pipes need `sh -c 'depth "$0" > "$1"' {image} {out}`.
+///
+///   satgs prior kitchen -o depths --model depth_anything_v2_vits.onnx --kind disparity
+///   satgs prior kitchen -o depths --command 'python3 depth.py {image} {out}'
+///   satgs prior kitchen -o normals --normals --command 'python3 normals.py {image} {out}.png'
+///   satgs run kitchen -o run --recipe indoor --depth-prior depths --normal-prior normals
+#[derive(clap::Args, Clone, Debug)]
+#[command(verbatim_doc_comment)]
+pub struct Args {
+    /// The scene: a COLMAP project, transforms.json, RGB-D frames, LEVIR-NVS
+    scene: PathBuf,
+    /// Folder of the maps
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    #[command(flatten)]
+    maker: Maker,
+    /// The maps are of normals, in camera axes (right, down, forward) with any signs [default: of depths]
+    #[arg(long)]
+    normals: bool,
+    /// What the values of depths are, for prior.json [default: training finds it by the points of the scene]
+    #[arg(long, value_name = "KIND", conflicts_with = "normals")]
+    kind: Option<PriorKind>,
+    /// Make all maps anew. Without this option maps of other makers or of other images are an error
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// What makes the maps.
+#[derive(clap::Args, Clone, Debug)]
+#[group(required = true, multiple = false)]
+struct Maker {
+    /// Network that gives a map of a picture
+    #[arg(long, value_name = "FILE.onnx")]
+    model: Option<PathBuf>,
+    /// Command that writes the map {out} of the image {image}
+    #[arg(long, value_name = "CMD", value_parser = PriorCommand::parse)]
+    command: Option<PriorCommand>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
+    let of_model = args.maker.model.clone().map(PriorMaker::Network);
+    let Some(maker) = of_model.or_else(|| args.maker.command.clone().map(PriorMaker::Command)) else {
+        return Ok(());
+    };
+    let options = PriorMapOptions {
+        content: if args.normals { PriorContent::Normals } else { PriorContent::Depths },
+        kind: args.kind.map(DepthKind::from),
+        overwrite: args.overwrite,
+    };
+    let summary = prior_maps(&args.scene, &maker, &args.output, &options, ui)?;
+    ui.summary("prior", Some(&text(&summary)), &summary)
+}
+
+fn text(s: &PriorMapSummary) -> String {
+    let left_out = if s.maps.left_out > 0 {
+        format!(", {} images without a map", s.maps.left_out)
+    } else {
+        String::new()
+    };
+    format!("{}: {} maps made, {} kept{left_out}", s.output.display(), s.maps.made, s.maps.kept)
+}
