@@ -260,7 +260,7 @@ fn recipe_geoprop_starts_from_aligned_depths() {
     write_depths(&depths, 0.2);
     let mut with_depths = options(40);
     with_depths.train.recipe = "geoprop".into();
-    with_depths.train.priors.depths = Some(depths);
+    with_depths.train.priors.depths = Some(PriorSource::Folder(depths));
     let told = Recorder::default();
     run_perspective(&scene, &with_depths, &run, &told, &mut |_| {}).unwrap();
     let notes = format!("{:?}", told.events());

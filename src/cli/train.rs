@@ -2,7 +2,7 @@
 
 use super::{CliError, Ui};
 use crate::pipeline::{Outcome, PerspectiveManifest, TrainOptions, Trained, train};
-use crate::prior::{DepthKind, PriorSource, PriorSources};
+use crate::prior::{DepthKind, InpaintCommand, PriorSource, PriorSources};
 use crate::run_files::SPLATS;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::train::recipe::{Recipe, StartPoints};
@@ -145,6 +145,11 @@ pub struct Options {
     /// command, as --depth-prior [default: train without]
     #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse)]
     normal_prior: Option<PriorSource>,
+    /// Command that paints the holes of pseudo-views (--start gva), called for each: {rgb} is the picture, {mask} its holes, {depth}
+    /// its depths (.npy), {out} the PNG to write, as 'python3 inpaint.py {rgb} {mask} {out}'. Without it, what no view sees takes
+    /// the colours of what is near
+    #[arg(long, value_name = "CMD", value_parser = InpaintCommand::parse)]
+    inpaint: Option<InpaintCommand>,
 }
 
 impl Options {
@@ -167,6 +172,7 @@ impl Options {
                 kind: self.prior_kind.map(DepthKind::from),
                 normals: self.normal_prior.clone(),
             },
+            inpaint: self.inpaint.clone(),
             overwrite,
         }
     }

@@ -2,7 +2,7 @@
 
 use super::PipelineError;
 use crate::affine::SiteFrame;
-use crate::prior::{PriorSource, PriorSources};
+use crate::prior::{InpaintCommand, PriorSource, PriorSources};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::train::recipe::{PerspectiveRecipe, Recipe, StartPoints};
 use std::path::{Path, PathBuf};
@@ -35,6 +35,8 @@ pub struct TrainOptions {
     pub lpips: Option<PathBuf>,
     /// Depths and normals of the images, for recipes that compare the splats with them.
     pub priors: PriorSources,
+    /// The command that gives holes of pseudo-views colours, for starts that have these; by default colours of what is near.
+    pub inpaint: Option<InpaintCommand>,
     /// Train again, whatever the run folder holds.
     pub overwrite: bool,
 }
@@ -54,6 +56,7 @@ impl Default for TrainOptions {
             features: None,
             lpips: None,
             priors: PriorSources::default(),
+            inpaint: None,
             overwrite: false,
         }
     }
@@ -111,11 +114,14 @@ impl TrainOptions {
         let file = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
         let source = |source: &Option<PriorSource>| source.as_ref().map(ToString::to_string);
         let depths_expected = "none: recipes indoor and geoprop use it, and --start does";
+        let is_completed = recipe.perspective.is_some_and(|p| p.start_points == StartPoints::Gva);
+        let inpaint = self.inpaint.as_ref().map(|command| command.text().to_owned());
         let normals_expected = "none: of the recipes, indoor uses it";
         let given = [
             ("--features", file(&self.features), of_colors),
             ("--lpips", file(&self.lpips), of_colors),
             ("--depth-prior", source(depths), (of_depths, depths_expected)),
+            ("--inpaint", inpaint, (is_completed, "none: recipe geoprop and --start gva use it")),
             ("--normal-prior", source(normals), (weighs(&["normal_prior"]), normals_expected)),
         ];
         for (option, found, (is_used, expected)) in given {

@@ -3,14 +3,16 @@
 use super::error::PriorError;
 use super::hdd::cloud::{AlignedView, SurfacePoint, cloud};
 use super::hdd::{AlignmentQuality, Unaligned, align_depth};
+use super::inpaint::InpaintCommand;
 use super::map::DepthPrior;
-use super::pseudo_views::{PseudoView, holes_of, propose};
+use super::pseudo_views::{PseudoView, holes_of, proposals, pseudo_views};
 use super::seen::seen_points;
 use crate::frame::{Point, Site};
 use crate::io::Grid2;
 use crate::perspective::{PerspectiveView, PinholeCamera, ScenePoint};
 use crate::progress::{Event, Progress};
 use rayon::prelude::*;
+use std::path::Path;
 
 /// The colour of a pixel (column, row), red, green, blue; none where an image has no data.
 pub type PixelColor<'a> = Box<dyn Fn(usize, usize) -> Option<[u8; 3]> + Sync + 'a>;
@@ -23,6 +25,17 @@ pub struct StartView<'a> {
     pub depth: &'a DepthPrior,
     /// Its colours.
     pub color: PixelColor<'a>,
+}
+
+/// Whether and how points are added where no view sees anything.
+#[derive(Clone, Copy, Debug)]
+pub enum Completion<'a> {
+    /// They are not.
+    None,
+    /// At the filled holes of pseudo-views.
+    PseudoViews,
+    /// As `PseudoViews`, in the colours that a command gives the holes. The folder keeps its pictures.
+    Inpainted(&'a InpaintCommand, &'a Path),
 }
 
 /// A view after the alignment of its depths.
@@ -43,7 +56,7 @@ pub struct AlignedDepth {
 pub struct AlignedStart {
     /// Points behind the pixels of the views.
     pub points: Vec<ScenePoint>,
-    /// Points where no view sees anything, black: they take the colours of points nearby.
+    /// Points where no view sees anything, black unless their colours were painted.
     pub proposals: Vec<ScenePoint>,
     /// The views whose depths were aligned.
     pub views: Vec<AlignedDepth>,
@@ -65,17 +78,17 @@ pub struct UnseenPixels {
 }
 
 /// Aligns the depths of all views with the points of the scene that they see, and puts a point behind each pixel, but not more than
-/// about `most` in all; with `proposals` also where pseudo-views have holes. `others` are views that are not trained on. Says which views
+/// about `most` in all; with a `completion` also where pseudo-views have holes. `others` are views that are not trained on. Says which views
 /// cannot be aligned, and goes on without them.
 ///
 /// # Errors
-/// [`PriorError::Unaligned`] if the depths of no view can be aligned.
+/// [`PriorError::Unaligned`] if the depths of no view can be aligned, others if a command fails.
 pub fn aligned_start(
     points: &[Point<Site>],
     views: &[StartView],
     others: &[&PerspectiveView],
     most: usize,
-    proposals: bool,
+    completion: Completion,
     progress: &dyn Progress,
 ) -> Result<AlignedStart, PriorError> {
     let aligned: Vec<_> =
@@ -105,8 +118,14 @@ pub fn aligned_start(
         .map(|((camera, color), aligned)| AlignedView { camera, depth: &aligned.depth, color })
         .collect();
     let surface = cloud(&of_cloud, most);
-    let (proposals, pseudo_views) =
-        if proposals { propose(&of_cloud, &surface) } else { (Vec::new(), Vec::new()) };
+    let mut pseudo = match completion {
+        Completion::None => Vec::new(),
+        Completion::PseudoViews | Completion::Inpainted(..) => pseudo_views(&of_cloud, &surface),
+    };
+    if let Completion::Inpainted(command, folder) = completion {
+        command.fill(&mut pseudo, folder, progress)?;
+    }
+    let proposals = proposals(&of_cloud, &surface, &pseudo);
     let unseen = others.par_iter().map(|view| UnseenPixels {
         name: view.name.clone(),
         size: view.camera.size,
@@ -120,7 +139,7 @@ pub fn aligned_start(
         points: points(surface),
         proposals: points(proposals),
         views: found,
-        pseudo_views,
+        pseudo_views: pseudo,
         unseen,
     })
 }

@@ -2,24 +2,18 @@
 
 use super::error::PriorError;
 use super::folder::ENDS;
+use super::process::Call;
 use crate::io::{WriteError, vsi};
 use crate::perspective::PerspectiveView;
 use crate::progress::Progress;
 use std::ffi::{OsStr, OsString};
-use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// What stands for the image file in a command.
 const IMAGE: &str = "{image}";
 /// What stands for the file to write.
 const OUT: &str = "{out}";
-/// How often a running command is looked at.
-const POLL: Duration = Duration::from_millis(20);
-/// How many bytes at the end of its standard error are read, and how many lines are quoted.
-const SAID_BYTES: u64 = 4096;
-const SAID_LINES: usize = 4;
 
 /// A command that writes the map of an image.
 ///
@@ -80,32 +74,14 @@ impl PriorCommand {
         let name = Path::new(&view.name).file_name().unwrap_or(OsStr::new("map"));
         let stem = std::path::absolute(folder).map_err(failed)?.join(name);
         let out = with_end(&stem, self.end());
-        let mut said = tempfile::tempfile().map_err(failed)?;
         let words: Vec<OsString> = self.words.iter().map(|word| filled(word, &image, &stem)).collect();
-        let mut command = Command::new(&words[0]);
-        command.args(&words[1..]).stdin(Stdio::null()).stdout(Stdio::null());
-        command.stderr(said.try_clone().map_err(failed)?);
-        #[cfg(unix)]
-        std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        let child = command.spawn().map_err(|cause| PriorError::CommandStart {
-            command: self.text.clone(),
-            program: self.words[0].clone(),
-            cause,
-        })?;
-        let end = wait(child, limit, progress).map_err(failed)?;
-        let said = last_lines(&mut said);
-        let (command, image) = (self.text.clone(), view.image.clone());
-        match end {
-            End::Stopped => Ok(None),
-            End::TimeOver => {
-                Err(PriorError::CommandTime { command, image, limit_s: limit.as_secs_f64(), said })
-            }
-            End::Exited(status) if !status.success() => {
-                Err(PriorError::CommandFailed { command, image, status, said })
-            }
-            End::Exited(_) if !out.is_file() => Err(PriorError::CommandSilent { command, image, said }),
-            End::Exited(_) => Ok(Some(out)),
+        let call = Call { text: &self.text, words: &words, image: &view.image, limit };
+        let Some(said) = call.run(folder, progress)? else { return Ok(None) };
+        if !out.is_file() {
+            let (command, image) = (self.text.clone(), view.image.clone());
+            return Err(PriorError::CommandSilent { command, image, said });
         }
+        Ok(Some(out))
     }
 
     /// The end of the name of the file that the command writes.
@@ -152,60 +128,6 @@ fn filled(word: &str, image: &Path, stem: &Path) -> OsString {
     }
     out.push(rest);
     out
-}
-
-/// How the wait for a command ends.
-enum End {
-    Exited(ExitStatus),
-    TimeOver,
-    Stopped,
-}
-
-/// Waits for a command, which is ended after a time or when `progress` asks to stop.
-fn wait(mut child: Child, limit: Duration, progress: &dyn Progress) -> std::io::Result<End> {
-    let began = Instant::now();
-    loop {
-        if let Some(status) = child.try_wait()? {
-            return Ok(End::Exited(status));
-        }
-        let end = match (progress.is_cancelled(), began.elapsed() > limit) {
-            (true, _) => End::Stopped,
-            (_, true) => End::TimeOver,
-            _ => {
-                std::thread::sleep(POLL);
-                continue;
-            }
-        };
-        kill(&mut child);
-        child.wait()?;
-        return Ok(end);
-    }
-}
-
-/// Ends a command, and the programs that it has started.
-fn kill(child: &mut Child) {
-    #[cfg(unix)]
-    {
-        let group = rustix::process::Pid::from_child(child);
-        let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);
-    }
-    // It may have ended in between.
-    let _ = child.kill();
-}
-
-/// The last lines of what a command wrote to standard error, in one line.
-fn last_lines(file: &mut std::fs::File) -> String {
-    let mut bytes = Vec::new();
-    let read = file.seek(SeekFrom::End(0)).and_then(|length| {
-        file.seek(SeekFrom::Start(length.saturating_sub(SAID_BYTES)))?;
-        file.read_to_end(&mut bytes)
-    });
-    let text = String::from_utf8_lossy(&bytes);
-    let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-    match (read, lines.as_slice()) {
-        (Ok(_), [.., _]) => lines[lines.len().saturating_sub(SAID_LINES)..].join(" | "),
-        _ => "it wrote nothing to standard error".into(),
-    }
 }
 
 #[cfg(test)]

@@ -112,6 +112,24 @@ pub enum PriorError {
         /// Mean cosine with the second best signs.
         second: f64,
     },
+    /// A text names no command that fills pictures.
+    #[error("`{text}` does not name {{rgb}}, {{mask}} and {{out}}")]
+    #[diagnostic(help(
+        "a command gets a picture, a mask of its holes and the file to write: 'python3 inpaint.py {{rgb}} {{mask}} {{out}}'"
+    ))]
+    NoInpainter {
+        /// The text.
+        text: String,
+    },
+    /// A command has written a picture that cannot be used.
+    #[error("the picture that `{command}` has written {fault}")]
+    #[diagnostic(help("{{out}} is a PNG of the size of {{rgb}} with red, green and blue"))]
+    Inpainted {
+        /// The command.
+        command: String,
+        /// What is wrong with the picture.
+        fault: String,
+    },
     /// A text names no source of priors.
     #[error(
         "`{text}` is neither an existing folder, nor an existing file that ends in .onnx, nor a command with {{image}} and {{out}}"
@@ -174,7 +192,7 @@ pub enum PriorError {
     },
     /// A command ends with an error.
     #[error("`{command}` failed for `{image}` ({status}): {said}")]
-    #[diagnostic(help("the maps made so far are kept; the same call of satgs goes on with the next one"))]
+    #[diagnostic(help("what was made so far is kept; the same call of satgs goes on with the next image"))]
     CommandFailed {
         /// The command.
         command: String,

@@ -5,6 +5,7 @@ use super::error::PriorError;
 use super::folder::{DESCRIPTION, ENDS, PriorDescription, PriorFolder};
 use super::map::PriorContent;
 use super::network::PriorNetwork;
+use super::process::LIMIT;
 use super::source::PriorMaker;
 use crate::io::{ReadError, WriteError, read_json, remove_if_there, vsi, write_json};
 use crate::perspective::PerspectiveView;
@@ -17,8 +18,6 @@ use std::time::Duration;
 
 /// The file that records from what maps were made.
 const RECORD: &str = "made_from.json";
-/// Longest time that a command may take for an image.
-const LIMIT: Duration = Duration::from_secs(600);
 
 /// What happens to maps that are in a folder already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

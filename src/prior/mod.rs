@@ -12,21 +12,26 @@ mod error;
 mod fit;
 mod folder;
 mod hdd;
+mod inpaint;
 mod make;
 mod map;
 mod network;
 mod of_views;
+mod process;
 mod pseudo_views;
 mod resample;
 mod seen;
 mod source;
 
-pub use aligned_start::{AlignedDepth, AlignedStart, PixelColor, StartView, UnseenPixels, aligned_start};
+pub use aligned_start::{
+    AlignedDepth, AlignedStart, Completion, PixelColor, StartView, UnseenPixels, aligned_start,
+};
 pub use command::PriorCommand;
 pub use dense::{DenseSummary, DenseView, dense_start};
 pub use error::PriorError;
 pub use folder::{PriorDescription, PriorFolder};
 pub use hdd::{AlignmentQuality, FEWEST_POINTS};
+pub use inpaint::InpaintCommand;
 pub use make::{ExistingMaps, MadeMaps, make_maps};
 pub use map::{DepthKind, DepthPrior, NormalPrior, PriorContent, ViewPriors};
 pub use of_views::{PriorSources, read_priors};

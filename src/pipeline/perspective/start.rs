@@ -1,14 +1,15 @@
 //! What the training of a perspective scene starts from.
 
-use super::super::PipelineError;
+use super::super::{PipelineError, TrainOptions};
 use super::start_pictures::write_pictures;
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveScene, PerspectiveView, ScenePoint, points_from_depths};
 use crate::prior::{
-    AlignedStart, DenseSummary, DenseView, DepthPrior, FEWEST_POINTS, PixelColor, StartView, aligned_start,
-    dense_start,
+    AlignedStart, Completion, DenseSummary, DenseView, DepthPrior, FEWEST_POINTS, PixelColor, StartView,
+    aligned_start, dense_start,
 };
 use crate::progress::{Event, Progress};
+use crate::run_files::{PRIORS, START};
 use crate::scene::Role;
 use crate::splat::anchored::Anchoring;
 use crate::splat::pinhole::{PinholeView, splats_at_points, splats_on_rays};
@@ -31,6 +32,9 @@ const SPACING: f64 = 0.002;
 /// Largest number of points of aligned depths: more take longer to train than they gain.
 const MOST_ALIGNED: usize = 250_000;
 
+/// Folder of filled pictures of pseudo-views, in that of priors.
+const INPAINTED: &str = "inpainted";
+
 /// Splats and which of them are anchored.
 #[derive(Default)]
 pub(super) struct StartSplats {
@@ -48,15 +52,17 @@ pub(super) fn start_points(scene: &PerspectiveScene) -> Result<Vec<ScenePoint>, 
 }
 
 /// The splats that training begins with: at the scene's points, else at those of its depth maps, else at random; by priors of
-/// depths where the recipe has it so. Pictures of what priors gave go to the folder `pictures`.
+/// depths where the recipe has it so. Pictures of what priors gave
+/// go to the folder of the run.
 pub(super) fn splats_at_start(
     scene: &PerspectiveScene,
     views: &[PinholeView],
     recipe: &Recipe,
-    seed: u64,
-    pictures: &Path,
+    options: &TrainOptions,
+    run: &Path,
     progress: &dyn Progress,
 ) -> Result<StartSplats, PipelineError> {
+    let seed = options.seed;
     let points = start_points(scene)?;
     let start = recipe.perspective.map_or(StartPoints::default(), |p| p.start_points);
     let has_depths = views.iter().any(|view| view.priors().depth().is_some());
@@ -71,13 +77,18 @@ pub(super) fn splats_at_start(
         }
         StartPoints::Patches if has_depths => free(&denser(points, views, seed, progress)),
         StartPoints::Hdd | StartPoints::Gva if has_depths || has_enough => {
-            let with_proposals = start == StartPoints::Gva;
-            let start = aligned(scene, &points, views, with_proposals, progress)?;
+            let folder = run.join(PRIORS).join(INPAINTED);
+            let completion = match (start, &options.inpaint) {
+                (StartPoints::Hdd, _) => Completion::None,
+                (_, Some(command)) => Completion::Inpainted(command, &folder),
+                (_, None) => Completion::PseudoViews,
+            };
+            let start = aligned(scene, &points, views, completion, progress)?;
             // A picture less is no reason to stop.
-            if let Err(e) = write_pictures(pictures, &start) {
+            if let Err(e) = write_pictures(&run.join(START), &start) {
                 progress.event(Event::Warning(e.to_string()));
             }
-            with_anchored(&start, recipe)
+            with_anchored(&start, recipe, matches!(completion, Completion::Inpainted(..)))
         }
         StartPoints::Scene | StartPoints::Patches | StartPoints::Hdd | StartPoints::Gva => free(&points),
     })
@@ -98,7 +109,7 @@ fn aligned(
     scene: &PerspectiveScene,
     points: &[ScenePoint],
     views: &[PinholeView],
-    with_proposals: bool,
+    completion: Completion,
     progress: &dyn Progress,
 ) -> Result<AlignedStart, PipelineError> {
     let training: Vec<&PerspectiveView> = scene.training().collect();
@@ -116,7 +127,7 @@ fn aligned(
     let positions: Vec<Point<Site>> = points.iter().map(|p| p.position).collect();
     progress.event(Event::Started { stage: "aligning depths", total: 0 });
     let others: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.role == Role::Test).collect();
-    let start = aligned_start(&positions, &with_depth, &others, MOST_ALIGNED, with_proposals, progress)?;
+    let start = aligned_start(&positions, &with_depth, &others, MOST_ALIGNED, completion, progress)?;
     progress.event(Event::Finished);
     let percent = |of: fn(&crate::prior::AlignmentQuality) -> f64| {
         100.0 * quantile(start.views.iter().map(|v| of(&v.quality)).collect(), 0.5).unwrap_or_default()
@@ -129,7 +140,7 @@ fn aligned(
         percent(|q| q.local),
         start.points.len()
     )));
-    if with_proposals {
+    if !matches!(completion, Completion::None) {
         let used = start.pseudo_views.iter().filter(|view| view.is_used).count();
         progress.event(Event::Note(format!(
             "{used} of {} pseudo-views have holes to fill; {} proposals where no view sees anything",
@@ -140,8 +151,9 @@ fn aligned(
     Ok(start)
 }
 
-/// Splats at the points, and at the proposals, each anchored to the splat nearest to it, with its colour.
-fn with_anchored(start: &AlignedStart, recipe: &Recipe) -> StartSplats {
+/// Splats at the points, and at the proposals, each anchored to the splat nearest to it, with the colour of that one unless its own
+/// was painted.
+fn with_anchored(start: &AlignedStart, recipe: &Recipe, is_painted: bool) -> StartSplats {
     let mut splats = splats_at_points(&colored(&start.points), recipe.primitive);
     let reliable = start.points.len();
     let positions: Vec<[f64; 3]> = start.points.iter().map(|p| p.position.xyz()).collect();
@@ -155,8 +167,9 @@ fn with_anchored(start: &AlignedStart, recipe: &Recipe) -> StartSplats {
     };
     let anchors: Vec<usize> = start.proposals.par_iter().map(nearest).collect();
     let proposals = start.proposals.iter().zip(&anchors);
+    let color = |p: &ScenePoint, anchor: usize| if is_painted { p.rgb } else { start.points[anchor].rgb };
     let proposals: Vec<ScenePoint> =
-        proposals.map(|(p, a)| ScenePoint { position: p.position, rgb: start.points[*a].rgb }).collect();
+        proposals.map(|(p, a)| ScenePoint { position: p.position, rgb: color(p, *a) }).collect();
     let more = splats_at_points(&colored(&proposals), recipe.primitive);
     let anchoring = |(k, a): (usize, &usize)| Anchoring { splat: (reliable + k) as u32, anchor: *a as u32 };
     let anchorings = anchors.iter().enumerate().map(anchoring).collect();

@@ -80,9 +80,8 @@ pub(super) fn train_scene(
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
             let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
-            let pictures = run.join(START);
-            let _ = std::fs::remove_dir_all(&pictures);
-            let start = splats_at_start(scene, &views, &recipe, options.seed, &pictures, progress)?;
+            let _ = std::fs::remove_dir_all(run.join(START));
+            let start = splats_at_start(scene, &views, &recipe, options, run, progress)?;
             let (count, appearance) = (start.splats.len(), AppearanceKind::default());
             let state =
                 TrainingState::start_anchored(start.splats, start.anchorings, appearance, 0, options.seed);
@@ -289,6 +288,9 @@ fn fingerprint(
             Some(PriorSource::Maker(maker)) => format!("{:?} {}", options.priors.kind, maker.hash(content)?),
         };
         out.insert(option.into(), hash(described.as_bytes()));
+    }
+    if let Some(command) = &options.inpaint {
+        out.insert("--inpaint".into(), command.text().into());
     }
     Ok(out)
 }

@@ -39,7 +39,7 @@ pub struct PseudoView {
     pub holes: f64,
     /// Whether it gave proposals: it has neither too few nor too many holes.
     pub is_used: bool,
-    /// The points drawn: red, green, blue of each pixel, row by row, black in holes.
+    /// The points drawn: red, green, blue of each pixel, row by row. Holes are black until they are filled.
     pub colors: Vec<[u8; 3]>,
     /// Whether each pixel is in a hole.
     pub hole: Vec<bool>,
@@ -47,19 +47,14 @@ pub struct PseudoView {
     pub depth: Grid2,
 }
 
-/// The proposals for a cloud of points of these views, and the pseudo-views that they come from.
-pub(super) fn propose(views: &[AlignedView], cloud: &[SurfacePoint]) -> (Vec<SurfacePoint>, Vec<PseudoView>) {
+/// The pseudo-views of a cloud of points of these views.
+pub(super) fn pseudo_views(views: &[AlignedView], cloud: &[SurfacePoint]) -> Vec<PseudoView> {
     let cameras: Vec<PinholeCamera> = views.iter().map(|v| *v.camera).collect();
     let middle = |axis: usize| quantile(cloud.iter().map(|p| p.position[axis]).collect(), 0.5);
     let (Some(x), Some(y), Some(z)) = (middle(0), middle(1), middle(2)) else {
-        return (Vec::new(), Vec::new());
+        return Vec::new();
     };
-    let pseudo: Vec<PseudoView> = poses(&cameras, DVec3::new(x, y, z))
-        .into_par_iter()
-        .map(|camera| pseudo_view(cloud, camera))
-        .collect();
-    let proposals = proposals(views, cloud, &pseudo);
-    (proposals, pseudo)
+    poses(&cameras, DVec3::new(x, y, z)).into_par_iter().map(|camera| pseudo_view(cloud, camera)).collect()
 }
 
 /// Whether each pixel of a camera shows no point, row by row.
@@ -78,7 +73,11 @@ fn pseudo_view(cloud: &[SurfacePoint], camera: PinholeCamera) -> PseudoView {
 }
 
 /// Points at the filled pixels, those of earlier views first.
-fn proposals(views: &[AlignedView], cloud: &[SurfacePoint], pseudo: &[PseudoView]) -> Vec<SurfacePoint> {
+pub(super) fn proposals(
+    views: &[AlignedView],
+    cloud: &[SurfacePoint],
+    pseudo: &[PseudoView],
+) -> Vec<SurfacePoint> {
     let positions: Vec<[f64; 3]> = cloud.iter().map(|p| p.position.to_array()).collect();
     let spacing = quantile(cloud.iter().map(|p| p.spacing).collect(), 0.5).unwrap_or_default();
     let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(&positions) else { return Vec::new() };
@@ -95,7 +94,7 @@ fn proposals(views: &[AlignedView], cloud: &[SurfacePoint], pseudo: &[PseudoView
         let at = |i: usize| {
             let (col, row) = (i % view.depth.width, i / view.depth.width);
             let depth = f64::from(view.depth.data[i]);
-            let point = || SurfacePoint::behind(&view.camera, (col, row), depth, [0; 3], 1);
+            let point = || SurfacePoint::behind(&view.camera, (col, row), depth, view.colors[i], 1);
             (view.hole[i] && depth.is_finite()).then(point).filter(is_new)
         };
         let new: Vec<SurfacePoint> = (0..view.hole.len()).into_par_iter().filter_map(at).collect();

@@ -86,7 +86,8 @@ fn proposals_are_neither_in_front_of_what_views_see_nor_near_each_other() {
     let view = |(camera, depth)| AlignedView { camera, depth, color: &color };
     let views: Vec<AlignedView> = seen_from.iter().zip(&depths).map(view).collect();
     let cloud = super::super::hdd::cloud::cloud(&views, 10_000);
-    let (proposals, pseudo) = propose(&views, &cloud);
+    let pseudo = pseudo_views(&views, &cloud);
+    let proposals = proposals(&views, &cloud, &pseudo);
     assert!(pseudo.len() == 8 && pseudo.iter().any(|p| p.is_used), "{}", pseudo.len());
     assert!(proposals.len() > 50 && 2 * proposals.len() <= cloud.len(), "{}", proposals.len());
     for p in &proposals {
