@@ -69,7 +69,7 @@ fn points_agree_with_depths(out: &Path, noise_m: f64, expected_points: usize) {
             let there = rotation * DVec3::from_array(point.position) + DVec3::from_array(image.translation);
             let px = lens.project(there).unwrap();
             // Errors of points and of observations, each at most about four times its standard deviation.
-            let reach_px = 4.0 * (0.3 + noise_m * lens.focal().0 / there.z);
+            let reach_px = 4.0 * (0.3 + noise_m * lens.focal.x / there.z);
             assert!((px.col + 0.5 - found.x).hypot(px.row + 0.5 - found.y) < 1.5 * reach_px);
             let at = |col: f64, row: f64| {
                 let inside = |v: f64| (v.round() as usize).min(SIZE - 1);
@@ -94,7 +94,7 @@ fn normals_agree_with_depths(out: &Path, view: &str, camera: &PerspectiveView, l
     let ray = |col: usize, row: usize| {
         // The ray is in axes of the scene.
         let along = DVec3::from_array(camera.camera.ray(Pixel::new(col as f64, row as f64)));
-        let in_camera = camera.camera.cam_from_world * along;
+        let in_camera = camera.camera.cam_from_site * along;
         in_camera / in_camera.z
     };
     let normal = |k: usize| DVec3::from_array([0, 1, 2].map(|b| f64::from(normals.values[3 * k + b])));
@@ -135,8 +135,8 @@ fn priors_are_found_by_the_names_of_the_views() {
     let folder = tempfile::tempdir().unwrap();
     room(folder.path(), false);
     let scene = PerspectiveScene::read(folder.path(), &PerspectiveOptions::default()).unwrap();
-    let [depths, normals] =
-        ["depths", "normals"].map(|kind| PriorFolder::open(&folder.path().join("priors").join(kind)).unwrap());
+    let [depths, normals] = ["depths", "normals"]
+        .map(|kind| PriorFolder::open(&folder.path().join("priors").join(kind)).unwrap());
     assert_eq!(depths.description().kind, Some(DepthKind::Disparity));
     for view in &scene.views {
         let file = depths.file(view).unwrap();
@@ -153,8 +153,7 @@ fn photographs_from_the_air_are_read_with_their_lists_and_their_truth_fits() {
     let summary = aerial(out, false);
     points_agree_with_depths(out, 0.3, 300);
     let list = summary.test_list.clone().unwrap();
-    let options =
-        PerspectiveOptions { test_views: TestViews::List(list), ..PerspectiveOptions::default() };
+    let options = PerspectiveOptions { test_views: TestViews::List(list), ..PerspectiveOptions::default() };
     let scene = PerspectiveScene::read(out, &options).unwrap();
     let training: Vec<_> =
         scene.views.iter().filter(|v| v.role == Role::Train).map(|v| format!("{}.png\n", v.name)).collect();

@@ -1,7 +1,6 @@
 //! `satgs simulate`: a scene with a known answer.
 
-#[path = "simulate_photographs.rs"]
-mod simulate_photographs;
+mod photographs;
 
 use super::{CliError, Ui};
 use crate::scene::Role;
@@ -76,7 +75,13 @@ pub struct Args {
     ///
     /// They have no cars and no noise, and dates, suns and directions between those of the other images. `satgs nvs-eval`
     /// compares a trained run with them.
-    #[arg(long, default_value_t = 0, value_name = "N", allow_negative_numbers = true, conflicts_with = "photographs")]
+    #[arg(
+        long,
+        default_value_t = 0,
+        value_name = "N",
+        allow_negative_numbers = true,
+        conflicts_with = "photographs"
+    )]
     held_out: usize,
     /// Replace the files of an earlier simulation in OUT
     #[arg(long)]
@@ -86,7 +91,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     if args.room || args.aerial {
-        return simulate_photographs::run(args, ui);
+        return photographs::run(args, ui);
     }
     let defaults = SimulateOptions::default();
     let options = SimulateOptions {

@@ -27,7 +27,9 @@ pub(super) fn prepare(out: &Path, overwrite: bool) -> Result<(), SimulateError> 
     }
     // A folder stays if it holds other files, which is no failure.
     let of_photographs = [IMAGES, MODEL, "sparse"].into_iter().chain(MAPS).chain(["priors"]);
-    for folder in of_photographs.map(Into::into).chain([Path::new("truth").join(APPEARANCE), "truth/rpcs".into()]) {
+    for folder in
+        of_photographs.map(Into::into).chain([Path::new("truth").join(APPEARANCE), "truth/rpcs".into()])
+    {
         let folder: PathBuf = folder;
         let _ = std::fs::remove_dir(out.join(folder));
     }
@@ -52,11 +54,13 @@ fn of_earlier_simulation(out: &Path) -> Vec<PathBuf> {
     }
     for (folder, end) in [(IMAGES, ".png")].into_iter().chain(MAPS.map(|folder| (folder, ".npy"))) {
         let entries = std::fs::read_dir(out.join(folder)).into_iter().flatten().flatten();
-        found.extend(entries.filter(|e| is_numbered(&e.file_name().to_string_lossy(), end)).map(|e| e.path()));
+        found
+            .extend(entries.filter(|e| is_numbered(&e.file_name().to_string_lossy(), end)).map(|e| e.path()));
     }
     let model = Path::new(MODEL);
     let single = ["cameras.txt", "images.txt", "points3D.txt"].map(|file| model.join(file)).into_iter();
-    let single = single.chain([TEST_LIST, TRAIN_LIST, MESH, DISPARITIES, "truth/shifts.json"].map(Into::into));
+    let single =
+        single.chain([TEST_LIST, TRAIN_LIST, MESH, DISPARITIES, "truth/shifts.json"].map(Into::into));
     let single = single.chain(["DSM", "CLS"].map(|what| format!("truth/{TRUTH_NAME}_{what}.tif").into()));
     let single = single.chain([Path::new(MAPS[2]).join(DESCRIPTION)]).map(|file| out.join(file));
     found.extend(single.chain([appearance.join(LIST)]).filter(|path| path.exists()));

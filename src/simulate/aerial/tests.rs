@@ -36,7 +36,10 @@ fn rays_end_on_the_surface_to_a_tenth_of_a_millimetre() {
         let rng = KeyedRng::new(5).key(k);
         let target = DVec3::new(rng.key(1).uniform_in(-5.0, 15.0), rng.key(2).uniform_in(-12.0, 2.0), 0.0);
         let [x, y, z] = first_place(&field, from, target - from).unwrap();
-        assert!((z - field.height_m(x, y)).abs() < 1e-4 * (1.0 + 50.0 * f64::from(u8::from(z < 161.9))), "{z}");
+        assert!(
+            (z - field.height_m(x, y)).abs() < 1e-4 * (1.0 + 50.0 * f64::from(u8::from(z < 161.9))),
+            "{z}"
+        );
     }
     // Straight down onto the roof.
     let roof = first_place(&field, DVec3::new(8.0, -6.0, 600.0), DVec3::NEG_Z).unwrap();

@@ -85,7 +85,13 @@ impl PointFinder<'_> {
             .filter_map(|i| {
                 let place = self.seen_at(&self.cameras[i], exact, hit.normal)?;
                 let shift = |k: i64| OBSERVATION_SIGMA_PX * rng.key(3).key(i as i64).key(k).normal();
-                Some((i, Pixel::<CornerPx>::from(Pixel::<CenterPx>::new(place.col + shift(1), place.row + shift(2)))))
+                Some((
+                    i,
+                    Pixel::<CornerPx>::from(Pixel::<CenterPx>::new(
+                        place.col + shift(1),
+                        place.row + shift(2),
+                    )),
+                ))
             })
             .collect();
         if seen.len() < SEEN_BY {

@@ -41,8 +41,8 @@ pub(super) fn disparities(depths: &[f32], size_px: usize, rng: KeyedRng) -> (Vec
 
 /// Unit normals of a square map with smooth errors of about 10 degrees.
 pub(super) fn bent_normals(normals: &[f32], size_px: usize, rng: KeyedRng) -> Vec<f32> {
-    let waves = [1, 2, 3]
-        .map(|key| Waves { rng: rng.key(key), wavelength_px: BEND_WAVELENGTH * size_px as f64 });
+    let waves =
+        [1, 2, 3].map(|key| Waves { rng: rng.key(key), wavelength_px: BEND_WAVELENGTH * size_px as f64 });
     let bent = |(k, normal): (usize, &[f32])| {
         let error = waves.each_ref().map(|waves| BEND * waves.at(k % size_px, k / size_px));
         let normal = DVec3::from_array(std::array::from_fn(|i| f64::from(normal[i])));

@@ -109,7 +109,12 @@ impl TestSet<'_> {
         let depths_m = [known().fold(f64::INFINITY, f64::min), known().fold(0.0, f64::max)];
         let of_depths = vec![size, size];
         let of_normals = vec![size, size, 3];
-        let files = [(&of_depths, maps.depths), (&of_normals, maps.normals), (&of_depths, values), (&of_normals, bent)];
+        let files = [
+            (&of_depths, maps.depths),
+            (&of_normals, maps.normals),
+            (&of_depths, values),
+            (&of_normals, bent),
+        ];
         for (folder, (shape, values)) in MAPS.iter().zip(files) {
             let array = NpyArray { shape: shape.clone(), values, is_integer: false };
             array.write(&out.join(folder).join(format!("{}.npy", view_name(i))))?;

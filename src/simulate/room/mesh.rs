@@ -1,9 +1,7 @@
 //! The exact mesh of the room: the surfaces that can be seen from inside.
 
 use super::shading::{Shading, displayed};
-use super::shape::{
-    Block, LEGS, Part, ROOM, SPHERE_CENTER, SPHERE_RADIUS_M, TABLE_TOP, part_of_room,
-};
+use super::shape::{Block, LEGS, Part, ROOM, SPHERE_CENTER, SPHERE_RADIUS_M, TABLE_TOP, part_of_room};
 use crate::simulate::perspective::surface_mesh::SurfaceMesh;
 use glam::DVec3;
 
@@ -80,7 +78,8 @@ impl Builder<'_> {
             [2 * rings, rings],
             |i, j| {
                 let step = std::f64::consts::PI / rings as f64;
-                let (longitude, latitude) = ((i % (2 * rings)) as f64 * step, (j as f64 - 0.5 * rings as f64) * step);
+                let (longitude, latitude) =
+                    ((i % (2 * rings)) as f64 * step, (j as f64 - 0.5 * rings as f64) * step);
                 let normal = DVec3::new(
                     longitude.cos() * latitude.cos(),
                     longitude.sin() * latitude.cos(),

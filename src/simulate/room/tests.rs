@@ -1,6 +1,6 @@
 //! Tests of the room: what cameras see, what the mesh holds.
 
-use super::shape::{LEGS, Part, ROOM, TABLE_TOP, SPHERE_CENTER, SPHERE_RADIUS_M, first_contact};
+use super::shape::{LEGS, Part, ROOM, SPHERE_CENTER, SPHERE_RADIUS_M, TABLE_TOP, first_contact};
 use super::*;
 
 fn room() -> Room {

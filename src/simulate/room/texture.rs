@@ -115,7 +115,8 @@ fn wallpaper(rng: KeyedRng, y: f64, z: f64) -> DVec3 {
         }
     }
     let (stripe, across) = cell(y, 0.25);
-    let base = if stripe.rem_euclid(2) == 0 { DVec3::new(0.58, 0.60, 0.44) } else { DVec3::new(0.50, 0.55, 0.42) };
+    let base =
+        if stripe.rem_euclid(2) == 0 { DVec3::new(0.58, 0.60, 0.44) } else { DVec3::new(0.50, 0.55, 0.42) };
     let (row, up) = cell(z + 0.08 * stripe as f64, 0.2);
     let flower = rng.key(stripe).key(row);
     let away = ((across - 0.5) * 0.25).hypot((up - 0.5) * 0.2);

@@ -40,7 +40,11 @@ fn text(args: &Args, size_px: usize, summary: &TestSetSummary) -> String {
     for v in views {
         let ([x, y, z], [near, far]) = (v.center, v.depths_m);
         // Writing to a string cannot fail.
-        let _ = writeln!(t, "{:<6} {x:>9.2} {y:>9.2} {z:>9.2}   {near:>8.2} to {far:>8.2} {:>8}", v.name, v.points);
+        let _ = writeln!(
+            t,
+            "{:<6} {x:>9.2} {y:>9.2} {z:>9.2}   {near:>8.2} to {far:>8.2} {:>8}",
+            v.name, v.points
+        );
     }
     let _ = writeln!(t, "\npoints: {}", summary.points);
     let _ = writeln!(t, "exact mesh: {}, {} triangles", summary.mesh.display(), summary.mesh_triangles);
