@@ -21,7 +21,7 @@
 //! | read photographs with pinhole cameras, COLMAP models | [`perspective::PerspectiveScene`], [`perspective::colmap`] |
 //! | fuse depth maps to a mesh, read and write meshes | [`mesh`](mod@mesh) |
 //! | compare a DSM with lidar | [`metrics::evaluate`], [`metrics::Truth`] |
-//! | make a scene with a known answer | [`simulate::simulate`] |
+//! | make a scene with a known answer | [`simulate::simulate`], [`simulate::simulate_room`], [`simulate::simulate_aerial`] |
 //! | convert between geodetic, UTM and site coordinates | [`frame`] |
 //! | read and write rasters, point clouds and vectors | [`io`] |
 //!

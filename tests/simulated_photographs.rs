@@ -69,7 +69,7 @@ fn points_agree_with_depths(out: &Path, noise_m: f64, expected_points: usize) {
             let there = rotation * DVec3::from_array(point.position) + DVec3::from_array(image.translation);
             let px = lens.project(there).unwrap();
             // Errors of points and of observations, each at most about four times its standard deviation.
-            let reach_px = 4.0 * (0.3 + noise_m * lens.focal().0 / there.z);
+            let reach_px = 4.0 * (0.3 + noise_m * lens.focal.x / there.z);
             assert!((px.col + 0.5 - found.x).hypot(px.row + 0.5 - found.y) < 1.5 * reach_px);
             let at = |col: f64, row: f64| {
                 let inside = |v: f64| (v.round() as usize).min(SIZE - 1);
@@ -94,7 +94,7 @@ fn normals_agree_with_depths(out: &Path, view: &str, camera: &PerspectiveView, l
     let ray = |col: usize, row: usize| {
         // The ray is in axes of the scene.
         let along = DVec3::from_array(camera.camera.ray(Pixel::new(col as f64, row as f64)));
-        let in_camera = camera.camera.cam_from_world * along;
+        let in_camera = camera.camera.cam_from_site * along;
         in_camera / in_camera.z
     };
     let normal = |k: usize| DVec3::from_array([0, 1, 2].map(|b| f64::from(normals.values[3 * k + b])));

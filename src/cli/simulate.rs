@@ -1,7 +1,6 @@
 //! `satgs simulate`: a scene with a known answer.
 
-#[path = "simulate_photographs.rs"]
-mod simulate_photographs;
+mod photographs;
 
 use super::{CliError, Ui};
 use crate::scene::Role;
@@ -92,7 +91,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     if args.room || args.aerial {
-        return simulate_photographs::run(args, ui);
+        return photographs::run(args, ui);
     }
     let defaults = SimulateOptions::default();
     let options = SimulateOptions {

@@ -1,4 +1,5 @@
-//! Simulation of satellite images of a deterministic town, with true and disturbed RPCs and the exact DSM.
+//! Simulation of satellite images of a deterministic town, with true and disturbed RPCs and the exact DSM; of photographs of a
+//! room and of the town from the air, with exact depths, normals and meshes.
 //!
 //! Images are rendered by casting rays through the RPCs onto a height field; the sun direction comes from the simulator's
 //! own geodesy. Affine cameras, splats and shadow models of the reconstruction are not used, so that a wrong convention

@@ -79,7 +79,13 @@ fn walls_without_texture_have_one_colour() {
 #[test]
 fn surfaces_with_texture_vary_from_pixel_to_pixel() {
     let room = room();
-    for target in [DVec3::NEG_X, DVec3::NEG_Y, DVec3::new(0.1, -0.2, 1.0), DVec3::new(-0.3, -0.2, -1.0)] {
+    for target in [
+        DVec3::NEG_X,
+        DVec3::NEG_Y,
+        DVec3::new(0.1, -0.2, 1.0),
+        DVec3::new(-0.3, -0.2, -1.0),
+        DVec3::new(0.9, 0.9, -1.0),
+    ] {
         let eye = DVec3::new(-0.9, -1.3, 1.2);
         let camera = PinholeCamera::looking_at(eye, eye + target, DVec3::new(0.1, 0.1, 1.0), 64, 200.0);
         let picture = room.picture(&camera);

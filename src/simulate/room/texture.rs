@@ -73,7 +73,7 @@ fn planks(rng: KeyedRng, x: f64, y: f64, width_m: f64, wood: DVec3) -> DVec3 {
 }
 
 fn rug(rng: KeyedRng, u: f64, v: f64, rim_m: f64) -> DVec3 {
-    let weave = 1.0 + 0.25 * rng.fractal_noise(u, v, 0.06, 3) + 0.35 * rng.key(9).fractal_noise(u, v, 0.5, 3);
+    let weave = 1.0 + 0.5 * rng.fractal_noise(u, v, 0.04, 3) + 0.35 * rng.key(9).fractal_noise(u, v, 0.5, 3);
     if rim_m < 0.06 {
         return DVec3::new(0.16, 0.13, 0.24) * weave;
     }
