@@ -78,8 +78,8 @@ pub struct UnseenPixels {
 }
 
 /// Aligns the depths of all views with the points of the scene that they see, and puts a point behind each pixel, but not more than
-/// about `most` in all; with a `completion` also where pseudo-views have holes. `others` are views that are not trained on. Says which views
-/// cannot be aligned, and goes on without them.
+/// about `most` in all; with a `completion` also where pseudo-views have holes. `others` are views that are not trained on. Says
+/// which views cannot be aligned, and goes on without them.
 ///
 /// # Errors
 /// [`PriorError::Unaligned`] if the depths of no view can be aligned, others if a command fails.
@@ -91,6 +91,7 @@ pub fn aligned_start(
     completion: Completion,
     progress: &dyn Progress,
 ) -> Result<AlignedStart, PriorError> {
+    progress.event(Event::Started { stage: "aligning depths", total: 0 });
     let aligned: Vec<_> =
         views.par_iter().map(|v| align_depth(v.depth, &seen_points(points, v.view))).collect();
     let (mut found, mut of_cloud) = (Vec::new(), Vec::<(&PinholeCamera, &PixelColor)>::new());
@@ -122,6 +123,7 @@ pub fn aligned_start(
         Completion::None => Vec::new(),
         Completion::PseudoViews | Completion::Inpainted(..) => pseudo_views(&of_cloud, &surface),
     };
+    progress.event(Event::Finished);
     if let Completion::Inpainted(command, folder) = completion {
         command.fill(&mut pseudo, folder, progress)?;
     }

@@ -52,8 +52,7 @@ pub(super) fn start_points(scene: &PerspectiveScene) -> Result<Vec<ScenePoint>, 
 }
 
 /// The splats that training begins with: at the scene's points, else at those of its depth maps, else at random; by priors of
-/// depths where the recipe has it so. Pictures of what priors gave
-/// go to the folder of the run.
+/// depths where the recipe has it so. Pictures of what priors gave go to the folder of the run.
 pub(super) fn splats_at_start(
     scene: &PerspectiveScene,
     views: &[PinholeView],
@@ -73,6 +72,10 @@ pub(super) fn splats_at_start(
     };
     Ok(match start {
         _ if points.is_empty() => {
+            if start.needs_depths() {
+                let text = "the scene has no points to align depths with: training starts without depths";
+                progress.event(Event::Warning(text.into()));
+            }
             StartSplats { splats: splats_on_rays(views, recipe.primitive, seed), anchorings: Vec::new() }
         }
         StartPoints::Patches if has_depths => free(&denser(points, views, seed, progress)),
@@ -125,10 +128,8 @@ fn aligned(
     });
     let with_depth: Vec<StartView> = with_depth.collect();
     let positions: Vec<Point<Site>> = points.iter().map(|p| p.position).collect();
-    progress.event(Event::Started { stage: "aligning depths", total: 0 });
     let others: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.role == Role::Test).collect();
     let start = aligned_start(&positions, &with_depth, &others, MOST_ALIGNED, completion, progress)?;
-    progress.event(Event::Finished);
     let percent = |of: fn(&crate::prior::AlignmentQuality) -> f64| {
         100.0 * quantile(start.views.iter().map(|v| of(&v.quality)).collect(), 0.5).unwrap_or_default()
     };
