@@ -13,7 +13,9 @@ use satgs::perspective::{PerspectiveOptions, PerspectiveScene, PerspectiveView, 
 use satgs::prior::{DepthKind, PriorFolder};
 use satgs::progress::NoProgress;
 use satgs::scene::Role;
-use satgs::simulate::{AerialOptions, RoomOptions, TestSetSummary, simulate_aerial, simulate_room};
+use satgs::simulate::{
+    AerialOptions, RoomOptions, SimulateOptions, TestSetSummary, simulate, simulate_aerial, simulate_room,
+};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -185,6 +187,24 @@ fn the_same_options_give_the_same_bytes_and_another_set_leaves_no_files_of_an_ea
     // Images and four maps of each view; the model; mesh and disparities; the kind of the priors; both lists.
     assert_eq!(files(&out).len(), 8 * 5 + 3 + 2 + 1 + 2);
     assert_eq!(run(2, room).len(), 8 * 5 + 3 + 2 + 1);
+}
+
+#[test]
+fn photographs_and_models_of_others_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    for file in ["images/0001.png", "images/0099.png", "sparse/0/points3D.txt", "train.txt"] {
+        let path = folder.path().join(file);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, "made by a camera").unwrap();
+    }
+    let before = files(folder.path());
+    let options = RoomOptions { views: 6, size_px: 32, ..RoomOptions::default() };
+    assert!(simulate_room(folder.path(), &options, &NoProgress).is_err());
+    assert!(files(folder.path()) == before);
+    let satellite = SimulateOptions { views: 3, size_px: 64, overwrite: true, ..SimulateOptions::default() };
+    simulate(folder.path(), &satellite, &NoProgress).unwrap();
+    let after = files(folder.path());
+    assert!(before.iter().all(|(path, bytes)| after.get(path) == Some(bytes)));
 }
 
 #[test]

@@ -22,22 +22,21 @@ pub(super) fn prepare(out: &Path, overwrite: bool) -> Result<(), SimulateError> 
     if !overwrite {
         return Err(SimulateError::NotEmpty { path: out.into() });
     }
-    for path in of_earlier_simulation(out) {
+    let files = of_satellite_images(out).into_iter().chain(of_photographs(out));
+    for path in files.collect::<Vec<_>>() {
         std::fs::remove_file(&path).map_err(|e| failed(&path, e))?;
     }
-    // A folder stays if it holds other files, which is no failure.
-    let of_photographs = [IMAGES, MODEL, "sparse"].into_iter().chain(MAPS).chain(["priors"]);
-    for folder in
-        of_photographs.map(Into::into).chain([Path::new("truth").join(APPEARANCE), "truth/rpcs".into()])
-    {
-        let folder: PathBuf = folder;
+    let appearance = format!("truth/{APPEARANCE}");
+    let folders = [appearance.as_str(), "truth/rpcs", IMAGES, MODEL, "sparse"].into_iter();
+    for folder in folders.chain(MAPS).chain(["priors"]) {
+        // A folder stays if it holds other files, which is no failure.
         let _ = std::fs::remove_dir(out.join(folder));
     }
     Ok(())
 }
 
-/// The files that another number of views or other options might not replace.
-fn of_earlier_simulation(out: &Path) -> Vec<PathBuf> {
+/// The files of satellite images, which another number of views or other options might not replace.
+fn of_satellite_images(out: &Path) -> Vec<PathBuf> {
     let is_view = |name: &str, ends: &[&str]| {
         ["VIEW_", "TEST_"].iter().any(|start| name.starts_with(start))
             && ends.iter().any(|e| name.ends_with(e))
@@ -52,18 +51,29 @@ fn of_earlier_simulation(out: &Path) -> Vec<PathBuf> {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
         found.extend(entries.filter(|e| is_view(&e.file_name().to_string_lossy(), ends)).map(|e| e.path()));
     }
+    let truth = ["DSM", "CLS"].map(|what| out.join(format!("truth/{TRUTH_NAME}_{what}.tif")));
+    let lists = [out.join(TEST_LIST), out.join("truth/shifts.json"), appearance.join(LIST)];
+    found.extend(truth.into_iter().chain(lists).filter(|path| path.exists()));
+    found
+}
+
+/// The files of photographs. There are none without exact depths: a COLMAP project of the user may have files of the same
+/// names.
+fn of_photographs(out: &Path) -> Vec<PathBuf> {
+    if !out.join(MAPS[0]).exists() {
+        return Vec::new();
+    }
+    let mut found = Vec::new();
     for (folder, end) in [(IMAGES, ".png")].into_iter().chain(MAPS.map(|folder| (folder, ".npy"))) {
         let entries = std::fs::read_dir(out.join(folder)).into_iter().flatten().flatten();
-        found
-            .extend(entries.filter(|e| is_numbered(&e.file_name().to_string_lossy(), end)).map(|e| e.path()));
+        let numbered = entries.filter(|e| is_numbered(&e.file_name().to_string_lossy(), end));
+        found.extend(numbered.map(|e| e.path()));
     }
-    let model = Path::new(MODEL);
-    let single = ["cameras.txt", "images.txt", "points3D.txt"].map(|file| model.join(file)).into_iter();
-    let single =
-        single.chain([TEST_LIST, TRAIN_LIST, MESH, DISPARITIES, "truth/shifts.json"].map(Into::into));
-    let single = single.chain(["DSM", "CLS"].map(|what| format!("truth/{TRUTH_NAME}_{what}.tif").into()));
-    let single = single.chain([Path::new(MAPS[2]).join(DESCRIPTION)]).map(|file| out.join(file));
-    found.extend(single.chain([appearance.join(LIST)]).filter(|path| path.exists()));
+    let model = ["cameras.txt", "images.txt", "points3D.txt"].map(|file| out.join(MODEL).join(file));
+    let single = [MESH, DISPARITIES, TRAIN_LIST].map(|file| out.join(file));
+    let description = [out.join(MAPS[2]).join(DESCRIPTION)];
+    let files = model.into_iter().chain(single).chain(description);
+    found.extend(files.filter(|path| path.exists()));
     found
 }
 
