@@ -4,7 +4,7 @@ use super::error::PriorError;
 use super::hdd::cloud::{AlignedView, SurfacePoint, cloud};
 use super::hdd::{AlignmentQuality, Unaligned, align_depth};
 use super::inpaint::InpaintCommand;
-use super::map::DepthPrior;
+use super::map::{DepthPrior, PixelColor};
 use super::pseudo_views::{PseudoView, holes_of, proposals, pseudo_views};
 use super::seen::seen_points;
 use crate::frame::{Point, Site};
@@ -13,9 +13,6 @@ use crate::perspective::{PerspectiveView, PinholeCamera, ScenePoint};
 use crate::progress::{Event, Progress};
 use rayon::prelude::*;
 use std::path::Path;
-
-/// The colour of a pixel (column, row), red, green, blue; none where an image has no data.
-pub type PixelColor<'a> = Box<dyn Fn(usize, usize) -> Option<[u8; 3]> + Sync + 'a>;
 
 /// A view with a prior of its depths.
 pub struct StartView<'a> {

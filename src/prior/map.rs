@@ -2,6 +2,9 @@
 
 use crate::io::Grid2;
 
+/// The colour of a pixel (column, row) of a view, red, green, blue; none where an image has no data.
+pub type PixelColor<'a> = Box<dyn Fn(usize, usize) -> Option<[u8; 3]> + Sync + 'a>;
+
 /// What the values of a depth prior are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -23,9 +23,7 @@ mod resample;
 mod seen;
 mod source;
 
-pub use aligned_start::{
-    AlignedDepth, AlignedStart, Completion, PixelColor, StartView, UnseenPixels, aligned_start,
-};
+pub use aligned_start::{AlignedDepth, AlignedStart, Completion, StartView, UnseenPixels, aligned_start};
 pub use command::PriorCommand;
 pub use dense::{DenseSummary, DenseView, dense_start};
 pub use error::PriorError;
@@ -33,7 +31,7 @@ pub use folder::{PriorDescription, PriorFolder};
 pub use hdd::{AlignmentQuality, FEWEST_POINTS};
 pub use inpaint::InpaintCommand;
 pub use make::{ExistingMaps, MadeMaps, make_maps};
-pub use map::{DepthKind, DepthPrior, NormalPrior, PriorContent, ViewPriors};
+pub use map::{DepthKind, DepthPrior, NormalPrior, PixelColor, PriorContent, ViewPriors};
 pub use of_views::{PriorSources, read_priors};
 pub use pseudo_views::PseudoView;
 pub use source::{PriorMaker, PriorSource};

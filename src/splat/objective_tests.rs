@@ -287,6 +287,7 @@ fn check_gradients(mut scene: Scene<f64>, g: &Splats<f64>) {
         "dark_tones",
         "bright_shadows",
         "perceptual",
+        "color_statistics",
     ];
     for (name, value) in column_names().zip(losses.columns) {
         assert_eq!(value > 0.0, !absent.contains(&name), "{name}");

@@ -6,9 +6,8 @@
 //! pixels of the patch. Later views see those of earlier ones. The paper asks for 300 points in a patch; here a patch also needs no
 //! more than one for each cube of the spacing that its surface passes, of which each keeps one point.
 
-use super::aligned_start::PixelColor;
 use super::fit::align;
-use super::map::{DepthKind, DepthPrior};
+use super::map::{DepthKind, DepthPrior, PixelColor};
 use super::seen::SeenPoint;
 use crate::frame::{CenterPx, Pixel, Point, Site};
 use crate::io::Grid2;

@@ -1,6 +1,6 @@
 //! A point for each pixel of aligned views.
 
-use super::super::aligned_start::PixelColor;
+use super::super::map::PixelColor;
 use crate::frame::{CenterPx, Pixel, Point, Site};
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;

@@ -1,6 +1,6 @@
 //! A box on slanted ground, seen from one side.
 
-use super::super::aligned_start::PixelColor;
+use super::super::map::PixelColor;
 use super::*;
 use crate::frame::{CenterPx, Pixel};
 use glam::{DMat3, DVec2};

@@ -170,7 +170,7 @@ mod tests {
         for (from, to, says) in [
             ("opacity_logit = 0.05", "opacity_logit = nan", "rates.opacity_logit = NaN"),
             ("gradient = 0.0006", "gradient = -1.0", "densification.gradient = -1"),
-            ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0,"),
+            ("prune_below = 0.0025", "prune_below = 1.0", "prune_below = 1,"),
             ("copy_below = 0.01", "copy_below = 0.01\nactive = { idle_rounds = 5 }", "densification.active"),
             ("virtual_every = 2", "virtual_every = 0", "virtual_every = 0"),
             ("check_every = 100", "check_every = 0", "check_every = 0"),
