@@ -27,12 +27,12 @@ pub struct ViewScore {
     pub score: PictureScore,
     /// Of a view of a perspective scene that started from aligned depths: the parts that training views see and do not see.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub parts: Option<PartScores>,
+    pub parts: Option<SeenScores>,
 }
 
 /// Peak signal-to-noise ratios of the parts of a view, dB; none for parts without pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct PartScores {
+pub struct SeenScores {
     /// Share of the pixels that show what no training view sees.
     pub unseen_share: f64,
     /// Of these pixels.

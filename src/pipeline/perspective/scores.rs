@@ -1,7 +1,7 @@
 //! Scores of renders against photographs that were held back from training.
 
 use super::super::PipelineError;
-use super::super::nvs_scores::{NvsScores, PartScores, ViewScore};
+use super::super::nvs_scores::{NvsScores, SeenScores, ViewScore};
 use super::cameras::PerspectiveCameras;
 use super::manifest::PerspectiveManifest;
 use super::start_pictures::read_unseen;
@@ -68,13 +68,13 @@ pub fn nvs_eval(
 
 /// Scores of the pixels that training views do not see, where the mask is not zero, and of the others; none if the mask is of
 /// another size.
-fn part_scores(colors: &[Grid2; 3], truth: &[Grid2; 3], unseen: &Grid2) -> Option<PartScores> {
+fn part_scores(colors: &[Grid2; 3], truth: &[Grid2; 3], unseen: &Grid2) -> Option<SeenScores> {
     if (unseen.width, unseen.height) != (truth[0].width, truth[0].height) {
         return None;
     }
     let is_unseen = |i: usize| unseen.data[i] > 0.0;
     let count = (0..unseen.data.len()).filter(|i| is_unseen(*i)).count();
-    Some(PartScores {
+    Some(SeenScores {
         unseen_share: count as f64 / unseen.data.len().max(1) as f64,
         unseen_psnr_db: psnr_db_where(colors, truth, is_unseen),
         seen_psnr_db: psnr_db_where(colors, truth, |i| !is_unseen(i)),
