@@ -104,7 +104,7 @@ def test_what_is_not_an_rpc_is_an_input_error(tmp_path: Path) -> None:
     assert (again.message, again.hint, str(again)) == (caught.value.message, caught.value.hint, str(caught.value))
 
 
-def test_projection_is_several_times_as_fast_as_rpcm(rpc: satgs.Rpc, capsys: pytest.CaptureFixture[str]) -> None:
+def test_projection_is_10_times_as_fast_as_rpcm(rpc: satgs.Rpc, capsys: pytest.CaptureFixture[str]) -> None:
     rpcm = pytest.importorskip("rpcm", reason="rpcm is not installed")
     camera = json.loads(rpc.to_json())["rpc"]
     theirs = rpcm.RPCModel(camera, dict_format="rpcm")
@@ -114,15 +114,18 @@ def test_projection_is_several_times_as_fast_as_rpcm(rpc: satgs.Rpc, capsys: pyt
 
     def seconds(project: Callable[..., object]) -> float:
         # Both work in one thread; other programs on the machine do not count.
-        start = time.process_time()
-        project(lon, lat, h)
-        return time.process_time() - start
+        times = []
+        for _ in range(5):
+            start = time.process_time()
+            project(lon, lat, h)
+            times.append(time.process_time() - start)
+        return min(times)
 
-    # By turns, as the clock of a shared machine changes. Seen: 9 to 15 times with 512-bit registers, which help NumPy more, 20 times
-    # and more without. The limit leaves room for machines whose other programs use the memory.
-    pairs = [(seconds(rpc.project), seconds(theirs.projection)) for _ in range(20)]
+    # By turns, as the clock of a shared machine changes, several calls in each: the first one finds in the caches what the other
+    # program has left there. Processors with 512-bit registers help NumPy as much as satgs.
+    pairs = [(seconds(rpc.project), seconds(theirs.projection)) for _ in range(8)]
     ours_s, theirs_s = np.min(pairs, axis=0)
     assert np.abs(np.array(rpc.project(lon, lat, h)) - np.array(theirs.projection(lon, lat, h))).max() < PX
     with capsys.disabled():
         print(f"\n{n} points: satgs {n / ours_s / 1e6:.1f}, rpcm {n / theirs_s / 1e6:.2f} million a second, {theirs_s / ours_s:.0f} times")
-    assert theirs_s / ours_s >= 5
+    assert theirs_s / ours_s >= 10
