@@ -11,7 +11,7 @@ use satgs::pipeline::{TrainedCameras, export_colmap};
 use satgs::progress::NoProgress;
 use satgs::splat::ply;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::OnceLock;
 
 /// A small run, made once.
@@ -34,22 +34,6 @@ fn export(args: &[&str]) -> Value {
     let output = satgs(&[&["export", run().to_str().unwrap(), "--json"], args].concat());
     assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
-}
-
-/// Path and content of every file of a folder, sorted.
-fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
-    let mut all = Vec::new();
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            all.extend(files(&path));
-        } else {
-            let bytes = std::fs::read(&path).unwrap();
-            all.push((path, bytes));
-        }
-    }
-    all.sort();
-    all
 }
 
 #[test]
@@ -132,7 +116,8 @@ fn the_same_run_gives_the_same_project_and_text_holds_what_binary_holds() {
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     export(&["--colmap", &path("a"), "--threads", "1"]);
     export(&["--colmap", &path("b"), "--threads", "3"]);
-    let contents = |name: &str| files(&folder.path().join(name)).into_iter().map(|f| f.1).collect::<Vec<_>>();
+    let contents =
+        |name: &str| common::files(&folder.path().join(name)).into_iter().map(|f| f.1).collect::<Vec<_>>();
     assert_eq!(contents("a"), contents("b"));
     export(&["--colmap", &path("c"), "--format", "text"]);
     let model = |name: &str| colmap::read(&folder.path().join(name).join("sparse/0")).unwrap();

@@ -16,7 +16,6 @@ use satgs::scene::Role;
 use satgs::simulate::{
     AerialOptions, RoomOptions, SimulateOptions, TestSetSummary, simulate, simulate_aerial, simulate_room,
 };
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Columns and rows of the images.
@@ -34,19 +33,6 @@ fn aerial(out: &Path, overwrite: bool) -> TestSetSummary {
 
 fn array(out: &Path, folder: &str, view: &str) -> NpyArray {
     NpyArray::read(&out.join(folder).join(format!("{view}.npy"))).unwrap()
-}
-
-fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut all = BTreeMap::new();
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            all.extend(files(&path));
-        } else {
-            all.insert(path.clone(), std::fs::read(&path).unwrap());
-        }
-    }
-    all
 }
 
 /// The points project into their images where they were found, at the depths of the maps. `noise_m` is the root mean square
@@ -178,14 +164,14 @@ fn the_same_options_give_the_same_bytes_and_another_set_leaves_no_files_of_an_ea
     let run = |threads: usize, make: fn(&Path, bool) -> TestSetSummary| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| make(&out, true));
-        files(&out)
+        common::files(&out)
     };
     for make in [room, aerial] {
         let first = run(1, make);
         assert!(first == run(3, make), "bytes differ");
     }
     // Images and four maps of each view; the model; mesh and disparities; the kind of the priors; both lists.
-    assert_eq!(files(&out).len(), 8 * 5 + 3 + 2 + 1 + 2);
+    assert_eq!(common::files(&out).len(), 8 * 5 + 3 + 2 + 1 + 2);
     assert_eq!(run(2, room).len(), 8 * 5 + 3 + 2 + 1);
 }
 
@@ -197,13 +183,13 @@ fn photographs_and_models_of_others_are_kept() {
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(path, "made by a camera").unwrap();
     }
-    let before = files(folder.path());
+    let before = common::files(folder.path());
     let options = RoomOptions { views: 6, size_px: 32, ..RoomOptions::default() };
     assert!(simulate_room(folder.path(), &options, &NoProgress).is_err());
-    assert!(files(folder.path()) == before);
+    assert!(common::files(folder.path()) == before);
     let satellite = SimulateOptions { views: 3, size_px: 64, overwrite: true, ..SimulateOptions::default() };
     simulate(folder.path(), &satellite, &NoProgress).unwrap();
-    let after = files(folder.path());
+    let after = common::files(folder.path());
     assert!(before.iter().all(|(path, bytes)| after.get(path) == Some(bytes)));
 }
 

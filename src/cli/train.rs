@@ -133,8 +133,8 @@ pub struct Options {
     /// Network (safetensors, made by scripts/fetch-weights) of the perceptual loss of recipe satgs [default: train without]
     #[arg(long, value_name = "FILE")]
     lpips: Option<PathBuf>,
-    /// Depths of the images for recipes indoor and geoprop: a folder with NAME.npy, NAME.png or NAME.tif for each image; a network (ONNX, such
-    /// as Depth Anything V2); or a command that writes the map {out} of the image {image}, as 'python3 depth.py {image} {out}'.
+    /// Depths of the images for recipes indoor and geoprop: a folder with NAME.npy, NAME.png or NAME.tif for each image; a network
+    /// (ONNX, such as Depth Anything V2); or a command that writes the map {out} of the image {image}, as 'python3 depth.py {image} {out}'.
     /// Maps that are made are kept in RUN/priors; `satgs prior` makes them once for several runs [default: train without]
     #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse)]
     depth_prior: Option<PriorSource>,

@@ -14,7 +14,30 @@ pub struct RgbImage {
     pub data: Vec<u8>,
 }
 
+/// Gap between panels, pixels.
+const GAP: usize = 8;
+
 impl RgbImage {
+    /// The colour that pictures give pixels without data.
+    pub const NO_DATA: [u8; 3] = [160, 160, 160];
+
+    /// `N` panels of a size (columns, rows) side by side; `colors` gives the colours of a pixel (column, row) in all of them.
+    #[must_use]
+    pub fn panels<const N: usize>(
+        (width, height): (usize, usize),
+        colors: impl Fn(usize, usize) -> [[u8; 3]; N],
+    ) -> Self {
+        let mut out = Self::white((N * (width + GAP)).saturating_sub(GAP), height);
+        for row in 0..height {
+            for col in 0..width {
+                for (panel, color) in colors(col, row).into_iter().enumerate() {
+                    out.set(panel * (width + GAP) + col, row, color);
+                }
+            }
+        }
+        out
+    }
+
     /// A white image.
     #[must_use]
     pub fn white(width: usize, height: usize) -> Self {

@@ -2,8 +2,8 @@
 //!
 //! A run folder holds what one stage writes and the next ones read; [`run_files`](crate::run_files) has the names.
 //! [`adjust`] starts one from a [`Scene`](crate::scene::Scene), [`train`], [`dsm`], [`evaluate`], [`render`],
-//! [`nvs_eval`], [`mesh()`], [`align`], [`report`], [`write_page`] and [`export_colmap`] work on it, and [`run`] calls the main stages in a row.
-//! [`prior_maps`] makes maps that training takes. Options are plain
+//! [`nvs_eval`], [`mesh()`], [`align`], [`report`], [`write_page`] and [`export_colmap`] work on it, and [`run`] calls the main
+//! stages in a row. [`prior_maps`] makes maps that training takes. Options are plain
 //! structs whose [`Default`] is what the command line takes without arguments, results are plain structs that serialise
 //! to what `satgs COMMAND --json` prints, and all errors are [`PipelineError`]s. Long work reports to a
 //! [`Progress`](crate::progress::Progress), which can also stop it.

@@ -2,13 +2,12 @@
 
 use super::error::PriorError;
 use super::hdd::cloud::{AlignedView, SurfacePoint, cloud};
-use super::hdd::{AlignmentQuality, Unaligned, align_depth};
+use super::hdd::{AlignedDepth, Unaligned, align_depth};
 use super::inpaint::InpaintCommand;
 use super::map::{DepthPrior, PixelColor};
 use super::pseudo_views::{PseudoView, holes_of, proposals, pseudo_views};
 use super::seen::seen_points;
 use crate::frame::{Point, Site};
-use crate::io::Grid2;
 use crate::perspective::{PerspectiveView, PinholeCamera, ScenePoint};
 use crate::progress::{Event, Progress};
 use rayon::prelude::*;
@@ -35,19 +34,6 @@ pub enum Completion<'a> {
     Inpainted(&'a InpaintCommand, &'a Path),
 }
 
-/// A view after the alignment of its depths.
-#[derive(Clone, Debug)]
-pub struct AlignedDepth {
-    /// Name of the view.
-    pub name: String,
-    /// Depths along the optical axis, units of the scene; NaN where they are unknown.
-    pub depth: Grid2,
-    /// Natural logarithm of the factor by which the depths were corrected after the fit of scale and shift.
-    pub correction: Grid2,
-    /// How well the depths follow the points.
-    pub quality: AlignmentQuality,
-}
-
 /// What training starts from.
 #[derive(Clone, Debug)]
 pub struct AlignedStart {
@@ -55,8 +41,8 @@ pub struct AlignedStart {
     pub points: Vec<ScenePoint>,
     /// Points where no view sees anything, black unless their colours were painted.
     pub proposals: Vec<ScenePoint>,
-    /// The views whose depths were aligned.
-    pub views: Vec<AlignedDepth>,
+    /// Names and depths of the views whose depths were aligned.
+    pub views: Vec<(String, AlignedDepth)>,
     /// The pseudo-views that proposals come from.
     pub pseudo_views: Vec<PseudoView>,
     /// For each of the other views, whether a pixel shows what no view sees.
@@ -98,8 +84,7 @@ pub fn aligned_start(
         match aligned {
             Ok(aligned) => {
                 of_cloud.push((&view.view.camera, &view.color));
-                let (depth, correction, quality) = (aligned.depth, aligned.correction, aligned.quality);
-                found.push(AlignedDepth { name: name.clone(), depth, correction, quality });
+                found.push((name.clone(), aligned));
             }
             Err(why) => {
                 let text = reason(why);
@@ -113,7 +98,7 @@ pub fn aligned_start(
     }
     let of_cloud = of_cloud.into_iter().zip(&found);
     let of_cloud: Vec<AlignedView> = of_cloud
-        .map(|((camera, color), aligned)| AlignedView { camera, depth: &aligned.depth, color })
+        .map(|((camera, color), (_, aligned))| AlignedView { camera, depth: &aligned.depth, color })
         .collect();
     let surface = cloud(&of_cloud, most);
     let mut pseudo = match completion {

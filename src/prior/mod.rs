@@ -23,12 +23,12 @@ mod resample;
 mod seen;
 mod source;
 
-pub use aligned_start::{AlignedDepth, AlignedStart, Completion, StartView, UnseenPixels, aligned_start};
+pub use aligned_start::{AlignedStart, Completion, StartView, UnseenPixels, aligned_start};
 pub use command::PriorCommand;
 pub use dense::{DenseSummary, DenseView, dense_start};
 pub use error::PriorError;
 pub use folder::{PriorDescription, PriorFolder};
-pub use hdd::{AlignmentQuality, FEWEST_POINTS};
+pub use hdd::{AlignedDepth, AlignmentQuality, FEWEST_POINTS};
 pub use inpaint::InpaintCommand;
 pub use make::{ExistingMaps, MadeMaps, make_maps};
 pub use map::{DepthKind, DepthPrior, NormalPrior, PixelColor, PriorContent, ViewPriors};

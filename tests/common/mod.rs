@@ -9,6 +9,7 @@ use satgs::frame::{CenterPx, Pixel, Point, SiteGrid};
 use satgs::io::SensorImage;
 use satgs::rpc::formats::to_gdal;
 use satgs::rpc::{Axis, Rpc, RpcCoefficients};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -104,6 +105,21 @@ pub fn refused(args: &[&str], code: i32, says: &[&str]) -> String {
     assert_eq!(output.status.code(), Some(code), "{args:?}: {error}");
     says.iter().for_each(|words| assert!(error.contains(words), "{args:?}: no `{words}` in {error}"));
     error
+}
+
+/// Path and content of every file of a folder and of those in it.
+pub fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut all = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            all.extend(files(&path));
+        } else {
+            let bytes = std::fs::read(&path).unwrap();
+            all.insert(path, bytes);
+        }
+    }
+    all
 }
 
 /// Copies a folder with all it holds.

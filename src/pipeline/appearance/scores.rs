@@ -17,12 +17,8 @@ use crate::splat::raster::FrameCamera;
 use crate::splat::test_time::fit_view;
 use std::path::Path;
 
-/// Gap between panels, pixels.
-const GAP: usize = 8;
 /// Mean difference of colours that is shown in full red.
 const LARGEST_ERROR: f32 = 0.25;
-/// Colour of pixels without an image.
-const NO_DATA: [u8; 3] = [160; 3];
 
 /// Renders views with trained colours and compares them with their images.
 ///
@@ -84,22 +80,17 @@ pub fn nvs_eval(
 
 /// Four panels: image, picture, their difference (white is none, red is large), and the share of sunlight.
 fn panels(target: &TargetImage, picture: &Picture, sunlit: &Grid2) -> RgbImage {
-    let Grid2 { width, height, .. } = *sunlit;
-    let mut panels = RgbImage::white(4 * (width + GAP) - GAP, height);
+    let width = sunlit.width;
     let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
-    for (col, row) in (0..height).flat_map(|row| (0..width).map(move |col| (col, row))) {
+    RgbImage::panels((width, sunlit.height), |col, row| {
         let image: [f32; 3] = std::array::from_fn(|c| target.colors.at(c, col, row));
         let found = picture.colors.each_ref().map(|c| c.at(col, row).clamp(0.0, 1.0));
         let error = image.iter().zip(found).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0;
         let white = byte(1.0 - error / LARGEST_ERROR);
         let is_valid = target.valid[row * width + col];
-        let difference = if is_valid { [255, white, white] } else { NO_DATA };
-        let colors = [image.map(byte), found.map(byte), difference, [byte(sunlit.at(col, row)); 3]];
-        for (panel, color) in colors.into_iter().enumerate() {
-            panels.set(panel * (width + GAP) + col, row, color);
-        }
-    }
-    panels
+        let difference = if is_valid { [255, white, white] } else { RgbImage::NO_DATA };
+        [image.map(byte), found.map(byte), difference, [byte(sunlit.at(col, row)); 3]]
+    })
 }
 
 /// The embedding of the training view taken at the nearest time; none if the times are not known.

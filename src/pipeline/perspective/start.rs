@@ -5,8 +5,8 @@ use super::start_pictures::write_pictures;
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveScene, PerspectiveView, ScenePoint, points_from_depths};
 use crate::prior::{
-    AlignedStart, Completion, DenseSummary, DenseView, DepthPrior, FEWEST_POINTS, PixelColor, StartView,
-    aligned_start, dense_start,
+    AlignedStart, AlignmentQuality, Completion, DenseSummary, DenseView, DepthPrior, FEWEST_POINTS,
+    PixelColor, StartView, aligned_start, dense_start,
 };
 use crate::progress::{Event, Progress};
 use crate::run_files::{PRIORS, START};
@@ -104,7 +104,7 @@ fn colored(points: &[ScenePoint]) -> Vec<(Point<Site>, [f32; 3])> {
 
 /// The colours of a view for points.
 fn color_of(view: &PinholeView) -> PixelColor<'_> {
-    Box::new(|col, row| Some(view.color(col, row)?.map(|v| (255.0 * v).round() as u8)))
+    Box::new(|col, row| view.rgb(col, row))
 }
 
 /// Points by aligned depths of the views.
@@ -130,8 +130,8 @@ fn aligned(
     let positions: Vec<Point<Site>> = points.iter().map(|p| p.position).collect();
     let others: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.role == Role::Test).collect();
     let start = aligned_start(&positions, &with_depth, &others, MOST_ALIGNED, completion, progress)?;
-    let percent = |of: fn(&crate::prior::AlignmentQuality) -> f64| {
-        100.0 * quantile(start.views.iter().map(|v| of(&v.quality)).collect(), 0.5).unwrap_or_default()
+    let percent = |of: fn(&AlignmentQuality) -> f64| {
+        100.0 * quantile(start.views.iter().map(|(_, v)| of(&v.quality)).collect(), 0.5).unwrap_or_default()
     };
     progress.event(Event::Note(format!(
         "depths of {} views are aligned: they differ from points by {:.2} % of the depth after the fit of scale and shift, by \

@@ -47,18 +47,19 @@ pub(super) enum Unaligned {
     NoFit,
 }
 
-/// Depths by a prior.
-pub(super) struct Aligned {
-    /// Depths along the optical axis; NaN where they are unknown.
+/// The depths of a view by its prior.
+#[derive(Clone, Debug)]
+pub struct AlignedDepth {
+    /// Depths along the optical axis, units of the scene; NaN where they are unknown.
     pub depth: Grid2,
-    /// Logarithm of the factor by which the depths were corrected after the fit of scale and shift.
+    /// Natural logarithm of the factor by which the depths were corrected after the fit of scale and shift.
     pub correction: Grid2,
     /// How well the depths follow the points.
     pub quality: AlignmentQuality,
 }
 
 /// The depths of a view by its prior, from the points that it sees.
-pub(super) fn align_depth(prior: &DepthPrior, seen: &[SeenPoint]) -> Result<Aligned, Unaligned> {
+pub(super) fn align_depth(prior: &DepthPrior, seen: &[SeenPoint]) -> Result<AlignedDepth, Unaligned> {
     let compared = |depth: f64| if prior.kind == DepthKind::Disparity { depth.recip() } else { depth };
     let with_value = |p: &SeenPoint| {
         let value = f64::from(p.nearest(&prior.values));
@@ -95,7 +96,7 @@ pub(super) fn align_depth(prior: &DepthPrior, seen: &[SeenPoint]) -> Result<Alig
         global: median(ratios.iter().map(|(_, _, r)| r.exp_m1().abs()).collect()),
         local: median(field.left_out.iter().map(|r| r.exp_m1().abs()).collect()),
     };
-    Ok(Aligned { depth, correction: field.planes, quality })
+    Ok(AlignedDepth { depth, correction: field.planes, quality })
 }
 
 /// Gives pixels near the border the median of those around: networks are least certain there.

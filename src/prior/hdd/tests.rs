@@ -49,7 +49,7 @@ fn priors_that_are_exact_up_to_scale_and_shift_give_exact_depths_among_outliers(
     let disparity = prior(DepthKind::Disparity, |col, row| 0.2 + 3.0 / truth(col as f64, row as f64));
     let metric = prior(DepthKind::Metric, |col, row| truth(col as f64, row as f64));
     for prior in [relative, disparity, metric] {
-        let Aligned { depth, quality, .. } = align_depth(&prior, &points(200, 3)).unwrap();
+        let AlignedDepth { depth, quality, .. } = align_depth(&prior, &points(200, 3)).unwrap();
         assert!(largest_error(&depth) < 2e-3, "{:?} {}", prior.kind, largest_error(&depth));
         assert!(quality.points == 200 && quality.local < 1e-3, "{quality:?}");
     }
@@ -64,7 +64,7 @@ fn depths_at_points_are_those_of_the_points() {
         .into_iter()
         .filter(|p| p.col > 8.0 && p.col < 80.0 && p.row > 8.0 && p.row < 110.0)
         .collect();
-    let Aligned { depth, quality, .. } = align_depth(&warped, &points).unwrap();
+    let AlignedDepth { depth, quality, .. } = align_depth(&warped, &points).unwrap();
     for p in &points {
         assert!((f64::from(p.nearest(&depth)) / p.depth - 1.0).abs() < 5e-3, "{p:?}");
     }
@@ -139,7 +139,7 @@ fn the_local_field_reaches_the_accuracy_that_was_measured_on_seven_scenes() {
                 }
             };
             let points: Vec<SeenPoint> = (0..count).map(point).collect();
-            let Aligned { depth: found, .. } = align_depth(&prior, &points).unwrap();
+            let AlignedDepth { depth: found, .. } = align_depth(&prior, &points).unwrap();
             let error = |i: &usize| f64::from((found.data[*i] - depth.data[*i]).abs());
             errors.extend(known.iter().filter(|i| found.data[**i].is_finite()).map(error));
         }
@@ -157,7 +157,7 @@ fn points_that_were_left_out_are_nearer_after_the_local_field_of_neural_priors()
         let points: Vec<_> = scene.points.iter().map(|p| p.position).collect();
         for view in &scene.views {
             let prior = priors.depth(&priors.file(view).unwrap(), view, kind).unwrap();
-            let Aligned { quality, .. } = align_depth(&prior, &seen_points(&points, view)).unwrap();
+            let AlignedDepth { quality, .. } = align_depth(&prior, &seen_points(&points, view)).unwrap();
             assert!(quality.local < quality.global, "{name} {}: {quality:?}", view.name);
         }
     }

@@ -78,6 +78,9 @@ pub(super) fn proposals(
     cloud: &[SurfacePoint],
     pseudo: &[PseudoView],
 ) -> Vec<SurfacePoint> {
+    if !pseudo.iter().any(|view| view.is_used) {
+        return Vec::new();
+    }
     let positions: Vec<[f64; 3]> = cloud.iter().map(|p| p.position.to_array()).collect();
     let spacing = quantile(cloud.iter().map(|p| p.spacing).collect(), 0.5).unwrap_or_default();
     let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(&positions) else { return Vec::new() };

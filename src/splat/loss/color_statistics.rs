@@ -81,21 +81,7 @@ mod tests {
 
     fn evaluate(splats: &Splats<f64>, anchored: &[Anchoring]) -> (f64, Splats<f64>) {
         let (nothing, sorted) = (Image::default(), SortedSplats::default());
-        let rendered = Rendered {
-            anchored,
-            light: None,
-            visibility: None,
-            crop: None,
-            priors: None,
-            discs: None,
-            view: &nothing,
-            picture: &nothing,
-            sunlight: None,
-            virtual_view: None,
-            target: &nothing,
-            splats,
-            sorted: &sorted,
-        };
+        let rendered = Rendered { anchored, ..Rendered::of_splats(splats, &sorted, &nothing) };
         let mut term = ColorStatistics::new(&mut TermInputs::default());
         let value = term.evaluate(&rendered, &[0.7], &mut [0.0]);
         let mut by = Splats::zeros(splats.len());

@@ -259,21 +259,9 @@ mod tests {
 
     fn evaluate(term: &mut NormalConsistency<f64>, view: &Image<f64>, surface: SurfaceDepth) -> f64 {
         let (none, sorted, splats) = (Image::default(), SortedSplats::default(), Splats::default());
-        let rendered = Rendered {
-            anchored: &[],
-            light: None,
-            visibility: None,
-            crop: None,
-            priors: None,
-            view,
-            discs: Some(DiscView { camera: &camera(), surface }),
-            picture: &none,
-            sunlight: None,
-            virtual_view: None,
-            target: &none,
-            splats: &splats,
-            sorted: &sorted,
-        };
+        let camera = camera();
+        let discs = Some(DiscView { camera: &camera, surface });
+        let rendered = Rendered { view, discs, ..Rendered::of_splats(&splats, &sorted, &none) };
         term.evaluate(&rendered, &[0.7], &mut [0.0])
     }
 

@@ -94,21 +94,7 @@ mod tests {
         let mut splats = Splats::<f64>::default();
         positions.iter().for_each(|p| splats.push(*p, 1.0, 0.5, [0.5; 3]));
         let (nothing, sorted) = (Image::default(), SortedSplats::default());
-        let rendered = Rendered {
-            anchored: &[],
-            light: None,
-            visibility: None,
-            crop: None,
-            priors: None,
-            discs: None,
-            view: &nothing,
-            picture: &nothing,
-            sunlight: None,
-            virtual_view: None,
-            target: &nothing,
-            splats: &splats,
-            sorted: &sorted,
-        };
+        let rendered = Rendered::of_splats(&splats, &sorted, &nothing);
         let mut term = SurfacePrior::new(&mut TermInputs { prior: Some(Arc::new(prior())), lpips: None });
         let value = term.evaluate(&rendered, &[weight], &mut [0.0]);
         let mut by = Splats::zeros(splats.len());

@@ -73,6 +73,28 @@ pub struct Rendered<'a, T> {
     pub sorted: &'a SortedSplats<T>,
 }
 
+#[cfg(test)]
+impl<'a, T> Rendered<'a, T> {
+    /// Splats alone, with the same empty image for everything that is rendered.
+    pub fn of_splats(splats: &'a Splats<T>, sorted: &'a SortedSplats<T>, image: &'a Image<T>) -> Self {
+        Self {
+            view: image,
+            discs: None,
+            priors: None,
+            anchored: &[],
+            picture: image,
+            sunlight: None,
+            light: None,
+            visibility: None,
+            crop: None,
+            virtual_view: None,
+            target: image,
+            splats,
+            sorted,
+        }
+    }
+}
+
 /// Derivatives by an image's pixels, still to be multiplied by a factor.
 #[derive(Clone, Copy, Debug)]
 pub struct Scaled<'a, T> {

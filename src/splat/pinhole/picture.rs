@@ -11,12 +11,8 @@ use super::view::PinholeView;
 use crate::io::{Grid2, RgbImage};
 use crate::perspective::PinholeCamera;
 
-/// Gap between the panels of a comparison, pixels.
-const GAP: usize = 8;
 /// Mean difference of colours that is shown in full red.
 const LARGEST_ERROR: f32 = 0.25;
-/// Colour of pixels without data.
-const NO_DATA: [u8; 3] = [160, 160, 160];
 
 /// A picture of splats as a pinhole camera sees them.
 pub struct PinholePicture {
@@ -94,23 +90,15 @@ impl PinholePicture {
 /// Three panels: the photograph, the picture, and their difference (white is none, red is large).
 #[must_use]
 pub fn comparison(view: &PinholeView, picture: &PinholePicture) -> RgbImage {
-    let (width, height) = view.camera.size;
-    let mut panels = RgbImage::white(3 * (width + GAP) - GAP, height);
     let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
-    for row in 0..height {
-        for col in 0..width {
-            let (truth, rendered) = (view.color(col, row), picture.colors.each_ref().map(|c| c.at(col, row)));
-            let error = truth.map(|truth| {
-                let sum: f32 = truth.iter().zip(rendered).map(|(a, b)| (a - b).abs()).sum();
-                let white = byte(1.0 - sum / 3.0 / LARGEST_ERROR);
-                [255, white, white]
-            });
-            let shown =
-                [truth.map_or(NO_DATA, |c| c.map(byte)), rendered.map(byte), error.unwrap_or(NO_DATA)];
-            for (panel, color) in shown.into_iter().enumerate() {
-                panels.set(panel * (width + GAP) + col, row, color);
-            }
-        }
-    }
-    panels
+    RgbImage::panels(view.camera.size, |col, row| {
+        let (truth, rendered) = (view.color(col, row), picture.colors.each_ref().map(|c| c.at(col, row)));
+        let error = truth.map(|truth| {
+            let sum: f32 = truth.iter().zip(rendered).map(|(a, b)| (a - b).abs()).sum();
+            let white = byte(1.0 - sum / 3.0 / LARGEST_ERROR);
+            [255, white, white]
+        });
+        let truth = truth.map_or(RgbImage::NO_DATA, |c| c.map(byte));
+        [truth, rendered.map(byte), error.unwrap_or(RgbImage::NO_DATA)]
+    })
 }

@@ -52,12 +52,18 @@ impl PinholeView {
     /// The colour of a pixel, as displayed, 0 to 1; none outside of the image and where it has no data.
     #[must_use]
     pub fn color(&self, col: usize, row: usize) -> Option<[f32; 3]> {
+        self.rgb(col, row).map(|rgb| rgb.map(|v| f32::from(v) / 255.0))
+    }
+
+    /// As [`PinholeView::color`], 0 to 255.
+    #[must_use]
+    pub fn rgb(&self, col: usize, row: usize) -> Option<[u8; 3]> {
         let (width, height) = self.camera.size;
         if col >= width || row >= height {
             return None;
         }
         let (rgb, is_valid) = *self.pixels.get(row * width + col)?;
-        is_valid.then(|| rgb.map(|v| f32::from(v) / 255.0))
+        is_valid.then_some(rgb)
     }
 
     /// Writes the colours, three channels from 0 to 1, and which pixels have data; the others are zero.

@@ -6,15 +6,12 @@ use crate::splat::loss::target::{COARSEST_LEVEL, TargetImage};
 use crate::splat::novel_view::{NovelView, Picture};
 use crate::splat::train::LogLine;
 
-/// Longest side of a panel, for views of up to 16 times that, and the gap between panels, pixels.
+/// Longest side of a panel, for views of up to 16 times that, pixels.
 const PANEL: usize = 400;
-const GAP: usize = 8;
 /// Mean difference of encoded colours that is shown in full red.
 const LARGEST_ERROR: f32 = 0.25;
 /// Largest number of points of a curve; each is the mean over successive iterations.
 const CURVE_POINTS: usize = 400;
-/// Colour of pixels without image or surface.
-const NO_DATA: [u8; 3] = [160, 160, 160];
 
 /// Whether iteration `done`, from 1, is the last of one of `snapshots` equal parts of `all` iterations.
 #[must_use]
@@ -62,34 +59,25 @@ fn draw_panels(
 ) -> RgbImage {
     let (width, height) = (target.colors.width, target.colors.height);
     view.transfer_function.encode(&mut picture.colors);
-    let mut panels = RgbImage::white(5 * (width + GAP) - GAP, height);
     let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
     let (low, high) = (altitudes.0 as f32, altitudes.1 as f32);
-    for row in 0..height {
-        for col in 0..width {
-            let is_valid = target.valid[row * width + col];
-            let image = is_valid.then(|| {
-                std::array::from_fn(|c| view.transfer_function.encoded(target.colors.at(c, col, row)))
-            });
-            let rendered = picture.colors.each_ref().map(|c| c.at(col, row));
-            let altitude = picture.altitude.at(col, row);
-            let error = image.map(|image: [f32; 3]| {
-                image.iter().zip(rendered).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0
-            });
-            let white = error.map(|e| byte(1.0 - e / LARGEST_ERROR));
-            let colors = [
-                image.map_or(NO_DATA, |c| c.map(byte)),
-                rendered.map(byte),
-                [byte(picture.sunlight.at(col, row)); 3],
-                if altitude.is_nan() { NO_DATA } else { [byte((altitude - low) / (high - low)); 3] },
-                white.map_or(NO_DATA, |w| [255, w, w]),
-            ];
-            for (panel, color) in colors.into_iter().enumerate() {
-                panels.set(panel * (width + GAP) + col, row, color);
-            }
-        }
-    }
-    panels
+    RgbImage::panels((width, height), |col, row| {
+        let is_valid = target.valid[row * width + col];
+        let image = is_valid
+            .then(|| std::array::from_fn(|c| view.transfer_function.encoded(target.colors.at(c, col, row))));
+        let rendered = picture.colors.each_ref().map(|c| c.at(col, row));
+        let altitude = picture.altitude.at(col, row);
+        let error = image
+            .map(|image: [f32; 3]| image.iter().zip(rendered).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0);
+        let white = error.map(|e| byte(1.0 - e / LARGEST_ERROR));
+        [
+            image.map_or(RgbImage::NO_DATA, |c| c.map(byte)),
+            rendered.map(byte),
+            [byte(picture.sunlight.at(col, row)); 3],
+            if altitude.is_nan() { RgbImage::NO_DATA } else { [byte((altitude - low) / (high - low)); 3] },
+            white.map_or(RgbImage::NO_DATA, |w| [255, w, w]),
+        ]
+    })
 }
 
 /// Curves of loss and number of splats over the iterations, each as a fraction of its largest value.
@@ -151,12 +139,12 @@ mod tests {
         let image = panels.draw(picture, (-10.0, 10.0));
         assert_eq!((image.width, image.height), (5 * 48 - 8, 40));
         let at = |panel: usize, col: usize, row: usize| image.at(panel * 48 + col, row);
-        assert_eq!((at(0, 5, 30), at(0, 38, 30)), ([255; 3], NO_DATA));
+        assert_eq!((at(0, 5, 30), at(0, 38, 30)), ([255; 3], RgbImage::NO_DATA));
         assert!(at(1, 5, 30)[0] < 10 && at(3, 5, 30)[0].abs_diff(127) < 3, "ground");
         assert!(at(3, 21, 20)[0] > 240, "roof");
         let light: Vec<u8> = (0..40).map(|col| at(2, col, 20)[0]).collect();
         assert!(light.iter().any(|l| *l < 100) && light[2] > 240, "{light:?}");
-        assert_eq!((at(4, 5, 30), at(4, 38, 30)), ([255, 0, 0], NO_DATA));
+        assert_eq!((at(4, 5, 30), at(4, 38, 30)), ([255, 0, 0], RgbImage::NO_DATA));
     }
 
     #[test]
