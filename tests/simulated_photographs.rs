@@ -16,7 +16,8 @@ use satgs::scene::Role;
 use satgs::simulate::{
     AerialOptions, RoomOptions, SimulateOptions, TestSetSummary, simulate, simulate_aerial, simulate_room,
 };
-use std::path::{Path, PathBuf};
+use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Columns and rows of the images.
 const SIZE: usize = 64;

@@ -91,8 +91,7 @@ impl Recipe {
         let opacities =
             [("prune_below", Some(self.prune_below)), ("reset.opacity", self.reset.map(|r| r.opacity))];
         for (name, value) in opacities {
-            let may_be_zero = name == "prune_below";
-            if value.is_some_and(|v| !((v > 0.0 || may_be_zero && v == 0.0) && v < 1.0)) {
+            if value.is_some_and(|v| !(v > 0.0 && v < 1.0)) {
                 return Err(format!(
                     "{name} = {}, but must be an opacity between 0 and 1",
                     value.unwrap_or_default()
@@ -170,7 +169,7 @@ mod tests {
         for (from, to, says) in [
             ("opacity_logit = 0.05", "opacity_logit = nan", "rates.opacity_logit = NaN"),
             ("gradient = 0.0006", "gradient = -1.0", "densification.gradient = -1"),
-            ("prune_below = 0.0025", "prune_below = 1.0", "prune_below = 1,"),
+            ("prune_below = 0.0025", "prune_below = 0.0", "prune_below = 0,"),
             ("copy_below = 0.01", "copy_below = 0.01\nactive = { idle_rounds = 5 }", "densification.active"),
             ("virtual_every = 2", "virtual_every = 0", "virtual_every = 0"),
             ("check_every = 100", "check_every = 0", "check_every = 0"),

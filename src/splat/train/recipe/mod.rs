@@ -243,7 +243,7 @@ pub struct Recipe {
     pub check_every: u32,
     /// Densification; none if absent.
     pub densification: Option<Densification>,
-    /// Splats with a smaller opacity are removed (BAEOGS: 0.0025); 0 for none.
+    /// Splats with a smaller opacity are removed (BAEOGS: 0.0025).
     pub prune_below: f64,
     /// Which altitude becomes the DSM's height, where the DSM comes from the splats alone.
     #[serde(default)]

@@ -300,7 +300,8 @@ fn geoprop() -> Recipe {
         shadows_from: 10_000,
         weights: weights(volumes.weights, &[("color_statistics", 0.01)]),
         densification: None,
-        prune_below: 0.0,
+        // The paper removes no splats. An image shows nothing of one with an opacity below 1/255.
+        prune_below: 1e-6,
         reset: None,
         perspective: volumes.perspective.map(|p| PerspectiveRecipe {
             sh_degree_every: 500,
