@@ -17,6 +17,7 @@
 //! | approximate an RPC by an affine or quadratic camera | [`affine::fit`](affine::fit()), [`affine::fit_over_box`], [`affine::ViewCamera`], [`affine::SiteScene`] |
 //! | match images to a surface (plane sweep, semi-global matching) | [`mvs::PlaneSweep`], [`mvs::MatchedSurface`] |
 //! | train and render splats | [`splat::train`], [`splat::raster`], [`splat::ply`] |
+//! | predict splats from a cloud of points and the images that show it | [`predict`](mod@predict) |
 //! | render a DSM, an orthophoto, points or a mesh | [`dsm`](mod@dsm) |
 //! | read photographs with pinhole cameras, COLMAP models | [`perspective::PerspectiveScene`], [`perspective::colmap`] |
 //! | fuse depth maps to a mesh, read and write meshes | [`mesh`](mod@mesh) |
@@ -76,6 +77,7 @@ pub mod perspective;
 pub mod prior;
 pub mod mvs;
 pub mod splat;
+pub mod predict;
 pub mod mesh;
 pub mod dsm;
 pub mod metrics;

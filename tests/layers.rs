@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Modules in the order of the layers, and what each may import; `None`: everything before it.
-const LAYERS: [(&str, Option<&[&str]>); 29] = [
+const LAYERS: [(&str, Option<&[&str]>); 30] = [
     ("random", Some(&[])),
     ("stats", Some(&["random"])),
     ("simd", Some(&[])),
@@ -28,6 +28,7 @@ const LAYERS: [(&str, Option<&[&str]>); 29] = [
     ("prior", Some(&["stats", "random", "progress", "frame", "io", "nn", "scene", "perspective"])),
     ("mvs", Some(&["stats", "random", "progress", "frame", "io", "scene", "affine"])),
     ("splat", None),
+    ("predict", None),
     ("mesh", Some(&["stats", "random", "progress", "frame", "io", "camera", "affine", "perspective"])),
     ("dsm", None),
     ("metrics", Some(&["stats", "random", "progress", "frame", "io", "mesh"])),

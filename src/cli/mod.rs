@@ -11,6 +11,7 @@ mod dsm;
 mod dsm_eval;
 mod export;
 mod info;
+mod learn;
 mod mesh;
 mod mesh_eval;
 mod mosaic;
@@ -88,6 +89,7 @@ enum Command {
     Mesh(mesh::Args),
     MeshEval(mesh_eval::Args),
     Prior(prior::Args),
+    Learn(learn::Args),
     Run(Box<run::Args>),
     Plan(Box<plan::Args>),
     Tile(tile::Args),
@@ -134,6 +136,7 @@ pub fn run_command_line(words: impl IntoIterator<Item = std::ffi::OsString>) -> 
         Command::Mesh(args) => mesh::run(args, &ui),
         Command::MeshEval(args) => mesh_eval::run(args, &ui),
         Command::Prior(args) => prior::run(args, &ui),
+        Command::Learn(args) => learn::run(args, &ui),
         Command::Run(args) => run::run(args, &ui),
         Command::Plan(args) => plan::run(args, &ui),
         Command::Tile(args) => tile::run(args, &ui),

@@ -76,12 +76,19 @@ impl Mlp {
         let layers = self.layers(self.shared);
         for (k, layer) in layers[..layers.len() - 1].iter().enumerate() {
             let stride = layer.inputs + if k == 0 { self.shared } else { 0 };
-            let bound = (6.0 / stride as f64).sqrt();
-            let mut draw = CounterRng::new(seed, purpose, k as u64, 0);
-            for value in &mut values[layer.weights(stride)] {
-                *value = T::from_f64(bound * (2.0 * draw.uniform() - 1.0));
-            }
+            fill_uniform(&mut values[layer.weights(stride)], stride, seed, purpose, k);
         }
+        values
+    }
+
+    /// As [`Mlp::start`], with random weights in the last layer too.
+    #[must_use]
+    pub fn start_all<T: Real>(&self, seed: u64, purpose: u64) -> Vec<T> {
+        let mut values = self.start(seed, purpose);
+        let layers = self.layers(self.shared);
+        let last = &layers[layers.len() - 1];
+        let stride = last.inputs + if self.hidden.is_empty() { self.shared } else { 0 };
+        fill_uniform(&mut values[last.weights(stride)], stride, seed, purpose, layers.len() - 1);
         values
     }
 
@@ -134,6 +141,13 @@ impl Mlp {
             }
         }
     }
+}
+
+/// Draws the weights of a layer with so many inputs: uniform, with the variance of He et al. 2015.
+fn fill_uniform<T: Real>(weights: &mut [T], inputs: usize, seed: u64, purpose: u64, layer: usize) {
+    let bound = (6.0 / inputs as f64).sqrt();
+    let mut draw = CounterRng::new(seed, purpose, layer as u64, 0);
+    weights.iter_mut().for_each(|value| *value = T::from_f64(bound * (2.0 * draw.uniform() - 1.0)));
 }
 
 /// A network whose shared inputs are a part of its biases.

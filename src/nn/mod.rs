@@ -14,4 +14,5 @@ pub mod lpips;
 mod max_pool;
 pub mod mlp;
 pub mod onnx;
+pub mod tensors;
 pub mod uncertainty;

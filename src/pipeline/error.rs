@@ -13,6 +13,8 @@ use crate::mvs::MatchError;
 use crate::nn::features::FeatureError;
 use crate::nn::lpips::LpipsError;
 use crate::perspective::PerspectiveError;
+use crate::predict::PredictError;
+use crate::predict::learn::LearnError;
 use crate::prior::PriorError;
 use crate::progress::Interrupted;
 use crate::report::ReportError;
@@ -455,6 +457,14 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Export(#[from] ExportError),
+    /// See [`PredictError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Predict(#[from] PredictError),
+    /// See [`LearnError`].
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Learn(#[from] LearnError),
 }
 
 impl PipelineError {
@@ -466,6 +476,7 @@ impl PipelineError {
             | Self::TrainingInterrupted { .. }
             | Self::Bundle(BundleError::Interrupted(_))
             | Self::Prior(PriorError::Interrupted { .. })
+            | Self::Learn(LearnError::Interrupted(_) | LearnError::Simulate(SimulateError::Interrupted(_)))
             | Self::Simulate(SimulateError::Interrupted(_)) => ErrorKind::Interrupted,
             Self::Json { .. }
             | Self::Write(_)
@@ -475,6 +486,8 @@ impl PipelineError {
             )
             | Self::Perspective(PerspectiveError::Write(_))
             | Self::Backend(_)
+            | Self::Predict(PredictError::Write(_))
+            | Self::Learn(LearnError::Write(_) | LearnError::NotFinite { .. })
             | Self::Raster(RasterError::Write(_) | RasterError::Encode { .. })
             | Self::Bundle(
                 BundleError::Write(_)

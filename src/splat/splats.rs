@@ -10,7 +10,7 @@ use crate::simd::Real;
 use serde::{Deserialize, Serialize};
 
 /// Value of the zeroth spherical harmonic: `rgb = SH_C0 * f_dc + 0.5`, as in 3DGS.
-pub(super) const SH_C0: f64 = 0.282_094_791_773_878_14;
+pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
 /// Name, size and file columns of a parameter group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -23,12 +23,17 @@ pub fn sun_visibility<T: SimdReal>(
     image: &Image<T>,
     out: &mut Vec<T>,
 ) {
-    let of = |position: &[T; 3]| {
-        let Some(higher) = sample(image, sun.camera.kernel.project(*position)) else { return T::one() };
-        let above = higher - position[2] - T::from_f64(BIAS_M);
-        (-T::from_f64(RATE_PER_M) * above.max(T::zero())).exp()
-    };
+    let of = |p: &[T; 3]| visibility_from(image, sun.camera.kernel.project(*p), p[2]);
     splats.position.par_iter().with_min_len(1024).map(of).collect_into_vec(out);
+}
+
+/// Visibility of a point of this altitude from where an image was taken, 0 to 1: whether nothing in the image of altitudes lies
+/// higher at the pixel (column, row) that shows the point. It is 1 outside of the image.
+#[must_use]
+pub fn visibility_from<T: SimdReal>(image: &Image<T>, px: [T; 2], altitude: T) -> T {
+    let Some(higher) = sample(image, px) else { return T::one() };
+    let above = higher - altitude - T::from_f64(BIAS_M);
+    (-T::from_f64(RATE_PER_M) * above.max(T::zero())).exp()
 }
 
 /// The altitude at a position between the pixels' centres; none outside of them.

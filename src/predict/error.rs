@@ -1,0 +1,42 @@
+//! Errors of predicting splats and of the models that predict them.
+
+use crate::io::WriteError;
+use std::path::PathBuf;
+
+/// Why no splats can be predicted, or why a model cannot be used.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+pub enum PredictError {
+    /// Too few points are left to predict from.
+    #[error("{found} points are left in the area, at least {needed} are needed")]
+    #[diagnostic(help("the points must be in the coordinate system of the scene, and lie in its area"))]
+    FewPoints {
+        /// Number of points.
+        found: usize,
+        /// Smallest number.
+        needed: usize,
+    },
+    /// A file of a model cannot be read.
+    #[error("`{path}` cannot be read: {reason}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The operating system's message.
+        reason: String,
+    },
+    /// A file is damaged, or not a model of this version.
+    #[error("`{path}` is not a model of this version that predicts splats: {reason}")]
+    #[diagnostic(help(
+        "`satgs learn OUT.safetensors` trains a model; without `--model` the one that comes with satgs is used"
+    ))]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A file of a model cannot be written.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Write(#[from] WriteError),
+}

@@ -1,0 +1,205 @@
+//! What the network computes the splats of a tile from.
+//!
+//! Numbers are of the order of one: lengths are in units of the spacing of the key points, or logarithms of ratios; heights above
+//! ground in tens of metres.
+//!
+//! | of | numbers |
+//! |---|---|
+//! | a point of a group | place relative to the key point (3), linear colour (3) |
+//! | a key point | mean distance of its group, height above ground, normal (3); then mean and standard deviation of the image features |
+//! | a query | normal (3), distance of the points from their plane, spacing of the cloud and of the points around, height above ground, linear colour (3), deviation of the images from it, share of images that show it, sunlight, whether it is on a wall, distance moved onto the surface, distance of the nearest point |
+
+use super::head::Base;
+use super::image_features::{FEATURE_MAPS, FEATURES};
+use super::key_points::{farthest_points, group};
+use super::light::{Light, SeenColor, seen_color};
+use super::network::{Blocks, KEY_INPUTS, MEMBER_INPUTS, NEIGHBOURS, NetworkInput, QUERY_INPUTS};
+use super::queries::{Query, queries, queries_at};
+use super::{Cloud, ImageObserver, Sampling};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
+use std::num::NonZero;
+
+/// Key points lie this many of their spacings outside of a tile as well, so that all queries have some on all sides.
+const MARGIN_SPACINGS: f64 = 3.0;
+/// Largest number of key points of a tile.
+const MOST_KEYS: usize = 8192;
+/// A middle linear colour, and what differences from it are multiplied by.
+const MIDDLE_COLOR: f32 = 0.25;
+const COLOR_SCALE: f32 = 3.0;
+/// Heights above ground are divided by this, metres.
+const HEIGHT_M: f64 = 10.0;
+
+/// A cloud, with what the images show of it.
+pub struct SeenCloud<'a> {
+    /// The cloud.
+    pub cloud: &'a Cloud,
+    /// The images.
+    pub images: &'a dyn ImageObserver,
+    /// The light of each.
+    pub lights: &'a [Light],
+    colors: Vec<[f32; 3]>,
+}
+
+/// What is known of a tile.
+pub struct TileInput {
+    /// Numbers for the network.
+    pub network: NetworkInput<f32>,
+    /// What the splats are relative to.
+    pub bases: Vec<Base>,
+}
+
+impl<'a> SeenCloud<'a> {
+    /// Looks up the colours of all points.
+    #[must_use]
+    pub fn new(cloud: &'a Cloud, images: &'a dyn ImageObserver, lights: &'a [Light]) -> Self {
+        let color = |p: &[f64; 3]| seen_color(images, lights, *p).color;
+        Self { cloud, images, lights, colors: cloud.positions().par_iter().map(color).collect() }
+    }
+
+    /// The linear colour of each point.
+    #[must_use]
+    pub fn colors(&self) -> &[[f32; 3]] {
+        &self.colors
+    }
+
+    /// Spacing of the key points, metres: as asked, or that of the cloud if it is wider.
+    #[must_use]
+    pub fn key_spacing_m(&self, sampling: &Sampling) -> f64 {
+        sampling.key_spacing_m.max(self.cloud.spacing_m())
+    }
+
+    /// What the network takes of a level box (west, south, east, north), metres; none where there are no points. `has_walls`
+    /// adds walls without points.
+    #[must_use]
+    pub fn tile(&self, sampling: &Sampling, area: [f64; 4], has_walls: bool) -> Option<TileInput> {
+        let unit = self.key_spacing_m(sampling);
+        let keys = self.keys(area, unit);
+        let positions: Vec<[f64; 3]> = keys.iter().map(|k| self.cloud.positions()[*k]).collect();
+        let queries = if sampling.densify {
+            queries(self.cloud, sampling, area, has_walls)
+        } else {
+            let [west, south, east, north] = area;
+            let is_inside = |p: &&[f64; 3]| p[0] >= west && p[0] < east && p[1] >= south && p[1] < north;
+            queries_at(self.cloud, &positions.iter().filter(is_inside).copied().collect::<Vec<_>>())
+        };
+        if queries.is_empty() {
+            return None;
+        }
+        let tree = ImmutableKdTree::<f64, 3>::new_from_slice(&positions).ok()?;
+        let attended = |query: &Query| {
+            const COUNT: NonZero<usize> = NonZero::new(NEIGHBOURS).unwrap();
+            let near = tree.query(&query.position).nearest_n::<SquaredEuclidean<f64>>(COUNT).execute();
+            // The nearest is repeated where there are fewer.
+            let near: [u32; NEIGHBOURS] = std::array::from_fn(|n| near.get(n).unwrap_or(&near[0]).item);
+            let relative = |key: u32| {
+                let from = positions[key as usize];
+                std::array::from_fn(|k| ((query.position[k] - from[k]) / unit) as f32)
+            };
+            (near, near.map(relative))
+        };
+        let (neighbours, relative) = queries.par_iter().map(attended).unzip();
+        let (of_queries, bases): (Vec<_>, Vec<_>) =
+            queries.par_iter().map(|q| self.of_query(q, sampling)).unzip();
+        let (members, of_keys): (Vec<_>, Vec<_>) = keys.par_iter().map(|k| self.of_key(*k, unit)).unzip();
+        let network = NetworkInput {
+            members: Blocks::of_rows(&members.concat()),
+            keys: Blocks::of_rows(&of_keys),
+            neighbours,
+            relative,
+            queries: Blocks::of_rows(&of_queries),
+        };
+        Some(TileInput { network, bases })
+    }
+
+    /// Indices of the key points of a box.
+    fn keys(&self, [west, south, east, north]: [f64; 4], unit: f64) -> Vec<usize> {
+        let margin = MARGIN_SPACINGS * unit;
+        let is_near = |p: &[f64; 3]| {
+            p[0] >= west - margin && p[0] < east + margin && p[1] >= south - margin && p[1] < north + margin
+        };
+        let near = self.cloud.positions().iter().enumerate().filter(|(_, p)| is_near(p));
+        let origin = [0.5 * (west + east), 0.5 * (south + north), 0.0];
+        let local = |p: &[f64; 3]| std::array::from_fn(|k| (p[k] - origin[k]) as f32);
+        let (indices, points): (Vec<usize>, Vec<[f32; 3]>) = near.map(|(i, p)| (i, local(p))).unzip();
+        farthest_points(&points, unit as f32, MOST_KEYS).into_iter().map(|k| indices[k]).collect()
+    }
+
+    /// The numbers of the points of a group, and of its key point.
+    fn of_key(&self, key: usize, unit: f64) -> (Vec<[f32; MEMBER_INPUTS]>, [f32; KEY_INPUTS + FEATURES]) {
+        let positions = self.cloud.positions();
+        let center = positions[key];
+        let mut distances = 0.0;
+        let members = group(self.cloud, center).map(|i| {
+            let offset: [f64; 3] = std::array::from_fn(|k| (positions[i][k] - center[k]) / unit);
+            distances += offset.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let [x, y, z] = offset.map(|v| v as f32);
+            let [r, g, b] = self.colors[i].map(of_order_one);
+            [x, y, z, r, g, b]
+        });
+        let mut out = [0.0; KEY_INPUTS + FEATURES];
+        out[0] = (distances / members.len() as f64) as f32;
+        out[1] = (self.cloud.above_ground_m(center) / HEIGHT_M) as f32;
+        let normal = self.cloud.planes()[key].normal.to_array();
+        (0..3).for_each(|k| out[2 + k] = normal[k] as f32);
+        out[KEY_INPUTS..].copy_from_slice(&self.image_features(center));
+        (members.to_vec(), out)
+    }
+
+    /// Mean and standard deviation of the image features over the images, weighted by visibility.
+    fn image_features(&self, p: [f64; 3]) -> [f32; FEATURES] {
+        let (mut sum, mut squares, mut weights) = ([0.0; FEATURE_MAPS], [0.0; FEATURE_MAPS], 0.0);
+        for view in 0..self.images.views() {
+            let seen = self.images.observe(view, p).zip(self.images.features(view, p));
+            let Some((seen, features)) = seen.filter(|(seen, _)| seen.visibility > 0.0) else { continue };
+            weights += seen.visibility;
+            for (k, value) in features.into_iter().enumerate() {
+                sum[k] += seen.visibility * value;
+                squares[k] += seen.visibility * value * value;
+            }
+        }
+        let mut out = [0.0; FEATURES];
+        if weights > 1e-3 {
+            for k in 0..FEATURE_MAPS {
+                let mean = sum[k] / weights;
+                out[k] = mean;
+                out[FEATURE_MAPS + k] = (squares[k] / weights - mean * mean).max(0.0).sqrt();
+            }
+        }
+        out
+    }
+
+    /// The numbers of a query, and what its splat is relative to.
+    fn of_query(&self, query: &Query, sampling: &Sampling) -> ([f32; QUERY_INPUTS], Base) {
+        let seen: SeenColor = seen_color(self.images, self.lights, query.position);
+        let spacing = sampling.spacing_m;
+        let ratio = |length_m: f64| (1.0 + length_m / spacing).ln() as f32;
+        let [x, y, z] = query.normal.map(|v| v as f32);
+        let [r, g, b] = seen.color.map(of_order_one);
+        let (nearest, distance_m) = query.nearest;
+        let numbers = [
+            x,
+            y,
+            z,
+            ratio(query.rms_m),
+            ratio(self.cloud.spacing_m()),
+            ratio(self.cloud.spacings()[nearest]),
+            (self.cloud.above_ground_m(query.position) / HEIGHT_M) as f32,
+            r,
+            g,
+            b,
+            COLOR_SCALE * seen.deviation,
+            seen.views / self.images.views().max(1) as f32,
+            seen.sunlight,
+            f32::from(u8::from(query.is_wall)),
+            ratio(query.moved_m),
+            ratio(distance_m),
+        ];
+        (numbers, Base::new(query, seen.color))
+    }
+}
+
+/// A linear colour as a number of the order of one around zero.
+fn of_order_one(color: f32) -> f32 {
+    COLOR_SCALE * (color - MIDDLE_COLOR)
+}

@@ -1,0 +1,157 @@
+//! A simulated town to learn from: its images with their true cameras, and its exact surface.
+
+use super::LearnError;
+use super::points;
+use crate::affine::{SiteFrame, SiteScene, TrainingView};
+use crate::frame::{Point, SiteBox, SiteGrid};
+use crate::io::{Grid2, ImageFile, MapGrid};
+use crate::mvs::MatchedSurface;
+use crate::predict::light::{Light, calibrate};
+use crate::predict::{Cloud, Sampling, observer::SatelliteImages, reference};
+use crate::progress::Progress;
+use crate::rpc::formats;
+use crate::scene::{ReadOptions, Role, Scene};
+use crate::simulate::{SimulateOptions, simulate};
+use crate::splat::loss::Prior;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Margin of the altitudes below and above the surface, metres.
+const MARGIN_M: f64 = 2.0;
+/// Neighbouring cells of a smooth part of the surface differ by less, metres.
+const SMOOTH_M: f32 = 0.5;
+
+/// A town.
+pub struct Town {
+    /// The area with a known surface.
+    pub area: SiteBox,
+    /// Lowest and highest altitude, metres.
+    pub altitudes: (f64, f64),
+    /// Images to predict from.
+    pub context: Vec<TrainingView>,
+    /// Images to compare with.
+    pub targets: Vec<TargetView>,
+    /// The exact surface.
+    pub surface: ExactSurface,
+    /// The surface for the loss, where it is smooth.
+    pub prior: Arc<Prior>,
+}
+
+/// An image to compare renders with.
+pub struct TargetView {
+    /// The image.
+    pub view: TrainingView,
+    /// Its light.
+    pub light: Light,
+    /// For each pixel the position of the surface that it shows, and its sunlight; none without surface.
+    pub shown: Vec<Option<([f64; 3], f32)>>,
+}
+
+/// The exact surface: altitudes, metres above the site's origin, on a map grid.
+pub struct ExactSurface {
+    site: SiteGrid,
+    grid: MapGrid,
+    /// Altitudes.
+    pub altitude: Grid2,
+}
+
+impl ExactSurface {
+    /// Side of a cell, metres.
+    pub fn cell_m(&self) -> f64 {
+        self.grid.cell
+    }
+
+    /// Level position of the centre of a cell, site metres.
+    pub fn center(&self, col: usize, row: usize) -> [f64; 2] {
+        let p = self.site.site_from_utm(self.grid.cell_center(col, row));
+        [p.x(), p.y()]
+    }
+
+    /// The surface with a weight of one where it is smooth.
+    fn smooth_parts(&self) -> MatchedSurface {
+        let (width, height) = (self.altitude.width, self.altitude.height);
+        let weight = Grid2::from_fn(width, height, |col, row| {
+            let around = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (col as i64 + dx, row as i64 + dy)));
+            let z = self.altitude.at(col, row);
+            let is_smooth = around.map(|(c, r)| self.altitude.get(c, r)).all(|v| (v - z).abs() < SMOOTH_M);
+            f32::from(u8::from(is_smooth))
+        });
+        MatchedSurface {
+            site: self.site,
+            grid: self.grid,
+            altitude: self.altitude.clone(),
+            score: weight.clone(),
+            prior_weight: weight,
+        }
+    }
+}
+
+impl Town {
+    /// Simulates a town in a folder unless it is there, and reads it.
+    pub fn load(
+        folder: &Path,
+        options: &SimulateOptions,
+        progress: &dyn Progress,
+    ) -> Result<Self, LearnError> {
+        let truth = folder.join("truth/TOWN_DSM.tif");
+        if !truth.exists() {
+            let options = SimulateOptions { overwrite: true, ..options.clone() };
+            simulate(folder, &options, progress)?;
+        }
+        let scene = crate::scene::read(folder, &ReadOptions::default())?;
+        let file = ImageFile::open(&truth)?;
+        let (grid, mut altitude) = (file.map_grid()?, file.read(1)?);
+        let (west, south, east, north) = grid.bounds();
+        let (lowest, highest) = altitude.valid().fold((f32::MAX, f32::MIN), |(a, b), v| (a.min(v), b.max(v)));
+        let origin = Point::new(
+            (0.5 * (west + east)).round(),
+            (0.5 * (south + north)).round(),
+            f64::from(lowest).round(),
+        );
+        altitude.data.iter_mut().for_each(|z| *z -= origin.z() as f32);
+        let site = SiteGrid { epsg: grid.epsg, origin };
+        let area = (west - origin.x(), south - origin.y(), east - origin.x(), north - origin.y());
+        let altitudes =
+            (f64::from(lowest) - origin.z() - MARGIN_M, f64::from(highest) - origin.z() + MARGIN_M);
+        let surface = ExactSurface { site, grid, altitude };
+        let frame = SiteFrame { site, area, altitudes, reference: None };
+        let (context, targets) = views(folder, &scene, frame)?;
+        let prior = Arc::new(Prior::new(&surface.smooth_parts()));
+        let mut town = Self { area, altitudes, context, targets: Vec::new(), surface, prior };
+        town.targets = town.with_light(targets)?;
+        Ok(town)
+    }
+
+    /// What the target views show of the exact surface, in the light of their dates.
+    fn with_light(&self, targets: Vec<TrainingView>) -> Result<Vec<TargetView>, LearnError> {
+        let sampling = Sampling::default();
+        let (cloud, _) = Cloud::new(&points::exact(&self.surface), 0.5 * self.surface.cell_m())?;
+        let splats = reference::surface(&cloud, &sampling, self.area, true);
+        let all: Vec<TrainingView> = self.context.iter().chain(&targets).cloned().collect();
+        let images = SatelliteImages::new(&all, &splats, self.altitudes);
+        let lights = calibrate(&images, cloud.positions(), 0);
+        let of_target = |(k, view): (usize, TrainingView)| {
+            let index = self.context.len() + k;
+            TargetView { view, light: lights[index], shown: images.shown(index) }
+        };
+        Ok(targets.into_iter().enumerate().map(of_target).collect())
+    }
+}
+
+/// The views to predict from and those to compare with, with their true cameras.
+fn views(
+    folder: &Path,
+    scene: &Scene,
+    frame: SiteFrame,
+) -> Result<(Vec<TrainingView>, Vec<TrainingView>), LearnError> {
+    let rpc = |name: &String| Ok(formats::read(&folder.join(format!("truth/rpcs/{name}.json")))?.rpc);
+    let names = scene.views.iter().map(|v| &v.name);
+    let rpcs = names.map(rpc).collect::<Result<Vec<_>, LearnError>>()?;
+    let mut setup = SiteScene::in_frame(scene, &rpcs, frame)?;
+    let is_target: Vec<bool> = setup.views.iter().map(|v| v.role == Role::Test).collect();
+    setup.views.iter_mut().for_each(|v| v.role = Role::Train);
+    let views = setup.training_views(scene)?.into_iter().zip(is_target);
+    let (targets, context): (Vec<_>, Vec<_>) = views.partition(|(_, is_target)| *is_target);
+    let alone = |views: Vec<(TrainingView, bool)>| views.into_iter().map(|(view, _)| view).collect();
+    Ok((alone(context), alone(targets)))
+}

@@ -1,0 +1,166 @@
+//! Trained models that predict splats, and their files.
+//!
+//! A file holds one float32 tensor, `parameters` (in the order of [`Network`]). The metadata hold the shape of the network, the
+//! spacings of points that it was trained with, and how it was made.
+
+use super::network::Network;
+use super::{PredictError, Sampling};
+use crate::io::{WriteError, write_file};
+use crate::nn::tensors::values;
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// The only key of the metadata: the kind and version of the file.
+const FORMAT: &str = "satgs points to splats 1";
+/// Name of the tensor.
+const PARAMETERS: &str = "parameters";
+/// The model that comes with the program.
+const BUILT_IN: &[u8] = include_bytes!("../../data/models/points-to-splats.safetensors");
+/// Spacings of points that are read, metres.
+const SPACINGS_M: std::ops::RangeInclusive<f64> = 0.01..=100.0;
+
+/// A trained model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    /// Shape and origin.
+    pub content: ModelContent,
+    /// Parameters of the network.
+    pub parameters: Vec<f32>,
+}
+
+/// What the metadata of a file hold.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ModelContent {
+    /// Shape of the network.
+    pub network: Network,
+    /// Spacings of points.
+    pub sampling: Sampling,
+    /// How the model was made: the program's version and the configuration of the training.
+    pub origin: String,
+}
+
+impl Model {
+    /// A model that is not trained: its splats lie flat on the surface in the colours of the images.
+    #[must_use]
+    pub fn untrained(content: ModelContent, seed: u64) -> Self {
+        let parameters = content.network.start(seed);
+        Self { content, parameters }
+    }
+
+    /// The model that comes with the program.
+    ///
+    /// # Errors
+    /// [`PredictError::Format`] if the program was built with a damaged one.
+    pub fn built_in() -> Result<Self, PredictError> {
+        let path = "the model of the program".into();
+        decode(BUILT_IN).map_err(|reason| PredictError::Format { path, reason })
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`PredictError`] if it cannot be read, is cut short, of another version, or of other sizes than it states.
+    pub fn read(path: &Path) -> Result<Self, PredictError> {
+        let io = |e: std::io::Error| PredictError::Io { path: path.into(), reason: e.to_string() };
+        let bytes = std::fs::read(path).map_err(io)?;
+        decode(&bytes).map_err(|reason| PredictError::Format { path: path.into(), reason })
+    }
+
+    /// Writes a file atomically.
+    ///
+    /// # Errors
+    /// [`WriteError`] if the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
+        let content = serde_json::to_string(&self.content).map_err(|e| WriteError::new(path, e))?;
+        let bytes: Vec<u8> = self.parameters.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let tensor = TensorView::new(Dtype::F32, vec![self.parameters.len()], &bytes);
+        let tensor = tensor.map_err(|e| WriteError::new(path, e))?;
+        let metadata = HashMap::from([(FORMAT.to_owned(), content)]);
+        let file = safetensors::serialize([(PARAMETERS, tensor)], Some(metadata));
+        write_file(path, file.map_err(|e| WriteError::new(path, e))?)
+    }
+}
+
+/// The model in the bytes of a file; an error says what is wrong.
+fn decode(bytes: &[u8]) -> Result<Model, String> {
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
+    let metadata = header.metadata().clone().unwrap_or_default();
+    let text = metadata.get(FORMAT).ok_or_else(|| format!("its metadata lack `{FORMAT}`"))?;
+    let content: ModelContent = serde_json::from_str(text).map_err(|e| format!("`{FORMAT}`: {e}"))?;
+    let Sampling { spacing_m, key_spacing_m, .. } = content.sampling;
+    if ![spacing_m, key_spacing_m].iter().all(|m| SPACINGS_M.contains(m)) {
+        return Err(format!(
+            "its spacings of {spacing_m} and {key_spacing_m} m are not between 0.01 and 100 m"
+        ));
+    }
+    if !content.network.is_sound() {
+        return Err("the shape of its network is out of range".into());
+    }
+    let tensors = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
+    let parameters = values(&tensors, PARAMETERS, &[Some(content.network.parameters())])?;
+    Ok(Model { content, parameters })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn small() -> Model {
+        let network = Network { width: 8, ..Network::default() };
+        Model::untrained(ModelContent { network, origin: "a test".into(), ..ModelContent::default() }, 1)
+    }
+
+    #[test]
+    fn files_are_read_back_and_have_the_same_bytes_each_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
+        small().write(&a).unwrap();
+        small().write(&b).unwrap();
+        assert_eq!(Model::read(&a).unwrap(), small());
+        assert_eq!(std::fs::read(a).unwrap(), std::fs::read(b).unwrap());
+    }
+
+    #[test]
+    fn damaged_files_and_those_of_other_sizes_are_refused_with_the_reason() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let reason = |model: &Model| {
+            model.write(&path).unwrap();
+            Model::read(&path).unwrap_err().to_string()
+        };
+        let mut other = small();
+        other.parameters.pop();
+        assert!(reason(&other).contains("`parameters`"), "{}", reason(&other));
+        let mut other = small();
+        other.content.network.width = 0;
+        assert!(reason(&other).contains("shape"), "{}", reason(&other));
+        let mut other = small();
+        other.parameters[3] = f32::NAN;
+        assert!(reason(&other).contains("not finite"), "{}", reason(&other));
+        let mut other = small();
+        other.content.sampling.spacing_m = f64::NAN;
+        assert!(
+            Model::read(&{
+                other.write(&path).unwrap();
+                path.clone()
+            })
+            .is_err()
+        );
+        small().write(&path).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        for cut in [0, 7, 60, bytes.len() / 2, bytes.len() - 1] {
+            assert!(decode(&bytes[..cut]).is_err(), "{cut}");
+        }
+        assert!(matches!(Model::read(&folder.path().join("none")), Err(PredictError::Io { .. })));
+    }
+
+    #[test]
+    fn the_built_in_model_can_be_read_and_is_small() {
+        let model = Model::built_in().unwrap();
+        assert!(!model.content.origin.is_empty());
+        assert!(BUILT_IN.len() < 1_000_000);
+    }
+}

@@ -1,0 +1,77 @@
+//! Prediction of a whole area, tile by tile.
+
+use super::head::Head;
+use super::input::{SeenCloud, TileInput};
+use super::network::Evaluation;
+use super::{Model, Sampling};
+use crate::frame::SiteBox;
+use crate::progress::{Event, Interrupted, Progress};
+use crate::splat::edit::Edit;
+use crate::splat::splats::{Splats, logit};
+use rayon::prelude::*;
+
+/// Side of a tile, metres.
+const TILE_M: f64 = 64.0;
+/// Splats of lower opacity are left out.
+const LEAST_OPACITY: f32 = 0.02;
+/// Smallest unit of the offsets, metres: about three times the noise of points from stereo matching.
+const OFFSET_M: f64 = 1.0;
+
+/// How the numbers of the network become splats.
+#[must_use]
+pub fn head(sampling: &Sampling, cloud_spacing_m: f64) -> Head {
+    let offset_m = if sampling.offsets { OFFSET_M.max(cloud_spacing_m) } else { 0.0 };
+    Head { spacing_m: sampling.spacing_m, offset_m }
+}
+
+/// The splats of a level area (west, south, east, north; metres) that a model predicts of a cloud and the images that show it.
+/// `has_walls` adds walls without points, which clouds from above lack.
+///
+/// # Errors
+/// [`Interrupted`] if `progress` asks to stop.
+pub fn predict(
+    model: &Model,
+    seen: &SeenCloud,
+    area: SiteBox,
+    has_walls: bool,
+    progress: &dyn Progress,
+) -> Result<Splats, Interrupted> {
+    let sampling = &model.content.sampling;
+    let head = head(sampling, seen.cloud.spacing_m());
+    let tiles = tiles(area);
+    progress.event(Event::Started { stage: "predicting splats", total: tiles.len() as u64 });
+    let mut out = Splats::default();
+    // Some tiles side by side, in their order, so that memory is bounded and the work can stop.
+    let each = rayon::current_num_threads().max(1);
+    let mut done = 0;
+    for group in tiles.chunks(each) {
+        progress.check()?;
+        let of_tile = |tile: &[f64; 4]| {
+            let TileInput { network: input, bases } = seen.tile(sampling, *tile, has_walls)?;
+            let mut evaluation = Evaluation::new(&model.content.network);
+            Some(head.splats(evaluation.forward(&model.parameters, &input), &bases))
+        };
+        let splats: Vec<Option<Splats>> = group.par_iter().map(of_tile).collect();
+        splats.into_iter().flatten().for_each(|splats| out.append(splats));
+        done += group.len();
+        progress.event(Event::Advanced { done: done as u64, status: format!("{} splats", out.len()) });
+    }
+    let is_kept: Vec<bool> = out.opacity_logit.iter().map(|o| o[0] >= logit(LEAST_OPACITY)).collect();
+    out.apply(&Edit::retain(&is_kept));
+    progress.event(Event::Finished);
+    Ok(out)
+}
+
+/// The tiles of an area, of equal size.
+fn tiles((west, south, east, north): SiteBox) -> Vec<[f64; 4]> {
+    let parts = |length: f64| (length / TILE_M).ceil().max(1.0);
+    let (columns, rows) = (parts(east - west), parts(north - south));
+    let (width, height) = ((east - west) / columns, (north - south) / rows);
+    let at = |col: f64, row: f64| [west + width * col, south + height * row];
+    let tile = |i: usize| {
+        let (col, row) = ((i % columns as usize) as f64, (i / columns as usize) as f64);
+        let ([w, s], [e, n]) = (at(col, row), at(col + 1.0, row + 1.0));
+        [w, s, e, n]
+    };
+    (0..columns as usize * rows as usize).map(tile).collect()
+}
