@@ -20,6 +20,10 @@ pub const SNAPSHOTS: &str = "train/snapshots";
 pub const START: &str = "train/start";
 /// Folder of the depths and normals that a network or a command has made of the images.
 pub const PRIORS: &str = "priors";
+/// The splats that were predicted from points, in linear colours, which training goes on from.
+pub const PREDICTED: &str = "predict/splats.ply";
+/// The colour models of the views that were found with them.
+pub const PREDICTED_LIGHTS: &str = "predict/lights.json";
 /// The trained splats.
 pub const SPLATS: &str = "splats.ply";
 /// The trained surface, matched with the views.

@@ -19,6 +19,7 @@ mod nvs_eval;
 mod perspective_args;
 mod perspective_info;
 mod plan;
+mod predict;
 mod prior;
 mod render;
 mod report;
@@ -89,6 +90,7 @@ enum Command {
     Mesh(mesh::Args),
     MeshEval(mesh_eval::Args),
     Prior(prior::Args),
+    Predict(predict::Args),
     Learn(learn::Args),
     Run(Box<run::Args>),
     Plan(Box<plan::Args>),
@@ -136,6 +138,7 @@ pub fn run_command_line(words: impl IntoIterator<Item = std::ffi::OsString>) -> 
         Command::Mesh(args) => mesh::run(args, &ui),
         Command::MeshEval(args) => mesh_eval::run(args, &ui),
         Command::Prior(args) => prior::run(args, &ui),
+        Command::Predict(args) => predict::run(args, &ui),
         Command::Learn(args) => learn::run(args, &ui),
         Command::Run(args) => run::run(args, &ui),
         Command::Plan(args) => plan::run(args, &ui),

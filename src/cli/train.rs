@@ -80,15 +80,19 @@ enum Start {
     Hdd,
     /// As hdd, and more where no view sees anything (GeoProp-GS)
     Gva,
+    /// Of satellite scenes: splats that are predicted of the matched surface (Point2GS)
+    Predict,
 }
 
-impl From<Start> for StartPoints {
-    fn from(start: Start) -> Self {
-        match start {
-            Start::Scene => Self::Scene,
-            Start::Patches => Self::Patches,
-            Start::Hdd => Self::Hdd,
-            Start::Gva => Self::Gva,
+impl Start {
+    /// The points of a perspective scene; none for `predict`.
+    fn points(self) -> Option<StartPoints> {
+        match self {
+            Self::Scene => Some(StartPoints::Scene),
+            Self::Patches => Some(StartPoints::Patches),
+            Self::Hdd => Some(StartPoints::Hdd),
+            Self::Gva => Some(StartPoints::Gva),
+            Self::Predict => None,
         }
     }
 }
@@ -105,8 +109,8 @@ pub struct Options {
     /// Kind of splats: `3d` for ellipsoids, `2d` for flat discs, which have normals [default: the recipe's]
     #[arg(long, value_name = "3d|2d")]
     primitive: Option<Primitive>,
-    /// Points that training of a perspective scene starts from; without --depth-prior, hdd and gva interpolate depths between the
-    /// points of the scene [default: the recipe's]
+    /// What training starts from: points of a perspective scene (without --depth-prior, hdd and gva interpolate depths between the
+    /// points of the scene), or `predict` [default: the recipe's]
     #[arg(long, value_name = "POINTS")]
     start: Option<Start>,
     /// Number of iterations; the schedule is scaled in proportion [default: the recipe's]
@@ -158,7 +162,8 @@ impl Options {
         TrainOptions {
             recipe: self.recipe.clone().unwrap_or_else(|| default_recipe.into()),
             primitive: self.primitive.map(PrimitiveKind::from),
-            start: self.start.map(StartPoints::from),
+            start: self.start.and_then(Start::points),
+            predict: matches!(self.start, Some(Start::Predict)),
             iterations: self.iterations,
             seed: self.seed,
             checkpoint_every: self.checkpoint_every,

@@ -2,6 +2,7 @@
 
 use super::{MeshError, TriangleMesh};
 use super::{glb, obj, ply, ply_writer};
+use crate::frame::SiteGrid;
 use crate::io::{WriteError, read_georeference, remove_if_there, write_file, write_georeference};
 use std::path::Path;
 
@@ -70,6 +71,16 @@ impl TriangleMesh {
             return Err(MeshError::NoTriangles { path: path.into(), vertices: count });
         }
         Ok(mesh)
+    }
+
+    /// Reads the vertices of a PLY file, which needs no faces, and the georeference if one is beside it.
+    ///
+    /// # Errors
+    /// [`MeshError`] if the file cannot be read or is damaged.
+    pub fn read_vertices(path: &Path) -> Result<(Vec<[f64; 3]>, Option<SiteGrid>), MeshError> {
+        let wrong = |reason: String| MeshError::Format { path: path.into(), reason };
+        let bytes = std::fs::read(path).map_err(|e| wrong(e.to_string()))?;
+        Ok((ply::parse(&bytes).map_err(wrong)?.vertices, read_georeference(path)?))
     }
 
     /// Writes the mesh in the format of the file's name, and its georeference beside it.

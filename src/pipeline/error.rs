@@ -457,6 +457,31 @@ pub enum PipelineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Export(#[from] ExportError),
+    /// A file of points cannot be used.
+    #[error("`{path}` cannot be used as points: {reason}")]
+    #[diagnostic(help(
+        "expected a point cloud (.laz, .las, .ply) or a surface model (.tif) in a map projection in metres, with its CRS"
+    ))]
+    Points {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The folder for a prediction holds a run that was not predicted.
+    #[error("`{run}` holds another run")]
+    #[diagnostic(help("-o takes a new folder, or one that `satgs predict` made"))]
+    OtherRun {
+        /// The folder.
+        run: PathBuf,
+    },
+    /// Splats can only be predicted of satellite scenes.
+    #[error("`{run}` is of a perspective scene, whose splats cannot be predicted yet")]
+    #[diagnostic(help("`satgs train` with --start hdd makes splats at all pixels of photographs"))]
+    PredictOfPerspective {
+        /// The run folder.
+        run: PathBuf,
+    },
     /// See [`PredictError`].
     #[error(transparent)]
     #[diagnostic(transparent)]

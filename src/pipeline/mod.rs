@@ -32,6 +32,7 @@ mod nvs_eval;
 mod nvs_scores;
 mod page_layers;
 mod perspective;
+mod predict;
 mod prior_maps;
 mod products;
 mod relocation;
@@ -68,6 +69,7 @@ pub use nvs_scores::{NvsOptions, NvsScores, Protocol, ViewScore};
 pub use perspective::{
     PerspectiveCameras, PerspectiveManifest, PerspectiveRunOptions, TrainedPhoto, run_perspective,
 };
+pub use predict::{ENDINGS as POINT_ENDINGS, PredictOptions, Predicted, Untrained, predict};
 pub use prior_maps::{PriorMapOptions, PriorMapSummary, prior_maps};
 pub use render::render;
 pub use render_options::{Colors, Moment, RenderOptions, RenderSummary, Viewpoint};

@@ -10,7 +10,7 @@ use super::training::Training;
 use super::{PipelineError, RunLock, TrainedCameras, appearance, perspective, read_scene, relocation};
 use crate::affine::{SiteSceneError, median_pixel_m};
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, SPLATS, STAGE};
+use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, PREDICTED, SPLATS, STAGE};
 use crate::scene::Scene;
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::backend::cpu::CpuBackend;
@@ -93,13 +93,13 @@ fn train_heights(
     let (at_start, mut log, state) = match checkpoints.take_up(views.len(), options.overwrite, progress)? {
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
-            let splats = training.splats_at_start(&views, progress)?;
+            let (splats, appearances) = training.splats_at_start(&views, progress)?;
             let start = splats.len();
-            (
-                start,
-                Vec::new(),
-                TrainingState::start(splats, training.recipe.appearance, views.len(), options.seed),
-            )
+            let kind = training.recipe.appearance;
+            let mut state = TrainingState::start(splats, kind, views.len(), options.seed);
+            let found = appearances.into_iter().filter(|a| a.kind == kind);
+            state.appearances.iter_mut().zip(found).for_each(|((appearance, _), found)| *appearance = found);
+            (start, Vec::new(), state)
         }
     };
     // Read from the file whether or not training was interrupted, so that both give the same bytes.
@@ -176,5 +176,11 @@ fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fi
         ("--seed".into(), options.seed.to_string()),
     ]);
     fingerprint.extend(frame.transpose()?);
+    let predicted = run.join(PREDICTED);
+    if predicted.exists() {
+        fingerprint.insert("predicted splats".into(), hash_file(&predicted));
+    } else if options.predict {
+        fingerprint.insert("--start".into(), "predict".into());
+    }
     Ok(fingerprint)
 }

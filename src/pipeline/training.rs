@@ -1,16 +1,18 @@
 //! One training of a run: what it reads, starts from and writes.
 
 use super::training_files::write_log;
-use super::{PipelineError, TrainOptions, TrainedCameras};
+use super::{PipelineError, TrainOptions, TrainedCameras, predict};
 use crate::affine::{SiteScene, TrainingView};
 use crate::bundle::Adjustment;
 use crate::dsm::altitudes;
 use crate::frame::{Point, Site};
 use crate::io::write_json;
 use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
+use crate::predict::Model;
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SNAPSHOTS, SURFACE, TRAINING};
 use crate::scene::Scene;
+use crate::splat::appearance::Appearance;
 use crate::splat::backend::TrainingBackend;
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::init;
@@ -54,30 +56,56 @@ impl<'a> Training<'a> {
         Ok(Self { run, options, recipe, setup, sparse })
     }
 
-    /// The splats that training begins with. Nothing is left of a training before.
+    /// The splats that training begins with, and the colour models of the views if these were predicted with them. Nothing is left
+    /// of a training before.
     pub fn splats_at_start(
         &self,
         views: &[TrainingView],
         progress: &dyn Progress,
-    ) -> Result<Splats, PipelineError> {
+    ) -> Result<(Splats, Vec<Appearance>), PipelineError> {
         let _ = std::fs::remove_file(self.run.join(FIRST_SURFACE));
         let _ = std::fs::remove_dir_all(self.run.join(SNAPSHOTS));
         let (setup, seed) = (&self.setup, self.options.seed);
         let primitive = self.recipe.primitive;
-        let mut splats = match (self.sweep(views), self.recipe.start) {
-            (Some(sweep), _) => {
-                let first = sweep.run(progress)?;
-                first.write(&self.run.join(FIRST_SURFACE))?;
-                init::init_from_surface(&first, views, primitive)
-            }
-            (None, Start::Surface) => return Err(MatchError::no_pair(views).into()),
-            (None, Start::Points) => init::init_from_points(&self.sparse, setup.area, seed),
-            (None, Start::Volume) => init::init_from_volume(setup.area, setup.altitudes, seed),
+        let first = self.sweep(views).map(|sweep| sweep.run(progress)).transpose()?;
+        if let Some(first) = &first {
+            first.write(&self.run.join(FIRST_SURFACE))?;
+        }
+        let (mut splats, appearances) = match (self.predicted(views, first.as_ref(), progress)?, &first) {
+            (Some(predicted), _) => predicted,
+            (None, Some(first)) => (init::init_from_surface(first, views, primitive), Vec::new()),
+            (None, None) => match self.recipe.start {
+                Start::Surface => return Err(MatchError::no_pair(views).into()),
+                Start::Points => (init::init_from_points(&self.sparse, setup.area, seed), Vec::new()),
+                Start::Volume => (init::init_from_volume(setup.area, setup.altitudes, seed), Vec::new()),
+            },
         };
         if primitive == PrimitiveKind::Disc {
             splats.flatten();
         }
-        Ok(splats)
+        Ok((splats, appearances))
+    }
+
+    /// The splats that are predicted for the start, if it is one from these.
+    fn predicted(
+        &self,
+        views: &[TrainingView],
+        surface: Option<&MatchedSurface>,
+        progress: &dyn Progress,
+    ) -> Result<Option<(Splats, Vec<Appearance>)>, PipelineError> {
+        if let Some(predicted) = predict::read_predicted(self.run)? {
+            return Ok(Some(predicted));
+        }
+        if !self.options.predict {
+            return Ok(None);
+        }
+        let points = match surface {
+            Some(surface) => predict::of_surface(surface),
+            None => self.sparse.iter().map(|p| p.xyz()).collect(),
+        };
+        let model = Model::built_in()?;
+        let made = predict::of_points(&self.setup, views, &points, &model, None, progress)?;
+        Ok(Some((made.splats, made.lights)))
     }
 
     /// The sweep that finds the surface, if the recipe has one and two views can be matched.

@@ -1,0 +1,77 @@
+//! `satgs predict`: splats from points in one pass.
+
+use super::{CliError, Ui, ending};
+use crate::pipeline::{POINT_ENDINGS, PredictOptions, Predicted, Untrained, predict};
+use std::path::PathBuf;
+
+/// Predict splats from points in one pass, in seconds instead of minutes of training (Point2GS)
+///
+/// Takes the cameras of an adjusted run (`satgs ba`, or any run that was trained) and points of any source, and writes the run
+/// folder RUN2: `dsm`, `render`, `nvs-eval`, `mesh` and `view` work on it, and `train` goes on from its splats.
+///
+/// Points within half a metre are merged, and points far from all others dropped; how many is said. A network then predicts
+/// splats every half metre on the surface and on walls between neighbouring heights, from the points around and from what the
+/// images show there. It was trained on simulated towns; `satgs learn` trains others.
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = "Examples:
+  satgs ba scene -o run && satgs predict run --points dsm.tif -o fast && satgs dsm fast && satgs nvs-eval fast
+  satgs predict run --points lidar.laz -o fast && satgs train fast --iterations 500")]
+pub struct Args {
+    /// Run folder with adjusted cameras
+    run: PathBuf,
+    /// Run folder to write
+    #[arg(short, long, value_name = "RUN2")]
+    output: PathBuf,
+    /// Points: a cloud (.laz, .las, .ply) or a surface model (.tif) in any map projection in metres, heights above the ellipsoid
+    /// unless the file states another reference. Coordinates of a .ply are relative to NAME.georef.json beside it, else on the map
+    /// of the scene [default: the surface that a training of RUN has matched, else the sparse points]
+    #[arg(long, value_name = "FILE", value_parser = ending(&POINT_ENDINGS))]
+    points: Option<PathBuf>,
+    /// Model, made by `satgs learn` [default: the one that comes with satgs]
+    #[arg(long, value_name = "FILE.safetensors")]
+    model: Option<PathBuf>,
+    /// Make a splat of each point without a network, to compare with: isotropic, or flat along the surface
+    #[arg(long, value_name = "KIND", conflicts_with = "model")]
+    without_network: Option<Kind>,
+    /// Replace a prediction in RUN2 that was made from other points or by another model
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// Splats without a network.
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum Kind {
+    Isotropic,
+    Flat,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
+    let options = PredictOptions {
+        points: args.points.clone(),
+        model: args.model.clone(),
+        without_network: args.without_network.map(|kind| match kind {
+            Kind::Isotropic => Untrained::Isotropic,
+            Kind::Flat => Untrained::Flat,
+        }),
+        overwrite: args.overwrite,
+    };
+    let outcome = predict(&args.run, &args.output, &options, ui)?;
+    let text = outcome.summary().map(|summary| text(args, summary));
+    ui.summary("predict", text.as_deref(), &outcome.summary())
+}
+
+fn text(args: &Args, s: &Predicted) -> String {
+    let cleaned = &s.clean_up;
+    format!(
+        "{}: {} splats in {:.1} s from {} points of {} ({} after merging, {:.1} % dropped, {:.2} m apart)",
+        args.output.display(),
+        s.splats,
+        s.seconds,
+        cleaned.given,
+        s.points,
+        cleaned.merged,
+        100.0 * cleaned.dropped_share(),
+        s.spacing_m,
+    )
+}
