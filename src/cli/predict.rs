@@ -1,13 +1,14 @@
 //! `satgs predict`: splats from points in one pass.
 
-use super::{CliError, Ui, ending};
+use super::{CliError, PerspectiveArgs, Ui, ending};
 use crate::pipeline::{POINT_ENDINGS, PredictOptions, Predicted, Untrained, predict};
 use std::path::PathBuf;
 
 /// Predict splats from points in one pass, in seconds instead of minutes of training (Point2GS)
 ///
 /// Takes the cameras of an adjusted run (`satgs ba`, or any run that was trained) and points of any source, and writes the run
-/// folder RUN2: `dsm`, `render`, `nvs-eval`, `mesh` and `view` work on it, and `train` goes on from its splats.
+/// folder RUN2: `dsm`, `render`, `nvs-eval`, `mesh` and `view` work on it, and `train` goes on from its splats. Perspective scenes
+/// need no adjustment; their splats are a third of the distance of the points apart.
 ///
 /// Points within half a metre are merged, and points far from all others dropped; how many is said. A network then predicts
 /// splats every half metre on the surface and on walls between neighbouring heights, from the points around and from what the
@@ -17,14 +18,16 @@ use std::path::PathBuf;
   satgs ba scene -o run && satgs predict run --points dsm.tif -o fast && satgs dsm fast && satgs nvs-eval fast
   satgs predict run --points lidar.laz -o fast && satgs train fast --iterations 500")]
 pub struct Args {
-    /// Run folder with adjusted cameras
+    /// Run folder with adjusted cameras, or a perspective scene (COLMAP, transforms.json, RGB-D, LEVIR-NVS) or its run
+    #[arg(value_name = "RUN|SCENE")]
     run: PathBuf,
     /// Run folder to write
     #[arg(short, long, value_name = "RUN2")]
     output: PathBuf,
     /// Points: a cloud (.laz, .las, .ply) or a surface model (.tif) in any map projection in metres, heights above the ellipsoid
     /// unless the file states another reference. Coordinates of a .ply are relative to NAME.georef.json beside it, else on the map
-    /// of the scene [default: the surface that a training of RUN has matched, else the sparse points]
+    /// of the scene [default: the surface that a training of RUN has matched, else the sparse points; of a perspective scene its
+    /// points, else those of its depth maps]
     #[arg(long, value_name = "FILE", value_parser = ending(&POINT_ENDINGS))]
     points: Option<PathBuf>,
     /// Model, made by `satgs learn` [default: the one that comes with satgs]
@@ -33,6 +36,8 @@ pub struct Args {
     /// Make a splat of each point without a network, to compare with: isotropic, or flat along the surface
     #[arg(long, value_name = "KIND", conflicts_with = "model")]
     without_network: Option<Kind>,
+    #[command(flatten)]
+    perspective: PerspectiveArgs,
     /// Replace a prediction in RUN2 that was made from other points or by another model
     #[arg(long)]
     overwrite: bool,
@@ -54,6 +59,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
             Kind::Isotropic => Untrained::Isotropic,
             Kind::Flat => Untrained::Flat,
         }),
+        perspective: args.perspective.options(),
         overwrite: args.overwrite,
     };
     let outcome = predict(&args.run, &args.output, &options, ui)?;

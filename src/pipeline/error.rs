@@ -475,13 +475,6 @@ pub enum PipelineError {
         /// The folder.
         run: PathBuf,
     },
-    /// Splats can only be predicted of satellite scenes.
-    #[error("`{run}` is of a perspective scene, whose splats cannot be predicted yet")]
-    #[diagnostic(help("`satgs train` with --start hdd makes splats at all pixels of photographs"))]
-    PredictOfPerspective {
-        /// The run folder.
-        run: PathBuf,
-    },
     /// See [`PredictError`].
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -16,8 +16,8 @@ pub struct TrainOptions {
     pub primitive: Option<PrimitiveKind>,
     /// The points that training of photographs starts from; by default the recipe's.
     pub start: Option<StartPoints>,
-    /// Start from splats that are predicted of the matched surface, or of the sparse points without one. A run that `predict` made
-    /// starts from its splats in any case.
+    /// Start from splats that are predicted of the matched surface, or of the points of the scene without one. A run that `predict`
+    /// made starts from its splats in any case.
     pub predict: bool,
     /// Number of iterations, to which the recipe's schedule is scaled; by default the recipe's own.
     pub iterations: Option<u32>,
@@ -157,10 +157,6 @@ impl TrainOptions {
                 expected: "a recipe of perspective scenes",
             })?;
             recipe.perspective = Some(PerspectiveRecipe { start_points, ..perspective });
-        }
-        if self.predict && recipe.perspective.is_some() {
-            let expected = "scene, patches, hdd or gva for photographs";
-            return Err(PipelineError::Option { option: "--start", found: "predict".into(), expected });
         }
         if recipe.idle_weight().is_some() {
             let expected = "2d: the recipe has loss terms of discs";

@@ -10,7 +10,7 @@
 //!
 //! An untrained network thus gives splats that lie flat on the surface in the colours of the images.
 
-use super::network::{Blocks, OUTPUTS};
+use super::network::{FeatureBlocks, OUTPUTS};
 use super::queries::Query;
 use crate::simd::Real;
 use crate::splat::splats::{SH_C0, Splats, f_dc_from_color, logit};
@@ -68,7 +68,7 @@ pub struct Head {
 impl Head {
     /// The splats of these queries.
     #[must_use]
-    pub fn splats<T: Real>(&self, outputs: &Blocks<T>, bases: &[Base<T>]) -> Splats<T> {
+    pub fn splats<T: Real>(&self, outputs: &FeatureBlocks<T>, bases: &[Base<T>]) -> Splats<T> {
         let c = T::from_f64;
         let (unit, across) = (c(self.offset_m), c((ACROSS / ALONG).ln()));
         let scale = c((ALONG * self.spacing_m).ln());
@@ -90,10 +90,10 @@ impl Head {
 
     /// The derivatives by the numbers of the network, from those by the splats.
     #[must_use]
-    pub fn backward<T: Real>(&self, outputs: &Blocks<T>, by: &Splats<T>) -> Blocks<T> {
+    pub fn backward<T: Real>(&self, outputs: &FeatureBlocks<T>, by: &Splats<T>) -> FeatureBlocks<T> {
         let c = T::from_f64;
         let slope = |tanh: T| T::one() - tanh * tanh;
-        let mut out = Blocks::zeros(OUTPUTS, outputs.items());
+        let mut out = FeatureBlocks::zeros(OUTPUTS, outputs.items());
         let mut put = |k: usize, i: usize, v: T| *out.at_mut(k, i) = v;
         for i in 0..outputs.items() {
             let o = |k: usize| outputs.at(k, i);
@@ -120,11 +120,11 @@ mod tests {
         let mut draw = CounterRng::new(2, 0, 0, 0);
         let base = Base { position: [1.0, 2.0, 3.0], rotation: [1.0, 0.0, 0.0, 0.0], color: [0.3, 0.2, 0.4] };
         let bases = vec![base; 3];
-        let mut outputs = Blocks::zeros(OUTPUTS, 3);
+        let mut outputs = FeatureBlocks::zeros(OUTPUTS, 3);
         let mut weights = Splats::<f64>::zeros(3);
         weights.groups_mut().into_iter().flatten().for_each(|v| *v = draw.normal());
         (0..3 * OUTPUTS).for_each(|i| *outputs.at_mut(i % OUTPUTS, i / OUTPUTS) = draw.normal());
-        let loss = |outputs: &Blocks<f64>| {
+        let loss = |outputs: &FeatureBlocks<f64>| {
             let splats = head.splats(outputs, &bases);
             let pairs = splats.groups().into_iter().zip(weights.groups());
             pairs.flat_map(|(a, b)| a.iter().zip(b)).map(|(a, b)| a * b).sum::<f64>()
@@ -148,7 +148,7 @@ mod tests {
         let normal = DVec3::new(0.6, 0.0, 0.8);
         let rotation = rotation_to(normal.to_array());
         let bases = [Base { position: [4.0, 5.0, 6.0], rotation, color: [0.1, 0.2, 0.3] }];
-        let splats = head.splats(&Blocks::zeros(OUTPUTS, 1), &bases);
+        let splats = head.splats(&FeatureBlocks::zeros(OUTPUTS, 1), &bases);
         assert_eq!(splats.position[0], [4.0, 5.0, 6.0]);
         let [w, x, y, z] = splats.rotation[0];
         assert!((DQuat::from_xyzw(x, y, z, w) * DVec3::Z - normal).length() < 1e-12);

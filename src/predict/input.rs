@@ -13,9 +13,9 @@ use super::head::Base;
 use super::image_features::{FEATURE_MAPS, FEATURES};
 use super::key_points::{farthest_points, group};
 use super::light::{Light, SeenColor, seen_color};
-use super::network::{Blocks, KEY_INPUTS, MEMBER_INPUTS, NEIGHBOURS, NetworkInput, QUERY_INPUTS};
+use super::network::{FeatureBlocks, KEY_INPUTS, MEMBER_INPUTS, NEIGHBOURS, NetworkInput, QUERY_INPUTS};
 use super::queries::{Query, queries, queries_at};
-use super::{Cloud, ImageObserver, Sampling};
+use super::{Cloud, ImageObserver, SplatSampling};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZero;
@@ -65,14 +65,14 @@ impl<'a> SeenCloud<'a> {
 
     /// Spacing of the key points, metres: as asked, or that of the cloud if it is wider.
     #[must_use]
-    pub fn key_spacing_m(&self, sampling: &Sampling) -> f64 {
+    pub fn key_spacing_m(&self, sampling: &SplatSampling) -> f64 {
         sampling.key_spacing_m.max(self.cloud.spacing_m())
     }
 
     /// What the network takes of a level box (west, south, east, north), metres; none where there are no points. `has_walls`
     /// adds walls without points.
     #[must_use]
-    pub fn tile(&self, sampling: &Sampling, area: [f64; 4], has_walls: bool) -> Option<TileInput> {
+    pub fn tile(&self, sampling: &SplatSampling, area: [f64; 4], has_walls: bool) -> Option<TileInput> {
         let unit = self.key_spacing_m(sampling);
         let keys = self.keys(area, unit);
         let positions: Vec<[f64; 3]> = keys.iter().map(|k| self.cloud.positions()[*k]).collect();
@@ -103,11 +103,11 @@ impl<'a> SeenCloud<'a> {
             queries.par_iter().map(|q| self.of_query(q, sampling)).unzip();
         let (members, of_keys): (Vec<_>, Vec<_>) = keys.par_iter().map(|k| self.of_key(*k, unit)).unzip();
         let network = NetworkInput {
-            members: Blocks::of_rows(&members.concat()),
-            keys: Blocks::of_rows(&of_keys),
+            members: FeatureBlocks::of_rows(&members.concat()),
+            keys: FeatureBlocks::of_rows(&of_keys),
             neighbours,
             relative,
-            queries: Blocks::of_rows(&of_queries),
+            queries: FeatureBlocks::of_rows(&of_queries),
         };
         Some(TileInput { network, bases })
     }
@@ -170,7 +170,7 @@ impl<'a> SeenCloud<'a> {
     }
 
     /// The numbers of a query, and what its splat is relative to.
-    fn of_query(&self, query: &Query, sampling: &Sampling) -> ([f32; QUERY_INPUTS], Base) {
+    fn of_query(&self, query: &Query, sampling: &SplatSampling) -> ([f32; QUERY_INPUTS], Base) {
         let seen: SeenColor = seen_color(self.images, self.lights, query.position);
         let spacing = sampling.spacing_m;
         let ratio = |length_m: f64| (1.0 + length_m / spacing).ln() as f32;

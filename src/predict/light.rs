@@ -4,7 +4,7 @@
 //! ([`affine`](crate::splat::appearance::affine)) without mixing of channels. [`calibrate`] finds gain `g`, offset `o` and ambient
 //! light `κ` of each image from positions that several of them show; [`seen_color`] takes the median of what they show of one.
 
-use super::observer::{ImageObserver, Observation};
+use super::observer::{ImageObserver, ImageSample};
 use crate::splat::appearance::{Appearance, AppearanceKind};
 use crate::stats::quantile;
 use rayon::prelude::*;
@@ -49,7 +49,7 @@ impl Default for Light {
 impl Light {
     /// The colour of what an image shows.
     #[must_use]
-    pub fn color(&self, seen: &Observation) -> [f32; 3] {
+    pub fn color(&self, seen: &ImageSample) -> [f32; 3] {
         std::array::from_fn(|k| {
             let light = seen.sunlight + (1.0 - seen.sunlight) * self.ambient[k];
             (seen.color[k] / light - self.offset[k]) / self.gain[k]
@@ -84,17 +84,17 @@ pub fn calibrate(images: &dyn ImageObserver, positions: &[[f64; 3]], reference: 
     let views = images.views();
     let step = positions.len().div_ceil(POSITIONS).max(1);
     let positions: Vec<[f64; 3]> = positions.iter().step_by(step).copied().collect();
-    let seen: Vec<Vec<Option<Observation>>> = positions
+    let seen: Vec<Vec<Option<ImageSample>>> = positions
         .par_iter()
         .map(|p| {
             let seen = |view: usize| images.observe(view, *p).filter(|o| o.visibility > IS_SEEN);
             (0..views).map(seen).collect()
         })
         .collect();
-    let sunlit = |o: &&Observation| o.sunlight > IS_SEEN;
+    let sunlit = |o: &&ImageSample| o.sunlight > IS_SEEN;
     let mut lights = vec![Light::default(); views];
     for _ in 0..PASSES {
-        let mean = |seen: &Vec<Option<Observation>>| {
+        let mean = |seen: &Vec<Option<ImageSample>>| {
             let mut values: [Vec<f64>; 3] = Default::default();
             for (o, light) in seen.iter().zip(&lights) {
                 if let Some(o) = o.as_ref().filter(sunlit) {
@@ -132,7 +132,7 @@ pub fn calibrate(images: &dyn ImageObserver, positions: &[[f64; 3]], reference: 
             }
         }
     }
-    let bright = |seen: &[Option<Observation>]| {
+    let bright = |seen: &[Option<ImageSample>]| {
         let colors =
             seen.iter().zip(&lights).filter_map(|(o, light)| Some(light.color(o.as_ref().filter(sunlit)?)));
         let colors: Vec<[f32; 3]> = colors.collect();
@@ -236,7 +236,7 @@ mod tests {
             self.0.len()
         }
 
-        fn observe(&self, view: usize, position: [f64; 3]) -> Option<Observation> {
+        fn observe(&self, view: usize, position: [f64; 3]) -> Option<ImageSample> {
             let mut draw = CounterRng::new(2, view as u64, 0, position[0] as u64);
             let sunlight = if draw.uniform() < 0.3 { 0.0 } else { 1.0 };
             let (light, color) = (&self.0[view], truth(position));
@@ -244,7 +244,7 @@ mod tests {
                 let light_here = sunlight + (1.0 - sunlight) * light.ambient[k];
                 light_here * (light.gain[k] * color[k] + light.offset[k]) + 0.003 * draw.normal() as f32
             });
-            (draw.uniform() < 0.8).then_some(Observation { color: shown, visibility: 1.0, sunlight })
+            (draw.uniform() < 0.8).then_some(ImageSample { color: shown, visibility: 1.0, sunlight })
         }
 
         fn features(&self, _: usize, _: [f64; 3]) -> Option<[f32; FEATURE_MAPS]> {

@@ -21,14 +21,15 @@ pub mod light;
 pub mod model;
 pub mod network;
 pub mod observer;
+pub mod photographs;
 pub mod queries;
 pub mod reference;
 pub mod tiles;
 
-pub use cloud::{CleanUp, Cloud};
+pub use cloud::{CleanUp, Cloud, FEWEST_POINTS};
 pub use error::PredictError;
 pub use model::Model;
-pub use observer::{ImageObserver, Observation};
+pub use observer::{ImageObserver, ImageSample};
 pub use tiles::predict;
 
 use serde::{Deserialize, Serialize};
@@ -36,7 +37,7 @@ use serde::{Deserialize, Serialize};
 /// The spacings of points that a model was trained with, in metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Sampling {
+pub struct SplatSampling {
     /// Distance of the splats on level ground.
     pub spacing_m: f64,
     /// Distance of the key points.
@@ -47,7 +48,7 @@ pub struct Sampling {
     pub offsets: bool,
 }
 
-impl Default for Sampling {
+impl Default for SplatSampling {
     fn default() -> Self {
         Self { spacing_m: 0.5, key_spacing_m: 2.0, densify: true, offsets: true }
     }

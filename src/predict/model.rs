@@ -1,10 +1,10 @@
 //! Trained models that predict splats, and their files.
 //!
-//! A file holds one float32 tensor, `parameters` (in the order of [`Network`]). The metadata hold the shape of the network, the
+//! A file holds one float32 tensor, `parameters` (in the order of [`SplatNetwork`]). The metadata hold the shape of the network, the
 //! spacings of points that it was trained with, and how it was made.
 
-use super::network::Network;
-use super::{PredictError, Sampling};
+use super::network::SplatNetwork;
+use super::{PredictError, SplatSampling};
 use crate::io::{WriteError, write_file};
 use crate::nn::tensors::values;
 use safetensors::tensor::TensorView;
@@ -35,9 +35,9 @@ pub struct Model {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ModelContent {
     /// Shape of the network.
-    pub network: Network,
+    pub network: SplatNetwork,
     /// Spacings of points.
-    pub sampling: Sampling,
+    pub sampling: SplatSampling,
     /// How the model was made: the program's version and the configuration of the training.
     pub origin: String,
 }
@@ -90,7 +90,7 @@ fn decode(bytes: &[u8]) -> Result<Model, String> {
     let metadata = header.metadata().clone().unwrap_or_default();
     let text = metadata.get(FORMAT).ok_or_else(|| format!("its metadata lack `{FORMAT}`"))?;
     let content: ModelContent = serde_json::from_str(text).map_err(|e| format!("`{FORMAT}`: {e}"))?;
-    let Sampling { spacing_m, key_spacing_m, .. } = content.sampling;
+    let SplatSampling { spacing_m, key_spacing_m, .. } = content.sampling;
     if ![spacing_m, key_spacing_m].iter().all(|m| SPACINGS_M.contains(m)) {
         return Err(format!(
             "its spacings of {spacing_m} and {key_spacing_m} m are not between 0.01 and 100 m"
@@ -109,7 +109,7 @@ mod tests {
     use super::*;
 
     fn small() -> Model {
-        let network = Network { width: 8, ..Network::default() };
+        let network = SplatNetwork { width: 8, ..SplatNetwork::default() };
         Model::untrained(ModelContent { network, origin: "a test".into(), ..ModelContent::default() }, 1)
     }
 

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 /// What an image shows of a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Observation {
+pub struct ImageSample {
     /// Linear colour.
     pub color: [f32; 3],
     /// Whether nothing hides the position from the view, 0 to 1.
@@ -26,7 +26,7 @@ pub trait ImageObserver: Sync {
     /// Number of images.
     fn views(&self) -> usize;
     /// What an image shows of a position (site frame, metres); none outside of its valid pixels.
-    fn observe(&self, view: usize, position: [f64; 3]) -> Option<Observation>;
+    fn observe(&self, view: usize, position: [f64; 3]) -> Option<ImageSample>;
     /// The image features of a position; none outside of the image.
     fn features(&self, view: usize, position: [f64; 3]) -> Option<[f32; FEATURE_MAPS]>;
 }
@@ -104,12 +104,12 @@ impl ImageObserver for SatelliteImages<'_> {
         self.views.len()
     }
 
-    fn observe(&self, view: usize, position: [f64; 3]) -> Option<Observation> {
+    fn observe(&self, view: usize, position: [f64; 3]) -> Option<ImageSample> {
         let SatelliteImage { view, seen, sunlit, .. } = &self.views[view];
         let [x, y, z] = position;
         let color = between(view, view.camera.project(Point::new(x, y, z)))?;
         let position = position.map(|v| v as f32);
-        Some(Observation {
+        Some(ImageSample {
             color,
             visibility: seen.visibility(position),
             sunlight: sunlit.as_ref().map_or(1.0, |sunlit| sunlit.visibility(position)),

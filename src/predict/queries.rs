@@ -4,7 +4,7 @@
 //! are moved onto the surface: the mean of the planes around the nearest points (moving least squares). Clouds of satellites have
 //! no points on walls; where neighbouring columns differ in height, voxels are added from the upper to the lower one.
 
-use super::{Cloud, Sampling};
+use super::{Cloud, SplatSampling};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -43,7 +43,7 @@ type Voxel = [i64; 3];
 
 /// Side of the voxels of a cloud, metres.
 #[must_use]
-pub fn voxel_m(cloud: &Cloud, sampling: &Sampling) -> f64 {
+pub fn voxel_m(cloud: &Cloud, sampling: &SplatSampling) -> f64 {
     // A whole number of samples along each side.
     let sides = (VOXEL_SPACINGS * cloud.spacing_m() / sampling.spacing_m).round().max(2.0);
     sides * sampling.spacing_m
@@ -51,7 +51,7 @@ pub fn voxel_m(cloud: &Cloud, sampling: &Sampling) -> f64 {
 
 /// The queries in a level box (west, south, east, north), metres. `has_walls` adds those of walls without points.
 #[must_use]
-pub fn queries(cloud: &Cloud, sampling: &Sampling, area: [f64; 4], has_walls: bool) -> Vec<Query> {
+pub fn queries(cloud: &Cloud, sampling: &SplatSampling, area: [f64; 4], has_walls: bool) -> Vec<Query> {
     let side = voxel_m(cloud, sampling);
     let voxel = |p: [f64; 3]| p.map(|v| (v / side).floor() as i64);
     let [west, south, east, north] = area;
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn samples_lie_on_the_surface_at_the_asked_spacing() {
-        let found = queries(&block(), &Sampling::default(), [2.0, 2.0, 8.0, 8.0], true);
+        let found = queries(&block(), &SplatSampling::default(), [2.0, 2.0, 8.0, 8.0], true);
         assert!((130..=160).contains(&found.len()), "{} on 36 square metres at half a metre", found.len());
         for q in &found {
             assert!((q.position[2] - 0.1 * q.position[0]).abs() < 0.02, "{q:?}");
@@ -196,14 +196,14 @@ mod tests {
 
     #[test]
     fn walls_are_filled_from_the_roof_to_the_ground() {
-        let found = queries(&block(), &Sampling::default(), [8.0, 12.0, 12.0, 18.0], true);
+        let found = queries(&block(), &SplatSampling::default(), [8.0, 12.0, 12.0, 18.0], true);
         let walls: Vec<&Query> = found.iter().filter(|q| q.is_wall).collect();
         assert!(walls.iter().all(|q| q.normal[0] < -0.9 && (10.0..11.0).contains(&q.position[0])));
         for z in [2.0, 5.0, 8.0, 11.0] {
             let level = walls.iter().filter(|q| (q.position[2] - z).abs() <= 0.5).count();
             assert!(level >= 10, "{level} at {z} m");
         }
-        let without = queries(&block(), &Sampling::default(), [8.0, 12.0, 12.0, 18.0], false);
+        let without = queries(&block(), &SplatSampling::default(), [8.0, 12.0, 12.0, 18.0], false);
         assert_eq!(without.len() + walls.len(), found.len());
     }
 
@@ -212,7 +212,7 @@ mod tests {
         let all = block();
         let few: Vec<[f64; 3]> = all.positions().iter().copied().step_by(23).collect();
         let (cloud, _) = Cloud::new(&few, 0.25).unwrap();
-        let found = queries(&cloud, &Sampling::default(), [1.0, 1.0, 29.0, 9.0], true);
+        let found = queries(&cloud, &SplatSampling::default(), [1.0, 1.0, 29.0, 9.0], true);
         let cells: BTreeSet<[i64; 2]> =
             found.iter().map(|q| [q.position[0], q.position[1]].map(|v| v.floor() as i64)).collect();
         assert!(cells.len() > 28 * 8 * 9 / 10, "{} of {} cells", cells.len(), 28 * 8);

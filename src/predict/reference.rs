@@ -2,9 +2,9 @@
 
 use super::head::{Base, rotation_to};
 use super::input::SeenCloud;
-use super::network::{Blocks, OUTPUTS};
+use super::network::{FeatureBlocks, OUTPUTS};
 use super::queries::queries;
-use super::{Cloud, Sampling, tiles};
+use super::{Cloud, SplatSampling, tiles};
 use crate::frame::SiteBox;
 use crate::splat::splats::{Splats, logit};
 
@@ -18,12 +18,12 @@ const ACROSS: f32 = 0.3;
 /// Grey opaque splats that lie flat on the surface of a cloud in a level area (west, south, east, north; metres), those of walls
 /// without points included if asked.
 #[must_use]
-pub fn surface(cloud: &Cloud, sampling: &Sampling, area: SiteBox, has_walls: bool) -> Splats {
+pub fn surface(cloud: &Cloud, sampling: &SplatSampling, area: SiteBox, has_walls: bool) -> Splats {
     let (west, south, east, north) = area;
     let queries = queries(cloud, sampling, [west, south, east, north], has_walls);
     let bases: Vec<Base> = queries.iter().map(|query| Base::new(query, [0.5; 3])).collect();
     let head = tiles::head(sampling, cloud.spacing_m());
-    let mut out = head.splats(&Blocks::zeros(OUTPUTS, bases.len()), &bases);
+    let mut out = head.splats(&FeatureBlocks::zeros(OUTPUTS, bases.len()), &bases);
     out.opacity_logit.fill([logit(OPAQUE)]);
     out
 }

@@ -2,8 +2,8 @@
 
 use super::head::Head;
 use super::input::{SeenCloud, TileInput};
-use super::network::Evaluation;
-use super::{Model, Sampling};
+use super::network::NetworkEvaluation;
+use super::{Model, SplatSampling};
 use crate::frame::SiteBox;
 use crate::progress::{Event, Interrupted, Progress};
 use crate::splat::edit::Edit;
@@ -19,7 +19,7 @@ const OFFSET_M: f64 = 1.0;
 
 /// How the numbers of the network become splats.
 #[must_use]
-pub fn head(sampling: &Sampling, cloud_spacing_m: f64) -> Head {
+pub fn head(sampling: &SplatSampling, cloud_spacing_m: f64) -> Head {
     let offset_m = if sampling.offsets { OFFSET_M.max(cloud_spacing_m) } else { 0.0 };
     Head { spacing_m: sampling.spacing_m, offset_m }
 }
@@ -48,7 +48,7 @@ pub fn predict(
         progress.check()?;
         let of_tile = |tile: &[f64; 4]| {
             let TileInput { network: input, bases } = seen.tile(sampling, *tile, has_walls)?;
-            let mut evaluation = Evaluation::new(&model.content.network);
+            let mut evaluation = NetworkEvaluation::new(&model.content.network);
             Some(head.splats(evaluation.forward(&model.parameters, &input), &bases))
         };
         let splats: Vec<Option<Splats>> = group.par_iter().map(of_tile).collect();

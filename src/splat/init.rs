@@ -156,7 +156,8 @@ fn clamped_scales(points: &[[f64; 3]]) -> Vec<f64> {
 }
 
 /// Root mean square distance of each point to its three nearest neighbours, metres (3DGS); infinite where the points cannot be searched.
-pub(super) fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
+#[must_use]
+pub fn neighbour_scales(points: &[[f64; 3]]) -> Vec<f64> {
     const NEIGHBOURS: NonZero<usize> = NonZero::new(4).unwrap();
     let tree = ImmutableKdTree::<f64, 3>::new_from_slice(points);
     let Ok(tree) = tree else { return vec![f64::INFINITY; points.len()] };

@@ -18,4 +18,5 @@ pub(super) use manifest::{is_run, refuse};
 pub(super) use render::render;
 pub use run::{PerspectiveRunOptions, run_perspective};
 pub(super) use scores::nvs_eval;
-pub(super) use train::train_locked;
+pub(super) use start::start_points;
+pub(super) use train::{read_views, train_locked, write_trained};

@@ -1,9 +1,10 @@
 //! What the training of a perspective scene starts from.
 
-use super::super::{PipelineError, TrainOptions};
+use super::super::{PipelineError, TrainOptions, predict};
 use super::start_pictures::write_pictures;
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveScene, PerspectiveView, ScenePoint, points_from_depths};
+use crate::predict::Model;
 use crate::prior::{
     AlignedStart, AlignmentQuality, Completion, DenseSummary, DenseView, DepthPrior, FEWEST_POINTS,
     PixelColor, StartView, aligned_start, dense_start,
@@ -13,6 +14,7 @@ use crate::run_files::{PRIORS, START};
 use crate::scene::Role;
 use crate::splat::anchored::Anchoring;
 use crate::splat::pinhole::{PinholeView, splats_at_points, splats_on_rays};
+use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
 use crate::splat::train::recipe::{Recipe, StartPoints};
 use crate::stats::quantile;
@@ -43,7 +45,7 @@ pub(super) struct StartSplats {
 }
 
 /// The points of the scene, else those of its depth maps.
-pub(super) fn start_points(scene: &PerspectiveScene) -> Result<Vec<ScenePoint>, PipelineError> {
+pub fn start_points(scene: &PerspectiveScene) -> Result<Vec<ScenePoint>, PipelineError> {
     let has_depths = scene.training().any(|v| v.depth.is_some());
     Ok(match scene.points.is_empty() && has_depths {
         true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO_M)?,
@@ -62,7 +64,15 @@ pub(super) fn splats_at_start(
     progress: &dyn Progress,
 ) -> Result<StartSplats, PipelineError> {
     let seed = options.seed;
+    if let Some((splats, _)) = predict::read_predicted(run)? {
+        return Ok(trainable(splats, recipe));
+    }
     let points = start_points(scene)?;
+    if options.predict {
+        let positions: Vec<[f64; 3]> = points.iter().map(|p| p.position.xyz()).collect();
+        let made = predict::of_photographed_points(views, &positions, &Model::built_in()?, None, progress)?;
+        return Ok(trainable(made.splats, recipe));
+    }
     let start = recipe.perspective.map_or(StartPoints::default(), |p| p.start_points);
     let has_depths = views.iter().any(|view| view.priors().depth().is_some());
     let has_enough = points.len() >= FEWEST_POINTS;
@@ -95,6 +105,15 @@ pub(super) fn splats_at_start(
         }
         StartPoints::Scene | StartPoints::Patches | StartPoints::Hdd | StartPoints::Gva => free(&points),
     })
+}
+
+/// Predicted splats as training takes them: with coefficients of spherical harmonics that are zero, and flat if the recipe's are.
+fn trainable(mut splats: Splats, recipe: &Recipe) -> StartSplats {
+    splats.f_rest.resize(splats.len(), [0.0; 45]);
+    if recipe.primitive == PrimitiveKind::Disc {
+        splats.flatten();
+    }
+    StartSplats { splats, anchorings: Vec::new() }
 }
 
 /// Positions and colours.

@@ -14,7 +14,7 @@ use crate::io::write_json;
 use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::prior::{PriorContent, PriorFolder, PriorSource, ViewPriors, read_priors};
 use crate::progress::{Event, Progress};
-use crate::run_files::{CAMERAS, CHECKPOINT, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
+use crate::run_files::{CAMERAS, CHECKPOINT, PREDICTED, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
 use crate::scene::Role;
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::TrainingBackend;
@@ -58,7 +58,7 @@ pub(super) fn train_scene(
 ) -> Result<Outcome<Trained>, PipelineError> {
     let recipe = options.perspective_recipe()?;
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
-    let stage = Stage::new(run, "train", outputs, fingerprint(scene, options, &recipe)?);
+    let stage = Stage::new(run, "train", outputs, fingerprint(run, scene, options, &recipe)?);
     let is_done = stage.is_done(options.overwrite)?;
     let (every, is_required) = (options.checkpoint_every, options.resume);
     let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
@@ -120,21 +120,7 @@ pub(super) fn train_scene(
     let splats = &backend.snapshot()?.splats;
     write_log(&run.join(TRAINING), &log)?;
     pictures::curves(&log).write(&run.join("train/curves.svg"))?;
-    let site = scene.georeference.map(|g| g.grid);
-    match &site {
-        Some(site) => ply::write(&run.join(SPLATS), splats, site)?,
-        None => ply::write_local(&run.join(SPLATS), splats)?,
-    }
-    let [x, y, z] = [0, 1, 2].map(|k| range(splats, k));
-    let cameras = PerspectiveCameras {
-        site,
-        extent_m,
-        area: (x.0, y.0, x.1, y.1),
-        altitudes: z,
-        views: scene.views.iter().map(TrainedPhoto::new).collect(),
-        recipe,
-    };
-    write_json(&run.join(CAMERAS), &cameras)?;
+    let cameras = write_trained(run, scene, splats, recipe)?;
     let trained = Trained {
         iterations: cameras.recipe.iterations,
         seconds: log.last().map_or(0.0, |l| l.seconds),
@@ -151,6 +137,32 @@ pub(super) fn train_scene(
     Ok(Outcome::Made(trained))
 }
 
+/// Writes the splats of a scene and its cameras to a run folder.
+pub fn write_trained(
+    run: &Path,
+    scene: &PerspectiveScene,
+    splats: &Splats,
+    recipe: Recipe,
+) -> Result<PerspectiveCameras, PipelineError> {
+    let site = scene.georeference.map(|g| g.grid);
+    match &site {
+        Some(site) => ply::write(&run.join(SPLATS), splats, site)?,
+        None => ply::write_local(&run.join(SPLATS), splats)?,
+    }
+    let [x, y, z] = [0, 1, 2].map(|k| range(splats, k));
+    let training: Vec<PinholeCamera> = scene.training().map(|v| v.camera).collect();
+    let cameras = PerspectiveCameras {
+        site,
+        extent_m: extent_m(&training),
+        area: (x.0, y.0, x.1, y.1),
+        altitudes: z,
+        views: scene.views.iter().map(TrainedPhoto::new).collect(),
+        recipe,
+    };
+    write_json(&run.join(CAMERAS), &cameras)?;
+    Ok(cameras)
+}
+
 /// Splats have coordinates of single precision: far from the origin, as on a map, they cannot be placed.
 fn require_fine_coordinates(cameras: &[PinholeCamera], extent_m: f64) -> Result<(), PipelineError> {
     let farthest = cameras.iter().map(|c| c.center.abs().max_element()).fold(0.0, f64::max);
@@ -161,7 +173,10 @@ fn require_fine_coordinates(cameras: &[PinholeCamera], extent_m: f64) -> Result<
 }
 
 /// Reads the images of the training views.
-fn read_views(scene: &PerspectiveScene, progress: &dyn Progress) -> Result<Vec<PinholeView>, PipelineError> {
+pub fn read_views(
+    scene: &PerspectiveScene,
+    progress: &dyn Progress,
+) -> Result<Vec<PinholeView>, PipelineError> {
     let training: Vec<&PerspectiveView> = scene.training().collect();
     if training.is_empty() {
         return Err(SiteSceneError::NoViews.into());
@@ -231,6 +246,7 @@ fn range(splats: &Splats, axis: usize) -> (f64, f64) {
 
 /// What a training is made from; its keys are the names of options on the command line.
 fn fingerprint(
+    run: &Path,
     scene: &PerspectiveScene,
     options: &TrainOptions,
     recipe: &Recipe,
@@ -288,6 +304,12 @@ fn fingerprint(
             Some(PriorSource::Maker(maker)) => format!("{:?} {}", options.priors.kind, maker.hash(content)?),
         };
         out.insert(option.into(), hash(described.as_bytes()));
+    }
+    let predicted = run.join(PREDICTED);
+    if predicted.exists() {
+        out.insert("predicted splats".into(), hash_file(&predicted));
+    } else if options.predict {
+        out.insert("--start".into(), "predict".into());
     }
     if let Some(command) = &options.inpaint {
         out.insert("--inpaint".into(), command.text().into());

@@ -9,7 +9,7 @@ use crate::mesh::TriangleMesh;
 use crate::mvs::MatchedSurface;
 use crate::pipeline::PipelineError;
 use las::Reader;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Endings of files that points are read from.
 pub const ENDINGS: [&str; 5] = ["laz", "las", "ply", "tif", "tiff"];
@@ -21,13 +21,21 @@ const LONGEST: usize = 8192;
 const MOST: usize = 100_000_000;
 
 /// Reads the points of a file, in the site frame (metres). The vertical reference is the ellipsoid unless the file states another.
-/// A PLY file without georeference has coordinates of the site's map.
-pub fn read_points(path: &Path, site: &SiteGrid) -> Result<Vec<[f64; 3]>, PipelineError> {
+/// A PLY file without georeference has coordinates of the site's map; of a scene without a site, those of the scene.
+pub fn read_points(path: &Path, site: Option<&SiteGrid>) -> Result<Vec<[f64; 3]>, PipelineError> {
     let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-    let points = match ending.as_deref() {
-        Some("laz" | "las") => of_cloud(path, site)?,
-        Some("tif" | "tiff") => of_raster(path, site)?,
-        _ => of_ply(path, site)?,
+    let is_ply = ending.as_deref() == Some("ply");
+    let points = match (site, ending.as_deref()) {
+        (Some(site), Some("laz" | "las")) => of_cloud(path, site)?,
+        (Some(site), Some("tif" | "tiff")) => of_raster(path, site)?,
+        (Some(site), _) => of_ply(path, site)?,
+        (None, _) if is_ply => TriangleMesh::read_vertices(path)?.0,
+        (None, _) => {
+            return Err(refused(
+                path,
+                "the scene has no place on Earth, so that only a .ply file has its coordinates",
+            ));
+        }
     };
     if points.len() > MOST {
         return Err(refused(path, format!("it has {} points, at most {MOST} are read", points.len())));
@@ -144,25 +152,4 @@ fn of_ply(path: &Path, site: &SiteGrid) -> Result<Vec<[f64; 3]>, PipelineError> 
     let to_site = ToSite::new(path, site, own.epsg, &system)?;
     let [e, n, up] = own.origin.xyz();
     to_site.finite(points.into_iter().map(|[x, y, z]| to_site.point(e + x, n + y, up + z)).collect())
-}
-
-/// Where points come from.
-#[derive(Clone, Debug, PartialEq)]
-pub enum PointSource {
-    /// A file.
-    File(PathBuf),
-    /// The surface that a training of the run has matched.
-    Matched,
-    /// The sparse points of the adjustment.
-    Sparse,
-}
-
-impl std::fmt::Display for PointSource {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        match self {
-            Self::File(path) => write!(f, "`{}`", path.display()),
-            Self::Matched => f.write_str("the matched surface"),
-            Self::Sparse => f.write_str("the sparse points"),
-        }
-    }
 }

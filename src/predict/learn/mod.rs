@@ -8,29 +8,31 @@
 //!
 //! Everything follows from the configuration: an interrupted training goes on from its last round and gives the same model.
 
+mod config;
+mod error;
 mod points;
 mod sample;
+mod surface;
 mod town;
 
+pub use config::LearnConfig;
+pub use error::LearnError;
+
+use super::Model;
 use super::model::ModelContent;
-use super::network::{Evaluation, Network};
-use super::{Model, PredictError, Sampling};
-use crate::affine::SiteSceneError;
-use crate::checkpoint::{self, CheckpointError};
-use crate::io::{Chart, RasterError, WriteError, write_atomically};
+use super::network::NetworkEvaluation;
+use crate::checkpoint;
+use crate::io::{Chart, WriteError, write_atomically};
 use crate::nn::adam::{Adam, AdamRule};
-use crate::progress::{Event, Interrupted, NoProgress, Progress};
+use crate::progress::{Event, NoProgress, Progress};
 use crate::random::CounterRng;
-use crate::rpc::formats::FormatError;
-use crate::scene::SceneError;
-use crate::simulate::{Relief, SimulateError, SimulateOptions};
 use crate::splat::backend::stopwatch::Stopwatch;
 use crate::splat::loss::LossWeights;
 use crate::splat::objective::Gradient;
 use sample::{Sample, objective, predicted, samples, squared_error};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use town::Town;
 
@@ -38,10 +40,6 @@ use town::Town;
 const DRAW_STEP: u64 = 54;
 /// Kind of the checkpoint's file.
 const CHECKPOINT: &str = "satgs learn 1";
-/// Of one cycle: the part of the steps with a rising rate, and the first and last rate relative to the largest (PyTorch).
-const RISING: f64 = 0.3;
-const FIRST_RATE: f64 = 1.0 / 25.0;
-const LAST_RATE: f64 = 1.0 / 25e4;
 /// Weight of the pull to the exact surface.
 const SURFACE_WEIGHT: f64 = 0.05;
 /// Number of tiles of a validation town.
@@ -50,131 +48,6 @@ const VALIDATION_TILES: usize = 3;
 const VALIDATION_SEED: u64 = 1 << 32;
 /// Number of the clouds for validation.
 const VALIDATION_CLOUD: u64 = 1 << 40;
-
-/// How a model is trained.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct LearnConfig {
-    /// Seed of all random numbers.
-    pub seed: u64,
-    /// Number of towns to learn from.
-    pub towns: usize,
-    /// Number of rounds.
-    pub rounds: usize,
-    /// Number of tiles of a round.
-    pub tiles: usize,
-    /// Number of steps of a round.
-    pub steps: usize,
-    /// Number of rounds whose tiles are kept.
-    pub kept_rounds: usize,
-    /// Largest learning rate.
-    pub rate: f64,
-    /// Columns and rows of the images, and their number.
-    pub size_px: usize,
-    /// Number of images of a town to predict from.
-    pub views: usize,
-    /// Ground sampling distances of the images, metres, which towns take in turn.
-    pub gsd_m: Vec<f64>,
-    /// Number of towns for validation, after every so many rounds.
-    pub validation_towns: usize,
-    /// Number of rounds between validations.
-    pub validate_every: usize,
-    /// Shape of the network.
-    pub network: Network,
-    /// Spacings of points.
-    pub sampling: Sampling,
-}
-
-impl Default for LearnConfig {
-    fn default() -> Self {
-        Self {
-            seed: 1,
-            towns: 64,
-            rounds: 256,
-            tiles: 6,
-            steps: 48,
-            kept_rounds: 16,
-            rate: 3e-3,
-            size_px: 320,
-            views: 8,
-            gsd_m: vec![0.5, 0.35],
-            validation_towns: 3,
-            validate_every: 16,
-            network: Network::default(),
-            sampling: Sampling::default(),
-        }
-    }
-}
-
-/// Number of images of a town that renders are compared with.
-const TARGETS: usize = 4;
-
-/// Why no model can be trained.
-#[derive(Debug, thiserror::Error, miette::Diagnostic)]
-#[non_exhaustive]
-#[allow(missing_docs)]
-pub enum LearnError {
-    /// A number of the configuration is out of range.
-    #[error("`{field}` is {found}, expected {expected}")]
-    Config {
-        /// The field.
-        field: &'static str,
-        /// Its value.
-        found: String,
-        /// What is possible.
-        expected: &'static str,
-    },
-    /// The file of the configuration cannot be read or has other fields.
-    #[error("`{path}` is not a configuration: {reason}")]
-    #[diagnostic(help("`satgs learn --print-config` prints one"))]
-    ConfigFile {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        reason: String,
-    },
-    /// The loss is not a finite number.
-    #[error("the loss of round {round} is not finite")]
-    #[diagnostic(help("a smaller `rate` may help"))]
-    NotFinite {
-        /// The round.
-        round: usize,
-    },
-    /// There is a training with another configuration.
-    #[error("`{path}` belongs to a training with another configuration")]
-    #[diagnostic(help("remove the folder, or choose another name for the model"))]
-    OtherTraining {
-        /// The checkpoint.
-        path: PathBuf,
-    },
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Simulate(#[from] SimulateError),
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Scene(#[from] SceneError),
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Site(#[from] SiteSceneError),
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Rpc(#[from] FormatError),
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Raster(#[from] RasterError),
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Predict(#[from] PredictError),
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Write(#[from] WriteError),
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Checkpoint(#[from] CheckpointError),
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Interrupted(#[from] Interrupted),
-}
 
 /// A line of the log: a round.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -209,101 +82,6 @@ struct State {
     parameters: Vec<f32>,
     adam: Adam,
     log: Vec<LearnLine>,
-}
-
-impl LearnConfig {
-    /// Reads a TOML file.
-    ///
-    /// # Errors
-    /// [`LearnError::ConfigFile`] if it cannot be read or has other fields.
-    pub fn read(path: &Path) -> Result<Self, LearnError> {
-        let failed = |reason: String| LearnError::ConfigFile { path: path.into(), reason };
-        let text = std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))?;
-        toml::from_str(&text).map_err(|e| failed(e.to_string().trim_end().to_owned()))
-    }
-
-    /// The configuration as TOML.
-    #[must_use]
-    pub fn to_toml(&self) -> String {
-        toml::to_string(self).unwrap_or_default()
-    }
-
-    /// Checks that every number is in its range.
-    fn check(&self) -> Result<(), LearnError> {
-        let counts = [
-            ("towns", self.towns),
-            ("rounds", self.rounds),
-            ("tiles", self.tiles),
-            ("steps", self.steps),
-            ("kept_rounds", self.kept_rounds),
-            ("validate_every", self.validate_every),
-        ];
-        for (field, n) in counts {
-            if !(1..=1_000_000).contains(&n) {
-                return Err(LearnError::Config { field, found: n.to_string(), expected: "1 to 1000000" });
-            }
-        }
-        let lengths = [
-            ("rate", self.rate, 1e-9..=1.0, "more than 0, at most 1"),
-            ("sampling.spacing_m", self.sampling.spacing_m, 0.1..=10.0, "0.1 to 10 metres"),
-            ("sampling.key_spacing_m", self.sampling.key_spacing_m, 0.1..=50.0, "0.1 to 50 metres"),
-        ];
-        for (field, value, range, expected) in lengths {
-            if !range.contains(&value) {
-                return Err(LearnError::Config { field, found: value.to_string(), expected });
-            }
-        }
-        if self.gsd_m.is_empty() {
-            let found = "an empty list".into();
-            return Err(LearnError::Config { field: "gsd_m", found, expected: "metres" });
-        }
-        if !self.network.is_sound() {
-            let found = format!("{:?}", self.network);
-            return Err(LearnError::Config {
-                field: "network",
-                found,
-                expected: "a width of 4 to 512, divisible by 4",
-            });
-        }
-        Ok(())
-    }
-
-    /// The simulation of the town with this seed.
-    fn town(&self, seed: u64) -> SimulateOptions {
-        let relief = if seed % 4 == 3 { Relief::Hilly } else { Relief::Rolling };
-        SimulateOptions {
-            seed,
-            views: self.views,
-            size_px: self.size_px,
-            gsd_m: self.gsd_m[seed as usize % self.gsd_m.len()],
-            relief,
-            seasons: false,
-            cars_percent: None,
-            held_out: TARGETS,
-            overwrite: true,
-        }
-    }
-
-    /// Learning rate of a step.
-    fn rate_of(&self, step: usize) -> f64 {
-        let all = (self.rounds * self.steps) as f64;
-        let done = step as f64 / all;
-        let cosine = |from: f64, to: f64, part: f64| {
-            to + 0.5 * (from - to) * (1.0 + (std::f64::consts::PI * part).cos())
-        };
-        self.rate
-            * if done < RISING {
-                cosine(FIRST_RATE, 1.0, done / RISING)
-            } else {
-                cosine(1.0, LAST_RATE, (done - RISING) / (1.0 - RISING))
-            }
-    }
-
-    /// What a model of this training says of its origin.
-    fn origin(&self) -> String {
-        let config = serde_json::to_string(self).unwrap_or_default();
-        format!("satgs {} learn, configuration {config}", env!("CARGO_PKG_VERSION"))
-    }
 }
 
 /// Trains a model and writes it to `out`. `folder` keeps the towns, a checkpoint, the log `learn.csv` and its curves; a training
@@ -434,7 +212,7 @@ impl State {
     /// Makes the steps of a round; the last learning rate and the mean loss.
     fn round(&mut self, round: usize, samples: &[&Sample]) -> Result<(f64, f64), LearnError> {
         let weights = LossWeights::of(&[("surface_prior", SURFACE_WEIGHT)]).unwrap_or_default();
-        let mut evaluation = Evaluation::new(&self.config.network);
+        let mut evaluation = NetworkEvaluation::new(&self.config.network);
         let mut gradient = Gradient::default();
         let mut by_parameters = vec![0.0; self.parameters.len()];
         let (mut rate, mut sum) = (0.0, 0.0);

@@ -1,6 +1,6 @@
 //! Clouds as stereo matching would give them, drawn from an exact surface.
 
-use super::town::ExactSurface;
+use super::surface::ExactSurface;
 use crate::random::CounterRng;
 use crate::stats::quantile;
 
@@ -23,16 +23,6 @@ const HOLE_M: (f64, f64) = (1.0, 5.0);
 const SMOOTHED: f64 = 0.7;
 /// Part of the points that thinned clouds have at least.
 const THINNEST: f64 = 0.01;
-
-/// A point at the centre of each cell of the surface.
-pub fn exact(surface: &ExactSurface) -> Vec<[f64; 3]> {
-    let at = |i: usize| {
-        let (col, row) = (i % surface.altitude.width, i / surface.altitude.width);
-        let [x, y] = surface.center(col, row);
-        [x, y, f64::from(surface.altitude.at(col, row))]
-    };
-    (0..surface.altitude.data.len()).map(at).collect()
-}
 
 /// Part of the points that a cloud has: all for every second one, else fewer, all orders of magnitude alike.
 pub fn draw_share(seed: u64, cloud: u64) -> f64 {

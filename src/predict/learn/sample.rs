@@ -8,7 +8,7 @@ use crate::predict::head::Head;
 use crate::predict::input::{SeenCloud, TileInput};
 use crate::predict::light::calibrate;
 use crate::predict::observer::SatelliteImages;
-use crate::predict::{Cloud, Model, PredictError, Sampling, reference, tiles};
+use crate::predict::{Cloud, Model, PredictError, SplatSampling, reference, tiles};
 use crate::random::CounterRng;
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::appearance::{AppearanceKind, ModelParameters};
@@ -59,7 +59,7 @@ pub struct Target {
 /// The samples of a town, from cloud number `cloud`, which has this share of the points.
 pub fn samples(
     town: &Arc<Town>,
-    sampling: &Sampling,
+    sampling: &SplatSampling,
     seed: u64,
     cloud: u64,
     share: f64,
@@ -190,6 +190,6 @@ pub fn squared_error(sample: &Sample, splats: &Splats) -> f64 {
 
 /// The splats that a model predicts of a sample.
 pub fn predicted(model: &Model, sample: &Sample) -> Splats {
-    let mut evaluation = crate::predict::network::Evaluation::new(&model.content.network);
+    let mut evaluation = crate::predict::network::NetworkEvaluation::new(&model.content.network);
     sample.head.splats(evaluation.forward(&model.parameters, &sample.input.network), &sample.input.bases)
 }

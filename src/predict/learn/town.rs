@@ -1,13 +1,12 @@
 //! A simulated town to learn from: its images with their true cameras, and its exact surface.
 
-use super::LearnError;
-use super::points;
+use super::error::LearnError;
+use super::surface::ExactSurface;
 use crate::affine::{SiteFrame, SiteScene, TrainingView};
 use crate::frame::{Point, SiteBox, SiteGrid};
-use crate::io::{Grid2, ImageFile, MapGrid};
-use crate::mvs::MatchedSurface;
+use crate::io::ImageFile;
 use crate::predict::light::{Light, calibrate};
-use crate::predict::{Cloud, Sampling, observer::SatelliteImages, reference};
+use crate::predict::{Cloud, SplatSampling, observer::SatelliteImages, reference};
 use crate::progress::Progress;
 use crate::rpc::formats;
 use crate::scene::{ReadOptions, Role, Scene};
@@ -18,8 +17,6 @@ use std::sync::Arc;
 
 /// Margin of the altitudes below and above the surface, metres.
 const MARGIN_M: f64 = 2.0;
-/// Neighbouring cells of a smooth part of the surface differ by less, metres.
-const SMOOTH_M: f32 = 0.5;
 
 /// A town.
 pub struct Town {
@@ -45,45 +42,6 @@ pub struct TargetView {
     pub light: Light,
     /// For each pixel the position of the surface that it shows, and its sunlight; none without surface.
     pub shown: Vec<Option<([f64; 3], f32)>>,
-}
-
-/// The exact surface: altitudes, metres above the site's origin, on a map grid.
-pub struct ExactSurface {
-    site: SiteGrid,
-    grid: MapGrid,
-    /// Altitudes.
-    pub altitude: Grid2,
-}
-
-impl ExactSurface {
-    /// Side of a cell, metres.
-    pub fn cell_m(&self) -> f64 {
-        self.grid.cell
-    }
-
-    /// Level position of the centre of a cell, site metres.
-    pub fn center(&self, col: usize, row: usize) -> [f64; 2] {
-        let p = self.site.site_from_utm(self.grid.cell_center(col, row));
-        [p.x(), p.y()]
-    }
-
-    /// The surface with a weight of one where it is smooth.
-    fn smooth_parts(&self) -> MatchedSurface {
-        let (width, height) = (self.altitude.width, self.altitude.height);
-        let weight = Grid2::from_fn(width, height, |col, row| {
-            let around = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (col as i64 + dx, row as i64 + dy)));
-            let z = self.altitude.at(col, row);
-            let is_smooth = around.map(|(c, r)| self.altitude.get(c, r)).all(|v| (v - z).abs() < SMOOTH_M);
-            f32::from(u8::from(is_smooth))
-        });
-        MatchedSurface {
-            site: self.site,
-            grid: self.grid,
-            altitude: self.altitude.clone(),
-            score: weight.clone(),
-            prior_weight: weight,
-        }
-    }
 }
 
 impl Town {
@@ -113,7 +71,7 @@ impl Town {
         let area = (west - origin.x(), south - origin.y(), east - origin.x(), north - origin.y());
         let altitudes =
             (f64::from(lowest) - origin.z() - MARGIN_M, f64::from(highest) - origin.z() + MARGIN_M);
-        let surface = ExactSurface { site, grid, altitude };
+        let surface = ExactSurface::new(site, grid, altitude);
         let frame = SiteFrame { site, area, altitudes, reference: None };
         let (context, targets) = views(folder, &scene, frame)?;
         let prior = Arc::new(Prior::new(&surface.smooth_parts()));
@@ -124,8 +82,8 @@ impl Town {
 
     /// What the target views show of the exact surface, in the light of their dates.
     fn with_light(&self, targets: Vec<TrainingView>) -> Result<Vec<TargetView>, LearnError> {
-        let sampling = Sampling::default();
-        let (cloud, _) = Cloud::new(&points::exact(&self.surface), 0.5 * self.surface.cell_m())?;
+        let sampling = SplatSampling::default();
+        let (cloud, _) = Cloud::new(&self.surface.points(), 0.5 * self.surface.cell_m())?;
         let splats = reference::surface(&cloud, &sampling, self.area, true);
         let all: Vec<TrainingView> = self.context.iter().chain(&targets).cloned().collect();
         let images = SatelliteImages::new(&all, &splats, self.altitudes);

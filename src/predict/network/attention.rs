@@ -6,14 +6,12 @@
 //! linear in `x_i`, with coefficients `s_i` and `t_i` that are linear in the features `F_i` of the key point. These are learned
 //! directly. Key points further away than the nearest have no weight, as the decay with the distance leaves them nearly none.
 
-use super::NetworkInput;
-use super::blocks::{Blocks, sum_stripes};
+use super::blocks::{FeatureBlocks, sum_stripes};
+use super::input::{NEIGHBOURS, NetworkInput};
 use crate::nn::linear::BLOCK;
 use crate::simd::{Real, SimdReal};
 use rayon::prelude::*;
 
-/// Number of key points that a query attends to.
-pub const NEIGHBOURS: usize = 8;
 /// Number of heads, each with its own weights.
 pub const HEADS: usize = 4;
 /// Coefficients of the logits of a key point: `s` and `t` of each head.
@@ -87,7 +85,7 @@ fn squared<T: Real>([x, y, z]: [T; 3]) -> T {
 
 impl<T: SimdReal> AttentionState<T> {
     /// Writes the features of the queries to the first rows of `out`, from codes and values of the key points.
-    pub fn forward(&mut self, attention: Attention<T>, keys: &Blocks<T>, out: &mut Blocks<T>) {
+    pub fn forward(&mut self, attention: Attention<T>, keys: &FeatureBlocks<T>, out: &mut FeatureBlocks<T>) {
         let (width, stride) = (attention.width, CODES + attention.width);
         self.rows.resize(keys.items() * stride, T::zero());
         self.rows.par_chunks_exact_mut(stride).enumerate().for_each(|(item, row)| {
@@ -118,9 +116,9 @@ impl<T: SimdReal> AttentionState<T> {
     pub fn backward(
         &self,
         attention: Attention<T>,
-        by_features: &Blocks<T>,
+        by_features: &FeatureBlocks<T>,
         by_decays: &mut [T],
-    ) -> Blocks<T> {
+    ) -> FeatureBlocks<T> {
         let (width, stride) = (attention.width, CODES + attention.width);
         let own = width / HEADS;
         let Attention { input, .. } = attention;
@@ -184,7 +182,7 @@ impl<T: SimdReal> AttentionState<T> {
                 row
             })
             .collect();
-        let mut out = Blocks::zeros(stride, rows.len());
+        let mut out = FeatureBlocks::zeros(stride, rows.len());
         for (item, row) in rows.iter().enumerate() {
             row.iter().enumerate().for_each(|(k, v)| *out.at_mut(k, item) = *v);
         }

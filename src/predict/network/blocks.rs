@@ -9,13 +9,13 @@ const STRIPES: usize = 8;
 
 /// Values of items, feature by feature within blocks of [`BLOCK`] items; those after the last item are zero.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Blocks<T> {
+pub struct FeatureBlocks<T> {
     features: usize,
     items: usize,
     data: Vec<T>,
 }
 
-impl<T: Real> Blocks<T> {
+impl<T: Real> FeatureBlocks<T> {
     /// Zeros for so many features and items.
     #[must_use]
     pub fn zeros(features: usize, items: usize) -> Self {

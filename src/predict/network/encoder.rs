@@ -3,7 +3,7 @@
 //! A perceptron encodes each point of a group; the largest values over the group are appended to the code of each of its points;
 //! a second perceptron follows, and the largest values over the group are the group's features (Point2GS, equation 3).
 
-use super::blocks::{Blocks, sum_stripes};
+use super::blocks::{FeatureBlocks, sum_stripes};
 use crate::nn::linear::BLOCK;
 use crate::nn::mlp::{Mlp, MlpBlock, SharedMlp};
 use crate::simd::{Real, Simd, SimdKernel, SimdReal};
@@ -79,7 +79,13 @@ struct GroupBlock<T> {
 
 impl<T: SimdReal> EncoderState<T> {
     /// Writes the features of the groups to the first rows of `out`, an item for each group.
-    pub fn forward(&mut self, encoder: &Encoder, values: &[T], members: &Blocks<T>, out: &mut Blocks<T>) {
+    pub fn forward(
+        &mut self,
+        encoder: &Encoder,
+        values: &[T],
+        members: &FeatureBlocks<T>,
+        out: &mut FeatureBlocks<T>,
+    ) {
         let networks = encoder.with(values);
         self.blocks.resize_with(members.count(), GroupBlock::default);
         self.blocks.par_iter_mut().zip(members.par_blocks()).for_each(|(block, members)| {
@@ -103,8 +109,8 @@ impl<T: SimdReal> EncoderState<T> {
         &mut self,
         encoder: &Encoder,
         values: &[T],
-        members: &Blocks<T>,
-        by_features: &Blocks<T>,
+        members: &FeatureBlocks<T>,
+        by_features: &FeatureBlocks<T>,
         by_values: &mut [T],
     ) {
         let networks = encoder.with(values);
@@ -164,7 +170,7 @@ struct Backward<'a, T> {
     networks: &'a [SharedMlp<T>; 2],
     block: &'a mut GroupBlock<T>,
     members: &'a [T],
-    by_features: &'a Blocks<T>,
+    by_features: &'a FeatureBlocks<T>,
     /// Index of the block's first group.
     first: usize,
     by: (&'a mut [T], &'a mut [T]),

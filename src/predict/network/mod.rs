@@ -12,12 +12,13 @@
 mod attention;
 mod blocks;
 mod encoder;
+mod input;
 #[cfg(test)]
 mod tests;
 
-pub use attention::NEIGHBOURS;
-pub use blocks::Blocks;
+pub use blocks::FeatureBlocks;
 pub use encoder::{GROUP, MEMBER_INPUTS};
+pub use input::{NEIGHBOURS, NetworkInput};
 
 use crate::nn::mlp::{Mlp, MlpBlock, SharedMlp};
 use crate::simd::{Real, Simd, SimdKernel, SimdReal};
@@ -44,32 +45,17 @@ const DRAW_HEAD: u64 = 43;
 /// head of the attention.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Network {
+pub struct SplatNetwork {
     /// Width of the encoder's layers, of the values of the attention, and of the hidden layers of the last perceptron.
     pub width: usize,
     /// Number of image features of a key point.
     pub image_features: usize,
 }
 
-impl Default for Network {
+impl Default for SplatNetwork {
     fn default() -> Self {
         Self { width: 64, image_features: super::image_features::FEATURES }
     }
-}
-
-/// What the network computes the splats of a tile from.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct NetworkInput<T> {
-    /// Of the points of the groups: [`MEMBER_INPUTS`] numbers for each, [`GROUP`] successive items a key point.
-    pub members: Blocks<T>,
-    /// Of the key points: [`KEY_INPUTS`] numbers, then their image features.
-    pub keys: Blocks<T>,
-    /// Of the queries: the nearest key points.
-    pub neighbours: Vec<[u32; NEIGHBOURS]>,
-    /// Of the queries: their position relative to each of these, in units of the spacing of the key points.
-    pub relative: Vec<[[T; 3]; NEIGHBOURS]>,
-    /// Of the queries: [`QUERY_INPUTS`] numbers.
-    pub queries: Blocks<T>,
 }
 
 /// The parts of the network, and where their values are among its parameters.
@@ -83,7 +69,7 @@ struct Parts {
     of_decays: Range<usize>,
 }
 
-impl Network {
+impl SplatNetwork {
     fn parts(&self) -> Parts {
         let width = self.width;
         let encoder = Encoder { width };
@@ -131,37 +117,37 @@ impl Network {
 }
 
 /// Evaluates a network and its gradient; keeps what the gradient needs of the last evaluation.
-pub struct Evaluation<T> {
+pub struct NetworkEvaluation<T> {
     parts: Parts,
     encoder: encoder::EncoderState<T>,
     /// Inputs of the layer of the key points: features of the groups, and what is known beside them.
-    key_inputs: Blocks<T>,
+    key_inputs: FeatureBlocks<T>,
     keys: Vec<MlpBlock<T>>,
     attention: AttentionState<T>,
     /// Inputs of the last perceptron: features that attention gives, and what is known of the queries.
-    head_inputs: Blocks<T>,
+    head_inputs: FeatureBlocks<T>,
     head: Vec<MlpBlock<T>>,
-    outputs: Blocks<T>,
+    outputs: FeatureBlocks<T>,
 }
 
-impl<T: SimdReal> Evaluation<T> {
+impl<T: SimdReal> NetworkEvaluation<T> {
     /// An evaluation of a network of this shape.
     #[must_use]
-    pub fn new(network: &Network) -> Self {
+    pub fn new(network: &SplatNetwork) -> Self {
         Self {
             parts: network.parts(),
             encoder: encoder::EncoderState::default(),
-            key_inputs: Blocks::default(),
+            key_inputs: FeatureBlocks::default(),
             keys: Vec::new(),
             attention: AttentionState::default(),
-            head_inputs: Blocks::default(),
+            head_inputs: FeatureBlocks::default(),
             head: Vec::new(),
-            outputs: Blocks::default(),
+            outputs: FeatureBlocks::default(),
         }
     }
 
     /// The outputs of the queries, [`OUTPUTS`] each.
-    pub fn forward(&mut self, values: &[T], input: &NetworkInput<T>) -> &Blocks<T> {
+    pub fn forward(&mut self, values: &[T], input: &NetworkInput<T>) -> &FeatureBlocks<T> {
         let Parts { encoder, of_encoder, keys, of_keys, head, of_head, of_decays } = &self.parts;
         let width = encoder.width;
         let keys_known = input.keys.features();
@@ -169,7 +155,7 @@ impl<T: SimdReal> Evaluation<T> {
         self.encoder.forward(encoder, &values[of_encoder.clone()], &input.members, &mut self.key_inputs);
         self.key_inputs.copy_rows(width, &input.keys);
         let network = keys.with(&values[of_keys.clone()], &[]);
-        let mut of_keys = Blocks::default();
+        let mut of_keys = FeatureBlocks::default();
         forward_all(&network, &mut self.keys, &self.key_inputs, CODES + width, &mut of_keys);
         self.head_inputs.resize(width + QUERY_INPUTS, input.queries.items());
         let attention = Attention { width, decays: &values[of_decays.clone()], input };
@@ -185,7 +171,7 @@ impl<T: SimdReal> Evaluation<T> {
         &mut self,
         values: &[T],
         input: &NetworkInput<T>,
-        by_outputs: &Blocks<T>,
+        by_outputs: &FeatureBlocks<T>,
         by_values: &mut [T],
     ) {
         let Parts { encoder, of_encoder, keys, of_keys, head, of_head, of_decays } = &self.parts;
@@ -213,9 +199,9 @@ impl<T: SimdReal> Evaluation<T> {
 fn forward_all<T: SimdReal>(
     network: &SharedMlp<T>,
     states: &mut Vec<MlpBlock<T>>,
-    inputs: &Blocks<T>,
+    inputs: &FeatureBlocks<T>,
     outputs: usize,
-    out: &mut Blocks<T>,
+    out: &mut FeatureBlocks<T>,
 ) {
     out.resize(outputs, inputs.items());
     states.resize_with(inputs.count(), MlpBlock::default);
@@ -227,11 +213,11 @@ fn forward_all<T: SimdReal>(
 fn backward_all<T: SimdReal>(
     network: &SharedMlp<T>,
     states: &mut [MlpBlock<T>],
-    inputs: &Blocks<T>,
-    by_outputs: &Blocks<T>,
+    inputs: &FeatureBlocks<T>,
+    by_outputs: &FeatureBlocks<T>,
     by_values: &mut [T],
-) -> Blocks<T> {
-    let mut by_inputs = Blocks::default();
+) -> FeatureBlocks<T> {
+    let mut by_inputs = FeatureBlocks::default();
     by_inputs.resize(inputs.features(), inputs.items());
     let items = states.par_iter_mut().zip(inputs.par_blocks());
     let items = items.zip(by_outputs.par_blocks()).zip(by_inputs.par_blocks_mut());

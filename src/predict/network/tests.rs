@@ -6,15 +6,15 @@ fn draw<T: Real>(purpose: u64, n: usize) -> Vec<T> {
     (0..n).map(|_| T::from_f64(0.5 * rng.normal())).collect()
 }
 
-fn blocks<T: Real>(purpose: u64, features: usize, items: usize) -> Blocks<T> {
+fn blocks<T: Real>(purpose: u64, features: usize, items: usize) -> FeatureBlocks<T> {
     let values = draw::<T>(purpose, features * items);
-    let mut out = Blocks::zeros(features, items);
+    let mut out = FeatureBlocks::zeros(features, items);
     (0..features * items).for_each(|i| *out.at_mut(i / items, i % items) = values[i]);
     out
 }
 
 /// 40 key points and 700 queries, more than a block.
-fn input<T: Real>(network: &Network) -> NetworkInput<T> {
+fn input<T: Real>(network: &SplatNetwork) -> NetworkInput<T> {
     let (keys, queries) = (40, 700);
     let mut rng = CounterRng::new(3, 9, 0, 0);
     let near = |_| std::array::from_fn(|_| rng.below(keys) as u32);
@@ -29,8 +29,13 @@ fn input<T: Real>(network: &Network) -> NetworkInput<T> {
     }
 }
 
-fn loss<T: SimdReal>(network: &Network, values: &[T], input: &NetworkInput<T>, by: &Blocks<T>) -> f64 {
-    let mut evaluation = Evaluation::new(network);
+fn loss<T: SimdReal>(
+    network: &SplatNetwork,
+    values: &[T],
+    input: &NetworkInput<T>,
+    by: &FeatureBlocks<T>,
+) -> f64 {
+    let mut evaluation = NetworkEvaluation::new(network);
     let out = evaluation.forward(values, input);
     let item = |i: usize| (0..OUTPUTS).map(|k| (out.at(k, i) * by.at(k, i)).as_f64()).sum::<f64>();
     (0..out.items()).map(item).sum()
@@ -38,10 +43,10 @@ fn loss<T: SimdReal>(network: &Network, values: &[T], input: &NetworkInput<T>, b
 
 #[test]
 fn the_gradient_of_every_layer_agrees_with_central_differences() {
-    let network = Network { width: 8, image_features: 3 };
+    let network = SplatNetwork { width: 8, image_features: 3 };
     let values: Vec<f64> = draw(1, network.parameters());
     let (input, by) = (input::<f64>(&network), blocks::<f64>(2, OUTPUTS, 700));
-    let mut evaluation = Evaluation::new(&network);
+    let mut evaluation = NetworkEvaluation::new(&network);
     evaluation.forward(&values, &input);
     let mut gradient = vec![0.0; values.len()];
     evaluation.backward(&values, &input, &by, &mut gradient);
@@ -63,7 +68,7 @@ fn the_gradient_of_every_layer_agrees_with_central_differences() {
 
 #[test]
 fn outputs_are_zero_at_the_start_and_gradients_do_not_depend_on_threads() {
-    let network = Network { width: 16, image_features: 2 };
+    let network = SplatNetwork { width: 16, image_features: 2 };
     let (input, by) = (input::<f32>(&network), blocks::<f32>(2, OUTPUTS, 700));
     let start: Vec<f32> = network.start(1);
     assert_eq!(loss(&network, &start, &input, &by), 0.0);
@@ -71,7 +76,7 @@ fn outputs_are_zero_at_the_start_and_gradients_do_not_depend_on_threads() {
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let mut evaluation = Evaluation::new(&network);
+            let mut evaluation = NetworkEvaluation::new(&network);
             let out = evaluation.forward(&values, &input).clone();
             let mut gradient = vec![0.0; values.len()];
             evaluation.backward(&values, &input, &by, &mut gradient);

@@ -1,0 +1,88 @@
+//! Prediction of perspective scenes.
+
+use super::points::read_points;
+use super::splats::of_photographed_points;
+use super::{Output, PredictOptions, Predicted, read_model};
+use crate::io::write_json;
+use crate::perspective::PerspectiveScene;
+use crate::pipeline::perspective::{PerspectiveManifest, read_views, start_points, write_trained};
+use crate::pipeline::stage::{Fingerprint, Outcome, hash, hash_file};
+use crate::pipeline::{PipelineError, TrainOptions};
+use crate::progress::{Event, Progress};
+use crate::run_files::{PREDICTED, PREDICTED_LIGHTS};
+use crate::splat::appearance::Appearance;
+use crate::splat::ply;
+use crate::splat::train::recipe::Recipe;
+use std::path::Path;
+use std::time::Instant;
+
+/// As [`super::predict`], of the run of a perspective scene.
+pub fn predict_run(
+    run: &Path,
+    out: &Path,
+    options: &PredictOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<Predicted>, PipelineError> {
+    let manifest = PerspectiveManifest::read(run)?;
+    let scene = manifest.read_scene()?;
+    predict(&manifest, &scene, out, options, progress)
+}
+
+/// As [`super::predict`], of a perspective scene.
+pub fn predict_scene(
+    path: &Path,
+    out: &Path,
+    options: &PredictOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<Predicted>, PipelineError> {
+    let scene = PerspectiveScene::read(path, &options.perspective)?;
+    for (name, reason) in &scene.skipped {
+        progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
+    }
+    predict(&PerspectiveManifest::new(path, &options.perspective, &scene), &scene, out, options, progress)
+}
+
+fn predict(
+    manifest: &PerspectiveManifest,
+    scene: &PerspectiveScene,
+    out: &Path,
+    options: &PredictOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<Predicted>, PipelineError> {
+    let recipe = TrainOptions { recipe: Recipe::OF_PERSPECTIVE_SCENES.into(), ..TrainOptions::default() };
+    let recipe = recipe.perspective_recipe()?;
+    let described = serde_json::to_string(manifest)
+        .map_err(|source| PipelineError::Json { what: "the scene", source })?;
+    let file = options.points.as_deref();
+    let made_from = Fingerprint::from([
+        ("scene".into(), hash(described.as_bytes())),
+        ("--points".into(), file.map_or_else(|| "those of the scene".into(), hash_file)),
+    ]);
+    let (output, kept) = Output::open(out, made_from, options, progress)?;
+    if let Some(kept) = kept {
+        return Ok(kept);
+    }
+    let model = read_model(options)?;
+    let points = match file {
+        Some(path) => read_points(path, scene.georeference.as_ref().map(|g| &g.grid))?,
+        None => start_points(scene)?.iter().map(|p| p.position.xyz()).collect(),
+    };
+    let views = read_views(scene, progress)?;
+    let start = Instant::now();
+    let made = of_photographed_points(&views, &points, &model, options.without_network, progress)?;
+    let seconds = start.elapsed().as_secs_f64();
+    manifest.write(out)?;
+    write_json(&out.join(PREDICTED_LIGHTS), &Vec::<(String, Appearance)>::new())?;
+    match scene.georeference.map(|g| g.grid) {
+        Some(site) => ply::write(&out.join(PREDICTED), &made.splats, &site)?,
+        None => ply::write_local(&out.join(PREDICTED), &made.splats)?,
+    }
+    write_trained(out, scene, &made.splats, recipe)?;
+    output.complete(Predicted {
+        points: file.map_or_else(|| "the scene".into(), |path| format!("`{}`", path.display())),
+        clean_up: made.clean_up,
+        spacing_m: made.spacing_m,
+        splats: made.splats.len(),
+        seconds,
+    })
+}

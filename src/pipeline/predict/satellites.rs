@@ -1,0 +1,149 @@
+//! Prediction of satellite scenes.
+
+use super::points::{of_surface, read_points};
+use super::splats::of_points;
+use super::{Output, PredictOptions, Predicted, read_model};
+use crate::affine::{SiteScene, SiteSceneError};
+use crate::bundle::Adjustment;
+use crate::io::{WriteError, write_json};
+use crate::mvs::MatchedSurface;
+use crate::pipeline::cameras::require_images;
+use crate::pipeline::stage::{Fingerprint, Outcome, hash_file};
+use crate::pipeline::{PipelineError, TrainOptions, TrainedCameras, read_scene, relocation};
+use crate::progress::{Event, Progress};
+use crate::run_files::{
+    ADJUSTMENT, CAMERAS, FIRST_SURFACE, PREDICTED, PREDICTED_LIGHTS, SCENE, STAGE, SURFACE,
+};
+use crate::scene::Scene;
+use crate::splat::appearance::Appearance;
+use crate::splat::ply;
+use crate::splat::train::recipe::Recipe;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Where points come from.
+enum Source<'a> {
+    File(&'a Path),
+    /// The surface that a training of the run has matched.
+    Matched(PathBuf),
+    /// The sparse points of the adjustment.
+    Sparse,
+}
+
+impl<'a> Source<'a> {
+    fn of(run: &Path, options: &'a PredictOptions) -> Self {
+        let surfaces = [SURFACE, FIRST_SURFACE].map(|name| run.join(name));
+        match (&options.points, surfaces.into_iter().find(|path| path.exists())) {
+            (Some(path), _) => Self::File(path),
+            (None, Some(path)) => Self::Matched(path),
+            (None, None) => Self::Sparse,
+        }
+    }
+
+    fn text(&self) -> String {
+        match self {
+            Self::File(path) => format!("`{}`", path.display()),
+            Self::Matched(_) => "the matched surface".into(),
+            Self::Sparse => "the sparse points".into(),
+        }
+    }
+}
+
+/// As [`super::predict`], of an adjusted run, whose lock the caller holds.
+pub fn predict(
+    run: &Path,
+    out: &Path,
+    options: &PredictOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<Predicted>, PipelineError> {
+    relocation::finish_locked(run)?;
+    let scene = read_scene(run)?;
+    let source = Source::of(run, options);
+    let points = match &source {
+        Source::File(path) => hash_file(path),
+        Source::Matched(path) => hash_file(path),
+        Source::Sparse => source.text(),
+    };
+    let adjustment = hash_file(&run.join(ADJUSTMENT).join(STAGE));
+    let made_from = Fingerprint::from([("adjustment".into(), adjustment), ("--points".into(), points)]);
+    let (output, kept) = Output::open(out, made_from, options, progress)?;
+    if let Some(kept) = kept {
+        return Ok(kept);
+    }
+    require_images(&scene)?;
+    let model = read_model(options)?;
+    let (setup, recipe, sparse) = setup_of(run, &scene)?;
+    let views = setup.training_views(&scene)?;
+    if views.is_empty() {
+        return Err(SiteSceneError::NoViews.into());
+    }
+    let points = match &source {
+        Source::File(path) => read_points(path, Some(&setup.site))?,
+        Source::Matched(path) => of_surface(&MatchedSurface::read(path, &setup.site)?),
+        Source::Sparse => {
+            let text = "predicting from the sparse points, which are few: --points takes a surface model or a point cloud, and a \
+                        run that was trained has a matched surface";
+            progress.event(Event::Warning(text.into()));
+            sparse
+        }
+    };
+    let start = Instant::now();
+    let made = of_points(&setup, &views, &points, &model, options.without_network, progress)?;
+    let seconds = start.elapsed().as_secs_f64();
+    copy_adjustment(run, output.folder)?;
+    let names = views.iter().map(|v| v.name.clone());
+    let appearances: Vec<(String, Appearance)> = names.zip(made.lights).collect();
+    write_json(&out.join(PREDICTED_LIGHTS), &appearances)?;
+    ply::write(&out.join(PREDICTED), &made.splats, &setup.site)?;
+    let cameras = TrainedCameras { appearances, setup, recipe, is_matched: false };
+    cameras.write_splats(out, &made.splats)?;
+    write_json(&out.join(CAMERAS), &cameras)?;
+    output.complete(Predicted {
+        points: source.text(),
+        clean_up: made.clean_up,
+        spacing_m: made.spacing_m,
+        splats: made.splats.len(),
+        seconds,
+    })
+}
+
+/// The training scene, a recipe for what follows, and the sparse points. The scene of a trained run is kept.
+fn setup_of(run: &Path, scene: &Scene) -> Result<(SiteScene, Recipe, Vec<[f64; 3]>), PipelineError> {
+    let adjustment = Adjustment::read(&run.join(ADJUSTMENT))?;
+    let points = adjustment.positions();
+    let recipe = TrainOptions::default().satellite_recipe()?;
+    let setup = if run.join(CAMERAS).exists() {
+        TrainedCameras::read(run)?.setup
+    } else {
+        let mut setup = SiteScene::new(scene, &adjustment.cameras_of(scene)?, &points)?;
+        setup.transfer_function = setup.transfer_function.with_white(recipe.white);
+        setup
+    };
+    let sparse = setup.sparse(&points).iter().map(|p| p.xyz()).collect();
+    Ok((setup, recipe, sparse))
+}
+
+/// Copies what `train` and `dsm` read of an adjusted run.
+fn copy_adjustment(run: &Path, out: &Path) -> Result<(), PipelineError> {
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |e: std::io::Error| WriteError::new(&path, e)
+    };
+    let copy = |from: &Path, to: &Path| std::fs::copy(from, to).map(drop).map_err(failed(to));
+    copy(&run.join(SCENE), &out.join(SCENE))?;
+    let mut folders = vec![PathBuf::from(ADJUSTMENT)];
+    while let Some(folder) = folders.pop() {
+        let (from, to) = (run.join(&folder), out.join(&folder));
+        std::fs::create_dir_all(&to).map_err(failed(&to))?;
+        for entry in std::fs::read_dir(&from).map_err(failed(&from))? {
+            let entry = entry.map_err(failed(&from))?;
+            let name = folder.join(entry.file_name());
+            if entry.path().is_dir() {
+                folders.push(name);
+            } else {
+                copy(&entry.path(), &out.join(&name))?;
+            }
+        }
+    }
+    Ok(())
+}

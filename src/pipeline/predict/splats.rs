@@ -1,0 +1,129 @@
+//! From points and views to splats, of satellite scenes and of photographs.
+
+use super::Untrained;
+use crate::affine::{SiteScene, TrainingView};
+use crate::frame::SiteBox;
+use crate::pipeline::PipelineError;
+use crate::predict::input::SeenCloud;
+use crate::predict::light::{Light, calibrate};
+use crate::predict::observer::SatelliteImages;
+use crate::predict::photographs::{Photographs, reduced};
+use crate::predict::{CleanUp, Cloud, FEWEST_POINTS, Model, PredictError, predict, reference};
+use crate::progress::{Event, Progress};
+use crate::splat::appearance::Appearance;
+use crate::splat::init::neighbour_scales;
+use crate::splat::pinhole::PinholeView;
+use crate::splat::splats::Splats;
+use crate::stats::quantile;
+
+/// Splats of photographs are so many times closer than the points.
+const SPLATS_OF_SPACING: f64 = 3.0;
+/// The box of points of photographs leaves out this share at each side.
+const OUTSIDE: f64 = 0.005;
+/// Share of dropped points from which they look like those of something else.
+const MANY_DROPPED: f64 = 0.15;
+
+/// Splats of points, and the colour models of the views.
+pub struct SplatsOfPoints {
+    pub splats: Splats,
+    pub lights: Vec<Appearance>,
+    pub clean_up: CleanUp,
+    pub spacing_m: f64,
+}
+
+/// The splats of points (site frame, metres) of a satellite scene, by a model, or without one.
+pub fn of_points(
+    setup: &SiteScene,
+    views: &[TrainingView],
+    points: &[[f64; 3]],
+    model: &Model,
+    untrained: Option<Untrained>,
+    progress: &dyn Progress,
+) -> Result<SplatsOfPoints, PipelineError> {
+    let sampling = model.content.sampling;
+    let (west, south, east, north) = setup.area;
+    let (low, high) = setup.altitudes;
+    let is_inside = |p: &&[f64; 3]| {
+        (west..=east).contains(&p[0]) && (south..=north).contains(&p[1]) && (low..=high).contains(&p[2])
+    };
+    let inside: Vec<[f64; 3]> = points.iter().filter(is_inside).copied().collect();
+    let (cloud, clean_up) = Cloud::new(&inside, sampling.spacing_m)?;
+    let surface = reference::surface(&cloud, &sampling, setup.area, true);
+    let images = SatelliteImages::new(views, &surface, setup.altitudes);
+    let lights = calibrate(&images, cloud.positions(), setup.reference_among_training());
+    let seen = SeenCloud::new(&cloud, &images, &lights);
+    warn_of_dropped(&clean_up, progress);
+    let splats = splats(&seen, setup.area, true, model, untrained, progress)?;
+    let lights = lights.iter().map(Light::appearance).collect();
+    Ok(SplatsOfPoints { splats, lights, clean_up, spacing_m: cloud.spacing_m() })
+}
+
+/// The splats of points (site frame) of photographs, by a model, or without one.
+pub fn of_photographed_points(
+    views: &[PinholeView],
+    points: &[[f64; 3]],
+    model: &Model,
+    untrained: Option<Untrained>,
+    progress: &dyn Progress,
+) -> Result<SplatsOfPoints, PipelineError> {
+    let sampling = model.content.sampling;
+    let scale = sampling.spacing_m * SPLATS_OF_SPACING / typical_spacing(points)?;
+    let larger: Vec<[f64; 3]> = points.iter().map(|p| p.map(|v| scale * v)).collect();
+    let (cloud, clean_up) = Cloud::new(&larger, sampling.spacing_m)?;
+    let area = area_of(cloud.positions());
+    let surface = reference::surface(&cloud, &sampling, area, false);
+    let images = Photographs::new(views, &surface, scale);
+    // All photographs have the same light.
+    let lights = vec![Light::default(); views.len()];
+    let seen = SeenCloud::new(&cloud, &images, &lights);
+    warn_of_dropped(&clean_up, progress);
+    let splats = reduced(splats(&seen, area, false, model, untrained, progress)?, scale);
+    Ok(SplatsOfPoints { splats, lights: Vec::new(), clean_up, spacing_m: cloud.spacing_m() / scale })
+}
+
+/// Splats by a model, or without one.
+fn splats(
+    seen: &SeenCloud,
+    area: SiteBox,
+    has_walls: bool,
+    model: &Model,
+    untrained: Option<Untrained>,
+    progress: &dyn Progress,
+) -> Result<Splats, PipelineError> {
+    Ok(match untrained {
+        Some(Untrained::Isotropic) => reference::isotropic(seen),
+        Some(Untrained::Flat) => reference::flattened(seen),
+        None => predict(model, seen, area, has_walls, progress)?,
+    })
+}
+
+/// Typical distance of points of photographs.
+fn typical_spacing(points: &[[f64; 3]]) -> Result<f64, PipelineError> {
+    let found = points.len();
+    let few = || PredictError::FewPoints { found, needed: FEWEST_POINTS };
+    let distances: Vec<f64> =
+        neighbour_scales(points).into_iter().filter(|d| d.is_finite() && *d > 0.0).collect();
+    Ok(quantile(distances, 0.5).filter(|_| found >= FEWEST_POINTS).ok_or_else(few)?)
+}
+
+/// The level box of points without the outermost: a few float far away.
+fn area_of(points: &[[f64; 3]]) -> SiteBox {
+    let at =
+        |axis: usize, share: f64| quantile(points.iter().map(|p| p[axis]).collect(), share).unwrap_or(0.0);
+    let range = |axis: usize| {
+        let (low, high) = (at(axis, OUTSIDE), at(axis, 1.0 - OUTSIDE));
+        let margin = 0.02 * (high - low);
+        (low - margin, high + margin)
+    };
+    let ((west, east), (south, north)) = (range(0), range(1));
+    (west, south, east, north)
+}
+
+fn warn_of_dropped(clean_up: &CleanUp, progress: &dyn Progress) {
+    if clean_up.dropped_share() > MANY_DROPPED {
+        let (dropped, percent) = (clean_up.dropped, 100.0 * clean_up.dropped_share());
+        progress.event(Event::Warning(format!(
+            "{dropped} points ({percent:.0} %) are far from all others and were dropped: are the points of this area?"
+        )));
+    }
+}

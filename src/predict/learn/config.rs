@@ -1,0 +1,165 @@
+//! How a model is trained.
+
+use super::error::LearnError;
+use crate::predict::SplatSampling;
+use crate::predict::network::SplatNetwork;
+use crate::simulate::{Relief, SimulateOptions};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Number of images of a town that renders are compared with.
+const TARGETS: usize = 4;
+/// Of one cycle: the part of the steps with a rising rate, and the first and last rate relative to the largest (PyTorch).
+const RISING: f64 = 0.3;
+const FIRST_RATE: f64 = 1.0 / 25.0;
+const LAST_RATE: f64 = 1.0 / 25e4;
+
+/// How a model is trained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LearnConfig {
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Number of towns to learn from.
+    pub towns: usize,
+    /// Number of rounds.
+    pub rounds: usize,
+    /// Number of tiles of a round.
+    pub tiles: usize,
+    /// Number of steps of a round.
+    pub steps: usize,
+    /// Number of rounds whose tiles are kept.
+    pub kept_rounds: usize,
+    /// Largest learning rate.
+    pub rate: f64,
+    /// Columns and rows of the images, and their number.
+    pub size_px: usize,
+    /// Number of images of a town to predict from.
+    pub views: usize,
+    /// Ground sampling distances of the images, metres, which towns take in turn.
+    pub gsd_m: Vec<f64>,
+    /// Number of towns for validation, after every so many rounds.
+    pub validation_towns: usize,
+    /// Number of rounds between validations.
+    pub validate_every: usize,
+    /// Shape of the network.
+    pub network: SplatNetwork,
+    /// Spacings of points.
+    pub sampling: SplatSampling,
+}
+
+impl Default for LearnConfig {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            towns: 64,
+            rounds: 256,
+            tiles: 6,
+            steps: 48,
+            kept_rounds: 16,
+            rate: 3e-3,
+            size_px: 320,
+            views: 8,
+            gsd_m: vec![0.5, 0.35],
+            validation_towns: 3,
+            validate_every: 16,
+            network: SplatNetwork::default(),
+            sampling: SplatSampling::default(),
+        }
+    }
+}
+
+impl LearnConfig {
+    /// Reads a TOML file.
+    ///
+    /// # Errors
+    /// [`LearnError::ConfigFile`] if it cannot be read or has other fields.
+    pub fn read(path: &Path) -> Result<Self, LearnError> {
+        let failed = |reason: String| LearnError::ConfigFile { path: path.into(), reason };
+        let text = std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))?;
+        toml::from_str(&text).map_err(|e| failed(e.to_string().trim_end().to_owned()))
+    }
+
+    /// The configuration as TOML.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).unwrap_or_default()
+    }
+
+    /// Checks that every number is in its range.
+    pub(super) fn check(&self) -> Result<(), LearnError> {
+        let counts = [
+            ("towns", self.towns),
+            ("rounds", self.rounds),
+            ("tiles", self.tiles),
+            ("steps", self.steps),
+            ("kept_rounds", self.kept_rounds),
+            ("validate_every", self.validate_every),
+        ];
+        for (field, n) in counts {
+            if !(1..=1_000_000).contains(&n) {
+                return Err(LearnError::Config { field, found: n.to_string(), expected: "1 to 1000000" });
+            }
+        }
+        let lengths = [
+            ("rate", self.rate, 1e-9..=1.0, "more than 0, at most 1"),
+            ("sampling.spacing_m", self.sampling.spacing_m, 0.1..=10.0, "0.1 to 10 metres"),
+            ("sampling.key_spacing_m", self.sampling.key_spacing_m, 0.1..=50.0, "0.1 to 50 metres"),
+        ];
+        for (field, value, range, expected) in lengths {
+            if !range.contains(&value) {
+                return Err(LearnError::Config { field, found: value.to_string(), expected });
+            }
+        }
+        if self.gsd_m.is_empty() {
+            let found = "an empty list".into();
+            return Err(LearnError::Config { field: "gsd_m", found, expected: "metres" });
+        }
+        if !self.network.is_sound() {
+            let found = format!("{:?}", self.network);
+            return Err(LearnError::Config {
+                field: "network",
+                found,
+                expected: "a width of 4 to 512, divisible by 4",
+            });
+        }
+        Ok(())
+    }
+
+    /// The simulation of the town with this seed.
+    pub(super) fn town(&self, seed: u64) -> SimulateOptions {
+        let relief = if seed % 4 == 3 { Relief::Hilly } else { Relief::Rolling };
+        SimulateOptions {
+            seed,
+            views: self.views,
+            size_px: self.size_px,
+            gsd_m: self.gsd_m[seed as usize % self.gsd_m.len()],
+            relief,
+            seasons: false,
+            cars_percent: None,
+            held_out: TARGETS,
+            overwrite: true,
+        }
+    }
+
+    /// Learning rate of a step.
+    pub(super) fn rate_of(&self, step: usize) -> f64 {
+        let all = (self.rounds * self.steps) as f64;
+        let done = step as f64 / all;
+        let cosine = |from: f64, to: f64, part: f64| {
+            to + 0.5 * (from - to) * (1.0 + (std::f64::consts::PI * part).cos())
+        };
+        self.rate
+            * if done < RISING {
+                cosine(FIRST_RATE, 1.0, done / RISING)
+            } else {
+                cosine(1.0, LAST_RATE, (done - RISING) / (1.0 - RISING))
+            }
+    }
+
+    /// What a model of this training says of its origin.
+    pub(super) fn origin(&self) -> String {
+        let config = serde_json::to_string(self).unwrap_or_default();
+        format!("satgs {} learn, configuration {config}", env!("CARGO_PKG_VERSION"))
+    }
+}

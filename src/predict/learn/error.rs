@@ -1,0 +1,78 @@
+//! Why no model can be trained.
+
+use crate::affine::SiteSceneError;
+use crate::checkpoint::CheckpointError;
+use crate::io::{RasterError, WriteError};
+use crate::predict::PredictError;
+use crate::progress::Interrupted;
+use crate::rpc::formats::FormatError;
+use crate::scene::SceneError;
+use crate::simulate::SimulateError;
+use std::path::PathBuf;
+
+/// Why no model can be trained.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[non_exhaustive]
+#[allow(missing_docs)]
+pub enum LearnError {
+    /// A number of the configuration is out of range.
+    #[error("`{field}` is {found}, expected {expected}")]
+    Config {
+        /// The field.
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What is possible.
+        expected: &'static str,
+    },
+    /// The file of the configuration cannot be read or has other fields.
+    #[error("`{path}` is not a configuration: {reason}")]
+    #[diagnostic(help("`satgs learn --print-config` prints one"))]
+    ConfigFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The loss is not a finite number.
+    #[error("the loss of round {round} is not finite")]
+    #[diagnostic(help("a smaller `rate` may help"))]
+    NotFinite {
+        /// The round.
+        round: usize,
+    },
+    /// There is a training with another configuration.
+    #[error("`{path}` belongs to a training with another configuration")]
+    #[diagnostic(help("remove the folder, or choose another name for the model"))]
+    OtherTraining {
+        /// The checkpoint.
+        path: PathBuf,
+    },
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Simulate(#[from] SimulateError),
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Scene(#[from] SceneError),
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Site(#[from] SiteSceneError),
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Rpc(#[from] FormatError),
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Raster(#[from] RasterError),
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Predict(#[from] PredictError),
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Write(#[from] WriteError),
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Interrupted(#[from] Interrupted),
+}

@@ -1,0 +1,135 @@
+//! What photographs show of positions in the scene.
+//!
+//! Models know lengths in metres of satellite scenes. Photographs may be of a room or in any unit, so cameras and points are scaled
+//! first, such that splats have the spacing that the model was trained with.
+
+use super::image_features::{FEATURE_MAPS, FeatureMaps};
+use super::observer::{ImageObserver, ImageSample};
+use crate::frame::{CenterPx, Pixel, Point};
+use crate::io::Grid2;
+use crate::perspective::PinholeCamera;
+use crate::splat::pinhole::{PinholePicture, PinholeView};
+use crate::splat::splats::Splats;
+use rayon::prelude::*;
+
+/// A position further behind the surface than this, metres of the model, begins to be hidden.
+const BIAS_M: f64 = 1.0;
+/// Rate at which visibility falls with the distance behind that, per metre of the model.
+const RATE_PER_M: f64 = 1.0;
+
+/// Photographs, with a surface that tells what hides what.
+pub struct Photographs<'a> {
+    views: Vec<Photograph<'a>>,
+}
+
+/// A photograph, with the depths of the surface.
+struct Photograph<'a> {
+    view: &'a PinholeView,
+    camera: PinholeCamera,
+    features: FeatureMaps,
+    depth: Grid2,
+}
+
+impl<'a> Photographs<'a> {
+    /// The photographs of these views, whose scene is enlarged by `scale`. `surface` are splats on the enlarged surface.
+    #[must_use]
+    pub fn new(views: &'a [PinholeView], surface: &Splats, scale: f64) -> Self {
+        let of_view = |view: &'a PinholeView| {
+            let camera = PinholeCamera { center: scale * view.camera.center, ..view.camera };
+            let (width, height) = camera.size;
+            let features = FeatureMaps::of(width, height, |col, row| view.color(col, row));
+            Photograph { view, camera, features, depth: PinholePicture::render(surface, &camera).depth }
+        };
+        Self { views: views.iter().map(of_view).collect() }
+    }
+}
+
+impl ImageObserver for Photographs<'_> {
+    fn views(&self) -> usize {
+        self.views.len()
+    }
+
+    fn observe(&self, view: usize, position: [f64; 3]) -> Option<ImageSample> {
+        let Photograph { view, camera, depth, .. } = &self.views[view];
+        let [x, y, z] = position;
+        let px = camera.project(Point::new(x, y, z))?;
+        let color = between(view, px)?;
+        let own = camera.cam_from_site.row(2).dot(glam::DVec3::from_array(position) - camera.center);
+        let surface = f64::from(depth.at(px.col.round() as usize, px.row.round() as usize));
+        // Where there is no surface nothing hides the position.
+        let behind = if surface.is_nan() { 0.0 } else { (own - surface - BIAS_M).max(0.0) };
+        Some(ImageSample { color, visibility: (-RATE_PER_M * behind).exp() as f32, sunlight: 1.0 })
+    }
+
+    fn features(&self, view: usize, position: [f64; 3]) -> Option<[f32; FEATURE_MAPS]> {
+        let Photograph { camera, features, .. } = &self.views[view];
+        let [x, y, z] = position;
+        let px = camera.project(Point::new(x, y, z))?;
+        features.at(px.col, px.row)
+    }
+}
+
+/// The colour between the four pixels around a position; none if one of them has no data.
+fn between(view: &PinholeView, p: Pixel<CenterPx>) -> Option<[f32; 3]> {
+    let (width, height) = view.camera.size;
+    let last = |n: usize| n as f64 - 1.0;
+    if !(0.0..last(width)).contains(&p.col) || !(0.0..last(height)).contains(&p.row) {
+        return None;
+    }
+    let (col, row) = (p.col as usize, p.row as usize);
+    let (u, v) = ((p.col - col as f64) as f32, (p.row - row as f64) as f32);
+    let mut sum = [0.0; 3];
+    let weights =
+        [(0, 0, (1.0 - u) * (1.0 - v)), (1, 0, u * (1.0 - v)), (0, 1, (1.0 - u) * v), (1, 1, u * v)];
+    for (c, r, weight) in weights {
+        let rgb = view.color(col + c, row + r)?;
+        (0..3).for_each(|k| sum[k] += weight * rgb[k]);
+    }
+    Some(sum)
+}
+
+/// The splats of a scene that was enlarged by `scale`, at its own size.
+#[must_use]
+pub fn reduced(mut splats: Splats, scale: f64) -> Splats {
+    let (inverse, logarithm) = ((1.0 / scale) as f32, scale.ln() as f32);
+    splats.position.par_iter_mut().for_each(|p| p.iter_mut().for_each(|v| *v *= inverse));
+    splats.log_scale.par_iter_mut().for_each(|s| s.iter_mut().for_each(|v| *v -= logarithm));
+    splats
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DMat3, DVec2, DVec3};
+
+    #[test]
+    fn what_lies_behind_the_surface_is_hidden_at_any_scale() {
+        // The camera looks down the z axis from 10 units above a floor; each pixel has its column as brightness.
+        let camera = PinholeCamera {
+            cam_from_site: DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
+            center: DVec3::new(0.0, 0.0, 10.0),
+            focal: DVec2::splat(20.0),
+            principal: DVec2::splat(19.5),
+            size: (40, 40),
+        };
+        let plane = Grid2::from_fn(40, 40, |col, _| col as f32 / 255.0);
+        let view = PinholeView::new("v".into(), camera, &[plane.clone(), plane.clone(), plane]);
+        let scale = 3.0;
+        let mut floor = Splats::default();
+        for i in 0..10_000 {
+            let [x, y] = [i % 100, i / 100].map(|k| 0.3 * (k as f32 - 50.0));
+            floor.push([scale as f32 * x, scale as f32 * y, 0.0], 0.9, 0.99, [0.5; 3]);
+        }
+        let views = [view];
+        let images = Photographs::new(&views, &floor, scale);
+        let seen = images.observe(0, [6.0, 0.0, 0.2]).unwrap();
+        // 2 units beside the axis at a depth of 10: 4 pixels.
+        assert!((seen.color[0] * 255.0 - 23.5).abs() < 0.1 && seen.visibility > 0.99, "{seen:?}");
+        assert!(images.observe(0, [6.0, 0.0, -12.0]).unwrap().visibility < 0.01);
+        assert_eq!(images.observe(0, [6.0, 0.0, 40.0]), None);
+        let small = reduced(floor, scale);
+        assert!(
+            (small.position[0][0] + 15.0).abs() < 1e-4 && (small.log_scale[0][0].exp() - 0.3).abs() < 1e-5
+        );
+    }
+}

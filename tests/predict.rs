@@ -1,0 +1,179 @@
+//! Splats predicted from points in one pass: `satgs predict`, and what is refused.
+
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{refused, succeeds};
+use satgs::frame::{Point, SiteGrid, Transform};
+use satgs::io::{CloudPoint, ImageFile, PointCloud, VerticalReference};
+use serde_json::Value;
+use std::path::Path;
+
+/// A town, an adjusted run of it, and its exact surface as points.
+struct Town {
+    folder: tempfile::TempDir,
+}
+
+impl Town {
+    fn new() -> Self {
+        let town = Self { folder: tempfile::tempdir().unwrap() };
+        let scene = town.path("scene");
+        succeeds(&["simulate", &scene, "--views", "6", "--size", "160", "--held-out", "1", "-q"]);
+        succeeds(&["ba", &scene, "-o", &town.path("run"), "-q"]);
+        town
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    fn surface(&self) -> String {
+        self.path("scene/truth/TOWN_DSM.tif")
+    }
+
+    fn write(&self, name: &str, content: &[u8]) -> String {
+        std::fs::write(self.path(name), content).unwrap();
+        self.path(name)
+    }
+
+    fn bytes(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).unwrap()
+    }
+
+    /// The cells of the exact surface: map coordinates of its zone, and ellipsoidal heights.
+    fn points(&self) -> (u32, Vec<[f64; 3]>) {
+        let file = ImageFile::open(Path::new(&self.surface())).unwrap();
+        let (grid, heights) = (file.map_grid().unwrap(), file.read(1).unwrap());
+        let at = |i: usize| {
+            let p = grid.cell_center(i % grid.width, i / grid.width);
+            [p.x(), p.y(), f64::from(heights.data[i])]
+        };
+        (grid.epsg, (0..heights.data.len()).map(at).collect())
+    }
+
+    /// Predicts, and returns the summary.
+    fn predict(&self, out: &str, more: &[&str]) -> Value {
+        let (run, out) = (self.path("run"), self.path(out));
+        let output = succeeds(&[&["predict", &run, "-o", &out, "--json"][..], more].concat());
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+}
+
+/// One town for all checks: its adjustment takes longer than they do.
+#[test]
+fn splats_are_predicted_of_points_of_any_source_and_what_cannot_be_points_is_refused() {
+    let town = Town::new();
+    the_prediction_shows_the_town_and_training_goes_on_from_it(&town);
+    a_second_call_keeps_the_prediction_and_one_of_other_points_is_refused(&town);
+    clouds_in_another_zone_give_the_same_surface(&town);
+    wrong_points_and_models_are_refused_with_the_reason(&town);
+}
+
+fn the_prediction_shows_the_town_and_training_goes_on_from_it(town: &Town) {
+    let predicted = town.predict("predicted", &["--points", &town.surface(), "--threads", "1"]);
+    let splats = predicted["predict"]["splats"].as_u64().unwrap();
+    assert!(splats > 10_000, "{predicted}");
+    town.predict("again", &["--points", &town.surface(), "--threads", "2"]);
+    assert!(town.bytes("predicted/splats.ply") == town.bytes("again/splats.ply"));
+    let run = town.path("predicted");
+    succeeds(&["dsm", &run, "-q"]);
+    let scores = succeeds(&["dsm-eval", &town.path("predicted/dsm.tif"), &town.surface(), "--json"]);
+    let scores: Value = serde_json::from_slice(&scores.stdout).unwrap();
+    let text = scores.to_string();
+    assert!(text.contains("mae"), "{text}");
+    let network = score(town, "predicted");
+    town.predict("flat", &["--points", &town.surface(), "--without-network", "flat"]);
+    let flat = score(town, "flat");
+    assert!(network > flat + 1.0, "{network} dB with the network, {flat} dB without");
+    let trained = succeeds(&["train", &run, "--iterations", "3", "--json"]);
+    let trained: Value = serde_json::from_slice(&trained.stdout).unwrap();
+    assert_eq!(trained["train"]["splats_start"].as_u64(), Some(splats), "{trained}");
+}
+
+/// PSNR of the view that is held out, dB.
+fn score(town: &Town, run: &str) -> f64 {
+    let scores = succeeds(&["nvs-eval", &town.path(run), "--json"]);
+    let scores: Value = serde_json::from_slice(&scores.stdout).unwrap();
+    let found = find(&scores, "psnr_db").unwrap_or_else(|| panic!("{scores}"));
+    found.as_f64().unwrap()
+}
+
+/// The first value of this name.
+fn find<'a>(value: &'a Value, name: &str) -> Option<&'a Value> {
+    match value {
+        Value::Object(fields) => fields.get(name).or_else(|| fields.values().find_map(|v| find(v, name))),
+        Value::Array(items) => items.iter().find_map(|v| find(v, name)),
+        _ => None,
+    }
+}
+
+fn a_second_call_keeps_the_prediction_and_one_of_other_points_is_refused(town: &Town) {
+    let before = town.bytes("flat/splats.ply");
+    town.predict("flat", &["--points", &town.surface(), "--without-network", "flat"]);
+    assert!(town.bytes("flat/splats.ply") == before);
+    let (run, out, surface) = (town.path("run"), town.path("flat"), town.surface());
+    refused(&["predict", &run, "-o", &out, "--points", &surface], 2, &["--without-network"]);
+    refused(&["predict", &run, "-o", &run, "--points", &surface], 2, &["run"]);
+    let other = town.path("other");
+    succeeds(&["ba", &town.path("scene"), "-o", &other, "-q"]);
+    refused(&["predict", &run, "-o", &other, "--points", &surface], 2, &["holds another run"]);
+}
+
+fn clouds_in_another_zone_give_the_same_surface(town: &Town) {
+    let (epsg, points) = town.points();
+    let other = if epsg == 32631 { 32632 } else { 32631 };
+    let transform = Transform::new(epsg, other).unwrap();
+    let places = points.iter().map(|p| {
+        let (x, y) = transform.convert(p[0], p[1]);
+        Point::new(x, y, p[2])
+    });
+    let places: Vec<_> = places.collect();
+    let origin = Point::new(places[0].x().round(), places[0].y().round(), 0.0);
+    let cloud = PointCloud { epsg: other, vertical: &VerticalReference::Ellipsoid, origin };
+    let colored = |place: &Point<_>| CloudPoint { place: *place, color: [0.5; 3], intensity: 0 };
+    cloud.write(Path::new(&town.path("points.laz")), places.iter().map(colored)).unwrap();
+    let ply = |points: &[[f64; 3]], origin: [f64; 3]| {
+        let header = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\nend_header\n",
+            points.len()
+        );
+        let line = |p: &[f64; 3]| format!("{} {} {}\n", p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]);
+        header + &points.iter().map(line).collect::<String>()
+    };
+    let map = town.write("map.ply", ply(&points, [0.0; 3]).as_bytes());
+    let site = SiteGrid { epsg, origin: Point::new(points[0][0], points[0][1], 100.0) };
+    let local = town.write("local.ply", ply(&points, site.origin.xyz()).as_bytes());
+    satgs::io::write_georeference(Path::new(&local), &site).unwrap();
+    let expected = town.predict("of_raster", &["--points", &town.surface()]);
+    let splats = |summary: &Value| find(summary, "splats").and_then(Value::as_f64).unwrap();
+    for (k, file) in [town.path("points.laz"), map, local].into_iter().enumerate() {
+        let found = town.predict(&format!("of_{k}"), &["--points", &file]);
+        let ratio = splats(&found) / splats(&expected);
+        assert!((ratio - 1.0).abs() < 0.02, "{file}: {found} {expected}");
+    }
+}
+
+fn wrong_points_and_models_are_refused_with_the_reason(town: &Town) {
+    let (run, out) = (town.path("run"), town.path("out"));
+    let with = |option: &str, file: &str, says: &[&str]| {
+        refused(&["predict", &run, "-o", &out, option, file], 2, says);
+    };
+    let header = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+    let elsewhere = town.write("elsewhere.ply", format!("{header}1 2 3\n4 5 6\n").as_bytes());
+    with("--points", &elsewhere, &["0 points are left in the area", "at least 20"]);
+    let nan = town.write("nan.ply", format!("{header}nan nan nan\nnan 5 6\n").as_bytes());
+    with("--points", &nan, &["nan.ply", "no point of it"]);
+    let cut = town.write("cut.ply", format!("{header}1 2 3\n").as_bytes());
+    with("--points", &cut, &["cut.ply", "ends before the last"]);
+    let no_cloud = town.write("no.laz", b"LASF");
+    with("--points", &no_cloud, &["no.laz"]);
+    let image = town.path("scene/VIEW_01.tif");
+    with("--points", &image, &["VIEW_01.tif"]);
+    with("--points", &town.path("none.tif"), &["none.tif"]);
+    with("--points", &town.path("scene/test.txt"), &["expected a file that ends in"]);
+    let model = town.write("model.safetensors", b"\x08\0\0\0\0\0\0\0{}      ");
+    with("--model", &model, &["model.safetensors", "not a model of this version"]);
+    with("--model", &town.path("none.safetensors"), &["none.safetensors"]);
+    refused(&["predict", &town.path("scene"), "-o", &out], 2, &["satgs ba"]);
+}
