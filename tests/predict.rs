@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{refused, succeeds};
+use common::{refused, satgs, succeeds, text};
 use satgs::frame::{Point, SiteGrid, Transform};
 use satgs::io::{CloudPoint, ImageFile, PointCloud, VerticalReference};
 use serde_json::Value;
@@ -72,7 +72,7 @@ fn splats_are_predicted_of_points_of_any_source_and_what_cannot_be_points_is_ref
 
 fn the_prediction_shows_the_town_and_training_goes_on_from_it(town: &Town) {
     let predicted = town.predict("predicted", &["--points", &town.surface(), "--threads", "1"]);
-    let splats = predicted["predict"]["splats"].as_u64().unwrap();
+    let splats = predicted["splats"].as_u64().unwrap();
     assert!(splats > 10_000, "{predicted}");
     town.predict("again", &["--points", &town.surface(), "--threads", "2"]);
     assert!(town.bytes("predicted/splats.ply") == town.bytes("again/splats.ply"));
@@ -88,7 +88,7 @@ fn the_prediction_shows_the_town_and_training_goes_on_from_it(town: &Town) {
     assert!(network > flat + 1.0, "{network} dB with the network, {flat} dB without");
     let trained = succeeds(&["train", &run, "--iterations", "3", "--json"]);
     let trained: Value = serde_json::from_slice(&trained.stdout).unwrap();
-    assert_eq!(trained["train"]["splats_start"].as_u64(), Some(splats), "{trained}");
+    assert_eq!(trained["splats_start"].as_u64(), Some(splats), "{trained}");
 }
 
 /// PSNR of the view that is held out, dB.
@@ -164,6 +164,13 @@ fn wrong_points_and_models_are_refused_with_the_reason(town: &Town) {
     with("--points", &elsewhere, &["0 points are left in the area", "at least 20"]);
     let nan = town.write("nan.ply", format!("{header}nan nan nan\nnan 5 6\n").as_bytes());
     with("--points", &nan, &["nan.ply", "no point of it"]);
+    // Heights that are 20 m too high, as of another vertical reference.
+    let (_, points) = town.points();
+    let line = |p: &[f64; 3]| format!("{} {} {}\n", p[0], p[1], p[2] + 20.0);
+    let count = header.replace("vertex 2", &format!("vertex {}", points.len())).replace("float", "double");
+    let high = town.write("high.ply", (count + &points.iter().map(line).collect::<String>()).as_bytes());
+    let said = satgs(&["predict", &run, "-o", &town.path("high"), "--points", &high]);
+    assert!(text(&said).contains("above the tie points"), "{}", text(&said));
     let cut = town.write("cut.ply", format!("{header}1 2 3\n").as_bytes());
     with("--points", &cut, &["cut.ply", "ends before the last"]);
     let no_cloud = town.write("no.laz", b"LASF");
@@ -176,4 +183,35 @@ fn wrong_points_and_models_are_refused_with_the_reason(town: &Town) {
     with("--model", &model, &["model.safetensors", "not a model of this version"]);
     with("--model", &town.path("none.safetensors"), &["none.safetensors"]);
     refused(&["predict", &town.path("scene"), "-o", &out], 2, &["satgs ba"]);
+}
+
+#[test]
+fn splats_of_photographs_are_predicted_from_their_points_and_training_goes_on_from_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (room, out, flat) = (path("room"), path("out"), path("flat"));
+    succeeds(&["simulate", &room, "--room", "--views", "10", "--size", "160", "-q"]);
+    let predict = |out: &str, more: &[&str]| {
+        let output =
+            succeeds(&[&["predict", &room, "-o", out, "--test-views", "5", "--json"][..], more].concat());
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()
+    };
+    let predicted = predict(&out, &[]);
+    predict(&flat, &["--without-network", "flat"]);
+    let psnr = |run: &str| {
+        let scores = succeeds(&["nvs-eval", run, "--json"]);
+        find(&serde_json::from_slice(&scores.stdout).unwrap(), "psnr_db").unwrap().as_f64().unwrap()
+    };
+    // Two walls have no points: most of what is wrong is the same for both.
+    assert!(psnr(&out) > psnr(&flat) - 1.0, "{} {}", psnr(&out), psnr(&flat));
+    let splats = satgs::splat::ply::read(&Path::new(&out).join("splats.ply")).unwrap();
+    let inside = splats.position.iter().filter(|p| (0..3).all(|k| p[k].abs() < 2.7)).count();
+    assert!(inside > 20_000 && inside * 100 > splats.len() * 98, "{inside} of {}", splats.len());
+    let trained = succeeds(&["train", &out, "--iterations", "3", "--json"]);
+    let trained: Value = serde_json::from_slice(&trained.stdout).unwrap();
+    assert_eq!(find(&trained, "splats_start"), find(&predicted, "splats"));
+    let lidar = folder.path().join("points.laz");
+    std::fs::write(&lidar, b"LASF").unwrap();
+    let lidar = lidar.to_str().unwrap();
+    refused(&["predict", &room, "-o", &path("other"), "--points", lidar], 2, &["no place on Earth"]);
 }

@@ -10,7 +10,8 @@ use std::path::PathBuf;
 /// Towns are simulated one after the other; points are drawn from their exact surfaces with the errors, holes and outliers of
 /// stereo matching, and thinned to 1 to 100 %. The network learns to predict splats whose renders agree with images that it does
 /// not see. Beside OUT.safetensors, the folder OUT.learn gets learn.csv (a line for each round; scores of towns that are not
-/// learned from in dB, of the network and of untrained splats on the same points), curves.svg, a checkpoint, and the towns
+/// learned from in dB, of the network and of untrained splats on the same points), curves.svg, the same scores by the part of the
+/// points (points.csv, points.svg), a checkpoint, and the towns
 /// (about 5 MB each; may be removed afterwards). An interrupted training goes on with the same command, and gives the same model.
 ///
 ///   satgs learn --print-config > learn.toml

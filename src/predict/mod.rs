@@ -24,6 +24,8 @@ pub mod observer;
 pub mod photographs;
 pub mod queries;
 pub mod reference;
+#[cfg(test)]
+mod tests;
 pub mod tiles;
 
 pub use cloud::{CleanUp, Cloud, FEWEST_POINTS};

@@ -10,6 +10,7 @@ use crate::mvs::MatchedSurface;
 use crate::pipeline::cameras::require_images;
 use crate::pipeline::stage::{Fingerprint, Outcome, hash_file};
 use crate::pipeline::{PipelineError, TrainOptions, TrainedCameras, read_scene, relocation};
+use crate::predict::FEWEST_POINTS;
 use crate::progress::{Event, Progress};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, FIRST_SURFACE, PREDICTED, PREDICTED_LIGHTS, SCENE, STAGE, SURFACE,
@@ -18,8 +19,15 @@ use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
 use crate::splat::ply;
 use crate::splat::train::recipe::Recipe;
+use crate::stats::quantile;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+
+/// Points and tie points at the same place, in level cells of this side, metres, differ by less unless heights are of different
+/// vertical references.
+const MOST_OFFSET_M: f64 = 3.0;
+const OFFSET_CELL_M: f64 = 2.0;
 
 /// Where points come from.
 enum Source<'a> {
@@ -84,9 +92,17 @@ pub fn predict(
             let text = "predicting from the sparse points, which are few: --points takes a surface model or a point cloud, and a \
                         run that was trained has a matched surface";
             progress.event(Event::Warning(text.into()));
-            sparse
+            sparse.clone()
         }
     };
+    if let Some(above_m) = offset_m(&points, &sparse).filter(|offset| offset.abs() > MOST_OFFSET_M) {
+        progress.event(Event::Warning(format!(
+            "the points lie {:.1} m {} the tie points of the adjustment (median): are their heights above the ellipsoid? `satgs align` \
+             moves a trained run onto a surface",
+            above_m.abs(),
+            if above_m > 0.0 { "above" } else { "below" },
+        )));
+    }
     let start = Instant::now();
     let made = of_points(&setup, &views, &points, &model, options.without_network, progress)?;
     let seconds = start.elapsed().as_secs_f64();
@@ -121,6 +137,19 @@ fn setup_of(run: &Path, scene: &Scene) -> Result<(SiteScene, Recipe, Vec<[f64; 3
     };
     let sparse = setup.sparse(&points).iter().map(|p| p.xyz()).collect();
     Ok((setup, recipe, sparse))
+}
+
+/// Median height of points above the sparse points at the same place, metres; none if too few lie at the same places.
+fn offset_m(points: &[[f64; 3]], sparse: &[[f64; 3]]) -> Option<f64> {
+    let cell = |p: &[f64; 3]| [p[0], p[1]].map(|v| (v / OFFSET_CELL_M).floor() as i64);
+    let mut sums: HashMap<[i64; 2], (f64, f64)> = HashMap::new();
+    for p in points.iter().filter(|p| p.iter().all(|v| v.is_finite())) {
+        let (sum, count) = sums.entry(cell(p)).or_default();
+        (*sum, *count) = (*sum + p[2], *count + 1.0);
+    }
+    let above = |p: &[f64; 3]| sums.get(&cell(p)).map(|(sum, count)| sum / count - p[2]);
+    let offsets: Vec<f64> = sparse.iter().filter_map(above).collect();
+    (offsets.len() >= FEWEST_POINTS).then(|| quantile(offsets, 0.5)).flatten()
 }
 
 /// Copies what `train` and `dsm` read of an adjusted run.

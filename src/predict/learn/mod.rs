@@ -22,7 +22,7 @@ use super::Model;
 use super::model::ModelContent;
 use super::network::NetworkEvaluation;
 use crate::checkpoint;
-use crate::io::{Chart, WriteError, write_atomically};
+use crate::io::{Chart, WriteError, write_atomically, write_file};
 use crate::nn::adam::{Adam, AdamRule};
 use crate::progress::{Event, NoProgress, Progress};
 use crate::random::CounterRng;
@@ -71,6 +71,8 @@ pub struct Validation {
     pub sparse: [f64; 3],
 }
 
+/// Parts of the points of the clouds by which a trained model is scored.
+const SHARES: [f64; 5] = [1.0, 0.3, 0.1, 0.03, 0.01];
 /// Parts of the points of the two clouds of a validation town.
 const VALIDATION_SHARES: [f64; 2] = [1.0, 0.05];
 
@@ -84,8 +86,8 @@ struct State {
     log: Vec<LearnLine>,
 }
 
-/// Trains a model and writes it to `out`. `folder` keeps the towns, a checkpoint, the log `learn.csv` and its curves; a training
-/// that is there goes on.
+/// Trains a model and writes it to `out`. `folder` keeps the towns, a checkpoint, the log `learn.csv`, scores of unseen towns by the
+/// part of the points (`points.csv`), and their curves; a training that is there goes on.
 ///
 /// # Errors
 /// [`LearnError`]; after [`LearnError::Interrupted`] the same call goes on.
@@ -102,7 +104,7 @@ pub fn learn(
         stage: "simulating towns for validation",
         total: config.validation_towns as u64,
     });
-    let validation = validation_samples(config, folder, progress)?;
+    let validation = validation_samples(config, folder, VALIDATION_SHARES, progress)?;
     progress.event(Event::Finished);
     progress.event(Event::Started { stage: "training the network", total: config.rounds as u64 });
     progress.event(Event::Resumable(true));
@@ -138,6 +140,9 @@ pub fn learn(
     progress.event(Event::Finished);
     write_log(&folder.join("learn.csv"), &state.log)?;
     curves(&state.log).write(&folder.join("curves.svg"))?;
+    let by_share = scores_by_share(&state.model(), config, folder, progress)?;
+    write_scores_by_share(&folder.join("points.csv"), &by_share)?;
+    curves_by_share(&by_share).write(&folder.join("points.svg"))?;
     state.model().write(out)?;
     Ok(state.log)
 }
@@ -161,19 +166,20 @@ fn round_samples(config: &LearnConfig, folder: &Path, round: usize) -> Result<Ve
     Ok(samples(&Arc::new(town), &config.sampling, config.seed, round as u64, share, config.tiles)?)
 }
 
-/// The samples of unseen towns, for each of [`VALIDATION_SHARES`].
-fn validation_samples(
+/// The samples of unseen towns, for each part of the points.
+fn validation_samples<const N: usize>(
     config: &LearnConfig,
     folder: &Path,
+    shares: [f64; N],
     progress: &dyn Progress,
-) -> Result<[Vec<Sample>; 2], LearnError> {
-    let mut out = [Vec::new(), Vec::new()];
+) -> Result<[Vec<Sample>; N], LearnError> {
+    let mut out = std::array::from_fn(|_| Vec::new());
     for k in 0..config.validation_towns as u64 {
         progress.check()?;
         let seed = VALIDATION_SEED + k;
         let town = Town::load(&folder.join(format!("towns/{seed}")), &config.town(seed), &NoProgress)?;
         let town = Arc::new(town);
-        for (own, share) in out.iter_mut().zip(VALIDATION_SHARES) {
+        for (own, share) in out.iter_mut().zip(shares) {
             let cloud = VALIDATION_CLOUD + k;
             own.extend(samples(&town, &config.sampling, config.seed, cloud, share, VALIDATION_TILES)?);
         }
@@ -184,17 +190,53 @@ fn validation_samples(
 
 /// Scores of a model.
 fn validate(model: &Model, validation: &[Vec<Sample>; 2]) -> Validation {
-    let [dense, sparse] = validation.each_ref().map(|samples| {
-        let mut sums = [0.0; 3];
-        for sample in samples {
-            let splats = [&predicted(model, sample), &sample.references[0], &sample.references[1]];
-            for (sum, splats) in sums.iter_mut().zip(splats) {
-                *sum -= 10.0 * squared_error(sample, splats).log10() / samples.len() as f64;
-            }
-        }
-        sums
-    });
+    let [dense, sparse] = validation.each_ref().map(|samples| mean_psnr_db(model, samples));
     Validation { dense, sparse }
+}
+
+/// Mean peak signal-to-noise ratios of some samples in dB: of the prediction, of isotropic and of flat splats of the same points.
+fn mean_psnr_db(model: &Model, samples: &[Sample]) -> [f64; 3] {
+    let mut sums = [0.0; 3];
+    for sample in samples {
+        let splats = [&predicted(model, sample), &sample.references[0], &sample.references[1]];
+        for (sum, splats) in sums.iter_mut().zip(splats) {
+            *sum -= 10.0 * squared_error(sample, splats).log10() / samples.len() as f64;
+        }
+    }
+    sums
+}
+
+/// The scores of unseen towns for each of [`SHARES`].
+fn scores_by_share(
+    model: &Model,
+    config: &LearnConfig,
+    folder: &Path,
+    progress: &dyn Progress,
+) -> Result<Vec<(f64, [f64; 3])>, LearnError> {
+    let samples = validation_samples(config, folder, SHARES, progress)?;
+    let scored = SHARES.iter().zip(&samples).filter(|(_, samples)| !samples.is_empty());
+    Ok(scored.map(|(share, samples)| (*share, mean_psnr_db(model, samples))).collect())
+}
+
+fn write_scores_by_share(path: &Path, scores: &[(f64, [f64; 3])]) -> Result<(), WriteError> {
+    let row = |(share, [network, isotropic, flat]): &(f64, [f64; 3])| {
+        format!("{share},{network:.3},{isotropic:.3},{flat:.3}\n")
+    };
+    let header = "share_of_points,psnr_db,psnr_isotropic_db,psnr_flat_db\n";
+    write_file(path, header.to_owned() + &scores.iter().map(row).collect::<String>())
+}
+
+/// Curves of the scores over the logarithm of the part of the points.
+fn curves_by_share(scores: &[(f64, [f64; 3])]) -> Chart {
+    let line = |name: &str, k: usize| {
+        (name.to_owned(), scores.iter().map(|(share, psnr)| (share.log10(), psnr[k])).collect())
+    };
+    Chart {
+        title: "Unseen towns, fewer points".into(),
+        x: "decimal logarithm of the part of the points".into(),
+        y: "PSNR, dB".into(),
+        lines: vec![line("network", 0), line("isotropic splats", 1), line("flat splats", 2)],
+    }
 }
 
 impl State {
