@@ -2,8 +2,9 @@
 
 use super::{CliError, Ui, ending};
 use crate::predict::learn::{LearnConfig, LearnLine, Validation, learn};
+use crate::predict::{Model, write_onnx};
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Train the network by which `satgs predict` makes splats from points, on simulated towns
 ///
@@ -20,9 +21,13 @@ use std::path::PathBuf;
 #[derive(clap::Args, Clone, Debug)]
 #[command(verbatim_doc_comment)]
 pub struct Args {
-    /// The model to write
-    #[arg(value_name = "OUT.safetensors", value_parser = ending(&["safetensors"]), required_unless_present = "print_config")]
+    /// The model to write; with --from also an ONNX file
+    #[arg(value_name = "OUT", value_parser = ending(&["safetensors", "onnx"]), required_unless_present = "print_config")]
     out: Option<PathBuf>,
+    /// Do not train, but write this model (`built-in` for the one that comes with satgs) as OUT: an ONNX file for other programs, or
+    /// as the example of what `satgs predict --model FILE.onnx` takes
+    #[arg(long, value_name = "FILE.safetensors|built-in", conflicts_with = "config")]
+    from: Option<PathBuf>,
     /// Numbers of towns, rounds and steps, learning rate, sizes of the network; what is absent is as in --print-config
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
@@ -49,10 +54,29 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let Some(out) = &args.out else {
         return ui.summary("learn", Some(&config.to_toml()), &config);
     };
+    if let Some(from) = &args.from {
+        return convert(from, out, ui);
+    }
+    if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("onnx")) {
+        let hint = "train OUT.safetensors, then write it with --from OUT.safetensors";
+        return Err(CliError::input("an ONNX file can only be written with --from", hint));
+    }
     let log = learn(out, &out.with_extension("learn"), &config, ui)?;
     let validation = log.iter().rev().find_map(|line: &LearnLine| line.validation);
     let summary = Summary { model: out.clone(), rounds: log.len(), validation };
     ui.summary("learn", Some(&text(&summary)), &summary)
+}
+
+/// Writes a model in another format.
+fn convert(from: &Path, out: &Path, ui: &Ui) -> Result<(), CliError> {
+    let model = if from == Path::new("built-in") { Model::built_in()? } else { Model::read(from)? };
+    if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("onnx")) {
+        write_onnx(&model, out)?;
+    } else {
+        model.write(out)?;
+    }
+    let text = format!("{}: {} parameters", out.display(), model.parameters.len());
+    ui.summary("learn", Some(&text), &model.content)
 }
 
 fn text(s: &Summary) -> String {

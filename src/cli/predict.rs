@@ -30,8 +30,9 @@ pub struct Args {
     /// points, else those of its depth maps]
     #[arg(long, value_name = "FILE", value_parser = ending(&POINT_ENDINGS))]
     points: Option<PathBuf>,
-    /// Model, made by `satgs learn` [default: the one that comes with satgs]
-    #[arg(long, value_name = "FILE.safetensors")]
+    /// Model, made by `satgs learn`, or a network of yours with the inputs and the output that `satgs learn OUT.onnx --from built-in`
+    /// has [default: the one that comes with satgs]
+    #[arg(long, value_name = "FILE.safetensors|FILE.onnx")]
     model: Option<PathBuf>,
     /// Make a splat of each point without a network, to compare with: isotropic, or flat along the surface
     #[arg(long, value_name = "KIND", conflicts_with = "model")]

@@ -494,6 +494,7 @@ impl PipelineError {
             | Self::TrainingInterrupted { .. }
             | Self::Bundle(BundleError::Interrupted(_))
             | Self::Prior(PriorError::Interrupted { .. })
+            | Self::Predict(PredictError::Interrupted(_))
             | Self::Learn(LearnError::Interrupted(_) | LearnError::Simulate(SimulateError::Interrupted(_)))
             | Self::Simulate(SimulateError::Interrupted(_)) => ErrorKind::Interrupted,
             Self::Json { .. }

@@ -8,7 +8,7 @@ use crate::dsm::altitudes;
 use crate::frame::{Point, Site};
 use crate::io::write_json;
 use crate::mvs::{MatchError, MatchedSurface, PlaneSweep};
-use crate::predict::Model;
+use crate::predict::Predictor;
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SNAPSHOTS, SURFACE, TRAINING};
 use crate::scene::Scene;
@@ -103,7 +103,7 @@ impl<'a> Training<'a> {
             Some(surface) => predict::of_surface(surface),
             None => self.sparse.iter().map(|p| p.xyz()).collect(),
         };
-        let model = Model::built_in()?;
+        let model = Predictor::built_in()?;
         let made = predict::of_points(&self.setup, views, &points, &model, None, progress)?;
         Ok(Some((made.splats, made.lights)))
     }

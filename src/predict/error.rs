@@ -1,6 +1,8 @@
 //! Errors of predicting splats and of the models that predict them.
 
 use crate::io::WriteError;
+use crate::nn::onnx::OnnxError;
+use crate::progress::Interrupted;
 use std::path::PathBuf;
 
 /// Why no splats can be predicted, or why a model cannot be used.
@@ -35,6 +37,14 @@ pub enum PredictError {
         /// What is wrong.
         reason: String,
     },
+    /// A network of others cannot be read or evaluated.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Onnx(#[from] OnnxError),
+    /// The caller asked to stop.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Interrupted(#[from] Interrupted),
     /// A file of a model cannot be written.
     #[error(transparent)]
     #[diagnostic(transparent)]

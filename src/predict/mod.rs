@@ -22,6 +22,7 @@ pub mod model;
 pub mod network;
 pub mod observer;
 pub mod photographs;
+pub mod predictor;
 pub mod queries;
 pub mod reference;
 #[cfg(test)]
@@ -32,6 +33,7 @@ pub use cloud::{CleanUp, Cloud, FEWEST_POINTS};
 pub use error::PredictError;
 pub use model::Model;
 pub use observer::{ImageObserver, ImageSample};
+pub use predictor::{Predictor, write_onnx};
 pub use tiles::predict;
 
 use serde::{Deserialize, Serialize};
@@ -48,6 +50,20 @@ pub struct SplatSampling {
     pub densify: bool,
     /// Whether splats move from where they were sampled.
     pub offsets: bool,
+}
+
+/// Spacings of points that are possible, metres.
+const SPACINGS_M: std::ops::RangeInclusive<f64> = 0.01..=100.0;
+
+impl SplatSampling {
+    /// A sentence that says which spacing is out of range, if one is.
+    fn check(&self) -> Result<(), String> {
+        let Self { spacing_m, key_spacing_m, .. } = self;
+        let is_sound = [spacing_m, key_spacing_m].iter().all(|m| SPACINGS_M.contains(*m));
+        let wrong =
+            || format!("its spacings of {spacing_m} and {key_spacing_m} m are not between 0.01 and 100 m");
+        if is_sound { Ok(()) } else { Err(wrong()) }
+    }
 }
 
 impl Default for SplatSampling {

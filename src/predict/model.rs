@@ -19,8 +19,6 @@ const FORMAT: &str = "satgs points to splats 1";
 const PARAMETERS: &str = "parameters";
 /// The model that comes with the program.
 const BUILT_IN: &[u8] = include_bytes!("../../data/models/points-to-splats.safetensors");
-/// Spacings of points that are read, metres.
-const SPACINGS_M: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 
 /// A trained model.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,12 +88,7 @@ fn decode(bytes: &[u8]) -> Result<Model, String> {
     let metadata = header.metadata().clone().unwrap_or_default();
     let text = metadata.get(FORMAT).ok_or_else(|| format!("its metadata lack `{FORMAT}`"))?;
     let content: ModelContent = serde_json::from_str(text).map_err(|e| format!("`{FORMAT}`: {e}"))?;
-    let SplatSampling { spacing_m, key_spacing_m, .. } = content.sampling;
-    if ![spacing_m, key_spacing_m].iter().all(|m| SPACINGS_M.contains(m)) {
-        return Err(format!(
-            "its spacings of {spacing_m} and {key_spacing_m} m are not between 0.01 and 100 m"
-        ));
-    }
+    content.sampling.check()?;
     if !content.network.is_sound() {
         return Err("the shape of its network is out of range".into());
     }

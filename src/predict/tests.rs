@@ -5,7 +5,7 @@ use super::input::SeenCloud;
 use super::light::Light;
 use super::model::ModelContent;
 use super::network::SplatNetwork;
-use super::{Cloud, ImageObserver, ImageSample, Model, predict};
+use super::{Cloud, ImageObserver, ImageSample, Model, Predictor, predict, write_onnx};
 use crate::progress::NoProgress;
 use crate::random::CounterRng;
 use crate::splat::splats::Splats;
@@ -52,12 +52,16 @@ fn points(origin: [f64; 3]) -> Vec<[f64; 3]> {
 }
 
 fn splats(points: &[[f64; 3]], origin: [f64; 3]) -> Splats {
+    splats_by(&random_model().into(), points, origin)
+}
+
+fn splats_by(predictor: &Predictor, points: &[[f64; 3]], origin: [f64; 3]) -> Splats {
     let (cloud, _) = Cloud::new(points, 0.5).unwrap();
     let images = Painted { origin };
     let lights = [Light::default(); 2];
     let seen = SeenCloud::new(&cloud, &images, &lights);
     let [x, y, _] = origin;
-    predict(&random_model(), &seen, (x, y, x + 70.0, y + 20.0), true, &NoProgress).unwrap()
+    predict(predictor, &seen, (x, y, x + 70.0, y + 20.0), true, &NoProgress).unwrap()
 }
 
 #[test]
@@ -86,6 +90,23 @@ fn a_shifted_scene_has_the_same_splats_shifted() {
         }
     }
     assert!(off < 1e-3, "{off}");
+}
+
+#[test]
+fn the_network_as_an_onnx_file_gives_the_same_splats() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.onnx");
+    write_onnx(&random_model(), &path).unwrap();
+    let points: Vec<[f64; 3]> = points([0.0; 3]).into_iter().step_by(7).collect();
+    let own = splats(&points, [0.0; 3]);
+    let other = splats_by(&Predictor::read(&path).unwrap(), &points, [0.0; 3]);
+    assert_eq!(own.len(), other.len());
+    for (a, b) in own.groups().into_iter().flatten().zip(other.groups().into_iter().flatten()) {
+        assert!((a - b).abs() < 1e-4 * a.abs().max(1.0), "{a} {b}");
+    }
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(Predictor::read(&path).is_err());
 }
 
 #[test]

@@ -2,10 +2,9 @@
 
 use super::head::Head;
 use super::input::{SeenCloud, TileInput};
-use super::network::NetworkEvaluation;
-use super::{Model, SplatSampling};
+use super::{PredictError, Predictor, SplatSampling};
 use crate::frame::SiteBox;
-use crate::progress::{Event, Interrupted, Progress};
+use crate::progress::{Event, Progress};
 use crate::splat::edit::Edit;
 use crate::splat::splats::{Splats, logit};
 use rayon::prelude::*;
@@ -28,15 +27,15 @@ pub fn head(sampling: &SplatSampling, cloud_spacing_m: f64) -> Head {
 /// `has_walls` adds walls without points, which clouds from above lack.
 ///
 /// # Errors
-/// [`Interrupted`] if `progress` asks to stop.
+/// [`PredictError::Interrupted`] if `progress` asks to stop, [`PredictError::Onnx`] if a network of others cannot be evaluated.
 pub fn predict(
-    model: &Model,
+    predictor: &Predictor,
     seen: &SeenCloud,
     area: SiteBox,
     has_walls: bool,
     progress: &dyn Progress,
-) -> Result<Splats, Interrupted> {
-    let sampling = &model.content.sampling;
+) -> Result<Splats, PredictError> {
+    let sampling = predictor.sampling();
     let head = head(sampling, seen.cloud.spacing_m());
     let tiles = tiles(area);
     progress.event(Event::Started { stage: "predicting splats", total: tiles.len() as u64 });
@@ -47,12 +46,15 @@ pub fn predict(
     for group in tiles.chunks(each) {
         progress.check()?;
         let of_tile = |tile: &[f64; 4]| {
-            let TileInput { network: input, bases } = seen.tile(sampling, *tile, has_walls)?;
-            let mut evaluation = NetworkEvaluation::new(&model.content.network);
-            Some(head.splats(evaluation.forward(&model.parameters, &input), &bases))
+            let Some(TileInput { network: input, bases }) = seen.tile(sampling, *tile, has_walls) else {
+                return Ok(Splats::default());
+            };
+            Ok(head.splats(&predictor.outputs(&input)?, &bases))
         };
-        let splats: Vec<Option<Splats>> = group.par_iter().map(of_tile).collect();
-        splats.into_iter().flatten().for_each(|splats| out.append(splats));
+        let splats: Vec<Result<Splats, PredictError>> = group.par_iter().map(of_tile).collect();
+        for splats in splats {
+            out.append(splats?);
+        }
         done += group.len();
         progress.event(Event::Advanced { done: done as u64, status: format!("{} splats", out.len()) });
     }

@@ -58,6 +58,16 @@ pub enum OnnxError {
         /// The shape of a picture.
         expected: &'static str,
     },
+    /// The graph has other inputs.
+    #[error("`{path}` takes {found}; expected {expected}")]
+    Names {
+        /// The file.
+        path: PathBuf,
+        /// Names of its inputs.
+        found: String,
+        /// Expected names.
+        expected: String,
+    },
     /// The graph has no output.
     #[error("`{path}` gives no output")]
     NoOutput {

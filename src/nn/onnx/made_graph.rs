@@ -2,6 +2,7 @@
 
 #![allow(dead_code, missing_docs, clippy::unwrap_used)]
 
+pub use super::writer::{block, float_tensor, int, int64_tensor, ints, node, number, tensor};
 use std::path::PathBuf;
 
 /// A graph with the input `x`, as ONNX bytes; sides of -1 are open.
@@ -33,54 +34,7 @@ impl Graph {
     }
 }
 
-pub fn varint(mut value: u64) -> Vec<u8> {
-    let mut out = Vec::new();
-    while value > 0x7F {
-        out.push(value as u8 | 0x80);
-        value >>= 7;
-    }
-    out.push(value as u8);
-    out
-}
-
-pub fn number(field: u64, value: i64) -> Vec<u8> {
-    [varint(field << 3), varint(value as u64)].concat()
-}
-
-pub fn block(field: u64, content: &[u8]) -> Vec<u8> {
-    [varint(field << 3 | 2), varint(content.len() as u64), content.to_vec()].concat()
-}
-
-pub fn node(op_type: &str, inputs: &[&str], outputs: &[&str], attributes: &[Vec<u8>]) -> Vec<u8> {
-    let name = op_type.to_lowercase();
-    let names =
-        inputs.iter().map(|i| block(1, i.as_bytes())).chain(outputs.iter().map(|o| block(2, o.as_bytes())));
-    let own = [block(3, name.as_bytes()), block(4, op_type.as_bytes())];
-    names.chain(own).chain(attributes.iter().cloned()).flatten().collect()
-}
-
-pub fn ints(name: &str, values: &[i64]) -> Vec<u8> {
-    let values: Vec<u8> = values.iter().flat_map(|v| number(8, *v)).collect();
-    block(5, &[block(1, name.as_bytes()), values, number(20, 7)].concat())
-}
-
-pub fn int(name: &str, value: i64) -> Vec<u8> {
-    block(5, &[block(1, name.as_bytes()), number(3, value), number(20, 2)].concat())
-}
-
+/// An attribute with text.
 pub fn text(name: &str, value: &str) -> Vec<u8> {
     block(5, &[block(1, name.as_bytes()), block(4, value.as_bytes()), number(20, 3)].concat())
-}
-
-pub fn float_tensor(name: &str, dims: &[i64], values: &[f32]) -> Vec<u8> {
-    tensor(name, dims, 1, values.iter().flat_map(|v| v.to_le_bytes()).collect())
-}
-
-pub fn int64_tensor(name: &str, values: &[i64]) -> Vec<u8> {
-    tensor(name, &[values.len() as i64], 7, values.iter().flat_map(|v| v.to_le_bytes()).collect())
-}
-
-pub fn tensor(name: &str, dims: &[i64], data_type: i64, raw: Vec<u8>) -> Vec<u8> {
-    let dims: Vec<u8> = dims.iter().flat_map(|d| number(1, *d)).collect();
-    [dims, number(2, data_type), block(8, name.as_bytes()), block(9, &raw)].concat()
 }

@@ -1,11 +1,15 @@
-//! Networks that a user brings as ONNX files and that take one picture, evaluated with rten.
+//! Networks that a user brings as ONNX files, evaluated with rten: those that take one picture, and those with named inputs. ONNX
+//! files that are written.
 
 mod error;
 mod graph;
 mod model;
+mod named;
+pub(crate) mod writer;
 
 pub use error::OnnxError;
 pub(crate) use model::{MOST_SIDE_PX, Normalization, OnnxModel, OnnxOutput, OnnxTensor};
+pub(crate) use named::{NamedInput, NamedModel};
 
 #[cfg(test)]
 pub(crate) mod made_graph;

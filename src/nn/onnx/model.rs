@@ -130,7 +130,7 @@ impl OnnxModel {
 }
 
 /// Checks that a file is a whole ONNX model which rten computes as written.
-fn check_file(path: &Path) -> Result<(), OnnxError> {
+pub(super) fn check_file(path: &Path) -> Result<(), OnnxError> {
     let bytes = std::fs::read(path).map_err(|cause| OnnxError::Read { path: path.into(), cause })?;
     check(&bytes).map_err(|fault| match fault {
         Fault::Damaged { at, reason } => OnnxError::Damaged { path: path.into(), at, reason },
@@ -167,6 +167,6 @@ fn wrong_input(model: &Model, path: &Path, expected: &'static str) -> OnnxError 
 }
 
 /// What the runtime returns, with its error as a cause.
-fn caused<T, E: Into<Cause>>(run: impl FnOnce() -> Result<T, E>) -> Result<T, Cause> {
+pub(super) fn caused<T, E: Into<Cause>>(run: impl FnOnce() -> Result<T, E>) -> Result<T, Cause> {
     run().map_err(Into::into)
 }

@@ -4,7 +4,7 @@ use super::super::{PipelineError, TrainOptions, predict};
 use super::start_pictures::write_pictures;
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveScene, PerspectiveView, ScenePoint, points_from_depths};
-use crate::predict::Model;
+use crate::predict::Predictor;
 use crate::prior::{
     AlignedStart, AlignmentQuality, Completion, DenseSummary, DenseView, DepthPrior, FEWEST_POINTS,
     PixelColor, StartView, aligned_start, dense_start,
@@ -70,7 +70,8 @@ pub(super) fn splats_at_start(
     let points = start_points(scene)?;
     if options.predict {
         let positions: Vec<[f64; 3]> = points.iter().map(|p| p.position.xyz()).collect();
-        let made = predict::of_photographed_points(views, &positions, &Model::built_in()?, None, progress)?;
+        let made =
+            predict::of_photographed_points(views, &positions, &Predictor::built_in()?, None, progress)?;
         return Ok(trainable(made.splats, recipe));
     }
     let start = recipe.perspective.map_or(StartPoints::default(), |p| p.start_points);

@@ -9,7 +9,7 @@ use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
 use super::{PipelineError, RunLock, perspective};
 use crate::io::{read_json, remove_if_there};
 use crate::perspective::{PerspectiveOptions, PerspectiveScene};
-use crate::predict::{CleanUp, Model};
+use crate::predict::{CleanUp, Predictor};
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, PREDICTED, PREDICTED_LIGHTS, SCENE, SPLATS, STAGE};
 use crate::splat::appearance::Appearance;
@@ -133,10 +133,10 @@ impl<'a> Output<'a> {
 }
 
 /// The model that is asked for.
-fn read_model(options: &PredictOptions) -> Result<Model, PipelineError> {
+fn read_model(options: &PredictOptions) -> Result<Predictor, PipelineError> {
     Ok(match &options.model {
-        Some(path) => Model::read(path)?,
-        None => Model::built_in()?,
+        Some(path) => Predictor::read(path)?,
+        None => Predictor::built_in()?,
     })
 }
 

@@ -8,7 +8,7 @@ use crate::predict::input::SeenCloud;
 use crate::predict::light::{Light, calibrate};
 use crate::predict::observer::SatelliteImages;
 use crate::predict::photographs::{Photographs, reduced};
-use crate::predict::{CleanUp, Cloud, FEWEST_POINTS, Model, PredictError, predict, reference};
+use crate::predict::{CleanUp, Cloud, FEWEST_POINTS, PredictError, Predictor, predict, reference};
 use crate::progress::{Event, Progress};
 use crate::splat::appearance::Appearance;
 use crate::splat::init::neighbour_scales;
@@ -36,11 +36,11 @@ pub fn of_points(
     setup: &SiteScene,
     views: &[TrainingView],
     points: &[[f64; 3]],
-    model: &Model,
+    model: &Predictor,
     untrained: Option<Untrained>,
     progress: &dyn Progress,
 ) -> Result<SplatsOfPoints, PipelineError> {
-    let sampling = model.content.sampling;
+    let sampling = *model.sampling();
     let (west, south, east, north) = setup.area;
     let (low, high) = setup.altitudes;
     let is_inside = |p: &&[f64; 3]| {
@@ -62,11 +62,11 @@ pub fn of_points(
 pub fn of_photographed_points(
     views: &[PinholeView],
     points: &[[f64; 3]],
-    model: &Model,
+    model: &Predictor,
     untrained: Option<Untrained>,
     progress: &dyn Progress,
 ) -> Result<SplatsOfPoints, PipelineError> {
-    let sampling = model.content.sampling;
+    let sampling = *model.sampling();
     let scale = sampling.spacing_m * SPLATS_OF_SPACING / typical_spacing(points)?;
     let larger: Vec<[f64; 3]> = points.iter().map(|p| p.map(|v| scale * v)).collect();
     let (cloud, clean_up) = Cloud::new(&larger, sampling.spacing_m)?;
@@ -86,7 +86,7 @@ fn splats(
     seen: &SeenCloud,
     area: SiteBox,
     has_walls: bool,
-    model: &Model,
+    model: &Predictor,
     untrained: Option<Untrained>,
     progress: &dyn Progress,
 ) -> Result<Splats, PipelineError> {

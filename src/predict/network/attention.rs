@@ -17,7 +17,7 @@ pub const HEADS: usize = 4;
 /// Coefficients of the logits of a key point: `s` and `t` of each head.
 pub const CODES: usize = HEADS * 4;
 /// Added to `λ`, so that the decay is one at the start.
-const DECAY_AT_START: f64 = 0.541_324_854_612_918;
+pub const DECAY_AT_START: f64 = 0.541_324_854_612_918;
 
 /// A number of each head and neighbour of a query.
 type Weights<T> = [[T; NEIGHBOURS]; HEADS];

@@ -24,11 +24,11 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    fn points(&self) -> Mlp {
+    pub fn points(&self) -> Mlp {
         Mlp { inputs: MEMBER_INPUTS, shared: 0, hidden: vec![self.width / 2], outputs: self.width }
     }
 
-    fn groups(&self) -> Mlp {
+    pub fn groups(&self) -> Mlp {
         Mlp { inputs: 2 * self.width, shared: 0, hidden: vec![self.width], outputs: self.width }
     }
 

@@ -12,6 +12,7 @@
 mod attention;
 mod blocks;
 mod encoder;
+pub(crate) mod graph;
 mod input;
 #[cfg(test)]
 mod tests;
