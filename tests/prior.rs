@@ -6,14 +6,18 @@
 mod common;
 #[path = "../src/nn/onnx/made_graph.rs"]
 mod made_graph;
+#[allow(dead_code)]
+#[path = "../src/nn/onnx/writer.rs"]
+mod writer;
 
 use common::perspective::{SIZE, model, project};
 use common::{refused, succeeds, text};
-use made_graph::{Graph, int, ints, node};
+use made_graph::Graph;
 use satgs::io::NpyArray;
 use satgs::perspective::LensModel;
 use satgs::perspective::colmap::Format;
 use std::path::{Path, PathBuf};
+use writer::{int, ints, node};
 
 /// A scene of four images and a script that copies one map for each of them.
 struct Case {

@@ -16,6 +16,7 @@ use super::light::{Light, SeenColor, seen_color};
 use super::network::{FeatureBlocks, KEY_INPUTS, MEMBER_INPUTS, NEIGHBOURS, NetworkInput, QUERY_INPUTS};
 use super::queries::{Query, queries, queries_at};
 use super::{Cloud, ImageObserver, SplatSampling};
+use crate::stats::quantile;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZero;
@@ -24,9 +25,9 @@ use std::num::NonZero;
 const MARGIN_SPACINGS: f64 = 3.0;
 /// Largest number of key points of a tile.
 const MOST_KEYS: usize = 8192;
-/// A middle linear colour, and what differences from it are multiplied by.
-const MIDDLE_COLOR: f32 = 0.25;
-const COLOR_SCALE: f32 = 3.0;
+/// Colours become square roots of their ratio to the brightness of the scene, less one, times this; largest value of that.
+const COLOR_SCALE: f32 = 1.5;
+const MOST_COLOR: f32 = 3.0;
 /// Heights above ground are divided by this, metres.
 const HEIGHT_M: f64 = 10.0;
 
@@ -39,6 +40,8 @@ pub struct SeenCloud<'a> {
     /// The light of each.
     pub lights: &'a [Light],
     colors: Vec<[f32; 3]>,
+    /// Median linear brightness of the points.
+    brightness: f32,
 }
 
 /// What is known of a tile.
@@ -54,7 +57,21 @@ impl<'a> SeenCloud<'a> {
     #[must_use]
     pub fn new(cloud: &'a Cloud, images: &'a dyn ImageObserver, lights: &'a [Light]) -> Self {
         let color = |p: &[f64; 3]| seen_color(images, lights, *p).color;
-        Self { cloud, images, lights, colors: cloud.positions().par_iter().map(color).collect() }
+        let colors: Vec<[f32; 3]> = cloud.positions().par_iter().map(color).collect();
+        let gray = colors.iter().map(|rgb| f64::from(rgb.iter().sum::<f32>()) / 3.0).collect();
+        let brightness = quantile(gray, 0.5).map_or(1.0, |v| v.max(1e-3) as f32);
+        Self { cloud, images, lights, colors, brightness }
+    }
+
+    /// Median linear brightness of the points.
+    #[must_use]
+    pub fn brightness(&self) -> f32 {
+        self.brightness
+    }
+
+    /// A linear colour as a number of the order of one, whatever the exposure is.
+    fn of_order_one(&self, color: f32) -> f32 {
+        (COLOR_SCALE * ((color / self.brightness).max(0.0).sqrt() - 1.0)).min(MOST_COLOR)
     }
 
     /// The linear colour of each point.
@@ -134,7 +151,7 @@ impl<'a> SeenCloud<'a> {
             let offset: [f64; 3] = std::array::from_fn(|k| (positions[i][k] - center[k]) / unit);
             distances += offset.iter().map(|v| v * v).sum::<f64>().sqrt();
             let [x, y, z] = offset.map(|v| v as f32);
-            let [r, g, b] = self.colors[i].map(of_order_one);
+            let [r, g, b] = self.colors[i].map(|v| self.of_order_one(v));
             [x, y, z, r, g, b]
         });
         let mut out = [0.0; KEY_INPUTS + FEATURES];
@@ -175,7 +192,7 @@ impl<'a> SeenCloud<'a> {
         let spacing = sampling.spacing_m;
         let ratio = |length_m: f64| (1.0 + length_m / spacing).ln() as f32;
         let [x, y, z] = query.normal.map(|v| v as f32);
-        let [r, g, b] = seen.color.map(of_order_one);
+        let [r, g, b] = seen.color.map(|v| self.of_order_one(v));
         let (nearest, distance_m) = query.nearest;
         let numbers = [
             x,
@@ -188,7 +205,7 @@ impl<'a> SeenCloud<'a> {
             r,
             g,
             b,
-            COLOR_SCALE * seen.deviation,
+            COLOR_SCALE * seen.deviation / self.brightness,
             seen.views / self.images.views().max(1) as f32,
             seen.sunlight,
             f32::from(u8::from(query.is_wall)),
@@ -197,9 +214,4 @@ impl<'a> SeenCloud<'a> {
         ];
         (numbers, Base::new(query, seen.color))
     }
-}
-
-/// A linear colour as a number of the order of one around zero.
-fn of_order_one(color: f32) -> f32 {
-    COLOR_SCALE * (color - MIDDLE_COLOR)
 }

@@ -22,7 +22,7 @@ pub fn surface(cloud: &Cloud, sampling: &SplatSampling, area: SiteBox, has_walls
     let (west, south, east, north) = area;
     let queries = queries(cloud, sampling, [west, south, east, north], has_walls);
     let bases: Vec<Base> = queries.iter().map(|query| Base::new(query, [0.5; 3])).collect();
-    let head = tiles::head(sampling, cloud.spacing_m());
+    let head = tiles::head(sampling, cloud.spacing_m(), 0.0);
     let mut out = head.splats(&FeatureBlocks::zeros(OUTPUTS, bases.len()), &bases);
     out.opacity_logit.fill([logit(OPAQUE)]);
     out

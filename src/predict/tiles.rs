@@ -16,11 +16,14 @@ const LEAST_OPACITY: f32 = 0.02;
 /// Smallest unit of the offsets, metres: about three times the noise of points from stereo matching.
 const OFFSET_M: f64 = 1.0;
 
-/// How the numbers of the network become splats.
+/// Largest change of a colour, relative to the brightness of the scene.
+const MOST_COLOR: f64 = 2.0;
+
+/// How the numbers of the network become splats, for a cloud of this spacing (metres) and linear brightness.
 #[must_use]
-pub fn head(sampling: &SplatSampling, cloud_spacing_m: f64) -> Head {
+pub fn head(sampling: &SplatSampling, cloud_spacing_m: f64, brightness: f32) -> Head {
     let offset_m = if sampling.offsets { OFFSET_M.max(cloud_spacing_m) } else { 0.0 };
-    Head { spacing_m: sampling.spacing_m, offset_m }
+    Head { spacing_m: sampling.spacing_m, offset_m, color: MOST_COLOR * f64::from(brightness) }
 }
 
 /// The splats of a level area (west, south, east, north; metres) that a model predicts of a cloud and the images that show it.
@@ -36,7 +39,7 @@ pub fn predict(
     progress: &dyn Progress,
 ) -> Result<Splats, PredictError> {
     let sampling = predictor.sampling();
-    let head = head(sampling, seen.cloud.spacing_m());
+    let head = head(sampling, seen.cloud.spacing_m(), seen.brightness());
     let tiles = tiles(area);
     progress.event(Event::Started { stage: "predicting splats", total: tiles.len() as u64 });
     let mut out = Splats::default();

@@ -3,7 +3,8 @@
 use super::{DenseFeatures, FeatureError, FeatureMap, OnnxFeatures};
 use crate::io::Grid2;
 use crate::nn::onnx::OnnxError;
-use crate::nn::onnx::made_graph::{Graph, block, float_tensor, int, int64_tensor, ints, node, text};
+use crate::nn::onnx::made_graph::{Graph, text};
+use crate::nn::onnx::writer::{block, float_tensor, int, int64_tensor, ints, node};
 use crate::random::CounterRng;
 use std::path::{Path, PathBuf};
 

@@ -2,7 +2,7 @@
 
 #![allow(dead_code, missing_docs, clippy::unwrap_used)]
 
-pub use super::writer::{block, float_tensor, int, int64_tensor, ints, node, number, tensor};
+use super::writer::{block, number};
 use std::path::PathBuf;
 
 /// A graph with the input `x`, as ONNX bytes; sides of -1 are open.

@@ -3,6 +3,7 @@
 use super::error::LearnError;
 use crate::predict::SplatSampling;
 use crate::predict::network::SplatNetwork;
+use crate::scene::TransferFunction;
 use crate::simulate::{Relief, SimulateOptions};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -38,6 +39,8 @@ pub struct LearnConfig {
     pub views: usize,
     /// Ground sampling distances of the images, metres, which towns take in turn.
     pub gsd_m: Vec<f64>,
+    /// Display gammas that the images are taken to have, which pairs of towns take in turn: scenes then have contrasts of several kinds.
+    pub gamma: Vec<f32>,
     /// Number of towns for validation, after every so many rounds.
     pub validation_towns: usize,
     /// Number of rounds between validations.
@@ -52,17 +55,18 @@ impl Default for LearnConfig {
     fn default() -> Self {
         Self {
             seed: 1,
-            towns: 64,
-            rounds: 256,
+            towns: 40,
+            rounds: 320,
             tiles: 6,
-            steps: 48,
-            kept_rounds: 16,
+            steps: 64,
+            kept_rounds: 24,
             rate: 3e-3,
             size_px: 320,
             views: 8,
             gsd_m: vec![0.5, 0.35],
+            gamma: vec![1.0, 2.2],
             validation_towns: 3,
-            validate_every: 16,
+            validate_every: 20,
             network: SplatNetwork::default(),
             sampling: SplatSampling::default(),
         }
@@ -111,9 +115,11 @@ impl LearnConfig {
                 return Err(LearnError::Config { field, found: value.to_string(), expected });
             }
         }
-        if self.gsd_m.is_empty() {
-            let found = "an empty list".into();
-            return Err(LearnError::Config { field: "gsd_m", found, expected: "metres" });
+        for (field, is_empty) in [("gsd_m", self.gsd_m.is_empty()), ("gamma", self.gamma.is_empty())] {
+            if is_empty {
+                let found = "an empty list".into();
+                return Err(LearnError::Config { field, found, expected: "at least one number" });
+            }
         }
         if !self.network.is_sound() {
             let found = format!("{:?}", self.network);
@@ -140,6 +146,13 @@ impl LearnConfig {
             held_out: TARGETS,
             overwrite: true,
         }
+    }
+
+    /// How the images of the town with this seed encode light.
+    pub(super) fn transfer_function(&self, seed: u64) -> Result<TransferFunction, LearnError> {
+        let gamma = self.gamma[(seed / 2) as usize % self.gamma.len()];
+        let wrong = || LearnError::Config { field: "gamma", found: gamma.to_string(), expected: "1 to 4" };
+        TransferFunction::new(gamma).ok_or_else(wrong)
     }
 
     /// Learning rate of a step.

@@ -41,7 +41,7 @@ const DRAW_STEP: u64 = 54;
 /// Kind of the checkpoint's file.
 const CHECKPOINT: &str = "satgs learn 1";
 /// Weight of the pull to the exact surface.
-const SURFACE_WEIGHT: f64 = 0.05;
+const SURFACE_WEIGHT: f64 = 0.2;
 /// Number of tiles of a validation town.
 const VALIDATION_TILES: usize = 3;
 /// Seeds of towns for validation begin here: none of them is learned from.
@@ -161,7 +161,12 @@ fn read_state(path: &Path, config: &LearnConfig) -> Result<State, LearnError> {
 /// The samples of a round.
 fn round_samples(config: &LearnConfig, folder: &Path, round: usize) -> Result<Vec<Sample>, LearnError> {
     let seed = config.seed.wrapping_mul(1 << 16) + (round % config.towns) as u64;
-    let town = Town::load(&folder.join(format!("towns/{seed}")), &config.town(seed), &NoProgress)?;
+    let town = Town::load(
+        &folder.join(format!("towns/{seed}")),
+        &config.town(seed),
+        config.transfer_function(seed)?,
+        &NoProgress,
+    )?;
     let share = points::draw_share(config.seed, round as u64);
     Ok(samples(&Arc::new(town), &config.sampling, config.seed, round as u64, share, config.tiles)?)
 }
@@ -177,7 +182,12 @@ fn validation_samples<const N: usize>(
     for k in 0..config.validation_towns as u64 {
         progress.check()?;
         let seed = VALIDATION_SEED + k;
-        let town = Town::load(&folder.join(format!("towns/{seed}")), &config.town(seed), &NoProgress)?;
+        let town = Town::load(
+            &folder.join(format!("towns/{seed}")),
+            &config.town(seed),
+            config.transfer_function(seed)?,
+            &NoProgress,
+        )?;
         let town = Arc::new(town);
         for (own, share) in out.iter_mut().zip(shares) {
             let cloud = VALIDATION_CLOUD + k;

@@ -82,7 +82,7 @@ pub fn samples(
         let input = seen.tile(sampling, [around.0, around.1, around.2, around.3], true)?;
         let targets: Vec<Target> = town.targets.iter().filter_map(|t| Target::of(t, core)).collect();
         let references = references.each_ref().map(|splats| inside(splats, around));
-        let head = tiles::head(sampling, points.spacing_m());
+        let head = tiles::head(sampling, points.spacing_m(), seen.brightness());
         (!targets.is_empty()).then(|| Sample { town: town.clone(), input, head, targets, references })
     };
     Ok((0..tiles).filter_map(&mut sample).collect())

@@ -9,7 +9,7 @@ use crate::predict::light::{Light, calibrate};
 use crate::predict::{Cloud, SplatSampling, observer::SatelliteImages, reference};
 use crate::progress::Progress;
 use crate::rpc::formats;
-use crate::scene::{ReadOptions, Role, Scene};
+use crate::scene::{ReadOptions, Role, Scene, TransferFunction};
 use crate::simulate::{SimulateOptions, simulate};
 use crate::splat::loss::Prior;
 use std::path::Path;
@@ -45,10 +45,11 @@ pub struct TargetView {
 }
 
 impl Town {
-    /// Simulates a town in a folder unless it is there, and reads it.
+    /// Simulates a town in a folder unless it is there, and reads it; its images are taken to encode light in this way.
     pub fn load(
         folder: &Path,
         options: &SimulateOptions,
+        transfer_function: TransferFunction,
         progress: &dyn Progress,
     ) -> Result<Self, LearnError> {
         let truth = folder.join("truth/TOWN_DSM.tif");
@@ -73,7 +74,7 @@ impl Town {
             (f64::from(lowest) - origin.z() - MARGIN_M, f64::from(highest) - origin.z() + MARGIN_M);
         let surface = ExactSurface::new(site, grid, altitude);
         let frame = SiteFrame { site, area, altitudes, reference: None };
-        let (context, targets) = views(folder, &scene, frame)?;
+        let (context, targets) = views(folder, &scene, frame, transfer_function)?;
         let prior = Arc::new(Prior::new(&surface.smooth_parts()));
         let mut town = Self { area, altitudes, context, targets: Vec::new(), surface, prior };
         town.targets = town.with_light(targets)?;
@@ -101,11 +102,13 @@ fn views(
     folder: &Path,
     scene: &Scene,
     frame: SiteFrame,
+    transfer_function: TransferFunction,
 ) -> Result<(Vec<TrainingView>, Vec<TrainingView>), LearnError> {
     let rpc = |name: &String| Ok(formats::read(&folder.join(format!("truth/rpcs/{name}.json")))?.rpc);
     let names = scene.views.iter().map(|v| &v.name);
     let rpcs = names.map(rpc).collect::<Result<Vec<_>, LearnError>>()?;
     let mut setup = SiteScene::in_frame(scene, &rpcs, frame)?;
+    setup.transfer_function = transfer_function;
     let is_target: Vec<bool> = setup.views.iter().map(|v| v.role == Role::Test).collect();
     setup.views.iter_mut().for_each(|v| v.role = Role::Train);
     let views = setup.training_views(scene)?.into_iter().zip(is_target);
