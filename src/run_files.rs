@@ -20,6 +20,8 @@ pub const SNAPSHOTS: &str = "train/snapshots";
 pub const START: &str = "train/start";
 /// Folder of the depths and normals that a network or a command has made of the images.
 pub const PRIORS: &str = "priors";
+/// Folder of a prediction of splats.
+pub const PREDICT_STAGE: &str = "predict";
 /// The splats that were predicted from points, in linear colours, which training goes on from.
 pub const PREDICTED: &str = "predict/splats.ply";
 /// The colour models of the views that were found with them.

@@ -8,9 +8,9 @@ use super::{PipelineError, RunLock, TrainedCameras};
 use crate::bundle::Adjustment;
 use crate::coregister::{Coregistration, Shift};
 use crate::frame::Point;
-use crate::io::{WriteError, read_json, write_json, write_moved};
+use crate::io::{WriteError, read_georeference, read_json, write_json, write_moved};
 use crate::run_files::{
-    ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, FIRST_SURFACE, HILLSHADE, ORTHO, SPLATS, SURFACE,
+    ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, FIRST_SURFACE, HILLSHADE, ORTHO, PREDICTED, SPLATS, SURFACE,
 };
 use crate::scene::Scene;
 use crate::splat::ply;
@@ -88,6 +88,15 @@ fn write_moved_files(
         write_json(&to.join(CAMERAS), &cameras)?;
         let splats = ply::read(&run.join(SPLATS))?;
         ply::write(&to.join(SPLATS), &splats, &cameras.setup.site)?;
+    }
+    // The splats from which training goes on have a georeference of their own.
+    let predicted = run.join(PREDICTED);
+    let made_by = "`satgs predict RUN -o RUN2 --overwrite` makes it";
+    let site = read_georeference(&predicted).map_err(|source| PipelineError::RunFile { source, made_by })?;
+    if let Some(mut site) = site {
+        let [x, y, z] = site.origin.xyz();
+        site.origin = Point::new(x + shift.east_m, y + shift.north_m, z + shift.up_m);
+        ply::write(&to.join(PREDICTED), &ply::read(&predicted)?, &site)?;
     }
     let heights = HEIGHTS.iter().map(|name| (name, shift.enu()));
     let maps = MAPS.iter().map(|name| (name, [shift.east_m, shift.north_m, 0.0]));

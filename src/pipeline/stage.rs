@@ -2,7 +2,7 @@
 
 use super::PipelineError;
 use crate::io::{ReadError, check_writable, read_json, remove_if_there, vsi, write_json};
-use crate::run_files::{ADJUSTMENT, APPEARANCE_STAGE, STAGE, SUMMARY, TILES};
+use crate::run_files::{ADJUSTMENT, APPEARANCE_STAGE, PREDICT_STAGE, STAGE, SUMMARY, TILES};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -85,7 +85,7 @@ impl Stage {
         let folder = self.record.parent().unwrap_or(&self.record).to_path_buf();
         let differences = differences.collect::<Vec<_>>().join("; ");
         let hint = match self.name {
-            ADJUSTMENT | TILES => "--overwrite makes it anew, another -o keeps both".into(),
+            ADJUSTMENT | TILES | PREDICT_STAGE => "--overwrite makes it anew, another -o keeps both".into(),
             _ => format!("{}; a copy of RUN keeps both", self.made_by()),
         };
         Err(PipelineError::Changed { folder, differences, hint })
@@ -107,6 +107,7 @@ impl Stage {
         match self.name {
             ADJUSTMENT => "`satgs ba SCENE -o RUN --overwrite` makes it anew",
             "train" | APPEARANCE_STAGE => "`satgs train RUN --overwrite` makes it anew",
+            PREDICT_STAGE => "`satgs predict RUN -o RUN2 --overwrite` makes it anew",
             TILES => "`satgs plan SCENE -o RUN --overwrite` makes it anew",
             _ => "`satgs dsm RUN --overwrite` makes it anew",
         }

@@ -93,7 +93,7 @@ impl<'a> Training<'a> {
         surface: Option<&MatchedSurface>,
         progress: &dyn Progress,
     ) -> Result<Option<(Splats, Vec<Appearance>)>, PipelineError> {
-        if let Some(predicted) = predict::read_predicted(self.run)? {
+        if let Some(predicted) = predict::read_predicted(self.run, Some(&self.setup.site))? {
             return Ok(Some(predicted));
         }
         if !self.options.predict {

@@ -64,7 +64,7 @@ pub(super) fn splats_at_start(
     progress: &dyn Progress,
 ) -> Result<StartSplats, PipelineError> {
     let seed = options.seed;
-    if let Some((splats, _)) = predict::read_predicted(run)? {
+    if let Some((splats, _)) = predict::read_predicted(run, scene.georeference.as_ref().map(|g| &g.grid))? {
         return Ok(trainable(splats, recipe));
     }
     let points = start_points(scene)?;

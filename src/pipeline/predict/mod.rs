@@ -7,11 +7,12 @@ mod splats;
 
 use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
 use super::{PipelineError, RunLock, perspective};
-use crate::io::{read_json, remove_if_there};
+use crate::frame::SiteGrid;
+use crate::io::{read_georeference, read_json, remove_if_there};
 use crate::perspective::{PerspectiveOptions, PerspectiveScene};
 use crate::predict::{CleanUp, Predictor};
 use crate::progress::{Event, Progress};
-use crate::run_files::{CAMERAS, PREDICTED, PREDICTED_LIGHTS, SCENE, SPLATS, STAGE};
+use crate::run_files::{CAMERAS, PREDICT_STAGE, PREDICTED, PREDICTED_LIGHTS, SCENE, SPLATS, STAGE};
 use crate::splat::appearance::Appearance;
 use crate::splat::ply;
 use crate::splat::splats::Splats;
@@ -110,7 +111,7 @@ impl<'a> Output<'a> {
         made_from.insert("--model".into(), model);
         made_from.insert("--without-network".into(), or_none(untrained));
         let outputs = [SPLATS, CAMERAS, PREDICTED].map(|name| folder.join(name)).into();
-        let stage = Stage::new(folder, "predict", outputs, made_from);
+        let stage = Stage::new(folder, PREDICT_STAGE, outputs, made_from);
         if stage.is_done(options.overwrite)? {
             progress.event(Event::Note(format!("`{}` is predicted already", folder.display())));
             let kept = Outcome::Kept(stage.summary()?);
@@ -141,14 +142,24 @@ fn read_model(options: &PredictOptions) -> Result<Predictor, PipelineError> {
 }
 
 /// The splats that a training of this run begins with if it was predicted, and the colour models of its views, which photographs do
-/// not have; none if it was not.
-pub(super) fn read_predicted(run: &Path) -> Result<Option<(Splats, Vec<Appearance>)>, PipelineError> {
+/// not have; none if it was not. `site` is the frame of the training, which a later alignment may have moved against that of the
+/// splats.
+pub(super) fn read_predicted(
+    run: &Path,
+    site: Option<&SiteGrid>,
+) -> Result<Option<(Splats, Vec<Appearance>)>, PipelineError> {
     if !run.join(PREDICTED).exists() {
         return Ok(None);
     }
     let made_by = "`satgs predict RUN -o RUN2 --overwrite` makes it";
     let lights: Vec<(String, Appearance)> = read_json(&run.join(PREDICTED_LIGHTS))
         .map_err(|source| PipelineError::RunFile { source, made_by })?;
-    let splats = ply::read(&run.join(PREDICTED))?;
+    let mut splats = ply::read(&run.join(PREDICTED))?;
+    let own = read_georeference(&run.join(PREDICTED))
+        .map_err(|source| PipelineError::RunFile { source, made_by })?;
+    if let Some((own, site)) = own.zip(site) {
+        let [x, y, z] = (own.origin - site.origin).xyz().map(|v| v as f32);
+        splats.position.iter_mut().for_each(|p| *p = [p[0] + x, p[1] + y, p[2] + z]);
+    }
     Ok(Some((splats, lights.into_iter().map(|(_, light)| light).collect())))
 }
