@@ -1,7 +1,9 @@
 //! `satgs predict`: splats from points in one pass.
 
 use super::{CliError, PerspectiveArgs, Ui, ending};
+use crate::perspective::PerspectiveScene;
 use crate::pipeline::{POINT_ENDINGS, PredictOptions, Predicted, Untrained, predict};
+use crate::run_files::SCENE;
 use std::path::PathBuf;
 
 /// Predict splats from points in one pass, in seconds instead of minutes of training (Point2GS)
@@ -53,6 +55,10 @@ enum Kind {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
+    let is_scene = PerspectiveScene::is_one(&args.run) && !args.run.join(SCENE).exists();
+    if !is_scene {
+        args.perspective.require_default(&args.run)?;
+    }
     let options = PredictOptions {
         points: args.points.clone(),
         model: args.model.clone(),

@@ -80,7 +80,7 @@ enum Start {
     Hdd,
     /// As hdd, and more where no view sees anything (GeoProp-GS)
     Gva,
-    /// Of satellite scenes: splats that are predicted of the matched surface (Point2GS)
+    /// Splats that are predicted of the matched surface, else of the points of the scene (Point2GS)
     Predict,
 }
 

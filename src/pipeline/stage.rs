@@ -167,6 +167,11 @@ pub fn made_from(record: &Path) -> Result<Fingerprint, PipelineError> {
     Ok(read.made_from)
 }
 
+/// What an adjustment is. It covers the scene, but not where its files lie.
+pub fn adjustment_fingerprint(run: &Path) -> Fingerprint {
+    Fingerprint::from([("adjustment".into(), hash_file(&run.join(ADJUSTMENT).join(STAGE)))])
+}
+
 /// A value of an option that may not be given.
 pub fn or_none(value: Option<impl std::fmt::Display>) -> String {
     value.map_or_else(|| "none".into(), |v| v.to_string())

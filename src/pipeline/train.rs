@@ -3,14 +3,16 @@
 use super::appearance::OtherNetworks;
 use super::cameras::require_images;
 use super::checkpoints::Checkpoints;
-use super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
+use super::predict::prediction_of;
+use super::stage::{Fingerprint, Outcome, Stage, adjustment_fingerprint, hash};
 use super::train_options::TrainOptions;
 use super::trained::{Trained, mean, mean_of_last};
 use super::training::Training;
 use super::{PipelineError, RunLock, TrainedCameras, appearance, perspective, read_scene, relocation};
 use crate::affine::{SiteSceneError, median_pixel_m};
+use crate::predict::Model;
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, CAMERAS, CHECKPOINT, PREDICTED, SPLATS, STAGE};
+use crate::run_files::{CAMERAS, CHECKPOINT, SPLATS};
 use crate::scene::Scene;
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::backend::cpu::CpuBackend;
@@ -167,20 +169,18 @@ fn fingerprint(run: &Path, options: &TrainOptions, recipe: &Recipe) -> Result<Fi
         text.map(|text| ("frame".to_owned(), text))
             .map_err(|source| PipelineError::Json { what: "the frame", source })
     });
-    let mut fingerprint = Fingerprint::from([
-        // It covers the scene, but not where its files lie.
-        ("adjustment".into(), hash_file(&run.join(ADJUSTMENT).join(STAGE))),
+    let mut fingerprint = adjustment_fingerprint(run);
+    fingerprint.extend([
         ("--recipe".into(), recipe.name.clone()),
         ("content of the recipe".into(), hash(choices.as_bytes())),
         ("--iterations".into(), recipe.iterations.to_string()),
         ("--seed".into(), options.seed.to_string()),
     ]);
     fingerprint.extend(frame.transpose()?);
-    let predicted = run.join(PREDICTED);
-    if predicted.exists() {
-        fingerprint.insert("predicted splats".into(), hash_file(&predicted));
+    if let Some(prediction) = prediction_of(run, &adjustment_fingerprint(run))? {
+        fingerprint.insert("predicted splats".into(), prediction);
     } else if options.predict {
-        fingerprint.insert("--start".into(), "predict".into());
+        fingerprint.insert("--start".into(), format!("predict, {}", Model::built_in_hash()));
     }
     Ok(fingerprint)
 }

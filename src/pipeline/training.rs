@@ -1,5 +1,6 @@
 //! One training of a run: what it reads, starts from and writes.
 
+use super::stage::adjustment_fingerprint;
 use super::training_files::write_log;
 use super::{PipelineError, TrainOptions, TrainedCameras, predict};
 use crate::affine::{SiteScene, TrainingView};
@@ -93,8 +94,21 @@ impl<'a> Training<'a> {
         surface: Option<&MatchedSurface>,
         progress: &dyn Progress,
     ) -> Result<Option<(Splats, Vec<Appearance>)>, PipelineError> {
-        if let Some(predicted) = predict::read_predicted(self.run, Some(&self.setup.site))? {
-            return Ok(Some(predicted));
+        let scene = adjustment_fingerprint(self.run);
+        if let Some((mut splats, lights)) = predict::read_predicted(self.run, &scene, Some(&self.setup.site))?
+        {
+            let light_of = |view: &TrainingView| {
+                let own = lights.iter().find(|(name, _)| *name == view.name);
+                own.map_or_else(Appearance::default, |(_, light)| light.clone())
+            };
+            let mut lights: Vec<Appearance> = views.iter().map(light_of).collect();
+            // Predictions are made with a white of one; offsets are colours too.
+            let white = self.recipe.white;
+            if !self.setup.transfer_function.is_linear() && white != 1.0 {
+                splats.recolor(|v| white * v);
+                lights.iter_mut().flat_map(|light| &mut light.values[9..12]).for_each(|v| *v *= white);
+            }
+            return Ok(Some((splats, lights)));
         }
         if !self.options.predict {
             return Ok(None);

@@ -75,6 +75,8 @@ pub struct Cloud {
     spacing_m: f64,
     /// Lowest heights of level cells around each, metres.
     ground: BTreeMap<[i64; 2], f64>,
+    /// Side of these cells, metres.
+    ground_cell_m: f64,
 }
 
 impl Cloud {
@@ -112,8 +114,9 @@ impl Cloud {
         };
         let (planes, spacings): (Vec<_>, Vec<_>) = positions.par_iter().map(around).unzip();
         let spacing_m = quantile(spacings.clone(), 0.5).ok_or_else(few)?;
-        let ground = lowest_around(&positions, GROUND_CELL_M.max(2.0 * spacing_m));
-        Ok(Self { positions, planes, spacings, tree, spacing_m, ground })
+        let ground_cell_m = GROUND_CELL_M.max(2.0 * spacing_m);
+        let ground = lowest_around(&positions, ground_cell_m);
+        Ok(Self { positions, planes, spacings, tree, spacing_m, ground, ground_cell_m })
     }
 
     /// The positions.
@@ -149,8 +152,7 @@ impl Cloud {
     /// Height above the lowest points around, metres.
     #[must_use]
     pub fn above_ground_m(&self, p: [f64; 3]) -> f64 {
-        let side = GROUND_CELL_M.max(2.0 * self.spacing_m);
-        self.ground.get(&cell(p, side)).map_or(0.0, |lowest| p[2] - lowest)
+        self.ground.get(&cell(p, self.ground_cell_m)).map_or(0.0, |lowest| p[2] - lowest)
     }
 }
 
@@ -204,7 +206,8 @@ fn voxel_means(points: &[[f64; 3]], side: f64) -> Vec<[f64; 3]> {
 }
 
 /// The points without those that are much further from others than is usual where they are. The rule is that of statistical outlier
-/// removal, by the median of a cell, so that thinly covered parts are not taken for outliers.
+/// removal, by the median of a cell, so that thinly covered parts are not taken for outliers; points in nearly empty cells are
+/// compared with all others.
 fn without_outliers(points: &[[f64; 3]]) -> Result<Vec<[f64; 3]>, PredictError> {
     let few = || PredictError::FewPoints { found: points.len(), needed: FEWEST_POINTS };
     let tree = ImmutableKdTree::<f64, 3>::new_from_slice(points).map_err(|_| few())?;
@@ -224,8 +227,10 @@ fn without_outliers(points: &[[f64; 3]]) -> Result<Vec<[f64; 3]>, PredictError> 
         let mad = quantile(distances.iter().map(|d| (d - median).abs()).collect(), 0.5)?;
         Some((median + OUTLIER_DEVIATIONS * 1.4826 * mad).max(OUTLIER_FACTOR * median))
     };
+    let of_all = limit(distances.clone()).ok_or_else(few)?;
+    let of_cell = |own: Vec<f64>| if own.len() < OUTLIER_POINTS.get() { Some(of_all) } else { limit(own) };
     let limits: BTreeMap<[i64; 2], f64> =
-        cells.into_iter().filter_map(|(cell, distances)| Some((cell, limit(distances)?))).collect();
+        cells.into_iter().filter_map(|(cell, distances)| Some((cell, of_cell(distances)?))).collect();
     let is_near = |(p, d): &(&[f64; 3], &f64)| limits.get(&cell(**p, side)).is_none_or(|limit| *d <= limit);
     Ok(points.iter().zip(&distances).filter(is_near).map(|(p, _)| *p).collect())
 }

@@ -56,10 +56,12 @@ impl<'a> SeenCloud<'a> {
     /// Looks up the colours of all points.
     #[must_use]
     pub fn new(cloud: &'a Cloud, images: &'a dyn ImageObserver, lights: &'a [Light]) -> Self {
-        let color = |p: &[f64; 3]| seen_color(images, lights, *p).color;
-        let colors: Vec<[f32; 3]> = cloud.positions().par_iter().map(color).collect();
-        let gray = colors.iter().map(|rgb| f64::from(rgb.iter().sum::<f32>()) / 3.0).collect();
-        let brightness = quantile(gray, 0.5).map_or(1.0, |v| v.max(1e-3) as f32);
+        let seen = |p: &[f64; 3]| seen_color(images, lights, *p);
+        let seen: Vec<SeenColor> = cloud.positions().par_iter().map(seen).collect();
+        let shown = seen.iter().filter(|seen| seen.views > 0.0);
+        let gray = shown.map(|seen| f64::from(seen.color.iter().sum::<f32>()) / 3.0).collect();
+        let brightness = quantile(gray, 0.5).map_or(0.5, |v| v.max(1e-3) as f32);
+        let colors = seen.iter().map(|seen| seen.color_or(brightness)).collect();
         Self { cloud, images, lights, colors, brightness }
     }
 
@@ -192,7 +194,8 @@ impl<'a> SeenCloud<'a> {
         let spacing = sampling.spacing_m;
         let ratio = |length_m: f64| (1.0 + length_m / spacing).ln() as f32;
         let [x, y, z] = query.normal.map(|v| v as f32);
-        let [r, g, b] = seen.color.map(|v| self.of_order_one(v));
+        let color = seen.color_or(self.brightness);
+        let [r, g, b] = color.map(|v| self.of_order_one(v));
         let (nearest, distance_m) = query.nearest;
         let numbers = [
             x,
@@ -205,13 +208,13 @@ impl<'a> SeenCloud<'a> {
             r,
             g,
             b,
-            COLOR_SCALE * seen.deviation / self.brightness,
+            (COLOR_SCALE * seen.deviation / self.brightness).min(MOST_COLOR),
             seen.views / self.images.views().max(1) as f32,
             seen.sunlight,
             f32::from(u8::from(query.is_wall)),
             ratio(query.moved_m),
             ratio(distance_m),
         ];
-        (numbers, Base::new(query, seen.color))
+        (numbers, Base::new(query, color))
     }
 }

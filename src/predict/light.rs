@@ -68,14 +68,22 @@ impl Light {
 /// What the images show of a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SeenColor {
-    /// Median colour in full sunlight, weighted by visibility and sunlight; grey if no image shows the position.
+    /// Median colour in full sunlight, weighted by visibility and sunlight; zero if no image shows the position.
     pub color: [f32; 3],
     /// Mean absolute difference from it.
     pub deviation: f32,
-    /// Number of images that show it.
+    /// Sum of its visibility in all images.
     pub views: f32,
     /// Mean share of sunlight in these.
     pub sunlight: f32,
+}
+
+impl SeenColor {
+    /// The colour; grey of this brightness if no image shows the position.
+    #[must_use]
+    pub fn color_or(&self, brightness: f32) -> [f32; 3] {
+        if self.views > 0.0 { self.color } else { [brightness; 3] }
+    }
 }
 
 /// The light of each image, so that colours are those of the image `reference` in full sunlight.
@@ -191,7 +199,7 @@ pub fn seen_color(images: &dyn ImageObserver, lights: &[Light], position: [f64; 
         shown.push((light.color(&o), weight));
     }
     if shown.is_empty() {
-        return SeenColor { color: [0.5; 3], ..SeenColor::default() };
+        return SeenColor::default();
     }
     let color: [f32; 3] = std::array::from_fn(|k| weighted_median(&mut shown, k));
     let total: f32 = shown.iter().map(|s| s.1).sum();

@@ -3,6 +3,7 @@
 //! A file holds one float32 tensor, `parameters` (in the order of [`SplatNetwork`]). The metadata hold the shape of the network, the
 //! spacings of points that it was trained with, and how it was made.
 
+use super::image_features::FEATURES;
 use super::network::SplatNetwork;
 use super::{PredictError, SplatSampling};
 use crate::io::{WriteError, write_file};
@@ -14,7 +15,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 /// The only key of the metadata: the kind and version of the file.
-const FORMAT: &str = "satgs points to splats 1";
+const FORMAT: &str = "satgs points to splats 2";
 /// Name of the tensor.
 const PARAMETERS: &str = "parameters";
 /// The model that comes with the program.
@@ -57,6 +58,12 @@ impl Model {
         decode(BUILT_IN).map_err(|reason| PredictError::Format { path, reason })
     }
 
+    /// Hash of the file of the model that comes with the program.
+    #[must_use]
+    pub fn built_in_hash() -> String {
+        blake3::hash(BUILT_IN).to_hex().to_string()
+    }
+
     /// Reads a file.
     ///
     /// # Errors
@@ -89,7 +96,7 @@ fn decode(bytes: &[u8]) -> Result<Model, String> {
     let text = metadata.get(FORMAT).ok_or_else(|| format!("its metadata lack `{FORMAT}`"))?;
     let content: ModelContent = serde_json::from_str(text).map_err(|e| format!("`{FORMAT}`: {e}"))?;
     content.sampling.check()?;
-    if !content.network.is_sound() {
+    if !content.network.is_sound() || content.network.image_features != FEATURES {
         return Err("the shape of its network is out of range".into());
     }
     let tensors = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
@@ -100,6 +107,7 @@ fn decode(bytes: &[u8]) -> Result<Model, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::predict::learn::LearnConfig;
 
     fn small() -> Model {
         let network = SplatNetwork { width: 8, ..SplatNetwork::default() };
@@ -153,7 +161,7 @@ mod tests {
     #[test]
     fn the_built_in_model_can_be_read_and_is_small() {
         let model = Model::built_in().unwrap();
-        assert!(!model.content.origin.is_empty());
+        assert_eq!(model.content.origin, LearnConfig::default().origin(), "it is to be trained again");
         assert!(BUILT_IN.len() < 1_000_000);
     }
 }

@@ -62,7 +62,10 @@ impl SimulateOptions {
     }
 
     /// Checks that every number is in its range.
-    pub(super) fn check(&self) -> Result<(), SimulateError> {
+    ///
+    /// # Errors
+    /// [`SimulateError::Option`].
+    pub fn check(&self) -> Result<(), SimulateError> {
         let wrong = |option, found: String, expected| Err(SimulateError::Option { option, found, expected });
         if !VIEWS.contains(&self.views) {
             return wrong("--views", self.views.to_string(), "3 to 99");

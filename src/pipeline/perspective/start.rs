@@ -1,6 +1,7 @@
 //! What the training of a perspective scene starts from.
 
 use super::super::{PipelineError, TrainOptions, predict};
+use super::scene_fingerprint::scene_fingerprint;
 use super::start_pictures::write_pictures;
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveScene, PerspectiveView, ScenePoint, points_from_depths};
@@ -64,7 +65,13 @@ pub(super) fn splats_at_start(
     progress: &dyn Progress,
 ) -> Result<StartSplats, PipelineError> {
     let seed = options.seed;
-    if let Some((splats, _)) = predict::read_predicted(run, scene.georeference.as_ref().map(|g| &g.grid))? {
+    let site = scene.georeference.as_ref().map(|g| &g.grid);
+    if let Some((splats, _)) = predict::read_predicted(run, &scene_fingerprint(scene)?, site)? {
+        if let Some(start) = options.start {
+            let found = format!("{start:?}").to_lowercase();
+            let expected = "none: the run starts from its predicted splats";
+            return Err(PipelineError::Option { option: "--start", found, expected });
+        }
         return Ok(trainable(splats, recipe));
     }
     let points = start_points(scene)?;

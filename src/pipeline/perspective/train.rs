@@ -2,20 +2,22 @@
 
 use super::super::PipelineError;
 use super::super::checkpoints::Checkpoints;
+use super::super::predict::prediction_of;
 use super::super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
 use super::super::train_options::TrainOptions;
 use super::super::trained::{Trained, mean_of_last};
 use super::super::training_files::write_log;
 use super::cameras::{PerspectiveCameras, TrainedPhoto};
 use super::manifest::PerspectiveManifest;
+use super::scene_fingerprint::scene_fingerprint;
 use super::start::{splats_at_start, start_points};
 use crate::affine::SiteSceneError;
 use crate::io::write_json;
 use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
+use crate::predict::Model;
 use crate::prior::{PriorContent, PriorFolder, PriorSource, ViewPriors, read_priors};
 use crate::progress::{Event, Progress};
-use crate::run_files::{CAMERAS, CHECKPOINT, PREDICTED, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
-use crate::scene::Role;
+use crate::run_files::{CAMERAS, CHECKPOINT, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::TrainingBackend;
 use crate::splat::pinhole::{PinholeBackend, PinholeScene, PinholeView, comparison, extent_m};
@@ -75,7 +77,6 @@ pub(super) fn train_scene(
     let views: Vec<PinholeView> = views.map(|(view, priors)| view.with_priors(priors)).collect();
     let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
     let extent_m = extent_m(&cameras);
-    require_fine_coordinates(&cameras, extent_m)?;
     let (at_start, mut log, state) = match taken_up {
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
@@ -181,6 +182,8 @@ pub fn read_views(
     if training.is_empty() {
         return Err(SiteSceneError::NoViews.into());
     }
+    let cameras: Vec<PinholeCamera> = training.iter().map(|v| v.camera).collect();
+    require_fine_coordinates(&cameras, extent_m(&cameras))?;
     progress.event(Event::Started { stage: "reading images", total: training.len() as u64 });
     let mut views = Vec::with_capacity(training.len());
     // As many at a time as there are threads: an undistorted image is several times as large as what is kept of it.
@@ -255,37 +258,18 @@ fn fingerprint(
         value.map_err(|source| PipelineError::Json { what, source })
     };
     let choices = json("the recipe", serde_json::to_string(&options.recipe_as_written()?))?;
-    let cameras: Vec<_> = scene.views.iter().map(TrainedPhoto::new).collect();
-    let cameras = json("the cameras", serde_json::to_string(&(cameras, scene.georeference)))?;
-    let roles = scene.views.iter().filter(|v| v.role == Role::Test).map(|v| v.name.as_str());
-    let points: Vec<u8> = scene
-        .points
-        .iter()
-        .flat_map(|p| p.position.xyz().into_iter().flat_map(f64::to_le_bytes).chain(p.rgb))
-        .collect();
-    // The cameras above are those of undistorted images.
-    let lenses: Vec<_> =
-        scene.views.iter().map(|v| (v.lens_camera, v.depth.as_ref().map(|d| d.metres_per_unit))).collect();
-    let downsampling = scene.views.first().map_or(1, |v| v.downsampling);
-    let mut out = Fingerprint::from([
-        ("cameras".into(), hash(cameras.as_bytes())),
-        ("lenses".into(), hash(format!("{lenses:?}").as_bytes())),
-        ("points".into(), hash(&points)),
-        ("--downsampling".into(), downsampling.to_string()),
-        ("--test-views".into(), roles.collect::<Vec<_>>().join(", ")),
+    let mut out = scene_fingerprint(scene)?;
+    let prediction = prediction_of(run, &out)?;
+    out.extend([
         ("--recipe".into(), recipe.name.clone()),
         ("content of the recipe".into(), hash(choices.as_bytes())),
         ("--iterations".into(), recipe.iterations.to_string()),
         ("--seed".into(), options.seed.to_string()),
     ]);
-    for view in scene.training() {
-        out.insert(format!("image {}", view.name), hash_file(&view.image));
-        if let Some(mask) = &view.mask {
-            out.insert(format!("mask {}", view.name), hash_file(mask));
-        }
-        if let Some(depth) = view.depth.as_ref().filter(|_| scene.points.is_empty()) {
-            out.insert(format!("depth map {}", view.name), hash_file(&depth.path));
-        }
+    if let Some(prediction) = prediction {
+        out.insert("predicted splats".into(), prediction);
+    } else if options.predict {
+        out.insert("--start".into(), format!("predict, {}", Model::built_in_hash()));
     }
     let sources = [
         ("--depth-prior", &options.priors.depths, PriorContent::Depths),
@@ -304,12 +288,6 @@ fn fingerprint(
             Some(PriorSource::Maker(maker)) => format!("{:?} {}", options.priors.kind, maker.hash(content)?),
         };
         out.insert(option.into(), hash(described.as_bytes()));
-    }
-    let predicted = run.join(PREDICTED);
-    if predicted.exists() {
-        out.insert("predicted splats".into(), hash_file(&predicted));
-    } else if options.predict {
-        out.insert("--start".into(), "predict".into());
     }
     if let Some(command) = &options.inpaint {
         out.insert("--inpaint".into(), command.text().into());

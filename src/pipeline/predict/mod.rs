@@ -4,22 +4,24 @@ mod photographs;
 mod points;
 mod satellites;
 mod splats;
+mod start;
 
 use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
-use super::{PipelineError, RunLock, perspective};
-use crate::frame::SiteGrid;
-use crate::io::{read_georeference, read_json, remove_if_there};
+use super::{PipelineError, RunLock, perspective, relocation};
+use crate::io::{WriteError, remove_if_there};
 use crate::perspective::{PerspectiveOptions, PerspectiveScene};
-use crate::predict::{CleanUp, Predictor};
+use crate::predict::{CleanUp, Model, Predictor};
 use crate::progress::{Event, Progress};
-use crate::run_files::{CAMERAS, PREDICT_STAGE, PREDICTED, PREDICTED_LIGHTS, SCENE, SPLATS, STAGE};
-use crate::splat::appearance::Appearance;
-use crate::splat::ply;
-use crate::splat::splats::Splats;
+use crate::run_files::{
+    ADJUSTMENT, APPEARANCE, APPEARANCE_STAGE, CAMERAS, PREDICT_STAGE, PREDICTED, SCENE, SPLATS,
+};
 pub use points::ENDINGS;
 pub(super) use points::of_surface;
 use serde::{Deserialize, Serialize};
+pub use splats::Untrained;
 pub(super) use splats::{of_photographed_points, of_points};
+pub(super) use start::{prediction_of, read_predicted};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// How to predict.
@@ -35,16 +37,6 @@ pub struct PredictOptions {
     pub perspective: PerspectiveOptions,
     /// Replace a prediction that was made from other things.
     pub overwrite: bool,
-}
-
-/// Splats of points without a network.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Untrained {
-    /// An isotropic one for each point.
-    Isotropic,
-    /// A flat one along the surface for each point.
-    Flat,
 }
 
 /// Figures of a prediction.
@@ -97,13 +89,12 @@ impl<'a> Output<'a> {
     /// same prediction, if it is complete.
     fn open(
         folder: &'a Path,
-        made_from: Fingerprint,
+        mut made_from: Fingerprint,
         options: &PredictOptions,
         progress: &dyn Progress,
     ) -> Result<(Self, Option<Outcome<Predicted>>), PipelineError> {
         let lock = RunLock::make(folder)?;
-        let mut made_from = made_from;
-        let model = options.model.as_deref().map_or_else(|| "the model of the program".into(), hash_file);
+        let model = options.model.as_deref().map_or_else(Model::built_in_hash, hash_file);
         let untrained = options.without_network.map(|kind| match kind {
             Untrained::Isotropic => "isotropic",
             Untrained::Flat => "flat",
@@ -112,18 +103,32 @@ impl<'a> Output<'a> {
         made_from.insert("--without-network".into(), or_none(untrained));
         let outputs = [SPLATS, CAMERAS, PREDICTED].map(|name| folder.join(name)).into();
         let stage = Stage::new(folder, PREDICT_STAGE, outputs, made_from);
-        if stage.is_done(options.overwrite)? {
+        let output = Self { folder, stage, _lock: lock };
+        // What is to be replaced stays until there is something in its place.
+        if !options.overwrite && output.stage.is_done(false)? {
             progress.event(Event::Note(format!("`{}` is predicted already", folder.display())));
-            let kept = Outcome::Kept(stage.summary()?);
-            return Ok((Self { folder, stage, _lock: lock }, Some(kept)));
+            let kept = Outcome::Kept(output.stage.summary()?);
+            return Ok((output, Some(kept)));
         }
         if folder.join(SCENE).exists() && !folder.join(PREDICTED).exists() {
             return Err(PipelineError::OtherRun { run: folder.into() });
         }
-        stage.require_writable()?;
-        // What was trained from an earlier prediction is replaced.
-        remove_if_there(&folder.join("train").join(STAGE))?;
-        Ok((Self { folder, stage, _lock: lock }, None))
+        output.stage.require_writable()?;
+        Ok((output, None))
+    }
+
+    /// Removes what an earlier prediction has left, and what was trained from it.
+    fn clear(&self) -> Result<(), PipelineError> {
+        self.stage.forget()?;
+        relocation::forget(self.folder)?;
+        for name in ["train", APPEARANCE_STAGE, ADJUSTMENT] {
+            let path = self.folder.join(name);
+            let removed = std::fs::remove_dir_all(&path);
+            removed
+                .or_else(|e| if e.kind() == ErrorKind::NotFound { Ok(()) } else { Err(e) })
+                .map_err(|e| WriteError::new(&path, e))?;
+        }
+        Ok(remove_if_there(&self.folder.join(APPEARANCE))?)
     }
 
     /// Records the prediction, whose other files are written.
@@ -139,27 +144,4 @@ fn read_model(options: &PredictOptions) -> Result<Predictor, PipelineError> {
         Some(path) => Predictor::read(path)?,
         None => Predictor::built_in()?,
     })
-}
-
-/// The splats that a training of this run begins with if it was predicted, and the colour models of its views, which photographs do
-/// not have; none if it was not. `site` is the frame of the training, which a later alignment may have moved against that of the
-/// splats.
-pub(super) fn read_predicted(
-    run: &Path,
-    site: Option<&SiteGrid>,
-) -> Result<Option<(Splats, Vec<Appearance>)>, PipelineError> {
-    if !run.join(PREDICTED).exists() {
-        return Ok(None);
-    }
-    let made_by = "`satgs predict RUN -o RUN2 --overwrite` makes it";
-    let lights: Vec<(String, Appearance)> = read_json(&run.join(PREDICTED_LIGHTS))
-        .map_err(|source| PipelineError::RunFile { source, made_by })?;
-    let mut splats = ply::read(&run.join(PREDICTED))?;
-    let own = read_georeference(&run.join(PREDICTED))
-        .map_err(|source| PipelineError::RunFile { source, made_by })?;
-    if let Some((own, site)) = own.zip(site) {
-        let [x, y, z] = (own.origin - site.origin).xyz().map(|v| v as f32);
-        splats.position.iter_mut().for_each(|p| *p = [p[0] + x, p[1] + y, p[2] + z]);
-    }
-    Ok(Some((splats, lights.into_iter().map(|(_, light)| light).collect())))
 }

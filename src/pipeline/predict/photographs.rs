@@ -5,8 +5,10 @@ use super::splats::of_photographed_points;
 use super::{Output, PredictOptions, Predicted, read_model};
 use crate::io::write_json;
 use crate::perspective::PerspectiveScene;
-use crate::pipeline::perspective::{PerspectiveManifest, read_views, start_points, write_trained};
-use crate::pipeline::stage::{Fingerprint, Outcome, hash, hash_file};
+use crate::pipeline::perspective::{
+    PerspectiveManifest, read_views, scene_fingerprint, start_points, write_trained,
+};
+use crate::pipeline::stage::{Outcome, hash_file};
 use crate::pipeline::{PipelineError, TrainOptions};
 use crate::progress::{Event, Progress};
 use crate::run_files::{PREDICTED, PREDICTED_LIGHTS};
@@ -51,13 +53,9 @@ fn predict(
 ) -> Result<Outcome<Predicted>, PipelineError> {
     let recipe = TrainOptions { recipe: Recipe::OF_PERSPECTIVE_SCENES.into(), ..TrainOptions::default() };
     let recipe = recipe.perspective_recipe()?;
-    let described = serde_json::to_string(manifest)
-        .map_err(|source| PipelineError::Json { what: "the scene", source })?;
     let file = options.points.as_deref();
-    let made_from = Fingerprint::from([
-        ("scene".into(), hash(described.as_bytes())),
-        ("--points".into(), file.map_or_else(|| "those of the scene".into(), hash_file)),
-    ]);
+    let mut made_from = scene_fingerprint(scene)?;
+    made_from.insert("--points".into(), file.map_or_else(|| "those of the scene".into(), hash_file));
     let (output, kept) = Output::open(out, made_from, options, progress)?;
     if let Some(kept) = kept {
         return Ok(kept);
@@ -71,12 +69,13 @@ fn predict(
     let start = Instant::now();
     let made = of_photographed_points(&views, &points, &model, options.without_network, progress)?;
     let seconds = start.elapsed().as_secs_f64();
-    manifest.write(out)?;
+    output.clear()?;
     write_json(&out.join(PREDICTED_LIGHTS), &Vec::<(String, Appearance)>::new())?;
     match scene.georeference.map(|g| g.grid) {
         Some(site) => ply::write(&out.join(PREDICTED), &made.splats, &site)?,
         None => ply::write_local(&out.join(PREDICTED), &made.splats)?,
     }
+    manifest.write(out)?;
     write_trained(out, scene, &made.splats, recipe)?;
     output.complete(Predicted {
         points: file.map_or_else(|| "the scene".into(), |path| format!("`{}`", path.display())),

@@ -8,7 +8,7 @@ use crate::io::{
 use crate::mesh::TriangleMesh;
 use crate::mvs::MatchedSurface;
 use crate::pipeline::PipelineError;
-use las::Reader;
+use las::{Reader, point::Classification};
 use std::path::Path;
 
 /// Endings of files that points are read from.
@@ -98,6 +98,7 @@ impl<'a> ToSite<'a> {
     }
 }
 
+/// Points that are withheld or classified as noise are left out.
 fn of_cloud(path: &Path, site: &SiteGrid) -> Result<Vec<[f64; 3]>, PipelineError> {
     let damaged = |cause: las::Error| PipelineError::Cloud(CloudError::Read { path: path.into(), cause });
     let mut reader = Reader::from_path(path).map_err(damaged)?;
@@ -108,20 +109,23 @@ fn of_cloud(path: &Path, site: &SiteGrid) -> Result<Vec<[f64; 3]>, PipelineError
     }
     let to_site = ToSite::new(path, site, epsg, &HeightSystem::of_cloud(header))?;
     let expected = header.number_of_points();
-    let mut out = Vec::new();
+    let (mut out, mut found) = (Vec::new(), 0);
     loop {
-        let before = out.len();
+        let before = found;
         let points = reader.read_points(CHUNK).map_err(damaged)?;
         for point in points.points() {
             let point = point.map_err(damaged)?;
-            out.push(to_site.point(point.x, point.y, point.z));
+            found += 1;
+            let noise = [Classification::LowPoint, Classification::HighNoise];
+            if !point.is_withheld && !noise.contains(&point.classification) {
+                out.push(to_site.point(point.x, point.y, point.z));
+            }
         }
-        if out.len() == before || out.len() > MOST {
+        if found == before || out.len() > MOST {
             break;
         }
     }
-    if (out.len() as u64) < expected && out.len() <= MOST {
-        let found = out.len() as u64;
+    if found < expected && out.len() <= MOST {
         return Err(PipelineError::Cloud(CloudError::CutShort { path: path.into(), found, expected }));
     }
     to_site.finite(out)

@@ -8,13 +8,11 @@ use crate::bundle::Adjustment;
 use crate::io::{WriteError, write_json};
 use crate::mvs::MatchedSurface;
 use crate::pipeline::cameras::require_images;
-use crate::pipeline::stage::{Fingerprint, Outcome, hash_file};
+use crate::pipeline::stage::{Outcome, adjustment_fingerprint, hash_file};
 use crate::pipeline::{PipelineError, TrainOptions, TrainedCameras, read_scene, relocation};
 use crate::predict::FEWEST_POINTS;
 use crate::progress::{Event, Progress};
-use crate::run_files::{
-    ADJUSTMENT, CAMERAS, FIRST_SURFACE, PREDICTED, PREDICTED_LIGHTS, SCENE, STAGE, SURFACE,
-};
+use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, PREDICTED, PREDICTED_LIGHTS, SCENE, SURFACE};
 use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
 use crate::splat::ply;
@@ -72,8 +70,9 @@ pub fn predict(
         Source::Matched(path) => hash_file(path),
         Source::Sparse => source.text(),
     };
-    let adjustment = hash_file(&run.join(ADJUSTMENT).join(STAGE));
-    let made_from = Fingerprint::from([("adjustment".into(), adjustment), ("--points".into(), points)]);
+    let mut made_from = adjustment_fingerprint(run);
+    made_from.insert("--points".into(), points);
+    made_from.insert("alignment".into(), hash_file(&run.join(relocation::RECORD)));
     let (output, kept) = Output::open(out, made_from, options, progress)?;
     if let Some(kept) = kept {
         return Ok(kept);
@@ -106,11 +105,12 @@ pub fn predict(
     let start = Instant::now();
     let made = of_points(&setup, &views, &points, &model, options.without_network, progress)?;
     let seconds = start.elapsed().as_secs_f64();
-    copy_adjustment(run, output.folder)?;
+    output.clear()?;
     let names = views.iter().map(|v| v.name.clone());
     let appearances: Vec<(String, Appearance)> = names.zip(made.lights).collect();
     write_json(&out.join(PREDICTED_LIGHTS), &appearances)?;
     ply::write(&out.join(PREDICTED), &made.splats, &setup.site)?;
+    copy_adjustment(run, output.folder)?;
     let cameras = TrainedCameras { appearances, setup, recipe, is_matched: false };
     cameras.write_splats(out, &made.splats)?;
     write_json(&out.join(CAMERAS), &cameras)?;
@@ -128,13 +128,13 @@ fn setup_of(run: &Path, scene: &Scene) -> Result<(SiteScene, Recipe, Vec<[f64; 3
     let adjustment = Adjustment::read(&run.join(ADJUSTMENT))?;
     let points = adjustment.positions();
     let recipe = TrainOptions::default().satellite_recipe()?;
-    let setup = if run.join(CAMERAS).exists() {
+    let mut setup = if run.join(CAMERAS).exists() {
         TrainedCameras::read(run)?.setup
     } else {
-        let mut setup = SiteScene::new(scene, &adjustment.cameras_of(scene)?, &points)?;
-        setup.transfer_function = setup.transfer_function.with_white(recipe.white);
-        setup
+        SiteScene::new(scene, &adjustment.cameras_of(scene)?, &points)?
     };
+    // Of a trained run it may be that of another recipe.
+    setup.transfer_function = setup.transfer_function.with_white(recipe.white);
     let sparse = setup.sparse(&points).iter().map(|p| p.xyz()).collect();
     Ok((setup, recipe, sparse))
 }
@@ -160,6 +160,9 @@ fn copy_adjustment(run: &Path, out: &Path) -> Result<(), PipelineError> {
     };
     let copy = |from: &Path, to: &Path| std::fs::copy(from, to).map(drop).map_err(failed(to));
     copy(&run.join(SCENE), &out.join(SCENE))?;
+    if run.join(relocation::RECORD).exists() {
+        copy(&run.join(relocation::RECORD), &out.join(relocation::RECORD))?;
+    }
     let mut folders = vec![PathBuf::from(ADJUSTMENT)];
     while let Some(folder) = folders.pop() {
         let (from, to) = (run.join(&folder), out.join(&folder));

@@ -1,6 +1,5 @@
 //! From points and views to splats, of satellite scenes and of photographs.
 
-use super::Untrained;
 use crate::affine::{SiteScene, TrainingView};
 use crate::frame::SiteBox;
 use crate::pipeline::PipelineError;
@@ -15,6 +14,7 @@ use crate::splat::init::neighbour_scales;
 use crate::splat::pinhole::PinholeView;
 use crate::splat::splats::Splats;
 use crate::stats::quantile;
+use serde::{Deserialize, Serialize};
 
 /// Splats of photographs are so many times closer than the points.
 const SPLATS_OF_SPACING: f64 = 3.0;
@@ -22,6 +22,16 @@ const SPLATS_OF_SPACING: f64 = 3.0;
 const OUTSIDE: f64 = 0.005;
 /// Share of dropped points from which they look like those of something else.
 const MANY_DROPPED: f64 = 0.15;
+
+/// Splats of points without a network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Untrained {
+    /// An isotropic one for each point.
+    Isotropic,
+    /// A flat one along the surface for each point.
+    Flat,
+}
 
 /// Splats of points, and the colour models of the views.
 pub struct SplatsOfPoints {
@@ -66,6 +76,8 @@ pub fn of_photographed_points(
     untrained: Option<Untrained>,
     progress: &dyn Progress,
 ) -> Result<SplatsOfPoints, PipelineError> {
+    let finite = points.iter().filter(|p| p.iter().all(|v| v.is_finite()));
+    let points: &[[f64; 3]] = &finite.copied().collect::<Vec<_>>();
     let sampling = *model.sampling();
     let scale = sampling.spacing_m * SPLATS_OF_SPACING / typical_spacing(points)?;
     let larger: Vec<[f64; 3]> = points.iter().map(|p| p.map(|v| scale * v)).collect();

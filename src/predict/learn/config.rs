@@ -2,6 +2,7 @@
 
 use super::error::LearnError;
 use crate::predict::SplatSampling;
+use crate::predict::image_features::FEATURES;
 use crate::predict::network::SplatNetwork;
 use crate::scene::TransferFunction;
 use crate::simulate::{Relief, SimulateOptions};
@@ -100,6 +101,11 @@ impl LearnConfig {
             ("kept_rounds", self.kept_rounds),
             ("validate_every", self.validate_every),
         ];
+        // More towns would have the seeds of another `seed`.
+        if self.towns > 1 << 16 {
+            let found = self.towns.to_string();
+            return Err(LearnError::Config { field: "towns", found, expected: "1 to 65536" });
+        }
         for (field, n) in counts {
             if !(1..=1_000_000).contains(&n) {
                 return Err(LearnError::Config { field, found: n.to_string(), expected: "1 to 1000000" });
@@ -121,20 +127,22 @@ impl LearnConfig {
                 return Err(LearnError::Config { field, found, expected: "at least one number" });
             }
         }
-        if !self.network.is_sound() {
+        if !self.network.is_sound() || self.network.image_features != FEATURES {
             let found = format!("{:?}", self.network);
-            return Err(LearnError::Config {
-                field: "network",
-                found,
-                expected: "a width of 4 to 512, divisible by 4",
-            });
+            let expected = "a width of 4 to 512, divisible by 4, and 12 image features";
+            return Err(LearnError::Config { field: "network", found, expected });
+        }
+        // Of the lists, towns take one after the other.
+        for seed in 0..2 * (self.gsd_m.len() + self.gamma.len()) as u64 {
+            self.transfer_function(seed)?;
+            self.town(seed).check()?;
         }
         Ok(())
     }
 
     /// The simulation of the town with this seed.
     pub(super) fn town(&self, seed: u64) -> SimulateOptions {
-        let relief = if seed % 4 == 3 { Relief::Hilly } else { Relief::Rolling };
+        let relief = if seed % 5 == 3 { Relief::Hilly } else { Relief::Rolling };
         SimulateOptions {
             seed,
             views: self.views,
@@ -171,7 +179,7 @@ impl LearnConfig {
     }
 
     /// What a model of this training says of its origin.
-    pub(super) fn origin(&self) -> String {
+    pub(in crate::predict) fn origin(&self) -> String {
         let config = serde_json::to_string(self).unwrap_or_default();
         format!("satgs {} learn, configuration {config}", env!("CARGO_PKG_VERSION"))
     }

@@ -8,6 +8,7 @@ use crate::progress::Interrupted;
 use crate::rpc::formats::FormatError;
 use crate::scene::SceneError;
 use crate::simulate::SimulateError;
+use crate::splat::loss::WeightError;
 use std::path::PathBuf;
 
 /// Why no model can be trained.
@@ -41,6 +42,15 @@ pub enum LearnError {
         /// The round.
         round: usize,
     },
+    /// No tile of a round shows enough sunlit ground.
+    #[error("the towns of round {round} show too little sunlit ground")]
+    #[diagnostic(help("larger images (`size_px`) or more tiles help"))]
+    NoSamples {
+        /// The round.
+        round: usize,
+    },
+    #[error(transparent)]
+    Weight(#[from] WeightError),
     /// There is a training with another configuration.
     #[error("`{path}` belongs to a training with another configuration")]
     #[diagnostic(help("remove the folder, or choose another name for the model"))]

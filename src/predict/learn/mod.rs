@@ -2,7 +2,7 @@
 //!
 //! A round takes a town, draws a cloud of its surface with the errors of stereo matching, and prepares samples from it: tiles with
 //! the numbers that the network takes, and the images to compare renders with. The samples of the last rounds are kept, and a
-//! number of steps is made with samples drawn from these. Learning rate and momentum follow one cycle (Smith & Topin 2019): the
+//! number of steps is made with samples drawn from these. The learning rate follows one cycle (Smith & Topin 2019): the
 //! rate rises for three tenths of the steps and falls to nearly zero. The loss is that of 3DGS for pixels in sunlight, and a pull
 //! to the exact surface where it is smooth.
 //!
@@ -26,6 +26,7 @@ use crate::io::{Chart, WriteError, write_atomically, write_file};
 use crate::nn::adam::{Adam, AdamRule};
 use crate::progress::{Event, NoProgress, Progress};
 use crate::random::CounterRng;
+use crate::simulate::{Relief, SimulateOptions};
 use crate::splat::backend::stopwatch::Stopwatch;
 use crate::splat::loss::LossWeights;
 use crate::splat::objective::Gradient;
@@ -39,13 +40,13 @@ use town::Town;
 /// Purpose of the random numbers.
 const DRAW_STEP: u64 = 54;
 /// Kind of the checkpoint's file.
-const CHECKPOINT: &str = "satgs learn 1";
+const CHECKPOINT: &str = "satgs learn 2";
 /// Weight of the pull to the exact surface.
 const SURFACE_WEIGHT: f64 = 0.2;
 /// Number of tiles of a validation town.
 const VALIDATION_TILES: usize = 3;
 /// Seeds of towns for validation begin here: none of them is learned from.
-const VALIDATION_SEED: u64 = 1 << 32;
+const VALIDATION_SEED: u64 = 1 << 60;
 /// Number of the clouds for validation.
 const VALIDATION_CLOUD: u64 = 1 << 40;
 
@@ -109,7 +110,9 @@ pub fn learn(
     progress.event(Event::Started { stage: "training the network", total: config.rounds as u64 });
     progress.event(Event::Resumable(true));
     let mut kept: VecDeque<Vec<Sample>> = VecDeque::new();
-    let first = state.rounds.saturating_sub(config.kept_rounds - 1);
+    // A complete training needs no samples.
+    let is_complete = state.rounds == config.rounds;
+    let first = if is_complete { config.rounds } else { state.rounds.saturating_sub(config.kept_rounds - 1) };
     for round in first..config.rounds {
         progress.check()?;
         kept.push_back(round_samples(config, folder, round)?);
@@ -121,11 +124,15 @@ pub fn learn(
             continue;
         }
         let samples: Vec<&Sample> = kept.iter().flatten().collect();
+        if samples.is_empty() {
+            return Err(LearnError::NoSamples { round: round + 1 });
+        }
         let (rate, loss) = state.round(round, &samples)?;
         let is_last = round + 1 == config.rounds;
         let is_validated = is_last || (round + 1).is_multiple_of(config.validate_every);
         let model = state.model();
-        let scores = (is_validated && !validation[0].is_empty()).then(|| validate(&model, &validation));
+        let scores = (is_validated && validation.iter().all(|samples| !samples.is_empty()))
+            .then(|| validate(&model, &validation));
         state.log.push(LearnLine { round: round + 1, rate, loss, validation: scores });
         state.rounds = round + 1;
         checkpoint::write(&path, CHECKPOINT, &state)?;
@@ -158,17 +165,21 @@ fn read_state(path: &Path, config: &LearnConfig) -> Result<State, LearnError> {
     }
 }
 
+/// A town of the folder, which is simulated if it is not there. The name has the options, so that towns of others are not taken.
+fn load_town(config: &LearnConfig, folder: &Path, seed: u64) -> Result<Arc<Town>, LearnError> {
+    let options = config.town(seed);
+    let SimulateOptions { views, size_px, gsd_m, relief, .. } = options;
+    let relief = if relief == Relief::Hilly { "hilly" } else { "rolling" };
+    let folder = folder.join(format!("towns/{seed}-{views}x{size_px}px-{gsd_m}m-{relief}"));
+    Ok(Arc::new(Town::load(&folder, &options, config.transfer_function(seed)?, &NoProgress)?))
+}
+
 /// The samples of a round.
 fn round_samples(config: &LearnConfig, folder: &Path, round: usize) -> Result<Vec<Sample>, LearnError> {
     let seed = config.seed.wrapping_mul(1 << 16) + (round % config.towns) as u64;
-    let town = Town::load(
-        &folder.join(format!("towns/{seed}")),
-        &config.town(seed),
-        config.transfer_function(seed)?,
-        &NoProgress,
-    )?;
+    let town = load_town(config, folder, seed)?;
     let share = points::draw_share(config.seed, round as u64);
-    Ok(samples(&Arc::new(town), &config.sampling, config.seed, round as u64, share, config.tiles)?)
+    Ok(samples(&town, &config.sampling, config.seed, round as u64, share, config.tiles)?)
 }
 
 /// The samples of unseen towns, for each part of the points.
@@ -181,14 +192,7 @@ fn validation_samples<const N: usize>(
     let mut out = std::array::from_fn(|_| Vec::new());
     for k in 0..config.validation_towns as u64 {
         progress.check()?;
-        let seed = VALIDATION_SEED + k;
-        let town = Town::load(
-            &folder.join(format!("towns/{seed}")),
-            &config.town(seed),
-            config.transfer_function(seed)?,
-            &NoProgress,
-        )?;
-        let town = Arc::new(town);
+        let town = load_town(config, folder, VALIDATION_SEED + k)?;
         for (own, share) in out.iter_mut().zip(shares) {
             let cloud = VALIDATION_CLOUD + k;
             own.extend(samples(&town, &config.sampling, config.seed, cloud, share, VALIDATION_TILES)?);
@@ -263,7 +267,7 @@ impl State {
 
     /// Makes the steps of a round; the last learning rate and the mean loss.
     fn round(&mut self, round: usize, samples: &[&Sample]) -> Result<(f64, f64), LearnError> {
-        let weights = LossWeights::of(&[("surface_prior", SURFACE_WEIGHT)]).unwrap_or_default();
+        let weights = LossWeights::default().with(&[("surface_prior", SURFACE_WEIGHT)])?;
         let mut evaluation = NetworkEvaluation::new(&self.config.network);
         let mut gradient = Gradient::default();
         let mut by_parameters = vec![0.0; self.parameters.len()];

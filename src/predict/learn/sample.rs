@@ -66,7 +66,12 @@ pub fn samples(
     tiles: usize,
 ) -> Result<Vec<Sample>, PredictError> {
     let given = points::draw(&town.surface, seed, cloud, share);
-    let (points, _) = Cloud::new(&given, sampling.spacing_m)?;
+    let points = match Cloud::new(&given, sampling.spacing_m) {
+        Ok((points, _)) => points,
+        // A small town that was thinned too much teaches nothing.
+        Err(PredictError::FewPoints { .. }) => return Ok(Vec::new()),
+        Err(other) => return Err(other),
+    };
     let surface = reference::surface(&points, sampling, town.area, true);
     let images = SatelliteImages::new(&town.context, &surface, town.altitudes);
     let lights = calibrate(&images, points.positions(), 0);

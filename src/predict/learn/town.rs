@@ -54,8 +54,7 @@ impl Town {
     ) -> Result<Self, LearnError> {
         let truth = folder.join("truth/TOWN_DSM.tif");
         if !truth.exists() {
-            let options = SimulateOptions { overwrite: true, ..options.clone() };
-            simulate(folder, &options, progress)?;
+            simulate(folder, options, progress)?;
         }
         let scene = crate::scene::read(folder, &ReadOptions::default())?;
         let file = ImageFile::open(&truth)?;

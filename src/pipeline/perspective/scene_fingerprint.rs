@@ -1,0 +1,43 @@
+//! What a perspective scene is, to be compared with what a stage was made from.
+
+use super::super::PipelineError;
+use super::super::stage::{Fingerprint, hash, hash_file};
+use super::cameras::TrainedPhoto;
+use crate::perspective::PerspectiveScene;
+use crate::scene::Role;
+
+/// What a scene is: its cameras, points and images.
+pub fn scene_fingerprint(scene: &PerspectiveScene) -> Result<Fingerprint, PipelineError> {
+    let json = |what: &'static str, value: Result<String, serde_json::Error>| {
+        value.map_err(|source| PipelineError::Json { what, source })
+    };
+    let cameras: Vec<_> = scene.views.iter().map(TrainedPhoto::new).collect();
+    let cameras = json("the cameras", serde_json::to_string(&(cameras, scene.georeference)))?;
+    let roles = scene.views.iter().filter(|v| v.role == Role::Test).map(|v| v.name.as_str());
+    let points: Vec<u8> = scene
+        .points
+        .iter()
+        .flat_map(|p| p.position.xyz().into_iter().flat_map(f64::to_le_bytes).chain(p.rgb))
+        .collect();
+    // The cameras above are those of undistorted images.
+    let lenses: Vec<_> =
+        scene.views.iter().map(|v| (v.lens_camera, v.depth.as_ref().map(|d| d.metres_per_unit))).collect();
+    let downsampling = scene.views.first().map_or(1, |v| v.downsampling);
+    let mut out = Fingerprint::from([
+        ("cameras".into(), hash(cameras.as_bytes())),
+        ("lenses".into(), hash(format!("{lenses:?}").as_bytes())),
+        ("points".into(), hash(&points)),
+        ("--downsampling".into(), downsampling.to_string()),
+        ("--test-views".into(), roles.collect::<Vec<_>>().join(", ")),
+    ]);
+    for view in scene.training() {
+        out.insert(format!("image {}", view.name), hash_file(&view.image));
+        if let Some(mask) = &view.mask {
+            out.insert(format!("mask {}", view.name), hash_file(mask));
+        }
+        if let Some(depth) = view.depth.as_ref().filter(|_| scene.points.is_empty()) {
+            out.insert(format!("depth map {}", view.name), hash_file(&depth.path));
+        }
+    }
+    Ok(out)
+}
