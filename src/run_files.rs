@@ -22,7 +22,7 @@ pub const START: &str = "train/start";
 pub const PRIORS: &str = "priors";
 /// Folder of a prediction of splats.
 pub const PREDICT_STAGE: &str = "predict";
-/// The splats that were predicted from points, in linear colours, which training goes on from.
+/// The splats that were predicted from points, which training goes on from; their colours are linear, of photographs as displayed.
 pub const PREDICTED: &str = "predict/splats.ply";
 /// The colour models of the views that were found with them.
 pub const PREDICTED_LIGHTS: &str = "predict/lights.json";

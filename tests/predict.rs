@@ -52,6 +52,14 @@ impl Town {
         (grid.epsg, (0..heights.data.len()).map(at).collect())
     }
 
+    /// Mean position of the splats of a run, metres from the origin of its site.
+    fn mean_position(&self, run: &str) -> [f64; 3] {
+        let splats = satgs::splat::ply::read(Path::new(&self.path(&format!("{run}/splats.ply")))).unwrap();
+        let mean =
+            |k: usize| splats.position.iter().map(|p| f64::from(p[k])).sum::<f64>() / splats.len() as f64;
+        [mean(0), mean(1), mean(2)]
+    }
+
     /// Predicts, and returns the summary.
     fn predict(&self, out: &str, more: &[&str]) -> Value {
         let (run, out) = (self.path("run"), self.path(out));
@@ -80,8 +88,8 @@ fn the_prediction_shows_the_town_and_training_goes_on_from_it(town: &Town) {
     succeeds(&["dsm", &run, "-q"]);
     let scores = succeeds(&["dsm-eval", &town.path("predicted/dsm.tif"), &town.surface(), "--json"]);
     let scores: Value = serde_json::from_slice(&scores.stdout).unwrap();
-    let text = scores.to_string();
-    assert!(text.contains("mae"), "{text}");
+    let mae = find(&scores, "mae_m").and_then(Value::as_f64).unwrap();
+    assert!(mae < 1.2, "{mae} m from the surface that it was predicted from");
     let network = score(town, "predicted");
     town.predict("flat", &["--points", &town.surface(), "--without-network", "flat"]);
     let flat = score(town, "flat");
@@ -89,6 +97,16 @@ fn the_prediction_shows_the_town_and_training_goes_on_from_it(town: &Town) {
     let trained = succeeds(&["train", &run, "--iterations", "3", "--json"]);
     let trained: Value = serde_json::from_slice(&trained.stdout).unwrap();
     assert_eq!(trained["splats_start"].as_u64(), Some(splats), "{trained}");
+    succeeds(&["dsm", &run, "-q"]);
+    succeeds(&["align", &run, "--to", &town.surface(), "-q"]);
+    let said = satgs(&["train", &run, "--iterations", "3"]);
+    assert!(text(&said).contains("is trained already"), "{}", text(&said));
+    // Another adjustment in the folder has nothing to do with the splats.
+    succeeds(&["ba", &town.path("scene"), "-o", &run, "--gamma", "1.1", "--overwrite", "-q"]);
+    let trained =
+        succeeds(&["train", &run, "--recipe", "baeogs", "--iterations", "3", "--overwrite", "--json"]);
+    let trained: Value = serde_json::from_slice(&trained.stdout).unwrap();
+    assert_ne!(trained["splats_start"].as_u64(), Some(splats), "{trained}");
 }
 
 /// PSNR of the view that is held out, dB.
@@ -151,6 +169,9 @@ fn clouds_in_another_zone_give_the_same_surface(town: &Town) {
         let found = town.predict(&format!("of_{k}"), &["--points", &file]);
         let ratio = splats(&found) / splats(&expected);
         assert!((ratio - 1.0).abs() < 0.02, "{file}: {found} {expected}");
+        let [own, other] = [format!("of_{k}"), "of_raster".into()].map(|run| town.mean_position(&run));
+        let off = (0..3).map(|k| (own[k] - other[k]).abs()).fold(0.0, f64::max);
+        assert!(off < 0.2, "{file}: {own:?} {other:?}");
     }
 }
 
@@ -170,7 +191,7 @@ fn wrong_points_and_models_are_refused_with_the_reason(town: &Town) {
     let count = header.replace("vertex 2", &format!("vertex {}", points.len())).replace("float", "double");
     let high = town.write("high.ply", (count + &points.iter().map(line).collect::<String>()).as_bytes());
     let said = satgs(&["predict", &run, "-o", &town.path("high"), "--points", &high]);
-    assert!(text(&said).contains("above the tie points"), "{}", text(&said));
+    assert!(text(&said).contains("vertical reference"), "{}", text(&said));
     let cut = town.write("cut.ply", format!("{header}1 2 3\n").as_bytes());
     with("--points", &cut, &["cut.ply", "ends before the last"]);
     let no_cloud = town.write("no.laz", b"LASF");

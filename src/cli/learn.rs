@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// not see. Beside OUT.safetensors, the folder OUT.learn gets learn.csv (a line for each round; scores of towns that are not
 /// learned from in dB, of the network and of untrained splats on the same points), curves.svg, the same scores by the part of the
 /// points (points.csv, points.svg), a checkpoint, and the towns
-/// (about 5 MB each; may be removed afterwards). An interrupted training goes on with the same command, and gives the same model.
+/// (about 7 MB each; may be removed afterwards). An interrupted training goes on with the same command, and gives the same model.
 ///
 ///   satgs learn --print-config > learn.toml
 ///   satgs learn model.safetensors --config learn.toml

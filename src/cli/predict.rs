@@ -32,6 +32,10 @@ pub struct Args {
     /// points, else those of its depth maps]
     #[arg(long, value_name = "FILE", value_parser = ending(&POINT_ENDINGS))]
     points: Option<PathBuf>,
+    /// Take the points where they are. By default points of satellite scenes are moved onto the tie points of the adjustment, which
+    /// tells by how much: tie points leave the place of a run open by some metres
+    #[arg(long, requires = "points")]
+    keep_place: bool,
     /// Model, made by `satgs learn`, or a network of yours with the inputs and the output that `satgs learn OUT.onnx --from built-in`
     /// has [default: the one that comes with satgs]
     #[arg(long, value_name = "FILE.safetensors|FILE.onnx")]
@@ -66,6 +70,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
             Kind::Isotropic => Untrained::Isotropic,
             Kind::Flat => Untrained::Flat,
         }),
+        keeps_place: args.keep_place,
         perspective: args.perspective.options(),
         overwrite: args.overwrite,
     };

@@ -2,11 +2,11 @@
 //!
 //! | numbers | splat | all zero |
 //! |---|---|---|
-//! | 0 to 2 | centre = query + unit · tanh(·), site axes | at the query |
+//! | 0 to 2 | centre = query + `most_offset_m` · tanh(·), site axes | at the query |
 //! | 3 to 5 | ln of the standard deviations = that of a splat of this spacing + 3 tanh(· / 3) | flat along the normal |
 //! | 6 to 9 | orientation = that of the normal + · | third axis along the normal |
 //! | 10 | logit of the opacity = logit 0.8 + · | 0.8 |
-//! | 11 to 13 | linear colour = that which the images show + unit · tanh(·) | as seen |
+//! | 11 to 13 | linear colour = that which the images show + `most_color` · tanh(·) | as seen |
 //!
 //! An untrained network thus gives splats that lie flat on the surface in the colours of the images.
 
@@ -60,9 +60,9 @@ pub struct Head {
     /// Spacing of the queries, metres.
     pub spacing_m: f64,
     /// Largest offset from the query along each axis, metres; zero without offsets.
-    pub offset_m: f64,
+    pub most_offset_m: f64,
     /// Largest change of a linear colour.
-    pub color: f64,
+    pub most_color: f64,
 }
 
 impl Head {
@@ -70,8 +70,8 @@ impl Head {
     #[must_use]
     pub fn splats<T: Real>(&self, outputs: &FeatureBlocks<T>, bases: &[Base<T>]) -> Splats<T> {
         let c = T::from_f64;
-        let (unit, across) = (c(self.offset_m), c((ACROSS / ALONG).ln()));
-        let (scale, color) = (c((ALONG * self.spacing_m).ln()), c(self.color));
+        let (unit, across) = (c(self.most_offset_m), c((ACROSS / ALONG).ln()));
+        let (scale, color) = (c((ALONG * self.spacing_m).ln()), c(self.most_color));
         let mut out = Splats::zeros(bases.len());
         let rows = out.position.par_iter_mut().zip(&mut out.log_scale).zip(&mut out.rotation);
         let rows = rows.zip(&mut out.opacity_logit).zip(&mut out.f_dc).zip(bases).enumerate();
@@ -97,9 +97,9 @@ impl Head {
         for i in 0..outputs.items() {
             let o = |k: usize| outputs.at(k, i);
             for k in 0..3 {
-                put(k, i, by.position[i][k] * c(self.offset_m) * slope(o(k).tanh()));
+                put(k, i, by.position[i][k] * c(self.most_offset_m) * slope(o(k).tanh()));
                 put(3 + k, i, by.log_scale[i][k] * slope((o(3 + k) / c(MOST_LOG_SCALE)).tanh()));
-                put(11 + k, i, by.f_dc[i][k] / c(SH_C0) * c(self.color) * slope(o(11 + k).tanh()));
+                put(11 + k, i, by.f_dc[i][k] / c(SH_C0) * c(self.most_color) * slope(o(11 + k).tanh()));
             }
             (0..4).for_each(|k| put(6 + k, i, by.rotation[i][k]));
             put(10, i, by.opacity_logit[i][0]);
@@ -115,7 +115,7 @@ mod tests {
 
     #[test]
     fn the_derivatives_agree_with_central_differences() {
-        let head = Head { spacing_m: 0.5, offset_m: 1.5, color: 0.4 };
+        let head = Head { spacing_m: 0.5, most_offset_m: 1.5, most_color: 0.4 };
         let mut draw = CounterRng::new(2, 0, 0, 0);
         let base = Base { position: [1.0, 2.0, 3.0], rotation: [1.0, 0.0, 0.0, 0.0], color: [0.3, 0.2, 0.4] };
         let bases = vec![base; 3];
@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn without_training_splats_lie_flat_on_the_surface_in_the_colours_of_the_images() {
-        let head = Head { spacing_m: 0.5, offset_m: 1.0, color: 0.5 };
+        let head = Head { spacing_m: 0.5, most_offset_m: 1.0, most_color: 0.5 };
         let normal = DVec3::new(0.6, 0.0, 0.8);
         let rotation = rotation_to(normal.to_array());
         let bases = [Base { position: [4.0, 5.0, 6.0], rotation, color: [0.1, 0.2, 0.3] }];

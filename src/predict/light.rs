@@ -86,86 +86,91 @@ impl SeenColor {
     }
 }
 
+/// What each image shows of some positions; none where it does not show one.
+type Shown = Vec<Vec<Option<ImageSample>>>;
+
 /// The light of each image, so that colours are those of the image `reference` in full sunlight.
 #[must_use]
 pub fn calibrate(images: &dyn ImageObserver, positions: &[[f64; 3]], reference: usize) -> Vec<Light> {
     let views = images.views();
     let step = positions.len().div_ceil(POSITIONS).max(1);
     let positions: Vec<[f64; 3]> = positions.iter().step_by(step).copied().collect();
-    let seen: Vec<Vec<Option<ImageSample>>> = positions
-        .par_iter()
-        .map(|p| {
-            let seen = |view: usize| images.observe(view, *p).filter(|o| o.visibility > IS_SEEN);
-            (0..views).map(seen).collect()
-        })
-        .collect();
-    let sunlit = |o: &&ImageSample| o.sunlight > IS_SEEN;
+    let seen = |p: &[f64; 3]| {
+        let seen = |view: usize| images.observe(view, *p).filter(|o| o.visibility > IS_SEEN);
+        (0..views).map(seen).collect()
+    };
+    let seen: Shown = positions.par_iter().map(seen).collect();
     let mut lights = vec![Light::default(); views];
     for _ in 0..PASSES {
-        let mean = |seen: &Vec<Option<ImageSample>>| {
-            let mut values: [Vec<f64>; 3] = Default::default();
-            for (o, light) in seen.iter().zip(&lights) {
-                if let Some(o) = o.as_ref().filter(sunlit) {
-                    let color = light.color(o);
-                    (0..3).for_each(|k| values[k].push(color[k].into()));
-                }
-            }
-            let [r, g, b] = values.map(|v| if v.len() < 2 { None } else { quantile(v, 0.5) });
-            Some([r?, g?, b?])
-        };
-        let colors: Vec<Option<[f64; 3]>> = seen.par_iter().map(mean).collect();
-        let fitted: Vec<Light> = (0..views)
-            .into_par_iter()
-            .map(|view| {
-                let both = || {
-                    let own = seen.iter().map(|seen| seen[view].as_ref().filter(sunlit));
-                    own.zip(&colors).filter_map(|(o, c)| Some((o?.color, (*c)?)))
-                };
-                let mut light = lights[view];
-                for k in 0..3 {
-                    let pairs: Vec<(f64, f64)> = both().map(|(o, c)| (c[k], f64::from(o[k]))).collect();
-                    if let Some((gain, offset)) = fit_line(&pairs, light.gain[k], light.offset[k]) {
-                        (light.gain[k], light.offset[k]) = (gain, offset);
-                    }
-                }
-                light
-            })
-            .collect();
-        // Colours are those of the reference.
-        let Light { gain, offset, .. } = fitted[reference];
-        for (light, fitted) in lights.iter_mut().zip(fitted) {
-            for k in 0..3 {
-                light.gain[k] = fitted.gain[k] / gain[k];
-                light.offset[k] = fitted.offset[k] - light.gain[k] * offset[k];
-            }
-        }
+        let colors = sunlit_colors(&seen, &lights, 2);
+        let fit = |view: usize| with_gain(&seen, &colors, view, lights[view]);
+        let fitted: Vec<Light> = (0..views).into_par_iter().map(fit).collect();
+        lights = relative_to(&fitted, reference);
     }
-    let bright = |seen: &[Option<ImageSample>]| {
-        let colors =
-            seen.iter().zip(&lights).filter_map(|(o, light)| Some(light.color(o.as_ref().filter(sunlit)?)));
-        let colors: Vec<[f32; 3]> = colors.collect();
-        let median = |k: usize| quantile(colors.iter().map(|c| f64::from(c[k])).collect(), 0.5);
-        Some([median(0)?, median(1)?, median(2)?])
+    let colors = sunlit_colors(&seen, &lights, 1);
+    lights.iter().enumerate().map(|(view, light)| with_ambient(&seen, &colors, view, *light)).collect()
+}
+
+fn is_sunlit(sample: &ImageSample) -> bool {
+    sample.sunlight > IS_SEEN
+}
+
+/// The median colour of each position over the images that show it in sunlight; none if these are fewer than `fewest`.
+fn sunlit_colors(seen: &Shown, lights: &[Light], fewest: usize) -> Vec<Option<[f64; 3]>> {
+    let median = |seen: &Vec<Option<ImageSample>>| {
+        let shown = seen.iter().zip(lights);
+        let sunlit = shown.filter_map(|(o, light)| Some(light.color(o.as_ref().filter(|o| is_sunlit(o))?)));
+        let colors: Vec<[f32; 3]> = sunlit.collect();
+        let of = |k: usize| quantile(colors.iter().map(|c| f64::from(c[k])).collect(), 0.5);
+        (colors.len() >= fewest).then(|| Some([of(0)?, of(1)?, of(2)?])).flatten()
     };
-    let colors: Vec<Option<[f64; 3]>> = seen.par_iter().map(|seen| bright(seen)).collect();
-    for (view, light) in lights.iter_mut().enumerate() {
-        let shaded = seen.iter().zip(&colors).filter_map(|(seen, color)| {
-            let o = seen[view].as_ref().filter(|o| o.sunlight < IS_SHADED)?;
-            Some((o.color, (*color)?))
-        });
-        let shaded: Vec<([f32; 3], [f64; 3])> = shaded.collect();
-        for k in 0..3 {
-            let ratio = |(own, color): &([f32; 3], [f64; 3])| {
-                f64::from(own[k])
-                    / (f64::from(light.gain[k]) * color[k] + f64::from(light.offset[k])).max(1e-3)
-            };
-            let median = quantile(shaded.iter().map(ratio).collect(), 0.5);
-            if let Some(ambient) = median.filter(|_| shaded.len() >= FEWEST) {
-                light.ambient[k] = ambient.clamp(AMBIENTS.0, AMBIENTS.1) as f32;
-            }
+    seen.par_iter().map(median).collect()
+}
+
+/// The light of a view with gain and offset by which it shows these colours in sunlight.
+fn with_gain(seen: &Shown, colors: &[Option<[f64; 3]>], view: usize, mut light: Light) -> Light {
+    for k in 0..3 {
+        let own = seen.iter().map(|seen| seen[view].as_ref().filter(|o| is_sunlit(o)));
+        let both = own.zip(colors).filter_map(|(o, color)| Some(((*color)?[k], f64::from(o?.color[k]))));
+        if let Some((gain, offset)) = fit_line(&both.collect::<Vec<_>>(), light.gain[k], light.offset[k]) {
+            (light.gain[k], light.offset[k]) = (gain, offset);
         }
     }
-    lights
+    light
+}
+
+/// The same lights for colours that are those of the image `reference`.
+fn relative_to(lights: &[Light], reference: usize) -> Vec<Light> {
+    let Light { gain, offset, .. } = lights[reference];
+    let relative = |light: &Light| {
+        let mut out = *light;
+        for k in 0..3 {
+            out.gain[k] = light.gain[k] / gain[k];
+            out.offset[k] = light.offset[k] - out.gain[k] * offset[k];
+        }
+        out
+    };
+    lights.iter().map(relative).collect()
+}
+
+/// The light of a view with the ambient light by which it shows these colours in the shade.
+fn with_ambient(seen: &Shown, colors: &[Option<[f64; 3]>], view: usize, mut light: Light) -> Light {
+    let shaded = seen.iter().zip(colors).filter_map(|(seen, color)| {
+        let o = seen[view].as_ref().filter(|o| o.sunlight < IS_SHADED)?;
+        Some((o.color, (*color)?))
+    });
+    let shaded: Vec<([f32; 3], [f64; 3])> = shaded.collect();
+    for k in 0..3 {
+        let ratio = |(own, color): &([f32; 3], [f64; 3])| {
+            let sunlit = f64::from(light.gain[k]) * color[k] + f64::from(light.offset[k]);
+            f64::from(own[k]) / sunlit.max(1e-3)
+        };
+        let median = quantile(shaded.iter().map(ratio).collect(), 0.5);
+        if let Some(ambient) = median.filter(|_| shaded.len() >= FEWEST) {
+            light.ambient[k] = ambient.clamp(AMBIENTS.0, AMBIENTS.1) as f32;
+        }
+    }
+    light
 }
 
 /// Gain and offset of `y = gain x + offset` by least squares in which values far from the line so far count less.

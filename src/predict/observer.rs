@@ -13,7 +13,7 @@ use rayon::prelude::*;
 /// What an image shows of a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageSample {
-    /// Linear colour.
+    /// Colour: linear, of photographs as displayed.
     pub color: [f32; 3],
     /// Whether nothing hides the position from the view, 0 to 1.
     pub visibility: f32,
@@ -107,7 +107,8 @@ impl ImageObserver for SatelliteImages<'_> {
     fn observe(&self, view: usize, position: [f64; 3]) -> Option<ImageSample> {
         let SatelliteImage { view, seen, sunlit, .. } = &self.views[view];
         let [x, y, z] = position;
-        let color = between(view, view.camera.project(Point::new(x, y, z)))?;
+        let px = view.camera.project(Point::new(x, y, z));
+        let color = between(px, (view.width, view.height), |col, row| view.block_mean(col, row, 1))?;
         let position = position.map(|v| v as f32);
         Some(ImageSample {
             color,
@@ -124,20 +125,23 @@ impl ImageObserver for SatelliteImages<'_> {
     }
 }
 
-/// The linear colour between the four pixels around a position; none if one of them is masked or outside.
-fn between(view: &TrainingView, p: Pixel<CenterPx>) -> Option<[f32; 3]> {
-    let is_inside =
-        p.col >= 0.0 && p.row >= 0.0 && p.col < (view.width - 1) as f64 && p.row < (view.height - 1) as f64;
-    if !is_inside {
+/// The colour between the four pixels around a position in an image of this size; none if one of them has no data or lies outside.
+pub fn between(
+    p: Pixel<CenterPx>,
+    (width, height): (usize, usize),
+    color: impl Fn(usize, usize) -> Option<[f32; 3]>,
+) -> Option<[f32; 3]> {
+    let last = |n: usize| n as f64 - 1.0;
+    if !(0.0..last(width)).contains(&p.col) || !(0.0..last(height)).contains(&p.row) {
         return None;
     }
     let (col, row) = (p.col as usize, p.row as usize);
     let (u, v) = ((p.col - col as f64) as f32, (p.row - row as f64) as f32);
     let mut sum = [0.0; 3];
-    for (c, r, weight) in
-        [(0, 0, (1.0 - u) * (1.0 - v)), (1, 0, u * (1.0 - v)), (0, 1, (1.0 - u) * v), (1, 1, u * v)]
-    {
-        let rgb = view.block_mean(col + c, row + r, 1)?;
+    let weights =
+        [(0, 0, (1.0 - u) * (1.0 - v)), (1, 0, u * (1.0 - v)), (0, 1, (1.0 - u) * v), (1, 1, u * v)];
+    for (c, r, weight) in weights {
+        let rgb = color(col + c, row + r)?;
         (0..3).for_each(|k| sum[k] += weight * rgb[k]);
     }
     Some(sum)

@@ -4,8 +4,8 @@
 //! first, such that splats have the spacing that the model was trained with.
 
 use super::image_features::{FEATURE_MAPS, FeatureMaps};
-use super::observer::{ImageObserver, ImageSample};
-use crate::frame::{CenterPx, Pixel, Point};
+use super::observer::{ImageObserver, ImageSample, between};
+use crate::frame::Point;
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
 use crate::splat::pinhole::{PinholePicture, PinholeView};
@@ -53,7 +53,7 @@ impl ImageObserver for Photographs<'_> {
         let Photograph { view, camera, depth, .. } = &self.views[view];
         let [x, y, z] = position;
         let px = camera.project(Point::new(x, y, z))?;
-        let color = between(view, px)?;
+        let color = between(px, camera.size, |col, row| view.color(col, row))?;
         let own = camera.cam_from_site.row(2).dot(glam::DVec3::from_array(position) - camera.center);
         let surface = f64::from(depth.at(px.col.round() as usize, px.row.round() as usize));
         // Where there is no surface nothing hides the position.
@@ -67,25 +67,6 @@ impl ImageObserver for Photographs<'_> {
         let px = camera.project(Point::new(x, y, z))?;
         features.at(px.col, px.row)
     }
-}
-
-/// The colour between the four pixels around a position; none if one of them has no data.
-fn between(view: &PinholeView, p: Pixel<CenterPx>) -> Option<[f32; 3]> {
-    let (width, height) = view.camera.size;
-    let last = |n: usize| n as f64 - 1.0;
-    if !(0.0..last(width)).contains(&p.col) || !(0.0..last(height)).contains(&p.row) {
-        return None;
-    }
-    let (col, row) = (p.col as usize, p.row as usize);
-    let (u, v) = ((p.col - col as f64) as f32, (p.row - row as f64) as f32);
-    let mut sum = [0.0; 3];
-    let weights =
-        [(0, 0, (1.0 - u) * (1.0 - v)), (1, 0, u * (1.0 - v)), (0, 1, (1.0 - u) * v), (1, 1, u * v)];
-    for (c, r, weight) in weights {
-        let rgb = view.color(col + c, row + r)?;
-        (0..3).for_each(|k| sum[k] += weight * rgb[k]);
-    }
-    Some(sum)
 }
 
 /// The splats of a scene that was enlarged by `scale`, at its own size.

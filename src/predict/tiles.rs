@@ -22,8 +22,8 @@ const MOST_COLOR: f64 = 2.0;
 /// How the numbers of the network become splats, for a cloud of this spacing (metres) and linear brightness.
 #[must_use]
 pub fn head(sampling: &SplatSampling, cloud_spacing_m: f64, brightness: f32) -> Head {
-    let offset_m = if sampling.offsets { OFFSET_M.max(cloud_spacing_m) } else { 0.0 };
-    Head { spacing_m: sampling.spacing_m, offset_m, color: MOST_COLOR * f64::from(brightness) }
+    let most_offset_m = if sampling.offsets { OFFSET_M.max(cloud_spacing_m) } else { 0.0 };
+    Head { spacing_m: sampling.spacing_m, most_offset_m, most_color: MOST_COLOR * f64::from(brightness) }
 }
 
 /// The splats of a level area (west, south, east, north; metres) that a model predicts of a cloud and the images that show it.

@@ -33,6 +33,8 @@ pub struct PredictOptions {
     pub model: Option<PathBuf>,
     /// Make splats without a network, to compare with.
     pub without_network: Option<Untrained>,
+    /// Take points of a file where they are. By default they are moved onto the tie points of a satellite scene.
+    pub keeps_place: bool,
     /// How a perspective scene is read.
     pub perspective: PerspectiveOptions,
     /// Replace a prediction that was made from other things.

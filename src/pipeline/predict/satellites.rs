@@ -5,27 +5,28 @@ use super::splats::of_points;
 use super::{Output, PredictOptions, Predicted, read_model};
 use crate::affine::{SiteScene, SiteSceneError};
 use crate::bundle::Adjustment;
-use crate::io::{WriteError, write_json};
+use crate::coregister::{self, Coregistration, Shift};
+use crate::frame::{Point, SiteGrid};
+use crate::io::{Grid2, MapGrid, WriteError, write_json};
+use crate::metrics::HeightRaster;
 use crate::mvs::MatchedSurface;
 use crate::pipeline::cameras::require_images;
 use crate::pipeline::stage::{Outcome, adjustment_fingerprint, hash_file};
 use crate::pipeline::{PipelineError, TrainOptions, TrainedCameras, read_scene, relocation};
-use crate::predict::FEWEST_POINTS;
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, PREDICTED, PREDICTED_LIGHTS, SCENE, SURFACE};
 use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
 use crate::splat::ply;
 use crate::splat::train::recipe::Recipe;
-use crate::stats::quantile;
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Points and tie points at the same place, in level cells of this side, metres, differ by less unless heights are of different
-/// vertical references.
-const MOST_OFFSET_M: f64 = 3.0;
-const OFFSET_CELL_M: f64 = 2.0;
+/// Points are compared with tie points in cells of this side, metres, of an area of at most so many square metres.
+const CELL_M: f64 = 1.0;
+const MOST_AREA_M2: f64 = 4e8;
+/// Points that are moved further upwards have another vertical reference, metres.
+const MOST_UP_M: f64 = 5.0;
 
 /// Where points come from.
 enum Source<'a> {
@@ -72,6 +73,7 @@ pub fn predict(
     };
     let mut made_from = adjustment_fingerprint(run);
     made_from.insert("--points".into(), points);
+    made_from.insert("--keep-place".into(), options.keeps_place.to_string());
     made_from.insert("alignment".into(), hash_file(&run.join(relocation::RECORD)));
     let (output, kept) = Output::open(out, made_from, options, progress)?;
     if let Some(kept) = kept {
@@ -85,23 +87,22 @@ pub fn predict(
         return Err(SiteSceneError::NoViews.into());
     }
     let points = match &source {
-        Source::File(path) => read_points(path, Some(&setup.site))?,
+        Source::File(path) => {
+            let points = read_points(path, Some(&setup.site))?;
+            if options.keeps_place {
+                points
+            } else {
+                registered(points, &sparse, &setup.site, path, progress)
+            }
+        }
         Source::Matched(path) => of_surface(&MatchedSurface::read(path, &setup.site)?),
         Source::Sparse => {
             let text = "predicting from the sparse points, which are few: --points takes a surface model or a point cloud, and a \
                         run that was trained has a matched surface";
             progress.event(Event::Warning(text.into()));
-            sparse.clone()
+            sparse
         }
     };
-    if let Some(above_m) = offset_m(&points, &sparse).filter(|offset| offset.abs() > MOST_OFFSET_M) {
-        progress.event(Event::Warning(format!(
-            "the points lie {:.1} m {} the tie points of the adjustment (median): are their heights above the ellipsoid? `satgs align` \
-             moves a trained run onto a surface",
-            above_m.abs(),
-            if above_m > 0.0 { "above" } else { "below" },
-        )));
-    }
     let start = Instant::now();
     let made = of_points(&setup, &views, &points, &model, options.without_network, progress)?;
     let seconds = start.elapsed().as_secs_f64();
@@ -139,17 +140,62 @@ fn setup_of(run: &Path, scene: &Scene) -> Result<(SiteScene, Recipe, Vec<[f64; 3
     Ok((setup, recipe, sparse))
 }
 
-/// Median height of points above the sparse points at the same place, metres; none if too few lie at the same places.
-fn offset_m(points: &[[f64; 3]], sparse: &[[f64; 3]]) -> Option<f64> {
-    let cell = |p: &[f64; 3]| [p[0], p[1]].map(|v| (v / OFFSET_CELL_M).floor() as i64);
-    let mut sums: HashMap<[i64; 2], (f64, f64)> = HashMap::new();
-    for p in points.iter().filter(|p| p.iter().all(|v| v.is_finite())) {
-        let (sum, count) = sums.entry(cell(p)).or_default();
-        (*sum, *count) = (*sum + p[2], *count + 1.0);
+/// The points of a file, moved such that they agree with the sparse points: tie points leave the place of a run open by some metres,
+/// and a shift of a pixel blurs all colours.
+fn registered(
+    mut points: Vec<[f64; 3]>,
+    sparse: &[[f64; 3]],
+    site: &SiteGrid,
+    path: &Path,
+    progress: &dyn Progress,
+) -> Vec<[f64; 3]> {
+    let places: Vec<_> = sparse.iter().map(|[x, y, z]| site.utm_from_site(Point::new(*x, *y, *z))).collect();
+    let reference = highest_points(&points, site, path);
+    let found = reference.map(|reference| coregister::to_surface(&places, site.epsg, &reference));
+    let Some(Ok(Coregistration { shift, left_m, .. })) = found else {
+        let text = "the points cannot be registered to the tie points of the adjustment; they are taken where they are";
+        progress.event(Event::Warning(text.into()));
+        return points;
+    };
+    let Shift { east_m, north_m, up_m } = shift;
+    let text = format!(
+        "the points are moved by {:.2} m east, {:.2} m north and {:.2} m up, onto the tie points of the adjustment, which then differ \
+         by {left_m:.2} m (median)",
+        -east_m, -north_m, -up_m
+    );
+    let is_far = up_m.abs() > MOST_UP_M;
+    progress.event(if is_far {
+        Event::Warning(format!(
+            "{text}: are their heights above the vertical reference that the file states?"
+        ))
+    } else {
+        Event::Note(text)
+    });
+    points.iter_mut().for_each(|p| *p = [p[0] - east_m, p[1] - north_m, p[2] - up_m]);
+    points
+}
+
+/// The highest point in each cell of the map; none without finite points.
+fn highest_points(points: &[[f64; 3]], site: &SiteGrid, path: &Path) -> Option<HeightRaster> {
+    let finite = || points.iter().filter(|p| p.iter().all(|v| v.is_finite()));
+    let [x, y, z] = site.origin.xyz();
+    let range =
+        |k: usize| finite().fold((f64::MAX, f64::MIN), |(low, high), p| (low.min(p[k]), high.max(p[k])));
+    let ((west, east), (south, north)) = (range(0), range(1));
+    let is_sound = west < east && south < north && (east - west) * (north - south) < MOST_AREA_M2;
+    if !is_sound {
+        return None;
     }
-    let above = |p: &[f64; 3]| sums.get(&cell(p)).map(|(sum, count)| sum / count - p[2]);
-    let offsets: Vec<f64> = sparse.iter().filter_map(above).collect();
-    (offsets.len() >= FEWEST_POINTS).then(|| quantile(offsets, 0.5)).flatten()
+    let grid = MapGrid::covering(site.epsg, (x + west, y + south, x + east, y + north), CELL_M);
+    let mut height = Grid2::filled(grid.width, grid.height, f32::NAN);
+    for p in finite() {
+        let (col, row) = ((x + p[0] - grid.west) / CELL_M, (grid.north - y - p[1]) / CELL_M);
+        let (col, row) = ((col as usize).min(grid.width - 1), (row as usize).min(grid.height - 1));
+        let cell = &mut height.data[row * grid.width + col];
+        *cell = cell.max((p[2] + z) as f32);
+    }
+    let path = path.into();
+    Some(HeightRaster { path, grid, height, converted_from: None, vertical: None, undeclared_nodata: 0 })
 }
 
 /// Copies what `train` and `dsm` read of an adjusted run.

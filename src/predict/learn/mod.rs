@@ -47,6 +47,10 @@ const SURFACE_WEIGHT: f64 = 0.2;
 const VALIDATION_TILES: usize = 3;
 /// Seeds of towns for validation begin here: none of them is learned from.
 const VALIDATION_SEED: u64 = 1 << 60;
+/// Parts of the points of the clouds by which a trained model is scored.
+const SHARES: [f64; 5] = [1.0, 0.3, 0.1, 0.03, 0.01];
+/// Parts of the points of the two clouds of a validation town.
+const VALIDATION_SHARES: [f64; 2] = [1.0, 0.05];
 /// Number of the clouds for validation.
 const VALIDATION_CLOUD: u64 = 1 << 40;
 
@@ -72,11 +76,6 @@ pub struct Validation {
     pub sparse: [f64; 3],
 }
 
-/// Parts of the points of the clouds by which a trained model is scored.
-const SHARES: [f64; 5] = [1.0, 0.3, 0.1, 0.03, 0.01];
-/// Parts of the points of the two clouds of a validation town.
-const VALIDATION_SHARES: [f64; 2] = [1.0, 0.05];
-
 /// What an interrupted training goes on from.
 #[derive(Serialize, Deserialize)]
 struct State {
@@ -101,12 +100,7 @@ pub fn learn(
     config.check()?;
     let path = folder.join("checkpoint.bin");
     let mut state = if path.exists() { read_state(&path, config)? } else { State::new(config) };
-    progress.event(Event::Started {
-        stage: "simulating towns for validation",
-        total: config.validation_towns as u64,
-    });
     let validation = validation_samples(config, folder, VALIDATION_SHARES, progress)?;
-    progress.event(Event::Finished);
     progress.event(Event::Started { stage: "training the network", total: config.rounds as u64 });
     progress.event(Event::Resumable(true));
     let mut kept: VecDeque<Vec<Sample>> = VecDeque::new();
@@ -144,6 +138,7 @@ pub fn learn(
         };
         progress.event(Event::Advanced { done: round as u64 + 1, status });
     }
+    progress.event(Event::Resumable(false));
     progress.event(Event::Finished);
     write_log(&folder.join("learn.csv"), &state.log)?;
     curves(&state.log).write(&folder.join("curves.svg"))?;
@@ -190,6 +185,8 @@ fn validation_samples<const N: usize>(
     progress: &dyn Progress,
 ) -> Result<[Vec<Sample>; N], LearnError> {
     let mut out = std::array::from_fn(|_| Vec::new());
+    let total = config.validation_towns as u64;
+    progress.event(Event::Started { stage: "preparing towns for validation", total });
     for k in 0..config.validation_towns as u64 {
         progress.check()?;
         let town = load_town(config, folder, VALIDATION_SEED + k)?;
@@ -199,6 +196,7 @@ fn validation_samples<const N: usize>(
         }
         progress.event(Event::Advanced { done: k + 1, status: String::new() });
     }
+    progress.event(Event::Finished);
     Ok(out)
 }
 

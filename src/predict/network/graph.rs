@@ -10,7 +10,7 @@
 //! | `splats` (output) | `[queries, 14]` | numbers that the [head](crate::predict::head) makes splats of |
 
 use super::attention::{CODES, DECAY_AT_START, HEADS};
-use super::encoder::{GROUP, MEMBER_INPUTS};
+use super::encoder::{Encoder, GROUP, MEMBER_INPUTS};
 use super::input::{NEIGHBOURS, NetworkInput};
 use super::{KEY_INPUTS, OUTPUTS, QUERY_INPUTS, SplatNetwork};
 use crate::nn::mlp::Mlp;
@@ -46,71 +46,16 @@ pub(crate) fn inputs(input: &NetworkInput<f32>) -> Vec<NamedInput> {
 /// The bytes of the ONNX file of a network with these parameters.
 pub(crate) fn onnx(network: &SplatNetwork, values: &[f32], metadata: &[(&str, &str)]) -> Vec<u8> {
     let parts = network.parts();
-    let width = network.width;
     let mut g = GraphWriter::default();
-
-    // Encoder. Maxima are added to all points of a group by their own part of the weights.
-    let (of_points, of_groups) =
-        values[parts.of_encoder.clone()].split_at(parts.encoder.points().parameters());
-    let points = Layers::of(&parts.encoder.points(), of_points);
-    let groups = Layers::of(&parts.encoder.groups(), of_groups);
-    let hidden = points.apply(&mut g, 0, "members", None);
-    let hidden = g.node("Relu", &[&hidden], &[]);
-    let codes = points.apply(&mut g, 1, &hidden, None);
-    let largest = g.node("ReduceMax", &[&codes], &[ints("axes", &[1]), int("keepdims", 1)]);
-    let hidden = groups.apply(&mut g, 0, &codes, Some((&largest, width)));
-    let hidden = g.node("Relu", &[&hidden], &[]);
-    let features = groups.apply(&mut g, 1, &hidden, None);
-    let features = g.node("ReduceMax", &[&features], &[ints("axes", &[1]), int("keepdims", 0)]);
-
-    // Key points: codes of the logits, and values.
+    let groups = encoded_groups(&mut g, &parts.encoder, &values[parts.of_encoder.clone()]);
     let keys = Layers::of(&parts.keys, &values[parts.of_keys.clone()]);
-    let rows = keys.apply(&mut g, 0, &features, Some(("keys", width)));
-    let gathered = g.node("Gather", &[&rows, "neighbours"], &[int("axis", 0)]);
-
-    // Attention. Matrices of ones pick out columns.
-    let stride = CODES + width;
-    let coefficient = |g: &mut GraphWriter, k: usize| {
-        let mut pick = vec![0.0; stride * HEADS];
-        (0..HEADS).for_each(|h| pick[(4 * h + k) * HEADS + h] = 1.0);
-        let pick = g.floats(&[stride, HEADS], &pick);
-        g.node("MatMul", &[&gathered, &pick], &[])
-    };
-    let mut logits = coefficient(&mut g, 0);
-    for k in 0..3 {
-        let pick: Vec<f32> = (0..3).map(|j| f32::from(u8::from(j == k))).collect();
-        let pick = g.floats(&[3, 1], &pick);
-        let place = g.node("MatMul", &["relative", &pick], &[]);
-        let slope = coefficient(&mut g, k + 1);
-        let product = g.node("Mul", &[&slope, &place], &[]);
-        logits = g.node("Add", &[&logits, &product], &[]);
-    }
-    let squares = g.node("Mul", &["relative", "relative"], &[]);
-    let decays =
-        values[parts.of_decays.clone()].iter().map(|v| -(1.0 + (v + DECAY_AT_START as f32).exp()).ln());
-    let decays: Vec<f32> = (0..3).flat_map(|_| decays.clone()).collect();
-    let decays = g.floats(&[3, HEADS], &decays);
-    let decays = g.node("MatMul", &[&squares, &decays], &[]);
-    let logits = g.node("Add", &[&logits, &decays], &[]);
-    let weights = g.node("Softmax", &[&logits], &[int("axis", 1)]);
-    let mut spread = vec![0.0; HEADS * width];
-    (0..width).for_each(|k| spread[k / (width / HEADS) * width + k] = 1.0);
-    let spread = g.floats(&[HEADS, width], &spread);
-    let weights = g.node("MatMul", &[&weights, &spread], &[]);
-    let mut pick = vec![0.0; stride * width];
-    (0..width).for_each(|k| pick[(CODES + k) * width + k] = 1.0);
-    let pick = g.floats(&[stride, width], &pick);
-    let attended = g.node("MatMul", &[&gathered, &pick], &[]);
-    let weighted = g.node("Mul", &[&weights, &attended], &[]);
-    let axes = g.integers(&[1]);
-    let features = g.node("ReduceSum", &[&weighted, &axes], &[int("keepdims", 0)]);
-
-    // Head.
+    let rows = keys.apply(&mut g, 0, &groups, Some(("keys", network.width)));
+    let attended = attended(&mut g, network.width, &rows, &values[parts.of_decays.clone()]);
     let head = Layers::of(&parts.head, &values[parts.of_head.clone()]);
-    let mut hidden = head.apply(&mut g, 0, &features, Some(("queries", width)));
+    let mut outputs = head.apply(&mut g, 0, &attended, Some(("queries", network.width)));
     for layer in 1..head.count() {
-        let active = g.node("Relu", &[&hidden], &[]);
-        hidden = head.apply(&mut g, layer, &active, None);
+        let active = g.node("Relu", &[&outputs], &[]);
+        outputs = head.apply(&mut g, layer, &active, None);
     }
     let known = [KEYS, Side::Fixed(KEY_INPUTS + network.image_features)];
     let inputs: [Port; 5] = [
@@ -121,7 +66,60 @@ pub(crate) fn onnx(network: &SplatNetwork, values: &[f32], metadata: &[(&str, &s
         ("queries", Element::Float, &[QUERIES, Side::Fixed(QUERY_INPUTS)]),
     ];
     let output: Port = ("splats", Element::Float, &[QUERIES, Side::Fixed(OUTPUTS)]);
-    g.finish("points to splats", &inputs, &hidden, output, metadata)
+    g.finish("points to splats", &inputs, &outputs, output, metadata)
+}
+
+/// The features of the groups. The maxima of a group are added to all of its points by their own part of the weights.
+fn encoded_groups(g: &mut GraphWriter, encoder: &Encoder, values: &[f32]) -> String {
+    let (of_points, of_groups) = values.split_at(encoder.points().parameters());
+    let points = Layers::of(&encoder.points(), of_points);
+    let groups = Layers::of(&encoder.groups(), of_groups);
+    let hidden = points.apply(g, 0, "members", None);
+    let hidden = g.node("Relu", &[&hidden], &[]);
+    let codes = points.apply(g, 1, &hidden, None);
+    let largest = g.node("ReduceMax", &[&codes], &[ints("axes", &[1]), int("keepdims", 1)]);
+    let hidden = groups.apply(g, 0, &codes, Some((&largest, encoder.width)));
+    let hidden = g.node("Relu", &[&hidden], &[]);
+    let features = groups.apply(g, 1, &hidden, None);
+    g.node("ReduceMax", &[&features], &[ints("axes", &[1]), int("keepdims", 0)])
+}
+
+/// What the queries take from the key points, whose codes and values are the columns of `rows`. Products with matrices of zeros and
+/// ones pick out columns.
+fn attended(g: &mut GraphWriter, width: usize, rows: &str, decays: &[f32]) -> String {
+    let gathered = g.node("Gather", &[rows, "neighbours"], &[int("axis", 0)]);
+    let stride = CODES + width;
+    let mut logits = picked(g, &gathered, [stride, HEADS], |row, head| row == 4 * head);
+    for k in 0..3 {
+        let place = picked(g, "relative", [3, 1], |row, _| row == k);
+        let slope = picked(g, &gathered, [stride, HEADS], |row, head| row == 4 * head + k + 1);
+        let product = g.node("Mul", &[&slope, &place], &[]);
+        logits = g.node("Add", &[&logits, &product], &[]);
+    }
+    let squares = g.node("Mul", &["relative", "relative"], &[]);
+    let decays: Vec<f32> = decays.iter().map(|v| -(1.0 + (v + DECAY_AT_START as f32).exp()).ln()).collect();
+    let decays = g.floats(&[3, HEADS], &decays.repeat(3));
+    let decays = g.node("MatMul", &[&squares, &decays], &[]);
+    let logits = g.node("Add", &[&logits, &decays], &[]);
+    let weights = g.node("Softmax", &[&logits], &[int("axis", 1)]);
+    let weights = picked(g, &weights, [HEADS, width], |head, feature| feature / (width / HEADS) == head);
+    let values = picked(g, &gathered, [stride, width], |row, feature| row == CODES + feature);
+    let weighted = g.node("Mul", &[&weights, &values], &[]);
+    let axes = g.integers(&[1]);
+    g.node("ReduceSum", &[&weighted, &axes], &[int("keepdims", 0)])
+}
+
+/// The product of a value with a matrix of zeros, and ones where `is_one`.
+fn picked(
+    g: &mut GraphWriter,
+    value: &str,
+    shape: [usize; 2],
+    is_one: impl Fn(usize, usize) -> bool,
+) -> String {
+    let [rows, columns] = shape;
+    let at = |i: usize| f32::from(u8::from(is_one(i / columns, i % columns)));
+    let matrix = g.floats(&shape, &(0..rows * columns).map(at).collect::<Vec<_>>());
+    g.node("MatMul", &[value, &matrix], &[])
 }
 
 /// The layers of a perceptron.
