@@ -3,7 +3,7 @@
 //! | numbers | splat | all zero |
 //! |---|---|---|
 //! | 0 to 2 | centre = query + `most_offset_m` · tanh(·), site axes | at the query |
-//! | 3 to 5 | ln of the standard deviations = that of a splat of this spacing + 3 tanh(· / 3) | flat along the normal |
+//! | 3 to 5 | ln of the standard deviations = that of a splat of this spacing + 3 tanh(· / 3); along the surface at least half a spacing | flat along the normal |
 //! | 6 to 9 | orientation = that of the normal + · | third axis along the normal |
 //! | 10 | logit of the opacity = logit 0.8 + · | 0.8 |
 //! | 11 to 13 | linear colour = that which the images show + `most_color` · tanh(·) | as seen |
@@ -20,6 +20,9 @@ use rayon::prelude::*;
 /// Standard deviations along and across the surface, in spacings of the queries: neighbours overlap.
 const ALONG: f64 = 0.6;
 const ACROSS: f64 = 0.2;
+/// Smallest standard deviation along the surface, in spacings of the queries: smaller ones leave gaps where images are finer than
+/// those that the network was trained with.
+const LEAST_ALONG: f64 = 0.5;
 /// Largest change of the logarithm of a standard deviation.
 const MOST_LOG_SCALE: f64 = 3.0;
 /// Opacity at the start: one pass needs opaque surfaces.
@@ -72,6 +75,7 @@ impl Head {
         let c = T::from_f64;
         let (unit, across) = (c(self.most_offset_m), c((ACROSS / ALONG).ln()));
         let (scale, color) = (c((ALONG * self.spacing_m).ln()), c(self.most_color));
+        let least = c((LEAST_ALONG * self.spacing_m).ln());
         let mut out = Splats::zeros(bases.len());
         let rows = out.position.par_iter_mut().zip(&mut out.log_scale).zip(&mut out.rotation);
         let rows = rows.zip(&mut out.opacity_logit).zip(&mut out.f_dc).zip(bases).enumerate();
@@ -79,7 +83,7 @@ impl Head {
             let o = |k: usize| outputs.at(k, i);
             *p = std::array::from_fn(|k| base.position[k] + unit * o(k).tanh());
             let log_scale = |k: usize| scale + c(MOST_LOG_SCALE) * (o(3 + k) / c(MOST_LOG_SCALE)).tanh();
-            *s = [log_scale(0), log_scale(1), log_scale(2) + across];
+            *s = [log_scale(0).max(least), log_scale(1).max(least), log_scale(2) + across];
             *q = std::array::from_fn(|k| base.rotation[k] + o(6 + k));
             *opacity = [logit(c(OPACITY)) + o(10)];
             *f_dc = f_dc_from_color(std::array::from_fn(|k| base.color[k] + color * o(11 + k).tanh()));
@@ -98,7 +102,9 @@ impl Head {
             let o = |k: usize| outputs.at(k, i);
             for k in 0..3 {
                 put(k, i, by.position[i][k] * c(self.most_offset_m) * slope(o(k).tanh()));
-                put(3 + k, i, by.log_scale[i][k] * slope((o(3 + k) / c(MOST_LOG_SCALE)).tanh()));
+                let tanh = (o(3 + k) / c(MOST_LOG_SCALE)).tanh();
+                let is_least = k < 2 && c(MOST_LOG_SCALE) * tanh < c((LEAST_ALONG / ALONG).ln());
+                put(3 + k, i, if is_least { T::zero() } else { by.log_scale[i][k] * slope(tanh) });
                 put(11 + k, i, by.f_dc[i][k] / c(SH_C0) * c(self.most_color) * slope(o(11 + k).tanh()));
             }
             (0..4).for_each(|k| put(6 + k, i, by.rotation[i][k]));

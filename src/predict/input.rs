@@ -25,9 +25,13 @@ use std::num::NonZero;
 const MARGIN_SPACINGS: f64 = 3.0;
 /// Largest number of key points of a tile.
 const MOST_KEYS: usize = 8192;
-/// Colours become square roots of their ratio to the brightness of the scene, less one, times this; largest value of that.
+/// Colours become square roots of their ratio to the brightness of the scene, less one, times this.
 const COLOR_SCALE: f32 = 1.5;
-const MOST_COLOR: f32 = 3.0;
+/// Largest colour, deviation from it, and deviation of an image feature. They are those of nearly all points of simulated towns: beyond
+/// what it was trained with, the network is not to be believed.
+const MOST_COLOR: f32 = 1.2;
+const MOST_DEVIATION: f32 = 1.2;
+const MOST_FEATURE_DEVIATION: f32 = 0.35;
 /// Heights above ground are divided by this, metres.
 const HEIGHT_M: f64 = 10.0;
 
@@ -182,7 +186,8 @@ impl<'a> SeenCloud<'a> {
             for k in 0..FEATURE_MAPS {
                 let mean = sum[k] / weights;
                 out[k] = mean;
-                out[FEATURE_MAPS + k] = (squares[k] / weights - mean * mean).max(0.0).sqrt();
+                out[FEATURE_MAPS + k] =
+                    (squares[k] / weights - mean * mean).max(0.0).sqrt().min(MOST_FEATURE_DEVIATION);
             }
         }
         out
@@ -208,7 +213,7 @@ impl<'a> SeenCloud<'a> {
             r,
             g,
             b,
-            (COLOR_SCALE * seen.deviation / self.brightness).min(MOST_COLOR),
+            (COLOR_SCALE * seen.deviation / self.brightness).min(MOST_DEVIATION),
             seen.views / self.images.views().max(1) as f32,
             seen.sunlight,
             f32::from(u8::from(query.is_wall)),
