@@ -7,7 +7,7 @@
 //!    [`queries`] by sampling occupied voxels, and [`input`] lists their numbers.
 //! 4. [`network`] computes fourteen numbers for each query, which [`head`] makes splats of.
 //!
-//! [`learn`] trains the network on towns of the simulator. [`reference`] makes splats of the same points without a network, to
+//! [`learn`] trains the network on towns of the simulator. [`reference`](mod@reference) makes splats of the same points without a network, to
 //! compare with. Lengths are metres of the site frame.
 
 mod cloud;

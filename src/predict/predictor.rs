@@ -80,7 +80,7 @@ impl Predictor {
     }
 }
 
-/// Writes a model as an ONNX file, whose inputs and output [`graph`](super::network::graph) lists.
+/// Writes a model as an ONNX file, whose inputs and output `network/graph.rs` lists.
 ///
 /// # Errors
 /// [`WriteError`] if the file cannot be written.

@@ -72,7 +72,10 @@ pub fn queries(cloud: &Cloud, sampling: &SplatSampling, area: [f64; 4], has_wall
         let own = pattern(*at, side, samples).into_iter().filter_map(|p| {
             let query = on_surface(cloud, p);
             let to = voxel(query.position);
-            let is_own = to == *at || !occupied.contains(&to) && is_beside(query.position, *at, side);
+            // Surfaces of clouds from above are mostly level or upright, as the pattern expects. Those of others are covered
+            // without gaps if samples may also lie in an occupied voxel beside theirs.
+            let may_leave = !has_walls || !occupied.contains(&to);
+            let is_own = to == *at || may_leave && is_beside(query.position, *at, side);
             (is_own && is_inside(&query)).then_some(query)
         });
         own.collect::<Vec<_>>()

@@ -1,9 +1,9 @@
 //! The network: from groups of points and their key points to the numbers of each splat (Point2GS §3.2).
 //!
-//! 1. [`encoder`]: a PointNet encodes the group of points around each key point (equation 3).
+//! 1. `encoder`: a PointNet encodes the group of points around each key point (equation 3).
 //! 2. The features of a key point are its group's, and numbers that are known of it: its surroundings, and what the images
 //!    show there (equation 4).
-//! 3. [`attention`]: each query takes a weighted mean of the features of the key points around it (equation 5).
+//! 3. `attention`: each query takes a weighted mean of the features of the key points around it (equation 5).
 //! 4. A perceptron makes [`OUTPUTS`] numbers of the mean and of what is known of the query (equation 6).
 //!
 //! Everything is generic over the number type: training runs in f32, tests compare gradients with differences in f64. There is
