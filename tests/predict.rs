@@ -137,7 +137,7 @@ fn a_second_call_keeps_the_prediction_and_one_of_other_points_is_refused(town: &
     refused(&["predict", &run, "-o", &run, "--points", &surface], 2, &["run"]);
     let other = town.path("other");
     succeeds(&["ba", &town.path("scene"), "-o", &other, "-q"]);
-    refused(&["predict", &run, "-o", &other, "--points", &surface], 2, &["holds another run"]);
+    refused(&["predict", &run, "-o", &other, "--points", &surface], 2, &["not of a prediction"]);
 }
 
 fn clouds_in_another_zone_give_the_same_surface(town: &Town) {
@@ -233,6 +233,14 @@ fn splats_of_photographs_are_predicted_from_their_points_and_training_goes_on_fr
     let trained = succeeds(&["train", &out, "--iterations", "3", "--json"]);
     let trained: Value = serde_json::from_slice(&trained.stdout).unwrap();
     assert_eq!(find(&trained, "splats_start"), find(&predicted, "splats"));
+    // Photographs often lie in a folder `train`: nothing of the scene may be removed.
+    let image = folder.path().join("room/train/0001.png");
+    std::fs::create_dir_all(image.parent().unwrap()).unwrap();
+    std::fs::write(&image, b"an image").unwrap();
+    for more in [&[][..], &["--overwrite"]] {
+        refused(&[&["predict", &room, "-o", &room][..], more].concat(), 2, &["not of a prediction"]);
+        assert!(image.exists());
+    }
     let lidar = folder.path().join("points.laz");
     std::fs::write(&lidar, b"LASF").unwrap();
     let lidar = lidar.to_str().unwrap();

@@ -1,16 +1,19 @@
 //! Point clouds as LAS or LAZ 1.4, with their CRS.
 
 use super::write::write_by;
-use super::{VerticalReference, WriteError, epsg_of_wkt};
+use super::{CloudError, VerticalReference, WriteError, epsg_of_wkt};
 use crate::frame::{Point, Utm};
 use gdal::spatial_ref::SpatialRef;
-use las::{Builder, Color, Transform, Vector, Writer, point::Format};
+use las::point::{Classification, Format};
+use las::{Builder, Color, Reader, Transform, Vector, Writer};
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// Resolution of the coordinates, metres.
 const RESOLUTION_M: f64 = 0.001;
+/// Number of points that are read at a time.
+const CHUNK: u64 = 1 << 20;
 
 /// EPSG code of the horizontal CRS of a LAS or LAZ file, from WKT, GeoTIFF keys, or a system identifier `EPSG:CODE`; `None`
 /// if the file states none.
@@ -24,6 +27,35 @@ pub fn epsg_of_cloud(header: &las::Header) -> Option<u32> {
             keys.get_projected_crs_geo_key_value().filter(|c| *c != 32767).map(u32::from)
         })
         .or_else(|| header.system_identifier().strip_prefix("EPSG:")?.parse().ok())
+}
+
+/// Calls `each` for the points of a file from the first on, except for those that are withheld or classified as noise.
+///
+/// # Errors
+/// [`CloudError`] if the file is damaged or ends before the last of the points that its header states.
+pub fn read_points(
+    path: &Path,
+    reader: &mut Reader,
+    mut each: impl FnMut(&las::Point),
+) -> Result<(), CloudError> {
+    let damaged = |cause: las::Error| CloudError::Read { path: path.into(), cause };
+    let expected = reader.header().number_of_points();
+    let mut found = 0;
+    loop {
+        let before = found;
+        for point in reader.read_points(CHUNK).map_err(damaged)?.points() {
+            let point = point.map_err(damaged)?;
+            found += 1;
+            let noise = [Classification::LowPoint, Classification::HighNoise];
+            if !point.is_withheld && !noise.contains(&point.classification) {
+                each(&point);
+            }
+        }
+        if found == before {
+            break;
+        }
+    }
+    if found < expected { Err(CloudError::CutShort { path: path.into(), found, expected }) } else { Ok(()) }
 }
 
 /// A point of a point cloud.

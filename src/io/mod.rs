@@ -32,7 +32,7 @@ mod write;
 pub use atomic::{check_writable, remove_if_there, write_atomically, write_file};
 pub use blocks::Blocks;
 pub use chart::Chart;
-pub use cloud::{CloudPoint, PointCloud, epsg_of_cloud};
+pub use cloud::{CloudPoint, PointCloud, epsg_of_cloud, read_points};
 pub use crs::{epsg_of_wkt, is_metric_map};
 pub use disk::free_disk_bytes;
 pub use error::{Cause, CloudError, RasterError, ReadError, VectorError, VerticalError, WriteError};

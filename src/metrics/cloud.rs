@@ -2,13 +2,10 @@
 
 use super::{HeightRaster, MetricsError};
 use crate::frame::Transform;
-use crate::io::{CloudError, Grid2, HeightSystem, MapGrid, epsg_of_cloud, is_metric_map};
-use las::{Reader, point::Classification};
+use crate::io::{CloudError, Grid2, HeightSystem, MapGrid, epsg_of_cloud, is_metric_map, read_points};
+use las::Reader;
 use rayon::prelude::*;
 use std::path::Path;
-
-/// Number of points that are read at a time.
-const CHUNK: u64 = 1 << 20;
 
 /// Whether the name of a file is that of a point cloud.
 pub(super) fn is_cloud(path: &Path) -> bool {
@@ -47,43 +44,24 @@ pub(super) fn read(
     grid: MapGrid,
 ) -> Result<(HeightRaster, Option<Vec<u8>>), MetricsError> {
     let (mut reader, epsg) = open(path, epsg)?;
-    let damaged = |cause: las::Error| CloudError::Read { path: path.into(), cause };
     let system = HeightSystem::of_cloud(reader.header());
-    let expected = reader.header().number_of_points();
     let transform = (epsg != grid.epsg).then(|| Transform::new(epsg, grid.epsg)).transpose()?;
     let mut height = Grid2::filled(grid.width, grid.height, f32::NAN);
     let mut classes = vec![0u8; height.data.len()];
-    let mut read = 0;
-    loop {
-        let points = reader.read_points(CHUNK).map_err(damaged)?;
-        let before = read;
-        for point in points.points() {
-            let point = point.map_err(damaged)?;
-            read += 1;
-            let noise = [Classification::LowPoint, Classification::HighNoise];
-            if point.is_withheld || noise.contains(&point.classification) {
-                continue;
-            }
-            let (x, y) = transform.map_or((point.x, point.y), |t| t.convert(point.x, point.y));
-            let (col, row) = ((x - grid.west) / grid.cell, (grid.north - y) / grid.cell);
-            let inside = (0.0..grid.width as f64).contains(&col) && (0.0..grid.height as f64).contains(&row);
-            if !inside || !point.z.is_finite() {
-                continue;
-            }
-            let i = row as usize * grid.width + col as usize;
-            let z = (point.z * system.metres) as f32;
-            if height.data[i].is_nan() || z > height.data[i] {
-                height.data[i] = z;
-                classes[i] = u8::from(point.classification);
-            }
+    read_points(path, &mut reader, |point| {
+        let (x, y) = transform.map_or((point.x, point.y), |t| t.convert(point.x, point.y));
+        let (col, row) = ((x - grid.west) / grid.cell, (grid.north - y) / grid.cell);
+        let inside = (0.0..grid.width as f64).contains(&col) && (0.0..grid.height as f64).contains(&row);
+        if !inside || !point.z.is_finite() {
+            return;
         }
-        if read == before {
-            break;
+        let i = row as usize * grid.width + col as usize;
+        let z = (point.z * system.metres) as f32;
+        if height.data[i].is_nan() || z > height.data[i] {
+            height.data[i] = z;
+            classes[i] = u8::from(point.classification);
         }
-    }
-    if read < expected {
-        return Err(CloudError::CutShort { path: path.into(), found: read, expected }.into());
-    }
+    })?;
     // 0 and 1 stand for points that nobody classified.
     let classes = classes.iter().any(|c| *c > 1).then_some(classes);
     let surface = HeightRaster {

@@ -468,12 +468,12 @@ pub enum PipelineError {
         /// What is wrong.
         reason: String,
     },
-    /// The folder for a prediction holds a run that was not predicted.
-    #[error("`{run}` holds another run")]
+    /// The folder for a prediction holds files that are not of a prediction.
+    #[error("`{folder}` holds files that are not of a prediction")]
     #[diagnostic(help("-o takes a new folder, or one that `satgs predict` made"))]
-    OtherRun {
+    OtherFiles {
         /// The folder.
-        run: PathBuf,
+        folder: PathBuf,
     },
     /// See [`PredictError`].
     #[error(transparent)]

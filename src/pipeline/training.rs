@@ -13,7 +13,7 @@ use crate::predict::Predictor;
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SNAPSHOTS, SURFACE, TRAINING};
 use crate::scene::Scene;
-use crate::splat::appearance::Appearance;
+use crate::splat::appearance::{Appearance, AppearanceKind, affine};
 use crate::splat::backend::TrainingBackend;
 use crate::splat::backend::cpu::CpuBackend;
 use crate::splat::init;
@@ -106,7 +106,8 @@ impl<'a> Training<'a> {
             let white = self.recipe.white;
             if !self.setup.transfer_function.is_linear() && white != 1.0 {
                 splats.recolor(|v| white * v);
-                lights.iter_mut().flat_map(|light| &mut light.values[9..12]).for_each(|v| *v *= white);
+                let affine = lights.iter_mut().filter(|light| light.kind == AppearanceKind::Affine);
+                affine.for_each(|light| affine::scale(&mut light.values, white));
             }
             return Ok(Some((splats, lights)));
         }

@@ -1,6 +1,7 @@
 //! A cloud of points: its clean-up, the plane around each point, and the search for the nearest points.
 
 use super::PredictError;
+use crate::frame::SiteBox;
 use crate::stats::quantile;
 use glam::DVec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -154,6 +155,12 @@ impl Cloud {
     pub fn above_ground_m(&self, p: [f64; 3]) -> f64 {
         self.ground.get(&cell(p, self.ground_cell_m)).map_or(0.0, |lowest| p[2] - lowest)
     }
+}
+
+/// Whether a position lies in a level area that is wider by a margin on all sides, metres. Western and southern borders belong to it.
+#[must_use]
+pub fn is_within((west, south, east, north): SiteBox, margin_m: f64, [x, y, _]: [f64; 3]) -> bool {
+    (west - margin_m..east + margin_m).contains(&x) && (south - margin_m..north + margin_m).contains(&y)
 }
 
 /// The level cell of a position.

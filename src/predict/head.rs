@@ -13,8 +13,8 @@
 use super::network::{FeatureBlocks, OUTPUTS};
 use super::queries::Query;
 use crate::simd::Real;
-use crate::splat::splats::{SH_C0, Splats, f_dc_from_color, logit};
-use glam::{DQuat, DVec3};
+use crate::splat::splats::{SH_C0, Splats, f_dc_from_color, logit, rotation_to};
+use glam::DVec3;
 use rayon::prelude::*;
 
 /// Standard deviations along and across the surface, in spacings of the queries: neighbours overlap.
@@ -46,15 +46,8 @@ impl Base {
     #[must_use]
     pub fn new(query: &Query, color: [f32; 3]) -> Self {
         let position = query.position.map(|v| v as f32);
-        Self { position, rotation: rotation_to(query.normal).map(|v| v as f32), color }
+        Self { position, rotation: rotation_to(DVec3::from_array(query.normal)).map(|v| v as f32), color }
     }
-}
-
-/// The quaternion (w, x, y, z) that turns the third axis to a unit normal.
-#[must_use]
-pub fn rotation_to(normal: [f64; 3]) -> [f64; 4] {
-    let turn = DQuat::from_rotation_arc(DVec3::Z, DVec3::from_array(normal));
-    [turn.w, turn.x, turn.y, turn.z]
 }
 
 /// The sizes of splats.
@@ -118,6 +111,7 @@ impl Head {
 mod tests {
     use super::*;
     use crate::random::CounterRng;
+    use glam::DQuat;
 
     #[test]
     fn the_derivatives_agree_with_central_differences() {
@@ -151,7 +145,7 @@ mod tests {
     fn without_training_splats_lie_flat_on_the_surface_in_the_colours_of_the_images() {
         let head = Head { spacing_m: 0.5, most_offset_m: 1.0, most_color: 0.5 };
         let normal = DVec3::new(0.6, 0.0, 0.8);
-        let rotation = rotation_to(normal.to_array());
+        let rotation = rotation_to(normal);
         let bases = [Base { position: [4.0, 5.0, 6.0], rotation, color: [0.1, 0.2, 0.3] }];
         let splats = head.splats(&FeatureBlocks::zeros(OUTPUTS, 1), &bases);
         assert_eq!(splats.position[0], [4.0, 5.0, 6.0]);

@@ -15,7 +15,8 @@ use super::key_points::{farthest_points, group};
 use super::light::{Light, SeenColor, seen_color};
 use super::network::{FeatureBlocks, KEY_INPUTS, MEMBER_INPUTS, NEIGHBOURS, NetworkInput, QUERY_INPUTS};
 use super::queries::{Query, queries, queries_at};
-use super::{Cloud, ImageObserver, SplatSampling};
+use super::{Cloud, ImageObserver, SplatSampling, is_within};
+use crate::frame::SiteBox;
 use crate::stats::quantile;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
@@ -95,15 +96,14 @@ impl<'a> SeenCloud<'a> {
     /// What the network takes of a level box (west, south, east, north), metres; none where there are no points. `has_walls`
     /// adds walls without points.
     #[must_use]
-    pub fn tile(&self, sampling: &SplatSampling, area: [f64; 4], has_walls: bool) -> Option<TileInput> {
+    pub fn tile(&self, sampling: &SplatSampling, area: SiteBox, has_walls: bool) -> Option<TileInput> {
         let unit = self.key_spacing_m(sampling);
         let keys = self.keys(area, unit);
         let positions: Vec<[f64; 3]> = keys.iter().map(|k| self.cloud.positions()[*k]).collect();
         let queries = if sampling.densify {
             queries(self.cloud, sampling, area, has_walls)
         } else {
-            let [west, south, east, north] = area;
-            let is_inside = |p: &&[f64; 3]| p[0] >= west && p[0] < east && p[1] >= south && p[1] < north;
+            let is_inside = |p: &&[f64; 3]| is_within(area, 0.0, **p);
             queries_at(self.cloud, &positions.iter().filter(is_inside).copied().collect::<Vec<_>>())
         };
         if queries.is_empty() {
@@ -136,12 +136,10 @@ impl<'a> SeenCloud<'a> {
     }
 
     /// Indices of the key points of a box.
-    fn keys(&self, [west, south, east, north]: [f64; 4], unit: f64) -> Vec<usize> {
-        let margin = MARGIN_SPACINGS * unit;
-        let is_near = |p: &[f64; 3]| {
-            p[0] >= west - margin && p[0] < east + margin && p[1] >= south - margin && p[1] < north + margin
-        };
-        let near = self.cloud.positions().iter().enumerate().filter(|(_, p)| is_near(p));
+    fn keys(&self, area: SiteBox, unit: f64) -> Vec<usize> {
+        let (west, south, east, north) = area;
+        let near = self.cloud.positions().iter().enumerate();
+        let near = near.filter(|(_, p)| is_within(area, MARGIN_SPACINGS * unit, **p));
         let origin = [0.5 * (west + east), 0.5 * (south + north), 0.0];
         let local = |p: &[f64; 3]| std::array::from_fn(|k| (p[k] - origin[k]) as f32);
         let (indices, points): (Vec<usize>, Vec<[f32; 3]>) = near.map(|(i, p)| (i, local(p))).unzip();

@@ -29,7 +29,7 @@ pub mod reference;
 mod tests;
 pub mod tiles;
 
-pub use cloud::{CleanUp, Cloud, FEWEST_POINTS};
+pub use cloud::{CleanUp, Cloud, FEWEST_POINTS, is_within};
 pub use error::PredictError;
 pub use model::Model;
 pub use observer::{ImageObserver, ImageSample};

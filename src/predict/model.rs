@@ -43,7 +43,7 @@ pub struct ModelContent {
 
 impl Model {
     /// A model that is not trained: its splats lie flat on the surface in the colours of the images.
-    #[must_use]
+    #[cfg(test)]
     pub fn untrained(content: ModelContent, seed: u64) -> Self {
         let parameters = content.network.start(seed);
         Self { content, parameters }

@@ -4,7 +4,8 @@
 //! are moved onto the surface: the mean of the planes around the nearest points (moving least squares). Clouds of satellites have
 //! no points on walls; where neighbouring columns differ in height, voxels are added from the upper to the lower one.
 
-use super::{Cloud, SplatSampling};
+use super::{Cloud, SplatSampling, is_within};
+use crate::frame::SiteBox;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -51,21 +52,14 @@ pub fn voxel_m(cloud: &Cloud, sampling: &SplatSampling) -> f64 {
 
 /// The queries in a level box (west, south, east, north), metres. `has_walls` adds those of walls without points.
 #[must_use]
-pub fn queries(cloud: &Cloud, sampling: &SplatSampling, area: [f64; 4], has_walls: bool) -> Vec<Query> {
+pub fn queries(cloud: &Cloud, sampling: &SplatSampling, area: SiteBox, has_walls: bool) -> Vec<Query> {
     let side = voxel_m(cloud, sampling);
     let voxel = |p: [f64; 3]| p.map(|v| (v / side).floor() as i64);
-    let [west, south, east, north] = area;
     // Samples move by less than a voxel.
-    let is_near = |p: &[f64; 3]| {
-        let margin = 2.0 * side;
-        p[0] >= west - margin && p[0] < east + margin && p[1] >= south - margin && p[1] < north + margin
-    };
+    let is_near = |p: &[f64; 3]| is_within(area, 2.0 * side, *p);
     let near: Vec<[f64; 3]> = cloud.positions().iter().copied().filter(is_near).collect();
     let occupied: BTreeSet<Voxel> = near.iter().map(|p| voxel(*p)).collect();
-    let is_inside = |q: &Query| {
-        let [x, y, _] = q.position;
-        x >= west && x < east && y >= south && y < north
-    };
+    let is_inside = |q: &Query| is_within(area, 0.0, q.position);
     let samples = (side / sampling.spacing_m).round() as i64;
     let ordered: Vec<Voxel> = occupied.iter().copied().collect();
     let of_voxel = |at: &Voxel| {
@@ -189,7 +183,7 @@ mod tests {
 
     #[test]
     fn samples_lie_on_the_surface_at_the_asked_spacing() {
-        let found = queries(&block(), &SplatSampling::default(), [2.0, 2.0, 8.0, 8.0], true);
+        let found = queries(&block(), &SplatSampling::default(), (2.0, 2.0, 8.0, 8.0), true);
         assert!((130..=160).contains(&found.len()), "{} on 36 square metres at half a metre", found.len());
         for q in &found {
             assert!((q.position[2] - 0.1 * q.position[0]).abs() < 0.02, "{q:?}");
@@ -199,14 +193,14 @@ mod tests {
 
     #[test]
     fn walls_are_filled_from_the_roof_to_the_ground() {
-        let found = queries(&block(), &SplatSampling::default(), [8.0, 12.0, 12.0, 18.0], true);
+        let found = queries(&block(), &SplatSampling::default(), (8.0, 12.0, 12.0, 18.0), true);
         let walls: Vec<&Query> = found.iter().filter(|q| q.is_wall).collect();
         assert!(walls.iter().all(|q| q.normal[0] < -0.9 && (10.0..11.0).contains(&q.position[0])));
         for z in [2.0, 5.0, 8.0, 11.0] {
             let level = walls.iter().filter(|q| (q.position[2] - z).abs() <= 0.5).count();
             assert!(level >= 10, "{level} at {z} m");
         }
-        let without = queries(&block(), &SplatSampling::default(), [8.0, 12.0, 12.0, 18.0], false);
+        let without = queries(&block(), &SplatSampling::default(), (8.0, 12.0, 12.0, 18.0), false);
         assert!(without.iter().all(|q| !q.is_wall));
     }
 
@@ -215,7 +209,7 @@ mod tests {
         let all = block();
         let few: Vec<[f64; 3]> = all.positions().iter().copied().step_by(23).collect();
         let (cloud, _) = Cloud::new(&few, 0.25).unwrap();
-        let found = queries(&cloud, &SplatSampling::default(), [1.0, 1.0, 29.0, 9.0], true);
+        let found = queries(&cloud, &SplatSampling::default(), (1.0, 1.0, 29.0, 9.0), true);
         let cells: BTreeSet<[i64; 2]> =
             found.iter().map(|q| [q.position[0], q.position[1]].map(|v| v.floor() as i64)).collect();
         assert!(cells.len() > 28 * 8 * 9 / 10, "{} of {} cells", cells.len(), 28 * 8);

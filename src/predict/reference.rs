@@ -1,12 +1,12 @@
 //! Splats of points without a network: the surface that tells what hides what, and what predictions are compared with.
 
-use super::head::{Base, rotation_to};
+use super::head::Base;
 use super::input::SeenCloud;
 use super::network::{FeatureBlocks, OUTPUTS};
 use super::queries::queries;
 use super::{Cloud, SplatSampling, tiles};
 use crate::frame::SiteBox;
-use crate::splat::splats::{Splats, logit};
+use crate::splat::splats::{Splats, logit, rotation_to};
 
 /// Opacity of splats of points.
 const OPACITY: f32 = 0.9;
@@ -19,8 +19,7 @@ const ACROSS: f32 = 0.3;
 /// without points included if asked.
 #[must_use]
 pub fn surface(cloud: &Cloud, sampling: &SplatSampling, area: SiteBox, has_walls: bool) -> Splats {
-    let (west, south, east, north) = area;
-    let queries = queries(cloud, sampling, [west, south, east, north], has_walls);
+    let queries = queries(cloud, sampling, area, has_walls);
     let bases: Vec<Base> = queries.iter().map(|query| Base::new(query, [0.5; 3])).collect();
     let head = tiles::head(sampling, cloud.spacing_m(), 0.0);
     let mut out = head.splats(&FeatureBlocks::zeros(OUTPUTS, bases.len()), &bases);
@@ -47,7 +46,7 @@ pub fn flattened(seen: &SeenCloud) -> Splats {
     for ((scale, rotation), plane) in out.log_scale.iter_mut().zip(&mut out.rotation).zip(seen.cloud.planes())
     {
         scale[2] += ACROSS.ln();
-        *rotation = rotation_to(plane.normal.to_array()).map(|v| v as f32);
+        *rotation = rotation_to(plane.normal).map(|v| v as f32);
     }
     out
 }

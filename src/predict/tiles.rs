@@ -48,7 +48,7 @@ pub fn predict(
     let mut done = 0;
     for group in tiles.chunks(each) {
         progress.check()?;
-        let of_tile = |tile: &[f64; 4]| {
+        let of_tile = |tile: &SiteBox| {
             let Some(TileInput { network: input, bases }) = seen.tile(sampling, *tile, has_walls) else {
                 return Ok(Splats::default());
             };
@@ -68,7 +68,7 @@ pub fn predict(
 }
 
 /// The tiles of an area, of equal size.
-fn tiles((west, south, east, north): SiteBox) -> Vec<[f64; 4]> {
+fn tiles((west, south, east, north): SiteBox) -> Vec<SiteBox> {
     let parts = |length: f64| (length / TILE_M).ceil().max(1.0);
     let (columns, rows) = (parts(east - west), parts(north - south));
     let (width, height) = ((east - west) / columns, (north - south) / rows);
@@ -76,7 +76,7 @@ fn tiles((west, south, east, north): SiteBox) -> Vec<[f64; 4]> {
     let tile = |i: usize| {
         let (col, row) = ((i % columns as usize) as f64, (i / columns as usize) as f64);
         let ([w, s], [e, n]) = (at(col, row), at(col + 1.0, row + 1.0));
-        [w, s, e, n]
+        (w, s, e, n)
     };
     (0..columns as usize * rows as usize).map(tile).collect()
 }

@@ -6,9 +6,9 @@ use crate::frame::{Point, Site, SiteBox};
 use crate::mvs::{MatchedSurface, ground_plane};
 use crate::random::CounterRng;
 use crate::splat::primitive::PrimitiveKind;
-use crate::splat::splats::Splats;
+use crate::splat::splats::{Splats, rotation_to};
 use crate::stats::quantile;
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZero;
@@ -130,8 +130,7 @@ pub fn init_from_surface(
     for ((p, size, normal), rgb) in splats.into_iter().zip(colors) {
         out.push(p.map(|v| v as f32), 0.5 * size as f32, SURFACE_OPACITY, rgb);
         if primitive == PrimitiveKind::Disc {
-            let turn = DQuat::from_rotation_arc(DVec3::Z, normal);
-            out.rotation[out.position.len() - 1] = [turn.w, turn.x, turn.y, turn.z].map(|v| v as f32);
+            out.rotation[out.position.len() - 1] = rotation_to(normal).map(|v| v as f32);
         }
     }
     out
@@ -179,6 +178,7 @@ mod tests {
     use crate::affine::ViewCamera;
     use crate::frame::SiteGrid;
     use crate::io::{Grid2, MapGrid};
+    use glam::DQuat;
 
     /// A block of 16 m x 12 m and 12 m high on level ground, in cells of half a metre.
     fn block() -> MatchedSurface {

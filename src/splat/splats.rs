@@ -7,6 +7,7 @@
 use super::edit::Edit;
 use super::primitive::{FLAT_LOG_SCALE, PrimitiveKind};
 use crate::simd::Real;
+use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// Value of the zeroth spherical harmonic: `rgb = SH_C0 * f_dc + 0.5`, as in 3DGS.
@@ -328,6 +329,13 @@ pub fn sigmoid<T: Real>(x: T) -> T {
 /// The inverse of [`sigmoid`]: `ln(p / (1 - p))`.
 pub fn logit<T: Real>(p: T) -> T {
     (p / (T::one() - p)).ln()
+}
+
+/// The orientation, a quaternion (w, x, y, z), of a splat whose third axis is a unit normal.
+#[must_use]
+pub fn rotation_to(normal: DVec3) -> [f64; 4] {
+    let turn = DQuat::from_rotation_arc(DVec3::Z, normal);
+    [turn.w, turn.x, turn.y, turn.z]
 }
 
 /// The unit quaternion (w, x, y, z) of a splat's orientation; zero, which rotates nothing, stays zero.

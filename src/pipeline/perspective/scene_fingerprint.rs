@@ -8,11 +8,9 @@ use crate::scene::Role;
 
 /// What a scene is: its cameras, points and images.
 pub fn scene_fingerprint(scene: &PerspectiveScene) -> Result<Fingerprint, PipelineError> {
-    let json = |what: &'static str, value: Result<String, serde_json::Error>| {
-        value.map_err(|source| PipelineError::Json { what, source })
-    };
     let cameras: Vec<_> = scene.views.iter().map(TrainedPhoto::new).collect();
-    let cameras = json("the cameras", serde_json::to_string(&(cameras, scene.georeference)))?;
+    let cameras = serde_json::to_string(&(cameras, scene.georeference))
+        .map_err(|source| PipelineError::Json { what: "the cameras", source })?;
     let roles = scene.views.iter().filter(|v| v.role == Role::Test).map(|v| v.name.as_str());
     let points: Vec<u8> = scene
         .points

@@ -13,7 +13,7 @@ use crate::perspective::{PerspectiveOptions, PerspectiveScene};
 use crate::predict::{CleanUp, Model, Predictor};
 use crate::progress::{Event, Progress};
 use crate::run_files::{
-    ADJUSTMENT, APPEARANCE, APPEARANCE_STAGE, CAMERAS, PREDICT_STAGE, PREDICTED, SCENE, SPLATS,
+    ADJUSTMENT, APPEARANCE, APPEARANCE_STAGE, CAMERAS, LOCK, PREDICT_STAGE, PREDICTED, SCENE, SPLATS,
 };
 pub use points::ENDINGS;
 pub(super) use points::of_surface;
@@ -112,8 +112,8 @@ impl<'a> Output<'a> {
             let kept = Outcome::Kept(output.stage.summary()?);
             return Ok((output, Some(kept)));
         }
-        if folder.join(SCENE).exists() && !folder.join(PREDICTED).exists() {
-            return Err(PipelineError::OtherRun { run: folder.into() });
+        if !folder.join(PREDICTED).exists() && holds_other_files(folder)? {
+            return Err(PipelineError::OtherFiles { folder: folder.into() });
         }
         output.stage.require_writable()?;
         Ok((output, None))
@@ -121,6 +121,9 @@ impl<'a> Output<'a> {
 
     /// Removes what an earlier prediction has left, and what was trained from it.
     fn clear(&self) -> Result<(), PipelineError> {
+        if !self.folder.join(PREDICTED).exists() {
+            return Ok(());
+        }
         self.stage.forget()?;
         relocation::forget(self.folder)?;
         for name in ["train", APPEARANCE_STAGE, ADJUSTMENT] {
@@ -138,6 +141,18 @@ impl<'a> Output<'a> {
         self.stage.complete(&predicted)?;
         Ok(Outcome::Made(predicted))
     }
+}
+
+/// Whether a folder holds anything but what a prediction that was interrupted leaves: nothing of others is ever replaced.
+fn holds_other_files(folder: &Path) -> Result<bool, PipelineError> {
+    let failed = |e: std::io::Error| WriteError::new(folder, e);
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let name = entry.map_err(failed)?.file_name();
+        if name != LOCK && name != PREDICT_STAGE {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// The model that is asked for.

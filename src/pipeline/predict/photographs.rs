@@ -70,11 +70,11 @@ fn predict(
     let made = of_photographed_points(&views, &points, &model, options.without_network, progress)?;
     let seconds = start.elapsed().as_secs_f64();
     output.clear()?;
-    write_json(&out.join(PREDICTED_LIGHTS), &Vec::<(String, Appearance)>::new())?;
     match scene.georeference.map(|g| g.grid) {
         Some(site) => ply::write(&out.join(PREDICTED), &made.splats, &site)?,
         None => ply::write_local(&out.join(PREDICTED), &made.splats)?,
     }
+    write_json(&out.join(PREDICTED_LIGHTS), &Vec::<(String, Appearance)>::new())?;
     manifest.write(out)?;
     write_trained(out, scene, &made.splats, recipe)?;
     output.complete(Predicted {

@@ -2,19 +2,17 @@
 
 use crate::frame::{Point, SiteGrid, Transform};
 use crate::io::{
-    CloudError, HeightSystem, ImageFile, VerticalReference, Window, epsg_of_cloud, is_metric_map,
+    self, CloudError, HeightSystem, ImageFile, VerticalReference, Window, epsg_of_cloud, is_metric_map,
     read_heights,
 };
 use crate::mesh::TriangleMesh;
 use crate::mvs::MatchedSurface;
 use crate::pipeline::PipelineError;
-use las::{Reader, point::Classification};
+use las::Reader;
 use std::path::Path;
 
 /// Endings of files that points are read from.
 pub const ENDINGS: [&str; 5] = ["laz", "las", "ply", "tif", "tiff"];
-/// Number of points that are read at a time.
-const CHUNK: u64 = 1 << 20;
 /// Longest side of a surface model, cells; larger ones are averaged.
 const LONGEST: usize = 8192;
 /// Largest number of points: about 8 GB of memory.
@@ -38,7 +36,7 @@ pub fn read_points(path: &Path, site: Option<&SiteGrid>) -> Result<Vec<[f64; 3]>
         }
     };
     if points.len() > MOST {
-        return Err(refused(path, format!("it has {} points, at most {MOST} are read", points.len())));
+        return Err(refused(path, format!("it has more than {MOST} points")));
     }
     Ok(points)
 }
@@ -108,26 +106,13 @@ fn of_cloud(path: &Path, site: &SiteGrid) -> Result<Vec<[f64; 3]>, PipelineError
         return Err(refused(path, format!("EPSG:{epsg} is no map projection in metres")));
     }
     let to_site = ToSite::new(path, site, epsg, &HeightSystem::of_cloud(header))?;
-    let expected = header.number_of_points();
-    let (mut out, mut found) = (Vec::new(), 0);
-    loop {
-        let before = found;
-        let points = reader.read_points(CHUNK).map_err(damaged)?;
-        for point in points.points() {
-            let point = point.map_err(damaged)?;
-            found += 1;
-            let noise = [Classification::LowPoint, Classification::HighNoise];
-            if !point.is_withheld && !noise.contains(&point.classification) {
-                out.push(to_site.point(point.x, point.y, point.z));
-            }
+    let mut out = Vec::new();
+    io::read_points(path, &mut reader, |point| {
+        // One more than there may be says that there are too many.
+        if out.len() <= MOST {
+            out.push(to_site.point(point.x, point.y, point.z));
         }
-        if found == before || out.len() > MOST {
-            break;
-        }
-    }
-    if found < expected && out.len() <= MOST {
-        return Err(PipelineError::Cloud(CloudError::CutShort { path: path.into(), found, expected }));
-    }
+    })?;
     to_site.finite(out)
 }
 

@@ -109,8 +109,8 @@ pub fn predict(
     output.clear()?;
     let names = views.iter().map(|v| v.name.clone());
     let appearances: Vec<(String, Appearance)> = names.zip(made.lights).collect();
-    write_json(&out.join(PREDICTED_LIGHTS), &appearances)?;
     ply::write(&out.join(PREDICTED), &made.splats, &setup.site)?;
+    write_json(&out.join(PREDICTED_LIGHTS), &appearances)?;
     copy_adjustment(run, output.folder)?;
     let cameras = TrainedCameras { appearances, setup, recipe, is_matched: false };
     cameras.write_splats(out, &made.splats)?;

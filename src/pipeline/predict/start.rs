@@ -1,7 +1,7 @@
 //! What training goes on from in a run that was predicted.
 
 use crate::frame::SiteGrid;
-use crate::io::{read_georeference, read_json};
+use crate::io::{ReadError, read_georeference, read_json};
 use crate::pipeline::PipelineError;
 use crate::pipeline::stage::{Fingerprint, hash_file, made_from};
 use crate::run_files::{PREDICT_STAGE, PREDICTED, PREDICTED_LIGHTS, STAGE};
@@ -36,7 +36,14 @@ pub fn read_predicted(
     }
     let made_by = "`satgs predict RUN -o RUN2 --overwrite` makes it";
     let damaged = |source| PipelineError::RunFile { source, made_by };
-    let lights = read_json(&run.join(PREDICTED_LIGHTS)).map_err(damaged)?;
+    let path = run.join(PREDICTED_LIGHTS);
+    let lights: Vec<(String, Appearance)> = read_json(&path).map_err(damaged)?;
+    if let Some((name, _)) = lights.iter().find(|(_, light)| !light.is_whole()) {
+        return Err(damaged(ReadError::new(
+            &path,
+            format!("the light of `{name}` has another number of values"),
+        )));
+    }
     let mut splats = ply::read(&run.join(PREDICTED))?;
     let own = read_georeference(&run.join(PREDICTED)).map_err(damaged)?;
     if let Some((own, site)) = own.zip(site) {

@@ -14,7 +14,6 @@ use std::path::PathBuf;
 /// Why no model can be trained.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
-#[allow(missing_docs)]
 pub enum LearnError {
     /// A number of the configuration is out of range.
     #[error("`{field}` is {found}, expected {expected}")]
@@ -49,6 +48,7 @@ pub enum LearnError {
         /// The round.
         round: usize,
     },
+    /// See [`WeightError`].
     #[error(transparent)]
     Weight(#[from] WeightError),
     /// There is a training with another configuration.
@@ -58,30 +58,39 @@ pub enum LearnError {
         /// The checkpoint.
         path: PathBuf,
     },
+    /// See [`SimulateError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
     Simulate(#[from] SimulateError),
+    /// See [`SceneError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
     Scene(#[from] SceneError),
+    /// See [`SiteSceneError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
     Site(#[from] SiteSceneError),
+    /// See [`FormatError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
     Rpc(#[from] FormatError),
+    /// See [`RasterError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
     Raster(#[from] RasterError),
+    /// See [`PredictError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
     Predict(#[from] PredictError),
+    /// See [`WriteError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
     Write(#[from] WriteError),
+    /// See [`CheckpointError`].
     #[error(transparent)]
     #[diagnostic(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// See [`Interrupted`].
     #[error(transparent)]
     #[diagnostic(transparent)]
     Interrupted(#[from] Interrupted),

@@ -7,8 +7,9 @@ use crate::frame::SiteBox;
 use crate::predict::head::Head;
 use crate::predict::input::{SeenCloud, TileInput};
 use crate::predict::light::calibrate;
+use crate::predict::network::NetworkEvaluation;
 use crate::predict::observer::SatelliteImages;
-use crate::predict::{Cloud, Model, PredictError, SplatSampling, reference, tiles};
+use crate::predict::{Cloud, Model, PredictError, SplatSampling, is_within, reference, tiles};
 use crate::random::CounterRng;
 use crate::splat::appearance::satgs::Cube;
 use crate::splat::appearance::{AppearanceKind, ModelParameters};
@@ -84,7 +85,7 @@ pub fn samples(
         let (w, s) = (between(west, east), between(south, north));
         let core = (w, s, w + TILE_M, s + TILE_M);
         let around = (w - MARGIN_M, s - MARGIN_M, w + TILE_M + MARGIN_M, s + TILE_M + MARGIN_M);
-        let input = seen.tile(sampling, [around.0, around.1, around.2, around.3], true)?;
+        let input = seen.tile(sampling, around, true)?;
         let targets: Vec<Target> = town.targets.iter().filter_map(|t| Target::of(t, core)).collect();
         let references = references.each_ref().map(|splats| inside(splats, around));
         let head = tiles::head(sampling, points.spacing_m(), seen.brightness());
@@ -94,11 +95,8 @@ pub fn samples(
 }
 
 /// The splats whose centres are in a level area.
-fn inside(splats: &Splats, (west, south, east, north): SiteBox) -> Splats {
-    let is_inside = |p: &[f32; 3]| {
-        let [x, y] = [p[0], p[1]].map(f64::from);
-        (west..east).contains(&x) && (south..north).contains(&y)
-    };
+fn inside(splats: &Splats, area: SiteBox) -> Splats {
+    let is_inside = |p: &[f32; 3]| is_within(area, 0.0, p.map(f64::from));
     let keep: Vec<bool> = splats.position.iter().map(is_inside).collect();
     let mut out = splats.clone();
     out.apply(&Edit::retain(&keep));
@@ -107,12 +105,10 @@ fn inside(splats: &Splats, (west, south, east, north): SiteBox) -> Splats {
 
 impl Target {
     /// The part of an image that shows a level area in sunlight; none if that is too little.
-    fn of(target: &TargetView, (west, south, east, north): SiteBox) -> Option<Self> {
+    fn of(target: &TargetView, area: SiteBox) -> Option<Self> {
         let TargetView { view, light, shown } = target;
         let is_shown = |shown: &Option<([f64; 3], f32)>| {
-            shown.is_some_and(|([x, y, _], sunlight)| {
-                sunlight > SUNLIT && (west..east).contains(&x) && (south..north).contains(&y)
-            })
+            shown.is_some_and(|(p, sunlight)| sunlight > SUNLIT && is_within(area, 0.0, p))
         };
         let place = |i: usize| (i % view.width, i / view.width);
         let is_valid = |i: &usize| {
@@ -195,6 +191,6 @@ pub fn squared_error(sample: &Sample, splats: &Splats) -> f64 {
 
 /// The splats that a model predicts of a sample.
 pub fn predicted(model: &Model, sample: &Sample) -> Splats {
-    let mut evaluation = crate::predict::network::NetworkEvaluation::new(&model.content.network);
+    let mut evaluation = NetworkEvaluation::new(&model.content.network);
     sample.head.splats(evaluation.forward(&model.parameters, &sample.input.network), &sample.input.bases)
 }

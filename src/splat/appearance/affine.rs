@@ -26,6 +26,11 @@ pub fn start<T: Real>() -> Vec<T> {
     vec![o, z, z, z, o, z, z, z, o, z, z, z, k, k, k]
 }
 
+/// The parameters for colours and images whose linear values are `factor` times as large.
+pub fn scale(values: &mut [f32], factor: f32) {
+    values.iter_mut().skip(9).take(3).for_each(|t| *t *= factor);
+}
+
 /// The linear colour of a view in full sunlight for a linear splat colour.
 #[must_use]
 pub fn sunlit<T: Real>(values: &[T], rgb: [T; 3]) -> [T; 3] {

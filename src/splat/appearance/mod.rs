@@ -72,6 +72,12 @@ impl<T: Real> Appearance<T> {
         Self { kind, values }
     }
 
+    /// Whether there are as many values as the model has parameters.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.values.len() == Self::start(self.kind, 0, 0).values.len()
+    }
+
     /// The map from a linear splat colour to the linear colour of the view in full sunlight; the identity for models that
     /// colour each splat on its own.
     pub fn sunlit(&self) -> impl Fn([T; 3]) -> [T; 3] + '_ {

@@ -2,12 +2,12 @@
 
 use super::super::init::neighbour_scales;
 use super::super::primitive::PrimitiveKind;
-use super::super::splats::Splats;
+use super::super::splats::{Splats, rotation_to};
 use super::view::PinholeView;
 use crate::frame::{CenterPx, Pixel, Point, Site};
 use crate::perspective::{PinholeCamera, point_normals};
 use crate::random::CounterRng;
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use std::num::NonZero;
 
@@ -46,8 +46,7 @@ pub fn splats_at_points(points: &[(Point<Site>, [f32; 3])], primitive: Primitive
     if primitive == PrimitiveKind::Disc {
         out.flatten();
         for (rotation, normal) in out.rotation.iter_mut().zip(point_normals(&positions, NEIGHBOURS)) {
-            let turn = DQuat::from_rotation_arc(DVec3::Z, normal);
-            *rotation = [turn.w, turn.x, turn.y, turn.z].map(|v| v as f32);
+            *rotation = rotation_to(normal).map(|v| v as f32);
         }
     }
     out
