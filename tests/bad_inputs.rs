@@ -288,18 +288,18 @@ fn raster<T: gdal::raster::GdalType + Copy>(
 }
 
 #[test]
-fn bright_8_bit_images_give_a_hint_to_the_gamma_option() {
-    let says_gamma = |first: u8, more: &[&str]| {
+fn images_that_are_bright_in_their_shadows_too_are_taken_for_those_with_a_display_gamma() {
+    let gamma = |first: u8, more: &[&str]| {
         let folder = tempfile::tempdir().unwrap();
         raster(&folder.path().join("a.tif"), 3, &camera(5.44, 0.1), |i| first + (i % 50) as u8);
         raster(&folder.path().join("b.tif"), 3, &camera(5.44, 0.3), |i| first + (i % 47) as u8);
-        let out = satgs(&[&["info", folder.path().to_str().unwrap()], more].concat());
+        let out = satgs(&[&["info", folder.path().to_str().unwrap(), "--json"], more].concat());
         assert!(out.status.success());
-        String::from_utf8(out.stdout).unwrap().contains("--gamma 2.2")
+        serde_json::from_slice::<serde_json::Value>(&out.stdout).unwrap()["gamma"].as_f64().unwrap() as f32
     };
-    assert!(says_gamma(110, &[]), "medians are 134 or so");
-    assert!(!says_gamma(70, &[]), "medians are 94 or so");
-    assert!(!says_gamma(110, &["--gamma", "1.8"]));
+    assert_eq!(gamma(110, &[]), 2.2, "values from 110 to 160");
+    assert_eq!(gamma(20, &[]), 1.0, "values from 20 to 70");
+    assert_eq!((gamma(110, &["--gamma", "1"]), gamma(20, &["--gamma", "1.8"])), (1.0, 1.8));
 }
 
 #[test]

@@ -58,7 +58,8 @@ def adjust(
         bands: Bands to use, counted from 1: three as red, green, blue, or one. ``None``: the first three.
         stretch_percent: Percentage of pixels that is clipped at each end of the values, from 0 to below 50. ``None``: 0.5, and 0
             for 8-bit images.
-        gamma: Display gamma of the images, from 1 to 4: light = value ** gamma. ``None``: values are linear.
+        gamma: Display gamma of the images, from 1 to 4: light = value ** gamma. ``None``: found from the images: 2.2
+            for 8-bit images that are bright in the light and in the shadows, else 1.
         trust_rpc: Take the first RPC found for an image even if it seems to belong to another one.
         model: Correction of each camera. ``None``: ``shift``.
         fixed: Keep the cameras as they are, and only measure how well they agree.

@@ -62,7 +62,7 @@ impl SceneArgs {
         if let Some(gamma) = self.gamma {
             let function = TransferFunction::new(gamma);
             options.transfer_function =
-                function.ok_or_else(|| wrong("gamma", gamma, "a number from 1 to 4"))?;
+                Some(function.ok_or_else(|| wrong("gamma", gamma, "a number from 1 to 4"))?);
         }
         options.trust_rpc = self.trust_rpc.unwrap_or(options.trust_rpc);
         options.height_range = self.height_range;

@@ -63,10 +63,10 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let rows = scene.views.iter().map(|v| Row::new(v, overlap.height_m)).collect::<Result<Vec<_>, _>>()?;
     let pairs = Pairs::new(&rows);
     let order = format!("if an image has several RPCs, the first in this order is used: {RPC_ORDER}\n");
-    let gamma = gamma_hint(&scene, &rows).unwrap_or_default();
+    let gamma = format!("display gamma: {} (--gamma)\n", scene.transfer_function.gamma());
     let valid = validity_notes(&rows);
     let expected = expectation(&rows, &pairs, &overlap);
-    let text = [table(&rows) + &order + gamma + &valid, pairs.text(&rows), ground(&scene, &overlap)]
+    let text = [table(&rows) + &order + &gamma + &valid, pairs.text(&rows), ground(&scene, &overlap)]
         .join("\n")
         + &expected;
     if let Some(file) = &args.footprints {
@@ -200,16 +200,6 @@ fn validity_notes(rows: &[Row]) -> String {
         );
     }
     out
-}
-
-/// What to try when most images are as bright as images that are processed for display.
-fn gamma_hint(scene: &Scene, rows: &[Row]) -> Option<&'static str> {
-    let is_displayed = |r: &&Row| r.values.is_some_and(|v| v.is_displayed(r.bits));
-    let displayed = rows.iter().filter(is_displayed).count();
-    (2 * displayed > rows.len() && scene.transfer_function.is_linear()).then_some(
-        "8-bit images as bright as these are usually processed for display: consider --gamma 2.2, with which training and \
-         matching compare linear light\n",
-    )
 }
 
 /// Convergence angles of all pairs, smallest first.
@@ -372,6 +362,7 @@ fn summary(scene: &Scene, rows: &[Row], pairs: &Pairs, o: &Overlap) -> Value {
     let spread = pairs.min_median_max();
     json!({
         "views": views,
+        "gamma": scene.transfer_function.gamma(),
         "convergence": {
             "min_deg": spread.map(|s| s[0]), "median_deg": spread.map(|s| s[1]), "max_deg": spread.map(|s| s[2]),
             "pairs": pairs.0.iter().map(named).collect::<Vec<_>>(),

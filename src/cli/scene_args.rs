@@ -31,14 +31,19 @@ pub struct SceneArgs {
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent)]
     pub stretch: Option<f64>,
     /// Display gamma of the images, light = value^GAMMA: 2.2 for images processed for display, such as DFC2019's 8-bit
-    /// colours; training and its stereo matching then compare linear light [default: 1, values are linear]
-    #[arg(long, value_name = "GAMMA", value_parser = parse_gamma)]
-    pub gamma: Option<TransferFunction>,
+    /// colours, 1 for values that are linear; training and its stereo matching compare linear light. `auto` takes 2.2 for 8-bit
+    /// images that are bright in the light and in the shadows, else 1
+    #[arg(long, value_name = "GAMMA|auto", default_value = "auto", value_parser = parse_gamma)]
+    pub gamma: Gamma,
     /// Use the first RPC found for an image even if it seems to belong to another one: to an image of another size, or to
     /// the raw sensor image that this image was orthorectified from
     #[arg(long)]
     pub trust_rpc: bool,
 }
+
+/// The transfer function of `--gamma`; none for `auto`.
+#[derive(Clone, Copy, Debug)]
+pub struct Gamma(Option<TransferFunction>);
 
 /// Bands of `--bands`.
 #[derive(Clone, Debug, Default)]
@@ -58,7 +63,7 @@ impl SceneArgs {
             ("--aoi", self.aoi.is_some()),
             ("--bands", self.bands.is_some()),
             ("--stretch", self.stretch.is_some()),
-            ("--gamma", self.gamma.is_some()),
+            ("--gamma", self.gamma.0.is_some()),
             ("--trust-rpc", self.trust_rpc),
         ];
         super::perspective_args::refuse(&given, "satellite scenes", &self.scene)
@@ -74,12 +79,18 @@ impl SceneArgs {
             height_range,
             bands: self.bands.clone().unwrap_or_default().0,
             stretch_percent: self.stretch,
-            transfer_function: self.gamma.unwrap_or_default(),
+            transfer_function: self.gamma.0,
             trust_rpc: self.trust_rpc,
         };
         let scene = scene::read(&self.scene, &options)?;
         for warning in &scene.warnings {
             ui.event(Event::Warning(warning.clone()));
+        }
+        if self.gamma.0.is_none() && !scene.transfer_function.is_linear() {
+            let gamma = scene.transfer_function.gamma();
+            ui.event(Event::Note(format!(
+                "the images are as bright as images processed for display: light = value^{gamma} (--gamma 1 if values are linear)"
+            )));
         }
         Ok(scene)
     }
@@ -104,9 +115,12 @@ fn parse_percent(text: &str) -> Result<f64, String> {
     percent.ok_or_else(|| "expected a percentage from 0 to below 50".to_owned())
 }
 
-fn parse_gamma(text: &str) -> Result<TransferFunction, String> {
+fn parse_gamma(text: &str) -> Result<Gamma, String> {
+    if text == "auto" {
+        return Ok(Gamma(None));
+    }
     let transfer_function = text.parse().ok().and_then(TransferFunction::new);
-    transfer_function.ok_or_else(|| "expected a number from 1 to 4".to_owned())
+    transfer_function.map(|f| Gamma(Some(f))).ok_or_else(|| "expected a number from 1 to 4, or auto".to_owned())
 }
 
 fn parse_sun(text: &str) -> Result<(String, Sun), String> {

@@ -50,6 +50,8 @@ pub struct Adjusted {
     /// Residuals, shifts and views left out.
     #[serde(flatten)]
     pub report: Report,
+    /// Display gamma of the images: light = value^gamma.
+    pub gamma: f32,
     /// Time of the adjustment, seconds; none if its record is missing.
     pub seconds: Option<f64>,
     /// Whether the run folder was adjusted already.
@@ -99,6 +101,7 @@ pub(crate) fn adjust_locked(
     let heights = dem.as_ref().map(scene::Dem::heights_to_search).or(options.height_range);
     let folder = run.join(ADJUSTMENT);
     let outputs = vec![run.join(SCENE), folder.join(ADJUSTMENT_REPORT), folder.join(SPARSE_POINTS)];
+    let gamma = scene.transfer_function.gamma();
     let of_scene = scene_fingerprint(scene)?;
     let scene_hash = hash(format!("{of_scene:?}").as_bytes());
     let stage = Stage::new(run, ADJUSTMENT, outputs, fingerprint(of_scene, options, heights));
@@ -107,7 +110,7 @@ pub(crate) fn adjust_locked(
         progress.event(Event::Note(format!("`{}` is adjusted already", run.display())));
         let report = Adjustment::read(&folder)?.report;
         let seconds = stage.summary::<Timing>()?.map(|t| t.seconds);
-        return Ok(Adjusted { report, seconds, was_complete: true });
+        return Ok(Adjusted { report, gamma, seconds, was_complete: true });
     }
     stage.require_writable()?;
     let started = std::time::Instant::now();
@@ -136,7 +139,7 @@ pub(crate) fn adjust_locked(
     let seconds = started.elapsed().as_secs_f64();
     // The other figures are in the report, which alignment changes.
     stage.complete(&Timing { seconds })?;
-    Ok(Adjusted { report: adjustment.report, seconds: Some(seconds), was_complete: false })
+    Ok(Adjusted { report: adjustment.report, gamma, seconds: Some(seconds), was_complete: false })
 }
 
 fn read_dem(dem: &DemOptions, scene: &Scene) -> Result<scene::Dem, PipelineError> {

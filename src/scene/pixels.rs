@@ -15,15 +15,22 @@ const BYTES: (f32, f32) = (0.0, 255.0);
 const FEW: (usize, usize) = (4, 64);
 const MANY: (usize, usize) = (8, 256);
 
-/// Median of 8-bit values above which an image is taken for one with display gamma: sunlit ground reflects less than half
-/// of the light. The images of DFC2019, which have display gamma, have medians from 139 to 165.
-const DISPLAYED: f32 = 127.5;
+/// Quantile of the values of an image that stands for its shadows.
+const SHADOW_QUANTILE: f64 = 0.05;
+/// Geometric mean of median and shadows, of 8-bit values, above which an image is taken for one with display gamma.
+///
+/// Most ground reflects less than half of the light, and shadows get less than a third of what sunlit ground gets: in linear
+/// images the mean is 25 to 50 (44 simulated scenes, `docs/experiments/shadows.md`). With the display gamma it is above 90
+/// (the same scenes encoded; DFC2019's JAX_068 98).
+const DISPLAYED: f32 = 70.0;
 
 /// Range of the stored values of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ValueRange {
     /// Smallest value.
     pub low: f32,
+    /// Value below which 5 % of the pixels lie.
+    pub shadows: f32,
     /// Median value.
     pub median: f32,
     /// Largest value.
@@ -31,11 +38,10 @@ pub struct ValueRange {
 }
 
 impl ValueRange {
-    /// Whether an image of `bits` bits is probably encoded with display gamma. Files do not state this; it is guessed from
-    /// the median.
+    /// Whether 8-bit values in this range are probably encoded with display gamma. Files do not state this.
     #[must_use]
-    pub fn is_displayed(self, bits: u32) -> bool {
-        bits == 8 && self.median > DISPLAYED
+    fn is_displayed(self) -> bool {
+        self.median * self.shadows > DISPLAYED * DISPLAYED
     }
 }
 
@@ -55,11 +61,18 @@ impl View {
         if values.is_empty() {
             return Ok(None);
         }
-        let middle = values.len() / 2;
-        let (below, &mut median, above) = values.select_nth_unstable_by(middle, f32::total_cmp);
-        let low = below.iter().copied().fold(median, f32::min);
-        let high = above.iter().copied().fold(median, f32::max);
-        Ok(Some(ValueRange { low, median, high }))
+        values.sort_unstable_by(f32::total_cmp);
+        let at = |quantile: f64| values[(quantile * (values.len() - 1) as f64) as usize];
+        Ok(Some(ValueRange { low: at(0.0), shadows: at(SHADOW_QUANTILE), median: at(0.5), high: at(1.0) }))
+    }
+
+    /// Whether the image is probably encoded with display gamma: it has 8 bits and is bright, its shadows too.
+    ///
+    /// # Errors
+    /// [`RasterError`] when the file cannot be read.
+    pub(super) fn is_displayed(&self) -> Result<bool, RasterError> {
+        let bits = ImageFile::open(&self.image)?.bit_depth();
+        Ok(bits == 8 && self.value_range()?.is_some_and(ValueRange::is_displayed))
     }
 
     /// The window of the image that is used.

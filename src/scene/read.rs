@@ -20,8 +20,8 @@ pub struct ReadOptions {
     pub bands: Vec<usize>,
     /// Percent of the pixels that is clipped at each end when values are stretched.
     pub stretch_percent: Option<f64>,
-    /// Relation between the images' pixel values and linear radiance.
-    pub transfer_function: TransferFunction,
+    /// Relation between the images' pixel values and linear radiance; found from the images if none is given.
+    pub transfer_function: Option<TransferFunction>,
     /// Whether the first RPC found for an image is used without checking that it belongs to the image.
     pub trust_rpc: bool,
 }
@@ -52,7 +52,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
     if views.is_empty() {
         return Err(SceneError::NoImages { path: path.into() });
     }
-    let mut scene = Scene { views, aoi: None, transfer_function: options.transfer_function, warnings };
+    let mut scene = Scene { views, aoi: None, transfer_function: TransferFunction::default(), warnings };
     scene.views.sort_by(|a, b| a.name.cmp(&b.name));
     checks::refuse_duplicates(&scene)?;
     give_suns(&mut scene, &options.suns)?;
@@ -63,7 +63,18 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
         let heights = options.height_range.unwrap_or_else(|| scene.height_range());
         scene.crop(aoi, heights)?;
     }
+    scene.transfer_function = match options.transfer_function {
+        Some(stated) => stated,
+        None => transfer_function_of(&scene.views)?,
+    };
     Ok(scene)
+}
+
+/// [`TransferFunction::DISPLAY`] if most images are probably encoded with it, else the identity.
+fn transfer_function_of(views: &[View]) -> Result<TransferFunction, SceneError> {
+    let displayed = views.iter().map(View::is_displayed).collect::<Result<Vec<_>, _>>()?;
+    let most_are = 2 * displayed.iter().filter(|d| **d).count() > views.len();
+    Ok(if most_are { TransferFunction::DISPLAY } else { TransferFunction::default() })
 }
 
 /// The views of a folder, in either layout.

@@ -48,10 +48,19 @@ impl Default for TransferFunction {
 }
 
 impl TransferFunction {
+    /// That of images which are processed for display: a gamma of 2.2.
+    pub const DISPLAY: Self = Self { gamma: 2.2, white: 1.0 };
+
     /// The function with the exponent `gamma`; none unless it is from 1 to 4.
     #[must_use]
     pub fn new(gamma: f32) -> Option<Self> {
         (1.0..=4.0).contains(&gamma).then_some(Self { gamma, white: 1.0 })
+    }
+
+    /// The exponent.
+    #[must_use]
+    pub fn gamma(&self) -> f32 {
+        self.gamma
     }
 
     /// Whether encoded and linear values are the same.
