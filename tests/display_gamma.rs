@@ -21,13 +21,17 @@ fn encoded_for_display(scene: &Path, copy: &Path) {
         if path.extension().is_none_or(|e| e != "tif") {
             continue;
         }
-        let options = gdal::DatasetOptions { open_flags: gdal::GdalOpenFlags::GDAL_OF_UPDATE, ..Default::default() };
+        let options =
+            gdal::DatasetOptions { open_flags: gdal::GdalOpenFlags::GDAL_OF_UPDATE, ..Default::default() };
         let mut dataset = Dataset::open_ex(&path, options).unwrap();
         let size = dataset.raster_size();
         for band in 1..=dataset.raster_count() {
             let mut band = dataset.rasterband(band).unwrap();
             let mut values = band.read_as::<u8>((0, 0), size, size, None).unwrap();
-            values.data_mut().iter_mut().for_each(|v| *v = (255.0 * (f32::from(*v) / 255.0).powf(1.0 / 2.2)) as u8);
+            values
+                .data_mut()
+                .iter_mut()
+                .for_each(|v| *v = (255.0 * (f32::from(*v) / 255.0).powf(1.0 / 2.2)) as u8);
             band.write((0, 0), size, &mut values).unwrap();
         }
         dataset.close().unwrap();

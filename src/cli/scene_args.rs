@@ -120,7 +120,9 @@ fn parse_gamma(text: &str) -> Result<Gamma, String> {
         return Ok(Gamma(None));
     }
     let transfer_function = text.parse().ok().and_then(TransferFunction::new);
-    transfer_function.map(|f| Gamma(Some(f))).ok_or_else(|| "expected a number from 1 to 4, or auto".to_owned())
+    transfer_function
+        .map(|f| Gamma(Some(f)))
+        .ok_or_else(|| "expected a number from 1 to 4, or auto".to_owned())
 }
 
 fn parse_sun(text: &str) -> Result<(String, Sun), String> {

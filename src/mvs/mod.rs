@@ -21,6 +21,7 @@ mod matching;
 mod occlusion;
 mod pairs;
 mod plane_sweep;
+mod planes;
 mod postfilter;
 mod semiglobal;
 mod stereo;

@@ -51,9 +51,27 @@ impl Visibility {
         Self { lowest_visible, gray }
     }
 
+    /// A visibility of no view, with the gray values of the cells.
+    #[cfg(test)]
+    pub fn of_gray(gray: Grid2) -> Self {
+        Self { lowest_visible: Vec::new(), gray }
+    }
+
     /// Altitude in a cell from which on a view sees it, site metres.
     pub fn lowest_visible(&self, view: usize, cell: usize) -> f32 {
         self.lowest_visible[view].data[cell]
+    }
+
+    /// Gray value of a cell, in standard deviations above the mean of an image; NaN if no view sees it.
+    pub fn gray(&self, cell: usize) -> f32 {
+        self.gray.data[cell]
+    }
+
+    /// Median of the gray values of cells; NaN if no view sees any.
+    pub fn median_gray(&self, cells: &[usize]) -> f32 {
+        let mut seen: Vec<f32> = cells.iter().map(|i| self.gray(*i)).filter(|v| !v.is_nan()).collect();
+        let middle = seen.len() / 2;
+        if seen.is_empty() { f32::NAN } else { *seen.select_nth_unstable_by(middle, f32::total_cmp).1 }
     }
 
     /// Absolute difference of the gray values of two cells, in standard deviations of an image; NaN if no

@@ -1,0 +1,261 @@
+//! Planes in textureless segments of a surface.
+//!
+//! Views agree on no altitude inside white roofs, courtyards and streets; what is found there drifts by metres, while the
+//! edges of the same surface are right. A segment is a connected set of cells with little texture and similar gray values.
+//! Its plane is the one near which most of its altitudes lie, weighted by their scores (RANSAC, Fischler and Bolles 1981).
+//! Cells with a low score are moved onto it; if no plane is near enough of them, nothing is moved.
+
+use super::surface::MatchedSurface;
+use super::visibility::Visibility;
+use crate::io::Grid2;
+use crate::random::CounterRng;
+use rayon::prelude::*;
+
+/// [`Visibility::texture`] below which a cell can begin a segment.
+const TEXTURE: f32 = 0.7;
+/// Largest difference of gray values between neighbouring cells of a segment, in standard deviations of an image.
+const NEIGHBOUR_DIFFERENCE: f32 = 0.2;
+/// Smallest area of a segment, square metres.
+const MIN_AREA_M2: f64 = 37.5;
+/// Distance by which segments grow at the end, metres, because texture is measured in windows: into cells whose gray value
+/// differs by less than `GROWTH_DIFFERENCE` from the median of the segment.
+const GROWTH_M: f64 = 4.0;
+const GROWTH_DIFFERENCE: f32 = 0.5;
+/// Cells within this distance of a plane lie on it, metres.
+const TOLERANCE_M: f64 = 0.35;
+/// Share of the weight of a segment that must lie on its plane.
+const MIN_SHARE: f64 = 0.4;
+/// Smallest weight of a cell; above it the weight is the score.
+const MIN_WEIGHT: f32 = 0.1;
+/// Number of planes that are tried: every third is level, the others pass through three cells.
+const TRIALS: u64 = 300;
+/// Factor by which a level plane is preferred: tilted ones fit noise better by chance.
+const LEVEL_FACTOR: f64 = 1.15;
+/// Largest slope of a plane, metres per metre.
+const MAX_SLOPE: f64 = 0.5;
+/// Smallest area of the parallelogram of three cells that define a plane, in cells.
+const MIN_BASE: f64 = 20.0;
+/// Score below which cells are moved. The scores of refined surfaces include the distance from the prior: at the prior
+/// this one stands for a mean cube of correlations of 0.4.
+const MAX_SCORE: f32 = 0.6;
+/// Key of the random numbers of this module.
+const DRAW: u64 = 0x706c_616e;
+
+/// A cell of a segment.
+struct Cell {
+    index: usize,
+    /// Column, row and altitude.
+    at: [f64; 3],
+    weight: f64,
+}
+
+/// Altitude as a function of column and row: `slope[0] * column + slope[1] * row + offset`.
+#[derive(Clone, Copy)]
+struct Plane {
+    slope: [f64; 2],
+    offset: f64,
+}
+
+impl Plane {
+    fn level(altitude: f64) -> Self {
+        Self { slope: [0.0; 2], offset: altitude }
+    }
+
+    /// The plane through three cells; none if they lie close to each other or to a line, or if it is too steep. `cell_m` is
+    /// the side of a cell.
+    fn through([a, b, c]: [[f64; 3]; 3], cell_m: f64) -> Option<Self> {
+        let [u, v]: [[f64; 3]; 2] = [b, c].map(|p| std::array::from_fn(|k| p[k] - a[k]));
+        let base = u[0] * v[1] - u[1] * v[0];
+        let slope = [(u[2] * v[1] - v[2] * u[1]) / base, (u[0] * v[2] - v[0] * u[2]) / base];
+        let is_usable = base.abs() >= MIN_BASE && slope[0].hypot(slope[1]) <= MAX_SLOPE * cell_m;
+        is_usable.then(|| Self { slope, offset: a[2] - slope[0] * a[0] - slope[1] * a[1] })
+    }
+
+    fn altitude(self, [col, row, _]: [f64; 3]) -> f64 {
+        self.slope[0] * col + self.slope[1] * row + self.offset
+    }
+
+    fn holds(self, cell: &Cell) -> bool {
+        (cell.at[2] - self.altitude(cell.at)).abs() < TOLERANCE_M
+    }
+}
+
+impl MatchedSurface {
+    /// Moves the cells of textureless segments that have a low score onto the planes of their segments. `visibility` is that
+    /// of this surface, which is a refined one.
+    pub(super) fn flatten(&mut self, visibility: &Visibility) {
+        let planes: Vec<(Vec<Cell>, Plane)> = self
+            .segments(visibility)
+            .into_par_iter()
+            .filter_map(|cells| {
+                let plane = fitted(&cells, self.grid.cell)?;
+                Some((cells, plane))
+            })
+            .collect();
+        for (cells, plane) in &planes {
+            for cell in cells.iter().filter(|c| !plane.holds(c) && self.score.data[c.index] < MAX_SCORE) {
+                self.altitude.data[cell.index] = plane.altitude(cell.at) as f32;
+            }
+        }
+    }
+
+    /// The segments, each with the cells that it grew into.
+    fn segments(&self, visibility: &Visibility) -> Vec<Vec<Cell>> {
+        let count = self.altitude.data.len();
+        let is_known = |i: usize| !self.altitude.data[i].is_nan();
+        let is_smooth: Vec<bool> =
+            (0..count).into_par_iter().map(|i| is_known(i) && visibility.texture(i) < TEXTURE).collect();
+        let (min_cells, growth) = (MIN_AREA_M2 / self.grid.cell.powi(2), (GROWTH_M / self.grid.cell).ceil());
+        let mut is_taken = vec![false; count];
+        let mut segments = Vec::new();
+        for first in 0..count {
+            if !is_smooth[first] || is_taken[first] {
+                continue;
+            }
+            is_taken[first] = true;
+            let mut cells = vec![first];
+            let is_alike =
+                |i: usize, j: usize| is_smooth[j] && visibility.gray_difference(i, j) < NEIGHBOUR_DIFFERENCE;
+            grow(&mut cells, usize::MAX, &self.altitude, &mut is_taken, is_alike);
+            if (cells.len() as f64) >= min_cells {
+                segments.push(cells);
+            }
+        }
+        for cells in &mut segments {
+            let gray = visibility.median_gray(cells);
+            let is_alike = |_, j: usize| is_known(j) && (visibility.gray(j) - gray).abs() < GROWTH_DIFFERENCE;
+            grow(cells, growth as usize, &self.altitude, &mut is_taken, is_alike);
+        }
+        let width = self.altitude.width;
+        let cell = |index: usize| {
+            let at = [(index % width) as f64, (index / width) as f64, f64::from(self.altitude.data[index])];
+            Cell { index, at, weight: f64::from(self.score.data[index].max(MIN_WEIGHT)) }
+        };
+        segments.into_iter().map(|cells| cells.into_iter().map(cell).collect()).collect()
+    }
+}
+
+/// Appends to `cells` their neighbours that are not taken and are alike, and the neighbours of these, in so many rounds.
+fn grow(
+    cells: &mut Vec<usize>,
+    rounds: usize,
+    raster: &Grid2,
+    is_taken: &mut [bool],
+    is_alike: impl Fn(usize, usize) -> bool,
+) {
+    let (width, count) = (raster.width, raster.data.len());
+    let mut front = 0;
+    for _ in 0..rounds {
+        let end = cells.len();
+        for k in front..end {
+            let i = cells[k];
+            let neighbours = [
+                (i % width > 0).then(|| i - 1),
+                ((i + 1) % width > 0).then_some(i + 1),
+                i.checked_sub(width),
+                Some(i + width).filter(|j| *j < count),
+            ];
+            for j in neighbours.into_iter().flatten() {
+                if !is_taken[j] && is_alike(i, j) {
+                    is_taken[j] = true;
+                    cells.push(j);
+                }
+            }
+        }
+        if cells.len() == end {
+            return;
+        }
+        front = end;
+    }
+}
+
+/// The plane on which most of the weight of a segment lies, if that is enough.
+fn fitted(cells: &[Cell], cell_m: f64) -> Option<Plane> {
+    let trial = |k: u64| {
+        let mut random = CounterRng::new(0, DRAW, cells[0].index as u64, k);
+        let mut draw = || cells[random.below(cells.len())].at;
+        let is_level = k % 3 == 0;
+        let plane = if is_level {
+            Plane::level(draw()[2])
+        } else {
+            Plane::through(std::array::from_fn(|_| draw()), cell_m)?
+        };
+        let on_it: f64 = cells.iter().filter(|c| plane.holds(c)).map(|c| c.weight).sum();
+        Some((if is_level { LEVEL_FACTOR * on_it } else { on_it }, k, plane))
+    };
+    let trials: Vec<_> = (0..TRIALS).into_par_iter().filter_map(trial).collect();
+    let (on_it, _, plane) = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
+    let total: f64 = cells.iter().map(|c| c.weight).sum();
+    (on_it >= MIN_SHARE * total).then_some(plane)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::{Point, SiteGrid};
+    use crate::io::MapGrid;
+
+    const SIDE: usize = 40;
+
+    /// A roof of 24 x 24 cells with the given altitudes on ground at 0 that is darker and has texture; the altitudes of the roof's
+    /// edge, two cells wide, are certain.
+    fn flattened(roof: impl Fn(usize, usize) -> f32) -> Grid2 {
+        let is_roof = |col: usize, row: usize| (8..32).contains(&col) && (8..32).contains(&row);
+        let is_inside = |col: usize, row: usize| (10..30).contains(&col) && (10..30).contains(&row);
+        let raster = |f: &dyn Fn(usize, usize) -> f32| Grid2::from_fn(SIDE, SIDE, f);
+        let ground = |col: usize, row: usize| ((7 * col + 13 * row) % 5) as f32 - 4.0;
+        let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
+        let grid = MapGrid {
+            epsg: 32617,
+            west: 436_190.0,
+            north: 3_357_610.0,
+            cell: 0.5,
+            width: SIDE,
+            height: SIDE,
+        };
+        let mut surface = MatchedSurface {
+            site,
+            grid,
+            altitude: raster(&|c, r| if is_roof(c, r) { roof(c, r) } else { 0.0 }),
+            score: raster(&|c, r| if is_inside(c, r) { 0.2 } else { 0.9 }),
+            prior_weight: Grid2::filled(SIDE, SIDE, 0.0),
+        };
+        let gray = raster(&|c, r| if is_roof(c, r) { 2.0 } else { ground(c, r) });
+        surface.flatten(&Visibility::of_gray(gray));
+        surface.altitude
+    }
+
+    fn worst_inside(surface: &Grid2, truth: impl Fn(usize, usize) -> f32) -> f32 {
+        let cells = (8..32).flat_map(|row| (8..32).map(move |col| (col, row)));
+        cells.map(|(c, r)| (surface.at(c, r) - truth(c, r)).abs()).fold(0.0, f32::max)
+    }
+
+    /// Errors of up to 3 m inside the roof.
+    fn drift(col: usize, row: usize) -> f32 {
+        let is_drifted = (14..26).contains(&col) && (14..26).contains(&row);
+        if is_drifted { 1.0 + 2.0 * ((col * row) % 7) as f32 / 7.0 } else { 0.0 }
+    }
+
+    #[test]
+    fn a_textureless_roof_that_drifted_inside_becomes_the_plane_of_its_edges() {
+        let tilted = |c: usize, r: usize| 8.0 + 0.05 * c as f32 - 0.1 * r as f32;
+        for truth in [&|_, _| 8.0, &tilted as &dyn Fn(usize, usize) -> f32] {
+            let surface = flattened(|c, r| truth(c, r) + drift(c, r));
+            assert!(worst_inside(&surface, truth) <= 0.36, "{}", worst_inside(&surface, truth));
+            assert!((0..8).all(|row| surface.row(row).iter().all(|z| *z == 0.0)), "the ground has moved");
+        }
+    }
+
+    #[test]
+    fn a_dome_is_no_plane_and_stays() {
+        let dome = |c: usize, r: usize| 12.0 - 0.05 * ((c as f32 - 19.5).powi(2) + (r as f32 - 19.5).powi(2));
+        assert_eq!(worst_inside(&flattened(dome), dome), 0.0);
+    }
+
+    #[test]
+    fn altitudes_with_a_high_score_stay() {
+        let step = |c: usize, _| if c < 10 { 9.0 } else { 8.0 };
+        let surface = flattened(step);
+        assert!((10..30).all(|row| surface.at(8, row) == 9.0 && surface.at(20, row) == 8.0));
+    }
+}
