@@ -90,7 +90,8 @@ impl PlaneSweep {
     ///
     /// Training finds trees that the first matching lost, but closes narrow gaps that it had open. Each cell
     /// may therefore also return to the first surface where the views agree better there. Textureless segments
-    /// are then moved onto planes (`planes`), and the result is postfiltered (`postfilter`).
+    /// are then moved onto planes (`planes`), noise at the margin is removed (`margin`), and the result is
+    /// postfiltered (`postfilter`).
     #[must_use]
     pub fn refine(&self, prior: &Grid2, first: &MatchedSurface) -> MatchedSurface {
         let (occluders, prior) = (first.confident(), &self.plausible_prior(prior, &first.altitude));
@@ -103,7 +104,9 @@ impl PlaneSweep {
         // The gray values of the cells depend on the surface: the second pass takes them from the result of
         // the first.
         let mut refined = refined_once(&refined_once(prior).altitude);
-        refined.flatten(&Visibility::new(self, &refined.altitude, &occluders));
+        let visibility = Visibility::new(self, &refined.altitude, &occluders);
+        refined.flatten(&visibility);
+        self.remove_noisy_margin(&mut refined, &visibility);
         let mut refined = refined.postfiltered(prior);
         // Cells that few-view stereo could not match stay marked as filled.
         for (score, first) in refined.score.data.iter_mut().zip(&first.score.data) {

@@ -17,6 +17,7 @@ mod correlation;
 mod coverage;
 mod ground;
 mod image;
+mod margin;
 mod matching;
 mod occlusion;
 mod pairs;

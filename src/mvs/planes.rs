@@ -16,7 +16,7 @@ const TEXTURE: f32 = 0.7;
 /// Largest difference of gray values between neighbouring cells of a segment, in standard deviations of an image.
 const NEIGHBOUR_DIFFERENCE: f32 = 0.2;
 /// Smallest area of a segment, square metres.
-const MIN_AREA_M2: f64 = 37.5;
+const MIN_AREA_M2: f64 = 100.0;
 /// Distance by which segments grow at the end, metres, because texture is measured in windows: into cells whose gray value
 /// differs by less than `GROWTH_DIFFERENCE` from the median of the segment.
 const GROWTH_M: f64 = 4.0;
@@ -150,8 +150,8 @@ fn grow(
         for k in front..end {
             let i = cells[k];
             let neighbours = [
-                (i % width > 0).then(|| i - 1),
-                ((i + 1) % width > 0).then_some(i + 1),
+                (!i.is_multiple_of(width)).then(|| i - 1),
+                (!(i + 1).is_multiple_of(width)).then_some(i + 1),
                 i.checked_sub(width),
                 Some(i + width).filter(|j| *j < count),
             ];
@@ -174,7 +174,7 @@ fn fitted(cells: &[Cell], cell_m: f64) -> Option<Plane> {
     let trial = |k: u64| {
         let mut random = CounterRng::new(0, DRAW, cells[0].index as u64, k);
         let mut draw = || cells[random.below(cells.len())].at;
-        let is_level = k % 3 == 0;
+        let is_level = k.is_multiple_of(3);
         let plane = if is_level {
             Plane::level(draw()[2])
         } else {

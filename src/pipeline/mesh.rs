@@ -2,7 +2,7 @@
 
 use super::PipelineError;
 use super::depth_views::{is_run, read_perspective};
-use super::mesh_sources::{of_perspective_run, of_satellite_run, of_scene};
+use super::mesh_sources::{of_perspective_run, of_satellite_run, of_scene, sampled_depths};
 use super::perspective::{self, PerspectiveCameras, PerspectiveManifest};
 use crate::io::{check_writable, replaces_georeference};
 use crate::mesh::{FuseOptions, FusedMesh, KeptPieces, MeshFormat};
@@ -10,6 +10,7 @@ use crate::mvs::DSM_CELL_M;
 use crate::perspective::{Layout, PerspectiveScene, PinholeCamera};
 use crate::progress::Progress;
 use crate::splat::pinhole::focus;
+use crate::stats::quantile;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -27,17 +28,24 @@ const ROOM_DEPTH_M: f64 = 5.0;
 /// look at, and the number of voxels in it (2D Gaussian splatting, for scenes of any unit).
 const PHOTOGRAPH_DEPTH: f64 = 2.0;
 const PHOTOGRAPH_VOXELS: f64 = 1024.0;
+/// Cameras stand inside of the scene, so that no place is looked at by all, if one of them is nearer to that place than this share
+/// of the extent of the cameras.
+const INSIDE: f64 = 0.5;
+/// Greatest depth of scenes from inside, a quantile of the depths, and the number of voxels in it: 2 cm of 5 m.
+const INSIDE_DEPTH: f64 = 0.95;
+const INSIDE_VOXELS: f64 = 250.0;
 
 /// How a mesh is made.
 #[derive(Clone, Debug, Default)]
 pub struct MeshOptions {
     /// Side of a voxel, metres; by default 0.5 for satellite runs, 0.02 for RGB-D scenes and runs of them, for other perspective
-    /// scenes a 1024th of the greatest depth.
+    /// scenes a 1024th of the greatest depth, a 250th in runs of scenes that are seen from inside.
     pub voxel_m: Option<f64>,
     /// Distance from a surface up to which a depth map tells of it, metres; by default four voxels.
     pub truncation_m: Option<f64>,
     /// Depths beyond this are not used, metres; by default 5 for RGB-D scenes, for other perspective scenes twice the distance from
-    /// the nearest camera to the place that all look at. Not for satellite runs.
+    /// the nearest camera to the place that all look at, and the 95 % quantile of the depths in runs of scenes that are seen from
+    /// inside, as rooms are. Not for satellite runs.
     pub depth_max_m: Option<f64>,
     /// Replace an existing file.
     pub overwrite: bool,
@@ -137,10 +145,21 @@ impl DepthDefaults {
         if layout == Layout::RgbD {
             return Self::OF_ROOMS;
         }
-        let focus = focus(cameras);
-        let distance = cameras.iter().map(|c| c.center.distance(focus)).fold(f64::INFINITY, f64::min);
-        let depth_max_m = PHOTOGRAPH_DEPTH * distance;
+        let depth_max_m = PHOTOGRAPH_DEPTH * distance_to_focus(cameras);
         Self { voxel_m: depth_max_m / PHOTOGRAPH_VOXELS, depth_max_m }
+    }
+
+    fn of_run(run: &Path) -> Result<Self, PipelineError> {
+        let cameras = PerspectiveCameras::read(run)?;
+        let training = cameras.training_cameras();
+        let layout = PerspectiveManifest::read(run)?.layout;
+        if layout == Layout::RgbD || distance_to_focus(&training) >= INSIDE * cameras.extent_m {
+            return Ok(Self::of(layout, &training));
+        }
+        Ok(match quantile(sampled_depths(run, &training)?, INSIDE_DEPTH) {
+            Some(depth_max_m) => Self { voxel_m: depth_max_m / INSIDE_VOXELS, depth_max_m },
+            None => Self::of(layout, &training),
+        })
     }
 }
 
@@ -157,8 +176,7 @@ impl Source {
         if !perspective::is_run(input) {
             return Ok(Self::SatelliteRun);
         }
-        let cameras = PerspectiveCameras::read(input)?.training_cameras();
-        Ok(Self::PerspectiveRun(DepthDefaults::of(PerspectiveManifest::read(input)?.layout, &cameras)))
+        Ok(Self::PerspectiveRun(DepthDefaults::of_run(input)?))
     }
 
     /// Default voxel and greatest depth, metres.
@@ -168,6 +186,12 @@ impl Source {
             Self::SatelliteRun => (SATELLITE_VOXEL_M, None),
         }
     }
+}
+
+/// Distance from the place that all cameras look at to the nearest camera.
+fn distance_to_focus(cameras: &[PinholeCamera]) -> f64 {
+    let focus = focus(cameras);
+    cameras.iter().map(|c| c.center.distance(focus)).fold(f64::INFINITY, f64::min)
 }
 
 fn fuse_options(options: &MeshOptions, source: &Source) -> Result<FuseOptions, PipelineError> {

@@ -50,8 +50,25 @@ fn mean_up(cameras: impl Iterator<Item = PinholeCamera>) -> [f64; 3] {
     up.try_normalize().unwrap_or(DVec3::Z).to_array()
 }
 
-/// The depths that the training views of a perspective run show: of discs those at which the transmittance falls to one half, of
-/// ellipsoids the mean.
+/// Number of views whose depths are sampled.
+const SAMPLED_VIEWS: usize = 8;
+
+/// Depths that some of the training views of a perspective run show, metres.
+pub(super) fn sampled_depths(run: &Path, training: &[PinholeCamera]) -> Result<Vec<f64>, PipelineError> {
+    let splats = PerspectiveCameras::read_splats(run)?;
+    let step = training.len().div_ceil(SAMPLED_VIEWS).max(1);
+    let maps = training.iter().step_by(step).map(|camera| shown(&splats, camera).depth);
+    Ok(maps.flat_map(|map| map.valid().map(f64::from).collect::<Vec<_>>()).collect())
+}
+
+/// The depths that a view of splats shows: of discs those at which the transmittance falls to one half, of ellipsoids the mean.
+fn shown(splats: &Splats, camera: &PinholeCamera) -> DepthMap {
+    let PinholePicture { colors, depth, discs, .. } = PinholePicture::render(splats, camera);
+    let depth = discs.map_or(depth, |discs| discs.median_depth);
+    DepthMap { color: Some(colors), ..DepthMap::new(DepthCamera::Pinhole(*camera), depth) }
+}
+
+/// The depths that the training views of a perspective run show.
 pub(super) fn of_perspective_run(
     run: &Path,
     options: &FuseOptions,
@@ -59,12 +76,8 @@ pub(super) fn of_perspective_run(
 ) -> Result<FusedMesh, PipelineError> {
     let (cameras, splats) = (PerspectiveCameras::read(run)?, PerspectiveCameras::read_splats(run)?);
     let training: Vec<PinholeCamera> = cameras.training_cameras();
-    let render = |camera: &PinholeCamera| -> Result<DepthMap, PipelineError> {
-        let PinholePicture { colors, depth, discs, .. } = PinholePicture::render(&splats, camera);
-        let depth = discs.map_or(depth, |discs| discs.median_depth);
-        Ok(DepthMap { color: Some(colors), ..DepthMap::new(DepthCamera::Pinhole(*camera), depth) })
-    };
-    let mut fused = fuse(training.iter().map(render), options, progress)?;
+    let maps = training.iter().map(|camera| Ok::<_, PipelineError>(shown(&splats, camera)));
+    let mut fused = fuse(maps, options, progress)?;
     match cameras.site {
         Some(site) => fused.mesh.site = Some(site),
         None => fused.mesh.up = mean_up(training.iter().copied()),

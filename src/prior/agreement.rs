@@ -1,10 +1,10 @@
 //! Whether priors agree with the points of a scene.
 //!
 //! Depths are compared by Pearson's correlation of the values at the points that a view sees with their depths, or of a disparity
-//! with their inverse depths: a sign that is wrong makes it negative. For normals, each axis of the prior may have either sign.
-//! With `m_k` the mean over points of the product of the k-th components of both normals, the mean cosine with signs `s` is
-//! `sum s_k m_k`: the best signs are those of `m_k`, and the second best choice has a mean cosine lower by twice the smallest
-//! `|m_k|`.
+//! with their inverse depths: a sign that is wrong makes it negative. For normals, each axis of the prior may have either sign: the
+//! mean cosine is highest with the signs of the sums of the products of the k-th components of both normals. Such a sum, divided by
+//! the root of the product of the sums of squares, is the agreement along the axis: near 1 or -1 for normals of the scene, near 0
+//! for others, also along an axis in which few normals have large components.
 
 use super::map::{DepthKind, DepthPrior, NormalPrior};
 use super::seen::SeenPoint;
@@ -33,20 +33,66 @@ pub(super) fn correlation(prior: &DepthPrior, seen: &[SeenPoint]) -> Option<f64>
     (norm > 0.0).then(|| sum(&|a, b| a * b) / norm)
 }
 
-/// Sums over the points of a view of the products of the components of both normals, in camera axes, and their number.
+/// Mean square of the components of the points' normals along an axis below which nothing can be told along it.
+const LEAST_MEAN_SQUARE: f64 = 0.01;
+
+/// Sums over points of the products of the components of two normals, in camera axes.
+#[derive(Clone, Copy, Default)]
+pub(super) struct NormalProducts {
+    /// Of the prior's and the point's.
+    mixed: DVec3,
+    /// Of the prior's with themselves.
+    prior: DVec3,
+    /// Of the points' with themselves.
+    points: DVec3,
+    /// Number of points.
+    pub count: usize,
+}
+
+impl NormalProducts {
+    /// The sums over the points of both.
+    pub fn with(self, more: Self) -> Self {
+        Self {
+            mixed: self.mixed + more.mixed,
+            prior: self.prior + more.prior,
+            points: self.points + more.points,
+            count: self.count + more.count,
+        }
+    }
+
+    /// Agreement along each axis, from -1 to 1: 0 if no normal of the prior has a component along it, 1 if hardly one of the
+    /// points has, so that the sign does not matter.
+    pub fn agreement(self) -> [f64; 3] {
+        std::array::from_fn(|k| {
+            let norm = (self.prior[k] * self.points[k]).sqrt();
+            let is_known = self.points[k] >= LEAST_MEAN_SQUARE * self.count as f64;
+            if !is_known {
+                1.0
+            } else if norm > 0.0 {
+                self.mixed[k] / norm
+            } else {
+                0.0
+            }
+        })
+    }
+}
+
+/// The products of the normals that a prior and the points of the scene have at the points that a view sees.
 pub(super) fn normal_products(
     prior: &NormalPrior,
     seen: &[SeenPoint],
     points: &[Point<Site>],
     normals: &[DVec3],
     camera: &PinholeCamera,
-) -> (DVec3, usize) {
-    seen.iter().fold((DVec3::ZERO, 0), |(sum, count), p| {
+) -> NormalProducts {
+    seen.iter().fold(NormalProducts::default(), |sums, p| {
         let [x, y, z] = prior.planes.each_ref().map(|plane| f64::from(p.nearest(plane)));
         let given = DVec3::new(x, y, z);
         let towards = camera.center - DVec3::from_array(points[p.index].xyz());
         let normal = normals[p.index] * normals[p.index].dot(towards).signum();
-        let products = given * (camera.cam_from_site * normal);
-        if products.is_finite() { (sum + products, count + 1) } else { (sum, count) }
+        let own = camera.cam_from_site * normal;
+        let products =
+            NormalProducts { mixed: given * own, prior: given * given, points: own * own, count: 1 };
+        if products.mixed.is_finite() { sums.with(products) } else { sums }
     })
 }

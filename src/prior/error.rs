@@ -98,8 +98,8 @@ pub enum PriorError {
     },
     /// No convention of axes makes normals and points agree.
     #[error(
-        "the normals of `{folder}` do not fit the scene's points: the mean cosine is {best:.2} with the best choice of \
-         signs of their axes, and {second:.2} with the next one"
+        "the normals of `{folder}` do not fit the scene's points: along the axis `{axis}` their components agree with those of \
+         the points by {agreement:.2} (1: always; 0: as by chance; -1: always opposite)"
     )]
     #[diagnostic(help(
         "normals are in camera axes (right, down, forward), each with either sign; are they of another scene?"
@@ -107,10 +107,10 @@ pub enum PriorError {
     Normals {
         /// The folder.
         folder: PathBuf,
-        /// Mean cosine with the best signs.
-        best: f64,
-        /// Mean cosine with the second best signs.
-        second: f64,
+        /// The axis: right, down or forward.
+        axis: &'static str,
+        /// Agreement along it, from -1 to 1.
+        agreement: f64,
     },
     /// A text names no command that fills pictures.
     #[error("`{text}` does not name {{rgb}}, {{mask}} and {{out}}")]

@@ -1,6 +1,6 @@
 //! The priors of all training views, compared with the points of the scene.
 
-use super::agreement::{FEWEST_POINTS, correlation, normal_products};
+use super::agreement::{FEWEST_POINTS, NormalProducts, correlation, normal_products};
 use super::error::PriorError;
 use super::folder::{PriorDescription, PriorFolder};
 use super::make::{ExistingMaps, make_maps};
@@ -10,7 +10,6 @@ use super::source::PriorSource;
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveView, point_normals};
 use crate::progress::{Event, Progress};
-use glam::DVec3;
 use rayon::prelude::*;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
@@ -21,8 +20,10 @@ const COMPARED_DEPTHS: usize = 8;
 const COMPARED_NORMALS: usize = 5;
 /// Smallest correlation, in absolute value, of depths that are of the scene.
 const LEAST_CORRELATION: f64 = 0.2;
-/// Smallest difference of the mean cosines with the best and second best signs of the axes.
-const LEAST_DIFFERENCE: f64 = 0.1;
+/// Smallest agreement of normals along an axis, in absolute value, of normals that are of the scene.
+const LEAST_AGREEMENT: f64 = 0.4;
+/// The axes of a camera.
+const AXES: [&str; 3] = ["right", "down", "forward"];
 /// Neighbours that give a point its normal.
 const NEIGHBOURS: NonZero<usize> = NonZero::new(16).unwrap();
 
@@ -188,13 +189,12 @@ fn signs_of_axes(
     let compared = compared(files, points, COMPARED_NORMALS);
     let positions: Vec<[f64; 3]> = points.iter().map(|p| p.xyz()).collect();
     let normals = if compared.is_empty() { Vec::new() } else { point_normals(&positions, NEIGHBOURS) };
-    let (mut products, mut count) = (DVec3::ZERO, 0);
+    let mut products = NormalProducts::default();
     for (view, file, seen) in &compared {
         let prior = folder.normal(file, view, [1.0; 3])?;
-        let (more, n) = normal_products(&prior, seen, points, &normals, &view.camera);
-        (products, count) = (products + more, count + n);
+        products = products.with(normal_products(&prior, seen, points, &normals, &view.camera));
     }
-    if count < FEWEST_POINTS {
+    if products.count < FEWEST_POINTS {
         let text = format!(
             "the scene has too few points to compare the normals of `{}` with: they are taken to be in camera axes, right, down \
              and forward",
@@ -203,15 +203,13 @@ fn signs_of_axes(
         progress.event(Event::Warning(text));
         return Ok([1.0; 3]);
     }
-    let means = products / count as f64;
-    let best = means.abs().element_sum();
-    let second = best - 2.0 * means.abs().min_element();
-    if best - second < LEAST_DIFFERENCE {
-        return Err(PriorError::Normals { folder: folder.path().into(), best, second });
+    let agreement = products.agreement();
+    if let Some((axis, agreement)) = AXES.into_iter().zip(agreement).find(|a| a.1.abs() < LEAST_AGREEMENT) {
+        return Err(PriorError::Normals { folder: folder.path().into(), axis, agreement });
     }
-    let signs = means.signum().as_vec3().to_array();
+    let signs = agreement.map(|a| a.signum() as f32);
     if signs != [1.0; 3] {
-        let axes = ["right", "down", "forward"].into_iter().zip(signs);
+        let axes = AXES.into_iter().zip(signs);
         let turned: Vec<&str> = axes.filter(|(_, sign)| *sign < 0.0).map(|(axis, _)| axis).collect();
         let text = format!(
             "the normals of `{}` are turned round along: {}",
