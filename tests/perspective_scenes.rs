@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::perspective::{CENTERS, SIZE, image, model, phone, project, rgbd};
+use common::perspective::{CENTERS, SIZE, depth_png, image, model, phone, project, rgbd};
 use common::{data_dir, satgs};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use satgs::frame::{Pixel, Point};
@@ -484,4 +484,45 @@ fn info_shows_what_was_read_and_commands_for_satellites_refuse_it() {
     }
     let out = satgs(&["info", scene, "--rpcs", "x"]);
     assert!(String::from_utf8_lossy(&out.stderr).contains("--rpcs is for satellite scenes"));
+}
+
+/// A made scene of ScanNet++ with a fisheye lens: four images in the model, of which the first does not exist and the last is in no
+/// list; a mask, and rendered depths of 1.5 m.
+fn scannetpp(folder: &Path) {
+    let part = folder.join("dslr");
+    let model = model(LensModel::OpenCvFisheye, &[30.0, 31.0, 16.25, 11.75, 0.02, -0.01, 0.001, 0.0]);
+    colmap::write(&part.join("colmap"), &model, Format::Text).unwrap();
+    let names: Vec<&str> = model.images.iter().map(|i| i.name.as_str()).collect();
+    let png = |kind: &str, name: &str| part.join(kind).join(name).with_extension("png");
+    ["resized_anon_masks", "render_depth"]
+        .iter()
+        .for_each(|f| std::fs::create_dir_all(part.join(f)).unwrap());
+    for name in &names[1..] {
+        image(&part.join("resized_images").join(name), SIZE);
+        depth_png(&png("render_depth", name), SIZE, |col, _| if col == 0 { 0 } else { 1500 });
+    }
+    depth_png(&png("resized_anon_masks", names[1]), SIZE, |col, _| u16::from(col > 10));
+    let lists = serde_json::json!({ "train": [names[0], names[1]], "test": [names[2]], "has_masks": true });
+    std::fs::write(part.join("train_test_lists.json"), lists.to_string()).unwrap();
+}
+
+#[test]
+fn scannetpp_scenes_are_read_with_their_lists_depths_and_masks() {
+    let folder = tempfile::tempdir().unwrap();
+    scannetpp(folder.path());
+    for path in [folder.path().to_path_buf(), folder.path().join("dslr")] {
+        let scene = read(&path);
+        assert_eq!((scene.layout, scene.is_metric(), scene.skipped.len()), (Layout::ScanNetPp, true, 2));
+        let roles: Vec<Role> = scene.views.iter().map(|v| v.role).collect();
+        assert_eq!(roles, [Role::Train, Role::Test]);
+        assert!(scene.views[0].mask.is_some() && scene.views[1].mask.is_none());
+        let depth = scene.views[0].read_depth().unwrap();
+        assert!((depth.at(16, 12) - 1.5).abs() < 1e-6);
+        // The first column of the file is hidden by the mask and has no depth; undistortion moves it.
+        assert!(scene.views[0].read_image().unwrap().planes[0].at(3, 12).is_nan());
+        assert_eq!(scene.points.len(), 9);
+    }
+    std::fs::write(folder.path().join("dslr/train_test_lists.json"), r#"{"train": []}"#).unwrap();
+    let error = PerspectiveScene::read(folder.path(), &PerspectiveOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("train_test_lists.json"), "{error}");
 }

@@ -23,7 +23,7 @@ const MATRIX_VIEWS: usize = 8;
 /// Show what a scene contains: views, cameras, sun positions, dates, convergence angles, overlap on the ground
 ///
 /// SCENE may also be a perspective scene: a COLMAP project, a transforms.json of instant-ngp or nerfstudio, RGB-D frames in
-/// the form of 7-Scenes, a scene of LEVIR-NVS. Then views, lenses, points, reprojection errors and the extent are shown.
+/// the form of 7-Scenes, a scene of LEVIR-NVS or ScanNet++. Then views, lenses, points, reprojection errors and the extent are shown.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]

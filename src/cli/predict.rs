@@ -20,7 +20,7 @@ use std::path::PathBuf;
   satgs ba scene -o run && satgs predict run --points dsm.tif -o fast && satgs dsm fast && satgs nvs-eval fast
   satgs predict run --points lidar.laz -o fast && satgs train fast --iterations 500")]
 pub struct Args {
-    /// Run folder with adjusted cameras, or a perspective scene (COLMAP, transforms.json, RGB-D, LEVIR-NVS) or its run
+    /// Run folder with adjusted cameras, or a perspective scene (COLMAP, transforms.json, RGB-D, LEVIR-NVS, ScanNet++) or its run
     #[arg(value_name = "RUN|SCENE")]
     run: PathBuf,
     /// Run folder to write

@@ -28,7 +28,7 @@ use std::path::PathBuf;
 #[derive(clap::Args, Clone, Debug)]
 #[command(verbatim_doc_comment)]
 pub struct Args {
-    /// The scene: a COLMAP project, transforms.json, RGB-D frames, LEVIR-NVS
+    /// The scene: a COLMAP project, transforms.json, RGB-D frames, LEVIR-NVS, ScanNet++
     scene: PathBuf,
     /// Folder of the maps
     #[arg(short, long, value_name = "DIR")]

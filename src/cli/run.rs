@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 /// interrupted run where it stopped. An area larger than --core is cut into tiles, which are made one after the other and
 /// blended: RUN/tiles, RUN/mosaic and RUN/seams.gpkg are added then.
 ///
-/// A perspective scene (a COLMAP project, transforms.json, RGB-D frames, LEVIR-NVS) is trained with recipe `3dgs`; views that
+/// A perspective scene (a COLMAP project, transforms.json, RGB-D frames, LEVIR-NVS, ScanNet++) is trained with recipe `3dgs`; views that
 /// are held back are scored, and a surface model is made if --georef says where the scene lies.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {

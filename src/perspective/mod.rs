@@ -1,5 +1,5 @@
 //! Perspective cameras and scenes: the pinhole camera and its kernel for the rasteriser, lenses and the removal of their
-//! distortion, and the readers of scenes: COLMAP, `transforms.json`, RGB-D frames, LEVIR-NVS.
+//! distortion, and the readers of scenes: COLMAP, `transforms.json`, RGB-D frames, LEVIR-NVS, ScanNet++.
 
 pub mod colmap;
 mod draft;
@@ -16,6 +16,7 @@ mod pinhole;
 mod point_normals;
 mod pose;
 mod rgbd;
+mod scannetpp;
 mod scene;
 mod scene_parts;
 mod similarity;

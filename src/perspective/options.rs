@@ -10,7 +10,7 @@ pub const TEST_EVERY: usize = 8;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum TestViews {
     /// The first view and every n-th after it, in the order of the image names. A scene that comes with a list of its
-    /// own (LEVIR-NVS) keeps that.
+    /// own (LEVIR-NVS, ScanNet++) keeps that.
     Every(usize),
     /// The views whose image names are listed in a text file, one a line, with or without the extension.
     List(PathBuf),

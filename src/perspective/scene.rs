@@ -7,7 +7,7 @@ use super::georeference_source::georeference;
 use super::options::PerspectiveOptions;
 use super::scene_parts::{Layout, ScenePoint};
 use super::view::PerspectiveView;
-use super::{colmap, levir, rgbd, transforms};
+use super::{colmap, levir, rgbd, scannetpp, transforms};
 use crate::io::vsi;
 use crate::scene::Role;
 use glam::DVec3;
@@ -80,7 +80,7 @@ impl PerspectiveScene {
     /// Whether positions are in metres: the scene has a georeference, or depth maps in metres.
     #[must_use]
     pub fn is_metric(&self) -> bool {
-        self.georeference.is_some() || matches!(self.layout, Layout::RgbD | Layout::Levir)
+        self.georeference.is_some() || matches!(self.layout, Layout::RgbD | Layout::Levir | Layout::ScanNetPp)
     }
 
     /// Lowest and highest coordinates of the points and the camera centres.
@@ -120,6 +120,8 @@ fn layout_of(path: &Path) -> Option<Layout> {
         Some(Layout::RgbD)
     } else if levir::is_one(path) {
         Some(Layout::Levir)
+    } else if scannetpp::part_of(path).is_some() {
+        Some(Layout::ScanNetPp)
     } else {
         None
     }
@@ -132,5 +134,6 @@ fn read_drafts(path: &Path) -> Result<Drafts, PerspectiveError> {
         Layout::Transforms => transforms::read(&transforms::file_of(path).ok_or_else(no_layout)?),
         Layout::RgbD => rgbd::read(path),
         Layout::Levir => levir::read(path),
+        Layout::ScanNetPp => scannetpp::read(&scannetpp::part_of(path).ok_or_else(no_layout)?),
     }
 }

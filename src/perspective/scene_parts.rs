@@ -15,6 +15,9 @@ pub enum Layout {
     RgbD,
     /// A scene of LEVIR-NVS.
     Levir,
+    /// The photographs of a scene of ScanNet++.
+    #[serde(rename = "scannet++")]
+    ScanNetPp,
 }
 
 impl Layout {
@@ -26,6 +29,7 @@ impl Layout {
             Self::Transforms => "transforms.json",
             Self::RgbD => "RGB-D frames",
             Self::Levir => "LEVIR-NVS",
+            Self::ScanNetPp => "ScanNet++",
         }
     }
 }

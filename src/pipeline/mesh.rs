@@ -142,7 +142,7 @@ impl DepthDefaults {
     const OF_ROOMS: Self = Self { voxel_m: ROOM_VOXEL_M, depth_max_m: ROOM_DEPTH_M };
 
     fn of(layout: Layout, cameras: &[PinholeCamera]) -> Self {
-        if layout == Layout::RgbD {
+        if is_room(layout) {
             return Self::OF_ROOMS;
         }
         let depth_max_m = PHOTOGRAPH_DEPTH * distance_to_focus(cameras);
@@ -153,7 +153,7 @@ impl DepthDefaults {
         let cameras = PerspectiveCameras::read(run)?;
         let training = cameras.training_cameras();
         let layout = PerspectiveManifest::read(run)?.layout;
-        if layout == Layout::RgbD || distance_to_focus(&training) >= INSIDE * cameras.extent_m {
+        if is_room(layout) || distance_to_focus(&training) >= INSIDE * cameras.extent_m {
             return Ok(Self::of(layout, &training));
         }
         Ok(match quantile(sampled_depths(run, &training)?, INSIDE_DEPTH) {
@@ -186,6 +186,11 @@ impl Source {
             Self::SatelliteRun => (SATELLITE_VOXEL_M, None),
         }
     }
+}
+
+/// Whether scenes of a layout are rooms in metres.
+fn is_room(layout: Layout) -> bool {
+    matches!(layout, Layout::RgbD | Layout::ScanNetPp)
 }
 
 /// Distance from the place that all cameras look at to the nearest camera.

@@ -11,7 +11,7 @@ mod project;
 mod text;
 
 pub use model::{ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint, Reprojection};
-pub(super) use project::{is_project, project, read_project};
+pub(super) use project::{drafts, is_model, is_project, project, read_project};
 
 use super::error::PerspectiveError;
 use crate::io::{WriteError, remove_if_there, vsi, write_atomically};

@@ -32,10 +32,17 @@ pub(in super::super) fn is_project(path: &Path) -> bool {
     project(path).is_some()
 }
 
+/// Whether a folder is a COLMAP model.
+pub(in super::super) fn is_model(folder: &Path) -> bool {
+    format_of(folder).is_some()
+}
+
 /// Reads the views and points of a project.
 pub(in super::super) fn read_project(project: &Project) -> Result<Drafts, PerspectiveError> {
     let model = read(&project.model)?;
-    let mut drafts = drafts(&model, &project.model)?;
+    let root = image_root(&model, &project.model)?;
+    let masks = root.parent().map(|p| p.join(MASKS)).filter(|m| vsi::is_dir(m));
+    let mut drafts = drafts(&model, &root, masks.as_deref());
     let (folder, name) = (project.model.parent(), project.model.file_name());
     if let Some(folder) = folder.filter(|f| name.is_some_and(|n| n == "0") && f.ends_with("sparse")) {
         let others = vsi::list(folder).unwrap_or_default().into_iter();
@@ -48,7 +55,8 @@ pub(in super::super) fn read_project(project: &Project) -> Result<Drafts, Perspe
     Ok(drafts)
 }
 
-fn drafts(model: &ColmapModel, folder: &Path) -> Result<Drafts, PerspectiveError> {
+/// The views and points of a model whose images are in the folder `root`.
+pub(in super::super) fn drafts(model: &ColmapModel, root: &Path, masks: Option<&Path>) -> Drafts {
     let cameras: std::collections::BTreeMap<u32, _> =
         model.cameras.iter().map(|c| (c.id, c.lens())).collect();
     let mut observed: std::collections::BTreeMap<u32, Vec<u32>> = Default::default();
@@ -59,13 +67,11 @@ fn drafts(model: &ColmapModel, folder: &Path) -> Result<Drafts, PerspectiveError
     }
     // A track may name an image twice.
     observed.values_mut().for_each(Vec::dedup);
-    let root = image_root(model, folder)?;
-    let masks = root.parent().map(|p| p.join(MASKS)).filter(|m| vsi::is_dir(m));
     let mut views = Vec::with_capacity(model.images.len());
     for image in &model.images {
         // `read` has checked that the camera and the pose are right.
         if let (Some(Some(lens)), Ok(pose)) = (cameras.get(&image.camera), image.pose()) {
-            let of_mask = |m: &PathBuf| {
+            let of_mask = |m: &Path| {
                 let beside =
                     [m.join(format!("{}.png", image.name)), m.join(&image.name).with_extension("png")];
                 beside.into_iter().find(|p| vsi::exists(p))
@@ -76,7 +82,7 @@ fn drafts(model: &ColmapModel, folder: &Path) -> Result<Drafts, PerspectiveError
                 size: Some(lens.size),
                 lens: *lens,
                 pose,
-                mask: masks.as_ref().and_then(of_mask),
+                mask: masks.and_then(of_mask),
                 depth: None,
                 role: None,
                 observed: observed.remove(&image.id).unwrap_or_default(),
@@ -87,7 +93,7 @@ fn drafts(model: &ColmapModel, folder: &Path) -> Result<Drafts, PerspectiveError
         let [x, y, z] = p.position;
         ScenePoint { position: Point::new(x, y, z), rgb: p.rgb }
     });
-    Ok(Drafts { layout: Layout::Colmap, views, points: points.collect(), skipped: Vec::new() })
+    Drafts { layout: Layout::Colmap, views, points: points.collect(), skipped: Vec::new() }
 }
 
 /// The folder of the images: the one that holds most of them.
