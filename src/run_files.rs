@@ -18,6 +18,8 @@ pub const TRAINING: &str = "train/train.csv";
 pub const SNAPSHOTS: &str = "train/snapshots";
 /// Folder of pictures of what priors of depths gave the training of photographs to start from.
 pub const START: &str = "train/start";
+/// Folder of pictures of priors beside what the training of photographs made.
+pub const PRIOR_PICTURES: &str = "train/priors";
 /// Folder of the depths and normals that a network or a command has made of the images.
 pub const PRIORS: &str = "priors";
 /// Folder of a prediction of splats.

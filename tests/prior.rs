@@ -126,6 +126,8 @@ fn training_calls_a_command_once_for_each_training_image() {
     assert!(text(&output).contains("without --normal-prior"), "{}", text(&output));
     assert!(Path::new(&run).join("priors/depths/view 1.npy").exists());
     assert_eq!(case.calls(), 3);
+    let report = std::fs::read_to_string(Path::new(&run).join("report.html")).unwrap();
+    assert!(report.contains("rendered depths and those of the prior"), "no picture of priors");
     // The same call has nothing to do; trained anew, the maps are there.
     succeeds(&all);
     succeeds(&[&all[..], &["--overwrite"]].concat());

@@ -215,3 +215,54 @@ fn options_of_satellite_images_are_refused_for_photographs() {
     refused(&["--room", "--hilly"], "--hilly");
     refused(&["--room", "--aerial"], "--aerial");
 }
+
+/// Writes an aerial set in the layout of LEVIR-NVS, with its lists of views.
+fn as_levir(set: &Path, out: &Path) {
+    let scene = PerspectiveScene::read(set, &PerspectiveOptions::default()).unwrap();
+    ["Images", "Cams", "Depths"].iter().for_each(|f| std::fs::create_dir_all(out.join(f)).unwrap());
+    for (k, view) in scene.views.iter().enumerate() {
+        std::fs::copy(&view.image, out.join(format!("Images/{k:03}.png"))).unwrap();
+        let camera = &view.camera;
+        let translation = -(camera.cam_from_site * camera.center);
+        let row = |r: usize| {
+            let [a, b, c] = camera.cam_from_site.row(r).to_array();
+            format!("{a} {b} {c} {}\n", translation[r])
+        };
+        let (f, c) = (camera.focal, camera.principal);
+        let text = format!(
+            "extrinsic\n{}0 0 0 1\n\nintrinsic\n{} 0 {}\n0 {} {}\n0 0 1\n\n500 700\n",
+            (0..3).map(row).collect::<String>(),
+            f.x,
+            c.x,
+            f.y,
+            c.y
+        );
+        std::fs::write(out.join(format!("Cams/{k:03}.txt")), text).unwrap();
+        let depths = array(set, "truth/depths", &view.name);
+        let path = out.join(format!("Depths/{k:03}.tiff"));
+        let driver = gdal::DriverManager::get_driver_by_name("GTiff").unwrap();
+        let file = driver.create_with_band_type::<f32, _>(&path, SIZE, SIZE, 1).unwrap();
+        let mut buffer = gdal::raster::Buffer::new((SIZE, SIZE), depths.values);
+        file.rasterband(1).unwrap().write((0, 0), (SIZE, SIZE), &mut buffer).unwrap();
+        file.close().unwrap();
+    }
+    std::fs::write(out.join("view_split.txt"), "3\n0 3 6\n5\n1 2 4 5 7\n").unwrap();
+}
+
+#[test]
+fn a_scene_in_the_layout_of_levir_is_trained_by_recipe_geoprop_and_scored() {
+    let folder = tempfile::tempdir().unwrap();
+    let [set, levir, run] = ["set", "levir", "run"].map(|name| folder.path().join(name));
+    aerial(&set, false);
+    as_levir(&set, &levir);
+    let text = |path: &Path| path.to_str().unwrap().to_owned();
+    let (run, levir) = (text(&run), text(&levir));
+    let depths = format!("{levir}/Depths");
+    let options = ["--recipe", "geoprop", "--depth-prior", &depths, "--iterations", "60", "-q"];
+    let output = satgs(&[&["run", &levir, "-o", &run], &options[..]].concat());
+    assert!(output.status.success(), "{}", common::text(&output));
+    let output = satgs(&["nvs-eval", &run, "--json"]);
+    let scores: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(scores["views"].as_array().unwrap().len(), 5, "{scores}");
+    assert!(scores["views"][0]["score"]["psnr_db"].as_f64().unwrap() > 15.0, "{scores}");
+}

@@ -16,7 +16,7 @@ pub use score_table::{SCORE_NOTE, ScoreTable, score_tables};
 pub use sections::{adjustment, scores, surface, table};
 
 use crate::io::{RasterError, ReadError, WriteError, escape_xml, write_file};
-use crate::run_files::{DSM, NVS_SCORES, PAGE, SCENE, START};
+use crate::run_files::{DSM, NVS_SCORES, PAGE, PRIOR_PICTURES, SCENE, START};
 use std::path::{Path, PathBuf};
 
 /// Why a report could not be written.
@@ -84,6 +84,9 @@ fn of_photographs(run: &Path) -> Result<Vec<Section>, ReportError> {
     ];
     if run.join(START).exists() {
         sections.insert(1, ("start", "Aligned depths", photographs::start(run)?));
+    }
+    if run.join(PRIOR_PICTURES).exists() {
+        sections.push(("priors", "Priors", photographs::priors(run)?));
     }
     if run.join(DSM).exists() {
         sections.push(("surface", "Surface", sections::surface(run)?));

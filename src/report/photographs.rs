@@ -4,7 +4,7 @@ use super::ReportError;
 use super::pictures::img_of_file;
 use super::sections::{missing, read_if_present, table};
 use crate::io::{ReadError, escape_xml};
-use crate::run_files::{SCENE, START};
+use crate::run_files::{PRIOR_PICTURES, SCENE, START};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -48,9 +48,27 @@ pub(super) fn views(run: &Path) -> Result<String, ReportError> {
 
 /// The depths that training started from, and the pseudo-views that show where no view sees anything.
 pub(super) fn start(run: &Path) -> Result<String, ReportError> {
-    let folder = run.join(START);
-    let mut names: Vec<String> = std::fs::read_dir(&folder)
-        .map_err(|e| ReadError::new(&folder, e))?
+    figures(&run.join(START), |stem| {
+        if stem.starts_with("pseudo-") {
+            "points of the views, holes (purple), and depths with the holes filled (near is light)"
+        } else {
+            "aligned depths (near is light), and their local correction (red: farther, blue: nearer; 10 % in full colour)"
+        }
+    })
+}
+
+/// Priors beside what was trained.
+pub(super) fn priors(run: &Path) -> Result<String, ReportError> {
+    figures(
+        &run.join(PRIOR_PICTURES),
+        |_| "image, rendered depths and those of the prior (near is light), rendered normals and those of the prior",
+    )
+}
+
+/// The pictures of a folder in the order of their names, with what they show.
+fn figures(folder: &Path, shown: impl Fn(&str) -> &'static str) -> Result<String, ReportError> {
+    let mut names: Vec<String> = std::fs::read_dir(folder)
+        .map_err(|e| ReadError::new(folder, e))?
         .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
         .filter(|name| name.ends_with(".png"))
         .collect();
@@ -58,12 +76,7 @@ pub(super) fn start(run: &Path) -> Result<String, ReportError> {
     let mut out = String::new();
     for name in names {
         let stem = name.trim_end_matches(".png");
-        let shown = if stem.starts_with("pseudo-") {
-            "points of the views, holes (purple), and depths with the holes filled (near is light)"
-        } else {
-            "aligned depths (near is light), and their local correction (red: farther, blue: nearer; 10 % in full colour)"
-        };
-        let alt = format!("{stem}: {shown}");
+        let alt = format!("{stem}: {}", shown(stem));
         let picture = img_of_file(&folder.join(&name), &alt)?;
         let _ = writeln!(out, "<figure>{picture}<figcaption>{}</figcaption></figure>", escape_xml(&alt));
     }

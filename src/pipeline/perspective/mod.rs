@@ -6,6 +6,7 @@
 mod cameras;
 mod manifest;
 mod render;
+mod prior_pictures;
 mod run;
 mod scene_fingerprint;
 mod scores;

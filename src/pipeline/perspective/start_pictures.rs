@@ -41,7 +41,7 @@ pub(super) fn read_unseen(run: &Path, name: &str) -> Option<Grid2> {
 }
 
 fn of_view(view: &AlignedDepth) -> RgbImage {
-    let shades = Shades::of(&view.depth);
+    let shades = Shades::of_depths(&view.depth);
     let correction = |v: f32| {
         let share = (v / LARGEST_CORRECTION).clamp(-1.0, 1.0);
         let fade = (255.0 * (1.0 - share.abs())).round() as u8;
@@ -53,7 +53,7 @@ fn of_view(view: &AlignedDepth) -> RgbImage {
 }
 
 fn of_pseudo_view(view: &PseudoView) -> RgbImage {
-    let shades = Shades::of(&view.depth);
+    let shades = Shades::of_depths(&view.depth);
     let width = view.depth.width;
     RgbImage::panels((width, view.depth.height), |col, row| {
         let i = row * width + col;
@@ -62,24 +62,34 @@ fn of_pseudo_view(view: &PseudoView) -> RgbImage {
     })
 }
 
-/// Shades of gray for inverse depths.
-struct Shades {
+/// Shades of gray for values that are larger where a surface is nearer; the nearest is light.
+pub(super) struct Shades {
     low: f64,
     high: f64,
 }
 
 impl Shades {
-    fn of(depth: &Grid2) -> Self {
-        let values = || depth.valid().map(|d| f64::from(d).recip()).collect::<Vec<_>>();
-        let at = |share| quantile(values(), share).unwrap_or_default();
+    /// Shades between the outermost values but one in a hundred at each end.
+    pub(super) fn of(nearness: impl Iterator<Item = f32>) -> Self {
+        let values: Vec<f64> = nearness.map(f64::from).collect();
+        let at = |share| quantile(values.clone(), share).unwrap_or_default();
         Self { low: at(0.01), high: at(0.99) }
     }
 
+    fn of_depths(depth: &Grid2) -> Self {
+        Self::of(depth.valid().map(f32::recip))
+    }
+
     fn of_depth(&self, depth: f32) -> [u8; 3] {
-        if depth.is_nan() {
+        self.shade(depth.recip())
+    }
+
+    /// The shade of a value.
+    pub(super) fn shade(&self, nearness: f32) -> [u8; 3] {
+        if nearness.is_nan() {
             return RgbImage::NO_DATA;
         }
-        let share = (f64::from(depth).recip() - self.low) / (self.high - self.low).max(1e-12);
+        let share = (f64::from(nearness) - self.low) / (self.high - self.low).max(1e-12);
         [(20.0 + 225.0 * share.clamp(0.0, 1.0)).round() as u8; 3]
     }
 }

@@ -9,6 +9,7 @@ use super::super::trained::{Trained, mean_of_last};
 use super::super::training_files::write_log;
 use super::cameras::{PerspectiveCameras, TrainedPhoto};
 use super::manifest::PerspectiveManifest;
+use super::prior_pictures;
 use super::scene_fingerprint::scene_fingerprint;
 use super::start::{splats_at_start, start_points};
 use crate::affine::SiteSceneError;
@@ -17,7 +18,7 @@ use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::predict::Model;
 use crate::prior::{PriorContent, PriorFolder, PriorSource, ViewPriors, read_priors};
 use crate::progress::{Event, Progress};
-use crate::run_files::{CAMERAS, CHECKPOINT, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
+use crate::run_files::{CAMERAS, CHECKPOINT, PRIOR_PICTURES, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::TrainingBackend;
 use crate::splat::pinhole::{PinholeBackend, PinholeScene, PinholeView, comparison, extent_m};
@@ -82,6 +83,7 @@ pub(super) fn train_scene(
         None => {
             let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
             let _ = std::fs::remove_dir_all(run.join(START));
+            let _ = std::fs::remove_dir_all(run.join(PRIOR_PICTURES));
             let start = splats_at_start(scene, &views, &recipe, options, run, progress)?;
             let (count, appearance) = (start.splats.len(), AppearanceKind::default());
             let state =
@@ -121,6 +123,9 @@ pub(super) fn train_scene(
     let splats = &backend.snapshot()?.splats;
     write_log(&run.join(TRAINING), &log)?;
     pictures::curves(&log).write(&run.join("train/curves.svg"))?;
+    if let Err(e) = prior_pictures::write_pictures(&run.join(PRIOR_PICTURES), &views, splats) {
+        progress.event(Event::Warning(e.to_string()));
+    }
     let cameras = write_trained(run, scene, splats, recipe)?;
     let trained = Trained {
         iterations: cameras.recipe.iterations,

@@ -21,6 +21,18 @@ impl PriorTargets {
         self.depth.as_ref()
     }
 
+    /// The components of the unit normals of the prior in site axes; NaN where nothing is known.
+    #[must_use]
+    pub fn normal(&self) -> Option<&[Grid2; 3]> {
+        self.normal.as_ref()
+    }
+
+    /// Whether there is a prior of depths or of normals.
+    #[must_use]
+    pub fn is_any(&self) -> bool {
+        self.depth.is_some() || self.normal.is_some()
+    }
+
     /// Turns the normals of priors into site axes. Priors that are not of the size of the camera are left out.
     #[must_use]
     pub fn new(priors: ViewPriors, camera: &PinholeCamera) -> Self {
