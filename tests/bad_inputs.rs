@@ -295,7 +295,7 @@ fn images_that_are_bright_in_their_shadows_too_are_taken_for_those_with_a_displa
         raster(&folder.path().join("b.tif"), 3, &camera(5.44, 0.3), |i| first + (i % 47) as u8);
         let out = satgs(&[&["info", folder.path().to_str().unwrap(), "--json"], more].concat());
         assert!(out.status.success());
-        serde_json::from_slice::<serde_json::Value>(&out.stdout).unwrap()["gamma"].as_f64().unwrap() as f32
+        serde_json::from_slice::<serde_json::Value>(&out.stdout).unwrap()["gamma"].as_f64().unwrap()
     };
     assert_eq!(gamma(110, &[]), 2.2, "values from 110 to 160");
     assert_eq!(gamma(20, &[]), 1.0, "values from 20 to 70");

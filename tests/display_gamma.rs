@@ -8,7 +8,7 @@ use gdal::Dataset;
 use satgs::scene::{ReadOptions, read};
 use std::path::Path;
 
-fn gamma(scene: &Path) -> f32 {
+fn gamma(scene: &Path) -> f64 {
     let rpcs = scene.join("rpcs_raw").is_dir().then(|| "rpcs_raw".into());
     read(scene, &ReadOptions { rpcs, ..Default::default() }).unwrap().transfer_function.gamma()
 }
@@ -23,7 +23,7 @@ fn encoded_for_display(scene: &Path, copy: &Path) {
         }
         let options =
             gdal::DatasetOptions { open_flags: gdal::GdalOpenFlags::GDAL_OF_UPDATE, ..Default::default() };
-        let mut dataset = Dataset::open_ex(&path, options).unwrap();
+        let dataset = Dataset::open_ex(&path, options).unwrap();
         let size = dataset.raster_size();
         for band in 1..=dataset.raster_count() {
             let mut band = dataset.rasterband(band).unwrap();

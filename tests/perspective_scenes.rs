@@ -487,7 +487,7 @@ fn info_shows_what_was_read_and_commands_for_satellites_refuse_it() {
 }
 
 /// A made scene of ScanNet++ with a fisheye lens: four images in the model, of which the first does not exist and the last is in no
-/// list; a mask, and rendered depths of 1.5 m.
+/// list; a mask, and rendered depths that grow by 1 cm with the column from 1.5 m, and of which the first four columns are unknown.
 fn scannetpp(folder: &Path) {
     let part = folder.join("dslr");
     let model = model(LensModel::OpenCvFisheye, &[30.0, 31.0, 16.25, 11.75, 0.02, -0.01, 0.001, 0.0]);
@@ -499,7 +499,11 @@ fn scannetpp(folder: &Path) {
         .for_each(|f| std::fs::create_dir_all(part.join(f)).unwrap());
     for name in &names[1..] {
         image(&part.join("resized_images").join(name), SIZE);
-        depth_png(&png("render_depth", name), SIZE, |col, _| if col == 0 { 0 } else { 1500 });
+        depth_png(
+            &png("render_depth", name),
+            SIZE,
+            |col, _| if col < 4 { 0 } else { 1500 + 10 * col as u16 },
+        );
     }
     depth_png(&png("resized_anon_masks", names[1]), SIZE, |col, _| u16::from(col > 10));
     let lists = serde_json::json!({ "train": [names[0], names[1]], "test": [names[2]], "has_masks": true });
@@ -517,9 +521,10 @@ fn scannetpp_scenes_are_read_with_their_lists_depths_and_masks() {
         assert_eq!(roles, [Role::Train, Role::Test]);
         assert!(scene.views[0].mask.is_some() && scene.views[1].mask.is_none());
         let depth = scene.views[0].read_depth().unwrap();
-        assert!((depth.at(16, 12) - 1.5).abs() < 1e-6);
-        // The first column of the file is hidden by the mask and has no depth; undistortion moves it.
-        assert!(scene.views[0].read_image().unwrap().planes[0].at(3, 12).is_nan());
+        // Near the principal point, column 16.25, the lens does not distort; at the rim it does.
+        assert!((depth.at(16, 12) - 1.66).abs() < 1e-6, "{}", depth.at(16, 12));
+        assert!(depth.at(2, 12).is_nan() && depth.at(5, 12) > 1.5, "{}", depth.at(5, 12));
+        assert!(scene.views[0].read_image().unwrap().planes[0].at(3, 12).is_nan(), "hidden by the mask");
         assert_eq!(scene.points.len(), 9);
     }
     std::fs::write(folder.path().join("dslr/train_test_lists.json"), r#"{"train": []}"#).unwrap();

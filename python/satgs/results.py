@@ -101,6 +101,7 @@ class Adjusted:
         control: Agreement of each observation of a ground control point.
         left_out: Views that could not be adjusted: name and reason. With any the result is partial.
         cells: Statistics of each cell of ground, where a large scene was matched by cells.
+        gamma: Display gamma of the images: light = value ** gamma.
         seconds: Time of the adjustment, seconds; ``None`` if its record is missing.
         was_complete: Whether the run folder was adjusted already.
     """
@@ -118,6 +119,7 @@ class Adjusted:
     views: tuple[ViewReport, ...]
     control: tuple[ControlReport, ...]
     left_out: tuple[tuple[str, str], ...]
+    gamma: float
     seconds: float | None
     was_complete: bool
     cells: tuple[CellReport, ...] = ()

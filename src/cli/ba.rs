@@ -139,7 +139,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
 /// Shows the summary of an adjustment.
 pub fn show(adjusted: &Adjusted, ui: &Ui) -> Result<(), CliError> {
     let text = adjusted.seconds.filter(|_| !adjusted.was_complete);
-    let text = text.map(|seconds| format!("{}adjusted in {seconds:.1} s", adjusted.report.table()));
+    let text = text.map(|seconds| {
+        format!("{}display gamma {}; adjusted in {seconds:.1} s", adjusted.report.table(), adjusted.gamma)
+    });
     ui.summary("ba", text.as_deref(), adjusted)
 }
 

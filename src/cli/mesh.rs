@@ -15,7 +15,8 @@ use std::path::PathBuf;
 ///
 ///   input                   voxel                   truncation  greatest depth
 ///   satellite run           0.5 m                   2 m
-///   RGB-D scene, run of it  0.02 m                  0.08 m      5 m
+///   RGB-D or ScanNet++
+///   scene, run of it        0.02 m                  0.08 m      5 m
 ///   run of photographs that
 ///   look around inside it   greatest depth / 250    4 voxels    95 % of the depths are smaller
 ///   other perspective ones  greatest depth / 1024   4 voxels    2 x nearest camera to the place all look at

@@ -4,12 +4,12 @@
 //! cell to cell. Such cells are nodata if a path of others like them leads to the border of the surface.
 
 use super::plane_sweep::PlaneSweep;
+use super::region::{grow, neighbours};
 use super::surface::MatchedSurface;
-use super::visibility::Visibility;
 use rayon::prelude::*;
 
 /// Share of the largest number of views of a cell below which a cell has few views.
-const FEW_VIEWS: f32 = 0.35;
+const FEW_VIEWS_SHARE: f32 = 0.35;
 /// Mean score of the known cells around a cell below which it may be noise. Scores of refined surfaces include the distance from
 /// the prior.
 const NOISE_SCORE: f32 = 0.35;
@@ -19,14 +19,14 @@ const NOISE_M: f32 = 6.0;
 const RADIUS: i64 = 2;
 
 impl PlaneSweep {
-    /// Makes cells of the margin of `surface` that are noise unknown (NaN). `visibility` is that of the surface.
-    pub(super) fn remove_noisy_margin(&self, surface: &mut MatchedSurface, visibility: &Visibility) {
+    /// Makes cells of the margin of `surface` that are noise unknown (NaN).
+    pub(super) fn remove_noisy_margin(&self, surface: &mut MatchedSurface) {
         let (width, height) = (self.grid.width, self.grid.height);
         let views: Vec<usize> = (0..width * height)
             .into_par_iter()
-            .map(|cell| self.seeing_views(cell, surface.altitude.data[cell], visibility))
+            .map(|cell| self.covering_views(cell % width, cell / width, surface.altitude.data[cell]))
             .collect();
-        let few = FEW_VIEWS * views.iter().copied().max().unwrap_or(0) as f32;
+        let few = FEW_VIEWS_SHARE * views.iter().copied().max().unwrap_or(0) as f32;
         let is_noise: Vec<bool> = (0..width * height)
             .into_par_iter()
             .map(|cell| (views[cell] as f32) < few && surface.is_rough_and_unconfident(cell))
@@ -35,14 +35,6 @@ impl PlaneSweep {
             surface.altitude.data[cell] = f32::NAN;
             surface.score.data[cell] = 0.0;
         }
-    }
-
-    /// Number of views that see a cell at an altitude: it lies in the image and is not occluded.
-    fn seeing_views(&self, cell: usize, z: f32, visibility: &Visibility) -> usize {
-        let center = self.grid.cell_center(cell % self.grid.width, cell / self.grid.width);
-        let p = self.site.site_from_utm(center).at_height(f64::from(z));
-        let sees = |view: &usize| z >= visibility.lowest_visible(*view, cell) && self.images[*view].covers(p);
-        if z.is_nan() { 0 } else { (0..self.images.len()).filter(sees).count() }
     }
 }
 
@@ -65,32 +57,14 @@ impl MatchedSurface {
 
 /// The known cells of a kind from which a path of such cells leads to an unknown cell or out of the grid.
 fn connected_to_border(surface: &MatchedSurface, is_meant: &[bool]) -> Vec<usize> {
-    let (width, height) = (surface.grid.width, surface.grid.height);
-    let altitude = &surface.altitude.data;
-    let neighbours = |cell: usize| {
-        [
-            (!cell.is_multiple_of(width)).then(|| cell - 1),
-            (!(cell + 1).is_multiple_of(width)).then_some(cell + 1),
-            cell.checked_sub(width),
-            Some(cell + width).filter(|n| *n < width * height),
-        ]
-    };
+    let (size, altitude) = ((surface.grid.width, surface.grid.height), &surface.altitude.data);
     let is_meant = |cell: usize| is_meant[cell] && !altitude[cell].is_nan();
     let is_at_border =
-        |cell: &usize| neighbours(*cell).into_iter().any(|n| n.is_none_or(|n| altitude[n].is_nan()));
-    let mut found: Vec<usize> = (0..width * height).filter(|c| is_meant(*c) && is_at_border(c)).collect();
-    let mut is_found = vec![false; width * height];
+        |cell: &usize| neighbours(size, *cell).iter().any(|n| n.is_none_or(|n| altitude[n].is_nan()));
+    let mut found: Vec<usize> = (0..altitude.len()).filter(|c| is_meant(*c) && is_at_border(c)).collect();
+    let mut is_found = vec![false; altitude.len()];
     found.iter().for_each(|cell| is_found[*cell] = true);
-    let mut next = 0;
-    while next < found.len() {
-        for n in neighbours(found[next]).into_iter().flatten() {
-            if is_meant(n) && !is_found[n] {
-                is_found[n] = true;
-                found.push(n);
-            }
-        }
-        next += 1;
-    }
+    grow(&mut found, usize::MAX, size, &mut is_found, |_, next| is_meant(next));
     found
 }
 

@@ -95,18 +95,18 @@ impl PlaneSweep {
     #[must_use]
     pub fn refine(&self, prior: &Grid2, first: &MatchedSurface) -> MatchedSurface {
         let (occluders, prior) = (first.confident(), &self.plausible_prior(prior, &first.altitude));
-        let refined_once = |surface: &Grid2| {
-            let visibility = Visibility::new(self, surface, &occluders);
-            let mut volume = CostVolume::correlate(self, Some(&visibility));
-            volume.add_prior(prior, &first.altitude, &self.stack, &visibility);
+        let of_prior = Visibility::new(self, prior, &occluders);
+        let refined_once = |visibility: &Visibility| {
+            let mut volume = CostVolume::correlate(self, Some(visibility));
+            volume.add_prior(prior, &first.altitude, &self.stack, visibility);
             self.optimized(&volume, P2_REFINEMENT)
         };
         // The gray values of the cells depend on the surface: the second pass takes them from the result of
         // the first.
-        let mut refined = refined_once(&refined_once(prior).altitude);
-        let visibility = Visibility::new(self, &refined.altitude, &occluders);
-        refined.flatten(&visibility);
-        self.remove_noisy_margin(&mut refined, &visibility);
+        let once = refined_once(&of_prior);
+        let mut refined = refined_once(&of_prior.of(self, &once.altitude));
+        refined.flatten(&of_prior.of(self, &refined.altitude));
+        self.remove_noisy_margin(&mut refined);
         let mut refined = refined.postfiltered(prior);
         // Cells that few-view stereo could not match stay marked as filled.
         for (score, first) in refined.score.data.iter_mut().zip(&first.score.data) {

@@ -3,16 +3,18 @@
 //! Views agree on no altitude inside white roofs, courtyards and streets; what is found there drifts by metres, while the
 //! edges of the same surface are right. A segment is a connected set of cells with little texture and similar gray values.
 //! Its plane is the one near which most of its altitudes lie, weighted by their scores (RANSAC, Fischler and Bolles 1981).
-//! Cells with a low score are moved onto it; if no plane is near enough of them, nothing is moved.
+//! Cells with a low score are moved onto it, within the altitudes of the cells that lie on it; if no plane is near enough of
+//! them, nothing is moved.
 
+use super::region::grow;
 use super::surface::MatchedSurface;
 use super::visibility::Visibility;
-use crate::io::Grid2;
 use crate::random::CounterRng;
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 /// [`Visibility::texture`] below which a cell can begin a segment.
-const TEXTURE: f32 = 0.7;
+const SMOOTH_TEXTURE: f32 = 0.7;
 /// Largest difference of gray values between neighbouring cells of a segment, in standard deviations of an image.
 const NEIGHBOUR_DIFFERENCE: f32 = 0.2;
 /// Smallest area of a segment, square metres.
@@ -29,6 +31,8 @@ const MIN_SHARE: f64 = 0.4;
 const MIN_WEIGHT: f32 = 0.1;
 /// Number of planes that are tried: every third is level, the others pass through three cells.
 const TRIALS: u64 = 300;
+/// Largest number of cells of a segment that trials look at.
+const MOST_CELLS: usize = 20_000;
 /// Factor by which a level plane is preferred: tilted ones fit noise better by chance.
 const LEVEL_FACTOR: f64 = 1.15;
 /// Largest slope of a plane, metres per metre.
@@ -93,8 +97,14 @@ impl MatchedSurface {
             })
             .collect();
         for (cells, plane) in &planes {
+            let held = cells.iter().filter(|c| plane.holds(c)).map(|c| c.at[2]);
+            let (low, high) = held.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
             for cell in cells.iter().filter(|c| !plane.holds(c) && self.score.data[c.index] < MAX_SCORE) {
-                self.altitude.data[cell.index] = plane.altitude(cell.at) as f32;
+                let altitude = plane.altitude(cell.at);
+                // A segment may go on where its plane does not.
+                if (low..=high).contains(&altitude) {
+                    self.altitude.data[cell.index] = altitude as f32;
+                }
             }
         }
     }
@@ -103,8 +113,11 @@ impl MatchedSurface {
     fn segments(&self, visibility: &Visibility) -> Vec<Vec<Cell>> {
         let count = self.altitude.data.len();
         let is_known = |i: usize| !self.altitude.data[i].is_nan();
-        let is_smooth: Vec<bool> =
-            (0..count).into_par_iter().map(|i| is_known(i) && visibility.texture(i) < TEXTURE).collect();
+        let is_smooth: Vec<bool> = (0..count)
+            .into_par_iter()
+            .map(|i| is_known(i) && visibility.texture(i) < SMOOTH_TEXTURE)
+            .collect();
+        let size = (self.altitude.width, self.altitude.height);
         let (min_cells, growth) = (MIN_AREA_M2 / self.grid.cell.powi(2), (GROWTH_M / self.grid.cell).ceil());
         let mut is_taken = vec![false; count];
         let mut segments = Vec::new();
@@ -116,7 +129,7 @@ impl MatchedSurface {
             let mut cells = vec![first];
             let is_alike =
                 |i: usize, j: usize| is_smooth[j] && visibility.gray_difference(i, j) < NEIGHBOUR_DIFFERENCE;
-            grow(&mut cells, usize::MAX, &self.altitude, &mut is_taken, is_alike);
+            grow(&mut cells, usize::MAX, size, &mut is_taken, is_alike);
             if (cells.len() as f64) >= min_cells {
                 segments.push(cells);
             }
@@ -124,53 +137,19 @@ impl MatchedSurface {
         for cells in &mut segments {
             let gray = visibility.median_gray(cells);
             let is_alike = |_, j: usize| is_known(j) && (visibility.gray(j) - gray).abs() < GROWTH_DIFFERENCE;
-            grow(cells, growth as usize, &self.altitude, &mut is_taken, is_alike);
+            grow(cells, growth as usize, size, &mut is_taken, is_alike);
         }
-        let width = self.altitude.width;
         let cell = |index: usize| {
-            let at = [(index % width) as f64, (index / width) as f64, f64::from(self.altitude.data[index])];
+            let at = [(index % size.0) as f64, (index / size.0) as f64, f64::from(self.altitude.data[index])];
             Cell { index, at, weight: f64::from(self.score.data[index].max(MIN_WEIGHT)) }
         };
         segments.into_iter().map(|cells| cells.into_iter().map(cell).collect()).collect()
     }
 }
 
-/// Appends to `cells` their neighbours that are not taken and are alike, and the neighbours of these, in so many rounds.
-fn grow(
-    cells: &mut Vec<usize>,
-    rounds: usize,
-    raster: &Grid2,
-    is_taken: &mut [bool],
-    is_alike: impl Fn(usize, usize) -> bool,
-) {
-    let (width, count) = (raster.width, raster.data.len());
-    let mut front = 0;
-    for _ in 0..rounds {
-        let end = cells.len();
-        for k in front..end {
-            let i = cells[k];
-            let neighbours = [
-                (!i.is_multiple_of(width)).then(|| i - 1),
-                (!(i + 1).is_multiple_of(width)).then_some(i + 1),
-                i.checked_sub(width),
-                Some(i + width).filter(|j| *j < count),
-            ];
-            for j in neighbours.into_iter().flatten() {
-                if !is_taken[j] && is_alike(i, j) {
-                    is_taken[j] = true;
-                    cells.push(j);
-                }
-            }
-        }
-        if cells.len() == end {
-            return;
-        }
-        front = end;
-    }
-}
-
-/// The plane on which most of the weight of a segment lies, if that is enough.
+/// The plane of least squares of the cells that lie on the plane on which most of the weight of a segment lies, if that is enough.
 fn fitted(cells: &[Cell], cell_m: f64) -> Option<Plane> {
+    let looked_at = || cells.iter().step_by(cells.len().div_ceil(MOST_CELLS));
     let trial = |k: u64| {
         let mut random = CounterRng::new(0, DRAW, cells[0].index as u64, k);
         let mut draw = || cells[random.below(cells.len())].at;
@@ -180,30 +159,49 @@ fn fitted(cells: &[Cell], cell_m: f64) -> Option<Plane> {
         } else {
             Plane::through(std::array::from_fn(|_| draw()), cell_m)?
         };
-        let on_it: f64 = cells.iter().filter(|c| plane.holds(c)).map(|c| c.weight).sum();
-        Some((if is_level { LEVEL_FACTOR * on_it } else { on_it }, k, plane))
+        let on_it: f64 = looked_at().filter(|c| plane.holds(c)).map(|c| c.weight).sum();
+        Some((if is_level { LEVEL_FACTOR * on_it } else { on_it }, k, plane, is_level))
     };
     let trials: Vec<_> = (0..TRIALS).into_par_iter().filter_map(trial).collect();
-    let (on_it, _, plane) = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
+    let best = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+    let (on_it, _, plane, is_level) = best?;
+    let total: f64 = looked_at().map(|c| c.weight).sum();
+    let held: Vec<&Cell> = cells.iter().filter(|c| plane.holds(c)).collect();
+    (on_it >= MIN_SHARE * total).then(|| least_squares(&held, is_level).unwrap_or(plane))
+}
+
+/// The plane of least weighted squares of the altitudes of cells; none if they lie on a line.
+fn least_squares(cells: &[&Cell], is_level: bool) -> Option<Plane> {
     let total: f64 = cells.iter().map(|c| c.weight).sum();
-    (on_it >= MIN_SHARE * total).then_some(plane)
+    let mean: [f64; 3] =
+        std::array::from_fn(|k| cells.iter().map(|c| c.weight * c.at[k]).sum::<f64>() / total);
+    if is_level {
+        return Some(Plane::level(mean[2]));
+    }
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for cell in cells {
+        let row = Vector3::new(cell.at[0] - mean[0], cell.at[1] - mean[1], 1.0);
+        normal += cell.weight * row * row.transpose();
+        right += cell.weight * (cell.at[2] - mean[2]) * row;
+    }
+    let [x, y, z] = (normal.try_inverse()? * right).into();
+    Some(Plane { slope: [x, y], offset: mean[2] + z - x * mean[0] - y * mean[1] })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::frame::{Point, SiteGrid};
-    use crate::io::MapGrid;
+    use crate::io::{Grid2, MapGrid};
 
     const SIDE: usize = 40;
 
-    /// A roof of 24 x 24 cells with the given altitudes on ground at 0 that is darker and has texture; the altitudes of the roof's
-    /// edge, two cells wide, are certain.
+    /// A roof of 24 x 24 cells with the given altitudes on ground at 0 that is smooth and darker; the altitudes of the roof's edge, two
+    /// cells wide, are certain.
     fn flattened(roof: impl Fn(usize, usize) -> f32) -> Grid2 {
         let is_roof = |col: usize, row: usize| (8..32).contains(&col) && (8..32).contains(&row);
         let is_inside = |col: usize, row: usize| (10..30).contains(&col) && (10..30).contains(&row);
         let raster = |f: &dyn Fn(usize, usize) -> f32| Grid2::from_fn(SIDE, SIDE, f);
-        let ground = |col: usize, row: usize| ((7 * col + 13 * row) % 5) as f32 - 4.0;
         let site = SiteGrid { epsg: 32617, origin: Point::new(436_200.0, 3_357_600.0, 10.0) };
         let grid = MapGrid {
             epsg: 32617,
@@ -220,7 +218,7 @@ mod tests {
             score: raster(&|c, r| if is_inside(c, r) { 0.2 } else { 0.9 }),
             prior_weight: Grid2::filled(SIDE, SIDE, 0.0),
         };
-        let gray = raster(&|c, r| if is_roof(c, r) { 2.0 } else { ground(c, r) });
+        let gray = raster(&|c, r| if is_roof(c, r) { 2.0 } else { -1.0 });
         surface.flatten(&Visibility::of_gray(gray));
         surface.altitude
     }
@@ -241,8 +239,9 @@ mod tests {
         let tilted = |c: usize, r: usize| 8.0 + 0.05 * c as f32 - 0.1 * r as f32;
         for truth in [&|_, _| 8.0, &tilted as &dyn Fn(usize, usize) -> f32] {
             let surface = flattened(|c, r| truth(c, r) + drift(c, r));
-            assert!(worst_inside(&surface, truth) <= 0.36, "{}", worst_inside(&surface, truth));
-            assert!((0..8).all(|row| surface.row(row).iter().all(|z| *z == 0.0)), "the ground has moved");
+            assert!(worst_inside(&surface, truth) < 0.01, "{}", worst_inside(&surface, truth));
+            let is_roof = |i: usize| (8..32).contains(&(i % SIDE)) && (8..32).contains(&(i / SIDE));
+            assert!((0..SIDE * SIDE).all(|i| is_roof(i) || surface.data[i] == 0.0), "the ground has moved");
         }
     }
 

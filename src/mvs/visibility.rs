@@ -5,6 +5,7 @@ use super::plane_sweep::PlaneSweep;
 use crate::io::Grid2;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Radius of the square neighbourhood in which the texture around a cell is measured, cells.
 const TEXTURE_RADIUS: i64 = 2;
@@ -15,7 +16,7 @@ const TEXTURE: Range<f32> = 0.02..0.12;
 /// How the views see a surface.
 pub(super) struct Visibility {
     /// For every view, the altitude in each cell from which on the cell is not occluded.
-    lowest_visible: Vec<Grid2>,
+    lowest_visible: Arc<Vec<Grid2>>,
     /// Gray value of every cell, in standard deviations above the mean of an image: the median of the views
     /// that see it; NaN where none does.
     gray: Grid2,
@@ -33,28 +34,35 @@ impl Visibility {
             .images
             .iter()
             .map(|i| occlusion_height(occluders, i.camera.line_of_sight_slope(), sweep.grid.cell));
-        let lowest_visible: Vec<Grid2> = occluded.map(with_tolerance).collect();
-        let median = |seen: &mut Vec<f32>, cell: usize| {
+        Self::seen(sweep, surface, Arc::new(occluded.map(with_tolerance).collect()))
+    }
+
+    /// The visibility of another surface, behind the same occluders.
+    pub fn of(&self, sweep: &PlaneSweep, surface: &Grid2) -> Self {
+        Self::seen(sweep, surface, self.lowest_visible.clone())
+    }
+
+    fn seen(sweep: &PlaneSweep, surface: &Grid2, lowest_visible: Arc<Vec<Grid2>>) -> Self {
+        let gray_of = |seen: &mut Vec<f32>, cell: usize| {
             let (col, row) = (cell % surface.width, cell / surface.width);
             let z = surface.data[cell];
             let p = sweep.site.site_from_utm(sweep.grid.cell_center(col, row)).at_height(f64::from(z));
-            let views = sweep.images.iter().zip(&lowest_visible);
+            let views = sweep.images.iter().zip(lowest_visible.iter());
             let unoccluded = views.filter(|(_, lowest)| z >= lowest.data[cell]);
             seen.clear();
             seen.extend(unoccluded.map(|(image, _)| image.normalized_gray(p)).filter(|v| !v.is_nan()));
-            let middle = seen.len() / 2;
-            if seen.is_empty() { f32::NAN } else { *seen.select_nth_unstable_by(middle, f32::total_cmp).1 }
+            median(seen)
         };
         let mut gray = Grid2::filled(surface.width, surface.height, f32::NAN);
         let cells = gray.data.par_iter_mut().enumerate();
-        cells.for_each_init(Vec::new, |seen, (cell, out)| *out = median(seen, cell));
+        cells.for_each_init(Vec::new, |seen, (cell, out)| *out = gray_of(seen, cell));
         Self { lowest_visible, gray }
     }
 
     /// A visibility of no view, with the gray values of the cells.
     #[cfg(test)]
     pub fn of_gray(gray: Grid2) -> Self {
-        Self { lowest_visible: Vec::new(), gray }
+        Self { lowest_visible: Arc::default(), gray }
     }
 
     /// Altitude in a cell from which on a view sees it, site metres.
@@ -70,8 +78,7 @@ impl Visibility {
     /// Median of the gray values of cells; NaN if no view sees any.
     pub fn median_gray(&self, cells: &[usize]) -> f32 {
         let mut seen: Vec<f32> = cells.iter().map(|i| self.gray(*i)).filter(|v| !v.is_nan()).collect();
-        let middle = seen.len() / 2;
-        if seen.is_empty() { f32::NAN } else { *seen.select_nth_unstable_by(middle, f32::total_cmp).1 }
+        median(&mut seen)
     }
 
     /// Absolute difference of the gray values of two cells, in standard deviations of an image; NaN if no
@@ -100,4 +107,10 @@ impl Visibility {
         let std_dev = (squares / n - mean * mean).max(0.0).sqrt();
         ((std_dev - TEXTURE.start) / (TEXTURE.end - TEXTURE.start)).clamp(0.0, 1.0)
     }
+}
+
+/// The median of values, the upper one of an even number; NaN if there is none.
+fn median(values: &mut [f32]) -> f32 {
+    let middle = values.len() / 2;
+    if values.is_empty() { f32::NAN } else { *values.select_nth_unstable_by(middle, f32::total_cmp).1 }
 }

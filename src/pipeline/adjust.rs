@@ -51,7 +51,7 @@ pub struct Adjusted {
     #[serde(flatten)]
     pub report: Report,
     /// Display gamma of the images: light = value^gamma.
-    pub gamma: f32,
+    pub gamma: f64,
     /// Time of the adjustment, seconds; none if its record is missing.
     pub seconds: Option<f64>,
     /// Whether the run folder was adjusted already.

@@ -11,6 +11,7 @@ use crate::perspective::{Layout, PerspectiveScene, PinholeCamera};
 use crate::progress::Progress;
 use crate::splat::pinhole::focus;
 use crate::stats::quantile;
+use glam::DVec3;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -28,9 +29,11 @@ const ROOM_DEPTH_M: f64 = 5.0;
 /// look at, and the number of voxels in it (2D Gaussian splatting, for scenes of any unit).
 const PHOTOGRAPH_DEPTH: f64 = 2.0;
 const PHOTOGRAPH_VOXELS: f64 = 1024.0;
-/// Cameras stand inside of the scene, so that no place is looked at by all, if one of them is nearer to that place than this share
-/// of the extent of the cameras.
-const INSIDE: f64 = 0.5;
+/// Cameras stand inside of the scene if the mean of their optical axes, unit vectors, is shorter than `AROUND` (of oblique aerial
+/// blocks it has a length of about 0.7), and the mean cosine between the axes and the directions to the place that is nearest to all
+/// axes is below `AT_PLACE` (of cameras that look at an object it is near 1).
+const AROUND: f64 = 0.5;
+const AT_PLACE: f64 = 0.7;
 /// Greatest depth of scenes from inside, a quantile of the depths, and the number of voxels in it: 2 cm of 5 m.
 const INSIDE_DEPTH: f64 = 0.95;
 const INSIDE_VOXELS: f64 = 250.0;
@@ -38,12 +41,12 @@ const INSIDE_VOXELS: f64 = 250.0;
 /// How a mesh is made.
 #[derive(Clone, Debug, Default)]
 pub struct MeshOptions {
-    /// Side of a voxel, metres; by default 0.5 for satellite runs, 0.02 for RGB-D scenes and runs of them, for other perspective
+    /// Side of a voxel, metres; by default 0.5 for satellite runs, 0.02 for RGB-D scenes and those of ScanNet++ and runs of them, for other perspective
     /// scenes a 1024th of the greatest depth, a 250th in runs of scenes that are seen from inside.
     pub voxel_m: Option<f64>,
     /// Distance from a surface up to which a depth map tells of it, metres; by default four voxels.
     pub truncation_m: Option<f64>,
-    /// Depths beyond this are not used, metres; by default 5 for RGB-D scenes, for other perspective scenes twice the distance from
+    /// Depths beyond this are not used, metres; by default 5 for RGB-D scenes and those of ScanNet++, for other perspective scenes twice the distance from
     /// the nearest camera to the place that all look at, and the 95 % quantile of the depths in runs of scenes that are seen from
     /// inside, as rooms are. Not for satellite runs.
     pub depth_max_m: Option<f64>,
@@ -95,7 +98,7 @@ pub fn mesh(
         return Err(PipelineError::Exists { path: output.into() });
     }
     check_writable(output)?;
-    let source = Source::of(input)?;
+    let source = Source::of(input, options)?;
     let fuse_options = fuse_options(options, &source)?;
     let FusedMesh { mesh, maps, pieces, volume_bytes } = match source {
         Source::Scene(_) => of_scene(input, &fuse_options, progress)?,
@@ -149,11 +152,11 @@ impl DepthDefaults {
         Self { voxel_m: depth_max_m / PHOTOGRAPH_VOXELS, depth_max_m }
     }
 
-    fn of_run(run: &Path) -> Result<Self, PipelineError> {
-        let cameras = PerspectiveCameras::read(run)?;
-        let training = cameras.training_cameras();
+    fn of_run(run: &Path, options: &MeshOptions) -> Result<Self, PipelineError> {
+        let training = PerspectiveCameras::read(run)?.training_cameras();
         let layout = PerspectiveManifest::read(run)?.layout;
-        if is_room(layout) || distance_to_focus(&training) >= INSIDE * cameras.extent_m {
+        let needs_depths = options.voxel_m.is_none() || options.depth_max_m.is_none();
+        if is_room(layout) || !needs_depths || !look_around(&training) {
             return Ok(Self::of(layout, &training));
         }
         Ok(match quantile(sampled_depths(run, &training)?, INSIDE_DEPTH) {
@@ -164,7 +167,7 @@ impl DepthDefaults {
 }
 
 impl Source {
-    fn of(input: &Path) -> Result<Self, PipelineError> {
+    fn of(input: &Path, options: &MeshOptions) -> Result<Self, PipelineError> {
         if !is_run(input) {
             if !PerspectiveScene::is_one(input) {
                 return Ok(Self::SatelliteRun);
@@ -176,7 +179,7 @@ impl Source {
         if !perspective::is_run(input) {
             return Ok(Self::SatelliteRun);
         }
-        Ok(Self::PerspectiveRun(DepthDefaults::of_run(input)?))
+        Ok(Self::PerspectiveRun(DepthDefaults::of_run(input, options)?))
     }
 
     /// Default voxel and greatest depth, metres.
@@ -197,6 +200,14 @@ fn is_room(layout: Layout) -> bool {
 fn distance_to_focus(cameras: &[PinholeCamera]) -> f64 {
     let focus = focus(cameras);
     cameras.iter().map(|c| c.center.distance(focus)).fold(f64::INFINITY, f64::min)
+}
+
+/// Whether cameras stand inside of what they see, as in a room.
+fn look_around(cameras: &[PinholeCamera]) -> bool {
+    let (focus, count) = (focus(cameras), cameras.len() as f64);
+    let mean_axis = cameras.iter().map(|c| c.cam_from_site.row(2)).sum::<DVec3>() / count;
+    let cosine = |c: &PinholeCamera| c.cam_from_site.row(2).dot((focus - c.center).normalize_or_zero());
+    mean_axis.length() < AROUND && cameras.iter().map(cosine).sum::<f64>() < AT_PLACE * count
 }
 
 fn fuse_options(options: &MeshOptions, source: &Source) -> Result<FuseOptions, PipelineError> {
@@ -229,4 +240,32 @@ fn fuse_options(options: &MeshOptions, source: &Source) -> Result<FuseOptions, P
         bounds: None,
         kept: KeptPieces::LARGEST,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DMat3, DVec2};
+
+    /// A camera at a place that looks along an axis.
+    fn camera(center: DVec3, axis: DVec3) -> PinholeCamera {
+        let forward = axis.normalize();
+        let right = forward.any_orthonormal_vector();
+        let cam_from_site = DMat3::from_cols(right, forward.cross(right), forward).transpose();
+        let principal = DVec2::splat(31.5);
+        PinholeCamera { cam_from_site, center, focal: DVec2::splat(60.0), principal, size: (64, 64) }
+    }
+
+    #[test]
+    fn cameras_of_a_room_look_around_and_those_around_an_object_or_in_the_air_do_not() {
+        let around = |k: u32| DVec3::new(f64::from(k).cos(), f64::from(k).sin(), 0.1 * f64::from(k % 3));
+        let room: Vec<_> = (0..60).map(|k| camera(0.8 * around(k), around(k + 20))).collect();
+        assert!(look_around(&room));
+        let object: Vec<_> = (0..60).map(|k| camera(3.0 * around(k), -around(k))).collect();
+        assert!(!look_around(&object));
+        let place = |k: u32| DVec3::new(f64::from(k % 8), f64::from(k / 8), 2.0);
+        let oblique = |k: u32| around(k).with_z(-1.0);
+        let block: Vec<_> = (0..64).map(|k| camera(place(k), oblique(k))).collect();
+        assert!(!look_around(&block));
+    }
 }

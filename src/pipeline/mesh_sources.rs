@@ -5,7 +5,7 @@ use super::perspective::PerspectiveCameras;
 use super::{PipelineError, TrainedCameras, relocation};
 use crate::affine::ViewCamera;
 use crate::dsm::{nadir_camera, view_altitudes};
-use crate::io::MapGrid;
+use crate::io::{Grid2, MapGrid};
 use crate::mesh::{DepthCamera, DepthMap, FuseOptions, FusedMesh, fuse};
 use crate::perspective::{PerspectiveError, PerspectiveView, PinholeCamera};
 use crate::progress::Progress;
@@ -50,15 +50,20 @@ fn mean_up(cameras: impl Iterator<Item = PinholeCamera>) -> [f64; 3] {
     up.try_normalize().unwrap_or(DVec3::Z).to_array()
 }
 
-/// Number of views whose depths are sampled.
+/// Numbers of views, and of pixels of a view, whose depths are sampled.
 const SAMPLED_VIEWS: usize = 8;
+const SAMPLED_PIXELS: usize = 100_000;
 
 /// Depths that some of the training views of a perspective run show, metres.
 pub(super) fn sampled_depths(run: &Path, training: &[PinholeCamera]) -> Result<Vec<f64>, PipelineError> {
     let splats = PerspectiveCameras::read_splats(run)?;
     let step = training.len().div_ceil(SAMPLED_VIEWS).max(1);
     let maps = training.iter().step_by(step).map(|camera| shown(&splats, camera).depth);
-    Ok(maps.flat_map(|map| map.valid().map(f64::from).collect::<Vec<_>>()).collect())
+    let sampled = |map: Grid2| {
+        let step = map.data.len().div_ceil(SAMPLED_PIXELS).max(1);
+        map.data.into_iter().step_by(step).filter(|d| !d.is_nan()).map(f64::from).collect::<Vec<_>>()
+    };
+    Ok(maps.flat_map(sampled).collect())
 }
 
 /// The depths that a view of splats shows: of discs those at which the transmittance falls to one half, of ellipsoids the mean.

@@ -33,8 +33,12 @@ pub(super) fn correlation(prior: &DepthPrior, seen: &[SeenPoint]) -> Option<f64>
     (norm > 0.0).then(|| sum(&|a, b| a * b) / norm)
 }
 
-/// Mean square of the components of the points' normals along an axis below which nothing can be told along it.
+/// Smallest agreement along an axis, in absolute value, of normals that are of the scene.
+const LEAST_AGREEMENT: f64 = 0.4;
+/// Mean square of the components of the points' normals along an axis below which nothing can be told along it: they are errors
+/// of the normals. Below `SURE_MEAN_SQUARE` they may be, and disagreement says nothing.
 const LEAST_MEAN_SQUARE: f64 = 0.01;
+const SURE_MEAN_SQUARE: f64 = 0.1;
 
 /// Sums over points of the products of the components of two normals, in camera axes.
 #[derive(Clone, Copy, Default)]
@@ -60,20 +64,23 @@ impl NormalProducts {
         }
     }
 
-    /// Agreement along each axis, from -1 to 1: 0 if no normal of the prior has a component along it, 1 if hardly one of the
-    /// points has, so that the sign does not matter.
-    pub fn agreement(self) -> [f64; 3] {
-        std::array::from_fn(|k| {
+    /// The signs of the axes of the prior, positive where nothing can be told.
+    ///
+    /// # Errors
+    /// The number of an axis along which the normals do not agree, and the agreement along it.
+    pub fn signs(self) -> Result<[f32; 3], (usize, f64)> {
+        let mut signs = [1.0; 3];
+        for (k, sign) in signs.iter_mut().enumerate() {
             let norm = (self.prior[k] * self.points[k]).sqrt();
-            let is_known = self.points[k] >= LEAST_MEAN_SQUARE * self.count as f64;
-            if !is_known {
-                1.0
-            } else if norm > 0.0 {
-                self.mixed[k] / norm
-            } else {
-                0.0
+            let agreement = if norm > 0.0 { self.mixed[k] / norm } else { 0.0 };
+            let mean_square = self.points[k] / self.count.max(1) as f64;
+            if agreement.abs() >= LEAST_AGREEMENT && mean_square >= LEAST_MEAN_SQUARE {
+                *sign = agreement.signum() as f32;
+            } else if mean_square >= SURE_MEAN_SQUARE {
+                return Err((k, agreement));
             }
-        })
+        }
+        Ok(signs)
     }
 }
 
@@ -95,4 +102,46 @@ pub(super) fn normal_products(
             NormalProducts { mixed: given * own, prior: given * given, points: own * own, count: 1 };
         if products.mixed.is_finite() { sums.with(products) } else { sums }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::CounterRng;
+
+    /// Products of normals of points with those of a prior, which has errors of 6 degrees and is `seen` in another way.
+    fn products(normal: impl Fn(u64) -> DVec3, seen: impl Fn(DVec3) -> DVec3) -> NormalProducts {
+        let error = |k| DVec3::from_array(CounterRng::new(5, 0, 0, k).direction()) * 0.1;
+        (0..400).fold(NormalProducts::default(), |sums, k| {
+            let (given, own) = (seen(normal(k)) + error(k), normal(k) + error(k + 1000));
+            sums.with(NormalProducts {
+                mixed: given * own,
+                prior: given * given,
+                points: own * own,
+                count: 1,
+            })
+        })
+    }
+
+    fn of_room(k: u64) -> DVec3 {
+        let walls = [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z];
+        walls[k as usize % 4]
+    }
+
+    #[test]
+    fn signs_are_found_and_an_axis_without_components_keeps_its_own() {
+        assert_eq!(products(of_room, |n| n).signs(), Ok([1.0; 3]));
+        assert_eq!(products(of_room, |n| n * DVec3::new(-1.0, 1.0, -1.0)).signs(), Ok([-1.0, 1.0, -1.0]));
+        assert_eq!(
+            products(|_| DVec3::NEG_Z, |n| n).signs(),
+            Ok([1.0; 3]),
+            "a level scene from straight above"
+        );
+    }
+
+    #[test]
+    fn normals_of_another_scene_are_refused() {
+        let (axis, agreement) = products(of_room, |n| DVec3::new(n.z, n.y, n.x)).signs().unwrap_err();
+        assert!(axis == 0 && agreement.abs() < 0.2, "{axis} {agreement}");
+    }
 }

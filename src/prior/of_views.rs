@@ -20,8 +20,6 @@ const COMPARED_DEPTHS: usize = 8;
 const COMPARED_NORMALS: usize = 5;
 /// Smallest correlation, in absolute value, of depths that are of the scene.
 const LEAST_CORRELATION: f64 = 0.2;
-/// Smallest agreement of normals along an axis, in absolute value, of normals that are of the scene.
-const LEAST_AGREEMENT: f64 = 0.4;
 /// The axes of a camera.
 const AXES: [&str; 3] = ["right", "down", "forward"];
 /// Neighbours that give a point its normal.
@@ -203,11 +201,11 @@ fn signs_of_axes(
         progress.event(Event::Warning(text));
         return Ok([1.0; 3]);
     }
-    let agreement = products.agreement();
-    if let Some((axis, agreement)) = AXES.into_iter().zip(agreement).find(|a| a.1.abs() < LEAST_AGREEMENT) {
-        return Err(PriorError::Normals { folder: folder.path().into(), axis, agreement });
-    }
-    let signs = agreement.map(|a| a.signum() as f32);
+    let signs = products.signs().map_err(|(axis, agreement)| PriorError::Normals {
+        folder: folder.path().into(),
+        axis: AXES[axis],
+        agreement,
+    })?;
     if signs != [1.0; 3] {
         let axes = AXES.into_iter().zip(signs);
         let turned: Vec<&str> = axes.filter(|(_, sign)| *sign < 0.0).map(|(axis, _)| axis).collect();

@@ -3,6 +3,7 @@
 use super::validity::valid_pixels;
 use super::{SceneError, View};
 use crate::io::{Grid2, ImageFile, RasterError, ValidPixels, Window};
+use crate::stats::quantile;
 use std::path::PathBuf;
 
 /// Fraction of the pixels that is clipped at each end when images of more than 8 bits are stretched.
@@ -17,32 +18,22 @@ const MANY: (usize, usize) = (8, 256);
 
 /// Quantile of the values of an image that stands for its shadows.
 const SHADOW_QUANTILE: f64 = 0.05;
-/// Geometric mean of median and shadows, of 8-bit values, above which an image is taken for one with display gamma.
+/// Geometric mean of median and shadows, of 8-bit brightness, above which an image is taken for one with display gamma.
 ///
 /// Most ground reflects less than half of the light, and shadows get less than a third of what sunlit ground gets: in linear
-/// images the mean is 25 to 50 (44 simulated scenes, `docs/experiments/shadows.md`). With the display gamma it is above 90
+/// images the mean is 29 to 48 (44 simulated scenes, `docs/experiments/shadows.md`). With the display gamma it is above 90
 /// (the same scenes encoded; DFC2019's JAX_068 98).
-const DISPLAYED: f32 = 70.0;
+const DISPLAYED: f64 = 70.0;
 
 /// Range of the stored values of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ValueRange {
     /// Smallest value.
     pub low: f32,
-    /// Value below which 5 % of the pixels lie.
-    pub shadows: f32,
     /// Median value.
     pub median: f32,
     /// Largest value.
     pub high: f32,
-}
-
-impl ValueRange {
-    /// Whether 8-bit values in this range are probably encoded with display gamma. Files do not state this.
-    #[must_use]
-    fn is_displayed(self) -> bool {
-        self.median * self.shadows > DISPLAYED * DISPLAYED
-    }
 }
 
 impl View {
@@ -61,18 +52,35 @@ impl View {
         if values.is_empty() {
             return Ok(None);
         }
-        values.sort_unstable_by(f32::total_cmp);
-        let at = |quantile: f64| values[(quantile * (values.len() - 1) as f64) as usize];
-        Ok(Some(ValueRange { low: at(0.0), shadows: at(SHADOW_QUANTILE), median: at(0.5), high: at(1.0) }))
+        let middle = values.len() / 2;
+        let (below, &mut median, above) = values.select_nth_unstable_by(middle, f32::total_cmp);
+        let low = below.iter().copied().fold(median, f32::min);
+        let high = above.iter().copied().fold(median, f32::max);
+        Ok(Some(ValueRange { low, median, high }))
     }
 
-    /// Whether the image is probably encoded with display gamma: it has 8 bits and is bright, its shadows too.
+    /// Whether the image is probably encoded with display gamma, which files do not state: it has 8 bits and is bright, its
+    /// shadows too. The brightness of a pixel is the mean of its bands. Only samples are read; black pixels, which may be
+    /// margins, and those of the declared nodata value do not count.
     ///
     /// # Errors
     /// [`RasterError`] when the file cannot be read.
     pub(super) fn is_displayed(&self) -> Result<bool, RasterError> {
-        let bits = ImageFile::open(&self.image)?.bit_depth();
-        Ok(bits == 8 && self.value_range()?.is_some_and(ValueRange::is_displayed))
+        let file = ImageFile::open(&self.image)?;
+        if file.bit_depth() != 8 {
+            return Ok(false);
+        }
+        let mut brightness = Vec::new();
+        for window in self.samples(FEW) {
+            let bands = self.bands.iter().map(|b| file.read_window(*b, window));
+            let bands = bands.collect::<Result<Vec<_>, _>>()?;
+            let mean =
+                |i: usize| bands.iter().map(|band| f64::from(band.data[i])).sum::<f64>() / bands.len() as f64;
+            brightness.extend((0..window.width * window.height).map(mean).filter(|v| *v > 0.0));
+        }
+        let at = |share| quantile(brightness.clone(), share);
+        let both = at(SHADOW_QUANTILE).zip(at(0.5));
+        Ok(both.is_some_and(|(shadows, median)| median * shadows > DISPLAYED * DISPLAYED))
     }
 
     /// The window of the image that is used.

@@ -5,6 +5,9 @@ use super::{Aoi, Scene, SceneError, Sun, TransferFunction, View, checks, dfc2019
 use crate::io::{ImageFile, vsi};
 use std::path::Path;
 
+/// Largest number of images that are looked at to find whether they are encoded for display.
+const JUDGED_VIEWS: usize = 20;
+
 /// Options of [`read`].
 #[derive(Clone, Debug, Default)]
 pub struct ReadOptions {
@@ -70,10 +73,11 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene, SceneError> {
     Ok(scene)
 }
 
-/// [`TransferFunction::DISPLAY`] if most images are probably encoded with it, else the identity.
+/// [`TransferFunction::DISPLAY`] if most of the images that are looked at are probably encoded with it, else the identity.
 fn transfer_function_of(views: &[View]) -> Result<TransferFunction, SceneError> {
-    let displayed = views.iter().map(View::is_displayed).collect::<Result<Vec<_>, _>>()?;
-    let most_are = 2 * displayed.iter().filter(|d| **d).count() > views.len();
+    let looked_at = views.iter().step_by(views.len().div_ceil(JUDGED_VIEWS).max(1));
+    let displayed = looked_at.map(View::is_displayed).collect::<Result<Vec<_>, _>>()?;
+    let most_are = 2 * displayed.iter().filter(|d| **d).count() > displayed.len();
     Ok(if most_are { TransferFunction::DISPLAY } else { TransferFunction::default() })
 }
 

@@ -57,10 +57,10 @@ impl TransferFunction {
         (1.0..=4.0).contains(&gamma).then_some(Self { gamma, white: 1.0 })
     }
 
-    /// The exponent.
+    /// The exponent, to six decimals.
     #[must_use]
-    pub fn gamma(&self) -> f32 {
-        self.gamma
+    pub fn gamma(&self) -> f64 {
+        (1e6 * f64::from(self.gamma)).round() / 1e6
     }
 
     /// Whether encoded and linear values are the same.

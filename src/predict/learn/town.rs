@@ -56,7 +56,10 @@ impl Town {
         if !truth.exists() {
             simulate(folder, options, progress)?;
         }
-        let scene = crate::scene::read(folder, &ReadOptions::default())?;
+        // The images are linear; `transfer_function` is the one that they are taken to have.
+        let linear =
+            ReadOptions { transfer_function: Some(TransferFunction::default()), ..ReadOptions::default() };
+        let scene = crate::scene::read(folder, &linear)?;
         let file = ImageFile::open(&truth)?;
         let (grid, mut altitude) = (file.map_grid()?, file.read(1)?);
         let (west, south, east, north) = grid.bounds();
