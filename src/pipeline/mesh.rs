@@ -29,11 +29,9 @@ const ROOM_DEPTH_M: f64 = 5.0;
 /// look at, and the number of voxels in it (2D Gaussian splatting, for scenes of any unit).
 const PHOTOGRAPH_DEPTH: f64 = 2.0;
 const PHOTOGRAPH_VOXELS: f64 = 1024.0;
-/// Cameras stand inside of the scene if the mean of their optical axes, unit vectors, is shorter than `AROUND` (of oblique aerial
-/// blocks it has a length of about 0.7), and the mean cosine between the axes and the directions to the place that is nearest to all
-/// axes is below `AT_PLACE` (of cameras that look at an object it is near 1).
+/// Cameras look around if the mean of their optical axes, unit vectors, is shorter than this: of oblique aerial blocks it has a length
+/// of about 0.7. They stand inside of the scene, as in a room, if also more than half of the depths exceed `PHOTOGRAPH_DEPTH`.
 const AROUND: f64 = 0.5;
-const AT_PLACE: f64 = 0.7;
 /// Greatest depth of scenes from inside, a quantile of the depths, and the number of voxels in it: 2 cm of 5 m.
 const INSIDE_DEPTH: f64 = 0.95;
 const INSIDE_VOXELS: f64 = 250.0;
@@ -156,12 +154,16 @@ impl DepthDefaults {
         let training = PerspectiveCameras::read(run)?.training_cameras();
         let layout = PerspectiveManifest::read(run)?.layout;
         let needs_depths = options.voxel_m.is_none() || options.depth_max_m.is_none();
+        let outside = Self::of(layout, &training);
         if is_room(layout) || !needs_depths || !look_around(&training) {
-            return Ok(Self::of(layout, &training));
+            return Ok(outside);
         }
-        Ok(match quantile(sampled_depths(run, &training)?, INSIDE_DEPTH) {
+        let depths = sampled_depths(run, &training)?;
+        let far = depths.iter().filter(|d| **d > outside.depth_max_m).count();
+        let is_inside = 2 * far > depths.len();
+        Ok(match quantile(depths, INSIDE_DEPTH).filter(|_| is_inside) {
             Some(depth_max_m) => Self { voxel_m: depth_max_m / INSIDE_VOXELS, depth_max_m },
-            None => Self::of(layout, &training),
+            None => outside,
         })
     }
 }
@@ -202,12 +204,10 @@ fn distance_to_focus(cameras: &[PinholeCamera]) -> f64 {
     cameras.iter().map(|c| c.center.distance(focus)).fold(f64::INFINITY, f64::min)
 }
 
-/// Whether cameras stand inside of what they see, as in a room.
+/// Whether cameras look in all directions.
 fn look_around(cameras: &[PinholeCamera]) -> bool {
-    let (focus, count) = (focus(cameras), cameras.len() as f64);
-    let mean_axis = cameras.iter().map(|c| c.cam_from_site.row(2)).sum::<DVec3>() / count;
-    let cosine = |c: &PinholeCamera| c.cam_from_site.row(2).dot((focus - c.center).normalize_or_zero());
-    mean_axis.length() < AROUND && cameras.iter().map(cosine).sum::<f64>() < AT_PLACE * count
+    let axes = cameras.iter().map(|c| c.cam_from_site.row(2)).sum::<DVec3>();
+    axes.length() < AROUND * cameras.len() as f64
 }
 
 fn fuse_options(options: &MeshOptions, source: &Source) -> Result<FuseOptions, PipelineError> {
@@ -257,12 +257,10 @@ mod tests {
     }
 
     #[test]
-    fn cameras_of_a_room_look_around_and_those_around_an_object_or_in_the_air_do_not() {
+    fn cameras_of_a_room_look_around_and_those_in_the_air_do_not() {
         let around = |k: u32| DVec3::new(f64::from(k).cos(), f64::from(k).sin(), 0.1 * f64::from(k % 3));
         let room: Vec<_> = (0..60).map(|k| camera(0.8 * around(k), around(k + 20))).collect();
         assert!(look_around(&room));
-        let object: Vec<_> = (0..60).map(|k| camera(3.0 * around(k), -around(k))).collect();
-        assert!(!look_around(&object));
         let place = |k: u32| DVec3::new(f64::from(k % 8), f64::from(k / 8), 2.0);
         let oblique = |k: u32| around(k).with_z(-1.0);
         let block: Vec<_> = (0..64).map(|k| camera(place(k), oblique(k))).collect();
