@@ -1,11 +1,11 @@
 //! Noise at the margin of a refined surface.
 //!
 //! Beyond the ground that most views share only a few see a cell, and what these agree on may be noise, metres up and down from
-//! cell to cell. Such cells are nodata if a path of others like them leads to the border of the surface.
+//! cell to cell. Such cells are nodata if a path of others like them, or of unknown ones, leads out of the grid.
 
 use super::plane_sweep::PlaneSweep;
-use super::region::{grow, neighbours};
 use super::surface::MatchedSurface;
+use crate::io::{Grid2, ValidPixels};
 use rayon::prelude::*;
 
 /// Share of the largest number of views of a cell below which a cell has few views.
@@ -31,7 +31,8 @@ impl PlaneSweep {
             .into_par_iter()
             .map(|cell| (views[cell] as f32) < few && surface.is_rough_and_unconfident(cell))
             .collect();
-        for cell in connected_to_border(surface, &is_noise) {
+        let margin = margin(&surface.altitude, &is_noise);
+        for cell in (0..width * height).filter(|cell| margin.at(cell % width, cell / width)) {
             surface.altitude.data[cell] = f32::NAN;
             surface.score.data[cell] = 0.0;
         }
@@ -55,24 +56,20 @@ impl MatchedSurface {
     }
 }
 
-/// The known cells of a kind from which a path of such cells leads to an unknown cell or out of the grid.
-fn connected_to_border(surface: &MatchedSurface, is_meant: &[bool]) -> Vec<usize> {
-    let (size, altitude) = ((surface.grid.width, surface.grid.height), &surface.altitude.data);
-    let is_meant = |cell: usize| is_meant[cell] && !altitude[cell].is_nan();
-    let is_at_border =
-        |cell: &usize| neighbours(size, *cell).iter().any(|n| n.is_none_or(|n| altitude[n].is_nan()));
-    let mut found: Vec<usize> = (0..altitude.len()).filter(|c| is_meant(*c) && is_at_border(c)).collect();
-    let mut is_found = vec![false; altitude.len()];
-    found.iter().for_each(|cell| is_found[*cell] = true);
-    grow(&mut found, usize::MAX, size, &mut is_found, |_, next| is_meant(next));
-    found
+/// The cells that are unknown or noise, and from which a path of such cells leads out of the grid.
+fn margin(altitude: &Grid2, is_noise: &[bool]) -> ValidPixels {
+    let mut out = ValidPixels::filled(altitude.width, altitude.height, false);
+    for (cell, z) in altitude.data.iter().enumerate() {
+        out.set(cell % altitude.width, cell / altitude.width, is_noise[cell] || z.is_nan());
+    }
+    out.connected_with_border()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::frame::{Point, SiteGrid};
-    use crate::io::{Grid2, MapGrid};
+    use crate::io::MapGrid;
 
     fn surface(altitude: Grid2, score: f32) -> MatchedSurface {
         let (width, height) = (altitude.width, altitude.height);
@@ -97,8 +94,8 @@ mod tests {
             col == 0 || (row == 4 && col < 4) || (6..8).contains(&col) && (6..8).contains(&row)
         };
         let meant: Vec<bool> = (0..100).map(|i| is_meant(i % 10, i / 10)).collect();
-        let mut found = connected_to_border(&surface(Grid2::filled(10, 10, 1.0), 0.0), &meant);
-        found.sort_unstable();
+        let margin = margin(&Grid2::filled(10, 10, 1.0), &meant);
+        let found: Vec<usize> = (0..100).filter(|i| margin.at(i % 10, i / 10)).collect();
         let expected: Vec<usize> =
             (0..100).filter(|i| meant[*i] && !((6..8).contains(&(i % 10)) && i / 10 >= 6)).collect();
         assert_eq!(found, expected);

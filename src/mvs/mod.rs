@@ -24,7 +24,6 @@ mod pairs;
 mod plane_sweep;
 mod planes;
 mod postfilter;
-mod region;
 mod semiglobal;
 mod stereo;
 mod surface;

@@ -6,7 +6,6 @@
 //! Cells with a low score are moved onto it, within the altitudes of the cells that lie on it; if no plane is near enough of
 //! them, nothing is moved.
 
-use super::region::grow;
 use super::surface::MatchedSurface;
 use super::visibility::Visibility;
 use crate::random::CounterRng;
@@ -25,7 +24,7 @@ const GROWTH_M: f64 = 4.0;
 const GROWTH_DIFFERENCE: f32 = 0.5;
 /// Cells within this distance of a plane lie on it, metres.
 const TOLERANCE_M: f64 = 0.35;
-/// Share of the weight of a segment that must lie on its plane.
+/// Share of the weight of a segment that must lie on its plane, times `LEVEL_FACTOR` if it is level.
 const MIN_SHARE: f64 = 0.4;
 /// Smallest weight of a cell; above it the weight is the score.
 const MIN_WEIGHT: f32 = 0.1;
@@ -33,7 +32,7 @@ const MIN_WEIGHT: f32 = 0.1;
 const TRIALS: u64 = 300;
 /// Largest number of cells of a segment that trials look at.
 const MOST_CELLS: usize = 20_000;
-/// Factor by which a level plane is preferred: tilted ones fit noise better by chance.
+/// Factor by which the weight on a level plane counts more: tilted ones fit noise better by chance.
 const LEVEL_FACTOR: f64 = 1.15;
 /// Largest slope of a plane, metres per metre.
 const MAX_SLOPE: f64 = 0.5;
@@ -63,6 +62,10 @@ struct Plane {
 impl Plane {
     fn level(altitude: f64) -> Self {
         Self { slope: [0.0; 2], offset: altitude }
+    }
+
+    fn is_level(self) -> bool {
+        self.slope == [0.0; 2]
     }
 
     /// The plane through three cells; none if they lie close to each other or to a line, or if it is too steep. `cell_m` is
@@ -147,6 +150,43 @@ impl MatchedSurface {
     }
 }
 
+/// The cells of a grid beside a cell: left, right, above and below; none beyond the grid.
+fn neighbours((width, height): (usize, usize), cell: usize) -> [Option<usize>; 4] {
+    [
+        (!cell.is_multiple_of(width)).then(|| cell - 1),
+        (!(cell + 1).is_multiple_of(width)).then_some(cell + 1),
+        cell.checked_sub(width),
+        Some(cell + width).filter(|below| *below < width * height),
+    ]
+}
+
+/// Appends to `cells` their neighbours that are not taken and are alike, and the neighbours of these, in so many rounds.
+fn grow(
+    cells: &mut Vec<usize>,
+    rounds: usize,
+    size: (usize, usize),
+    is_taken: &mut [bool],
+    is_alike: impl Fn(usize, usize) -> bool,
+) {
+    let mut front = 0;
+    for _ in 0..rounds {
+        let end = cells.len();
+        for k in front..end {
+            let cell = cells[k];
+            for next in neighbours(size, cell).into_iter().flatten() {
+                if !is_taken[next] && is_alike(cell, next) {
+                    is_taken[next] = true;
+                    cells.push(next);
+                }
+            }
+        }
+        if cells.len() == end {
+            return;
+        }
+        front = end;
+    }
+}
+
 /// The plane of least squares of the cells that lie on the plane on which most of the weight of a segment lies, if that is enough.
 fn fitted(cells: &[Cell], cell_m: f64) -> Option<Plane> {
     let looked_at = || cells.iter().step_by(cells.len().div_ceil(MOST_CELLS));
@@ -160,14 +200,14 @@ fn fitted(cells: &[Cell], cell_m: f64) -> Option<Plane> {
             Plane::through(std::array::from_fn(|_| draw()), cell_m)?
         };
         let on_it: f64 = looked_at().filter(|c| plane.holds(c)).map(|c| c.weight).sum();
-        Some((if is_level { LEVEL_FACTOR * on_it } else { on_it }, k, plane, is_level))
+        Some((if is_level { LEVEL_FACTOR * on_it } else { on_it }, k, plane))
     };
     let trials: Vec<_> = (0..TRIALS).into_par_iter().filter_map(trial).collect();
     let best = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-    let (on_it, _, plane, is_level) = best?;
+    let (on_it, _, plane) = best?;
     let total: f64 = looked_at().map(|c| c.weight).sum();
     let held: Vec<&Cell> = cells.iter().filter(|c| plane.holds(c)).collect();
-    (on_it >= MIN_SHARE * total).then(|| least_squares(&held, is_level).unwrap_or(plane))
+    (on_it >= MIN_SHARE * total).then(|| least_squares(&held, plane.is_level()).unwrap_or(plane))
 }
 
 /// The plane of least weighted squares of the altitudes of cells; none if they lie on a line.

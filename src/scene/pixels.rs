@@ -21,7 +21,7 @@ const SHADOW_QUANTILE: f64 = 0.05;
 /// Geometric mean of median and shadows, of 8-bit brightness, above which an image is taken for one with display gamma.
 ///
 /// Most ground reflects less than half of the light, and shadows get less than a third of what sunlit ground gets: in linear
-/// images the mean is 29 to 48 (44 simulated scenes, `docs/experiments/shadows.md`). With the display gamma it is above 90
+/// images the mean is 30 to 47 (47 simulated scenes, `docs/experiments/shadows.md`). With the display gamma it is above 90
 /// (the same scenes encoded; DFC2019's JAX_068 98).
 const DISPLAYED: f64 = 70.0;
 
