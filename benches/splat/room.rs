@@ -9,6 +9,7 @@ use satgs::splat::adam::SplatAdam;
 use satgs::splat::backend::stopwatch::Stopwatch;
 use satgs::splat::loss::{LossWeights, SurfaceDepth, TermInputs, terms};
 use satgs::splat::pinhole::{PinholeStep, objective};
+use satgs::splat::seen_gradient::SeenGradient;
 use satgs::splat::splats::{PerGroup, Splats};
 
 const SPLATS: usize = 300_000;
@@ -81,12 +82,12 @@ fn print_for(splats: Splats, name: &str, weights: &[(&str, f64)], threads: usize
         f_rest: 1e-9,
     };
     let mut objective = objective::<f32>(splats.primitive(), terms(TermInputs::default()));
-    let (mut adam, mut trained, mut gradient) = (SplatAdam::new(&splats), splats, Splats::default());
+    let (mut adam, mut trained, mut gradient) = (SplatAdam::new(&splats), splats, SeenGradient::default());
     let mut step = |watch: &mut Stopwatch| {
         watch.begin();
         objective.evaluate(&trained, &input, &weights, &mut gradient, watch);
         watch.lap("splats", "end");
-        adam.step(&mut trained, &gradient, &rates);
+        adam.step_seen(&mut trained, &gradient, &rates);
         watch.lap("splats", "Adam");
     };
     // The first run allocates the buffers.

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 ///   RGB-D or ScanNet++
 ///   scene, run of it        0.02 m                  0.08 m      5 m
 ///   run of photographs that
-///   look around inside it   greatest depth / 250    4 voxels    95 % of the depths are smaller
+///   are taken inside it     greatest depth / 250    4 voxels    95 % of the depths are smaller
 ///   other perspective ones  greatest depth / 1024   4 voxels    2 x nearest camera to the place all look at
 ///
 ///   satgs mesh run -o town.glb

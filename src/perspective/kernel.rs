@@ -80,6 +80,21 @@ impl<T: Real> PinholeKernel<T> {
         out
     }
 
+    /// The image of a position, pixels, and the largest number of pixels in any direction per metre there; none if it is not in
+    /// front of the camera.
+    pub fn image_and_scale(&self, position: [T; 3]) -> Option<([T; 2], T)> {
+        let c = self.cam_from_site(position);
+        let is_in_front = c[2] > T::from_f64(NEAREST_M);
+        is_in_front.then(|| {
+            let inverse = c[2].recip();
+            let ratio = [c[0] * inverse, c[1] * inverse];
+            let image = std::array::from_fn(|i| self.focal[i] * ratio[i] + self.principal[i]);
+            // The norm of the Jacobian is at most the focal length divided by the depth, times this.
+            let obliquity = (T::one() + ratio[0] * ratio[0] + ratio[1] * ratio[1]).sqrt();
+            (image, self.focal[0].max(self.focal[1]) * inverse * obliquity)
+        })
+    }
+
     /// A ratio to the depth clamped to the limits of an axis, and the derivative of the clamped ratio by the
     /// given one.
     fn limited(&self, axis: usize, ratio: T) -> (T, T) {

@@ -2,7 +2,7 @@
 
 use super::PipelineError;
 use super::depth_views::{is_run, read_perspective};
-use super::mesh_sources::{of_perspective_run, of_satellite_run, of_scene, sampled_depths};
+use super::mesh_sources::{ViewDepths, of_perspective_run, of_satellite_run, of_scene, sampled_depths};
 use super::perspective::{self, PerspectiveCameras, PerspectiveManifest};
 use crate::io::{check_writable, replaces_georeference};
 use crate::mesh::{FuseOptions, FusedMesh, KeptPieces, MeshFormat};
@@ -29,9 +29,6 @@ const ROOM_DEPTH_M: f64 = 5.0;
 /// look at, and the number of voxels in it (2D Gaussian splatting, for scenes of any unit).
 const PHOTOGRAPH_DEPTH: f64 = 2.0;
 const PHOTOGRAPH_VOXELS: f64 = 1024.0;
-/// Cameras look around if the mean of their optical axes, unit vectors, is shorter than this: of oblique aerial blocks it has a length
-/// of about 0.7. They stand inside of the scene, as in a room, if also more than half of the depths exceed `PHOTOGRAPH_DEPTH`.
-const AROUND: f64 = 0.5;
 /// Greatest depth of scenes from inside, a quantile of the depths, and the number of voxels in it: 2 cm of 5 m.
 const INSIDE_DEPTH: f64 = 0.95;
 const INSIDE_VOXELS: f64 = 250.0;
@@ -153,15 +150,14 @@ impl DepthDefaults {
     fn of_run(run: &Path, options: &MeshOptions) -> Result<Self, PipelineError> {
         let training = PerspectiveCameras::read(run)?.training_cameras();
         let layout = PerspectiveManifest::read(run)?.layout;
-        let needs_depths = options.voxel_m.is_none() || options.depth_max_m.is_none();
         let outside = Self::of(layout, &training);
-        if is_room(layout) || !needs_depths || !look_around(&training) {
+        if is_room(layout) || (options.voxel_m.is_some() && options.depth_max_m.is_some()) {
             return Ok(outside);
         }
-        let depths = sampled_depths(run, &training)?;
-        let far = depths.iter().filter(|d| **d > outside.depth_max_m).count();
-        let is_inside = 2 * far > depths.len();
-        Ok(match quantile(depths, INSIDE_DEPTH).filter(|_| is_inside) {
+        let views = sampled_depths(run, &training)?;
+        let looks_at_focus = look_at(focus(&training), &views);
+        let depths = views.into_iter().flat_map(|view| view.depths).collect();
+        Ok(match quantile(depths, INSIDE_DEPTH).filter(|_| !looks_at_focus) {
             Some(depth_max_m) => Self { voxel_m: depth_max_m / INSIDE_VOXELS, depth_max_m },
             None => outside,
         })
@@ -204,10 +200,11 @@ fn distance_to_focus(cameras: &[PinholeCamera]) -> f64 {
     cameras.iter().map(|c| c.center.distance(focus)).fold(f64::INFINITY, f64::min)
 }
 
-/// Whether cameras look in all directions.
-fn look_around(cameras: &[PinholeCamera]) -> bool {
-    let axes = cameras.iter().map(|c| c.cam_from_site.row(2)).sum::<DVec3>();
-    axes.length() < AROUND * cameras.len() as f64
+/// Whether views show a place that is nearest to their optical axes: what most of them have in their middle is not farther than the
+/// greatest depth allows. Views from inside a scene, as of a room, do not: their axes pass close to each other near the cameras.
+fn look_at(place: DVec3, views: &[ViewDepths]) -> bool {
+    let ratio = |view: &ViewDepths| Some(view.in_the_middle? / view.camera.center.distance(place));
+    quantile(views.iter().filter_map(ratio).collect(), 0.5).is_none_or(|ratio| ratio <= PHOTOGRAPH_DEPTH)
 }
 
 fn fuse_options(options: &MeshOptions, source: &Source) -> Result<FuseOptions, PipelineError> {
@@ -256,14 +253,27 @@ mod tests {
         PinholeCamera { cam_from_site, center, focal: DVec2::splat(60.0), principal, size: (64, 64) }
     }
 
+    /// Whether cameras that have a depth in their middle look at one place.
+    fn look_at_one_place(views: impl Iterator<Item = (PinholeCamera, f64)>) -> bool {
+        let view = |(camera, depth)| ViewDepths { camera, depths: Vec::new(), in_the_middle: Some(depth) };
+        let views: Vec<_> = views.map(view).collect();
+        let cameras: Vec<_> = views.iter().map(|view| view.camera).collect();
+        look_at(focus(&cameras), &views)
+    }
+
     #[test]
-    fn cameras_of_a_room_look_around_and_those_in_the_air_do_not() {
+    fn cameras_of_a_room_look_at_no_place_and_those_around_or_above_one_do() {
         let around = |k: u32| DVec3::new(f64::from(k).cos(), f64::from(k).sin(), 0.1 * f64::from(k % 3));
-        let room: Vec<_> = (0..60).map(|k| camera(0.8 * around(k), around(k + 20))).collect();
-        assert!(look_around(&room));
-        let place = |k: u32| DVec3::new(f64::from(k % 8), f64::from(k / 8), 2.0);
-        let oblique = |k: u32| around(k).with_z(-1.0);
-        let block: Vec<_> = (0..64).map(|k| camera(place(k), oblique(k))).collect();
-        assert!(!look_around(&block));
+        let room = (0..60).map(|k| (camera(0.8 * around(k), around(k + 20)), 3.0));
+        assert!(!look_at_one_place(room));
+        // Most of a room, from one of its corners.
+        let turned = |k: u32| DVec3::new(1.0, 0.8 * f64::from(k).sin(), 0.3 * f64::from(k).cos());
+        let corner = (0..40).map(|k| (camera(0.3 * around(k), turned(3 * k)), 3.0));
+        assert!(!look_at_one_place(corner));
+        let orbit = (0..40).map(|k| (camera(4.0 * around(k), -around(k)), 3.8));
+        assert!(look_at_one_place(orbit));
+        let place = |k: u32| DVec3::new(f64::from(k % 8), f64::from(k / 8), 9.0);
+        let block = (0..64).map(|k| (camera(place(k), DVec3::new(3.5, 3.5, 0.0) - place(k)), 9.0));
+        assert!(look_at_one_place(block));
     }
 }

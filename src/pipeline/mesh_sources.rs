@@ -14,6 +14,7 @@ use crate::splat::novel_view::NovelView;
 use crate::splat::pinhole::PinholePicture;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
+use crate::stats::quantile;
 use glam::DVec3;
 use std::path::Path;
 
@@ -54,16 +55,35 @@ fn mean_up(cameras: impl Iterator<Item = PinholeCamera>) -> [f64; 3] {
 const SAMPLED_VIEWS: usize = 8;
 const SAMPLED_PIXELS: usize = 100_000;
 
-/// Depths that some of the training views of a perspective run show, metres.
-pub(super) fn sampled_depths(run: &Path, training: &[PinholeCamera]) -> Result<Vec<f64>, PipelineError> {
+/// Depths that a training view of a perspective run shows.
+pub(super) struct ViewDepths {
+    /// Its camera.
+    pub camera: PinholeCamera,
+    /// A sample of them, metres.
+    pub depths: Vec<f64>,
+    /// Their median in the middle of the image, a third of its width and height; none where there are none.
+    pub in_the_middle: Option<f64>,
+}
+
+/// The depths of some of the training views of a perspective run.
+pub(super) fn sampled_depths(
+    run: &Path,
+    training: &[PinholeCamera],
+) -> Result<Vec<ViewDepths>, PipelineError> {
     let splats = PerspectiveCameras::read_splats(run)?;
     let step = training.len().div_ceil(SAMPLED_VIEWS).max(1);
-    let maps = training.iter().step_by(step).map(|camera| shown(&splats, camera).depth);
-    let sampled = |map: Grid2| {
-        let step = map.data.len().div_ceil(SAMPLED_PIXELS).max(1);
-        map.data.into_iter().step_by(step).filter(|d| !d.is_nan()).map(f64::from).collect::<Vec<_>>()
-    };
-    Ok(maps.flat_map(sampled).collect())
+    let views = training.iter().step_by(step);
+    Ok(views.map(|camera| view_depths(*camera, &shown(&splats, camera).depth)).collect())
+}
+
+fn view_depths(camera: PinholeCamera, map: &Grid2) -> ViewDepths {
+    let Grid2 { width, height, .. } = *map;
+    let known = |depths: Vec<f32>| depths.into_iter().filter(|d| !d.is_nan()).map(f64::from).collect();
+    let rows = height / 3..height - height / 3;
+    let middle = rows.flat_map(|row| &map.data[row * width..][width / 3..width - width / 3]);
+    let in_the_middle = quantile(known(middle.copied().collect()), 0.5);
+    let step = map.data.len().div_ceil(SAMPLED_PIXELS).max(1);
+    ViewDepths { camera, depths: known(map.data.iter().copied().step_by(step).collect()), in_the_middle }
 }
 
 /// The depths that a view of splats shows: of discs those at which the transmittance falls to one half, of ellipsoids the mean.

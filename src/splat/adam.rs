@@ -2,17 +2,19 @@
 
 use crate::nn::adam::{AdamRule, AdamStep};
 use crate::splat::edit::Edit;
+use crate::splat::seen_gradient::SeenGradient;
 use crate::splat::splats::{GROUP_INFO, PerGroup, Splats};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::ops::Range;
 
 /// The constants of the splats' parameters (3DGS).
 const RULE: AdamRule = AdamRule { epsilon: 1e-15, ..AdamRule::DEFAULT };
 
-/// Number of values that one task works on, and number of splats of an optional group.
+/// Number of values that one task works on, and number of splats where only some are seen.
 const PIECE: usize = 1 << 14;
-const SPARSE_PIECE: usize = 512;
+const SPLATS_PIECE: usize = 1 << 12;
+/// The parameter group that a loss term changes for all splats, seen or not.
+const OPACITY: &str = "opacity_logit";
 
 /// Moments of the splats' gradients.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -35,32 +37,70 @@ impl SplatAdam {
     }
 
     /// Takes one step with the given learning rate for each parameter group.
-    ///
-    /// Optional groups are large. Of these, splats whose gradient is zero, as it is where a view does not show them, keep
-    /// their values and moments (the sparse Adam of 3DGS's program).
     pub fn step(&mut self, splats: &mut Splats, gradient: &Splats, rates: &PerGroup<f64>) {
         self.steps += 1;
         let moments = self.first.groups_mut().into_iter().zip(self.second.groups_mut());
         let groups =
             splats.groups_mut().into_iter().zip(gradient.groups()).zip(moments).zip(rates.to_array());
-        for ((((values, gradient), (first, second)), rate), info) in groups.zip(GROUP_INFO) {
+        for (((values, gradient), (first, second)), rate) in groups {
             let step = AdamStep::new(RULE, rate, self.steps);
-            let piece = if info.is_optional { SPARSE_PIECE * info.width } else { PIECE };
-            let moments = first.par_chunks_mut(piece).zip(second.par_chunks_mut(piece));
-            let pieces = values.par_chunks_mut(piece).zip(gradient.par_chunks(piece)).zip(moments);
+            let moments = first.par_chunks_mut(PIECE).zip(second.par_chunks_mut(PIECE));
+            let pieces = values.par_chunks_mut(PIECE).zip(gradient.par_chunks(PIECE)).zip(moments);
             pieces.for_each(|((values, gradient), (first, second))| {
-                let mut run = |range: Range<usize>| {
-                    let (first, second) = (&mut first[range.clone()], &mut second[range.clone()]);
-                    let (values, gradient) = (&mut values[range.clone()], &gradient[range]);
-                    step.update(values, gradient, first, second);
-                };
-                if info.is_optional {
-                    runs_of_nonzero(gradient, info.width).for_each(run);
-                } else {
-                    run(0..gradient.len());
-                }
+                step.update(values, gradient, first, second);
             });
         }
+    }
+
+    /// Takes one step with the gradient of a view that shows some of the splats.
+    ///
+    /// The others keep their values and moments (the sparse Adam of 3DGS's program), except for their opacities, which a loss term
+    /// of all splats may change.
+    pub fn step_seen(&mut self, splats: &mut Splats, gradient: &SeenGradient, rates: &PerGroup<f64>) {
+        self.steps += 1;
+        self.step_logits(&mut splats.opacity_logit, gradient, rates.opacity_logit);
+        let moments = self.first.groups_mut().into_iter().zip(self.second.groups_mut());
+        let groups =
+            splats.groups_mut().into_iter().zip(gradient.of_seen.groups()).zip(moments).zip(rates.to_array());
+        for ((((values, of_seen), (first, second)), rate), info) in groups.zip(GROUP_INFO) {
+            if info.name == OPACITY {
+                continue;
+            }
+            let (step, width) = (AdamStep::new(RULE, rate, self.steps), info.width);
+            let piece = SPLATS_PIECE * width;
+            let moments = first.par_chunks_mut(piece).zip(second.par_chunks_mut(piece));
+            values.par_chunks_mut(piece).zip(moments).enumerate().for_each(
+                |(k, (values, (first, second)))| {
+                    let start = k * SPLATS_PIECE;
+                    let places = gradient.places(start..start + values.len() / width);
+                    let (indices, mut of_seen) =
+                        (&gradient.indices[places.clone()], &of_seen[places.start * width..]);
+                    for run in indices.chunk_by(|a, b| a + 1 == *b) {
+                        let (own, others) = of_seen.split_at(run.len() * width);
+                        let at =
+                            (run[0] as usize - start) * width..(run[0] as usize - start) * width + own.len();
+                        step.update(&mut values[at.clone()], own, &mut first[at.clone()], &mut second[at]);
+                        of_seen = others;
+                    }
+                },
+            );
+        }
+    }
+
+    /// The step of the opacities of all splats.
+    fn step_logits(&mut self, logits: &mut [[f32; 1]], gradient: &SeenGradient, rate: f64) {
+        let step = AdamStep::new(RULE, rate, self.steps);
+        let (first, second) = (&mut self.first.opacity_logit, &mut self.second.opacity_logit);
+        let moments = first.par_chunks_mut(SPLATS_PIECE).zip(second.par_chunks_mut(SPLATS_PIECE));
+        logits.par_chunks_mut(SPLATS_PIECE).zip(moments).enumerate().for_each(
+            |(k, (logits, (first, second)))| {
+                let mut by_logits = [[0.0; 1]; SPLATS_PIECE];
+                let by_logits = &mut by_logits[..logits.len()];
+                gradient.write_by_logits(k * SPLATS_PIECE, logits, by_logits);
+                let moments = (first.as_flattened_mut(), second.as_flattened_mut());
+                step.update(logits.as_flattened_mut(), by_logits.as_flattened(), moments.0, moments.1);
+            },
+        );
     }
 
     /// Applies an edit of the splats; the moments of new splats are zero.
@@ -70,19 +110,6 @@ impl SplatAdam {
             moments.zero_fresh(edit);
         }
     }
-}
-
-/// Runs of successive splats, with `width` values each, whose gradients are not zero, as ranges of values.
-fn runs_of_nonzero(gradient: &[f32], width: usize) -> impl Iterator<Item = Range<usize>> + '_ {
-    let is_zero = move |splat: usize| gradient[splat * width..(splat + 1) * width].iter().all(|g| *g == 0.0);
-    let count = gradient.len() / width;
-    let mut next = 0;
-    std::iter::from_fn(move || {
-        let start = (next..count).find(|splat| !is_zero(*splat))?;
-        let end = (start + 1..count).find(|splat| is_zero(*splat)).unwrap_or(count);
-        next = end + 1;
-        Some(start * width..end * width)
-    })
 }
 
 #[cfg(test)]
@@ -110,21 +137,53 @@ mod tests {
     }
 
     #[test]
-    fn harmonics_of_splats_that_a_view_does_not_show_wait() {
+    fn splats_that_a_view_does_not_show_wait_but_for_their_opacities() {
         let mut g = Splats::zeros(5);
         g.f_rest.resize(5, [0.0; 45]);
-        let mut gradient = g.clone();
-        for shown in [1, 2, 4] {
-            gradient.f_rest[shown][44] = 2.0;
-        }
-        let rates = PerGroup { f_rest: 0.1, ..PerGroup::default() };
+        let start = g.clone();
+        let mut gradient =
+            SeenGradient { indices: vec![1, 2, 4], by_opacity: 1e-9, ..SeenGradient::default() };
+        gradient.of_seen.take_from(&g, &gradient.indices);
+        gradient.of_seen.f_rest.fill([2.0; 45]);
+        gradient.of_seen.position.fill([-3.0, 0.0, 1.0]);
+        gradient.of_seen.opacity_logit.fill([-2.0]);
+        let rates =
+            PerGroup { f_rest: 0.1, position: 0.2, opacity_logit: 0.3, rotation: 0.4, ..PerGroup::default() };
         let mut adam = SplatAdam::new(&g);
-        adam.step(&mut g, &gradient, &rates);
-        let moved: Vec<bool> = g.f_rest.iter().map(|f| (f[44] + 0.1).abs() < 1e-6).collect();
-        assert_eq!(moved, [false, true, true, false, true]);
-        let (values, moments) = (g.f_rest[1], adam.first.f_rest[1]);
-        gradient.f_rest[1] = [0.0; 45];
-        adam.step(&mut g, &gradient, &rates);
-        assert!(g.f_rest[1] == values && adam.first.f_rest[1] == moments && g.f_rest[2] != values);
+        adam.step_seen(&mut g, &gradient, &rates);
+        for i in 0..5 {
+            let is_seen = gradient.indices.contains(&(i as u32));
+            let expected = if is_seen { (-0.1, 0.2, 0.3) } else { (0.0, 0.0, -0.3) };
+            let found = (g.f_rest[i][44], g.position[i][0], g.opacity_logit[i][0]);
+            let differs = |a: f32, b: f32| (a - b).abs() > 1e-5;
+            assert!(
+                !differs(found.0, expected.0)
+                    && !differs(found.1, expected.1)
+                    && !differs(found.2, expected.2),
+                "{i}: {found:?}"
+            );
+        }
+        let before = (g.clone(), adam.first.clone());
+        gradient.indices = vec![2, 3, 4];
+        adam.step_seen(&mut g, &gradient, &rates);
+        assert!(g.position[1] == before.0.position[1] && adam.first.f_rest[1] == before.1.f_rest[1]);
+        assert!(g.position[3] != start.position[3] && g.position[0] == start.position[0]);
+    }
+
+    #[test]
+    fn a_view_that_shows_all_splats_steps_as_one_without_selection() {
+        let mut splats = Splats::default();
+        for i in 0..9000 {
+            splats.push([i as f32, 0.5, -1.0], 0.3, 0.4, [0.1, 0.2, 0.3]);
+        }
+        let of_seen = splats.clone();
+        let rates =
+            PerGroup { position: 0.1, f_dc: 0.2, opacity_logit: 0.3, log_scale: 0.4, ..PerGroup::default() };
+        let (mut all, mut seen) = (splats.clone(), splats);
+        let (mut adam, mut adam_seen) = (SplatAdam::new(&all), SplatAdam::new(&all));
+        adam.step(&mut all, &of_seen, &rates);
+        let gradient = SeenGradient { indices: (0..9000).collect(), of_seen, by_opacity: 5.0 };
+        adam_seen.step_seen(&mut seen, &gradient, &rates);
+        assert!(all == seen && adam == adam_seen);
     }
 }

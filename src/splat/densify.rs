@@ -2,6 +2,7 @@
 
 use crate::random::CounterRng;
 use crate::splat::edit::Edit;
+use crate::splat::seen_gradient::SeenGradient;
 use crate::splat::splats::{Splats, sigmoid, unit_quaternion};
 use crate::splat::train::recipe::Densification;
 use glam::{Mat3, Quat, Vec3};
@@ -10,6 +11,8 @@ use serde::{Deserialize, Serialize};
 
 /// What replaces a split splat (gsplat).
 const IN_TWO: SplitInto = SplitInto { parts: 2, shrinks: 1.6, draw: 3 };
+/// Number of splats whose statistics one task adds to.
+const PIECE: usize = 1 << 13;
 /// Number of standard deviations in a projected radius (3DGS).
 const RADIUS_SIGMAS: f64 = 3.0;
 
@@ -68,6 +71,26 @@ impl DensifyStats {
             if let Some([x, y]) = mean2d_gradient(splat) {
                 *gradient += x.hypot(y);
                 *views += 1;
+            }
+        });
+    }
+
+    /// Adds the render of a view that may show only the splats of its gradient. `mean2d_gradient` is as above, by the place in
+    /// [`SeenGradient::indices`].
+    pub fn add_seen(
+        &mut self,
+        gradient: &SeenGradient,
+        mean2d_gradient: impl Fn(usize) -> Option<[f32; 2]> + Sync,
+    ) {
+        let sums = self.gradient.par_chunks_mut(PIECE).zip(self.views.par_chunks_mut(PIECE)).enumerate();
+        sums.for_each(|(k, (gradients, views))| {
+            let first = k * PIECE;
+            for place in gradient.places(first..first + views.len()) {
+                if let Some([x, y]) = mean2d_gradient(place) {
+                    let i = gradient.indices[place] as usize - first;
+                    gradients[i] += x.hypot(y);
+                    views[i] += 1;
+                }
             }
         });
     }

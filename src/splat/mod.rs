@@ -21,6 +21,7 @@ pub mod pinhole;
 pub mod ply;
 pub mod primitive;
 pub mod raster;
+pub mod seen_gradient;
 pub mod shadow;
 pub mod shear_warp;
 pub mod sheared_camera;

@@ -177,7 +177,7 @@ impl<T: SimdReal> Objective<T> {
             virtual_view: input.virtual_view.as_ref().map(|v| (self.virtual_view.image(), &v.warp)),
             target: input.target,
             splats,
-            sorted: &self.sorted,
+            mean_opacity: self.sorted.mean_opacity(),
         };
         let mut losses = Losses::default();
         let mut columns = &mut losses.columns[..];
@@ -324,7 +324,7 @@ impl<T: SimdReal> Objective<T> {
         let normals = if self.primitive == PrimitiveKind::Disc { n } else { 0 };
         zeros(&mut self.by_normal, normals);
         let Self { terms, sorted, by_sorted, by_normal, by_feature, by_altitude, .. } = self;
-        terms.iter().for_each(|term| term.add_by_sorted(sorted, by_sorted));
+        sorted.add_by_opacity(terms.iter().map(|term| term.by_opacity()).sum(), by_sorted);
         let mut by = (&mut by_sorted[..], &mut by_normal[..]);
         backward(self.view.as_mut(), VIEW, sorted, &self.by_view, &mut by, by_feature, watch);
         for by_virtual in terms.iter().filter_map(|term| term.by_virtual_view()) {

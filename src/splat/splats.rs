@@ -8,6 +8,7 @@ use super::edit::Edit;
 use super::primitive::{FLAT_LOG_SCALE, PrimitiveKind};
 use crate::simd::Real;
 use glam::{DQuat, DVec3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Value of the zeroth spherical harmonic: `rgb = SH_C0 * f_dc + 0.5`, as in 3DGS.
@@ -105,6 +106,16 @@ macro_rules! parameter_groups {
                     if !self.$name.is_empty() {
                         edit.gather(&mut self.$name);
                     }
+                )*
+            }
+
+            /// Makes these the splats of `all` with the given indices.
+            pub fn take_from(&mut self, all: &Self, indices: &[u32]) {
+                $(
+                    let count = if all.$name.is_empty() { 0 } else { indices.len() };
+                    self.$name.resize(count, [T::zero(); $width]);
+                    let values = self.$name.par_iter_mut().zip(indices).with_min_len(1024);
+                    values.for_each(|(value, i)| *value = all.$name[*i as usize]);
                 )*
             }
 

@@ -31,7 +31,7 @@ const DEPTHS_THINNED_TO_M: f64 = 0.05;
 /// The box of the points leaves out this share at each side: a few float far away.
 const OUTSIDE: f64 = 0.02;
 /// Least distance of points of a dense start, as a share of the scene's diagonal.
-const SPACING: f64 = 0.002;
+const SPACING: f64 = 0.004;
 /// Largest number of points of aligned depths: more take longer to train than they gain.
 const MOST_ALIGNED: usize = 250_000;
 

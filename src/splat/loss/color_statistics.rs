@@ -77,11 +77,11 @@ impl<T: SimdReal> LossTerm<T> for ColorStatistics<T> {
 mod tests {
     use super::*;
     use crate::splat::anchored::Anchoring;
-    use crate::splat::raster::{Image, SortedSplats};
+    use crate::splat::raster::Image;
 
     fn evaluate(splats: &Splats<f64>, anchored: &[Anchoring]) -> (f64, Splats<f64>) {
-        let (nothing, sorted) = (Image::default(), SortedSplats::default());
-        let rendered = Rendered { anchored, ..Rendered::of_splats(splats, &sorted, &nothing) };
+        let nothing = Image::default();
+        let rendered = Rendered { anchored, ..Rendered::of_splats(splats, &nothing) };
         let mut term = ColorStatistics::new(&mut TermInputs::default());
         let value = term.evaluate(&rendered, &[0.7], &mut [0.0]);
         let mut by = Splats::zeros(splats.len());

@@ -225,7 +225,6 @@ mod tests {
     use super::*;
     use crate::perspective::PinholeCamera;
     use crate::random::CounterRng;
-    use crate::splat::raster::SortedSplats;
     use crate::splat::splats::Splats;
     use glam::{DMat3, DVec2, DVec3};
 
@@ -258,10 +257,10 @@ mod tests {
     }
 
     fn evaluate(term: &mut NormalConsistency<f64>, view: &Image<f64>, surface: SurfaceDepth) -> f64 {
-        let (none, sorted, splats) = (Image::default(), SortedSplats::default(), Splats::default());
+        let (none, splats) = (Image::default(), Splats::default());
         let camera = camera();
         let discs = Some(DiscView { camera: &camera, surface });
-        let rendered = Rendered { view, discs, ..Rendered::of_splats(&splats, &sorted, &none) };
+        let rendered = Rendered { view, discs, ..Rendered::of_splats(&splats, &none) };
         term.evaluate(&rendered, &[0.7], &mut [0.0])
     }
 

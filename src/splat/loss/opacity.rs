@@ -9,8 +9,6 @@
 use super::term::{LossTerm, Rendered, TermInfo};
 use super::terms::TermInputs;
 use crate::simd::SimdReal;
-use crate::splat::raster::{SortedSplats, SplatGradient};
-use rayon::prelude::*;
 
 /// Weights of the mean and of the sum, and one column: the mean opacity.
 pub const INFO: TermInfo = TermInfo { weights: &["opacity", "opacity_sum"], columns: &["opacity"] };
@@ -31,15 +29,13 @@ impl<T: SimdReal> Opacity<T> {
 
 impl<T: SimdReal> LossTerm<T> for Opacity<T> {
     fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64 {
-        columns[0] = rendered.sorted.mean_opacity();
+        columns[0] = rendered.mean_opacity;
         let splats = rendered.splats.len() as f64;
         self.by_opacity = T::from_f64(weights[0] / splats.max(1.0) + weights[1]);
         (weights[0] + weights[1] * splats) * columns[0]
     }
 
-    fn add_by_sorted(&self, sorted: &SortedSplats<T>, by: &mut [SplatGradient<T>]) {
-        by.par_iter_mut().with_min_len(1024).enumerate().for_each(|(rank, by)| {
-            by.log_opacity = by.log_opacity + self.by_opacity * sorted.opacity(rank);
-        });
+    fn by_opacity(&self) -> T {
+        self.by_opacity
     }
 }

@@ -77,7 +77,7 @@ mod tests {
     use crate::frame::{Point, SiteGrid};
     use crate::io::{Grid2, MapGrid};
     use crate::mvs::MatchedSurface;
-    use crate::splat::raster::{Image, SortedSplats};
+    use crate::splat::raster::Image;
 
     /// Two cells of 2 m at an altitude of 5 m, of which only the western one has a weight.
     fn prior() -> Prior {
@@ -93,8 +93,8 @@ mod tests {
     fn evaluate(positions: &[[f64; 3]], weight: f64) -> (f64, Vec<f64>) {
         let mut splats = Splats::<f64>::default();
         positions.iter().for_each(|p| splats.push(*p, 1.0, 0.5, [0.5; 3]));
-        let (nothing, sorted) = (Image::default(), SortedSplats::default());
-        let rendered = Rendered::of_splats(&splats, &sorted, &nothing);
+        let nothing = Image::default();
+        let rendered = Rendered::of_splats(&splats, &nothing);
         let mut term = SurfacePrior::new(&mut TermInputs { prior: Some(Arc::new(prior())), lpips: None });
         let value = term.evaluate(&rendered, &[weight], &mut [0.0]);
         let mut by = Splats::zeros(splats.len());

@@ -5,7 +5,7 @@ use crate::perspective::PinholeCamera;
 use crate::simd::{Real, Simd, SimdVec};
 use crate::splat::anchored::Anchoring;
 use crate::splat::appearance::SplatLight;
-use crate::splat::raster::{Image, SortedSplats, SplatGradient};
+use crate::splat::raster::Image;
 use crate::splat::shear_warp::ShearWarp;
 use crate::splat::splats::Splats;
 use serde::{Deserialize, Serialize};
@@ -69,14 +69,14 @@ pub struct Rendered<'a, T> {
     pub target: &'a Image<T>,
     /// The splats.
     pub splats: &'a Splats<T>,
-    /// The splats in depth order, with their opacities.
-    pub sorted: &'a SortedSplats<T>,
+    /// Mean opacity of the splats.
+    pub mean_opacity: f64,
 }
 
 #[cfg(test)]
 impl<'a, T> Rendered<'a, T> {
     /// Splats alone, with the same empty image for everything that is rendered.
-    pub fn of_splats(splats: &'a Splats<T>, sorted: &'a SortedSplats<T>, image: &'a Image<T>) -> Self {
+    pub fn of_splats(splats: &'a Splats<T>, image: &'a Image<T>) -> Self {
         Self {
             view: image,
             discs: None,
@@ -90,7 +90,7 @@ impl<'a, T> Rendered<'a, T> {
             virtual_view: None,
             target: image,
             splats,
-            sorted,
+            mean_opacity: 0.0,
         }
     }
 }
@@ -154,8 +154,10 @@ pub trait LossTerm<T: Real>: Send + Sync {
         None
     }
 
-    /// Adds derivatives with respect to centres, covariances and opacities, in depth order.
-    fn add_by_sorted(&self, _sorted: &SortedSplats<T>, _by: &mut [SplatGradient<T>]) {}
+    /// Derivative with respect to the opacity of each splat, shown or not.
+    fn by_opacity(&self) -> T {
+        T::zero()
+    }
 
     /// Adds derivatives with respect to the splats' parameters.
     fn add_by_splats(&self, _splats: &Splats<T>, _by: &mut Splats<T>) {}

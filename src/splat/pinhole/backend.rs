@@ -6,7 +6,7 @@ use super::super::densify::DensifyCounts;
 use super::super::loss::{TermInputs, terms};
 use super::super::objective::Losses;
 use super::super::raster::Image;
-use super::super::splats::Splats;
+use super::super::seen_gradient::SeenGradient;
 use super::super::state::TrainingState;
 use super::objective::{AnyPinholeObjective, PinholeStep, objective};
 use super::picture::PinholePicture;
@@ -33,7 +33,7 @@ struct Loaded {
     scene: PinholeScene,
     state: TrainingState,
     objective: Box<dyn AnyPinholeObjective<f32>>,
-    gradient: Splats,
+    gradient: SeenGradient,
     target: Image<f32>,
     valid: Vec<bool>,
 }
@@ -65,7 +65,7 @@ impl TrainingBackend for PinholeBackend {
             objective: objective(state.splats.primitive(), terms(TermInputs::default())),
             scene,
             state,
-            gradient: Splats::default(),
+            gradient: SeenGradient::default(),
             target: Image::default(),
             valid: Vec::new(),
         });
@@ -120,13 +120,14 @@ impl Loaded {
         let losses = objective.evaluate(splats, &input, &plan.weights, gradient, watch);
         let (width, height) = view.camera.size;
         let half_sides = [0.5 * width as f32, 0.5 * height as f32];
-        let in_half_sides =
-            |i: usize| objective.mean2d_gradient(i).map(|g| [g[0] * half_sides[0], g[1] * half_sides[1]]);
-        // Magnification differs from splat to splat; recipes of perspective scenes have no limit that needs it.
-        statistics.add_view(in_half_sides, 0.0, 1.0);
+        let in_half_sides = |place: usize| {
+            objective.mean2d_gradient(place).map(|g| [g[0] * half_sides[0], g[1] * half_sides[1]])
+        };
+        statistics.add_seen(gradient, in_half_sides);
         watch.lap("splats", "statistics");
-        anchored.add_to_anchors(gradient);
-        anchored.step(splats, |splats| adam.step(splats, gradient, &plan.rates));
+        // Where splats are anchored, all are seen.
+        anchored.add_to_anchors(&mut gradient.of_seen);
+        anchored.step(splats, |splats| adam.step_seen(splats, gradient, &plan.rates));
         watch.lap("splats", "Adam");
         Ok(losses)
     }

@@ -9,6 +9,7 @@ mod backend;
 mod indoor_tests;
 mod objective;
 mod picture;
+mod seen;
 mod start;
 mod view;
 

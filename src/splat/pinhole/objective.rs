@@ -15,7 +15,9 @@ use super::super::raster::{
     DiscWithMoments, Ellipsoid, FrameCamera, Image, Primitive, Rasterizer, SortedSplats, SplatGradient,
     channel, disc_plane,
 };
+use super::super::seen_gradient::SeenGradient;
 use super::super::splats::Splats;
+use super::seen::SeenSplats;
 use crate::camera::CameraKernel;
 use crate::perspective::{PinholeCamera, PinholeKernel};
 use crate::simd::{Real, SimdReal};
@@ -34,7 +36,7 @@ pub struct PinholeStep<'a, T> {
     pub valid: &'a [bool],
     /// Depths and normals that are expected of the view; none without priors.
     pub priors: Option<&'a PriorTargets>,
-    /// The splats that are anchored to others.
+    /// The splats that are anchored to others. If there are any, all splats take part, as anchors move what is anchored to them.
     pub anchored: &'a [Anchoring],
     /// Colour behind the splats.
     pub background: [T; 3],
@@ -68,7 +70,7 @@ pub trait AnyPinholeObjective<T>: Send + Sync {
         splats: &Splats<T>,
         input: &PinholeStep<T>,
         weights: &LossWeights,
-        gradient: &mut Splats<T>,
+        gradient: &mut SeenGradient<T>,
         watch: &mut Stopwatch,
     ) -> Losses;
     /// [`PinholeObjective::forward`].
@@ -76,7 +78,7 @@ pub trait AnyPinholeObjective<T>: Send + Sync {
     /// [`PinholeObjective::view`].
     fn view(&self) -> &Image<T>;
     /// [`PinholeObjective::mean2d_gradient`].
-    fn mean2d_gradient(&self, splat: usize) -> Option<[T; 2]>;
+    fn mean2d_gradient(&self, place: usize) -> Option<[T; 2]>;
 }
 
 /// The objective of a kind of splats, with these loss terms.
@@ -97,7 +99,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> AnyPinholeObjective<T> for Pinho
         splats: &Splats<T>,
         input: &PinholeStep<T>,
         weights: &LossWeights,
-        gradient: &mut Splats<T>,
+        gradient: &mut SeenGradient<T>,
         watch: &mut Stopwatch,
     ) -> Losses {
         Self::evaluate(self, splats, input, weights, gradient, watch)
@@ -111,13 +113,14 @@ impl<T: SimdReal, const F: usize, P: Primitive> AnyPinholeObjective<T> for Pinho
         Self::view(self)
     }
 
-    fn mean2d_gradient(&self, splat: usize) -> Option<[T; 2]> {
-        Self::mean2d_gradient(self, splat)
+    fn mean2d_gradient(&self, place: usize) -> Option<[T; 2]> {
+        Self::mean2d_gradient(self, place)
     }
 }
 
 /// Computes losses and gradients of splats with `F` features; keeps all buffers between iterations.
 pub struct PinholeObjective<T: Real, const F: usize, P: Primitive> {
+    seen: SeenSplats<T>,
     sorted: SortedSplats<T>,
     view: Rasterizer<T, F, PinholeKernel<T>, P>,
     colors: Vec<[T; 3]>,
@@ -137,6 +140,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
     #[must_use]
     pub fn new(terms: Vec<Box<dyn LossTerm<T>>>) -> Self {
         Self {
+            seen: SeenSplats::default(),
             sorted: SortedSplats::of(if P::IS_FLAT { PrimitiveKind::Disc } else { PrimitiveKind::Ellipsoid }),
             view: Rasterizer::default(),
             colors: Vec::new(),
@@ -158,7 +162,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
         splats: &Splats<T>,
         input: &PinholeStep<T>,
         weights: &LossWeights,
-        gradient: &mut Splats<T>,
+        gradient: &mut SeenGradient<T>,
         watch: &mut Stopwatch,
     ) -> Losses {
         self.forward(splats, input, watch);
@@ -175,7 +179,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
             virtual_view: None,
             target: input.target,
             splats,
-            sorted: &self.sorted,
+            mean_opacity: self.seen.mean_opacity,
         };
         let mut losses = Losses::default();
         let mut columns = &mut losses.columns[..];
@@ -187,7 +191,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
         watch.lap("pixels", "loss terms");
         self.pixels_backward(input.valid);
         watch.lap("pixels", "picture backward");
-        self.splats_backward(splats, input, gradient, watch);
+        self.splats_backward(input, gradient, watch);
         losses
     }
 
@@ -197,6 +201,10 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
         if P::IS_FLAT {
             camera.kernel = camera.kernel.without_limits();
         }
+        let kind = if P::IS_FLAT { PrimitiveKind::Disc } else { PrimitiveKind::Ellipsoid };
+        self.seen.select(splats, kind, input.anchored.is_empty().then_some(&camera));
+        watch.lap("splats", "selection");
+        let splats = &self.seen.splats;
         self.sorted.update_for(splats, &camera.kernel);
         watch.lap("splats", "order and covariances");
         colors(splats, &input.seen_from(), &mut self.colors);
@@ -233,11 +241,11 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
         self.view.image()
     }
 
-    /// Derivative of the loss with respect to a splat's 2-D mean (column, row), per pixel, as the last evaluation computed
-    /// it; none if the splat was not visible.
+    /// Derivative of the loss with respect to the 2-D mean (column, row) of the splat at a place of [`SeenGradient::indices`],
+    /// per pixel, as the last evaluation computed it; none if the splat was not visible.
     #[must_use]
-    pub fn mean2d_gradient(&self, splat: usize) -> Option<[T; 2]> {
-        self.view.mean2d_gradient(self.sorted.rank(splat))
+    pub fn mean2d_gradient(&self, place: usize) -> Option<[T; 2]> {
+        self.view.mean2d_gradient(self.sorted.rank(place))
     }
 
     /// Copies the colours of the render; zero where masked.
@@ -277,17 +285,20 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
     /// Computes the derivatives by the splats' parameters from those by the render's pixels.
     fn splats_backward(
         &mut self,
-        splats: &Splats<T>,
         input: &PinholeStep<T>,
-        gradient: &mut Splats<T>,
+        gradient: &mut SeenGradient<T>,
         watch: &mut Stopwatch,
     ) {
-        let n = splats.len();
+        let SeenGradient { indices, of_seen, by_opacity } = gradient;
+        indices.clone_from(&self.seen.indices);
+        *by_opacity = self.terms.iter().map(|term| term.by_opacity()).sum();
+        let n = indices.len();
         zeros(&mut self.by_sorted, n);
         self.by_feature.resize(n, [T::zero(); F]);
         self.by_feature.par_chunks_mut(1 << 14).for_each(|v| v.fill([T::zero(); F]));
-        let Self { terms, sorted, by_sorted, by_normal, by_feature, .. } = self;
-        terms.iter().for_each(|term| term.add_by_sorted(sorted, by_sorted));
+        let Self { terms, sorted, by_sorted, by_normal, by_feature, seen, .. } = self;
+        let splats = &seen.splats;
+        sorted.add_by_opacity(*by_opacity, by_sorted);
         self.view.pixels_backward(&self.by_view);
         watch.lap(VIEW, "backward");
         self.view.gather(sorted, by_sorted, by_feature);
@@ -302,12 +313,12 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
             });
             self.view.add_normal_gradients(by_normal);
         }
-        gradient.resize_like(splats);
-        sorted.parameter_gradients(splats, by_sorted, by_normal, gradient);
+        of_seen.resize_like(splats);
+        sorted.parameter_gradients(splats, by_sorted, by_normal, of_seen);
         watch.lap("splats", "parameters backward");
         let forward = input.camera.cam_from_site.row(2).to_array().map(T::from_f64);
         self.by_colors.resize(n, [T::zero(); 3]);
-        let rows = gradient.position.par_iter_mut().zip(&mut self.by_colors).with_min_len(1024);
+        let rows = of_seen.position.par_iter_mut().zip(&mut self.by_colors).with_min_len(1024);
         rows.enumerate().for_each(|(i, (position, by_color))| {
             let by = &by_feature[sorted.rank(i)];
             *by_color = [by[0], by[1], by[2]];
@@ -316,9 +327,9 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
                 position[k] = position[k] + forward[k] * depth;
             }
         });
-        colors_backward(splats, &input.seen_from(), &self.colors, &self.by_colors, gradient);
+        colors_backward(splats, &input.seen_from(), &self.colors, &self.by_colors, of_seen);
         watch.lap("splats", "colours backward");
-        terms.iter().for_each(|term| term.add_by_splats(splats, gradient));
+        terms.iter().for_each(|term| term.add_by_splats(splats, of_seen));
     }
 }
 

@@ -59,11 +59,12 @@ fn compare_with_differences(
     let (target, valid) = (&target, &valid[..]);
     let input =
         PinholeStep { camera: &camera, target, valid, priors, anchored: &[], background, sh_degree, surface };
-    let (mut gradient, mut watch) = (Splats::default(), Stopwatch::default());
+    let (mut gradient, mut watch) = (SeenGradient::default(), Stopwatch::default());
     let losses = objective.evaluate(splats, &input, weights, &mut gradient, &mut watch);
-    let seen = (0..splats.len()).filter(|i| objective.mean2d_gradient(*i).is_some()).count();
+    let seen = (0..gradient.indices.len()).filter(|i| objective.mean2d_gradient(*i).is_some()).count();
+    let gradient = gradient.of_all(splats);
     assert!(losses.total > 0.1 && seen > 30);
-    let mut unused = Splats::default();
+    let mut unused = SeenGradient::default();
     let mut loss = |s: &Splats<f64>| {
         objective.evaluate(s, &input, weights, &mut unused, &mut Stopwatch::default()).total
     };
@@ -174,4 +175,59 @@ fn the_depth_of_a_lonely_opaque_splat_is_its_distance_along_the_axis() {
     let (view, opaque) = (objective.view(), 1.0 - objective.view().at(4, col, row));
     assert!(opaque > 0.5 && (view.at(3, col, row) / opaque - 12.0).abs() < 1e-9);
     assert!((view.at(2, col, row) / opaque - 0.6).abs() < 1e-9);
+}
+
+/// Splats on all sides of the camera, from a millimetre to half a metre in size, some nearly transparent.
+fn splats_around(camera: &PinholeCamera, kind: PrimitiveKind) -> Splats<f64> {
+    let mut out = Splats::<f64>::default();
+    for i in 0..4000 {
+        let mut draw = CounterRng::new(8, 0, 0, i);
+        let offset: [f64; 3] = std::array::from_fn(|_| 12.0 * (2.0 * draw.uniform() - 1.0));
+        let place = camera.center + DVec3::from_array(offset) * draw.uniform();
+        out.push(place.to_array(), 1.0, 0.001 + 0.998 * draw.uniform().powi(3), [0.5; 3]);
+        out.log_scale[i as usize] = std::array::from_fn(|_| 6.5 * draw.uniform() - 7.0);
+        out.rotation[i as usize] = std::array::from_fn(|_| draw.normal());
+    }
+    if kind == PrimitiveKind::Disc {
+        out.flatten();
+    }
+    out
+}
+
+#[test]
+fn selection_leaves_out_no_splat_that_the_image_shows_and_most_of_the_others() {
+    let (camera, none) = (camera(), Image::default());
+    for kind in [PrimitiveKind::Ellipsoid, PrimitiveKind::Disc] {
+        let splats = splats_around(&camera, kind);
+        let weights = LossWeights::default();
+        // Where splats are anchored, all take part.
+        let anchored = [Anchoring { splat: 1, anchor: 0 }];
+        let [all, seen] = [&anchored[..], &[]].map(|anchored| {
+            let input = PinholeStep {
+                anchored,
+                camera: &camera,
+                target: &none,
+                valid: &[],
+                priors: None,
+                background: [0.0; 3],
+                sh_degree: 0,
+                surface: SurfaceDepth::Mean,
+            };
+            let mut objective = objective(kind, Vec::new());
+            let mut gradient = SeenGradient::default();
+            objective.evaluate(&splats, &input, &weights, &mut gradient, &mut Stopwatch::default());
+            let shown =
+                (0..gradient.indices.len()).filter(|place| objective.mean2d_gradient(*place).is_some());
+            let shown: Vec<u32> = shown.map(|place| gradient.indices[place]).collect();
+            (gradient.indices, shown)
+        });
+        assert_eq!(all.0.len(), splats.len());
+        assert!(all.1 == seen.1, "{kind:?}: {} are shown, {} of them selected", all.1.len(), seen.1.len());
+        assert!(
+            seen.1.len() > 200 && seen.0.len() < 3 * seen.1.len(),
+            "{kind:?}: {} selected, {} shown",
+            seen.0.len(),
+            seen.1.len()
+        );
+    }
 }

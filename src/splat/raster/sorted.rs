@@ -122,6 +122,13 @@ impl<T: SimdReal> SortedSplats<T> {
         self.opacities.iter().sum::<f64>() / self.len().max(1) as f64
     }
 
+    /// Adds the derivative `by_opacity` with respect to the opacity of each splat to `gradients`, which are in the order of ranks.
+    pub fn add_by_opacity(&self, by_opacity: T, gradients: &mut [SplatGradient<T>]) {
+        gradients.par_iter_mut().with_min_len(1024).enumerate().for_each(|(rank, by)| {
+            by.log_opacity = by.log_opacity + by_opacity * self.opacity(rank);
+        });
+    }
+
     /// Writes to `out` the derivatives with respect to the splats' parameters, except colours, from `gradients`, which are in
     /// the order of ranks. `by_normal` are those with respect to the normals of discs, in the same order; empty for ellipsoids.
     /// The extent of a disc along its normal has none.

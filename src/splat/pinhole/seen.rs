@@ -1,0 +1,98 @@
+//! The splats that a camera may show, copied from all splats.
+//!
+//! A view of a room shows a part of its splats. An iteration copies these, so that its time depends on their number, not on that of
+//! all splats.
+
+use super::super::primitive::PrimitiveKind;
+use super::super::raster::{ALPHA_CUT, FrameCamera, LOW_PASS_PX2};
+use super::super::splats::{Splats, sigmoid};
+use crate::perspective::PinholeKernel;
+use crate::simd::SimdReal;
+use rayon::prelude::*;
+
+/// Number of splats that one task works on; fixed, so that sums do not depend on the number of threads.
+const PIECE: usize = 1 << 13;
+/// Largest ratio of the distance, from the image of a disc's centre, of what the disc shows to the distance that its covariance
+/// gives: `1 / (1 - t)` with the largest tilt `t`, 0.8, with which the rasteriser draws a disc as inclined.
+const DISC_REACH: f64 = 5.0;
+/// A splat shows nothing below [`ALPHA_CUT`], and nothing outside the image. The rasteriser rounds both otherwise than this file.
+const OPACITY_MARGIN: f64 = 0.999;
+const MARGIN_PX: f64 = 1.0;
+
+/// The splats that the camera of the last selection may show.
+#[derive(Default)]
+pub struct SeenSplats<T> {
+    /// Their indices among all splats, rising.
+    pub indices: Vec<u32>,
+    /// The splats.
+    pub splats: Splats<T>,
+    /// Mean opacity of all splats.
+    pub mean_opacity: f64,
+    pieces: Vec<Piece>,
+}
+
+/// What a task finds.
+#[derive(Default)]
+struct Piece {
+    indices: Vec<u32>,
+    opacity_sum: f64,
+}
+
+/// Which splats a camera may show.
+struct Frame<'a, T> {
+    camera: &'a FrameCamera<PinholeKernel<T>>,
+    /// What a splat shows lies within so many standard deviations of its image's centre.
+    reach: T,
+    least_opacity: T,
+}
+
+impl<T: SimdReal> Frame<'_, T> {
+    /// False only for splats of which the image shows nothing; false if a number is NaN.
+    fn may_show(&self, position: [T; 3], log_scale: [T; 3], opacity: T) -> bool {
+        let FrameCamera { kernel, width, height } = self.camera;
+        let Some((image, px_per_m)) = kernel.image_and_scale(position) else {
+            return false;
+        };
+        let [a, b, c] = log_scale;
+        let sigma_px = px_per_m * a.max(b).max(c).exp() + T::from_f64(LOW_PASS_PX2.sqrt());
+        let half_px = self.reach * sigma_px + T::from_f64(MARGIN_PX);
+        let is_within =
+            |at: T, size: usize| at + half_px >= T::zero() && at - half_px <= T::from_f64(size as f64);
+        opacity >= self.least_opacity && is_within(image[0], *width) && is_within(image[1], *height)
+    }
+}
+
+impl<T: SimdReal> SeenSplats<T> {
+    /// Selects the splats of a kind that a camera may show; all of them without a camera.
+    pub fn select(
+        &mut self,
+        all: &Splats<T>,
+        kind: PrimitiveKind,
+        camera: Option<&FrameCamera<PinholeKernel<T>>>,
+    ) {
+        let reach = (-2.0 * ALPHA_CUT.ln()).sqrt();
+        let reach = match kind {
+            PrimitiveKind::Ellipsoid => reach,
+            PrimitiveKind::Disc => DISC_REACH * reach,
+        };
+        let [reach, least_opacity] = [reach, OPACITY_MARGIN * ALPHA_CUT].map(T::from_f64);
+        let frame = camera.map(|camera| Frame { camera, reach, least_opacity });
+        self.pieces.resize_with(all.len().div_ceil(PIECE), Piece::default);
+        self.pieces.par_iter_mut().enumerate().for_each(|(k, piece)| {
+            piece.indices.clear();
+            piece.opacity_sum = 0.0;
+            for i in k * PIECE..all.len().min((k + 1) * PIECE) {
+                let opacity = sigmoid(all.opacity_logit[i][0]);
+                piece.opacity_sum += opacity.as_f64();
+                if frame.as_ref().is_none_or(|f| f.may_show(all.position[i], all.log_scale[i], opacity)) {
+                    piece.indices.push(i as u32);
+                }
+            }
+        });
+        self.indices.clear();
+        self.pieces.iter().for_each(|piece| self.indices.extend(&piece.indices));
+        let opacities: f64 = self.pieces.iter().map(|piece| piece.opacity_sum).sum();
+        self.mean_opacity = opacities / all.len().max(1) as f64;
+        self.splats.take_from(all, &self.indices);
+    }
+}
