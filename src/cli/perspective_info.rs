@@ -144,6 +144,9 @@ fn text(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Reproj
             )
         }
     };
+    if let Some(registration) = &scene.registration {
+        let _ = writeln!(out, "{registration}");
+    }
     if !scene.skipped.is_empty() {
         let named = listed(scene.skipped.iter().map(|(name, reason)| format!("{name} ({reason})")));
         let _ = writeln!(out, "left out: {}: {named}", scene.skipped.len());
@@ -185,5 +188,6 @@ fn summary(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Rep
         "extent": scene.extent(),
         "georeference": scene.georeference,
         "skipped": scene.skipped,
+        "registration": scene.registration,
     })
 }

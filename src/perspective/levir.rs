@@ -70,7 +70,7 @@ pub(super) fn read(folder: &Path) -> Result<Drafts, PerspectiveError> {
             lens,
             pose,
             mask: None,
-            depth: depth.map(|path| DepthFile { path, metres_per_unit: 1.0 }),
+            depth: depth.map(|path| DepthFile::new(path, 1.0)),
             role: tests.as_ref().map(role),
             observed: Vec::new(),
         });

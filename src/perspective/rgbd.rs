@@ -69,7 +69,7 @@ pub(super) fn read(folder: &Path) -> Result<Drafts, PerspectiveError> {
             lens,
             pose,
             mask: None,
-            depth: files.contains(&depth).then_some(DepthFile { path: depth, metres_per_unit: MILLIMETRE }),
+            depth: files.contains(&depth).then_some(DepthFile::new(depth, MILLIMETRE)),
             role: None,
             observed: Vec::new(),
         });

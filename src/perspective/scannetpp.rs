@@ -53,7 +53,7 @@ pub(super) fn read(part: &Path) -> Result<Drafts, PerspectiveError> {
             "train_test_lists.json does not name it"
         } else {
             let path = part.join(DEPTHS).join(&view.name).with_extension("png");
-            view.depth = vsi::exists(&path).then_some(DepthFile { path, metres_per_unit: DEPTH_UNIT_M });
+            view.depth = vsi::exists(&path).then_some(DepthFile::new(path, DEPTH_UNIT_M));
             return true;
         };
         skipped.push((view.name.clone(), reason.to_owned()));

@@ -5,6 +5,7 @@ use super::error::PerspectiveError;
 use super::georeference::Georeference;
 use super::georeference_source::georeference;
 use super::options::PerspectiveOptions;
+use super::registration::{Registration, register};
 use super::scene_parts::{Layout, ScenePoint};
 use super::view::PerspectiveView;
 use super::{colmap, levir, rgbd, scannetpp, transforms};
@@ -29,6 +30,8 @@ pub struct PerspectiveScene {
     pub georeference: Option<Georeference>,
     /// Images and files that were left out, and why.
     pub skipped: Vec<(String, String)>,
+    /// The colour camera of RGB-D frames, if it was found to be another one than that of the depth maps.
+    pub registration: Option<Registration>,
 }
 
 impl PerspectiveScene {
@@ -73,8 +76,9 @@ impl PerspectiveScene {
             }
         }
         let skipped = std::mem::take(&mut drafts.skipped);
-        let views = drafts.views(options, georeference.as_ref())?;
-        Ok(Self { layout, views, points, georeference, skipped })
+        let mut views = drafts.views(options, georeference.as_ref())?;
+        let registration = (layout == Layout::RgbD).then(|| register(&mut views)).flatten();
+        Ok(Self { layout, views, points, georeference, skipped, registration })
     }
 
     /// Whether positions are in metres: the scene has a georeference, or depth maps in metres.

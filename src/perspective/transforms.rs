@@ -99,10 +99,8 @@ pub(super) fn read(path: &Path) -> Result<Drafts, PerspectiveError> {
             lens,
             pose,
             mask: beside(&frame.mask_path),
-            depth: beside(&frame.depth_file_path).map(|path| DepthFile {
-                path,
-                metres_per_unit: file.depth_unit_scale_factor.unwrap_or(DEPTH_UNIT),
-            }),
+            depth: beside(&frame.depth_file_path)
+                .map(|path| DepthFile::new(path, file.depth_unit_scale_factor.unwrap_or(DEPTH_UNIT))),
             role: None,
             observed: Vec::new(),
         });

@@ -7,6 +7,7 @@ use super::pinhole::PinholeCamera;
 use super::undistort::Undistortion;
 use crate::io::{Grid2, ImageFile, ReadError, Window, vsi};
 use crate::scene::Role;
+use glam::{DVec2, DVec3};
 use std::path::{Path, PathBuf};
 
 /// Largest value of a 16-bit integer: in depth maps it marks pixels without a depth, as 0 does (7-Scenes).
@@ -19,6 +20,49 @@ pub struct DepthFile {
     pub path: PathBuf,
     /// Metres, or units of the scene, of a stored 1.
     pub metres_per_unit: f64,
+    /// The camera of the depth map, if that is not the one of the image.
+    pub camera: Option<DepthCamera>,
+}
+
+impl DepthFile {
+    /// A depth map of the image's camera.
+    #[must_use]
+    pub fn new(path: PathBuf, metres_per_unit: f64) -> Self {
+        Self { path, metres_per_unit, camera: None }
+    }
+}
+
+/// The camera of a depth map beside that of its image, with the same axes and without distortion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthCamera {
+    /// Focal lengths, pixels.
+    pub focal: DVec2,
+    /// Principal point, pixels.
+    pub principal: DVec2,
+    /// Its centre in the axes (right, down, forward) of the image's camera, metres.
+    pub center: DVec3,
+}
+
+impl DepthCamera {
+    /// The depths of a map as the camera of the image sees them: of several the least, NaN where there is none.
+    pub(super) fn seen_by(&self, lens: &LensCamera, depth: &Grid2) -> Grid2 {
+        let mut out = Grid2::filled(depth.width, depth.height, f32::NAN);
+        for (i, z) in depth.data.iter().enumerate().filter(|(_, z)| !z.is_nan()) {
+            let pixel = DVec2::new((i % depth.width) as f64, (i / depth.width) as f64);
+            let from_here = f64::from(*z) * ((pixel - self.principal) / self.focal).extend(1.0);
+            let point = from_here + self.center;
+            let at = lens.focal * point.truncate() / point.z + lens.principal;
+            // The four pixels around, so that no gaps are left.
+            for (col, row) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
+                let (col, row) = (at.x.floor() + col, at.y.floor() + row);
+                if col >= 0.0 && row >= 0.0 && col < out.width as f64 && row < out.height as f64 {
+                    let nearest = &mut out.data[row as usize * depth.width + col as usize];
+                    *nearest = nearest.min(point.z as f32);
+                }
+            }
+        }
+        out
+    }
 }
 
 /// One image of a perspective scene with its camera.
@@ -146,6 +190,14 @@ impl PerspectiveView {
     /// # Errors
     /// [`PerspectiveError::NoDepth`] if the view has none, otherwise as [`PerspectiveView::read_image`].
     pub fn read_depth(&self) -> Result<Grid2, PerspectiveError> {
+        let depth = self.depth_of_file()?;
+        let registered =
+            self.depth.as_ref().and_then(|d| d.camera).map(|c| c.seen_by(&self.lens_camera, &depth));
+        Ok(self.undistorted_values(&registered.unwrap_or(depth)))
+    }
+
+    /// The whole depth map as its own camera sees it: metres, NaN where there is no depth.
+    pub(super) fn depth_of_file(&self) -> Result<Grid2, PerspectiveError> {
         let depth =
             self.depth.as_ref().ok_or_else(|| PerspectiveError::NoDepth { view: self.name.clone() })?;
         let file = self.open(&depth.path)?;
@@ -155,7 +207,7 @@ impl PerspectiveView {
             let is_depth = value.is_finite() && *value > 0.0 && !(is_integer && *value >= NO_DEPTH);
             *value = if is_depth { (f64::from(*value) * depth.metres_per_unit) as f32 } else { f32::NAN };
         }
-        Ok(self.undistorted_values(&plane))
+        Ok(plane)
     }
 
     /// The values of a plane of the size of the image file that must not be mixed, such as depths, at the pixels of

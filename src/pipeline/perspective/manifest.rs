@@ -3,7 +3,7 @@
 use super::super::PipelineError;
 use crate::io::{read_json, write_json};
 use crate::perspective::{
-    Georeference, GeoreferenceSource, Layout, PerspectiveOptions, PerspectiveScene, TestViews,
+    Georeference, GeoreferenceSource, Layout, PerspectiveOptions, PerspectiveScene, Registration, TestViews,
 };
 use crate::run_files::SCENE;
 use crate::scene::Role;
@@ -32,6 +32,9 @@ pub struct PerspectiveManifest {
     pub views: Vec<ManifestView>,
     /// Images and files that were left out, and why.
     pub skipped: Vec<(String, String)>,
+    /// The colour camera of RGB-D frames, if it is another one than that of the depth maps.
+    #[serde(default)]
+    pub registration: Option<Registration>,
 }
 
 /// A view in `scene.json`.
@@ -74,6 +77,7 @@ impl PerspectiveManifest {
             points: scene.points.len(),
             views: scene.views.iter().map(view).collect(),
             skipped: scene.skipped.clone(),
+            registration: scene.registration,
         }
     }
 

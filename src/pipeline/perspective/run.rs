@@ -58,6 +58,9 @@ pub fn run_perspective(
     for (name, reason) in &read.skipped {
         progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
     }
+    if let Some(registration) = &read.registration {
+        progress.event(Event::Note(registration.to_string()));
+    }
     let manifest = PerspectiveManifest::new(scene, &options.scene, &read);
     completed(StageResult::Trained(train_scene(run, &manifest, &read, &options.train, progress)?));
     if read.views.iter().any(|v| v.role == Role::Test) {
