@@ -15,6 +15,8 @@ pub enum DepthKind {
     Relative,
     /// Inverse depths up to an unknown scale and shift; larger is nearer.
     Disparity,
+    /// Depths along the optical axis as a sensor measures them, in the unit of the scene: they are compared as they are.
+    Measured,
 }
 
 impl std::fmt::Display for DepthKind {
@@ -23,6 +25,7 @@ impl std::fmt::Display for DepthKind {
             Self::Metric => "metric",
             Self::Relative => "relative",
             Self::Disparity => "disparity",
+            Self::Measured => "measured",
         })
     }
 }

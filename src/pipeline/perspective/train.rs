@@ -16,11 +16,14 @@ use crate::affine::SiteSceneError;
 use crate::io::write_json;
 use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::predict::Model;
-use crate::prior::{PriorContent, PriorFolder, PriorSource, ViewPriors, read_priors};
+use crate::prior::{
+    PriorContent, PriorFolder, PriorSource, PriorSources, ViewPriors, read_priors, sensor_priors,
+};
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, CHECKPOINT, PRIOR_PICTURES, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::TrainingBackend;
+use crate::splat::loss::LossWeights;
 use crate::splat::pinhole::{PinholeBackend, PinholeScene, PinholeView, comparison, extent_m};
 use crate::splat::ply;
 use crate::splat::splats::Splats;
@@ -205,7 +208,8 @@ pub fn read_views(
     Ok(views)
 }
 
-/// The priors that are asked for, of all training views. Says which loss terms are idle without them.
+/// The priors of all training views: those that are asked for, else, where the recipe uses them, what the scene's own depth maps
+/// give. Says which loss terms are idle without them.
 fn priors(
     run: &Path,
     scene: &PerspectiveScene,
@@ -214,11 +218,51 @@ fn priors(
 ) -> Result<Vec<ViewPriors>, PipelineError> {
     let sources = &options.priors;
     let Recipe { weights, perspective, .. } = options.recipe_as_written()?;
-    if sources.depths.is_none() && perspective.is_some_and(|p| p.start_points.needs_depths()) {
-        let text = match perspective.map(|p| p.start_points) {
-            Some(StartPoints::Patches) => {
-                "without --depth-prior training starts from the points of the scene"
-            }
+    let start = perspective.map(|p| p.start_points).unwrap_or_default();
+    let training: Vec<&PerspectiveView> = scene.training().collect();
+    let has_sensor = training.iter().any(|view| view.depth.is_some());
+    let weighs = |name| weights.get(name) > 0.0;
+    let uses_depths = sources.depths.is_none() && (weighs("depth_prior") || start.needs_depths());
+    let uses_normals = sources.normals.is_none() && weighs("normal_prior");
+    if has_sensor && (uses_depths || uses_normals) {
+        let what = match (uses_depths, uses_normals) {
+            (true, true) => "depths and normals",
+            (true, false) => "depths",
+            (false, _) => "normals",
+        };
+        progress.event(Event::Note(format!("the scene's own depth maps are the prior of {what}")));
+    } else {
+        say_what_is_missing(sources, &weights, start, progress);
+    }
+    let mut priors = vec![ViewPriors::default(); training.len()];
+    if sources.depths.is_some() || sources.normals.is_some() {
+        let points: Vec<_> = start_points(scene)?.iter().map(|p| p.position).collect();
+        priors = read_priors(sources, &training, &points, &run.join(PRIORS), progress)?;
+    }
+    if has_sensor && (uses_depths || uses_normals) {
+        let own = training.par_iter().map(|view| match view.depth {
+            Some(_) => sensor_priors(view, uses_normals),
+            None => Ok(ViewPriors::default()),
+        });
+        for (prior, own) in priors.iter_mut().zip(own.collect::<Vec<_>>()) {
+            let ViewPriors { depth, normal } = own?;
+            prior.depth = prior.depth.take().or(depth.filter(|_| uses_depths));
+            prior.normal = prior.normal.take().or(normal);
+        }
+    }
+    Ok(priors)
+}
+
+/// Says what a recipe leaves out for lack of priors.
+fn say_what_is_missing(
+    sources: &PriorSources,
+    weights: &LossWeights,
+    start: StartPoints,
+    progress: &dyn Progress,
+) {
+    if sources.depths.is_none() && start.needs_depths() {
+        let text = match start {
+            StartPoints::Patches => "without --depth-prior training starts from the points of the scene",
             _ => "without --depth-prior depths are interpolated between the points of the scene",
         };
         progress.event(Event::Note(text.into()));
@@ -232,12 +276,6 @@ fn priors(
             progress.event(Event::Note(text));
         }
     }
-    let training: Vec<&PerspectiveView> = scene.training().collect();
-    if sources.depths.is_none() && sources.normals.is_none() {
-        return Ok(vec![ViewPriors::default(); training.len()]);
-    }
-    let points: Vec<_> = start_points(scene)?.iter().map(|p| p.position).collect();
-    Ok(read_priors(sources, &training, &points, &run.join(PRIORS), progress)?)
 }
 
 /// A view with its pixels.

@@ -1,13 +1,17 @@
 //! Agreement with a depth prior (IndoorSplat, equation 13): the expected depths `D` of a view are correlated with those of the
-//! prior, and even.
+//! prior, and those of planes.
 //!
 //! Over the `n` pixels with an opacity above one half and a value `y` of the prior, the first part is `1 - r` with Pearson's
 //! correlation `r = S_xy / sqrt(S_xx S_yy)` of `x = D` and `y`, `S` being the sums of products of deviations from the means; so
 //! scale and shift of the prior are free. Of a disparity, `x` is `1 / D`. The derivative of the part by `x` is
 //! `-(y' - x' S_xy / S_xx) / sqrt(S_xx S_yy)`, with deviations `x'` and `y'`. Where all `x` or all `y` are equal, it is zero.
 //!
-//! The second part is the sum of `|D(u + 1, v) - D(u, v)| + |D(u, v + 1) - D(u, v)|` over pairs of these pixels, divided by `n`,
-//! in metres.
+//! Measured depths `y` need no scale and shift: of them the first part is the mean of `|D / y - 1|`.
+//!
+//! The second part is the sum over these pixels of `|D² (1 / D(u - 1, v) + 1 / D(u + 1, v)) - 2 D|`, and of the same along `v`, divided
+//! by `n`, in metres. It is how far a depth is from the plane through its neighbours: inverse depths are linear on planes. The paper has
+//! the absolute differences of neighbouring depths instead, which are least if the depths are all equal: they pull the far ends of
+//! walls and floors towards the camera, by 10 cm in a room of 5 m.
 
 use super::normal_consistency::OPACITY_OFFSET;
 use super::term::{LossTerm, Rendered, Scaled, TermInfo};
@@ -48,6 +52,11 @@ impl<T: SimdReal> DepthPriorAgreement<T> {
 /// What the prior's values are correlated with.
 fn compared(depth: f64, kind: DepthKind) -> f64 {
     if kind == DepthKind::Disparity { depth.recip() } else { depth }
+}
+
+/// 1, 0 or -1.
+fn sign(d: f64) -> f64 {
+    f64::from(u8::from(d > 0.0)) - f64::from(u8::from(d < 0.0))
 }
 
 /// Pearson's correlation of two quantities.
@@ -104,25 +113,29 @@ impl<T: SimdReal> LossTerm<T> for DepthPriorAgreement<T> {
             let known = places.filter(|i| depth[*i] > 0.0);
             known.map(|i| (compared(depth[i], kind), f64::from(values.data[i])))
         });
-        let by_correlation = |i: usize| {
+        let per_pixel = 1.0 / pixels.max(1) as f64;
+        let off = |i: usize| depth[i] / f64::from(values.data[i]) - 1.0;
+        let by_agreement = |i: usize| {
+            if kind == DepthKind::Measured {
+                return weights[0] * per_pixel * sign(off(i)) / f64::from(values.data[i]);
+            }
             let inner = if kind == DepthKind::Disparity { -depth[i].powi(-2) } else { 1.0 };
             let by_x = |c: &Correlation| c.by_x(compared(depth[i], kind), values.data[i].into());
             correlation.as_ref().map_or(0.0, |c| -weights[0] * by_x(c) * inner)
         };
-        let per_pixel = 1.0 / pixels.max(1) as f64;
         let planes = view.channels;
         self.by_view.resize(width, view.height, planes);
         let rows = self.by_view.data.par_chunks_mut(planes * width).enumerate();
-        let differences: Vec<f64> = rows
+        let bends: Vec<f64> = rows
             .map(|(row, by)| {
                 by.fill(T::zero());
                 let through = view.row(disc_plane::TRANSMITTANCE, row);
                 let mut sum = 0.0;
                 for col in (0..width).filter(|col| depth[row * width + col] > 0.0) {
                     let i = row * width + col;
-                    let (after, slope) = differences(depth, width, col, i);
-                    sum += after;
-                    let by_depth = by_correlation(i) + weights[1] * per_pixel * slope;
+                    let (bend, slope) = bends(depth, width, col, i);
+                    sum += bend;
+                    let by_depth = by_agreement(i) + weights[1] * per_pixel * slope;
                     let per_opacity = by_depth / (1.0 - through[col].as_f64() + OPACITY_OFFSET);
                     by[channel::DEPTH * width + col] = T::from_f64(per_opacity);
                     by[disc_plane::TRANSMITTANCE * width + col] = T::from_f64(per_opacity * depth[i]);
@@ -130,8 +143,17 @@ impl<T: SimdReal> LossTerm<T> for DepthPriorAgreement<T> {
                 sum
             })
             .collect();
-        columns[0] = correlation.as_ref().map_or(0.0, |c| 1.0 - c.value());
-        columns[1] = differences.iter().sum::<f64>() * per_pixel;
+        columns[0] = match kind {
+            DepthKind::Measured => {
+                let of_row = |row: usize| {
+                    let places = row * width..(row + 1) * width;
+                    places.filter(|i| depth[*i] > 0.0).map(|i| off(i).abs()).sum::<f64>()
+                };
+                per_pixel * (0..view.height).map(of_row).sum::<f64>()
+            }
+            _ => correlation.as_ref().map_or(0.0, |c| 1.0 - c.value()),
+        };
+        columns[1] = bends.iter().sum::<f64>() * per_pixel;
         self.is_evaluated = true;
         weights[0] * columns[0] + weights[1] * columns[1]
     }
@@ -162,15 +184,35 @@ impl<T: SimdReal> DepthPriorAgreement<T> {
     }
 }
 
-/// Sum of the absolute differences from the pixel `i` of column `col` to those right of it and below it, and the derivative by
-/// its depth of these differences and of those to it from left and above.
-fn differences(depth: &[f64], width: usize, col: usize, i: usize) -> (f64, f64) {
-    let right = if col + 1 < width { depth.get(i + 1) } else { None };
-    let left = if col > 0 { depth.get(i - 1) } else { None };
-    let above = i.checked_sub(width).and_then(|i| depth.get(i));
-    let to = |neighbour: Option<&f64>| neighbour.filter(|z| **z > 0.0).map_or(0.0, |z| z - depth[i]);
-    let after = [to(right), to(depth.get(i + width))];
-    let sign = |d: f64| f64::from(u8::from(d > 0.0)) - f64::from(u8::from(d < 0.0));
-    let slope = after.into_iter().chain([to(left), to(above)]).map(|d| -sign(d)).sum();
-    (after[0].abs() + after[1].abs(), slope)
+/// Sum of the absolute bends at the pixel `i` of a row's column `col`, and the derivative by its depth of these and of those at its
+/// neighbours.
+fn bends(depth: &[f64], width: usize, col: usize, i: usize) -> (f64, f64) {
+    let known = |depth: Option<&f64>| depth.copied().filter(|z| *z > 0.0);
+    let across = |k: isize| {
+        let is_in_row = col.checked_add_signed(k).is_some_and(|c| c < width);
+        known(is_in_row.then(|| i.checked_add_signed(k)).flatten().and_then(|j| depth.get(j)))
+    };
+    let down = |k: isize| known(i.checked_add_signed(k * width as isize).and_then(|j| depth.get(j)));
+    let along = [[-2, -1, 1, 2].map(across), [-2, -1, 1, 2].map(down)];
+    along
+        .into_iter()
+        .map(|line| bends_of_line(depth[i], line))
+        .fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1))
+}
+
+/// As [`bends`], of one line: the pixel's depth and those of the two before it and the two after it.
+fn bends_of_line(z: f64, [before2, before, after, after2]: [Option<f64>; 4]) -> (f64, f64) {
+    let bend = |a: f64, z: f64, b: f64| z * z * (a.recip() + b.recip()) - 2.0 * z;
+    let (mut value, mut slope) = (0.0, 0.0);
+    if let (Some(a), Some(b)) = (before, after) {
+        let own = bend(a, z, b);
+        value = own.abs();
+        slope += sign(own) * (2.0 * z * (a.recip() + b.recip()) - 2.0);
+    }
+    for (beyond, middle) in [(before2, before), (after2, after)] {
+        if let (Some(beyond), Some(middle)) = (beyond, middle) {
+            slope -= sign(bend(beyond, middle, z)) * (middle / z).powi(2);
+        }
+    }
+    (value, slope)
 }

@@ -142,6 +142,11 @@ fn gradients_of_discs_with_a_prior_of_disparity_agree_with_central_differences()
 }
 
 #[test]
+fn gradients_of_discs_with_measured_depths_agree_with_central_differences() {
+    compare_with_priors(DepthKind::Measured, &[("depth_prior", 3.0)]);
+}
+
+#[test]
 fn gradients_of_discs_with_smooth_depths_agree_with_central_differences() {
     compare_with_priors(DepthKind::Metric, &[("depth_smoothness", 2.0)]);
 }
