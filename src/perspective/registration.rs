@@ -55,13 +55,17 @@ impl fmt::Display for Registration {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let [x, y] = self.offset_m.map(|v| 1000.0 * v);
         let [fitted, stated] = self.edges;
+        let side = if x < 0.0 { "left" } else { "right" };
+        let level = if y < 0.0 { "above" } else { "below" };
         write!(
             f,
             "colours and depths are of two cameras: edges of the images fit jumps of the depths {:.1} times as well if the colours \
-             have {:.3} times the stated focal length, and the depth camera is {x:.0} mm to the right of the colour camera and \
-             {y:.0} mm below it; depth maps are brought to the colour camera",
+             have {:.3} times the stated focal length and the depth camera is {:.0} mm {side} of the colour camera and {:.0} mm {level} \
+             it; depth maps are brought to the colour camera",
             fitted / stated.max(0.01),
-            self.focal_ratio
+            self.focal_ratio,
+            x.abs(),
+            y.abs()
         )
     }
 }

@@ -27,6 +27,9 @@ pub(super) struct Alignment {
 }
 
 impl Alignment {
+    /// Of values that need none.
+    pub const IDENTITY: Self = Self { scale: 1.0, shift: 0.0, residual: 0.0 };
+
     pub fn apply(&self, x: f64) -> f64 {
         self.scale * x + self.shift
     }

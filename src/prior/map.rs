@@ -17,6 +17,16 @@ pub enum DepthKind {
     Disparity,
     /// Depths along the optical axis as a sensor measures them, in the unit of the scene: they are compared as they are.
     Measured,
+    /// Depths along the optical axis that were brought to the points of the scene.
+    Aligned,
+}
+
+impl DepthKind {
+    /// Whether values are depths in the unit of the scene, without a free scale and shift.
+    #[must_use]
+    pub fn is_absolute(self) -> bool {
+        matches!(self, Self::Measured | Self::Aligned)
+    }
 }
 
 impl std::fmt::Display for DepthKind {
@@ -26,6 +36,7 @@ impl std::fmt::Display for DepthKind {
             Self::Relative => "relative",
             Self::Disparity => "disparity",
             Self::Measured => "measured",
+            Self::Aligned => "aligned",
         })
     }
 }

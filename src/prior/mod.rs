@@ -13,6 +13,7 @@ mod fit;
 mod folder;
 mod hdd;
 mod inpaint;
+mod integration;
 mod make;
 mod map;
 mod network;

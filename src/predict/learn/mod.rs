@@ -342,3 +342,28 @@ fn curves(log: &[LearnLine]) -> Chart {
         ],
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Colours that know no sun cannot show the targets exactly: the aim is the gain over splats without a network.
+    #[test]
+    fn a_single_tile_is_learned_far_better_than_splats_without_a_network_show_it() {
+        let config = LearnConfig { rounds: 8, steps: 48, size_px: 160, views: 6, ..LearnConfig::default() };
+        let folder = tempfile::tempdir().unwrap();
+        let town = load_town(&config, folder.path(), 5).unwrap();
+        let samples = samples(&town, &config.sampling, 1, 0, 1.0, 1).unwrap();
+        assert_eq!(samples.len(), 1);
+        let mut state = State::new(&config);
+        let untrained = mean_psnr_db(&state.model(), &samples)[0];
+        let losses: Vec<f64> =
+            (0..config.rounds).map(|round| state.round(round, &[&samples[0]]).unwrap().1).collect();
+        let [learned, isotropic, flat] = mean_psnr_db(&state.model(), &samples);
+        assert!(losses[7] < 0.7 * losses[0], "{losses:?}");
+        assert!(
+            learned > flat.max(isotropic).max(untrained) + 4.0,
+            "{untrained:.2} dB untrained, {learned:.2} learned, {isotropic:.2} isotropic, {flat:.2} flat"
+        );
+    }
+}

@@ -6,7 +6,7 @@
 //! pixels of the patch. Later views see those of earlier ones. The paper asks for 300 points in a patch; here a patch also needs no
 //! more than one for each cube of the spacing that its surface passes, of which each keeps one point.
 
-use super::fit::align;
+use super::fit::{Alignment, align};
 use super::map::{DepthKind, DepthPrior, PixelColor};
 use super::seen::SeenPoint;
 use crate::frame::{CenterPx, Pixel, Point, Site};
@@ -169,20 +169,15 @@ fn patch(view: &DenseView, cells: &[Vec<SeenPoint>], i: usize, spacing_m: f64, d
     if cells[i].len() as f64 >= FEW * asked {
         return Patch::HasEnough;
     }
-    let Some(window) = window(cells, i, &first, &side) else { return Patch::WithoutPoints };
-    let compared = |depth: f64| if view.depth.kind == DepthKind::Disparity { depth.recip() } else { depth };
-    let pair = |p: &&SeenPoint| {
-        let value = f64::from(p.nearest(&view.depth.values));
-        value.is_finite().then(|| (value, compared(p.depth)))
+    let fitted = match view.depth.kind.is_absolute() {
+        true => Ok((Alignment::IDENTITY, (0.0, f64::INFINITY))),
+        false => fitted(view, cells, i, (&first, &side)),
     };
-    let pairs: Vec<(f64, f64)> = window.iter().filter_map(pair).collect();
-    if pairs.len() < FEWEST_POINTS {
-        return Patch::WithoutPoints;
-    }
-    let Some(alignment) = align(&pairs).filter(|a| a.residual <= GREATEST_RESIDUAL) else {
-        return Patch::WithoutFit;
+    let (alignment, range) = match fitted {
+        Ok(fitted) => fitted,
+        Err(patch) => return patch,
     };
-    let depth_of = |value: f64| compared(alignment.apply(value));
+    let depth_of = |value: f64| compared(view.depth.kind, alignment.apply(value));
     let median = median_depth(&view.depth.values, &first, &side, depth_of);
     let (Some(median), false) = (median, has_edge(&view.depth.values, &first, &side, depth_of)) else {
         return Patch::WithoutFit;
@@ -194,13 +189,36 @@ fn patch(view: &DenseView, cells: &[Vec<SeenPoint>], i: usize, spacing_m: f64, d
     if cells[i].len() as f64 >= FEW * wanted {
         return Patch::HasEnough;
     }
-    let range = window
-        .iter()
-        .fold((f64::MAX, 0.0), |(low, high): (f64, f64), p| (low.min(p.depth), high.max(p.depth)));
     let count = wanted.ceil() as usize - cells[i].len();
-    let points =
-        sample(view, (&first, &side), count, &depth_of, (DEPTHS.0 * range.0, DEPTHS.1 * range.1), draw);
+    let points = sample(view, (&first, &side), count, &depth_of, range, draw);
     if points.is_empty() { Patch::WithoutFit } else { Patch::Filled(points, alignment.residual) }
+}
+
+/// What values of a prior are compared with: depths, or inverse depths.
+fn compared(kind: DepthKind, depth: f64) -> f64 {
+    if kind == DepthKind::Disparity { depth.recip() } else { depth }
+}
+
+/// The alignment of a patch's prior with the points around it, and the nearest and the farthest depth that it may give.
+fn fitted(
+    view: &DenseView,
+    cells: &[Vec<SeenPoint>],
+    i: usize,
+    (first, side): (&[f64; 2], &[f64; 2]),
+) -> Result<(Alignment, (f64, f64)), Patch> {
+    let window = window(cells, i, first, side).ok_or(Patch::WithoutPoints)?;
+    let pair = |p: &&SeenPoint| {
+        let value = f64::from(p.nearest(&view.depth.values));
+        value.is_finite().then(|| (value, compared(view.depth.kind, p.depth)))
+    };
+    let pairs: Vec<(f64, f64)> = window.iter().filter_map(pair).collect();
+    if pairs.len() < FEWEST_POINTS {
+        return Err(Patch::WithoutPoints);
+    }
+    let alignment = align(&pairs).filter(|a| a.residual <= GREATEST_RESIDUAL).ok_or(Patch::WithoutFit)?;
+    let depths = window.iter().map(|p| p.depth);
+    let range = depths.fold((f64::MAX, 0.0), |(low, high): (f64, f64), z| (low.min(z), high.max(z)));
+    Ok((alignment, (DEPTHS.0 * range.0, DEPTHS.1 * range.1)))
 }
 
 /// The points in the smallest window around a patch that has enough of them.

@@ -74,7 +74,7 @@ pub(super) fn align_depth(prior: &DepthPrior, seen: &[SeenPoint]) -> Result<Alig
     let farthest = FARTHEST * points.iter().map(|(p, _)| p.depth).fold(0.0, f64::max);
     let global = |value: f64| match prior.kind {
         DepthKind::Disparity => fit.apply(value).max(farthest.recip()).recip(),
-        DepthKind::Metric | DepthKind::Relative | DepthKind::Measured => fit.apply(value),
+        _ => fit.apply(value),
     };
     let ratio = |(p, value): &(SeenPoint, f64)| {
         let log_ratio = (p.depth / global(*value)).ln();
