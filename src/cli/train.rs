@@ -139,14 +139,14 @@ pub struct Options {
     lpips: Option<PathBuf>,
     /// Depths of the images for recipes indoor and geoprop: a folder with NAME.npy, NAME.png or NAME.tif for each image; a network
     /// (ONNX, such as Depth Anything V2); or a command that writes the map {out} of the image {image}, as 'python3 depth.py {image} {out}'.
-    /// Maps that are made are kept in RUN/priors; `satgs prior` makes them once for several runs [default: train without]
+    /// Maps that are made are kept in RUN/priors; `satgs prior` makes them once for several runs [default: the depth maps of RGB-D frames, else train without]
     #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse)]
     depth_prior: Option<PriorSource>,
     /// What the values of --depth-prior are [default: what its prior.json says, else what the points of the scene show]
     #[arg(long, value_name = "KIND", requires = "depth_prior")]
     prior_kind: Option<PriorKind>,
     /// Normals of the images for recipe indoor, in camera axes (right, down, forward) with any signs: a folder, a network or a
-    /// command, as --depth-prior [default: train without]
+    /// command, as --depth-prior [default: those of the depth maps of RGB-D frames, else train without]
     #[arg(long, value_name = "DIR|FILE.onnx|CMD", value_parser = PriorSource::parse)]
     normal_prior: Option<PriorSource>,
     /// Command that paints the holes of pseudo-views (--start gva), called for each: {rgb} is the picture, {mask} its holes, {depth}

@@ -59,10 +59,9 @@ impl fmt::Display for Registration {
         let level = if y < 0.0 { "above" } else { "below" };
         write!(
             f,
-            "colours and depths are of two cameras: edges of the images fit jumps of the depths {:.1} times as well if the colours \
-             have {:.3} times the stated focal length and the depth camera is {:.0} mm {side} of the colour camera and {:.0} mm {level} \
-             it; depth maps are brought to the colour camera",
-            fitted / stated.max(0.01),
+            "colours and depths are of two cameras: at jumps of the depths, edges of the images are {fitted:.1} instead of {stated:.1} \
+             standard deviations strong if the colours have {:.3} times the stated focal length and the depth camera is {:.0} mm {side} \
+             of the colour camera and {:.0} mm {level} it; depth maps are brought to the colour camera",
             self.focal_ratio,
             x.abs(),
             y.abs()
@@ -98,11 +97,14 @@ fn find(frames: &[Frame]) -> Option<Registration> {
     if frames.iter().map(|frame| frame.points.len()).sum::<usize>() < FEWEST_POINTS {
         return None;
     }
-    let score = |c: &[f64; 3]| {
-        let sums = frames.iter().map(|frame| frame.edges_at(c));
-        let (sum, count) = sums.fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-        sum / f64::from(count.max(1))
+    // Every second frame is not searched with, and decides whether what was found is better.
+    let half = |first: usize| frames.iter().skip(first).step_by(2).collect::<Vec<&Frame>>();
+    let (searched, others) = (half(0), half(1));
+    let score_of = |frames: &[&Frame], c: &[f64; 3]| {
+        let points = frames.iter().map(|frame| frame.points.len()).sum::<usize>();
+        frames.iter().map(|frame| frame.edges_at(c)).sum::<f64>() / points.max(1) as f64
     };
+    let score = |c: &[f64; 3]| score_of(&searched, c);
     // The largest score, and of equal ones the first.
     let best = |candidates: Vec<[f64; 3]>| {
         let scores: Vec<f64> = candidates.par_iter().map(score).collect();
@@ -124,6 +126,9 @@ fn find(frames: &[Frame]) -> Option<Registration> {
             let near =
                 signs.iter().flat_map(|a| signs.iter().flat_map(|b| signs.iter().map(|c| [*a, *b, *c])));
             let near = near.map(|[a, b, c]| [f + a * steps[0], x + b * steps[1], y + c * steps[2]]);
+            let near = near.filter(|[f, x, y]| {
+                (f - 1.0).abs() <= FOCAL.0 && x.abs() <= SHIFT_M.0 && y.abs() <= SHIFT_M.0
+            });
             let next = best(near.collect());
             if next.0 <= found.0 {
                 break;
@@ -131,7 +136,8 @@ fn find(frames: &[Frame]) -> Option<Registration> {
             found = next;
         }
     }
-    let ((fitted, [focal_ratio, x, y]), stated) = (found, score(&[1.0, 0.0, 0.0]));
+    let [focal_ratio, x, y] = found.1;
+    let (fitted, stated) = (score_of(&others, &found.1), score_of(&others, &[1.0, 0.0, 0.0]));
     let is_better = fitted > CLEAR && fitted > BETTER * stated;
     is_better.then_some(Registration { focal_ratio, offset_m: [x, y], edges: [fitted, stated] })
 }
@@ -150,18 +156,18 @@ impl Frame {
         })
     }
 
-    /// Sum of the edges at the points, seen with a share of the focal length from a shifted place, and their number.
-    fn edges_at(&self, [ratio, x, y]: &[f64; 3]) -> (f64, u32) {
-        let (mut sum, mut count) = (0.0, 0);
+    /// Sum of the edges at the points, seen with a share of the focal length from a shifted place; points outside of the image add
+    /// nothing.
+    fn edges_at(&self, [ratio, x, y]: &[f64; 3]) -> f64 {
+        let mut sum = 0.0;
         for (direction, depth) in &self.points {
             let at = self.principal + *ratio * self.focal * (*direction + DVec2::new(*x, *y) / *depth);
             let (col, row) = (at.x.round(), at.y.round());
             if col >= 0.0 && row >= 0.0 && col < self.edges.width as f64 && row < self.edges.height as f64 {
                 sum += f64::from(self.edges.data[row as usize * self.edges.width + col as usize]);
-                count += 1;
             }
         }
-        (sum, count)
+        sum
     }
 }
 
@@ -190,10 +196,11 @@ fn edges(gray: &Grid2) -> Grid2 {
             .map(|v| v.min(most))
             .sum()
     });
-    let count = windowed.data.len().max(1) as f32;
-    let mean = windowed.data.iter().sum::<f32>() / count;
-    let deviation = (windowed.data.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / count).sqrt();
+    let (values, count) = (|| windowed.data.iter().map(|v| f64::from(*v)), windowed.data.len().max(1) as f64);
+    let mean = values().sum::<f64>() / count;
+    let deviation = (values().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt();
     let scale = if deviation > 0.0 { deviation.recip() } else { 0.0 };
+    let (mean, scale) = (mean as f32, scale as f32);
     Grid2::from_fn(width, height, |col, row| (windowed.data[row * width + col] - mean) * scale)
 }
 

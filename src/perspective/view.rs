@@ -44,7 +44,7 @@ pub struct DepthCamera {
 }
 
 impl DepthCamera {
-    /// The depths of a map as the camera of the image sees them: of several the least, NaN where there is none.
+    /// The depths of a map at the nearest pixels of the image's camera: of several the least, NaN where there is none.
     pub(super) fn seen_by(&self, lens: &LensCamera, depth: &Grid2) -> Grid2 {
         let mut out = Grid2::filled(depth.width, depth.height, f32::NAN);
         for (i, z) in depth.data.iter().enumerate().filter(|(_, z)| !z.is_nan()) {
@@ -52,13 +52,10 @@ impl DepthCamera {
             let from_here = f64::from(*z) * ((pixel - self.principal) / self.focal).extend(1.0);
             let point = from_here + self.center;
             let at = lens.focal * point.truncate() / point.z + lens.principal;
-            // The four pixels around, so that no gaps are left.
-            for (col, row) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
-                let (col, row) = (at.x.floor() + col, at.y.floor() + row);
-                if col >= 0.0 && row >= 0.0 && col < out.width as f64 && row < out.height as f64 {
-                    let nearest = &mut out.data[row as usize * depth.width + col as usize];
-                    *nearest = nearest.min(point.z as f32);
-                }
+            let (col, row) = (at.x.round(), at.y.round());
+            if col >= 0.0 && row >= 0.0 && col < out.width as f64 && row < out.height as f64 {
+                let nearest = &mut out.data[row as usize * depth.width + col as usize];
+                *nearest = nearest.min(point.z as f32);
             }
         }
         out

@@ -16,13 +16,15 @@ pub enum DepthKind {
     /// Inverse depths up to an unknown scale and shift; larger is nearer.
     Disparity,
     /// Depths along the optical axis as a sensor measures them, in the unit of the scene: they are compared as they are.
+    #[serde(skip)]
     Measured,
     /// Depths along the optical axis that were brought to the points of the scene.
+    #[serde(skip)]
     Aligned,
 }
 
 impl DepthKind {
-    /// Whether values are depths in the unit of the scene, without a free scale and shift.
+    /// Whether values are depths in the frame of the scene, which need no fit.
     #[must_use]
     pub fn is_absolute(self) -> bool {
         matches!(self, Self::Measured | Self::Aligned)

@@ -97,7 +97,8 @@ fn bring_to_points(
     progress: &dyn Progress,
 ) {
     let bring = |(prior, view): (&mut ViewPriors, &&PerspectiveView)| {
-        let (depth, normal) = (prior.depth.as_ref()?, prior.normal.as_ref()?);
+        let depth = prior.depth.as_ref().filter(|depth| !depth.kind.is_absolute())?;
+        let normal = prior.normal.as_ref()?;
         let seen = seen_points(points, view);
         let aligned = align_depth(depth, &seen).ok()?.depth;
         let values = integrate(&aligned, normal, &seen, &view.camera);

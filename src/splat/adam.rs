@@ -55,7 +55,7 @@ impl SplatAdam {
     /// Takes one step with the gradient of a view that shows some of the splats.
     ///
     /// The others keep their values and moments (the sparse Adam of 3DGS's program), except for their opacities, which a loss term
-    /// of all splats may change.
+    /// of all splats may change. Optional groups are large: of these, splats whose gradient is zero wait too.
     pub fn step_seen(&mut self, splats: &mut Splats, gradient: &SeenGradient, rates: &PerGroup<f64>) {
         self.steps += 1;
         self.step_logits(&mut splats.opacity_logit, gradient, rates.opacity_logit);
@@ -79,7 +79,12 @@ impl SplatAdam {
                         let (own, others) = of_seen.split_at(run.len() * width);
                         let at =
                             (run[0] as usize - start) * width..(run[0] as usize - start) * width + own.len();
-                        step.update(&mut values[at.clone()], own, &mut first[at.clone()], &mut second[at]);
+                        let (values, first) = (&mut values[at.clone()], &mut first[at.clone()]);
+                        if info.is_optional {
+                            update_nonzero_rows(step, width, values, own, (first, &mut second[at]));
+                        } else {
+                            step.update(values, own, first, &mut second[at]);
+                        }
                         of_seen = others;
                     }
                 },
@@ -109,6 +114,21 @@ impl SplatAdam {
             moments.apply(edit);
             moments.zero_fresh(edit);
         }
+    }
+}
+
+/// Updates the splats, with `width` values each, whose gradient is not zero.
+fn update_nonzero_rows(
+    step: AdamStep,
+    width: usize,
+    values: &mut [f32],
+    gradient: &[f32],
+    (first, second): (&mut [f32], &mut [f32]),
+) {
+    let moments = first.chunks_exact_mut(width).zip(second.chunks_exact_mut(width));
+    let rows = values.chunks_exact_mut(width).zip(gradient.chunks_exact(width)).zip(moments);
+    for ((values, gradient), (first, second)) in rows.filter(|row| row.0.1.iter().any(|g| *g != 0.0)) {
+        step.update(values, gradient, first, second);
     }
 }
 

@@ -281,7 +281,7 @@ fn check_gradients(mut scene: Scene<f64>, g: &Splats<f64>) {
         "normal_consistency",
         "depth_distortion",
         "depth_prior",
-        "depth_smoothness_m",
+        "depth_smoothness",
         "normal_prior",
         "sun_visibility",
         "dark_tones",

@@ -220,10 +220,16 @@ fn denser(
     let (points, summary) = dense_start(&points, &dense, spacing_m(&points), seed);
     progress.event(Event::Finished);
     let DenseSummary { patches, sparse, filled, without_points, without_fit, added, residual } = summary;
+    let fit = match dense.iter().all(|view| view.depth.kind.is_absolute()) {
+        true => String::new(),
+        false => format!(
+            ", {:.2} % of the depth from those around; {without_points} are too far from points",
+            100.0 * residual
+        ),
+    };
     progress.event(Event::Note(format!(
-        "dense start: {sparse} of {patches} patches of views have few points; {added} points fill {filled} of them, {:.2} % of the \
-         depth from those around; {without_points} are too far from points, {without_fit} do not fit them",
-        100.0 * residual
+        "dense start: {sparse} of {patches} patches of views have few points; {added} points fill {filled} of them{fit}; \
+         {without_fit} have an edge, no depths, or depths that do not fit"
     )));
     points
 }

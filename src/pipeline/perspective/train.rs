@@ -14,7 +14,7 @@ use super::scene_fingerprint::scene_fingerprint;
 use super::start::{splats_at_start, start_points};
 use crate::affine::SiteSceneError;
 use crate::io::write_json;
-use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
+use crate::perspective::{Layout, PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::predict::Model;
 use crate::prior::{
     PriorContent, PriorFolder, PriorSource, PriorSources, ViewPriors, read_priors, sensor_priors,
@@ -208,7 +208,7 @@ pub fn read_views(
     Ok(views)
 }
 
-/// The priors of all training views: those that are asked for, else, where the recipe uses them, what the scene's own depth maps
+/// The priors of all training views: those that are asked for, else, where the recipe uses them, what the depth maps of RGB-D frames
 /// give. Says which loss terms are idle without them.
 fn priors(
     run: &Path,
@@ -220,9 +220,11 @@ fn priors(
     let Recipe { weights, perspective, .. } = options.recipe_as_written()?;
     let start = perspective.map(|p| p.start_points).unwrap_or_default();
     let training: Vec<&PerspectiveView> = scene.training().collect();
-    let has_sensor = training.iter().any(|view| view.depth.is_some());
+    // Depth maps of other layouts are references: those of LEVIR-NVS and of ScanNet++ are rendered from models.
+    let has_sensor = scene.layout == Layout::RgbD && training.iter().any(|view| view.depth.is_some());
     let weighs = |name| weights.get(name) > 0.0;
-    let uses_depths = sources.depths.is_none() && (weighs("depth_prior") || start.needs_depths());
+    let uses_depths = sources.depths.is_none()
+        && (weighs("depth_prior") || weighs("depth_smoothness") || start.needs_depths());
     let uses_normals = sources.normals.is_none() && weighs("normal_prior");
     if has_sensor && (uses_depths || uses_normals) {
         let what = match (uses_depths, uses_normals) {

@@ -2,7 +2,8 @@
 //! are brought to the points around.
 //!
 //! Each view is cut into 16 x 16 patches. Where fewer points are seen than there should be, the prior's values in a window around the
-//! patch are fitted to the depths of the points that are seen there, a disparity's to the inverse depths. Points are then added at
+//! patch are fitted to the depths of the points that are seen there, a disparity's to the inverse depths; measured and aligned depths are
+//! taken as they are. Points are then added at
 //! pixels of the patch. Later views see those of earlier ones. The paper asks for 300 points in a patch; here a patch also needs no
 //! more than one for each cube of the spacing that its surface passes, of which each keeps one point.
 

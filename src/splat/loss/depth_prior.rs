@@ -8,10 +8,12 @@
 //!
 //! Measured depths `y` need no scale and shift: of them the first part is the mean of `|D / y - 1|`.
 //!
-//! The second part is the sum over these pixels of `|D² (1 / D(u - 1, v) + 1 / D(u + 1, v)) - 2 D|`, and of the same along `v`, divided
-//! by `n`, in metres. It is how far a depth is from the plane through its neighbours: inverse depths are linear on planes. The paper has
-//! the absolute differences of neighbouring depths instead, which are least if the depths are all equal: they pull the far ends of
-//! walls and floors towards the camera, by 10 cm in a room of 5 m.
+//! The second part is the sum over these pixels of `|D (1 / D(u - 1, v) + 1 / D(u + 1, v)) - 2|`, and of the same along `v`, divided by `n`:
+//! twice the distance of a depth from the plane through its neighbours, as a share of the depth, for inverse depths are linear on planes.
+//! Places where depths jump are left out. The paper has the absolute differences of neighbouring depths instead, which are least if
+//! all depths are equal: they pull the far ends of walls and floors towards the camera.
+//!
+//! Depths that were aligned with points of the scene are correlated too: what is left of their errors is in part one of scale and shift.
 
 use super::normal_consistency::OPACITY_OFFSET;
 use super::term::{LossTerm, Rendered, Scaled, TermInfo};
@@ -23,12 +25,12 @@ use crate::splat::raster::{Image, channel, disc_plane};
 use rayon::prelude::*;
 
 /// Weights and columns of the two parts.
-pub const INFO: TermInfo = TermInfo {
-    weights: &["depth_prior", "depth_smoothness"],
-    columns: &["depth_prior", "depth_smoothness_m"],
-};
+pub const INFO: TermInfo =
+    TermInfo { weights: &["depth_prior", "depth_smoothness"], columns: &["depth_prior", "depth_smoothness"] };
 /// Pixels with a smaller opacity are not compared.
 pub(super) const LEAST_OPACITY: f64 = 0.5;
+/// Depths of neighbouring pixels that differ by more than this share belong to two surfaces.
+const JUMP: f64 = 0.05;
 /// Without a greater mean square of the deviations, values count as equal.
 const LEAST_VARIANCE: f64 = 1e-12;
 
@@ -108,11 +110,14 @@ impl<T: SimdReal> LossTerm<T> for DepthPriorAgreement<T> {
         let (view, kind, values) = (rendered.view, prior.kind, &prior.values);
         let pixels = self.find_depths(view, values);
         let (width, depth) = (view.width, &self.depth);
-        let correlation = Correlation::of(view.height, |row| {
-            let places = row * width..(row + 1) * width;
-            let known = places.filter(|i| depth[*i] > 0.0);
-            known.map(|i| (compared(depth[i], kind), f64::from(values.data[i])))
-        });
+        let correlate = || {
+            Correlation::of(view.height, |row| {
+                let places = row * width..(row + 1) * width;
+                let known = places.filter(|i| depth[*i] > 0.0);
+                known.map(|i| (compared(depth[i], kind), f64::from(values.data[i])))
+            })
+        };
+        let correlation = if kind == DepthKind::Measured { None } else { correlate() };
         let per_pixel = 1.0 / pixels.max(1) as f64;
         let off = |i: usize| depth[i] / f64::from(values.data[i]) - 1.0;
         let by_agreement = |i: usize| {
@@ -126,34 +131,30 @@ impl<T: SimdReal> LossTerm<T> for DepthPriorAgreement<T> {
         let planes = view.channels;
         self.by_view.resize(width, view.height, planes);
         let rows = self.by_view.data.par_chunks_mut(planes * width).enumerate();
-        let bends: Vec<f64> = rows
+        let sums: Vec<[f64; 2]> = rows
             .map(|(row, by)| {
                 by.fill(T::zero());
                 let through = view.row(disc_plane::TRANSMITTANCE, row);
-                let mut sum = 0.0;
+                let mut sums = [0.0; 2];
                 for col in (0..width).filter(|col| depth[row * width + col] > 0.0) {
                     let i = row * width + col;
                     let (bend, slope) = bends(depth, width, col, i);
-                    sum += bend;
+                    sums[0] += bend;
+                    sums[1] += off(i).abs();
                     let by_depth = by_agreement(i) + weights[1] * per_pixel * slope;
                     let per_opacity = by_depth / (1.0 - through[col].as_f64() + OPACITY_OFFSET);
                     by[channel::DEPTH * width + col] = T::from_f64(per_opacity);
                     by[disc_plane::TRANSMITTANCE * width + col] = T::from_f64(per_opacity * depth[i]);
                 }
-                sum
+                sums
             })
             .collect();
+        let sum = |k: usize| sums.iter().map(|sums: &[f64; 2]| sums[k]).sum::<f64>();
         columns[0] = match kind {
-            DepthKind::Measured => {
-                let of_row = |row: usize| {
-                    let places = row * width..(row + 1) * width;
-                    places.filter(|i| depth[*i] > 0.0).map(|i| off(i).abs()).sum::<f64>()
-                };
-                per_pixel * (0..view.height).map(of_row).sum::<f64>()
-            }
+            DepthKind::Measured => per_pixel * sum(1),
             _ => correlation.as_ref().map_or(0.0, |c| 1.0 - c.value()),
         };
-        columns[1] = bends.iter().sum::<f64>() * per_pixel;
+        columns[1] = per_pixel * sum(0);
         self.is_evaluated = true;
         weights[0] * columns[0] + weights[1] * columns[1]
     }
@@ -202,17 +203,24 @@ fn bends(depth: &[f64], width: usize, col: usize, i: usize) -> (f64, f64) {
 
 /// As [`bends`], of one line: the pixel's depth and those of the two before it and the two after it.
 fn bends_of_line(z: f64, [before2, before, after, after2]: [Option<f64>; 4]) -> (f64, f64) {
-    let bend = |a: f64, z: f64, b: f64| z * z * (a.recip() + b.recip()) - 2.0 * z;
     let (mut value, mut slope) = (0.0, 0.0);
-    if let (Some(a), Some(b)) = (before, after) {
-        let own = bend(a, z, b);
+    if let Some((own, around)) = before.zip(after).and_then(|(a, b)| bend(a, z, b)) {
         value = own.abs();
-        slope += sign(own) * (2.0 * z * (a.recip() + b.recip()) - 2.0);
+        slope += sign(own) * around;
     }
     for (beyond, middle) in [(before2, before), (after2, after)] {
-        if let (Some(beyond), Some(middle)) = (beyond, middle) {
-            slope -= sign(bend(beyond, middle, z)) * (middle / z).powi(2);
+        if let (Some(beyond), Some(middle)) = (beyond, middle)
+            && let Some((of_neighbour, _)) = bend(beyond, middle, z)
+        {
+            slope -= sign(of_neighbour) * middle / (z * z);
         }
     }
     (value, slope)
+}
+
+/// `z (1 / a + 1 / b) - 2` of three depths in a line and its derivative by the middle one; none where they jump.
+fn bend(a: f64, z: f64, b: f64) -> Option<(f64, f64)> {
+    let jumps = |other: f64| (other / z - 1.0).abs() > JUMP;
+    let around = a.recip() + b.recip();
+    (!jumps(a) && !jumps(b)).then_some((z * around - 2.0, around))
 }

@@ -4,7 +4,7 @@
 //! all splats.
 
 use super::super::primitive::PrimitiveKind;
-use super::super::raster::{ALPHA_CUT, FrameCamera, LOW_PASS_PX2};
+use super::super::raster::{ALPHA_CUT, FrameCamera, LOW_PASS_PX2, MAX_TILT};
 use super::super::splats::{Splats, sigmoid};
 use crate::perspective::PinholeKernel;
 use crate::simd::SimdReal;
@@ -12,9 +12,6 @@ use rayon::prelude::*;
 
 /// Number of splats that one task works on; fixed, so that sums do not depend on the number of threads.
 const PIECE: usize = 1 << 13;
-/// Largest ratio of the distance, from the image of a disc's centre, of what the disc shows to the distance that its covariance
-/// gives: `1 / (1 - t)` with the largest tilt `t`, 0.8, with which the rasteriser draws a disc as inclined.
-const DISC_REACH: f64 = 5.0;
 /// A splat shows nothing below [`ALPHA_CUT`], and nothing outside the image. The rasteriser rounds both otherwise than this file.
 const OPACITY_MARGIN: f64 = 0.999;
 const MARGIN_PX: f64 = 1.0;
@@ -39,15 +36,15 @@ struct Piece {
 }
 
 /// Which splats a camera may show.
-struct Frame<'a, T> {
+struct Selection<'a, T> {
     camera: &'a FrameCamera<PinholeKernel<T>>,
     /// What a splat shows lies within so many standard deviations of its image's centre.
     reach: T,
     least_opacity: T,
 }
 
-impl<T: SimdReal> Frame<'_, T> {
-    /// False only for splats of which the image shows nothing; false if a number is NaN.
+impl<T: SimdReal> Selection<'_, T> {
+    /// False only for splats of which the image shows nothing; false if the position or the opacity is NaN.
     fn may_show(&self, position: [T; 3], log_scale: [T; 3], opacity: T) -> bool {
         let FrameCamera { kernel, width, height } = self.camera;
         let Some((image, px_per_m)) = kernel.image_and_scale(position) else {
@@ -73,10 +70,11 @@ impl<T: SimdReal> SeenSplats<T> {
         let reach = (-2.0 * ALPHA_CUT.ln()).sqrt();
         let reach = match kind {
             PrimitiveKind::Ellipsoid => reach,
-            PrimitiveKind::Disc => DISC_REACH * reach,
+            // The near end of the disc that is inclined most.
+            PrimitiveKind::Disc => reach / (1.0 - MAX_TILT.sqrt()),
         };
         let [reach, least_opacity] = [reach, OPACITY_MARGIN * ALPHA_CUT].map(T::from_f64);
-        let frame = camera.map(|camera| Frame { camera, reach, least_opacity });
+        let selection = camera.map(|camera| Selection { camera, reach, least_opacity });
         self.pieces.resize_with(all.len().div_ceil(PIECE), Piece::default);
         self.pieces.par_iter_mut().enumerate().for_each(|(k, piece)| {
             piece.indices.clear();
@@ -84,7 +82,7 @@ impl<T: SimdReal> SeenSplats<T> {
             for i in k * PIECE..all.len().min((k + 1) * PIECE) {
                 let opacity = sigmoid(all.opacity_logit[i][0]);
                 piece.opacity_sum += opacity.as_f64();
-                if frame.as_ref().is_none_or(|f| f.may_show(all.position[i], all.log_scale[i], opacity)) {
+                if selection.as_ref().is_none_or(|s| s.may_show(all.position[i], all.log_scale[i], opacity)) {
                     piece.indices.push(i as u32);
                 }
             }

@@ -39,6 +39,6 @@ pub use primitive::{Disc, DiscWithMoments, Ellipsoid, Primitive};
 pub use project::FrameCamera;
 pub use rasterizer::{MAX_SIDE, Rasterizer};
 pub use renderer::{Renderer, renderer};
-pub use slope::parallel_slope;
+pub use slope::{MAX_TILT, parallel_slope};
 pub use sorted::SortedSplats;
 pub use splat_block::SplatGradient;

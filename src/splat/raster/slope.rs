@@ -6,7 +6,7 @@ use crate::simd::{Real, Simd, SimdVec, broadcast_each};
 
 /// Largest product of the squared radius of a disc and of its squared slope, in the metric of its image: beyond it the plane
 /// meets the camera's own plane close to the disc, and the disc is drawn without a slope.
-const MAX_TILT: f64 = 0.64;
+pub const MAX_TILT: f64 = 0.64;
 /// Smallest sum of variances that is divided by, px².
 const LEAST_PX2: f64 = 1e-12;
 
