@@ -25,6 +25,8 @@ const BY_POINT: f64 = 4e-3;
 const BY_PRIOR: f64 = 0.5;
 /// Depths of neighbouring cells that differ by more than this share from what the normal says belong to two surfaces.
 const EDGE: f64 = 0.04;
+/// Cells whose depth differs by less than this share from that of a pixel correct it.
+const SAME_DEPTH: f64 = 0.1;
 /// Points farther than this many standard deviations get less weight (Huber), in so many rounds.
 const HUBER: f64 = 2.0;
 const ROUNDS: usize = 3;
@@ -62,14 +64,8 @@ pub(super) fn integrate(
             *weight = BY_POINT.powi(-2) * (HUBER / deviations.max(HUBER));
         }
     }
-    let ratio = Grid2 { width: grid.width, height: grid.height, data: x.iter().map(|v| *v as f32).collect() };
-    let at_cell = |pixel: usize, cells: usize| {
-        let place = (pixel as f64 + 0.5) / side as f64 - 0.5;
-        place.clamp(0.0, cells as f64 - 1.0)
-    };
     Grid2::from_fn(aligned.width, aligned.height, |col, row| {
-        let x = ratio.bilinear(at_cell(col, grid.width), at_cell(row, grid.height));
-        let depth = aligned.at(col, row) / x;
+        let depth = aligned.at(col, row) / grid.interpolated(&x, col, row, aligned.at(col, row)) as f32;
         if depth > 0.0 { depth } else { f32::NAN }
     })
 }
@@ -125,6 +121,32 @@ impl Cells {
             normals: cells.clone().map(normal).collect(),
             rays: cells.map(ray).collect(),
         }
+    }
+
+    /// The values `x` of the cells around a pixel of this depth, mixed by their nearness; only of cells of about this depth, if there
+    /// are any, so that a correction stays on its surface.
+    fn interpolated(&self, x: &[f64], col: usize, row: usize, depth: f32) -> f64 {
+        let place = |pixel: usize, cells: usize| {
+            let at = (pixel as f64 + 0.5) / self.side as f64 - 0.5;
+            at.clamp(0.0, cells as f64 - 1.0)
+        };
+        let (u, v) = (place(col, self.width), place(row, self.height));
+        let around = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(dc, dr)| {
+            let (c, r) = (
+                (u.floor() + dc).min(self.width as f64 - 1.0),
+                (v.floor() + dr).min(self.height as f64 - 1.0),
+            );
+            let share = (1.0 - (c - u).abs()).max(0.0) * (1.0 - (r - v).abs()).max(0.0);
+            (r as usize * self.width + c as usize, share)
+        });
+        let mixed = |of_this_depth: bool| {
+            let cells = around.iter().filter(|(cell, _)| {
+                !of_this_depth || (self.inverse[*cell] * f64::from(depth) - 1.0).abs() < SAME_DEPTH
+            });
+            cells.fold((0.0, 0.0), |(sum, shares), (cell, share)| (sum + share * x[*cell], shares + share))
+        };
+        let (sum, shares) = Some(mixed(true)).filter(|m| m.1 > 0.0).unwrap_or_else(|| mixed(false));
+        sum / shares
     }
 
     fn cell_of(&self, col: f64, row: f64) -> Option<usize> {

@@ -242,15 +242,25 @@ fn priors(
         priors = read_priors(sources, &training, &points, &run.join(PRIORS), progress)?;
     }
     if has_sensor && (uses_depths || uses_normals) {
-        let own = training.par_iter().map(|view| match view.depth {
-            Some(_) => sensor_priors(view, uses_normals),
-            None => Ok(ViewPriors::default()),
-        });
-        for (prior, own) in priors.iter_mut().zip(own.collect::<Vec<_>>()) {
-            let ViewPriors { depth, normal } = own?;
-            prior.depth = prior.depth.take().or(depth.filter(|_| uses_depths));
-            prior.normal = prior.normal.take().or(normal);
+        let total = training.len() as u64;
+        progress.event(Event::Started { stage: "reading depth maps", total });
+        let at_a_time = rayon::current_num_threads().max(1);
+        let chunks = priors.chunks_mut(at_a_time).zip(training.chunks(at_a_time));
+        for (k, (priors, views)) in chunks.enumerate() {
+            progress.check()?;
+            let own = views.par_iter().map(|view| match view.depth {
+                Some(_) => sensor_priors(view, uses_normals),
+                None => Ok(ViewPriors::default()),
+            });
+            for (prior, own) in priors.iter_mut().zip(own.collect::<Vec<_>>()) {
+                let ViewPriors { depth, normal } = own?;
+                prior.depth = prior.depth.take().or(depth.filter(|_| uses_depths));
+                prior.normal = prior.normal.take().or(normal);
+            }
+            let done = total.min(((k + 1) * at_a_time) as u64);
+            progress.event(Event::Advanced { done, status: String::new() });
         }
+        progress.event(Event::Finished);
     }
     Ok(priors)
 }
