@@ -9,7 +9,7 @@
 //! there, as a map of its edges. They are kept only if they fit far better than the stated ones.
 
 use super::error::PerspectiveError;
-use super::view::{DepthCamera, PerspectiveView};
+use super::view::{PerspectiveView, SensorCamera};
 use crate::io::Grid2;
 use crate::stats::quantile;
 use glam::{DVec2, DVec3};
@@ -41,7 +41,7 @@ const CLEAR: f64 = 0.15;
 
 /// The colour camera of RGB-D frames, which differs from that of their depth maps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Registration {
+pub struct ColorRegistration {
     /// Focal length over that of the depth maps.
     pub focal_ratio: f64,
     /// Place of the depth camera in the axes (right, down) of the colour camera, metres.
@@ -51,7 +51,7 @@ pub struct Registration {
     pub edges: [f64; 2],
 }
 
-impl fmt::Display for Registration {
+impl fmt::Display for ColorRegistration {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let [x, y] = self.offset_m.map(|v| 1000.0 * v);
         let [fitted, stated] = self.edges;
@@ -82,7 +82,7 @@ struct Frame {
 /// Gives RGB-D frames the camera of their colours if that is another one than that of their depths.
 ///
 /// Frames that cannot be read are passed over: whoever needs them says what is wrong with them.
-pub(super) fn register(views: &mut [PerspectiveView]) -> Option<Registration> {
+pub(super) fn register(views: &mut [PerspectiveView]) -> Option<ColorRegistration> {
     let with_depth: Vec<&PerspectiveView> = views.iter().filter(|v| v.depth.is_some()).collect();
     let step = with_depth.len().div_ceil(FRAMES).max(1);
     let frames = with_depth.into_par_iter().step_by(step).map(|view| Frame::read(view).ok());
@@ -93,7 +93,7 @@ pub(super) fn register(views: &mut [PerspectiveView]) -> Option<Registration> {
 }
 
 /// The colour camera that fits far better than the stated one.
-fn find(frames: &[Frame]) -> Option<Registration> {
+fn find(frames: &[Frame]) -> Option<ColorRegistration> {
     if frames.iter().map(|frame| frame.points.len()).sum::<usize>() < FEWEST_POINTS {
         return None;
     }
@@ -139,7 +139,7 @@ fn find(frames: &[Frame]) -> Option<Registration> {
     let [focal_ratio, x, y] = found.1;
     let (fitted, stated) = (score_of(&others, &found.1), score_of(&others, &[1.0, 0.0, 0.0]));
     let is_better = fitted > CLEAR && fitted > BETTER * stated;
-    is_better.then_some(Registration { focal_ratio, offset_m: [x, y], edges: [fitted, stated] })
+    is_better.then_some(ColorRegistration { focal_ratio, offset_m: [x, y], edges: [fitted, stated] })
 }
 
 impl Frame {
@@ -224,14 +224,14 @@ fn near_points(depth: &Grid2, focal: DVec2, principal: DVec2) -> Vec<(DVec2, f64
     points.into_iter().step_by(step).collect()
 }
 
-impl Registration {
+impl ColorRegistration {
     /// Gives a view the colour camera; its depth map keeps the stated one.
     fn apply(&self, view: &mut PerspectiveView) {
         let [x, y] = self.offset_m;
         let center = DVec3::new(x, y, 0.0);
         let lens = &mut view.lens_camera;
         if let Some(depth) = &mut view.depth {
-            depth.camera = Some(DepthCamera { focal: lens.focal, principal: lens.principal, center });
+            depth.camera = Some(SensorCamera { focal: lens.focal, principal: lens.principal, center });
         }
         lens.focal *= self.focal_ratio;
         let camera = &view.camera;
@@ -322,7 +322,7 @@ mod tests {
             Grid2::from_fn(SIZE.0, SIZE.1, |col, row| boards.seen(col, row, focal, from).1)
         };
         let focal = DVec2::splat(290.0);
-        let camera = DepthCamera { focal, principal: PRINCIPAL, center: DVec3::new(-0.02, -0.004, 0.0) };
+        let camera = SensorCamera { focal, principal: PRINCIPAL, center: DVec3::new(-0.02, -0.004, 0.0) };
         let lens = LensCamera::pinhole(0.9 * focal, PRINCIPAL, SIZE);
         let (found, expected) = (camera.seen_by(&lens, &depth(290.0, [0.0; 2])), depth(261.0, [0.02, 0.004]));
         let known = found.data.iter().zip(&expected.data).filter(|(a, _)| !a.is_nan());

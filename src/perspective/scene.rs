@@ -5,7 +5,7 @@ use super::error::PerspectiveError;
 use super::georeference::Georeference;
 use super::georeference_source::georeference;
 use super::options::PerspectiveOptions;
-use super::registration::{Registration, register};
+use super::registration::{ColorRegistration, register};
 use super::scene_parts::{Layout, ScenePoint};
 use super::view::PerspectiveView;
 use super::{colmap, levir, rgbd, scannetpp, transforms};
@@ -31,7 +31,7 @@ pub struct PerspectiveScene {
     /// Images and files that were left out, and why.
     pub skipped: Vec<(String, String)>,
     /// The colour camera of RGB-D frames, if it was found to be another one than that of the depth maps.
-    pub registration: Option<Registration>,
+    pub registration: Option<ColorRegistration>,
 }
 
 impl PerspectiveScene {

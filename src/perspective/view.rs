@@ -21,7 +21,7 @@ pub struct DepthFile {
     /// Metres, or units of the scene, of a stored 1.
     pub metres_per_unit: f64,
     /// The camera of the depth map, if that is not the one of the image.
-    pub camera: Option<DepthCamera>,
+    pub camera: Option<SensorCamera>,
 }
 
 impl DepthFile {
@@ -34,7 +34,7 @@ impl DepthFile {
 
 /// The camera of a depth map beside that of its image, with the same axes and without distortion.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DepthCamera {
+pub struct SensorCamera {
     /// Focal lengths, pixels.
     pub focal: DVec2,
     /// Principal point, pixels.
@@ -43,7 +43,7 @@ pub struct DepthCamera {
     pub center: DVec3,
 }
 
-impl DepthCamera {
+impl SensorCamera {
     /// The depths of a map at the nearest pixels of the image's camera: of several the least, NaN where there is none.
     pub(super) fn seen_by(&self, lens: &LensCamera, depth: &Grid2) -> Grid2 {
         let mut out = Grid2::filled(depth.width, depth.height, f32::NAN);

@@ -4,7 +4,7 @@ use super::ReportError;
 use super::pictures::img_of_file;
 use super::sections::{missing, read_if_present, table};
 use crate::io::{ReadError, escape_xml};
-use crate::perspective::Registration;
+use crate::perspective::ColorRegistration;
 use crate::run_files::{PRIOR_PICTURES, SCENE, START};
 use serde_json::Value;
 use std::fmt::Write;
@@ -33,7 +33,7 @@ pub(super) fn views(run: &Path) -> Result<String, ReportError> {
             None => "Positions are in the frame of the scene's own files.".to_owned(),
         }
     );
-    if let Ok(registration) = serde_json::from_value::<Registration>(scene["registration"].clone()) {
+    if let Ok(registration) = serde_json::from_value::<ColorRegistration>(scene["registration"].clone()) {
         let _ = writeln!(out, "<p class=\"note\">{}</p>", escape_xml(&registration.to_string()));
     }
     for skipped in scene["skipped"].as_array().into_iter().flatten() {

@@ -3,7 +3,8 @@
 use super::super::PipelineError;
 use crate::io::{read_json, write_json};
 use crate::perspective::{
-    Georeference, GeoreferenceSource, Layout, PerspectiveOptions, PerspectiveScene, Registration, TestViews,
+    ColorRegistration, Georeference, GeoreferenceSource, Layout, PerspectiveOptions, PerspectiveScene,
+    TestViews,
 };
 use crate::run_files::SCENE;
 use crate::scene::Role;
@@ -34,7 +35,7 @@ pub struct PerspectiveManifest {
     pub skipped: Vec<(String, String)>,
     /// The colour camera of RGB-D frames, if it is another one than that of the depth maps.
     #[serde(default)]
-    pub registration: Option<Registration>,
+    pub registration: Option<ColorRegistration>,
 }
 
 /// A view in `scene.json`.

@@ -36,14 +36,14 @@ struct Piece {
 }
 
 /// Which splats a camera may show.
-struct Selection<'a, T> {
+struct Frustum<'a, T> {
     camera: &'a FrameCamera<PinholeKernel<T>>,
     /// What a splat shows lies within so many standard deviations of its image's centre.
     reach: T,
     least_opacity: T,
 }
 
-impl<T: SimdReal> Selection<'_, T> {
+impl<T: SimdReal> Frustum<'_, T> {
     /// False only for splats of which the image shows nothing; false if the position or the opacity is NaN.
     fn may_show(&self, position: [T; 3], log_scale: [T; 3], opacity: T) -> bool {
         let FrameCamera { kernel, width, height } = self.camera;
@@ -74,7 +74,7 @@ impl<T: SimdReal> SeenSplats<T> {
             PrimitiveKind::Disc => reach / (1.0 - MAX_TILT.sqrt()),
         };
         let [reach, least_opacity] = [reach, OPACITY_MARGIN * ALPHA_CUT].map(T::from_f64);
-        let selection = camera.map(|camera| Selection { camera, reach, least_opacity });
+        let frustum = camera.map(|camera| Frustum { camera, reach, least_opacity });
         self.pieces.resize_with(all.len().div_ceil(PIECE), Piece::default);
         self.pieces.par_iter_mut().enumerate().for_each(|(k, piece)| {
             piece.indices.clear();
@@ -82,7 +82,7 @@ impl<T: SimdReal> SeenSplats<T> {
             for i in k * PIECE..all.len().min((k + 1) * PIECE) {
                 let opacity = sigmoid(all.opacity_logit[i][0]);
                 piece.opacity_sum += opacity.as_f64();
-                if selection.as_ref().is_none_or(|s| s.may_show(all.position[i], all.log_scale[i], opacity)) {
+                if frustum.as_ref().is_none_or(|s| s.may_show(all.position[i], all.log_scale[i], opacity)) {
                     piece.indices.push(i as u32);
                 }
             }
