@@ -320,6 +320,12 @@ fn depths_of_two_real_frames_show_the_same_surface() {
     let Some(data) = data_dir() else { return };
     let scene = read(&data.join("sevenscenes"));
     assert_eq!((scene.layout, scene.views.len()), (Layout::RgbD, 125));
+    // The stated camera is that of the depth maps.
+    let found = scene.registration.expect("a colour camera");
+    assert!((found.focal_ratio - 0.9).abs() < 0.015 && (found.offset_m[0] + 0.02).abs() < 0.005, "{found:?}");
+    let options = PerspectiveOptions::default();
+    let again = PerspectiveScene::read_again(&data.join("sevenscenes"), &options, Some(found)).unwrap();
+    assert!(again.views == scene.views);
     let [a, b] = [&scene.views[10], &scene.views[12]];
     let (from, to) = (a.read_depth().unwrap(), b.read_depth().unwrap());
     let invalid = from.data.iter().filter(|v| v.is_nan()).count() as f64 / from.data.len() as f64;

@@ -79,21 +79,8 @@ struct Frame {
     principal: DVec2,
 }
 
-/// Gives RGB-D frames the camera of their colours if that is another one than that of their depths.
-///
-/// Frames that cannot be read are passed over: whoever needs them says what is wrong with them.
-pub(super) fn register(views: &mut [PerspectiveView]) -> Option<ColorRegistration> {
-    let with_depth: Vec<&PerspectiveView> = views.iter().filter(|v| v.depth.is_some()).collect();
-    let step = with_depth.len().div_ceil(FRAMES).max(1);
-    let frames = with_depth.into_par_iter().step_by(step).map(|view| Frame::read(view).ok());
-    let frames: Vec<Option<Frame>> = frames.collect();
-    let found = find(&frames.into_iter().flatten().collect::<Vec<_>>())?;
-    views.iter_mut().for_each(|view| found.apply(view));
-    Some(found)
-}
-
 /// The colour camera that fits far better than the stated one.
-fn find(frames: &[Frame]) -> Option<ColorRegistration> {
+fn search(frames: &[Frame]) -> Option<ColorRegistration> {
     if frames.iter().map(|frame| frame.points.len()).sum::<usize>() < FEWEST_POINTS {
         return None;
     }
@@ -225,8 +212,18 @@ fn near_points(depth: &Grid2, focal: DVec2, principal: DVec2) -> Vec<(DVec2, f64
 }
 
 impl ColorRegistration {
+    /// The camera of the colours of RGB-D frames if that is another one than that of their depths.
+    ///
+    /// Frames that cannot be read are passed over: whoever needs them says what is wrong with them.
+    pub(super) fn find(views: &[PerspectiveView]) -> Option<Self> {
+        let with_depth: Vec<&PerspectiveView> = views.iter().filter(|v| v.depth.is_some()).collect();
+        let step = with_depth.len().div_ceil(FRAMES).max(1);
+        let frames = with_depth.into_par_iter().step_by(step).map(|view| Frame::read(view).ok());
+        search(&frames.collect::<Vec<_>>().into_iter().flatten().collect::<Vec<_>>())
+    }
+
     /// Gives a view the colour camera; its depth map keeps the stated one.
-    fn apply(&self, view: &mut PerspectiveView) {
+    pub(super) fn apply(&self, view: &mut PerspectiveView) {
         let [x, y] = self.offset_m;
         let center = DVec3::new(x, y, 0.0);
         let lens = &mut view.lens_camera;
@@ -300,7 +297,7 @@ mod tests {
     #[test]
     fn the_colour_camera_of_a_sensor_is_found_from_edges() {
         for (ratio, offset) in [(0.9, [-0.02, -0.004]), (1.08, [0.03, 0.005])] {
-            let found = find(&frames(ratio, offset, false)).expect("another camera");
+            let found = search(&frames(ratio, offset, false)).expect("another camera");
             assert!((found.focal_ratio - ratio).abs() < 0.006, "{found:?}");
             let off = [0, 1].map(|k| (found.offset_m[k] - offset[k]).abs());
             assert!(off.iter().all(|v| *v < 0.006), "{found:?}");
@@ -309,10 +306,10 @@ mod tests {
 
     #[test]
     fn registered_frames_and_images_without_edges_at_jumps_keep_the_stated_camera() {
-        assert_eq!(find(&frames(1.0, [0.0; 2], false)), None);
-        assert_eq!(find(&frames(1.0, [0.002, 0.0], false)), None);
-        assert_eq!(find(&frames(0.9, [-0.02, 0.0], true)), None);
-        assert_eq!(find(&[]), None);
+        assert_eq!(search(&frames(1.0, [0.0; 2], false)), None);
+        assert_eq!(search(&frames(1.0, [0.002, 0.0], false)), None);
+        assert_eq!(search(&frames(0.9, [-0.02, 0.0], true)), None);
+        assert_eq!(search(&[]), None);
     }
 
     #[test]

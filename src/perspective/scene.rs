@@ -5,7 +5,7 @@ use super::error::PerspectiveError;
 use super::georeference::Georeference;
 use super::georeference_source::georeference;
 use super::options::PerspectiveOptions;
-use super::registration::{ColorRegistration, register};
+use super::registration::ColorRegistration;
 use super::scene_parts::{Layout, ScenePoint};
 use super::view::PerspectiveView;
 use super::{colmap, levir, rgbd, scannetpp, transforms};
@@ -58,6 +58,34 @@ impl PerspectiveScene {
     /// [`PerspectiveError`] if the path is no perspective scene, a file is missing or damaged, an image is not of the size
     /// of its camera, or the georeference cannot be determined.
     pub fn read(path: &Path, options: &PerspectiveOptions) -> Result<Self, PerspectiveError> {
+        let mut scene = Self::read_as_stated(path, options)?;
+        if scene.layout == Layout::RgbD {
+            scene.registration = ColorRegistration::find(&scene.views);
+        }
+        Ok(scene.registered())
+    }
+
+    /// As [`PerspectiveScene::read`], with the colour camera that an earlier reading found.
+    ///
+    /// # Errors
+    /// As [`PerspectiveScene::read`].
+    pub fn read_again(
+        path: &Path,
+        options: &PerspectiveOptions,
+        registration: Option<ColorRegistration>,
+    ) -> Result<Self, PerspectiveError> {
+        Ok(Self { registration, ..Self::read_as_stated(path, options)? }.registered())
+    }
+
+    /// With the colour camera that was found.
+    fn registered(mut self) -> Self {
+        if let Some(registration) = &self.registration {
+            self.views.iter_mut().for_each(|view| registration.apply(view));
+        }
+        self
+    }
+
+    fn read_as_stated(path: &Path, options: &PerspectiveOptions) -> Result<Self, PerspectiveError> {
         let mut drafts = read_drafts(path)?;
         if drafts.views.is_empty() {
             return Err(PerspectiveError::NoViews {
@@ -76,9 +104,8 @@ impl PerspectiveScene {
             }
         }
         let skipped = std::mem::take(&mut drafts.skipped);
-        let mut views = drafts.views(options, georeference.as_ref())?;
-        let registration = (layout == Layout::RgbD).then(|| register(&mut views)).flatten();
-        Ok(Self { layout, views, points, georeference, skipped, registration })
+        let views = drafts.views(options, georeference.as_ref())?;
+        Ok(Self { layout, views, points, georeference, skipped, registration: None })
     }
 
     /// Whether positions are in metres: the scene has a georeference, or depth maps in metres.

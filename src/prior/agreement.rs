@@ -6,7 +6,7 @@
 //! the root of the product of the sums of squares, is the agreement along the axis: near 1 or -1 for normals of the scene, near 0
 //! for others, also along an axis in which few normals have large components.
 
-use super::map::{DepthKind, DepthPrior, NormalPrior};
+use super::map::{DepthPrior, NormalPrior};
 use super::seen::SeenPoint;
 use crate::frame::{Point, Site};
 use crate::perspective::PinholeCamera;
@@ -20,8 +20,7 @@ pub(super) const FEWEST_POINTS: usize = 50;
 pub(super) fn correlation(prior: &DepthPrior, seen: &[SeenPoint]) -> Option<f64> {
     let known =
         seen.iter().map(|p| (f64::from(p.nearest(&prior.values)), p.depth)).filter(|(v, _)| v.is_finite());
-    let compared = |depth: f64| if prior.kind == DepthKind::Disparity { depth.recip() } else { depth };
-    let pairs: Vec<(f64, f64)> = known.map(|(value, depth)| (value, compared(depth))).collect();
+    let pairs: Vec<(f64, f64)> = known.map(|(value, depth)| (value, prior.kind.of_depth(depth))).collect();
     if pairs.len() < FEWEST_POINTS {
         return None;
     }

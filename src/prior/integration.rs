@@ -9,6 +9,7 @@
 //! `x` is near 1. Neighbours between which the prior jumps otherwise than the normal says are not compared. The sum of squares, each
 //! divided by its variance, is minimised by conjugate gradients, and `x` is interpolated to the pixels.
 
+use super::conjugate_gradients::{Limits, solve};
 use super::map::NormalPrior;
 use super::seen::SeenPoint;
 use crate::io::Grid2;
@@ -30,9 +31,8 @@ const SAME_DEPTH: f64 = 0.1;
 /// Points farther than this many standard deviations get less weight (Huber), in so many rounds.
 const HUBER: f64 = 2.0;
 const ROUNDS: usize = 3;
-/// Conjugate gradients end after so many steps, or when the residual has fallen to this share.
-const STEPS: usize = 600;
-const RESIDUAL: f64 = 1e-7;
+/// When conjugate gradients end.
+const LIMITS: Limits = Limits { steps: 600, residual: 1e-7 };
 
 /// Depths that agree with the normals, from the aligned depths; cells without a normal keep theirs unless a point is near.
 pub(super) fn integrate(
@@ -192,37 +192,18 @@ impl<'a> System<'a> {
         Self { links, diagonal, right: vec![BY_PRIOR.powi(-2); cells] }
     }
 
-    fn product(&self, x: &[f64]) -> Vec<f64> {
-        let mut out: Vec<f64> = x.iter().zip(&self.diagonal).map(|(x, d)| x * d).collect();
-        for Link { cells: [p, q], factors: [a, b] } in self.links {
-            let coupling = a * b * BY_NORMALS.powi(-2);
-            out[*p] -= coupling * x[*q];
-            out[*q] -= coupling * x[*p];
-        }
-        out
-    }
-
-    /// Improves `x` by conjugate gradients, preconditioned by the diagonal.
+    /// Improves `x`.
     fn solve(&self, x: &mut [f64]) {
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let scaled = |r: &[f64]| r.iter().zip(&self.diagonal).map(|(r, d)| r / d).collect::<Vec<f64>>();
-        let mut residual: Vec<f64> = self.right.iter().zip(self.product(x)).map(|(b, a)| b - a).collect();
-        let mut direction = scaled(&residual);
-        let mut size = dot(&residual, &direction);
-        let least = RESIDUAL * RESIDUAL * dot(&self.right, &scaled(&self.right));
-        for _ in 0..STEPS {
-            if size <= least {
-                break;
+        let product = |x: &[f64], out: &mut Vec<f64>| {
+            out.clear();
+            out.extend(x.iter().zip(&self.diagonal).map(|(x, d)| x * d));
+            for Link { cells: [p, q], factors: [a, b] } in self.links {
+                let coupling = a * b * BY_NORMALS.powi(-2);
+                out[*p] -= coupling * x[*q];
+                out[*q] -= coupling * x[*p];
             }
-            let product = self.product(&direction);
-            let step = size / dot(&direction, &product);
-            x.iter_mut().zip(&direction).for_each(|(x, d)| *x += step * d);
-            residual.iter_mut().zip(&product).for_each(|(r, p)| *r -= step * p);
-            let next = scaled(&residual);
-            let next_size = dot(&residual, &next);
-            direction.iter_mut().zip(&next).for_each(|(d, n)| *d = n + next_size / size * *d);
-            size = next_size;
-        }
+        };
+        solve(product, &self.diagonal, &self.right, x, &LIMITS);
     }
 }
 

@@ -24,6 +24,12 @@ pub enum DepthKind {
 }
 
 impl DepthKind {
+    /// What values of this kind are compared with: a depth, or its inverse.
+    #[must_use]
+    pub fn of_depth(self, depth: f64) -> f64 {
+        if self == Self::Disparity { depth.recip() } else { depth }
+    }
+
     /// Whether values are depths in the frame of the scene, which need no fit.
     #[must_use]
     pub fn is_absolute(self) -> bool {

@@ -7,6 +7,7 @@
 mod agreement;
 mod aligned_start;
 mod command;
+mod conjugate_gradients;
 mod dense;
 mod error;
 mod fit;

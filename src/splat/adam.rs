@@ -77,8 +77,8 @@ impl SplatAdam {
                         (&gradient.indices[places.clone()], &of_seen[places.start * width..]);
                     for run in indices.chunk_by(|a, b| a + 1 == *b) {
                         let (own, others) = of_seen.split_at(run.len() * width);
-                        let at =
-                            (run[0] as usize - start) * width..(run[0] as usize - start) * width + own.len();
+                        let first_value = (run[0] as usize - start) * width;
+                        let at = first_value..first_value + own.len();
                         let (values, first) = (&mut values[at.clone()], &mut first[at.clone()]);
                         if info.is_optional {
                             update_nonzero_rows(step, width, values, own, (first, &mut second[at]));

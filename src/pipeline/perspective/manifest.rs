@@ -101,7 +101,7 @@ impl PerspectiveManifest {
     /// # Errors
     /// [`PipelineError::Perspective`] when it is no longer there or has changed for the worse.
     pub fn read_scene(&self) -> Result<PerspectiveScene, PipelineError> {
-        Ok(PerspectiveScene::read(&self.scene, &self.options)?)
+        Ok(PerspectiveScene::read_again(&self.scene, &self.options, self.registration)?)
     }
 }
 

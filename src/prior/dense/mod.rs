@@ -8,7 +8,7 @@
 //! more than one for each cube of the spacing that its surface passes, of which each keeps one point.
 
 use super::fit::{Alignment, align};
-use super::map::{DepthKind, DepthPrior, PixelColor};
+use super::map::{DepthPrior, PixelColor};
 use super::seen::SeenPoint;
 use crate::frame::{CenterPx, Pixel, Point, Site};
 use crate::io::Grid2;
@@ -178,7 +178,7 @@ fn patch(view: &DenseView, cells: &[Vec<SeenPoint>], i: usize, spacing_m: f64, d
         Ok(fitted) => fitted,
         Err(patch) => return patch,
     };
-    let depth_of = |value: f64| compared(view.depth.kind, alignment.apply(value));
+    let depth_of = |value: f64| view.depth.kind.of_depth(alignment.apply(value));
     let median = median_depth(&view.depth.values, &first, &side, depth_of);
     let (Some(median), false) = (median, has_edge(&view.depth.values, &first, &side, depth_of)) else {
         return Patch::WithoutFit;
@@ -195,11 +195,6 @@ fn patch(view: &DenseView, cells: &[Vec<SeenPoint>], i: usize, spacing_m: f64, d
     if points.is_empty() { Patch::WithoutFit } else { Patch::Filled(points, alignment.residual) }
 }
 
-/// What values of a prior are compared with: depths, or inverse depths.
-fn compared(kind: DepthKind, depth: f64) -> f64 {
-    if kind == DepthKind::Disparity { depth.recip() } else { depth }
-}
-
 /// The alignment of a patch's prior with the points around it, and the nearest and the farthest depth that it may give.
 fn fitted(
     view: &DenseView,
@@ -210,7 +205,7 @@ fn fitted(
     let window = window(cells, i, first, side).ok_or(Patch::WithoutPoints)?;
     let pair = |p: &&SeenPoint| {
         let value = f64::from(p.nearest(&view.depth.values));
-        value.is_finite().then(|| (value, compared(view.depth.kind, p.depth)))
+        value.is_finite().then(|| (value, view.depth.kind.of_depth(p.depth)))
     };
     let pairs: Vec<(f64, f64)> = window.iter().filter_map(pair).collect();
     if pairs.len() < FEWEST_POINTS {

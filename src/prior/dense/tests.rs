@@ -1,6 +1,7 @@
 //! A room whose cloud of points has holes.
 
 use super::*;
+use crate::prior::DepthKind;
 use glam::{DMat3, DVec2};
 
 /// The room's extent, metres.

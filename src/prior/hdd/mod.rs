@@ -60,7 +60,6 @@ pub struct AlignedDepth {
 
 /// The depths of a view by its prior, from the points that it sees.
 pub(super) fn align_depth(prior: &DepthPrior, seen: &[SeenPoint]) -> Result<AlignedDepth, Unaligned> {
-    let compared = |depth: f64| if prior.kind == DepthKind::Disparity { depth.recip() } else { depth };
     let with_value = |p: &SeenPoint| {
         let value = f64::from(p.nearest(&prior.values));
         value.is_finite().then_some((*p, value))
@@ -69,7 +68,8 @@ pub(super) fn align_depth(prior: &DepthPrior, seen: &[SeenPoint]) -> Result<Alig
     if points.len() < FEWEST_POINTS {
         return Err(Unaligned::FewPoints(points.len()));
     }
-    let pairs: Vec<(f64, f64)> = points.iter().map(|(p, value)| (*value, compared(p.depth))).collect();
+    let pairs: Vec<(f64, f64)> =
+        points.iter().map(|(p, value)| (*value, prior.kind.of_depth(p.depth))).collect();
     let fit = global_fit(&pairs).ok_or(Unaligned::NoFit)?;
     let farthest = FARTHEST * points.iter().map(|(p, _)| p.depth).fold(0.0, f64::max);
     let global = |value: f64| match prior.kind {

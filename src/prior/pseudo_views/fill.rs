@@ -6,6 +6,7 @@
 //! at the rest, and no flux through all other borders.
 
 use crate::io::Grid2;
+use crate::prior::conjugate_gradients::{Limits, solve};
 use nalgebra::{Matrix3, Vector3};
 
 /// Range of the inverse depths around a hole, as a share of the greatest, beyond which the nearer half is left out.
@@ -14,9 +15,8 @@ const WIDE: f64 = 0.02;
 const PLANE: f64 = 0.01;
 /// A plane needs values that are not nearly in a line: the ratio of the standard deviations across and along.
 const LEAST_RATIO: f64 = 0.2;
-/// Iterations of conjugate gradients at most, and residual, as a share of the first, at which they end.
-const MOST_ITERATIONS: usize = 2000;
-const TOLERANCE: f64 = 1e-5;
+/// When conjugate gradients end.
+const LIMITS: Limits = Limits { steps: 2000, residual: 1e-5 };
 /// What fills a hole is at most this many times as far, and as near, as what is around.
 const BEYOND: f64 = 1.5;
 
@@ -143,22 +143,8 @@ fn harmonic(pixels: &[usize], known: &[(usize, f64)], size: (usize, usize)) -> V
             terms * x[k] - sum
         }));
     };
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let right: Vec<f64> = rows.iter().map(|r| r.2).collect();
     let mut x = vec![0.0; pixels.len()];
-    let mut residual: Vec<f64> = rows.iter().map(|r| r.2).collect();
-    let (mut direction, mut image) = (residual.clone(), Vec::new());
-    let (mut square, first) = (dot(&residual, &residual), dot(&residual, &residual));
-    for _ in 0..MOST_ITERATIONS {
-        if square <= TOLERANCE * TOLERANCE * first {
-            break;
-        }
-        apply(&direction, &mut image);
-        let step = square / dot(&direction, &image);
-        x.iter_mut().zip(&direction).for_each(|(x, d)| *x += step * d);
-        residual.iter_mut().zip(&image).for_each(|(r, i)| *r -= step * i);
-        let next = dot(&residual, &residual);
-        direction.iter_mut().zip(&residual).for_each(|(d, r)| *d = r + next / square * *d);
-        square = next;
-    }
+    solve(apply, &vec![1.0; pixels.len()], &right, &mut x, &LIMITS);
     x.into_iter().map(|x| x + mean).collect()
 }

@@ -51,11 +51,6 @@ impl<T: SimdReal> DepthPriorAgreement<T> {
     }
 }
 
-/// What the prior's values are correlated with.
-fn compared(depth: f64, kind: DepthKind) -> f64 {
-    if kind == DepthKind::Disparity { depth.recip() } else { depth }
-}
-
 /// 1, 0 or -1.
 fn sign(d: f64) -> f64 {
     f64::from(u8::from(d > 0.0)) - f64::from(u8::from(d < 0.0))
@@ -114,7 +109,7 @@ impl<T: SimdReal> LossTerm<T> for DepthPriorAgreement<T> {
             Correlation::of(view.height, |row| {
                 let places = row * width..(row + 1) * width;
                 let known = places.filter(|i| depth[*i] > 0.0);
-                known.map(|i| (compared(depth[i], kind), f64::from(values.data[i])))
+                known.map(|i| (kind.of_depth(depth[i]), f64::from(values.data[i])))
             })
         };
         let correlation = if kind == DepthKind::Measured { None } else { correlate() };
@@ -125,7 +120,7 @@ impl<T: SimdReal> LossTerm<T> for DepthPriorAgreement<T> {
                 return weights[0] * per_pixel * sign(off(i)) / f64::from(values.data[i]);
             }
             let inner = if kind == DepthKind::Disparity { -depth[i].powi(-2) } else { 1.0 };
-            let by_x = |c: &Correlation| c.by_x(compared(depth[i], kind), values.data[i].into());
+            let by_x = |c: &Correlation| c.by_x(kind.of_depth(depth[i]), values.data[i].into());
             correlation.as_ref().map_or(0.0, |c| -weights[0] * by_x(c) * inner)
         };
         let planes = view.channels;

@@ -82,7 +82,7 @@ impl<T: SimdReal> SeenSplats<T> {
             for i in k * PIECE..all.len().min((k + 1) * PIECE) {
                 let opacity = sigmoid(all.opacity_logit[i][0]);
                 piece.opacity_sum += opacity.as_f64();
-                if frustum.as_ref().is_none_or(|s| s.may_show(all.position[i], all.log_scale[i], opacity)) {
+                if frustum.as_ref().is_none_or(|f| f.may_show(all.position[i], all.log_scale[i], opacity)) {
                     piece.indices.push(i as u32);
                 }
             }
