@@ -4,6 +4,7 @@
 
 mod common;
 
+use common::perspective::depth_png;
 use common::{refused, satgs, succeeds, text};
 use satgs::frame::{Point, SiteGrid, Transform};
 use satgs::io::{CloudPoint, ImageFile, PointCloud, VerticalReference};
@@ -245,4 +246,56 @@ fn splats_of_photographs_are_predicted_from_their_points_and_training_goes_on_fr
     std::fs::write(&lidar, b"LASF").unwrap();
     let lidar = lidar.to_str().unwrap();
     refused(&["predict", &room, "-o", &path("other"), "--points", lidar], 2, &["no place on Earth"]);
+}
+
+/// RGB-D frames of a painted wall at z = 3 m, each taken from 0.1 m further to the right than the one before.
+fn frames(folder: &Path, count: usize) {
+    const SIZE: (usize, usize) = (120, 90);
+    let write = |name: String, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    write("camera-intrinsics.txt".into(), "100 0 59.5\n0 100 44.5\n0 0 1\n");
+    for frame in 0..count {
+        let x = 0.1 * frame as f64;
+        let pixel = |i: usize| {
+            let (u, v) = (x + 0.03 * (i % SIZE.0) as f64, 0.03 * (i / SIZE.0) as f64);
+            [(4.0 * u).sin(), (5.0 * v).cos(), (3.0 * (u + v)).sin()].map(|c| (128.0 + 100.0 * c) as u8)
+        };
+        let rgb: Vec<u8> = (0..SIZE.0 * SIZE.1).flat_map(pixel).collect();
+        satgs::io::write_png_rgb(&folder.join(format!("f{frame}.color.png")), SIZE.0, SIZE.1, &rgb).unwrap();
+        depth_png(&folder.join(format!("f{frame}.depth.png")), SIZE, |_, _| 3000);
+        write(format!("f{frame}.pose.txt"), &format!("1 0 0 {x}\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"));
+    }
+}
+
+#[test]
+fn a_model_is_trained_further_on_photographs_with_depth_maps_and_predicts_them_better() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    std::fs::create_dir(folder.path().join("wall")).unwrap();
+    frames(&folder.path().join("wall"), 10);
+    std::fs::write(folder.path().join("short.toml"), "rounds = 3\nsteps = 16\ntiles = 2\nviews = 3\n")
+        .unwrap();
+    let learn = |out: &str, more: &[&str]| {
+        let (out, wall, config) = (path(out), path("wall"), path("short.toml"));
+        let common = ["learn", &out, "--scenes", &wall, "--config", &config, "--test-views", "4", "--json"];
+        let output = succeeds(&[&common[..], more].concat());
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()
+    };
+    let summary = learn("a.safetensors", &[]);
+    let scores = find(&summary, "dense").unwrap().as_array().unwrap().clone();
+    assert!(scores[0].as_f64().unwrap() > 15.0, "{scores:?}");
+    learn("b.safetensors", &["--threads", "1"]);
+    let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert!(bytes("a.safetensors") == bytes("b.safetensors"), "the number of threads changes the model");
+    assert!(bytes("a.learn/points.csv").len() > 60);
+    let model = path("a.safetensors");
+    succeeds(&["predict", &path("wall"), "-o", &path("run"), "--model", &model, "--test-views", "4", "-q"]);
+    // Another start is another training; a scene needs depth maps.
+    let again =
+        ["learn", &model, "--scenes", &path("wall"), "--test-views", "4", "--from", &path("b.safetensors")];
+    refused(&again, 2, &["another configuration"]);
+    for frame in 0..10 {
+        std::fs::remove_file(folder.path().join(format!("wall/f{frame}.depth.png"))).unwrap();
+    }
+    refused(&["learn", &path("c.safetensors"), "--scenes", &path("wall")], 2, &["wall"]);
+    refused(&["learn", &path("c.safetensors"), "--test-views", "4"], 2, &["--scenes"]);
 }

@@ -1,12 +1,15 @@
 //! `satgs learn`: trains the network that predicts splats from points.
 
+use super::perspective_args::ImageArgs;
 use super::{CliError, Ui, ending};
-use crate::predict::learn::{LearnConfig, LearnLine, Validation, learn};
+use crate::predict::learn::{
+    LearnConfig, LearnLine, PhotographedScenes, Validation, learn, learn_from_photographs,
+};
 use crate::predict::{Model, write_onnx};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Train the network by which `satgs predict` makes splats from points, on simulated towns
+/// Train the network by which `satgs predict` makes splats from points, on simulated towns or on photographs with depth maps
 ///
 /// Towns are simulated one after the other; points are drawn from their exact surfaces with the errors, holes and outliers of
 /// stereo matching, and thinned to 1 to 100 %. The network learns to predict splats whose renders agree with images that it does
@@ -15,9 +18,13 @@ use std::path::{Path, PathBuf};
 /// points (points.csv, points.svg), a checkpoint, and the towns
 /// (about 7 MB each; may be removed afterwards). An interrupted training goes on with the same command, and gives the same model.
 ///
+/// With --scenes, a model (that of satgs, or --from) is trained further on points that are lifted from the depth maps of photographed
+/// scenes, and compared with their other views; those that are held back score it.
+///
 ///   satgs learn --print-config > learn.toml
 ///   satgs learn model.safetensors --config learn.toml
 ///   satgs predict run --model model.safetensors -o predicted
+///   satgs learn rooms.safetensors --scenes office kitchen --downsampling 2
 #[derive(clap::Args, Clone, Debug)]
 #[command(verbatim_doc_comment)]
 pub struct Args {
@@ -25,16 +32,25 @@ pub struct Args {
     #[arg(value_name = "OUT", value_parser = ending(&["safetensors", "onnx"]), required_unless_present = "print_config")]
     out: Option<PathBuf>,
     /// Do not train, but write this model (`built-in` for the one that comes with satgs) as OUT: an ONNX file for other programs, or
-    /// as the example of what `satgs predict --model FILE.onnx` takes
-    #[arg(long, value_name = "FILE.safetensors|built-in", conflicts_with = "config")]
+    /// as the example of what `satgs predict --model FILE.onnx` takes. With --scenes: the model that is trained further
+    /// [default: built-in]
+    #[arg(long, value_name = "FILE.safetensors|built-in")]
     from: Option<PathBuf>,
+    /// Train a model further on these perspective scenes, which have depth maps (RGB-D, LEVIR-NVS, ScanNet++)
+    #[arg(long, value_name = "SCENE", num_args = 1..)]
+    scenes: Vec<PathBuf>,
+    #[command(flatten)]
+    images: ImageArgs,
     /// Numbers of towns, rounds and steps, learning rate, sizes of the network; what is absent is as in --print-config
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
-    /// Print the configuration of the model that comes with satgs and exit
-    #[arg(long, exclusive = true)]
+    /// Print the configuration of the model that comes with satgs, or with --scenes that of training further, and exit
+    #[arg(long, conflicts_with_all = ["out", "from", "config"])]
     print_config: bool,
 }
+
+/// Name of the model that comes with satgs.
+const BUILT_IN: &str = "built-in";
 
 /// What the command prints.
 #[derive(Serialize)]
@@ -47,29 +63,55 @@ struct Summary {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let config = match &args.config {
-        Some(path) => LearnConfig::read(path)?,
-        None => LearnConfig::default(),
-    };
+    let is_further = !args.scenes.is_empty();
+    let mut config = if is_further { LearnConfig::of_photographs() } else { LearnConfig::default() };
+    if let Some(path) = &args.config {
+        config = config.with_file(path)?;
+    }
     let Some(out) = &args.out else {
         return ui.summary("learn", Some(&config.to_toml()), &config);
     };
-    if let Some(from) = &args.from {
-        return convert(from, out, ui);
+    if !is_further {
+        let given = [args.images.test_views.is_some(), args.images.downsampling.is_some()];
+        if given.contains(&true) {
+            let hint = "towns are simulated: --scenes trains on photographs";
+            return Err(CliError::input("--test-views and --downsampling are for --scenes", hint));
+        }
+        if let Some(from) = &args.from {
+            return convert(from, out, args.config.as_deref(), ui);
+        }
     }
     if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("onnx")) {
         let hint = "train OUT.safetensors, then write it with --from OUT.safetensors";
         return Err(CliError::input("an ONNX file can only be written with --from", hint));
     }
-    let log = learn(out, &out.with_extension("learn"), &config, ui)?;
+    let folder = out.with_extension("learn");
+    let log = if is_further {
+        let model = read(args.from.as_deref().unwrap_or(Path::new(BUILT_IN)))?;
+        let scenes = PhotographedScenes::read(&args.scenes, &args.images.options(), ui)?;
+        learn_from_photographs(out, &folder, model, &scenes, &config, ui)?
+    } else {
+        learn(out, &folder, &config, ui)?
+    };
     let validation = log.iter().rev().find_map(|line: &LearnLine| line.validation);
     let summary = Summary { model: out.clone(), rounds: log.len(), validation };
     ui.summary("learn", Some(&text(&summary)), &summary)
 }
 
+/// The model that is called by this name, or in a file.
+fn read(from: &Path) -> Result<Model, CliError> {
+    Ok(if from == Path::new(BUILT_IN) { Model::built_in()? } else { Model::read(from)? })
+}
+
 /// Writes a model in another format.
-fn convert(from: &Path, out: &Path, ui: &Ui) -> Result<(), CliError> {
-    let model = if from == Path::new("built-in") { Model::built_in()? } else { Model::read(from)? };
+fn convert(from: &Path, out: &Path, config: Option<&Path>, ui: &Ui) -> Result<(), CliError> {
+    if config.is_some() {
+        return Err(CliError::input(
+            "--from only writes a model, which needs no --config",
+            "--scenes trains it further",
+        ));
+    }
+    let model = read(from)?;
     if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("onnx")) {
         write_onnx(&model, out)?;
     } else {
@@ -82,7 +124,7 @@ fn convert(from: &Path, out: &Path, ui: &Ui) -> Result<(), CliError> {
 fn text(s: &Summary) -> String {
     let scores = s.validation.map_or_else(String::new, |Validation { dense, sparse }| {
         format!(
-            "\nunseen towns: {:.2} dB (isotropic splats {:.2}, flat ones {:.2})\n5 % of the points: {:.2} dB ({:.2}, {:.2})",
+            "\nnot learned from: {:.2} dB (isotropic splats {:.2}, flat ones {:.2})\n5 % of the points: {:.2} dB ({:.2}, {:.2})",
             dense[0], dense[1], dense[2], sparse[0], sparse[1], sparse[2],
         )
     });

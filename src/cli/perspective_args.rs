@@ -11,6 +11,14 @@ pub struct PerspectiveArgs {
     /// JSON with epsg, scale, rotation, translation, or a line `EPSG:CODE` and lines `image easting northing height`
     #[arg(long, value_name = "exif|FILE", value_parser = parse_georeference)]
     pub georef: Option<GeoreferenceSource>,
+    /// The images.
+    #[command(flatten)]
+    pub images: ImageArgs,
+}
+
+/// Which images of a perspective scene are read, and how large.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct ImageArgs {
     /// Perspective scenes: views to hold back for tests, every N-th image or those listed in a file; `none` holds back none
     /// [default: every 8th, or the scene's own list]
     #[arg(long, value_name = "N|FILE|none", value_parser = parse_test_views)]
@@ -23,22 +31,28 @@ pub struct PerspectiveArgs {
 impl PerspectiveArgs {
     /// The options of the library.
     pub fn options(&self) -> PerspectiveOptions {
-        let downsampling = self.downsampling.as_deref().and_then(|n| n.parse().ok()).unwrap_or(1);
-        PerspectiveOptions {
-            test_views: self.test_views.clone().unwrap_or(TestViews::Every(TEST_EVERY)),
-            georeference: self.georef.clone(),
-            downsampling,
-        }
+        PerspectiveOptions { georeference: self.georef.clone(), ..self.images.options() }
     }
 
     /// Refuses these options for a scene that is no perspective scene.
     pub fn require_default(&self, scene: &Path) -> Result<(), CliError> {
         let given = [
             ("--georef", self.georef.is_some()),
-            ("--test-views", self.test_views.is_some()),
-            ("--downsampling", self.downsampling.is_some()),
+            ("--test-views", self.images.test_views.is_some()),
+            ("--downsampling", self.images.downsampling.is_some()),
         ];
         refuse(&given, "perspective scenes", scene)
+    }
+}
+
+impl ImageArgs {
+    /// The options of the library.
+    pub fn options(&self) -> PerspectiveOptions {
+        PerspectiveOptions {
+            test_views: self.test_views.clone().unwrap_or(TestViews::Every(TEST_EVERY)),
+            georeference: None,
+            downsampling: self.downsampling.as_deref().and_then(|n| n.parse().ok()).unwrap_or(1),
+        }
     }
 }
 

@@ -36,10 +36,7 @@ impl DepthCamera {
     #[must_use]
     pub fn point(&self, col: f64, row: f64, depth: f64) -> DVec3 {
         match self {
-            Self::Pinhole(c) => {
-                let image = (glam::DVec2::new(col, row) - c.principal) / c.focal;
-                c.center + c.cam_from_site.transpose() * (image.extend(1.0) * depth)
-            }
+            Self::Pinhole(c) => DVec3::from_array(c.at_depth(Pixel::new(col, row), depth)),
             Self::Parallel { camera, .. } => {
                 let [x, y] = camera.localize(Pixel::<CenterPx>::new(col, row), depth);
                 DVec3::new(x, y, depth)

@@ -4,8 +4,8 @@ use super::error::PerspectiveError;
 use super::scene::PerspectiveScene;
 use super::scene_parts::ScenePoint;
 use super::view::PerspectiveView;
-use crate::frame::Point;
-use glam::{DVec2, DVec3};
+use crate::frame::{Pixel, Point};
+use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -67,7 +67,6 @@ pub fn points_from_depths(
 /// The points of one view.
 fn voxels(view: &PerspectiveView, edge: f64) -> Result<Voxels, PerspectiveError> {
     let (image, depth, camera) = (view.read_image()?, view.read_depth()?, &view.camera);
-    let site_from_cam = camera.cam_from_site.transpose();
     let mut out = Voxels::new();
     for row in 0..depth.height {
         for col in 0..depth.width {
@@ -76,8 +75,7 @@ fn voxels(view: &PerspectiveView, edge: f64) -> Result<Voxels, PerspectiveError>
             if z.is_nan() || color.iter().any(|c| c.is_nan()) {
                 continue;
             }
-            let ray = (DVec2::new(col as f64, row as f64) - camera.principal) / camera.focal;
-            let p = camera.center + site_from_cam * (z * ray.extend(1.0));
+            let p = DVec3::from_array(camera.at_depth(Pixel::new(col as f64, row as f64), z));
             let sums = out.entry((p / edge).to_array().map(|v| v.floor() as i64)).or_default();
             sums.position += p;
             sums.color += DVec3::from_array(color);

@@ -36,6 +36,19 @@ impl PinholeCamera {
         (self.cam_from_site.transpose() * image.extend(1.0)).normalize().to_array()
     }
 
+    /// The position that a pixel shows at a depth along the optical axis, site metres.
+    #[must_use]
+    pub fn at_depth(&self, px: Pixel<CenterPx>, depth: f64) -> [f64; 3] {
+        let image = (DVec2::new(px.col, px.row) - self.principal) / self.focal;
+        (self.center + self.cam_from_site.transpose() * (depth * image.extend(1.0))).to_array()
+    }
+
+    /// The camera of the part of the image that begins at a column and row and has this size.
+    #[must_use]
+    pub fn cropped(&self, (left, top): (usize, usize), size: (usize, usize)) -> Self {
+        Self { principal: self.principal - DVec2::new(left as f64, top as f64), size, ..*self }
+    }
+
     /// The kernel of the camera for the rasteriser.
     #[must_use]
     pub fn kernel<T: Real>(&self) -> PinholeKernel<T> {
@@ -62,6 +75,10 @@ mod tests {
         assert!((px.col - (700.0 * 1.5 / 12.0 + 319.5)).abs() < 1e-9);
         let along = DVec3::from_array(camera.ray(px));
         assert!(along.cross(point - camera.center).length() < 1e-9);
+        let depth = camera.cam_from_site.row(2).dot(point - camera.center);
+        assert!(DVec3::from_array(camera.at_depth(px, depth)).distance(point) < 1e-9);
+        let part = camera.cropped((100, 200), (50, 40)).project(Point::new(x, y, z)).unwrap();
+        assert!((part.col - (px.col - 100.0)).abs() < 1e-9 && (part.row - (px.row - 200.0)).abs() < 1e-9);
         let behind = camera.center - (point - camera.center);
         let [x, y, z] = behind.to_array();
         assert_eq!(camera.project(Point::new(x, y, z)), None);

@@ -196,7 +196,7 @@ fn plane(points: impl ExactSizeIterator<Item = [f64; 3]> + Clone) -> LocalPlane 
 }
 
 /// The mean of the points of each voxel, in the order of the voxels.
-fn voxel_means(points: &[[f64; 3]], side: f64) -> Vec<[f64; 3]> {
+pub fn voxel_means(points: &[[f64; 3]], side: f64) -> Vec<[f64; 3]> {
     let voxel = |p: &[f64; 3]| p.map(|v| (v / side).floor() as i64);
     let mut keyed: Vec<([i64; 3], [f64; 3])> = points.par_iter().map(|p| (voxel(p), *p)).collect();
     // By position within a voxel too, so that the order of the points does not change the sums.

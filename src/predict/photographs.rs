@@ -5,17 +5,75 @@
 
 use super::image_features::{FEATURE_MAPS, FeatureMaps};
 use super::observer::{ImageObserver, ImageSample, between};
-use crate::frame::Point;
+use super::{CleanUp, Cloud, FEWEST_POINTS, PredictError, SplatSampling};
+use crate::frame::{Point, SiteBox};
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
+use crate::splat::init::neighbour_scales;
 use crate::splat::pinhole::{PinholePicture, PinholeView};
 use crate::splat::splats::Splats;
+use crate::stats::quantile;
 use rayon::prelude::*;
 
 /// A position further behind the surface than this, metres of the model, begins to be hidden.
 const BIAS_M: f64 = 1.0;
 /// Rate at which visibility falls with the distance behind that, per metre of the model.
 const RATE_PER_M: f64 = 1.0;
+
+/// Splats of photographs are so many times closer than the points.
+const SPLATS_OF_SPACING: f64 = 3.0;
+/// The box of points of photographs leaves out this share at each side.
+const OUTSIDE: f64 = 0.005;
+
+/// A cloud of the points of photographs, enlarged to the lengths that a model knows.
+pub struct EnlargedCloud {
+    /// The cloud.
+    pub cloud: Cloud,
+    /// What the clean-up left of the points.
+    pub clean_up: CleanUp,
+    /// Its lengths are those of the scene times this.
+    pub scale: f64,
+    /// Its level box, without the outermost points.
+    pub area: SiteBox,
+}
+
+impl EnlargedCloud {
+    /// The cloud of these points (site frame) for a model of this sampling.
+    ///
+    /// # Errors
+    /// [`PredictError::FewPoints`] if fewer than [`FEWEST_POINTS`] are left.
+    pub fn new(points: &[[f64; 3]], sampling: &SplatSampling) -> Result<Self, PredictError> {
+        let finite = points.iter().filter(|p| p.iter().all(|v| v.is_finite()));
+        let points: Vec<[f64; 3]> = finite.copied().collect();
+        let scale = sampling.spacing_m * SPLATS_OF_SPACING / typical_spacing(&points)?;
+        let larger: Vec<[f64; 3]> = points.iter().map(|p| p.map(|v| scale * v)).collect();
+        let (cloud, clean_up) = Cloud::new(&larger, sampling.spacing_m)?;
+        let area = area_of(cloud.positions());
+        Ok(Self { cloud, clean_up, scale, area })
+    }
+}
+
+/// Typical distance of points of photographs.
+fn typical_spacing(points: &[[f64; 3]]) -> Result<f64, PredictError> {
+    let found = points.len();
+    let few = || PredictError::FewPoints { found, needed: FEWEST_POINTS };
+    let distances: Vec<f64> =
+        neighbour_scales(points).into_iter().filter(|d| d.is_finite() && *d > 0.0).collect();
+    quantile(distances, 0.5).filter(|_| found >= FEWEST_POINTS).ok_or_else(few)
+}
+
+/// The level box of points without the outermost: a few float far away.
+fn area_of(points: &[[f64; 3]]) -> SiteBox {
+    let at =
+        |axis: usize, share: f64| quantile(points.iter().map(|p| p[axis]).collect(), share).unwrap_or(0.0);
+    let range = |axis: usize| {
+        let (low, high) = (at(axis, OUTSIDE), at(axis, 1.0 - OUTSIDE));
+        let margin = 0.02 * (high - low);
+        (low - margin, high + margin)
+    };
+    let ((west, east), (south, north)) = (range(0), range(1));
+    (west, south, east, north)
+}
 
 /// Photographs, with a surface that tells what hides what.
 pub struct Photographs<'a> {

@@ -1,20 +1,24 @@
 //! Densification: the positions that splats are predicted at (Point2GS §3.2).
 //!
-//! Occupied voxels of the cloud are sampled on a pattern whose projections along all three axes are regular grids, and the samples
-//! are moved onto the surface: the mean of the planes around the nearest points (moving least squares). Clouds of satellites have
+//! Occupied voxels of the cloud are sampled where the lines of a regular grid along the axis that the surface faces most meet it.
+//! The surface is the mean of the planes around the nearest points (moving least squares). Clouds of satellites have
 //! no points on walls; where neighbouring columns differ in height, voxels are added from the upper to the lower one.
 
 use super::{Cloud, SplatSampling, is_within};
 use crate::frame::SiteBox;
 use glam::DVec3;
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::num::NonZero;
 
 /// Side of a voxel, in spacings of the points: nearly every voxel of a surface then has a point.
 const VOXEL_SPACINGS: f64 = 2.0;
 /// A sample whose place on the surface is further outside of its voxel, in sides, belongs to another.
 const OUTSIDE: f64 = 0.5;
+/// Passes that find where a line meets the surface.
+const PASSES: usize = 3;
+/// A line meets no surface whose unit normal has a smaller component along it.
+const GRAZING: f64 = 0.3;
 /// Number of points whose planes are averaged.
 const PLANES: NonZero<usize> = NonZero::new(4).unwrap();
 /// Neighbouring columns that differ by more have a wall between them, metres.
@@ -31,7 +35,7 @@ pub struct Query {
     pub normal: [f64; 3],
     /// Root mean square distance of the points around from their plane, metres.
     pub rms_m: f64,
-    /// Distance by which the sample moved onto the surface, metres.
+    /// Distance from where the line was begun to be followed, the middle of the points of the voxel, metres.
     pub moved_m: f64,
     /// Index of the nearest point of the cloud, and its distance, metres.
     pub nearest: (usize, f64),
@@ -57,27 +61,24 @@ pub fn queries(cloud: &Cloud, sampling: &SplatSampling, area: SiteBox, has_walls
     let voxel = |p: [f64; 3]| p.map(|v| (v / side).floor() as i64);
     // Samples move by less than a voxel.
     let is_near = |p: &[f64; 3]| is_within(area, 2.0 * side, *p);
-    let near: Vec<[f64; 3]> = cloud.positions().iter().copied().filter(is_near).collect();
-    let occupied: BTreeSet<Voxel> = near.iter().map(|p| voxel(*p)).collect();
+    let near = cloud.positions().iter().zip(cloud.planes()).filter(|(p, _)| is_near(p));
+    let mut occupied: BTreeMap<Voxel, VoxelPoints> = BTreeMap::new();
+    near.clone().for_each(|(p, plane)| occupied.entry(voxel(*p)).or_default().add(*p, plane.normal));
     let is_inside = |q: &Query| is_within(area, 0.0, q.position);
     let samples = (side / sampling.spacing_m).round() as i64;
-    let ordered: Vec<Voxel> = occupied.iter().copied().collect();
-    let of_voxel = |at: &Voxel| {
-        let own = pattern(*at, side, samples).into_iter().filter_map(|p| {
-            let query = on_surface(cloud, p);
+    let of_voxel = |(at, points): (&Voxel, &VoxelPoints)| {
+        let own = points.lines(*at, side, samples).filter_map(|(axis, start)| {
+            let query = on_line(cloud, axis, start)?;
             let to = voxel(query.position);
-            // Surfaces of clouds from above are mostly level or upright, as the pattern expects. Those of others are covered
-            // without gaps if samples may also lie in an occupied voxel beside theirs.
-            let may_leave = !has_walls || !occupied.contains(&to);
-            let is_own = to == *at || may_leave && is_beside(query.position, *at, side);
+            let is_own = to == *at || !occupied.contains_key(&to) && is_beside(query.position, *at, side);
             (is_own && is_inside(&query)).then_some(query)
         });
         own.collect::<Vec<_>>()
     };
-    let mut out: Vec<Query> = ordered.par_iter().flat_map_iter(of_voxel).collect();
+    let mut out: Vec<Query> = occupied.par_iter().flat_map_iter(of_voxel).collect();
     if has_walls && side <= WIDEST_COLUMN_M {
-        let walls = wall_voxels(&near, side);
-        let walls = walls.into_iter().filter(|(at, _)| !occupied.contains(at));
+        let walls = wall_voxels(&near.map(|(p, _)| *p).collect::<Vec<_>>(), side);
+        let walls = walls.into_iter().filter(|(at, _)| !occupied.contains_key(at));
         let of_wall = |(at, normal): (Voxel, DVec3)| {
             pattern(at, side, samples).into_iter().map(move |p| on_wall(cloud, p, normal)).filter(is_inside)
         };
@@ -93,6 +94,38 @@ pub fn queries_at(cloud: &Cloud, positions: &[[f64; 3]]) -> Vec<Query> {
     positions.iter().map(|p| Query { position: *p, moved_m: 0.0, ..on_surface(cloud, *p) }).collect()
 }
 
+/// What the points of a voxel tell of its surface.
+#[derive(Default)]
+struct VoxelPoints {
+    count: f64,
+    sum: DVec3,
+    /// Sum of the absolute components of the normals.
+    facing: DVec3,
+}
+
+impl VoxelPoints {
+    fn add(&mut self, p: [f64; 3], normal: DVec3) {
+        self.count += 1.0;
+        self.sum += DVec3::from_array(p);
+        self.facing += normal.abs();
+    }
+
+    /// `samples` times `samples` lines of a regular grid through the voxel along the axis that the surface faces most: the axis and
+    /// the point of the line in the middle of the points.
+    fn lines(&self, at: Voxel, side: f64, samples: i64) -> impl Iterator<Item = (usize, [f64; 3])> {
+        let axis = (0..3).rev().max_by(|a, b| self.facing[*a].total_cmp(&self.facing[*b])).unwrap_or(2);
+        let start = self.sum / self.count;
+        let place = move |k: usize, i: i64| side * (at[k] as f64 + (i as f64 + 0.5) / samples as f64);
+        let line = move |i: i64, j: i64| {
+            let mut p = start.to_array();
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            (p[u], p[v]) = (place(u, i), place(v, j));
+            (axis, p)
+        };
+        (0..samples).flat_map(move |i| (0..samples).map(move |j| line(i, j)))
+    }
+}
+
 /// `samples` times `samples` positions in a voxel, of which each pair of coordinates takes every value of a regular grid once.
 fn pattern(at: Voxel, side: f64, samples: i64) -> Vec<[f64; 3]> {
     let place = |axis: usize, i: i64| side * (at[axis] as f64 + (i as f64 + 0.5) / samples as f64);
@@ -106,6 +139,21 @@ fn is_beside(p: [f64; 3], at: Voxel, side: f64) -> bool {
         let from = p[k] / side - at[k] as f64;
         (-OUTSIDE..1.0 + OUTSIDE).contains(&from)
     })
+}
+
+/// Where a line along an axis meets the surface, searched from a point of it; none if the surface is along the line.
+fn on_line(cloud: &Cloud, axis: usize, start: [f64; 3]) -> Option<Query> {
+    let mut p = start;
+    for _ in 0..PASSES {
+        let query = on_surface(cloud, p);
+        let normal = DVec3::from_array(query.normal);
+        let along = normal[axis];
+        if along.abs() < GRAZING {
+            return None;
+        }
+        p[axis] += normal.dot(DVec3::from_array(query.position) - DVec3::from_array(p)) / along;
+    }
+    Some(Query { position: p, moved_m: (p[axis] - start[axis]).abs(), ..on_surface(cloud, p) })
 }
 
 /// A sample moved onto the surface.
@@ -170,6 +218,7 @@ fn wall_voxels(points: &[[f64; 3]], side: f64) -> BTreeMap<Voxel, DVec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeSet;
 
     /// A block of 10 m x 10 m and 8 m high on a slope, a point every half metre.
     fn block() -> Cloud {

@@ -35,7 +35,7 @@ impl<T: Real> SeenGradient<T> {
     }
 
     /// The derivatives of all splats, zero but for the opacities of those that are not seen.
-    #[cfg(test)]
+    #[must_use]
     pub fn of_all(&self, splats: &Splats<T>) -> Splats<T> {
         let mut out = Splats::default();
         out.resize_like(splats);

@@ -6,20 +6,14 @@ use crate::pipeline::PipelineError;
 use crate::predict::input::SeenCloud;
 use crate::predict::light::{Light, calibrate};
 use crate::predict::observer::SatelliteImages;
-use crate::predict::photographs::{Photographs, reduced};
-use crate::predict::{CleanUp, Cloud, FEWEST_POINTS, PredictError, Predictor, predict, reference};
+use crate::predict::photographs::{EnlargedCloud, Photographs, reduced};
+use crate::predict::{CleanUp, Cloud, Predictor, predict, reference};
 use crate::progress::{Event, Progress};
 use crate::splat::appearance::Appearance;
-use crate::splat::init::neighbour_scales;
 use crate::splat::pinhole::PinholeView;
 use crate::splat::splats::Splats;
-use crate::stats::quantile;
 use serde::{Deserialize, Serialize};
 
-/// Splats of photographs are so many times closer than the points.
-const SPLATS_OF_SPACING: f64 = 3.0;
-/// The box of points of photographs leaves out this share at each side.
-const OUTSIDE: f64 = 0.005;
 /// Share of dropped points from which they look like those of something else.
 const MANY_DROPPED: f64 = 0.15;
 
@@ -76,13 +70,8 @@ pub fn of_photographed_points(
     untrained: Option<Untrained>,
     progress: &dyn Progress,
 ) -> Result<SplatsOfPoints, PipelineError> {
-    let finite = points.iter().filter(|p| p.iter().all(|v| v.is_finite()));
-    let points: &[[f64; 3]] = &finite.copied().collect::<Vec<_>>();
     let sampling = *model.sampling();
-    let scale = sampling.spacing_m * SPLATS_OF_SPACING / typical_spacing(points)?;
-    let larger: Vec<[f64; 3]> = points.iter().map(|p| p.map(|v| scale * v)).collect();
-    let (cloud, clean_up) = Cloud::new(&larger, sampling.spacing_m)?;
-    let area = area_of(cloud.positions());
+    let EnlargedCloud { cloud, clean_up, scale, area } = EnlargedCloud::new(points, &sampling)?;
     let surface = reference::surface(&cloud, &sampling, area, false);
     let images = Photographs::new(views, &surface, scale);
     // All photographs have the same light.
@@ -107,28 +96,6 @@ fn splats(
         Some(Untrained::Flat) => reference::flattened(seen),
         None => predict(model, seen, area, has_walls, progress)?,
     })
-}
-
-/// Typical distance of points of photographs.
-fn typical_spacing(points: &[[f64; 3]]) -> Result<f64, PipelineError> {
-    let found = points.len();
-    let few = || PredictError::FewPoints { found, needed: FEWEST_POINTS };
-    let distances: Vec<f64> =
-        neighbour_scales(points).into_iter().filter(|d| d.is_finite() && *d > 0.0).collect();
-    Ok(quantile(distances, 0.5).filter(|_| found >= FEWEST_POINTS).ok_or_else(few)?)
-}
-
-/// The level box of points without the outermost: a few float far away.
-fn area_of(points: &[[f64; 3]]) -> SiteBox {
-    let at =
-        |axis: usize, share: f64| quantile(points.iter().map(|p| p[axis]).collect(), share).unwrap_or(0.0);
-    let range = |axis: usize| {
-        let (low, high) = (at(axis, OUTSIDE), at(axis, 1.0 - OUTSIDE));
-        let margin = 0.02 * (high - low);
-        (low - margin, high + margin)
-    };
-    let ((west, east), (south, north)) = (range(0), range(1));
-    (west, south, east, north)
 }
 
 fn warn_of_dropped(clean_up: &CleanUp, progress: &dyn Progress) {

@@ -3,6 +3,7 @@
 use crate::affine::SiteSceneError;
 use crate::checkpoint::CheckpointError;
 use crate::io::{RasterError, WriteError};
+use crate::perspective::PerspectiveError;
 use crate::predict::PredictError;
 use crate::progress::Interrupted;
 use crate::rpc::formats::FormatError;
@@ -41,13 +42,26 @@ pub enum LearnError {
         /// The round.
         round: usize,
     },
-    /// No tile of a round shows enough sunlit ground.
-    #[error("the towns of round {round} show too little sunlit ground")]
-    #[diagnostic(help("larger images (`size_px`) or more tiles help"))]
+    /// No target shows enough of a tile of a round.
+    #[error("the images of round {round} show too little of its tiles")]
+    #[diagnostic(help("larger images or more `tiles` help"))]
     NoSamples {
         /// The round.
         round: usize,
     },
+    /// A scene has too few depth maps to learn from.
+    #[error("`{path}` has {found} training views with depth maps, at least 2 are needed")]
+    #[diagnostic(help("RGB-D folders, LEVIR-NVS and ScanNet++ have depth maps"))]
+    FewDepths {
+        /// The scene.
+        path: PathBuf,
+        /// Number of views.
+        found: usize,
+    },
+    /// A photographed scene cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Photographs(#[from] PerspectiveError),
     /// See [`WeightError`].
     #[error(transparent)]
     Weight(#[from] WeightError),

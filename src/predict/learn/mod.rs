@@ -1,22 +1,26 @@
-//! Training of the network on simulated towns.
+//! Training of the network, on simulated towns and then on photographed scenes with depth maps.
 //!
 //! A round takes a town, draws a cloud of its surface with the errors of stereo matching, and prepares samples from it: tiles with
 //! the numbers that the network takes, and the images to compare renders with. The samples of the last rounds are kept, and a
 //! number of steps is made with samples drawn from these. The learning rate follows one cycle (Smith & Topin 2019): the
 //! rate rises for three tenths of the steps and falls to nearly zero. The loss is that of 3DGS for pixels in sunlight, and a pull
-//! to the exact surface where it is smooth.
+//! to the exact surface where it is smooth. The second phase does the same with points lifted from depth maps, and goes on from a
+//! trained model.
 //!
 //! Everything follows from the configuration: an interrupted training goes on from its last round and gives the same model.
 
 mod config;
+mod data;
 mod error;
+mod photographed_data;
 mod points;
-mod sample;
 mod surface;
 mod town;
+mod town_data;
 
 pub use config::LearnConfig;
 pub use error::LearnError;
+pub use photographed_data::PhotographedScenes;
 
 use super::Model;
 use super::model::ModelContent;
@@ -24,35 +28,23 @@ use super::network::NetworkEvaluation;
 use crate::checkpoint;
 use crate::io::{Chart, WriteError, write_atomically, write_file};
 use crate::nn::adam::{Adam, AdamRule};
-use crate::progress::{Event, NoProgress, Progress};
+use crate::progress::{Event, Progress};
 use crate::random::CounterRng;
-use crate::simulate::{Relief, SimulateOptions};
-use crate::splat::backend::stopwatch::Stopwatch;
-use crate::splat::loss::LossWeights;
-use crate::splat::objective::Gradient;
-use sample::{Sample, objective, predicted, samples, squared_error};
+use data::{Sample, TrainingData};
+use photographed_data::PhotographedData;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::path::Path;
-use std::sync::Arc;
-use town::Town;
+use town_data::Towns;
 
 /// Purpose of the random numbers.
 const DRAW_STEP: u64 = 54;
 /// Kind of the checkpoint's file.
-const CHECKPOINT: &str = "satgs learn 2";
-/// Weight of the pull to the exact surface.
-const SURFACE_WEIGHT: f64 = 0.2;
-/// Number of tiles of a validation town.
-const VALIDATION_TILES: usize = 3;
-/// Seeds of towns for validation begin here: none of them is learned from.
-const VALIDATION_SEED: u64 = 1 << 60;
+const CHECKPOINT: &str = "satgs learn 3";
 /// Parts of the points of the clouds by which a trained model is scored.
 const SHARES: [f64; 5] = [1.0, 0.3, 0.1, 0.03, 0.01];
-/// Parts of the points of the two clouds of a validation town.
+/// Parts of the points of the two clouds of a validation.
 const VALIDATION_SHARES: [f64; 2] = [1.0, 0.05];
-/// Number of the clouds for validation.
-const VALIDATION_CLOUD: u64 = 1 << 40;
 
 /// A line of the log: a round.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,11 +55,11 @@ pub struct LearnLine {
     pub rate: f64,
     /// Mean loss of its steps.
     pub loss: f64,
-    /// Scores of the unseen towns, if they were taken.
+    /// Scores of what is not learned from, if they were taken.
     pub validation: Option<Validation>,
 }
 
-/// Peak signal-to-noise ratios of unseen towns in dB: of the prediction, of isotropic and of flat splats of the same points.
+/// Peak signal-to-noise ratios of what is not learned from, in dB: of the prediction, of isotropic and of flat splats of the same points.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Validation {
     /// All points.
@@ -79,15 +71,15 @@ pub struct Validation {
 /// What an interrupted training goes on from.
 #[derive(Serialize, Deserialize)]
 struct State {
-    config: LearnConfig,
+    content: ModelContent,
     rounds: usize,
     parameters: Vec<f32>,
     adam: Adam,
     log: Vec<LearnLine>,
 }
 
-/// Trains a model and writes it to `out`. `folder` keeps the towns, a checkpoint, the log `learn.csv`, scores of unseen towns by the
-/// part of the points (`points.csv`), and their curves; a training that is there goes on.
+/// Trains a model on simulated towns and writes it to `out`. `folder` keeps the towns, a checkpoint, the log `learn.csv`, scores of
+/// unseen towns by the part of the points (`points.csv`), and their curves; a training that is there goes on.
 ///
 /// # Errors
 /// [`LearnError`]; after [`LearnError::Interrupted`] the same call goes on.
@@ -98,9 +90,45 @@ pub fn learn(
     progress: &dyn Progress,
 ) -> Result<Vec<LearnLine>, LearnError> {
     config.check()?;
+    let content =
+        ModelContent { network: config.network.clone(), sampling: config.sampling, origin: config.origin() };
+    let model = Model { parameters: config.network.start(config.seed), content };
+    train(out, folder, model, &Towns { config, folder }, config, progress)
+}
+
+/// Trains a model further on photographed scenes with depth maps, as [`learn`] does on towns. The network and the spacings are those
+/// of the model.
+///
+/// # Errors
+/// As [`learn`].
+pub fn learn_from_photographs(
+    out: &Path,
+    folder: &Path,
+    model: Model,
+    scenes: &PhotographedScenes,
+    config: &LearnConfig,
+    progress: &dyn Progress,
+) -> Result<Vec<LearnLine>, LearnError> {
+    let ModelContent { network, sampling, origin } = model.content;
+    let config = &LearnConfig { network: network.clone(), sampling, ..config.clone() };
+    config.check()?;
+    let origin = format!("{}, photographs of {}, after: {origin}", config.origin(), scenes.describe());
+    let model = Model { content: ModelContent { network, sampling, origin }, ..model };
+    train(out, folder, model, &PhotographedData { config, scenes }, config, progress)
+}
+
+fn train(
+    out: &Path,
+    folder: &Path,
+    model: Model,
+    data: &dyn TrainingData,
+    config: &LearnConfig,
+    progress: &dyn Progress,
+) -> Result<Vec<LearnLine>, LearnError> {
     let path = folder.join("checkpoint.bin");
-    let mut state = if path.exists() { read_state(&path, config)? } else { State::new(config) };
-    let validation = validation_samples(config, folder, VALIDATION_SHARES, progress)?;
+    let mut state = if path.exists() { read_state(&path, &model)? } else { State::new(model) };
+    let validation = data.validation(&VALIDATION_SHARES, progress)?;
+    let is_scored = validation.iter().all(|samples| !samples.is_empty());
     progress.event(Event::Started { stage: "training the network", total: config.rounds as u64 });
     progress.event(Event::Resumable(true));
     let mut kept: VecDeque<Vec<Sample>> = VecDeque::new();
@@ -109,7 +137,7 @@ pub fn learn(
     let first = if is_complete { config.rounds } else { state.rounds.saturating_sub(config.kept_rounds - 1) };
     for round in first..config.rounds {
         progress.check()?;
-        kept.push_back(round_samples(config, folder, round)?);
+        kept.push_back(data.samples(round)?);
         if kept.len() > config.kept_rounds {
             kept.pop_front();
         }
@@ -121,18 +149,18 @@ pub fn learn(
         if samples.is_empty() {
             return Err(LearnError::NoSamples { round: round + 1 });
         }
-        let (rate, loss) = state.round(round, &samples)?;
+        let (rate, loss) = state.round(round, &samples, config)?;
         let is_last = round + 1 == config.rounds;
         let is_validated = is_last || (round + 1).is_multiple_of(config.validate_every);
         let model = state.model();
-        let scores = (is_validated && validation.iter().all(|samples| !samples.is_empty()))
-            .then(|| validate(&model, &validation));
+        let scores = (is_validated && is_scored).then(|| validate(&model, &validation));
         state.log.push(LearnLine { round: round + 1, rate, loss, validation: scores });
         state.rounds = round + 1;
         checkpoint::write(&path, CHECKPOINT, &state)?;
         let status = match scores {
             Some(Validation { dense, sparse }) => {
-                format!("loss {loss:.4}; unseen towns {:.2} dB, few points {:.2} dB", dense[0], sparse[0])
+                let held_back = data.held_back();
+                format!("loss {loss:.4}; {held_back} {:.2} dB, few points {:.2} dB", dense[0], sparse[0])
             }
             None => format!("loss {loss:.4}"),
         };
@@ -141,68 +169,28 @@ pub fn learn(
     progress.event(Event::Resumable(false));
     progress.event(Event::Finished);
     write_log(&folder.join("learn.csv"), &state.log)?;
-    curves(&state.log).write(&folder.join("curves.svg"))?;
-    let by_share = scores_by_share(&state.model(), config, folder, progress)?;
+    curves(&state.log, data.held_back()).write(&folder.join("curves.svg"))?;
+    let by_share = scores_by_share(&state.model(), data, progress)?;
     write_scores_by_share(&folder.join("points.csv"), &by_share)?;
-    curves_by_share(&by_share).write(&folder.join("points.svg"))?;
+    curves_by_share(&by_share, data.held_back()).write(&folder.join("points.svg"))?;
     state.model().write(out)?;
     Ok(state.log)
 }
 
-fn read_state(path: &Path, config: &LearnConfig) -> Result<State, LearnError> {
+fn read_state(path: &Path, model: &Model) -> Result<State, LearnError> {
     let state: State = checkpoint::read(path, CHECKPOINT)?;
-    let fits =
-        state.parameters.len() == config.network.parameters() && state.adam.fits(state.parameters.len());
-    if state.config == *config && fits {
+    let count = model.parameters.len();
+    let fits = state.parameters.len() == count && state.adam.fits(count);
+    if state.content == model.content && fits {
         Ok(state)
     } else {
         Err(LearnError::OtherTraining { path: path.into() })
     }
 }
 
-/// A town of the folder, which is simulated if it is not there. The name has the options, so that towns of others are not taken.
-fn load_town(config: &LearnConfig, folder: &Path, seed: u64) -> Result<Arc<Town>, LearnError> {
-    let options = config.town(seed);
-    let SimulateOptions { views, size_px, gsd_m, relief, .. } = options;
-    let relief = if relief == Relief::Hilly { "hilly" } else { "rolling" };
-    let folder = folder.join(format!("towns/{seed}-{views}x{size_px}px-{gsd_m}m-{relief}"));
-    Ok(Arc::new(Town::load(&folder, &options, config.transfer_function(seed)?, &NoProgress)?))
-}
-
-/// The samples of a round.
-fn round_samples(config: &LearnConfig, folder: &Path, round: usize) -> Result<Vec<Sample>, LearnError> {
-    let seed = config.seed.wrapping_mul(1 << 16) + (round % config.towns) as u64;
-    let town = load_town(config, folder, seed)?;
-    let share = points::draw_share(config.seed, round as u64);
-    Ok(samples(&town, &config.sampling, config.seed, round as u64, share, config.tiles)?)
-}
-
-/// The samples of unseen towns, for each part of the points.
-fn validation_samples<const N: usize>(
-    config: &LearnConfig,
-    folder: &Path,
-    shares: [f64; N],
-    progress: &dyn Progress,
-) -> Result<[Vec<Sample>; N], LearnError> {
-    let mut out = std::array::from_fn(|_| Vec::new());
-    let total = config.validation_towns as u64;
-    progress.event(Event::Started { stage: "preparing towns for validation", total });
-    for k in 0..config.validation_towns as u64 {
-        progress.check()?;
-        let town = load_town(config, folder, VALIDATION_SEED + k)?;
-        for (own, share) in out.iter_mut().zip(shares) {
-            let cloud = VALIDATION_CLOUD + k;
-            own.extend(samples(&town, &config.sampling, config.seed, cloud, share, VALIDATION_TILES)?);
-        }
-        progress.event(Event::Advanced { done: k + 1, status: String::new() });
-    }
-    progress.event(Event::Finished);
-    Ok(out)
-}
-
 /// Scores of a model.
-fn validate(model: &Model, validation: &[Vec<Sample>; 2]) -> Validation {
-    let [dense, sparse] = validation.each_ref().map(|samples| mean_psnr_db(model, samples));
+fn validate(model: &Model, validation: &[Vec<Sample>]) -> Validation {
+    let [dense, sparse] = [0, 1].map(|k| mean_psnr_db(model, &validation[k]));
     Validation { dense, sparse }
 }
 
@@ -210,22 +198,21 @@ fn validate(model: &Model, validation: &[Vec<Sample>; 2]) -> Validation {
 fn mean_psnr_db(model: &Model, samples: &[Sample]) -> [f64; 3] {
     let mut sums = [0.0; 3];
     for sample in samples {
-        let splats = [&predicted(model, sample), &sample.references[0], &sample.references[1]];
+        let splats = [&sample.predicted(model), &sample.references[0], &sample.references[1]];
         for (sum, splats) in sums.iter_mut().zip(splats) {
-            *sum -= 10.0 * squared_error(sample, splats).log10() / samples.len() as f64;
+            *sum -= 10.0 * sample.squared_error(splats).log10() / samples.len() as f64;
         }
     }
     sums
 }
 
-/// The scores of unseen towns for each of [`SHARES`].
+/// The scores for each of [`SHARES`].
 fn scores_by_share(
     model: &Model,
-    config: &LearnConfig,
-    folder: &Path,
+    data: &dyn TrainingData,
     progress: &dyn Progress,
 ) -> Result<Vec<(f64, [f64; 3])>, LearnError> {
-    let samples = validation_samples(config, folder, SHARES, progress)?;
+    let samples = data.validation(&SHARES, progress)?;
     let scored = SHARES.iter().zip(&samples).filter(|(_, samples)| !samples.is_empty());
     Ok(scored.map(|(share, samples)| (*share, mean_psnr_db(model, samples))).collect())
 }
@@ -239,12 +226,12 @@ fn write_scores_by_share(path: &Path, scores: &[(f64, [f64; 3])]) -> Result<(), 
 }
 
 /// Curves of the scores over the logarithm of the part of the points.
-fn curves_by_share(scores: &[(f64, [f64; 3])]) -> Chart {
+fn curves_by_share(scores: &[(f64, [f64; 3])], held_back: &str) -> Chart {
     let line = |name: &str, k: usize| {
         (name.to_owned(), scores.iter().map(|(share, psnr)| (share.log10(), psnr[k])).collect())
     };
     Chart {
-        title: "Unseen towns, fewer points".into(),
+        title: format!("Scores of {held_back}, fewer points"),
         x: "decimal logarithm of the part of the points".into(),
         y: "PSNR, dB".into(),
         lines: vec![line("network", 0), line("isotropic splats", 1), line("flat splats", 2)],
@@ -252,53 +239,47 @@ fn curves_by_share(scores: &[(f64, [f64; 3])]) -> Chart {
 }
 
 impl State {
-    fn new(config: &LearnConfig) -> Self {
-        let parameters = config.network.start(config.seed);
-        Self { config: config.clone(), rounds: 0, parameters, adam: Adam::default(), log: Vec::new() }
+    fn new(model: Model) -> Self {
+        let Model { content, parameters } = model;
+        Self { content, rounds: 0, parameters, adam: Adam::default(), log: Vec::new() }
     }
 
     fn model(&self) -> Model {
-        let LearnConfig { network, sampling, .. } = self.config.clone();
-        let content = ModelContent { network, sampling, origin: self.config.origin() };
-        Model { content, parameters: self.parameters.clone() }
+        Model { content: self.content.clone(), parameters: self.parameters.clone() }
     }
 
     /// Makes the steps of a round; the last learning rate and the mean loss.
-    fn round(&mut self, round: usize, samples: &[&Sample]) -> Result<(f64, f64), LearnError> {
-        let weights = LossWeights::default().with(&[("surface_prior", SURFACE_WEIGHT)])?;
-        let mut evaluation = NetworkEvaluation::new(&self.config.network);
-        let mut gradient = Gradient::default();
+    fn round(
+        &mut self,
+        round: usize,
+        samples: &[&Sample],
+        config: &LearnConfig,
+    ) -> Result<(f64, f64), LearnError> {
+        let mut evaluation = NetworkEvaluation::new(&config.network);
         let mut by_parameters = vec![0.0; self.parameters.len()];
         let (mut rate, mut sum) = (0.0, 0.0);
-        for k in 0..self.config.steps {
-            let step = round * self.config.steps + k;
-            let mut draw = CounterRng::new(self.config.seed, DRAW_STEP, step as u64, 0);
+        for k in 0..config.steps {
+            let step = round * config.steps + k;
+            let mut draw = CounterRng::new(config.seed, DRAW_STEP, step as u64, 0);
             let sample = samples[draw.below(samples.len())];
             let target = &sample.targets[draw.below(sample.targets.len())];
             let background = std::array::from_fn(|_| draw.uniform() as f32);
             let input = &sample.input.network;
             let outputs = evaluation.forward(&self.parameters, input);
             let splats = sample.head.splats(outputs, &sample.input.bases);
-            let loss = objective(&sample.town).evaluate(
-                &splats,
-                target.parameters(),
-                &target.step_input(background, sample.town.altitudes.0 as f32),
-                &weights,
-                &mut gradient,
-                &mut Stopwatch::default(),
-            );
-            if !loss.total.is_finite() {
+            let (loss, by_splats) = target.evaluate(&splats, background)?;
+            if !loss.is_finite() {
                 return Err(LearnError::NotFinite { round: round + 1 });
             }
-            let by_outputs = sample.head.backward(outputs, &gradient.splats);
+            let by_outputs = sample.head.backward(outputs, &by_splats);
             by_parameters.fill(0.0);
             evaluation.backward(&self.parameters, input, &by_outputs, &mut by_parameters);
-            rate = self.config.rate_of(step);
+            rate = config.rate_of(step);
             let rule = AdamRule { beta2: 0.99, ..AdamRule::DEFAULT };
             self.adam.step(rule, &mut self.parameters, &by_parameters, rate);
-            sum += loss.total;
+            sum += loss;
         }
-        Ok((rate, sum / self.config.steps as f64))
+        Ok((rate, sum / config.steps as f64))
     }
 }
 
@@ -324,14 +305,14 @@ fn write_log(path: &Path, log: &[LearnLine]) -> Result<(), WriteError> {
     })
 }
 
-/// Curves of the scores of unseen towns.
-fn curves(log: &[LearnLine]) -> Chart {
+/// Curves of the scores.
+fn curves(log: &[LearnLine], held_back: &str) -> Chart {
     let line = |name: &str, of: fn(&Validation) -> f64| {
         let points = log.iter().filter_map(|l| Some((l.round as f64, of(&l.validation?))));
         (name.to_owned(), points.collect())
     };
     Chart {
-        title: "Unseen towns".into(),
+        title: format!("Scores of {held_back}"),
         x: "round".into(),
         y: "PSNR, dB".into(),
         lines: vec![
@@ -352,13 +333,14 @@ mod tests {
     fn a_single_tile_is_learned_far_better_than_splats_without_a_network_show_it() {
         let config = LearnConfig { rounds: 8, steps: 48, size_px: 160, views: 6, ..LearnConfig::default() };
         let folder = tempfile::tempdir().unwrap();
-        let town = load_town(&config, folder.path(), 5).unwrap();
-        let samples = samples(&town, &config.sampling, 1, 0, 1.0, 1).unwrap();
+        let towns = Towns { config: &config, folder: folder.path() };
+        let samples = towns.tiles(&towns.load(5).unwrap(), 0, 1.0, 1).unwrap();
         assert_eq!(samples.len(), 1);
-        let mut state = State::new(&config);
+        let content = ModelContent::default();
+        let mut state = State::new(Model::untrained(content, config.seed));
         let untrained = mean_psnr_db(&state.model(), &samples)[0];
         let losses: Vec<f64> =
-            (0..config.rounds).map(|round| state.round(round, &[&samples[0]]).unwrap().1).collect();
+            (0..config.rounds).map(|round| state.round(round, &[&samples[0]], &config).unwrap().1).collect();
         let [learned, isotropic, flat] = mean_psnr_db(&state.model(), &samples);
         assert!(losses[7] < 0.8 * losses[0], "{losses:?}");
         assert!(

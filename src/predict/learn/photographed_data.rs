@@ -1,0 +1,301 @@
+//! Samples of photographed scenes with depth maps: the second phase of Point2GS (§4.1).
+//!
+//! A round draws some views of a scene, lifts points from their depth maps, thins them, and takes other views as targets. Only pixels
+//! are compared whose depth lies on a surface that the points show.
+
+use super::config::LearnConfig;
+use super::data::{Crop, Sample, Target, TrainingData, tiles_of};
+use super::error::LearnError;
+use super::points::draw_share;
+use crate::frame::{Pixel, SiteBox};
+use crate::io::Grid2;
+use crate::perspective::{PerspectiveOptions, PerspectiveScene, PerspectiveView, PinholeCamera};
+use crate::predict::cloud::voxel_means;
+use crate::predict::input::SeenCloud;
+use crate::predict::light::Light;
+use crate::predict::photographs::{EnlargedCloud, Photographs};
+use crate::predict::{Cloud, PredictError, is_within, reference};
+use crate::prior::{DepthKind, DepthPrior, ViewPriors};
+use crate::progress::{Event, Progress};
+use crate::random::CounterRng;
+use crate::scene::Role;
+use crate::splat::backend::stopwatch::Stopwatch;
+use crate::splat::loss::{LossWeights, PriorTargets, SurfaceDepth, TermInputs, WeightError, terms};
+use crate::splat::pinhole::{EllipsoidObjective, PinholeStep, PinholeView};
+use crate::splat::seen_gradient::SeenGradient;
+use crate::splat::splats::Splats;
+use crate::stats::quantile;
+use rayon::prelude::*;
+use std::num::NonZero;
+use std::path::{Path, PathBuf};
+
+/// Purposes of the random numbers.
+const DRAW_VIEWS: u64 = 55;
+const DRAW_POINT: u64 = 56;
+/// Weight of the agreement of depths.
+const DEPTH_WEIGHT: f64 = 0.2;
+/// Largest number of views of a scene that are kept in memory.
+const MOST_VIEWS: usize = 400;
+/// Views are drawn until this many show a tile, of at most so many.
+const TARGETS: usize = 4;
+const TRIED_TARGETS: usize = 16;
+/// Range of the sides of the voxels that points are thinned to, as parts of the median depth.
+const THINNING: (f64, f64) = (1.0 / 120.0, 1.0 / 30.0);
+/// A pixel is compared if its place is at most so many spacings of the points away from one.
+const NEAR: f64 = 1.5;
+/// Number of clouds and of tiles of each for validation, and the number of the first.
+const VALIDATION_CLOUDS: u64 = 4;
+const VALIDATION_TILES: usize = 3;
+const VALIDATION_CLOUD: u64 = 1 << 40;
+
+/// Scenes with depth maps, in memory.
+pub struct PhotographedScenes {
+    scenes: Vec<MeasuredScene>,
+}
+
+/// A scene.
+struct MeasuredScene {
+    path: PathBuf,
+    training: Vec<MeasuredView>,
+    held_back: Vec<MeasuredView>,
+    median_depth: f64,
+}
+
+/// A photograph with the depths of its pixels.
+struct MeasuredView {
+    view: PinholeView,
+    depth: Grid2,
+}
+
+impl PhotographedScenes {
+    /// Reads scenes. At most 400 views of each are kept, evenly chosen.
+    ///
+    /// # Errors
+    /// [`LearnError::Photographs`] if a scene cannot be read, [`LearnError::FewDepths`] if fewer than two training views of one have
+    /// depth maps, [`LearnError::Interrupted`].
+    pub fn read(
+        paths: &[PathBuf],
+        options: &PerspectiveOptions,
+        progress: &dyn Progress,
+    ) -> Result<Self, LearnError> {
+        let scenes: Result<Vec<_>, LearnError> =
+            paths.iter().map(|path| MeasuredScene::read(path, options, progress)).collect();
+        Ok(Self { scenes: scenes? })
+    }
+
+    /// The folders and numbers of views, for the description of a model.
+    pub(super) fn describe(&self) -> String {
+        let name =
+            |path: &Path| path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        let of = |s: &MeasuredScene| format!("{} ({} views)", name(&s.path), s.training.len());
+        self.scenes.iter().map(of).collect::<Vec<_>>().join(", ")
+    }
+}
+
+impl MeasuredScene {
+    fn read(path: &Path, options: &PerspectiveOptions, progress: &dyn Progress) -> Result<Self, LearnError> {
+        let scene = PerspectiveScene::read(path, options)?;
+        for (name, reason) in &scene.skipped {
+            progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
+        }
+        let with_depth: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.depth.is_some()).collect();
+        let used: Vec<&PerspectiveView> =
+            with_depth.iter().step_by(with_depth.len().div_ceil(MOST_VIEWS).max(1)).copied().collect();
+        progress.event(Event::Started { stage: "reading images and depth maps", total: used.len() as u64 });
+        let (mut training, mut held_back) = (Vec::new(), Vec::new());
+        for some in used.chunks(rayon::current_num_threads().max(1)) {
+            progress.check()?;
+            let read: Vec<Result<MeasuredView, LearnError>> =
+                some.par_iter().map(|view| MeasuredView::read(view)).collect();
+            for (view, measured) in some.iter().zip(read) {
+                let role = if view.role == Role::Train { &mut training } else { &mut held_back };
+                role.push(measured?);
+            }
+            let done = (training.len() + held_back.len()) as u64;
+            progress.event(Event::Advanced { done, status: String::new() });
+        }
+        progress.event(Event::Finished);
+        let depths = training.iter().flat_map(|v| v.depth.data.iter().step_by(101)).filter(|z| z.is_finite());
+        let median_depth = quantile(depths.map(|z| f64::from(*z)).collect(), 0.5);
+        let few = || LearnError::FewDepths { path: path.into(), found: training.len() };
+        let median_depth = median_depth.filter(|_| training.len() > 1).ok_or_else(few)?;
+        Ok(Self { path: path.into(), training, held_back, median_depth })
+    }
+
+    /// The samples of cloud number `cloud`, of whose points this share is kept: lifted from views for training, and compared with
+    /// other views for training or with views that are held back.
+    fn samples(
+        &self,
+        config: &LearnConfig,
+        cloud: u64,
+        (share, tiles): (f64, usize),
+        is_validation: bool,
+    ) -> Result<Vec<Sample>, PredictError> {
+        let mut draw = CounterRng::new(config.seed, DRAW_VIEWS, cloud, 0);
+        let mut order: Vec<&MeasuredView> = self.training.iter().collect();
+        shuffle(&mut order, &mut draw);
+        // One view at least is left to compare with.
+        let (context, others) = order.split_at(config.views.min(order.len() - 1).max(1));
+        let mut candidates: Vec<&MeasuredView> =
+            if is_validation { self.held_back.iter().collect() } else { others.to_vec() };
+        shuffle(&mut candidates, &mut draw);
+        candidates.truncate(TRIED_TARGETS);
+        let (finest, coarsest) = THINNING;
+        let edge = self.median_depth * finest * (coarsest / finest).powf(draw.uniform());
+        let mut points = lifted(context, edge);
+        let mut kept = 0..;
+        points.retain(|_| {
+            let i = kept.next().unwrap_or_default();
+            CounterRng::new(config.seed, DRAW_POINT, cloud, i).uniform() < share
+        });
+        let EnlargedCloud { cloud: points, scale, area, .. } =
+            match EnlargedCloud::new(&points, &config.sampling) {
+                Ok(enlarged) => enlarged,
+                Err(PredictError::FewPoints { .. }) => return Ok(Vec::new()),
+                Err(other) => return Err(other),
+            };
+        let surface = reference::surface(&points, &config.sampling, area, false);
+        let views: Vec<PinholeView> = context.iter().map(|v| v.view.clone()).collect();
+        let images = Photographs::new(&views, &surface, scale);
+        let lights = vec![Light::default(); views.len()];
+        let seen = SeenCloud::new(&points, &images, &lights);
+        let targets_of = |area: SiteBox| {
+            let found = candidates.iter().filter_map(|v| PhotographTarget::of(v, scale, area, &points));
+            found.take(TARGETS).map(|target| Box::new(target) as Box<dyn Target>).collect()
+        };
+        Ok(tiles_of(&seen, &config.sampling, area, false, (config.seed, cloud, tiles), targets_of))
+    }
+}
+
+impl MeasuredView {
+    fn read(view: &PerspectiveView) -> Result<Self, LearnError> {
+        let planes = view.read_image()?.planes;
+        let photograph = PinholeView::new(view.name.clone(), view.camera, &planes);
+        Ok(Self { view: photograph, depth: view.read_depth()? })
+    }
+
+    /// The position that a pixel shows; none without depth.
+    fn position(&self, col: usize, row: usize) -> Option<[f64; 3]> {
+        let z = f64::from(self.depth.at(col, row));
+        z.is_finite().then(|| self.view.camera.at_depth(Pixel::new(col as f64, row as f64), z))
+    }
+}
+
+/// Brings the elements into a random order (Fisher and Yates).
+fn shuffle<T>(items: &mut [T], draw: &mut CounterRng) {
+    for i in (1..items.len()).rev() {
+        items.swap(i, draw.below(i + 1));
+    }
+}
+
+/// The points that views show, the mean of those of each voxel.
+fn lifted(views: &[&MeasuredView], edge: f64) -> Vec<[f64; 3]> {
+    let of_view = |view: &&MeasuredView| {
+        let (width, height) = view.view.camera.size;
+        let pixels = (0..height).flat_map(|row| (0..width).map(move |col| (col, row)));
+        pixels.filter_map(|(col, row)| view.position(col, row)).collect::<Vec<_>>()
+    };
+    voxel_means(&views.iter().flat_map(of_view).collect::<Vec<_>>(), edge)
+}
+
+/// Scenes of a training: the configuration tells what is drawn of them.
+pub struct PhotographedData<'a> {
+    /// What is drawn.
+    pub config: &'a LearnConfig,
+    /// The scenes.
+    pub scenes: &'a PhotographedScenes,
+}
+
+impl TrainingData for PhotographedData<'_> {
+    fn held_back(&self) -> &'static str {
+        "views held back"
+    }
+
+    fn samples(&self, round: usize) -> Result<Vec<Sample>, LearnError> {
+        let scene = &self.scenes.scenes[round % self.scenes.scenes.len()];
+        let share = draw_share(self.config.seed, round as u64);
+        Ok(scene.samples(self.config, round as u64, (share, self.config.tiles), false)?)
+    }
+
+    fn validation(&self, shares: &[f64], progress: &dyn Progress) -> Result<Vec<Vec<Sample>>, LearnError> {
+        let of_share = |share: &f64| {
+            let mut out = Vec::new();
+            for (scene, cloud) in
+                self.scenes.scenes.iter().flat_map(|s| (0..VALIDATION_CLOUDS).map(move |k| (s, k)))
+            {
+                progress.check()?;
+                let what = (*share, VALIDATION_TILES);
+                out.extend(scene.samples(self.config, VALIDATION_CLOUD + cloud, what, true)?);
+            }
+            Ok(out)
+        };
+        shares.iter().map(of_share).collect()
+    }
+}
+
+/// The part of a photograph that shows a tile.
+struct PhotographTarget {
+    camera: PinholeCamera,
+    crop: Crop,
+    depths: PriorTargets,
+}
+
+impl PhotographTarget {
+    /// The part of a view, in the scene enlarged by `scale`, that shows points of a cloud in a level area; none if that is too little.
+    fn of(measured: &MeasuredView, scale: f64, area: SiteBox, points: &Cloud) -> Option<Self> {
+        const ONE: NonZero<usize> = NonZero::new(1).unwrap();
+        let MeasuredView { view, depth } = measured;
+        let most = (NEAR * points.spacing_m()).powi(2);
+        let is_shown = |p: [f64; 3]| {
+            is_within(area, 0.0, p) && points.nearest(p, ONE).next().is_some_and(|(_, square)| square < most)
+        };
+        let crop = Crop::of(view.camera.size, |col, row| {
+            let place = measured.position(col, row)?.map(|v| scale * v);
+            is_shown(place).then(|| view.color(col, row))?
+        })?;
+        let (left, top) = crop.corner;
+        let size = (crop.image.width, crop.image.height);
+        let camera = view.camera.cropped(crop.corner, size);
+        let camera = PinholeCamera { center: scale * camera.center, ..camera };
+        let values = Grid2::from_fn(size.0, size.1, |col, row| {
+            if crop.valid[row * size.0 + col] {
+                scale as f32 * depth.at(left + col, top + row)
+            } else {
+                f32::NAN
+            }
+        });
+        let prior = DepthPrior { values, kind: DepthKind::Measured };
+        let depths = PriorTargets::new(ViewPriors { depth: Some(prior), normal: None }, &camera);
+        Some(Self { camera, crop, depths })
+    }
+
+    fn step_input(&self, background: [f32; 3]) -> PinholeStep<'_, f32> {
+        PinholeStep {
+            camera: &self.camera,
+            target: &self.crop.image,
+            valid: &self.crop.valid,
+            priors: Some(&self.depths),
+            anchored: &[],
+            background,
+            sh_degree: 0,
+            surface: SurfaceDepth::default(),
+        }
+    }
+}
+
+impl Target for PhotographTarget {
+    fn evaluate(&self, splats: &Splats, background: [f32; 3]) -> Result<(f64, Splats), WeightError> {
+        let weights = LossWeights::of(&[("depth_prior", DEPTH_WEIGHT)])?;
+        let mut objective = EllipsoidObjective::new(terms(TermInputs { prior: None, lpips: None }));
+        let mut gradient = SeenGradient::default();
+        let input = self.step_input(background);
+        let loss = objective.evaluate(splats, &input, &weights, &mut gradient, &mut Stopwatch::default());
+        Ok((loss.total, gradient.of_all(splats)))
+    }
+
+    fn squared_error(&self, splats: &Splats) -> (f64, usize) {
+        let mut objective = EllipsoidObjective::new(terms(TermInputs { prior: None, lpips: None }));
+        objective.forward(splats, &self.step_input([0.0; 3]), &mut Stopwatch::default());
+        self.crop.squared_error(objective.view())
+    }
+}
