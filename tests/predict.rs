@@ -299,3 +299,35 @@ fn a_model_is_trained_further_on_photographs_with_depth_maps_and_predicts_them_b
     refused(&["learn", &path("c.safetensors"), "--scenes", &path("wall")], 2, &["wall"]);
     refused(&["learn", &path("c.safetensors"), "--test-views", "4"], 2, &["--scenes"]);
 }
+
+#[test]
+fn a_model_takes_the_image_features_of_a_network_and_no_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    std::fs::create_dir(folder.path().join("wall")).unwrap();
+    frames(&folder.path().join("wall"), 6);
+    let config =
+        "towns = 1\nrounds = 2\nsteps = 8\ntiles = 2\nviews = 3\nsize_px = 160\nvalidation_towns = 1\n";
+    std::fs::write(folder.path().join("short.toml"), config).unwrap();
+    let (wall, config, network) = (path("wall"), path("short.toml"), "tests/data/tiny_features.onnx");
+    let (towns, rooms, onnx) = (path("towns.safetensors"), path("rooms.safetensors"), path("towns.onnx"));
+    succeeds(&["learn", &towns, "--config", &config, "--image-features", network, "-q"]);
+    let further = ["learn", &rooms, "--scenes", &wall, "--config", &config, "--from", &towns];
+    refused(&further, 2, &["was trained with a network"]);
+    succeeds(&[&further[..], &["--image-features", network, "-q"]].concat());
+    succeeds(&["learn", &onnx, "--from", &rooms, "-q"]);
+    let psnr = |name: &str, model: &str| {
+        let run = path(name);
+        let predict = ["predict", &wall, "-o", &run, "--model", model];
+        refused(&predict, 2, &["was trained with a network"]);
+        succeeds(&[&predict[..], &["--image-features", network]].concat());
+        let scores = succeeds(&["nvs-eval", &run, "--json"]);
+        find(&serde_json::from_slice(&scores.stdout).unwrap(), "psnr_db").unwrap().as_f64().unwrap()
+    };
+    let own = psnr("own", &rooms);
+    assert!(own > 12.0 && (own - psnr("other", &onnx)).abs() < 0.01, "{own}");
+    let other = path("a.safetensors");
+    let built_in = ["learn", &other, "--scenes", &wall, "--image-features", network];
+    refused(&built_in, 2, &["was trained without a network"]);
+    refused(&["learn", &other, "--image-features", &config], 2, &["short.toml"]);
+}

@@ -5,7 +5,7 @@ use super::{CliError, Ui, ending};
 use crate::predict::learn::{
     LearnConfig, LearnLine, PhotographedScenes, Validation, learn, learn_from_photographs,
 };
-use crate::predict::{Model, write_onnx};
+use crate::predict::{ImageNetwork, Model, write_onnx};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -41,6 +41,10 @@ pub struct Args {
     scenes: Vec<PathBuf>,
     #[command(flatten)]
     images: ImageArgs,
+    /// ONNX file of a network such as DINOv2, whose features of the images the model then takes as well: one picture of any or a fixed
+    /// square size in, a vector for each patch out. `satgs predict` needs the same file
+    #[arg(long, value_name = "FILE.onnx")]
+    image_features: Option<PathBuf>,
     /// Numbers of towns, rounds and steps, learning rate, sizes of the network; what is absent is as in --print-config
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
@@ -86,12 +90,15 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         return Err(CliError::input("an ONNX file can only be written with --from", hint));
     }
     let folder = out.with_extension("learn");
+    let image_network = args.image_features.as_deref().map(ImageNetwork::load).transpose()?;
+    let image_network = image_network.as_ref();
     let log = if is_further {
         let model = read(args.from.as_deref().unwrap_or(Path::new(BUILT_IN)))?;
-        let scenes = PhotographedScenes::read(&args.scenes, &args.images.options(), ui)?;
+        model.content.require(image_network)?;
+        let scenes = PhotographedScenes::read(&args.scenes, &args.images.options(), image_network, ui)?;
         learn_from_photographs(out, &folder, model, &scenes, &config, ui)?
     } else {
-        learn(out, &folder, &config, ui)?
+        learn(out, &folder, &config, image_network, ui)?
     };
     let validation = log.iter().rev().find_map(|line: &LearnLine| line.validation);
     let summary = Summary { model: out.clone(), rounds: log.len(), validation };

@@ -40,6 +40,9 @@ pub struct Args {
     /// has [default: the one that comes with satgs]
     #[arg(long, value_name = "FILE.safetensors|FILE.onnx")]
     model: Option<PathBuf>,
+    /// ONNX file of the network of image features (such as DINOv2) that the model was trained with (`satgs learn --image-features`)
+    #[arg(long, value_name = "FILE.onnx", requires = "model")]
+    image_features: Option<PathBuf>,
     /// Make a splat of each point without a network, to compare with: isotropic, or flat along the surface
     #[arg(long, value_name = "KIND", conflicts_with = "model")]
     without_network: Option<Kind>,
@@ -66,6 +69,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let options = PredictOptions {
         points: args.points.clone(),
         model: args.model.clone(),
+        image_features: args.image_features.clone(),
         without_network: args.without_network.map(|kind| match kind {
             Kind::Isotropic => Untrained::Isotropic,
             Kind::Flat => Untrained::Flat,

@@ -1,6 +1,7 @@
 //! Errors of predicting splats and of the models that predict them.
 
 use crate::io::WriteError;
+use crate::nn::features::FeatureError;
 use crate::nn::onnx::OnnxError;
 use crate::progress::Interrupted;
 use std::path::PathBuf;
@@ -41,6 +42,17 @@ pub enum PredictError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Onnx(#[from] OnnxError),
+    /// A network of image features cannot be read or evaluated.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Features(#[from] FeatureError),
+    /// The model needs image features that are not given, or none or others than those that are.
+    #[error("the model {needed}")]
+    #[diagnostic(help("`--image-features FILE.onnx` must name the network that the model was trained with"))]
+    OtherFeatures {
+        /// What it was trained with.
+        needed: &'static str,
+    },
     /// The caller asked to stop.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -6,11 +6,12 @@
 //! | of | numbers |
 //! |---|---|
 //! | a point of a group | place relative to the key point (3), linear colour (3) |
-//! | a key point | mean distance of its group, height above ground, normal (3); then mean and standard deviation of the image features |
+//! | a key point | mean distance of its group, height above ground, normal (3); then mean and standard deviation of the image features, and the same of the vectors of a network if there is one |
 //! | a query | normal (3), distance of the points from their plane, spacing of the cloud and of the points around, height above ground, linear colour (3), deviation of the images from it, share of images that show it, sunlight, whether it is on a wall, distance moved onto the surface, distance of the nearest point |
 
 use super::head::Base;
-use super::image_features::{FEATURE_MAPS, FEATURES};
+use super::image_features::FEATURE_MAPS;
+use super::image_network::NetworkMaps;
 use super::key_points::{farthest_points, group};
 use super::light::{Light, SeenColor, seen_color};
 use super::network::{FeatureBlocks, KEY_INPUTS, MEMBER_INPUTS, NEIGHBOURS, NetworkInput, QUERY_INPUTS};
@@ -44,6 +45,8 @@ pub struct SeenCloud<'a> {
     pub images: &'a dyn ImageObserver,
     /// The light of each.
     pub lights: &'a [Light],
+    /// What a network of image features gives for the images.
+    maps: Option<&'a NetworkMaps>,
     colors: Vec<[f32; 3]>,
     /// Median linear brightness of the points.
     brightness: f32,
@@ -67,7 +70,13 @@ impl<'a> SeenCloud<'a> {
         let gray = shown.map(|seen| f64::from(seen.color.iter().sum::<f32>()) / 3.0).collect();
         let brightness = quantile(gray, 0.5).map_or(0.5, |v| v.max(1e-3) as f32);
         let colors = seen.iter().map(|seen| seen.color_or(brightness)).collect();
-        Self { cloud, images, lights, colors, brightness }
+        Self { cloud, images, lights, maps: None, colors, brightness }
+    }
+
+    /// With the vectors that a network of image features gives for the images.
+    #[must_use]
+    pub fn with_maps(self, maps: Option<&'a NetworkMaps>) -> Self {
+        Self { maps, ..self }
     }
 
     /// Median linear brightness of the points.
@@ -147,7 +156,7 @@ impl<'a> SeenCloud<'a> {
     }
 
     /// The numbers of the points of a group, and of its key point.
-    fn of_key(&self, key: usize, unit: f64) -> (Vec<[f32; MEMBER_INPUTS]>, [f32; KEY_INPUTS + FEATURES]) {
+    fn of_key(&self, key: usize, unit: f64) -> (Vec<[f32; MEMBER_INPUTS]>, Vec<f32>) {
         let positions = self.cloud.positions();
         let center = positions[key];
         let mut distances = 0.0;
@@ -158,37 +167,32 @@ impl<'a> SeenCloud<'a> {
             let [r, g, b] = self.colors[i].map(|v| self.of_order_one(v));
             [x, y, z, r, g, b]
         });
-        let mut out = [0.0; KEY_INPUTS + FEATURES];
-        out[0] = (distances / members.len() as f64) as f32;
-        out[1] = (self.cloud.above_ground_m(center) / HEIGHT_M) as f32;
-        let normal = self.cloud.planes()[key].normal.to_array();
-        (0..3).for_each(|k| out[2 + k] = normal[k] as f32);
-        out[KEY_INPUTS..].copy_from_slice(&self.image_features(center));
+        let [x, y, z] = self.cloud.planes()[key].normal.to_array();
+        let distance = distances / members.len() as f64;
+        let known: [f64; KEY_INPUTS] = [distance, self.cloud.above_ground_m(center) / HEIGHT_M, x, y, z];
+        let mut out = known.map(|v| v as f32).to_vec();
+        self.push_image_features(center, &mut out);
         (members.to_vec(), out)
     }
 
-    /// Mean and standard deviation of the image features over the images, weighted by visibility.
-    fn image_features(&self, p: [f64; 3]) -> [f32; FEATURES] {
-        let (mut sum, mut squares, mut weights) = ([0.0; FEATURE_MAPS], [0.0; FEATURE_MAPS], 0.0);
+    /// Appends mean and standard deviation of the image features over the images, weighted by visibility.
+    fn push_image_features(&self, p: [f64; 3], out: &mut Vec<f32>) {
+        let mut own = WeightedMoments::zeros(FEATURE_MAPS);
+        let mut of_network = WeightedMoments::zeros(self.maps.map_or(0, NetworkMaps::channels));
         for view in 0..self.images.views() {
-            let seen = self.images.observe(view, p).zip(self.images.features(view, p));
-            let Some((seen, features)) = seen.filter(|(seen, _)| seen.visibility > 0.0) else { continue };
-            weights += seen.visibility;
-            for (k, value) in features.into_iter().enumerate() {
-                sum[k] += seen.visibility * value;
-                squares[k] += seen.visibility * value * value;
+            let Some(seen) = self.images.observe(view, p).filter(|seen| seen.visibility > 0.0) else {
+                continue;
+            };
+            if let Some(features) = self.images.features(view, p) {
+                own.add(seen.visibility, &features);
+            }
+            let vector = self.maps.and_then(|maps| maps.at(view, self.images.project(view, p)?));
+            if let Some(vector) = vector {
+                of_network.add(seen.visibility, vector);
             }
         }
-        let mut out = [0.0; FEATURES];
-        if weights > 1e-3 {
-            for k in 0..FEATURE_MAPS {
-                let mean = sum[k] / weights;
-                out[k] = mean;
-                out[FEATURE_MAPS + k] =
-                    (squares[k] / weights - mean * mean).max(0.0).sqrt().min(MOST_FEATURE_DEVIATION);
-            }
-        }
-        out
+        own.push(MOST_FEATURE_DEVIATION, out);
+        of_network.push(f32::INFINITY, out);
     }
 
     /// The numbers of a query, and what its splat is relative to.
@@ -219,5 +223,37 @@ impl<'a> SeenCloud<'a> {
             ratio(distance_m),
         ];
         (numbers, Base::new(query, color))
+    }
+}
+
+/// Sums of vectors and of their squares, with weights.
+struct WeightedMoments {
+    sum: Vec<f32>,
+    squares: Vec<f32>,
+    weights: f32,
+}
+
+impl WeightedMoments {
+    fn zeros(length: usize) -> Self {
+        Self { sum: vec![0.0; length], squares: vec![0.0; length], weights: 0.0 }
+    }
+
+    fn add(&mut self, weight: f32, vector: &[f32]) {
+        self.weights += weight;
+        for ((sum, squares), value) in self.sum.iter_mut().zip(&mut self.squares).zip(vector) {
+            *sum += weight * value;
+            *squares += weight * value * value;
+        }
+    }
+
+    /// Appends the means, and the standard deviations up to a largest one; zeros where nothing has weight.
+    fn push(&self, most_deviation: f32, out: &mut Vec<f32>) {
+        let scale = if self.weights > 1e-3 { self.weights.recip() } else { 0.0 };
+        out.extend(self.sum.iter().map(|sum| scale * sum));
+        let deviation = |(sum, squares): (&f32, &f32)| {
+            let mean = scale * sum;
+            (scale * squares - mean * mean).max(0.0).sqrt().min(most_deviation)
+        };
+        out.extend(self.sum.iter().zip(&self.squares).map(deviation));
     }
 }

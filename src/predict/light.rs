@@ -233,6 +233,7 @@ fn weighted_median(values: &mut [([f32; 3], f32)], channel: usize) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::{CenterPx, Pixel};
     use crate::predict::image_features::FEATURE_MAPS;
     use crate::random::CounterRng;
 
@@ -258,6 +259,10 @@ mod tests {
                 light_here * (light.gain[k] * color[k] + light.offset[k]) + 0.003 * draw.normal() as f32
             });
             (draw.uniform() < 0.8).then_some(ImageSample { color: shown, visibility: 1.0, sunlight })
+        }
+
+        fn project(&self, _: usize, _: [f64; 3]) -> Option<Pixel<CenterPx>> {
+            None
         }
 
         fn features(&self, _: usize, _: [f64; 3]) -> Option<[f32; FEATURE_MAPS]> {

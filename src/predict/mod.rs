@@ -14,6 +14,7 @@ mod cloud;
 pub mod error;
 pub mod head;
 pub mod image_features;
+pub mod image_network;
 pub mod input;
 pub mod key_points;
 pub mod learn;
@@ -31,6 +32,7 @@ pub mod tiles;
 
 pub use cloud::{CleanUp, Cloud, FEWEST_POINTS, is_within};
 pub use error::PredictError;
+pub use image_network::ImageNetwork;
 pub use model::Model;
 pub use observer::{ImageObserver, ImageSample};
 pub use predictor::{Predictor, write_onnx};

@@ -5,7 +5,7 @@
 
 use super::image_features::FEATURES;
 use super::network::SplatNetwork;
-use super::{PredictError, SplatSampling};
+use super::{ImageNetwork, PredictError, SplatSampling};
 use crate::io::{WriteError, write_file};
 use crate::nn::tensors::values;
 use safetensors::tensor::TensorView;
@@ -39,6 +39,40 @@ pub struct ModelContent {
     pub sampling: SplatSampling,
     /// How the model was made: the program's version and the configuration of the training.
     pub origin: String,
+    /// Hash of the file of the network whose image features it was trained with, if there was one.
+    #[serde(default)]
+    pub image_network: Option<String>,
+}
+
+impl ModelContent {
+    /// Checks that a network of image features is the one that the model was trained with.
+    ///
+    /// # Errors
+    /// [`PredictError::OtherFeatures`] if it is not.
+    pub fn require(&self, image_network: Option<&ImageNetwork>) -> Result<(), PredictError> {
+        require(self.image_network.as_deref(), image_network)
+    }
+
+    /// Whether the numbers of image features are possible.
+    fn is_sound(&self) -> bool {
+        let own = self.network.image_features;
+        let fits = if self.image_network.is_some() { own > FEATURES } else { own == FEATURES };
+        self.network.is_sound() && fits
+    }
+}
+
+/// Checks that a network of image features is the one with this hash.
+pub fn require(needed: Option<&str>, given: Option<&ImageNetwork>) -> Result<(), PredictError> {
+    if needed == given.map(ImageNetwork::hash) {
+        return Ok(());
+    }
+    Err(PredictError::OtherFeatures {
+        needed: match (needed, given) {
+            (None, _) => "was trained without a network of image features",
+            (_, None) => "was trained with a network of image features",
+            _ => "was trained with another network of image features",
+        },
+    })
 }
 
 impl Model {
@@ -96,7 +130,7 @@ fn decode(bytes: &[u8]) -> Result<Model, String> {
     let text = metadata.get(FORMAT).ok_or_else(|| format!("its metadata lack `{FORMAT}`"))?;
     let content: ModelContent = serde_json::from_str(text).map_err(|e| format!("`{FORMAT}`: {e}"))?;
     content.sampling.check()?;
-    if !content.network.is_sound() || content.network.image_features != FEATURES {
+    if !content.is_sound() {
         return Err("the shape of its network is out of range".into());
     }
     let tensors = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;

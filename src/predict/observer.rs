@@ -27,6 +27,8 @@ pub trait ImageObserver: Sync {
     fn views(&self) -> usize;
     /// What an image shows of a position (site frame, metres); none outside of its valid pixels.
     fn observe(&self, view: usize, position: [f64; 3]) -> Option<ImageSample>;
+    /// Where an image has a position (site frame, metres); none behind a camera.
+    fn project(&self, view: usize, position: [f64; 3]) -> Option<Pixel<CenterPx>>;
     /// The image features of a position; none outside of the image.
     fn features(&self, view: usize, position: [f64; 3]) -> Option<[f32; FEATURE_MAPS]>;
 }
@@ -117,11 +119,13 @@ impl ImageObserver for SatelliteImages<'_> {
         })
     }
 
+    fn project(&self, view: usize, [x, y, z]: [f64; 3]) -> Option<Pixel<CenterPx>> {
+        Some(self.views[view].view.camera.project(Point::new(x, y, z)))
+    }
+
     fn features(&self, view: usize, position: [f64; 3]) -> Option<[f32; FEATURE_MAPS]> {
-        let SatelliteImage { view, features, .. } = &self.views[view];
-        let [x, y, z] = position;
-        let p = view.camera.project(Point::new(x, y, z));
-        features.at(p.col, p.row)
+        let p = self.project(view, position)?;
+        self.views[view].features.at(p.col, p.row)
     }
 }
 

@@ -6,7 +6,7 @@
 use super::image_features::{FEATURE_MAPS, FeatureMaps};
 use super::observer::{ImageObserver, ImageSample, between};
 use super::{CleanUp, Cloud, FEWEST_POINTS, PredictError, SplatSampling};
-use crate::frame::{Point, SiteBox};
+use crate::frame::{CenterPx, Pixel, Point, SiteBox};
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
 use crate::splat::init::neighbour_scales;
@@ -119,11 +119,13 @@ impl ImageObserver for Photographs<'_> {
         Some(ImageSample { color, visibility: (-RATE_PER_M * behind).exp() as f32, sunlight: 1.0 })
     }
 
+    fn project(&self, view: usize, [x, y, z]: [f64; 3]) -> Option<Pixel<CenterPx>> {
+        self.views[view].camera.project(Point::new(x, y, z))
+    }
+
     fn features(&self, view: usize, position: [f64; 3]) -> Option<[f32; FEATURE_MAPS]> {
-        let Photograph { camera, features, .. } = &self.views[view];
-        let [x, y, z] = position;
-        let px = camera.project(Point::new(x, y, z))?;
-        features.at(px.col, px.row)
+        let px = self.project(view, position)?;
+        self.views[view].features.at(px.col, px.row)
     }
 }
 

@@ -1,21 +1,24 @@
 //! What predicts splats: a trained model of the program's own, or a network of others as an ONNX file.
 
-use super::model::ModelContent;
+use super::model::{ModelContent, require};
 use super::network::graph::{INPUT_NAMES, inputs, onnx};
 use super::network::{FeatureBlocks, NetworkEvaluation, NetworkInput, OUTPUTS};
-use super::{Model, PredictError, SplatSampling};
+use super::{ImageNetwork, Model, PredictError, SplatSampling};
 use crate::io::{WriteError, write_file};
 use crate::nn::onnx::NamedModel;
 use std::path::Path;
 
-/// Keys of the metadata of an ONNX file: the spacings of points as JSON, and how the network was made.
+/// Keys of the metadata of an ONNX file: the spacings of points as JSON, how the network was made, and the hash of the network of image
+/// features that it was trained with, if there was one.
 const SAMPLING: &str = "sampling";
 const ORIGIN: &str = "origin";
+const IMAGE_NETWORK: &str = "image_network";
 
 /// What predicts splats.
 pub struct Predictor {
     sampling: SplatSampling,
     network: Network,
+    image_network: Option<ImageNetwork>,
 }
 
 enum Network {
@@ -25,7 +28,7 @@ enum Network {
 
 impl From<Model> for Predictor {
     fn from(model: Model) -> Self {
-        Self { sampling: model.content.sampling, network: Network::Own(model) }
+        Self { sampling: model.content.sampling, network: Network::Own(model), image_network: None }
     }
 }
 
@@ -54,7 +57,29 @@ impl Predictor {
             None => SplatSampling::default(),
         };
         sampling.check().map_err(wrong)?;
-        Ok(Self { sampling, network: Network::Onnx(Box::new(model)) })
+        Ok(Self { sampling, network: Network::Onnx(Box::new(model)), image_network: None })
+    }
+
+    /// With the network of image features that the model was trained with, if there was one.
+    ///
+    /// # Errors
+    /// [`PredictError::OtherFeatures`] if it was trained with another one. An ONNX file that does not say so takes any.
+    pub fn with_image_network(self, image_network: Option<ImageNetwork>) -> Result<Self, PredictError> {
+        let needed = match &self.network {
+            Network::Own(model) => Some(model.content.image_network.as_deref()),
+            Network::Onnx(model) if model.metadata(ORIGIN).is_some() => Some(model.metadata(IMAGE_NETWORK)),
+            Network::Onnx(_) => None,
+        };
+        if let Some(needed) = needed {
+            require(needed, image_network.as_ref())?;
+        }
+        Ok(Self { image_network, ..self })
+    }
+
+    /// The network of image features, if the model takes them.
+    #[must_use]
+    pub fn image_network(&self) -> Option<&ImageNetwork> {
+        self.image_network.as_ref()
     }
 
     /// The spacings of points that it was trained with.
@@ -85,7 +110,9 @@ impl Predictor {
 /// # Errors
 /// [`WriteError`] if the file cannot be written.
 pub fn write_onnx(model: &Model, path: &Path) -> Result<(), WriteError> {
-    let Model { content: ModelContent { network, sampling, origin }, parameters } = model;
+    let Model { content: ModelContent { network, sampling, origin, image_network }, parameters } = model;
     let sampling = serde_json::to_string(sampling).map_err(|e| WriteError::new(path, e))?;
-    write_file(path, onnx(network, parameters, &[(SAMPLING, &sampling), (ORIGIN, origin)]))
+    let mut metadata = vec![(SAMPLING, sampling.as_str()), (ORIGIN, origin)];
+    metadata.extend(image_network.as_deref().map(|hash| (IMAGE_NETWORK, hash)));
+    write_file(path, onnx(network, parameters, &metadata))
 }

@@ -6,6 +6,7 @@ use super::light::Light;
 use super::model::ModelContent;
 use super::network::SplatNetwork;
 use super::{Cloud, ImageObserver, ImageSample, Model, Predictor, predict, write_onnx};
+use crate::frame::{CenterPx, Pixel};
 use crate::progress::NoProgress;
 use crate::random::CounterRng;
 use crate::splat::splats::Splats;
@@ -24,6 +25,10 @@ impl ImageObserver for Painted {
         let wave = |k: usize| 0.3 + 0.2 * (0.7 * (p[k] - self.origin[k]) + view as f64).sin();
         let color = std::array::from_fn(|k| wave(k) as f32);
         Some(ImageSample { color, visibility: 1.0, sunlight: 1.0 })
+    }
+
+    fn project(&self, _: usize, _: [f64; 3]) -> Option<Pixel<CenterPx>> {
+        None
     }
 
     fn features(&self, _: usize, p: [f64; 3]) -> Option<[f32; FEATURE_MAPS]> {

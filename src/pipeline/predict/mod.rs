@@ -10,7 +10,7 @@ use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
 use super::{PipelineError, RunLock, perspective, relocation};
 use crate::io::{WriteError, remove_if_there};
 use crate::perspective::{PerspectiveOptions, PerspectiveScene};
-use crate::predict::{CleanUp, Model, Predictor};
+use crate::predict::{CleanUp, ImageNetwork, Model, Predictor};
 use crate::progress::{Event, Progress};
 use crate::run_files::{
     ADJUSTMENT, APPEARANCE, APPEARANCE_STAGE, CAMERAS, LOCK, PREDICT_STAGE, PREDICTED, SCENE, SPLATS,
@@ -31,6 +31,8 @@ pub struct PredictOptions {
     pub points: Option<PathBuf>,
     /// File of a model; by default the one of the program.
     pub model: Option<PathBuf>,
+    /// ONNX file of the network of image features that the model was trained with.
+    pub image_features: Option<PathBuf>,
     /// Make splats without a network, to compare with.
     pub without_network: Option<Untrained>,
     /// Take points of a file where they are. By default they are moved onto the tie points of a satellite scene.
@@ -102,6 +104,8 @@ impl<'a> Output<'a> {
             Untrained::Flat => "flat",
         });
         made_from.insert("--model".into(), model);
+        let features = options.image_features.as_deref().map(hash_file);
+        made_from.insert("--image-features".into(), or_none(features.as_deref()));
         made_from.insert("--without-network".into(), or_none(untrained));
         let outputs = [SPLATS, CAMERAS, PREDICTED].map(|name| folder.join(name)).into();
         let stage = Stage::new(folder, PREDICT_STAGE, outputs, made_from);
@@ -157,8 +161,10 @@ fn holds_other_files(folder: &Path) -> Result<bool, PipelineError> {
 
 /// The model that is asked for.
 fn read_model(options: &PredictOptions) -> Result<Predictor, PipelineError> {
-    Ok(match &options.model {
+    let model = match &options.model {
         Some(path) => Predictor::read(path)?,
         None => Predictor::built_in()?,
-    })
+    };
+    let features = options.image_features.as_deref().map(ImageNetwork::load).transpose()?;
+    Ok(model.with_image_network(features)?)
 }

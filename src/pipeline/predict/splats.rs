@@ -55,7 +55,8 @@ pub fn of_points(
     let surface = reference::surface(&cloud, &sampling, setup.area, true);
     let images = SatelliteImages::new(views, &surface, setup.altitudes);
     let lights = calibrate(&images, cloud.positions(), setup.reference_among_training());
-    let seen = SeenCloud::new(&cloud, &images, &lights);
+    let maps = model.image_network().map(|n| n.maps_of(views, progress)).transpose()?;
+    let seen = SeenCloud::new(&cloud, &images, &lights).with_maps(maps.as_ref());
     warn_of_dropped(&clean_up, progress);
     let splats = splats(&seen, setup.area, true, model, untrained, progress)?;
     let lights = lights.iter().map(Light::appearance).collect();
@@ -76,7 +77,8 @@ pub fn of_photographed_points(
     let images = Photographs::new(views, &surface, scale);
     // All photographs have the same light.
     let lights = vec![Light::default(); views.len()];
-    let seen = SeenCloud::new(&cloud, &images, &lights);
+    let maps = model.image_network().map(|n| n.maps_of_photographs(views, progress)).transpose()?;
+    let seen = SeenCloud::new(&cloud, &images, &lights).with_maps(maps.as_ref());
     warn_of_dropped(&clean_up, progress);
     let splats = reduced(splats(&seen, area, false, model, untrained, progress)?, scale);
     Ok(SplatsOfPoints { splats, lights: Vec::new(), clean_up, spacing_m: cloud.spacing_m() / scale })

@@ -141,9 +141,9 @@ impl LearnConfig {
                 return Err(LearnError::Config { field, found, expected: "at least one number" });
             }
         }
-        if !self.network.is_sound() || self.network.image_features != FEATURES {
+        if !self.network.is_sound() || self.network.image_features < FEATURES {
             let found = format!("{:?}", self.network);
-            let expected = "a width of 4 to 512, divisible by 4, and 12 image features";
+            let expected = "a width of 4 to 512, divisible by 4, and at least 12 image features";
             return Err(LearnError::Config { field: "network", found, expected });
         }
         // Of the lists, towns take one after the other.

@@ -22,9 +22,10 @@ pub use config::LearnConfig;
 pub use error::LearnError;
 pub use photographed_data::PhotographedScenes;
 
-use super::Model;
+use super::image_features::FEATURES;
 use super::model::ModelContent;
-use super::network::NetworkEvaluation;
+use super::network::{NetworkEvaluation, SplatNetwork};
+use super::{ImageNetwork, Model};
 use crate::checkpoint;
 use crate::io::{Chart, WriteError, write_atomically, write_file};
 use crate::nn::adam::{Adam, AdamRule};
@@ -78,7 +79,7 @@ struct State {
     log: Vec<LearnLine>,
 }
 
-/// Trains a model on simulated towns and writes it to `out`. `folder` keeps the towns, a checkpoint, the log `learn.csv`, scores of
+/// Trains a model on simulated towns, with the image features of a network if there is one, and writes it to `out`. `folder` keeps the towns, a checkpoint, the log `learn.csv`, scores of
 /// unseen towns by the part of the points (`points.csv`), and their curves; a training that is there goes on.
 ///
 /// # Errors
@@ -87,17 +88,32 @@ pub fn learn(
     out: &Path,
     folder: &Path,
     config: &LearnConfig,
+    image_network: Option<&ImageNetwork>,
     progress: &dyn Progress,
 ) -> Result<Vec<LearnLine>, LearnError> {
+    let image_features = image_network.map_or(FEATURES, ImageNetwork::features);
+    let network = SplatNetwork { image_features, ..config.network.clone() };
+    let config = &LearnConfig { network: network.clone(), ..config.clone() };
     config.check()?;
-    let content =
-        ModelContent { network: config.network.clone(), sampling: config.sampling, origin: config.origin() };
-    let model = Model { parameters: config.network.start(config.seed), content };
-    train(out, folder, model, &Towns { config, folder }, config, progress)
+    let parameters = config.network.start(config.seed);
+    let content = ModelContent {
+        network,
+        sampling: config.sampling,
+        origin: config.origin(),
+        image_network: image_network.map(|n| n.hash().to_owned()),
+    };
+    train(
+        out,
+        folder,
+        Model { content, parameters },
+        &Towns { config, folder, image_network },
+        config,
+        progress,
+    )
 }
 
 /// Trains a model further on photographed scenes with depth maps, as [`learn`] does on towns. The network and the spacings are those
-/// of the model.
+/// of the model, which must have been trained with the image features of the scenes.
 ///
 /// # Errors
 /// As [`learn`].
@@ -109,11 +125,11 @@ pub fn learn_from_photographs(
     config: &LearnConfig,
     progress: &dyn Progress,
 ) -> Result<Vec<LearnLine>, LearnError> {
-    let ModelContent { network, sampling, origin } = model.content;
-    let config = &LearnConfig { network: network.clone(), sampling, ..config.clone() };
+    let ModelContent { network, sampling, origin, .. } = &model.content;
+    let config = &LearnConfig { network: network.clone(), sampling: *sampling, ..config.clone() };
     config.check()?;
     let origin = format!("{}, photographs of {}, after: {origin}", config.origin(), scenes.describe());
-    let model = Model { content: ModelContent { network, sampling, origin }, ..model };
+    let model = Model { content: ModelContent { origin, ..model.content }, ..model };
     train(out, folder, model, &PhotographedData { config, scenes }, config, progress)
 }
 
@@ -333,7 +349,7 @@ mod tests {
     fn a_single_tile_is_learned_far_better_than_splats_without_a_network_show_it() {
         let config = LearnConfig { rounds: 8, steps: 48, size_px: 160, views: 6, ..LearnConfig::default() };
         let folder = tempfile::tempdir().unwrap();
-        let towns = Towns { config: &config, folder: folder.path() };
+        let towns = Towns { config: &config, folder: folder.path(), image_network: None };
         let samples = towns.tiles(&towns.load(5).unwrap(), 0, 1.0, 1).unwrap();
         assert_eq!(samples.len(), 1);
         let content = ModelContent::default();

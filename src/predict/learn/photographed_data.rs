@@ -11,10 +11,11 @@ use crate::frame::{Pixel, SiteBox};
 use crate::io::Grid2;
 use crate::perspective::{PerspectiveOptions, PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::predict::cloud::voxel_means;
+use crate::predict::image_network::NetworkMaps;
 use crate::predict::input::SeenCloud;
 use crate::predict::light::Light;
 use crate::predict::photographs::{EnlargedCloud, Photographs};
-use crate::predict::{Cloud, PredictError, is_within, reference};
+use crate::predict::{Cloud, ImageNetwork, PredictError, is_within, reference};
 use crate::prior::{DepthKind, DepthPrior, ViewPriors};
 use crate::progress::{Event, Progress};
 use crate::random::CounterRng;
@@ -58,6 +59,8 @@ struct MeasuredScene {
     path: PathBuf,
     training: Vec<MeasuredView>,
     held_back: Vec<MeasuredView>,
+    /// What a network of image features gives for the training views, if there is one.
+    maps: Option<NetworkMaps>,
     median_depth: f64,
 }
 
@@ -68,7 +71,7 @@ struct MeasuredView {
 }
 
 impl PhotographedScenes {
-    /// Reads scenes. At most 400 views of each are kept, evenly chosen.
+    /// Reads scenes, with the image features of a network if there is one. At most 400 views of each are kept, evenly chosen.
     ///
     /// # Errors
     /// [`LearnError::Photographs`] if a scene cannot be read, [`LearnError::FewDepths`] if fewer than two training views of one have
@@ -76,10 +79,11 @@ impl PhotographedScenes {
     pub fn read(
         paths: &[PathBuf],
         options: &PerspectiveOptions,
+        image_network: Option<&ImageNetwork>,
         progress: &dyn Progress,
     ) -> Result<Self, LearnError> {
         let scenes: Result<Vec<_>, LearnError> =
-            paths.iter().map(|path| MeasuredScene::read(path, options, progress)).collect();
+            paths.iter().map(|path| MeasuredScene::read(path, options, image_network, progress)).collect();
         Ok(Self { scenes: scenes? })
     }
 
@@ -93,7 +97,12 @@ impl PhotographedScenes {
 }
 
 impl MeasuredScene {
-    fn read(path: &Path, options: &PerspectiveOptions, progress: &dyn Progress) -> Result<Self, LearnError> {
+    fn read(
+        path: &Path,
+        options: &PerspectiveOptions,
+        image_network: Option<&ImageNetwork>,
+        progress: &dyn Progress,
+    ) -> Result<Self, LearnError> {
         let scene = PerspectiveScene::read(path, options)?;
         for (name, reason) in &scene.skipped {
             progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
@@ -119,7 +128,9 @@ impl MeasuredScene {
         let median_depth = quantile(depths.map(|z| f64::from(*z)).collect(), 0.5);
         let few = || LearnError::FewDepths { path: path.into(), found: training.len() };
         let median_depth = median_depth.filter(|_| training.len() > 1).ok_or_else(few)?;
-        Ok(Self { path: path.into(), training, held_back, median_depth })
+        let views: Vec<PinholeView> = training.iter().map(|v| v.view.clone()).collect();
+        let maps = image_network.map(|n| n.maps_of_photographs(&views, progress)).transpose()?;
+        Ok(Self { path: path.into(), training, held_back, maps, median_depth })
     }
 
     /// The samples of cloud number `cloud`, of whose points this share is kept: lifted from views for training, and compared with
@@ -132,17 +143,19 @@ impl MeasuredScene {
         is_validation: bool,
     ) -> Result<Vec<Sample>, PredictError> {
         let mut draw = CounterRng::new(config.seed, DRAW_VIEWS, cloud, 0);
-        let mut order: Vec<&MeasuredView> = self.training.iter().collect();
+        let mut order: Vec<usize> = (0..self.training.len()).collect();
         shuffle(&mut order, &mut draw);
         // One view at least is left to compare with.
-        let (context, others) = order.split_at(config.views.min(order.len() - 1).max(1));
+        let (used, others) = order.split_at(config.views.min(order.len() - 1).max(1));
+        let [context, others] = [used, others].map(|views| views.iter().map(|i| &self.training[*i]));
+        let context: Vec<&MeasuredView> = context.collect();
         let mut candidates: Vec<&MeasuredView> =
-            if is_validation { self.held_back.iter().collect() } else { others.to_vec() };
+            if is_validation { self.held_back.iter().collect() } else { others.collect() };
         shuffle(&mut candidates, &mut draw);
         candidates.truncate(TRIED_TARGETS);
         let (finest, coarsest) = THINNING;
         let edge = self.median_depth * finest * (coarsest / finest).powf(draw.uniform());
-        let mut points = lifted(context, edge);
+        let mut points = lifted(&context, edge);
         let mut kept = 0..;
         points.retain(|_| {
             let i = kept.next().unwrap_or_default();
@@ -158,7 +171,8 @@ impl MeasuredScene {
         let views: Vec<PinholeView> = context.iter().map(|v| v.view.clone()).collect();
         let images = Photographs::new(&views, &surface, scale);
         let lights = vec![Light::default(); views.len()];
-        let seen = SeenCloud::new(&points, &images, &lights);
+        let maps = self.maps.as_ref().map(|maps| maps.of(used));
+        let seen = SeenCloud::new(&points, &images, &lights).with_maps(maps.as_ref());
         let targets_of = |area: SiteBox| {
             let found = candidates.iter().filter_map(|v| PhotographTarget::of(v, scale, area, &points));
             found.take(TARGETS).map(|target| Box::new(target) as Box<dyn Target>).collect()

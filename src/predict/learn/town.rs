@@ -5,6 +5,7 @@ use super::surface::ExactSurface;
 use crate::affine::{SiteFrame, SiteScene, TrainingView};
 use crate::frame::{Point, SiteBox, SiteGrid};
 use crate::io::ImageFile;
+use crate::predict::image_network::NetworkMaps;
 use crate::predict::light::{Light, calibrate};
 use crate::predict::{Cloud, SplatSampling, observer::SatelliteImages, reference};
 use crate::progress::Progress;
@@ -26,6 +27,8 @@ pub struct Town {
     pub altitudes: (f64, f64),
     /// Images to predict from.
     pub context: Vec<TrainingView>,
+    /// What a network of image features gives for these, if there is one.
+    pub maps: Option<NetworkMaps>,
     /// Images to compare with.
     pub targets: Vec<TargetView>,
     /// The exact surface.
@@ -78,7 +81,7 @@ impl Town {
         let frame = SiteFrame { site, area, altitudes, reference: None };
         let (context, targets) = views(folder, &scene, frame, transfer_function)?;
         let prior = Arc::new(Prior::new(&surface.smooth_parts()));
-        let mut town = Self { area, altitudes, context, targets: Vec::new(), surface, prior };
+        let mut town = Self { area, altitudes, context, maps: None, targets: Vec::new(), surface, prior };
         town.targets = town.with_light(targets)?;
         Ok(town)
     }

@@ -10,7 +10,7 @@ use crate::frame::SiteBox;
 use crate::predict::input::SeenCloud;
 use crate::predict::light::calibrate;
 use crate::predict::observer::SatelliteImages;
-use crate::predict::{Cloud, PredictError, is_within, reference};
+use crate::predict::{Cloud, ImageNetwork, PredictError, is_within, reference};
 use crate::progress::{Event, NoProgress, Progress};
 use crate::simulate::{Relief, SimulateOptions};
 use crate::splat::appearance::satgs::Cube;
@@ -41,6 +41,8 @@ pub struct Towns<'a> {
     pub config: &'a LearnConfig,
     /// The folder.
     pub folder: &'a Path,
+    /// The network of image features, if there is one.
+    pub image_network: Option<&'a ImageNetwork>,
 }
 
 impl TrainingData for Towns<'_> {
@@ -79,7 +81,9 @@ impl Towns<'_> {
         let SimulateOptions { views, size_px, gsd_m, relief, .. } = options;
         let relief = if relief == Relief::Hilly { "hilly" } else { "rolling" };
         let folder = self.folder.join(format!("towns/{seed}-{views}x{size_px}px-{gsd_m}m-{relief}"));
-        Ok(Arc::new(Town::load(&folder, &options, self.config.transfer_function(seed)?, &NoProgress)?))
+        let mut town = Town::load(&folder, &options, self.config.transfer_function(seed)?, &NoProgress)?;
+        town.maps = self.image_network.map(|n| n.maps_of(&town.context, &NoProgress)).transpose()?;
+        Ok(Arc::new(town))
     }
 
     /// The samples of a town, from cloud number `cloud`, which has this share of the points.
@@ -100,7 +104,7 @@ impl Towns<'_> {
         let surface = reference::surface(&points, sampling, town.area, true);
         let images = SatelliteImages::new(&town.context, &surface, town.altitudes);
         let lights = calibrate(&images, points.positions(), 0);
-        let seen = SeenCloud::new(&points, &images, &lights);
+        let seen = SeenCloud::new(&points, &images, &lights).with_maps(town.maps.as_ref());
         let targets_of = |area: SiteBox| {
             let targets = town.targets.iter().filter_map(|view| TownTarget::of(town, view, area));
             targets.map(|target| Box::new(target) as Box<dyn Target>).collect()

@@ -24,11 +24,11 @@ impl<T: Real> FeatureBlocks<T> {
         out
     }
 
-    /// The items' values, a row for each.
-    pub fn of_rows<const N: usize>(rows: &[[T; N]]) -> Self {
-        let mut out = Self::zeros(N, rows.len());
+    /// The items' values, a row of equal length for each.
+    pub fn of_rows(rows: &[impl AsRef<[T]>]) -> Self {
+        let mut out = Self::zeros(rows.first().map_or(0, |row| row.as_ref().len()), rows.len());
         for (item, row) in rows.iter().enumerate() {
-            for (feature, value) in row.iter().enumerate() {
+            for (feature, value) in row.as_ref().iter().enumerate() {
                 *out.at_mut(feature, item) = *value;
             }
         }
