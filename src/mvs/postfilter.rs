@@ -5,9 +5,12 @@
 //!    right-angled corners.
 //! 3. Next to a discontinuity, cells with a low score take the altitude of the side that the trained splats
 //!    are nearer to.
+//! 4. Each cell takes the altitude of the plane of least squares of the cells around it, of which only those count that
+//!    lie on it. That removes noise of a few decimetres and leaves edges where they are.
 
 use super::surface::{CONFIDENT, MatchedSurface};
 use crate::io::Grid2;
+use nalgebra::{Matrix3, Vector3};
 
 /// A rank filter: the value of a given quantile among the cells of a disc.
 struct RankFilter {
@@ -27,6 +30,16 @@ const DISCONTINUITY_M: f32 = 2.0;
 /// Score below which splats locate a discontinuity better than matching does: they are not limited by the
 /// size of a window.
 const EXACT_SCORE: f32 = 0.5;
+/// Half the side of the square whose cells a plane is fitted to, cells; distance from the plane up to which cells lie on it, metres;
+/// number of fits, the first to the cells around the altitude of the cell itself; and fewest cells of a plane.
+const PLANE_RADIUS: i64 = 3;
+const PLANE_TOLERANCE_M: f32 = 0.25;
+const PLANE_FITS: usize = 3;
+const PLANE_CELLS: f64 = 6.0;
+/// For the first fit the tolerance grows with the distance from the cell by this part for each cell: slopes are not known yet.
+const SLOPE_ALLOWANCE: f32 = 0.3;
+/// Added to the sums of squares, square cells: planes of few cells are nearly level rather than steep.
+const LEVELNESS: f64 = 1e-3;
 /// Offsets (right, down) of the four neighbours of a cell.
 const NEIGHBOURS: [(i64, i64); 4] = [(1, 0), (0, -1), (-1, 0), (0, 1)];
 
@@ -47,8 +60,44 @@ impl MatchedSurface {
                 };
             }
         });
+        self.altitude = Grid2::from_rows(self.altitude.width, self.altitude.height, |row, line| {
+            line.iter_mut().enumerate().for_each(|(col, z)| *z = on_plane(&self.altitude, col, row));
+        });
         self
     }
+}
+
+/// The altitude of a cell on the plane of least squares of the cells around it that lie on it; its own if these are too few.
+fn on_plane(altitudes: &Grid2, col: usize, row: usize) -> f32 {
+    let own = altitudes.at(col, row);
+    if own.is_nan() {
+        return own;
+    }
+    // Altitude in the cell and its slopes per cell, right and down.
+    let mut plane = [own, 0.0, 0.0];
+    for fit in 0..PLANE_FITS {
+        let (mut normal, mut sums, mut cells) = (Matrix3::<f64>::zeros(), Vector3::zeros(), 0.0);
+        for down in -PLANE_RADIUS..=PLANE_RADIUS {
+            for right in -PLANE_RADIUS..=PLANE_RADIUS {
+                let z = altitudes.get(col as i64 + right, row as i64 + down);
+                let (x, y) = (right as f32, down as f32);
+                let allowance = if fit == 0 { 1.0 + SLOPE_ALLOWANCE * x.hypot(y) } else { 1.0 };
+                // Unknown altitudes are on no plane.
+                if (z - plane[0] - plane[1] * x - plane[2] * y).abs() < PLANE_TOLERANCE_M * allowance {
+                    let place = Vector3::new(1.0, f64::from(x), f64::from(y));
+                    normal += place * place.transpose();
+                    sums += place * f64::from(z - own);
+                    cells += 1.0;
+                }
+            }
+        }
+        normal += Matrix3::from_diagonal(&Vector3::new(0.0, LEVELNESS, LEVELNESS));
+        let Some(solved) = normal.cholesky().filter(|_| cells >= PLANE_CELLS).map(|n| n.solve(&sums)) else {
+            return own;
+        };
+        plane = [own + solved[0] as f32, solved[1] as f32, solved[2] as f32];
+    }
+    plane[0]
 }
 
 /// The altitude of a cell; at a discontinuity, that one of its own and its neighbours' which is nearest to `trained`.
