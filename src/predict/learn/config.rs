@@ -92,8 +92,6 @@ impl LearnConfig {
         let failed = |reason: String| LearnError::ConfigFile { path: path.into(), reason };
         let invalid = |e: toml::de::Error| failed(e.to_string().trim_end().to_owned());
         let text = std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))?;
-        // A message about a wrong field has its line.
-        toml::from_str::<Self>(&text).map_err(invalid)?;
         let mut all: toml::Table = toml::from_str(&self.to_toml()).map_err(invalid)?;
         replace(&mut all, toml::from_str(&text).map_err(invalid)?);
         all.try_into().map_err(invalid)
@@ -223,6 +221,9 @@ mod tests {
         assert_eq!(base.with_file(&path).unwrap(), LearnConfig { seed: 7, sampling, ..base.clone() });
         std::fs::write(&path, "steps = 4\nseeds = 7\n").unwrap();
         let text = base.with_file(&path).unwrap_err().to_string();
-        assert!(text.contains("seeds") && text.contains("line 2"), "{text}");
+        assert!(text.contains("learn.toml") && text.contains("`seeds`"), "{text}");
+        std::fs::write(&path, "steps = 4\nseed = \n").unwrap();
+        let text = base.with_file(&path).unwrap_err().to_string();
+        assert!(text.contains("line 2"), "{text}");
     }
 }
