@@ -82,7 +82,12 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
             return Err(CliError::input("--test-views and --downsampling are for --scenes", hint));
         }
         if let Some(from) = &args.from {
-            return convert(from, out, args.config.as_deref(), ui);
+            if args.config.is_some() || args.image_features.is_some() {
+                let hint =
+                    "without --from a model is trained, with --scenes that of --from is trained further";
+                return Err(CliError::input("--from only writes a model: it takes no other options", hint));
+            }
+            return convert(from, out, ui);
         }
     }
     if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("onnx")) {
@@ -111,13 +116,7 @@ fn read(from: &Path) -> Result<Model, CliError> {
 }
 
 /// Writes a model in another format.
-fn convert(from: &Path, out: &Path, config: Option<&Path>, ui: &Ui) -> Result<(), CliError> {
-    if config.is_some() {
-        return Err(CliError::input(
-            "--from only writes a model, which needs no --config",
-            "--scenes trains it further",
-        ));
-    }
+fn convert(from: &Path, out: &Path, ui: &Ui) -> Result<(), CliError> {
     let model = read(from)?;
     if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("onnx")) {
         write_onnx(&model, out)?;

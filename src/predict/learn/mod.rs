@@ -79,8 +79,9 @@ struct State {
     log: Vec<LearnLine>,
 }
 
-/// Trains a model on simulated towns, with the image features of a network if there is one, and writes it to `out`. `folder` keeps the towns, a checkpoint, the log `learn.csv`, scores of
-/// unseen towns by the part of the points (`points.csv`), and their curves; a training that is there goes on.
+/// Trains a model on simulated towns, with the image features of a network if there is one, and writes it to `out`. `folder` keeps
+/// the towns, a checkpoint, the log `learn.csv`, scores of unseen towns by the part of the points (`points.csv`), and their curves; a
+/// training that is there goes on.
 ///
 /// # Errors
 /// [`LearnError`]; after [`LearnError::Interrupted`] the same call goes on.

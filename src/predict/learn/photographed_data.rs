@@ -35,7 +35,7 @@ const DRAW_VIEWS: u64 = 55;
 const DRAW_POINT: u64 = 56;
 /// Weight of the agreement of depths.
 const DEPTH_WEIGHT: f64 = 0.2;
-/// Largest number of views of a scene that are kept in memory.
+/// Largest numbers of training views and of views that are held back of a scene that are kept in memory.
 const MOST_VIEWS: usize = 400;
 /// Views are drawn until this many show a tile, of at most so many.
 const TARGETS: usize = 4;
@@ -71,7 +71,8 @@ struct MeasuredView {
 }
 
 impl PhotographedScenes {
-    /// Reads scenes, with the image features of a network if there is one. At most 400 views of each are kept, evenly chosen.
+    /// Reads scenes, with the image features of a network if there is one. At most 400 training views and 400 that
+    /// are held back are kept of each, evenly chosen.
     ///
     /// # Errors
     /// [`LearnError::Photographs`] if a scene cannot be read, [`LearnError::FewDepths`] if fewer than two training views of one have
@@ -107,23 +108,12 @@ impl MeasuredScene {
         for (name, reason) in &scene.skipped {
             progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
         }
-        let with_depth: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.depth.is_some()).collect();
-        let used: Vec<&PerspectiveView> =
-            with_depth.iter().step_by(with_depth.len().div_ceil(MOST_VIEWS).max(1)).copied().collect();
-        progress.event(Event::Started { stage: "reading images and depth maps", total: used.len() as u64 });
-        let (mut training, mut held_back) = (Vec::new(), Vec::new());
-        for some in used.chunks(rayon::current_num_threads().max(1)) {
-            progress.check()?;
-            let read: Vec<Result<MeasuredView, LearnError>> =
-                some.par_iter().map(|view| MeasuredView::read(view)).collect();
-            for (view, measured) in some.iter().zip(read) {
-                let role = if view.role == Role::Train { &mut training } else { &mut held_back };
-                role.push(measured?);
-            }
-            let done = (training.len() + held_back.len()) as u64;
-            progress.event(Event::Advanced { done, status: String::new() });
-        }
-        progress.event(Event::Finished);
+        let [training, held_back] = [true, false].map(|is_training| {
+            let has_role = |v: &&PerspectiveView| (v.role == Role::Train) == is_training;
+            evenly_chosen(scene.views.iter().filter(|v| v.depth.is_some()).filter(has_role).collect())
+        });
+        let training = MeasuredView::read_all(&training, progress)?;
+        let held_back = MeasuredView::read_all(&held_back, progress)?;
         let depths = training.iter().flat_map(|v| v.depth.data.iter().step_by(101)).filter(|z| z.is_finite());
         let median_depth = quantile(depths.map(|z| f64::from(*z)).collect(), 0.5);
         let few = || LearnError::FewDepths { path: path.into(), found: training.len() };
@@ -181,7 +171,28 @@ impl MeasuredScene {
     }
 }
 
+/// At most [`MOST_VIEWS`] of these views.
+fn evenly_chosen(views: Vec<&PerspectiveView>) -> Vec<&PerspectiveView> {
+    let every = views.len().div_ceil(MOST_VIEWS).max(1);
+    views.into_iter().step_by(every).collect()
+}
+
 impl MeasuredView {
+    fn read_all(views: &[&PerspectiveView], progress: &dyn Progress) -> Result<Vec<Self>, LearnError> {
+        progress.event(Event::Started { stage: "reading images and depth maps", total: views.len() as u64 });
+        let mut out = Vec::with_capacity(views.len());
+        for some in views.chunks(rayon::current_num_threads().max(1)) {
+            progress.check()?;
+            let read: Vec<Result<Self, LearnError>> = some.par_iter().map(|view| Self::read(view)).collect();
+            for view in read {
+                out.push(view?);
+            }
+            progress.event(Event::Advanced { done: out.len() as u64, status: String::new() });
+        }
+        progress.event(Event::Finished);
+        Ok(out)
+    }
+
     fn read(view: &PerspectiveView) -> Result<Self, LearnError> {
         let planes = view.read_image()?.planes;
         let photograph = PinholeView::new(view.name.clone(), view.camera, &planes);
@@ -226,7 +237,8 @@ impl TrainingData for PhotographedData<'_> {
     }
 
     fn samples(&self, round: usize) -> Result<Vec<Sample>, LearnError> {
-        let scene = &self.scenes.scenes[round % self.scenes.scenes.len()];
+        let scenes = &self.scenes.scenes;
+        let Some(scene) = scenes.get(round % scenes.len().max(1)) else { return Ok(Vec::new()) };
         let share = draw_share(self.config.seed, round as u64);
         Ok(scene.samples(self.config, round as u64, (share, self.config.tiles), false)?)
     }
