@@ -267,7 +267,8 @@ fn frames(folder: &Path, count: usize) {
 }
 
 #[test]
-fn a_model_is_trained_further_on_photographs_with_depth_maps_and_predicts_them_better() {
+fn a_model_that_is_trained_further_on_photographs_shows_held_back_views_better_than_splats_without_a_network()
+{
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     std::fs::create_dir(folder.path().join("wall")).unwrap();
@@ -282,7 +283,8 @@ fn a_model_is_trained_further_on_photographs_with_depth_maps_and_predicts_them_b
     };
     let summary = learn("a.safetensors", &[]);
     let scores = find(&summary, "dense").unwrap().as_array().unwrap().clone();
-    assert!(scores[0].as_f64().unwrap() > 15.0, "{scores:?}");
+    let scores: Vec<f64> = scores.iter().map(|v| v.as_f64().unwrap()).collect();
+    assert!(scores[0] > 15.0 && scores[0] > scores[1].max(scores[2]), "{scores:?}");
     learn("b.safetensors", &["--threads", "1"]);
     let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
     assert!(bytes("a.safetensors") == bytes("b.safetensors"), "the number of threads changes the model");
@@ -290,9 +292,16 @@ fn a_model_is_trained_further_on_photographs_with_depth_maps_and_predicts_them_b
     let model = path("a.safetensors");
     succeeds(&["predict", &path("wall"), "-o", &path("run"), "--model", &model, "--test-views", "4", "-q"]);
     // Another start is another training; a scene needs depth maps.
-    let again =
-        ["learn", &model, "--scenes", &path("wall"), "--test-views", "4", "--from", &path("b.safetensors")];
-    refused(&again, 2, &["another configuration"]);
+    let (wall, config, other) = (path("wall"), path("short.toml"), path("b.safetensors"));
+    let again = ["learn", &model, "--scenes", &wall, "--config", &config];
+    succeeds(&[&again[..], &["--test-views", "4", "-q"]].concat());
+    for more in [
+        &["--test-views", "4", "--from", &other][..],
+        &["--test-views", "3"],
+        &["--test-views", "4", "--downsampling", "2"],
+    ] {
+        refused(&[&again[..], more].concat(), 2, &["another configuration"]);
+    }
     for frame in 0..10 {
         std::fs::remove_file(folder.path().join(format!("wall/f{frame}.depth.png"))).unwrap();
     }

@@ -198,6 +198,26 @@ mod tests {
     }
 
     #[test]
+    fn noise_of_a_slope_is_reduced_and_a_ridge_and_a_small_step_stay() {
+        let slope = |col: usize, row: usize| 0.2 * col as f32 - 0.1 * row as f32;
+        let noise = |col: usize, row: usize| 0.1 * (((col * 7 + row * 13) % 11) as f32 / 5.0 - 1.0);
+        let rms = |surface: &Grid2| {
+            let inside = (4..36).flat_map(|row| (4..36).map(move |col| (col, row)));
+            (inside.map(|(c, r)| (surface.at(c, r) - slope(c, r)).powi(2)).sum::<f32>() / 1024.0).sqrt()
+        };
+        let noisy = Grid2::from_fn(40, 40, |c, r| slope(c, r) + noise(c, r));
+        let smooth = postfiltered(noisy.clone(), |_, _| 0.9);
+        assert!(rms(&smooth) < 0.5 * rms(&noisy), "{} of {}", rms(&smooth), rms(&noisy));
+        let ridge = |col: usize| 8.0 - 0.4 * (col as f32 - 19.5).abs();
+        let step = |col: usize| if col < 20 { 1.0 } else { 0.0 };
+        for shape in [&ridge as &dyn Fn(usize) -> f32, &step] {
+            let out = postfiltered(Grid2::from_fn(40, 40, |col, _| shape(col)), |_, _| 0.9);
+            let worst = (4..36).map(|col| (out.at(col, 20) - shape(col)).abs()).fold(0.0, f32::max);
+            assert!(worst < 0.11, "{worst}");
+        }
+    }
+
+    #[test]
     fn a_group_of_cells_is_kept_if_it_is_confident() {
         let group = |col: usize, row: usize| (8..10).contains(&col) && (7..9).contains(&row);
         let surface = || Grid2::from_fn(20, 16, |col, row| if group(col, row) { 5.0 } else { 0.0 });

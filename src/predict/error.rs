@@ -48,10 +48,12 @@ pub enum PredictError {
     Features(#[from] FeatureError),
     /// The model needs image features that are not given, or none or others than those that are.
     #[error("the model {needed}")]
-    #[diagnostic(help("`--image-features FILE.onnx` must name the network that the model was trained with"))]
+    #[diagnostic(help(
+        "a model takes exactly the `--image-features FILE.onnx` that it was trained with, or none"
+    ))]
     OtherFeatures {
         /// What it was trained with.
-        needed: &'static str,
+        needed: String,
     },
     /// The caller asked to stop.
     #[error(transparent)]

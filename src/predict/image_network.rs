@@ -3,13 +3,14 @@
 
 use super::PredictError;
 use super::image_features::FEATURES;
+use super::network::MOST_IMAGE_FEATURES;
 use crate::affine::TrainingView;
 use crate::frame::{CenterPx, Pixel};
-use crate::io::Grid2;
+use crate::io::{Grid2, vsi};
 use crate::nn::features::{DenseFeatures, FeatureMap, OnnxFeatures};
 use crate::progress::{Event, Progress};
 use crate::splat::pinhole::PinholeView;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 /// A network that gives a vector for each patch of an image.
@@ -17,8 +18,18 @@ pub struct ImageNetwork {
     network: Mutex<OnnxFeatures>,
     patch_px: usize,
     channels: usize,
-    /// Hash of the file.
-    hash: String,
+    id: ImageNetworkId,
+}
+
+/// What a model knows of the network of image features that it was trained with.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImageNetworkId {
+    /// The file.
+    pub path: PathBuf,
+    /// Hash of its content.
+    pub hash: String,
+    /// Number of image features of a key point with it: mean and standard deviation over the images.
+    pub features: usize,
 }
 
 /// The vectors of the patches of some images.
@@ -35,22 +46,21 @@ impl ImageNetwork {
     /// [`PredictError::Features`] if it cannot be used, [`PredictError::Io`] if the file cannot be read.
     pub fn load(path: &Path) -> Result<Self, PredictError> {
         let network = OnnxFeatures::load(path)?;
-        let io = |e: std::io::Error| PredictError::Io { path: path.into(), reason: e.to_string() };
-        let hash = blake3::hash(&std::fs::read(path).map_err(io)?).to_hex().to_string();
+        let io = |reason: String| PredictError::Io { path: path.into(), reason };
         let (patch_px, channels) = (network.patch_px(), network.channels());
-        Ok(Self { network: Mutex::new(network), patch_px, channels, hash })
+        let features = FEATURES + 2 * channels;
+        if features > MOST_IMAGE_FEATURES {
+            return Err(io(format!("its vectors have {channels} numbers, which are too many")));
+        }
+        let hash = vsi::content_hash(path).map_err(|e| io(e.to_string()))?.to_hex().to_string();
+        let id = ImageNetworkId { path: path.into(), hash, features };
+        Ok(Self { network: Mutex::new(network), patch_px, channels, id })
     }
 
-    /// Hash of the file, by which a model knows the network that it was trained with.
+    /// By what a model knows it.
     #[must_use]
-    pub fn hash(&self) -> &str {
-        &self.hash
-    }
-
-    /// Number of image features of a key point with this network: mean and standard deviation over the images.
-    #[must_use]
-    pub fn features(&self) -> usize {
-        FEATURES + 2 * self.channels
+    pub fn id(&self) -> &ImageNetworkId {
+        &self.id
     }
 
     /// The vectors of images, whose planes are red, green and blue as displayed.
@@ -96,10 +106,10 @@ impl ImageNetwork {
     /// [`PredictError::Features`] if the network cannot be evaluated, [`PredictError::Interrupted`].
     pub fn maps_of_photographs(
         &self,
-        views: &[PinholeView],
+        views: &[&PinholeView],
         progress: &dyn Progress,
     ) -> Result<NetworkMaps, PredictError> {
-        let displayed = |view: &PinholeView| planes(view.camera.size, |col, row| view.color(col, row));
+        let displayed = |view: &&PinholeView| planes(view.camera.size, |col, row| view.color(col, row));
         self.maps(views.iter().map(displayed), progress)
     }
 }

@@ -7,7 +7,7 @@
 //! |---|---|
 //! | a point of a group | place relative to the key point (3), linear colour (3) |
 //! | a key point | mean distance of its group, height above ground, normal (3); then mean and standard deviation of the image features, and the same of the vectors of a network if there is one |
-//! | a query | normal (3), distance of the points from their plane, spacing of the cloud and of the points around, height above ground, linear colour (3), deviation of the images from it, share of images that show it, sunlight, whether it is on a wall, distance moved onto the surface, distance of the nearest point |
+//! | a query | normal (3), distance of the points from their plane, spacing of the cloud and of the points around, height above ground, linear colour (3), deviation of the images from it, share of images that show it, sunlight, whether it is on a wall, distance from the middle of the points of the voxel along the line of the sample, distance of the nearest point |
 
 use super::head::Base;
 use super::image_features::FEATURE_MAPS;

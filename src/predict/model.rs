@@ -4,8 +4,9 @@
 //! spacings of points that it was trained with, and how it was made.
 
 use super::image_features::FEATURES;
+use super::image_network::ImageNetworkId;
 use super::network::SplatNetwork;
-use super::{ImageNetwork, PredictError, SplatSampling};
+use super::{PredictError, SplatSampling};
 use crate::io::{WriteError, write_file};
 use crate::nn::tensors::values;
 use safetensors::tensor::TensorView;
@@ -49,8 +50,11 @@ impl ModelContent {
     ///
     /// # Errors
     /// [`PredictError::OtherFeatures`] if it is not.
-    pub fn require(&self, image_network: Option<&ImageNetwork>) -> Result<(), PredictError> {
-        require(self.image_network.as_deref(), image_network)
+    pub fn require(&self, image_network: Option<&ImageNetworkId>) -> Result<(), PredictError> {
+        require(self.image_network.as_deref(), image_network)?;
+        let (needed, given) = (self.network.image_features, image_network.map_or(FEATURES, |n| n.features));
+        let wrong = || format!("takes {needed} image features, but {given} are given");
+        if needed == given { Ok(()) } else { Err(PredictError::OtherFeatures { needed: wrong() }) }
     }
 
     /// Whether the numbers of image features are possible.
@@ -62,17 +66,22 @@ impl ModelContent {
 }
 
 /// Checks that a network of image features is the one with this hash.
-pub fn require(needed: Option<&str>, given: Option<&ImageNetwork>) -> Result<(), PredictError> {
-    if needed == given.map(ImageNetwork::hash) {
-        return Ok(());
-    }
-    Err(PredictError::OtherFeatures {
-        needed: match (needed, given) {
-            (None, _) => "was trained without a network of image features",
-            (_, None) => "was trained with a network of image features",
-            _ => "was trained with another network of image features",
-        },
-    })
+pub fn require(needed: Option<&str>, given: Option<&ImageNetworkId>) -> Result<(), PredictError> {
+    let needed = match (needed, given) {
+        (None, None) => return Ok(()),
+        (Some(needed), Some(given)) if needed == given.hash => return Ok(()),
+        (None, Some(given)) => {
+            format!(
+                "was trained without a network of image features, so that it has no use for `{}`",
+                given.path.display()
+            )
+        }
+        (Some(_), None) => "was trained with a network of image features".into(),
+        (Some(_), Some(given)) => {
+            format!("was trained with another network of image features than `{}`", given.path.display())
+        }
+    };
+    Err(PredictError::OtherFeatures { needed })
 }
 
 impl Model {

@@ -71,7 +71,7 @@ impl Predictor {
             Network::Onnx(_) => None,
         };
         if let Some(needed) = needed {
-            require(needed, image_network.as_ref())?;
+            require(needed, image_network.as_ref().map(ImageNetwork::id))?;
         }
         Ok(Self { image_network, ..self })
     }
@@ -95,6 +95,7 @@ impl Predictor {
     pub fn outputs(&self, input: &NetworkInput<f32>) -> Result<FeatureBlocks<f32>, PredictError> {
         match &self.network {
             Network::Own(Model { content, parameters }) => {
+                content.require(self.image_network.as_ref().map(ImageNetwork::id))?;
                 Ok(NetworkEvaluation::new(&content.network).forward(parameters, input).clone())
             }
             Network::Onnx(model) => {

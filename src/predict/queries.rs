@@ -113,7 +113,7 @@ impl VoxelPoints {
     /// `samples` times `samples` lines of a regular grid through the voxel along the axis that the surface faces most: the axis and
     /// the point of the line in the middle of the points.
     fn lines(&self, at: Voxel, side: f64, samples: i64) -> impl Iterator<Item = (usize, [f64; 3])> {
-        let axis = (0..3).rev().max_by(|a, b| self.facing[*a].total_cmp(&self.facing[*b])).unwrap_or(2);
+        let axis = (0..3).max_by(|a, b| self.facing[*a].total_cmp(&self.facing[*b])).unwrap_or(2);
         let start = self.sum / self.count;
         let place = move |k: usize, i: i64| side * (at[k] as f64 + (i as f64 + 0.5) / samples as f64);
         let line = move |i: i64, j: i64| {
@@ -251,6 +251,31 @@ mod tests {
         }
         let without = queries(&block(), &SplatSampling::default(), (8.0, 12.0, 12.0, 18.0), false);
         assert!(without.iter().all(|q| !q.is_wall));
+    }
+
+    #[test]
+    fn oblique_surfaces_are_sampled_without_gaps_and_not_much_too_densely() {
+        for normal in
+            [[0.5, 0.0, 0.87], [0.7, 0.1, 0.7], [0.87, 0.0, 0.5], [0.6, 0.55, 0.58], [0.1, 0.98, 0.15]]
+        {
+            let normal = DVec3::from_array(normal).normalize();
+            let u = normal.any_orthonormal_vector();
+            let v = normal.cross(u);
+            let place = |a: f64, b: f64| (20.0 * DVec3::ONE + a * u + b * v).to_array();
+            let points =
+                (0..60 * 60).map(|i| place(0.5 * f64::from(i % 60 - 30), 0.5 * f64::from(i / 60 - 30)));
+            let (cloud, _) = Cloud::new(&points.collect::<Vec<_>>(), 0.1).unwrap();
+            let found = queries(&cloud, &SplatSampling::default(), (-50.0, -50.0, 90.0, 90.0), false);
+            let is_near = |p: [f64; 3], within: f64| {
+                found.iter().any(|q| DVec3::from_array(q.position).distance(DVec3::from_array(p)) < within)
+            };
+            for i in 0..400 {
+                let p = place(f64::from(i % 20) - 9.9, f64::from(i / 20) - 9.7);
+                assert!(is_near(p, 0.65), "{normal}: no sample near {p:?}");
+            }
+            // Half a metre apart there would be 3600.
+            assert!((1700..4500).contains(&found.len()), "{normal}: {} samples", found.len());
+        }
     }
 
     #[test]

@@ -77,7 +77,8 @@ pub fn of_photographed_points(
     let images = Photographs::new(views, &surface, scale);
     // All photographs have the same light.
     let lights = vec![Light::default(); views.len()];
-    let maps = model.image_network().map(|n| n.maps_of_photographs(views, progress)).transpose()?;
+    let photographs: Vec<&PinholeView> = views.iter().collect();
+    let maps = model.image_network().map(|n| n.maps_of_photographs(&photographs, progress)).transpose()?;
     let seen = SeenCloud::new(&cloud, &images, &lights).with_maps(maps.as_ref());
     warn_of_dropped(&clean_up, progress);
     let splats = reduced(splats(&seen, area, false, model, untrained, progress)?, scale);

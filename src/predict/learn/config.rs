@@ -2,7 +2,6 @@
 
 use super::error::LearnError;
 use crate::predict::SplatSampling;
-use crate::predict::image_features::FEATURES;
 use crate::predict::network::SplatNetwork;
 use crate::scene::TransferFunction;
 use crate::simulate::{Relief, SimulateOptions};
@@ -47,7 +46,7 @@ pub struct LearnConfig {
     pub validation_towns: usize,
     /// Number of rounds between validations.
     pub validate_every: usize,
-    /// Shape of the network.
+    /// Shape of the network. Its number of image features is that of those that are there.
     pub network: SplatNetwork,
     /// Spacings of points.
     pub sampling: SplatSampling,
@@ -139,9 +138,9 @@ impl LearnConfig {
                 return Err(LearnError::Config { field, found, expected: "at least one number" });
             }
         }
-        if !self.network.is_sound() || self.network.image_features < FEATURES {
+        if !self.network.is_sound() {
             let found = format!("{:?}", self.network);
-            let expected = "a width of 4 to 512, divisible by 4, and at least 12 image features";
+            let expected = "a width of 4 to 512, divisible by 4, and at most 8192 image features";
             return Err(LearnError::Config { field: "network", found, expected });
         }
         // Of the lists, towns take one after the other.

@@ -13,6 +13,9 @@ use crate::splat::loss::WeightError;
 use crate::splat::raster::Image;
 use crate::splat::splats::Splats;
 
+/// Number of tiles of a cloud for validation, and the number of the first such cloud.
+pub const VALIDATION_TILES: usize = 3;
+pub const VALIDATION_CLOUD: u64 = 1 << 40;
 /// Purpose of the random numbers.
 const DRAW_TILE: u64 = 53;
 /// Side of the tiles that are compared with images, and the margin beyond, in which splats are predicted as well, metres.
@@ -25,6 +28,9 @@ const MARGIN_PX: usize = 4;
 
 /// Where the samples come from.
 pub trait TrainingData {
+    /// What tells these data from others.
+    fn identity(&self) -> String;
+
     /// What the scores of samples that are not learned from are of.
     fn held_back(&self) -> &'static str;
 

@@ -41,7 +41,7 @@ use town_data::Towns;
 /// Purpose of the random numbers.
 const DRAW_STEP: u64 = 54;
 /// Kind of the checkpoint's file.
-const CHECKPOINT: &str = "satgs learn 3";
+const CHECKPOINT: &str = "satgs learn 4";
 /// Parts of the points of the clouds by which a trained model is scored.
 const SHARES: [f64; 5] = [1.0, 0.3, 0.1, 0.03, 0.01];
 /// Parts of the points of the two clouds of a validation.
@@ -73,6 +73,8 @@ pub struct Validation {
 #[derive(Serialize, Deserialize)]
 struct State {
     content: ModelContent,
+    /// What tells the data and the parameters at the start from others.
+    made_from: String,
     rounds: usize,
     parameters: Vec<f32>,
     adam: Adam,
@@ -92,7 +94,7 @@ pub fn learn(
     image_network: Option<&ImageNetwork>,
     progress: &dyn Progress,
 ) -> Result<Vec<LearnLine>, LearnError> {
-    let image_features = image_network.map_or(FEATURES, ImageNetwork::features);
+    let image_features = image_network.map_or(FEATURES, |n| n.id().features);
     let network = SplatNetwork { image_features, ..config.network.clone() };
     let config = &LearnConfig { network: network.clone(), ..config.clone() };
     config.check()?;
@@ -101,13 +103,13 @@ pub fn learn(
         network,
         sampling: config.sampling,
         origin: config.origin(),
-        image_network: image_network.map(|n| n.hash().to_owned()),
+        image_network: image_network.map(|n| n.id().hash.clone()),
     };
     train(
         out,
         folder,
         Model { content, parameters },
-        &Towns { config, folder, image_network },
+        &Towns::new(config, folder, image_network),
         config,
         progress,
     )
@@ -126,6 +128,7 @@ pub fn learn_from_photographs(
     config: &LearnConfig,
     progress: &dyn Progress,
 ) -> Result<Vec<LearnLine>, LearnError> {
+    model.content.require(scenes.image_network())?;
     let ModelContent { network, sampling, origin, .. } = &model.content;
     let config = &LearnConfig { network: network.clone(), sampling: *sampling, ..config.clone() };
     config.check()?;
@@ -143,7 +146,8 @@ fn train(
     progress: &dyn Progress,
 ) -> Result<Vec<LearnLine>, LearnError> {
     let path = folder.join("checkpoint.bin");
-    let mut state = if path.exists() { read_state(&path, &model)? } else { State::new(model) };
+    let start = State::new(model, data);
+    let mut state = if path.exists() { read_state(&path, &start)? } else { start };
     let validation = data.validation(&VALIDATION_SHARES, progress)?;
     let is_scored = validation.iter().all(|samples| !samples.is_empty());
     progress.event(Event::Started { stage: "training the network", total: config.rounds as u64 });
@@ -194,11 +198,11 @@ fn train(
     Ok(state.log)
 }
 
-fn read_state(path: &Path, model: &Model) -> Result<State, LearnError> {
+fn read_state(path: &Path, start: &State) -> Result<State, LearnError> {
     let state: State = checkpoint::read(path, CHECKPOINT)?;
-    let count = model.parameters.len();
+    let count = start.parameters.len();
     let fits = state.parameters.len() == count && state.adam.fits(count);
-    if state.content == model.content && fits {
+    if state.content == start.content && state.made_from == start.made_from && fits {
         Ok(state)
     } else {
         Err(LearnError::OtherTraining { path: path.into() })
@@ -256,9 +260,15 @@ fn curves_by_share(scores: &[(f64, [f64; 3])], held_back: &str) -> Chart {
 }
 
 impl State {
-    fn new(model: Model) -> Self {
+    fn new(model: Model, data: &dyn TrainingData) -> Self {
         let Model { content, parameters } = model;
-        Self { content, rounds: 0, parameters, adam: Adam::default(), log: Vec::new() }
+        let mut hasher = blake3::Hasher::new();
+        for value in &parameters {
+            hasher.update(&value.to_le_bytes());
+        }
+        hasher.update(data.identity().as_bytes());
+        let made_from = hasher.finalize().to_hex().to_string();
+        Self { content, made_from, rounds: 0, parameters, adam: Adam::default(), log: Vec::new() }
     }
 
     fn model(&self) -> Model {
@@ -350,11 +360,11 @@ mod tests {
     fn a_single_tile_is_learned_far_better_than_splats_without_a_network_show_it() {
         let config = LearnConfig { rounds: 8, steps: 48, size_px: 160, views: 6, ..LearnConfig::default() };
         let folder = tempfile::tempdir().unwrap();
-        let towns = Towns { config: &config, folder: folder.path(), image_network: None };
+        let towns = Towns::new(&config, folder.path(), None);
         let samples = towns.tiles(&towns.load(5).unwrap(), 0, 1.0, 1).unwrap();
         assert_eq!(samples.len(), 1);
         let content = ModelContent::default();
-        let mut state = State::new(Model::untrained(content, config.seed));
+        let mut state = State::new(Model::untrained(content, config.seed), &towns);
         let untrained = mean_psnr_db(&state.model(), &samples)[0];
         let losses: Vec<f64> =
             (0..config.rounds).map(|round| state.round(round, &[&samples[0]], &config).unwrap().1).collect();

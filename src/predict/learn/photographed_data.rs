@@ -4,14 +4,14 @@
 //! are compared whose depth lies on a surface that the points show.
 
 use super::config::LearnConfig;
-use super::data::{Crop, Sample, Target, TrainingData, tiles_of};
+use super::data::{Crop, Sample, Target, TrainingData, VALIDATION_CLOUD, VALIDATION_TILES, tiles_of};
 use super::error::LearnError;
 use super::points::draw_share;
 use crate::frame::{Pixel, SiteBox};
 use crate::io::Grid2;
 use crate::perspective::{PerspectiveOptions, PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::predict::cloud::voxel_means;
-use crate::predict::image_network::NetworkMaps;
+use crate::predict::image_network::{ImageNetworkId, NetworkMaps};
 use crate::predict::input::SeenCloud;
 use crate::predict::light::Light;
 use crate::predict::photographs::{EnlargedCloud, Photographs};
@@ -35,8 +35,9 @@ const DRAW_VIEWS: u64 = 55;
 const DRAW_POINT: u64 = 56;
 /// Weight of the agreement of depths.
 const DEPTH_WEIGHT: f64 = 0.2;
-/// Largest numbers of training views and of views that are held back of a scene that are kept in memory.
-const MOST_VIEWS: usize = 400;
+/// Largest number of pixels of the training views of all scenes that are kept in memory, and of the views that are held back: 8 bytes
+/// each.
+const MOST_PIXELS: usize = 250_000_000;
 /// Views are drawn until this many show a tile, of at most so many.
 const TARGETS: usize = 4;
 const TRIED_TARGETS: usize = 16;
@@ -44,14 +45,13 @@ const TRIED_TARGETS: usize = 16;
 const THINNING: (f64, f64) = (1.0 / 120.0, 1.0 / 30.0);
 /// A pixel is compared if its place is at most so many spacings of the points away from one.
 const NEAR: f64 = 1.5;
-/// Number of clouds and of tiles of each for validation, and the number of the first.
+/// Number of clouds of a scene for validation.
 const VALIDATION_CLOUDS: u64 = 4;
-const VALIDATION_TILES: usize = 3;
-const VALIDATION_CLOUD: u64 = 1 << 40;
 
 /// Scenes with depth maps, in memory.
 pub struct PhotographedScenes {
     scenes: Vec<MeasuredScene>,
+    image_network: Option<ImageNetworkId>,
 }
 
 /// A scene.
@@ -71,8 +71,8 @@ struct MeasuredView {
 }
 
 impl PhotographedScenes {
-    /// Reads scenes, with the image features of a network if there is one. At most 400 training views and 400 that
-    /// are held back are kept of each, evenly chosen.
+    /// Reads scenes, with the image features of a network if there is one. Of large ones
+    /// some views are kept, evenly chosen, such that they take 4 GB at most.
     ///
     /// # Errors
     /// [`LearnError::Photographs`] if a scene cannot be read, [`LearnError::FewDepths`] if fewer than two training views of one have
@@ -83,9 +83,19 @@ impl PhotographedScenes {
         image_network: Option<&ImageNetwork>,
         progress: &dyn Progress,
     ) -> Result<Self, LearnError> {
-        let scenes: Result<Vec<_>, LearnError> =
-            paths.iter().map(|path| MeasuredScene::read(path, options, image_network, progress)).collect();
-        Ok(Self { scenes: scenes? })
+        let most_pixels = MOST_PIXELS / paths.len().max(1);
+        let scene = |path: &PathBuf| MeasuredScene::read(path, options, most_pixels, image_network, progress);
+        let scenes = paths.iter().map(scene).collect::<Result<Vec<_>, LearnError>>()?;
+        if scenes.iter().all(|s| s.held_back.is_empty()) {
+            let text = "no views with depth maps are held back: the training is not scored";
+            progress.event(Event::Warning(text.into()));
+        }
+        Ok(Self { scenes, image_network: image_network.map(|n| n.id().clone()) })
+    }
+
+    /// The network whose image features they have.
+    pub(super) fn image_network(&self) -> Option<&ImageNetworkId> {
+        self.image_network.as_ref()
     }
 
     /// The folders and numbers of views, for the description of a model.
@@ -101,6 +111,7 @@ impl MeasuredScene {
     fn read(
         path: &Path,
         options: &PerspectiveOptions,
+        most_pixels: usize,
         image_network: Option<&ImageNetwork>,
         progress: &dyn Progress,
     ) -> Result<Self, LearnError> {
@@ -110,15 +121,18 @@ impl MeasuredScene {
         }
         let [training, held_back] = [true, false].map(|is_training| {
             let has_role = |v: &&PerspectiveView| (v.role == Role::Train) == is_training;
-            evenly_chosen(scene.views.iter().filter(|v| v.depth.is_some()).filter(has_role).collect())
+            let views = scene.views.iter().filter(|v| v.depth.is_some()).filter(has_role);
+            evenly_chosen(views.collect(), most_pixels)
         });
         let training = MeasuredView::read_all(&training, progress)?;
         let held_back = MeasuredView::read_all(&held_back, progress)?;
         let depths = training.iter().flat_map(|v| v.depth.data.iter().step_by(101)).filter(|z| z.is_finite());
         let median_depth = quantile(depths.map(|z| f64::from(*z)).collect(), 0.5);
-        let few = || LearnError::FewDepths { path: path.into(), found: training.len() };
+        let has_depths = |v: &&MeasuredView| v.depth.data.iter().any(|z| z.is_finite());
+        let few =
+            || LearnError::FewDepths { path: path.into(), found: training.iter().filter(has_depths).count() };
         let median_depth = median_depth.filter(|_| training.len() > 1).ok_or_else(few)?;
-        let views: Vec<PinholeView> = training.iter().map(|v| v.view.clone()).collect();
+        let views: Vec<&PinholeView> = training.iter().map(|v| &v.view).collect();
         let maps = image_network.map(|n| n.maps_of_photographs(&views, progress)).transpose()?;
         Ok(Self { path: path.into(), training, held_back, maps, median_depth })
     }
@@ -145,15 +159,16 @@ impl MeasuredScene {
         candidates.truncate(TRIED_TARGETS);
         let (finest, coarsest) = THINNING;
         let edge = self.median_depth * finest * (coarsest / finest).powf(draw.uniform());
-        let mut points = lifted(&context, edge);
-        let mut kept = 0..;
-        points.retain(|_| {
-            let i = kept.next().unwrap_or_default();
-            CounterRng::new(config.seed, DRAW_POINT, cloud, i).uniform() < share
-        });
+        let is_kept = |i: u64| CounterRng::new(config.seed, DRAW_POINT, cloud, i).uniform() < share;
+        let points = (0..).zip(lifted(&context, edge)).filter(|(i, _)| is_kept(*i));
+        let points: Vec<[f64; 3]> = points.map(|(_, p)| p).collect();
         let EnlargedCloud { cloud: points, scale, area, .. } =
             match EnlargedCloud::new(&points, &config.sampling) {
                 Ok(enlarged) => enlarged,
+                // Views that show little are not thinned.
+                Err(PredictError::FewPoints { .. }) if share < 1.0 && !is_validation => {
+                    return self.samples(config, cloud, (1.0, tiles), is_validation);
+                }
                 Err(PredictError::FewPoints { .. }) => return Ok(Vec::new()),
                 Err(other) => return Err(other),
             };
@@ -171,9 +186,10 @@ impl MeasuredScene {
     }
 }
 
-/// At most [`MOST_VIEWS`] of these views.
-fn evenly_chosen(views: Vec<&PerspectiveView>) -> Vec<&PerspectiveView> {
-    let every = views.len().div_ceil(MOST_VIEWS).max(1);
+/// Some of these views, evenly chosen, such that they have at most about so many pixels.
+fn evenly_chosen(views: Vec<&PerspectiveView>, most_pixels: usize) -> Vec<&PerspectiveView> {
+    let pixels: usize = views.iter().map(|v| v.camera.size.0 * v.camera.size.1).sum();
+    let every = pixels.div_ceil(most_pixels.max(1)).max(1);
     views.into_iter().step_by(every).collect()
 }
 
@@ -232,6 +248,15 @@ pub struct PhotographedData<'a> {
 }
 
 impl TrainingData for PhotographedData<'_> {
+    fn identity(&self) -> String {
+        let of_view = |v: &MeasuredView| format!("{} {:?}", v.view.name, v.view.camera);
+        let of_scene = |s: &MeasuredScene| {
+            let views: Vec<String> = s.training.iter().map(of_view).collect();
+            format!("{} {}", s.path.display(), views.join(" "))
+        };
+        self.scenes.scenes.iter().map(of_scene).collect::<Vec<_>>().join("\n")
+    }
+
     fn held_back(&self) -> &'static str {
         "views held back"
     }
@@ -244,18 +269,22 @@ impl TrainingData for PhotographedData<'_> {
     }
 
     fn validation(&self, shares: &[f64], progress: &dyn Progress) -> Result<Vec<Vec<Sample>>, LearnError> {
-        let of_share = |share: &f64| {
-            let mut out = Vec::new();
-            for (scene, cloud) in
-                self.scenes.scenes.iter().flat_map(|s| (0..VALIDATION_CLOUDS).map(move |k| (s, k)))
-            {
-                progress.check()?;
+        let scored = self.scenes.scenes.iter().filter(|scene| !scene.held_back.is_empty());
+        let clouds: Vec<_> =
+            scored.flat_map(|scene| (0..VALIDATION_CLOUDS).map(move |k| (scene, k))).collect();
+        let mut out: Vec<Vec<Sample>> = shares.iter().map(|_| Vec::new()).collect();
+        progress
+            .event(Event::Started { stage: "preparing views for validation", total: clouds.len() as u64 });
+        for (done, (scene, cloud)) in clouds.into_iter().enumerate() {
+            progress.check()?;
+            for (own, share) in out.iter_mut().zip(shares) {
                 let what = (*share, VALIDATION_TILES);
-                out.extend(scene.samples(self.config, VALIDATION_CLOUD + cloud, what, true)?);
+                own.extend(scene.samples(self.config, VALIDATION_CLOUD + cloud, what, true)?);
             }
-            Ok(out)
-        };
-        shares.iter().map(of_share).collect()
+            progress.event(Event::Advanced { done: done as u64 + 1, status: String::new() });
+        }
+        progress.event(Event::Finished);
+        Ok(out)
     }
 }
 

@@ -28,7 +28,7 @@ pub struct Town {
     /// Images to predict from.
     pub context: Vec<TrainingView>,
     /// What a network of image features gives for these, if there is one.
-    pub maps: Option<NetworkMaps>,
+    pub maps: Option<Arc<NetworkMaps>>,
     /// Images to compare with.
     pub targets: Vec<TargetView>,
     /// The exact surface.

@@ -1,12 +1,13 @@
 //! Samples of simulated towns: tiles, and the parts of images that show their surface in sunlight.
 
 use super::config::LearnConfig;
-use super::data::{Crop, Sample, Target, TrainingData, tiles_of};
+use super::data::{Crop, Sample, Target, TrainingData, VALIDATION_CLOUD, VALIDATION_TILES, tiles_of};
 use super::error::LearnError;
 use super::points::{draw, draw_share};
 use super::town::{TargetView, Town};
 use crate::camera::QuadraticKernel;
 use crate::frame::SiteBox;
+use crate::predict::image_network::NetworkMaps;
 use crate::predict::input::SeenCloud;
 use crate::predict::light::calibrate;
 use crate::predict::observer::SatelliteImages;
@@ -21,31 +22,32 @@ use crate::splat::objective::{Gradient, Objective, StepInput};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::raster::FrameCamera;
 use crate::splat::splats::Splats;
+use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Weight of the pull to the exact surface.
 const SURFACE_WEIGHT: f64 = 0.2;
 /// Pixels of at least so much sunlight are compared: shadows come from outside of the tile too.
 const SUNLIT: f32 = 0.9;
-/// Number of tiles of a validation town.
-const VALIDATION_TILES: usize = 3;
 /// Seeds of towns for validation begin here: none of them is learned from.
 const VALIDATION_SEED: u64 = 1 << 60;
-/// Number of the clouds for validation.
-const VALIDATION_CLOUD: u64 = 1 << 40;
 
 /// Towns that are simulated in a folder one after the other.
 pub struct Towns<'a> {
-    /// Which towns.
-    pub config: &'a LearnConfig,
-    /// The folder.
-    pub folder: &'a Path,
-    /// The network of image features, if there is one.
-    pub image_network: Option<&'a ImageNetwork>,
+    config: &'a LearnConfig,
+    folder: &'a Path,
+    image_network: Option<&'a ImageNetwork>,
+    /// What the network of image features gave for the images of towns, by their seeds: towns come again.
+    maps: Mutex<BTreeMap<u64, Arc<NetworkMaps>>>,
 }
 
 impl TrainingData for Towns<'_> {
+    fn identity(&self) -> String {
+        // The configuration tells all.
+        String::new()
+    }
+
     fn held_back(&self) -> &'static str {
         "unseen towns"
     }
@@ -73,7 +75,24 @@ impl TrainingData for Towns<'_> {
     }
 }
 
-impl Towns<'_> {
+impl<'a> Towns<'a> {
+    /// The towns of a configuration in a folder, with the image features of a network if there is one.
+    pub fn new(config: &'a LearnConfig, folder: &'a Path, image_network: Option<&'a ImageNetwork>) -> Self {
+        Self { config, folder, image_network, maps: Mutex::default() }
+    }
+
+    /// What the network of image features gives for the images of a town.
+    fn maps(&self, seed: u64, town: &Town) -> Result<Option<Arc<NetworkMaps>>, PredictError> {
+        let Some(network) = self.image_network else { return Ok(None) };
+        let known = || self.maps.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(maps) = known().get(&seed) {
+            return Ok(Some(maps.clone()));
+        }
+        let maps = Arc::new(network.maps_of(&town.context, &NoProgress)?);
+        known().insert(seed, maps.clone());
+        Ok(Some(maps))
+    }
+
     /// A town of the folder, which is simulated if it is not there. The name has the options, so that towns of others are not
     /// taken.
     pub fn load(&self, seed: u64) -> Result<Arc<Town>, LearnError> {
@@ -82,7 +101,7 @@ impl Towns<'_> {
         let relief = if relief == Relief::Hilly { "hilly" } else { "rolling" };
         let folder = self.folder.join(format!("towns/{seed}-{views}x{size_px}px-{gsd_m}m-{relief}"));
         let mut town = Town::load(&folder, &options, self.config.transfer_function(seed)?, &NoProgress)?;
-        town.maps = self.image_network.map(|n| n.maps_of(&town.context, &NoProgress)).transpose()?;
+        town.maps = self.maps(seed, &town)?;
         Ok(Arc::new(town))
     }
 
@@ -104,7 +123,7 @@ impl Towns<'_> {
         let surface = reference::surface(&points, sampling, town.area, true);
         let images = SatelliteImages::new(&town.context, &surface, town.altitudes);
         let lights = calibrate(&images, points.positions(), 0);
-        let seen = SeenCloud::new(&points, &images, &lights).with_maps(town.maps.as_ref());
+        let seen = SeenCloud::new(&points, &images, &lights).with_maps(town.maps.as_deref());
         let targets_of = |area: SiteBox| {
             let targets = town.targets.iter().filter_map(|view| TownTarget::of(town, view, area));
             targets.map(|target| Box::new(target) as Box<dyn Target>).collect()

@@ -36,6 +36,8 @@ pub const OUTPUTS: usize = 14;
 pub const KEY_INPUTS: usize = 5;
 /// What is known of a query; [`input`](super::input) has the list.
 pub const QUERY_INPUTS: usize = 16;
+/// Largest number of image features of a key point: the largest networks give vectors of some thousand numbers.
+pub const MOST_IMAGE_FEATURES: usize = 8192;
 /// Purposes of the random numbers.
 const DRAW_MEMBERS: u64 = 40;
 const DRAW_GROUPS: u64 = 41;
@@ -96,7 +98,9 @@ impl SplatNetwork {
     /// Whether the attention can divide the width among its heads, and nothing is too large to be meant.
     #[must_use]
     pub fn is_sound(&self) -> bool {
-        (1..=512).contains(&self.width) && self.width.is_multiple_of(HEADS) && self.image_features <= 1024
+        (1..=512).contains(&self.width)
+            && self.width.is_multiple_of(HEADS)
+            && self.image_features <= MOST_IMAGE_FEATURES
     }
 
     /// Number of parameters.
