@@ -42,8 +42,8 @@ pub struct Args {
     #[command(flatten)]
     images: ImageArgs,
     /// ONNX file of a network such as DINOv2, whose features of the images the model then takes as well: one picture of any or a fixed
-    /// square size in, a vector for each patch out. `satgs predict` needs
-    /// the same file. With --scenes: the file that the model was trained with
+    /// square size in, a vector for each patch out. `satgs predict` needs the same file. With --scenes: the file that the model was
+    /// trained with
     #[arg(long, value_name = "FILE.onnx")]
     image_features: Option<PathBuf>,
     /// Numbers of towns, rounds and steps, learning rate, sizes of the network; what is absent is as in --print-config
@@ -100,6 +100,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let image_network = image_network.as_ref();
     let log = if is_further {
         let model = read(args.from.as_deref().unwrap_or(Path::new(BUILT_IN)))?;
+        // A wrong file is refused before all images are read.
         model.content.require(image_network.map(ImageNetwork::id))?;
         let scenes = PhotographedScenes::read(&args.scenes, &args.images.options(), image_network, ui)?;
         learn_from_photographs(out, &folder, model, &scenes, &config, ui)?

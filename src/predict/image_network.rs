@@ -81,9 +81,7 @@ impl ImageNetwork {
         progress.event(Event::Finished);
         Ok(NetworkMaps { maps, patch_px: self.patch_px, channels: self.channels })
     }
-}
 
-impl ImageNetwork {
     /// The vectors of satellite images.
     ///
     /// # Errors

@@ -4,8 +4,11 @@
 //! first, such that splats have the spacing that the model was trained with.
 
 use super::image_features::{FEATURE_MAPS, FeatureMaps};
+use super::image_network::NetworkMaps;
+use super::input::SeenCloud;
+use super::light::Light;
 use super::observer::{ImageObserver, ImageSample, between};
-use super::{CleanUp, Cloud, FEWEST_POINTS, PredictError, SplatSampling};
+use super::{CleanUp, Cloud, FEWEST_POINTS, PredictError, SplatSampling, reference};
 use crate::frame::{CenterPx, Pixel, Point, SiteBox};
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
@@ -51,6 +54,21 @@ impl EnlargedCloud {
         let area = area_of(cloud.positions());
         Ok(Self { cloud, clean_up, scale, area })
     }
+
+    /// Gives `work` the cloud with what these photographs show of it, and a network of image features if there is one.
+    pub fn with_views<R>(
+        &self,
+        views: &[&PinholeView],
+        sampling: &SplatSampling,
+        maps: Option<&NetworkMaps>,
+        work: impl FnOnce(&SeenCloud) -> R,
+    ) -> R {
+        let surface = reference::surface(&self.cloud, sampling, self.area, false);
+        let images = Photographs::new(views, &surface, self.scale);
+        // All photographs have the same light.
+        let lights = vec![Light::default(); views.len()];
+        work(&SeenCloud::new(&self.cloud, &images, &lights).with_maps(maps))
+    }
 }
 
 /// Typical distance of points of photographs.
@@ -91,8 +109,8 @@ struct Photograph<'a> {
 impl<'a> Photographs<'a> {
     /// The photographs of these views, whose scene is enlarged by `scale`. `surface` are splats on the enlarged surface.
     #[must_use]
-    pub fn new(views: &'a [PinholeView], surface: &Splats, scale: f64) -> Self {
-        let of_view = |view: &'a PinholeView| {
+    pub fn new(views: &[&'a PinholeView], surface: &Splats, scale: f64) -> Self {
+        let of_view = |view: &&'a PinholeView| {
             let camera = PinholeCamera { center: scale * view.camera.center, ..view.camera };
             let (width, height) = camera.size;
             let features = FeatureMaps::of(width, height, |col, row| view.color(col, row));
@@ -108,9 +126,8 @@ impl ImageObserver for Photographs<'_> {
     }
 
     fn observe(&self, view: usize, position: [f64; 3]) -> Option<ImageSample> {
+        let px = self.project(view, position)?;
         let Photograph { view, camera, depth, .. } = &self.views[view];
-        let [x, y, z] = position;
-        let px = camera.project(Point::new(x, y, z))?;
         let color = between(px, camera.size, |col, row| view.color(col, row))?;
         let own = camera.cam_from_site.row(2).dot(glam::DVec3::from_array(position) - camera.center);
         let surface = f64::from(depth.at(px.col.round() as usize, px.row.round() as usize));
@@ -161,7 +178,7 @@ mod tests {
             let [x, y] = [i % 100, i / 100].map(|k| 0.3 * (k as f32 - 50.0));
             floor.push([scale as f32 * x, scale as f32 * y, 0.0], 0.9, 0.99, [0.5; 3]);
         }
-        let views = [view];
+        let views = [&view];
         let images = Photographs::new(&views, &floor, scale);
         let seen = images.observe(0, [6.0, 0.0, 0.2]).unwrap();
         // 2 units beside the axis at a depth of 10: 4 pixels.

@@ -6,7 +6,7 @@ use crate::pipeline::PipelineError;
 use crate::predict::input::SeenCloud;
 use crate::predict::light::{Light, calibrate};
 use crate::predict::observer::SatelliteImages;
-use crate::predict::photographs::{EnlargedCloud, Photographs, reduced};
+use crate::predict::photographs::{EnlargedCloud, reduced};
 use crate::predict::{CleanUp, Cloud, Predictor, predict, reference};
 use crate::progress::{Event, Progress};
 use crate::splat::appearance::Appearance;
@@ -72,16 +72,15 @@ pub fn of_photographed_points(
     progress: &dyn Progress,
 ) -> Result<SplatsOfPoints, PipelineError> {
     let sampling = *model.sampling();
-    let EnlargedCloud { cloud, clean_up, scale, area } = EnlargedCloud::new(points, &sampling)?;
-    let surface = reference::surface(&cloud, &sampling, area, false);
-    let images = Photographs::new(views, &surface, scale);
-    // All photographs have the same light.
-    let lights = vec![Light::default(); views.len()];
-    let photographs: Vec<&PinholeView> = views.iter().collect();
-    let maps = model.image_network().map(|n| n.maps_of_photographs(&photographs, progress)).transpose()?;
-    let seen = SeenCloud::new(&cloud, &images, &lights).with_maps(maps.as_ref());
-    warn_of_dropped(&clean_up, progress);
-    let splats = reduced(splats(&seen, area, false, model, untrained, progress)?, scale);
+    let enlarged = EnlargedCloud::new(points, &sampling)?;
+    let views: Vec<&PinholeView> = views.iter().collect();
+    let maps = model.image_network().map(|n| n.maps_of_photographs(&views, progress)).transpose()?;
+    warn_of_dropped(&enlarged.clean_up, progress);
+    let larger = enlarged.with_views(&views, &sampling, maps.as_ref(), |seen| {
+        splats(seen, enlarged.area, false, model, untrained, progress)
+    })?;
+    let EnlargedCloud { cloud, clean_up, scale, .. } = enlarged;
+    let splats = reduced(larger, scale);
     Ok(SplatsOfPoints { splats, lights: Vec::new(), clean_up, spacing_m: cloud.spacing_m() / scale })
 }
 

@@ -140,7 +140,7 @@ impl LearnConfig {
         }
         if !self.network.is_sound() {
             let found = format!("{:?}", self.network);
-            let expected = "a width of 4 to 512, divisible by 4, and at most 8192 image features";
+            let expected = "a width of 4 to 512, divisible by 4";
             return Err(LearnError::Config { field: "network", found, expected });
         }
         // Of the lists, towns take one after the other.

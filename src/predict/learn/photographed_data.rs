@@ -12,10 +12,8 @@ use crate::io::Grid2;
 use crate::perspective::{PerspectiveOptions, PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::predict::cloud::voxel_means;
 use crate::predict::image_network::{ImageNetworkId, NetworkMaps};
-use crate::predict::input::SeenCloud;
-use crate::predict::light::Light;
-use crate::predict::photographs::{EnlargedCloud, Photographs};
-use crate::predict::{Cloud, ImageNetwork, PredictError, is_within, reference};
+use crate::predict::photographs::EnlargedCloud;
+use crate::predict::{Cloud, ImageNetwork, PredictError, is_within};
 use crate::prior::{DepthKind, DepthPrior, ViewPriors};
 use crate::progress::{Event, Progress};
 use crate::random::CounterRng;
@@ -71,8 +69,8 @@ struct MeasuredView {
 }
 
 impl PhotographedScenes {
-    /// Reads scenes, with the image features of a network if there is one. Of large ones
-    /// some views are kept, evenly chosen, such that they take 4 GB at most.
+    /// Reads scenes, with the image features of a network if there is one. Of large ones some views are kept, evenly chosen, such
+    /// that they take 4 GB at most.
     ///
     /// # Errors
     /// [`LearnError::Photographs`] if a scene cannot be read, [`LearnError::FewDepths`] if fewer than two training views of one have
@@ -162,27 +160,26 @@ impl MeasuredScene {
         let is_kept = |i: u64| CounterRng::new(config.seed, DRAW_POINT, cloud, i).uniform() < share;
         let points = (0..).zip(lifted(&context, edge)).filter(|(i, _)| is_kept(*i));
         let points: Vec<[f64; 3]> = points.map(|(_, p)| p).collect();
-        let EnlargedCloud { cloud: points, scale, area, .. } =
-            match EnlargedCloud::new(&points, &config.sampling) {
-                Ok(enlarged) => enlarged,
-                // Views that show little are not thinned.
-                Err(PredictError::FewPoints { .. }) if share < 1.0 && !is_validation => {
-                    return self.samples(config, cloud, (1.0, tiles), is_validation);
-                }
-                Err(PredictError::FewPoints { .. }) => return Ok(Vec::new()),
-                Err(other) => return Err(other),
-            };
-        let surface = reference::surface(&points, &config.sampling, area, false);
-        let views: Vec<PinholeView> = context.iter().map(|v| v.view.clone()).collect();
-        let images = Photographs::new(&views, &surface, scale);
-        let lights = vec![Light::default(); views.len()];
+        let enlarged = match EnlargedCloud::new(&points, &config.sampling) {
+            Ok(enlarged) => enlarged,
+            // Views that show little are not thinned.
+            Err(PredictError::FewPoints { .. }) if share < 1.0 && !is_validation => {
+                return self.samples(config, cloud, (1.0, tiles), is_validation);
+            }
+            Err(PredictError::FewPoints { .. }) => return Ok(Vec::new()),
+            Err(other) => return Err(other),
+        };
+        let views: Vec<&PinholeView> = context.iter().map(|v| &v.view).collect();
         let maps = self.maps.as_ref().map(|maps| maps.of(used));
-        let seen = SeenCloud::new(&points, &images, &lights).with_maps(maps.as_ref());
+        let EnlargedCloud { cloud: points, scale, area, .. } = &enlarged;
         let targets_of = |area: SiteBox| {
-            let found = candidates.iter().filter_map(|v| PhotographTarget::of(v, scale, area, &points));
+            let found = candidates.iter().filter_map(|v| PhotographTarget::of(v, *scale, area, points));
             found.take(TARGETS).map(|target| Box::new(target) as Box<dyn Target>).collect()
         };
-        Ok(tiles_of(&seen, &config.sampling, area, false, (config.seed, cloud, tiles), targets_of))
+        let tiles = (config.seed, cloud, tiles);
+        Ok(enlarged.with_views(&views, &config.sampling, maps.as_ref(), |seen| {
+            tiles_of(seen, &config.sampling, *area, false, tiles, targets_of)
+        }))
     }
 }
 

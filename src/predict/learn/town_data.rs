@@ -22,9 +22,10 @@ use crate::splat::objective::{Gradient, Objective, StepInput};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::raster::FrameCamera;
 use crate::splat::splats::Splats;
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Weight of the pull to the exact surface.
 const SURFACE_WEIGHT: f64 = 0.2;
@@ -39,7 +40,7 @@ pub struct Towns<'a> {
     folder: &'a Path,
     image_network: Option<&'a ImageNetwork>,
     /// What the network of image features gave for the images of towns, by their seeds: towns come again.
-    maps: Mutex<BTreeMap<u64, Arc<NetworkMaps>>>,
+    maps: RefCell<BTreeMap<u64, Arc<NetworkMaps>>>,
 }
 
 impl TrainingData for Towns<'_> {
@@ -78,18 +79,17 @@ impl TrainingData for Towns<'_> {
 impl<'a> Towns<'a> {
     /// The towns of a configuration in a folder, with the image features of a network if there is one.
     pub fn new(config: &'a LearnConfig, folder: &'a Path, image_network: Option<&'a ImageNetwork>) -> Self {
-        Self { config, folder, image_network, maps: Mutex::default() }
+        Self { config, folder, image_network, maps: RefCell::default() }
     }
 
     /// What the network of image features gives for the images of a town.
     fn maps(&self, seed: u64, town: &Town) -> Result<Option<Arc<NetworkMaps>>, PredictError> {
         let Some(network) = self.image_network else { return Ok(None) };
-        let known = || self.maps.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(maps) = known().get(&seed) {
+        if let Some(maps) = self.maps.borrow().get(&seed) {
             return Ok(Some(maps.clone()));
         }
         let maps = Arc::new(network.maps_of(&town.context, &NoProgress)?);
-        known().insert(seed, maps.clone());
+        self.maps.borrow_mut().insert(seed, maps.clone());
         Ok(Some(maps))
     }
 
