@@ -14,7 +14,7 @@
 //! | read a folder of images, its cameras and suns | [`scene::read`], [`scene::Scene`], [`scene::View`] |
 //! | read an RPC of any vendor, project and localise points | [`scene::read_camera`], [`rpc::Rpc`], [`rpc::formats`] |
 //! | adjust cameras without writing files | [`bundle::adjust`], [`bundle::Adjustment`] |
-//! | approximate an RPC by an affine or quadratic camera | [`affine::fit`](affine::fit()), [`affine::fit_over_box`], [`affine::ViewCamera`], [`affine::SiteScene`] |
+//! | approximate an RPC by an affine or quadratic camera | [`affine::fit`](affine::fit()), [`affine::ViewCamera`], [`affine::SiteScene`] |
 //! | match images to a surface (plane sweep, semi-global matching) | [`mvs::PlaneSweep`], [`mvs::MatchedSurface`] |
 //! | train and render splats | [`splat::train`], [`splat::raster`], [`splat::ply`] |
 //! | predict splats from a cloud of points and the images that show it | [`predict`](mod@predict) |

@@ -134,8 +134,8 @@ class Trained:
         seconds: Time of the iterations, seconds.
         splats_start: Number of splats at the start.
         splats: Number of splats at the end.
-        affine_rms_px: Mean over the views of the root mean square distance between affine camera and RPC, pixels.
-        affine_max_px: Largest such distance in any view, pixels.
+        camera_rms_px: Mean over the views of the root mean square distance between camera and RPC, pixels.
+        camera_max_px: Largest such distance in any view, pixels.
         l1: Mean absolute difference between rendered and real images (values from 0 to 1).
         ssim: Structural similarity of rendered and real images.
         was_complete: Whether the run was trained already.
@@ -145,8 +145,8 @@ class Trained:
     seconds: float
     splats_start: int
     splats: int
-    affine_rms_px: float
-    affine_max_px: float
+    camera_rms_px: float
+    camera_max_px: float
     l1: float
     ssim: float
     was_complete: bool

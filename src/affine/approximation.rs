@@ -1,6 +1,6 @@
 //! The error of polynomial approximations of an RPC over a box of ground, such as that of an affine camera.
 
-use super::{CameraFit, FitError, Order, fit_over_box};
+use super::{CameraFit, FitError, Order, fit};
 use crate::frame::{Geodetic, Point, SiteGrid};
 use crate::rpc::Rpc;
 
@@ -33,6 +33,6 @@ pub fn residual(rpc: &Rpc, ground: &GroundBox, order: Order) -> Result<Residual,
     let site = SiteGrid::at(ground.center)?;
     let area = (-half, -half, half, half);
     let CameraFit { rms_px, max_px, .. } =
-        fit_over_box(rpc, area, (-half_height, half_height), &site, order)?;
+        fit(rpc, area, (-half_height, half_height), &site, order)?;
     Ok(Residual { rms_px, max_px })
 }

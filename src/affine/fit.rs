@@ -1,9 +1,9 @@
-//! The camera of a view that fits an RPC best, by linear least squares: over an image, or over a box of ground.
+//! The camera of a view that fits an RPC best over a box of ground, by linear least squares.
 
 use super::ViewCamera;
 use crate::frame::{CenterPx, Pixel, Point, Site, SiteBox, SiteGrid};
-use crate::rpc::{LocalizeError, Rpc};
-use nalgebra::{DMatrix, Matrix3, Matrix4, Vector3, Vector4};
+use crate::rpc::Rpc;
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// The degree of a polynomial of (east, north, up).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,10 +14,8 @@ pub enum Order {
     Quadratic,
 }
 
-/// Number of grid points along columns, rows and heights of an image.
-const NODES: [usize; 3] = [15, 15, 7];
 /// Number of grid points along east, north and up of a box of ground.
-const BOX_NODES: [usize; 3] = [9, 9, 7];
+const NODES: [usize; 3] = [9, 9, 7];
 
 /// A fitted camera and its distances from the RPC.
 #[derive(Clone, Copy, Debug)]
@@ -43,10 +41,6 @@ impl CameraFit {
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[non_exhaustive]
 pub enum FitError {
-    /// The RPC has no inverse in the volume that the image shows.
-    #[error("the RPC cannot be inverted over the image")]
-    #[diagnostic(help("check that the RPC belongs to this image"))]
-    Localize(#[from] LocalizeError),
     /// A point lies outside of UTM.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -61,61 +55,11 @@ pub enum FitError {
     },
 }
 
-/// Fits an affine camera to an RPC over an image of `width` x `height` pixels and ellipsoidal heights
-/// `low_m..high_m`.
-///
-/// # Errors
-/// [`FitError`] when the RPC cannot be inverted, or when the points do not determine an affine camera.
-pub fn fit(
-    rpc: &Rpc,
-    (width, height): (usize, usize),
-    (low_m, high_m): (f64, f64),
-    site: &SiteGrid,
-) -> Result<CameraFit, FitError> {
-    let degenerate = || FitError::Degenerate { low_m, high_m };
-    let node = |i: usize, n: usize, lo: f64, hi: f64| lo + (hi - lo) * i as f64 / (n - 1) as f64;
-    let mut samples = Vec::with_capacity(NODES.iter().product());
-    for k in 0..NODES[2] {
-        let h = node(k, NODES[2], low_m, high_m);
-        for j in 0..NODES[1] {
-            for i in 0..NODES[0] {
-                let px = Pixel::new(
-                    node(i, NODES[0], 0.0, width as f64 - 1.0),
-                    node(j, NODES[1], 0.0, height as f64 - 1.0),
-                );
-                samples.push((site.site_from_geodetic(rpc.localize(px, h)?), px));
-            }
-        }
-    }
-    // East and north have a far larger range than up. The normal equations are solved in units of each range.
-    let range: [f64; 3] =
-        std::array::from_fn(|a| samples.iter().map(|(p, _)| p.xyz()[a].abs()).fold(1e-3, f64::max));
-    let row = |p: [f64; 3]| Vector4::new(p[0] / range[0], p[1] / range[1], p[2] / range[2], 1.0);
-    let mut normal = Matrix4::zeros();
-    let mut right = [Vector4::zeros(), Vector4::zeros()];
-    for (p, px) in &samples {
-        let r = row(p.xyz());
-        normal += r * r.transpose();
-        right[0] += r * px.col;
-        right[1] += r * px.row;
-    }
-    let factor = normal.cholesky().ok_or_else(degenerate)?;
-    let solution = right.map(|b| factor.solve(&b));
-    let camera = ViewCamera::affine(
-        std::array::from_fn(|i| std::array::from_fn(|a| solution[i][a] / range[a])),
-        [solution[0][3], solution[1][3]],
-    );
-    if !camera.linear.as_flattened().iter().all(|v| v.is_finite()) {
-        return Err(degenerate());
-    }
-    Ok(CameraFit::new(camera, &samples))
-}
-
 /// Fits a camera of the given order to an RPC over a box of ground: an area of a site and altitudes above its origin.
 ///
 /// # Errors
 /// [`FitError::Degenerate`] when the box has no extent, or when the RPC is not defined in it.
-pub fn fit_over_box(
+pub fn fit(
     rpc: &Rpc,
     (west, south, east, north): SiteBox,
     (low, high): (f64, f64),
@@ -138,12 +82,12 @@ pub fn fit_over_box(
         Order::Affine => 4,
         Order::Quadratic => 10,
     };
-    let count = BOX_NODES.iter().product();
+    let count = NODES.iter().product();
     let (mut design, mut right) = (DMatrix::zeros(count, unknowns), DMatrix::zeros(count, 2));
     let mut samples = Vec::with_capacity(count);
     for i in 0..count {
-        let index = [i % BOX_NODES[0], i / BOX_NODES[0] % BOX_NODES[1], i / (BOX_NODES[0] * BOX_NODES[1])];
-        let t = Vector3::from_fn(|k, _| 2.0 * index[k] as f64 / (BOX_NODES[k] - 1) as f64 - 1.0);
+        let index = [i % NODES[0], i / NODES[0] % NODES[1], i / (NODES[0] * NODES[1])];
+        let t = Vector3::from_fn(|k, _| 2.0 * index[k] as f64 / (NODES[k] - 1) as f64 - 1.0);
         let place = middle + half.component_mul(&t);
         let p = Point::new(place.x, place.y, place.z);
         let px: Pixel<CenterPx> = rpc.project(site.geodetic_from_site(p));

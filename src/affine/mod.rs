@@ -1,5 +1,5 @@
-//! Cameras of views in the site frame, fitted to RPCs, and the training scene made of them. They are affine; over areas
-//! wider than about 500 m, they have a quadratic term besides.
+//! Cameras of views in the site frame, fitted to RPCs, and the training scene made of them. They are affine with a small
+//! quadratic term.
 //!
 //! The cameras of the sun and of virtual views are sheared view cameras: a point at altitude `z` (metres
 //! above the site's origin) moves by `-shear * z` pixels in the image, and points at the altitude of the
@@ -15,7 +15,7 @@ mod training_view;
 
 pub use approximation::{GroundBox, Residual, residual};
 pub use camera::{ViewCamera, sun_direction};
-pub use fit::{CameraFit, FitError, Order, fit, fit_over_box};
+pub use fit::{CameraFit, FitError, Order, fit};
 pub use site_frame::SiteFrame;
 pub use site_scene::{MIN_POINTS, SiteScene, SiteSceneError, SiteView, height_range};
 pub use training_view::{TrainingView, median_pixel_m};

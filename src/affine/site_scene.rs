@@ -2,7 +2,7 @@
 
 use super::site_frame::REFERENCE_HALF_DIAGONAL_M;
 use super::{
-    CameraFit, FitError, Order, SiteFrame, TrainingView, ViewCamera, fit, fit_over_box, sun_direction,
+    FitError, Order, SiteFrame, TrainingView, ViewCamera, fit, sun_direction,
 };
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteBox, SiteGrid};
 use crate::io::{RasterError, Window};
@@ -61,7 +61,7 @@ pub enum SiteSceneError {
         view: String,
     },
     /// The RPC of a view cannot be approximated by a [`ViewCamera`].
-    #[error("view `{view}`: the RPC has no affine approximation")]
+    #[error("view `{view}`: the RPC has no quadratic approximation")]
     Fit {
         /// Name of the view.
         view: String,
@@ -131,7 +131,7 @@ impl SiteScene {
     ///
     /// # Errors
     /// [`SiteSceneError`] when there are too few points, no training view or no common ground, when a view is
-    /// too oblique, has no affine approximation or cannot be read, or when the site lies outside of UTM.
+    /// too oblique, has no approximation or cannot be read, or when the site lies outside of UTM.
     pub fn new(scene: &Scene, rpcs: &[Rpc], sparse: &[Point<Geodetic>]) -> Result<Self, SiteSceneError> {
         let (found, needed) = (sparse.len(), MIN_POINTS);
         if found < needed {
@@ -161,33 +161,29 @@ impl SiteScene {
 
         let altitudes = (low - median, high - median);
         let frame = SiteFrame { site, area, altitudes, reference: None };
-        let fit = |rpc: &Rpc, view: &View| fit(rpc, (view.width, view.height), (low, high), &site);
-        Ok(Self { is_framed: false, ..Self::with_cameras(scene, rpcs, &valid, frame, fit)? })
+        Ok(Self { is_framed: false, ..Self::with_cameras(scene, rpcs, &valid, frame)? })
     }
 
     /// Sets up the training scene in a given frame, as part of a larger scene. `rpcs` holds the adjusted cameras in the order
     /// of the scene's views.
     ///
-    /// The cameras have a quadratic term, fitted over the frame's area and altitudes. Pixels are trained on if their whole ray
-    /// between the altitudes lies in the area.
+    /// Pixels are trained on if their whole ray between the altitudes lies in the area.
     ///
     /// # Errors
     /// [`SiteSceneError`] when there is no training view or the frame names another one, when a view is too oblique, has no
     /// approximation or cannot be read.
     pub fn in_frame(scene: &Scene, rpcs: &[Rpc], frame: SiteFrame) -> Result<Self, SiteSceneError> {
         let valid = valid_parts(scene)?;
-        let SiteFrame { site, area, altitudes, .. } = frame;
-        let fit = |rpc: &Rpc, _: &View| fit_over_box(rpc, area, altitudes, &site, Order::Quadratic);
-        Self::with_cameras(scene, rpcs, &valid, frame, fit)
+        Self::with_cameras(scene, rpcs, &valid, frame)
     }
 
-    /// The training scene in a frame, with the cameras that `fit` makes. `valid` holds the valid part of every view.
+    /// The training scene in a frame, with cameras that are fitted over its area and altitudes. `valid` holds the valid part of
+    /// every view.
     fn with_cameras(
         scene: &Scene,
         rpcs: &[Rpc],
         valid: &[ValidPart],
         frame: SiteFrame,
-        fit: impl Fn(&Rpc, &View) -> Result<CameraFit, FitError>,
     ) -> Result<Self, SiteSceneError> {
         let SiteFrame { site, area, altitudes, reference } = frame;
         let height = site.origin.z();
@@ -196,8 +192,8 @@ impl SiteScene {
             if elevation_deg < LOWEST_ELEVATION_DEG {
                 return Err(SiteSceneError::LowView { view: view.name.clone(), elevation_deg });
             }
-            let f =
-                fit(rpc, view).map_err(|source| SiteSceneError::Fit { view: view.name.clone(), source })?;
+            let f = fit(rpc, area, altitudes, &site, Order::Quadratic)
+                .map_err(|source| SiteSceneError::Fit { view: view.name.clone(), source })?;
             let sun = view.sun.filter(|s| s.elevation_deg >= LOWEST_ELEVATION_DEG);
             Ok(SiteView {
                 name: view.name.clone(),

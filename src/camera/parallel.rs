@@ -1,4 +1,4 @@
-//! The kernel of parallel projections: an affine camera, with a quadratic term for areas wider than about 500 m.
+//! The kernel of parallel projections: an affine camera with a quadratic term.
 
 use super::{CameraKernel, DepthOrder, Linearized, damped_quotient, damped_quotient_gradient};
 use crate::simd::{Real, Simd, SimdReal, SimdVec, broadcast_each};

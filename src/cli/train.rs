@@ -1,4 +1,4 @@
-//! `satgs train`: affine cameras, splats, training.
+//! `satgs train`: cameras, splats, training.
 
 use super::{CliError, Ui};
 use crate::pipeline::{Outcome, PerspectiveManifest, TrainOptions, Trained, train};
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 /// Train Gaussian splats on an adjusted run: writes RUN/splats.ply and RUN/cameras.json
 ///
-/// Fits affine cameras to the RPCs that `satgs ba` corrected, places the first splats and optimises them on the images,
+/// Fits quadratic cameras to the RPCs that `satgs ba` corrected, places the first splats and optimises them on the images,
 /// with cast shadows. Splats start on a surface from multi-view stereo (recipe `best`), at the sparse points (`baeogs`),
 /// or at random in the scene's volume (`eogs`). Views without a sun position are trained without shadows.
 #[derive(clap::Args, Clone, Debug)]
@@ -197,8 +197,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
 /// Shows the summary of a training.
 pub fn show(run: &Path, outcome: &Outcome<Trained>, ui: &Ui) -> Result<(), CliError> {
     let text = |t: &Trained| {
-        let cameras = t.affine_rms_px.zip(t.affine_max_px).map_or(String::new(), |(rms, most)| {
-            format!("affine cameras: distance to the RPCs {rms:.3} px RMS, {most:.3} px at most\n")
+        let cameras = t.camera_rms_px.zip(t.camera_max_px).map_or(String::new(), |(rms, most)| {
+            format!("quadratic cameras: distance to the RPCs {rms:.3} px RMS, {most:.3} px at most\n")
         });
         let colors = t.colors.as_ref().map_or(String::new(), |c| {
             format!(

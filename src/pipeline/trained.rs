@@ -18,10 +18,10 @@ pub struct Trained {
     /// Mean over the views of the root mean square distance between fitted camera and RPC, pixels; none of
     /// perspective scenes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub affine_rms_px: Option<f64>,
+    pub camera_rms_px: Option<f64>,
     /// Largest such distance in any view, pixels; likewise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub affine_max_px: Option<f64>,
+    pub camera_max_px: Option<f64>,
     /// Mean absolute difference between rendered and real image, mean of the last iteration of every view.
     pub l1: f64,
     /// SSIM of rendered and real image, likewise.
