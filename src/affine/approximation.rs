@@ -32,7 +32,6 @@ pub fn residual(rpc: &Rpc, ground: &GroundBox, order: Order) -> Result<Residual,
     let (half, half_height) = (0.5 * ground.side_m, ground.half_height_m);
     let site = SiteGrid::at(ground.center)?;
     let area = (-half, -half, half, half);
-    let CameraFit { rms_px, max_px, .. } =
-        fit(rpc, area, (-half_height, half_height), &site, order)?;
+    let CameraFit { rms_px, max_px, .. } = fit(rpc, area, (-half_height, half_height), &site, order)?;
     Ok(Residual { rms_px, max_px })
 }

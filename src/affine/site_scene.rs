@@ -1,9 +1,7 @@
 //! The training scene: the site, its area and altitudes, and the views' cameras, from adjusted RPCs and sparse points.
 
 use super::site_frame::REFERENCE_HALF_DIAGONAL_M;
-use super::{
-    FitError, Order, SiteFrame, TrainingView, ViewCamera, fit, sun_direction,
-};
+use super::{FitError, Order, SiteFrame, TrainingView, ViewCamera, fit, sun_direction};
 use crate::frame::{FrameError, Geodetic, Point, Site, SiteBox, SiteGrid};
 use crate::io::{RasterError, Window};
 use crate::rpc::Rpc;

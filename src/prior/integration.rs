@@ -4,14 +4,14 @@
 //! error of the network that estimated the depths. Normals carry depths across such a wall from its rim: on a plane with the normal
 //! `n` the inverse depths at two rays `r` and `s` are as `n r` to `n s`.
 //!
-//! On a coarse grid of cells, let `x` be the inverse depth divided by that of the aligned prior, with the inverse depths `w`. For
-//! neighbouring cells `p` and `q` with the mean normal `n`, `x_q w_q (n r_p) - x_p w_p (n r_q)` is small; at a point `x` is known; everywhere
-//! `x` is near 1. Neighbours between which the prior jumps otherwise than the normal says are not compared. The sum of squares, each
-//! divided by its variance, is minimised by conjugate gradients, and `x` is interpolated to the pixels.
+//! On a coarse grid of cells, let `x` be the logarithm of the depth divided by that of the aligned prior, with the inverse depths `w`. For
+//! neighbouring cells `p` and `q` with the mean normal `n`, `x_q - x_p` is about `ln (w_q (n r_p)) - ln (w_p (n r_q))`; where a depth is
+//! known so is `x`; everywhere `x` is near 0. (Without the logarithms the equations of neighbours would be homogeneous, and noise of the
+//! normals would make all surfaces farther.) Neighbours between which the prior jumps otherwise than the normal says are not compared.
+//! The sum of squares, each divided by its variance, is minimised by conjugate gradients, and `x` is interpolated to the pixels.
 
 use super::conjugate_gradients::{Limits, solve};
 use super::map::NormalPrior;
-use super::seen::SeenPoint;
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
 use crate::stats::quantile;
@@ -19,53 +19,62 @@ use glam::{DVec2, DVec3};
 
 /// Number of cells along the width of a view.
 const CELLS: usize = 96;
-/// Standard deviations, as shares of the depth: of the depth of a cell as the normals of it and its neighbour have it, of a point, and
-/// of the aligned prior, whose errors are the same across hundreds of cells.
+/// Standard deviations, as shares of the depth: of the depth of a cell as the normals of it and its neighbour have it, and of the aligned
+/// prior, whose errors are the same across hundreds of cells.
 const BY_NORMALS: f64 = 1e-3;
-const BY_POINT: f64 = 4e-3;
 const BY_PRIOR: f64 = 0.5;
 /// Depths of neighbouring cells that differ by more than this share from what the normal says belong to two surfaces.
 const EDGE: f64 = 0.04;
 /// Cells whose depth differs by less than this share from that of a pixel correct it.
 const SAME_DEPTH: f64 = 0.1;
-/// Points farther than this many standard deviations get less weight (Huber), in so many rounds.
+/// Known depths farther off than this many standard deviations get less weight (Huber), in so many rounds.
 const HUBER: f64 = 2.0;
 const ROUNDS: usize = 3;
 /// When conjugate gradients end.
 const LIMITS: Limits = Limits { steps: 600, residual: 1e-7 };
 
-/// Depths that agree with the normals, from the aligned depths; cells without a normal keep theirs unless a point is near.
+/// A place of a view, 0 at the centre of the first pixel, whose depth is known.
+#[derive(Clone, Copy)]
+pub(super) struct KnownDepth {
+    pub col: f64,
+    pub row: f64,
+    pub depth: f64,
+    /// Standard deviation, as a share of the depth.
+    pub deviation: f64,
+}
+
+/// Depths that agree with the normals, from the aligned depths; cells without a normal keep theirs unless a known depth is near.
 pub(super) fn integrate(
     aligned: &Grid2,
     normals: &NormalPrior,
-    points: &[SeenPoint],
+    known_depths: &[KnownDepth],
     camera: &PinholeCamera,
 ) -> Grid2 {
     let side = aligned.width.div_ceil(CELLS).max(1);
     let grid = Cells::new(aligned, normals, side, camera);
     let links = grid.links();
-    let known = |p: &SeenPoint| {
+    let known = |p: &KnownDepth| {
         let cell = grid.cell_of(p.col, p.row)?;
         let from = f64::from(aligned.get(p.col.round() as i64, p.row.round() as i64));
-        Some((cell, from / p.depth)).filter(|(_, x)| x.is_finite() && *x > 0.0)
+        Some((cell, (p.depth / from).ln(), p.deviation)).filter(|(_, x, _)| x.is_finite())
     };
-    let known: Vec<(usize, f64)> = points.iter().filter_map(known).collect();
-    let mut weights = vec![BY_POINT.powi(-2); known.len()];
-    let mut x = vec![1.0; grid.inverse.len()];
+    let known: Vec<(usize, f64, f64)> = known_depths.iter().filter_map(known).collect();
+    let mut weights: Vec<f64> = known.iter().map(|k| k.2.powi(-2)).collect();
+    let mut x = vec![0.0; grid.inverse.len()];
     for _ in 0..ROUNDS {
         let mut system = System::new(grid.inverse.len(), &links);
-        for ((cell, value), weight) in known.iter().zip(&weights) {
+        for ((cell, value, _), weight) in known.iter().zip(&weights) {
             system.diagonal[*cell] += weight;
             system.right[*cell] += weight * value;
         }
         system.solve(&mut x);
-        for ((cell, value), weight) in known.iter().zip(&mut weights) {
-            let deviations = (x[*cell] - value).abs() / BY_POINT;
-            *weight = BY_POINT.powi(-2) * (HUBER / deviations.max(HUBER));
+        for ((cell, value, deviation), weight) in known.iter().zip(&mut weights) {
+            let deviations = (x[*cell] - value).abs() / deviation;
+            *weight = deviation.powi(-2) * (HUBER / deviations.max(HUBER));
         }
     }
     Grid2::from_fn(aligned.width, aligned.height, |col, row| {
-        let depth = aligned.at(col, row) / grid.interpolated(&x, col, row, aligned.at(col, row)) as f32;
+        let depth = aligned.at(col, row) * grid.interpolated(&x, col, row, aligned.at(col, row)).exp() as f32;
         if depth > 0.0 { depth } else { f32::NAN }
     })
 }
@@ -83,10 +92,10 @@ struct Cells {
     rays: Vec<DVec3>,
 }
 
-/// Two cells whose values `x` are as `a x_q = b x_p`.
+/// Two cells, and by how much `x` of the second one is greater.
 struct Link {
     cells: [usize; 2],
-    factors: [f64; 2],
+    difference: f64,
 }
 
 impl Cells {
@@ -162,11 +171,10 @@ impl Cells {
             let normal = self.normals[p] + self.normals[q];
             let across =
                 [self.inverse[q] * normal.dot(self.rays[p]), self.inverse[p] * normal.dot(self.rays[q])];
-            let mean = 0.5 * (across[0] + across[1]);
-            let factors = across.map(|v| v / mean);
+            let difference = (across[0] / across[1]).ln();
             // False for NaN too.
-            let is_one_surface = mean < 0.0 && (factors[0] - factors[1]).abs() < EDGE;
-            is_one_surface.then_some(Link { cells: [p, q], factors })
+            let is_one_surface = across[0] < 0.0 && difference.abs() < EDGE;
+            is_one_surface.then_some(Link { cells: [p, q], difference })
         };
         let right = (0..self.inverse.len()).filter(|p| (p + 1) % self.width != 0).map(|p| (p, p + 1));
         let below = (0..self.inverse.len().saturating_sub(self.width)).map(|p| (p, p + self.width));
@@ -184,12 +192,14 @@ struct System<'a> {
 impl<'a> System<'a> {
     /// Of the links and the prior.
     fn new(cells: usize, links: &'a [Link]) -> Self {
-        let mut diagonal = vec![BY_PRIOR.powi(-2); cells];
-        for Link { cells: [p, q], factors: [a, b] } in links {
-            diagonal[*q] += (a / BY_NORMALS).powi(2);
-            diagonal[*p] += (b / BY_NORMALS).powi(2);
+        let (mut diagonal, mut right) = (vec![BY_PRIOR.powi(-2); cells], vec![0.0; cells]);
+        for Link { cells: [p, q], difference } in links {
+            for (cell, sign) in [(*p, -1.0), (*q, 1.0)] {
+                diagonal[cell] += BY_NORMALS.powi(-2);
+                right[cell] += sign * difference * BY_NORMALS.powi(-2);
+            }
         }
-        Self { links, diagonal, right: vec![BY_PRIOR.powi(-2); cells] }
+        Self { links, diagonal, right }
     }
 
     /// Improves `x`.
@@ -197,10 +207,9 @@ impl<'a> System<'a> {
         let product = |x: &[f64], out: &mut Vec<f64>| {
             out.clear();
             out.extend(x.iter().zip(&self.diagonal).map(|(x, d)| x * d));
-            for Link { cells: [p, q], factors: [a, b] } in self.links {
-                let coupling = a * b * BY_NORMALS.powi(-2);
-                out[*p] -= coupling * x[*q];
-                out[*q] -= coupling * x[*p];
+            for Link { cells: [p, q], .. } in self.links {
+                out[*p] -= BY_NORMALS.powi(-2) * x[*q];
+                out[*q] -= BY_NORMALS.powi(-2) * x[*p];
             }
         };
         solve(product, &self.diagonal, &self.right, x, &LIMITS);
@@ -257,9 +266,10 @@ mod tests {
             let (col, row) =
                 if index.is_multiple_of(5) { (62 + draw.below(36), 92 + draw.below(36)) } else { (col, row) };
             let error = if index % 10 == 3 { 1.3 } else { 1.0 + 0.003 * draw.normal() };
-            SeenPoint { index, col: col as f64, row: row as f64, depth: surface(col, row).0 * error }
+            let depth = surface(col, row).0 * error;
+            KnownDepth { col: col as f64, row: row as f64, depth, deviation: 0.004 }
         };
-        let points: Vec<SeenPoint> = (0..150).map(point).collect();
+        let points: Vec<KnownDepth> = (0..150).map(point).collect();
         let found = integrate(&aligned, &NormalPrior { planes }, &points, &camera());
         let errors = |depths: &Grid2| {
             let off = |i: usize| {
@@ -274,6 +284,9 @@ mod tests {
             after[0] < 0.25 * before[0] && after[1] < 0.4 * before[1],
             "{before:?} before, {after:?} after"
         );
+        let share = |i: usize| f64::from(found.data[i]) / surface(i % SIZE.0, i / SIZE.0).0 - 1.0;
+        let bias = quantile((0..found.data.len()).map(share).collect(), 0.5).unwrap();
+        assert!(bias.abs() < 0.003, "noise of normals makes surfaces neither nearer nor farther: {bias}");
         // Without points the prior keeps its scale; without normals its depths.
         let unknown = NormalPrior { planes: [(); 3].map(|()| Grid2::filled(SIZE.0, SIZE.1, f32::NAN)) };
         assert_eq!(integrate(&aligned, &unknown, &[], &camera()), aligned);

@@ -17,6 +17,7 @@ mod inpaint;
 mod integration;
 mod make;
 mod map;
+mod multi_view;
 mod network;
 mod of_sensor;
 mod of_views;

@@ -3,16 +3,14 @@
 use super::agreement::{FEWEST_POINTS, NormalProducts, correlation, normal_products};
 use super::error::PriorError;
 use super::folder::{PriorDescription, PriorFolder};
-use super::hdd::align_depth;
-use super::integration::integrate;
 use super::make::{ExistingMaps, make_maps};
-use super::map::{DepthKind, DepthPrior, PriorContent, ViewPriors};
+use super::map::{DepthKind, PriorContent, ViewPriors};
+use super::multi_view::bring_together;
 use super::seen::{SeenPoint, seen_points};
 use super::source::PriorSource;
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveView, point_normals};
 use crate::progress::{Event, Progress};
-use crate::stats::quantile;
 use rayon::prelude::*;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
@@ -25,8 +23,6 @@ const COMPARED_NORMALS: usize = 5;
 const LEAST_CORRELATION: f64 = 0.2;
 /// The axes of a camera.
 const AXES: [&str; 3] = ["right", "down", "forward"];
-/// Changes of depths are measured at every so many pixels.
-const CHANGES_OF_EVERY: usize = 64;
 /// Neighbours that give a point its normal.
 const NEIGHBOURS: NonZero<usize> = NonZero::new(16).unwrap();
 
@@ -84,40 +80,8 @@ pub fn read_priors(
             prior.normal = normal?;
         }
     }
-    bring_to_points(&mut priors, views, points, progress);
+    bring_together(&mut priors, views, points, progress);
     Ok(priors)
-}
-
-/// Aligns depths of views that have normals too with the points that the views see, and carries them across surfaces without points by
-/// the normals. Depths of views with few points stay as they are.
-fn bring_to_points(
-    priors: &mut [ViewPriors],
-    views: &[&PerspectiveView],
-    points: &[Point<Site>],
-    progress: &dyn Progress,
-) {
-    let bring = |(prior, view): (&mut ViewPriors, &&PerspectiveView)| {
-        let depth = prior.depth.as_ref().filter(|depth| !depth.kind.is_absolute())?;
-        let normal = prior.normal.as_ref()?;
-        let seen = seen_points(points, view);
-        let aligned = align_depth(depth, &seen).ok()?.depth;
-        let values = integrate(&aligned, normal, &seen, &view.camera);
-        let changes = values.data.iter().zip(&aligned.data).step_by(CHANGES_OF_EVERY);
-        let changes = changes.map(|(a, b)| f64::from(a / b - 1.0).abs()).filter(|v| v.is_finite());
-        let change = quantile(changes.collect(), 0.5);
-        prior.depth = Some(DepthPrior { values, kind: DepthKind::Aligned });
-        change
-    };
-    let changes: Vec<Option<f64>> = priors.par_iter_mut().zip(views).map(bring).collect();
-    let changes: Vec<f64> = changes.into_iter().flatten().collect();
-    if let Some(change) = quantile(changes.clone(), 0.5) {
-        progress.event(Event::Note(format!(
-            "depths of {} views are aligned with the points that these see and carried on by normals, which changes them by {:.1} % \
-             (median)",
-            changes.len(),
-            100.0 * change
-        )));
-    }
 }
 
 /// The folder of a source, with the maps that it has to make.
