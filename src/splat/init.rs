@@ -1,7 +1,7 @@
 //! Initialisation of the splats: on the surface of dense matching; at the sparse points of the bundle adjustment, with a level
 //! ground plane that receives shadows (BAEOGS §3.1); or evenly in a volume (EOGS).
 
-use crate::affine::TrainingView;
+use crate::affine::{TrainingView, median_pixel_m};
 use crate::frame::{Point, Site, SiteBox};
 use crate::mvs::{MatchedSurface, ground_plane};
 use crate::random::CounterRng;
@@ -23,6 +23,11 @@ const SCALE_M: (f64, f64) = (0.05, 2.0);
 /// Spacing of the splats on a matched surface, metres, and their initial opacity.
 pub const SPACING_M: f64 = 1.0;
 const SURFACE_OPACITY: f32 = 0.9;
+/// Up to this number of views leave walls to chance: those that are higher than this, metres, have splats of this opacity at each
+/// pixel, which training makes solid where images show them (GeoProp-GS's proposals, without anchors).
+const FEW_VIEWS: usize = 5;
+const HIGH_WALL_M: f64 = 3.0;
+const WALL_OPACITY: f32 = 0.1;
 /// Four neighbouring splats become one of twice the size if their altitudes differ from the mean by less, metres.
 const FLAT_M: f64 = 0.25;
 /// Splats in a volume: their number per cubic metre, initial opacity, and linear value of each colour channel (EOGS).
@@ -86,7 +91,7 @@ pub fn init_from_volume((west, south, east, north): SiteBox, (low, high): (f64, 
 }
 
 /// Splats on a matched surface with the median colours of the views. Flat parts have larger splats; at steps of the surface,
-/// columns of splats fill the wall from the upper to the lower altitude. The third axis of each splat is the surface's normal
+/// columns of splats fill the wall from the upper to the lower altitude; of few views, high walls are faint. The third axis of each splat is the surface's normal
 /// if they are to be discs.
 #[must_use]
 pub fn init_from_surface(
@@ -101,6 +106,14 @@ pub fn init_from_surface(
         surface.point(col * cells + cells / 2, row * cells + cells / 2).xyz()
     };
     let spacing = cells as f64 * surface.grid.cell;
+    let has_faint_walls = views.len() <= FEW_VIEWS;
+    let pixel_m = median_pixel_m(views);
+    let splat = |position: [f64; 3], size: f64, normal: DVec3| SurfaceSplat {
+        position,
+        size,
+        normal,
+        opacity: SURFACE_OPACITY,
+    };
     let quads: Vec<(usize, usize)> =
         (0..rows / 2).flat_map(|r| (0..columns / 2).map(move |c| (2 * c, 2 * r))).collect();
     let splats_of_quad = |&(col, row): &(usize, usize)| {
@@ -108,7 +121,7 @@ pub fn init_from_surface(
         let points = places.map(|(c, r)| at(c, r));
         let mean: [f64; 3] = std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / 4.0);
         if points.iter().all(|p| (p[2] - mean[2]).abs() < FLAT_M) {
-            return vec![(mean, 2.0 * spacing, DVec3::Z)];
+            return vec![splat(mean, 2.0 * spacing, DVec3::Z)];
         }
         let mut splats = Vec::new();
         for ((c, r), p) in places.into_iter().zip(points).filter(|(_, p)| !p[2].is_nan()) {
@@ -120,20 +133,40 @@ pub fn init_from_surface(
             // Rows run southwards.
             let normal = DVec3::new(-rise(around[0], around[2]), rise(around[1], around[3]), 1.0);
             let normal = normal.try_normalize().unwrap_or(DVec3::Z);
-            splats.extend((0..steps).map(|k| ([p[0], p[1], p[2] - spacing * k as f64], spacing, normal)));
+            let below = |drop: f64| [p[0], p[1], p[2] - drop];
+            if !has_faint_walls || p[2] - lowest <= HIGH_WALL_M {
+                splats.extend((0..steps).map(|k| splat(below(spacing * k as f64), spacing, normal)));
+                continue;
+            }
+            splats.push(splat(p, spacing, normal));
+            let level = DVec3::new(normal.x, normal.y, 0.0).try_normalize().unwrap_or(DVec3::X);
+            let count = ((p[2] - lowest) / pixel_m) as usize;
+            splats.extend((1..count).map(|k| SurfaceSplat {
+                opacity: WALL_OPACITY,
+                ..splat(below(pixel_m * k as f64), pixel_m, level)
+            }));
         }
         splats
     };
-    let splats: Vec<_> = quads.par_iter().flat_map_iter(splats_of_quad).collect();
-    let colors: Vec<[f32; 3]> = splats.par_iter().map(|(p, _, _)| median_color(*p, views)).collect();
+    let splats: Vec<SurfaceSplat> = quads.par_iter().flat_map_iter(splats_of_quad).collect();
+    let colors: Vec<[f32; 3]> = splats.par_iter().map(|s| median_color(s.position, views)).collect();
     let mut out = Splats::default();
-    for ((p, size, normal), rgb) in splats.into_iter().zip(colors) {
-        out.push(p.map(|v| v as f32), 0.5 * size as f32, SURFACE_OPACITY, rgb);
+    for (splat, rgb) in splats.into_iter().zip(colors) {
+        out.push(splat.position.map(|v| v as f32), 0.5 * splat.size as f32, splat.opacity, rgb);
         if primitive == PrimitiveKind::Disc {
-            out.rotation[out.position.len() - 1] = rotation_to(normal).map(|v| v as f32);
+            out.rotation[out.position.len() - 1] = rotation_to(splat.normal).map(|v| v as f32);
         }
     }
     out
+}
+
+/// A splat on a matched surface.
+struct SurfaceSplat {
+    position: [f64; 3],
+    /// Its distance from the next ones, metres.
+    size: f64,
+    normal: DVec3,
+    opacity: f32,
 }
 
 /// The median of the views' linear colours at a position (site frame, metres); grey where no view shows it.
@@ -199,7 +232,8 @@ mod tests {
         let area = (-30.0, -25.0, 30.0, 25.0);
         let view =
             TrainingView::new("v".into(), camera, None, &[Grid2::filled(160, 140, 0.3)], area, (0.0, 0.0));
-        let splats = init_from_surface(&block(), &[view], PrimitiveKind::Disc);
+        let views = vec![view; FEW_VIEWS + 1];
+        let splats = init_from_surface(&block(), &views, PrimitiveKind::Disc);
         let near = |p: &&[f32; 3], z: f32| p[0].abs() < 5.0 && p[1].abs() < 3.0 && (p[2] - z).abs() < 0.5;
         assert!(splats.position.iter().filter(|p| near(p, 12.0)).count() >= 10);
         assert_eq!(
@@ -215,6 +249,12 @@ mod tests {
         };
         let walls = (0..splats.len()).filter(|i| (2.0..10.0).contains(&splats.position[*i][2]));
         assert!(walls.map(leans).all(|z| z < 0.3), "the normals of walls are level");
+
+        let of_few = init_from_surface(&block(), &views[1..], PrimitiveKind::Disc);
+        let walls: Vec<usize> =
+            (0..of_few.len()).filter(|i| (2.0..10.0).contains(&of_few.position[*i][2])).collect();
+        assert!(walls.len() > 3 * on_walls / 2, "{} instead of {on_walls}", walls.len());
+        assert!(walls.iter().all(|i| of_few.opacity_logit[*i][0] < 0.0), "walls of few views are faint");
     }
 
     fn slope() -> Vec<Point<Site>> {
