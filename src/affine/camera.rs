@@ -8,7 +8,7 @@ use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
 /// `(col, row) = linear (x, y, z) + offset + quadratic (xx, xy, xz, yy, yz, zz)`, from site metres to pixels: an
-/// affine camera with a quadratic term, which follows an RPC to about 0.01 pixels over 650 m.
+/// affine camera with a quadratic term, which follows an RPC to about 0.01 pixels over 650 x 650 m and heights of 150 m.
 ///
 /// Directions and scales (shears, lines of sight, the ground sampling distance) are those of the affine part:
 /// the slope of the quadratic term is below a hundredth of a pixel per metre.

@@ -45,7 +45,7 @@ pub enum FitError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Place(#[from] crate::frame::FrameError),
-    /// The range of heights or the area is empty, or the camera looks along the ground.
+    /// The range of heights or the area is empty, or the RPC is not defined in them.
     #[error("no camera can be fitted over heights from {low_m} m to {high_m} m")]
     Degenerate {
         /// Lowest height, metres.

@@ -13,7 +13,7 @@ use std::fmt::Write;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Work with RPC cameras: project and localise points, convert formats, compare two cameras, fit affine cameras
+/// Work with RPC cameras: project and localise points, convert formats, compare two cameras, fit affine and quadratic cameras
 ///
 /// FILE is an RPC file of any format satgs reads (`_RPC.TXT`, Maxar .RPB and .XML, DIMAP, OSSIM .geom, rpcm JSON,
 /// GDAL .aux.xml) or an image with its RPC inside or beside it. Pixel 0 0 is the centre of the first pixel, heights

@@ -5,7 +5,7 @@
 //! `n` the inverse depths at two rays `r` and `s` are as `n r` to `n s`.
 //!
 //! On a coarse grid of cells, let `x` be the logarithm of the depth divided by that of the aligned prior, with the inverse depths `w`. For
-//! neighbouring cells `p` and `q` with the mean normal `n`, `x_q - x_p` is about `ln (w_q (n r_p)) - ln (w_p (n r_q))`; where a depth is
+//! neighbouring cells `p` and `q` with the mean normal `n`, `x_q - x_p` is about `ln (w_q (n r_p) / (w_p (n r_q)))`; where a depth is
 //! known so is `x`; everywhere `x` is near 0. (Without the logarithms the equations of neighbours would be homogeneous, and noise of the
 //! normals would make all surfaces farther.) Neighbours between which the prior jumps otherwise than the normal says are not compared.
 //! The sum of squares, each divided by its variance, is minimised by conjugate gradients, and `x` is interpolated to the pixels.
@@ -41,42 +41,55 @@ pub(super) struct KnownDepth {
     pub depth: f64,
     /// Standard deviation, as a share of the depth.
     pub deviation: f64,
+    /// Sum of the unit normals that other views have there, in camera axes; zero if there are none.
+    pub normals: DVec3,
 }
 
-/// Depths that agree with the normals, from the aligned depths; cells without a normal keep theirs unless a known depth is near.
-pub(super) fn integrate(
-    aligned: &Grid2,
-    normals: &NormalPrior,
-    known_depths: &[KnownDepth],
-    camera: &PinholeCamera,
-) -> Grid2 {
-    let side = aligned.width.div_ceil(CELLS).max(1);
-    let grid = Cells::new(aligned, normals, side, camera);
-    let links = grid.links();
-    let known = |p: &KnownDepth| {
-        let cell = grid.cell_of(p.col, p.row)?;
-        let from = f64::from(aligned.get(p.col.round() as i64, p.row.round() as i64));
-        Some((cell, (p.depth / from).ln(), p.deviation)).filter(|(_, x, _)| x.is_finite())
-    };
-    let known: Vec<(usize, f64, f64)> = known_depths.iter().filter_map(known).collect();
-    let mut weights: Vec<f64> = known.iter().map(|k| k.2.powi(-2)).collect();
-    let mut x = vec![0.0; grid.inverse.len()];
-    for _ in 0..ROUNDS {
-        let mut system = System::new(grid.inverse.len(), &links);
-        for ((cell, value, _), weight) in known.iter().zip(&weights) {
-            system.diagonal[*cell] += weight;
-            system.right[*cell] += weight * value;
-        }
-        system.solve(&mut x);
-        for ((cell, value, deviation), weight) in known.iter().zip(&mut weights) {
-            let deviations = (x[*cell] - value).abs() / deviation;
-            *weight = deviation.powi(-2) * (HUBER / deviations.max(HUBER));
-        }
+/// A view whose aligned depths can be brought to normals and known depths.
+pub(super) struct Integration {
+    /// The aligned depths.
+    pub aligned: Grid2,
+    cells: Cells,
+}
+
+impl Integration {
+    pub fn new(aligned: Grid2, normals: &NormalPrior, camera: &PinholeCamera) -> Self {
+        let side = aligned.width.div_ceil(CELLS).max(1);
+        let cells = Cells::new(&aligned, normals, side, camera);
+        Self { aligned, cells }
     }
-    Grid2::from_fn(aligned.width, aligned.height, |col, row| {
-        let depth = aligned.at(col, row) * grid.interpolated(&x, col, row, aligned.at(col, row)).exp() as f32;
-        if depth > 0.0 { depth } else { f32::NAN }
-    })
+
+    /// Depths that agree with the normals and the known depths; cells without a normal keep the aligned ones unless a known depth is
+    /// near.
+    pub fn depths(&self, known_depths: &[KnownDepth]) -> Grid2 {
+        let Self { aligned, cells } = self;
+        let links = cells.links(&cells.normals_with(known_depths));
+        let known = |p: &KnownDepth| {
+            let cell = cells.cell_of(p.col, p.row)?;
+            let from = f64::from(aligned.get(p.col.round() as i64, p.row.round() as i64));
+            Some((cell, (p.depth / from).ln(), p.deviation)).filter(|(_, x, _)| x.is_finite())
+        };
+        let known: Vec<(usize, f64, f64)> = known_depths.iter().filter_map(known).collect();
+        let mut weights: Vec<f64> = known.iter().map(|k| k.2.powi(-2)).collect();
+        let mut x = vec![0.0; cells.inverse.len()];
+        for _ in 0..ROUNDS {
+            let mut system = System::new(cells.inverse.len(), &links);
+            for ((cell, value, _), weight) in known.iter().zip(&weights) {
+                system.diagonal[*cell] += weight;
+                system.right[*cell] += weight * value;
+            }
+            system.solve(&mut x);
+            for ((cell, value, deviation), weight) in known.iter().zip(&mut weights) {
+                let deviations = (x[*cell] - value).abs() / deviation;
+                *weight = deviation.powi(-2) * (HUBER / deviations.max(HUBER));
+            }
+        }
+        Grid2::from_fn(aligned.width, aligned.height, |col, row| {
+            let depth =
+                aligned.at(col, row) * cells.interpolated(&x, col, row, aligned.at(col, row)).exp() as f32;
+            if depth > 0.0 { depth } else { f32::NAN }
+        })
+    }
 }
 
 /// The view in cells, row by row.
@@ -165,10 +178,22 @@ impl Cells {
         (is_inside && self.inverse[cell].is_finite()).then_some(cell)
     }
 
-    /// The neighbours that lie on one surface.
-    fn links(&self) -> Vec<Link> {
+    /// The means of the own normals and those of other views, whose errors are others; NaN where there are none.
+    fn normals_with(&self, known: &[KnownDepth]) -> Vec<DVec3> {
+        let mut normals = self.normals.clone();
+        for known in known {
+            if let Some(cell) = self.cell_of(known.col, known.row) {
+                normals[cell] += known.normals;
+            }
+        }
+        normals.iter_mut().for_each(|n| *n = n.try_normalize().unwrap_or(DVec3::NAN));
+        normals
+    }
+
+    /// The neighbours that lie on one surface, by the normals of the cells.
+    fn links(&self, normals: &[DVec3]) -> Vec<Link> {
         let link = |p: usize, q: usize| {
-            let normal = self.normals[p] + self.normals[q];
+            let normal = normals[p] + normals[q];
             let across =
                 [self.inverse[q] * normal.dot(self.rays[p]), self.inverse[p] * normal.dot(self.rays[q])];
             let difference = (across[0] / across[1]).ln();
@@ -267,10 +292,10 @@ mod tests {
                 if index.is_multiple_of(5) { (62 + draw.below(36), 92 + draw.below(36)) } else { (col, row) };
             let error = if index % 10 == 3 { 1.3 } else { 1.0 + 0.003 * draw.normal() };
             let depth = surface(col, row).0 * error;
-            KnownDepth { col: col as f64, row: row as f64, depth, deviation: 0.004 }
+            KnownDepth { col: col as f64, row: row as f64, depth, deviation: 0.004, normals: DVec3::ZERO }
         };
         let points: Vec<KnownDepth> = (0..150).map(point).collect();
-        let found = integrate(&aligned, &NormalPrior { planes }, &points, &camera());
+        let found = Integration::new(aligned.clone(), &NormalPrior { planes }, &camera()).depths(&points);
         let errors = |depths: &Grid2| {
             let off = |i: usize| {
                 let exact = surface(i % SIZE.0, i / SIZE.0).0;
@@ -289,6 +314,7 @@ mod tests {
         assert!(bias.abs() < 0.003, "noise of normals makes surfaces neither nearer nor farther: {bias}");
         // Without points the prior keeps its scale; without normals its depths.
         let unknown = NormalPrior { planes: [(); 3].map(|()| Grid2::filled(SIZE.0, SIZE.1, f32::NAN)) };
-        assert_eq!(integrate(&aligned, &unknown, &[], &camera()), aligned);
+        let without = Integration::new(aligned.clone(), &unknown, &camera());
+        assert_eq!(without.depths(&[]), aligned);
     }
 }

@@ -18,7 +18,7 @@ pub enum DepthKind {
     /// Depths along the optical axis as a sensor measures them, in the unit of the scene: they are compared as they are.
     #[serde(skip)]
     Measured,
-    /// Depths along the optical axis that were brought to the points of the scene.
+    /// Depths along the optical axis that were brought to the points of the scene and to other views.
     #[serde(skip)]
     Aligned,
 }

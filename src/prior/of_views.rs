@@ -40,7 +40,8 @@ pub struct PriorSources {
 /// The files of a folder, by views: none where a view has none.
 type Files<'a> = Vec<(&'a PerspectiveView, Option<PathBuf>)>;
 
-/// Reads the priors of these views, in their order, and reports what is missing. `points` are those of the scene. What a network
+/// Reads the priors of these views, in their order, and reports what is missing. Depths of views that have normals too are brought to
+/// `points`, those of the scene, and to each other. What a network
 /// or a command makes is kept in the folders `depths` and `normals` of `cache`, and not made again for the same images.
 ///
 /// # Errors

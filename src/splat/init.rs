@@ -3,7 +3,7 @@
 
 use crate::affine::{TrainingView, median_pixel_m};
 use crate::frame::{Point, Site, SiteBox};
-use crate::mvs::{MatchedSurface, ground_plane};
+use crate::mvs::{FEW_VIEWS, MatchedSurface, ground_plane};
 use crate::random::CounterRng;
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::{Splats, rotation_to};
@@ -23,11 +23,11 @@ const SCALE_M: (f64, f64) = (0.05, 2.0);
 /// Spacing of the splats on a matched surface, metres, and their initial opacity.
 pub const SPACING_M: f64 = 1.0;
 const SURFACE_OPACITY: f32 = 0.9;
-/// Up to this number of views leave walls to chance: those that are higher than this, metres, have splats of this opacity at each
-/// pixel, which training makes solid where images show them (GeoProp-GS's proposals, without anchors).
-const FEW_VIEWS: usize = 5;
+/// With few views the position of a wall is uncertain. Walls higher than this, metres, start as columns of splats of this opacity, one
+/// pixel apart but not less than this; training makes those opaque that the images confirm (proposals of GeoProp-GS, without anchors).
 const HIGH_WALL_M: f64 = 3.0;
 const WALL_OPACITY: f32 = 0.1;
+const LEAST_WALL_SPACING_M: f64 = 0.25;
 /// Four neighbouring splats become one of twice the size if their altitudes differ from the mean by less, metres.
 const FLAT_M: f64 = 0.25;
 /// Splats in a volume: their number per cubic metre, initial opacity, and linear value of each colour channel (EOGS).
@@ -91,7 +91,7 @@ pub fn init_from_volume((west, south, east, north): SiteBox, (low, high): (f64, 
 }
 
 /// Splats on a matched surface with the median colours of the views. Flat parts have larger splats; at steps of the surface,
-/// columns of splats fill the wall from the upper to the lower altitude; of few views, high walls are faint. The third axis of each splat is the surface's normal
+/// columns of splats fill the wall from the upper to the lower altitude, those of high walls with low opacity if there are few views. The third axis of each splat is the surface's normal
 /// if they are to be discs.
 #[must_use]
 pub fn init_from_surface(
@@ -106,14 +106,7 @@ pub fn init_from_surface(
         surface.point(col * cells + cells / 2, row * cells + cells / 2).xyz()
     };
     let spacing = cells as f64 * surface.grid.cell;
-    let has_faint_walls = views.len() <= FEW_VIEWS;
-    let pixel_m = median_pixel_m(views);
-    let splat = |position: [f64; 3], size: f64, normal: DVec3| SurfaceSplat {
-        position,
-        size,
-        normal,
-        opacity: SURFACE_OPACITY,
-    };
+    let wall_spacing = median_pixel_m(views).max(LEAST_WALL_SPACING_M).min(spacing);
     let quads: Vec<(usize, usize)> =
         (0..rows / 2).flat_map(|r| (0..columns / 2).map(move |c| (2 * c, 2 * r))).collect();
     let splats_of_quad = |&(col, row): &(usize, usize)| {
@@ -121,29 +114,30 @@ pub fn init_from_surface(
         let points = places.map(|(c, r)| at(c, r));
         let mean: [f64; 3] = std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / 4.0);
         if points.iter().all(|p| (p[2] - mean[2]).abs() < FLAT_M) {
-            return vec![splat(mean, 2.0 * spacing, DVec3::Z)];
+            let (size, opacity) = (2.0 * spacing, SURFACE_OPACITY);
+            return vec![SurfaceSplat { position: mean, size, normal: DVec3::Z, opacity }];
         }
         let mut splats = Vec::new();
         for ((c, r), p) in places.into_iter().zip(points).filter(|(_, p)| !p[2].is_nan()) {
             let around = [(c + 1, r), (c, r + 1), (c.saturating_sub(1), r), (c, r.saturating_sub(1))];
             let around = around.map(|(c, r)| at(c, r));
             let lowest = around.iter().fold(p[2], |m, q| m.min(q[2]));
-            let steps = ((p[2] - lowest) / spacing - 0.5).ceil().max(1.0) as usize;
             let rise = |ahead: [f64; 3], behind: [f64; 3]| (ahead[2] - behind[2]) / (2.0 * spacing);
             // Rows run southwards.
             let normal = DVec3::new(-rise(around[0], around[2]), rise(around[1], around[3]), 1.0);
             let normal = normal.try_normalize().unwrap_or(DVec3::Z);
-            let below = |drop: f64| [p[0], p[1], p[2] - drop];
-            if !has_faint_walls || p[2] - lowest <= HIGH_WALL_M {
-                splats.extend((0..steps).map(|k| splat(below(spacing * k as f64), spacing, normal)));
-                continue;
-            }
-            splats.push(splat(p, spacing, normal));
-            let level = DVec3::new(normal.x, normal.y, 0.0).try_normalize().unwrap_or(DVec3::X);
-            let count = ((p[2] - lowest) / pixel_m) as usize;
-            splats.extend((1..count).map(|k| SurfaceSplat {
-                opacity: WALL_OPACITY,
-                ..splat(below(pixel_m * k as f64), pixel_m, level)
+            splats.push(SurfaceSplat { position: p, size: spacing, normal, opacity: SURFACE_OPACITY });
+            let drop = p[2] - lowest;
+            let (size, normal, opacity) = if views.len() <= FEW_VIEWS && drop > HIGH_WALL_M {
+                let level = DVec3::new(normal.x, normal.y, 0.0).try_normalize().unwrap_or(DVec3::X);
+                (wall_spacing, level, WALL_OPACITY)
+            } else {
+                (spacing, normal, SURFACE_OPACITY)
+            };
+            let steps = (drop / size - 0.5).ceil().max(1.0) as usize;
+            splats.extend((1..steps).map(|k| {
+                let position = [p[0], p[1], p[2] - size * k as f64];
+                SurfaceSplat { position, size, normal, opacity }
             }));
         }
         splats
@@ -254,7 +248,9 @@ mod tests {
         let walls: Vec<usize> =
             (0..of_few.len()).filter(|i| (2.0..10.0).contains(&of_few.position[*i][2])).collect();
         assert!(walls.len() > 3 * on_walls / 2, "{} instead of {on_walls}", walls.len());
-        assert!(walls.iter().all(|i| of_few.opacity_logit[*i][0] < 0.0), "walls of few views are faint");
+        assert!(walls.iter().all(|i| of_few.opacity_logit[*i][0] < 0.0), "opacities of few views are low");
+        let lowest = walls.iter().map(|i| of_few.position[*i][2]).fold(f32::MAX, f32::min);
+        assert!(lowest < 2.6, "walls reach the ground: {lowest}");
     }
 
     fn slope() -> Vec<Point<Site>> {
