@@ -12,6 +12,14 @@ pub fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     Some(*values.select_nth_unstable_by(rank.min(last), f64::total_cmp).1)
 }
 
+/// The median of values, of an even number the mean of the two in the middle. None for an empty list.
+#[must_use]
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
+    let last = values.len().checked_sub(1)?;
+    values.sort_unstable_by(f64::total_cmp);
+    Some(0.5 * (values[last / 2] + values[values.len() / 2]))
+}
+
 /// The quantile of values at a share `q` from 0 to 1, interpolated linearly between neighbours as
 /// `numpy.quantile` does by default; NaN for an empty list. The values must not contain NaN.
 #[must_use]
@@ -33,6 +41,13 @@ pub fn interpolated_quantile_in_place(values: &mut [f32], q: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_median_of_an_even_number_lies_between_the_two_in_the_middle() {
+        assert_eq!(median(vec![4.0, 1.0, 3.0, 9.0]), Some(3.5));
+        assert_eq!(median(vec![4.0, 1.0, 9.0]), Some(4.0));
+        assert_eq!(median(Vec::new()), None);
+    }
 
     #[test]
     fn interpolated_quantiles_are_those_of_numpy() {

@@ -14,7 +14,7 @@ use crate::frame::{Pixel, Point, Site};
 use crate::io::Grid2;
 use crate::perspective::{PerspectiveView, PinholeCamera};
 use crate::progress::{Event, Progress};
-use crate::stats::quantile;
+use crate::stats::{median, quantile};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -188,11 +188,11 @@ impl<'a> Surface<'a> {
         let of_cell = |told: &[Told]| {
             // A view that is near has many points in a cell, which are one opinion.
             let of_view = |told: &[Told]| {
-                let ratio = quantile(told.iter().map(|t| t.ratio).collect(), 0.5)?;
+                let ratio = median(told.iter().map(|t| t.ratio).collect())?;
                 Some((ratio, told.iter().map(|t| t.normal).sum::<DVec3>().normalize_or_zero()))
             };
             let views: Vec<(f64, DVec3)> = told.chunk_by(|a, b| a.by == b.by).filter_map(of_view).collect();
-            let ratio = quantile(views.iter().map(|v| v.0).collect(), 0.5)?;
+            let ratio = median(views.iter().map(|v| v.0).collect())?;
             let (col, row) = self.middle(told[0].cell);
             Some(KnownDepth {
                 col: col as f64,
