@@ -59,6 +59,11 @@ impl Integration {
         Self { aligned, cells }
     }
 
+    /// Side of the cells of the coarse grid, pixels.
+    pub fn side(&self) -> usize {
+        self.cells.side
+    }
+
     /// Depths that agree with the normals and the known depths; cells without a normal keep the aligned ones unless a known depth is
     /// near.
     pub fn depths(&self, known_depths: &[KnownDepth]) -> Grid2 {

@@ -27,8 +27,6 @@ const MOST_VIEWS: usize = 10;
 const SAME_DEPTH: [f64; 2] = [0.2, 0.1];
 /// The normals of one surface have a greater cosine.
 const SAME_NORMAL: f64 = 0.8;
-/// Number of cells along the width of a view. The middle of each is a surface point, and each gathers the points of other views.
-const CELLS: usize = 96;
 /// Places of a cell whose depth differs by more than this share from that of its middle are on another surface.
 const SAME_CELL: f64 = 0.04;
 /// Changes of depths are measured at every so many pixels.
@@ -122,12 +120,10 @@ impl<'a> AlignedView<'a> {
     }
 }
 
-/// What a view sees.
+/// What a view sees. The middle of each cell of its integration is a surface point, and each cell gathers the points of other views.
 struct Surface<'a> {
     view: &'a AlignedView<'a>,
     depths: &'a Grid2,
-    /// Side of a cell, pixels.
-    side: usize,
     /// Positions and normals of surface points, in the frame of the scene.
     points: Vec<(DVec3, DVec3)>,
 }
@@ -145,10 +141,9 @@ struct Told {
 
 impl<'a> Surface<'a> {
     fn new(view: &'a AlignedView, depths: &'a Grid2) -> Self {
-        let side = depths.width.div_ceil(CELLS).max(1);
-        let mut surface = Self { view, depths, side, points: Vec::new() };
+        let mut surface = Self { view, depths, points: Vec::new() };
         let site_from_cam = view.camera.cam_from_site.transpose();
-        for cell in 0..surface.columns() * depths.height.div_ceil(side) {
+        for cell in 0..surface.columns() * depths.height.div_ceil(surface.side()) {
             let (col, row) = surface.middle(cell);
             let (depth, normal) = (f64::from(depths.at(col, row)), surface.normal(col, row));
             if depth > 0.0 && normal.is_finite() {
@@ -159,13 +154,18 @@ impl<'a> Surface<'a> {
         surface
     }
 
+    fn side(&self) -> usize {
+        self.view.integration.side()
+    }
+
+    /// Number of cells along the width.
     fn columns(&self) -> usize {
-        self.depths.width.div_ceil(self.side)
+        self.depths.width.div_ceil(self.side())
     }
 
     /// The pixel in the middle of a cell.
     fn middle(&self, cell: usize) -> (usize, usize) {
-        let at = |k: usize, size: usize| (k * self.side + self.side / 2).min(size - 1);
+        let at = |k: usize, size: usize| (k * self.side() + self.side() / 2).min(size - 1);
         (at(cell % self.columns(), self.depths.width), at(cell / self.columns(), self.depths.height))
     }
 
@@ -208,8 +208,8 @@ impl<'a> Surface<'a> {
     /// What a surface point of another view says; none if it is of another surface than the one that this view sees there.
     fn told(&self, by: usize, (position, normal): &(DVec3, DVec3), same_depth: f64) -> Option<Told> {
         let p = SeenPoint::new(0, Point::new(position.x, position.y, position.z), self.view.camera)?;
-        let (col, row) = ((p.col.round() as usize), (p.row.round() as usize));
-        let cell = row / self.side * self.columns() + col / self.side;
+        let (col, row) = (p.col.round() as usize, p.row.round() as usize);
+        let cell = row / self.side() * self.columns() + col / self.side();
         let (middle_col, middle_row) = self.middle(cell);
         let (own, middle) = (self.depths.at(col, row), self.depths.at(middle_col, middle_row));
         let (ratio, normal) = (p.depth / f64::from(own), self.view.camera.cam_from_site * *normal);

@@ -41,8 +41,8 @@ pub struct PriorSources {
 type Files<'a> = Vec<(&'a PerspectiveView, Option<PathBuf>)>;
 
 /// Reads the priors of these views, in their order, and reports what is missing. Depths of views that have normals too are brought to
-/// `points`, those of the scene, and to each other. What a network
-/// or a command makes is kept in the folders `depths` and `normals` of `cache`, and not made again for the same images.
+/// `points`, those of the scene, and to each other. What a network or a command makes is kept in the folders `depths` and `normals`
+/// of `cache`, and not made again for the same images.
 ///
 /// # Errors
 /// [`PriorError`] if maps cannot be made, a folder has no file for any view, a file is damaged or has another shape than its image, or values contradict

@@ -23,10 +23,11 @@ const SCALE_M: (f64, f64) = (0.05, 2.0);
 /// Spacing of the splats on a matched surface, metres, and their initial opacity.
 pub const SPACING_M: f64 = 1.0;
 const SURFACE_OPACITY: f32 = 0.9;
-/// With few views the position of a wall is uncertain. Walls higher than this, metres, start as columns of splats of this opacity, one
-/// pixel apart but not less than this; training makes those opaque that the images confirm (proposals of GeoProp-GS, without anchors).
+/// With few views the position of a wall is uncertain. Walls higher than this, metres, start as columns of splats of low opacity, of
+/// which training makes those opaque that the images confirm (proposals of GeoProp-GS, without anchors).
 const HIGH_WALL_M: f64 = 3.0;
 const WALL_OPACITY: f32 = 0.1;
+/// Least spacing of the splats of such a column, metres; it is the size of a pixel if that is larger.
 const LEAST_WALL_SPACING_M: f64 = 0.25;
 /// Four neighbouring splats become one of twice the size if their altitudes differ from the mean by less, metres.
 const FLAT_M: f64 = 0.25;
@@ -91,8 +92,8 @@ pub fn init_from_volume((west, south, east, north): SiteBox, (low, high): (f64, 
 }
 
 /// Splats on a matched surface with the median colours of the views. Flat parts have larger splats; at steps of the surface,
-/// columns of splats fill the wall from the upper to the lower altitude, those of high walls with low opacity if there are few views. The third axis of each splat is the surface's normal
-/// if they are to be discs.
+/// columns of splats fill the wall from the upper to the lower altitude, those of high walls with low opacity if there are few
+/// views. The third axis of each splat is the surface's normal if they are to be discs.
 #[must_use]
 pub fn init_from_surface(
     surface: &MatchedSurface,

@@ -1,7 +1,7 @@
 //! Predicted time and memory of a tile. The constants are fitted to measured tiles; docs/performance.md has the figures.
 
 use super::plan::TileCost;
-use crate::mvs::{MAX_VOLUME, cell_m};
+use crate::mvs::{FEW_VIEWS, MAX_VOLUME, cell_m};
 use crate::splat::init::SPACING_M;
 
 /// Number of splats for each square of [`SPACING_M`], or of a cell if cells are larger: the most that was seen, because the
@@ -9,6 +9,8 @@ use crate::splat::init::SPACING_M;
 /// share a splat; larger pixels do not.
 const SPLATS: f64 = 1.1;
 const SPLATS_OF_COARSE_CELLS: f64 = 1.75;
+/// Of few views, whose walls have more splats: three towns of five views with pixels of 0.5 m had 1.45 to 1.76.
+const SPLATS_OF_FEW_VIEWS: f64 = 1.8;
 /// Seconds of one core for an iteration: of each splat, and of each pixel of one view.
 const SPLAT_S: f64 = 0.6e-6;
 const PIXEL_S: f64 = 0.036e-6;
@@ -50,7 +52,13 @@ impl TileSize {
         let cell = cell_m(self.gsd_m);
         let cells = self.area_m2 / cell.powi(2);
         let spacing = (SPACING_M / cell).round().max(1.0) * cell;
-        let density = if spacing > cell { SPLATS } else { SPLATS_OF_COARSE_CELLS };
+        let density = if self.views <= FEW_VIEWS {
+            SPLATS_OF_FEW_VIEWS
+        } else if spacing > cell {
+            SPLATS
+        } else {
+            SPLATS_OF_COARSE_CELLS
+        };
         let splats = density * self.area_m2 / spacing.powi(2);
         let (all, views) = (self.pixels as f64, self.views.max(1) as f64);
         // A volume is over the cells of the map, or, of few views, over the pixels of one.
