@@ -33,6 +33,11 @@ impl Alignment {
     pub fn apply(&self, x: f64) -> f64 {
         self.scale * x + self.shift
     }
+
+    /// The map from `y` to `x`. The residual stays that of the fit.
+    pub fn inverse(&self) -> Self {
+        Self { scale: self.scale.recip(), shift: -self.shift / self.scale, residual: self.residual }
+    }
 }
 
 /// Fits pairs (x, y); none if the fit has no positive scale or leaves out more than half of the pairs.

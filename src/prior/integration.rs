@@ -5,24 +5,34 @@
 //! `n` the inverse depths at two rays `r` and `s` are as `n r` to `n s`.
 //!
 //! On a coarse grid of cells, let `x` be the logarithm of the depth divided by that of the aligned prior, with the inverse depths `w`. For
-//! neighbouring cells `p` and `q` with the mean normal `n`, `x_q - x_p` is about `ln (w_q (n r_p) / (w_p (n r_q)))`; where a depth is
-//! known so is `x`; everywhere `x` is near 0. (Without the logarithms the equations of neighbours would be homogeneous, and noise of the
-//! normals would make all surfaces farther.) Neighbours between which the prior jumps otherwise than the normal says are not compared.
+//! neighbouring cells `p` and `q`, `x_q - x_p` is about `ln (w_q (n r_p) / (w_p (n r_q)))`, as the mean for both normals `n`: if an edge of
+//! two surfaces lies between them, each surface has half of the way. (The mean of the normals would follow the one that faces the camera
+//! more, and bring walls too near that are seen behind a floor.) Where a depth is
+//! known so is `x`; `x` is near 0 where points are near, from which the prior was corrected. (Without the logarithms the equations of
+//! neighbours would be homogeneous, and noise of the normals would make all surfaces farther.) Neighbours between which the prior jumps
+//! otherwise than the normals say are not compared.
 //! The sum of squares, each divided by its variance, is minimised by conjugate gradients, and `x` is interpolated to the pixels.
 
 use super::conjugate_gradients::{Limits, solve};
+use super::hdd::AlignedDepth;
 use super::map::NormalPrior;
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
-use crate::stats::quantile;
+use crate::stats::{median, quantile};
 use glam::{DVec2, DVec3};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 /// Number of cells along the width of a view.
 const CELLS: usize = 96;
 /// Standard deviations, as shares of the depth: of the depth of a cell as the normals of it and its neighbour have it, and of the aligned
-/// prior, whose errors are the same across hundreds of cells.
+/// prior far from points, whose errors are the same across hundreds of cells.
 const BY_NORMALS: f64 = 1e-3;
 const BY_PRIOR: f64 = 0.5;
+/// That of the aligned prior at a point, as a share of the error at points that were left out; it grows by the factor e within so
+/// many mean spacings of points. It is not taken to be smaller than this.
+const BESIDE_POINTS: f64 = 0.3;
+const GROWS_WITHIN: f64 = 0.5;
+const LEAST_BY_PRIOR: f64 = 1e-3;
 /// Depths of neighbouring cells that differ by more than this share from what the normal says belong to two surfaces.
 const EDGE: f64 = 0.04;
 /// Cells whose depth differs by less than this share from that of a pixel correct it.
@@ -49,14 +59,17 @@ pub(super) struct KnownDepth {
 pub(super) struct Integration {
     /// The aligned depths.
     pub aligned: Grid2,
+    /// Standard deviations of the cells' aligned depths, as shares of the depth.
+    deviations: Vec<f64>,
     cells: Cells,
 }
 
 impl Integration {
-    pub fn new(aligned: Grid2, normals: &NormalPrior, camera: &PinholeCamera) -> Self {
-        let side = aligned.width.div_ceil(CELLS).max(1);
-        let cells = Cells::new(&aligned, normals, side, camera);
-        Self { aligned, cells }
+    pub fn new(aligned: AlignedDepth, normals: &NormalPrior, camera: &PinholeCamera) -> Self {
+        let side = aligned.depth.width.div_ceil(CELLS).max(1);
+        let cells = Cells::new(&aligned.depth, normals, side, camera);
+        let deviations = cells.deviations(&aligned);
+        Self { aligned: aligned.depth, deviations, cells }
     }
 
     /// Side of the cells of the coarse grid, pixels.
@@ -67,7 +80,7 @@ impl Integration {
     /// Depths that agree with the normals and the known depths; cells without a normal keep the aligned ones unless a known depth is
     /// near.
     pub fn depths(&self, known_depths: &[KnownDepth]) -> Grid2 {
-        let Self { aligned, cells } = self;
+        let Self { aligned, deviations, cells } = self;
         let links = cells.links(&cells.normals_with(known_depths));
         let known = |p: &KnownDepth| {
             let cell = cells.cell_of(p.col, p.row)?;
@@ -78,7 +91,7 @@ impl Integration {
         let mut weights: Vec<f64> = known.iter().map(|k| k.2.powi(-2)).collect();
         let mut x = vec![0.0; cells.inverse.len()];
         for _ in 0..ROUNDS {
-            let mut system = System::new(cells.inverse.len(), &links);
+            let mut system = System::new(deviations, &links);
             for ((cell, value, _), weight) in known.iter().zip(&weights) {
                 system.diagonal[*cell] += weight;
                 system.right[*cell] += weight * value;
@@ -104,7 +117,7 @@ struct Cells {
     side: usize,
     /// Median inverse depths of the aligned prior; NaN where it has none.
     inverse: Vec<f64>,
-    /// Mean normals; NaN where there are none.
+    /// Normals of most of their pixels; NaN where there are none.
     normals: Vec<DVec3>,
     /// Rays through their centres, at depth one.
     rays: Vec<DVec3>,
@@ -127,18 +140,17 @@ impl Cells {
         };
         let inverse = |cell: usize| {
             let depths = pixels(cell).map(|(col, row)| f64::from(aligned.at(col, row)));
-            quantile(depths.filter(|z| *z > 0.0).collect(), 0.5).map_or(f64::NAN, f64::recip)
+            median(depths.filter(|z| *z > 0.0).collect()).map_or(f64::NAN, f64::recip)
         };
         let normal = |cell: usize| {
             let normals = pixels(cell)
                 .map(|at| DVec3::from_array(normals.planes.each_ref().map(|p| f64::from(p.at(at.0, at.1)))));
-            normals.filter(|n| n.is_finite()).sum::<DVec3>().try_normalize().unwrap_or(DVec3::NAN)
+            // Of a cell across an edge of two surfaces, medians are the normal of the one that has more of it.
+            let normals: Vec<DVec3> = normals.filter(|n| n.is_finite()).collect();
+            let along = |axis: usize| median(normals.iter().map(|n| n[axis]).collect()).unwrap_or(f64::NAN);
+            DVec3::from_array([0, 1, 2].map(along)).try_normalize().unwrap_or(DVec3::NAN)
         };
-        let ray = |cell: usize| {
-            let first = DVec2::new((cell % width) as f64, (cell / width) as f64) * side as f64;
-            let center = first + 0.5 * (side as f64 - 1.0);
-            ((center - camera.principal) / camera.focal).extend(1.0)
-        };
+        let ray = |cell: usize| ((middle(cell, width, side) - camera.principal) / camera.focal).extend(1.0);
         let cells = 0..width * height;
         Self {
             width,
@@ -148,6 +160,25 @@ impl Cells {
             normals: cells.clone().map(normal).collect(),
             rays: cells.map(ray).collect(),
         }
+    }
+
+    /// The standard deviations of the cells' aligned depths, as shares of the depth.
+    fn deviations(&self, aligned: &AlignedDepth) -> Vec<f64> {
+        let far = vec![BY_PRIOR; self.inverse.len()];
+        if aligned.places.is_empty() {
+            return far;
+        }
+        let Ok(tree) = ImmutableKdTree::<f64, 2>::new_from_slice(&aligned.places) else { return far };
+        let Grid2 { width, height, .. } = aligned.depth;
+        let spacing = ((width * height) as f64 / aligned.places.len() as f64).sqrt();
+        let beside = BESIDE_POINTS * aligned.quality.local;
+        let deviation = |cell: usize| {
+            let middle = middle(cell, self.width, self.side).to_array();
+            let distance =
+                tree.query(&middle).nearest_one::<SquaredEuclidean<f64>>().execute().distance.sqrt();
+            (beside * (distance / (GROWS_WITHIN * spacing)).exp()).clamp(LEAST_BY_PRIOR, BY_PRIOR)
+        };
+        (0..self.inverse.len()).map(deviation).collect()
     }
 
     /// The values `x` of the cells around a pixel of this depth, mixed by their nearness; only of cells of about this depth, if there
@@ -198,18 +229,26 @@ impl Cells {
     /// The neighbours that lie on one surface, by the normals of the cells.
     fn links(&self, normals: &[DVec3]) -> Vec<Link> {
         let link = |p: usize, q: usize| {
-            let normal = normals[p] + normals[q];
-            let across =
-                [self.inverse[q] * normal.dot(self.rays[p]), self.inverse[p] * normal.dot(self.rays[q])];
-            let difference = (across[0] / across[1]).ln();
+            let by_normal = |normal: DVec3| {
+                let [at_p, at_q] = [p, q].map(|cell| normal.dot(self.rays[cell]));
+                // Not a number if the normal faces away from a ray, or if there is none.
+                if at_p < 0.0 { (at_p / at_q).ln() } else { f64::NAN }
+            };
+            let by_prior = (self.inverse[p] / self.inverse[q]).ln();
+            let difference = 0.5 * (by_normal(normals[p]) + by_normal(normals[q])) - by_prior;
             // False for NaN too.
-            let is_one_surface = across[0] < 0.0 && difference.abs() < EDGE;
-            is_one_surface.then_some(Link { cells: [p, q], difference })
+            (difference.abs() < EDGE).then_some(Link { cells: [p, q], difference })
         };
         let right = (0..self.inverse.len()).filter(|p| (p + 1) % self.width != 0).map(|p| (p, p + 1));
         let below = (0..self.inverse.len().saturating_sub(self.width)).map(|p| (p, p + self.width));
         right.chain(below).filter_map(|(p, q)| link(p, q)).collect()
     }
+}
+
+/// The place in the middle of a cell, pixels; of cells row by row.
+fn middle(cell: usize, cells_wide: usize, side: usize) -> DVec2 {
+    let first = DVec2::new((cell % cells_wide) as f64, (cell / cells_wide) as f64) * side as f64;
+    first + 0.5 * (side as f64 - 1.0)
 }
 
 /// The normal equations: a symmetric positive definite matrix, as its diagonal and the links between cells.
@@ -221,8 +260,9 @@ struct System<'a> {
 
 impl<'a> System<'a> {
     /// Of the links and the prior.
-    fn new(cells: usize, links: &'a [Link]) -> Self {
-        let (mut diagonal, mut right) = (vec![BY_PRIOR.powi(-2); cells], vec![0.0; cells]);
+    fn new(deviations: &[f64], links: &'a [Link]) -> Self {
+        let mut diagonal: Vec<f64> = deviations.iter().map(|deviation| deviation.powi(-2)).collect();
+        let mut right = vec![0.0; deviations.len()];
         for Link { cells: [p, q], difference } in links {
             for (cell, sign) in [(*p, -1.0), (*q, 1.0)] {
                 diagonal[cell] += BY_NORMALS.powi(-2);
@@ -248,6 +288,7 @@ impl<'a> System<'a> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::hdd::AlignmentQuality;
     use super::*;
     use crate::random::CounterRng;
     use glam::DMat3;
@@ -300,7 +341,9 @@ mod tests {
             KnownDepth { col: col as f64, row: row as f64, depth, deviation: 0.004, normals: DVec3::ZERO }
         };
         let points: Vec<KnownDepth> = (0..150).map(point).collect();
-        let found = Integration::new(aligned.clone(), &NormalPrior { planes }, &camera()).depths(&points);
+        let without_points = AlignedDepth::without_points(aligned.clone());
+        let found =
+            Integration::new(without_points.clone(), &NormalPrior { planes }, &camera()).depths(&points);
         let errors = |depths: &Grid2| {
             let off = |i: usize| {
                 let exact = surface(i % SIZE.0, i / SIZE.0).0;
@@ -319,7 +362,57 @@ mod tests {
         assert!(bias.abs() < 0.003, "noise of normals makes surfaces neither nearer nor farther: {bias}");
         // Without points the prior keeps its scale; without normals its depths.
         let unknown = NormalPrior { planes: [(); 3].map(|()| Grid2::filled(SIZE.0, SIZE.1, f32::NAN)) };
-        let without = Integration::new(aligned.clone(), &unknown, &camera());
+        let without = Integration::new(without_points, &unknown, &camera());
         assert_eq!(without.depths(&[]), aligned);
+    }
+    #[test]
+    fn a_wall_behind_a_floor_that_is_seen_at_a_grazing_angle_is_not_too_near() {
+        // The floor is 1 m below the camera, the wall about 4 m away and turned, so that their edge crosses cells at all places.
+        let (down, wall) = (DVec3::NEG_Y, DVec3::new(-0.3, 0.0, -0.95).normalize());
+        let surface = |col: usize, row: usize| {
+            let ray = ((DVec2::new(col as f64, row as f64) - camera().principal) / 130.0).extend(1.0);
+            let (floor, back) = (-1.0 / down.dot(ray), -4.0 / wall.dot(ray));
+            if floor > 0.0 && floor < back { (floor, down) } else { (back, wall) }
+        };
+        let is_wall = |i: &usize| surface(i % SIZE.0, i / SIZE.0).1 == wall;
+        // The prior has the wall too far, by 10 % at the upper margin.
+        let off = |row: usize| 1.0 + 0.1 * (1.0 - row as f64 / 100.0).max(0.0);
+        let aligned = Grid2::from_fn(SIZE.0, SIZE.1, |col, row| (surface(col, row).0 * off(row)) as f32);
+        let normal =
+            |axis: usize| Grid2::from_fn(SIZE.0, SIZE.1, |col, row| surface(col, row).1[axis] as f32);
+        let normals = NormalPrior { planes: [0, 1, 2].map(normal) };
+        let point = |i: usize| {
+            let (col, row) = (i % SIZE.0, i / SIZE.0);
+            let depth = surface(col, row).0;
+            KnownDepth { col: col as f64, row: row as f64, depth, deviation: 3e-3, normals: DVec3::ZERO }
+        };
+        let points: Vec<KnownDepth> =
+            (0..SIZE.0 * SIZE.1).step_by(7).filter(|i| !is_wall(i)).map(point).collect();
+        let found =
+            Integration::new(AlignedDepth::without_points(aligned), &normals, &camera()).depths(&points);
+        let share = |i: usize| f64::from(found.data[i]) / surface(i % SIZE.0, i / SIZE.0).0 - 1.0;
+        let bias = median((0..found.data.len()).filter(is_wall).map(share).collect()).unwrap();
+        // Half a cell at the edge is 1.5 %.
+        assert!(bias.abs() < 0.01, "{bias}");
+    }
+
+    #[test]
+    fn depths_near_points_stay_as_they_were_aligned_with_these() {
+        let aligned = Grid2::filled(SIZE.0, SIZE.1, 2.0);
+        let places: Vec<[f64; 2]> =
+            (0..400).map(|k| [2.0 + 4.0 * f64::from(k % 20), 3.5 + 7.0 * f64::from(k / 20)]).collect();
+        let is_near = |col: usize| col < 78;
+        // Normals that turn the wall by 10 degrees.
+        let turned = DVec3::new(0.17, 0.0, -0.98).to_array();
+        let normals = NormalPrior { planes: turned.map(|v| Grid2::filled(SIZE.0, SIZE.1, v as f32)) };
+        let quality = AlignmentQuality { points: 400, global: 0.02, local: 3e-3 };
+        let aligned = AlignedDepth { places, quality, ..AlignedDepth::without_points(aligned) };
+        let found = Integration::new(aligned, &normals, &camera()).depths(&[]);
+        let off = |near: bool| {
+            let of_column = (0..SIZE.0).filter(|col| is_near(*col) == near);
+            of_column.map(|col| f64::from(found.at(col, 70) / 2.0 - 1.0).abs()).fold(0.0, f64::max)
+        };
+        assert!(off(true) < 0.03, "{}", off(true));
+        assert!(off(false) > 0.1, "{}", off(false));
     }
 }

@@ -102,7 +102,7 @@ impl<'a> AlignedView<'a> {
         points: &[Point<Site>],
     ) -> Option<Self> {
         let (seen, camera) = (seen_points(points, view), &view.camera);
-        let integration = Integration::new(align_depth(depth, &seen).ok()?.depth, normals, camera);
+        let integration = Integration::new(align_depth(depth, &seen).ok()?, normals, camera);
         let known = |&SeenPoint { col, row, depth, .. }: &SeenPoint| KnownDepth {
             col,
             row,
@@ -224,6 +224,7 @@ impl<'a> Surface<'a> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::hdd::AlignedDepth;
     use super::*;
     use glam::{DMat3, DVec2};
 
@@ -246,7 +247,7 @@ mod tests {
     /// A view that has a wall across it at a depth.
     fn view<'a>(camera: &'a PinholeCamera, normals: &'a NormalPrior, depth: f32) -> (AlignedView<'a>, Grid2) {
         let aligned = Grid2::filled(SIZE.0, SIZE.1, depth);
-        let integration = Integration::new(aligned.clone(), normals, camera);
+        let integration = Integration::new(AlignedDepth::without_points(aligned.clone()), normals, camera);
         (AlignedView { camera, normals, integration, known: Vec::new() }, aligned)
     }
 

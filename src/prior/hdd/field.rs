@@ -30,13 +30,16 @@ const BESIDE: f32 = 0.5;
 pub(super) struct ResidualField {
     /// Logarithm of the factor of the depth of each pixel.
     pub planes: Grid2,
-    /// At each point that agrees with its neighbours: the difference from what its neighbours alone would have given.
+    /// The points (column, row) that agree with their neighbours.
+    pub places: Vec<[f64; 2]>,
+    /// At each of these points: the difference from what its neighbours alone would have given.
     pub left_out: Vec<f64>,
 }
 
 /// Interpolates values at points (column, row, logarithm of a ratio) of an image.
 pub(super) fn residual_field(points: &[(f64, f64, f64)], (width, height): (usize, usize)) -> ResidualField {
-    let zero = ResidualField { planes: Grid2::filled(width, height, 0.0), left_out: Vec::new() };
+    let zero =
+        ResidualField { planes: Grid2::filled(width, height, 0.0), places: Vec::new(), left_out: Vec::new() };
     let Some(points) = agreeing(points).filter(|points| !points.is_empty()) else { return zero };
     let places: Vec<[f64; 2]> = points.iter().map(|p| [p.0, p.1]).collect();
     let Ok(tree) = ImmutableKdTree::<f64, 2>::new_from_slice(&places) else { return zero };
@@ -74,7 +77,7 @@ pub(super) fn residual_field(points: &[(f64, f64, f64)], (width, height): (usize
     }
     let left_out = |(i, p): (usize, &(f64, f64, f64))| p.2 - mixed([p.0, p.1], Some(i));
     let left_out = points.par_iter().enumerate().map(left_out).collect();
-    ResidualField { planes, left_out }
+    ResidualField { planes, places, left_out }
 }
 
 /// The points whose values are not far from zero, and near the median of those around.

@@ -54,8 +54,19 @@ pub struct AlignedDepth {
     pub depth: Grid2,
     /// Natural logarithm of the factor by which the depths were corrected after the fit of scale and shift.
     pub correction: Grid2,
+    /// Columns and rows of the points from which the local corrections were made.
+    pub places: Vec<[f64; 2]>,
     /// How well the depths follow the points.
     pub quality: AlignmentQuality,
+}
+
+#[cfg(test)]
+impl AlignedDepth {
+    /// Depths that were not corrected.
+    pub(super) fn without_points(depth: Grid2) -> Self {
+        let correction = Grid2::filled(depth.width, depth.height, 0.0);
+        Self { depth, correction, places: Vec::new(), quality: AlignmentQuality::default() }
+    }
 }
 
 /// The depths of a view by its prior, from the points that it sees.
@@ -96,7 +107,7 @@ pub(super) fn align_depth(prior: &DepthPrior, seen: &[SeenPoint]) -> Result<Alig
         global: median(ratios.iter().map(|(_, _, r)| r.exp_m1().abs()).collect()),
         local: median(field.left_out.iter().map(|r| r.exp_m1().abs()).collect()),
     };
-    Ok(AlignedDepth { depth, correction: field.planes, quality })
+    Ok(AlignedDepth { depth, correction: field.planes, places: field.places, quality })
 }
 
 /// Gives pixels near the border the median of those around: networks are least certain there.
