@@ -18,7 +18,7 @@ use super::hdd::AlignedDepth;
 use super::map::NormalPrior;
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
-use crate::stats::{median, quantile};
+use crate::stats::median;
 use glam::{DVec2, DVec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
@@ -291,6 +291,7 @@ mod tests {
     use super::super::hdd::AlignmentQuality;
     use super::*;
     use crate::random::CounterRng;
+    use crate::stats::quantile;
     use glam::DMat3;
 
     const SIZE: (usize, usize) = (192, 144);

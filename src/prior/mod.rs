@@ -1,14 +1,15 @@
 //! Priors: what a network, a sensor or a surface says of the depths and normals that views see, before any training.
 //!
 //! [`PriorFolder`] reads maps from files, which [`make_maps`] makes with a network or a command. [`read_priors`] reads those of
-//! all views, and compares them with the points of the scene: what contradicts them is refused. [`dense_start`] adds points to
-//! start from where the scene has few; [`aligned_start`] puts one behind each pixel.
+//! all views, and compares them with the points of the scene: what contradicts them is refused. [`bring_together`] gives depths the
+//! scale of the scene. [`dense_start`] adds points to start from where the scene has few; [`aligned_start`] puts one behind each pixel.
 
 mod agreement;
 mod aligned_start;
 mod command;
 mod conjugate_gradients;
 mod dense;
+mod depth_normals;
 mod error;
 mod fit;
 mod folder;
@@ -36,6 +37,7 @@ pub use hdd::{AlignedDepth, AlignmentQuality, FEWEST_POINTS};
 pub use inpaint::InpaintCommand;
 pub use make::{ExistingMaps, MadeMaps, make_maps};
 pub use map::{DepthKind, DepthPrior, NormalPrior, PixelColor, PriorContent, ViewPriors};
+pub use multi_view::bring_together;
 pub use of_sensor::sensor_priors;
 pub use of_views::{PriorSources, read_priors};
 pub use pseudo_views::PseudoView;

@@ -6,6 +6,7 @@
 //! the points of the scene, and the means of their normals carry depths on. Of another view those points count whose depths and
 //! normals are about the view's own, as on one surface.
 
+use super::depth_normals::normals_of_depths;
 use super::hdd::align_depth;
 use super::integration::{Integration, KnownDepth};
 use super::map::{DepthKind, DepthPrior, NormalPrior, ViewPriors};
@@ -17,6 +18,7 @@ use crate::progress::{Event, Progress};
 use crate::stats::{median, quantile};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Standard deviations of known depths, as shares of the depth: of a point, and of one other view.
 const BY_POINT: f64 = 3e-3;
@@ -32,9 +34,10 @@ const SAME_CELL: f64 = 0.04;
 /// Changes of depths are measured at every so many pixels.
 const CHANGES_OF_EVERY: usize = 64;
 
-/// Aligns depths of views that have normals too with the points that the views see, carries them across surfaces without points by
-/// the normals, and brings views that show the same surface together. Depths of views with few points stay as they are.
-pub(super) fn bring_together(
+/// Aligns depths with the points that the views see, carries them across surfaces without points by the normals, and brings views that
+/// show the same surface together. A view without normals has those of its aligned depths. Depths of views with few points stay as
+/// they are.
+pub fn bring_together(
     priors: &mut [ViewPriors],
     views: &[&PerspectiveView],
     points: &[Point<Site>],
@@ -43,8 +46,8 @@ pub(super) fn bring_together(
     let given: &[ViewPriors] = priors;
     let align = |index: usize| {
         let depth = given[index].depth.as_ref().filter(|depth| !depth.kind.is_absolute())?;
-        let normals = given[index].normal.as_ref()?;
-        Some((index, AlignedView::new(depth, normals, views[index], points)?))
+        let aligned = AlignedView::new(depth, given[index].normal.as_ref(), views[index], points)?;
+        Some((index, aligned))
     };
     let (indices, aligned): (Vec<usize>, Vec<AlignedView>) =
         (0..given.len()).into_par_iter().filter_map(align).unzip();
@@ -87,22 +90,27 @@ fn together(views: &[AlignedView]) -> Vec<Grid2> {
 /// A view whose depths are aligned with the points that it sees.
 struct AlignedView<'a> {
     camera: &'a PinholeCamera,
-    normals: &'a NormalPrior,
+    normals: Cow<'a, NormalPrior>,
     integration: Integration,
     /// The depths of the points.
     known: Vec<KnownDepth>,
 }
 
 impl<'a> AlignedView<'a> {
-    /// None if the depths cannot be aligned.
+    /// With the normals of the surfaces that the depths show if there are no others. None if the depths cannot be aligned.
     fn new(
         depth: &DepthPrior,
-        normals: &'a NormalPrior,
+        normals: Option<&'a NormalPrior>,
         view: &'a PerspectiveView,
         points: &[Point<Site>],
     ) -> Option<Self> {
         let (seen, camera) = (seen_points(points, view), &view.camera);
-        let integration = Integration::new(align_depth(depth, &seen).ok()?, normals, camera);
+        let aligned = align_depth(depth, &seen).ok()?;
+        let normals = match normals {
+            Some(normals) => Cow::Borrowed(normals),
+            None => Cow::Owned(normals_of_depths(&aligned.depth, camera)),
+        };
+        let integration = Integration::new(aligned, &normals, camera);
         let known = |&SeenPoint { col, row, depth, .. }: &SeenPoint| KnownDepth {
             col,
             row,
@@ -248,7 +256,7 @@ mod tests {
     fn view<'a>(camera: &'a PinholeCamera, normals: &'a NormalPrior, depth: f32) -> (AlignedView<'a>, Grid2) {
         let aligned = Grid2::filled(SIZE.0, SIZE.1, depth);
         let integration = Integration::new(AlignedDepth::without_points(aligned.clone()), normals, camera);
-        (AlignedView { camera, normals, integration, known: Vec::new() }, aligned)
+        (AlignedView { camera, normals: Cow::Borrowed(normals), integration, known: Vec::new() }, aligned)
     }
 
     /// What others, each at a place along x and z, say to a view that has a wall 3.3 m before it.

@@ -5,7 +5,6 @@ use super::error::PriorError;
 use super::folder::{PriorDescription, PriorFolder};
 use super::make::{ExistingMaps, make_maps};
 use super::map::{DepthKind, PriorContent, ViewPriors};
-use super::multi_view::bring_together;
 use super::seen::{SeenPoint, seen_points};
 use super::source::PriorSource;
 use crate::frame::{Point, Site};
@@ -40,9 +39,8 @@ pub struct PriorSources {
 /// The files of a folder, by views: none where a view has none.
 type Files<'a> = Vec<(&'a PerspectiveView, Option<PathBuf>)>;
 
-/// Reads the priors of these views, in their order, and reports what is missing. Depths of views that have normals too are brought to
-/// `points`, those of the scene, and to each other. What a network or a command makes is kept in the folders `depths` and `normals`
-/// of `cache`, and not made again for the same images.
+/// Reads the priors of these views, in their order, compares them with `points`, those of the scene, and reports what is missing. What
+/// a network or a command makes is kept in the folders `depths` and `normals` of `cache`, and not made again for the same images.
 ///
 /// # Errors
 /// [`PriorError`] if maps cannot be made, a folder has no file for any view, a file is damaged or has another shape than its image, or values contradict
@@ -81,7 +79,6 @@ pub fn read_priors(
             prior.normal = normal?;
         }
     }
-    bring_together(&mut priors, views, points, progress);
     Ok(priors)
 }
 

@@ -17,7 +17,8 @@ use crate::io::write_json;
 use crate::perspective::{Layout, PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::predict::Model;
 use crate::prior::{
-    PriorContent, PriorFolder, PriorSource, PriorSources, ViewPriors, read_priors, sensor_priors,
+    PriorContent, PriorFolder, PriorSource, PriorSources, ViewPriors, bring_together, read_priors,
+    sensor_priors,
 };
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, CHECKPOINT, PRIOR_PICTURES, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
@@ -240,6 +241,9 @@ fn priors(
     if sources.depths.is_some() || sources.normals.is_some() {
         let points: Vec<_> = start_points(scene)?.iter().map(|p| p.position).collect();
         priors = read_priors(sources, &training, &points, &run.join(PRIORS), progress)?;
+        if !start.aligns_depths() {
+            bring_together(&mut priors, &training, &points, progress);
+        }
     }
     if has_sensor && (uses_depths || uses_normals) {
         let total = training.len() as u64;

@@ -126,6 +126,12 @@ impl StartPoints {
     pub fn needs_depths(self) -> bool {
         self != Self::Scene
     }
+
+    /// Whether the start itself aligns priors of depths with the scene, each view on its own (HDD).
+    #[must_use]
+    pub fn aligns_depths(self) -> bool {
+        matches!(self, Self::Hdd | Self::Gva)
+    }
 }
 
 /// What only recipes of perspective scenes have.
