@@ -227,6 +227,7 @@ fn recipe_indoor_trains_with_priors_and_notices_when_they_change() {
     run_perspective(&scene, &with_depths, &run, &told, &mut |_| {}).unwrap();
     let notes = format!("{:?}", told.events());
     assert!(notes.contains("are relative, as the points of the scene show"), "{notes}");
+    assert!(notes.contains("depths of 7 views are aligned") && notes.contains("brought together"), "{notes}");
     assert!(
         notes.contains("without --normal-prior the recipe's loss term normal_prior is left out"),
         "{notes}"
@@ -265,11 +266,15 @@ fn recipe_geoprop_starts_from_aligned_depths() {
     run_perspective(&scene, &with_depths, &run, &told, &mut |_| {}).unwrap();
     let notes = format!("{:?}", told.events());
     assert!(notes.contains("depths of 7 views are aligned"), "{notes}");
-    let splats = ply::read(&run.join("splats.ply")).unwrap();
-    assert!(splats.len() > 1500, "{} splats", splats.len());
-    let middle = |p: &[f32; 3]| p[0].hypot(p[1]).hypot(p[2]);
-    let on_ball = splats.position.iter().filter(|p| (middle(p) - 1.0).abs() < 0.1).count();
-    assert!(on_ball * 10 > splats.len() * 9, "{on_ball} of {}", splats.len());
+    assert!(!notes.contains("brought together"), "{notes}");
+    let share_on_ball = |run: &Path, margin: f32| {
+        let splats = ply::read(&run.join("splats.ply")).unwrap();
+        assert!(splats.len() > 1500, "{} splats", splats.len());
+        let middle = |p: &[f32; 3]| p[0].hypot(p[1]).hypot(p[2]);
+        let on_ball = splats.position.iter().filter(|p| (middle(p) - 1.0).abs() < margin).count();
+        on_ball as f64 / splats.len() as f64
+    };
+    assert!(share_on_ball(&run, 0.1) > 0.9, "{}", share_on_ball(&run, 0.1));
     assert!(run.join("train/start/1.png").exists());
     assert!(std::fs::read_to_string(run.join("report.html")).unwrap().contains("Aligned depths"));
 
@@ -281,5 +286,9 @@ fn recipe_geoprop_starts_from_aligned_depths() {
     without.train.recipe = "geoprop".into();
     let told = Recorder::default();
     run_perspective(&scene, &without, &folder.path().join("3"), &told, &mut |_| {}).unwrap();
-    assert!(format!("{:?}", told.events()).contains("depths are interpolated between the points"));
+    let notes = format!("{:?}", told.events());
+    assert!(notes.contains("depths are interpolated between the points"), "{notes}");
+    assert!(notes.contains("depths of 7 views are aligned"), "{notes}");
+    let share = share_on_ball(&folder.path().join("3"), 0.2);
+    assert!(share > 0.8, "{share}");
 }

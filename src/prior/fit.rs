@@ -14,7 +14,7 @@ const DEVIATIONS: f64 = 3.0;
 const OF_MEDIAN: f64 = 1.4826;
 /// Least share of the pairs that must stay.
 const LEAST_INLIERS: f64 = 0.5;
-/// Least difference of the greatest and the smallest `x`, as a share of the median, with which a shift is fitted.
+/// Least difference of the greatest and the smallest `x`, as a share of the mean, with which a shift is fitted.
 const LEAST_SPREAD: f64 = 0.02;
 
 /// A fit of `y = scale x + shift`.
@@ -34,7 +34,7 @@ impl Alignment {
         self.scale * x + self.shift
     }
 
-    /// The map from `y` to `x`. The residual stays that of the fit.
+    /// The map from `y` to `x`. The residual stays a share of the median of what was fitted.
     pub fn inverse(&self) -> Self {
         Self { scale: self.scale.recip(), shift: -self.shift / self.scale, residual: self.residual }
     }
@@ -62,14 +62,19 @@ pub(super) fn align(pairs: &[(f64, f64)]) -> Option<Alignment> {
     is_good.then_some(Alignment { scale, shift, residual })
 }
 
+/// Whether values are so nearly equal that they tell no scale.
+pub(super) fn is_level(values: impl Iterator<Item = f64> + Clone) -> bool {
+    let (low, high) = values.clone().fold((f64::MAX, f64::MIN), |range, x| (range.0.min(x), range.1.max(x)));
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), x| (sum + x, count + 1.0));
+    high - low < LEAST_SPREAD * (sum / count).abs()
+}
+
 /// Scale and shift.
 fn least_squares(pairs: &[(f64, f64)]) -> Option<(f64, f64)> {
     let n = pairs.len() as f64;
     let mean = pairs.iter().fold((0.0, 0.0), |sum, (x, y)| (sum.0 + x / n, sum.1 + y / n));
-    let (low, high) =
-        pairs.iter().fold((f64::MAX, f64::MIN), |range, (x, _)| (range.0.min(*x), range.1.max(*x)));
     let sum = |of: &dyn Fn(f64, f64) -> f64| pairs.iter().map(|(x, y)| of(*x, *y)).sum::<f64>();
-    let fitted = if high - low < LEAST_SPREAD * mean.0.abs() {
+    let fitted = if is_level(pairs.iter().map(|pair| pair.0)) {
         (sum(&|x, y| x * y) / sum(&|x, _| x * x), 0.0)
     } else {
         let scale = sum(&|x, y| (x - mean.0) * (y - mean.1)) / sum(&|x, _| (x - mean.0).powi(2));

@@ -171,7 +171,7 @@ impl Cells {
         let Ok(tree) = ImmutableKdTree::<f64, 2>::new_from_slice(&aligned.places) else { return far };
         let Grid2 { width, height, .. } = aligned.depth;
         let spacing = ((width * height) as f64 / aligned.places.len() as f64).sqrt();
-        let beside = BESIDE_POINTS * aligned.quality.local;
+        let beside = (BESIDE_POINTS * aligned.quality.local).max(f64::EPSILON);
         let deviation = |cell: usize| {
             let middle = middle(cell, self.width, self.side).to_array();
             let distance =
@@ -366,6 +366,7 @@ mod tests {
         let without = Integration::new(without_points, &unknown, &camera());
         assert_eq!(without.depths(&[]), aligned);
     }
+
     #[test]
     fn a_wall_behind_a_floor_that_is_seen_at_a_grazing_angle_is_not_too_near() {
         // The floor is 1 m below the camera, the wall about 4 m away and turned, so that their edge crosses cells at all places.

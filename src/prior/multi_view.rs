@@ -7,14 +7,14 @@
 //! normals are about the view's own, as on one surface.
 
 use super::depth_normals::normals_of_depths;
-use super::hdd::align_depth;
+use super::hdd::{FEWEST_POINTS, align_depth};
 use super::integration::{Integration, KnownDepth};
 use super::map::{DepthKind, DepthPrior, NormalPrior, ViewPriors};
 use super::seen::{SeenPoint, seen_points};
 use crate::frame::{Pixel, Point, Site};
 use crate::io::Grid2;
 use crate::perspective::{PerspectiveView, PinholeCamera};
-use crate::progress::{Event, Progress};
+use crate::progress::{Event, Interrupted, Progress};
 use crate::stats::{median, quantile};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -23,6 +23,8 @@ use std::borrow::Cow;
 /// Standard deviations of known depths, as shares of the depth: of a point, and of one other view.
 const BY_POINT: f64 = 3e-3;
 const BY_VIEW: f64 = 3e-3;
+/// Depths beyond that of the farthest point of a view times this are not known: they may be the sky's.
+const MOST_BEYOND: f64 = 1.4;
 /// More views than this tell no more.
 const MOST_VIEWS: usize = 10;
 /// Depths of one surface differ by less than this share, in each round of bringing views together.
@@ -35,14 +37,24 @@ const SAME_CELL: f64 = 0.04;
 const CHANGES_OF_EVERY: usize = 64;
 
 /// Aligns depths with the points that the views see, carries them across surfaces without points by the normals, and brings views that
-/// show the same surface together. A view without normals has those of its aligned depths. Depths of views with few points stay as
+/// show the same surface together; `priors` and `views` are in the same order. The depths are then in units of the scene
+/// ([`DepthKind::Aligned`]). A view without normals has those of its aligned depths. Depths of views that cannot be aligned stay as
 /// they are.
+///
+/// # Errors
+/// [`Interrupted`].
 pub fn bring_together(
     priors: &mut [ViewPriors],
     views: &[&PerspectiveView],
     points: &[Point<Site>],
     progress: &dyn Progress,
-) {
+) -> Result<(), Interrupted> {
+    let has_depths = |p: &&ViewPriors| p.depth.as_ref().is_some_and(|depth| !depth.kind.is_absolute());
+    let with_depths = priors.iter().filter(has_depths).count();
+    if with_depths == 0 {
+        return Ok(());
+    }
+    progress.event(Event::Started { stage: "bringing depths together", total: 0 });
     let given: &[ViewPriors] = priors;
     let align = |index: usize| {
         let depth = given[index].depth.as_ref().filter(|depth| !depth.kind.is_absolute())?;
@@ -50,8 +62,8 @@ pub fn bring_together(
         Some((index, aligned))
     };
     let (indices, aligned): (Vec<usize>, Vec<AlignedView>) =
-        (0..given.len()).into_par_iter().filter_map(align).unzip();
-    let depths = together(&aligned);
+        (0..given.len().min(views.len())).into_par_iter().filter_map(align).unzip();
+    let depths = together(&aligned, progress)?;
     let change = |(view, depths): (&AlignedView, &Grid2)| {
         let changes = depths.data.iter().zip(&view.integration.aligned.data).step_by(CHANGES_OF_EVERY);
         let changes = changes.map(|(a, b)| f64::from(a / b - 1.0).abs()).filter(|v| v.is_finite());
@@ -59,8 +71,16 @@ pub fn bring_together(
     };
     let changes: Vec<f64> = aligned.par_iter().zip(&depths).filter_map(change).collect();
     drop(aligned);
+    let left = with_depths - indices.len();
     for (index, values) in indices.into_iter().zip(depths) {
         priors[index].depth = Some(DepthPrior { values, kind: DepthKind::Aligned });
+    }
+    progress.event(Event::Finished);
+    if left > 0 {
+        progress.event(Event::Note(format!(
+            "depths of {left} views stay as they are: the views see fewer than {FEWEST_POINTS} points of the scene, or no scale and \
+             shift bring half of their values to these"
+        )));
     }
     if let Some(change) = quantile(changes.clone(), 0.5) {
         progress.event(Event::Note(format!(
@@ -70,12 +90,14 @@ pub fn bring_together(
             100.0 * change
         )));
     }
+    Ok(())
 }
 
 /// The depths of the views, in their order.
-fn together(views: &[AlignedView]) -> Vec<Grid2> {
+fn together(views: &[AlignedView], progress: &dyn Progress) -> Result<Vec<Grid2>, Interrupted> {
     let mut depths: Vec<Grid2> = views.par_iter().map(|view| view.depths(Vec::new())).collect();
     for same_depth in SAME_DEPTH {
+        progress.check()?;
         let surfaces: Vec<Surface> =
             views.par_iter().zip(&depths).map(|(view, depths)| Surface::new(view, depths)).collect();
         let of_view = |k: usize| {
@@ -84,7 +106,7 @@ fn together(views: &[AlignedView]) -> Vec<Grid2> {
         };
         depths = (0..views.len()).into_par_iter().map(of_view).collect();
     }
-    depths
+    Ok(depths)
 }
 
 /// A view whose depths are aligned with the points that it sees.
@@ -105,7 +127,9 @@ impl<'a> AlignedView<'a> {
         points: &[Point<Site>],
     ) -> Option<Self> {
         let (seen, camera) = (seen_points(points, view), &view.camera);
-        let aligned = align_depth(depth, &seen).ok()?;
+        let mut aligned = align_depth(depth, &seen).ok()?;
+        let farthest = (MOST_BEYOND * seen.iter().map(|p| p.depth).fold(0.0, f64::max)) as f32;
+        aligned.depth.data.iter_mut().filter(|z| **z > farthest).for_each(|z| *z = f32::NAN);
         let normals = match normals {
             Some(normals) => Cow::Borrowed(normals),
             None => Cow::Owned(normals_of_depths(&aligned.depth, camera)),
@@ -234,6 +258,7 @@ impl<'a> Surface<'a> {
 mod tests {
     use super::super::hdd::AlignedDepth;
     use super::*;
+    use crate::progress::NoProgress;
     use glam::{DMat3, DVec2};
 
     const SIZE: (usize, usize) = (160, 120);
@@ -304,7 +329,8 @@ mod tests {
             KnownDepth { col, row, depth: 3.0, deviation: BY_POINT, normals: DVec3::ZERO }
         };
         views[0].known = (0..600).map(point).collect();
-        let medians: Vec<f64> = together(&views)
+        let medians: Vec<f64> = together(&views, &NoProgress)
+            .unwrap()
             .iter()
             .map(|depths| quantile(depths.data.iter().map(|z| f64::from(*z)).collect(), 0.5).unwrap())
             .collect();

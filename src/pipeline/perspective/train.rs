@@ -238,12 +238,10 @@ fn priors(
         say_what_is_missing(sources, &weights, start, progress);
     }
     let mut priors = vec![ViewPriors::default(); training.len()];
+    let mut points = Vec::new();
     if sources.depths.is_some() || sources.normals.is_some() {
-        let points: Vec<_> = start_points(scene)?.iter().map(|p| p.position).collect();
+        points.extend(start_points(scene)?.iter().map(|p| p.position));
         priors = read_priors(sources, &training, &points, &run.join(PRIORS), progress)?;
-        if !start.aligns_depths() {
-            bring_together(&mut priors, &training, &points, progress);
-        }
     }
     if has_sensor && (uses_depths || uses_normals) {
         let total = training.len() as u64;
@@ -265,6 +263,10 @@ fn priors(
             progress.event(Event::Advanced { done, status: String::new() });
         }
         progress.event(Event::Finished);
+    }
+    // With the normals of a sensor, if there are some.
+    if sources.depths.is_some() && !start.aligns_depths() {
+        bring_together(&mut priors, &training, &points, progress)?;
     }
     Ok(priors)
 }

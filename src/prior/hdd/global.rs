@@ -1,6 +1,6 @@
 //! The fit of one scale and one shift to a whole view.
 
-use super::super::fit::{Alignment, align};
+use super::super::fit::{Alignment, align, is_level};
 use crate::random::CounterRng;
 use crate::stats::quantile;
 
@@ -8,20 +8,29 @@ use crate::stats::quantile;
 const DRAWS: u64 = 500;
 /// A pair agrees if it is off by at most this share of the median known value.
 const AGREES: f64 = 0.1;
+/// Least share of the variance of known values that the prior explains (squared correlation) if it alone is taken to err.
+const SHARED_VARIANCE: f64 = 0.5;
 /// Purpose of the random numbers.
 const DRAW_PAIR: u64 = 22;
 
 /// Fits pairs (value of the prior, known value): by least squares to the largest set that agrees with a line through two of them
 /// (RANSAC), because outliers are often all too far or all too near; of all pairs if there is no such set with half of them. None
 /// if fewer than half of the pairs agree or the scale is not positive.
-///
-/// It is the prior that errs, so the sum of squares is of its values. The sum for known values, as equation 1 of the paper has it, is
-/// least for too small a scale: what is far becomes too near, above all walls that have no points of their own.
 pub(super) fn global_fit(pairs: &[(f64, f64)]) -> Option<Alignment> {
-    let prior_of_known =
-        |pairs: &[(f64, f64)]| align(&pairs.iter().map(|(x, y)| (*y, *x)).collect::<Vec<_>>());
-    let fitted = agreeing(pairs).and_then(|set| prior_of_known(&set)).or_else(|| prior_of_known(pairs))?;
-    Some(fitted.inverse())
+    agreeing(pairs).and_then(|set| least_squares(&set)).or_else(|| least_squares(pairs))
+}
+
+/// It is the prior that errs, so the sum of squares is of its values. The sum for known values, as equation 1 of the paper has it, is
+/// least for too small a scale: what is far becomes too near, above all walls that have no points of their own. But where prior and
+/// known values have little in common, the scale for its values is without bound, and that for known values is taken.
+fn least_squares(pairs: &[(f64, f64)]) -> Option<Alignment> {
+    let for_known = align(pairs)?;
+    let swapped: Vec<(f64, f64)> = pairs.iter().map(|(x, y)| (*y, *x)).collect();
+    let for_prior = align(&swapped).filter(|fit| {
+        let has_spread = |pairs: &[(f64, f64)]| !is_level(pairs.iter().map(|pair| pair.0));
+        has_spread(pairs) && has_spread(&swapped) && fit.scale * for_known.scale > SHARED_VARIANCE
+    });
+    Some(for_prior.map_or(for_known, |fit| fit.inverse()))
 }
 
 /// The largest set of pairs that agree with a rising line through two of them; none if it has fewer than half of all.
@@ -52,5 +61,35 @@ mod tests {
         let found = global_fit(&(0..3000).map(pair).collect::<Vec<_>>()).unwrap();
         assert!((found.scale / 0.5 - 1.0).abs() < 0.03, "{found:?}");
         assert!((found.apply(1.1) - 0.5).abs() < 2e-3, "{found:?}");
+    }
+    /// Known values from 2 to 6, and of each a value of the prior.
+    fn pairs(prior: impl Fn(f64, &mut CounterRng) -> f64) -> Vec<(f64, f64)> {
+        let pair = |i: u64| {
+            let mut draw = CounterRng::new(6, 0, 0, i);
+            let known = 2.0 + 4.0 * draw.uniform();
+            (prior(known, &mut draw), known)
+        };
+        (0..200).map(pair).collect()
+    }
+
+    #[test]
+    fn a_prior_that_says_nothing_gives_the_mean_of_the_known_values() {
+        let level = global_fit(&pairs(|_, _| 1.0)).unwrap();
+        assert!((level.apply(1.0) - 4.0).abs() < 0.2, "{level:?}");
+        // Nearly independent of the known values.
+        let weak = pairs(|known, draw| 10.0 + 0.05 * known + draw.normal());
+        let found = align(&weak).unwrap();
+        assert_eq!(least_squares(&weak), Some(found));
+        assert!([8.0, 12.0].iter().all(|x| (2.0..6.0).contains(&found.apply(*x))), "{found:?}");
+    }
+
+    #[test]
+    fn the_scale_of_a_level_scene_is_not_that_of_the_errors() {
+        let level = |i: u64| {
+            let mut draw = CounterRng::new(7, 0, 0, i);
+            (0.5 + 0.1 * draw.normal(), 100.0 + 0.3 * draw.normal())
+        };
+        let found = global_fit(&(0..200).map(level).collect::<Vec<_>>()).unwrap_or(Alignment::IDENTITY);
+        assert!([0.2, 0.8].iter().all(|x| (found.apply(*x) - 100.0).abs() < 2.0), "{found:?}");
     }
 }

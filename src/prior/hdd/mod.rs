@@ -54,7 +54,7 @@ pub struct AlignedDepth {
     pub depth: Grid2,
     /// Natural logarithm of the factor by which the depths were corrected after the fit of scale and shift.
     pub correction: Grid2,
-    /// Columns and rows of the points from which the local corrections were made.
+    /// Columns and rows, 0 at the centre of the first pixel, of the points from which the local corrections were made.
     pub places: Vec<[f64; 2]>,
     /// How well the depths follow the points.
     pub quality: AlignmentQuality,
