@@ -33,8 +33,8 @@ const SAME_DEPTH: [f64; 2] = [0.2, 0.1];
 const SAME_NORMAL: f64 = 0.8;
 /// Places of a cell whose depth differs by more than this share from that of its middle are on another surface.
 const SAME_CELL: f64 = 0.04;
-/// Changes of depths are measured at every so many pixels.
-const CHANGES_OF_EVERY: usize = 64;
+/// Changes of depths are measured at every so many pixels; a prime number, so that these are not all of one column.
+const CHANGES_OF_EVERY: usize = 61;
 
 /// Aligns depths with the points that the views see, carries them across surfaces without points by the normals, and brings views that
 /// show the same surface together; `priors` and `views` are in the same order. The depths are then in units of the scene
