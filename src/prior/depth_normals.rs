@@ -21,21 +21,24 @@ pub(super) fn normals_of_depths(depth: &Grid2, camera: &PinholeCamera) -> Normal
     let normal = |col: i64, row: i64| {
         let (center, z) = (ray(col, row), depth.get(col, row));
         let around = OFFSETS.into_iter().flat_map(|dr| OFFSETS.map(|dc| (col + dc, row + dr)));
-        let same = around.filter_map(|(c, r)| {
+        let (mut same, mut found) = ([(DVec2::ZERO, 0.0); OFFSETS.len() * OFFSETS.len()], 0);
+        for (c, r) in around {
             let other = depth.get(c, r);
-            let is_same = (other - z).abs() < SAME_SURFACE * z;
-            is_same.then(|| (ray(c, r) - center, f64::from(other).recip()))
-        });
-        let same: Vec<(DVec2, f64)> = same.collect();
-        if same.len() < FEWEST {
+            if (other - z).abs() < SAME_SURFACE * z {
+                same[found] = (ray(c, r) - center, f64::from(other).recip());
+                found += 1;
+            }
+        }
+        let same = &same[..found];
+        if found < FEWEST {
             return DVec3::NAN;
         }
-        let count = same.len() as f64;
+        let count = found as f64;
         let mean = same.iter().map(|s| s.0).sum::<DVec2>() / count;
         let mean_inverse = same.iter().map(|s| s.1).sum::<f64>() / count;
         let (mut products, mut right) = (DMat2::ZERO, DVec2::ZERO);
         for (at, inverse) in same {
-            let from_mean = at - mean;
+            let from_mean = *at - mean;
             products += DMat2::from_cols(from_mean * from_mean.x, from_mean * from_mean.y);
             right += from_mean * (inverse - mean_inverse);
         }

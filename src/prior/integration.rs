@@ -15,6 +15,7 @@
 
 use super::conjugate_gradients::{Limits, solve};
 use super::hdd::AlignedDepth;
+use super::hdd::field::mean_spacing;
 use super::map::NormalPrior;
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
@@ -70,6 +71,11 @@ impl Integration {
         let cells = Cells::new(&aligned.depth, normals, side, camera);
         let deviations = cells.deviations(&aligned);
         Self { aligned: aligned.depth, deviations, cells }
+    }
+
+    /// The normal of most pixels of a cell, in camera axes; NaN where there is none.
+    pub fn normal(&self, cell: usize) -> DVec3 {
+        self.cells.normals[cell]
     }
 
     /// Side of the cells of the coarse grid, pixels.
@@ -164,13 +170,12 @@ impl Cells {
 
     /// The standard deviations of the cells' aligned depths, as shares of the depth.
     fn deviations(&self, aligned: &AlignedDepth) -> Vec<f64> {
-        let far = vec![BY_PRIOR; self.inverse.len()];
-        if aligned.places.is_empty() {
-            return far;
-        }
-        let Ok(tree) = ImmutableKdTree::<f64, 2>::new_from_slice(&aligned.places) else { return far };
-        let Grid2 { width, height, .. } = aligned.depth;
-        let spacing = ((width * height) as f64 / aligned.places.len() as f64).sqrt();
+        let AlignedDepth { depth, places, .. } = aligned;
+        let tree = ImmutableKdTree::<f64, 2>::new_from_slice(places).ok();
+        let Some(tree) = tree.filter(|_| !places.is_empty()) else {
+            return vec![BY_PRIOR; self.inverse.len()];
+        };
+        let spacing = mean_spacing((depth.width, depth.height), places.len());
         let beside = (BESIDE_POINTS * aligned.quality.local).max(f64::EPSILON);
         let deviation = |cell: usize| {
             let middle = middle(cell, self.width, self.side).to_array();

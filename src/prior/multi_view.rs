@@ -7,7 +7,7 @@
 //! normals are about the view's own, as on one surface.
 
 use super::depth_normals::normals_of_depths;
-use super::hdd::{FEWEST_POINTS, align_depth};
+use super::hdd::{FARTHEST, FEWEST_POINTS, align_depth};
 use super::integration::{Integration, KnownDepth};
 use super::map::{DepthKind, DepthPrior, NormalPrior, ViewPriors};
 use super::seen::{SeenPoint, seen_points};
@@ -18,13 +18,12 @@ use crate::progress::{Event, Interrupted, Progress};
 use crate::stats::{median, quantile};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::borrow::Cow;
 
 /// Standard deviations of known depths, as shares of the depth: of a point, and of one other view.
 const BY_POINT: f64 = 3e-3;
 const BY_VIEW: f64 = 3e-3;
-/// Depths beyond that of the farthest point of a view times this are not known: they may be the sky's.
-const MOST_BEYOND: f64 = 1.4;
+/// Depths beyond that of the farthest point of a view times this are not known: they may be the sky's, which the alignment puts there.
+const MOST_BEYOND: f64 = FARTHEST - 0.1;
 /// More views than this tell no more.
 const MOST_VIEWS: usize = 10;
 /// Depths of one surface differ by less than this share, in each round of bringing views together.
@@ -49,20 +48,19 @@ pub fn bring_together(
     points: &[Point<Site>],
     progress: &dyn Progress,
 ) -> Result<(), Interrupted> {
-    let has_depths = |p: &&ViewPriors| p.depth.as_ref().is_some_and(|depth| !depth.kind.is_absolute());
-    let with_depths = priors.iter().filter(has_depths).count();
-    if with_depths == 0 {
+    let with_relative_depth = priors.iter().zip(views).enumerate().filter_map(|(index, (prior, view))| {
+        let depth = prior.depth.as_ref().filter(|depth| !depth.kind.is_absolute())?;
+        Some((index, depth, prior.normal.as_ref(), *view))
+    });
+    let unaligned: Vec<_> = with_relative_depth.collect();
+    if unaligned.is_empty() {
         return Ok(());
     }
     progress.event(Event::Started { stage: "bringing depths together", total: 0 });
-    let given: &[ViewPriors] = priors;
-    let align = |index: usize| {
-        let depth = given[index].depth.as_ref().filter(|depth| !depth.kind.is_absolute())?;
-        let aligned = AlignedView::new(depth, given[index].normal.as_ref(), views[index], points)?;
-        Some((index, aligned))
-    };
-    let (indices, aligned): (Vec<usize>, Vec<AlignedView>) =
-        (0..given.len().min(views.len())).into_par_iter().filter_map(align).unzip();
+    let align =
+        |&(index, depth, normals, view)| Some((index, AlignedView::new(depth, normals, view, points)?));
+    let (indices, aligned): (Vec<usize>, Vec<AlignedView>) = unaligned.par_iter().filter_map(align).unzip();
+    let left = unaligned.len() - indices.len();
     let depths = together(&aligned, progress)?;
     let change = |(view, depths): (&AlignedView, &Grid2)| {
         let changes = depths.data.iter().zip(&view.integration.aligned.data).step_by(CHANGES_OF_EVERY);
@@ -71,7 +69,6 @@ pub fn bring_together(
     };
     let changes: Vec<f64> = aligned.par_iter().zip(&depths).filter_map(change).collect();
     drop(aligned);
-    let left = with_depths - indices.len();
     for (index, values) in indices.into_iter().zip(depths) {
         priors[index].depth = Some(DepthPrior { values, kind: DepthKind::Aligned });
     }
@@ -112,7 +109,6 @@ fn together(views: &[AlignedView], progress: &dyn Progress) -> Result<Vec<Grid2>
 /// A view whose depths are aligned with the points that it sees.
 struct AlignedView<'a> {
     camera: &'a PinholeCamera,
-    normals: Cow<'a, NormalPrior>,
     integration: Integration,
     /// The depths of the points.
     known: Vec<KnownDepth>,
@@ -122,7 +118,7 @@ impl<'a> AlignedView<'a> {
     /// With the normals of the surfaces that the depths show if there are no others. None if the depths cannot be aligned.
     fn new(
         depth: &DepthPrior,
-        normals: Option<&'a NormalPrior>,
+        normals: Option<&NormalPrior>,
         view: &'a PerspectiveView,
         points: &[Point<Site>],
     ) -> Option<Self> {
@@ -130,11 +126,8 @@ impl<'a> AlignedView<'a> {
         let mut aligned = align_depth(depth, &seen).ok()?;
         let farthest = (MOST_BEYOND * seen.iter().map(|p| p.depth).fold(0.0, f64::max)) as f32;
         aligned.depth.data.iter_mut().filter(|z| **z > farthest).for_each(|z| *z = f32::NAN);
-        let normals = match normals {
-            Some(normals) => Cow::Borrowed(normals),
-            None => Cow::Owned(normals_of_depths(&aligned.depth, camera)),
-        };
-        let integration = Integration::new(aligned, &normals, camera);
+        let of_depths = normals.is_none().then(|| normals_of_depths(&aligned.depth, camera));
+        let integration = Integration::new(aligned, normals.or(of_depths.as_ref())?, camera);
         let known = |&SeenPoint { col, row, depth, .. }: &SeenPoint| KnownDepth {
             col,
             row,
@@ -142,7 +135,7 @@ impl<'a> AlignedView<'a> {
             deviation: BY_POINT,
             normals: DVec3::ZERO,
         };
-        Some(Self { camera, normals, integration, known: seen.iter().map(known).collect() })
+        Some(Self { camera, integration, known: seen.iter().map(known).collect() })
     }
 
     /// The depths that agree with the normals, the points, and what other views know.
@@ -177,7 +170,7 @@ impl<'a> Surface<'a> {
         let site_from_cam = view.camera.cam_from_site.transpose();
         for cell in 0..surface.columns() * depths.height.div_ceil(surface.side()) {
             let (col, row) = surface.middle(cell);
-            let (depth, normal) = (f64::from(depths.at(col, row)), surface.normal(col, row));
+            let (depth, normal) = (f64::from(depths.at(col, row)), view.integration.normal(cell));
             if depth > 0.0 && normal.is_finite() {
                 let position = view.camera.at_depth(Pixel::new(col as f64, row as f64), depth);
                 surface.points.push((DVec3::from_array(position), site_from_cam * normal));
@@ -199,11 +192,6 @@ impl<'a> Surface<'a> {
     fn middle(&self, cell: usize) -> (usize, usize) {
         let at = |k: usize, size: usize| (k * self.side() + self.side() / 2).min(size - 1);
         (at(cell % self.columns(), self.depths.width), at(cell / self.columns(), self.depths.height))
-    }
-
-    /// The normal at a pixel, in camera axes; NaN where there is none.
-    fn normal(&self, col: usize, row: usize) -> DVec3 {
-        DVec3::from_array(self.view.normals.planes.each_ref().map(|plane| f64::from(plane.at(col, row))))
     }
 
     /// The depths and normals in this view that `others` know: of each cell the median and the mean over the views.
@@ -249,7 +237,7 @@ impl<'a> Surface<'a> {
         let is_same = ratio < 1.0 + same_depth
             && ratio > 1.0 / (1.0 + same_depth)
             && f64::from(own / middle - 1.0).abs() < SAME_CELL
-            && normal.dot(self.normal(col, row)) > SAME_NORMAL;
+            && normal.dot(self.view.integration.normal(cell)) > SAME_NORMAL;
         is_same.then_some(Told { cell, by, ratio, normal })
     }
 }
@@ -278,10 +266,10 @@ mod tests {
     }
 
     /// A view that has a wall across it at a depth.
-    fn view<'a>(camera: &'a PinholeCamera, normals: &'a NormalPrior, depth: f32) -> (AlignedView<'a>, Grid2) {
+    fn view<'a>(camera: &'a PinholeCamera, normals: &NormalPrior, depth: f32) -> (AlignedView<'a>, Grid2) {
         let aligned = Grid2::filled(SIZE.0, SIZE.1, depth);
         let integration = Integration::new(AlignedDepth::without_points(aligned.clone()), normals, camera);
-        (AlignedView { camera, normals: Cow::Borrowed(normals), integration, known: Vec::new() }, aligned)
+        (AlignedView { camera, integration, known: Vec::new() }, aligned)
     }
 
     /// What others, each at a place along x and z, say to a view that has a wall 3.3 m before it.

@@ -36,6 +36,11 @@ pub(super) struct ResidualField {
     pub left_out: Vec<f64>,
 }
 
+/// Mean spacing of points in a view, pixels.
+pub(in crate::prior) fn mean_spacing((width, height): (usize, usize), points: usize) -> f64 {
+    ((width * height) as f64 / points as f64).sqrt()
+}
+
 /// Interpolates values at points (column, row, logarithm of a ratio) of an image.
 pub(super) fn residual_field(points: &[(f64, f64, f64)], (width, height): (usize, usize)) -> ResidualField {
     let zero =
@@ -43,7 +48,7 @@ pub(super) fn residual_field(points: &[(f64, f64, f64)], (width, height): (usize
     let Some(points) = agreeing(points).filter(|points| !points.is_empty()) else { return zero };
     let places: Vec<[f64; 2]> = points.iter().map(|p| [p.0, p.1]).collect();
     let Ok(tree) = ImmutableKdTree::<f64, 2>::new_from_slice(&places) else { return zero };
-    let spacing = ((width * height) as f64 / points.len() as f64).sqrt();
+    let spacing = mean_spacing((width, height), points.len());
     let mixed = |at: [f64; 2], skip: Option<usize>| {
         let wanted = NEIGHBOURS.saturating_add(usize::from(skip.is_some()));
         let near = tree.query(&at).nearest_n::<SquaredEuclidean<f64>>(wanted).execute();

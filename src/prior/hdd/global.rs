@@ -17,13 +17,13 @@ const DRAW_PAIR: u64 = 22;
 /// (RANSAC), because outliers are often all too far or all too near; of all pairs if there is no such set with half of them. None
 /// if fewer than half of the pairs agree or the scale is not positive.
 pub(super) fn global_fit(pairs: &[(f64, f64)]) -> Option<Alignment> {
-    agreeing(pairs).and_then(|set| least_squares(&set)).or_else(|| least_squares(pairs))
+    agreeing(pairs).and_then(|set| fit_of_set(&set)).or_else(|| fit_of_set(pairs))
 }
 
-/// It is the prior that errs, so the sum of squares is of its values. The sum for known values, as equation 1 of the paper has it, is
+/// The fit by least squares. It is the prior that errs, so the sum of squares is of its values. The sum for known values, as equation 1 of the paper has it, is
 /// least for too small a scale: what is far becomes too near, above all walls that have no points of their own. But where prior and
 /// known values have little in common, the scale for its values is without bound, and that for known values is taken.
-fn least_squares(pairs: &[(f64, f64)]) -> Option<Alignment> {
+fn fit_of_set(pairs: &[(f64, f64)]) -> Option<Alignment> {
     let for_known = align(pairs)?;
     let swapped: Vec<(f64, f64)> = pairs.iter().map(|(x, y)| (*y, *x)).collect();
     let for_prior = align(&swapped).filter(|fit| {
@@ -50,46 +50,41 @@ fn agreeing(pairs: &[(f64, f64)]) -> Option<Vec<(f64, f64)>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::ops::Range;
+
+    /// Known values in a range, and of each a value of the prior.
+    fn pairs(known: Range<f64>, prior: impl Fn(f64, &mut CounterRng) -> f64) -> Vec<(f64, f64)> {
+        let pair = |i: u64| {
+            let mut draw = CounterRng::new(5, 0, 0, i);
+            let known = known.start + (known.end - known.start) * draw.uniform();
+            (prior(known, &mut draw), known)
+        };
+        (0..3000).map(pair).collect()
+    }
 
     #[test]
     fn errors_of_the_prior_do_not_make_the_scale_smaller() {
-        let pair = |i: u64| {
-            let mut draw = CounterRng::new(5, 0, 0, i);
-            let known = 0.4 + 0.2 * draw.uniform();
-            (2.0 * known + 0.1 + 0.04 * draw.normal(), known)
-        };
-        let found = global_fit(&(0..3000).map(pair).collect::<Vec<_>>()).unwrap();
+        let pairs = pairs(0.4..0.6, |known, draw| 2.0 * known + 0.1 + 0.04 * draw.normal());
+        let found = global_fit(&pairs).unwrap();
         assert!((found.scale / 0.5 - 1.0).abs() < 0.03, "{found:?}");
         assert!((found.apply(1.1) - 0.5).abs() < 2e-3, "{found:?}");
-    }
-    /// Known values from 2 to 6, and of each a value of the prior.
-    fn pairs(prior: impl Fn(f64, &mut CounterRng) -> f64) -> Vec<(f64, f64)> {
-        let pair = |i: u64| {
-            let mut draw = CounterRng::new(6, 0, 0, i);
-            let known = 2.0 + 4.0 * draw.uniform();
-            (prior(known, &mut draw), known)
-        };
-        (0..200).map(pair).collect()
     }
 
     #[test]
     fn a_prior_that_says_nothing_gives_the_mean_of_the_known_values() {
-        let level = global_fit(&pairs(|_, _| 1.0)).unwrap();
+        let level = global_fit(&pairs(2.0..6.0, |_, _| 1.0)).unwrap();
         assert!((level.apply(1.0) - 4.0).abs() < 0.2, "{level:?}");
         // Nearly independent of the known values.
-        let weak = pairs(|known, draw| 10.0 + 0.05 * known + draw.normal());
-        let found = align(&weak).unwrap();
-        assert_eq!(least_squares(&weak), Some(found));
+        let weak = pairs(2.0..6.0, |known, draw| 10.0 + 0.05 * known + draw.normal());
+        let found = fit_of_set(&weak).unwrap();
+        assert_eq!(Some(found), align(&weak));
         assert!([8.0, 12.0].iter().all(|x| (2.0..6.0).contains(&found.apply(*x))), "{found:?}");
     }
 
     #[test]
     fn the_scale_of_a_level_scene_is_not_that_of_the_errors() {
-        let level = |i: u64| {
-            let mut draw = CounterRng::new(7, 0, 0, i);
-            (0.5 + 0.1 * draw.normal(), 100.0 + 0.3 * draw.normal())
-        };
-        let found = global_fit(&(0..200).map(level).collect::<Vec<_>>()).unwrap_or(Alignment::IDENTITY);
+        let level = pairs(99.5..100.5, |known, draw| 0.5 + 0.05 * (known - 100.0) + 0.1 * draw.normal());
+        let found = global_fit(&level).unwrap();
         assert!([0.2, 0.8].iter().all(|x| (found.apply(*x) - 100.0).abs() < 2.0), "{found:?}");
     }
 }

@@ -8,7 +8,7 @@
 //! The depths of all views then give a point for each pixel ([`cloud`]).
 
 pub(super) mod cloud;
-mod field;
+pub(super) mod field;
 mod global;
 
 use super::map::{DepthKind, DepthPrior};
@@ -23,7 +23,7 @@ use serde::Serialize;
 /// Fewest points that a view must see for the alignment of its depths.
 pub const FEWEST_POINTS: usize = 20;
 /// A disparity gives no depth beyond that of the farthest point times this.
-const FARTHEST: f64 = 1.5;
+pub(super) const FARTHEST: f64 = 1.5;
 /// The border of a view, as a share of its width, gets the median of the 5 x 5 pixels around.
 const BORDER: f64 = 0.03;
 
