@@ -9,7 +9,7 @@ use super::appearance::{
     AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput, SplatSun,
 };
 use super::backend::stopwatch::Stopwatch;
-use super::loss::{COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
+use super::loss::{ByView, COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
 use super::primitive::PrimitiveKind;
 use super::raster::{FrameCamera, Image, Renderer, SortedSplats, SplatGradient, channel, renderer};
 use super::shadow::ShadowModel;
@@ -185,8 +185,8 @@ impl<T: SimdReal> Objective<T> {
             let (own, others) = columns.split_at_mut(info.columns.len());
             losses.total += term.evaluate(&rendered, weights, own);
             columns = others;
+            watch.lap("loss", info.columns[0]);
         }
-        watch.lap("pixels", "loss terms");
         self.pixels_backward(appearance, input, gradient, watch);
         self.splats_backward(splats, appearance, input, gradient, watch);
         losses
@@ -304,7 +304,7 @@ impl<T: SimdReal> Objective<T> {
         let own = Scaled { image: &self.by_sunlight, factor: T::one() };
         let by_sunlight = parts(&self.terms, Some(own), |term| term.by_sunlight());
         self.shadows.backward(view, sun, &by_sunlight, &mut self.by_view);
-        add_scaled(&mut self.by_view, &parts(&self.terms, None, |term| term.by_view()));
+        add_by_view(&mut self.by_view, &self.terms, |_, _| ());
         watch.lap("pixels", "picture backward");
     }
 
@@ -375,14 +375,27 @@ pub(super) fn parts<'a, T: SimdReal>(
     out
 }
 
-/// Adds scaled derivatives to an image of the same size.
-pub(super) fn add_scaled<T: SimdReal>(sum: &mut Image<T>, parts: &[Option<Scaled<T>>]) {
-    let Image { width, channels, .. } = *sum;
-    for part in parts.iter().flatten() {
-        let rows =
-            sum.data.par_chunks_mut(channels * width).zip(part.image.data.par_chunks(channels * width));
-        rows.for_each(|(sum, by)| T::dispatch(AddScaled { sum, by, factor: part.factor }));
+/// Adds the terms' derivatives by the render to `sum`, each of whose rows `begin` prepares, given its number.
+pub(super) fn add_by_view<T: SimdReal>(
+    sum: &mut Image<T>,
+    terms: &[Box<dyn LossTerm<T>>],
+    begin: impl Fn(usize, &mut [T]) + Sync,
+) {
+    let mut parts = [None; TERMS.len()];
+    for (part, term) in parts.iter_mut().zip(terms) {
+        *part = term.by_view();
     }
+    let Image { width, channels, .. } = *sum;
+    let rows = sum.data.par_chunks_mut(channels * width).with_min_len(16);
+    rows.enumerate().for_each(|(row, sum)| {
+        begin(row, sum);
+        for ByView { scaled: Scaled { image, factor }, channels } in parts.iter().flatten() {
+            for (k, channel) in channels.iter().enumerate() {
+                let (sum, by) = (&mut sum[channel * width..][..width], image.row(k, row));
+                T::dispatch(AddScaled { sum, by, factor: *factor });
+            }
+        }
+    });
 }
 
 /// `sum += factor * by`.

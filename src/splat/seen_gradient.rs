@@ -1,7 +1,7 @@
 //! The gradient of an iteration whose view shows only some of the splats.
 
-use super::splats::{Splats, sigmoid};
-use crate::simd::Real;
+use super::splats::{Splats, opacities};
+use crate::simd::SimdReal;
 use std::ops::Range;
 
 /// Derivatives of the loss by the parameters of the splats that a view may show, and by the opacities of the others.
@@ -15,7 +15,7 @@ pub struct SeenGradient<T = f32> {
     pub by_opacity: T,
 }
 
-impl<T: Real> SeenGradient<T> {
+impl<T: SimdReal> SeenGradient<T> {
     /// The places in [`SeenGradient::indices`] of splats with indices in a range.
     #[must_use]
     pub fn places(&self, splats: Range<usize>) -> Range<usize> {
@@ -25,9 +25,10 @@ impl<T: Real> SeenGradient<T> {
 
     /// Writes the derivatives by the logits of the opacities of all splats from index `first` on.
     pub fn write_by_logits(&self, first: usize, logits: &[[T; 1]], out: &mut [[T; 1]]) {
-        for (out, [logit]) in out.iter_mut().zip(logits) {
-            let opacity = sigmoid(*logit);
-            *out = [self.by_opacity * opacity * (T::one() - opacity)];
+        opacities(logits, out.as_flattened_mut());
+        for [out] in out.iter_mut() {
+            let opacity = *out;
+            *out = self.by_opacity * opacity * (T::one() - opacity);
         }
         for place in self.places(first..first + logits.len()) {
             out[self.indices[place] as usize - first] = self.of_seen.opacity_logit[place];

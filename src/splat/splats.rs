@@ -6,7 +6,7 @@
 
 use super::edit::Edit;
 use super::primitive::{FLAT_LOG_SCALE, PrimitiveKind};
-use crate::simd::Real;
+use crate::simd::{Real, Simd, SimdKernel, SimdReal, SimdVec};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -335,6 +335,27 @@ pub fn f_dc_gradient<T: Real>(by_color: [T; 3]) -> [T; 3] {
 /// The logistic function `1 / (1 + exp(-x))`: an opacity from its logit.
 pub fn sigmoid<T: Real>(x: T) -> T {
     T::one() / (T::one() + (-x).exp())
+}
+
+/// Writes the opacities of these logits.
+pub fn opacities<T: SimdReal>(logits: &[[T; 1]], out: &mut [T]) {
+    T::dispatch(Opacities { logits: logits.as_flattened(), out });
+}
+
+struct Opacities<'a, T> {
+    logits: &'a [T],
+    out: &'a mut [T],
+}
+
+impl<T: SimdReal> SimdKernel<T> for Opacities<'_, T> {
+    #[inline(always)]
+    fn run<S: Simd<Scalar = T>>(self, simd: S) {
+        let [zero, one] = [T::zero(), T::one()].map(|v| SimdVec::broadcast(simd, v));
+        for start in (0..self.out.len()).step_by(S::WIDTH) {
+            let logits = SimdVec::load_from(simd, self.logits, start);
+            (one / (one + (zero - logits).exp())).store_to(self.out, start);
+        }
+    }
 }
 
 /// The inverse of [`sigmoid`]: `ln(p / (1 - p))`.

@@ -3,7 +3,7 @@
 //! The virtual view is a render with the view's camera and a random shear. Where both renders show the same surface, their
 //! altitudes and colours must agree.
 
-use super::term::{LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, Scaled, TermInfo};
 use super::terms::TermInputs;
 use crate::simd::{Simd, SimdKernel, SimdReal, SimdVec, broadcast_each};
 use crate::splat::raster::{Image, channel, stripe_rows};
@@ -111,8 +111,9 @@ impl<T: SimdReal> LossTerm<T> for Consistency<T> {
         weights.altitude * altitude + weights.color * color
     }
 
-    fn by_view(&self) -> Option<Scaled<'_, T>> {
-        self.is_evaluated.then_some(Scaled { image: &self.by_view, factor: self.pixel_weight })
+    fn by_view(&self) -> Option<ByView<'_, T>> {
+        let scaled = Scaled { image: &self.by_view, factor: self.pixel_weight };
+        self.is_evaluated.then_some(ByView { scaled, channels: &[0, 1, 2, channel::ALTITUDE] })
     }
 
     fn by_virtual_view(&self) -> Option<&Image<T>> {

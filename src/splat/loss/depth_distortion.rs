@@ -4,7 +4,7 @@
 //! Of a pixel with the weights `w` and mapped depths `m` of its discs, it is the sum of `w_i w_j (m_i - m_j)²` over all pairs,
 //! which is `A M2 - M1²` with the opacity `A` and the moments of the mapped depths.
 
-use super::term::{LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, Scaled, TermInfo};
 use super::terms::TermInputs;
 use crate::simd::SimdReal;
 use crate::splat::raster::{Image, disc_plane};
@@ -14,6 +14,9 @@ use rayon::prelude::*;
 pub const INFO: TermInfo = TermInfo { weights: &["depth_distortion"], columns: &["depth_distortion"] };
 /// Square of the change of the mapped depth of 2DGS with the reciprocal of the depth.
 const SCALE: f64 = (100.0 * 0.2 / (100.0 - 0.2)) * (100.0 * 0.2 / (100.0 - 0.2));
+
+/// Channels of the render that the term depends on.
+const CHANNELS: [usize; 3] = [disc_plane::FIRST_MOMENT, disc_plane::SECOND_MOMENT, disc_plane::TRANSMITTANCE];
 
 /// The term; keeps its buffer between calls.
 #[derive(Default)]
@@ -39,22 +42,20 @@ impl<T: SimdReal> LossTerm<T> for DepthDistortion<T> {
             return 0.0;
         }
         let view = rendered.view;
-        let (width, planes) = (view.width, view.channels);
-        self.by_view.resize(width, view.height, planes);
-        let rows = self.by_view.data.par_chunks_mut(planes * width).enumerate();
+        let width = view.width;
+        self.by_view.resize(width, view.height, CHANNELS.len());
+        let rows = self.by_view.data.par_chunks_mut(CHANNELS.len() * width).enumerate();
         let sums: Vec<f64> = rows
             .map(|(row, by)| {
-                by.fill(T::zero());
-                let value = |plane: usize, col: usize| view.row(plane, row)[col];
+                let values = CHANNELS.map(|channel| view.row(channel, row));
                 let mut sum = 0.0;
                 for col in 0..width {
-                    let (first, second) =
-                        (value(disc_plane::FIRST_MOMENT, col), value(disc_plane::SECOND_MOMENT, col));
-                    let opacity = T::one() - value(disc_plane::TRANSMITTANCE, col);
+                    let [first, second, through] = values.map(|values| values[col]);
+                    let opacity = T::one() - through;
                     sum += (opacity * second - first * first).as_f64();
-                    by[disc_plane::FIRST_MOMENT * width + col] = -(first + first);
-                    by[disc_plane::SECOND_MOMENT * width + col] = opacity;
-                    by[disc_plane::TRANSMITTANCE * width + col] = -second;
+                    by[col] = -(first + first);
+                    by[width + col] = opacity;
+                    by[2 * width + col] = -second;
                 }
                 sum
             })
@@ -65,7 +66,8 @@ impl<T: SimdReal> LossTerm<T> for DepthDistortion<T> {
         weights[0] * columns[0]
     }
 
-    fn by_view(&self) -> Option<Scaled<'_, T>> {
-        self.is_evaluated.then_some(Scaled { image: &self.by_view, factor: self.factor })
+    fn by_view(&self) -> Option<ByView<'_, T>> {
+        let scaled = Scaled { image: &self.by_view, factor: self.factor };
+        self.is_evaluated.then_some(ByView { scaled, channels: &CHANNELS })
     }
 }

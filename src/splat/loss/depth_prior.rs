@@ -16,7 +16,7 @@
 //! Depths that were aligned with points of the scene are correlated too: what is left of their errors is in part one of scale and shift.
 
 use super::normal_consistency::OPACITY_OFFSET;
-use super::term::{LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, Scaled, TermInfo};
 use super::terms::TermInputs;
 use crate::io::Grid2;
 use crate::prior::DepthKind;
@@ -33,13 +33,14 @@ pub(super) const LEAST_OPACITY: f64 = 0.5;
 const JUMP: f64 = 0.05;
 /// Without a greater mean square of the deviations, values count as equal.
 const LEAST_VARIANCE: f64 = 1e-12;
+/// Channels of the render that the term depends on.
+const CHANNELS: [usize; 2] = [channel::DEPTH, disc_plane::TRANSMITTANCE];
 
 /// The term; keeps its buffers between calls.
 #[derive(Default)]
 pub struct DepthPriorAgreement<T> {
     by_view: Image<T>,
-    /// Expected depth of each pixel that is compared; zero elsewhere. Sums need f64.
-    depth: Vec<f64>,
+    depths: ExpectedDepths,
     is_evaluated: bool,
 }
 
@@ -56,6 +57,12 @@ fn sign(d: f64) -> f64 {
     f64::from(u8::from(d > 0.0)) - f64::from(u8::from(d < 0.0))
 }
 
+/// Sums what `of_row` returns for each row, in the order of the rows, so that sums do not depend on the number of threads.
+fn sum_of_rows<const N: usize>(rows: usize, of_row: impl Fn(usize) -> [f64; N] + Sync) -> [f64; N] {
+    let sums: Vec<[f64; N]> = (0..rows).into_par_iter().map(&of_row).collect();
+    sums.iter().fold([0.0; N], |sum, row| std::array::from_fn(|k| sum[k] + row[k]))
+}
+
 /// Pearson's correlation of two quantities.
 struct Correlation {
     means: [f64; 2],
@@ -66,20 +73,17 @@ struct Correlation {
 }
 
 impl Correlation {
-    /// Of the pairs (x, y) of each row that `pairs` lists; none if all x or all y are equal. Sums are of rows, in their order,
-    /// so that they do not depend on the number of threads.
+    /// Of the pairs (x, y) of each row that `pairs` lists; none if all x or all y are equal.
     fn of<I: Iterator<Item = (f64, f64)>>(rows: usize, pairs: impl Fn(usize) -> I + Sync) -> Option<Self> {
-        let sum = |of: &(dyn Fn(f64, f64) -> [f64; 3] + Sync)| -> [f64; 3] {
-            let add = |a: [f64; 3], b: [f64; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-            let of_row = |row| pairs(row).fold([0.0; 3], |sum, (x, y)| add(sum, of(x, y)));
-            let sums: Vec<_> = (0..rows).into_par_iter().map(of_row).collect();
-            sums.into_iter().fold([0.0; 3], add)
-        };
-        let [n, x, y] = sum(&|x, y| [1.0, x, y]);
+        let [n, x, y] = sum_of_rows(rows, |row| {
+            pairs(row).fold([0.0; 3], |[n, sx, sy], (x, y)| [n + 1.0, sx + x, sy + y])
+        });
         let means = [x / n, y / n];
-        let [s_xx, s_xy, s_yy] = sum(&|x, y| {
-            let (x, y) = (x - means[0], y - means[1]);
-            [x * x, x * y, y * y]
+        let [s_xx, s_xy, s_yy] = sum_of_rows(rows, |row| {
+            pairs(row).fold([0.0; 3], |[xx, xy, yy], (x, y)| {
+                let (x, y) = (x - means[0], y - means[1]);
+                [xx + x * x, xy + x * y, yy + y * y]
+            })
         });
         let has_spread = n > 0.0 && s_xx.min(s_yy) >= LEAST_VARIANCE * n;
         has_spread.then(|| Self { means, s_xy, s_xx, norm: (s_xx * s_yy).sqrt() })
@@ -95,6 +99,100 @@ impl Correlation {
     }
 }
 
+/// Expected depths of a view and how they bend. Sums need f64.
+#[derive(Default)]
+struct ExpectedDepths {
+    width: usize,
+    /// Depth of each pixel that is compared; zero elsewhere.
+    depth: Vec<f64>,
+    /// Reciprocals of the depths; zero where these are.
+    inverse: Vec<f64>,
+    /// Signs of the bends at each pixel along its row and along its column; zero where there is none.
+    signs: Vec<[i8; 2]>,
+}
+
+impl ExpectedDepths {
+    /// Computes the depths of the pixels that are compared, and their bends; returns the number of these pixels and the sum of
+    /// the absolute bends.
+    fn compute<T: SimdReal>(&mut self, view: &Image<T>, prior: &Grid2) -> (f64, f64) {
+        let (width, height) = (view.width, view.height);
+        self.width = width;
+        self.depth.resize(width * height, 0.0);
+        self.inverse.resize(width * height, 0.0);
+        self.signs.resize(width * height, [0; 2]);
+        let rows = self.depth.par_chunks_mut(width).zip(self.inverse.par_chunks_mut(width));
+        let counts =
+            rows.zip(prior.data.par_chunks(width)).enumerate().map(|(row, ((depth, inverse), prior))| {
+                let [sums, through] = CHANNELS.map(|channel| view.row(channel, row));
+                let mut count = 0;
+                for (col, (depth, inverse)) in depth.iter_mut().zip(inverse).enumerate() {
+                    let opacity = 1.0 - through[col].as_f64();
+                    let expected = sums[col].as_f64() / (opacity + OPACITY_OFFSET);
+                    let is_compared = opacity > LEAST_OPACITY && expected > 0.0 && prior[col].is_finite();
+                    [*depth, *inverse] = if is_compared { [expected, expected.recip()] } else { [0.0; 2] };
+                    count += usize::from(is_compared);
+                }
+                count
+            });
+        let count: usize = counts.sum();
+        let Self { depth, inverse, signs, .. } = self;
+        let bend = |before: usize, at: usize, after: usize| {
+            bend([depth[before], depth[at], depth[after]], inverse[before] + inverse[after])
+        };
+        let rows = signs.par_chunks_mut(width).enumerate();
+        let sums: Vec<f64> = rows
+            .map(|(row, signs)| {
+                let mut sum = 0.0;
+                for (col, signs) in signs.iter_mut().enumerate() {
+                    let i = row * width + col;
+                    let along = if 0 < col && col + 1 < width { bend(i - 1, i, i + 1) } else { 0.0 };
+                    let down = if 0 < row && row + 1 < height { bend(i - width, i, i + width) } else { 0.0 };
+                    sum += along.abs() + down.abs();
+                    *signs = [along, down].map(|bend| sign(bend) as i8);
+                }
+                sum
+            })
+            .collect();
+        (count as f64, sums.iter().sum())
+    }
+
+    /// The derivative of the sum of the absolute bends by the depth of a pixel.
+    fn bends_by_depth(&self, i: usize, col: usize) -> f64 {
+        let Self { width, depth, inverse, signs } = self;
+        let squared = inverse[i] * inverse[i];
+        let of_neighbour = |k: usize, axis: usize| f64::from(signs[k][axis]) * depth[k] * squared;
+        let mut sum = 0.0;
+        // Signs are zero at the ends of rows and columns.
+        let [along, down] = signs[i].map(f64::from);
+        if along != 0.0 {
+            sum += along * (inverse[i - 1] + inverse[i + 1]);
+        }
+        if down != 0.0 {
+            sum += down * (inverse[i - width] + inverse[i + width]);
+        }
+        if col > 0 {
+            sum -= of_neighbour(i - 1, 0);
+        }
+        if col + 1 < *width {
+            sum -= of_neighbour(i + 1, 0);
+        }
+        if i >= *width {
+            sum -= of_neighbour(i - width, 1);
+        }
+        if i + width < depth.len() {
+            sum -= of_neighbour(i + width, 1);
+        }
+        sum
+    }
+}
+
+/// `z (1 / a + 1 / b) - 2` of the depths `a`, `z`, `b` in a line and the sum `around` of the reciprocals of `a` and `b`; zero where
+/// one is unknown or they jump.
+fn bend([a, z, b]: [f64; 3], around: f64) -> f64 {
+    let continues = |other: f64| other > 0.0 && (other - z).abs() <= JUMP * z;
+    if continues(a) && continues(b) { z * around - 2.0 } else { 0.0 }
+}
+
 impl<T: SimdReal> LossTerm<T> for DepthPriorAgreement<T> {
     fn evaluate(&mut self, rendered: &Rendered<T>, weights: &[f64], columns: &mut [f64]) -> f64 {
         columns.fill(0.0);
@@ -103,119 +201,61 @@ impl<T: SimdReal> LossTerm<T> for DepthPriorAgreement<T> {
         let priors = rendered.priors.filter(|_| rendered.discs.is_some() && has_weight);
         let Some(prior) = priors.and_then(|priors| priors.depth.as_ref()) else { return 0.0 };
         let (view, kind, values) = (rendered.view, prior.kind, &prior.values);
-        let pixels = self.find_depths(view, values);
-        let (width, depth) = (view.width, &self.depth);
-        let correlate = || {
+        let (pixels, bends) = self.depths.compute(view, values);
+        let (width, depths) = (view.width, &self.depths);
+        let is_measured = kind == DepthKind::Measured;
+        let correlation = (!is_measured).then(|| {
             Correlation::of(view.height, |row| {
                 let places = row * width..(row + 1) * width;
-                let known = places.filter(|i| depth[*i] > 0.0);
-                known.map(|i| (kind.of_depth(depth[i]), f64::from(values.data[i])))
+                let known = places.filter(|i| depths.depth[*i] > 0.0);
+                known.map(|i| (kind.of_depth(depths.depth[i]), f64::from(values.data[i])))
             })
-        };
-        let correlation = if kind == DepthKind::Measured { None } else { correlate() };
-        let per_pixel = 1.0 / pixels.max(1) as f64;
-        let off = |i: usize| depth[i] / f64::from(values.data[i]) - 1.0;
-        let by_agreement = |i: usize| {
-            if kind == DepthKind::Measured {
-                return weights[0] * per_pixel * sign(off(i)) / f64::from(values.data[i]);
-            }
-            let inner = if kind == DepthKind::Disparity { -depth[i].powi(-2) } else { 1.0 };
-            let by_x = |c: &Correlation| c.by_x(kind.of_depth(depth[i]), values.data[i].into());
-            correlation.as_ref().map_or(0.0, |c| -weights[0] * by_x(c) * inner)
-        };
-        let planes = view.channels;
-        self.by_view.resize(width, view.height, planes);
-        let rows = self.by_view.data.par_chunks_mut(planes * width).enumerate();
-        let sums: Vec<[f64; 2]> = rows
+        });
+        let correlation = correlation.flatten();
+        let per_pixel = 1.0 / pixels.max(1.0);
+        let (of_agreement, of_bends) = (weights[0], weights[1] * per_pixel);
+        self.by_view.resize(width, view.height, CHANNELS.len());
+        let rows = self.by_view.data.par_chunks_mut(CHANNELS.len() * width).enumerate();
+        let off: Vec<f64> = rows
             .map(|(row, by)| {
                 by.fill(T::zero());
+                let (by_sum, by_through) = by.split_at_mut(width);
                 let through = view.row(disc_plane::TRANSMITTANCE, row);
-                let mut sums = [0.0; 2];
-                for col in (0..width).filter(|col| depth[row * width + col] > 0.0) {
+                let mut sum = 0.0;
+                for col in 0..width {
                     let i = row * width + col;
-                    let (bend, slope) = bends(depth, width, col, i);
-                    sums[0] += bend;
-                    sums[1] += off(i).abs();
-                    let by_depth = by_agreement(i) + weights[1] * per_pixel * slope;
+                    let (depth, expected) = (depths.depth[i], f64::from(values.data[i]));
+                    if depth == 0.0 {
+                        continue;
+                    }
+                    let mut by_depth = of_bends * depths.bends_by_depth(i, col);
+                    if is_measured {
+                        let off = depth / expected - 1.0;
+                        sum += off.abs();
+                        by_depth += of_agreement * per_pixel * sign(off) / expected;
+                    } else if let Some(correlation) = &correlation {
+                        let x = kind.of_depth(depth);
+                        let x_by_depth = if kind == DepthKind::Disparity { -x * x } else { 1.0 };
+                        by_depth -= of_agreement * correlation.by_x(x, expected) * x_by_depth;
+                    }
                     let per_opacity = by_depth / (1.0 - through[col].as_f64() + OPACITY_OFFSET);
-                    by[channel::DEPTH * width + col] = T::from_f64(per_opacity);
-                    by[disc_plane::TRANSMITTANCE * width + col] = T::from_f64(per_opacity * depth[i]);
+                    by_sum[col] = T::from_f64(per_opacity);
+                    by_through[col] = T::from_f64(per_opacity * depth);
                 }
-                sums
+                sum
             })
             .collect();
-        let sum = |k: usize| sums.iter().map(|sums: &[f64; 2]| sums[k]).sum::<f64>();
         columns[0] = match kind {
-            DepthKind::Measured => per_pixel * sum(1),
+            DepthKind::Measured => per_pixel * off.iter().sum::<f64>(),
             _ => correlation.as_ref().map_or(0.0, |c| 1.0 - c.value()),
         };
-        columns[1] = per_pixel * sum(0);
+        columns[1] = per_pixel * bends;
         self.is_evaluated = true;
         weights[0] * columns[0] + weights[1] * columns[1]
     }
 
-    fn by_view(&self) -> Option<Scaled<'_, T>> {
-        self.is_evaluated.then_some(Scaled { image: &self.by_view, factor: T::one() })
+    fn by_view(&self) -> Option<ByView<'_, T>> {
+        let scaled = Scaled { image: &self.by_view, factor: T::one() };
+        self.is_evaluated.then_some(ByView { scaled, channels: &CHANNELS })
     }
-}
-
-impl<T: SimdReal> DepthPriorAgreement<T> {
-    /// Computes the expected depths of the pixels that are compared; returns how many there are.
-    fn find_depths(&mut self, view: &Image<T>, prior: &Grid2) -> usize {
-        let width = view.width;
-        self.depth.resize(width * view.height, 0.0);
-        let rows = self.depth.par_chunks_mut(width).zip(prior.data.par_chunks(width)).enumerate();
-        rows.map(|(row, (out, prior))| {
-            let (sums, through) = (view.row(channel::DEPTH, row), view.row(disc_plane::TRANSMITTANCE, row));
-            let pixels = out.iter_mut().zip(prior).zip(sums.iter().zip(through));
-            pixels.fold(0, |count, ((out, prior), (sum, through))| {
-                let opacity = 1.0 - through.as_f64();
-                let depth = sum.as_f64() / (opacity + OPACITY_OFFSET);
-                let is_compared = opacity > LEAST_OPACITY && depth > 0.0 && prior.is_finite();
-                *out = if is_compared { depth } else { 0.0 };
-                count + usize::from(is_compared)
-            })
-        })
-        .sum()
-    }
-}
-
-/// Sum of the absolute bends at the pixel `i` of a row's column `col`, and the derivative by its depth of these and of those at its
-/// neighbours.
-fn bends(depth: &[f64], width: usize, col: usize, i: usize) -> (f64, f64) {
-    let known = |depth: Option<&f64>| depth.copied().filter(|z| *z > 0.0);
-    let across = |k: isize| {
-        let is_in_row = col.checked_add_signed(k).is_some_and(|c| c < width);
-        known(is_in_row.then(|| i.checked_add_signed(k)).flatten().and_then(|j| depth.get(j)))
-    };
-    let down = |k: isize| known(i.checked_add_signed(k * width as isize).and_then(|j| depth.get(j)));
-    let along = [[-2, -1, 1, 2].map(across), [-2, -1, 1, 2].map(down)];
-    along
-        .into_iter()
-        .map(|line| bends_of_line(depth[i], line))
-        .fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1))
-}
-
-/// As [`bends`], of one line: the pixel's depth and those of the two before it and the two after it.
-fn bends_of_line(z: f64, [before2, before, after, after2]: [Option<f64>; 4]) -> (f64, f64) {
-    let (mut value, mut slope) = (0.0, 0.0);
-    if let Some((own, around)) = before.zip(after).and_then(|(a, b)| bend(a, z, b)) {
-        value = own.abs();
-        slope += sign(own) * around;
-    }
-    for (beyond, middle) in [(before2, before), (after2, after)] {
-        if let (Some(beyond), Some(middle)) = (beyond, middle)
-            && let Some((of_neighbour, _)) = bend(beyond, middle, z)
-        {
-            slope -= sign(of_neighbour) * middle / (z * z);
-        }
-    }
-    (value, slope)
-}
-
-/// `z (1 / a + 1 / b) - 2` of three depths in a line and its derivative by the middle one; none where they jump.
-fn bend(a: f64, z: f64, b: f64) -> Option<(f64, f64)> {
-    let jumps = |other: f64| (other / z - 1.0).abs() > JUMP;
-    let around = a.recip() + b.recip();
-    (!jumps(a) && !jumps(b)).then_some((z * around - 2.0, around))
 }

@@ -25,7 +25,7 @@ mod weights;
 
 pub use prior::Prior;
 pub use prior_targets::PriorTargets;
-pub use term::{DiscView, LossTerm, Rendered, Scaled, SurfaceDepth, TermInfo};
+pub use term::{ByView, DiscView, LossTerm, Rendered, Scaled, SurfaceDepth, TermInfo};
 pub use terms::TermInputs;
 pub use weights::{LossWeights, WeightError};
 

@@ -5,7 +5,7 @@
 //! derivative by `N` is `-(P - cos N / |N|) / |N|`.
 
 use super::depth_prior::LEAST_OPACITY;
-use super::term::{LossTerm, Rendered, Scaled, TermInfo};
+use super::term::{ByView, LossTerm, Rendered, Scaled, TermInfo};
 use super::terms::TermInputs;
 use crate::simd::SimdReal;
 use crate::splat::raster::{Image, channel, disc_plane};
@@ -15,6 +15,8 @@ use rayon::prelude::*;
 pub const INFO: TermInfo = TermInfo { weights: &["normal_prior"], columns: &["normal_prior"] };
 /// Pixels whose sum of normals is not longer are not compared.
 const LEAST_LENGTH: f64 = 0.1;
+/// Channels of the render that the term has derivatives by.
+const CHANNELS: [usize; 3] = [channel::NORMAL, channel::NORMAL + 1, channel::NORMAL + 2];
 
 /// The term; keeps its buffer between calls.
 #[derive(Default)]
@@ -39,13 +41,13 @@ impl<T: SimdReal> LossTerm<T> for NormalPriorAgreement<T> {
         let priors = rendered.priors.filter(|_| rendered.discs.is_some() && weights[0] > 0.0);
         let Some(prior) = priors.and_then(|priors| priors.normal.as_ref()) else { return 0.0 };
         let view = rendered.view;
-        let (width, planes) = (view.width, view.channels);
-        self.by_view.resize(width, view.height, planes);
-        let rows = self.by_view.data.par_chunks_mut(planes * width).enumerate();
+        let width = view.width;
+        self.by_view.resize(width, view.height, CHANNELS.len());
+        let rows = self.by_view.data.par_chunks_mut(CHANNELS.len() * width).enumerate();
         let sums: Vec<(f64, usize)> = rows
             .map(|(row, by)| {
                 by.fill(T::zero());
-                let normals = [0, 1, 2].map(|k| view.row(channel::NORMAL + k, row));
+                let normals = CHANNELS.map(|channel| view.row(channel, row));
                 let through = view.row(disc_plane::TRANSMITTANCE, row);
                 let (mut sum, mut count) = (0.0, 0);
                 for col in 0..width {
@@ -57,11 +59,12 @@ impl<T: SimdReal> LossTerm<T> for NormalPriorAgreement<T> {
                     if !(is_opaque && length > LEAST_LENGTH && product.is_finite()) {
                         continue;
                     }
-                    let cosine = product / length;
+                    let per_length = length.recip();
+                    let cosine = product * per_length;
                     (sum, count) = (sum + 1.0 - cosine, count + 1);
                     for k in 0..3 {
-                        let by_normal = (cosine * normal[k] / length - expected[k]) / length;
-                        by[(channel::NORMAL + k) * width + col] = T::from_f64(by_normal);
+                        let by_normal = (cosine * normal[k] * per_length - expected[k]) * per_length;
+                        by[k * width + col] = T::from_f64(by_normal);
                     }
                 }
                 (sum, count)
@@ -75,7 +78,8 @@ impl<T: SimdReal> LossTerm<T> for NormalPriorAgreement<T> {
         weights[0] * columns[0]
     }
 
-    fn by_view(&self) -> Option<Scaled<'_, T>> {
-        self.is_evaluated.then_some(Scaled { image: &self.by_view, factor: self.factor })
+    fn by_view(&self) -> Option<ByView<'_, T>> {
+        let scaled = Scaled { image: &self.by_view, factor: self.factor };
+        self.is_evaluated.then_some(ByView { scaled, channels: &CHANNELS })
     }
 }

@@ -120,6 +120,15 @@ impl<T: Real> Scaled<'_, T> {
     }
 }
 
+/// Derivatives by some channels of a render.
+#[derive(Clone, Copy, Debug)]
+pub struct ByView<'a, T> {
+    /// The derivatives.
+    pub scaled: Scaled<'a, T>,
+    /// Which channel of the render each channel of the derivatives belongs to.
+    pub channels: &'a [usize],
+}
+
 /// A term of the loss.
 ///
 /// [`LossTerm::evaluate`] computes the value and all derivatives; the other methods then return those that the term has, with
@@ -139,8 +148,8 @@ pub trait LossTerm<T: Real>: Send + Sync {
         None
     }
 
-    /// Derivatives with respect to the view's rendered colours and altitudes, four channels.
-    fn by_view(&self) -> Option<Scaled<'_, T>> {
+    /// Derivatives with respect to channels of the view's render.
+    fn by_view(&self) -> Option<ByView<'_, T>> {
         None
     }
 

@@ -9,7 +9,7 @@ use super::super::harmonics::{SeenFrom, colors, colors_backward};
 use super::super::loss::{
     DiscView, LossTerm, LossWeights, PriorTargets, Rendered, Scaled, SurfaceDepth, TERMS,
 };
-use super::super::objective::{Losses, add_scaled, parts, zeros};
+use super::super::objective::{Losses, add_by_view, parts, zeros};
 use super::super::primitive::PrimitiveKind;
 use super::super::raster::{
     DiscWithMoments, Ellipsoid, FrameCamera, Image, Primitive, Rasterizer, SortedSplats, SplatGradient,
@@ -187,8 +187,8 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
             let (own, others) = columns.split_at_mut(info.columns.len());
             losses.total += term.evaluate(&rendered, weights, own);
             columns = others;
+            watch.lap("loss", info.columns[0]);
         }
-        watch.lap("pixels", "loss terms");
         self.pixels_backward(input.valid);
         watch.lap("pixels", "picture backward");
         self.splats_backward(input, gradient, watch);
@@ -269,8 +269,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
         let planes = P::trained_planes(F);
         by_view.resize(width, height, planes);
         let by_picture = parts(&self.terms, None, |term| term.by_picture());
-        let rows = by_view.data.par_chunks_mut(planes * width).with_min_len(16);
-        rows.enumerate().for_each(|(row, out)| {
+        add_by_view(by_view, &self.terms, |row, out| {
             out.fill(T::zero());
             for (c, out) in out.chunks_exact_mut(width).take(3).enumerate() {
                 for part in by_picture.iter().flatten() {
@@ -279,7 +278,6 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
                 mask(out, valid, row);
             }
         });
-        add_scaled(by_view, &parts(&self.terms, None, |term| term.by_view()));
     }
 
     /// Computes the derivatives by the splats' parameters from those by the render's pixels.

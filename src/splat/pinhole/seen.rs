@@ -5,7 +5,7 @@
 
 use super::super::primitive::PrimitiveKind;
 use super::super::raster::{ALPHA_CUT, FrameCamera, LOW_PASS_PX2, MAX_TILT};
-use super::super::splats::{Splats, sigmoid};
+use super::super::splats::{Splats, logit, opacities};
 use crate::perspective::PinholeKernel;
 use crate::simd::SimdReal;
 use rayon::prelude::*;
@@ -25,13 +25,14 @@ pub struct SeenSplats<T> {
     pub splats: Splats<T>,
     /// Mean opacity of all splats.
     pub mean_opacity: f64,
-    pieces: Vec<Piece>,
+    pieces: Vec<Piece<T>>,
 }
 
 /// What a task finds.
 #[derive(Default)]
-struct Piece {
+struct Piece<T> {
     indices: Vec<u32>,
+    opacities: Vec<T>,
     opacity_sum: f64,
 }
 
@@ -40,22 +41,27 @@ struct Frustum<'a, T> {
     camera: &'a FrameCamera<PinholeKernel<T>>,
     /// What a splat shows lies within so many standard deviations of its image's centre.
     reach: T,
-    least_opacity: T,
+    least_logit: T,
 }
 
 impl<T: SimdReal> Frustum<'_, T> {
-    /// False only for splats of which the image shows nothing; false if the position or the opacity is NaN.
-    fn may_show(&self, position: [T; 3], log_scale: [T; 3], opacity: T) -> bool {
+    /// False only for splats of which the image shows nothing; false if the position or the logit of the opacity is NaN.
+    fn may_show(&self, position: [T; 3], log_scale: [T; 3], logit: T) -> bool {
         let FrameCamera { kernel, width, height } = self.camera;
+        if logit.partial_cmp(&self.least_logit).is_none_or(std::cmp::Ordering::is_lt) {
+            return false;
+        }
         let Some((image, px_per_m)) = kernel.image_and_scale(position) else {
             return false;
         };
+        let is_within = |half_px: T| {
+            let size = [*width, *height].map(|v| T::from_f64(v as f64));
+            (0..2).all(|k| image[k] + half_px >= T::zero() && image[k] - half_px <= size[k])
+        };
+        // Most splats in the frustum have their centres in the image, which spares the exponential.
+        let least_px = self.reach * T::from_f64(LOW_PASS_PX2.sqrt()) + T::from_f64(MARGIN_PX);
         let [a, b, c] = log_scale;
-        let sigma_px = px_per_m * a.max(b).max(c).exp() + T::from_f64(LOW_PASS_PX2.sqrt());
-        let half_px = self.reach * sigma_px + T::from_f64(MARGIN_PX);
-        let is_within =
-            |at: T, size: usize| at + half_px >= T::zero() && at - half_px <= T::from_f64(size as f64);
-        opacity >= self.least_opacity && is_within(image[0], *width) && is_within(image[1], *height)
+        is_within(least_px) || is_within(least_px + self.reach * px_per_m * a.max(b).max(c).exp())
     }
 }
 
@@ -73,19 +79,20 @@ impl<T: SimdReal> SeenSplats<T> {
             // The near end of the disc that is inclined most.
             PrimitiveKind::Disc => reach / (1.0 - MAX_TILT.sqrt()),
         };
-        let [reach, least_opacity] = [reach, OPACITY_MARGIN * ALPHA_CUT].map(T::from_f64);
-        let frustum = camera.map(|camera| Frustum { camera, reach, least_opacity });
+        let (reach, least_logit) = (T::from_f64(reach), logit(T::from_f64(OPACITY_MARGIN * ALPHA_CUT)));
+        let frustum = camera.map(|camera| Frustum { camera, reach, least_logit });
         self.pieces.resize_with(all.len().div_ceil(PIECE), Piece::default);
         self.pieces.par_iter_mut().enumerate().for_each(|(k, piece)| {
+            let places = k * PIECE..all.len().min((k + 1) * PIECE);
+            let logits = &all.opacity_logit[places.clone()];
+            piece.opacities.resize(logits.len(), T::zero());
+            opacities(logits, &mut piece.opacities);
+            piece.opacity_sum = piece.opacities.iter().map(|opacity| opacity.as_f64()).sum();
             piece.indices.clear();
-            piece.opacity_sum = 0.0;
-            for i in k * PIECE..all.len().min((k + 1) * PIECE) {
-                let opacity = sigmoid(all.opacity_logit[i][0]);
-                piece.opacity_sum += opacity.as_f64();
-                if frustum.as_ref().is_none_or(|f| f.may_show(all.position[i], all.log_scale[i], opacity)) {
-                    piece.indices.push(i as u32);
-                }
-            }
+            piece.indices.extend(places.zip(logits).filter_map(|(i, [logit])| {
+                let may_show = |f: &Frustum<T>| f.may_show(all.position[i], all.log_scale[i], *logit);
+                frustum.as_ref().is_none_or(may_show).then_some(i as u32)
+            }));
         });
         self.indices.clear();
         self.pieces.iter().for_each(|piece| self.indices.extend(&piece.indices));

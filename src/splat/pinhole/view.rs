@@ -6,6 +6,7 @@ use crate::prior::ViewPriors;
 use crate::splat::loss::PriorTargets;
 use crate::splat::raster::Image;
 use glam::DVec3;
+use rayon::prelude::*;
 
 /// The extent of a scene is the largest distance of a camera from their middle times this (3DGS).
 const EXTENT: f64 = 1.1;
@@ -70,16 +71,17 @@ impl PinholeView {
     pub fn load(&self, colors: &mut Image<f32>, valid: &mut Vec<bool>) {
         let (width, height) = self.camera.size;
         colors.resize(width, height, 3);
-        valid.clear();
-        valid.extend(self.pixels.iter().map(|p| p.1));
-        let rows = colors.data.chunks_exact_mut(3 * width.max(1)).zip(self.pixels.chunks_exact(width.max(1)));
-        for (out, pixels) in rows {
-            for (c, out) in out.chunks_exact_mut(width).enumerate() {
-                for (out, (rgb, is_valid)) in out.iter_mut().zip(pixels) {
+        valid.resize(width * height, false);
+        let row = width.max(1);
+        let rows = colors.data.par_chunks_exact_mut(3 * row).zip(valid.par_chunks_exact_mut(row));
+        rows.zip(self.pixels.par_chunks_exact(row)).with_min_len(16).for_each(|((colors, valid), pixels)| {
+            for (c, colors) in colors.chunks_exact_mut(row).enumerate() {
+                for (out, (rgb, is_valid)) in colors.iter_mut().zip(pixels) {
                     *out = if *is_valid { f32::from(rgb[c]) / 255.0 } else { 0.0 };
                 }
             }
-        }
+            valid.iter_mut().zip(pixels).for_each(|(valid, pixel)| *valid = pixel.1);
+        });
     }
 }
 
