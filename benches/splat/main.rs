@@ -160,6 +160,7 @@ fn measure(splats: Splats, pixels: f64) -> Line {
         virtual_view: None,
         background: [0.3; 3],
         floor: ALTITUDES.0 as f32,
+        anchored: &[],
     };
     let named = [
         ("opacity", 0.01),

@@ -95,13 +95,13 @@ fn train_heights(
     let (at_start, mut log, state) = match checkpoints.take_up(views.len(), options.overwrite, progress)? {
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
-            let (splats, appearances) = training.splats_at_start(&views, progress)?;
-            let start = splats.len();
+            let (start, appearances) = training.splats_at_start(&views, progress)?;
+            let splats_at_start = start.splats.len();
             let kind = training.recipe.appearance;
-            let mut state = TrainingState::start(splats, kind, views.len(), options.seed);
+            let mut state = TrainingState::start(start, kind, views.len(), options.seed);
             let found = appearances.into_iter().filter(|a| a.kind == kind);
             state.appearances.iter_mut().zip(found).for_each(|((appearance, _), found)| *appearance = found);
-            (start, Vec::new(), state)
+            (splats_at_start, Vec::new(), state)
         }
     };
     // Read from the file whether or not training was interrupted, so that both give the same bytes.

@@ -13,6 +13,7 @@ use crate::predict::Predictor;
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, CAMERAS, FIRST_SURFACE, HEIGHT_SPLATS, SNAPSHOTS, SURFACE, TRAINING};
 use crate::scene::Scene;
+use crate::splat::anchored::StartSplats;
 use crate::splat::appearance::{Appearance, AppearanceKind, affine};
 use crate::splat::backend::TrainingBackend;
 use crate::splat::backend::cpu::CpuBackend;
@@ -63,7 +64,7 @@ impl<'a> Training<'a> {
         &self,
         views: &[TrainingView],
         progress: &dyn Progress,
-    ) -> Result<(Splats, Vec<Appearance>), PipelineError> {
+    ) -> Result<(StartSplats, Vec<Appearance>), PipelineError> {
         let _ = std::fs::remove_file(self.run.join(FIRST_SURFACE));
         let _ = std::fs::remove_dir_all(self.run.join(SNAPSHOTS));
         let (setup, seed) = (&self.setup, self.options.seed);
@@ -72,19 +73,21 @@ impl<'a> Training<'a> {
         if let Some(first) = &first {
             first.write(&self.run.join(FIRST_SURFACE))?;
         }
-        let (mut splats, appearances) = match (self.predicted(views, first.as_ref(), progress)?, &first) {
-            (Some(predicted), _) => predicted,
+        let (mut start, appearances) = match (self.predicted(views, first.as_ref(), progress)?, &first) {
+            (Some((splats, appearances)), _) => (splats.into(), appearances),
             (None, Some(first)) => (init::init_from_surface(first, views, primitive), Vec::new()),
             (None, None) => match self.recipe.start {
                 Start::Surface => return Err(MatchError::no_pair(views).into()),
-                Start::Points => (init::init_from_points(&self.sparse, setup.area, seed), Vec::new()),
-                Start::Volume => (init::init_from_volume(setup.area, setup.altitudes, seed), Vec::new()),
+                Start::Points => (init::init_from_points(&self.sparse, setup.area, seed).into(), Vec::new()),
+                Start::Volume => {
+                    (init::init_from_volume(setup.area, setup.altitudes, seed).into(), Vec::new())
+                }
             },
         };
         if primitive == PrimitiveKind::Disc {
-            splats.flatten();
+            start.splats.flatten();
         }
-        Ok((splats, appearances))
+        Ok((start, appearances))
     }
 
     /// The splats that are predicted for the start, if it is one from these.

@@ -1,15 +1,18 @@
 //! Anchored splats (GeoProp-GS §3.3, AGO): their parameters are those of another splat, the anchor, plus a residual.
 //!
 //! `theta = theta_anchor + residual` for all parameters as they are optimised: position, coefficients of colour, logit of the
-//! opacity, logarithm of the scale, quaternion. The residual is what is optimised. An anchored splat that no image shows keeps its
-//! residual, and goes wherever its anchor goes; the anchor gets the gradients of all that are anchored to it.
+//! opacity, logarithm of the scale, quaternion. The residual is what is optimised. An anchored splat without a gradient of its own, as one
+//! that no image shows, keeps its residual and goes wherever its anchor goes; the anchor gets the gradients of all that are anchored to
+//! it.
 //!
 //! [`Splats`] always hold the composed parameters, so that rendering knows nothing of anchors.
 
 use super::edit::Edit;
 use super::splats::{GROUP_INFO, Splats};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::num::NonZero;
 
 /// A splat and the one that it is anchored to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -18,6 +21,32 @@ pub struct Anchoring {
     pub splat: u32,
     /// Index of its anchor, which is not anchored itself.
     pub anchor: u32,
+}
+
+/// Splats that training starts from, and which of them are anchored.
+#[derive(Clone, Debug, Default)]
+pub struct StartSplats {
+    /// The splats.
+    pub splats: Splats,
+    /// The anchored ones, by rising index.
+    pub anchorings: Vec<Anchoring>,
+}
+
+impl From<Splats> for StartSplats {
+    fn from(splats: Splats) -> Self {
+        Self { splats, anchorings: Vec::new() }
+    }
+}
+
+/// For each position the index of the nearest anchor; none without anchors, or where positions cannot be searched.
+#[must_use]
+pub fn nearest_anchors(anchors: &[[f64; 3]], positions: &[[f64; 3]]) -> Option<Vec<usize>> {
+    let tree = ImmutableKdTree::<f64, 3>::new_from_slice(anchors).ok().filter(|_| !anchors.is_empty())?;
+    let nearest = |at: &[f64; 3]| {
+        let near = tree.query(at).nearest_n::<SquaredEuclidean<f64>>(NonZero::<usize>::MIN).execute();
+        near.first().map_or(0, |n| n.item as usize)
+    };
+    Some(positions.par_iter().map(nearest).collect())
 }
 
 /// The anchored splats among splats.
@@ -42,14 +71,20 @@ impl AnchoredSplats {
                 *rotation = rotation.map(|v| -v);
             }
         }
-        let mut residuals = splats.clone();
-        residuals.apply(&Edit::permute(anchorings.iter().map(|a| a.splat).collect()));
-        let mut anchors = splats.clone();
-        anchors.apply(&Edit::permute(anchorings.iter().map(|a| a.anchor).collect()));
-        for (residual, anchor) in residuals.groups_mut().into_iter().zip(anchors.groups()) {
+        let mut out = Self { anchorings, residuals: Splats::default() };
+        out.refresh(splats);
+        out
+    }
+
+    /// Computes the residuals anew, after parameters were set.
+    pub fn refresh(&mut self, splats: &Splats) {
+        let indices = |of: fn(&Anchoring) -> u32| -> Vec<u32> { self.anchorings.iter().map(of).collect() };
+        let mut anchors = Splats::default();
+        anchors.take_from(splats, &indices(|a| a.anchor));
+        self.residuals.take_from(splats, &indices(|a| a.splat));
+        for (residual, anchor) in self.residuals.groups_mut().into_iter().zip(anchors.groups()) {
             residual.iter_mut().zip(anchor).for_each(|(r, a)| *r -= a);
         }
-        Self { anchorings, residuals }
     }
 
     /// The anchorings, by rising index of the anchored splat.
@@ -60,6 +95,9 @@ impl AnchoredSplats {
 
     /// Adds the gradients of anchored splats to those of their anchors.
     pub fn add_to_anchors(&self, gradient: &mut Splats) {
+        if self.anchorings.is_empty() {
+            return;
+        }
         gradient.groups_mut().into_par_iter().zip(GROUP_INFO).for_each(|(values, info)| {
             if values.is_empty() {
                 return;
@@ -219,6 +257,15 @@ mod tests {
         let before = splats.clone();
         anchored.step(&mut splats, |_| {});
         assert_eq!(splats, before);
+    }
+
+    #[test]
+    fn parameters_that_were_set_stay_after_a_refresh() {
+        let (mut splats, mut anchored) = three();
+        splats.opacity_logit.fill([-5.0]);
+        anchored.refresh(&splats);
+        anchored.step(&mut splats, |_| {});
+        assert!(splats.opacity_logit.iter().all(|l| *l == [-5.0]), "{:?}", splats.opacity_logit);
     }
 
     #[test]

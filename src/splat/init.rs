@@ -5,6 +5,7 @@ use crate::affine::{TrainingView, median_pixel_m};
 use crate::frame::{Point, Site, SiteBox};
 use crate::mvs::{FEW_VIEWS, MatchedSurface, ground_plane};
 use crate::random::CounterRng;
+use crate::splat::anchored::{Anchoring, StartSplats, nearest_anchors};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::{Splats, rotation_to};
 use crate::stats::quantile;
@@ -24,7 +25,7 @@ const SCALE_M: (f64, f64) = (0.05, 2.0);
 pub const SPACING_M: f64 = 1.0;
 const SURFACE_OPACITY: f32 = 0.9;
 /// With few views the position of a wall is uncertain. Walls higher than this, metres, start as columns of splats of low opacity, of
-/// which training makes those opaque that the images confirm (proposals of GeoProp-GS, without anchors).
+/// which training makes those opaque that the images confirm (proposals of GeoProp-GS).
 const HIGH_WALL_M: f64 = 3.0;
 const WALL_OPACITY: f32 = 0.1;
 /// Least spacing of the splats of such a column, metres; it is the size of a pixel if that is larger.
@@ -94,12 +95,15 @@ pub fn init_from_volume((west, south, east, north): SiteBox, (low, high): (f64, 
 /// Splats on a matched surface with the median colours of the views. Flat parts have larger splats; at steps of the surface,
 /// columns of splats fill the wall from the upper to the lower altitude, those of high walls with low opacity if there are few
 /// views. The third axis of each splat is the surface's normal if they are to be discs.
+///
+/// With few views, splats where the surface was not matched are anchored to the nearest where it was, and those of a wall to the one at
+/// its upper edge (GeoProp-GS §3.3): what hardly an image shows moves with what images show well.
 #[must_use]
 pub fn init_from_surface(
     surface: &MatchedSurface,
     views: &[TrainingView],
     primitive: PrimitiveKind,
-) -> Splats {
+) -> StartSplats {
     let cells = ((SPACING_M / surface.grid.cell).round() as usize).max(1);
     let (columns, rows) = (surface.grid.width / cells, surface.grid.height / cells);
     let at = |col: usize, row: usize| {
@@ -110,13 +114,19 @@ pub fn init_from_surface(
     let wall_spacing = median_pixel_m(views).max(LEAST_WALL_SPACING_M).min(spacing);
     let quads: Vec<(usize, usize)> =
         (0..rows / 2).flat_map(|r| (0..columns / 2).map(move |c| (2 * c, 2 * r))).collect();
+    let support = |&(col, row): &(usize, usize)| {
+        let score = surface.score.at(col * cells + cells / 2, row * cells + cells / 2);
+        if score > 0.0 { Support::Matched } else { Support::Filled }
+    };
     let splats_of_quad = |&(col, row): &(usize, usize)| {
         let places = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(c, r)| (col + c, row + r));
         let points = places.map(|(c, r)| at(c, r));
         let mean: [f64; 3] = std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / 4.0);
         if points.iter().all(|p| (p[2] - mean[2]).abs() < FLAT_M) {
             let (size, opacity) = (2.0 * spacing, SURFACE_OPACITY);
-            return vec![SurfaceSplat { position: mean, size, normal: DVec3::Z, opacity }];
+            let is_filled = places.iter().all(|place| support(place) == Support::Filled);
+            let support = if is_filled { Support::Filled } else { Support::Matched };
+            return vec![SurfaceSplat { position: mean, size, normal: DVec3::Z, opacity, support }];
         }
         let mut splats = Vec::new();
         for ((c, r), p) in places.into_iter().zip(points).filter(|(_, p)| !p[2].is_nan()) {
@@ -127,7 +137,8 @@ pub fn init_from_surface(
             // Rows run southwards.
             let normal = DVec3::new(-rise(around[0], around[2]), rise(around[1], around[3]), 1.0);
             let normal = normal.try_normalize().unwrap_or(DVec3::Z);
-            splats.push(SurfaceSplat { position: p, size: spacing, normal, opacity: SURFACE_OPACITY });
+            let (size, opacity, support) = (spacing, SURFACE_OPACITY, support(&(c, r)));
+            splats.push(SurfaceSplat { position: p, size, normal, opacity, support });
             let drop = p[2] - lowest;
             let (size, normal, opacity) = if views.len() <= FEW_VIEWS && drop > HIGH_WALL_M {
                 let level = DVec3::new(normal.x, normal.y, 0.0).try_normalize().unwrap_or(DVec3::X);
@@ -138,13 +149,14 @@ pub fn init_from_surface(
             let steps = (drop / size - 0.5).ceil().max(1.0) as usize;
             splats.extend((1..steps).map(|k| {
                 let position = [p[0], p[1], p[2] - size * k as f64];
-                SurfaceSplat { position, size, normal, opacity }
+                SurfaceSplat { position, size, normal, opacity, support: Support::Wall { below: k } }
             }));
         }
         splats
     };
     let splats: Vec<SurfaceSplat> = quads.par_iter().flat_map_iter(splats_of_quad).collect();
     let colors: Vec<[f32; 3]> = splats.par_iter().map(|s| median_color(s.position, views)).collect();
+    let anchorings = if views.len() <= FEW_VIEWS { anchorings_of(&splats) } else { Vec::new() };
     let mut out = Splats::default();
     for (splat, rgb) in splats.into_iter().zip(colors) {
         out.push(splat.position.map(|v| v as f32), 0.5 * splat.size as f32, splat.opacity, rgb);
@@ -152,7 +164,40 @@ pub fn init_from_surface(
             out.rotation[out.position.len() - 1] = rotation_to(splat.normal).map(|v| v as f32);
         }
     }
-    out
+    StartSplats { splats: out, anchorings }
+}
+
+/// What tells where a splat of a matched surface is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Support {
+    /// The surface was matched there.
+    Matched,
+    /// The surface was filled in from around.
+    Filled,
+    /// Part of a wall, so many splats below its upper edge.
+    Wall { below: usize },
+}
+
+/// Anchors splats of filled parts to the nearest of matched ones, and those of walls to what their upper edge goes with.
+fn anchorings_of(splats: &[SurfaceSplat]) -> Vec<Anchoring> {
+    let of = |support: Support| -> Vec<usize> {
+        (0..splats.len()).filter(|i| splats[*i].support == support).collect()
+    };
+    let positions = |of: &[usize]| -> Vec<[f64; 3]> { of.iter().map(|i| splats[*i].position).collect() };
+    let (matched, filled) = (of(Support::Matched), of(Support::Filled));
+    let mut anchors: Vec<usize> = (0..splats.len()).collect();
+    let Some(nearest) = nearest_anchors(&positions(&matched), &positions(&filled)) else { return Vec::new() };
+    for (i, place) in filled.into_iter().zip(nearest) {
+        anchors[i] = matched[place];
+    }
+    // The splats of a wall follow that of its upper edge.
+    for (i, splat) in splats.iter().enumerate() {
+        if let Support::Wall { below } = splat.support {
+            anchors[i] = anchors[i - below];
+        }
+    }
+    let anchored = anchors.into_iter().enumerate().filter(|(i, anchor)| i != anchor);
+    anchored.map(|(i, anchor)| Anchoring { splat: i as u32, anchor: anchor as u32 }).collect()
 }
 
 /// A splat on a matched surface.
@@ -162,6 +207,7 @@ struct SurfaceSplat {
     size: f64,
     normal: DVec3,
     opacity: f32,
+    support: Support,
 }
 
 /// The median of the views' linear colours at a position (site frame, metres); grey where no view shows it.
@@ -228,7 +274,8 @@ mod tests {
         let view =
             TrainingView::new("v".into(), camera, None, &[Grid2::filled(160, 140, 0.3)], area, (0.0, 0.0));
         let views = vec![view; FEW_VIEWS + 1];
-        let splats = init_from_surface(&block(), &views, PrimitiveKind::Disc);
+        let StartSplats { splats, anchorings } = init_from_surface(&block(), &views, PrimitiveKind::Disc);
+        assert!(anchorings.is_empty(), "with many views all splats are free");
         let near = |p: &&[f32; 3], z: f32| p[0].abs() < 5.0 && p[1].abs() < 3.0 && (p[2] - z).abs() < 0.5;
         assert!(splats.position.iter().filter(|p| near(p, 12.0)).count() >= 10);
         assert_eq!(
@@ -245,13 +292,53 @@ mod tests {
         let walls = (0..splats.len()).filter(|i| (2.0..10.0).contains(&splats.position[*i][2]));
         assert!(walls.map(leans).all(|z| z < 0.3), "the normals of walls are level");
 
-        let of_few = init_from_surface(&block(), &views[1..], PrimitiveKind::Disc);
+        let of_few = init_from_surface(&block(), &views[1..], PrimitiveKind::Disc).splats;
         let walls: Vec<usize> =
             (0..of_few.len()).filter(|i| (2.0..10.0).contains(&of_few.position[*i][2])).collect();
         assert!(walls.len() > 3 * on_walls / 2, "{} instead of {on_walls}", walls.len());
         assert!(walls.iter().all(|i| of_few.opacity_logit[*i][0] < 0.0), "opacities of few views are low");
         let lowest = walls.iter().map(|i| of_few.position[*i][2]).fold(f32::MAX, f32::min);
         assert!(lowest < 2.6, "walls reach the ground: {lowest}");
+    }
+
+    #[test]
+    fn what_was_not_matched_goes_with_what_was() {
+        let mut surface = block();
+        // The eastern margin was filled in, and the western half of the block, which has walls to the west and to the east.
+        for row in 0..80 {
+            for col in (80..100).chain(30..50) {
+                surface.score.data[row * 100 + col] = 0.0;
+            }
+        }
+        let StartSplats { splats, anchorings } = init_from_surface(&surface, &[], PrimitiveKind::Ellipsoid);
+        let at = |i: u32| splats.position[i as usize];
+        let x_and_z = |i: u32| (at(i)[0], at(i)[2]);
+        let anchored: Vec<u32> = anchorings.iter().map(|a| a.splat).collect();
+        let free: Vec<u32> = (0..splats.len() as u32).filter(|i| !anchored.contains(i)).collect();
+        let distance = |i: u32, j: u32| at(i).iter().zip(at(j)).map(|(a, b)| (a - b).powi(2)).sum::<f32>();
+        let is_filled = |x: f32| x > 15.4 || (-9.6..-0.4).contains(&x);
+        assert!(anchorings.windows(2).all(|pair| pair[0].splat < pair[1].splat));
+        let mut walls = 0;
+        for Anchoring { splat, anchor } in &anchorings {
+            let (x, z) = x_and_z(*splat);
+            assert!(!is_filled(at(*anchor)[0]), "an anchor was matched");
+            if (0.1..11.9).contains(&z) {
+                walls += 1;
+                // Upper edges that were filled in have anchors of their own.
+                assert!(is_filled(x) || (at(*anchor)[2] > 11.5 && at(*anchor)[..2] == at(*splat)[..2]));
+            } else {
+                let nearest = free.iter().map(|i| distance(*splat, *i)).fold(f32::MAX, f32::min);
+                assert!(is_filled(x) && distance(*splat, *anchor) <= nearest, "{x} {z}");
+            }
+        }
+        assert!(walls > 100, "{walls}");
+        let margin = (0..splats.len() as u32).filter(|i| x_and_z(*i).0 > 15.5);
+        let free: Vec<_> = margin.clone().filter(|i| free.contains(i)).map(x_and_z).collect();
+        assert!(margin.count() > 20 && free.is_empty(), "{free:?}");
+
+        // Without a matched place everything is free.
+        surface.score.data.fill(0.0);
+        assert!(init_from_surface(&surface, &[], PrimitiveKind::Ellipsoid).anchorings.is_empty());
     }
 
     fn slope() -> Vec<Point<Site>> {

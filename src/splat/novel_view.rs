@@ -128,6 +128,7 @@ impl NovelView {
             virtual_view: None,
             background: [0.0; 3],
             floor: 0.0,
+            anchored: &[],
         };
         let mut objective = Objective::new(splats.primitive(), model, Vec::new());
         objective.forward(splats, parameters, &input, &mut Stopwatch::default());

@@ -5,6 +5,7 @@
 //! pixel's share of sunlight ([`ShadowModel`]). The view's colour model ([`AppearanceModel`]) computes the picture from
 //! colours and sunlight. The loss terms ([`LossTerm`]) compare picture, renders and splats with their targets.
 
+use super::anchored::Anchoring;
 use super::appearance::{
     AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput, SplatSun,
 };
@@ -49,6 +50,8 @@ pub struct StepInput<'a, T> {
     pub background: [T; 3],
     /// Altitude behind the splats, metres above the site's origin.
     pub floor: T,
+    /// The splats that are anchored to others.
+    pub anchored: &'a [Anchoring],
 }
 
 impl<T: Real> StepInput<'_, T> {
@@ -165,7 +168,7 @@ impl<T: SimdReal> Objective<T> {
             );
         }
         let rendered = Rendered {
-            anchored: &[],
+            anchored: input.anchored,
             priors: None,
             visibility: input.visibility,
             crop: input.crop,

@@ -121,6 +121,7 @@ impl<T: SimdReal> Scene<T> {
             visibility: self.visibility.as_ref(),
             background: [0.3, 0.8, 0.1].map(T::from_f64),
             floor: T::from_f64(-5.0),
+            anchored: &[],
         };
         let mut gradient = Gradient::default();
         let losses = self.objective.evaluate(
@@ -373,6 +374,7 @@ fn a_block_casts_a_shadow_of_the_right_length() {
         virtual_view: None,
         background: [0.0; 3],
         floor: -1.0,
+        anchored: &[],
     };
     let mut objective = affine(PrimitiveKind::Ellipsoid, None);
     let values = Appearance::start(AppearanceKind::Affine, 0, 0).values;

@@ -337,7 +337,7 @@ pub fn sigmoid<T: Real>(x: T) -> T {
     T::one() / (T::one() + (-x).exp())
 }
 
-/// Writes the opacities of these logits.
+/// Writes the opacities of these logits, as [`sigmoid`] but with vectors; that of NaN is not defined.
 pub fn opacities<T: SimdReal>(logits: &[[T; 1]], out: &mut [T]) {
     T::dispatch(Opacities { logits: logits.as_flattened(), out });
 }

@@ -1,7 +1,7 @@
 //! The state of a training between two iterations, which checkpoints store.
 
 use super::adam::SplatAdam;
-use super::anchored::{AnchoredSplats, Anchoring};
+use super::anchored::{AnchoredSplats, StartSplats};
 use super::appearance::satgs::{NetworkGroup, Networks};
 use super::appearance::{Appearance, AppearanceKind};
 use super::densify::{DensifyEdit, DensifyStats, pruning};
@@ -64,19 +64,8 @@ impl TrainingState {
     /// The initial state of a training from these splats, for a number of views with this colour model, whose networks start
     /// at random.
     #[must_use]
-    pub fn start(splats: Splats, appearance: AppearanceKind, views: usize, seed: u64) -> Self {
-        Self::start_anchored(splats, Vec::new(), appearance, views, seed)
-    }
-
-    /// As [`TrainingState::start`], with splats that are anchored to others.
-    #[must_use]
-    pub fn start_anchored(
-        mut splats: Splats,
-        anchorings: Vec<Anchoring>,
-        appearance: AppearanceKind,
-        views: usize,
-        seed: u64,
-    ) -> Self {
+    pub fn start(start: impl Into<StartSplats>, appearance: AppearanceKind, views: usize, seed: u64) -> Self {
+        let StartSplats { mut splats, anchorings } = start.into();
         let anchored = AnchoredSplats::new(&mut splats, anchorings);
         let mut statistics = DensifyStats::default();
         statistics.reset(splats.len());
@@ -139,6 +128,7 @@ impl TrainingState {
         for [logit] in &mut self.splats.opacity_logit {
             *logit = logit.min(highest);
         }
+        self.anchored.refresh(&self.splats);
         self.adam.first.opacity_logit.fill([0.0]);
         self.adam.second.opacity_logit.fill([0.0]);
     }

@@ -132,6 +132,7 @@ fn fit(
         virtual_view: None,
         background: [0.0; 3],
         floor: setup.altitudes.0 as f32,
+        anchored: &[],
     };
     Ok(fit_view(&colors.splats, colors.model(), colors.parameters(start), &input, progress)?)
 }

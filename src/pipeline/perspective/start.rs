@@ -13,15 +13,12 @@ use crate::prior::{
 use crate::progress::{Event, Progress};
 use crate::run_files::{PRIORS, START};
 use crate::scene::Role;
-use crate::splat::anchored::Anchoring;
+use crate::splat::anchored::{Anchoring, StartSplats, nearest_anchors};
 use crate::splat::pinhole::{PinholeView, splats_at_points, splats_on_rays};
 use crate::splat::primitive::PrimitiveKind;
 use crate::splat::splats::Splats;
 use crate::splat::train::recipe::{Recipe, StartPoints};
 use crate::stats::quantile;
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use rayon::prelude::*;
-use std::num::NonZero;
 use std::path::Path;
 
 /// Depth maps give a point cloud to start from: that of every n-th view with one, thinned to one point in a cube of this side,
@@ -37,13 +34,6 @@ const MOST_ALIGNED: usize = 250_000;
 
 /// Folder of filled pictures of pseudo-views, in that of priors.
 const INPAINTED: &str = "inpainted";
-
-/// Splats and which of them are anchored.
-#[derive(Default)]
-pub(super) struct StartSplats {
-    pub splats: Splats,
-    pub anchorings: Vec<Anchoring>,
-}
 
 /// The points of the scene, else those of its depth maps.
 pub fn start_points(scene: &PerspectiveScene) -> Result<Vec<ScenePoint>, PipelineError> {
@@ -84,17 +74,14 @@ pub(super) fn splats_at_start(
     let start = recipe.perspective.map_or(StartPoints::default(), |p| p.start_points);
     let has_depths = views.iter().any(|view| view.priors().depth().is_some());
     let has_enough = points.len() >= FEWEST_POINTS;
-    let free = |points: &[ScenePoint]| StartSplats {
-        splats: splats_at_points(&colored(points), recipe.primitive),
-        anchorings: Vec::new(),
-    };
+    let free = |points: &[ScenePoint]| splats_at_points(&colored(points), recipe.primitive).into();
     Ok(match start {
         _ if points.is_empty() => {
             if start.needs_depths() {
                 let text = "the scene has no points to align depths with: training starts without depths";
                 progress.event(Event::Warning(text.into()));
             }
-            StartSplats { splats: splats_on_rays(views, recipe.primitive, seed), anchorings: Vec::new() }
+            splats_on_rays(views, recipe.primitive, seed).into()
         }
         StartPoints::Patches if has_depths => free(&denser(points, views, seed, progress)),
         StartPoints::Hdd | StartPoints::Gva if has_depths || has_enough => {
@@ -121,7 +108,7 @@ fn trainable(mut splats: Splats, recipe: &Recipe) -> StartSplats {
     if recipe.primitive == PrimitiveKind::Disc {
         splats.flatten();
     }
-    StartSplats { splats, anchorings: Vec::new() }
+    splats.into()
 }
 
 /// Positions and colours.
@@ -185,15 +172,8 @@ fn with_anchored(start: &AlignedStart, recipe: &Recipe, is_painted: bool) -> Sta
     let mut splats = splats_at_points(&colored(&start.points), recipe.primitive);
     let reliable = start.points.len();
     let positions: Vec<[f64; 3]> = start.points.iter().map(|p| p.position.xyz()).collect();
-    let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(&positions) else {
-        return StartSplats { splats, anchorings: Vec::new() };
-    };
-    let nearest = |p: &ScenePoint| {
-        let at = p.position.xyz();
-        let near = tree.query(&at).nearest_n::<SquaredEuclidean<f64>>(NonZero::<usize>::MIN).execute();
-        near.first().map_or(0, |n| n.item as usize)
-    };
-    let anchors: Vec<usize> = start.proposals.par_iter().map(nearest).collect();
+    let of_proposals: Vec<[f64; 3]> = start.proposals.iter().map(|p| p.position.xyz()).collect();
+    let Some(anchors) = nearest_anchors(&positions, &of_proposals) else { return splats.into() };
     let proposals = start.proposals.iter().zip(&anchors);
     let color = |p: &ScenePoint, anchor: usize| if is_painted { p.rgb } else { start.points[anchor].rgb };
     let proposals: Vec<ScenePoint> =

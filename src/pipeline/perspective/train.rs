@@ -90,8 +90,7 @@ pub(super) fn train_scene(
             let _ = std::fs::remove_dir_all(run.join(PRIOR_PICTURES));
             let start = splats_at_start(scene, &views, &recipe, options, run, progress)?;
             let (count, appearance) = (start.splats.len(), AppearanceKind::default());
-            let state =
-                TrainingState::start_anchored(start.splats, start.anchorings, appearance, 0, options.seed);
+            let state = TrainingState::start(start, appearance, 0, options.seed);
             (count, Vec::new(), state)
         }
     };

@@ -176,6 +176,7 @@ impl TownTarget {
             virtual_view: None,
             background,
             floor: self.town.altitudes.0 as f32,
+            anchored: &[],
         }
     }
 

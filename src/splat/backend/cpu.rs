@@ -121,7 +121,7 @@ impl Loaded {
         let half_sides = [0.5 * size.0 as f64, 0.5 * size.1 as f64];
         let sun = view.sun_shear.filter(|_| plan.shadows).map(|s| s.map(|s| s * scale));
         let virtual_shear = plan.virtual_shear.map(|s| [s[0] * half_sides[0], s[1] * half_sides[1]]);
-        let TrainingState { splats, adam, appearances, shared, visibility, statistics, .. } = state;
+        let TrainingState { splats, adam, appearances, shared, visibility, statistics, anchored, .. } = state;
         let mask = match (&mut scene.visibility, plan.visibility) {
             (Some(model), Some(share)) => model.mask(visibility, plan.view, size, share)?,
             _ => None,
@@ -136,6 +136,7 @@ impl Loaded {
             virtual_view: virtual_shear.map(|s| ShearedCamera::virtual_view(&camera, size, s)),
             background: plan.background,
             floor: scene.altitudes.0 as f32,
+            anchored: anchored.anchorings(),
         };
         let (appearance, appearance_adam) = &mut appearances[plan.view];
         let share = plan.opacity_divisor.map_or(1.0, |divisor| splats.len() as f64 / divisor as f64);
@@ -157,7 +158,8 @@ impl Loaded {
             plan.appearance_rate,
         );
         shared.step(&gradient.shared, &plan.network_rates);
-        adam.step(splats, &gradient.splats, &plan.rates);
+        anchored.add_to_anchors(&mut gradient.splats);
+        anchored.step(splats, |splats| adam.step(splats, &gradient.splats, &plan.rates));
         watch.lap("splats", "Adam");
         if let (Some(_), 0, Some(model)) = (plan.visibility, plan.level, &mut scene.visibility) {
             let draw = (plan.seed, plan.iteration.into());
@@ -196,6 +198,7 @@ mod tests {
     use crate::io::Grid2;
     use crate::progress::NoProgress;
     use crate::random::CounterRng;
+    use crate::splat::anchored::{Anchoring, StartSplats};
     use crate::splat::appearance::AppearanceKind;
     use crate::splat::appearance::satgs::Cube;
     use crate::splat::loss::TermInputs;
@@ -243,6 +246,9 @@ mod tests {
             let p = [28.0 * d.uniform() - 14.0, 26.0 * d.uniform() - 13.0, 3.0 * d.uniform()];
             start.push(p.map(|v| v as f32), 0.4, 0.9, [0.5; 3]);
         }
+        let anchoring = |splat: u32| Anchoring { splat, anchor: splat - 1 };
+        let anchorings = (7..start.len() as u32).step_by(7).map(anchoring).collect();
+        let start = StartSplats { splats: start, anchorings };
         let state = TrainingState::start(start, AppearanceKind::Affine, views.len(), 0);
         let (altitudes, appearance, cube) = ((-5.0, 10.0), AppearanceKind::Affine, Cube::default());
         let mut backend = CpuBackend::default();
@@ -294,6 +300,9 @@ mod tests {
             (std::fs::read(&path).unwrap(), state, counts)
         };
         let one = bytes(1);
+        let state = &one.1;
+        let anchored = state.anchored.anchorings().len();
+        assert!((100..400).contains(&anchored) && state.fits(3), "{anchored} of 428 are still anchored");
         for threads in [2, 16] {
             // `assert_eq` would print megabytes.
             assert!(bytes(threads) == one, "{threads} threads and one thread give different splats");

@@ -3,12 +3,14 @@
 //! On a surface without texture, such as a white roof, the photometric loss lets splats drift by metres although the roof's
 //! edges are right. Dense matching has interpolated such areas from their edges. The term is the mean over the splats of
 //! `w r² / (r² + 1)` (the robust loss of Geman and McClure), with `r` the vertical distance from the surface in metres and
-//! `w` the surface's weight at the splat, [`MatchedSurface::prior_weight`](crate::mvs::MatchedSurface::prior_weight).
+//! `w` the surface's weight at the splat, [`MatchedSurface::prior_weight`](crate::mvs::MatchedSurface::prior_weight). Anchored splats
+//! count as zero: those of walls do not lie on the surface, and would pull their anchors away from it.
 
 use super::prior::Prior;
 use super::term::{LossTerm, Rendered, TermInfo};
 use super::terms::TermInputs;
 use crate::simd::SimdReal;
+use crate::splat::anchored::Anchoring;
 use crate::splat::splats::Splats;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -61,6 +63,12 @@ impl<T: SimdReal> LossTerm<T> for SurfacePrior<T> {
                 *sum += distance.as_f64();
             }
         });
+        for Anchoring { splat, .. } in rendered.anchored {
+            let i = *splat as usize;
+            let (distance, _) = evaluate(&splats.position[i]).unwrap_or_default();
+            self.sums[i / PIECE] -= distance.as_f64();
+            self.slopes[i] = T::zero();
+        }
         columns[0] = self.sums.iter().sum::<f64>() / splats.len().max(1) as f64;
         weights[0] * columns[0]
     }
@@ -100,6 +108,22 @@ mod tests {
         let mut by = Splats::zeros(splats.len());
         term.add_by_splats(&splats, &mut by);
         (value, by.position.iter().map(|p| p[2]).collect())
+    }
+
+    #[test]
+    fn anchored_splats_count_as_zero() {
+        let mut splats = Splats::<f64>::default();
+        [[-1.0, 0.5, 5.4], [-1.0, 0.5, 2.0]].iter().for_each(|p| splats.push(*p, 1.0, 0.5, [0.5; 3]));
+        let nothing = Image::default();
+        let anchored = [Anchoring { splat: 1, anchor: 0 }];
+        let rendered = Rendered { anchored: &anchored, ..Rendered::of_splats(&splats, &nothing) };
+        let mut term = SurfacePrior::new(&mut TermInputs { prior: Some(Arc::new(prior())), lpips: None });
+        let value = term.evaluate(&rendered, &[0.4], &mut [0.0]);
+        let free = evaluate(&[[-1.0, 0.5, 5.4]], 0.2);
+        assert!((value - free.0).abs() < 1e-12 && value > 0.0);
+        let mut by = Splats::zeros(2);
+        term.add_by_splats(&splats, &mut by);
+        assert!((by.position[0][2] - free.1[0]).abs() < 1e-12 && by.position[1][2] == 0.0);
     }
 
     #[test]

@@ -98,7 +98,7 @@ impl<'a, T> Rendered<'a, T> {
 /// Derivatives by an image's pixels, still to be multiplied by a factor.
 #[derive(Clone, Copy, Debug)]
 pub struct Scaled<'a, T> {
-    /// The derivatives, with the channels of the image that they refer to.
+    /// The derivatives.
     pub image: &'a Image<T>,
     /// The factor.
     pub factor: T,
