@@ -12,7 +12,6 @@ use super::splats::{GROUP_INFO, Splats};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::num::NonZero;
 
 /// A splat and the one that it is anchored to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -42,10 +41,8 @@ impl From<Splats> for StartSplats {
 #[must_use]
 pub fn nearest_anchors(anchors: &[[f64; 3]], positions: &[[f64; 3]]) -> Option<Vec<usize>> {
     let tree = ImmutableKdTree::<f64, 3>::new_from_slice(anchors).ok().filter(|_| !anchors.is_empty())?;
-    let nearest = |at: &[f64; 3]| {
-        let near = tree.query(at).nearest_n::<SquaredEuclidean<f64>>(NonZero::<usize>::MIN).execute();
-        near.first().map_or(0, |n| n.item as usize)
-    };
+    let nearest =
+        |at: &[f64; 3]| tree.query(at).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize;
     Some(positions.par_iter().map(nearest).collect())
 }
 

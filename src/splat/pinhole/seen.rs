@@ -32,6 +32,7 @@ pub struct SeenSplats<T> {
 #[derive(Default)]
 struct Piece<T> {
     indices: Vec<u32>,
+    /// The opacities of all splats of the task.
     opacities: Vec<T>,
     opacity_sum: f64,
 }
@@ -48,7 +49,8 @@ impl<T: SimdReal> Frustum<'_, T> {
     /// False only for splats of which the image shows nothing; false if the position or the logit of the opacity is NaN.
     fn may_show(&self, position: [T; 3], log_scale: [T; 3], logit: T) -> bool {
         let FrameCamera { kernel, width, height } = self.camera;
-        if logit.partial_cmp(&self.least_logit).is_none_or(std::cmp::Ordering::is_lt) {
+        let is_opaque = logit >= self.least_logit;
+        if !is_opaque {
             return false;
         }
         let Some((image, px_per_m)) = kernel.image_and_scale(position) else {
