@@ -14,7 +14,7 @@ import pytest
 import satgs
 from conftest import TOWN
 
-# As in tests/rpc_oracles.rs: projections in pixels, localisations in degrees (a micrometre on the ground).
+# As in tests/it/rpc_oracles.rs: projections in pixels, localisations in degrees (a micrometre on the ground).
 PX = 1e-6
 DEG = 1e-11
 
