@@ -1,5 +1,6 @@
 //! The pipeline as a library: every stage of a tiny scene, without the command line.
 
+use crate::common::scenes;
 use satgs::pipeline::{
     AdjustOptions, AlignOptions, DsmOptions, ErrorKind, EvaluateOptions, NvsOptions, Outcome, PipelineError,
     RenderOptions, RunLock, RunOptions, StageResult, TrainOptions, TrainedCameras, adjust, align, dsm,
@@ -8,7 +9,6 @@ use satgs::pipeline::{
 use satgs::progress::{Event, NoProgress, Recorder};
 use satgs::run_files::{CAMERAS, CHECKPOINT, DSM, PAGE, SPLATS};
 use satgs::scene::{self, ReadOptions, Scene};
-use satgs::simulate::{self, simulate};
 use std::path::{Path, PathBuf};
 
 const ITERATIONS: u32 = 40;
@@ -21,10 +21,7 @@ struct Town {
 impl Town {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let options =
-            simulate::SimulateOptions { views: 4, size_px: 140, ..simulate::SimulateOptions::default() };
-        simulate(&folder.path().join("scene"), &options, &NoProgress).unwrap();
-        let scene = scene::read(&folder.path().join("scene"), &ReadOptions::default()).unwrap();
+        let scene = scene::read(scenes::town(), &ReadOptions::default()).unwrap();
         Self { folder, scene }
     }
 
@@ -33,7 +30,7 @@ impl Town {
     }
 
     fn truth(&self) -> PathBuf {
-        self.path("scene/truth/TOWN_DSM.tif")
+        scenes::town().join("truth/TOWN_DSM.tif")
     }
 }
 

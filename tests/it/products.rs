@@ -3,7 +3,7 @@
 
 #![cfg(unix)]
 
-use crate::common::{refused, succeeds, text, two_views};
+use crate::common::{copy_folder, refused, scenes, succeeds, text, two_views};
 use gdal::raster::ColorInterpretation::{BlueBand, GrayIndex, GreenBand, RedBand};
 use serde_json::Value;
 use std::fs::File;
@@ -20,7 +20,7 @@ struct Town {
 impl Town {
     fn new() -> Self {
         let town = Self { folder: tempfile::tempdir().unwrap() };
-        succeeds(&["simulate", &town.path("scene"), "--size", "140", "--views", "4", "-q"]);
+        copy_folder(scenes::town(), Path::new(&town.path("scene")));
         town
     }
 

@@ -1,40 +1,44 @@
 //! Trainings that are killed, interrupted, or find a checkpoint that is not theirs, through the binary.
 
-use crate::common::{copy_folder, satgs, text};
+use crate::common::{copy_folder, satgs, scenes, text};
 use satgs::random::CounterRng;
 use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// Times that training is killed.
-const KILLS: u64 = 20;
+/// Times that training is killed in the short and in the long test.
+const FEW_KILLS: u64 = 4;
+const MANY_KILLS: u64 = 20;
 /// Opacities are reset at iteration 78; splats are doubled and removed once, at 100.
 const ITERATIONS: &str = "130";
 /// Longest time until a kill, as a part of the whole training: most of them find a checkpoint.
 const LONGEST: f64 = 0.4;
 
-/// A scene, adjusted once.
-struct Adjusted {
+/// Copies of an adjusted run, to be trained.
+struct Runs {
     folder: tempfile::TempDir,
 }
 
-impl Adjusted {
+impl Runs {
     fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let (scene, run) = (folder.path().join("scene"), folder.path().join("adjusted"));
-        let (scene, run) = (scene.to_str().unwrap(), run.to_str().unwrap());
-        let made = satgs(&["simulate", scene, "--size", "140", "--views", "4", "-q"]);
-        assert!(made.status.success(), "{}", text(&made));
-        let adjusted = satgs(&["ba", scene, "-o", run, "-q"]);
-        assert!(adjusted.status.success(), "{}", text(&adjusted));
-        Self { folder }
+        Self { folder: tempfile::tempdir().unwrap() }
     }
 
-    /// A copy of the run's folder, to be trained.
-    fn run(&self, name: &str) -> Run {
-        let to = self.folder.path().join(name);
-        copy_folder(&self.folder.path().join("adjusted"), &to);
-        Run { folder: to }
+    fn adjusted(&self, name: &str) -> Run {
+        let folder = self.folder.path().join(name);
+        copy_folder(scenes::adjusted_town(), &folder);
+        Run { folder }
+    }
+
+    /// The results of an uninterrupted training, and how long it takes.
+    fn uninterrupted(&self) -> ([Vec<u8>; 3], Duration) {
+        let whole = self.adjusted("whole");
+        let started = Instant::now();
+        let output = whole.train(&[]);
+        assert!(output.status.success(), "{}", text(&output));
+        let lasts = started.elapsed();
+        assert!(!whole.checkpoint().exists(), "a checkpoint is left of a complete training");
+        (whole.result(), lasts)
     }
 }
 
@@ -105,26 +109,27 @@ fn assert_same(a: &[Vec<u8>; 3], b: &[Vec<u8>; 3]) {
 
 #[test]
 fn interrupted_trainings_give_the_same_bytes_and_foreign_checkpoints_are_reported() {
-    let adjusted = Adjusted::new();
-    let whole = adjusted.run("whole");
-    let started = Instant::now();
-    let output = whole.train(&[]);
-    assert!(output.status.success(), "{}", text(&output));
-    let lasts = started.elapsed();
-    assert!(!whole.checkpoint().exists(), "a checkpoint is left of a complete training");
-    let expected = whole.result();
+    let runs = Runs::new();
+    let (expected, lasts) = runs.uninterrupted();
+    killed(&runs, FEW_KILLS, lasts, &expected);
+    interrupted(&runs, &expected);
+    strange_checkpoints(&runs, &expected);
+}
 
-    killed(&adjusted, lasts, &expected);
-    interrupted(&adjusted, &expected);
-    strange_checkpoints(&adjusted, &expected);
+#[test]
+#[ignore = "takes a minute"]
+fn twenty_kills_of_a_training_do_not_change_a_byte() {
+    let runs = Runs::new();
+    let (expected, lasts) = runs.uninterrupted();
+    killed(&runs, MANY_KILLS, lasts, &expected);
 }
 
 /// SIGKILL at random moments: the next start goes on. A training that ends before it is killed is compared, and
 /// another begun.
-fn killed(adjusted: &Adjusted, lasts: Duration, expected: &[Vec<u8>; 3]) {
+fn killed(runs: &Runs, times: u64, lasts: Duration, expected: &[Vec<u8>; 3]) {
     let (mut kills, mut complete, mut resumed) = (0, 0, 0);
-    let mut run = adjusted.run("killed");
-    while kills < KILLS || complete == 0 {
+    let mut run = runs.adjusted("killed");
+    while kills < times || complete == 0 {
         let resume: &[&str] = if run.checkpoint().exists() { &["--resume"] } else { &[] };
         resumed += resume.len();
         let mut child = run.start(&[&["--checkpoint-every", "7"], resume].concat());
@@ -138,7 +143,7 @@ fn killed(adjusted: &Adjusted, lasts: Duration, expected: &[Vec<u8>; 3]) {
                 assert!(status.success(), "{}", text(&child.wait_with_output().unwrap()));
                 assert_same(&run.result(), expected);
                 complete += 1;
-                run = adjusted.run(&format!("killed{complete}"));
+                run = runs.adjusted(&format!("killed{complete}"));
             }
             None => {
                 child.kill().unwrap();
@@ -151,8 +156,8 @@ fn killed(adjusted: &Adjusted, lasts: Duration, expected: &[Vec<u8>; 3]) {
 }
 
 #[cfg(unix)]
-fn interrupted(adjusted: &Adjusted, expected: &[Vec<u8>; 3]) {
-    let run = adjusted.run("interrupted");
+fn interrupted(runs: &Runs, expected: &[Vec<u8>; 3]) {
+    let run = runs.adjusted("interrupted");
     let output = run.interrupted();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output));
     assert!(text(&output).contains("hint: the same command goes on"), "{}", text(&output));
@@ -163,10 +168,10 @@ fn interrupted(adjusted: &Adjusted, expected: &[Vec<u8>; 3]) {
 }
 
 #[cfg(not(unix))]
-fn interrupted(_: &Adjusted, _: &[Vec<u8>; 3]) {}
+fn interrupted(_: &Runs, _: &[Vec<u8>; 3]) {}
 
-fn strange_checkpoints(adjusted: &Adjusted, expected: &[Vec<u8>; 3]) {
-    let run = adjusted.run("strange");
+fn strange_checkpoints(runs: &Runs, expected: &[Vec<u8>; 3]) {
+    let run = runs.adjusted("strange");
     let output = run.train(&["--resume"]);
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output).contains("checkpoint.bin` does not exist"), "{}", text(&output));
@@ -185,7 +190,7 @@ fn strange_checkpoints(adjusted: &Adjusted, expected: &[Vec<u8>; 3]) {
     assert!(run.result()[0] != expected[0], "another seed trains the same splats");
 
     // One that is cut short is an error with --resume, else passed over with a warning.
-    let run = adjusted.run("cut");
+    let run = runs.adjusted("cut");
     let mut child = run.start(&["--checkpoint-every", "10"]);
     run.wait_for_checkpoint();
     child.kill().unwrap();

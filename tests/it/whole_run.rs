@@ -1,7 +1,7 @@
 //! From simulated images to a scored surface model, through the binary: shifts, heights, files, resuming.
 
 use base64::prelude::{BASE64_STANDARD, Engine};
-use crate::common::{disagreement_px, satgs, satgs_in, text};
+use crate::common::{copy_folder, disagreement_px, satgs, satgs_in, scenes, text};
 use satgs::frame::Pixel;
 use satgs::io::ImageFile;
 use satgs::rpc::{Rpc, formats};
@@ -48,7 +48,7 @@ fn a_surface_model_is_made_from_simulated_images() {
     }
 
     let truth = format!("{scene}/truth/TOWN_DSM.tif");
-    let all = ["run", scene, "-o", run, "--truth", &truth, "--iterations", "900", "--json"];
+    let all = ["run", scene, "-o", run, "--truth", &truth, "--iterations", "300", "--json"];
     let output = satgs(&all);
     assert!(output.status.success(), "{}", text(&output));
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -91,9 +91,9 @@ fn a_surface_model_is_made_from_simulated_images() {
     let again = satgs(&all);
     assert!(again.status.success() && text(&again).contains("is trained already"), "{}", text(&again));
     assert_eq!(std::fs::read(Path::new(run).join("splats.ply")).unwrap(), before);
-    let other = satgs(&["train", run, "--iterations", "901"]);
+    let other = satgs(&["train", run, "--iterations", "301"]);
     assert_eq!(other.status.code(), Some(2));
-    assert!(text(&other).contains("iterations was 900, is 901"), "{}", text(&other));
+    assert!(text(&other).contains("iterations was 300, is 301"), "{}", text(&other));
     assert!(text(&other).contains("hint: `satgs train RUN --overwrite`"), "{}", text(&other));
 
     // Asked to, a stage is made anew of the same things too.
@@ -119,7 +119,7 @@ fn a_run_finds_its_scene_from_another_folder_and_after_a_move() {
             image.is_file() && image.parent().unwrap() == folder.path().join(place)
         })
     };
-    from_folder(&["simulate", "scene", "--size", "140", "--views", "4", "-q"]);
+    copy_folder(scenes::town(), &folder.path().join("scene"));
     from_folder(&["ba", "scene", "-o", "run", "-q"]);
     assert!(images_in("scene"));
     std::fs::rename(folder.path().join("scene"), folder.path().join("moved")).unwrap();
@@ -162,7 +162,7 @@ fn aligned_to(truth: &str, run: &str) {
     }
     assert!((f64::from(height() - height_before) - up).abs() < 1e-3, "{shift}");
     for (args, says) in
-        [(&["dsm", run][..], "dsm.tif"), (&["train", run, "--iterations", "900"], "is trained already")]
+        [(&["dsm", run][..], "dsm.tif"), (&["train", run, "--iterations", "300"], "is trained already")]
     {
         let output = satgs(args);
         let all = [text(&output), String::from_utf8_lossy(&output.stdout).into_owned()].concat();

@@ -1,6 +1,7 @@
 //! What several test files need: the folder of real data, a made-up camera, images, the binary.
 pub mod perspective;
 pub mod photographs;
+pub mod scenes;
 pub mod web_server;
 
 use satgs::frame::{CenterPx, Pixel, Point, SiteGrid};
