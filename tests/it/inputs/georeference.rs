@@ -1,3 +1,0 @@
-//! Georeferences, control, alignment and comparison with meshes and surfaces.
-
-pub const FOLDERS: &[&str] = &[];

@@ -1,3 +1,0 @@
-//! Networks that users bring.
-
-pub const FOLDERS: &[&str] = &[];

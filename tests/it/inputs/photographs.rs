@@ -1,3 +1,0 @@
-//! Photographs: layouts of scenes, masks, depths, priors, units.
-
-pub const FOLDERS: &[&str] = &[];

@@ -1,3 +1,0 @@
-//! What a run writes, prints and keeps.
-
-pub const FOLDERS: &[&str] = &[];

@@ -1,3 +1,0 @@
-//! Satellite images, their cameras and metadata, heights, tiles.
-
-pub const FOLDERS: &[&str] = &[];
