@@ -1,8 +1,7 @@
 //! Spikes of a matched surface: single heights that the cells around them deny.
 //!
-//! Matching compares windows of pixels, so that a surface which is real covers several cells with similar heights. Where images
-//! have no texture, on water for example, views may agree on anything: a few cells stand tens of metres above or below all
-//! others, at heights that differ among themselves.
+//! Matching compares windows of pixels, so that a surface which is real covers several cells. Where images have no texture, on
+//! water for example, views may agree on anything: single cells stand tens of metres above or below all others.
 
 use crate::io::Grid2;
 
@@ -10,15 +9,15 @@ use crate::io::Grid2;
 const RADIUS_M: f64 = 4.0;
 /// Difference from the median of these cells from which on a cell stands out, metres.
 const OUTSTANDING_M: f32 = 4.0;
-/// Heights that differ by no more are of the same surface, metres.
-const SAME_M: f32 = 1.5;
 /// Smallest area of a surface, square metres: a chimney, or a window of matching of 3 x 3 pixels of half a metre.
 const LEAST_AREA_M2: f64 = 2.25;
+/// Where few cells around are known, this part of them is enough: the corner of a slope has as many on its side.
+const LEAST_PART: usize = 10;
 /// Largest radius in cells, which limits the time for fine grids.
 const MOST_CELLS: i64 = 16;
 
-/// 1 in the cells of a surface that are spikes, otherwise 0: they stand out from the cells around them, of which too few have
-/// a similar height. `altitude` is in metres, NaN where it is not known, `cell_m` the side of a cell.
+/// 1 in the cells of a surface that are spikes, otherwise 0: they stand out from the median of the cells around them, of which
+/// too few are nearer to their height than to the median. `altitude` is in metres, NaN where it is not known, `cell_m` the side of a cell.
 pub(super) fn spikes(altitude: &Grid2, cell_m: f64) -> Grid2 {
     let radius = ((RADIUS_M / cell_m).ceil() as i64).clamp(2, MOST_CELLS);
     let least = (LEAST_AREA_M2 / cell_m.powi(2)).ceil().max(2.0) as usize;
@@ -32,13 +31,13 @@ pub(super) fn spikes(altitude: &Grid2, cell_m: f64) -> Grid2 {
             let line = (col - radius..=col + radius).map(|c| altitude.get(c, r));
             around.extend(line.filter(|z| !z.is_nan()));
         }
-        let alike = around.iter().filter(|other| (*other - z).abs() <= SAME_M).count();
-        if alike >= least {
+        let middle = around.len() / 2;
+        let median = *around.select_nth_unstable_by(middle, f32::total_cmp).1;
+        if (z - median).abs() <= OUTSTANDING_M {
             return false;
         }
-        let middle = around.len() / 2;
-        let (_, median, _) = around.select_nth_unstable_by(middle, f32::total_cmp);
-        (z - *median).abs() > OUTSTANDING_M
+        let alike = around.iter().filter(|other| (*other - z).abs() < (*other - median).abs()).count();
+        alike < least.min(around.len() / LEAST_PART)
     };
     Grid2::from_rows(altitude.width, altitude.height, |row, line| {
         let mut around = Vec::new();

@@ -91,7 +91,36 @@ fn heights_confirmed_and_filled_are_kept_apart_everywhere() {
     assert!((sum - scores["completeness"].as_f64().unwrap()).abs() < 1e-9, "{scores}");
     assert!(score("confirmed", "completeness") < 0.9, "{scores}");
 
+    needles_are_not_confirmed(&place);
     without_fills(&place, &run, &heights, &views, scores);
+}
+
+/// On the lake, which has no texture, views agree on heights of up to 24.6 m above the water: single cells, whose neighbours
+/// deny them.
+fn needles_are_not_confirmed(place: &Place) {
+    let classes = ImageFile::open(Path::new("data/town/truth/TOWN_CLS.tif")).unwrap();
+    let (map, classes) = (classes.map_grid().unwrap(), classes.read(1).unwrap());
+    let dsm = ImageFile::open(&place.file("run/dsm.tif")).unwrap();
+    let (grid, heights) = (dsm.map_grid().unwrap(), dsm.read(1).unwrap());
+    let views = band(&place.file("run/confidence.tif"), 3);
+    // Farther from the shore than the surface is from its true place.
+    let is_water = |col: i64, row: i64| {
+        let around = (-5..=5).flat_map(|r| (-5..=5).map(move |c| (col + c, row + r)));
+        around.into_iter().all(|(c, r)| (classes.get(c, r) - 9.0).abs() < 0.5)
+    };
+    let cells = (0..grid.height).flat_map(|row| (0..grid.width).map(move |col| (col, row)));
+    let of_lake = cells.filter(|(col, row)| {
+        let px = map.corner_px_from_utm(grid.cell_center(*col, *row));
+        !heights.at(*col, *row).is_nan() && is_water(px.col.floor() as i64, px.row.floor() as i64)
+    });
+    let lake: Vec<(f32, f32)> = of_lake.map(|(c, r)| (heights.at(c, r), views.at(c, r))).collect();
+    let mut levels: Vec<f32> = lake.iter().map(|cell| cell.0).collect();
+    levels.sort_by(f32::total_cmp);
+    let level = levels[levels.len() / 2];
+    let confirmed = lake.iter().filter(|cell| cell.1 >= 2.0).count();
+    let needles = lake.iter().filter(|cell| cell.1 >= 2.0 && (cell.0 - level).abs() > 3.0).count();
+    assert!(lake.len() > 500 && confirmed > 100, "{confirmed} of {}", lake.len());
+    assert_eq!(needles, 0, "of {confirmed} confirmed cells of water");
 }
 
 fn without_fills(place: &Place, run: &str, heights: &Grid2, views: &Grid2, before: &Value) {
