@@ -4,7 +4,6 @@ use super::breakdown::Groups;
 use super::registration::{Method, Registration, register};
 use super::resample::{Sampling, onto_grid};
 use super::{HeightRaster, MetricsError, PartScores, Scores, Truth, filled_by_nearest};
-use crate::dsm::is_confirmed;
 use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, MapGrid, VerticalReference};
 use rayon::prelude::*;
@@ -163,15 +162,15 @@ impl Evaluation {
     }
 }
 
-/// Scores `prediction` against `truth` with every registration. Where `views` holds the number of views that see each cell of
-/// the prediction, cells that at least two of them confirm and the others are scored apart too.
+/// Scores `prediction` against `truth` with every registration. Where `confirmed` tells which cells of the prediction two
+/// views or more confirm, these and the others are scored apart too.
 ///
 /// # Errors
 /// [`MetricsError::NoOverlap`] with fewer than 100 common cells, [`MetricsError::Frame`] when the two systems
 /// cannot be brought together.
 pub fn evaluate(
     mut prediction: HeightRaster,
-    views: Option<&Grid2>,
+    confirmed: Option<&[bool]>,
     mut truth: Truth,
 ) -> Result<Evaluation, MetricsError> {
     bring_together(&mut prediction, &mut truth)?;
@@ -202,9 +201,9 @@ pub fn evaluate(
     drop(raster);
     let notes = notes(&prediction, &truth, sampling, -registrations[0].dz_m);
     let groups = Groups::of(&truth);
-    let confirmed = views.map(|views| {
-        let heights = prediction.height.data.iter().zip(&views.data);
-        let data = heights.map(|(z, views)| if is_confirmed(*views) { *z } else { f32::NAN }).collect();
+    let confirmed = confirmed.map(|confirmed| {
+        let heights = prediction.height.data.iter().zip(confirmed);
+        let data = heights.map(|(z, is_confirmed)| if *is_confirmed { *z } else { f32::NAN }).collect();
         Grid2 { data, ..prediction.height }
     });
     let mut evaluation = Evaluation {

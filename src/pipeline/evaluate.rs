@@ -1,8 +1,8 @@
 //! Scores of a surface model against a reference: `satgs dsm-eval`.
 
 use super::PipelineError;
-use crate::dsm::VIEWS_BAND;
-use crate::io::{Cog, Grid2, ImageFile, VerticalReference, check_writable, write_file};
+use crate::dsm::{VIEWS_BAND, is_confirmed};
+use crate::io::{Cog, ImageFile, VerticalReference, check_writable, write_file};
 use crate::metrics::{
     self, Evaluation, HeightRaster, Method, Truth, TruthOptions, error_picture, error_style,
 };
@@ -72,8 +72,8 @@ pub fn evaluate(
         check_writable(&folder.join(METRICS))?;
     }
     progress.check()?;
-    let views = views_of(&prediction, options.confidence.as_deref())?;
-    let evaluation = metrics::evaluate(prediction, views.as_ref(), truth)?;
+    let confirmed = confirmed_cells(&prediction, options.confidence.as_deref())?;
+    let evaluation = metrics::evaluate(prediction, confirmed.as_deref(), truth)?;
     for note in &evaluation.notes {
         progress.event(Event::Note(note.clone()));
     }
@@ -83,9 +83,12 @@ pub fn evaluate(
     Ok(evaluation)
 }
 
-/// The number of views that see each cell of a surface model, by its confidence; none without one, or if they are not
+/// Which cells of a surface model two views or more confirm, by its confidence; none without one, or if its views are not
 /// counted. A file that was not asked for is passed over unless it is a confidence of the same cells.
-fn views_of(prediction: &HeightRaster, asked: Option<&Path>) -> Result<Option<Grid2>, PipelineError> {
+fn confirmed_cells(
+    prediction: &HeightRaster,
+    asked: Option<&Path>,
+) -> Result<Option<Vec<bool>>, PipelineError> {
     let beside = prediction.path.with_file_name(CONFIDENCE);
     if asked.is_none() && !beside.exists() {
         return Ok(None);
@@ -98,7 +101,7 @@ fn views_of(prediction: &HeightRaster, asked: Option<&Path>) -> Result<Option<Gr
     match (views, asked) {
         (Ok(Some(views)), _) => {
             let are_counted = views.valid().next().is_some();
-            Ok(are_counted.then_some(views))
+            Ok(are_counted.then(|| views.data.iter().map(|views| is_confirmed(*views)).collect()))
         }
         (Err(source), Some(_)) => Err(source.into()),
         (Ok(None), Some(_)) => {
