@@ -26,6 +26,9 @@ const REFINED: usize = 60_000;
 /// grids, each around the best shift so far.
 const STARTS: usize = 6;
 const ROUNDS: usize = 5;
+/// Half the side and step of the last grid, around the best shift, metres: few points have minima that are close to each other.
+const NEAR_M: f64 = 2.0;
+const NEAR_STEP_M: f64 = 0.25;
 /// Differences of heights are clipped at this, metres.
 const CLIP_M: f32 = 3.0;
 /// Smallest number of points on the reference, and smallest fraction of the most points that any shift has on it.
@@ -138,14 +141,16 @@ pub fn to_surface(
 ) -> Result<Coregistration, CoregisterError> {
     let search = TranslationSearch::new(points, epsg, reference)?;
     let no_overlap = |common| CoregisterError::NoOverlap { reference: reference.path.clone(), common };
-    let mut best = search.best_around([0.0; 2]).map_err(no_overlap)?;
+    let mut best = search.best_around([0.0; 2], REACH_M, STEP_M).map_err(no_overlap)?;
     // The search is repeated until no shift around the best one is better, so that an aligned scene has the shift zero.
-    for _ in 0..ROUNDS {
-        let next = search.best_around(best.at).map_err(no_overlap)?;
-        if next.mean_m >= best.mean_m {
-            break;
+    for (reach_m, step_m) in [(REACH_M, STEP_M), (NEAR_M, NEAR_STEP_M)] {
+        for _ in 0..ROUNDS {
+            let next = search.best_around(best.at, reach_m, step_m).map_err(no_overlap)?;
+            if next.mean_m >= best.mean_m {
+                break;
+            }
+            best = next;
         }
-        best = next;
     }
     if best.at.iter().any(|v| v.abs() >= REACH_M) {
         return Err(CoregisterError::TooFar { reference: reference.path.clone() });
@@ -240,10 +245,11 @@ impl<'a> TranslationSearch<'a> {
         Translation { at, up_m, mean_m: sum / off.len() as f64, common: off.len() }
     }
 
-    /// The best shift of a grid around a position; else the number of points on the reference.
-    fn best_around(&self, middle: [f64; 2]) -> Result<Translation, usize> {
-        let steps = (REACH_M / STEP_M) as i32;
-        let axis = |k: usize| (-steps..=steps).map(move |i| middle[k] + f64::from(i) * STEP_M);
+    /// The best shift of a grid around a position, of which half the side and the step are given in metres; else the number
+    /// of points on the reference.
+    fn best_around(&self, middle: [f64; 2], reach_m: f64, step_m: f64) -> Result<Translation, usize> {
+        let steps = (reach_m / step_m) as i32;
+        let axis = |k: usize| (-steps..=steps).map(move |i| middle[k] + f64::from(i) * step_m);
         let grid: Vec<[f64; 2]> = axis(1).flat_map(|north| axis(0).map(move |east| [east, north])).collect();
         let (ranked, most) = self.ranked(&grid, SCREENED);
         if most * self.cells.len().div_ceil(SCREENED) < FEWEST {

@@ -131,6 +131,7 @@ def dsm(
     like: PathLike | None = None,
     vertical: str | None = None,
     fill_m: float | None = None,
+    no_fill: bool | None = None,
     hillshade: bool | None = None,
     points: PathLike | None = None,
     mesh: PathLike | None = None,
@@ -149,6 +150,8 @@ def dsm(
         vertical: Vertical reference of the heights: ``ellipsoid``, ``EGM84``, ``EGM96``, ``EGM2008`` or the file of a geoid
             grid. ``None``: that of an existing ``RUN/dsm.tif``, else the ellipsoid.
         fill_m: Interpolate holes up to this width, metres. ``None``: holes stay nodata.
+        no_fill: Leave cells that fewer than two views confirm as nodata. ``None``: they are filled in from the cells around
+            them, and ``confidence.tif`` has fewer than two views there.
         hillshade: Also write the shaded relief, ``RUN/hillshade.tif``.
         points: Also write the cells as a coloured point cloud (``.laz``, ``.las``); a relative path counts from ``run``.
         mesh: Also write a textured mesh (``.glb``); a relative path counts from ``run``.
@@ -171,6 +174,7 @@ def compare(
     mask: PathLike | None = None,
     truth_vertical: str | None = None,
     truth_epsg: int | None = None,
+    confidence: PathLike | None = None,
     output: PathLike | None = None,
     overwrite: bool | None = None,
     progress: Progress | None = None,
@@ -186,6 +190,9 @@ def compare(
         truth_vertical: Vertical reference of the truth's heights: ``ellipsoid``, ``EGM84``, ``EGM96``, ``EGM2008`` or the file of
             a geoid grid. ``None``: as the file says.
         truth_epsg: EPSG code of a point cloud that does not state its own.
+        confidence: Confidence of the surface model, as :func:`dsm` writes it; with it, cells that two views confirm and cells
+            that are filled in are scored apart too. ``None``: ``confidence.tif`` beside the surface model, if it has the same
+            cells.
         output: Folder for ``metrics.json``, the error map and figures. ``None``: nothing is written.
         overwrite: Replace files of an earlier evaluation.
         progress: As for :func:`adjust`.
@@ -230,6 +237,7 @@ def run(
     like: PathLike | None = None,
     vertical: str | None = None,
     fill_m: float | None = None,
+    no_fill: bool | None = None,
     hillshade: bool | None = None,
     points: PathLike | None = None,
     mesh: PathLike | None = None,

@@ -174,19 +174,36 @@ class MapGrid:
 
 
 @dataclass(frozen=True)
+class CellCounts:
+    """Cells of a surface model by what their heights rest on.
+
+    Attributes:
+        all: All cells of the grid.
+        with_height: Cells with a height.
+        confirmed: Of these, cells that at least two views confirm; ``None`` where views are not counted, of photographs.
+        filled: Of these, cells that fewer views confirm: their heights are filled in from the cells around them.
+    """
+
+    all: int
+    with_height: int
+    confirmed: int | None
+    filled: int | None
+
+
+@dataclass(frozen=True)
 class DsmSummary:
     """Result of :func:`satgs.dsm`.
 
     Attributes:
         grid: Grid of the rasters.
         vertical: Name of the vertical reference of the heights, for example ``WGS 84 ellipsoid``.
-        seen_percent: Share of the cells with a height, percent.
+        cells: Cells with a height, and what their heights rest on.
         was_complete: Whether the surface model was there already.
     """
 
     grid: MapGrid
     vertical: str
-    seen_percent: float
+    cells: CellCounts
     was_complete: bool
 
 
@@ -248,6 +265,9 @@ class RegisteredScores(Scores):
         dz_m: Metres added to the heights.
         east_m: Metres that the surface model is moved east.
         north_m: Metres that the surface model is moved north.
+        confirmed: Scores of the cells that at least two views confirm, as if the others were nodata; ``None`` where the numbers
+            of views are not known.
+        filled: Scores of the other predicted cells, whose heights are filled in from the cells around them.
         breakdown: Scores of parts of the land.
     """
 
@@ -257,6 +277,8 @@ class RegisteredScores(Scores):
     dz_m: float
     east_m: float
     north_m: float
+    confirmed: Scores | None
+    filled: Scores | None
     breakdown: tuple[PartScores, ...] = field(repr=False)
 
 
@@ -333,6 +355,7 @@ class Mosaicked:
 
     Attributes:
         grid: Grid of the rasters.
+        cells: Cells with a height, and what their heights rest on.
         tiles: Number of tiles in the mosaic.
         failed: Tiles that are not done: their cores have no data.
         seams: Differences at the seams.
@@ -340,6 +363,7 @@ class Mosaicked:
     """
 
     grid: MapGrid
+    cells: CellCounts
     tiles: int
     failed: tuple[FailedTile, ...]
     seams: SeamSummary

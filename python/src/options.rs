@@ -162,6 +162,7 @@ pub struct DsmArgs {
     like: Option<PathBuf>,
     vertical: Option<String>,
     fill_m: Option<f64>,
+    no_fill: Option<bool>,
     hillshade: Option<bool>,
     points: Option<PathBuf>,
     mesh: Option<PathBuf>,
@@ -176,6 +177,7 @@ impl DsmArgs {
             like: self.like.or(default.like),
             vertical: self.vertical.or(default.vertical),
             fill_m: self.fill_m.or(default.fill_m),
+            no_fill: self.no_fill.unwrap_or(default.no_fill),
             hillshade: self.hillshade.unwrap_or(default.hillshade),
             points: self.points.or(default.points),
             mesh: self.mesh.or(default.mesh),
@@ -193,6 +195,7 @@ pub struct TruthArgs {
     mask: Option<PathBuf>,
     truth_vertical: Option<String>,
     truth_epsg: Option<u32>,
+    confidence: Option<PathBuf>,
     overwrite: Option<bool>,
 }
 
@@ -204,6 +207,7 @@ impl TruthArgs {
             mask: self.mask.or(default.mask),
             vertical: self.truth_vertical.or(default.vertical),
             epsg: self.truth_epsg.or(default.epsg),
+            confidence: self.confidence.or(default.confidence),
             overwrite: self.overwrite.unwrap_or(default.overwrite),
         }
     }

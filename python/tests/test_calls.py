@@ -41,10 +41,14 @@ def test_a_run_makes_all_products(whole: Whole) -> None:
     assert result.trained.iterations == 60 and result.trained.splats > 1000
     assert len(result.adjusted.views) == 3 and result.adjusted.mean_px < result.adjusted.mean_before_px
     assert result.adjusted.left_out == ()
-    assert result.dsm.grid.cell == 0.5 and "ellipsoid" in result.dsm.vertical and result.dsm.seen_percent > 70.0
+    assert result.dsm.grid.cell == 0.5 and "ellipsoid" in result.dsm.vertical
+    cells = result.dsm.cells
+    assert cells.confirmed is not None and cells.filled is not None
+    assert 0.7 * cells.all < cells.with_height == cells.confirmed + cells.filled
     assert result.evaluation is not None
     scores = result.evaluation.after("xyz")
     assert scores.mae_m < 2.0 and scores.method == "xyz" and scores.completeness > 0.7
+    assert scores.confirmed is not None and scores.confirmed.completeness < scores.completeness
     assert not (result.adjusted.was_complete or result.trained.was_complete or result.dsm.was_complete)
     assert "mae_m=" in repr(scores)
     with pytest.raises(dataclasses.FrozenInstanceError):

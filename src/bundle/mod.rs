@@ -24,6 +24,7 @@ mod cell_tracks;
 mod control;
 mod control_check;
 mod correction;
+mod duplicates;
 mod error;
 mod features;
 mod figures;

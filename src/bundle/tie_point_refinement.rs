@@ -2,6 +2,7 @@
 
 use super::adjuster::Adjuster;
 use super::correction::CorrectionModel;
+use super::duplicates::merge_duplicates;
 use super::error::BundleError;
 use super::network::{Estimate, LOSS_SCALES_PX};
 use super::patches::{ImagePatch, LsmMatcher, ground_tiles};
@@ -24,7 +25,8 @@ const TILE_PX: f64 = 2048.0;
 
 impl Adjuster<'_> {
     /// Measures every track again by least-squares matching in all views, and adjusts to these observations; tracks that
-    /// the matching does not confirm keep their keypoints with the weight [`UNCONFIRMED_WEIGHT`].
+    /// the matching does not confirm keep their keypoints with the weight [`UNCONFIRMED_WEIGHT`]. Tracks that turn out to be
+    /// of the same point are merged.
     pub(super) fn refine_tie_points(
         &self,
         estimate: &mut Estimate,
@@ -63,6 +65,12 @@ impl Adjuster<'_> {
             .iter()
             .filter(|t| t.prior.is_none() && t.observations[0].weight > UNCONFIRMED_WEIGHT);
         tracing::debug!("patches confirm {} of {} tracks", confirmed.count(), estimate.tracks.len());
+        let kept = merge_duplicates(&mut estimate.tracks);
+        tracing::debug!(
+            "{} tracks are of points that others observe too",
+            estimate.points.len() - kept.len()
+        );
+        estimate.points = kept.iter().map(|i| estimate.points[*i]).collect();
         self.network.refine(estimate, &LOSS_SCALES_PX[1..], model, MIN_PATCH_LIMIT_PX)?;
         self.drop_ill_conditioned(estimate, model);
         self.progress.event(Event::Finished);

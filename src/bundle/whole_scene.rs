@@ -4,6 +4,7 @@ use super::adjuster::{Adjuster, Outcome, attempt, warn_left_out};
 use super::cell::{most_tracks, tracks_of_cell};
 use super::cell_grid::{CellGrid, GroundCell};
 use super::cell_tracks::{CellFile, CellResult, CellTrack};
+use super::duplicates::merge_duplicates;
 use super::error::BundleError;
 use super::network::{Estimate, LOSS_SCALES_PX};
 use super::options::BundleOptions;
@@ -169,7 +170,9 @@ impl<'a> Adjuster<'a> {
     ) -> Result<Outcome, BundleError> {
         self.set_datum(scene, options)?;
         let mut estimate = Estimate::start(self.views.len());
-        let tied = self.tracks_of_cells(scene, results);
+        let mut tied = self.tracks_of_cells(scene, results);
+        // Points at the border of two cells are in both.
+        merge_duplicates(&mut tied);
         let groups =
             tracks::components(self.views.len(), tied.iter().map(|t| t.observations.iter().map(|m| m.view)));
         if groups.len() > 1 {

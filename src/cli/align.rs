@@ -10,8 +10,8 @@ use std::path::PathBuf;
 /// The shift is estimated from RUN/dsm.tif, or from the sparse points of a run without one. It is applied to RUN/ba
 /// (corrected RPCs, points, tie points), cameras.json, the splats, the surfaces in RUN/train, dsm.tif, ortho.tif,
 /// confidence.tif and hillshade.tif: to all of them or, if the command fails, to none. RUN/align.json records the shift.
-/// Scores in RUN/eval and products such as point clouds, meshes and rendered images are not changed; `satgs dsm RUN`
-/// renders the surface again on a grid aligned to multiples of the cell size.
+/// Point clouds, meshes and scores in RUN show the place before and are removed, which is said; rendered images and files elsewhere
+/// are not changed. `satgs dsm RUN` renders the surface again on a grid aligned to multiples of the cell size.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Run folder of `satgs ba`, or of later stages

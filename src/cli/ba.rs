@@ -83,20 +83,6 @@ impl Args {
         self.scene.path()
     }
 
-    /// Refuses options that a perspective scene does not have, and an output inside of the scene.
-    pub fn require_perspective(&self) -> Result<(), CliError> {
-        self.scene.require_no_satellite_option()?;
-        let given = [
-            ("--height-range", self.height_range.is_some()),
-            ("--dem", self.dem.is_some()),
-            ("--gcps", self.gcps.is_some()),
-            ("--reference", !self.reference.is_empty()),
-            ("--fixed", self.fixed),
-        ];
-        super::perspective_args::refuse(&given, "satellite scenes", self.scene.path())?;
-        refuse_output_inside(&self.output, self.scene.path())
-    }
-
     /// Whether to replace what is there.
     pub fn overwrite(&self) -> bool {
         self.overwrite
@@ -158,7 +144,7 @@ pub fn require_all(run: &Path, left_out: &[LeftOut]) -> Result<(), CliError> {
 }
 
 /// A run folder among the images would be read as part of the scene the next time.
-fn refuse_output_inside(output: &Path, scene: &Path) -> Result<(), CliError> {
+pub fn refuse_output_inside(output: &Path, scene: &Path) -> Result<(), CliError> {
     let absolute = |p: &Path| std::fs::canonicalize(p).ok();
     let same = absolute(output).is_some_and(|o| Some(o) == absolute(scene));
     if same {

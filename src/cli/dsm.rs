@@ -13,7 +13,9 @@ use std::path::{Path, PathBuf};
 /// mean altitude of the splats over 3 x 3 cells. ortho.tif is the orthophoto: the colours of the reference view (the training view nearest to
 /// nadir with a high sun) without
 /// shadows. confidence.tif has three bands: opacity of the splats, standard deviation of their altitudes (m), and number
-/// of views that see the cell, 0 where the height is interpolated. Cells that fewer than two images cover are nodata.
+/// of views that see the cell: two or more confirm its height, otherwise it is filled in from the cells around it (--no-fill
+/// leaves such cells as nodata). Cells that fewer than two images cover are nodata. Points, mesh and hillshade of a surface
+/// that is replaced are written again, its scores in RUN/eval are removed.
 /// dsm.qml is a QGIS style for dsm.tif, hillshade.png a picture of the surface.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -43,6 +45,10 @@ pub struct Options {
     /// Interpolate holes up to this width, metres; confidence.tif has 0 views there [default: holes stay nodata]
     #[arg(long, value_name = "M")]
     fill: Option<f64>,
+    /// Leave cells that fewer than two views confirm as nodata. Without this option they are filled in from the cells around
+    /// them, and confidence.tif has fewer than two views there
+    #[arg(long, conflicts_with = "fill")]
+    no_fill: bool,
     /// Also write the shaded relief as a raster: RUN/hillshade.tif
     #[arg(long)]
     hillshade: bool,
@@ -63,6 +69,7 @@ impl Options {
             like: self.like.clone(),
             vertical: self.vertical.clone(),
             fill_m: self.fill,
+            no_fill: self.no_fill,
             hillshade: self.hillshade,
             points: self.points.clone(),
             mesh: self.mesh.clone(),
@@ -80,13 +87,13 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
 pub fn show(run: &Path, outcome: &Outcome<DsmSummary>, ui: &Ui) -> Result<(), CliError> {
     let text = |s: &DsmSummary| {
         format!(
-            "{} x {} cells of {} m, EPSG:{}, heights above {}, {:.1} % seen\n{}\n{}",
+            "{} x {} cells of {} m, EPSG:{}, heights above {}\n{}\n{}\n{}",
             s.grid.width,
             s.grid.height,
             s.grid.cell,
             s.grid.epsg,
             s.vertical,
-            s.seen_percent,
+            s.cells.text(),
             run.join(DSM).display(),
             run.join(ORTHO).display()
         )

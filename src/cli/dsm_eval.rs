@@ -16,8 +16,9 @@ Registrations of the surface model to the truth:
   xyz  is the shift in three dimensions with the smallest MAE
 dx, dy: offset in cells (columns, rows) at which the surface model is sampled; east, north, dz: the
 shift of the surface model that this is, in metres (east = -dx cells, north = dy cells).
-Without classes water is scored like land. Compare MAEs of several surface
-models only where their completeness is at least 0.99.
+Without classes water is scored like land. Completeness counts cells that are filled in
+too; the row `confirmed` has that of cells which two views or more confirm. Compare MAEs of
+several surface models only where their completeness is at least 0.99.
 
 Examples:
   satgs dsm-eval run/dsm.tif JAX_068_DSM.tif   (finds JAX_068_DSM.txt, JAX_068_CLS.tif by name)
@@ -28,6 +29,10 @@ pub struct Args {
     dsm: PathBuf,
     #[command(flatten)]
     truth: TruthArgs,
+    /// Confidence of the surface model, as `satgs dsm` writes it: cells that at least two views confirm and cells that are filled
+    /// in are scored apart too [default: confidence.tif beside the surface model, if it has the same cells]
+    #[arg(long, value_name = "FILE")]
+    confidence: Option<PathBuf>,
     /// Folder for metrics.json, the error map (error.tif with a QGIS style, error.png) and figures, after registration xyz
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -73,6 +78,7 @@ impl TruthOptionArgs {
             mask: self.mask.clone(),
             vertical: self.truth_vertical.clone(),
             epsg: self.truth_crs,
+            confidence: None,
             overwrite,
         }
     }
@@ -80,7 +86,8 @@ impl TruthOptionArgs {
 
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
-    let options = args.truth.options.options(args.overwrite);
+    let options =
+        EvaluateOptions { confidence: args.confidence.clone(), ..args.truth.options.options(args.overwrite) };
     show(&evaluate(&args.dsm, &args.truth.truth, &options, args.output.as_deref(), ui)?, ui)
 }
 

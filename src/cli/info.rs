@@ -2,6 +2,7 @@
 
 use super::perspective_args::PerspectiveArgs;
 use super::scene_args::SceneArgs;
+use super::scene_kind::SceneKind;
 use super::{CliError, Ui, perspective_info};
 use crate::io::{ImageFile, Outline, check_writable, write_outlines};
 use crate::perspective::PerspectiveScene;
@@ -44,12 +45,10 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     if PerspectiveScene::is_one(args.scene.path()) {
-        let given = [("--footprints", args.footprints.is_some()), ("--skyplot", args.skyplot.is_some())];
-        super::perspective_args::refuse(&given, "satellite scenes", args.scene.path())?;
-        args.scene.require_no_satellite_option()?;
+        ui.given().require_of(SceneKind::Photographs, args.scene.path())?;
         return perspective_info::run(args.scene.path(), &args.perspective.options(), ui);
     }
-    args.perspective.require_default(args.scene.path())?;
+    ui.given().require_of(SceneKind::Satellites, args.scene.path())?;
     for file in [&args.footprints, &args.skyplot].into_iter().flatten() {
         if file.exists() && !args.overwrite {
             return Err(CliError::input(format!("`{}` exists", file.display()), "--overwrite replaces it"));

@@ -26,12 +26,13 @@ mod report;
 mod rpc;
 mod run;
 mod scene_args;
+mod scene_kind;
 mod simulate;
 mod tile;
 mod train;
 mod view;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 pub use error::{CliError, ExitStatus};
 pub use perspective_args::PerspectiveArgs;
 pub use scene_args::SceneArgs;
@@ -111,8 +112,13 @@ pub fn main() -> std::process::ExitCode {
 /// code.
 #[must_use]
 pub fn run_command_line(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
-    let cli = match Cli::try_parse_from(words) {
-        Ok(cli) => cli,
+    let mut program = Cli::command();
+    let parsed = program.try_get_matches_from_mut(words).and_then(|matches| {
+        let cli = Cli::from_arg_matches(&matches).map_err(|e| e.format(&mut program))?;
+        Ok((cli, scene_kind::Given::of(&program, &matches)))
+    });
+    let (cli, given) = match parsed {
+        Ok(parsed) => parsed,
         Err(e) => {
             // Help and version are no errors; clap prints each to its own stream and knows its exit code.
             let code = e.exit_code();
@@ -123,7 +129,7 @@ pub fn run_command_line(words: impl IntoIterator<Item = std::ffi::OsString>) -> 
             return u8::try_from(code).unwrap_or(ExitStatus::WrongInput as u8);
         }
     };
-    let ui = Ui::new(&cli.common);
+    let ui = Ui::new(&cli.common, given);
     let result = ui.set_up().and_then(|()| match &cli.command {
         Command::Simulate(args) => simulate::run(args, &ui),
         Command::Info(args) => info::run(args, &ui),

@@ -44,7 +44,7 @@ pub fn show(run: &Path, outcome: &Outcome<Mosaicked>, ui: &Ui) -> Result<(), Cli
 }
 
 fn text(run: &Path, m: &Mosaicked) -> String {
-    format!("{}\n{}\n{}", seams(m), run.join(DSM).display(), run.join(ORTHO).display())
+    format!("{}\n{}\n{}\n{}", seams(m), m.cells.text(), run.join(DSM).display(), run.join(ORTHO).display())
 }
 
 /// The number of tiles, and the differences at their seams.

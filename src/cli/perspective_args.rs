@@ -1,8 +1,7 @@
 //! The arguments of every command that reads a perspective scene.
 
-use super::CliError;
 use crate::perspective::{GeoreferenceSource, PerspectiveOptions, TEST_EVERY, TestViews};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// How a perspective scene is read.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -33,16 +32,6 @@ impl PerspectiveArgs {
     pub fn options(&self) -> PerspectiveOptions {
         PerspectiveOptions { georeference: self.georef.clone(), ..self.images.options() }
     }
-
-    /// Refuses these options for a scene that is no perspective scene.
-    pub fn require_default(&self, scene: &Path) -> Result<(), CliError> {
-        let given = [
-            ("--georef", self.georef.is_some()),
-            ("--test-views", self.images.test_views.is_some()),
-            ("--downsampling", self.images.downsampling.is_some()),
-        ];
-        refuse(&given, "perspective scenes", scene)
-    }
 }
 
 impl ImageArgs {
@@ -54,13 +43,6 @@ impl ImageArgs {
             downsampling: self.downsampling.as_deref().and_then(|n| n.parse().ok()).unwrap_or(1),
         }
     }
-}
-
-/// An error if one of the options is given.
-pub fn refuse(given: &[(&str, bool)], only_for: &str, scene: &Path) -> Result<(), CliError> {
-    let Some((option, _)) = given.iter().find(|(_, is_given)| *is_given) else { return Ok(()) };
-    let message = format!("{option} is for {only_for}, which `{}` is not", scene.display());
-    Err(CliError::input(message, "`satgs info SCENE` without options shows what a scene is"))
 }
 
 fn parse_georeference(text: &str) -> Result<GeoreferenceSource, String> {

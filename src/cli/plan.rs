@@ -32,6 +32,9 @@ pub struct Args {
     /// Interpolate holes up to this width, metres [default: holes stay nodata]
     #[arg(long, value_name = "M")]
     fill: Option<f64>,
+    /// Leave cells that fewer than two views confirm as nodata [default: they are filled in from the cells around them]
+    #[arg(long, conflicts_with = "fill")]
+    no_fill: bool,
 }
 
 /// How an area is cut.
@@ -72,7 +75,12 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
         overlap_m: args.tiling.overlap,
         max_memory_mb: args.tiling.max_memory,
         resolution_m: args.resolution,
-        surface: TileSurface { vertical: args.vertical.clone(), fill_m: args.fill, ..TileSurface::default() },
+        surface: TileSurface {
+            vertical: args.vertical.clone(),
+            fill_m: args.fill,
+            no_fill: args.no_fill,
+            ..TileSurface::default()
+        },
         train: args.training.options(Recipe::NAMES[0], overwrite),
         overwrite,
     };

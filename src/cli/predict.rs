@@ -1,8 +1,9 @@
 //! `satgs predict`: splats from points in one pass.
 
+use super::scene_kind::SceneKind;
 use super::{CliError, PerspectiveArgs, Ui, ending};
 use crate::perspective::PerspectiveScene;
-use crate::pipeline::{POINT_ENDINGS, PredictOptions, Predicted, Untrained, predict};
+use crate::pipeline::{POINT_ENDINGS, PerspectiveManifest, PredictOptions, Predicted, Untrained, predict};
 use crate::run_files::SCENE;
 use std::path::PathBuf;
 
@@ -63,8 +64,12 @@ enum Kind {
 /// Runs the command.
 pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let is_scene = PerspectiveScene::is_one(&args.run) && !args.run.join(SCENE).exists();
+    let is_of_photographs = is_scene || PerspectiveManifest::read(&args.run).is_ok();
+    let kind = if is_of_photographs { SceneKind::Photographs } else { SceneKind::Satellites };
+    ui.given().require_of(kind, &args.run)?;
     if !is_scene {
-        args.perspective.require_default(&args.run)?;
+        // How a scene is read is settled in a run of it.
+        ui.given().require_of(SceneKind::Satellites, &args.run)?;
     }
     let options = PredictOptions {
         points: args.points.clone(),

@@ -1,6 +1,7 @@
 //! `satgs run`: every stage in a row.
 
 use super::perspective_args::PerspectiveArgs;
+use super::scene_kind::SceneKind;
 use super::{CliError, Ui, ba, dsm, dsm_eval, mosaic, nvs_eval, plan, report, train};
 use crate::bundle::LeftOut;
 use crate::perspective::PerspectiveScene;
@@ -42,7 +43,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     if PerspectiveScene::is_one(args.ba.scene()) {
         return run_photographs(args, ui);
     }
-    args.perspective.require_default(args.ba.scene())?;
+    ui.given().require_of(SceneKind::Satellites, args.ba.scene())?;
     let stages = RunOptions {
         adjust: args.ba.options(),
         train: args.training.options(Recipe::NAMES[0], overwrite),
@@ -95,12 +96,8 @@ fn show_stage(run: &Path, result: &StageResult, ui: &Ui) -> Result<(), CliError>
 /// Runs the stages of a perspective scene.
 fn run_photographs(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let (run, overwrite) = (args.ba.output(), args.ba.overwrite());
-    args.ba.require_perspective()?;
-    super::perspective_args::refuse(
-        &[("--truth", args.truth.is_some())],
-        "satellite scenes",
-        args.ba.scene(),
-    )?;
+    ui.given().require_of(SceneKind::Photographs, args.ba.scene())?;
+    ba::refuse_output_inside(run, args.ba.scene())?;
     let options = PerspectiveRunOptions {
         scene: args.perspective.options(),
         train: args.training.options(Recipe::OF_PERSPECTIVE_SCENES, overwrite),

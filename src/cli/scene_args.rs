@@ -55,20 +55,6 @@ impl SceneArgs {
         &self.scene
     }
 
-    /// Refuses options that a perspective scene does not have.
-    pub fn require_no_satellite_option(&self) -> Result<(), CliError> {
-        let given = [
-            ("--rpcs", self.rpcs.is_some()),
-            ("--sun", !self.suns.is_empty()),
-            ("--aoi", self.aoi.is_some()),
-            ("--bands", self.bands.is_some()),
-            ("--stretch", self.stretch.is_some()),
-            ("--gamma", self.gamma.0.is_some()),
-            ("--trust-rpc", self.trust_rpc),
-        ];
-        super::perspective_args::refuse(&given, "satellite scenes", &self.scene)
-    }
-
     /// Reads the scene and shows its warnings.
     pub fn read(&self, height_range: Option<(f64, f64)>, ui: &Ui) -> Result<Scene, CliError> {
         PerspectiveScene::require_satellite(&self.scene)?;

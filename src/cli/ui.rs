@@ -1,5 +1,6 @@
 //! What the user sees: progress bars on a terminal, log lines, the summary, the error.
 
+use super::scene_kind::Given;
 use super::{CliError, Common, ExitStatus, interrupt};
 use crate::pipeline::Outcome;
 use crate::progress::{Event, Progress};
@@ -14,6 +15,7 @@ const LINE_EVERY: Duration = Duration::from_secs(60);
 /// The user's side of a command.
 pub struct Ui {
     common: Common,
+    given: Given,
     summaries: Mutex<serde_json::Map<String, serde_json::Value>>,
     stage: Mutex<Option<Stage>>,
     /// Why standard output did not take everything.
@@ -28,15 +30,21 @@ struct Stage {
 }
 
 impl Ui {
-    /// From the options every command has.
+    /// From the options every command has, and those that were typed.
     #[must_use]
-    pub fn new(common: &Common) -> Self {
+    pub(super) fn new(common: &Common, given: Given) -> Self {
         Self {
             common: common.clone(),
+            given,
             summaries: Mutex::default(),
             stage: Mutex::new(None),
             lost: Mutex::new(None),
         }
+    }
+
+    /// The options that were typed.
+    pub(super) fn given(&self) -> &Given {
+        &self.given
     }
 
     /// Starts logging and the thread pool, and takes Ctrl-C over.

@@ -1,6 +1,7 @@
 //! Confidence of a surface model in each cell, and removal and filling of cells.
 
 use super::Dsm;
+use super::spikes::spikes;
 use crate::affine::ViewCamera;
 use crate::frame::{CenterPx, Pixel, SiteGrid};
 use crate::io::{Grid2, ValidPixels};
@@ -74,13 +75,16 @@ impl Dsm {
         confidence.views = seeing;
     }
 
-    /// Sets the number of views to 0 where the matched surface was filled instead of measured, which its score of 0 marks.
+    /// Sets the number of views to 0 where the matched surface was filled instead of measured, which its score of 0 marks, and
+    /// where it has a spike that the cells around it deny.
     pub fn mark_filled(&mut self, matched: &MatchedSurface) {
         let Self { grid, confidence, .. } = self;
+        let spikes = spikes(&matched.altitude, matched.grid.cell);
         confidence.views.data.par_chunks_mut(grid.width).enumerate().for_each(|(row, views)| {
             for (col, views) in views.iter_mut().enumerate() {
                 let px = matched.grid.corner_px_from_utm(grid.cell_center(col, row));
-                if matched.score.get(px.col.floor() as i64, px.row.floor() as i64) == 0.0 {
+                let (col, row) = (px.col.floor() as i64, px.row.floor() as i64);
+                if matched.score.get(col, row) == 0.0 || spikes.get(col, row) > 0.0 {
                     *views = 0.0;
                 }
             }

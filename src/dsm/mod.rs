@@ -6,16 +6,19 @@
 
 mod altitude;
 mod confidence;
+mod counts;
 mod heights;
 mod hillshade;
 mod mesh;
 mod nadir;
 mod points;
 mod render;
+mod spikes;
 mod writers;
 
 pub use altitude::{altitudes, view_altitudes};
 pub use confidence::{Confidence, Seeing};
+pub use counts::{CellCounts, VIEWS_BAND, is_confirmed};
 pub use heights::{Heights, height_style};
 pub use hillshade::hillshade;
 pub use nadir::nadir_camera;

@@ -1,6 +1,6 @@
 //! Parts of the land that are scored separately: classes, the mask, roof edges, slopes of the truth.
 
-use super::scores::Sample;
+use super::scores::{PIECE, Sample};
 use super::truth::class_codes;
 use super::{Scores, Truth, class_name};
 use crate::io::Grid2;
@@ -143,9 +143,6 @@ pub(super) struct Groups {
     group: Vec<u16>,
     groups: usize,
 }
-
-/// Number of cells that are sorted together; it must not depend on the number of threads.
-const PIECE: usize = 1 << 20;
 
 impl Groups {
     /// The groups of every division that the truth permits, water excluded.

@@ -31,6 +31,11 @@ pub struct RegisteredScores {
     /// Scores of all land.
     #[serde(flatten)]
     pub scores: Scores,
+    /// Scores of the cells that at least two views confirm, as if the others were nodata; none where the numbers of views
+    /// are not known.
+    pub confirmed: Option<Scores>,
+    /// Scores of the other predicted cells, whose heights are filled in from the cells around them.
+    pub filled: Option<Scores>,
     /// Scores of parts of the land.
     pub breakdown: Vec<PartScores>,
 }
@@ -56,6 +61,9 @@ pub struct Evaluation {
     pub notes: Vec<String>,
     #[serde(skip)]
     predicted: Grid2,
+    /// The predicted cells that at least two views confirm.
+    #[serde(skip)]
+    confirmed: Option<Grid2>,
     #[serde(skip)]
     predicted_grid: MapGrid,
     #[serde(skip)]
@@ -90,20 +98,20 @@ impl Evaluation {
     /// # Errors
     /// As [`evaluate`].
     pub fn error_map(&self, registration: &Registration) -> Result<Grid2, MetricsError> {
-        let mut map = self.registered(registration)?;
+        let mut map = self.registered(&self.predicted, registration)?;
         self.subtract_land(&mut map);
         Ok(map)
     }
 
-    /// The prediction moved by a registration and resampled to the truth's grid. It is sampled from its own raster, so
-    /// that a shift loses no predicted cells at the edges.
-    fn registered(&self, r: &Registration) -> Result<Grid2, MetricsError> {
+    /// Predicted heights moved by a registration and resampled to the truth's grid. They are sampled from their own raster,
+    /// so that a shift loses no predicted cells at the edges.
+    fn registered(&self, heights: &Grid2, r: &Registration) -> Result<Grid2, MetricsError> {
         let moved = MapGrid {
             west: self.grid.west + r.dx_cells * self.grid.cell,
             north: self.grid.north - r.dy_cells * self.grid.cell,
             ..self.grid
         };
-        let (mut raster, _) = onto_grid(&self.predicted, &self.predicted_grid, &moved)?;
+        let (mut raster, _) = onto_grid(heights, &self.predicted_grid, &moved)?;
         raster.data.par_iter_mut().for_each(|v| *v = (f64::from(*v) + r.dz_m) as f32);
         Ok(raster)
     }
@@ -119,22 +127,52 @@ impl Evaluation {
         registration: Registration,
         groups: &Groups,
     ) -> Result<RegisteredScores, MetricsError> {
-        let mut errors = self.registered(&registration)?;
-        let mut filled = filled_by_nearest(&errors);
-        self.subtract_land(&mut errors);
-        self.subtract_land(&mut filled);
-        let (scores, breakdown) = groups.scores(&self.land, &errors, &filled);
+        let (errors, without_holes) = self.errors(&self.predicted, &registration)?;
+        let (scores, breakdown) = groups.scores(&self.land, &errors, &without_holes);
+        let (confirmed, filled) = self.scores_by_evidence(&registration, &errors)?.unzip();
         let (east_m, north_m) = registration.moved_m(self.grid.cell);
-        Ok(RegisteredScores { registration, east_m, north_m, scores, breakdown })
+        Ok(RegisteredScores { registration, east_m, north_m, scores, confirmed, filled, breakdown })
+    }
+
+    /// Errors of predicted heights after a registration, and the same after holes are filled with the nearest cell.
+    fn errors(&self, heights: &Grid2, registration: &Registration) -> Result<(Grid2, Grid2), MetricsError> {
+        let mut errors = self.registered(heights, registration)?;
+        let mut without_holes = filled_by_nearest(&errors);
+        self.subtract_land(&mut errors);
+        self.subtract_land(&mut without_holes);
+        Ok((errors, without_holes))
+    }
+
+    /// Scores of the confirmed cells and of the others, of which `all` holds the errors; none if it is not known which are
+    /// confirmed.
+    fn scores_by_evidence(
+        &self,
+        registration: &Registration,
+        all: &Grid2,
+    ) -> Result<Option<(Scores, Scores)>, MetricsError> {
+        let Some(confirmed) = &self.confirmed else { return Ok(None) };
+        let (confirmed, without_holes) = self.errors(confirmed, registration)?;
+        let only_filled = |(all, confirmed): (&f32, &f32)| if confirmed.is_nan() { *all } else { f32::NAN };
+        let filled = all.data.iter().zip(&confirmed.data).map(only_filled).collect();
+        let filled = Grid2 { data: filled, ..*all };
+        // Holes of what is filled in are not what its MAE could be computed without.
+        let none = Grid2::filled(all.width, all.height, f32::NAN);
+        let scores = |errors, without_holes| Scores::of_land(&self.land, errors, without_holes);
+        Ok(Some((scores(&confirmed, &without_holes), scores(&filled, &none))))
     }
 }
 
-/// Scores `prediction` against `truth` with every registration.
+/// Scores `prediction` against `truth` with every registration. Where `confirmed` tells which cells of the prediction two
+/// views or more confirm, these and the others are scored apart too.
 ///
 /// # Errors
 /// [`MetricsError::NoOverlap`] with fewer than 100 common cells, [`MetricsError::Frame`] when the two systems
 /// cannot be brought together.
-pub fn evaluate(mut prediction: HeightRaster, mut truth: Truth) -> Result<Evaluation, MetricsError> {
+pub fn evaluate(
+    mut prediction: HeightRaster,
+    confirmed: Option<&[bool]>,
+    mut truth: Truth,
+) -> Result<Evaluation, MetricsError> {
     bring_together(&mut prediction, &mut truth)?;
     let grid = truth.surface.grid;
     let heights = truth.surface.height.data.par_iter();
@@ -163,6 +201,11 @@ pub fn evaluate(mut prediction: HeightRaster, mut truth: Truth) -> Result<Evalua
     drop(raster);
     let notes = notes(&prediction, &truth, sampling, -registrations[0].dz_m);
     let groups = Groups::of(&truth);
+    let confirmed = confirmed.map(|confirmed| {
+        let heights = prediction.height.data.iter().zip(confirmed);
+        let data = heights.map(|(z, is_confirmed)| if *is_confirmed { *z } else { f32::NAN }).collect();
+        Grid2 { data, ..prediction.height }
+    });
     let mut evaluation = Evaluation {
         prediction: prediction.path,
         truth: truth.surface.path,
@@ -173,6 +216,7 @@ pub fn evaluate(mut prediction: HeightRaster, mut truth: Truth) -> Result<Evalua
         registered_scores: Vec::new(),
         notes,
         predicted: prediction.height,
+        confirmed,
         predicted_grid: prediction.grid,
         land: truth.surface.height,
         classes: truth.classes,

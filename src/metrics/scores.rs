@@ -1,6 +1,8 @@
 //! Scores of a registered prediction: statistics of its errors against the truth.
 
+use crate::io::Grid2;
 use crate::stats::MAD_TO_SIGMA;
+use rayon::prelude::*;
 use serde::Serialize;
 
 /// Statistics of the errors over some cells of land, in metres; an error is `e = clip(registered) - truth`.
@@ -37,7 +39,24 @@ pub struct Scores {
 /// Limits of [`Scores::within`], metres.
 const WITHIN_M: [f32; 3] = [0.5, 1.0, 2.0];
 
+/// Number of cells that are sorted together; it must not depend on the number of threads.
+pub(super) const PIECE: usize = 1 << 20;
+
 impl Scores {
+    /// Scores of all land: errors are NaN where they are not known, before and after holes are filled.
+    pub(super) fn of_land(land: &Grid2, errors: &Grid2, without_holes: &Grid2) -> Self {
+        let of_piece = |first: usize| {
+            let mut sample = Sample::default();
+            for i in (first..(first + PIECE).min(land.data.len())).filter(|i| !land.data[*i].is_nan()) {
+                sample.add(errors.data[i], without_holes.data[i]);
+            }
+            sample.sort();
+            sample
+        };
+        let pieces: Vec<Sample> = (0..land.data.len()).into_par_iter().step_by(PIECE).map(of_piece).collect();
+        Self::of(&pieces.iter().collect::<Vec<_>>())
+    }
+
     /// Scores of all cells of some samples.
     pub(super) fn of(samples: &[&Sample]) -> Self {
         let total = |of: fn(&Sample) -> f64| samples.iter().map(|s| of(s)).sum::<f64>();

@@ -1,8 +1,10 @@
 //! Bundle adjustment of a scene into a run folder: `satgs ba`.
 
+use super::report::renew_report;
 use super::scene_fingerprint::scene_fingerprint;
 use super::stage::{Fingerprint, Stage, hash, hash_file, or_none};
-use super::{PipelineError, RunLock, read_scene, relocation};
+use super::tiled::require_no_tile;
+use super::{PipelineError, RunLock, outdated, read_scene, relocation};
 use crate::bundle::{
     self, Adjustment, BundleOptions, CellStore, CorrectionModel, HeightPrior, LeftOut, Report, check_control,
     read_control,
@@ -87,7 +89,13 @@ pub fn adjust(
     progress: &dyn Progress,
 ) -> Result<Adjusted, PipelineError> {
     let _lock = RunLock::make(run)?;
-    adjust_locked(scene, options, run, progress)
+    require_no_tile(run)?;
+    let adjusted = adjust_locked(scene, options, run, progress)?;
+    if !adjusted.was_complete {
+        outdated::after_adjustment(run, progress)?;
+        renew_report(run)?;
+    }
+    Ok(adjusted)
 }
 
 /// As [`adjust`]; the caller holds the lock.

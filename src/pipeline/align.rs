@@ -1,6 +1,8 @@
 //! Coregistration of a run to a reference: `satgs align`.
 
 use super::relocation::{self, RECORD, Record};
+use super::report::renew_report;
+use super::tiled::{require_no_tile, require_one_area};
 use super::{PipelineError, RunLock, read_scene};
 use crate::bundle::{Adjustment, check_control, control_pairs, read_control};
 use crate::coregister::{Coregistration, to_control, to_surface};
@@ -8,7 +10,7 @@ use crate::frame::{Geodetic, Point, SiteGrid, Utm};
 use crate::io::{MapGrid, VerticalReference, check_writable};
 use crate::metrics::{HeightRaster, Truth, TruthOptions};
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, CHECKPOINT, DSM, PLAN};
+use crate::run_files::{ADJUSTMENT, CHECKPOINT, DSM};
 use crate::scene::Scene;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -51,8 +53,8 @@ pub struct Aligned {
 pub fn align(run: &Path, options: &AlignOptions, progress: &dyn Progress) -> Result<Aligned, PipelineError> {
     let _lock = RunLock::existing(run)?;
     relocation::finish_locked(run)?;
-    if run.join(PLAN).exists() {
-        return Err(PipelineError::OfTiles { run: run.into() });
+    if require_one_area(run).and_then(|()| require_no_tile(run)).is_err() {
+        return Err(PipelineError::TilesNotMoved { run: run.into() });
     }
     let scene = read_scene(run)?;
     check_writable(&run.join(RECORD))?;
@@ -70,7 +72,9 @@ pub fn align(run: &Path, options: &AlignOptions, progress: &dyn Progress) -> Res
         let before = Record::read(run)?;
         let total = before.map_or(alignment.shift, |b| alignment.shift.after(&b.total));
         let record = Record { reference: options.reference.clone(), last: alignment, total };
-        relocation::relocate(run, &scene, adjustment, alignment.shift.on_ground(&map, at), &record)?;
+        let step = alignment.shift.on_ground(&map, at);
+        relocation::relocate(run, &scene, adjustment, step, &record, progress)?;
+        renew_report(run)?;
     }
     Ok(Aligned { reference: options.reference.clone(), alignment, was_moved })
 }

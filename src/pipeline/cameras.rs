@@ -1,5 +1,6 @@
 //! The files of a run folder that later stages read: the scene, and the cameras with what was trained beside splats.
 
+use super::tiled::require_one_area;
 use super::{PipelineError, perspective};
 use crate::affine::SiteScene;
 use crate::io::{ImageFile, read_json, vsi};
@@ -31,9 +32,10 @@ impl TrainedCameras {
     /// Reads the cameras of a run folder.
     ///
     /// # Errors
-    /// [`PipelineError::RunFile`].
+    /// [`PipelineError::RunFile`], [`PipelineError::OfTiles`].
     pub fn read(run: &Path) -> Result<Self, PipelineError> {
         perspective::refuse(run)?;
+        require_one_area(run)?;
         let made_by = "`satgs train RUN` makes it";
         read_json(&run.join(CAMERAS)).map_err(|source| PipelineError::RunFile { source, made_by })
     }

@@ -1,10 +1,13 @@
 //! Surface model, orthophoto and confidence of a trained run: `satgs dsm`.
 
+use super::outdated;
 use super::products::Products;
+use super::report::renew_report;
 use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
 use super::surface_source::SurfaceSource;
+use super::tiled::{require_one_area, require_own_tile};
 use super::{PipelineError, RunLock};
-use crate::dsm::{Dsm, Heights, hillshade};
+use crate::dsm::{CellCounts, Dsm, Heights, hillshade};
 use crate::io::{HeightSystem, ImageFile, MapGrid, VerticalReference, check_writable, write_png_gray};
 use crate::mvs::DSM_CELL_M;
 use crate::progress::{Event, Progress};
@@ -33,6 +36,8 @@ pub struct DsmOptions {
     pub vertical: Option<String>,
     /// Fill holes up to this distance between cells with heights, metres.
     pub fill_m: Option<f64>,
+    /// Leave cells that fewer than two views confirm as nodata, instead of filling them in from the cells around them.
+    pub no_fill: bool,
     /// Also write the shaded relief as a raster, `RUN/hillshade.tif`.
     pub hillshade: bool,
     /// Also write the cells as a coloured point cloud (.laz, .las). A relative path counts from the run folder.
@@ -51,6 +56,7 @@ impl Default for DsmOptions {
             like: None,
             vertical: None,
             fill_m: None,
+            no_fill: false,
             hillshade: false,
             points: None,
             mesh: None,
@@ -60,6 +66,41 @@ impl Default for DsmOptions {
 }
 
 impl DsmOptions {
+    /// An error if an option is given, for scenes of which no surface model can be made.
+    pub(super) fn require_none(&self) -> Result<(), PipelineError> {
+        // All fields are named, so that none is forgotten.
+        let Self {
+            resolution_m,
+            area,
+            like,
+            vertical,
+            fill_m,
+            no_fill,
+            hillshade,
+            points,
+            mesh,
+            overwrite: _,
+        } = self;
+        let given = [
+            ("--resolution", (resolution_m - DSM_CELL_M).abs() > 0.0),
+            ("--like", area.is_some() || like.is_some()),
+            ("--vertical", vertical.is_some()),
+            ("--fill", fill_m.is_some()),
+            ("--no-fill", *no_fill),
+            ("--hillshade", *hillshade),
+            ("--points", points.is_some()),
+            ("--mesh", mesh.is_some()),
+        ];
+        match given.into_iter().find(|(_, is_given)| *is_given) {
+            Some((option, _)) => Err(PipelineError::Option {
+                option,
+                found: "given for a scene of which no surface model is made".into(),
+                expected: "a scene with a place on Earth, by --georef for example",
+            }),
+            None => Ok(()),
+        }
+    }
+
     /// Opens what rendering will read and checks that it can write, so that errors are found before a long training.
     ///
     /// # Errors
@@ -68,6 +109,10 @@ impl DsmOptions {
         if !(self.resolution_m.is_finite() && self.resolution_m > 0.0) {
             let found = self.resolution_m.to_string();
             return Err(PipelineError::Option { option: "--resolution", found, expected: "metres above 0" });
+        }
+        if self.no_fill && self.fill_m.is_some() {
+            let found = "given with --fill".into();
+            return Err(PipelineError::Option { option: "--no-fill", found, expected: "one of the two" });
         }
         self.products()?.iter().try_for_each(|product| product.check(run))?;
         self.vertical.as_deref().map(VerticalReference::read).transpose()?;
@@ -85,12 +130,13 @@ pub struct DsmSummary {
     pub grid: MapGrid,
     /// VerticalReference reference of the heights.
     pub vertical: String,
-    /// Share of the cells with a height, percent.
-    pub seen_percent: f64,
+    /// Cells with a height, and what their heights rest on.
+    pub cells: CellCounts,
 }
 
 /// Renders a trained run on a map grid, unless that was done with the same input and options. Products that are missing
-/// are added to a surface that is complete.
+/// are added to a surface that is complete; points, mesh and hillshade of a surface that is replaced are written again, and its
+/// scores are removed.
 ///
 /// Writes `RUN/dsm.tif`, `RUN/ortho.tif`, `RUN/confidence.tif` and the products that are asked for.
 ///
@@ -103,7 +149,13 @@ pub fn dsm(
     progress: &dyn Progress,
 ) -> Result<Outcome<DsmSummary>, PipelineError> {
     let _lock = RunLock::existing(run)?;
-    dsm_locked(run, options, progress)
+    require_one_area(run)?;
+    require_own_tile(run, options.overwrite)?;
+    let outcome = dsm_locked(run, options, progress)?;
+    if matches!(outcome, Outcome::Made(_)) {
+        renew_report(run)?;
+    }
+    Ok(outcome)
 }
 
 /// As [`dsm`]; the caller holds the lock.
@@ -113,6 +165,11 @@ pub(crate) fn dsm_locked(
     progress: &dyn Progress,
 ) -> Result<Outcome<DsmSummary>, PipelineError> {
     let source = SurfaceSource::read(run)?;
+    if options.no_fill && !source.counts_views() {
+        let found = "given for photographs".into();
+        let expected = "a satellite scene: views of photographs are not counted in each cell";
+        return Err(PipelineError::Option { option: "--no-fill", found, expected });
+    }
     let grid = grid(options, &source)?;
     let above = vertical_name(run, options)?;
     let vertical = VerticalReference::read(&above)?;
@@ -135,6 +192,9 @@ pub(crate) fn dsm_locked(
     if let Some(reach_m) = options.fill_m {
         surface.fill(reach_m);
     }
+    if options.no_fill {
+        surface.keep_confirmed();
+    }
     let heights = surface.heights_above(&vertical);
     if heights.raster.valid().next().is_none() && surface.height.valid().next().is_some() {
         return Err(PipelineError::NoUndulation { name: vertical.name().into() });
@@ -146,6 +206,12 @@ pub(crate) fn dsm_locked(
         let shade = hillshade(&surface.height, grid.cell);
         write_png_gray(&run.join("hillshade.png"), grid.width, grid.height, &shade)?;
     }
+    if !is_done {
+        outdated::after_surface(run, progress)?;
+        let asked: Vec<PathBuf> = products.iter().map(|product| product.path().into()).collect();
+        let before = made.outdated().into_iter().filter(|path| !asked.contains(path));
+        products.extend(before.filter_map(Product::of_file));
+    }
     for product in &products {
         product.write(run, &surface, &heights)?;
         made.add(product.path().into())?;
@@ -155,9 +221,7 @@ pub(crate) fn dsm_locked(
     if is_done {
         return Ok(Outcome::Kept(stage.summary()?));
     }
-    let seen = surface.height.valid().count();
-    let seen_percent = 100.0 * seen as f64 / surface.height.data.len() as f64;
-    let summary = DsmSummary { grid, vertical: vertical.name().into(), seen_percent };
+    let summary = DsmSummary { grid, vertical: vertical.name().into(), cells: surface.counts() };
     stage.complete(&summary)?;
     Ok(Outcome::Made(summary))
 }
@@ -174,6 +238,17 @@ impl Product {
         match self {
             Self::Hillshade => Path::new(HILLSHADE),
             Self::Points(path) | Self::Mesh(path) => path,
+        }
+    }
+
+    /// The product that a file is, by its name.
+    fn of_file(path: PathBuf) -> Option<Self> {
+        let ending = path.extension()?.to_string_lossy().to_lowercase();
+        match ending.as_str() {
+            _ if path == Path::new(HILLSHADE) => Some(Self::Hillshade),
+            "laz" | "las" => Some(Self::Points(path)),
+            "glb" => Some(Self::Mesh(path)),
+            _ => None,
         }
     }
 
@@ -247,7 +322,7 @@ fn check_size(grid: &MapGrid) -> Result<(), PipelineError> {
 }
 
 fn fingerprint(run: &Path, grid: &MapGrid, above: &str, options: &DsmOptions) -> Fingerprint {
-    Fingerprint::from([
+    let mut fingerprint = Fingerprint::from([
         ("--vertical".into(), VerticalReference::known_name(above)),
         ("--fill".into(), or_none(options.fill_m)),
         ("surface".into(), hash_file(&run.join(SURFACE))),
@@ -260,5 +335,9 @@ fn fingerprint(run: &Path, grid: &MapGrid, above: &str, options: &DsmOptions) ->
                 grid.width, grid.height, grid.cell, grid.west, grid.north, grid.epsg
             ),
         ),
-    ])
+    ]);
+    if options.no_fill {
+        fingerprint.insert("--no-fill".into(), "given".into());
+    }
+    fingerprint
 }

@@ -135,12 +135,43 @@ pub enum PipelineError {
         /// The run folder.
         run: PathBuf,
     },
-    /// A run of several tiles cannot be moved.
-    #[error("`{run}` is planned as several tiles, which `satgs align` does not move")]
-    #[diagnostic(help("ground control points (--gcps) or --dem-sigma fix its datum in the adjustment"))]
+    /// The run is cut into tiles, and the command works on one area.
+    #[error("`{run}` is planned as several tiles, each of which is a run of its own")]
+    #[diagnostic(help("`{}` is the folder of one tile, which can be given in place of the run", example.display()))]
     OfTiles {
         /// The run folder.
         run: PathBuf,
+        /// The folder of a tile.
+        example: PathBuf,
+    },
+    /// The folder is a tile, which only the plan's jobs may change.
+    #[error("`{folder}` is a tile of `{run}`, with whose other tiles it must agree")]
+    #[diagnostic(help(
+        "`satgs plan SCENE -o RUN --overwrite` with other options, or `satgs run`, makes all tiles anew"
+    ))]
+    Tile {
+        /// The folder of the tile.
+        folder: PathBuf,
+        /// The run that it belongs to.
+        run: PathBuf,
+    },
+    /// Tiles cannot be moved.
+    #[error("`{run}` belongs to a run of several tiles, which `satgs align` does not move")]
+    #[diagnostic(help("ground control points (--gcps) or --dem-sigma fix its datum in the adjustment"))]
+    TilesNotMoved {
+        /// The run folder, or that of a tile.
+        run: PathBuf,
+    },
+    /// The confidence is not that of the surface model.
+    #[error(
+        "`{path}` is not the confidence of `{dsm}`: it has other cells, or no band with the number of views"
+    )]
+    #[diagnostic(help("`satgs dsm` writes confidence.tif beside dsm.tif"))]
+    OtherCells {
+        /// The file of the confidence.
+        path: PathBuf,
+        /// The surface model.
+        dsm: PathBuf,
     },
     /// The run is of a perspective scene, for which the command does not exist.
     #[error("`{run}` is the run of a perspective scene, on which this command does not work")]

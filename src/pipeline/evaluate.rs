@@ -1,18 +1,21 @@
 //! Scores of a surface model against a reference: `satgs dsm-eval`.
 
 use super::PipelineError;
-use crate::io::{Cog, VerticalReference, check_writable, write_file};
+use crate::dsm::{VIEWS_BAND, is_confirmed};
+use crate::io::{Cog, ImageFile, VerticalReference, check_writable, write_file};
 use crate::metrics::{
     self, Evaluation, HeightRaster, Method, Truth, TruthOptions, error_picture, error_style,
 };
 use crate::progress::{Event, Progress};
 use crate::report::{FIGURES, figures};
-use crate::run_files::{ERROR_MAP, METRICS};
+use crate::run_files::{CONFIDENCE, ERROR_MAP, METRICS};
 use std::path::{Path, PathBuf};
 
 /// Files of an evaluation besides the scores, the error map and the figures.
 const ERROR_STYLE: &str = "error.qml";
 const ERROR_PICTURE: &str = "error.png";
+/// Largest difference of the grids of a surface model and its confidence, cells.
+const SAME_GRID: f64 = 1e-3;
 
 /// How the truth is read and which parts of it are scored.
 #[derive(Clone, Debug, Default)]
@@ -26,6 +29,9 @@ pub struct EvaluateOptions {
     pub vertical: Option<String>,
     /// EPSG code of a point cloud that does not state its own.
     pub epsg: Option<u32>,
+    /// The confidence of the surface model, as `satgs dsm` writes it; by default `confidence.tif` beside the surface model
+    /// if it has the same cells. With it, confirmed and filled cells are scored apart too.
+    pub confidence: Option<PathBuf>,
     /// Replace files of an earlier evaluation.
     pub overwrite: bool,
 }
@@ -66,7 +72,8 @@ pub fn evaluate(
         check_writable(&folder.join(METRICS))?;
     }
     progress.check()?;
-    let evaluation = metrics::evaluate(prediction, truth)?;
+    let confirmed = confirmed_cells(&prediction, options.confidence.as_deref())?;
+    let evaluation = metrics::evaluate(prediction, confirmed.as_deref(), truth)?;
     for note in &evaluation.notes {
         progress.event(Event::Note(note.clone()));
     }
@@ -76,11 +83,44 @@ pub fn evaluate(
     Ok(evaluation)
 }
 
+/// Which cells of a surface model two views or more confirm, by its confidence; none without one, or if its views are not
+/// counted. A file that was not asked for is passed over unless it is a confidence of the same cells.
+fn confirmed_cells(
+    prediction: &HeightRaster,
+    asked: Option<&Path>,
+) -> Result<Option<Vec<bool>>, PipelineError> {
+    let beside = prediction.path.with_file_name(CONFIDENCE);
+    if asked.is_none() && !beside.exists() {
+        return Ok(None);
+    }
+    let path = asked.unwrap_or(&beside);
+    let views = ImageFile::open(path).and_then(|file| {
+        let is_same = file.map_grid()?.is_same(&prediction.grid, SAME_GRID);
+        (is_same && file.bands() >= VIEWS_BAND).then(|| file.read(VIEWS_BAND)).transpose()
+    });
+    match (views, asked) {
+        (Ok(Some(views)), _) => {
+            let are_counted = views.valid().next().is_some();
+            Ok(are_counted.then(|| views.data.iter().map(|views| is_confirmed(*views)).collect()))
+        }
+        (Err(source), Some(_)) => Err(source.into()),
+        (Ok(None), Some(_)) => {
+            Err(PipelineError::OtherCells { path: path.into(), dsm: prediction.path.clone() })
+        }
+        (_, None) => Ok(None),
+    }
+}
+
+/// Names of the files of an evaluation.
+pub(super) fn files() -> impl Iterator<Item = &'static str> {
+    [METRICS, ERROR_MAP, ERROR_STYLE, ERROR_PICTURE].into_iter().chain(FIGURES)
+}
+
 fn refuse_to_replace(folder: &Path, overwrite: bool) -> Result<(), PipelineError> {
     if overwrite {
         return Ok(());
     }
-    for name in [METRICS, ERROR_MAP, ERROR_STYLE, ERROR_PICTURE].into_iter().chain(FIGURES) {
+    for name in files() {
         let path = folder.join(name);
         if path.exists() {
             return Err(PipelineError::Exists { path });

@@ -30,6 +30,7 @@ mod mesh_eval;
 mod mesh_sources;
 mod nvs_eval;
 mod nvs_scores;
+mod outdated;
 mod page_layers;
 mod perspective;
 mod predict;
@@ -38,11 +39,13 @@ mod products;
 mod relocation;
 mod render;
 mod render_options;
+mod report;
 mod run;
 mod scene_fingerprint;
 mod stage;
 mod stage_result;
 mod surface_source;
+mod tiled;
 mod train;
 mod train_options;
 mod trained;
@@ -50,7 +53,6 @@ mod training;
 mod training_files;
 mod view;
 
-pub use crate::report::write as report;
 pub(crate) use adjust::adjust_locked;
 pub use adjust::{AdjustOptions, Adjusted, DemOptions, adjust};
 pub use align::{AlignOptions, Aligned, align};
@@ -66,6 +68,7 @@ pub use mesh::{MeshOptions, MeshSummary, mesh};
 pub use mesh_eval::{MeshAlignment, MeshEvalOptions, MeshEvaluation, mesh_eval};
 pub use nvs_eval::nvs_eval;
 pub use nvs_scores::{NvsOptions, NvsScores, Protocol, ViewScore};
+pub(crate) use outdated::after_surface;
 pub use perspective::{
     PerspectiveCameras, PerspectiveManifest, PerspectiveRunOptions, TrainedPhoto, run_perspective,
 };
@@ -73,6 +76,7 @@ pub use predict::{ENDINGS as POINT_ENDINGS, PredictOptions, Predicted, Untrained
 pub use prior_maps::{PriorMapOptions, PriorMapSummary, prior_maps};
 pub use render::render;
 pub use render_options::{Colors, Moment, RenderOptions, RenderSummary, Viewpoint};
+pub use report::report;
 pub(crate) use run::run_adjusted;
 pub use run::{RunOptions, run};
 pub use stage::Outcome;

@@ -27,6 +27,10 @@ pub fn nvs_eval(
     let NvsOptions { views: names, protocol, lpips } = options;
     let lpips = lpips.as_deref().map(Lpips::read).transpose()?;
     if perspective::is_run(run) {
+        if protocol.is_some() {
+            let what = "this protocol of scores";
+            return Err(PipelineError::NoTrainedColors { run: run.into(), what });
+        }
         return perspective::nvs_eval(run, names, lpips.as_ref(), false, progress);
     }
     let scene = read_scene(run)?;

@@ -26,6 +26,18 @@ impl Products {
         Ok(Self { record, run: run.into(), made_from: hash(from.as_bytes()), made })
     }
 
+    /// The products of an earlier surface that are in the run folder. Those elsewhere are their owner's to keep.
+    pub fn outdated(&self) -> Vec<PathBuf> {
+        let before = self.made.iter().filter(|(_, from)| **from != self.made_from).map(|(path, _)| path);
+        before.filter(|path| path.is_relative() && self.run.join(path).exists()).cloned().collect()
+    }
+
+    /// All products of a run, of whichever surface.
+    pub fn all(run: &Path) -> Vec<PathBuf> {
+        let made: BTreeMap<PathBuf, String> = read_json(&run.join(PRODUCTS)).unwrap_or_default();
+        made.into_keys().collect()
+    }
+
     /// Whether a product is there, of the present surface.
     pub fn has(&self, product: &Path) -> bool {
         self.made.get(product) == Some(&self.made_from) && self.run.join(product).exists()
@@ -53,8 +65,13 @@ mod tests {
         assert!(!products.has(product), "it may be anybody's");
         products.add(product.into()).unwrap();
         assert!(Products::read(run, &from("0.5 m")).unwrap().has(product));
-        assert!(!Products::read(run, &from("1 m")).unwrap().has(product));
+        let other = Products::read(run, &from("1 m")).unwrap();
+        assert!(!other.has(product));
+        assert_eq!(other.outdated(), [product]);
+        assert!(products.outdated().is_empty());
         std::fs::remove_file(run.join(product)).unwrap();
         assert!(!Products::read(run, &from("0.5 m")).unwrap().has(product));
+        assert!(other.outdated().is_empty(), "it is gone");
+        assert_eq!(Products::all(run), [product]);
     }
 }

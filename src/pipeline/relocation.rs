@@ -4,11 +4,12 @@
 //! then on the run counts as moved: whichever call comes next puts the files in their place first.
 
 use super::stage::Stage;
-use super::{PipelineError, RunLock, TrainedCameras};
+use super::{PipelineError, RunLock, TrainedCameras, outdated};
 use crate::bundle::Adjustment;
 use crate::coregister::{Coregistration, Shift};
 use crate::frame::Point;
 use crate::io::{WriteError, read_georeference, read_json, write_json, write_moved};
+use crate::progress::{NoProgress, Progress};
 use crate::run_files::{
     ADJUSTMENT, CAMERAS, CONFIDENCE, DSM, FIRST_SURFACE, HILLSHADE, ORTHO, PREDICTED, SPLATS, SURFACE,
 };
@@ -53,6 +54,7 @@ pub(super) fn relocate(
     adjustment: Adjustment,
     step: [f64; 3],
     record: &Record,
+    progress: &dyn Progress,
 ) -> Result<(), PipelineError> {
     let failed = |e: std::io::Error| WriteError::new(run, e);
     let pending = tempfile::Builder::new().prefix(".satgs-align-").tempdir_in(run).map_err(failed)?;
@@ -60,7 +62,7 @@ pub(super) fn relocate(
     // The one step that decides: before it nothing has moved, after it everything will.
     let pending = pending.keep();
     std::fs::rename(&pending, run.join(PENDING)).map_err(failed)?;
-    finish_locked(run)
+    put_in_place(run, progress)
 }
 
 /// Writes everything the run holds, moved, into a folder of the same layout. `step` is the shift in degrees of longitude
@@ -124,6 +126,11 @@ pub(super) fn finish(run: &Path) -> Result<(), PipelineError> {
 
 /// As [`finish`]; the caller holds the lock.
 pub(super) fn finish_locked(run: &Path) -> Result<(), PipelineError> {
+    put_in_place(run, &NoProgress)
+}
+
+/// Puts moved files in their place, if there are some, and removes what still shows the old one.
+fn put_in_place(run: &Path, progress: &dyn Progress) -> Result<(), PipelineError> {
     let pending = run.join(PENDING);
     if !pending.exists() {
         return Ok(());
@@ -131,6 +138,7 @@ pub(super) fn finish_locked(run: &Path) -> Result<(), PipelineError> {
     // The next call of `dsm` renders the surface again, on whole cells.
     Stage::new(run, "dsm", Vec::new(), Default::default()).forget()?;
     let failed = |e: std::io::Error| WriteError::new(run, e);
+    outdated::after_move(run, progress)?;
     put(&pending, run).map_err(failed)?;
     Ok(std::fs::remove_dir_all(&pending).map_err(failed)?)
 }

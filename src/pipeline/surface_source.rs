@@ -56,6 +56,11 @@ impl SurfaceSource {
         }
     }
 
+    /// Whether the views that see a cell are counted.
+    pub fn counts_views(&self) -> bool {
+        matches!(self, Self::Satellite(_))
+    }
+
     /// Renders the surface on a map grid.
     pub fn surface(&self, run: &Path, grid: MapGrid) -> Result<Dsm, PipelineError> {
         match self {

@@ -4,11 +4,15 @@ use super::appearance::OtherNetworks;
 use super::cameras::require_images;
 use super::checkpoints::Checkpoints;
 use super::predict::prediction_of;
+use super::report::renew_report;
 use super::stage::{Fingerprint, Outcome, Stage, adjustment_fingerprint, hash};
+use super::tiled::{require_no_tile, require_one_area};
 use super::train_options::TrainOptions;
 use super::trained::{Trained, mean, mean_of_last};
 use super::training::Training;
-use super::{PipelineError, RunLock, TrainedCameras, appearance, perspective, read_scene, relocation};
+use super::{
+    PipelineError, RunLock, TrainedCameras, appearance, outdated, perspective, read_scene, relocation,
+};
 use crate::affine::{SiteSceneError, median_pixel_m};
 use crate::predict::Model;
 use crate::progress::{Event, Progress};
@@ -40,7 +44,14 @@ pub fn train(
     progress: &dyn Progress,
 ) -> Result<Outcome<Trained>, PipelineError> {
     let _lock = RunLock::existing(run)?;
-    train_locked(run, options, progress)
+    require_one_area(run)?;
+    require_no_tile(run)?;
+    let outcome = train_locked(run, options, progress)?;
+    if matches!(outcome, Outcome::Made(_)) {
+        outdated::say_outdated(run, progress)?;
+        renew_report(run)?;
+    }
+    Ok(outcome)
 }
 
 /// As [`train`]; the caller holds the lock.
@@ -49,9 +60,23 @@ pub(crate) fn train_locked(
     options: &TrainOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome<Trained>, PipelineError> {
-    if perspective::is_run(run) {
-        return perspective::train_locked(run, options, progress);
+    let trained = if perspective::is_run(run) {
+        perspective::train_locked(run, options, progress)?
+    } else {
+        train_satellites(run, options, progress)?
+    };
+    if matches!(trained, Outcome::Made(_)) {
+        outdated::after_training(run, progress)?;
     }
+    Ok(trained)
+}
+
+/// The training of a satellite scene.
+fn train_satellites(
+    run: &Path,
+    options: &TrainOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome<Trained>, PipelineError> {
     relocation::finish_locked(run)?;
     let scene = read_scene(run)?;
     let recipe = options.recipe_for(scene.training().count())?;

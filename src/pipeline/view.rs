@@ -1,6 +1,7 @@
 //! The page that shows a run: `satgs view`.
 
 use super::page_layers::{add_mesh, add_points, add_relief, add_splats, add_tie_points, grouped};
+use super::tiled::require_one_area;
 use super::{
     PerspectiveCameras, PerspectiveManifest, PipelineError, TrainedCameras, TrainedPhoto, perspective,
     relocation,
@@ -8,7 +9,7 @@ use super::{
 use crate::affine::{SiteScene, SiteView};
 use crate::io::{check_writable, write_file};
 use crate::progress::Progress;
-use crate::run_files::{PLAN, SPLATS, TILES};
+use crate::run_files::SPLATS;
 use crate::scene::Role;
 use crate::splat::ply::{self, ScaleColumns};
 use crate::splat::splats::Splats;
@@ -81,8 +82,9 @@ pub fn serve_page(
 /// # Errors
 /// [`PipelineError`]: the run has no splats or has several tiles, a file is damaged.
 pub fn view_page(run: &Path) -> Result<ViewerPage, PipelineError> {
+    require_one_area(run)?;
     if !run.join(SPLATS).exists() {
-        return Err(no_splats(run).into());
+        return Err(ViewerError::NoSplats { run: run.into() }.into());
     }
     let folder = run.canonicalize().unwrap_or_else(|_| run.into());
     let title = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
@@ -150,18 +152,6 @@ fn scope_of(splats: &Splats, cameras: &PerspectiveCameras) -> PageScope {
 fn add_cameras(page: &mut ViewerPage, views: Vec<CameraMark>) {
     let (note, layer) = (grouped(views.len()), PageLayer::Cameras { views });
     page.layers.push(ShownLayer { layer, label: "Cameras", note, is_shown: true });
-}
-
-fn no_splats(run: &Path) -> ViewerError {
-    if !run.join(PLAN).exists() {
-        return ViewerError::NoSplats { run: run.into() };
-    }
-    let tiles = std::fs::read_dir(run.join(TILES)).into_iter().flatten().flatten();
-    let mut trained: Vec<PathBuf> =
-        tiles.map(|tile| tile.path()).filter(|t| t.join(SPLATS).exists()).collect();
-    trained.sort();
-    let example = trained.first().cloned().unwrap_or_else(|| run.join(TILES).join("ID"));
-    ViewerError::OfTiles { run: run.into(), example: example.display().to_string() }
 }
 
 /// The views of a satellite run, whose lines of sight end in the middle of the area.

@@ -44,17 +44,18 @@ pub enum ReportError {
     Write(#[from] WriteError),
 }
 
-/// Writes `report.html` to the folder of a run and returns its path.
+/// Writes `report.html` to the folder of a run and returns its path. `outdated` says which stages were made of what has been
+/// replaced since.
 ///
 /// # Errors
 /// [`ReportError`] if the folder holds no run, a file of the run is damaged, or the page cannot be written.
-pub fn write(run: &Path) -> Result<PathBuf, ReportError> {
+pub fn write(run: &Path, outdated: &[String]) -> Result<PathBuf, ReportError> {
     if !run.join(SCENE).exists() {
         return Err(ReportError::NoRun { run: run.into() });
     }
     let sections = if photographs::is_perspective(run)? { of_photographs(run)? } else { of_satellites(run)? };
     let path = run.join(PAGE);
-    write_file(&path, page(run, &sections))?;
+    write_file(&path, page(run, outdated, &sections))?;
     Ok(path)
 }
 
@@ -95,12 +96,14 @@ fn of_photographs(run: &Path) -> Result<Vec<Section>, ReportError> {
     Ok(sections)
 }
 
-/// The text of a page that shows a run folder; each section has an ID, a title and a content as HTML. The page needs no
-/// other file.
+/// The text of a page that shows a run folder; each section has an ID, a title and a content as HTML. `notes` stand above them.
+/// The page needs no other file.
 #[must_use]
-pub fn page(run: &Path, sections: &[(&str, &str, String)]) -> String {
+pub fn page(run: &Path, notes: &[String], sections: &[(&str, &str, String)]) -> String {
     let name = run.canonicalize().ok().and_then(|r| Some(r.file_name()?.to_string_lossy().into_owned()));
     let name = escape_xml(&name.unwrap_or_else(|| "run".into()));
+    let notes: String =
+        notes.iter().map(|note| format!("<p class=\"note\">{}</p>\n", escape_xml(note))).collect();
     let links: String =
         sections.iter().map(|(id, title, _)| format!("<a href=\"#{id}\">{title}</a>\n")).collect();
     let body: String = sections
@@ -114,7 +117,7 @@ pub fn page(run: &Path, sections: &[(&str, &str, String)]) -> String {
          style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n\
          <link rel=\"icon\" href=\"data:,\">\n<title>{name}: satgs</title>\n<style>\n{}</style>\n</head>\n<body>\n\
          <header>\n<h1>{name}</h1>\n<p>Made by satgs {}</p>\n\
-         <nav aria-label=\"Sections\">\n{links}</nav>\n</header>\n<main>\n{body}</main>\n\
+         <nav aria-label=\"Sections\">\n{links}</nav>\n</header>\n<main>\n{notes}{body}</main>\n\
          <script>\n{}</script>\n</body>\n</html>\n",
         include_str!("page.css"),
         env!("CARGO_PKG_VERSION"),

@@ -12,8 +12,8 @@ pub struct ScoreTable {
     pub rows: Vec<Vec<String>>,
 }
 
-/// Two tables: the registrations, and the scores after each of them; after the last one also the scores of parts of
-/// the land.
+/// Two tables: the registrations, and the scores after each of them; after the last one also the scores of cells that two
+/// views confirm, of those that are filled in, and of parts of the land.
 ///
 /// `evaluation` is the content of `metrics.json`.
 #[must_use]
@@ -27,6 +27,11 @@ pub fn score_tables(evaluation: &Value) -> [ScoreTable; 2] {
     });
     let breakdown = registered_scores.last().map_or_else(Vec::new, |v| array(&v["breakdown"]));
     let all = registered_scores.iter().map(|v| score_row(format!("all, {}", text(&v["method"])), v));
+    let last = registered_scores.last();
+    let by_evidence = ["confirmed", "filled"].into_iter().filter_map(|key| {
+        let v = last.filter(|v| v[key].is_object())?;
+        Some(score_row(format!("{key}, {}", text(&v["method"])), &v[key]))
+    });
     let parts = breakdown.iter().map(|s| score_row(text(&s["name"]), s));
     [
         ScoreTable {
@@ -37,17 +42,18 @@ pub fn score_tables(evaluation: &Value) -> [ScoreTable; 2] {
         ScoreTable {
             name: "Scores",
             head: &[
-                "metres", "MAE", "filled", "RMSE", "bias", "median", "NMAD", "LE90", "LE95", "<0.5m", "<1m",
-                "<2m", "complete", "cells",
+                "metres", "MAE", "no holes", "RMSE", "bias", "median", "NMAD", "LE90", "LE95", "<0.5m",
+                "<1m", "<2m", "complete", "cells",
             ],
-            rows: all.chain(parts).collect(),
+            rows: all.chain(by_evidence).chain(parts).collect(),
         },
     ]
 }
 
 /// Explanation of the columns of the table of scores.
-pub const SCORE_NOTE: &str = "filled: MAE with holes filled by the nearest cell; median: of |error|; <: % of cells; \
-                              complete: predicted cells / cells of land; parts of the land: after xyz";
+pub const SCORE_NOTE: &str = "confirmed: cells that two views or more see; filled: the other predicted cells, whose heights are \
+                              those of cells around them; no holes: MAE with holes filled by the nearest cell; median: of \
+                              |error|; <: % of cells; complete: predicted cells / cells of land; parts of the land: after xyz";
 
 fn score_row(name: String, scores: &Value) -> Vec<String> {
     let metres = ["mae_m", "filled_mae_m", "rmse_m", "bias_m", "median_m", "nmad_m", "le90_m", "le95_m"];

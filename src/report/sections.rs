@@ -4,10 +4,12 @@ use super::figures::FIGURES;
 use super::pictures::{img, map_of_page, rgb_of, shaded};
 use super::{ReportError, SCORE_NOTE, ScoreTable, score_tables};
 use crate::bundle::{ADJUSTMENT_FIGURES, Report};
+use crate::dsm::CellCounts;
 use crate::io::{Chart, Grid2, MapGrid, ReadError, escape_xml, read_json};
 use crate::metrics::{error_picture, onto_grid};
 use crate::run_files::{
-    ADJUSTMENT, ADJUSTMENT_REPORT, DSM, ERROR_MAP, EVALUATION, METRICS, ORTHO, SCENE, STAGE, TRAINING,
+    ADJUSTMENT, ADJUSTMENT_REPORT, CONFIDENCE, DSM, ERROR_MAP, EVALUATION, METRICS, ORTHO, SCENE, STAGE,
+    TRAINING,
 };
 use crate::scene::{Role, Scene};
 use serde::de::DeserializeOwned;
@@ -161,13 +163,14 @@ pub fn surface(run: &Path) -> Result<String, ReportError> {
     let height = &bands[0];
     let (low, high) =
         height.valid().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-    let seen = 100.0 * height.valid().count() as f64 / height.data.len() as f64;
+    let counts = CellCounts::of_files(&path, &run.join(CONFIDENCE))?;
     let (west, south, east, north) = grid.bounds();
     let mut out = format!(
         "<p>EPSG:{}, {west:.1} to {east:.1} m east, {south:.1} to {north:.1} m north; heights from {low:.1} to {high:.1} m; \
-         {seen:.1} % of the cells are seen.</p>\n<div class=\"maps\">\n<figure>{}<figcaption>Surface, lit from the \
+         {}.</p>\n<div class=\"maps\">\n<figure>{}<figcaption>Surface, lit from the \
          north-west</figcaption></figure>\n",
         grid.epsg,
+        counts.text(),
         shaded(height, &grid, "Hillshade of the surface model")?
     );
     let ortho = run.join(ORTHO);

@@ -17,15 +17,22 @@ pub enum TilesError {
         /// The command that makes it.
         made_by: &'static str,
     },
-    /// The run is planned in UTM, of which it lies in several zones.
-    #[error("the area lies in two UTM zones: {zones}")]
-    #[diagnostic(help("cut it at the border of the zones, and give each part its own --aoi and run folder"))]
-    TwoZones {
-        /// The zones.
-        zones: String,
+    /// The area reaches too far out of the UTM zone that it is planned in.
+    #[error(
+        "the area reaches {off_deg:.1}° from the central meridian of its map projection, EPSG:{epsg}; \
+         {farthest_deg}° are allowed"
+    )]
+    #[diagnostic(help("cut it into parts from west to east, and give each its own --aoi and run folder"))]
+    OutOfZone {
+        /// EPSG code of the UTM zone.
+        epsg: u32,
+        /// Largest distance from its central meridian, degrees of longitude.
+        off_deg: f64,
+        /// Largest distance that is allowed, degrees.
+        farthest_deg: f64,
     },
-    /// No tile is covered by enough views.
-    #[error("no part of the area is covered by {least} training views")]
+    /// No tile is seen by enough views.
+    #[error("no part of the area is seen by {least} training views")]
     #[diagnostic(help("`satgs info SCENE` shows where the views lie; --aoi chooses another area"))]
     NoViews {
         /// The number of views that a tile needs.
@@ -67,6 +74,13 @@ pub enum TilesError {
         /// The view.
         view: String,
     },
+    /// A file that training reads has changed since the tiles were planned with it.
+    #[error("`{path}` is missing or another file than tiles.json was planned with")]
+    #[diagnostic(help("`satgs plan SCENE -o RUN --overwrite` plans with it"))]
+    OtherFile {
+        /// The file.
+        path: PathBuf,
+    },
     /// The machine has less memory or disk than a tile needs.
     #[error("tile `{id}` needs {needed_mb:.0} MB of {what}, this machine has {available_mb:.0} MB")]
     #[diagnostic(help(
@@ -82,12 +96,14 @@ pub enum TilesError {
         /// What there is, megabytes.
         available_mb: f64,
     },
-    /// A product that only areas of one tile have.
+    /// An option of areas of one tile.
     #[error("{option} is for areas of one tile, and this one is cut into several")]
-    #[diagnostic(help("the tools of GDAL make it from RUN/dsm.tif; a larger --core cuts fewer tiles"))]
+    #[diagnostic(help("{instead}; a larger --core cuts fewer tiles"))]
     OneTileOnly {
-        /// The option that asks for the product.
+        /// The option.
         option: &'static str,
+        /// What does the same for several tiles.
+        instead: &'static str,
     },
     /// Some tiles failed; everything else is complete.
     #[error("these tiles failed, and the mosaic has no data there: {failed}")]

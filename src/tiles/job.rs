@@ -2,7 +2,7 @@
 
 use super::done::{Done, Failure, seal, tile_folder};
 use super::error::TilesError;
-use super::plan::{Plan, Tile};
+use super::plan::{Plan, PlannedFile, Tile, TileSurface, TileTraining};
 use super::resources::{available_mb, free_disk_mb, peak_mb, reset_peak};
 use crate::affine::SiteFrame;
 use crate::bundle::Adjustment;
@@ -88,7 +88,7 @@ impl Job<'_> {
         let started = std::time::Instant::now();
         reset_peak();
         self.set_up(progress)?;
-        let trained = train_locked(&self.folder, &self.train_options(), progress)?;
+        let trained = train_locked(&self.folder, &self.train_options()?, progress)?;
         let trained = trained.summary();
         dsm_locked(&self.folder, &self.dsm_options(), progress)?;
         let done = Done {
@@ -179,7 +179,7 @@ impl Job<'_> {
         SiteGrid { epsg: self.plan.epsg, origin }
     }
 
-    fn train_options(&self) -> TrainOptions {
+    fn train_options(&self) -> Result<TrainOptions, TilesError> {
         let site = self.site();
         let ([w, s, e, n], [x, y, z]) = (self.tile.splat_box, site.origin.xyz());
         let [low, high] = self.tile.heights_m;
@@ -189,23 +189,33 @@ impl Job<'_> {
             altitudes: (low - z, high - z),
             reference: Some(self.tile.reference.clone()),
         };
-        TrainOptions {
+        // All fields are named, so that none is forgotten.
+        let TileTraining { recipe: _, recipe_hash: _, iterations, seed, predict, snapshots, features, lpips } =
+            &self.plan.train;
+        let path = |file: &Option<PlannedFile>| file.as_ref().map(PlannedFile::require_same).transpose();
+        Ok(TrainOptions {
             recipe: self.plan.recipe_in(self.run),
-            iterations: self.plan.train.iterations,
-            seed: self.plan.train.seed,
+            iterations: *iterations,
+            seed: *seed,
+            predict: *predict,
+            snapshots: *snapshots,
+            features: path(features)?,
+            lpips: path(lpips)?,
             checkpoint_every: self.checkpoint_every,
             frame: Some(frame),
             ..TrainOptions::default()
-        }
+        })
     }
 
     fn dsm_options(&self) -> DsmOptions {
         let (w, s, e, n) = self.plan.overlap_grid(self.tile).bounds();
+        let TileSurface { vertical, vertical_hash: _, fill_m, no_fill } = &self.plan.surface;
         DsmOptions {
             resolution_m: self.plan.resolution_m,
             area: Some((w, s, e, n)),
-            vertical: self.plan.surface.vertical.clone(),
-            fill_m: self.plan.surface.fill_m,
+            vertical: vertical.clone(),
+            fill_m: *fill_m,
+            no_fill: *no_fill,
             ..DsmOptions::default()
         }
     }

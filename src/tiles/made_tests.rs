@@ -63,12 +63,7 @@ impl Made<'_> {
             epsg: EPSG,
             origin_height_m: 0.0,
             resolution_m: CELL_M,
-            train: TileTraining {
-                recipe: "best".into(),
-                recipe_hash: String::new(),
-                iterations: None,
-                seed: 0,
-            },
+            train: TileTraining { recipe: "best".into(), ..TileTraining::default() },
             surface: TileSurface::default(),
             adjustment_hash: "0".into(),
             total: TileCost::default(),

@@ -10,10 +10,11 @@ use super::page::write_page;
 use super::plan::Plan;
 use super::seam_summary::SeamSummary;
 use super::seams::Seam;
+use crate::dsm::CellCounts;
 use crate::io::{read_json, remove_if_there, write_json};
-use crate::pipeline::{Outcome, PipelineError, RunLock};
+use crate::pipeline::{Outcome, PipelineError, RunLock, after_surface};
 use crate::progress::{Event, Progress};
-use crate::run_files::{COLORS, FAILED, MOSAIC};
+use crate::run_files::{COLORS, CONFIDENCE, DSM, FAILED, MOSAIC};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -77,16 +78,22 @@ pub(super) fn mosaic_locked(run: &Path, progress: &dyn Progress) -> Result<Outco
     let seams: Vec<Seam> = cores.iter().flat_map(|core| core.seams.iter().cloned()).collect();
     let colors = TileColors::solve(&seams, input_hash.clone());
     write_json(&run.join(COLORS), &colors)?;
-    let grid = plan.mosaic_grid();
-    let summary = Mosaicked { grid, tiles: cores.len(), failed, seams: SeamSummary::of(&seams, &colors) };
     let files = MosaicFiles { run, plan: &plan, cores: &cores, colors: &colors };
     let mut names = files.write_rasters(progress)?;
+    let summary = Mosaicked {
+        grid: plan.mosaic_grid(),
+        cells: CellCounts::of_files(&run.join(DSM), &run.join(CONFIDENCE))?,
+        tiles: cores.len(),
+        failed,
+        seams: SeamSummary::of(&seams, &colors),
+    };
     names.extend(files.write_seams(&seams)?);
     if summary.failed.is_empty() {
         remove_if_there(&run.join(FAILED))?;
     } else {
         names.extend(files.write_failed(&summary.failed)?);
     }
+    after_surface(run, progress)?;
     let files = seal(run, &names).map_err(TilesError::of_own_file)?;
     write_json(&record, &Record { input_hash, files, summary: summary.clone(), seams })?;
     Ok(Outcome::Made(summary))
@@ -98,7 +105,7 @@ pub(super) fn mosaic_locked(run: &Path, progress: &dyn Progress) -> Result<Outco
 /// [`TilesError`] if the folder holds no run, a file is damaged, or the page cannot be written.
 pub fn report(run: &Path) -> Result<PathBuf, TilesError> {
     if !run.join(MOSAIC).join(RECORD).exists() {
-        return Ok(crate::pipeline::report(run).map_err(PipelineError::from)?);
+        return Ok(crate::pipeline::report(run)?);
     }
     let plan = Plan::read(run)?;
     let made_by = "`satgs mosaic RUN` makes it";

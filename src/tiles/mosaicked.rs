@@ -1,6 +1,7 @@
 //! What a mosaic consists of.
 
 use super::seam_summary::SeamSummary;
+use crate::dsm::CellCounts;
 use crate::io::MapGrid;
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +19,8 @@ pub struct FailedTile {
 pub struct Mosaicked {
     /// Grid of the rasters.
     pub grid: MapGrid,
+    /// Cells with a height, and what their heights rest on.
+    pub cells: CellCounts,
     /// Number of tiles in the mosaic.
     pub tiles: usize,
     /// Tiles that are not done: their cores have no data.

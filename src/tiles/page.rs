@@ -37,8 +37,9 @@ pub(super) fn write_page(
         ("scores", "Scores", report::scores(run).map_err(PipelineError::from)?),
         ("adjustment", "Adjustment", adjustment),
     ];
+    let notes: Vec<String> = plan.require_current(run).err().iter().map(TilesError::chain).collect();
     let path = run.join(PAGE);
-    write_file(&path, report::page(run, &sections))?;
+    write_file(&path, report::page(run, &notes, &sections))?;
     Ok(path)
 }
 

@@ -44,7 +44,7 @@ pub struct Plan {
 }
 
 /// How tiles are trained.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TileTraining {
     /// Name of the recipe, or its TOML file, whose path counts from the run folder.
     pub recipe: String,
@@ -54,6 +54,46 @@ pub struct TileTraining {
     pub iterations: Option<u32>,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// Start from splats that are predicted of the matched surface.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub predict: bool,
+    /// Number of pictures of the progress of each tile.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub snapshots: u32,
+    /// Network of the features that show what images do not share.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub features: Option<PlannedFile>,
+    /// Network of the perceptual loss.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lpips: Option<PlannedFile>,
+}
+
+/// A file that the jobs read, which run in other folders.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PlannedFile {
+    /// Its absolute path.
+    pub path: PathBuf,
+    /// Hash of its content.
+    pub hash: String,
+}
+
+fn is_zero(number: &u32) -> bool {
+    *number == 0
+}
+
+impl PlannedFile {
+    /// A file that is there now.
+    pub(super) fn of(path: &Path) -> Self {
+        Self { path: path.canonicalize().unwrap_or_else(|_| path.into()), hash: hash_file(path) }
+    }
+
+    /// The path, unless the file is another one than was planned with.
+    pub(super) fn require_same(&self) -> Result<PathBuf, TilesError> {
+        if hash_file(&self.path) == self.hash {
+            return Ok(self.path.clone());
+        }
+        Err(TilesError::OtherFile { path: self.path.clone() })
+    }
 }
 
 /// How the surfaces of tiles are rendered.
@@ -66,6 +106,9 @@ pub struct TileSurface {
     pub vertical_hash: Option<String>,
     /// Fill holes up to this distance between cells with heights, metres.
     pub fill_m: Option<f64>,
+    /// Leave cells that fewer than two views confirm as nodata.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub no_fill: bool,
 }
 
 /// A tile: what one job makes.
@@ -279,8 +322,7 @@ mod tests {
             train: TileTraining {
                 recipe: "best".into(),
                 recipe_hash: String::new(),
-                iterations: None,
-                seed: 0,
+                ..TileTraining::default()
             },
             surface: TileSurface::default(),
             adjustment_hash: String::new(),

@@ -7,104 +7,33 @@ use super::margins::{Margins, exceeds_cap};
 use super::plan::{
     Plan, SCHEMA, Tile, TileCost, TileSurface, TileTraining, TileView, adjustment_hash, to_json,
 };
+use super::plan_options::{CORE_PER_OVERLAP, PlanOptions, RECIPE, fingerprint};
 use crate::affine::{MIN_POINTS, SiteScene, height_range, sun_direction};
 use crate::bundle::Adjustment;
-use crate::frame::{Point, SiteGrid, Utm, utm_epsg};
-use crate::io::{ImageFile, MapGrid, VerticalReference, Window, write_file, write_json};
-use crate::mvs::DSM_CELL_M;
-use crate::pipeline::{
-    Fingerprint, Outcome, PipelineError, RunLock, Stage, TrainOptions, hash, hash_file, or_none, read_scene,
-};
+use crate::frame::{Point, SiteGrid, Utm, wrap_longitude_deg};
+use crate::io::{ImageFile, MapGrid, Window, write_file, write_json};
+use crate::pipeline::{Outcome, PipelineError, RunLock, Stage, hash, read_scene};
 use crate::progress::{Event, Progress};
-use crate::run_files::{ADJUSTMENT, PLAN, TILES};
+use crate::run_files::{ADJUSTMENT, DSM, PLAN, STAGE, TILES};
 use crate::scene::{Aoi, ReadCost, Role, Scene, View, angle_between_deg, require_tiled_images};
 use crate::splat::train::recipe::Recipe;
-use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Smallest side of a core, as a multiple of the overlap: strips on opposite sides of a tile must not touch.
-const CORE_PER_OVERLAP: f64 = 2.0;
 /// Smallest side of a core that planning chooses to stay within a given memory, metres.
 const SMALLEST_CORE_M: f64 = 64.0;
-/// A view belongs to a tile if it shows this share of the overlap box.
+/// A view belongs to a tile if it shows this share of the places of the overlap box that two training views see.
 const LEAST_COVERED: f64 = 0.3;
+/// Number of training views that a place needs to get a height.
+const LEAST_VIEWS: usize = 2;
 /// Number of places along each side of the overlap box at which the views' coverage is examined.
 const PLACES: usize = 16;
 /// Largest number of training views of a tile.
 const MAX_VIEWS: usize = 30;
-/// File of a recipe that is not one of the built-in ones, in the run folder.
-const RECIPE: &str = "tiles/recipe.toml";
-
-/// How to cut a scene into tiles.
-#[derive(Clone, Debug)]
-pub struct PlanOptions {
-    /// Largest side of the core of a tile, metres.
-    pub core_m: f64,
-    /// Width of the overlap around a core, metres.
-    pub overlap_m: f64,
-    /// Memory that a tile may take, megabytes; cores are halved until the prediction is below it.
-    pub max_memory_mb: Option<f64>,
-    /// Side of a cell of the rasters, metres.
-    pub resolution_m: f64,
-    /// How the surfaces are rendered.
-    pub surface: TileSurface,
-    /// How tiles are trained: recipe, iterations and seed.
-    pub train: TrainOptions,
-    /// Plan again, whatever the run folder holds.
-    pub overwrite: bool,
-}
-
-impl Default for PlanOptions {
-    fn default() -> Self {
-        Self {
-            core_m: 512.0,
-            overlap_m: 32.0,
-            max_memory_mb: None,
-            resolution_m: DSM_CELL_M,
-            surface: TileSurface::default(),
-            train: TrainOptions::default(),
-            overwrite: false,
-        }
-    }
-}
-
-impl PlanOptions {
-    /// Checks the options that need no scene.
-    ///
-    /// # Errors
-    /// [`PipelineError`] of the option that is wrong.
-    pub fn check(&self) -> Result<(), PipelineError> {
-        let wrong = |option, found: f64, expected| {
-            Err(PipelineError::Option { option, found: found.to_string(), expected })
-        };
-        if !(self.resolution_m.is_finite() && self.resolution_m > 0.0) {
-            return wrong("--resolution", self.resolution_m, "metres above 0");
-        }
-        if !(self.overlap_m.is_finite() && self.overlap_m >= 4.0 * self.resolution_m) {
-            return wrong("--overlap", self.overlap_m, "metres, at least four cells of the surface model");
-        }
-        if !(self.core_m.is_finite() && self.core_m >= CORE_PER_OVERLAP * self.overlap_m) {
-            return wrong("--core", self.core_m, "metres, at least twice the overlap");
-        }
-        self.surface.found()?;
-        self.train.satellite_recipe().map(|_| ())
-    }
-}
-
-impl TileSurface {
-    /// The same with the absolute path and the hash of a grid, because jobs run in other folders.
-    fn found(&self) -> Result<Self, PipelineError> {
-        let Some(vertical) = &self.vertical else { return Ok(self.clone()) };
-        VerticalReference::read(vertical)?;
-        let path = Path::new(vertical);
-        if !path.is_file() {
-            return Ok(self.clone());
-        }
-        let absolute =
-            path.canonicalize().map_or_else(|_| vertical.clone(), |p| p.to_string_lossy().into_owned());
-        Ok(Self { vertical: Some(absolute), vertical_hash: Some(hash_file(path)), ..self.clone() })
-    }
-}
+/// Largest distance of an area from the central meridian of its UTM zone, degrees of longitude: half as far again as the
+/// zone reaches. Lengths on the map are at most 0.3 % too large there, at the equator.
+const FARTHEST_DEG: f64 = 4.5;
+/// Folder of the training of an area as a whole.
+const WHOLE_TRAINING: &str = "train";
 
 /// Whether an adjusted run is larger than one tile, in metres or in memory.
 ///
@@ -126,8 +55,8 @@ pub fn needs_tiles(run: &Path, options: &PlanOptions) -> Result<bool, TilesError
 /// Plans the tiles of an adjusted run, unless that was done with the same input and options. Writes `RUN/tiles.json`.
 ///
 /// # Errors
-/// [`TilesError`]: the run is not adjusted or holds another plan, an option is wrong, the area lies in two UTM zones, no
-/// views cover a part of it, the memory of the smallest tile is above the limit.
+/// [`TilesError`]: the run is not adjusted or holds another plan, an option is wrong, the area reaches too far out
+/// of its UTM zone, no views cover a part of it, the memory of the smallest tile is above the limit.
 pub fn plan(run: &Path, options: &PlanOptions, progress: &dyn Progress) -> Result<Outcome<Plan>, TilesError> {
     let _lock = RunLock::existing(run)?;
     plan_locked(run, options, progress)
@@ -140,10 +69,17 @@ pub(super) fn plan_locked(
     progress: &dyn Progress,
 ) -> Result<Outcome<Plan>, TilesError> {
     options.check()?;
+    if options.train.resume {
+        let instead = "a tile goes on from its checkpoint without being asked to";
+        return Err(TilesError::OneTileOnly { option: "--resume", instead });
+    }
     let stage = Stage::new(run, TILES, vec![run.join(PLAN)], fingerprint(run, options)?);
     if stage.is_done(options.overwrite)? {
         progress.event(Event::Note(format!("`{}` has its plan already", run.display())));
         return Ok(Outcome::Kept(Some(Plan::read(run)?)));
+    }
+    if !run.join(PLAN).exists() && run.join(WHOLE_TRAINING).join(STAGE).exists() {
+        return Err(TilesError::WholeRun { run: run.into() });
     }
     stage.require_writable()?;
     let planner = Planner::new(run, options, adjusted(run)?)?;
@@ -153,27 +89,14 @@ pub(super) fn plan_locked(
         write_file(&run.join(RECIPE), options.train.recipe()?.to_toml())?;
     }
     write_json(&run.join(PLAN), &plan)?;
+    if run.join(DSM).exists() {
+        progress.event(Event::Warning(format!(
+            "`{}` is the mosaic of an earlier plan; `satgs mosaic RUN` makes that of this one once its tiles are done",
+            run.join(DSM).display()
+        )));
+    }
     stage.complete(&plan.total)?;
     Ok(Outcome::Made(plan))
-}
-
-/// What a plan is made from; its keys are the names of options on the command line.
-fn fingerprint(run: &Path, options: &PlanOptions) -> Result<Fingerprint, TilesError> {
-    let (recipe, surface) = (options.train.recipe()?, options.surface.found()?);
-    Ok(Fingerprint::from([
-        ("adjustment".into(), adjustment_hash(run)?),
-        ("--core".into(), options.core_m.to_string()),
-        ("--overlap".into(), options.overlap_m.to_string()),
-        ("--max-memory".into(), or_none(options.max_memory_mb)),
-        ("--resolution".into(), options.resolution_m.to_string()),
-        ("--vertical".into(), or_none(surface.vertical.as_ref())),
-        ("content of --vertical".into(), or_none(surface.vertical_hash.as_ref())),
-        ("--fill".into(), or_none(surface.fill_m)),
-        ("--recipe".into(), recipe.name.clone()),
-        ("content of the recipe".into(), hash(recipe.to_toml().as_bytes())),
-        ("--iterations".into(), recipe.iterations.to_string()),
-        ("--seed".into(), options.train.seed.to_string()),
-    ]))
 }
 
 /// An adjusted scene.
@@ -207,6 +130,9 @@ struct Candidate<'a> {
     gsd_m: f64,
 }
 
+/// Which places of the overlap box of a tile a view shows, by rows.
+type Shown = [bool; PLACES * PLACES];
+
 /// Where a tile lies.
 struct Place {
     id: String,
@@ -238,7 +164,7 @@ impl<'a> Planner<'a> {
         let (w, s, e, n) = setup.area;
         let grid = MapGrid::covering(site.epsg, (x + w, y + s, x + e, y + n), options.resolution_m);
         let (w, s, e, n) = grid.bounds();
-        require_one_zone(&site, [w, s, e, n])?;
+        require_near_zone(&site, [w, s, e, n])?;
         let heights_m = [z + setup.altitudes.0, z + setup.altitudes.1];
         let adjustment_hash = adjustment_hash(run)?;
         let (recipe, surface) = (options.train.recipe()?, options.surface.found()?);
@@ -305,10 +231,10 @@ impl<'a> Planner<'a> {
         let coverage = candidates.iter().map(|c| self.coverage(c, &places)).collect::<Result<Vec<_>, _>>()?;
         let (mut tiles, mut empty, mut capped) = (Vec::new(), Vec::new(), 0);
         for (i, place) in places.into_iter().enumerate() {
-            let is_covering = |c: &usize| coverage[*c][i] >= LEAST_COVERED;
-            let covering = (0..candidates.len()).filter(is_covering).map(|c| &candidates[c]).collect();
+            let shown: Vec<&Shown> = coverage.iter().map(|of_view| &of_view[i]).collect();
+            let chosen = self.views_of(candidates, &shown, &place);
             let id = place.id.clone();
-            match self.tile(place, covering)? {
+            match self.tile(place, chosen)? {
                 Some((tile, is_capped)) => {
                     capped += usize::from(is_capped);
                     tiles.push(tile);
@@ -317,7 +243,7 @@ impl<'a> Planner<'a> {
             }
         }
         if tiles.is_empty() {
-            return Err(TilesError::NoViews { least: 2 });
+            return Err(TilesError::NoViews { least: LEAST_VIEWS });
         }
         self.require_tiled_images(&tiles)?;
         let ids: Vec<String> = tiles.iter().map(|t: &Tile| t.id.clone()).collect();
@@ -326,7 +252,10 @@ impl<'a> Planner<'a> {
         }
         let mut notes = Vec::new();
         if !empty.is_empty() {
-            notes.push(format!("no two views cover {}: the mosaic has no data there", empty.join(", ")));
+            notes.push(format!(
+                "no two training views see ground of {}: the mosaic has no data there",
+                empty.join(", ")
+            ));
         }
         if capped > 0 {
             notes.push(format!(
@@ -339,8 +268,6 @@ impl<'a> Planner<'a> {
             memory_mb: sum.memory_mb.max(tile.cost.memory_mb),
             read_mb: sum.read_mb + tile.cost.read_mb,
         });
-        let train = &self.options.train;
-        let is_named = Recipe::named(&train.recipe).is_some() && train.primitive.is_none();
         let mut plan = Plan {
             schema: SCHEMA,
             satgs: env!("CARGO_PKG_VERSION").into(),
@@ -348,12 +275,7 @@ impl<'a> Planner<'a> {
             epsg: self.site.epsg,
             origin_height_m: self.site.origin.z(),
             resolution_m: cell,
-            train: TileTraining {
-                recipe: if is_named { self.options.train.recipe.clone() } else { RECIPE.into() },
-                recipe_hash: hash(self.recipe.to_toml().as_bytes()),
-                iterations: self.options.train.iterations,
-                seed: self.options.train.seed,
-            },
+            train: TileTraining::of(&self.options.train, &self.recipe),
             surface: self.surface.clone(),
             adjustment_hash: self.adjustment_hash.clone(),
             core_m,
@@ -384,12 +306,10 @@ impl<'a> Planner<'a> {
     }
 
     /// A tile, and whether its margin for shadows is limited; none if fewer than two training views cover it.
-    fn tile(&self, place: Place, covering: Vec<&Candidate>) -> Result<Option<(Tile, bool)>, TilesError> {
+    fn tile(&self, place: Place, chosen: Vec<&Candidate>) -> Result<Option<(Tile, bool)>, TilesError> {
         let Place { id, core, overlap, heights_m } = place;
-        let middle = 0.5 * (heights_m[0] + heights_m[1]);
-        let chosen = spread(&covering, self.setup_reference(), middle);
         let is_training = |c: &&&Candidate| c.view.role == Role::Train;
-        if chosen.iter().filter(is_training).count() < 2 {
+        if chosen.iter().filter(is_training).count() < LEAST_VIEWS {
             return Ok(None);
         }
         let sight = self.lines_of_sight(&chosen, overlap, heights_m);
@@ -417,8 +337,10 @@ impl<'a> Planner<'a> {
         let reference = self.setup_reference();
         let reference = chosen.iter().find(|c| c.view.name == reference).or(chosen.iter().find(is_training));
         let training: Vec<_> = chosen.iter().filter(is_training).collect();
+        let cells = |from: f64, to: f64| ((to - from) / self.options.resolution_m).round();
         let size = TileSize {
             area_m2: (e - w) * (n - s),
+            surface_cells: cells(overlap[0], overlap[2]) * cells(overlap[1], overlap[3]),
             height_m: height,
             gsd_m: training.iter().map(|c| c.gsd_m).sum::<f64>() / training.len() as f64,
             views: training.len(),
@@ -477,27 +399,72 @@ impl<'a> Planner<'a> {
         height_range(heights).map_or(self.heights_m, |(a, b)| [a.max(low), b.min(high)])
     }
 
-    /// The shares of the overlap boxes of tiles that a view shows, each at the middle height of its tile.
-    fn coverage(&self, candidate: &Candidate, places: &[Place]) -> Result<Vec<f64>, TilesError> {
+    /// The views of a tile, by the places of its overlap box that each view of the scene shows: those that show much of what
+    /// two training views see, and as many more as are needed for all of that ground to be seen by two of them. In the order
+    /// of the scene.
+    fn views_of<'b, 'c>(
+        &self,
+        candidates: &'b [Candidate<'c>],
+        shown: &[&Shown],
+        place: &Place,
+    ) -> Vec<&'b Candidate<'c>> {
+        let is_training = |c: usize| candidates[c].view.role == Role::Train;
+        let mut seeing = [0; PLACES * PLACES];
+        for of_view in shown.iter().enumerate().filter(|(c, _)| is_training(*c)).map(|(_, of_view)| of_view) {
+            (0..seeing.len()).for_each(|i| seeing[i] += usize::from(of_view[i]));
+        }
+        let usable = seeing.map(|views| views >= LEAST_VIEWS);
+        let count =
+            |of_view: &Shown, wanted: &Shown| (0..usable.len()).filter(|i| of_view[*i] && wanted[*i]).count();
+        let least = LEAST_COVERED * usable.iter().filter(|is_usable| **is_usable).count() as f64;
+        let is_covering = |c: &usize| {
+            let cells = count(shown[*c], &usable);
+            cells > 0 && cells as f64 >= least
+        };
+        let covering: Vec<&Candidate> =
+            (0..candidates.len()).filter(is_covering).map(|c| &candidates[c]).collect();
+        let middle = 0.5 * (place.heights_m[0] + place.heights_m[1]);
+        let chosen = spread(&covering, self.setup_reference(), middle);
+        let mut is_chosen: Vec<bool> =
+            candidates.iter().map(|c| chosen.iter().any(|other| std::ptr::eq(*other, c))).collect();
+        loop {
+            let of_chosen = |i: usize| {
+                (0..candidates.len()).filter(|c| is_chosen[*c] && is_training(*c) && shown[*c][i]).count()
+            };
+            let missing: Shown = std::array::from_fn(|i| usable[i] && of_chosen(i) < LEAST_VIEWS);
+            let others = (0..candidates.len()).filter(|c| !is_chosen[*c] && is_training(*c));
+            let best = others
+                .map(|c| (count(shown[c], &missing), c))
+                .max_by_key(|(n, c)| (*n, std::cmp::Reverse(*c)));
+            match best {
+                Some((n, c)) if n > 0 => is_chosen[c] = true,
+                _ => break,
+            }
+        }
+        candidates.iter().zip(is_chosen).filter_map(|(c, is_chosen)| is_chosen.then_some(c)).collect()
+    }
+
+    /// The places of the overlap boxes of tiles that a view shows, each at the middle height of its tile.
+    fn coverage(&self, candidate: &Candidate, places: &[Place]) -> Result<Vec<Shown>, TilesError> {
         let view = candidate.view;
         // As large as the whole image, so that only one is in memory at a time.
         let valid = view.valid_pixels()?;
-        let share = |place: &Place| {
+        let shown = |place: &Place| -> Shown {
             let ([w, s, e, n], a) = (place.overlap, self.area);
             // Images may be cropped to the area, so that nothing is known of the overlap beyond it.
             let [w, s, e, n] = [w.max(a[0]), s.max(a[1]), e.min(a[2]), n.min(a[3])];
             let height_m = 0.5 * (place.heights_m[0] + place.heights_m[1]);
             let at = |k: usize, low: f64, high: f64| low + (high - low) * (k as f64 + 0.5) / PLACES as f64;
-            let is_seen = |i: &usize| {
+            let is_seen = |i: usize| {
                 let ground = Point::new(at(i % PLACES, w, e), at(i / PLACES, s, n), height_m);
                 let px = view.rpc.project(self.site.geodetic_from_utm(ground));
                 let (col, row) = (px.col.round(), px.row.round());
                 let inside = col >= 0.0 && row >= 0.0 && col < view.width as f64 && row < view.height as f64;
                 inside && valid.as_ref().is_none_or(|v| v.at(col as usize, row as usize))
             };
-            (0..PLACES * PLACES).filter(is_seen).count() as f64 / (PLACES * PLACES) as f64
+            std::array::from_fn(is_seen)
         };
-        Ok(places.iter().map(share).collect())
+        Ok(places.iter().map(shown).collect())
     }
 
     /// An error if an image is stored so that reading the windows of all tiles would read it many times.
@@ -573,19 +540,20 @@ fn directions_of(view: &View, height_m: f64) -> ((f64, f64), (f64, f64)) {
     (view.direction_deg(height_m).unwrap_or((0.0, 0.0)), sun)
 }
 
-/// An error if a box reaches into another UTM zone than that of the site.
-fn require_one_zone(site: &SiteGrid, [w, s, e, n]: MapBox) -> Result<(), TilesError> {
-    let mut zones = BTreeMap::new();
-    for (x, y) in [(w, s), (e, s), (e, n), (w, n)] {
-        let p = site.geodetic_from_utm(Point::new(x, y, 0.0));
-        let epsg = utm_epsg(p.lon_deg(), p.lat_deg()).map_err(PipelineError::from)?;
-        zones.entry(epsg).or_insert(p.lon_deg());
-    }
-    if zones.len() < 2 {
+/// An error if a box reaches too far out of the UTM zone of the site. All tiles have this zone, as an area of one tile has: a
+/// transverse Mercator projection does not end at the border of its zone.
+fn require_near_zone(site: &SiteGrid, [w, s, e, n]: MapBox) -> Result<(), TilesError> {
+    // The last two digits of the code are the number of the zone.
+    let middle_deg = 6.0 * f64::from(site.epsg % 100) - 183.0;
+    let off_deg = [(w, s), (e, s), (e, n), (w, n)].map(|(x, y)| {
+        let lon_deg = site.geodetic_from_utm(Point::new(x, y, 0.0)).lon_deg();
+        wrap_longitude_deg(lon_deg - middle_deg).abs()
+    });
+    let off_deg = off_deg.into_iter().fold(0.0, f64::max);
+    if off_deg <= FARTHEST_DEG {
         return Ok(());
     }
-    let zones: Vec<String> = zones.keys().map(|epsg| format!("EPSG:{epsg}")).collect();
-    Err(TilesError::TwoZones { zones: zones.join(", ") })
+    Err(TilesError::OutOfZone { epsg: site.epsg, off_deg, farthest_deg: FARTHEST_DEG })
 }
 
 #[cfg(test)]

@@ -5,19 +5,17 @@ use super::job::run_tile;
 use super::mosaic::{mosaic_locked, report};
 use super::mosaicked::Mosaicked;
 use super::plan::{Plan, TileSurface};
-use super::planner::{PlanOptions, needs_tiles, plan_locked};
+use super::plan_options::PlanOptions;
+use super::planner::{needs_tiles, plan_locked};
 use crate::metrics::Evaluation;
 use crate::pipeline::{
     self, DsmOptions, ErrorKind, EvaluateOptions, Outcome, PipelineError, RunLock, RunOptions, StageResult,
     adjust_locked, evaluate,
 };
 use crate::progress::{Event, Progress};
-use crate::run_files::{DSM, EVALUATION, PLAN, STAGE};
+use crate::run_files::{DSM, EVALUATION, PLAN};
 use crate::scene::Scene;
 use std::path::Path;
-
-/// Folder of the training of an area as a whole.
-const WHOLE_TRAINING: &str = "train";
 
 /// Options of a scene of any size.
 #[derive(Clone, Debug)]
@@ -61,29 +59,43 @@ impl SceneOptions {
     }
 
     fn plan_options(&self) -> PlanOptions {
-        let DsmOptions { resolution_m, vertical, fill_m, overwrite, .. } = self.stages.dsm.clone();
+        // All fields are named, so that none is forgotten: the others are refused by `require_options_of_tiles`.
+        let DsmOptions {
+            resolution_m,
+            area: _,
+            like: _,
+            vertical,
+            fill_m,
+            no_fill,
+            hillshade: _,
+            points: _,
+            mesh: _,
+            overwrite,
+        } = self.stages.dsm.clone();
         PlanOptions {
             core_m: self.core_m,
             overlap_m: self.overlap_m,
             max_memory_mb: self.max_memory_mb,
             resolution_m,
-            surface: TileSurface { vertical, fill_m, ..TileSurface::default() },
+            surface: TileSurface { vertical, fill_m, no_fill, ..TileSurface::default() },
             train: self.stages.train.clone(),
             overwrite,
         }
     }
 
-    /// An error if a product is asked for that only areas of one tile have.
-    fn require_no_products(&self) -> Result<(), TilesError> {
+    /// An error if an option is given that only areas of one tile have.
+    fn require_options_of_tiles(&self) -> Result<(), TilesError> {
         let dsm = &self.stages.dsm;
+        let products = "the tools of GDAL make it from RUN/dsm.tif";
+        let grid = "--resolution and --aoi set the grid, `gdalwarp` makes another of RUN/dsm.tif";
         let asked = [
-            (dsm.like.is_some(), "--like"),
-            (dsm.hillshade, "--hillshade"),
-            (dsm.points.is_some(), "--points"),
-            (dsm.mesh.is_some(), "--mesh"),
+            (dsm.like.is_some() || dsm.area.is_some(), "--like", grid),
+            (dsm.hillshade, "--hillshade", products),
+            (dsm.points.is_some(), "--points", products),
+            (dsm.mesh.is_some(), "--mesh", products),
         ];
-        match asked.into_iter().find(|(is_asked, _)| *is_asked) {
-            Some((_, option)) => Err(TilesError::OneTileOnly { option }),
+        match asked.into_iter().find(|(is_asked, ..)| *is_asked) {
+            Some((_, option, instead)) => Err(TilesError::OneTileOnly { option, instead }),
             None => Ok(()),
         }
     }
@@ -113,10 +125,7 @@ pub fn run(
         let mut of_stage = |result| completed(SceneResult::Stage(result));
         return Ok(pipeline::run_adjusted(run, stages, progress, &mut of_stage)?);
     }
-    options.require_no_products()?;
-    if !run.join(PLAN).exists() && run.join(WHOLE_TRAINING).join(STAGE).exists() {
-        return Err(TilesError::WholeRun { run: run.into() });
-    }
+    options.require_options_of_tiles()?;
     let planned = plan_locked(run, &planning, progress)?;
     let plan = Plan::read(run)?;
     completed(SceneResult::Planned(planned));

@@ -14,15 +14,6 @@ pub enum ViewerError {
         /// The folder.
         run: PathBuf,
     },
-    /// The run has several tiles, which are shown one by one.
-    #[error("`{run}` is planned as several tiles, each of which has its own splats")]
-    #[diagnostic(help("`{example}` is the folder of one tile, which can be given in place of the run"))]
-    OfTiles {
-        /// The run folder.
-        run: PathBuf,
-        /// The folder of the first tile.
-        example: String,
-    },
     /// The page would be larger than what browsers open.
     #[error("a page with all layers would have {megabytes} MB, and browsers open pages up to {limit} MB")]
     #[diagnostic(help("without --html the run is served, which has no such limit"))]

@@ -22,6 +22,7 @@ mod display_gamma;
 mod examples;
 mod export;
 mod guide;
+mod inputs;
 mod layers;
 mod mesh;
 mod metrics_peer;

@@ -42,7 +42,7 @@ fn scores_agree_with_the_other_implementation() {
     let prediction = HeightRaster::read(&scene.join("peer_s2p_dsm.tif")).unwrap();
     let truth = lidar(&scene);
     assert!(truth.classes.is_some(), "JAX_068_CLS.tif is found by its name");
-    let evaluation = evaluate(prediction, truth).unwrap();
+    let evaluation = evaluate(prediction, None, truth).unwrap();
 
     let z = registered_scores(&evaluation, Method::Z);
     assert_near("z MAE", z.scores.mae_m, 1.213);
@@ -87,7 +87,7 @@ fn lidar_shifted_by_whole_cells_is_registered_exactly() {
     let heights = &truth.surface.height;
     prediction.height =
         Grid2::from_fn(heights.width, heights.height, |c, r| heights.get(c as i64 - 2, r as i64 - 3) + 3.7);
-    let evaluation = evaluate(prediction, truth).unwrap();
+    let evaluation = evaluate(prediction, None, truth).unwrap();
     for method in [Method::Ncc, Method::Xyz] {
         let v = registered_scores(&evaluation, method);
         assert_eq!((v.registration.dx_cells, v.registration.dy_cells), (2.0, 3.0), "{method:?}");
@@ -109,12 +109,12 @@ fn water_is_not_scored() {
     }
     let mut unmasked = truth.clone();
     unmasked.classes = None;
-    let evaluation = evaluate(prediction.clone(), truth).unwrap();
+    let evaluation = evaluate(prediction.clone(), None, truth).unwrap();
     assert_eq!(evaluation.water_cells, 200 * 512);
     for v in &evaluation.registered_scores {
         assert_eq!((v.scores.mae_m, v.scores.completeness), (0.0, 1.0), "{:?}", v.registration);
         assert!(!v.breakdown.iter().any(|s| s.name.starts_with('9')));
     }
-    let unmasked = evaluate(prediction, unmasked).unwrap();
+    let unmasked = evaluate(prediction, None, unmasked).unwrap();
     assert!(registered_scores(&unmasked, Method::Z).scores.mae_m > 2.0);
 }

@@ -1,7 +1,7 @@
 //! Images of a trained perspective scene.
 
 use super::super::PipelineError;
-use super::super::render_options::{RenderOptions, RenderSummary, Viewpoint};
+use super::super::render_options::{Colors, RenderOptions, RenderSummary, Viewpoint};
 use super::cameras::PerspectiveCameras;
 use crate::io::{SensorImage, check_writable, write_png_rgb};
 use crate::progress::{Event, Progress};
@@ -21,6 +21,11 @@ pub fn render(
     };
     if options.sun_deg.is_some() {
         return Err(PipelineError::OnlyViews { option: "--sun" });
+    }
+    match options.colors {
+        Colors::OfViewpoint => {}
+        Colors::OfView(_) => return Err(PipelineError::OnlyViews { option: "--appearance" }),
+        Colors::At { .. } => return Err(PipelineError::OnlyViews { option: "--date" }),
     }
     if options.frames.is_some() {
         return Err(PipelineError::OnlyViews { option: "--frames" });

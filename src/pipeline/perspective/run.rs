@@ -55,6 +55,9 @@ pub fn run_perspective(
     if run.join(SCENE).exists() && !is_run(run) {
         return Err(PipelineError::OfSatellites { run: run.into() });
     }
+    if read.georeference.is_none() {
+        options.dsm.require_none()?;
+    }
     for (name, reason) in &read.skipped {
         progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
     }

@@ -7,7 +7,7 @@ mod splats;
 mod start;
 
 use super::stage::{Fingerprint, Outcome, Stage, hash_file, or_none};
-use super::{PipelineError, RunLock, perspective, relocation};
+use super::{PipelineError, RunLock, outdated, perspective, relocation};
 use crate::io::{WriteError, remove_if_there};
 use crate::perspective::{PerspectiveOptions, PerspectiveScene};
 use crate::predict::{CleanUp, ImageNetwork, Model, Predictor};
@@ -141,8 +141,14 @@ impl<'a> Output<'a> {
     }
 
     /// Records the prediction, whose other files are written.
-    fn complete(&self, predicted: Predicted) -> Result<Outcome<Predicted>, PipelineError> {
+    fn complete(
+        &self,
+        predicted: Predicted,
+        progress: &dyn Progress,
+    ) -> Result<Outcome<Predicted>, PipelineError> {
         self.stage.complete(&predicted)?;
+        outdated::after_training(self.folder, progress)?;
+        outdated::say_outdated(self.folder, progress)?;
         Ok(Outcome::Made(predicted))
     }
 }

@@ -77,11 +77,12 @@ fn predict(
     write_json(&out.join(PREDICTED_LIGHTS), &Vec::<(String, Appearance)>::new())?;
     manifest.write(out)?;
     write_trained(out, scene, &made.splats, recipe)?;
-    output.complete(Predicted {
+    let predicted = Predicted {
         points: file.map_or_else(|| "the scene".into(), |path| format!("`{}`", path.display())),
         clean_up: made.clean_up,
         spacing_m: made.spacing_m,
         splats: made.splats.len(),
         seconds,
-    })
+    };
+    output.complete(predicted, progress)
 }

@@ -115,13 +115,14 @@ pub fn predict(
     let cameras = TrainedCameras { appearances, setup, recipe, is_matched: false };
     cameras.write_splats(out, &made.splats)?;
     write_json(&out.join(CAMERAS), &cameras)?;
-    output.complete(Predicted {
+    let predicted = Predicted {
         points: source.text(),
         clean_up: made.clean_up,
         spacing_m: made.spacing_m,
         splats: made.splats.len(),
         seconds,
-    })
+    };
+    output.complete(predicted, progress)
 }
 
 /// The training scene, a recipe for what follows, and the sparse points. The scene of a trained run is kept.

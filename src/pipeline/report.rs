@@ -1,0 +1,23 @@
+//! The page of a run: `satgs report`.
+
+use super::PipelineError;
+use super::outdated::outdated;
+use crate::report;
+use crate::run_files::{PAGE, PLAN};
+use std::path::{Path, PathBuf};
+
+/// Writes `RUN/report.html` and returns its path. The page says which stages were made of what has been replaced since.
+///
+/// # Errors
+/// [`PipelineError`] if the folder holds no run, a file of the run is damaged, or the page cannot be written.
+pub fn report(run: &Path) -> Result<PathBuf, PipelineError> {
+    Ok(report::write(run, &outdated(run)?)?)
+}
+
+/// Writes the page anew if there is one, after a change of the run. That of several tiles is made with their mosaic.
+pub(super) fn renew_report(run: &Path) -> Result<(), PipelineError> {
+    if run.join(PAGE).exists() && !run.join(PLAN).exists() {
+        report(run)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,3 @@
+//! Georeferences, control, alignment and comparison with meshes and surfaces.
+
+pub const FOLDERS: &[&str] = &[];

@@ -1,0 +1,34 @@
+//! What users handed to satgs and what must come of it: the folders of `inputs` in the shared data, each with a README.
+//!
+//! Each module names in `FOLDERS` those that it tests, so that none is forgotten.
+
+mod georeference;
+mod networks;
+mod photographs;
+mod products;
+mod satellites;
+
+use crate::common::data_dir;
+use std::path::PathBuf;
+
+/// A folder of the inputs; none where the real data is absent.
+fn input(name: &str) -> Option<PathBuf> {
+    data_dir().map(|data| data.join("inputs").join(name)).filter(|folder| folder.is_dir())
+}
+
+#[test]
+fn every_input_has_a_test() {
+    let Some(inputs) = input(".") else { return };
+    let listed = [
+        georeference::FOLDERS,
+        networks::FOLDERS,
+        photographs::FOLDERS,
+        products::FOLDERS,
+        satellites::FOLDERS,
+    ]
+    .concat();
+    for entry in std::fs::read_dir(inputs).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        assert!(listed.contains(&name.as_str()), "no test names inputs/{name}");
+    }
+}

@@ -1,0 +1,3 @@
+//! Networks that users bring.
+
+pub const FOLDERS: &[&str] = &[];

@@ -1,0 +1,3 @@
+//! Photographs: layouts of scenes, masks, depths, priors, units.
+
+pub const FOLDERS: &[&str] = &[];

@@ -1,0 +1,3 @@
+//! Satellite images, their cameras and metadata, heights, tiles.
+
+pub const FOLDERS: &[&str] = &[];
