@@ -3,13 +3,17 @@
 //!
 //! To a height raster, it is the shift with the smallest mean absolute difference of heights after removal of their
 //! median difference. It is found on a grid of shifts and refined by pattern search. Differences are clipped at
-//! `CLIP_M`, because buildings that changed say nothing about the shift. To surveyed points, it is the median of
-//! their differences.
+//! `CLIP_M`, because buildings that changed say nothing about the shift; shifts are compared on the points that have heights under
+//! both. Directions in which the curvature at the minimum, or another minimum, leaves the shift open are not moved. To
+//! surveyed points, it is the median of their differences.
 
 use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};
 use crate::io::Grid2;
-use crate::metrics::{HeightRaster, MetricsError, PatternSearch};
-use crate::stats::interpolated_quantile;
+use crate::metrics::{
+    HeightRaster, MEDIAN_TO_MEAN, MetricsError, PatternSearch, STENCIL, ShiftPrecision, block_costs, block_of,
+    is_rival, median_sigma,
+};
+use crate::stats::{FitQuality, MAD_TO_SIGMA, interpolated_quantile};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -28,6 +32,14 @@ const STARTS: usize = 6;
 const ROUNDS: usize = 5;
 /// Differences of heights are clipped at this, metres.
 const CLIP_M: f32 = 3.0;
+/// A direction whose standard deviation is below this is determined, metres; others only by shifts that are several times theirs.
+const FINE_M: f64 = 0.5;
+/// Surveyed points that are farther from the median shift than this multiple of the median distance, or of the least error
+/// of a point in satellite images, are named and left out; if half of the points are that far from it, they are refused.
+const MOST_TIMES: f64 = 10.0;
+const LEAST_ERROR_M: f64 = 0.5;
+/// Unknowns of a shift.
+const UNKNOWNS: usize = 3;
 /// Smallest number of points on the reference, and smallest fraction of the most points that any shift has on it.
 const FEWEST: usize = 100;
 const LEAST_SHARE: f64 = 0.5;
@@ -60,6 +72,17 @@ pub enum CoregisterError {
     NoControl {
         /// The reference.
         reference: PathBuf,
+    },
+    /// Surveyed points do not agree on a shift.
+    #[error("the points of `{reference}` do not agree on a shift: half of them are {left_m:.1} m or more from it ({quality})")]
+    #[diagnostic(help("are their coordinates, heights and pixels those of the same points, and the images those of the run?"))]
+    ControlDisagrees {
+        /// The reference.
+        reference: PathBuf,
+        /// Median distance, metres.
+        left_m: f64,
+        /// How the points agree.
+        quality: FitQuality,
     },
     /// The reference cannot be read.
     #[error(transparent)]
@@ -117,7 +140,7 @@ impl Shift {
 }
 
 /// A translation and the differences that remain.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Coregistration {
     /// The translation to apply to the scene.
     pub shift: Shift,
@@ -125,6 +148,36 @@ pub struct Coregistration {
     pub points: usize,
     /// Median absolute difference after the translation, metres: of heights, or of positions of surveyed points.
     pub left_m: f64,
+    /// Standard deviations of east, north and up, metres; none where nothing determines it.
+    #[serde(default)]
+    pub sigma_m: [Option<f64>; 3],
+    /// Number of horizontal directions that are determined, 0 to 2. The shift has no part in others.
+    #[serde(default)]
+    pub directions: usize,
+    /// Of surveyed points, how they agree with the shift.
+    #[serde(default)]
+    pub fit: Option<FitQuality>,
+}
+
+impl Coregistration {
+    /// The standard deviations for a message.
+    #[must_use]
+    pub fn sigma_text(&self) -> String {
+        let [east, north, up] =
+            self.sigma_m.map(|s| s.map_or_else(|| "not determined".to_owned(), |s| format!("{s:.3} m")));
+        format!("standard deviations: east {east}, north {north}, up {up}")
+    }
+
+    /// What is not moved because nothing determines it; none if all is determined.
+    #[must_use]
+    pub fn open_text(&self) -> Option<String> {
+        let what = match self.directions {
+            0 => "the horizontal shift is not determined, only the height is moved",
+            1 => "the horizontal shift is determined in one direction, and moved in that alone",
+            _ => return None,
+        };
+        Some(format!("{what} ({}): a reference with buildings or more relief would tell", self.sigma_text()))
+    }
 }
 
 /// The translation of points, whose map has the code EPSG `epsg`, to a height raster.
@@ -136,8 +189,9 @@ pub fn to_surface(
     epsg: u32,
     reference: &HeightRaster,
 ) -> Result<Coregistration, CoregisterError> {
-    let search = TranslationSearch::new(points, epsg, reference)?;
+    let mut search = TranslationSearch::new(points, epsg, reference)?;
     let no_overlap = |common| CoregisterError::NoOverlap { reference: reference.path.clone(), common };
+    search.compare_with([0.0; 2]);
     let mut best = search.best_around([0.0; 2]).map_err(no_overlap)?;
     // The search is repeated until no shift around the best one is better, so that an aligned scene has the shift zero.
     for _ in 0..ROUNDS {
@@ -147,20 +201,36 @@ pub fn to_surface(
         }
         best = next;
     }
-    if best.at.iter().any(|v| v.abs() >= REACH_M) {
+    let precision = search.precision(&best);
+    let (at, directions) = precision.determined(best.at, FINE_M);
+    if directions > 0 && at.iter().any(|v| v.abs() >= REACH_M) {
         return Err(CoregisterError::TooFar { reference: reference.path.clone() });
     }
-    let shift = Shift { east_m: best.at[0], north_m: best.at[1], up_m: f64::from(best.up_m) };
-    let left = search.differences(best.at, REFINED).iter().map(|d| (d - best.up_m).abs()).collect::<Vec<_>>();
-    Ok(Coregistration { shift, points: best.common, left_m: interpolated_quantile(&left, 0.5) })
+    let off: Vec<f32> = search.differences(at, REFINED).filter(|d| d.is_finite()).collect();
+    if off.len() < FEWEST {
+        return Err(no_overlap(off.len()));
+    }
+    let up_m = interpolated_quantile(&off, 0.5);
+    let left: Vec<f32> = off.iter().map(|d| (d - up_m as f32).abs()).collect();
+    let [east, north] = precision.sigma();
+    Ok(Coregistration {
+        shift: Shift { east_m: at[0], north_m: at[1], up_m },
+        points: off.len(),
+        left_m: interpolated_quantile(&left, 0.5),
+        sigma_m: [east, north, search.up_sigma(at, up_m)],
+        directions,
+        fit: None,
+    })
 }
 
-/// The translation between pairs of (triangulated, surveyed) positions: the median along each axis of the map.
+/// The translation between pairs of (triangulated, surveyed) positions with their names: the median along each axis of the
+/// map. `stated_m` is the standard deviation that the survey states.
 ///
 /// # Errors
-/// [`CoregisterError::NoControl`] without any.
+/// [`CoregisterError::NoControl`] without any, [`CoregisterError::ControlDisagrees`] if half of them are wrong.
 pub fn to_control(
-    pairs: &[[Point<Geodetic>; 2]],
+    pairs: &[(String, [Point<Geodetic>; 2])],
+    stated_m: f64,
     map: &SiteGrid,
     reference: &Path,
 ) -> Result<Coregistration, CoregisterError> {
@@ -169,22 +239,37 @@ pub fn to_control(
     }
     let off: Vec<[f64; 3]> = pairs
         .iter()
-        .map(|[ours, exact]| (map.utm_from_geodetic(*exact) - map.utm_from_geodetic(*ours)).xyz())
+        .map(|(_, [ours, exact])| (map.utm_from_geodetic(*exact) - map.utm_from_geodetic(*ours)).xyz())
         .collect();
-    let median = |k: usize| interpolated_quantile(&off.iter().map(|d| d[k] as f32).collect::<Vec<_>>(), 0.5);
-    let shift = Shift { east_m: median(0), north_m: median(1), up_m: median(2) };
-    let left: Vec<f32> = off
-        .iter()
-        .map(|d| d.iter().zip(shift.enu()).map(|(d, s)| (d - s).powi(2)).sum::<f64>().sqrt() as f32)
-        .collect();
-    Ok(Coregistration { shift, points: pairs.len(), left_m: interpolated_quantile(&left, 0.5) })
+    let median = |of: &dyn Fn(&[f64; 3]) -> f64| {
+        interpolated_quantile(&off.iter().map(|d| of(d) as f32).collect::<Vec<_>>(), 0.5)
+    };
+    let [east_m, north_m, up_m] = [0, 1, 2].map(|k| median(&|d| d[k]));
+    let shift = Shift { east_m, north_m, up_m };
+    let distance = |d: &[f64; 3]| d.iter().zip(shift.enu()).map(|(d, s)| (d - s).powi(2)).sum::<f64>().sqrt();
+    let left_m = median(&distance);
+    let error_m = stated_m.max(LEAST_ERROR_M);
+    let limit_m = MOST_TIMES * left_m.max(error_m);
+    let named = pairs.iter().zip(&off).map(|((name, _), d)| (name.as_str(), distance(d), distance(d) <= limit_m));
+    let quality = FitQuality::of(named, UNKNOWNS);
+    if left_m > MOST_TIMES * error_m {
+        return Err(CoregisterError::ControlDisagrees { reference: reference.into(), left_m, quality });
+    }
+    // Of one or two points the scatter says nothing, but the survey does.
+    let of_mean = MEDIAN_TO_MEAN / (quality.points as f64).sqrt();
+    let sigma_m = [0, 1, 2].map(|k| {
+        let scatter = MAD_TO_SIGMA * median(&|d| (d[k] - shift.enu()[k]).abs());
+        Some(of_mean * scatter.max(stated_m))
+    });
+    let points = quality.points;
+    Ok(Coregistration { shift, points, left_m, sigma_m, directions: 2, fit: Some(quality) })
 }
 
 /// A horizontal shift with the differences of heights that it leaves.
 #[derive(Clone, Copy)]
 struct Translation {
     at: [f64; 2],
-    up_m: f32,
+    /// Mean cost, less that of the shift with which it is compared.
     mean_m: f64,
     common: usize,
 }
@@ -197,6 +282,9 @@ impl Translation {
     }
 }
 
+/// Costs of some points under a shift: clipped differences from their median; NaN where the reference has no height.
+type Costs = Vec<f32>;
+
 /// Points in the pixel coordinates of the reference.
 struct TranslationSearch<'a> {
     heights: &'a Grid2,
@@ -204,6 +292,10 @@ struct TranslationSearch<'a> {
     cells: Vec<([f64; 2], f32)>,
     /// Columns and rows per metre east and per metre north on the points' map.
     by_metre: [[f64; 2]; 2],
+    /// Block of ground of each point.
+    block: Vec<u8>,
+    /// Costs under the shift with which others are compared, of the screened and of the refined points.
+    compared: [Costs; 2],
 }
 
 impl<'a> TranslationSearch<'a> {
@@ -215,38 +307,99 @@ impl<'a> TranslationSearch<'a> {
             // Centres of cells are at whole numbers.
             [(x - grid.west) / grid.cell - 0.5, (grid.north - y) / grid.cell - 0.5]
         };
-        let cells = points.iter().map(|p| (cell_of(p.x(), p.y()), p.z() as f32)).collect();
+        let cells: Vec<_> = points.iter().map(|p| (cell_of(p.x(), p.y()), p.z() as f32)).collect();
         let by_metre = points.first().map_or([[0.0; 2]; 2], |p| {
             let here = cell_of(p.x(), p.y());
             [cell_of(p.x() + 1.0, p.y()), cell_of(p.x(), p.y() + 1.0)]
                 .map(|there| [there[0] - here[0], there[1] - here[1]])
         });
-        Ok(Self { heights: &reference.height, cells, by_metre })
+        let block = blocks(&cells);
+        Ok(Self { heights: &reference.height, cells, by_metre, block, compared: [Vec::new(), Vec::new()] })
     }
 
-    /// Reference minus point for at most `at_most` of the points that lie on the reference under a shift.
-    fn differences(&self, [east, north]: [f64; 2], at_most: usize) -> Vec<f32> {
+    /// Compares shifts with this one from now on.
+    fn compare_with(&mut self, at: [f64; 2]) {
+        self.compared = [SCREENED, REFINED].map(|at_most| self.costs(at, at_most).1);
+    }
+
+    /// Every how-manieth point is among at most so many.
+    fn stride(&self, at_most: usize) -> usize {
+        self.cells.len().div_ceil(at_most).max(1)
+    }
+
+    /// Reference minus point for at most `at_most` of the points; NaN for points that are not on the reference under the shift.
+    fn differences(&self, [east, north]: [f64; 2], at_most: usize) -> impl Iterator<Item = f32> + '_ {
         let moved: [f64; 2] =
             std::array::from_fn(|k| east * self.by_metre[0][k] + north * self.by_metre[1][k]);
-        let some = self.cells.iter().step_by(self.cells.len().div_ceil(at_most).max(1));
-        let off = some.map(|(px, z)| self.heights.bilinear(px[0] + moved[0], px[1] + moved[1]) - z);
-        off.filter(|d| d.is_finite()).collect()
+        let some = self.cells.iter().step_by(self.stride(at_most));
+        some.map(move |(px, z)| self.heights.bilinear(px[0] + moved[0], px[1] + moved[1]) - z)
+    }
+
+    /// The median difference, and the costs of the points.
+    fn costs(&self, at: [f64; 2], at_most: usize) -> (f32, Costs) {
+        let mut off: Vec<f32> = self.differences(at, at_most).collect();
+        let finite: Vec<f32> = off.iter().copied().filter(|d| d.is_finite()).collect();
+        let up_m = interpolated_quantile(&finite, 0.5) as f32;
+        // The minimum of NaN and a number would be the number.
+        off.iter_mut().for_each(|d| *d = if d.is_finite() { (*d - up_m).abs().min(CLIP_M) } else { f32::NAN });
+        (up_m, off)
     }
 
     fn candidate(&self, at: [f64; 2], at_most: usize) -> Translation {
-        let off = self.differences(at, at_most);
-        let up_m = interpolated_quantile(&off, 0.5) as f32;
-        let sum: f64 = off.iter().map(|d| f64::from((d - up_m).abs().min(CLIP_M))).sum();
-        Translation { at, up_m, mean_m: sum / off.len() as f64, common: off.len() }
+        let (_, costs) = self.costs(at, at_most);
+        let (mut sum, mut common) = (0.0, 0);
+        let (mut own, mut compared, mut both) = (0.0, 0.0, 0);
+        for (cost, other) in costs.iter().zip(&self.compared[usize::from(at_most == REFINED)]) {
+            if cost.is_finite() {
+                sum += f64::from(*cost);
+                common += 1;
+                if other.is_finite() {
+                    own += f64::from(*cost);
+                    compared += f64::from(*other);
+                    both += 1;
+                }
+            }
+        }
+        // Points that a shift loses must not make it better: only those that both have count. Without such points, all do.
+        let is_comparable = both as f64 >= LEAST_SHARE * common as f64;
+        let mean_m = if is_comparable { (own - compared) / both as f64 } else { sum / common as f64 };
+        Translation { at, mean_m, common }
+    }
+
+    /// The blocks of at most so many points.
+    fn some_blocks(&self, at_most: usize) -> Vec<u8> {
+        self.block.iter().step_by(self.stride(at_most)).copied().collect()
+    }
+
+    /// The precision of the best shift, by its own minimum and by other shifts that fit as well; no shift is one of them.
+    fn precision(&self, best: &Translation) -> ShiftPrecision {
+        let around = |[east, north]: [f64; 2]| [best.at[0] + STEP_M * east, best.at[1] + STEP_M * north];
+        let costs = STENCIL.map(|step| self.costs(around(step), REFINED).1);
+        let costs = block_costs(costs.each_ref().map(Vec::as_slice), &self.some_blocks(REFINED));
+        let precision = ShiftPrecision::new(&costs, STEP_M);
+        let (own, blocks) = (self.costs(best.at, SCREENED).1, self.some_blocks(SCREENED));
+        let others: Vec<[f64; 2]> = shifts_around([0.0; 2])
+            .into_par_iter()
+            .map(|at| [at[0] - best.at[0], at[1] - best.at[1]])
+            .filter(|away| precision.is_apart(*away, STEP_M))
+            .filter(|away| {
+                let at = [best.at[0] + away[0], best.at[1] + away[1]];
+                let pairs = block_costs([&own, &self.costs(at, SCREENED).1], &blocks);
+                is_rival(&pairs.iter().map(|[own, other]| other - own).collect::<Vec<_>>())
+            })
+            .collect();
+        others.into_iter().fold(precision, ShiftPrecision::with_rival)
+    }
+
+    /// Standard deviation of the height under a shift.
+    fn up_sigma(&self, at: [f64; 2], up_m: f64) -> Option<f64> {
+        median_sigma(self.some_blocks(REFINED).into_iter().zip(self.differences(at, REFINED)), up_m)
     }
 
     /// The best shift of a grid around a position; else the number of points on the reference.
     fn best_around(&self, middle: [f64; 2]) -> Result<Translation, usize> {
-        let steps = (REACH_M / STEP_M) as i32;
-        let axis = |k: usize| (-steps..=steps).map(move |i| middle[k] + f64::from(i) * STEP_M);
-        let grid: Vec<[f64; 2]> = axis(1).flat_map(|north| axis(0).map(move |east| [east, north])).collect();
-        let (ranked, most) = self.ranked(&grid, SCREENED);
-        if most * self.cells.len().div_ceil(SCREENED) < FEWEST {
+        let (ranked, most) = self.ranked(&shifts_around(middle), SCREENED);
+        if most * self.stride(SCREENED) < FEWEST {
             return Err(most);
         }
         let starts: Vec<[f64; 2]> = ranked.iter().take(STARTS).map(|c| c.at).chain([middle]).collect();
@@ -278,6 +431,24 @@ impl<'a> TranslationSearch<'a> {
         };
         Some(search.run(start, |c| c.at, |at| self.candidate(at, REFINED), best_of))
     }
+}
+
+/// The shifts of a grid around a position.
+fn shifts_around(middle: [f64; 2]) -> Vec<[f64; 2]> {
+    let steps = (REACH_M / STEP_M) as i32;
+    let axis = |k: usize| (-steps..=steps).map(move |i| middle[k] + f64::from(i) * STEP_M);
+    axis(1).flat_map(|north| axis(0).map(move |east| [east, north])).collect()
+}
+
+/// The block of ground of each point: equal parts of the box of all points.
+fn blocks(cells: &[([f64; 2], f32)]) -> Vec<u8> {
+    let range = |k: usize| {
+        let values = cells.iter().map(|(px, _)| px[k]).filter(|v| v.is_finite());
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+    };
+    let ranges = [range(0), range(1)];
+    let share = |v: f64, (low, high): (f64, f64)| if high > low { (v - low) / (high - low) } else { 0.0 };
+    cells.iter().map(|(px, _)| block_of([share(px[0], ranges[0]), share(px[1], ranges[1])])).collect()
 }
 
 #[cfg(test)]
@@ -331,10 +502,31 @@ mod tests {
     fn a_known_shift_is_found_although_some_buildings_changed() {
         for shift in [[0.0, 0.0, 0.0], [3.3, -7.1, 12.4], [-14.2, 9.6, -48.0]] {
             let found = to_surface(&points(shift), EPSG, &reference()).unwrap();
-            for (f, s) in found.shift.enu().iter().zip(shift) {
+            for ((f, s), sigma) in found.shift.enu().iter().zip(shift).zip(found.sigma_m) {
                 assert!((f - s).abs() < 0.1, "{found:?} {shift:?}");
+                assert!(sigma.unwrap() < 0.3, "{found:?}");
             }
+            assert_eq!(found.directions, 2);
         }
+    }
+
+    /// Bare ground that hardly rolls, under points of ground and of blocks on it: the height alone is determined.
+    #[test]
+    fn a_reference_without_relief_moves_the_height_alone() {
+        let mut plain = reference();
+        plain.height = Grid2::from_fn(800, 800, |c, r| 0.01 * c as f32 - 0.005 * r as f32);
+        let town = |p: Point<Utm>| {
+            let (x, y) = (p.x() - 700_000.0, p.y() - 4_800_000.0);
+            let block = 2.0 * ((x / 17.0).floor() * 7.0 + (y / 23.0).floor() * 5.0).rem_euclid(9.0) - 8.0;
+            let ground = 0.02 * x - 0.01 * (400.0 - y) + 0.1 * (0.7 * x).sin() * (0.9 * y).cos();
+            Point::new(p.x(), p.y(), ground + block.max(0.0) - 2.0)
+        };
+        let points: Vec<_> = points([0.0; 3]).into_iter().map(town).collect();
+        let found = to_surface(&points, EPSG, &plain).unwrap();
+        assert!(found.directions < 2 && found.open_text().is_some(), "{found:?}");
+        assert!((found.shift.up_m - 2.0).abs() < 0.3, "{found:?}");
+        let length = found.shift.east_m.hypot(found.shift.north_m);
+        assert!(found.directions == 1 || length == 0.0, "{found:?}");
     }
 
     #[test]
@@ -379,14 +571,19 @@ mod tests {
         let pair = |dx: f64| {
             let ours = Point::<Utm>::new(map.origin.x() + 10.0 * dx, map.origin.y(), 90.0);
             let exact = Point::new(ours.x() + dx, ours.y() - 2.0, 93.0);
-            [map.geodetic_from_utm(ours), map.geodetic_from_utm(exact)]
+            (format!("line {dx}"), [map.geodetic_from_utm(ours), map.geodetic_from_utm(exact)])
         };
-        let found = to_control(&[pair(1.0), pair(1.1), pair(50.0)], &map, Path::new("gcps.csv")).unwrap();
+        let file = Path::new("gcps.csv");
+        let found = to_control(&[pair(1.0), pair(1.1), pair(50.0)], 0.1, &map, file).unwrap();
+        let fit = found.fit.as_ref().unwrap();
+        assert_eq!((fit.points, fit.redundancy, fit.left_out[0].0.as_str()), (2, 3, "line 50"));
+        let apart = to_control(&[pair(1.0), pair(90.0)], 0.1, &map, file);
+        assert!(matches!(apart, Err(CoregisterError::ControlDisagrees { .. })), "{apart:?}");
         for (f, s) in found.shift.enu().iter().zip([1.1, -2.0, 3.0]) {
             assert!((f - s).abs() < 1e-3, "{found:?}");
         }
         assert!(matches!(
-            to_control(&[], &map, Path::new("gcps.csv")),
+            to_control(&[], 0.1, &map, file),
             Err(CoregisterError::NoControl { .. })
         ));
     }
