@@ -10,8 +10,8 @@
 use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};
 use crate::io::Grid2;
 use crate::metrics::{
-    HeightRaster, MEDIAN_TO_MEAN, MetricsError, PatternSearch, STENCIL, ShiftPrecision, block_costs, block_of,
-    is_rival, median_sigma,
+    HeightRaster, MEDIAN_TO_MEAN, MetricsError, PatternSearch, STENCIL, ShiftPrecision, block_costs,
+    block_of, is_rival, median_sigma,
 };
 use crate::stats::{FitQuality, MAD_TO_SIGMA, interpolated_quantile};
 use rayon::prelude::*;
@@ -74,8 +74,12 @@ pub enum CoregisterError {
         reference: PathBuf,
     },
     /// Surveyed points do not agree on a shift.
-    #[error("the points of `{reference}` do not agree on a shift: half of them are {left_m:.1} m or more from it ({quality})")]
-    #[diagnostic(help("are their coordinates, heights and pixels those of the same points, and the images those of the run?"))]
+    #[error(
+        "the points of `{reference}` do not agree on a shift: half of them are {left_m:.1} m or more from it ({quality})"
+    )]
+    #[diagnostic(help(
+        "are their coordinates, heights and pixels those of the same points, and the images those of the run?"
+    ))]
     ControlDisagrees {
         /// The reference.
         reference: PathBuf,
@@ -250,7 +254,8 @@ pub fn to_control(
     let left_m = median(&distance);
     let error_m = stated_m.max(LEAST_ERROR_M);
     let limit_m = MOST_TIMES * left_m.max(error_m);
-    let named = pairs.iter().zip(&off).map(|((name, _), d)| (name.as_str(), distance(d), distance(d) <= limit_m));
+    let named =
+        pairs.iter().zip(&off).map(|((name, _), d)| (name.as_str(), distance(d), distance(d) <= limit_m));
     let quality = FitQuality::of(named, UNKNOWNS);
     if left_m > MOST_TIMES * error_m {
         return Err(CoregisterError::ControlDisagrees { reference: reference.into(), left_m, quality });
@@ -341,7 +346,8 @@ impl<'a> TranslationSearch<'a> {
         let finite: Vec<f32> = off.iter().copied().filter(|d| d.is_finite()).collect();
         let up_m = interpolated_quantile(&finite, 0.5) as f32;
         // The minimum of NaN and a number would be the number.
-        off.iter_mut().for_each(|d| *d = if d.is_finite() { (*d - up_m).abs().min(CLIP_M) } else { f32::NAN });
+        off.iter_mut()
+            .for_each(|d| *d = if d.is_finite() { (*d - up_m).abs().min(CLIP_M) } else { f32::NAN });
         (up_m, off)
     }
 
@@ -582,9 +588,6 @@ mod tests {
         for (f, s) in found.shift.enu().iter().zip([1.1, -2.0, 3.0]) {
             assert!((f - s).abs() < 1e-3, "{found:?}");
         }
-        assert!(matches!(
-            to_control(&[], 0.1, &map, file),
-            Err(CoregisterError::NoControl { .. })
-        ));
+        assert!(matches!(to_control(&[], 0.1, &map, file), Err(CoregisterError::NoControl { .. })));
     }
 }

@@ -169,7 +169,11 @@ pub fn delivered_control_pairs(
 /// The name of a surveyed point in messages, and its positions.
 pub type ControlPair = (String, [Point<Geodetic>; 2]);
 
-fn pairs_of(control: &[ControlPoint], scene: &Scene, rpcs: Vec<&Rpc>) -> Result<Vec<ControlPair>, BundleError> {
+fn pairs_of(
+    control: &[ControlPoint],
+    scene: &Scene,
+    rpcs: Vec<&Rpc>,
+) -> Result<Vec<ControlPair>, BundleError> {
     let Some(first) = control.first() else { return Ok(Vec::new()) };
     let as_they_are = vec![[0.0; MOST]; rpcs.len()];
     let frames = scene.views.iter().map(|v| ImageFrame::new((v.width, v.height))).collect();

@@ -58,7 +58,8 @@ fn text(e: &MeshEvaluation) -> String {
     let mut out = String::new();
     if let Some(a) = &e.alignment {
         let by = if a.by_attitudes { " and their attitudes, because they lie near a line" } else { "" };
-        let _ = writeln!(out, "aligned by {} camera centres{by}: scale {:.5}, {}", a.images, a.scale, a.quality);
+        let _ =
+            writeln!(out, "aligned by {} camera centres{by}: scale {:.5}, {}", a.images, a.scale, a.quality);
         if let Some(names) = a.quality.left_out_text() {
             let _ = writeln!(out, "left out, because they disagree with the others: {names}");
         }

@@ -130,15 +130,19 @@ pub fn utm_of_map(epsg: u32, [x, y]: [f64; 2]) -> Result<u32, FrameError> {
     utm_epsg(lon, lat)
 }
 
-/// Metres on the ground of a unit of a map at a position; 1 for maps whose unit is a metre but for the small scale of their
-/// projection.
+/// Metres on the ground of a unit of a map in metres at a position; 1 where that is a metre but for the small scale of the
+/// projection, and near the poles, which UTM does not reach.
 ///
 /// # Errors
-/// As [`utm_of_map`].
+/// [`FrameError::UnknownCrs`] if PROJ does not know the map.
 pub fn metres_of_unit(epsg: u32, at: [f64; 2]) -> Result<f64, FrameError> {
-    let [a, b] = map_step(epsg, utm_of_map(epsg, at)?, at)?;
+    let zone = match utm_of_map(epsg, at) {
+        Err(FrameError::OutsideUtm { .. }) => return Ok(1.0),
+        zone => zone?,
+    };
+    let [a, b] = map_step(epsg, zone, at)?;
     let unit = (a[0] * b[1] - a[1] * b[0]).abs().sqrt();
-    Ok(if (unit - 1.0).abs() <= METRIC_WITHIN { 1.0 } else { unit })
+    Ok(if !unit.is_finite() || (unit - 1.0).abs() <= METRIC_WITHIN { 1.0 } else { unit })
 }
 
 #[cfg(test)]

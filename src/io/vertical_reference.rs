@@ -30,7 +30,8 @@ impl GeoidDifference {
     #[must_use]
     pub fn at(lon_deg: f64, lat_deg: f64, difference_m: f64) -> Option<Self> {
         let geoid_m = VerticalReference::read("EGM96").ok()?.undulation_m(lon_deg, lat_deg);
-        let is_near = (difference_m.abs() - geoid_m.abs()).abs() < NEAR_GEOID_M && geoid_m.abs() > NEAR_GEOID_M;
+        let is_near =
+            (difference_m.abs() - geoid_m.abs()).abs() < NEAR_GEOID_M && geoid_m.abs() > NEAR_GEOID_M;
         geoid_m.is_finite().then_some(Self { geoid_m, is_near })
     }
 }

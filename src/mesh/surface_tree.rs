@@ -44,10 +44,10 @@ impl<'a> SurfaceTree<'a> {
     fn grow(&mut self, first: usize, last: usize) {
         let mesh = self.mesh;
         let some = &mut self.order[first..last];
-        let (low, high) = some.iter().flat_map(|t| mesh.corners(*t as usize)).fold(
-            (DVec3::INFINITY, DVec3::NEG_INFINITY),
-            |(low, high), p| (low.min(p), high.max(p)),
-        );
+        let (low, high) = some
+            .iter()
+            .flat_map(|t| mesh.corners(*t as usize))
+            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
         let place = self.nodes.len();
         self.nodes.push(Node { low, high, range: (first, last), second: None });
         if some.len() <= LEAF {

@@ -149,7 +149,9 @@ pub enum MetricsError {
         extents: String,
     },
     /// A mesh to be scored, or its reference, has no surface.
-    #[error("a mesh of {triangles} triangles cannot be compared with one of {reference_triangles}: one has no area")]
+    #[error(
+        "a mesh of {triangles} triangles cannot be compared with one of {reference_triangles}: one has no area"
+    )]
     #[diagnostic(help("both need triangles"))]
     EmptyMesh {
         /// Triangles of the one.

@@ -58,7 +58,8 @@ mod tests {
 
     #[test]
     fn a_unit_of_the_own_map_is_a_metre_and_of_web_mercator_less() {
-        let utm = MapGrid { epsg: 32631, west: 697_000.0, north: 4_797_000.0, cell: 0.5, width: 200, height: 200 };
+        let utm =
+            MapGrid { epsg: 32631, west: 697_000.0, north: 4_797_000.0, cell: 0.5, width: 200, height: 200 };
         let own = GroundSteps::new(&utm, &utm).unwrap();
         assert_eq!((own.unit_m(), own.metres([3.0, -2.0])), (1.0, [3.0, -2.0]));
         assert_eq!(own.sigma_m([Some(0.5), None]), [Some(0.5), None]);

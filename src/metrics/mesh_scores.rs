@@ -161,8 +161,7 @@ mod tests {
         let corner = |col: u32, row: u32| row * (n + 1) + col;
         let quad = |i: u32| {
             let (col, row) = (i % n, i / n);
-            let [a, b, c, d] =
-                [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(x, y)| corner(col + x, row + y));
+            let [a, b, c, d] = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(x, y)| corner(col + x, row + y));
             [[a, b, c], [a, c, d]]
         };
         TriangleMesh { vertices, triangles: (0..n * n).flat_map(quad).collect(), ..TriangleMesh::default() }

@@ -52,7 +52,8 @@ impl ShiftPrecision {
         let mean = costs.iter().map(slope).sum::<Vector2<f64>>() / n;
         let axes = [0, 1].map(|k| curvature.eigenvectors.column(k).into_owned());
         let sigma = [0, 1].map(|k| {
-            let scatter = costs.iter().map(|c| (slope(c) - mean).dot(&axes[k]).powi(2)).sum::<f64>() * n / (n - 1.0);
+            let scatter =
+                costs.iter().map(|c| (slope(c) - mean).dot(&axes[k]).powi(2)).sum::<f64>() * n / (n - 1.0);
             let bend = curvature.eigenvalues[k];
             if bend > 0.0 && n > 1.0 { scatter.sqrt() / bend } else { f64::INFINITY }
         });

@@ -61,7 +61,8 @@ pub(super) fn best_shift(prediction: &Grid2, truth: &Grid2, bounds: (f32, f32)) 
     let mut starts = vec![(0.0, 0.0), (ncc.0 as f64, ncc.1 as f64)];
     starts.extend(peak(prediction, truth));
     let screen = ShiftSearch::new(&filled, &truth_filled, bounds, SCREENED_CELLS);
-    let mut found: Vec<(f64, f64)> = starts.iter().flat_map(|s| screen.around(*s)).chain([(0.0, 0.0)]).collect();
+    let mut found: Vec<(f64, f64)> =
+        starts.iter().flat_map(|s| screen.around(*s)).chain([(0.0, 0.0)]).collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     found.dedup();
     let search = ShiftSearch::new(&filled, &truth_filled, bounds, REFINED_CELLS);
@@ -234,7 +235,8 @@ impl<'a> ShiftSearch<'a> {
             .map(|(col, row)| (col, row, truth.at(col, row, middle, middle)))
             .filter(|(_, _, t)| !t.is_nan())
             .collect();
-        let block = |(col, row, _): &(i64, i64, f32)| block_of([*col as f64 / w as f64, *row as f64 / h as f64]);
+        let block =
+            |(col, row, _): &(i64, i64, f32)| block_of([*col as f64 / w as f64, *row as f64 / h as f64]);
         let block = cells.iter().map(block).collect();
         Self { prediction, cells, block, bounds }
     }

@@ -135,7 +135,10 @@ impl fmt::Display for Georeference {
         if let Some((name, distance_m)) = worst {
             write!(f, ", worst `{name}` {distance_m:.2} m")?;
         }
-        write!(f, "; vertical to {tilt_sigma_deg:.2}°, heading to {heading_sigma_deg:.2}° (standard deviations)")
+        write!(
+            f,
+            "; vertical to {tilt_sigma_deg:.2}°, heading to {heading_sigma_deg:.2}° (standard deviations)"
+        )
     }
 }
 
@@ -185,13 +188,15 @@ pub(super) fn fit_positions(
     };
     let pairs: Vec<PointPair> = fixed.iter().map(pair).collect();
     let (fitted, prior) = fit_with_vertical(&pairs, &fixed).map_err(refused)?;
-    let up = fixed.iter().map(|p| (fitted.transform.rotation * p.forward()).z).sum::<f64>() / fixed.len() as f64;
+    let up =
+        fixed.iter().map(|p| (fitted.transform.rotation * p.forward()).z).sum::<f64>() / fixed.len() as f64;
     let mut warnings = Vec::new();
     if let Some(names) = fitted.quality.left_out_text() {
         warnings.push(format!("positions that disagree with the others are left out: {names}"));
     }
     if !without_fix.is_empty() {
-        warnings.push(format!("positions of 0, 0 are no fix and are left out: `{}`", without_fix.join("`, `")));
+        warnings
+            .push(format!("positions of 0, 0 are no fix and are left out: `{}`", without_fix.join("`, `")));
     }
     if let Some(prior) = &prior {
         warnings.push(format!(
@@ -206,8 +211,14 @@ pub(super) fn fit_positions(
         ));
     }
     let (tilt_sigma_deg, heading_sigma_deg) = (fitted.tilt_sigma_deg(), fitted.heading_sigma_deg());
-    let fit =
-        PositionFit { quality: fitted.quality, tilt_sigma_deg, heading_sigma_deg, prior, without_fix, warnings };
+    let fit = PositionFit {
+        quality: fitted.quality,
+        tilt_sigma_deg,
+        heading_sigma_deg,
+        prior,
+        without_fix,
+        warnings,
+    };
     Ok(MapSimilarity { epsg: map_epsg, transform: fitted.transform, fit: Some(fit) })
 }
 
@@ -252,7 +263,8 @@ fn fit_with_vertical(
     };
     let (tilt_deg, heading_deg) = (fit.tilt_sigma_deg(), fit.heading_sigma_deg());
     if (prior.is_none() && tilt_deg > DETERMINED_DEG) || heading_deg > DETERMINED_DEG {
-        let degrees = |sigma: f64| if sigma < 90.0 { format!("to {sigma:.1}°") } else { "not at all".into() };
+        let degrees =
+            |sigma: f64| if sigma < 90.0 { format!("to {sigma:.1}°") } else { "not at all".into() };
         return Err(format!(
             "the camera positions determine the vertical {}, the heading {}; {DETERMINED_DEG}° are needed ({})",
             degrees(tilt_deg),

@@ -45,7 +45,11 @@ pub(super) fn georeference(
 fn from_exif(scene: &Path, views: &[Draft]) -> Result<MapSimilarity, PerspectiveError> {
     let mut positions = Vec::new();
     for view in views {
-        positions.extend(StatedPosition::of_photograph(&view.name, view.pose, &ImageFile::open(&view.image)?));
+        positions.extend(StatedPosition::of_photograph(
+            &view.name,
+            view.pose,
+            &ImageFile::open(&view.image)?,
+        ));
     }
     fit_positions(scene, LON_LAT, &positions)
 }

@@ -160,8 +160,7 @@ impl<'a> Problem<'a> {
         let median = |k: usize| crate::stats::median(pairs.iter().map(|p| p.to[k]).collect()).unwrap_or(0.0);
         let middle = DVec3::new(median(0), median(1), median(2));
         let extent = pairs.iter().map(|p| (p.to - middle).length()).collect();
-        let least_sigma =
-            if is_stated { 1.0 } else { NUMERIC * crate::stats::median(extent).unwrap_or(0.0) };
+        let least_sigma = if is_stated { 1.0 } else { NUMERIC * crate::stats::median(extent).unwrap_or(0.0) };
         Self { pairs, directions, sigma, is_stated, least_sigma }
     }
 
@@ -237,7 +236,13 @@ impl<'a> Problem<'a> {
                     // d(turn x arm) along an axis is (arm x axis) . d(turn).
                     let turned = arm.cross(unit) / length;
                     let row = SVector::<f64, UNKNOWNS>::from([
-                        turned.x, turned.y, turned.z, unit.x, unit.y, unit.z, arm[axis] / length,
+                        turned.x,
+                        turned.y,
+                        turned.z,
+                        unit.x,
+                        unit.y,
+                        unit.z,
+                        arm[axis] / length,
                     ]) / sigma[axis];
                     normal += row * row.transpose();
                     right += row * (residual[axis] / sigma[axis]);
@@ -249,8 +254,9 @@ impl<'a> Problem<'a> {
                 let sigma = d.sigma_deg.to_radians() / self.sigma_of(squares, n);
                 for unit in DVec3::AXES {
                     let turned = now.cross(unit) / length;
-                    let row = SVector::<f64, UNKNOWNS>::from([turned.x, turned.y, turned.z, 0.0, 0.0, 0.0, 0.0])
-                        / sigma;
+                    let row =
+                        SVector::<f64, UNKNOWNS>::from([turned.x, turned.y, turned.z, 0.0, 0.0, 0.0, 0.0])
+                            / sigma;
                     normal += row * row.transpose();
                     right += row * ((d.to - now).dot(unit) / sigma);
                 }
@@ -265,7 +271,8 @@ impl<'a> Problem<'a> {
                 break;
             }
         }
-        let transform = SimilarityTransform { scale, rotation, translation: place - scale * (rotation * middle) };
+        let transform =
+            SimilarityTransform { scale, rotation, translation: place - scale * (rotation * middle) };
         if !(transform.translation.is_finite() && scale > 0.0) {
             return Err(unsolved());
         }
@@ -326,7 +333,8 @@ mod tests {
     }
 
     fn turned_deg(fit: &SimilarityFit) -> f64 {
-        (DQuat::from_mat3(&(fit.transform.rotation * truth().rotation.transpose())).to_axis_angle().1).to_degrees()
+        (DQuat::from_mat3(&(fit.transform.rotation * truth().rotation.transpose())).to_axis_angle().1)
+            .to_degrees()
     }
 
     #[test]
@@ -361,7 +369,8 @@ mod tests {
         for sigma in [0.02, 0.05, 0.1] {
             let noisy = fit(sigma);
             assert!(!noisy.is_determined());
-            let (turned, stated) = (turned_deg(&noisy), noisy.tilt_sigma_deg().max(noisy.heading_sigma_deg()));
+            let (turned, stated) =
+                (turned_deg(&noisy), noisy.tilt_sigma_deg().max(noisy.heading_sigma_deg()));
             assert!(turned < 4.0 * stated && stated < 40.0 * sigma / 0.1, "{turned} {stated}");
         }
         let exactly = (0..6).map(|i| DVec3::new(f64::from(i), 2.0 * f64::from(i), 1.0));

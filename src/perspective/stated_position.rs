@@ -53,7 +53,8 @@ impl StatedPosition {
 
 /// The upward direction in camera axes of a gimbal with a pitch (0 level, -90 straight down) and a roll (clockwise), degrees.
 fn up_of_gimbal(pitch_deg: f64, roll_deg: f64) -> DVec3 {
-    let ((sin, cos), (sin_roll, cos_roll)) = (pitch_deg.to_radians().sin_cos(), roll_deg.to_radians().sin_cos());
+    let ((sin, cos), (sin_roll, cos_roll)) =
+        (pitch_deg.to_radians().sin_cos(), roll_deg.to_radians().sin_cos());
     DVec3::new(-cos * sin_roll, -cos * cos_roll, sin)
 }
 

@@ -68,7 +68,8 @@ pub fn align(run: &Path, options: &AlignOptions, progress: &dyn Progress) -> Res
     progress.check()?;
     warn_of_shift(&format!("`{}`", options.reference.display()), &alignment.shift, at, progress);
     let left_out = alignment.fit.as_ref().and_then(|fit| fit.left_out_text());
-    let left_out = left_out.map(|names| format!("points that disagree with the others are left out: {names}"));
+    let left_out =
+        left_out.map(|names| format!("points that disagree with the others are left out: {names}"));
     for warning in alignment.open_text().into_iter().chain(left_out) {
         progress.event(Event::Warning(warning));
     }

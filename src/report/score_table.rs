@@ -22,8 +22,16 @@ pub fn score_tables(evaluation: &Value) -> [ScoreTable; 2] {
     let registered_scores = array(&evaluation["registered_scores"]);
     let text = |v: &Value| v.as_str().unwrap_or_default().to_owned();
     let shifts = registered_scores.iter().map(|v| {
-        let columns =
-            ["dx_cells", "dy_cells", "east_m", "east_sigma_m", "north_m", "north_sigma_m", "dz_m", "dz_sigma_m"];
+        let columns = [
+            "dx_cells",
+            "dy_cells",
+            "east_m",
+            "east_sigma_m",
+            "north_m",
+            "north_sigma_m",
+            "dz_m",
+            "dz_sigma_m",
+        ];
         let numbers = columns.map(|key| number(&v[key], 3));
         [text(&v["method"])].into_iter().chain(numbers).collect()
     });

@@ -82,7 +82,8 @@ mod tests {
 
     #[test]
     fn a_fit_names_its_worst_point_and_those_left_out() {
-        let points = [("a", 0.3, true), ("b", 0.4, true), ("c", 0.0, true), ("d", 2e6, false), ("e", 7.0, false)];
+        let points =
+            [("a", 0.3, true), ("b", 0.4, true), ("c", 0.0, true), ("d", 2e6, false), ("e", 7.0, false)];
         let fit = FitQuality::of(points.into_iter(), 7);
         assert_eq!(fit.to_string(), "3 points, redundancy 2, RMS 0.29 m, worst `b` 0.40 m");
         assert_eq!(fit.left_out_text().unwrap(), "`d` (2000 km), `e` (7.00 m)");

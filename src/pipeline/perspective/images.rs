@@ -26,14 +26,13 @@ pub fn require_own_images(
     progress: &dyn Progress,
 ) -> Result<(), PipelineError> {
     let by_name = |view: &PinholeView| scene.views.iter().find(|v| v.name == view.name);
-    let agreements: Vec<f64> = views
-        .iter()
-        .filter_map(|view| color_agreement(scene, &by_name(view)?.observed, view))
-        .collect();
+    let agreements: Vec<f64> =
+        views.iter().filter_map(|view| color_agreement(scene, &by_name(view)?.observed, view)).collect();
     let views = agreements.len();
     let agreement = quantile(agreements, 0.5);
     let missed_px = PerspectiveScene::reprojection(path)?.map_or(0.0, |r| r.mean_px);
-    let missed = format!("points miss the places in the images where the model has them by {missed_px:.0} px (mean)");
+    let missed =
+        format!("points miss the places in the images where the model has them by {missed_px:.0} px (mean)");
     if let Some(agreement) = agreement.filter(|a| *a < OF_OTHERS) {
         let mut reason = format!(
             "the colours of the points and those of the images where they should show have a correlation of {agreement:.2} \

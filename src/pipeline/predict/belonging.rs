@@ -59,8 +59,13 @@ pub fn require_in_photographs(
             scene.points.iter().map(|p| p.position.xyz()).collect()
         };
         let away = distance(middle(points), middle(&own));
-        let reason = format!("no image shows one of them; their middle is {away:.4} {unit} from that of the scene");
-        return Err(elsewhere(path, reason, "are their coordinates those of the scene: frame, unit, map, zone?"));
+        let reason =
+            format!("no image shows one of them; their middle is {away:.4} {unit} from that of the scene");
+        return Err(elsewhere(
+            path,
+            reason,
+            "are their coordinates those of the scene: frame, unit, map, zone?",
+        ));
     }
     let step = scene.points.len().div_ceil(COMPARED).max(1);
     let known = |p: [f64; 3]| seen(&p).map(|px_per_unit| KnownPoint { place: p, px_per_unit });
@@ -105,7 +110,8 @@ pub fn require_near(
                      file states? --keep-place takes them where they are";
         return Err(elsewhere(path, text, cause));
     }
-    progress.event(Event::Warning(format!("the points of `{}` do not fit the scene: {text}", path.display())));
+    progress
+        .event(Event::Warning(format!("the points of `{}` do not fit the scene: {text}", path.display())));
     Ok(())
 }
 
@@ -142,7 +148,8 @@ mod tests {
             let (x, y) = ((i % 100) as f64, (i / 100) as f64);
             [x, y, 5.0 * (0.1 * x).sin()]
         };
-        let points: Vec<[f64; 3]> = (0..10_000).step_by(step).map(at).map(|[x, y, z]| [x, y, z + up]).collect();
+        let points: Vec<[f64; 3]> =
+            (0..10_000).step_by(step).map(at).map(|[x, y, z]| [x, y, z + up]).collect();
         let known: Vec<KnownPoint> =
             (0..10_000).step_by(37).map(|i| KnownPoint { place: at(i), px_per_unit: 10.0 }).collect();
         let told = Recorder::default();

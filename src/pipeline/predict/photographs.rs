@@ -7,7 +7,8 @@ use super::{Output, PredictOptions, Predicted, read_model};
 use crate::io::write_json;
 use crate::perspective::PerspectiveScene;
 use crate::pipeline::perspective::{
-    PerspectiveManifest, read_views, require_own_images, scene_fingerprint, start_points, tell_of_scene, write_trained,
+    PerspectiveManifest, read_views, require_own_images, scene_fingerprint, start_points, tell_of_scene,
+    write_trained,
 };
 use crate::pipeline::stage::{Outcome, hash_file};
 use crate::pipeline::{PipelineError, TrainOptions};

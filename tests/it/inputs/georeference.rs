@@ -87,7 +87,11 @@ fn positions_without_a_fix_and_gross_errors_are_named_and_left_out() {
     };
     let (info, told) = json(&["info", name(&scene), "--georef", &list]);
     let fit = &info["georeference"]["fit"];
-    assert_eq!((fit["points"].as_u64(), fit["without_fix"][0].as_str()), (Some(6), Some("IMG_002.jpg")), "{fit}");
+    assert_eq!(
+        (fit["points"].as_u64(), fit["without_fix"][0].as_str()),
+        (Some(6), Some("IMG_002.jpg")),
+        "{fit}"
+    );
     assert_eq!(fit["left_out"][0][0], "IMG_005.jpg", "{fit}");
     assert!(told.contains("IMG_005.jpg") && told.contains("IMG_002.jpg"), "{told}");
     assert_eq!(info["georeference"]["grid"]["epsg"], 32631);
@@ -137,7 +141,8 @@ fn points_that_no_camera_sees_or_far_from_those_of_the_scene_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let predict = |points: &Path, out: &str, more: &[&'static str]| {
         let out = name(&folder.path().join(out)).to_owned();
-        let args = ["predict", name(&scene), "-o", &out, "--points", name(points), "--without-network", "flat"];
+        let args =
+            ["predict", name(&scene), "-o", &out, "--points", name(points), "--without-network", "flat"];
         satgs(&[&args, more].concat())
     };
     let aside = predict(&scene.join("points-100-aside.ply"), "aside", &[]);
@@ -149,10 +154,8 @@ fn points_that_no_camera_sees_or_far_from_those_of_the_scene_are_refused() {
     let ply = std::fs::read_to_string(scene.join("points-right.ply")).unwrap();
     let (head, body) = ply.split_once("end_header\n").unwrap();
     let raised = body.lines().map(|line| {
-        let [x, y, z] = <[f64; 3]>::try_from(
-            line.split(' ').map(|v| v.parse().unwrap()).collect::<Vec<f64>>(),
-        )
-        .unwrap();
+        let [x, y, z] =
+            <[f64; 3]>::try_from(line.split(' ').map(|v| v.parse().unwrap()).collect::<Vec<f64>>()).unwrap();
         format!("{x} {y} {}\n", z + 6.0)
     });
     let high = folder.path().join("high.ply");
@@ -207,7 +210,10 @@ fn a_glb_in_map_coordinates_keeps_its_millimetres() {
     let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
     let (low, high) = (&document["accessors"][0]["min"], &document["accessors"][0]["max"]);
     for k in 0..3 {
-        assert!(low[k].as_f64().unwrap().abs() < 100.0 && high[k].as_f64().unwrap().abs() < 100.0, "{low} {high}");
+        assert!(
+            low[k].as_f64().unwrap().abs() < 100.0 && high[k].as_f64().unwrap().abs() < 100.0,
+            "{low} {high}"
+        );
     }
     let node = &document["nodes"][0];
     let far = |v: &Value| v.as_f64().unwrap().abs() > 400_000.0;
@@ -266,9 +272,11 @@ fn control_above_the_sea_is_warned_of() {
 fn swapped_control_and_control_outside_of_images_is_refused() {
     let Some(folder) = input("gcp-swapped") else { return };
     let out = tempfile::tempdir().unwrap();
-    for (control, says) in
-        [("swapped.csv", "lon and lat are swapped"), ("outside.csv", "is outside of"), ("semicolon.csv", "semicolons")]
-    {
+    for (control, says) in [
+        ("swapped.csv", "lon and lat are swapped"),
+        ("outside.csv", "is outside of"),
+        ("semicolon.csv", "semicolons"),
+    ] {
         let run = out.path().join(control);
         refused(&["ba", name(&folder), "-o", name(&run), "--gcps", name(&folder.join(control))], 2, &[says]);
     }
@@ -277,7 +285,8 @@ fn swapped_control_and_control_outside_of_images_is_refused() {
 #[test]
 fn shifts_are_metres_on_the_ground_in_any_map() {
     let Some(folder) = input("eval_web_mercator") else { return };
-    let scores = |truth: &str| json(&["dsm-eval", name(&folder.join("dsm.tif")), name(&folder.join(truth))]).0;
+    let scores =
+        |truth: &str| json(&["dsm-eval", name(&folder.join("dsm.tif")), name(&folder.join(truth))]).0;
     let (utm, web) = (scores("truth_utm.tif"), scores("truth_3857.tif"));
     let xyz = |scores: &Value, key: &str| scores["registered_scores"][2][key].as_f64().unwrap();
     for (key, right) in [("east_m", 3.9), ("north_m", -2.5)] {
