@@ -1,25 +1,16 @@
-//! Co-registration: the translation that brings a scene to a reference. Tie points do not determine it, and delivered
-//! cameras know it to some metres only.
-//!
-//! To a height raster, it is the shift with the smallest mean absolute difference of heights after removal of their
-//! median difference. It is found on a grid of shifts and refined by pattern search. Differences are clipped at
-//! `CLIP_M`, because buildings that changed say nothing about the shift; shifts are compared on the points that have heights under
-//! both. Directions in which the curvature at the minimum, or another minimum, leaves the shift open are not moved. To
-//! surveyed points, it is the median of their differences.
+//! The translation that brings points to a height raster.
 
-use crate::frame::{FrameError, Geodetic, Point, SiteGrid, Transform, Utm};
+use super::error::{CoregisterError, FEWEST, REACH_M};
+use super::shift::{Coregistration, Shift};
+use crate::frame::{Point, Transform, Utm};
 use crate::io::Grid2;
 use crate::metrics::{
-    HeightRaster, MEDIAN_TO_MEAN, MetricsError, PatternSearch, STENCIL, ShiftPrecision, block_costs,
-    block_of, is_rival, median_sigma,
+    HeightRaster, PatternSearch, STENCIL, ShiftPrecision, block_costs, block_of, is_rival, median_sigma,
 };
-use crate::stats::{FitQuality, MAD_TO_SIGMA, interpolated_quantile};
+use crate::stats::interpolated_quantile;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
 
-/// Half the side of the grid of shifts and its step, metres.
-const REACH_M: f64 = 24.0;
+/// Step of the grid of shifts, metres.
 const STEP_M: f64 = 1.5;
 /// Last step of the refinement, metres.
 const FINEST_M: f64 = 1e-3;
@@ -34,155 +25,8 @@ const ROUNDS: usize = 5;
 const CLIP_M: f32 = 3.0;
 /// A direction whose standard deviation is below this is determined, metres; others only by shifts that are several times theirs.
 const FINE_M: f64 = 0.5;
-/// Surveyed points that are farther from the median shift than this multiple of the median distance, or of the least error
-/// of a point in satellite images, are named and left out; if half of the points are that far from it, they are refused.
-const MOST_TIMES: f64 = 10.0;
-const LEAST_ERROR_M: f64 = 0.5;
-/// Unknowns of a shift.
-const UNKNOWNS: usize = 3;
-/// Smallest number of points on the reference, and smallest fraction of the most points that any shift has on it.
-const FEWEST: usize = 100;
+/// Smallest fraction of the most points that any shift has on the reference.
 const LEAST_SHARE: f64 = 0.5;
-
-/// Why no translation was found.
-#[derive(Debug, thiserror::Error, miette::Diagnostic)]
-#[non_exhaustive]
-pub enum CoregisterError {
-    /// Too few points lie on the reference.
-    #[error("{common} of the run's points lie on heights of `{reference}`, {FEWEST} are needed")]
-    #[diagnostic(help(
-        "does the reference show the same place, is its CRS right, and does it hold heights?"
-    ))]
-    NoOverlap {
-        /// The reference.
-        reference: PathBuf,
-        /// Points that lie on it.
-        common: usize,
-    },
-    /// The best shift lies at the limit of the search.
-    #[error("the best shift to `{reference}` lies at the limit of the search, {REACH_M} m")]
-    #[diagnostic(help("does it show the same place, and buildings or relief?"))]
-    TooFar {
-        /// The reference.
-        reference: PathBuf,
-    },
-    /// No ground control point is observed in two views.
-    #[error("no point of `{reference}` is observed in two views of the run")]
-    #[diagnostic(help("a point needs a line for each of two images or more"))]
-    NoControl {
-        /// The reference.
-        reference: PathBuf,
-    },
-    /// Surveyed points do not agree on a shift.
-    #[error(
-        "the points of `{reference}` do not agree on a shift: half of them are {left_m:.1} m or more from it ({quality})"
-    )]
-    #[diagnostic(help(
-        "are their coordinates, heights and pixels those of the same points, and the images those of the run?"
-    ))]
-    ControlDisagrees {
-        /// The reference.
-        reference: PathBuf,
-        /// Median distance, metres.
-        left_m: f64,
-        /// How the points agree.
-        quality: FitQuality,
-    },
-    /// The reference cannot be read.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Reference(#[from] MetricsError),
-    /// The coordinate systems cannot be transformed into each other.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Frame(#[from] FrameError),
-}
-
-/// Translation of a scene on its map, metres.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Shift {
-    /// To the east, metres.
-    pub east_m: f64,
-    /// To the north, metres.
-    pub north_m: f64,
-    /// Upwards, metres.
-    pub up_m: f64,
-}
-
-impl Shift {
-    /// The components east, north and up, metres.
-    #[must_use]
-    pub fn enu(&self) -> [f64; 3] {
-        [self.east_m, self.north_m, self.up_m]
-    }
-
-    /// Its length, metres.
-    #[must_use]
-    pub fn length_m(&self) -> f64 {
-        self.enu().iter().map(|v| v * v).sum::<f64>().sqrt()
-    }
-
-    /// This translation applied after another one.
-    #[must_use]
-    pub fn after(&self, first: &Self) -> Self {
-        Self {
-            east_m: self.east_m + first.east_m,
-            north_m: self.north_m + first.north_m,
-            up_m: self.up_m + first.up_m,
-        }
-    }
-
-    /// The translation at a place as a step in degrees of longitude, degrees of latitude and metres of height. Over 50
-    /// km, the same step in degrees differs from that in metres by less than a centimetre for a translation of 10 m.
-    #[must_use]
-    pub fn on_ground(&self, map: &SiteGrid, at: Point<Geodetic>) -> [f64; 3] {
-        let here = map.utm_from_geodetic(at);
-        let there = Point::new(here.x() + self.east_m, here.y() + self.north_m, here.z());
-        let there = map.geodetic_from_utm(there);
-        [there.lon_deg() - at.lon_deg(), there.lat_deg() - at.lat_deg(), self.up_m]
-    }
-}
-
-/// A translation and the differences that remain.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Coregistration {
-    /// The translation to apply to the scene.
-    pub shift: Shift,
-    /// Number of compared points.
-    pub points: usize,
-    /// Median absolute difference after the translation, metres: of heights, or of positions of surveyed points.
-    pub left_m: f64,
-    /// Standard deviations of east, north and up, metres; none where nothing determines it.
-    #[serde(default)]
-    pub sigma_m: [Option<f64>; 3],
-    /// Number of horizontal directions that are determined, 0 to 2. The shift has no part in others.
-    #[serde(default)]
-    pub directions: usize,
-    /// Of surveyed points, how they agree with the shift.
-    #[serde(default)]
-    pub fit: Option<FitQuality>,
-}
-
-impl Coregistration {
-    /// The standard deviations for a message.
-    #[must_use]
-    pub fn sigma_text(&self) -> String {
-        let [east, north, up] =
-            self.sigma_m.map(|s| s.map_or_else(|| "not determined".to_owned(), |s| format!("{s:.3} m")));
-        format!("standard deviations: east {east}, north {north}, up {up}")
-    }
-
-    /// What is not moved because nothing determines it; none if all is determined.
-    #[must_use]
-    pub fn open_text(&self) -> Option<String> {
-        let what = match self.directions {
-            0 => "the horizontal shift is not determined, only the height is moved",
-            1 => "the horizontal shift is determined in one direction, and moved in that alone",
-            _ => return None,
-        };
-        Some(format!("{what} ({}): a reference with buildings or more relief would tell", self.sigma_text()))
-    }
-}
 
 /// The translation of points, whose map has the code EPSG `epsg`, to a height raster.
 ///
@@ -225,49 +69,6 @@ pub fn to_surface(
         directions,
         fit: None,
     })
-}
-
-/// The translation between pairs of (triangulated, surveyed) positions with their names: the median along each axis of the
-/// map. `stated_m` is the standard deviation that the survey states.
-///
-/// # Errors
-/// [`CoregisterError::NoControl`] without any, [`CoregisterError::ControlDisagrees`] if half of them are wrong.
-pub fn to_control(
-    pairs: &[(String, [Point<Geodetic>; 2])],
-    stated_m: f64,
-    map: &SiteGrid,
-    reference: &Path,
-) -> Result<Coregistration, CoregisterError> {
-    if pairs.is_empty() {
-        return Err(CoregisterError::NoControl { reference: reference.into() });
-    }
-    let off: Vec<[f64; 3]> = pairs
-        .iter()
-        .map(|(_, [ours, exact])| (map.utm_from_geodetic(*exact) - map.utm_from_geodetic(*ours)).xyz())
-        .collect();
-    let median = |of: &dyn Fn(&[f64; 3]) -> f64| {
-        interpolated_quantile(&off.iter().map(|d| of(d) as f32).collect::<Vec<_>>(), 0.5)
-    };
-    let [east_m, north_m, up_m] = [0, 1, 2].map(|k| median(&|d| d[k]));
-    let shift = Shift { east_m, north_m, up_m };
-    let distance = |d: &[f64; 3]| d.iter().zip(shift.enu()).map(|(d, s)| (d - s).powi(2)).sum::<f64>().sqrt();
-    let left_m = median(&distance);
-    let error_m = stated_m.max(LEAST_ERROR_M);
-    let limit_m = MOST_TIMES * left_m.max(error_m);
-    let named =
-        pairs.iter().zip(&off).map(|((name, _), d)| (name.as_str(), distance(d), distance(d) <= limit_m));
-    let quality = FitQuality::of(named, UNKNOWNS);
-    if left_m > MOST_TIMES * error_m {
-        return Err(CoregisterError::ControlDisagrees { reference: reference.into(), left_m, quality });
-    }
-    // Of one or two points the scatter says nothing, but the survey does.
-    let of_mean = MEDIAN_TO_MEAN / (quality.points as f64).sqrt();
-    let sigma_m = [0, 1, 2].map(|k| {
-        let scatter = MAD_TO_SIGMA * median(&|d| (d[k] - shift.enu()[k]).abs());
-        Some(of_mean * scatter.max(stated_m))
-    });
-    let points = quality.points;
-    Ok(Coregistration { shift, points, left_m, sigma_m, directions: 2, fit: Some(quality) })
 }
 
 /// A horizontal shift with the differences of heights that it leaves.
@@ -569,25 +370,5 @@ mod tests {
         let far = to_surface(&points([60.0, 0.0, 0.0]), EPSG, &reference());
         assert!(!far.is_ok_and(|a| a.left_m < 0.1));
         assert!(matches!(to_surface(&[], EPSG, &reference()), Err(CoregisterError::NoOverlap { .. })));
-    }
-
-    #[test]
-    fn a_wrong_surveyed_point_does_not_change_the_median() {
-        let map = SiteGrid::at(Point::new(5.44, 43.26, 100.0)).unwrap();
-        let pair = |dx: f64| {
-            let ours = Point::<Utm>::new(map.origin.x() + 10.0 * dx, map.origin.y(), 90.0);
-            let exact = Point::new(ours.x() + dx, ours.y() - 2.0, 93.0);
-            (format!("line {dx}"), [map.geodetic_from_utm(ours), map.geodetic_from_utm(exact)])
-        };
-        let file = Path::new("gcps.csv");
-        let found = to_control(&[pair(1.0), pair(1.1), pair(50.0)], 0.1, &map, file).unwrap();
-        let fit = found.fit.as_ref().unwrap();
-        assert_eq!((fit.points, fit.redundancy, fit.left_out[0].0.as_str()), (2, 3, "line 50"));
-        let apart = to_control(&[pair(1.0), pair(90.0)], 0.1, &map, file);
-        assert!(matches!(apart, Err(CoregisterError::ControlDisagrees { .. })), "{apart:?}");
-        for (f, s) in found.shift.enu().iter().zip([1.1, -2.0, 3.0]) {
-            assert!((f - s).abs() < 1e-3, "{found:?}");
-        }
-        assert!(matches!(to_control(&[], 0.1, &map, file), Err(CoregisterError::NoControl { .. })));
     }
 }
