@@ -41,10 +41,12 @@ pub fn to_surface(
     let no_overlap = |common| CoregisterError::NoOverlap { reference: reference.path.clone(), common };
     search.compare_with([0.0; 2]);
     let mut best = search.best_around([0.0; 2]).map_err(no_overlap)?;
-    // The search is repeated until no shift around the best one is better, so that an aligned scene has the shift zero.
+    // The search is repeated until no shift around the best one is better than it on the points of both, so that an aligned
+    // scene has the shift zero.
     for _ in 0..ROUNDS {
+        search.compare_with(best.at);
         let next = search.best_around(best.at).map_err(no_overlap)?;
-        if next.mean_m >= best.mean_m {
+        if next.mean_m >= 0.0 {
             break;
         }
         best = next;
@@ -184,16 +186,17 @@ impl<'a> TranslationSearch<'a> {
         let costs = STENCIL.map(|step| self.costs(around(step), REFINED).1);
         let costs = block_costs(costs.each_ref().map(Vec::as_slice), &self.some_blocks(REFINED));
         let precision = ShiftPrecision::new(&costs, STEP_M);
-        let (own, blocks) = (self.costs(best.at, SCREENED).1, self.some_blocks(SCREENED));
+        // Few points tell which shifts may fit as well, and many whether they do.
+        let [few, many] = [SCREENED, REFINED]
+            .map(|at_most| (self.costs(best.at, at_most).1, self.some_blocks(at_most), at_most));
+        let fits = |(own, blocks, at_most): &(Costs, Vec<u8>, usize), at: [f64; 2]| {
+            is_rival(&block_costs([own, &self.costs(at, *at_most).1], blocks))
+        };
         let others: Vec<[f64; 2]> = shifts_around([0.0; 2])
             .into_par_iter()
-            .map(|at| [at[0] - best.at[0], at[1] - best.at[1]])
-            .filter(|away| precision.is_apart(*away, STEP_M))
-            .filter(|away| {
-                let at = [best.at[0] + away[0], best.at[1] + away[1]];
-                let pairs = block_costs([&own, &self.costs(at, SCREENED).1], &blocks);
-                is_rival(&pairs.iter().map(|[own, other]| other - own).collect::<Vec<_>>())
-            })
+            .map(|at| (at, [at[0] - best.at[0], at[1] - best.at[1]]))
+            .filter(|(at, away)| precision.is_apart(*away, STEP_M) && fits(&few, *at) && fits(&many, *at))
+            .map(|(_, away)| away)
             .collect();
         others.into_iter().fold(precision, ShiftPrecision::with_rival)
     }

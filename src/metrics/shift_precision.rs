@@ -26,6 +26,10 @@ pub(crate) const STENCIL: [[f64; 2]; 9] = [
 pub(crate) const MEDIAN_TO_MEAN: f64 = 1.2533;
 /// A shift fits as well as the best one if it is worse by fewer standard deviations of the difference.
 const RIVAL_SIGMAS: f64 = 3.0;
+/// A shift whose costs are larger by this share on the same ground does not fit as well, however few blocks tell so: a few
+/// buildings determine a shift. Shifts whose costs are larger by the smaller share only differ by rounding.
+const CLEARLY_WORSE: f64 = 0.2;
+const ROUNDING: f64 = 1e-3;
 /// A shift of more than this multiple of its standard deviation is one, however large that is.
 const SIGNIFICANT: f64 = 4.0;
 
@@ -48,6 +52,7 @@ impl ShiftPrecision {
         let mixed = (sum(0) + sum(8) - sum(2) - sum(6)) / (4.0 * step * step);
         let curvature = Matrix2::new(second(3, 5), mixed, mixed, second(1, 7)).symmetric_eigen();
         let slope = |c: &BlockCosts| Vector2::new(c[5] - c[3], c[7] - c[1]) / (2.0 * step);
+        let clearly_worse = CLEARLY_WORSE * sum(4);
         let n = costs.len() as f64;
         let mean = costs.iter().map(slope).sum::<Vector2<f64>>() / n;
         let axes = [0, 1].map(|k| curvature.eigenvectors.column(k).into_owned());
@@ -55,7 +60,13 @@ impl ShiftPrecision {
             let scatter =
                 costs.iter().map(|c| (slope(c) - mean).dot(&axes[k]).powi(2)).sum::<f64>() * n / (n - 1.0);
             let bend = curvature.eigenvalues[k];
-            if bend > 0.0 && n > 1.0 { scatter.sqrt() / bend } else { f64::INFINITY }
+            // Less than the rounding of the costs is no curvature.
+            let is_bent = n > 1.0 && bend * step * step > ROUNDING * sum(4);
+            if is_bent {
+                (scatter.sqrt() / bend).min((2.0 * clearly_worse / bend).sqrt())
+            } else {
+                f64::INFINITY
+            }
         });
         Self { axes, sigma }
     }
@@ -127,13 +138,19 @@ pub(crate) fn median_sigma(differences: impl Iterator<Item = (u8, f32)>, median:
     (off.len() > 1).then(|| MEDIAN_TO_MEAN * scatter / (off.len() as f64).sqrt())
 }
 
-/// Whether costs of one shift are not larger than those of another one by more than the scatter of the differences between
-/// blocks explains.
-pub(crate) fn is_rival(differences: &[f64]) -> bool {
-    let n = differences.len() as f64;
-    let sum = differences.iter().sum::<f64>();
-    let scatter = differences.iter().map(|d| (d - sum / n).powi(2)).sum::<f64>() * n / (n - 1.0).max(1.0);
-    sum <= RIVAL_SIGMAS * scatter.sqrt()
+/// Whether another shift fits about as well as the best one, from pairs of the costs of blocks under both. The scatter of the
+/// differences between blocks is at most that of the differences themselves, which grows with what a few blocks tell, and at
+/// most that of the costs that the best shift leaves.
+pub(crate) fn is_rival(pairs: &[[f64; 2]]) -> bool {
+    let n = pairs.len() as f64;
+    let variance = |of: fn(&[f64; 2]) -> f64| {
+        let mean = pairs.iter().map(of).sum::<f64>() / n;
+        pairs.iter().map(|p| (of(p) - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)
+    };
+    let scatter = variance(|p| p[1] - p[0]).min(2.0 * variance(|p| p[0]));
+    let own = pairs.iter().map(|p| p[0]).sum::<f64>();
+    let more = pairs.iter().map(|p| p[1] - p[0]).sum::<f64>();
+    more <= (RIVAL_SIGMAS * (n * scatter).sqrt()).clamp(ROUNDING * own, CLEARLY_WORSE * own)
 }
 
 #[cfg(test)]
@@ -177,7 +194,11 @@ mod tests {
         assert!(precision.is_apart([0.0, 7.0], 0.5) && !precision.is_apart([0.3, 0.3], 0.5));
         let wide = precision.with_rival([0.0, 7.0]);
         assert!(wide.sigma()[1].unwrap() >= 7.0 && wide.sigma()[0].unwrap() < 0.2);
-        assert!(is_rival(&[1.0, -1.2, 0.7, -0.4]) && !is_rival(&[1.0, 1.2, 0.9, 1.1]));
-        assert!(is_rival(&[0.0; 4]));
+        assert!(is_rival(&[[1.0, 2.0], [3.0, 1.8], [0.2, 0.9], [2.0, 1.6]]));
+        assert!(!is_rival(&[[1.0, 2.0], [3.0, 4.2], [0.2, 1.1], [2.0, 3.1]]), "all blocks agree");
+        assert!(is_rival(&[[10.0, 9.0], [30.0, 33.0], [12.0, 11.0], [20.0, 21.0]]), "blocks differ");
+        assert!(is_rival(&[[1.0, 1.000_1]; 4]), "rounding");
+        assert!(!is_rival(&[[1.0, 1.0], [1.1, 9.0], [1.0, 1.0], [0.9, 0.9]]), "one tells, and fits");
+        assert!(is_rival(&[[1.0, 1.0]; 4]));
     }
 }

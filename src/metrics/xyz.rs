@@ -317,8 +317,7 @@ impl ShiftPrecision {
             .into_par_iter()
             .filter(|shift| {
                 let pairs = block_costs([&own, &search.candidate(*shift).errors], &search.block);
-                let differences: Vec<f64> = pairs.iter().map(|[own, other]| other - own).collect();
-                !differences.is_empty() && is_rival(&differences)
+                !pairs.is_empty() && is_rival(&pairs)
             })
             .map(|(dx, dy)| [dx - best.0, dy - best.1])
             .collect();

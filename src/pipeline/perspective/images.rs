@@ -1,10 +1,13 @@
 //! Whether the images of a scene show its points: a model may have been moved without its points, or be that of other images.
 
 use super::super::PipelineError;
-use crate::perspective::PerspectiveScene;
+use crate::frame::{Point, Site};
+use crate::perspective::{PerspectiveScene, PerspectiveView};
+use crate::prior::seen_points;
 use crate::progress::{Event, Progress};
 use crate::splat::pinhole::PinholeView;
 use crate::stats::quantile;
+use rayon::prelude::*;
 use std::path::Path;
 
 /// Points of a model miss their keypoints by a pixel, and by four at most (COLMAP's filter): more is no error of measurement.
@@ -18,7 +21,7 @@ const OF_OTHERS: f64 = 0.25;
 const OF_OWN: f64 = 0.5;
 
 /// Refuses images that do not show the colours of the points that a model says they show, and models whose points miss their
-/// images.
+/// images. Where nothing says which points an image shows, their colours may not be those of the images, and this is a warning.
 pub fn require_own_images(
     path: &Path,
     scene: &PerspectiveScene,
@@ -26,22 +29,27 @@ pub fn require_own_images(
     progress: &dyn Progress,
 ) -> Result<(), PipelineError> {
     let by_name = |view: &PinholeView| scene.views.iter().find(|v| v.name == view.name);
+    let points: Vec<_> = scene.points.iter().map(|p| p.position).collect();
     let agreements: Vec<f64> =
-        views.iter().filter_map(|view| color_agreement(scene, &by_name(view)?.observed, view)).collect();
-    let views = agreements.len();
+        views.par_iter().filter_map(|view| color_agreement(scene, &points, by_name(view)?, view)).collect();
+    let count = agreements.len();
     let agreement = quantile(agreements, 0.5);
     let missed_px = PerspectiveScene::reprojection(path)?.map_or(0.0, |r| r.mean_px);
     let missed =
         format!("points miss the places in the images where the model has them by {missed_px:.0} px (mean)");
+    tracing::debug!("correlation of the colours of points and images: {agreement:?} of {count} views");
     if let Some(agreement) = agreement.filter(|a| *a < OF_OTHERS) {
         let mut reason = format!(
             "the colours of the points and those of the images where they should show have a correlation of {agreement:.2} \
-             (median of {views} views)"
+             (median of {count} views)"
         );
         if missed_px > MOST_MISSED_PX {
             reason += &format!("; {missed}");
         }
-        return Err(elsewhere(reason));
+        if scene.views.iter().any(|v| !v.observed.is_empty()) {
+            return Err(elsewhere(reason));
+        }
+        progress.event(Event::Warning(format!("{reason}: are the images those of the cameras?")));
     }
     if missed_px > MOST_MISSED_PX {
         if agreement.is_none_or(|a| a < OF_OWN) {
@@ -64,27 +72,28 @@ fn elsewhere(reason: String) -> PipelineError {
 }
 
 /// Correlation of the grey values of points with those of a view where it shows them; none if too few tell something.
-fn color_agreement(scene: &PerspectiveScene, observed: &[u32], view: &PinholeView) -> Option<f64> {
+fn color_agreement(
+    scene: &PerspectiveScene,
+    points: &[Point<Site>],
+    view: &PerspectiveView,
+    picture: &PinholeView,
+) -> Option<f64> {
     let gray = |rgb: [u8; 3]| rgb.map(f64::from).iter().sum::<f64>() / 3.0;
-    let pair = |i: &u32| {
-        let point = scene.points.get(*i as usize)?;
-        let px = view.camera.project(point.position)?;
-        let inside = px.col > -0.5 && px.row > -0.5;
-        let seen = inside.then(|| view.rgb(px.col.round() as usize, px.row.round() as usize))??;
-        Some((gray(point.rgb), gray(seen)))
-    };
-    let pairs: Vec<(f64, f64)> = observed.iter().filter_map(pair).collect();
-    if observed.len() < FEWEST {
-        return None;
-    }
-    // Points that should show and lie outside of the image agree with nothing.
+    let seen = seen_points(points, view);
+    let pairs: Vec<(f64, f64)> = seen
+        .iter()
+        .filter_map(|p| {
+            let there = picture.rgb(p.col.round().max(0.0) as usize, p.row.round().max(0.0) as usize)?;
+            Some((gray(scene.points.get(p.index)?.rgb), gray(there)))
+        })
+        .collect();
     if pairs.len() < FEWEST {
-        return Some(0.0);
+        // Points that should show and lie outside of the image agree with nothing.
+        return (view.observed.len() >= FEWEST && seen.len() < view.observed.len() / 2).then_some(0.0);
     }
     let n = pairs.len() as f64;
     let (a, b) = pairs.iter().fold((0.0, 0.0), |(a, b), p| (a + p.0 / n, b + p.1 / n));
     let moment = |of: fn((f64, f64)) -> f64| pairs.iter().map(|p| of((p.0 - a, p.1 - b))).sum::<f64>() / n;
     let (aa, bb, ab) = (moment(|p| p.0 * p.0), moment(|p| p.1 * p.1), moment(|p| p.0 * p.1));
-    let has_contrast = aa.min(bb).sqrt() >= LEAST_CONTRAST;
-    has_contrast.then(|| ab / (aa * bb).sqrt())
+    (aa.min(bb).sqrt() >= LEAST_CONTRAST).then(|| ab / (aa * bb).sqrt())
 }

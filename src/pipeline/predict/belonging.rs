@@ -163,7 +163,7 @@ mod tests {
         assert!(matches!(check(0.0, 1, false), (Ok(()), 0)));
         assert!(matches!(check(1.0, 1, false), (Ok(()), 0)), "a metre is the spacing of the points");
         let refused = check(12.0, 1, false).0.unwrap_err().to_string();
-        assert!(refused.contains("upwards +1"), "{refused}");
+        assert!(refused.contains("10.90 m from the points") && refused.contains("upwards +9"), "{refused}");
         assert!(matches!(check(12.0, 1, true), (Ok(()), 1)));
     }
 
