@@ -2,7 +2,7 @@
 
 use super::breakdown::Groups;
 use super::ground::GroundSteps;
-use super::registration::{Method, Registration, register};
+use super::registration::{Method, Registration, registrations};
 use super::resample::{Sampling, onto_grid};
 use super::{HeightRaster, MetricsError, PartScores, Scores, Truth, filled_by_nearest};
 use crate::frame::{Point, SiteGrid, metres_of_unit};
@@ -167,7 +167,7 @@ pub fn evaluate(mut prediction: HeightRaster, mut truth: Truth) -> Result<Evalua
             truth: truth.surface.path,
         });
     }
-    let registrations = Method::ALL.map(|method| register(method, &raster, land, bounds));
+    let registrations = registrations(&raster, land, bounds);
     drop(raster);
     let mut notes = notes(&prediction, &truth, sampling, -registrations[0].dz_m);
     for open in registrations.iter().filter(|r| !r.is_determined) {

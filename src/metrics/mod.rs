@@ -33,7 +33,7 @@ pub use fill::filled_by_nearest;
 pub use mesh_scores::{MeshScores, error_mesh, mesh_scores};
 pub(crate) use pattern_search::PatternSearch;
 pub use profile::Profile;
-pub use registration::{Method, Registration, register};
+pub use registration::{Method, Registration, registrations};
 pub use resample::{Sampling, onto_grid};
 pub use scores::Scores;
 pub(crate) use shift_precision::{

@@ -65,23 +65,22 @@ impl Registration {
     }
 }
 
-/// The registration of `prediction` to `land` (NaN where not scored), both on one grid.
+/// The registrations of `prediction` to `land` (NaN where not scored), both on one grid, in the order of [`Method::ALL`].
 ///
 /// `bounds` are the heights, in metres, to which registered values are clipped before errors are taken.
 #[must_use]
-pub fn register(method: Method, prediction: &Grid2, land: &Grid2, bounds: (f32, f32)) -> Registration {
-    let found = match method {
-        Method::Z => {
-            let (dz_m, dz_sigma_m) = offset(prediction, land, (0.0, 0.0));
-            FoundShift { shift: (0.0, 0.0), dz_m, dz_sigma_m, sigma: [None; 2], is_determined: true }
-        }
-        Method::Ncc => {
-            let found = best_correlation(prediction, land, bounds);
-            let whole = (found.shift.0 as i64, found.shift.1 as i64);
-            FoundShift { dz_m: -mean_difference(prediction, land, whole), ..found }
-        }
-        Method::Xyz => best_shift(prediction, land, bounds),
-    };
+pub fn registrations(prediction: &Grid2, land: &Grid2, bounds: (f32, f32)) -> [Registration; 3] {
+    let (dz_m, dz_sigma_m) = offset(prediction, land, (0.0, 0.0));
+    let z = FoundShift { shift: (0.0, 0.0), dz_m, dz_sigma_m, sigma: [None; 2], is_determined: true };
+    let (xyz, precision) = best_shift(prediction, land, bounds);
+    let ncc = best_correlation(prediction, land, &precision);
+    let whole = (ncc.shift.0 as i64, ncc.shift.1 as i64);
+    let ncc = FoundShift { dz_m: -mean_difference(prediction, land, whole), ..ncc };
+    [(Method::Z, z), (Method::Ncc, ncc), (Method::Xyz, xyz)]
+        .map(|(method, found)| registration(method, &found))
+}
+
+fn registration(method: Method, found: &FoundShift) -> Registration {
     // Adding zero turns -0 into 0.
     Registration {
         method,
@@ -128,6 +127,10 @@ mod tests {
     }
 
     const ALL_HEIGHTS: (f32, f32) = (f32::MIN, f32::MAX);
+
+    fn register(method: Method, prediction: &Grid2, land: &Grid2, bounds: (f32, f32)) -> Registration {
+        registrations(prediction, land, bounds).into_iter().find(|r| r.method == method).unwrap()
+    }
 
     #[test]
     fn a_known_shift_is_found_exactly() {

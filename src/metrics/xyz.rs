@@ -55,7 +55,11 @@ pub(super) struct FoundShift {
 }
 
 /// The shift (dx, dy) in cells and the offset dz in metres with the smallest MAE after clipping to `bounds`.
-pub(super) fn best_shift(prediction: &Grid2, truth: &Grid2, bounds: (f32, f32)) -> FoundShift {
+pub(super) fn best_shift(
+    prediction: &Grid2,
+    truth: &Grid2,
+    bounds: (f32, f32),
+) -> (FoundShift, ShiftPrecision) {
     let (filled, truth_filled) = (Filled::new(prediction), Filled::new(truth));
     let ncc = best_whole_shift(prediction, truth);
     let mut starts = vec![(0.0, 0.0), (ncc.0 as f64, ncc.1 as f64)];
@@ -74,17 +78,14 @@ pub(super) fn best_shift(prediction: &Grid2, truth: &Grid2, bounds: (f32, f32)) 
         .reduce(|a, b| if b.is_better_than(&a) { b } else { a });
     let best = best.map_or((0.0, 0.0), |best| best.shift);
     let precision = search.precision(best).with_rivals(&screen, best, found);
-    located(prediction, truth, best, &precision)
+    (located(prediction, truth, best, &precision), precision)
 }
 
-/// The whole-cell shift with the highest correlation, as far as the errors determine it; dz = -mean(P - T) is the caller's.
-pub(super) fn best_correlation(prediction: &Grid2, truth: &Grid2, bounds: (f32, f32)) -> FoundShift {
+/// The whole-cell shift with the highest correlation, in the directions that the errors around the best shift determine; dz =
+/// -mean(P - T) is the caller's.
+pub(super) fn best_correlation(prediction: &Grid2, truth: &Grid2, precision: &ShiftPrecision) -> FoundShift {
     let (dx, dy) = best_whole_shift(prediction, truth);
-    let best = (dx as f64, dy as f64);
-    let (filled, truth_filled) = (Filled::new(prediction), Filled::new(truth));
-    let search = ShiftSearch::new(&filled, &truth_filled, bounds, SCREENED_CELLS);
-    let precision = search.precision(best).with_rivals(&search, best, vec![(0.0, 0.0)]);
-    let found = located(prediction, truth, best, &precision);
+    let found = located(prediction, truth, (dx as f64, dy as f64), precision);
     FoundShift { shift: (found.shift.0.round(), found.shift.1.round()), ..found }
 }
 

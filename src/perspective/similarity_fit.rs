@@ -166,7 +166,7 @@ impl<'a> Problem<'a> {
 
     /// Number of points that must agree: more than half of those beyond three, which any similarity can fit.
     fn majority(&self) -> usize {
-        ((self.pairs.len() + LEAST_POINTS + 1) / 2).min(self.pairs.len())
+        (self.pairs.len() + LEAST_POINTS).div_ceil(2).min(self.pairs.len())
     }
 
     /// Distance of each point from its image, in units of the standard deviations.
@@ -217,7 +217,9 @@ impl<'a> Problem<'a> {
         // Turns and logarithms of the scale are multiplied by this length, so that all unknowns are lengths.
         let length = start.scale * spread;
         let unsolved = || "the positions cannot be fitted".to_owned();
-        if !(length > 0.0) {
+        // A comparison that NaN fails too.
+        let has_extent = length > 0.0;
+        if !has_extent {
             return Err("the positions are all in one place".into());
         }
         let (mut scale, mut rotation, mut place) = (start.scale, start.rotation, start.apply(middle));
