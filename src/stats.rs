@@ -1,4 +1,8 @@
-//! Robust statistics of lists of numbers: quantiles.
+//! Robust statistics of lists of numbers: quantiles; and what fits say about themselves.
+
+mod fit;
+
+pub use fit::FitQuality;
 
 /// Factor from the median absolute deviation to the standard deviation of a normal distribution.
 pub const MAD_TO_SIGMA: f64 = 1.4826;

@@ -265,6 +265,9 @@ class RegisteredScores(Scores):
         dz_m: Metres added to the heights.
         east_m: Metres that the surface model is moved east.
         north_m: Metres that the surface model is moved north.
+        dx_sigma_cells, dy_sigma_cells, dz_sigma_m, east_sigma_m, north_sigma_m: Standard deviations; ``None`` where the heights
+            do not tell them, and of methods without a shift.
+        is_determined: Whether the heights determine the shift; its part in other directions is 0.
         confirmed: Scores of the cells that at least two views confirm, as if the others were nodata; ``None`` where the numbers
             of views are not known.
         filled: Scores of the other predicted cells, whose heights are filled in from the cells around them.
@@ -277,6 +280,12 @@ class RegisteredScores(Scores):
     dz_m: float
     east_m: float
     north_m: float
+    dx_sigma_cells: float | None
+    dy_sigma_cells: float | None
+    dz_sigma_m: float | None
+    east_sigma_m: float | None
+    north_sigma_m: float | None
+    is_determined: bool
     confirmed: Scores | None
     filled: Scores | None
     breakdown: tuple[PartScores, ...] = field(repr=False)
@@ -290,6 +299,7 @@ class Evaluation:
         prediction: File of the surface model.
         truth: File of the truth.
         grid: Grid of the truth, on which all scores are computed.
+        cell_m: Side of a cell of that grid on the ground, metres.
         sampling: How the surface model was resampled to that grid.
         land_cells: Number of cells of the truth that are valid and not water.
         water_cells: Number of cells of water, which are not scored.
@@ -300,6 +310,7 @@ class Evaluation:
     prediction: Path
     truth: Path
     grid: MapGrid
+    cell_m: float
     sampling: Literal["whole_cells", "bilinear", "reprojected"]
     land_cells: int
     water_cells: int

@@ -6,7 +6,9 @@ use super::network::triangulate;
 use super::output::Adjustment;
 use super::problem::{Block, Observation, PositionPrior, SIGMA_PX, Track};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
+use crate::rpc::Rpc;
 use crate::scene::{Scene, View};
+use crate::stats::median;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -139,8 +141,8 @@ pub fn tracks_of(
     Ok(tracks)
 }
 
-/// Pairs of positions of each surveyed point: as triangulated by the adjusted cameras, and as surveyed. Points with
-/// fewer than two observations are left out.
+/// Pairs of positions of each surveyed point, with the line of the file that names it: as triangulated by the adjusted cameras, and
+/// as surveyed. Points with fewer than two observations are left out.
 ///
 /// # Errors
 /// [`BundleError::ControlImage`], [`BundleError::NoCamera`].
@@ -148,17 +150,48 @@ pub fn control_pairs(
     control: &[ControlPoint],
     scene: &Scene,
     adjustment: &Adjustment,
-) -> Result<Vec<[Point<Geodetic>; 2]>, BundleError> {
-    let Some(first) = control.first() else { return Ok(Vec::new()) };
+) -> Result<Vec<ControlPair>, BundleError> {
     let rpcs = adjustment.cameras_of(scene)?;
+    pairs_of(control, scene, rpcs.iter().collect())
+}
+
+/// As [`control_pairs`], as triangulated by the delivered cameras.
+///
+/// # Errors
+/// [`BundleError::ControlImage`].
+pub fn delivered_control_pairs(
+    control: &[ControlPoint],
+    scene: &Scene,
+) -> Result<Vec<ControlPair>, BundleError> {
+    pairs_of(control, scene, scene.views.iter().map(|v| &v.rpc).collect())
+}
+
+/// The name of a surveyed point in messages, and its positions.
+pub type ControlPair = (String, [Point<Geodetic>; 2]);
+
+fn pairs_of(
+    control: &[ControlPoint],
+    scene: &Scene,
+    rpcs: Vec<&Rpc>,
+) -> Result<Vec<ControlPair>, BundleError> {
+    let Some(first) = control.first() else { return Ok(Vec::new()) };
+    let as_they_are = vec![[0.0; MOST]; rpcs.len()];
     let frames = scene.views.iter().map(|v| ImageFrame::new((v.width, v.height))).collect();
-    let block = Block::new(rpcs.iter().collect(), frames, first.place);
+    let block = Block::new(rpcs, frames, first.place);
     let names: Vec<&str> = scene.views.iter().map(|v| v.name.as_str()).collect();
     let tracks = tracks_of(control, scene, &names, &block)?;
-    let as_they_are = vec![[0.0; MOST]; rpcs.len()];
     let pair = |t: &Track| {
         let place = (t.observations.len() >= 2).then(|| triangulate(&block, t, &as_they_are))??;
-        Some([block.geodetic(place), block.geodetic(t.prior?.place)])
+        let known = t.prior?;
+        let line = control.iter().find(|c| block.local(c.place) == known.place).map_or(0, |c| c.line);
+        Some((format!("line {line}"), [block.geodetic(place), block.geodetic(known.place)]))
     };
     Ok(tracks.iter().filter_map(pair).collect())
+}
+
+/// Median of the standard deviations that a survey states for its points, metres in space.
+#[must_use]
+pub fn stated_accuracy_m(control: &[ControlPoint]) -> f64 {
+    let in_space = |c: &ControlPoint| (2.0 * c.sigma_m[0].powi(2) + c.sigma_m[1].powi(2)).sqrt();
+    median(control.iter().map(in_space).collect()).unwrap_or(0.0)
 }

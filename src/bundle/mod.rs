@@ -51,7 +51,9 @@ mod view_rejection;
 mod whole_scene;
 
 pub use adjust::adjust;
-pub use control::{ControlPoint, control_pairs, read_control};
+pub use control::{
+    ControlPair, ControlPoint, control_pairs, delivered_control_pairs, read_control, stated_accuracy_m,
+};
 pub use control_check::check_control;
 pub use correction::{CorrectionModel, Parameters};
 pub use error::BundleError;

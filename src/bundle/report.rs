@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 /// Number of bins of the residuals' histogram, and their width, pixels.
 pub const HISTOGRAM_BINS: usize = 40;
 pub const BIN_PX: f64 = 0.05;
+/// Unknowns of the datum that ground control determines: the translation of the network.
+const DATUM_UNKNOWNS: usize = 3;
 
 /// Statistics of a view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -202,13 +204,20 @@ impl Report {
         let _ = writeln!(out, "datum: {}; rank defect {}", self.gauge, self.rank_defect);
         if !self.control.is_empty() {
             let (good, bad): (Vec<_>, Vec<_>) = self.control.iter().partition(|c| c.agrees);
-            let worst = good.iter().map(|c| c.residual_px).fold(0.0, f64::max);
-            let _ = writeln!(
-                out,
-                "{} of {} observations of ground control agree, at most {worst:.3} px off",
-                good.len(),
-                self.control.len()
-            );
+            let (agree, all) = (good.len(), self.control.len());
+            let _ = write!(out, "{agree} of {all} observations of ground control agree");
+            if let Some(worst) = good.iter().max_by(|a, b| a.residual_px.total_cmp(&b.residual_px)) {
+                let rms_px = rms(&good.iter().map(|c| c.residual_px).collect::<Vec<_>>());
+                let _ = write!(
+                    out,
+                    ", at most {:.3} px off (line {}, `{}`), RMS {rms_px:.3} px, redundancy {}",
+                    worst.residual_px,
+                    worst.line,
+                    worst.view,
+                    (2 * agree).saturating_sub(DATUM_UNKNOWNS)
+                );
+            }
+            out.push('\n');
             for c in bad {
                 let [e, n, u] = c.moved_m;
                 let _ = writeln!(

@@ -7,7 +7,8 @@ use std::path::PathBuf;
 
 /// Align a run to a reference: one shift east, north and up of its cameras, points, splats and rasters
 ///
-/// The shift is estimated from RUN/dsm.tif, or from the sparse points of a run without one. It is applied to RUN/ba
+/// The shift is estimated from RUN/dsm.tif, or from the sparse points of a run without one, with its standard deviations.
+/// Directions in which the reference does not determine it, as a smooth one does not, are not moved. It is applied to RUN/ba
 /// (corrected RPCs, points, tie points), cameras.json, the splats, the surfaces in RUN/train, dsm.tif, ortho.tif,
 /// confidence.tif and hillshade.tif: to all of them or, if the command fails, to none. RUN/align.json records the shift.
 /// Point clouds, meshes and scores in RUN show the place before and are removed, which is said; rendered images and files elsewhere
@@ -37,8 +38,11 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
     let found = &aligned.alignment;
     let Shift { east_m, north_m, up_m } = found.shift;
     let text = format!(
-        "{east_m:+.3} m east, {north_m:+.3} m north, {up_m:+.3} m up, from {} points; median distance afterwards {:.2} m",
-        found.points, found.left_m
+        "{east_m:+.3} m east, {north_m:+.3} m north, {up_m:+.3} m up, from {} points; median distance afterwards {:.2} m; {}{}",
+        found.points,
+        found.left_m,
+        found.sigma_text(),
+        found.fit.as_ref().map_or_else(String::new, |fit| format!("; {fit}"))
     );
     let text = if aligned.was_moved {
         format!("moved {text}")

@@ -3,6 +3,7 @@
 use super::{CliError, Ui};
 use crate::perspective::colmap::Reprojection;
 use crate::perspective::{LensModel, PerspectiveOptions, PerspectiveScene, PerspectiveView};
+use crate::progress::{Event, Progress};
 use crate::scene::Role;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -17,6 +18,9 @@ pub fn run(path: &Path, options: &PerspectiveOptions, ui: &Ui) -> Result<(), Cli
     let reprojection = PerspectiveScene::reprojection(path)?;
     let lenses = lenses(&scene);
     let text = text(&scene, &lenses, reprojection);
+    for warning in scene.georeference.iter().flat_map(|g| g.warnings()) {
+        ui.event(Event::Warning(warning.clone()));
+    }
     ui.summary("info", Some(&text), &summary(&scene, &lenses, reprojection))
 }
 
@@ -128,21 +132,7 @@ fn text(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Reproj
     }
     let _ = match &scene.georeference {
         None => writeln!(out, "georeference: none"),
-        Some(g) => {
-            let origin = g.grid.origin;
-            let fit = g.rms_m.map_or(String::new(), |rms| {
-                format!("; {} fitted with an RMS of {rms:.2} m", plural(g.positions, "camera position"))
-            });
-            writeln!(
-                out,
-                "georeference: EPSG:{}, origin {:.0} {:.0} {:.0}, {:.4} m a unit of the file{fit}",
-                g.grid.epsg,
-                origin.x(),
-                origin.y(),
-                origin.z(),
-                g.scale
-            )
-        }
+        Some(georeference) => writeln!(out, "{georeference}"),
     };
     if let Some(registration) = &scene.registration {
         let _ = writeln!(out, "{registration}");

@@ -34,7 +34,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE", value_parser = ending(&POINT_ENDINGS))]
     points: Option<PathBuf>,
     /// Take the points where they are. By default points of satellite scenes are moved onto the tie points of the adjustment, which
-    /// tells by how much: tie points leave the place of a run open by some metres
+    /// tells by how much: tie points leave the place of a run open by some metres; and points that lie elsewhere than those of
+    /// the scene are refused
     #[arg(long, requires = "points")]
     keep_place: bool,
     /// Model, made by `satgs learn`, or a network of yours with the inputs and the output that `satgs learn OUT.onnx --from built-in`

@@ -101,9 +101,70 @@ impl Transform {
     }
 }
 
+/// How far the unit of a map may be from a metre on the ground: that of UTM is within 0.1 %, those of national grids within
+/// 0.2 %, that of Web Mercator is half a metre at 60 degrees.
+const METRIC_WITHIN: f64 = 0.01;
+/// Half the step of differences of positions on a map, in its units.
+const HALF_STEP: f64 = 50.0;
+
+/// The step on a map to which a unit along x and a unit along y of another map lead, at a position of the latter: two vectors
+/// (x, y).
+///
+/// # Errors
+/// [`FrameError::UnknownCrs`] if PROJ does not know one of the maps.
+pub fn map_step(from: u32, to: u32, [x, y]: [f64; 2]) -> Result<[[f64; 2]; 2], FrameError> {
+    let transform = Transform::new(from, to)?;
+    let along = |dx: f64, dy: f64| {
+        let (a, b) = (transform.convert(x - dx, y - dy), transform.convert(x + dx, y + dy));
+        [(b.0 - a.0) / (2.0 * HALF_STEP), (b.1 - a.1) / (2.0 * HALF_STEP)]
+    };
+    Ok([along(HALF_STEP, 0.0), along(0.0, HALF_STEP)])
+}
+
+/// The EPSG code of the UTM zone of a position on a map.
+///
+/// # Errors
+/// [`FrameError::UnknownCrs`] if PROJ does not know the map, [`FrameError::OutsideUtm`].
+pub fn utm_of_map(epsg: u32, [x, y]: [f64; 2]) -> Result<u32, FrameError> {
+    let (lon, lat) = Transform::new(epsg, WGS84)?.convert(x, y);
+    utm_epsg(lon, lat)
+}
+
+/// Metres on the ground of a unit of a map in metres at a position; 1 where that is a metre but for the small scale of the
+/// projection, and near the poles, which UTM does not reach.
+///
+/// # Errors
+/// [`FrameError::UnknownCrs`] if PROJ does not know the map.
+pub fn metres_of_unit(epsg: u32, at: [f64; 2]) -> Result<f64, FrameError> {
+    let zone = match utm_of_map(epsg, at) {
+        Err(FrameError::OutsideUtm { .. }) => return Ok(1.0),
+        zone => zone?,
+    };
+    let [a, b] = map_step(epsg, zone, at)?;
+    let unit = (a[0] * b[1] - a[1] * b[0]).abs().sqrt();
+    Ok(if !unit.is_finite() || (unit - 1.0).abs() <= METRIC_WITHIN { 1.0 } else { unit })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_unit_of_web_mercator_shrinks_with_latitude() {
+        let (x, y) = Transform::new(WGS84, 3857).unwrap().convert(5.44, 43.3);
+        let unit = metres_of_unit(3857, [x, y]).unwrap();
+        assert!((unit - 43.3f64.to_radians().cos()).abs() < 3e-3, "{unit}");
+        let (x, y) = Transform::new(WGS84, 32631).unwrap().convert(5.44, 43.3);
+        assert_eq!(metres_of_unit(32631, [x, y]).unwrap(), 1.0);
+        let (x, y) = Transform::new(WGS84, 2154).unwrap().convert(5.44, 43.3);
+        assert_eq!(metres_of_unit(2154, [x, y]).unwrap(), 1.0);
+        // The axes of neighbouring zones are turned by the convergence of both.
+        let (x, y) = Transform::new(WGS84, 32631).unwrap().convert(6.0, 43.3);
+        let [east, north] = map_step(32631, 32632, [x, y]).unwrap();
+        let turn = east[1].atan2(east[0]).to_degrees();
+        assert!((turn.abs() - 6.0 * 43.3f64.to_radians().sin()).abs() < 0.02, "{turn}");
+        assert!((north[0] + east[1]).abs() < 1e-3);
+    }
 
     #[test]
     fn utm_zones_follow_longitude_and_hemisphere() {

@@ -8,7 +8,7 @@ mod geoid;
 mod point;
 mod site;
 
-pub use crs::{FrameError, Transform, utm_epsg, wrap_longitude_deg};
+pub use crs::{FrameError, Transform, map_step, metres_of_unit, utm_epsg, utm_of_map, wrap_longitude_deg};
 pub use geoid::GeoidGrid;
 pub use point::{CenterPx, CornerPx, Frame, Geodetic, Pixel, Point, Site, Utm, Vector};
 pub use site::{SiteBox, SiteGrid};

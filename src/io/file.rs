@@ -172,6 +172,12 @@ impl ImageFile {
         lines.iter().filter_map(|l| l.split_once('=')).map(|(k, v)| (k.into(), v.into())).collect()
     }
 
+    /// The XMP packet of a photograph, if it has one.
+    #[must_use]
+    pub fn xmp(&self) -> Option<String> {
+        Some(self.dataset.metadata_domain("xml:XMP")?.join("\n"))
+    }
+
     /// Checks that the file is complete by reading the last pixel of the last band.
     ///
     /// # Errors

@@ -43,6 +43,12 @@ impl MapGrid {
         )
     }
 
+    /// Map position of the cell in the middle.
+    #[must_use]
+    pub fn middle(&self) -> Point<Utm> {
+        self.cell_center(self.width / 2, self.height / 2)
+    }
+
     /// Position of a map point in columns and rows; corners of cells are at whole numbers.
     #[must_use]
     pub fn corner_px_from_utm(&self, p: Point<Utm>) -> Pixel<CornerPx> {

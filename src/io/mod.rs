@@ -53,6 +53,6 @@ pub use valid::ValidPixels;
 pub use vector::{
     MapFeature, MapShape, Marker, Outline, inside_polygons, write_map_features, write_markers, write_outlines,
 };
-pub use vertical_reference::VerticalReference;
+pub use vertical_reference::{GeoidDifference, VerticalReference};
 pub use window::Window;
 pub use write::{Cog, SensorImage, png_rgb, write_moved, write_png_gray, write_png_rgb, write_with_rpc};

@@ -13,6 +13,29 @@ const MODELS: [(&str, u32, &[&str]); 3] = [
 /// Folders of PROJ's data, in addition to those of its environment variables.
 const FOLDERS: [&str; 3] = ["/usr/share/proj", "/usr/local/share/proj", "/opt/homebrew/share/proj"];
 
+/// Heights whose difference equals the geoid's height to within this, in metres, probably have different vertical references.
+const NEAR_GEOID_M: f64 = 5.0;
+
+/// The height of the geoid at a place, and whether a difference of heights is that.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GeoidDifference {
+    /// Height of the geoid (EGM96) above the ellipsoid, metres.
+    pub geoid_m: f64,
+    /// Whether the difference is about as large, up or down.
+    pub is_near: bool,
+}
+
+impl GeoidDifference {
+    /// Compares a difference of heights with the geoid at a place in degrees; none without a grid of the geoid.
+    #[must_use]
+    pub fn at(lon_deg: f64, lat_deg: f64, difference_m: f64) -> Option<Self> {
+        let geoid_m = VerticalReference::read("EGM96").ok()?.undulation_m(lon_deg, lat_deg);
+        let is_near =
+            (difference_m.abs() - geoid_m.abs()).abs() < NEAR_GEOID_M && geoid_m.abs() > NEAR_GEOID_M;
+        geoid_m.is_finite().then_some(Self { geoid_m, is_near })
+    }
+}
+
 /// The surface from which heights are counted.
 pub enum VerticalReference {
     /// The WGS 84 ellipsoid.

@@ -19,6 +19,7 @@ mod pieces;
 mod ply;
 mod ply_header;
 mod ply_writer;
+mod surface_tree;
 mod triangle_mesh;
 mod tsdf;
 
@@ -29,5 +30,6 @@ pub use error::MeshError;
 pub use file::MeshFormat;
 pub use fuse::{FuseOptions, FusedMesh, KeptPieces, fuse};
 pub use pieces::{keep_largest_pieces, pieces};
+pub use surface_tree::SurfaceTree;
 pub use triangle_mesh::TriangleMesh;
 pub use tsdf::TsdfVolume;

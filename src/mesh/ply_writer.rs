@@ -4,12 +4,10 @@ use super::TriangleMesh;
 use crate::io::georeference_comment;
 use std::fmt::Write;
 
-/// Coordinates from here on are written as double: steps of float are half a millimetre there.
-const FLOAT_REACH_M: f64 = 8192.0;
-
 /// The file of a mesh.
 pub(super) fn bytes(mesh: &TriangleMesh) -> Vec<u8> {
-    let is_far = mesh.vertices.as_flattened().iter().any(|v| v.abs() >= FLOAT_REACH_M);
+    // Coordinates of a map need double precision.
+    let is_far = mesh.is_far();
     let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
     if let Some(site) = &mesh.site {
         let _ = writeln!(header, "comment {}", georeference_comment(site));

@@ -4,6 +4,8 @@ use crate::frame::SiteGrid;
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
+/// Coordinates from here on need more than single precision, whose steps are half a millimetre there.
+const FLOAT_REACH_M: f64 = 8192.0;
 /// Marks vertices that no triangle uses.
 const UNUSED: u32 = u32::MAX;
 
@@ -46,6 +48,21 @@ impl TriangleMesh {
         Some(self.vertices.iter().fold([first; 2], |[low, high], p| {
             [std::array::from_fn(|k| low[k].min(p[k])), std::array::from_fn(|k| high[k].max(p[k]))]
         }))
+    }
+
+    /// Whether single precision is too coarse for its coordinates, as for those of a map.
+    #[must_use]
+    pub fn is_far(&self) -> bool {
+        self.vertices.as_flattened().iter().any(|v| v.abs() >= FLOAT_REACH_M)
+    }
+
+    /// Corners of a triangle.
+    ///
+    /// # Panics
+    /// Panics if there is no such triangle, or it names a vertex that does not exist.
+    #[must_use]
+    pub fn corners(&self, triangle: usize) -> [DVec3; 3] {
+        self.triangles[triangle].map(|v| DVec3::from_array(self.vertices[v as usize]))
     }
 
     /// Moves the mesh by a similarity: `scale * rotation * position + translation`.

@@ -50,9 +50,9 @@ struct Labels {
 }
 
 impl Labels {
-    /// Every division that the truth permits, water excluded.
-    fn all(truth: &Truth) -> Vec<Self> {
-        let (land, cell) = (&truth.surface.height, truth.surface.grid.cell);
+    /// Every division that the truth permits, water excluded; `cell` is the side of a cell, metres.
+    fn all(truth: &Truth, cell: f64) -> Vec<Self> {
+        let land = &truth.surface.height;
         let classes = truth.classes.as_ref();
         let edges = classes.filter(|c| c.contains(&BUILDING)).map(|c| Self::roof_edges(c, land, cell));
         [classes.map(|c| Self::classes(c)), truth.mask.as_ref().map(|m| Self::mask(m)), edges]
@@ -145,9 +145,9 @@ pub(super) struct Groups {
 }
 
 impl Groups {
-    /// The groups of every division that the truth permits, water excluded.
-    pub(super) fn of(truth: &Truth) -> Self {
-        Self::by(Labels::all(truth), truth.surface.height.data.len())
+    /// The groups of every division that the truth permits, water excluded; `cell_m` is the side of a cell, metres.
+    pub(super) fn of(truth: &Truth, cell_m: f64) -> Self {
+        Self::by(Labels::all(truth, cell_m), truth.surface.height.data.len())
     }
 
     fn by(divisions: Vec<Labels>, cells: usize) -> Self {

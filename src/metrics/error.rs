@@ -148,14 +148,16 @@ pub enum MetricsError {
         /// Bounds and CRS of both, as text.
         extents: String,
     },
-    /// A mesh to be scored, or its reference, has no vertices.
-    #[error("a mesh of {vertices} vertices cannot be compared with one of {reference_vertices}")]
-    #[diagnostic(help("both need vertices"))]
+    /// A mesh to be scored, or its reference, has no surface.
+    #[error(
+        "a mesh of {triangles} triangles cannot be compared with one of {reference_triangles}: one has no area"
+    )]
+    #[diagnostic(help("both need triangles"))]
     EmptyMesh {
-        /// Vertices of the one.
-        vertices: usize,
-        /// Vertices of the other.
-        reference_vertices: usize,
+        /// Triangles of the one.
+        triangles: usize,
+        /// Triangles of the other.
+        reference_triangles: usize,
     },
     /// A mesh is in another CRS than what it is compared with.
     #[error("`{path}` is in EPSG:{found}, what it is compared with in EPSG:{expected}")]
@@ -200,7 +202,7 @@ pub enum MetricsError {
     /// A mesh cannot be aligned by the cameras of its run or scene.
     #[error("--align: the cameras of `{path}` cannot be brought to those of --views: {reason}")]
     #[diagnostic(help(
-        "a similarity needs three images or more of the same names in both, taken by pinhole cameras that are not on a line"
+        "a similarity needs three images or more of the same names in both, taken by pinhole cameras"
     ))]
     Alignment {
         /// The run or scene of the mesh.

@@ -1,11 +1,12 @@
 //! A prediction scored against the truth, with every registration.
 
 use super::breakdown::Groups;
-use super::registration::{Method, Registration, register};
+use super::ground::GroundSteps;
+use super::registration::{Method, Registration, registrations};
 use super::resample::{Sampling, onto_grid};
 use super::{HeightRaster, MetricsError, PartScores, Scores, Truth, filled_by_nearest};
-use crate::frame::{Point, SiteGrid};
-use crate::io::{Grid2, MapGrid, VerticalReference};
+use crate::frame::{Point, SiteGrid, metres_of_unit};
+use crate::io::{GeoidDifference, Grid2, MapGrid, VerticalReference};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -14,9 +15,6 @@ use std::path::PathBuf;
 const LEAST_COMMON_CELLS: usize = 100;
 /// Registered heights are clipped to the truth's range widened by this, in metres (EOGS).
 const CLIP_MARGIN_M: f32 = 10.0;
-/// Heights whose median difference equals the geoid's height to within this, in metres, probably have different
-/// vertical references.
-const NEAR_GEOID_M: f64 = 5.0;
 
 /// A registration and the scores after it.
 #[derive(Clone, Debug, Serialize)]
@@ -28,6 +26,10 @@ pub struct RegisteredScores {
     pub east_m: f64,
     /// Metres the prediction is moved north.
     pub north_m: f64,
+    /// Standard deviation of `east_m`; none where the heights do not tell it, and of methods without a shift.
+    pub east_sigma_m: Option<f64>,
+    /// The same of `north_m`.
+    pub north_sigma_m: Option<f64>,
     /// Scores of all land.
     #[serde(flatten)]
     pub scores: Scores,
@@ -49,6 +51,8 @@ pub struct Evaluation {
     pub truth: PathBuf,
     /// Grid of the truth, on which all scores are computed.
     pub grid: MapGrid,
+    /// Side of a cell of that grid on the ground, metres.
+    pub cell_m: f64,
     /// How the prediction was resampled to that grid.
     pub sampling: Sampling,
     /// Number of cells of the truth that are valid and not water.
@@ -126,12 +130,26 @@ impl Evaluation {
         &self,
         registration: Registration,
         groups: &Groups,
+        ground: &GroundSteps,
     ) -> Result<RegisteredScores, MetricsError> {
         let (errors, without_holes) = self.errors(&self.predicted, &registration)?;
         let (scores, breakdown) = groups.scores(&self.land, &errors, &without_holes);
         let (confirmed, filled) = self.scores_by_evidence(&registration, &errors)?.unzip();
-        let (east_m, north_m) = registration.moved_m(self.grid.cell);
-        Ok(RegisteredScores { registration, east_m, north_m, scores, confirmed, filled, breakdown })
+        let of_grid = self.grid.cell;
+        let [east_m, north_m] = ground.metres(registration.moved_cells().map(|cells| cells * of_grid));
+        let sigma = [registration.dx_sigma_cells, registration.dy_sigma_cells];
+        let [east_sigma_m, north_sigma_m] = ground.sigma_m(sigma.map(|cells| Some(cells? * of_grid)));
+        Ok(RegisteredScores {
+            registration,
+            east_m,
+            north_m,
+            east_sigma_m,
+            north_sigma_m,
+            scores,
+            confirmed,
+            filled,
+            breakdown,
+        })
     }
 
     /// Errors of predicted heights after a registration, and the same after holes are filled with the nearest cell.
@@ -197,10 +215,26 @@ pub fn evaluate(
             truth: truth.surface.path,
         });
     }
-    let registrations = Method::ALL.map(|method| register(method, &raster, land, bounds));
+    let registrations = registrations(&raster, land, bounds);
     drop(raster);
-    let notes = notes(&prediction, &truth, sampling, -registrations[0].dz_m);
-    let groups = Groups::of(&truth);
+    let mut notes = notes(&prediction, &truth, sampling, -registrations[0].dz_m);
+    for open in registrations.iter().filter(|r| !r.is_determined) {
+        notes.push(format!(
+            "{}: the heights do not determine the horizontal shift; in the directions that they leave open the surface is not moved",
+            open.method.name()
+        ));
+    }
+    let ground = GroundSteps::new(&grid, &prediction.grid)?;
+    let cell_m = grid.cell * ground.unit_m();
+    let middle = grid.middle();
+    if metres_of_unit(grid.epsg, [middle.x(), middle.y()])? != 1.0 {
+        notes.push(format!(
+            "a unit of the truth's map (EPSG:{}) is {:.3} m on the ground here: lengths, slopes and distances are converted",
+            grid.epsg,
+            ground.unit_m()
+        ));
+    }
+    let groups = Groups::of(&truth, cell_m);
     let confirmed = confirmed.map(|confirmed| {
         let heights = prediction.height.data.iter().zip(confirmed);
         let data = heights.map(|(z, is_confirmed)| if *is_confirmed { *z } else { f32::NAN }).collect();
@@ -210,6 +244,7 @@ pub fn evaluate(
         prediction: prediction.path,
         truth: truth.surface.path,
         grid,
+        cell_m,
         sampling,
         land_cells,
         water_cells,
@@ -222,7 +257,7 @@ pub fn evaluate(
         classes: truth.classes,
         bounds,
     };
-    let registered_scores = registrations.into_iter().map(|r| evaluation.scores_after(r, &groups));
+    let registered_scores = registrations.into_iter().map(|r| evaluation.scores_after(r, &groups, &ground));
     evaluation.registered_scores = registered_scores.collect::<Result<_, _>>()?;
     Ok(evaluation)
 }
@@ -286,10 +321,12 @@ fn notes(prediction: &HeightRaster, truth: &Truth, sampling: Sampling, differenc
 /// A hint for a median difference that is near the height of the geoid.
 fn geoid_hint(grid: &MapGrid, difference_m: f64) -> String {
     let map = SiteGrid { epsg: grid.epsg, origin: Point::new(0.0, 0.0, 0.0) };
-    let middle = map.geodetic_from_utm(grid.cell_center(grid.width / 2, grid.height / 2));
-    let Ok(egm96) = VerticalReference::read("EGM96") else { return String::new() };
-    let geoid_m = egm96.undulation_m(middle.lon_deg(), middle.lat_deg());
-    let is_near = (difference_m.abs() - geoid_m.abs()).abs() < NEAR_GEOID_M && geoid_m.abs() > NEAR_GEOID_M;
+    let middle = map.geodetic_from_utm(grid.middle());
+    let Some(GeoidDifference { geoid_m, is_near }) =
+        GeoidDifference::at(middle.lon_deg(), middle.lat_deg(), difference_m)
+    else {
+        return String::new();
+    };
     let hint =
         ", about the same: is one of them above a geoid? --truth-vertical sets the reference of the truth";
     format!("; the geoid lies {geoid_m:+.2} m from the ellipsoid here{}", if is_near { hint } else { "" })

@@ -11,6 +11,7 @@ mod error;
 mod evaluation;
 mod figure;
 mod fill;
+mod ground;
 mod mesh_scores;
 mod ncc;
 mod pattern_search;
@@ -19,7 +20,7 @@ mod profile;
 mod registration;
 mod resample;
 mod scores;
-
+mod shift_precision;
 mod surface;
 mod truth;
 mod xyz;
@@ -32,8 +33,11 @@ pub use fill::filled_by_nearest;
 pub use mesh_scores::{MeshScores, error_mesh, mesh_scores};
 pub(crate) use pattern_search::PatternSearch;
 pub use profile::Profile;
-pub use registration::{Method, Registration, register};
+pub use registration::{Method, Registration, registrations};
 pub use resample::{Sampling, onto_grid};
 pub use scores::Scores;
+pub(crate) use shift_precision::{
+    MEDIAN_TO_MEAN, STENCIL, ShiftPrecision, block_costs, block_of, is_rival, median_sigma,
+};
 pub use surface::HeightRaster;
 pub use truth::{Truth, TruthOptions, WATER, class_name};

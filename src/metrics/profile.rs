@@ -34,7 +34,7 @@ impl Evaluation {
     /// `errors` is the result of [`Evaluation::error_map`], in metres.
     #[must_use]
     pub fn profiles(&self, errors: &Grid2) -> Option<[Profile; 2]> {
-        let least = (LEAST_AREA_M2 / (self.grid.cell * self.grid.cell)).ceil() as usize;
+        let least = (LEAST_AREA_M2 / (self.cell_m * self.cell_m)).ceil() as usize;
         let mut buildings = buildings(self.classes()?, errors, least);
         buildings.sort_by(|a, b| a.mae_m.total_cmp(&b.mae_m).then(a.cells[0].cmp(&b.cells[0])));
         let (worst, typical) = (buildings.last()?, &buildings[buildings.len() / 2]);
@@ -52,14 +52,14 @@ impl Evaluation {
         let row = longest.map_or(0, |(row, _)| *row);
         let cols = building.cells.iter().filter(|c| *c / w == row).map(|c| c % w);
         let (first, last) = cols.fold((w, 0), |(a, b), c| (a.min(c), b.max(c)));
-        let around = (AROUND_M / self.grid.cell) as usize;
+        let around = (AROUND_M / self.cell_m) as usize;
         let cols = first.saturating_sub(around)..(last + around + 1).min(w);
         let start = self.grid.cell_center(cols.start, row);
         let heights = cols
             .clone()
             .map(|col| {
                 let truth = self.land().at(col, row);
-                ((col - cols.start) as f64 * self.grid.cell, truth, truth + errors.at(col, row))
+                ((col - cols.start) as f64 * self.cell_m, truth, truth + errors.at(col, row))
             })
             .collect();
         Profile { mae_m: building.mae_m, start: (start.x(), start.y()), heights }

@@ -1,12 +1,10 @@
 //! Registrations: the translation that is applied to a prediction before it is scored.
 //!
 //! `z` is MAE_reg of the BAEOGS paper (equation 4), `ncc` is the registration of EOGS's `dsmr.py`, `xyz` has the
-//! smallest MAE.
+//! smallest MAE. `ncc` and `xyz` do not move a surface in directions in which nothing determines the shift.
 
-use super::ncc::best_whole_shift;
-use super::xyz::best_shift;
+use super::xyz::{FoundShift, best_correlation, best_shift, offset};
 use crate::io::Grid2;
-use crate::stats::interpolated_quantile_in_place;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -48,36 +46,52 @@ pub struct Registration {
     pub dy_cells: f64,
     /// Metres added to the prediction.
     pub dz_m: f64,
+    /// Standard deviation of `dx_cells`; none where the heights do not tell it, and of methods without a shift.
+    pub dx_sigma_cells: Option<f64>,
+    /// The same of `dy_cells`.
+    pub dy_sigma_cells: Option<f64>,
+    /// Standard deviation of `dz_m`.
+    pub dz_sigma_m: Option<f64>,
+    /// Whether the heights determine the shift; its part in other directions is 0.
+    pub is_determined: bool,
 }
 
 impl Registration {
-    /// Metres the prediction is moved east and north, for cells of `cell_m` metres.
+    /// Cells the prediction is moved east and north on the grid of the truth.
     #[must_use]
-    pub fn moved_m(&self, cell_m: f64) -> (f64, f64) {
+    pub fn moved_cells(&self) -> [f64; 2] {
         // Adding zero turns -0 into 0.
-        (-self.dx_cells * cell_m + 0.0, self.dy_cells * cell_m + 0.0)
+        [-self.dx_cells + 0.0, self.dy_cells + 0.0]
     }
 }
 
-/// The registration of `prediction` to `land` (NaN where not scored), both on one grid.
+/// The registrations of `prediction` to `land` (NaN where not scored), both on one grid, in the order of [`Method::ALL`].
 ///
 /// `bounds` are the heights, in metres, to which registered values are clipped before errors are taken.
 #[must_use]
-pub fn register(method: Method, prediction: &Grid2, land: &Grid2, bounds: (f32, f32)) -> Registration {
-    let (dx_cells, dy_cells, dz_m) = match method {
-        Method::Z => {
-            let cells = prediction.data.par_iter().zip(&land.data);
-            let mut differences: Vec<f32> = cells.map(|(p, t)| p - t).collect();
-            differences.retain(|d| !d.is_nan());
-            (0.0, 0.0, -interpolated_quantile_in_place(&mut differences, 0.5))
-        }
-        Method::Ncc => {
-            let (dx, dy) = best_whole_shift(prediction, land);
-            (dx as f64, dy as f64, -mean_difference(prediction, land, (dx, dy)))
-        }
-        Method::Xyz => best_shift(prediction, land, bounds),
-    };
-    Registration { method, dx_cells, dy_cells, dz_m: dz_m + 0.0 }
+pub fn registrations(prediction: &Grid2, land: &Grid2, bounds: (f32, f32)) -> [Registration; 3] {
+    let (dz_m, dz_sigma_m) = offset(prediction, land, (0.0, 0.0));
+    let z = FoundShift { shift: (0.0, 0.0), dz_m, dz_sigma_m, sigma: [None; 2], is_determined: true };
+    let (xyz, precision) = best_shift(prediction, land, bounds);
+    let ncc = best_correlation(prediction, land, &precision);
+    let whole = (ncc.shift.0 as i64, ncc.shift.1 as i64);
+    let ncc = FoundShift { dz_m: -mean_difference(prediction, land, whole), ..ncc };
+    [(Method::Z, z), (Method::Ncc, ncc), (Method::Xyz, xyz)]
+        .map(|(method, found)| registration(method, &found))
+}
+
+fn registration(method: Method, found: &FoundShift) -> Registration {
+    // Adding zero turns -0 into 0.
+    Registration {
+        method,
+        dx_cells: found.shift.0 + 0.0,
+        dy_cells: found.shift.1 + 0.0,
+        dz_m: found.dz_m + 0.0,
+        dx_sigma_cells: found.sigma[0],
+        dy_sigma_cells: found.sigma[1],
+        dz_sigma_m: found.dz_sigma_m,
+        is_determined: found.is_determined,
+    }
 }
 
 /// Mean of `prediction[row + dy, col + dx] - land[row, col]` over the cells where both are valid.
@@ -114,6 +128,10 @@ mod tests {
 
     const ALL_HEIGHTS: (f32, f32) = (f32::MIN, f32::MAX);
 
+    fn register(method: Method, prediction: &Grid2, land: &Grid2, bounds: (f32, f32)) -> Registration {
+        registrations(prediction, land, bounds).into_iter().find(|r| r.method == method).unwrap()
+    }
+
     #[test]
     fn a_known_shift_is_found_exactly() {
         let truth = town(150);
@@ -123,7 +141,8 @@ mod tests {
             let found = register(method, &prediction, &truth, ALL_HEIGHTS);
             assert_eq!((found.dx_cells, found.dy_cells), (2.0, 3.0), "{method:?}");
             assert!((found.dz_m + 3.7).abs() < 1e-4, "{found:?}");
-            assert_eq!(found.moved_m(0.5), (-1.0, 1.5));
+            assert_eq!(found.moved_cells(), [-2.0, 3.0]);
+            assert!(found.is_determined && found.dx_sigma_cells.unwrap() < 0.5, "{found:?}");
         }
         assert!((mean_difference(&prediction, &truth, (2, 3)) - 3.7).abs() < 1e-4);
     }
@@ -154,6 +173,22 @@ mod tests {
         let found = register(Method::Xyz, &prediction, &truth, ALL_HEIGHTS);
         assert!(found.dx_cells.abs() < 0.02 && found.dy_cells.abs() < 0.02, "{found:?}");
         assert!((found.dz_m + 2.0).abs() < 0.02, "{found:?}");
+    }
+
+    /// Smooth ground without noise of its own in the truth, and blocks and waves on it in the prediction.
+    #[test]
+    fn ground_without_relief_is_not_moved() {
+        let plain = Grid2::from_fn(150, 150, |c, r| 0.02 * c as f32 + 0.01 * r as f32);
+        let town = town(150);
+        let prediction = Grid2::from_fn(150, 150, |c, r| {
+            let block = if town.at(c, r) > 14.0 { 6.0 } else { 0.0 };
+            plain.at(c, r) + block + 0.2 * (0.3 * c as f32).sin() * (0.23 * r as f32).cos()
+        });
+        for method in [Method::Ncc, Method::Xyz] {
+            let found = register(method, &prediction, &plain, ALL_HEIGHTS);
+            assert!(!found.is_determined, "{found:?}");
+            assert!(found.dx_cells == 0.0 || found.dy_cells == 0.0 || method == Method::Xyz, "{found:?}");
+        }
     }
 
     #[test]

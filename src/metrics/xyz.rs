@@ -4,6 +4,8 @@
 //! Around each start a grid of shifts is evaluated on a sample of the cells; the grid is moved while its best shift
 //! lies at its edge. The best shifts are refined by pattern search to 1/256 of a cell.
 //!
+//! Directions in which the errors do not determine the shift are not moved; no shift is always a candidate.
+//!
 //! Interpolation between cells averages noise, so that shifts by half a cell would have smaller errors for no other
 //! reason. Therefore heights are interpolated by three taps along each axis whose squares sum to 1/2 for every shift,
 //! also those of the truth; cells with holes are excluded without excluding their neighbours; and two shifts are
@@ -13,6 +15,7 @@ use super::ncc::best_whole_shift;
 use super::pattern_search::PatternSearch;
 use super::phase::peak;
 use super::resample::interpolate;
+use super::shift_precision::{STENCIL, ShiftPrecision, block_costs, block_of, is_rival, median_sigma};
 use crate::io::Grid2;
 use crate::stats::interpolated_quantile_in_place;
 use rayon::prelude::*;
@@ -34,37 +37,84 @@ const REFINED_CELLS: usize = 1 << 20;
 const STARTS: usize = 4;
 /// A shift is compared only if it covers at least this fraction of the most cells that any shift covers.
 const LEAST_CELLS: f64 = 0.25;
+/// A direction whose standard deviation is below this is determined, cells; others only by shifts that are several times theirs.
+const FINE: f64 = 1.0;
+/// Other shifts that may fit as well are looked for up to this distance from the best one, and in these steps, cells.
+const RIVALS_REACH: i32 = 8;
+const RIVALS_STEP: usize = 2;
+
+/// A shift that was found: cells, and the height offset in metres; what determines it.
+pub(super) struct FoundShift {
+    pub shift: (f64, f64),
+    pub dz_m: f64,
+    pub dz_sigma_m: Option<f64>,
+    /// Standard deviations of the shift, cells; none where nothing determines it.
+    pub sigma: [Option<f64>; 2],
+    /// Whether all of the best shift was determined, and is in `shift`.
+    pub is_determined: bool,
+}
 
 /// The shift (dx, dy) in cells and the offset dz in metres with the smallest MAE after clipping to `bounds`.
-pub(super) fn best_shift(prediction: &Grid2, truth: &Grid2, bounds: (f32, f32)) -> (f64, f64, f64) {
+pub(super) fn best_shift(
+    prediction: &Grid2,
+    truth: &Grid2,
+    bounds: (f32, f32),
+) -> (FoundShift, ShiftPrecision) {
     let (filled, truth_filled) = (Filled::new(prediction), Filled::new(truth));
     let ncc = best_whole_shift(prediction, truth);
     let mut starts = vec![(0.0, 0.0), (ncc.0 as f64, ncc.1 as f64)];
     starts.extend(peak(prediction, truth));
     let screen = ShiftSearch::new(&filled, &truth_filled, bounds, SCREENED_CELLS);
-    let mut found: Vec<(f64, f64)> = starts.iter().flat_map(|s| screen.around(*s)).collect();
+    let mut found: Vec<(f64, f64)> =
+        starts.iter().flat_map(|s| screen.around(*s)).chain([(0.0, 0.0)]).collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     found.dedup();
     let search = ShiftSearch::new(&filled, &truth_filled, bounds, REFINED_CELLS);
-    let mut found: Vec<ShiftCandidate> = found.into_par_iter().map(|s| search.candidate(s)).collect();
-    drop_small(&mut found);
-    let best =
-        found.into_iter().map(|c| search.refined(c)).reduce(|a, b| if b.is_better_than(&a) { b } else { a });
-    let Some(best) = best else { return (0.0, 0.0, f64::NAN) };
-    let (dx, dy) = best.shift;
-    (dx, dy, offset(prediction, truth, (dx, dy)))
+    let mut candidates: Vec<ShiftCandidate> = found.par_iter().map(|s| search.candidate(*s)).collect();
+    drop_small(&mut candidates);
+    let best = candidates
+        .into_iter()
+        .map(|c| search.refined(c))
+        .reduce(|a, b| if b.is_better_than(&a) { b } else { a });
+    let best = best.map_or((0.0, 0.0), |best| best.shift);
+    let precision = search.precision(best).with_rivals(&screen, best, found);
+    (located(prediction, truth, best, &precision), precision)
 }
 
-/// Height offset of a shift: -median(P - T).
-fn offset(prediction: &Grid2, truth: &Grid2, (dx, dy): (f64, f64)) -> f64 {
+/// The whole-cell shift with the highest correlation, in the directions that the errors around the best shift determine; dz =
+/// -mean(P - T) is the caller's.
+pub(super) fn best_correlation(prediction: &Grid2, truth: &Grid2, precision: &ShiftPrecision) -> FoundShift {
+    let (dx, dy) = best_whole_shift(prediction, truth);
+    let found = located(prediction, truth, (dx as f64, dy as f64), precision);
+    FoundShift { shift: (found.shift.0.round(), found.shift.1.round()), ..found }
+}
+
+/// The part of a shift that is determined, with the offset there.
+fn located(prediction: &Grid2, truth: &Grid2, best: (f64, f64), precision: &ShiftPrecision) -> FoundShift {
+    let ([dx, dy], directions) = precision.determined([best.0, best.1], FINE);
+    let (dz_m, dz_sigma_m) = offset(prediction, truth, (dx, dy));
+    let (sigma, is_determined) = (precision.sigma(), directions == 2);
+    FoundShift { shift: (dx, dy), dz_m, dz_sigma_m, sigma, is_determined }
+}
+
+/// Height offset of a shift, -median(P - T), and its standard deviation.
+pub(super) fn offset(prediction: &Grid2, truth: &Grid2, (dx, dy): (f64, f64)) -> (f64, Option<f64>) {
     let row_differences = |row: usize| {
         let line = truth.row(row).iter().enumerate().filter(|(_, t)| !t.is_nan());
-        line.map(|(col, t)| interpolate(prediction, col as f64 + dx, row as f64 + dy) - t)
-            .filter(|d| !d.is_nan())
+        line.map(|(col, t)| (col, interpolate(prediction, col as f64 + dx, row as f64 + dy) - t))
+            .filter(|(_, d)| !d.is_nan())
+            .map(|(col, d)| (block_of_cell(truth, col, row), d))
             .collect::<Vec<_>>()
     };
-    let mut all: Vec<f32> = (0..truth.height).into_par_iter().flat_map_iter(row_differences).collect();
-    -interpolated_quantile_in_place(&mut all, 0.5)
+    let all: Vec<(u8, f32)> = (0..truth.height).into_par_iter().flat_map_iter(row_differences).collect();
+    let mut differences: Vec<f32> = all.iter().map(|(_, d)| *d).collect();
+    let median = interpolated_quantile_in_place(&mut differences, 0.5);
+    (-median, median_sigma(all.into_iter(), median))
+}
+
+/// The block of ground of a cell.
+fn block_of_cell(grid: &Grid2, col: usize, row: usize) -> u8 {
+    block_of([col as f64 / grid.width as f64, row as f64 / grid.height as f64])
 }
 
 /// Drops candidates that cover too few cells.
@@ -167,6 +217,8 @@ struct ShiftSearch<'a> {
     prediction: &'a Filled,
     /// Column, row and height of the truth, smoothed by the taps of no shift.
     cells: Vec<(i64, i64, f32)>,
+    /// Block of ground of each of them.
+    block: Vec<u8>,
     bounds: (f32, f32),
 }
 
@@ -178,13 +230,22 @@ impl<'a> ShiftSearch<'a> {
             stride += 1;
         }
         let middle = taps(0.0);
-        let cells = (0..h as i64)
+        let cells: Vec<(i64, i64, f32)> = (0..h as i64)
             .step_by(stride)
             .flat_map(|row| (0..w as i64).step_by(stride).map(move |col| (col, row)))
             .map(|(col, row)| (col, row, truth.at(col, row, middle, middle)))
             .filter(|(_, _, t)| !t.is_nan())
             .collect();
-        Self { prediction, cells, bounds }
+        let block =
+            |(col, row, _): &(i64, i64, f32)| block_of([*col as f64 / w as f64, *row as f64 / h as f64]);
+        let block = cells.iter().map(block).collect();
+        Self { prediction, cells, block, bounds }
+    }
+
+    /// The precision of a shift by the curvature of the errors around it.
+    fn precision(&self, (dx, dy): (f64, f64)) -> ShiftPrecision {
+        let around = STENCIL.map(|[x, y]| self.candidate((dx + x, dy + y)).errors);
+        ShiftPrecision::new(&block_costs(around.each_ref().map(Vec::as_slice), &self.block), 1.0)
     }
 
     /// The best shifts of a grid around a start; the grid is moved while its best shift lies at its edge.
@@ -242,6 +303,26 @@ impl<'a> ShiftSearch<'a> {
             }
         }
         ShiftCandidate { shift: (dx, dy), mae_m: sum / cells as f64, cells, errors }
+    }
+}
+
+impl ShiftPrecision {
+    /// With the other shifts that fit as well as the best one: of some that were found, and of a grid around it.
+    fn with_rivals(self, search: &ShiftSearch, best: (f64, f64), found: Vec<(f64, f64)>) -> Self {
+        let own = search.candidate(best).errors;
+        let axis = || (-RIVALS_REACH..=RIVALS_REACH).step_by(RIVALS_STEP).map(f64::from);
+        let grid = axis().flat_map(|dy| axis().map(move |dx| (best.0 + dx, best.1 + dy)));
+        let apart = |(dx, dy): &(f64, f64)| self.is_apart([dx - best.0, dy - best.1], 1.0);
+        let others: Vec<(f64, f64)> = found.into_iter().chain(grid).filter(apart).collect();
+        let rivals: Vec<[f64; 2]> = others
+            .into_par_iter()
+            .filter(|shift| {
+                let pairs = block_costs([&own, &search.candidate(*shift).errors], &search.block);
+                !pairs.is_empty() && is_rival(&pairs)
+            })
+            .map(|(dx, dy)| [dx - best.0, dy - best.1])
+            .collect();
+        rivals.into_iter().fold(self, Self::with_rival)
     }
 }
 

@@ -150,8 +150,8 @@ pub enum PerspectiveError {
     /// Positions do not determine the georeference.
     #[error("`{path}` does not determine where the scene lies: {reason}")]
     #[diagnostic(help(
-        "a similarity needs three images with positions that are not on a line; a list has the line `EPSG:CODE`, then \
-         `image easting northing height` for each image"
+        "a similarity needs three images whose positions are farther from a line than their errors; a list has the line \
+         `EPSG:CODE`, then `image easting northing height` for each image; a similarity that is known can be given as JSON"
     ))]
     Georeference {
         /// The list, or the scene whose photographs were asked.

@@ -1,14 +1,17 @@
 //! Bundle adjustment of a scene into a run folder: `satgs ba`.
 
+use super::datum::warn_of_shift;
 use super::report::renew_report;
 use super::scene_fingerprint::scene_fingerprint;
 use super::stage::{Fingerprint, Stage, hash, hash_file, or_none};
 use super::tiled::require_no_tile;
 use super::{PipelineError, RunLock, outdated, read_scene, relocation};
 use crate::bundle::{
-    self, Adjustment, BundleOptions, CellStore, CorrectionModel, HeightPrior, LeftOut, Report, check_control,
-    read_control,
+    self, Adjustment, BundleOptions, CellStore, ControlPoint, CorrectionModel, HeightPrior, LeftOut, Report,
+    check_control, delivered_control_pairs, read_control, stated_accuracy_m,
 };
+use crate::coregister::{CoregisterError, Shift, to_control};
+use crate::frame::SiteGrid;
 use crate::io::{VerticalReference, write_json};
 use crate::progress::{Event, Progress};
 use crate::run_files::{ADJUSTMENT, ADJUSTMENT_REPORT, SCENE, SPARSE_POINTS};
@@ -125,6 +128,7 @@ pub(crate) fn adjust_locked(
     let control = options.gcps.as_deref().map(read_control).transpose()?.unwrap_or_default();
     if let Some(path) = &options.gcps {
         check_control(path, &control, scene)?;
+        tell_of_control(path, &control, scene, progress)?;
     }
     let sigma_m = options.dem.as_ref().and_then(|dem| dem.sigma_m);
     let choices = BundleOptions {
@@ -148,6 +152,35 @@ pub(crate) fn adjust_locked(
     // The other figures are in the report, which alignment changes.
     stage.complete(&Timing { seconds })?;
     Ok(Adjusted { report: adjustment.report, gamma, seconds: Some(seconds), was_complete: false })
+}
+
+/// Says how far ground control lies from where the delivered cameras see it, and warns of what no camera is off.
+fn tell_of_control(
+    path: &Path,
+    control: &[ControlPoint],
+    scene: &Scene,
+    progress: &dyn Progress,
+) -> Result<(), PipelineError> {
+    let pairs = delivered_control_pairs(control, scene)?;
+    let Some((_, [_, at])) = pairs.first() else { return Ok(()) };
+    let found = match to_control(&pairs, stated_accuracy_m(control), &SiteGrid::at(*at)?, path) {
+        // Delivered cameras may each point elsewhere; the adjustment tells.
+        Err(CoregisterError::ControlDisagrees { .. }) => return Ok(()),
+        found => found?,
+    };
+    warn_of_shift("the ground control", &found.shift, *at, progress);
+    let Shift { east_m, north_m, up_m } = found.shift;
+    let Some(fit) = &found.fit else { return Ok(()) };
+    progress.event(Event::Note(format!(
+        "the ground control lies {east_m:+.2} m east, {north_m:+.2} m north, {up_m:+.2} m up of where the delivered cameras see it: {fit}"
+    )));
+    if let Some(names) = fit.left_out_text() {
+        progress.event(Event::Warning(format!(
+            "points of `{}` lie elsewhere than the others, as seen by the delivered cameras: {names}",
+            path.display()
+        )));
+    }
+    Ok(())
 }
 
 fn read_dem(dem: &DemOptions, scene: &Scene) -> Result<scene::Dem, PipelineError> {

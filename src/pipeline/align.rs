@@ -1,10 +1,11 @@
 //! Coregistration of a run to a reference: `satgs align`.
 
+use super::datum::warn_of_shift;
 use super::relocation::{self, RECORD, Record};
 use super::report::renew_report;
 use super::tiled::{require_no_tile, require_one_area};
 use super::{PipelineError, RunLock, read_scene};
-use crate::bundle::{Adjustment, check_control, control_pairs, read_control};
+use crate::bundle::{Adjustment, check_control, control_pairs, read_control, stated_accuracy_m};
 use crate::coregister::{Coregistration, to_control, to_surface};
 use crate::frame::{Geodetic, Point, SiteGrid, Utm};
 use crate::io::{MapGrid, VerticalReference, check_writable};
@@ -67,12 +68,19 @@ pub fn align(run: &Path, options: &AlignOptions, progress: &dyn Progress) -> Res
     let map = SiteGrid::at(at)?;
     let alignment = find_shift(run, options, &scene, &adjustment, &map, progress)?;
     progress.check()?;
+    warn_of_shift(&format!("`{}`", options.reference.display()), &alignment.shift, at, progress);
+    let left_out = alignment.fit.as_ref().and_then(|fit| fit.left_out_text());
+    let left_out =
+        left_out.map(|names| format!("points that disagree with the others are left out: {names}"));
+    for warning in alignment.open_text().into_iter().chain(left_out) {
+        progress.event(Event::Warning(warning));
+    }
     let was_moved = alignment.shift.length_m() >= NO_SHIFT_M;
     if was_moved {
         let before = Record::read(run)?;
         let total = before.map_or(alignment.shift, |b| alignment.shift.after(&b.total));
-        let record = Record { reference: options.reference.clone(), last: alignment, total };
         let step = alignment.shift.on_ground(&map, at);
+        let record = Record { reference: options.reference.clone(), last: alignment.clone(), total };
         relocation::relocate(run, &scene, adjustment, step, &record, progress)?;
         renew_report(run)?;
     }
@@ -92,7 +100,7 @@ fn find_shift(
         let control = read_control(&options.reference)?;
         check_control(&options.reference, &control, scene)?;
         let pairs = control_pairs(&control, scene, ours)?;
-        return Ok(to_control(&pairs, map, &options.reference)?);
+        return Ok(to_control(&pairs, stated_accuracy_m(&control), map, &options.reference)?);
     }
     let (points, epsg) = points(run, &ours.positions(), map)?;
     let corner = |of: fn(Point<Utm>) -> f64| {

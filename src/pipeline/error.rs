@@ -228,6 +228,17 @@ pub enum PipelineError {
         /// Extent of the cameras.
         extent: f64,
     },
+    /// Points or images are of something else than the cameras of a scene.
+    #[error("{what} do not belong to the cameras of the scene: {reason}")]
+    #[diagnostic(help("{cause}"))]
+    Elsewhere {
+        /// The points or images.
+        what: String,
+        /// What was measured.
+        reason: String,
+        /// What may have caused it.
+        cause: &'static str,
+    },
     /// A map is to be made of a scene whose place on Earth is not known.
     #[error("`{run}` has no georeference, which a surface model needs")]
     #[diagnostic(help("`satgs run SCENE -o RUN --georef exif|FILE` trains the scene at its place on Earth"))]

@@ -9,9 +9,10 @@ use crate::mesh::{
 };
 use crate::metrics::{MeshScores, MetricsError, error_mesh, mesh_scores};
 use crate::mvs::DSM_CELL_M;
-use crate::perspective::SimilarityTransform;
+use crate::perspective::{DirectionPair, PointPair, SimilarityFit, SimilarityTransform};
 use crate::progress::{Event, Progress};
-use glam::DVec3;
+use crate::stats::{FitQuality, MAD_TO_SIGMA, median};
+use glam::{DMat3, DQuat, DVec3};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -21,10 +22,15 @@ const ROOM: (f64, f64, Option<f64>) = (0.04, 0.12, Some(5.0));
 /// The same for views of satellites, with a voxel of two cells of the surface model.
 const SATELLITE: (f64, f64, Option<f64>) = (2.0 * DSM_CELL_M, 6.0 * DSM_CELL_M, None);
 
+/// Attitudes of one camera in two reconstructions agree no better than this, degrees; those that differ by more standard
+/// deviations from most others are left out.
+const LEAST_ATTITUDE_DEG: f64 = 0.02;
+const MOST_ATTITUDE_SIGMAS: f64 = 3.0;
+
 /// How a mesh is scored.
 #[derive(Clone, Debug)]
 pub struct MeshEvalOptions {
-    /// Distance up to which a vertex counts as right, metres.
+    /// Distance up to which a place on a mesh counts as right, metres.
     pub threshold_m: f64,
     /// A run or scene in the frame of the reference: both meshes are cut to what its views see.
     pub views: Option<PathBuf>,
@@ -56,14 +62,17 @@ pub struct MeshEvaluation {
 }
 
 /// A similarity between camera centres.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeshAlignment {
     /// Number of images in both scenes.
     pub images: usize,
     /// Units of the reference for one of the mesh.
     pub scale: f64,
-    /// Root mean square distance of the camera centres after it, metres.
-    pub rms_m: f64,
+    /// Agreement of the camera centres after it.
+    #[serde(flatten)]
+    pub quality: FitQuality,
+    /// Whether the attitudes of the cameras had to complete it, because the centres lie near a line.
+    pub by_attitudes: bool,
 }
 
 /// Scores a mesh (.ply, .obj) against a reference (.ply, .obj).
@@ -121,24 +130,57 @@ pub fn mesh_eval(
 fn align(mesh: &mut TriangleMesh, path: &Path, views: &DepthViews) -> Result<MeshAlignment, PipelineError> {
     let own = DepthViews::read(path)?;
     let failed = |reason: String| MetricsError::Alignment { path: path.into(), reason };
-    let center = |camera: &DepthCamera| match camera {
-        DepthCamera::Pinhole(camera) => Ok(camera.center),
+    let pinhole = |camera: &DepthCamera| match camera {
+        DepthCamera::Pinhole(camera) => Ok(*camera),
         DepthCamera::Parallel { .. } => Err(failed("views of satellites have no camera centres".into())),
     };
-    let mut pairs: Vec<(DVec3, DVec3)> = Vec::new();
+    let mut pairs: Vec<PointPair> = Vec::new();
+    let mut turns: Vec<DMat3> = Vec::new();
     for (name, camera) in &own.cameras {
         if let Some((_, other)) = views.cameras.iter().find(|(other, _)| other == name) {
-            pairs.push((center(camera)?, center(other)?));
+            let (from, to) = (pinhole(camera)?, pinhole(other)?);
+            let name = name.clone();
+            pairs.push(PointPair { name, from: from.center, to: to.center, sigma_m: None });
+            turns.push(to.cam_from_site.transpose() * from.cam_from_site);
         }
     }
     if pairs.len() < 3 {
         let found = pairs.len();
         return Err(failed(format!("{found} of its images are among those of --views, 3 are needed")).into());
     }
-    let fitted = SimilarityTransform::to(&pairs).map_err(failed)?;
-    mesh.transform(fitted.scale, fitted.rotation, fitted.translation);
+    let mut fitted = SimilarityFit::new(&pairs, &[]).map_err(failed)?;
+    let by_attitudes = !fitted.is_determined();
+    if by_attitudes {
+        fitted = SimilarityFit::new(&pairs, &common_turn(&turns)).map_err(failed)?;
+    }
+    if !fitted.is_determined() {
+        let sigma = fitted.tilt_sigma_deg().max(fitted.heading_sigma_deg());
+        let reason = format!("its cameras leave the turn open by {sigma:.1}° ({})", fitted.quality);
+        return Err(failed(reason).into());
+    }
+    let SimilarityTransform { scale, rotation, translation } = fitted.transform;
+    mesh.transform(scale, rotation, translation);
     mesh.site = views.site;
-    Ok(MeshAlignment { images: pairs.len(), scale: fitted.scale, rms_m: fitted.rms })
+    Ok(MeshAlignment { images: pairs.len(), scale, quality: fitted.quality, by_attitudes })
+}
+
+/// Directions that say the turn of most cameras: the axes of the target frame, with the standard deviation of their mean.
+fn common_turn(turns: &[DMat3]) -> Vec<DirectionPair> {
+    let turns: Vec<DQuat> = turns.iter().map(|turn| DQuat::from_mat3(turn).normalize()).collect();
+    let from_others =
+        |turn: &DQuat| median(turns.iter().map(|other| turn.angle_between(*other)).collect()).unwrap_or(0.0);
+    let middle = turns.iter().map(|turn| (from_others(turn), *turn)).min_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((spread, middle)) = middle else { return Vec::new() };
+    let sigma = MAD_TO_SIGMA * spread;
+    let near: Vec<DQuat> = turns
+        .into_iter()
+        .filter(|turn| turn.angle_between(middle) <= MOST_ATTITUDE_SIGMAS * sigma)
+        .map(|turn| if turn.dot(middle) < 0.0 { -turn } else { turn })
+        .collect();
+    let sigma_deg = (sigma.to_degrees() / (near.len() as f64).sqrt()).max(LEAST_ATTITUDE_DEG);
+    // Quaternions of like turns are averaged as vectors.
+    let mean = near.into_iter().fold(middle, |sum, turn| sum + turn).normalize();
+    DVec3::AXES.map(|to| DirectionPair { from: mean.inverse() * to, to, sigma_deg }).to_vec()
 }
 
 /// Moves a georeferenced mesh into a site frame on the same map. A mesh without georeference is taken to be in the frame.

@@ -18,6 +18,7 @@ mod appearance;
 mod cameras;
 mod checkpoints;
 mod colmap_folder;
+mod datum;
 mod depth_views;
 mod dsm;
 mod error;

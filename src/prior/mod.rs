@@ -41,6 +41,7 @@ pub use multi_view::bring_together;
 pub use of_sensor::sensor_priors;
 pub use of_views::{PriorSources, read_priors};
 pub use pseudo_views::PseudoView;
+pub(crate) use seen::seen_points;
 pub use source::{PriorMaker, PriorSource};
 
 #[cfg(test)]

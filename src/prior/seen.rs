@@ -11,7 +11,7 @@ const CELLS: usize = 20;
 const HIDDEN: f64 = 0.1;
 /// A point that a view sees.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SeenPoint {
+pub(crate) struct SeenPoint {
     /// Its index among the points.
     pub index: usize,
     /// The place in the image, 0 at the centre of the first pixel.
@@ -38,7 +38,7 @@ impl SeenPoint {
 }
 
 /// The points that a view is known to see; if nothing says so, those in its image, as far as they hide each other.
-pub(super) fn seen_points(points: &[Point<Site>], view: &PerspectiveView) -> Vec<SeenPoint> {
+pub(crate) fn seen_points(points: &[Point<Site>], view: &PerspectiveView) -> Vec<SeenPoint> {
     let of = |index: usize| SeenPoint::new(index, *points.get(index)?, &view.camera);
     if !view.observed.is_empty() {
         return view.observed.iter().filter_map(|i| of(*i as usize)).collect();

@@ -22,7 +22,17 @@ pub fn score_tables(evaluation: &Value) -> [ScoreTable; 2] {
     let registered_scores = array(&evaluation["registered_scores"]);
     let text = |v: &Value| v.as_str().unwrap_or_default().to_owned();
     let shifts = registered_scores.iter().map(|v| {
-        let numbers = ["dx_cells", "dy_cells", "east_m", "north_m", "dz_m"].map(|key| number(&v[key], 3));
+        let columns = [
+            "dx_cells",
+            "dy_cells",
+            "east_m",
+            "east_sigma_m",
+            "north_m",
+            "north_sigma_m",
+            "dz_m",
+            "dz_sigma_m",
+        ];
+        let numbers = columns.map(|key| number(&v[key], 3));
         [text(&v["method"])].into_iter().chain(numbers).collect()
     });
     let breakdown = registered_scores.last().map_or_else(Vec::new, |v| array(&v["breakdown"]));
@@ -36,7 +46,7 @@ pub fn score_tables(evaluation: &Value) -> [ScoreTable; 2] {
     [
         ScoreTable {
             name: "Registrations",
-            head: &["registration", "dx cells", "dy cells", "east m", "north m", "dz m"],
+            head: &["registration", "dx cells", "dy cells", "east m", "σ", "north m", "σ", "dz m", "σ"],
             rows: shifts.collect(),
         },
         ScoreTable {
@@ -51,9 +61,10 @@ pub fn score_tables(evaluation: &Value) -> [ScoreTable; 2] {
 }
 
 /// Explanation of the columns of the table of scores.
-pub const SCORE_NOTE: &str = "confirmed: cells that two views or more see; filled: the other predicted cells, whose heights are \
-                              those of cells around them; no holes: MAE with holes filled by the nearest cell; median: of \
-                              |error|; <: % of cells; complete: predicted cells / cells of land; parts of the land: after xyz";
+pub const SCORE_NOTE: &str =
+    "σ: standard deviation, – where the heights do not tell it; confirmed: cells that two views or more see; filled: the other \
+     predicted cells, whose heights are those of cells around them; no holes: MAE with holes filled by the nearest cell; median: \
+     of |error|; <: % of cells; complete: predicted cells / cells of land; parts of the land: after xyz";
 
 fn score_row(name: String, scores: &Value) -> Vec<String> {
     let metres = ["mae_m", "filled_mae_m", "rmse_m", "bias_m", "median_m", "nmad_m", "le90_m", "le95_m"];

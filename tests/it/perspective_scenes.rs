@@ -406,8 +406,9 @@ fn a_list_of_positions_moves_the_scene_into_the_site_frame() {
     let plain = read(folder.path());
     let scene = georeferenced(folder.path(), GeoreferenceSource::File(folder.path().join("geo.txt")));
     let found = scene.georeference.unwrap();
-    assert_eq!((found.grid.epsg, found.positions), (32632, 4));
-    assert!((found.scale - 12.5).abs() < 1e-6 && found.rms_m.unwrap() < 1e-6, "{found:?}");
+    let fit = found.fit.as_ref().unwrap();
+    assert_eq!((found.grid.epsg, fit.quality.points), (32632, 4));
+    assert!((found.scale - 12.5).abs() < 1e-6 && fit.quality.rms_m < 1e-6, "{found:?}");
     for (a, b) in plain.points.iter().zip(&scene.points) {
         let utm = found.grid.utm_from_site(b.position).xyz();
         assert!((map(DVec3::from_array(a.position.xyz())) - DVec3::from_array(utm)).length() < 1e-5);
@@ -443,8 +444,9 @@ fn gps_of_photographs_places_the_drone_scene() {
     let scene = georeferenced(&data.join("perspective/brighton"), GeoreferenceSource::Exif);
     let found = scene.georeference.unwrap();
     println!("{found:?}");
-    assert_eq!((found.grid.epsg, found.positions), (32615, 18));
-    assert!(found.rms_m.unwrap() < 5.0);
+    let fit = found.fit.as_ref().unwrap();
+    assert_eq!((found.grid.epsg, fit.quality.points), (32615, 18));
+    assert!(fit.quality.rms_m < 5.0);
     // Cameras look down from above the points.
     for view in &scene.views {
         let middle = Pixel::new(0.5 * view.camera.size.0 as f64, 0.5 * view.camera.size.1 as f64);

@@ -74,7 +74,7 @@ impl PerspectiveManifest {
             scene: absolute(path),
             options,
             layout: scene.layout,
-            georeference: scene.georeference,
+            georeference: scene.georeference.clone(),
             points: scene.points.len(),
             views: scene.views.iter().map(view).collect(),
             skipped: scene.skipped.clone(),

@@ -4,9 +4,11 @@
 //! commands that need its images read it again.
 
 mod cameras;
+mod images;
 mod manifest;
 mod render;
 mod prior_pictures;
+mod reading;
 mod run;
 mod scene_fingerprint;
 mod scores;
@@ -15,8 +17,10 @@ mod start_pictures;
 mod train;
 
 pub use cameras::{PerspectiveCameras, TrainedPhoto};
+pub(super) use images::require_own_images;
 pub use manifest::PerspectiveManifest;
 pub(super) use manifest::{is_run, refuse};
+pub(super) use reading::tell_of_scene;
 pub(super) use render::render;
 pub use run::{PerspectiveRunOptions, run_perspective};
 pub(super) use scene_fingerprint::scene_fingerprint;

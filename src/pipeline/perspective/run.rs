@@ -4,10 +4,11 @@ use super::super::dsm::dsm_locked;
 use super::super::stage_result::StageResult;
 use super::super::{DsmOptions, PipelineError, RunLock, TrainOptions, report};
 use super::manifest::{PerspectiveManifest, is_run};
+use super::reading::tell_of_scene;
 use super::scores::nvs_eval;
 use super::train::train_scene;
 use crate::perspective::{PerspectiveOptions, PerspectiveScene};
-use crate::progress::{Event, Progress};
+use crate::progress::Progress;
 use crate::run_files::SCENE;
 use crate::scene::Role;
 use crate::splat::train::recipe::Recipe;
@@ -58,12 +59,7 @@ pub fn run_perspective(
     if read.georeference.is_none() {
         options.dsm.require_none()?;
     }
-    for (name, reason) in &read.skipped {
-        progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
-    }
-    if let Some(registration) = &read.registration {
-        progress.event(Event::Note(registration.to_string()));
-    }
+    tell_of_scene(&read, progress);
     let manifest = PerspectiveManifest::new(scene, &options.scene, &read);
     completed(StageResult::Trained(train_scene(run, &manifest, &read, &options.train, progress)?));
     if read.views.iter().any(|v| v.role == Role::Test) {

@@ -9,7 +9,8 @@ use crate::scene::Role;
 /// What a scene is: its cameras, points and images.
 pub fn scene_fingerprint(scene: &PerspectiveScene) -> Result<Fingerprint, PipelineError> {
     let cameras: Vec<_> = scene.views.iter().map(TrainedPhoto::new).collect();
-    let cameras = serde_json::to_string(&(cameras, scene.georeference))
+    let place = scene.georeference.as_ref().map(|g| (g.grid, g.scale, g.rotation, g.translation));
+    let cameras = serde_json::to_string(&(cameras, place))
         .map_err(|source| PipelineError::Json { what: "the cameras", source })?;
     let roles = scene.views.iter().filter(|v| v.role == Role::Test).map(|v| v.name.as_str());
     let points: Vec<u8> = scene

@@ -8,6 +8,7 @@ use super::super::train_options::TrainOptions;
 use super::super::trained::{Trained, mean_of_last};
 use super::super::training_files::write_log;
 use super::cameras::{PerspectiveCameras, TrainedPhoto};
+use super::images::require_own_images;
 use super::manifest::PerspectiveManifest;
 use super::prior_pictures;
 use super::scene_fingerprint::scene_fingerprint;
@@ -78,7 +79,9 @@ pub(super) fn train_scene(
     stage.require_writable()?;
     // Before the images, which need memory that networks may need too.
     let priors = priors(run, scene, options, progress)?;
-    let views = read_views(scene, progress)?.into_iter().zip(priors);
+    let views = read_views(scene, progress)?;
+    require_own_images(&manifest.scene, scene, &views, progress)?;
+    let views = views.into_iter().zip(priors);
     let views: Vec<PinholeView> = views.map(|(view, priors)| view.with_priors(priors)).collect();
     let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
     let extent_m = extent_m(&cameras);
@@ -153,7 +156,7 @@ pub fn write_trained(
     splats: &Splats,
     recipe: Recipe,
 ) -> Result<PerspectiveCameras, PipelineError> {
-    let site = scene.georeference.map(|g| g.grid);
+    let site = scene.georeference.as_ref().map(|g| g.grid);
     match &site {
         Some(site) => ply::write(&run.join(SPLATS), splats, site)?,
         None => ply::write_local(&run.join(SPLATS), splats)?,

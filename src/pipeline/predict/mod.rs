@@ -1,5 +1,6 @@
 //! Splats predicted from points in one pass: `satgs predict`.
 
+mod belonging;
 mod photographs;
 mod points;
 mod satellites;

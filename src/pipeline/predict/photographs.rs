@@ -1,16 +1,18 @@
 //! Prediction of perspective scenes.
 
+use super::belonging::require_in_photographs;
 use super::points::read_points;
 use super::splats::of_photographed_points;
 use super::{Output, PredictOptions, Predicted, read_model};
 use crate::io::write_json;
 use crate::perspective::PerspectiveScene;
 use crate::pipeline::perspective::{
-    PerspectiveManifest, read_views, scene_fingerprint, start_points, write_trained,
+    PerspectiveManifest, read_views, require_own_images, scene_fingerprint, start_points, tell_of_scene,
+    write_trained,
 };
 use crate::pipeline::stage::{Outcome, hash_file};
 use crate::pipeline::{PipelineError, TrainOptions};
-use crate::progress::{Event, Progress};
+use crate::progress::Progress;
 use crate::run_files::{PREDICTED, PREDICTED_LIGHTS};
 use crate::splat::appearance::Appearance;
 use crate::splat::ply;
@@ -38,9 +40,7 @@ pub fn predict_scene(
     progress: &dyn Progress,
 ) -> Result<Outcome<Predicted>, PipelineError> {
     let scene = PerspectiveScene::read(path, &options.perspective)?;
-    for (name, reason) in &scene.skipped {
-        progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
-    }
+    tell_of_scene(&scene, progress);
     predict(&PerspectiveManifest::new(path, &options.perspective, &scene), &scene, out, options, progress)
 }
 
@@ -56,21 +56,27 @@ fn predict(
     let file = options.points.as_deref();
     let mut made_from = scene_fingerprint(scene)?;
     made_from.insert("--points".into(), file.map_or_else(|| "those of the scene".into(), hash_file));
+    made_from.insert("--keep-place".into(), options.keeps_place.to_string());
     let (output, kept) = Output::open(out, made_from, options, progress)?;
     if let Some(kept) = kept {
         return Ok(kept);
     }
     let model = read_model(options)?;
     let points = match file {
-        Some(path) => read_points(path, scene.georeference.as_ref().map(|g| &g.grid))?,
+        Some(path) => {
+            let points = read_points(path, scene.georeference.as_ref().map(|g| &g.grid))?;
+            require_in_photographs(path, &points, scene, options.keeps_place, progress)?;
+            points
+        }
         None => start_points(scene)?.iter().map(|p| p.position.xyz()).collect(),
     };
     let views = read_views(scene, progress)?;
+    require_own_images(&manifest.scene, scene, &views, progress)?;
     let start = Instant::now();
     let made = of_photographed_points(&views, &points, &model, options.without_network, progress)?;
     let seconds = start.elapsed().as_secs_f64();
     output.clear()?;
-    match scene.georeference.map(|g| g.grid) {
+    match scene.georeference.as_ref().map(|g| g.grid) {
         Some(site) => ply::write(&out.join(PREDICTED), &made.splats, &site)?,
         None => ply::write_local(&out.join(PREDICTED), &made.splats)?,
     }

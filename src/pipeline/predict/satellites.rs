@@ -1,11 +1,12 @@
 //! Prediction of satellite scenes.
 
+use super::belonging::{KnownPoint, require_near};
 use super::points::{of_surface, read_points};
 use super::splats::of_points;
 use super::{Output, PredictOptions, Predicted, read_model};
-use crate::affine::{SiteScene, SiteSceneError};
+use crate::affine::{SiteScene, SiteSceneError, SiteView};
 use crate::bundle::Adjustment;
-use crate::coregister::{self, Coregistration, Shift};
+use crate::coregister::{self, Shift};
 use crate::frame::{Point, SiteGrid};
 use crate::io::{Grid2, MapGrid, WriteError, write_json};
 use crate::metrics::HeightRaster;
@@ -19,6 +20,7 @@ use crate::scene::Scene;
 use crate::splat::appearance::Appearance;
 use crate::splat::ply;
 use crate::splat::train::recipe::Recipe;
+use crate::stats::median;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -89,11 +91,13 @@ pub fn predict(
     let points = match &source {
         Source::File(path) => {
             let points = read_points(path, Some(&setup.site))?;
-            if options.keeps_place {
+            let points = if options.keeps_place {
                 points
             } else {
                 registered(points, &sparse, &setup.site, path, progress)
-            }
+            };
+            require_near(path, &points, &known_points(&setup, &sparse), "m", options.keeps_place, progress)?;
+            points
         }
         Source::Matched(path) => of_surface(&MatchedSurface::read(path, &setup.site)?),
         Source::Sparse => {
@@ -141,6 +145,16 @@ fn setup_of(run: &Path, scene: &Scene) -> Result<(SiteScene, Recipe, Vec<[f64; 3
     Ok((setup, recipe, sparse))
 }
 
+/// The sparse points, with the resolution of the views.
+fn known_points(setup: &SiteScene, sparse: &[[f64; 3]]) -> Vec<KnownPoint> {
+    let step_px = |view: &SiteView| {
+        let at = |east: f64| view.camera.project(Point::new(east, 0.0, 0.0));
+        at(0.0).distance(at(1.0))
+    };
+    let px_per_unit = median(setup.views.iter().map(step_px).collect()).unwrap_or(0.0);
+    sparse.iter().map(|place| KnownPoint { place: *place, px_per_unit }).collect()
+}
+
 /// The points of a file, moved such that they agree with the sparse points: tie points leave the place of a run open by some metres,
 /// and a shift of a pixel blurs all colours.
 fn registered(
@@ -153,17 +167,20 @@ fn registered(
     let places: Vec<_> = sparse.iter().map(|[x, y, z]| site.utm_from_site(Point::new(*x, *y, *z))).collect();
     let reference = highest_points(&points, site, path);
     let found = reference.map(|reference| coregister::to_surface(&places, site.epsg, &reference));
-    let Some(Ok(Coregistration { shift, left_m, .. })) = found else {
+    let Some(Ok(found)) = found else {
         let text = "the points cannot be registered to the tie points of the adjustment; they are taken where they are";
         progress.event(Event::Warning(text.into()));
         return points;
     };
-    let Shift { east_m, north_m, up_m } = shift;
+    let (Shift { east_m, north_m, up_m }, left_m) = (found.shift, found.left_m);
     let text = format!(
         "the points are moved by {:.2} m east, {:.2} m north and {:.2} m up, onto the tie points of the adjustment, which then differ \
          by {left_m:.2} m (median)",
         -east_m, -north_m, -up_m
     );
+    if let Some(open) = found.open_text() {
+        progress.event(Event::Warning(format!("of the points that are predicted from, {open}")));
+    }
     let is_far = up_m.abs() > MOST_UP_M;
     progress.event(if is_far {
         Event::Warning(format!(
