@@ -89,6 +89,15 @@ pub enum RasterError {
         /// Error of GDAL.
         cause: GdalError,
     },
+    /// A file of an array cannot be used as a map.
+    #[error("`{path}` cannot be read as an array: {reason}")]
+    #[diagnostic(help("numpy.save writes such files; numbers are floating-point numbers or integers"))]
+    Array {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// The raster has no map grid that satgs can use.
     #[error("`{path}`: {reason}")]
     #[diagnostic(help("expected a north-up raster in a projected CRS with an EPSG code, in metres"))]

@@ -166,6 +166,17 @@ pub enum PerspectiveError {
         /// The given number.
         found: u32,
     },
+    /// No pixel of an image can be used.
+    #[error("no pixel of `{image}` can be used: {reason}")]
+    #[diagnostic(help(
+        "a mask is black where its image is not to be used; leave the image out of the scene if there is nothing to use in it"
+    ))]
+    NoPixels {
+        /// The image.
+        image: PathBuf,
+        /// What hides the pixels.
+        reason: String,
+    },
     /// A view has no depth map.
     #[error("view `{view}` has no depth map")]
     #[diagnostic(help("depth maps come with RGB-D folders, LEVIR-NVS and ScanNet++ (dslr/render_depth)"))]

@@ -6,7 +6,7 @@ use super::georeference::{Georeference, LON_LAT, MapSimilarity, Position, fit_po
 use super::options::GeoreferenceSource;
 use super::pose::Pose;
 use super::similarity::SimilarityTransform;
-use crate::io::{ImageFile, ReadError, is_metric_map, vsi};
+use crate::io::{ImageFile, ReadError, is_metric_map, read_text};
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use std::path::Path;
@@ -70,8 +70,7 @@ fn exif_position(item: impl Fn(&str) -> Option<String>) -> Option<Position> {
 
 /// The similarity of a file: JSON, or a list of image positions.
 fn from_file(path: &Path, views: &[Draft]) -> Result<MapSimilarity, PerspectiveError> {
-    let bytes = vsi::read(path).map_err(|e| ReadError::new(path, e))?;
-    let text = String::from_utf8(bytes).map_err(|e| ReadError::new(path, e))?;
+    let text = read_text(path)?;
     if text.trim_start().starts_with('{') {
         let given = serde_json::from_str(&text).map_err(|e| ReadError::new(path, e))?;
         given_similarity(path, &given)

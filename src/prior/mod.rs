@@ -20,6 +20,7 @@ mod make;
 mod map;
 mod multi_view;
 mod network;
+mod normal_axes;
 mod of_sensor;
 mod of_views;
 mod process;

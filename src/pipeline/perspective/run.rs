@@ -11,7 +11,7 @@ use crate::progress::{Event, Progress};
 use crate::run_files::SCENE;
 use crate::scene::Role;
 use crate::splat::train::recipe::Recipe;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Options of all stages.
 #[derive(Clone, Debug)]
@@ -33,6 +33,12 @@ impl Default for PerspectiveRunOptions {
             dsm: DsmOptions::default(),
         }
     }
+}
+
+/// An entry of the folder of a scene.
+fn name_in(scene: &Path, name: &str) -> PathBuf {
+    let folder = if scene.is_dir() { scene } else { scene.parent().unwrap_or(Path::new("")) };
+    folder.join(name)
 }
 
 /// Trains a perspective scene, scores the views that were held back, renders the surface model if the scene has a place on
@@ -57,6 +63,15 @@ pub fn run_perspective(
     }
     for (name, reason) in &read.skipped {
         progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
+    }
+    for (name, reason) in &read.unused {
+        if !options.train.priors.is_folder(&name_in(scene, name)) {
+            progress.event(Event::Warning(format!("not used: {name}: {reason}")));
+        }
+    }
+    if let Some((images, meaning)) = read.transparency() {
+        let text = format!("transparent pixels of {images} images are {}", meaning.meaning());
+        progress.event(Event::Note(text));
     }
     if let Some(registration) = &read.registration {
         progress.event(Event::Note(registration.to_string()));

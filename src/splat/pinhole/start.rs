@@ -27,7 +27,8 @@ const CANDIDATES: usize = 32;
 const COMPARED_VIEWS: usize = 64;
 /// Fewest other views that must see a place for a comparison.
 const FEWEST_OTHERS: usize = 2;
-/// Greatest difference of colours that is told apart: beyond it something else may hide the place.
+/// Greatest difference of colours that is told apart: beyond it something else may hide the place. It is also that of a place which
+/// another view shows to be empty.
 const GREATEST_DIFFERENCE: f32 = 0.2;
 /// Purpose of the random numbers.
 const DRAW_RAY: u64 = 20;
@@ -65,7 +66,7 @@ pub fn splats_on_rays(views: &[PinholeView], primitive: PrimitiveKind, seed: u64
         let view = &views[draw.below(views.len())];
         let (width, height) = view.camera.size;
         let (col, row) = (draw.below(width), draw.below(height));
-        let rgb = view.color(col, row)?;
+        let rgb = view.rgb(col, row)?.map(|v| f32::from(v) / 255.0);
         let ray = DVec3::from_array(view.camera.ray(Pixel::<CenterPx>::new(col as f64, row as f64)));
         let distance = view.camera.center.distance(focus);
         let (near, far) = (DEPTHS.0 * distance, DEPTHS.1 * distance);
@@ -92,9 +93,13 @@ fn color_difference<'a>(views: impl Iterator<Item = &'a PinholeView>, place: DVe
         let (col, row) = (px.col.round(), px.row.round());
         let found = if col >= 0.0 && row >= 0.0 { view.color(col as usize, row as usize) } else { None };
         let Some(found) = found else { continue };
+        count += 1;
+        if view.is_empty_at(col as usize, row as usize) {
+            sum += GREATEST_DIFFERENCE;
+            continue;
+        }
         let difference = found.iter().zip(rgb).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0;
         sum += difference.min(GREATEST_DIFFERENCE);
-        count += 1;
     }
     if count < FEWEST_OTHERS { f32::INFINITY } else { sum / count as f32 }
 }
