@@ -63,8 +63,7 @@ const SEPARATORS: [(char, &str); 3] = [(';', "semicolons"), ('\t', "tabs"), (' '
 pub fn read_control(path: &Path) -> Result<Vec<ControlPoint>, BundleError> {
     let refused = |reason: String| BundleError::Control { path: path.into(), reason };
     let text = read_text(path).map_err(|e| refused(e.cause.to_string()))?;
-    let mut reader =
-        csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(std::io::Cursor::new(text));
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(std::io::Cursor::new(text));
     let head = reader.headers().map_err(|e| refused(e.to_string()))?.clone();
     if let Some((mark, name)) = SEPARATORS.iter().find(|s| head.len() == 1 && head[0].contains(s.0)) {
         return Err(refused(format!(

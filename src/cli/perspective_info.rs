@@ -107,7 +107,8 @@ fn text(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Reproj
         };
     }
     let count = |has: fn(&PerspectiveView) -> bool| scene.views.iter().filter(|v| has(v)).count();
-    for (what, n) in [("depth maps", count(|v| v.depth.is_some())), ("masks", count(|v| !v.masks.is_empty()))] {
+    for (what, n) in [("depth maps", count(|v| v.depth.is_some())), ("masks", count(|v| !v.masks.is_empty()))]
+    {
         if n > 0 {
             let _ = writeln!(out, "{what}: {n}");
         }

@@ -65,7 +65,8 @@ impl ImageFile {
         const COLORS: [ColorInterpretation; 3] =
             [ColorInterpretation::RedBand, ColorInterpretation::GreenBand, ColorInterpretation::BlueBand];
         let place = |color: &ColorInterpretation| {
-            (1..=self.bands()).find(|b| self.dataset.rasterband(*b).is_ok_and(|b| b.color_interpretation() == *color))
+            (1..=self.bands())
+                .find(|b| self.dataset.rasterband(*b).is_ok_and(|b| b.color_interpretation() == *color))
         };
         let [red, green, blue] = COLORS.each_ref().map(place);
         Some([red?, green?, blue?])
@@ -78,7 +79,8 @@ impl ImageFile {
         let Some(table) = band.color_table() else { return Vec::new() };
         let byte = |value: i16| value.clamp(0, 255) as u8;
         let entry = |index| {
-            let RgbaEntry { r, g, b, a } = table.entry_as_rgb(index).unwrap_or(RgbaEntry { r: 0, g: 0, b: 0, a: 0 });
+            let RgbaEntry { r, g, b, a } =
+                table.entry_as_rgb(index).unwrap_or(RgbaEntry { r: 0, g: 0, b: 0, a: 0 });
             [r, g, b, a].map(byte)
         };
         (0..table.entry_count()).map(entry).collect()
@@ -169,7 +171,8 @@ impl ImageFile {
     /// As [`ImageFile::read`].
     pub fn read_stored_band(&self, index: usize) -> Result<Grid2, RasterError> {
         let (width, height) = self.size();
-        let mut raster = self.read_stored(index, Window { col: 0, row: 0, width, height }, (width, height))?;
+        let mut raster =
+            self.read_stored(index, Window { col: 0, row: 0, width, height }, (width, height))?;
         self.apply_scale(index, &mut raster)?;
         Ok(raster)
     }

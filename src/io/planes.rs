@@ -22,8 +22,7 @@ impl Planes {
         if path.extension().is_some_and(|end| end.eq_ignore_ascii_case("npy")) {
             let array = NpyArray::read(path)
                 .map_err(|error| RasterError::Array { path: path.into(), reason: error.cause.to_string() })?;
-            return of_array(array)
-                .map_err(|reason| RasterError::Array { path: path.into(), reason });
+            return of_array(array).map_err(|reason| RasterError::Array { path: path.into(), reason });
         }
         let file = ImageFile::open(path)?;
         let kind = file.band(1)?.kind;

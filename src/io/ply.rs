@@ -61,11 +61,8 @@ impl PlyContent {
         let header = Header::parse(bytes)?;
         let body = &bytes[header.length..];
         let text = if header.is_ascii { decode_text(body) } else { String::new() };
-        let mut rest = if header.is_ascii {
-            Body::Ascii(text.split_ascii_whitespace())
-        } else {
-            Body::Binary(body)
-        };
+        let mut rest =
+            if header.is_ascii { Body::Ascii(text.split_ascii_whitespace()) } else { Body::Binary(body) };
         let mut mesh = Self::default();
         for element in &header.elements {
             let least = element.least_bytes(header.is_ascii);
@@ -73,7 +70,10 @@ impl PlyContent {
                 continue;
             }
             let cut = || {
-                format!("it announces {} elements `{}`, but ends before the last", element.count, element.name)
+                format!(
+                    "it announces {} elements `{}`, but ends before the last",
+                    element.count, element.name
+                )
             };
             if element.count.checked_mul(least).is_none_or(|need| need > body.len()) {
                 return Err(cut());
@@ -85,7 +85,9 @@ impl PlyContent {
             };
             read.map_err(|fault| match fault {
                 Fault::End => cut(),
-                Fault::Word(word) => format!("`{word}` stands in place of a number of an element `{}`", element.name),
+                Fault::Word(word) => {
+                    format!("`{word}` stands in place of a number of an element `{}`", element.name)
+                }
                 Fault::Element(reason) => reason,
             })?;
         }
@@ -116,8 +118,8 @@ fn read_vertices(body: &mut Body, element: &Element, mesh: &mut PlyContent) -> R
         let [a, b, c] = names.map(|name| element.place(name));
         Some([a?, b?, c?])
     };
-    let position = places(["x", "y", "z"])
-        .ok_or_else(|| Fault::Element("its vertices have no x, y and z".into()))?;
+    let position =
+        places(["x", "y", "z"]).ok_or_else(|| Fault::Element("its vertices have no x, y and z".into()))?;
     let (color, normal) = (places(["red", "green", "blue"]), places(["nx", "ny", "nz"]));
     // Colours are bytes, or numbers from 0 to 1, or of 16 bits.
     let scale = color.map_or(1.0, |[red, ..]| match element.properties[red].item {

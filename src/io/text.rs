@@ -71,7 +71,8 @@ mod tests {
 
     #[test]
     fn numbers_of_every_library_are_read() {
-        for (word, expected) in [("-1.5e3", -1500.0), ("inf", f64::INFINITY), ("-1.#INF", f64::NEG_INFINITY)] {
+        for (word, expected) in [("-1.5e3", -1500.0), ("inf", f64::INFINITY), ("-1.#INF", f64::NEG_INFINITY)]
+        {
             assert_eq!(parse_number(word), Some(expected), "{word}");
         }
         for word in ["nan", "-nan", "-nan(ind)", "NaN(snan)", "-1.#IND", "1.#QNAN"] {

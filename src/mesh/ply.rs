@@ -33,7 +33,8 @@ mod tests {
 
     #[test]
     fn texts_of_other_programs_are_read() {
-        let text = QUAD.replace("by hand", "caf\u{e9}").replacen("0 0 0 1 0.5 0", "0 0 0 -nan(ind) 1.#INF 0", 1);
+        let text =
+            QUAD.replace("by hand", "caf\u{e9}").replacen("0 0 0 1 0.5 0", "0 0 0 -nan(ind) 1.#INF 0", 1);
         let latin1: Vec<u8> = text.chars().map(|c| c as u8).collect();
         let mesh = parse(&latin1).unwrap();
         assert_eq!((mesh.vertices.len(), mesh.triangles.len()), (4, 2));

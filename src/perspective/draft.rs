@@ -125,10 +125,7 @@ impl Drafts {
 }
 
 /// The camera of the image file, whose size may be another one than that for which the scene states the camera.
-fn lens_of_image(
-    draft: &Draft,
-    (width, height): (usize, usize),
-) -> Result<LensCamera, PerspectiveError> {
+fn lens_of_image(draft: &Draft, (width, height): (usize, usize)) -> Result<LensCamera, PerspectiveError> {
     let Some((of_width, of_height)) = draft.size else {
         return Ok(LensCamera { size: (width, height), ..draft.lens });
     };
@@ -174,12 +171,13 @@ fn view_names(views: &[Draft]) -> Result<Vec<String>, PerspectiveError> {
 /// # Errors
 /// [`PerspectiveError::Field`] for a name that several images have.
 pub(super) fn named(list: &Path, views: &[Draft], name: &str) -> Result<Option<usize>, PerspectiveError> {
+    let name = name.replace('\\', "/");
     if let Some(place) = views.iter().position(|v| v.name == name) {
         return Ok(Some(place));
     }
     let is_it = |v: &Draft| {
         let file = Path::new(&v.name);
-        file.file_name().is_some_and(|f| f == name) || file.file_stem().is_some_and(|f| f == name)
+        [file.file_name(), file.file_stem()].into_iter().flatten().any(|f| f == name.as_str())
     };
     let mut places = (0..views.len()).filter(|i| is_it(&views[*i]));
     match (places.next(), places.next()) {

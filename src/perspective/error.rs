@@ -12,7 +12,7 @@ pub enum PerspectiveError {
     #[error("`{path}` is no perspective scene")]
     #[diagnostic(help(
         "expected a COLMAP project (cameras.bin or cameras.txt, in the folder, in `sparse` or in `sparse/0`), a \
-         transforms.json, an RGB-D folder with camera-intrinsics.txt, a scene of LEVIR-NVS (`Images` and `Cams`) or of \
+         transforms.json (or transforms_train.json), an RGB-D folder with camera-intrinsics.txt, a scene of LEVIR-NVS (`Images` and `Cams`) or of \
          ScanNet++ (`dslr/colmap` and `dslr/resized_images`)"
     ))]
     NoLayout {
@@ -179,7 +179,10 @@ pub enum PerspectiveError {
     },
     /// A view has no depth map.
     #[error("view `{view}` has no depth map")]
-    #[diagnostic(help("depth maps come with RGB-D folders, LEVIR-NVS and ScanNet++ (dslr/render_depth)"))]
+    #[diagnostic(help(
+        "depth maps come with RGB-D folders, LEVIR-NVS, ScanNet++ (dslr/render_depth) and `depth_file_path` or `depth_path` in a \
+         transforms.json"
+    ))]
     NoDepth {
         /// The view.
         view: String,

@@ -1,8 +1,10 @@
 //! Masks of images.
 
+use crate::io::vsi;
 use std::path::{Path, PathBuf};
 
-use crate::io::vsi;
+/// Ends of the names of masks.
+const ENDS: [&str; 7] = ["png", "jpg", "jpeg", "JPG", "PNG", "tif", "bmp"];
 
 /// A raster that says which pixels of an image are used.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,9 +28,6 @@ impl MaskFile {
         Self { path, marks_used: false }
     }
 }
-
-/// Ends of the names of masks.
-const ENDS: [&str; 7] = ["png", "jpg", "jpeg", "JPG", "PNG", "tif", "bmp"];
 
 /// The mask of an image in a folder of masks: `NAME.EXT.png` (COLMAP), `NAME.png`, or another format in place of PNG.
 pub(super) fn mask_in(folder: &Path, image: &str) -> Option<MaskFile> {

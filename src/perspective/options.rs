@@ -44,6 +44,11 @@ pub struct PerspectiveOptions {
 
 impl Default for PerspectiveOptions {
     fn default() -> Self {
-        Self { test_views: TestViews::Every(TEST_EVERY), georeference: None, downsampling: 1, transparency: None }
+        Self {
+            test_views: TestViews::Every(TEST_EVERY),
+            georeference: None,
+            downsampling: 1,
+            transparency: None,
+        }
     }
 }

@@ -35,7 +35,9 @@ impl Transparency {
     pub fn meaning(self) -> &'static str {
         match self {
             Self::Empty => "empty: nothing is there (--transparent unknown leaves them out)",
-            Self::Unknown => "left out: nothing is known there (--transparent empty takes them for background)",
+            Self::Unknown => {
+                "left out: nothing is known there (--transparent empty takes them for background)"
+            }
         }
     }
 }

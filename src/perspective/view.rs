@@ -348,7 +348,13 @@ impl PerspectiveView {
     /// and image are the same.
     fn nearest_in(&self, (width, height): (usize, usize)) -> impl Fn(usize) -> usize {
         let (of_width, of_height) = self.lens_camera.size;
+        let is_same = (width, height) == (of_width, of_height);
         let nearest = |i: usize, of: usize, n: usize| ((2 * i + 1) * n / (2 * of)).min(n.saturating_sub(1));
-        move |i| nearest(i / of_width, of_height, height) * width + nearest(i % of_width, of_width, width)
+        move |i| match is_same {
+            true => i,
+            false => {
+                nearest(i / of_width, of_height, height) * width + nearest(i % of_width, of_width, width)
+            }
+        }
     }
 }

@@ -160,13 +160,14 @@ impl DepthDefaults {
     fn of_run(run: &Path, options: &MeshOptions) -> Result<Self, PipelineError> {
         let training = PerspectiveCameras::read(run)?.training_cameras();
         let layout = PerspectiveManifest::read(run)?.layout;
-        let depths = || Ok(ShownDepths { views: sampled_depths(run, &training)?, used: RENDERED_DEPTH });
+        let depths =
+            || sampled_depths(run, &training).map(|views| ShownDepths { views, used: RENDERED_DEPTH });
         Self::with_depths(layout, &training, options, depths)
     }
 
     fn of_scene(scene: &PerspectiveScene, options: &MeshOptions) -> Result<Self, PipelineError> {
         let cameras: Vec<PinholeCamera> = scene.views.iter().map(|v| v.camera).collect();
-        let depths = || Ok(ShownDepths { views: depths_of_scene(scene)?, used: MEASURED_DEPTH });
+        let depths = || depths_of_scene(scene).map(|views| ShownDepths { views, used: MEASURED_DEPTH });
         Self::with_depths(scene.layout, &cameras, options, depths)
     }
 

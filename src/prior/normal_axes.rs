@@ -50,7 +50,8 @@ impl NormalAxes {
 
     /// All conventions, the usual one first.
     fn all() -> impl Iterator<Item = Self> {
-        let orders = [AxesOf::Camera, AxesOf::World].into_iter().flat_map(|of| ORDERS.map(|order| (of, order)));
+        let orders =
+            [AxesOf::Camera, AxesOf::World].into_iter().flat_map(|of| ORDERS.map(|order| (of, order)));
         orders.flat_map(|(of, order)| {
             let sign = move |k: usize, turned: usize| if turned >> k & 1 == 1 { -1.0 } else { 1.0 };
             (0..8).map(move |turned| Self { of, order, signs: [0, 1, 2].map(|k| sign(k, turned)) })
@@ -94,9 +95,12 @@ impl ComparedNormal {
 impl std::fmt::Display for NormalAxes {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let names = ["x", "y", "z"];
-        let parts = [0, 1, 2].map(|k| format!("{}{}", if self.signs[k] < 0.0 { "-" } else { "" }, names[self.order[k]]));
+        let parts = [0, 1, 2]
+            .map(|k| format!("{}{}", if self.signs[k] < 0.0 { "-" } else { "" }, names[self.order[k]]));
         match self.of {
-            AxesOf::Camera => write!(f, "their ({}) is (right, down, forward) of the camera", parts.join(", ")),
+            AxesOf::Camera => {
+                write!(f, "their ({}) is (right, down, forward) of the camera", parts.join(", "))
+            }
             AxesOf::World => write!(f, "their ({}) is (x, y, z) of the scene", parts.join(", ")),
         }
     }

@@ -1,7 +1,7 @@
 //! Choice of the RPC of an image among sidecars, chips, crops and maps; overlap of views at different heights.
 use crate::common::{camera, data_dir, image, satgs, two_views};
-use satgs::rpc::Rpc;
 use satgs::io::decode_text;
+use satgs::rpc::Rpc;
 use satgs::rpc::formats::{parse, to_rpb, to_text};
 use satgs::scene::{Aoi, ReadOptions, Scene, read, read_camera};
 use std::path::{Path, PathBuf};

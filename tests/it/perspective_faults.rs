@@ -282,7 +282,7 @@ fn rgbd_frames_with_bad_poses_or_intrinsics_are_refused() {
 }
 
 #[test]
-fn depth_maps_of_another_size_are_refused_and_invalid_depths_are_gaps() {
+fn depth_maps_of_another_shape_are_refused_and_invalid_depths_are_gaps() {
     let folder = tempfile::tempdir().unwrap();
     rgbd(folder.path());
     let depth = folder.path().join("frame-000008.depth.png");
@@ -290,12 +290,16 @@ fn depth_maps_of_another_size_are_refused_and_invalid_depths_are_gaps() {
         let scene = PerspectiveScene::read(folder.path(), &PerspectiveOptions::default()).unwrap();
         scene.views[1].clone()
     };
-    depth_png(&depth, (16, 12), |_, _| 2000);
+    depth_png(&depth, (16, 10), |_, _| 2000);
     let text = view().read_depth().unwrap_err().to_string();
     assert!(
-        text.contains("frame-000008.depth.png") && text.contains("16 x 12") && text.contains("32 x 24"),
+        text.contains("frame-000008.depth.png") && text.contains("16 x 10") && text.contains("32 x 24"),
         "{text}"
     );
+    // Depths of a smaller map of the same shape are those of the nearest pixel.
+    depth_png(&depth, (16, 12), |col, _| 1000 + 100 * col as u16);
+    let half = view().read_depth().unwrap();
+    assert_eq!((half.at(6, 5), half.at(7, 4), half.at(8, 5)), (1.3, 1.3, 1.4));
     for invalid in [0, 65535] {
         depth_png(&depth, SIZE, |_, _| invalid);
         assert!(view().read_depth().unwrap().data.iter().all(|d| d.is_nan()), "{invalid}");

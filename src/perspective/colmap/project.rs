@@ -101,7 +101,10 @@ fn image_root(model: &ColmapModel, folder: &Path) -> Result<PathBuf, Perspective
     const HINT: &str = "images are looked for in `images` beside the model or one or two folders above it; copy them all, or remove \
          the images from the model";
     let candidates = IMAGES.map(|i| if i.is_empty() { folder.to_path_buf() } else { vsi_join(folder, i) });
-    let missing = |root: &PathBuf| model.images.iter().filter(|i| !vsi::exists(&vsi::join(root, Path::new(&i.name)))).count();
+    let file = |root: &Path, name: &str| vsi::join(root, Path::new(name));
+    let is_missing = |path: &PathBuf| !vsi::exists(path);
+    let missing =
+        |root: &PathBuf| model.images.iter().map(|i| file(root, &i.name)).filter(is_missing).count();
     let of = model.images.len();
     let mut best: Option<(usize, PathBuf)> = None;
     for root in candidates {
@@ -119,7 +122,7 @@ fn image_root(model: &ColmapModel, folder: &Path) -> Result<PathBuf, Perspective
     } else {
         root
     };
-    let first = model.images.iter().map(|i| vsi::join(&root, Path::new(&i.name))).find(|p| !vsi::exists(p)).unwrap_or(root);
+    let first = model.images.iter().map(|i| file(&root, &i.name)).find(is_missing).unwrap_or(root.clone());
     Err(PerspectiveError::NoImages { missing, of, first, hint: HINT })
 }
 

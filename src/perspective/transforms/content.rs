@@ -61,7 +61,7 @@ pub struct Transforms {
     pub integer_depth_scale: Option<f64>,
     pub ply_file_path: Option<String>,
     /// From the frame of the COLMAP model to that of the poses (nerfstudio).
-    pub applied_transform: Option<[[f64; 4]; 3]>,
+    pub applied_transform: Option<Vec<[f64; 4]>>,
     pub train_filenames: Option<Vec<String>>,
     pub val_filenames: Option<Vec<String>>,
     pub test_filenames: Option<Vec<String>>,

@@ -67,16 +67,13 @@ fn files_with(path: &Path) -> Vec<(PathBuf, Option<Role>)> {
 pub(super) fn read(path: &Path) -> Result<Drafts, PerspectiveError> {
     let mut drafts = Drafts::of(Layout::Transforms);
     let mut first_missing = None;
-    let files = files_with(path);
-    let count = files.len();
-    for (file, role) in files {
+    for (file, role) in files_with(path) {
         add_file(&file, role, &mut drafts, &mut first_missing)?;
         drafts.sources.push(file);
     }
-    // Of several files the same key says the same.
-    drafts.unused.dedup_by(|a, b| count > 1 && a == b);
     if let (true, Some(first)) = (drafts.views.is_empty(), first_missing) {
-        let (missing, hint) = (drafts.skipped.len(), "paths of frames are relative to the folder of the file");
+        let (missing, hint) =
+            (drafts.skipped.len(), "paths of frames are relative to the folder of the file");
         return Err(PerspectiveError::NoImages { missing, of: missing, first, hint });
     }
     Ok(drafts)
@@ -211,7 +208,11 @@ impl Lists {
 
 /// The points that belong to a file: those of `ply_file_path`, in the frame of the poses, else those of the COLMAP model that
 /// nerfstudio has kept, brought to it by `applied_transform`.
-fn points(folder: &Path, file: &Transforms, drafts: &mut Drafts) -> Result<Vec<ScenePoint>, PerspectiveError> {
+fn points(
+    folder: &Path,
+    file: &Transforms,
+    drafts: &mut Drafts,
+) -> Result<Vec<ScenePoint>, PerspectiveError> {
     if let Some(name) = &file.ply_file_path {
         let path = vsi::join(folder, Path::new(name));
         drafts.sources.push(path.clone());
@@ -222,11 +223,12 @@ fn points(folder: &Path, file: &Transforms, drafts: &mut Drafts) -> Result<Vec<S
         let bytes = vsi::read(&path).map_err(|e| ReadError::new(&path, e))?;
         let PlyContent { vertices, colors, .. } =
             PlyContent::parse(&bytes).map_err(|reason| ReadError::new(&path, reason))?;
-        let colored = vertices.into_iter().enumerate().map(|(i, p)| (p, colors.get(i).copied().unwrap_or(GRAY)));
+        let colored =
+            vertices.into_iter().enumerate().map(|(i, p)| (p, colors.get(i).copied().unwrap_or(GRAY)));
         return Ok(colored.filter(|(p, _)| p.iter().all(|v| v.is_finite())).map(scene_point).collect());
     }
     let model = folder.join(COLMAP_MODEL);
-    let Some([a, b, c]) = file.applied_transform.filter(|_| colmap::is_model(&model)) else {
+    let Some([a, b, c, ..]) = file.applied_transform.as_deref().filter(|_| colmap::is_model(&model)) else {
         return Ok(Vec::new());
     };
     let linear = DMat3::from_cols_array(&[a[0], b[0], c[0], a[1], b[1], c[1], a[2], b[2], c[2]]);

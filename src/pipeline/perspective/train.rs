@@ -21,8 +21,8 @@ use crate::prior::{
     sensor_priors,
 };
 use crate::progress::{Event, Progress};
-use crate::scene::Role;
 use crate::run_files::{CAMERAS, CHECKPOINT, PRIOR_PICTURES, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
+use crate::scene::Role;
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::TrainingBackend;
 use crate::splat::loss::LossWeights;
@@ -202,7 +202,11 @@ pub fn read_views(
     // What is wrong with a view to be scored shows before the training.
     for (k, some) in held_back.chunks(at_a_time).enumerate() {
         progress.check()?;
-        some.par_iter().map(|view| view.read_image().map(drop)).collect::<Vec<_>>().into_iter().collect::<Result<(), _>>()?;
+        some.par_iter()
+            .map(|view| view.read_image().map(drop))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .collect::<Result<(), _>>()?;
         let done = held_back.len().min((k + 1) * at_a_time) as u64;
         progress.event(Event::Advanced { done, status: String::new() });
     }

@@ -1,9 +1,9 @@
 //! How a model is trained.
 
 use super::error::LearnError;
+use crate::io::read_text;
 use crate::predict::SplatSampling;
 use crate::predict::network::SplatNetwork;
-use crate::io::read_text;
 use crate::scene::TransferFunction;
 use crate::simulate::{Relief, SimulateOptions};
 use serde::{Deserialize, Serialize};

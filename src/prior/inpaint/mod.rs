@@ -3,7 +3,9 @@
 use super::error::PriorError;
 use super::process::{Call, LIMIT};
 use super::pseudo_views::PseudoView;
-use crate::io::{ImageFile, NpyArray, NumberKind, ReadError, WriteError, vsi, write_file, write_png_gray, write_png_rgb};
+use crate::io::{
+    ImageFile, NpyArray, NumberKind, ReadError, WriteError, vsi, write_file, write_png_gray, write_png_rgb,
+};
 use crate::progress::{Event, Progress};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};

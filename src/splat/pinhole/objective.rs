@@ -182,15 +182,14 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
             mean_opacity: self.seen.mean_opacity,
         };
         let mut losses = Losses::default();
-        let share = valid_share(input.valid);
         let mut columns = &mut losses.columns[..];
         for ((term, info), weights) in self.terms.iter_mut().zip(TERMS).zip(weights.by_term()) {
             let (own, others) = columns.split_at_mut(info.columns.len());
             losses.total += term.evaluate(&rendered, weights, own);
-            of_valid_pixels(own, info.columns, share);
             columns = others;
             watch.lap("loss", info.columns[0]);
         }
+        losses.average_valid(input.valid);
         self.pixels_backward(input.valid);
         watch.lap("pixels", "picture backward");
         self.splats_backward(input, gradient, watch);
@@ -330,23 +329,6 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
         colors_backward(splats, &input.seen_from(), &self.colors, &self.by_colors, of_seen);
         watch.lap("splats", "colours backward");
         terms.iter().for_each(|term| term.add_by_splats(splats, of_seen));
-    }
-}
-
-/// The share of the pixels with data.
-fn valid_share(valid: &[bool]) -> f64 {
-    let count = valid.iter().filter(|is_valid| **is_valid).count();
-    if valid.is_empty() { 1.0 } else { count as f64 / valid.len() as f64 }
-}
-
-/// Makes means over all pixels means over those with data. Pixels without data are zero in both images: there L1 is 0 and SSIM 1.
-fn of_valid_pixels(columns: &mut [f64], names: &[&str], share: f64) {
-    for (value, name) in columns.iter_mut().zip(names).filter(|_| share < 1.0) {
-        match *name {
-            "l1" => *value /= share,
-            "ssim" => *value = (*value - (1.0 - share)) / share,
-            _ => {}
-        }
     }
 }
 

@@ -60,7 +60,8 @@ impl PinholeView {
     /// Whether nothing, or only a smaller part of something, is at a pixel.
     #[must_use]
     pub fn is_empty_at(&self, col: usize, row: usize) -> bool {
-        col < self.camera.size.0 && self.opacity.get(row * self.camera.size.0 + col).is_some_and(|v| *v < HALF)
+        col < self.camera.size.0
+            && self.opacity.get(row * self.camera.size.0 + col).is_some_and(|v| *v < HALF)
     }
 
     /// The same view with priors of its depths and normals. Those that are not of the size of the camera are left out.
@@ -175,7 +176,8 @@ mod tests {
         let (mut colors, mut valid) = (Image::default(), Vec::new());
         view.load([0.5, 0.0, 1.0], &mut colors, &mut valid);
         assert_eq!(valid, [true, true, true, false, false, false]);
-        for (channel, expected) in [[0.5, 0.6, 0.8], [0.0, 0.4, 0.8], [1.0, 0.8, 0.8]].into_iter().enumerate() {
+        for (channel, expected) in [[0.5, 0.6, 0.8], [0.0, 0.4, 0.8], [1.0, 0.8, 0.8]].into_iter().enumerate()
+        {
             let off = colors.row(channel, 0).iter().zip(expected).map(|(a, b): (&f32, f32)| (a - b).abs());
             assert!(off.fold(0.0, f32::max) < 1e-5, "{:?}", colors.row(channel, 0));
             assert_eq!(colors.row(channel, 1), [0.0; 3]);
