@@ -20,9 +20,8 @@ impl Planes {
     /// [`RasterError`] if the file cannot be read, is damaged, or holds an array of another shape.
     pub fn read(path: &Path) -> Result<Self, RasterError> {
         if path.extension().is_some_and(|end| end.eq_ignore_ascii_case("npy")) {
-            let array = NpyArray::read(path)
-                .map_err(|error| RasterError::Array { path: path.into(), reason: error.cause.to_string() })?;
-            return of_array(array).map_err(|reason| RasterError::Array { path: path.into(), reason });
+            return of_array(NpyArray::read(path)?)
+                .map_err(|reason| RasterError::Array { path: path.into(), reason });
         }
         let file = ImageFile::open(path)?;
         let kind = file.band(1)?.kind;

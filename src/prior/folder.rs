@@ -181,6 +181,7 @@ fn read_planes(path: &Path) -> Result<Planes, PriorError> {
             let expected = "depths or normals of the shape of the image".into();
             PriorError::Shape { path, found: reason, expected }
         }
+        RasterError::Numbers(error) => error.into(),
         error => error.into(),
     })
 }

@@ -39,6 +39,7 @@ pub use inpaint::InpaintCommand;
 pub use make::{ExistingMaps, MadeMaps, make_maps};
 pub use map::{DepthKind, DepthPrior, NormalPrior, PixelColor, PriorContent, ViewPriors};
 pub use multi_view::bring_together;
+pub use normal_axes::NormalAxes;
 pub use of_sensor::sensor_priors;
 pub use of_views::{PriorSources, read_priors};
 pub use pseudo_views::PseudoView;

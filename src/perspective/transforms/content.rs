@@ -36,7 +36,7 @@ const WITHOUT_EFFECT: [&str; 24] = [
 
 /// One image.
 #[derive(Clone, Debug, Deserialize)]
-pub struct Frame {
+pub(super) struct Frame {
     pub file_path: String,
     /// Numbers that are not finite are none.
     pub transform_matrix: Vec<[Option<f64>; 4]>,
@@ -52,7 +52,7 @@ pub struct Frame {
 }
 
 #[derive(Clone, Debug, Deserialize)]
-pub struct Transforms {
+pub(super) struct Transforms {
     #[serde(default)]
     pub frames: Vec<Frame>,
     /// Unit of the file that a stored 1 of `depth_file_path` is (nerfstudio).

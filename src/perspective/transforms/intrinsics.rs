@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// Intrinsic parameters, of all frames or of one.
 #[derive(Clone, Debug, Default, Deserialize)]
-pub struct Intrinsics {
+pub(super) struct Intrinsics {
     camera_model: Option<String>,
     is_fisheye: Option<bool>,
     w: Option<f64>,

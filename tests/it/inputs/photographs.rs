@@ -38,7 +38,12 @@ fn path_text(path: &Path) -> &str {
 
 /// What `satgs info` says of a scene.
 fn info(path: &Path) -> String {
-    text(&succeeds(&["info", path_text(path)]))
+    output(&["info", path_text(path)])
+}
+
+/// What a command that succeeds writes to standard output.
+fn output(args: &[&str]) -> String {
+    String::from_utf8(succeeds(args).stdout).unwrap()
 }
 
 /// Trains a scene for some iterations; returns what the command says, and the folder with the run.
@@ -84,7 +89,7 @@ fn transparent_pixels_of_transforms_are_empty_and_those_of_other_layouts_unknown
     assert!(
         image.opacity.is_none() && image.planes[0].at(0, 0).is_nan() && !image.planes[0].at(32, 32).is_nan()
     );
-    let says = text(&succeeds(&["info", path_text(&scene), "--transparent", "unknown"]));
+    let says = output(&["info", path_text(&scene), "--transparent", "unknown"]);
     assert!(says.contains("transparent pixels of 16 images are left out"), "{says}");
 }
 
@@ -268,7 +273,7 @@ fn a_mesh_of_depth_maps_from_inside_a_room_has_its_walls() {
     let Some(scene) = input("mesh-of-room-transforms") else { return };
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("m.ply");
-    let says = text(&succeeds(&["mesh", path_text(&scene), "-o", path_text(&file), "--voxel", "0.05"]));
+    let says = output(&["mesh", path_text(&scene), "-o", path_text(&file), "--voxel", "0.05"]);
     assert!(says.contains("depths up to ") && says.contains("of them are beyond"), "{says}");
     let mesh = TriangleMesh::read(&file).unwrap();
     let [low, high] = mesh.bounds().unwrap();
@@ -277,7 +282,7 @@ fn a_mesh_of_depth_maps_from_inside_a_room_has_its_walls() {
     }
     let near = folder.path().join("near.ply");
     let args = ["mesh", path_text(&scene), "-o", path_text(&near), "--voxel", "0.05", "--depth-max", "2"];
-    let says = text(&succeeds(&args));
+    let says = output(&args);
     assert!(says.contains("depths up to 2.00 m (") && says.contains(" % of them are beyond)"), "{says}");
 }
 
