@@ -17,8 +17,8 @@ use std::path::PathBuf;
 ///   satellite run           0.5 m                   2 m
 ///   RGB-D or ScanNet++
 ///   scene, run of it        0.02 m                  0.08 m      5 m
-///   photographs that are
-///   taken inside a scene    95 % quantile of the    4 voxels    scene: 99.9 % of the depths are smaller
+///   photographs from inside
+///   a scene                 95 % quantile of the    4 voxels    scene: 99.9 % of the depths are smaller
 ///                           depths / 250                        run: 95 % of them
 ///   other perspective ones  greatest depth / 1024   4 voxels    2 x nearest camera to the place all look at
 ///

@@ -56,6 +56,13 @@ pub struct MeshOptions {
     pub overwrite: bool,
 }
 
+impl MeshOptions {
+    /// Whether voxel and greatest depth are given.
+    fn has_limits(&self) -> bool {
+        self.voxel_m.is_some() && self.depth_max_m.is_some()
+    }
+}
+
 /// What a mesh holds and how it was made.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeshSummary {
@@ -160,45 +167,34 @@ impl DepthDefaults {
     fn of_run(run: &Path, options: &MeshOptions) -> Result<Self, PipelineError> {
         let training = PerspectiveCameras::read(run)?.training_cameras();
         let layout = PerspectiveManifest::read(run)?.layout;
-        let depths =
-            || sampled_depths(run, &training).map(|views| ShownDepths { views, used: RENDERED_DEPTH });
-        Self::with_depths(layout, &training, options, depths)
-    }
-
-    fn of_scene(scene: &PerspectiveScene, options: &MeshOptions) -> Result<Self, PipelineError> {
-        let cameras: Vec<PinholeCamera> = scene.views.iter().map(|v| v.camera).collect();
-        let depths = || depths_of_scene(scene).map(|views| ShownDepths { views, used: MEASURED_DEPTH });
-        Self::with_depths(scene.layout, &cameras, options, depths)
-    }
-
-    /// The defaults of cameras; the depths are asked for if they are needed.
-    fn with_depths(
-        layout: Layout,
-        cameras: &[PinholeCamera],
-        options: &MeshOptions,
-        depths: impl Fn() -> Result<ShownDepths, PipelineError>,
-    ) -> Result<Self, PipelineError> {
-        let outside = Self::of(layout, cameras);
-        if is_room(layout) || (options.voxel_m.is_some() && options.depth_max_m.is_some()) {
+        let outside = Self::of(layout, &training);
+        if is_room(layout) || options.has_limits() {
             return Ok(outside);
         }
-        let ShownDepths { views, used } = depths()?;
-        let looks_at_focus = look_at(focus(cameras), &views);
-        let depths: Vec<f64> = views.into_iter().flat_map(|view| view.depths).collect();
-        let at = |share| quantile(depths.clone(), share);
-        Ok(match (at(INSIDE_DEPTH), at(used)) {
-            (Some(most), Some(depth_max_m)) if !looks_at_focus => {
-                Self { voxel_m: most / INSIDE_VOXELS, depth_max_m }
-            }
-            _ => outside,
-        })
+        let views = sampled_depths(run, &training)?;
+        let looks_at_focus = look_at(focus(&training), &views);
+        let inside = Self::of_inside(&views, RENDERED_DEPTH).filter(|_| !looks_at_focus);
+        Ok(inside.unwrap_or(outside))
     }
-}
 
-/// Depths of some views, and the quantile of them up to which they are used in scenes from inside.
-struct ShownDepths {
-    views: Vec<ViewDepths>,
-    used: f64,
+    /// Of a scene, whose depths are known: it is seen from inside if many lie beyond the limit of scenes that are not.
+    fn of_scene(scene: &PerspectiveScene, options: &MeshOptions) -> Result<Self, PipelineError> {
+        let cameras: Vec<PinholeCamera> = scene.views.iter().map(|v| v.camera).collect();
+        let outside = Self::of(scene.layout, &cameras);
+        if is_room(scene.layout) || options.has_limits() {
+            return Ok(outside);
+        }
+        let views = depths_of_scene(scene)?;
+        let reaches = |own: &Self| own.voxel_m * INSIDE_VOXELS > outside.depth_max_m;
+        Ok(Self::of_inside(&views, MEASURED_DEPTH).filter(reaches).unwrap_or(outside))
+    }
+
+    /// Of scenes that are seen from inside, with depths up to a quantile; none without depths.
+    fn of_inside(views: &[ViewDepths], used: f64) -> Option<Self> {
+        let depths = || views.iter().flat_map(|view| view.depths.iter().copied()).collect();
+        let voxel_m = quantile(depths(), INSIDE_DEPTH)? / INSIDE_VOXELS;
+        Some(Self { voxel_m, depth_max_m: quantile(depths(), used)? })
+    }
 }
 
 impl Source {

@@ -94,9 +94,9 @@ fn transparent_pixels_of_transforms_are_empty_and_those_of_other_layouts_unknown
 }
 
 #[test]
-fn nothing_is_trained_where_images_are_empty() {
+fn nothing_begins_where_images_are_empty() {
     let Some(scene) = input("rgba-means-empty") else { return };
-    let (says, folder) = trained(&scene, "20", &[]);
+    let (says, folder) = trained(&scene, "5", &[]);
     assert!(says.contains("transparent pixels of 16 images are empty"), "{says}");
     let run = folder.path().join("run");
     // Of splats that begin at random places on the rays of the images those are left that all views show on the sphere of radius 1.
@@ -104,13 +104,6 @@ fn nothing_is_trained_where_images_are_empty() {
     let is_near = |p: &&[f32; 3]| p[0].hypot(p[1]).hypot(p[2]) < 1.3;
     let near = splats.position.iter().filter(is_near).count();
     assert!(near * 10 > splats.len() * 9, "{near} of {}", splats.len());
-    let picture = folder.path().join("v.tif");
-    succeeds(&["render", path_text(&run), "--like", "r_08", "-o", path_text(&picture)]);
-    let planes = Planes::read(&picture).unwrap().planes;
-    let truth = read(&scene).views.into_iter().find(|v| v.name == "r_08").unwrap().read_image().unwrap();
-    let empty: Vec<f32> = (0..64 * 64).filter(|i| truth.is_empty_at(*i)).map(|i| planes[0].data[i]).collect();
-    let bright = empty.iter().filter(|v| **v > 30.0 / 255.0).count();
-    assert!(bright * 20 < empty.len(), "{bright} of {} empty pixels are bright", empty.len());
 }
 
 #[test]
