@@ -147,6 +147,19 @@ pub enum PerspectiveError {
         /// What a view needs.
         hint: &'static str,
     },
+    /// Every image of the scene is left out.
+    #[error("`{path}`: all {images} images are left out; `{first}`: {reason}")]
+    #[diagnostic(help("a view is an image with its camera and pose"))]
+    AllLeftOut {
+        /// The scene.
+        path: PathBuf,
+        /// Number of images.
+        images: usize,
+        /// The first.
+        first: String,
+        /// Why it is left out.
+        reason: String,
+    },
     /// Positions do not determine the georeference.
     #[error("`{path}` does not determine where the scene lies: {reason}")]
     #[diagnostic(help(

@@ -79,7 +79,7 @@ pub(super) fn read(folder: &Path) -> Result<Drafts, PerspectiveError> {
             observed: Vec::new(),
         });
     }
-    if views.is_empty() {
+    if views.is_empty() && skipped.is_empty() {
         let hint = "a view is Images/NAME.png with Cams/NAME.txt";
         return Err(PerspectiveError::NoViews { path: folder.into(), hint });
     }

@@ -78,7 +78,7 @@ pub(super) fn read(folder: &Path) -> Result<Drafts, PerspectiveError> {
             observed: Vec::new(),
         });
     }
-    if views.is_empty() {
+    if views.is_empty() && skipped.is_empty() {
         let hint = "a frame is NAME.color.jpg (or .png), NAME.depth.png and NAME.pose.txt";
         return Err(PerspectiveError::NoViews { path: folder.into(), hint });
     }

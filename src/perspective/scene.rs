@@ -91,6 +91,11 @@ impl PerspectiveScene {
 
     fn read_as_stated(path: &Path, options: &PerspectiveOptions) -> Result<Self, PerspectiveError> {
         let mut drafts = read_drafts(path)?;
+        if let (true, Some((first, reason))) = (drafts.views.is_empty(), drafts.skipped.first()) {
+            let (first, reason) = (first.clone(), reason.clone());
+            let images = drafts.skipped.len();
+            return Err(PerspectiveError::AllLeftOut { path: path.into(), images, first, reason });
+        }
         if drafts.views.is_empty() {
             return Err(PerspectiveError::NoViews {
                 path: path.into(),
