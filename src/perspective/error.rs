@@ -12,8 +12,8 @@ pub enum PerspectiveError {
     #[error("`{path}` is no perspective scene")]
     #[diagnostic(help(
         "expected a COLMAP project (cameras.bin or cameras.txt, in the folder, in `sparse` or in `sparse/0`), a \
-         transforms.json (or transforms_train.json), an RGB-D folder with camera-intrinsics.txt, a scene of LEVIR-NVS (`Images` and `Cams`) or of \
-         ScanNet++ (`dslr/colmap` and `dslr/resized_images`)"
+         transforms.json (or transforms_train.json), an RGB-D folder with camera-intrinsics.txt, a scene of LEVIR-NVS \
+         (`Images` and `Cams`) or of ScanNet++ (`dslr/colmap` and `dslr/resized_images`)"
     ))]
     NoLayout {
         /// The given path.
