@@ -107,6 +107,7 @@ fn plan(iteration: u32) -> StepPlan {
         level: 0,
         shadows: true,
         virtual_shear: Some([0.001, 0.001]),
+        random_background: [0.0; 3],
         background: [0.3; 3],
         weights: LossWeights::of(&[
             ("opacity", 0.01),

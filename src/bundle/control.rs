@@ -6,6 +6,7 @@ use super::network::triangulate;
 use super::output::Adjustment;
 use super::problem::{Block, Observation, PositionPrior, SIGMA_PX, Track};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
+use crate::io::read_text;
 use crate::rpc::Rpc;
 use crate::scene::{Scene, View};
 use crate::stats::median;
@@ -63,8 +64,8 @@ const SEPARATORS: [(char, &str); 3] = [(';', "semicolons"), ('\t', "tabs"), (' '
 /// [`BundleError::Control`] names the file, the line and what is wrong with it.
 pub fn read_control(path: &Path) -> Result<Vec<ControlPoint>, BundleError> {
     let refused = |reason: String| BundleError::Control { path: path.into(), reason };
-    let mut reader =
-        csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(path).map_err(|e| refused(e.to_string()))?;
+    let text = read_text(path).map_err(|e| refused(e.cause.to_string()))?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(std::io::Cursor::new(text));
     let head = reader.headers().map_err(|e| refused(e.to_string()))?.clone();
     if let Some((mark, name)) = SEPARATORS.iter().find(|s| head.len() == 1 && head[0].contains(s.0)) {
         return Err(refused(format!(

@@ -17,8 +17,9 @@ use std::path::PathBuf;
 ///   satellite run           0.5 m                   2 m
 ///   RGB-D or ScanNet++
 ///   scene, run of it        0.02 m                  0.08 m      5 m
-///   run of photographs that
-///   are taken inside it     greatest depth / 250    4 voxels    95 % of the depths are smaller
+///   photographs from inside
+///   a scene                 95 % quantile of the    4 voxels    scene: 99.9 % of the depths are smaller
+///                           depths / 250                        run: 95 % of them
 ///   other perspective ones  greatest depth / 1024   4 voxels    2 x nearest camera to the place all look at
 ///
 ///   satgs mesh run -o town.glb
@@ -59,9 +60,16 @@ pub fn run(args: &Args, ui: &Ui) -> Result<(), CliError> {
 }
 
 fn text(s: &MeshSummary) -> String {
+    let limit = match (s.depth_max_m, s.depths_beyond) {
+        (Some(most), Some(share)) => {
+            let beyond = if share > 0.0 { format!("{:.1} %", 100.0 * share) } else { "none".into() };
+            format!(", depths up to {most:.2} m ({beyond} of them are beyond)")
+        }
+        _ => String::new(),
+    };
     format!(
         "{}: {} vertices, {} triangles in {} pieces ({} smaller ones left out)\n{} depth maps, voxels of {} m, \
-         truncation {} m, {:.0} MB",
+         truncation {} m, {:.0} MB{limit}",
         s.output.display(),
         s.vertices,
         s.triangles,

@@ -1,6 +1,6 @@
 //! The arguments of every command that reads a perspective scene.
 
-use crate::perspective::{GeoreferenceSource, PerspectiveOptions, TEST_EVERY, TestViews};
+use crate::perspective::{GeoreferenceSource, PerspectiveOptions, TEST_EVERY, TestViews, Transparency};
 use std::path::PathBuf;
 
 /// How a perspective scene is read.
@@ -25,6 +25,10 @@ pub struct ImageArgs {
     /// Perspective scenes: use images at 1/N of their size [default: 1]
     #[arg(long, value_name = "N", value_parser = ["1", "2", "4", "8"])]
     pub downsampling: Option<String>,
+    /// Perspective scenes: what transparent pixels of images mean: `empty`, nothing is there and the background shows, or
+    /// `unknown`, they are not compared [default: empty in transforms.json, otherwise unknown]
+    #[arg(long, value_name = "MEANING", value_parser = Transparency::NAMES)]
+    pub transparent: Option<String>,
 }
 
 impl PerspectiveArgs {
@@ -41,6 +45,7 @@ impl ImageArgs {
             test_views: self.test_views.clone().unwrap_or(TestViews::Every(TEST_EVERY)),
             georeference: None,
             downsampling: self.downsampling.as_deref().and_then(|n| n.parse().ok()).unwrap_or(1),
+            transparency: self.transparent.as_deref().and_then(Transparency::named),
         }
     }
 }

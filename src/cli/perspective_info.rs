@@ -111,10 +111,14 @@ fn text(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Reproj
         };
     }
     let count = |has: fn(&PerspectiveView) -> bool| scene.views.iter().filter(|v| has(v)).count();
-    for (what, n) in [("depth maps", count(|v| v.depth.is_some())), ("masks", count(|v| v.mask.is_some()))] {
+    for (what, n) in [("depth maps", count(|v| v.depth.is_some())), ("masks", count(|v| !v.masks.is_empty()))]
+    {
         if n > 0 {
             let _ = writeln!(out, "{what}: {n}");
         }
+    }
+    if let Some((images, meaning)) = scene.transparency() {
+        let _ = writeln!(out, "transparent pixels of {} are {}", plural(images, "image"), meaning.meaning());
     }
     let _ = writeln!(out, "points: {}", scene.points.len());
     if let Some(r) = reprojection {
@@ -141,6 +145,9 @@ fn text(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Reproj
         let named = listed(scene.skipped.iter().map(|(name, reason)| format!("{name} ({reason})")));
         let _ = writeln!(out, "left out: {}: {named}", scene.skipped.len());
     }
+    for (name, reason) in &scene.unused {
+        let _ = writeln!(out, "not used: {name}: {reason}");
+    }
     out
 }
 
@@ -157,7 +164,7 @@ fn summary(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Rep
             "name": v.name, "image": v.image, "role": v.role, "model": v.lens_camera.model.name(),
             "width": v.lens_camera.size.0, "height": v.lens_camera.size.1,
             "focal_px": v.lens_camera.focal.to_array(), "center": v.camera.center.to_array(),
-            "mask": v.mask, "depth": v.depth.as_ref().map(|d| &d.path),
+            "masks": v.masks.iter().map(|m| &m.path).collect::<Vec<_>>(), "depth": v.depth.as_ref().map(|d| &d.path),
         })
     };
     let lens = |l: &Lenses| {
@@ -178,6 +185,8 @@ fn summary(scene: &PerspectiveScene, lenses: &[Lenses], reprojection: Option<Rep
         "extent": scene.extent(),
         "georeference": scene.georeference,
         "skipped": scene.skipped,
+        "unused": scene.unused,
+        "transparent": scene.transparency().map(|(images, meaning)| json!({ "images": images, "meaning": meaning })),
         "registration": scene.registration,
     })
 }

@@ -89,6 +89,19 @@ pub enum RasterError {
         /// Error of GDAL.
         cause: GdalError,
     },
+    /// An array has not the shape of a map.
+    #[error("`{path}` is {reason}")]
+    #[diagnostic(help("a map is an array of rows x columns, and of three numbers each for normals"))]
+    Array {
+        /// The file.
+        path: PathBuf,
+        /// Its shape, and those that are expected.
+        reason: String,
+    },
+    /// A file of an array cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Numbers(#[from] ReadError),
     /// The raster has no map grid that satgs can use.
     #[error("`{path}`: {reason}")]
     #[diagnostic(help("expected a north-up raster in a projected CRS with an EPSG code, in metres"))]

@@ -1,7 +1,7 @@
 //! Reading of rasters through GDAL: bands, metadata, position on the map.
 
 use super::gdal_setup::{listing_is_off, remote_options, set_up_gdal, transform};
-use super::{Cause, Grid2, MapGrid, RasterError, Window, vsi};
+use super::{Cause, Grid2, MapGrid, NumberKind, RasterError, Window, vsi};
 use crate::frame::{CornerPx, Pixel};
 use gdal::raster::{GdalDataType, ResampleAlg};
 use gdal::spatial_ref::SpatialRef;
@@ -25,8 +25,8 @@ pub struct ImageFile {
 pub struct BandInfo {
     /// Whether values are 8-bit unsigned integers.
     pub is_byte: bool,
-    /// Whether values are integers.
-    pub is_integer: bool,
+    /// The type of the values.
+    pub kind: NumberKind,
     /// The declared nodata value.
     pub nodata: Option<f64>,
 }
@@ -80,7 +80,11 @@ impl ImageFile {
         let stored = band.band_type();
         Ok(BandInfo {
             is_byte: stored == GdalDataType::UInt8,
-            is_integer: stored.is_integer(),
+            kind: match stored {
+                GdalDataType::UInt16 => NumberKind::U16,
+                _ if stored.is_integer() => NumberKind::Integer,
+                _ => NumberKind::Float,
+            },
             nodata: band.no_data_value(),
         })
     }

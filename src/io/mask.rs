@@ -1,10 +1,15 @@
 //! Valid pixels according to a raster file: alpha bands and masks of GDAL.
 
-use super::{ImageFile, RasterError, Window};
-use gdal::raster::{ColorInterpretation, GdalDataType, RasterBand, ResampleAlg};
+use super::{Grid2, ImageFile, RasterError, Window};
+use gdal::raster::{ColorInterpretation, GdalDataType, RasterBand, ResampleAlg, RgbaEntry};
 
 /// Number of positions along each side of an image at which a band is sampled to find out whether it is an alpha band.
 const LATTICE: usize = 512;
+/// The value of masks, and of alpha bands of 8 bits, at opaque pixels.
+const OPAQUE: f32 = 255.0;
+/// Formats of pictures whose values are not exact, and the largest value of black in a mask of them.
+const LOSSY_DRIVERS: [&str; 2] = ["JPEG", "WEBP"];
+const LOSSY_BLACK: f32 = 127.0;
 
 impl ImageFile {
     /// Bands with image data, counted from 1: all but alpha bands, or all bands if there are only alpha bands.
@@ -53,6 +58,123 @@ impl ImageFile {
         let Ok(values) = values else { return false };
         let has = |v: u8| values.data().contains(&v);
         has(0) && has(255) && values.data().iter().all(|v| [0, 255].contains(v))
+    }
+
+    /// The bands whose values are colours that the file declares: red, green and blue.
+    fn declared_colors(&self) -> Option<[usize; 3]> {
+        const COLORS: [ColorInterpretation; 3] =
+            [ColorInterpretation::RedBand, ColorInterpretation::GreenBand, ColorInterpretation::BlueBand];
+        let place = |color: &ColorInterpretation| {
+            (1..=self.bands())
+                .find(|b| self.dataset.rasterband(*b).is_ok_and(|b| b.color_interpretation() == *color))
+        };
+        let [red, green, blue] = COLORS.each_ref().map(place);
+        Some([red?, green?, blue?])
+    }
+
+    /// The red, green, blue and alpha of the entries of a band's colour table, 0 to 255; empty without one.
+    #[must_use]
+    pub fn palette(&self, index: usize) -> Vec<[u8; 4]> {
+        let Ok(band) = self.dataset.rasterband(index) else { return Vec::new() };
+        let Some(table) = band.color_table() else { return Vec::new() };
+        let byte = |value: i16| value.clamp(0, 255) as u8;
+        let entry = |index| {
+            let RgbaEntry { r, g, b, a } =
+                table.entry_as_rgb(index).unwrap_or(RgbaEntry { r: 0, g: 0, b: 0, a: 0 });
+            [r, g, b, a].map(byte)
+        };
+        (0..table.entry_count()).map(entry).collect()
+    }
+
+    /// Which pixels of a window a mask marks, row by row: those that are neither black nor transparent. Of a colour table the
+    /// colours count, of a picture in colours red, green and blue, of other files the first band. Where compression loses the
+    /// exact black, values below half of the largest one are black.
+    ///
+    /// # Errors
+    /// [`RasterError::Read`] if the file is damaged or incomplete.
+    pub fn marked(&self, window: Window) -> Result<Vec<bool>, RasterError> {
+        let palette = if self.is_palette(1) { self.palette(1) } else { Vec::new() };
+        let bands = self.declared_colors().filter(|_| palette.is_empty()).map_or(vec![1], Vec::from);
+        let driver = self.dataset.driver().short_name();
+        let black = if LOSSY_DRIVERS.contains(&driver.as_str()) { LOSSY_BLACK } else { 0.0 };
+        let is_marked = |value: f32| match palette.get(value as usize) {
+            _ if value.is_nan() => false,
+            Some([r, g, b, alpha]) => (*r, *g, *b) != (0, 0, 0) && *alpha != 0,
+            None => value.abs() > black,
+        };
+        let mut out = vec![false; window.width * window.height];
+        for band in &bands {
+            let values = self.read_window(*band, window)?.data;
+            out.iter_mut().zip(values).for_each(|(out, value)| *out |= is_marked(value));
+        }
+        for mask in self.masks(&bands).read(window)? {
+            out.iter_mut().zip(mask).for_each(|(out, value)| *out &= value != 0.0);
+        }
+        Ok(out)
+    }
+
+    /// Whether pixels of some bands can be transparent: there are alpha bands, masks, or a colour that stands for transparency,
+    /// which is the nodata value of all of the bands.
+    #[must_use]
+    pub fn has_transparency(&self, bands: &[usize]) -> bool {
+        !self.masks(bands).is_empty() || self.transparent_color(bands).is_some()
+    }
+
+    /// The opacity of each pixel of some bands, 0 to 1; none if the file says nothing of it.
+    ///
+    /// # Errors
+    /// [`RasterError::Read`] if the file is damaged or incomplete.
+    pub fn opacity(&self, bands: &[usize]) -> Result<Option<Grid2>, RasterError> {
+        if !self.has_transparency(bands) {
+            return Ok(None);
+        }
+        let (width, height) = self.size();
+        let window = Window { col: 0, row: 0, width, height };
+        let mut out = Grid2::filled(width, height, 1.0);
+        let masks = self.masks(bands);
+        // Masks beside alpha bands are 0 or 255.
+        let of_alpha = masks.alpha.iter().map(|band| self.opaque_value(*band));
+        let opaque = of_alpha.chain(std::iter::repeat(OPAQUE));
+        for (values, opaque) in masks.read(window)?.into_iter().zip(opaque) {
+            out.data.iter_mut().zip(values).for_each(|(out, v)| *out *= (v / opaque).clamp(0.0, 1.0));
+        }
+        if let Some(color) = self.transparent_color(bands) {
+            let mut is_color = vec![true; width * height];
+            for (band, color) in bands.iter().zip(color) {
+                let values = self.read_stored(*band, window, (width, height))?.data;
+                is_color.iter_mut().zip(values).for_each(|(is_color, v)| *is_color &= v == color);
+            }
+            let transparent = out.data.iter_mut().zip(is_color).filter(|(_, is_color)| *is_color);
+            transparent.for_each(|(out, _)| *out = 0.0);
+        }
+        Ok(Some(out))
+    }
+
+    /// The value of an alpha band at opaque pixels.
+    fn opaque_value(&self, band: usize) -> f32 {
+        match self.dataset.rasterband(band).map(|b| b.band_type()) {
+            Ok(GdalDataType::UInt8) => OPAQUE,
+            Ok(GdalDataType::UInt16) => f32::from(u16::MAX),
+            _ => 1.0,
+        }
+    }
+
+    /// The nodata values of some bands, if all of them have one.
+    fn transparent_color(&self, bands: &[usize]) -> Option<Vec<f32>> {
+        let value = |band: &usize| self.dataset.rasterband(*band).ok()?.no_data_value();
+        bands.iter().map(|band| value(band).filter(|v| !v.is_nan()).map(|v| v as f32)).collect()
+    }
+
+    /// Reads one whole band, counted from 1, with the scale and the offset that the file declares; its nodata value is kept.
+    ///
+    /// # Errors
+    /// As [`ImageFile::read`].
+    pub fn read_stored_band(&self, index: usize) -> Result<Grid2, RasterError> {
+        let (width, height) = self.size();
+        let mut raster =
+            self.read_stored(index, Window { col: 0, row: 0, width, height }, (width, height))?;
+        self.apply_scale(index, &mut raster)?;
+        Ok(raster)
     }
 
     /// The masks that apply to some bands: alpha bands, and masks in or beside the file (.msk). Nodata values are not

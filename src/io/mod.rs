@@ -20,8 +20,13 @@ mod mask;
 mod grid2;
 mod npy;
 mod rgb_image;
+mod number_kind;
+mod planes;
+mod ply;
+mod ply_header;
 mod style;
 pub mod svg;
+mod text;
 mod valid;
 mod vector;
 mod vertical_reference;
@@ -43,12 +48,16 @@ pub use georeference::{
 pub use grid::MapGrid;
 pub use grid2::Grid2;
 pub use heights::{HeightSystem, read_heights};
-pub use json::{read_json, write_json};
+pub use json::{read_json, read_python_json, write_json};
 pub use like::{MosaicPart, Template};
 pub use npy::NpyArray;
+pub use number_kind::NumberKind;
+pub use planes::Planes;
+pub use ply::PlyContent;
 pub use rgb_image::RgbImage;
 pub use style::color_style;
 pub use svg::{Drawing, escape_xml};
+pub use text::{decode_text, parse_number, read_text};
 pub use valid::ValidPixels;
 pub use vector::{
     MapFeature, MapShape, Marker, Outline, inside_polygons, write_map_features, write_markers, write_outlines,

@@ -1,7 +1,7 @@
 //! Arrays of numbers in NumPy's `.npy` files (NumPy Enhancement Proposal 1).
 
 use super::error::{ReadError, WriteError};
-use super::{vsi, write_file};
+use super::{NumberKind, vsi, write_file};
 use std::path::Path;
 
 /// First bytes of a file, before its version.
@@ -18,12 +18,12 @@ pub struct NpyArray {
     pub shape: Vec<usize>,
     /// The values, as f32.
     pub values: Vec<f32>,
-    /// Whether the file has whole numbers.
-    pub is_integer: bool,
+    /// The type of the numbers in the file.
+    pub kind: NumberKind,
 }
 
 impl NpyArray {
-    /// Reads an array of f4, f8, u1, u2, u4, i2 or i4 in little-endian bytes and C order.
+    /// Reads an array of f2, f4, f8, or of integers of 1, 2, 4 or 8 bytes, in little-endian bytes and C order.
     ///
     /// # Errors
     /// [`ReadError`] if the file cannot be read, is cut short, or has other numbers.
@@ -69,16 +69,20 @@ fn parse(bytes: &[u8]) -> Result<NpyArray, String> {
     }
     let kind = value_of("descr").unwrap_or_default().trim_matches('\'');
     let decode: (usize, fn(&[u8]) -> f32) = match kind {
+        "<f2" => (2, |b| half(u16::from_le_bytes(array(b)))),
         "<f4" => (4, |b| f32::from_le_bytes(array(b))),
         "<f8" => (8, |b| f64::from_le_bytes(array(b)) as f32),
-        "|u1" => (1, |b| b[0].into()),
+        "|b1" | "|u1" => (1, |b| b[0].into()),
+        "|i1" => (1, |b| i8::from_le_bytes(array(b)).into()),
         "<u2" => (2, |b| u16::from_le_bytes(array(b)).into()),
         "<i2" => (2, |b| i16::from_le_bytes(array(b)).into()),
         "<u4" => (4, |b| u32::from_le_bytes(array(b)) as f32),
         "<i4" => (4, |b| i32::from_le_bytes(array(b)) as f32),
+        "<u8" => (8, |b| u64::from_le_bytes(array(b)) as f32),
+        "<i8" => (8, |b| i64::from_le_bytes(array(b)) as f32),
         _ => {
             return Err(format!(
-                "the numbers are `{kind}`, expected float32, float64 or integers of at most 32 bits"
+                "the numbers are `{kind}`, expected floating-point numbers or integers in little-endian bytes"
             ));
         }
     };
@@ -89,7 +93,12 @@ fn parse(bytes: &[u8]) -> Result<NpyArray, String> {
         return Err(format!("{found} bytes follow the header, the shape {shape:?} needs {expected}"));
     }
     let values = data.chunks_exact(decode.0).map(decode.1).collect();
-    Ok(NpyArray { shape, values, is_integer: !kind.contains('f') })
+    let kind = match kind {
+        "<u2" => NumberKind::U16,
+        _ if kind.contains('f') => NumberKind::Float,
+        _ => NumberKind::Integer,
+    };
+    Ok(NpyArray { shape, values, kind })
 }
 
 fn shape(header: &str) -> Option<Vec<usize>> {
@@ -97,6 +106,18 @@ fn shape(header: &str) -> Option<Vec<usize>> {
     let (inside, _) = after.trim_start().strip_prefix('(')?.split_once(')')?;
     let sizes = inside.split(',').map(str::trim).filter(|size| !size.is_empty());
     sizes.map(|size| size.parse().ok()).collect()
+}
+
+/// A number of half precision (IEEE 754 binary16) from its bits.
+fn half(bits: u16) -> f32 {
+    let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
+    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023) / 1024.0);
+    sign * match exponent {
+        0 => fraction * 2f32.powi(-14),
+        31 if fraction == 0.0 => f32::INFINITY,
+        31 => f32::NAN,
+        _ => (1.0 + fraction) * 2f32.powi(exponent - 15),
+    }
 }
 
 /// The bytes of a number; the caller gives as many as it has.
@@ -120,7 +141,7 @@ mod tests {
         let array = NpyArray {
             shape: vec![2, 3],
             values: vec![1.0, 2.5, f32::MAX, -1.0, 0.0, 7.0],
-            is_integer: false,
+            kind: NumberKind::Float,
         };
         array.write(&path).unwrap();
         assert_eq!(NpyArray::read(&path).unwrap(), array);
@@ -134,9 +155,13 @@ mod tests {
                 .unwrap()
         };
         let shorts = of("<u2", &[1, 0, 255, 255]);
-        assert!(shorts.is_integer && shorts.values == [1.0, 65535.0]);
+        assert!(shorts.kind == NumberKind::U16 && shorts.values == [1.0, 65535.0]);
         let doubles = of("<f8", &[1.5f64.to_le_bytes(), (-2f64).to_le_bytes()].concat());
-        assert!(!doubles.is_integer && doubles.values == [1.5, -2.0]);
+        assert!(doubles.kind == NumberKind::Float && doubles.values == [1.5, -2.0]);
+        let longs = of("<i8", &[70_000i64.to_le_bytes(), (-1i64).to_le_bytes()].concat());
+        assert!(longs.kind == NumberKind::Integer && longs.values == [70_000.0, -1.0]);
+        let halves = of("<f2", &[0x00, 0xc0, 0x01, 0x00]);
+        assert!(halves.kind == NumberKind::Float && halves.values == [-2.0, 2f32.powi(-24)]);
     }
 
     #[test]

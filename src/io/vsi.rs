@@ -72,12 +72,20 @@ pub fn absolute(path: &Path) -> Result<PathBuf> {
 }
 
 /// A path relative to a folder. URLs become virtual paths ([`from_url`]), and in virtual folders `.` and `..` are resolved,
-/// because object stores take them for names.
+/// because object stores take them for names. Backslashes are the separators of Windows, unless a file has them in its name.
 #[must_use]
 pub fn join(folder: &Path, path: &Path) -> PathBuf {
     if let Some(path) = path.to_str().and_then(from_url) {
         return path;
     }
+    let joined = join_slashes(folder, path);
+    match path.to_str().filter(|text| text.contains('\\') && !exists(&joined)) {
+        Some(text) => join_slashes(folder, Path::new(&text.replace('\\', "/"))),
+        None => joined,
+    }
+}
+
+fn join_slashes(folder: &Path, path: &Path) -> PathBuf {
     if path.is_absolute() || !is_virtual(folder) {
         return folder.join(path);
     }
@@ -272,6 +280,7 @@ mod tests {
         assert_eq!(joined("/data/a.tif"), "/data/a.tif");
         assert_eq!(absolute(folder).unwrap().as_os_str(), folder.as_os_str());
         assert_eq!(join(Path::new("scene"), Path::new("./a.tif")), Path::new("scene/./a.tif"));
+        assert_eq!(join(Path::new("scene"), Path::new("images\\a.tif")), Path::new("scene/images/a.tif"));
     }
 
     #[test]

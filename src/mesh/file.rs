@@ -57,6 +57,10 @@ impl TriangleMesh {
         let bytes = std::fs::read(path).map_err(|e| wrong(e.to_string()))?;
         let mut mesh = parse(&bytes).map_err(wrong)?;
         mesh.site = read_georeference(path)?;
+        // Normals that were not computed are no normals.
+        if mesh.normals.iter().flatten().any(|v| !v.is_finite()) {
+            mesh.normals.clear();
+        }
         if let Some((i, p)) = mesh.vertices.iter().enumerate().find(|(_, p)| p.iter().any(|v| !v.is_finite()))
         {
             return Err(wrong(format!("vertex {i} is not finite: {}, {}, {}", p[0], p[1], p[2])));

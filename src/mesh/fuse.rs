@@ -45,6 +45,8 @@ pub struct FusedMesh {
     pub pieces: (usize, usize),
     /// Memory of the volume, bytes.
     pub volume_bytes: u64,
+    /// Share of the depths that lie beyond the limit, 0 to 1; 0 without a limit.
+    pub beyond: f64,
 }
 
 /// Fuses depth maps in their order to a mesh.
@@ -60,13 +62,16 @@ pub fn fuse<E: From<MeshError> + From<Interrupted>>(
     let total = maps.size_hint().1.unwrap_or(0) as u64;
     progress.event(Event::Started { stage: "fusing depth maps", total });
     let mut volume = TsdfVolume::new(options.voxel_m, options.truncation_m);
-    let mut count = 0;
+    let (mut count, mut depths, mut beyond) = (0, 0, 0);
     for map in maps {
         progress.check()?;
         let mut map = map?;
         map.check(count)?;
         if let Some(depth_max_m) = options.depth_max_m {
+            let known = map.depth.valid().count();
             map.forget_beyond(depth_max_m);
+            depths += known;
+            beyond += known - map.depth.valid().count();
         }
         if let Some(bounds) = options.bounds {
             map.forget_outside(bounds);
@@ -83,7 +88,8 @@ pub fn fuse<E: From<MeshError> + From<Interrupted>>(
     if mesh.triangles.is_empty() {
         return Err(MeshError::NoSurface { maps: count, triangles: options.kept.least_triangles }.into());
     }
-    Ok(FusedMesh { mesh, maps: count, pieces, volume_bytes: volume.bytes() })
+    let beyond = beyond as f64 / depths.max(1) as f64;
+    Ok(FusedMesh { mesh, maps: count, pieces, volume_bytes: volume.bytes(), beyond })
 }
 
 #[cfg(test)]

@@ -17,7 +17,6 @@ mod glb;
 mod obj;
 mod pieces;
 mod ply;
-mod ply_header;
 mod ply_writer;
 mod surface_tree;
 mod triangle_mesh;

@@ -5,7 +5,9 @@
 //! is square) and resolution in metres. Its UTM zone is that of the prediction.
 
 use super::{HeightRaster, MetricsError, cloud};
-use crate::io::{HeightSystem, ImageFile, MapGrid, RasterError, VerticalReference, inside_polygons, vsi};
+use crate::io::{
+    HeightSystem, ImageFile, MapGrid, RasterError, VerticalReference, inside_polygons, read_text, vsi,
+};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -211,8 +213,7 @@ fn grid_of_txt(file: &ImageFile, epsg: u32) -> Result<MapGrid, MetricsError> {
         return Err(MetricsError::NoPlace { path: file.path().into(), txt });
     }
     let wrong = |reason: String| MetricsError::Txt { txt: txt.clone(), reason };
-    let text = vsi::read(&txt).map_err(|e| wrong(e.to_string()))?;
-    let text = String::from_utf8_lossy(&text);
+    let text = read_text(&txt).map_err(|e| wrong(e.cause.to_string()))?;
     parse_txt(&text, file.size(), epsg).map_err(wrong)
 }
 

@@ -3,11 +3,13 @@
 use super::error::PerspectiveError;
 use super::georeference::Georeference;
 use super::lens::LensCamera;
+use super::mask_file::MaskFile;
 use super::options::{PerspectiveOptions, TestViews};
 use super::pose::Pose;
 use super::scene_parts::{Layout, ScenePoint};
+use super::transparency::Transparency;
 use super::view::{DepthFile, PerspectiveView};
-use crate::io::{ImageFile, ReadError, vsi};
+use crate::io::{ImageFile, read_text};
 use crate::scene::Role;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -30,8 +32,8 @@ pub(super) struct Draft {
     pub lens: LensCamera,
     /// The pose in the frame of the file.
     pub pose: Pose,
-    /// The mask.
-    pub mask: Option<PathBuf>,
+    /// The masks.
+    pub masks: Vec<MaskFile>,
     /// The depth map, in units of the file's frame.
     pub depth: Option<DepthFile>,
     /// What the scene's own list of test views says.
@@ -51,9 +53,35 @@ pub(super) struct Drafts {
     pub points: Vec<ScenePoint>,
     /// What was left out, and why.
     pub skipped: Vec<(String, String)>,
+    /// Keys and files that are not used, and why.
+    pub unused: Vec<(String, String)>,
+    /// Files that were read beside images, masks and depth maps.
+    pub sources: Vec<PathBuf>,
 }
 
 impl Drafts {
+    /// Nothing of a layout yet.
+    pub(super) fn of(layout: Layout) -> Self {
+        Self {
+            layout,
+            views: Vec::new(),
+            points: Vec::new(),
+            skipped: Vec::new(),
+            unused: Vec::new(),
+            sources: Vec::new(),
+        }
+    }
+
+    /// Says how many images have no mask in a folder of masks. That none has one is said of the folder itself.
+    pub(super) fn say_which_lack_masks(&mut self, folder: &Path) {
+        let mut without = self.views.iter().filter(|v| v.masks.is_empty());
+        let (missing, of) = (without.clone().count(), self.views.len());
+        if let Some(first) = without.next().filter(|_| missing < of) {
+            let reason = format!("{missing} of {of} images have none, the first is {}", first.name);
+            self.unused.push((format!("{} for all images", folder.display()), reason));
+        }
+    }
+
     /// The views, ordered by the names of their images.
     pub(super) fn views(
         mut self,
@@ -68,8 +96,10 @@ impl Drafts {
         let names = view_names(&self.views)?;
         let roles = roles(&self.views, &names, &options.test_views)?;
         let scale = georeference.map_or(1.0, |g| g.scale);
+        let transparency = options.transparency.unwrap_or(Transparency::of(self.layout));
         let view = |((draft, name), role): ((Draft, String), Role)| {
-            let lens = lens_of_image(&draft)?;
+            let file = ImageFile::open(&draft.image)?;
+            let lens = lens_of_image(&draft, file.size())?;
             let pose = georeference.map_or(draft.pose, |g| g.pose(draft.pose));
             let camera =
                 PerspectiveView::undistorted_camera(&lens, pose.cam_from_world, pose.center, downsampling);
@@ -78,12 +108,14 @@ impl Drafts {
             }
             Ok(PerspectiveView {
                 name,
+                path_in_scene: draft.name.into(),
                 image: draft.image,
                 role,
+                transparency: file.has_transparency(&file.default_bands()).then_some(transparency),
                 lens_camera: lens,
                 camera,
                 downsampling,
-                mask: draft.mask,
+                masks: draft.masks,
                 depth: draft.depth.map(|d| DepthFile { metres_per_unit: d.metres_per_unit * scale, ..d }),
                 observed: draft.observed,
             })
@@ -93,8 +125,7 @@ impl Drafts {
 }
 
 /// The camera of the image file, whose size may be another one than that for which the scene states the camera.
-fn lens_of_image(draft: &Draft) -> Result<LensCamera, PerspectiveError> {
-    let (width, height) = ImageFile::open(&draft.image)?.size();
+fn lens_of_image(draft: &Draft, (width, height): (usize, usize)) -> Result<LensCamera, PerspectiveError> {
     let Some((of_width, of_height)) = draft.size else {
         return Ok(LensCamera { size: (width, height), ..draft.lens });
     };
@@ -140,12 +171,13 @@ fn view_names(views: &[Draft]) -> Result<Vec<String>, PerspectiveError> {
 /// # Errors
 /// [`PerspectiveError::Field`] for a name that several images have.
 pub(super) fn named(list: &Path, views: &[Draft], name: &str) -> Result<Option<usize>, PerspectiveError> {
+    let name = name.replace('\\', "/");
     if let Some(place) = views.iter().position(|v| v.name == name) {
         return Ok(Some(place));
     }
     let is_it = |v: &Draft| {
         let file = Path::new(&v.name);
-        file.file_name().is_some_and(|f| f == name) || file.file_stem().is_some_and(|f| f == name)
+        [file.file_name(), file.file_stem()].into_iter().flatten().any(|f| f == name.as_str())
     };
     let mut places = (0..views.len()).filter(|i| is_it(&views[*i]));
     match (places.next(), places.next()) {
@@ -166,8 +198,7 @@ fn roles(views: &[Draft], names: &[String], tests: &TestViews) -> Result<Vec<Rol
             Ok(views.iter().enumerate().map(every).collect())
         }
         TestViews::List(path) => {
-            let text = vsi::read(path).map_err(|e| ReadError::new(path, e))?;
-            let text = String::from_utf8_lossy(&text);
+            let text = read_text(path)?.replace('\\', "/");
             let lines = text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#'));
             let mut out = vec![Role::Train; views.len()];
             for line in lines {

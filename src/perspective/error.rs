@@ -12,8 +12,8 @@ pub enum PerspectiveError {
     #[error("`{path}` is no perspective scene")]
     #[diagnostic(help(
         "expected a COLMAP project (cameras.bin or cameras.txt, in the folder, in `sparse` or in `sparse/0`), a \
-         transforms.json, an RGB-D folder with camera-intrinsics.txt, a scene of LEVIR-NVS (`Images` and `Cams`) or of \
-         ScanNet++ (`dslr/colmap` and `dslr/resized_images`)"
+         transforms.json (or transforms_train.json), an RGB-D folder with camera-intrinsics.txt, a scene of LEVIR-NVS \
+         (`Images` and `Cams`) or of ScanNet++ (`dslr/colmap` and `dslr/resized_images`)"
     ))]
     NoLayout {
         /// The given path.
@@ -147,6 +147,19 @@ pub enum PerspectiveError {
         /// What a view needs.
         hint: &'static str,
     },
+    /// Every image of the scene is left out.
+    #[error("`{path}`: all {images} images are left out; `{first}`: {reason}")]
+    #[diagnostic(help("a view is an image with its camera and pose"))]
+    AllLeftOut {
+        /// The scene.
+        path: PathBuf,
+        /// Number of images.
+        images: usize,
+        /// The first.
+        first: String,
+        /// Why it is left out.
+        reason: String,
+    },
     /// Positions do not determine the georeference.
     #[error("`{path}` does not determine where the scene lies: {reason}")]
     #[diagnostic(help(
@@ -166,9 +179,23 @@ pub enum PerspectiveError {
         /// The given number.
         found: u32,
     },
+    /// No pixel of an image can be used.
+    #[error("no pixel of `{image}` can be used: {reason}")]
+    #[diagnostic(help(
+        "a mask is black where its image is not to be used; leave the image out of the scene if there is nothing to use in it"
+    ))]
+    NoPixels {
+        /// The image.
+        image: PathBuf,
+        /// What hides the pixels.
+        reason: String,
+    },
     /// A view has no depth map.
     #[error("view `{view}` has no depth map")]
-    #[diagnostic(help("depth maps come with RGB-D folders, LEVIR-NVS and ScanNet++ (dslr/render_depth)"))]
+    #[diagnostic(help(
+        "depth maps come with RGB-D folders, LEVIR-NVS, ScanNet++ (dslr/render_depth) and `depth_file_path` or `depth_path` in a \
+         transforms.json"
+    ))]
     NoDepth {
         /// The view.
         view: String,

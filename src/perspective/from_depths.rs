@@ -72,7 +72,7 @@ fn voxels(view: &PerspectiveView, edge: f64) -> Result<Voxels, PerspectiveError>
         for col in 0..depth.width {
             let z = f64::from(depth.at(col, row));
             let color = image.planes.each_ref().map(|p| f64::from(p.at(col, row)));
-            if z.is_nan() || color.iter().any(|c| c.is_nan()) {
+            if z.is_nan() || !image.shows_surface(row * depth.width + col) {
                 continue;
             }
             let p = DVec3::from_array(camera.at_depth(Pixel::new(col as f64, row as f64), z));

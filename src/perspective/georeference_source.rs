@@ -8,7 +8,7 @@ use super::pose::Pose;
 use super::similarity::SimilarityTransform;
 use super::stated_position::StatedPosition;
 use crate::frame::metres_of_unit;
-use crate::io::{ImageFile, ReadError, is_metric_map, vsi};
+use crate::io::{ImageFile, ReadError, is_metric_map, read_text};
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use std::path::Path;
@@ -56,8 +56,7 @@ fn from_exif(scene: &Path, views: &[Draft]) -> Result<MapSimilarity, Perspective
 
 /// The similarity of a file: JSON, or a list of image positions.
 fn from_file(path: &Path, views: &[Draft]) -> Result<MapSimilarity, PerspectiveError> {
-    let bytes = vsi::read(path).map_err(|e| ReadError::new(path, e))?;
-    let text = String::from_utf8(bytes).map_err(|e| ReadError::new(path, e))?;
+    let text = read_text(path)?;
     if text.trim_start().starts_with('{') {
         let given = serde_json::from_str(&text).map_err(|e| ReadError::new(path, e))?;
         given_similarity(path, &given)

@@ -5,7 +5,7 @@
 
 use super::draft::{Draft, Drafts};
 use super::error::PerspectiveError;
-use super::pose::Pose;
+use super::pose::{LOST_POSE, Pose};
 use super::rgbd::pinhole_of;
 use super::scene_parts::Layout;
 use super::view::DepthFile;
@@ -53,6 +53,10 @@ pub(super) fn read(folder: &Path) -> Result<Drafts, PerspectiveError> {
             Ok::<_, PerspectiveError>(words.get(start + 1..).unwrap_or_default())
         };
         let extrinsic = numbers(&camera, "the extrinsic matrix", after("extrinsic")?)?;
+        if Pose::is_lost(&rows(&extrinsic)) {
+            skipped.push((format!("{IMAGES}/{stem}"), LOST_POSE.to_owned()));
+            continue;
+        }
         let pose = Pose::from_world_to_camera(&rows(&extrinsic)).map_err(|(found, expected)| {
             PerspectiveError::field(&camera, "the extrinsic matrix", found, expected)
         })?;
@@ -69,17 +73,17 @@ pub(super) fn read(folder: &Path) -> Result<Drafts, PerspectiveError> {
             size: None,
             lens,
             pose,
-            mask: None,
+            masks: Vec::new(),
             depth: depth.map(|path| DepthFile::new(path, 1.0)),
             role: tests.as_ref().map(role),
             observed: Vec::new(),
         });
     }
-    if views.is_empty() {
+    if views.is_empty() && skipped.is_empty() {
         let hint = "a view is Images/NAME.png with Cams/NAME.txt";
         return Err(PerspectiveError::NoViews { path: folder.into(), hint });
     }
-    Ok(Drafts { layout: Layout::Levir, views, points: Vec::new(), skipped })
+    Ok(Drafts { views, skipped, ..Drafts::of(Layout::Levir) })
 }
 
 /// Numbers of the test views according to the file of the split; none if there is no such file.

@@ -2,6 +2,7 @@
 //! distortion, and the readers of scenes: COLMAP, `transforms.json`, RGB-D frames, LEVIR-NVS, ScanNet++.
 
 pub mod colmap;
+mod companions;
 mod draft;
 mod error;
 mod from_depths;
@@ -11,6 +12,7 @@ mod jpeg;
 mod kernel;
 mod lens;
 mod levir;
+mod mask_file;
 mod options;
 mod pinhole;
 mod point_normals;
@@ -24,6 +26,7 @@ mod similarity;
 mod similarity_fit;
 mod stated_position;
 mod transforms;
+mod transparency;
 mod undistort;
 mod view;
 mod words;
@@ -33,6 +36,7 @@ pub use from_depths::points_from_depths;
 pub use georeference::{Georeference, PositionFit};
 pub use kernel::PinholeKernel;
 pub use lens::{LensCamera, LensModel};
+pub use mask_file::MaskFile;
 pub use options::{GeoreferenceSource, PerspectiveOptions, TEST_EVERY, TestViews};
 pub use pinhole::PinholeCamera;
 pub use point_normals::point_normals;
@@ -41,4 +45,5 @@ pub use scene::PerspectiveScene;
 pub use scene_parts::{Layout, ScenePoint};
 pub use similarity::SimilarityTransform;
 pub use similarity_fit::{DirectionPair, PointPair, SimilarityFit};
+pub use transparency::Transparency;
 pub use view::{DepthFile, PerspectiveView, SensorCamera, ViewImage};

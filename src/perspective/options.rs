@@ -1,5 +1,6 @@
 //! How a perspective scene is read.
 
+use super::transparency::Transparency;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -36,10 +37,18 @@ pub struct PerspectiveOptions {
     pub georeference: Option<GeoreferenceSource>,
     /// Images are read with 1/n of their columns and rows: 1, 2, 4 or 8.
     pub downsampling: u32,
+    /// What transparent pixels mean; by default what the programs of the scene's layout take them for.
+    #[serde(default)]
+    pub transparency: Option<Transparency>,
 }
 
 impl Default for PerspectiveOptions {
     fn default() -> Self {
-        Self { test_views: TestViews::Every(TEST_EVERY), georeference: None, downsampling: 1 }
+        Self {
+            test_views: TestViews::Every(TEST_EVERY),
+            georeference: None,
+            downsampling: 1,
+            transparency: None,
+        }
     }
 }

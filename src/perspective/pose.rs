@@ -5,6 +5,9 @@ use glam::{DMat3, DQuat, DVec3};
 /// Largest difference of a rotation matrix times its transpose from the identity; files round to three digits or more.
 const ROTATION_TOLERANCE: f64 = 2e-2;
 
+/// Why an image is left out whose pose is not finite.
+pub(super) const LOST_POSE: &str = "its pose is lost: it is not finite";
+
 /// Where a camera stands and looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Pose {
@@ -50,6 +53,12 @@ impl Pose {
         // Rounded matrices are made rotations again.
         let rotation = DMat3::from_quat(DQuat::from_mat3(&world_from_cam).normalize());
         Ok(Self { cam_from_world: rotation.transpose(), center: DVec3::new(a[3], b[3], c[3]) })
+    }
+
+    /// Whether a matrix states that the pose is not known: no number, or one that is not finite, as programs write it of images
+    /// that they cannot place.
+    pub(super) fn is_lost(rows: &[[f64; 4]]) -> bool {
+        rows.iter().flatten().any(|v| !v.is_finite())
     }
 
     /// The same as [`Pose::from_camera_to_world`] for camera axes right, up, backward, those of OpenGL and NeRF.

@@ -5,7 +5,7 @@
 use super::draft::{Draft, Drafts};
 use super::error::PerspectiveError;
 use super::lens::LensCamera;
-use super::pose::Pose;
+use super::pose::{LOST_POSE, Pose};
 use super::scene_parts::Layout;
 use super::view::DepthFile;
 use super::words::{numbers, rows, words_of};
@@ -58,6 +58,10 @@ pub(super) fn read(folder: &Path) -> Result<Drafts, PerspectiveError> {
             continue;
         }
         let matrix = numbers(&pose_file, "the pose", &words_of(&pose_file)?)?;
+        if Pose::is_lost(&rows(&matrix)) {
+            skipped.push((name, LOST_POSE.to_owned()));
+            continue;
+        }
         let pose = Pose::from_camera_to_world(&rows(&matrix))
             .map_err(|(found, expected)| PerspectiveError::field(&pose_file, "the pose", found, expected))?;
         let depth = folder.join(format!("{stem}.depth.png"));
@@ -68,15 +72,15 @@ pub(super) fn read(folder: &Path) -> Result<Drafts, PerspectiveError> {
             size: None,
             lens,
             pose,
-            mask: None,
+            masks: Vec::new(),
             depth: files.contains(&depth).then_some(DepthFile::new(depth, MILLIMETRE)),
             role: None,
             observed: Vec::new(),
         });
     }
-    if views.is_empty() {
+    if views.is_empty() && skipped.is_empty() {
         let hint = "a frame is NAME.color.jpg (or .png), NAME.depth.png and NAME.pose.txt";
         return Err(PerspectiveError::NoViews { path: folder.into(), hint });
     }
-    Ok(Drafts { layout: Layout::RgbD, views, points: Vec::new(), skipped })
+    Ok(Drafts { views, skipped, ..Drafts::of(Layout::RgbD) })
 }

@@ -8,7 +8,7 @@ use super::draft::Drafts;
 use super::error::PerspectiveError;
 use super::scene_parts::Layout;
 use super::view::DepthFile;
-use crate::io::{ReadError, vsi};
+use crate::io::{read_json, vsi};
 use crate::scene::Role;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -80,6 +80,5 @@ fn split(part: &Path) -> Result<Option<Split>, PerspectiveError> {
     if !vsi::exists(&path) {
         return Ok(None);
     }
-    let bytes = vsi::read(&path).map_err(|e| ReadError::new(&path, e))?;
-    Ok(Some(serde_json::from_slice(&bytes).map_err(|e| ReadError::new(&path, e))?))
+    Ok(Some(read_json(&path)?))
 }

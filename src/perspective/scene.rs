@@ -1,5 +1,6 @@
 //! Perspective scenes, and the choice of the reader.
 
+use super::companions::unused_companions;
 use super::draft::Drafts;
 use super::error::PerspectiveError;
 use super::georeference::Georeference;
@@ -7,6 +8,7 @@ use super::georeference_source::georeference;
 use super::options::PerspectiveOptions;
 use super::registration::ColorRegistration;
 use super::scene_parts::{Layout, ScenePoint};
+use super::transparency::Transparency;
 use super::view::PerspectiveView;
 use super::{colmap, levir, rgbd, scannetpp, transforms};
 use crate::io::vsi;
@@ -30,6 +32,8 @@ pub struct PerspectiveScene {
     pub georeference: Option<Georeference>,
     /// Images and files that were left out, and why.
     pub skipped: Vec<(String, String)>,
+    /// Keys and files of the scene that are not used, and why.
+    pub unused: Vec<(String, String)>,
     /// The colour camera of RGB-D frames, if it was found to be another one than that of the depth maps.
     pub registration: Option<ColorRegistration>,
 }
@@ -87,6 +91,11 @@ impl PerspectiveScene {
 
     fn read_as_stated(path: &Path, options: &PerspectiveOptions) -> Result<Self, PerspectiveError> {
         let mut drafts = read_drafts(path)?;
+        if let (true, Some((first, reason))) = (drafts.views.is_empty(), drafts.skipped.first()) {
+            let (first, reason) = (first.clone(), reason.clone());
+            let images = drafts.skipped.len();
+            return Err(PerspectiveError::AllLeftOut { path: path.into(), images, first, reason });
+        }
         if drafts.views.is_empty() {
             return Err(PerspectiveError::NoViews {
                 path: path.into(),
@@ -104,14 +113,23 @@ impl PerspectiveScene {
             }
         }
         let skipped = std::mem::take(&mut drafts.skipped);
+        let mut unused = std::mem::take(&mut drafts.unused);
+        unused.extend(unused_companions(path, &drafts));
         let views = drafts.views(options, georeference.as_ref())?;
-        Ok(Self { layout, views, points, georeference, skipped, registration: None })
+        Ok(Self { layout, views, points, georeference, skipped, unused, registration: None })
     }
 
     /// Whether positions are in metres: the scene has a georeference, or depth maps in metres.
     #[must_use]
     pub fn is_metric(&self) -> bool {
         self.georeference.is_some() || matches!(self.layout, Layout::RgbD | Layout::Levir | Layout::ScanNetPp)
+    }
+
+    /// How many images have transparent pixels, and what these mean; none without such images.
+    #[must_use]
+    pub fn transparency(&self) -> Option<(usize, Transparency)> {
+        let meanings: Vec<Transparency> = self.views.iter().filter_map(|view| view.transparency).collect();
+        Some((meanings.len(), *meanings.first()?))
     }
 
     /// Lowest and highest coordinates of the points and the camera centres.

@@ -37,16 +37,16 @@ impl<'a> Undistortion<'a> {
 
     /// The undistorted, averaged planes of an image, sampled bilinearly. NaN where a pixel of the square is outside of
     /// the image or has no data.
-    pub(super) fn colors(&self, planes: &[Grid2; 3]) -> [Grid2; 3] {
+    pub(super) fn colors<const N: usize>(&self, planes: &[Grid2; N]) -> [Grid2; N] {
         let (width, height) = self.size();
         let n = self.factor;
-        let rows: Vec<Vec<[f32; 3]>> = (0..height)
+        let rows: Vec<Vec<[f32; N]>> = (0..height)
             .into_par_iter()
             .map(|row| {
                 let mean = |col: usize| {
-                    let mut sum = [0.0f32; 3];
+                    let mut sum = [0.0f32; N];
                     for (dr, dc) in (0..n).flat_map(|dr| (0..n).map(move |dc| (dr, dc))) {
-                        let Some(at) = self.source(col * n + dc, row * n + dr) else { return [f32::NAN; 3] };
+                        let Some(at) = self.source(col * n + dc, row * n + dr) else { return [f32::NAN; N] };
                         for (sum, plane) in sum.iter_mut().zip(planes) {
                             *sum += plane.bilinear(at.x, at.y);
                         }

@@ -1,13 +1,12 @@
 //! Numbers in text files, separated by blanks or commas.
 
 use super::error::PerspectiveError;
-use crate::io::{ReadError, vsi};
+use crate::io::{parse_number, read_text};
 use std::path::Path;
 
 /// The words of a text file.
 pub(super) fn words_of(path: &Path) -> Result<Vec<String>, PerspectiveError> {
-    let bytes = vsi::read(path).map_err(|e| ReadError::new(path, e))?;
-    let text = String::from_utf8_lossy(&bytes);
+    let text = read_text(path)?;
     let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty());
     Ok(words.map(str::to_owned).collect())
 }
@@ -24,9 +23,8 @@ pub(super) fn numbers<const N: usize>(
         let word = words.get(i).ok_or_else(|| {
             PerspectiveError::field(path, field, format!("{} values", words.len()), expected())
         })?;
-        *value = word
-            .parse()
-            .map_err(|_| PerspectiveError::field(path, field, format!("`{word}`"), expected()))?;
+        *value = parse_number(word)
+            .ok_or_else(|| PerspectiveError::field(path, field, format!("`{word}`"), expected()))?;
     }
     Ok(out)
 }

@@ -2,7 +2,9 @@
 
 use super::PipelineError;
 use super::depth_views::{is_run, read_perspective};
-use super::mesh_sources::{ViewDepths, of_perspective_run, of_satellite_run, of_scene, sampled_depths};
+use super::mesh_sources::{
+    ViewDepths, depths_of_scene, of_perspective_run, of_satellite_run, of_scene, sampled_depths,
+};
 use super::perspective::{self, PerspectiveCameras, PerspectiveManifest};
 use crate::io::{check_writable, replaces_georeference};
 use crate::mesh::{FuseOptions, FusedMesh, KeptPieces, MeshFormat};
@@ -29,24 +31,36 @@ const ROOM_DEPTH_M: f64 = 5.0;
 /// look at, and the number of voxels in it (2D Gaussian splatting, for scenes of any unit).
 const PHOTOGRAPH_DEPTH: f64 = 2.0;
 const PHOTOGRAPH_VOXELS: f64 = 1024.0;
-/// Greatest depth of scenes from inside, a quantile of the depths, and the number of voxels in it: 2 cm of 5 m.
+/// The depth of scenes from inside to which their voxels refer, a quantile of the depths, and the number of voxels in it: 2 cm of
+/// 5 m.
 const INSIDE_DEPTH: f64 = 0.95;
 const INSIDE_VOXELS: f64 = 250.0;
+/// Greatest depth that is used of scenes from inside, a quantile: splats float beyond the walls, a sensor is seldom wrong.
+const RENDERED_DEPTH: f64 = INSIDE_DEPTH;
+const MEASURED_DEPTH: f64 = 0.999;
 
 /// How a mesh is made.
 #[derive(Clone, Debug, Default)]
 pub struct MeshOptions {
     /// Side of a voxel, metres; by default 0.5 for satellite runs, 0.02 for RGB-D scenes and those of ScanNet++ and runs of them, for other perspective
-    /// scenes a 1024th of the greatest depth, a 250th in runs of scenes that are seen from inside.
+    /// scenes a 1024th of the greatest depth; of scenes that are seen from inside, and runs of them, a 250th of the 95 % quantile of
+    /// the depths.
     pub voxel_m: Option<f64>,
     /// Distance from a surface up to which a depth map tells of it, metres; by default four voxels.
     pub truncation_m: Option<f64>,
     /// Depths beyond this are not used, metres; by default 5 for RGB-D scenes and those of ScanNet++, for other perspective scenes twice the distance from
-    /// the nearest camera to the place that all look at, and the 95 % quantile of the depths in runs of scenes that are seen from
-    /// inside, as rooms are. Not for satellite runs.
+    /// the nearest camera to the place that all look at; of those that are seen from inside, as rooms are, the 99.9 % quantile of the
+    /// depths of scenes and the 95 % quantile of those of runs. Not for satellite runs.
     pub depth_max_m: Option<f64>,
     /// Replace an existing file.
     pub overwrite: bool,
+}
+
+impl MeshOptions {
+    /// Whether voxel and greatest depth are given.
+    fn has_limits(&self) -> bool {
+        self.voxel_m.is_some() && self.depth_max_m.is_some()
+    }
 }
 
 /// What a mesh holds and how it was made.
@@ -70,6 +84,8 @@ pub struct MeshSummary {
     pub truncation_m: f64,
     /// Greatest depth that was used, metres.
     pub depth_max_m: Option<f64>,
+    /// Share of the depths that lie beyond it, 0 to 1; none without a limit.
+    pub depths_beyond: Option<f64>,
     /// Memory of the voxels, megabytes.
     pub volume_mb: f64,
     /// EPSG code of the map on which the mesh lies, if it is georeferenced.
@@ -95,7 +111,7 @@ pub fn mesh(
     check_writable(output)?;
     let source = Source::of(input, options)?;
     let fuse_options = fuse_options(options, &source)?;
-    let FusedMesh { mesh, maps, pieces, volume_bytes } = match source {
+    let FusedMesh { mesh, maps, pieces, volume_bytes, beyond } = match source {
         Source::Scene(_) => of_scene(input, &fuse_options, progress)?,
         Source::PerspectiveRun(_) => of_perspective_run(input, &fuse_options, progress)?,
         Source::SatelliteRun => of_satellite_run(input, fuse_options, progress)?,
@@ -114,6 +130,7 @@ pub fn mesh(
         voxel_m: fuse_options.voxel_m,
         truncation_m: fuse_options.truncation_m,
         depth_max_m: fuse_options.depth_max_m,
+        depths_beyond: fuse_options.depth_max_m.map(|_| beyond),
         volume_mb: volume_bytes as f64 / 1e6,
         epsg: mesh.site.map(|site| site.epsg),
     })
@@ -151,16 +168,32 @@ impl DepthDefaults {
         let training = PerspectiveCameras::read(run)?.training_cameras();
         let layout = PerspectiveManifest::read(run)?.layout;
         let outside = Self::of(layout, &training);
-        if is_room(layout) || (options.voxel_m.is_some() && options.depth_max_m.is_some()) {
+        if is_room(layout) || options.has_limits() {
             return Ok(outside);
         }
         let views = sampled_depths(run, &training)?;
         let looks_at_focus = look_at(focus(&training), &views);
-        let depths = views.into_iter().flat_map(|view| view.depths).collect();
-        Ok(match quantile(depths, INSIDE_DEPTH).filter(|_| !looks_at_focus) {
-            Some(depth_max_m) => Self { voxel_m: depth_max_m / INSIDE_VOXELS, depth_max_m },
-            None => outside,
-        })
+        let inside = Self::of_inside(&views, RENDERED_DEPTH).filter(|_| !looks_at_focus);
+        Ok(inside.unwrap_or(outside))
+    }
+
+    /// Of a scene, whose depths are known: it is seen from inside if many lie beyond the limit of scenes that are not.
+    fn of_scene(scene: &PerspectiveScene, options: &MeshOptions) -> Result<Self, PipelineError> {
+        let cameras: Vec<PinholeCamera> = scene.views.iter().map(|v| v.camera).collect();
+        let outside = Self::of(scene.layout, &cameras);
+        if is_room(scene.layout) || options.has_limits() {
+            return Ok(outside);
+        }
+        let views = depths_of_scene(scene)?;
+        let reaches = |own: &Self| own.voxel_m * INSIDE_VOXELS > outside.depth_max_m;
+        Ok(Self::of_inside(&views, MEASURED_DEPTH).filter(reaches).unwrap_or(outside))
+    }
+
+    /// Of scenes that are seen from inside, with depths up to a quantile; none without depths.
+    fn of_inside(views: &[ViewDepths], used: f64) -> Option<Self> {
+        let depths = || views.iter().flat_map(|view| view.depths.iter().copied()).collect();
+        let voxel_m = quantile(depths(), INSIDE_DEPTH)? / INSIDE_VOXELS;
+        Some(Self { voxel_m, depth_max_m: quantile(depths(), used)? })
     }
 }
 
@@ -170,9 +203,7 @@ impl Source {
             if !PerspectiveScene::is_one(input) {
                 return Ok(Self::SatelliteRun);
             }
-            let scene = read_perspective(input)?;
-            let cameras: Vec<PinholeCamera> = scene.views.iter().map(|v| v.camera).collect();
-            return Ok(Self::Scene(DepthDefaults::of(scene.layout, &cameras)));
+            return Ok(Self::Scene(DepthDefaults::of_scene(&read_perspective(input)?, options)?));
         }
         if !perspective::is_run(input) {
             return Ok(Self::SatelliteRun);

@@ -7,7 +7,7 @@ use crate::affine::ViewCamera;
 use crate::dsm::{nadir_camera, view_altitudes};
 use crate::io::{Grid2, MapGrid};
 use crate::mesh::{DepthCamera, DepthMap, FuseOptions, FusedMesh, fuse};
-use crate::perspective::{PerspectiveError, PerspectiveView, PinholeCamera};
+use crate::perspective::{PerspectiveError, PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::progress::Progress;
 use crate::scene::Role;
 use crate::splat::novel_view::NovelView;
@@ -34,8 +34,11 @@ pub(super) fn of_scene(
         return Err(PerspectiveError::NoDepth { view }.into());
     }
     let read = |view: &&PerspectiveView| -> Result<DepthMap, PipelineError> {
-        let color = Some(view.read_image()?.planes);
-        Ok(DepthMap { color, ..DepthMap::new(DepthCamera::Pinhole(view.camera), view.read_depth()?) })
+        let (image, mut depth) = (view.read_image()?, view.read_depth()?);
+        for (i, depth) in depth.data.iter_mut().enumerate() {
+            *depth = if image.is_empty_at(i) { f32::NAN } else { *depth };
+        }
+        Ok(DepthMap { color: Some(image.planes), ..DepthMap::new(DepthCamera::Pinhole(view.camera), depth) })
     };
     let mut fused = fuse(views.iter().map(read), options, progress)?;
     match &scene.georeference {
@@ -54,6 +57,8 @@ fn mean_up(cameras: impl Iterator<Item = PinholeCamera>) -> [f64; 3] {
 /// Numbers of views, and of pixels of a view, whose depths are sampled.
 const SAMPLED_VIEWS: usize = 8;
 const SAMPLED_PIXELS: usize = 100_000;
+/// The same of depth maps of scenes, which cost less than renders.
+const SAMPLED_MAPS: usize = 64;
 
 /// Depths that a training view of a perspective run shows.
 pub(super) struct ViewDepths {
@@ -74,6 +79,14 @@ pub(super) fn sampled_depths(
     let step = training.len().div_ceil(SAMPLED_VIEWS).max(1);
     let views = training.iter().step_by(step);
     Ok(views.map(|camera| view_depths(*camera, &shown(&splats, camera).depth)).collect())
+}
+
+/// The depths of some of the maps of a scene.
+pub(super) fn depths_of_scene(scene: &PerspectiveScene) -> Result<Vec<ViewDepths>, PipelineError> {
+    let views: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.depth.is_some()).collect();
+    let step = views.len().div_ceil(SAMPLED_MAPS).max(1);
+    let some = views.into_iter().step_by(step);
+    some.map(|view| Ok(view_depths(view.camera, &view.read_depth()?))).collect()
 }
 
 fn view_depths(camera: PinholeCamera, map: &Grid2) -> ViewDepths {

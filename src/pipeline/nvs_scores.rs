@@ -69,7 +69,7 @@ pub struct NvsOptions {
 impl NvsScores {
     /// Scores with their means.
     pub(super) fn with_mean(views: Vec<ViewScore>) -> Self {
-        let n = views.len().max(1) as f64;
+        let n = views.len() as f64;
         let mean = |of: &dyn Fn(&PictureScore) -> f64| views.iter().map(|v| of(&v.score)).sum::<f64>() / n;
         let has_lpips = views.iter().all(|v| v.score.lpips.is_some());
         let mean = PictureScore {

@@ -64,8 +64,8 @@ pub(super) fn mean_of_last(log: &[LogLine], views: usize, column: &str) -> f64 {
     mean(log[log.len().saturating_sub(views)..].iter().map(|line| line.column(column)))
 }
 
-/// Mean of values; zero if there are none.
+/// Mean of values; NaN if there are none.
 pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, n) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
-    sum / f64::max(n, 1.0)
+    sum / n
 }

@@ -98,19 +98,18 @@ pub enum PriorError {
     },
     /// No convention of axes makes normals and points agree.
     #[error(
-        "the normals of `{folder}` do not fit the scene's points: along the axis `{axis}` their components agree with those of \
-         the points by {agreement:.2} (1: always; 0: as by chance; -1: always opposite)"
+        "the normals of `{folder}` do not fit the scene's points: in the axes in which they agree best, the median angle between \
+         both is {angle_deg:.0} degrees"
     )]
     #[diagnostic(help(
-        "normals are in camera axes (right, down, forward), each with either sign; are they of another scene?"
+        "the axes of the camera and of the scene are tried, in any order and with either sign; are the normals of another scene, or \
+         turned or cut otherwise than the images?"
     ))]
     Normals {
         /// The folder.
         folder: PathBuf,
-        /// The axis: right, down or forward.
-        axis: &'static str,
-        /// Agreement along it, from -1 to 1.
-        agreement: f64,
+        /// The median angle.
+        angle_deg: f64,
     },
     /// A text names no command that fills pictures.
     #[error("`{text}` does not name {{rgb}}, {{mask}} and {{out}}")]

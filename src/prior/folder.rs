@@ -2,7 +2,8 @@
 
 use super::error::PriorError;
 use super::map::{DepthKind, DepthPrior, NormalPrior, PriorContent};
-use crate::io::{Grid2, ImageFile, NpyArray, read_json, vsi};
+use super::normal_axes::NormalAxes;
+use crate::io::{Grid2, Planes, RasterError, read_json, vsi};
 use crate::perspective::PerspectiveView;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -11,8 +12,6 @@ use std::path::{Path, PathBuf};
 pub(super) const ENDS: [&str; 4] = ["npy", "png", "tif", "tiff"];
 /// Name of the file that says what the values of a folder are.
 pub(super) const DESCRIPTION: &str = "prior.json";
-/// Largest value of a 16-bit integer: together with 0 it marks pixels without a depth.
-const NO_DEPTH: f32 = 65535.0;
 /// Largest difference between the ratio of the sides of a map and that of its image, as a share.
 const SHAPE_TOLERANCE: f64 = 0.01;
 /// Shortest and longest normal that counts as one.
@@ -32,8 +31,9 @@ pub struct PriorDescription {
 
 /// A folder of maps: `.npy`, or `.png` and `.tif` rasters, each called as its image.
 ///
-/// Depths are arrays of rows x columns; in files of whole numbers 0 and 65535 are pixels without a depth. Normals are arrays of
-/// rows x columns x 3 or 3 x rows x columns, rasters of three bands, or 8-bit or 16-bit pictures of `(n + 1) / 2`.
+/// Depths are arrays of rows x columns; 0 and, in files of 16 bits, 65535 are pixels without a depth. Normals are arrays of
+/// rows x columns x 3 or 3 x rows x columns, rasters of three bands, or 8-bit or 16-bit pictures of `(n + 1) / 2`, which numbers
+/// that are not whole may be too.
 #[derive(Debug)]
 pub struct PriorFolder {
     path: PathBuf,
@@ -67,10 +67,14 @@ impl PriorFolder {
         &self.description
     }
 
-    /// The file of a view, if there is one.
+    /// The file of a view, if there is one: called as the view, or as its image with the folders that this lies in, with or without
+    /// the extension of the image.
     #[must_use]
     pub fn file(&self, view: &PerspectiveView) -> Option<PathBuf> {
-        let paths = ENDS.iter().map(|end| self.path.join(format!("{}.{end}", view.name)));
+        let image = &view.path_in_scene;
+        let (stem, image) = (image.with_extension(""), image.to_string_lossy());
+        let names = [view.name.as_str(), &stem.to_string_lossy(), &image].map(str::to_owned);
+        let paths = names.iter().flat_map(|name| ENDS.map(|end| self.path.join(format!("{name}.{end}"))));
         paths.into_iter().find(|path| vsi::exists(path))
     }
 
@@ -84,17 +88,14 @@ impl PriorFolder {
         view: &PerspectiveView,
         kind: DepthKind,
     ) -> Result<DepthPrior, PriorError> {
-        let Stored { planes, is_integer } = Stored::read(file)?;
-        let [mut plane] = <[Grid2; 1]>::try_from(planes).map_err(|planes| {
-            let (found, expected) =
-                (format!("of {} values a pixel", planes.len()), "one depth a pixel".into());
+        let map = read_planes(file)?;
+        let count = map.planes.len();
+        let mut plane = map.into_depths().ok_or_else(|| {
+            let (found, expected) = (format!("of {count} values a pixel"), "one depth a pixel".into());
             PriorError::Shape { path: file.into(), found, expected }
         })?;
         let scale = self.description.scale.unwrap_or(1.0) as f32;
-        for value in &mut plane.data {
-            let is_depth = value.is_finite() && *value > 0.0 && !(is_integer && *value >= NO_DEPTH);
-            *value = if is_depth { *value * scale } else { f32::NAN };
-        }
+        plane.data.iter_mut().for_each(|value| *value *= scale);
         let values = view.undistorted_values(&fitted(plane, view, file)?);
         let empty = |fault| PriorError::Empty { path: file.into(), fault };
         let first = values.valid().next().ok_or_else(|| empty("has no depth"))?;
@@ -104,7 +105,7 @@ impl PriorFolder {
         Ok(DepthPrior { values, kind })
     }
 
-    /// The normals of a view for its camera, with the components multiplied by these signs.
+    /// The normals of a view for its camera, from the axes of the file.
     ///
     /// # Errors
     /// [`PriorError`] if the file cannot be read, has another shape than the image, or has no normal.
@@ -112,20 +113,25 @@ impl PriorFolder {
         &self,
         file: &Path,
         view: &PerspectiveView,
-        signs: [f32; 3],
+        axes: &NormalAxes,
     ) -> Result<NormalPrior, PriorError> {
-        let Stored { planes, is_integer } = Stored::read(file)?;
+        let Planes { planes, kind } = read_planes(file)?;
         let [mut x, mut y, mut z] = <[Grid2; 3]>::try_from(planes).map_err(|planes| {
             let (found, expected) = (format!("of {} values a pixel", planes.len()), "three a pixel".into());
             PriorError::Shape { path: file.into(), found, expected }
         })?;
-        if is_integer {
+        if kind.is_integer() {
             let most = [&x, &y, &z].into_iter().flat_map(Grid2::valid).fold(0.0, f32::max);
             let half = if most > 255.0 { 32767.5 } else { 127.5 };
             [&mut x, &mut y, &mut z]
                 .into_iter()
                 .flat_map(|plane| &mut plane.data)
                 .for_each(|v| *v = *v / half - 1.0);
+        } else if is_half_of_range([&x, &y, &z]) {
+            [&mut x, &mut y, &mut z]
+                .into_iter()
+                .flat_map(|plane| &mut plane.data)
+                .for_each(|v| *v = 2.0 * *v - 1.0);
         }
         let fitted = [fitted(x, view, file)?, fitted(y, view, file)?, fitted(z, view, file)?];
         let mut planes = view.undistorted_planes(&fitted);
@@ -135,8 +141,10 @@ impl PriorFolder {
             let length = (*x * *x + *y * *y + *z * *z).sqrt();
             let is_normal = (LENGTHS.0..=LENGTHS.1).contains(&length);
             known += usize::from(is_normal);
-            for (value, sign) in [x, y, z].into_iter().zip(signs) {
-                *value = if is_normal { *value * sign / length } else { f32::NAN };
+            let unit = [*x, *y, *z].map(|v| f64::from(if is_normal { v / length } else { f32::NAN }));
+            let own = axes.in_camera(unit, &view.camera.cam_from_site);
+            for (value, own) in [x, y, z].into_iter().zip(own.to_array()) {
+                *value = own as f32;
             }
         }
         if known == 0 {
@@ -162,52 +170,39 @@ impl PriorFolder {
     ) -> Result<(), PriorError> {
         match content {
             PriorContent::Depths => self.depth(file, view, DepthKind::Relative).map(drop),
-            PriorContent::Normals => self.normal(file, view, [1.0; 3]).map(drop),
+            PriorContent::Normals => self.normal(file, view, &NormalAxes::USUAL).map(drop),
         }
     }
 }
 
-/// What a file holds.
-struct Stored {
-    planes: Vec<Grid2>,
-    is_integer: bool,
+fn read_planes(path: &Path) -> Result<Planes, PriorError> {
+    Planes::read(path).map_err(|error| match error {
+        RasterError::Array { path, reason } => {
+            let expected = "depths or normals of the shape of the image".into();
+            PriorError::Shape { path, found: reason, expected }
+        }
+        RasterError::Numbers(error) => error.into(),
+        error => error.into(),
+    })
 }
 
-impl Stored {
-    fn read(path: &Path) -> Result<Self, PriorError> {
-        if path.extension().is_some_and(|end| end == "npy") {
-            return of_array(NpyArray::read(path)?, path);
-        }
-        let file = ImageFile::open(path)?;
-        let is_integer = file.band(1)?.is_integer;
-        let colors = (1..=file.bands()).filter(|band| !file.is_alpha(*band));
-        let planes = colors.map(|band| file.read(band)).collect::<Result<_, _>>()?;
-        Ok(Self { planes, is_integer })
+/// Whether components from 0 to 1 stand for those from -1 to 1: none is below zero, and vectors are nearer to a length of one when
+/// they are taken so.
+fn is_half_of_range(planes: [&Grid2; 3]) -> bool {
+    if planes.iter().flat_map(|plane| plane.valid()).any(|v| !(0.0..=1.0).contains(&v)) {
+        return false;
     }
-}
-
-fn of_array(array: NpyArray, path: &Path) -> Result<Stored, PriorError> {
-    let NpyArray { shape, values, is_integer } = array;
-    let plane = |width, height, data| Grid2 { width, height, data };
-    let planes = match *shape.as_slice() {
-        [height, width] | [height, width, 1] | [1, height, width] => vec![plane(width, height, values)],
-        [height, width, 3] => {
-            let of = |k| values.iter().skip(k).step_by(3).copied().collect();
-            (0..3).map(|k| plane(width, height, of(k))).collect()
+    let [x, y, z] = planes;
+    let (mut as_given, mut as_half) = (0.0, 0.0);
+    for ((x, y), z) in x.data.iter().zip(&y.data).zip(&z.data) {
+        let off = |v: [f32; 3]| (v.iter().map(|v| v * v).sum::<f32>().sqrt() - 1.0).abs().min(1.0);
+        let (given, half) = (off([*x, *y, *z]), off([*x, *y, *z].map(|v| 2.0 * v - 1.0)));
+        if given.is_finite() {
+            as_given += f64::from(given);
+            as_half += f64::from(half);
         }
-        [3, height, width] => {
-            values.chunks_exact((width * height).max(1)).map(|v| plane(width, height, v.to_vec())).collect()
-        }
-        _ => {
-            let expected = "rows x columns, rows x columns x 3 or 3 x rows x columns".into();
-            return Err(PriorError::Shape {
-                path: path.into(),
-                found: format!("an array of {shape:?}"),
-                expected,
-            });
-        }
-    };
-    Ok(Stored { planes, is_integer })
+    }
+    as_half < as_given
 }
 
 /// A plane at the size of the image file.

@@ -3,7 +3,7 @@
 use super::make::Work;
 use super::tests::{SIZE, view};
 use super::*;
-use crate::io::{NpyArray, write_png_rgb};
+use crate::io::{NpyArray, NumberKind, write_png_rgb};
 use crate::nn::onnx::OnnxError;
 use crate::nn::onnx::made_graph::Graph;
 use crate::nn::onnx::writer::{int, int64_tensor, ints, node};
@@ -156,7 +156,7 @@ fn command(folder: &Path, script: &str) -> PriorMaker {
 fn copying(folder: &Path, shape: [usize; 2]) -> PriorMaker {
     let map = folder.join("map.npy");
     let values = (0..shape[0] * shape[1]).map(|i| 1.0 + i as f32).collect();
-    NpyArray { shape: shape.into(), values, is_integer: false }.write(&map).unwrap();
+    NpyArray { shape: shape.into(), values, kind: NumberKind::Float }.write(&map).unwrap();
     let (map, calls) = (map.display(), folder.join("calls").display().to_string());
     command(folder, &format!("echo \"$1\" >> '{calls}'\ncp '{map}' \"$2\"\n"))
 }
@@ -241,7 +241,7 @@ fn images_without_a_usable_map_are_left_out_unless_all_are() {
     let folder = tempfile::tempdir().unwrap();
     let views = views(folder.path(), 2);
     copying(folder.path(), [48, 64]);
-    let flat = NpyArray { shape: vec![48, 64], values: vec![2.0; 48 * 64], is_integer: false };
+    let flat = NpyArray { shape: vec![48, 64], values: vec![2.0; 48 * 64], kind: NumberKind::Float };
     flat.write(&folder.path().join("flat.npy")).unwrap();
     let here = folder.path().display();
     let script = format!("case \"$1\" in *0.png) f=flat;; *) f=map;; esac\ncp \"{here}/$f.npy\" \"$2\"\n");

@@ -3,7 +3,7 @@
 use super::error::PriorError;
 use super::map::PriorContent;
 use super::resample::resampled;
-use crate::io::{Grid2, NpyArray};
+use crate::io::{Grid2, NpyArray, NumberKind};
 use crate::nn::onnx::{MOST_SIDE_PX, Normalization, OnnxModel, OnnxOutput, OnnxTensor};
 use std::path::Path;
 
@@ -54,7 +54,7 @@ impl PriorNetwork {
         }
         let values =
             (0..map_width * map_height).flat_map(|i| fitted.iter().map(move |p| p.data[i])).collect();
-        Ok(NpyArray { shape, values, is_integer: false })
+        Ok(NpyArray { shape, values, kind: NumberKind::Float })
     }
 
     fn wrong_output(&self, found: String, [rows, columns]: [usize; 2]) -> PriorError {

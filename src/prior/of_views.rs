@@ -1,10 +1,11 @@
 //! The priors of all training views, compared with the points of the scene.
 
-use super::agreement::{FEWEST_POINTS, NormalProducts, correlation, normal_products};
+use super::agreement::{FEWEST_POINTS, correlation};
 use super::error::PriorError;
 use super::folder::{PriorDescription, PriorFolder};
 use super::make::{ExistingMaps, make_maps};
 use super::map::{DepthKind, PriorContent, ViewPriors};
+use super::normal_axes::{NormalAxes, compared_normals};
 use super::seen::{SeenPoint, seen_points};
 use super::source::PriorSource;
 use crate::frame::{Point, Site};
@@ -20,8 +21,6 @@ const COMPARED_DEPTHS: usize = 8;
 const COMPARED_NORMALS: usize = 5;
 /// Smallest correlation, in absolute value, of depths that are of the scene.
 const LEAST_CORRELATION: f64 = 0.2;
-/// The axes of a camera.
-const AXES: [&str; 3] = ["right", "down", "forward"];
 /// Neighbours that give a point its normal.
 const NEIGHBOURS: NonZero<usize> = NonZero::new(16).unwrap();
 
@@ -34,6 +33,21 @@ pub struct PriorSources {
     pub kind: Option<DepthKind>,
     /// Of normals of the images.
     pub normals: Option<PriorSource>,
+}
+
+impl PriorSources {
+    /// Whether priors are read from a folder.
+    #[must_use]
+    pub fn is_folder(&self, folder: &Path) -> bool {
+        let is_it = |source: &PriorSource| match source {
+            PriorSource::Folder(path) => match (path.canonicalize(), folder.canonicalize()) {
+                (Ok(a), Ok(b)) => a == b,
+                _ => false,
+            },
+            PriorSource::Maker(_) => false,
+        };
+        [&self.depths, &self.normals].into_iter().flatten().any(is_it)
+    }
 }
 
 /// The files of a folder, by views: none where a view has none.
@@ -70,9 +84,9 @@ pub fn read_priors(
         let description = PriorDescription::default();
         let folder = folder(source, PriorContent::Normals, &description, views, cache, progress)?;
         let files = files(&folder, views, progress)?;
-        let signs = signs_of_axes(&folder, &files, points, progress)?;
+        let axes = normal_axes(&folder, &files, points, progress)?;
         let read = |(view, file): &(&PerspectiveView, Option<PathBuf>)| {
-            file.as_ref().map(|file| folder.normal(file, view, signs)).transpose()
+            file.as_ref().map(|file| folder.normal(file, view, &axes)).transpose()
         };
         let normals: Vec<_> = files.par_iter().map(read).collect();
         for (prior, normal) in priors.iter_mut().zip(normals) {
@@ -176,45 +190,37 @@ fn depth_kind(
     }
 }
 
-/// The signs of the components of normals with which they agree best with the normals of the scene's points; positive ones, with
-/// a warning, if there are too few points.
-fn signs_of_axes(
+/// The axes in which normals agree best with those of the scene's points; the usual ones, with a warning, if there are too few
+/// points.
+fn normal_axes(
     folder: &PriorFolder,
     files: &Files,
     points: &[Point<Site>],
     progress: &dyn Progress,
-) -> Result<[f32; 3], PriorError> {
+) -> Result<NormalAxes, PriorError> {
     let compared = compared(files, points, COMPARED_NORMALS);
     let positions: Vec<[f64; 3]> = points.iter().map(|p| p.xyz()).collect();
     let normals = if compared.is_empty() { Vec::new() } else { point_normals(&positions, NEIGHBOURS) };
-    let mut products = NormalProducts::default();
+    let mut all = Vec::new();
     for (view, file, seen) in &compared {
-        let prior = folder.normal(file, view, [1.0; 3])?;
-        products = products.with(normal_products(&prior, seen, points, &normals, &view.camera));
+        let prior = folder.normal(file, view, &NormalAxes::USUAL)?;
+        all.extend(compared_normals(&prior, seen, points, &normals, &view.camera));
     }
-    if products.count < FEWEST_POINTS {
+    let path = folder.path();
+    let found = NormalAxes::found(&all)
+        .map_err(|angle_deg| PriorError::Normals { folder: path.into(), angle_deg })?;
+    let Some(axes) = found else {
         let text = format!(
             "the scene has too few points to compare the normals of `{}` with: they are taken to be in camera axes, right, down \
              and forward",
-            folder.path().display()
+            path.display()
         );
         progress.event(Event::Warning(text));
-        return Ok([1.0; 3]);
-    }
-    let signs = products.signs().map_err(|(axis, agreement)| PriorError::Normals {
-        folder: folder.path().into(),
-        axis: AXES[axis],
-        agreement,
-    })?;
-    if signs != [1.0; 3] {
-        let axes = AXES.into_iter().zip(signs);
-        let turned: Vec<&str> = axes.filter(|(_, sign)| *sign < 0.0).map(|(axis, _)| axis).collect();
-        let text = format!(
-            "the normals of `{}` are turned round along: {}",
-            folder.path().display(),
-            turned.join(", ")
-        );
+        return Ok(NormalAxes::USUAL);
+    };
+    if axes != NormalAxes::USUAL {
+        let text = format!("the normals of `{}` are in other axes: {axes}", path.display());
         progress.event(Event::Note(text));
     }
-    Ok(signs)
+    Ok(axes)
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::frame::{CenterPx, Pixel, Point, Site};
-use crate::io::NpyArray;
+use crate::io::{NpyArray, NumberKind};
 use crate::perspective::{LensCamera, LensModel, PerspectiveView};
 use crate::progress::{Event, NoProgress, Recorder};
 use crate::random::CounterRng;
@@ -22,12 +22,14 @@ pub(super) fn view(k: usize) -> PerspectiveView {
     let lens = LensCamera::from_colmap(LensModel::Pinhole, &[55.0, 55.0, 32.0, 24.0], SIZE).unwrap();
     PerspectiveView {
         name: format!("photo.{k}"),
+        path_in_scene: PathBuf::from(format!("photo.{k}.png")),
         image: PathBuf::from(format!("photo.{k}.png")),
         role: Role::Train,
         lens_camera: lens,
         camera: PerspectiveView::undistorted_camera(&lens, cam_from_site, center, 1),
         downsampling: 1,
-        mask: None,
+        masks: Vec::new(),
+        transparency: None,
         depth: None,
         observed: Vec::new(),
     }
@@ -58,7 +60,7 @@ fn ball(view: &PerspectiveView, (width, height): (usize, usize)) -> (Vec<f32>, V
 fn write_depths(folder: &Path, views: &[PerspectiveView], size: (usize, usize), change: impl Fn(f32) -> f32) {
     for view in views {
         let values = ball(view, size).0.into_iter().map(&change).collect();
-        let array = NpyArray { shape: vec![size.1, size.0], values, is_integer: false };
+        let array = NpyArray { shape: vec![size.1, size.0], values, kind: NumberKind::Float };
         array.write(&folder.join(format!("{}.npy", view.name))).unwrap();
     }
 }
@@ -132,7 +134,7 @@ fn depths_that_contradict_the_scene_are_refused() {
     // Depths that grow from left to right have nothing to do with the ball.
     let folder = tempfile::tempdir().unwrap();
     let values = (0..SIZE.0 * SIZE.1).map(|i| (1 + i % SIZE.0) as f32).collect();
-    let slope = NpyArray { shape: vec![SIZE.1, SIZE.0], values, is_integer: false };
+    let slope = NpyArray { shape: vec![SIZE.1, SIZE.0], values, kind: NumberKind::Float };
     views.iter().for_each(|view| slope.write(&folder.path().join(format!("{}.npy", view.name))).unwrap());
     let error = read(&depths(folder.path(), None), &views).err();
     assert!(matches!(error, Some(PriorError::OtherScene { views: 2, .. })), "{error:?}");
@@ -195,7 +197,7 @@ fn write_normals(
 ) -> PriorSources {
     for view in views {
         let values = ball(view, SIZE).1.into_iter().flat_map(&change).collect();
-        let array = NpyArray { shape: vec![SIZE.1, SIZE.0, 3], values, is_integer: false };
+        let array = NpyArray { shape: vec![SIZE.1, SIZE.0, 3], values, kind: NumberKind::Float };
         array.write(&folder.join(format!("{}.npy", view.name))).unwrap();
     }
     PriorSources { normals: Some(PriorSource::Folder(folder.into())), ..PriorSources::default() }

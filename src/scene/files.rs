@@ -1,14 +1,13 @@
 //! Names and content of files.
 
 use super::SceneError;
-use crate::io::vsi;
-use crate::rpc::formats;
+use crate::io::{decode_text, vsi};
 use std::path::Path;
 
-/// Text of a list of views or of an area of interest, in any encoding that [`formats::decode`] knows.
+/// Text of a list of views or of an area of interest, in any encoding that [`decode_text`] knows.
 pub(super) fn read_text(path: &Path) -> Result<String, SceneError> {
     let bytes = vsi::read(path).map_err(|cause| SceneError::Unreadable { path: path.into(), cause })?;
-    Ok(formats::decode(&bytes))
+    Ok(decode_text(&bytes))
 }
 
 /// The file name without its extension.

@@ -87,7 +87,7 @@ pub(super) fn valid_pixels(
     let about = view.bands.iter().map(|b| file.band(*b)).collect::<Result<Vec<_>, _>>()?;
     let nodata: Vec<Option<f32>> =
         about.iter().map(|b| b.nodata.or(view.nodata).filter(|v| !v.is_nan()).map(|v| v as f32)).collect();
-    let is_integer = about.iter().all(|b| b.is_integer);
+    let is_integer = about.iter().all(|b| b.kind.is_integer());
     let masks = file.masks(&view.bands);
     let has_values_to_test = !is_integer || nodata.iter().any(Option::is_some);
     if masks.is_empty() && mask.is_none() && !has_values_to_test {
@@ -97,14 +97,12 @@ pub(super) fn valid_pixels(
     let mut found = Found::new(used);
     for window in strips(used) {
         let mut hidden = vec![false; window.width * window.height];
-        let mut hide = |values: &[f32]| {
-            // Nodata in a mask means not valid too.
-            let zeros = hidden.iter_mut().zip(values).filter(|(_, v)| **v == 0.0 || v.is_nan());
-            zeros.for_each(|(hidden, _)| *hidden = true);
-        };
-        masks.read(window)?.iter().for_each(|m| hide(m));
+        for values in masks.read(window)? {
+            hidden.iter_mut().zip(values).for_each(|(hidden, value)| *hidden |= value == 0.0);
+        }
         if let Some(mask) = mask {
-            hide(&mask.read_window(1, window)?.data);
+            let marked = mask.marked(window)?;
+            hidden.iter_mut().zip(marked).for_each(|(hidden, is_marked)| *hidden |= !is_marked);
         }
         if has_values_to_test {
             let bands = bands(view, file, window)?;

@@ -10,7 +10,7 @@ use super::appearance::{
     AppearanceModel, ColorInput, ModelParameters, ParameterGradient, ShadingGradient, ShadingInput, SplatSun,
 };
 use super::backend::stopwatch::Stopwatch;
-use super::loss::{ByView, COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS};
+use super::loss::{ByView, COLUMNS, LossTerm, LossWeights, Rendered, Scaled, TERMS, column_names};
 use super::primitive::PrimitiveKind;
 use super::raster::{FrameCamera, Image, Renderer, SortedSplats, SplatGradient, channel, renderer};
 use super::shadow::ShadowModel;
@@ -69,6 +69,25 @@ pub struct Losses {
     pub total: f64,
     /// The unweighted columns of the terms, named by [`column_names`](crate::splat::loss::column_names).
     pub columns: [f64; COLUMNS],
+}
+
+impl Losses {
+    /// Makes the columns that are means over all pixels means over those with data: pixels without data are zero in both images,
+    /// where L1 is 0 and SSIM 1. NaN if no pixel has data. The total stays.
+    pub fn average_valid(&mut self, valid: &[bool]) {
+        let count = valid.iter().filter(|is_valid| **is_valid).count();
+        if count == valid.len() {
+            return;
+        }
+        let share = count as f64 / valid.len() as f64;
+        for (value, name) in self.columns.iter_mut().zip(column_names()) {
+            match name {
+                "l1" => *value /= share,
+                "ssim" => *value = (*value - (1.0 - share)) / share,
+                _ => {}
+            }
+        }
+    }
 }
 
 /// Derivatives of the loss with respect to all trained parameters.
@@ -190,6 +209,7 @@ impl<T: SimdReal> Objective<T> {
             columns = others;
             watch.lap("loss", info.columns[0]);
         }
+        losses.average_valid(input.valid);
         self.pixels_backward(appearance, input, gradient, watch);
         self.splats_backward(splats, appearance, input, gradient, watch);
         losses

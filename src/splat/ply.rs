@@ -2,7 +2,9 @@
 //! columns of 2DGS: no third scale, and their normals.
 
 use crate::frame::SiteGrid;
-use crate::io::{WriteError, georeference_comment, remove_if_there, write_file, write_georeference};
+use crate::io::{
+    WriteError, decode_text, georeference_comment, remove_if_there, write_file, write_georeference,
+};
 use crate::splat::primitive::{FLAT_LOG_SCALE, PrimitiveKind};
 use crate::splat::splats::{GROUP_INFO, GroupInfo, Splats, unit_quaternion};
 use glam::{Quat, Vec3};
@@ -153,7 +155,7 @@ pub fn read(path: &Path) -> Result<Splats, PlyError> {
     const END: &[u8] = b"end_header\n";
     let end =
         bytes.windows(END.len()).position(|w| w == END).ok_or_else(|| refused("it has no PLY header"))?;
-    let header = std::str::from_utf8(&bytes[..end]).map_err(|_| refused("its header is not text"))?;
+    let header = decode_text(&bytes[..end]);
     if !header.contains("format binary_little_endian 1.0") {
         return Err(refused("it is not binary little-endian"));
     }

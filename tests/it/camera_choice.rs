@@ -1,7 +1,8 @@
 //! Choice of the RPC of an image among sidecars, chips, crops and maps; overlap of views at different heights.
 use crate::common::{camera, data_dir, image, satgs, two_views};
+use satgs::io::decode_text;
 use satgs::rpc::Rpc;
-use satgs::rpc::formats::{decode, parse, to_rpb, to_text};
+use satgs::rpc::formats::{parse, to_rpb, to_text};
 use satgs::scene::{Aoi, ReadOptions, Scene, read, read_camera};
 use std::path::{Path, PathBuf};
 
@@ -164,7 +165,7 @@ fn spelling_variants_of_rpc_text_are_read() {
     for good in [
         format!("ERR_BIAS:\nERR_RAND: N/A\n{text}"),
         text.replace(": ", " "),
-        decode(
+        decode_text(
             &[0xff, 0xfe]
                 .into_iter()
                 .chain(text.encode_utf16().flat_map(u16::to_le_bytes))

@@ -523,7 +523,7 @@ fn scannetpp_scenes_are_read_with_their_lists_depths_and_masks() {
         assert_eq!((scene.layout, scene.is_metric(), scene.skipped.len()), (Layout::ScanNetPp, true, 2));
         let roles: Vec<Role> = scene.views.iter().map(|v| v.role).collect();
         assert_eq!(roles, [Role::Train, Role::Test]);
-        assert!(scene.views[0].mask.is_some() && scene.views[1].mask.is_none());
+        assert!(scene.views[0].masks.len() == 1 && scene.views[1].masks.is_empty());
         let depth = scene.views[0].read_depth().unwrap();
         // Near the principal point, column 16.25, the lens does not distort; at the rim it does.
         assert!((depth.at(16, 12) - 1.66).abs() < 1e-6, "{}", depth.at(16, 12));

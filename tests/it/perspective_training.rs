@@ -1,7 +1,7 @@
 //! Training of a small made perspective scene, from its COLMAP project to scores, pictures and a report.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
-use satgs::io::NpyArray;
+use satgs::io::{NpyArray, NumberKind};
 use satgs::perspective::{PerspectiveOptions, PinholeCamera};
 use satgs::pipeline::{
     DsmOptions, NvsOptions, Outcome, PerspectiveRunOptions, PipelineError, RenderOptions, StageResult,
@@ -207,7 +207,7 @@ fn write_depths(folder: &Path, scale: f64) {
             (scale * (camera.cam_from_site * p).z) as f32
         };
         let values = (0..SIZE.0 * SIZE.1).map(pixel).collect();
-        let array = NpyArray { shape: vec![SIZE.1, SIZE.0], values, is_integer: false };
+        let array = NpyArray { shape: vec![SIZE.1, SIZE.0], values, kind: NumberKind::Float };
         array.write(&folder.join(format!("{k}.npy"))).unwrap();
     }
 }

@@ -11,7 +11,7 @@ mod writer;
 use crate::common::perspective::{SIZE, model, project};
 use crate::common::{refused, succeeds, text};
 use made_graph::Graph;
-use satgs::io::NpyArray;
+use satgs::io::{NpyArray, NumberKind};
 use satgs::perspective::LensModel;
 use satgs::perspective::colmap::Format;
 use std::path::{Path, PathBuf};
@@ -31,7 +31,7 @@ impl Case {
             Format::Binary,
         );
         let values = (0..SIZE.0 * SIZE.1).map(|i| 3.0 + 0.1 * (i / SIZE.0) as f32).collect();
-        let map = NpyArray { shape: vec![SIZE.1, SIZE.0], values, is_integer: false };
+        let map = NpyArray { shape: vec![SIZE.1, SIZE.0], values, kind: NumberKind::Float };
         map.write(&folder.path().join("map.npy")).unwrap();
         let case = Self { folder };
         let (map, calls) = (case.path("map.npy"), case.path("calls"));

@@ -7,7 +7,7 @@ use satgs::io::NpyArray;
 use satgs::mesh::TriangleMesh;
 use satgs::perspective::colmap;
 use satgs::perspective::{PerspectiveOptions, PerspectiveScene, PerspectiveView, TestViews};
-use satgs::prior::{DepthKind, PriorFolder};
+use satgs::prior::{DepthKind, NormalAxes, PriorFolder};
 use satgs::progress::NoProgress;
 use satgs::scene::Role;
 use satgs::simulate::{
@@ -128,7 +128,7 @@ fn priors_are_found_by_the_names_of_the_views() {
         let file = depths.file(view).unwrap();
         assert!(depths.depth(&file, view, DepthKind::Disparity).is_ok());
         let file = normals.file(view).unwrap();
-        assert!(normals.normal(&file, view, [1.0; 3]).is_ok());
+        assert!(normals.normal(&file, view, &NormalAxes::USUAL).is_ok());
     }
 }
 

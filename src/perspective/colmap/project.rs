@@ -2,6 +2,7 @@
 
 use super::super::draft::{Draft, Drafts};
 use super::super::error::PerspectiveError;
+use super::super::mask_file::mask_in;
 use super::super::scene_parts::{Layout, ScenePoint};
 use super::{ColmapModel, format_of, read};
 use crate::frame::Point;
@@ -11,8 +12,7 @@ use std::path::{Path, PathBuf};
 /// Where a model may lie in a project, and where images may lie relative to the model's folder.
 const MODELS: [&str; 4] = ["sparse/0", "sparse", "0", ""];
 const IMAGES: [&str; 5] = ["images", "../images", "../../images", "", "../.."];
-/// Folder of masks beside that of images; a mask has the name of its image and `.png` (COLMAP), or `.png` in place of
-/// its extension.
+/// Folder of masks beside that of images.
 const MASKS: &str = "masks";
 
 /// Folders of a COLMAP project.
@@ -71,18 +71,14 @@ pub(in super::super) fn drafts(model: &ColmapModel, root: &Path, masks: Option<&
     for image in &model.images {
         // `read` has checked that the camera and the pose are right.
         if let (Some(Some(lens)), Ok(pose)) = (cameras.get(&image.camera), image.pose()) {
-            let of_mask = |m: &Path| {
-                let beside =
-                    [m.join(format!("{}.png", image.name)), m.join(&image.name).with_extension("png")];
-                beside.into_iter().find(|p| vsi::exists(p))
-            };
+            let name = image.name.replace('\\', "/");
             views.push(Draft {
-                name: image.name.clone(),
-                image: root.join(&image.name),
+                image: vsi::join(root, Path::new(&image.name)),
+                masks: masks.and_then(|folder| mask_in(folder, &name)).into_iter().collect(),
+                name,
                 size: Some(lens.size),
                 lens: *lens,
                 pose,
-                mask: masks.and_then(of_mask),
                 depth: None,
                 role: None,
                 observed: observed.remove(&image.id).unwrap_or_default(),
@@ -93,7 +89,11 @@ pub(in super::super) fn drafts(model: &ColmapModel, root: &Path, masks: Option<&
         let [x, y, z] = p.position;
         ScenePoint { position: Point::new(x, y, z), rgb: p.rgb }
     });
-    Drafts { layout: Layout::Colmap, views, points: points.collect(), skipped: Vec::new() }
+    let mut drafts = Drafts { views, points: points.collect(), ..Drafts::of(Layout::Colmap) };
+    if let Some(folder) = masks {
+        drafts.say_which_lack_masks(folder);
+    }
+    drafts
 }
 
 /// The folder of the images: the one that holds most of them.
@@ -101,7 +101,10 @@ fn image_root(model: &ColmapModel, folder: &Path) -> Result<PathBuf, Perspective
     const HINT: &str = "images are looked for in `images` beside the model or one or two folders above it; copy them all, or remove \
          the images from the model";
     let candidates = IMAGES.map(|i| if i.is_empty() { folder.to_path_buf() } else { vsi_join(folder, i) });
-    let missing = |root: &PathBuf| model.images.iter().filter(|i| !vsi::exists(&root.join(&i.name))).count();
+    let file = |root: &Path, name: &str| vsi::join(root, Path::new(name));
+    let is_missing = |path: &PathBuf| !vsi::exists(path);
+    let missing =
+        |root: &PathBuf| model.images.iter().map(|i| file(root, &i.name)).filter(is_missing).count();
     let of = model.images.len();
     let mut best: Option<(usize, PathBuf)> = None;
     for root in candidates {
@@ -119,7 +122,7 @@ fn image_root(model: &ColmapModel, folder: &Path) -> Result<PathBuf, Perspective
     } else {
         root
     };
-    let first = model.images.iter().map(|i| root.join(&i.name)).find(|p| !vsi::exists(p)).unwrap_or(root);
+    let first = model.images.iter().map(|i| file(&root, &i.name)).find(is_missing).unwrap_or(root.clone());
     Err(PerspectiveError::NoImages { missing, of, first, hint: HINT })
 }
 

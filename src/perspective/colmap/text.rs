@@ -3,7 +3,7 @@
 use super::super::error::PerspectiveError;
 use super::super::lens::LensModel;
 use super::{ColmapCamera, ColmapImage, ColmapObservation, ColmapPoint};
-use crate::io::{ReadError, vsi};
+use crate::io::read_text;
 use std::io::Write;
 use std::path::Path;
 use std::str::FromStr;
@@ -48,11 +48,6 @@ impl<'a> Words<'a> {
     }
 }
 
-fn text_of(path: &Path) -> Result<String> {
-    let bytes = vsi::read(path).map_err(|e| ReadError::new(path, e))?;
-    Ok(String::from_utf8(bytes).map_err(|e| ReadError::new(path, e))?)
-}
-
 /// Numbered lines that are not comments; empty ones are kept.
 fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
@@ -61,7 +56,7 @@ fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
 
 /// Reads `cameras.txt`.
 pub(super) fn cameras(path: &Path) -> Result<Vec<ColmapCamera>> {
-    let text = text_of(path)?;
+    let text = read_text(path)?;
     let camera = |(number, line)| {
         let mut words = Words::new(path, number, line);
         let id = words.value("the number of a camera")?;
@@ -83,7 +78,7 @@ pub(super) fn cameras(path: &Path) -> Result<Vec<ColmapCamera>> {
 
 /// Reads `images.txt`. An image has two lines, the second of which may be empty.
 pub(super) fn images(path: &Path) -> Result<Vec<ColmapImage>> {
-    let text = text_of(path)?;
+    let text = read_text(path)?;
     let mut lines = lines(&text);
     let mut out = Vec::new();
     while let Some((number, line)) = lines.next() {
@@ -115,7 +110,7 @@ pub(super) fn images(path: &Path) -> Result<Vec<ColmapImage>> {
 
 /// Reads `points3D.txt`.
 pub(super) fn points(path: &Path) -> Result<Vec<ColmapPoint>> {
-    let text = text_of(path)?;
+    let text = read_text(path)?;
     let point = |(number, line)| {
         let mut words = Words::new(path, number, line);
         let id = words.value("the number of a point")?;

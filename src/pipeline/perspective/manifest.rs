@@ -33,6 +33,9 @@ pub struct PerspectiveManifest {
     pub views: Vec<ManifestView>,
     /// Images and files that were left out, and why.
     pub skipped: Vec<(String, String)>,
+    /// Keys and files of the scene that are not used, and why.
+    #[serde(default)]
+    pub unused: Vec<(String, String)>,
     /// The colour camera of RGB-D frames, if it is another one than that of the depth maps.
     #[serde(default)]
     pub registration: Option<ColorRegistration>,
@@ -78,6 +81,7 @@ impl PerspectiveManifest {
             points: scene.points.len(),
             views: scene.views.iter().map(view).collect(),
             skipped: scene.skipped.clone(),
+            unused: scene.unused.clone(),
             registration: scene.registration,
         }
     }

@@ -8,6 +8,10 @@ pub fn tell_of_scene(scene: &PerspectiveScene, progress: &dyn Progress) {
     for (name, reason) in &scene.skipped {
         progress.event(Event::Warning(format!("`{name}` is left out: {reason}")));
     }
+    if let Some((images, meaning)) = scene.transparency() {
+        let text = format!("transparent pixels of {images} images are {}", meaning.meaning());
+        progress.event(Event::Note(text));
+    }
     if let Some(registration) = &scene.registration {
         progress.event(Event::Note(registration.to_string()));
     }

@@ -8,11 +8,11 @@ use super::reading::tell_of_scene;
 use super::scores::nvs_eval;
 use super::train::train_scene;
 use crate::perspective::{PerspectiveOptions, PerspectiveScene};
-use crate::progress::Progress;
+use crate::progress::{Event, Progress};
 use crate::run_files::SCENE;
 use crate::scene::Role;
 use crate::splat::train::recipe::Recipe;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Options of all stages.
 #[derive(Clone, Debug)]
@@ -34,6 +34,12 @@ impl Default for PerspectiveRunOptions {
             dsm: DsmOptions::default(),
         }
     }
+}
+
+/// An entry of the folder of a scene.
+fn name_in(scene: &Path, name: &str) -> PathBuf {
+    let folder = if scene.is_dir() { scene } else { scene.parent().unwrap_or(Path::new("")) };
+    folder.join(name)
 }
 
 /// Trains a perspective scene, scores the views that were held back, renders the surface model if the scene has a place on
@@ -60,6 +66,11 @@ pub fn run_perspective(
         options.dsm.require_none()?;
     }
     tell_of_scene(&read, progress);
+    for (name, reason) in &read.unused {
+        if !options.train.priors.is_folder(&name_in(scene, name)) {
+            progress.event(Event::Warning(format!("not used: {name}: {reason}")));
+        }
+    }
     let manifest = PerspectiveManifest::new(scene, &options.scene, &read);
     completed(StageResult::Trained(train_scene(run, &manifest, &read, &options.train, progress)?));
     if read.views.iter().any(|v| v.role == Role::Test) {

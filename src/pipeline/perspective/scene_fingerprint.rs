@@ -29,10 +29,15 @@ pub fn scene_fingerprint(scene: &PerspectiveScene) -> Result<Fingerprint, Pipeli
         ("--downsampling".into(), downsampling.to_string()),
         ("--test-views".into(), roles.collect::<Vec<_>>().join(", ")),
     ]);
+    if let Some((_, meaning)) = scene.transparency() {
+        out.insert("--transparent".into(), format!("{meaning:?}"));
+    }
     for view in scene.training() {
         out.insert(format!("image {}", view.name), hash_file(&view.image));
-        if let Some(mask) = &view.mask {
-            out.insert(format!("mask {}", view.name), hash_file(mask));
+        for mask in &view.masks {
+            let use_of_marked = if mask.marks_used { "mask" } else { "mask of what is not used" };
+            let file = mask.path.file_name().unwrap_or_default().to_string_lossy();
+            out.insert(format!("{use_of_marked} {} {file}", view.name), hash_file(&mask.path));
         }
         if let Some(depth) = view.depth.as_ref().filter(|_| scene.points.is_empty()) {
             out.insert(format!("depth map {}", view.name), hash_file(&depth.path));

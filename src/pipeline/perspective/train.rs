@@ -23,6 +23,7 @@ use crate::prior::{
 };
 use crate::progress::{Event, Progress};
 use crate::run_files::{CAMERAS, CHECKPOINT, PRIOR_PICTURES, PRIORS, SNAPSHOTS, SPLATS, START, TRAINING};
+use crate::scene::Role;
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::TrainingBackend;
 use crate::splat::loss::LossWeights;
@@ -195,17 +196,32 @@ pub fn read_views(
     }
     let cameras: Vec<PinholeCamera> = training.iter().map(|v| v.camera).collect();
     require_fine_coordinates(&cameras, extent_m(&cameras))?;
-    progress.event(Event::Started { stage: "reading images", total: training.len() as u64 });
+    let held_back: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.role == Role::Test).collect();
+    let total = (training.len() + held_back.len()) as u64;
+    progress.event(Event::Started { stage: "reading images", total });
     let mut views = Vec::with_capacity(training.len());
     // As many at a time as there are threads: an undistorted image is several times as large as what is kept of it.
-    for some in training.chunks(rayon::current_num_threads().max(1)) {
+    let at_a_time = rayon::current_num_threads().max(1);
+    // What is wrong with a view to be scored shows before the training.
+    for (k, some) in held_back.chunks(at_a_time).enumerate() {
+        progress.check()?;
+        some.par_iter()
+            .map(|view| view.read_image().map(drop))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .collect::<Result<(), _>>()?;
+        let done = held_back.len().min((k + 1) * at_a_time) as u64;
+        progress.event(Event::Advanced { done, status: String::new() });
+    }
+    for some in training.chunks(at_a_time) {
         progress.check()?;
         let read: Vec<Result<PinholeView, PipelineError>> =
             some.par_iter().map(|view| read_view(view)).collect();
         for view in read {
             views.push(view?);
         }
-        progress.event(Event::Advanced { done: views.len() as u64, status: String::new() });
+        let done = (held_back.len() + views.len()) as u64;
+        progress.event(Event::Advanced { done, status: String::new() });
     }
     progress.event(Event::Finished);
     Ok(views)
@@ -300,7 +316,7 @@ fn say_what_is_missing(
 
 /// A view with its pixels.
 pub(super) fn read_view(view: &PerspectiveView) -> Result<PinholeView, PipelineError> {
-    Ok(PinholeView::new(view.name.clone(), view.camera, &view.read_image()?.planes))
+    Ok(PinholeView::of_image(view.name.clone(), view.camera, &view.read_image()?))
 }
 
 /// Lowest and highest coordinate of the splats, without the outermost.

@@ -1,6 +1,7 @@
 //! How a model is trained.
 
 use super::error::LearnError;
+use crate::io::read_text;
 use crate::predict::SplatSampling;
 use crate::predict::network::SplatNetwork;
 use crate::scene::TransferFunction;
@@ -91,7 +92,7 @@ impl LearnConfig {
     pub fn with_file(&self, path: &Path) -> Result<Self, LearnError> {
         let failed = |reason: String| LearnError::ConfigFile { path: path.into(), reason };
         let invalid = |e: toml::de::Error| failed(e.to_string().trim_end().to_owned());
-        let text = std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))?;
+        let text = read_text(path).map_err(|e| failed(e.cause.to_string()))?;
         let mut all: toml::Table = toml::from_str(&self.to_toml()).map_err(invalid)?;
         replace(&mut all, toml::from_str(&text).map_err(invalid)?);
         all.try_into().map_err(invalid)

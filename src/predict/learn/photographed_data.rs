@@ -207,8 +207,7 @@ impl MeasuredView {
     }
 
     fn read(view: &PerspectiveView) -> Result<Self, LearnError> {
-        let planes = view.read_image()?.planes;
-        let photograph = PinholeView::new(view.name.clone(), view.camera, &planes);
+        let photograph = PinholeView::of_image(view.name.clone(), view.camera, &view.read_image()?);
         Ok(Self { view: photograph, depth: view.read_depth()? })
     }
 

@@ -3,7 +3,9 @@
 use super::error::PriorError;
 use super::process::{Call, LIMIT};
 use super::pseudo_views::PseudoView;
-use crate::io::{ImageFile, NpyArray, ReadError, WriteError, vsi, write_file, write_png_gray, write_png_rgb};
+use crate::io::{
+    ImageFile, NpyArray, NumberKind, ReadError, WriteError, vsi, write_file, write_png_gray, write_png_rgb,
+};
 use crate::progress::{Event, Progress};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -105,7 +107,7 @@ impl InpaintCommand {
             let holes: Vec<u8> = view.hole.iter().map(|hole| if *hole { 255 } else { 0 }).collect();
             write_png_gray(mask, width, height, &holes)?;
             let values = view.depth.data.clone();
-            NpyArray { shape: vec![height, width], values, is_integer: false }.write(depth)?;
+            NpyArray { shape: vec![height, width], values, kind: NumberKind::Float }.write(depth)?;
             let words: Vec<OsString> = self.words.iter().map(|word| filled(word, &files)).collect();
             let call = Call { text: &self.text, words: &words, image: rgb, limit };
             let Some(said) = call.run(folder, progress)? else { return Ok(false) };

@@ -27,7 +27,7 @@ pub use text::to_text;
 pub use tiff::{from_tiff, parse_tiff};
 
 use super::{Rpc, RpcError};
-use crate::io::vsi;
+use crate::io::{decode_text, vsi};
 use std::path::{Path, PathBuf};
 
 /// Largest size of an RPC file.
@@ -251,7 +251,7 @@ pub fn read(file: &Path) -> Result<RpcFile, FormatError> {
 /// # Errors
 /// As [`read`].
 pub fn parse(file: &Path, content: &str) -> Result<RpcFile, FormatError> {
-    let content = content.trim_start_matches('\u{feff}').trim_start();
+    let content = content.trim_start();
     match content.as_bytes().first() {
         Some(b'{') => json::from_json(file, content),
         Some(b'<') => vendor_xml::from_xml(file, content),
@@ -288,25 +288,7 @@ fn read_text(file: &Path) -> Result<String, FormatError> {
         let size = format!("{bytes} bytes are too many for an RPC");
         return Err(unreadable(std::io::Error::other(size)));
     }
-    Ok(decode(&vsi::read(file).map_err(unreadable)?))
-}
-
-/// Decodes text: UTF-16 if it begins with a byte-order mark of UTF-16, otherwise UTF-8 with or without a byte-order
-/// mark.
-///
-/// Invalid bytes become replacement characters.
-#[must_use]
-pub fn decode(bytes: &[u8]) -> String {
-    let utf16 = |rest: &[u8], number: fn([u8; 2]) -> u16| {
-        let words: Vec<u16> = rest.chunks_exact(2).map(|pair| number([pair[0], pair[1]])).collect();
-        String::from_utf16_lossy(&words)
-    };
-    match bytes {
-        [0xff, 0xfe, rest @ ..] => utf16(rest, u16::from_le_bytes),
-        [0xfe, 0xff, rest @ ..] => utf16(rest, u16::from_be_bytes),
-        [0xef, 0xbb, 0xbf, rest @ ..] => String::from_utf8_lossy(rest).into_owned(),
-        _ => String::from_utf8_lossy(bytes).into_owned(),
-    }
+    Ok(decode_text(&vsi::read(file).map_err(unreadable)?))
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use super::summary::{TestSetSummary, TestSetView};
 use super::surface_mesh::SurfaceMesh;
 use super::{Scenery, colmap};
 use crate::frame::Pixel;
-use crate::io::{NpyArray, WriteError, write_file, write_json, write_png_rgb};
+use crate::io::{NpyArray, NumberKind, WriteError, write_file, write_json, write_png_rgb};
 use crate::progress::{Event, Progress};
 use crate::scene::Role;
 use crate::simulate::error::SimulateError;
@@ -116,7 +116,7 @@ impl TestSet<'_> {
             (&of_normals, bent),
         ];
         for (folder, (shape, values)) in MAPS.iter().zip(files) {
-            let array = NpyArray { shape: shape.clone(), values, is_integer: false };
+            let array = NpyArray { shape: shape.clone(), values, kind: NumberKind::Float };
             array.write(&out.join(folder).join(format!("{}.npy", view_name(i))))?;
         }
         let is_training = self.training.as_ref().is_none_or(|t| t.contains(&i));

@@ -51,6 +51,9 @@ pub struct StepPlan {
     pub virtual_shear: Option<[f64; 2]>,
     /// Linear colour behind the splats.
     pub background: [f32; 3],
+    /// The same in photographs with empty pixels: random, so that splats of the colour of a background do not stand there
+    /// (instant-ngp, nerfstudio).
+    pub random_background: [f32; 3],
     /// Weights of the loss terms.
     pub weights: LossWeights,
     /// Number of splats by which the opacity loss divides the sum of opacities (EOGS: the initial number); the current

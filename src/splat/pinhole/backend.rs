@@ -104,7 +104,8 @@ impl Loaded {
         let Self { scene, state, objective, gradient, target, valid } = self;
         let (view, views) = (plan.view, scene.views.len());
         let view = scene.views.get(view).ok_or(BackendError::NoView { view, views })?;
-        view.load(target, valid);
+        let background = if view.has_empty_pixels() { plan.random_background } else { plan.background };
+        view.load(background, target, valid);
         watch.lap("view", "image");
         let TrainingState { splats, adam, statistics, anchored, .. } = state;
         let input = PinholeStep {
@@ -113,7 +114,7 @@ impl Loaded {
             valid,
             priors: Some(view.priors()),
             anchored: anchored.anchorings(),
-            background: plan.background,
+            background,
             sh_degree: plan.sh_degree,
             surface: plan.surface,
         };

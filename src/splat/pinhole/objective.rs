@@ -189,6 +189,7 @@ impl<T: SimdReal, const F: usize, P: Primitive> PinholeObjective<T, F, P> {
             columns = others;
             watch.lap("loss", info.columns[0]);
         }
+        losses.average_valid(input.valid);
         self.pixels_backward(input.valid);
         watch.lap("pixels", "picture backward");
         self.splats_backward(input, gradient, watch);

@@ -26,7 +26,9 @@ const CANDIDATES: usize = 32;
 /// Largest number of views that are compared.
 const COMPARED_VIEWS: usize = 64;
 /// Fewest other views that must see a place for a comparison.
-const FEWEST_OTHERS: usize = 2;
+const FEWEST_OTHERS: u32 = 2;
+/// A place is empty if it is so in more than this share of the views that show it: the edges of cut-outs are not exact.
+const EMPTY_SHARE: f64 = 0.1;
 /// Greatest difference of colours that is told apart: beyond it something else may hide the place.
 const GREATEST_DIFFERENCE: f32 = 0.2;
 /// Purpose of the random numbers.
@@ -65,16 +67,16 @@ pub fn splats_on_rays(views: &[PinholeView], primitive: PrimitiveKind, seed: u64
         let view = &views[draw.below(views.len())];
         let (width, height) = view.camera.size;
         let (col, row) = (draw.below(width), draw.below(height));
-        let rgb = view.color(col, row)?;
+        let rgb = view.rgb(col, row)?.map(|v| f32::from(v) / 255.0);
         let ray = DVec3::from_array(view.camera.ray(Pixel::<CenterPx>::new(col as f64, row as f64)));
         let distance = view.camera.center.distance(focus);
         let (near, far) = (DEPTHS.0 * distance, DEPTHS.1 * distance);
-        let candidates = (0..CANDIDATES).map(|_| {
+        let candidates = (0..CANDIDATES).filter_map(|_| {
             // Even in the inverse of the depth, as are the images.
             let depth = 1.0 / (1.0 / near + draw.uniform() * (1.0 / far - 1.0 / near));
             let place = view.camera.center + depth * ray;
             let others = compared.iter().filter(|v| !std::ptr::eq(**v, view));
-            (color_difference(others.copied(), place, rgb), place)
+            Some((color_difference(others.copied(), place, rgb)?, place))
         });
         // The first of equal ones, as where no others see the place.
         let (_, place) = candidates.min_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -84,19 +86,30 @@ pub fn splats_on_rays(views: &[PinholeView], primitive: PrimitiveKind, seed: u64
     splats_at_points(&points, primitive)
 }
 
-/// Mean difference between a colour and those that views show at a place; infinite if too few see the place.
-fn color_difference<'a>(views: impl Iterator<Item = &'a PinholeView>, place: DVec3, rgb: [f32; 3]) -> f32 {
-    let (mut sum, mut count) = (0.0, 0);
+/// Mean difference between a colour and those that views show at a place; infinite if too few see the place, none if it is empty.
+fn color_difference<'a>(
+    views: impl Iterator<Item = &'a PinholeView>,
+    place: DVec3,
+    rgb: [f32; 3],
+) -> Option<f32> {
+    let (mut sum, mut count, mut empty) = (0.0, 0, 0);
     for view in views {
         let Some(px) = view.camera.project(Point::new(place.x, place.y, place.z)) else { continue };
         let (col, row) = (px.col.round(), px.row.round());
         let found = if col >= 0.0 && row >= 0.0 { view.color(col as usize, row as usize) } else { None };
         let Some(found) = found else { continue };
+        if view.is_empty_at(col as usize, row as usize) {
+            empty += 1;
+            continue;
+        }
         let difference = found.iter().zip(rgb).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0;
         sum += difference.min(GREATEST_DIFFERENCE);
         count += 1;
     }
-    if count < FEWEST_OTHERS { f32::INFINITY } else { sum / count as f32 }
+    if f64::from(empty) > EMPTY_SHARE * f64::from(empty + count) {
+        return None;
+    }
+    Some(if count < FEWEST_OTHERS { f32::INFINITY } else { sum / count as f32 })
 }
 
 /// The place that is nearest to all optical axes, in the sense of least squares; of parallel axes one that lies ahead of the

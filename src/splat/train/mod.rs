@@ -148,7 +148,8 @@ impl Schedule<'_> {
     /// The plan of an iteration, from 1.
     fn plan(&self, iteration: u32) -> StepPlan {
         let r = self.recipe;
-        let mut background = CounterRng::new(self.seed, DRAW_BACKGROUND, iteration.into(), 0);
+        let mut draw = CounterRng::new(self.seed, DRAW_BACKGROUND, iteration.into(), 0);
+        let random_background: [f32; 3] = std::array::from_fn(|_| draw.uniform() as f32);
         let past_reset = r.reset.and_then(|reset| {
             let since = (iteration - 1) % reset.every + 1;
             (iteration > reset.every).then_some((reset, since))
@@ -181,9 +182,10 @@ impl Schedule<'_> {
             virtual_shear: is_consistent.then(|| self.virtual_shear(iteration)),
             background: match r.perspective {
                 Some(PerspectiveRecipe { background: Background::Black, .. }) => [0.0; 3],
-                _ if self.is_gray => [background.uniform() as f32; 3],
-                _ => std::array::from_fn(|_| background.uniform() as f32),
+                _ if self.is_gray => [random_background[0]; 3],
+                _ => random_background,
             },
+            random_background,
             weights,
             opacity_divisor: r.opacity_by_start.then_some(self.splats_at_start),
             sh_degree: r.perspective.map_or(0, |p| {

@@ -1,6 +1,7 @@
 //! Reading and writing a recipe as TOML, with the checks of its values.
 
 use super::{Densification, Recipe};
+use crate::io::read_text;
 use crate::splat::primitive::PrimitiveKind;
 use std::path::{Path, PathBuf};
 
@@ -35,8 +36,8 @@ impl Recipe {
     /// [`RecipeError`] names the file, and the line or the value.
     pub fn read(path: &Path) -> Result<Self, RecipeError> {
         let refused = |reason: String| RecipeError::Format { path: path.into(), reason };
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| RecipeError::Io { path: path.into(), reason: e.to_string() })?;
+        let text = read_text(path)
+            .map_err(|e| RecipeError::Io { path: path.into(), reason: e.cause.to_string() })?;
         let recipe: Self = toml::from_str(&text).map_err(|e| refused(e.to_string().trim_end().into()))?;
         recipe.check().map_err(refused)?;
         Ok(recipe)

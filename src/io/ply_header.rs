@@ -1,5 +1,7 @@
 //! Headers of PLY files (Turk 1994).
 
+use super::decode_text;
+
 /// The type of a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Scalar {
@@ -100,7 +102,7 @@ impl Header {
         }
         let end = bytes.windows(END.len()).position(|w| w == END).ok_or("its header has no `end_header`")?;
         let line = bytes[end..].iter().position(|b| *b == b'\n').ok_or("it ends with its header")?;
-        let text = std::str::from_utf8(&bytes[..end]).map_err(|_| "its header is not text")?;
+        let text = decode_text(&bytes[..end]);
         let mut is_ascii = None;
         let mut elements = Vec::<Element>::new();
         for line in text.lines() {

@@ -1,26 +1,14 @@
-//! `transforms.json` of instant-ngp and nerfstudio: poses from camera to world, camera axes right, up, backward;
-//! (0.5, 0.5) is the centre of the first pixel.
+//! Lenses of the images of a `transforms.json`.
 
-use super::draft::{Draft, Drafts};
-use super::error::PerspectiveError;
-use super::lens::{LensCamera, LensModel};
-use super::pose::Pose;
-use super::scene_parts::Layout;
-use super::view::DepthFile;
-use crate::io::{ImageFile, ReadError, vsi};
+use super::super::error::PerspectiveError;
+use super::super::lens::{LensCamera, LensModel};
+use crate::io::ImageFile;
 use serde::Deserialize;
-use std::path::{Path, PathBuf};
-
-/// Name of the file in a scene's folder.
-const NAME: &str = "transforms.json";
-/// Extensions that are tried for a frame whose path has none.
-const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "JPG"];
-/// Metres of a stored 1 in integer depth maps, unless the file says otherwise (nerfstudio).
-const DEPTH_UNIT: f64 = 1e-3;
+use std::path::Path;
 
 /// Intrinsic parameters, of all frames or of one.
 #[derive(Clone, Debug, Default, Deserialize)]
-struct Intrinsics {
+pub(super) struct Intrinsics {
     camera_model: Option<String>,
     is_fisheye: Option<bool>,
     w: Option<f64>,
@@ -39,90 +27,9 @@ struct Intrinsics {
     p2: Option<f64>,
 }
 
-/// One image.
-#[derive(Clone, Debug, Deserialize)]
-struct Frame {
-    file_path: String,
-    transform_matrix: Vec<[Option<f64>; 4]>,
-    mask_path: Option<String>,
-    depth_file_path: Option<String>,
-    #[serde(flatten)]
-    intrinsics: Intrinsics,
-}
-
-#[derive(Clone, Debug, Deserialize)]
-struct Transforms {
-    #[serde(default)]
-    frames: Vec<Frame>,
-    depth_unit_scale_factor: Option<f64>,
-    #[serde(flatten)]
-    intrinsics: Intrinsics,
-}
-
-/// The file of a scene, given as its folder or itself.
-pub(super) fn file_of(path: &Path) -> Option<PathBuf> {
-    let is_it = |p: &Path| {
-        let name = p.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        name.starts_with("transforms") && name.ends_with(".json") && vsi::exists(p)
-    };
-    let inside = path.join(NAME);
-    [path.to_path_buf(), inside].into_iter().find(|p| is_it(p))
-}
-
-/// Reads the views of a file. Frames without an image file are left out.
-pub(super) fn read(path: &Path) -> Result<Drafts, PerspectiveError> {
-    let bytes = vsi::read(path).map_err(|e| ReadError::new(path, e))?;
-    let file: Transforms = serde_json::from_slice(&bytes).map_err(|e| ReadError::new(path, e))?;
-    let folder = path.parent().unwrap_or(Path::new(""));
-    if file.frames.is_empty() {
-        return Err(PerspectiveError::field(path, "`frames`", "empty", "a list of images with their poses"));
-    }
-    let (mut views, mut skipped) = (Vec::new(), Vec::new());
-    let mut first_missing = None;
-    for (i, frame) in file.frames.iter().enumerate() {
-        let Some(image) = image_of(folder, &frame.file_path) else {
-            first_missing.get_or_insert_with(|| vsi::join(folder, Path::new(&frame.file_path)));
-            skipped.push((frame.file_path.clone(), "its image does not exist".to_owned()));
-            continue;
-        };
-        let rows: Vec<[f64; 4]> =
-            frame.transform_matrix.iter().map(|r| r.map(|v| v.unwrap_or(f64::NAN))).collect();
-        let pose = Pose::from_opengl_to_world(&rows).map_err(|(found, expected)| {
-            PerspectiveError::field(path, format!("`transform_matrix` of frame {i}"), found, expected)
-        })?;
-        let (lens, size) = lens(path, i, &image, &frame.intrinsics.over(&file.intrinsics))?;
-        let beside = |p: &Option<String>| p.as_ref().map(|p| vsi::join(folder, Path::new(p)));
-        views.push(Draft {
-            name: frame.file_path.trim_start_matches("./").into(),
-            image,
-            size: Some(size),
-            lens,
-            pose,
-            mask: beside(&frame.mask_path),
-            depth: beside(&frame.depth_file_path)
-                .map(|path| DepthFile::new(path, file.depth_unit_scale_factor.unwrap_or(DEPTH_UNIT))),
-            role: None,
-            observed: Vec::new(),
-        });
-    }
-    if let (true, Some(first)) = (views.is_empty(), first_missing) {
-        let (missing, hint) = (skipped.len(), "paths of frames are relative to the folder of the file");
-        return Err(PerspectiveError::NoImages { missing, of: missing, first, hint });
-    }
-    Ok(Drafts { layout: Layout::Transforms, views, points: Vec::new(), skipped })
-}
-
-/// The image of a frame, if it exists.
-fn image_of(folder: &Path, path: &str) -> Option<PathBuf> {
-    let image = vsi::join(folder, Path::new(path));
-    let guesses = EXTENSIONS.map(|e| PathBuf::from(format!("{}.{e}", image.display())));
-    let is_bare = image.extension().is_none();
-    [image].into_iter().chain(guesses.into_iter().filter(|_| is_bare)).find(|p| vsi::size(p).is_ok())
-}
-
 impl Intrinsics {
     /// These values, and those of all frames where there are none.
-    fn over(&self, all: &Self) -> Self {
+    pub fn over(&self, all: &Self) -> Self {
         // A frame's own focal length replaces a common angle of view, and the other way round.
         let own_x = self.fl_x.is_some() || self.camera_angle_x.is_some();
         let own_y = own_x || self.fl_y.is_some() || self.camera_angle_y.is_some();
@@ -149,7 +56,7 @@ impl Intrinsics {
 }
 
 /// The camera of a frame, and the size of the image for which it is.
-fn lens(
+pub fn lens(
     path: &Path,
     frame: usize,
     image: &Path,
