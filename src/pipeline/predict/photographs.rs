@@ -6,13 +6,14 @@ use super::{Output, PredictOptions, Predicted, read_model};
 use crate::io::write_json;
 use crate::perspective::PerspectiveScene;
 use crate::pipeline::perspective::{
-    PerspectiveManifest, read_views, scene_fingerprint, start_points, write_trained,
+    PerspectiveManifest, read_views, require_fine_coordinates, scene_fingerprint, start_points, write_trained,
 };
 use crate::pipeline::stage::{Outcome, hash_file};
 use crate::pipeline::{PipelineError, TrainOptions};
 use crate::progress::{Event, Progress};
 use crate::run_files::{PREDICTED, PREDICTED_LIGHTS};
 use crate::splat::appearance::Appearance;
+use crate::splat::pinhole::WorkingFrame;
 use crate::splat::ply;
 use crate::splat::train::recipe::Recipe;
 use std::path::Path;
@@ -61,10 +62,12 @@ fn predict(
         return Ok(kept);
     }
     let model = read_model(options)?;
+    let frame = WorkingFrame::of(scene)?;
     let points = match file {
         Some(path) => read_points(path, scene.georeference.as_ref().map(|g| &g.grid))?,
-        None => start_points(scene)?.iter().map(|p| p.position.xyz()).collect(),
+        None => start_points(scene, frame.unit())?.iter().map(|p| p.position.xyz()).collect(),
     };
+    require_fine_coordinates(scene)?;
     let views = read_views(scene, progress)?;
     let start = Instant::now();
     let made = of_photographed_points(&views, &points, &model, options.without_network, progress)?;
@@ -76,7 +79,7 @@ fn predict(
     }
     write_json(&out.join(PREDICTED_LIGHTS), &Vec::<(String, Appearance)>::new())?;
     manifest.write(out)?;
-    write_trained(out, scene, &made.splats, recipe)?;
+    write_trained(out, scene, &frame, &made.splats, recipe)?;
     output.complete(Predicted {
         points: file.map_or_else(|| "the scene".into(), |path| format!("`{}`", path.display())),
         clean_up: made.clean_up,
