@@ -114,7 +114,12 @@ impl<'a> Photographs<'a> {
             let camera = PinholeCamera { center: scale * view.camera.center, ..view.camera };
             let (width, height) = camera.size;
             let features = FeatureMaps::of(width, height, |col, row| view.color(col, row));
-            Photograph { view, camera, features, depth: PinholePicture::render(surface, &camera, NEAREST).depth }
+            Photograph {
+                view,
+                camera,
+                features,
+                depth: PinholePicture::render(surface, &camera, NEAREST).depth,
+            }
         };
         Self { views: views.iter().map(of_view).collect() }
     }

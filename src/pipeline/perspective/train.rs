@@ -93,8 +93,7 @@ pub(super) fn train_scene(
             let site = scene.georeference.as_ref().map(|g| &g.grid);
             let predicted = read_predicted(run, &scene_fingerprint(scene)?, site)?;
             let predicted = predicted.map(|(splats, _)| frame.enter_splats(splats));
-            let start =
-                splats_at_start(&working, predicted, &views, &recipe, options, run, progress)?;
+            let start = splats_at_start(&working, predicted, &views, &recipe, options, run, progress)?;
             let (count, appearance) = (start.splats.len(), AppearanceKind::default());
             let state = TrainingState::start(start, appearance, 0, options.seed);
             (count, Vec::new(), state)

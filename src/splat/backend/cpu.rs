@@ -294,11 +294,7 @@ mod tests {
         (state, log.iter().map(|l| l.splats).collect())
     }
 
-    fn trained_by(
-        recipe: &Recipe,
-        mut backend: CpuBackend,
-        threads: usize,
-    ) -> (TrainingState, Vec<LogLine>) {
+    fn trained_by(recipe: &Recipe, mut backend: CpuBackend, threads: usize) -> (TrainingState, Vec<LogLine>) {
         let (schedule, mut log) = (schedule(recipe), Vec::new());
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
@@ -313,7 +309,8 @@ mod tests {
     fn a_training_does_not_depend_on_where_the_origin_of_the_site_lies() {
         for name in ["best", "eogs"] {
             let recipe = Recipe { iterations: 120, ..Recipe::named(name).unwrap() };
-            let recipe = Recipe { densification: recipe.densification.and(compressed().densification), ..recipe };
+            let recipe =
+                Recipe { densification: recipe.densification.and(compressed().densification), ..recipe };
             let recipe = Recipe { check_every: 10, shadows_from: 50, ..recipe };
             let of = |[east, north]: [f64; 2]| {
                 let mut start = splats_at_start();

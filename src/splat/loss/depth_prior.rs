@@ -86,7 +86,12 @@ impl Correlation {
             })
         });
         let has_spread = |sum: f64, mean: f64| sum > LEAST_VARIANCE * n * mean * mean;
-        (has_spread(s_xx, means[0]) && has_spread(s_yy, means[1])).then(|| Self { means, s_xy, s_xx, norm: (s_xx * s_yy).sqrt() })
+        (has_spread(s_xx, means[0]) && has_spread(s_yy, means[1])).then(|| Self {
+            means,
+            s_xy,
+            s_xx,
+            norm: (s_xx * s_yy).sqrt(),
+        })
     }
 
     fn value(&self) -> f64 {

@@ -58,18 +58,17 @@ fn compare_with_differences(
     let (camera, (target, valid)) = (camera(), target());
     let (background, sh_degree, surface) = ([0.1, 0.2, 0.3], 3, SurfaceDepth::Mean);
     let (target, valid) = (&target, &valid[..]);
-    let input =
-        PinholeStep {
-            camera: &camera,
-            nearest: NEAREST,
-            target,
-            valid,
-            priors,
-            anchored: &[],
-            background,
-            sh_degree,
-            surface,
-        };
+    let input = PinholeStep {
+        camera: &camera,
+        nearest: NEAREST,
+        target,
+        valid,
+        priors,
+        anchored: &[],
+        background,
+        sh_degree,
+        surface,
+    };
     let (mut gradient, mut watch) = (SeenGradient::default(), Stopwatch::default());
     let losses = objective.evaluate(splats, &input, weights, &mut gradient, &mut watch);
     let seen = (0..gradient.indices.len()).filter(|i| objective.mean2d_gradient(*i).is_some()).count();

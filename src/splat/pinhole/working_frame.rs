@@ -150,8 +150,7 @@ mod tests {
         let view = |k: u32| {
             let (sin, cos) = (0.7 * f64::from(k)).sin_cos();
             let forward = DVec3::new(-cos, -sin, 0.0);
-            let cam_from_site =
-                DMat3::from_cols((-DVec3::Z).cross(forward), -DVec3::Z, forward).transpose();
+            let cam_from_site = DMat3::from_cols((-DVec3::Z).cross(forward), -DVec3::Z, forward).transpose();
             let lens = LensCamera::pinhole(DVec2::splat(80.0), DVec2::splat(24.5), (50, 50));
             PerspectiveView {
                 name: format!("{k}"),

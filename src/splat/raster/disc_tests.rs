@@ -422,25 +422,6 @@ fn a_plane_of_discs_has_its_exact_depth_and_normal_in_every_pixel() {
 }
 
 #[test]
-fn discs_beside_the_camera_are_not_spread_over_the_image() {
-    let (camera, frame) = (pinhole(20.0, 55.0), perspective::<f64>(20.0, 55.0));
-    let site_from_cam = camera.cam_from_site.transpose();
-    for i in 0..50 {
-        // Their rays are more than 70 degrees off the axis.
-        let mut g = scene(1, 2000 + i);
-        let beside = DVec3::new(if i % 2 == 0 { 5.0 } else { -4.0 }, 1.0, 0.3);
-        g.position[0] = (camera.center + site_from_cam * beside).to_array();
-        g.log_scale[0] = [-1.6, -1.8, FLAT_LOG_SCALE.into()];
-        g.opacity_logit[0][0] = 3.0;
-        let sorted = sort(&g, &frame.kernel);
-        let mut raster = Rasterizer::<f64, 1, _, Disc>::default();
-        let image = raster.render(&sorted, &[[1.0]], &frame, [0.0]);
-        let through = (0..SIZE.0 * SIZE.1).map(|k| image.at(1, k % SIZE.0, k / SIZE.0));
-        assert!(through.fold(1.0, f64::min) == 1.0, "disc {i}");
-    }
-}
-
-#[test]
 fn no_pixel_of_a_disc_is_lost_by_binning_into_tiles_and_blocks() {
     // Large discs close to the camera, at random angles, in an image and in its part of some columns and rows.
     for i in 0..200 {

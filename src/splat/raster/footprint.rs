@@ -102,7 +102,7 @@ impl<T: Real> Footprint<T> {
             let image = image_covariance(&m, covariance);
             let by_slope = [by_plane_x, by_plane_y];
             let disc = (position, normal);
-            let by = SlopeGradient::new(camera, disc, image, by_slope, &mut out.position);
+            let by = SlopeGradient::new(camera, disc, image, self.radius2, by_slope, &mut out.position);
             gxx = gxx + by.covariance[0];
             gxy = gxy + half * by.covariance[1];
             gyy = gyy + by.covariance[2];

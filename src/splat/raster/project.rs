@@ -5,7 +5,7 @@ use super::block::TILE;
 use super::constants::{ALPHA_CUT, LOW_PASS_PX2};
 use super::footprint::Footprint;
 use super::primitive::{Primitive, StoredNumbers};
-use super::slope::{slope_damping, stays_in_front};
+use super::slope::{slope_damping, slope_in_front};
 use super::sorted::SortedSplats;
 use super::splat_block::SplatBlock;
 use crate::camera::{CameraKernel, DepthOrder, Linearized};
@@ -276,7 +276,7 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         Footprints { footprint, half_size, covariance: [xx, xy, yy] }
     }
 
-    /// The slopes of discs with these normals and images.
+    /// The slopes of discs with these normals and images; zero where the plane meets the camera's plane close by.
     #[inline(always)]
     fn slopes(
         &self,
@@ -284,12 +284,17 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         position: [SimdVec<S>; 3],
         normal: [SimdVec<S>; 3],
         covariance: [SimdVec<S>; 3],
+        radius2: SimdVec<S>,
     ) -> [SimdVec<S>; 2] {
         let low_pass = SimdVec::broadcast(simd, S::Scalar::from_f64(LOW_PASS_PX2));
         let [xx, xy, yy] = covariance;
         let damping = slope_damping(simd, [xx - low_pass, xy, yy - low_pass]);
         let [x, y] = K::plane_slope(simd, &self.kernel, position, normal);
-        [x * damping, y * damping]
+        let slope = [x * damping, y * damping];
+        match K::ORDER {
+            DepthOrder::Altitude => slope,
+            DepthOrder::Camera => slope_in_front(simd, slope, covariance, radius2),
+        }
     }
 
     /// Projects the splats of a block from a lane on.
@@ -314,20 +319,19 @@ impl<S: Simd, K: CameraKernel<S::Scalar>> SimdCamera<S, K> {
         let Footprints { footprint, mut half_size, covariance } =
             self.footprints(simd, position, covariance, opacity);
         let Footprint { conic, radius2, .. } = footprint;
-        let mut visible = opacity.greater_than(cut);
         let (mut slope, mut silhouette) = ([zero; 2], footprint);
         if let Some(normals) = normals {
             let mut normal = [zero; 3];
             for k in 0..3 {
                 normal[k] = SimdVec::load(simd, &normals[k][lane..]);
             }
-            slope = self.slopes(simd, position, normal, covariance);
+            slope = self.slopes(simd, position, normal, covariance, radius2);
             if matches!(K::ORDER, DepthOrder::Camera) {
-                visible = visible.and(stays_in_front(simd, slope, covariance, radius2));
                 (silhouette, half_size) = footprint.silhouette(simd, slope, covariance);
             }
         }
         let mean = silhouette.mean;
+        let mut visible = opacity.greater_than(cut);
         if let Some(in_front) = K::in_front(simd, &self.kernel, position) {
             visible = visible.and(in_front);
         }

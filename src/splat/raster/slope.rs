@@ -1,11 +1,11 @@
 //! The slopes of discs (see `primitive`): their damping and their gradient.
 
 use super::constants::LOW_PASS_PX2;
-use crate::camera::CameraKernel;
-use crate::simd::{Real, Simd, SimdMask, SimdVec, broadcast_each};
+use crate::camera::{CameraKernel, DepthOrder};
+use crate::simd::{Real, Simd, SimdVec, broadcast_each};
 
-/// Largest product of the squared radius of a disc and of its squared slope, in the metric of its image: beyond it the disc reaches
-/// the camera's own plane, or nearly so, where its image has no bounds, and it is not drawn.
+/// Largest product of the squared radius of a disc and of its squared slope, in the metric of its image: beyond it the plane
+/// meets the camera's own plane close to the disc, and the disc is drawn without a slope.
 pub const MAX_TILT: f64 = 0.64;
 /// Smallest sum of variances that is divided by, px².
 const LEAST_PX2: f64 = 1e-12;
@@ -36,18 +36,19 @@ fn slope_damping_gradient<T: Real>([xx, xy, yy]: [T; 3]) -> (T, [T; 3]) {
     (damping, by.map(|v| v * scale))
 }
 
-/// Whether a disc with this slope stays away from the camera's plane in a perspective projection. `covariance` (xx, xy, yy) is that
-/// of the image with the low-pass filter, px².
+/// The slope of a disc in a perspective projection where its plane stays away from the camera's plane, else zero.
+/// `covariance` (xx, xy, yy) is that of the image with the low-pass filter, px².
 #[inline(always)]
-pub(super) fn stays_in_front<S: Simd>(
+pub(super) fn slope_in_front<S: Simd>(
     simd: S,
     [x, y]: [SimdVec<S>; 2],
     [xx, xy, yy]: [SimdVec<S>; 3],
     radius2: SimdVec<S>,
-) -> SimdMask<S> {
+) -> [SimdVec<S>; 2] {
     let most = SimdVec::broadcast(simd, S::Scalar::from_f64(MAX_TILT));
     let tilt = radius2 * (x * (xx * x + xy * y) + y * (xy * x + yy * y));
-    most.greater_equal(tilt)
+    let is_in_front = most.greater_equal(tilt);
+    [x.select_or_zero(is_in_front), y.select_or_zero(is_in_front)]
 }
 
 /// The slope with which a disc is drawn in a parallel projection, metres per pixel, from its unit normal and the covariance
@@ -69,18 +70,30 @@ pub(super) struct SlopeGradient<T> {
 
 impl<T: Real> SlopeGradient<T> {
     /// From the derivatives `by` the slope; adds those by the centre to `by_position`. `covariance` (xx, xy, yy) is that of
-    /// the image without the low-pass filter.
+    /// the image without the low-pass filter, `radius2` the squared radius of the ellipse.
     #[inline(always)]
     pub fn new<K: CameraKernel<T>>(
         camera: &K,
         (position, normal): ([T; 3], [T; 3]),
-        covariance: [T; 3],
+        [xx, xy, yy]: [T; 3],
+        radius2: T,
         by: [T; 2],
         by_position: &mut [T; 3],
     ) -> Self {
-        let (damping, by_covariance) = slope_damping_gradient(covariance);
-        let (by_slope, mut by_normal) = (by.map(|by| by * damping), [T::zero(); 3]);
-        let [x, y] = camera.add_slope_gradient(position, normal, by_slope, by_position, &mut by_normal);
-        Self { covariance: by_covariance.map(|v| v * (x * by[0] + y * by[1])), normal: by_normal }
+        let (damping, by_covariance) = slope_damping_gradient([xx, xy, yy]);
+        let mut out = Self { covariance: [T::zero(); 3], normal: [T::zero(); 3] };
+        let mut moved = *by_position;
+        let by_slope = by.map(|by| by * damping);
+        let [x, y] = camera.add_slope_gradient(position, normal, by_slope, &mut moved, &mut out.normal);
+        if matches!(K::ORDER, DepthOrder::Camera) {
+            let low_pass = T::from_f64(LOW_PASS_PX2);
+            let tilt = x * ((xx + low_pass) * x + xy * y) + y * (xy * x + (yy + low_pass) * y);
+            if radius2 * damping * damping * tilt > T::from_f64(MAX_TILT) {
+                return Self { covariance: [T::zero(); 3], normal: [T::zero(); 3] };
+            }
+        }
+        *by_position = moved;
+        out.covariance = by_covariance.map(|v| v * (x * by[0] + y * by[1]));
+        out
     }
 }

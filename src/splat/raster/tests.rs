@@ -156,7 +156,8 @@ fn pinhole() -> PinholeCamera {
 
 #[test]
 fn gradients_of_a_pinhole_camera_agree_with_central_differences() {
-    let camera = FrameCamera::<PinholeKernel<f64>> { kernel: pinhole().kernel(NEAREST), width: 37, height: 35 };
+    let camera =
+        FrameCamera::<PinholeKernel<f64>> { kernel: pinhole().kernel(NEAREST), width: 37, height: 35 };
     for seed in 0..3 {
         let g = scene(40, seed);
         let worst = worst_disagreement(&g, &gradient(&g, &camera), &camera, 1);
