@@ -8,7 +8,7 @@ use satgs::random::CounterRng;
 use satgs::splat::adam::SplatAdam;
 use satgs::splat::backend::stopwatch::Stopwatch;
 use satgs::splat::loss::{LossWeights, SurfaceDepth, TermInputs, terms};
-use satgs::splat::pinhole::{PinholeStep, objective};
+use satgs::splat::pinhole::{NEAREST, PinholeStep, objective};
 use satgs::splat::seen_gradient::SeenGradient;
 use satgs::splat::splats::{PerGroup, Splats};
 
@@ -66,6 +66,7 @@ fn print_for(splats: Splats, name: &str, weights: &[(&str, f64)], threads: usize
     let input = PinholeStep {
         anchored: &[],
         camera: &camera,
+        nearest: NEAREST,
         target: &target,
         valid: &[],
         priors: None,

@@ -5,9 +5,6 @@ use crate::frame::{CenterPx, Pixel, Point};
 use crate::perspective::PinholeCamera;
 use glam::{DVec3, Vec3};
 
-/// Points nearer than this to the plane of a pinhole camera have no image, metres.
-const NEAREST_M: f32 = 1e-3;
-
 /// The camera of a depth map, and what its depths are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DepthCamera {
@@ -124,7 +121,7 @@ impl NearCamera {
         if !self.is_pinhole {
             return Some(Seen { col: c.x, row: c.y, depth: c.z, ray: Vec3::ZERO });
         }
-        if c.z < NEAREST_M {
+        if c.z <= 0.0 {
             return None;
         }
         let ray = c / c.z;

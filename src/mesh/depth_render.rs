@@ -9,8 +9,8 @@ use crate::io::Grid2;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-/// Triangles of pinhole cameras are cut at this depth, metres.
-const NEAREST_M: f64 = 0.01;
+/// Triangles that reach behind a pinhole camera are cut at this share of their greatest depth.
+const NEAREST: f64 = 1e-4;
 /// Triangles that one thread projects at a time.
 const TRIANGLES_AT_ONCE: usize = 4096;
 /// Rows of pixels that one thread draws at a time.
@@ -70,10 +70,14 @@ fn image_triangles(mesh: &TriangleMesh, camera: &DepthCamera) -> Vec<[ImageCorne
             return out.extend(Some(triangle).filter(may_show));
         };
         let image = |p: DVec3| (camera.focal * p.truncate() / p.z + camera.principal).extend(p.z.recip());
-        if triangle.iter().all(|p| p.z >= NEAREST_M) {
+        let nearest = NEAREST * triangle.iter().map(|p| p.z).fold(0.0, f64::max);
+        if nearest == 0.0 {
+            return;
+        }
+        if triangle.iter().all(|p| p.z >= nearest) {
             out.extend(Some(triangle.map(image)).filter(may_show));
-        } else if triangle.iter().any(|p| p.z >= NEAREST_M) {
-            let polygon = in_front(triangle);
+        } else {
+            let polygon = in_front(triangle, nearest);
             let fan = (2..polygon.len()).map(|k| [polygon[0], polygon[k - 1], polygon[k]].map(image));
             out.extend(fan.filter(may_show));
         }
@@ -86,16 +90,16 @@ fn image_triangles(mesh: &TriangleMesh, camera: &DepthCamera) -> Vec<[ImageCorne
     mesh.triangles.par_chunks(TRIANGLES_AT_ONCE).map(of_chunk).collect::<Vec<_>>().concat()
 }
 
-/// The part of a triangle in camera axes that is in front of the camera: up to four corners.
-fn in_front(triangle: [DVec3; 3]) -> Vec<DVec3> {
+/// The part of a triangle in camera axes beyond a depth: up to four corners.
+fn in_front(triangle: [DVec3; 3], nearest: f64) -> Vec<DVec3> {
     let mut out = Vec::with_capacity(4);
     for k in 0..3 {
         let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-        if a.z >= NEAREST_M {
+        if a.z >= nearest {
             out.push(a);
         }
-        if (a.z >= NEAREST_M) != (b.z >= NEAREST_M) {
-            out.push(a.lerp(b, (NEAREST_M - a.z) / (b.z - a.z)));
+        if (a.z >= nearest) != (b.z >= nearest) {
+            out.push(a.lerp(b, (nearest - a.z) / (b.z - a.z)));
         }
     }
     out

@@ -4,8 +4,6 @@ use crate::camera::{CameraKernel, DepthOrder, Linearized, damped_quotient, dampe
 use crate::simd::{Real, Simd, SimdMask, SimdReal, SimdVec, broadcast_each};
 use glam::{DMat3, DVec2, DVec3};
 
-/// Nearest depth at which a splat is drawn, metres (3DGS).
-const NEAREST_M: f64 = 0.2;
 /// The Jacobian is evaluated at most this far from the centre of the image, as a multiple of half its size
 /// (3DGS). Farther outside, the linearisation would stretch splats across the whole image.
 const MAX_EXTENT: f64 = 1.3;
@@ -23,6 +21,8 @@ pub struct PinholeKernel<T> {
     principal: [T; 2],
     /// Lowest and highest ratio of x to the depth, and of y to the depth, at which the Jacobian is evaluated.
     limits: [[T; 2]; 2],
+    /// Depth up to which nothing is drawn.
+    nearest: T,
 }
 
 /// [`PinholeKernel`], broadcast.
@@ -38,13 +38,14 @@ pub struct PinholeVectors<S: Simd> {
 
 impl<T: Real> PinholeKernel<T> {
     /// The kernel of a camera at `center` (site metres) with a rotation from site to camera axes, focal
-    /// lengths and principal point in pixels, and the columns and rows of its image.
+    /// lengths and principal point in pixels, the columns and rows of its image, and the depth up to which nothing is drawn.
     #[must_use]
     pub fn new(
         cam_from_site: DMat3,
         center: DVec3,
         [focal, principal]: [DVec2; 2],
         (width, height): (usize, usize),
+        nearest: f64,
     ) -> Self {
         let rows = cam_from_site.transpose().to_cols_array_2d();
         let translation = -(cam_from_site * center);
@@ -61,6 +62,7 @@ impl<T: Real> PinholeKernel<T> {
             focal: focal.map(T::from_f64),
             principal: principal.map(T::from_f64),
             limits,
+            nearest: T::from_f64(nearest),
         }
     }
 
@@ -80,11 +82,11 @@ impl<T: Real> PinholeKernel<T> {
         out
     }
 
-    /// The image of a position, pixels, and the largest number of pixels in any direction per metre there; none if it is not in
-    /// front of the camera.
+    /// The image of a position, pixels, and the largest number of pixels in any direction per metre there; none if it is
+    /// not drawn.
     pub fn image_and_scale(&self, position: [T; 3]) -> Option<([T; 2], T)> {
         let c = self.cam_from_site(position);
-        let is_in_front = c[2] > T::from_f64(NEAREST_M);
+        let is_in_front = c[2] > self.nearest;
         is_in_front.then(|| {
             let inverse = c[2].recip();
             let ratio = [c[0] * inverse, c[1] * inverse];
@@ -123,7 +125,7 @@ impl<T: SimdReal> CameraKernel<T> for PinholeKernel<T> {
             focal: broadcast_each(simd, self.focal),
             principal: broadcast_each(simd, self.principal),
             limits: [broadcast_each(simd, horizontal), broadcast_each(simd, vertical)],
-            nearest: SimdVec::broadcast(simd, T::from_f64(NEAREST_M)),
+            nearest: SimdVec::broadcast(simd, self.nearest),
         }
     }
 
@@ -167,7 +169,7 @@ impl<T: SimdReal> CameraKernel<T> for PinholeKernel<T> {
     #[inline(always)]
     fn jacobian(&self, position: [T; 3]) -> [[T; 3]; 2] {
         let c = self.cam_from_site(position);
-        let inverse = c[2].max(T::from_f64(NEAREST_M)).recip();
+        let inverse = c[2].max(self.nearest).recip();
         std::array::from_fn(|i| {
             let (limited, _) = self.limited(i, c[i] * inverse);
             let scale = self.focal[i] * inverse;
@@ -184,7 +186,7 @@ impl<T: SimdReal> CameraKernel<T> for PinholeKernel<T> {
         out: &mut [T; 3],
     ) {
         let c = self.cam_from_site(position);
-        let inverse = c[2].max(T::from_f64(NEAREST_M)).recip();
+        let inverse = c[2].max(self.nearest).recip();
         let mut by_camera = [T::zero(); 3];
         for i in 0..2 {
             let (scale, ratio) = (self.focal[i] * inverse, c[i] * inverse);
@@ -244,7 +246,7 @@ impl<T: SimdReal> CameraKernel<T> for PinholeKernel<T> {
     ) -> [T; 2] {
         let c = self.cam_from_site(position);
         let n: [T; 3] = self.rotation.map(|r| r[0] * normal[0] + r[1] * normal[1] + r[2] * normal[2]);
-        let inverse = c[2].max(T::from_f64(NEAREST_M)).recip();
+        let inverse = c[2].max(self.nearest).recip();
         let ray = [c[0] * inverse, c[1] * inverse];
         let along = n[0] * ray[0] + n[1] * ray[1] + n[2];
         let (factor, change) = damped_quotient_gradient(along);

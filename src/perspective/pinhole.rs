@@ -49,10 +49,10 @@ impl PinholeCamera {
         Self { principal: self.principal - DVec2::new(left as f64, top as f64), size, ..*self }
     }
 
-    /// The kernel of the camera for the rasteriser.
+    /// The kernel of the camera for the rasteriser, which draws nothing up to the depth `nearest`.
     #[must_use]
-    pub fn kernel<T: Real>(&self) -> PinholeKernel<T> {
-        PinholeKernel::new(self.cam_from_site, self.center, [self.focal, self.principal], self.size)
+    pub fn kernel<T: Real>(&self, nearest: f64) -> PinholeKernel<T> {
+        PinholeKernel::new(self.cam_from_site, self.center, [self.focal, self.principal], self.size, nearest)
     }
 }
 

@@ -75,10 +75,10 @@ pub(super) fn sampled_depths(
     run: &Path,
     training: &[PinholeCamera],
 ) -> Result<Vec<ViewDepths>, PipelineError> {
-    let splats = PerspectiveCameras::read_splats(run)?;
+    let (run, splats) = (PerspectiveCameras::read(run)?, PerspectiveCameras::read_splats(run)?);
     let step = training.len().div_ceil(SAMPLED_VIEWS).max(1);
     let views = training.iter().step_by(step);
-    Ok(views.map(|camera| view_depths(*camera, &shown(&splats, camera).depth)).collect())
+    Ok(views.map(|camera| view_depths(*camera, &shown(&run, &splats, camera).depth)).collect())
 }
 
 /// The depths of some of the maps of a scene.
@@ -100,8 +100,8 @@ fn view_depths(camera: PinholeCamera, map: &Grid2) -> ViewDepths {
 }
 
 /// The depths that a view of splats shows: of discs those at which the transmittance falls to one half, of ellipsoids the mean.
-fn shown(splats: &Splats, camera: &PinholeCamera) -> DepthMap {
-    let PinholePicture { colors, depth, discs, .. } = PinholePicture::render(splats, camera);
+fn shown(run: &PerspectiveCameras, splats: &Splats, camera: &PinholeCamera) -> DepthMap {
+    let PinholePicture { colors, depth, discs, .. } = run.picture(splats, camera);
     let depth = discs.map_or(depth, |discs| discs.median_depth);
     DepthMap { color: Some(colors), ..DepthMap::new(DepthCamera::Pinhole(*camera), depth) }
 }
@@ -114,7 +114,7 @@ pub(super) fn of_perspective_run(
 ) -> Result<FusedMesh, PipelineError> {
     let (cameras, splats) = (PerspectiveCameras::read(run)?, PerspectiveCameras::read_splats(run)?);
     let training: Vec<PinholeCamera> = cameras.training_cameras();
-    let maps = training.iter().map(|camera| Ok::<_, PipelineError>(shown(&splats, camera)));
+    let maps = training.iter().map(|camera| Ok::<_, PipelineError>(shown(&cameras, &splats, camera)));
     let mut fused = fuse(maps, options, progress)?;
     match cameras.site {
         Some(site) => fused.mesh.site = Some(site),

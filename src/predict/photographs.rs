@@ -13,7 +13,7 @@ use crate::frame::{CenterPx, Pixel, Point, SiteBox};
 use crate::io::Grid2;
 use crate::perspective::PinholeCamera;
 use crate::splat::init::neighbour_scales;
-use crate::splat::pinhole::{PinholePicture, PinholeView};
+use crate::splat::pinhole::{NEAREST, PinholePicture, PinholeView};
 use crate::splat::splats::Splats;
 use crate::stats::quantile;
 use rayon::prelude::*;
@@ -114,7 +114,12 @@ impl<'a> Photographs<'a> {
             let camera = PinholeCamera { center: scale * view.camera.center, ..view.camera };
             let (width, height) = camera.size;
             let features = FeatureMaps::of(width, height, |col, row| view.color(col, row));
-            Photograph { view, camera, features, depth: PinholePicture::render(surface, &camera).depth }
+            Photograph {
+                view,
+                camera,
+                features,
+                depth: PinholePicture::render(surface, &camera, NEAREST).depth,
+            }
         };
         Self { views: views.iter().map(of_view).collect() }
     }

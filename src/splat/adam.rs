@@ -117,6 +117,20 @@ impl SplatAdam {
     }
 }
 
+impl SplatAdam {
+    /// Gives new splats the second moments that the opacities of their sources had `before` an edit.
+    ///
+    /// Adam divides a gradient by its size. A new splat without moments, which no view has shown yet, has only the tiny gradient of the
+    /// sum of opacities: it would lose its opacity, several times as fast as the learning rate says, before an image shows that it is
+    /// needed.
+    pub fn keep_size_of_opacity_gradients(&mut self, edit: &Edit, before: &[[f32; 1]]) {
+        let now = self.second.opacity_logit.iter_mut().zip(&edit.source);
+        for (moment, source) in now.skip(edit.fresh_from) {
+            *moment = before[*source as usize];
+        }
+    }
+}
+
 /// Updates the splats, with `width` values each, whose gradient is not zero.
 fn update_nonzero_rows(
     step: AdamStep,

@@ -95,7 +95,7 @@ impl ActiveSplats {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::splat::splats::sigmoid;
+    use crate::splat::splats::{PerGroup, sigmoid};
     use crate::splat::state::TrainingState;
 
     const GROWTH: ActiveGrowth = ActiveGrowth { idle_rounds: 2 };
@@ -161,6 +161,27 @@ mod tests {
             assert_eq!(state.adam.first.position[2 + k], [0.0; 3]);
         }
         assert_eq!(state.adam.first.position[0], [1.0; 3]);
+    }
+
+    #[test]
+    fn parts_that_no_view_has_shown_keep_their_opacity() {
+        let mut state = state();
+        let rates = PerGroup { opacity_logit: 0.05, ..PerGroup::default() };
+        let mut gradient = Splats::zeros(3);
+        gradient.resize_like(&state.splats);
+        gradient.opacity_logit.fill([1e-5]);
+        (0..50).for_each(|_| state.adam.step(&mut state.splats, &gradient, &rates));
+        state.splats.opacity_logit.fill([0.7]);
+        state.active.activate(1..2, GROWTH);
+        check(&mut state, &[0.0, 1.0, 0.0], 100, 100);
+        // The sum of opacities alone.
+        let mut gradient = Splats::zeros(6);
+        gradient.resize_like(&state.splats);
+        gradient.opacity_logit.fill([1e-10]);
+        let before = state.splats.opacity_logit[2..].to_vec();
+        (0..40).for_each(|_| state.adam.step(&mut state.splats, &gradient, &rates));
+        let lost = before.iter().zip(&state.splats.opacity_logit[2..]).map(|(a, b)| a[0] - b[0]);
+        assert!(lost.clone().all(|lost| lost.abs() < 0.01), "{:?}", lost.collect::<Vec<_>>());
     }
 
     #[test]

@@ -106,9 +106,11 @@ impl TrainingState {
             None => DensifyEdit::plan(splats, statistics, rule, half_side_m, draw),
         };
         let count = densification.count;
+        let of_opacities = rule.active.map(|_| self.adam.second.opacity_logit.clone());
         self.apply(&densification.edit);
-        if let Some(growth) = rule.active {
+        if let (Some(growth), Some(before)) = (rule.active, of_opacities) {
             self.active.activate(densification.edit.fresh(), growth);
+            self.adam.keep_size_of_opacity_gradients(&densification.edit, &before);
         }
         densification.shrink_parts(&mut self.splats);
         count

@@ -10,7 +10,7 @@ use satgs::pipeline::{
 use satgs::prior::PriorSource;
 use satgs::progress::{Event, NoProgress, Progress, Recorder};
 use satgs::random::CounterRng;
-use satgs::splat::pinhole::PinholePicture;
+use satgs::splat::pinhole::{NEAREST, PinholePicture};
 use satgs::splat::ply;
 use satgs::splat::splats::Splats;
 use satgs::splat::train::recipe::StartPoints;
@@ -52,7 +52,7 @@ fn make_scene(folder: &Path) -> PathBuf {
     let mut images = String::new();
     for k in 0..VIEWS {
         let camera = camera(k);
-        let picture = PinholePicture::render(&splats, &camera);
+        let picture = PinholePicture::render(&splats, &camera, NEAREST);
         let pixels = 0..SIZE.0 * SIZE.1;
         let rgb: Vec<u8> = pixels
             .flat_map(|i| picture.colors.each_ref().map(|c| (255.0 * c.data[i]).round() as u8))

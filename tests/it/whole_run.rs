@@ -1,7 +1,7 @@
 //! From simulated images to a scored surface model, through the binary: shifts, heights, files, resuming.
 
-use base64::prelude::{BASE64_STANDARD, Engine};
 use crate::common::{copy_folder, disagreement_px, satgs, satgs_in, scenes, text};
+use base64::prelude::{BASE64_STANDARD, Engine};
 use satgs::frame::Pixel;
 use satgs::io::ImageFile;
 use satgs::rpc::{Rpc, formats};

@@ -6,6 +6,7 @@ use crate::io::read_json;
 use crate::perspective::{PerspectiveScene, PerspectiveView, PinholeCamera};
 use crate::run_files::{CAMERAS, SPLATS};
 use crate::scene::Role;
+use crate::splat::pinhole::{NEAREST, PinholePicture};
 use crate::splat::ply;
 use crate::splat::splats::Splats;
 use crate::splat::train::recipe::Recipe;
@@ -13,7 +14,7 @@ use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Differences that writing a number may make.
+/// Differences that writing a number may make, of lengths as a share.
 const SAME: f64 = 1e-6;
 
 /// The content of `cameras.json`: pinhole cameras, the frame they are in, and the recipe that was trained by.
@@ -23,6 +24,10 @@ pub struct PerspectiveCameras {
     pub site: Option<SiteGrid>,
     /// 1.1 times the largest distance of a training camera from their mean, metres.
     pub extent_m: f64,
+    /// Length of the unit in which the scene was trained ([`WorkingFrame`](crate::splat::pinhole::WorkingFrame)), metres; all of this
+    /// file is in the frame of the scene.
+    #[serde(default = "metre")]
+    pub unit: f64,
     /// The ground below the splats: west, south, east, north, site metres.
     pub area: SiteBox,
     /// Lowest and highest altitude of the splats, site metres.
@@ -83,8 +88,8 @@ impl TrainedPhoto {
         let is_it = |v: &&PerspectiveView| {
             let c = &v.camera;
             let off_px = (c.focal - trained.focal).abs() + (c.principal - trained.principal).abs();
-            let off = c.center.distance(trained.center) / (1.0 + c.center.length());
-            v.name == self.name && c.size == self.size && off_px.max_element() < SAME && off < SAME
+            let is_there = c.center.distance(trained.center) <= SAME * c.center.length();
+            v.name == self.name && c.size == self.size && off_px.max_element() < SAME && is_there
         };
         let missing = || PipelineError::ViewNotInScene { run: run.into(), name: self.name.clone() };
         scene.views.iter().find(is_it).ok_or_else(missing)
@@ -103,7 +108,18 @@ impl TrainedPhoto {
     }
 }
 
+/// Runs without a unit were trained in that of the scene.
+fn metre() -> f64 {
+    1.0
+}
+
 impl PerspectiveCameras {
+    /// A picture of splats of this run.
+    #[must_use]
+    pub fn picture(&self, splats: &Splats, camera: &PinholeCamera) -> PinholePicture {
+        PinholePicture::render(splats, camera, NEAREST * self.unit)
+    }
+
     /// Reads the cameras of a run folder.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use super::start_pictures::Shades;
 use crate::io::{Grid2, RgbImage, WriteError};
 use crate::prior::DepthKind;
-use crate::splat::pinhole::{PinholePicture, PinholeView};
+use crate::splat::pinhole::{NEAREST, PinholePicture, PinholeView};
 use crate::splat::splats::Splats;
 use std::path::Path;
 
@@ -25,7 +25,7 @@ pub(super) fn write_pictures(
 }
 
 fn of_view(view: &PinholeView, splats: &Splats) -> RgbImage {
-    let picture = PinholePicture::render(splats, &view.camera);
+    let picture = PinholePicture::render(splats, &view.camera, NEAREST);
     let (depth_prior, normal_prior) = (view.priors().depth(), view.priors().normal());
     let kind = depth_prior.map_or(DepthKind::Metric, |prior| prior.kind);
     // On the scale of the prior: disparities are compared with inverse depths.

@@ -5,7 +5,6 @@ use super::super::render_options::{Colors, RenderOptions, RenderSummary, Viewpoi
 use super::cameras::PerspectiveCameras;
 use crate::io::{SensorImage, check_writable, write_png_rgb};
 use crate::progress::{Event, Progress};
-use crate::splat::pinhole::PinholePicture;
 use std::path::Path;
 
 /// Renders the image of a view: a `.png` of its colours, a `.tif` of colours and depth, or of the depth alone.
@@ -34,7 +33,7 @@ pub fn render(
     check_writable(output)?;
     let view = cameras.find(name)?;
     progress.event(Event::Started { stage: "rendering", total: 1 });
-    let picture = PinholePicture::render(&PerspectiveCameras::read_splats(run)?, &view.camera());
+    let picture = cameras.picture(&PerspectiveCameras::read_splats(run)?, &view.camera());
     let (width, height) = view.size;
     if is_raster {
         let [red, green, blue] = &picture.colors;

@@ -12,7 +12,7 @@ use crate::progress::{Event, Progress};
 use crate::run_files::{NVS_PICTURES, NVS_SCORES};
 use crate::scene::Role;
 use crate::splat::image_score::{photograph_pair, psnr_db_where};
-use crate::splat::pinhole::{PinholePicture, comparison};
+use crate::splat::pinhole::comparison;
 use std::path::Path;
 
 /// Largest number of comparisons that are written for the report.
@@ -46,7 +46,7 @@ pub fn nvs_eval(
         let name = || view.name.clone();
         let source = view.view_of(&scene, run)?;
         let truth = source.read_image()?.planes;
-        let picture = PinholePicture::render(&splats, &view.camera());
+        let picture = cameras.picture(&splats, &view.camera());
         let score = photograph_pair(&picture.colors, &truth).score_with(lpips)?;
         let score = score.ok_or_else(|| PipelineError::NothingToScore { name: name() })?;
         if written && i % step == 0 {

@@ -1,7 +1,6 @@
 //! What the training of a perspective scene starts from.
 
 use super::super::{PipelineError, TrainOptions, predict};
-use super::scene_fingerprint::scene_fingerprint;
 use super::start_pictures::write_pictures;
 use crate::frame::{Point, Site};
 use crate::perspective::{PerspectiveScene, PerspectiveView, ScenePoint, points_from_depths};
@@ -22,9 +21,9 @@ use crate::stats::quantile;
 use std::path::Path;
 
 /// Depth maps give a point cloud to start from: that of every n-th view with one, thinned to one point in a cube of this side,
-/// metres.
+/// working units.
 const DEPTHS_OF_EVERY: usize = 10;
-const DEPTHS_THINNED_TO_M: f64 = 0.05;
+const DEPTHS_THINNED_TO: f64 = 0.05;
 /// The box of the points leaves out this share at each side: a few float far away.
 const OUTSIDE: f64 = 0.02;
 /// Least distance of points of a dense start, as a share of the scene's diagonal.
@@ -35,19 +34,22 @@ const MOST_ALIGNED: usize = 250_000;
 /// Folder of filled pictures of pseudo-views, in that of priors.
 const INPAINTED: &str = "inpainted";
 
-/// The points of the scene, else those of its depth maps.
-pub fn start_points(scene: &PerspectiveScene) -> Result<Vec<ScenePoint>, PipelineError> {
+/// The points of the scene, else those of its depth maps. `unit` is the length of a working unit
+/// ([`WorkingFrame`](crate::splat::pinhole::WorkingFrame)) in the frame of the scene.
+pub fn start_points(scene: &PerspectiveScene, unit: f64) -> Result<Vec<ScenePoint>, PipelineError> {
     let has_depths = scene.training().any(|v| v.depth.is_some());
     Ok(match scene.points.is_empty() && has_depths {
-        true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO_M)?,
+        true => points_from_depths(scene, DEPTHS_OF_EVERY, DEPTHS_THINNED_TO * unit)?,
         false => scene.points.clone(),
     })
 }
 
-/// The splats that training begins with: at the scene's points, else at those of its depth maps, else at random; by priors of
-/// depths where the recipe has it so. Pictures of what priors gave go to the folder of the run.
+/// The splats that training begins with: those that were predicted, else at the scene's points, else at those of its depth maps,
+/// else at random; by priors of depths where the recipe has it so. All are in the working frame. Pictures of what priors gave go
+/// to the folder of the run.
 pub(super) fn splats_at_start(
     scene: &PerspectiveScene,
+    predicted: Option<Splats>,
     views: &[PinholeView],
     recipe: &Recipe,
     options: &TrainOptions,
@@ -55,8 +57,7 @@ pub(super) fn splats_at_start(
     progress: &dyn Progress,
 ) -> Result<StartSplats, PipelineError> {
     let seed = options.seed;
-    let site = scene.georeference.as_ref().map(|g| &g.grid);
-    if let Some((splats, _)) = predict::read_predicted(run, &scene_fingerprint(scene)?, site)? {
+    if let Some(splats) = predicted {
         if let Some(start) = options.start {
             let found = format!("{start:?}").to_lowercase();
             let expected = "none: the run starts from its predicted splats";
@@ -64,7 +65,7 @@ pub(super) fn splats_at_start(
         }
         return Ok(trainable(splats, recipe));
     }
-    let points = start_points(scene)?;
+    let points = start_points(scene, 1.0)?;
     if options.predict {
         let positions: Vec<[f64; 3]> = points.iter().map(|p| p.position.xyz()).collect();
         let made =

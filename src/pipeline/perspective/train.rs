@@ -2,7 +2,7 @@
 
 use super::super::PipelineError;
 use super::super::checkpoints::Checkpoints;
-use super::super::predict::prediction_of;
+use super::super::predict::{prediction_of, read_predicted};
 use super::super::stage::{Fingerprint, Outcome, Stage, hash, hash_file};
 use super::super::train_options::TrainOptions;
 use super::super::trained::{Trained, mean_of_last};
@@ -27,7 +27,7 @@ use crate::scene::Role;
 use crate::splat::appearance::AppearanceKind;
 use crate::splat::backend::TrainingBackend;
 use crate::splat::loss::LossWeights;
-use crate::splat::pinhole::{PinholeBackend, PinholeScene, PinholeView, comparison, extent_m};
+use crate::splat::pinhole::{PinholeBackend, PinholeScene, PinholeView, WorkingFrame, comparison, extent_m};
 use crate::splat::ply;
 use crate::splat::splats::Splats;
 use crate::splat::state::TrainingState;
@@ -66,8 +66,9 @@ pub(super) fn train_scene(
     progress: &dyn Progress,
 ) -> Result<Outcome<Trained>, PipelineError> {
     let recipe = options.perspective_recipe()?;
+    let frame = WorkingFrame::of(scene)?;
     let outputs = [SPLATS, CAMERAS].map(|name| run.join(name)).into();
-    let stage = Stage::new(run, "train", outputs, fingerprint(run, scene, options, &recipe)?);
+    let stage = Stage::new(run, "train", outputs, fingerprint(run, scene, &frame, options, &recipe)?);
     let is_done = stage.is_done(options.overwrite)?;
     let (every, is_required) = (options.checkpoint_every, options.resume);
     let checkpoints = Checkpoints { path: run.join(CHECKPOINT), stage: &stage, every, is_required };
@@ -78,21 +79,25 @@ pub(super) fn train_scene(
         return Ok(Outcome::Kept(stage.summary()?));
     }
     stage.require_writable()?;
+    require_fine_coordinates(scene)?;
+    let working = frame.enter(scene);
     // Before the images, which need memory that networks may need too.
-    let priors = priors(run, scene, options, progress)?;
-    let views = read_views(scene, progress)?;
-    require_own_images(&manifest.scene, scene, &views, progress)?;
+    let priors = priors(run, &working, options, progress)?;
+    let views = read_views(&working, progress)?;
+    require_own_images(&manifest.scene, &working, &views, progress)?;
     let views = views.into_iter().zip(priors);
     let views: Vec<PinholeView> = views.map(|(view, priors)| view.with_priors(priors)).collect();
     let cameras: Vec<_> = views.iter().map(|v| v.camera).collect();
-    let extent_m = extent_m(&cameras);
     let (at_start, mut log, state) = match taken_up {
         Some(c) => (c.splats_at_start, c.log.into_owned(), c.state.into_owned()),
         None => {
             let _ = std::fs::remove_dir_all(run.join(SNAPSHOTS));
             let _ = std::fs::remove_dir_all(run.join(START));
             let _ = std::fs::remove_dir_all(run.join(PRIOR_PICTURES));
-            let start = splats_at_start(scene, &views, &recipe, options, run, progress)?;
+            let site = scene.georeference.as_ref().map(|g| &g.grid);
+            let predicted = read_predicted(run, &scene_fingerprint(scene)?, site)?;
+            let predicted = predicted.map(|(splats, _)| frame.enter_splats(splats));
+            let start = splats_at_start(&working, predicted, &views, &recipe, options, run, progress)?;
             let (count, appearance) = (start.splats.len(), AppearanceKind::default());
             let state = TrainingState::start(start, appearance, 0, options.seed);
             (count, Vec::new(), state)
@@ -101,7 +106,7 @@ pub(super) fn train_scene(
     let schedule = Schedule {
         recipe: &recipe,
         views: views.len(),
-        half_side_m: extent_m,
+        half_side_m: extent_m(&cameras),
         pixel_m: 0.0,
         splats_at_start: at_start,
         is_gray: false,
@@ -133,7 +138,8 @@ pub(super) fn train_scene(
     if let Err(e) = prior_pictures::write_pictures(&run.join(PRIOR_PICTURES), &views, splats) {
         progress.event(Event::Warning(e.to_string()));
     }
-    let cameras = write_trained(run, scene, splats, recipe)?;
+    let splats = frame.leave_splats(splats.clone());
+    let cameras = write_trained(run, scene, &frame, &splats, recipe)?;
     let trained = Trained {
         iterations: cameras.recipe.iterations,
         seconds: log.last().map_or(0.0, |l| l.seconds),
@@ -150,10 +156,11 @@ pub(super) fn train_scene(
     Ok(Outcome::Made(trained))
 }
 
-/// Writes the splats of a scene and its cameras to a run folder.
+/// Writes the splats of a scene, in its own frame, and its cameras to a run folder.
 pub fn write_trained(
     run: &Path,
     scene: &PerspectiveScene,
+    frame: &WorkingFrame,
     splats: &Splats,
     recipe: Recipe,
 ) -> Result<PerspectiveCameras, PipelineError> {
@@ -167,6 +174,7 @@ pub fn write_trained(
     let cameras = PerspectiveCameras {
         site,
         extent_m: extent_m(&training),
+        unit: frame.unit(),
         area: (x.0, y.0, x.1, y.1),
         altitudes: z,
         views: scene.views.iter().map(TrainedPhoto::new).collect(),
@@ -176,8 +184,10 @@ pub fn write_trained(
     Ok(cameras)
 }
 
-/// Splats have coordinates of single precision: far from the origin, as on a map, they cannot be placed.
-fn require_fine_coordinates(cameras: &[PinholeCamera], extent_m: f64) -> Result<(), PipelineError> {
+/// Splats in files have coordinates of single precision: far from the origin, as on a map, they cannot be placed.
+pub fn require_fine_coordinates(scene: &PerspectiveScene) -> Result<(), PipelineError> {
+    let cameras: Vec<PinholeCamera> = scene.training().map(|view| view.camera).collect();
+    let extent_m = extent_m(&cameras);
     let farthest = cameras.iter().map(|c| c.center.abs().max_element()).fold(0.0, f64::max);
     if farthest * f64::from(f32::EPSILON) > COARSEST * extent_m {
         return Err(PipelineError::FarFromOrigin { farthest, extent: extent_m });
@@ -194,8 +204,6 @@ pub fn read_views(
     if training.is_empty() {
         return Err(SiteSceneError::NoViews.into());
     }
-    let cameras: Vec<PinholeCamera> = training.iter().map(|v| v.camera).collect();
-    require_fine_coordinates(&cameras, extent_m(&cameras))?;
     let held_back: Vec<&PerspectiveView> = scene.views.iter().filter(|v| v.role == Role::Test).collect();
     let total = (training.len() + held_back.len()) as u64;
     progress.event(Event::Started { stage: "reading images", total });
@@ -258,7 +266,7 @@ fn priors(
     let mut priors = vec![ViewPriors::default(); training.len()];
     let mut points = Vec::new();
     if sources.depths.is_some() || sources.normals.is_some() {
-        points.extend(start_points(scene)?.iter().map(|p| p.position));
+        points.extend(start_points(scene, 1.0)?.iter().map(|p| p.position));
         priors = read_priors(sources, &training, &points, &run.join(PRIORS), progress)?;
     }
     if has_sensor && (uses_depths || uses_normals) {
@@ -330,6 +338,7 @@ fn range(splats: &Splats, axis: usize) -> (f64, f64) {
 fn fingerprint(
     run: &Path,
     scene: &PerspectiveScene,
+    frame: &WorkingFrame,
     options: &TrainOptions,
     recipe: &Recipe,
 ) -> Result<Fingerprint, PipelineError> {
@@ -344,6 +353,7 @@ fn fingerprint(
         ("content of the recipe".into(), hash(choices.as_bytes())),
         ("--iterations".into(), recipe.iterations.to_string()),
         ("--seed".into(), options.seed.to_string()),
+        ("frame of training".into(), format!("{frame:?}")),
     ]);
     if let Some(prediction) = prediction {
         out.insert("predicted splats".into(), prediction);

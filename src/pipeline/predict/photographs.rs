@@ -7,14 +7,15 @@ use super::{Output, PredictOptions, Predicted, read_model};
 use crate::io::write_json;
 use crate::perspective::PerspectiveScene;
 use crate::pipeline::perspective::{
-    PerspectiveManifest, read_views, require_own_images, scene_fingerprint, start_points, tell_of_scene,
-    write_trained,
+    PerspectiveManifest, read_views, require_fine_coordinates, require_own_images, scene_fingerprint,
+    start_points, tell_of_scene, write_trained,
 };
 use crate::pipeline::stage::{Outcome, hash_file};
 use crate::pipeline::{PipelineError, TrainOptions};
 use crate::progress::Progress;
 use crate::run_files::{PREDICTED, PREDICTED_LIGHTS};
 use crate::splat::appearance::Appearance;
+use crate::splat::pinhole::WorkingFrame;
 use crate::splat::ply;
 use crate::splat::train::recipe::Recipe;
 use std::path::Path;
@@ -62,14 +63,16 @@ fn predict(
         return Ok(kept);
     }
     let model = read_model(options)?;
+    let frame = WorkingFrame::of(scene)?;
     let points = match file {
         Some(path) => {
             let points = read_points(path, scene.georeference.as_ref().map(|g| &g.grid))?;
             require_in_photographs(path, &points, scene, options.keeps_place, progress)?;
             points
         }
-        None => start_points(scene)?.iter().map(|p| p.position.xyz()).collect(),
+        None => start_points(scene, frame.unit())?.iter().map(|p| p.position.xyz()).collect(),
     };
+    require_fine_coordinates(scene)?;
     let views = read_views(scene, progress)?;
     require_own_images(&manifest.scene, scene, &views, progress)?;
     let start = Instant::now();
@@ -82,7 +85,7 @@ fn predict(
     }
     write_json(&out.join(PREDICTED_LIGHTS), &Vec::<(String, Appearance)>::new())?;
     manifest.write(out)?;
-    write_trained(out, scene, &made.splats, recipe)?;
+    write_trained(out, scene, &frame, &made.splats, recipe)?;
     let predicted = Predicted {
         points: file.map_or_else(|| "the scene".into(), |path| format!("`{}`", path.display())),
         clean_up: made.clean_up,

@@ -20,7 +20,7 @@ use crate::random::CounterRng;
 use crate::scene::Role;
 use crate::splat::backend::stopwatch::Stopwatch;
 use crate::splat::loss::{LossWeights, PriorTargets, SurfaceDepth, TermInputs, WeightError, terms};
-use crate::splat::pinhole::{EllipsoidObjective, PinholeStep, PinholeView};
+use crate::splat::pinhole::{EllipsoidObjective, NEAREST, PinholeStep, PinholeView};
 use crate::splat::seen_gradient::SeenGradient;
 use crate::splat::splats::Splats;
 use crate::stats::quantile;
@@ -323,6 +323,7 @@ impl PhotographTarget {
     fn step_input(&self, background: [f32; 3]) -> PinholeStep<'_, f32> {
         PinholeStep {
             camera: &self.camera,
+            nearest: NEAREST,
             target: &self.crop.image,
             valid: &self.crop.valid,
             priors: Some(&self.depths),

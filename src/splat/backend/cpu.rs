@@ -226,17 +226,22 @@ mod tests {
     }
 
     fn loaded(start: StartSplats) -> CpuBackend {
+        loaded_at(start, [0.0; 2])
+    }
+
+    /// A scene, and splats that were moved with it, whose middle lies east and north of the site's origin, metres.
+    fn loaded_at(start: StartSplats, [east, north]: [f64; 2]) -> CpuBackend {
         let views: Vec<TrainingView> = (0..3u32)
             .map(|v| {
                 let slope = 0.2 * (f64::from(v) - 1.0);
                 let linear = [[2.0, 0.0, slope], [0.0, -2.0, 0.3 - slope]];
-                let camera = ViewCamera::affine(linear, [29.5, 27.5]);
+                let camera = ViewCamera::affine(linear, [29.5 - 2.0 * east, 27.5 + 2.0 * north]);
                 let mut draw = CounterRng::new(7, u64::from(v), 0, 0);
                 let mut pattern = |c: f64, r: f64| {
                     (0.5 + 0.3 * (c * 0.3).sin() * (r * 0.2).cos() + 0.1 * draw.uniform()) as f32
                 };
                 let plane = Grid2::from_fn(60, 56, |c, r| pattern(c as f64, r as f64));
-                let area = (-14.0, -13.0, 14.0, 13.0);
+                let area = (east - 14.0, north - 13.0, east + 14.0, north + 13.0);
                 TrainingView::new(format!("v{v}"), camera, Some([1.1, -0.8]), &[plane], area, (0.0, 0.0))
             })
             .collect();
@@ -285,16 +290,41 @@ mod tests {
     }
 
     fn trained(threads: usize) -> (TrainingState, Vec<usize>) {
-        let (mut backend, mut log) = (loaded(splats_at_start()), Vec::new());
-        let recipe = compressed();
-        let schedule = schedule(&recipe);
+        let (state, log) = trained_by(&compressed(), loaded(splats_at_start()), threads);
+        (state, log.iter().map(|l| l.splats).collect())
+    }
+
+    fn trained_by(recipe: &Recipe, mut backend: CpuBackend, threads: usize) -> (TrainingState, Vec<LogLine>) {
+        let (schedule, mut log) = (schedule(recipe), Vec::new());
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let no_callback = |_: &mut CpuBackend, _: &[LogLine]| Ok::<_, BackendError>(());
             train(&mut backend, &schedule, &mut log, &NoProgress, |_| false, no_callback)
         })
         .unwrap();
-        (backend.snapshot().unwrap().clone(), log.iter().map(|l| l.splats).collect())
+        (backend.snapshot().unwrap().clone(), log)
+    }
+
+    #[test]
+    fn a_training_does_not_depend_on_where_the_origin_of_the_site_lies() {
+        for name in ["best", "eogs"] {
+            let recipe = Recipe { iterations: 120, ..Recipe::named(name).unwrap() };
+            let recipe =
+                Recipe { densification: recipe.densification.and(compressed().densification), ..recipe };
+            let recipe = Recipe { check_every: 10, shadows_from: 50, ..recipe };
+            let of = |[east, north]: [f64; 2]| {
+                let mut start = splats_at_start();
+                for p in &mut start.splats.position {
+                    *p = [p[0] + east as f32, p[1] + north as f32, p[2]];
+                }
+                let (state, log) = trained_by(&recipe, loaded_at(start, [east, north]), 2);
+                let l1 = log[90..].iter().map(|line| line.column("l1")).sum::<f64>() / 30.0;
+                (state.splats.len() as f64, l1)
+            };
+            let (at_origin, moved) = (of([0.0; 2]), of([640.0, -300.0]));
+            assert!((moved.0 / at_origin.0 - 1.0).abs() < 0.02, "{name}: {at_origin:?} and {moved:?}");
+            assert!((moved.1 / at_origin.1 - 1.0).abs() < 0.01, "{name}: {at_origin:?} and {moved:?}");
+        }
     }
 
     #[test]

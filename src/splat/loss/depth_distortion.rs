@@ -10,7 +10,8 @@ use crate::simd::SimdReal;
 use crate::splat::raster::{Image, disc_plane};
 use rayon::prelude::*;
 
-/// Weight and column are those of mapped depths `far / (far - near) (1 - near / z)` between 0.2 and 100 (2DGS).
+/// Weight and column are those of mapped depths `far / (far - near) (1 - near / z)` between 0.2 and 100 (2DGS), in the unit of the
+/// splats: that of [`WorkingFrame`](crate::splat::pinhole::WorkingFrame).
 pub const INFO: TermInfo = TermInfo { weights: &["depth_distortion"], columns: &["depth_distortion"] };
 /// Square of the change of the mapped depth of 2DGS with the reciprocal of the depth.
 const SCALE: f64 = (100.0 * 0.2 / (100.0 - 0.2)) * (100.0 * 0.2 / (100.0 - 0.2));

@@ -31,7 +31,7 @@ pub const INFO: TermInfo =
 pub(super) const LEAST_OPACITY: f64 = 0.5;
 /// Depths of neighbouring pixels that differ by more than this share belong to two surfaces.
 const JUMP: f64 = 0.05;
-/// Without a greater mean square of the deviations, values count as equal.
+/// Without a greater mean square of the deviations, as a share of the squared mean, values count as equal.
 const LEAST_VARIANCE: f64 = 1e-12;
 /// Channels of the render that the term depends on.
 const CHANNELS: [usize; 2] = [channel::DEPTH, disc_plane::TRANSMITTANCE];
@@ -85,8 +85,13 @@ impl Correlation {
                 [xx + x * x, xy + x * y, yy + y * y]
             })
         });
-        let has_spread = n > 0.0 && s_xx.min(s_yy) >= LEAST_VARIANCE * n;
-        has_spread.then(|| Self { means, s_xy, s_xx, norm: (s_xx * s_yy).sqrt() })
+        let has_spread = |sum: f64, mean: f64| sum > LEAST_VARIANCE * n * mean * mean;
+        (has_spread(s_xx, means[0]) && has_spread(s_yy, means[1])).then(|| Self {
+            means,
+            s_xy,
+            s_xx,
+            norm: (s_xx * s_yy).sqrt(),
+        })
     }
 
     fn value(&self) -> f64 {

@@ -11,12 +11,13 @@ use super::super::state::TrainingState;
 use super::objective::{AnyPinholeObjective, PinholeStep, objective};
 use super::picture::PinholePicture;
 use super::view::PinholeView;
+use super::working_frame::NEAREST;
 use crate::perspective::PinholeCamera;
 use std::sync::Arc;
 
 /// The input of a training of a perspective scene.
 pub struct PinholeScene {
-    /// The training views.
+    /// The training views, in the [`WorkingFrame`](super::WorkingFrame).
     pub views: Arc<Vec<PinholeView>>,
 }
 
@@ -89,7 +90,7 @@ impl TrainingBackend for PinholeBackend {
     }
 
     fn render(&mut self, from: &PinholeCamera, _: usize) -> Result<PinholePicture, BackendError> {
-        Ok(PinholePicture::render(&self.loaded()?.state.splats, from))
+        Ok(PinholePicture::render(&self.loaded()?.state.splats, from, NEAREST))
     }
 
     fn snapshot(&mut self) -> Result<&TrainingState, BackendError> {
@@ -110,6 +111,7 @@ impl Loaded {
         let TrainingState { splats, adam, statistics, anchored, .. } = state;
         let input = PinholeStep {
             camera: &view.camera,
+            nearest: NEAREST,
             target,
             valid,
             priors: Some(view.priors()),

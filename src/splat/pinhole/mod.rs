@@ -2,7 +2,8 @@
 //! (Kerbl et al., 3D Gaussian Splatting for Real-Time Radiance Field Rendering, 2023).
 //!
 //! An iteration renders one view and compares it with its image, both as displayed: there is no sun, and no colour model.
-//! Schedule, optimiser, densification and checkpoints are those of satellite scenes.
+//! Schedule, optimiser, densification and checkpoints are those of satellite scenes. Training takes place in a frame of its own
+//! ([`WorkingFrame`]), so that its lengths do not depend on the unit of the scene.
 
 mod backend;
 #[cfg(test)]
@@ -12,6 +13,7 @@ mod picture;
 mod seen;
 mod start;
 mod view;
+mod working_frame;
 
 pub use backend::{PinholeBackend, PinholeScene};
 pub use objective::{
@@ -20,3 +22,4 @@ pub use objective::{
 pub use picture::{DiscPlanes, PinholePicture, comparison};
 pub use start::{focus, splats_at_points, splats_on_rays};
 pub use view::{PinholeView, extent_m};
+pub use working_frame::{NEAREST, WorkingFrame};

@@ -30,6 +30,8 @@ const VIEW: &str = "view";
 pub struct PinholeStep<'a, T> {
     /// The camera.
     pub camera: &'a PinholeCamera,
+    /// Depth up to which nothing is drawn: [`NEAREST`](super::NEAREST) in the working frame.
+    pub nearest: f64,
     /// The photograph: colours as displayed, 0 to 1, zero where masked.
     pub target: &'a Image<T>,
     /// Which pixels are valid, row by row; empty if all are.
@@ -53,7 +55,7 @@ impl<T: SimdReal> PinholeStep<'_, T> {
 
     fn frame(&self) -> FrameCamera<PinholeKernel<T>> {
         let (width, height) = self.camera.size;
-        FrameCamera { kernel: self.camera.kernel(), width, height }
+        FrameCamera { kernel: self.camera.kernel(self.nearest), width, height }
     }
 }
 

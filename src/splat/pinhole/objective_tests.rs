@@ -1,5 +1,6 @@
 //! Tests of the loss of an iteration on a photograph.
 
+use super::super::working_frame::NEAREST;
 use super::*;
 use crate::io::Grid2;
 use crate::prior::{DepthKind, DepthPrior, NormalPrior, ViewPriors};
@@ -57,8 +58,17 @@ fn compare_with_differences(
     let (camera, (target, valid)) = (camera(), target());
     let (background, sh_degree, surface) = ([0.1, 0.2, 0.3], 3, SurfaceDepth::Mean);
     let (target, valid) = (&target, &valid[..]);
-    let input =
-        PinholeStep { camera: &camera, target, valid, priors, anchored: &[], background, sh_degree, surface };
+    let input = PinholeStep {
+        camera: &camera,
+        nearest: NEAREST,
+        target,
+        valid,
+        priors,
+        anchored: &[],
+        background,
+        sh_degree,
+        surface,
+    };
     let (mut gradient, mut watch) = (SeenGradient::default(), Stopwatch::default());
     let losses = objective.evaluate(splats, &input, weights, &mut gradient, &mut watch);
     let seen = (0..gradient.indices.len()).filter(|i| objective.mean2d_gradient(*i).is_some()).count();
@@ -168,6 +178,7 @@ fn the_depth_of_a_lonely_opaque_splat_is_its_distance_along_the_axis() {
     let input = PinholeStep {
         anchored: &[],
         camera: &camera,
+        nearest: NEAREST,
         target: &none,
         valid: &[],
         priors: None,
@@ -213,6 +224,7 @@ fn selection_leaves_out_no_splat_that_the_image_shows_and_most_of_the_others() {
             let input = PinholeStep {
                 anchored,
                 camera: &camera,
+                nearest: NEAREST,
                 target: &none,
                 valid: &[],
                 priors: None,

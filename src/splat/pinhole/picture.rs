@@ -18,7 +18,7 @@ const LARGEST_ERROR: f32 = 0.25;
 pub struct PinholePicture {
     /// Red, green and blue as displayed, 0 to 1, on black.
     pub colors: [Grid2; 3],
-    /// Depths along the optical axis, site metres: the alpha-composited mean of the splats' depths; NaN where the
+    /// Depths along the optical axis, units of the camera's frame: the alpha-composited mean of the splats' depths; NaN where the
     /// transmittance exceeds one half.
     pub depth: Grid2,
     /// The share of light that the splats do not let through, 0 to 1.
@@ -29,7 +29,7 @@ pub struct PinholePicture {
 
 /// What discs show beside colour and mean depth; NaN where the transmittance exceeds one half.
 pub struct DiscPlanes {
-    /// Depth along the optical axis at which the transmittance falls to one half, site metres.
+    /// Depth along the optical axis at which the transmittance falls to one half, units of the camera's frame.
     pub median_depth: Grid2,
     /// Unit normals in site axes, on the side of the camera.
     pub normals: [Grid2; 3],
@@ -52,15 +52,16 @@ impl DiscPlanes {
 }
 
 impl PinholePicture {
-    /// Renders the splats.
+    /// Renders the splats, but for those up to the depth `nearest`.
     #[must_use]
-    pub fn render(splats: &Splats, camera: &PinholeCamera) -> Self {
+    pub fn render(splats: &Splats, camera: &PinholeCamera, nearest: f64) -> Self {
         let no_target = Image::default();
         let (background, sh_degree) = ([0.0; 3], MAX_DEGREE);
         let surface = SurfaceDepth::Mean;
         let input = PinholeStep {
             anchored: &[],
             camera,
+            nearest,
             target: &no_target,
             valid: &[],
             priors: None,

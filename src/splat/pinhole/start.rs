@@ -13,8 +13,8 @@ use std::num::NonZero;
 
 /// Initial opacity (3DGS).
 const OPACITY: f32 = 0.1;
-/// Smallest initial scale, metres (3DGS: a mean squared distance of 1e-7).
-const SMALLEST_M: f64 = 3.2e-4;
+/// Smallest initial scale, working units (3DGS: a mean squared distance of 1e-7).
+const SMALLEST: f64 = 3.2e-4;
 /// Number of splats of a scene without points (3DGS, for synthetic scenes).
 const RANDOM_SPLATS: u64 = 100_000;
 /// Depths of those splats, as a multiple of the distance from the camera to the place that the cameras look at.
@@ -34,14 +34,14 @@ const GREATEST_DIFFERENCE: f32 = 0.2;
 /// Purpose of the random numbers.
 const DRAW_RAY: u64 = 20;
 
-/// A splat at each point (site metres) of the point's colour (as displayed, 0 to 1), as large as the distances to its nearest
+/// A splat at each point (working frame) of the point's colour (as displayed, 0 to 1), as large as the distances to its nearest
 /// neighbours, with coefficients of spherical harmonics that are zero (3DGS). Discs lie in the planes of their neighbours.
 #[must_use]
 pub fn splats_at_points(points: &[(Point<Site>, [f32; 3])], primitive: PrimitiveKind) -> Splats {
     let positions: Vec<[f64; 3]> = points.iter().map(|p| p.0.xyz()).collect();
     let mut out = Splats::default();
     for ((position, rgb), scale) in points.iter().zip(neighbour_scales(&positions)) {
-        let scale = if scale.is_finite() { scale.max(SMALLEST_M) } else { 1.0 };
+        let scale = if scale.is_finite() { scale.max(SMALLEST) } else { 1.0 };
         out.push(position.xyz().map(|v| v as f32), scale as f32, OPACITY, *rgb);
     }
     out.f_rest.resize(points.len(), [0.0; 45]);

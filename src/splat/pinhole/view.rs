@@ -12,6 +12,8 @@ use rayon::prelude::*;
 const EXTENT: f64 = 1.1;
 /// Opacity below which a pixel shows nothing.
 const HALF: u8 = 128;
+/// Centres that are nearer to each other than this share of their distance from the origin differ by rounding alone.
+const COINCIDENT: f64 = 1e-12;
 
 /// A photograph and its pinhole camera.
 #[derive(Clone, Debug)]
@@ -128,12 +130,12 @@ impl PinholeView {
 }
 
 /// The extent of a scene, to which the lengths of recipes refer: 1.1 times the largest distance of a camera's centre from the
-/// mean of all, site metres (3DGS). Of a single camera it is 1.
+/// mean of all, in the unit of the cameras (3DGS). Of cameras in one place it is 1.
 #[must_use]
 pub fn extent_m(cameras: &[PinholeCamera]) -> f64 {
     let mean = cameras.iter().map(|c| c.center).sum::<DVec3>() / cameras.len().max(1) as f64;
     let farthest = cameras.iter().map(|c| c.center.distance(mean)).fold(0.0, f64::max);
-    if farthest > 0.0 { EXTENT * farthest } else { 1.0 }
+    if farthest > COINCIDENT * mean.length() { EXTENT * farthest } else { 1.0 }
 }
 
 #[cfg(test)]

@@ -9,6 +9,9 @@ use crate::splat::primitive::{FLAT_LOG_SCALE, PrimitiveKind};
 use crate::splat::splats::{GROUPS, Splats, color_from_f_dc, f_dc_gradient};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
+/// Depth up to which pinhole cameras draw nothing.
+const NEAREST: f64 = 0.2;
+
 const SIZE: (usize, usize) = (37, 35);
 const BACKGROUND: [f64; 7] = [0.2, 0.9, 0.4, -4.0, 0.1, 0.3, -0.2];
 
@@ -42,7 +45,7 @@ fn pinhole(distance_m: f64, focal_px: f64) -> PinholeCamera {
 
 fn perspective<T: Real>(distance_m: f64, focal_px: f64) -> FrameCamera<PinholeKernel<T>> {
     FrameCamera {
-        kernel: pinhole(distance_m, focal_px).kernel().without_limits(),
+        kernel: pinhole(distance_m, focal_px).kernel(NEAREST).without_limits(),
         width: SIZE.0,
         height: SIZE.1,
     }
@@ -431,7 +434,7 @@ fn no_pixel_of_a_disc_is_lost_by_binning_into_tiles_and_blocks() {
         let sorted = sort(&g, &camera.kernel);
         let mut raster = Rasterizer::<f64, 1, _, Disc>::default();
         let image = raster.render(&sorted, &[[1.0]], &camera, [0.0]).clone();
-        let shifted = FrameCamera { kernel: moved.kernel().without_limits(), width: 53, height: 51 };
+        let shifted = FrameCamera { kernel: moved.kernel(NEAREST).without_limits(), width: 53, height: 51 };
         let moved = raster.render(&sorted, &[[1.0]], &shifted, [0.0]);
         for row in 0..SIZE.1 {
             for col in 0..SIZE.0 {

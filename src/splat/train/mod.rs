@@ -20,6 +20,9 @@ const DRAW_ORDER: u64 = 10;
 const DRAW_BACKGROUND: u64 = 11;
 const DRAW_VIRTUAL: u64 = 12;
 const DRAW_CROP: u64 = 13;
+/// Rounds of all views without the sum of opacities. It takes the opacity of splats that no image needs at the full learning rate, so
+/// every view must have shown what it needs.
+const ROUNDS_BEFORE_OPACITY_SUM: usize = 2;
 /// Number of iterations of which one has the perceptual loss.
 const CROP_EVERY: u32 = 4;
 
@@ -89,7 +92,7 @@ pub struct Schedule<'a> {
     /// Number of training views.
     pub views: usize,
     /// Half of the area's diagonal, metres: the half side of the cube that the recipe's lengths refer to. In perspective
-    /// scenes it is the extent of the cameras ([`extent_m`](crate::splat::pinhole::extent_m)).
+    /// scenes it is the extent of the cameras ([`extent_m`](crate::splat::pinhole::extent_m)) in the working frame.
     pub half_side_m: f64,
     /// Median pixel size of the training views, metres: [`median_pixel_m`](crate::affine::median_pixel_m).
     pub pixel_m: f64,
@@ -165,7 +168,9 @@ impl Schedule<'_> {
                 weights = weights.scaled(&[name], 0.0);
             }
         }
-        if let Some(last) = r.perspective.and_then(|p| p.last_opacity_sum) {
+        if iteration as usize <= ROUNDS_BEFORE_OPACITY_SUM * self.views {
+            weights = weights.scaled(&["opacity_sum"], 0.0);
+        } else if let Some(last) = r.perspective.and_then(|p| p.last_opacity_sum) {
             let part = f64::from(iteration - 1) / f64::from((r.iterations - 1).max(1));
             let weight = weights.get("opacity_sum");
             weights = weights.with(&[("opacity_sum", weight + (last - weight) * part)]).unwrap_or(weights);
@@ -244,11 +249,14 @@ impl Schedule<'_> {
         let densification = r.densification.filter(|g| due && (g.from..=g.until).contains(&iteration));
         let is_last = |reset: &OpacityReset| iteration >= reset.until.unwrap_or(r.iterations);
         let resets = r.reset.filter(|reset| iteration.is_multiple_of(reset.every) && !is_last(reset));
-        let is_past_reset = r.reset.is_none_or(|reset| iteration > reset.every);
+        let is_past_reset = r.reset.is_some_and(|reset| iteration > reset.every);
         let prune_above = r.perspective.filter(|_| densification.is_some() && is_past_reset);
+        // What growth adds, pruning clears. Photographs show a splat in few iterations: before growth few have been seen, and after it
+        // nothing takes the place of what is removed.
+        let prunes = due && (r.perspective.is_none() || densification.is_some());
         DensifyPlan {
             densify: densification.map(|g| (g, self.half_side_m)),
-            prune_below: due.then_some(r.prune_below),
+            prune_below: prunes.then_some(r.prune_below),
             prune_above_m: prune_above.map(|p| p.prune_above * self.half_side_m),
             reset_opacity: resets.map(|reset| reset.opacity),
             seed: self.seed,
@@ -419,6 +427,8 @@ mod tests {
         );
         let resets = |i| plan(i).densify.reset_opacity.is_some();
         assert!(resets(3000) && resets(12_000) && !resets(15_000) && !resets(18_000));
+        let prunes = |i| plan(i).densify.prune_below.is_some();
+        assert!(!prunes(500) && prunes(600) && prunes(14_900) && !prunes(15_000) && !prunes(29_900));
         let prunes_large = |i| plan(i).densify.prune_above_m.is_some();
         assert!(!prunes_large(3000) && prunes_large(3100) && !prunes_large(15_100));
         assert_eq!([1, 1000, 1001, 3001, 30_000].map(|i| plan(i).sh_degree), [0, 0, 1, 3, 3]);
@@ -444,9 +454,11 @@ mod tests {
         };
         assert_eq!((weights(6999), weights(7000)), ([0.0; 4], [0.2, 0.2, 0.05, 0.05]));
         let opacity = |i| plan(i).weights.get("opacity_sum");
-        for (i, expected) in [(1, 1e-10), (15_000, 5.5e-10), (30_000, 1e-9)] {
-            assert!((opacity(i) - expected).abs() < 1e-13, "{i}: {}", opacity(i));
+        // After two rounds of all seven views.
+        for (i, expected) in [(14, 0.0), (15, 1e-10), (15_000, 5.5e-10), (30_000, 1e-9)] {
+            assert!((opacity(i) - expected).abs() < 1e-12, "{i}: {}", opacity(i));
         }
+        assert!((1..30_000).all(|i| plan(i).densify.prune_above_m.is_none()), "there is no reset");
         assert!((1..30_000).all(|i| plan(i).densify.reset_opacity.is_none()));
         let growth = |i| plan(i).densify.densify.and_then(|(rule, _)| rule.active);
         assert!(growth(14_900).is_some_and(|active| active.idle_rounds == 5) && growth(15_000).is_none());

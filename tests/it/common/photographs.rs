@@ -62,6 +62,7 @@ pub fn make_run(folder: &Path) {
     let cameras = PerspectiveCameras {
         site: None,
         extent_m: 4.4,
+        unit: 1.0,
         area: (-1.0, -1.0, 1.0, 1.0),
         altitudes: (-1.0, 1.0),
         views: read.views.iter().map(TrainedPhoto::new).collect(),

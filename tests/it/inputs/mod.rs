@@ -7,6 +7,7 @@ mod networks;
 mod photographs;
 mod products;
 mod satellites;
+mod units;
 
 use crate::common::data_dir;
 use std::path::PathBuf;
@@ -25,6 +26,7 @@ fn every_input_has_a_test() {
         photographs::FOLDERS,
         products::FOLDERS,
         satellites::FOLDERS,
+        units::FOLDERS,
     ]
     .concat();
     for entry in std::fs::read_dir(inputs).unwrap() {

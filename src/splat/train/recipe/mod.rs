@@ -249,7 +249,7 @@ pub struct Recipe {
     pub check_every: u32,
     /// Densification; none if absent.
     pub densification: Option<Densification>,
-    /// Splats with a smaller opacity are removed (BAEOGS: 0.0025).
+    /// Splats with a smaller opacity are removed at checks (BAEOGS: 0.0025), in perspective scenes at those with densification (3DGS).
     pub prune_below: f64,
     /// Which altitude becomes the DSM's height, where the DSM comes from the splats alone.
     #[serde(default)]
