@@ -6,6 +6,7 @@ use super::network::triangulate;
 use super::output::Adjustment;
 use super::problem::{Block, Observation, PositionPrior, SIGMA_PX, Track};
 use crate::frame::{CenterPx, Geodetic, Pixel, Point};
+use crate::io::vsi;
 use crate::scene::{Scene, View};
 use serde::Deserialize;
 use std::path::Path;
@@ -31,7 +32,8 @@ impl ControlPoint {
     /// Whether the observation is one of this view's image.
     #[must_use]
     pub fn is_of(&self, view: &View) -> bool {
-        view.name == self.image || view.image.file_name().is_some_and(|f| f == &*self.image)
+        let file = vsi::split_query(&view.image).0.file_name();
+        view.name == self.image || file.is_some_and(|f| f == &*self.image)
     }
 }
 

@@ -36,6 +36,7 @@ mod patches;
 mod point_heights;
 mod precision;
 mod problem;
+mod relief_check;
 mod report;
 mod result;
 mod scale_space;

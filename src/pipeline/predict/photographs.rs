@@ -63,7 +63,7 @@ fn predict(
     let model = read_model(options)?;
     let points = match file {
         Some(path) => read_points(path, scene.georeference.as_ref().map(|g| &g.grid))?,
-        None => start_points(scene)?.iter().map(|p| p.position.xyz()).collect(),
+        None => start_points(scene, false)?.iter().map(|p| p.position.xyz()).collect(),
     };
     let views = read_views(scene, progress)?;
     let start = Instant::now();
