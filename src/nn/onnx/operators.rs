@@ -9,7 +9,6 @@ use super::writer::{GraphWriter, int, ints};
 
 /// Codes of element types.
 const BOOL: i64 = 9;
-const INT32: i64 = 6;
 
 /// The nodes and constants that stand for a node, as fields of a graph; none if rten computes it as it is.
 pub fn replacement(node: &Node, version: i64, constants: &Constants) -> Result<Option<Vec<u8>>, Fault> {
@@ -20,6 +19,11 @@ pub fn replacement(node: &Node, version: i64, constants: &Constants) -> Result<O
         "Conv" | "ConvTranspose" | "ConvInteger" => convolution(node, constants, &mut graph)?,
         "MaxPool" | "AveragePool" => pooling(node, &mut graph)?,
         "Cast" => cast(node, &mut graph)?,
+        "Sign" => sign(node, &mut graph)?,
+        "ArgMax" | "ArgMin" => first_extreme(node, &mut graph)?,
+        "Dropout" if version < 12 => without_dropout(node, &mut graph)?,
+        "MatMul" => matrix_product(node, constants)?,
+        "NonMaxSuppression" => return Err(node.fault("it is not supported")),
         "Slice" if version < 10 => slice(node, &mut graph)?,
         "Pad" if version < 11 => pad(node, &mut graph)?,
         "TopK" if version < 10 => top_k(node, &mut graph)?,
@@ -42,11 +46,23 @@ fn softmax(node: &Node, graph: &mut GraphWriter) -> Result<bool, Fault> {
 /// Strides, dilations and padding have defaults, of which rten knows the number of sides from `kernel_shape` only; it pads
 /// `SAME_LOWER` as `SAME_UPPER`.
 fn convolution(node: &Node, constants: &Constants, graph: &mut GraphWriter) -> Result<bool, Fault> {
-    let kernel = match (node.ints("kernel_shape")?, node.input(1).and_then(|name| constants.get(name))) {
-        (Some(kernel), _) => kernel,
-        (None, Some(weights)) => weights.dims.iter().skip(2).copied().collect(),
-        (None, None) => return Err(node.fault("it has no `kernel_shape`, and its weights are no constant")),
+    let weights = node.input(1).and_then(|name| constants.get(name));
+    let of_weights = || weights.map(|weights| weights.dims.iter().skip(2).copied().collect::<Vec<i64>>());
+    let is_same = node.text("auto_pad")?.is_some_and(|pad| pad.starts_with("SAME"));
+    let kernel = match node.ints("kernel_shape")?.or_else(of_weights) {
+        Some(kernel) => kernel,
+        None if is_same => {
+            return Err(node.fault("it has no `kernel_shape`, and its weights are no constant"));
+        }
+        // Of a picture; only the number of sides counts.
+        None => vec![1; 2],
     };
+    if node.op_type == "ConvTranspose"
+        && is_same
+        && node.ints("strides")?.is_some_and(|s| s.iter().any(|s| *s != 1))
+    {
+        return Err(node.fault("`auto_pad` is set, with strides; expected `pads`"));
+    }
     if node.op_type == "ConvTranspose" && node.has("output_shape")? {
         return Err(node.fault("`output_shape` is not supported; expected `pads` and `output_padding`"));
     }
@@ -54,20 +70,18 @@ fn convolution(node: &Node, constants: &Constants, graph: &mut GraphWriter) -> R
     let strides = node.ints("strides")?.unwrap_or_else(|| ones.clone());
     let dilations = node.ints("dilations")?.unwrap_or(ones);
     let Some(pads) = padding(node, &kernel, &strides, &dilations)? else { return Ok(false) };
-    let mut attributes =
-        node.attributes_without(&["kernel_shape", "strides", "dilations", "pads", "auto_pad"])?;
-    attributes.extend([
-        ints("kernel_shape", &kernel),
-        ints("strides", &strides),
-        ints("dilations", &dilations),
-        ints("pads", &pads),
-    ]);
+    let mut attributes = node.attributes_without(&["strides", "dilations", "pads", "auto_pad"])?;
+    attributes.extend([ints("strides", &strides), ints("dilations", &dilations), ints("pads", &pads)]);
     graph.named_node(node.op_type, &node.inputs, &node.outputs, &attributes);
     Ok(true)
 }
 
-/// As for convolutions; rten takes a stride of nothing for one of `kernel_shape`.
+/// As for convolutions.
 fn pooling(node: &Node, graph: &mut GraphWriter) -> Result<bool, Fault> {
+    let is_set = |name| node.int(name).map(|value| value.is_some_and(|value| value != 0));
+    if is_set("ceil_mode")? && is_set("count_include_pad")? {
+        return Err(node.fault("`ceil_mode` and `count_include_pad` are set together"));
+    }
     let Some(kernel) = node.ints("kernel_shape")? else {
         return Err(node.fault("it has no `kernel_shape`"));
     };
@@ -115,10 +129,65 @@ fn padding(
 /// rten has whole numbers for truth values, and converts 2.5 to 2 and 0.5 to 0; both are true.
 fn cast(node: &Node, graph: &mut GraphWriter) -> Result<bool, Fault> {
     let (Some(input), Some(BOOL)) = (node.input(0), node.int("to")?) else { return Ok(false) };
-    let sign = graph.node("Sign", &[input], &[]);
-    let size = graph.node("Abs", &[&sign], &[]);
-    graph.named_node("Cast", &[&size], &node.outputs, &[int("to", INT32)]);
+    let zero = zero_like(input, graph);
+    let is_zero = graph.node("Equal", &[input, &zero], &[]);
+    graph.named_node("Not", &[&is_zero], &node.outputs, &[]);
     Ok(true)
+}
+
+/// rten gives 0 the sign 1.
+fn sign(node: &Node, graph: &mut GraphWriter) -> Result<bool, Fault> {
+    let Some(input) = node.input(0) else { return Ok(false) };
+    let zero = zero_like(input, graph);
+    let [above, below] = ["Greater", "Less"].map(|op_type| graph.node(op_type, &[input, &zero], &[]));
+    let sign = graph.node("Sub", &[&above, &below], &[]);
+    graph.named_node("CastLike", &[&sign, input], &node.outputs, &[]);
+    Ok(true)
+}
+
+/// Zero of the element type of a value.
+fn zero_like(value: &str, graph: &mut GraphWriter) -> String {
+    let zero = graph.floats(&[], &[0.0]);
+    graph.node("CastLike", &[&zero, value], &[])
+}
+
+/// Of equal values the first one counts, unless `select_last_index` is set; rten takes the last one. So the last one of the reversed
+/// values is asked for.
+fn first_extreme(node: &Node, graph: &mut GraphWriter) -> Result<bool, Fault> {
+    let Some(input) = node.input(0) else { return Ok(false) };
+    let attributes = node.attributes_without(&["select_last_index"])?;
+    if node.int("select_last_index")?.is_some_and(|last| last != 0) {
+        graph.named_node(node.op_type, &[input], &node.outputs, &attributes);
+        return Ok(true);
+    }
+    let axis = node.int("axis")?.unwrap_or(0);
+    // Both limits saturate at the ends of an axis.
+    let [starts, ends, axes, steps] = [-1, i64::MIN, axis, -1].map(|value| graph.integers(&[value]));
+    let reversed = graph.node("Slice", &[input, &starts, &ends, &axes, &steps], &[]);
+    let found = graph.node(node.op_type, &[&reversed], &attributes);
+    let shape = graph.node("Shape", &[input], &[]);
+    let size = graph.node("Gather", &[&shape, &axes], &[]);
+    let one = graph.integers(&[1]);
+    let last = graph.node("Sub", &[&size, &one], &[]);
+    graph.named_node("Sub", &[&last, &found], &node.outputs, &[]);
+    Ok(true)
+}
+
+/// Values are left out in training only.
+fn without_dropout(node: &Node, graph: &mut GraphWriter) -> Result<bool, Fault> {
+    let (Some(input), [output]) = (node.input(0), &node.outputs[..]) else {
+        return Err(node.fault("its mask is used"));
+    };
+    graph.named_node("Identity", &[input], &[output], &[]);
+    Ok(true)
+}
+
+/// rten leaves an axis of one element where the second factor is a vector.
+fn matrix_product(node: &Node, constants: &Constants) -> Result<bool, Fault> {
+    match node.input(1).and_then(|name| constants.get(name)) {
+        Some(second) if second.dims.len() == 1 => Err(node.fault("its second factor is a vector")),
+        _ => Ok(false),
+    }
 }
 
 /// Before version 10 the limits are attributes.

@@ -29,6 +29,13 @@ pub fn write(
         None => node.floats("scales")?,
     };
     let is_native = node.op_type == "Resize" && version > 10;
+    // rten divides by the number of rows or columns but one.
+    let sizes = node.input(3).and_then(|name| constants.get(name)).map(|c| c.integers()).transpose()?;
+    if matches!(rule.place, Place::AlignCorners)
+        && sizes.is_some_and(|sizes| sizes.iter().skip(2).any(|n| *n == 1))
+    {
+        return Err(node.fault("`align_corners` with a size of 1"));
+    }
     let (scales, axes) = match (known, node.input(scales_at)) {
         (Some(known), _) if known.is_empty() => return Ok(false),
         // The sizes are whole then, and their ratio is the scale.
@@ -147,21 +154,23 @@ impl Rule {
         let places = sum.graph.node("Range", &[&start, &count, &step], &[]);
         let last = sum.of("Sub", &size, &one);
 
+        // rten multiplies by the reciprocal of a divisor of one element, which is inexact where places lie in the middle.
+        let count = sum.graph.node("Shape", &[&places], &[]);
+        let scale = sum.graph.node("Expand", &[&scale, &count], &[]);
         let middle = sum.of("Add", &places, &half);
-        let half_pixel = sum.of("Div", &middle, &scale);
-        let half_pixel = match self.place {
-            Place::HalfPixelForNearest => half_pixel,
-            _ => sum.of("Sub", &half_pixel, &half),
-        };
+        let corner = sum.of("Div", &middle, &scale);
+        let half_pixel = sum.of("Sub", &corner, &half);
         let place = match self.place {
-            Place::HalfPixel | Place::HalfPixelForNearest => half_pixel,
+            Place::HalfPixel => half_pixel,
+            Place::HalfPixelForNearest => corner,
             Place::HalfPixelSymmetric => {
                 // Equal margins on both sides: n / 2 (1 - floor(n s) / (n s)).
                 let kept = sum.of("Div", &new_size, &exact_size);
                 let lost = sum.of("Sub", &one, &kept);
                 let center = sum.of("Mul", &size, &half);
                 let margin = sum.of("Mul", &center, &lost);
-                sum.of("Add", &half_pixel, &margin)
+                let moved = sum.of("Add", &margin, &corner);
+                sum.of("Sub", &moved, &half)
             }
             Place::PytorchHalfPixel => {
                 // 0 where there is one place only.
@@ -186,14 +195,8 @@ impl Rule {
             }
             Choice::Floor => (sum.graph.node("Floor", &[&place], &[]), None),
             Choice::Ceil => (sum.graph.node("Ceil", &[&place], &[]), None),
-            Choice::RoundPreferFloor => {
-                let below = sum.of("Sub", &place, &half);
-                (sum.graph.node("Ceil", &[&below], &[]), None)
-            }
-            Choice::RoundPreferCeil => {
-                let above = sum.of("Add", &place, &half);
-                (sum.graph.node("Floor", &[&above], &[]), None)
-            }
+            Choice::RoundPreferFloor => (sum.rounded(&place, &half, "Greater"), None),
+            Choice::RoundPreferCeil => (sum.rounded(&place, &half, "GreaterOrEqual"), None),
             Choice::Early => {
                 let [below, above] = ["Floor", "Ceil"].map(|op| sum.graph.node(op, &[&place], &[]));
                 let is_smaller = sum.of("Less", &scale, &one);
@@ -230,6 +233,15 @@ impl Formulas<'_> {
     fn clamped(&mut self, value: &str, lowest: &str, highest: &str) -> String {
         let above = self.of("Max", value, lowest);
         self.of("Min", &above, highest)
+    }
+
+    /// Rounded down, and up by one where the fraction is above a half by a comparison: a sum with a half would round.
+    fn rounded(&mut self, value: &str, half: &str, comparison: &str) -> String {
+        let below = self.graph.node("Floor", &[value], &[]);
+        let fraction = self.of("Sub", value, &below);
+        let is_above = self.of(comparison, &fraction, half);
+        let up = self.graph.node("Cast", &[&is_above], &[int("to", FLOAT)]);
+        self.of("Add", &below, &up)
     }
 
     fn gathered(&mut self, value: &str, places: &str, axis: i64) -> String {
