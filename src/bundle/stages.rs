@@ -58,7 +58,7 @@ pub(super) fn find_keypoints(
     let at_once = (PIXELS_AT_ONCE / largest).clamp(1, rayon::current_num_threads());
     let keypoints = |view: &View| {
         let image = view.gray_image()?;
-        let mut found = detect((view.width, view.height), |window| image.read(window))?;
+        let mut found = detect((view.width, view.height), |window| image.read_without_specks(window))?;
         if extent == Extent::Cell && found.len() > CELL_KEYPOINTS {
             found.truncate(CELL_KEYPOINTS);
             found.shrink_to_fit();

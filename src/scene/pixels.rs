@@ -192,8 +192,8 @@ impl View {
     }
 }
 
-/// A view as a gray image, the mean of its bands, with values in [0, 1] and NaN at pixels that are not valid, single ones
-/// excepted: these are filled from their neighbours. Only the requested windows are in memory.
+/// A view as a gray image, the mean of its bands, with values in [0, 1] and NaN at pixels that are not valid. Only the
+/// requested windows are in memory.
 pub struct GrayImage<'a> {
     files: Files<'a>,
     /// Stored values that become 0 and 1.
@@ -219,7 +219,15 @@ impl GrayImage<'_> {
         let n = bands.len() as f32;
         let pixels = 0..window.width * window.height;
         let data = pixels.map(|i| bands.iter().map(|p| p.data[i]).sum::<f32>() / n).collect();
-        Ok(without_specks(Grid2 { width: window.width, height: window.height, data }))
+        Ok(Grid2 { width: window.width, height: window.height, data })
+    }
+
+    /// As [`GrayImage::read`], with single missing pixels filled from their neighbours.
+    ///
+    /// # Errors
+    /// As [`GrayImage::read`].
+    pub fn read_without_specks(&self, window: Window) -> Result<Grid2, RasterError> {
+        self.read(window).map(without_specks)
     }
 }
 

@@ -3,7 +3,8 @@
 //! rten reads every node as one of a recent version of the operators (<https://onnx.ai/onnx/operators/>). The rules are in
 //! `operators.rs`; here is the walk through the file. A subgraph is converted like the graph around it.
 
-use super::graph::{Fault, MODEL_GRAPH, NODE_ATTRIBUTE};
+use super::fault::Fault;
+use super::graph::{MODEL_GRAPH, NODE_ATTRIBUTE};
 use super::node::{Constants, Node};
 use super::operators::replacement;
 use super::wire::{Field, Slice};

@@ -3,23 +3,11 @@
 //! ONNX files are messages of the schema `onnx.proto` (<https://github.com/onnx/onnx/blob/main/onnx/onnx.proto>). rten allocates
 //! what a field says is its length, and computes cubic interpolation as linear.
 
+use super::fault::Fault;
 use super::wire::Slice;
 
 /// Depth up to which graphs may contain graphs, counted in messages.
 const MOST_NESTED: usize = 64;
-
-/// Why a file is refused.
-#[derive(Debug, PartialEq)]
-pub enum Fault {
-    /// The bytes are no whole ONNX model.
-    Damaged { at: usize, reason: &'static str },
-    /// A `Resize` with cubic polynomials, by its name or its first output.
-    CubicResize { node: String },
-    /// The version of the operators; none if the file states none.
-    Version { found: Option<i64> },
-    /// An operator that cannot be computed as the file's version of the operators defines it.
-    Operator { node: String, op_type: String, reason: String },
-}
 
 /// Checks a file.
 pub fn check(bytes: &[u8]) -> Result<(), Fault> {

@@ -6,7 +6,8 @@
 
 use super::convert::converted;
 use super::error::OnnxError;
-use super::graph::{Fault, MODEL_GRAPH};
+use super::fault::Fault;
+use super::graph::MODEL_GRAPH;
 use super::node::{Constants, Node};
 use super::runtime::caught;
 use super::wire::Slice;

@@ -3,6 +3,7 @@
 
 mod convert;
 mod error;
+mod fault;
 mod graph;
 mod memory;
 mod model;

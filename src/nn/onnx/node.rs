@@ -1,6 +1,7 @@
 //! A node of a graph, its attributes, and the constants that it may refer to.
 
-use super::graph::{ATTRIBUTE_NAME, ATTRIBUTE_STRING, Fault, NODE_ATTRIBUTE, NODE_INPUT, NODE_OP_TYPE};
+use super::fault::Fault;
+use super::graph::{ATTRIBUTE_NAME, ATTRIBUTE_STRING, NODE_ATTRIBUTE, NODE_INPUT, NODE_OP_TYPE};
 use super::graph::{NODE_OUTPUT, name_of};
 use super::wire::Slice;
 use std::collections::BTreeMap;

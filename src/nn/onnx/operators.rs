@@ -2,7 +2,7 @@
 //!
 //! The definitions: <https://onnx.ai/onnx/operators/>. `scripts/check-onnx-operators` compares all with onnxruntime.
 
-use super::graph::Fault;
+use super::fault::Fault;
 use super::node::{Constants, Node};
 use super::resize;
 use super::writer::{GraphWriter, int, ints};
@@ -69,9 +69,9 @@ fn convolution(node: &Node, constants: &Constants, graph: &mut GraphWriter) -> R
     let ones = vec![1; kernel.len()];
     let strides = node.ints("strides")?.unwrap_or_else(|| ones.clone());
     let dilations = node.ints("dilations")?.unwrap_or(ones);
-    let Some(pads) = padding(node, &kernel, &strides, &dilations)? else { return Ok(false) };
-    let mut attributes = node.attributes_without(&["strides", "dilations", "pads", "auto_pad"])?;
-    attributes.extend([ints("strides", &strides), ints("dilations", &dilations), ints("pads", &pads)]);
+    let pads = padding(node, &kernel, &strides, &dilations)?;
+    let mut attributes = without_padding(node, pads.as_deref(), &["strides", "dilations"])?;
+    attributes.extend([ints("strides", &strides), ints("dilations", &dilations)]);
     graph.named_node(node.op_type, &node.inputs, &node.outputs, &attributes);
     Ok(true)
 }
@@ -88,11 +88,19 @@ fn pooling(node: &Node, graph: &mut GraphWriter) -> Result<bool, Fault> {
     let ones = vec![1; kernel.len()];
     let strides = node.ints("strides")?.unwrap_or_else(|| ones.clone());
     let dilations = node.ints("dilations")?.unwrap_or(ones);
-    let Some(pads) = padding(node, &kernel, &strides, &dilations)? else { return Ok(false) };
-    let mut attributes = node.attributes_without(&["strides", "pads", "auto_pad"])?;
-    attributes.extend([ints("strides", &strides), ints("pads", &pads)]);
+    let pads = padding(node, &kernel, &strides, &dilations)?;
+    let mut attributes = without_padding(node, pads.as_deref(), &["strides"])?;
+    attributes.push(ints("strides", &strides));
     graph.named_node(node.op_type, &node.inputs, &node.outputs, &attributes);
     Ok(true)
+}
+
+/// The attributes but those of these names, with padding in numbers if it is known.
+fn without_padding(node: &Node, pads: Option<&[i64]>, names: &[&str]) -> Result<Vec<Vec<u8>>, Fault> {
+    let Some(pads) = pads else { return node.attributes_without(names) };
+    let mut attributes = node.attributes_without(&[names, &["pads", "auto_pad"]].concat())?;
+    attributes.push(ints("pads", pads));
+    Ok(attributes)
 }
 
 /// The padding before and after each side; none if it depends on the size of the input and rten computes it rightly.

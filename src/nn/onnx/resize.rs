@@ -4,7 +4,7 @@
 //! these lies at `(i + 0.5) / s - 0.5` of the others (`half_pixel`). rten computes with the ratio of the two sizes instead of `s`, which
 //! is the same only where `n s` is a whole number.
 
-use super::graph::Fault;
+use super::fault::Fault;
 use super::node::{Constants, Node};
 use super::writer::{GraphWriter, int};
 

@@ -2,7 +2,8 @@
 
 use super::convert::{converted, data_files};
 use super::error::OnnxError;
-use super::graph::{Fault, check};
+use super::fault::Fault;
+use super::graph::check;
 use crate::io::Cause;
 use rten::{Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value, ValueOrView};
 use std::any::Any;

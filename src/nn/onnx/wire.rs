@@ -2,7 +2,7 @@
 //!
 //! Every length is compared with the bytes that there are.
 
-use super::graph::Fault;
+use super::fault::Fault;
 
 /// A part of the file, and where it starts.
 #[derive(Clone, Copy)]
